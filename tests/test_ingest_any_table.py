@@ -2,6 +2,7 @@
 
 import datetime as dt
 import os
+import pickle
 import re
 import signal
 import struct
@@ -103,6 +104,28 @@ def made(path: Path, kind: str) -> Path:
             for place, row in enumerate(zip(CLOCK, ANGLE, TORQUE, strict=True), start=3):
                 sheet.write_datetime(place, 0, row[0], style)
                 sheet.write_row(place, 1, row[1:])
+    elif kind in ("matrix.npz", "matrix.h5", "pandas.h5", "matrix.mat"):  # its titles stand beside a matrix
+        matrix, names = frame.to_numpy(), np.array(frame.columns)
+        if kind == "matrix.npz":
+            np.savez(path, data=matrix, columns=names)
+        elif kind == "matrix.mat":
+            scipy.io.savemat(path, {"data": matrix, "names": names.astype(object)})
+        else:
+            with h5py.File(path, "w") as file:
+                rows = np.zeros(TIME.size, [("index", "i8"), ("values_block_0", "f8", 3)])
+                rows["index"], rows["values_block_0"] = np.arange(TIME.size), matrix
+                data = file.create_dataset("data", data=matrix if kind == "matrix.h5" else rows)
+                data.attrs["columns"] = frame.columns
+                if kind == "pandas.h5":
+                    data.attrs["values_block_0_kind"] = np.bytes_(pickle.dumps(frame.columns, 0))
+                    del data.attrs["columns"]
+    elif kind == "Simulink, two with several":
+        logged = {}
+        for name, values in (("angle_deg", ANGLE), ("torque_Nm", TORQUE)):
+            signals = np.zeros((1, 2), [("values", "O"), ("label", "O")])
+            signals[0, 0], signals[0, 1] = (values[:, None], name), (np.sin(TIME)[:, None], f"other_{name[0]}")
+            logged[name[0]] = {"time": TIME[:, None], "signals": signals}
+        scipy.io.savemat(path, logged)
     elif kind == "Simulink":
         both = {"values": np.column_stack([ANGLE, TORQUE]), "dimensions": 2.0, "label": "angle_deg, torque_Nm"}
         scipy.io.savemat(path, {"out": {"time": TIME[:, None], "signals": both}})
@@ -134,9 +157,18 @@ def test_a_table_of_text_is_read_by_the_draft_of_its_own_overview(tmp_path, dial
     assert_recording(read_by_draft(tmp_path / "a.dat"))
 
 
-@pytest.mark.parametrize("kind", ["parquet", "feather", "arrows", "npy", "npz", "h5", "xlsx", "Simulink", "structs"])
+@pytest.mark.parametrize("kind", [
+    "parquet", "feather", "arrows", "npy", "npz", "h5", "xlsx", "Simulink", "structs", "matrix.npz", "matrix.h5",
+    "pandas.h5", "matrix.mat", "Simulink, two with several",
+])  # fmt: skip
 def test_a_table_of_a_program_is_read_by_the_draft_of_its_own_overview(tmp_path, kind):
-    assert_recording(read_by_draft(made(tmp_path / f"a.{kind if kind[0].islower() else 'mat'}", kind)))
+    assert_recording(read_by_draft(made(tmp_path / (f"a.{kind}" if kind[0].islower() else "a.mat"), kind)))
+
+
+def test_an_array_of_objects_is_refused_with_what_to_save(tmp_path):
+    np.save(tmp_path / "a.npy", np.array({"t": TIME, "angle": ANGLE}, dtype=object), allow_pickle=True)
+    with pytest.raises(InputError, match="objects of Python, which may run a program and are not read; save arrays"):
+        inspect_file(tmp_path / "a.npy")
 
 
 def test_numbers_in_another_writing_are_no_failed_readings(tmp_path):

@@ -9,10 +9,11 @@ import re
 import struct
 import zipfile
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
+from pickletools import genops
 from typing import Any
 
 import numpy as np
@@ -87,13 +88,17 @@ def read_binary_table(path: Path, layout: CsvLayout, is_unit: IsUnit, most_rows:
             frame = frame_of(arrays, damage)
             if (behind := bytes_behind(path, 0)) > 0:
                 damage.lose(f"{behind} bytes stand behind its end, and are not read", 0, None, 0)
-        elif kind == "npy":
-            values = np.load(path, mmap_mode="r", allow_pickle=False)
-            check_memory(values.nbytes)
-            frame = frame_of({"": np.asarray(values)}, damage)
         else:
-            with np.load(path, allow_pickle=False) as archive:
-                frame = frame_of({name: archive[name] for name in archive.files}, damage)
+            try:
+                values = np.load(path, mmap_mode="r", allow_pickle=False)
+                if kind == "npy":
+                    check_memory(values.nbytes)
+                frame = frame_of({"": np.asarray(values)} if kind == "npy" else dict(values), damage)
+            except ValueError as error:
+                if "object" not in str(error).lower():
+                    raise
+                said = "holds objects of Python, which may run a program and are not read"
+                raise InputError(f"{said}; save arrays of numbers, as `numpy.savez(PATH, theta=theta, ...)`") from error
     return table_of_frame(frame[:most_rows] if most_rows else frame, units, damage)
 
 
@@ -187,7 +192,17 @@ def hdf5_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
     arrays, units, sizes = dict[str, NDArray[Any]](), dict[str, str](), list[int]()
 
     def visit(name: str, item: Any) -> None:
-        if not isinstance(item, h5py.Dataset) or item.ndim not in (1, 2) or item.dtype.kind not in "biufV":
+        if not isinstance(item, h5py.Dataset) or item.ndim not in (1, 2):
+            return
+        texts = [item.attrs.get(key) for key in ("columns", "names", "labels")]
+        pickled = [bytes(item.attrs[key]) for key in item.attrs if re.fullmatch(r"values_block_\d+_kind", key)]
+        with suppress(ValueError):  # how pandas writes titles: read without running what a pickle may hold
+            texts += [[arg for op, arg, _ in genops(one) if "UNICODE" in op.name] for one in pickled]
+        texts.append(item.asstr()[()] if h5py.check_string_dtype(item.dtype) and item.size <= MOST_COLUMNS else None)
+        for number, one in enumerate(texts):
+            if one is not None and np.ndim(one) == 1:
+                arrays[f"{name} {number} of titles"] = np.array([str(text) for text in one])
+        if item.dtype.kind not in "biufV":
             return
         sizes.append(item.size * max(8, item.dtype.itemsize))
         check_memory(sum(sizes))
@@ -235,14 +250,15 @@ def never_written(item: Any) -> NDArray[np.bool_] | None:
 
 def frame_of(arrays: Mapping[str, NDArray[Any]], damage: Ledger) -> pl.DataFrame:
     """The columns of arrays that have the length that most have: an array (n,), each column of one (n, m), each field
-    of records. Rows are what there is more of."""
+    of records. Rows are what there is more of. Texts are the titles of a matrix with as many columns, the only one."""
+    titles = titles_in(arrays)
     columns = dict[str, NDArray[Any]]()
     for name, array in arrays.items():
         if array.dtype.names:
             for own in array.dtype.names:
-                columns |= columns_in(f"{name}.{own}".strip("."), array[own])
+                columns |= columns_in(f"{name}.{own}".strip("."), array[own], titles)
         else:
-            columns |= columns_in(name, array)
+            columns |= columns_in(name, array, titles)
     numbers = {name: values for name, values in columns.items() if values.dtype.kind in "biufmM"}
     lengths = Counter(values.size for values in numbers.values() if values.size > 1)
     if not lengths:
@@ -254,13 +270,32 @@ def frame_of(arrays: Mapping[str, NDArray[Any]], damage: Ledger) -> pl.DataFrame
     return pl.DataFrame({name: values for name, values in numbers.items() if values.size == length})
 
 
-def columns_in(name: str, array: NDArray[Any]) -> dict[str, NDArray[Any]]:
+def titles_of_columns(lists: Iterable[Sequence[str]]) -> dict[int, Sequence[str]]:
+    """Lists of different titles that stand beside matrices, by how many columns they name, where one list does."""
+    found: dict[int, set[tuple[str, ...]]] = {}
+    for titles in lists:
+        if all(titles) and len(set(titles)) == len(titles) > 1:
+            found.setdefault(len(titles), set()).add(tuple(titles))
+    return {size: min(alike) for size, alike in found.items() if len(alike) == 1}
+
+
+def titles_in(arrays: Mapping[str, NDArray[Any]]) -> dict[int, Sequence[str]]:
+    """Those of the matrices among arrays, by their width, where one alone is of it."""
+    texts = [np.char.decode(one, "latin-1") if one.dtype.kind == "S" else one for one in arrays.values()]
+    parts = [one[own] for one in arrays.values() for own in one.dtype.names or [...]]
+    widths = Counter(min(one.shape) for one in parts if one.ndim == 2)
+    found = titles_of_columns([*map(str, one)] for one in texts if one.dtype.kind == "U" and one.ndim == 1)
+    return {size: own for size, own in found.items() if widths[size] == 1}
+
+
+def columns_in(name: str, array: NDArray[Any], titles: Mapping[int, Sequence[str]]) -> dict[str, NDArray[Any]]:
     if array.ndim < 2 or 1 in array.shape:
         return {name or "1": np.ravel(array)}
     lines = array if array.shape[0] < array.shape[1] else array.T
     if lines.ndim > 2 or len(lines) > MOST_COLUMNS:
         return {}
-    return {f"{name} {place}".strip(): np.ascontiguousarray(line) for place, line in enumerate(lines, start=1)}
+    names = titles.get(len(lines), [f"{name} {place}".strip() for place in range(1, len(lines) + 1)])
+    return {own: np.ascontiguousarray(line) for own, line in zip(names, lines, strict=True)}
 
 
 def table_of_frame(frame: pl.DataFrame, units: Mapping[str, str], damage: Ledger) -> CsvTable:

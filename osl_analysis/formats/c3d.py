@@ -214,7 +214,7 @@ def check_end(data: bytes, start: int, frames: int, frame: int, damage: Ledger) 
         damage.lose("bytes that are not zero stand behind the last frame: frames may be shifted", 0, None, 0)
 
 
-def check_copies(raw: NDArray[Any], size: int, damage: Ledger) -> None:
+def tell_copied_frames(raw: NDArray[Any], size: int, damage: Ledger) -> None:
     """Count frames of `size` numbers as lost in which some of the raw ones (n,) are those of another place, as where a
     block was written over another. A frame that repeats the one before was held."""
     words = np.lib.stride_tricks.sliding_window_view(raw, 8 // raw.itemsize).copy().view(np.uint64)[:, 0]
@@ -258,7 +258,7 @@ def read_c3d(path: Path) -> C3DRecording:
     check_end(data, header.data_start, frames, frame, damage)
     content = data[header.data_start : end]
     raw = np.frombuffer(content, f"{ENDIAN[header.processor]}i2") if integers else reals(content, header.processor)
-    check_copies(raw, raw.size // frames, damage)
+    tell_copied_frames(raw, raw.size // frames, damage)
     # a row per frame: x, y, z, residual per point, then analog samples
     points, samples = np.split(raw.reshape(frames, -1), [4 * header.points], axis=1)
     points = points.reshape(frames, header.points, 4)

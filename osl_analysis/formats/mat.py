@@ -60,6 +60,11 @@ class Value:
     def size(self) -> int:
         return math.prod(self.shape)
 
+    @property
+    def is_strange(self) -> bool:
+        """Whether it is neither numbers nor text, nor holds others."""
+        return self.numbers is None and self.kind not in ("char", "struct", "cell")
+
     def described(self) -> str:
         """Size and class for messages, as `12000x1 double`."""
         return f"{'x'.join(map(str, self.shape))} {'complex ' if self.is_complex else ''}{self.kind}"

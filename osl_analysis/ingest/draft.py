@@ -164,7 +164,9 @@ joint turns by 2.5 degrees to 0.9 rad, and its torque changes by 1.5 to 300 N*m.
 
 
 def name_of(channel: RecordedChannel) -> str:
-    """What a channel is called, without its topic or, in TDMS, its group."""
+    """What a channel is called, without its topic or, in TDMS, its group; a column of a matrix by its title."""
+    if channel.key.endswith(")") and channel.name not in channel.key:
+        return channel.name
     return " ".join(value for key, value in channel.address.items() if key != "topic").rpartition("/")[2]
 
 

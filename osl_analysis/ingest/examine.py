@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.config.experiments import EXPERIMENTS, Experiment
 from osl_analysis.errors import InputError, listing
+from osl_analysis.ingest.source import SELDOM_REPEAT, values_of_no_sensor
 from osl_analysis.signals import longest_run, run_at_extreme, run_edges, runs
 from osl_analysis.signals.grid import GapLimits, devices_of, origin, streams, uniform_signals
 from osl_analysis.signals.samples import take
@@ -472,33 +473,13 @@ def held(
     return 0.0
 
 
-NEXT_TO_ZERO = 1e-30  # of a signal in SI units, which no sensor resolves
-
-
 def measure_dropout(examined: Examined) -> CheckResult:
-    """Number of samples that no sensor gives: two raw zeros or more in a row into which a channel that seldom repeats a
-    value jumps, and out of them, as where bytes of a file are lost; and numbers next to zero. Of a plate
-    `dropped_loads`."""
+    """Number of samples that no sensor gives, of a channel that seldom repeats a value. Of a plate `dropped_loads`."""
     counts = dict[str, float]()
-    for name in ("theta", "theta_m", "omega_m", "torque", "torque_m", "current"):
-        x = recorded(examined.trial, name)[1]
-        steps, of = np.abs(np.diff(x)), origin(examined.trial, name)
-        zero = of.get("sign", 1) * of.get("scale", 1) * of.get("factor", 1) * of.get("offset", 0)
-        nought = np.abs(x - zero) < NEXT_TO_ZERO
-        stands = nought[:-1] & nought[1:]
-        if np.count_nonzero(steps) <= 0.5 * np.sum(~stands):
-            continue
-        blocks = run_edges(stands).tolist()
-        usual = 5 * float(np.median(steps[~stands])) if blocks else 0.0
-        if "torque" not in name:  # at the ends an encoder rests, and a drive is off
-            blocks = [(a, b) for a, b in blocks if a and b < steps.size]
-        inner = [(a, b) for a, b in blocks if min([*steps[:a][-1:], *steps[b : b + 1]], default=0.0) > usual]
-        # of a few zeros it may stand while it turns
-        inner = [(a, b) for a, b in inner if b - a > 3 or (a and b < steps.size and x[a - 1] * x[b + 1] > 0)]
-        lost = (x != 0) & (np.abs(x) < NEXT_TO_ZERO)
-        for a, b in inner:
-            lost[a : b + 1] = True
-        counts[name] = float(lost.sum())
+    for name in SELDOM_REPEAT:
+        lost = values_of_no_sensor(name, *recorded(examined.trial, name), origin(examined.trial, name))
+        if lost is not None:
+            counts[name] = float(lost.sum())
     plates = (one for one in examined.trial.columns if re.fullmatch(r"plate\d+_force_z", one))
     counts |= {name: dropped_loads(recorded(examined.trial, name)[1]) for name in plates}
     return worst(counts, "no plate, and no channel of a bench that seldom repeats a value")

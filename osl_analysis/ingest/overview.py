@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, listing, printable
 from osl_analysis.formats import csv_table
+from osl_analysis.formats.binary_table import titles_of_columns
 from osl_analysis.formats.c3d import C3DRecording, read_c3d
 from osl_analysis.formats.gait_text import read_opensim, read_sections, read_trc
 from osl_analysis.formats.json_lines import MOST_ELEMENTS, addresses_of, decode_lines, read_json_lines
@@ -360,21 +361,15 @@ def inspect_mat(path: Path) -> Overview:
     file, most = open_mat(path), 500
     content = file.read(file.names)
     variables = [one for name, value in content.items() for one in variables_in("", name, value)]
-    remarks = [
-        f"{address} is a {value.described()}, which is not read; {value.remedy()}"
-        for _, _, address, value in variables
-        if value.numbers is None and value.kind not in ("char", "struct", "cell")
-    ]
+    strange = [one for one in variables if one[3].is_strange]
+    remarks = [f"{at} is a {value.described()}, which is not read; {value.remedy()}" for _, _, at, value in strange]
     remarks += [f"and {len(variables) - most} more variables"] * (len(variables) > most)
     by_part: dict[str, dict[str, Value]] = {}
     for part, name, _, value in variables:
         if is_signal(value):
             by_part.setdefault(part, {})[name] = value
     by_part = with_logged_joined(content, by_part)
-    groups: dict[tuple[str, ...], dict[str, dict[str, Value]]] = {}  # the parts that hold the same signals
-    for part, own in by_part.items():
-        groups.setdefault(tuple(own), {})[part] = own
-    alike = max(groups.values(), key=lambda group: sum(map(len, group.values())), default={})
+    alike = parts_alike(by_part)
     part, left_open = next(iter(alike), "") if len(alike) == 1 else "", list[str]()
     if len(alike) > 1:
         parts = listing([printable(one) for one in alike], 40)
@@ -383,11 +378,25 @@ def inspect_mat(path: Path) -> Overview:
     if others := [one for one in by_part if one not in alike]:
         what = "a draft is of one part; to read a variable of another, write its address with `/`, as"
         left_open.append(f"{what} `/{printable(others[0])}.{printable(list(by_part[others[0]])[-1])}`")
-    drafted = [one for name, value in next(iter(alike.values()), {}).items() for one in columns_of_matrix(name, value)]
+    cells: dict[str, list[str]] = {}
+    for place, name, _, value in variables:
+        cells.setdefault(place * name.startswith("{"), []).append(value.text)
+    titles = titles_of_columns(cells.values())
+    drafted = [
+        one for name, value in next(iter(alike.values()), {}).items() for one in columns_of_matrix(name, value, titles)
+    ]
     columns = [variable_column(address, name, value) for _, name, address, value in variables[:most]]
     facts = {"version": file.version, "header": file.header, "variables": str(len(file.names))}
     settings = {"log_part": part} if part else {}
     return overview_of("mat", columns, "variables", seems_clock, drafted, None, left_open, facts, remarks, settings)
+
+
+def parts_alike(by_part: Mapping[str, dict[str, Value]]) -> Mapping[str, dict[str, Value]]:
+    """The parts that hold the same signals, the most of them."""
+    groups: dict[tuple[str, ...], dict[str, dict[str, Value]]] = {}
+    for part, own in by_part.items():
+        groups.setdefault(tuple(own), {})[part] = own
+    return max(groups.values(), key=lambda group: sum(map(len, group.values())), default={})
 
 
 def with_logged_joined(
@@ -401,13 +410,16 @@ def with_logged_joined(
         if len(value.elements) == 1 and {"time", "signals"} <= value.elements[0].keys()
     ]
     every = {(name, key): one for name in structures for key, one in by_part.get(name, {}).items()}
-    joined = {f"{name}.{key}": one for (name, key), one in every.items() if key != "time"}
-    clocks = {f"{name}.{key}": one for (name, key), one in every.items() if key == "time"}
+    clocks, joined = dict[str, Value](), dict[str, Value]()
+    for (name, key), one in every.items():
+        (clocks if key == "time" else joined)[f"{name}.{key}"] = one
     if not clocks and "tout" in by_part.get("", {}):
         clocks = {"tout": by_part[""]["tout"]}
+    names = {key for _, key in every} - {"time"}  # those of several trials are the same
+    unlike = len(joined) in (len(structures), len(names))
     shapes = {one.shape for one in (*clocks.values(), *joined.values())}
     times = {np.asarray(one.numbers).tobytes() for one in clocks.values()}
-    if not len(joined) == len(structures) > len(shapes) == len(times) == 1:
+    if not (unlike and len(joined) >= len(structures) > len(shapes) == len(times) == 1):
         return by_part
     others = {part: own for part, own in by_part.items() if part not in ("", *structures)}
     return {"": dict([next(iter(clocks.items())), *joined.items()]), **others}
@@ -424,15 +436,19 @@ def seems_clock(name: str) -> bool:
     return csv_table.is_clock(name) or likely is not None
 
 
-def columns_of_matrix(name: str, value: Value) -> Iterator[RecordedChannel]:
-    """Each column of a matrix, or row if it has more columns."""
+def columns_of_matrix(
+    name: str, value: Value, titles: Mapping[int, Sequence[str]] | None = None
+) -> Iterator[RecordedChannel]:
+    """Each column of a matrix, or row if it has more columns, called by its title where a list has one for each."""
     rows, columns = value.shape
     upright = rows >= columns
     for place in range(min(rows, columns) if value.numbers is not None else 0):
         line = f"(:,{place + 1})" if upright else f"({place + 1},:)"
         values = np.asarray(value.numbers)[:, place] if upright else np.asarray(value.numbers)[place]
         address, own = (name, name.rpartition(".")[2]) if 1 in value.shape else (f"{name}{line}", line)
-        yield column({"variable": address}, own, values.astype(np.float64), value.unit, value.described())
+        title = (titles or {}).get(min(rows, columns), ())[place : place + 1] if own == line else ()
+        own, unit = csv_table.name_and_unit(title[0]) if title else (own, "")
+        yield column({"variable": address}, own, values.astype(np.float64), value.unit or unit, value.described())
 
 
 def variable_column(address: str, name: str, value: Value) -> RecordedChannel:

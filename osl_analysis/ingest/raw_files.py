@@ -30,6 +30,7 @@ from osl_analysis.ingest.clock import ClockFit, aligned_clock
 from osl_analysis.ingest.logs import read_message_log, read_table_log
 from osl_analysis.ingest.overview import Overview, inspect_messages
 from osl_analysis.ingest.source import (
+    SELDOM_REPEAT,
     SOURCES,
     UNKNOWN,
     C3dSource,
@@ -39,6 +40,7 @@ from osl_analysis.ingest.source import (
     Source,
     check_sizes,
     open_places,
+    values_of_no_sensor,
 )
 from osl_analysis.refusal import check_not_refused
 from osl_analysis.trial import COLUMNS, Trial, unit_of
@@ -70,6 +72,7 @@ class KnownFormat:
             recording = self.reader(path, source)
             if not isinstance(source, C3dSource):  # whose blocks are told by the numbers of all channels
                 tell_copies(recording)
+                tell_no_sensor(recording)
         said = (*recording.damage.all_remarks(recording.topics is not None), *recording.warnings)
         return replace(recording, warnings=[f"{printable(path.name)}: {text}" for text in said])
 
@@ -268,6 +271,17 @@ def tell_copies(recording: Recording) -> None:
         damage.misfits[number] += int(lost.sum())
         for remark in said:
             damage.lose(remark, 0, Counter(), 0)
+
+
+def tell_no_sensor(recording: Recording) -> None:
+    """Say where a channel has values that no sensor gives: nobody knows how many were lost."""
+    for column in (one for one in recording.columns if one in SELDOM_REPEAT):
+        own = recording.samples.select("time", column).filter(pl.col(column).is_finite())
+        wrong = values_of_no_sensor(column, own["time"].to_numpy(), own[column].to_numpy(), recording.columns[column])
+        if wrong is not None and wrong.any():
+            what = f"{np.count_nonzero(wrong)} samples of {column} are values that no sensor gives, the first at"
+            recording.damage.remarks.append(f"{what} {own['time'][int(np.argmax(wrong))]:.3f} s: bytes may be lost")
+            recording.damage.uncounted = True
 
 
 def check_columns(trial: Trial, experiment: str | None, needed: Sequence[str]) -> None:

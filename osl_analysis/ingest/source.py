@@ -1,6 +1,7 @@
 """The models of source files, which describe recordings of one recorder: a class per format, with the keys that files
 of this format have, so that another's key is refused by name. A file as read by it is a `Recording`."""
 
+import math
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -10,6 +11,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 from pydantic import (
     AfterValidator,
     BeforeValidator,
@@ -26,6 +28,7 @@ from osl_analysis.formats.csv_table import MISSING
 from osl_analysis.formats.mat import checked_address
 from osl_analysis.formats.table import Ledger
 from osl_analysis.ingest.units import ForceUnit, LengthUnit, MomentUnit, TimeUnit, Unit, quantity, si_factor
+from osl_analysis.signals import run_edges
 from osl_analysis.trial import AXES, COLUMNS, Array, unit_of
 from osl_analysis.yaml_settings import Settings, distinct, field_line, misplaced, one_of
 
@@ -670,6 +673,56 @@ LARGEST_MEASURED = {  # largest size of a value in its SI unit, by kind of quant
     "N*m/kg": 1e6,
     "1": 1e9,  # counts of a converter
 }
+
+
+NEXT_TO_ZERO = 1e-30  # of a signal in SI units, which no sensor resolves
+SELDOM_REPEAT = (
+    "theta",
+    "theta_m",
+    "omega_m",
+    "torque",
+    "torque_m",
+    "current",
+)  # columns whose noise seldom repeats a value
+
+
+def values_of_no_sensor(column: str, time: Array, x: Array, origin: Mapping[str, Any]) -> NDArray[np.bool_] | None:
+    """Which of the readings (n,) of a column are those of bytes that were lost or changed: two raw zeros or more in a
+    row into which it jumps, and out of them; of a torque also where it jumps once, and a value that it holds for less
+    than half a second and has nowhere else; numbers next to zero; one to three that are a hundred times beyond all
+    others. None where it often repeats a value. `origin` tells its raw zero."""
+    zero = math.prod(origin.get(key, 1) for key in ("sign", "scale", "factor")) * origin.get("offset", 0)
+    nought, stays = np.abs(x - zero) < NEXT_TO_ZERO, np.diff(x) == 0
+    stands = nought[:-1] & nought[1:]
+    if np.count_nonzero(~stays) <= 0.5 * np.sum(~stands):
+        return None
+    lost, sizes = (x != 0) & (np.abs(x) < NEXT_TO_ZERO), np.abs(x - np.median(x))
+    few = np.partition(sizes, -4)[-4] if x.size > 4 else 0.0
+    lost |= sizes > (100 * few or np.inf)
+    zeros = jumped_into(x, stands, may_rest="torque" not in column)
+    most = 0.5 * time.size / (np.ptp(time) or np.inf) if time.size else 0.0  # what is held for longer is stuck
+    if "torque" in column and np.mean(stays) < 0.1:  # else a sensor of few levels, which may rest at each
+        held = [(a, b) for a, b in jumped_into(x, stays, may_rest=True, at_once=False) if 10 < b - a < most]
+        zeros += [(a, b) for a, b in held if np.sum(x == x[a]) <= b - a + 3]
+    for a, b in zeros:
+        lost[a : b + 1] = True
+    return np.asarray(lost)
+
+
+def jumped_into(x: Array, stands: NDArray[np.bool_], may_rest: bool, at_once: bool = True) -> list[tuple[int, int]]:
+    """First and last sample of the runs in which readings (n,) stand, between two each (n - 1,), and beside which they
+    jump, on both sides or, of a long run that is no rest, on one. `may_rest`: at the ends an encoder rests, and a drive
+    is off. Not `at_once`: a jump on one side is enough for all."""
+    steps, found = np.abs(np.diff(x)), list[tuple[int, int]]()
+    usual = 5 * float(np.median(steps[~stands])) if not stands.all() else 0.0
+    for a, b in run_edges(stands).tolist():
+        inside, jumps = a and b < steps.size, [*steps[:a][-1:], *steps[b : b + 1]]
+        on_one_side = not at_once or (b - a > 20 and not may_rest)
+        # of a few zeros it may stand while it turns
+        turns = b - a <= 3 and not (inside and x[a - 1] * x[b + 1] > 0)
+        if (inside or not may_rest) and not turns and (max if on_one_side else min)(jumps, default=0.0) > usual:
+            found.append((a, b))
+    return found
 
 
 def check_sizes(recording: Recording) -> None:

@@ -17,6 +17,7 @@ from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.phasors import fit_sinusoids
 from osl_analysis.commands.bench import fit_settings, fit_trial
 from osl_analysis.config.experiments import EXPERIMENTS
+from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.errors import OslAnalysisError
 from osl_analysis.signals import LowPass, Motion, differentiate, filtered_motion, sampling_rate
 from osl_analysis.spectral.stepped_sine import SteppedSineProtocol
@@ -152,7 +153,10 @@ def bench_fit(experiment, t, angle, torque):
     moved, exerted = ("theta_m", "torque_m") if experiment == "actuator" else ("theta", "torque")
     current = 4 * np.sin(0.34 * np.pi * np.arange(len(t)) / BENCH_RATE)
     samples = {"time": t, "theta_m": 0 * t, moved: angle, exerted: torque, "current": current}
-    return fit_trial(experiment, Trial("made", pl.DataFrame(samples)), DEVICE, *asked_of(experiment)).table
+    table = fit_trial(experiment, Trial("made", pl.DataFrame(samples)), DEVICE, *asked_of(experiment)).table
+    described = described_tables_by_name()[EXPERIMENTS[experiment].tables[0].name].columns
+    assert not {*table.columns} - {*described}, "columns without a line in the dictionary"
+    return table
 
 
 BENCH = [name for name, facts in EXPERIMENTS.items() if facts.place == "bench"]

@@ -162,9 +162,9 @@ def main() -> None:
 def simulate(folder: Path, settings: Path, trial: str | None, config_path: Path | None) -> None:
     """Simulate a campaign into FOLDER: sample sheet, MCAP and C3D logs, and the truth beside them."""
     from osl_analysis.campaign.configuration import read_config
-    from osl_analysis.commands.simulate import NOTHING, simulate_campaign, simulate_trial
+    from osl_analysis.commands.simulate import UNFOLLOWED, simulate_campaign, simulate_trial
 
-    followed = NOTHING if config_path is None else read_config(config_path).shared()
+    followed = UNFOLLOWED if config_path is None else read_config(config_path).shared()
     if trial is None:
         simulate_campaign(settings, folder, followed)
     else:

@@ -248,7 +248,7 @@ def simulate_trial(folder: File, trial: str, settings: File = "config/simulation
     from osl_analysis.commands import simulate  # half a second, which only this needs
 
     path, place = shipped(settings), Path(folder)
-    row = simulate.row_of_trial(simulate.read_simulation(path, simulate.NOTHING), path, trial)
+    row = simulate.row_of_trial(simulate.read_simulation(path, simulate.UNFOLLOWED), path, trial)
     if EXPERIMENTS[row["experiment"]].place != "bench":
         raise InputError(f"trial {trial}: is of the walkway; simulate a campaign (`osl-analysis simulate`) and run it")
     simulate.simulate_trial(path, place, trial)

@@ -301,14 +301,6 @@ def problem_place(problem: Mapping[str, Any], content: Any) -> Place:
     return (*place, *problem.get("ctx", {}).get("place", ()))
 
 
-UNITS = {"_deg": "deg", "_hz": "Hz", "_s": "s", "_m": "m", "_mm": "mm", "_kg": "kg", "_n": "N", "K_d": "N*m/rad",
-         "largest_angle": "rad"}  # fmt: skip
-"""Units of settings, by the ends of their names."""
-WITH_UNIT = {
-    "delay": "2 ms", "cutoff": "100 Hz", "resolution": "0.02 deg", "range": "60 N*m", "threshold": "0.05 s",
-    "value": "12500 N*m/rad", "standard_error": "100 N*m/rad",
-}  # fmt: skip
-"""Settings that are a text, a number with its unit, each with an example."""
 ADVICE = {
     "string_type": "text, in quotes if it looks like a number, a list or nothing",
     "float_type": "a number, without a unit",
@@ -329,7 +321,11 @@ def plain_reason(problem: Mapping[str, Any]) -> str:
     kind, text = problem["type"], str(problem["msg"]).removeprefix("Value error, ").replace("Input should be", "write")
     if kind == "literal_error":
         return text + nearest(str(problem["input"]), re.findall(r"'([^']+)'", text))
-    if kind == "string_type" and (example := WITH_UNIT.get(str(problem["loc"][-1]))) and problem["input"] is not None:
+    with_unit = {
+        "delay": "2 ms", "cutoff": "100 Hz", "resolution": "0.02 deg", "range": "60 N*m", "threshold": "0.05 s",
+        "value": "12500 N*m/rad", "standard_error": "100 N*m/rad",
+    }  # fmt: skip
+    if kind == "string_type" and (example := with_unit.get(str(problem["loc"][-1]))) and problem["input"] is not None:
         return f"write a number with its unit, as `{example}`"
     if kind == "string_pattern_mismatch":
         return (
@@ -339,7 +335,9 @@ def plain_reason(problem: Mapping[str, Any]) -> str:
         )
     if kind.startswith(("greater_than", "less_than")):
         name = next((str(one) for one in reversed(problem["loc"]) if isinstance(one, str)), "")
-        unit = next((f" {unit}" for end, unit in UNITS.items() if name.endswith(end) and text.split()[-1] != "0"), "")
+        ends = {"_deg": "deg", "_hz": "Hz", "_s": "s", "_m": "m", "_mm": "mm", "_kg": "kg", "_n": "N", "K_d": "N*m/rad"}
+        ends["largest_angle"] = "rad"
+        unit = next((f" {unit}" for end, unit in ends.items() if name.endswith(end) and text.split()[-1] != "0"), "")
         return text.replace("write", "write a number") + unit
     if kind == "too_short":
         return "name at least one"

@@ -59,7 +59,7 @@ def designed(chosen: Mapping[str, Any], config: Config) -> Design:
     distortion = Distortion(chosen["friction"] or 0.0)
     if chosen["pilot"] is not None:
         distortion = pilot_distortion(chosen["pilot"], chosen["trial"])
-    plan = plan_of(chosen, config, bool(within))
+    plan = plan_of(chosen, bench, bool(within))
     sensors = sensors_of(chosen, bench)
     low_pass, sines = bench.low_pass, plan.sines
     cutoff, high = low_pass.cutoff_hz, float(sines.frequency_hz.max())
@@ -222,22 +222,25 @@ def write_command(plan: Plan, rate_hz: float, output: Path) -> None:
     write_table(pl.DataFrame({"time": np.arange(len(angle)) / rate_hz, "theta_command": angle}), output)
 
 
-def plan_of(chosen: Mapping[str, Any], config: Config, longer: bool) -> Plan:
-    """The protocol: the stepped sine of the configuration, with what is chosen in its place; of another motion without
-    a stated band 0.5 to 6 Hz, without a stated size 2 deg rms. `longer`: more realisations may be recommended."""
-    bench, kind = config.dynamometer, chosen["excitation"]
-    if kind != "stepped-sine":
-        band = tuple(chosen["band"] or (0.5, 6.0))
-        rms = float(np.deg2rad(chosen["rms"] or 2.0))
-        peak = None if chosen["peak"] is None else float(np.deg2rad(chosen["peak"]))
-        if kind != "multisine":
-            other = Continuous(band, rms, chosen["duration"], kind == "chirp")
-            return other if peak is None else replace(other, rms=rms * peak / other.peak[0])
-        plan = PeriodicMultisine(chosen["period"], band, rms, chosen["periods"], chosen["realisations"], chosen["seed"])
-        if peak is None:
-            return plan
-        one, drawn = replace(plan, rms=1.0), max(plan.realisations, planning.MOST_DRAWN if longer else 1)
-        return replace(plan, rms=peak / max(one.motion(r).peak for r in range(drawn)))  # none may go beyond the peak
+def other_plan(chosen: Mapping[str, Any], longer: bool) -> Plan:
+    """A motion that is no stepped sine; without a stated band 0.5 to 6 Hz, without a stated size 2 deg rms. `longer`:
+    more realisations may be recommended."""
+    band, rms = tuple(chosen["band"] or (0.5, 6.0)), float(np.deg2rad(chosen["rms"] or 2.0))
+    peak = None if chosen["peak"] is None else float(np.deg2rad(chosen["peak"]))
+    if chosen["excitation"] != "multisine":
+        other = Continuous(band, rms, chosen["duration"], chosen["excitation"] == "chirp")
+        return other if peak is None else replace(other, rms=rms * peak / other.peak[0])
+    plan = PeriodicMultisine(chosen["period"], band, rms, chosen["periods"], chosen["realisations"], chosen["seed"])
+    if peak is None:
+        return plan
+    one, drawn = replace(plan, rms=1.0), max(plan.realisations, planning.MOST_DRAWN if longer else 1)
+    return replace(plan, rms=peak / max(one.motion(r).peak for r in range(drawn)))  # none may go beyond the peak
+
+
+def plan_of(chosen: Mapping[str, Any], bench: DynamometerAnalysis, longer: bool) -> Plan:
+    """The protocol: the stepped sine of the configuration, with what is chosen in its place; or another motion."""
+    if chosen["excitation"] != "stepped-sine":
+        return other_plan(chosen, longer)
     frequencies = tuple(chosen["frequencies"] or bench.frequencies_hz or ())
     amplitudes = tuple(chosen["amplitudes"] or bench.amplitudes_deg or ())
     if not (frequencies and amplitudes and (chosen["cycles"] or bench.protocol.cycles_at)):

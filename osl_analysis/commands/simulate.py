@@ -16,7 +16,7 @@ from osl_analysis.simulator.settings import SimulationSettings, WalkingSettings,
 from osl_analysis.yaml_settings import located, read_yaml, validated
 
 TRUTH = "truth"
-NOTHING = SharedChoices()  # No configuration to follow: the settings alone decide.
+UNFOLLOWED = SharedChoices()  # No configuration to follow: the settings alone decide.
 
 
 def check_folder(folder: Path) -> None:
@@ -56,7 +56,7 @@ def write_sheet(settings_path: Path, sheet: Path) -> None:
         table.to_csv(path, index=False, lineterminator="\n")
 
 
-def settings_files(settings_path: Path, followed: SharedChoices = NOTHING) -> list[Path]:
+def settings_files(settings_path: Path, followed: SharedChoices = UNFOLLOWED) -> list[Path]:
     """The files that decide what is simulated: the settings and those that they, or the `followed` choices, name."""
     settings = read_simulation(settings_path, followed)
     laboratory = laboratory_of(settings, followed)
@@ -100,7 +100,9 @@ def laboratory_of(settings: SimulationSettings, followed: SharedChoices) -> Walk
     return read_yaml(settings.walking, WalkingSettings).model_copy(update=chosen)
 
 
-def simulate_trial(settings_path: Path, campaign_folder: Path, trial: str, followed: SharedChoices = NOTHING) -> None:
+def simulate_trial(
+    settings_path: Path, campaign_folder: Path, trial: str, followed: SharedChoices = UNFOLLOWED
+) -> None:
     """Simulate one trial of the plan: its logs where the sheet says, and `truth/<trial>.json`. What the campaign's
     configuration decides (`followed`) replaces what the settings have."""
     check_folder(campaign_folder)
@@ -108,7 +110,7 @@ def simulate_trial(settings_path: Path, campaign_folder: Path, trial: str, follo
     record_trial(row_of_trial(settings, settings_path, trial), settings, followed, campaign_folder)
 
 
-def simulate_campaign(settings_path: Path, campaign_folder: Path, followed: SharedChoices = NOTHING) -> None:
+def simulate_campaign(settings_path: Path, campaign_folder: Path, followed: SharedChoices = UNFOLLOWED) -> None:
     """Write the sample sheet and simulate all of its trials, one after the other."""
     settings = read_simulation(settings_path, followed)
     settings_files(settings_path, followed)

@@ -120,40 +120,30 @@ def conditions(tables: Mapping[str, pl.DataFrame], findings: Mapping[str, Sequen
     and many of them one with their lowest and highest. `findings` are those on each trial."""
     found = of_groups(tables, findings)
     for name in ("impedance", "human_joint"):
-        table = tables.get(name, pl.DataFrame(schema=["amplitude_deg"]))
+        table = tables.get(name, pl.DataFrame(schema=["trial", "amplitude_deg"]))
         whole = table.filter(pl.col("amplitude_deg").is_null()) if "amplitude_deg" in table.columns else table
         keys = [
             key
             for key in ("joint", "side", "controller", "K_d", "B_d")
             if key in whole.columns and whole[key].n_unique() > 1
         ]
-        parts = whole.partition_by(keys, maintain_order=True) if keys else [whole] * (not whole.is_empty())
-        unstated = [part.row(0, named=True).get("K_d") is None and len(part) > 1 for part in parts]
-        each = sum(len(part) for part, one in zip(parts, unstated, strict=True) if one) <= MOST_UNSTATED
-        rows = [
-            (own, one and not each, [f"trial {own['trial'][0]}"] * (one and each))
-            for part, one in zip(parts, unstated, strict=True)
-            for own in (part.partition_by("trial", maintain_order=True) if one and each else [part])
-        ]
-        for own, is_range, named in rows:
-            row, trials = own.row(0, named=True), own["trial"].to_list()
-            if len(own) > 1 and not is_range:
+        none = whole.get_column("K_d", default=pl.repeat(None, len(whole), eager=True)).is_null()
+        whole = whole.with_columns(unstated=none & (pl.len().over(*keys, pl.lit("all")) > 1))
+        each = whole["unstated"].sum() <= MOST_UNSTATED
+        whole = whole.with_columns(own=pl.when(pl.col("unstated") & each).then("trial"))
+        for rows in whole.partition_by([*keys, "own"], maintain_order=True):
+            row, trials = rows.row(0, named=True), rows["trial"].to_list()
+            is_range = row["unstated"] and row["own"] is None
+            if len(rows) > 1 and not is_range:
                 for symbol in ESTIMATES:
-                    mean = summary_row(own, symbol)
+                    mean = summary_row(rows, symbol)
                     row |= {f"{symbol}{end}": mean[of] for end, of in ENDS.items()}
-            said = [
-                f"{key} {row[key]:g}" if key in ("K_d", "B_d") else row[key] for key in keys if row[key] is not None
-            ]
+            of = [f"{key} {row[key]:g}" if key in ("K_d", "B_d") else row[key] for key in keys if row[key] is not None]
+            of += [f"trial {row['own']}"] * (row["own"] is not None) + ["no stated condition"] * is_range
             about = [one for trial in trials for one in findings.get(trial, ())]
             cells = {symbol: value_and_interval(row, symbol) for symbol in ESTIMATES}
-            found.append(
-                {
-                    "of": ", ".join([*said, *named, *["no stated condition"] * is_range]) or "all",
-                    "trials": trials,
-                    **doubts_said(about, name),
-                    **(ranges_of(own) if is_range else cells),
-                }
-            )
+            facts = doubts_said(about, name) | (ranges_of(rows) if is_range else cells)
+            found.append({"of": ", ".join(of) or "all", "trials": trials, **facts})
     return found
 
 

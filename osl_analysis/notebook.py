@@ -58,17 +58,12 @@ def as_trial(trial: Trial | File) -> Trial:
     return trial
 
 
-def device_of(parameters: File | None, config: File | None) -> Path | None:
-    if parameters == OF_CONFIG:
-        return campaign_parameters(Path(config or config_here()))
-    return None if parameters is None else shipped(parameters)
-
-
 def asked(
     experiment: str, trial: Trial | File, config: File | None, parameters: File | None
 ) -> tuple[str, Trial, Path | None, dict[str, Any], DoubtfulFits]:
     """The arguments of `fit_trial`, from those of the functions below."""
-    device, file = device_of(parameters, config), Path(config or config_here())
+    file, device = Path(config or config_here()), None if parameters is None else shipped(parameters)
+    device = campaign_parameters(file) if parameters == OF_CONFIG else device
     experiment = experiment_of(experiment, file)
     return experiment, as_trial(trial), device, *fit_settings(experiment, file)
 

@@ -48,6 +48,7 @@ from osl_analysis.report.page import (
     conditions,
     every_kth,
     inline_svg,
+    method_said,
     overview,
     packed_table,
     template,
@@ -450,7 +451,12 @@ def test_every_condition_has_K_B_and_I_with_intervals_and_what_is_doubted():
     ]
     tables = {"impedance": pl.DataFrame(rows, infer_schema_length=None), "walking_summary": pl.DataFrame(walking)}
     late = replace(doubt(), without={"K": 290.0, "B": 4.5, "I": 0.02})
-    walk, several, alone = conditions(tables, {"t": stored_findings(late, doubt(amplitude_deg=4.0))})
+    unsure = Finding("impedance", "t", "whether the torque is late", Grade.UNCHECKED)
+    walk, several, alone = conditions(tables, {"t": stored_findings(late, doubt(amplitude_deg=4.0), unsure, unsure)})
+    assert [one["unchecked"] for one in (walk, several, alone)] == [0, 0, 1]
+    for stated in (0.0, 0.1):
+        bench = {"impedance": tables["impedance"].with_columns(K_se_bench=pl.lit(stated))}
+        assert ("trials of the bench share are not" in method_said(SETTINGS, bench)) == (stated == 0)
     half = scipy.stats.t.ppf(0.975, 1) * 2**0.5 / 2**0.5
     assert (walk["of"], walk["K"]) == ("walking", ("340", "[330, 350]"))
     assert (several["of"], several["trials"], several["doubt"]) == ("K_d 100", ["a", "b"], "")

@@ -58,6 +58,12 @@ def test_a_detail_whose_number_is_missing_is_left_out():
     assert (empty.says, empty.remedy) == ("", full.remedy)
 
 
+def test_a_range_is_written_upwards_whatever_the_sign_of_what_it_makes():
+    finding = Finding("walking_groups", "all", "whether B holds a change of K with stance", Grade.UNCHECKED)
+    row = {"hidden_slope_low": -330.0, "hidden_slope_high": 1100.0, "B_per_slope": -1.65e-3, "B": 2.18}
+    assert "-330 to 1100 N*m/rad per stance, which would change B = 2.18 by -1.8 to 0.54" in words_of(finding, row).says
+
+
 def test_a_changed_word_changes_no_cause(monkeypatch):
     before = findings_of(LATE, Limits(above={"lag_share": 0.05}), "phasors")
     monkeypatch.setitem(WORDS["causes"], "late torque", {"says": "something else", "remedy": "nothing"})

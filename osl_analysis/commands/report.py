@@ -78,7 +78,14 @@ def write_report(
     pages = {one.name: (trial_content(one), one.pictures.tables) for one in reported}
     found = {} if is_refused(summary) else read_summary(summary)
     said = captions_by_title(captions.read_text(encoding="utf-8")) if captions and not is_refused(captions) else {}
-    shown, absent = shown_figures(figures, said)
+    shown, absent = [], dict[str, str]()  # the figures with their captions, and why each of the others is not drawn
+    for name, path in figures.items():
+        title, numbers = figure_title(name), path.with_suffix(".csv")
+        if is_refused(numbers) or read_table(numbers).is_empty():
+            absent[title] = str(said.get(title, "")).removeprefix(UNDRAWN).strip()
+            continue
+        drawn = inline_svg(path.read_text(encoding="utf-8"), name, title)
+        shown.append({"name": name, "title": title, "caption": said.get(title, ""), "drawing": drawn})
     content = {
         "about": about,
         "made_of": sentence(about),
@@ -127,20 +134,6 @@ def reported_trial(
     missing, reasons = why or (False, [])
     picture = pictures(row["experiment"], own, files)
     return ReportedTrial(name, row, own, findings_on, judged_checks, origin, reasons, missing, picture)
-
-
-def shown_figures(figures: Mapping[str, Path], said: Mapping[str, Any]) -> tuple[list[dict[str, Any]], dict[str, str]]:
-    """The figures with their captions, by title, and why each of the others is not drawn."""
-    shown, absent = [], dict[str, str]()
-    for name, path in figures.items():
-        title = figure_title(name)
-        numbers = path.with_suffix(".csv")
-        if is_refused(numbers) or read_table(numbers).is_empty():
-            absent[title] = str(said.get(title, "")).removeprefix(UNDRAWN).strip()
-            continue
-        drawn = inline_svg(path.read_text(encoding="utf-8"), name, title)
-        shown.append({"name": name, "title": title, "caption": said.get(title, ""), "drawing": drawn})
-    return shown, absent
 
 
 def pictures(experiment: str, tables: Mapping[str, pl.DataFrame], files: Mapping[str, Path]) -> trial_page.Pictures:

@@ -117,7 +117,6 @@ STUDENT = "95 % of the mean (Student)"
 FOR_MOTION = "95 % for another motion of this kind"
 FEW = "95 % for a repetition of this motion"
 BOOTSTRAP = "95 % (bootstrap over crossings and trials of the unloaded plate)"
-OF_CYCLES = "95 % of the mean of cycles (Student)"
 RANGE = "lowest to highest"
 COUNT = "count"
 
@@ -217,7 +216,9 @@ def numbers_of(name: str, table: pl.DataFrame, example: Example) -> Iterator[Hea
         for row in table.iter_rows(named=True):
             for quantity, label in labels.items():
                 ends = row[f"{quantity}_low"], row[f"{quantity}_high"]
-                number = headline(label, row[quantity], int(row["cycles"]), *ends, OF_CYCLES)
+                number = headline(
+                    label, row[quantity], int(row["cycles"]), *ends, "95 % of the mean of cycles (Student)"
+                )
                 yield replace(of_group(number, row["trial"]), doubt=row[DOUBTFUL] or None)
     elif name == "walking_summary":
         for rows in table.filter(pl.col("mean").is_not_null()).partition_by("group", maintain_order=True):
@@ -329,7 +330,6 @@ def missing_lines(content: Mapping[str, Any], reasons: bool) -> list[str]:
 
 # How they are written.
 
-AMPLITUDES = ("amplitudes_low", "amplitudes_high")
 SPECIAL = {sign: f"\\{sign}" for sign in "#$%&_{}"} | {
     "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"
 }  # fmt: skip
@@ -460,7 +460,7 @@ def trials_text(number: Mapping[str, Any]) -> str:
 def rounded_by(number: Mapping[str, Any]) -> tuple[float | None, float | None, str | None, float | None]:
     """Bounds that decide to how many digits a number is rounded, their kind, and its scatter. The bounds are the range
     over single amplitudes if there is one and it is the wider one, otherwise the interval."""
-    low, high = (number.get(key) for key in AMPLITUDES)
+    low, high = (number.get(f"amplitudes_{end}") for end in ("low", "high"))
     if low is None or high is None or (number["low"] is not None and number["high"] - number["low"] > high - low):
         return number["low"], number["high"], number["interval"], number.get("sd")
     return low, high, None, number.get("sd")

@@ -17,18 +17,9 @@ from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError, listing, nearest, printable
 from osl_analysis.files import CAMPAIGN, shipped
 from osl_analysis.ingest import draft as drafts
+from osl_analysis.ingest import raw_files
 from osl_analysis.ingest.examine import Commanded, check_ranges, examine, measured_table
 from osl_analysis.ingest.overview import Overview
-from osl_analysis.ingest.raw_files import (
-    FORMATS,
-    SUFFIXES,
-    check_columns,
-    check_file,
-    check_markers,
-    recognise,
-    recordings_in,
-    trial_from_files,
-)
 from osl_analysis.ingest.source import UNKNOWN, open_places
 from osl_analysis.ingest.units import is_unit
 from osl_analysis.signals.grid import with_stamp_evidence
@@ -55,11 +46,11 @@ def checked_trial(
     row: Mapping[str, Any], raw_folder: Path, sources_folder: Path, needed_columns: Sequence[str] = ()
 ) -> Trial:
     """The trial of one row of the sheet, from its files relative to `raw_folder`, with the `needed_columns`."""
-    trial = trial_from_files(row, raw_folder, sources_folder)
-    check_columns(trial, row.get("experiment"), needed_columns)
+    trial = raw_files.trial_from_files(row, raw_folder, sources_folder)
+    raw_files.check_columns(trial, row.get("experiment"), needed_columns)
     facts = EXPERIMENTS.get(str(row.get("experiment")))
     if facts is not None and facts.place == "walkway" and not needed_columns:  # those of the log tell all
-        check_markers(trial, row["experiment"])
+        raw_files.check_markers(trial, row["experiment"])
     check_ranges(trial)
     return with_stamp_evidence(trial)
 
@@ -80,8 +71,8 @@ def ingest_and_check(
 
 
 def inspect_file(path: Path) -> Overview:
-    check_file(path)
-    return FORMATS[recognise(path)].inspect(path)
+    raw_files.check_file(path)
+    return raw_files.FORMATS[raw_files.recognise(path)].inspect(path)
 
 
 def overview_text(overview: Overview) -> str:
@@ -106,9 +97,9 @@ def shortened(text: str) -> str:
 
 def samples_table(folder: Path) -> str:
     """Markdown: a row per recording below a folder, with the number of its channels by kind and rate, and remarks."""
-    paths = list(recordings_in(folder))
+    paths = list(raw_files.recordings_in(folder))
     if not paths:
-        raise InputError(f"{folder}: no recordings below it ({', '.join(SUFFIXES)}); name another folder")
+        raise InputError(f"{folder}: no recordings below it ({', '.join(raw_files.SUFFIXES)}); name another folder")
     rows = ["| file | format | holds | remarks |", "|---|---|---|---|"]
     for path in paths:
         try:
@@ -208,13 +199,14 @@ def draft_campaign(folder: Path) -> Draft:
     draft, layouts = Draft(), dict[tuple[object, ...], str]()
     overviews: dict[str, tuple[tuple[int, int], Overview, str]] = {}
     recordings, captures = [], dict[Path, Overview]()
-    for path in recordings_in(folder):
+    for path in raw_files.recordings_in(folder):
         try:
             overview = inspect_file(path)
         except InputError as error:
             draft.refused.append(str(error))
             continue
-        name, is_capture, file = overview.format, FORMATS[overview.format].is_capture, path.relative_to(folder)
+        name, file = overview.format, path.relative_to(folder)
+        is_capture = raw_files.FORMATS[name].is_capture
         # What files share that one source file can describe: format, clock, and the channels of a log. Captures of one
         # laboratory have other markers in each trial, and may lack a pulse.
         channels = tuple((*channel.address.values(), channel.unit) for channel in overview.channels)
@@ -230,7 +222,7 @@ def draft_campaign(folder: Path) -> Draft:
         recordings.append((file, source, is_capture))
         captures |= {file: overview} if is_capture else {}
     if not recordings:
-        why = f", as {draft.refused[0]}" if draft.refused else f" ({', '.join(sorted(SUFFIXES))})"
+        why = f", as {draft.refused[0]}" if draft.refused else f" ({', '.join(sorted(raw_files.SUFFIXES))})"
         raise InputError(f"{folder}: no recording in it that can be read{why}; name the folder of the recordings")
     for name, (_, overview, file_name) in overviews.items():
         text, own = drafts.draft_source(overview, file_name, walking=False), shipped(f"config/sources/{name}.yaml")

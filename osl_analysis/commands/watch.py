@@ -19,16 +19,7 @@ import scipy
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.campaign.campaign import Campaign, open_campaign
 from osl_analysis.campaign.configuration import Config, read_config
-from osl_analysis.commands.bench import (
-    UNIT_OF,
-    Fit,
-    estimated,
-    estimates_text,
-    experiment_of,
-    fit_settings,
-    fit_trial,
-    job_of,
-)
+from osl_analysis.commands import bench as fits
 from osl_analysis.commands.trials import checked_trial, inspect_file
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.errors import InputError, OslAnalysisError, listing, printable, unexpected
@@ -59,7 +50,7 @@ def first_look(folder: Path) -> Iterator[str]:
                 recorded = checked_trial(campaign.recording(trial), config.raw_data, config.sources)
                 fitted = fit_of_row(recorded, row, campaign.device(trial), CAMPAIGN)
                 is_sound = not any(one.grade is Grade.DOUBTS for of_row in fitted.findings for one in of_row)
-                said = estimates_text(fitted.table, fitted.findings)
+                said = fits.estimates_text(fitted.table, fitted.findings)
             except OslAnalysisError as error:
                 said = str(error)
             except Exception as fault:  # a fault of the program in one recording must not hide the others
@@ -103,15 +94,17 @@ def note_protocol(folder: Path) -> None:
                 return
 
 
-def fit_of_row(trial: Trial, row: Mapping[str, Any], device: Path | None, config: Path) -> Fit:
+def fit_of_row(trial: Trial, row: Mapping[str, Any], device: Path | None, config: Path) -> fits.Fit:
     """The fit of a trial in memory, by what its row of a sheet says, drafted or not, as in the workflow. `device` is
     its parameter file. Raises as `fit_trial`."""
-    experiment = experiment_of(str(row["experiment"]), config)
-    condition: Any = {column: row.get(column) for column in job_of(experiment).sheet}
+    experiment = fits.experiment_of(str(row["experiment"]), config)
+    condition: Any = {column: row.get(column) for column in fits.job_of(experiment).sheet}
     if experiment == "impedance":
         K_d, B_d = (None if row[name] is None else float(row[name]) for name in ("K_d", "B_d"))
         condition = DesiredImpedance(row["controller"], K_d, B_d)
-    return fit_trial(experiment, trial, device, *fit_settings(experiment, config), condition, row.get("windows"))
+    return fits.fit_trial(
+        experiment, trial, device, *fits.fit_settings(experiment, config), condition, row.get("windows")
+    )
 
 
 State = tuple[int, int]  # size [bytes] and date [ns] of a recording's files
@@ -214,10 +207,10 @@ def examined(path: Path, folder: Path, bench: WatchedBench) -> Iterator[str]:
     fitted = fit_of_row(trial, row, device_of_row(row, bench.config), bench.config_path)
     estimates = fitted.table.to_dicts()[-1]  # those of the fit to all data
     values = []
-    for name in (n for n in estimated(estimates) if n not in ("offset", "drift")):
+    for name in (n for n in fits.estimated(estimates) if n not in ("offset", "drift")):
         high = estimates.get(f"{name}_high")
         half = "" if high is None else f" ± {high - estimates[name]:.2g}"
-        values.append(f"{name} {estimates[name]:.4g}{half} {UNIT_OF.get(name, '')}".rstrip())
+        values.append(f"{name} {estimates[name]:.4g}{half} {fits.UNIT_OF.get(name, '')}".rstrip())
     yield ", ".join(values)
     if "VAF" in estimates:
         yield f"VAF {estimates['VAF']:.2f} %"
@@ -252,7 +245,7 @@ def comparable(trial: Trial, row: Mapping[str, Any], estimates: Mapping[str, Any
     if row.get("experiment") == "impedance" and K_d is None:
         return found
     condition = "" if K_d is None else f" of K_d {K_d:g}"
-    for name in (n for n in estimated(estimates) if n not in ("offset", "drift")):
+    for name in (n for n in fits.estimated(estimates) if n not in ("offset", "drift")):
         value, se = float(estimates[name]), float(estimates.get(f"{name}_se") or 0.0)
         of = condition if name == "K" or not condition or B_d is None else f"{condition}, B_d {B_d:g}"
         found[name + of] = value, max(se, 0.01 * abs(value))

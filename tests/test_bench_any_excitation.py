@@ -315,10 +315,6 @@ def test_human_ankles_give_a_stiffness_and_what_their_reflexes_leave_of_it():
     assert all(found.values()), found
 
 
-def causes_not_checked(table):
-    return [finding.cause for finding in unchecked_in("impedance", table.row(-1, named=True))]
-
-
 def reflexive(rng, gain, noise_nm=0.15, rate=500.0, delay=0.045, band=(0.3, 8.0), **impedance):
     """A joint of 45 s whose torque has, beside Eq. 15, `gain` [N*m*s/rad] times the rising speed, 45 ms late behind a
     low-pass of second order at 20 rad/s, and slow noise as of a person's will. It is made of none of our columns."""

@@ -33,7 +33,6 @@ from osl_analysis.errors import InputError
 from osl_analysis.figures.impedance import draw_fig4
 from osl_analysis.judge.judging import LATENESS, unchecked_in
 from osl_analysis.judge.limits import DoubtfulFits, Limits
-from osl_analysis.model.compensator import PAPER_WEIGHT, select_gains
 from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.spectral.stepped_sine import unit_sines
 from osl_analysis.table import read_table, write_table
@@ -149,7 +148,6 @@ def test_an_error_of_the_bench_s_stiffness_is_in_the_admittance_and_is_not_avera
 
 
 P = read_parameters(ROOT / "config/parameters/default.yaml")
-GAINS = select_gains("compensated", 300.0, 5.0, P, PAPER_WEIGHT)
 LIMITS = read_section(ROOT / "config/config.yaml", "doubtful", DoubtfulFits).of("impedance")
 UNSATURATED, UNKNOWN = pl.lit(0).alias("saturated_samples"), DesiredImpedance("ours", None, None)
 

@@ -15,7 +15,7 @@ import polars as pl
 import pytest
 import yaml
 from c3d_builder import write_c3d
-from mcap_builder import HEADER, SAMPLE, stamped, write_log
+from mcap_builder import SAMPLE, stamped, write_log
 from recognised_files import refusal_by
 from scipy.interpolate import make_interp_spline
 from test_formats_mat import write_mat, write_mat73
@@ -473,7 +473,3 @@ def test_signals_that_simulink_logged_one_by_one_are_one_recording_in_the_draft(
     if timed:  # two recordings are no one
         apart = {**variables, "torque": logged(TORQUE, TIME + 0.5)}
         assert "log_part" in draft_source(inspect_file(write(path, **apart)), path.name)
-
-
-ESCAPE, HARMLESS = "\x1b[31m\n\x07", r"\x1b[31m\n\x07"
-JOINTS = "std_msgs/Header header\nstring[] name\nfloat64[] position\n" + HEADER

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import walking_synthetic as walk
-from any_motion import faded
+from any_motion import chirp
 from c3d_builder import write_c3d
 from mcap_builder import HEADER, stamped, write_topics
 from nptdms import ChannelObject, TdmsWriter
@@ -47,15 +47,6 @@ def sines(runs, amplitude_deg, rate=250):
         t, w, a = np.arange(round(cycles / hz * rate)) / rate, 2 * np.pi * hz, np.radians(amplitude_deg)
         pieces += [[a * np.sin(w * t), a * w * np.cos(w * t), -a * w * w * np.sin(w * t)], np.zeros((3, rate))]
     return joint(rate, np.hstack(pieces))
-
-
-def chirp(rate=200, duration=20.0):
-    """A joint that is swept from 0.5 to 5.5 Hz at 5 degrees."""
-    time = np.arange(round((duration + 3) * rate)) / rate
-    t = time - 1.5
-    phase, w = 2 * np.pi * (0.5 * t + 0.125 * t**2), 2 * np.pi * (0.5 + 0.25 * t)
-    motion = np.sin(phase), w * np.cos(phase), np.pi / 2 * np.cos(phase) - w**2 * np.sin(phase)
-    return joint(rate, faded(time, duration, tuple(np.radians(5) * x for x in motion)))
 
 
 def write_csv(path, columns, sign=",", decimal="."):
@@ -142,7 +133,8 @@ for kind, own in zip(("Wrench", "Vector3"), VECTORS, strict=True):
 def test_a_bench_that_logs_joint_states_and_a_wrench(tmp_path, monkeypatch):
     """Of the motor's and the load cell's torques, which leaks from z into x; two rates, any motion."""
     journey = Journey(tmp_path)
-    time, theta, omega, torque = chirp()
+    _, sweep = chirp(np.random.default_rng(1), (0.5, 5.5), 5 / np.sqrt(2), 20.0, 200)
+    time, theta, omega, torque = joint(200, sweep)
     late = CubicSpline(time, torque)(time + 0.001)
     drive, noise = 9 * (theta + torque / 2000), 0.3 * NOISE[1:, : time.size].T
     joints = [

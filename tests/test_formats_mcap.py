@@ -163,6 +163,14 @@ def test_a_chunk_with_an_absurd_length_costs_itself_alone(tmp_path: Path, packin
 
 
 @ANY_PACKING
+def test_a_chunk_that_unpacks_to_more_than_any_recorder_writes_is_lost_unread(tmp_path, packing, monkeypatch):
+    monkeypatch.setattr("osl_analysis.formats.mcap.MOST_UNPACKED", len(TEN) + 5)
+    count, damage = read(tmp_path, log(LAB, chunk(TEN, packing), chunk(TEN + TWENTY, packing)))
+    assert (count, damage["chunks_lost"]) == (10, 1)
+    assert "GB, at most" in damage["remarks"][0]
+
+
+@ANY_PACKING
 def test_a_chunk_whose_head_was_zeroed_is_lost_and_told_where_no_count_and_no_index_tells(tmp_path, packing):
     one = chunk(TWENTY, packing)
     for begin, end in ((9, 50), (25, 33), (0, 9), (9, len(one))):

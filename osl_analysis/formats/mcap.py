@@ -35,6 +35,7 @@ MESSAGE = np.dtype(
 MESSAGE_HEAD = MESSAGE.itemsize - RECORD.size  # within the content
 CHUNK_HEAD = struct.Struct("<QQQII")  # times of first and last message, size, checksum, length of the name
 STATISTICS = struct.Struct("<Q14xI16xI")  # messages, chunks, bytes of the map of messages by channel
+MOST_UNPACKED = 1_000_000_000  # bytes of one chunk: recorders write a few million
 NUMBERED = range(Opcode.HEADER, Opcode.DATA_END + 1)  # higher opcodes are private or of a later version: skipped
 # beginnings of records at which reading can go on after damage
 RESUME = re.compile(rb"[\x03-\x07\x0b].{6}\0\0|\x0f\x04\0{7}|\x02\x14\0{7}", re.DOTALL)
@@ -278,11 +279,13 @@ class McapFile(MessageFile):
     def stretch_of(self, head: ChunkHead, indexed: Sequence[Indices] = ()) -> Stretch:
         """The records of a chunk, with the places of its messages by its indexes; raises DamagedChunkError."""
         content = self.data[head.begin : head.end]
+        if head.size > MOST_UNPACKED:
+            raise DamagedChunkError(f"unpacks to {head.size / 1e9:.3g} GB, at most {MOST_UNPACKED / 1e9:g} GB are read")
         try:
             if head.name == b"zstd":
                 content = zstandard.ZstdDecompressor().decompress(content, head.size) if head.size else b""
             elif head.name == b"lz4":
-                content = lz4.frame.LZ4FrameDecompressor().decompress(content)
+                content = lz4.frame.LZ4FrameDecompressor().decompress(content, head.size + 1)
             elif head.name != b"":
                 name = head.name[:20].decode("latin1")
                 raise DamagedChunkError(f"says it is compressed with {name!a}; zstd and lz4 are read")

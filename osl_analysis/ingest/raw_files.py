@@ -260,11 +260,12 @@ def tell_copies(recording: Recording) -> None:
         for start, stop, other in copied_runs(words, LEAST_COPIED):
             if not lost[rows[start:stop]].all():
                 lost[rows[start:stop]] = True
-                at, there = own["time"][start], own["time"][other]
-                copied = (
-                    f"{stop - start} samples of {listing(names, 4)} from {at:.3f} s on are those from {there:.3f} s"
-                )
-                said.append(f"{copied} on: a part of the file was written over another, or twice")
+                at, there = (f"{own['time'][row]:.3f} s" for row in (start, other))
+                what = f"{stop - start} samples of {listing(names, 4)} from {at} on are those from {there} on"
+                is_twice = start - other <= stop - start + 1  # rows behind are late, where the time was not recorded
+                how = "twice" if is_twice else "over another, or twice"
+                said.append(f"{what}: a part of the file was written {how}")
+                recording.damage.uncounted |= is_twice
     if said:
         damage, (number, *_) = recording.damage, next(iter((recording.topics or {"": [0]}).values()))
         damage.read = damage.read or Counter({0: lost.size})

@@ -217,6 +217,7 @@ class Ledger:
         return remarks
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def copied_runs(words: NDArray[Any], least: int) -> list[tuple[int, int, int]]:
     """Runs of `least` words (n,) or more that are those of another place, one by one, as where a block of a file was
     written over another or twice: first word, word after the last one, and first word there. Words that occur more than

@@ -686,6 +686,7 @@ SELDOM_REPEAT = (
 )  # columns whose noise seldom repeats a value
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def values_of_no_sensor(column: str, time: Array, x: Array, origin: Mapping[str, Any]) -> NDArray[np.bool_] | None:
     """Which of the readings (n,) of a column are those of bytes that were lost or changed: two raw zeros or more in a
     row into which it jumps, and out of them; of a torque also where it jumps once, and a value that it holds for less
@@ -719,7 +720,7 @@ def jumped_into(x: Array, stands: NDArray[np.bool_], may_rest: bool, at_once: bo
         inside, jumps = a and b < steps.size, [*steps[:a][-1:], *steps[b : b + 1]]
         on_one_side = not at_once or (b - a > 20 and not may_rest)
         # of a few zeros it may stand while it turns
-        turns = b - a <= 3 and not (inside and x[a - 1] * x[b + 1] > 0)
+        turns = b - a <= 3 and not (inside and np.sign(x[a - 1]) == np.sign(x[b + 1]) != 0)
         if (inside or not may_rest) and not turns and (max if on_one_side else min)(jumps, default=0.0) > usual:
             found.append((a, b))
     return found

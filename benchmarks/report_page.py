@@ -6,7 +6,8 @@ findings and the marks of its figures are repeated under other names up to each 
 causes up to as many as `FINDINGS`. Of each page: trials, findings, size [MB], processor time [s] of writing it,
 milliseconds of it for a trial against those of the first number, elements, and, of three openings in headless Chromium
 (Debian: chromium, chromium-driver), the median time [s] to the first paint, to the load event, and until the first
-table is seen, by the browser's own clock.
+table is seen, by the browser's own clock, and the processor time [s] of all threads of the page's process, which a busy
+machine changes little.
 """
 
 import json
@@ -107,8 +108,11 @@ def opened(page: Path) -> list[float]:
     driver = webdriver.Chrome(options=options, service=Service(shutil.which("chromedriver")))
     driver.set_script_timeout(120)
     try:
+        driver.execute_cdp_cmd("Performance.enable", {})
         driver.get(page.as_uri())
-        return driver.execute_async_script(SEEN)
+        seen = driver.execute_async_script(SEEN)
+        known = driver.execute_cdp_cmd("Performance.getMetrics", {})["metrics"]
+        return [*seen, *(one["value"] for one in known if one["name"] == "ProcessTime")]
     finally:
         driver.quit()
 
@@ -116,7 +120,7 @@ def opened(page: Path) -> list[float]:
 def main(folder: Path, numbers: list[int]) -> None:
     os.chdir(folder)
     request = json.loads(Path(REQUEST).read_text(encoding="utf-8"))
-    print("trials findings   MB  write [s]  per trial  elements  paint [s]  load [s]  table [s]")
+    print("trials findings   MB  write [s]  per trial  elements  paint [s]  load [s]  table [s]  cpu [s]")
     first = None
     for n in numbers:
         with tempfile.TemporaryDirectory() as made:
@@ -128,12 +132,12 @@ def main(folder: Path, numbers: list[int]) -> None:
             spent = time.process_time() - start
             findings = read_table(arguments["findings"])["finding"].n_unique()
             page = arguments["output"]
-            paint, load, seen, elements = (
-                median(one) for one in zip(*(opened(page) for _ in range(OPENINGS)), strict=True)
-            )
+            openings = [opened(page) for _ in range(OPENINGS)]
+            paint, load, seen, elements, cpu = (median(one) for one in zip(*openings, strict=True))
             first = first or spent / n
-            print(f"{n:6} {findings:8} {page.stat().st_size / 1e6:4.1f} {spent:10.2f} {spent / n / first:10.2f} "
-                  f"{elements:9.0f} {paint / 1e3:10.2f} {load / 1e3:9.2f} {seen / 1e3:10.2f}", flush=True)  # fmt: skip
+            cells = (f"{n:6}", f"{findings:8}", f"{page.stat().st_size / 1e6:4.1f}", f"{spent:10.2f}")
+            cells += (f"{spent / n / first:10.2f}", f"{elements:9.0f}", f"{paint / 1e3:10.2f}", f"{load / 1e3:9.2f}")
+            print(*cells, f"{seen / 1e3:10.2f}", f"{cpu:8.2f}", flush=True)
 
 
 if __name__ == "__main__":

@@ -69,16 +69,41 @@ def test_a_fault_is_heard_by_its_family_and_its_rival_leaves_the_joint_as_it_is(
         assert harms < 8 or number is None
 
 
-def test_a_recording_that_begins_and_ends_in_motion_is_sound():
-    """Five sines in 0.05 N*m of noise, of which 20 s were cut out: columns of them ring at no end."""
-    f, heard = 2 * np.pi * np.array([0.4, 1.1, 1.9, 2.8, 3.7])[:, None], list[str]()
+def moving_at_the_ends(rng):
+    """Five sines of which 20 s were cut out: columns of them ring at no end."""
+    f, time = 2 * np.pi * np.array([0.4, 1.1, 1.9, 2.8, 3.7])[:, None], np.arange(10_000) / 500
+    phase = f * time + rng.uniform(0, 2 * np.pi, 5)[:, None]
+    return time, [0.026 * x.sum(axis=0) for x in (np.sin(phase), f * np.cos(phase), -(f**2) * np.sin(phase))]
+
+
+def slow_sines(rng):
+    """From rest, and cut off while the joint moves steadily: a speed without spread."""
+    time, motion, start = np.arange(31_000) / 500, np.zeros((3, 31_000)), 1.0
+    for hz, cycles in ((0.1, 2), (0.2, 3), (0.3, 4), (0.5, 6)):
+        rows, w = (time >= start) & (time < start + cycles / hz), 2 * np.pi * hz
+        x, start = w * (time[rows] - start), start + cycles / hz
+        motion[:, rows] = np.array([np.sin(x), w * np.cos(x), -(w**2) * np.sin(x)]) * np.deg2rad(5)
+    return time[time < start], motion[:, time < start]
+
+
+def slow_ramps(rng):
+    """Between random levels: an encoder's rounding is all of their snap."""
+    levels, knots = np.deg2rad(rng.uniform(-8, 8, 60)), np.array([0.0, 0.0])
+    knots = 1 + np.cumsum(np.column_stack([rng.uniform(0.3, 1.5, 60), rng.uniform(0.3, 0.8, 60)]).ravel())
+    time = np.arange(30_000) / 500
+    theta = np.interp(time, knots, np.column_stack([np.append(0.0, levels[:-1]), levels]).ravel())
+    spline = scipy.interpolate.make_interp_spline(time, scipy.ndimage.gaussian_filter1d(theta, 20), 5)
+    return time, [spline(time, k) for k in range(3)]
+
+
+@pytest.mark.parametrize(("motion", "bits", "excitation"), [
+    (moving_at_the_ends, 18, "any"), (slow_sines, 14, "auto"), (slow_ramps, 14, "auto"),
+])  # fmt: skip
+def test_nothing_is_heard_of_a_sound_joint_that_moves_slowly_or_at_the_ends_of_the_recording(motion, bits, excitation):
+    heard = list[str]()
     for seed in range(6):
-        rng = np.random.default_rng(seed)
-        time = np.arange(10_000) / 500
-        phase = f * time + rng.uniform(0, 2 * np.pi, 5)[:, None]
-        motion = [0.026 * x.sum(axis=0) for x in (np.sin(phase), f * np.cos(phase), -(f**2) * np.sin(phase))]
-        trial = made_trial(rng, (time, motion), bits=18)
-        row = witness_row(record_of_trial(trial, SETTINGS.model_copy(update={"excitation": "any"})))
+        trial = made_trial(rng := np.random.default_rng(seed), motion(rng), bits=bits)
+        row = witness_row(record_of_trial(trial, SETTINGS.model_copy(update={"excitation": excitation})))
         heard += [row["heard"] or ""]
     assert heard == [""] * 6
 
@@ -114,19 +139,28 @@ def test_a_leg_is_no_joint_of_second_order_and_nothing_of_it_is_evidence():
     assert row["VAF_in_band"] > 99
 
 
-def test_rounding_that_every_step_between_two_levels_repeats_is_no_evidence():
-    """A reflex was told of an encoder of 14 bits."""
-    rng, time = np.random.default_rng(8), np.arange(30_000) / 500
-    motion, w, side = np.array([np.full_like(time, -0.035), 0 * time, 0 * time]), 2 * np.pi * 8, 1.0
-    for start in np.cumsum(rng.choice([0.1, 0.2, 0.3, 0.4, 0.6], 180)) + 1:
+def between_two_levels(rng, seconds=60):
+    """Steps through four equal lags."""
+    time, w, side = np.arange(500 * seconds) / 500, 2 * np.pi * 8, 1.0
+    motion = np.array([np.full_like(time, -0.035), 0 * time, 0 * time])
+    starts = np.cumsum(rng.choice([0.1, 0.2, 0.3, 0.4, 0.6], 180)) + 1
+    for start in starts[starts < seconds - 2]:
         x = w * np.maximum(time - start, 0)
-        left = np.exp(-x) * (time < 58)
-        step = 1 - np.exp(-x) * (1 + x + x**2 / 2 + x**3 / 6), left * x**3 / 6 * w, left * (x**2 / 2 - x**3 / 6) * w**2
-        motion += 0.07 * side * np.array(step) * (start < 58)
+        left = np.exp(-x)
+        step = 1 - left * (1 + x + x**2 / 2 + x**3 / 6), left * x**3 / 6 * w, left * (x**2 / 2 - x**3 / 6) * w**2
+        motion += 0.07 * side * np.array(step)
         side = -side
-    trial = made_trial(rng, (time, motion), bits=14)
-    record = record_of_trial(trial, SETTINGS.model_copy(update={"excitation": "any"}))
-    assert witness_row(record)["heard"] is None
+    return time, motion
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_rounding_that_every_step_between_two_levels_repeats_is_no_evidence_and_a_delay_is(seed):
+    """Of an encoder of 14 bits, whatever its zero: a reflex was told of one, and of others nothing was heard."""
+    rng = np.random.default_rng(seed)
+    time, motion = between_two_levels(rng)
+    trials = [made_trial(rng, (time, motion), bits=14, late=late) for late in (0.0, 4e-3)]
+    sound, late = (witness_row(record_of_trial(trial, SETTINGS)) for trial in trials)
+    assert (sound["heard"], late["heard"] is None) == (None, False)
 
 
 def test_a_spring_in_series_is_among_the_rivals_of_a_motion_that_repeats_from_end_to_end():
@@ -138,7 +172,7 @@ def test_a_spring_in_series_is_among_the_rivals_of_a_motion_that_repeats_from_en
         felt = np.fft.irfft(Z / (1 + Z / 685) * np.fft.rfft(theta), len(time))
         return felt - (TRUE["K"] * theta + TRUE["B"] * omega + TRUE["I"] * alpha)
 
-    row = told("multisine", more=wound)
+    row = told("multisine", more=wound, bits=20)
     assert "spring in series" in row["rivals"]
     for name in ("K", "B"):
         assert row[f"{name}_without"] is None  # the rivals disagree, and no number is better than another

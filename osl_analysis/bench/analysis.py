@@ -108,6 +108,10 @@ def plausible_impedance(
     return table.with_columns(rails, of_belt.alias("K_over_K_s"), of_gains, of_sheet)
 
 
+OWN_ANGLE = 1.25  # RMS of the angle over that of its own part, below which K hardly depends on I
+FAR_TOO_LARGE = 10.0  # times the largest error of I, beyond which units are wrong
+
+
 def check_told(
     what: str,
     band_hz: tuple[float, float],
@@ -115,12 +119,15 @@ def check_told(
     torque_rms: float,
     stiffness: tuple[float, float],
     largest_inertia_error: float | None,
-) -> None:
-    """Refuse a motion whose band [Hz] cannot tell K from I; the message begins with `what` and names the band that is
+) -> float:
+    """The error of I [kg*m^2] that its interval must hold where the motion hardly tells it, else 0.
+
+    Refuses a motion whose band [Hz] cannot tell K from I; the message begins with `what` and names the band that is
     missing (IdentifiabilityError). It is judged by what an error of 0.1 % of the torque's RMS does, which calibrations
     and models leave, in the shape of the part of a column that the others do not explain: a slow motion has little of
-    it. `motion`: angle [rad], velocity and acceleration, filtered, without means, (3, n), `torque_rms` [N*m] filtered,
-    `stiffness` K with its standard error."""
+    it. Where the angle is nearly all of it such a part, as of ramps between levels, K is told without I. `motion`:
+    angle [rad], velocity and acceleration, filtered, without means, (3, n), `torque_rms` [N*m] filtered, `stiffness` K
+    with its standard error."""
     theta, omega, alpha = motion
 
     def own_part(column: Array, *others: Array) -> float:
@@ -130,10 +137,12 @@ def check_told(
     of_K, of_I = (1e-3 * torque_rms / own_part(*x) for x in ((theta, omega, alpha), (alpha, omega, theta)))
     (low, high), (K, K_se) = band_hz, stiffness
     cannot = f"{what}: a motion of {low:.2g} to {high:.2g} Hz cannot tell K from I: an error of 0.1 % of the torque"
-    if largest_inertia_error is not None and of_I > largest_inertia_error:
-        needed = max(high * np.sqrt(of_I / (0.5 * largest_inertia_error)), 1.5 * high)
+    most = np.inf if largest_inertia_error is None else largest_inertia_error
+    told = rms(theta) < OWN_ANGLE * own_part(theta, omega, alpha) and of_I < FAR_TOO_LARGE * most
+    if of_I > most and not told:
+        needed = max(high * np.sqrt(of_I / (0.5 * most)), 1.5 * high)
         raise IdentifiabilityError(
-            f"{cannot} changes I by {of_I:.2g} kg*m^2, more than the {largest_inertia_error:g} of "
+            f"{cannot} changes I by {of_I:.2g} kg*m^2, more than the {most:g} of "
             f"`largest_inertia_error` in the configuration; the band from {high:.2g} to about {needed:.2g} Hz is "
             "missing, excite it as well, or take the stiffness alone by experiment 'torque_angle', or check the units "
             f"of theta and torque, by which K would be {K:.3g} N*m/rad"
@@ -144,6 +153,7 @@ def check_told(
         raise IdentifiabilityError(
             f"{cannot} changes K by {of_K:.2g} N*m/rad; the band below {low:.2g} Hz is missing, excite it as well"
         )
+    return of_I if of_I > most else 0.0
 
 
 QUANTITIES = ("K", "B", "I")  # parameters of Eq. 15
@@ -299,7 +309,8 @@ def fitted_motion(record: Record, sums: Sums, model: Model, again: SumsOf = plai
         fit, X = analysis.whole, motion_in(record)
         torque, limit = record.part(record.filtered_torque), getattr(record.settings, "largest_inertia_error", None)
         told = (X - X.mean(axis=0)).T, float(np.std(torque)), (fit["K"], fit.se("K"))
-        check_told(f"trial {record.name}", record.band_hz, *told, limit)
+        of_I = check_told(f"trial {record.name}", record.band_hz, *told, limit)
+        analysis = replace(analysis, fits={None: widened(fit, of_I * np.array([name == "I" for name in fit.names]))})
     for fit in analysis.fits.values():
         check_stiffer(record.name, "K", fit["K"], record.bench)
     return analysis

@@ -31,7 +31,7 @@ from osl_analysis.errors import InputError, naming
 from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection
 from osl_analysis.signals import Motion, differentiate, filtered_motion, runs
 from osl_analysis.signals.grid import BRIDGE_MORE, UniformSignals, uniform_signals
-from osl_analysis.stats.regression import Row, covariance_row, estimates_row
+from osl_analysis.stats.regression import Row, covariance_row, estimates_row, without
 from osl_analysis.stats.repeats import summary_of_trials
 from osl_analysis.trial import Array, Trial
 
@@ -360,16 +360,14 @@ def check_prompt(
     columns: Mapping[str, Array], torque: Array, moving: NDArray[np.intp], rate_hz: float, k_tau_n_m: float
 ) -> None:
     """Refuse a current that is late or early, which makes the torque per current small, or negative as a wrong sign."""
-    others, left = [columns[name] for name in ("f_C", "B_m", "J_m", "one", "drift")], dict[float, float]()
-    moving = moving[:: max(len(moving) // 10_000, 1)]
-    for lag in np.arange(-60, 61) / 200:
-        shifted = np.roll(columns["k_tau_n_m"], -round(lag * rate_hz))
-        X = np.stack([shifted, *others], axis=1)[moving]
-        estimates = np.linalg.lstsq(X, torque[moving])[0]
-        if lag == 0 or estimates[0] > 0:
-            left[float(lag)] = float(np.mean((torque[moving] - X @ estimates) ** 2))
-    lag = min(left, key=left.__getitem__)
-    if left[lag] < 0.5 * left[0.0]:
+    moving, lags = moving[:: max(len(moving) // 10_000, 1)], np.arange(-60, 61) / 200
+    beside = without(np.stack([columns[name] for name in ("f_C", "B_m", "J_m", "one", "drift")], axis=1)[moving])
+    y = beside(torque[moving])
+    shifted = beside(np.stack([np.roll(columns["k_tau_n_m"], -round(lag * rate_hz))[moving] for lag in lags], axis=1))
+    slopes = (along := y @ shifted) / np.sum(shifted**2, axis=0)
+    left = np.where((lags == 0) | (slopes > 0), y @ y - slopes * along, np.inf)
+    lag = float(lags[np.argmin(left)])
+    if left.min() < 0.5 * left[lags == 0]:
         found = "negative" if k_tau_n_m < 0 else f"{k_tau_n_m:.3g} N*m/A"
         raise InputError(
             f"k_tau_n_m is {found}, and the current fits far better {1e3 * abs(lag):.0f} ms "

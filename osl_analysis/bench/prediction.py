@@ -42,6 +42,7 @@ from osl_analysis.stats.regression import (
     variance_accounted_for,
     welch_satterthwaite,
     with_shared_error,
+    without,
 )
 from osl_analysis.stats.repeats import counted
 from osl_analysis.table import finite_or_null
@@ -90,13 +91,12 @@ def law_table(record: Record, p: DrivetrainParameters, programmed: Gains, sign_w
         commanded, of_now = p.k_tau * p.n_m * current, friction(0.0)
         at_once = fit = fitted(commanded, moved | of_now)
         if abs(at_once["f_C"]) > 4 * at_once.se("f_C"):
-            Q = np.linalg.qr(np.column_stack([record.part(x)[rows] for x in moved.values()]))[0]
-            y = record.part(commanded)[rows]
-            y -= Q @ (Q.T @ y)
+            beside = without(np.column_stack([record.part(x)[rows] for x in moved.values()]))
+            y = beside(record.part(commanded)[rows])
 
             def missed(age: float) -> float:  # a filtered column is that of a later sign, later
-                late = np.column_stack([np.interp(times[rows] - age, record.time, x) for x in of_now.values()])
-                late -= Q @ (Q.T @ late)
+                signs = [np.interp(times[rows] - age, record.time, x) for x in of_now.values()]
+                late = beside(np.column_stack(signs))
                 return float(np.sum((y - late @ np.linalg.lstsq(late, y)[0]) ** 2))
 
             up_to = 0.02  # s, the age of the sign

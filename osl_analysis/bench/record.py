@@ -8,7 +8,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import product
 from pathlib import Path
 from typing import Literal
 
@@ -46,8 +45,9 @@ from osl_analysis.trial import Array, Trial, stretches, visible_step
 Label = float | str | None
 """What a fit of its own is made for: an amplitude [deg], a branch of a belt; None: all of a record."""
 STRETCH_S = 1.0  # duration [s] of a stretch: 30 correlation times of a 15 Hz low-pass
-PLACES = np.arange(4) / 4 - 0.375  # within a step of an encoder, for which rounding is computed
 SIGN_CUTOFF = 4.0  # cut-offs of the low-pass behind which the sign of the velocity is read
+STANDS = 0.1  # median of the speed over its SD, below which a joint mostly stands
+DRAWS = (np.arange(17) + 0.5) / 17 - 0.5  # parts of a step of an encoder by which zeros and sizes differ
 SHORTEST_S = 1.0  # shortest stretch [s] that is fitted
 NOT_MOVED = "the joint does not move; check the channel of theta in the source file"
 
@@ -190,13 +190,19 @@ class Record:
 
     def roundings(self, channel: int, rows: slice = slice(None)) -> Iterator[Array]:
         """Errors (n,) of angle [rad] (0) or torque [N*m] (1) in some rows that rounding makes, each with another zero
-        of the sensor and a signal that is larger by a part of a step; none where noise hides it."""
-        (step, left), signal = self.repeated_steps[channel], (self.motion.theta, self.filtered_torque)[channel][rows]
+        of the sensor and a signal that is larger by a part of a step; none where noise hides it. Behind the
+        filter of the fit steps between levels ring, by some steps of the encoder, so that where the joint mostly stands
+        the signal is taken behind a quicker one, which leaves an eighth of its rounding."""
+        (step, left), raw = self.repeated_steps[channel], (self.theta, self.torque)[channel][rows]
         if not left:
             return
+        speed, quick = self.motion.omega[rows], self.low_pass
+        if np.median(np.abs(speed)) < STANDS * np.std(speed):
+            quick = replace(quick, cutoff_hz=max(0.06 * self.rate_hz, quick.cutoff_hz))
+        signal = quick(raw, self.rate_hz)
         steps = (signal - signal.mean()) / step
         largest = float(np.abs(steps).max())
-        for zero, larger in product(PLACES, PLACES):
+        for zero, larger in zip(DRAWS, DRAWS[5 * np.arange(17) % 17], strict=True):
             read = steps * (1 + larger / largest) + zero
             yield left * step * (read - np.rint(read))
 
@@ -211,7 +217,8 @@ class Record:
         left = np.var(few.part(few.filtered_torque) - np.array([K, B, I]) @ motion)
         samples = 2 * self.low_pass.noise_bandwidth_hz * self.seconds  # that are independent
         of_theta, of_torque = (step * share for step, share in self.repeated_steps)
-        if left / samples >= 4 * ((K * of_theta) ** 2 + of_torque**2) / 12:
+        s = 2j * np.pi * self.band_hz[1]
+        if left / samples >= 4 * ((max(abs(K), abs(K + B * s + I * s**2)) * of_theta) ** 2 + of_torque**2) / 12:
             return None
         every = round(self.rate_hz / few.rate_hz)
         first = np.maximum(np.arange(len(few.time)) * every - every // 2, 0)

@@ -20,25 +20,23 @@ import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.bench.effects import LONGEST_LAG, clocks_row, spring_that_slips
-from osl_analysis.bench.gram import least_left, solved
+from osl_analysis.bench.gram import solved
 from osl_analysis.bench.record import Record
 from osl_analysis.signals import seven_point_motion
-from osl_analysis.spectral.periods import Spectrum
 from osl_analysis.stats.regression import Row, less
-from osl_analysis.trial import Array
+from osl_analysis.trial import Array, rms
 
 CHUNKS = 24  # of a recording, whose scores scatter
 HIGHEST_HZ = 8.0  # of the witness's band: beyond it the angle's rounding accuses
 FAST_HZ = (2.0, 12.0)  # band in which a late torque shows more, of a motion by hand or of steps
+TELLS = 100.0  # power of the angle over that of its noise, as its rounding, from which on a frequency is in the band:
+# below, the noise makes all of a snap
 RATE_HZ = 50.0  # at which columns are multiplied
-MOVES = 0.3  # speed in a fifth of a second at either end, over the usual one (SD): above, the joint moves there
-STANDS = 0.1  # median of the speed over the usual one: below, it mostly stands, and rounding of the angle is no noise
 HEARD = -3.5  # log10 of the chance of a family's columns below which it is heard
 FRICTION = -4.0  # the same of Coulomb friction, which then is part of the joint
 ALIKE = 3.0  # standard errors, paired by chunks, up to which rivals leave as much
 NEAR = 0.03  # share of what the best rival leaves, by which one that is as good may leave more
 CHANCE = 10.0  # parameters of noise by which a rival may be better by chance, where many are tried
-BEYOND_ROUNDING = 8.0  # times what rounding leaves, above which a misfit has another cause
 JUMPS = 0.4  # share of the misfit that is left, below which a lag that changes at once is heard whatever scatters
 UNEXPLAINED = 0.7  # share of what the best rival explains, by which one that is as good may explain less
 NEAR_PATH = 0.15  # the same of paths, whose error is that of their models: a low-pass and a mean are hard to tell apart
@@ -60,7 +58,7 @@ class Rival:
     name: str
     estimates: Array  # K, B, I beside it
     half: Array  # half-widths of their 95 % intervals, by the scatter of chunks
-    left: Array  # sum of squares in each chunk
+    left: Array  # what it leaves of the torque in each row
     parameters: int
 
     @property
@@ -75,43 +73,34 @@ class View:
     def __init__(self, record: Record, first: int = 0, fast: bool = False) -> None:
         """`first`: the lowest derivative of the angle in the model; `fast`: in the band `FAST_HZ`."""
         few, self.first = record.coarse, first
-        self.n, rate = len(few.time), few.rate_hz
-        self.padded = int(scipy.fft.next_fast_len(self.n + int(2 * rate), real=True))
-        f = np.maximum(np.fft.rfftfreq(self.padded, 1 / rate), 1e-9)
-        self.f, self.s = f, np.asarray(2j * np.pi * f)
+        self.n, self.rate_hz = len(few.time), few.rate_hz
+        self.padded = int(scipy.fft.next_fast_len(self.n + int(2 * few.rate_hz), real=True))
+        self.f = f = np.maximum(np.fft.rfftfreq(self.padded, 1 / few.rate_hz), 1e-9)
         fitted = np.zeros(self.n, dtype=np.bool_)
         fitted[few.rows()] = True
-        self.rate_hz, ends = rate, np.flatnonzero(fitted)[[0, -1]]
-        edge, omega = max(int(0.2 * rate), 4), few.motion.omega[ends[0] : ends[1] + 1]
-        self.inside, usual = None, float(np.std(omega))
-        at_ends = max(np.std(omega[:edge]), np.std(omega[-edge:]))
-        if at_ends > MOVES * usual and np.median(np.abs(omega)) > STANDS * usual:
-            self.inside = slice(int(ends[0]), int(ends[1]) + 1)
-        theta, torque = (between_ends(x, rate) for x in (few.motion.theta, few.filtered_torque))
-        self.theta, self.torque = self.spectrum(theta), self.spectrum(torque)
-        power = np.cumsum(np.abs(self.theta) ** 2 * (f > 0.02))
+        edge = int(2 * few.rate_hz / few.low_pass.cutoff_hz)  # rows that the filter makes of an invented continuation
+        fitted[:edge] = fitted[self.n - edge :] = False
+        first_row, last = np.flatnonzero(fitted)[[0, -1]].tolist()
+        self.inside = slice(first_row, last + 1)
+        theta, torque = (between_ends(x, few.rate_hz) for x in (few.motion.theta, few.filtered_torque))
+        self.motion, self.torques = [theta, few.motion.omega, few.motion.alpha], [torque]
+        for signals, number in ((self.motion, 3 + SERIES), (self.torques, 3)):
+            while len(signals) < number:
+                higher = seven_point_motion(few.time, signals[-1], few.rate_hz)
+                signals += [higher.omega, higher.alpha]
+        power = np.cumsum(np.abs(self.spectrum(theta)) ** 2 * (f > 0.02))
         low, high = (float(f[np.searchsorted(power, share * power[-1])]) for share in (0.02, 0.999))
         low, high = float(np.clip(0.5 * low, 0.03, 0.4)), min(2.5 * high, HIGHEST_HZ)
         if fast:
             low, high = FAST_HZ
+        hz, power = scipy.signal.welch(few.part(few.motion.theta), few.rate_hz, nperseg=min(1000, few.samples))
+        noisy = hz[(hz > max(low, 1.0)) & (power < TELLS * record.noise[0] * few.low_pass.gain(hz) ** 2)]
+        high = max(min([high, *noisy[:1].tolist()]), low + 1)
         self.band = 1 / (1 + (f / high) ** 12) / (1 + (low / f) ** 12)
         self.bandwidth = high - low
-        if self.inside is None:
-            smooth = 1 / (1 + (f / 30) ** 8)
-            self.orders = [self.s**k * self.theta for k in range(3 + SERIES)]
-            self.motion = [np.fft.irfft(x * smooth, self.padded)[: self.n] for x in self.orders]
-            self.torques = [self.s**k * self.torque for k in range(3)]
-        else:
-            self.motion = [theta, few.motion.omega, few.motion.alpha]
-            while len(self.motion) < 3 + SERIES:
-                higher = seven_point_motion(few.time, self.motion[-1], rate)
-                self.motion += [higher.omega, higher.alpha]
-            self.orders = [self.spectrum(x) for x in self.motion]
-            higher = seven_point_motion(few.time, torque, rate)
-            self.torques = [self.spectrum(x) for x in (torque, higher.omega, higher.alpha)]
         self.time = (few.time - few.time.mean()) / float(np.ptp(few.time))
         self.seconds = float(np.ptp(few.time))
-        self.few = int(self.padded * RATE_HZ / rate)
+        self.few = int(self.padded * RATE_HZ / few.rate_hz)
         at = np.rint(np.arange(self.few) * self.padded / self.few).astype(np.intp)
         self.rows = np.flatnonzero((at < self.n) & fitted[np.minimum(at, self.n - 1)])
         self.moments = np.quantile(self.time[at[self.rows]], MOMENTS)
@@ -119,34 +108,28 @@ class View:
         if record.periodic is not None:  # rounding that every period repeats is alike in all parts of the recording
             passed = self.rows / RATE_HZ / record.periodic.period
             self.chunks.append((CHUNKS * (passed % 1.0)).astype(np.intp))
-        self.y = self.in_band(self.torque)
-        self.base = [self.in_band(x) for x in self.orders[first:3]]
+        self.y, self.columns = self.column(torque), [self.column(x) for x in self.motion[:5]]
+        self.base = self.columns[first:3]
         self.step, rounded = record.steps[0] or 0.0, record.rounded
         self.rounded = [self.column(x - x.mean()) for x in ([] if rounded is None else rounded)]
         omega = self.motion[1]
         self.sign = np.asarray(np.tanh(omega / max(0.02 * float(omega.std()), 1e-9)))
 
-    def spectrum(self, x: Array) -> Spectrum:
-        """That of a signal (n,). Where the joint moves at the ends, derivatives of a spectrum ring there: it is then of
-        what is fitted, without the straight line between its ends, and derivatives are those in time. What holds for
-        such signals sample by sample holds for their spectra."""
-        if self.inside is not None:
-            x = np.pad(between_ends(x[self.inside], self.rate_hz), (self.inside.start, self.n - self.inside.stop))
-        return np.asarray(np.fft.rfft(x, self.padded))
+    def spectrum(self, x: Array) -> NDArray[np.complex128]:
+        """That of what is fitted of a signal (n,), without the straight line between its ends. What holds for signals
+        sample by sample holds for their spectra, and derivatives are those in time: that of a spectrum would ring at
+        ends where the joint moves."""
+        within = between_ends(x[self.inside], self.rate_hz)
+        return np.asarray(np.fft.rfft(np.pad(within, (self.inside.start, self.padded - self.inside.stop))))
 
-    def passed(self, x: Array, spectrum: Spectrum, response: NDArray[Any]) -> Array:
+    def passed(self, x: Array, response: NDArray[Any]) -> Array:
         """The column of a signal (n,) behind a response; of what is fitted the signal before it is a part."""
-        if self.inside is None:
-            return self.in_band(spectrum * response)
         return self.column(np.fft.irfft(np.fft.rfft(x, self.padded) * response, self.padded)[: self.n])
 
-    def in_band(self, spectrum: Spectrum) -> Array:
-        """The fitted rows (m,) of a spectrum, in the band."""
-        kept = (spectrum * self.band)[: self.few // 2 + 1]
-        return np.asarray(np.fft.irfft(kept, self.few)[self.rows]) * (self.few / self.padded)
-
     def column(self, x: Array) -> Array:
-        return self.in_band(self.spectrum(x))
+        """The fitted rows (m,) of a signal (n,), in the band."""
+        kept = (self.spectrum(x) * self.band)[: self.few // 2 + 1]
+        return np.asarray(np.fft.irfft(kept, self.few)[self.rows]) * (self.few / self.padded)
 
     def sums(self, columns: Sequence[Array], chunk: int = 0) -> Array:
         """Products (CHUNKS, q + 1, q + 1) of columns (m,) and the torque, in the chunks of this number."""
@@ -161,6 +144,10 @@ def between_ends(x: Array, rate_hz: float) -> Array:
     edge = max(int(0.2 * rate_hz), 4)
     first, last = float(x[:edge].mean()), float(x[-edge:].mean())
     return np.asarray(x - first - (last - first) / (len(x) - edge) * (np.arange(len(x)) - (edge - 1) / 2))
+
+
+def square(x: Array) -> float:
+    return float(x @ x)
 
 
 def scattered(sums: Array) -> tuple[Array, Array]:
@@ -191,24 +178,17 @@ def wald(sums: Array, base: Sequence[int], added: Sequence[int], draws: int) -> 
     return by_scatter if by_both < HEARD else by_both, z
 
 
-def audible_draws(total: Array, base: Sequence[int], draws: int) -> int:
-    """The number of draws of rounding that a test takes into account: none where the model leaves far more than they
-    do. `total` (p, p) has products of the columns, at the end those of the draws and of the torque."""
-    left = [float(least_left(total[np.ix_([*base, k], [*base, k])])) for k in range(-1 - draws, 0)]
-    return 0 if draws and left[-1] > BEYOND_ROUNDING * float(np.mean(left[:-1])) else draws
-
-
 class Court:
     """Which families are heard about a view, and their rivals. Certain friction, and weight, are the joint's."""
 
     def __init__(self, view: View) -> None:
         self.view, self.rivals = view, list[Rival]()
-        self.beside = [view.in_band(view.orders[0])] * (view.first == 1)
+        self.beside = [view.columns[0]] * (view.first == 1)
         theta, omega = view.motion[:2]
         sign, elastic = view.column(view.sign), view.first == 0
         lacking = {
             "friction": [sign],
-            "path": [view.in_band(x) for x in view.orders[3:5]],
+            "path": view.columns[3:5],
             "time": [view.column(x * view.time) for x in view.motion[view.first : 3]],
             "moment": [view.column(view.motion[view.first] * (view.time > at)) for at in view.moments],
             "speed": [view.column(omega * np.abs(omega))],
@@ -220,20 +200,23 @@ class Court:
         for name, added in lacking.items():
             places[name] = range(len(columns), len(columns) + len(added))
             columns += added
-        every, draws = [view.sums([*columns, *view.rounded], k) for k in range(len(view.chunks))], len(view.rounded)
-        base, total = list(range(len(view.base) + len(self.beside))), every[0].sum(axis=0)
-        draws = audible_draws(total, base, draws)
+        kinds, draws = range(len(view.chunks)), len(view.rounded)
+        every = [
+            (view.sums([*columns, *view.rounded], k), draws * (k == 0))
+            for k in kinds  # parts of a period show it
+        ]
+        base = list(range(len(view.base) + len(self.beside)))
         moments = places.pop("moment")
-        by_friction, (size,) = wald(every[0], base, places.pop("friction"), draws)
+        by_friction, (size,) = wald(every[0][0], base, places.pop("friction"), draws)
         if by_friction < FRICTION and size > 0:
             base.append(len(base))
             self.beside.append(sign)
         self.chance = {
-            name: max(wald(sums, base, at, draws)[0] for sums in every)
+            name: max(wald(sums, base, at, draws)[0] for sums, draws in every)
             for name, at in places.items()
             if elastic or name != "size"
         }
-        at_once = [max(wald(sums, base, [at], draws)[0] for sums in every) for at in moments]
+        at_once = [max(wald(sums, base, [at], draws)[0] for sums, draws in every) for at in moments]
         if len(view.rows) > CHUNKS * RATE_HZ:  # of shorter chunks chance explains a moment
             self.chance["time"] = min(self.chance["time"], *(chance + np.log10(len(at_once)) for chance in at_once))
         if self.later()[1] < JUMPS * self.left(view.base):  # such a misfit scatters as its own size does
@@ -242,14 +225,13 @@ class Court:
             self.chance["speed"] = min(self.chance["speed"], by_friction - FRICTION)
 
     def fitted(self, columns: Sequence[Array]) -> tuple[Array, Array]:
-        """Estimates, and the sum of squares that is left in each chunk."""
-        sums = self.view.sums([*columns, *self.beside])
-        total = sums.sum(axis=0)
-        x = np.append(-solved(total[:-1, :-1], total[:-1, -1])[0], 1.0)
-        return -x[:-1], np.einsum("i,kij,j->k", x, sums, x)
+        """Estimates, and what is left of the torque in each row."""
+        Z = np.array([*columns, *self.beside])
+        estimates, _ = solved(Z @ Z.T, Z @ self.view.y)
+        return estimates, self.view.y - estimates @ Z
 
     def left(self, columns: Sequence[Array]) -> float:
-        return float(self.fitted(columns)[1].sum())
+        return square(self.fitted(columns)[1])
 
     def add(
         self,
@@ -266,7 +248,7 @@ class Court:
         of_model = slice(len(self.view.base))
         _, covariance = scattered(self.view.sums([*columns, *slopes, *self.beside]))
         half = scipy.stats.t.ppf(0.975, CHUNKS - 1) * np.sqrt(np.diag(covariance)[of_model])
-        self.rivals.append(Rival(family, name, estimates[of_model], half, left / gain, len(columns) + parameters))
+        self.rivals.append(Rival(family, name, estimates[of_model], half, left / gain**0.5, len(columns) + parameters))
 
     def add_by(
         self, family: str, name: str, made: Callable[[float], list[Array]], size: float, gain: float = 1
@@ -279,7 +261,8 @@ class Court:
 
     def hear_path(self) -> None:
         """A path that filters the torque filters the columns; a spring in series winds up by the torque."""
-        view, s, f = self.view, self.view.s, self.view.f
+        view, f = self.view, self.view.f
+        s = 2j * np.pi * f
         responses: dict[str, tuple[Array, Callable[[float], NDArray[Any]]]] = {
             "delay": (np.linspace(-0.02, 0.03, 26), lambda p: np.exp(-s * p)),
             "low-pass": (np.geomspace(3e-4, 0.04, 10), lambda p: 1 / (1 + s * p)),
@@ -294,13 +277,15 @@ class Court:
         for name, (grid, response) in responses.items():
 
             def filtered(p: float, response: Callable[[float], NDArray[Any]] = response) -> list[Array]:
-                return [view.passed(view.motion[k], view.orders[k], response(p)) for k in range(view.first, 3)]
+                return [view.passed(view.motion[k], response(p)) for k in range(view.first, 3)]
 
             for p in minima(lambda p, made=filtered: self.left(made(p)), grid):  # type: ignore[misc]
                 self.add_by("path", name, filtered, p)
 
+        torques = [view.column(x) for x in view.torques]
+
         def wound(c: float) -> list[Array]:
-            return [view.in_band(view.orders[k] - c * view.torques[k]) for k in range(3)]
+            return [view.columns[k] - c * torque for k, torque in enumerate(torques)]
 
         def gain(c: float) -> float:
             return float(1 + c * max(self.fitted(wound(c))[0][0], 0.0)) ** 2
@@ -367,8 +352,8 @@ class Court:
 
         def followed(width: float) -> list[Array]:
             theta = view.motion[0]
-            x = view.spectrum(theta - width / 2 * spring_that_slips(theta, width / 2))
-            return [view.in_band(x), view.in_band(view.s * x), view.base[2]]
+            x = theta - width / 2 * spring_that_slips(theta, width / 2)
+            return [view.column(x), view.column(np.gradient(x, 1 / view.rate_hz)), view.base[2]]
 
         widths = max(3 * view.step, np.deg2rad(0.03)) * np.geomspace(1, 20, 6)
         for width in minima(lambda width: self.left(followed(width)), widths):
@@ -403,10 +388,16 @@ class Court:
         """Speed in either direction, some time ago, through a muscle: no family hears it, but it may be what makes
         another speak."""
         view, speed = self.view, np.abs(self.view.motion[1])
-        spectrum, muscle = view.spectrum(speed), 1 / (1 + view.s / (2 * np.pi * MUSCLE_HZ)) ** 2
+        s = 2j * np.pi * view.f
+        muscle = 1 / (1 + s / (2 * np.pi * MUSCLE_HZ)) ** 2
         for delay in (0.02, 0.04, 0.06, 0.1):
-            answer = view.passed(speed, spectrum, muscle * np.exp(-view.s * delay))
+            answer = view.passed(speed, muscle * np.exp(-s * delay))
             self.add("reflex", "reflex", [*view.base, answer], parameters=1)
+
+    def unexplained(self, torque: Array) -> Array:
+        """What the model leaves of a torque (m,)."""
+        Z = np.array([*self.view.base, *self.beside])
+        return np.asarray(torque - solved(Z @ Z.T, Z @ torque)[0] @ Z)
 
     @property
     def heard(self) -> list[str]:
@@ -414,39 +405,44 @@ class Court:
         return [name for name, chance in self.chance.items() if chance < HEARD]
 
     def verdict(self) -> tuple[Rival, list[Rival]]:
-        """The model alone, and the rivals that explain what is heard and cannot be told apart: those of the family that
-        chance explains least first, and of these the best one."""
+        """The model alone, and the rivals that explain what is heard and cannot be told apart."""
         self.add("", "none", self.view.base)
         none = self.rivals.pop()
-        for name in self.heard:
-            getattr(self, f"hear_{name}")()
         if not self.heard:
             return none, []
+        for name in dict.fromkeys(("path", *self.heard)):  # a path may be what makes another family speak
+            getattr(self, f"hear_{name}")()
         if self.view.first == 0:
             self.hear_reflex()
-        least = min(float(rival.left.sum()) for rival in self.rivals)
+        least, chunk = min(square(rival.left) for rival in self.rivals), self.view.chunks[0]
         per_parameter = least / (self.view.seconds * self.view.bandwidth)
-
-        def penalised(rival: Rival) -> Array:
-            return np.asarray(rival.left + per_parameter * rival.parameters / CHUNKS)
+        made = np.array([self.unexplained(x) for x in self.view.rounded])
 
         def score(rival: Rival) -> float:
-            return float(penalised(rival).sum()) + CHANCE * per_parameter * (rival.family == "reflex")
+            parameters = rival.parameters + CHANCE * (rival.family == "reflex")
+            return square(rival.left) + float(per_parameter * parameters)
 
-        best = min(self.rivals, key=score)
-        if best.family == "reflex":
+        def as_good(best: Rival) -> list[Rival]:
+            """Which rivals cannot be told from the best one, the better ones first; paths that rounding may have made
+            worse are before them, since a torque is late more often than anything else is wrong."""
+            explained, left = square(none.left) - square(best.left), square(best.left)
+            found = list[tuple[bool, float, Rival]]()
+            for rival in self.rivals:
+                by_chunk = np.bincount(chunk, rival.left**2 - best.left**2, CHUNKS)
+                margin = max(ALIKE * float(by_chunk.std(ddof=1)) * CHUNKS**0.5, NEAR * left)
+                rounding = 2 * ALIKE * rms(made @ (rival.left - best.left)) if len(made) else 0.0
+                most, apart = UNEXPLAINED * explained, score(rival) - score(best)
+                if rival.family == best.family == "path" and rival.possible:
+                    margin = most = max(margin, most, NEAR_PATH * left)
+                if apart <= max(min(max(margin, rounding), most), CHANCE * per_parameter) and rival.family != "reflex":
+                    found.append((rival.family != "path" or apart <= margin, apart, rival))
+            return [rival for _, _, rival in sorted(found, key=lambda one: one[:2])]
+
+        alike = as_good(min(self.rivals, key=score))
+        if not alike:
             return none, []
-        explained, left = float(none.left.sum() - best.left.sum()), float(best.left.sum())
-        alike = []
-        for rival in self.rivals:
-            apart = penalised(rival) - penalised(best)
-            margin = min(max(ALIKE * float(apart.std(ddof=1)) * CHUNKS**0.5, NEAR * left), UNEXPLAINED * explained)
-            if rival.family == best.family == "path" and rival.possible:
-                margin = max(margin, UNEXPLAINED * explained, NEAR_PATH * left)
-            if apart.sum() <= max(margin, CHANCE * per_parameter) and rival.family != "reflex":
-                alike.append(rival)
-        alike = [rival for rival in alike if rival.possible] or alike
-        return none, sorted(alike, key=lambda rival: (self.chance[rival.family], score(rival)))
+        alike = as_good(min(alike, key=score))
+        return none, [rival for rival in alike if rival.possible] or alike
 
 
 def minima(left: Callable[[float], float], grid: Array) -> list[float]:
@@ -485,7 +481,7 @@ def witness_row(record: Record, names: Sequence[str] = tuple(HARM), is_leg: bool
         court.chance.clear()
     none, alike = court.verdict()
     row = no_witness(names)
-    vaf = 100 * (1 - float(none.left.sum()) / max(float(view.y @ view.y), np.finfo(float).tiny))
+    vaf = 100 * (1 - square(none.left) / max(float(view.y @ view.y), np.finfo(float).tiny))
     if not (is_leg or court.heard) and record.band_hz[1] > 2 * FAST_HZ[0]:
         fast = Court(View(record, view.first, fast=True))
         fast.chance = {"path": fast.chance["path"]}

@@ -237,6 +237,12 @@ def largest_correlation(covariance: Array) -> float:
     return float(np.max(np.abs(np.triu(covariance / np.outer(scale, scale), 1)), initial=0.0))
 
 
+def without(fixed: Array) -> Callable[[Array], Array]:
+    """What fixed columns (n, p) leave of other ones (n, ...): beside these, a fit of the others is small algebra."""
+    Q = np.linalg.qr(fixed)[0]
+    return lambda columns: np.asarray(columns - Q @ (Q.T @ columns))
+
+
 def with_shared_error(fit: LinearFit, change: Array) -> LinearFit:
     """The fit with an error that all its data share: `change` (p,) is what one standard error of a known quantity, such
     as a calibration, does to the estimates; its degrees of freedom are infinite."""

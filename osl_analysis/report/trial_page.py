@@ -476,8 +476,8 @@ def response_said(groups: pl.DataFrame) -> str:
 
 def turn_of(crossing: pl.DataFrame) -> tuple[float, float]:
     """Size [deg] of the platform's turn in a perturbed crossing, and the time [ms] from a tenth of it to nine."""
-    time, turned = crossing["time"].to_numpy(), crossing["platform_deg"].fill_null(0.0).abs().to_numpy()
-    size = float(np.median(turned[turned > 0.9 * turned.max()]))  # beside the noise of markers
+    time, turned = crossing["time"].to_numpy(), crossing["platform_deg"].fill_nan(None).fill_null(0.0).abs().to_numpy()
+    size = float(np.median(turned[turned >= 0.9 * turned.max()]))  # beside the noise of markers
     end = int(np.argmax(turned > 0.9 * size))
     start = int(np.flatnonzero(turned[: end + 1] < 0.1 * size)[-1:].sum())
     return size, 1e3 * float(time[end] - time[start])

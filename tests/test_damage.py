@@ -278,6 +278,11 @@ def test_a_part_that_is_that_of_another_place_is_lost_and_motion_without_noise_i
     told = FORMATS["c3d"].read(path, source)
     assert "written over another" in told.warnings[0]
     assert BLOCK / 20 <= told.losses["lost"] <= BLOCK / 20 + 2
+    analogs = {"theta": {"channel": "A1", "unit": "rad"}}
+    source = FORMATS["c3d"].source.model_validate({"format": "c3d", "analogs": analogs})
+    write_c3d(path, noise[:, None, :4], np.r_[noise[:100, 4:] + 30, np.zeros((40, 1)), noise[140:, 4:] + 30])
+    zeroed = FORMATS["c3d"].read(path, source)
+    assert (zeroed.losses["lost"], "values that no sensor gives" in zeroed.warnings[0]) == (None, True)
     source = FORMATS["csv"].source.model_validate({"format": "csv", **columns_as("column")})
     angle, torque = noise[:, 0], np.round(noise[:, 1], 1)
     copied = [np.r_[one[:300], one[100:140], one[340:]] for one in (angle, torque)]

@@ -147,15 +147,6 @@ def test_a_draft_names_only_what_leaves_no_doubt_and_lists_the_rest_of_many_as_c
     every = [RecordedChannel("column", {"column": name}, unit) for name, unit in units.items()]
     found = yaml.safe_load(draft_source(Overview("csv", {}, every), "a"))["channels"]
     assert [*found] == ["NAME_1", "NAME_2", "torque"]
-    for names, drafted in (  # of one joint, whichever; of two the user says which
-        (["HipAngle", "HipTorque"], ["theta", "torque"]),
-        (["knee angle", "knee_torque"], ["theta", "torque"]),
-        (["KneeAngle", "HipTorque"], ["NAME_1", "NAME_2"]),
-    ):
-        both = [
-            RecordedChannel("column", {"column": name}, unit) for name, unit in zip(names, ("rad", "Nm"), strict=True)
-        ]
-        assert [*yaml.safe_load(draft_source(Overview("csv", {}, both), "a"))["channels"]] == drafted
 
 
 TIME = np.arange(50) * 0.004

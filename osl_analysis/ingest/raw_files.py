@@ -72,7 +72,7 @@ class KnownFormat:
             recording = self.reader(path, source)
             if not isinstance(source, C3dSource):  # whose blocks are told by the numbers of all channels
                 tell_copies(recording)
-                tell_no_sensor(recording)
+            tell_no_sensor(recording)
         said = (*recording.damage.all_remarks(recording.topics is not None), *recording.warnings)
         return replace(recording, warnings=[f"{printable(path.name)}: {text}" for text in said])
 

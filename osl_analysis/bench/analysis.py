@@ -4,6 +4,7 @@ the time base, and what an estimate cannot be."""
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import reduce
 
 import numpy as np
 import polars as pl
@@ -246,8 +247,8 @@ class Analysis:
     def modelled(self, label: Label = None, rows: slice | NDArray[np.intp] = slice(None)) -> Array:
         """Torque [N*m] of the fit to a label in some rows."""
         fit = at_zero(self.fits[label], -self.sums.centre)
-        parts = [fit[name] * self.sums.columns[column][rows] for name, column in self.model.items()]
-        return np.asarray(np.sum(parts, axis=0))
+        parts = (fit[name] * self.sums.columns[column][rows] for name, column in self.model.items())
+        return np.asarray(reduce(np.add, parts))
 
     def series(self) -> "Series":
         """Measured torque and that of the fit that stands for the trial, over all of it."""

@@ -7,7 +7,7 @@ periods of a motion that repeats itself, and stretches of any other one. What co
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Literal
 
@@ -168,9 +168,11 @@ class Record:
         """Densities of the noise of angle [rad^2/Hz] and torque [N^2 m^2/Hz], as if it were white: their levels between
         two and four cut-offs, of what the filter takes off the rows that are fitted. Where the motion itself reaches
         there, that of the angle is its level at the highest frequencies."""
-        taken = np.array([self.part(self.theta - self.motion.theta), self.part(self.torque - self.filtered_torque)])
+        welch = partial(scipy.signal.welch, fs=self.rate_hz, noverlap=0, detrend=False)
         length = min(round(self.rate_hz), self.samples)
-        f, power = scipy.signal.welch(taken, self.rate_hz, nperseg=length, noverlap=0, detrend=False)
+        pairs = (self.theta, self.motion.theta), (self.torque, self.filtered_torque)
+        (f, angle), (_, torque) = (welch(self.part(raw - smooth), nperseg=length) for raw, smooth in pairs)
+        power = np.array([angle, torque])
         highest = min(4 * self.low_pass.cutoff_hz, 0.45 * self.rate_hz)
         beyond = (f > min(2 * self.low_pass.cutoff_hz, 0.8 * highest)) & (f < highest)
         of_theta, of_torque = np.median(power[:, beyond], axis=1) if beyond.any() else (0.0, 0.0)
@@ -443,7 +445,10 @@ def record_of_trial(
             f"trial {trial.name}: theta has the commanded frequencies, but is no stepped sine; look for spikes, hum "
             f"and a mount that turns; {another_motion(known)}, or `excitation: stepped_sine` to fit what there is"
         )
-    return replace(made, periodic=periodic, steps=(steps[0], steps[1]))
+    assert made.uniform is not None
+    bare = [replace(one, stream=replace(one.stream, signals={})) for one in made.uniform.taken]  # 0.1 GB of an hour
+    uniform = replace(made.uniform, taken=tuple(bare))
+    return replace(made, periodic=periodic, steps=(steps[0], steps[1]), uniform=uniform)
 
 
 def another_motion(known: Likeness) -> str:

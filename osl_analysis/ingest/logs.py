@@ -743,10 +743,13 @@ def check_not_set(table: pl.DataFrame, advice: str) -> int:
     return int(late.sum())
 
 
-def joined_on_stamp(tables: Sequence[pl.DataFrame]) -> pl.DataFrame:
+def joined_on_stamp(tables: list[pl.DataFrame]) -> pl.DataFrame:
     """One table with a row per stamp of any, in their order; where equal stamps are rounded ones, all rows."""
     each = [table["stamp"].to_numpy() for table in tables]
     *own, together = ((np.diff(np.sort(one, kind="stable")) == 0).any() for one in (*each, np.concatenate(each)))
     if any(own) or not together:
-        return pl.concat(tables, how="diagonal").sort("stamp", maintain_order=True)
+        whole = pl.concat(tables, how="diagonal")
+        order = np.argsort(whole["stamp"].to_numpy(), kind="stable")
+        tables.clear()  # column by column: an hour's rows, sorted at once, take 0.5 GB more
+        return pl.DataFrame([whole.drop_in_place(name).gather(order) for name in whole.columns])
     return reduce(lambda one, other: one.join(other, on="stamp", how="full", coalesce=True), tables).sort("stamp")

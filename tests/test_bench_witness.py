@@ -1,5 +1,7 @@
 """The general witness: what a model lacks is heard by its family, and the rivals leave the joint's own estimates."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy
@@ -8,7 +10,7 @@ from conftest import ROOT
 
 from osl_analysis.bench.record import record_of_trial
 from osl_analysis.bench.settings import DynamometerAnalysis
-from osl_analysis.bench.witness import FAMILIES, HARM, witness_row
+from osl_analysis.bench.witness import FAMILIES, HARM, HEARD, Court, witness_row
 from osl_analysis.campaign.configuration import read_section
 
 SETTINGS = read_section(ROOT / "config/config.yaml", "dynamometer", DynamometerAnalysis)
@@ -192,3 +194,19 @@ def test_the_range_beside_a_ringing_path_holds_the_joint_that_one_rival_alone_wo
     assert row["path_shift"] > 1
     for name in ("K", "B"):
         assert row[f"{name}_without_low"] < TRUE[name] < row[f"{name}_without_high"], name
+
+
+def test_a_late_torque_is_named_also_where_what_changes_with_time_is_heard_and_explains_a_hair_more(monkeypatch):
+    def hears_time(court, view, plain=Court.__init__):
+        plain(court, view)
+        court.chance["time"] = HEARD - 1
+
+    def a_hair_more(court):
+        best = min(court.rivals, key=lambda rival: rival.left @ rival.left)
+        court.rivals.append(replace(best, family="time", name="clocks", left=0.999 * best.left))
+
+    monkeypatch.setattr(Court, "__init__", hears_time)
+    monkeypatch.setattr(Court, "hear_time", a_hair_more)
+    row = told("noise", late=2e-3)
+    assert row["path_shift"] > 1
+    assert row["time_shift"] == 0

@@ -423,8 +423,9 @@ class Court:
             return square(rival.left) + float(per_parameter * parameters)
 
         def as_good(best: Rival) -> list[Rival]:
-            """Which rivals cannot be told from the best one, the better ones first; paths that rounding may have made
-            worse are before them, since a torque is late more often than anything else is wrong."""
+            """Which rivals cannot be told from the best one, the better ones first; before them are paths that rounding
+            may have made worse, since a torque is late more often than anything else is wrong, or that chance explains
+            least: what changes with time, too, may be late."""
             explained, left = square(none.left) - square(best.left), square(best.left)
             found = list[tuple[bool, float, Rival]]()
             for rival in self.rivals:
@@ -435,7 +436,8 @@ class Court:
                 if rival.family == best.family == "path" and rival.possible:
                     margin = most = max(margin, most, NEAR_PATH * left)
                 if apart <= max(min(max(margin, rounding), most), CHANCE * per_parameter) and rival.family != "reflex":
-                    found.append((rival.family != "path" or apart <= margin, apart, rival))
+                    first = apart > margin or self.chance["path"] == min(self.chance.values())
+                    found.append((rival.family != "path" or not first, apart, rival))
             return [rival for _, _, rival in sorted(found, key=lambda one: one[:2])]
 
         alike = as_good(min(self.rivals, key=score))

@@ -134,20 +134,21 @@ class DeviceClock:
         low, middle, high = (float(at) for at in np.quantile(residual, (0.05, 0.5, 0.95)))
         spread = (high - low) / 3.29
         near = np.abs(residual - middle) <= 5 * spread + 1e-6 * self.step
-        step = line_through(x[near], residual[near])[0]
-        start = float(np.mean(residual[near]) - step * np.mean(x[near]))
-        if self.skew(residual[near]) > 0.5:
+        place, late = x[near], residual[near]
+        step = line_through(place, late)[0]
+        start = float(np.mean(late) - step * np.mean(place))
+        if self.skew(late) > 0.5:
             # the highest line below all points: one point is held on each side of the mean count; the lowest point
             # below the line through them replaces the one on its side, until none lies below
-            left, right, middle = 0, len(x) - 1, float(np.mean(x))
-            for _ in range(len(x)):
-                step = float((residual[right] - residual[left]) / (x[right] - x[left]))
-                above = residual - residual[left] - step * (x - x[left])
+            left, right, middle = 0, len(place) - 1, float(np.mean(place))
+            for _ in range(len(place)):
+                step = float((late[right] - late[left]) / (place[right] - place[left]))
+                above = late - late[left] - step * (place - place[left])
                 lowest = int(np.argmin(above))
                 if above[lowest] >= 0 or lowest in (left, right):
                     break
-                left, right = (lowest, right) if x[lowest] <= middle else (left, lowest)
-            start = float(residual[left] - step * x[left])
+                left, right = (lowest, right) if place[lowest] <= middle else (left, lowest)
+            start = float(late[left] - step * place[left])
         return np.asarray(base + step * x + start, dtype=np.float64)
 
     def aged(self, age: float) -> Array:
@@ -474,8 +475,9 @@ def decide(stream: Stream, clock: DeviceClock) -> list[Taken]:
 
 def check_countable(taken: Taken, fastest_hz: float) -> None:
     """Refuse one of several devices behind a host that is late and loses samples, where no counter says which. Where
-    waits of three steps and more hide the rhythm of the stamps, it is refused if steps seem to be missing, or if it is
-    slower than the fastest one by a share that is too large for clocks and too small to be meant."""
+    waits hide the rhythm of the stamps, it is refused if steps seem to be missing, or if it is slower than the fastest
+    one by a share that is too large for clocks and too small to be meant; beyond three steps (SD) in any case: hardly
+    a sample is then prompt, and the time of all is late by an unknown wait."""
     clock, stream = taken.clock, taken.stream
     # a tenth of a step: from there on a missing sample may be taken for a late one
     best = min(taken.evidence.values(), key=lambda said: said.se, default=None)
@@ -492,7 +494,8 @@ def check_countable(taken: Taken, fastest_hz: float) -> None:
             f"{stream.name}: about {missing or clock.missing} samples are missing{where}, and {late} at a "
             f"step of {clock.step * 1e3:.2f} ms: beside another device nothing tells which sample is which; {remedy}"
         )
-    if missing is None and (clock.missing or 2e-4 < 1 - 1 / clock.step / fastest_hz < 0.1):
+    hidden = taken.even and min(clock.usual, float(np.std(clock.stamps - clock.slow[0]))) > 3 * clock.step
+    if hidden or (missing is None and (clock.missing or 2e-4 < 1 - 1 / clock.step / fastest_hz < 0.1)):
         mean = (len(stream.stamps) - 1) / (stream.stamps[-1] - stream.stamps[0])
         raise InputError(
             f"{stream.name}: {late}, too late to see whether some of its {mean:.2f} samples per second are missing; "

@@ -165,20 +165,32 @@ def places_of_samples(stream: Stream) -> SampleCount:
 
 def count_from_stamps(stamps: Array) -> SampleCount:
     """Count of every sample, (n,), from its stamp (n,) [s]. A sample is missing where the level of the stamps changes
-    by a step for good, and only if that lowers the residual of the line through all of them."""
-    place, steps = np.arange(len(stamps)), np.diff(stamps)
+    by a step for good, and only if that lowers the residual of the line through all of them, or of that of each rate.
+    A rate that is found without the missing samples is wrong by some steps over the record: it is found again with
+    those that nine samples on either side show."""
+    place, steps, recorded = np.arange(len(stamps)), np.diff(stamps), stamps
+
+    def left(count: SampleCount) -> float:
+        step, squares = line_through(count, recorded)
+        return squares if stamps is recorded else float(np.sum((recorded - slow_part(recorded, count, step)[0]) ** 2))
+
     if np.ptp(steps) < 0.2 * float(np.mean(steps)):  # a missing sample makes one step of two
         return place
+    count = place
     for _ in range(2):
         usual = max(float(np.median(steps)), 1e-9)
         whole = np.maximum(np.rint(steps / usual), 1)
         if np.all(np.abs(steps - whole * usual) < 0.3 * usual):
             return np.concatenate([[0], np.cumsum(whole.astype(np.int64))])
-        slow, kinks = slow_part(stamps, place, float(stamps[-1] - stamps[0]) / len(steps))
-        if not kinks or np.ptp(rate := np.diff(slow)) < 0.01 * float(np.mean(rate)):
+        slow, kinks = slow_part(recorded, count, float(recorded[-1] - recorded[0]) / count[-1])
+        if not kinks or np.ptp(rate := np.diff(slow) / np.diff(count)) < 0.01 * float(np.mean(rate)):
             break
-        steps = steps / np.maximum(rate, 0.1 * float(np.mean(rate))) * float(np.min(rate))  # as if it did not change
-        stamps = np.concatenate([[0.0], np.cumsum(steps)])
+        # as if it did not change
+        steps = np.diff(recorded) / np.maximum(rate, 0.1 * float(np.mean(rate))) * float(np.min(rate))
+        stamps, usual = np.concatenate([[0.0], np.cumsum(steps)]), max(float(np.median(steps)), 1e-9)
+        level = np.pad(scipy.ndimage.median_filter(stamps / usual - place, 9), (4, 5), mode="edge")
+        jumps = np.where(steps > 1.3 * usual, np.maximum(np.rint(level[9:-1] - level[:-10]), 0), 0).astype(np.int64)
+        count = min(place, place + np.concatenate([[0], np.cumsum(jumps)]), key=left)
     step = usual_step(stamps)
     # 1.3 steps and not 2: the sample before a missing one may have been late
     rows = np.flatnonzero(steps > 1.3 * step) + 1
@@ -221,7 +233,7 @@ def count_from_stamps(stamps: Array) -> SampleCount:
             break
     extra = np.zeros_like(place)
     extra[rows] = missing
-    return min(place, place + np.cumsum(extra), key=lambda count: line_through(count, stamps)[1])
+    return min(place, place + np.cumsum(extra), key=left)
 
 
 def slow_part(stamps: Array, count: SampleCount, step: float) -> tuple[Array, int]:

@@ -180,7 +180,7 @@ def test_even_devices_true_stamps_and_values_of_an_age_are_told_apart_also_where
     assert part.firm, part.why
     assert (part.even, part.age) == (kind == "even", pytest.approx(age, abs=0.11))
     late = (part.times - taken) * case.get("rate", RATE)
-    assert np.std(late[50:-50]) < 0.08 + 1.5 * age * case.get("changes", 0.0)
+    assert np.std(late[50:-50]) < 0.06 + 1.5 * age * case.get("changes", 0.0)
     assert_recovers_the_joint(on_one_grid([part], GapLimits()))
 
 

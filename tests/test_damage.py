@@ -266,7 +266,8 @@ def test_two_parts_of_an_array_at_one_place_are_refused(tmp_path: Path) -> None:
 
 def test_a_part_that_is_that_of_another_place_is_lost_and_motion_without_noise_is_not(tmp_path: Path) -> None:
     """Of a C3D file a block of 512 bytes, of a table 40 rows or those of one channel, between a sensor's noise. Sound
-    are periods of a motion without noise, slow turns, and what a coarse encoder has often, also beside noise."""
+    are periods of a motion without noise or a part of it that comes again, slow turns, what a coarse encoder has often,
+    also beside noise, and a torque without noise that rests."""
     every, clock = np.random.default_rng(3).normal(size=(6000, 5)), np.arange(6000) / 100
     noise = every[:600]
     write_c3d(path := tmp_path / "a.c3d", noise[:, None, :4], noise[:, 4:])
@@ -291,7 +292,13 @@ def test_a_part_that_is_that_of_another_place_is_lost_and_motion_without_noise_i
     turns = np.multiply.outer(clock, 2 * np.pi * np.array([0.5, 1.5, 2.5, 3.5, 5.5]))
     coarse = np.round((np.sin(turns + np.arange(5) ** 2).sum(axis=1) + every[:, 2] / 2000) * 200) / 200
     sine = np.round(np.sin(clock[:600] * 2 * np.pi), 6)
+    command = np.sin(turns[:600, 0]) + np.sin(turns[:600, 1] * 2**0.5)
+    command[400:500] = command[50:150]
+    rests = np.where(clock[:600] % 4 < 2, 0, sine + 0.3)
     for a, f, lost in (
+        (command, torque, 0),
+        (angle, rests, 0),
+        (np.r_[angle[:200], angle[:400]], np.r_[torque[:200], torque[:400]], None),  # behind a part that stands twice
         (angle, torque, 0),
         (copied[0], torque, 40),
         (copied[0], copied[1], 40),

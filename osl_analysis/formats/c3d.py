@@ -218,7 +218,12 @@ def tell_copied_frames(raw: NDArray[Any], size: int, damage: Ledger) -> None:
     """Count frames of `size` numbers as lost in which some of the raw ones (n,) are those of another place, as where a
     block was written over another. A frame that repeats the one before was held."""
     words = np.lib.stride_tricks.sliding_window_view(raw, 8 // raw.itemsize).copy().view(np.uint64)[:, 0]
-    for start, stop, other in copied_runs(words, 64):
+
+    def is_various(run: slice) -> bool:  # smooth motion has steps of few sizes, and may come again
+        steps = np.diff(words[run].astype(np.float64))
+        return np.unique(np.round(1e6 * steps / (np.abs(steps).max() or 1.0))).size >= steps.size // 2
+
+    for start, stop, other in copied_runs(words, 64, is_various):
         if (frames := (stop - 1) // size - start // size + 1) and start - other != size:
             said = f"frame {start // size + 1} holds the numbers of frame {other // size + 1}"
             said += f", and so on in {frames} frames: a part of the file was written over another, or twice"

@@ -218,11 +218,23 @@ class Ledger:
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def copied_runs(words: NDArray[Any], least: int) -> list[tuple[int, int, int]]:
+def has_noise(values: NDArray[Any], run: slice) -> bool:
+    """Whether one of the channels (n, m) has noise of its own in a run, unlike a command, a simulation, or a motion
+    that is only rounded, which may come again: by the median of fourth differences, to which a motion gives little."""
+
+    def scatters(x: NDArray[Any]) -> bool:
+        steps, levels = float(np.median(np.abs(np.diff(x)))), np.diff(np.unique(x))
+        scatter = float(np.median(np.abs(np.diff(x, 4)))) / (0.6745 * 70**0.5)
+        return bool(levels.size) and scatter > max(0.6 * float(levels.min()), 0.02 * steps)
+
+    return any(scatters(x) for x in values[run].T)
+
+
+def copied_runs(words: NDArray[Any], least: int, proves: Callable[[slice], bool]) -> list[tuple[int, int, int]]:
     """Runs of `least` words (n,) or more that are those of another place, one by one, as where a block of a file was
     written over another or twice: first word, word after the last one, and first word there. Words that occur more than
-    three times prove nothing, nor do copies of most others: that is a motion without noise, which repeats itself. Every
-    fourth word, chosen by its content, is looked for."""
+    three times prove nothing, nor do runs that `proves` does not take, nor copies of nearly all: that is a motion which
+    repeats itself. Every fourth word, chosen by its content, is looked for."""
     bits = words.view(f"u{words.dtype.itemsize}") if words.dtype.kind == "f" else words.astype(np.uint64)
     places = np.flatnonzero((bits.astype(np.uint64, copy=False) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(62) == 0)
     if not places.size:
@@ -241,16 +253,13 @@ def copied_runs(words: NDArray[Any], least: int) -> list[tuple[int, int, int]]:
         ends = np.zeros(bits.size - lag + 2, bool)
         ends[1:-1] = bits[lag:] == bits[:-lag]
         for start, stop in np.flatnonzero(ends[1:] != ends[:-1]).reshape(-1, 2).tolist():
-            if stop - start < least:
-                continue
-            steps = np.diff(words[start:stop].astype(np.float64))  # of a few sizes in smooth motion, which may repeat
-            various = np.unique(np.round(1e6 * steps / (np.abs(steps).max() or 1.0))).size >= steps.size // 2
-            if various and seldom[start:stop].sum() >= max(2, 0.75 * anchors[start:stop].sum()):
+            rarely = seldom[start:stop].sum() >= max(2, 0.75 * anchors[start:stop].sum())
+            if stop - start >= least and rarely and proves(slice(start, stop)):
                 found.append((start + lag, stop + lag, start))
     copies = np.zeros(bits.size, bool)
     for start, stop, other in found:
         copies[start:stop] = copies[other : other + stop - start] = True
-    return found if np.count_nonzero(copies & seldom) <= 0.5 * rare.size else []
+    return found if np.count_nonzero(copies & seldom) <= 0.8 * rare.size else []
 
 
 def total_of(counts: Counter[int], channels: Collection[int] | None) -> int:

@@ -22,7 +22,7 @@ from osl_analysis.formats.json_lines import is_json_lines
 from osl_analysis.formats.mat import is_mat
 from osl_analysis.formats.mcap import MAGIC
 from osl_analysis.formats.rosbag import ANY_BAG1, DESCRIPTION, SQLITE, files_in
-from osl_analysis.formats.table import copied_runs
+from osl_analysis.formats.table import copied_runs, has_noise
 from osl_analysis.formats.tdms import is_tdms
 from osl_analysis.ingest import overview
 from osl_analysis.ingest.captures import plate_count, read_c3d_capture, read_nexus_capture, read_trc_capture
@@ -70,7 +70,7 @@ class KnownFormat:
         """A file as canonical columns in SI units, by its source file. Raises InputError, which names the file."""
         with naming(path):
             recording = self.reader(path, source)
-            if not isinstance(source, C3dSource):  # whose blocks are told by the numbers of all channels
+            if not (isinstance(source, C3dSource) and recording.damage.misfits):  # which its frames told
                 tell_copies(recording)
             tell_no_sensor(recording)
         said = (*recording.damage.all_remarks(recording.topics is not None), *recording.warnings)
@@ -244,7 +244,7 @@ NO_SENSOR = ("V", "N*m/rad", "N*m*s/rad")  # units of pulses and of gains, which
 
 def tell_copies(recording: Recording) -> None:
     """Count as lost what the samples of a place are those of another, of each channel and of channels with common rows:
-    a sensor's noise does not repeat. Commands do, and pulses."""
+    a sensor's noise does not repeat. Commands do, pulses, and a motion without noise."""
     measured = [one for one in recording.columns if not one.endswith("_command") and unit_of(one) not in NO_SENSOR]
     alike: dict[int, list[str]] = {}
     for column in measured:
@@ -257,7 +257,8 @@ def tell_copies(recording: Recording) -> None:
         if own.height < 2 * LEAST_COPIED:
             continue
         words = (own[names[0]] if len(names) == 1 else own.select(names).hash_rows()).to_numpy()
-        for start, stop, other in copied_runs(words, LEAST_COPIED):
+        values = own.select(names).to_numpy()
+        for start, stop, other in copied_runs(words, LEAST_COPIED, partial(has_noise, values)):
             if not lost[rows[start:stop]].all():
                 lost[rows[start:stop]] = True
                 at, there = (f"{own['time'][row]:.3f} s" for row in (start, other))

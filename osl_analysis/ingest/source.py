@@ -26,7 +26,7 @@ from pydantic import (
 from osl_analysis.errors import InputError, nearest
 from osl_analysis.formats.csv_table import MISSING
 from osl_analysis.formats.mat import checked_address
-from osl_analysis.formats.table import Ledger
+from osl_analysis.formats.table import Ledger, has_noise
 from osl_analysis.ingest.units import ForceUnit, LengthUnit, MomentUnit, TimeUnit, Unit, quantity, si_factor
 from osl_analysis.signals import run_edges
 from osl_analysis.trial import AXES, COLUMNS, Array, unit_of
@@ -675,6 +675,7 @@ LARGEST_MEASURED = {  # largest size of a value in its SI unit, by kind of quant
 }
 
 
+AMID = 5000  # samples in which a channel shows its noise
 NEXT_TO_ZERO = 1e-30  # of a signal in SI units, which no sensor resolves
 SELDOM_REPEAT = (
     "theta",
@@ -705,6 +706,9 @@ def values_of_no_sensor(column: str, time: Array, x: Array, origin: Mapping[str,
     if "torque" in column and np.mean(stays) < 0.1:  # else a sensor of few levels, which may rest at each
         held = [(a, b) for a, b in jumped_into(x, stays, may_rest=True, at_once=False) if 10 < b - a < most]
         zeros += [(a, b) for a, b in held if np.sum(x == x[a]) <= b - a + 3]
+    elsewhere = x[~nought]
+    if zeros and not has_noise(elsewhere[:, None], slice(elsewhere.size // 4, elsewhere.size // 4 + AMID)):
+        zeros = []  # a quiet sensor, or a simulation, that rests
     for a, b in zeros:
         lost[a : b + 1] = True
     return np.asarray(lost)

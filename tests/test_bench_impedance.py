@@ -29,7 +29,7 @@ from osl_analysis.commands.bench import (
     estimates_text,
     summarise,
 )
-from osl_analysis.errors import InputError
+from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.figures.impedance import draw_fig4
 from osl_analysis.judge.judging import LATENESS, unchecked_in
 from osl_analysis.judge.limits import DoubtfulFits, Limits
@@ -79,6 +79,36 @@ def test_the_model_of_fig4_is_the_fit_to_the_settled_cycles_and_has_no_torque_be
     assert row["K"] == pytest.approx(200, rel=1e-3)
     # of nine cycles at 1, 3 and 5 Hz the first two and the last one
     assert (~fitted).sum() == pytest.approx(3 * RATE * (1 + 1 / 3 + 1 / 5), abs=4)
+
+
+@pytest.mark.parametrize(("steps", "sizes"), [
+    (((0.14, 0.5), (0.14, 1), (0.09, 2), (0.035, 4)), [8.02]), (((0.14, 0.5), (0.09, 2), (0.035, 4)), []),
+    (((0.14, 2), (0.09, 2)), None),
+])  # fmt: skip
+def test_an_amplitude_of_one_frequency_has_no_row_and_refuses_no_trial_whose_sines_together_tell(
+    steps, sizes, tmp_path
+):
+    """A drive with a limit of speed reaches less at high frequencies."""
+    rest, step = np.zeros(round(2 * RATE)), 2 * np.pi / 2**16  # whose rounding would pass for other frequencies
+    theta = np.concatenate([rest, *(x for a, f in steps for x in (a * unit_sines([(f, 9)], RATE), rest))])
+    time, read = np.arange(len(theta)) / RATE, step * np.round(theta / step)
+    torque = second_order(bench_synthetic.true_motion(time, theta))
+    torque += 0.02 * np.random.default_rng(1).standard_normal(len(theta))
+    trial = Trial("made", pl.DataFrame({"time": time, "theta": read, "torque": torque}))
+    record = record_of_trial(trial, settings := bench_synthetic.sine_settings(None, None))
+    if sizes is None:
+        with pytest.raises(IdentifiabilityError, match=r"sines of 8\.02, 5\.16 deg are of 2 Hz alone.*below 1 Hz or"):
+            judged_impedance(record, UNSATURATED, None, None)
+        return
+    table = judged_impedance(record, UNSATURATED, None, None)[1]
+    assert table["amplitude_deg"].to_list() == [*sizes, None]
+    assert table.row(-1, named=True)["K"] == pytest.approx(200, rel=1e-3)
+    write_trial(trial, path := tmp_path / "made.parquet")
+    write_table(table, tmp_path / "fit.csv")
+    choice = {"trial": "made", "joint": None, "side": None, "chosen": "", "amplitude_deg": 2.0, "duration_s": 10}
+    plotted_numbers.fig4(path, tmp_path / "fit.csv", settings, choice, Limits(), tmp_path / "fig4.csv")
+    shown = read_table(tmp_path / "fig4.csv")
+    assert 1 - (shown["torque"] - shown["torque_model"]).var() / shown["torque"].var() > 0.999
 
 
 def test_where_amplitudes_nest_inside_frequencies_fig4_uses_one_amplitude_only(tmp_path):

@@ -20,7 +20,7 @@ from osl_analysis.cli import main
 from osl_analysis.commands import trials as module
 from osl_analysis.commands import watch as watching
 from osl_analysis.errors import InputError
-from osl_analysis.files import default_config
+from osl_analysis.files import config_here, default_config
 from osl_analysis.formats.csv_table import is_clock
 from osl_analysis.ingest import overview as about
 from osl_analysis.ingest.draft import draft_source, likely_column
@@ -329,6 +329,16 @@ def test_a_recording_of_an_unknown_recorder_gives_its_joint_and_what_was_guessed
     assert "\n" not in sound + turned + junk
     written = (tmp_path / f"pictures/{name}" for name in ("k120_b2.png", "rec7.png", "measured.json"))
     assert {*paths, *written} == {path for path in tmp_path.rglob("*") if path.is_file()}
+
+
+@pytest.mark.usefixtures("without_witness")
+def test_outside_of_a_campaign_nobody_stated_a_protocol_or_a_device(tmp_path, monkeypatch):
+    write_joint(tmp_path / "in/k120_b2.csv")
+    monkeypatch.chdir(tmp_path)
+    bench = watching.WatchedBench(config_here(), None, tmp_path / "pictures")
+    said = watching.recording_line(tmp_path / "in/k120_b2.csv", tmp_path / "in", bench)
+    assert "quality ok" in said
+    assert (bench.config.parameters, bench.config.dynamometer.amplitudes_deg) == (None, None)
 
 
 def test_the_stated_source_file_decides(tmp_path):

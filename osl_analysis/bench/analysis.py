@@ -245,8 +245,8 @@ class Analysis:
         return timebase_table(self.record.uniform, words, self.record.bench)
 
     def modelled(self, label: Label = None, rows: slice | NDArray[np.intp] = slice(None)) -> Array:
-        """Torque [N*m] of the fit to a label in some rows."""
-        fit = at_zero(self.fits[label], -self.sums.centre)
+        """Torque [N*m] of the fit to a label in some rows; of that to all where the label has none."""
+        fit = at_zero(self.fits.get(label, self.whole), -self.sums.centre)
         parts = (fit[name] * self.sums.columns[column][rows] for name, column in self.model.items())
         return np.asarray(reduce(np.add, parts))
 
@@ -291,11 +291,10 @@ def fitted_motion(record: Record, sums: Sums, model: Model, again: SumsOf = plai
             raise IdentifiabilityError("K, B and I cannot be told from so little")
         analysis = analysed(record, sums, model, again)
     except IdentifiabilityError as error:
-        if record.is_stepped_sine:  # what its poorest amplitude has, and which band is missing
-            found = {x: sorted({one.frequency_hz for one in of.strata if one.label == x}) for x in of.labels}
-            amplitude, hz = min(found.items(), key=lambda item: (len(item[1]), item[1][-1] / item[1][0]))
+        if record.is_stepped_sine:  # what it has, and which band is missing
+            hz, sizes = sorted({float(f"{one.frequency_hz:.3g}") for one in of.strata}), of.labels
             words = (
-                f"K and I cannot be told apart: the sines of {amplitude:g} deg are of "
+                f"K and I cannot be told apart: the sines of {', '.join(f'{x:g}' for x in sizes)} deg are of "
                 f"{', '.join(f'{f:g}' for f in hz)} Hz alone, and at one frequency K - I w^2 is one number; the band "
                 f"below {hz[0] / 2:.2g} Hz or from {2 * hz[-1]:.2g} Hz is missing, excite it as well"
             )
@@ -312,8 +311,7 @@ def fitted_motion(record: Record, sums: Sums, model: Model, again: SumsOf = plai
         told = (X - X.mean(axis=0)).T, float(np.std(torque)), (fit["K"], fit.se("K"))
         of_I = check_told(f"trial {record.name}", record.band_hz, *told, limit)
         analysis = replace(analysis, fits={None: widened(fit, of_I * np.array([name == "I" for name in fit.names]))})
-    for fit in analysis.fits.values():
-        check_stiffer(record.name, "K", fit["K"], record.bench)
+    check_stiffer(record.name, "K", analysis.whole["K"], record.bench)
     return analysis
 
 
@@ -362,17 +360,27 @@ def turn_deg(sums: Sums, label: Label = None) -> float:
 
 
 def analysed(record: Record, sums: Sums, model: Model, again: SumsOf = plain_sums) -> Analysis:
-    """Fit a model to each label of a record with its sums, and to all of it; `again` gives those of the same record on
-    a softer bench or with other stamps. Raises InputError, IdentifiabilityError: as `fit_groups`."""
+    """Fit a model to each label of a record that tells it, with its sums, and to all of it; `again` gives those of the
+    same record on a softer bench or with other stamps. Raises InputError, IdentifiabilityError: as `fit_groups`."""
 
     def fitted(own: Sums) -> dict[Label, GroupFit]:
-        labels = dict.fromkeys((*own.groups.labels, None))
-        return {label: at_zero(with_effects(own, model, (), label), own.centre) for label in labels}
+        found = dict[Label, GroupFit]()
+        for label in dict.fromkeys((*own.groups.labels, None)):
+            hz = [one.frequency_hz for one in own.groups.strata if label in (None, one.label)]
+            try:
+                if {"theta", "alpha"} <= {*model.values()} and max(hz) < 1.02 * min(hz):  # noise alone tells the rest
+                    raise IdentifiabilityError(f"K and I cannot be told apart by sines of {hz[0]:.3g} Hz")
+                found[label] = at_zero(with_effects(own, model, (), label), own.centre)
+            except IdentifiabilityError:  # one amplitude need not tell all: a drive may reach less at high frequencies
+                if label is None:
+                    raise
+        return found
 
     fits = fitted(sums)
     if record.softer is not None:
         softer = fitted(again(record.softer, model))
-        fits = {x: widened(fit, softer[x].estimates - fit.estimates, shared=True) for x, fit in fits.items()}
+        both = {x: (fit, softer[x]) for x, fit in fits.items() if x in softer}
+        fits = {x: widened(fit, soft.estimates - fit.estimates, shared=True) for x, (fit, soft) in both.items()}
     others = {} if record.other is None else fitted(again(record.other, model))
     return Analysis(record, sums, model, fits, others)
 

@@ -240,9 +240,11 @@ def read_section(path: Path, section: str, model: type[AnySettings]) -> AnySetti
     return validated(content[section], model, path, (default_config(), path), (section,))
 
 
-def read_config(path: Path) -> Config:
-    """A whole configuration from a file that may override fields of the default only."""
-    return validated(over_default(read_mapping(path, by_snakemake=True)), Config, path)
+def read_config(path: Path, of_any: bool = False) -> Config:
+    """A whole configuration from a file that may override fields of the default only. Recordings `of_any` bench are
+    held against nothing that the shipped default states."""
+    own = own_fields(path) if of_any else read_mapping(path, by_snakemake=True)
+    return validated(over_default(own), Config, path)
 
 
 def campaign_config(content: Any, files: Sequence[Path]) -> Config:

@@ -148,9 +148,9 @@ def fig4(
     `limits` this fit may be doubtful, `windows` as in `bench.fit_impedance_trial`."""
     record = record_of_trial(read_trial(trial), settings, windows)
     label = record.label_near(choice["amplitude_deg"])
-    amplitude = pl.col("amplitude_deg")
-    shown = amplitude.is_null() if label is None else (amplitude - label).abs() < 1e-6
-    analysis = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE)
+    amplitude, analysis = pl.col("amplitude_deg"), analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE)
+    alone = isinstance(label, float) and label in analysis.fits
+    shown = (amplitude - label).abs() < 1e-6 if alone else amplitude.is_null()
     series = analysis.last_seconds(label, choice["duration_s"])
     fits = read_table(fit)
     doubtful = marked(fits, judged(fits, limits, "impedance"), "impedance").filter(shown)["doubtful"][0]

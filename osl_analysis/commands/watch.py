@@ -154,7 +154,7 @@ class WatchedBench:
     guess. `output` is the folder of pictures and of the notes on what was examined."""
 
     def __init__(self, config_path: Path, source: Path | None, output: Path) -> None:
-        self.config_path, self.config, self.output = config_path, read_config(config_path), output
+        self.config_path, self.config, self.output = config_path, read_config(config_path, of_any=True), output
         self.source = None if source is None else source.stem
         if source is not None:
             read_source(source)

@@ -433,8 +433,11 @@ def methods_content(
             if one in table.columns and len(table):
                 said[name][one] = table[one].drop_nulls().unique().sort().to_list()
     if "impedance" in tables and not said["impedance"]["commanded_deg"]:  # nobody stated what was commanded
-        sizes = alike_sizes(tables["impedance"]["amplitude_deg"].cast(pl.Float64))
+        sines = tables.get("phasors", tables["impedance"])  # of amplitudes without a fit of their own too
+        sizes = alike_sizes(sines["amplitude_deg"].cast(pl.Float64))
         said["impedance"]["commanded_deg"] = sizes.drop_nulls().unique().sort().to_list()
+    if hz := said["phasors"]["frequency_hz"]:
+        said["phasors"]["frequency_hz"] = pl.Series(hz).round_sig_figs(3).unique().sort().to_list()
     for trial in trials:
         own = recorded.setdefault(trial.row["experiment"], {"rates": [], "files": [], "plates": [], "turns": []})
         used, perturbed = not trial.left_out, bool(trial.row.get("perturbed"))

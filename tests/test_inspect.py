@@ -25,7 +25,7 @@ from osl_analysis.formats.csv_table import is_clock
 from osl_analysis.ingest import overview as about
 from osl_analysis.ingest.draft import draft_source, likely_column
 from osl_analysis.ingest.overview import Overview, RecordedChannel, likely_clock
-from osl_analysis.ingest.raw_files import FORMATS, read_source
+from osl_analysis.ingest.raw_files import FORMATS, read_source, recordings_in
 from osl_analysis.ingest.source import open_places
 from osl_analysis.trial import Trial
 
@@ -210,7 +210,7 @@ def test_a_folder_of_recordings_is_a_table_that_no_text_of_theirs_can_break(tmp_
 @pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no real data")
 def test_the_page_in_the_documentation_names_every_real_sample() -> None:
     page = (Path(__file__).parents[1] / "docs/real_samples.md").read_text()
-    assert [path.name for path in module.recordings_in(REAL_DATA) if module.escaped(path.name) not in page] == []
+    assert [path.name for path in recordings_in(REAL_DATA) if module.escaped(path.name) not in page] == []
 
 
 pytestmark = pytest.mark.usefixtures("in_root")

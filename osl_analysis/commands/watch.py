@@ -86,7 +86,7 @@ def note_protocol(folder: Path) -> None:
                 sizes = sorted({round(np.rad2deg(one.commanded or 0.0), 1) for one in found})
                 cycles = {one.frequency_hz: one.cycles for one in found}
                 own = {"amplitudes_deg": sizes, "frequencies_hz": [*cycles], "cycles": [*cycles.values()]}
-                fields = {field: f"[{', '.join(f'{value:g}' for value in values)}]" for field, values in own.items()}
+                fields = {field: f"[{', '.join(f'{value:.3g}' for value in values)}]" for field, values in own.items()}
                 lines = [f"# dynamometer:  # as {name} was recorded"]
                 lines += [f"#   {field}: {values}" for field, values in fields.items()]
                 text = CAMPAIGN.read_text(encoding="utf-8")

@@ -20,7 +20,7 @@ from osl_analysis.formats.binary_table import titles_of_columns
 from osl_analysis.formats.c3d import C3DRecording, read_c3d
 from osl_analysis.formats.gait_text import read_opensim, read_sections, read_trc
 from osl_analysis.formats.json_lines import MOST_ELEMENTS, addresses_of, decode_lines, read_json_lines
-from osl_analysis.formats.mat import Value, open_mat
+from osl_analysis.formats.mat import Value, address_with, open_mat
 from osl_analysis.formats.message_fields import FieldDescription, describe_message, last_name
 from osl_analysis.formats.messages import ChannelLog, decode_topics, read_channels
 from osl_analysis.formats.tdms import read_tdms
@@ -377,7 +377,8 @@ def inspect_mat(path: Path) -> Overview:
         left_open = [f"{what}: {parts}"]
     if others := [one for one in by_part if one not in alike]:
         what = "a draft is of one part; to read a variable of another, write its address with `/`, as"
-        left_open.append(f"{what} `/{printable(others[0])}.{printable(list(by_part[others[0]])[-1])}`")
+        address = address_with(others[0], list(by_part[others[0]])[-1])  # of the file itself it is the name alone
+        left_open.append(f"{what} `/{printable(address)}`")
     cells: dict[str, list[str]] = {}
     for place, name, _, value in variables:
         cells.setdefault(place * name.startswith("{"), []).append(value.text)

@@ -174,7 +174,11 @@ def test_it_filters_by_words_and_verdict_and_says_why_a_trial_was_left_out(page)
 def test_it_opens_a_trial_of_every_kind_and_draws_it(page, kind):
     row = page.find_element(By.CSS_SELECTOR, f'#table tr[data-experiment="{kind}"]:not([data-verdict="refused"])')
     name = row.get_attribute("data-name")
-    row.find_element(By.TAG_NAME, "a").click()
+    link = row.find_element(By.TAG_NAME, "a")
+    for _ in range(2):  # rows that come into sight are laid out, which moves those below
+        page.execute_script("arguments[0].scrollIntoView({block: 'center'})", link)
+    wait(page, lambda: 100 < page.execute_script("return arguments[0].getBoundingClientRect().y", link) < 700)
+    link.click()
     wait(page, lambda: page.find_element(By.ID, "trial").get_attribute("data-drawn") == name)
     boxes = page.find_elements(By.CSS_SELECTOR, '#trial .plot [role="img"]')
     assert len(boxes) >= 2

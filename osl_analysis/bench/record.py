@@ -446,12 +446,10 @@ def record_of_trial(
             f"and a mount that turns; {another_motion(known)}, or `excitation: stepped_sine` to fit what there is"
         )
     assert made.uniform is not None
-    # all but the signal that tells their rows: 0.1 GB of an hour
-    first = [{one.signals[0]: one.stream.signals[one.signals[0]]} for one in made.uniform.taken]
-    bare = [
-        replace(one, stream=replace(one.stream, signals=kept))
-        for one, kept in zip(made.uniform.taken, first, strict=True)
-    ]
+    bare = []
+    for one in made.uniform.taken:  # all but the signal that tells their rows: 0.1 GB of an hour
+        first = {one.signals[0]: one.stream.signals[one.signals[0]]}
+        bare.append(replace(one, stream=replace(one.stream, signals=first)))
     uniform = replace(made.uniform, taken=tuple(bare))
     return replace(made, periodic=periodic, steps=(steps[0], steps[1]), uniform=uniform)
 

@@ -14,7 +14,7 @@ from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from pickletools import genops
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 import polars as pl
@@ -95,7 +95,7 @@ def read_binary_table(path: Path, layout: CsvLayout, is_unit: IsUnit, most_rows:
                     check_memory(values.nbytes)
                 frame = frame_of({"": np.asarray(values)} if kind == "npy" else dict(values), damage)
             except ValueError as error:
-                if "object" not in str(error).lower():
+                if not holds_objects(path):
                     raise
                 said = "holds objects of Python, which may run a program and are not read"
                 raise InputError(f"{said}; save arrays of numbers, as `numpy.savez(PATH, theta=theta, ...)`") from error
@@ -183,6 +183,22 @@ def check_arrow(path: Path) -> None:
         is_whole = ends[:-1] == [one[0] for one in sorted(parts)[1:]]
         if ends and not (is_whole and ends[-1] in (begin - 8, begin - 4)):  # a mark of the end, shorter in old files
             raise InputError("its parts do not follow one another: bytes were lost or inserted; copy it again")
+
+
+def holds_objects(path: Path) -> bool:
+    """Whether an array in a file of numpy holds objects of Python, by its header."""
+    with path.open("rb") as file, suppress(ValueError, zipfile.BadZipFile):
+        streams: Iterable[IO[bytes]] = [file]
+        if zipfile.is_zipfile(file):
+            archive = zipfile.ZipFile(file)
+            streams = (archive.open(name) for name in archive.namelist())
+        file.seek(0)
+        for stream in streams:
+            is_first = np.lib.format.read_magic(stream) == (1, 0)
+            header = np.lib.format.read_array_header_1_0 if is_first else np.lib.format.read_array_header_2_0
+            if header(stream)[2].hasobject:
+                return True
+    return False
 
 
 def hdf5_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:

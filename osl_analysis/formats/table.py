@@ -218,16 +218,17 @@ class Ledger:
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def has_noise(values: NDArray[Any], run: slice) -> bool:
-    """Whether one of the channels (n, m) has noise of its own in a run, unlike a command, a simulation, or a motion
-    that is only rounded, which may come again: by the median of fourth differences, to which a motion gives little."""
+def has_noise(channels: Sequence[NDArray[Any]], run: slice) -> bool:
+    """Whether one of the channels, (n,) each, has noise of its own in a run, unlike a command, a simulation, or a
+    motion that is only rounded, which may come again: by the median of fourth differences, to which a motion gives
+    little."""
 
     def scatters(x: NDArray[Any]) -> bool:
         steps, levels = float(np.median(np.abs(np.diff(x)))), np.diff(np.unique(x))
         scatter = float(np.median(np.abs(np.diff(x, 4)))) / (0.6745 * 70**0.5)
         return bool(levels.size) and scatter > max(0.6 * float(levels.min()), 0.02 * steps)
 
-    return any(scatters(x) for x in values[run].T)
+    return any(scatters(x[run]) for x in channels)
 
 
 def copied_runs(words: NDArray[Any], least: int, proves: Callable[[slice], bool]) -> list[tuple[int, int, int]]:
@@ -252,9 +253,10 @@ def copied_runs(words: NDArray[Any], least: int, proves: Callable[[slice], bool]
     for lag in lags[votes >= 2][np.argsort(-votes[votes >= 2], kind="stable")][:20].tolist():
         ends = np.zeros(bits.size - lag + 2, bool)
         ends[1:-1] = bits[lag:] == bits[:-lag]
-        for start, stop in np.flatnonzero(ends[1:] != ends[:-1]).reshape(-1, 2).tolist():
+        runs = np.flatnonzero(ends[1:] != ends[:-1]).reshape(-1, 2)
+        for start, stop in runs[runs[:, 1] - runs[:, 0] >= least].tolist():
             rarely = seldom[start:stop].sum() >= max(2, 0.75 * anchors[start:stop].sum())
-            if stop - start >= least and rarely and proves(slice(start, stop)):
+            if rarely and proves(slice(start, stop)):
                 found.append((start + lag, stop + lag, start))
     copies = np.zeros(bits.size, bool)
     for start, stop, other in found:

@@ -256,9 +256,9 @@ def tell_copies(recording: Recording) -> None:
         own = own[rows] if rows.size < own.height else own
         if own.height < 2 * LEAST_COPIED:
             continue
-        words = (own[names[0]] if len(names) == 1 else own.select(names).hash_rows()).to_numpy()
-        values = own.select(names).to_numpy()
-        for start, stop, other in copied_runs(words, LEAST_COPIED, partial(has_noise, values)):
+        channels = [own[name].to_numpy() for name in names]
+        words = channels[0] if len(names) == 1 else own.select(names).hash_rows().to_numpy()
+        for start, stop, other in copied_runs(words, LEAST_COPIED, partial(has_noise, channels)):
             if not lost[rows[start:stop]].all():
                 lost[rows[start:stop]] = True
                 at, there = (f"{own['time'][row]:.3f} s" for row in (start, other))

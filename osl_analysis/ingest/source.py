@@ -677,14 +677,7 @@ LARGEST_MEASURED = {  # largest size of a value in its SI unit, by kind of quant
 
 AMID = 5000  # samples in which a channel shows its noise
 NEXT_TO_ZERO = 1e-30  # of a signal in SI units, which no sensor resolves
-SELDOM_REPEAT = (
-    "theta",
-    "theta_m",
-    "omega_m",
-    "torque",
-    "torque_m",
-    "current",
-)  # columns whose noise seldom repeats a value
+SELDOM_REPEAT = ("theta", "theta_m", "omega_m", "torque", "torque_m", "current")  # whose noise seldom repeats a value
 
 
 @np.errstate(over="ignore", invalid="ignore")
@@ -707,7 +700,7 @@ def values_of_no_sensor(column: str, time: Array, x: Array, origin: Mapping[str,
         held = [(a, b) for a, b in jumped_into(x, stays, may_rest=True, at_once=False) if 10 < b - a < most]
         zeros += [(a, b) for a, b in held if np.sum(x == x[a]) <= b - a + 3]
     elsewhere = x[~nought]
-    if zeros and not has_noise(elsewhere[:, None], slice(elsewhere.size // 4, elsewhere.size // 4 + AMID)):
+    if zeros and not has_noise([elsewhere], slice(elsewhere.size // 4, elsewhere.size // 4 + AMID)):
         zeros = []  # a quiet sensor, or a simulation, that rests
     for a, b in zeros:
         lost[a : b + 1] = True
@@ -718,9 +711,9 @@ def jumped_into(x: Array, stands: NDArray[np.bool_], may_rest: bool, at_once: bo
     """First and last sample of the runs in which readings (n,) stand, between two each (n - 1,), and beside which they
     jump, on both sides or, of a long run that is no rest, on one. `may_rest`: at the ends an encoder rests, and a drive
     is off. Not `at_once`: a jump on one side is enough for all."""
-    steps, found = np.abs(np.diff(x)), list[tuple[int, int]]()
-    usual = 5 * float(np.median(steps[~stands])) if not stands.all() else 0.0
-    for a, b in run_edges(stands).tolist():
+    edges, steps, found = run_edges(stands), np.abs(np.diff(x)), list[tuple[int, int]]()
+    usual = 5 * float(np.median(steps[~stands])) if len(edges) and not stands.all() else 0.0
+    for a, b in edges.tolist():
         inside, jumps = a and b < steps.size, [*steps[:a][-1:], *steps[b : b + 1]]
         on_one_side = not at_once or (b - a > 20 and not may_rest)
         # of a few zeros it may stand while it turns

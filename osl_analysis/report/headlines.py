@@ -292,12 +292,17 @@ NOISE_ALONE = (
 )
 
 
+def hold_bench_errors(tables: Mapping[str, pl.DataFrame]) -> bool | None:
+    """Whether the intervals of the result tables hold what is stated of the bench's errors; None without a bench."""
+    shared = [table[name].max() for table in tables.values() for name in table.columns if name.endswith("_se_bench")]
+    return any(shared) if shared else None
+
+
 def intervals_said(tables: Mapping[str, pl.DataFrame]) -> str:
     """What the intervals of the result tables of a bench contain of its calibration; empty without a bench."""
-    shared = [table[name].max() for table in tables.values() for name in table.columns if name.endswith("_se_bench")]
-    if any(shared):
+    if held := hold_bench_errors(tables):
         return "Intervals on the bench contain what is stated of its errors; differences within the campaign have none."
-    return NOISE_ALONE if shared else ""
+    return "" if held is None else NOISE_ALONE
 
 
 ENDINGS = ("", "Low", "High", "AmplitudesLow", "AmplitudesHigh", "Verdict")  # of the macros of a number and its bounds

@@ -25,7 +25,7 @@ from osl_analysis.judge.campaign import Entry
 from osl_analysis.judge.finding import ESTIMATES, Grade
 from osl_analysis.judge.words import WORDS, printed
 from osl_analysis.report import TEMPLATES
-from osl_analysis.report.headlines import MOST_UNSTATED, NOISE_ALONE, first_said, intervals_said, said_number
+from osl_analysis.report.headlines import MOST_UNSTATED, first_said, hold_bench_errors, said_number
 from osl_analysis.report.trial_page import ReportedTrial, response_said, value_and_interval
 from osl_analysis.stats.repeats import summary_row
 
@@ -199,7 +199,7 @@ def method_said(settings: Mapping[str, Any], tables: Mapping[str, pl.DataFrame])
         fitted = response_said(tables["walking_groups"])
         said.append(f"{fitted}, perturbed less unperturbed, in the {window:g} ms after the onset")
     begin = "τ = Kθ + Bθ̇ + Iθ̈ + τ₀, where τ resists the motion: K, B and I are fitted by least squares to"
-    shared = " Errors that all trials of the bench share are not in them." * (intervals_said(tables) == NOISE_ALONE)
+    shared = " Errors that all trials of the bench share are not in them." * (hold_bench_errors(tables) is False)
     return f"{begin} {in_words(said)}. Brackets are intervals of 95 %.{shared}" if said else ""
 
 

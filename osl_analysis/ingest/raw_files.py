@@ -251,11 +251,10 @@ def tell_copies(recording: Recording) -> None:
         alike.setdefault(recording.samples[column].null_count(), []).append(column)
     lost, said = np.zeros(recording.samples.height, bool), list[str]()
     for names in [*([one] for one in measured), *(own for own in alike.values() if len(own) > 1)]:
-        own = recording.samples.select("time", *names)
-        rows = np.flatnonzero(own.select(pl.all_horizontal(pl.col(names).is_not_null())).to_series().to_numpy())
-        own = own[rows] if rows.size < own.height else own
+        own = recording.samples.select("time", *names).with_row_index("row").drop_nulls(names)
         if own.height < 2 * LEAST_COPIED:
             continue
+        rows = own["row"].to_numpy()
         channels = [own[name].to_numpy() for name in names]
         words = channels[0] if len(names) == 1 else own.select(names).hash_rows().to_numpy()
         for start, stop, other in copied_runs(words, LEAST_COPIED, partial(has_noise, channels)):

@@ -280,10 +280,10 @@ def test_what_was_refused_or_not_examined_before_a_restart_is_examined_then_and_
     clock = iter(range(0, 1000, 5))
     monkeypatch.setattr(watching.time, "monotonic", lambda: float(next(clock)))
     monkeypatch.setattr(watching.time, "sleep", lambda _: None)
-    said = iter(["a: K", "b: REFUSED: x", "b: K", "c: K"])
+    said = iter([("a: K", True), ("b: no channels", False), ("b: K", True), ("c: K", True)])
     monkeypatch.setattr(watching, "recording_line", lambda *_: next(said))
     first = watching.watched_lines(tmp_path / "in", bench)
-    assert [next(first), next(first)] == ["a: K", "b: REFUSED: x"]
+    assert [next(first), next(first)] == ["a: K", "b: no channels"]
     first.close()
     again = watching.watched_lines(tmp_path / "in", bench)
     assert [next(again), next(again)] == ["b: K", "c: K"]
@@ -297,17 +297,19 @@ def test_a_fault_in_one_recording_does_not_end_the_watch(tmp_path, bench, monkey
     write_joint(path := tmp_path / "in/k120_b2.csv")
     bench.output.write_text("a file in place of the folder")  # and no picture takes the numbers away
     path.write_text(path.read_text() + "34.000")  # of which the reader warns
-    said = watching.recording_line(path, tmp_path / "in", bench)
+    said = watching.recording_line(path, tmp_path / "in", bench)[0]
     assert re.search(r"\bK 1[12]\d.*k120_b2.csv: the last line, 8502, is cut off .*no picture: ", said)
     monkeypatch.setattr(watching, "fit_of_row", lambda *_: 1 / 0)
-    assert "FAILED: unexpected ZeroDivisionError" in watching.recording_line(path, tmp_path / "in", bench)
+    assert "FAILED: unexpected ZeroDivisionError" in watching.recording_line(path, tmp_path / "in", bench)[0]
 
 
 @pytest.mark.usefixtures("without_witness")
 def test_a_stiffness_far_from_the_desired_one_is_pointed_at(tmp_path, bench):
     write_joint(path := tmp_path / "in/impedance_k300_b2.csv")
     doubt = "K is far from the K_d .*: K is 0.4 times K_d. Check the units"
-    assert re.search(f"DOUBTFUL: stiffness unlike K_d: {doubt}", watching.recording_line(path, tmp_path / "in", bench))
+    assert re.search(
+        f"DOUBTFUL: stiffness unlike K_d: {doubt}", watching.recording_line(path, tmp_path / "in", bench)[0]
+    )
     module.new_campaign(tmp_path / "c", recordings=tmp_path / "in")
     (look,) = watching.first_look(tmp_path / "c")
     assert re.search(f"(?s)first trial of experiment impedance, [^\n]*: LOOK AT IT\n.*{doubt}", look)
@@ -319,7 +321,7 @@ def test_a_recording_of_an_unknown_recorder_gives_its_joint_and_what_was_guessed
     write_joint(tmp_path / "in/rec7.csv", sign=-1.0)
     (tmp_path / "in/x.csv").write_text("junk\n")
     paths = sorted((tmp_path / "in").iterdir())
-    sound, turned, junk = (watching.recording_line(path, tmp_path / "in", bench) for path in paths)
+    sound, turned, junk = (watching.recording_line(path, tmp_path / "in", bench)[0] for path in paths)
     found = {name: float(value) for name, value in re.findall(r"\b([KBI]) (\S+) ±", sound)}
     assert found == pytest.approx({"K": STIFFNESS, "B": DAMPING, "I": INERTIA}, rel=0.02)
     assert 'channels are guessed: theta: {column: "ankle_angle_deg"' in sound
@@ -336,7 +338,7 @@ def test_outside_of_a_campaign_nobody_stated_a_protocol_or_a_device(tmp_path, mo
     write_joint(tmp_path / "in/k120_b2.csv")
     monkeypatch.chdir(tmp_path)
     bench = watching.WatchedBench(config_here(), None, tmp_path / "pictures")
-    said = watching.recording_line(tmp_path / "in/k120_b2.csv", tmp_path / "in", bench)
+    said = watching.recording_line(tmp_path / "in/k120_b2.csv", tmp_path / "in", bench)[0]
     assert "quality ok" in said
     assert (bench.config.parameters, bench.config.dynamometer.amplitudes_deg) == (None, None)
 
@@ -348,7 +350,7 @@ def test_the_stated_source_file_decides(tmp_path):
         "  torque: {column: loadcell_torque_Nm, unit: N*m, sign: -1}\n"
     )
     bench = watching.WatchedBench(Path("config/config.yaml"), tmp_path / "mine.yaml", tmp_path / "pictures")
-    said = watching.recording_line(tmp_path / "in/k120_b2.csv", tmp_path / "in", bench)
+    said = watching.recording_line(tmp_path / "in/k120_b2.csv", tmp_path / "in", bench)[0]
     assert "guessed" not in said
     assert "NOT CHECKED: " in said
     assert float(re.search(r"\bK (\S+) ±", said)[1]) == pytest.approx(STIFFNESS, rel=0.01)
@@ -379,7 +381,7 @@ def test_the_parameters_of_an_ankle_judge_no_knee(bench):
 def test_what_no_recording_of_a_kind_has_is_said_once(tmp_path, bench):
     write_joint(tmp_path / "in/a.csv")
     write_joint(tmp_path / "in/b.csv")
-    lines = [watching.recording_line(tmp_path / f"in/{name}.csv", tmp_path / "in", bench) for name in "ab"]
+    lines = [watching.recording_line(tmp_path / f"in/{name}.csv", tmp_path / "in", bench)[0] for name in "ab"]
     assert ["fixture's weight" in line for line in lines] == [True, False]
 
 

@@ -3,7 +3,6 @@
 Texts from files are untrusted: they are escaped when they are printed."""
 
 import json
-import re
 import time
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import chdir, suppress
@@ -172,26 +171,25 @@ def watched_lines(folder: Path, bench: WatchedBench) -> Iterator[str]:
     arrivals, noted = Arrivals(folder, read_notes(notes)), read_notes(notes)
     while True:
         for path, state in arrivals.complete(time.monotonic()):
-            said, name = recording_line(path, folder, bench), path.relative_to(folder).as_posix()
+            (said, is_analysed), name = recording_line(path, folder, bench), path.relative_to(folder).as_posix()
             arrivals.seen[name] = state
-            if not re.search(": (REFUSED|FAILED): ", said):  # a restart tries these again, and repeats no others
+            if is_analysed:  # a restart tries the others again
                 noted[name] = state
                 write_text(notes, json.dumps(noted, indent=1) + "\n")
             yield said
         time.sleep(0.5)
 
 
-def recording_line(path: Path, folder: Path, bench: WatchedBench) -> str:
+def recording_line(path: Path, folder: Path, bench: WatchedBench) -> tuple[str, bool]:
     """What is said of one recording: estimates with intervals, quality, doubts, and where its picture is, of measured
-    and modelled torque."""
-    stamp, name = time.strftime("%H:%M:%S"), path.relative_to(folder).as_posix()
+    and modelled torque; and whether it could be analysed."""
+    begin = f"{time.strftime('%H:%M:%S')} {path.relative_to(folder).as_posix()}: "
     try:
-        said = "; ".join(examined(path, folder, bench))
+        return begin + "; ".join(examined(path, folder, bench)), True
     except OslAnalysisError as error:
-        said = f"REFUSED: {str(error).replace(f'{path}: ', '')}"
+        return f"{begin}REFUSED: {str(error).replace(f'{path}: ', '')}", False
     except Exception as fault:  # a fault of the program in one recording must not end the watch over the others
-        said = f"FAILED: {unexpected(fault)}"
-    return f"{stamp} {name}: {said}"
+        return f"{begin}FAILED: {unexpected(fault)}", False
 
 
 def examined(path: Path, folder: Path, bench: WatchedBench) -> Iterator[str]:
@@ -314,8 +312,8 @@ def row_of_recording(
         (place / "draft.yaml").write_text(text, encoding="utf-8")
         still_open = [f"`{dotted(one)}`" for one in open_places(read_mapping(place / "draft.yaml"))]
         if still_open:
-            cut = [one for one in overview.remarks if re.search("not complete|truncated|cut off|missing|damaged", one)]
-            questions = "; ".join(map(printable, [*cut, *overview.open])) or f"open are {listing(still_open, 4)}"
+            told = [*overview.remarks, *overview.open]
+            questions = "; ".join(map(printable, told)) or f"open are {listing(still_open, 4)}"
             raise InputError(
                 f"{path}: its channels cannot be guessed: {questions}; edit the draft of `osl-analysis inspect`, and "
                 "name it by --source"

@@ -85,7 +85,7 @@ def test_headline_numbers_and_their_macros_are_told_apart(results):
     numbers = summary["numbers"]
     assert (summary["data"], summary["recorded"]) == ("simulated", "recorded 2026-03-14")
     assert numbers["K_example_pd (knee, left)"]["value"] == pytest.approx(1.2 * K, rel=0.01)
-    assert "K_error_no_controller (knee, right)" not in numbers
+    assert "K_bias_no_controller (knee, right)" not in numbers
     assert numbers["B_error_no_controller (knee, right)"]["value"] == pytest.approx(0.2 * B, rel=0.05)
     tex = (results / "numbers.tex").read_text(encoding="utf-8")
     names = re.findall(r"newcommand\{\\(\w+)\}", tex)

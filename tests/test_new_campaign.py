@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 import pytest
 import yaml
 from c3d_builder import write_c3d
@@ -54,8 +55,10 @@ def test_the_one_joint_that_a_recording_names_is_its_joint_and_units_are_told_as
     (tmp_path / "a.csv").write_text(
         "\n".join([f"time (s),{names}", *(f"{k / 100},{k % 7},{k % 5}" for k in range(30))])
     )
-    draft = draft_campaign(tmp_path).sources["csv"]
+    draft = new_campaign(tmp_path / "mine", recordings=tmp_path).sources["csv"]
     assert ({"theta", "torque"} <= {*yaml.safe_load(draft)["channels"]}, "\\u00b7" in draft) == (sure, False)
+    sheet = pl.read_csv(tmp_path / "mine/trials.csv")
+    assert sheet.get_column("joint", default=pl.Series([""]))[0] == (names[:4].rstrip("A ").lower() if sure else "")
 
 
 @pytest.mark.parametrize(("name", "experiment", "told"), [

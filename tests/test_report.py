@@ -280,7 +280,7 @@ def test_the_page_begins_with_what_was_done_its_verdict_and_the_figure_that_matt
     found = overview(trials, {"numbers": {"K": number}, "findings": [line]}, figures, ABOUT)
     assert found["done"].startswith("4 simulated trials of the knee: 2 walking (1 perturbed) and 2 impedance (MCAP and")
     assert found["state"] == "1 of 4 trials is doubtful: friction. 1 was refused."
-    assert found["answers"] == ["It is 2.00 % (n = 4)."]
+    assert found["answers"] == ["It is 2.00\xa0% (n = 4)."]
     drawn = [[one["name"] for one in found[key]] for key in ("first", "figures")]
     assert drawn == [["fig5"], ["fig3", "walking_page"]]
     assert found["findings"][0]["named"] == [("t", "it is 30 % of the damping")]
@@ -462,6 +462,25 @@ def test_every_condition_has_K_B_and_I_with_intervals_and_what_is_doubted():
     assert (several["of"], several["trials"], several["doubt"]) == ("K_d 100", ["a", "b"], "")
     assert several["K"] == ("100", f"[{100 - half:.0f}, {100 + half:.0f}]")
     assert (alone["B"][0], alone["doubt"]) == ("−5.00", "friction (without it K 290, B 4.5 and I 0.02)")
+    both = {name: stored_findings(replace(doubt(), subject=name)) for name in "ab"}
+    assert conditions(tables, both | {"b": []})[1]["doubt"] == "friction (1 of 2)"
+
+
+def test_friction_stands_beside_B_and_a_doubt_names_the_B_that_it_leaves():
+    """What explains a misfit beside certain friction leaves the B without it; a late torque the B that holds it."""
+    rows = fitted_rows().with_columns(
+        *(pl.lit(x).alias(f"{name}{end}") for name in "BI" for end, x in (("", 2.4), ("_low", 1.8), ("_high", 3.0))),
+        B_viscous=pl.lit(1.9), B_viscous_low=pl.lit(1.88), B_viscous_high=pl.lit(1.92), f_C=pl.lit(0.25),
+    )  # fmt: skip
+    path, late = (replace(doubt(cause), without={"B": 1.91}) for cause in ("torque path", "late torque"))
+    for finding, said in ((path, "B without friction 1.91"), (late, "B 1.91")):
+        (found,) = conditions({"impedance": rows}, {"t": stored_findings(finding)})
+        assert (found["B"][0], found["B_viscous"][0], found["f_C"][0]) == ("2.40", "1.900", "0.25")
+        assert found["doubt"] == f"{finding.cause} (without it {said})"
+    (none,) = conditions(
+        {"impedance": rows.with_columns(B_viscous=pl.lit(None, pl.Float64))}, {"t": stored_findings(path)}
+    )
+    assert ("B_viscous" in none, none["doubt"]) == (False, "torque path (without it B 1.91)")
 
 
 @pytest.mark.parametrize("n", [4, 20])

@@ -24,7 +24,7 @@ from osl_analysis.judge.used import Judge
 from osl_analysis.model.drivetrain import FileOrNone, joint_of, read_parameters
 from osl_analysis.refusal import Refusal, check_not_refused, refused_trials
 from osl_analysis.report import headlines
-from osl_analysis.stats.repeats import alike_sizes
+from osl_analysis.stats.repeats import sizes_said
 from osl_analysis.table import OF_ROW, Places, read_table, with_evidence, with_places, write_table
 
 
@@ -64,8 +64,8 @@ def write_settings(states: Sequence[Mapping[str, Any]], output: Path, phasors: P
     """Write the settings that judge or label with their states. What was measured is that of `phasors.csv`, or none."""
     table = pl.DataFrame(states, schema=dict.fromkeys(("setting", "value", "state"), pl.String))
     found = read_table(phasors) if phasors else pl.DataFrame(schema=dict.fromkeys(FOUND.values(), pl.Float64))
-    own = {name: alike_sizes(found[column]).unique().drop_nulls().sort() for name, column in FOUND.items()}
-    said = {name: f"[{', '.join(f'{value:g}' for value in values)}]" for name, values in own.items() if len(values)}
+    own = {name: sizes_said(found[column].cast(pl.Float64)) for name, column in FOUND.items()}
+    said = {name: f"[{', '.join(values)}]" for name, values in own.items() if values}
     measured = pl.col("setting").replace_strict(said, default=None, return_dtype=pl.String)
     table = table.with_columns(pl.when(state="measured").then(measured).otherwise("value").alias("value"))
     none = pl.when(pl.col("value").is_null()).then(pl.lit("none")).otherwise("state")

@@ -185,7 +185,8 @@ def write_campaign(folder: Path, name: str, raw_data: Path, sources: Mapping[str
         shutil.copy(shipped("config/new_campaign/simulation.yaml"), folder / "simulation.yaml")
         return
     named = ("trial", "experiment", "controller", "K_d", "B_d", "perturbed")
-    columns = [*named, "log", "log_source", "mocap", "mocap_source", "exclude", "joint"]
+    columns = [*named, "log", "log_source", "mocap", "mocap_source", "exclude"]
+    columns += ["joint"] * any("joint" in cells for cells, _ in draft.trials)
     with (folder / "trials.csv").open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, columns, restval="", lineterminator="\n")
         writer.writeheader()
@@ -234,6 +235,10 @@ def draft_campaign(folder: Path) -> Draft:
     moved = {file: drafts.told_by_motion(one) for file, one in captures.items()}
     moved |= {file: {"experiment": "impedance"} for file, source, _ in recordings if source in joints}
     draft.trials = drafts.draft_trials(recordings, moved)
+    known_joint = {name: drafts.named_joint(overviews[name][1].channels) for name in joints}
+    for cells, _ in draft.trials:
+        for joint in known_joint.get(cells.get("log_source", ""), ()):
+            cells["joint"] = joint
     if any(cells["experiment"] == "walking" for cells, _ in draft.trials):
         draft.walking = "\n".join([*drafts.draft_walking([*captures.values()]), ""])
     return draft

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 from osl_analysis.dictionary import own_yaml
 from osl_analysis.errors import nearest
-from osl_analysis.judge.causes import EVIDENCE, cause_of, suspected_unit
-from osl_analysis.judge.finding import AnyRow, Beyond, Finding, Grade, Remedy, cell_number
+from osl_analysis.judge.causes import CAUSES, EVIDENCE, cause_of, suspected_unit
+from osl_analysis.judge.finding import ESTIMATES, AnyRow, Beyond, Finding, Grade, Remedy, cell_number
 from osl_analysis.judge.judging import MEASURED_BY
 from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.trial import UNIT_FACTORS, known_factor, significant
@@ -42,7 +42,7 @@ def words_of(finding: Finding, row: AnyRow) -> Words:
     own = [one for one in finding.evidence if cause_of(one.column, one.value, row).name == finding.cause]
     details = [friction_said(row)] * (finding.cause == "friction")
     details += [filled(WORDS["columns"].get(one.column, ""), Facts(row, one)) for one in own]
-    details += [without_said(finding)] * (finding.cause != "friction")  # which says it in its own words
+    details += [without_said(finding, row)] * (finding.cause != "friction")  # which says it in its own words
     remedy = known.get(finding.remedy.value) or known[Remedy.WHOLE.value]
     return Words(known["says"], ", ".join(dict.fromkeys(filter(None, details))), capital(remedy))
 
@@ -66,11 +66,18 @@ def beyond_said(one: Beyond) -> str:
     return f"{one.column} {how.get(one.side, f'{one.value:.3g} is {one.side} {one.limit:g}')}"
 
 
-def without_said(finding: Finding) -> str:
+def without_names(cause: str, row: AnyRow) -> dict[str, str]:
+    """What the estimates without a cause are called: certain friction is a column of them too, and no part of B."""
+    column = CAUSES[cause].without.get("B") if cause in CAUSES else None
+    beside = column == "B_without" and row.get("B_viscous") is not None
+    return {name: "B without friction" if name == "B" and beside else name for name in ESTIMATES}
+
+
+def without_said(finding: Finding, row: AnyRow) -> str:
     """The estimates of the same fit with this cause as a column of the regression."""
     said = []
-    for symbol in ("K", "B", "I"):
-        value, low, high = (finding.without.get(f"{symbol}{end}") for end in ("", "_low", "_high"))
+    for name, symbol in without_names(finding.cause, row).items():
+        value, low, high = (finding.without.get(f"{name}{end}") for end in ("", "_low", "_high"))
         if low is None or high is None:
             continue
         if value is not None and abs(high + low - 2 * value) <= 1e-3 * (high - low):

@@ -183,7 +183,7 @@ def impedance_headlines(impedance: pl.DataFrame, example: Example) -> Iterator[H
         used = counted(trials)
         yield from over_fits(labels["VAF_median"], single["VAF"], np.median, single)
         yield from over_fits(labels["VAF_mean"], single["VAF"], np.mean, single)
-        yield from over_fits(labels["K_error"], 100 * (used["K"] / used["K_d"] - 1).abs(), np.mean, trials, used)
+        yield from over_fits(labels["K_bias"], 100 * (used["K"] / used["K_d"] - 1), np.mean, trials, used)
         yield from over_fits(labels["B_error"], (used["B"] - used["B_d"]).abs(), np.mean, trials, used)
         if "torque_error" in used.columns:
             yield from over_fits(labels["torque_error"], trials["torque_error"], np.mean, trials)
@@ -431,10 +431,10 @@ def first_said(numbers: Sequence[Mapping[str, Any]], most: int = 3) -> list[str]
         few = len(every) <= most
         own = every if few else [pick(every, key=lambda one: float(one["value"])) for pick in (min, max)]
         parts = []
-        for one in own:  # a range shows no precision, and the table has it
-            ends = one["ends"] if one["interval"] not in (RANGE, COUNT) else ""
+        for one in own:
+            ends = f"{one['interval']} {one['ends']}" if one["interval"] == RANGE else one["ends"]
             more = "; ".join(filter(None, [one["of"], ends, f"n = {one['behind']}"]))
-            parts.append(f"{one['text']} {one['unit']} ({more})")
+            parts.append(f"{one['text']}\N{NO-BREAK SPACE}{one['unit']} ({more})")
         said.append(f"{begins} {(', ' if few else ' to ').join(parts)}.")
     return said
 

@@ -23,7 +23,7 @@ from markupsafe import Markup
 
 from osl_analysis.judge.campaign import Entry
 from osl_analysis.judge.finding import ESTIMATES, Grade
-from osl_analysis.judge.words import WORDS, printed
+from osl_analysis.judge.words import WORDS, printed, without_names
 from osl_analysis.report import TEMPLATES
 from osl_analysis.report.headlines import MOST_UNSTATED, first_said, hold_bench_errors, said_number
 from osl_analysis.report.trial_page import ReportedTrial, response_said, value_and_interval
@@ -134,15 +134,16 @@ def conditions(tables: Mapping[str, pl.DataFrame], findings: Mapping[str, Sequen
         for rows in whole.partition_by([*keys, "own"], maintain_order=True):
             row, trials = rows.row(0, named=True), rows["trial"].to_list()
             is_range = row["unstated"] and row["own"] is None
+            shown = [*ESTIMATES, *(name for name in FRICTION if name in rows.columns and not rows[name].null_count())]
             if len(rows) > 1 and not is_range:
-                for symbol in ESTIMATES:
+                for symbol in shown:
                     mean = summary_row(rows, symbol)
                     row |= {f"{symbol}{end}": mean[of] for end, of in ENDS.items()}
             of = [f"{key} {row[key]:g}" if key in ("K_d", "B_d") else row[key] for key in keys if row[key] is not None]
             of += [f"trial {row['own']}"] * (row["own"] is not None) + ["no stated condition"] * is_range
             about = [one for trial in trials for one in findings.get(trial, ())]
-            cells = {symbol: value_and_interval(row, symbol) for symbol in ESTIMATES}
-            facts = doubts_said(about, name) | (ranges_of(rows) if is_range else cells)
+            cells = {symbol: value_and_interval(row, symbol) for symbol in shown}
+            facts = doubts_said(about, name, row, len(trials)) | (ranges_of(rows, shown) if is_range else cells)
             found.append({"of": ", ".join(of) or "all", "trials": trials, **facts})
     return found
 
@@ -153,39 +154,43 @@ def of_groups(tables: Mapping[str, pl.DataFrame], findings: Mapping[str, Sequenc
     for (group,), own in groups.group_by("group", maintain_order=True):
         row = {f"{one['quantity']}{end}": one[of] for one in own.to_dicts() for end, of in ENDS.items()}
         of = "walking" if group == "all" else f"walking, {group}"
-        about = doubts_said(findings.get(str(group), ()), "walking_groups")
+        about = doubts_said(findings.get(str(group), ()), "walking_groups", {})
         cells = {symbol: value_and_interval(row, symbol) for symbol in ESTIMATES}
         found.append({"of": of, "trials": [], **about, **cells})
     return found
 
 
 ENDS = {"": "mean", "_low": "low", "_high": "high"}  # of a quantity in a summary
+FRICTION = ("B_viscous", "f_C")  # said beside B, which holds it, where every trial has them
 
 
-def ranges_of(trials: pl.DataFrame) -> dict[str, tuple[str, str]]:
+def ranges_of(trials: pl.DataFrame, names: Sequence[str]) -> dict[str, tuple[str, str]]:
     """Lowest and highest of each estimate, which are no interval."""
-    ends = {symbol: [trials[symbol].min(), trials[symbol].max()] for symbol in ESTIMATES}
+    ends = {symbol: [trials[symbol].min(), trials[symbol].max()] for symbol in names}
     return {
         symbol: (" to ".join(value_and_interval({symbol: end}, symbol)[0] for end in both), "lowest to highest")
         for symbol, both in ends.items()
     }
 
 
-def doubts_said(entries: Sequence[Entry], table: str) -> dict[str, Any]:
-    """The `doubt` about fits to all of a trial in this table, and how many things are `unchecked`."""
+def doubts_said(entries: Sequence[Entry], table: str, row: Mapping[str, Any], n: int = 1) -> dict[str, Any]:
+    """The `doubt` about fits to all of n trials in this table, of one by its `row`; how many things are `unchecked`."""
     own = [one for one in entries if one["table"] == table and not one["in_part"]]
-    doubts = dict.fromkeys(doubted(one) for one in own if one["grade"] == Grade.DOUBTS)
+    doubts = [one for one in own if one["grade"] == Grade.DOUBTS]
+    by_cause = Counter(cause for _, cause in {(one["trial"], one["cause"]) for one in doubts})
+    said = [f"{cause} ({k} of {n})" for cause, k in sorted(by_cause.items())]
+    said = [doubted(one, row) for one in doubts] if n == 1 else [*map(printed, said)]
     unchecked = {one["cause"] for one in own if one["grade"] == Grade.UNCHECKED}
-    return {"doubt": "; ".join(doubts), "unchecked": len(unchecked)}
+    return {"doubt": "; ".join(dict.fromkeys(said)), "unchecked": len(unchecked)}
 
 
-def doubted(entry: Entry) -> str:
-    """A cause of doubt, with the estimates that it leaves, in their units."""
+def doubted(entry: Entry, row: Mapping[str, Any]) -> str:
+    """A cause of doubt about a row, with the estimates that it leaves, in their units."""
     left = []
-    for name in ESTIMATES:
+    for name, symbol in without_names(entry["cause"], row).items():
         value, *ends = (entry.get(f"{name}_without{end}") for end in ("", "_low", "_high"))
         said = dict.fromkeys(f"{end:.3g}" for end in (ends if None not in ends else [value]) if end is not None)
-        left += [f"{name} {' to '.join(said)}"] * bool(said)
+        left += [f"{symbol} {' to '.join(said)}"] * bool(said)
     return printed(f"{entry['cause']}{f' (without it {in_words(left)})' if left else ''}")
 
 

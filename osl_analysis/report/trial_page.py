@@ -20,7 +20,7 @@ from osl_analysis.judge.limits import NOT_APPLICABLE
 from osl_analysis.judge.used import exclusion_said
 from osl_analysis.judge.words import WORDS, Words, printed, sentence_of
 from osl_analysis.report.headlines import digits_of, fixed
-from osl_analysis.stats.repeats import alike_sizes
+from osl_analysis.stats.repeats import sizes_said
 
 Content = dict[str, Any]  # as `templates/report.js` reads it
 LINE_LOOKS = ("measured", "model", "second", "third")  # looks of several lines of one panel
@@ -432,10 +432,10 @@ def methods_content(
         for one in columns.split():
             if one in table.columns and len(table):
                 said[name][one] = table[one].drop_nulls().unique().sort().to_list()
-    if "impedance" in tables and not said["impedance"]["commanded_deg"]:  # nobody stated what was commanded
-        sines = tables.get("phasors", tables["impedance"])  # of amplitudes without a fit of their own too
-        sizes = alike_sizes(sines["amplitude_deg"].cast(pl.Float64))
-        said["impedance"]["commanded_deg"] = sizes.drop_nulls().unique().sort().to_list()
+    if "impedance" in tables:  # where nobody stated what was commanded, all that moved, without a fit of its own too
+        sines, stated = tables.get("phasors", tables["impedance"]), said["impedance"]["commanded_deg"]
+        measured = [] if stated else sizes_said(sines["amplitude_deg"].cast(pl.Float64))
+        said["impedance"]["commanded_deg"] = [f"{size:g}" for size in stated] or measured
     if hz := said["phasors"]["frequency_hz"]:
         said["phasors"]["frequency_hz"] = pl.Series(hz).round_sig_figs(3).unique().sort().to_list()
     for trial in trials:

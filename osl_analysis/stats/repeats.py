@@ -41,6 +41,14 @@ def alike_sizes(sizes: pl.Series) -> pl.Series:
     return sizes.replace_strict(order, labels.round_sig_figs(3), default=None, return_dtype=pl.Float64)
 
 
+def sizes_said(sizes: pl.Series) -> list[str]:
+    """The measured amplitudes [deg] or frequencies [Hz] (n,) of each of `alike_sizes`, upwards: to three digits, and
+    from the lowest to the highest where these are more than a hundredth apart."""
+    of = pl.DataFrame({"size": sizes, "label": alike_sizes(sizes)}).drop_nulls()
+    ends = of.group_by("label").agg(low=pl.col("size").min(), high=pl.col("size").max()).sort("label")
+    return [f"{low:.3g} to {high:.3g}" if high > 1.01 * low else f"{of:.3g}" for of, low, high in ends.iter_rows()]
+
+
 CommonError = tuple[float, float]
 """An error that all trials share, so that their scatter does not show it: its variance, in the squared unit of the
 estimate, and the degrees of freedom of this variance."""

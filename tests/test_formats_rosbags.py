@@ -356,7 +356,13 @@ def test_a_ros_1_message_has_the_length_of_its_definition() -> None:
     kind = message_type(Schema(1, (own + header).encode(), "ros1msg", "lab/Odd"), ros1=True)
     payload = (7).to_bytes(4, "little") + bytes(8) + bytes(4) + b"\xff\xfe" + b"\xff" * 24
     shape = shape_of(kind, payload, ["header.seq", "level", "letter", "at.secs", "took[1].secs"])
-    assert [values[0] for values in shape.read(payload, np.zeros(1, np.int64)).values()] == [7, -1, 254, 2**32 - 1, -1]
+    assert [values[0] for values in shape.read(np.array([payload], f"V{len(payload)}")).values()] == [
+        7,
+        -1,
+        254,
+        2**32 - 1,
+        -1,
+    ]
     assert "took[1].nsecs" in shape.leaves
     for wrong in (payload + b"\0", payload[:-1]):
         with pytest.raises(InputError):

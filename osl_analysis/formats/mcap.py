@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from io import BytesIO
+from itertools import pairwise
 from pathlib import Path
 from types import MappingProxyType
 from typing import NamedTuple
@@ -49,7 +50,7 @@ class DamagedChunkError(Exception):
 # the messages of a stretch of a file, and opcode and content of the schemas and channels among them
 Stretch = tuple[MessageBlock, list[tuple[int, bytes]]]
 # messages that follow one another to the byte, by the place of the first: their places, and where the last one ends
-Runs = Mapping[int, tuple[list[int], int]]
+Runs = Mapping[int, tuple[Indices, int]]
 
 
 class ChunkHead(NamedTuple):
@@ -342,14 +343,14 @@ def message_heads(buffer: bytes, places: Indices) -> NDArray[np.void]:
 
 def runs_of_messages(buffer: bytes, places: Indices) -> Runs:
     """The messages at places (n,) that an index lists, as far as there are messages there."""
-    places = np.sort(places[(places >= 0) & (places <= len(buffer) - MESSAGE.itemsize)])
+    places = np.sort(places[(places >= 0) & (places <= len(buffer) - MESSAGE.itemsize)], kind="stable")
     heads = message_heads(buffer, places)
     lengths = heads["length"].astype(np.int64)
     within = (lengths >= MESSAGE_HEAD) & (lengths <= len(buffer) - RECORD.size - places)
     there = within & (heads["opcode"] == Opcode.MESSAGE)
     places, ends = places[there], (places + RECORD.size + lengths)[there]
-    parts = np.split(np.arange(len(places)), np.flatnonzero(places[1:] != ends[:-1]) + 1)
-    return {int(places[run[0]]): (places[run].tolist(), int(ends[run[-1]])) for run in parts if len(run)}
+    cuts = [0, *(np.flatnonzero(places[1:] != ends[:-1]) + 1).tolist(), len(places)]
+    return {int(places[a]): (places[a:b], int(ends[b - 1])) for a, b in pairwise(cuts) if b}
 
 
 def walk_records(
@@ -358,10 +359,11 @@ def walk_records(
     """Walk from record to record to what is no record; in a chunk past opcodes that the format does not define. `runs`
     of messages are passed at one go. Gives also where the walk ended."""
     others, messages, position, end = list[tuple[int, bytes]](), list[int](), begin, len(buffer)
+    passed = list[Indices]()
     while position + RECORD.size <= end:
         if position in runs:
             run, position = runs[position]
-            messages += run
+            passed.append(run)
             continue
         opcode, length = RECORD.unpack_from(buffer, position)
         start = position + RECORD.size
@@ -374,7 +376,7 @@ def walk_records(
         elif not is_chunk or opcode in NUMBERED or opcode == 0:
             break
         position = start + length
-    places = np.array(messages, np.int64)
+    places = np.sort(np.concatenate([np.array(messages, np.int64), *passed]), kind="stable")
     heads = message_heads(buffer, places)
     lengths, logged = (heads[name].astype(np.int64) for name in ("length", "log_time"))
     channel, sequence = heads["channel"].astype(np.uint16), heads["sequence"].astype(np.uint32)

@@ -119,7 +119,13 @@ def fields_in(
 
 
 AT_ONCE = 1000  # messages that become objects at a time
-joined_masked: Any = np.ma.concatenate  # numpy before 2.5 gives it no types
+ROWS_AT_ONCE = 1 << 16  # messages of one shape that are copied to rows at a time
+
+
+def joined_masked(pieces: Sequence[NDArray[Any]]) -> NDArray[Any]:
+    """Pieces of a column behind one another; those of numpy take ten times as long where nothing is masked."""
+    of: Any = np.ma if any(map(np.ma.isMaskedArray, pieces)) else np  # numpy before 2.5 gives it no types
+    return np.ma.array(of.concatenate(pieces))
 
 
 @dataclass(frozen=True)
@@ -156,23 +162,32 @@ class Reader:
         if not isinstance(self.kind, MessageType):
             ends = (starts + lengths).tolist()
             return self.take([buffer[start:end] for start, end in zip(starts.tolist(), ends, strict=True)])
-        for length in np.unique(lengths).tolist():
-            mine, known, tried = np.flatnonzero(lengths == length), self.shapes[length], 0
-            while mine.size:
-                if tried == len(known):  # the first message of a shape tells it
-                    start = int(starts[mine[0]])
-                    try:
-                        known.append(shape_of(self.kind, buffer[start : start + length], self.paths))
-                    except (InputError, RecursionError) as error:
-                        self.misfit = self.misfit or str(error)
-                        mine = mine[1:]
-                        continue
-                same = known[tried].fits(buffer, starts[mine])
-                if same.any():
-                    self.parts.append((self.count + mine[same], known[tried].read(buffer, starts[mine[same]])))
-                mine, tried = mine[~same], tried + 1
+        left = np.arange(starts.size)
+        while left.size:  # messages of one length at a time
+            length = int(lengths[left[0]])
+            alike = lengths[left] == length
+            of_length, left = left[alike], left[~alike]
+            for mine in np.array_split(of_length, 1 + of_length.size // ROWS_AT_ONCE):
+                self.read_rows(mine, numbers_at(buffer, starts[mine], np.dtype(f"V{length}")))
         self.count += starts.size
         return None
+
+    def read_rows(self, mine: Indices, rows: NDArray[np.void]) -> None:
+        """Take in messages of one length, (n,), that are `mine` of those that are read, shape by shape."""
+        known, tried = self.shapes[rows.itemsize], 0
+        while mine.size:
+            if tried == len(known):  # the first message of a shape tells it
+                try:
+                    known.append(shape_of(self.kind, rows[0].tobytes(), self.paths))
+                except (InputError, RecursionError) as error:
+                    self.misfit = self.misfit or str(error)
+                    mine, rows = mine[1:], rows[1:]
+                    continue
+            same = known[tried].fits(rows)
+            if same.any():
+                of_shape = rows if same.all() else rows[same]
+                self.parts.append((self.count + mine[same], known[tried].read(of_shape)))
+            mine, rows, tried = mine[~same], rows[~same], tried + 1
 
     def take(self, payloads: Sequence[bytes]) -> None:
         """Take in messages that become objects, many at once where all have a number at every path."""
@@ -210,7 +225,9 @@ class Reader:
         order = np.argsort(rows if rank is None else rank[rows], kind="stable")
         values, none, in_order = {}, np.empty(0, bool), (np.diff(order) == 1).all()
         for path in self.paths:
-            pieces = [one.get(path, np.ma.array(np.zeros(rows.size, bool), mask=True)) for rows, one in parts]
+            pieces = [
+                one[path] if path in one else np.ma.array(np.zeros(rows.size, bool), mask=True) for rows, one in parts
+            ]
             whole = joined_masked([none, *pieces])
             values[path] = whole if in_order else whole[order]  # of an hour at 1 kHz a copy is 30 MB
         return Columns(rows[order], values, self.count - rows.size, self.misfit)
@@ -398,7 +415,8 @@ class Shape:
         if isinstance(key, tuple):
             names = f"{way.rpartition('.')[0]}.{key[0]}[".removeprefix(".")
             own = [one for one in self.texts if one.startswith(names)]
-            self.guards += [self.texts[one] for one in own]  # in another message these may have other names
+            # in another message these may have other names
+            self.guards += [self.texts[one] for one in own if self.texts[one] not in self.guards]
             found = [self.texts[one][1].rstrip(b"\0").decode(errors="replace") for one in own]
             if one_named(found, key):
                 return self.leaf_at(f"{way}[{own[found.index(key[1])].removeprefix(names)}")
@@ -407,21 +425,21 @@ class Shape:
             return None
         return start + key * np.dtype(kind).itemsize, kind, None
 
-    def fits(self, buffer: bytes, starts: Indices) -> NDArray[np.bool_]:
-        """Which messages of this length, that begin at `starts` [bytes], have this shape, (messages,)."""
-        same = np.ones(starts.size, bool)
+    def fits(self, rows: NDArray[np.void]) -> NDArray[np.bool_]:
+        """Which messages of this length, (messages,), have this shape."""
+        same = np.ones(rows.size, bool)
         for place, shared in self.guards:
             kind = np.dtype({2: "u2", 4: "u4"}.get(len(shared), f"S{len(shared)}"))
             if shared:
-                same &= numbers_at(buffer, starts + place, kind) == np.frombuffer(shared, kind)
+                same &= numbers_in(rows, place, kind) == np.frombuffer(shared, kind)
         return same
 
-    def read(self, buffer: bytes, starts: Indices) -> Values:
+    def read(self, rows: NDArray[np.void]) -> Values:
         """The wanted numbers of messages of this shape."""
         values = {}
         for path, (place, spelled, _) in self.wanted.items():
             kind = np.dtype(spelled.replace("?", "u1"))
-            native = numbers_at(buffer, starts + place, kind).astype(kind.newbyteorder("="))
+            native = numbers_in(rows, place, kind).astype(kind.newbyteorder("="))
             values[path] = native != 0 if "?" in spelled else native
         return values
 
@@ -490,6 +508,11 @@ def shape_of(kind: MessageType, payload: bytes | None, paths: Sequence[str] = ()
         shape.guards.append((position, left))
     shape.wanted = {path: leaf for path in paths if (leaf := shape.leaf_at(path))}
     return shape
+
+
+def numbers_in(rows: NDArray[np.void], place: int, kind: np.dtype[Any]) -> NDArray[Any]:
+    """The numbers of one type at one place [bytes] in messages of one length, (messages,)."""
+    return np.ndarray(rows.shape, kind, rows, place, rows.strides)
 
 
 def numbers_at(buffer: bytes, places: Indices, kind: np.dtype[Any]) -> NDArray[Any]:

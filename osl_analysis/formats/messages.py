@@ -58,8 +58,9 @@ class MessageBlock:
         """The messages that are `mine`, (n,)."""
         if mine.all():
             return self
-        channel, sequence, log_time = self.channel[mine], self.sequence[mine], self.log_time[mine]
-        return MessageBlock(self.buffer, channel, sequence, log_time, self.starts[mine], self.lengths[mine])
+        rows = np.flatnonzero(mine)
+        channel, sequence, log_time = self.channel[rows], self.sequence[rows], self.log_time[rows]
+        return MessageBlock(self.buffer, channel, sequence, log_time, self.starts[rows], self.lengths[rows])
 
 
 @dataclass

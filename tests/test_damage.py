@@ -302,7 +302,10 @@ def test_a_part_that_is_that_of_another_place_is_lost_and_motion_without_noise_i
         (angle, torque, 0),
         (copied[0], torque, 40),
         (copied[0], copied[1], 40),
-        (np.round(copied[0], 1), copied[1], 40),  # in both channels values repeat, in pairs seldom
+        (np.round(2 * copied[0]), torque, 40),  # of a coarse converter values repeat, many in a row seldom
+        (np.round(copied[0] / 2), torque, 0),  # whose noise is too small to tell
+        (np.repeat(np.round(angle[:150]), 4), torque, 0),  # held
+        (np.r_[angle[:300], angle[100:110], angle[310:]], torque, 10),
         (sine, sine, 0),
         (period, period, 0),
         (ramp, torque, 0),
@@ -311,6 +314,17 @@ def test_a_part_that_is_that_of_another_place_is_lost_and_motion_without_noise_i
     ):
         pl.DataFrame({"t": clock[: a.size], "a": a, "f": f}).write_csv(tmp_path / "a.csv")
         assert FORMATS["csv"].read(tmp_path / "a.csv", source).losses.get("lost", 0) == lost
+
+
+def test_a_step_of_time_unlike_all_others_is_told_and_one_of_an_uneven_clock_is_not(tmp_path: Path) -> None:
+    source = FORMATS["csv"].source.model_validate({"format": "csv", **columns_as("column")})
+    k, noise = np.arange(600), np.random.default_rng(3).normal(size=600)
+    uneven = k / 100 + 2e-4 * noise
+    told = {}
+    for name, t in (("even", k / 100), ("lost", np.r_[k[:300], k[304:]] / 100), ("uneven", np.delete(uneven, 300))):
+        pl.DataFrame({"t": t, "a": noise[: t.size], "f": noise[::-1][: t.size]}).write_csv(path := tmp_path / "a.csv")
+        told[name] = len(FORMATS["csv"].read(path, source).warnings)
+    assert told == {"even": 0, "lost": 1, "uneven": 0}
 
 
 def test_chunks_that_were_never_written_are_lost_and_not_zeros(tmp_path: Path) -> None:

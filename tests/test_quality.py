@@ -147,6 +147,9 @@ BARE, STOOD_ON = laboratory()["plate1_force_z"].to_numpy(), 800 + np.random.defa
     ("dropout", bench(torque=with_piece(np.round(TORQUE), LARGE[1], LARGE[21], 3.0)), "impedance", 0, ""),  # a level
     ("dropout", bench(torque=with_piece(TORQUE, 1000, 1020, 0.0)), "impedance", 20, "torque"),  # it jumps out alone
     ("dropout", bench(torque=with_piece(TORQUE, 1000, 1001, 2e6)), "impedance", 1, "torque"),
+    ("dropout", bench(torque=with_piece(TORQUE, 1000, 1002, TORQUE[1000] + 10)), "impedance", 2, "torque"),  # and back
+    *(("dropout", bench(ANGLE + k * AWAY), "impedance", 2, "theta") for k in (7.5, 0.02)),  # rows of another place
+    ("dropout", bench(torque=TORQUE + 9 * AWAY), "impedance", 0, ""),  # friction, which turns
     ("dropout", bench(torque=with_piece(TORQUE, 0, 50, 0.0)), "impedance", 0, ""),  # before a recorder begins
     ("dropout", actuator_bench(current=LEVELS), "actuator", 0, ""),  # a command has levels
     ("stuck", bench(torque=with_piece(TORQUE, 2000, 2800)), "impedance", 0.799, "torque"),
@@ -165,8 +168,7 @@ BARE, STOOD_ON = laboratory()["plate1_force_z"].to_numpy(), 800 + np.random.defa
     ("stuck", bench().with_columns(theta_m=pl.lit(0.2)), "belt", 0.0, ""),  # the input shaft is locked
     ("stuck", laboratory(plate1_force_x=np.zeros(2000)), "walking", 1.999, "plate1_force_x"),
     ("stuck", laboratory(plate2_force_z=np.zeros(2000)), "walking", 0.0, ""),
-    *(("encoder_wrap", bench(ANGLE + k * AWAY), "impedance", 2.0 * (k != 7.5), "theta" * (k != 7.5))
-      for k in (2 * np.pi, -2 * np.pi, 360.0, 7.5)),
+    *(("encoder_wrap", bench(ANGLE + k * AWAY), "impedance", 2.0, "theta") for k in (2 * np.pi, -2 * np.pi, 360.0)),
     *(("encoder_wrap", bench(**{c: ANGLE + 2 * np.pi * AWAY}), "belt", 2.0, c) for c in ("theta_m", "theta_command")),
     ("gap", bench().filter(pl.col("time") != 1.0), "impedance", 0.001, None),  # of one sample
     ("unzeroed_load_cell", bench(torque=TORQUE - 8.0), "impedance", 7.5, None),

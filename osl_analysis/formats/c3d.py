@@ -219,7 +219,7 @@ def tell_copied_frames(raw: NDArray[Any], size: int, damage: Ledger) -> None:
     block was written over another. A frame that repeats the one before was held."""
     words = np.lib.stride_tricks.sliding_window_view(raw, 8 // raw.itemsize).copy().view(np.uint64)[:, 0]
 
-    def is_various(run: slice) -> bool:  # smooth motion has steps of few sizes, and may come again
+    def is_various(run: slice, _: int) -> bool:  # smooth motion has steps of few sizes, and may come again
         steps = np.diff(words[run].astype(np.float64))
         return np.unique(np.round(1e6 * steps / (np.abs(steps).max() or 1.0))).size >= steps.size // 2
 

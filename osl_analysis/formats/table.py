@@ -23,6 +23,7 @@ MOST_BYTES = 4_000_000_000  # of memory that the values of a recording may take
 MOST_SECONDS = 600  # of processor time that a decoder may take
 
 Result = TypeVar("Result")
+MIX = np.uint64(0x9E3779B97F4A7C15)  # of words, to tell them by fewer bits
 LIBRARY_REMEDY = "copy the file again, or export it anew"
 
 
@@ -218,50 +219,58 @@ class Ledger:
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def has_noise(channels: Sequence[NDArray[Any]], run: slice) -> bool:
-    """Whether one of the channels, (n,) each, has noise of its own in a run, unlike a command, a simulation, or a
-    motion that is only rounded, which may come again: by the median of fourth differences, to which a motion gives
-    little."""
+def noise_in(x: NDArray[Any], run: slice) -> tuple[float, float]:
+    """SD of the noise in a run of readings (n,) and their smallest step; 0 without noise of its own, unlike a command,
+    a simulation, or a motion that is only rounded, which may come again: by the median of fourth differences, to which
+    a motion gives little."""
+    wide = max(0, 64 - (run.stop - run.start)) // 2
+    x = x[max(0, run.start - wide) : run.stop + wide]
+    if x.size < 5 or not np.ptp(x) > 0:
+        return 0.0, 0.0
+    steps, level = float(np.median(np.abs(np.diff(x)))), float(np.diff(np.unique(x)).min())
+    scatter = float(np.median(np.abs(np.diff(x, 4)))) / (0.6745 * 70**0.5)
+    return scatter if scatter > max(0.6 * level, 0.02 * steps) else 0.0, level
 
-    def scatters(x: NDArray[Any]) -> bool:
-        steps, levels = float(np.median(np.abs(np.diff(x)))), np.diff(np.unique(x))
-        scatter = float(np.median(np.abs(np.diff(x, 4)))) / (0.6745 * 70**0.5)
-        return bool(levels.size) and scatter > max(0.6 * float(levels.min()), 0.02 * steps)
 
-    return any(scatters(x[run]) for x in channels)
-
-
-def copied_runs(words: NDArray[Any], least: int, proves: Callable[[slice], bool]) -> list[tuple[int, int, int]]:
+def copied_runs(words: NDArray[Any], least: int, proves: Callable[[slice, int], bool]) -> list[tuple[int, int, int]]:
     """Runs of `least` words (n,) or more that are those of another place, one by one, as where a block of a file was
     written over another or twice: first word, word after the last one, and first word there. Words that occur more than
-    three times prove nothing, nor do runs that `proves` does not take, nor copies of nearly all: that is a motion which
-    repeats itself. Every fourth word, chosen by its content, is looked for."""
-    bits = words.view(f"u{words.dtype.itemsize}") if words.dtype.kind == "f" else words.astype(np.uint64)
-    places = np.flatnonzero((bits.astype(np.uint64, copy=False) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(62) == 0)
-    if not places.size:
+    three times prove nothing: where most do, as those of a coarse converter, several in a row are one word. Nor do runs
+    that `proves` does not take, by their place and how far on they stand again, nor copies of nearly all: that is a
+    motion which repeats itself."""
+    bits = words.view(f"u{words.dtype.itemsize}") if words.dtype.kind == "f" else words
+    if words.size < max(32, 2 * least):
         return []
-    places = places[np.argsort(bits[places], kind="stable")]
-    begins = np.flatnonzero(np.concatenate([[True], np.diff(bits[places]) != 0, [True]]))
-    counts = np.repeat(np.diff(begins), np.diff(begins))
-    rare, anchors = places[counts <= 3], np.zeros(bits.size, bool)
-    if rare.size < 0.5 * places.size:
+    bits, places = bits.astype(np.uint64), np.uint64((1 << words.size.bit_length()) - 1)
+    mixed = bits * MIX
+    for size in (1, 4, 16):
+        for step in (size // 4, size // 2) if size > 1 else ():  # two words in a row, then two of these, are one
+            mixed = (mixed[:-step] ^ (mixed[:-step] >> np.uint64(29))) * MIX + mixed[step:]
+        keys = np.sort((mixed * MIX & ~places) | np.arange(mixed.size, dtype=np.uint64))
+        groups = np.flatnonzero(np.concatenate([[True], (keys[1:] ^ keys[:-1]) > places, [True]]))
+        counts = np.diff(groups)
+        if (rare := int(counts[counts <= 3].sum())) >= 0.5 * keys.size:
+            break
+    else:
         return []
-    again = np.flatnonzero(bits[rare[1:]] == bits[rare[:-1]])
-    lags, votes = np.unique(rare[again + 1] - rare[again], return_counts=True)
-    found, seldom = list[tuple[int, int, int]](), np.zeros(bits.size, bool)
-    seldom[rare], anchors[places] = True, True
-    for lag in lags[votes >= 2][np.argsort(-votes[votes >= 2], kind="stable")][:20].tolist():
-        ends = np.zeros(bits.size - lag + 2, bool)
-        ends[1:-1] = bits[lag:] == bits[:-lag]
-        runs = np.flatnonzero(ends[1:] != ends[:-1]).reshape(-1, 2)
-        for start, stop in runs[runs[:, 1] - runs[:, 0] >= least].tolist():
-            rarely = seldom[start:stop].sum() >= max(2, 0.75 * anchors[start:stop].sum())
-            if rarely and proves(slice(start, stop)):
+    at, again = (
+        (keys & places).astype(np.int64),
+        [groups[:-1][counts == 3] + 1, groups[:-1][(counts > 1) & (counts < 4)]],
+    )
+    lags, votes = np.unique(np.concatenate([at[one + 1] - at[one] for one in again]), return_counts=True)
+    many = votes >= max(2, 0.75 * (least - size))
+    found, copies, seldom = list[tuple[int, int, int]](), np.zeros(bits.size, bool), np.zeros(bits.size, bool)
+    if many.any():
+        seldom[at[np.repeat(counts <= 3, counts)]] = True
+    for lag in lags[many][np.argsort(-votes[many], kind="stable")][:20].tolist():
+        equal = np.zeros(bits.size - lag + 2, bool)
+        equal[1:-1] = bits[lag:] == bits[:-lag]
+        runs = np.flatnonzero(equal[1:] != equal[:-1]).reshape(-1, 2)
+        for start, stop in runs[runs[:, 1] - runs[:, 0] >= max(least, size + 1)].tolist():
+            if seldom[start : stop - size + 1].mean() >= 0.75 and proves(slice(start, stop), lag):
                 found.append((start + lag, stop + lag, start))
-    copies = np.zeros(bits.size, bool)
-    for start, stop, other in found:
-        copies[start:stop] = copies[other : other + stop - start] = True
-    return found if np.count_nonzero(copies & seldom) <= 0.8 * rare.size else []
+                copies[start:stop] = copies[start + lag : stop + lag] = True
+    return found if np.count_nonzero(copies & seldom) <= 0.8 * rare else []
 
 
 def total_of(counts: Counter[int], channels: Collection[int] | None) -> int:

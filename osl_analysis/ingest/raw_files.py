@@ -1,6 +1,7 @@
 """The raw files of one trial: recognised, read by their source files, and put together to canonical samples."""
 
 import hashlib
+import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -22,7 +23,7 @@ from osl_analysis.formats.json_lines import is_json_lines
 from osl_analysis.formats.mat import is_mat
 from osl_analysis.formats.mcap import MAGIC
 from osl_analysis.formats.rosbag import ANY_BAG1, DESCRIPTION, SQLITE, files_in
-from osl_analysis.formats.table import copied_runs, has_noise
+from osl_analysis.formats.table import copied_runs, noise_in
 from osl_analysis.formats.tdms import is_tdms
 from osl_analysis.ingest import overview
 from osl_analysis.ingest.captures import plate_count, read_c3d_capture, read_nexus_capture, read_trc_capture
@@ -43,7 +44,7 @@ from osl_analysis.ingest.source import (
     values_of_no_sensor,
 )
 from osl_analysis.refusal import check_not_refused
-from osl_analysis.trial import COLUMNS, Trial, unit_of
+from osl_analysis.trial import COLUMNS, Array, Trial, unit_of
 from osl_analysis.yaml_settings import dotted, field_line, read_mapping, read_yaml
 
 FileReader = Callable[[Path, Any], Recording]  # reads a file by its source file, of the format's class
@@ -73,6 +74,7 @@ class KnownFormat:
             if not (isinstance(source, C3dSource) and recording.damage.misfits):  # which its frames told
                 tell_copies(recording)
             tell_no_sensor(recording)
+            tell_odd_steps(recording)
         said = (*recording.damage.all_remarks(recording.topics is not None), *recording.warnings)
         return replace(recording, warnings=[f"{printable(path.name)}: {text}" for text in said])
 
@@ -238,40 +240,61 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
     return trial
 
 
-LEAST_COPIED = 16  # samples in a row that are those of another place
+LEAST_COPIED = 4  # samples in a row that are those of another place
+BESIDE = 200  # samples before and behind such a run, which tell whether a motion comes again there
 NO_SENSOR = ("V", "N*m/rad", "N*m*s/rad")  # units of pulses and of gains, which repeat themselves
 
 
+def surprise(scatter: float, level: float) -> float:
+    """How unlikely noise of an SD makes it that a reading of a smallest step is equal to another, -ln of the chance."""
+    return math.log(2 * math.pi**0.5 * scatter / level) if scatter else 0.0
+
+
 def tell_copies(recording: Recording) -> None:
-    """Count as lost what the samples of a place are those of another, of each channel and of channels with common rows:
-    a sensor's noise does not repeat. Commands do, pulses, and a motion without noise."""
+    """Count as lost what the samples of a channel in a place are those of another, more of them than noise repeats in
+    one of a million channels. Commands repeat themselves, pulses, and a motion without noise."""
     measured = [one for one in recording.columns if not one.endswith("_command") and unit_of(one) not in NO_SENSOR]
-    alike: dict[int, list[str]] = {}
+    lost, found = np.zeros(recording.samples.height, bool), dict[tuple[int, int, int], list[str]]()
+    time = recording.samples["time"]
     for column in measured:
-        alike.setdefault(recording.samples[column].null_count(), []).append(column)
-    lost, said = np.zeros(recording.samples.height, bool), list[str]()
-    for names in [*([one] for one in measured), *(own for own in alike.values() if len(own) > 1)]:
-        own = recording.samples.select("time", *names).with_row_index("row").drop_nulls(names)
-        if own.height < 2 * LEAST_COPIED:
+        own = recording.samples[column]
+        rows, x = own.is_not_null().arg_true().to_numpy(), own.drop_nulls().to_numpy()
+        fresh = np.flatnonzero(np.diff(x, prepend=np.nan))
+        if (
+            1 < fresh.size < 0.75 * x.size and np.mean(np.diff(fresh) == np.median(np.diff(fresh))) > 0.8
+        ):  # held by its recorder
+            rows, x = rows[fresh], x[fresh]
+        quietest = min(noise_in(x, slice(at, at + 200)) for at in range(0, x.size + 1, x.size // 8 + 1))
+        if not surprise(*quietest):
             continue
-        rows = own["row"].to_numpy()
-        channels = [own[name].to_numpy() for name in names]
-        words = channels[0] if len(names) == 1 else own.select(names).hash_rows().to_numpy()
-        for start, stop, other in copied_runs(words, LEAST_COPIED, partial(has_noise, channels)):
-            if not lost[rows[start:stop]].all():
-                lost[rows[start:stop]] = True
-                at, there = (f"{own['time'][row]:.3f} s" for row in (start, other))
-                what = f"{stop - start} samples of {listing(names, 4)} from {at} on are those from {there} on"
-                is_twice = start - other <= stop - start + 1  # rows behind are late, where the time was not recorded
-                how = "twice" if is_twice else "over another, or twice"
-                said.append(f"{what}: a part of the file was written {how}")
-                recording.damage.uncounted |= is_twice
-    if said:
+        enough = 2 * math.log(x.size + 1) + math.log(1e6)
+        least = max(LEAST_COPIED, int(enough / surprise(*quietest)))
+
+        def proves(
+            run: slice, lag: int, x: Array = x, most: float = surprise(*quietest), enough: float = enough
+        ) -> bool:
+            scatter, level = noise_in(x, run)
+            end = max(run.stop, min(run.stop + BESIDE, x.size - lag))
+            at = np.r_[max(0, run.start - BESIDE) : run.start, run.stop : end]
+            alike = (np.count_nonzero(np.abs(x[at + lag] - x[at]) < 1.5 * level) + 1) / (at.size + 1)
+            each = min(most, surprise(scatter, level), -math.log(alike))
+            return int(np.count_nonzero(np.diff(x[run]))) * each > enough
+
+        for start, stop, other in copied_runs(x, least, proves):
+            found.setdefault((rows[start], rows[stop - 1] + 1, rows[other]), []).append(column)
+    for (start, stop, other), names in found.items():
+        if not lost[start:stop].all():
+            at, there = (f"{time[int(row)]:.3f} s" for row in (start, other))
+            what = f"{stop - start} samples of {listing(names, 4)} from {at} on are those from {there} on"
+            is_twice = start - other <= stop - start + 1  # rows behind are late, where the time was not recorded
+            how = "twice" if is_twice else "over another, or twice"
+            recording.damage.lose(f"{what}: a part of the file was written {how}", 0, Counter(), 0)
+            recording.damage.uncounted |= is_twice
+            lost[start:stop] = True
+    if found:
         damage, (number, *_) = recording.damage, next(iter((recording.topics or {"": [0]}).values()))
         damage.read = damage.read or Counter({0: lost.size})
         damage.misfits[number] += int(lost.sum())
-        for remark in said:
-            damage.lose(remark, 0, Counter(), 0)
 
 
 def tell_no_sensor(recording: Recording) -> None:
@@ -283,6 +306,18 @@ def tell_no_sensor(recording: Recording) -> None:
             what = f"{np.count_nonzero(wrong)} samples of {column} are values that no sensor gives, the first at"
             recording.damage.remarks.append(f"{what} {own['time'][int(np.argmax(wrong))]:.3f} s: bytes may be lost")
             recording.damage.uncounted = True
+
+
+def tell_odd_steps(recording: Recording) -> None:
+    """Say where time goes on by another step than in 99 of 100 rows, all of which are alike."""
+    time = recording.samples["time"].to_numpy()
+    steps = np.diff(time)
+    usual = float(np.median(steps)) if steps.size else 0.0
+    odd = np.abs(steps - usual) > 0.1 * usual
+    if 0 < (count := np.count_nonzero(odd)) <= 0.01 * odd.size and np.ptp(steps[~odd]) < 0.05 * usual:
+        at = int(np.argmax(odd))
+        said = f"time goes on by {steps[at]:.4g} s at {time[at]:.3f} s, where steps are {usual:.4g} s, {count} times so"
+        recording.damage.remarks.append(f"{said} or otherwise: samples are missing there, or their stamps are wrong")
 
 
 def check_columns(trial: Trial, experiment: str | None, needed: Sequence[str]) -> None:

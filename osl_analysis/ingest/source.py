@@ -26,7 +26,7 @@ from pydantic import (
 from osl_analysis.errors import InputError, nearest
 from osl_analysis.formats.csv_table import MISSING
 from osl_analysis.formats.mat import checked_address
-from osl_analysis.formats.table import Ledger, has_noise
+from osl_analysis.formats.table import Ledger, noise_in
 from osl_analysis.ingest.units import ForceUnit, LengthUnit, MomentUnit, TimeUnit, Unit, quantity, si_factor
 from osl_analysis.signals import run_edges
 from osl_analysis.trial import AXES, COLUMNS, Array, unit_of
@@ -677,6 +677,7 @@ LARGEST_MEASURED = {  # largest size of a value in its SI unit, by kind of quant
 
 AMID = 5000  # samples in which a channel shows its noise
 NEXT_TO_ZERO = 1e-30  # of a signal in SI units, which no sensor resolves
+LEAPS = 24  # steps of a channel, the largest, that may stand apart
 SELDOM_REPEAT = ("theta", "theta_m", "omega_m", "torque", "torque_m", "current")  # whose noise seldom repeats a value
 
 
@@ -684,27 +685,54 @@ SELDOM_REPEAT = ("theta", "theta_m", "omega_m", "torque", "torque_m", "current")
 def values_of_no_sensor(column: str, time: Array, x: Array, origin: Mapping[str, Any]) -> NDArray[np.bool_] | None:
     """Which of the readings (n,) of a column are those of bytes that were lost or changed: two raw zeros or more in a
     row into which it jumps, and out of them; of a torque also where it jumps once, and a value that it holds for less
-    than half a second and has nowhere else; numbers next to zero; one to three that are a hundred times beyond all
-    others. None where it often repeats a value. `origin` tells its raw zero."""
+    than half a second and has nowhere else; numbers next to zero; and what `stands_apart`. None where it often repeats
+    a value. `origin` tells its raw zero."""
     zero = math.prod(origin.get(key, 1) for key in ("sign", "scale", "factor")) * origin.get("offset", 0)
     nought, stays = np.abs(x - zero) < NEXT_TO_ZERO, np.diff(x) == 0
     stands = nought[:-1] & nought[1:]
     if np.count_nonzero(~stays) <= 0.5 * np.sum(~stands):
         return None
-    lost, sizes = (x != 0) & (np.abs(x) < NEXT_TO_ZERO), np.abs(x - np.median(x))
-    few = np.partition(sizes, -4)[-4] if x.size > 4 else 0.0
-    lost |= sizes > (100 * few or np.inf)
+    lost = (x != 0) & (np.abs(x) < NEXT_TO_ZERO)
+    lost[stands_apart(time, x, may_jump="theta" not in column)] = True
     zeros = jumped_into(x, stands, may_rest="torque" not in column)
     most = 0.5 * time.size / (np.ptp(time) or np.inf) if time.size else 0.0  # what is held for longer is stuck
     if "torque" in column and np.mean(stays) < 0.1:  # else a sensor of few levels, which may rest at each
         held = [(a, b) for a, b in jumped_into(x, stays, may_rest=True, at_once=False) if 10 < b - a < most]
         zeros += [(a, b) for a, b in held if np.sum(x == x[a]) <= b - a + 3]
     elsewhere = x[~nought]
-    if zeros and not has_noise([elsewhere], slice(elsewhere.size // 4, elsewhere.size // 4 + AMID)):
+    if zeros and not noise_in(elsewhere, slice(elsewhere.size // 4, elsewhere.size // 4 + AMID))[0]:
         zeros = []  # a quiet sensor, or a simulation, that rests
     for a, b in zeros:
         lost[a : b + 1] = True
     return np.asarray(lost)
+
+
+def stands_apart(time: Array, x: Array, may_jump: bool) -> list[int]:
+    """Rows of one to three readings of (n,) to which a channel leaps and from which it leaps back; and without
+    `may_jump`, of a mass at 400 Hz or more, also rows before which it leaps at all, but for a turn of an encoder: by
+    ten times what it does in the five steps before and after, and eight times as far as it bends anywhere else."""
+    steps, found = np.diff(x), list[int]()
+    if x.size < 4 * LEAPS or not np.isfinite(steps).all():
+        return []
+    sizes = np.abs(steps)
+    for at in np.argpartition(sizes, -LEAPS)[-LEAPS:].tolist():
+        around = np.sort(sizes[max(0, at - 5) : at + 6])
+        if sizes[at] > 10 * around[-3]:
+            found.append(at)
+    if not found:
+        return []
+    bends, leaps, rows = np.abs(np.diff(x, 2)), sorted(found), list[int]()
+    for at in leaps:
+        bends[max(0, at - 1) : at + 1] = 0
+    usual, most = float(np.median(np.diff(time))), 8 * float(bends.max())
+    for at in (one for one in leaps if sizes[one] > most):
+        back = next((one for one in leaps if at < one <= at + 3 and abs(x[one + 1] - x[at]) < 0.3 * sizes[at]), None)
+        if back is not None:
+            rows += range(at + 1, back + 1)
+        elif not (may_jump or usual > 0.0025 or time[at + 1] - time[at] > 1.5 * usual or at + 1 in rows):
+            is_turn = any(abs(sizes[at] / turn - 1) < 0.1 for turn in (2 * np.pi, 360.0))
+            rows += [at + 1] * (not is_turn)
+    return rows
 
 
 def jumped_into(x: Array, stands: NDArray[np.bool_], may_rest: bool, at_once: bool = True) -> list[tuple[int, int]]:

@@ -155,7 +155,7 @@ def run_at_extreme(values: Array) -> slice:
     """Longest run of a noisy channel (n,) at its lowest or highest value, away from zero, where a sensor is unloaded,
     and from the median, where the channel mostly is: one sample, or many in a row of a clipped channel. The peak of a
     slow signal repeats a value too, as long as it stays within one step of its converter. It is not clipped: the
-    parabola that has the slopes at the ends of the plateau rises by less than 3 steps."""
+    parabola that has the slopes at the ends of the plateau rises by less than 2.5 steps."""
     if not values.size or not np.isfinite(values).all():
         return slice(0, 0)
     low, high, middle = float(values.min()), float(values.max()), float(np.median(values))
@@ -165,9 +165,10 @@ def run_at_extreme(values: Array) -> slice:
         if abs(end) <= 0.05 * (high - low) or abs(end - middle) <= 0.25 * (high - low):
             continue
         run = longest_run(values == end)
-        sides = values[max(run.start - 5, 0) : run.start], values[run.stop : run.stop + 5]
-        slope = min((float(np.abs(side - end).max()) / side.size for side in sides if side.size), default=0.0)
         length = run.stop - run.start
-        if length > longest.stop - longest.start and (length == 1 or slope * length / 4 > 3 * step):
+        near = max(5, length // 2)  # beside a long plateau values stay one step away for a while
+        sides = values[max(run.start - near, 0) : run.start], values[run.stop : run.stop + near]
+        slope = min((float(np.abs(side - end).max()) / side.size for side in sides if side.size), default=0.0)
+        if length > longest.stop - longest.start and (length == 1 or slope * length / 4 > 2.5 * step):
             longest = run
     return longest

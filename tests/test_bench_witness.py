@@ -197,8 +197,8 @@ def test_the_range_beside_a_ringing_path_holds_the_joint_that_one_rival_alone_wo
 
 
 def test_a_late_torque_is_named_also_where_what_changes_with_time_is_heard_and_explains_a_hair_more(monkeypatch):
-    def hears_time(court, view, plain=Court.__init__):
-        plain(court, view)
+    def hears_time(court, view, hears=True, plain=Court.__init__):
+        plain(court, view, hears)
         court.chance["time"] = HEARD - 1
 
     def a_hair_more(court):

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from itertools import compress
 from pathlib import Path
 from typing import Literal
 
@@ -87,11 +88,13 @@ class Groups:
             return np.ones(len(self.first), dtype=np.bool_)
         return np.array([one.label == label for one in self.strata])[self.stratum]
 
-    def pieces(self, label: Label = None) -> list[slice]:
-        """Rows of the groups of a label, those that follow one another together, in the order of time."""
-        mine = self.of(label)
-        edges = zip(self.first[mine], self.stop[mine], strict=True)
-        return joined([whole_rows(first, stop) for first, stop in edges])
+    @cached_property
+    def pieces(self) -> Mapping[Label, list[slice]]:
+        """Rows of the groups of each label, those that follow one another together, in the order of time; of all for
+        None."""
+        edges = zip(self.first.tolist(), self.stop.tolist(), strict=True)
+        rows = [whole_rows(first, stop) for first, stop in edges]
+        return {label: joined(list(compress(rows, self.of(label)))) for label in (None, *self.labels)}
 
 
 def joined(parts: Sequence[slice], apart: int = 0) -> list[slice]:
@@ -240,7 +243,7 @@ class Record:
     @cached_property
     def pieces(self) -> tuple[slice, ...]:
         """Rows that are fitted."""
-        return tuple(self.groups.pieces())
+        return tuple(self.groups.pieces[None])
 
     @cached_property
     def samples(self) -> int:
@@ -269,7 +272,7 @@ class Record:
             groups=replace(groups, first=first, stop=stop),
         )
 
-    @property
+    @cached_property
     def coarse(self) -> "Record":
         """The record at 250 Hz, eight cut-offs or more: its filtered signals have nothing faster."""
         at_least = max(250.0, 8 * self.low_pass.cutoff_hz)
@@ -277,7 +280,7 @@ class Record:
 
     def rows(self, label: Label = None) -> NDArray[np.intp]:
         """The rows that are fitted (m,), of a label or of all, each once."""
-        return np.concatenate([np.r_[piece] for piece in self.groups.pieces(label)])
+        return np.concatenate([np.r_[piece] for piece in self.groups.pieces[label]])
 
     def part(self, signal: Array) -> Array:
         """A signal (n,) in the rows that are fitted (m,); a view where they follow one another."""
@@ -610,7 +613,7 @@ def drift_rate(time: Array, motion: Motion, torque: Array, groups: Groups) -> fl
         X, y = X[own.any(axis=1)], y[own.any(axis=1)]
     else:
         X = np.column_stack([ramp, motion.theta, motion.omega, motion.alpha, np.ones_like(ramp)])
-        rows = np.concatenate([np.r_[piece] for piece in groups.pieces()])
+        rows = np.concatenate([np.r_[piece] for piece in groups.pieces[None]])
         X, y = X[rows], torque[rows]
     scale = np.linalg.norm(X, axis=0)
     scale[scale == 0] = 1.0

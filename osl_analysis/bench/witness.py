@@ -179,23 +179,25 @@ def wald(sums: Array, base: Sequence[int], added: Sequence[int], draws: int) -> 
 
 
 class Court:
-    """Which families are heard about a view, and their rivals. Certain friction, and weight, are the joint's."""
+    """Which families are heard about a view, if it `hears` any, and their rivals. Certain friction, and weight, are the
+    joint's."""
 
-    def __init__(self, view: View) -> None:
-        self.view, self.rivals = view, list[Rival]()
+    def __init__(self, view: View, hears: bool = True) -> None:
+        self.view, self.rivals, self.chance = view, list[Rival](), dict[str, float]()
         self.beside = [view.columns[0]] * (view.first == 1)
         theta, omega = view.motion[:2]
         sign, elastic = view.column(view.sign), view.first == 0
-        lacking = {
-            "friction": [sign],
-            "path": view.columns[3:5],
-            "time": [view.column(x * view.time) for x in view.motion[view.first : 3]],
-            "moment": [view.column(view.motion[view.first] * (view.time > at)) for at in view.moments],
-            "speed": [view.column(omega * np.abs(omega))],
-            "size": [view.column(theta**3)],
-            "direction": [view.column(np.abs(x)) for x in view.motion[view.first : 2]]
-            + [view.column(theta * view.sign)] * elastic,
-        }
+        lacking = {"friction": [sign]}
+        if hears:
+            lacking |= {
+                "path": view.columns[3:5],
+                "time": [view.column(x * view.time) for x in view.motion[view.first : 3]],
+                "moment": [view.column(view.motion[view.first] * (view.time > at)) for at in view.moments],
+                "speed": [view.column(omega * np.abs(omega))],
+                "size": [view.column(theta**3)],
+                "direction": [view.column(np.abs(x)) for x in view.motion[view.first : 2]]
+                + [view.column(theta * view.sign)] * elastic,
+            }
         columns, places = [*view.base, *self.beside], dict[str, range]()
         for name, added in lacking.items():
             places[name] = range(len(columns), len(columns) + len(added))
@@ -206,11 +208,13 @@ class Court:
             for k in kinds  # parts of a period show it
         ]
         base = list(range(len(view.base) + len(self.beside)))
-        moments = places.pop("moment")
         by_friction, (size,) = wald(every[0][0], base, places.pop("friction"), draws)
         if by_friction < FRICTION and size > 0:
             base.append(len(base))
             self.beside.append(sign)
+        if not hears:
+            return
+        moments = places.pop("moment")
         self.chance = {
             name: max(wald(sums, base, at, draws)[0] for sums, draws in every)
             for name, at in places.items()
@@ -478,9 +482,7 @@ def witness_row(record: Record, names: Sequence[str] = tuple(HARM), is_leg: bool
 
     Raises InputError: they do by more than the settings allow; the message names the trial."""
     view = View(record, 3 - len(names))
-    court = Court(view)
-    if is_leg:
-        court.chance.clear()
+    court = Court(view, hears=not is_leg)
     none, alike = court.verdict()
     row = no_witness(names)
     vaf = 100 * (1 - square(none.left) / max(float(view.y @ view.y), np.finfo(float).tiny))

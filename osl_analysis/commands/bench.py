@@ -75,17 +75,17 @@ def fit_impedance_trial(
     p = known_parameters(parameters)
     check_recording(trial, settings)
     rails = saturated(trial, "torque", "theta")
-    record = record_of_trial(trial, settings, windows)
+    record = with_actuator(record_of_trial(trial, settings, windows), trial)
     stated = condition or impedance.DesiredImpedance(None, None, None)
-    of_leg, ran = with_actuator(record, trial), stated.gains(p, weight)
+    ran = stated.gains(p, weight)
     trial.forget()
     law = pl.DataFrame(schema=prediction.LAW_COLUMNS)
     if p is not None and ran is not None:
-        law = prediction.law_table(of_leg, p, ran, models.sign_width)
+        law = prediction.law_table(record, p, ran, models.sign_width)
         ran, programmed_as = prediction.law_that_ran(law, ran, p)
         ran = replace(ran, cancels_friction=ran.cancels_friction and programmed_as == p)
-    of_leg = replace(of_leg, actuator={name: x for name, x in of_leg.actuator.items() if name == "theta_m"})
-    analysis, table = impedance.judged_impedance(of_leg, rails, p, condition, ran)
+    record = replace(record, actuator={name: x for name, x in record.actuator.items() if name == "theta_m"})
+    analysis, table = impedance.judged_impedance(record, rails, p, condition, ran)
 
     def further() -> dict[str, pl.DataFrame]:
         frames = {"phasors": phasors.phasor_table(trial.name, phasors.phasors_of_record(record))}

@@ -4,6 +4,7 @@ A run is a stretch of one frequency and amplitude. A segment is the whole cycles
 amplitude. Likeness says which share of a motion is sines, and which those commanded.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -254,7 +255,7 @@ class Segment:
 
 def whole_rows(start: float, stop: float) -> slice:
     """The rows that lie between two edges at least in part, but for errors of rounding."""
-    return slice(int(np.floor(start + 1e-6)), int(np.ceil(stop - 1e-6)))
+    return slice(math.floor(start + 1e-6), math.ceil(stop - 1e-6))
 
 
 def settled_cycles(segment: Segment, settle_cycles: int, usable: NDArray[np.bool_]) -> Array:

@@ -44,7 +44,7 @@ Place = tuple[int | str, ...]  # Keys and numbers of list entries that lead to a
 class Settings(BaseModel):
     """Base of every validated file. The settings are immutable, and an unknown field is an error."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
     REMOVED: ClassVar[Mapping[str, str]] = {}  # fields that are gone, each with a sentence on what to write or do now
     OF: ClassVar[str] = ""  # of what its known fields are, for messages, as ` of format csv`
 

@@ -459,6 +459,12 @@ def test_a_changed_function_or_word_reruns_the_jobs_that_use_it_and_a_comment_or
         assert {job for job in JOBS if now[job] != before[job]} == again, edited
 
 
+def test_statements_of_the_same_names_in_the_same_order_have_fingerprints_of_their_own():
+    """These two are the same nodes in the same order, and differ in how many arguments each call has."""
+    one, other = (code.parsed(text, "module")[0][0].code for text in ("x(f(r), q)", "x(f, r)(q)"))
+    assert one != other
+
+
 @pytest.mark.parametrize(
     "command", ["trials.ingest_and_check", "bench.fit_impedance_trial", "walking.analyse", "tables.judge"]
 )

@@ -18,6 +18,7 @@ import yaml
 
 from osl_analysis.files import PACKAGE, write_text
 
+NO_CODE = ("lineno", "col_offset", "end_lineno", "end_col_offset", "ctx")  # in a node of the syntax tree
 TEXT = (ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 
 
@@ -116,35 +117,43 @@ def parsed(text: str, name: str) -> tuple[list[Statement], dict[str, str]]:
     for node, names in zip(body, binds, strict=True):
         if isinstance(node, ast.Import | ast.ImportFrom):
             continue
-        named, texts, inner_imports = content_of(node)
+        said, named, texts, inner_imports = content_of(node)
         here, used = known | inner_imports, (one.partition(".") for one in named)
         uses = sorted({here[first] + dot + rest for first, dot, rest in used if first in here})
         data = sorted(text for text in texts if re.fullmatch(r"[\w./]*\.[a-z]+", text))
-        statements.append(Statement(fingerprint(ast.unparse(node)), names, uses, data))
+        statements.append(Statement(fingerprint(said), names, uses, data))
     return statements, imports
 
 
-def content_of(statement: ast.stmt) -> tuple[set[str], set[str], dict[str, str]]:
-    """The names that a statement uses, with their attributes, as `components.belt_trial`; its texts; what it imports of
-    ours. Its docstrings are taken out."""
-    names, texts, imports, left = set[str](), set[str](), dict[str, str](), list[ast.AST]([statement])
+def content_of(statement: ast.stmt) -> tuple[str, set[str], set[str], dict[str, str]]:
+    """What a statement says, without docstrings, comments and layout; the names that it uses, with their attributes, as
+    `components.belt_trial`; its texts; what it imports of ours."""
+    said, names, texts, imports, left = list[str](), set[str](), set[str](), dict[str, str](), list[Any]([statement])
     while left:
         node = left.pop()
+        if not isinstance(node, ast.AST):
+            said.append(repr(node))
+            continue
         attributes = ""
         while isinstance(node, ast.Attribute):
             attributes, node = f".{node.attr}{attributes}", node.value
+        said += attributes, type(node).__name__
         if isinstance(node, ast.Name):
             names.add(node.id + attributes)
-            continue
-        if isinstance(node, ast.Constant) and isinstance(node.value, str):
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
             texts.add(node.value)
         elif isinstance(node, ast.Import | ast.ImportFrom):
             imports |= imported(node)
         elif isinstance(node, TEXT):
             node.body = [one for one in node.body if not is_docstring(one)] or [ast.Pass()]
-        for value in vars(node).values():
-            left += [one for one in (value if isinstance(value, list) else (value,)) if isinstance(one, ast.AST)]
-    return names, texts, imports
+        for name, value in vars(node).items():
+            if value is None or name in NO_CODE:
+                continue
+            values = value if isinstance(value, list) else [value]
+            if values:
+                said.append(f"{name} {len(values)}")
+            left += values
+    return "\n".join(said), names, texts, imports
 
 
 def is_docstring(node: ast.stmt) -> bool:

@@ -6,6 +6,7 @@ import pickle
 import re
 import signal
 import struct
+import zlib
 from functools import partial
 from pathlib import Path
 
@@ -246,12 +247,22 @@ def fall():
     (fall, r"its decoder broke down \(SIGSEGV\): the file is damaged"),
     (partial(bytearray, 2 * MOST_BYTES), "takes more than 4 GB"),
     (partial(len, None), r"cannot be read \(its parts contradict each other\)"),
+    (partial(zlib.decompress, b"x" * 9), r"cannot be read \(a packed part of it is damaged\)"),
+    (partial(os.open, "/no such", 0), r"cannot be read \(No such file or directory\)"),
     (partial(os.lseek, os.open(__file__, os.O_RDONLY), -9, 0), r"cannot be read \(its parts contradict each other\)"),
 ])  # fmt: skip
 def test_a_decoder_that_crashes_or_asks_for_all_memory_is_a_refusal(work, told):
     assert isolated(partial(sum, [1, 2])) == 3
     with pytest.raises(InputError, match=told):
         isolated(work)
+
+
+def test_a_damaged_parquet_file_is_one_refusal_and_no_trace_of_rust(tmp_path, capfd):
+    pl.DataFrame({"t": TIME, "a": TIME}).write_parquet(path := tmp_path / "a.parquet", compression="uncompressed")
+    path.write_bytes(path.read_bytes()[:4] + path.read_bytes()[2000:])
+    with pytest.raises(InputError, match=r"cannot be read \([a-z, ]*\); copy the file again"):
+        inspect_file(path)
+    assert capfd.readouterr().err == ""
 
 
 @pytest.mark.parametrize("begin", [b"", b"MATLAB 7.3 MAT-file"])

@@ -5,12 +5,13 @@ Formats that are not read are told by their content: those that pass for a log, 
 ending of a name proves nothing. Without this table a marker file in TSV passes for a CSV log with nonsense columns."""
 
 import mmap
+import os
 import re
 import struct
 import zipfile
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from pickletools import genops
@@ -78,10 +79,11 @@ def read_binary_table(path: Path, layout: CsvLayout, is_unit: IsUnit, most_rows:
         elif kind in ("parquet", "arrow"):
             if kind == "arrow":
                 check_arrow(path)
-            lazy = pl.scan_parquet(path) if kind == "parquet" else pl.scan_ipc(path)
-            names, rows = lazy.collect_schema().names(), lazy.select(pl.len()).collect().item()
-            check_memory(8 * rows * len(names))
-            frame = pl.read_parquet(path) if kind == "parquet" else pl.read_ipc(path)
+            with without_trace():
+                lazy = pl.scan_parquet(path) if kind == "parquet" else pl.scan_ipc(path)
+                names, rows = lazy.collect_schema().names(), lazy.select(pl.len()).collect().item()
+                check_memory(8 * rows * len(names))
+                frame = pl.read_parquet(path) if kind == "parquet" else pl.read_ipc(path)
         elif kind == "hdf5":
             optional_module("h5py", "an HDF5 file")  # before the fork: it takes a fifth of a second
             arrays, units = isolated(partial(hdf5_arrays, path))
@@ -100,6 +102,19 @@ def read_binary_table(path: Path, layout: CsvLayout, is_unit: IsUnit, most_rows:
                 said = "holds objects of Python, which may run a program and are not read"
                 raise InputError(f"{said}; save arrays of numbers, as `numpy.savez(PATH, theta=theta, ...)`") from error
     return table_of_frame(frame[:most_rows] if most_rows else frame, units, damage)
+
+
+@contextmanager
+def without_trace() -> Iterator[None]:
+    """Without what Rust prints where it panics on a damaged file."""
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
 
 
 def read_workbook(path: Path, layout: CsvLayout, is_unit: IsUnit) -> CsvTable:

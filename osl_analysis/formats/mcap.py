@@ -291,7 +291,7 @@ class McapFile(MessageFile):
                 name = head.name[:20].decode("latin1")
                 raise DamagedChunkError(f"says it is compressed with {name!a}; zstd and lz4 are read")
         except (zstandard.ZstdError, OSError, RuntimeError, EOFError, ValueError, MemoryError, OverflowError) as error:
-            raise DamagedChunkError(f"cannot be decompressed ({' '.join(str(error).split())})") from error
+            raise DamagedChunkError("cannot be decompressed") from error
         if len(content) != head.size:
             raise DamagedChunkError(f"holds {len(content)} of {head.size} bytes")
         if head.crc and zlib.crc32(content) != head.crc:

@@ -21,6 +21,7 @@ from osl_analysis.formats.mcap import MAGIC as MCAP
 from osl_analysis.formats.mcap import read_mcap
 from osl_analysis.formats.message_fields import NOT_DEFINED, message_type, numbers_at, short_name
 from osl_analysis.formats.messages import MessageBlock, MessageFile, joined_parts
+from osl_analysis.formats.table import reason_of
 
 BAG1 = b"#ROSBAG V2.0\n"
 ANY_BAG1 = b"#ROSBAG V"
@@ -57,11 +58,10 @@ def read_rosbag1(path: Path) -> MessageFile:
     except MemoryError:
         raise
     except Exception as error:  # on a damaged file the library raises whatever its parser comes across
-        said = " ".join(str(error).split())[:160]
-        remedy = "run `rosbag decrypt` first" if "encryption" in said else "run `rosbag reindex` on a copy"
+        remedy = "run `rosbag decrypt` first" if "encryption" in str(error) else "run `rosbag reindex` on a copy"
         raise InputError(
-            f"{path}: no bag with a whole index ({said}): the recorder did not finish, or the bag is damaged; "
-            f"{remedy}, or record again"
+            f"{path}: no bag with a whole index: the recorder did not finish, or the bag is damaged; {remedy}, or "
+            "record again"
         ) from error
     damage = bag.damage
     damage.bytes, damage.declared_chunks = len(data) - len(BAG1), len(chunks)
@@ -80,8 +80,7 @@ def read_rosbag1(path: Path) -> MessageFile:
                 if (bodies + 4 + lengths > len(content)).any():
                     raise ValueError(f"a message reaches beyond its {len(content)} bytes")
             except (OSError, RuntimeError, ValueError, IndexError, EOFError) as error:
-                said = " ".join(str(error).split())[:160]
-                damage.lose(f"the chunk at byte {at} is damaged: {said}", size, counts[at], 1)
+                damage.lose(f"the chunk at byte {at} is damaged: {reason_of(error)}", size, counts[at], 1)
                 continue
             none = np.zeros(channel.size, np.uint32)
             block = MessageBlock(content, channel.astype(np.uint16), none, time, bodies + 4, lengths)

@@ -3,8 +3,8 @@
 import errno
 import os
 import pickle
+import re
 import signal
-import struct
 import warnings
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -39,11 +39,15 @@ def in_one_sentence(what: str = "", remedy: str = LIBRARY_REMEDY) -> Iterator[No
 
 
 def reason_of(error: BaseException) -> str:
-    """What a library says of a damaged file; what Python says of the library's own code tells a user nothing."""
-    of_code = (TypeError, ValueError, AttributeError, LookupError, AssertionError, NameError, RecursionError, EOFError)
-    is_place = getattr(error, "errno", None) == errno.EINVAL  # of a wrong place in the file, in the system's words
-    said = "" if isinstance(error, (*of_code, struct.error)) or is_place else " ".join(str(error).split())[:160]
-    return said or "its parts contradict each other"
+    """What a library's words about a damaged file mean; those of the system, as of a full disk, stay."""
+    if isinstance(error, OSError) and error.strerror and error.errno != errno.EINVAL:  # of a wrong place in the file
+        return error.strerror
+    said = str(error)
+    if re.search(r"(?i)truncated|past end|must end|whole buffer|not enough bytes|could not read|EOCD|no end", said):
+        return "it is cut off, or its end is lost"
+    if re.search(r"(?i)decompress|filter returned|snappy|zstd|invalid data stream", said):
+        return "a packed part of it is damaged"
+    return "its parts contradict each other"
 
 
 def isolated(work: Callable[[], Result]) -> Result:

@@ -241,7 +241,7 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
 
 
 LEAST_COPIED = 4  # samples in a row that are those of another place
-BESIDE = 200  # samples before and behind such a run, which tell whether a motion comes again there
+AROUND = 1000  # samples before and behind such a run, which tell whether a motion comes again there
 NO_SENSOR = ("V", "N*m/rad", "N*m*s/rad")  # units of pulses and of gains, which repeat themselves
 
 
@@ -274,8 +274,8 @@ def tell_copies(recording: Recording) -> None:
             run: slice, lag: int, x: Array = x, most: float = surprise(*quietest), enough: float = enough
         ) -> bool:
             scatter, level = noise_in(x, run)
-            end = max(run.stop, min(run.stop + BESIDE, x.size - lag))
-            at = np.r_[max(0, run.start - BESIDE) : run.start, run.stop : end]
+            end = max(run.stop, min(run.stop + AROUND, x.size - lag))
+            at = np.r_[max(0, run.start - AROUND) : run.start, run.stop : end]
             alike = (np.count_nonzero(np.abs(x[at + lag] - x[at]) < 1.5 * level) + 1) / (at.size + 1)
             each = min(most, surprise(scatter, level), -math.log(alike))
             return int(np.count_nonzero(np.diff(x[run]))) * each > enough

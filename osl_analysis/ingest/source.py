@@ -697,8 +697,7 @@ def values_of_no_sensor(column: str, time: Array, x: Array, origin: Mapping[str,
     zeros = jumped_into(x, stands, may_rest="torque" not in column)
     most = 0.5 * time.size / (np.ptp(time) or np.inf) if time.size else 0.0  # what is held for longer is stuck
     if "torque" in column and np.mean(stays) < 0.1:  # else a sensor of few levels, which may rest at each
-        held = [(a, b) for a, b in jumped_into(x, stays, may_rest=True, at_once=False) if 10 < b - a < most]
-        zeros += [(a, b) for a, b in held if np.sum(x == x[a]) <= b - a + 3]
+        zeros += [(a, b) for a, b in jumped_into(x, stays, True, (10, most)) if np.sum(x == x[a]) <= b - a + 3]
     elsewhere = x[~nought]
     if zeros and not noise_in(elsewhere, slice(elsewhere.size // 4, elsewhere.size // 4 + AMID))[0]:
         zeros = []  # a quiet sensor, or a simulation, that rests
@@ -735,15 +734,21 @@ def stands_apart(time: Array, x: Array, may_jump: bool) -> list[int]:
     return rows
 
 
-def jumped_into(x: Array, stands: NDArray[np.bool_], may_rest: bool, at_once: bool = True) -> list[tuple[int, int]]:
+def jumped_into(
+    x: Array, stands: NDArray[np.bool_], may_rest: bool, held: tuple[float, float] = (0, math.inf)
+) -> list[tuple[int, int]]:
     """First and last sample of the runs in which readings (n,) stand, between two each (n - 1,), and beside which they
     jump, on both sides or, of a long run that is no rest, on one. `may_rest`: at the ends an encoder rests, and a drive
-    is off. Not `at_once`: a jump on one side is enough for all."""
-    edges, steps, found = run_edges(stands), np.abs(np.diff(x)), list[tuple[int, int]]()
-    usual = 5 * float(np.median(steps[~stands])) if len(edges) and not stands.all() else 0.0
+    is off. Of runs that are `held`, longer and shorter than that, a jump on one side is enough for all."""
+    edges = run_edges(stands)
+    edges = edges[np.all(np.sign(np.diff(edges) - held) == [1, -1], axis=1)]
+    if not len(edges):
+        return []
+    steps, found = np.abs(np.diff(x)), list[tuple[int, int]]()
+    usual = 0.0 if stands.all() else 5 * float(np.median(steps[~stands]))
     for a, b in edges.tolist():
         inside, jumps = a and b < steps.size, [*steps[:a][-1:], *steps[b : b + 1]]
-        on_one_side = not at_once or (b - a > 20 and not may_rest)
+        on_one_side = held[0] > 0 or (b - a > 20 and not may_rest)
         # of a few zeros it may stand while it turns
         turns = b - a <= 3 and not (inside and np.sign(x[a - 1]) == np.sign(x[b + 1]) != 0)
         if (inside or not may_rest) and not turns and (max if on_one_side else min)(jumps, default=0.0) > usual:

@@ -224,11 +224,10 @@ class Reader:
         rows = np.concatenate([np.empty(0, np.int64), *(rows for rows, _ in parts)])
         order = np.argsort(rows if rank is None else rank[rows], kind="stable")
         values, none, in_order = {}, np.empty(0, bool), (np.diff(order) == 1).all()
+        absent = np.ma.array(np.zeros(rows.size, bool), mask=True)
         for path in self.paths:
-            pieces = [
-                one[path] if path in one else np.ma.array(np.zeros(rows.size, bool), mask=True) for rows, one in parts
-            ]
-            whole = joined_masked([none, *pieces])
+            pieces = [one[path] if path in one else absent[: rows.size] for rows, one in parts]
+            whole = joined_masked([none, *pieces]) if any(path in one for _, one in parts) else absent
             values[path] = whole if in_order else whole[order]  # of an hour at 1 kHz a copy is 30 MB
         return Columns(rows[order], values, self.count - rows.size, self.misfit)
 

@@ -10,7 +10,7 @@ and its stamps are true."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import combinations_with_replacement
 from typing import NamedTuple
 
@@ -218,28 +218,32 @@ def evidence_of(values: Array, clock: DeviceClock) -> StampEvidence | None:
     slope = savitzky_golay(x, count, window, 1, degree) / np.maximum(rate, 0.2) / step
     back, ahead = LAGS[-1], -LAGS[0]
     first = np.arange(back, len(x) - ahead - size, size)
-    ends, rows = (first - back, first + size - 1 + ahead), first[:, None] + np.arange(size)
+    ends = (first - back, first + size - 1 + ahead)
+
+    def blocks(values: Array, lag: int = 0) -> Array:
+        return np.asarray(np.lib.stride_tricks.sliding_window_view(values, size)[first - lag])
+
     steps, long = np.diff(stamps) / step / np.minimum(np.maximum(rate[1:], 0.2), 3), np.zeros(len(x), dtype=bool)
     long[1:-1] = (steps[:-1] > 1.6) & (steps[1:] > 0.6)  # a pause that no short step makes good
     pauses = np.cumsum(long) if np.mean(long) < 0.03 else np.zeros(len(x))
     whole = (count[ends[1]] - count[ends[0]] == ends[1] - ends[0]) & (pauses[ends[1]] == pauses[ends[0]])
-    rows = rows[whole & (np.abs(fast[rows]).max(axis=1) < 20 * np.sqrt(np.mean(fast**2)) + 1e-12)]
+    first = first[whole & (np.abs(blocks(fast)).max(axis=1) < 20 * np.sqrt(np.mean(fast**2)) + 1e-12)]
     # where a signal stands, it is the same whenever it is taken
-    rows = rows[np.mean(slope[rows] ** 2, axis=1) > 0.01 * np.mean(slope**2)]
-    if len(rows) < 60:
+    first = first[np.mean(blocks(slope) ** 2, axis=1) > 0.01 * np.mean(slope**2)]
+    if len(first) < 60:
         return None
     smooth = np.linalg.qr(np.vander(np.linspace(-1, 1, size), 6))[0]
     rest = np.eye(size) - smooth @ smooth.T
-    seen = x[rows] @ rest
+    seen = blocks(x) @ rest
     largest = np.abs(seen).max(axis=1)
     kept = largest < 8 * np.median(largest) + 1e-12  # without the corners of the motion itself
-    seen, rows = seen[kept], rows[kept]
-    slopes = slope[rows]
-    push = np.empty((*slopes.shape, len(LAGS)))
-    for k, lag in enumerate(LAGS):  # one at a time: 0.1 GB of an hour
-        push[..., k] = (slopes * fast[rows - lag]) @ rest
-    columns = push.reshape(-1, len(LAGS))
-    plain = columns.T @ columns
+    seen, first = seen[kept], first[kept]
+    slopes = blocks(slope)
+    push = np.empty((len(LAGS), *slopes.shape))
+    for own, lag in zip(push, LAGS, strict=True):  # one at a time: 0.1 GB of an hour
+        np.matmul(slopes * blocks(fast, lag), rest, out=own)
+    columns = push.reshape(len(LAGS), -1)
+    plain = columns @ columns.T
     normal = plain.copy()
     if clock.decimal:
         for i, j in combinations_with_replacement(range(len(LAGS)), 2):
@@ -251,13 +255,15 @@ def evidence_of(values: Array, clock: DeviceClock) -> StampEvidence | None:
     if sizes[0] <= max(0.02 * plain_sizes[0] * (clock.decimal > 0), 1e-9 * plain_sizes[-1]):
         return None
     inverse = np.linalg.inv(normal)
-    response = inverse @ (columns.T @ seen.ravel())
-    left = seen - push @ response
-    noise = np.mean(left**2) * size / (size - 6) * np.sum(scipy.signal.savgol_coeffs(window, degree, 1) ** 2) / step**2
+    response = inverse @ (columns @ seen.ravel())
+    left = seen - np.tensordot(response, push, 1)
+    noise = (
+        np.mean(left**2) * size / (size - 6) * np.sum(polynomial_rows(window, degree, 1)[window // 2] ** 2) / step**2
+    )
     if not noise <= 0.2 * np.mean(slopes**2):
         return None
-    chunks = np.array_split((push * left[..., None]).sum(axis=1), 20)
-    scores = np.array([chunk.sum(axis=0) for chunk in chunks])
+    push *= left
+    scores = np.array([chunk.sum(axis=(1, 2)) for chunk in np.array_split(push, 20, axis=1)])
     return StampEvidence(response, inverse @ (scores.T @ scores) @ inverse * 20 / 19)
 
 
@@ -274,7 +280,20 @@ def savitzky_golay(values: Array, count: SampleCount, window: int, order: int, d
         place = np.concatenate([[0], np.cumsum(np.minimum(np.diff(count), 2 * window))])
         values = np.interp(np.arange(place[-1] + 1), place, values)
     window = min(window, (len(values) - 1) // 2 * 2 + 1)
-    return np.asarray(scipy.signal.savgol_filter(values, window, min(degree, window - 1), deriv=order)[place])
+    rows, half, found = polynomial_rows(window, min(degree, window - 1), order), window // 2, np.empty(len(values))
+    found[:half], found[len(values) - half :] = rows[:half] @ values[:window], rows[half + 1 :] @ values[-window:]
+    found[half : len(values) - half] = np.correlate(values, rows[half], "valid")
+    return found[place]
+
+
+@lru_cache(16)
+def polynomial_rows(window: int, degree: int, order: int) -> Array:
+    """What gives value (order 0) or slope per step (order 1) of the polynomial through a window, an odd number, of
+    samples at each of them, (window, window)."""
+    half = max(window // 2, 1)
+    powers = np.vander((np.arange(window) - window // 2) / half, degree + 1, increasing=True)
+    slopes = np.roll(powers, 1, axis=1) * np.arange(degree + 1) / half
+    return np.asarray((slopes if order else powers) @ np.linalg.pinv(powers))
 
 
 @dataclass(frozen=True)

@@ -456,18 +456,18 @@ def held(
     repetition: a motor behind a joint that rests after a sine creeps, or rings for a while. At both ends of the
     repetition `apart` [s] do not count."""
     edges = run_edges(np.diff(values) == 0)
-    edges = edges[np.argsort(edges[:, 0] - edges[:, 1], kind="stable")]
     when, what = reference or (time, values)
-    starts = np.searchsorted(when, time[edges[:, 0]] + apart)
-    stops = np.searchsorted(when, time[edges[:, 1]] - apart, "right")
-    for (first, last), start, stop in zip(edges.tolist(), starts.tolist(), stops.tolist(), strict=True):
-        if reference is not None:
-            within = what[start:stop]
-            if not within.size or within.max() - within.min() <= least:
-                continue
-            later = within[within.size // 2 :]
+    ends = np.searchsorted(when, time[edges[:, 0]] + apart), np.searchsorted(when, time[edges[:, 1]] - apart, "right")
+    if reference is not None and len(edges):
+        padded, rows = np.append(what, what[-1]), np.stack(ends, axis=1).ravel()
+        change = (np.maximum.reduceat(padded, rows) - np.minimum.reduceat(padded, rows))[::2]
+        changes = (change > least) & (ends[1] > ends[0])
+        edges, ends = edges[changes], (ends[0][changes], ends[1][changes])
+    for k in np.argsort(edges[:, 0] - edges[:, 1], kind="stable").tolist():
+        (first, last), later = edges[k].tolist(), what[(ends[0][k] + ends[1][k]) // 2 : ends[1][k]]
+        if rests is not None and rests[first]:
             rise, fall = later - np.minimum.accumulate(later), np.maximum.accumulate(later) - later
-            if rests is not None and rests[first] and min(rise.max(), fall.max()) <= least:
+            if min(rise.max(), fall.max()) <= least:
                 continue
         return float((last - first) * median_step(time))
     return 0.0
@@ -477,9 +477,12 @@ def measure_dropout(examined: Examined) -> CheckResult:
     """Number of samples that no sensor gives, of a channel that seldom repeats a value. Of a plate `dropped_loads`."""
     counts = dict[str, float]()
     for name in SELDOM_REPEAT:
-        lost = values_of_no_sensor(name, *recorded(examined.trial, name), origin(examined.trial, name))
-        if lost is not None:
-            counts[name] = float(lost.sum())
+        known = origin(examined.trial, name)  # where ingest counted them
+        if "no_sensor" not in known:
+            lost = values_of_no_sensor(name, *recorded(examined.trial, name), known)
+            known["no_sensor"] = None if lost is None else lost.sum()
+        if known["no_sensor"] is not None:
+            counts[name] = float(known["no_sensor"])
     plates = (one for one in examined.trial.columns if re.fullmatch(r"plate\d+_force_z", one))
     counts |= {name: dropped_loads(recorded(examined.trial, name)[1]) for name in plates}
     return worst(counts, "no plate, and no channel of a bench that seldom repeats a value")

@@ -687,7 +687,7 @@ def sorted_by_stamp(
     `channel` is the number of each row's channel, (n,); `advice` says what to do where the clock was set."""
     ordering, channels = {"late": 0, "repeated": 0, "contradicted": 0}, np.unique(channel)
     for number in channels:
-        ordering["late"] += check_not_set(table.filter(channel == number), advice)
+        ordering["late"] += check_not_set(table.filter(channel == number) if len(channels) > 1 else table, advice)
     stamp = table["stamp"].to_numpy()
     if (stamp[1:] > stamp[:-1]).all():
         return table, ordering

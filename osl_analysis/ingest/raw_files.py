@@ -302,6 +302,7 @@ def tell_no_sensor(recording: Recording) -> None:
     for column in (one for one in recording.columns if one in SELDOM_REPEAT):
         own = recording.samples.select("time", column).filter(pl.col(column).is_finite())
         wrong = values_of_no_sensor(column, own["time"].to_numpy(), own[column].to_numpy(), recording.columns[column])
+        recording.columns[column]["no_sensor"] = None if wrong is None else int(wrong.sum())
         if wrong is not None and wrong.any():
             what = f"{np.count_nonzero(wrong)} samples of {column} are values that no sensor gives, the first at"
             recording.damage.remarks.append(f"{what} {own['time'][int(np.argmax(wrong))]:.3f} s: bytes may be lost")

@@ -636,7 +636,7 @@ class Recording:
 
     samples: pl.DataFrame
     """`time` [s] on the recorder's own clock, and canonical columns in SI units; null where a column has no sample."""
-    columns: Mapping[str, Mapping[str, Any]]  # source channel and conversion of each column
+    columns: Mapping[str, dict[str, Any]]  # source channel and conversion of each column
     facts: Mapping[str, Any] = field(default_factory=dict)  # Further facts: rates, source of time, plates.
     warnings: Sequence[str] = ()  # warnings, a sentence each
     damage: Ledger = field(default_factory=Ledger)  # of messages, or of rows
@@ -742,26 +742,25 @@ def jumped_into(
     is off. Of runs that are `held`, longer and shorter than that, a jump on one side is enough for all."""
     edges = run_edges(stands)
     edges = edges[np.all(np.sign(np.diff(edges) - held) == [1, -1], axis=1)]
-    if not len(edges):
-        return []
-    steps, found = np.abs(np.diff(x)), list[tuple[int, int]]()
-    usual = 0.0 if stands.all() else 5 * float(np.median(steps[~stands]))
+    steps, found = np.abs(np.diff(x)), list[tuple[int, int, float]]()
     for a, b in edges.tolist():
         inside, jumps = a and b < steps.size, [*steps[:a][-1:], *steps[b : b + 1]]
         on_one_side = held[0] > 0 or (b - a > 20 and not may_rest)
         # of a few zeros it may stand while it turns
         turns = b - a <= 3 and not (inside and np.sign(x[a - 1]) == np.sign(x[b + 1]) != 0)
-        if (inside or not may_rest) and not turns and (max if on_one_side else min)(jumps, default=0.0) > usual:
-            found.append((a, b))
-    return found
+        if (inside or not may_rest) and not turns:
+            found.append((a, b, (max if on_one_side else min)(jumps, default=0.0)))
+    usual = 5 * float(np.median(steps[~stands])) if found and not stands.all() else 0.0
+    return [(a, b) for a, b, jump in found if jump > usual]
 
 
 def check_sizes(recording: Recording) -> None:
     """Refuse values beyond `LARGEST_MEASURED`, and infinite ones. NaN, which is a value that was not seen, passes."""
     time = recording.samples["time"].to_numpy()
     for column in recording.columns:
-        bound, values = LARGEST_MEASURED[unit_of(column)], recording.samples[column].to_numpy()
-        if np.fmax.reduce(values, initial=0.0) > bound or np.fmin.reduce(values, initial=0.0) < -bound:
+        bound, largest = LARGEST_MEASURED[unit_of(column)], recording.samples.select(pl.col(column).abs().max()).item()
+        if (largest or 0.0) > bound:  # of those that are numbers
+            values = recording.samples[column].to_numpy()
             beyond = np.abs(values) > bound
             row = int(np.argmax(beyond))
             raise InputError(

@@ -240,7 +240,7 @@ def evidence_of(values: Array, clock: DeviceClock) -> StampEvidence | None:
     seen, first = seen[kept], first[kept]
     slopes = blocks(slope)
     push = np.empty((len(LAGS), *slopes.shape))
-    for own, lag in zip(push, LAGS, strict=True):  # one at a time: 0.1 GB of an hour
+    for own, lag in zip(push, LAGS.tolist(), strict=True):  # one at a time: 0.1 GB of an hour
         np.matmul(slopes * blocks(fast, lag), rest, out=own)
     columns = push.reshape(len(LAGS), -1)
     plain = columns @ columns.T

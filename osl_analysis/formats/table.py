@@ -222,18 +222,23 @@ class Ledger:
         return remarks
 
 
-@np.errstate(over="ignore", invalid="ignore")
 def noise_in(x: NDArray[Any], run: slice) -> tuple[float, float]:
-    """SD of the noise in a run of readings (n,) and their smallest step; 0 without noise of its own, unlike a command,
-    a simulation, or a motion that is only rounded, which may come again: by the median of fourth differences, to which
-    a motion gives little."""
+    """The `noise_of_pieces` in a run of readings (n,), or in those around a short one."""
     wide = max(0, 64 - (run.stop - run.start)) // 2
-    x = x[max(0, run.start - wide) : run.stop + wide]
-    if x.size < 5 or not np.ptp(x) > 0:
-        return 0.0, 0.0
-    steps, level = float(np.median(np.abs(np.diff(x)))), float(np.diff(np.unique(x)).min())
-    scatter = float(np.median(np.abs(np.diff(x, 4)))) / (0.6745 * 70**0.5)
-    return scatter if scatter > max(0.6 * level, 0.02 * steps) else 0.0, level
+    return noise_of_pieces(x[None, max(0, run.start - wide) : run.stop + wide])[0]
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def noise_of_pieces(pieces: NDArray[Any]) -> list[tuple[float, float]]:
+    """SD of the noise in each of some pieces of a channel (k, n) and their smallest step; 0 without noise of its own,
+    unlike a command, a simulation, or a motion that is only rounded, which may come again: by the median of fourth
+    differences, to which a motion gives little."""
+    if pieces.shape[1] < 5:
+        return [(0.0, 0.0)] * len(pieces)
+    apart, (steps, scatter) = np.diff(np.sort(pieces)), (np.abs(np.diff(pieces, order)) for order in (1, 4))
+    level, scatter = np.where(apart > 0, apart, np.inf).min(axis=1), np.median(scatter, axis=1) / (0.6745 * 70**0.5)
+    is_noise = scatter > np.maximum(0.6 * level, 0.02 * np.median(steps, axis=1))
+    return [*zip(np.where(is_noise, scatter, 0.0).tolist(), level.tolist(), strict=True)]
 
 
 def copied_runs(words: NDArray[Any], least: int, proves: Callable[[slice, int], bool]) -> list[tuple[int, int, int]]:

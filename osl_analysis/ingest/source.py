@@ -757,9 +757,10 @@ def jumped_into(
 def check_sizes(recording: Recording) -> None:
     """Refuse values beyond `LARGEST_MEASURED`, and infinite ones. NaN, which is a value that was not seen, passes."""
     time = recording.samples["time"].to_numpy()
-    for column in recording.columns:
-        bound, largest = LARGEST_MEASURED[unit_of(column)], recording.samples.select(pl.col(column).abs().max()).item()
-        if (largest or 0.0) > bound:  # of those that are numbers
+    sizes = recording.samples.select(pl.col(*recording.columns).abs().max())
+    for column, largest in sizes.row(0, named=True).items():  # of those that are numbers
+        bound = LARGEST_MEASURED[unit_of(column)]
+        if (largest or 0.0) > bound:
             values = recording.samples[column].to_numpy()
             beyond = np.abs(values) > bound
             row = int(np.argmax(beyond))

@@ -86,8 +86,17 @@ class Bench:
             rows[1 + 2 * slots] = False
         if node.decimals.enabled:
             time = np.round(time, int(node.decimals.size))
-        read = {channel: self.reading(channel, true, instants, even)[rows] for channel, true in signals.items()}
-        return {"time": time[rows], **read}
+        read, late = dict[str, Array](), self.settings.effects.load_cell_delay.value
+        for delay in (0.0, late) if late else (0.0,):  # one curve through all channels that are sampled together
+            own = {name: true for name, true in signals.items() if delay == late * name.endswith("torque")}
+            exact, at = {n: one for n, one in own.items() if not callable(one)}, np.maximum(instants - delay, 0.0)
+            if exact and (delay or not even):
+                simulated = np.arange(self.samples) / self.settings.dynamometer.rate_hz
+                curves = scipy.interpolate.CubicSpline(simulated, np.column_stack([*exact.values()]))(at)
+                exact = dict(zip(exact, curves.T, strict=True))
+            for name, true in own.items():
+                read[name] = self.reading(name, true(at) if callable(true) else exact[name], instants)[rows]
+        return {"time": time[rows], **{name: read[name] for name in signals}}
 
     def sampling(self, name: str, node: NodeSettings) -> tuple[Array, bool, Array]:
         """When a node takes its samples [s], whether these are the instants of the simulation, and what its clock says
@@ -114,18 +123,9 @@ class Bench:
             return effect.value * self.random(name).standard_exponential(n)
         return effect.value * self.random(name).standard_normal(n)
 
-    def reading(self, channel: str, true: TrueSignal, sampled: Array, even: bool) -> Array:
+    def reading(self, channel: str, reading: Array, sampled: Array) -> Array:
         """What the sensor of a channel reads at the sampled instants: errors, noise and steps."""
         effects, (noise, resolution) = self.settings.effects, SENSORS[channel]
-        delay = effects.load_cell_delay.value if channel.endswith("torque") else 0.0
-        instants = np.maximum(sampled - delay, 0.0) if delay else sampled
-        if callable(true):
-            reading = true(instants)
-        elif even and not delay:
-            reading = true
-        else:
-            simulated = np.arange(len(true)) / self.settings.dynamometer.rate_hz
-            reading = np.asarray(scipy.interpolate.CubicSpline(simulated, true)(instants))
         if channel.endswith("torque"):
             reading = reading + (self.drawn["load_cell_offset"] + self.drawn["load_cell_drift"] * sampled / 60)
         if noise:

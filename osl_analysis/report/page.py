@@ -122,37 +122,39 @@ def conditions(tables: Mapping[str, pl.DataFrame], findings: Mapping[str, Sequen
     for name in ("impedance", "human_joint"):
         table = tables.get(name, pl.DataFrame(schema=["trial", "amplitude_deg"]))
         whole = table.filter(pl.col("amplitude_deg").is_null()) if "amplitude_deg" in table.columns else table
-        keys = [
-            key
-            for key in ("joint", "side", "controller", "K_d", "B_d")
-            if key in whole.columns and whole[key].n_unique() > 1
-        ]
+        keys = [one for one in CONDITION if one in whole.columns and whole[one].n_unique() > 1]
         none = whole.get_column("K_d", default=pl.repeat(None, len(whole), eager=True)).is_null()
         whole = whole.with_columns(unstated=none & (pl.len().over(*keys, pl.lit("all")) > 1))
         each = whole["unstated"].sum() <= MOST_UNSTATED
         whole = whole.with_columns(own=pl.when(pl.col("unstated") & each).then("trial"))
         for rows in whole.partition_by([*keys, "own"], maintain_order=True):
-            row, trials = rows.row(0, named=True), rows["trial"].to_list()
-            is_range = row["unstated"] and row["own"] is None
-            shown = [*ESTIMATES, *(name for name in FRICTION if name in rows.columns and not rows[name].null_count())]
-            if len(rows) > 1 and not is_range:
-                for symbol in shown:
-                    mean = summary_row(rows, symbol)
-                    row |= {f"{symbol}{end}": mean[of] for end, of in ENDS.items()}
-            of = [f"{key} {row[key]:g}" if key in ("K_d", "B_d") else row[key] for key in keys if row[key] is not None]
-            of += [f"trial {row['own']}"] * (row["own"] is not None) + ["no stated condition"] * is_range
-            about = [one for trial in trials for one in findings.get(trial, ())]
-            cells = {symbol: value_and_interval(row, symbol) for symbol in shown}
-            facts = doubts_said(about, name, row, len(trials)) | (ranges_of(rows, shown) if is_range else cells)
-            found.append({"of": ", ".join(of) or "all", "trials": trials, **facts})
+            found.append(condition(rows, name, keys, findings))
     return found
+
+
+def condition(
+    rows: pl.DataFrame, table: str, keys: Sequence[str], findings: Mapping[str, Sequence[Entry]]
+) -> dict[str, Any]:
+    """What the table of `conditions` says of the fits of one, which have the `keys` in common."""
+    row, trials = rows.row(0, named=True), rows["trial"].to_list()
+    is_range = row["unstated"] and row["own"] is None
+    shown = [*ESTIMATES, *(one for one in BESIDE_B if one in rows.columns and not rows[one].null_count())]
+    if len(rows) > 1 and not is_range:
+        for symbol in shown:
+            mean = summary_row(rows, symbol)
+            row |= {f"{symbol}{end}": mean[of] for end, of in IN_SUMMARY.items()}
+    of = [f"{key} {row[key]:g}" if key in ("K_d", "B_d") else row[key] for key in keys if row[key] is not None]
+    of += [f"trial {row['own']}"] * (row["own"] is not None) + ["no stated condition"] * is_range
+    about = [one for trial in trials for one in findings.get(trial, ())]
+    cells = ranges_of(rows, shown) if is_range else {symbol: value_and_interval(row, symbol) for symbol in shown}
+    return {"of": ", ".join(of) or "all", "trials": trials, **doubts_said(about, table, row, len(trials)), **cells}
 
 
 def of_groups(tables: Mapping[str, pl.DataFrame], findings: Mapping[str, Sequence[Entry]]) -> list[dict[str, Any]]:
     found = []
     groups = tables.get("walking_summary", pl.DataFrame(schema=["estimator", "group"])).filter(estimator="ensemble")
     for (group,), own in groups.group_by("group", maintain_order=True):
-        row = {f"{one['quantity']}{end}": one[of] for one in own.to_dicts() for end, of in ENDS.items()}
+        row = {f"{one['quantity']}{end}": one[of] for one in own.to_dicts() for end, of in IN_SUMMARY.items()}
         of = "walking" if group == "all" else f"walking, {group}"
         about = doubts_said(findings.get(str(group), ()), "walking_groups", {})
         cells = {symbol: value_and_interval(row, symbol) for symbol in ESTIMATES}
@@ -160,8 +162,9 @@ def of_groups(tables: Mapping[str, pl.DataFrame], findings: Mapping[str, Sequenc
     return found
 
 
-ENDS = {"": "mean", "_low": "low", "_high": "high"}  # of a quantity in a summary
-FRICTION = ("B_viscous", "f_C")  # said beside B, which holds it, where every trial has them
+IN_SUMMARY = {"": "mean", "_low": "low", "_high": "high"}  # of a quantity in a summary
+CONDITION = ("joint", "side", "controller", "K_d", "B_d")
+BESIDE_B = ("B_viscous", "f_C")  # friction, which B holds: said where every trial has them
 
 
 def ranges_of(trials: pl.DataFrame, names: Sequence[str]) -> dict[str, tuple[str, str]]:

@@ -427,7 +427,6 @@ def methods_content(
     columns = """excitation commanded_deg frequency_hz band_low_hz band_high_hz controller group plate_inertia K_d B_d
         B_viscous direction onset_phase interval_method theta_rms_deg fitted_s n_up n_down"""
     said: defaultdict[str, defaultdict[str, list[Any]]] = defaultdict(lambda: defaultdict(list))
-    recorded = dict[str, dict[str, Any]]()
     for name, table in tables.items():
         for one in columns.split():
             if one in table.columns and len(table):
@@ -438,6 +437,15 @@ def methods_content(
         said["impedance"]["commanded_deg"] = [f"{size:g}" for size in stated] or measured
     if hz := said["phasors"]["frequency_hz"]:
         said["phasors"]["frequency_hz"] = pl.Series(hz).round_sig_figs(3).unique().sort().to_list()
+    groups = tables.get("walking_groups", pl.DataFrame())
+    ways = {way: groups.get_column(f"n_{way}", default=pl.Series([0])).sum() for way in ("up", "down")}
+    facts = {"config": config, "tables": said, "recorded": recorded_of(trials)}
+    return facts | {"motions": motions_of(tables), "ways": ways, "response": response_said(groups)}
+
+
+def recorded_of(trials: Sequence[ReportedTrial]) -> dict[str, dict[str, Any]]:
+    """By experiment how many trials were recorded and used, their lowest rates [Hz], files, rates of plates and turns."""
+    recorded = dict[str, dict[str, Any]]()
     for trial in trials:
         own = recorded.setdefault(trial.row["experiment"], {"rates": [], "files": [], "plates": [], "turns": []})
         used, perturbed = not trial.left_out, bool(trial.row.get("perturbed"))
@@ -453,10 +461,7 @@ def methods_content(
             own["plates"].append(frames["frame_rate_hz"] * frames["samples_per_frame"])
         if perturbed and used and "platform_deg" in trial.pictures.tables.get("crossing", pl.DataFrame()).columns:
             own["turns"].append(turn_of(trial.pictures.tables["crossing"]))
-    groups = tables.get("walking_groups", pl.DataFrame())
-    ways = {way: groups.get_column(f"n_{way}", default=pl.Series([0])).sum() for way in ("up", "down")}
-    facts = {"config": config, "tables": said, "recorded": recorded}
-    return facts | {"motions": motions_of(tables), "ways": ways, "response": response_said(groups)}
+    return recorded
 
 
 def motions_of(tables: Mapping[str, pl.DataFrame]) -> list[Mapping[str, Any]]:

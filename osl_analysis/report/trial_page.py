@@ -423,7 +423,7 @@ def methods_content(
     config: Mapping[str, Any], tables: Mapping[str, pl.DataFrame], trials: Sequence[ReportedTrial]
 ) -> dict[str, Any]:
     """What `methods.html.j2` says of how results were made: settings, the values of some columns of the result tables,
-    and by experiment how many trials were recorded and used, their lowest rates [Hz] and what they were read from."""
+    and what was recorded."""
     columns = """excitation commanded_deg frequency_hz band_low_hz band_high_hz controller group plate_inertia K_d B_d
         B_viscous direction onset_phase interval_method theta_rms_deg fitted_s n_up n_down"""
     said: defaultdict[str, defaultdict[str, list[Any]]] = defaultdict(lambda: defaultdict(list))
@@ -444,7 +444,7 @@ def methods_content(
 
 
 def recorded_of(trials: Sequence[ReportedTrial]) -> dict[str, dict[str, Any]]:
-    """By experiment how many trials were recorded and used, their lowest rates [Hz], files, rates of plates and turns."""
+    """By experiment the numbers of trials recorded and used, their lowest rates [Hz], files, rates of plates, turns."""
     recorded = dict[str, dict[str, Any]]()
     for trial in trials:
         own = recorded.setdefault(trial.row["experiment"], {"rates": [], "files": [], "plates": [], "turns": []})

@@ -37,8 +37,8 @@ from osl_analysis.files import PACKAGE
 from osl_analysis.jobs.memory import ONE_THREAD
 
 STARTED = time.time()  # Start of this run [s]. Its report covers the logs that were written after this time.
-KEPT_BY_PROCESS = {"MALLOC_MMAP_THRESHOLD_": "33554432", "MALLOC_TRIM_THRESHOLD_": "33554432"}  # bytes
-"""A process of glibc keeps this much memory for its next array: the system clears each page that it hands out anew."""
+KEPT_BY_PROCESS = {"MALLOC_MMAP_THRESHOLD_": "33554432", "MALLOC_TRIM_THRESHOLD_": "268435456"}  # bytes
+"""A process of glibc keeps this much memory for its next arrays: the system clears each page that it hands out anew."""
 PRELOADED = ("osl_analysis.jobs.job", "scipy.signal")
 """Imported while Snakemake plans: the jobs share it, and what the module of their command imports or preloads."""
 COMPILING = ("simulate",)

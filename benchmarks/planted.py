@@ -68,6 +68,12 @@ def slow_sine(rng: np.random.Generator) -> Moved:
     return smooth(gaussian_filter1d(10 * DEG * np.concatenate(parts), 8.0, mode="nearest"))
 
 
+def two_sines(rng: np.random.Generator, seconds: float = 20.0) -> Moved:
+    """At once, which tell no fourth derivative from the angle and its second one."""
+    x = 2 * np.pi * np.arange(round(seconds * RATE)) / RATE
+    return smooth(0.05 * np.sin(1.3 * x) + 0.03 * np.sin(3.1 * x))
+
+
 def chirp(rng: np.random.Generator, seconds: float = 60.0) -> Moved:
     """0.4 to 7 Hz, smaller as it becomes faster."""
     t = np.arange(round(seconds * RATE)) / RATE
@@ -142,6 +148,7 @@ MOTIONS: Mapping[str, Callable[[np.random.Generator], Moved]] = {
 OTHER_MOTIONS: Mapping[str, Callable[[np.random.Generator], Moved]] = {
     "slow sine": slow_sine,
     "ramps": ramps,
+    "two sines": two_sines,
     "jumps": lambda rng: binary(rng, order=2),
     "noise to 20 Hz": lambda rng: noise(rng, highest=20.0),
 }
@@ -411,6 +418,7 @@ SOUND = [
     Cause("sound, K = 2000", NOTHING, 0.0, (), joint=Joint(2000.0, 10.0, 0.02)),
     Cause("sound, K = 20", NOTHING, 0.0, (), joint=Joint(20.0, 0.5, 0.02)),
     Cause("sound, slow sine and ramps", NOTHING, 0.0, (), motions=("slow sine", "ramps")),
+    Cause("sound, two sines", NOTHING, 0.0, (), motions=("two sines",), recorder={"bits": 18}),
 ]
 
 

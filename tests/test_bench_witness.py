@@ -98,7 +98,15 @@ def slow_ramps(rng):
     return time, [spline(time, k) for k in range(3)]
 
 
+def two_sines(rng):
+    """Which tell no fourth derivative from the angle and its second one."""
+    f, time = 2 * np.pi * np.array([1.3, 3.1])[:, None], np.arange(10_000) / 500
+    x, size = f * time, np.array([0.05, 0.03])
+    return time, [size @ y for y in (np.sin(x), f * np.cos(x), -(f**2) * np.sin(x))]
+
+
 @pytest.mark.parametrize(("motion", "bits", "excitation"), [
+    (two_sines, 18, "any"), (two_sines, 40, "any"),
     (moving_at_the_ends, 18, "any"), (slow_sines, 14, "auto"), (slow_ramps, 14, "auto"),
 ])  # fmt: skip
 def test_nothing_is_heard_of_a_sound_joint_that_moves_slowly_or_at_the_ends_of_the_recording(motion, bits, excitation):
@@ -108,6 +116,15 @@ def test_nothing_is_heard_of_a_sound_joint_that_moves_slowly_or_at_the_ends_of_t
         row = witness_row(record_of_trial(trial, SETTINGS.model_copy(update={"excitation": excitation})))
         heard += [row["heard"] or ""]
     assert heard == [""] * 6
+
+
+@pytest.mark.parametrize("bits", [18, 40])
+def test_a_late_torque_is_heard_behind_two_sines(bits):
+    trial = made_trial(rng := np.random.default_rng(1), two_sines(rng), bits=bits, late=5e-3)
+    row = witness_row(record_of_trial(trial, SETTINGS.model_copy(update={"excitation": "any"})))
+    assert row["path_shift"] > 1
+    assert "delay" in row["rivals"].split(", ")
+    assert row["B_without_low"] < TRUE["B"] < row["B_without_high"]
 
 
 def test_a_K_that_changes_at_once_is_heard_also_where_the_motion_becomes_faster_with_time():

@@ -31,6 +31,7 @@ HIGHEST_HZ = 8.0  # of the witness's band: beyond it the angle's rounding accuse
 FAST_HZ = (2.0, 12.0)  # band in which a late torque shows more, of a motion by hand or of steps
 TELLS = 100.0  # power of the angle over that of its noise, as its rounding, from which on a frequency is in the band:
 # below, the noise makes all of a snap
+OWN = 3.0, 1e-4  # times its noise, and share of its size (RMS), beyond which a derivative has a part of its own
 RATE_HZ = 50.0  # at which columns are multiplied
 HEARD = -3.5  # log10 of the chance of a family's columns below which it is heard
 FRICTION = -4.0  # the same of Coulomb friction, which then is part of the joint
@@ -110,10 +111,18 @@ class View:
             self.chunks.append((CHUNKS * (passed % 1.0)).astype(np.intp))
         self.y, self.columns = self.column(torque), [self.column(x) for x in self.motion[:5]]
         self.base = self.columns[first:3]
+        self.noise = record.noise[0] * (few.low_pass.gain(f) * self.band) ** 2  # of the angle [rad**2/Hz]
         self.step, rounded = record.steps[0] or 0.0, record.rounded
         self.rounded = [self.column(x - x.mean()) for x in ([] if rounded is None else rounded)]
         omega = self.motion[1]
         self.sign = np.asarray(np.tanh(omega / max(0.02 * float(omega.std()), 1e-9)))
+
+    def tells(self, k: int) -> bool:
+        """Whether the k-th derivative is more than those of the model, and its noise: two sines tell no fourth."""
+        Z, x = np.array(self.columns[:3]), self.columns[k]
+        own = x - solved(Z @ Z.T, Z @ x)[0] @ Z
+        noise = float(np.trapezoid((2 * np.pi * self.f) ** (2 * k) * self.noise, self.f)) ** 0.5
+        return rms(own) > float(np.hypot(OWN[0] * noise, OWN[1] * rms(x)))
 
     def spectrum(self, x: Array) -> NDArray[np.complex128]:
         """That of what is fitted of a signal (n,), without the straight line between its ends. What holds for signals
@@ -190,7 +199,7 @@ class Court:
         lacking = {"friction": [sign]}
         if hears:
             lacking |= {
-                "path": view.columns[3:5],
+                "path": [view.columns[k] for k in (3, 4) if view.tells(k)],
                 "time": [view.column(x * view.time) for x in view.motion[view.first : 3]],
                 "moment": [view.column(view.motion[view.first] * (view.time > at)) for at in view.moments],
                 "speed": [view.column(omega * np.abs(omega))],
@@ -218,7 +227,7 @@ class Court:
         self.chance = {
             name: max(wald(sums, base, at, draws)[0] for sums, draws in every)
             for name, at in places.items()
-            if elastic or name != "size"
+            if at and (elastic or name != "size")
         }
         at_once = [max(wald(sums, base, [at], draws)[0] for sums, draws in every) for at in moments]
         if len(view.rows) > CHUNKS * RATE_HZ:  # of shorter chunks chance explains a moment
@@ -440,7 +449,7 @@ class Court:
                 if rival.family == best.family == "path" and rival.possible:
                     margin = most = max(margin, most, NEAR_PATH * left)
                 if apart <= max(min(max(margin, rounding), most), CHANCE * per_parameter) and rival.family != "reflex":
-                    first = apart > margin or self.chance["path"] == min(self.chance.values())
+                    first = apart > margin or self.chance.get("path") == min(self.chance.values())
                     found.append((rival.family != "path" or not first, apart, rival))
             return [rival for _, _, rival in sorted(found, key=lambda one: one[:2])]
 
@@ -488,12 +497,13 @@ def witness_row(record: Record, names: Sequence[str] = tuple(HARM), is_leg: bool
     vaf = 100 * (1 - square(none.left) / max(float(view.y @ view.y), np.finfo(float).tiny))
     if not (is_leg or court.heard) and record.band_hz[1] > 2 * FAST_HZ[0]:
         fast = Court(View(record, view.first, fast=True))
-        fast.chance = {"path": fast.chance["path"]}
+        fast.chance = {name: chance for name, chance in fast.chance.items() if name == "path"}
         court = fast if fast.heard else court
         none, alike = court.verdict()
     if not is_leg:
         row |= {name: 0.0 for name in row if name.endswith("_shift")}
-        row |= {"path_shift": None if court.hides_delay() else 0.0, "heard": ", ".join(court.heard) or None}
+        unsure = "path" not in court.chance or court.hides_delay()
+        row |= {"path_shift": None if unsure else 0.0, "heard": ", ".join(court.heard) or None}
     row |= {"VAF_in_band": vaf}
     told = not court.heard or any(one.name in ("clocks", "delay") for one in alike)  # what else passes for a drift
     if record.two_clocks and not is_leg and not record.groups.repeat and told:

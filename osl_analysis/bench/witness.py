@@ -117,12 +117,15 @@ class View:
         omega = self.motion[1]
         self.sign = np.asarray(np.tanh(omega / max(0.02 * float(omega.std()), 1e-9)))
 
-    def tells(self, k: int) -> bool:
-        """Whether the k-th derivative is more than those of the model, and its noise: two sines tell no fourth."""
-        Z, x = np.array(self.columns[:3]), self.columns[k]
-        own = x - solved(Z @ Z.T, Z @ x)[0] @ Z
-        noise = float(np.trapezoid((2 * np.pi * self.f) ** (2 * k) * self.noise, self.f)) ** 0.5
-        return rms(own) > float(np.hypot(OWN[0] * noise, OWN[1] * rms(x)))
+    def higher(self) -> list[Array]:
+        """The third and fourth derivative, each if it is more than those of the model, and its noise: two sines tell no
+        fourth."""
+        Z, found = np.array(self.columns[:3]), list[Array]()
+        for k, x in enumerate(self.columns[3:], 3):
+            own = rms(x - solved(Z @ Z.T, Z @ x)[0] @ Z)
+            noise = float(np.trapezoid((2 * np.pi * self.f) ** (2 * k) * self.noise, self.f)) ** 0.5
+            found += [x] * (own > float(np.hypot(OWN[0] * noise, OWN[1] * rms(x))))
+        return found
 
     def spectrum(self, x: Array) -> NDArray[np.complex128]:
         """That of what is fitted of a signal (n,), without the straight line between its ends. What holds for signals
@@ -199,11 +202,11 @@ class Court:
         lacking = {"friction": [sign]}
         if hears:
             lacking |= {
-                "path": [view.columns[k] for k in (3, 4) if view.tells(k)],
+                "path": view.higher(),
                 "time": [view.column(x * view.time) for x in view.motion[view.first : 3]],
                 "moment": [view.column(view.motion[view.first] * (view.time > at)) for at in view.moments],
                 "speed": [view.column(omega * np.abs(omega))],
-                "size": [view.column(theta**3)],
+                "size": [view.column(theta**3)] * elastic,
                 "direction": [view.column(np.abs(x)) for x in view.motion[view.first : 2]]
                 + [view.column(theta * view.sign)] * elastic,
             }
@@ -211,11 +214,8 @@ class Court:
         for name, added in lacking.items():
             places[name] = range(len(columns), len(columns) + len(added))
             columns += added
-        kinds, draws = range(len(view.chunks)), len(view.rounded)
-        every = [
-            (view.sums([*columns, *view.rounded], k), draws * (k == 0))
-            for k in kinds  # parts of a period show it
-        ]
+        kinds, draws = range(len(view.chunks)), len(view.rounded)  # parts of a period show rounding
+        every = [(view.sums([*columns, *view.rounded], k), draws * (k == 0)) for k in kinds]
         base = list(range(len(view.base) + len(self.beside)))
         by_friction, (size,) = wald(every[0][0], base, places.pop("friction"), draws)
         if by_friction < FRICTION and size > 0:
@@ -225,9 +225,7 @@ class Court:
             return
         moments = places.pop("moment")
         self.chance = {
-            name: max(wald(sums, base, at, draws)[0] for sums, draws in every)
-            for name, at in places.items()
-            if at and (elastic or name != "size")
+            name: max(wald(sums, base, at, draws)[0] for sums, draws in every) for name, at in places.items() if at
         }
         at_once = [max(wald(sums, base, [at], draws)[0] for sums, draws in every) for at in moments]
         if len(view.rows) > CHUNKS * RATE_HZ:  # of shorter chunks chance explains a moment
@@ -333,7 +331,9 @@ class Court:
         return moments[int(np.argmin(left))], min(left)
 
     def hides_delay(self) -> bool:
-        """Whether the torque may be late by so much that the inertia changes by `HIDDEN` of it."""
+        """Whether nothing tells a path, or the torque may be late by so much that the inertia changes by `HIDDEN`."""
+        if "path" not in self.chance:
+            return True
         _, _, (size,), (error,) = self.late(np.ones(self.view.n))
         *stiffness, damping, inertia = np.abs(self.fitted(self.view.base)[0][: len(self.view.base)]).tolist()
         most = abs(float(size)) + 2.0 * float(error)
@@ -502,8 +502,7 @@ def witness_row(record: Record, names: Sequence[str] = tuple(HARM), is_leg: bool
         none, alike = court.verdict()
     if not is_leg:
         row |= {name: 0.0 for name in row if name.endswith("_shift")}
-        unsure = "path" not in court.chance or court.hides_delay()
-        row |= {"path_shift": None if unsure else 0.0, "heard": ", ".join(court.heard) or None}
+        row |= {"path_shift": None if court.hides_delay() else 0.0, "heard": ", ".join(court.heard) or None}
     row |= {"VAF_in_band": vaf}
     told = not court.heard or any(one.name in ("clocks", "delay") for one in alike)  # what else passes for a drift
     if record.two_clocks and not is_leg and not record.groups.repeat and told:

@@ -49,9 +49,10 @@ def marked_data(frame: pl.DataFrame) -> pl.DataFrame:
     data = OF_DATA.get()
     if {"joint", "side"} <= {*frame.columns} and frame["side"].null_count() == len(frame):
         frame = frame.drop("side")
-    frame = frame.select(pl.exclude("data"), pl.lit(data, pl.String).alias("data")) if data else frame
+    frame = frame.drop("data") if data and "data" in frame.columns else frame
+    last = [pl.lit(data, pl.String).alias("data")] * bool(data)
     # how a text begins that a spreadsheet runs; in a table it has a ' before it
-    return frame.with_columns(pl.col(pl.String).str.replace(r"^(['=+@\t\r]|-[A-Za-z(])", "'$1"))
+    return frame.with_columns(pl.col(pl.String).str.replace(r"^(['=+@\t\r]|-[A-Za-z(])", "'$1"), *last)
 
 
 def write_table(frame: pl.DataFrame, path: Path) -> None:
@@ -117,9 +118,9 @@ def read_table(path: Path | str, required: Sequence[str] = (), of: str = "") -> 
     except pl.exceptions.PolarsError as error:
         reason = str(error).strip().splitlines()[0]
         raise InputError(f"{path}: not a CSV table ({reason}); rewrite it with the step that makes it") from error
-    table = table.with_columns(pl.col(pl.String).str.strip_prefix("'"))
     empty = [c for c in table.columns if c not in TEXT_COLUMNS and table[c].null_count() == len(table)]
-    table = table.with_columns(pl.col(empty).cast(pl.Float64))
+    texts = [c for c, kind in table.schema.items() if kind == pl.String and c not in empty]
+    table = table.with_columns(pl.col(texts).str.strip_prefix("'"), pl.col(empty).cast(pl.Float64))
     if "joint" in table.columns and "side" not in table.columns:
         table.insert_column(table.columns.index("joint") + 1, pl.lit(None, pl.String).alias("side"))
     for column in required:
@@ -132,7 +133,8 @@ def read_table(path: Path | str, required: Sequence[str] = (), of: str = "") -> 
             row = (wrong if wrong.any() else words.is_not_null()).arg_max() or 0
             said = f"column '{column}' holds '{words[row]}', expected numbers; correct the entry"
             raise InputError(f"{path}: line {row + 2}: {said}")
-    return table.filter(~pl.all_horizontal(pl.all().is_null()))  # without blank lines, as an editor leaves them
+    blank = all(one.has_nulls() for one in table)  # there may be blank lines, as an editor leaves them
+    return table.filter(~pl.all_horizontal(pl.all().is_null())) if blank else table
 
 
 OF_ROW = ("trial", "joint", "side", "amplitude_deg")  # columns that say what a row of a table and of its evidence is

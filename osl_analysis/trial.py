@@ -162,7 +162,8 @@ class Trial:
         if columns not in self._last:
             if len(self._last) == 4:
                 self._last.pop(next(iter(self._last)))
-            self._last[columns] = self.samples.select("time", *columns).drop_nulls()
+            rows = self.samples[["time", *columns]]
+            self._last[columns] = rows.drop_nulls() if any(one.has_nulls() for one in rows) else rows
         return self._last[columns]
 
     @cached_property

@@ -19,7 +19,7 @@ from osl_analysis.commands.trials import inspect_file
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.raw_files import FORMATS, read_source, recognise, trial_from_files
-from osl_analysis.ingest.units import EXAMPLES, si_factor
+from osl_analysis.ingest.units import EXAMPLES, base_units, dimension, normalised, si_factor
 from osl_analysis.trial import Trial
 
 SOURCE: dict[str, Any] = {
@@ -338,9 +338,11 @@ def test_a_laboratorys_spelling_has_its_factor(unit: str, expected: str, factor:
     assert si_factor(unit, expected) == pytest.approx(factor, rel=1e-15)
 
 
-def test_every_canonical_unit_is_its_own_si_unit_and_all_that_messages_offer_are_read() -> None:
-    assert all(si_factor(unit, unit) == 1.0 for unit in EXAMPLES)
-    assert all(si_factor(unit, expected) > 0 for expected, units in EXAMPLES.items() for unit in units)
+def test_every_canonical_unit_is_its_own_si_unit_and_all_that_messages_offer_have_the_factors_of_pint() -> None:
+    assert all(units[unit] == 1.0 for unit, units in EXAMPLES.items())
+    for expected, units in EXAMPLES.items():
+        found = {unit: base_units(normalised(unit)) for unit in units}
+        assert found == {unit: (factor, dimension(expected)) for unit, factor in units.items()}
 
 
 @pytest.mark.parametrize(("unit", "expected", "told"), [

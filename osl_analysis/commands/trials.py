@@ -21,16 +21,10 @@ from osl_analysis.ingest import raw_files
 from osl_analysis.ingest.examine import Commanded, check_ranges, examine, measured_table
 from osl_analysis.ingest.overview import Overview
 from osl_analysis.ingest.source import UNKNOWN, open_places
-from osl_analysis.ingest.units import is_unit
 from osl_analysis.signals.grid import with_stamp_evidence
 from osl_analysis.table import write_table
 from osl_analysis.trial import Trial, write_trial
 from osl_analysis.yaml_settings import read_mapping
-
-
-def preload() -> None:
-    """For the process from which jobs are forked: all units, which take 0.2 s."""
-    is_unit("rad")
 
 
 def ingest_trial(

@@ -455,6 +455,24 @@ def test_late_hosts_that_lose_nothing_are_right_at_any_rates_and_their_mean_wait
 # ---- Values that are missing from rows that are there
 
 
+@pytest.mark.parametrize("sizes", [(2, 2), (8, 8), (1, 6)])
+@pytest.mark.parametrize("jitter", [1e-6, 3e-4])
+def test_a_host_that_stamps_batches_is_prompt_with_the_last_sample_of_each(sizes, jitter):
+    random, t = np.random.default_rng(3), clock(RATE)
+    last = np.minimum(np.cumsum(random.integers(sizes[0], sizes[1] + 1, len(t))) - 1, len(t) - 1)
+    at = last[np.searchsorted(last, np.arange(len(t)))]
+    stamps = np.maximum.accumulate(t[at] + jitter * random.random(len(t))[at]) + 1e-9 * np.arange(len(t))
+    grid = one_time_base([joint(t, t), cell(stamps, t, random)])
+    assert grid.streams[1]["firm"]
+    assert_recovers_the_joint(grid)
+
+
+def test_a_clock_that_ticks_slower_than_the_samples_stamps_no_batches():
+    """Its stamps are early, and not late."""
+    stamps = np.floor(clock(RATE) * 300) / 300
+    assert not DeviceClock(stamps, np.arange(len(stamps))).batched
+
+
 @pytest.mark.parametrize("lower", [False, True])
 @pytest.mark.parametrize("kind", ["even", "jitter", "latency"])
 def test_values_that_are_missing_cost_nothing_and_split_no_device(kind, lower):

@@ -86,6 +86,16 @@ class DeviceClock:
         return 0.0
 
     @cached_property
+    def batched(self) -> bool:
+        """Whether a host stamps samples in batches: two in five have the stamp before, but for a tenth of a step. So do
+        printed decimals, and a clock that ticks slower than samples: its ticks are alike, the samples of each not."""
+        begins = np.flatnonzero(np.diff(self.stamps) > 0.1 * self.step * np.diff(self.count)) + 1
+        if len(begins) > 0.6 * len(self.stamps) or len(begins) < 3 or self.decimal > 0.5 * self.step:
+            return False
+        ticks, sizes = np.diff(self.stamps[begins]), np.diff(begins)
+        return bool(np.std(ticks) > 0.1 * self.step * np.std(sizes))
+
+    @cached_property
     def scatter(self) -> float:
         """RMS [s] of the stamps about what is smooth over 25 samples, but for where their rate changes."""
         (slow, kinks), length = self.slow, max(len(self.stamps) // 400, 25)
@@ -125,7 +135,7 @@ class DeviceClock:
     def times(self) -> Array:
         """When the samples were taken, (n,) [s], if the device samples evenly: the least-squares line through all but
         the few samples that lie far off, or along their lower edge where they are still one-sided, since a host's stamp
-        is late by what the message waited. A device whose rate changes has a line for each."""
+        is late by what the message waited, or in batches. A device whose rate changes has a line for each."""
         base, x = self.stamps - self.residual, self.count
         if np.ptp(self.residual) > self.step and self.slow[1]:
             apart, fast = np.abs(self.slow[0] - base).max(), float(np.std(self.stamps - self.slow[0]))
@@ -137,7 +147,7 @@ class DeviceClock:
         place, late = x[near], residual[near]
         step = line_through(place, late)[0]
         start = float(np.mean(late) - step * np.mean(place))
-        if self.skew(late) > 0.5:
+        if self.batched or self.skew(late) > 0.5:
             # the highest line below all points: one point is held on each side of the mean count; the lowest point
             # below the line through them replaces the one on its side, until none lies below
             left, right, middle = 0, len(place) - 1, float(np.mean(place))
@@ -433,6 +443,8 @@ def reading_of(clock: DeviceClock, evidence: Mapping[str, StampEvidence]) -> Rea
     scatter by more than a step: nothing is then moved far. Of a device that seems even, and whose stamps do not come
     back to its line, they are kept too."""
     seen = ", ".join(f"{name} g = {round(e.g, 3) + 0.0:.3f} +- {e.se:.3f}" for name, e in evidence.items())
+    if clock.batched and clock.settles and not clock.missing:
+        return Reading(True, 0.0, True, "even: stamps of batches, in each of which the last sample waited least")
     if not evidence:
         wanders = clock.wander > 0.1 * clock.step or float(np.std(clock.stamps - clock.slow[0])) > clock.step
         steps = f"the residual wanders by {clock.wander / clock.step:.3f} steps"

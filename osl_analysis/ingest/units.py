@@ -75,7 +75,7 @@ def quantity(text: str, expected: str) -> float:
     if not math.isfinite(value):
         raise InputError(
             f"'{text[:40]}{'...' * (len(text) > 40)}' is not a number with a unit; write it as in `2 "
-            f"{EXAMPLES[expected][0]}`"
+            f"{next(iter(EXAMPLES[expected]))}`"
         )
     return value * si_factor(unit, expected)
 

@@ -286,6 +286,7 @@ def load(**stated: object) -> dict[str, object]:
     ({"channels": dict.fromkeys(("theta", "theta_m"), TWICE["theta"])}, "theta_m.column: column 'angle' is theta al"),
     (load(column="t"), "column 't' is time already"), (load(column=""), "torque.column: '' is not allowed: write at"),
     (load(scale=0), "scale of zero"), (load(sign=True), "sign: 'true' is not allowed: write 1 or -1"),
+    (load(delay="soon"), "'soon' is not a number with a unit; write it as in `2 s`"),
     *((load(delay=text), "a delay is the age of a sample, from 0 to 0.2 s") for text in ("-2 ms", "1 s")),
     *((load(column=number), "columns are counted from 1") for number in (0, -1)),
     (load(delay="2"), "the unit is empty; write one of s, ms"),

@@ -348,6 +348,14 @@ def test_a_c3d_file_that_lost_a_block_ends_in_frames_of_padding_and_is_refused(t
         read_c3d(tmp_path / "a.c3d")
 
 
+def test_a_c3d_file_that_ends_at_rest_in_the_midst_of_a_frame_is_whole(tmp_path):
+    analogs = np.random.default_rng(2).normal(0, 1, (100, 4))
+    analogs[47:] = 0.0
+    recording = read_c3d(write_c3d(tmp_path / "a.c3d", np.zeros((50, 3, 4)), analogs))
+    assert recording.damage.report()["complete"]
+    np.testing.assert_allclose(recording.analogs, analogs, rtol=1e-6)
+
+
 def test_an_arrow_file_in_which_bytes_were_inserted_is_refused(tmp_path):
     """A whole column was one row late."""
     whole = made(path := tmp_path / "a.feather", "feather").read_bytes()

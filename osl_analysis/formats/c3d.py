@@ -202,12 +202,14 @@ class C3DRecording:
 
 def check_end(data: bytes, start: int, frames: int, frame: int, damage: Ledger) -> None:
     """Note frames that may be shifted by bytes that were lost or doubled, which padding to whole blocks hides: the last
-    frame that holds anything then ends in padding, as no other does, or its end stands in the padding."""
+    frame that holds anything then ends in padding, as no other does, or its end stands in the padding. A joint at rest
+    may have more zeros than a block has padding."""
     end = start + frames * frame
     every = (data[at : at + frame] for at in range(start, end, frame))
     ends = [frame - len(held) for one in every if (held := one.rstrip(b"\0"))]  # not of a frame of zeros
     last, before = ends[-1] if ends else 0, max(ends[:-1], default=0)
-    if len(ends) > 1 and last > max(before, 3):
+    zeros = end - start - len(data[start:end].rstrip(b"\0"))
+    if len(ends) > 1 and last > max(before, 3) and zeros < 2 * BLOCK:  # a lost block, and padding
         said = f"the last frame ends in {last} zero bytes, others in {before} at most: bytes were lost before it"
         raise InputError(f"{said}, and frames behind them are shifted; copy or export it again")
     if data[end:].strip(b"\0"):

@@ -119,8 +119,8 @@ def read_table(path: Path | str, required: Sequence[str] = (), of: str = "") -> 
         reason = str(error).strip().splitlines()[0]
         raise InputError(f"{path}: not a CSV table ({reason}); rewrite it with the step that makes it") from error
     empty = [c for c in table.columns if c not in TEXT_COLUMNS and table[c].null_count() == len(table)]
-    texts = [c for c, kind in table.schema.items() if kind == pl.String and c not in empty]
-    table = table.with_columns(pl.col(texts).str.strip_prefix("'"), pl.col(empty).cast(pl.Float64))
+    texts = pl.col(pl.String).exclude(empty)
+    table = table.with_columns(texts.str.strip_prefix("'"), pl.col(empty).cast(pl.Float64))
     if "joint" in table.columns and "side" not in table.columns:
         table.insert_column(table.columns.index("joint") + 1, pl.lit(None, pl.String).alias("side"))
     for column in required:

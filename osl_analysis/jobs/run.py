@@ -43,7 +43,7 @@ PRELOADED = ("osl_analysis.jobs.job", "scipy.signal")
 """Imported while Snakemake plans: the jobs share it, and what the module of their command imports or preloads."""
 COMPILING = ("simulate",)
 """Modules of commands whose jobs take numba, of 100 MB, which other jobs do without."""
-MOST_JOBS = 12  # of one process without numba: what its libraries keep of the memory ends with it
+MOST_JOBS = 40  # of one process without numba: what its libraries keep of the memory ends with it
 MOST_SERVERS = 3  # that a job is sent to, before it counts as killed
 STARTING = threading.Lock()
 

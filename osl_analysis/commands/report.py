@@ -70,11 +70,14 @@ def write_report(
     of_trial: dict[str, list[Entry]] = {}
     for entry in entries(read_findings(findings)):
         of_trial.setdefault(entry["trial"], []).append(entry)
+    rows_of = {
+        name: table.partition_by("trial", as_dict=True) for name, table in written.items() if "trial" in table.columns
+    }
     reported = []
     for name, row in sheet.items():
         files = {role: paths[name] for role, paths in by_role.items() if name in paths}
         findings_on, judged_checks = of_trial.get(name, []), judged.get((name,))
-        reported.append(reported_trial(row, files, left_out, written, findings_on, judged_checks))
+        reported.append(reported_trial(row, files, left_out, rows_of, findings_on, judged_checks))
     pages = {one.name: (trial_content(one), one.pictures.tables) for one in reported}
     found = {} if is_refused(summary) else read_summary(summary)
     said = captions_by_title(captions.read_text(encoding="utf-8")) if captions and not is_refused(captions) else {}
@@ -115,15 +118,14 @@ def reported_trial(
     row: Mapping[str, Any],
     files: Mapping[str, Path],
     left_out: Mapping[str, tuple[bool, list[str]]],
-    written: Mapping[str, pl.DataFrame],
+    rows_of: Mapping[str, Mapping[tuple[Any, ...], pl.DataFrame]],
     findings_on: list[Entry],
     judged_checks: pl.DataFrame | None,
 ) -> ReportedTrial:
     """A trial of the sample sheet from its row there, its files, its rows of the tables, and why it has no result."""
     name, facts = row["trial"], EXPERIMENTS[row["experiment"]]
     names = [*(table.name for table in facts.tables), "walking_responses"]
-    own = {table: written[table].filter(pl.col("trial") == name) for table in names if table in written}
-    own = {table: rows for table, rows in own.items() if len(rows)}
+    own = {table: rows_of[table][name,] for table in names if (name,) in rows_of.get(table, ())}
     why = left_out.get(name)
     # every trial of such an experiment has a result
     if why is None and (not own if facts.fit else row["experiment"] == "walking" and "crossing" not in files):

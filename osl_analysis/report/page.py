@@ -8,6 +8,7 @@ import zlib
 from base64 import b64encode
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from functools import cache
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -303,6 +304,7 @@ def overview(
     }
 
 
+@cache
 def template(name: str) -> Template:
     known = FileSystemLoader(TEMPLATES)
     found = Environment(loader=known, autoescape=True, undefined=StrictUndefined, trim_blocks=True)
@@ -326,7 +328,7 @@ def packed_table(table: pl.DataFrame) -> dict[str, Any]:
     of smooth signals deflate well. What is not finite has the count -2^31."""
     units, data = dict[str, float](), list[bytes]()
     for name in table.columns:
-        values = table[name].cast(pl.Float64).fill_null(np.nan).to_numpy()
+        values = table[name].cast(pl.Float64).to_numpy()
         known = values[np.isfinite(values)]
         reach = max(np.ptp(known), 1e-4 * np.abs(known).max()) if len(known) else 0.0
         units[name] = 2.0 ** (math.ceil(math.log2(reach)) - 15) if reach else 1.0
@@ -337,7 +339,7 @@ def packed_table(table: pl.DataFrame) -> dict[str, Any]:
 
 def deflated(content: bytes) -> str:
     """Bytes as the page's `DecompressionStream("deflate")` reads them, in base64."""
-    return b64encode(zlib.compress(content, 9)).decode("ascii")
+    return b64encode(zlib.compress(content, 7)).decode("ascii")
 
 
 def inline_svg(text: str, name: str, label: str) -> Markup:

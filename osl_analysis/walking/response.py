@@ -151,7 +151,8 @@ class AlignedGait:
     def curves(self, unperturbed: Array, phase: Array) -> Array:
         """The unperturbed curves (crossings, `PHASES`) at phases (k,) of the mean gait: (crossings, k)."""
         own = np.clip(phase / self.scales[:, None], 0.0, 1.0)
-        return np.array([at_phases(curve, there) for curve, there in zip(unperturbed, own, strict=True)])
+        spline, made = scipy.interpolate.make_interp_spline(PHASES, unperturbed.T, 3), scipy.interpolate.BSpline
+        return np.array([made.construct_fast(spline.t, spline.c[:, k], 3)(there) for k, there in enumerate(own)])
 
 
 def aligned_gait(crossing: Crossing, gait: UnperturbedGait, source: StanceSource) -> AlignedGait:

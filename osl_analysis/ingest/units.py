@@ -4,7 +4,7 @@
 import math
 import re
 from functools import cache
-from typing import Annotated, Any
+from typing import Annotated
 
 from pydantic import AfterValidator, WithJsonSchema
 
@@ -90,26 +90,18 @@ def normalised(unit: str) -> str:
 
 
 @cache
-def registry() -> Any:
-    """All units that pint knows, which it takes 0.4 s to read."""
-    from pint import UnitRegistry
-
-    return UnitRegistry(cache_folder=None)
-
-
-@cache
 def base_units(spelling: str) -> tuple[float, str] | None:
     """Factor to base units, and their product as text; None if the text is not a unit."""
     parts = re.split(r"([*/])", spelling)
     if len(parts) > 15 or not all(re.fullmatch(r"[^\W\d_]\w{0,30}|°|%|1", name) for name in parts[::2]):
         return None
     spelled = [name.lower() if ANY_CASE.fullmatch(name) else name for name in parts]
-    from pint import PintError
+    from pint import PintError, application_registry  # all its units, which take 0.2 s, are read once
 
     tidy = [ALIASES.get(name, name) for name in spelled]
     grouped = [f"({name})" if len(name) > 1 and "*" in name else name for name in tidy]
     try:
-        one = registry().Quantity(1.0, registry().parse_units("".join(grouped))).to_base_units()
+        one = application_registry.Quantity(1.0, application_registry.parse_units("".join(grouped))).to_base_units()
     except (PintError, ValueError, AssertionError, TypeError):
         return None
     return float(one.magnitude), str(one.units)

@@ -222,6 +222,10 @@ def test_every_number_of_a_figure_stands_in_its_panel_at_its_place(name, table, 
         assert not apart.all(axis=1).any(), f"{column}: some of it is not drawn"
 
 
+def test_of_every_figure_a_row_says_what_it_shows_but_of_those_that_have_a_test_of_their_own():
+    assert {*FIGURES} - {name for name, *_ in SHOWN} == {"prediction", "chain"}
+
+
 NONE, NOTE = pl.lit(None, pl.Float64), pl.lit("x")
 DOUBT = pl.when(pl.col("trial").is_in(["belt_02", "belt_07", "w2"])).then(pl.lit("VAF 80 is below 90"))
 SAID = [

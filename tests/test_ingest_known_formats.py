@@ -63,6 +63,7 @@ MISTAKES: list[tuple[dict[str, object], str]] = [
 def test_a_mistake_in_a_source_is_refused_by_its_field(tmp_path: Path, content: dict[str, object], told: str) -> None:
     load = {name: {"device": "Amplifier", "component": name, "unit": "V"} for name in ("sync", "trigger")}
     load |= {name: {"device": "Amplifier", "component": name, "unit": "N*m"} for name in ("torque", "torque_m")}
+    assert SOURCES.keys() == FORMATS.keys()
     SOURCES["nexus_csv"].model_validate({"format": "nexus_csv", "analogs": load})  # two outputs of one device
     (tmp_path / "source.yaml").write_text(yaml.safe_dump(content))
     assert told in refusal_by(read_source, tmp_path / "source.yaml")

@@ -139,6 +139,8 @@ def test_every_setting_is_a_choice_or_a_fact_whose_state_is_told(tmp_path):
     assert all(words in said for words in ("at rest at the end", "a low-pass of 15 Hz", "0.1 s that are fitted"))
     number = {"setting": ["walking.cutoff_hz"], "value": [12.0], "state": ["assumed"]}
     assert "12 Hz" in assumed_said(pl.DataFrame(number)), "a column of numbers alone"
+    nothing = pl.DataFrame(schema=dict.fromkeys(("setting", "value", "state"), pl.Float64))  # as a header alone is read
+    assert assumed_said(nothing) == "", "no setting judges what is read alone"
     assert states["figures.stance_share"]["state"] == "none"  # nothing is commanded over the gait cycle
     assert "walking.side" not in {one["setting"] for one in states_of(own, {}, ["belt"])}
 

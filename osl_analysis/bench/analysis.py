@@ -622,7 +622,7 @@ def smoothed_jumps(record: Record, fit: GroupFit, rows: NDArray[np.intp], signs:
     if record.uniform is not None and (
         stated := (taken := record.uniform.of("torque")).stream.low_passes.get("torque")
     ):
-        return float((1 + (1 / (taken.step * stated.cutoff_hz)) ** (2 * stated.order)) ** -0.5)
+        return stated.gain(1 / taken.step)
     at = np.clip(rows[:, None] + np.arange(-4, 5), 1, len(record.theta) - 2)
     omega = (record.theta[at + 1] - record.theta[at - 1]) * record.rate_hz / 2
     rises = np.diff(record.torque[at] - fit["K"] * record.theta[at] - fit["B"] * omega) * signs[:, None]

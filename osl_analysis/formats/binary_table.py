@@ -64,12 +64,9 @@ def read_binary_table(path: Path, layout: CsvLayout, is_unit: IsUnit, most_rows:
         kind = kind_of(file.read(1 << 16))
     if not kind:
         raise InputError("no sheet, Parquet, Arrow, numpy or HDF5 file; check the path and the source's format")
-    if kind in ("sheet", "npz") and zipfile.is_zipfile(path):
-        with in_one_sentence(), zipfile.ZipFile(path) as archive:
-            check_memory(sum(one.file_size for one in archive.infolist()), "what it unpacks to")
-            if damaged := archive.testzip():
-                raise InputError(f"its part {damaged} does not match its checksum; copy it again, or export it anew")
     with in_one_sentence():
+        if kind in ("sheet", "npz") and zipfile.is_zipfile(path):
+            check_archive(path)
         if kind == "sheet":
             return read_workbook(path, layout, is_unit)
         damage, units = Ledger(), dict[str, str]()
@@ -92,10 +89,13 @@ def read_binary_table(path: Path, layout: CsvLayout, is_unit: IsUnit, most_rows:
                 damage.lose(f"{behind} bytes stand behind its end, and are not read", 0, None, 0)
         else:
             try:
-                values = np.load(path, mmap_mode="r", allow_pickle=False)
                 if kind == "npy":
+                    values = np.load(path, mmap_mode="r", allow_pickle=False)
                     check_memory(values.nbytes)
-                frame = frame_of({"": np.asarray(values)} if kind == "npy" else dict(values), damage)
+                    frame = frame_of({"": np.asarray(values)}, damage)
+                else:
+                    with path.open("rb") as file:  # numpy leaves that of a damaged archive open
+                        frame = frame_of(dict(np.load(file, allow_pickle=False)), damage)
             except ValueError as error:
                 if not holds_objects(path):
                     raise
@@ -198,6 +198,16 @@ def check_arrow(path: Path) -> None:
         is_whole = ends[:-1] == [one[0] for one in sorted(parts)[1:]]
         if ends and not (is_whole and ends[-1] in (begin - 8, begin - 4)):  # a mark of the end, shorter in old files
             raise InputError("its parts do not follow one another: bytes were lost or inserted; copy it again")
+
+
+def check_archive(path: Path) -> None:
+    """Raises InputError: a ZIP takes too much memory unpacked, stands behind other bytes, or a checksum fails."""
+    with zipfile.ZipFile(path) as archive:
+        check_memory(sum(one.file_size for one in archive.infolist()), "what it unpacks to")
+        if before := min((one.header_offset for one in archive.infolist()), default=0):
+            raise InputError(f"{before} bytes stand before its first part, as of another file; split them there")
+        if damaged := archive.testzip():
+            raise InputError(f"its part {damaged} does not match its checksum; copy it again, or export it anew")
 
 
 def holds_objects(path: Path) -> bool:

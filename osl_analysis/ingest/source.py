@@ -108,7 +108,8 @@ class Conversion(Settings):
         if self.delay is not None:
             found["delay"] = quantity(self.delay, "s")
         if self.low_pass is not None:
-            found["low_pass"] = {"cutoff_hz": quantity(self.low_pass.cutoff, "Hz"), "order": self.low_pass.order}
+            cutoff_hz = quantity(self.low_pass.cutoff, "Hz")
+            found["low_pass"] = {"cutoff_hz": cutoff_hz, **self.low_pass.model_dump(exclude={"cutoff"})}
         if self.resolution is not None or self.bits is not None:
             found["resolution"] = self.step(si_unit)
         if self.range is not None:

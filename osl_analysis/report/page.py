@@ -214,7 +214,8 @@ def method_said(settings: Mapping[str, Any], tables: Mapping[str, pl.DataFrame])
 
 def assumed_said(states: pl.DataFrame) -> str:
     """What of `settings.csv` nobody stated and is computed with, and that no device is stated; empty if all is."""
-    rows = states.filter(state="assumed").cast({"value": pl.String})  # of numbers alone they are read as numbers
+    states = states.cast(dict.fromkeys(("setting", "state", "value"), pl.String))  # of numbers, or none, it is no text
+    rows = states.filter(state="assumed")
     without = "Without a parameter file nothing is held against a device's gains or belt." * any(
         states["state"].eq("none") & states["setting"].eq("parameters")
     )

@@ -35,6 +35,9 @@ class SensorLowPass:
         filtered, _ = scipy.signal.sosfilt(sections, values, zi=scipy.signal.sosfilt_zi(sections) * values[0])
         return np.asarray(filtered)
 
+    def gain(self, hz: float) -> float:
+        return float((1 + (hz / self.cutoff_hz) ** (2 * self.order)) ** -0.5)
+
 
 @dataclass(frozen=True)
 class Stream:

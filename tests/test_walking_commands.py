@@ -353,7 +353,8 @@ def test_missing_and_damaged_files_between_the_steps_name_the_step(ideal: Sessio
         jobs.read_crossing(ideal.trial(ideal.unperturbed[0]))
     # a window so short that it has fewer samples than parameters: listed, and other results go on
     selection, gait = ideal.file("selection.csv"), ideal.file("gait.parquet")
-    jobs.fit_perturbation(perturbed, selection, gait, settings(window_s=0.009), tmp_path / "fit.csv")
+    with pytest.warns(UserWarning, match="excluded: trial walking_01: 3 samples cannot determine"):
+        jobs.fit_perturbation(perturbed, selection, gait, settings(window_s=0.009), tmp_path / "fit.csv")
     (row,) = read_table(tmp_path / "fit.csv").to_dicts()
     assert (row["K"], "samples cannot determine 3 parameters" in row["excluded"]) == (None, True)
     with pytest.raises(InputError, match=r"n\.parquet: no such file; run the step 'average-unperturbed'"):

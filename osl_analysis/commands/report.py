@@ -63,7 +63,11 @@ def write_report(
     """
     written = {name: with_evidence(path) for name, path in tables.items()}
     said_of = {one.trial: f"{one.reason}; {one.remedy}" for one in refused if one.trial}
-    without = written.get("walking_excluded", pl.DataFrame(schema=["trial", "reason"]))
+    without = [
+        written[name].select("trial", reason=why).drop_nulls("reason")
+        for name, why in (("walking", "excluded"), ("walking_excluded", "reason"))
+        if name in written
+    ]
     left_out = left_out_trials(read_table(excluded), without, said_of)
     by_role = {"trial": trials, "series": series, "crossing": crossings}
     judged = read_table(verdicts).filter(pl.col("verdict") != "refused").partition_by("trial", as_dict=True)

@@ -321,6 +321,7 @@ def fit_perturbation(
             row = tables.perturbation_row(read_crossing(crossing), gait, settings)
         except OslAnalysisError as error:
             reason = str(error)
+            warnings.warn(f"excluded: {reason}", stacklevel=2)
     known = {"trial": crossing.stem, "group": place["group"], "direction": place["direction"]}
     write_table(pl.DataFrame([known | row | {EXCLUDED: reason}]), output)
 
@@ -346,13 +347,18 @@ def summarise_perturbations(
     not used, with the reason, to `excluded`. `table` is `walking.csv`, `crossings` are the perturbed ones. A group
     beyond one of the `limits` is doubtful."""
     fits, chosen = read_table(table, ["trial"]), read_table(selection, ["trial", "reason", "gait", "group"])
-    # the crossings without a fit, in the order of the selection, with the reason
-    left = chosen.join(fits.select("trial", EXCLUDED), on="trial", how="left", maintain_order="left")
-    left = left.select("trial", "perturbed", pl.coalesce("reason", EXCLUDED).alias("reason")).drop_nulls("reason")
+    # the crossings without a fit, in the order of the selection, with the reason, are in no group
+    chosen = chosen.join(fits.select("trial", EXCLUDED), on="trial", how="left", maintain_order="left")
+    chosen = chosen.with_columns(reason=pl.coalesce("reason", EXCLUDED))
+    chosen = chosen.with_columns(group=pl.when(pl.col("reason").is_null()).then("group"))
+    left = chosen.select("trial", "perturbed", "reason").drop_nulls("reason")
     write_table(with_places(left, places or {}), excluded)
     fitted = fits.filter(pl.col(EXCLUDED).is_null())
     if len(fitted) < 2:
-        raise InputError(f"{table}: {len(fitted)} of {len(fits)} {TOO_FEW} its column {EXCLUDED}, or record more")
+        why = next(iter(fits[EXCLUDED].drop_nulls()), "")
+        raise InputError(
+            f"{table}: {len(fitted)} of {len(fits)} {TOO_FEW} its column {EXCLUDED}, or record more ({why})"
+        )
     gaits, files = read_unperturbed_gaits(unperturbed), {path.stem: path for path in crossings}
     sides, results = {}, []
     for fact in tables.group_rows(chosen, sheet, gaits, settings.window_s):

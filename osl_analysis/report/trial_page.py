@@ -174,7 +174,7 @@ DECIDES = {"doubtful": {"all"}, "flagged": {"recording"}, "doubtful in part": {"
 
 
 def left_out_trials(
-    excluded: pl.DataFrame, crossings: pl.DataFrame, refused: Mapping[str, str]
+    excluded: pl.DataFrame, crossings: Sequence[pl.DataFrame], refused: Mapping[str, str]
 ) -> dict[str, tuple[bool, list[str]]]:
     """The trials that are left out, by name: whether because a job refused or failed, not because they are excluded,
     and why. `refused` has the reason of each refused trial."""
@@ -184,7 +184,7 @@ def left_out_trials(
         said.append((row["trial"], by_job, row["remark"] if by_job else exclusion_said(row)))
     known = {trial for trial, *_ in said}
     said += [(trial, True, reason) for trial, reason in refused.items() if trial not in known]
-    said += [(trial, False, why) for trial, why in crossings.select("trial", "reason").rows()]
+    said += [(trial, False, why) for table in crossings for trial, why in table.rows()]
     found: dict[str, tuple[bool, list[str]]] = {}
     for trial, by_job, reason in dict.fromkeys(said):
         found.setdefault(trial, (by_job, []))[1].append(reason)

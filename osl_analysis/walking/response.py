@@ -175,9 +175,9 @@ def aligned_gait(crossing: Crossing, gait: UnperturbedGait, source: StanceSource
         return AlignedGait(own if source == "own" else usual, np.ones(len(gait.names)), expected)
     if not np.isfinite(scale):
         raise InputError(
-            f"trial {crossing.name}: its ankle angle before the onset is like that of the mean unperturbed gait at no "
-            f"pace between {SMALLEST:g} and {LARGEST:g} of its own; exclude the trial, give it another group, or state "
-            "perturbed_stance: own"
+            f"trial {crossing.name}: its angle before the onset tells no pace from {SMALLEST:g} to {LARGEST:g} of "
+            "the mean unperturbed gait: it has no sharp turn after heel strike, or is of another gait; state "
+            "perturbed_stance: own, or give it another group"
         )
     return AlignedGait(own / scale, others, expected)
 
@@ -595,6 +595,12 @@ def common_errors(responses: Sequence[PerturbationResponse]) -> dict[str, list[C
         name: [(float(g), len(gait) - 1), (float(p), max(len(plate) - 1, 1))]
         for name, g, p in zip("KBI", gait_variances, plate_variances, strict=True)
     }
+
+
+def gait_scatter(responses: Sequence[PerturbationResponse]) -> tuple[dict[str, float], int]:
+    """Variances of K, B and I of one perturbation as unperturbed crossings scatter, and their degrees of freedom."""
+    changes = [estimate_changes(r, fit_without_offset(r.fitted_motion, r.fitted_torque))[0] for r in responses]
+    return dict(zip("KBI", np.var(changes, axis=1, ddof=1).mean(axis=0).tolist(), strict=True)), len(changes[0]) - 1
 
 
 @dataclass(frozen=True)

@@ -18,12 +18,13 @@ from osl_analysis.stats.regression import LinearFit, estimates_row
 from osl_analysis.stats.repeats import over_repeats
 from osl_analysis.trial import REFLEX_DELAYS_MS, Array, rms
 from osl_analysis.walking import response as isolation
-from osl_analysis.walking.crossing import DOWN, LABORATORY_ERRORS, LOG_ERRORS, Crossing
+from osl_analysis.walking.crossing import DOWN, LABORATORY_ERRORS, LOG_ERRORS, UP, Crossing
 from osl_analysis.walking.groups import ALL, SEPARATOR, STATED, Cells, Sheet, cells_said
 from osl_analysis.walking.response import PHASES, Bootstrap, GroupHeadline, PerturbationResponse, UnperturbedGait
 from osl_analysis.walking.settings import ResponseSettings, TimingSettings, UnseenError
 
 GROUP_QUANTITIES, ENSEMBLE = ("K", "B", "I", "VAF"), "ensemble"
+FEW = 6  # crossings of a direction, below which the mean of all is outside of their range more often than in 5 %
 COMMANDED = "commanded"  # Series of the curve that the controller commands
 FACTS = ("group", "onset_phase", "fitted_phase", "end_phase")
 Numbers = dict[str, float | None]
@@ -50,7 +51,7 @@ def group_rows(
             "pooled": pooled if len(used) else None,
             **timing_facts(used, gaits[gait].stance if gait in gaits else np.zeros(0), window),
             **moment_error(of_gait),
-            "left_out_share": len(lost) / len(of_gait),
+            "left_out_share": of_gait.group_by("perturbed").agg(pl.col("reason").count() / pl.len())["reason"].max(),
             "left_out_by": parted_by(kept, lost, sheet) if len(lost) else None,
         }
         conditions = [(cell is None, isinstance(cell, str), "" if cell is None else cell) for cell in cells.values()]
@@ -404,8 +405,11 @@ def headline_rows(
 ) -> list[dict[str, object]]:
     """Rows of `walking_summary.csv` of one group, from its rows of `walking.csv`, `fits`, their number of doubtful ones
     and the standard errors `stated` of K, B, I: mean per perturbation (of both directions' means), with the errors that
-    are common; ensemble; directions. The intervals of the latter two are the bootstrap's, wider by what is stated."""
+    are common; ensemble; directions. The intervals of the latter two are the bootstrap's, wider by what is stated. Of
+    few crossings they are at least those of the unperturbed ones' scatter: a bootstrap does not leave the range of n
+    crossings, outside of which the mean of all is with a probability of 2^(1 - n)."""
     common, signs = headline.common, isolation.signs_of(headline.responses)
+    counts, (of_one, freedom) = np.unique(signs, return_counts=True)[1], isolation.gait_scatter(headline.responses)
     rows: list[dict[str, object]] = []
     for name in GROUP_QUANTITIES:
         mean = over_repeats(fits[name].to_numpy(), common.get(name, ()), signs)
@@ -417,13 +421,18 @@ def headline_rows(
         estimator: str, values: Mapping[str, float], resampled: Bootstrap, n: int, quantity: str
     ) -> dict[str, object]:
         error = 0.0 if "minus" in estimator else stated.get(quantity, 0.0)  # it cancels in the difference
-        low, high = (
-            values[quantity] + float(np.sign(end - values[quantity]) * np.hypot(end - values[quantity], 1.96 * error))
-            for end in resampled.interval(quantity)
-        )
-        row = {"quantity": quantity, "estimator": estimator, "n": n, "mean": values[quantity], "sd": None}
-        row |= {"se": float(np.hypot(resampled.se(quantity), error)), "low": low, "high": high}
-        return row | {"interval_method": "bootstrap + stated" if error else "bootstrap"}
+        value, se, ends, method = values[quantity], resampled.se(quantity), resampled.interval(quantity), "bootstrap"
+        of = [n] if estimator in (UP, DOWN) else counts
+        if quantity in of_one and min(of) < FEW:
+            halves = 1 if "minus" in estimator else len(of)
+            scatter = float(np.sqrt(of_one[quantity] * np.sum(1 / np.array(of)))) / halves
+            half = float(-scipy.special.stdtrit(freedom, 0.025)) * scatter
+            ends, se = (min(ends[0], value - half), max(ends[1], value + half)), max(se, scatter)
+            method = "bootstrap, scatter of unperturbed crossings"
+        low, high = (value + float(np.sign(end - value) * np.hypot(end - value, 1.96 * error)) for end in ends)
+        row = {"quantity": quantity, "estimator": estimator, "n": n, "mean": value, "sd": None}
+        row |= {"se": float(np.hypot(se, error)), "low": low, "high": high}
+        return row | {"interval_method": method + " + stated" * bool(error)}
 
     for estimator, ensemble, resampled in ((ENSEMBLE, headline.ensemble, headline.resampled), headline.other):
         estimates = ensemble.estimates()

@@ -5,7 +5,8 @@ folders, with nothing left to do, and after one recording has changed. `--short`
 folders alone, and `--most RATIO` ends with exit code 1 where this checkout takes more core-seconds there than that. A
 revision runs in this environment where that has what the revision's lock asks for, else in one that is made for it; of
 one that a shallow clone has not, it says so.
-Core-seconds are of all processes, peak memory is of the largest one. Nothing else may run meanwhile.
+Core-seconds are of all processes, peak memory is of the largest one. Last stand the kinds of jobs that take longest,
+and what Snakemake takes for as many empty jobs, which is the limit. Nothing else may run meanwhile.
 """
 
 import argparse
@@ -25,6 +26,8 @@ from pathlib import Path
 
 import yaml
 
+from osl_analysis.jobs.job_log import read_log
+
 ROOT = Path(__file__).resolve().parents[1]
 ADOPT_ORPHANS = 36
 """PR_SET_CHILD_SUBREAPER of Linux: jobs are forked from a process that ends after its parent."""
@@ -35,6 +38,13 @@ COMMANDS = ("from empty folders", "nothing to do", "one changed recording")
 NOT_COPIED = shutil.ignore_patterns(
     ".git", ".venv*", ".snakemake", "results", "build", "__pycache__", "*.mcap", "*.c3d"
 )
+EMPTY = """
+rule all:
+    input: expand("{{k}}", k=range({jobs}))
+rule one:
+    output: "{{k}}"
+    shell: ": > {{output}}"
+"""
 SAID = ((1, 1, 0), ("s", "core-s", "MB"))
 Spent = tuple[float, float, float]  # wall time [s], core-seconds, peak memory of one process [MB]
 
@@ -126,6 +136,21 @@ def measured(python: str, tree: Path, short: bool) -> list[Spent]:
     return [*found, spent(python, tree, *table)]
 
 
+def jobs_said(tree: Path, folder: Path) -> list[str]:
+    """The kinds of jobs of a tree that took longest, with their number and mean wall time; and what Snakemake takes, in
+    an empty folder, for as many jobs that do nothing."""
+    logs = [log for path in (tree / "results/logs").rglob("*.log") if (log := read_log(path))]
+    kinds: dict[str, list[float]] = {}
+    for log in logs:
+        kinds.setdefault(log["job"], []).append(log["seconds"])
+    longest = sorted(kinds.items(), key=lambda one: -sum(one[1]))[:8]
+    said = [f"{kind:28} {len(each):4} x {statistics.mean(each):.3f} s" for kind, each in longest]
+    folder.mkdir()
+    (folder / "Snakefile").write_text(EMPTY.format(jobs=len(logs)), encoding="utf-8")
+    wall, cores, _ = spent(sys.executable, folder, "--cores", "all", "--scheduler", "greedy")
+    return [*said, f"{len(logs)} empty jobs of Snakemake: {wall:.1f} s; {cores:.1f} core-s"]
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description="This checkout against another revision.")
     parser.add_argument("revision")
@@ -153,6 +178,7 @@ def main() -> None:
         for _ in range(asked.rounds):
             for tree, python in pythons.items():
                 taken.setdefault(tree.name, []).append(measured(python, tree, asked.short))
+        said_of_jobs = jobs_said(now, Path(name, "empty"))
     print(
         f"this checkout against {revision[:12]}, {asked.rounds} rounds; {os.cpu_count()} cores ({platform.machine()}),"
     )
@@ -165,6 +191,7 @@ def main() -> None:
         said = [f"{x:.{d}f} {unit} / {y:.{d}f} = {x / y:.2f}" for x, y, d, unit in zip(new, old, *SAID, strict=True)]
         print(f"{what}: {'; '.join(said)}")
         worst = worst or new[1] / old[1]
+    print(*said_of_jobs, sep="\n")
     if worst > asked.most:
         raise SystemExit(f"{worst:.2f} times the core-seconds of {asked.revision}; at most {asked.most:g} are allowed")
 

@@ -2,9 +2,10 @@
 
     python benchmarks/doors.py [--most MB]
 
-Commands on an impedance trial of 42 s: the least of three runs, imports included. Then one trial of 142 s at 1 kHz as
-the workflow simulates it, imports apart; and a recording of an hour at 1 kHz with six channels. With `--most`, as CI
-runs it, only what ingest and fit of 20 minutes of that recording need: it ends with exit code 1 where that is more.
+Commands on an impedance trial of 42 s: the least of three runs, imports included, and what imports alone take. Then one
+trial of 142 s at 1 kHz as the workflow simulates it, imports apart; and a recording of an hour at 1 kHz with six
+channels. With `--most`, as CI runs it, only what ingest and fit of 20 minutes of that recording need: it ends with exit
+code 1 where that is more.
 """
 
 import argparse
@@ -21,6 +22,7 @@ from osl_analysis.jobs.run import KEPT_BY_PROCESS
 SETTINGS, TRIAL = Path("config/simulation/default.yaml"), "impedance_K300_B5.0_compensated"
 SOURCES = ("--log-source", "dynamometer_nodes", "--sources", str(Path("config/sources").resolve()))
 DESIRED = ("--stiffness", "300", "--damping", "5")
+LIBRARIES = "click, numpy, polars, pydantic, scipy.signal, yaml"  # which `fit` needs
 COMMAND = (sys.executable, "-c", "from osl_analysis.cli import main; main()")
 SIMULATE = """import sys, time
 from pathlib import Path
@@ -33,11 +35,11 @@ print(time.process_time() - before)
 SMALL, USUAL, THIRD, HOUR = 6, 20, 173, 520  # cycles at each frequency
 
 
-def spent(folder: Path, *words: str, repeats: int = 3) -> tuple[float, float]:
+def spent(folder: Path, *words: str, repeats: int = 3, command: tuple[str, ...] = COMMAND) -> tuple[float, float]:
     """Least processor time [s], and peak memory [MB], of a command."""
     times = []
     for _ in range(repeats):
-        process = subprocess.Popen([*COMMAND, *words], cwd=folder, stdout=subprocess.DEVNULL)
+        process = subprocess.Popen([*command, *words], cwd=folder, stdout=subprocess.DEVNULL)
         _, status, used = os.wait4(process.pid, 0)
         process.returncode = os.waitstatus_to_exitcode(status)
         if process.returncode:
@@ -90,6 +92,8 @@ def main() -> None:
             "osl-analysis doctor": spent(folder, "doctor"),
             "osl-analysis inspect": spent(folder, "inspect", f"{SMALL}.mcap"),
             "osl-analysis fit": fit(SMALL),
+            "  its libraries alone": spent(folder, f"import {LIBRARIES}", command=(sys.executable, "-c")),
+            "snakemake, imported": spent(folder, "import snakemake.cli", command=(sys.executable, "-c")),
             "an hour: ingest": ingest(HOUR, repeats=1),
             "an hour: fit": fit(HOUR, repeats=1),
         }

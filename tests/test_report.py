@@ -559,7 +559,8 @@ def test_a_trial_is_left_out_by_what_became_of_it():
     cut = dict.fromkeys(late) | {"trial": "cut", "check": "refused", "remark": "no footer"}
     rows = pl.DataFrame([cut, late, late, cut | {"trial": "hung", "check": "died"}], infer_schema_length=None)
     crossings = pl.DataFrame({"trial": ["walk"], "reason": ["no step"]})
-    found = trial_page.left_out_trials(rows, [crossings, crossings[:0]], {"late": "again", "new": "why"})
+    tables = {"walking": crossings.rename({"reason": "excluded"}), "walking_excluded": crossings}
+    found = trial_page.left_out_trials(rows, tables, {"late": "again", "new": "why"})
     assert (found.pop("late"), found.pop("hung")) == ((False, ["gap 1 s, threshold 0.5: theta"]), (True, ["no footer"]))
     assert found == {"cut": (True, ["no footer"]), "new": (True, ["why"]), "walk": (False, ["no step"])}
     assert list(found) == ["cut", "new", "walk"]

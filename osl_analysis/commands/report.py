@@ -63,12 +63,7 @@ def write_report(
     """
     written = {name: with_evidence(path) for name, path in tables.items()}
     said_of = {one.trial: f"{one.reason}; {one.remedy}" for one in refused if one.trial}
-    without = [
-        written[name].select("trial", reason=why).drop_nulls("reason")
-        for name, why in (("walking", "excluded"), ("walking_excluded", "reason"))
-        if name in written
-    ]
-    left_out = left_out_trials(read_table(excluded), without, said_of)
+    left_out = left_out_trials(read_table(excluded), written, said_of)
     by_role = {"trial": trials, "series": series, "crossing": crossings}
     judged = read_table(verdicts).filter(pl.col("verdict") != "refused").partition_by("trial", as_dict=True)
     of_trial: dict[str, list[Entry]] = {}
@@ -99,7 +94,7 @@ def write_report(
         **trial_page.trials_content(reported),
         **page.overview(reported, found, shown, about),
         "intervals": found.get("intervals", ""),
-        "claims": page.claims_said(written["claims"]) if "claims" in written else [],
+        "claims": page.claims_said(written.get("claims", pl.DataFrame(schema=["subject", "verdict"]))),
         "methods": trial_page.methods_content(settings, written, reported),
         "absent_figures": absent,
         "unnamed": unnamed,

@@ -174,7 +174,7 @@ DECIDES = {"doubtful": {"all"}, "flagged": {"recording"}, "doubtful in part": {"
 
 
 def left_out_trials(
-    excluded: pl.DataFrame, crossings: Sequence[pl.DataFrame], refused: Mapping[str, str]
+    excluded: pl.DataFrame, tables: Mapping[str, pl.DataFrame], refused: Mapping[str, str]
 ) -> dict[str, tuple[bool, list[str]]]:
     """The trials that are left out, by name: whether because a job refused or failed, not because they are excluded,
     and why. `refused` has the reason of each refused trial."""
@@ -184,7 +184,9 @@ def left_out_trials(
         said.append((row["trial"], by_job, row["remark"] if by_job else exclusion_said(row)))
     known = {trial for trial, *_ in said}
     said += [(trial, True, reason) for trial, reason in refused.items() if trial not in known]
-    said += [(trial, False, why) for table in crossings for trial, why in table.rows()]
+    for name, why in (("walking", "excluded"), ("walking_excluded", "reason")):
+        crossings = tables.get(name, pl.DataFrame(schema=["trial", why]))
+        said += [(trial, False, reason) for trial, reason in crossings.select("trial", why).rows() if reason]
     found: dict[str, tuple[bool, list[str]]] = {}
     for trial, by_job, reason in dict.fromkeys(said):
         found.setdefault(trial, (by_job, []))[1].append(reason)

@@ -24,7 +24,9 @@ from osl_analysis.walking.response import PHASES, Bootstrap, GroupHeadline, Pert
 from osl_analysis.walking.settings import ResponseSettings, TimingSettings, UnseenError
 
 GROUP_QUANTITIES, ENSEMBLE = ("K", "B", "I", "VAF"), "ensemble"
-FEW = 6  # crossings of a direction, below which the mean of all is outside of their range more often than in 5 %
+FEW_CROSSINGS = (
+    6  # crossings of a direction, below which the mean of all is outside of their range more often than in 5 %
+)
 COMMANDED = "commanded"  # Series of the curve that the controller commands
 FACTS = ("group", "onset_phase", "fitted_phase", "end_phase")
 Numbers = dict[str, float | None]
@@ -423,7 +425,7 @@ def headline_rows(
         error = 0.0 if "minus" in estimator else stated.get(quantity, 0.0)  # it cancels in the difference
         value, se, ends, method = values[quantity], resampled.se(quantity), resampled.interval(quantity), "bootstrap"
         of = [n] if estimator in (UP, DOWN) else counts
-        if quantity in of_one and min(of) < FEW:
+        if quantity in of_one and min(of) < FEW_CROSSINGS:
             halves = 1 if "minus" in estimator else len(of)
             scatter = float(np.sqrt(of_one[quantity] * np.sum(1 / np.array(of)))) / halves
             half = float(-scipy.special.stdtrit(freedom, 0.025)) * scatter

@@ -253,6 +253,14 @@ def test_what_cannot_be_used_is_named_and_listed_and_the_rest_goes_on(real: Sess
     page = read_table(tmp_path / "page.csv")
     counts = page.filter(pl.col("panel") == "angle").group_by("curve").agg(pl.col("n").first())
     assert dict(counts.drop_nulls().iter_rows()) == {"perturbed": 9, "unperturbed": 11}
+    for path in perturbed[3:5]:  # toes down: no mean of both directions, and one of a single crossing has no scatter
+        (turned,) = copied.read(path.stem)
+        jobs.write_crossing(replace(turned, turn=-abs(turned.turn)), path)
+        plot_walking_page(crossings=perturbed, settings=chosen, output=tmp_path / "both.csv", **sources)
+        both = read_table(tmp_path / "both.csv").filter(panel="angle").group_by("curve").agg(pl.col("n", "sd").first())
+        down = both.filter(curve="perturbed down").row(0)
+        assert {*both.drop_nulls("n")["curve"]} == {"unperturbed", "perturbed up", "perturbed down"}
+        assert (down[1], down[2] is None) in [(1, True), (2, False)]
     doubtful = set(fits.filter(pl.col("K") > real.rendered("K"))["trial"])
     assert 0 < len(doubtful) < 9
     assert set(page.filter(pl.col("curve") == "each", pl.col("doubtful") != "")["trial"]) == doubtful

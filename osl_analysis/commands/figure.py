@@ -30,6 +30,7 @@ from osl_analysis.refusal import Refusal, read_refusals
 from osl_analysis.stats.repeats import DOUBTFUL
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import read_trial
+from osl_analysis.walking.crossing import DOWN, UP
 from osl_analysis.walking.response import unperturbed_gait
 from osl_analysis.walking.settings import TimingSettings
 from osl_analysis.walking.tables import trajectory_points, walking_page_points
@@ -215,8 +216,10 @@ def plot_walking_page(
     for (group,), of_group in isolated.partition_by("group", maintain_order=True, as_dict=True).items():
         perturbed = [crossing for crossing in chosen if crossing.name in set(of_group["trial"])]
         gait = gaits[gait_of[perturbed[0].name]]
-        both = {"unperturbed": gait, "perturbed": unperturbed_gait(perturbed, 2)}
-        points = walking_page_points(perturbed, both, of_group.drop("group"), settings)
+        ways = {c.sign: f"perturbed {DOWN if c.sign < 0 else UP}" for c in perturbed}  # whose mean is nobody's gait
+        ways = ways if len(ways) > 1 else dict.fromkeys(ways, "perturbed")
+        shown = {name: unperturbed_gait([c for c in perturbed if c.sign == sign], 1) for sign, name in ways.items()}
+        points = walking_page_points(perturbed, {"unperturbed": gait, **shown}, of_group.drop("group"), settings)
         frames.append(points.with_columns(group=pl.lit(group)))
     write_table(pl.concat(frames, how="diagonal"), output)
 

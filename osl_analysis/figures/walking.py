@@ -101,6 +101,8 @@ def draw_fig9(table: pl.DataFrame) -> Figure:
 
 
 GAIT = {"unperturbed": (style.PURPLE, "-", "Unperturbed"), "perturbed": (style.ORANGE, (0, (5, 1.5)), "Perturbed")}
+GAIT["perturbed up"] = (*GAIT["perturbed"][:2], "Toes up")
+GAIT["perturbed down"] = ("#3F8FBF", (0, (1.5, 1)), "Toes down")
 RESPONSES = {"response angle": "deg", "response torque": "N·m"}
 
 
@@ -131,7 +133,8 @@ def draw_walking_page(table: pl.DataFrame) -> Figure:
                 draw_isolated(ax, rows, panel)
                 continue
             for name, (colour, dashes, label) in GAIT.items():
-                one = curve(rows, panel, name)
+                if (one := curve(rows, panel, name)).is_empty():
+                    continue
                 x, mean, sd = (one[column].to_numpy() for column in ("x", "mean", "sd"))
                 ax.fill_between(x, mean - sd, mean + sd, color=colour, alpha=0.25, linewidth=0)
                 ax.plot(x, mean, color=colour, linestyle=dashes, label=f"{label} ($n$ = {int(one['n'][0])})")
@@ -157,7 +160,8 @@ def draw_isolated(ax: Axes, table: pl.DataFrame, panel: str) -> None:
         for place, one in enumerate(drawn):
             (line,) = ax.plot(one["x"], one["mean"], **look | ({"label": None} if place else {}))
             line.set_url(style.place_in_report(one["trial"][0]))
-    ax.plot(mean["x"], mean["mean"], color=style.BLACK, linewidth=1.4, label="Averaged")
+    averaged = "Half of up minus down" if "perturbed down" in table["curve"] else "Averaged"
+    ax.plot(mean["x"], mean["mean"], color=style.BLACK, linewidth=1.4, label=averaged)
     if not fit.is_empty():
         label = r"Fit of $K\theta + B\dot\theta + I\ddot\theta$"
         ax.plot(fit["x"], fit["mean"], color=style.ORANGE, linewidth=1.4, linestyle=style.DASHED, label=label)

@@ -469,7 +469,8 @@ def walking_page_points(
     for name, gait in gaits.items():
         for panel, every in (("angle", np.rad2deg(gait.theta)), ("torque", gait.torque)):
             some = every[:, ::step]
-            points = pl.DataFrame({"x": x, "mean": some.mean(axis=0), "sd": some.std(axis=0, ddof=1)})
+            sd = some.std(axis=0, ddof=1) if len(some) > 1 else None
+            points = pl.DataFrame({"x": x, "mean": some.mean(axis=0), "sd": sd}, schema_overrides={"sd": pl.Float64})
             labels = {"panel": pl.lit(panel), "curve": pl.lit(name), "n": pl.lit(len(gait.names))}
             frames.append(points.with_columns(**labels))
     turned = [(c.onset, c.stance) for c in perturbed if c.onset is not None]

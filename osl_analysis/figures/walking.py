@@ -100,9 +100,12 @@ def draw_fig9(table: pl.DataFrame) -> Figure:
     return figure
 
 
-GAIT = {"unperturbed": (style.PURPLE, "-", "Unperturbed"), "perturbed": (style.ORANGE, (0, (5, 1.5)), "Perturbed")}
-GAIT["perturbed up"] = (*GAIT["perturbed"][:2], "Toes up")
-GAIT["perturbed down"] = ("#3F8FBF", (0, (1.5, 1)), "Toes down")
+LONG_DASHES, SHORT_DASHES = (0, (5.0, 1.5)), (0, (1.5, 1.0))
+GAIT = {"unperturbed": (style.PURPLE, (0, ()), "Unperturbed"), "perturbed": (style.ORANGE, LONG_DASHES, "Perturbed")}
+GAIT |= {
+    "perturbed up": (style.ORANGE, LONG_DASHES, "Toes up"),
+    "perturbed down": ("#3F8FBF", SHORT_DASHES, "Toes down"),
+}
 RESPONSES = {"response angle": "deg", "response torque": "N·m"}
 
 

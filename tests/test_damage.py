@@ -311,6 +311,13 @@ def test_a_part_that_is_that_of_another_place_is_lost_and_motion_without_noise_i
     write_c3d(path, noise[:, None, :4], np.r_[noise[:100, 4:] + 30, np.zeros((40, 1)), noise[140:, 4:] + 30])
     zeroed = FORMATS["c3d"].read(path, source)
     assert (zeroed.losses["lost"], "values that no sensor gives" in zeroed.warnings[0]) == (None, True)
+    torque = [*noise[:300, 1] + 30, *[0.0] * 4, *noise[304:, 1] + 30]  # of 600 messages, as the log says, all are there
+    rows = [
+        stamped(k * 10**7, angle=a, torque=f, sync=False)
+        for k, (a, f) in enumerate(zip(noise[:, 0], torque, strict=True))
+    ]
+    source = FORMATS["mcap"].source.model_validate({"format": "mcap", **OF_MCAP})
+    assert FORMATS["mcap"].read(write_log(tmp_path / "a.mcap", rows), source).losses["lost"] is None
     source = FORMATS["csv"].source.model_validate({"format": "csv", **columns_as("column")})
     angle, torque = noise[:, 0], np.round(noise[:, 1], 1)
     copied = [np.r_[one[:300], one[100:140], one[340:]] for one in (angle, torque)]

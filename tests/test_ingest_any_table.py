@@ -356,6 +356,16 @@ def test_a_c3d_file_that_ends_at_rest_in_the_midst_of_a_frame_is_whole(tmp_path)
     np.testing.assert_allclose(recording.analogs, analogs, rtol=1e-6)
 
 
+def test_frames_of_zeros_amid_a_c3d_file_are_lost_and_those_of_a_channel_that_rests_at_zero_are_not(tmp_path):
+    points, rest = np.random.default_rng(1).normal(0, 500, (50, 3, 4)), np.zeros((100, 4))
+    points[20:23] = 0.0
+    noise = np.random.default_rng(2).normal(0, 1, (100, 4))
+    noise[40:46] = 0.0
+    for analogs, told in ((noise, (None, False)), (rest, (0, True)), (rest[:, :0], (0, True))):
+        report = read_c3d(write_c3d(tmp_path / "a.c3d", points, analogs)).damage.report()
+        assert (report["lost"], report["complete"]) == told
+
+
 def test_an_arrow_file_in_which_bytes_were_inserted_is_refused(tmp_path):
     """A whole column was one row late."""
     whole = made(path := tmp_path / "a.feather", "feather").read_bytes()

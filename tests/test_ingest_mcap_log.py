@@ -143,7 +143,7 @@ def test_a_message_that_comes_late_is_put_in_the_order_of_the_stamps(tmp_path: P
     assert (together.samples["time"].is_sorted(), together.facts["stamps"]["/lab"]["late"]) == (True, 50)
 
 
-@pytest.mark.parametrize("broken", ["copied", "cut", "cut, no statistics", "no end"])
+@pytest.mark.parametrize("broken", ["copied", "cut", "cut, no statistics", "damaged, no statistics", "no end"])
 def test_what_sequence_numbers_skip_is_lost_where_a_part_is_a_copy_or_nothing_else_tells(tmp_path, broken):
     """One chunk of many: it was read as `lost: 0`, but of a file that says how many messages it had."""
     whole = write_log(tmp_path / "log.mcap", samples(60), chunk_size=400, compression=CompressionType.NONE).read_bytes()
@@ -160,7 +160,8 @@ def test_what_sequence_numbers_skip_is_lost_where_a_part_is_a_copy_or_nothing_el
     if "statistics" in broken:
         (start,) = (start - chunks[-1][1] for kind, start, _ in records if kind == STATISTICS)
         tail = tail[:start] + bytes([0x7F]) + tail[start + 1 :]
-    part[2] = part[1] if broken == "copied" else b""
+    wrong = part[2][:60] + bytes([part[2][60] ^ 1]) + part[2][61:]  # told by its index and by the numbers, once
+    part[2] = {"copied": part[1], "damaged, no statistics": wrong}.get(broken, b"")
     (tmp_path / "log.mcap").write_bytes(head + b"".join(part) + tail * (broken != "no end"))
     message = refused(tmp_path / "log.mcap", source())
     assert f"{100 * gone / 60:.3g} % of topic '/lab' is lost, at most 1 % may be" in message

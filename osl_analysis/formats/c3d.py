@@ -233,6 +233,16 @@ def tell_copied_frames(raw: NDArray[Any], size: int, damage: Ledger) -> None:
             damage.misfits[0] += frames
 
 
+def tell_blank_frames(rows: NDArray[Any], samples: NDArray[Any], damage: Ledger) -> None:
+    """Count frames (n, numbers) of zeros amid others, whose analog samples (n, k) are seldom 0: no recorder wrote them,
+    and the frames beside may be zero in part."""
+    held = np.flatnonzero(rows.any(axis=1))
+    inside = np.setdiff1d(np.arange(*held[[0, -1]]), held) if held.size else held
+    if inside.size and samples.size and np.mean(samples[held] == 0) < 0.01:
+        said = f"{inside.size} frames hold zeros only, the first is frame {inside[0] + 1}: a part of the file is lost"
+        damage.lose(said, 0, None, 0)
+
+
 def read_c3d(path: Path) -> C3DRecording:
     """Decode a C3D file; InputError if it is no C3D, damaged or truncated, or contradicts itself. Analog values are
     (raw - OFFSET) * SCALE * GEN_SCALE, raw without these parameters; NaN where SCALE holds values for some channels
@@ -266,8 +276,9 @@ def read_c3d(path: Path) -> C3DRecording:
     content = data[header.data_start : end]
     raw = np.frombuffer(content, f"{ENDIAN[header.processor]}i2") if integers else reals(content, header.processor)
     tell_copied_frames(raw, raw.size // frames, damage)
-    # a row per frame: x, y, z, residual per point, then analog samples
-    points, samples = np.split(raw.reshape(frames, -1), [4 * header.points], axis=1)
+    rows = raw.reshape(frames, -1)  # x, y, z, residual per point, then analog samples
+    points, samples = np.split(rows, [4 * header.points], axis=1)
+    tell_blank_frames(rows, samples, damage)
     points = points.reshape(frames, header.points, 4)
     offset, scale, general = (header.numbers(f"ANALOG:{name}") for name in ("OFFSET", "SCALE", "GEN_SCALE"))
     with np.errstate(invalid="ignore", over="ignore"):  # a sample that is not finite is refused where it is used

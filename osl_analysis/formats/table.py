@@ -132,6 +132,7 @@ class Ledger:
     indexed_lost: Counter[int] = field(default_factory=Counter)  # lost messages of each channel whose number is known
     skipped: Counter[int] = field(default_factory=Counter)  # of each channel, by its sequence numbers
     uncounted: bool = False  # something is lost or may be, and nothing tells how many messages it held
+    is_doubted: bool = False  # some values are those of no sensor: bytes of what was read may be lost
     bytes: int = 0  # bytes of the file's data section
     bytes_lost: int = 0  # bytes of it that could not be read, without those at the end of a file that was cut off
     remarks: list[str] = field(default_factory=list)  # what is missing or was repaired or left out, a sentence each
@@ -156,7 +157,7 @@ class Ledger:
 
     def lost(self, channels: Collection[int] | None = None) -> int | None:
         """Lost messages of some channels, else of all; None where the file does not tell, as one without its end."""
-        if self.end_missing if self.expected is None else self.expected < self.messages:
+        if self.is_doubted or (self.end_missing if self.expected is None else self.expected < self.messages):
             return None
         if self.expected is not None and channels is None:
             return self.expected - self.messages + self.misfits.total()
@@ -167,9 +168,9 @@ class Ledger:
 
     @property
     def certain(self) -> Counter[int]:
-        """Lost messages of each channel that are known, whatever else may be lost. What sequence numbers skip counts in
-        a file that does not say how many it has: else the recorder itself dropped them."""
-        return self.indexed_lost + self.misfits + (self.skipped if self.declared is None else Counter())
+        """Lost messages of each channel that are known, whatever else may be lost. What sequence numbers skip, in a
+        lost chunk too, counts in a file that does not say how many it has: else the recorder itself dropped them."""
+        return self.misfits + (self.indexed_lost | (self.skipped if self.declared is None else Counter()))
 
     def share_lost(self, channels: Collection[int] | None = None) -> float:
         """Lost share of the messages of some channels, of all if none are named. Where the file does not tell how many,

@@ -308,7 +308,7 @@ def tell_no_sensor(recording: Recording) -> None:
         if wrong is not None and wrong.any():
             what = f"{np.count_nonzero(wrong)} samples of {column} are values that no sensor gives, the first at"
             recording.damage.remarks.append(f"{what} {own['time'][int(np.argmax(wrong))]:.3f} s: bytes may be lost")
-            recording.damage.uncounted = True
+            recording.damage.is_doubted = True
 
 
 def tell_odd_steps(recording: Recording) -> None:

@@ -116,7 +116,7 @@ def all_labels() -> list[Headline]:
 STUDENT = "95 % of the mean (Student)"
 FOR_MOTION = "95 % for another motion of this kind"
 FEW = "95 % for a repetition of this motion"
-BOOTSTRAP = "95 % (bootstrap over crossings and trials of the unloaded plate)"
+BOOTSTRAP = "95 % (bootstrap)"
 RANGE = "lowest to highest"
 COUNT = "count"
 

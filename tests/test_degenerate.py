@@ -155,7 +155,8 @@ def bench_fit(experiment, t, angle, torque):
     samples = {"time": t, "theta_m": 0 * t, moved: angle, exerted: torque, "current": current}
     table = fit_trial(experiment, Trial("made", pl.DataFrame(samples)), DEVICE, *asked_of(experiment)).table
     described = described_tables_by_name()[EXPERIMENTS[experiment].tables[0].name].columns
-    assert not {*table.columns} - {*described}, "columns without a line in the dictionary"
+    unknown = {*table.columns} - {*described}
+    assert not unknown, f"{unknown} have no line in the dictionary"
     return table
 
 

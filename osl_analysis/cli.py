@@ -21,7 +21,7 @@ from click.core import ParameterSource
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError, OslAnalysisError, printable, printable_lines
 from osl_analysis.files import check_output, config_here, shipped, write_text
-from osl_analysis.jobs.memory import ONE_THREAD, limited_memory
+from osl_analysis.jobs.memory import SET_TO_ONE, limited_memory
 
 
 def numbers(value: str) -> list[float]:
@@ -114,7 +114,7 @@ class OneLineErrors(click.Group):
 
     def invoke(self, ctx: click.Context) -> Any:
         warnings.showwarning = lambda message, *_, **__: click.echo(f"warning: {printable(str(message))}", err=True)
-        os.environ.update({name: os.environ.get(name, "1") for name in ONE_THREAD})  # before numpy is imported
+        os.environ.update({name: os.environ.get(name, "1") for name in SET_TO_ONE})  # before numpy is imported
         before = signal.signal(signal.SIGTERM, signal.default_int_handler)
         try:
             return super().invoke(ctx)

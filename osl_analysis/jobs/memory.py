@@ -10,9 +10,9 @@ from pathlib import Path
 from osl_analysis.errors import InputError, MemoryLimitError
 
 VARIABLE = "OSL_MEMORY_MB"  # memory that one job, or one call of the command line, may have [MB]
-ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-"""Of the matrix libraries, whose products are small here: on a busy machine, two threads that wait for each other take
-three times as long. Snakemake counts one core per job."""
+SET_TO_ONE = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "PYDANTIC_DISABLE_PLUGINS")
+"""Threads of the matrix libraries, whose products are small here: on a busy machine, two that wait for each other take
+three times as long, and Snakemake counts one core per job. A search for plugins takes 15 ms of each process."""
 
 
 @contextmanager

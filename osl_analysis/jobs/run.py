@@ -34,7 +34,7 @@ from typing import IO, Any, NoReturn
 
 from osl_analysis.errors import OslAnalysisError, listing
 from osl_analysis.files import PACKAGE
-from osl_analysis.jobs.memory import ONE_THREAD
+from osl_analysis.jobs.memory import SET_TO_ONE
 
 STARTED = time.time()  # Start of this run [s]. Its report covers the logs that were written after this time.
 KEPT_BY_PROCESS = {"MALLOC_MMAP_THRESHOLD_": "33554432", "MALLOC_TRIM_THRESHOLD_": "268435456"}  # bytes
@@ -57,7 +57,7 @@ def job_server() -> tuple[socket.socket, subprocess.Popen[bytes]]:
     server = subprocess.Popen(
         [sys.executable, "-P", "-c", f"{code}; serve({theirs.fileno()})"],
         pass_fds=[theirs.fileno()],
-        env=os.environ | dict.fromkeys((*ONE_THREAD, "POLARS_MAX_THREADS", "NUMBA_NUM_THREADS"), "1") | KEPT_BY_PROCESS,
+        env=os.environ | dict.fromkeys((*SET_TO_ONE, "POLARS_MAX_THREADS", "NUMBA_NUM_THREADS"), "1") | KEPT_BY_PROCESS,
         start_new_session=True,
         stdin=subprocess.DEVNULL,
     )

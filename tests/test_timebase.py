@@ -455,22 +455,32 @@ def test_late_hosts_that_lose_nothing_are_right_at_any_rates_and_their_mean_wait
 # ---- Values that are missing from rows that are there
 
 
-@pytest.mark.parametrize("sizes", [(2, 2), (8, 8), (1, 6)])
+@pytest.mark.parametrize("first", [False, True])
+@pytest.mark.parametrize("within", [0.0, 3e-4])
 @pytest.mark.parametrize("jitter", [1e-6, 3e-4])
-def test_a_host_that_stamps_batches_is_prompt_with_the_last_sample_of_each(sizes, jitter):
+@pytest.mark.parametrize("sizes", [(2, 2), (8, 8), (1, 6)])
+def test_stamps_of_batches_are_firm_only_where_their_sizes_tell_which_sample_is_prompt(sizes, jitter, within, first):
+    """The last or the first sample, all with its stamp or later as rows are written. A log of both is as right."""
     random, t = np.random.default_rng(3), clock(RATE)
     last = np.minimum(np.cumsum(random.integers(sizes[0], sizes[1] + 1, len(t))) - 1, len(t) - 1)
-    at = last[np.searchsorted(last, np.arange(len(t)))]
-    stamps = np.maximum.accumulate(t[at] + jitter * random.random(len(t))[at]) + 1e-9 * np.arange(len(t))
-    grid = one_time_base([joint(t, t), cell(stamps, t, random)])
-    assert grid.streams[1]["firm"]
-    assert_recovers_the_joint(grid)
+    batch = np.searchsorted(last, np.arange(len(t)))
+    begin = np.append(0, last + 1)[batch]
+    stamps = t[begin if first else last[batch]] + jitter * random.random(len(t))[batch]
+    stamps = np.maximum.accumulate(stamps + within * (np.arange(len(t)) - begin)) + 1e-9 * np.arange(len(t))
+    grid, alone = one_time_base([joint(t, t), cell(stamps, t, random)]), one_time_base([log(stamps, t, random)])
+    assert grid.streams[1]["firm"] == (sizes[0] < sizes[1] and not within and not first)
+    assert "state `stamps: even`, with a `delay`" in grid.streams[1]["why"] or grid.streams[1]["firm"]
+    read = grid.other() if first else grid
+    if sizes != (1, 6) or not (first or within):
+        assert_recovers_the_joint(read)
+    for one in (alone, alone.other() or alone):
+        assert_recovers_the_joint(one)
 
 
 def test_a_clock_that_ticks_slower_than_the_samples_stamps_no_batches():
     """Its stamps are early, and not late."""
     stamps = np.floor(clock(RATE) * 300) / 300
-    assert not DeviceClock(stamps, np.arange(len(stamps))).batched
+    assert not len(DeviceClock(stamps, np.arange(len(stamps))).batches)
 
 
 @pytest.mark.parametrize("lower", [False, True])

@@ -69,9 +69,7 @@ def write_report(
     of_trial: dict[str, list[Entry]] = {}
     for entry in entries(read_findings(findings)):
         of_trial.setdefault(entry["trial"], []).append(entry)
-    rows_of = {
-        name: table.partition_by("trial", as_dict=True) for name, table in written.items() if "trial" in table.columns
-    }
+    rows_of = {n: own.partition_by("trial", as_dict=True) for n, own in written.items() if "trial" in own.columns}
     reported = []
     for name, row in sheet.items():
         files = {role: paths[name] for role, paths in by_role.items() if name in paths}

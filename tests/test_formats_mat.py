@@ -162,6 +162,19 @@ def test_elements_are_counted_column_by_column_as_in_matlab(tmp_path):
             assert [at(path, address % number).tolist() for number in (1, 2, 3, 4)] == every
 
 
+@pytest.mark.parametrize(
+    "others", [{"rig": {"load": np.arange(30.0)}}, {"load": np.arange(30.0)}, {"rig": [{}, {"load": np.arange(30.0)}]}]
+)
+def test_the_address_that_a_draft_tells_for_a_variable_of_another_part_is_read_from_within_its_own(tmp_path, others):
+    one = {"t": np.arange(50.0), "torque": np.arange(50.0)}
+    path = write_mat(tmp_path / "a.mat", slow=one, fast=one, **others)
+    (told,) = (text for text in inspect_file(path).open if "of another" in text)
+    address = told.split("`")[3]
+    assert address.startswith("/")
+    ((_, values, _),) = open_mat(path).signals([address], "slow").values()
+    np.testing.assert_array_equal(np.ravel(values), np.arange(30.0))
+
+
 def test_what_is_no_address_is_refused():
     for text in ("", "2x", "a.", "a..b", ".a", "a(0)", "a(:,0)", "a b", "a{x}", "a(b=c)", "a(1", "(2).a"):
         with pytest.raises(InputError, match="no address in a MATLAB file"):

@@ -70,6 +70,10 @@ TEXTS = {
     "counter of 16 bits": text(head=["time_ms", *HEAD[1:]], t=[str(round(65000 + 1e3 * x) % 2**16) for x in TIME]),
     "counter of 32 bits": text(head=["t_us", *HEAD[1:]], t=[str(round(2**32 - 9e5 + 1e6 * x) % 2**32) for x in TIME]),
     "stated rate": text(",", head=[*HEAD[1:], ""], above="# Sampling frequency = 0.5 kHz\n", t=A, a=M, m=[""] * 700),
+    "fs without Hz": text(",", head=[*HEAD[1:], ""], above="# fs = 500\n", t=A, a=M, m=[""] * 700),
+    "LabVIEW without times": text(
+        "\t", ["X_Value", *HEAD[1:], "Comment"], LVM[:-1] + "\t\n***End_of_Header***\t\n", t=[""] * 700),
+    "counter called ms": text(head=["ms", *HEAD[1:]], t=[str(round(65000 + 1e3 * x) % 2**16) for x in TIME]),
     "quoted, with decimal commas": text(",", ['"t [s]"', '"angle [deg]"', '"torque [Nm]"'], **{
         name: [f'"{x}"'.replace(".", ",") for x in column] for name, column in zip("tam", (T, A, M), strict=True)}),
     "minus signs of a text processor": text().replace("-", "\u2212"),
@@ -127,6 +131,8 @@ def made(path: Path, kind: str) -> Path:
             signals[0, 0], signals[0, 1] = (values[:, None], name), (np.sin(TIME)[:, None], f"other_{name[0]}")
             logged[name[0]] = {"time": TIME[:, None], "signals": signals}
         scipy.io.savemat(path, logged)
+    elif kind == "rate.mat":
+        scipy.io.savemat(path, {"Fs": 500.0, "angle_deg": ANGLE[:, None], "torque_Nm": TORQUE[:, None]})
     elif kind == "Simulink":
         both = {"values": np.column_stack([ANGLE, TORQUE]), "dimensions": 2.0, "label": "angle_deg, torque_Nm"}
         scipy.io.savemat(path, {"out": {"time": TIME[:, None], "signals": both}})
@@ -160,7 +166,7 @@ def test_a_table_of_text_is_read_by_the_draft_of_its_own_overview(tmp_path, dial
 
 @pytest.mark.parametrize("kind", [
     "parquet", "feather", "arrows", "npy", "npz", "h5", "xlsx", "Simulink", "structs", "matrix.npz", "matrix.h5",
-    "pandas.h5", "matrix.mat", "Simulink, two with several",
+    "pandas.h5", "matrix.mat", "rate.mat", "Simulink, two with several",
 ])  # fmt: skip
 def test_a_table_of_a_program_is_read_by_the_draft_of_its_own_overview(tmp_path, kind):
     assert_recording(read_by_draft(made(tmp_path / (f"a.{kind}" if kind[0].islower() else "a.mat"), kind)))

@@ -108,7 +108,7 @@ def delimiter_of(lines: TextLines, given: str) -> str:
         cells = [cell.strip(' "') for one in split if len(one) == width > 1 for cell in one]
         typical = sum(len(one) == width for one in split) / max(1, len(split))
         scores[sign] = typical * sum(map(is_value, filter(None, cells))) / max(1, sum(map(bool, cells)))
-    best = max(scores, key=lambda sign: scores[sign])
+    best = max(scores, key=lambda sign: scores[sign] * (1 if sign != " " else 0.98))  # which splits at tabs, too
     if scores[best] > 0:
         return best
     everywhere = [sign for sign in "\t;|" if sample and all(sign in text for text in sample)]
@@ -276,7 +276,7 @@ def is_clock(title: str) -> bool:
     """Whether a column is called like a clock: `time`, `t_s`, `loop_time [ms]`."""
     name = re.sub(r"\s+", "_", name_and_unit(title)[0].strip())
     words = "time|t|timestamp|stamp|(state|loop|pi|sys|ros|elapsed)_time|elapsed|clock|seconds|time_since_start|x_value"
-    words += "|millis|micros|(date_?)?time|datetime|date_and_time|time_of_day|zeit|uhrzeit|tijd|temps|tiempo|tempo"
+    words += "|millis|micros|[mu]s|(date_?)?time|datetime|date_and_time|time_of_day|(uhr)?zeit|tijd|temps|tiempo|tempo"
     return re.fullmatch(f"({words})(_(s|sec|ms|us|ns))?", name, re.IGNORECASE) is not None
 
 

@@ -72,7 +72,7 @@ def likely_unit(name: str) -> str:
     spelled = {"deg_s": "deg/s", "deg_per_s": "deg/s", "rad_s": "rad/s", "rad_per_s": "rad/s", "sec": "s"}
     endings = [end for end in (*plain, *spelled) if name.endswith(f"_{end}")]
     longest = max(endings, key=len, default="")
-    return spelled.get(longest, longest) or {"millis": "ms", "micros": "us"}.get(name, "")
+    return spelled.get(longest, longest) or {"millis": "ms", "ms": "ms", "micros": "us", "us": "us"}.get(name, "")
 
 
 def guesses(units: Mapping[str, str]) -> list[str]:
@@ -268,7 +268,8 @@ def inspect_table(name: str, path: Path) -> Overview:
     clock = named[0] if named else times[0].key if len(times) == 1 else None
     timing: dict[str, object] | None = {"time": {"column": clock}} if clock else None
     rate, left_open = stated_rate(table.comments), list[str]()
-    has_clock = clock or any(csv_table.is_clock(c.name) or ticks(np.asarray(c.numbers), c.unit) for c in columns)
+    filled = [c for c in columns if c.count]  # LabVIEW may write no times below `X_Value`
+    has_clock = clock or any(csv_table.is_clock(c.name) or ticks(np.asarray(c.numbers), c.unit) for c in filled)
     if rate and not has_clock:
         timing, left_open = {"time": {"rate": rate}}, [f"time by the file's own words: {rate} rows a second"]
     settings: dict[str, object] = {"missing": [*failed]} if len(failed) > len(layout.missing) else {}
@@ -311,8 +312,8 @@ def stated_rate(comments: Sequence[str]) -> float | None:
         if found := re.search(r"(?i)\bdelta_x\b\D*?(\d[\d.]*(?:e[+-]?\d+)?)", text):
             return 1 / float(found[1]) if float(found[1]) > 0 else None
         words = r"(?:sampl\w*|scan|acquisition|recording|data)[ _]*(?:rate|frequency|freq)|fs\b"
-        if found := re.search(rf"(?i)\b(?:{words})\D*?(\d[\d.]*)\s*(k?)hz", text):
-            return float(found[1]) * (1000 if found[2] else 1)
+        if found := re.search(rf"(?i)\b(?:{words})(?:\D*?(\d[\d.]*)\s*(k?)hz|[\s:=]*(\d{{2,5}}(?:\.0*)?)$)", text):
+            return float(found[1] or found[3]) * (1000 if found[2] else 1)
     return None
 
 
@@ -388,8 +389,13 @@ def inspect_mat(path: Path) -> Overview:
     ]
     columns = [variable_column(address, name, value) for _, name, address, value in variables[:most]]
     facts = {"version": file.version, "header": file.header, "variables": str(len(file.names))}
-    settings = {"log_part": part} if part else {}
-    return overview_of("mat", columns, "variables", seems_clock, drafted, None, left_open, facts, remarks, settings)
+    settings, timing = {"log_part": part} if part else {}, None
+    numbers = {key: np.ravel(one.numbers) for _, key, _, one in variables if one.numbers is not None}
+    rate = stated_rate([f"{key} {values[0]}" for key, values in numbers.items() if values.size == 1])
+    if rate and not any(seems_clock(one.name) for one in drafted):
+        timing = {"time": {"rate": rate}}
+        left_open.append(f"time by the file's own words: {rate} rows a second")
+    return overview_of("mat", columns, "variables", seems_clock, drafted, timing, left_open, facts, remarks, settings)
 
 
 def parts_alike(by_part: Mapping[str, dict[str, Value]]) -> Mapping[str, dict[str, Value]]:

@@ -44,7 +44,8 @@ def words_of(finding: Finding, row: AnyRow) -> Words:
     details += [filled(WORDS["columns"].get(one.column, ""), Facts(row, one)) for one in own]
     details += [without_said(finding, row)] * (finding.cause != "friction")  # which says it in its own words
     remedy = known.get(finding.remedy.value) or known[Remedy.WHOLE.value]
-    return Words(known["says"], ", ".join(dict.fromkeys(filter(None, details))), capital(remedy))
+    first, *others = dict.fromkeys(filter(None, details)) or [""]
+    return Words(known["says"], ". ".join([first, *map(capital, others)]), capital(remedy))
 
 
 def sentence_of(words: Words, cause: str = "") -> str:
@@ -88,7 +89,7 @@ def without_said(finding: Finding, row: AnyRow) -> str:
 
 
 def capital(text: str) -> str:
-    return text[:1].upper() + text[1:]
+    return text if re.match(r"\w_", text) else text[:1].upper() + text[1:]  # a symbol keeps its case
 
 
 @cache
@@ -250,7 +251,7 @@ def damping_gap_said(facts: Facts) -> str:
 def reaction_said(facts: Facts) -> str:
     """What sets in within the window of a perturbation, and what K would be without it."""
     said, with_reflex = f"it is like {facts['reaction']}", filled("{with_reflex}", facts)
-    return f"{said}, and {with_reflex}" if with_reflex else said
+    return ". ".join(filter(None, [said, capital(with_reflex)]))
 
 
 def unknown_gains(facts: Facts) -> str:

@@ -287,7 +287,7 @@ def headline_numbers(
 
 
 NOISE_ALONE = (
-    "Intervals on the bench are of noise, repeatability and what the model misses alone: errors that all of its trials "
+    "Intervals on the bench are of noise, repeatability and what the model misses alone. Errors that all of its trials "
     "share (gains, alignment, hysteresis, delay) are not in them until `calibration` states them in the configuration."
 )
 

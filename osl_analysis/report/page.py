@@ -200,16 +200,16 @@ def doubted(entry: Entry, row: Mapping[str, Any]) -> str:
 
 def method_said(settings: Mapping[str, Any], tables: Mapping[str, pl.DataFrame]) -> str:
     """Two sentences and the equation, beside the first figure; empty where no impedance was estimated."""
-    said = []
+    said, law = [], "τ = Kθ + Bθ̇ + Iθ̈"
     if "impedance" in tables or "human_joint" in tables:
-        said.append(f"angle and torque behind a zero-phase low-pass of {settings['dynamometer']['cutoff_hz']:g} Hz")
+        cutoff = settings["dynamometer"]["cutoff_hz"]
+        said.append(f"{law} + τ₀ is fitted to angle and torque behind a zero-phase low-pass of {cutoff:g} Hz.")
     if "walking_summary" in tables:
-        window = 1e3 * settings["walking"]["window_s"]
-        fitted = response_said(tables["walking_groups"])
-        said.append(f"{fitted}, perturbed less unperturbed, in the {window:g} ms after the onset")
-    begin = "τ = Kθ + Bθ̇ + Iθ̈ + τ₀, where τ resists the motion: K, B and I are fitted by least squares to"
+        response, window = response_said(tables["walking_groups"]), 1e3 * settings["walking"]["window_s"]
+        response += f", perturbed less unperturbed, in the {window:g} ms after the onset"
+        said.append(f"While walking {law} is fitted to {response}.")
     shared = " Errors that all trials of the bench share are not in them." * (hold_bench_errors(tables) is False)
-    return f"{begin} {in_words(said)}. Brackets are intervals of 95 %.{shared}" if said else ""
+    return f"{' '.join(said)} τ resists the motion. Brackets are intervals of 95 %.{shared}" if said else ""
 
 
 def assumed_said(states: pl.DataFrame) -> str:

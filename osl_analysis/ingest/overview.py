@@ -267,11 +267,9 @@ def inspect_table(name: str, path: Path) -> Overview:
     named = [one.key for one in times if csv_table.is_clock(one.name)]
     clock = named[0] if named else times[0].key if len(times) == 1 else None
     timing: dict[str, object] | None = {"time": {"column": clock}} if clock else None
-    rate, left_open = stated_rate(table.comments), list[str]()
-    filled = [c for c in columns if c.count]  # LabVIEW may write no times below `X_Value`
-    has_clock = clock or any(csv_table.is_clock(c.name) or ticks(np.asarray(c.numbers), c.unit) for c in filled)
-    if rate and not has_clock:
-        timing, left_open = {"time": {"rate": rate}}, [f"time by the file's own words: {rate} rows a second"]
+    left_open = list[str]()
+    if not clock and not any(ticks(np.asarray(one.numbers), one.unit) for one in columns if one.count):
+        timing, left_open = timing_by_words(table.comments, columns)
     settings: dict[str, object] = {"missing": [*failed]} if len(failed) > len(layout.missing) else {}
     if skipped := table.damage.indexed_lost.total():
         settings |= {"ragged": "skip", "most_missing": csv_table.share_above(skipped, skipped + len(table.lines))}
@@ -312,9 +310,18 @@ def stated_rate(comments: Sequence[str]) -> float | None:
         if found := re.search(r"(?i)\bdelta_x\b\D*?(\d[\d.]*(?:e[+-]?\d+)?)", text):
             return 1 / float(found[1]) if float(found[1]) > 0 else None
         words = r"(?:sampl\w*|scan|acquisition|recording|data)[ _]*(?:rate|frequency|freq)|fs\b"
-        if found := re.search(rf"(?i)\b(?:{words})(?:\D*?(\d[\d.]*)\s*(k?)hz|[\s:=]*(\d{{2,5}}(?:\.0*)?)$)", text):
+        if found := re.search(rf"(?i)\b(?:{words})(?:\D*?(\d[\d.]*)\s*(k?)hz|[\s:=[]*(\d{{2,5}}(?:\.0*)?)]?$)", text):
             return float(found[1] or found[3]) * (1000 if found[2] else 1)
     return None
+
+
+def timing_by_words(
+    texts: Sequence[str], columns: Sequence[RecordedChannel]
+) -> tuple[dict[str, object] | None, list[str]]:
+    """The field `time` by the rate that texts state, where no column with readings is called like a clock, and what
+    tells of it. LabVIEW may write no times below `X_Value`."""
+    rate = None if any(one.count and seems_clock(one.name) for one in columns) else stated_rate(texts)
+    return ({"time": {"rate": rate}}, [f"time by the file's own words: {rate} rows a second"]) if rate else (None, [])
 
 
 def inspect_json(path: Path) -> Overview:
@@ -389,12 +396,11 @@ def inspect_mat(path: Path) -> Overview:
     ]
     columns = [variable_column(address, name, value) for _, name, address, value in variables[:most]]
     facts = {"version": file.version, "header": file.header, "variables": str(len(file.names))}
-    settings, timing = {"log_part": part} if part else {}, None
-    numbers = {key: np.ravel(one.numbers) for _, key, _, one in variables if one.numbers is not None}
-    rate = stated_rate([f"{key} {values[0]}" for key, values in numbers.items() if values.size == 1])
-    if rate and not any(seems_clock(one.name) for one in drafted):
-        timing = {"time": {"rate": rate}}
-        left_open.append(f"time by the file's own words: {rate} rows a second")
+    settings = {"log_part": part} if part else {}
+    timing, said = timing_by_words(
+        [f"{key}={np.ravel(np.asarray(one.numbers))[:2]}" for _, key, _, one in variables], drafted
+    )
+    left_open += said
     return overview_of("mat", columns, "variables", seems_clock, drafted, timing, left_open, facts, remarks, settings)
 
 

@@ -220,6 +220,14 @@ def test_a_column_beside_a_rate_counts_samples_so_that_lost_ones_are_a_gap(tmp_p
     np.testing.assert_allclose(trial.samples["time"], TIME[kept])
 
 
+def test_without_a_header_a_title_above_the_rows_does_not_tell_their_width(tmp_path):
+    (tmp_path / "a.csv").write_text(text(" ", [], above="Bench\n"))
+    source = "format: csv\nheader: none\nragged: skip\ntime: {column: '1', unit: s}\nchannels:\n  torque: "
+    (tmp_path / "s.yaml").write_text(source + "{column: '3', unit: Nm}\n")
+    trial = trial_from_files({"trial": "a", "log": "a.csv", "log_source": "s"}, tmp_path, tmp_path)
+    np.testing.assert_allclose(trial.samples["torque"], TORQUE, atol=1e-8)
+
+
 def test_what_is_left_out_beside_a_table_is_said_and_kept(tmp_path):
     (tmp_path / "a.dat").write_text(TEXTS["preamble"] + "Mean,0.1,0.2\n")
     trial = read_by_draft(tmp_path / "a.dat")

@@ -441,8 +441,9 @@ def head_of(
             sign = "#" if layout.comment == "auto" else layout.comment
             raise InputError(f"no line begins with '{sign}'; write `header: row` or `header: none`")
         return Head(named[0][1], [name_and_unit(name)[1] for name in named[0][1]], 0)
+    (width, _), *_ = Counter(len(cells) for _, cells in rows[: 2 * FIRST_LINES]).most_common(1)
     if layout.header == "none":
-        return Head([str(place + 1) for place in range(len(rows[0][1]))], [""] * len(rows[0][1]), 0)
+        return Head([str(place + 1) for place in range(width)], [""] * width, 0)
     if first_value is None:
         line, cells = rows[len(rows) // 2]
         raise InputError(
@@ -451,7 +452,6 @@ def head_of(
             if len(rows) > 1
             else "no rows of data; record it again, or exclude the trial"
         )
-    (width, _), *_ = Counter(len(cells) for _, cells in rows[: 2 * FIRST_LINES]).most_common(1)
     data = partial(is_data, width=width, first_value=first_value)
     first = next((place for place, (_, cells) in enumerate(rows) if data(cells)), len(rows))
     if layout.ragged == "dropped_variable":  # such a logger writes its header first

@@ -360,6 +360,16 @@ def test_a_person_s_cut_off_is_that_of_the_recording_unless_one_is_stated_and_a_
         assert (sooner in [finding.cause for finding in found]) == is_told
 
 
+@pytest.mark.parametrize("delay", [0.045, 0.055])
+def test_the_range_of_a_reflex_s_delay_allows_for_muscle_whose_corner_is_not_known(delay):
+    for seed in range(2):
+        trial = reflexive(np.random.default_rng(seed), 6.0, delay=delay, band=(0.3, 20.0))
+        row = person(trial)[1]
+        assert row["reflex_delay_low_ms"] - 1e-6 <= 1e3 * delay <= row["reflex_delay_high_ms"] + 1e-6 <= 60.1
+        assert row["reflex_delay_high_ms"] - row["reflex_delay_low_ms"] < 16
+        assert row["reflex_delay_ms"] == pytest.approx(1e3 * delay, abs=5.1)
+
+
 def test_a_reflex_is_a_doubt_of_a_device_and_columns_of_a_person():
     """Eq. 15 alone takes the reflex for stiffness; what it says of K with the reflex is what a person's fit finds."""
     z = []

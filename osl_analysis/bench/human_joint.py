@@ -8,6 +8,7 @@ counts for the person's own will.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 import polars as pl
@@ -43,6 +44,7 @@ EARLY_S = 0.04  # lag [s] from which on there are equally many for each doubling
 BLOCKS, SHORTEST_BLOCK_S = 30, 2.0  # stretches whose scores make the intervals: number, and least duration [s]
 TESTED_BLOCKS, SHORTEST_TESTED_S, FEWEST_TESTED = 48, 1.0, 20  # the same of the test for a reflex
 SOONER_MS = 10.0  # by which a reflex sooner than all that are tried is asked for
+CORNERS, DAMPINGS = np.geomspace(8, 100, 9).tolist(), (0.6, 0.8, 1.0, 1.4, 2.5)  # [rad/s] of muscle; 2.5: first order
 USUAL_DELAY_S = 0.04  # of a stretch reflex of the ankle [s]
 SIGN_WIDTHS = (0.005, 0.02, 0.1)  # speeds [rad/s] over which friction turns its sign
 BEFORE_OVER_AFTER = 1.7  # how much more past speed must explain than the speed to come; sound joints: 1.5
@@ -57,7 +59,7 @@ class Reflexive:
     record: Record
     beside: Mapping[str, Array]  # columns (n,), of the reflex and of what K and B change with
     delays: Mapping[float, float]
-    """K [N*m/rad] by delay [s] of the reflex, the best one first, then those that predict as well within chance."""
+    """K [N*m/rad] by delay [s] of the impulse response, that of the columns first."""
     K_sooner: float | None = None
     """K [N*m/rad] by a delay that is 10 ms below the shortest one, where it predicts better than all; else None."""
     slow: Array | None = None  # signal (n,) that K and B change with; None: they do not
@@ -107,8 +109,20 @@ def static_gains(record: Record, memory_s: float) -> Array:
 
 def half_waves(record: Record, memory_s: float) -> Array:
     """The velocity of a record, half-wave rectified in each direction, through the memory [s]: (n, 16) [rad]."""
-    omega = record.motion.omega
-    return through_memory(np.column_stack([np.maximum(omega, 0), np.minimum(omega, 0)]), record.rate_hz, memory_s)
+    return through_memory(rectified(record), record.rate_hz, memory_s)
+
+
+def turned(raw: Record, columns: Array, slow: Array | None) -> Array:
+    """Columns (n, k) of a reflex, and those of a gain that changes with a slow signal in a straight line."""
+    if slow is None:
+        return columns
+    away = slow - raw.part(slow).mean()
+    return np.hstack([columns, columns * (away / np.abs(away).max())[:, None]])
+
+
+def rectified(record: Record) -> Array:
+    """The velocity of a record where it is positive and where it is negative, else 0, (n, 2) [rad/s]."""
+    return np.column_stack([np.maximum(record.motion.omega, 0), np.minimum(record.motion.omega, 0)])
 
 
 def late_by(columns: Array, rate_hz: float, delay_s: float) -> Array:
@@ -133,36 +147,53 @@ def without_will(record: Record, slow_hz: float) -> Record:
 
 def with_reflex(raw: Record, human: HumanJoint, slow: Array | None = None) -> Reflexive:
     """The record of a person's joint, whose K and B may change with a `slow` signal (n,). The delay of the reflex is
-    the one of those in the settings with which the other stretches predict each stretch best; beside it stand those
-    that do so as well within chance, by the scatter of what they leave in the stretches."""
+    the one of those in the settings with which the other stretches predict each stretch best."""
     rate, record = raw.rate_hz, without_will(raw, human.slow_hz)
-    columns, changing = half_waves(raw, human.memory_s), dict[str, Array]()
-    if slow is not None:
-        turned = slow - raw.part(slow).mean()  # the reflex's gain changes with the signal in a straight line
-        columns = np.hstack([columns, columns * (turned / np.abs(turned).max())[:, None]])
-        changing = changing_columns(raw, human, slow, record.part(slow))
-    few = record.coarse
+    columns = turned(raw, half_waves(raw, human.memory_s), slow)
+    changing = {} if slow is None else changing_columns(raw, human, slow, record.part(slow))
+    few, quick = record.coarse, without_slow(raw, columns, human.slow_hz)
     step = round(rate / few.rate_hz)
     thinned = {name: column[::step] for name, column in changing.items()}
-    quick = without_slow(raw, columns, human.slow_hz)[::step]
-    left, stiffness = list[Array](), list[float]()
     sooner = [min(human.delays_ms) - SOONER_MS] if min(human.delays_ms) > SOONER_MS else []
-    for delay in (*human.delays_ms, *sooner):
-        s = sums_beside(few, thinned | reflex_columns(late_by(quick, few.rate_hz, 1e-3 * delay)))
-        rest = s.total - s.gram
-        estimates = gram.solved(rest[:, :-2, :-2], rest[:, :-2, s.torque])[0]
-        error = np.column_stack([estimates, -np.ones(len(rest))])
-        left.append(np.einsum("mp,mpq,mq->m", error, s.gram[:, :-1, :-1], error))
-        stiffness.append(float(gram.solved(s.total[:-2, :-2], s.total[:-2, s.torque])[0][s.names.index("theta")]))
-    tried = left[: len(human.delays_ms)]
-    best = min(tried, key=np.sum)
-    K_sooner = stiffness[-1] if left[-1].sum() < best.sum() else None
-    more = np.array(tried) - best
-    chance = scipy.special.stdtrit(len(rest) - 1, 0.975) * np.sqrt(len(rest)) * more.std(axis=1, ddof=1)
-    order = [k for k in np.argsort(more.sum(axis=1)) if more[k].sum() <= chance[k]]
-    delays = {1e-3 * human.delays_ms[k]: stiffness[k] for k in order}
+    late = {ms: late_by(quick[::step], few.rate_hz, 1e-3 * ms) for ms in (*human.delays_ms, *sooner)}
+    tried = {ms: predicted(few, thinned | reflex_columns(one)) for ms, one in late.items()}
+    first, *_ = order = sorted(tried, key=lambda ms: float(tried[ms][0].sum()))
+    K_sooner = tried[first][1] if first in sooner else None
+    delays = {1e-3 * ms: tried[ms][1] for ms in order if ms not in sooner}
     quick = without_slow(raw, late_by(columns, rate, next(iter(delays))), human.slow_hz)
     return Reflexive(raw, human, record, changing | reflex_columns(quick), delays, K_sooner, slow)
+
+
+def predicted(record: Record, beside: Mapping[str, Array]) -> tuple[Array, float]:
+    """What the fit to the other stretches leaves of each (m,), with columns beside Eq. 15, and K by all."""
+    s = sums_beside(record, beside)
+    rest = s.total - s.gram
+    estimates = gram.solved(rest[:, :-2, :-2], rest[:, :-2, s.torque])[0]
+    error = np.column_stack([estimates, -np.ones(len(rest))])
+    K = gram.solved(s.total[:-2, :-2], s.total[:-2, s.torque])[0][s.names.index("theta")]
+    return np.einsum("mp,mpq,mq->m", error, s.gram[:, :-1, :-1], error), float(K)
+
+
+def delay_by_muscle(person: Reflexive) -> tuple[float, float, float]:
+    """The delay [ms] by which muscle of second order, of any corner and damping, predicts best, and from where to where
+    it predicts as well within chance, by the scatter of what is left in stretches, and half way to the next delays
+    tried. An impulse response of any shape takes up some delay."""
+    raw, human, few, left = person.raw, person.human, person.record.coarse, list[Array]()
+    step, delays = round(raw.rate_hz / few.rate_hz), sorted(person.delays)
+    changing = {name: one[::step] for name, one in person.beside.items() if not name.startswith("reflex")}
+    for corner, damping in product(CORNERS, DAMPINGS):
+        muscle = scipy.signal.bilinear([corner**2], [1, 2 * damping * corner, corner**2], raw.rate_hz)
+        answer = turned(raw, scipy.signal.lfilter(*muscle, rectified(raw), axis=0), person.slow)
+        quick = without_slow(raw, answer, human.slow_hz)[::step]
+        late = (late_by(quick, few.rate_hz, delay) for delay in delays)
+        left += [predicted(few, changing | reflex_columns(one))[0] for one in late]
+    more = np.array(left) - min(left, key=np.sum)
+    blocks = more.shape[1]
+    chance = scipy.special.stdtrit(blocks - 1, 0.975) * np.sqrt(blocks) * more.std(axis=1, ddof=1)
+    good = np.flatnonzero(more.sum(axis=1) <= chance) % len(delays)
+    ends = np.concatenate([delays[:1], np.convolve(delays, (0.5, 0.5), "valid"), delays[-1:]])
+    best = int(np.argmin(more.sum(axis=1))) % len(delays)
+    return 1e3 * delays[best], 1e3 * float(ends[good.min()]), 1e3 * float(ends[good.max() + 1])
 
 
 def changing_columns(raw: Record, human: HumanJoint, slow: Array, fitted: Array) -> dict[str, Array]:
@@ -368,18 +399,20 @@ def reflex_row(fit: PersonFit) -> Row:
     raw, record, human = person.raw, person.record, person.human
     columns = {name: column for name, column in person.beside.items() if name.startswith("reflex")}
     reflex = sum(whole[name] * record.part(column) for name, column in columns.items())
-    tried, (K, *others), (low, high) = list(person.delays), person.delays.values(), whole.interval("K")
+    delay, K = next(iter(person.delays.items()))
+    (by_muscle, soonest, latest), (low, high) = delay_by_muscle(person), whole.interval("K")
+    others = [of for at, of in person.delays.items() if soonest <= 1e3 * at <= latest]
     row: Row = {
         **reflex_gains(whole, static_gains(raw, human.memory_s)),
         "reflex_share": 100 * float(np.var(reflex) / np.var(record.part(record.filtered_torque))),
-        "reflex_delay_ms": 1e3 * tried[0],
-        "reflex_delay_low_ms": 1e3 * min(tried),
-        "reflex_delay_high_ms": 1e3 * max(tried),
+        "reflex_delay_ms": by_muscle,
+        "reflex_delay_low_ms": soonest,
+        "reflex_delay_high_ms": latest,
         "K_over_delays": max((abs(other - K) for other in others), default=0.0),
         "K_sooner": person.K_sooner,
         "untold_share": max((whole.interval(name)[1] - whole[name]) / abs(whole[name]) for name in "KBI"),
     }
-    late = late_by(half_waves(raw, human.memory_s), raw.rate_hz, tried[0])
+    late = late_by(half_waves(raw, human.memory_s), raw.rate_hz, delay)
     angle = raw.motion.theta - raw.part(raw.motion.theta).mean()
     moved = without_slow(raw, late * angle[:, None], human.slow_hz)
     gain = person.fit_with(moved @ [whole[f"reflex_{k}"] for k in range(len(moved.T))])

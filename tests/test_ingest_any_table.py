@@ -370,6 +370,14 @@ def test_a_c3d_file_that_ends_at_rest_in_the_midst_of_a_frame_is_whole(tmp_path)
     np.testing.assert_allclose(recording.analogs, analogs, rtol=1e-6)
 
 
+def test_a_trigger_that_falls_at_the_end_of_a_c3d_file_is_read_and_doubted(tmp_path):
+    analogs = np.random.default_rng(2).normal(5, 1, (100, 4))
+    analogs[-1, -1] = 0.0
+    recording = read_c3d(write_c3d(tmp_path / "a.c3d", np.ones((50, 3, 4)), analogs))
+    assert "or its last channel is at 0" in recording.damage.remarks[0]
+    np.testing.assert_allclose(recording.analogs, analogs, rtol=1e-6)
+
+
 def test_frames_of_zeros_amid_a_c3d_file_are_lost_and_those_of_a_channel_that_rests_at_zero_are_not(tmp_path):
     points, rest = np.random.default_rng(1).normal(0, 500, (50, 3, 4)), np.zeros((100, 4))
     points[20:23] = 0.0

@@ -80,7 +80,7 @@ def reals(content: bytes, processor: str) -> NDArray[np.float32]:
         return np.ascontiguousarray(halves).view("<f4")[:, 0] * np.float32(0.25)
 
 
-BLOCK = 512
+BLOCK, ONE_NUMBER = 512, 4  # bytes
 CONTINUATIONS = ("", *map(str, range(2, 10)))  # a parameter holds 255 values; more follow in NAME2, NAME3, ...
 
 
@@ -211,7 +211,9 @@ def check_end(data: bytes, start: int, frames: int, frame: int, damage: Ledger) 
     zeros = end - start - len(data[start:end].rstrip(b"\0"))
     if len(ends) > 1 and last > max(before, 3) and zeros < 2 * BLOCK:  # a lost block, and padding
         said = f"the last frame ends in {last} zero bytes, others in {before} at most: bytes were lost before it"
-        raise InputError(f"{said}, and frames behind them are shifted; copy or export it again")
+        if last > ONE_NUMBER:
+            raise InputError(f"{said}, and frames behind them are shifted; copy or export it again")
+        damage.lose(f"{said}, or its last channel is at 0", 0, None, 0)
     if data[end:].strip(b"\0"):
         damage.lose("bytes that are not zero stand behind the last frame: frames may be shifted", 0, None, 0)
 

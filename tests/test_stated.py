@@ -9,6 +9,7 @@ import pytest
 from bench_synthetic import sine_settings
 from conftest import ROOT
 from test_compare import tables
+from walking_crossings import Walk, run_jobs, several, walked
 
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.record import record_of_trial
@@ -17,6 +18,7 @@ from osl_analysis.campaign.campaign import Campaign
 from osl_analysis.campaign.configuration import FACTS, JUDGING, overriding, read_config, states_of
 from osl_analysis.commands.bench import fit_settings, fit_trial
 from osl_analysis.commands.run import unnamed_recordings
+from osl_analysis.commands.walking import write_crossing
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.files import default_config
 from osl_analysis.ingest.examine import Commanded, examine, measured_table
@@ -89,6 +91,23 @@ def test_a_setting_that_nobody_stated_makes_no_finding_on_a_sound_recording(name
         assert {*judged["verdict"]} == {"pass", "not applicable"}
     states = {row["setting"]: row["state"] for row in states_of(config, {}, EXPERIMENTS)}
     assert states[name] in ("assumed", "measured", "none")
+
+
+@pytest.mark.parametrize("name", [name for name, of in JUDGING.items() if "walking" in of])
+def test_a_setting_that_nobody_stated_makes_no_finding_on_sound_gait(name, tmp_path, with_default):
+    own, _ = with_default(name, (OTHERS | ASSUMED).get(name, 0.04))
+    config, turned = read_config(own), Walk(0.4)
+    walks = several("u", 10, Walk()) | several("up", 6, turned) | several("down", 6, turned, sign=-1)
+    (tmp_path / "crossings").mkdir()
+    for trial, walk in walks.items():
+        write_crossing(walked(trial, walk), tmp_path / f"crossings/{trial}.parquet")
+    kinds = ([trial for trial, walk in walks.items() if (walk.phase is None) == still] for still in (False, True))
+    limits = (config.doubtful.of(table) for table in ("walking", "walking_groups"))
+    tables = run_jobs(tmp_path, *kinds, config.walking.model_copy(update={"bootstrap_samples": 200}), None, *limits)
+    for table in ("walking", "groups"):
+        doubts = tables[table].get_column("doubtful", default=pl.Series(dtype=pl.String)).drop_nulls()
+        assert {*doubts} <= {""}
+    assert tables["groups"]["n"].to_list() == [12]
 
 
 @pytest.mark.parametrize(("weight", "judges"), [("", False), (", gain_weight: {cutoff_hz: 1, order: 3}", True)])

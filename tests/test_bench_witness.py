@@ -8,8 +8,9 @@ import scipy
 from any_motion import MOTIONS_60, TRUE, made_trial
 from conftest import ROOT
 
+from osl_analysis.bench.human_joint import reflex_test
 from osl_analysis.bench.record import record_of_trial
-from osl_analysis.bench.settings import DynamometerAnalysis
+from osl_analysis.bench.settings import DynamometerAnalysis, HumanJoint
 from osl_analysis.bench.witness import FAMILIES, HARM, HEARD, Court, witness_row
 from osl_analysis.campaign.configuration import read_section
 
@@ -158,9 +159,9 @@ def test_a_leg_is_no_joint_of_second_order_and_nothing_of_it_is_evidence():
     assert row["VAF_in_band"] > 99
 
 
-def between_two_levels(rng, seconds=60):
+def between_two_levels(rng, seconds=60, corner=8.0):
     """Steps through four equal lags."""
-    time, w, side = np.arange(500 * seconds) / 500, 2 * np.pi * 8, 1.0
+    time, w, side = np.arange(500 * seconds) / 500, 2 * np.pi * corner, 1.0
     motion = np.array([np.full_like(time, -0.035), 0 * time, 0 * time])
     starts = np.cumsum(rng.choice([0.1, 0.2, 0.3, 0.4, 0.6], 180)) + 1
     for start in starts[starts < seconds - 2]:
@@ -172,14 +173,16 @@ def between_two_levels(rng, seconds=60):
     return time, motion
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_rounding_that_every_step_between_two_levels_repeats_is_no_evidence_and_a_delay_is(seed):
-    """Of an encoder of 14 bits, whatever its zero: a reflex was told of one, and of others nothing was heard."""
+@pytest.mark.parametrize(("corner", "seed"), [*zip([8.0] * 6, range(6), strict=True), (12.8, 1), (12.8, 2), (12.8, 6)])
+def test_rounding_that_every_step_between_two_levels_repeats_is_no_evidence_and_a_delay_is(corner, seed):
+    """Of an encoder of 14 bits, whatever its zero: reflexes were told of all."""
     rng = np.random.default_rng(seed)
-    time, motion = between_two_levels(rng)
-    trials = [made_trial(rng, (time, motion), bits=14, late=late) for late in (0.0, 4e-3)]
-    sound, late = (witness_row(record_of_trial(trial, SETTINGS)) for trial in trials)
-    assert (sound["heard"], late["heard"] is None) == (None, False)
+    motion = between_two_levels(rng, corner=corner)
+    trials = [made_trial(rng, motion, bits=14, late=late) for late in (0.0, 4e-3)]
+    records = [record_of_trial(trial, SETTINGS) for trial in trials]
+    assert [reflex_test(record, HumanJoint(), 0.04) for record in records] == [1, 1]
+    sound, late = (witness_row(record, answers=False) for record in records)
+    assert (sound["heard"], late["path_shift"] > 10) == (None, True)
 
 
 def test_a_spring_in_series_is_among_the_rivals_of_a_motion_that_repeats_from_end_to_end():
@@ -214,8 +217,8 @@ def test_the_range_beside_a_ringing_path_holds_the_joint_that_one_rival_alone_wo
 
 
 def test_a_late_torque_is_named_also_where_what_changes_with_time_is_heard_and_explains_a_hair_more(monkeypatch):
-    def hears_time(court, view, hears=True, plain=Court.__init__):
-        plain(court, view, hears)
+    def hears_time(court, *view, plain=Court.__init__):
+        plain(court, *view)
         court.chance["time"] = HEARD - 1
 
     def a_hair_more(court):

@@ -31,7 +31,7 @@ from osl_analysis.bench.effects import IMPEDANCE, Model, columns_of
 from osl_analysis.bench.gram import GroupFit, Sums, held_out_vaf
 from osl_analysis.bench.record import Record, logged, record_of_trial, stretches_of
 from osl_analysis.bench.settings import HumanJoint, HumanJointAnalysis
-from osl_analysis.bench.witness import HIDDEN
+from osl_analysis.bench.witness import ALIKE, HIDDEN, wald
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass, Motion, sampling_rate, seven_point_motion
 from osl_analysis.signals.grid import uniform_signals
@@ -244,8 +244,8 @@ def reflex_test(raw: Record, human: HumanJoint, delay_s: float, person: Reflexiv
 
     The speed is the even part of a half-wave: no linear dynamics makes it. Springs and stops that differ between the
     directions do, and friction of a joint that creeps after stretches, but at once: their columns compete, and what
-    they leave goes along with the speed to come as much as with the past one. It is 1 where that explains little more.
-    Of a `person` what is fitted competes, too.
+    they leave goes along with the speed to come as much as with the past one. It is 1 where that explains little more,
+    or than rounding does, which steps between two levels repeat. Of a `person` what is fitted competes, too.
     """
     few = raw.coarse
     groups = stretches_of(few.pieces, few.rate_hz, max(few.seconds / TESTED_BLOCKS, SHORTEST_TESTED_S))
@@ -260,27 +260,23 @@ def reflex_test(raw: Record, human: HumanJoint, delay_s: float, person: Reflexiv
     even = np.array([theta**2, np.abs(theta), theta**4, omega**2, np.abs(omega)]).T
     at_once = np.column_stack([even, friction_columns(raw, 80.0, 25.0)])
     base = [*columns_of(quick)[0].values(), *beside, *without_slow(few, at_once, human.slow_hz).T]
-    own = slice(len(base), len(base) + COSINES)
-    Z = np.column_stack([*base, np.empty((len(theta), COSINES)), quick.filtered_torque])
-    speed, less = np.abs(omega)[:, None], np.r_[: own.start, -1]
-    del even, at_once, base
-    explained, scores, found = list[float](), np.empty(0), np.empty(0)
+    own, made = range(len(base), len(base) + COSINES), [] if raw.rounded is None else [*raw.rounded]
+    made = [without_slow(few, torque, human.slow_hz) for torque in made]
+    Z = np.column_stack([*base, np.empty((len(theta), COSINES)), *made, quick.filtered_torque])
+    speed, sums, explained = np.abs(omega)[:, None], np.empty(0), list[Array]()
+    torques = range(own.stop, Z.shape[1])
+    del even, at_once, base, made
     for way in (-1, 1):  # the speed to come, then the past one
         late = late_by(through_memory(speed[::way], few.rate_hz, human.memory_s), few.rate_hz, delay_s)[::way]
         Z[:, own] = without_slow(few, late, human.slow_hz)
-        each = products_between(Z, Z, groups.first, groups.stop)
-        total = each.sum(axis=0)
-        explained.append(float(gram.least_left(total[np.ix_(less, less)]) - gram.least_left(total)))
-        estimates, inverse = gram.solved(total[:-1, :-1], total[:-1, -1])
-        scores, found = (
-            ((each[:, :-1, -1] - each[:, :-1, :-1] @ estimates) @ inverse)[:, -COSINES:],
-            estimates[-COSINES:],
-        )
-    if explained[1] < BEFORE_OVER_AFTER * explained[0]:
+        sums = products_between(Z, Z, groups.first, groups.stop)
+        each = [[np.r_[:end, k] for k in torques] for end in (own.start, own.stop)]
+        left = [[float(gram.least_left(sums.sum(axis=0)[np.ix_(x, x)])) for x in some] for some in each]
+        explained.append(np.array(left[0]) - left[1])
+    *rounding, past = explained[1]
+    if past < max(BEFORE_OVER_AFTER * explained[0][-1], ALIKE**2 * max(rounding, default=0.0)):
         return 1.0
-    size = found @ np.linalg.pinv(scores.T @ scores * blocks / (blocks - 1)) @ found
-    free = blocks - COSINES
-    return float(scipy.special.fdtrc(COSINES, free, size * free / (COSINES * (blocks - 1))))
+    return float(10 ** wald(sums, range(own.start), own, 0)[0])
 
 
 ABOVE_HZ = 10.0  # frequencies by which a late torque is told from a reflex, which is slow

@@ -100,8 +100,8 @@ def impedance_table(analysis: Analysis, s: Sums, p: DrivetrainParameters | None 
         "theta_m_lag_se_s": late.se if late else None,
         "certain_theta_m_lag_s": late.size * late.found if late else None,
     }
-    facts |= repeats | witness_row(record, is_leg=is_leg)
-    facts |= {"lag_by": "theta_m" if lag else None, **unstated_reflex_row(record)}
+    facts |= repeats | {"lag_by": "theta_m" if lag else None, **unstated_reflex_row(record)}
+    facts |= witness_row(record, is_leg=is_leg, answers=facts["reflex_p"] != 1)
     facts |= believed_reflex(analysis.whole, facts, is_leg)
     if not record.is_stepped_sine:
         facts["alias_share"] = alias_share(record, analysis.whole)

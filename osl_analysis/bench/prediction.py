@@ -11,7 +11,7 @@ torque of the bench, has a part in it.
 The controller of Eq. 5 asks for k_tau n_m I_q - s f_G |I_q| - s f_C = -K_1 theta_m - B_1 omega_m, in the numbers that
 it was programmed with; s is the smoothed sign of the velocity. A loop that acts d seconds late takes K_1 d off B_1, and
 of a velocity that is t seconds old the acceleration bears B_1 t. Its sign is as old: it is read from a velocity behind
-`SIGN_CUTOFF` times the cut-off, for a motor that sticks and slides turns faster than the joint, so long ago as explains
+`QUICK` times the cut-off, for a motor that sticks and slides turns faster than the joint, so long ago as explains
 most of the current.
 
 The next link is the motor: what torque the belt takes for a current. A current that reads too much makes all of the law

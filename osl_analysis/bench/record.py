@@ -46,7 +46,7 @@ from osl_analysis.trial import Array, Trial, stretches, visible_step
 Label = float | str | None
 """What a fit of its own is made for: an amplitude [deg], a branch of a belt; None: all of a record."""
 STRETCH_S = 1.0  # duration [s] of a stretch: 30 correlation times of a 15 Hz low-pass
-SIGN_CUTOFF = 4.0  # cut-offs of the low-pass behind which the sign of the velocity is read
+QUICK = 4.0  # cut-offs of the low-pass behind which the velocity's sign is read, and the rounding of steps is drawn
 STANDS = 0.1  # median of the speed over its SD, below which a joint mostly stands
 DRAWS = (np.arange(17) + 0.5) / 17 - 0.5  # parts of a step of an encoder by which zeros and sizes differ
 SHORTEST_S = 1.0  # shortest stretch [s] that is fitted
@@ -197,13 +197,13 @@ class Record:
         """Errors (n,) of angle [rad] (0) or torque [N*m] (1) in some rows that rounding makes, each with another zero
         of the sensor and a signal that is larger by a part of a step; none where noise hides it. Behind the
         filter of the fit steps between levels ring, by some steps of the encoder, so that where the joint mostly stands
-        the signal is taken behind a quicker one, which leaves an eighth of its rounding."""
+        the signal is taken behind one quicker by `QUICK` (half of it makes too little, and sound steps are accused)."""
         (step, left), raw = self.repeated_steps[channel], (self.theta, self.torque)[channel][rows]
         if not left:
             return
         speed, quick = self.motion.omega[rows], self.low_pass
         if np.median(np.abs(speed)) < STANDS * np.std(speed):
-            quick = replace(quick, cutoff_hz=max(0.06 * self.rate_hz, quick.cutoff_hz))
+            quick = replace(quick, cutoff_hz=QUICK * quick.cutoff_hz)
         signal = quick(raw, self.rate_hz)
         steps = (signal - signal.mean()) / step
         largest = float(np.abs(steps).max())
@@ -499,7 +499,7 @@ def said_of_motion(words: str, known: Likeness, signals: UniformSignals) -> str:
 def with_actuator(record: Record, trial: Trial) -> Record:
     """The record with what the trial has of the actuator, if that comes to a time base with angle and torque."""
     same, rate = record.low_pass, record.rate_hz
-    quick = replace(same, cutoff_hz=min(SIGN_CUTOFF * same.cutoff_hz, 0.2 * rate))
+    quick = replace(same, cutoff_hz=min(QUICK * same.cutoff_hz, 0.2 * rate))
     wanted = {"theta_m": ("theta_m", same), "quick": ("theta_m", quick), "current": ("current", same)}
     for names in (("theta_m", "quick", "current"), ("theta_m",)):
         if "theta_m" in trial.columns and all(wanted[name][0] in trial.columns for name in names):

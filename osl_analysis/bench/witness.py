@@ -163,28 +163,28 @@ def square(x: Array) -> float:
 
 
 def scattered(sums: Array) -> tuple[Array, Array]:
-    """Estimates (q,) of sums (CHUNKS, q + 1, q + 1), and their covariance by the scatter of chunks."""
+    """Estimates (q,) of sums (chunks, q + 1, q + 1), and their covariance by the scatter of chunks."""
     A, b = sums[:, :-1, :-1], sums[:, :-1, -1]
     estimates, inverse = solved(A.sum(axis=0), b.sum(axis=0))
     scores = (b - A @ estimates) @ inverse
-    return estimates, scores.T @ scores * CHUNKS / (CHUNKS - 1)
+    return estimates, scores.T @ scores * len(sums) / (len(sums) - 1)
 
 
 def wald(sums: Array, base: Sequence[int], added: Sequence[int], draws: int) -> tuple[float, Array]:
     """Chance (log10) of added columns beside those of the base, and their estimates. Before the torque the sums have
     `draws` torques that rounding may make: what it does alike in all chunks is no part of their scatter."""
-    at, q = [*base, *added], len(added)
-    estimates, covariance = scattered(sums[np.ix_(range(CHUNKS), [*at, -1], [*at, -1])])
+    at, q, chunks = [*base, *added], len(added), len(sums)
+    estimates, covariance = scattered(sums[np.ix_(range(chunks), [*at, -1], [*at, -1])])
     z = estimates[-q:]
 
     def chance(covariance: Array) -> float:
         F = float(z @ np.linalg.pinv(covariance[-q:, -q:], rcond=1e-9, hermitian=True) @ z) / q
-        return float(scipy.stats.f.logsf(F * (CHUNKS - q) / (CHUNKS - 1), q, CHUNKS - q) / np.log(10))
+        return float(scipy.stats.f.logsf(F * (chunks - q) / (chunks - 1), q, chunks - q) / np.log(10))
 
     by_scatter = chance(covariance)
     if not draws or by_scatter >= HEARD:
         return by_scatter, z
-    each = [scattered(sums[np.ix_(range(CHUNKS), [*at, k], [*at, k])]) for k in range(-1 - draws, -1)]
+    each = [scattered(sums[np.ix_(range(chunks), [*at, k], [*at, k])]) for k in range(-1 - draws, -1)]
     made, seen = (np.array(values) for values in zip(*each, strict=True))
     by_both = chance(covariance + less(made.T @ made / draws, np.diag(seen.mean(axis=0))))
     return by_scatter if by_both < HEARD else by_both, z
@@ -192,10 +192,11 @@ def wald(sums: Array, base: Sequence[int], added: Sequence[int], draws: int) -> 
 
 class Court:
     """Which families are heard about a view, if it `hears` any, and their rivals. Certain friction, and weight, are the
-    joint's."""
+    joint's; a reflex may be only if it `answers`."""
 
-    def __init__(self, view: View, hears: bool = True) -> None:
+    def __init__(self, view: View, hears: bool = True, answers: bool = True) -> None:
         self.view, self.rivals, self.chance = view, list[Rival](), dict[str, float]()
+        self.answers = answers and view.first == 0
         self.beside = [view.columns[0]] * (view.first == 1)
         theta, omega = view.motion[:2]
         sign, elastic = view.column(view.sign), view.first == 0
@@ -425,7 +426,7 @@ class Court:
             return none, []
         for name in dict.fromkeys(("path", *self.heard)):  # a path may be what makes another family speak
             getattr(self, f"hear_{name}")()
-        if self.view.first == 0:
+        if self.answers:
             self.hear_reflex()
         least, chunk = min(square(rival.left) for rival in self.rivals), self.view.chunks[0]
         per_parameter = least / (self.view.seconds * self.view.bandwidth)
@@ -483,7 +484,7 @@ def no_witness(names: Sequence[str] = tuple(HARM)) -> Row:
     }
 
 
-def witness_row(record: Record, names: Sequence[str] = tuple(HARM), is_leg: bool = False) -> Row:
+def witness_row(record: Record, names: Sequence[str] = tuple(HARM), is_leg: bool = False, answers: bool = True) -> Row:
     """What the witness says of a model: by family its harm, the multiple of `HARM` by which a rival moves an estimate
     (0: not heard, or not the one that explains most); the rivals that cannot be told apart, and the estimates beside
     them; the VAF [percent] in the band; of two clocks how they drift apart, where no repeats tell. A leg is no joint of
@@ -491,12 +492,12 @@ def witness_row(record: Record, names: Sequence[str] = tuple(HARM), is_leg: bool
 
     Raises InputError: they do by more than the settings allow; the message names the trial."""
     view = View(record, 3 - len(names))
-    court = Court(view, hears=not is_leg)
+    court = Court(view, not is_leg, answers)
     none, alike = court.verdict()
     row = no_witness(names)
     vaf = 100 * (1 - square(none.left) / max(float(view.y @ view.y), np.finfo(float).tiny))
     if not (is_leg or court.heard) and record.band_hz[1] > 2 * FAST_HZ[0]:
-        fast = Court(View(record, view.first, fast=True))
+        fast = Court(View(record, view.first, fast=True), answers=answers)
         fast.chance = {name: chance for name, chance in fast.chance.items() if name == "path"}
         court = fast if fast.heard else court
         none, alike = court.verdict()

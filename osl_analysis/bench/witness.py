@@ -61,6 +61,7 @@ class Rival:
     half: Array  # half-widths of their 95 % intervals, by the scatter of chunks
     left: Array  # what it leaves of the torque in each row
     parameters: int
+    beside: tuple[Array, ...] = ()  # its columns (m,) beside those of the model
 
     @property
     def possible(self) -> bool:
@@ -192,12 +193,12 @@ def wald(sums: Array, base: Sequence[int], added: Sequence[int], draws: int) -> 
 
 class Court:
     """Which families are heard about a view, if it `hears` any, and their rivals. Certain friction, and weight, are the
-    joint's; a reflex may be only if it `answers`."""
+    joint's, and what else is `taken` (m,) into the model; a reflex may be only if it `answers`."""
 
-    def __init__(self, view: View, hears: bool = True, answers: bool = True) -> None:
+    def __init__(self, view: View, hears: bool = True, answers: bool = True, taken: Sequence[Array] = ()) -> None:
         self.view, self.rivals, self.chance = view, list[Rival](), dict[str, float]()
         self.answers = answers and view.first == 0
-        self.beside = [view.columns[0]] * (view.first == 1)
+        self.beside = [view.columns[0]] * (view.first == 1) + [*taken]
         theta, omega = view.motion[:2]
         sign, elastic = view.column(view.sign), view.first == 0
         lacking = {"friction": [sign]}
@@ -260,7 +261,8 @@ class Court:
         of_model = slice(len(self.view.base))
         _, covariance = scattered(self.view.sums([*columns, *slopes, *self.beside]))
         half = scipy.stats.t.ppf(0.975, CHUNKS - 1) * np.sqrt(np.diag(covariance)[of_model])
-        self.rivals.append(Rival(family, name, estimates[of_model], half, left / gain**0.5, len(columns) + parameters))
+        known, beside = len(columns) + parameters, tuple(columns[of_model.stop :])
+        self.rivals.append(Rival(family, name, estimates[of_model], half, left / gain**0.5, known, beside))
 
     def add_by(
         self, family: str, name: str, made: Callable[[float], list[Array]], size: float, gain: float = 1
@@ -461,6 +463,25 @@ class Court:
         return none, [rival for rival in alike if rival.possible] or alike
 
 
+def harm_of(moved: Array, estimates: Array) -> Array:
+    """Multiples of `HARM` by which moves (..., p) change estimates (p,) of K, B and I, or of B and I."""
+    shares, least = np.array(list(HARM.values())[-len(estimates) :]).T
+    least = least * (len(estimates) == len(HARM))  # of losses any share counts
+    return np.asarray(np.abs(moved) / (shares * np.hypot(estimates, least)))
+
+
+def beside_harmless(court: Court, none: Rival, alike: list[Rival]) -> list[Rival]:
+    """The rivals of what else is heard where the best ones do no harm, which then are a part of the model, lest they
+    hide another: rounding may make a stiffness by direction of steps between two levels, beside a delay."""
+    others = [name for name in court.heard if alike and name != alike[0].family]
+    moved = [one.estimates - none.estimates for one in alike]
+    if not others or not alike[0].beside or harm_of(np.array(moved), none.estimates).max() > 1:
+        return alike
+    again = Court(court.view, answers=court.answers, taken=alike[0].beside)
+    again.chance = {name: chance for name, chance in again.chance.items() if name in others}
+    return again.verdict()[1] or alike
+
+
 def minima(left: Callable[[float], float], grid: Array) -> list[float]:
     """Where a function is least, and where it has other minima on a grid, refined: a delay has an image."""
     over = np.array([left(x) for x in grid.tolist()])
@@ -501,6 +522,7 @@ def witness_row(record: Record, names: Sequence[str] = tuple(HARM), is_leg: bool
         fast.chance = {name: chance for name, chance in fast.chance.items() if name == "path"}
         court = fast if fast.heard else court
         none, alike = court.verdict()
+    alike = beside_harmless(court, none, alike)
     if not is_leg:
         row |= {name: 0.0 for name in row if name.endswith("_shift")}
         row |= {"path_shift": None if court.hides_delay() else 0.0, "heard": ", ".join(court.heard) or None}
@@ -513,14 +535,11 @@ def witness_row(record: Record, names: Sequence[str] = tuple(HARM), is_leg: bool
     every, half = (np.array([getattr(rival, name) for rival in alike]) for name in ("estimates", "half"))
     half = np.minimum(half, np.maximum(np.abs(every), half[0]))  # a path of no effect has any
     low, high = (every - half).min(axis=0), (every + half).max(axis=0)
-    shares, least = np.array(list(HARM.values())[view.first :]).T
-    least = least * (view.first == 0)  # of losses any share counts
-    harm = np.abs(every - none.estimates) / (shares * np.hypot(none.estimates, least))
     row |= {
-        f"{alike[0].family}_shift": float(harm.max()),
+        f"{alike[0].family}_shift": float(harm_of(every - none.estimates, none.estimates).max()),
         "rivals": ", ".join(dict.fromkeys(one.name for one in alike)),
     }
-    apart = np.ptp(every, axis=0) / (shares * np.hypot(every[0], least))
+    apart = harm_of(np.ptp(every, axis=0), every[0])
     for k, name in enumerate(names):
         row |= {f"{name}_without": float(every[0, k]) if apart[k] <= 1 else None}
         row |= {f"{name}_without_low": float(low[k]), f"{name}_without_high": float(high[k])}

@@ -128,6 +128,13 @@ def test_a_late_torque_is_heard_behind_two_sines(bits):
     assert row["B_without_low"] < TRUE["B"] < row["B_without_high"]
 
 
+@pytest.mark.parametrize("made", ["noise", "multisine"])
+def test_a_cause_without_harm_that_explains_most_hides_no_late_torque(made):
+    row = told(made, more=lambda t, x, v, a: 0.9 * x * (v > 0), late=1.5e-3, bits=18)
+    assert row["path_shift"] > 10
+    assert row["B_without_low"] < 5.05 < row["B_without_high"] + 0.1
+
+
 def test_a_K_that_changes_at_once_is_heard_also_where_the_motion_becomes_faster_with_time():
     row = told("chirp", more=lambda t, x, *_: -6 * (t > 0.6 * t[-1]) * x)
     assert row["time_shift"] > 1

@@ -128,6 +128,13 @@ def test_a_late_torque_is_heard_behind_two_sines(bits):
     assert row["B_without_low"] < TRUE["B"] < row["B_without_high"]
 
 
+def test_no_spring_in_series_is_softer_than_the_joint_that_it_winds_up():
+    """It explained a delay of a stiff joint by K -401.7 ± 0.2, and alone."""
+    row = told("noise", K=2000.0, B=10.0, bits=14, late=2e-3)
+    assert {"delay", "spring in series"} <= {*row["rivals"].split(", ")}
+    assert 1990 < row["K_without_low"] < 2010 < row["K_without_high"]
+
+
 @pytest.mark.parametrize("made", ["noise", "multisine"])
 def test_a_cause_without_harm_that_explains_most_hides_no_late_torque(made):
     row = told(made, more=lambda t, x, v, a: 0.9 * x * (v > 0), late=1.5e-3, bits=18)

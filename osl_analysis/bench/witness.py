@@ -306,7 +306,8 @@ class Court:
 
         if view.first == 0:
             for c in minima(lambda c: self.left(wound(c)) / gain(c), np.geomspace(2e-5, 3e-3, 10)):
-                self.add_by("path", "spring in series", wound, c, gain(c))
+                if self.fitted(wound(c))[0][0] * self.fitted(view.base)[0][0] > 0:  # else it is softer than the joint
+                    self.add_by("path", "spring in series", wound, c, gain(c))
 
     def late(self, *shapes: Array) -> tuple[list[Array], list[Array], Array, Array]:
         """Columns of a torque that is late by a sum of shapes (n,), the slopes of the fit by their sizes [s], which

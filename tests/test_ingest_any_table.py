@@ -196,7 +196,7 @@ def test_thousands_are_read_where_both_signs_tell_which_is_which(tmp_path):
         np.testing.assert_allclose(read_by_draft(tmp_path / "a.csv").samples["torque"], TORQUE, atol=2e-6)
 
 
-@pytest.mark.parametrize("head", ["Time", "Zeit / s"])
+@pytest.mark.parametrize("head", ["Time", "Zeit / s", "unix", "x"])
 def test_a_stated_rate_that_a_clock_of_the_file_contradicts_is_refused(tmp_path, head):
     """Read at 1000 Hz, the rows of 500 Hz gave B = 2.5 for 5."""
     t = since("%H:%M:%S.%f") if head == "Time" else T

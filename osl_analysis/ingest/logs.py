@@ -270,21 +270,28 @@ def csv_log(path: Path, source: SheetSource) -> Table:
 
 
 def clock_columns(text: csv_table.CsvTable, source: SheetSource) -> Iterator[tuple[str, NDArray[Any]]]:
-    """The columns of a table that may tell its time: times of day [s], and numbers that are called like a clock."""
+    """The columns of a table that may tell its time: times of day [s], numbers that are called like a clock, and
+    those that rise like one and that nobody asks for."""
+    from osl_analysis.ingest.overview import ticks  # which reads logs, too
+
+    asked = {csv_table.place_of(name, text.names) for name in wanted(source)}
     for place, name in enumerate(text.names):
         cells = text.body.to_series(place)
         stamps = csv_table.cell_stamps(cells)
         if stamps is not None:
             yield name, stamps / SECOND
-        elif is_like_clock(name):
+        elif is_like_clock(name) or place not in asked:
             with suppress(csv_table.UnreadableCellError):
-                yield name, csv_table.cell_numbers(cells, source.missing, text.decimal)
+                values = csv_table.cell_numbers(cells, source.missing, text.decimal)
+                if is_like_clock(name) or ticks(values, text.units[place]):
+                    yield name, values
 
 
 def is_like_clock(name: str) -> bool:
     """Whether a name may be that of a clock, as `LabVIEW time`, `Date` and `sec` may: readings tell the rest."""
     last = re.split(r"[./]", csv_table.name_and_unit(name)[0])[-1]
-    return csv_table.is_clock(last) or re.search(r"(?i)time|date|clock|stamp|zeit|^secs?$", last) is not None
+    words = r"(?i)time|date|clock|stamp|zeit|^secs?$|unix|^tick|^tout$"
+    return csv_table.is_clock(last) or re.search(words, last) is not None
 
 
 def check_rate(table: Table, source: TableSource) -> None:

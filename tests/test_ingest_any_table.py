@@ -61,6 +61,7 @@ TEXTS = {
     "Fortran": text("  ", PLAIN, t=FORTRAN[0], a=FORTRAN[1], m=FORTRAN[2]),
     "Windows": text(";", ["Zeit [s]", "Winkel [°]", "Moment [N·m]"]).encode("cp1252"),
     "UTF-16 without mark": text("\t").encode("utf-16-le"),
+    "UTF-16 of the other order without mark": text("\t").encode("utf-16-be"),
     "ISO 8601": text(head=["stamp", *HEAD[1:]], t=since("%Y-%m-%dT%H:%M:%S.%fZ")),
     "clock": text(";", ["Uhrzeit", *HEAD[1:]], t=since("%H:%M:%S.%f"), decimal=","),
     "AM and PM": text(head=["Time", *HEAD[1:]], t=since("%m/%d/%Y %I:%M:%S.%f %p")),

@@ -228,6 +228,12 @@ def bench(path: Path, segments: int = 1, **options: Any) -> Path:
     return write_tdms(path, [angle, ("Torque", np.float32(TORQUE), timing(unit_string="Volts"))], segments)
 
 
+def test_a_channel_of_time_stamps_that_is_called_so_is_drafted_as_the_time(tmp_path):
+    stamps = START + np.arange(SAMPLES) * np.timedelta64(1000, "us")
+    path = write_tdms(tmp_path / "a.tdms", [("Time [s]", stamps, {}), ("Angle", ANGLE, {}), ("Torque", TORQUE, {})])
+    assert inspect_file(path).settings["time"] == {"channel": "Bench/Time", "unit": "s"}
+
+
 read_tdms = partial(read_recognised, **BENCH)
 refused_tdms = partial(refusal_of, **BENCH)
 

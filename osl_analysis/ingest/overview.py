@@ -490,7 +490,7 @@ def inspect_tdms(path: Path) -> Overview:
         columns.append(found)
         offered += [found] * bool(one.count and one.holds_numbers)
     timed = any(one.step is not None for one in file.channels)
-    named = any(csv_table.is_clock(one.name) and np.asarray(one.numbers).size for one in columns)
+    named = any(csv_table.is_clock(one.name) for one in offered)
     stamps = [one for one, channel in zip(columns, file.channels, strict=True) if channel.holds_times and channel.count]
     clock = stamps[0].key if stamps and not timed and not named else None
     facts = {"channels": str(len(file.channels)), "own timing": "yes" if timed else "no", **file.properties}

@@ -231,7 +231,7 @@ def bench(path: Path, segments: int = 1, **options: Any) -> Path:
 def test_a_channel_of_time_stamps_that_is_called_so_is_drafted_as_the_time(tmp_path):
     stamps = START + np.arange(SAMPLES) * np.timedelta64(1000, "us")
     path = write_tdms(tmp_path / "a.tdms", [("Time [s]", stamps, {}), ("Angle", ANGLE, {}), ("Torque", TORQUE, {})])
-    assert inspect_file(path).settings["time"] == {"channel": "Bench/Time", "unit": "s"}
+    assert inspect_file(path).settings["time"] == {"channel": "Bench/Time [s]", "unit": "s"}
 
 
 read_tdms = partial(read_recognised, **BENCH)

@@ -120,7 +120,7 @@ def test_the_first_screen_says_what_was_done_and_found_beside_a_figure_and_nothi
     assert page.save_screenshot(str(picture))
     assert picture.stat().st_size > 10_000
     said = page.find_element(By.ID, "summary").text
-    for words in ("simulated trials of the ankle: 2 belt, ", "K is off what was asked for by"):
+    for words in ("simulated trials of the ankle: 2 belt, ", "The error of K against the K_d that was asked for"):
         assert words in said
     assert "1 was refused" in page.find_element(By.ID, "state").text
     shown = page.find_elements(By.CSS_SELECTOR, ".done, #state, .first figure svg")

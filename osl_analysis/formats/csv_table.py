@@ -23,7 +23,7 @@ from osl_analysis.trial import Array
 DELIMITERS = {"tab": "\t", "space": " "}
 CONTROL = re.compile(rb"[\x00-\x08\x0e-\x19]")  # bytes that no text has; 26 ended files of CP/M and DOS
 UTF_16_MARKS = (b"\xff\xfe", b"\xfe\xff")
-UTF_16 = re.compile(rb"([\t\r\n -~]\0){8}|(\0[\t\r\n -~]){8}")  # of either order, without a mark
+UTF_16 = re.compile(rb"\xff\xfe|\xfe\xff|([\t\r\n -~]\0){8}|(\0[\t\r\n -~]){8}")  # by its mark, or in either order
 COMMENTS = ("#", "%", "//")
 MISSING = ("", "nan", "NaN", "NAN", "NA", "N/A", "#N/A", "null", "NULL", "None", "<NA>", "NaT", "-nan", "-nan(ind)")
 """Cells of readings that failed, as programs write them."""
@@ -47,7 +47,7 @@ def read_text(path: Path) -> tuple[bytes, bool]:
     """A text in UTF-8 with plain line breaks, and whether its last line has its break; refused where zero bytes show
     that it is not text."""
     data = path.read_bytes()
-    if data[:2] in UTF_16_MARKS or UTF_16.match(data):
+    if UTF_16.match(data):
         data = decoded_text(data).encode()
     else:
         data = data.removeprefix(b"\xef\xbb\xbf")
@@ -79,7 +79,7 @@ def read_lines(path: Path) -> TextLines:
 
 def decoded_text(data: bytes) -> str:
     """Text in UTF-8, UTF-16 with its mark or as ASCII in it, or else Windows' western code page."""
-    if data[:2] in UTF_16_MARKS or UTF_16.match(data):
+    if UTF_16.match(data):
         return data.decode("utf-16-be" if data[:1] == b"\0" else "utf-16", errors="replace")
     try:
         return data.decode("utf-8-sig")
@@ -89,7 +89,7 @@ def decoded_text(data: bytes) -> str:
 
 def is_text(begin: bytes) -> bool:
     """Whether a file that begins with these bytes is text, by its first line: a loss of power leaves zeros behind."""
-    if begin[:2] in UTF_16_MARKS or UTF_16.match(begin):
+    if UTF_16.match(begin):
         return True
     return CONTROL.search(begin.partition(b"\n")[0]) is None
 

@@ -24,9 +24,7 @@ from osl_analysis.walking.response import PHASES, Bootstrap, GroupHeadline, Pert
 from osl_analysis.walking.settings import ResponseSettings, TimingSettings, UnseenError
 
 GROUP_QUANTITIES, ENSEMBLE = ("K", "B", "I", "VAF"), "ensemble"
-FEW_CROSSINGS = (
-    6  # crossings of a direction, below which the mean of all is outside of their range more often than in 5 %
-)
+FEW_CROSSINGS = 6  # of a direction, below which the mean of all is outside of their range more often than in 5 %
 COMMANDED = "commanded"  # Series of the curve that the controller commands
 FACTS = ("group", "onset_phase", "fitted_phase", "end_phase")
 Numbers = dict[str, float | None]

@@ -136,6 +136,14 @@ def test_a_counter_in_the_log_tells_which_samples_a_late_host_lost(counted):
     assert_right(fitted(Trial("made", two.samples.join(count, on="time", how="left"), two.provenance)))
 
 
+@pytest.mark.parametrize("samples", [4, 5, 200])
+def test_the_spline_through_samples_is_that_of_scipy(samples):
+    random = np.random.default_rng(samples)
+    x, y = np.cumsum(random.uniform(0.2, 2.0, samples)), random.normal(size=(2, samples))
+    at = np.sort(random.uniform(x[0], x[-1], 500))
+    np.testing.assert_allclose(grid.cubic_through(x, y, at), CubicSpline(x, y.T)(at).T, rtol=0, atol=1e-12)
+
+
 def test_a_long_recording_is_brought_to_the_grid_in_parts_as_by_one_spline(monkeypatch):
     rng = np.random.default_rng(1)
     stamps = np.arange(5000) / 1000 + rng.uniform(-3e-4, 3e-4, 5000)

@@ -94,9 +94,11 @@ def draw_table(
     for path in outputs:
         subject, date = METADATA[path.suffix]
         said = ({date: None} if path.suffix != ".png" else {}) | ({subject: footer} if footer else {})
+        # lines hardly shrink by more effort than 3 of 9
+        quick: dict[str, Any] = {"pil_kwargs": {"compress_level": 3}} if path.suffix == ".png" else {}
         page = BytesIO()  # a writer that the disk interrupts would leave its file open
         with style.paper_style():
-            figure.savefig(page, format=path.suffix.removeprefix("."), metadata=said, bbox_inches=page_box)
+            figure.savefig(page, format=path.suffix.removeprefix("."), metadata=said, bbox_inches=page_box, **quick)
         with atomic_path(path) as temporary:
             temporary.write_bytes(page.getvalue())
 

@@ -120,9 +120,9 @@ def simulate_campaign(settings_path: Path, campaign_folder: Path, followed: Shar
 
 
 def row_of_trial(settings: SimulationSettings, settings_path: Path, trial: str) -> Mapping[str, Any]:
+    if row := plan_trials(settings, trial).get(trial):
+        return row
     rows = plan_trials(settings)
-    if trial in rows:
-        return rows[trial]
     planned = f"it has {len(rows)}, from '{next(iter(rows))}' to '{next(reversed(rows))}': see trials.csv"
     raise InputError(f"{settings_path}: plans no trial '{trial}'; {planned}")
 

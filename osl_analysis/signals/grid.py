@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, naming
 from osl_analysis.signals import LowPass, differentiate
 from osl_analysis.signals.samples import Taken, take
 from osl_analysis.signals.stream import FEWEST_STAMPS, LONG_STEP, SensorLowPass, Stream
+from osl_analysis.spline import cubic_through
 from osl_analysis.trial import Array, Trial, counter_column
 
 BRIDGE_MORE = (  # what the user may do where gaps leave nothing to fit
@@ -223,27 +223,6 @@ def resampled(times: Array, values: Mapping[str, Array], grid: Array, step: floa
         for own, curve in zip(found.values(), curves, strict=True):
             own[begin : begin + SPLINED] = curve
     return found
-
-
-def cubic_through(x: Array, y: Array, at: Array) -> Array:
-    """Values (k, m) at some places (m,) of the cubic splines through samples y (k, n) at rising x (n,), not-a-knot at
-    the ends, n >= 4: as `scipy.interpolate.CubicSpline`, in less than half of its time, as no coefficients are kept."""
-    h = np.diff(x)
-    rise = np.diff(y) / h
-    bands, right = np.empty((3, len(x))), np.empty(y.shape)  # equations of the slopes at the samples
-    bands[0, 2:], bands[1, 1:-1], bands[2, :-2] = h[:-1], 2 * (h[:-1] + h[1:]), h[1:]
-    right[:, 1:-1] = 3 * (h[1:] * rise[:, :-1] + h[:-1] * rise[:, 1:])
-    for end, near, far, beside in ((0, h[0], h[1], bands[0, 1:2]), (-1, h[-1], h[-2], bands[2, -2:-1])):
-        bands[1, end], beside[:], first, second = far, near + far, rise[:, end], rise[:, 1 if end == 0 else -2]
-        right[:, end] = ((3 * near + 2 * far) * far * first + near**2 * second) / (near + far)
-    slope = scipy.linalg.solve_banded((1, 1), bands, right.T, overwrite_ab=True, overwrite_b=True, check_finite=False).T
-    bend = (slope[:, :-1] + slope[:, 1:] - 2 * rise) / h
-    row = np.clip(np.searchsorted(x, at, "right") - 1, 0, len(h) - 1)
-    past, value = at - x[row], np.take(bend / h, row, axis=1)
-    for coefficient in ((rise - slope[:, :-1]) / h - bend, slope, y):
-        value *= past
-        value += np.take(coefficient, row, axis=1)
-    return value
 
 
 def uniform_signals(

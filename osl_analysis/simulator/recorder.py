@@ -15,7 +15,6 @@ from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 import polars as pl
-import scipy
 import zstandard
 from mcap import records as mcap_records
 from mcap.data_stream import RecordBuilder
@@ -25,6 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from osl_analysis.files import atomic_path, write_text
 from osl_analysis.simulator.settings import NodeSettings, Scatter, SimulationSettings, stream
+from osl_analysis.spline import cubic_through
 from osl_analysis.trial import Array
 
 SENSORS = {
@@ -92,8 +92,7 @@ class Bench:
             exact, at = {n: one for n, one in own.items() if not callable(one)}, np.maximum(instants - delay, 0.0)
             if exact and (delay or not even):
                 simulated = np.arange(self.samples) / self.settings.dynamometer.rate_hz
-                curves = scipy.interpolate.CubicSpline(simulated, np.column_stack([*exact.values()]))(at)
-                exact = dict(zip(exact, curves.T, strict=True))
+                exact = dict(zip(exact, cubic_through(simulated, np.array([*exact.values()]), at), strict=True))
             for name, true in own.items():
                 read[name] = self.reading(name, true(at) if callable(true) else exact[name], instants)[rows]
         return {"time": time[rows], **{name: read[name] for name in signals}}

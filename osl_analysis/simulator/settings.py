@@ -602,9 +602,9 @@ def condition_of(row: Mapping[str, Any], settings: SimulationSettings) -> Condit
     return Condition(bool(row.get("perturbed")), row.get("direction") or lists.directions[order[place]], subject)
 
 
-def plan_trials(settings: SimulationSettings) -> SheetRows:
-    """One row per trial, in the columns of `sheet.py`. The same settings give the same plan. Whether a crossing is
-    perturbed depends on the seed and its name, not on the number of crossings."""
+def plan_trials(settings: SimulationSettings, only: str | None = None) -> SheetRows:
+    """One row per trial, or that of one trial alone, in the columns of `sheet.py`. The same settings give the same
+    plan. Whether a crossing is perturbed depends on the seed and its name, not on the number of crossings."""
     wanted, found, planned = settings.experiments, dict[str, dict[str, Any]](), list[tuple[str, str, dict[str, Any]]]()
     for experiment, digits in (("belt", 2), ("transmission", 1), ("actuator", 1), ("torque_angle", 1)):
         planned += [(experiment, f"{experiment}_{i + 1:0{digits}d}", {}) for i in range(getattr(wanted, experiment))]
@@ -614,7 +614,7 @@ def plan_trials(settings: SimulationSettings) -> SheetRows:
         planned += [("impedance", t, {"controller": controller, "K_d": K_d, "B_d": B_d}) for t in moved]
     for experiment, digits in (("static", 1), ("plate", 2), ("walking", 2)):
         planned += [(experiment, f"{experiment}_{i + 1:0{digits}d}", {}) for i in range(getattr(wanted, experiment))]
-    for experiment, trial, more in planned:
+    for experiment, trial, more in planned if only is None else (one for one in planned if one[1] == only):
         facts = EXPERIMENTS[experiment]
         files = facts.simulated_files(trial)  # crossings also have the leg's log
         sources = {f"{role}_source": getattr(facts, role) for role in files}

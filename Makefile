@@ -46,7 +46,7 @@ evidence: $(READY)
 # figure of docs/peers.md. Ten minutes of one core.
 peers: $(READY)
 	$(PYTHON) -m venv --clear build/peers_venv
-	$(BIN)/uv pip install --quiet --python build/peers_venv --group peers --editable '.[simulator]'
+	$(BIN)/uv pip install --quiet --python build/peers_venv --editable '.[simulator,peers]'
 	OPENBLAS_NUM_THREADS=1 build/peers_venv/bin/python benchmarks/peers/page.py
 
 # All that a release has, in dist/: wheel, sdist, the page of the default campaign, the documentation, checksums. It needs
@@ -87,6 +87,8 @@ $(READY): requirements.lock pyproject.toml
 	$(BIN)/python -m compileall -q -j 0 $(VENV)/lib osl_analysis
 	touch $(READY)
 
+LOCKED := bundle cluster excel mat73 matlab mujoco ros simulator tdms docs dev
+
 lock: $(READY)
 	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate \
-		--all-extras --group recorders --output-file requirements.lock pyproject.toml
+		$(LOCKED:%=--extra %) --group recorders --output-file requirements.lock pyproject.toml

@@ -82,7 +82,7 @@ def test_a_library_of_an_extra_is_imported_where_one_line_says_what_to_install()
     for library, extra in EXTRAS.items():
         of_extra[extra].add(library)
     named = {extra: {re.match(r"[\w-]+", one)[0].lower() for one in needs} for extra, needs in asked.items()}
-    assert {extra: named[extra] for extra in named.keys() - {"cluster", "dev", "docs"}} == of_extra
+    assert {extra: named[extra] for extra in named.keys() - {"cluster", "dev", "docs", "peers"}} == of_extra
     plain = re.compile(rf"^\s*(?:import|from) (?:{'|'.join(EXTRAS)})\b", re.MULTILINE)
     assert [path for path in PACKAGE.rglob("*.py") if plain.search(path.read_text())] == []
 

@@ -185,7 +185,7 @@ def late_fit(
     lag, fit, slope = 0.0, None, np.zeros_like(few.time)
     for _ in range(6):
         then = np.clip(few.time + lag, first, last)
-        earlier = torque(then) - rest
+        earlier = (torque(then) if lag else few.filtered_torque) - rest
         made = replace(few, filtered_torque=earlier, torque=earlier)
         if not slopes:
             slope = torque(then, 1)
@@ -196,7 +196,7 @@ def late_fit(
         fit = gram.fit_groups(sums, with_lag, limit=gram.EFFECTS_LIMIT)
         more = fit["lag_s"] if slope.any() else 0.0
         lag = float(np.clip(lag + more, -LONGEST_LAG, LONGEST_LAG))
-        if slope.any() and abs(more) < 1e-12:  # s, which changes B by less than the last digit of a table
+        if slope.any() and abs(more) < 1e-9:  # s; the next step would be a thousandth of it
             break
     assert fit is not None
     return replace(fit, estimates=np.append(fit.estimates[:-1], lag)), more

@@ -40,6 +40,7 @@ from osl_analysis.model.drivetrain import DrivetrainParameters, joint_admittance
 from osl_analysis.spectral.periods import distinct
 from osl_analysis.stats.regression import Row, estimates_row, lag_damping_row
 from osl_analysis.stats.repeats import alike_sizes, counted, doubtful_row, over_repeats, summary_row
+from osl_analysis.table import held_against_desired
 from osl_analysis.trial import Array
 
 
@@ -400,7 +401,7 @@ def compensation_table(impedance: pl.DataFrame) -> pl.DataFrame:
     a difference is Student's over pairs of trials: amplitudes of one trial are no independent pairs. Amplitudes are
     those that were commanded; where none is stated, the measured ones, which are alike."""
     size = "commanded_deg" if impedance["commanded_deg"].is_not_null().any() else "amplitude_deg"
-    known = impedance.with_columns(alike_sizes(impedance[size].cast(pl.Float64)))
+    known = held_against_desired(impedance).with_columns(alike_sizes(impedance[size].cast(pl.Float64)))
     known = known.drop_nulls(["K_d", "B_d"]).filter(pl.col("K_d") != 0)
     values = {name: value.mean() for name, (_, value) in COMPARED.items()}
     means = known.group_by(*ASKED, size, "controller").agg(**values)

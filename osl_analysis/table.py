@@ -152,8 +152,8 @@ def with_evidence(path: Path, required: Sequence[str] = ()) -> pl.DataFrame:
 
 
 def held_against_desired(fits: pl.DataFrame) -> pl.DataFrame:
-    """Fits whose B, with its interval, is what is held against B_d: that without Coulomb friction where friction is
-    certain (`B_viscous`), as a gain asks for none. The range over single amplitudes holds friction, and is null then."""
+    """Fits whose B, with its interval, is what is held against B_d: `B_viscous` where friction is certain, as a gain
+    asks for none. The range over single amplitudes holds friction, and is null then."""
     ends = ("", "_low", "_high", "_amplitudes_low", "_amplitudes_high")
     own = {f"B{end}": f"B_viscous{end}" for end in ends if f"B{end}" in fits.columns and "B_viscous" in fits.columns}
     without = {name: pl.col(other) if other in fits.columns else None for name, other in own.items()}

@@ -25,7 +25,9 @@ from osl_analysis.dictionary import described_tables
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.examine import saturated
 from osl_analysis.ingest.raw_files import trial_from_files
+from osl_analysis.judge.campaign import campaign_findings, entries, known_of
 from osl_analysis.judge.judging import LATENESS
+from osl_analysis.report.headlines import headline_numbers
 from osl_analysis.trial import Trial
 
 CONFIG, RATE, PERIOD, A = read_config(ROOT / "config/config.yaml"), 250.0, 8.0, np.deg2rad(10)
@@ -197,6 +199,17 @@ def test_a_zero_that_nobody_stated_says_what_it_may_do_to_the_energies():
     assert (stated["zero_unsure"], stated["assumed_zero_share"]) == (None, None)
     assert assumed["assumed_zero_share"] == pytest.approx((5 / (K * A)) ** 2, rel=0.03)  # of K (A^2 + (5/K)^2)
     assert assumed["doubtful"] == "zero that nobody stated"
+    assert assumed["K"] == pytest.approx(stated["K"], rel=1e-9), "a slope has no zero"
+    numbers = headline_numbers({"torque_angle": pl.DataFrame([assumed])})
+    doubted = {number.name.split(" (")[0]: number.doubt for number in numbers}
+    of_energies = [doubted[name] for name in ("energy_stored", "energy_returned")]
+    assert of_energies == ["zero that nobody stated"] * 2
+    assert (doubted["torque_angle_K"], doubted["energy_lost"]) == (None, None)
+    tables, verdicts = {"torque_angle": pl.DataFrame([assumed])}, pl.DataFrame(schema=["check", "trial", "verdict"])
+    found = campaign_findings(tables, verdicts, CONFIG.doubtful)
+    told = [(one["verdict"], one["of"]) for one in known_of(found, tables, verdicts) if one["verdict"] != "not checked"]
+    assert told == [("doubtful in part", "torque_angle trials")]
+    assert [one["in_part"] for one in entries(found)][:1] == [True], "K of the trial is clear on the page"
     for name in ("energy_stored", "energy_returned"):  # trapezoids of K theta + 5 and K theta, from its zero
         about = (assumed[f"{name}_per_zero"] + stated[f"{name}_per_zero"]) / 2
         assert assumed[name] - stated[name] == pytest.approx(5.0 * about, rel=0.01)

@@ -11,7 +11,7 @@ from dataclasses import replace
 import polars as pl
 
 from osl_analysis.errors import InputError
-from osl_analysis.judge.causes import CAUSES, EVIDENCE, Cause, beyond, causes_in, explaining, suspected_unit
+from osl_analysis.judge.causes import BETWEEN, CAUSES, EVIDENCE, Cause, beyond, causes_in, explaining, suspected_unit
 from osl_analysis.judge.finding import AnyRow, Beyond, Finding, Grade, Remedy, TableLimits, cell_number, subject_of
 from osl_analysis.stats.repeats import DOUBTFUL
 
@@ -125,7 +125,6 @@ def of_walking(row: AnyRow) -> Iterator[str]:
 
 
 EXCLUDED = "excluded"  # column of some tables with the reason why a row has no fit; null in rows with a fit
-BETWEEN = "; "  # names in a cell of the columns `DOUBTFUL` and `not_checked`
 RowFindings = list[list[Finding]]  # those of each row of a table
 
 

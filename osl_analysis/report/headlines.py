@@ -16,6 +16,7 @@ import polars as pl
 
 from osl_analysis.campaign.campaign import ABOUT_MACROS, ABOUT_MEANING, sentence
 from osl_analysis.errors import InputError
+from osl_analysis.judge.causes import doubts_of_result
 from osl_analysis.judge.used import exclusion_said
 from osl_analysis.judge.words import printed
 from osl_analysis.model.compensator import CONTROLLERS
@@ -225,7 +226,8 @@ def numbers_of(name: str, table: pl.DataFrame, example: Example) -> Iterator[Hea
                 number = headline(
                     label, row[quantity], int(row["cycles"]), *ends, "95 % of the mean of cycles (Student)"
                 )
-                yield replace(of_group(number, row["trial"]), doubt=row[DOUBTFUL] or None)
+                doubt = doubts_of_result(row[DOUBTFUL] or "", quantity)
+                yield replace(of_group(number, row["trial"]), doubt=doubt or None)
     elif name == "walking_summary":
         for rows in table.filter(pl.col("mean").is_not_null()).partition_by("group", maintain_order=True):
             for estimator, its in ((HEADLINE_ESTIMATOR, labels), ("up minus down", LABELS["walking_symmetry"])):

@@ -20,7 +20,7 @@ from osl_analysis.judge.causes import doubts_of_result
 from osl_analysis.judge.used import exclusion_said
 from osl_analysis.judge.words import printed
 from osl_analysis.model.compensator import CONTROLLERS
-from osl_analysis.stats.repeats import DOUBTFUL, counted, doubtful_count
+from osl_analysis.stats.repeats import DOUBTFUL, counted, doubtful_count, repeating_trials
 from osl_analysis.table import held_against_desired
 from osl_analysis.trial import Array
 from osl_analysis.yaml_settings import read_mapping
@@ -65,7 +65,7 @@ class Example:
     def meaning(self) -> str:
         stated = [f"{name} = {value:g}" for name, value in (("K_d", self.K_d), ("B_d", self.B_d)) if value is not None]
         if not stated:
-            return "where no K_d or B_d is stated"
+            return "as measured"
         words = f"for {', '.join(stated)}"
         return f"{words} (that of {self.chosen})" if self.chosen else words
 
@@ -196,11 +196,15 @@ def impedance_headlines(impedance: pl.DataFrame, example: Example) -> Iterator[H
             yield from over_fits(labels["torque_error"], trials["torque_error"], np.mean, trials)
         asked = {"K_d": example.K_d, "B_d": example.B_d}
         shown = trials.filter(pl.col(name).eq_missing(pl.lit(value, pl.Float64)) for name, value in asked.items())
-        # a mean of trials that nobody stated to be alike is that of no joint: each has its own, of few
+        # a mean of trials that nobody stated to be alike is that of no joint, unless they repeat one another
         unstated = example.K_d is None and len(shown) > 1
-        parts = shown.partition_by("trial", maintain_order=True) if unstated else [shown]
+        repeated = repeating_trials(shown) if unstated else pl.lit("all")
+        parts = shown.with_columns(repeated=repeated).partition_by("repeated", maintain_order=True)
         for part, symbol in product(parts if len(parts) <= MOST_UNSTATED else (), ("K", "B", "I", "B_viscous", "f_C")):
             label = of_group(labels[f"{symbol}_example"], part["trial"][0] if unstated else "all")
+            label = (
+                with_end(label, f"mean with {len(part) - 1} that repeat it") if unstated and len(part) > 1 else label
+            )
             if len(part) != 1 or part[symbol][0] is None:
                 yield from over_fits(label, counted(part)[symbol], np.mean, part, counted(part))
                 continue

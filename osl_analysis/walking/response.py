@@ -593,7 +593,7 @@ def common_errors(responses: Sequence[PerturbationResponse]) -> tuple[dict[str, 
     of_one = np.mean([np.var(gait, axis=0, ddof=1) for gait, _ in changes], axis=0)
     gait, plate = (np.average(each, axis=0, weights=shares) for each in zip(*changes, strict=True))
     gait_variances, plate_variances = np.var(gait, axis=0, ddof=1) / len(gait), np.diag(jackknife_covariance(plate))
-    common = {
+    common: dict[str, list[CommonError]] = {
         name: [(float(g), len(gait) - 1), (float(p), max(len(plate) - 1, 1))]
         for name, g, p in zip("KBI", gait_variances, plate_variances, strict=True)
     }

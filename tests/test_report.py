@@ -182,6 +182,11 @@ def methods_of(trials, tables, settings, **about):
     return [html.unescape(re.sub(r"\s+", " ", re.sub("<[^>]+>", "", part))) for part in found]
 
 
+def sentences(said):
+    """Of a text, parted where a word begins with a capital behind a full stop."""
+    return re.split(r"(?<=[.?!]) (?=[A-Zτ])", said.partition(" [1] ")[0])
+
+
 def test_the_methods_have_the_numbers_of_settings_sheet_and_tables_and_nothing_that_was_not_done():
     checks = pl.DataFrame({"check": ["rate", "gap"], "value": [249.96, 0.0], "verdict": "pass"})
     origin = {"files": {"log": {"path": "a/b.mcap", "source": "my_bench"}}}
@@ -224,6 +229,7 @@ def test_the_methods_have_the_numbers_of_settings_sheet_and_tables_and_nothing_t
         said, sources = methods_of(trials, made, chosen)
         assert [words for words in shown if words not in said] == []
         assert not re.search(absent, said), "this campaign has none"
+        assert [one for one in sentences(said) if len(re.findall(r"\S*\w\S*", one)) > 30] == []
         assert len(re.findall(r"@\w+{(\w+),", sources)) == int(re.findall(r"\n? ?\[(\d+)\] [A-Z]", said)[-1])
     cff = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     own = ("author", f"{{{cff['authors'][0]['name']}}}"), ("title", cff["title"]), ("year", cff["date-released"].year)

@@ -230,6 +230,26 @@ def test_of_every_figure_a_row_says_what_it_shows_but_of_those_that_have_a_test_
     assert {*FIGURES} - {name for name, *_ in SHOWN} == {"prediction", "chain"}
 
 
+def test_a_stiffness_is_drawn_as_doubtful_where_the_doubt_concerns_it_and_not_for_a_zero_that_nobody_stated():
+    def dashes(doubt):
+        table = torque_angle_table().with_columns(doubtful=pl.lit(doubt), desired=pl.lit(None, pl.String))
+        return [
+            {line.get_linestyle() for line in ax.lines if len(line.get_xdata()) > 2}
+            for ax in torque_angle.draw(table).axes
+        ]
+
+    assert dashes("") == [{"-"}, {"-"}]
+    torque, stiffness = dashes("zero that nobody stated")
+    assert (torque == {"-"}, stiffness) == (False, {"-"})
+    assert dashes("zero that nobody stated; hysteresis")[1] != {"-"}
+
+
+def test_levels_within_a_decade_have_numbers_on_their_axis():
+    few = conditions_of(1).with_columns(noise_level=pl.lit(0.02), magnitude_eq15=pl.col("magnitude") + 0.03)
+    (level,) = (ax for ax in response.draw(few).axes if "level" in ax.get_ylabel())
+    assert sum(bool(label.get_text()) for label in level.get_yticklabels()) >= 2
+
+
 NONE, NOTE = pl.lit(None, pl.Float64), pl.lit("x")
 DOUBT = pl.when(pl.col("trial").is_in(["belt_02", "belt_07", "w2"])).then(pl.lit("VAF 80 is below 90"))
 SAID = [

@@ -194,6 +194,7 @@ def draw_condition(parts: Sequence[Axes], rows: pl.DataFrame) -> dict[str, Any]:
             look: dict[str, Any] = {"color": colour, "markersize": SIZE + 0.3, "mew": 0.5 * (marker == "x")}
             (entries[label],) = beside.plot(f[seen[name]], levels[name][seen[name]], marker, **look)
     beside.set_yscale("log")
+    style.label_log_axis(beside.yaxis, beside.get_ylim(), most=4)
     beside.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     beside.yaxis.set_minor_formatter(NullFormatter())
     beside.set_xlabel("Frequency (Hz)")

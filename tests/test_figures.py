@@ -245,9 +245,15 @@ def test_a_stiffness_is_drawn_as_doubtful_where_the_doubt_concerns_it_and_not_fo
 
 
 def test_levels_within_a_decade_have_numbers_on_their_axis():
-    few = conditions_of(1).with_columns(noise_level=pl.lit(0.02), magnitude_eq15=pl.col("magnitude") + 0.03)
+    few = conditions_of(1).with_columns(
+        magnitude_eq15=pl.lit(None, pl.Float64),
+        noise_level=pl.Series(np.linspace(0.02, 0.03, 4)),
+        **dict.fromkeys(("odd_level", "even_level"), pl.lit(None, pl.Float64)),
+    )
     (level,) = (ax for ax in response.draw(few).axes if "level" in ax.get_ylabel())
-    assert sum(bool(label.get_text()) for label in level.get_yticklabels()) >= 2
+    low, high = level.get_ylim()
+    named = [tick for tick, label in zip(level.get_yticks(), level.get_yticklabels(), strict=True) if label.get_text()]
+    assert (high / low < 10, sum(low <= tick <= high for tick in named) >= 2) == (True, True)
 
 
 NONE, NOTE = pl.lit(None, pl.Float64), pl.lit("x")

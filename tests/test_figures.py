@@ -246,9 +246,8 @@ def test_a_stiffness_is_drawn_as_doubtful_where_the_doubt_concerns_it_and_not_fo
 
 def test_levels_within_a_decade_have_numbers_on_their_axis():
     few = conditions_of(1).with_columns(
-        magnitude_eq15=pl.lit(None, pl.Float64),
         noise_level=pl.Series(np.linspace(0.02, 0.03, 4)),
-        **dict.fromkeys(("odd_level", "even_level"), pl.lit(None, pl.Float64)),
+        **dict.fromkeys(("odd_level", "even_level", "magnitude_eq15", "magnitude_eq9"), pl.lit(None, pl.Float64)),
     )
     (level,) = (ax for ax in response.draw(few).axes if "level" in ax.get_ylabel())
     low, high = level.get_ylim()

@@ -133,7 +133,7 @@ def known_of(findings: pl.DataFrame, tables: Mapping[str, pl.DataFrame], verdict
             if DOUBTFUL not in (rows := tables.get(table, pl.DataFrame())).columns:
                 continue
             judged, named = subjects(rows.filter(pl.col(DOUBTFUL).is_not_null())), table.replace("_", " ")
-            where = f"{experiment} trials" if table in fitted else named
+            where = f"{experiment.replace('_', ' ')} trials" if table in fitted else named
             doubts += doubts_by_cause(of(table, Grade.DOUBTS), of(other, Grade.DOUBTS), other, where, named, judged)
             what = f"{named} trials" if table in fitted else "walking groups"
             for grade, verdict in ((Grade.UNCHECKED, "not checked"), (Grade.NOTES, "remark")):

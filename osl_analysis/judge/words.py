@@ -211,9 +211,14 @@ def late_said(facts: Facts) -> str:
     return f"{signal} is late by {size}, which moves {' and '.join(shares)}"
 
 
+MOST_RIVALS = 3  # explanations that a sentence names
+
+
 def rivals_said(facts: Facts) -> str:
-    """What would explain a misfit and cannot be told apart."""
-    return f"{' or '.join(facts['rivals'].split(', '))} would explain it"
+    """What would explain a misfit and cannot be told apart, the best ones named."""
+    rivals = facts["rivals"].split(", ")
+    more = [f"{len(rivals) - MOST_RIVALS} others"] * (len(rivals) > MOST_RIVALS)
+    return f"{' or '.join([*rivals[:MOST_RIVALS], *more])} would explain it"
 
 
 def loop_said(facts: Facts) -> str:

@@ -211,14 +211,11 @@ def late_said(facts: Facts) -> str:
     return f"{signal} is late by {size}, which moves {' and '.join(shares)}"
 
 
-MOST_RIVALS = 3  # explanations that a sentence names
-
-
 def rivals_said(facts: Facts) -> str:
     """What would explain a misfit and cannot be told apart, the best ones named."""
     rivals = facts["rivals"].split(", ")
-    more = [f"{len(rivals) - MOST_RIVALS} others"] * (len(rivals) > MOST_RIVALS)
-    return f"{' or '.join([*rivals[:MOST_RIVALS], *more])} would explain it"
+    more = [f"{len(rivals) - 3} others"] * (len(rivals) > 3)
+    return f"{' or '.join([*rivals[:3], *more])} would explain it"
 
 
 def loop_said(facts: Facts) -> str:

@@ -77,12 +77,9 @@ LABELS = {
 """The labels by table and quantity, in the order of the summary."""
 
 
-def with_controller(
-    label: Headline, controller: str | None, example: Example, alone: bool = False, rubs: bool = False
-) -> Headline:
-    """The label of one controller; where no trial states one (`alone`) it is not named. Whether any trial `rubs`."""
-    words = {"example": example.meaning(), "friction": ", B without friction where this is certain" * rubs}
-    known, meaning = controller or "no controller", label.meaning.format_map(words)
+def with_controller(label: Headline, controller: str | None, example: Example, alone: bool = False) -> Headline:
+    """The label of one controller; where no trial states one (`alone`) it is not named."""
+    known, meaning = controller or "no controller", label.meaning.format(example=example.meaning())
     name, macro = f"{label.name}_{known.replace(' ', '_')}", letters(known)[:32] + label.macro
     of = controller or "controller not stated" * (not alone)
     return replace(label, name=name, macro=macro, meaning=", ".join(filter(None, [meaning, of])), of=of)
@@ -181,17 +178,17 @@ def impedance_headlines(impedance: pl.DataFrame, example: Example) -> Iterator[H
     for controller in (one for one in (*CONTROLLERS, *others, None) if one in found):
         fits = impedance.filter(pl.col("controller").eq_missing(pl.lit(controller, pl.String)))
         of_all = len(found) == 1
+        labels = {key: with_controller(one, controller, example, of_all) for key, one in LABELS["impedance"].items()}
         trials = fits.filter(pl.col("amplitude_deg").is_null())
-        about = controller, example, of_all, bool(trials["B_viscous"].count())
-        labels = {key: with_controller(one, *about) for key, one in LABELS["impedance"].items()}
         alone = pl.len().over("trial") == 1 if "trial" in fits.columns else pl.lit(False)
         single = fits.filter(pl.col("amplitude_deg").is_not_null() | alone)
         used = counted(trials)
         yield from over_fits(labels["VAF_median"], single["VAF"], np.median, single)
         yield from over_fits(labels["VAF_mean"], single["VAF"], np.mean, single)
         yield from over_fits(labels["K_bias"], 100 * (used["K"] / used["K_d"] - 1), np.mean, trials, used)
-        B = held_against_desired(used)["B"]
-        yield from over_fits(labels["B_error"], (B - used["B_d"]).abs(), np.mean, trials, used)
+        B, of_B = held_against_desired(used)["B"], labels["B_error"]
+        of_B = with_end(of_B, "B without friction where this is certain") if used["B_viscous"].count() else of_B
+        yield from over_fits(of_B, (B - used["B_d"]).abs(), np.mean, trials, used)
         if "torque_error" in used.columns:
             yield from over_fits(labels["torque_error"], trials["torque_error"], np.mean, trials)
         asked = {"K_d": example.K_d, "B_d": example.B_d}

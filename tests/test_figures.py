@@ -244,6 +244,11 @@ def test_a_stiffness_is_drawn_as_doubtful_where_the_doubt_concerns_it_and_not_fo
     assert dashes("zero that nobody stated; hysteresis")[1] != {"-"}
 
 
+def test_a_caption_names_each_cause_of_doubt_once():
+    doubts = pl.DataFrame({"trial": ["a", "b", "c"], "doubtful": ["late torque", "friction; late torque", ""]})
+    assert doubtful_said(doubts) == "Doubtful: 2 of 3 (a, b), for late torque, friction."
+
+
 def test_levels_within_a_decade_have_numbers_on_their_axis():
     few = conditions_of(1).with_columns(
         noise_level=pl.Series(np.linspace(0.02, 0.03, 4)),

@@ -151,6 +151,16 @@ def with_evidence(path: Path, required: Sequence[str] = ()) -> pl.DataFrame:
     return table.join(evidence, on=keys, how="left", nulls_equal=True, maintain_order="left")
 
 
+def held_against_desired(fits: pl.DataFrame) -> pl.DataFrame:
+    """Fits whose B, with its interval, is what is held against B_d: `B_viscous` where friction is certain, as a gain
+    asks for none. The range over single amplitudes holds friction, and is null then."""
+    ends = ("", "_low", "_high", "_amplitudes_low", "_amplitudes_high")
+    own = {f"B{end}": f"B_viscous{end}" for end in ends if f"B{end}" in fits.columns and "B_viscous" in fits.columns}
+    without = {name: pl.col(other) if other in fits.columns else None for name, other in own.items()}
+    rubs = pl.col("B_viscous").is_not_null()
+    return fits.with_columns(pl.when(rubs).then(one).otherwise(name).alias(name) for name, one in without.items())
+
+
 def finite_or_null(row: Mapping[str, Any]) -> dict[str, Any]:
     """A row of a table, or what is nested in it, for JSON: infinity and NaN, which JSON does not have, become null."""
     finite = {

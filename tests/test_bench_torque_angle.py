@@ -19,13 +19,15 @@ from osl_analysis.bench.torque_angle import (
     torque_angle_trial,
 )
 from osl_analysis.campaign.configuration import read_config
-from osl_analysis.commands.bench import fit_torque_angle_trial
+from osl_analysis.commands.bench import estimates_text, fit_torque_angle_trial
 from osl_analysis.config.sheet import read_sheet
 from osl_analysis.dictionary import described_tables
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.examine import saturated
 from osl_analysis.ingest.raw_files import trial_from_files
+from osl_analysis.judge.campaign import campaign_findings, entries, known_of
 from osl_analysis.judge.judging import LATENESS
+from osl_analysis.report.headlines import headline_numbers
 from osl_analysis.trial import Trial
 
 CONFIG, RATE, PERIOD, A = read_config(ROOT / "config/config.yaml"), 250.0, 8.0, np.deg2rad(10)
@@ -172,6 +174,17 @@ def test_cycles_begin_and_end_where_the_angle_comes_back(angles, counts):
     assert (len(used), facts["smaller_cycles"], facts["partial_cycles"]) == counts
 
 
+def test_what_init_prints_of_cycles_is_what_the_fit_keeps_with_those_that_are_left_out_and_why():
+    """Six loadings from a preload: the first and the last one do not come back to where they began."""
+    theta = path(0, *(10, 0.7) * 5, 10, 0)
+    table = torque_angle_table(fitted(theta, K * theta, zero="start"))
+    row = table.row(0, named=True)
+    assert (row["cycles"], row["partial_cycles"]) == (4, 2)
+    assert "mean of cycles: 4 (left out: 2 not whole)" in estimates_text(table)
+    whole = path(0, *(10, 0) * 3)
+    assert "mean of cycles: 3:" in estimates_text(torque_angle_table(fitted(whole, K * whole, zero="start")))
+
+
 def test_a_device_that_starts_from_rest_within_its_loop_is_judged_from_the_second_cycle_on():
     """Cycles of +-A lose 4 limit (A - limit/slip); on its way out the first one has not the torque of the others."""
     slip, limit, theta = 400.0, 4.0, path(0, *(10, -10) * 4, 0)
@@ -193,10 +206,21 @@ def test_a_zero_that_nobody_stated_says_what_it_may_do_to_the_energies():
     theta = path(0, *(10, -10) * 3, 0)
     torque = K * theta + 5.0
     assumed, stated = row_of(theta, torque, zero=None), row_of(theta, torque, zero="none")
-    assert (assumed["not_checked"], assumed["zero_unsure"]) == (OFFSET, pytest.approx(5.0, rel=1e-3))
+    assert (assumed["not_checked"], assumed["zero_unsure"]) == ("", pytest.approx(5.0, rel=1e-3)), "it is doubted"
     assert (stated["zero_unsure"], stated["assumed_zero_share"]) == (None, None)
     assert assumed["assumed_zero_share"] == pytest.approx((5 / (K * A)) ** 2, rel=0.03)  # of K (A^2 + (5/K)^2)
     assert assumed["doubtful"] == "zero that nobody stated"
+    assert assumed["K"] == pytest.approx(stated["K"], rel=1e-9), "a slope has no zero"
+    numbers = headline_numbers({"torque_angle": pl.DataFrame([assumed])})
+    doubted = {number.name.split(" (")[0]: number.doubt for number in numbers}
+    of_energies = [doubted[name] for name in ("energy_stored", "energy_returned")]
+    assert of_energies == ["zero that nobody stated"] * 2
+    assert (doubted["torque_angle_K"], doubted["energy_lost"]) == (None, None)
+    tables, verdicts = {"torque_angle": pl.DataFrame([assumed])}, pl.DataFrame(schema=["check", "trial", "verdict"])
+    found = campaign_findings(tables, verdicts, CONFIG.doubtful)
+    told = [(one["verdict"], one["of"]) for one in known_of(found, tables, verdicts) if one["verdict"] != "not checked"]
+    assert told == [("doubtful in part", "torque angle trials")]
+    assert [one["in_part"] for one in entries(found)][:1] == [True], "K of the trial is clear on the page"
     for name in ("energy_stored", "energy_returned"):  # trapezoids of K theta + 5 and K theta, from its zero
         about = (assumed[f"{name}_per_zero"] + stated[f"{name}_per_zero"]) / 2
         assert assumed[name] - stated[name] == pytest.approx(5.0 * about, rel=0.01)

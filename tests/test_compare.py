@@ -62,7 +62,7 @@ def tables(K=1.0, amplitude=2.0, conditions=8, seed=1):
     for k in range(conditions):
         K_d = 100.0 * (1 + k % 4)
         found = {"K": K * K_d * (1 + 0.005 * rng.standard_normal()), "B": 5.0, "I": rng.normal(0, 0.01), "VAF": 99.0}
-        found["torque_error"] = 1.0
+        found |= {"B_viscous": 4.0 if k % 2 else None, "torque_error": 1.0}
         one = {"trial": f"{k}", "controller": "c", "K_d": K_d, "B_d": float(k // 4), "doubtful": "" if k else "x 1"}
         rows += [one | found | {"amplitude_deg": deg, "commanded_deg": deg} for deg in (amplitude, None)]
     belt = pl.DataFrame({"K_s": rng.normal(685, 3, 4), "doubtful": [""] * 4})
@@ -85,6 +85,14 @@ def test_equal_campaigns_are_equivalent_a_planted_difference_is_seen_and_what_ca
     whole = pl.col("amplitude_deg").is_null()
     means = [scipy.stats.gmean(tables(seed=one)["impedance"].filter(whole)["K"]) for one in (1, 2)]
     assert K["relative_percent"] == pytest.approx(100 * (means[1] / means[0] - 1))
+    rubs = tables()["impedance"].with_columns(B=pl.col("B") + 1.0)  # more friction on the second day, and no damping
+    both = {label_of(row): row for row in compared(tables(), {"impedance": rubs}).iter_rows(named=True)}
+    assert both["impedance B, c"]["difference"] == pytest.approx(1.0)
+    without = both["impedance B without friction, c"]
+    known = ({"impedance": one["impedance"].with_columns(B_se_bench=pl.lit(0.3))} for one in (tables(), tables()))
+    by_bench = {label_of(row): row for row in compared(*known).iter_rows(named=True)}["impedance B without friction, c"]
+    assert by_bench["difference_high"] == pytest.approx(1.96 * math.hypot(0.3, 0.3), rel=0.01), "the bench errs alike"
+    assert (without["n_A"], without["difference"]) == (4, pytest.approx(0.0)), "of trials whose friction is certain"
     walk = other["walking K"]
     known = pl.col("K") * 0.02  # which no scatter shows: the difference is known to 5.5 %
     a, b = ({"impedance": one["impedance"].with_columns(K_se_bench=known)} for one in (tables(), tables(1.08, seed=2)))

@@ -122,7 +122,8 @@ def in_amplitudes():
     """Fig. 5 with ranges over amplitudes, viscous damping, and doubts of the two trials of one condition."""
     ends = {f"{q}_amplitudes_{end}": pl.col(q) + step for q in "KB" for end, step in (("low", -7.0), ("high", 5.0))}
     reason = pl.when(K_d=100, B_d=0).then(pl.lit("VAF 80 is below 90"))
-    return fig5.points(stored("impedance").with_columns(**ends, B_viscous=pl.col("B") - 0.4, doubtful=reason))
+    rubs = {f"B_viscous{end}": pl.col("B") + step for end, step in (("", -0.4), ("_low", -0.5), ("_high", -0.35))}
+    return fig5.points(stored("impedance").with_columns(**ends, **rubs, doubtful=reason))
 
 
 def both_branches():
@@ -158,6 +159,7 @@ APART = [  # the structures' distance from the measured impedance, by the law of
      * (pl.col(f"phase_deg_{m}") - pl.col("phase_deg")).radians().cos()).sqrt() for m in ("eq15", "eq9")
 ]  # fmt: skip
 ESTIMATES = ("{}", "{}_low", "{}_high", "{}_amplitudes_low", "{}_amplitudes_high", "{}_d", "{}_predicted")
+WITHOUT_FRICTION = ("B_viscous", "B_viscous_low", "B_viscous_high", "B_d", "B_predicted")  # held against B_d
 OF_GROUP = ("estimate", "ensemble", "ensemble_low", "ensemble_high", "mean", "commanded")
 SHOWN = [
     # figure, table (None: as stored), panel, its rows, horizontal axis (None: no numbers of the table), vertical axis
@@ -170,7 +172,8 @@ SHOWN = [
     ("fig4", left_out, 2, True, "time", (pl.col("torque") - pl.col("torque_model"),)),
     *(("fig5", in_amplitudes, 2 * k, True, None, [one.format(q) for one in ESTIMATES]) for k, q in enumerate("KB")),
     *(("fig5", in_amplitudes, 2 * k + 1, pl.col(f"{q}_d") > 0, None,
-       [100 * (pl.col(one.format(q)) / pl.col(f"{q}_d") - 1) for one in ESTIMATES]) for k, q in enumerate("KB")),
+       [100 * (pl.col(one) / pl.col(f"{q}_d") - 1) for one in drawn])
+      for k, (q, drawn) in enumerate({"K": [one.format("K") for one in ESTIMATES], "B": WITHOUT_FRICTION}.items())),
     ("fig5", in_amplitudes, 2, True, None, ("B_viscous",)),
     ("fig6", None, 0, True, None, (100 - pl.col("VAF"), 100 - pl.col("VAF").median().over("controller"))),
     ("fig7", response_table, 0, True, "frequency_hz", INTERVALS),
@@ -213,6 +216,7 @@ def test_every_number_of_a_figure_stands_in_its_panel_at_its_place(name, table, 
     parts = [path.vertices for one in some if not np.size(one.get_offsets()) > 2 for path in one.get_paths()]
     lines = [line.get_xydata() for line in axes[panel].lines]
     drawn = np.concatenate([*lines, *(np.asarray(one.get_offsets()) for one in some), *parts])
+    drawn = drawn[~np.isnan(drawn).any(axis=1)]  # what is not drawn is no place
     for column in columns:
         wanted = shown.select(x=pl.lit(0.0) if x is None else x, y=column).drop_nulls().to_numpy()
         assert len(wanted) or column is not columns[0]
@@ -224,6 +228,36 @@ def test_every_number_of_a_figure_stands_in_its_panel_at_its_place(name, table, 
 
 def test_of_every_figure_a_row_says_what_it_shows_but_of_those_that_have_a_test_of_their_own():
     assert {*FIGURES} - {name for name, *_ in SHOWN} == {"prediction", "chain"}
+
+
+def test_a_stiffness_is_drawn_as_doubtful_where_the_doubt_concerns_it_and_not_for_a_zero_that_nobody_stated():
+    def dashes(doubt):
+        table = torque_angle_table().with_columns(doubtful=pl.lit(doubt), desired=pl.lit(None, pl.String))
+        return [
+            {line.get_linestyle() for line in ax.lines if len(line.get_xdata()) > 2}
+            for ax in torque_angle.draw(table).axes
+        ]
+
+    assert dashes("") == [{"-"}, {"-"}]
+    torque, stiffness = dashes("zero that nobody stated")
+    assert (torque == {"-"}, stiffness) == (False, {"-"})
+    assert dashes("zero that nobody stated; hysteresis")[1] != {"-"}
+
+
+def test_a_caption_names_each_cause_of_doubt_once():
+    doubts = pl.DataFrame({"trial": ["a", "b", "c"], "doubtful": ["late torque", "friction; late torque", ""]})
+    assert doubtful_said(doubts) == "Doubtful: 2 of 3 (a, b), for late torque, friction."
+
+
+def test_levels_within_a_decade_have_numbers_on_their_axis():
+    few = conditions_of(1).with_columns(
+        noise_level=pl.Series(np.linspace(0.02, 0.03, 4)),
+        **dict.fromkeys(("odd_level", "even_level", "magnitude_eq15", "magnitude_eq9"), pl.lit(None, pl.Float64)),
+    )
+    (level,) = (ax for ax in response.draw(few).axes if "level" in ax.get_ylabel())
+    low, high = level.get_ylim()
+    named = [tick for tick, label in zip(level.get_yticks(), level.get_yticklabels(), strict=True) if label.get_text()]
+    assert (high / low < 10, sum(low <= tick <= high for tick in named) >= 2) == (True, True)
 
 
 NONE, NOTE = pl.lit(None, pl.Float64), pl.lit("x")

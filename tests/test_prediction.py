@@ -261,6 +261,8 @@ def test_compensation_is_compared_in_pairs_and_its_interval_counts_trials(tmp_pa
     interval = stats.ttest_1samp(by_trial["compensated"] - by_trial["uncompensated"], 0).confidence_interval(0.95)
     assert (single["pairs"], single["difference_low"]) == (8, pytest.approx(interval.low))
     assert found.filter(pl.col("by") == "commanded_deg")["at"].unique().sort().to_list() == [2.0, 4.0]
+    rubs = table.with_columns(B=pl.col("B") + 3, B_viscous="B")
+    assert compensation_table(rubs).equals(found), "friction is no damping that a gain asks for"
     write_table(compensation_table(table.filter(controller="compensated")), tmp_path / "compensation.csv")
     assert claimed({"compensation": read_table(tmp_path / "compensation.csv")})[0].is_empty(), "no pair, no claim"
 
@@ -302,6 +304,9 @@ def test_claims_hold_fail_or_are_undecided_by_their_interval():
     assert by["belt_at_highest_K_d", None]["value"] == pytest.approx(100 * 300 / 685.6)
     assert (by["K", "k"]["verdict"], by["B", "k"]["verdict"]) == ("equivalent", "undecided")
     assert [by[f"{x}_equivalent", None][k] for x in "KB" for k in ("value", "verdict")] == [1, "holds", 0, "undecided"]
+    rubs = {"B": 9.0, "B_low": 8.9, "B_high": 9.1, "B_viscous": 5.1, "B_viscous_low": 5.0, "B_viscous_high": 5.2}
+    without = claimed({"impedance": tables["impedance"].with_columns(**rubs)}, B=1.0)[1]["B", "k"]
+    assert (without["quantity"], without["value"], without["verdict"]) == ("B without friction", 5.1, "equivalent")
     numbers = headline_numbers({"claims": table})
     assert {"inertia_at_lowest_frequency", "K_equivalent"} <= {one.name for one in numbers}
     assert r"\newcommand{\oslInertiaAtHighestFrequencyVerdict}{fails}% verdict" in to_tex({}, numbers)

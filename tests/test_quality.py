@@ -270,7 +270,7 @@ def test_the_torque_of_every_experiment_is_checked_for_rails_and_for_standing_st
 
 def test_the_rest_of_a_load_cell_ends_where_the_joint_first_moves_also_on_a_node_of_its_own():
     theta = np.radians(5) * np.clip((np.arange(4000) - 1000) / 2000, 0, 1)
-    assert ", 1.04 s" in results(bench(-theta), "belt")["unzeroed_load_cell"].remark
+    assert "1.04 s until" in results(bench(-theta), "belt")["unzeroed_load_cell"].remark
     later = bench().select(pl.col("time") + 3e-4, pl.col("torque") + 7.5)
     both = bench().drop("torque").join(later, on="time", how="full", coalesce=True).sort("time")
     assert results(both)["unzeroed_load_cell"].value == pytest.approx(8.0, abs=0.05)

@@ -182,6 +182,11 @@ def methods_of(trials, tables, settings, **about):
     return [html.unescape(re.sub(r"\s+", " ", re.sub("<[^>]+>", "", part))) for part in found]
 
 
+def sentences(said):
+    """Of a text, parted where a word begins with a capital behind a full stop."""
+    return re.split(r"(?<=[.?!]) (?=[A-Zτ])", said.partition(" [1] ")[0])
+
+
 def test_the_methods_have_the_numbers_of_settings_sheet_and_tables_and_nothing_that_was_not_done():
     checks = pl.DataFrame({"check": ["rate", "gap"], "value": [249.96, 0.0], "verdict": "pass"})
     origin = {"files": {"log": {"path": "a/b.mcap", "source": "my_bench"}}}
@@ -224,6 +229,7 @@ def test_the_methods_have_the_numbers_of_settings_sheet_and_tables_and_nothing_t
         said, sources = methods_of(trials, made, chosen)
         assert [words for words in shown if words not in said] == []
         assert not re.search(absent, said), "this campaign has none"
+        assert [one for one in sentences(said) if len(re.findall(r"\S*\w\S*", one)) > 30] == []
         assert len(re.findall(r"@\w+{(\w+),", sources)) == int(re.findall(r"\n? ?\[(\d+)\] [A-Z]", said)[-1])
     cff = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     own = ("author", f"{{{cff['authors'][0]['name']}}}"), ("title", cff["title"]), ("year", cff["date-released"].year)
@@ -484,28 +490,36 @@ def test_friction_stands_beside_B_and_a_doubt_names_the_B_that_it_leaves():
 
 
 @pytest.mark.parametrize("n", [4, 20])
-def test_trials_of_no_stated_condition_are_never_one_condition(n):
-    """Neither a row of the first screen, a repeat nor a headline number may be their mean, which no joint has."""
+def test_trials_of_no_stated_condition_are_one_only_where_they_repeat_each_other_by_all_that_was_measured(n):
+    """Else neither a row of the first screen nor a headline number may be their mean, which no joint has."""
     common = {"amplitude_deg": None, "controller": None, "K_d": None, "B_d": None, "excitation": "multisine"}
     common |= {"band_low_hz": 0.1, "band_high_hz": 5.0, "VAF": 99.0, "interval_method": "units", "doubtful": ""}
     common |= {"B_viscous": None, "f_C": None}
     rows = [
         {"trial": f"t{k}"} | {f"{x}{end}": K + by for x in "KBI" for end, by in (("", 0), ("_low", -1), ("_high", 1))}
-        for k, K in enumerate(np.resize([62.0, 148.0], n))
+        for k, K in enumerate(np.resize([62.0, 148.0], n) if n < 8 else np.linspace(62, 148, n))
     ]
     schema = {"amplitude_deg": pl.Float64, "controller": pl.String, "K_d": pl.Float64, "B_d": pl.Float64}
     table = pl.DataFrame([row | common for row in rows], schema_overrides=schema)
     found = conditions({"impedance": table}, {})
     if n > 8:
-        assert [(one["of"], one["K"]) for one in found] == [("no stated condition", ("62 to 148", "lowest to highest"))]
+        assert [one["trials"] for one in found] == [[f"t{k}"] for k in range(n)], "each K is another one"
     else:
-        assert [one["trials"] for one in found] == [["t0"], ["t1"], ["t2"], ["t3"]]
-        assert [one["K"] for one in found[:2]] == [("62.0", "[61.0, 63.0]"), ("148.0", "[147.0, 149.0]")]
+        assert [one["of"] for one in found] == [f"trials {of}, multisine, 0.1 to 5 Hz" for of in ("t0, t2", "t1, t3")]
+        assert [one["trials"] for one in found] == [["t0", "t2"], ["t1", "t3"]]
+        assert (found[0]["K"][0], found[1]["K"][0]) == ("62.00", "148.0"), "a mean"
+        other = table.with_columns(B=pl.when(trial="t2").then(90.0).otherwise("B"))
+        assert [one["trials"] for one in conditions({"impedance": other}, {})] == [["t0"], ["t1", "t3"], ["t2"]]
     assert repeated_trials_table(table).is_empty()
     assert len(repeated_trials_table(table.with_columns(K_d=pl.lit(100.0)))) == 3
+    late = table.with_columns(doubtful=pl.when(trial="t2").then(pl.lit("late torque")).otherwise("doubtful"))
+    (first, *_) = conditions({"impedance": late}, {})
+    assert (first["doubt"], first["K"]) == (
+        ("1 left out of the mean", ("62.0", "[61.0, 63.0]")) if n < 8 else ("", first["K"])
+    )
     numbers = headline_numbers({"impedance": table}, Example(K_d=None, B_d=None))
     own = [(one.value, one.of) for one in numbers if one.name.startswith("K_example")]
-    assert own == [(K, f"t{k}") for k, K in enumerate([62.0, 148.0, 62.0, 148.0])] * (n <= 8)
+    assert own == [(62.0, "t0, mean with 1 that repeat it"), (148.0, "t1, mean with 1 that repeat it")] * (n <= 8)
 
 
 def test_crossings_are_drawn_in_degrees_the_residual_is_measured_minus_model_and_raw_signals_are_thinned_out():

@@ -479,6 +479,16 @@ def test_a_missing_or_broken_summary_is_refused(tmp_path, content, message):
         read_summary(tmp_path / "summary.json")
 
 
+def test_the_error_of_the_damping_is_without_friction_where_this_is_certain_and_says_so_only_there():
+    rubs, whole = impedance(), pl.col("amplitude_deg").is_null()
+    error = by_name({"impedance": rubs.filter(whole)})["B_error_compensated"]
+    assert (error.value, "without friction" in error.meaning) == (pytest.approx((0.2 + 0.1) / 2), True)
+    none = rubs.filter(whole).with_columns(B_viscous=pl.lit(None, pl.Float64))
+    recorded = by_name({"impedance": none})["B_error_compensated"]
+    assert (recorded.value, "friction" in recorded.meaning) == (pytest.approx((0.5 + 0.1) / 2), False)
+    assert by_name({"impedance": rubs})["B_example_compensated"].value == 5.5, "as recorded, beside it"
+
+
 def test_headline_means_say_how_many_doubtful_trials_they_leave_out_or_contain():
     made = impedance()
     whole = made.filter(pl.col("amplitude_deg").is_null() & (pl.col("controller") == "compensated"))
@@ -487,7 +497,9 @@ def test_headline_means_say_how_many_doubtful_trials_they_leave_out_or_contain()
     counts = {name: (h.n, h.n_doubtful, h.n_left_out) for name, h in found.items()}
     assert by_name({"impedance": made.with_columns(doubtful=pl.lit("x"))})["K_example_compensated"].n_doubtful == 1
     assert found["K_bias_compensated"].value == pytest.approx(-1.0)
-    assert found["B_error_compensated"].value == pytest.approx(0.3)
+    assert found["B_error_compensated"].value == pytest.approx(0.15), (
+        "of 5.2 without friction, and of 0.1 that has none"
+    )
     assert counts["K_bias_compensated"] == counts["B_error_compensated"] == (2, 1, 1)
     assert counts["K_bias_uncompensated"] == (1, 1, 0), "its only trial is doubtful"
     assert counts["VAF_mean_compensated"] == (3, 1, 0)

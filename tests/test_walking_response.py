@@ -134,12 +134,14 @@ def test_the_common_variance_is_what_drawing_the_unperturbed_crossings_anew_give
     """The bootstrap of the unperturbed crossings alone, of equal responses: the ensemble is then their mean. Six
     crossings leave a bootstrap of 2000 a Monte Carlo error of 3 %, and first order 10 % of what is not."""
     isolated = [response_of(walked("p", onset=ONSET), usual(2e-3, 6))] * 2
-    (variance, freedom), (plate, _) = fitting.common_errors(isolated)["K"]
+    (variance, freedom), (plate, _) = fitting.common_errors(isolated)[0]["K"]
     drawn = Ensemble(isolated).resampled(2000)
     assert (variance, freedom, plate) == (pytest.approx(np.var(drawn.draws["K"]), rel=0.15), 5, 0)
     assert fit_response(isolated[0]).se("K") ** 2 == pytest.approx(7 * variance), "s^2 (1 + 1/6) of a single one"
     up, down = isolated_all((1, -1))[:2]  # both directions count alike
-    assert fitting.common_errors([up, up, down])["K"][0] == pytest.approx(fitting.common_errors([up, down])["K"][0])
+    assert fitting.common_errors([up, up, down])[0]["K"][0] == pytest.approx(
+        fitting.common_errors([up, down])[0]["K"][0]
+    )
     np.testing.assert_array_equal(drawn.draws["B"], Ensemble(isolated).resampled(2000).draws["B"])  # it repeats itself
 
 
@@ -151,7 +153,7 @@ def test_the_plate_s_share_is_the_same_in_every_interval() -> None:
     random, still = np.random.default_rng(21), response_of(crossing("p", 0.6), mean_gait(6))
     pitch, phase = random.uniform(2, 8, (4, 1)), random.uniform(0, 6, (4, 1))
     still = replace(still, plate_errors=np.sin(2 * np.pi * pitch * still.time + phase))
-    single, (plate, freedom) = fit_response(still), fitting.common_errors([still, still])["K"][1]
+    single, (plate, freedom) = fit_response(still), fitting.common_errors([still, still])[0]["K"][1]
     assert (freedom, single.se("K")) == (3, pytest.approx(np.sqrt(plate), rel=0.01))
     assert single.interval_method == "unperturbed crossings + plate trials"
     assert np.std(Ensemble([still, still]).resampled(3000).draws["K"]) == pytest.approx(np.sqrt(plate), rel=0.05)

@@ -40,6 +40,7 @@ from osl_analysis.model.drivetrain import DrivetrainParameters, joint_admittance
 from osl_analysis.spectral.periods import distinct
 from osl_analysis.stats.regression import Row, estimates_row, lag_damping_row
 from osl_analysis.stats.repeats import alike_sizes, counted, doubtful_row, over_repeats, summary_row
+from osl_analysis.table import held_against_desired
 from osl_analysis.trial import Array
 
 
@@ -352,6 +353,7 @@ def calibration_table(analysis: Analysis, known: Known) -> pl.DataFrame:
 
 def repeated_trials_table(impedance: pl.DataFrame) -> pl.DataFrame:
     """A row per condition and motion with two trials or more, and quantity, with Student's interval over the trials.
+    Motions are alike in band, period and size (`alike_sizes`).
 
     Each trial counts with its fit to all of its motion. The interval contains everything that differs from trial to
     trial, as the distortion that friction makes of another realisation of a random motion; the intervals of the single
@@ -365,14 +367,9 @@ def repeated_trials_table(impedance: pl.DataFrame) -> pl.DataFrame:
     told = whole.select("^(K|B|I|B_viscous|f_C)$").columns
     stated = whole.drop_nulls("K_d") if "K_d" in whole.columns else whole
     for key, condition in stated.group_by(keys, maintain_order=True):
-        motions: list[tuple[Array, list[int]]] = []  # trials of motions that are alike in band, period and size
-        for row, own in enumerate(condition.select(sizes).fill_null(0.0).to_numpy()):
-            realisations = next((of for first, of in motions if np.allclose(first, own, rtol=0.15)), None)
-            if realisations is None:
-                motions.append((own, [row]))
-            else:
-                realisations.append(row)
-        for trials in (condition[of] for _, of in motions if len(of) > 1):
+        alike = [alike_sizes(condition[name].cast(pl.Float64)).alias(f"{name}_alike") for name in sizes]
+        groups = condition.with_columns(alike).group_by([one.name for one in alike] or keys, maintain_order=True)
+        for trials in (of_motion for _, of_motion in groups if len(of_motion) > 1):
             used = counted(trials.with_columns(pl.col("^B_se_bench$").alias("B_viscous_se_bench")))
             band = {"band_low_hz": trials["band_low_hz"].min(), "band_high_hz": trials["band_high_hz"].max()}
             left_out = {**doubtful_row(trials), "n_left_out": len(trials) - len(used)}
@@ -400,7 +397,7 @@ def compensation_table(impedance: pl.DataFrame) -> pl.DataFrame:
     a difference is Student's over pairs of trials: amplitudes of one trial are no independent pairs. Amplitudes are
     those that were commanded; where none is stated, the measured ones, which are alike."""
     size = "commanded_deg" if impedance["commanded_deg"].is_not_null().any() else "amplitude_deg"
-    known = impedance.with_columns(alike_sizes(impedance[size].cast(pl.Float64)))
+    known = held_against_desired(impedance).with_columns(alike_sizes(impedance[size].cast(pl.Float64)))
     known = known.drop_nulls(["K_d", "B_d"]).filter(pl.col("K_d") != 0)
     values = {name: value.mean() for name, (_, value) in COMPARED.items()}
     means = known.group_by(*ASKED, size, "controller").agg(**values)

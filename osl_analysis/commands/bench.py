@@ -376,6 +376,10 @@ def rows_json(table: pl.DataFrame, findings: Sequence[Sequence[Finding]] = ()) -
     return json.dumps(rows, indent=2)
 
 
+LEFT_OUT = {"settled": "first", "smaller": "below 90 % of the range", "partial": "not whole"}
+"""Cycles of torque against angle that are not analysed, and why."""
+
+
 def estimates_text(estimates: pl.DataFrame, findings: Sequence[Sequence[Finding]] = ()) -> str:
     """The estimates as text: a line per fit and quantity, with 95 % interval and VAF, and the doubts among the
     `findings` about each row."""
@@ -384,7 +388,9 @@ def estimates_text(estimates: pl.DataFrame, findings: Sequence[Sequence[Finding]
         assert isinstance(row, dict)
         which = "all amplitudes"
         if "cycles" in row:
-            which = f"mean of cycles: {row['cycles']}"
+            counts = {why: row.get(f"{kind}_cycles") for kind, why in LEFT_OUT.items()}
+            left_out = ", ".join(f"{n} {why}" for why, n in counts.items() if n)
+            which = f"mean of cycles: {row['cycles']}{f' (left out: {left_out})' * bool(left_out)}"
         elif row.get("amplitude_deg") is not None:
             which = f"{row['amplitude_deg']:g} deg"
         elif row.get("excitation") not in (None, "stepped sine"):

@@ -28,7 +28,7 @@ from osl_analysis.model.compensator import Weight
 from osl_analysis.model.drivetrain import FileOrNone, desired_admittance, joint_admittance, joint_of, read_parameters
 from osl_analysis.refusal import Refusal, read_refusals
 from osl_analysis.stats.repeats import DOUBTFUL
-from osl_analysis.table import read_table, write_table
+from osl_analysis.table import read_table, with_evidence, write_table
 from osl_analysis.trial import read_trial
 from osl_analysis.walking.crossing import DOWN, UP
 from osl_analysis.walking.response import unperturbed_gait
@@ -53,7 +53,7 @@ def plot_numbers(
     """Write what figure `name` plots, from the one result table that it shows, or up to three. `option` is the value of
     the setting that the list of figures names; None: not set."""
     figure = drawing_of(name)
-    read = [read_table(path, figure.needs if path is table else ()) for path in (table, second, third) if path]
+    read = [with_evidence(table, figure.needs), *(read_table(path) for path in (second, third) if path)]
     write_table(figure.points(*read) if option is None else figure.points(*read, option), output)
 
 

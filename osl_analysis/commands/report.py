@@ -103,10 +103,7 @@ def write_report(
         "not_made": [one for one in refused if not one.trial],
     }
     for path, form in ((methods_md, "md"), (methods_tex, "tex")):
-        told = content | {
-            "methods": deepcopy(content["methods"]),
-            "form": form,
-        }  # what a template asks for is there then
+        told = content | {"methods": deepcopy(content["methods"]), "form": form}  # what a template asks for is there
         write_text(path, page.template("methods.txt.j2").render(told))
     write_text(output, written_page(content, pages))
 

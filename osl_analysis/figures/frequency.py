@@ -8,7 +8,7 @@ import numpy as np
 import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
+from matplotlib.ticker import MaxNLocator
 
 from osl_analysis.errors import InputError
 from osl_analysis.figures import columns_of, names, style
@@ -194,8 +194,7 @@ def draw_condition(parts: Sequence[Axes], rows: pl.DataFrame) -> dict[str, Any]:
             look: dict[str, Any] = {"color": colour, "markersize": SIZE + 0.3, "mew": 0.5 * (marker == "x")}
             (entries[label],) = beside.plot(f[seen[name]], levels[name][seen[name]], marker, **look)
     beside.set_yscale("log")
-    beside.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    beside.yaxis.set_minor_formatter(NullFormatter())
+    style.label_log_axis(beside.yaxis, beside.get_ylim(), most=4)
     beside.set_xlabel("Frequency (Hz)")
     for ax in parts:
         ax.set_xlim(0, 1.04 * float(np.max(f)))

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 
 from osl_analysis.errors import InputError
 from osl_analysis.figures import columns_of, names, style
+from osl_analysis.table import held_against_desired
 
 OF_FITS = ("trial", "controller", "K_d", "B_d", "amplitude_deg")
 
@@ -136,12 +137,11 @@ def draw_fig5(table: pl.DataFrame) -> Figure:
 
 def errors_of(rows: pl.DataFrame, symbol: str) -> pl.DataFrame:
     """The same rows with all that is drawn of one quantity in percent of its desired value, less 100; null where none
-    is above zero."""
+    is above zero. Of a damping that without friction, where this is certain."""
     desired, kinds = pl.col(f"{symbol}_d"), ("", "_low", "_high", "_amplitudes_low", "_amplitudes_high", "_predicted")
-    drawn = [f"{symbol}{kind}" for kind in (*kinds, "_viscous") if f"{symbol}{kind}" in rows.columns]
-    return rows.with_columns(
-        pl.when(desired > 0).then(100 * (pl.col(name) / desired - 1)).alias(name) for name in drawn
-    )
+    held = held_against_desired(rows).with_columns(B_viscous=pl.lit(None, pl.Float64))
+    drawn = (pl.col(f"{symbol}{kind}") for kind in kinds)
+    return held.with_columns(pl.when(desired > 0).then(100 * (one / desired - 1)).name.keep() for one in drawn)
 
 
 def label_percent_axis(ax: Axes) -> None:

@@ -14,6 +14,7 @@ from matplotlib.font_manager import FontProperties, findfont, get_font
 from matplotlib.transforms import Bbox
 
 from osl_analysis.figures.style import GREY, LOOKS, PAPER, Dash, Look, paper_style
+from osl_analysis.judge.causes import BETWEEN
 from osl_analysis.stats.repeats import IS_DOUBTFUL
 
 COLOURS = ("#3F8FBF", "#6B3A0A", "#2F5555", "#B98860", "#2B46F0")
@@ -143,7 +144,8 @@ def doubtful_said(table: pl.DataFrame) -> str:
     if found.is_empty():
         return "No fit is doubtful." if len(judged) else ""
     of = f"{len(found)} of {judged['whose'].n_unique()} ({listed_text(found['whose'])})"
-    return f"Doubtful: {of}, for {as_text(', '.join(dict.fromkeys(found['doubtful'])))}."
+    causes = dict.fromkeys(cause for cell in found["doubtful"] for cause in cell.split(BETWEEN))
+    return f"Doubtful: {of}, for {as_text(', '.join(causes))}."
 
 
 AXIS_LABELS = {

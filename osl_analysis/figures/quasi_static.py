@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from scipy.stats import median_abs_deviation
 
 from osl_analysis.figures import columns_of, names, style
+from osl_analysis.judge.causes import doubts_of_result
 from osl_analysis.stats.repeats import IS_DOUBTFUL
 
 OUTLIER = style.ORANGE
@@ -135,6 +136,7 @@ def draw_curves(left: Axes, right: Axes, table: pl.DataFrame, colours: dict[str,
             rows = trial.filter(pl.col("branch") == branch)
             (drawn,) = left.plot(rows["angle_deg"], rows["torque"], linewidth=width, **look)
             drawn.set_url(style.place_in_report(trial["trial"][0]))
+        look["linestyle"] = style.DOTTED if doubts_of_result(trial["doubtful"][0] or "", "K") else "-"
         rows = trial.filter(pl.col("branch") == "loading").drop_nulls("stiffness")
         right.plot(rows["angle_deg"], rows["stiffness"], linewidth=WIDTHS["loading"], **look)
         band = rows.drop_nulls(["stiffness_low", "stiffness_high"])

@@ -512,8 +512,8 @@ def measure_unzeroed_load_cell(examined: Examined) -> CheckResult:
     if rest.sum() < 2 or np.ptp(time[rest]) < 0.2:  # s, the shortest rest that tells
         return not_applicable("the recording begins while the joint moves")
     mean = float(torque[rest].mean())
-    said = f"{mean:.3g} N*m until the angle leaves its start by {100 * AT_REST:g} % of its range"
-    return CheckResult(abs(mean), f"{said}, {np.ptp(time[rest]):.2f} s")
+    said = f"{np.ptp(time[rest]):.2f} s until the angle leaves its start by {100 * AT_REST:g} % of its range"
+    return CheckResult(abs(mean), "negative, " * (mean < 0) + said)
 
 
 def measure_unzeroed_plate(examined: Examined) -> CheckResult:

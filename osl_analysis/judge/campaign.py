@@ -10,6 +10,7 @@ import polars as pl
 
 from osl_analysis.config.experiments import EXPERIMENTS, doubts_of, judged_tables
 from osl_analysis.errors import listing
+from osl_analysis.judge.causes import CAUSES
 from osl_analysis.judge.finding import ESTIMATES, FINDING_COLUMNS, Beyond, Finding, Grade, finding_rows, findings_frame
 from osl_analysis.judge.judging import judged, unchecked_in, with_inherited
 from osl_analysis.judge.limits import CHECKS, DoubtfulFits
@@ -97,7 +98,8 @@ def entries(findings: pl.DataFrame) -> list[Entry]:
     """The findings of `findings.csv`, each with its numbers under `evidence`: column, value, limit and side."""
     found: dict[int, Entry] = {}
     for row in findings.iter_rows(named=True):
-        in_part = row["amplitude_deg"] is not None or row["frequency_hz"] is not None
+        in_part = any(row[name] is not None for name in ("amplitude_deg", "frequency_hz"))
+        in_part |= row["cause"] in CAUSES and bool(CAUSES[row["cause"]].of)
         entry = found.setdefault(row["finding"], row | {"evidence": [], "in_part": in_part})
         if row["evidence"] is not None:
             entry["evidence"].append(Beyond(row["evidence"], row["value"], row["limit"], row["side"]))
@@ -131,7 +133,7 @@ def known_of(findings: pl.DataFrame, tables: Mapping[str, pl.DataFrame], verdict
             if DOUBTFUL not in (rows := tables.get(table, pl.DataFrame())).columns:
                 continue
             judged, named = subjects(rows.filter(pl.col(DOUBTFUL).is_not_null())), table.replace("_", " ")
-            where = f"{experiment} trials" if table in fitted else named
+            where = f"{experiment.replace('_', ' ')} trials" if table in fitted else named
             doubts += doubts_by_cause(of(table, Grade.DOUBTS), of(other, Grade.DOUBTS), other, where, named, judged)
             what = f"{named} trials" if table in fitted else "walking groups"
             for grade, verdict in ((Grade.UNCHECKED, "not checked"), (Grade.NOTES, "remark")):
@@ -158,7 +160,8 @@ def doubts_by_cause(
     where += f", in {table} alone" if other else ""
     for in_part in (False, True):
         some = [one for one in left if (bool(other) or (one["trial"], one["cause"]) not in whole) is in_part]
-        place = where + ", at single amplitudes alone" * (in_part and not other)
+        single = in_part and not other and all(one["amplitude_deg"] is not None for one in some)
+        place = where + ", at single amplitudes alone" * single
         yield from by_cause(some, "doubtful" + " in part" * in_part, place, judged)
 
 

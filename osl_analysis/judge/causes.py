@@ -25,6 +25,7 @@ class Cause:
     of_recording: bool = False
     """A fault of the recording does not come and go with the amplitude: the fit to all of a trial must show it, too."""
     first: bool = False  # whether it makes others, as a wrong unit or sign does
+    of: Sequence[str] = ()  # the results that it concerns, where others do not depend on it; empty: all
     without: Mapping[str, str] = field(default_factory=dict)
     """Columns with the estimates of the same fit with this cause as a column of the regression, by K, B and I."""
 
@@ -41,9 +42,16 @@ class Evidence:
     witness: str = ""  # column of another ratio that tells a unit from another device; its own name: none is needed
 
 
+BETWEEN = "; "  # names of causes in a cell
 CAUSES = {name: Cause(name, **facts) for name, facts in TABLE["causes"].items()}
 EVIDENCE = {name: Evidence(name, **facts) for name, facts in TABLE["columns"].items()}
 """The evidence by column. Any other column may have a limit: its name is then all that is known of it."""
+
+
+def doubts_of_result(names: str, result: str) -> str:
+    """Of the causes in a cell of the column `DOUBTFUL` those that concern one result of the fit."""
+    apart = [cause for cause in CAUSES.values() if cause.of and result not in cause.of]
+    return BETWEEN.join(name for name in names.split(BETWEEN) if name not in {cause.name for cause in apart})
 
 
 def beyond(row: AnyRow, limits: TableLimits) -> dict[str, Beyond]:

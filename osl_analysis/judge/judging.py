@@ -11,11 +11,13 @@ from dataclasses import replace
 import polars as pl
 
 from osl_analysis.errors import InputError
-from osl_analysis.judge.causes import CAUSES, EVIDENCE, Cause, beyond, causes_in, explaining, suspected_unit
+from osl_analysis.judge.causes import BETWEEN, CAUSES, EVIDENCE, Cause, beyond, causes_in, explaining, suspected_unit
 from osl_analysis.judge.finding import AnyRow, Beyond, Finding, Grade, Remedy, TableLimits, cell_number, subject_of
 from osl_analysis.stats.repeats import DOUBTFUL
 
 LATENESS = "whether the torque is late"
+ZERO = "whether the torque at rest is the load cell's offset or what hysteresis leaves in the device"
+DOUBTED = {ZERO: "zero that nobody stated"}  # by what could not be checked the doubt that says it already
 HAVE_UNCHECKED = ("belt", "transmission", "actuator", "impedance", "human_joint", "torque_angle", "walking_groups")
 """Judged tables of which something may not be checked."""
 MEASURED_BY = {"belt": "K_s", "transmission": "B_j", "actuator": "k_tau_n_m"}
@@ -84,7 +86,7 @@ def of_others(table: str, row: AnyRow) -> Iterator[str]:
         if row.get("smaller_cycles"):
             yield "cycles that are smaller than the largest"
         if row.get("zero_unsure") is not None:
-            yield "whether the torque at rest is the load cell's offset or what hysteresis leaves in the device"
+            yield ZERO
         if lacks(row, "rate_change"):
             yield LATENESS
     if table == "actuator" and lacks(row, "B_m"):
@@ -125,7 +127,6 @@ def of_walking(row: AnyRow) -> Iterator[str]:
 
 
 EXCLUDED = "excluded"  # column of some tables with the reason why a row has no fit; null in rows with a fit
-BETWEEN = "; "  # names in a cell of the columns `DOUBTFUL` and `not_checked`
 RowFindings = list[list[Finding]]  # those of each row of a table
 
 
@@ -170,7 +171,9 @@ def judged(table: pl.DataFrame, limits: TableLimits, name: str) -> RowFindings:
             doubt(name, row, cause, numbers, remedy)
             for cause, numbers in causes_in(row, found, explaining(row, found) or of_trial[trial])
         ]
-        others = [replace(one, remedy=Remedy.DOUBTED if doubts else one.remedy) for one in unchecked_in(name, row)]
+        remedy = Remedy.DOUBTED if doubts else Remedy.WHOLE
+        said = {one.cause for one in doubts}
+        others = [replace(one, remedy=remedy) for one in unchecked_in(name, row) if DOUBTED.get(one.cause) not in said]
         every.append([*doubts, *others] if is_fit else [])
     return every
 

@@ -24,7 +24,7 @@ from osl_analysis.trial import rms
 
 Between = Callable[[Sample, Sample], Difference]
 COMPARED_QUANTITIES = {
-    "impedance": ("K", "B", "I", "VAF", "torque_error"), "belt": ("K_s",), "transmission": ("B_j", "J_j"),
+    "impedance": ("K", "B", "B_viscous", "I", "VAF", "torque_error"), "belt": ("K_s",), "transmission": ("B_j", "J_j"),
     "actuator": ("k_tau_n_m", "f_C", "f_G", "B_m", "J_m"), "walking_summary": ("K", "B", "I"),
 }  # fmt: skip
 """What is compared, by table."""
@@ -142,7 +142,7 @@ def row_of(parts: Sequence[pl.DataFrame | None], quantity: str, margin: float | 
 def bench_error(parts: Sequence[pl.DataFrame | None], quantity: str, as_share: bool = False) -> float:
     """Standard error of the difference between two campaigns, or as a share of their estimates, by what is stated of
     their benches: all trials of a campaign share it. 0 where nothing is."""
-    known, errors = f"{quantity}_se_bench", list[float]()
+    known, errors = f"{quantity.removesuffix('_viscous')}_se_bench", list[float]()
     for part in parts:
         if part is not None and known in part.columns and len(used := part.drop_nulls([quantity, known])):
             errors.append(rms(used[known].to_numpy() / (used[quantity].to_numpy() if as_share else 1.0)))
@@ -173,7 +173,8 @@ def ratio_of(a: Sample, b: Sample, between: Between, margin: float | None) -> di
 
 def label_of(row: Mapping[str, Any]) -> str:
     """What a row is about, as `impedance K, compensated`."""
-    parts = (f"{row['experiment']} {row['quantity']}", row["controller"], row["group"], row["joint"], row["side"])
+    quantity = "B without friction" if row["quantity"] == "B_viscous" else row["quantity"]
+    parts = (f"{row['experiment']} {quantity}", row["controller"], row["group"], row["joint"], row["side"])
     return ", ".join(part for part in parts if part not in (None, "all", "ankle"))
 
 

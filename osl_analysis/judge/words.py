@@ -212,8 +212,10 @@ def late_said(facts: Facts) -> str:
 
 
 def rivals_said(facts: Facts) -> str:
-    """What would explain a misfit and cannot be told apart."""
-    return f"{' or '.join(facts['rivals'].split(', '))} would explain it"
+    """What would explain a misfit and cannot be told apart, the best ones named."""
+    rivals = facts["rivals"].split(", ")
+    more = [f"{len(rivals) - 3} others"] * (len(rivals) > 3)
+    return f"{' or '.join([*rivals[:3], *more])} would explain it"
 
 
 def loop_said(facts: Facts) -> str:

@@ -16,10 +16,12 @@ import polars as pl
 
 from osl_analysis.campaign.campaign import ABOUT_MACROS, ABOUT_MEANING, sentence
 from osl_analysis.errors import InputError
+from osl_analysis.judge.causes import doubts_of_result
 from osl_analysis.judge.used import exclusion_said
 from osl_analysis.judge.words import printed
 from osl_analysis.model.compensator import CONTROLLERS
-from osl_analysis.stats.repeats import DOUBTFUL, counted, doubtful_count
+from osl_analysis.stats.repeats import DOUBTFUL, counted, doubtful_count, repeating_trials
+from osl_analysis.table import held_against_desired
 from osl_analysis.trial import Array
 from osl_analysis.yaml_settings import read_mapping
 
@@ -63,7 +65,7 @@ class Example:
     def meaning(self) -> str:
         stated = [f"{name} = {value:g}" for name, value in (("K_d", self.K_d), ("B_d", self.B_d)) if value is not None]
         if not stated:
-            return "where no K_d or B_d is stated"
+            return "as measured"
         words = f"for {', '.join(stated)}"
         return f"{words} (that of {self.chosen})" if self.chosen else words
 
@@ -184,16 +186,22 @@ def impedance_headlines(impedance: pl.DataFrame, example: Example) -> Iterator[H
         yield from over_fits(labels["VAF_median"], single["VAF"], np.median, single)
         yield from over_fits(labels["VAF_mean"], single["VAF"], np.mean, single)
         yield from over_fits(labels["K_bias"], 100 * (used["K"] / used["K_d"] - 1), np.mean, trials, used)
-        yield from over_fits(labels["B_error"], (used["B"] - used["B_d"]).abs(), np.mean, trials, used)
+        B, of_B = held_against_desired(used)["B"], labels["B_error"]
+        of_B = with_end(of_B, "B without friction where this is certain") if used["B_viscous"].count() else of_B
+        yield from over_fits(of_B, (B - used["B_d"]).abs(), np.mean, trials, used)
         if "torque_error" in used.columns:
             yield from over_fits(labels["torque_error"], trials["torque_error"], np.mean, trials)
         asked = {"K_d": example.K_d, "B_d": example.B_d}
         shown = trials.filter(pl.col(name).eq_missing(pl.lit(value, pl.Float64)) for name, value in asked.items())
-        # a mean of trials that nobody stated to be alike is that of no joint: each has its own, of few
+        # a mean of trials that nobody stated to be alike is that of no joint, unless they repeat one another
         unstated = example.K_d is None and len(shown) > 1
-        parts = shown.partition_by("trial", maintain_order=True) if unstated else [shown]
+        repeated = repeating_trials(shown) if unstated else pl.lit("all")
+        parts = shown.with_columns(repeated=repeated).partition_by("repeated", maintain_order=True)
         for part, symbol in product(parts if len(parts) <= MOST_UNSTATED else (), ("K", "B", "I", "B_viscous", "f_C")):
             label = of_group(labels[f"{symbol}_example"], part["trial"][0] if unstated else "all")
+            label = (
+                with_end(label, f"mean with {len(part) - 1} that repeat it") if unstated and len(part) > 1 else label
+            )
             if len(part) != 1 or part[symbol][0] is None:
                 yield from over_fits(label, counted(part)[symbol], np.mean, part, counted(part))
                 continue
@@ -219,7 +227,8 @@ def numbers_of(name: str, table: pl.DataFrame, example: Example) -> Iterator[Hea
                 number = headline(
                     label, row[quantity], int(row["cycles"]), *ends, "95 % of the mean of cycles (Student)"
                 )
-                yield replace(of_group(number, row["trial"]), doubt=row[DOUBTFUL] or None)
+                doubt = doubts_of_result(row[DOUBTFUL] or "", quantity)
+                yield replace(of_group(number, row["trial"]), doubt=doubt or None)
     elif name == "walking_summary":
         for rows in table.filter(pl.col("mean").is_not_null()).partition_by("group", maintain_order=True):
             for estimator, its in ((HEADLINE_ESTIMATOR, labels), ("up minus down", LABELS["walking_symmetry"])):

@@ -22,13 +22,14 @@ from bokeh.resources import Resources
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 from markupsafe import Markup
 
+from osl_analysis.errors import listing
 from osl_analysis.judge.campaign import Entry
 from osl_analysis.judge.finding import ESTIMATES, Grade
 from osl_analysis.judge.words import WORDS, printed, without_names
 from osl_analysis.report import TEMPLATES
-from osl_analysis.report.headlines import MOST_UNSTATED, first_said, hold_bench_errors, said_number
+from osl_analysis.report.headlines import first_said, hold_bench_errors, said_number
 from osl_analysis.report.trial_page import ReportedTrial, response_said, value_and_interval
-from osl_analysis.stats.repeats import summary_row
+from osl_analysis.stats.repeats import counted, repeating_trials, summary_row
 
 ALL_SAMPLES = 250  # trials of which a page draws all samples that a series has: some 15 MB
 FIRST_FIGURES = ("fig5", "walking_page", "torque_angle", "response", "fig3")
@@ -117,17 +118,16 @@ def state_of(trials: Sequence[ReportedTrial], known: Sequence[Mapping[str, Any]]
 
 def conditions(tables: Mapping[str, pl.DataFrame], findings: Mapping[str, Sequence[Entry]]) -> list[dict[str, Any]]:
     """K, B and I of each condition, what was commanded of which joint, or walking group, with the trials that carry it
-    and what is doubted. Of several trials their mean (`summary_row`); of those without a stated K_d each has a row,
-    and many of them one with their lowest and highest. `findings` are those on each trial."""
+    and what is doubted. Of several trials their mean (`summary_row`); those without a stated K_d have a row for each
+    that others repeat (`repeating_trials`). `findings` are those on each trial."""
     found = of_groups(tables, findings)
     for name in ("impedance", "human_joint"):
         table = tables.get(name, pl.DataFrame(schema=["trial", "amplitude_deg"]))
         whole = table.filter(pl.col("amplitude_deg").is_null()) if "amplitude_deg" in table.columns else table
         keys = [one for one in CONDITION if one in whole.columns and whole[one].n_unique() > 1]
         none = whole.get_column("K_d", default=pl.repeat(None, len(whole), eager=True)).is_null()
-        whole = whole.with_columns(unstated=none & (pl.len().over(*keys, pl.lit("all")) > 1))
-        each = whole["unstated"].sum() <= MOST_UNSTATED
-        whole = whole.with_columns(own=pl.when(pl.col("unstated") & each).then("trial"))
+        unstated = none & (pl.len().over(*keys, pl.lit("all")) > 1)
+        whole = whole.with_columns(own=pl.when(unstated).then(repeating_trials(whole) if none.any() else None))
         for rows in whole.partition_by([*keys, "own"], maintain_order=True):
             found.append(condition(rows, name, keys, findings))
     return found
@@ -137,18 +137,33 @@ def condition(
     rows: pl.DataFrame, table: str, keys: Sequence[str], findings: Mapping[str, Sequence[Entry]]
 ) -> dict[str, Any]:
     """What the table of `conditions` says of the fits of one, which have the `keys` in common."""
-    row, trials = rows.row(0, named=True), rows["trial"].to_list()
-    is_range = row["unstated"] and row["own"] is None
+    used, trials = counted(rows), rows["trial"].to_list()
+    row = used.row(0, named=True)
     shown = [*ESTIMATES, *(one for one in BESIDE_B if one in rows.columns and not rows[one].null_count())]
-    if len(rows) > 1 and not is_range:
+    if len(used) > 1:
         for symbol in shown:
-            mean = summary_row(rows, symbol)
+            mean = summary_row(used, symbol)
             row |= {f"{symbol}{end}": mean[of] for end, of in IN_SUMMARY.items()}
     of = [f"{key} {row[key]:g}" if key in ("K_d", "B_d") else row[key] for key in keys if row[key] is not None]
-    of += [f"trial {row['own']}"] * (row["own"] is not None) + ["no stated condition"] * is_range
+    if row["own"] is not None:
+        of += [f"trial{'s' * (len(rows) > 1)} {listing(trials, 3)}", motion_said(row)]
     about = [one for trial in trials for one in findings.get(trial, ())]
-    cells = ranges_of(rows, shown) if is_range else {symbol: value_and_interval(row, symbol) for symbol in shown}
-    return {"of": ", ".join(of) or "all", "trials": trials, **doubts_said(about, table, row, len(trials)), **cells}
+    cells = {symbol: value_and_interval(row, symbol) for symbol in shown}
+    doubts, without = doubts_said(about, table, row, len(trials)), len(rows) - len(used)
+    left_out = f"{without} left out of the mean" * (without > 0)
+    doubts["doubt"] = "; ".join(filter(None, [doubts["doubt"], left_out]))
+    return {"of": ", ".join(of) or "all", "trials": trials, **doubts, **cells}
+
+
+def motion_said(row: Mapping[str, Any]) -> str:
+    """What moved the joint in a trial, as measured."""
+    kind = row.get("excitation") or "other"
+    said = ["motion without a period" if kind == "other" else kind]
+    if row.get("band_low_hz") is not None:
+        said.append(f"{row['band_low_hz']:.2g} to {row['band_high_hz']:.2g} Hz")
+    if row.get("theta_rms_deg") is not None:
+        said.append(f"{row['theta_rms_deg']:.2g}° RMS")
+    return ", ".join(said)
 
 
 def of_groups(tables: Mapping[str, pl.DataFrame], findings: Mapping[str, Sequence[Entry]]) -> list[dict[str, Any]]:
@@ -166,15 +181,6 @@ def of_groups(tables: Mapping[str, pl.DataFrame], findings: Mapping[str, Sequenc
 IN_SUMMARY = {"": "mean", "_low": "low", "_high": "high"}  # of a quantity in a summary
 CONDITION = ("joint", "side", "controller", "K_d", "B_d")
 BESIDE_B = ("B_viscous", "f_C")  # friction, which B holds: said where every trial has them
-
-
-def ranges_of(trials: pl.DataFrame, names: Sequence[str]) -> dict[str, tuple[str, str]]:
-    """Lowest and highest of each estimate, which are no interval."""
-    ends = {symbol: [trials[symbol].min(), trials[symbol].max()] for symbol in names}
-    return {
-        symbol: (" to ".join(value_and_interval({symbol: end}, symbol)[0] for end in both), "lowest to highest")
-        for symbol, both in ends.items()
-    }
 
 
 def doubts_said(entries: Sequence[Entry], table: str, row: Mapping[str, Any], n: int = 1) -> dict[str, Any]:

@@ -32,11 +32,25 @@ class Repeats:
     interval_method: str | None = None  # which of both it is; None without an interval
 
 
-def alike_sizes(sizes: pl.Series) -> pl.Series:
+REPEATS_WITHIN = {"band_high_hz": 1.15, "theta_rms_deg": 1.15, "K": 1.03, "B": 1.15}
+"""Of two trials of one excitation, for which nothing is stated, the ratios up to which they repeat each other."""
+
+
+def repeating_trials(table: pl.DataFrame) -> pl.Series:
+    """The name of the first trial that each of a table (n,) repeats, by all that was measured of them; of most trials
+    its own."""
+    same = [
+        alike_sizes(table[name], ratio).alias(name) for name, ratio in REPEATS_WITHIN.items() if name in table.columns
+    ]
+    motion = [name for name in ("excitation",) if name in table.columns]
+    return table.with_columns(*same).select(pl.col("trial").first().over(*motion, *(one.name for one in same)))["trial"]
+
+
+def alike_sizes(sizes: pl.Series, ratio: float = 1.15) -> pl.Series:
     """By what measured amplitudes (n,) [deg] are paired: the median of those that follow one another by less than 15 %
     in size, to three digits. Null stays null."""
     order = sizes.unique().drop_nulls().sort()
-    number = (order > 1.15 * order.shift(1)).fill_null(False).cum_sum()
+    number = (order > ratio * order.shift(1)).fill_null(False).cum_sum()
     labels = pl.DataFrame({"size": order, "number": number}).select(pl.col("size").median().over("number"))["size"]
     return sizes.replace_strict(order, labels.round_sig_figs(3), default=None, return_dtype=pl.Float64)
 

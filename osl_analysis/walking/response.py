@@ -585,22 +585,19 @@ def cross_validated(responses: Sequence[PerturbationResponse], fit: LinearFit) -
     return best, 1 - missed[best] / missed[()] if best else 0.0
 
 
-def common_errors(responses: Sequence[PerturbationResponse]) -> dict[str, list[CommonError]]:
-    """Variances of errors of K, B and I that all perturbations share: of mean gait, and of the plate."""
+def common_errors(responses: Sequence[PerturbationResponse]) -> tuple[dict[str, list[CommonError]], dict[str, float]]:
+    """Variances of errors of K, B and I that all perturbations share, of mean gait and of the plate; and those of one
+    perturbation as unperturbed crossings scatter, with the degrees of freedom of mean gait."""
     shares = np.abs(joining_weights(signs_of(responses)))
     changes = [estimate_changes(r, fit_without_offset(r.fitted_motion, r.fitted_torque)) for r in responses]
+    of_one = np.mean([np.var(gait, axis=0, ddof=1) for gait, _ in changes], axis=0)
     gait, plate = (np.average(each, axis=0, weights=shares) for each in zip(*changes, strict=True))
     gait_variances, plate_variances = np.var(gait, axis=0, ddof=1) / len(gait), np.diag(jackknife_covariance(plate))
-    return {
+    common: dict[str, list[CommonError]] = {
         name: [(float(g), len(gait) - 1), (float(p), max(len(plate) - 1, 1))]
         for name, g, p in zip("KBI", gait_variances, plate_variances, strict=True)
     }
-
-
-def gait_scatter(responses: Sequence[PerturbationResponse]) -> tuple[dict[str, float], int]:
-    """Variances of K, B and I of one perturbation as unperturbed crossings scatter, and their degrees of freedom."""
-    changes = [estimate_changes(r, fit_without_offset(r.fitted_motion, r.fitted_torque))[0] for r in responses]
-    return dict(zip("KBI", np.var(changes, axis=1, ddof=1).mean(axis=0).tolist(), strict=True)), len(changes[0]) - 1
+    return common, dict(zip("KBI", of_one.tolist(), strict=True))
 
 
 @dataclass(frozen=True)
@@ -609,6 +606,7 @@ class GroupHeadline:
 
     responses: Sequence[PerturbationResponse]
     common: Mapping[str, Sequence[CommonError]]  # errors that all single fits share, by quantity
+    of_one: Mapping[str, float]  # variance of one perturbation as unperturbed crossings scatter, by quantity
     directions: Mapping[str, tuple[Mapping[str, float], Bootstrap, int]]
     """Of `up`, `down` and `up minus down` the estimates, resampled ones, perturbations; empty if there is one only."""
     share: float  # of the unperturbed crossings' deviations that their behaviour before the onset predicts
@@ -637,7 +635,7 @@ def group_headline(perturbed: Sequence[Crossing], gait: UnperturbedGait, setting
         draws = {name: ups.draws[name] - downs.draws[name] for name in up}
         difference = Bootstrap(draws, min(ups.degrees_of_freedom, downs.degrees_of_freedom))
         directions["up minus down"] = {name: up[name] - down[name] for name in up}, difference, n_up + n_down
-    return GroupHeadline(responses, common_errors(responses), directions, share, *own, other)
+    return GroupHeadline(responses, *common_errors(responses), directions, share, *own, other)
 
 
 @dataclass(frozen=True)

@@ -409,7 +409,7 @@ def headline_rows(
     few crossings they are at least those of the unperturbed ones' scatter: a bootstrap does not leave the range of n
     crossings, outside of which the mean of all is with a probability of 2^(1 - n)."""
     common, signs = headline.common, isolation.signs_of(headline.responses)
-    counts, (of_one, freedom) = np.unique(signs, return_counts=True)[1], isolation.gait_scatter(headline.responses)
+    counts, freedom = np.unique(signs, return_counts=True)[1], common["K"][0][1]
     rows: list[dict[str, object]] = []
     for name in GROUP_QUANTITIES:
         mean = over_repeats(fits[name].to_numpy(), common.get(name, ()), signs)
@@ -423,9 +423,9 @@ def headline_rows(
         error = 0.0 if "minus" in estimator else stated.get(quantity, 0.0)  # it cancels in the difference
         value, se, ends, method = values[quantity], resampled.se(quantity), resampled.interval(quantity), "bootstrap"
         of = [n] if estimator in (UP, DOWN) else counts
-        if quantity in of_one and min(of) < FEW_CROSSINGS:
+        if quantity in common and min(of) < FEW_CROSSINGS:
             halves = 1 if "minus" in estimator else len(of)
-            scatter = float(np.sqrt(of_one[quantity] * np.sum(1 / np.array(of)))) / halves
+            scatter = float(np.sqrt(headline.of_one[quantity] * np.sum(1 / np.array(of)))) / halves
             half = float(-scipy.special.stdtrit(freedom, 0.025)) * scatter
             ends, se = (min(ends[0], value - half), max(ends[1], value + half)), max(se, scatter)
             method = "bootstrap, scatter of unperturbed crossings"

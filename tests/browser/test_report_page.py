@@ -157,6 +157,16 @@ def test_it_sorts_by_numbers_both_ways_with_missing_ones_last(page):
     assert page.find_elements(By.CSS_SELECTOR, "#table tbody tr")[-1].find_elements(By.TAG_NAME, "td")[5].text == "–"
 
 
+def test_on_paper_the_table_of_trials_names_the_causes_of_doubt(page):
+    page.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print", "features": []})
+    doubted = [row for row in page.find_elements(By.CSS_SELECTOR, "#table tbody tr") if row.is_displayed()]
+    said = {row.get_attribute("data-verdict"): row.find_element(By.CSS_SELECTOR, "td.doubt").text for row in doubted}
+    page.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "", "features": []})
+    assert "clear" not in said
+    assert all(said[verdict] for verdict in ("doubtful", "doubtful in part", "flagged") if verdict in said)
+    assert {*said} & {"doubtful", "doubtful in part", "flagged"}
+
+
 def test_it_filters_by_words_and_verdict_and_says_why_a_trial_was_left_out(page):
     page.find_element(By.ID, "search").send_keys("belt_0")
     assert visible(page) == ["belt_02", "belt_01"], "clear ones last"

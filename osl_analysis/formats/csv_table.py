@@ -9,6 +9,7 @@ from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import zip_longest
 from pathlib import Path
 from typing import Literal
 
@@ -33,6 +34,8 @@ THOUSANDS = {
     ",": re.compile(r"([+-]?\d{1,3}(?:\.\d{3})+),(\d+)"),
 }
 """By the decimal sign: numbers whose thousands have the other one."""
+WHOLE_THOUSANDS = {sign: re.compile(rf"[+-]?[1-9]\d{{0,2}}({re.escape(sign)}\d{{3}})+") for sign in ",."}
+SMALL_WHOLE = re.compile(r"[+-]?\d{1,3}")
 CLOCK = r"(?:(\d+) days?,? )?\+?(\d{1,3}):(\d{2})(?::(\d{1,2}))?(?:[.,:](\d{1,9}))?\d*(?: ?([AaPp])\.?[Mm]\.?)?"
 TIME = rf"^(?:\d{{1,4}}[-/.]\d{{1,2}}[-/.]\d{{1,4}}[T ]\s*)?{CLOCK}\s*(?:Z|UTC|([+-]\d{{2}}):?(\d{{2}}))?$"
 MOST_COLUMNS = 10_000  # of a table; a file with more is transposed, or no recording
@@ -165,7 +168,11 @@ def cell_numbers(cells: Sequence[str | None] | pl.Series, missing: Collection[st
         plain = text.str.replace(".", "?", literal=True).str.replace(",", ".", literal=True)
     values = plain.cast(pl.Float64, strict=False).to_numpy().copy()
     values[absent] = np.nan
-    for place in np.flatnonzero(~np.isfinite(values) & ~absent).tolist():  # `+1.5`, `1.0D-3`: polars does not read them
+    unread, other = np.flatnonzero(~np.isfinite(values) & ~absent).tolist(), "." if decimal == "," else ","
+    is_grouped = bool(unread) and WHOLE_THOUSANDS[other].fullmatch(str(text[unread[0]])) is not None
+    if is_grouped and are_whole_thousands(text.filter(~pl.Series(absent)).to_list(), other):
+        return cell_numbers(text.str.replace_all(other, "", literal=True), missing, decimal)
+    for place in unread:  # `+1.5`, `1.0D-3`: polars does not read them
         cell, thousands = str(plain[place]), THOUSANDS[decimal].fullmatch(str(text[place]))
         if thousands:  # `12.681,27`: both signs tell which is which
             cell = re.sub("[.,]", "", thousands[1]) + "." + thousands[2]
@@ -173,6 +180,14 @@ def cell_numbers(cells: Sequence[str | None] | pl.Series, missing: Collection[st
             raise UnreadableCellError(place)
         values[place] = float(re.sub("[dD]", "e", cell))
     return values
+
+
+def are_whole_thousands(cells: Collection[str], sign: str) -> bool:
+    """Whether the numbers of a column are whole, with a sign between their thousands, as `998` and `1.000`: a number
+    with three decimals stands beside none without, and one without its zeros at the end never ends in a zero."""
+    grouped = [cell for cell in cells if not SMALL_WHOLE.fullmatch(cell)]
+    ends = any(cell.endswith("0") for cell in grouped)
+    return len(grouped) < len(cells) and ends and all(WHOLE_THOUSANDS[sign].fullmatch(cell) for cell in grouped)
 
 
 def is_number_cell(cell: str) -> bool:
@@ -551,12 +566,17 @@ def without_cut_row(rows: Rows, width: int, damage: Ledger, whole: bool) -> Rows
 def decimal_of(rows: Sequence[tuple[int, Sequence[str | None]]]) -> str:
     """The decimal sign of the cells: a comma where numbers have one and none has a full stop, unless each may be one
     between thousands."""
-    cells = [cell for _, row in (*rows[:FIRST_LINES], *rows[-LAST_LINES:]) for cell in row if cell]
+    columns = zip_longest(*(row for _, row in (*rows[:FIRST_LINES], *rows[-LAST_LINES:])))
+    numbers = [[cell for cell in column if cell and is_value(cell) and cell not in MISSING] for column in columns]
+    others = [column for column in numbers if not are_whole_thousands(column, ".")]
+    cells = [cell for column in others for cell in column]
     commas = [cell for cell in cells if re.fullmatch(r"[+-]?\d*,\d+([eE][+-]?\d+)?", cell)]
     if any(THOUSANDS[","].fullmatch(cell) for cell in cells):
         return ","
     stops = any(re.fullmatch(r"[+-]?\d*\.\d+([eEdD][+-]?\d+)?", cell) for cell in cells)
-    thousands = all(re.fullmatch(r"[+-]?[1-9]\d{0,2},\d{3}", cell) for cell in commas)
+    if len(others) < len(numbers):
+        return "." if stops else ","
+    thousands = all(WHOLE_THOUSANDS[","].fullmatch(cell) for cell in commas)
     return "," if commas and not stops and not thousands else "."
 
 

@@ -302,8 +302,8 @@ class Table:
     found: Mapping[str, Mapping[str, str]] = field(default_factory=dict)  # what it says of a column, as its full name
     lines: NDArray[np.int64] | None = None  # line of each row in a file of text, counted from 1
     has_stamps: bool = False  # its column of time held times of day, and holds ns
-    # beside a stated rate: what may tell the time in the file, by name, (rows,) each, and rates that it states [Hz]
-    clocks: Sequence[tuple[str, NDArray[Any]]] = ()
+    # what else may tell the time in the file, by name, with its unit, (rows,) each, and rates that it states [Hz]
+    clocks: Sequence[tuple[str, str, NDArray[Any]]] = ()
     rates: Sequence[tuple[str, float]] = ()
     noun: str = "row"  # what messages call a row
     failed: str = "NaN"  # what messages call a reading that failed

@@ -28,7 +28,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.formats.c3d import BLOCK
 from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.raw_files import FORMATS, recognise
-from osl_analysis.ingest.source import Recording
+from osl_analysis.ingest.source import Recording, spikes_of, values_of_no_sensor
 
 ROWS, SECOND_RUN = 120, 1000
 MESSAGES = {"time": {"source": "header"}, "channels": CHANNELS, "largest_loss": 1.0}
@@ -348,6 +348,50 @@ def test_a_part_that_is_that_of_another_place_is_lost_and_motion_without_noise_i
     ):
         pl.DataFrame({"t": clock[: a.size], "a": a, "f": f}).write_csv(tmp_path / "a.csv")
         assert FORMATS["csv"].read(tmp_path / "a.csv", source).losses.get("lost", 0) == lost
+
+
+def test_a_block_of_one_channel_over_another_is_lost_and_channels_that_follow_each_other_are_not(
+    tmp_path: Path,
+) -> None:
+    """Six numbers are too few to be told by their noise; sound are a command and an angle that is the same later."""
+    k, noise = np.arange(600), np.random.default_rng(3).normal(size=(600, 2))
+    t, steps = k / 100, np.repeat([0.0, 5.0, -5.0, 2.0, 0.0, 1.0], 100) + 1e-3 * k
+    angle, torque = 20 * np.sin(k / 27) + 0.05 * noise[:, 0], 30 * np.cos(k / 25) + 0.1 * noise[:, 1]
+    source = FORMATS["csv"].source.model_validate({"format": "csv", **columns_as("column")})
+    for a, f, lost in (
+        (angle, torque, 0),
+        (angle, np.r_[torque[:300], angle[100:106], torque[306:]], 6),
+        (np.r_[angle[:300], t[100:106], angle[306:]], torque, 6),
+        (steps, np.r_[steps[:1], steps[:-1]], 0),
+    ):
+        pl.DataFrame({"t": t, "a": a, "f": f}).write_csv(tmp_path / "a.csv")
+        recording = FORMATS["csv"].read(tmp_path / "a.csv", source)
+        assert recording.damage.misfits.total() == lost
+        assert not lost or any("6 rows of" in said and "those of" in said for said in recording.warnings)
+
+
+def test_one_wrong_number_is_told_by_what_all_others_leave_and_corners_and_impacts_are_not() -> None:
+    k, noise = np.arange(2000), np.random.default_rng(3).normal(size=2000)
+    motion = 30 * np.sin(k / 25) + 0.1 * noise
+    for row, size, told in ((700, 4.0, True), (700, 1.0, False), (3, 4.0, True)):
+        wrong = motion.copy()
+        wrong[row] += size  # 40 SD of the noise, which the motion itself does in three rows
+        found = values_of_no_sensor("torque", k / 100, wrong, {})
+        assert found is not None
+        assert np.flatnonzero(found).tolist() == [row] * told
+    for sound in (np.maximum(k - 700.0, 0), np.exp(-np.abs(k - 700.3) / 2), np.where(k > 700, 5.0, 0) + 0.1 * noise):
+        assert not spikes_of(sound)
+
+
+def test_an_angle_that_moves_faster_than_a_joint_can_is_no_sensors(tmp_path: Path) -> None:
+    """At 100 Hz, where a torque may leap: half a radian in one row."""
+    k, noise = np.arange(2000), np.random.default_rng(3).normal(size=2000)
+    angle = 0.35 * np.sin(k / 27) + 1e-3 * noise
+    moved = np.r_[angle[:700], angle[100:130], angle[730:]]
+    for column, expected in (("theta", [700, 730]), ("torque", [])):
+        found = values_of_no_sensor(column, k / 100, moved, {})
+        assert found is not None
+        assert np.flatnonzero(found).tolist() == expected
 
 
 def test_a_step_of_time_unlike_all_others_is_told_and_one_of_an_uneven_clock_is_not(tmp_path: Path) -> None:

@@ -62,6 +62,7 @@ def read_table_log(path: Path, source: TableSource) -> Recording:
         raise InputError(f"holds one {table.noun} of data: nothing to analyse; record the trial again, or exclude it")
     time, start = time_of(table, source)
     apart = check_clocks(table, source, time)
+    tell_moved(table, wanted(source))
     first_by: dict[int, str] = {}
     for column, channel in source.channels.items():  # one column under two names, as its own and by its number
         other = first_by.setdefault(id(table.columns[channel.name]), column)
@@ -102,6 +103,39 @@ def read_table_log(path: Path, source: TableSource) -> Recording:
     return (
         exported_plates(table, recording, source) if isinstance(source, OpenSimSource) and source.plates else recording
     )
+
+
+def tell_moved(table: Table, names: Sequence[str]) -> None:
+    """Count as lost where a channel leaps to numbers that another one has in another place, four or more in a row: a
+    block of one was written over the other. A channel that follows another one has its numbers everywhere."""
+    columns = {name: np.ma.getdata(table.columns[name]) for name in names}
+    columns = {name: raw for name, raw in columns.items() if raw.dtype.kind == "f"}
+    for name, raw in columns.items():
+        for begin in leaps_of(raw):
+            block = raw[begin : begin + 4]
+            others = [one for one in columns if one != name and block.size == np.unique(block).size == 4]
+            for other, own in ((one, columns[one]) for one in others):
+                places = [
+                    at for at in np.flatnonzero(own[:-3] == block[0]).tolist() if (own[at : at + 4] == block).all()
+                ]
+                if len(places) != 1 or places[0] == begin:
+                    continue
+                lag = places[0] - begin
+                alike = raw[max(0, -lag) : raw.size - max(0, lag)] == own[max(0, lag) : own.size + min(0, lag)]
+                length = int(np.argmin(np.append(alike[begin - max(0, -lag) :], False)))
+                if np.count_nonzero(alike) < length + 4:
+                    said = f"{length} {table.noun}s of {name} from {table.place(begin)} on are those of {other}"
+                    said += f" from {table.place(places[0])} on: a part of the file was written over another"
+                    table.damage.lose(said, 0, Counter(), 0)
+                    table.damage.misfits[0] += length
+
+
+def leaps_of(raw: NDArray[Any], most: int = 24) -> list[int]:
+    """The rows (n,) into which a channel leaps, ten times as far as it usually goes from row to row; the largest."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        steps = np.nan_to_num(np.abs(np.diff(raw)))
+    largest = np.argsort(steps)[-most:] if steps.size <= most else np.argpartition(steps, -most)[-most:]
+    return [int(at) + 1 for at in largest if steps[at] / 10 > np.median(steps)]
 
 
 def wanted(source: TableSource) -> list[str]:

@@ -741,7 +741,7 @@ def stands_apart(time: Array, x: Array, quickest: float | None) -> list[int]:
 
 def spikes_of(x: Array) -> list[int]:
     """Rows of one reading of (n,) that lies off the curve through the two before and after, and leaves no other off it
-    than that makes: by 20 times the scatter of all, 28 SD of its noise, and four times as far as any other."""
+    than that makes: by 25 times the scatter of all, 35 SD of its noise, and four times as far as any other."""
     with np.errstate(invalid="ignore", over="ignore"):
         off = x[2:-2] - (4 * (x[1:-3] + x[3:-1]) - x[:-4] - x[4:]) / 6
     if off.size < 4 * LEAPS or not np.isfinite(off).all():
@@ -749,9 +749,9 @@ def spikes_of(x: Array) -> list[int]:
     sizes, found = np.abs(off), list[int]()
     scatter = float(np.median(sizes)) / 0.6745
     largest = np.argpartition(sizes, -LEAPS)[-LEAPS:]
-    for at in largest[sizes[largest] / 20 > scatter].tolist() if scatter else ():
-        beside = off[max(0, at - 1) : at + 2 : 2] / off[at]  # of one wrong reading -2/3; of a corner -1/2
-        if (np.abs(beside + 2 / 3) < 0.12).all():
+    for at in largest[sizes[largest] / 25 > scatter].tolist() if scatter else ():
+        beside = off[max(0, at - 1) : at + 2 : 2] / off[at]  # of one wrong reading -2/3; of a corner -1/2, of a blow -3/4
+        if (np.abs(beside + 2 / 3) < 0.08).all():
             found.append(at)
     rest = sizes.copy()
     for at in found:

@@ -277,6 +277,43 @@ def test_whatever_is_read_of_a_damaged_file_was_written_or_its_loss_is_told(tmp_
     assert min(became.count(result) for result in ("refused", "told", "whole")) > 10
 
 
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
+def test_half_a_file_is_refused_or_its_end_is_missing_or_not_known_and_never_complete(
+    kind: Kind, tmp_path: Path
+) -> None:
+    """Cut where a row or a segment ends: text and TDMS do not say how long they are."""
+    one = kind.write(tmp_path / kind.name, 0)
+    known = FORMATS[recognise(one)]
+    source = known.source.model_validate({"format": recognise(one), **kind.source})
+    part = max((own for own in [*one.rglob("*"), one] if own.is_file()), key=lambda own: own.stat().st_size)
+    content = part.read_bytes()
+    mark = b"TDSm" if kind.name.endswith(".tdms") else b"\n" if kind.checked else b""
+    at = content.find(mark, len(content) // 2) + (mark == b"\n")
+    part.write_bytes(content[: at if at > 0 else len(content) // 2])
+    with suppress(InputError):
+        recording = known.read(one, source)
+        damage = recording.damage.report(recording.topics)
+        assert damage["complete"] is not True
+        assert damage["expected"] is None or damage["lost"]
+        assert mark == b"\n" or damage["end_missing"] or "end" in known.inspect(one).facts
+
+
+def test_a_number_of_samples_above_a_table_tells_that_its_end_is_missing(tmp_path: Path) -> None:
+    source = FORMATS["csv"].source.model_validate({"format": "csv", **columns_as("column")})
+    rows = "".join(f"{k / 100},{k % 7},{k % 5}\n" for k in range(60))
+    for above, complete, end_missing in (
+        ("Samples: 60\n", True, False), ("# Number of frames: 120\n", False, True), ("Subject: 120\n", None, False),
+        ("Samples,60,60\n", True, False), ("Total samples=600\n", False, True), ("Samples: 1.5 s\n", None, False),
+    ):  # fmt: skip
+        (tmp_path / "a.csv").write_text(above + "t,a,f\n" + rows)
+        report = FORMATS["csv"].read(tmp_path / "a.csv", source).damage.report()
+        assert (report["complete"], report["end_missing"], report["lost"]) == (
+            complete,
+            end_missing,
+            None if end_missing else 0,
+        )
+
+
 def test_two_parts_of_an_array_at_one_place_are_refused(tmp_path: Path) -> None:
     """A flipped bit in the index gave a part twice and another not at all."""
     write_mat73(path := tmp_path / "a.mat", **signals(0))

@@ -36,6 +36,10 @@ THOUSANDS = {
 """By the decimal sign: numbers whose thousands have the other one."""
 WHOLE_THOUSANDS = {sign: re.compile(rf"[+-]?[1-9]\d{{0,2}}({re.escape(sign)}\d{{3}})+") for sign in ",."}
 SMALL_WHOLE = re.compile(r"[+-]?\d{1,3}")
+STATED_ROWS = re.compile(
+    r"(?i)\W*(?:total |(?:number|no\.?) of )?(?:samples|rows|frames|length|data points)[\s:=,;]+(\d+)\b(?![.,]\d)"
+)
+"""Text above a table that tells how many rows it has."""
 CLOCK = r"(?:(\d+) days?,? )?\+?(\d{1,3}):(\d{2})(?::(\d{1,2}))?(?:[.,:](\d{1,9}))?\d*(?: ?([AaPp])\.?[Mm]\.?)?"
 TIME = rf"^(?:\d{{1,4}}[-/.]\d{{1,2}}[-/.]\d{{1,4}}[T ]\s*)?{CLOCK}\s*(?:Z|UTC|([+-]\d{{2}}):?(\d{{2}}))?$"
 MOST_COLUMNS = 10_000  # of a table; a file with more is transposed, or no recording
@@ -298,6 +302,17 @@ def read_csv_table(path: Path, layout: CsvLayout, is_unit: IsUnit, most_rows: in
     """The rows of a log as text, of a long one the first `most_rows`; InputError if it has rows that the layout does
     not allow. `is_unit` tells a unit."""
     data, ends = read_text(path)
+    table = table_of_text(data, ends, layout, is_unit, most_rows)
+    stated = [int(found[1]) for text in table.comments if (found := STATED_ROWS.match(text))]
+    table.damage.end_unknown = len(table.lines) not in stated
+    if most_rows is None and stated and len(table.lines) < min(stated):
+        said = f"its text states {min(stated)} samples, and {len(table.lines)} rows are there"
+        table.damage.miss_end(f"{said}: the end is missing, or the number counts something else")
+    return table
+
+
+def table_of_text(data: bytes, ends: bool, layout: CsvLayout, is_unit: IsUnit, most_rows: int | None) -> CsvTable:
+    """The rows of a text, of a long one the first `most_rows`."""
     first, last, count = 0, len(data), data.count(b"\n")
     if count < 2 * (FIRST_LINES + LAST_LINES):
         return table_of(numbered(data), layout, is_unit, ends)

@@ -39,7 +39,7 @@ def as_utf8(data: bytes) -> bytes:
 
 def read_json_lines(path: Path) -> JsonLines:
     """The lines of a file. A last line that breaks off, as a killed logger leaves it, is left out."""
-    every, damage = as_utf8(path.read_bytes()).split(b"\n"), Ledger()
+    every, damage = as_utf8(path.read_bytes()).split(b"\n"), Ledger(end_unknown=True)
     numbered = [(number, text) for number, text in enumerate(every, 1) if text.strip(b" \t\r\n")]
     if numbered and every[-1] and not is_whole(numbered[-1][1]):
         damage.miss_end(f"the last line, {numbered.pop()[0]}, breaks off and was left out")

@@ -120,6 +120,7 @@ class Ledger:
     of each channel, or the rows of a table under 0. What is not known is None, never 0."""
 
     end_missing: bool = False  # the recorder did not finish, or the file was cut off: nobody knows what followed
+    end_unknown: bool = False  # nothing tells where it ends, as of lines of text: a part of it looks as the whole does
     gaps: bool = False  # some part of the file cannot be read or is missing; the summary counts as a part
     expected: int | None = None  # messages in it as it says; None if it does not, or is not trusted
     declared: Counter[int] | None = None  # the same for each channel
@@ -198,9 +199,9 @@ class Ledger:
         wrong = self.gaps or chunks != 0 or self.expected not in (None, self.messages)
         wrong |= lost not in (None, 0) or (self.declared is not None and +self.declared != +self.read)
         found = {
-            "complete": False if wrong else None if lost is None else True,
+            "complete": False if wrong else None if lost is None or self.end_unknown else True,
             "end_missing": self.end_missing,
-            "expected": self.expected if lost is None else sound + lost,
+            "expected": self.expected if lost is None or self.end_unknown else sound + lost,
             "read": sound,
             "lost": lost,
             "share_lost": max((self.share_lost(own) for own in (topics or {}).values()), default=self.share_lost()),

@@ -22,6 +22,7 @@ from osl_analysis.formats.json_lines import MOST_ELEMENTS, addresses_of, decode_
 from osl_analysis.formats.mat import Value, address_with, open_mat
 from osl_analysis.formats.message_fields import FieldDescription, describe_message, last_name
 from osl_analysis.formats.messages import ChannelLog, decode_topics, read_channels
+from osl_analysis.formats.table import Ledger
 from osl_analysis.formats.tdms import read_tdms
 from osl_analysis.ingest import logs
 from osl_analysis.ingest.captures import plate_count, plate_loads, plate_parameter, vertical_axis
@@ -245,11 +246,17 @@ def inspect_table(name: str, path: Path) -> Overview:
         settings.pop("missing", None)
     facts = {"rows": f"{len(table.lines)}{', of more' * is_long}"}
     facts |= {"delimiter": repr(table.delimiter)} if table.delimiter else {}
+    facts |= end_of(table.damage)
     facts |= {f"comment {i + 1}": text for i, text in enumerate(table.comments[:20])}
     return overview_of(
         name, columns, "columns", timing=timing, left_open=left_open, facts=facts, remarks=table.damage.remarks,
         settings=settings, clock=clock,
     )  # fmt: skip
+
+
+def end_of(damage: Ledger) -> dict[str, str]:
+    """What a file that does not tell its end is said to lack."""
+    return {"end": "not told by the file: whether rows are missing there is not known"} if damage.end_unknown else {}
 
 
 def readable_numbers(cells: pl.Series, decimal: str) -> Array:
@@ -305,7 +312,7 @@ def inspect_json(path: Path) -> Overview:
     remarks = lines.damage.remarks
     remarks += [f"{name} has {size} elements; only the first {MOST_ELEMENTS} are listed" for name, size in long.items()]
     timing = {"time": {"field": stamp}} if by_stamp else None
-    facts = {"rows": str(len(lines.texts))}
+    facts = {"rows": str(len(lines.texts)), **end_of(lines.damage)}
     return overview_of("json_lines", columns, "fields", drafted=drafted, timing=timing, facts=facts, remarks=remarks)
 
 
@@ -454,7 +461,8 @@ def inspect_tdms(path: Path) -> Overview:
     named = any(csv_table.is_clock(one.name) for one in offered)
     stamps = [one for one, channel in zip(columns, file.channels, strict=True) if channel.holds_times and channel.count]
     clock = stamps[0].key if stamps and not timed and not named else None
-    facts = {"channels": str(len(file.channels)), "own timing": "yes" if timed else "no", **file.properties}
+    facts = {"channels": str(len(file.channels)), "own timing": "yes" if timed else "no"}
+    facts |= {**end_of(file.damage), **file.properties}
     drafted, timing = [*offered, *stamps[:1] * bool(clock)], dict[str, object]() if timed else None
     return overview_of(
         "tdms", columns, "channels", drafted=drafted, timing=timing, facts=facts, remarks=remarks, clock=clock
@@ -620,7 +628,7 @@ def inspect_nexus(path: Path) -> Overview:
             missing, seen = float(lacking.mean()), int((~lacking).sum())
             note = f"missing in {missing:.1%} of the rows" if missing else ""
             channels.append(RecordedChannel(kind, address, unit, seen, section.rate, note))
-    return Overview("nexus_csv", facts, channels)
+    return Overview("nexus_csv", facts | end_of(Ledger(end_unknown=len(facts) == 1)), channels)
 
 
 def inspect_trc(path: Path) -> Overview:

@@ -750,7 +750,7 @@ def spikes_of(x: Array) -> list[int]:
     scatter = float(np.median(sizes)) / 0.6745
     largest = np.argpartition(sizes, -LEAPS)[-LEAPS:]
     for at in largest[sizes[largest] / 25 > scatter].tolist() if scatter else ():
-        beside = off[max(0, at - 1) : at + 2 : 2] / off[at]  # of one wrong reading -2/3; of a corner -1/2, of a blow -3/4
+        beside = off[max(0, at - 1) : at + 2 : 2] / off[at]  # of a wrong reading -2/3; a corner -1/2, a blow -3/4
         if (np.abs(beside + 2 / 3) < 0.08).all():
             found.append(at)
     rest = sizes.copy()

@@ -26,7 +26,7 @@ from osl_analysis.formats.csv_table import (
     COMMENTS,
     CONTROL,
     MOST_COLUMNS,
-    UTF_16_MARKS,
+    UTF_16,
     CsvLayout,
     CsvTable,
     IsUnit,
@@ -383,7 +383,7 @@ def refuse_others(path: Path, begin: bytes) -> None:
     begin = begin[:FIRST_BYTES]
     if is_table_file(begin):
         return
-    is_text = begin[:2] in UTF_16_MARKS or not CONTROL.search(begin)
+    is_text = UTF_16.match(begin) is not None or not CONTROL.search(begin)
     text = decoded_text(begin) if is_text else begin.decode("latin-1")
     for name, pattern, remedy in OTHERS:
         if re.search(pattern, text, re.MULTILINE | re.IGNORECASE) and not is_json_lines(begin):

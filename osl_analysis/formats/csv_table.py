@@ -23,7 +23,6 @@ from osl_analysis.trial import Array
 
 DELIMITERS = {"tab": "\t", "space": " "}
 CONTROL = re.compile(rb"[\x00-\x08\x0e-\x19]")  # bytes that no text has; 26 ended files of CP/M and DOS
-UTF_16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 UTF_16 = re.compile(rb"\xff\xfe|\xfe\xff|([\t\r\n -~]\0){8}|(\0[\t\r\n -~]){8}")  # by its mark, or in either order
 COMMENTS = ("#", "%", "//")
 MISSING = ("", "nan", "NaN", "NAN", "NA", "N/A", "#N/A", "null", "NULL", "None", "<NA>", "NaT", "-nan", "-nan(ind)")
@@ -53,15 +52,11 @@ IsUnit = Callable[[str], bool]
 def read_text(path: Path) -> tuple[bytes, bool]:
     """A text in UTF-8 with plain line breaks, and whether its last line has its break; refused where zero bytes show
     that it is not text."""
-    data = path.read_bytes()
-    if UTF_16.match(data):
+    data = utf8_of(path.read_bytes())
+    try:
+        data.decode()
+    except UnicodeDecodeError:
         data = decoded_text(data).encode()
-    else:
-        data = data.removeprefix(b"\xef\xbb\xbf")
-        try:
-            data.decode()
-        except UnicodeDecodeError:
-            data = decoded_text(data).encode()
     data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n").replace("\u2212".encode(), b"-")  # a minus sign
     data = data[: len(data.rstrip(b"\x1a"))]
     if (zero := data.find(b"\0")) >= 0:
@@ -86,12 +81,17 @@ def read_lines(path: Path) -> TextLines:
 
 def decoded_text(data: bytes) -> str:
     """Text in UTF-8, UTF-16 with its mark or as ASCII in it, or else Windows' western code page."""
-    if UTF_16.match(data):
-        return data.decode("utf-16-be" if data[:1] == b"\0" else "utf-16", errors="replace")
     try:
-        return data.decode("utf-8-sig")
+        return utf8_of(data).decode()
     except UnicodeDecodeError:
         return data.decode("cp1252", errors="replace")
+
+
+def utf8_of(data: bytes) -> bytes:
+    """The bytes of a text, without a mark; those of UTF-16 in UTF-8."""
+    if UTF_16.match(data):
+        data = data.decode("utf-16-be" if data[:1] == b"\0" else "utf-16", errors="replace").encode()
+    return data.removeprefix(b"\xef\xbb\xbf")
 
 
 def is_text(begin: bytes) -> bool:
@@ -447,7 +447,8 @@ def first_column_of_values(rows: Rows) -> int | None:
 def is_data(cells: Sequence[str], width: int, first_value: int) -> bool:
     """Whether a row may be one of data: as wide as most, with a number or time where most rows have the first one."""
     named = [cell for cell in cells if cell]
-    if len(cells) != width or not is_value(cells[first_value]) or not any(map(is_value, named)):
+    is_head = not any(map(is_value, named)) or STATED_ROWS.match(" ".join(named)) is not None
+    if is_head or len(cells) != width or not is_value(cells[first_value]):
         return False
     counts = [str(k) for k in range(len(named))], [str(k + 1) for k in range(len(named))]
     return bool(cells[0]) or named not in counts  # pandas numbers columns without a name: `,0,1,2`
@@ -456,7 +457,7 @@ def is_data(cells: Sequence[str], width: int, first_value: int) -> bool:
 def is_odd_data(cells: Sequence[str], width: int) -> bool:
     """Whether a row above the data is one of them that lacks cells, or has a word: more than half of it are numbers."""
     named = [cell for cell in cells if cell]
-    is_count = not cells[0] and named[:1] in (["0"], ["1"])
+    is_count = (not cells[0] and named[:1] in (["0"], ["1"])) or STATED_ROWS.match(" ".join(cells)) is not None
     return len(cells) > max(1, width / 2) and sum(map(is_number_cell, named)) > len(named) / 2 and not is_count
 
 

@@ -488,7 +488,8 @@ def head_of(
         first = 1
     while first and is_odd_data(rows[first - 1][1], width):
         first -= 1
-    above = rows[:first]
+    every = rows[:first]
+    above = [row for row in every if not STATED_ROWS.match(" ".join(row[1]))]
     heads = above[len(above) - headers_above(above, width) :]
     units_row = layout.units_row is True or (layout.units_row == "auto" and are_units(heads, is_unit))
     units = [*map(without_brackets, heads.pop()[1])] if units_row and len(heads) > 1 else []
@@ -499,7 +500,7 @@ def head_of(
         )
     stated = [name_and_unit(name)[1] for name in names] or [""] * width
     units = [unit or own for unit, own in zip([*units, *[""] * len(stated)], stated, strict=False)]
-    notes = [" ".join(filter(None, cells)) for number, cells in above if number != line]
+    notes = [" ".join(filter(None, cells)) for number, cells in every if number != line]
     return Head(names or [str(place + 1) for place in range(width)], units, first, line, notes)
 
 

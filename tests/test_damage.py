@@ -434,10 +434,11 @@ def test_an_angle_that_moves_faster_than_a_joint_can_is_no_sensors(tmp_path: Pat
 def test_markers_that_all_leap_in_one_frame_are_told_and_one_marker_that_does_is_not(tmp_path: Path) -> None:
     """Two blocks of frames changed places: each number stands once, and no frame of C3D has a number."""
     k, scatter = np.arange(400)[:, None, None], np.random.default_rng(3).normal(0, 0.05, (400, 3, 4))
-    walked = 300 * np.sin(k / 30 + np.arange(12).reshape(3, 4)) + scatter
-    walked[:, :, 3], swapped, one, hidden = 0.0, *(walked.copy() for _ in range(3))
+    walked = 300 * np.sin(k / 30 + np.arange(12).reshape(3, 4) / 10) + scatter
+    walked[:, :, 3] = 0.0
+    swapped, one, hidden = (walked.copy() for _ in range(3))
     swapped[100:120], swapped[250:270] = walked[250:270], walked[100:120]
-    one[100:, 0] += 500
+    one[100:, 0, :3] += 500
     hidden[:250, 2] = hidden[100:120] = 0.0
     source = FORMATS["c3d"].source.model_validate({"format": "c3d"})
     for points, told in ((walked, 0), (swapped, 4), (one, 0), (hidden, 0)):

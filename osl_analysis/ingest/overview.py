@@ -283,7 +283,7 @@ def timing_by_words(
 ) -> tuple[dict[str, object] | None, list[str]]:
     """The field `time` by the rate that texts state, where no column with readings is called like a clock, and what
     tells of it. LabVIEW may write no times below `X_Value`."""
-    if any(one.count and seems_clock(one.name) for one in columns):
+    if any(one.count and logs.is_like_clock(one.name) for one in columns):
         return None, []
     if rate := logs.stated_rate(texts):
         return {"time": {"rate": rate}}, [f"time by the file's own words: {rate} rows a second"]
@@ -369,7 +369,9 @@ def inspect_mat(path: Path) -> Overview:
         [f"{key}={np.ravel(np.asarray(one.numbers))[:2]}" for _, key, _, one in variables], drafted
     )
     left_open += said
-    return overview_of("mat", columns, "variables", seems_clock, drafted, timing, left_open, facts, remarks, settings)
+    return overview_of(
+        "mat", columns, "variables", logs.is_like_clock, drafted, timing, left_open, facts, remarks, settings
+    )
 
 
 def parts_alike(by_part: Mapping[str, dict[str, Value]]) -> Mapping[str, dict[str, Value]]:
@@ -409,12 +411,6 @@ def with_logged_joined(
 def is_signal(value: Value) -> bool:
     """Whether a variable may be a signal: a vector of real numbers, or a matrix of columns."""
     return value.numbers is not None and len(value.shape) == 2 and max(value.shape) >= 10
-
-
-def seems_clock(name: str) -> bool:
-    """Whether the name of a signal is or begins as that of a clock: `t`, `time_ms`, `timeJIM`."""
-    likely = re.match(r"(time|t|tout|stamp|clock)(?![a-z])|time", name, re.IGNORECASE)
-    return csv_table.is_clock(name) or likely is not None
 
 
 def columns_of_matrix(

@@ -327,10 +327,12 @@ def tell_odd_steps(recording: Recording) -> None:
 def tell_leaps_of_all(recording: Recording) -> None:
     """Say where four in five coordinates of markers, which are masses, leap in a frame, ten times as far as beside."""
     markers = [column for column in recording.columns if column.startswith("marker_")]
+    if len(markers) < 3 or recording.samples.height < 50:
+        return
     frames = recording.samples.select("time", *markers).filter(pl.any_horizontal(pl.col(markers).is_not_null()))
-    steps = np.abs(np.diff(frames.select(markers).to_numpy().reshape(-1, len(markers)), axis=0))
-    steps = steps[:, np.isfinite(steps).mean(axis=0) > 0.5] if len(steps) else steps
-    if steps.shape[1] < 3 or len(steps) < 50:
+    steps = np.abs(np.diff(frames.select(markers).to_numpy(), axis=0))
+    steps = steps[:, np.isfinite(steps).sum(axis=0) > max(50, 0.5 * len(steps))]
+    if steps.shape[1] < 3:
         return
     far = np.mean(steps > 5 * np.nanmedian(steps, axis=0), axis=1) >= 0.8
     beside = {int(at): steps[max(0, at - 5) : at + 6] for at in np.flatnonzero(far)}

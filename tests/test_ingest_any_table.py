@@ -83,6 +83,17 @@ TEXTS = {
     "minus signs of a text processor": text().replace("-", "\u2212"),
     "micros of an Arduino": text(head=["micros", *HEAD[1:]], t=[f"{round(1e6 * x - 9e5) % 2**32}" for x in TIME]),
     "Fs above samples": text(head=["Sample", *HEAD[1:]], above="Fs: 500 Hz\n", t=[str(k) for k in range(700)]),
+    "interval in ms": text(",", head=[*HEAD[1:], ""], above="# Sampling interval: 2 ms\n", t=A, a=M, m=[""] * 700),
+    "LabVIEW without times, with decimal commas": text("\t", HEAD[1:], LVM.replace(
+        "0.002", "2,000000E-3") + "***End_of_Header***\t\n", t=A, a=M, m=[""] * 700, decimal=","),
+    "Biodex": text("   ", ["   TIME", "POSITION", "TORQUE"], "Session : ankle\n\n", t=["mSec", *(
+        f"{1e3 * x:.0f}" for x in TIME)], a=["DEGREES", *A], m=["N-M", *M]),
+    "a title with a blank in a table of blanks": text("   ", ["TIME", "POS (ANAT)", "TORQUE"], t=["mSec", *(
+        f"{1e3 * x:.0f}" for x in TIME)], a=["DEGREES", *A], m=["N-M", *M]),
+    "DIAdem": text(";", ["Time", "Angle", "Torque"], t=["s", "700", *T], a=["deg", "700", *A], m=["Nm", "700", *M])
+        .replace("s;", "Unit;s;", 1).replace("700;700;700", "Length;700;700;700").replace("Time;", "Name;Time;", 1)
+        .replace("\n0", "\n;0").replace("\n1", "\n;1"),
+    "names of two rows": text(",", ["time_s", "angle_deg", "torque_Nm"], "time,ankle,ankle\n"),
     "ounces and inches": text(head=[*HEAD[:2], "Torque [oz-in]"], m=[f"{x / 0.007061551814226:.9f}" for x in TORQUE]),
     "feet and pounds": text(head=[*HEAD[:2], "Torque [ft-lb]"], m=[f"{x / 1.3558179483314:.9f}" for x in TORQUE]),
 }  # fmt: skip
@@ -98,6 +109,10 @@ def made(path: Path, kind: str) -> Path:
         frame.write_ipc_stream(path)
     elif kind == "npy":
         np.save(path, frame.to_numpy(structured=True))
+    elif kind == "nested.npy":
+        nested = np.zeros(TIME.size, [("t", "f8"), ("ankle", [("angle_deg", "f8"), ("torque_Nm", "f8")])])
+        nested["t"], nested["ankle"]["angle_deg"], nested["ankle"]["torque_Nm"] = TIME, ANGLE, TORQUE
+        np.save(path, nested)
     elif kind == "npz":
         np.savez(path, **{name: frame[name].to_numpy() for name in frame.columns})
     elif kind == "h5":
@@ -169,8 +184,8 @@ def test_a_table_of_text_is_read_by_the_draft_of_its_own_overview(tmp_path, dial
 
 
 @pytest.mark.parametrize("kind", [
-    "parquet", "feather", "arrows", "npy", "npz", "h5", "xlsx", "Simulink", "structs", "matrix.npz", "matrix.h5",
-    "pandas.h5", "matrix.mat", "rate.mat", "Simulink, two with several",
+    "parquet", "feather", "arrows", "npy", "nested.npy", "npz", "h5", "xlsx", "Simulink", "structs", "matrix.npz",
+    "matrix.h5", "pandas.h5", "matrix.mat", "rate.mat", "Simulink, two with several",
 ])  # fmt: skip
 def test_a_table_of_a_program_is_read_by_the_draft_of_its_own_overview(tmp_path, kind):
     assert_recording(read_by_draft(made(tmp_path / (f"a.{kind}" if kind[0].islower() else "a.mat"), kind)))
@@ -253,6 +268,27 @@ def test_clocks_that_agree_and_signals_that_rise_evenly_are_no_contradiction(tmp
         (tmp_path / "s.yaml").write_text(source % words)
         trial = trial_from_files({"trial": "a", "log": name, "log_source": "s"}, tmp_path, tmp_path)
         assert not trial.provenance["warnings"]
+
+
+def test_channels_of_several_rates_beside_one_another_are_refused_unless_all_that_are_read_have_one(tmp_path):
+    """With `most_missing: 0.5`, as the refusal proposed, every second torque stood at half its time."""
+    half, head = [""] * 350, "X [s],Angle,X [s],Torque\n"
+    source = (
+        "format: csv\nmost_missing: 0.6\ntime: {column: '1', unit: s}\nchannels:\n  theta: {column: '2', unit: deg}\n"
+    )
+    row = {"trial": "a", "log": "a.csv", "log_source": "s"}
+    rows = zip(T, A, [*T[::2], *half], [*M[::2], *half], strict=True)
+    (tmp_path / "a.csv").write_text(head + "\n".join(map(",".join, rows)) + "\n")
+    (tmp_path / "s.yaml").write_text(source + "  torque: {column: '4', unit: Nm}\n")
+    with pytest.raises(
+        InputError, match=r"ends at line 351 and tells another time .* export the channels of each rate"
+    ):
+        trial_from_files(row, tmp_path, tmp_path)
+    rows = zip([*T[:350], *half], [*A[:350], *half], T, M, strict=True)
+    (tmp_path / "a.csv").write_text(head + "\n".join(map(",".join, rows)) + "\n")
+    (tmp_path / "s.yaml").write_text(source)
+    samples = trial_from_files(row, tmp_path, tmp_path).samples
+    np.testing.assert_allclose(samples["theta"], np.radians(ANGLE[:350]), atol=1e-8)
 
 
 @pytest.mark.parametrize("above", [

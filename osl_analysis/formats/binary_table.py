@@ -293,13 +293,7 @@ def frame_of(arrays: Mapping[str, NDArray[Any]], damage: Ledger) -> pl.DataFrame
     """The columns of arrays that have the length that most have: an array (n,), each column of one (n, m), each field
     of records. Rows are what there is more of. Texts are the titles of a matrix with as many columns, the only one."""
     titles = titles_in(arrays)
-    columns = dict[str, NDArray[Any]]()
-    for name, array in arrays.items():
-        if array.dtype.names:
-            for own in array.dtype.names:
-                columns |= columns_in(f"{name}.{own}".strip("."), array[own], titles)
-        else:
-            columns |= columns_in(name, array, titles)
+    columns = {own: values for name, array in arrays.items() for own, values in columns_in(name, array, titles).items()}
     numbers = {name: values for name, values in columns.items() if values.dtype.kind in "biufmM"}
     lengths = Counter(values.size for values in numbers.values() if values.size > 1)
     if not lengths:
@@ -330,6 +324,9 @@ def titles_in(arrays: Mapping[str, NDArray[Any]]) -> dict[int, Sequence[str]]:
 
 
 def columns_in(name: str, array: NDArray[Any], titles: Mapping[int, Sequence[str]]) -> dict[str, NDArray[Any]]:
+    if array.dtype.names:
+        parts = [columns_in(f"{name}.{own}".strip("."), array[own], titles) for own in array.dtype.names]
+        return {own: values for part in parts for own, values in part.items()}
     if array.ndim < 2 or 1 in array.shape:
         return {name or "1": np.ravel(array)}
     lines = array if array.shape[0] < array.shape[1] else array.T

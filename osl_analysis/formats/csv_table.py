@@ -528,6 +528,8 @@ def named_by(heads: Rows, above: Rows, comments: TextLines, width: int, delimite
     or of a line with other signs between its cells, or a comment. Empty if there are none."""
     if heads:
         names = unpadded(heads[-1][1], 0)
+        if delimiter == " " and len(names) > width:  # `POS (ANAT)` is one
+            names = re.findall(r"\S+(?: [(\[]\S+)*", " ".join(names))
         if len(names) == width + 1 and names[-1].casefold() == "comment":  # LabVIEW's last column, which is empty
             names = names[:width]
         if len(heads) > 1 and len({*filter(None, names)}) < len([*filter(None, names)]):

@@ -281,6 +281,12 @@ def csv_log(path: Path, source: SheetSource) -> Table:
     values = {place: cells_of(text, place, source, place in levels) for place in {*places.values()} - {clock}}
     if clock is not None:
         values[clock] = cells_of(text, clock, source, level=False, is_time=True) if stamps is None else stamps
+    clocks = list(clock_columns(text, source, {*places.values()}))
+    if clock is not None and len(text.lines):  # what is longer, as an EMG beside them, has rows of its own
+        end = max(int(np.flatnonzero(~np.isnan(one.astype(np.float64)))[-1:].sum()) + 1 for one in values.values())
+        text = replace(text, lines=text.lines[:end])
+        values = {place: one[:end] for place, one in values.items()}
+        clocks = [(name, unit, one[:end]) for name, unit, one in clocks]
     rates = [("in words", one)] if (one := stated_rate(text.comments)) else []
     found = {}
     for name, place in places.items():
@@ -296,7 +302,7 @@ def csv_log(path: Path, source: SheetSource) -> Table:
         lines=text.lines if text.noun == "line" else None,
         failed="missing",
         has_stamps=stamps is not None,
-        clocks=list(clock_columns(text, source, {*places.values()})),
+        clocks=clocks,
         rates=rates,
     )
 
@@ -424,6 +430,11 @@ def check_clocks(table: Table, source: TableSource, time: Array) -> dict[str, fl
         if not (span > 0 and step > 0 and (steps >= 0).all() and most <= max(3 * step, 0.02 * steps.sum())):
             continue  # it does not run
         ratio = ratio_of(float(steps.sum()), span)
+        if not known[-1] and abs(ratio - 1) > 0.05:
+            raise InputError(
+                f"{source.time.ADDRESS} '{name}' ends at {table.place(int(np.flatnonzero(known)[-1]))} and tells "
+                "another time for what stands beside it; export the channels of each rate on their own"
+            )
         if rate is not None and abs(ratio - 1) > 0.05:
             raise InputError(
                 f"`rate: {rate:g}` of time, but {source.time.ADDRESS} '{name}' rises by {step:.4g} a row; "

@@ -312,10 +312,11 @@ def test_whole_numbers_with_signs_between_their_thousands_are_read(tmp_path, sig
     whole = [f"{round(1e3 * x):,}".replace(",", of_thousands) for x in TORQUE]
     ms = [f"{round(1e3 * x + 990):,}".replace(",", of_thousands) for x in TIME]
     angle = [x.replace(".", decimal) for x in A]
-    (tmp_path / "a.csv").write_text(text(sign, ["Time [ms]", HEAD[1], "Torque [Nmm]"], t=ms, a=angle, m=whole))
-    samples = read_by_draft(tmp_path / "a.csv").samples
-    np.testing.assert_allclose(samples["time"], TIME, atol=1e-3)
-    np.testing.assert_allclose(samples["torque"], TORQUE, atol=5.1e-4)
+    for angles in (angle, [str(round(1e3 * x)) for x in ANGLE]):  # also where no number has a decimal
+        (tmp_path / "a.csv").write_text(text(sign, ["Time [ms]", HEAD[1], "Torque [Nmm]"], t=ms, a=angles, m=whole))
+        samples = read_by_draft(tmp_path / "a.csv").samples
+        np.testing.assert_allclose(samples["time"], TIME, atol=1e-3)
+        np.testing.assert_allclose(samples["torque"], TORQUE, atol=5.1e-4)
 
 
 @pytest.mark.parametrize("cells", [["0.998", "1.000"], ["1.746", "2.001"], ["998", "1.002", "1.5"], ["5", "1.746"]])

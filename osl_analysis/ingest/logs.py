@@ -61,7 +61,7 @@ def read_table_log(path: Path, source: TableSource) -> Recording:
     if table.rows < 2:
         raise InputError(f"holds one {table.noun} of data: nothing to analyse; record the trial again, or exclude it")
     time, start = time_of(table, source)
-    apart = check_clocks(table, source, time)
+    apart = check_other_clocks(table, source, time)
     tell_moved(table, wanted(source))
     first_by: dict[int, str] = {}
     for column, channel in source.channels.items():  # one column under two names, as its own and by its number
@@ -405,14 +405,14 @@ def written_number(text: str) -> float:
     return 0.0
 
 
-def ratio_of(span: float, other: float, more: Sequence[float] = (60.0, 3600.0, 86_400.0)) -> float:
+def span_ratio(span: float, other: float, more: Sequence[float] = (60.0, 3600.0, 86_400.0)) -> float:
     """One span of time by another, each in any unit of time, also those of `more` [s]: the ratio nearest to one."""
     units = np.array([*TIME_UNITS.values(), *more])
     ratios = np.divide.outer(units, units).ravel() * span / other
     return float(ratios[np.argmin(np.abs(np.log(ratios)))])
 
 
-def check_clocks(table: Table, source: TableSource, time: Array) -> dict[str, float]:
+def check_other_clocks(table: Table, source: TableSource, time: Array) -> dict[str, float]:
     """Other clocks of a table that go on at another rate than its time [s], by half a percent or more in whatever unit,
     with the RMS [s] by which they come apart. Refused is a stated rate that one contradicts by 5 %, or that differs
     from the rate that the file states."""
@@ -429,7 +429,7 @@ def check_clocks(table: Table, source: TableSource, time: Array) -> dict[str, fl
         step, most = float(steps.mean()), float(steps.max())
         if not (span > 0 and step > 0 and (steps >= 0).all() and most <= max(3 * step, 0.02 * steps.sum())):
             continue  # it does not run
-        ratio = ratio_of(float(steps.sum()), span)
+        ratio = span_ratio(float(steps.sum()), span)
         if not known[-1] and abs(ratio - 1) > 0.05:
             raise InputError(
                 f"{source.time.ADDRESS} '{name}' ends at {table.place(int(np.flatnonzero(known)[-1]))} and tells "

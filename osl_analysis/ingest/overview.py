@@ -89,7 +89,7 @@ def likely_clock(readings: Mapping[str, NDArray[Any]], what: str = "columns") ->
             known = np.isfinite(pair[0]) & np.isfinite(pair[1])
             pair = pair[0][known], pair[1][known]
         one, other = map(span_of, pair)
-        agree &= abs(logs.ratio_of(one, other, ()) - 1) <= 0.005 if min(one, other) > 0 else one == other
+        agree &= abs(logs.span_ratio(one, other, ()) - 1) <= 0.005 if min(one, other) > 0 else one == other
     if agree:
         named = listing([printable(name) for name in running], most)
         return first, [f"{count}, to be checked: {named}; {printable(first)} is taken"]
@@ -109,7 +109,7 @@ def clock_of(
         clock, left_open = likely_clock({name: readings[name] for name in shortest if name in named}, what)
         span = 0.0 if clock is None else span_of(readings[clock].astype(np.float64))
         others = {name: one for name, one in rising.items() if span and logs.tells_time(name, units.get(name, ""))}
-        others = {name: one for name, one in others.items() if abs(logs.ratio_of(span_of(one), span) - 1) > 0.005}
+        others = {name: one for name, one in others.items() if abs(logs.span_ratio(span_of(one), span) - 1) > 0.005}
         return likely_clock({str(clock): readings[str(clock)], **others}, what) if others else (clock, left_open)
     clock, left_open = likely_clock(rising, what)
     if clock is not None and not left_open:

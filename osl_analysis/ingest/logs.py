@@ -135,7 +135,8 @@ def leaps_of(raw: NDArray[Any], most: int = 24) -> list[int]:
     with np.errstate(invalid="ignore", over="ignore"):
         steps = np.nan_to_num(np.abs(np.diff(raw)))
     largest = np.argsort(steps)[-most:] if steps.size <= most else np.argpartition(steps, -most)[-most:]
-    return [int(at) + 1 for at in largest if steps[at] / 10 > np.median(steps)]
+    usual = float(np.median(steps)) if steps.size else 0.0
+    return [int(at) + 1 for at in largest if steps[at] / 10 > usual]
 
 
 def wanted(source: TableSource) -> list[str]:

@@ -203,7 +203,7 @@ class Ledger:
             "end_missing": self.end_missing,
             "expected": self.expected if lost is None or self.end_unknown else sound + lost,
             "read": sound,
-            "lost": lost,
+            "lost": None if self.end_unknown and not lost else lost,
             "share_lost": max((self.share_lost(own) for own in (topics or {}).values()), default=self.share_lost()),
             "remarks": [*map(printable, self.all_remarks(topics is not None))],
         }

@@ -4,7 +4,7 @@ topic, in MCAP or a bag of ROS, in the order of their stamps. Nothing is interpo
 import json
 import re
 from collections import Counter, defaultdict
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, replace
 from functools import reduce
@@ -283,29 +283,31 @@ def csv_log(path: Path, source: SheetSource) -> Table:
     if clock is not None:
         values[clock] = cells_of(text, clock, source, level=False, is_time=True) if stamps is None else stamps
     clocks = list(clock_columns(text, source, {*places.values()}))
-    if clock is not None and len(text.lines):  # what is longer, as an EMG beside them, has rows of its own
-        end = max(int(np.flatnonzero(~np.isnan(one.astype(np.float64)))[-1:].sum()) + 1 for one in values.values())
-        text = replace(text, lines=text.lines[:end])
-        values = {place: one[:end] for place, one in values.items()}
-        clocks = [(name, unit, one[:end]) for name, unit, one in clocks]
+    end = len(text.lines) if clock is None else rows_with_values(values.values())
     rates = [("in words", one)] if (one := stated_rate(text.comments)) else []
     found = {}
     for name, place in places.items():
         if csv_table.name_and_unit(text.names[place])[0] != csv_table.name_and_unit(name)[0]:
             found[name] = {"found": text.names[place]}
     return Table(
-        len(text.lines),
-        {name: values[place] for name, place in places.items()},
+        end,
+        {name: values[place][:end] for name, place in places.items()},
         {name: text.units[place] for name, place in places.items()},
         damage=text.damage,
         facts={"comments": text.comments[:100]},
         found=found,
-        lines=text.lines if text.noun == "line" else None,
+        lines=text.lines[:end] if text.noun == "line" else None,
         failed="missing",
         has_stamps=stamps is not None,
-        clocks=clocks,
+        clocks=[(name, unit, one[:end]) for name, unit, one in clocks],
         rates=rates,
     )
+
+
+def rows_with_values(columns: Iterable[NDArray[Any]]) -> int:
+    """How many rows there are up to the last one in which a column has a value: what is longer beside them, as an EMG,
+    has rows of its own."""
+    return max(int(np.flatnonzero(~np.isnan(one.astype(np.float64)))[-1:].sum()) + 1 for one in columns)
 
 
 def clock_columns(

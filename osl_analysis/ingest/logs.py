@@ -284,6 +284,7 @@ def csv_log(path: Path, source: SheetSource) -> Table:
         values[clock] = cells_of(text, clock, source, level=False, is_time=True) if stamps is None else stamps
     clocks = list(clock_columns(text, source, {*places.values()}))
     end = len(text.lines) if clock is None else rows_with_values(values.values())
+    values = {place: one[:end] for place, one in values.items()}
     rates = [("in words", one)] if (one := stated_rate(text.comments)) else []
     found = {}
     for name, place in places.items():
@@ -291,7 +292,7 @@ def csv_log(path: Path, source: SheetSource) -> Table:
             found[name] = {"found": text.names[place]}
     return Table(
         end,
-        {name: values[place][:end] for name, place in places.items()},
+        {name: values[place] for name, place in places.items()},
         {name: text.units[place] for name, place in places.items()},
         damage=text.damage,
         facts={"comments": text.comments[:100]},

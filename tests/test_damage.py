@@ -28,16 +28,17 @@ from osl_analysis.errors import InputError
 from osl_analysis.formats.c3d import BLOCK
 from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.raw_files import FORMATS, recognise
-from osl_analysis.ingest.source import Recording
+from osl_analysis.ingest.source import Recording, spikes_of, values_of_no_sensor
 
-ROWS, SECOND_RUN = 120, 1000
+ROWS, SECOND_RUN = 200, 1000
 MESSAGES = {"time": {"source": "header"}, "channels": CHANNELS, "largest_loss": 1.0}
 
 
 def signals(first: int) -> dict[str, np.ndarray]:
-    """Time [s], angle [deg] and torque [N*m], each value once, from row `first` on."""
-    k = first + np.arange(ROWS)
-    return {"t": np.round(5 + k * 0.01, 6), "a": np.sin(k / 7) * 20 + k / 900, "f": np.cos(k / 5) * 30 + k / 700}
+    """Time [s], angle [deg] and torque [N*m] with noise, each value once, from row `first` on."""
+    k, noise = first + np.arange(ROWS), np.random.default_rng(first).normal(size=(2, ROWS))
+    a, f = np.sin(k / 7) * 20 + k / 900 + noise[0] / 20, np.cos(k / 5) * 30 + k / 700 + noise[1] / 10
+    return {"t": np.round(5 + k * 0.01, 6), "a": a, "f": f}
 
 
 def columns_as(key: str) -> dict[str, Any]:
@@ -222,12 +223,14 @@ def judge(kind: Kind, reader: Reader, truth: Samples, path: Path, what: str) -> 
     for name in set(values.columns) & set(truth[1].columns):
         read, written = values[name].to_numpy(), truth[1][name].to_numpy()[place]
         right &= (read == written) | np.isnan(read.astype(float))
-    told = damage.get("complete", True) is not True or any("cut off" in text for text in recording.warnings)
+    told = damage.get("complete", True) is False or recording.damage.lost() is None
+    told |= any("cut off" in text for text in recording.warnings)
     of_bytes, flipped = what in ("zeroed", "copied"), what == "flipped" and kind.name not in ("a.mcap", "b.mcap")
     spliced = kind.name in SPLICED and (what == "lost" or of_bytes) and (~right).sum() <= 1  # of two halves of a number
     unseen = flipped or (of_bytes and not kind.checked)
     if unseen and not told and not (right.all() and time.size == truth[0].size):
-        return "silent"
+        many = int((~right).sum())
+        return f"silent, {'one to three' if many <= 3 else 'four to fifteen' if many <= 15 else 'more'} rows"
     assert right.all() or told or spliced, f"{(~right).sum()} of {time.size} rows are wrong, and nothing is told"
     lost = damage.get("lost")
     too_many = what == "copied" and (lost or 0) > truth[0].size - time.size  # a whole chunk that now stands twice
@@ -275,6 +278,43 @@ def test_whatever_is_read_of_a_damaged_file_was_written_or_its_loss_is_told(tmp_
     assert not [one for one in found if "WRONG" in one[1]]
     became = [result for _, result in found]
     assert min(became.count(result) for result in ("refused", "told", "whole")) > 10
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
+def test_half_a_file_is_refused_or_its_end_is_missing_or_not_known_and_never_complete(
+    kind: Kind, tmp_path: Path
+) -> None:
+    """Cut where a row or a segment ends: text and TDMS do not say how long they are."""
+    one = kind.write(tmp_path / kind.name, 0)
+    known = FORMATS[recognise(one)]
+    source = known.source.model_validate({"format": recognise(one), **kind.source})
+    part = max((own for own in [*one.rglob("*"), one] if own.is_file()), key=lambda own: own.stat().st_size)
+    content = part.read_bytes()
+    mark = b"TDSm" if kind.name.endswith(".tdms") else b"\n" if kind.checked else b""
+    at = content.find(mark, len(content) // 2) + (mark == b"\n")
+    part.write_bytes(content[: at if at > 0 else len(content) // 2])
+    with suppress(InputError):
+        recording = known.read(one, source)
+        damage = recording.damage.report(recording.topics)
+        assert damage["complete"] is not True
+        assert damage["expected"] is None or damage["lost"]
+        assert mark == b"\n" or damage["end_missing"] or "end" in known.inspect(one).facts
+
+
+def test_a_number_of_samples_above_a_table_tells_that_its_end_is_missing(tmp_path: Path) -> None:
+    source = FORMATS["csv"].source.model_validate({"format": "csv", **columns_as("column")})
+    rows = "".join(f"{k / 100},{k % 7},{k % 5}\n" for k in range(60))
+    for above, complete, end_missing in (
+        ("Samples: 60\n", True, False), ("# Number of frames: 120\n", False, True), ("Subject: 120\n", None, False),
+        ("Samples,60,60\n", True, False), ("Total samples=600\n", False, True), ("Samples: 1.5 s\n", None, False),
+    ):  # fmt: skip
+        (tmp_path / "a.csv").write_text(above + "t,a,f\n" + rows)
+        report = FORMATS["csv"].read(tmp_path / "a.csv", source).damage.report()
+        assert [report[one] for one in ("complete", "end_missing", "lost")] == [
+            complete,
+            end_missing,
+            None if not complete else 0,
+        ]
 
 
 def test_two_parts_of_an_array_at_one_place_are_refused(tmp_path: Path) -> None:
@@ -347,7 +387,67 @@ def test_a_part_that_is_that_of_another_place_is_lost_and_motion_without_noise_i
         (np.r_[every[:3100, 3], coarse[3100:]], every[:, 1], 0),
     ):
         pl.DataFrame({"t": clock[: a.size], "a": a, "f": f}).write_csv(tmp_path / "a.csv")
-        assert FORMATS["csv"].read(tmp_path / "a.csv", source).losses.get("lost", 0) == lost
+        assert FORMATS["csv"].read(tmp_path / "a.csv", source).damage.lost() == lost
+
+
+def test_a_block_of_one_channel_over_another_is_lost_and_channels_that_follow_each_other_are_not(
+    tmp_path: Path,
+) -> None:
+    """Six numbers are too few to be told by their noise; sound are a command and an angle that is the same later."""
+    k, noise = np.arange(600), np.random.default_rng(3).normal(size=(600, 2))
+    t, steps = k / 100, np.repeat([0.0, 5.0, -5.0, 2.0, 0.0, 1.0], 100) + 1e-3 * k
+    angle, torque = 20 * np.sin(k / 27) + 0.05 * noise[:, 0], 30 * np.cos(k / 25) + 0.1 * noise[:, 1]
+    source = FORMATS["csv"].source.model_validate({"format": "csv", **columns_as("column")})
+    for a, f, lost in (
+        (angle, torque, 0),
+        (angle, np.r_[torque[:300], angle[100:106], torque[306:]], 6),
+        (np.r_[angle[:300], t[100:106], angle[306:]], torque, 6),
+        (steps, np.r_[steps[:1], steps[:-1]], 0),
+    ):
+        pl.DataFrame({"t": t, "a": a, "f": f}).write_csv(tmp_path / "a.csv")
+        recording = FORMATS["csv"].read(tmp_path / "a.csv", source)
+        assert recording.damage.misfits.total() == lost
+        assert not lost or any("6 rows of" in said and "those of" in said for said in recording.warnings)
+
+
+def test_one_wrong_number_is_told_by_what_all_others_leave_and_corners_and_impacts_are_not() -> None:
+    k, noise = np.arange(2000), np.random.default_rng(3).normal(size=2000)
+    motion = 30 * np.sin(k / 25) + 0.1 * noise
+    for row, size, told in ((700, 4.0, True), (700, 1.0, False), (3, 4.0, True)):
+        wrong = motion.copy()
+        wrong[row] += size  # 40 SD of the noise, which the motion itself does in three rows
+        found = values_of_no_sensor("torque", k / 100, wrong, {})
+        assert found is not None
+        assert np.flatnonzero(found).tolist() == [row] * told
+    for sound in (np.maximum(k - 700.0, 0), np.exp(-np.abs(k - 700.3) / 2), np.where(k > 700, 5.0, 0) + 0.1 * noise):
+        assert not spikes_of(sound)
+
+
+def test_an_angle_that_moves_faster_than_a_joint_can_is_no_sensors(tmp_path: Path) -> None:
+    """At 100 Hz, where a torque may leap: half a radian in one row."""
+    k, noise = np.arange(2000), np.random.default_rng(3).normal(size=2000)
+    angle = 0.35 * np.sin(k / 27) + 1e-3 * noise
+    moved = np.r_[angle[:700], angle[100:130], angle[730:]]
+    for column, expected in (("theta", [700, 730]), ("torque", [])):
+        found = values_of_no_sensor(column, k / 100, moved, {})
+        assert found is not None
+        assert np.flatnonzero(found).tolist() == expected
+
+
+def test_markers_that_all_leap_in_one_frame_are_told_and_one_marker_that_does_is_not(tmp_path: Path) -> None:
+    """Two blocks of frames changed places: each number stands once, and no frame of C3D has a number."""
+    k, scatter = np.arange(400)[:, None, None], np.random.default_rng(3).normal(0, 0.05, (400, 3, 4))
+    walked = 300 * np.sin(k / 30 + np.arange(12).reshape(3, 4) / 10) + scatter
+    walked[:, :, 3] = 0.0
+    swapped, one, hidden = (walked.copy() for _ in range(3))
+    swapped[100:120], swapped[250:270] = walked[250:270], walked[100:120]
+    one[100:, 0, :3] += 500
+    hidden[:250, 2] = hidden[100:120] = 0.0
+    source = FORMATS["c3d"].source.model_validate({"format": "c3d"})
+    for points, told in ((walked, 0), (swapped, 4), (one, 0), (hidden, 0)):
+        write_c3d(tmp_path / "a.c3d", points)
+        said = [text for text in FORMATS["c3d"].read(tmp_path / "a.c3d", source).warnings if "all markers leap" in text]
+        assert [text.partition(": ")[2][:7] for text in said] == [f"{told} times"] * bool(told)
 
 
 def test_a_step_of_time_unlike_all_others_is_told_and_one_of_an_uneven_clock_is_not(tmp_path: Path) -> None:
@@ -367,18 +467,18 @@ def test_chunks_that_were_never_written_are_lost_and_not_zeros(tmp_path: Path) -
         write_mat73(tmp_path / name, **signals(0))
         with h5py.File(tmp_path / name, "a") as file:
             del file["f"]
-            kept = np.r_[:first, first + 20 : ROWS] if first else np.arange(100)
+            kept = np.r_[:first, first + 20 : ROWS] if first else np.arange(ROWS - 20)
             torque = file.create_dataset("f", (1, ROWS), "f8", chunks=(1, 10))
             torque[0, kept] = written["f"][kept]
         described = FORMATS["mat"].source.model_validate(source | time)
         if time:
-            with pytest.raises(InputError, match=r"20 of 120 samples of f were never written .*, or name its time"):
+            with pytest.raises(InputError, match=rf"20 of {ROWS} samples of f were never written .*, or name its time"):
                 FORMATS["mat"].read(tmp_path / name, source=described)
             continue
         recording = FORMATS["mat"].read(tmp_path / name, source=described)
         np.testing.assert_array_equal(recording.samples["torque"], written["f"][kept])
-        assert [recording.losses[key] for key in ("expected", "read", "lost")] == [120, 100, 20]
-        assert any("20 of 120 samples of f were never written" in text for text in recording.warnings)
+        assert [recording.losses[key] for key in ("expected", "read", "lost")] == [ROWS, ROWS - 20, 20]
+        assert any(f"20 of {ROWS} samples of f were never written" in text for text in recording.warnings)
 
 
 if __name__ == "__main__":

@@ -20,11 +20,14 @@ from c3d_builder import write_c3d
 from nptdms import ChannelObject, TdmsWriter
 
 from osl_analysis.commands.trials import inspect_file
+from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError
 from osl_analysis.formats.binary_table import check_xls, hdf5_arrays
 from osl_analysis.formats.c3d import read_c3d
+from osl_analysis.formats.csv_table import are_whole_thousands
 from osl_analysis.formats.table import MOST_BYTES, isolated
 from osl_analysis.ingest.draft import draft_source
+from osl_analysis.ingest.examine import Commanded, Examined, measure_clock
 from osl_analysis.ingest.raw_files import check_copies, trial_from_files
 
 TIME = np.arange(700) / 500  # as long as the rows that are split by polars
@@ -80,6 +83,17 @@ TEXTS = {
     "minus signs of a text processor": text().replace("-", "\u2212"),
     "micros of an Arduino": text(head=["micros", *HEAD[1:]], t=[f"{round(1e6 * x - 9e5) % 2**32}" for x in TIME]),
     "Fs above samples": text(head=["Sample", *HEAD[1:]], above="Fs: 500 Hz\n", t=[str(k) for k in range(700)]),
+    "interval in ms": text(",", head=[*HEAD[1:], ""], above="# Sampling interval: 2 ms\n", t=A, a=M, m=[""] * 700),
+    "LabVIEW without times, with decimal commas": text("\t", HEAD[1:], LVM.replace(
+        "0.002", "2,000000E-3") + "***End_of_Header***\t\n", t=A, a=M, m=[""] * 700, decimal=","),
+    "Biodex": text("   ", ["   TIME", "POSITION", "TORQUE"], "Session : ankle\n\n", t=["mSec", *(
+        f"{1e3 * x:.0f}" for x in TIME)], a=["DEGREES", *A], m=["N-M", *M]),
+    "a title with a blank in a table of blanks": text("   ", ["TIME", "POS (ANAT)", "TORQUE"], t=["mSec", *(
+        f"{1e3 * x:.0f}" for x in TIME)], a=["DEGREES", *A], m=["N-M", *M]),
+    "DIAdem": text(";", ["Time", "Angle", "Torque"], t=["s", "700", *T], a=["deg", "700", *A], m=["Nm", "700", *M])
+        .replace("s;", "Unit;s;", 1).replace("700;700;700", "Length;700;700;700").replace("Time;", "Name;Time;", 1)
+        .replace("\n0", "\n;0").replace("\n1", "\n;1"),
+    "names of two rows": text(",", ["time_s", "angle_deg", "torque_Nm"], "time,ankle,ankle\n"),
     "ounces and inches": text(head=[*HEAD[:2], "Torque [oz-in]"], m=[f"{x / 0.007061551814226:.9f}" for x in TORQUE]),
     "feet and pounds": text(head=[*HEAD[:2], "Torque [ft-lb]"], m=[f"{x / 1.3558179483314:.9f}" for x in TORQUE]),
 }  # fmt: skip
@@ -95,6 +109,10 @@ def made(path: Path, kind: str) -> Path:
         frame.write_ipc_stream(path)
     elif kind == "npy":
         np.save(path, frame.to_numpy(structured=True))
+    elif kind == "nested.npy":
+        nested = np.zeros(TIME.size, [("t", "f8"), ("ankle", [("angle_deg", "f8"), ("torque_Nm", "f8")])])
+        nested["t"], nested["ankle"]["angle_deg"], nested["ankle"]["torque_Nm"] = TIME, ANGLE, TORQUE
+        np.save(path, nested)
     elif kind == "npz":
         np.savez(path, **{name: frame[name].to_numpy() for name in frame.columns})
     elif kind == "h5":
@@ -166,8 +184,8 @@ def test_a_table_of_text_is_read_by_the_draft_of_its_own_overview(tmp_path, dial
 
 
 @pytest.mark.parametrize("kind", [
-    "parquet", "feather", "arrows", "npy", "npz", "h5", "xlsx", "Simulink", "structs", "matrix.npz", "matrix.h5",
-    "pandas.h5", "matrix.mat", "rate.mat", "Simulink, two with several",
+    "parquet", "feather", "arrows", "npy", "nested.npy", "npz", "h5", "xlsx", "Simulink", "structs", "matrix.npz",
+    "matrix.h5", "pandas.h5", "matrix.mat", "rate.mat", "Simulink, two with several",
 ])  # fmt: skip
 def test_a_table_of_a_program_is_read_by_the_draft_of_its_own_overview(tmp_path, kind):
     assert_recording(read_by_draft(made(tmp_path / (f"a.{kind}" if kind[0].islower() else "a.mat"), kind)))
@@ -209,6 +227,101 @@ def test_a_stated_rate_that_a_clock_of_the_file_contradicts_is_refused(tmp_path,
     (tmp_path / "s.yaml").write_text(source % 1000)
     with pytest.raises(InputError, match=r"`rate: 1000` of time, but column '.*' rises by 0.002 a row"):
         trial_from_files(row, tmp_path, tmp_path)
+
+
+FAST = [f"{1.1 * x:.9f}" for x in TIME]
+ISO = since("%Y-%m-%dT%H:%M:%S.%fZ")
+
+
+@pytest.mark.parametrize(("first", "second"), [
+    (("time_s", T), ("host_time", FAST)), (("stamp", ISO), ("daq_s", FAST)), (("Time", T), ("recorded at", [
+        (START + dt.timedelta(seconds=1.1 * x)).isoformat() for x in TIME])),
+])  # fmt: skip
+def test_two_clocks_of_a_table_that_disagree_are_a_question_and_the_named_one_is_doubted(tmp_path, first, second):
+    """By the column called `time` B was 10 % and I 21 % off, and nothing was said."""
+    rows = zip(first[1], second[1], A, M, strict=True)
+    head = [first[0], second[0], *HEAD[1:]]
+    (tmp_path / "a.csv").write_text("\n".join(map(",".join, [head, *rows])) + "\n")
+    (asked,) = inspect_file(tmp_path / "a.csv").open
+    assert "contradict each other" in asked
+    assert first[0] in asked
+    assert second[0] in asked
+    draft = draft_source(inspect_file(tmp_path / "a.csv"), "a.csv")
+    known = draft.replace('{"column": "NAME_OF_TIME", "unit": "UNKNOWN"}', f"{{column: {first[0]}, unit: s}}")
+    (tmp_path / "s.yaml").write_text(known.replace(", unit: s", "") if first[0] == "stamp" else known)
+    trial = trial_from_files({"trial": "a", "log": "a.csv", "log_source": "s"}, tmp_path, tmp_path)
+    assert_recording(trial)
+    (said,) = trial.provenance["warnings"]
+    assert f"column '{second[0]}' goes on 1.1 times as fast as time (column '{first[0]}')" in said
+    value = measure_clock(Examined(trial, EXPERIMENTS["impedance"], Commanded(None, None, None))).value
+    assert value == pytest.approx(0.1 * TIME[-1] / 12**0.5, rel=1e-3)
+
+
+def test_clocks_that_agree_and_signals_that_rise_evenly_are_no_contradiction(tmp_path):
+    """Days of Excel, minutes, and stamps of whole seconds tell no more than time does; a ramp is no clock."""
+    minutes, days, ramp = (TIME / 60, 45413.5 + TIME / 86400, 0.003 * np.arange(TIME.size))
+    frame = {"time_s": TIME, "Date": days, "time of the PC [min]": minutes, "turns": ramp, "secs": np.floor(TIME)}
+    pl.DataFrame({**frame, "ankle_angle_deg": ANGLE, "torque_Nm": TORQUE}).write_parquet(tmp_path / "a.parquet")
+    pl.DataFrame({**frame, "ankle_angle_deg": ANGLE, "torque_Nm": TORQUE}).write_ndjson(tmp_path / "a.jsonl")
+    source = "format: %s\ntime: {%s: time_s, unit: s}\nchannels:\n  theta: {%s: ankle_angle_deg, unit: deg}\n"
+    for name, words in (("a.parquet", ("table", "column", "column")), ("a.jsonl", ("json_lines", "field", "field"))):
+        (tmp_path / "s.yaml").write_text(source % words)
+        trial = trial_from_files({"trial": "a", "log": name, "log_source": "s"}, tmp_path, tmp_path)
+        assert not trial.provenance["warnings"]
+
+
+def test_channels_of_several_rates_beside_one_another_are_refused_unless_all_that_are_read_have_one(tmp_path):
+    """With `most_missing: 0.5`, as the refusal proposed, every second torque stood at half its time."""
+    half, head = [""] * 350, "X [s],Angle,X [s],Torque\n"
+    source = (
+        "format: csv\nmost_missing: 0.6\ntime: {column: '1', unit: s}\nchannels:\n  theta: {column: '2', unit: deg}\n"
+    )
+    row = {"trial": "a", "log": "a.csv", "log_source": "s"}
+    rows = zip(T, A, [*T[::2], *half], [*M[::2], *half], strict=True)
+    (tmp_path / "a.csv").write_text(head + "\n".join(map(",".join, rows)) + "\n")
+    (tmp_path / "s.yaml").write_text(source + "  torque: {column: '4', unit: Nm}\n")
+    with pytest.raises(
+        InputError, match=r"ends at line 351 and tells another time .* export the channels of each rate"
+    ):
+        trial_from_files(row, tmp_path, tmp_path)
+    rows = zip([*T[:350], *half], [*A[:350], *half], T, M, strict=True)
+    (tmp_path / "a.csv").write_text(head + "\n".join(map(",".join, rows)) + "\n")
+    (tmp_path / "s.yaml").write_text(source)
+    samples = trial_from_files(row, tmp_path, tmp_path).samples
+    np.testing.assert_allclose(samples["theta"], np.radians(ANGLE[:350]), atol=1e-8)
+
+
+@pytest.mark.parametrize("above", [
+    "Sampling rate: 2000 Hz\nDecimation: 4\n", "# Sample rate 2000 Hz, downsampled by 4\n",
+    "Sample rate: 2000 Hz\nOutput rate: 500 Hz\n",
+])  # fmt: skip
+def test_a_rate_beside_a_decimation_or_another_rate_is_a_question_and_not_the_time(tmp_path, above):
+    """Read at 2000 Hz, rows of 500 Hz gave B = 1.25 for 5."""
+    (tmp_path / "a.csv").write_text(text(head=[*HEAD[1:], ""], t=A, a=M, m=[""] * 700, above=above))
+    overview = inspect_file(tmp_path / "a.csv")
+    assert "2000 Hz" in overview.open[0]
+    assert "State it, as `time: {rate: HZ}`" in overview.open[0]
+    draft = draft_source(overview, "a.csv").replace('{"column": "NAME_OF_TIME", "unit": "UNKNOWN"}', "{rate: 500}")
+    (tmp_path / "s.yaml").write_text(draft)
+    assert_recording(trial_from_files({"trial": "a", "log": "a.csv", "log_source": "s"}, tmp_path, tmp_path))
+
+
+@pytest.mark.parametrize(("sign", "decimal", "of_thousands"), [(";", ",", "."), (";", ".", ",")])
+def test_whole_numbers_with_signs_between_their_thousands_are_read(tmp_path, sign, decimal, of_thousands):
+    """The torque of `10.133` N*mm beside `1,7` degrees was refused, with a remedy that did not work."""
+    whole = [f"{round(1e3 * x):,}".replace(",", of_thousands) for x in TORQUE]
+    ms = [f"{round(1e3 * x + 990):,}".replace(",", of_thousands) for x in TIME]
+    angle = [x.replace(".", decimal) for x in A]
+    for angles in (angle, [str(round(1e3 * x)) for x in ANGLE]):  # also where no number has a decimal
+        (tmp_path / "a.csv").write_text(text(sign, ["Time [ms]", HEAD[1], "Torque [Nmm]"], t=ms, a=angles, m=whole))
+        samples = read_by_draft(tmp_path / "a.csv").samples
+        np.testing.assert_allclose(samples["time"], TIME, atol=1e-3)
+        np.testing.assert_allclose(samples["torque"], TORQUE, atol=5.1e-4)
+
+
+@pytest.mark.parametrize("cells", [["0.998", "1.000"], ["1.746", "2.001"], ["998", "1.002", "1.5"], ["5", "1.746"]])
+def test_decimals_are_not_taken_for_thousands(cells):
+    assert not are_whole_thousands(cells, ".")
 
 
 def test_a_column_beside_a_rate_counts_samples_so_that_lost_ones_are_a_gap(tmp_path):

@@ -127,7 +127,7 @@ def test_a_stamp_of_seconds_and_nanoseconds_is_time_and_exact(tmp_path: Path, pa
 
 def test_a_last_line_that_breaks_off_is_left_out_with_a_warning(tmp_path: Path) -> None:
     lines = [json.dumps(one) for one in rust_lines()]
-    for encoding in ("utf-8-sig", "utf-16"):
+    for encoding in ("utf-8-sig", "utf-16", "utf-16-le", "utf-16-be"):
         (tmp_path / "a").write_text("\n".join(lines), encoding=encoding)
         assert len(read(tmp_path / "a").samples) == ROWS
     for end in ("", "\n"):  # with a line end it is a line that cannot be used
@@ -151,7 +151,7 @@ def test_a_line_that_cannot_be_used_is_skipped_within_a_share_and_else_refused(t
     assert any(f"1 of {ROWS} lines cannot be used and were skipped" in t and reason in t for t in recording.warnings)
     told = {name: recording.losses[name] for name in ("end_missing", "expected", "read", "lost", "share_lost")}
     number = (
-        {"expected": None, "lost": None} if "JSON" in reason else {"expected": ROWS, "lost": 1}
+        {"expected": None, "lost": None} if "JSON" in reason else {"expected": None, "lost": 1}
     )  # the rest of several?
     assert told == {"end_missing": False, "read": ROWS - 1, "share_lost": 1 / ROWS, **number}
     assert "cannot be used" in refused(path, time={"rate": 500})

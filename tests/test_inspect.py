@@ -22,6 +22,7 @@ from osl_analysis.commands import watch as watching
 from osl_analysis.errors import InputError
 from osl_analysis.files import config_here, default_config
 from osl_analysis.formats.csv_table import is_clock
+from osl_analysis.ingest import logs
 from osl_analysis.ingest import overview as about
 from osl_analysis.ingest.draft import draft_source, likely_column
 from osl_analysis.ingest.overview import Overview, RecordedChannel, likely_clock
@@ -182,7 +183,7 @@ def test_clocks_agree_within_half_a_percent_in_any_unit_of_seconds(factor, taken
 def test_names_tell_clocks_and_units_and_stamps_tell_rate_span_and_gaps():
     units = {f"x_{unit}": unit for unit in re.split(" ", "deg rad rev rpm Nm N A mA V mV s ms us ns Hz mm")}
     units |= {f"x_{angle}_{per}s": f"{angle}/s" for angle in ("deg", "rad") for per in ("", "per_")} | {"t_sec": "s"}
-    assert {name: about.likely_unit(name) for name in [*units, "theta_m", "deg"]} == units | {"theta_m": "", "deg": ""}
+    assert {name: logs.likely_unit(name) for name in [*units, "theta_m", "deg"]} == units | {"theta_m": "", "deg": ""}
     clocks = "time T timestamp stamp state_time loop_time pi_time sys_time ROS_time elapsed_time elapsed clock seconds"
     clocks += " time_since_start t_us t_ns time_ms Time_sec t_s stance_time t0 time_to_peak times theta t_m"
     assert [is_clock(name) for name in re.split(" ", clocks)] == [True] * 19 + [False] * 6
@@ -190,7 +191,7 @@ def test_names_tell_clocks_and_units_and_stamps_tell_rate_span_and_gaps():
         ([0, 1, 2, 3.4, 5, 5.5], "1 gaps, the longest 1.600 s", 1), ([0, 1, 2, 2, 2, 3, 4], "2 stamps twice", 1),
         ([0, 0.5, 1, 0.75, 1.5, 2], "1 stamps out of order", 2), ([4], "", None), ([0, 2, 2, 2], "2 stamps twice", 0.5),
     ):  # fmt: skip
-        assert (about.gaps_text(np.array(time)), about.rate_of(np.array(time))) == (said, rate)
+        assert (about.gaps_text(np.array(time)), logs.rate_of(np.array(time))) == (said, rate)
     back, often = np.r_[0:11.0, 9:20], np.r_[0:9.0, 7:9]
     assert [about.span_of(one) for one in (back, often, np.array([0, np.nan, 0, 3, 3]))] == [19, 0, 3]
 

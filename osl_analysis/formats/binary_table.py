@@ -26,7 +26,7 @@ from osl_analysis.formats.csv_table import (
     COMMENTS,
     CONTROL,
     MOST_COLUMNS,
-    UTF_16_MARKS,
+    UTF_16,
     CsvLayout,
     CsvTable,
     IsUnit,
@@ -293,13 +293,7 @@ def frame_of(arrays: Mapping[str, NDArray[Any]], damage: Ledger) -> pl.DataFrame
     """The columns of arrays that have the length that most have: an array (n,), each column of one (n, m), each field
     of records. Rows are what there is more of. Texts are the titles of a matrix with as many columns, the only one."""
     titles = titles_in(arrays)
-    columns = dict[str, NDArray[Any]]()
-    for name, array in arrays.items():
-        if array.dtype.names:
-            for own in array.dtype.names:
-                columns |= columns_in(f"{name}.{own}".strip("."), array[own], titles)
-        else:
-            columns |= columns_in(name, array, titles)
+    columns = {own: values for name, array in arrays.items() for own, values in columns_in(name, array, titles).items()}
     numbers = {name: values for name, values in columns.items() if values.dtype.kind in "biufmM"}
     lengths = Counter(values.size for values in numbers.values() if values.size > 1)
     if not lengths:
@@ -330,6 +324,9 @@ def titles_in(arrays: Mapping[str, NDArray[Any]]) -> dict[int, Sequence[str]]:
 
 
 def columns_in(name: str, array: NDArray[Any], titles: Mapping[int, Sequence[str]]) -> dict[str, NDArray[Any]]:
+    if array.dtype.names:
+        parts = [columns_in(f"{name}.{own}".strip("."), array[own], titles) for own in array.dtype.names]
+        return {own: values for part in parts for own, values in part.items()}
     if array.ndim < 2 or 1 in array.shape:
         return {name or "1": np.ravel(array)}
     lines = array if array.shape[0] < array.shape[1] else array.T
@@ -383,7 +380,7 @@ def refuse_others(path: Path, begin: bytes) -> None:
     begin = begin[:FIRST_BYTES]
     if is_table_file(begin):
         return
-    is_text = begin[:2] in UTF_16_MARKS or not CONTROL.search(begin)
+    is_text = UTF_16.match(begin) is not None or not CONTROL.search(begin)
     text = decoded_text(begin) if is_text else begin.decode("latin-1")
     for name, pattern, remedy in OTHERS:
         if re.search(pattern, text, re.MULTILINE | re.IGNORECASE) and not is_json_lines(begin):

@@ -9,6 +9,7 @@ from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import zip_longest
 from pathlib import Path
 from typing import Literal
 
@@ -22,7 +23,6 @@ from osl_analysis.trial import Array
 
 DELIMITERS = {"tab": "\t", "space": " "}
 CONTROL = re.compile(rb"[\x00-\x08\x0e-\x19]")  # bytes that no text has; 26 ended files of CP/M and DOS
-UTF_16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 UTF_16 = re.compile(rb"\xff\xfe|\xfe\xff|([\t\r\n -~]\0){8}|(\0[\t\r\n -~]){8}")  # by its mark, or in either order
 COMMENTS = ("#", "%", "//")
 MISSING = ("", "nan", "NaN", "NAN", "NA", "N/A", "#N/A", "null", "NULL", "None", "<NA>", "NaT", "-nan", "-nan(ind)")
@@ -33,6 +33,12 @@ THOUSANDS = {
     ",": re.compile(r"([+-]?\d{1,3}(?:\.\d{3})+),(\d+)"),
 }
 """By the decimal sign: numbers whose thousands have the other one."""
+WHOLE_THOUSANDS = {sign: re.compile(rf"[+-]?[1-9]\d{{0,2}}({re.escape(sign)}\d{{3}})+") for sign in ",."}
+SMALL_WHOLE = re.compile(r"[+-]?\d{1,3}")
+STATED_ROWS = re.compile(
+    r"(?i)\W*(?:total |(?:number|no\.?) of )?(?:samples|rows|frames|length|data points)[\s:=,;]+(\d+)\b(?![.,]\d)"
+)
+"""Text above a table that tells how many rows it has."""
 CLOCK = r"(?:(\d+) days?,? )?\+?(\d{1,3}):(\d{2})(?::(\d{1,2}))?(?:[.,:](\d{1,9}))?\d*(?: ?([AaPp])\.?[Mm]\.?)?"
 TIME = rf"^(?:\d{{1,4}}[-/.]\d{{1,2}}[-/.]\d{{1,4}}[T ]\s*)?{CLOCK}\s*(?:Z|UTC|([+-]\d{{2}}):?(\d{{2}}))?$"
 MOST_COLUMNS = 10_000  # of a table; a file with more is transposed, or no recording
@@ -46,15 +52,11 @@ IsUnit = Callable[[str], bool]
 def read_text(path: Path) -> tuple[bytes, bool]:
     """A text in UTF-8 with plain line breaks, and whether its last line has its break; refused where zero bytes show
     that it is not text."""
-    data = path.read_bytes()
-    if UTF_16.match(data):
+    data = utf8_of(path.read_bytes())
+    try:
+        data.decode()
+    except UnicodeDecodeError:
         data = decoded_text(data).encode()
-    else:
-        data = data.removeprefix(b"\xef\xbb\xbf")
-        try:
-            data.decode()
-        except UnicodeDecodeError:
-            data = decoded_text(data).encode()
     data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n").replace("\u2212".encode(), b"-")  # a minus sign
     data = data[: len(data.rstrip(b"\x1a"))]
     if (zero := data.find(b"\0")) >= 0:
@@ -79,12 +81,17 @@ def read_lines(path: Path) -> TextLines:
 
 def decoded_text(data: bytes) -> str:
     """Text in UTF-8, UTF-16 with its mark or as ASCII in it, or else Windows' western code page."""
-    if UTF_16.match(data):
-        return data.decode("utf-16-be" if data[:1] == b"\0" else "utf-16", errors="replace")
     try:
-        return data.decode("utf-8-sig")
+        return utf8_of(data).decode()
     except UnicodeDecodeError:
         return data.decode("cp1252", errors="replace")
+
+
+def utf8_of(data: bytes) -> bytes:
+    """The bytes of a text, without a mark; those of UTF-16 in UTF-8."""
+    if UTF_16.match(data):
+        data = data.decode("utf-16-be" if data[:1] == b"\0" else "utf-16", errors="replace").encode()
+    return data.removeprefix(b"\xef\xbb\xbf")
 
 
 def is_text(begin: bytes) -> bool:
@@ -165,7 +172,11 @@ def cell_numbers(cells: Sequence[str | None] | pl.Series, missing: Collection[st
         plain = text.str.replace(".", "?", literal=True).str.replace(",", ".", literal=True)
     values = plain.cast(pl.Float64, strict=False).to_numpy().copy()
     values[absent] = np.nan
-    for place in np.flatnonzero(~np.isfinite(values) & ~absent).tolist():  # `+1.5`, `1.0D-3`: polars does not read them
+    unread, other = np.flatnonzero(~np.isfinite(values) & ~absent).tolist(), "." if decimal == "," else ","
+    is_grouped = bool(unread) and WHOLE_THOUSANDS[other].fullmatch(str(text[unread[0]])) is not None
+    if is_grouped and are_whole_thousands(text.filter(~pl.Series(absent)).to_list(), other):
+        return cell_numbers(text.str.replace_all(other, "", literal=True), missing, decimal)
+    for place in unread:  # `+1.5`, `1.0D-3`: polars does not read them
         cell, thousands = str(plain[place]), THOUSANDS[decimal].fullmatch(str(text[place]))
         if thousands:  # `12.681,27`: both signs tell which is which
             cell = re.sub("[.,]", "", thousands[1]) + "." + thousands[2]
@@ -173,6 +184,14 @@ def cell_numbers(cells: Sequence[str | None] | pl.Series, missing: Collection[st
             raise UnreadableCellError(place)
         values[place] = float(re.sub("[dD]", "e", cell))
     return values
+
+
+def are_whole_thousands(cells: Collection[str], sign: str) -> bool:
+    """Whether the numbers of a column are whole, with a sign between their thousands, as `998` and `1.000`: a number
+    with three decimals stands beside none without, and one without its zeros at the end never ends in a zero."""
+    grouped = [cell for cell in cells if not SMALL_WHOLE.fullmatch(cell)]
+    ends = any(cell.endswith("0") for cell in grouped)
+    return len(grouped) < len(cells) and ends and all(WHOLE_THOUSANDS[sign].fullmatch(cell) for cell in grouped)
 
 
 def is_number_cell(cell: str) -> bool:
@@ -283,6 +302,17 @@ def read_csv_table(path: Path, layout: CsvLayout, is_unit: IsUnit, most_rows: in
     """The rows of a log as text, of a long one the first `most_rows`; InputError if it has rows that the layout does
     not allow. `is_unit` tells a unit."""
     data, ends = read_text(path)
+    table = table_of_text(data, ends, layout, is_unit, most_rows)
+    stated = [int(found[1]) for text in table.comments if (found := STATED_ROWS.match(text))]
+    table.damage.end_unknown = len(table.lines) not in stated
+    if most_rows is None and stated and len(table.lines) < min(stated):
+        said = f"its text states {min(stated)} samples, and {len(table.lines)} rows are there"
+        table.damage.miss_end(f"{said}: the end is missing, or the number counts something else")
+    return table
+
+
+def table_of_text(data: bytes, ends: bool, layout: CsvLayout, is_unit: IsUnit, most_rows: int | None) -> CsvTable:
+    """The rows of a text, of a long one the first `most_rows`."""
     first, last, count = 0, len(data), data.count(b"\n")
     if count < 2 * (FIRST_LINES + LAST_LINES):
         return table_of(numbered(data), layout, is_unit, ends)
@@ -417,7 +447,8 @@ def first_column_of_values(rows: Rows) -> int | None:
 def is_data(cells: Sequence[str], width: int, first_value: int) -> bool:
     """Whether a row may be one of data: as wide as most, with a number or time where most rows have the first one."""
     named = [cell for cell in cells if cell]
-    if len(cells) != width or not is_value(cells[first_value]) or not any(map(is_value, named)):
+    is_head = not any(map(is_value, named)) or STATED_ROWS.match(" ".join(named)) is not None
+    if is_head or len(cells) != width or not is_value(cells[first_value]):
         return False
     counts = [str(k) for k in range(len(named))], [str(k + 1) for k in range(len(named))]
     return bool(cells[0]) or named not in counts  # pandas numbers columns without a name: `,0,1,2`
@@ -426,7 +457,7 @@ def is_data(cells: Sequence[str], width: int, first_value: int) -> bool:
 def is_odd_data(cells: Sequence[str], width: int) -> bool:
     """Whether a row above the data is one of them that lacks cells, or has a word: more than half of it are numbers."""
     named = [cell for cell in cells if cell]
-    is_count = not cells[0] and named[:1] in (["0"], ["1"])
+    is_count = (not cells[0] and named[:1] in (["0"], ["1"])) or STATED_ROWS.match(" ".join(cells)) is not None
     return len(cells) > max(1, width / 2) and sum(map(is_number_cell, named)) > len(named) / 2 and not is_count
 
 
@@ -457,7 +488,8 @@ def head_of(
         first = 1
     while first and is_odd_data(rows[first - 1][1], width):
         first -= 1
-    above = rows[:first]
+    every = rows[:first]
+    above = [row for row in every if not STATED_ROWS.match(" ".join(row[1]))]
     heads = above[len(above) - headers_above(above, width) :]
     units_row = layout.units_row is True or (layout.units_row == "auto" and are_units(heads, is_unit))
     units = [*map(without_brackets, heads.pop()[1])] if units_row and len(heads) > 1 else []
@@ -468,7 +500,7 @@ def head_of(
         )
     stated = [name_and_unit(name)[1] for name in names] or [""] * width
     units = [unit or own for unit, own in zip([*units, *[""] * len(stated)], stated, strict=False)]
-    notes = [" ".join(filter(None, cells)) for number, cells in above if number != line]
+    notes = [" ".join(filter(None, cells)) for number, cells in every if number != line]
     return Head(names or [str(place + 1) for place in range(width)], units, first, line, notes)
 
 
@@ -496,6 +528,8 @@ def named_by(heads: Rows, above: Rows, comments: TextLines, width: int, delimite
     or of a line with other signs between its cells, or a comment. Empty if there are none."""
     if heads:
         names = unpadded(heads[-1][1], 0)
+        if delimiter == " " and len(names) > width:  # `POS (ANAT)` is one
+            names = re.findall(r"\S+(?: [(\[]\S+)*", " ".join(names))
         if len(names) == width + 1 and names[-1].casefold() == "comment":  # LabVIEW's last column, which is empty
             names = names[:width]
         if len(heads) > 1 and len({*filter(None, names)}) < len([*filter(None, names)]):
@@ -548,15 +582,25 @@ def without_cut_row(rows: Rows, width: int, damage: Ledger, whole: bool) -> Rows
     return rows
 
 
+def number_columns(rows: Sequence[Sequence[str | None]]) -> list[list[str]]:
+    """The cells of each column that are numbers or times."""
+    columns = zip_longest(*rows)
+    return [[cell for cell in column if cell and is_value(cell) and cell not in MISSING] for column in columns]
+
+
 def decimal_of(rows: Sequence[tuple[int, Sequence[str | None]]]) -> str:
     """The decimal sign of the cells: a comma where numbers have one and none has a full stop, unless each may be one
     between thousands."""
-    cells = [cell for _, row in (*rows[:FIRST_LINES], *rows[-LAST_LINES:]) for cell in row if cell]
+    numbers = number_columns([row for _, row in (*rows[:FIRST_LINES], *rows[-LAST_LINES:])])
+    others = [column for column in numbers if not are_whole_thousands(column, ".")]
+    cells = [cell for column in others for cell in column]
     commas = [cell for cell in cells if re.fullmatch(r"[+-]?\d*,\d+([eE][+-]?\d+)?", cell)]
     if any(THOUSANDS[","].fullmatch(cell) for cell in cells):
         return ","
     stops = any(re.fullmatch(r"[+-]?\d*\.\d+([eEdD][+-]?\d+)?", cell) for cell in cells)
-    thousands = all(re.fullmatch(r"[+-]?[1-9]\d{0,2},\d{3}", cell) for cell in commas)
+    if len(others) < len(numbers):
+        return "." if stops else ","
+    thousands = all(WHOLE_THOUSANDS[","].fullmatch(cell) for cell in commas)
     return "," if commas and not stops and not thousands else "."
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from osl_analysis.errors import InputError, listing, nearest
-from osl_analysis.formats.csv_table import UTF_16_MARKS
+from osl_analysis.formats.csv_table import utf8_of
 from osl_analysis.formats.message_fields import Columns, Indices, Reader, fields_in, json_object
 from osl_analysis.formats.table import Ledger
 
@@ -28,18 +28,13 @@ class JsonLines:
 
 def is_json_lines(begin: bytes) -> bool:
     """Whether a file that begins with these bytes is JSON lines: an object in its first line, and in the second."""
-    first, _, rest = as_utf8(begin).lstrip().partition(b"\n")
+    first, _, rest = utf8_of(begin).lstrip().partition(b"\n")
     return first.startswith(b"{") and rest.lstrip().startswith(b"{") and is_whole(first)
-
-
-def as_utf8(data: bytes) -> bytes:
-    text = data.decode("utf-16", errors="replace").encode() if data[:2] in UTF_16_MARKS else data
-    return text.removeprefix(b"\xef\xbb\xbf")
 
 
 def read_json_lines(path: Path) -> JsonLines:
     """The lines of a file. A last line that breaks off, as a killed logger leaves it, is left out."""
-    every, damage = as_utf8(path.read_bytes()).split(b"\n"), Ledger()
+    every, damage = utf8_of(path.read_bytes()).split(b"\n"), Ledger(end_unknown=True)
     numbered = [(number, text) for number, text in enumerate(every, 1) if text.strip(b" \t\r\n")]
     if numbered and every[-1] and not is_whole(numbered[-1][1]):
         damage.miss_end(f"the last line, {numbered.pop()[0]}, breaks off and was left out")

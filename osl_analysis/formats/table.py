@@ -120,6 +120,7 @@ class Ledger:
     of each channel, or the rows of a table under 0. What is not known is None, never 0."""
 
     end_missing: bool = False  # the recorder did not finish, or the file was cut off: nobody knows what followed
+    end_unknown: bool = False  # nothing tells where it ends, as of lines of text: a part of it looks as the whole does
     gaps: bool = False  # some part of the file cannot be read or is missing; the summary counts as a part
     expected: int | None = None  # messages in it as it says; None if it does not, or is not trusted
     declared: Counter[int] | None = None  # the same for each channel
@@ -198,11 +199,11 @@ class Ledger:
         wrong = self.gaps or chunks != 0 or self.expected not in (None, self.messages)
         wrong |= lost not in (None, 0) or (self.declared is not None and +self.declared != +self.read)
         found = {
-            "complete": False if wrong else None if lost is None else True,
+            "complete": False if wrong else None if lost is None or self.end_unknown else True,
             "end_missing": self.end_missing,
-            "expected": self.expected if lost is None else sound + lost,
+            "expected": self.expected if lost is None or self.end_unknown else sound + lost,
             "read": sound,
-            "lost": lost,
+            "lost": None if self.end_unknown and not lost else lost,
             "share_lost": max((self.share_lost(own) for own in (topics or {}).values()), default=self.share_lost()),
             "remarks": [*map(printable, self.all_remarks(topics is not None))],
         }
@@ -302,8 +303,8 @@ class Table:
     found: Mapping[str, Mapping[str, str]] = field(default_factory=dict)  # what it says of a column, as its full name
     lines: NDArray[np.int64] | None = None  # line of each row in a file of text, counted from 1
     has_stamps: bool = False  # its column of time held times of day, and holds ns
-    # beside a stated rate: what may tell the time in the file, by name, (rows,) each, and rates that it states [Hz]
-    clocks: Sequence[tuple[str, NDArray[Any]]] = ()
+    # what else may tell the time in the file, by name, with its unit, (rows,) each, and rates that it states [Hz]
+    clocks: Sequence[tuple[str, str, NDArray[Any]]] = ()
     rates: Sequence[tuple[str, float]] = ()
     noun: str = "row"  # what messages call a row
     failed: str = "NaN"  # what messages call a reading that failed

@@ -126,7 +126,7 @@ def read_tdms(path: Path) -> TdmsFile:
         raise InputError(f"the length of a segment contradicts that of its channels ({odd[0][:80]}); {SAVE_AGAIN}")
     if not channels:
         raise InputError(f"the TDMS file holds no channels, or is cut off before them; {SAVE_AGAIN}")
-    damage, end = Ledger(), end_of_segments(data)
+    damage, end = Ledger(end_unknown=True), end_of_segments(data)
     lost = [one.expected_length - one.read_length for one in (status.channel_statuses or {}).values()]
     count = f"at least {max(lost)} values of a channel" if any(lost) else "how much is not known"
     if status.incomplete_final_segment or end != len(data):

@@ -414,7 +414,9 @@ def read_nexus_capture(path: Path, source: NexusSource) -> Recording:
     if frames != int(frames):
         raise InputError("the last frame lacks sub frames; export the trial again")
     samples_per_frame = sections["Devices"].counts()[1] if analogs or plates else 1
-    return captured(source, (int(frames), rate, samples_per_frame, first), markers, outputs, analogs, plates)
+    damage = Ledger(end_unknown=len(used) == 1)  # two sections would differ
+    timing = int(frames), rate, samples_per_frame, first
+    return captured(source, timing, markers, outputs, analogs, plates, damage=damage)
 
 
 def section_of(sections: Mapping[str, NexusSection], title: str) -> NexusSection:

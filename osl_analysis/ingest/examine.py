@@ -135,9 +135,9 @@ def measure_gap(examined: Examined) -> CheckResult:
 
 
 def measure_clock(examined: Examined) -> CheckResult:
-    clock = examined.trial.provenance.get("clock")
+    clock, logged = examined.trial.provenance.get("clock"), examined.trial.provenance.get("log", {})
     if not clock:
-        return not_applicable("one clock")
+        return worst(logged.get("clocks_apart", {}), "one clock")
     ppm, error = 1e6 * clock["drift"], 1e6 * clock["drift_error"]
     outside = f"{clock.get('rows_before', 0)} and {clock.get('rows_after', 0)} rows of the log before and after"
     matched = f"{clock['edges']} matched and {clock['excluded_edges']} excluded by {clock.get('method', 'edges')}"

@@ -4,7 +4,7 @@ topic, in MCAP or a bag of ROS, in the order of their stamps. Nothing is interpo
 import json
 import re
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, replace
 from functools import reduce
@@ -19,7 +19,7 @@ from osl_analysis.errors import InputError, listing, naming
 from osl_analysis.formats import csv_table
 from osl_analysis.formats.binary_table import read_binary_table
 from osl_analysis.formats.gait_text import read_opensim
-from osl_analysis.formats.json_lines import addresses_of, decode_lines, read_json_lines
+from osl_analysis.formats.json_lines import JsonLines, addresses_of, decode_lines, read_json_lines
 from osl_analysis.formats.mat import Value, open_mat
 from osl_analysis.formats.mcap import read_mcap
 from osl_analysis.formats.message_fields import Indices
@@ -43,12 +43,14 @@ from osl_analysis.ingest.source import (
     TdmsSource,
     check_values,
 )
-from osl_analysis.ingest.units import is_unit, si_factor
+from osl_analysis.ingest.units import is_unit, normalised, si_factor
 from osl_analysis.signals import runs
 from osl_analysis.trial import Array, check_time, counter_column, unit_of
 
 RATE = "state the rate of the rows in Hz, as `time: {rate: HZ}`"
 SECOND = 1_000_000_000
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}  # [s], of clocks
+MOST_TRIED = 1000  # rows of a column by which it is told whether it may be a clock
 
 
 def read_table_log(path: Path, source: TableSource) -> Recording:
@@ -58,8 +60,9 @@ def read_table_log(path: Path, source: TableSource) -> Recording:
     table.damage.read[0] = table.rows
     if table.rows < 2:
         raise InputError(f"holds one {table.noun} of data: nothing to analyse; record the trial again, or exclude it")
-    check_rate(table, source)
     time, start = time_of(table, source)
+    apart = check_other_clocks(table, source, time)
+    tell_moved(table, wanted(source))
     first_by: dict[int, str] = {}
     for column, channel in source.channels.items():  # one column under two names, as its own and by its number
         other = first_by.setdefault(id(table.columns[channel.name]), column)
@@ -93,12 +96,47 @@ def read_table_log(path: Path, source: TableSource) -> Recording:
         "rates_hz": {path.name: median_rate(time[kept])},
         "repeated_stamps": repeated,
         "missing": missing,
+        **({"clocks_apart": apart} if apart else {}),
         **table.facts,
     }
     recording = Recording(samples.filter(pl.Series(kept)), origins, facts, said, table.damage)
     return (
         exported_plates(table, recording, source) if isinstance(source, OpenSimSource) and source.plates else recording
     )
+
+
+def tell_moved(table: Table, names: Sequence[str]) -> None:
+    """Count as lost where a channel leaps to numbers that another one has in another place, four or more in a row: a
+    block of one was written over the other. A channel that follows another one has its numbers everywhere."""
+    columns = {name: np.ma.getdata(table.columns[name]) for name in names}
+    columns = {name: raw for name, raw in columns.items() if raw.dtype.kind == "f"}
+    for name, raw in columns.items():
+        for begin in leaps_of(raw):
+            block = raw[begin : begin + 4]
+            others = [one for one in columns if one != name and block.size == np.unique(block).size == 4]
+            for other, own in ((one, columns[one]) for one in others):
+                places = [
+                    at for at in np.flatnonzero(own[:-3] == block[0]).tolist() if (own[at : at + 4] == block).all()
+                ]
+                if len(places) != 1 or places[0] == begin:
+                    continue
+                lag = places[0] - begin
+                alike = raw[max(0, -lag) : raw.size - max(0, lag)] == own[max(0, lag) : own.size + min(0, lag)]
+                length = int(np.argmin(np.append(alike[begin - max(0, -lag) :], False)))
+                if np.count_nonzero(alike) < length + 4:
+                    said = f"{length} {table.noun}s of {name} from {table.place(begin)} on are those of {other}"
+                    said += f" from {table.place(places[0])} on: a part of the file was written over another"
+                    table.damage.lose(said, 0, Counter(), 0)
+                    table.damage.misfits[0] += length
+
+
+def leaps_of(raw: NDArray[Any], most: int = 24) -> list[int]:
+    """The rows (n,) into which a channel leaps, ten times as far as it usually goes from row to row; the largest."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        steps = np.nan_to_num(np.abs(np.diff(raw)))
+    largest = np.argsort(steps)[-most:] if steps.size <= most else np.argpartition(steps, -most)[-most:]
+    usual = float(np.median(steps)) if steps.size else 0.0
+    return [int(at) + 1 for at in largest if steps[at] / 10 > usual]
 
 
 def wanted(source: TableSource) -> list[str]:
@@ -244,78 +282,177 @@ def csv_log(path: Path, source: SheetSource) -> Table:
     values = {place: cells_of(text, place, source, place in levels) for place in {*places.values()} - {clock}}
     if clock is not None:
         values[clock] = cells_of(text, clock, source, level=False, is_time=True) if stamps is None else stamps
-    clocks, rates = list[tuple[str, NDArray[Any]]](), list[tuple[str, float]]()
-    if source.time.rate is not None:
-        from osl_analysis.ingest.overview import stated_rate  # which reads logs, too
-
-        clocks = list(clock_columns(text, source))
-        rates = [("in words", one)] if (one := stated_rate(text.comments)) else []
+    clocks = list(clock_columns(text, source, {*places.values()}))
+    end = len(text.lines) if clock is None else rows_with_values(values.values())
+    values = {place: one[:end] for place, one in values.items()}
+    rates = [("in words", one)] if (one := stated_rate(text.comments)) else []
     found = {}
     for name, place in places.items():
         if csv_table.name_and_unit(text.names[place])[0] != csv_table.name_and_unit(name)[0]:
             found[name] = {"found": text.names[place]}
     return Table(
-        len(text.lines),
+        end,
         {name: values[place] for name, place in places.items()},
         {name: text.units[place] for name, place in places.items()},
         damage=text.damage,
         facts={"comments": text.comments[:100]},
         found=found,
-        lines=text.lines if text.noun == "line" else None,
+        lines=text.lines[:end] if text.noun == "line" else None,
         failed="missing",
         has_stamps=stamps is not None,
-        clocks=clocks,
+        clocks=[(name, unit, one[:end]) for name, unit, one in clocks],
         rates=rates,
     )
 
 
-def clock_columns(text: csv_table.CsvTable, source: SheetSource) -> Iterator[tuple[str, NDArray[Any]]]:
-    """The columns of a table that may tell its time: times of day [s], numbers that are called like a clock, and
-    those that rise like one and that nobody asks for."""
-    from osl_analysis.ingest.overview import ticks  # which reads logs, too
+def rows_with_values(columns: Iterable[NDArray[Any]]) -> int:
+    """How many rows there are up to the last one in which a column has a value: what is longer beside them, as an EMG,
+    has rows of its own."""
+    return max(int(np.flatnonzero(~np.isnan(one.astype(np.float64)))[-1:].sum()) + 1 for one in columns)
 
-    asked = {csv_table.place_of(name, text.names) for name in wanted(source)}
-    for place, name in enumerate(text.names):
+
+def clock_columns(
+    text: csv_table.CsvTable, source: SheetSource, asked: Collection[int]
+) -> Iterator[tuple[str, str, NDArray[Any]]]:
+    """The columns of a table that may tell its time, with their units, but for signals that are asked for."""
+    for place, (name, unit) in enumerate(zip(text.names, text.units, strict=True)):
         cells = text.body.to_series(place)
-        stamps = csv_table.cell_stamps(cells)
-        if stamps is not None:
-            yield name, stamps / SECOND
+        if csv_table.cell_stamps(cells[:MOST_TRIED]) is not None:
+            if (stamps := csv_table.cell_stamps(cells)) is not None:
+                yield name, "s", stamps / SECOND
         elif is_like_clock(name) or place not in asked:
             with suppress(csv_table.UnreadableCellError):
-                values = csv_table.cell_numbers(cells, source.missing, text.decimal)
-                if is_like_clock(name) or ticks(values, text.units[place]):
-                    yield name, values
+                tried = csv_table.cell_numbers(cells[:MOST_TRIED], source.missing, text.decimal)
+                if may_be_clock(name, unit, tried):
+                    yield name, unit, csv_table.cell_numbers(cells, source.missing, text.decimal)
 
 
 def is_like_clock(name: str) -> bool:
     """Whether a name may be that of a clock, as `LabVIEW time`, `Date` and `sec` may: readings tell the rest."""
     last = re.split(r"[./]", csv_table.name_and_unit(name)[0])[-1]
-    words = r"(?i)time|date|clock|stamp|zeit|^secs?$|unix|^tick|^tout$"
-    return csv_table.is_clock(last) or re.search(words, last) is not None
+    return csv_table.is_clock(last) or re.search(r"(?i)time|date|clock|stamp|zeit|^secs?$", last) is not None
 
 
-def check_rate(table: Table, source: TableSource) -> None:
-    """Refuse a stated rate [Hz] beside a clock, in whatever unit of time, that goes on at another, or beside another
-    rate that the file states: the rate is meant for logs without a clock, or with one that is broken."""
-    rate = source.time.rate
-    if rate is None:
-        return
+def may_be_clock(name: str, unit: str, values: NDArray[Any]) -> bool:
+    """Whether a column (n,) may tell the time of its table: it is called like a clock, or rises as one."""
+    return is_like_clock(name) or ticks(values, unit)
+
+
+def tells_time(name: str, unit: str) -> bool:
+    """Whether name or unit of a column say that it is time."""
+    return is_like_clock(name) or normalised(unit or likely_unit(csv_table.name_and_unit(name)[0])) in TIME_UNITS
+
+
+def likely_unit(name: str) -> str:
+    """The unit that the end of a column's name tells, as in `ankle_deg`; empty if none. `theta_m` is the motor's."""
+    plain = ("deg", "rad", "rev", "rpm", "Nm", "N", "A", "mA", "V", "mV", "s", "ms", "us", "ns", "Hz", "mm")
+    spelled = {"deg_s": "deg/s", "deg_per_s": "deg/s", "rad_s": "rad/s", "rad_per_s": "rad/s"}
+    spelled |= dict.fromkeys(("sec", "seconds"), "s")
+    endings = [end for end in (*plain, *spelled) if name.endswith(f"_{end}")]
+    longest = max(endings, key=len, default="")
+    return spelled.get(longest, longest) or {"millis": "ms", "ms": "ms", "micros": "us", "us": "us"}.get(name, "")
+
+
+def ticks(values: NDArray[Any], unit: str) -> bool:
+    """Whether readings (n,) rise as those of a clock do: never back, by steps of which four in five are within a fifth
+    of their median, in a unit of time, or in none and as fast as a recorder of joints in one unit only."""
+    steps = np.diff(values[np.isfinite(values)])
+    usual = float(np.median(steps)) if steps.size >= 20 and (steps >= 0).all() else 0.0
+    even = usual > 0 and float(np.mean(np.abs(steps / usual - 1) < 0.2)) > 0.8
+    return even and bool(normalised(unit) in ("s", "ms", "us", "ns") if unit else time_unit(values))
+
+
+def rate_of(time: Array) -> float | None:
+    """Median rate [Hz] of stamps [s]; None where they tell none."""
+    steps = np.diff(time)
+    steps = steps[steps > 0]
+    return float(1 / np.median(steps)) if steps.size else None
+
+
+def time_unit(clock: Array) -> str:
+    """The unit of the readings (n,) of a clock, where one only is likely; else empty. Recorders of joints have rates
+    from 50 to 5000 Hz, less than a factor of 1000 apart: a reading fits them in one unit only. Readings that rise by
+    one may count rows, or be the whole seconds of stamps in two parts."""
+    rate = rate_of(clock)
+    if rate is None or clock.size < 20 or np.isin(np.diff(clock), (0, 1)).all():
+        return ""
+    units = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9, "d": 1 / 86_400}
+    return next((unit for unit, in_s in units.items() if 50.0 <= rate * in_s <= 5000.0), "")
+
+
+WRITTEN = r"(\d+(?:[.,]\d+)*(?:e[+-]?\d+)?)"
+OF_ROWS = r"(?:sampl\w*|scan|acquisition|recording|data|output)[ _]*(?:rate|frequency|freq)|fs\b|^(?:rate|frequency)\b"
+INTERVAL = rf"(?i)\b(?:delta_x|(?:sampl\w*[ _]*)?(?:interval|period))\b\D*?{WRITTEN}(?:\s*([mu]?)s\b)?"
+THINNED = r"(?i)decimat|down-?sampl|sub-?sampl"
+
+
+def stated_rate(comments: Sequence[str]) -> float | None:
+    """The rate of the rows [Hz] that text beside the table states, as `Sample rate: 500 Hz` or LabVIEW's `Delta_X`.
+    None where it states several, or names a decimation: that rate may be the device's, and not that of the rows."""
+    rates, in_words = set[float](), rf"(?i)\b(?:{OF_ROWS})(?:\D*?{WRITTEN}\s*(k?)hz|[\s:=[]*(\d{{2,5}}(?:\.\d*)?)]?$)"
+    for text in comments:
+        if re.search(THINNED, text):
+            return None
+        if (found := re.search(INTERVAL, text)) and (step := written_number(found[1])) > 0:
+            rates.add(float(f"{1 / (step * TIME_UNITS[(found[2] or '') + 's']):.9g}"))
+        elif found := re.search(in_words, text):
+            rates.add(written_number(found[1] or found[3]) * (1000 if found[2] else 1))
+    return rates.pop() if len(rates) == 1 and 1 < min(rates) < 1e6 else None
+
+
+def written_number(text: str) -> float:
+    """A number with either decimal sign, or with signs between its thousands, as `1,000`."""
+    if re.fullmatch(r"[1-9]\d{0,2}(,\d{3})+(\.\d*)?", text):
+        text = text.replace(",", "")
+    with suppress(ValueError):
+        return float(text.replace(",", "."))
+    return 0.0
+
+
+def span_ratio(span: float, other: float, more: Sequence[float] = (60.0, 3600.0, 86_400.0)) -> float:
+    """One span of time by another, each in any unit of time, also those of `more` [s]: the ratio nearest to one."""
+    units = np.array([*TIME_UNITS.values(), *more])
+    ratios = np.divide.outer(units, units).ravel() * span / other
+    return float(ratios[np.argmin(np.abs(np.log(ratios)))])
+
+
+def check_other_clocks(table: Table, source: TableSource, time: Array) -> dict[str, float]:
+    """Other clocks of a table that go on at another rate than its time [s], by half a percent or more in whatever unit,
+    with the RMS [s] by which they come apart. Refused is a stated rate that one contradicts by 5 %, or that differs
+    from the rate that the file states."""
+    rate, apart = source.time.rate, dict[str, float]()
     of_time = csv_table.name_and_unit(source.time.name)[0]
-    for name, values in table.clocks:
-        if name == source.time.name or csv_table.name_and_unit(name)[0] == of_time or values.size < 3:
+    for name, unit, every in table.clocks:
+        known = np.isfinite(every.astype(np.float64))
+        if csv_table.name_and_unit(name)[0] == of_time or known.sum() < 3 or known.size != time.size:
             continue
-        steps = np.diff(unwrapped(np.asarray(values), name)[0].astype(np.float64))
-        step = float(steps.mean())
-        runs_on = (steps >= 0).all() and float(steps.max()) <= max(3 * step, 0.02 * steps.sum())
-        rows_per_step = step * rate * np.array([1.0, 1e-3, 1e-6, 1e-9, 60.0, 86_400.0])
-        if step > 0 and runs_on and (np.abs(rows_per_step - 1) > 0.05).all():
+        if rate is None and not tells_time(name, unit):  # a signal may rise as evenly
+            continue
+        values, own = unwrapped(every[known], name)[0].astype(np.float64), time[known]
+        steps, span = np.diff(values), own[-1] - own[0]
+        step, most = float(steps.mean()), float(steps.max())
+        if not (span > 0 and step > 0 and (steps >= 0).all() and most <= max(3 * step, 0.02 * steps.sum())):
+            continue  # it does not run
+        ratio = span_ratio(float(steps.sum()), span)
+        if not known[-1] and abs(ratio - 1) > 0.05:
+            raise InputError(
+                f"{source.time.ADDRESS} '{name}' ends at {table.place(int(np.flatnonzero(known)[-1]))} and tells "
+                "another time for what stands beside it; export the channels of each rate on their own"
+            )
+        if rate is not None and abs(ratio - 1) > 0.05:
             raise InputError(
                 f"`rate: {rate:g}` of time, but {source.time.ADDRESS} '{name}' rises by {step:.4g} a row; "
                 f"write `time: {{{source.time.ADDRESS}: {name}}}` with its unit, or correct the rate"
             )
+        if abs(ratio - 1) > 0.005 + most / steps.sum():
+            apart[name] = abs(ratio - 1) * span / 12**0.5
+            said = f"{source.time.ADDRESS} '{name}' goes on {ratio:.4g} times as fast as time"
+            beside = f" ({source.time.title})" if source.time.name else ""
+            table.damage.remarks.append(f"{said}{beside}: B and I depend on which of them is right")
     for name, stated in table.rates:
-        if abs(rate / stated - 1) > 0.01:
+        if rate is not None and abs(rate / stated - 1) > 0.01:
             raise InputError(f"`rate: {rate:g}` of time, but the file says {stated:.6g} Hz ({name}); correct the rate")
+    return apart
 
 
 def cells_of(
@@ -385,15 +522,23 @@ def json_log(path: Path, source: JsonSource) -> Table:
         )
     rows = np.flatnonzero(kept) if field else np.arange(kept.size)
     columns = {name: values[rows] for name, values in decoded.values.items()}  # masked where a line lacks the field
-    clocks = list[tuple[str, NDArray[Any]]]()
-    if by_rate and (named := [name for name in found if is_like_clock(name)]):
-        others = decode_lines(replace(lines, damage=Ledger()), named).values
-        clocks = [(name, np.ma.compressed(values)) for name, values in others.items()]
+    few = replace(lines, texts=lines.texts[:MOST_TRIED], numbers=lines.numbers[:MOST_TRIED])
+    likely = [name for name in found if name not in names and may_be_clock(name, "", readings_of(few, name))]
+    clocks = [(name, "", readings_of(lines, name)[decoded.rows[rows]]) for name in likely]
     table = Table(rows.size, columns, damage=lines.damage, lines=lines.numbers[decoded.rows[rows]], clocks=clocks)
     if not parts:
         return table
     stamps = whole_stamps(table, parts, f"name another time, or {RATE}")
     return replace(table, columns={**columns, str(field): stamps}, units={str(field): "ns"})
+
+
+def readings_of(lines: JsonLines, name: str) -> Array:
+    """The readings (n,) of a field that nobody asks for, in each of the lines; NaN where one has no number there."""
+    values = np.full(len(lines.texts), np.nan)
+    with suppress(InputError):
+        decoded = decode_lines(replace(lines, damage=Ledger()), [name])
+        values[decoded.rows] = np.ma.filled(decoded.values[name].astype(np.float64), np.nan)
+    return values
 
 
 def stamp_fields(field: str) -> list[tuple[str, str]]:
@@ -441,10 +586,12 @@ def mat_log(path: Path, source: MatSource) -> Table:
     facts = {"version": file.version, "header": file.header, "log_part": source.log_part}
     found = {text: {"variable": address} for text, (address, _, _) in signals.items()}
     units = {text: unit for text, (_, _, unit) in signals.items()}
-    every = list(vectors_in(file.read(file.names))) if source.time.rate is not None else []
-    beside = {address.rpartition(".")[0] for address, _, _ in signals.values()}  # not those of other recordings
-    every = [(name, values) for name, values in every if name.rpartition(".")[0] in beside]
-    clocks = [(name, values) for name, values in every if values.size > 2 and is_like_clock(name)]
+    every, beside = [], {address.rpartition(".")[0] for address, _, _ in signals.values()}
+    with suppress(InputError):  # what nobody asks for may be too large, or of another kind
+        every = [one for one in vectors_in(file.read(file.names)) if one[0].rpartition(".")[0] in beside]
+    asked = {address for address, _, _ in signals.values()}
+    clocks = [(name, "", values[~lacking]) for name, values in every if values.size == lacking.size]
+    clocks = [one for one in clocks if is_like_clock(one[0]) or (one[0] not in asked and ticks(one[2], ""))]
     rates = [(name, float(values[0])) for name, values in every if values.size == 1 and re.search(r"(?i)\bfs$", name)]
     return Table(
         vectors[reference].size, vectors, units, damage=file.damage, facts=facts, found=found, noun="sample",
@@ -506,11 +653,11 @@ def tdms_log(path: Path, source: TdmsSource) -> Table:
         placed[address][rows[address]] = each
     columns = {name: placed[channel.address] for name, channel in channels.items()}
     units = {name: "s" if channel.holds_times else channel.unit for name, channel in channels.items()}
-    clocks, rates = list[tuple[str, NDArray[Any]]](), list[tuple[str, float]]()
-    if source.time.rate is not None:
-        named = [each for each in file.channels if each.count and (each.holds_times or is_like_clock(each.name))]
-        clocks = [*file.values([each for each in named if each.holds_times or each.holds_numbers]).items()]
-        rates = [(f"wf_increment of '{each.address}'", 1 / each.step) for each in by_address.values() if each.step]
+    others = {one.address: one for one in file.channels if one.count and (one.holds_times or one.holds_numbers)}
+    others = {address: one for address, one in others.items() if address not in by_address}
+    clocks = [(at, others[at].unit, one) for at, one in file.values([*others.values()]).items()]
+    clocks = [one for one in clocks if others[one[0]].holds_times or may_be_clock(others[one[0]].name, *one[1:])]
+    rates = [(f"wf_increment of '{each.address}'", 1 / each.step) for each in by_address.values() if each.step]
     return Table(placed[one.address].size, columns, units, own, file.damage, facts, clocks=clocks, rates=rates)
 
 
@@ -541,9 +688,9 @@ def opensim_log(path: Path, source: OpenSimSource) -> Table:
             )
     plates = [name for plate in source.plates.values() for name in exported_columns(plate)]
     columns = {name: table.column(name) for name in dict.fromkeys([*wanted(source), *plates])}
-    clocks = [(name, table.column(name)) for name in dict.fromkeys(table.names) if is_like_clock(name)]
+    clocks = [(name, "", table.column(name)) for name in dict.fromkeys(table.names) if is_like_clock(name)]
     facts = {"header": table.header, "clock": source.clock}
-    return Table(len(table.rows), columns, facts=facts, clocks=clocks if source.time.rate is not None else [])
+    return Table(len(table.rows), columns, facts=facts, clocks=clocks)
 
 
 TABLES: Mapping[str, Callable[[Path, Any], Table]] = {

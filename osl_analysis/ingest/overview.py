@@ -1,7 +1,6 @@
 """What a file holds: channels with ranges, rates and gaps, what is odd, and what names tell of clocks and units."""
 
 import json
-import math
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -23,11 +22,11 @@ from osl_analysis.formats.json_lines import MOST_ELEMENTS, addresses_of, decode_
 from osl_analysis.formats.mat import Value, address_with, open_mat
 from osl_analysis.formats.message_fields import FieldDescription, describe_message, last_name
 from osl_analysis.formats.messages import ChannelLog, decode_topics, read_channels
+from osl_analysis.formats.table import Ledger
 from osl_analysis.formats.tdms import read_tdms
 from osl_analysis.ingest import logs
 from osl_analysis.ingest.captures import plate_count, plate_loads, plate_parameter, vertical_axis
 from osl_analysis.ingest.source import NAME_OF_TIME, UNKNOWN, C3dSource
-from osl_analysis.ingest.units import normalised
 from osl_analysis.trial import Array, plate_columns
 
 
@@ -66,15 +65,6 @@ class Overview:
     open: Sequence[str] = ()  # what the user decides, as which of its clocks counts, a sentence each
 
 
-def likely_unit(name: str) -> str:
-    """The unit that the end of a column's name tells, as in `ankle_deg`; empty if none. `theta_m` is the motor's."""
-    plain = ("deg", "rad", "rev", "rpm", "Nm", "N", "A", "mA", "V", "mV", "s", "ms", "us", "ns", "Hz", "mm")
-    spelled = {"deg_s": "deg/s", "deg_per_s": "deg/s", "rad_s": "rad/s", "rad_per_s": "rad/s", "sec": "s"}
-    endings = [end for end in (*plain, *spelled) if name.endswith(f"_{end}")]
-    longest = max(endings, key=len, default="")
-    return spelled.get(longest, longest) or {"millis": "ms", "ms": "ms", "micros": "us", "us": "us"}.get(name, "")
-
-
 def guesses(units: Mapping[str, str]) -> list[str]:
     """A remark on the units that names tell, by channel."""
     named = ", ".join(f"{name} [{unit}]" for name, unit in units.items() if unit)
@@ -99,8 +89,7 @@ def likely_clock(readings: Mapping[str, NDArray[Any]], what: str = "columns") ->
             known = np.isfinite(pair[0]) & np.isfinite(pair[1])
             pair = pair[0][known], pair[1][known]
         one, other = map(span_of, pair)
-        thousands = round(math.log10(one / other) / 3) if min(one, other) > 0 else 0
-        agree &= abs(one / other / 1000.0**thousands - 1) <= 0.005 if min(one, other) > 0 else one == other
+        agree &= abs(logs.span_ratio(one, other, ()) - 1) <= 0.005 if min(one, other) > 0 else one == other
     if agree:
         named = listing([printable(name) for name in running], most)
         return first, [f"{count}, to be checked: {named}; {printable(first)} is taken"]
@@ -109,28 +98,24 @@ def likely_clock(readings: Mapping[str, NDArray[Any]], what: str = "columns") ->
 
 
 def clock_of(
-    what: str, readings: Mapping[str, NDArray[Any]], called: Callable[[str], bool], units: Mapping[str, str]
+    what: str, readings: Mapping[str, NDArray[Any]], named: Sequence[str], units: Mapping[str, str]
 ) -> tuple[str | None, list[str]]:
     """The likely clock of a table's columns by address, the shortest first, and what the user has to decide: among
-    those that are `called` a clock, or else among those that rise as one, a guess. `units` are those that it states."""
+    those that are `named` like a clock, unless another one that tells time contradicts it, or else among those that
+    rise as one, a guess. `units` are those that it states."""
     shortest = sorted(readings, key=lambda name: name.count("."))
-    if named := {name: readings[name] for name in shortest if called(name)}:
-        return likely_clock(named, what)
-    rising = {name: readings[name] for name in shortest if ticks(readings[name], units.get(name, ""))}
+    rising = {name: readings[name] for name in shortest if logs.ticks(readings[name], units.get(name, ""))}
+    if named:
+        clock, left_open = likely_clock({name: readings[name] for name in shortest if name in named}, what)
+        span = 0.0 if clock is None else span_of(readings[clock].astype(np.float64))
+        others = {name: one for name, one in rising.items() if span and logs.tells_time(name, units.get(name, ""))}
+        others = {name: one for name, one in others.items() if abs(logs.span_ratio(span_of(one), span) - 1) > 0.005}
+        return likely_clock({str(clock): readings[str(clock)], **others}, what) if others else (clock, left_open)
     clock, left_open = likely_clock(rising, what)
     if clock is not None and not left_open:
-        step, unit = float(np.median(np.diff(rising[clock]))), units.get(clock) or time_unit(rising[clock])
+        step, unit = float(np.median(np.diff(rising[clock]))), units.get(clock) or logs.time_unit(rising[clock])
         left_open = [f"time is a guess: {printable(clock)} rises by {step:.4g} {unit} a row"]
     return clock, left_open
-
-
-def ticks(values: NDArray[Any], unit: str) -> bool:
-    """Whether readings (n,) rise as those of a clock do: never back, by steps of which four in five are within a fifth
-    of their median, in a unit of time, or in none and as fast as a recorder of joints in one unit only."""
-    steps = np.diff(values[np.isfinite(values)])
-    usual = float(np.median(steps)) if steps.size >= 20 and (steps >= 0).all() else 0.0
-    even = usual > 0 and float(np.mean(np.abs(steps / usual - 1) < 0.2)) > 0.8
-    return even and bool(normalised(unit) in ("s", "ms", "us", "ns") if unit else time_unit(values))
 
 
 def span_of(values: Array) -> float:
@@ -138,13 +123,6 @@ def span_of(values: Array) -> float:
     known = values[np.isfinite(values)]
     runs = known.size > 1 and float(np.mean(np.diff(known) >= 0)) > 0.9
     return max(float(known[-1] - known[0]), 0.0) if runs else 0.0
-
-
-def rate_of(time: Array) -> float | None:
-    """Median rate [Hz] of stamps [s]; None where they tell none."""
-    steps = np.diff(time)
-    steps = steps[steps > 0]
-    return float(1 / np.median(steps)) if steps.size else None
 
 
 def gaps_text(time: Array) -> str:
@@ -155,17 +133,6 @@ def gaps_text(time: Array) -> str:
     oddities = [f"{wide.size} gaps, the longest {wide.max():.3f} s"] if wide.size else []
     counts = {"out of order": int((np.diff(time) < 0).sum()), "twice": int((steps == 0).sum())}
     return ", ".join([*oddities, *(f"{count} stamps {what}" for what, count in counts.items() if count)])
-
-
-def time_unit(clock: Array) -> str:
-    """The unit of the readings (n,) of a clock, where one only is likely; else empty. Recorders of joints have rates
-    from 50 to 5000 Hz, less than a factor of 1000 apart: a reading fits them in one unit only. Readings that rise by
-    one may count rows, or be the whole seconds of stamps in two parts."""
-    rate = rate_of(clock)
-    if rate is None or clock.size < 20 or np.isin(np.diff(clock), (0, 1)).all():
-        return ""
-    units = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9, "d": 1 / 86_400}
-    return next((unit for unit, in_s in units.items() if 50.0 <= rate * in_s <= 5000.0), "")
 
 
 def column(
@@ -184,7 +151,7 @@ def column(
     known = numbers[np.isfinite(numbers)]
     lost = f", {numbers.size - known.size} x NaN or infinity" * (known.size < numbers.size)
     note = f"from {known.min():.6g} to {known.max():.6g}" if known.size else "no numbers"
-    note, guess = f"{note}{lost}{also}" * bool(values.size), "" if unit else likely_unit(name) or likely
+    note, guess = f"{note}{lost}{also}" * bool(values.size), "" if unit else logs.likely_unit(name) or likely
     filled = np.ma.filled(np.ma.asarray(values).astype(np.float64), np.nan)
     count = int(known.size) if count is None else count
     return RecordedChannel(next(iter(address)), address, unit, count, None, note, kind, guess, filled, name=name)
@@ -194,10 +161,10 @@ def as_clock(channel: RecordedChannel) -> RecordedChannel:
     """A column as the clock of its table: its rate and gaps."""
     assert channel.numbers is not None
     known = channel.numbers[np.isfinite(channel.numbers)]
-    rate, gaps = rate_of(known), gaps_text(known)
+    rate, gaps = logs.rate_of(known), gaps_text(known)
     note = (f"a clock, {rate:g} per unit" if rate else "a clock that stands still") + f", {gaps}" * bool(gaps)
     return replace(
-        channel, note=note, likely_unit="" if channel.unit else likely_unit(channel.name) or time_unit(known)
+        channel, note=note, likely_unit="" if channel.unit else logs.likely_unit(channel.name) or logs.time_unit(known)
     )
 
 
@@ -218,18 +185,19 @@ def overview_of(
     is guessed. `called`: whether a column is called like a clock; `timing`: the field `time` where the file tells it;
     `clock`: the column of time where it does."""
     offered, questions = columns if drafted is None else drafted, list(left_open)
-    if timing is None and clock is None:
+    if timing is None or clock is not None:
         own = {one.key: one for one in offered if one.numbers is not None and one.numbers.size}
-        readings = {key: np.asarray(one.numbers) for key, one in own.items()}
+        named = [key for key, one in own.items() if (called(one.name) if clock is None else key == clock)]
         units = {key: one.unit for key, one in own.items()}
-        clock, asked = clock_of(what, readings, lambda key: called(own[key].name), units)
+        clock, asked = clock_of(what, {key: np.asarray(one.numbers) for key, one in own.items()}, named, units)
+        timing = timing if clock is not None else None
         questions += asked
     shown = [as_clock(one) if one.key == clock else one for one in columns]
     signals = None if drafted is None else [as_clock(one) if one.key == clock else one for one in drafted]
     if timing is None:
         time = next((one for one in signals or shown if one.key == clock), None)
         timing = {"time": time_setting(next(iter(columns[0].address)) if columns else "column", time)}
-    told = {one.key: one.likely_unit for one in shown if one.key != clock or likely_unit(one.name)}
+    told = {one.key: one.likely_unit for one in shown if one.key != clock or logs.likely_unit(one.name)}
     stated = {"clock": "master", **(settings or {}), **timing}
     return Overview(name, facts or {}, shown, [*remarks, *guesses(told)], stated, signals, questions)
 
@@ -268,7 +236,7 @@ def inspect_table(name: str, path: Path) -> Overview:
     clock = named[0] if named else times[0].key if len(times) == 1 else None
     timing: dict[str, object] | None = {"time": {"column": clock}} if clock else None
     left_open = list[str]()
-    if not clock and not any(ticks(np.asarray(one.numbers), one.unit) for one in columns if one.count):
+    if not clock and not any(logs.ticks(np.asarray(one.numbers), one.unit) for one in columns if one.count):
         timing, left_open = timing_by_words(table.comments, columns)
     settings: dict[str, object] = {"missing": [*failed]} if len(failed) > len(layout.missing) else {}
     if skipped := table.damage.indexed_lost.total():
@@ -278,11 +246,17 @@ def inspect_table(name: str, path: Path) -> Overview:
         settings.pop("missing", None)
     facts = {"rows": f"{len(table.lines)}{', of more' * is_long}"}
     facts |= {"delimiter": repr(table.delimiter)} if table.delimiter else {}
+    facts |= end_of(table.damage)
     facts |= {f"comment {i + 1}": text for i, text in enumerate(table.comments[:20])}
     return overview_of(
         name, columns, "columns", timing=timing, left_open=left_open, facts=facts, remarks=table.damage.remarks,
         settings=settings, clock=clock,
     )  # fmt: skip
+
+
+def end_of(damage: Ledger) -> dict[str, str]:
+    """What a file that does not tell its end is said to lack."""
+    return {"end": "not told by the file: whether rows are missing there is not known"} if damage.end_unknown else {}
 
 
 def readable_numbers(cells: pl.Series, decimal: str) -> Array:
@@ -304,24 +278,18 @@ def lasting_address(title: str, place: int, names: Sequence[str]) -> str:
     return str(place + 1)
 
 
-def stated_rate(comments: Sequence[str]) -> float | None:
-    """The rate of the rows [Hz] that text beside the table states, as `Sample rate: 500 Hz` or LabVIEW's `Delta_X`."""
-    for text in comments:
-        if found := re.search(r"(?i)\bdelta_x\b\D*?(\d[\d.]*(?:e[+-]?\d+)?)", text):
-            return 1 / float(found[1]) if float(found[1]) > 0 else None
-        words = r"(?:sampl\w*|scan|acquisition|recording|data)[ _]*(?:rate|frequency|freq)|fs\b"
-        if found := re.search(rf"(?i)\b(?:{words})(?:\D*?(\d[\d.]*)\s*(k?)hz|[\s:=[]*(\d{{2,5}}(?:\.0*)?)]?$)", text):
-            return float(found[1] or found[3]) * (1000 if found[2] else 1)
-    return None
-
-
 def timing_by_words(
     texts: Sequence[str], columns: Sequence[RecordedChannel]
 ) -> tuple[dict[str, object] | None, list[str]]:
     """The field `time` by the rate that texts state, where no column with readings is called like a clock, and what
     tells of it. LabVIEW may write no times below `X_Value`."""
-    rate = None if any(one.count and seems_clock(one.name) for one in columns) else stated_rate(texts)
-    return ({"time": {"rate": rate}}, [f"time by the file's own words: {rate} rows a second"]) if rate else (None, [])
+    if any(one.count and logs.is_like_clock(one.name) for one in columns):
+        return None, []
+    if rate := logs.stated_rate(texts):
+        return {"time": {"rate": rate}}, [f"time by the file's own words: {rate} rows a second"]
+    told = [text for text in texts if re.search(rf"{logs.THINNED}|{logs.OF_ROWS}", text)]
+    said = f"which rate is that of the rows? State it, as `time: {{rate: HZ}}`: {printable(listing(told, 4))}"
+    return None, [said] * bool(told)
 
 
 def inspect_json(path: Path) -> Overview:
@@ -344,7 +312,7 @@ def inspect_json(path: Path) -> Overview:
     remarks = lines.damage.remarks
     remarks += [f"{name} has {size} elements; only the first {MOST_ELEMENTS} are listed" for name, size in long.items()]
     timing = {"time": {"field": stamp}} if by_stamp else None
-    facts = {"rows": str(len(lines.texts))}
+    facts = {"rows": str(len(lines.texts)), **end_of(lines.damage)}
     return overview_of("json_lines", columns, "fields", drafted=drafted, timing=timing, facts=facts, remarks=remarks)
 
 
@@ -401,7 +369,9 @@ def inspect_mat(path: Path) -> Overview:
         [f"{key}={np.ravel(np.asarray(one.numbers))[:2]}" for _, key, _, one in variables], drafted
     )
     left_open += said
-    return overview_of("mat", columns, "variables", seems_clock, drafted, timing, left_open, facts, remarks, settings)
+    return overview_of(
+        "mat", columns, "variables", logs.is_like_clock, drafted, timing, left_open, facts, remarks, settings
+    )
 
 
 def parts_alike(by_part: Mapping[str, dict[str, Value]]) -> Mapping[str, dict[str, Value]]:
@@ -441,12 +411,6 @@ def with_logged_joined(
 def is_signal(value: Value) -> bool:
     """Whether a variable may be a signal: a vector of real numbers, or a matrix of columns."""
     return value.numbers is not None and len(value.shape) == 2 and max(value.shape) >= 10
-
-
-def seems_clock(name: str) -> bool:
-    """Whether the name of a signal is or begins as that of a clock: `t`, `time_ms`, `timeJIM`."""
-    likely = re.match(r"(time|t|tout|stamp|clock)(?![a-z])|time", name, re.IGNORECASE)
-    return csv_table.is_clock(name) or likely is not None
 
 
 def columns_of_matrix(
@@ -493,7 +457,8 @@ def inspect_tdms(path: Path) -> Overview:
     named = any(csv_table.is_clock(one.name) for one in offered)
     stamps = [one for one, channel in zip(columns, file.channels, strict=True) if channel.holds_times and channel.count]
     clock = stamps[0].key if stamps and not timed and not named else None
-    facts = {"channels": str(len(file.channels)), "own timing": "yes" if timed else "no", **file.properties}
+    facts = {"channels": str(len(file.channels)), "own timing": "yes" if timed else "no"}
+    facts |= {**end_of(file.damage), **file.properties}
     drafted, timing = [*offered, *stamps[:1] * bool(clock)], dict[str, object]() if timed else None
     return overview_of(
         "tdms", columns, "channels", drafted=drafted, timing=timing, facts=facts, remarks=remarks, clock=clock
@@ -585,7 +550,7 @@ def topic_channels(survey: ChannelLog, fields: Sequence[FieldDescription]) -> It
     if survey.schema:
         kind, units = f"{survey.schema.name} ({kind})", ROS_UNITS.get(survey.schema.name.replace("/msg/", "/"), {})
     count, stamps = survey.log_time.size, (survey.log_time - survey.log_time[:1].sum()) / logs.SECOND
-    rate, timing = rate_of(stamps), gaps_text(stamps) or "empty" * (not count)
+    rate, timing = logs.rate_of(stamps), gaps_text(stamps) or "empty" * (not count)
     # every message of ROS has a header, and no signal is in it
     numbers = [(path, one) for one in fields if not one.path.startswith("header.") for path in one.addresses()]
     for path, one in numbers:
@@ -659,7 +624,7 @@ def inspect_nexus(path: Path) -> Overview:
             missing, seen = float(lacking.mean()), int((~lacking).sum())
             note = f"missing in {missing:.1%} of the rows" if missing else ""
             channels.append(RecordedChannel(kind, address, unit, seen, section.rate, note))
-    return Overview("nexus_csv", facts, channels)
+    return Overview("nexus_csv", facts | end_of(Ledger(end_unknown=len(facts) == 1)), channels)
 
 
 def inspect_trc(path: Path) -> Overview:

@@ -75,6 +75,7 @@ class KnownFormat:
                 tell_copies(recording)
             tell_no_sensor(recording)
             tell_odd_steps(recording)
+            tell_leaps_of_all(recording)
         said = (*recording.damage.all_remarks(recording.topics is not None), *recording.warnings)
         return replace(recording, warnings=[f"{printable(path.name)}: {text}" for text in said])
 
@@ -321,6 +322,25 @@ def tell_odd_steps(recording: Recording) -> None:
         at = int(np.argmax(odd))
         said = f"time goes on by {steps[at]:.4g} s at {time[at]:.3f} s, where steps are {usual:.4g} s, {count} times so"
         recording.damage.remarks.append(f"{said} or otherwise: samples are missing there, or their stamps are wrong")
+
+
+def tell_leaps_of_all(recording: Recording) -> None:
+    """Say where four in five coordinates of markers, which are masses, leap in a frame, ten times as far as beside."""
+    markers = [column for column in recording.columns if column.startswith("marker_")]
+    if len(markers) < 3 or recording.samples.height < 50:
+        return
+    frames = recording.samples.select("time", *markers).filter(pl.any_horizontal(pl.col(markers).is_not_null()))
+    steps = np.abs(np.diff(frames.select(markers).to_numpy(), axis=0))
+    steps = steps[:, np.isfinite(steps).sum(axis=0) > max(50, 0.5 * len(steps))]
+    if steps.shape[1] < 3:
+        return
+    far = np.mean(steps > 5 * np.nanmedian(steps, axis=0), axis=1) >= 0.8
+    beside = {int(at): steps[max(0, at - 5) : at + 6] for at in np.flatnonzero(far)}
+    leaps = [at for at, near in beside.items() if np.mean(steps[at] > 10 * np.median(near, axis=0)) >= 0.8]
+    if leaps:
+        first = f"{len(leaps)} times all markers leap in one frame, first at {frames['time'][leaps[0] + 1]:.3f} s"
+        recording.damage.remarks.append(f"{first}: frames are missing there, or a part of the file was moved")
+        recording.damage.is_doubted = True
 
 
 def check_columns(trial: Trial, experiment: str | None, needed: Sequence[str]) -> None:

@@ -694,7 +694,8 @@ def values_of_no_sensor(column: str, time: Array, x: Array, origin: Mapping[str,
     if np.count_nonzero(~stays) <= 0.5 * np.sum(~stands):
         return None
     lost = (x != 0) & (np.abs(x) < NEXT_TO_ZERO)
-    lost[stands_apart(time, x, may_jump="theta" not in column)] = True
+    lost[stands_apart(time, x, {"theta": 2000.0, "theta_m": math.inf}.get(column))] = True
+    lost[spikes_of(x)] = True
     zeros = jumped_into(x, stands, may_rest="torque" not in column)
     most = 0.5 * time.size / (np.ptp(time) or np.inf) if time.size else 0.0  # what is held for longer is stuck
     if "torque" in column and np.mean(stays) < 0.1:  # else a sensor of few levels, which may rest at each
@@ -707,10 +708,11 @@ def values_of_no_sensor(column: str, time: Array, x: Array, origin: Mapping[str,
     return np.asarray(lost)
 
 
-def stands_apart(time: Array, x: Array, may_jump: bool) -> list[int]:
-    """Rows of one to three readings of (n,) to which a channel leaps and from which it leaps back; and without
-    `may_jump`, of a mass at 400 Hz or more, also rows before which it leaps at all, but for a turn of an encoder: by
-    ten times what it does in the five steps before and after, and eight times as far as it bends anywhere else."""
+def stands_apart(time: Array, x: Array, quickest: float | None) -> list[int]:
+    """Rows of one to three readings of (n,) to which a channel leaps and from which it leaps back; and of the angle of
+    a mass, at 400 Hz or more, or by more than its `quickest` acceleration [rad/s^2], also rows before which it leaps at
+    all, but for a turn of an encoder: by ten times what it does in the five steps before and after, and eight times as
+    far as it bends anywhere else."""
     steps, found = np.diff(x), list[int]()
     if x.size < 4 * LEAPS or not np.isfinite(steps).all():
         return []
@@ -729,10 +731,32 @@ def stands_apart(time: Array, x: Array, may_jump: bool) -> list[int]:
         back = next((one for one in leaps if at < one <= at + 3 and abs(x[one + 1] - x[at]) < 0.3 * sizes[at]), None)
         if back is not None:
             rows += range(at + 1, back + 1)
-        elif not (may_jump or usual > 0.0025 or time[at + 1] - time[at] > 1.5 * usual or at + 1 in rows):
+        elif quickest is not None and time[at + 1] - time[at] <= 1.5 * usual and at + 1 not in rows:
+            if usual > 0.0025 and sizes[at] < quickest * usual**2:
+                continue
             is_turn = any(abs(sizes[at] / turn - 1) < 0.1 for turn in (2 * np.pi, 360.0))
             rows += [at + 1] * (not is_turn)
     return rows
+
+
+def spikes_of(x: Array) -> list[int]:
+    """Rows of one reading of (n,) that lies off the curve through the two before and after, and leaves no other off it
+    than that makes: by 25 times the scatter of all, 35 SD of its noise, and four times as far as any other."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        off = x[2:-2] - (4 * (x[1:-3] + x[3:-1]) - x[:-4] - x[4:]) / 6
+    if off.size < 4 * LEAPS or not np.isfinite(off).all():
+        return []
+    sizes, found = np.abs(off), list[int]()
+    scatter = float(np.median(sizes)) / 0.6745
+    largest = np.argpartition(sizes, -LEAPS)[-LEAPS:]
+    for at in largest[sizes[largest] / 25 > scatter].tolist() if scatter else ():
+        beside = off[max(0, at - 1) : at + 2 : 2] / off[at]  # of a wrong reading -2/3; a corner -1/2, a blow -3/4
+        if (np.abs(beside + 2 / 3) < 0.08).all():
+            found.append(at)
+    rest = sizes.copy()
+    for at in found:
+        rest[max(0, at - 2) : at + 3] = 0
+    return [at + 2 for at in found if sizes[at] > 4 * rest.max()]
 
 
 def jumped_into(

@@ -34,7 +34,7 @@ ALIASES = {
 }  # fmt: skip
 # names whose case has no meaning, since they have no prefix that it could distinguish
 ANY_CASE = re.compile(
-    r"(milli)?met(er|re)s?|volts?|deg(ree)?s?|rad(ian)?s?|newtons?|amp(ere)?s?|(milli|micro|nano)?seconds?|revolutions?|rpm",
+    r"(milli)?met(er|re)s?|volts?|deg(ree)?s?|rad(ian)?s?|newtons?|amp(ere)?s?|(milli|micro|nano)?seconds?|m?secs?|revolutions?|rpm",
     re.IGNORECASE,
 )
 
@@ -84,6 +84,7 @@ def normalised(unit: str) -> str:
     """One spelling for a unit: `N·mm`, `N.mm` and `N mm` become `N*mm`."""
     text = re.sub("[·⋅∙.]", "*", "*".join(unit.strip().strip(".").split()))
     text = re.sub(r"(?<=[A-Za-z])-(?=[A-Za-z])", "*", text)  # `N-m`, `ft-lb`
+    text = re.sub(r"\bN\*M\b", "N*m", text)  # in capitals, as a Biodex writes it
     text = re.sub(r"(?i)\b(ft|in|foot|inch)\*(lb)f?s?\b", r"\2*\1", text)  # a pound in a torque is a force
     text = re.sub(r"(?i)\b(lb)f?s?\*(ft|in|foot|inch)\b", lambda found: f"lbf*{found[2].lower()}", text)
     return text.replace("µ", "u").replace("μ", "u").replace("º", "°").replace("°/sec", "°/s")

@@ -33,6 +33,16 @@ from osl_analysis.trial import Array
 
 
 @dataclass(frozen=True)
+class Batches:
+    """Samples that a host stamps together."""
+
+    begins: SampleCount  # first row of each (k,)
+    seconds: float  # [s] usual time from the first to the last sample of one
+    shared: bool  # whether the samples of one have one stamp; else each has that at which its row was written
+    prompt: bool  # whether their sizes tell that each waits for its last sample: they are as long as the time before
+
+
+@dataclass(frozen=True)
 class DeviceClock:
     """Stamps of a stream against the least-squares line through them."""
 
@@ -86,29 +96,19 @@ class DeviceClock:
         return 0.0
 
     @cached_property
-    def batches(self) -> SampleCount:
-        """First row of each batch (k,) that a host stamps: two in five rows are within 0.4 step of the one before.
-        Empty where none are, as with printed decimals, or ticks of a slow clock, which are alike, their samples not."""
-        begins = np.flatnonzero(np.diff(self.stamps, prepend=-np.inf) > 0.4 * self.step)
-        few = 3 < len(begins) <= 0.6 * len(self.stamps) and self.decimal <= 0.5 * self.step
-        uneven = np.std(np.diff(self.stamps[begins])) > 0.1 * self.step * np.std(np.diff(begins))
-        return begins if few and uneven else begins[:0]
-
-    @property
-    def batch(self) -> float:
-        """Usual time [s] from the first to the last sample of a batch; 0 where there are none."""
-        return self.step * (float(np.median(np.diff(self.batches))) - 1) if len(self.batches) else 0.0
-
-    @cached_property
-    def shared(self) -> bool:
-        """Whether the samples of a batch have one stamp; else each has that at which its row was written."""
-        return bool(np.median(np.delete(np.diff(self.stamps), self.batches[1:] - 1)) < 0.1 * self.step)
-
-    @property
-    def prompt(self) -> bool:
-        """Whether sizes of batches tell that each waits for its last sample: they are as long as the time before."""
-        ticks, sizes = np.diff(self.stamps[self.batches])[:-1] / self.step, np.diff(self.batches)
-        return self.shared and bool(np.std(ticks - sizes[1:]) < 0.6 * np.std(ticks - sizes[:-1]))
+    def batches(self) -> Batches | None:
+        """Those that a host stamps: two in five rows are within 0.4 step of the one before. None where none are, as
+        with printed decimals, or ticks of a slow clock, which are alike, their samples not."""
+        steps = np.diff(self.stamps)
+        begins = np.flatnonzero(np.append(True, steps > 0.4 * self.step))
+        if not 3 < len(begins) <= 0.6 * len(self.stamps) or self.decimal > 0.5 * self.step:
+            return None
+        waits, sizes = np.diff(self.stamps[begins]), np.diff(begins)
+        if np.std(waits) <= 0.1 * self.step * np.std(sizes):
+            return None
+        shared, ticks = bool(np.median(np.delete(steps, begins[1:] - 1)) < 0.1 * self.step), waits[:-1] / self.step
+        is_prompt = shared and bool(np.std(ticks - sizes[1:]) < 0.6 * np.std(ticks - sizes[:-1]))
+        return Batches(begins, self.step * (float(np.median(sizes)) - 1), shared, is_prompt)
 
     @cached_property
     def scatter(self) -> float:
@@ -156,15 +156,16 @@ class DeviceClock:
             apart, fast = np.abs(self.slow[0] - base).max(), float(np.std(self.stamps - self.slow[0]))
             base = self.slow[0] if apart > max(self.step, 2 * fast) else base
         residual = self.stamps - base
-        if (batched := len(self.batches) > 0) and not self.shared:
-            residual -= self.stamps - np.repeat(self.stamps[self.batches], np.diff(self.batches, append=len(x)))
+        if self.batches is not None and not self.batches.shared:
+            begins = self.batches.begins
+            residual -= self.stamps - np.repeat(self.stamps[begins], np.diff(begins, append=len(x)))
         low, middle, high = (float(at) for at in np.quantile(residual, (0.05, 0.5, 0.95)))
         spread = (high - low) / 3.29
         near = np.abs(residual - middle) <= 5 * spread + 1e-6 * self.step
         place, late = x[near], residual[near]
         step = line_through(place, late)[0]
         start = float(np.mean(late) - step * np.mean(place))
-        if batched or self.skew(late) > 0.5:
+        if self.batches is not None or self.skew(late) > 0.5:
             # the highest line below all points: one point is held on each side of the mean count; the lowest point
             # below the line through them replaces the one on its side, until none lies below
             left, right, middle = 0, len(place) - 1, float(np.mean(place))
@@ -460,10 +461,10 @@ def reading_of(clock: DeviceClock, evidence: Mapping[str, StampEvidence]) -> Rea
     scatter by more than a step: nothing is then moved far. Of a device that seems even, and whose stamps do not come
     back to its line, they are kept too."""
     seen = ", ".join(f"{name} g = {round(e.g, 3) + 0.0:.3f} +- {e.se:.3f}" for name, e in evidence.items())
-    if len(clock.batches) and clock.settles and not clock.missing:
+    if clock.batches is not None and clock.settles and not clock.missing:
         why = "even: stamps of batches, in each of which the last sample waited least"
         other = f"undecided, {why}, or another: nothing tells; state `stamps: even`, with a `delay` if it is another"
-        return Reading(True, 0.0, clock.prompt, why if clock.prompt else other)
+        return Reading(True, 0.0, clock.batches.prompt, why if clock.batches.prompt else other)
     if not evidence:
         wanders = clock.wander > 0.1 * clock.step or float(np.std(clock.stamps - clock.slow[0])) > clock.step
         steps = f"the residual wanders by {clock.wander / clock.step:.3f} steps"
@@ -519,7 +520,8 @@ def decide(stream: Stream, clock: DeviceClock) -> list[Taken]:
         group = tuple(name for name, one in readings.items() if (one.even, one.age) == (even, age))
         said = {name: evidence[name] for name in group if name in evidence}
         _, _, firm, why = reading_of(clock, said)
-        unsure = -clock.batch if even and not firm else 0.0  # the stamp of a batch may be that of its first sample
+        # the stamp of a batch may be that of its first sample
+        unsure = -clock.batches.seconds if clock.batches is not None and even and not firm else 0.0
         decisions.append(Taken(stream, clock, group, even, firm, True, why, said, age=age, unsure=unsure))
     return decisions
 

@@ -269,6 +269,7 @@ class Cause:
     recorder: Mapping[str, float] = field(default_factory=dict)
     motions: tuple[str, ...] = tuple(MOTIONS)
     needs_gains: bool = False  # nothing in the recording can tell
+    told: str = ""  # what is not checked on any recording, and is said of each, where that is this very cause
     joint: Joint = Joint()
 
 
@@ -281,6 +282,7 @@ PATH = (*LATE, "torque path", "response of higher order")
 TIME = ("stiffness that changes", "clocks that drift apart", "change over time")
 SLOW = {"slow_noise": 0.03}
 FRICTION = ("friction",)
+WEIGHT = "whether a fixture's weight is in K"
 CAUSES = [
     Cause("late torque", on_torque(late), 2e-3, PATH, "s"),
     Cause("late angle", on_torque(lambda m, y, x: late(m, y, -x)), 2e-3, PATH, "s"),
@@ -377,7 +379,7 @@ CAUSES = [
         needs_gains=True,
     ),
     Cause("torque of the wrong sign", on_torque(lambda m, y, x: -y), 1.0, ("refused",), sized=False),
-    Cause("gravity of a fixture", beside(lambda m, x: x * np.sin(m.theta)), 1.0, ("weight on the joint",), "N*m"),
+    Cause("gravity of a fixture", beside(lambda m, x: x * np.sin(m.theta)), 1.0, ("weight on the joint",), "N*m", told=WEIGHT),
     Cause("reflex", beside(reflex), 1.0, ("reflex", "reflex that changes with the angle"), "N*m*s/rad"),
     Cause(
         "acceleration that jumps",

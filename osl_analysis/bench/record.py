@@ -278,6 +278,17 @@ class Record:
         at_least = max(250.0, 8 * self.low_pass.cutoff_hz)
         return self.thinned(max(int(self.rate_hz / at_least + 1e-6), 1))  # a rate is known to rounding
 
+    @property
+    def swift_omega(self) -> Array:
+        """Velocity [rad/s] in the rows of `coarse`, whose sign is friction's: where the motion reaches beyond the cut-off
+        of the fit it is behind a filter that passes it, since what is left without it turns at other times."""
+        few, highest = self.coarse, self.band_hz[1]
+        if not highest > self.low_pass.cutoff_hz:
+            return few.motion.omega
+        swift = replace(self.low_pass, cutoff_hz=min(2 * highest, 0.2 * self.rate_hz))
+        theta = swift(self.theta, self.rate_hz)[:: round(self.rate_hz / few.rate_hz)]
+        return np.asarray(np.gradient(theta, 1 / few.rate_hz))
+
     def rows(self, label: Label = None) -> NDArray[np.intp]:
         """The rows that are fitted (m,), of a label or of all, each once."""
         return np.concatenate([np.r_[piece] for piece in self.groups.pieces[label]])

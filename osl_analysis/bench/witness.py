@@ -11,6 +11,7 @@ Angle and torque are those of the motion's own band, so that drift and slow dist
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 from math import factorial
 from typing import Any
@@ -117,9 +118,9 @@ class View:
         self.noise = record.noise[0] * (few.low_pass.gain(f) * self.band) ** 2  # of the angle [rad**2/Hz]
         self.step, rounded = record.steps[0] or 0.0, record.rounded
         self.rounded = [self.column(x - x.mean()) for x in ([] if rounded is None else rounded)]
-        self.record, omega = record, self.motion[1]
-        self.slow = max(SLOW * float(omega.std()), 1e-9)
-        self.sign = np.asarray(np.tanh(omega / self.slow))
+        self.record, self.swift = record, record.swift_omega
+        self.slow = max(SLOW * float(self.swift.std()), 1e-9)
+        self.sign = np.asarray(np.tanh(self.swift / self.slow))
 
     def higher(self) -> list[Array]:
         """The third and fourth derivative, each if it is more than those of the model, and its noise: two sines tell no
@@ -162,7 +163,7 @@ class View:
         errors, first = list[Array](), np.maximum(np.arange(self.n) * every - every // 2, 0)
         for error in record.roundings(0):
             moved = np.gradient(few.low_pass(np.add.reduceat(error, first) / every, few.rate_hz), 1 / few.rate_hz)
-            errors.append(self.column(np.tanh((self.motion[1] + moved) / self.slow) - self.sign))
+            errors.append(self.column(np.tanh((self.swift + moved) / self.slow) - self.sign))
         return [self.column(record.low_pass(x, rate)[::every]) for x in shapes], errors
 
     def sums(self, columns: Sequence[Array], chunk: int = 0) -> Array:
@@ -388,16 +389,18 @@ class Court:
                 self.add("time", name, [*base, view.column(changing * (shape - end))], parameters=1)
 
     def hear_play(self, family: str) -> None:
+        """Play before the spring, and before the damping or not."""
         view = self.view
 
-        def followed(width: float) -> list[Array]:
+        def followed(width: float, damped: bool = False) -> list[Array]:
             theta = view.motion[0]
             x = theta - width / 2 * spring_that_slips(theta, width / 2)
-            return [view.column(x), view.column(np.gradient(x, 1 / view.rate_hz)), view.base[2]]
+            return [view.column(x), view.column(np.gradient(x, 1 / view.rate_hz)) if damped else view.base[1], view.base[2]]
 
         widths = max(3 * view.step, np.deg2rad(0.03)) * np.geomspace(1, 20, 6)
-        for width in minima(lambda width: self.left(followed(width)), widths):
-            self.add_by(family, "play", followed, width)
+        for behind in (followed, partial(followed, damped=True)):
+            for width in minima(lambda width, made=behind: self.left(made(width)), widths):  # type: ignore[misc]
+                self.add_by(family, "play", behind, width)
 
     def hear_speed(self) -> None:
         view, omega = self.view, self.view.motion[1]

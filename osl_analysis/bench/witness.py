@@ -115,12 +115,13 @@ class View:
             self.chunks.append((CHUNKS * (passed % 1.0)).astype(np.intp))
         self.y, self.columns = self.column(torque), [self.column(x) for x in self.motion[:5]]
         self.base = self.columns[first:3]
+        self.slow = [self.column(self.time**k) for k in (2, 3)]  # a drift leaves in the band what its slopes at the ends do
         self.noise = record.noise[0] * (few.low_pass.gain(f) * self.band) ** 2  # of the angle [rad**2/Hz]
         self.step, rounded = record.steps[0] or 0.0, record.rounded
         self.rounded = [self.column(x - x.mean()) for x in ([] if rounded is None else rounded)]
         self.record, self.swift = record, record.swift_omega
-        self.slow = max(SLOW * float(self.swift.std()), 1e-9)
-        self.sign = np.asarray(np.tanh(self.swift / self.slow))
+        self.turns = max(SLOW * float(self.swift.std()), 1e-9)
+        self.sign = np.asarray(np.tanh(self.swift / self.turns))
 
     def higher(self) -> list[Array]:
         """The third and fourth derivative, each if it is more than those of the model, and its noise: two sines tell no
@@ -158,12 +159,12 @@ class View:
         still, moving = (float(np.trapezoid((2 * np.pi * f) ** k * noise, f)) ** 0.5 for k in (0, 2))
         theta = quick(record.theta, rate)
         shapes = [spring_that_slips(theta, max(WINDS * still, 1e-5))]
-        if moving < self.slow / 4:  # else its noise would be in the column
-            shapes.append(np.tanh(np.gradient(theta, 1 / rate) / (self.slow / 4)))
+        if moving < self.turns / 4:  # else its noise would be in the column
+            shapes.append(np.tanh(np.gradient(theta, 1 / rate) / (self.turns / 4)))
         errors, first = list[Array](), np.maximum(np.arange(self.n) * every - every // 2, 0)
         for error in record.roundings(0):
             moved = np.gradient(few.low_pass(np.add.reduceat(error, first) / every, few.rate_hz), 1 / few.rate_hz)
-            errors.append(self.column(np.tanh((self.swift + moved) / self.slow) - self.sign))
+            errors.append(self.column(np.tanh((self.swift + moved) / self.turns) - self.sign))
         return [self.column(record.low_pass(x, rate)[::every]) for x in shapes], errors
 
     def sums(self, columns: Sequence[Array], chunk: int = 0) -> Array:
@@ -220,7 +221,7 @@ class Court:
     def __init__(self, view: View, hears: bool = True, answers: bool = True, taken: Sequence[Array] = ()) -> None:
         self.view, self.rivals, self.chance = view, list[Rival](), dict[str, float]()
         self.answers = answers and view.first == 0
-        self.beside = [view.columns[0]] * (view.first == 1) + [*taken]
+        self.beside = [*view.slow, *[view.columns[0]] * (view.first == 1), *taken]
         theta, omega, elastic = *view.motion[:2], view.first == 0
         columns, draws = [*view.base, *self.beside, view.column(view.sign)], view.rounded
         models, kinds = [range(len(columns) - 1)], range(len(view.chunks))

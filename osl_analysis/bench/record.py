@@ -47,6 +47,7 @@ Label = float | str | None
 """What a fit of its own is made for: an amplitude [deg], a branch of a belt; None: all of a record."""
 STRETCH_S = 1.0  # duration [s] of a stretch: 30 correlation times of a 15 Hz low-pass
 QUICK = 4.0  # cut-offs of the low-pass behind which the velocity's sign is read, and the rounding of steps is drawn
+BEYOND = 1.1  # cut-offs, from which on it is more of the motion than the tail of a step that is faster
 STANDS = 0.1  # median of the speed over its SD, below which a joint mostly stands
 DRAWS = (np.arange(17) + 0.5) / 17 - 0.5  # parts of a step of an encoder by which zeros and sizes differ
 SHORTEST_S = 1.0  # shortest stretch [s] that is fitted
@@ -283,7 +284,7 @@ class Record:
         """Velocity [rad/s] in the rows of `coarse`, whose sign is friction's: where the motion reaches beyond the cut-off
         of the fit it is behind a filter that passes it, since what is left without it turns at other times."""
         few, highest = self.coarse, self.band_hz[1]
-        if not highest > self.low_pass.cutoff_hz:
+        if not highest > BEYOND * self.low_pass.cutoff_hz:
             return few.motion.omega
         swift = replace(self.low_pass, cutoff_hz=min(2 * highest, 0.2 * self.rate_hz))
         theta = swift(self.theta, self.rate_hz)[:: round(self.rate_hz / few.rate_hz)]

@@ -379,7 +379,14 @@ CAUSES = [
         needs_gains=True,
     ),
     Cause("torque of the wrong sign", on_torque(lambda m, y, x: -y), 1.0, ("refused",), sized=False),
-    Cause("gravity of a fixture", beside(lambda m, x: x * np.sin(m.theta)), 1.0, ("weight on the joint",), "N*m", told=WEIGHT),
+    Cause(
+        "gravity of a fixture",
+        beside(lambda m, x: x * np.sin(m.theta)),
+        1.0,
+        ("weight on the joint",),
+        "N*m",
+        told=WEIGHT,
+    ),
     Cause("reflex", beside(reflex), 1.0, ("reflex", "reflex that changes with the angle"), "N*m*s/rad"),
     Cause(
         "acceleration that jumps",

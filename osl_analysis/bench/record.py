@@ -281,8 +281,8 @@ class Record:
 
     @property
     def swift_omega(self) -> Array:
-        """Velocity [rad/s] in the rows of `coarse`, whose sign is friction's: where the motion reaches beyond the cut-off
-        of the fit it is behind a filter that passes it, since what is left without it turns at other times."""
+        """Velocity [rad/s] in the rows of `coarse`, whose sign is friction's. Where the motion reaches beyond the
+        cut-off of the fit it is behind a filter that passes it, since what is left turns at other times."""
         few, highest = self.coarse, self.band_hz[1]
         if not highest > BEYOND * self.low_pass.cutoff_hz:
             return few.motion.omega

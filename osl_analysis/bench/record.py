@@ -212,6 +212,12 @@ class Record:
             read = steps * (1 + larger / largest) + zero
             yield left * step * (read - np.rint(read))
 
+    def coarse_roundings(self, channel: int) -> Iterator[Array]:
+        """The `roundings` of all rows, behind the filter of the fit, in the rows of `coarse`."""
+        few, every = self.coarse, round(self.rate_hz / self.coarse.rate_hz)
+        first = np.maximum(np.arange(len(few.time)) * every - every // 2, 0)
+        return (few.low_pass(np.add.reduceat(x, first) / every, few.rate_hz) for x in self.roundings(channel))
+
     @cached_property
     def rounded(self) -> Array | None:
         """Torques (k, n) [N*m] that the `roundings` make for Eq. 15 in the rows of `coarse`; None where noise
@@ -226,11 +232,7 @@ class Record:
         s = 2j * np.pi * self.band_hz[1]
         if left / samples >= 4 * ((max(abs(K), abs(K + B * s + I * s**2)) * of_theta) ** 2 + of_torque**2) / 12:
             return None
-        every = round(self.rate_hz / few.rate_hz)
-        first = np.maximum(np.arange(len(few.time)) * every - every // 2, 0)
-        thetas, torques = (
-            [few.low_pass(np.add.reduceat(x, first) / every, few.rate_hz) for x in self.roundings(k)] for k in (0, 1)
-        )
+        thetas, torques = (list(self.coarse_roundings(k)) for k in (0, 1))
         if not thetas:
             return np.array(torques) if torques else None
         made = np.empty((len(thetas), len(few.time)))

@@ -44,9 +44,7 @@ UNEXPLAINED = 0.7  # share of what the best rival explains, by which one that is
 NEAR_PATH = 0.15  # the same of paths, whose error is that of their models: a low-pass and a mean are hard to tell apart
 MOMENTS = np.arange(6, 19) / CHUNKS  # shares of what is fitted at whose ends K, or a lag, may change
 MUSCLE_HZ = 6.0  # of a muscle's answer to a reflex
-SLOW = float(
-    __import__("os").environ.get("SL", "0.02")
-)  # share of the velocity's SD at which friction has turned its sign
+SLOW = 0.02  # share of the velocity's SD at which friction has turned its sign
 WINDS = 4.0  # SD of the angle's noise over which friction winds up before it slides
 SERIES = 5  # terms of the series of a torque that is late by a time that changes
 HIDDEN = 0.1  # share of the inertia that a delay that is not heard may make
@@ -117,9 +115,7 @@ class View:
             self.chunks.append((CHUNKS * (passed % 1.0)).astype(np.intp))
         self.y, self.columns = self.column(torque), [self.column(x) for x in self.motion[:5]]
         self.base = self.columns[first:3]
-        self.slow = [
-            self.column(self.time**k) for k in (2, 3)
-        ]  # a drift leaves in the band what its slopes at the ends do
+        self.slow = [self.column(self.time**k) for k in (2, 3)]  # of a drift its slopes at the ends are in the band
         self.noise = record.noise[0] * (few.low_pass.gain(f) * self.band) ** 2  # of the angle [rad**2/Hz]
         self.step, rounded = record.steps[0] or 0.0, record.rounded
         self.rounded = [self.column(x - x.mean()) for x in ([] if rounded is None else rounded)]
@@ -156,23 +152,18 @@ class View:
     def friction(self) -> tuple[list[Array], list[Array]]:
         """Columns of friction of 1 N*m, whose shape about rest no recording tells: it turns its sign with the velocity,
         and is wound up before it slides, as it stays at rest; and what rounding of the angle makes of its sign."""
-        record, few, rate = self.record, self.record.coarse, self.record.rate_hz
-        every, f = round(rate / few.rate_hz), np.linspace(0, rate / 2, 4000)
+        record, rate = self.record, self.record.rate_hz
+        every, f = round(rate / self.rate_hz), np.linspace(0, rate / 2, 4000)
         quick = replace(record.low_pass, cutoff_hz=min(QUICK * record.low_pass.cutoff_hz, 0.2 * rate))
         noise = record.noise[0] * quick.gain(f) ** 2
         still, moving = (float(np.trapezoid((2 * np.pi * f) ** k * noise, f)) ** 0.5 for k in (0, 2))
-        theta = quick(record.theta, rate)
-        swift = replace(quick, cutoff_hz=0.5 * quick.cutoff_hz)(record.theta, rate)
-        shapes = [
-            spring_that_slips(theta, max(WINDS * still, 1e-5)),
-            np.tanh(np.gradient(swift, 1 / rate) / self.turns),
-        ]
+        theta, swift = (one(record.theta, rate) for one in (quick, replace(quick, cutoff_hz=0.5 * quick.cutoff_hz)))
+        swiftly = np.tanh(np.gradient(swift, 1 / rate) / self.turns)
+        shapes = [spring_that_slips(theta, max(WINDS * still, 1e-5)), swiftly]
         if moving < self.turns / 4:  # else its noise would be in the column
             shapes.append(np.tanh(np.gradient(theta, 1 / rate) / (self.turns / 4)))
-        errors, first = list[Array](), np.maximum(np.arange(self.n) * every - every // 2, 0)
-        for error in record.roundings(0):
-            moved = np.gradient(few.low_pass(np.add.reduceat(error, first) / every, few.rate_hz), 1 / few.rate_hz)
-            errors.append(self.column(np.tanh((self.swift + moved) / self.turns) - self.sign))
+        slower = (np.gradient(error, 1 / self.rate_hz) for error in record.coarse_roundings(0))
+        errors = [self.column(np.tanh((self.swift + more) / self.turns) - self.sign) for more in slower]
         return [self.column(record.low_pass(x, rate)[::every]) for x in shapes], errors
 
     def sums(self, columns: Sequence[Array], chunk: int = 0) -> Array:
@@ -255,9 +246,7 @@ class Court:
         for name, added in lacking.items():
             places[name] = range(len(columns), len(columns) + len(added))
             columns += added
-        every = [
-            (view.sums([*columns, *draws], k), len(draws) * (k == 0)) for k in kinds
-        ]  # a part of a period shows it
+        every = [(view.sums([*columns, *draws], k), len(draws) * (k == 0)) for k in kinds]  # parts of a period show it
 
         def chance(added: Sequence[int]) -> float:
             return max(wald(sums, model, added, draws)[0] for sums, draws in every for model in models)
@@ -406,11 +395,8 @@ class Court:
         def followed(width: float, damped: bool = False) -> list[Array]:
             theta = view.motion[0]
             x = theta - width / 2 * spring_that_slips(theta, width / 2)
-            return [
-                view.column(x),
-                view.column(np.gradient(x, 1 / view.rate_hz)) if damped else view.base[1],
-                view.base[2],
-            ]
+            omega = view.column(np.gradient(x, 1 / view.rate_hz)) if damped else view.base[1]
+            return [view.column(x), omega, view.base[2]]
 
         widths = max(3 * view.step, np.deg2rad(0.03)) * np.geomspace(1, 20, 6)
         for behind in (followed, partial(followed, damped=True)):

@@ -44,6 +44,7 @@ UNEXPLAINED = 0.7  # share of what the best rival explains, by which one that is
 NEAR_PATH = 0.15  # the same of paths, whose error is that of their models: a low-pass and a mean are hard to tell apart
 MOMENTS = np.arange(6, 19) / CHUNKS  # shares of what is fitted at whose ends K, or a lag, may change
 MUSCLE_HZ = 6.0  # of a muscle's answer to a reflex
+OWN_FRICTION = 0.9  # share of friction's size that is left beside columns of a path: of a path's image a third to 0.7
 SLOW = 0.02  # share of the velocity's SD at which friction has turned its sign
 WINDS = 4.0  # SD of the angle's noise over which friction winds up before it slides
 SERIES = 5  # terms of the series of a torque that is late by a time that changes
@@ -227,7 +228,9 @@ class Court:
         by_friction, (size,) = wald(view.sums([*columns, *draws]), models[0], [len(columns) - 1], len(draws))
         if by_friction < FRICTION and size > 0:
             self.beside.append(columns[-1])
-            shapes, errors = view.friction()
+            others = [*columns[:-1], *view.higher()]
+            _, (own,) = wald(view.sums([*others, columns[-1], *draws]), range(len(others)), [len(others)], len(draws))
+            shapes, errors = view.friction() if own > OWN_FRICTION * size else ([], [])  # else it may be a path's image
             columns, draws = [*columns, *shapes], [*draws, *(size * x for x in errors)]
             models = [range(len(columns) - k) for k in range(len(shapes) + 1)]
         self.draws = draws

@@ -90,9 +90,9 @@ def slow_sines(rng):
     return time[time < start], motion[:, time < start]
 
 
-def slow_ramps(rng, moves=(0.3, 1.5), rests=(0.3, 0.8), smooth=20):
+def slow_ramps(rng, moves=(0.3, 1.5), rests=(0.3, 0.8), smooth=20, n=60):
     """Between random levels: an encoder's rounding is all of their snap."""
-    levels, n = np.deg2rad(rng.uniform(-8, 8, 300)), 300
+    levels = np.deg2rad(rng.uniform(-8, 8, n))
     knots = 1 + np.cumsum(np.column_stack([rng.uniform(*moves, n), rng.uniform(*rests, n)]).ravel())
     time = np.arange(30_000) / 500
     theta = np.interp(time, knots, np.column_stack([np.append(0.0, levels[:-1]), levels]).ravel())
@@ -126,7 +126,7 @@ def test_nothing_is_heard_of_a_sound_joint_that_moves_slowly_or_at_the_ends_of_t
 def test_friction_of_a_joint_that_rests_between_ramps_is_no_torque_path(friction):
     heard = list[str]()
     for seed in range(3):
-        time, motion = slow_ramps(rng := np.random.default_rng(seed), (0.15, 0.5), (0.05, 0.3), 5)
+        time, motion = slow_ramps(rng := np.random.default_rng(seed), (0.15, 0.5), (0.05, 0.3), 5, 300)
         trial = made_trial(rng, (time, motion), more=0.15 * friction(*motion[:2]))
         row = witness_row(record_of_trial(trial, SETTINGS.model_copy(update={"excitation": "any"})))
         heard += [row["rivals"] or ""]

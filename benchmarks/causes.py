@@ -99,7 +99,9 @@ def judged(cause: Cause, at: str, size: float, motion: str, seed: int, gains: bo
     elif abs(miss) < OFF:
         outcome = "within"
     else:
-        unchecked = {*findings_of(fit, Grade.UNCHECKED, Grade.NOTES)} - usually_unchecked(motion, gains)
+        unchecked = {*findings_of(fit, Grade.UNCHECKED, Grade.NOTES)} - (
+            usually_unchecked(motion, gains) - {cause.told}
+        )
         outcome = "not checked" if unchecked else "silent"
     return {**of, "outcome": outcome, "named": named, "worst": worst, "miss": float(f"{miss:.3g}")}
 

@@ -269,6 +269,7 @@ class Cause:
     recorder: Mapping[str, float] = field(default_factory=dict)
     motions: tuple[str, ...] = tuple(MOTIONS)
     needs_gains: bool = False  # nothing in the recording can tell
+    told: str = ""  # what sound recordings, too, are not checked for, where that is this very cause
     joint: Joint = Joint()
 
 
@@ -281,16 +282,18 @@ PATH = (*LATE, "torque path", "response of higher order")
 TIME = ("stiffness that changes", "clocks that drift apart", "change over time")
 SLOW = {"slow_noise": 0.03}
 FRICTION = ("friction",)
+WEIGHT, LATENESS = "whether a fixture's weight is in K", "whether the torque is late"
 CAUSES = [
-    Cause("late torque", on_torque(late), 2e-3, PATH, "s"),
-    Cause("late angle", on_torque(lambda m, y, x: late(m, y, -x)), 2e-3, PATH, "s"),
-    Cause("late torque, slow noise", on_torque(late), 5e-3, PATH, "s", recorder=SLOW),
+    Cause("late torque", on_torque(late), 2e-3, PATH, "s", told=LATENESS),
+    Cause("late angle", on_torque(lambda m, y, x: late(m, y, -x)), 2e-3, PATH, "s", told=LATENESS),
+    Cause("late torque, slow noise", on_torque(late), 5e-3, PATH, "s", recorder=SLOW, told=LATENESS),
     Cause(
         "low-pass, first order",
         on_torque(first_order),
         8e-3,
         PATH,
         "s",
+        told=LATENESS,
     ),
     Cause(
         "moving average",
@@ -298,6 +301,7 @@ CAUSES = [
         20e-3,
         PATH,
         "s",
+        told=LATENESS,
     ),
     Cause("frame in series", in_series, 1 / 3000, PATH, "rad/(N*m)"),
     Cause("belt in series", in_series, 1 / 685, PATH, "rad/(N*m)", sized=False),
@@ -377,7 +381,14 @@ CAUSES = [
         needs_gains=True,
     ),
     Cause("torque of the wrong sign", on_torque(lambda m, y, x: -y), 1.0, ("refused",), sized=False),
-    Cause("gravity of a fixture", beside(lambda m, x: x * np.sin(m.theta)), 1.0, ("weight on the joint",), "N*m"),
+    Cause(
+        "gravity of a fixture",
+        beside(lambda m, x: x * np.sin(m.theta)),
+        1.0,
+        ("weight on the joint",),
+        "N*m",
+        told=WEIGHT,
+    ),
     Cause("reflex", beside(reflex), 1.0, ("reflex", "reflex that changes with the angle"), "N*m*s/rad"),
     Cause(
         "acceleration that jumps",

@@ -379,7 +379,7 @@ def campaign_rows(names: Sequence[str], of: StudyLaboratory) -> Iterator[Row]:
     perturbed = usable(of.perturbed, names[1::2])
     responses = [isolate_response(one, gait, of.analysis, of.analysis.perturbed_stance) for one, *_ in perturbed]
     fits, joined = [fit_response(response) for response in responses], Ensemble(responses)
-    resampled, ensemble, common = joined.resampled(300), joined.fitted().fit, common_errors(responses)
+    resampled, ensemble, (common, _) = joined.resampled(300), joined.fitted().fit, common_errors(responses)
     for quantity in JOINT:
         truths = np.array([exact[quantity] for _, exact, _ in perturbed])
         rendered = np.array([leg[f"{quantity}_rendered"] for *_, leg in perturbed])

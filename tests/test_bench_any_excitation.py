@@ -753,6 +753,16 @@ def test_a_motion_by_hand_and_a_sweep_beyond_the_filter_are_no_binary_sequence()
 
 
 @pytest.mark.usefixtures("without_witness")
+def test_friction_of_a_motion_beyond_the_cutoff_is_that_of_all_that_moves():
+    """By what the filter leaves of the motion it is 0.17 N*m."""
+    motion = noise(rng := np.random.default_rng(1), band=(0.4, 20.0), rms_deg=1.5, duration=60.0, rate=1000.0)
+    row = row_of(made_trial(rng, motion, more=0.5 * np.tanh(motion[1][1] / 2e-3)), excitation="any")
+    assert row["band_high_hz"] > 1.1 * row["cutoff_hz"]
+    assert row["f_C"] == pytest.approx(0.5, rel=0.1)
+    assert row["B_viscous"] == pytest.approx(TRUE["B"], rel=0.01)
+
+
+@pytest.mark.usefixtures("without_witness")
 @pytest.mark.parametrize(("name", "clip", "sides"), [
     ("multisine", 20.0, "both"), ("noise", 20.0, "both"), ("noise", 20.0, "lower"), ("chirp", 11.0, "both"),
 ])  # fmt: skip

@@ -215,7 +215,8 @@ def test_sines_whose_torque_is_clipped_before_the_noise_are_doubted_for_it(share
         torque = second_order(motion)
         return np.clip(torque, *(share * end for end in (torque.min(), torque.max())))
 
-    assert ("clipped signal" in judged(cut, noise=0.05)["doubtful"][-1]) == clipped
+    # friction, and a spring that softens, are its images, whose numbers are as wrong
+    assert judged(cut, noise=0.05)["doubtful"][-1] == ("clipped signal" if clipped else "")
 
 
 def test_a_lag_by_the_belt_makes_shares_of_b_and_i_if_it_is_certain():
@@ -237,5 +238,6 @@ def test_whether_the_torque_is_late_is_said_in_the_rows_that_cannot_tell_and_in_
         ({"K_over_K_s": None}, []), ({"K_over_K_s": None, "K_predicted": None}, []),
         ({"band_high_hz": 16.0, "cutoff_hz": 15.0}, ["what moves faster than the cut-off"]),
         ({"K_predicted": None, "K_low": 299.9, "K_high": 300.1}, [*gains, "whether a fixture's weight is in K"]),
+        ({"K_low": 299.9, "K_high": 300.1}, ["whether a fixture's weight is in K"]),  # gains are not as exact
     ):  # fmt: skip
         assert [one.cause for one in unchecked_in("impedance", told | changes)] == expected

@@ -8,6 +8,7 @@ import scipy
 from any_motion import MOTIONS_60, TRUE, made_trial
 from conftest import ROOT
 
+from osl_analysis.bench.effects import spring_that_slips
 from osl_analysis.bench.human_joint import reflex_test
 from osl_analysis.bench.record import record_of_trial
 from osl_analysis.bench.settings import DynamometerAnalysis, HumanJoint
@@ -89,13 +90,13 @@ def slow_sines(rng):
     return time[time < start], motion[:, time < start]
 
 
-def slow_ramps(rng):
+def slow_ramps(rng, moves=(0.3, 1.5), rests=(0.3, 0.8), smooth=20, n=60):
     """Between random levels: an encoder's rounding is all of their snap."""
-    levels, knots = np.deg2rad(rng.uniform(-8, 8, 60)), np.array([0.0, 0.0])
-    knots = 1 + np.cumsum(np.column_stack([rng.uniform(0.3, 1.5, 60), rng.uniform(0.3, 0.8, 60)]).ravel())
+    levels = np.deg2rad(rng.uniform(-8, 8, n))
+    knots = 1 + np.cumsum(np.column_stack([rng.uniform(*moves, n), rng.uniform(*rests, n)]).ravel())
     time = np.arange(30_000) / 500
     theta = np.interp(time, knots, np.column_stack([np.append(0.0, levels[:-1]), levels]).ravel())
-    spline = scipy.interpolate.make_interp_spline(time, scipy.ndimage.gaussian_filter1d(theta, 20), 5)
+    spline = scipy.interpolate.make_interp_spline(time, scipy.ndimage.gaussian_filter1d(theta, smooth), 5)
     return time, [spline(time, k) for k in range(3)]
 
 
@@ -117,6 +118,38 @@ def test_nothing_is_heard_of_a_sound_joint_that_moves_slowly_or_at_the_ends_of_t
         row = witness_row(record_of_trial(trial, SETTINGS.model_copy(update={"excitation": excitation})))
         heard += [row["heard"] or ""]
     assert heard == [""] * 6
+
+
+@pytest.mark.parametrize("friction", [
+    lambda x, v: np.tanh(v / 2e-3), lambda x, v: spring_that_slips(x, 2e-4),
+], ids=["slides", "holds at rest"])  # fmt: skip
+def test_friction_of_a_joint_that_rests_between_ramps_is_no_torque_path(friction):
+    heard = list[str]()
+    for seed in range(3):
+        time, motion = slow_ramps(rng := np.random.default_rng(seed), (0.15, 0.5), (0.05, 0.3), 5, 300)
+        trial = made_trial(rng, (time, motion), more=0.15 * friction(*motion[:2]))
+        row = witness_row(record_of_trial(trial, SETTINGS.model_copy(update={"excitation": "any"})))
+        heard += [row["rivals"] or ""]
+    assert heard == [""] * 3
+
+
+@pytest.mark.parametrize("joint", [{}, {"K": 20.0, "B": 0.5}])
+def test_a_load_cell_that_drifts_beside_two_sines_is_no_change_over_time(joint):
+    trial = made_trial(rng := np.random.default_rng(1), made := two_sines(rng), more=drifting(made[0]), **joint)
+    row = witness_row(record_of_trial(trial, SETTINGS.model_copy(update={"excitation": "any"})))
+    assert (row["heard"], row["VAF_in_band"] > 99.95) == (None, True)
+
+
+@pytest.mark.parametrize("made", ["noise", "multisine"])
+def test_play_before_the_spring_alone_leaves_the_inertia_of_the_joint(made):
+    def played(time, theta, omega, alpha):
+        width = np.deg2rad(0.15)
+        return -TRUE["K"] * width / 2 * spring_that_slips(theta, width / 2)
+
+    row = told(made, more=played)
+    assert "play" in row["rivals"].split(", ")
+    for name in ("K", "B", "I"):
+        assert row[f"{name}_without"] == pytest.approx(TRUE[name], rel=2e-3 if name != "I" else 0.03)
 
 
 @pytest.mark.parametrize("bits", [18, 40])

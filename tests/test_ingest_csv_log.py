@@ -20,6 +20,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.raw_files import FORMATS, read_source, recognise, trial_from_files
 from osl_analysis.ingest.units import EXAMPLES, base_units, dimension, normalised, si_factor
+from osl_analysis.signals.grid import devices_of
 from osl_analysis.trial import Trial
 
 SOURCE: dict[str, Any] = {
@@ -193,6 +194,17 @@ TABLE, SAMPLES = "t,angle,load\n0,1,5\n0.01,2,6\n0.02,3,7\n0.03,4,8\n", {"theta"
 def assert_samples(trial: Trial, **columns: list[float]) -> None:
     for name, values in (columns or SAMPLES).items():
         np.testing.assert_array_equal(trial.samples[name], values)
+
+
+def test_devices_that_write_rows_of_their_own_into_one_table_keep_instants_of_their_own(tmp_path):
+    """As one device at twice the rate their samples were moved to even steps, which took 1 % off B."""
+    text = "t,angle,load\n" + "".join(f"{k / 100},{k},\n{k / 100 + 0.0031},,{2 * k}\n" for k in range(50))
+    trial = ingested(tmp_path, text)
+    for column, late in (("theta", 0.0), ("torque", 0.0031)):
+        assert trial.arrays(column)[0] == pytest.approx(np.arange(50) / 100 + late, abs=1e-12)
+    assert [len(names) for names in devices_of(trial, ("theta", "torque"))] == [1, 1]
+    lost = ingested(tmp_path, text.replace("0.05,5,", "0.05,5,9"), most_missing=0.6)  # one row of both: one device
+    assert [len(names) for names in devices_of(lost, ("theta", "torque"))] == [2]
 
 
 @pytest.mark.parametrize(("text", "stated", "told", "samples"), [

@@ -46,7 +46,7 @@ class Moved:
     """The motion of a joint (n,), of which the columns of effects are made."""
 
     theta: Array  # angle [rad] about its mean
-    omega: Array
+    omega: Array  # velocity [rad/s] of all that moves, whose sign is friction's
     size: float  # RMS [rad] of the fitted angle
     passed: Array  # share of the record that has passed, about its middle
 
@@ -101,21 +101,22 @@ def columns_of(record: Record) -> tuple[dict[str, Array], float]:
 def sums_of(record: Record, model: Model, expected: Admittance | None = None) -> Sums:
     """The sums of a coarse record with all effects; the arguments are those of `effect_columns`."""
     few = record.coarse
-    columns, centre = effect_columns(few, expected)
+    columns, centre = effect_columns(record, expected)
     rich = [*model.values(), "jerk", "snap", *(effect.name for effect in EFFECTS if effect.is_rich)]
     sums = gram.gram_sums(few, columns, rich, centre, rounded=record.rounded)
     return replace(sums, columns={})  # which fill memory, and nobody asks for
 
 
-def effect_columns(few: Record, expected: Admittance | None = None) -> tuple[dict[str, Array], float]:
-    """The columns (n,) of models and effects of a coarse record, and the angle [rad] that `theta` is about.
+def effect_columns(record: Record, expected: Admittance | None = None) -> tuple[dict[str, Array], float]:
+    """The columns (n,) of models and effects of a record when coarse, and the angle [rad] that `theta` is about.
     `expected` is the admittance of the linear model, where the gains are known."""
+    few = record.coarse
     columns, centre = columns_of(few)
-    theta, omega, alpha, _, ramp = columns.values()
+    theta, _, alpha, _, ramp = columns.values()
     higher = seven_point_motion(few.time, alpha, few.rate_hz)
     duration = np.concatenate([few.time[[p.start, p.stop - 1]] for p in few.pieces])
     size = float(few.part(few.motion.theta).std())
-    moved = Moved(theta, omega, size, ramp / max(float(np.ptp(duration)), np.finfo(float).tiny))
+    moved = Moved(theta, record.swift_omega, size, ramp / max(float(np.ptp(duration)), np.finfo(float).tiny))
     columns |= {"jerk": higher.omega, "snap": higher.alpha}
     shaped = {effect: effect.made(moved) for effect in EFFECTS if effect.made}
     sharp = [effect for effect in shaped if effect.is_filtered]

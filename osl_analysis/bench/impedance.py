@@ -316,7 +316,7 @@ def calibration_table(analysis: Analysis, known: Known) -> pl.DataFrame:
         )
     main, beside = ("K", "I") if known.stiffness else ("I", "K")
     few, with_friction = record.coarse, {**IMPEDANCE, "T_C": "T_C"}
-    columns, centre = effects.effect_columns(few)
+    columns, centre = effects.effect_columns(record)
     both, _ = effects.late_fit(few, columns, with_friction, centre, rounded=record.rounded)
     undamped = {name: column for name, column in with_friction.items() if name != "B"}
     free = known.stiffness is None or both.certain("B", effects.FALSE_ALARM)

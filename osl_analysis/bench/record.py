@@ -47,6 +47,7 @@ Label = float | str | None
 """What a fit of its own is made for: an amplitude [deg], a branch of a belt; None: all of a record."""
 STRETCH_S = 1.0  # duration [s] of a stretch: 30 correlation times of a 15 Hz low-pass
 QUICK = 4.0  # cut-offs of the low-pass behind which the velocity's sign is read, and the rounding of steps is drawn
+BEYOND = 1.1  # cut-offs, from which on it is more of the motion than the tail of a step that is faster
 STANDS = 0.1  # median of the speed over its SD, below which a joint mostly stands
 DRAWS = (np.arange(17) + 0.5) / 17 - 0.5  # parts of a step of an encoder by which zeros and sizes differ
 SHORTEST_S = 1.0  # shortest stretch [s] that is fitted
@@ -211,6 +212,12 @@ class Record:
             read = steps * (1 + larger / largest) + zero
             yield left * step * (read - np.rint(read))
 
+    def coarse_roundings(self, channel: int) -> Iterator[Array]:
+        """The `roundings` of all rows, behind the filter of the fit, in the rows of `coarse`."""
+        few, every = self.coarse, round(self.rate_hz / self.coarse.rate_hz)
+        first = np.maximum(np.arange(len(few.time)) * every - every // 2, 0)
+        return (few.low_pass(np.add.reduceat(x, first) / every, few.rate_hz) for x in self.roundings(channel))
+
     @cached_property
     def rounded(self) -> Array | None:
         """Torques (k, n) [N*m] that the `roundings` make for Eq. 15 in the rows of `coarse`; None where noise
@@ -225,11 +232,7 @@ class Record:
         s = 2j * np.pi * self.band_hz[1]
         if left / samples >= 4 * ((max(abs(K), abs(K + B * s + I * s**2)) * of_theta) ** 2 + of_torque**2) / 12:
             return None
-        every = round(self.rate_hz / few.rate_hz)
-        first = np.maximum(np.arange(len(few.time)) * every - every // 2, 0)
-        thetas, torques = (
-            [few.low_pass(np.add.reduceat(x, first) / every, few.rate_hz) for x in self.roundings(k)] for k in (0, 1)
-        )
+        thetas, torques = (list(self.coarse_roundings(k)) for k in (0, 1))
         if not thetas:
             return np.array(torques) if torques else None
         made = np.empty((len(thetas), len(few.time)))
@@ -277,6 +280,17 @@ class Record:
         """The record at 250 Hz, eight cut-offs or more: its filtered signals have nothing faster."""
         at_least = max(250.0, 8 * self.low_pass.cutoff_hz)
         return self.thinned(max(int(self.rate_hz / at_least + 1e-6), 1))  # a rate is known to rounding
+
+    @property
+    def swift_omega(self) -> Array:
+        """Velocity [rad/s] in the rows of `coarse`, whose sign is friction's. Where the motion reaches beyond the
+        cut-off of the fit it is behind a filter that passes it, since what is left turns at other times."""
+        few, highest = self.coarse, self.band_hz[1]
+        if not highest > BEYOND * self.low_pass.cutoff_hz:
+            return few.motion.omega
+        swift = replace(self.low_pass, cutoff_hz=min(2 * highest, 0.2 * self.rate_hz))
+        theta = swift(self.theta, self.rate_hz)[:: round(self.rate_hz / few.rate_hz)]
+        return np.asarray(np.gradient(theta, 1 / few.rate_hz))
 
     def rows(self, label: Label = None) -> NDArray[np.intp]:
         """The rows that are fitted (m,), of a label or of all, each once."""

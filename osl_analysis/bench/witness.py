@@ -10,7 +10,8 @@ Angle and torque are those of the motion's own band, so that drift and slow dist
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 from math import factorial
 from typing import Any
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.bench.effects import LONGEST_LAG, clocks_row, spring_that_slips
 from osl_analysis.bench.gram import solved
-from osl_analysis.bench.record import Record
+from osl_analysis.bench.record import QUICK, Record
 from osl_analysis.signals import seven_point_motion
 from osl_analysis.stats.regression import Row, less
 from osl_analysis.trial import Array, rms
@@ -43,6 +44,9 @@ UNEXPLAINED = 0.7  # share of what the best rival explains, by which one that is
 NEAR_PATH = 0.15  # the same of paths, whose error is that of their models: a low-pass and a mean are hard to tell apart
 MOMENTS = np.arange(6, 19) / CHUNKS  # shares of what is fitted at whose ends K, or a lag, may change
 MUSCLE_HZ = 6.0  # of a muscle's answer to a reflex
+OWN_FRICTION = 0.9  # share of friction's size that is left beside columns of a path: of a path's image a third to 0.7
+SLOW = 0.02  # share of the velocity's SD at which friction has turned its sign
+WINDS = 4.0  # SD of the angle's noise over which friction winds up before it slides
 SERIES = 5  # terms of the series of a torque that is late by a time that changes
 HIDDEN = 0.1  # share of the inertia that a delay that is not heard may make
 LEAST_INERTIA = 1e-3  # kg*m^2, added in quadrature to what it is a share of
@@ -112,11 +116,13 @@ class View:
             self.chunks.append((CHUNKS * (passed % 1.0)).astype(np.intp))
         self.y, self.columns = self.column(torque), [self.column(x) for x in self.motion[:5]]
         self.base = self.columns[first:3]
+        self.slow = [self.column(self.time**k) for k in (2, 3)]  # of a drift its slopes at the ends are in the band
         self.noise = record.noise[0] * (few.low_pass.gain(f) * self.band) ** 2  # of the angle [rad**2/Hz]
         self.step, rounded = record.steps[0] or 0.0, record.rounded
         self.rounded = [self.column(x - x.mean()) for x in ([] if rounded is None else rounded)]
-        omega = self.motion[1]
-        self.sign = np.asarray(np.tanh(omega / max(0.02 * float(omega.std()), 1e-9)))
+        self.record, self.swift = record, record.swift_omega
+        self.turns = max(SLOW * float(self.swift.std()), 1e-9)
+        self.sign = np.asarray(np.tanh(self.swift / self.turns))
 
     def higher(self) -> list[Array]:
         """The third and fourth derivative, each if it is more than those of the model, and its noise: two sines tell no
@@ -143,6 +149,23 @@ class View:
         """The fitted rows (m,) of a signal (n,), in the band."""
         kept = (self.spectrum(x) * self.band)[: self.few // 2 + 1]
         return np.asarray(np.fft.irfft(kept, self.few)[self.rows]) * (self.few / self.padded)
+
+    def friction(self) -> tuple[list[Array], list[Array]]:
+        """Columns of friction of 1 N*m, whose shape about rest no recording tells: it turns its sign with the velocity,
+        and is wound up before it slides, as it stays at rest; and what rounding of the angle makes of its sign."""
+        record, rate = self.record, self.record.rate_hz
+        every, f = round(rate / self.rate_hz), np.linspace(0, rate / 2, 4000)
+        quick = replace(record.low_pass, cutoff_hz=min(QUICK * record.low_pass.cutoff_hz, 0.2 * rate))
+        noise = record.noise[0] * quick.gain(f) ** 2
+        still, moving = (float(np.trapezoid((2 * np.pi * f) ** k * noise, f)) ** 0.5 for k in (0, 2))
+        theta, swift = (one(record.theta, rate) for one in (quick, replace(quick, cutoff_hz=0.5 * quick.cutoff_hz)))
+        swiftly = np.tanh(np.gradient(swift, 1 / rate) / self.turns)
+        shapes = [spring_that_slips(theta, max(WINDS * still, 1e-5)), swiftly]
+        if moving < self.turns / 4:  # else its noise would be in the column
+            shapes.append(np.tanh(np.gradient(theta, 1 / rate) / (self.turns / 4)))
+        slower = (np.gradient(error, 1 / self.rate_hz) for error in record.coarse_roundings(0))
+        errors = [self.column(np.tanh((self.swift + more) / self.turns) - self.sign) for more in slower]
+        return [self.column(record.low_pass(x, rate)[::every]) for x in shapes], errors
 
     def sums(self, columns: Sequence[Array], chunk: int = 0) -> Array:
         """Products (CHUNKS, q + 1, q + 1) of columns (m,) and the torque, in the chunks of this number."""
@@ -198,38 +221,42 @@ class Court:
     def __init__(self, view: View, hears: bool = True, answers: bool = True, taken: Sequence[Array] = ()) -> None:
         self.view, self.rivals, self.chance = view, list[Rival](), dict[str, float]()
         self.answers = answers and view.first == 0
-        self.beside = [view.columns[0]] * (view.first == 1) + [*taken]
-        theta, omega = view.motion[:2]
-        sign, elastic = view.column(view.sign), view.first == 0
-        lacking = {"friction": [sign]}
-        if hears:
-            lacking |= {
-                "path": view.higher(),
-                "time": [view.column(x * view.time) for x in view.motion[view.first : 3]],
-                "moment": [view.column(view.motion[view.first] * (view.time > at)) for at in view.moments],
-                "speed": [view.column(omega * np.abs(omega))],
-                "size": [view.column(theta**3)] * elastic,
-                "direction": [view.column(np.abs(x)) for x in view.motion[view.first : 2]]
-                + [view.column(theta * view.sign)] * elastic,
-            }
-        columns, places = [*view.base, *self.beside], dict[str, range]()
+        self.beside = [*view.slow, *[view.columns[0]] * (view.first == 1), *taken]
+        theta, omega, elastic = *view.motion[:2], view.first == 0
+        columns, draws = [*view.base, *self.beside, view.column(view.sign)], view.rounded
+        models, kinds = [range(len(columns) - 1)], range(len(view.chunks))
+        by_friction, (size,) = wald(view.sums([*columns, *draws]), models[0], [len(columns) - 1], len(draws))
+        if by_friction < FRICTION and size > 0:
+            self.beside.append(columns[-1])
+            others = [*columns[:-1], *view.higher()]
+            _, (own,) = wald(view.sums([*others, columns[-1], *draws]), range(len(others)), [len(others)], len(draws))
+            shapes, errors = view.friction() if own > OWN_FRICTION * size else ([], [])  # else it may be a path's image
+            columns, draws = [*columns, *shapes], [*draws, *(size * x for x in errors)]
+            models = [range(len(columns) - k) for k in range(len(shapes) + 1)]
+        self.draws = draws
+        if not hears:
+            return
+        lacking = {
+            "path": view.higher(),
+            "time": [view.column(x * view.time) for x in view.motion[view.first : 3]],
+            "moment": [view.column(view.motion[view.first] * (view.time > at)) for at in view.moments],
+            "speed": [view.column(omega * np.abs(omega))],
+            "size": [view.column(theta**3)] * elastic,
+            "direction": [view.column(np.abs(x)) for x in view.motion[view.first : 2]]
+            + [view.column(theta * view.sign)] * elastic,
+        }
+        places = dict[str, range]()
         for name, added in lacking.items():
             places[name] = range(len(columns), len(columns) + len(added))
             columns += added
-        kinds, draws = range(len(view.chunks)), len(view.rounded)  # parts of a period show rounding
-        every = [(view.sums([*columns, *view.rounded], k), draws * (k == 0)) for k in kinds]
-        base = list(range(len(view.base) + len(self.beside)))
-        by_friction, (size,) = wald(every[0][0], base, places.pop("friction"), draws)
-        if by_friction < FRICTION and size > 0:
-            base.append(len(base))
-            self.beside.append(sign)
-        if not hears:
-            return
+        every = [(view.sums([*columns, *draws], k), len(draws) * (k == 0)) for k in kinds]  # parts of a period show it
+
+        def chance(added: Sequence[int]) -> float:
+            return max(wald(sums, model, added, draws)[0] for sums, draws in every for model in models)
+
         moments = places.pop("moment")
-        self.chance = {
-            name: max(wald(sums, base, at, draws)[0] for sums, draws in every) for name, at in places.items() if at
-        }
-        at_once = [max(wald(sums, base, [at], draws)[0] for sums, draws in every) for at in moments]
+        self.chance = {name: chance(at) for name, at in places.items() if at}
+        at_once = [chance([at]) for at in moments]
         if len(view.rows) > CHUNKS * RATE_HZ:  # of shorter chunks chance explains a moment
             self.chance["time"] = min(self.chance["time"], *(chance + np.log10(len(at_once)) for chance in at_once))
         if self.later()[1] < JUMPS * self.left(view.base):  # such a misfit scatters as its own size does
@@ -365,16 +392,19 @@ class Court:
                 self.add("time", name, [*base, view.column(changing * (shape - end))], parameters=1)
 
     def hear_play(self, family: str) -> None:
+        """Play before the spring, and before the damping or not."""
         view = self.view
 
-        def followed(width: float) -> list[Array]:
+        def followed(width: float, damped: bool = False) -> list[Array]:
             theta = view.motion[0]
             x = theta - width / 2 * spring_that_slips(theta, width / 2)
-            return [view.column(x), view.column(np.gradient(x, 1 / view.rate_hz)), view.base[2]]
+            omega = view.column(np.gradient(x, 1 / view.rate_hz)) if damped else view.base[1]
+            return [view.column(x), omega, view.base[2]]
 
         widths = max(3 * view.step, np.deg2rad(0.03)) * np.geomspace(1, 20, 6)
-        for width in minima(lambda width: self.left(followed(width)), widths):
-            self.add_by(family, "play", followed, width)
+        for behind in (followed, partial(followed, damped=True)):
+            for width in minima(lambda width, made=behind: self.left(made(width)), widths):  # type: ignore[misc]
+                self.add_by(family, "play", behind, width)
 
     def hear_speed(self) -> None:
         view, omega = self.view, self.view.motion[1]
@@ -433,7 +463,7 @@ class Court:
             self.hear_reflex()
         least, chunk = min(square(rival.left) for rival in self.rivals), self.view.chunks[0]
         per_parameter = least / (self.view.seconds * self.view.bandwidth)
-        made = np.array([self.unexplained(x) for x in self.view.rounded])
+        made = np.array([self.unexplained(x) for x in self.draws])
 
         def score(rival: Rival) -> float:
             parameters = rival.parameters + CHANCE * (rival.family == "reflex")

@@ -69,6 +69,7 @@ def read_table_log(path: Path, source: TableSource) -> Recording:
         if other != column and LEVEL_UNIT not in (unit_of(other), unit_of(column)):
             where = source.place("channels", column, channel.ADDRESS)
             raise InputError(f"{channel.title} is {other} and {column} in the source file; correct {where}")
+    table = with_own_rows(table, [one.name for one in source.channels.values()])
     columns, said = canonical_columns(table, source.channels, time, source)
     samples = pl.DataFrame([pl.Series("time", time), *columns])
     missing, origins = {column: int(samples[column].is_nan().sum()) for column in source.channels}, {}
@@ -143,6 +144,16 @@ def wanted(source: TableSource) -> list[str]:
     """The addresses of all columns that a source file names, each once: time, signals, counters."""
     named = [name for one in source.channels.values() for name in (one.name, one.counter)]
     return [*dict.fromkeys(name for name in [source.time.name, *named] if name)]
+
+
+def with_own_rows(table: Table, names: Sequence[str]) -> Table:
+    """The table without values, in place of failed readings, where devices write rows of their own into one log: no row
+    then has readings of both, and each has instants of its own."""
+    real = {name: column for name in names if (column := table.columns[name]).dtype.kind == "f"}
+    failed = {name: one for name, column in real.items() if (one := np.isnan(np.ma.getdata(column))).any()}
+    apart = [a for a, of_a in failed.items() if any((of_a | of_b).all() and not of_b.all() for of_b in failed.values())]
+    own = {name: np.ma.masked_where(failed[name], real[name]) for name in apart if not failed[name].all()}
+    return replace(table, columns={**table.columns, **own}) if len(own) > 1 else table
 
 
 def canonical_columns(

@@ -26,6 +26,7 @@ class Cause:
     """A fault of the recording does not come and go with the amplitude: the fit to all of a trial must show it, too."""
     first: bool = False  # whether it makes others, as a wrong unit or sign does
     of: Sequence[str] = ()  # the results that it concerns, where others do not depend on it; empty: all
+    spoils: bool = False  # whether no estimate can be told beside it: what else makes the fit worse may be its image
     without: Mapping[str, str] = field(default_factory=dict)
     """Columns with the estimates of the same fit with this cause as a column of the regression, by K, B and I."""
 
@@ -122,4 +123,5 @@ def causes_in(row: AnyRow, found: Mapping[str, Beyond], misfit_by: Cause | None)
         is_misfit = one.column in EVIDENCE and EVIDENCE[one.column].misfit
         cause = misfit_by if misfit_by and is_misfit else cause_of(one.column, one.value, row)
         by_cause.setdefault(cause.name, (cause, []))[1].append(one)
-    return list(by_cause.values())
+    spoilt = any(cause.spoils for cause, _ in by_cause.values())
+    return [one for one in by_cause.values() if not spoilt or one[0].spoils or not one[0].explains]

@@ -67,7 +67,7 @@ def of_impedance(row: AnyRow) -> Iterator[str]:
     if (cell_number(row, "clocks") or 1) > 1 and lacks(row, "clock_drift_ppm"):
         yield "whether the clocks of angle and torque drift apart"
     low, high = (cell_number(row, f"K_{end}") for end in ("low", "high"))
-    if cell_number(row, "K_predicted") is None and low is not None and high is not None and high - low < 2 * WEIGHT:
+    if low is not None and high is not None and high - low < 2 * WEIGHT:
         yield "whether a fixture's weight is in K"
 
 

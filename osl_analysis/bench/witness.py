@@ -233,7 +233,7 @@ class Court:
             shapes, errors = view.friction() if own > OWN_FRICTION * size else ([], [])  # else it may be a path's image
             columns, draws = [*columns, *shapes], [*draws, *(size * x for x in errors)]
             models = [range(len(columns) - k) for k in range(len(shapes) + 1)]
-        self.draws = draws
+        self.draws, self.hides = draws, False  # whether friction about rest may be what is heard beside plain friction
         if not hears:
             return
         lacking = {
@@ -252,7 +252,9 @@ class Court:
         every = [(view.sums([*columns, *draws], k), len(draws) * (k == 0)) for k in kinds]  # parts of a period show it
 
         def chance(added: Sequence[int]) -> float:
-            return max(wald(sums, model, added, draws)[0] for sums, draws in every for model in models)
+            beside = [max(wald(sums, model, added, draws)[0] for sums, draws in every) for model in models]
+            self.hides |= beside[0] < HEARD <= max(beside)
+            return max(beside)
 
         moments = places.pop("moment")
         self.chance = {name: chance(at) for name, at in places.items() if at}
@@ -556,7 +558,10 @@ def witness_row(record: Record, names: Sequence[str] = tuple(HARM), is_leg: bool
     alike = beside_harmless(court, none, alike)
     if not is_leg:
         row |= {name: 0.0 for name in row if name.endswith("_shift")}
-        row |= {"path_shift": None if court.hides_delay() else 0.0, "heard": ", ".join(court.heard) or None}
+        row |= {
+            "path_shift": None if court.hides or court.hides_delay() else 0.0,
+            "heard": ", ".join(court.heard) or None,
+        }
     row |= {"VAF_in_band": vaf}
     told = not court.heard or any(one.name in ("clocks", "delay") for one in alike)  # what else passes for a drift
     if record.two_clocks and not is_leg and not record.groups.repeat and told:

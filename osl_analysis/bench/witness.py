@@ -233,7 +233,7 @@ class Court:
             shapes, errors = view.friction() if own > OWN_FRICTION * size else ([], [])  # else it may be a path's image
             columns, draws = [*columns, *shapes], [*draws, *(size * x for x in errors)]
             models = [range(len(columns) - k) for k in range(len(shapes) + 1)]
-        self.draws, self.hides = draws, False  # whether friction about rest may be what is heard beside plain friction
+        self.draws = draws
         if not hears:
             return
         lacking = {
@@ -252,9 +252,7 @@ class Court:
         every = [(view.sums([*columns, *draws], k), len(draws) * (k == 0)) for k in kinds]  # parts of a period show it
 
         def chance(added: Sequence[int]) -> float:
-            beside = [max(wald(sums, model, added, draws)[0] for sums, draws in every) for model in models]
-            self.hides |= beside[0] < HEARD <= max(beside)
-            return max(beside)
+            return max(wald(sums, model, added, draws)[0] for sums, draws in every for model in models)
 
         moments = places.pop("moment")
         self.chance = {name: chance(at) for name, at in places.items() if at}
@@ -559,7 +557,7 @@ def witness_row(record: Record, names: Sequence[str] = tuple(HARM), is_leg: bool
     if not is_leg:
         row |= {name: 0.0 for name in row if name.endswith("_shift")}
         row |= {
-            "path_shift": None if court.hides or court.hides_delay() else 0.0,
+            "path_shift": None if court.hides_delay() else 0.0,
             "heard": ", ".join(court.heard) or None,
         }
     row |= {"VAF_in_band": vaf}

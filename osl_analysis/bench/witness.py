@@ -556,10 +556,7 @@ def witness_row(record: Record, names: Sequence[str] = tuple(HARM), is_leg: bool
     alike = beside_harmless(court, none, alike)
     if not is_leg:
         row |= {name: 0.0 for name in row if name.endswith("_shift")}
-        row |= {
-            "path_shift": None if court.hides_delay() else 0.0,
-            "heard": ", ".join(court.heard) or None,
-        }
+        row |= {"path_shift": None if court.hides_delay() else 0.0, "heard": ", ".join(court.heard) or None}
     row |= {"VAF_in_band": vaf}
     told = not court.heard or any(one.name in ("clocks", "delay") for one in alike)  # what else passes for a drift
     if record.two_clocks and not is_leg and not record.groups.repeat and told:

@@ -194,16 +194,30 @@ def scattered(sums: Array) -> tuple[Array, Array]:
     return estimates, scores.T @ scores * len(sums) / (len(sums) - 1)
 
 
+def chunks_that_tell(sums: Array, base: Sequence[int], added: Sequence[int]) -> float:
+    """How many chunks have what added columns are beside those of the base, were it alike in these: of two steady sines
+    only their ends tell a third derivative, and of few chunks the scatter is no measure."""
+    total = sums.sum(axis=0)
+    taken = solved(total[np.ix_(base, base)], total[np.ix_(base, added)])[0]
+    own = np.vstack([-taken, np.eye(len(added))])
+    at = [*base, *added]
+    each = own.T @ sums[np.ix_(range(len(sums)), at, at)] @ own
+    shares = np.trace(np.linalg.pinv(each.sum(axis=0), hermitian=True) @ each, axis1=1, axis2=2) / len(added)
+    return float(shares.sum() ** 2 / max(np.sum(shares**2), np.finfo(float).tiny))
+
+
 def wald(sums: Array, base: Sequence[int], added: Sequence[int], draws: int) -> tuple[float, Array]:
     """Chance (log10) of added columns beside those of the base, and their estimates. Before the torque the sums have
     `draws` torques that rounding may make: what it does alike in all chunks is no part of their scatter."""
     at, q, chunks = [*base, *added], len(added), len(sums)
     estimates, covariance = scattered(sums[np.ix_(range(chunks), [*at, -1], [*at, -1])])
-    z = estimates[-q:]
+    z, telling = estimates[-q:], chunks_that_tell(sums, base, added)
+    if telling <= q:
+        return 0.0, z
 
     def chance(covariance: Array) -> float:
         F = float(z @ np.linalg.pinv(covariance[-q:, -q:], rcond=1e-9, hermitian=True) @ z) / q
-        return float(scipy.stats.f.logsf(F * (chunks - q) / (chunks - 1), q, chunks - q) / np.log(10))
+        return float(scipy.stats.f.logsf(F * (telling - q) / (telling - 1), q, telling - q) / np.log(10))
 
     by_scatter = chance(covariance)
     if not draws or by_scatter >= HEARD:

@@ -33,6 +33,7 @@ FAST_HZ = (2.0, 12.0)  # band in which a late torque shows more, of a motion by 
 TELLS = 100.0  # power of the angle over that of its noise, as its rounding, from which on a frequency is in the band:
 # below, the noise makes all of a snap
 OWN = 3.0, 1e-4  # times its noise, and share of its size (RMS), beyond which a derivative has a part of its own
+TELLING = 4.0  # chunks in which a derivative must have it, were it alike in these: of two steady sines 1.4 to 3.4 have
 RATE_HZ = 50.0  # at which columns are multiplied
 HEARD = -3.5  # log10 of the chance of a family's columns below which it is heard
 FRICTION = -4.0  # the same of Coulomb friction, which then is part of the joint
@@ -125,13 +126,15 @@ class View:
         self.sign = np.asarray(np.tanh(self.swift / self.turns))
 
     def higher(self) -> list[Array]:
-        """The third and fourth derivative, each if it is more than those of the model, and its noise: two sines tell no
-        fourth."""
+        """The third and fourth derivative, each if it is more than those of the model, and its noise, in enough chunks:
+        only the ends of two steady sines tell a fourth, and the scatter of few chunks is no measure."""
         Z, found = np.array(self.columns[:3]), list[Array]()
         for k, x in enumerate(self.columns[3:], 3):
-            own = rms(x - solved(Z @ Z.T, Z @ x)[0] @ Z)
+            own = x - solved(Z @ Z.T, Z @ x)[0] @ Z
             noise = float(np.trapezoid((2 * np.pi * self.f) ** (2 * k) * self.noise, self.f)) ** 0.5
-            found += [x] * (own > float(np.hypot(OWN[0] * noise, OWN[1] * rms(x))))
+            in_chunks = np.bincount(self.chunks[0], own**2)
+            if in_chunks.sum() ** 2 > TELLING * in_chunks @ in_chunks:
+                found += [x] * (rms(own) > float(np.hypot(OWN[0] * noise, OWN[1] * rms(x))))
         return found
 
     def spectrum(self, x: Array) -> NDArray[np.complex128]:
@@ -194,30 +197,16 @@ def scattered(sums: Array) -> tuple[Array, Array]:
     return estimates, scores.T @ scores * len(sums) / (len(sums) - 1)
 
 
-def chunks_that_tell(sums: Array, base: Sequence[int], added: Sequence[int]) -> float:
-    """How many chunks have what added columns are beside those of the base, were it alike in these: of two steady sines
-    only their ends tell a third derivative, and of few chunks the scatter is no measure."""
-    total = sums.sum(axis=0)
-    taken = solved(total[np.ix_(base, base)], total[np.ix_(base, added)])[0]
-    own = np.vstack([-taken, np.eye(len(added))])
-    at = [*base, *added]
-    each = own.T @ sums[np.ix_(range(len(sums)), at, at)] @ own
-    shares = np.trace(np.linalg.pinv(each.sum(axis=0), hermitian=True) @ each, axis1=1, axis2=2) / len(added)
-    return float(shares.sum() ** 2 / max(np.sum(shares**2), np.finfo(float).tiny))
-
-
 def wald(sums: Array, base: Sequence[int], added: Sequence[int], draws: int) -> tuple[float, Array]:
     """Chance (log10) of added columns beside those of the base, and their estimates. Before the torque the sums have
     `draws` torques that rounding may make: what it does alike in all chunks is no part of their scatter."""
     at, q, chunks = [*base, *added], len(added), len(sums)
     estimates, covariance = scattered(sums[np.ix_(range(chunks), [*at, -1], [*at, -1])])
-    z, telling = estimates[-q:], chunks_that_tell(sums, base, added)
-    if telling <= q:
-        return 0.0, z
+    z = estimates[-q:]
 
     def chance(covariance: Array) -> float:
         F = float(z @ np.linalg.pinv(covariance[-q:, -q:], rcond=1e-9, hermitian=True) @ z) / q
-        return float(scipy.stats.f.logsf(F * (telling - q) / (telling - 1), q, telling - q) / np.log(10))
+        return float(scipy.stats.f.logsf(F * (chunks - q) / (chunks - 1), q, chunks - q) / np.log(10))
 
     by_scatter = chance(covariance)
     if not draws or by_scatter >= HEARD:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy
-from any_motion import MOTIONS_60, TRUE, made_trial
+from any_motion import MOTIONS_60, TRUE, made_trial, sines
 from conftest import ROOT
 
 from osl_analysis.bench.effects import spring_that_slips
@@ -107,8 +107,13 @@ def two_sines(rng):
     return time, [size @ y for y in (np.sin(x), f * np.cos(x), -(f**2) * np.sin(x))]
 
 
+def faded_sines(rng):
+    """Whose ends alone tell a fourth derivative."""
+    return sines(rng, [rng.uniform(0.6, 1.1), rng.uniform(3, 5)], 2.5, 45.0)
+
+
 @pytest.mark.parametrize(("motion", "bits", "excitation"), [
-    (two_sines, 18, "any"), (two_sines, 40, "any"),
+    (two_sines, 18, "any"), (two_sines, 40, "any"), (faded_sines, 18, "any"),
     (moving_at_the_ends, 18, "any"), (slow_sines, 14, "auto"), (slow_ramps, 14, "auto"),
 ])  # fmt: skip
 def test_nothing_is_heard_of_a_sound_joint_that_moves_slowly_or_at_the_ends_of_the_recording(motion, bits, excitation):

@@ -159,6 +159,21 @@ def test_a_motion_of_too_narrow_a_band_or_size_is_refused_with_what_is_missing(m
     assert abs(row["K"]) < 3 * row["K_se"], "a joint without stiffness has none to tell"
 
 
+def test_steps_too_quick_for_their_rate_are_refused_as_such_whatever_the_encoder():
+    """They were told that theta turns by 11 steps of its encoder, which turned by 261."""
+    time, x = np.arange(10_000) / 500, np.zeros((3, 10_000))
+    for k in range(9):
+        t = np.clip((time - 1 - 2 * k) / 0.02, 0, 1)
+        shape = (
+            t**3 * (10 - 15 * t + 6 * t**2),
+            30 * t**2 * (1 - t) ** 2 / 0.02,
+            60 * t * (1 - t) * (1 - 2 * t) / 0.02**2,
+        )
+        x += 0.1 * (-1) ** k * np.array(shape)
+    with pytest.raises(InputError, match=r"theta has 11 values in all.* move it more slowly"):
+        row_of(made_trial(np.random.default_rng(1), (time, x), bits=14))
+
+
 def test_ramps_between_levels_tell_K_and_an_interval_of_I_that_holds_what_the_torque_may_be_wrong_by():
     """0.1 % of the torque's RMS in the shape of the acceleration is 0.04 kg*m^2."""
     rng, time = np.random.default_rng(3), np.arange(15_000) / 250

@@ -26,6 +26,7 @@ from osl_analysis.formats.binary_table import check_xls, hdf5_arrays
 from osl_analysis.formats.c3d import read_c3d
 from osl_analysis.formats.csv_table import are_whole_thousands
 from osl_analysis.formats.table import MOST_BYTES, isolated
+from osl_analysis.ingest import logs
 from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.examine import Commanded, Examined, measure_clock
 from osl_analysis.ingest.raw_files import check_copies, trial_from_files
@@ -528,3 +529,11 @@ def test_a_part_of_a_recording_that_is_a_copy_of_another_is_refused():
     check_copies(Path("bag"), parts[:2])
     with pytest.raises(InputError, match=r"its file bag_2.mcap is a copy of bag_0.mcap"):
         check_copies(Path("bag"), parts)
+
+
+@pytest.mark.parametrize("lost", [[], [500], [3, 700, 701]])
+def test_a_count_of_rows_is_no_clock_also_where_rows_were_lost(lost):
+    """Taken for ms, rows of 500 Hz gave half of B, and nothing was doubted."""
+    counted = np.delete(np.arange(1000.0), lost)
+    assert not logs.ticks(counted, "")
+    assert logs.ticks(2 * counted, "")

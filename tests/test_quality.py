@@ -598,3 +598,12 @@ def test_real_plates_pass() -> None:
         found = checked(Trial(name, recording.samples, recording.facts), "overground")
         assert found["pressure_centre"].value == pytest.approx(0, abs=0.01), name
         assert (found["saturation"].value or 0) < 5, name
+
+
+def test_stamps_of_which_most_are_repeated_are_examined_by_their_mean_step():
+    """Whole ms at 2 kHz ended in a division by zero."""
+    time = np.arange(4000) // 2 / 1000
+    checks = examine(
+        Trial("made", pl.DataFrame({"time": time, "theta": np.sin(6 * time), "torque": time})), "impedance", COMMANDED
+    )
+    assert {"stuck", "rate"} <= checks.keys()

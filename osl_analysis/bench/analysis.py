@@ -322,11 +322,14 @@ def check_moves(record: Record, sums: Sums) -> None:
     measured, step, fewest, slow, most = record.part(record.bench_angle), record.steps[0], 20.0, 200, 0.1
     values = len(np.unique(measured))
     levels = values if values <= slow else np.inf  # there are more where the motion is slow
-    steps = float(levels if step is None else min(np.ptp(measured) / step, levels))
-    if steps < fewest:
+    steps = float(np.inf if step is None else np.ptp(measured) / step)
+    if min(steps, levels) < fewest:
+        little = f"the joint hardly moves: theta turns by {steps:.0f} steps of its encoder", "move it by more"
+        quick = f"theta has {levels:g} values in all, as of steps too quick for its rate", "move it more slowly"
+        said, remedy = little if steps < fewest else quick
         raise InputError(
-            f"trial {record.name}: the joint hardly moves: theta turns by {steps:.0f} steps of its encoder, "
-            f"{fewest:g} are needed; move it by more, and check the unit of theta in the source file"
+            f"trial {record.name}: {said}, {fewest:g} are needed; {remedy}, and check the unit of theta in the source "
+            "file"
         )
     A, own, one = sums.total, sums.names.index("alpha"), sums.names.index("one")
     at = sums.index(("theta", "omega", "one"))

@@ -91,8 +91,8 @@ def recorded(trial: Trial, column: str | None) -> tuple[Array, Array]:
 
 
 def median_step(time: Array) -> float:
-    """Median step [s]; 0 for a single sample."""
-    return float(np.median(np.diff(time))) if time.size > 1 else 0.0
+    """Median step [s], or the mean one where most stamps are repeated; 0 for a single sample."""
+    return float(np.median(np.diff(time)) or np.ptp(time) / (time.size - 1)) if time.size > 1 else 0.0
 
 
 def consecutive(time: Array, values: Array, seconds: float) -> Array:

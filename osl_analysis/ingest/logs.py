@@ -383,9 +383,10 @@ def rate_of(time: Array) -> float | None:
 def time_unit(clock: Array) -> str:
     """The unit of the readings (n,) of a clock, where one only is likely; else empty. Recorders of joints have rates
     from 50 to 5000 Hz, less than a factor of 1000 apart: a reading fits them in one unit only. Readings that rise by
-    one may count rows, or be the whole seconds of stamps in two parts."""
-    rate = rate_of(clock)
-    if rate is None or clock.size < 20 or np.isin(np.diff(clock), (0, 1)).all():
+    one may count rows, of which some may be lost, or be the whole seconds of stamps in two parts."""
+    rate, steps = rate_of(clock), np.diff(clock)
+    counts = np.isin(steps, (0, 1)).all() or (rate == 1 and (steps == np.rint(steps)).all())
+    if rate is None or clock.size < 20 or counts:
         return ""
     units = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9, "d": 1 / 86_400}
     return next((unit for unit, in_s in units.items() if 50.0 <= rate * in_s <= 5000.0), "")

@@ -24,7 +24,7 @@ from osl_analysis.ingest.source import UNKNOWN, open_places
 from osl_analysis.signals.grid import with_stamp_evidence
 from osl_analysis.table import write_table
 from osl_analysis.trial import Trial, write_trial
-from osl_analysis.yaml_settings import read_mapping
+from osl_analysis.yaml_settings import dotted, read_mapping
 
 
 def ingest_trial(
@@ -253,7 +253,11 @@ def left_to_decide(folder: Path, draft: Draft) -> list[str]:
     """What a user has to decide before the campaign runs, a line each."""
     edits = {folder / CAMPAIGN: re.findall(rf"(\w+): [^#\n]*{UNKNOWN}", draft.walking)}
     for path in (folder / f"sources/{name}.yaml" for name in draft.sources):
-        edits[path] = [place[-1] for place in open_places(read_mapping(path))]
+        edits[path] = [dotted(place).removeprefix("channels.") for place in open_places(read_mapping(path))]
+        text = draft.sources[path.stem]
+        lacking = [one for one in ("theta", "torque") if not re.search(rf"\n  ({one}: |NAME.*# {one}\?)", text)]
+        if len(lacking) == 1 and edits[path]:
+            edits[path].append(f"{lacking[0]} (no channel is like it: name one, as of the comments)")
     told = [
         f"{path}: {len(k)} place{' is' if len(k) == 1 else 's are'} to be edited: {', '.join(k[:6])}"
         for path, k in edits.items()

@@ -16,7 +16,7 @@ from osl_analysis.ingest.captures import is_labelled
 from osl_analysis.ingest.overview import Overview, RecordedChannel
 from osl_analysis.ingest.raw_files import FORMATS
 from osl_analysis.ingest.source import NAME_OF_TIME, UNKNOWN
-from osl_analysis.ingest.units import base_units, dimension, is_unit, normalised
+from osl_analysis.ingest.units import base_units, dimension, is_unit, name_and_ending, normalised
 from osl_analysis.signals import runs
 from osl_analysis.trial import COLUMNS, Array, factor_of, varies
 
@@ -114,7 +114,7 @@ def log_lines(overview: Overview) -> Iterator[str]:
     out, and what is no signal is a comment. Where a channel is like a canonical column, so are those that are like
     none. An entry has its column's name where only this channel is like it and its name leaves no doubt. One that may
     be another quantity, as a command or another joint's angle, is left to the user; where angle and torque are known,
-    as a comment."""
+    as a comment; so is then another one whose unit nothing states."""
     signals, clock, of_time = channels_of_log(overview)
     yield from (f"# {text}" for text in overview.open)
     if of_time == NAME_OF_TIME:
@@ -129,7 +129,9 @@ def log_lines(overview: Overview) -> Iterator[str]:
     complete = {"theta", "torque"} <= {guess.column for guess in guesses if guess.sure}
     comment_others = any(guess.column for guess in guesses)
     for number, (channel, guess) in enumerate(zip(signals, guesses, strict=True), start=1):
-        line, is_needed = channel_line(number, channel, guess), guess.sure or (guess.column and not complete)
+        line, has_unit = channel_line(number, channel, guess), is_unit(channel.unit or channel.likely_unit)
+        is_sure = guess.sure and (has_unit or not complete or guess.column in ("theta", "torque", "sync", "trigger"))
+        is_needed = is_sure or (guess.column and not complete)
         yield f"# {line}" if guess.no_signal or (comment_others and not is_needed) else line
 
 
@@ -176,7 +178,8 @@ def readings(channel: RecordedChannel) -> Array:
 
 
 def unit_by_size(channel: RecordedChannel, column: str) -> str:
-    """The unit that the range of a channel's readings tells, for a column; empty where it tells none."""
+    """The unit that a channel's readings may have by their range, for a column; empty where it tells none. It is only
+    said: `lbf*ft` and `N*cm` have ranges of `N*m` and `N*mm`."""
     known = readings(channel)
     size = float(np.ptp(known)) if known.size >= FEWEST_READINGS else 0.0
     units = UNITS_BY_SIZE.get(COLUMNS.get(column, ""), ())
@@ -213,8 +216,7 @@ def guessed_columns(channels: Sequence[RecordedChannel]) -> list[Guess]:
     known = Counter(column for column, why in zip(named, without, strict=True) if not why)
     own = named_joint(channels)
     for channel, column, why in zip(channels, named, without, strict=True):
-        unit = "" if channel.unit else parted_name(channel.likely_unit)  # its words do not count
-        words = parted_name(name_of(channel)).removesuffix(unit).split()
+        words = parted_name(name_and_ending(name_of(channel))[0]).split()
         sure = bool(words and column) and {*words} <= {*PATTERNS[column][2].split(), *own}
         by_name = Guess(column, sure and known[column] == 1, "guessed from its name" * sure)
         guesses.append(Guess(said=why, no_signal=True) if why else by_name)
@@ -271,15 +273,16 @@ def channel_line(number: int, channel: RecordedChannel, guess: Guess) -> str:
     """One entry under `channels`, by what it may be, with the column's name where that is sure."""
     stated, is_guessed = channel.unit or channel.likely_unit, bool(channel.likely_unit and not channel.unit)
     by_size = unit_by_size(channel, guess.column) if guess.sure and not stated else ""
-    unit = stated if stated and is_unit(stated) else "V" if guess.column in ("sync", "trigger") else by_size or UNKNOWN
-    sure = guess.sure and unit != UNKNOWN
-    said = [*[f"{guess.column}?"] * (bool(guess.column) and not sure), f"{'left out: ' * guess.no_signal}{guess.said}"]
+    unit = stated if stated and is_unit(stated) else "V" if guess.column in ("sync", "trigger") else UNKNOWN
+    said = [f"{guess.column}?"] * (bool(guess.column) and not guess.sure)
+    said += [f"{'left out: ' * guess.no_signal}{guess.said}"]
     said += [f"no known unit: {json.dumps(channel.unit)}"] * (bool(channel.unit) and unit == UNKNOWN)
-    said += [f"the unit is guessed{' from its size' * bool(by_size)}: check it"] * (is_guessed or bool(by_size))
+    said += ["the unit is guessed: check it"] * is_guessed
+    said += [f"a guess by its size, since no unit is stated: {by_size}"] * bool(by_size)
     fields = {**channel.address, "unit": unit} | ({"sign": guess.sign} if guess.sign < 0 else {})
     entry = ", ".join(f"{key}: {json.dumps(value, ensure_ascii=False)}" for key, value in fields.items())
     comment = f"  # {'; '.join(filter(None, said))}" if any(said) else ""
-    return f"  {guess.column if sure else f'NAME_{number}'}: {{{entry}}}{comment}"
+    return f"  {guess.column if guess.sure else f'NAME_{number}'}: {{{entry}}}{comment}"
 
 
 SEGMENT_WORDS = {

@@ -43,7 +43,7 @@ from osl_analysis.ingest.source import (
     TdmsSource,
     check_values,
 )
-from osl_analysis.ingest.units import is_unit, normalised, si_factor
+from osl_analysis.ingest.units import is_unit, name_and_ending, normalised, si_factor
 from osl_analysis.signals import runs
 from osl_analysis.trial import Array, check_time, counter_column, unit_of
 
@@ -355,13 +355,8 @@ def tells_time(name: str, unit: str) -> bool:
 
 
 def likely_unit(name: str) -> str:
-    """The unit that the end of a column's name tells, as in `ankle_deg`; empty if none. `theta_m` is the motor's."""
-    plain = ("deg", "rad", "rev", "rpm", "Nm", "N", "A", "mA", "V", "mV", "s", "ms", "us", "ns", "Hz", "mm")
-    spelled = {"deg_s": "deg/s", "deg_per_s": "deg/s", "rad_s": "rad/s", "rad_per_s": "rad/s"}
-    spelled |= dict.fromkeys(("sec", "seconds"), "s")
-    endings = [end for end in (*plain, *spelled) if name.endswith(f"_{end}")]
-    longest = max(endings, key=len, default="")
-    return spelled.get(longest, longest) or {"millis": "ms", "ms": "ms", "micros": "us", "us": "us"}.get(name, "")
+    """The unit that a column's name tells: by its end, as in `ankle_deg`, or as a clock's; empty if none."""
+    return name_and_ending(name)[1] or {"millis": "ms", "ms": "ms", "micros": "us", "us": "us"}.get(name, "")
 
 
 def ticks(values: NDArray[Any], unit: str) -> bool:

@@ -40,12 +40,12 @@ PATTERNS = {
     "torque": (
         rf"\b({EFFORT}|load ?cell)\b",
         rf"{COMMAND}|{MOTOR}|ground",
-        "ankle foot joint torque moment tau load cell loadcell mz drehmoment koppel measured meas sensor",
+        "ankle foot joint torque moment tau load cell loadcell reaction mz drehmoment koppel measured meas sensor",
     ),
     "theta": (
         rf"\b({ANGLE}|ankle|knee|hip|joint)\b",
         rf"{COMMAND}|{MOTOR}|\b{SPEED}\b",
-        "ankle foot joint angle position pos theta encoder winkel hoek measured meas name",
+        "ankle foot joint shaft angle position pos theta encoder flexion winkel hoek measured meas name",
     ),
 }
 """By column: what the words of a name contain, and what they do not; and the words of a name that leave no doubt:

@@ -196,10 +196,10 @@ def test_a_log_of_the_leg_with_a_load_cell(tmp_path, monkeypatch):
     said, source = journey.drafted()
     assert "sources/csv.yaml: 2 recordings" in said
     for line in (
-        r'#   theta_m: {column: "\*.output_position", unit: "UNKNOWN"}  # guessed .*; a guess by its size, .*: rad',
-        '  theta: {column: "joint_position", unit: "UNKNOWN"}', '#   current: {column: "motor_current", .*: mA',
+        r'#   theta_m: {column: "\*.output_position", unit: "UNKNOWN"}  # guessed .*; no unit is stated',
+        '  theta: {column: "joint_position", unit: "UNKNOWN"}', '#   current: {column: "motor_current", unit: "UNK',
         '#   .*"joint_torque".* # left out: "motor_current" times 0.00011, .*no measured torque',
-        '  torque: {column: "loadcell_mz", unit: "UNKNOWN"}  # guessed from its name; .*: N\\*m',
+        '  torque: {column: "loadcell_mz", unit: "UNKNOWN"}  # guessed from its name; no unit is stated',
     ):  # fmt: skip
         assert re.search(f"\n{line}", source), line
     journey.states(theta="rad", torque="N*m")
@@ -286,7 +286,7 @@ def test_a_dynamometer_with_a_protocol_of_its_own(tmp_path, monkeypatch, kind):
             timing = {"wf_increment": 1 / 250, "wf_start_offset": 0.0}
             writer.write_segment([ChannelObject("Meting", name, one, timing) for name, one in named.items()])
     _, source = journey.drafted()
-    assert re.search('  torque: {[^}]*, unit: "UNKNOWN"}  # guessed .*; a guess by its size, .*: N\\*mm', source)
+    assert re.search('  torque: {[^}]*, unit: "UNKNOWN"}  # guessed .*; no unit is stated', source)
     journey.states(theta="deg" if kind == "tdms" else "rad", torque="N*mm")
     ((_, fit, quality),) = journey.fits(monkeypatch)
     assert (is_right(fit), fit["excitation"], journey.edited()) == (True, "stepped sine", 2)
@@ -306,3 +306,15 @@ def test_a_torque_has_the_sign_by_which_a_joint_resists_and_an_actuator_alone_ha
         drafted[name] = draft_source(module.inspect_file(tmp_path / f"{name}.csv"), "")
     assert [drafted[name].count("sign: -1") for name in drafted] == [0, 1, 0, 0]
     assert "\n  torque_m: {" in drafted["actuator"]
+
+
+def test_channels_of_tdms_that_begin_apart_are_compared_at_their_own_instants(tmp_path):
+    _time, theta, _, torque = sines([(1, 8), (3, 20)], 4)
+    with TdmsWriter(tmp_path / "a.tdms") as writer:
+        for name, unit, one, start in (("x", "rad", theta, 0), ("y", "Nm", torque[75:], 300)):
+            begin = np.datetime64("2026-01-01T00:00:00") + np.timedelta64(start, "ms")
+            named = {"wf_increment": 1 / 250, "wf_start_time": begin, "wf_start_offset": 0.0, "unit_string": unit}
+            writer.write_segment([ChannelObject("Log", name, one, named)])
+    drafted = draft_source(module.inspect_file(tmp_path / "a.tdms"), "")
+    assert '\n  theta: {channel: "Log/x"' in drafted
+    assert '\n  torque: {channel: "Log/y"' in drafted

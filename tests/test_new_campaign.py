@@ -308,7 +308,7 @@ def test_a_unit_that_nothing_but_the_size_of_readings_tells_is_to_be_stated(tmp_
     (tmp_path / "rec/a.csv").write_text("\n".join([f"time_s,ankle_angle_deg,{name}", *rows]))
     draft = new_campaign(tmp_path / "mine", recordings=tmp_path / "rec")
     assert 'unit: "UNKNOWN"}' in draft.sources["csv"]
-    assert "a guess by its size, since no unit is stated: N*m" in draft.sources["csv"]
+    assert "no unit is stated" in draft.sources["csv"]
     assert left_to_decide(tmp_path / "mine", draft)[0].endswith("1 place is to be edited: torque.unit")
 
 
@@ -318,3 +318,12 @@ def test_the_column_that_no_channel_is_like_is_named_among_what_is_to_be_edited(
     (tmp_path / "rec/a.csv").write_text("\n".join(["time_s,ankle_angle_deg,knee_angle_deg,reaction", *rows]))
     said = left_to_decide(tmp_path / "mine", new_campaign(tmp_path / "mine", recordings=tmp_path / "rec"))[0]
     assert "torque (no channel is like it" in said
+
+
+def test_captures_whose_markers_tell_no_segment_say_once_what_a_walking_analysis_needs_of_them(tmp_path):
+    (tmp_path / "rec").mkdir()
+    for name in ("a", "b"):
+        capture(tmp_path / f"rec/{name}.c3d", {"Ft_a": (0, 0, 0), "Sh_a": (0, 0, 200)}, force=800, platform=("Base1",))
+    told = left_to_decide(tmp_path / "mine", new_campaign(tmp_path / "mine", recordings=tmp_path / "rec"))
+    (said,) = [line for line in told if "`walking.markers`" in line]
+    assert "of Base1, Ft_a, Sh_a (a.c3d, b.c3d)" in said

@@ -139,9 +139,7 @@ def log_lines(overview: Overview) -> Iterator[str]:
     complete = {"theta", "torque"} <= {guess.column for guess in guesses if guess.sure}
     comment_others = any(guess.column for guess in guesses)
     for number, (channel, guess) in enumerate(zip(signals, guesses, strict=True), start=1):
-        line, has_unit = channel_line(number, channel, guess), is_unit(channel.unit or channel.likely_unit)
-        is_sure = guess.sure and (has_unit or not complete or guess.column in ("theta", "torque", "sync", "trigger"))
-        is_needed = is_sure or (guess.column and not complete)
+        line, is_needed = channel_line(number, channel, guess), is_drafted(channel, guess, complete=complete)
         yield f"# {line}" if guess.no_signal or (comment_others and not is_needed) else line
 
 
@@ -164,6 +162,12 @@ class Guess:
     said: str = ""  # the evidence, in words
     sign: int = 1  # by which it would be turned
     no_signal: bool = False  # whether it stands still, is noise, or is computed from another
+
+
+def is_drafted(channel: RecordedChannel, guess: Guess, *, complete: bool) -> bool:
+    """Whether the entry of a channel is no comment; complete: angle and torque are known."""
+    stands = guess.column in ("theta", "torque", "sync", "trigger") or is_unit(channel.unit or channel.likely_unit)
+    return (guess.sure and stands) or (bool(guess.column) and not complete)
 
 
 FEWEST_READINGS, LARGEST_READING = 100, 1e30  # how many tell how a channel moves; beyond the other, none is one

@@ -611,15 +611,13 @@ def on_instants_of_all(
     """The numbers of two devices or more, each with the one vector of time of its own length beside it, on the instants
     of all, (instants,): masked where a device has none. Time is these instants, in its own unit. The vectors are taken
     to count from one origin, as those of TDMS do."""
-    time, stamps = source.time.name, dict[str, NDArray[np.int64]]()
+    time = source.time.name if source.time.rate is None else None
+    stamps = dict[str, NDArray[np.int64]]()
     reference = time or next(iter(signals))
     first = signals[reference][1]
     unit = str(source.time.unit or (signals[time][2] if time else "s"))
     for text, (address, values, _) in signals.items():
-        place = address.removeprefix("/").rpartition(".")[0]
-        own = [one for one in every if one[0].rpartition(".")[0] == place and one[1].size == values.size]
-        own = [one for one in own if may_be_clock(one[0], "", one[1])]
-        own = [(reference, first)] if values.size == first.size else own
+        own = [(reference, first)] if values.size == first.size else clocks_beside(address, values.size, every)
         if not time or len(own) != 1 or np.ma.is_masked(values) or not (np.diff(own[0][1]) > 0).all():
             raise InputError(
                 f"{text} has {values.size} numbers and {reference} has {first.size}, and no one vector of time of its "
@@ -637,6 +635,13 @@ def on_instants_of_all(
     for text, (_, values, _) in signals.items():
         placed[text][np.searchsorted(union, stamps[text])] = values
     return placed | {str(time): union / (SECOND * si_factor(unit, "s"))}
+
+
+def clocks_beside(address: str, size: int, every: Sequence[tuple[str, Array]]) -> list[tuple[str, Array]]:
+    """The vectors of a length that may tell the time of the variable at an address: those beside it."""
+    place = address.removeprefix("/").rpartition(".")[0]
+    beside = [one for one in every if one[0].rpartition(".")[0] == place and one[1].size == size]
+    return [one for one in beside if may_be_clock(one[0], "", one[1])]
 
 
 def vectors_in(values: Mapping[str, Value], place: str = "") -> Iterator[tuple[str, Array]]:

@@ -436,10 +436,29 @@ def test_the_human_ankles_are_objects_and_a_timetable_tells_its_time_and_units(t
 @MATLAB
 def test_what_cannot_be_a_log_is_refused_by_its_variable(write, tmp_path):
     for torque, message in (
-        (TORQUE[1:], "torque has 39 numbers and t has 40; name variables of one recording"),
+        (TORQUE[1:], "torque has 39 numbers and t has 40, and no one vector of time of its length is beside it; "),
         ("broken", "torque is a 1x6 char, not real numbers"), (TORQUE + 1j, "torque is a "),
     ):  # fmt: skip
         assert message in refused_mat(write(tmp_path / "a.mat", **{**LOG, "torque": torque}))
+
+
+@MATLAB
+@pytest.mark.parametrize("in_structs", [True, False])
+def test_two_devices_in_one_file_are_read_by_the_vector_of_time_of_each(write, in_structs, tmp_path):
+    late = TIME[:-7] + 0.0013  # of the torque's device, in ms
+    drive, cell = {"t_s": TIME, "angle": ANGLE}, {"t_cell_ms": 1e3 * late, "moment": TORQUE[:-7]}
+    path = write(tmp_path / "a.mat", **({"drive": drive, "cell": cell} if in_structs else drive | cell))
+    at, of_cell = ("drive.", "/cell.") if in_structs else ("", "")
+    (tmp_path / "s.yaml").write_text(
+        f"format: mat\nclock: master\ntime: {{variable: {at}t_s, unit: s}}\nchannels:\n"
+        f'  theta: {{variable: {at}angle, unit: rad}}\n  torque: {{variable: "{of_cell}moment", unit: "N*m"}}\n'
+    )
+    read = FORMATS["mat"].read(path, read_source(tmp_path / "s.yaml"))
+    own = read.samples.drop_nulls("torque")
+    np.testing.assert_allclose(own["time"], late - TIME[0], atol=1e-9)
+    np.testing.assert_allclose(own["torque"], TORQUE[:-7])
+    np.testing.assert_allclose(read.samples.drop_nulls("theta")["theta"], ANGLE)
+    assert not [one for one in read.warnings if "has no value" in one], "two clocks are no damage"
 
 
 @MATLAB

@@ -1,5 +1,6 @@
-"""Five people with recordings of their own, written by plain writers: `init --from` and at most two edited lines give
-the numbers that the files were made of. What a draft guesses it says, with its evidence, beside the guess."""
+"""Five people with recordings of their own, written by plain writers: `init --from`, at most two edited lines and the
+units that no name or header states give the numbers that the files were made of. What a draft guesses it says, with its
+evidence, beside the guess."""
 
 import difflib
 import re
@@ -67,6 +68,15 @@ class Journey:
         self.before = self.texts()
         said = [module.drafted_text(draft), *module.left_to_decide(self.made, draft)]
         return "\n".join(said), next((self.made / "sources").glob("*.yaml")).read_text()
+
+    def states(self, **units):
+        """Write the units of channels, which the draft leaves open."""
+        (path,) = (self.made / "sources").glob("*.yaml")
+        text = path.read_text()
+        for column, unit in units.items():
+            text, count = re.subn(rf'(\n  {column}: .*unit: )"UNKNOWN"', rf'\1"{unit}"', text)
+            assert count == 1, column
+        path.write_text(text)
 
     def texts(self):
         files = [self.made / "config.yaml", self.made / "trials.csv", *(self.made / "sources").glob("*.yaml")]
@@ -186,14 +196,15 @@ def test_a_log_of_the_leg_with_a_load_cell(tmp_path, monkeypatch):
     said, source = journey.drafted()
     assert "sources/csv.yaml: 2 recordings" in said
     for line in (
-        r'  theta_m: {column: "\*.output_position", unit: "rad"}  # guessed from its name; the unit is guessed from',
-        '  theta: {column: "joint_position", unit: "rad"}', '  current: {column: "motor_current", unit: "mA"}',
+        r'#   theta_m: {column: "\*.output_position", unit: "UNKNOWN"}  # guessed .*; no unit is stated',
+        '  theta: {column: "joint_position", unit: "UNKNOWN"}', '#   current: {column: "motor_current", unit: "UNK',
         '#   .*"joint_torque".* # left out: "motor_current" times 0.00011, .*no measured torque',
-        '  torque: {column: "loadcell_mz", unit: "N\\*m"}  # guessed from its name',
+        '  torque: {column: "loadcell_mz", unit: "UNKNOWN"}  # guessed from its name; no unit is stated',
     ):  # fmt: skip
         assert re.search(f"\n{line}", source), line
+    journey.states(theta="rad", torque="N*m")
     (_, fit, _), _ = journey.fits(monkeypatch)
-    assert (is_right(fit), journey.edited()) == (True, 0)
+    assert (is_right(fit), journey.edited()) == (True, 2)
 
 
 def test_a_log_of_an_actuator_that_is_known_and_a_load_cell(tmp_path, monkeypatch):
@@ -205,9 +216,10 @@ def test_a_log_of_an_actuator_that_is_known_and_a_load_cell(tmp_path, monkeypatc
     write_csv(journey.recordings / "act_1.csv", {**columns, "loadcell": torque})
     said, source = journey.drafted()
     assert "sources/dephy_actpack.yaml: 1 recordings" in said
-    assert re.search(r'scale: 0.01}\n(.*\n)*  torque: {column: "loadcell", unit: "N\*m"}  # guessed', source)
+    assert re.search(r'scale: 0.01}\n(.*\n)*  torque: {column: "loadcell", unit: "UNKNOWN"}  # guessed', source)
+    journey.states(torque="N*m")
     ((_, fit, _),) = journey.fits(monkeypatch)
-    assert (is_right(fit), journey.edited()) == (True, 0)
+    assert (is_right(fit), journey.edited()) == (True, 1)
 
 
 def test_a_walkway_of_vicon(tmp_path, monkeypatch):
@@ -274,11 +286,10 @@ def test_a_dynamometer_with_a_protocol_of_its_own(tmp_path, monkeypatch, kind):
             timing = {"wf_increment": 1 / 250, "wf_start_offset": 0.0}
             writer.write_segment([ChannelObject("Meting", name, one, timing) for name, one in named.items()])
     _, source = journey.drafted()
-    assert re.search(
-        '  torque: {[^}]*, unit: "N\\*mm"}  # guessed from its name; the unit is guessed from its size', source
-    )
+    assert re.search('  torque: {[^}]*, unit: "UNKNOWN"}  # guessed .*; no unit is stated', source)
+    journey.states(theta="deg" if kind == "tdms" else "rad", torque="N*mm")
     ((_, fit, quality),) = journey.fits(monkeypatch)
-    assert (is_right(fit), fit["excitation"], journey.edited()) == (True, "stepped sine", 0)
+    assert (is_right(fit), fit["excitation"], journey.edited()) == (True, "stepped sine", 2)
     assert quality == "quality ok", "no protocol is stated"
 
 
@@ -295,3 +306,15 @@ def test_a_torque_has_the_sign_by_which_a_joint_resists_and_an_actuator_alone_ha
         drafted[name] = draft_source(module.inspect_file(tmp_path / f"{name}.csv"), "")
     assert [drafted[name].count("sign: -1") for name in drafted] == [0, 1, 0, 0]
     assert "\n  torque_m: {" in drafted["actuator"]
+
+
+def test_channels_of_tdms_that_begin_apart_are_compared_at_their_own_instants(tmp_path):
+    _time, theta, _, torque = sines([(1, 8), (3, 20)], 4)
+    with TdmsWriter(tmp_path / "a.tdms") as writer:
+        for name, unit, one, start in (("x", "rad", theta, 0), ("y", "Nm", torque[75:], 300)):
+            begin = np.datetime64("2026-01-01T00:00:00") + np.timedelta64(start, "ms")
+            named = {"wf_increment": 1 / 250, "wf_start_time": begin, "wf_start_offset": 0.0, "unit_string": unit}
+            writer.write_segment([ChannelObject("Log", name, one, named)])
+    drafted = draft_source(module.inspect_file(tmp_path / "a.tdms"), "")
+    assert '\n  theta: {channel: "Log/x"' in drafted
+    assert '\n  torque: {channel: "Log/y"' in drafted

@@ -21,6 +21,7 @@ from osl_analysis.files import shipped
 from osl_analysis.ingest.draft import draft_trials, segment_of
 from osl_analysis.ingest.raw_files import read_source
 from osl_analysis.ingest.source import open_places
+from osl_analysis.ingest.units import base_units, name_and_ending, normalised
 
 KINDS = {
     "config": "config/config.yaml config/campaigns/*/config.yaml config/new_campaign/[ce]*.yaml",
@@ -279,3 +280,50 @@ def test_a_log_of_a_known_recorder_has_the_shipped_source_file_of_it(tmp_path):
     (tmp_path / "b.csv").write_text("\n".join([",".join(columns[:2]), *(f"{k / 100},{k}" for k in range(30))]))
     assert draft_campaign(tmp_path).sources["opensourceleg"] == source
     assert len(draft_campaign(tmp_path).sources) == 2  # not that of less than all of its channels
+
+
+UNITS_IN_NAMES = {
+    "Nm": "torque_Nm torqueNm torque_N_m TORQUE_NM torque_m_Nm", "N*cm": "torque_Ncm torque_N_cm torque_N-cm torqueNcm",
+    "N*mm": "torque_Nmm torque_mNm", "kN*m": "torque_kNm", "lbf*in": "torque_inlb torque_in_lb torque_lbfin",
+    "lbf*ft": "torque_lbf_ft torque_lbfft torque_lbft torque_ftlb torque_ft-lbs MomentLbfFt",
+    "ozf*in": "torque_ozin torque_oz_in", "kgf*cm": "torque_kgfcm", "deg": "a_deg aDeg a_degrees a_m_deg",
+    "rad": "a_rad", "mrad": "a_mrad", "rev": "a_rev", "rpm": "w_rpm", "deg/s": "w_deg_s w_dps w_deg_per_s",
+    "s": "t_s t_sec", "ms": "t_ms tMs", "us": "t_us", "A": "i_A", "mA": "i_mA", "V": "u_V", "N*m/rad": "K_Nm_rad",
+}  # fmt: skip
+
+
+def test_the_end_of_a_name_states_its_unit_in_any_spelling_and_a_prefix_is_never_lost():
+    for unit, names in UNITS_IN_NAMES.items():
+        for name in names.split():
+            assert base_units(normalised(name_and_ending(name)[1])) == base_units(normalised(unit)), name
+    for name in ["theta_m", "phaseA", "currentmA", "torquemNm", "torque_raw", "position", "deg", "torque_kgm"]:
+        assert name_and_ending(name) == (name, "")
+
+
+@pytest.mark.parametrize("name", ["torque", "torque_raw"])
+def test_a_unit_that_nothing_but_the_size_of_readings_tells_is_to_be_stated(tmp_path, name):
+    (tmp_path / "rec").mkdir()
+    angle = 10 * np.sin(np.arange(600) / 25)
+    rows = [f"{k / 100},{angle[k]:.4f},{2 * angle[k]:.4f}" for k in range(600)]
+    (tmp_path / "rec/a.csv").write_text("\n".join([f"time_s,ankle_angle_deg,{name}", *rows]))
+    draft = new_campaign(tmp_path / "mine", recordings=tmp_path / "rec")
+    assert 'unit: "UNKNOWN"}' in draft.sources["csv"]
+    assert "no unit is stated" in draft.sources["csv"]
+    assert left_to_decide(tmp_path / "mine", draft)[0].endswith("1 place is to be edited: torque.unit")
+
+
+def test_the_column_that_no_channel_is_like_is_named_among_what_is_to_be_edited(tmp_path):
+    (tmp_path / "rec").mkdir()
+    rows = [f"{k / 100},{k % 7},{k % 5},{k % 3}" for k in range(30)]
+    (tmp_path / "rec/a.csv").write_text("\n".join(["time_s,ankle_angle_deg,knee_angle_deg,reaction", *rows]))
+    said = left_to_decide(tmp_path / "mine", new_campaign(tmp_path / "mine", recordings=tmp_path / "rec"))[0]
+    assert "torque (no channel is like it" in said
+
+
+def test_captures_whose_markers_tell_no_segment_say_once_what_a_walking_analysis_needs_of_them(tmp_path):
+    (tmp_path / "rec").mkdir()
+    for name in ("a", "b"):
+        capture(tmp_path / f"rec/{name}.c3d", {"Ft_a": (0, 0, 0), "Sh_a": (0, 0, 200)}, force=800, platform=("Base1",))
+    told = left_to_decide(tmp_path / "mine", new_campaign(tmp_path / "mine", recordings=tmp_path / "rec"))
+    (said,) = [line for line in told if "`walking.markers`" in line]
+    assert "of Base1, Ft_a, Sh_a (a.c3d, b.c3d)" in said

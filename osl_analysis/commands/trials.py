@@ -20,7 +20,7 @@ from osl_analysis.ingest import draft as drafts
 from osl_analysis.ingest import raw_files
 from osl_analysis.ingest.examine import Commanded, check_ranges, examine, measured_table
 from osl_analysis.ingest.overview import Overview
-from osl_analysis.ingest.source import UNKNOWN, open_places
+from osl_analysis.ingest.source import UNKNOWN
 from osl_analysis.signals.grid import with_stamp_evidence
 from osl_analysis.table import write_table
 from osl_analysis.trial import Trial, write_trial
@@ -235,6 +235,11 @@ def draft_campaign(folder: Path) -> Draft:
             cells["joint"] = joint
     if any(cells["experiment"] == "walking" for cells, _ in draft.trials):
         draft.walking = "\n".join([*drafts.draft_walking([*captures.values()]), ""])
+    elif any(one.kind == "plate" for capture in captures.values() for one in capture.channels):
+        labels = {one.key for capture in captures.values() for one in capture.channels if one.kind == "marker"}
+        said = "force plates and markers whose names tell no segment: a walking analysis needs `walking.markers` in "
+        said += f"config.yaml (docs/walking.md#the-configuration), of {listing(sorted(labels), 40)}"
+        draft.open += [(file, said) for file in captures]
     return draft
 
 
@@ -253,7 +258,7 @@ def left_to_decide(folder: Path, draft: Draft) -> list[str]:
     """What a user has to decide before the campaign runs, a line each."""
     edits = {folder / CAMPAIGN: re.findall(rf"(\w+): [^#\n]*{UNKNOWN}", draft.walking)}
     for path in (folder / f"sources/{name}.yaml" for name in draft.sources):
-        edits[path] = [place[-1] for place in open_places(read_mapping(path))]
+        edits[path] = drafts.to_be_edited(path)
     told = [
         f"{path}: {len(k)} place{' is' if len(k) == 1 else 's are'} to be edited: {', '.join(k[:6])}"
         for path, k in edits.items()

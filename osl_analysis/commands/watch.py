@@ -27,7 +27,6 @@ from osl_analysis.formats.rosbag import recorded_files
 from osl_analysis.ingest import draft as drafts
 from osl_analysis.ingest.examine import Commanded, examine, measured_table
 from osl_analysis.ingest.raw_files import read_source, recognise, recordings_in
-from osl_analysis.ingest.source import open_places
 from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.limits import CHECKS, judged_table
 from osl_analysis.judge.words import check_words, finding_said
@@ -35,7 +34,6 @@ from osl_analysis.model.drivetrain import joint_of
 from osl_analysis.signals.grid import uniform_signals
 from osl_analysis.spectral.stepped_sine import Likeness, find_segments, stated_protocol
 from osl_analysis.trial import Trial
-from osl_analysis.yaml_settings import dotted, read_mapping
 
 
 def first_look(folder: Path) -> Iterator[str]:
@@ -310,10 +308,9 @@ def row_of_recording(
         overview = inspect_file(path)
         text, sources, source = drafts.draft_source(overview, path.name), place, "draft"
         (place / "draft.yaml").write_text(text, encoding="utf-8")
-        still_open = [f"`{dotted(one)}`" for one in open_places(read_mapping(place / "draft.yaml"))]
-        if still_open:
-            told = [*overview.remarks, *overview.open]
-            questions = "; ".join(map(printable, told)) or f"open are {listing(still_open, 4)}"
+        if still_open := drafts.to_be_edited(place / "draft.yaml"):
+            told = [f"open are {listing(still_open, 4)}", *overview.remarks, *overview.open]
+            questions = "; ".join(map(printable, told))
             raise InputError(
                 f"{path}: its channels cannot be guessed: {questions}; edit the draft of `osl-analysis inspect`, and "
                 "name it by --source"

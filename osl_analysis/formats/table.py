@@ -307,6 +307,7 @@ class Table:
     clocks: Sequence[tuple[str, str, NDArray[Any]]] = ()
     rates: Sequence[tuple[str, float]] = ()
     noun: str = "row"  # what messages call a row
+    has_own_rows: bool = False  # whether devices of several rates have rows of their own, masked in those of the others
     failed: str = "NaN"  # what messages call a reading that failed
 
     def place(self, row: int) -> str:

@@ -15,10 +15,11 @@ import numpy as np
 from osl_analysis.ingest.captures import is_labelled
 from osl_analysis.ingest.overview import Overview, RecordedChannel
 from osl_analysis.ingest.raw_files import FORMATS
-from osl_analysis.ingest.source import NAME_OF_TIME, UNKNOWN
-from osl_analysis.ingest.units import base_units, dimension, is_unit, normalised
+from osl_analysis.ingest.source import NAME_OF_TIME, UNKNOWN, open_places
+from osl_analysis.ingest.units import base_units, dimension, is_unit, name_and_ending, normalised
 from osl_analysis.signals import runs
 from osl_analysis.trial import COLUMNS, Array, factor_of, varies
+from osl_analysis.yaml_settings import read_mapping
 
 MOTOR = r"\b(motor|actuator|act|output|gear|mot)\b"
 COMMAND = r"\b(command|commanded|cmd|desired|des|ref|reference|target|setpoint|goal)\b"
@@ -40,12 +41,12 @@ PATTERNS = {
     "torque": (
         rf"\b({EFFORT}|load ?cell)\b",
         rf"{COMMAND}|{MOTOR}|ground",
-        "ankle foot joint torque moment tau load cell loadcell mz drehmoment koppel measured meas sensor",
+        "ankle foot joint torque moment tau load cell loadcell reaction mz drehmoment koppel measured meas sensor",
     ),
     "theta": (
         rf"\b({ANGLE}|ankle|knee|hip|joint)\b",
         rf"{COMMAND}|{MOTOR}|\b{SPEED}\b",
-        "ankle foot joint angle position pos theta encoder winkel hoek measured meas name",
+        "ankle foot joint shaft angle position pos theta encoder flexion winkel hoek measured meas name",
     ),
 }
 """By column: what the words of a name contain, and what they do not; and the words of a name that leave no doubt:
@@ -109,12 +110,21 @@ def guessed_lines(draft: str) -> list[str]:
     return [line.strip() for line in draft.splitlines() if re.search("# (a )?guess", line) and not line.startswith("#")]
 
 
+def to_be_edited(path: Path) -> list[str]:
+    """The places of a drafted source file that are to be edited, with the column that no channel is like."""
+    text, named = path.read_text(encoding="utf-8"), ("theta", "torque")
+    places = [".".join(place).removeprefix("channels.") for place in open_places(read_mapping(path))]
+    lacking = [one for one in named if not re.search(rf"\n  ({one}: |NAME.*# {one}\?)", text)]
+    lacks = len(lacking) == 1 and bool(places)
+    return places + [f"{one} (no channel is like it: name one, as of the comments)" for one in lacking * lacks]
+
+
 def log_lines(overview: Overview) -> Iterator[str]:
     """An entry for every channel but the clock, for the user to name; topics without messages and empty arrays are left
     out, and what is no signal is a comment. Where a channel is like a canonical column, so are those that are like
     none. An entry has its column's name where only this channel is like it and its name leaves no doubt. One that may
     be another quantity, as a command or another joint's angle, is left to the user; where angle and torque are known,
-    as a comment."""
+    as a comment; so is then another one whose unit nothing states."""
     signals, clock, of_time = channels_of_log(overview)
     yield from (f"# {text}" for text in overview.open)
     if of_time == NAME_OF_TIME:
@@ -129,7 +139,7 @@ def log_lines(overview: Overview) -> Iterator[str]:
     complete = {"theta", "torque"} <= {guess.column for guess in guesses if guess.sure}
     comment_others = any(guess.column for guess in guesses)
     for number, (channel, guess) in enumerate(zip(signals, guesses, strict=True), start=1):
-        line, is_needed = channel_line(number, channel, guess), guess.sure or (guess.column and not complete)
+        line, is_needed = channel_line(number, channel, guess), is_drafted(channel, guess, complete=complete)
         yield f"# {line}" if guess.no_signal or (comment_others and not is_needed) else line
 
 
@@ -154,13 +164,13 @@ class Guess:
     no_signal: bool = False  # whether it stands still, is noise, or is computed from another
 
 
+def is_drafted(channel: RecordedChannel, guess: Guess, *, complete: bool) -> bool:
+    """Whether the entry of a channel is no comment; complete: angle and torque are known."""
+    stands = guess.column in ("theta", "torque", "sync", "trigger") or is_unit(channel.unit or channel.likely_unit)
+    return (guess.sure and stands) or (bool(guess.column) and not complete)
+
+
 FEWEST_READINGS, LARGEST_READING = 100, 1e30  # how many tell how a channel moves; beyond the other, none is one
-UNITS_BY_SIZE = {
-    "rad": (("rad", 0.0, 0.9), ("deg", 2.5, 200.0)), "N*m": (("N*m", 0.0, 300.0), ("N*mm", 1500.0, np.inf)),
-    "A": (("A", 0.0, 60.0), ("mA", 300.0, np.inf)),
-}  # fmt: skip
-"""By the unit of a column: units of a channel that states none, and the ranges of readings that tell them. On a bench a
-joint turns by 2.5 degrees to 0.9 rad, and its torque changes by 1.5 to 300 N*m."""
 
 
 def name_of(channel: RecordedChannel) -> str:
@@ -173,14 +183,6 @@ def name_of(channel: RecordedChannel) -> str:
 def readings(channel: RecordedChannel) -> Array:
     """The readings (n,) that are numbers of a sensor, in the unit of the channel; none where they were not read."""
     return np.empty(0) if channel.numbers is None else channel.numbers[np.abs(channel.numbers) < LARGEST_READING]
-
-
-def unit_by_size(channel: RecordedChannel, column: str) -> str:
-    """The unit that the range of a channel's readings tells, for a column; empty where it tells none."""
-    known = readings(channel)
-    size = float(np.ptp(known)) if known.size >= FEWEST_READINGS else 0.0
-    units = UNITS_BY_SIZE.get(COLUMNS.get(column, ""), ())
-    return next((unit for unit, low, high in units if low < size <= high), "")
 
 
 def no_signal(channel: RecordedChannel) -> str:
@@ -213,8 +215,7 @@ def guessed_columns(channels: Sequence[RecordedChannel]) -> list[Guess]:
     known = Counter(column for column, why in zip(named, without, strict=True) if not why)
     own = named_joint(channels)
     for channel, column, why in zip(channels, named, without, strict=True):
-        unit = "" if channel.unit else parted_name(channel.likely_unit)  # its words do not count
-        words = parted_name(name_of(channel)).removesuffix(unit).split()
+        words = parted_name(name_and_ending(name_of(channel))[0]).split()
         sure = bool(words and column) and {*words} <= {*PATTERNS[column][2].split(), *own}
         by_name = Guess(column, sure and known[column] == 1, "guessed from its name" * sure)
         guesses.append(Guess(said=why, no_signal=True) if why else by_name)
@@ -270,16 +271,16 @@ def made_of(channel: RecordedChannel, currents: Sequence[RecordedChannel]) -> st
 def channel_line(number: int, channel: RecordedChannel, guess: Guess) -> str:
     """One entry under `channels`, by what it may be, with the column's name where that is sure."""
     stated, is_guessed = channel.unit or channel.likely_unit, bool(channel.likely_unit and not channel.unit)
-    by_size = unit_by_size(channel, guess.column) if guess.sure and not stated else ""
-    unit = stated if stated and is_unit(stated) else "V" if guess.column in ("sync", "trigger") else by_size or UNKNOWN
-    sure = guess.sure and unit != UNKNOWN
-    said = [*[f"{guess.column}?"] * (bool(guess.column) and not sure), f"{'left out: ' * guess.no_signal}{guess.said}"]
+    unit = stated if stated and is_unit(stated) else "V" if guess.column in ("sync", "trigger") else UNKNOWN
+    said = [f"{guess.column}?"] * (bool(guess.column) and not guess.sure)
+    said += [f"{'left out: ' * guess.no_signal}{guess.said}"]
     said += [f"no known unit: {json.dumps(channel.unit)}"] * (bool(channel.unit) and unit == UNKNOWN)
-    said += [f"the unit is guessed{' from its size' * bool(by_size)}: check it"] * (is_guessed or bool(by_size))
+    said += ["the unit is guessed: check it"] * is_guessed
+    said += ["no unit is stated"] * (guess.sure and unit == UNKNOWN and not stated)
     fields = {**channel.address, "unit": unit} | ({"sign": guess.sign} if guess.sign < 0 else {})
     entry = ", ".join(f"{key}: {json.dumps(value, ensure_ascii=False)}" for key, value in fields.items())
     comment = f"  # {'; '.join(filter(None, said))}" if any(said) else ""
-    return f"  {guess.column if sure else f'NAME_{number}'}: {{{entry}}}{comment}"
+    return f"  {guess.column if guess.sure else f'NAME_{number}'}: {{{entry}}}{comment}"
 
 
 SEGMENT_WORDS = {

@@ -43,7 +43,7 @@ from osl_analysis.ingest.source import (
     TdmsSource,
     check_values,
 )
-from osl_analysis.ingest.units import is_unit, normalised, si_factor
+from osl_analysis.ingest.units import is_unit, name_and_ending, normalised, si_factor
 from osl_analysis.signals import runs
 from osl_analysis.trial import Array, check_time, counter_column, unit_of
 
@@ -165,7 +165,7 @@ def canonical_columns(
     for column, channel in channels.items():
         what, lacking = channel.title, np.ma.getmaskarray(table.columns[channel.name])
         columns.append(canonical_column(column, table, time, source))
-        if lacking.any():
+        if lacking.any() and not table.has_own_rows:
             count = f"{int(lacking.sum())} of {lacking.size} {table.noun}s, first {table.noun}"
             absent[f"{what} has no value in {count} {int(np.argmax(lacking)) + 1}"] = None
         if channel.counter is None:
@@ -355,13 +355,8 @@ def tells_time(name: str, unit: str) -> bool:
 
 
 def likely_unit(name: str) -> str:
-    """The unit that the end of a column's name tells, as in `ankle_deg`; empty if none. `theta_m` is the motor's."""
-    plain = ("deg", "rad", "rev", "rpm", "Nm", "N", "A", "mA", "V", "mV", "s", "ms", "us", "ns", "Hz", "mm")
-    spelled = {"deg_s": "deg/s", "deg_per_s": "deg/s", "rad_s": "rad/s", "rad_per_s": "rad/s"}
-    spelled |= dict.fromkeys(("sec", "seconds"), "s")
-    endings = [end for end in (*plain, *spelled) if name.endswith(f"_{end}")]
-    longest = max(endings, key=len, default="")
-    return spelled.get(longest, longest) or {"millis": "ms", "ms": "ms", "micros": "us", "us": "us"}.get(name, "")
+    """The unit that a column's name tells: by its end, as in `ankle_deg`, or as a clock's; empty if none."""
+    return name_and_ending(name)[1] or {"millis": "ms", "ms": "ms", "micros": "us", "us": "us"}.get(name, "")
 
 
 def ticks(values: NDArray[Any], unit: str) -> bool:
@@ -580,13 +575,17 @@ def mat_log(path: Path, source: MatSource) -> Table:
     file = open_mat(path)
     signals = file.signals(wanted(source), source.log_part)
     vectors = {text: values for text, (_, values, _) in signals.items()}
-    reference = source.time.name or next(iter(vectors))
-    for text, values in vectors.items():
-        if values.size != vectors[reference].size:
-            raise InputError(
-                f"{text} has {values.size} numbers and {reference} has {vectors[reference].size}; name variables of "
-                "one recording, or cut them to one length in MATLAB"
-            )
+    reference, every = source.time.name or next(iter(vectors)), list[tuple[str, Array]]()
+    with suppress(InputError):  # what nobody asks for may be too large, or of another kind
+        every = [*vectors_in(file.read(file.names))]
+    facts = {"version": file.version, "header": file.header, "log_part": source.log_part}
+    found = {text: {"variable": address} for text, (address, _, _) in signals.items()}
+    units = {text: unit for text, (_, _, unit) in signals.items()}
+    if len({values.size for values in vectors.values()}) > 1:
+        vectors = on_instants_of_all(signals, source, every)
+        return Table(
+            vectors[reference].size, vectors, units, None, file.damage, facts, found, noun="sample", has_own_rows=True
+        )
     lacking = reduce(np.logical_or, map(np.ma.getmaskarray, vectors.values()))
     if lost := int(lacking.sum()):
         of = [text for text, values in vectors.items() if np.ma.getmaskarray(values).any()]
@@ -595,12 +594,8 @@ def mat_log(path: Path, source: MatSource) -> Table:
             raise InputError(f"{said}; record the trial again, or name its time")
         file.damage.lose(said, 0, Counter({0: lost}), 0)
         vectors = {text: np.ma.getdata(values)[~lacking] for text, values in vectors.items()}
-    facts = {"version": file.version, "header": file.header, "log_part": source.log_part}
-    found = {text: {"variable": address} for text, (address, _, _) in signals.items()}
-    units = {text: unit for text, (_, _, unit) in signals.items()}
-    every, beside = [], {address.rpartition(".")[0] for address, _, _ in signals.values()}
-    with suppress(InputError):  # what nobody asks for may be too large, or of another kind
-        every = [one for one in vectors_in(file.read(file.names)) if one[0].rpartition(".")[0] in beside]
+    beside = {address.rpartition(".")[0] for address, _, _ in signals.values()}
+    every = [one for one in every if one[0].rpartition(".")[0] in beside]
     asked = {address for address, _, _ in signals.values()}
     clocks = [(name, "", values[~lacking]) for name, values in every if values.size == lacking.size]
     clocks = [one for one in clocks if is_like_clock(one[0]) or (one[0] not in asked and ticks(one[2], ""))]
@@ -609,6 +604,45 @@ def mat_log(path: Path, source: MatSource) -> Table:
         vectors[reference].size, vectors, units, damage=file.damage, facts=facts, found=found, noun="sample",
         clocks=clocks, rates=[(name, rate) for name, rate in rates if rate > 0],
     )  # fmt: skip
+
+
+def on_instants_of_all(
+    signals: Mapping[str, tuple[str, Array, str]], source: MatSource, every: Sequence[tuple[str, Array]]
+) -> dict[str, Array]:
+    """The numbers of two devices or more, each with the one vector of time of its own length beside it, on the instants
+    of all, (instants,): masked where a device has none. Time is these instants, in its own unit. The vectors are taken
+    to count from one origin, as those of TDMS do."""
+    time = source.time.name if source.time.rate is None else None
+    stamps = dict[str, NDArray[np.int64]]()
+    reference = time or next(iter(signals))
+    first = signals[reference][1]
+    unit = str(source.time.unit or (signals[time][2] if time else "s"))
+    for text, (address, values, _) in signals.items():
+        own = [(reference, first)] if values.size == first.size else clocks_beside(address, values.size, every)
+        if not time or len(own) != 1 or np.ma.is_masked(values) or not (np.diff(own[0][1]) > 0).all():
+            raise InputError(
+                f"{text} has {values.size} numbers and {reference} has {first.size}, and no one vector of time of its "
+                "length is beside it; interpolate in MATLAB, as `torque = interp1(t_torque, torque, t_angle)`, and "
+                "never cut to one length"
+            )
+        name, clock = own[0]
+        told = name_and_ending(name)[1]
+        factor = si_factor(told if told in TIME_UNITS and name != time else unit, "s")
+        stamps[text] = np.rint(clock * factor * SECOND).astype(np.int64)
+    if max(one[0] for one in stamps.values()) > min(one[-1] for one in stamps.values()):
+        raise InputError("its vectors of time do not overlap; name variables of one recording")
+    union = np.unique(np.concatenate([*stamps.values()]))
+    placed = {text: np.ma.masked_array(np.zeros(union.size), mask=True) for text in signals}
+    for text, (_, values, _) in signals.items():
+        placed[text][np.searchsorted(union, stamps[text])] = values
+    return placed | {str(time): union / (SECOND * si_factor(unit, "s"))}
+
+
+def clocks_beside(address: str, size: int, every: Sequence[tuple[str, Array]]) -> list[tuple[str, Array]]:
+    """The vectors of a length that may tell the time of the variable at an address: those beside it."""
+    place = address.removeprefix("/").rpartition(".")[0]
+    beside = [one for one in every if one[0].rpartition(".")[0] == place and one[1].size == size]
+    return [one for one in beside if may_be_clock(one[0], "", one[1])]
 
 
 def vectors_in(values: Mapping[str, Value], place: str = "") -> Iterator[tuple[str, Array]]:
@@ -670,7 +704,17 @@ def tdms_log(path: Path, source: TdmsSource) -> Table:
     clocks = [(at, others[at].unit, one) for at, one in file.values([*others.values()]).items()]
     clocks = [one for one in clocks if others[one[0]].holds_times or may_be_clock(others[one[0]].name, *one[1:])]
     rates = [(f"wf_increment of '{each.address}'", 1 / each.step) for each in by_address.values() if each.step]
-    return Table(placed[one.address].size, columns, units, own, file.damage, facts, clocks=clocks, rates=rates)
+    return Table(
+        placed[one.address].size,
+        columns,
+        units,
+        own,
+        file.damage,
+        facts,
+        clocks=clocks,
+        rates=rates,
+        has_own_rows="rates_hz" in facts,
+    )
 
 
 def check_alike(channels: Mapping[str, TdmsChannel], values: Mapping[str, NDArray[Any]]) -> None:

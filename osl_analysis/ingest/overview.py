@@ -450,7 +450,8 @@ def inspect_tdms(path: Path) -> Overview:
         unit = "s" if one.holds_times and one.count else one.unit
         found = column({"channel": one.address}, one.name, values, unit, one.kind.name, count=one.count)
         if one.step:
-            found = replace(found, rate=1 / one.step, times=one.step * np.arange(values.size, dtype=np.float64))
+            times = one.begin / logs.SECOND + one.step * np.arange(values.size, dtype=np.float64)
+            found = replace(found, rate=1 / one.step, times=times)
         columns.append(found)
         offered += [found] * bool(one.count and one.holds_numbers)
     timed = any(one.step is not None for one in file.channels)

@@ -29,9 +29,14 @@ EXAMPLES: dict[str, dict[str, float]] = {
 ALIASES = {
     "Nm": "N*m", "Nmm": "N*mm", "Ncm": "N*cm", "mNm": "mN*m", "kNm": "kN*m", "Nms": "N*m*s", "Nmms": "N*mm*s",
     "nt": "N", "ntm": "N*m", "ntmm": "N*mm", "volts": "V", "amps": "A", "rads": "radian", "°": "deg",
-    "dps": "deg/s", "ftlb": "lbf*ft", "inlb": "lbf*in", "lbft": "lbf*ft", "lbin": "lbf*in",
-    "oz": "force_ounce", "ozf": "force_ounce", "rev": "revolution", "%": "percent", "1": "dimensionless",
+    "dps": "deg/s", "oz": "force_ounce", "ozf": "force_ounce", "rev": "revolution", "%": "percent",
+    "1": "dimensionless",
 }  # fmt: skip
+# in any spelling: `N_cm`, `lbf-ft`, `ftlbs`; a pound and an ounce in a torque are forces
+TORQUE = re.compile(
+    r"(?<![A-Za-z])(?:([mkcd]?N|k?gf)[*·_. -]?([cm]?m)"
+    r"|(?i:(ft|in|foot|inch)[*·_. -]?(lb|oz)[fs]?|(lb|oz)[fs]?[*·_. -]?(ft|in|foot|inch)))(?![A-Za-z])"
+)
 # names whose case has no meaning, since they have no prefix that it could distinguish
 ANY_CASE = re.compile(
     r"(milli)?met(er|re)s?|volts?|deg(ree)?s?|rad(ian)?s?|newtons?|amp(ere)?s?|(milli|micro|nano)?seconds?|m?secs?|revolutions?|rpm",
@@ -85,9 +90,45 @@ def normalised(unit: str) -> str:
     text = re.sub("[·⋅∙.]", "*", "*".join(unit.strip().strip(".").split()))
     text = re.sub(r"(?<=[A-Za-z])-(?=[A-Za-z])", "*", text)  # `N-m`, `ft-lb`
     text = re.sub(r"\bN\*M\b", "N*m", text)  # in capitals, as a Biodex writes it
-    text = re.sub(r"(?i)\b(ft|in|foot|inch)\*(lb)f?s?\b", r"\2*\1", text)  # a pound in a torque is a force
-    text = re.sub(r"(?i)\b(lb)f?s?\*(ft|in|foot|inch)\b", lambda found: f"lbf*{found[2].lower()}", text)
+    text = TORQUE.sub(torque_spelled, text)
     return text.replace("µ", "u").replace("μ", "u").replace("º", "°").replace("°/sec", "°/s")
+
+
+def torque_spelled(found: re.Match[str]) -> str:
+    """A match of `TORQUE` as a product."""
+    newtons, metres, first, own, force, second = found.groups()
+    return f"{newtons}*{metres}" if newtons else f"{(own or force).lower()}f*{(first or second).lower()}"
+
+
+# what a name may end with; no `m`, since `theta_m` is the motor's
+SPELLED = [*ALIASES, *(one for units in EXAMPLES.values() for one in units)]
+ENDINGS = {one: one for one in SPELLED if one.isalpha() and one != "m"}
+ENDINGS |= {"°": "°", "sec": "s", "secs": "s", "second": "s", "seconds": "s", "msec": "ms", "usec": "us"}
+ENDINGS |= {"millis": "ms", "micros": "us"} | {one: one for one in ("degree", "degrees", "radian", "radians")}
+ANY_CASE_ENDINGS = {one.casefold(): unit for one, unit in ENDINGS.items() if len(one) > 1}
+
+
+def name_and_ending(name: str) -> tuple[str, str]:
+    """A column's name without the unit that its end spells, and that unit, as of `ankle_deg`, `torque_N_cm` and
+    `MomentLbfFt`; empty if none. A prefix is never apart from its unit: `torque_m_Nm` is the motor's. `torquemNm` may
+    be either, and tells none."""
+    for start in (found.end() for found in re.finditer(r"[\s_.-]|(?<=[a-z0-9])(?=[A-Z])", name)):
+        unit, in_camel_case = ending_spelled(name[start:]), name[start - 1].isalnum()
+        if unit and not (in_camel_case and (len(name) - start == 1 or ending_spelled(name[start - 1 :]))):
+            return name[:start], unit
+    return name, ""
+
+
+def ending_spelled(text: str) -> str:
+    """A text as a unit; empty if it is none that a name may end with. In it `_s` and `_per_s` are `/s`."""
+    if text in ENDINGS:
+        return ENDINGS[text]
+    parts, known = re.split(r"[\s_./-]+(?:per[\s_]+)?", TORQUE.sub(torque_spelled, text)), list[str]()
+    for part in parts:
+        of_one_case = part.islower() or part.isupper() or part.istitle()
+        in_any_case = ANY_CASE_ENDINGS.get(part.casefold(), "") if of_one_case else ""
+        known.append(part if "*" in part else ENDINGS.get(part, in_any_case))
+    return "/".join(known) if all(known) and known[1:] in ([], ["s"], ["rad"], ["deg"]) else ""
 
 
 @cache

@@ -510,8 +510,9 @@ def test_trials_of_no_stated_condition_are_one_only_where_they_repeat_each_other
         assert (found[0]["K"][0], found[1]["K"][0]) == ("62.00", "148.0"), "a mean"
         other = table.with_columns(B=pl.when(trial="t2").then(90.0).otherwise("B"))
         assert [one["trials"] for one in conditions({"impedance": other}, {})] == [["t0"], ["t1", "t3"], ["t2"]]
-    assert repeated_trials_table(table).is_empty()
-    assert len(repeated_trials_table(table.with_columns(K_d=pl.lit(100.0)))) == 3
+    repeats = repeated_trials_table(table).filter(quantity="K")
+    assert repeats["mean", "n"].rows() == ([(62.0, 2), (148.0, 2)] if n < 8 else []), "what the page calls repeats"
+    assert repeated_trials_table(table.with_columns(K_d=pl.lit(100.0)))["n"].to_list() == [n] * 3
     late = table.with_columns(doubtful=pl.when(trial="t2").then(pl.lit("late torque")).otherwise("doubtful"))
     (first, *_) = conditions({"impedance": late}, {})
     assert (first["doubt"], first["K"]) == (
@@ -520,6 +521,27 @@ def test_trials_of_no_stated_condition_are_one_only_where_they_repeat_each_other
     numbers = headline_numbers({"impedance": table}, Example(K_d=None, B_d=None))
     own = [(one.value, one.of) for one in numbers if one.name.startswith("K_example")]
     assert own == [(62.0, "t0, mean with 1 that repeat it"), (148.0, "t1, mean with 1 that repeat it")] * (n <= 8)
+
+
+def test_a_trial_with_certain_friction_repeats_none_without_and_gives_its_numbers_to_no_other():
+    """Their B is another quantity, and the mean of one trial's friction is no mean."""
+    common = {"amplitude_deg": None, "controller": None, "K_d": None, "B_d": None, "excitation": "multisine"}
+    common |= {"band_low_hz": 0.1, "band_high_hz": 5.0, "VAF": 99.0, "interval_method": "units", "doubtful": ""}
+    common |= {f"{x}{end}": 140.0 + k for x in "KBI" for k, end in ((0, ""), (-1, "_low"), (1, "_high"))}
+    f_C = {"a": None, "b": 0.35, "c": None}
+    rows = [{"trial": name, "B_viscous": x and 130.0, "f_C": x} | common for name, x in f_C.items()]
+    rows = [row | {f"{x}{end}": row[x] for x in ("B_viscous", "f_C") for end in ("_low", "_high")} for row in rows]
+    schema = {"amplitude_deg": pl.Float64, "controller": pl.String, "K_d": pl.Float64, "B_d": pl.Float64}
+    table = pl.DataFrame(rows, schema_overrides=schema)
+    assert [one["trials"] for one in conditions({"impedance": table}, {})] == [["a", "c"], ["b"]]
+    assert repeated_trials_table(table).filter(quantity="B")["n"].to_list() == [2]
+    numbers = headline_numbers({"impedance": table}, Example(K_d=None, B_d=None))
+    said = {(one.of, one.n) for one in numbers if "_example" in one.name}
+    assert said == {("a, mean with 1 that repeat it", 2), ("b", 1)}
+    assert [(one.value, one.of) for one in numbers if one.name.startswith("f_C")] == [(0.35, "b")]
+    late = table.with_columns(doubtful=pl.when(trial="a").then(pl.lit("late torque")).otherwise("doubtful"))
+    numbers = headline_numbers({"impedance": late}, Example(K_d=None, B_d=None))
+    assert [one.of for one in numbers if one.name.startswith("K_example")] == ["c", "b"], "a is left out"
 
 
 def test_crossings_are_drawn_in_degrees_the_residual_is_measured_minus_model_and_raw_signals_are_thinned_out():

@@ -198,18 +198,17 @@ def impedance_headlines(impedance: pl.DataFrame, example: Example) -> Iterator[H
         repeated = repeating_trials(shown) if unstated else pl.lit("all")
         parts = shown.with_columns(repeated=repeated).partition_by("repeated", maintain_order=True)
         for part, symbol in product(parts if len(parts) <= MOST_UNSTATED else (), ("K", "B", "I", "B_viscous", "f_C")):
-            label = of_group(labels[f"{symbol}_example"], part["trial"][0] if unstated else "all")
-            label = (
-                with_end(label, f"mean with {len(part) - 1} that repeat it") if unstated and len(part) > 1 else label
-            )
-            if len(part) != 1 or part[symbol][0] is None:
-                yield from over_fits(label, counted(part)[symbol], np.mean, part, counted(part))
+            having, its = part.drop_nulls(symbol), counted(part).drop_nulls(symbol)
+            label = of_group(labels[f"{symbol}_example"], its["trial"][0] if unstated and len(its) else "all")
+            label = with_end(label, f"mean with {len(its) - 1} that repeat it") if unstated and len(its) > 1 else label
+            if len(having) != 1:
+                yield from over_fits(label, its[symbol], np.mean, having, its)
                 continue
-            row = part.row(0, named=True)
+            row = having.row(0, named=True)
             kind = FEW if row["interval_method"] == "repeats" else FOR_MOTION
             number = headline(label, row[symbol], 1, row[f"{symbol}_low"], row[f"{symbol}_high"], kind)
             low, high = (row.get(f"{symbol}_amplitudes_{end}") for end in ("low", "high"))
-            yield replace(number, n_doubtful=doubtful_count(part)[0], amplitudes_low=low, amplitudes_high=high)
+            yield replace(number, n_doubtful=doubtful_count(having)[0], amplitudes_low=low, amplitudes_high=high)
 
 
 HEADLINE_ESTIMATOR = "ensemble"  # its bias decreases with the number of crossings, that of the mean over them does not

@@ -544,6 +544,22 @@ def test_a_trial_with_certain_friction_repeats_none_without_and_gives_its_number
     assert [one.of for one in numbers if one.name.startswith("K_example")] == ["c", "b"], "a is left out"
 
 
+def test_each_stated_condition_has_its_own_numbers_and_macros():
+    rows = [{"trial": f"{K_d}", "K_d": K_d, "B_d": 2.0, "K": K} for K_d, K in ((200.0, 190.0), (350.0, 332.0))]
+    ends = {f"{x}{end}": pl.col("K") for x in ("B", "I", "B_viscous", "f_C", "K") for end in ("_low", "_high", "")}
+    more = {"controller": pl.lit("c"), "interval_method": pl.lit("units"), "doubtful": pl.lit(""), "VAF": 99.0}
+    table = pl.DataFrame(rows).with_columns(**ends, **more, amplitude_deg=pl.lit(None, pl.Float64))
+    numbers = headline_numbers({"impedance": table}, Example(200.0, 2.0, "the first"))
+    K = {one.meaning: (one.value, one.macro) for one in numbers if one.name.startswith("K_example")}
+    assert K == {
+        "K for K_d = 200, B_d = 2 (that of the first), c": (190.0, "CExampleStiffness"),
+        "K for K_d = 350, B_d = 2, c": (332.0, "CExampleStiffnessKdThreeFiveZeroBdTwo"),
+    }
+    many = pl.concat([table.with_columns(B_d=pl.lit(float(k))) for k in range(9)])
+    said = headline_numbers({"impedance": many}, Example(200.0, 2.0))
+    assert len([one for one in said if one.name.startswith("K_example")]) == 1, "a table tells of more"
+
+
 def test_crossings_are_drawn_in_degrees_the_residual_is_measured_minus_model_and_raw_signals_are_thinned_out():
     angles = {"theta": [0.0, np.pi], "platform": [np.pi / 2, 0.0]}
     crossing = pl.DataFrame({"time": [5.0, 5.1], **angles, "torque": [1.0, 2.0]})

@@ -172,7 +172,7 @@ def summary_means(table: pl.DataFrame, labels: Mapping[str, Headline], interval:
 
 def impedance_headlines(impedance: pl.DataFrame, example: Example) -> Iterator[Headline]:
     """The numbers of the rendered impedance with each controller, those of the draft first; None: without one. Those of
-    the trial that Fig. 4 shows are their means over its repeats, if there are several."""
+    each condition are means over its trials, if there are several; that of the trial in Fig. 4 is the first."""
     found = set(impedance["controller"])
     others = sorted(found - {*CONTROLLERS, None})
     for controller in (one for one in (*CONTROLLERS, *others, None) if one in found):
@@ -191,24 +191,44 @@ def impedance_headlines(impedance: pl.DataFrame, example: Example) -> Iterator[H
         yield from over_fits(of_B, (B - used["B_d"]).abs(), np.mean, trials, used)
         if "torque_error" in used.columns:
             yield from over_fits(labels["torque_error"], trials["torque_error"], np.mean, trials)
-        asked = {"K_d": example.K_d, "B_d": example.B_d}
-        shown = trials.filter(pl.col(name).eq_missing(pl.lit(value, pl.Float64)) for name, value in asked.items())
-        # a mean of trials that nobody stated to be alike is that of no joint, unless they repeat one another
-        unstated = example.K_d is None and len(shown) > 1
-        repeated = repeating_trials(shown) if unstated else pl.lit("all")
-        parts = shown.with_columns(repeated=repeated).partition_by("repeated", maintain_order=True)
-        for part, symbol in product(parts if len(parts) <= MOST_UNSTATED else (), ("K", "B", "I", "B_viscous", "f_C")):
-            having, its = part.drop_nulls(symbol), counted(part).drop_nulls(symbol)
-            label = of_group(labels[f"{symbol}_example"], its["trial"][0] if unstated and len(its) else "all")
-            label = with_end(label, f"mean with {len(its) - 1} that repeat it") if unstated and len(its) > 1 else label
-            if len(having) != 1:
-                yield from over_fits(label, its[symbol], np.mean, having, its)
-                continue
-            row = having.row(0, named=True)
-            kind = FEW if row["interval_method"] == "repeats" else FOR_MOTION
-            number = headline(label, row[symbol], 1, row[f"{symbol}_low"], row[f"{symbol}_high"], kind)
-            low, high = (row.get(f"{symbol}_amplitudes_{end}") for end in ("low", "high"))
-            yield replace(number, n_doubtful=doubtful_count(having)[0], amplitudes_low=low, amplitudes_high=high)
+        for one in (example, *others_stated(trials, example)):
+            yield from numbers_of_condition(trials, one, controller, len(found) == 1, one is not example)
+
+
+def others_stated(trials: pl.DataFrame, example: Example) -> list[Example]:
+    """The other stated conditions of impedance trials, where they are few: of one more a table tells."""
+    pairs = trials.drop_nulls("K_d").select("K_d", "B_d").unique().sort("K_d", "B_d").rows()
+    others = [Example(*pair) for pair in pairs if pair != (example.K_d, example.B_d)]
+    return others if len(others) < MOST_UNSTATED else []
+
+
+def numbers_of_condition(
+    trials: pl.DataFrame, example: Example, controller: str | None, alone: bool, is_other: bool
+) -> Iterator[Headline]:
+    """K, B, I and friction of the trials of one desired impedance, which is named if it `is_other` than that of Fig. 4;
+    those of no stated one are told one by one."""
+    asked = {"K_d": example.K_d, "B_d": example.B_d}
+    shown = trials.filter(pl.col(name).eq_missing(pl.lit(value, pl.Float64)) for name, value in asked.items())
+    # a mean of trials that nobody stated to be alike is that of no joint, unless they repeat one another
+    unstated = example.K_d is None and len(shown) > 1
+    repeated = repeating_trials(shown) if unstated else pl.lit("all")
+    parts = shown.with_columns(repeated=repeated).partition_by("repeated", maintain_order=True)
+    for part, symbol in product(parts if len(parts) <= MOST_UNSTATED else (), ("K", "B", "I", "B_viscous", "f_C")):
+        having, its = part.drop_nulls(symbol), counted(part).drop_nulls(symbol)
+        label = with_controller(LABELS["impedance"][f"{symbol}_example"], controller, example, alone)
+        if is_other:
+            said = ", ".join(f"{name} {value:g}" for name, value in asked.items() if value is not None)
+            label = replace(of_group(label, said), meaning=label.meaning)
+        label = of_group(label, its["trial"][0] if unstated and len(its) else "all")
+        label = with_end(label, f"mean with {len(its) - 1} that repeat it") if unstated and len(its) > 1 else label
+        if len(having) != 1:
+            yield from over_fits(label, its[symbol], np.mean, having, its)
+            continue
+        row = having.row(0, named=True)
+        kind = FEW if row["interval_method"] == "repeats" else FOR_MOTION
+        number = headline(label, row[symbol], 1, row[f"{symbol}_low"], row[f"{symbol}_high"], kind)
+        low, high = (row.get(f"{symbol}_amplitudes_{end}") for end in ("low", "high"))
+        yield replace(number, n_doubtful=doubtful_count(having)[0], amplitudes_low=low, amplitudes_high=high)
 
 
 HEADLINE_ESTIMATOR = "ensemble"  # its bias decreases with the number of crossings, that of the mean over them does not

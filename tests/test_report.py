@@ -423,6 +423,7 @@ def test_a_report_says_of_each_trial_what_became_of_it(tmp_path, monkeypatch):
     assert said.pop("b_1") == ("flagged", "its recording: gap in the recording: samples are missing"[:40])
     assert seen[0]["methods"]["recorded"]["belt"] | {"rates": 0, "files": 0} == {
         "n": 3, "used": 1, "perturbed": 0, "perturbed_used": 0, "rates": 0, "files": 0, "plates": [], "turns": [],
+        "streams": {}, "grids": [],
     }  # fmt: skip
     assert said == {"b_2": ("refused", "no footer"), "b_3": none, "w": none, "s": ("clear", "")}
     assert (seen[0]["claims"], seen[0]["not_made"]) == ([], [of_table])
@@ -467,7 +468,7 @@ def test_every_condition_has_K_B_and_I_with_intervals_and_what_is_doubted():
     assert (walk["of"], walk["K"]) == ("walking", ("340", "[330, 350]"))
     assert (several["of"], several["trials"], several["doubt"]) == ("K_d 100", ["a", "b"], "")
     assert several["K"] == ("100", f"[{100 - half:.0f}, {100 + half:.0f}]")
-    assert (alone["B"][0], alone["doubt"]) == ("−5.00", "friction (without it K 290, B 4.5 and I 0.02)")
+    assert (alone["B"][0], alone["doubt"]) == ("−5.00", "friction (with it in the fit K 290, B 4.5 and I 0.02)")
     both = {name: stored_findings(replace(doubt(), subject=name)) for name in "ab"}
     assert conditions(tables, both | {"b": []})[1]["doubt"] == "friction (1 of 2)"
 
@@ -482,11 +483,11 @@ def test_friction_stands_beside_B_and_a_doubt_names_the_B_that_it_leaves():
     for finding, said in ((path, "B without friction 1.91"), (late, "B 1.91")):
         (found,) = conditions({"impedance": rows}, {"t": stored_findings(finding)})
         assert (found["B"][0], found["B_viscous"][0], found["f_C"][0]) == ("2.40", "1.900", "0.25")
-        assert found["doubt"] == f"{finding.cause} (without it {said})"
+        assert found["doubt"] == f"{finding.cause} (with it in the fit {said})"
     (none,) = conditions(
         {"impedance": rows.with_columns(B_viscous=pl.lit(None, pl.Float64))}, {"t": stored_findings(path)}
     )
-    assert ("B_viscous" in none, none["doubt"]) == (False, "torque path (without it B 1.91)")
+    assert ("B_viscous" in none, none["doubt"]) == (False, "torque path (with it in the fit B 1.91)")
 
 
 @pytest.mark.parametrize("n", [4, 20])

@@ -361,7 +361,7 @@ def test_the_first_numbers_are_said_with_a_true_minus_and_none_that_its_interval
     tables = all_tables() | {"walking_summary": walked(K=338.0, I=-2e-6)}
     numbers = written(headline_numbers(tables))["numbers"]
     said = headlines.first_said([*numbers.values()])
-    of_both = "compensated; lowest to highest −3.00 to 1.00; n = 2", "uncompensated; n = 1, doubtful"
+    of_both = "compensated; lowest to highest −3.0 to 1.0; n = 2", "uncompensated; n = 1, doubtful"
     assert [part in said[0] for part in of_both] == [True, True]
     assert [part in said[0].replace("\xa0", " ") for part in ("−1.00 % (", "−30.0 % (")] == [True, True]
     assert said[1].replace("\xa0", " ").endswith(" 338.0 N·m/rad (334.6 to 341.4; n = 10).")

@@ -34,7 +34,8 @@ DIFFERENCE = ("difference", "difference_low", "difference_high")  # B - A
 RATIO = ("relative_percent", "relative_percent_low", "relative_percent_high")  # B over A, less 1
 SAME_CONDITION = ("K_d", "B_d", "excitation", "amplitudes", "named")  # of a rendered impedance
 COMPARISON_COLUMNS = {
-    **dict.fromkeys(("experiment", "quantity", *SAME_PLACE, "condition"), pl.String), **dict.fromkeys(("n_A", "n_B"), pl.Int64),
+    **dict.fromkeys(("experiment", "quantity", *SAME_PLACE, "condition"), pl.String),
+    **dict.fromkeys(("n_A", "n_B"), pl.Int64),
     **dict.fromkeys(("mean_A", "mean_B", *DIFFERENCE, *RATIO, "margin_percent"), pl.Float64),
     **dict.fromkeys(("verdict", "method"), pl.String),
     **dict.fromkeys(("n_doubtful_A", "n_doubtful_B", "n_left_out_A", "n_left_out_B"), pl.Int64), "remark": pl.String,
@@ -132,7 +133,7 @@ def rows_of_conditions(
     """A row for each of several conditions that both have, stated or by name: a change of one is lost in their mean."""
     by = [{} if one is None else one.partition_by(SAME_CONDITION, as_dict=True, maintain_order=True) for one in parts]
     shared = [key for key in by[0] if key in by[1] and (key[0], key[-1]) != (None, None)]
-    if len(shared) < 2 or quantity not in ESTIMATES + ("B_viscous",):
+    if len(shared) < 2 or quantity not in (*ESTIMATES, "B_viscous"):
         return
     differing = [k for k in range(len(SAME_CONDITION)) if len({key[k] for key in shared}) > 1]
     for key in shared:

@@ -415,15 +415,17 @@ def to_tex(about: Mapping[str, str], headlines: Sequence[Headline], remarks: Seq
 def to_table(numbers: Mapping[str, Mapping[str, Any]], markdown: bool) -> str:
     """The numbers of a summary, in the form that `to_json` writes, as Markdown or in aligned columns: what each is,
     value, interval, trials, the draft's value."""
-    rows = [("quantity", "value", "interval", "n", "draft")]
+    rows: list[tuple[str, ...]] = [("quantity", "value", "interval", "n", "draft")]
+    beside_draft = any(number["draft"] is not None for number in numbers.values())
     for number in numbers.values():
         value, interval, single = numbers_said(number)
         interval += f", {number['interval']}" * bool(interval) + f"; single amplitudes {single}" * bool(single)
         interval += f"{'; ' if interval else ''}{number['verdict']}" if number.get("verdict") else ""
         draft = "" if number["draft"] is None else f"{number['draft']:g}"
         rows.append((number["meaning"], f"{value} {number['unit']}", interval, trials_text(number), draft))
+    rows = rows if beside_draft else [row[:-1] for row in rows]
     if markdown:
-        rows.insert(1, ("---",) * 5)
+        rows.insert(1, ("---",) * len(rows[0]))
         return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |\n" for cells in rows)
     return aligned(rows)
 
@@ -508,15 +510,17 @@ def decimals(
 ) -> int:
     """Decimal places with which a number is written: half its interval keeps two digits, without one it has three, and
     what trials `scatter` by, or a thousandth of it, keeps one. With a range, which does not show the precision, it has
-    three, or more until the ends differ; a count has none."""
+    three, no more than one beyond the two of the range, or more until the ends differ; a count has none."""
     if interval == COUNT:
         return 0
-    half = 0.0 if low is None or high is None or interval == RANGE else abs(high - low) / 2
+    half = 0.0 if low is None or high is None else abs(high - low) / 2
+    if interval == RANGE and half > NO_WIDTH * abs(value):
+        finest = 2 - exponent_of(half)
+        return told_apart(low, high, max(min(2 - exponent_of(value) if value else 0, finest), 0))
     if half > NO_WIDTH * abs(value):
         coarsest = max(FINEST * abs(value), scatter or 0.0, np.finfo(float).tiny)
         return max(min(1 - exponent_of(half), -exponent_of(coarsest)), 0)
-    digits = max(2 - exponent_of(value), 0) if value else 0
-    return told_apart(low, high, digits) if interval == RANGE else digits
+    return max(2 - exponent_of(value), 0) if value else 0
 
 
 def digits_of(value: float, low: float | None, high: float | None, *by: Any) -> tuple[int, int]:
@@ -525,6 +529,8 @@ def digits_of(value: float, low: float | None, high: float | None, *by: Any) -> 
     the ends are those of its interval."""
     digits = decimals(value, *(by or (low, high, None)))
     finer = told_apart(low, high, digits)
+    if low is not None and high is not None and RANGE in by and high - low > NO_WIDTH * abs(value):
+        return digits, told_apart(low, high, max(min(digits, 1 - exponent_of((high - low) / 2)), 0))
     if low is None or high is None or not low < value < high or high - low <= NO_WIDTH * abs(value):
         return digits, finer
     for _ in range(2):

@@ -4,6 +4,7 @@ import os
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -314,6 +315,17 @@ def test_a_stiffness_far_from_the_desired_one_is_pointed_at(tmp_path, bench):
     module.new_campaign(tmp_path / "c", recordings=tmp_path / "in")
     (look,) = watching.first_look(tmp_path / "c")
     assert re.search(f"(?s)first trial of experiment impedance, [^\n]*: LOOK AT IT\n.*{doubt}", look)
+
+
+def test_a_capture_is_skipped_in_a_line_that_says_what_it_is(tmp_path, bench):
+    capture = {"trial": "pass_1", "experiment": "walking", "log": None, "mocap": "pass_1.c3d", "mocap_source": "c3d"}
+    (tmp_path / "in").mkdir(exist_ok=True)
+    (tmp_path / "in/pass_1.c3d").write_bytes(b"")
+    bench.campaign = SimpleNamespace(rows={"pass_1": capture})
+    bench.config = bench.config.model_copy(update={"raw_data": tmp_path / "in"})
+    said, is_analysed = watching.recording_line(tmp_path / "in/pass_1.c3d", tmp_path / "in", bench)
+    assert said.endswith("pass_1.c3d: walking capture, skipped: `osl-analysis run` analyses it"), said
+    assert is_analysed
 
 
 @pytest.mark.usefixtures("without_witness")

@@ -51,6 +51,7 @@ from osl_analysis.report.page import (
     method_said,
     overview,
     packed_table,
+    state_of,
     template,
     written_page,
 )
@@ -61,6 +62,7 @@ from osl_analysis.report.trial_page import (
     isolated_pictures,
     methods_content,
     phasor_pictures,
+    recorded_of,
     trial_content,
     trials_content,
 )
@@ -202,7 +204,7 @@ def test_the_methods_have_the_numbers_of_settings_sheet_and_tables_and_nothing_t
     walked = {"walking": pl.DataFrame({"interval_method": ["unperturbed crossings"]})}
     walked["walking_groups"] = pl.DataFrame({"group": ["a", "b"], "n_up": [1, 1], "n_down": [1, 1]})
     time = np.arange(300) / 300  # a turn of 80 ms, whose middle eight tenths take 64 ms, beside noise of markers
-    turned = 2.5 * np.clip((time - 0.5) / 0.08, 0, 1) + 0.05 * np.random.default_rng(1).standard_normal(300)
+    turned = 2.5 * np.clip((time - 0.5) / 0.08, 0, 1) + 0.02 * np.random.default_rng(1).standard_normal(300)
     crossings = [
         replace(one, pictures=Pictures([], {"crossing": pl.DataFrame({"time": time, "platform_deg": -turned})}),
                 provenance={"plates": [{}], "mocap": {"frame_rate_hz": 300.0, "samples_per_frame": 4}},
@@ -222,7 +224,7 @@ def test_the_methods_have_the_numbers_of_settings_sheet_and_tables_and_nothing_t
          ("(1 trial, 0.5 to 8 Hz, 2° RMS, 60 s fitted)", "(2 trials, 0.9 to 7.2 Hz, 2.1 to 2.4° RMS, 60 s fitted)"),
          "stepped"),
         (crossings, walked, other, ("7 times", "3 times", "2 perturbed", "2 groups", "80 ms", "30 ms", "200 samples",
-         "by 2.5°, from a tenth to nine tenths of it in 67 ms (2 with toes up, 2 down)", "markers at 300 Hz and",
+         "by 2.5°, from a tenth to nine tenths of it in 63 ms (2 with toes up, 2 down)", "markers at 300 Hz and",
          "plates at 1200 Hz", "half the difference of both directions"),
          "bench|belt|load cell|plate trials|Student|mean response"),
     ):  # fmt: skip
@@ -543,6 +545,38 @@ def test_a_trial_with_certain_friction_repeats_none_without_and_gives_its_number
     late = table.with_columns(doubtful=pl.when(trial="a").then(pl.lit("late torque")).otherwise("doubtful"))
     numbers = headline_numbers({"impedance": late}, Example(K_d=None, B_d=None))
     assert [one.of for one in numbers if one.name.startswith("K_example")] == ["c", "b"], "a is left out"
+
+
+def test_a_cause_has_one_count_in_the_verdict_the_map_and_the_row_of_its_condition():
+    """A trial that is flagged too is one of those that are doubtful in part."""
+    part, flag = doubt("zero", amplitude_deg=2.0), doubt("load cell not zeroed", "unzeroed_load_cell", table="quality")
+    trials = [trial("a", part), trial("b", part, flag), trial("c", part)]
+    assert state_of(trials, ()).startswith(
+        "3 of 3 trials are doubtful in part: zero. 1 of 3 trials is flagged: load cell not zeroed."
+    )
+    (cause, cells), *_ = check_map(trials)[0]["rows"]
+    assert (cause, [state for _, state in cells]) == ("zero", ["doubtful in part"] * 3)
+    groups = {"estimator": ["ensemble"] * 3, "group": ["all"] * 3, "quantity": ["K", "B", "I"]}
+    summary = pl.DataFrame(groups).with_columns(mean=300.0, low=290.0, high=310.0)
+    names = {"a": "stance that changes", "b": "", "c": None}  # c has no fit
+    walked = pl.DataFrame({"trial": [*names], "group": ["all"] * 3, "doubtful": [*names.values()]})
+    known = {"a": stored_findings(doubt("stance that changes", "stance_change", table="walking"))}
+    (row,) = conditions({"walking_summary": summary, "walking": walked}, known)
+    assert row["doubt"] == "of 2 perturbations stance that changes (1)"
+
+
+def test_two_devices_are_told_with_their_rates_and_how_they_were_joined():
+    base = pl.DataFrame({"signals": ["theta", "torque"], "rate_hz": [1000.0, 800.0], "grid_rate_hz": [1000.0] * 2})
+    row = {"trial": "t", "experiment": "impedance"}
+    one = ReportedTrial("t", row, {"impedance": fitted_rows(), "timebase": base})
+    found = recorded_of([one])["impedance"]
+    assert (found["streams"], found["grids"]) == ({"theta": [1000.0], "torque": [800.0]}, [1000.0] * 2)
+    said, _ = methods_of([one], {}, SETTINGS)
+    assert "What was recorded apart was sampled at 1000 Hz (theta) and 800 Hz (torque)." in said
+    assert "Cubic splines brought it to one grid of 1000 Hz." in said
+    alike = ReportedTrial("t", row, {"impedance": fitted_rows(), "timebase": base.with_columns(rate_hz=800.0)})
+    said, _ = methods_of([alike], {}, SETTINGS)
+    assert "recorded apart" not in said
 
 
 def test_each_stated_condition_has_its_own_numbers_and_macros():

@@ -357,6 +357,17 @@ def test_no_number_reads_as_an_end_of_its_interval_or_as_beyond_it(value, low, h
     assert headlines.numbers_said(number)[:2] == said
 
 
+def test_the_ends_of_a_range_have_no_more_digits_than_its_mean_bears_out():
+    number = NOTHING | {"value": -0.878, "low": -4.461, "high": 1.307, "interval": headlines.RANGE}
+    assert headlines.numbers_said(number)[:2] == ("-0.88", "-4.5 to 1.3")
+
+
+def test_a_campaign_without_numbers_of_the_draft_has_no_column_of_them():
+    own = NOTHING | {"value": 1.0, "interval": None}
+    assert "draft" not in headlines.to_table({"a": own}, False)
+    assert "| draft |" in headlines.to_table({"a": own, "b": own | {"draft": 2.0}}, True)
+
+
 def test_the_first_numbers_are_said_with_a_true_minus_and_none_that_its_interval_has_0_in():
     tables = all_tables() | {"walking_summary": walked(K=338.0, I=-2e-6)}
     numbers = written(headline_numbers(tables))["numbers"]

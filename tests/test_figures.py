@@ -543,6 +543,7 @@ def test_a_name_in_markdown_is_text_sign_by_sign(name, markdown):
      r"10 of 11 (t\_0, t\_1, t\_2, t\_3, t\_4, t\_5 and 4 more), for VAF 80."),
     ({"trial": ["a", None, "a"], "group": "all", "doubtful": ["", "lag", ""]},
      "1 of 2 (mean response of all), for lag."),
+    ({"trial": ["a", None, "b"], "group": "all", "doubtful": ["", "", "lag"]}, "1 of 2 (b), for lag."),
     ({"trials": ["a, b", "c"], "doubtful": ["", ""]}, None), ({"trial": ["a"], "doubtful": [None]}, ""),
 ])  # fmt: skip
 def test_a_caption_names_the_doubtful_trials_and_groups_and_why(of, said):

@@ -530,7 +530,7 @@ def digits_of(value: float, low: float | None, high: float | None, *by: Any) -> 
     digits = decimals(value, *(by or (low, high, None)))
     finer = told_apart(low, high, digits)
     if low is not None and high is not None and RANGE in by and high - low > NO_WIDTH * abs(value):
-        return digits, told_apart(low, high, max(min(digits, 1 - exponent_of((high - low) / 2)), 0))
+        finer = told_apart(low, high, max(min(digits, 1 - exponent_of((high - low) / 2)), 0))
     if low is None or high is None or not low < value < high or high - low <= NO_WIDTH * abs(value):
         return digits, finer
     for _ in range(2):

@@ -96,7 +96,7 @@ def test_equal_campaigns_are_equivalent_a_planted_difference_is_seen_and_what_ca
     walk = other["walking K"]
     known = pl.col("K") * 0.02  # which no scatter shows: the difference is known to 5.5 %
     a, b = ({"impedance": one["impedance"].with_columns(K_se_bench=known)} for one in (tables(), tables(1.08, seed=2)))
-    (by_bench,) = (row for row in compared(a, b, 0.05).iter_rows(named=True) if row["quantity"] == "K")
+    (by_bench,) = compared(a, b, 0.05).filter(pl.col("condition").is_null(), quantity="K").to_dicts()
     ratio, low = (math.log1p(by_bench[name] / 100) for name in ("relative_percent", "relative_percent_low"))
     assert ratio - low == pytest.approx(1.96 * math.hypot(0.02, 0.02), rel=0.02)
     assert (by_bench["verdict"], by_bench["method"]) == ("undecided", "paired, Student + bench")
@@ -116,6 +116,39 @@ def test_equal_campaigns_are_equivalent_a_planted_difference_is_seen_and_what_ca
     assert "trials without K_d count as repeats" in compared(a, b)["remark"][0]
     assert not compared(a, a)["remark"].str.contains("repeats").any(), "equal names tell which belong together"
     assert "not above 0" in rows({"belt": tables()["belt"].with_columns(-pl.col("K_s"))})["belt K_s"]["remark"]
+
+
+def test_a_change_at_one_of_two_conditions_is_seen_at_it_by_repeats_or_by_the_intervals_of_single_trials():
+    """The mean over two conditions has one degree of freedom, in which it is lost."""
+
+    def day(change, repeats, seed):
+        rng, rows = np.random.default_rng(seed), []
+        for K_d, K in ((200.0, 190.0), (350.0, 332.0 * change)):
+            found = K + 0.5 * rng.standard_normal(repeats)
+            rows += [{"trial": f"{K_d:g} {k}", "K_d": K_d, "B_d": 2.0, "K": one} for k, one in enumerate(found)]
+        ends = {"K_low": pl.col("K") - 2.0, "K_high": pl.col("K") + 4.0, "doubtful": pl.lit("")}
+        return {"impedance": pl.DataFrame(rows).with_columns(**ends, **dict.fromkeys(("B", "I", "VAF"), 1.0))}
+
+    for repeats, method in ((3, "Welch's t, trials"), (1, "intervals of both")):
+        a, b = (day(*one) for one in ((1.0, repeats, 1), (0.95, repeats, 2)))
+        for one in (a, b):
+            nothing = {name: pl.lit(None, pl.Float64) for name in ("B_viscous", "torque_error", "amplitude_deg")}
+            one["impedance"] = one["impedance"].with_columns(**nothing)
+        table = compared(a, b).filter(quantity="K")
+        assert table["condition", "verdict"].rows() == [
+            (None, "undecided"), ("K_d 200", "undecided"), ("K_d 350", "different"),
+        ]  # fmt: skip
+        assert label_of(table.row(2, named=True)) == "impedance K (K_d 350)"
+        assert set(table["method"][1:]) == {method}
+        of = [one["impedance"].filter(K_d=350.0)["K"].mean() for one in (a, b)]
+        assert table["mean_A", "mean_B"].row(2) == pytest.approx(of)
+        if repeats == 1:
+            half = math.hypot(2.0, 4.0)
+            assert table["difference", "difference_low", "difference_high"].row(2) == pytest.approx(
+                (of[1] - of[0], of[1] - of[0] - half, of[1] - of[0] + half)
+            )
+    one_condition = ({"impedance": one["impedance"].filter(K_d=350.0)} for one in (a, b))
+    assert compared(*one_condition).filter(quantity="K")["condition", "verdict"].rows() == [(None, "different")]
 
 
 def test_the_command_writes_table_and_figure_and_prints_every_verdict_or_one_line_and_nothing(tmp_path, monkeypatch):
@@ -140,14 +173,19 @@ def test_the_command_writes_table_and_figure_and_prints_every_verdict_or_one_lin
     table = read_table(out / "comparison.csv")
     assert set(table["verdict"]) == {"different", "equivalent", "undecided", None}
     for row in table.drop_nulls("verdict").iter_rows(named=True):
-        (line,) = [line for line in done.output.splitlines() if line.startswith(f"{label_of(row)} ")]
+        (line,) = [line for line in done.output.splitlines() if line.startswith(f"{label_of(row)}  ")]
         assert row["verdict"] in line
     for name in "ab":  # what the bench's calibration adds is known beside the table
         known = read_table(tmp_path / f"{name}/tables/impedance.csv").with_columns(K_se_bench=0.02 * pl.col("K"))
         keys = [one for one in OF_ROW if one in known.columns]
         write_table(known.select(*keys, "K_se_bench"), tmp_path / f"{name}/tables/impedance_evidence.csv")
     assert call("a", "b").exit_code == 0
-    (K,) = read_table(out / "comparison.csv").filter(experiment="impedance", quantity="K").iter_rows(named=True)
+    (K,) = (
+        read_table(out / "comparison.csv")
+        .filter(experiment="impedance", quantity="K")
+        .filter(pl.col("condition").is_null())
+        .iter_rows(named=True)
+    )
     assert K["method"] == "paired, Student + bench"
     for said in ("A: doubtful in a: <friction>", "B: doubtful in b", "version: a in A, b in B"):
         assert said in done.output

@@ -340,6 +340,12 @@ def test_fig5_gives_each_desired_impedance_a_place_beside_its_desired_value():
         assert (bars[0.7], bars[1.8] < 2) == (pytest.approx(12), True), "the range is thin, the interval thick"
 
 
+def test_fig6_of_perfect_fits_has_no_tick_beyond_the_line_on_which_they_stand():
+    table = fig6.points(stored("impedance").head(4).with_columns(VAF=pl.lit(99.99999)))
+    labels = [one.get_text() for one in fig6.draw(table).axes[0].get_yticklabels()]
+    assert (labels[0], "99.99995" in labels) == ("≥ 99.9999", False)
+
+
 def test_fig6_has_points_that_touch_no_other_and_a_perfect_fit_at_the_end_of_its_axis():
     ax = fig6.draw(fig6.points(stored("impedance").reverse())).axes[0]
     ax.figure.draw_without_rendering()
@@ -354,7 +360,7 @@ def test_fig6_has_points_that_touch_no_other_and_a_perfect_fit_at_the_end_of_its
     ax = fig6.draw(table).axes[0]
     np.testing.assert_allclose(scattered(ax, "Compensated")[0][:, 1], [1e-4, 1, 3], rtol=1e-6)
     assert ax.get_ylim()[0] > 3 > 1e-4 > ax.get_ylim()[1]
-    assert [label.get_text() for label in ax.get_yticklabels()] == ["99.9999", "99.999", "99.99", "99.9", "99"]
+    assert [label.get_text() for label in ax.get_yticklabels()] == ["≥ 99.9999", "99.999", "99.99", "99.9", "99"]
 
 
 @pytest.mark.parametrize(("name", "table", "message"), [
@@ -537,6 +543,7 @@ def test_a_name_in_markdown_is_text_sign_by_sign(name, markdown):
      r"10 of 11 (t\_0, t\_1, t\_2, t\_3, t\_4, t\_5 and 4 more), for VAF 80."),
     ({"trial": ["a", None, "a"], "group": "all", "doubtful": ["", "lag", ""]},
      "1 of 2 (mean response of all), for lag."),
+    ({"trial": ["a", None, "b"], "group": "all", "doubtful": ["", "", "lag"]}, "1 of 2 (b), for lag."),
     ({"trials": ["a, b", "c"], "doubtful": ["", ""]}, None), ({"trial": ["a"], "doubtful": [None]}, ""),
 ])  # fmt: skip
 def test_a_caption_names_the_doubtful_trials_and_groups_and_why(of, said):

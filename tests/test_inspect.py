@@ -4,6 +4,7 @@ import os
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -316,6 +317,17 @@ def test_a_stiffness_far_from_the_desired_one_is_pointed_at(tmp_path, bench):
     assert re.search(f"(?s)first trial of experiment impedance, [^\n]*: LOOK AT IT\n.*{doubt}", look)
 
 
+def test_a_capture_is_skipped_in_a_line_that_says_what_it_is(tmp_path, bench):
+    capture = {"trial": "pass_1", "experiment": "walking", "log": None, "mocap": "pass_1.c3d", "mocap_source": "c3d"}
+    (tmp_path / "in").mkdir(exist_ok=True)
+    (tmp_path / "in/pass_1.c3d").write_bytes(b"")
+    bench.campaign = SimpleNamespace(rows={"pass_1": capture})
+    bench.config = bench.config.model_copy(update={"raw_data": tmp_path / "in"})
+    said, is_analysed = watching.recording_line(tmp_path / "in/pass_1.c3d", tmp_path / "in", bench)
+    assert said.endswith("pass_1.c3d: walking capture, skipped: `osl-analysis run` analyses it"), said
+    assert is_analysed
+
+
 @pytest.mark.usefixtures("without_witness")
 def test_a_recording_of_an_unknown_recorder_gives_its_joint_and_what_was_guessed_or_why_not_in_a_line(tmp_path, bench):
     write_joint(tmp_path / "in/k120_b2.csv")
@@ -397,19 +409,23 @@ def test_a_failed_check_is_told_with_its_whole_remedy_and_one_that_the_sheet_acc
 
 
 def test_a_recording_is_held_against_its_siblings_of_which_a_wrong_gain_is_told(tmp_path):
-    def said(name, K, kind=("impedance", "ankle", "", "pd")):
+    def said(name, K, kind=("impedance", "ankle", "", "pd", "300")):
         row = {"experiment": "impedance", "K_d": 300.0, "B_d": 5.0} if kind[3] else {"experiment": "impedance"}
         samples = pl.DataFrame({"time": [0.0, 1.0, 2.0], "theta": [0.0, 0.1, 0.2]})
         numbers = watching.comparable(Trial(name, samples), row, {"K": K, "K_se": 1.0, "B": 5.0, "B_se": 0.1})
         return list(watching.beside_siblings(name, kind, numbers, tmp_path / "measured.json"))
 
-    assert [said(name, K) for name, K in zip("abc", (299.0, 301.0, 303.0), strict=True)] == [[], [], []]
+    assert [said(name, K) for name, K in zip("abc", (299.0, 301.0, 303.0), strict=True)] == [
+        [f"{k} siblings to compare with, 3 are needed"] for k in range(3)
+    ]
     assert said("d", 300.0) == ["like its 3 siblings"]
     (differs,) = said("e", 340.0)
-    assert differs.startswith("DIFFERS from its 4 siblings: K of K_d 300 is 340, theirs 300 ± 3: look")
+    assert differs.startswith("DIFFERS from its 4 siblings: K is 340, theirs 300 ± 3: look")
     assert said("e", 301.0) == ["like its 4 siblings"], "a recording made again is no sibling of itself"
-    assert said("f", 340.0, ("impedance", "knee", "", "pd")) == [], "another joint has siblings of its own"
+    none = ["0 siblings to compare with, 3 are needed"]
+    assert said("k", 190.0, ("impedance", "ankle", "", "pd", "200")) == none, "another K_d has siblings of its own"
+    assert said("f", 340.0, ("impedance", "knee", "", "pd", "300")) == none, "another joint has siblings of its own"
     unstated = [
         said(name, K, ("impedance", "ankle", "", "")) for name, K in zip("ghij", (300, 301, 300, 200), strict=True)
     ]
-    assert unstated == [[]] * 4, "nobody said that the same K was asked for"
+    assert unstated == [["no siblings: no K_d is stated"]] * 4, "nobody said that the same K was asked for"

@@ -51,6 +51,7 @@ from osl_analysis.report.page import (
     method_said,
     overview,
     packed_table,
+    state_of,
     template,
     written_page,
 )
@@ -61,6 +62,7 @@ from osl_analysis.report.trial_page import (
     isolated_pictures,
     methods_content,
     phasor_pictures,
+    recorded_of,
     trial_content,
     trials_content,
 )
@@ -202,7 +204,7 @@ def test_the_methods_have_the_numbers_of_settings_sheet_and_tables_and_nothing_t
     walked = {"walking": pl.DataFrame({"interval_method": ["unperturbed crossings"]})}
     walked["walking_groups"] = pl.DataFrame({"group": ["a", "b"], "n_up": [1, 1], "n_down": [1, 1]})
     time = np.arange(300) / 300  # a turn of 80 ms, whose middle eight tenths take 64 ms, beside noise of markers
-    turned = 2.5 * np.clip((time - 0.5) / 0.08, 0, 1) + 0.05 * np.random.default_rng(1).standard_normal(300)
+    turned = 2.5 * np.clip((time - 0.5) / 0.08, 0, 1) + 0.02 * np.random.default_rng(1).standard_normal(300)
     crossings = [
         replace(one, pictures=Pictures([], {"crossing": pl.DataFrame({"time": time, "platform_deg": -turned})}),
                 provenance={"plates": [{}], "mocap": {"frame_rate_hz": 300.0, "samples_per_frame": 4}},
@@ -222,7 +224,7 @@ def test_the_methods_have_the_numbers_of_settings_sheet_and_tables_and_nothing_t
          ("(1 trial, 0.5 to 8 Hz, 2° RMS, 60 s fitted)", "(2 trials, 0.9 to 7.2 Hz, 2.1 to 2.4° RMS, 60 s fitted)"),
          "stepped"),
         (crossings, walked, other, ("7 times", "3 times", "2 perturbed", "2 groups", "80 ms", "30 ms", "200 samples",
-         "by 2.5°, from a tenth to nine tenths of it in 67 ms (2 with toes up, 2 down)", "markers at 300 Hz and",
+         "by 2.5°, from a tenth to nine tenths of it in 63 ms (2 with toes up, 2 down)", "markers at 300 Hz and",
          "plates at 1200 Hz", "half the difference of both directions"),
          "bench|belt|load cell|plate trials|Student|mean response"),
     ):  # fmt: skip
@@ -423,6 +425,7 @@ def test_a_report_says_of_each_trial_what_became_of_it(tmp_path, monkeypatch):
     assert said.pop("b_1") == ("flagged", "its recording: gap in the recording: samples are missing"[:40])
     assert seen[0]["methods"]["recorded"]["belt"] | {"rates": 0, "files": 0} == {
         "n": 3, "used": 1, "perturbed": 0, "perturbed_used": 0, "rates": 0, "files": 0, "plates": [], "turns": [],
+        "streams": {}, "grids": [],
     }  # fmt: skip
     assert said == {"b_2": ("refused", "no footer"), "b_3": none, "w": none, "s": ("clear", "")}
     assert (seen[0]["claims"], seen[0]["not_made"]) == ([], [of_table])
@@ -467,7 +470,7 @@ def test_every_condition_has_K_B_and_I_with_intervals_and_what_is_doubted():
     assert (walk["of"], walk["K"]) == ("walking", ("340", "[330, 350]"))
     assert (several["of"], several["trials"], several["doubt"]) == ("K_d 100", ["a", "b"], "")
     assert several["K"] == ("100", f"[{100 - half:.0f}, {100 + half:.0f}]")
-    assert (alone["B"][0], alone["doubt"]) == ("−5.00", "friction (without it K 290, B 4.5 and I 0.02)")
+    assert (alone["B"][0], alone["doubt"]) == ("−5.00", "friction (with it in the fit K 290, B 4.5 and I 0.02)")
     both = {name: stored_findings(replace(doubt(), subject=name)) for name in "ab"}
     assert conditions(tables, both | {"b": []})[1]["doubt"] == "friction (1 of 2)"
 
@@ -482,11 +485,11 @@ def test_friction_stands_beside_B_and_a_doubt_names_the_B_that_it_leaves():
     for finding, said in ((path, "B without friction 1.91"), (late, "B 1.91")):
         (found,) = conditions({"impedance": rows}, {"t": stored_findings(finding)})
         assert (found["B"][0], found["B_viscous"][0], found["f_C"][0]) == ("2.40", "1.900", "0.25")
-        assert found["doubt"] == f"{finding.cause} (without it {said})"
+        assert found["doubt"] == f"{finding.cause} (with it in the fit {said})"
     (none,) = conditions(
         {"impedance": rows.with_columns(B_viscous=pl.lit(None, pl.Float64))}, {"t": stored_findings(path)}
     )
-    assert ("B_viscous" in none, none["doubt"]) == (False, "torque path (without it B 1.91)")
+    assert ("B_viscous" in none, none["doubt"]) == (False, "torque path (with it in the fit B 1.91)")
 
 
 @pytest.mark.parametrize("n", [4, 20])
@@ -510,8 +513,9 @@ def test_trials_of_no_stated_condition_are_one_only_where_they_repeat_each_other
         assert (found[0]["K"][0], found[1]["K"][0]) == ("62.00", "148.0"), "a mean"
         other = table.with_columns(B=pl.when(trial="t2").then(90.0).otherwise("B"))
         assert [one["trials"] for one in conditions({"impedance": other}, {})] == [["t0"], ["t1", "t3"], ["t2"]]
-    assert repeated_trials_table(table).is_empty()
-    assert len(repeated_trials_table(table.with_columns(K_d=pl.lit(100.0)))) == 3
+    repeats = repeated_trials_table(table).filter(quantity="K")
+    assert repeats["mean", "n"].rows() == ([(62.0, 2), (148.0, 2)] if n < 8 else []), "what the page calls repeats"
+    assert repeated_trials_table(table.with_columns(K_d=pl.lit(100.0)))["n"].to_list() == [n] * 3
     late = table.with_columns(doubtful=pl.when(trial="t2").then(pl.lit("late torque")).otherwise("doubtful"))
     (first, *_) = conditions({"impedance": late}, {})
     assert (first["doubt"], first["K"]) == (
@@ -520,6 +524,75 @@ def test_trials_of_no_stated_condition_are_one_only_where_they_repeat_each_other
     numbers = headline_numbers({"impedance": table}, Example(K_d=None, B_d=None))
     own = [(one.value, one.of) for one in numbers if one.name.startswith("K_example")]
     assert own == [(62.0, "t0, mean with 1 that repeat it"), (148.0, "t1, mean with 1 that repeat it")] * (n <= 8)
+
+
+def test_a_trial_with_certain_friction_repeats_none_without_and_gives_its_numbers_to_no_other():
+    """Their B is another quantity, and the mean of one trial's friction is no mean."""
+    common = {"amplitude_deg": None, "controller": None, "K_d": None, "B_d": None, "excitation": "multisine"}
+    common |= {"band_low_hz": 0.1, "band_high_hz": 5.0, "VAF": 99.0, "interval_method": "units", "doubtful": ""}
+    common |= {f"{x}{end}": 140.0 + k for x in "KBI" for k, end in ((0, ""), (-1, "_low"), (1, "_high"))}
+    f_C = {"a": None, "b": 0.35, "c": None}
+    rows = [{"trial": name, "B_viscous": x and 130.0, "f_C": x} | common for name, x in f_C.items()]
+    rows = [row | {f"{x}{end}": row[x] for x in ("B_viscous", "f_C") for end in ("_low", "_high")} for row in rows]
+    schema = {"amplitude_deg": pl.Float64, "controller": pl.String, "K_d": pl.Float64, "B_d": pl.Float64}
+    table = pl.DataFrame(rows, schema_overrides=schema)
+    assert [one["trials"] for one in conditions({"impedance": table}, {})] == [["a", "c"], ["b"]]
+    assert repeated_trials_table(table).filter(quantity="B")["n"].to_list() == [2]
+    numbers = headline_numbers({"impedance": table}, Example(K_d=None, B_d=None))
+    said = {(one.of, one.n) for one in numbers if "_example" in one.name}
+    assert said == {("a, mean with 1 that repeat it", 2), ("b", 1)}
+    assert [(one.value, one.of) for one in numbers if one.name.startswith("f_C")] == [(0.35, "b")]
+    late = table.with_columns(doubtful=pl.when(trial="a").then(pl.lit("late torque")).otherwise("doubtful"))
+    numbers = headline_numbers({"impedance": late}, Example(K_d=None, B_d=None))
+    assert [one.of for one in numbers if one.name.startswith("K_example")] == ["c", "b"], "a is left out"
+
+
+def test_a_cause_has_one_count_in_the_verdict_the_map_and_the_row_of_its_condition():
+    """A trial that is flagged too is one of those that are doubtful in part."""
+    part, flag = doubt("zero", amplitude_deg=2.0), doubt("load cell not zeroed", "unzeroed_load_cell", table="quality")
+    trials = [trial("a", part), trial("b", part, flag), trial("c", part)]
+    assert state_of(trials, ()).startswith(
+        "3 of 3 trials are doubtful in part: zero. 1 of 3 trials is flagged: load cell not zeroed."
+    )
+    (cause, cells), *_ = check_map(trials)[0]["rows"]
+    assert (cause, [state for _, state in cells]) == ("zero", ["doubtful in part"] * 3)
+    groups = {"estimator": ["ensemble"] * 3, "group": ["all"] * 3, "quantity": ["K", "B", "I"]}
+    summary = pl.DataFrame(groups).with_columns(mean=300.0, low=290.0, high=310.0)
+    names = {"a": "stance that changes", "b": "", "c": None}  # c has no fit
+    walked = pl.DataFrame({"trial": [*names], "group": ["all"] * 3, "doubtful": [*names.values()]})
+    known = {"a": stored_findings(doubt("stance that changes", "stance_change", table="walking"))}
+    (row,) = conditions({"walking_summary": summary, "walking": walked}, known)
+    assert row["doubt"] == "of 2 perturbations stance that changes (1)"
+
+
+def test_two_devices_are_told_with_their_rates_and_how_they_were_joined():
+    base = pl.DataFrame({"signals": ["theta", "torque"], "rate_hz": [1000.0, 800.0], "grid_rate_hz": [1000.0] * 2})
+    row = {"trial": "t", "experiment": "impedance"}
+    one = ReportedTrial("t", row, {"impedance": fitted_rows(), "timebase": base})
+    found = recorded_of([one])["impedance"]
+    assert (found["streams"], found["grids"]) == ({"theta": [1000.0], "torque": [800.0]}, [1000.0] * 2)
+    said, _ = methods_of([one], {}, SETTINGS)
+    assert "What was recorded apart was sampled at 1000 Hz (theta) and 800 Hz (torque)." in said
+    assert "Cubic splines brought it to one grid of 1000 Hz." in said
+    alike = ReportedTrial("t", row, {"impedance": fitted_rows(), "timebase": base.with_columns(rate_hz=800.0)})
+    said, _ = methods_of([alike], {}, SETTINGS)
+    assert "recorded apart" not in said
+
+
+def test_each_stated_condition_has_its_own_numbers_and_macros():
+    rows = [{"trial": f"{K_d}", "K_d": K_d, "B_d": 2.0, "K": K} for K_d, K in ((200.0, 190.0), (350.0, 332.0))]
+    ends = {f"{x}{end}": pl.col("K") for x in ("B", "I", "B_viscous", "f_C", "K") for end in ("_low", "_high", "")}
+    more = {"controller": pl.lit("c"), "interval_method": pl.lit("units"), "doubtful": pl.lit(""), "VAF": 99.0}
+    table = pl.DataFrame(rows).with_columns(**ends, **more, amplitude_deg=pl.lit(None, pl.Float64))
+    numbers = headline_numbers({"impedance": table}, Example(200.0, 2.0, "the first"))
+    K = {one.meaning: (one.value, one.macro) for one in numbers if one.name.startswith("K_example")}
+    assert K == {
+        "K for K_d = 200, B_d = 2 (that of the first), c": (190.0, "CExampleStiffness"),
+        "K for K_d = 350, B_d = 2, c": (332.0, "CExampleStiffnessKdThreeFiveZeroBdTwo"),
+    }
+    many = pl.concat([table.with_columns(B_d=pl.lit(float(k))) for k in range(9)])
+    said = headline_numbers({"impedance": many}, Example(200.0, 2.0))
+    assert len([one for one in said if one.name.startswith("K_example")]) == 1, "a table tells of more"
 
 
 def test_crossings_are_drawn_in_degrees_the_residual_is_measured_minus_model_and_raw_signals_are_thinned_out():

@@ -357,11 +357,22 @@ def test_no_number_reads_as_an_end_of_its_interval_or_as_beyond_it(value, low, h
     assert headlines.numbers_said(number)[:2] == said
 
 
+def test_the_ends_of_a_range_have_no_more_digits_than_its_mean_bears_out():
+    number = NOTHING | {"value": -0.878, "low": -4.461, "high": 1.307, "interval": headlines.RANGE}
+    assert headlines.numbers_said(number)[:2] == ("-0.88", "-4.5 to 1.3")
+
+
+def test_a_campaign_without_numbers_of_the_draft_has_no_column_of_them():
+    own = NOTHING | {"value": 1.0, "interval": None}
+    assert "draft" not in headlines.to_table({"a": own}, False)
+    assert "| draft |" in headlines.to_table({"a": own, "b": own | {"draft": 2.0}}, True)
+
+
 def test_the_first_numbers_are_said_with_a_true_minus_and_none_that_its_interval_has_0_in():
     tables = all_tables() | {"walking_summary": walked(K=338.0, I=-2e-6)}
     numbers = written(headline_numbers(tables))["numbers"]
     said = headlines.first_said([*numbers.values()])
-    of_both = "compensated; lowest to highest −3.00 to 1.00; n = 2", "uncompensated; n = 1, doubtful"
+    of_both = "compensated; lowest to highest −3.0 to 1.0; n = 2", "uncompensated; n = 1, doubtful"
     assert [part in said[0] for part in of_both] == [True, True]
     assert [part in said[0].replace("\xa0", " ") for part in ("−1.00 % (", "−30.0 % (")] == [True, True]
     assert said[1].replace("\xa0", " ").endswith(" 338.0 N·m/rad (334.6 to 341.4; n = 10).")

@@ -247,6 +247,16 @@ def perturbed(n: int = 8, stiffnesses: tuple[float, ...] = (340.0,)) -> list[Cro
     return [walked(f"p{k}", 1.0, 2e-3, ONSET, (K[k], 3.0, 0.02)) for k in range(n)]
 
 
+def test_a_slope_of_K_that_is_not_certain_may_be_none() -> None:
+    """Between what 95 and what 99.9 % are sure of: said to be unseen, so that B may hold none of it."""
+    headline = group_headline(perturbed(), USUAL, SETTINGS)
+    for name in (fitting.SLOPING, f"{fitting.SLOPING} and jerk"):
+        headline.resampled.reactions[name] = (300.0, 120.0)
+    found = group_facts(headline)
+    assert found["reaction"] is None
+    assert (found["hidden_slope_low"], found["hidden_slope_high"] > 300) == (0.0, True)
+
+
 def hurried(c: Crossing) -> Crossing:
     """The stance is shorter by 8 %."""
     return replace(c, stance=Stance(0.3, 0.3 + 0.92 * 0.72))

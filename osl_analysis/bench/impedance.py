@@ -39,7 +39,7 @@ from osl_analysis.model.compensator import CONTROLLERS, Gains, Weight, select_ga
 from osl_analysis.model.drivetrain import DrivetrainParameters, joint_admittance
 from osl_analysis.spectral.periods import distinct
 from osl_analysis.stats.regression import Row, estimates_row, lag_damping_row
-from osl_analysis.stats.repeats import alike_sizes, counted, doubtful_row, over_repeats, summary_row
+from osl_analysis.stats.repeats import alike_sizes, counted, doubtful_row, over_repeats, repeating_trials, summary_row
 from osl_analysis.table import held_against_desired
 from osl_analysis.trial import Array
 
@@ -357,16 +357,16 @@ def repeated_trials_table(impedance: pl.DataFrame) -> pl.DataFrame:
 
     Each trial counts with its fit to all of its motion. The interval contains everything that differs from trial to
     trial, as the distortion that friction makes of another realisation of a random motion; the intervals of the single
-    trials may not. Doubtful fits are left out where half of the trials or more are sound. Trials without a stated K_d
-    are no repeats: each may have been asked for another.
+    trials may not. Doubtful fits are left out where half of the trials or more are sound. Of trials without a stated
+    K_d, each of which may have been asked for another, only `repeating_trials` are repeats.
     """
     whole = impedance.filter(pl.col("amplitude_deg").is_null()) if "amplitude_deg" in impedance.columns else impedance
     same = ("joint", "side", "controller", "K_d", "B_d", "group", "excitation")
     keys, rows = [name for name in same if name in whole.columns], list[dict[str, object]]()
     sizes = [name for name in ("band_high_hz", "period_s", "theta_rms_deg") if name in whole.columns]
     told = whole.select("^(K|B|I|B_viscous|f_C)$").columns
-    stated = whole.drop_nulls("K_d") if "K_d" in whole.columns else whole
-    for key, condition in stated.group_by(keys, maintain_order=True):
+    own = pl.when(pl.col("K_d").is_null()).then(repeating_trials(whole)) if "K_d" in whole.columns else pl.lit("")
+    for (*key, _), condition in whole.with_columns(own=own).group_by([*keys, "own"], maintain_order=True):
         alike = [alike_sizes(condition[name].cast(pl.Float64)).alias(f"{name}_alike") for name in sizes]
         groups = condition.with_columns(alike).group_by([one.name for one in alike] or keys, maintain_order=True)
         for trials in (of_motion for _, of_motion in groups if len(of_motion) > 1):

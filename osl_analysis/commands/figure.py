@@ -172,10 +172,11 @@ def fig7(
     responses = completed(read_table(table, required=draw_fig7.needs), PLACE)
     responses = responses.with_columns(look_numbers(responses["controller"]))
     pairs = responses.group_by("K_d", "B_d", maintain_order=True).agg(pl.col("trial").n_unique())
-    most = pairs.sort("trial", descending=True, maintain_order=True).select("K_d", "B_d").rows()
-    K_d, B_d = (choice.K_d, choice.B_d) if choice else (*most, (None, None))[0]
+    counts = (ranked := pairs.sort("trial", descending=True, maintain_order=True))["trial"].to_list()
+    K_d, B_d = (choice.K_d, choice.B_d) if choice else (*ranked.select("K_d", "B_d").rows(), (None, None))[0]
     shown = responses.filter(pl.col("K_d").eq_missing(pl.lit(K_d)), pl.col("B_d").eq_missing(pl.lit(B_d)))
-    chosen = None if choice else "the desired impedance with the most trials"
+    first = "the first of the desired impedances" if counts[1:2] == counts[:1] else "the desired impedance"
+    chosen = None if choice else f"{first} with the most trials"
     write_table(beside_theory(shown, parameters, weight).with_columns(chosen=pl.lit(chosen, pl.String)), output)
 
 

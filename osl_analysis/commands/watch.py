@@ -193,6 +193,9 @@ def recording_line(path: Path, folder: Path, bench: WatchedBench) -> tuple[str, 
 def examined(path: Path, folder: Path, bench: WatchedBench) -> Iterator[str]:
     with TemporaryDirectory() as place:
         row, sources, said = row_of_recording(path, folder, bench, Path(place))
+        if not row["log"]:  # a capture, whose fits need all crossings of the campaign
+            yield f"{str(row['experiment']).replace('_', ' ')} capture, skipped: `osl-analysis run` analyses it"
+            return
         trial = checked_trial(row, path.parent, sources)
     accepted = str(row.get("accept") or "").split()
     warned = [printable(text) for text in trial.provenance.get("warnings", [])]
@@ -212,6 +215,7 @@ def examined(path: Path, folder: Path, bench: WatchedBench) -> Iterator[str]:
         yield f"VAF {estimates['VAF']:.2f} %"
     yield from (f"DOUBTFUL: {text}" for text in fitted.said(Grade.DOUBTS))
     kind = [str(row[name]) if row.get(name) else "" for name in ("experiment", "joint", "side", "controller")]
+    kind += ["" if row.get(name) is None else f"{float(row[name]):g}" for name in ("K_d", "B_d")]
     name = path.relative_to(folder).as_posix()
     yield from beside_siblings(name, kind, comparable(trial, row, estimates), bench.output / "measured.json")
     yield from said
@@ -233,20 +237,14 @@ def examined(path: Path, folder: Path, bench: WatchedBench) -> Iterator[str]:
 
 def comparable(trial: Trial, row: Mapping[str, Any], estimates: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
     """Numbers that are alike in recordings of one kind, each with the smallest standard deviation that it is granted:
-    1 % of an estimate or its standard error, 5 % of duration, rate and range. An impedance that was asked for counts
-    beside the same one, and K/K_d, with 5 %, beside all. Of a trial for which nobody stated one nothing is compared:
-    any two of these may have been asked for another."""
+    1 % of an estimate or its standard error, 5 % of duration, rate and range. Of impedance trials without K_d nothing
+    is compared: any two of these may have been asked for another."""
     found = dict[str, tuple[float, float]]()
-    K_d, B_d = (None if row.get(name) is None else float(row[name]) for name in ("K_d", "B_d"))
-    if row.get("experiment") == "impedance" and K_d is None:
+    if row.get("experiment") == "impedance" and row.get("K_d") is None:
         return found
-    condition = "" if K_d is None else f" of K_d {K_d:g}"
     for name in (n for n in fits.estimated(estimates) if n not in ("offset", "drift")):
         value, se = float(estimates[name]), float(estimates.get(f"{name}_se") or 0.0)
-        of = condition if name == "K" or not condition or B_d is None else f"{condition}, B_d {B_d:g}"
-        found[name + of] = value, max(se, 0.01 * abs(value))
-    if K_d:
-        found["K/K_d"] = estimates["K"] / K_d, 0.05 * estimates["K"] / K_d
+        found[name] = value, max(se, 0.01 * abs(value))
     time_s = trial.samples["time"].to_numpy()
     extents = {"duration in s": time_s[-1] - time_s[0], "rate in Hz": (len(time_s) - 1) / (time_s[-1] - time_s[0])}
     if "theta" in trial.samples.columns:
@@ -258,8 +256,8 @@ def comparable(trial: Trial, row: Mapping[str, Any], estimates: Mapping[str, Any
 def beside_siblings(
     name: str, kind: Sequence[str], numbers: Mapping[str, tuple[float, float]], notes: Path
 ) -> Iterator[str]:
-    """Whether a recording is like those of its kind before it, by median and median absolute deviation of each number.
-    What it has is added to the notes."""
+    """Whether a recording is like three or more of its kind before it, joint, controller and what was asked for, by
+    median and median absolute deviation of each number. What it has is added to the notes."""
     try:
         known: dict[str, Any] = json.loads(notes.read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -281,6 +279,8 @@ def beside_siblings(
         yield f"DIFFERS from its {most} siblings: {listing(far, 4)}: look for what changed on the bench"
     elif most:
         yield f"like its {most} siblings"
+    else:
+        yield f"{len(siblings)} siblings to compare with, 3 are needed" if numbers else "no siblings: no K_d is stated"
 
 
 def device_of_row(row: Mapping[str, Any], config: Config) -> Path | None:
@@ -295,8 +295,9 @@ def row_of_recording(
     """A row for a recording, the folder of its source file, and what of it is a guess. The sheet decides; else the
     stated source file; else one of the campaign's that fits; else a draft in `place`."""
     for named in bench.campaign.rows.values() if bench.campaign else ():
-        if named["log"] and (bench.config.raw_data / named["log"]).resolve() == path.resolve():
-            return {**named, "log": path.name}, bench.config.sources, []
+        for role in ("log", "mocap"):
+            if named[role] and (bench.config.raw_data / named[role]).resolve() == path.resolve():
+                return {**named, role: path.name}, bench.config.sources, []
     sources, source, said = bench.config.sources, bench.source, list[str]()
     for file in sorted(sources.glob("*.yaml")) if bench.campaign and source is None else ():
         with suppress(OslAnalysisError):

@@ -228,6 +228,7 @@ def draw_fig6(table: pl.DataFrame) -> Figure:
     every = np.log10(np.concatenate([rows["left"].to_numpy() for rows in swarms]))
     room = max(0.05 * float(np.ptp(every)), 0.4 - float(np.ptp(every)) / 2)  # at both ends, and for two ticks
     low, high = float(every.min()) - room, float(every.max()) + room
+    ax.set_ylim(10.0**low, 10.0**high)
     across, height, written = (width - 0.75) / len(swarms), 1.8, []  # of a swarm [in]: the panel is no smaller
     for place, rows in enumerate(swarms):
         look, heights = looks[rows["controller"][0]], (high - np.log10(rows["left"].to_numpy())) / (high - low) * height
@@ -246,7 +247,11 @@ def draw_fig6(table: pl.DataFrame) -> Figure:
     if entries := style.open_entry(table):
         ax.legend(handles=entries.values(), loc="lower left")
     style.label_log_axis(ax.yaxis, (10.0**low, 10.0**high), 12)
-    ax.set_yticks(ax.get_yticks(), [f"{100 - tick:.7g}".replace("-", "−") for tick in ax.get_yticks()])
+    ticks = [tick for tick in ax.get_yticks() if tick >= LEAST_LEFT * (1 - 1e-9)]  # nothing is drawn beyond
+    said = [
+        f"{'≥ ' * bool(np.isclose(tick, LEAST_LEFT, atol=0.0))}{100 - tick:.7g}".replace("-", "−") for tick in ticks
+    ]
+    ax.set_yticks(ticks, said)
     ax.invert_yaxis()
     ax.set_xlim(-0.5, len(swarms) - 0.5)
     ax.set_xticks(range(len(swarms)), written)

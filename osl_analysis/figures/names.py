@@ -141,9 +141,10 @@ def doubtful_said(table: pl.DataFrame) -> str:
     whose = [pl.col(name) for name in ("trial", "trials") if name in table.columns]
     judged = table.drop_nulls("doubtful").with_columns(whose=pl.coalesce(*whose, *of_group))
     found = judged.filter(IS_DOUBTFUL).unique("whose", maintain_order=True)
+    counted = judged.filter(pl.coalesce(*whose).is_not_null() | IS_DOUBTFUL)  # no sound mean response
     if found.is_empty():
         return "No fit is doubtful." if len(judged) else ""
-    of = f"{len(found)} of {judged['whose'].n_unique()} ({listed_text(found['whose'])})"
+    of = f"{len(found)} of {counted['whose'].n_unique()} ({listed_text(found['whose'])})"
     causes = dict.fromkeys(cause for cell in found["doubtful"] for cause in cell.split(BETWEEN))
     return f"Doubtful: {of}, for {as_text(', '.join(causes))}."
 

@@ -1,13 +1,14 @@
 """Two campaigns, A and B, side by side: devices, controllers or days, quantity by quantity, with a verdict."""
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from itertools import chain
 from typing import Any
 
 import numpy as np
 import polars as pl
 
+from osl_analysis.judge.finding import ESTIMATES
 from osl_analysis.stats.repeats import (
     DOUBTFUL,
     Difference,
@@ -33,7 +34,8 @@ DIFFERENCE = ("difference", "difference_low", "difference_high")  # B - A
 RATIO = ("relative_percent", "relative_percent_low", "relative_percent_high")  # B over A, less 1
 SAME_CONDITION = ("K_d", "B_d", "excitation", "amplitudes", "named")  # of a rendered impedance
 COMPARISON_COLUMNS = {
-    **dict.fromkeys(("experiment", "quantity", *SAME_PLACE), pl.String), **dict.fromkeys(("n_A", "n_B"), pl.Int64),
+    **dict.fromkeys(("experiment", "quantity", *SAME_PLACE, "condition"), pl.String),
+    **dict.fromkeys(("n_A", "n_B"), pl.Int64),
     **dict.fromkeys(("mean_A", "mean_B", *DIFFERENCE, *RATIO, "margin_percent"), pl.Float64),
     **dict.fromkeys(("verdict", "method"), pl.String),
     **dict.fromkeys(("n_doubtful_A", "n_doubtful_B", "n_left_out_A", "n_left_out_B"), pl.Int64), "remark": pl.String,
@@ -41,7 +43,8 @@ COMPARISON_COLUMNS = {
 
 
 def compared(a: Mapping[str, pl.DataFrame], b: Mapping[str, pl.DataFrame], margin: float | None = None) -> pl.DataFrame:
-    """A row per quantity that A or B has, as in `comparison.csv`, from their result tables by name.
+    """A row per quantity that A or B has, as in `comparison.csv`, from their result tables by name; of an impedance
+    also one per condition, where both have several.
 
     What is positive by nature is compared as a ratio, by differences of logarithms, because K goes from 100 to 400
     N*m/rad: a ratio gives every desired impedance the same weight and needs no K_d. I and VAF have no ratio. `margin`
@@ -52,8 +55,10 @@ def compared(a: Mapping[str, pl.DataFrame], b: Mapping[str, pl.DataFrame], margi
         for key in dict.fromkeys(key for part in parts for key in part):
             for quantity in quantities:
                 named = {"experiment": table.removesuffix("_summary"), "quantity": quantity}
-                found = row_of([part.get(key) for part in parts], quantity, margin)
-                rows.append(named | dict(zip(SAME_PLACE, key, strict=True)) | found)
+                named |= dict(zip(SAME_PLACE, key, strict=True))
+                own = [part.get(key) for part in parts]
+                rows.append(named | row_of(own, quantity, margin))
+                rows += [named | row for row in rows_of_conditions(own, quantity, margin)]
     return pl.DataFrame(rows, schema=COMPARISON_COLUMNS).filter(pl.max_horizontal("n_A", "n_B") > 0)
 
 
@@ -112,27 +117,58 @@ def estimates(rows: pl.DataFrame | None, quantity: str) -> tuple[dict[str, Any],
     return {"n": len(finite), **doubts, "n_left_out": len(rows) - len(used)}, sample
 
 
+def with_own_ends(rows: pl.DataFrame | None, quantity: str, sample: Sample) -> Sample:
+    """A sample of one trial with the ends of its own interval, as that of an ensemble; empty where there is none."""
+    ends = [f"{quantity}{end}" for end in ("", "_low", "_high")]
+    if rows is None or not {*ends} <= {*rows.columns} or [len(of) for of in sample.values()] != [1]:
+        return {}
+    ((key, (value,)),) = sample.items()
+    known = rows.filter(pl.col(quantity) == value, *(pl.col(end).is_finite() for end in ends)).select(ends).rows()
+    return {key: known[0]} if known else {}
+
+
+def rows_of_conditions(
+    parts: Sequence[pl.DataFrame | None], quantity: str, margin: float | None
+) -> Iterator[dict[str, Any]]:
+    """A row for each of several conditions that both have, stated or by name: a change of one is lost in their mean."""
+    by = [{} if one is None else one.partition_by(SAME_CONDITION, as_dict=True, maintain_order=True) for one in parts]
+    shared = [key for key in by[0] if key in by[1] and (key[0], key[-1]) != (None, None)]
+    if len(shared) < 2 or quantity not in (*ESTIMATES, "B_viscous"):
+        return
+    differing = [k for k in range(len(SAME_CONDITION)) if len({key[k] for key in shared}) > 1]
+    for key in shared:
+        said = [f"{SAME_CONDITION[k]} {key[k]:g}" if k < 2 else key[k] for k in differing if key[k] is not None]
+        row = row_of([one[key] for one in by], quantity, margin)
+        if row.get("difference") is not None:
+            yield {"condition": ", ".join(said), **row}
+
+
 def row_of(parts: Sequence[pl.DataFrame | None], quantity: str, margin: float | None) -> dict[str, Any]:
     """The numbers of a row. Where one campaign has none, there is no difference, and the remark says it."""
     (of_a, a), (of_b, b) = (estimates(part, quantity) for part in parts)
     row: dict[str, Any] = {f"{name}_{one}": v for one, of in (("A", of_a), ("B", of_b)) for name, v in of.items()}
     of_ensembles = any(part is not None and "estimator" in part.columns for part in parts)
     shared = {*a} & {*b}
+    ends = [with_own_ends(part, quantity, one) for part, one in zip(parts, (a, b), strict=True)]
+    by_ends = all(ends) and bool(shared)  # of one trial each, which has no scatter
+    if by_ends:
+        a, b = ends
     for name, sample in (("A", a), ("B", b)):
-        row[f"mean_{name}"] = mean_of(sample, shared, of_ensembles)
+        row[f"mean_{name}"] = mean_of(sample, shared, of_ensembles or by_ends)
     if not (a and b):
         return row | {"remark": f"only in {'A' if a else 'B'}"}
-    between, remarks = of_intervals if of_ensembles else difference, list[str]()
+    between, remarks = of_intervals if of_ensembles or by_ends else difference, list[str]()
+    benches = [] if by_ends else parts  # the interval of a trial has what is stated of its bench
     if is_pooled(a, b):
         remarks.append("trials without K_d count as repeats of one condition; state K_d, or name like trials alike")
     if shared and {*a} != {*b}:
         remarks.append(f"{len(shared)} of {len({*a, *b})} conditions are shared")
-    row |= dict(zip((*DIFFERENCE, "method"), with_bench(between(a, b), bench_error(parts, quantity)), strict=True))
+    row |= dict(zip((*DIFFERENCE, "method"), with_bench(between(a, b), bench_error(benches, quantity)), strict=True))
     if of_ensembles and None not in (commanded := (*a, *b)) and len(set(commanded)) > 1:
         remarks.append("commanded {:g} in A and {:g} in B".format(*commanded))
     if quantity not in ("I", "VAF"):  # the rendered inertia may be zero or negative, and a VAF is a percentage
         if min(chain.from_iterable((*a.values(), *b.values()))) > 0:
-            bench = bench_error(parts, quantity, as_share=True)
+            bench = bench_error(benches, quantity, as_share=True)
             row |= ratio_of(a, b, lambda *logarithms: with_bench(between(*logarithms), bench), margin)
         else:
             remarks.append("no ratio: an estimate, or an end of its interval, is not above 0")
@@ -175,16 +211,19 @@ def label_of(row: Mapping[str, Any]) -> str:
     """What a row is about, as `impedance K, compensated`."""
     quantity = "B without friction" if row["quantity"] == "B_viscous" else row["quantity"]
     parts = (f"{row['experiment']} {quantity}", row["controller"], row["group"], row["joint"], row["side"])
-    return ", ".join(part for part in parts if part not in (None, "all", "ankle"))
+    said = ", ".join(part for part in parts if part not in (None, "all", "ankle"))
+    return f"{said} ({row['condition']})" if row["condition"] else said
 
 
 def verdicts_said(table: pl.DataFrame) -> str:
     """The verdicts in a sentence, each with its quantities, and how many quantities have none."""
-    rows, alone, said = table.to_dicts(), table["method"].null_count(), list[str]()
+    rows, said = table.to_dicts(), list[str]()
+    whole = table.filter(pl.col("condition").is_null())
+    alone = whole["method"].null_count()
     for verdict in ("equivalent", "different", "undecided"):
         own = [row for row in rows if row["verdict"] == verdict]
         of = {row["margin_percent"]: f" (±{row['margin_percent']:g} %)" for row in own if row["margin_percent"]}
         named = [label_of(row) + of.get(row["margin_percent"], "") for row in own]
         said += [f"{verdict}: {', '.join(named)}"] if named else []
-    none = f"without a verdict: {table['verdict'].null_count()} of {len(rows)} quantities"
+    none = f"without a verdict: {whole['verdict'].null_count()} of {len(whole)} quantities"
     return f"{'; '.join([*said, none])}, {alone} of them in one campaign alone."

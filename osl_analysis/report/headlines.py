@@ -172,7 +172,7 @@ def summary_means(table: pl.DataFrame, labels: Mapping[str, Headline], interval:
 
 def impedance_headlines(impedance: pl.DataFrame, example: Example) -> Iterator[Headline]:
     """The numbers of the rendered impedance with each controller, those of the draft first; None: without one. Those of
-    the trial that Fig. 4 shows are their means over its repeats, if there are several."""
+    each condition are means over its trials, if there are several; that of the trial in Fig. 4 is the first."""
     found = set(impedance["controller"])
     others = sorted(found - {*CONTROLLERS, None})
     for controller in (one for one in (*CONTROLLERS, *others, None) if one in found):
@@ -191,25 +191,44 @@ def impedance_headlines(impedance: pl.DataFrame, example: Example) -> Iterator[H
         yield from over_fits(of_B, (B - used["B_d"]).abs(), np.mean, trials, used)
         if "torque_error" in used.columns:
             yield from over_fits(labels["torque_error"], trials["torque_error"], np.mean, trials)
-        asked = {"K_d": example.K_d, "B_d": example.B_d}
-        shown = trials.filter(pl.col(name).eq_missing(pl.lit(value, pl.Float64)) for name, value in asked.items())
-        # a mean of trials that nobody stated to be alike is that of no joint, unless they repeat one another
-        unstated = example.K_d is None and len(shown) > 1
-        repeated = repeating_trials(shown) if unstated else pl.lit("all")
-        parts = shown.with_columns(repeated=repeated).partition_by("repeated", maintain_order=True)
-        for part, symbol in product(parts if len(parts) <= MOST_UNSTATED else (), ("K", "B", "I", "B_viscous", "f_C")):
-            label = of_group(labels[f"{symbol}_example"], part["trial"][0] if unstated else "all")
-            label = (
-                with_end(label, f"mean with {len(part) - 1} that repeat it") if unstated and len(part) > 1 else label
-            )
-            if len(part) != 1 or part[symbol][0] is None:
-                yield from over_fits(label, counted(part)[symbol], np.mean, part, counted(part))
-                continue
-            row = part.row(0, named=True)
-            kind = FEW if row["interval_method"] == "repeats" else FOR_MOTION
-            number = headline(label, row[symbol], 1, row[f"{symbol}_low"], row[f"{symbol}_high"], kind)
-            low, high = (row.get(f"{symbol}_amplitudes_{end}") for end in ("low", "high"))
-            yield replace(number, n_doubtful=doubtful_count(part)[0], amplitudes_low=low, amplitudes_high=high)
+        for one in (example, *others_stated(trials, example)):
+            yield from numbers_of_condition(trials, one, controller, len(found) == 1, one is not example)
+
+
+def others_stated(trials: pl.DataFrame, example: Example) -> list[Example]:
+    """The other stated conditions of impedance trials, where they are few: of one more a table tells."""
+    pairs = trials.drop_nulls("K_d").select("K_d", "B_d").unique().sort("K_d", "B_d").rows()
+    others = [Example(*pair) for pair in pairs if pair != (example.K_d, example.B_d)]
+    return others if len(others) < MOST_UNSTATED else []
+
+
+def numbers_of_condition(
+    trials: pl.DataFrame, example: Example, controller: str | None, alone: bool, is_other: bool
+) -> Iterator[Headline]:
+    """K, B, I and friction of the trials of one desired impedance, which is named if it `is_other` than that of Fig. 4;
+    those of no stated one are told one by one."""
+    asked = {"K_d": example.K_d, "B_d": example.B_d}
+    shown = trials.filter(pl.col(name).eq_missing(pl.lit(value, pl.Float64)) for name, value in asked.items())
+    # a mean of trials that nobody stated to be alike is that of no joint, unless they repeat one another
+    unstated = example.K_d is None and len(shown) > 1
+    repeated = repeating_trials(shown) if unstated else pl.lit("all")
+    parts = shown.with_columns(repeated=repeated).partition_by("repeated", maintain_order=True)
+    for part, symbol in product(parts if len(parts) <= MOST_UNSTATED else (), ("K", "B", "I", "B_viscous", "f_C")):
+        having, its = part.drop_nulls(symbol), counted(part).drop_nulls(symbol)
+        label = with_controller(LABELS["impedance"][f"{symbol}_example"], controller, example, alone)
+        if is_other:
+            said = ", ".join(f"{name} {value:g}" for name, value in asked.items() if value is not None)
+            label = replace(of_group(label, said), meaning=label.meaning)
+        label = of_group(label, its["trial"][0] if unstated and len(its) else "all")
+        label = with_end(label, f"mean with {len(its) - 1} that repeat it") if unstated and len(its) > 1 else label
+        if len(having) != 1:
+            yield from over_fits(label, its[symbol], np.mean, having, its)
+            continue
+        row = having.row(0, named=True)
+        kind = FEW if row["interval_method"] == "repeats" else FOR_MOTION
+        number = headline(label, row[symbol], 1, row[f"{symbol}_low"], row[f"{symbol}_high"], kind)
+        low, high = (row.get(f"{symbol}_amplitudes_{end}") for end in ("low", "high"))
+        yield replace(number, n_doubtful=doubtful_count(having)[0], amplitudes_low=low, amplitudes_high=high)
 
 
 HEADLINE_ESTIMATOR = "ensemble"  # its bias decreases with the number of crossings, that of the mean over them does not
@@ -396,15 +415,17 @@ def to_tex(about: Mapping[str, str], headlines: Sequence[Headline], remarks: Seq
 def to_table(numbers: Mapping[str, Mapping[str, Any]], markdown: bool) -> str:
     """The numbers of a summary, in the form that `to_json` writes, as Markdown or in aligned columns: what each is,
     value, interval, trials, the draft's value."""
-    rows = [("quantity", "value", "interval", "n", "draft")]
+    rows: list[tuple[str, ...]] = [("quantity", "value", "interval", "n", "draft")]
+    beside_draft = any(number["draft"] is not None for number in numbers.values())
     for number in numbers.values():
         value, interval, single = numbers_said(number)
         interval += f", {number['interval']}" * bool(interval) + f"; single amplitudes {single}" * bool(single)
         interval += f"{'; ' if interval else ''}{number['verdict']}" if number.get("verdict") else ""
         draft = "" if number["draft"] is None else f"{number['draft']:g}"
         rows.append((number["meaning"], f"{value} {number['unit']}", interval, trials_text(number), draft))
+    rows = rows if beside_draft else [row[:-1] for row in rows]
     if markdown:
-        rows.insert(1, ("---",) * 5)
+        rows.insert(1, ("---",) * len(rows[0]))
         return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |\n" for cells in rows)
     return aligned(rows)
 
@@ -489,15 +510,17 @@ def decimals(
 ) -> int:
     """Decimal places with which a number is written: half its interval keeps two digits, without one it has three, and
     what trials `scatter` by, or a thousandth of it, keeps one. With a range, which does not show the precision, it has
-    three, or more until the ends differ; a count has none."""
+    three, no more than one beyond the two of the range, or more until the ends differ; a count has none."""
     if interval == COUNT:
         return 0
-    half = 0.0 if low is None or high is None or interval == RANGE else abs(high - low) / 2
+    half = 0.0 if low is None or high is None else abs(high - low) / 2
+    if interval == RANGE and half > NO_WIDTH * abs(value):
+        finest = 2 - exponent_of(half)
+        return told_apart(low, high, max(min(2 - exponent_of(value) if value else 0, finest), 0))
     if half > NO_WIDTH * abs(value):
         coarsest = max(FINEST * abs(value), scatter or 0.0, np.finfo(float).tiny)
         return max(min(1 - exponent_of(half), -exponent_of(coarsest)), 0)
-    digits = max(2 - exponent_of(value), 0) if value else 0
-    return told_apart(low, high, digits) if interval == RANGE else digits
+    return max(2 - exponent_of(value), 0) if value else 0
 
 
 def digits_of(value: float, low: float | None, high: float | None, *by: Any) -> tuple[int, int]:
@@ -506,6 +529,8 @@ def digits_of(value: float, low: float | None, high: float | None, *by: Any) -> 
     the ends are those of its interval."""
     digits = decimals(value, *(by or (low, high, None)))
     finer = told_apart(low, high, digits)
+    if low is not None and high is not None and RANGE in by and high - low > NO_WIDTH * abs(value):
+        finer = told_apart(low, high, max(min(digits, 1 - exponent_of((high - low) / 2)), 0))
     if low is None or high is None or not low < value < high or high - low <= NO_WIDTH * abs(value):
         return digits, finer
     for _ in range(2):

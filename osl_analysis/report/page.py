@@ -29,7 +29,7 @@ from osl_analysis.judge.words import WORDS, printed, without_names
 from osl_analysis.report import TEMPLATES
 from osl_analysis.report.headlines import first_said, hold_bench_errors, said_number
 from osl_analysis.report.trial_page import ReportedTrial, response_said, value_and_interval
-from osl_analysis.stats.repeats import counted, repeating_trials, summary_row
+from osl_analysis.stats.repeats import DOUBTFUL, counted, repeating_trials, summary_row
 
 ALL_SAMPLES = 250  # trials of which a page draws all samples that a series has: some 15 MB
 FIRST_FIGURES = ("fig5", "walking_page", "torque_angle", "response", "fig3")
@@ -99,8 +99,9 @@ def state_of(trials: Sequence[ReportedTrial], known: Sequence[Mapping[str, Any]]
     the findings of a summary, of trials and of walking groups."""
     said = []
     for verdict in ("doubtful", "doubtful in part", "flagged"):
-        own = [trial for trial in trials if trial.verdict == verdict]
-        why = Counter(cause for trial in own for cause in {one["cause"] for one in trial.deciding})
+        of_kind = [trial.causes_of(verdict) for trial in trials if not trial.left_out]
+        own = [causes for causes in of_kind if causes]
+        why = Counter(cause for causes in own for cause in causes)
         causes = [cause if n == len(own) else f"{cause} ({n})" for cause, n in why.most_common(3)]
         are = "is" if len(own) == 1 else "are"
         said += [f"{len(own)} of {len(trials)} trials {are} {verdict}: {', '.join(causes)}."] * bool(own)
@@ -169,10 +170,15 @@ def motion_said(row: Mapping[str, Any]) -> str:
 def of_groups(tables: Mapping[str, pl.DataFrame], findings: Mapping[str, Sequence[Entry]]) -> list[dict[str, Any]]:
     found = []
     groups = tables.get("walking_summary", pl.DataFrame(schema=["estimator", "group"])).filter(estimator="ensemble")
+    judged = tables.get("walking", pl.DataFrame(schema=["trial", "group", DOUBTFUL])).drop_nulls(DOUBTFUL)
     for (group,), own in groups.group_by("group", maintain_order=True):
         row = {f"{one['quantity']}{end}": one[of] for one in own.to_dicts() for end, of in IN_SUMMARY.items()}
         of = "walking" if group == "all" else f"walking, {group}"
         about = doubts_said(findings.get(str(group), ()), "walking_groups", {})
+        crossings = judged.filter(group=group)["trial"].to_list()
+        of_each = doubts_said([one for trial in crossings for one in findings.get(trial, ())], "walking", {}, 0)
+        said = of_each["doubt"] and f"of {len(crossings)} perturbations {of_each['doubt']}"
+        about["doubt"] = "; ".join(filter(None, [about["doubt"], said]))
         cells = {symbol: value_and_interval(row, symbol) for symbol in ESTIMATES}
         found.append({"of": of, "trials": [], **about, **cells})
     return found
@@ -188,20 +194,20 @@ def doubts_said(entries: Sequence[Entry], table: str, row: Mapping[str, Any], n:
     own = [one for one in entries if one["table"] == table and not one["in_part"]]
     doubts = [one for one in own if one["grade"] == Grade.DOUBTS]
     by_cause = Counter(cause for _, cause in {(one["trial"], one["cause"]) for one in doubts})
-    said = [f"{cause} ({k} of {n})" for cause, k in sorted(by_cause.items())]
+    said = [f"{cause} ({k}{f' of {n}' * bool(n)})" for cause, k in sorted(by_cause.items())]
     said = [doubted(one, row) for one in doubts] if n == 1 else [*map(printed, said)]
     unchecked = {one["cause"] for one in own if one["grade"] == Grade.UNCHECKED}
     return {"doubt": "; ".join(dict.fromkeys(said)), "unchecked": len(unchecked)}
 
 
 def doubted(entry: Entry, row: Mapping[str, Any]) -> str:
-    """A cause of doubt about a row, with the estimates that it leaves, in their units."""
+    """A cause of doubt about a row, with the estimates of the fit that has it, in their units."""
     left = []
     for name, symbol in without_names(entry["cause"], row).items():
         value, *ends = (entry.get(f"{name}_without{end}") for end in ("", "_low", "_high"))
         said = dict.fromkeys(f"{end:.3g}" for end in (ends if None not in ends else [value]) if end is not None)
         left += [f"{symbol} {' to '.join(said)}"] * bool(said)
-    return printed(f"{entry['cause']}{f' (without it {in_words(left)})' if left else ''}")
+    return printed(f"{entry['cause']}{f' (with it in the fit {in_words(left)})' if left else ''}")
 
 
 def method_said(settings: Mapping[str, Any], tables: Mapping[str, pl.DataFrame]) -> str:

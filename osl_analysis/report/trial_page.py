@@ -171,6 +171,7 @@ VERDICTS = ("clear", "doubtful in part", "flagged", "doubtful", "excluded", "ref
 """Of a trial: `doubtful` by its fit to all of it, `doubtful in part` by other rows. All but the last two are used."""
 DECIDES = {"doubtful": {"all"}, "flagged": {"recording"}, "doubtful in part": {"part", "other"}}
 """By what a doubt has to be of for a verdict, the worst one first."""
+WORST_FIRST = ("all", "recording", "part", "other")
 
 
 def left_out_trials(
@@ -263,6 +264,11 @@ class ReportedTrial:
             return "refused" if self.refused else "excluded"
         kinds = {one["of"] for one in self.doubts}
         return next((verdict for verdict, of in DECIDES.items() if kinds & of), "clear")
+
+    def causes_of(self, verdict: str) -> set[str]:
+        """The causes that make it so, of a cause its worst doubt alone, as the map of trials and causes has it."""
+        worst = {one["cause"]: one["of"] for one in sorted(self.doubts, key=lambda one: -WORST_FIRST.index(one["of"]))}
+        return {cause for cause, of in worst.items() if of in DECIDES[verdict]}
 
     @property
     def deciding(self) -> list[dict[str, Any]]:
@@ -446,10 +452,16 @@ def methods_content(
 
 
 def recorded_of(trials: Sequence[ReportedTrial]) -> dict[str, dict[str, Any]]:
-    """By experiment the numbers of trials recorded and used, their lowest rates [Hz], files, rates of plates, turns."""
+    """By experiment the numbers of trials recorded and used, their lowest rates [Hz], those of each of their `streams`
+    and of the `grids` that these came to, files, rates of plates, turns."""
     recorded = dict[str, dict[str, Any]]()
     for trial in trials:
-        own = recorded.setdefault(trial.row["experiment"], {"rates": [], "files": [], "plates": [], "turns": []})
+        none: dict[str, Any] = {"rates": [], "files": [], "plates": [], "turns": [], "streams": {}, "grids": []}
+        own = recorded.setdefault(trial.row["experiment"], none)
+        if (base := trial.tables.get("timebase")) is not None:
+            for signals, rate in base.select("signals", pl.col("rate_hz").round_sig_figs(3)).drop_nulls().iter_rows():
+                own["streams"].setdefault(signals, []).append(rate)
+            own["grids"] += base["grid_rate_hz"].drop_nulls().round_sig_figs(3).to_list()
         used, perturbed = not trial.left_out, bool(trial.row.get("perturbed"))
         counts = {"n": 1, "used": used, "perturbed": perturbed, "perturbed_used": perturbed and used}
         own |= {count: own.get(count, 0) + more for count, more in counts.items()}
@@ -489,8 +501,11 @@ def turn_of(crossing: pl.DataFrame) -> tuple[float, float]:
     time, turned = crossing["time"].to_numpy(), crossing["platform_deg"].fill_nan(None).fill_null(0.0).abs().to_numpy()
     size = float(np.median(turned[turned >= 0.9 * turned.max()]))  # beside the noise of markers
     end = int(np.argmax(turned > 0.9 * size))
-    start = int(np.flatnonzero(turned[: end + 1] < 0.1 * size)[-1:].sum())
-    return size, 1e3 * float(time[end] - time[start])
+    start = int(np.flatnonzero(turned[:end] < 0.1 * size)[-1:].sum())
+    ends = []  # between two samples, of which a turn of 50 ms may have ten
+    for k, share in ((start, 0.1), (end - 1, 0.9)):
+        ends.append(np.interp(share * size, turned[k : k + 2], time[k : k + 2]))
+    return size, 1e3 * float(ends[1] - ends[0])
 
 
 def trial_row(trial: ReportedTrial, differing: Collection[str]) -> dict[str, Any]:

@@ -32,16 +32,16 @@ class Repeats:
     interval_method: str | None = None  # which of both it is; None without an interval
 
 
-REPEATS_WITHIN = {"band_high_hz": 1.15, "theta_rms_deg": 1.15, "K": 1.03, "B": 1.15}
+REPEATS_WITHIN = {"band_high_hz": 1.15, "period_s": 1.15, "theta_rms_deg": 1.15, "K": 1.03, "B": 1.15}
 """Of two trials of one excitation, for which nothing is stated, the ratios up to which they repeat each other."""
 
 
 def repeating_trials(table: pl.DataFrame) -> pl.Series:
     """The name of the first trial that each of a table (n,) repeats, by all that was measured of them; of most trials
-    its own."""
-    same = [
-        alike_sizes(table[name], ratio).alias(name) for name, ratio in REPEATS_WITHIN.items() if name in table.columns
-    ]
+    its own. One with certain friction (`B_viscous`) repeats none without."""
+    known = {name: ratio for name, ratio in REPEATS_WITHIN.items() if name in table.columns}
+    same = [alike_sizes(table[name].cast(pl.Float64), ratio).alias(name) for name, ratio in known.items()]
+    same += [table[name].is_null() for name in ("B_viscous",) if name in table.columns]
     motion = [name for name in ("excitation",) if name in table.columns]
     return table.with_columns(*same).select(pl.col("trial").first().over(*motion, *(one.name for one in same)))["trial"]
 

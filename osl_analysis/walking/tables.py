@@ -253,7 +253,7 @@ def reaction_facts(headline: GroupHeadline) -> dict[str, object]:
     inverse = np.linalg.pinv(motion[rows].columns)
     per_slope = float(inverse[1] @ (motion.theta * first.time)[rows]) / per_stance
     both = headline.directions.get("up minus down")
-    hidden = (None, None) if isolation.SLOPING in certain else (float(low.min()), float(high.max()))
+    hidden = (None, None) if isolation.SLOPING in certain else (min(0.0, *low), max(0.0, *high))
     return {
         "reaction": " or ".join(certain) or None,
         "reaction_share": share,

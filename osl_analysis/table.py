@@ -44,8 +44,7 @@ def tables_of(data: str) -> Iterator[None]:
 
 
 def marked_data(frame: pl.DataFrame) -> pl.DataFrame:
-    """A table with the column of `tables_of`, whose texts no spreadsheet takes for formulas. Beside `joint` it has a
-    `side` only where one is known."""
+    """A table with the column of `tables_of`, whose texts no spreadsheet takes for formulas, and `side` where known."""
     data = OF_DATA.get()
     if {"joint", "side"} <= {*frame.columns} and frame["side"].null_count() == len(frame):
         frame = frame.drop("side")

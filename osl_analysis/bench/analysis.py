@@ -82,8 +82,7 @@ def plausible_impedance(
     amplitude in every row, since friction changes K least there. Where nothing but the parameter file says that the
     joint `is_this_leg`, `K_over_K_s` is null up to 1: another device may be as soft as it likes; beyond that a unit
     may be wrong, or the parameter file is of another device.
-    Raises InputError: K is negative, its interval too, or that of a joint that is this leg is larger than that of the
-    belt through which the motor acts."""
+    Raises InputError: K and its interval are negative, or K of this leg is larger than that of its belt."""
     last = table.row(-1, named=True)
     K = last["K"]
     if last["B_low"] < 0 or last["I_high"] < 0:  # of the right sign a joint may drive the motion by its K alone
@@ -159,8 +158,7 @@ def check_told(
 
 QUANTITIES = ("K", "B", "I")  # parameters of Eq. 15
 LITTLE = {"K": 0.0, "B": 2.0, "I": 5e-3}
-"""Sizes of K, B [N*m*s/rad] and I [kg*m^2] below which their shares say little; added in quadrature to what a share is
-taken of."""
+"""Sizes of K, B [N*m*s/rad] and I [kg*m^2] below which shares say little; added in quadrature to what a share is of."""
 SumsOf = Callable[[Record, Model], Sums]
 PER_ANGLE = dict.fromkeys(("K", "B", "I", "K_s", "B_j", "J_j", "B_m", "J_m", "weight"), 1) | {"K_s2": 2}
 """Powers of the angle by which estimates are torques."""
@@ -279,8 +277,7 @@ class Analysis:
 def fitted_motion(record: Record, sums: Sums, model: Model, again: SumsOf = plain_sums) -> Analysis:
     """Eq. 15, with what the `model` has beside it, of any motion; the arguments are those of `analysed`.
 
-    Raises InputError: the joint hardly moves. Raises IdentifiabilityError: the motion cannot tell K from I; the message
-    names the band that is missing.
+    Raises InputError: the joint hardly moves; IdentifiabilityError: as `check_told`.
     """
     of, (low, high), moving_s = record.groups, record.band_hz, np.inf
     if not record.is_stepped_sine:
@@ -477,8 +474,7 @@ def without_friction(
 
 
 def without_lag(analysis: Analysis, lag: Fault | None, label: Label) -> Row:
-    """K, B and I of a label for the torque earlier by a lag that was found, with the error of the lag in the intervals;
-    null without one."""
+    """K, B and I of a label without a lag that was found, whose error is in the intervals; null without one."""
     if lag is None or not lag.found:
         return without_row(None, "without_lag")
     record, fit = analysis.record, analysis.fits[label]
@@ -579,8 +575,7 @@ class FitTables(dict[str, pl.DataFrame]):
 
 
 def alias_share(record: Record, fit: GroupFit) -> float:
-    """The share of B or I, whichever is larger, that jumps of the acceleration between two samples may make; 0 where it
-    is less than a standard error.
+    """The larger share of B or I that jumps of the acceleration between samples may make; 0 below a standard error.
 
     The torque jumps with the acceleration. Without an anti-aliasing filter its area is known to half a sample: a binary
     sequence that is clocked with the sampling is read late by half a sample in all of its jumps. A jump is a third
@@ -612,8 +607,7 @@ def alias_share(record: Record, fit: GroupFit) -> float:
 
 
 def smoothed_jumps(record: Record, fit: GroupFit, rows: NDArray[np.intp], signs: Array) -> float:
-    """What a low-pass of the torque leaves of the half sample by which jumps (k,), up or down by their `signs`, are
-    misread; 1 without one.
+    """What a low-pass leaves of the half sample by which jumps (k,), of these `signs`, are misread; 1 without one.
 
     A stated one leaves what it passes at the sampling rate. Else the torque of the inertia shows it: without one all of
     a jump lies between two samples, behind one of first order the next samples rise by a share q each of the last. Its

@@ -58,8 +58,7 @@ def part_summary(part: str, table: pl.DataFrame) -> pl.DataFrame:
 
 def belt_trial(trial: Trial, p: DrivetrainParameters | None, settings: BeltAnalysis) -> Analysis:
     """Filter and fit one canonical trial. Without parameters (None) the ratio n_T is not known: the shaft must rest.
-    Raises InputError, IdentifiabilityError: as `branches_of` and `fit_groups`, or the belt is stiffer than the bench;
-    the message names the trial."""
+    Raises InputError, IdentifiabilityError: as `branches_of` and `fit_groups`, or the bench is softer."""
     signals = uniform_signals(trial, ("theta", "theta_m", "torque"), settings.gap_limits)
     other, bench = signals.other(), settings.bench_stiffness
     with naming(f"trial {trial.name}"):
@@ -123,8 +122,7 @@ def fit_branches(record: Record, drift: float = 0.0) -> Analysis:
 
 def branches_of(theta_s: Array, rate_hz: float, usable: NDArray[np.bool_], cutoff_hz: float) -> Groups:
     """Stretches of loading and unloading of a deflection theta_s (n,) [rad] in usable rows; some sixteen for each
-    branch, from whose scatter its interval comes. Raises InputError: as `loaded_rows`, or a branch has no usable
-    row."""
+    branch, from whose scatter its interval comes. Raises InputError: as `loaded_rows`, or a branch is empty."""
     onset, peak, release = loaded_rows(theta_s - theta_s[0])
     found = []
     for label, rows in (("loading", slice(onset, peak + 1)), ("unloading", slice(peak, release))):
@@ -215,8 +213,7 @@ def belt_table(belt: Analysis) -> pl.DataFrame:
 
 
 def shaft_turn(record: Record) -> float | None:
-    """Turn of the actuator's shaft per turn of the joint, while the belt is loaded; None of a record that no file
-    holds."""
+    """Turn of the actuator's shaft per turn of the joint, while the belt is loaded; None without a file."""
     if record.uniform is None:
         return None
     rows = record.rows("loading")

@@ -293,8 +293,7 @@ def changes_of_repeats(s: Sums, model: Model, effects: Mapping[str, Mapping[str,
     """Sizes of effects that grow with time [1/s], by what repeats of one motion differ by: each stratum has a misfit
     of its own, whatever the joint is. An effect is a combination of columns; None where no stratum has three repeats.
 
-    The time is that of the group and not of the row. A score is the product of column and residual in a group, less
-    the mean of its stratum.
+    Time is the group's. A score is the product of column and residual in a group, less the mean of its stratum.
     """
     middle, kind = (s.groups.first + s.groups.stop) / 2 / s.rate_hz, s.groups.stratum
     members = np.bincount(kind)
@@ -355,8 +354,7 @@ def repeats_row(record: Record, s: Sums, model: Model) -> Row:
 
 
 def clocks_row(record: Record, ppm: float, error: float, freedom: float) -> Row:
-    """The drift between the clocks of two devices. Raises InputError: it is certain and larger than the settings allow;
-    the message names the trial."""
+    """The drift between the clocks of two devices. Raises InputError: it certainly exceeds the settings' limit."""
     largest = record.settings.time_base.largest_drift_ppm if record.settings else np.inf
     try:
         return {**drift_row(ppm, error, freedom, largest)}

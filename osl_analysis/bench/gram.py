@@ -165,8 +165,7 @@ def fit_groups(
     keep: "NDArray[np.bool_] | Label" = None,
     limit: float = CONDITION_LIMIT,
 ) -> GroupFit:
-    """Least squares of the torque on a model (Eq. 15), estimate -> column, over the groups of a label or those to keep
-    (m,).
+    """Least squares of the torque on a model (Eq. 15), estimate -> column, over a label's groups or those to keep (m,).
 
     Raises IdentifiabilityError: a column is 0 throughout, or the scaled condition number is above the `limit`.
     """
@@ -320,8 +319,7 @@ def noise_of_scores(scores: Array, columns: int) -> tuple[Array, Array]:
 
 
 def held_out_vaf(s: Sums, model: Mapping[str, str], label: Label = None, interleaved: bool = False) -> float | None:
-    """Lowest VAF [percent] of groups that a fit did not use; None where there are none, or nothing can be fitted. An
-    offset of theirs does not count.
+    """Lowest VAF [percent] of groups that a fit did not use, whatever their offset; None without any, or without a fit.
 
     Of a label: of the other labels, by its fit. Of all: of each label by the fit to the others, with one label of each
     third of the groups: consecutive ones, or every third one where something may change over the record.

@@ -197,8 +197,7 @@ def delay_by_muscle(person: Reflexive) -> tuple[float, float, float]:
 
 
 def changing_columns(raw: Record, human: HumanJoint, slow: Array, fitted: Array) -> dict[str, Array]:
-    """Columns (n,) by which K, B and the torque without motion change with a slow signal (n,), of which rows (m,) are
-    fitted."""
+    """Columns (n,) by which K, B and the torque at rest change with a slow signal (n,), fitted in rows (m,)."""
     shares = over_basis(fitted, slow) - over_basis(fitted, fitted).mean(axis=0)
     moved = {"K": raw.motion.theta - raw.part(raw.motion.theta).mean(), "B": raw.motion.omega}
     if human.over != "time":
@@ -305,8 +304,7 @@ def own_cutoff_hz(trial: Trial, settings: HumanJointAnalysis) -> float:
 
 
 def fit_person(trial: Trial, settings: HumanJointAnalysis, windows: str | None = None) -> PersonFit:
-    """The fit of a person's joint, moved at random. Raises as `record_of_trial` and `fitted_motion`; InputError: the
-    motion is a stepped sine."""
+    """The fit of a person's joint. Raises as `record_of_trial` and `fitted_motion`; InputError: a stepped sine."""
     if settings.own_cutoff:
         settings = settings.model_copy(update={"cutoff_hz": own_cutoff_hz(trial, settings)})
     raw, human = record_of_trial(trial, settings, windows, excitation="any"), settings.human or HumanJoint()
@@ -352,8 +350,7 @@ def lag_of_person(person: Reflexive) -> effects.Fault | None:
 
 
 def lag_of_person_row(fit: PersonFit) -> Row:
-    """The lag of the torque, and K, B and I without it, or without 1 ms of lag where one might change K, B or I by more
-    than a tenth."""
+    """The lag of the torque, and K, B and I without it, or without 1 ms of lag where one might matter."""
     person, whole, lag = fit.person, fit.analysis.whole, lag_of_person(fit.person)
     raw, taken = person.raw, lag.size if lag and lag.found else 1e-3
     earlier = np.interp(raw.time + taken, raw.time, raw.filtered_torque)

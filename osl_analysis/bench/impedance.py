@@ -303,8 +303,7 @@ def calibration_table(analysis: Analysis, known: Known) -> pl.DataFrame:
 
     A spring has no damping but what `SPRING_LOSS` allows, unless the fit with both, of which `B` is, certainly has one:
     what is in phase with the velocity beside friction is a delay. An inertia tells a delay from the damping of its
-    bearing by higher derivatives. `gain` is what torque over angle reads of what is known; what is read beside it is
-    the fixture's.
+    bearing by higher derivatives. `gain` is what torque over angle reads of what is known; the rest is the fixture's.
 
     Raises InputError: nothing is known; IdentifiabilityError: as `fit_groups`.
     """

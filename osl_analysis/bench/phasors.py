@@ -95,8 +95,7 @@ class ComplexEstimate:
 
 
 def with_errors(value: complex, errors: Sequence[tuple[Array, float]]) -> ComplexEstimate:
-    """A number with independent errors: covariances (2, 2), each with its degrees of freedom, which add up by the
-    trace."""
+    """A number with independent errors: covariances (2, 2) with their degrees of freedom, which add up by the trace."""
     covariances, freedom = zip(*errors, strict=True)
     total = float(welch_satterthwaite([np.trace(C) for C in covariances], freedom))
     return ComplexEstimate(value, np.sum(covariances, axis=0), total)
@@ -316,8 +315,7 @@ def frequency_response_table(phasors: pl.DataFrame) -> pl.DataFrame:
     [rad/(N*m)] and phase [deg] with 95 % intervals.
 
     The intervals contain the noise of the phasors only. `_min` and `_max` are the values of the single amplitudes.
-    Their phases are computed relative to that of the mean, so that they do not jump at 180 degrees. `doubtful` lists
-    the causes of doubt about them.
+    Their phases are relative to that of the mean: none jumps at 180 degrees. `doubtful` lists causes of doubt.
     """
     types: dict[str, Any] = dict.fromkeys(("trial", "joint", "side", "controller"), pl.String)
     types |= dict.fromkeys(("K_d", "B_d", "frequency_hz"), pl.Float64)

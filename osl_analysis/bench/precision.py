@@ -272,8 +272,7 @@ class Sensors:
     drift: float = 0.0  # of the load cell [N*m/s]
 
     def variances(self, sines: PlannedSines, Z: Impedances, record_s: float) -> dict[str, Array]:
-        """Variances (2, n) [(N*m)^2] of the torque's amplitudes by cause, for impedances Z (n,) [N*m/rad] at the sines
-        and a record of `record_s` [s]."""
+        """Variances (2, n) [(N*m)^2] of the torque's amplitudes by cause, for impedances Z (n,) [N*m/rad]."""
 
         def through(angle: Array) -> Array:
             """What errors of the angle's amplitudes are worth as errors of the torque's, as variances (2, n)."""

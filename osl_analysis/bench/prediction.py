@@ -187,8 +187,7 @@ COMPONENTS = dict.fromkeys(ACTUATOR_PARAMETERS, "actuator") | {"K_s": "belt"} | 
 PARTS = tuple(dict.fromkeys(COMPONENTS.values()))
 DELAYS = ("angle_delay", "velocity_delay")  # ages [s] of what the controller uses, which no component trial shows
 TERMS = ("left", *COMPONENTS, "torque_gain", *DELAYS)
-"""Torques of a trial: what the prediction leaves, and what one unit more of each component, of the gain of its load
-cell, or of a delay adds to it."""
+"""Torques of a trial: what the prediction leaves, and what a unit of each component, gain or delay adds to it."""
 QUANTITIES = ("K", "B", "I", "torque")  # of Eq. 15, and the RMS [N*m] of the torque
 ALONG = ("along_theta", "along_omega", "along_alpha")
 """RMS of the parts of a torque that are proportional to the motion, over the RMS of the predicted torque: what K, B and

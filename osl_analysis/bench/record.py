@@ -91,8 +91,7 @@ class Groups:
 
     @cached_property
     def pieces(self) -> Mapping[Label, list[slice]]:
-        """Rows of the groups of each label, those that follow one another together, in the order of time; of all for
-        None."""
+        """Rows of each label's groups in the order of time, adjacent ones together; of all for None."""
         edges = zip(self.first.tolist(), self.stop.tolist(), strict=True)
         rows = [whole_rows(first, stop) for first, stop in edges]
         return {label: joined(list(compress(rows, self.of(label)))) for label in (None, *self.labels)}
@@ -423,8 +422,7 @@ def record_of_trial(
     turn. Between the two a stepped sine may be damaged: it is refused with the setting by which it is taken for another
     motion, or fitted as one. `windows` [s] state that it is another, and what of it is fitted.
 
-    Raises InputError: a signal is missing, has no time base, does not move, or follows a damaged protocol; the message
-    names the trial.
+    Raises InputError: a signal is missing, has no time base, does not move, or follows a damaged protocol.
     """
     signals = uniform_signals(trial, ("theta", "torque"), settings.gap_limits, computed=("theta_command",))
     steps = list[float | None]()
@@ -639,8 +637,7 @@ def fitted_pieces(
 ) -> tuple[slice, ...]:
     """Rows of the stretches that are fitted: in stated windows [s], or from the first to the last motion, without two
     periods of the cut-off at their ends, 130 ms at 15 Hz. The ends of a record, filtered with an invented continuation,
-    would change K by 0.05 % and I by 0.4 %. Raises InputError if the joint does not move, or no stretch is long
-    enough."""
+    would change K by 0.05 % and I by 0.4 %. Raises InputError: nothing moves, or for long enough."""
     time = signals.time - signals.time[0]
     if stated is None:
         moving = stepped_sine.moving_bins(time, signals["theta"])

@@ -368,8 +368,7 @@ def torque_angle_table(trial: TorqueAngleTrial, desired: str | None = None) -> p
     Intervals are those of the mean over cycles (Student), with the errors of the bench; null with one cycle.
     `cycle_drift` is the change of torque at the same angles from the first cycle to the last, `rate_change` that of the
     energy lost from the slowest cycle to the fastest (`change_with_speed`), `desired_rms` the distance [N*m] of the
-    mean of both branches from the desired curve, `desired_ratio` its slope over this curve. Raises InputError: There is
-    no such curve.
+    mean of both branches from the desired curve, `desired_ratio` its slope over this curve. InputError: no such curve.
     """
     cycles, bench, theta, torque = cycle_table(trial), trial.settings.bench_stiffness, trial.theta, trial.torque
     of = {name: cycles[name].to_numpy() for name in cycles.columns if name != "trial"}

@@ -343,8 +343,7 @@ ABOUT_MACROS = {name: name.capitalize() for name in ABOUT_MEANING}  # The LaTeX 
 
 
 def sentence(about: Mapping[str, str], below_figure: bool = False) -> str:
-    """What results are made of. Below a figure its numbers are left out: a configuration that it does not use does not
-    draw it anew."""
+    """What results are made of. A figure's numbers are left out: what it does not use does not draw it anew."""
     of = {name: about.get(name, "") for name in ABOUT_MEANING}
     configuration = "" if below_figure else f", configuration {of['configuration']}"
     made_by = f"osl-analysis {of['version']}{configuration}"

@@ -381,8 +381,7 @@ LEFT_OUT = {"settled": "first", "smaller": "below 90 % of the range", "partial":
 
 
 def estimates_text(estimates: pl.DataFrame, findings: Sequence[Sequence[Finding]] = ()) -> str:
-    """The estimates as text: a line per fit and quantity, with 95 % interval and VAF, and the doubts among the
-    `findings` about each row."""
+    """The estimates as text: a line per fit and quantity, with 95 % interval and VAF, and the doubts about each row."""
     lines = []
     for row, of_row in zip_longest(estimates.to_dicts(), findings, fillvalue=()):
         assert isinstance(row, dict)

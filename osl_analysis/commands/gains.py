@@ -132,8 +132,7 @@ def gains_text(table: pl.DataFrame) -> str:
 
 
 def plot_gains(table: pl.DataFrame, parameters: Path, output: Path) -> None:
-    """Draw the response of one pair over 0.1 to 10 Hz (as Fig. 7), the gains of a grid, or those of a trajectory (as
-    Fig. 8)."""
+    """Draw the response of one pair over 0.1 to 10 Hz (as Fig. 7), a grid of gains, or a trajectory (as Fig. 8)."""
     from osl_analysis.commands.figure import draw_table  # matplotlib takes half a second
 
     if len(table) == 1:

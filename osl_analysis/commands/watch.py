@@ -260,8 +260,7 @@ def comparable(trial: Trial, row: Mapping[str, Any], estimates: Mapping[str, Any
 def beside_siblings(
     name: str, kind: Sequence[str], numbers: Mapping[str, tuple[float, float]], notes: Path
 ) -> Iterator[str]:
-    """Whether a recording is like those of its kind before it, by median and median absolute deviation of each number.
-    What it has is added to the notes."""
+    """Whether a recording is like those of its kind before it, by median and median absolute deviation; it is noted."""
     try:
         known: dict[str, Any] = json.loads(notes.read_text(encoding="utf-8"))
     except (OSError, ValueError):

@@ -227,8 +227,7 @@ def holds_objects(path: Path) -> bool:
 
 
 def hdf5_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
-    """Data sets of numbers by their path, and the units that their attributes state. Blocks that were never written are
-    no values."""
+    """Data sets of numbers by path, and the units that their attributes state. Unwritten blocks are no values."""
     h5py = optional_module("h5py", "an HDF5 file")
     arrays, units, sizes = dict[str, NDArray[Any]](), dict[str, str](), list[int]()
 

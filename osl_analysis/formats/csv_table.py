@@ -50,8 +50,7 @@ IsUnit = Callable[[str], bool]
 
 
 def read_text(path: Path) -> tuple[bytes, bool]:
-    """A text in UTF-8 with plain line breaks, and whether its last line has its break; refused where zero bytes show
-    that it is not text."""
+    """A text in UTF-8 with plain line breaks, and whether its last line has one; refused where it has zero bytes."""
     data = utf8_of(path.read_bytes())
     try:
         data.decode()
@@ -143,8 +142,7 @@ def split_rows(lines: TextLines, delimiter: str) -> Rows:
 
 
 def name_and_unit(title: str) -> tuple[str, str]:
-    """`torque [Nm]`, `torque (Nm)`, `torque {Nm}` or `torque / Nm` as name and unit; the unit is empty where the title
-    has none."""
+    """`torque [Nm]`, `torque (Nm)`, `torque {Nm}` or `torque / Nm` as name and unit, empty without one."""
     match = re.fullmatch(r"(.*\S)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\)|\{([^{}]*)\})|(.*\S)\s+/\s+(\S+)", title, re.DOTALL)
     return (match[1] or match[5], match[2] or match[3] or match[4] or match[6] or "") if match else (title, "")
 

@@ -282,8 +282,7 @@ def samples_at_rail(trial: Trial, column: str, torque: str | None = None) -> int
 
 
 def is_command(values: Array) -> bool:
-    """Whether a channel (n,) goes from level to level without noise: beside the longest run, three in ten samples
-    repeat their predecessor."""
+    """Whether a channel (n,) has levels without noise: beside the longest run, three in ten samples repeat the last."""
     repeated = np.diff(values) == 0
     longest = longest_run(repeated)
     return bool(repeated.sum() - (longest.stop - longest.start) > 0.3 * repeated.size)

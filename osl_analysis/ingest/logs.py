@@ -317,8 +317,7 @@ def csv_log(path: Path, source: SheetSource) -> Table:
 
 
 def rows_with_values(columns: Iterable[NDArray[Any]]) -> int:
-    """How many rows there are up to the last one in which a column has a value: what is longer beside them, as an EMG,
-    has rows of its own."""
+    """How many rows there are up to the last value of any column: what is longer, as an EMG, has rows of its own."""
     return max(int(np.flatnonzero(~np.isnan(one.astype(np.float64)))[-1:].sum()) + 1 for one in columns)
 
 

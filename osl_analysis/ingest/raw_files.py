@@ -178,8 +178,7 @@ def recognise(path: Path) -> str:
 
 
 def formats_of(path: Path, stated: str = "csv") -> tuple[bytes, list[str]]:
-    """What a file begins with, and the formats that it has by that, the stated one alone where it is that; none for
-    text that only its name can tell."""
+    """What a file begins with, and the formats that tells, the stated one alone if among them; none for plain text."""
     if path.is_dir():
         return b"", ["rosbag2"]
     with path.open("rb") as file:

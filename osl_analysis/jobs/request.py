@@ -135,10 +135,9 @@ class Requests:
           with every file that Snakemake is told of), and the small `files`, which no job writes;
         * the outputs of the rule by their names; without a name, one is `output` and several are `outputs`. Or with
           `output`, where the command finds the names of its files itself;
-        * the `settings`.
-        What is refused or excluded there is left out (`jobs.job.call`). Of the files in `needs` it must have every one,
-        those in `after` are not looked at. Of `files` and `made_of` the content counts, of `recordings` state and
-        content.
+        * the `settings`. What is refused or excluded there is left out (`jobs.job.call`). Of the files in `needs` it
+        must have every one, those in `after` are not looked at. Of `files` and `made_of` content counts, of
+        `recordings` also state.
         """
         made, named, log = filled(rule, dict(wildcards.items()))
         if output is None:

@@ -1,9 +1,7 @@
 """A run of the workflow: the warm server of its jobs, each job, and what is said at the end.
-
-The server starts where it is known that a job will run. It imports once and forks processes that do the jobs, which so
+ The server starts where it is known that a job will run. It imports once and forks processes that do the jobs, which so
 begin 0.8 s earlier than in a Python of their own. A thread of Snakemake hands it a request and waits for the end of the
-job. The server ends with Snakemake, however that ends, and on Linux its jobs end with it; elsewhere they come to their
-end.
+job. The server ends with Snakemake, however that ends, and on Linux its jobs with it; elsewhere they go on.
 """
 
 import atexit
@@ -240,8 +238,7 @@ def fork() -> int:
 
 
 def do(folder: str, request: str) -> int:
-    """Do the job of a request in this process. The exit code is 1 where neither a result nor a record can be written,
-    as on a full disk."""
+    """Do the job of a request in this process. The exit code is 1 where nothing can be written, as on a full disk."""
     try:
         os.chdir(folder)
         from osl_analysis.jobs.job import perform
@@ -339,8 +336,7 @@ PLANNED = "osl_analysis_planned_"
 def at_end_of_run(workflow: Any, logs: Path, said: Callable[[Sequence[str]], str], accept: bool) -> None:
     """Let a run of Snakemake end with our report, and with exit code 1 if something that was asked for is refused,
     unless refusals are to `accept`. `said` writes the report, from the refusal records of the run; a dry run ends with
-    what is `expected` of its jobs. Snakemake's `onsuccess` and `onerror` are not called where nothing is left to do, as
-    in the run after a refusal."""
+    what is `expected` of its jobs. Snakemake's `onsuccess` and `onerror` are not called where nothing is left to do."""
 
     def end() -> None:
         if workflow.dryrun or workflow.scheduler is None or not workflow.is_main_process:

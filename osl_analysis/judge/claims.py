@@ -68,8 +68,7 @@ def claim_of(name: str, claim: str, quantity: str, number: float, ends: Ends, **
 
 
 def share_claim(name: str, what: str, quantity: str, share: float, parts: Sequence[Claim], **judged: Any) -> Claim:
-    """A claim on a share of a whole [1], with the interval that the means of its `parts` leave it (rows of a
-    summary)."""
+    """A claim on a share of a whole [1], with its interval by the means of its `parts` (rows of a summary)."""
     ends: Ends = None, None
     share, freedom = 100 * share, min(part["n"] for part in parts) - 1
     if freedom > 0 and all(part["se"] is not None for part in parts):
@@ -126,8 +125,7 @@ def compensation_claims(compensation: pl.DataFrame) -> Iterator[Claim]:
 
 
 def rendered_claims(asked: pl.DataFrame, settings: Claims) -> Iterator[Claim]:
-    """Whether each compensated trial renders K_d and B_d, and how many do. `asked` are the rows of `impedance.csv` over
-    all amplitudes."""
+    """Whether each compensated trial renders K_d and B_d, and how many do, of rows `asked` over all amplitudes."""
     trials = held_against_desired(asked.filter(pl.col("controller") == CONTROLLERS[0]))
     for symbol, unit in (("K", "N*m/rad"), ("B", "N*m*s/rad")):
         rows = []
@@ -154,8 +152,7 @@ def rendered_claims(asked: pl.DataFrame, settings: Claims) -> Iterator[Claim]:
 
 
 def passivity_claims(response: pl.DataFrame) -> Iterator[Claim]:
-    """Whether the joint takes in energy at every measured frequency: the real part of torque over velocity, `damping`
-    with its interval."""
+    """Whether the joint takes in energy at every frequency: Re of torque over velocity, `damping` with its interval."""
     for controller in CONTROLLERS:
         rows = response.filter(pl.col("controller") == controller).drop_nulls("damping")
         if rows.is_empty():

@@ -120,8 +120,7 @@ def unknown_check(name: str) -> str:
 
 
 def validate_rules(rules: QualityRules, units: Mapping[str, str]) -> None:
-    """`units` are those of what the checks measure. Raises InputError: a check has no rule, or a threshold is no
-    size in the unit of its check."""
+    """`units` are those of the checks. Raises InputError: a check has no rule, or a threshold another unit."""
     for name in CHECKS:
         if name not in rules.by_check:
             raise InputError(f"configuration, quality: no rule for the check '{name}'; add it as in config/config.yaml")

@@ -13,8 +13,7 @@ test: at s = j w the joint takes in energy at the rate of Im Z = w (B_j + c x/|N
 > 0. The rendered impedance is therefore passive with every gain that Eq. 14 selects.
 
 In time, with friction: the linear part is N(s) theta_m = K_s/n_T theta. Between samples it is solved exactly for an
-angle that is linear there. Friction is constant over a step: the torque that would stop the actuator, limited to the
-largest friction.
+angle that is linear there. Friction is constant over a step: what would stop the actuator, within the largest friction.
 """
 
 import math
@@ -237,8 +236,7 @@ def squared_norm(
 def rendering(
     K_1: ArrayLike, B_1: ArrayLike, K_d: ArrayLike, B_d: ArrayLike, p: DrivetrainParameters
 ) -> dict[str, Any]:
-    """Properties of the impedance that gains K_1, B_1 render for desired K_d, B_d, arrays (pairs,) each by name. J_j is
-    neglected, as in the paper.
+    """Properties of the impedance that gains K_1, B_1 render for K_d, B_d, arrays (pairs,) by name, without J_j.
 
     decay_rate: that of the slowest mode of the free joint [1/s]. It is negative where the joint is unstable.
     delay_margin: smallest delay [s] in the control loop that makes the held actuator, J_m s^2 + B_m s + K_s/n_T^2 under

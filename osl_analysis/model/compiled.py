@@ -18,8 +18,7 @@ WAITING: dict[str, dict[str, tuple[Callable[..., Any], dict[str, Any]]]] = {}
 
 def compiled(function: Callable[P, R], **options: Any) -> Callable[P, R]:
     """The function, compiled on its first call. The result is kept on disk where a folder can be written. Numba looks
-    for changes in the function's own file only: compiled functions that call one another share a file, and are compiled
-    together."""
+    for changes in the function's own file only: compiled functions that call one another share one."""
     if not HAS_COMPILER:
         return function
     module, name = function.__module__, function.__name__

@@ -429,8 +429,7 @@ def numbers_said(number: Mapping[str, Any]) -> tuple[str, str, str]:
 
 
 def first_said(numbers: Sequence[Mapping[str, Any]], most: int = 3) -> list[str]:
-    """A sentence for each beginning that numbers of a summary have, with what each is of; of more than `most` the
-    lowest and the highest one."""
+    """A sentence for each beginning that numbers have, with what each is of; of more than `most` the two extremes."""
     found = dict[str, list[dict[str, Any]]]()
     for number in numbers:
         if number["begins"]:
@@ -449,8 +448,7 @@ def first_said(numbers: Sequence[Mapping[str, Any]], most: int = 3) -> list[str]
 
 
 def said_number(number: Mapping[str, Any]) -> dict[str, str]:
-    """`text` and `ends` of a number for a reader, and the trials `behind` it; no digits where the interval has 0 in
-    it."""
+    """`text` and `ends` of a number for a reader, and the trials `behind` it; no digits where 0 is in the interval."""
     value, ends, single = numbers_said(number)
     low, high, known = number["low"], number["high"], number["interval"] not in (None, RANGE, COUNT)
     value = "≈ 0" if known and low is not None and low <= 0 <= high else value
@@ -461,8 +459,7 @@ def said_number(number: Mapping[str, Any]) -> dict[str, str]:
 
 
 def trials_text(number: Mapping[str, Any]) -> str:
-    """Number of trials or fits behind a number, and how many doubtful ones are among them or were left out; or why the
-    number itself is doubtful."""
+    """Number of trials or fits behind a number, how many doubtful ones it has or leaves out, or why it is doubtful."""
     if number.get("doubt"):
         return f"{number['n']}, DOUBTFUL: {number['doubt']}"
     n, doubtful, left_out = (int(number.get(key) or 0) for key in ("n", "n_doubtful", "n_left_out"))

@@ -1,5 +1,4 @@
-"""What the page shows of each trial (conditions, verdict, estimates, doubts, provenance, panels of lines) and of a
-whole campaign."""
+"""What the page shows of each trial (conditions, verdict, estimates, doubts, provenance, panels) and of a campaign."""
 
 import math
 from collections import Counter, defaultdict
@@ -357,8 +356,7 @@ def value_and_interval(row: Mapping[str, Any], column: str) -> tuple[str, str]:
 
 
 def estimate_rows(table: pl.DataFrame, of: str) -> dict[str, Any]:
-    """The estimates of one trial in its table `of` this name: `columns` with name, unit and meaning, and a row of texts
-    per fit."""
+    """The estimates of one trial in its table `of` this name: `columns` with unit and meaning, and texts per fit."""
     there = set(table.columns)
     names = [name for name in table.columns if {f"{name}_low", f"{name}_high"} <= there and table[name].count()]
     names += [name for name in ("VAF", "R2") if name in there]  # numbers of a fit without an interval
@@ -404,8 +402,7 @@ def facts(content: Mapping[str, Any], place: str = "") -> list[list[str]]:
 
 
 def trials_content(trials: Sequence[ReportedTrial]) -> dict[str, Any]:
-    """What the template shows of all trials; of their conditions those that differ: others would say the same in every
-    row."""
+    """What the template shows of all trials; of their conditions those that differ."""
     differing = {name for trial in trials for name in trial.row if trial.row[name] != trials[0].row.get(name)}
     found = Counter(trial.verdict for trial in trials)
     worst_first = sorted(trials, key=lambda trial: -VERDICTS.index(trial.verdict))

@@ -112,8 +112,7 @@ class Subject(Settings):
 
 class Conditions(Settings):
     """Lists of which each crossing gets one entry. In n successive crossings each of n directions occurs once, in a
-    random order; subjects follow each other in equal blocks. The sheet says which, where there are several directions,
-    or subjects."""
+    random order; subjects follow each other in equal blocks. The sheet says which, where several are."""
 
     directions: Annotated[tuple[Literal["up", "down"], ...], Field(min_length=1)] = ("up",)  # up: toes up, dorsiflexion
     subjects: Annotated[tuple[Subject, ...], AfterValidator(distinct)] = ()

@@ -83,8 +83,7 @@ def rotation_about(axis: int, angle: Array) -> Array:
 
 
 def interpolated_at(values: Array, rate_hz: float, times: Array) -> Array:
-    """Values on a regular grid, shape (n, ...), at other times [s], by cubic Lagrange interpolation. Times beyond the
-    grid's ends are held inside it."""
+    """Values on a regular grid, (n, ...), at other times [s], held inside it, by cubic Lagrange interpolation."""
     place = np.clip(times * rate_hz, 1.0, len(values) - 3.0)
     first = np.floor(place).astype(int)
     f = (place - first).reshape(-1, *[1] * (values.ndim - 1))

@@ -174,8 +174,7 @@ def realisations_of(
     stretches: Stretches, period: float, signals: Sequence[Array], rate_hz: float, highest_hz: float
 ) -> list[Realisation]:
     """The realisations in the stretches that were found, each from its last whole period backwards: what is over is
-    left out at the beginning, where a transient is. The signals are the angle (n,) and the torque, or the angle
-    alone."""
+    left out at the beginning, where a transient is. The signals are the angle (n,), and the torque."""
     samples, last = period * rate_hz, len(signals[0])
     count = int(np.floor(min(highest_hz, rate_hz / 3) * period + 1e-9)) + 1
     made = []
@@ -224,8 +223,7 @@ def phase_drift(made: Sequence[Realisation]) -> float:
 
 
 def distinct(made: Sequence[Realisation]) -> list[Realisation]:
-    """The realisations of one period, with a motion that was recorded twice joined to one: it has the same distortion
-    again."""
+    """The realisations of one period; a motion that was recorded twice is one, as its distortion is the same."""
     merged: list[Realisation] = []
     for one in made:
         for place, other in enumerate(merged):

@@ -125,8 +125,7 @@ def end_columns(s: Spectrum) -> Spectrum:
 
 def local_fit(spectrum: RecordLines) -> tuple[Spectrum, Array, Array]:
     """The local polynomial method at every line of a record (lines,): Z [N*m/rad] and E|error|^2 of it, NaN where the
-    joint does not move, and E|noise|^2 of a line of the torque [(N*m)^2]. Near the first and last line the windows are
-    one-sided."""
+    joint does not move, and E|noise|^2 of a line of the torque [(N*m)^2]. Near the ends windows are one-sided."""
     _, angle, force = spectrum
     at = np.arange(len(angle))
     first = np.clip(at - HALF_WIDTH, 0, len(at) - (2 * HALF_WIDTH + 1))

@@ -144,8 +144,7 @@ class LinearFit:
         return float(self.covariance[self.names.index(first), self.names.index(second)])
 
     def correlation(self, first: str, second: str) -> float:
-        """Correlation of two estimates, -1 to 1; near these limits only their combination is known. 0 for an exact
-        fit, whose errors are 0."""
+        """Correlation of two estimates, -1 to 1, where only their combination is known. 0 for an exact fit."""
         scale = self.se(first) * self.se(second)
         return self.cov(first, second) / scale if scale > 0 else 0.0
 

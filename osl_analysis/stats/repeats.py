@@ -1,5 +1,4 @@
-"""Mean, scatter and interval over repeated trials, and the difference between two campaigns with a verdict by its
-interval."""
+"""Mean, scatter and interval over repeated trials, and the difference between two campaigns with its verdict."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -37,8 +36,7 @@ REPEATS_WITHIN = {"band_high_hz": 1.15, "theta_rms_deg": 1.15, "K": 1.03, "B": 1
 
 
 def repeating_trials(table: pl.DataFrame) -> pl.Series:
-    """The name of the first trial that each of a table (n,) repeats, by all that was measured of them; of most trials
-    its own."""
+    """The first trial that each of a table (n,) repeats by all that was measured of them, mostly itself."""
     same = [
         alike_sizes(table[name], ratio).alias(name) for name, ratio in REPEATS_WITHIN.items() if name in table.columns
     ]
@@ -103,8 +101,7 @@ def over_repeats(
 
 def summary_row(table: pl.DataFrame, name: str) -> dict[str, float | str | None]:
     """n, mean, sd, se, low, high of one column, with the error that all rows share (`NAME_se_bench`, where there is
-    one), their own intervals (`NAME_low`, `NAME_high`), and the source of the interval. One trial gives only n and
-    mean."""
+    one), their own intervals (`NAME_low`, `NAME_high`), and its source. One trial gives n and mean."""
     used = table.filter(pl.col(name).cast(pl.Float64).is_not_nan())
     numbers = used[name].cast(pl.Float64)
     if len(numbers) >= 2:
@@ -188,8 +185,7 @@ def welch(a: Sequence[float] | Array, b: Sequence[float] | Array, method: str) -
 
 
 def with_bench(found: Difference, se: float) -> Difference:
-    """A difference with an error of the benches' calibration beside it, of standard error `se`, which no scatter of
-    trials shows."""
+    """A difference with the benches' error of calibration, of standard error `se`, which no scatter of trials shows."""
     estimate, low, high, method = found
     if estimate is None or low is None or high is None or not se:
         return found

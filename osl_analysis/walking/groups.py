@@ -229,8 +229,7 @@ def gaits_of(sheet: Sheet, settings: SelectionSettings) -> tuple[dict[str, Cells
 
 
 def onset_phases(crossings: Sequence[Crossing]) -> dict[str, float]:
-    """Onsets of the perturbed crossings of one gait, by name, as shares of the mean stance of the others, or without
-    any of their own."""
+    """Onsets of one gait's perturbed crossings, by name, as shares of the others' mean stance, or of their own."""
     flat = [c.stance.duration for c in crossings if c.onset is None]
     usual = float(np.mean(flat)) if flat else None
     onsets = ((c, c.onset) for c in crossings if c.onset is not None)

@@ -435,8 +435,7 @@ def reactions(time: Array, window: slice, theta: Array, torque: Array) -> dict[s
     noise = np.cov((torque - np.tensordot(plain, sound, 1))[:, 1:])
 
     def fitted(columns: Sequence[Array]) -> tuple[Array, float]:
-        """Estimates (1 + samples, columns) of the fit, and the mean's misfit, a sum of squares that the covariance
-        weighs."""
+        """Estimates (1 + samples, columns) of the fit, and the mean's misfit, squares that the covariance weighs."""
         own, least = noise[rows, rows], 1e-12 * float(np.mean(torque[rows, 0] ** 2)) + 1e-24  # [(N*m)^2]
         root = np.linalg.cholesky(own + (0.03 * np.trace(own) / len(own) + least) * np.eye(len(own)))
         X = np.linalg.solve(root, np.stack(columns)[:, rows]).transpose(2, 1, 0)

@@ -1,5 +1,4 @@
-"""The walking tables, as rows and frames: single perturbations, groups, their headline, what limits may stand on, and
-what the figures show.
+"""The walking tables, as rows and frames: single perturbations, groups, their headline, limits' columns, figures.
 
 The residual of a fit is compared with what ordinary gait leaves: each unperturbed crossing's deviation from their mean,
 fitted with the same columns. One that is a small share of the torque does not count, however regular the gait."""
@@ -97,8 +96,7 @@ PARTING = {
 
 def parted_by(used: pl.DataFrame, lost: pl.DataFrame, sheet: Sheet) -> str:
     """What parts the crossings that are left out from the used ones: a column of the sheet, or the first of `PARTING`
-    in which nine tenths of each lie on their side of the middle of both medians; and what the used and the others
-    have."""
+    in which nine tenths of each lie on their side of the middle of both medians; and what both have."""
     for key in STATED:
         of_used, of_lost = ({sheet[trial].get(key) for trial in some["trial"]} for some in (used, lost))
         if of_used and of_lost and not of_used & of_lost:

@@ -142,8 +142,7 @@ def main() -> None:
     """From the logs of a powered prosthesis to stiffness [N·m/rad], damping [N·m·s/rad] and inertia [kg·m²].
 
     `init` makes a campaign and `run` analyses it; in a clone of the project, `snakemake reproduce-all` does the same.
-    The other commands do one thing at a time.
-    """
+    The other commands do one thing at a time."""
 
 
 @main.command(epilog="Example: osl-analysis simulate --trial impedance_K300_B5.0_compensated /tmp/campaign")
@@ -244,8 +243,7 @@ def fit(trial: Path, model: str, config_path: Path, as_json: bool, plot: Path | 
     """Fit one ingested TRIAL (Parquet) and print the estimates in SI units with 95 % intervals.
 
     The configuration may be a campaign's own, which overrides fields of the default. With --stiffness and --damping an
-    impedance trial is judged as in a campaign: whether the torque is late, and whether K is plausible.
-    """
+    impedance trial is judged as in a campaign: whether the torque is late, and whether K is plausible."""
     from osl_analysis.bench.impedance import DesiredImpedance
     from osl_analysis.commands import bench as command
     from osl_analysis.trial import read_trial
@@ -326,8 +324,7 @@ def results(folder: Path, markdown: bool, methods: bool) -> None:
 def bundle(folder: Path, output: Path, licence: str, raw: bool) -> None:
     """Write the campaign in FOLDER with its results to the ZIP file OUTPUT, to be deposited, checked and run again.
 
-    It is a Workflow Run RO-Crate, and its tables are a Frictionless data package.
-    """
+    It is a Workflow Run RO-Crate, and its tables are a Frictionless data package."""
     from osl_analysis.commands.bundle import write_bundle
 
     say(f"wrote {output}, {write_bundle(folder, output, licence, raw)} files")
@@ -351,8 +348,7 @@ def score(answers: Path, truth: Path | None) -> None:
 def compare(a: Path, b: Path, margin: float | None, output: Path) -> None:
     """Compare the results in folders A and B: two devices, controllers or days, with 95 % intervals and verdicts.
 
-    Equivalent: the interval of B over A lies within the margin. Different: it lies beyond it on one side.
-    """
+    Equivalent: the interval of B over A lies within the margin. Different: it lies beyond it on one side."""
     from osl_analysis.commands.report import compare_campaigns
 
     say(compare_campaigns((a, b), output, margin))
@@ -405,8 +401,7 @@ def init(folder: Path, recorders: tuple[str, ...], recordings: Path | None, exam
 def run_campaign(arguments: tuple[str, ...]) -> None:
     """Analyse the campaign in this folder: everything, or the files that are named. Takes all options of Snakemake.
 
-    The same as `snakemake --snakefile ... --configfile config.yaml`. Write files before options.
-    """
+    The same as `snakemake --snakefile ... --configfile config.yaml`. Write files before options."""
     from snakemake.cli import main as snakemake
 
     from osl_analysis.commands.run import snakemake_arguments
@@ -453,8 +448,7 @@ def watch(folder: Path, source: Path | None, output: Path, config_path: Path) ->
     deviation, at least 1 % of an estimate and 5 % of duration, rate and range of the angle).
 
     Ctrl-C ends it. A recording that was examined is not examined again until it changes; one that was refused, when
-    watch is started again.
-    """
+    watch is started again."""
     from osl_analysis.commands.watch import WatchedBench, watched_lines
 
     bench = WatchedBench(config_path, source, output)
@@ -502,8 +496,7 @@ def select_gains(
     """Select the control gains K_1 and B_1 that render a desired impedance best (Eqs. 13 and 14).
 
     For one pair, a grid or a trajectory. The table also has the impedance that a fit will estimate, stability,
-    passivity and the frequency up to which the desired impedance is rendered.
-    """
+    passivity and the frequency up to which the desired impedance is rendered."""
     from osl_analysis.commands import gains as command
     from osl_analysis.commands.bench import rows_json
     from osl_analysis.model.compensator import Weight
@@ -535,8 +528,7 @@ def export(folder: Path, kind: str, output: Path, trials: str, config_path: Path
     """Write the leg that the component trials of the results in FOLDER identify, for MuJoCo and other programs.
 
     With 95 % intervals, sources and what the format cannot say. As proof MuJoCo (pip install 'osl-analysis[mujoco]')
-    turns its joint as in the recorded impedance trials, and its torque [N·m] is compared with the recorded one.
-    """
+    turns its joint as in the recorded impedance trials, and its torque [N·m] is compared with the recorded one."""
     from osl_analysis.campaign.configuration import read_config
     from osl_analysis.commands.gains import export_leg
 
@@ -595,8 +587,7 @@ def design(config_path: Path, output: Path | None, as_json: bool, **chosen: Any)
 
     For a stepped sine, an odd random-phase multisine, a chirp or band-limited noise, with the noise of the load cell,
     the rounding of the encoder, and the distortion of a joint that is not linear. With --walking for perturbed
-    crossings of the walkway, from the scatter of a pilot's unperturbed ones.
-    """
+    crossings of the walkway, from the scatter of a pilot's unperturbed ones."""
     if chosen["walking"]:
         design_walking(config_path, as_json, **chosen)
         return

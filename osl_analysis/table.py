@@ -97,8 +97,7 @@ def read_table(path: Path | str, required: Sequence[str] = (), of: str = "") -> 
     A column without any entry is read as Float64 null, `TEXT_COLUMNS` as text, a `side` that is not
     written as null. Columns that are `required` must be
     there and, but for `TEXT_COLUMNS`, hold numbers. `of` is the table's name where `path` is an archive of several.
-    Raises InputError where it is missing, is no CSV, or was refused.
-    """
+    Raises InputError where it is missing, is no CSV, or was refused."""
     path = Path(path)
     check_not_refused(path)
     if not path.is_file():

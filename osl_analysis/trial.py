@@ -241,8 +241,7 @@ def read_trial(path: Path | str) -> Trial:
     """A trial from the Parquet file of `osl-analysis ingest` or of a campaign (`results/trials/NAME.parquet`).
 
     `trial.samples` is a polars data frame in SI units with a row per time stamp, `trial.provenance` says where each
-    column comes from. Raises InputError: the file is missing, or is not Parquet that ingest wrote.
-    """
+    column comes from. Raises InputError: the file is missing, or is not Parquet that ingest wrote."""
     path = Path(path)
     name, provenance = metadata_of(path)
     with told_as_parquet(path):

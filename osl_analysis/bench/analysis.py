@@ -277,8 +277,7 @@ class Analysis:
 def fitted_motion(record: Record, sums: Sums, model: Model, again: SumsOf = plain_sums) -> Analysis:
     """Eq. 15, with what the `model` has beside it, of any motion; the arguments are those of `analysed`.
 
-    Raises InputError: the joint hardly moves; IdentifiabilityError: as `check_told`.
-    """
+    Raises InputError: the joint hardly moves; IdentifiabilityError: as `check_told`."""
     of, (low, high), moving_s = record.groups, record.band_hz, np.inf
     if not record.is_stepped_sine:
         check_moves(record, sums)
@@ -580,8 +579,7 @@ def alias_share(record: Record, fit: GroupFit) -> float:
     The torque jumps with the acceleration. Without an anti-aliasing filter its area is known to half a sample: a binary
     sequence that is clocked with the sampling is read late by half a sample in all of its jumps. A jump is a third
     difference of eight robust standard deviations, which neither noise reaches nor the rounding of an encoder (four
-    steps at most), and as far above those of 15 samples to each side, where a hand, or a sweep, is as fast.
-    """
+    steps at most), and as far above those of 15 samples to each side, where a hand, or a sweep, is as fast."""
     theta, torque, beside = record.theta, record.torque, 3  # samples on each side from which the size of a jump is read
     third = np.abs(np.diff(theta, 3))
     noise = 1.4826 * usual_size(np.concatenate([third[piece] for piece in record.pieces]))
@@ -611,8 +609,7 @@ def smoothed_jumps(record: Record, fit: GroupFit, rows: NDArray[np.intp], signs:
 
     A stated one leaves what it passes at the sampling rate. Else the torque of the inertia shows it: without one all of
     a jump lies between two samples, behind one of first order the next samples rise by a share q each of the last. Its
-    own delay, which the angle shares or a lag tells, does not count.
-    """
+    own delay, which the angle shares or a lag tells, does not count."""
     if record.uniform is not None and (
         stated := (taken := record.uniform.of("torque")).stream.low_passes.get("torque")
     ):
@@ -636,8 +633,7 @@ def angle_noise_bias(record: Record, s: Sums, fit: GroupFit, label: Label = None
 
     Least squares take the columns for exact. With the covariance S of their noise the estimates are off by
     -(X'X/n)^-1 S times the estimates (Fuller, Measurement Error Models, 1987, ch. 2). The noise of angle and
-    acceleration is correlated, so that a stiff joint has too large an I, and a light one too small.
-    """
+    acceleration is correlated, so that a stiff joint has too large an I, and a light one too small."""
     still, moving, turning = noise_of_angle(record)
     S = np.array([[still, 0, -moving], [0, moving, 0], [-moving, 0, turning]])
     A = s.over(label)
@@ -652,8 +648,7 @@ def torque_at_peaks(analysis: Analysis, raw: Record) -> float | None:
     Both are filtered alike. The peaks are the highest and the lowest rows of the modelled torque, by shares from sharp
     peaks of noise to sines. The ratio is 1 for a joint of Eq. 15; noise and distortion raise it, friction lowers it to
     0.7. It is near 0 where the torque is clipped, however noisy the plateau is. None where no peak has the range for a
-    comparison: the top of a sine is flat and noisy. Of a person's joint the `raw` record has the slow part.
-    """
+    comparison: the top of a sine is flat and noisy. Of a person's joint the `raw` record has the slow part."""
     record = analysis.record
     rows = record.rows()[:: max(int(record.rate_hz / (8.0 * record.low_pass.cutoff_hz)), 1)]  # nothing is faster
     measured = raw.filtered_torque[rows]

@@ -1,8 +1,7 @@
 """The parts of the drivetrain, each alone on its bench: belt (Fig. 3), transmission (Eq. 4), actuator (Eqs. 1-2).
 
 A part is the columns of its equation and the groups of rows in which it holds; the regression, the interval and the
-diagnostics are those of every record (gram.py, analysis.py).
-"""
+diagnostics are those of every record (gram.py, analysis.py)."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -96,8 +95,7 @@ def fit_branches(record: Record, drift: float = 0.0) -> Analysis:
     velocity varies. `unloading` is the same; `quadratic` has theta_s |theta_s| while loading, `K_s2` [N*m/rad^2].
 
     The load cell's drift has a standard deviation of `drift` [N*m/s]. A straight line cannot tell it from stiffness, so
-    that no scatter shows it: it is added to the intervals as a component of type B (JCGM 100:2008, 4.3).
-    """
+    that no scatter shows it: it is added to the intervals as a component of type B (JCGM 100:2008, 4.3)."""
     motion = record.motion
     x = motion.theta - motion.theta[0]
     columns = {"theta": x, "omega": motion.omega, "one": np.ones_like(x), "square": x * np.abs(x)}
@@ -262,8 +260,7 @@ def transmission_of(record: Record) -> Analysis:
 def transmission_table(analysis: Analysis) -> pl.DataFrame:
     """The trial's rows of `transmission.csv`: one per amplitude [deg], and one for all of them (amplitude null).
 
-    A late torque takes B_j times the lag off J_j, and leaves a third derivative of the angle, by which it is heard.
-    """
+    A late torque takes B_j times the lag off J_j, and leaves a third derivative of the angle, by which it is heard."""
     record, s = analysis.record, effects.sums_of(analysis.record, TRANSMISSION)
     facts = {name: x for name, x in effects.repeats_row(record, s, TRANSMISSION).items() if name != "K_drift"}
     facts |= witness_row(record, LOSSES)

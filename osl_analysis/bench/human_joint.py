@@ -3,8 +3,7 @@ whether the torque of a device has a reflex.
 
 The reflex is the parallel pathway of Kearney, Stein and Parameswaran (IEEE Trans. Biomed. Eng. 44, 1997): half-wave
 rectified velocity, some 40 ms late, through an impulse response of half a second; here of both directions. What is slow
-counts for the person's own will.
-"""
+counts for the person's own will."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -244,8 +243,7 @@ def reflex_test(raw: Record, human: HumanJoint, delay_s: float, person: Reflexiv
     The speed is the even part of a half-wave: no linear dynamics makes it. Springs and stops that differ between the
     directions do, and friction of a joint that creeps after stretches, but at once: their columns compete, and what
     they leave goes along with the speed to come as much as with the past one. It is 1 where that explains little more,
-    or than rounding does, which steps between two levels repeat. Of a `person` what is fitted competes, too.
-    """
+    or than rounding does, which steps between two levels repeat. Of a `person` what is fitted competes, too."""
     few = raw.coarse
     groups = stretches_of(few.pieces, few.rate_hz, max(few.seconds / TESTED_BLOCKS, SHORTEST_TESTED_S))
     blocks = len(groups.first)

@@ -1,6 +1,5 @@
 """Rendered impedance on the dynamometer (Figs. 4-6): Eq. 15 of any motion, per amplitude and over all, what the gains
-should give, and what judges the estimates.
-"""
+should give, and what judges the estimates."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -56,8 +55,7 @@ class DesiredImpedance:
     def gains(self, p: DrivetrainParameters | None, weight: Weight) -> Gains | None:
         """The gains of a device with these parameters, selected with W of Eq. 14; None where they are not known.
 
-        Raises UnreachableImpedanceError: As `select_gains`.
-        """
+        Raises UnreachableImpedanceError: As `select_gains`."""
         if p is None or self.controller is None or self.K_d is None or self.B_d is None or self.unknown_gains():
             return None
         return select_gains(self.controller, self.K_d, self.B_d, p, weight)
@@ -184,8 +182,7 @@ def over_amplitudes(analysis: Analysis) -> Row:
     A spring that stiffens, or play, changes K with the amplitude; friction changes both. A change is lowered in size by
     the half-width of its 95 % interval, to 0 at most: noise is no change. What it is divided by is not less than
     `LITTLE`. Where both amplitudes have the same frequencies, each is left out of both, so that what the model misses
-    at both alike is no error of the difference; else their intervals are independent.
-    """
+    at both alike is no error of the difference; else their intervals are independent."""
     bounds = [f"{name}_amplitudes_{end}" for name in QUANTITIES for end in ("low", "high")]
     row: Row = dict.fromkeys(("K_change", "B_change", *bounds))
     labels = sorted(label for label in analysis.fits if isinstance(label, float))
@@ -305,8 +302,7 @@ def calibration_table(analysis: Analysis, known: Known) -> pl.DataFrame:
     what is in phase with the velocity beside friction is a delay. An inertia tells a delay from the damping of its
     bearing by higher derivatives. `gain` is what torque over angle reads of what is known; the rest is the fixture's.
 
-    Raises InputError: nothing is known; IdentifiabilityError: as `fit_groups`.
-    """
+    Raises InputError: nothing is known; IdentifiabilityError: as `fit_groups`."""
     record, of = analysis.record, known.stiffness or known.inertia
     if not of or of < 0:
         raise InputError(
@@ -357,8 +353,7 @@ def repeated_trials_table(impedance: pl.DataFrame) -> pl.DataFrame:
     Each trial counts with its fit to all of its motion. The interval contains everything that differs from trial to
     trial, as the distortion that friction makes of another realisation of a random motion; the intervals of the single
     trials may not. Doubtful fits are left out where half of the trials or more are sound. Trials without a stated K_d
-    are no repeats: each may have been asked for another.
-    """
+    are no repeats: each may have been asked for another."""
     whole = impedance.filter(pl.col("amplitude_deg").is_null()) if "amplitude_deg" in impedance.columns else impedance
     same = ("joint", "side", "controller", "K_d", "B_d", "group", "excitation")
     keys, rows = [name for name in same if name in whole.columns], list[dict[str, object]]()

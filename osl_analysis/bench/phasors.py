@@ -178,8 +178,7 @@ def fit_sinusoids(
     normal equations are well conditioned: over whole cycles the sines are at right angles.
 
     Raises InputError: less than one cycle, steps too long for the highest harmonic, a value that cannot be measured, or
-    there is no sine of this frequency.
-    """
+    there is no sine of this frequency."""
     check_finite("time", time)
     highest, n = 5, len(time)
     step = float(time[-1] - time[0]) / (n - 1) if n > 1 else np.inf
@@ -265,8 +264,7 @@ def phasors_of_record(record: Record) -> list[SegmentPhasors]:
     The last cycle is not used. If the angle lags the command by more at one frequency than at another, this cycle
     contains the beginning of the next frequency.
 
-    Raises InputError: as `fit_sinusoids`; the message names the trial.
-    """
+    Raises InputError: as `fit_sinusoids`; the message names the trial."""
     if not record.is_stepped_sine:
         return []
     groups, found = record.groups, []
@@ -315,8 +313,7 @@ def frequency_response_table(phasors: pl.DataFrame) -> pl.DataFrame:
     [rad/(N*m)] and phase [deg] with 95 % intervals.
 
     The intervals contain the noise of the phasors only. `_min` and `_max` are the values of the single amplitudes.
-    Their phases are relative to that of the mean: none jumps at 180 degrees. `doubtful` lists causes of doubt.
-    """
+    Their phases are relative to that of the mean: none jumps at 180 degrees. `doubtful` lists causes of doubt."""
     types: dict[str, Any] = dict.fromkeys(("trial", "joint", "side", "controller"), pl.String)
     types |= dict.fromkeys(("K_d", "B_d", "frequency_hz"), pl.Float64)
     # rows that agree in these differ in the amplitude only

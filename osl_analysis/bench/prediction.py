@@ -15,8 +15,7 @@ of a velocity that is t seconds old the acceleration bears B_1 t. Its sign is as
 most of the current.
 
 The next link is the motor: what torque the belt takes for a current. A current that reads too much makes all of the law
-larger and the motor weaker, by one factor.
-"""
+larger and the motor weaker, by one factor."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -374,8 +373,7 @@ def prediction_table(
     trial, `fits` the rows of `impedance.csv` over all amplitudes of these trials.
 
     The interval of a prediction is that of what the trial should measure: the components' uncertainty, the trial's own,
-    and what the equations lack, learnt from the *other* trials with the same controller.
-    """
+    and what the equations lack, learnt from the *other* trials with the same controller."""
     trials = [fits.row(by_predicate=pl.col("trial") == trial, named=True) for trial in terms]
     each = [{row["term"]: row for row in own.to_dicts()} for own in terms.values()]
     rows = [
@@ -442,8 +440,7 @@ def causes_table(each: Sequence[Mapping[str, Any]], components: Components, plac
 
     No trial measures the delays of the controller, so that they explain first, and a component what they leave. The one
     that explains most is named, with those that explain as much, where it explains `LEAST_SHARE` and its change is
-    certain and not small. Trials that ring do not outweigh the others: the regression is robust.
-    """
+    certain and not small. Trials that ring do not outweigh the others: the regression is robust."""
     A = np.array([[[of[term][x] for x in ALONG] for term in TERMS] for of in each])
     n, values = len(A), {**components.values, "torque_gain": 1.0}
 

@@ -1,8 +1,7 @@
 """One record for every motion: uniform signals, the motion behind one low-pass, and groups of rows.
 
 What differs from one motion to another is here, in three makers of groups: the cycles of a stepped sine, parts of the
-periods of a motion that repeats itself, and stretches of any other one. What comes after knows groups only.
-"""
+periods of a motion that repeats itself, and stretches of any other one. What comes after knows groups only."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -422,8 +421,7 @@ def record_of_trial(
     turn. Between the two a stepped sine may be damaged: it is refused with the setting by which it is taken for another
     motion, or fitted as one. `windows` [s] state that it is another, and what of it is fitted.
 
-    Raises InputError: a signal is missing, has no time base, does not move, or follows a damaged protocol.
-    """
+    Raises InputError: a signal is missing, has no time base, does not move, or follows a damaged protocol."""
     signals = uniform_signals(trial, ("theta", "torque"), settings.gap_limits, computed=("theta_command",))
     steps = list[float | None]()
     for column in ("theta", "torque"):  # what the source file states, else what the values show
@@ -608,8 +606,7 @@ def drift_rate(time: Array, motion: Motion, torque: Array, groups: Groups) -> fl
     A drift of 0.05 N*m/min that is not subtracted is a tenth of the error of K at 1 Hz. It is the same in every cycle,
     so that the spread between cycles does not contain it. Each label has a mean torque of its own: that of an
     asymmetric joint grows with the amplitude, and amplitudes may grow with time. Of a sine only the means of its cycles
-    count. The drift is 0 if no label has the five groups that an interval needs: transients could pass for drift.
-    """
+    count. The drift is 0 if no label has the five groups that an interval needs: transients could pass for drift."""
     members = np.array([np.count_nonzero(groups.of(label)) for label in groups.labels])
     if members.max() < FEWEST_CYCLES:
         return 0.0

@@ -42,8 +42,7 @@ def gain_table(
 
     They are the gains at the actuator's output and at the joint (times n_T^2), the norm of Eq. 14, the flags of
     `optimal_damping`, the fit of Eq. 15 that linear theory predicts at `frequencies_hz`, and the stability, passivity
-    and fidelity of the impedance (`rendering`); these are null where no finite B_1 is best.
-    """
+    and fidelity of the impedance (`rendering`); these are null where no finite B_1 is best."""
     compensator.check_request(K_d, B_d, p)
     K_d, B_d = (np.asarray(v, dtype=float) for v in (K_d, B_d))
     K_1, optimum = compensator.stiffness_gain(K_d, p), compensator.optimal_damping(K_d, B_d, p, weight)

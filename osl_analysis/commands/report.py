@@ -59,8 +59,7 @@ def write_report(
     each that has them, `tables` the result tables and `figures` the SVG files by name. `verdicts` is `quality.csv`,
     `excluded` the trials that are not used, `findings` `findings.csv`,
     `states` `settings.csv`, `summary` `summary.json`, `refused` the causes of all that is missing, `unnamed` says which
-    recordings no row of the sheet names.
-    """
+    recordings no row of the sheet names."""
     written = {name: with_evidence(path) for name, path in tables.items()}
     said_of = {one.trial: f"{one.reason}; {one.remedy}" for one in refused if one.trial}
     left_out = left_out_trials(read_table(excluded), written, said_of)

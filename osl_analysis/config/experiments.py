@@ -1,8 +1,7 @@
 """The experiments: one table of facts that sheet, quality control, simulator, rules and command line read.
 
 A new experiment is an entry here, its fit (`bench/` or `walking/`), the call of it (`commands/`), its limits
-(`config/config.yaml`) and its test. There is no other list of experiments.
-"""
+(`config/config.yaml`) and its test. There is no other list of experiments."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

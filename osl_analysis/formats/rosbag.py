@@ -1,7 +1,6 @@
 """Bags of ROS 1 (by the library `rosbags`) and of ROS 2 (a database of sqlite3), and the folders of recordings.
 
-The library sorts messages by their times, which would hide a clock that was set back; its index tells their places.
-"""
+The library sorts messages by their times, which would hide a clock that was set back; its index tells their places."""
 
 import sqlite3
 import struct

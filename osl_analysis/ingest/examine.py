@@ -1,6 +1,5 @@
 """What is measured on a recording: its sampling, its clocks, damage to its log, the motion that was commanded, sensors
-at the end of their range, that stand, wrap or do not read zero, force plates. Numbers without limits and verdicts.
-"""
+at the end of their range, that stand, wrap or do not read zero, force plates. Numbers without limits and verdicts."""
 
 import math
 import re

@@ -19,8 +19,7 @@ def write_log(path: Path, ended: Mapping[str, Any], request: Mapping[str, Any]) 
 
     `ended` has the command `job`, its `outcome`, wall time `seconds`, what was wrong in the line `error`, the `remedy`,
     `warnings`, and the `traceback` of an error of the program. Outcomes: done; refused, for an input that the user can
-    correct; failed, by an error of the program; died, ended from outside; skipped, for want of a result.
-    """
+    correct; failed, by an error of the program; died, ended from outside; skipped, for want of a result."""
     entries = {**ended, **{name: request.get(name) for name in REQUEST}}
     said = plain({name: value for name, value in entries.items() if value not in ("", (), [], {}, None)})
     with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8") as file:

@@ -2,8 +2,7 @@
 
 `equivalent`, `different` and `undecided` are verdicts on a number and what it should be (`stats.repeats`). That a
 number is beyond a limit `holds` where the whole interval is, `fails` where none of it is, and is else `undecided`.
-Without an interval there is no verdict.
-"""
+Without an interval there is no verdict."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from math import pi

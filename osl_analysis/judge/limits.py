@@ -1,8 +1,7 @@
 """The limits of the configuration: thresholds of checks of recordings, with the verdicts
 by them on what was measured (`ingest/examine.py`), and limits of columns of result tables.
 
-Measuring needs the samples and no limit, judging needs a few numbers and no samples: a changed limit judges again.
-"""
+Measuring needs the samples and no limit, judging needs a few numbers and no samples: a changed limit judges again."""
 
 import math
 from collections.abc import Collection, Mapping

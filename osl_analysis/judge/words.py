@@ -1,7 +1,6 @@
 """The words of findings: the only place where they become sentences. Nothing here decides, and nothing reads them back.
 
-A detail whose numbers a row does not have is left out.
-"""
+A detail whose numbers a row does not have is left out."""
 
 import re
 from collections.abc import Callable, Mapping, Sequence

@@ -143,8 +143,7 @@ def optimal_damping(
 
     The paper neglects the joint's inertia; `J_j` [kg*m^2] includes it. `compensator.check_request` refuses impossible
     requests. The search for x = B_m + B_1 spans 1e-9 to 1e9 times (K_1 J_m)^1/2, the scale of the actuator's damping,
-    in points a factor of 1.8 apart. The closest two minima that were found are a factor of 4 apart.
-    """
+    in points a factor of 1.8 apart. The closest two minima that were found are a factor of 4 apart."""
     from scipy.optimize.elementwise import find_root  # 0.2 s, for the few that select gains
 
     K_d, B_d = np.broadcast_arrays(*(np.asarray(v, dtype=float) for v in (K_d, B_d)))
@@ -244,8 +243,7 @@ def rendering(
         J_m^2 v^2 + (B_m^2 - B_1^2 - 2 J_m k) v + k^2 - K_1^2 = 0, k = K_s/n_T^2.
     positive_real: whether Re Y >= 0 at every frequency, a quadratic in w^2, so that Y itself, and not only s Y, is
         positive real. This can only hold where J_j is neglected.
-    faithful_to_hz: frequency [Hz] up to which |Z - Z_d| <= 0.1 |Z_d|; infinite where Z never leaves this range.
-    """
+    faithful_to_hz: frequency [Hz] up to which |Z - Z_d| <= 0.1 |Z_d|; infinite where Z never leaves this range."""
     K_1, B_1, K_d, B_d = np.broadcast_arrays(*(np.asarray(v, dtype=float) for v in (K_1, B_1, K_d, B_d)))
     k = p.K_s / p.n_T**2
     half = (2 * p.J_m * k + B_1**2 - p.B_m**2) / (2 * p.J_m**2)

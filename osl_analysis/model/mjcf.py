@@ -1,8 +1,7 @@
 """The identified leg as MJCF, MuJoCo's model format: Eqs. 1-4, what it cannot say of them, and the torque in MuJoCo.
 
 MuJoCo adds the current's torque, damping, inertia and Coulomb friction of the actuator, and the belt as a tendon. The
-gear's friction f_G |I_q| is no element of MJCF: who simulates sets `dof_frictionloss` before every step.
-"""
+gear's friction f_G |I_q| is no element of MJCF: who simulates sets `dof_frictionloss` before every step."""
 
 import math
 import re

@@ -2,8 +2,7 @@
 
 Only odd lines (odd multiples of 1/period) are excited. A torque that is an even function of the motion answers at even
 lines only, one that is odd, such as friction, at odd ones. In every group of neighbouring odd lines one, drawn at
-random, is left out: it detects odd distortion. Pintelon and Schoukens, System Identification, 2012, ch. 4.
-"""
+random, is left out: it detects odd distortion. Pintelon and Schoukens, System Identification, 2012, ch. 4."""
 
 from dataclasses import dataclass
 

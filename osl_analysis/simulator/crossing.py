@@ -2,8 +2,7 @@
 
 The foot's path and the ankle's angle are prescribed. The drivetrain's torque is simulated for this motion and the
 commands of the leg's controller. The moment of the ground reaction about the ankle follows from the equations of Newton
-and Euler for the foot. Axes: x forward, y left, z up, in metres.
-"""
+and Euler for the foot. Axes: x forward, y left, z up, in metres."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

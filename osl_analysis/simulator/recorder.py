@@ -2,8 +2,7 @@
 with everything off the even instants of the simulation.
 
 The file is MCAP like those of laboratories: ROS 2 messages in CDR, zstd chunks with CRCs. All messages are known
-beforehand, so that it is made chunk by chunk. It equals the one that `mcap.writer.Writer` writes.
-"""
+beforehand, so that it is made chunk by chunk. It equals the one that `mcap.writer.Writer` writes."""
 
 import json
 import struct

@@ -3,8 +3,7 @@ as `config/simulation/walking.yaml`: choices only; and its plan: the sample shee
 
 The device's physical parameters are in the file that `parameters` names. An imperfection is an `Effect`: a switch, a
 size and the unit of the size. All effects of recorders and sensors are off unless they are switched on. Those of the
-leg's controller are the campaign's in the gait laboratory too.
-"""
+leg's controller are the campaign's in the gait laboratory too."""
 
 import itertools
 import math

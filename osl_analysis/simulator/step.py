@@ -2,8 +2,7 @@
 with poses, wrenches and Newton-Euler for the bodies of a crossing, on a regular time grid, in laboratory axes.
 
 The nominal curves resemble published ones of level walking with a prosthetic ankle, and have three or more continuous
-derivatives. Cycle phase c: 0 at heel strike, 1 at the next one; stance phase p: 0 at heel strike, 1 at toe-off.
-"""
+derivatives. Cycle phase c: 0 at heel strike, 1 at the next one; stance phase p: 0 at heel strike, 1 at toe-off."""
 
 import re
 from dataclasses import dataclass, field, replace

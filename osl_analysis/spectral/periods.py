@@ -1,7 +1,6 @@
 """Motions that repeat themselves: the period, and the spectra of every whole period.
 
-The period need not be a whole number of samples: the clocks of generator and recorder differ by up to 1e-4.
-"""
+The period need not be a whole number of samples: the clocks of generator and recorder differ by up to 1e-4."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -32,8 +31,7 @@ def find_repetition(
 
     At the lags that the autocorrelation proposes the motion is compared with itself in short windows: where a record
     holds several motions of one period, with transients and rests, the comparison fails only where one of them ends. A
-    stepped sine also repeats itself: look for its protocol first.
-    """
+    stepped sine also repeats itself: look for its protocol first."""
     check_measured("the angle", theta)
     if not varies(theta):
         return None

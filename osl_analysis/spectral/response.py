@@ -10,8 +10,7 @@ The same phases repeat it, so that periods show the noise alone.
 
     T(k + r) = (Z_k + z_1 r + z_2 r^2) Theta(k + r) + t_0 + t_1 r + t_2 r^2 + noise,   |r| <= `HALF_WIDTH`
 
-What the least-squares fit leaves is the noise.
-"""
+What the least-squares fit leaves is the noise."""
 
 from collections.abc import Mapping, Sequence
 

@@ -87,9 +87,7 @@ def plausible_impedance(
     K = last["K"]
     if last["B_low"] < 0 or last["I_high"] < 0:  # of the right sign a joint may drive the motion by its K alone
         check_resists(last["trial"], "K", K, last["K_high"])
-    if (
-        p is not None and is_this_leg and K > 1.1 * p.K_s
-    ):  # a motor in series with it; a tenth allows for the belt at hand
+    if p is not None and is_this_leg and K > 1.1 * p.K_s:  # in series with a motor; a tenth for the belt at hand
         ratio, reference = K / (predicted or p.K_s), "what the gains should give" if predicted else "K_s"
         name, size = known_factor(ratio)
         factor = name and f"{size:.3g} is the factor {name}"

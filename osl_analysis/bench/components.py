@@ -176,10 +176,8 @@ def belt_table(belt: Analysis) -> pl.DataFrame:
     """The trial's row of `belt.csv`: loading and unloading slope, loop area [J], quadratic belt, what a line lacks.
     `energy_lost` is the loop's area divided by the energy K_s theta_s^2/2 at the peak. `stiffening` is the share by
     which the slope of the quadratic belt grows from rest to the peak."""
-    of_way = {"quadratic": "loading"}
-    loading, unloading, quadratic = (
-        belt.calibrated(belt.fits[name], of_way.get(name, name)) for name in ("loading", "unloading", "quadratic")
-    )
+    ways = {"loading": "loading", "unloading": "unloading", "quadratic": "loading"}
+    loading, unloading, quadratic = (belt.calibrated(belt.fits[name], way) for name, way in ways.items())
     record, theta, torque = belt.record, belt.record.motion.theta, belt.record.filtered_torque
     peak, area = float(np.max(np.abs(belt.sums.columns["theta"]))), float(np.trapezoid(torque, theta))
     errors = np.trapezoid(torque_errors(torque, record.rate_hz, record.rows(), record.calibration), theta)

@@ -95,9 +95,8 @@ def through_memory(signals: Array, rate_hz: float, memory_s: float) -> Array:
     middle = np.linspace(np.log(EARLY_S), np.log(0.7 * memory_s + EARLY_S), COSINES + 2)[2:]
     away = (log_lag[:, None] - middle) / (middle[1] - middle[0])
     responses = (1 + np.cos(np.pi * np.clip(away / 2, -1, 1))) / 2 / rate_hz
-    return np.concatenate(
-        [scipy.signal.fftconvolve(one[:, None], responses, axes=0)[: len(one)] for one in signals.T], axis=1
-    )
+    answers = [scipy.signal.fftconvolve(one[:, None], responses, axes=0)[: len(one)] for one in signals.T]
+    return np.concatenate(answers, axis=1)
 
 
 def static_gains(record: Record, memory_s: float) -> Array:

@@ -347,9 +347,8 @@ def frequency_response_table(phasors: pl.DataFrame) -> pl.DataFrame:
         )
     ranges = ("magnitude_min", "magnitude_max", "phase_min_deg", "phase_max_deg")
     schema = {key: phasors.schema.get(key, types[key]) for key in keys}
-    schema |= dict.fromkeys(
-        (*POLAR, *(f"Y_{part}" for part in COMPLEX_PARTS), *DAMPING, "interval_method", *ranges), pl.Float64
-    )
+    numbers = (*POLAR, *(f"Y_{part}" for part in COMPLEX_PARTS), *DAMPING, "interval_method", *ranges)
+    schema |= dict.fromkeys(numbers, pl.Float64)
     schema |= {"interval_method": pl.String, "n_amplitudes": pl.Int64, "doubtful": pl.String}
     return pl.DataFrame(rows, schema=schema)
 

@@ -98,10 +98,8 @@ def law_table(record: Record, p: DrivetrainParameters, programmed: Gains, sign_w
                 late = beside(np.column_stack(signs))
                 return float(np.sum((y - late @ np.linalg.lstsq(late, y)[0]) ** 2))
 
-            up_to = 0.02  # s, the age of the sign
-            best = scipy.optimize.minimize_scalar(
-                missed, bounds=(0.0, up_to), method="bounded", options={"xatol": 2e-4}
-            )
+            ages = 0.0, 0.02  # s, of the sign
+            best = scipy.optimize.minimize_scalar(missed, bounds=ages, method="bounded", options={"xatol": 2e-4})
             fit = fitted(commanded, moved | friction(float(best.x)))
         against = {f"motor's {name}": -column for name, column in of_now.items()}
         losses = {"B_m": -motion[1], "J_m": -motion[2], "one": moved["one"]}
@@ -345,9 +343,8 @@ def prediction_terms(record: Record, law: Controller, components: Components) ->
         columns[name] = (predicted_torque(record, replace(law, **late), components.p) - predicted) / DELAY_STEP
     motion, recorded, n = record.motion, record.part(record.filtered_torque), record.samples
     time = record.part(record.time)
-    X = np.array(
-        [np.ones(n), time - time.mean(), *(record.part(x) for x in (motion.theta, motion.omega, motion.alpha))]
-    )
+    moved = (record.part(x) for x in (motion.theta, motion.omega, motion.alpha))
+    X = np.array([np.ones(n), time - time.mean(), *moved])
     scale = np.linalg.norm(X, axis=1)[:, None]
     X /= scale
     Y = np.array([record.part(x) for x in (predicted, *columns.values())])

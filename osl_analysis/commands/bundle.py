@@ -137,9 +137,7 @@ def resources(crate: Path) -> Iterator[dict[str, Any]]:
             continue
         table, described = read_table(path), known.get(f"tables/{path.stem}")
         fields = []
-        for name, kind in table.select(
-            pl.read_csv(path, n_rows=0).columns
-        ).schema.items():  # not one that is not written
+        for name, kind in table.select(pl.read_csv(path, n_rows=0).columns).schema.items():  # those that are written
             field = {"name": name, "type": kinds.get(str(kind)[:3], "string")}
             column = described.columns.get(name) if described else None
             fields.append(field | ({"unit": column.unit, "description": column.meaning} if column else {}))

@@ -115,9 +115,7 @@ def gains_text(table: pl.DataFrame) -> str:
     if row["unbounded"]:
         lines.append("warning: no finite B_1 minimises Eq. 14, a locked motor would be best; lower --weight-hz")
     else:
-        far = (
-            f"warning: this K is far from {row['K_d']:g}: the leg renders K_d at rest alone; ask for more damping, or "
-        )
+        far = f"warning: this K is far from {row['K_d']:g}: the leg renders K_d at rest; ask for more damping, or "
         far += "lower --weight-hz"
         lines += [
             f"predicted fit over 1 to 5 Hz: K {row['K_predicted']:.4g} N·m/rad, B {row['B_predicted']:.4g} N·m·s/rad, "

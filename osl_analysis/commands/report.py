@@ -174,9 +174,8 @@ def tables_to_compare(folder: Path) -> dict[str, pl.DataFrame]:
     """The tables of a campaign that are compared, by name, of those that it has, with the errors of its bench."""
     paths = {name: folder / f"tables/{name}.csv" for name in COMPARED_QUANTITIES}
     there = {name: path for name, path in paths.items() if path.is_file() and not is_refused(path)}
-    needed = COMPARED_QUANTITIES | {
-        "walking_summary": ("quantity", "estimator", "n", "mean", "low", "high", "commanded")
-    }
+    of_walking = ("quantity", "estimator", "n", "mean", "low", "high", "commanded")
+    needed = COMPARED_QUANTITIES | {"walking_summary": of_walking}
     return {name: with_evidence(path, needed[name]) for name, path in there.items()}
 
 

@@ -101,9 +101,8 @@ def fit_of_row(trial: Trial, row: Mapping[str, Any], device: Path | None, config
     if experiment == "impedance":
         K_d, B_d = (None if row[name] is None else float(row[name]) for name in ("K_d", "B_d"))
         condition = DesiredImpedance(row["controller"], K_d, B_d)
-    return fits.fit_trial(
-        experiment, trial, device, *fits.fit_settings(experiment, config), condition, row.get("windows")
-    )
+    chosen = fits.fit_settings(experiment, config)
+    return fits.fit_trial(experiment, trial, device, *chosen, condition, row.get("windows"))
 
 
 State = tuple[int, int]  # size [bytes] and date [ns] of a recording's files

@@ -73,9 +73,8 @@ class Experiment:
     @property
     def needed_columns(self) -> tuple[str, ...]:
         """The columns that every trial must have."""
-        return tuple(
-            column for column in (None if self.may_stand else self.motion, self.torque, *self.signals) if column
-        )
+        named = (None if self.may_stand else self.motion, self.torque, *self.signals)
+        return tuple(column for column in named if column)
 
     def uses(self, column: str) -> bool:
         """Whether the analysis uses a column; all, of what is ingested only and of a walkway."""

@@ -159,7 +159,8 @@ def label_percent_axis(ax: Axes) -> None:
 
 
 def draw_quantity(ax: Axes, rows: pl.DataFrame, symbol: str, looks: dict[str | None, style.Look]) -> None:
-    """Estimates of one quantity at places `x`, and lines between values of K_d; a cross is damping without friction."""
+    """Estimates of one quantity at their places `x`, and lines between values of K_d; a cross is the part of the
+    damping that is no friction."""
     last = float(rows["x"][-1])
     # at this share of their usual size, and not below 0.3, the markers of neighbours do not touch
     share = float(np.clip(72 * ax.figure.figure.get_figwidth() / (last + 8) / 4.5, 0.3, 1.0))
@@ -204,7 +205,8 @@ LEAST_LEFT = 1e-4  # smaller unexplained shares [percent] are drawn here
 
 
 def fig6_points(impedance: pl.DataFrame) -> pl.DataFrame:
-    """One row per trial and amplitude, one of another motion, none of a fit without a VAF (a constant torque)."""
+    """One row per trial and amplitude. A trial that no stepped sine moved has one row, a fit without a VAF (a constant
+    torque) none."""
     single = (pl.col("amplitude_deg").is_not_null() | (pl.len().over("trial") == 1)) & pl.col("VAF").is_finite()
     table = impedance.filter(single)
     if table.is_empty():

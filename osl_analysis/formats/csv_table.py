@@ -208,9 +208,7 @@ def cell_stamps(cells: pl.Series) -> NDArray[np.int64] | None:
     `12:13.5` (minutes and seconds), which go on at midnight; None if a cell is none of these. The date tells nothing
     that the order of the rows does not tell."""
     if cells.dtype.is_temporal():
-        whole = (
-            cells.cast(pl.Datetime("ns")) if cells.dtype in (pl.Date, pl.Datetime) else cells.cast(pl.Duration("ns"))
-        )
+        whole = cells.cast((pl.Datetime if cells.dtype in (pl.Date, pl.Datetime) else pl.Duration)("ns"))
         return None if whole.null_count() else whole.cast(pl.Int64).to_numpy()
     if cells.dtype != pl.String or not cells.str.contains(TIME).fill_null(value=False).all():
         return None
@@ -515,9 +513,8 @@ def headers_above(above: Rows, width: int) -> int:
 
 def are_units(heads: Rows, is_unit: IsUnit) -> bool:
     """Whether the last of several header rows holds units."""
-    cells = (
-        [without_brackets(cell) for cell in heads[-1][1] if cell not in ("", "-", "[]", "()")] if len(heads) > 1 else []
-    )
+    last = heads[-1][1] if len(heads) > 1 else []
+    cells = [without_brackets(cell) for cell in last if cell not in ("", "-", "[]", "()")]
     return bool(cells) and sum(is_unit(cell) and cell != "1" for cell in cells) > len(cells) / 2
 
 

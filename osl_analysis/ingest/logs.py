@@ -101,9 +101,9 @@ def read_table_log(path: Path, source: TableSource) -> Recording:
         **table.facts,
     }
     recording = Recording(samples.filter(pl.Series(kept)), origins, facts, said, table.damage)
-    return (
-        exported_plates(table, recording, source) if isinstance(source, OpenSimSource) and source.plates else recording
-    )
+    if isinstance(source, OpenSimSource) and source.plates:
+        return exported_plates(table, recording, source)
+    return recording
 
 
 def tell_moved(table: Table, names: Sequence[str]) -> None:
@@ -116,9 +116,8 @@ def tell_moved(table: Table, names: Sequence[str]) -> None:
             block = raw[begin : begin + 4]
             others = [one for one in columns if one != name and block.size == np.unique(block).size == 4]
             for other, own in ((one, columns[one]) for one in others):
-                places = [
-                    at for at in np.flatnonzero(own[:-3] == block[0]).tolist() if (own[at : at + 4] == block).all()
-                ]
+                likely = np.flatnonzero(own[:-3] == block[0]).tolist()
+                places = [at for at in likely if (own[at : at + 4] == block).all()]
                 if len(places) != 1 or places[0] == begin:
                     continue
                 lag = places[0] - begin
@@ -527,9 +526,8 @@ def json_log(path: Path, source: JsonSource) -> Table:
     kept = ~np.all([np.ma.getmaskarray(decoded.values[name]) for name in names], axis=0)
     if field and not kept.all():  # lines without any of the fields, such as a header; with a rate, every line counts
         left_out, first = int((~kept).sum()), lines.numbers[decoded.rows[int(np.argmin(kept))]]
-        lines.damage.remarks.append(
-            f"{left_out} of {kept.size} lines have none of the fields and were left out, first line {first}"
-        )
+        said = f"{left_out} of {kept.size} lines have none of the fields and were left out, first line {first}"
+        lines.damage.remarks.append(said)
     rows = np.flatnonzero(kept) if field else np.arange(kept.size)
     columns = {name: values[rows] for name, values in decoded.values.items()}  # masked where a line lacks the field
     few = replace(lines, texts=lines.texts[:MOST_TRIED], numbers=lines.numbers[:MOST_TRIED])

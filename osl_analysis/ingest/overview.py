@@ -163,9 +163,8 @@ def as_clock(channel: RecordedChannel) -> RecordedChannel:
     known = channel.numbers[np.isfinite(channel.numbers)]
     rate, gaps = logs.rate_of(known), gaps_text(known)
     note = (f"a clock, {rate:g} per unit" if rate else "a clock that stands still") + f", {gaps}" * bool(gaps)
-    return replace(
-        channel, note=note, likely_unit="" if channel.unit else logs.likely_unit(channel.name) or logs.time_unit(known)
-    )
+    likely = "" if channel.unit else logs.likely_unit(channel.name) or logs.time_unit(known)
+    return replace(channel, note=note, likely_unit=likely)
 
 
 def overview_of(
@@ -359,15 +358,13 @@ def inspect_mat(path: Path) -> Overview:
     for place, name, _, value in variables:
         cells.setdefault(place * name.startswith("{"), []).append(value.text)
     titles = titles_of_columns(cells.values())
-    drafted = [
-        one for name, value in next(iter(alike.values()), {}).items() for one in columns_of_matrix(name, value, titles)
-    ]
+    signals = next(iter(alike.values()), {})
+    drafted = [one for name, value in signals.items() for one in columns_of_matrix(name, value, titles)]
     columns = [variable_column(address, name, value) for _, name, address, value in variables[:most]]
     facts = {"version": file.version, "header": file.header, "variables": str(len(file.names))}
     settings = {"log_part": part} if part else {}
-    timing, said = timing_by_words(
-        [f"{key}={np.ravel(np.asarray(one.numbers))[:2]}" for _, key, _, one in variables], drafted
-    )
+    texts = [f"{key}={np.ravel(np.asarray(one.numbers))[:2]}" for _, key, _, one in variables]
+    timing, said = timing_by_words(texts, drafted)
     left_open += said
     return overview_of(
         "mat", columns, "variables", logs.is_like_clock, drafted, timing, left_open, facts, remarks, settings

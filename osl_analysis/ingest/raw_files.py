@@ -261,9 +261,8 @@ def tell_copies(recording: Recording) -> None:
         rows = np.flatnonzero(present[column].to_numpy())
         x = recording.samples[column].to_numpy()[rows]
         fresh = np.flatnonzero(np.diff(x, prepend=np.nan))
-        if (
-            1 < fresh.size < 0.75 * x.size and np.mean(np.diff(fresh) == np.median(np.diff(fresh))) > 0.8
-        ):  # held by its recorder
+        steps = np.diff(fresh)  # of what its recorder held
+        if 1 < fresh.size < 0.75 * x.size and np.mean(steps == np.median(steps)) > 0.8:
             rows, x = rows[fresh], x[fresh]
         piece = np.linspace(0, x.size - min(x.size, 200), 8).astype(int)[:, None] + np.arange(min(x.size, 200))
         quietest = min(noise_of_pieces(x[piece]))

@@ -95,9 +95,8 @@ def component_claims(
         at = f"at K_d = {row['K_d']:g}"
         if "K_s" in means:
             share, quantity = row["K_d"] / means["K_s"]["mean"], "K_d/K_s, its share of the gain K_1 n_T^2"
-            yield share_claim(
-                f"belt_at_{end}_K_d", f"the belt matters {at}", quantity, share, (means["K_s"],), **judged
-            )
+            name, what = f"belt_at_{end}_K_d", f"the belt matters {at}"
+            yield share_claim(name, what, quantity, share, (means["K_s"],), **judged)
         if {"f_C", "f_G", "k_tau_n_m"} <= means.keys():
             parts = [means[name] for name in ("f_C", "f_G", "k_tau_n_m")]
             f_C, f_G, k_tau = (part["mean"] for part in parts)
@@ -134,10 +133,8 @@ def rendered_claims(asked: pl.DataFrame, settings: Claims) -> Iterator[Claim]:
             if margin is not None:
                 facts = {"unit": unit, "interval": FIT, "target": target, "margin": margin, "n": 1}
                 facts |= {"subject": row["trial"], "verdict": equivalence(*ends, target, margin)}
-                rubs = " without friction" * (symbol == "B" and row.get("B_viscous") is not None)
-                rows.append(
-                    claim_of(symbol, f"{symbol}{rubs} is {symbol}_d", f"{symbol}{rubs}", row[symbol], ends, **facts)
-                )
+                own = symbol + " without friction" * (symbol == "B" and row.get("B_viscous") is not None)
+                rows.append(claim_of(symbol, f"{own} is {symbol}_d", own, row[symbol], ends, **facts))
         if rows:
             verdicts = [row["verdict"] for row in rows]
             same = verdicts.count("equivalent")

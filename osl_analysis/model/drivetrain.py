@@ -146,9 +146,8 @@ def motor_friction(direction: ArrayLike, current: ArrayLike, p: DrivetrainParame
 def actuator_torque(current: ArrayLike, omega_m: ArrayLike, alpha_m: ArrayLike, p: DrivetrainParameters) -> Array:
     """Torque tau_m [N*m] at the actuator's output from I_q [A], omega_m [rad/s] and alpha_m [rad/s^2] (Eq. 1)."""
     friction = motor_friction(np.sign(omega_m), current, p)
-    return np.asarray(
-        np.asarray(current) * p.k_tau * p.n_m - friction - p.B_m * np.asarray(omega_m) - p.J_m * np.asarray(alpha_m)
-    )
+    driven = np.asarray(current) * p.k_tau * p.n_m
+    return np.asarray(driven - friction - p.B_m * np.asarray(omega_m) - p.J_m * np.asarray(alpha_m))
 
 
 def belt_deflection(theta: ArrayLike, theta_m: ArrayLike, p: DrivetrainParameters) -> Array:

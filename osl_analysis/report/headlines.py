@@ -199,9 +199,8 @@ def impedance_headlines(impedance: pl.DataFrame, example: Example) -> Iterator[H
         parts = shown.with_columns(repeated=repeated).partition_by("repeated", maintain_order=True)
         for part, symbol in product(parts if len(parts) <= MOST_UNSTATED else (), ("K", "B", "I", "B_viscous", "f_C")):
             label = of_group(labels[f"{symbol}_example"], part["trial"][0] if unstated else "all")
-            label = (
-                with_end(label, f"mean with {len(part) - 1} that repeat it") if unstated and len(part) > 1 else label
-            )
+            if unstated and len(part) > 1:
+                label = with_end(label, f"mean with {len(part) - 1} that repeat it")
             if len(part) != 1 or part[symbol][0] is None:
                 yield from over_fits(label, counted(part)[symbol], np.mean, part, counted(part))
                 continue
@@ -224,9 +223,8 @@ def numbers_of(name: str, table: pl.DataFrame, example: Example) -> Iterator[Hea
         for row in table.iter_rows(named=True):
             for quantity, label in labels.items():
                 ends = row[f"{quantity}_low"], row[f"{quantity}_high"]
-                number = headline(
-                    label, row[quantity], int(row["cycles"]), *ends, "95 % of the mean of cycles (Student)"
-                )
+                of_cycles = int(row["cycles"]), *ends, "95 % of the mean of cycles (Student)"
+                number = headline(label, row[quantity], *of_cycles)
                 doubt = doubts_of_result(row[DOUBTFUL] or "", quantity)
                 yield replace(of_group(number, row["trial"]), doubt=doubt or None)
     elif name == "walking_summary":

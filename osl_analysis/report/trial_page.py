@@ -238,9 +238,8 @@ class ReportedTrial:
             table, recording = entry["table"], entry["table"] == QUALITY
             other = table != self.main_table and not recording
             parts = {"amplitude_deg": "deg", "frequency_hz": "Hz"}
-            place = ", ".join(
-                f"{entry[column]:g} {unit}" for column, unit in parts.items() if entry[column] is not None
-            )
+            known = (f"{entry[column]:g} {unit}" for column, unit in parts.items() if entry[column] is not None)
+            place = ", ".join(known)
             place = place or ("all amplitudes" if table == "impedance" else "whole trial")
             where = "its recording" if recording else f"{table.replace('_', ' ')}, {place}" if other else place
             words = Words(*(printed(entry[name] or "") for name in Words._fields))

@@ -285,9 +285,8 @@ def evidence_of(values: Array, clock: DeviceClock) -> StampEvidence | None:
     inverse = np.linalg.inv(normal)
     response = inverse @ (columns @ seen.ravel())
     left = seen - np.tensordot(response, push, 1)
-    noise = (
-        np.mean(left**2) * size / (size - 6) * np.sum(polynomial_rows(window, degree, 1)[window // 2] ** 2) / step**2
-    )
+    weights = polynomial_rows(window, degree, 1)[window // 2]
+    noise = np.mean(left**2) * size / (size - 6) * np.sum(weights**2) / step**2
     if not noise <= 0.2 * np.mean(slopes**2):
         return None
     push *= left

@@ -37,9 +37,8 @@ REPEATS_WITHIN = {"band_high_hz": 1.15, "theta_rms_deg": 1.15, "K": 1.03, "B": 1
 
 def repeating_trials(table: pl.DataFrame) -> pl.Series:
     """The first trial that each of a table (n,) repeats by all that was measured of them, mostly itself."""
-    same = [
-        alike_sizes(table[name], ratio).alias(name) for name, ratio in REPEATS_WITHIN.items() if name in table.columns
-    ]
+    known = {name: ratio for name, ratio in REPEATS_WITHIN.items() if name in table.columns}
+    same = [alike_sizes(table[name], ratio).alias(name) for name, ratio in known.items()]
     motion = [name for name in ("excitation",) if name in table.columns]
     return table.with_columns(*same).select(pl.col("trial").first().over(*motion, *(one.name for one in same)))["trial"]
 

@@ -537,9 +537,8 @@ class Ensemble:
         perturbed = np.empty((samples, len(signs)))
         for each in np.unique(signs)[::-1]:
             perturbed[:, signs == each] = resampling_weights(random, samples, int(np.sum(signs == each)))
-        of_gait, of_plate = (
-            resampling_weights(random, samples, each.shape[1]) for each in (self.theta, self.influence)
-        )
+        sizes = self.theta.shape[1], self.influence.shape[1]
+        of_gait, of_plate = (resampling_weights(random, samples, size) for size in sizes)
         weights = perturbed * (signs == sign) if sign else perturbed * signs / len(np.unique(signs))
         angles, torques = np.empty((2, len(self.time), samples))
         for i, (w, unperturbed, unloaded) in enumerate(zip(weights, of_gait, of_plate, strict=True)):

@@ -283,9 +283,8 @@ def reflex_facts(headline: GroupHeadline, certain: bool) -> Numbers:
         ends = min(one - half * se for one, se in each), max(one + half * se for one, se in each)
         share = 100 * float(np.var(gain * past[round(delay)]) / np.var(headline.ensemble.torque[rows]))
         facts |= {"reflex_delay_ms": delay, "reflex_gain": gain, "reflex_share": share}
-        facts |= dict(zip(names, (K, *ends), strict=True)) | {
-            "reflex_K_widths": in_widths(ends[1] - ends[0], high - low)
-        }
+        facts |= dict(zip(names, (K, *ends), strict=True))
+        facts |= {"reflex_K_widths": in_widths(ends[1] - ends[0], high - low)}
         return facts
     leak = np.linalg.pinv(headline.ensemble.motion[rows].columns)[0]  # of a torque into K
     most = {ms: size + half * se for ms in past for size, se in [found[f"{isolation.REFLEX} {ms}"]]}
@@ -310,9 +309,8 @@ def with_slopes(facts: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     rows = []
     for fact in facts:
         slope, share = None, None
-        alike = [
-            one for one in facts if one.get("K") is not None and series_of(one["group"]) == series_of(fact["group"])
-        ]
+        of = series_of(fact["group"])
+        alike = [one for one in facts if one.get("K") is not None and series_of(one["group"]) == of]
         alike = sorted(alike, key=lambda one: one["fitted_phase"])
         if fact in alike and len(alike) > 1:
             at = alike.index(fact)

@@ -170,17 +170,13 @@ def simulate(folder: Path, settings: Path, trial: str | None, config_path: Path 
         simulate_trial(settings, folder, trial, followed)
 
 
-@main.command(
-    epilog="Example: osl-analysis ingest --log dyno.mcap --log-source dynamometer --output results/trials/dyno.parquet"
-)
+@main.command(epilog="Example: osl-analysis ingest --log dyno.mcap --log-source dynamometer --output dyno.parquet")
 @file_option("--log", help="Log of the dynamometer or the leg (MCAP, CSV or MATLAB).")
 @option("--log-source", help="Name of the file in the sources folder that describes the log.")
 @option("--log-part", help="Part of a log that holds several trials: in a MATLAB file a struct, as Test.run(2).")
 @file_option("--mocap", help="File of the motion-capture system (C3D, or a CSV export of Nexus).")
 @option("--mocap-source", help="Name of the file in the sources folder that describes it.")
-@file_option(
-    "--sources", default=shipped("config/sources"), help="Folder of source files: channel, unit and sign per signal."
-)
+@file_option("--sources", default=shipped("config/sources"), help="Folder of source files, which say what is what.")
 @file_option("--output", required=True, help="Parquet file to write, in SI units.")
 def ingest(sources: Path, output: Path, **given: Any) -> None:
     """Convert the raw logs of one trial into one canonical Parquet file, with provenance inside."""
@@ -233,9 +229,7 @@ def inspect(file: Path, draft_path: Path | None) -> None:
     default="compensated",
     help="Controller of the trial, any name. The gains of compensated and uncompensated are known (Eqs. 13 and 14).",
 )
-@file_option(
-    "--parameters", help="Parameter file of the device; `none`: it has none. Default: that of the configuration."
-)
+@file_option("--parameters", help="Parameter file of the device, or `none`. Default: that of the configuration.")
 @CONFIG
 @AS_JSON
 @file_option("--plot", help="Draw measured and modelled torque [N·m] to this file.")
@@ -431,13 +425,9 @@ def doctor(look: bool) -> None:
     sys.exit(int(any(remedy for _, _, remedy in seen)))
 
 
-@main.command(
-    "watch", cls=click.Command, epilog="Example: osl-analysis watch /data/today --source sources/my_bench.yaml"
-)
+@main.command("watch", cls=click.Command, epilog="Example: osl-analysis watch /data/today --source my_bench.yaml")
 @argument("folder", type=FOLDER)
-@option(
-    "--source", type=FILE, help="Source file that describes the recordings. Default: what the campaign has, or a guess."
-)
+@option("--source", type=FILE, help="Source file of the recordings. Default: what the campaign has, or a guess.")
 @option("--output", type=FOLDER, default=Path("watched"), help="Folder of the pictures.")
 @CONFIG
 def watch(folder: Path, source: Path | None, output: Path, config_path: Path) -> None:
@@ -447,8 +437,7 @@ def watch(folder: Path, source: Path | None, output: Path, config_path: Path) ->
     whether it is like those before it: by their median, within four standard deviations (from the median absolute
     deviation, at least 1 % of an estimate and 5 % of duration, rate and range of the angle).
 
-    Ctrl-C ends it. A recording that was examined is not examined again until it changes; one that was refused, when
-    watch is started again."""
+    Ctrl-C ends it. A recording is examined again when it changes; one that was refused, when watch is started again."""
     from osl_analysis.commands.watch import WatchedBench, watched_lines
 
     bench = WatchedBench(config_path, source, output)
@@ -478,9 +467,7 @@ OPTIONS = {
 """Options that one kind of excitation has, by its name."""
 
 
-@main.command(
-    "gains", epilog="Example: osl-analysis gains --stiffness 300 --damping 5 (or 100:400:50 and 0,5 for a grid)"
-)
+@main.command("gains", epilog="Example: osl-analysis gains --stiffness 300 --damping 5 (a grid: 100:400:50 and 0,5)")
 @option("--stiffness", type=numbers, help="Desired joint stiffness K_d [N·m/rad]: 300, 100,200 or 100:400:50.")
 @option("--damping", type=numbers, help="Desired joint damping B_d [N·m·s/rad]: 5, 0,2.5,5 or 0:7.5:2.5.")
 @file_option("--trajectory", help="CSV file with phase (0 to 1), K_d [N·m/rad] and B_d [N·m·s/rad] instead.")
@@ -570,9 +557,7 @@ def export(folder: Path, kind: str, output: Path, trials: str, config_path: Path
 @option("--damping-within", type=percent, help="The same of B.")
 @option("--inertia-within", type=percent, help="The same of I.")
 @option("--walking", is_flag=True, help="Instead: how many crossings of the walkway, from a pilot's unperturbed ones.")
-@option(
-    "--from", "folder", type=FOLDER, default=Path("results"), help="A pilot's results: its friction, or its walking."
-)
+@option("--from", "folder", type=FOLDER, default=Path("results"), help="A pilot's results: friction, or walking.")
 @option("--crossings", type=numbers, help="Of --walking: numbers of perturbed ones; default: 4 to 40.")
 @option("--turn", type=POSITIVE, help="Of --walking: size of the turn [deg]; default: the pilot's, or 5.")
 @option("--ramp", type=click.FloatRange(10, 1000), help="Of --walking: its duration [ms]; default: the pilot's, or 80.")

@@ -1,9 +1,8 @@
 """A person's joint: Eq. 15 beside the columns of a reflex, its row of `human_joint.csv`, and K and B over a signal; and
 whether the torque of a device has a reflex.
-
-The reflex is the parallel pathway of Kearney, Stein and Parameswaran (IEEE Trans. Biomed. Eng. 44, 1997): half-wave
+ The reflex is the parallel pathway of Kearney, Stein and Parameswaran (IEEE Trans. Biomed. Eng. 44, 1997): half-wave
 rectified velocity, some 40 ms late, through an impulse response of half a second; here of both directions. What is slow
-counts for the person's own will."""
+is his own will."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -97,12 +96,6 @@ def through_memory(signals: Array, rate_hz: float, memory_s: float) -> Array:
     responses = (1 + np.cos(np.pi * np.clip(away / 2, -1, 1))) / 2 / rate_hz
     answers = [scipy.signal.fftconvolve(one[:, None], responses, axes=0)[: len(one)] for one in signals.T]
     return np.concatenate(answers, axis=1)
-
-
-def static_gains(record: Record, memory_s: float) -> Array:
-    """What each of the columns of one half-wave is in the end [s], (8,), if the half-wave stays 1."""
-    step = np.ones((round(memory_s * record.rate_hz) + 1, 1))
-    return np.asarray(through_memory(step, record.rate_hz, memory_s)[-1])
 
 
 def half_waves(record: Record, memory_s: float) -> Array:
@@ -364,9 +357,11 @@ def lag_of_person_row(fit: PersonFit) -> Row:
     return row | (without_lag if lag.found else dict.fromkeys(without_lag))
 
 
-def reflex_gains(whole: gram.GroupFit, gains: Array) -> Row:
+def reflex_gains(whole: gram.GroupFit, rate_hz: float, memory_s: float) -> Row:
     """Torque per speed [N*m*s/rad] that a lasting speed of either direction would end in by the reflex."""
     row: Row = {}
+    step = np.ones((round(memory_s * rate_hz) + 1, 1))
+    gains = through_memory(step, rate_hz, memory_s)[-1]  # of each column [s], (8,), if the half-wave stays 1
     for k, way in enumerate(("up", "down")):
         weights = {f"reflex_{k * len(gains) + n}": gain for n, gain in enumerate(gains)}
         row |= weighted_sum(whole, f"reflex_gain_{way}", weights)
@@ -393,7 +388,7 @@ def reflex_row(fit: PersonFit) -> Row:
     (by_muscle, soonest, latest), (low, high) = delay_by_muscle(person), whole.interval("K")
     others = [of for at, of in person.delays.items() if soonest <= 1e3 * at <= latest]
     row: Row = {
-        **reflex_gains(whole, static_gains(raw, human.memory_s)),
+        **reflex_gains(whole, raw.rate_hz, human.memory_s),
         "reflex_share": 100 * float(np.var(reflex) / np.var(record.part(record.filtered_torque))),
         "reflex_delay_ms": by_muscle,
         "reflex_delay_low_ms": soonest,

@@ -131,8 +131,7 @@ def impedance_table(analysis: Analysis, s: Sums, p: DrivetrainParameters | None 
 
 def believed_reflex(whole: GroupFit, facts: Row, is_leg: bool) -> Row:
     """What the `facts` of a recording have of a reflex, as far as the witness leaves it: none where it hears nothing,
-    where a path explains more, or where no estimate moves by more than its interval and, if nothing else harms, by more
-    than harms."""
+    where a path explains more, or no estimate moves by more than its interval, or by what harms."""
     shifts, moved = [facts[f"{family}_shift"] for family in FAMILIES], False
     alone = not any(isinstance(shift, float) and shift > 1 for shift in shifts)
     for name, (share, size) in HARM.items():

@@ -177,8 +177,7 @@ def fit_sinusoids(
     The spread of cycles gives the covariance; of fewer than five it is that of the residual's autocorrelation. The
     normal equations are well conditioned: over whole cycles the sines are at right angles.
 
-    Raises InputError: less than one cycle, steps too long for the highest harmonic, a value that cannot be measured, or
-    there is no sine of this frequency."""
+    Raises InputError: less than one cycle, steps too long for harmonic 5, a value that cannot be measured, no sine."""
     check_finite("time", time)
     highest, n = 5, len(time)
     step = float(time[-1] - time[0]) / (n - 1) if n > 1 else np.inf

@@ -1,9 +1,8 @@
 """The torque that the leg's components predict for an impedance trial, beside the recorded one: nothing is fitted.
-
-Each component was measured alone (components.py). With the law of the controller they give the torque for the recorded
+ Each component was measured alone (components.py). With the law of the controller they give the torque for the recorded
 angle (Eqs. 1-7). What is uncertain of the components is uncertain of the prediction too; what the equations lack shows
-in the other trials of the campaign, and a misfit that is alike in all trials names the component that is not as
-measured, or a controller that acts late.
+in the other trials of the campaign, and a misfit that is alike in all names the component that is not as measured, or a
+late controller.
 
 The law that a controller ran, from the logged current and the motor's angle: no component of the drivetrain, and no
 torque of the bench, has a part in it.

@@ -55,11 +55,10 @@ def write_report(
     """Write the page `report.html`, and the text of its methods, `methods.md` and `methods.tex`.
 
     `sheet` has the row of every trial, also of those that it excludes, `settings` the sections of the configuration by
-    which the experiments are analysed; `trials`, `series` and `crossings` the files of
-    each that has them, `tables` the result tables and `figures` the SVG files by name. `verdicts` is `quality.csv`,
-    `excluded` the trials that are not used, `findings` `findings.csv`,
-    `states` `settings.csv`, `summary` `summary.json`, `refused` the causes of all that is missing, `unnamed` says which
-    recordings no row of the sheet names."""
+    which the experiments are analysed; `trials`, `series` and `crossings` the files of each that has them, `tables` the
+    result tables and `figures` the SVG files by name. `verdicts` is `quality.csv`, `excluded` the trials that are not
+    used, `findings` `findings.csv`, `states` `settings.csv`, `summary` `summary.json`, `refused` the causes of all that
+    is missing, `unnamed` tells recordings without a row."""
     written = {name: with_evidence(path) for name, path in tables.items()}
     said_of = {one.trial: f"{one.reason}; {one.remedy}" for one in refused if one.trial}
     left_out = left_out_trials(read_table(excluded), written, said_of)

@@ -94,8 +94,7 @@ def note_protocol(folder: Path) -> None:
 
 
 def fit_of_row(trial: Trial, row: Mapping[str, Any], device: Path | None, config: Path) -> fits.Fit:
-    """The fit of a trial in memory, by what its row of a sheet says, drafted or not, as in the workflow. `device` is
-    its parameter file. Raises as `fit_trial`."""
+    """The fit of a trial in memory, by its row of a sheet, as in the workflow. `device` is its parameter file."""
     experiment = fits.experiment_of(str(row["experiment"]), config)
     condition: Any = {column: row.get(column) for column in fits.job_of(experiment).sheet}
     if experiment == "impedance":

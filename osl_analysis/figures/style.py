@@ -142,8 +142,7 @@ def open_entry(table: pl.DataFrame) -> dict[str, Line2D]:
 def draw_fits(
     ax: Axes, rows: pl.DataFrame, x: Any, y: Any, look: Look, share: float = 1.0, linewidths: float = 0.8, **looks: Any
 ) -> None:
-    """A marker in a share of the look's size per row at (x, y), open where its fit is doubtful. It leads to its
-    trial."""
+    """A marker of a share of the look's size per row, open where its fit is doubtful. It leads to its trial."""
     fill = [WHITE if doubtful else look.colour for doubtful in rows.select(IS_DOUBTFUL).to_series()]
     looks |= {"facecolors": fill, "edgecolors": look.colour, "linewidths": linewidths}
     drawn = ax.scatter(x, y, (share * look.size) ** 2, marker=look.marker, label=look.label, **looks)

@@ -295,8 +295,7 @@ def is_clock(title: str) -> bool:
 
 
 def read_csv_table(path: Path, layout: CsvLayout, is_unit: IsUnit, most_rows: int | None = None) -> CsvTable:
-    """The rows of a log as text, of a long one the first `most_rows`; InputError if it has rows that the layout does
-    not allow. `is_unit` tells a unit."""
+    """The rows of a log as text, of a long one the first `most_rows`; InputError: the layout does not allow a row."""
     data, ends = read_text(path)
     table = table_of_text(data, ends, layout, is_unit, most_rows)
     stated = [int(found[1]) for text in table.comments if (found := STATED_ROWS.match(text))]
@@ -577,16 +576,10 @@ def without_cut_row(rows: Rows, width: int, damage: Ledger, whole: bool) -> Rows
     return rows
 
 
-def number_columns(rows: Sequence[Sequence[str | None]]) -> list[list[str]]:
-    """The cells of each column that are numbers or times."""
-    columns = zip_longest(*rows)
-    return [[cell for cell in column if cell and is_value(cell) and cell not in MISSING] for column in columns]
-
-
 def decimal_of(rows: Sequence[tuple[int, Sequence[str | None]]]) -> str:
-    """The decimal sign of the cells: a comma where numbers have one and none has a full stop, unless each may be one
-    between thousands."""
-    numbers = number_columns([row for _, row in (*rows[:FIRST_LINES], *rows[-LAST_LINES:])])
+    """The decimal sign of the cells: a comma where numbers have one, none a stop, and not all may part thousands."""
+    columns = zip_longest(*(row for _, row in (*rows[:FIRST_LINES], *rows[-LAST_LINES:])))
+    numbers = [[cell for cell in column if cell and is_value(cell) and cell not in MISSING] for column in columns]
     others = [column for column in numbers if not are_whole_thousands(column, ".")]
     cells = [cell for column in others for cell in column]
     commas = [cell for cell in cells if re.fullmatch(r"[+-]?\d*,\d+([eE][+-]?\d+)?", cell)]

@@ -258,8 +258,7 @@ def plate_loads(recording: C3DRecording, source: C3dSource) -> list[PlateRecord]
 
 
 def plate_load(recording: C3DRecording, source: C3dSource, number: int) -> PlateRecord:
-    """What one plate recorded, and from which channels. The matrix of a type 4 plate gives moments in N times the
-    file's unit of length unless overridden."""
+    """What one plate recorded, and from which channels. A matrix of type 4 has N times the file's unit of length."""
     header, labels = recording.header, recording.analog_labels
     length = checked_length(recording.point_unit(), "unit of length", source)
     metre, kind, matrix = si_factor(length, "m"), int(plate_parameter(recording, "TYPE", number)), None

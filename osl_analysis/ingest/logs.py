@@ -4,7 +4,7 @@ topic, in MCAP or a bag of ROS, in the order of their stamps. Nothing is interpo
 import json
 import re
 from collections import Counter, defaultdict
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, replace
 from functools import reduce
@@ -293,7 +293,10 @@ def csv_log(path: Path, source: SheetSource) -> Table:
     if clock is not None:
         values[clock] = cells_of(text, clock, source, level=False, is_time=True) if stamps is None else stamps
     clocks = list(clock_columns(text, source, {*places.values()}))
-    end = len(text.lines) if clock is None else rows_with_values(values.values())
+    end = len(text.lines)
+    if clock is not None:  # up to the last value of any column: what is longer, as an EMG, has rows of its own
+        known = (np.flatnonzero(~np.isnan(one.astype(np.float64))) for one in values.values())
+        end = max(int(one[-1:].sum()) + 1 for one in known)
     values = {place: one[:end] for place, one in values.items()}
     rates = [("in words", one)] if (one := stated_rate(text.comments)) else []
     found = {}
@@ -313,11 +316,6 @@ def csv_log(path: Path, source: SheetSource) -> Table:
         clocks=[(name, unit, one[:end]) for name, unit, one in clocks],
         rates=rates,
     )
-
-
-def rows_with_values(columns: Iterable[NDArray[Any]]) -> int:
-    """How many rows there are up to the last value of any column: what is longer, as an EMG, has rows of its own."""
-    return max(int(np.flatnonzero(~np.isnan(one.astype(np.float64)))[-1:].sum()) + 1 for one in columns)
 
 
 def clock_columns(
@@ -618,8 +616,7 @@ def vectors_in(values: Mapping[str, Value], place: str = "") -> Iterator[tuple[s
 
 
 def tdms_log(path: Path, source: TdmsSource) -> Table:
-    """Channels by a channel of time, the rate, or the timing in their own properties: where these differ, a channel has
-    no value in the rows of another."""
+    """Channels by a channel of time, the rate, or their own timing: where it differs, each has rows of its own."""
     file = read_tdms(path)
     channels = {name: file.channel(name) for name in wanted(source)}
     by_address = {channel.address: channel for channel in channels.values()}

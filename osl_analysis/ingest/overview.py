@@ -65,12 +65,6 @@ class Overview:
     open: Sequence[str] = ()  # what the user decides, as which of its clocks counts, a sentence each
 
 
-def guesses(units: Mapping[str, str]) -> list[str]:
-    """A remark on the units that names tell, by channel."""
-    named = ", ".join(f"{name} [{unit}]" for name, unit in units.items() if unit)
-    return [f"units guessed from the names, to be checked: {named}"] * bool(named)
-
-
 def likely_clock(readings: Mapping[str, NDArray[Any]], what: str = "columns") -> tuple[str | None, list[str]]:
     """The clock that a draft names, and what the user has to decide, from the readings (n,) of all that are called so.
     The first of several, if they span the same time in s, ms, us or ns: within 0.5 %, which puts I wrong by 1 %. None
@@ -196,9 +190,11 @@ def overview_of(
     if timing is None:
         time = next((one for one in signals or shown if one.key == clock), None)
         timing = {"time": time_setting(next(iter(columns[0].address)) if columns else "column", time)}
-    told = {one.key: one.likely_unit for one in shown if one.key != clock or logs.likely_unit(one.name)}
+    units = {one.key: one.likely_unit for one in shown if one.key != clock or logs.likely_unit(one.name)}
+    told = ", ".join(f"{key} [{unit}]" for key, unit in units.items() if unit)
+    guesses = [f"units guessed from the names, to be checked: {told}"] * bool(told)
     stated = {"clock": "master", **(settings or {}), **timing}
-    return Overview(name, facts or {}, shown, [*remarks, *guesses(told)], stated, signals, questions)
+    return Overview(name, facts or {}, shown, [*remarks, *guesses], stated, signals, questions)
 
 
 def time_setting(key: str, clock: RecordedChannel | None) -> dict[str, str]:

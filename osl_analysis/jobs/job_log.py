@@ -44,8 +44,7 @@ def plain(value: Any) -> Any:
 
 
 def run_report(folder: Path, since: float) -> str:
-    """Each warning of the jobs whose logs below a folder were written after `since` [s, as `time.time`] once, with the
-    number of jobs that gave it."""
+    """Each warning in logs below a folder, written after `since` [s, as `time.time`], with its number of jobs."""
     paths = [path for path in sorted(folder.rglob("*.log")) if path.stat().st_mtime >= since]
     warned = (path for path in paths if b"\nwarnings:" in path.read_bytes())
     logs = [log for log in map(read_log, warned) if log is not None]

@@ -158,8 +158,7 @@ def serve(number: int) -> NoReturn:
 
 
 def idle_worker(workers: dict[socket.socket, Worker], module: str) -> socket.socket | None:
-    """The channel of a worker that waits and can do a job of a module. Where there is none, those that wait are to end:
-    a new one takes their place."""
+    """The channel of a waiting worker for a module; where there is none, those that wait are to end."""
     compiles = module in COMPILING
     idle = [one for one, worker in workers.items() if not worker.link and worker.compiles == compiles]
     for one in idle:
@@ -204,8 +203,7 @@ def job_ended(workers: dict[socket.socket, Worker], channel: socket.socket) -> N
 
 
 def work(channel: socket.socket, jobs: int) -> NoReturn:
-    """Do so many jobs, as they arrive at a socket, in this process, and say there how each ended; the last one ends it,
-    too."""
+    """Do so many jobs, as they arrive at a socket, in this process, which ends then, and say there how each ended."""
     gc.enable()
     code = 0
     with suppress(OSError):  # of a server that was killed

@@ -117,8 +117,7 @@ def uncompensated_gains(K_d: float, B_d: float, p: DrivetrainParameters) -> Gain
 def select_gains(
     controller: str, K_d: float, B_d: float, p: DrivetrainParameters, weight: Weight = PAPER_WEIGHT
 ) -> Gains:
-    """The gains of a `compensated` or an `uncompensated` trial. Raises as `compensated_gains`, and InputError for any
-    other controller."""
+    """The gains of a `compensated` or an `uncompensated` trial. InputError: another one; as `compensated_gains`."""
     if controller not in CONTROLLERS:
         raise InputError(
             f"the gains of controller '{controller}' are not known{nearest(controller, CONTROLLERS)}; "

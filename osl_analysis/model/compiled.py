@@ -1,5 +1,4 @@
-"""Functions that numba, of the extra `simulator`, compiles on their first call and keeps on disk; without it they run
-as plain Python."""
+"""Functions that numba (extra `simulator`) compiles on their first call and keeps on disk; else plain Python."""
 
 from collections.abc import Callable
 from functools import wraps

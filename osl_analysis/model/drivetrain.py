@@ -175,8 +175,7 @@ def joint_admittance(K_1: float, B_1: float, p: DrivetrainParameters, J_j: float
         P = J_j s^2 + B_j s + K_s      the joint that the belt holds
         D = N P - c                    c = (K_s/n_T)^2
 
-    The other modules use the same letters. The paper neglects J_j. `J_j=p.J_j` includes the joint's inertia; the
-    denominator then has one power more."""
+    The other modules use the same letters. The paper neglects J_j. `J_j=p.J_j` includes it, one power more."""
     N = np.array([p.J_m, p.B_m + B_1, K_1 + p.K_s / p.n_T**2])
     P = np.array([J_j, p.B_j, p.K_s])
     D = np.convolve(N, P)

@@ -71,9 +71,7 @@ class Example:
 
 
 ENTRIES: dict[str, Any] = read_mapping(Path(__file__).with_suffix(".yaml"))
-LABELS = {
-    table: {quantity: Headline(**label) for quantity, label in labels.items()} for table, labels in ENTRIES.items()
-}
+LABELS = {table: {name: Headline(**one) for name, one in labels.items()} for table, labels in ENTRIES.items()}
 """The labels by table and quantity, in the order of the summary."""
 
 
@@ -258,8 +256,7 @@ def numbers_of(name: str, table: pl.DataFrame, example: Example) -> Iterator[Hea
 
 
 def placed_numbers(name: str, table: pl.DataFrame, example: Example) -> Iterator[Headline]:
-    """The numbers of one table. Those of the bench are of one joint and side each, told apart where there are several;
-    the draft's are of an ankle."""
+    """The numbers of one table: of the bench by joint and side where these differ; the draft's are of an ankle."""
     places = ("joint", "side")
     if name == "claims" or name.startswith("walking") or not set(places) <= set(table.columns):
         yield from numbers_of(name, table, example)

@@ -39,8 +39,7 @@ FIRST_FIGURES = ("fig5", "walking_page", "torque_angle", "response", "fig3")
 def written_page(
     content: Mapping[str, Any], trials: Mapping[str, tuple[Mapping[str, Any], Mapping[str, pl.DataFrame]]]
 ) -> str:
-    """The HTML of the report, of the names that the template `report.html.j2` uses, and of what it says of each trial
-    with the tables that it draws."""
+    """The HTML of the report, of the names in `report.html.j2`, and of what it says and draws of each trial."""
     around = template("report.html.j2")
     bokeh_js = "\n".join(Resources(mode="inline", log_level="warn", components=["bokeh", "bokeh-api"]).js_raw)
     report_js, style = ((TEMPLATES / f"report.{kind}").read_text(encoding="utf-8") for kind in ("js", "css"))

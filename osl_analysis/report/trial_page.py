@@ -420,8 +420,7 @@ def trials_content(trials: Sequence[ReportedTrial]) -> dict[str, Any]:
 def methods_content(
     config: Mapping[str, Any], tables: Mapping[str, pl.DataFrame], trials: Sequence[ReportedTrial]
 ) -> dict[str, Any]:
-    """What `methods.html.j2` says of how results were made: settings, the values of some columns of the result tables,
-    and what was recorded."""
+    """What `methods.html.j2` says of how results were made: settings, values of tables, and what was recorded."""
     columns = """excitation commanded_deg frequency_hz band_low_hz band_high_hz controller group plate_inertia K_d B_d
         B_viscous direction onset_phase interval_method theta_rms_deg fitted_s n_up n_down"""
     said: defaultdict[str, defaultdict[str, list[Any]]] = defaultdict(lambda: defaultdict(list))

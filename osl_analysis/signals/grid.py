@@ -29,8 +29,7 @@ MOVED = ("theta", "theta_m", "torque", "torque_m", "current")
 
 @dataclass(frozen=True)
 class GapLimits:
-    """Which gaps do what. A gap is as long as its missing samples: 20 of them at 1 kHz are 20 ms, between samples that
-    lie 21 ms apart."""
+    """Which gaps do what. 20 missing samples at 1 kHz are a gap of 20 ms, between samples 21 ms apart."""
 
     highest_hz: float = 5.0  # [Hz] fastest motion that the fits use
     cutoff_hz: float = 15.0  # [Hz] of the filter that the signals pass afterwards

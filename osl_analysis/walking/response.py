@@ -95,11 +95,6 @@ def signal_at(crossing: Crossing, signal: Array, time: Array) -> Array:
     return np.asarray(spline(np.clip(time, crossing.time[0], crossing.time[-1])))
 
 
-def at_phases(curves: Array, phase: Array) -> Array:
-    """Curves (..., `PHASES`) at other phases (k,): (..., k), by a cubic spline."""
-    return np.asarray(scipy.interpolate.make_interp_spline(PHASES, curves, k=3, axis=-1)(phase))
-
-
 SMALLEST, LARGEST = 0.75, 1.33  # Bounds of a scale
 
 
@@ -248,7 +243,8 @@ def isolate_response(
     thetas = signal_at(crossing, crossing.theta, own_time) - aligned.curves(gait.theta, phase)
     torques = signal_at(crossing, crossing.torque, own_time) - aligned.curves(gait.torque, phase)
     errors, of_lab = (
-        signal_at(crossing, own, own_time) - at_phases(usual.mean(axis=1), phase)
+        signal_at(crossing, own, own_time)
+        - scipy.interpolate.make_interp_spline(PHASES, usual.mean(axis=1), k=3, axis=-1)(phase)
         for own, usual in ((crossing.plate_errors, gait.plate_errors), (crossing.lab_errors, gait.lab_errors))
     )
     before = time <= -BEFORE_ONSET_S

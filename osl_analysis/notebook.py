@@ -14,14 +14,7 @@ from osl_analysis.bench.phasors import frequency_response_table
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands import tables as tables_of_campaign
-from osl_analysis.commands.bench import (
-    Fit,
-    campaign_parameters,
-    experiment_of,
-    fit_settings,
-    fit_tables,
-    fit_trial,
-)
+from osl_analysis.commands.bench import Fit, campaign_parameters, experiment_of, fit_settings, fit_tables, fit_trial
 from osl_analysis.commands.trials import checked_trial
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.errors import InputError, listing, nearest
@@ -111,8 +104,7 @@ def fit_impedance(
     * `parameters`: the parameter file of the device; default: that of the configuration; None: a device without one.
 
     Raises InputError: the trial lacks a signal, does not move, or follows a damaged stepped sine; or a file is not
-    valid. IdentifiabilityError: the motion cannot tell K, B and I apart. UnreachableImpedanceError: the device has no
-    gains for the desired impedance."""
+    valid. IdentifiabilityError: the motion cannot tell K, B and I apart. UnreachableImpedanceError: no gains."""
     return fitted(*asked("impedance", trial, config, parameters), known(desired), windows)
 
 

@@ -161,9 +161,8 @@ def held_against_desired(fits: pl.DataFrame) -> pl.DataFrame:
 
 def finite_or_null(row: Mapping[str, Any]) -> dict[str, Any]:
     """A row of a table, or what is nested in it, for JSON: infinity and NaN, which JSON does not have, become null."""
-    finite = {
-        key: None if isinstance(value, float) and not math.isfinite(value) else value for key, value in row.items()
-    }
+    lost = {key for key, value in row.items() if isinstance(value, float) and not math.isfinite(value)}
+    finite = {key: None if key in lost else value for key, value in row.items()}
     return {key: finite_or_null(value) if isinstance(value, Mapping) else value for key, value in finite.items()}
 
 

@@ -6,14 +6,7 @@ import bench_synthetic
 import numpy as np
 import polars as pl
 import pytest
-from bench_synthetic import (
-    FIVE,
-    PROTOCOL,
-    RATE,
-    second_order,
-    sine_settings,
-    stepped_sine,
-)
+from bench_synthetic import FIVE, PROTOCOL, RATE, second_order, sine_settings, stepped_sine
 from conftest import ROOT, marked
 from scipy.ndimage import shift
 
@@ -25,10 +18,7 @@ from osl_analysis.bench.record import record_of_trial
 from osl_analysis.bench.settings import BenchStiffness
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands import figure as plotted_numbers
-from osl_analysis.commands.bench import (
-    estimates_text,
-    summarise,
-)
+from osl_analysis.commands.bench import estimates_text, summarise
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.figures.impedance import draw_fig4
 from osl_analysis.judge.judging import LATENESS, unchecked_in

@@ -159,10 +159,7 @@ def estimates_of(total: Array, at: Sequence[int], q: int) -> Array:
 
 
 def fit_groups(
-    s: Sums,
-    model: Mapping[str, str],
-    keep: "NDArray[np.bool_] | Label" = None,
-    limit: float = CONDITION_LIMIT,
+    s: Sums, model: Mapping[str, str], keep: "NDArray[np.bool_] | Label" = None, limit: float = CONDITION_LIMIT
 ) -> GroupFit:
     """Least squares of the torque on a model (Eq. 15), estimate -> column, over a label's groups or those to keep (m,).
 

@@ -260,8 +260,7 @@ class SegmentPhasors:
 
 def phasors_of_record(record: Record) -> list[SegmentPhasors]:
     """Phasors of the settled cycles of every segment of a stepped sine, amplitude by amplitude; none of another motion.
-    The last cycle is not used. If the angle lags the command by more at one frequency than at another, this cycle
-    contains the beginning of the next frequency.
+    The last cycle is not used. Where the lag of the angle grows, it has the beginning of the next frequency.
 
     Raises InputError: as `fit_sinusoids`; the message names the trial."""
     if not record.is_stepped_sine:
@@ -274,9 +273,8 @@ def phasors_of_record(record: Record) -> list[SegmentPhasors]:
         rows = whole_rows(first.min(), stop.max())
         cycles, signals = (first - rows.start, stop - rows.start), (record.theta[rows], record.torque[rows])
         sines = fit_sinusoids(record.time[rows], one.frequency_hz, *signals, cycles=cycles)
-        theta, torque = (
-            with_rounding(phasor, record, k, one.frequency_hz, (first, stop)) for k, phasor in enumerate(sines)
-        )
+        where = one.frequency_hz, (first, stop)
+        theta, torque = (with_rounding(phasor, record, k, *where) for k, phasor in enumerate(sines))
         compliance_error = record.bench.compliance_error if record.bench else 0.0
         bench_error = compliance_error, *record.calibration.polar(one.frequency_hz)
         found.append(SegmentPhasors(one.label, one.frequency_hz, theta, torque, bench_error, one.commanded_deg))

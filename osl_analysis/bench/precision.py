@@ -121,9 +121,8 @@ class PeriodicMultisine:
         motions = [self.motion(r) for r in range(min(self.realisations, MOST_DRAWN))]
         n = 16 * int(motions[0].lines[-1])
         time = self.period_s * np.arange(n) / n
-        angle, velocity, acceleration = (
-            max(float(np.max(np.abs(m.angle(time, derivative)))) for m in motions) for derivative in range(3)
-        )
+        orders = [[np.abs(m.angle(time, derivative)).max() for m in motions] for derivative in range(3)]
+        angle, velocity, acceleration = (float(max(one)) for one in orders)
         return angle, velocity, acceleration
 
     @property

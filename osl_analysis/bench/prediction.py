@@ -139,9 +139,8 @@ def certain_errors(
         return max(abs(value - known) - 2 * se, 0.0)
 
     K_1, B_1 = asked["K_1"], asked["B_1"]
-    is_current = off(fit["K_1"], K_1, fit.se("K_1")) > OTHER_LAW["K_1_error"] * K_1 and (
-        abs(fit["K_1"] / reads - K_1) < 0.5 * abs(fit["K_1"] - K_1)
-    )
+    is_off = off(fit["K_1"], K_1, fit.se("K_1")) > OTHER_LAW["K_1_error"] * K_1
+    is_current = is_off and abs(fit["K_1"] / reads - K_1) < 0.5 * abs(fit["K_1"] - K_1)
     by = reads if is_current else 1.0
     row: dict[str, float | None] = dict.fromkeys((*OTHER_LAW, *OTHER_LINK))
     row["current_error"] = by - 1

@@ -353,8 +353,7 @@ def joint_angle(theta: Array, torque: Array, compliance: float) -> Array:
 def cycles_of(
     segments: Sequence[stepped_sine.Segment], settle_cycles: int, usable: NDArray[np.bool_], stated: bool = True
 ) -> Groups:
-    """The settled, usable cycles of segments; a stratum is a segment. Where no protocol is `stated` none was commanded.
-    Raises InputError as `settled_cycles`."""
+    """The settled, usable cycles of segments; a stratum is a segment. None was commanded unless `stated`."""
     kept = [stepped_sine.settled_cycles(segment, settle_cycles, usable) for segment in segments]
     strata = []
     for whole, label in zip(segments, stepped_sine.labels_deg(segments), strict=True):

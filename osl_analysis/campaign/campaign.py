@@ -98,9 +98,8 @@ class Campaign:
         for static, crossings in (self.statics if walking else {}).items():
             sides |= dict.fromkeys((static, *crossings), self.calibration_settings(static)["side"])
         sides |= {trial: sides[self.static(trial)] for trial in (self.plate_trials() if walking else ())}
-        return {
-            name: {"joint": row["joint"], "side": sides.get(name) or row["side"]} for name, row in self.rows.items()
-        }
+        rows = self.rows.items()
+        return {name: {"joint": row["joint"], "side": sides.get(name) or row["side"]} for name, row in rows}
 
     def by_place(self, experiment: str) -> list[list[str]]:
         """The trials of an experiment, those of each joint and side together."""

@@ -188,8 +188,7 @@ def named_in(settings: Any, name: str) -> Any:
 
 def states_of(config: Config, own: Mapping[str, Any], experiments: Collection[str]) -> list[dict[str, Any]]:
     """Of every setting that judges or labels these experiments its value and state: stated (by the configuration, or by
-    the simulation that follows it), measured (that of each recording counts), assumed (the default's, which accuses
-    nobody), or none (nothing is held against it)."""
+    the simulation that follows it), measured (that of each recording counts), assumed (the default's), or none."""
     rows, settings = list[dict[str, Any]](), config.model_dump(mode="json")
     for name in (name for name, of in JUDGING.items() if {*of} & {*experiments}):
         value, said = named_in(settings, name), named_in(own, name)

@@ -112,8 +112,7 @@ def copy_inputs(campaign: Campaign, crate: Path, raw: bool) -> None:
 
 
 def copy_recordings(campaign: Campaign, crate: Path, raw: bool) -> None:
-    """The hashes of the recordings, and these themselves if `raw`, with the truth that the simulator keeps beside its
-    own. InputError: one cannot be read."""
+    """The hashes of the recordings, and themselves if `raw`, with a simulator's truth. Raises InputError."""
     config = campaign.config
     recordings = sorted({file for trial in campaign.trials() for file in campaign.logs(trial)})
     hashes = {file.relative_to(config.raw_data).as_posix(): digest(file) for file in recordings}

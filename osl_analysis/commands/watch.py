@@ -68,8 +68,7 @@ def first_trials(campaign: Campaign) -> list[tuple[str, str]]:
 
 
 def note_protocol(folder: Path) -> None:
-    """Write the stepped sine that the first trial with one did into the configuration of a new campaign, as a comment:
-    who commanded it states it by removing the `#`."""
+    """Write the stepped sine of the first trial with one into a new configuration, as a comment."""
     with chdir(folder):
         config = read_config(CAMPAIGN)
         campaign = open_campaign(config, None)

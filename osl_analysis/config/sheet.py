@@ -39,8 +39,7 @@ def read_sheet(path: Path) -> SheetRows:
     """Read and validate a sample sheet, CSV in UTF-8; docs/own_data.md explains its columns. Empty lines and lines that
     begin with `#` are skipped; elsewhere `#` is text, and so is `NA`. An empty cell says nothing, nor do blanks around
     one. K_d and B_d are in N*m/rad and N*m*s/rad; a joint that is not named is the ankle where other rows name theirs
-    or are of the walkway, and else not known (None). Raises InputError where the sheet is missing or empty, a column is
-    unknown, or a value is not allowed."""
+    or are of the walkway, and else not known (None). Raises InputError: no sheet, or a wrong column or value."""
     if not path.is_file():
         raise InputError(f"{path}: no such sample sheet; write one (README, 'Your own data') or set `sheet`")
     check_not_refused(path)
@@ -75,7 +74,11 @@ def read_sheet(path: Path) -> SheetRows:
         rows[row["trial"]] = told | numbers | {"perturbed": perturbed}
     if not rows:
         raise InputError(f"{path}: no trials; add one row per trial")
-    # a joint that is not named is the ankle where others are named, or the walkway measures it
+    return with_joints(rows)
+
+
+def with_joints(rows: SheetRows) -> SheetRows:
+    """The rows with the ankle for each joint that is not named, where others are, or the walkway measures it."""
     known = any(row["joint"] or EXPERIMENTS[row["experiment"]].place == "walkway" for row in rows.values())
     return {trial: row | {"joint": row["joint"] or (JOINT if known else None)} for trial, row in rows.items()}
 

@@ -90,9 +90,8 @@ def panels(
     the rows. `names` stand behind the letters; panels with names of their own share no axis."""
     figure = Figure(figsize=(width, height), layout="constrained")
     share = rows > 1 and not names
-    grid = figure.subplots(
-        rows, columns, squeeze=False, sharex=share, sharey=bool(shares), width_ratios=shares, height_ratios=heights
-    )
+    ratios = {"width_ratios": shares, "height_ratios": heights}
+    grid = figure.subplots(rows, columns, squeeze=False, sharex=share, sharey=bool(shares), **ratios)
     letters = [f"({letter})" for letter in ascii_lowercase[: grid.size]] * (grid.size > 1)
     titles = [f"{letter} {name}" for letter, name in zip_longest(letters, names, fillvalue="")]
     for ax, title in zip(grid.flat, titles, strict=False):

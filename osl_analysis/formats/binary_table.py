@@ -260,8 +260,7 @@ def hdf5_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
 
 
 def bytes_behind(path: Path, begin: int) -> int:
-    """How many bytes stand behind the end of an HDF5 file that its superblock, at a byte, states: where some were
-    inserted, values behind them are shifted."""
+    """How many bytes stand behind the end that the superblock, at a byte, states: where some were inserted."""
     with path.open("rb") as file:
         start = file.read(begin + 128)[begin:].ljust(128, b"\0")
     (stated,) = struct.unpack_from("<Q", start, 40 if start[8] < 2 else 28)

@@ -28,10 +28,7 @@ COMMENTS = ("#", "%", "//")
 MISSING = ("", "nan", "NaN", "NAN", "NA", "N/A", "#N/A", "null", "NULL", "None", "<NA>", "NaT", "-nan", "-nan(ind)")
 """Cells of readings that failed, as programs write them."""
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d{1,3})?", re.ASCII)
-THOUSANDS = {
-    ".": re.compile(r"([+-]?\d{1,3}(?:,\d{3})+)\.(\d+)"),
-    ",": re.compile(r"([+-]?\d{1,3}(?:\.\d{3})+),(\d+)"),
-}
+THOUSANDS = {".": re.compile(r"([+-]?\d{1,3}(?:,\d{3})+)\.(\d+)"), ",": re.compile(r"([+-]?\d{1,3}(?:\.\d{3})+),(\d+)")}
 """By the decimal sign: numbers whose thousands have the other one."""
 WHOLE_THOUSANDS = {sign: re.compile(rf"[+-]?[1-9]\d{{0,2}}({re.escape(sign)}\d{{3}})+") for sign in ",."}
 SMALL_WHOLE = re.compile(r"[+-]?\d{1,3}")
@@ -332,8 +329,7 @@ def table_of_text(data: bytes, ends: bool, layout: CsvLayout, is_unit: IsUnit, m
 
 
 def alike_rows(text: bytes, delimiter: str, names: Sequence[str]) -> pl.DataFrame | None:
-    """The cells of lines that all have a cell per name, in an eighth of the time and of the memory; None if they are
-    not alike, or hold a quote or a comment."""
+    """The cells of lines with a cell per name each, in an eighth of time and memory; None where a line is another."""
     if b'"' in text or b"\n\n" in text or any(sign.encode() in text for sign in COMMENTS):
         return None
     if delimiter == " ":
@@ -576,10 +572,15 @@ def without_cut_row(rows: Rows, width: int, damage: Ledger, whole: bool) -> Rows
     return rows
 
 
+def number_columns(rows: Sequence[Sequence[str | None]]) -> list[list[str]]:
+    """The cells of each column that are numbers or times."""
+    columns = zip_longest(*rows)
+    return [[cell for cell in column if cell and is_value(cell) and cell not in MISSING] for column in columns]
+
+
 def decimal_of(rows: Sequence[tuple[int, Sequence[str | None]]]) -> str:
     """The decimal sign of the cells: a comma where numbers have one, none a stop, and not all may part thousands."""
-    columns = zip_longest(*(row for _, row in (*rows[:FIRST_LINES], *rows[-LAST_LINES:])))
-    numbers = [[cell for cell in column if cell and is_value(cell) and cell not in MISSING] for column in columns]
+    numbers = number_columns([row for _, row in (*rows[:FIRST_LINES], *rows[-LAST_LINES:])])
     others = [column for column in numbers if not are_whole_thousands(column, ".")]
     cells = [cell for column in others for cell in column]
     commas = [cell for cell in cells if re.fullmatch(r"[+-]?\d*,\d+([eE][+-]?\d+)?", cell)]

@@ -114,11 +114,7 @@ def log_lines(overview: Overview) -> Iterator[str]:
     none. An entry has its column's name where only this channel is like it and its name leaves no doubt. One that may
     be another quantity, as a command or another joint's angle, is left to the user; where angle and torque are known,
     as a comment."""
-    time: Any = overview.settings.get("time", {})
-    of_time = next((time[key] for key in ("column", "variable", "field", "channel") if key in time), "")
-    listed = overview.channels if overview.drafted is None else overview.drafted
-    clock = next((c for c in listed if of_time and of_time in c.address.values()), None)
-    signals = [c for c in listed if c is not clock and ("topic" not in c.address or ("field" in c.address and c.count))]
+    signals, clock, of_time = channels_of_log(overview)
     yield from (f"# {text}" for text in overview.open)
     if of_time == NAME_OF_TIME:
         yield "# time: name its column and unit, or state the rate of the rows instead, as {rate: HZ}"
@@ -134,6 +130,16 @@ def log_lines(overview: Overview) -> Iterator[str]:
     for number, (channel, guess) in enumerate(zip(signals, guesses, strict=True), start=1):
         line, is_needed = channel_line(number, channel, guess), guess.sure or (guess.column and not complete)
         yield f"# {line}" if guess.no_signal or (comment_others and not is_needed) else line
+
+
+def channels_of_log(overview: Overview) -> tuple[list[RecordedChannel], RecordedChannel | None, str]:
+    """The channels of a log that may be signals, its clock, and the name by which the draft knows it."""
+    time: Any = overview.settings.get("time", {})
+    of_time = next((time[key] for key in ("column", "variable", "field", "channel") if key in time), "")
+    listed = overview.channels if overview.drafted is None else overview.drafted
+    clock = next((c for c in listed if of_time and of_time in c.address.values()), None)
+    signals = [c for c in listed if c is not clock and ("topic" not in c.address or ("field" in c.address and c.count))]
+    return signals, clock, of_time
 
 
 @dataclass(frozen=True)
@@ -436,10 +442,7 @@ def draft_trial(
     cells = {"trial": name, "experiment": UNNAMED}
     for column, (file, source) in files.items():
         cells |= {column: file.as_posix(), f"{column}_source": source}
-    possible = possible_experiments(files)
-    told = [known for known in possible if re.search(WORDS_OF_EXPERIMENTS[known], words)]
-    if "K_d" in numbers and "impedance" in possible and not {"walking", "impedance"} & {*told}:
-        told.append("impedance")
+    told = experiments_told(words, files, "K_d" in numbers)
     experiment = told[0] if len(told) == 1 else UNNAMED
     perturbed = perturbation_told(words)
     motion = moved.get(files[role][0], {})
@@ -451,7 +454,7 @@ def draft_trial(
             guessed += "; if a belt, a boot or the leg perturbs: walking, with `walking.perturbed_by`"
         return {**cells, **motion}, [f"to be confirmed, guessed from {by}: {guessed}"]
     if experiment == UNNAMED:
-        one_of = ", ".join(possible[::-1])
+        one_of = ", ".join(possible_experiments(files)[::-1])
         asked = f"may tell {' or '.join(told)}, write which" if told else f"tells none, write one of {one_of}"
         return cells, [f"experiment: the name {asked}; it stands as {UNNAMED}, which is not analysed"]
     if experiment == "calibration":
@@ -499,3 +502,10 @@ def possible_experiments(files: Recordings) -> list[str]:
     wrong = {"static", "plate"} if "mocap" not in files else set()
     wrong |= {*WORDS_OF_EXPERIMENTS} - {"static", "plate", "walking"} if "log" not in files else set()
     return [name for name in WORDS_OF_EXPERIMENTS if name not in wrong]
+
+
+def experiments_told(words: str, files: Recordings, states_K: bool) -> list[str]:
+    """The experiments that a name tells by its words or a stiffness."""
+    possible = possible_experiments(files)
+    told = [known for known in possible if re.search(WORDS_OF_EXPERIMENTS[known], words)]
+    return told + ["impedance"] * (states_K and "impedance" in possible and not {"walking", "impedance"} & {*told})

@@ -4,7 +4,7 @@ topic, in MCAP or a bag of ROS, in the order of their stamps. Nothing is interpo
 import json
 import re
 from collections import Counter, defaultdict
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, replace
 from functools import reduce
@@ -54,8 +54,7 @@ MOST_TRIED = 1000  # rows of a column by which it is told whether it may be a cl
 
 
 def read_table_log(path: Path, source: TableSource) -> Recording:
-    """The columns that the source file maps, in SI units; time [s] counts from the first row. Raises InputError where
-    the log is not what that file says."""
+    """The columns that the source file maps, in SI units; time [s] counts from the first row. Raises InputError."""
     table = TABLES[source.format](path, source)
     table.damage.read[0] = table.rows
     if table.rows < 2:
@@ -293,10 +292,7 @@ def csv_log(path: Path, source: SheetSource) -> Table:
     if clock is not None:
         values[clock] = cells_of(text, clock, source, level=False, is_time=True) if stamps is None else stamps
     clocks = list(clock_columns(text, source, {*places.values()}))
-    end = len(text.lines)
-    if clock is not None:  # up to the last value of any column: what is longer, as an EMG, has rows of its own
-        known = (np.flatnonzero(~np.isnan(one.astype(np.float64))) for one in values.values())
-        end = max(int(one[-1:].sum()) + 1 for one in known)
+    end = len(text.lines) if clock is None else rows_with_values(values.values())
     values = {place: one[:end] for place, one in values.items()}
     rates = [("in words", one)] if (one := stated_rate(text.comments)) else []
     found = {}
@@ -316,6 +312,11 @@ def csv_log(path: Path, source: SheetSource) -> Table:
         clocks=[(name, unit, one[:end]) for name, unit, one in clocks],
         rates=rates,
     )
+
+
+def rows_with_values(columns: Iterable[NDArray[Any]]) -> int:
+    """How many rows there are up to the last value of any column: what is longer, as an EMG, has rows of its own."""
+    return max(int(np.flatnonzero(~np.isnan(one.astype(np.float64)))[-1:].sum()) + 1 for one in columns)
 
 
 def clock_columns(

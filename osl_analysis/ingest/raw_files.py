@@ -405,9 +405,7 @@ def assemble(
     `files` identifies the file of each recording, `shared` an angle that aligns the clocks without sync edges. The
     log's rows before and after motion capture are counted and not used. The column `sync` is motion capture's."""
     facts = {role: dict(recordings[role].facts) for role in ("log", "mocap") if role in recordings}
-    columns = {
-        column: {"file": role, **origin} for role in facts for column, origin in recordings[role].columns.items()
-    }
+    columns = {of: {"file": role, **origin} for role in facts for of, origin in recordings[role].columns.items()}
     damage = {role: losses for role in facts if (losses := recordings[role].losses)}
     provenance: dict[str, Any] = {
         "software": {"name": "osl-analysis", "version": own_version("osl-analysis")},

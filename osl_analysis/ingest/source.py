@@ -535,8 +535,7 @@ class OpenSimSource(TableSource, InAxes):
     OF = " of format opensim"
 
     clock: Literal["master", "sync", "shared", "common"] = "master"  # type: ignore[assignment]
-    """How the log's clock is aligned to motion capture's, as in other logs. `common`: its times are those of the
-    capture in TRC, which was exported with it."""
+    """How the log's clock is aligned to motion capture's. `common`: its times are those of the TRC beside it."""
     channels: Mapping[str, OpenSimChannel] = Field(default={})
     time: OpenSimTime = Field(default_factory=OpenSimTime)
     plates: Mapping[PositiveInt, OpenSimPlate] = Field(default={})  # Force plates by number, from 1.

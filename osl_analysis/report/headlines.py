@@ -389,8 +389,7 @@ def to_tex(about: Mapping[str, str], headlines: Sequence[Headline], remarks: Seq
 
 
 def to_table(numbers: Mapping[str, Mapping[str, Any]], markdown: bool) -> str:
-    """The numbers of a summary, in the form that `to_json` writes, as Markdown or in aligned columns: what each is,
-    value, interval, trials, the draft's value."""
+    """The numbers of a summary (`to_json`) as Markdown or aligned: what each is, value, interval, trials, draft."""
     rows = [("quantity", "value", "interval", "n", "draft")]
     for number in numbers.values():
         value, interval, single = numbers_said(number)

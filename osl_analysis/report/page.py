@@ -221,9 +221,8 @@ def assumed_said(states: pl.DataFrame) -> str:
     """What of `settings.csv` nobody stated and is computed with, and that no device is stated; empty if all is."""
     states = states.cast(dict.fromkeys(("setting", "state", "value"), pl.String))  # of numbers, or none, it is no text
     rows = states.filter(state="assumed")
-    without = "Without a parameter file nothing is held against a device's gains or belt." * any(
-        states["state"].eq("none") & states["setting"].eq("parameters")
-    )
+    has_none = any(states["state"].eq("none") & states["setting"].eq("parameters"))
+    without = "Without a parameter file nothing is held against a device's gains or belt." * has_none
     said = [
         WORDS["settings"]
         .get(name, name if value.startswith("{") else f"{name} {value}")
@@ -283,8 +282,7 @@ def overview(
     figures: Sequence[Mapping[str, Any]],
     about: Mapping[str, str],
 ) -> dict[str, Any]:
-    """What the first screen says, with the figure that matters most, the numbers of a `summary` (`summary.json`), and
-    its findings with what decided on each trial."""
+    """What the first screen says: the figure that matters most, the numbers of a `summary`, its findings by trial."""
     told = summary.get("findings", ())
     findings = sorted((one for trial in trials for one in trial.findings), key=lambda one: not one["in_part"])
     known = {trial.name for trial in trials}

@@ -75,8 +75,7 @@ class SimulatedCrossing:
     drivetrain: Mapping[str, Array]  # as `simulate_drivetrain` gives it
     drivetrain_torque: Array  # resisting torque [N*m] of the drivetrain, shape (n,)
     torque: Array
-    """Resisting torque [N*m] of the joint, shape (n,): from 8 % to 92 % of stance that of the drivetrain, and in swing
-    the torque that the swinging foot needs."""
+    """Resisting torque (n,) [N*m] of the joint: from 8 % to 92 % of stance the drivetrain's, in swing the foot's."""
     reaction: TrueWrench  # Ground reaction on the foot
 
 

@@ -61,8 +61,7 @@ class SignedEffect(Effect):
 
 
 class Scatter(Effect):
-    """A random imperfection, drawn for each sample. The size is the standard deviation of a `normal` distribution, or
-    the mean of an `exponential` one."""
+    """A random imperfection of each sample: the standard deviation of a `normal`, the mean of an `exponential` one."""
 
     distribution: Literal["normal", "exponential"] = "normal"
 

@@ -49,9 +49,8 @@ class TrueWrench:
 
 
 def support(pose: Pose, rate_hz: float, mass: float, centre_of_mass: Point, gyration: Point) -> TrueWrench:
-    """The wrench that must act on a body, besides its weight, for its motion: force m (a - g) and moment dH/dt =
-    I alpha + omega x I omega about the centre of mass. This [m] and the principal radii of gyration [m] about it are in
-    the body's own axes."""
+    """The wrench that must act on a body, besides its weight, for its motion: force m (a - g) and moment dH/dt = I
+    alpha + omega x I omega about the centre of mass. This and the radii of gyration [m] are in the body's axes."""
     centre = pose.point(centre_of_mass)
     acceleration = time_derivative(time_derivative(centre, rate_hz), rate_hz)
     inertia = (pose.rotation * (mass * np.array(gyration) ** 2)) @ pose.rotation.transpose(0, 2, 1)

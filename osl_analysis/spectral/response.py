@@ -18,14 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
-from osl_analysis.spectral.periods import (
-    Realisation,
-    Spectrum,
-    distinct,
-    lines_of,
-    scatter,
-    smoothed_lines,
-)
+from osl_analysis.spectral.periods import Realisation, Spectrum, distinct, lines_of, scatter, smoothed_lines
 from osl_analysis.trial import Array, check_measured
 
 ResponseColumns = dict[str, Array]  # of `response.csv`, (m,) each; NaN where the motion does not show it

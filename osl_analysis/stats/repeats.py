@@ -66,10 +66,7 @@ estimate, and the degrees of freedom of this variance."""
 
 
 def over_repeats(
-    values: ArrayLike,
-    common: Sequence[CommonError] = (),
-    kinds: ArrayLike | None = None,
-    halves: ArrayLike = (),
+    values: ArrayLike, common: Sequence[CommonError] = (), kinds: ArrayLike | None = None, halves: ArrayLike = ()
 ) -> Repeats:
     """Summary of one estimate per trial, shape (n,). Standard error and interval include the `common` errors. Trials of
     different `kinds` (n,) count as one mean per kind, so that what differs from kind to kind is no scatter; `sd` is the

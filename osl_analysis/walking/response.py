@@ -251,9 +251,8 @@ def isolate_response(
     x, curves = time[before] - time[before].mean(), np.array([thetas, torques])[..., before]
     behaviour = np.concatenate([curves.mean(axis=-1), curves @ x / max(float(x @ x), np.finfo(float).tiny)])
     baseline = slice(MARGIN, MARGIN + round(timing.baseline_s * sampling_rate(time)))
-    thetas, torques, errors, of_lab = (
-        c - c[..., baseline].mean(axis=-1, keepdims=True) for c in (thetas, torques, errors, of_lab)
-    )
+    every = thetas, torques, errors, of_lab
+    thetas, torques, errors, of_lab = (c - c[..., baseline].mean(axis=-1, keepdims=True) for c in every)
     return PerturbationResponse(
         name=crossing.name,
         time=time,

@@ -18,7 +18,7 @@ from osl_analysis.stats.repeats import over_repeats
 from osl_analysis.trial import REFLEX_DELAYS_MS, Array, rms
 from osl_analysis.walking import response as isolation
 from osl_analysis.walking.crossing import DOWN, LABORATORY_ERRORS, LOG_ERRORS, UP, Crossing
-from osl_analysis.walking.groups import ALL, SEPARATOR, STATED, Sheet, cells_said
+from osl_analysis.walking.groups import ALL, SEPARATOR, STATED, Cells, Sheet, cells_said
 from osl_analysis.walking.response import PHASES, Bootstrap, GroupHeadline, PerturbationResponse, UnperturbedGait
 from osl_analysis.walking.settings import ResponseSettings, TimingSettings, UnseenError
 
@@ -42,14 +42,12 @@ def group_rows(
         gait, used = members["gait"][0], members.drop_nulls("group")
         of_gait = selection.filter(pl.col("gait").str.split(SEPARATOR).list.contains(gait))
         kept, lost = (of_gait.filter(pl.col("reason").is_null() == is_used) for is_used in (True, False))
-        stated = {key: {sheet[trial].get(key) for trial in members["trial"]} for key in STATED}
-        several = (f"{key} {cells_said(values)}" for key, values in stated.items() if len(values - {None}) > 1)
-        cells = {key: next(iter(values)) if len(values) == 1 else None for key, values in stated.items()}
+        cells, pooled = shared_cells([sheet[trial] for trial in members["trial"]])
         row = {
             "group": name,
             "gait": gait,
             **{("group_stated" if key == "group" else key): value for key, value in cells.items()},
-            "pooled": "; ".join(several) or None if len(used) else None,
+            "pooled": pooled if len(used) else None,
             **timing_facts(used, gaits[gait].stance if gait in gaits else np.zeros(0), window),
             **moment_error(of_gait),
             "left_out_share": of_gait.group_by("perturbed").agg(pl.col("reason").count() / pl.len())["reason"].max(),
@@ -60,6 +58,14 @@ def group_rows(
         phase = float(used["onset_phase"].cast(pl.Float64).mean()) if len(used) else np.inf  # type: ignore[arg-type]
         found.append(((*conditions, turned, phase, name), row))
     return [row for _, row in sorted(found, key=lambda pair: pair[0])]
+
+
+def shared_cells(rows: Sequence[Cells]) -> tuple[dict[str, object], str | None]:
+    """The cells in which all rows of the sheet agree, else None, and in words those in which they state several."""
+    stated = {key: {row.get(key) for row in rows} for key in STATED}
+    several = (f"{key} {cells_said(values)}" for key, values in stated.items() if len(values - {None}) > 1)
+    cells = {key: next(iter(values)) if len(values) == 1 else None for key, values in stated.items()}
+    return cells, "; ".join(several) or None
 
 
 def timing_facts(used: pl.DataFrame, stances: Array, window: float) -> dict[str, object]:

@@ -125,9 +125,7 @@ def test_where_amplitudes_nest_inside_frequencies_fig4_uses_one_amplitude_only(t
         assert set(shown["doubtful"].fill_null("")) == {cause}
         assert amplitude == pytest.approx(shown["theta_deg"].abs().max(), rel=0.02)
         assert 1 - (shown["torque"] - shown["torque_model"]).var() / shown["torque"].var() > 0.9995
-        assert draw_fig4.draw(shown).axes[1].lines[0].get_ydata().shape[0] > len(
-            shown
-        )  # broken between the frequencies
+        assert len(draw_fig4.draw(shown).axes[1].lines[0].get_ydata()) > len(shown)  # broken between the frequencies
 
 
 def test_phasors_keep_their_covariance_and_the_response_over_amplitudes_its_interval_and_its_doubts(tmp_path):
@@ -144,9 +142,8 @@ def test_phasors_keep_their_covariance_and_the_response_over_amplitudes_its_inte
     mean = read_table(tmp_path / "response.csv").row(0, named=True)
     both = table.filter(pl.col("frequency_hz") == 1)
     assert (mean["magnitude_min"], mean["magnitude_max"]) == (both["Y_magnitude"].min(), both["Y_magnitude"].max())
-    assert (mean["phase_min_deg"], mean["phase_max_deg"]) == pytest.approx(
-        (both["Y_phase_deg"].min(), both["Y_phase_deg"].max())
-    )
+    ends = both["Y_phase_deg"].min(), both["Y_phase_deg"].max()
+    assert (mean["phase_min_deg"], mean["phase_max_deg"]) == pytest.approx(ends)
     assert mean["Y_var_re"] == pytest.approx(both["Y_var_re"].sum() / 4)
     assert 4.99 <= mean["Y_degrees_of_freedom"] <= 10.5
     assert mean["magnitude_low"] < mean["magnitude"] < mean["magnitude_high"]

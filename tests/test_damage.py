@@ -70,9 +70,8 @@ def write_tdms(path: Path, first: int, timed: bool = False) -> Path:
         for part in np.array_split(np.arange(ROWS), 4):
             start = np.datetime64("2026-01-01") + np.timedelta64(first, "s")
             about = {"wf_increment": 0.01, "wf_start_time": start, "wf_start_offset": 0.0} if timed else {}
-            writer.write_segment(
-                [ChannelObject("lab", name, values[part], about) for name, values in signals(first).items()]
-            )
+            own = signals(first).items()
+            writer.write_segment([ChannelObject("lab", name, values[part], about) for name, values in own])
     return path
 
 
@@ -183,17 +182,14 @@ def samples_of(recording: Recording) -> Samples:
     """Times [0.1 ms] of the recorder's clock, and the other columns."""
     time = recording.facts.get("time", {})
     start = time.get("start_ns", 0) / 1e9 or time.get("start", 0.0)
-    return np.rint((recording.samples["time"].to_numpy() + start) * 1e4).astype(np.int64), recording.samples.drop(
-        "time"
-    )
+    time = np.rint((recording.samples["time"].to_numpy() + start) * 1e4).astype(np.int64)
+    return time, recording.samples.drop("time")
 
 
 def damaged(content: bytes, other: bytes, chance: random.Random) -> tuple[str, bytes]:
     """The bytes of a file after one mishap, and its name."""
-    what, at = (
-        chance.choice(["cut", "cut", "zeroed", "lost", "appended", "end", "flipped", "copied"]),
-        chance.randrange(len(content)),
-    )
+    what = chance.choice(["cut", "cut", "zeroed", "lost", "appended", "end", "flipped", "copied"])
+    at = chance.randrange(len(content))
     if what in ("cut", "end"):
         at = at if what == "cut" else len(content) - chance.randint(1, min(40, len(content) - 1))
         return "cut", content[:at]
@@ -310,11 +306,8 @@ def test_a_number_of_samples_above_a_table_tells_that_its_end_is_missing(tmp_pat
     ):  # fmt: skip
         (tmp_path / "a.csv").write_text(above + "t,a,f\n" + rows)
         report = FORMATS["csv"].read(tmp_path / "a.csv", source).damage.report()
-        assert [report[one] for one in ("complete", "end_missing", "lost")] == [
-            complete,
-            end_missing,
-            None if not complete else 0,
-        ]
+        told = report["complete"], report["end_missing"], report["lost"]
+        assert told == (complete, end_missing, 0 if complete else None)
 
 
 def test_two_parts_of_an_array_at_one_place_are_refused(tmp_path: Path) -> None:
@@ -352,10 +345,8 @@ def test_a_part_that_is_that_of_another_place_is_lost_and_motion_without_noise_i
     zeroed = FORMATS["c3d"].read(path, source)
     assert (zeroed.losses["lost"], "values that no sensor gives" in zeroed.warnings[0]) == (None, True)
     torque = [*noise[:300, 1] + 30, *[0.0] * 4, *noise[304:, 1] + 30]  # of 600 messages, as the log says, all are there
-    rows = [
-        stamped(k * 10**7, angle=a, torque=f, sync=False)
-        for k, (a, f) in enumerate(zip(noise[:, 0], torque, strict=True))
-    ]
+    pairs = enumerate(zip(noise[:, 0], torque, strict=True))
+    rows = [stamped(k * 10**7, angle=a, torque=f, sync=False) for k, (a, f) in pairs]
     source = FORMATS["mcap"].source.model_validate({"format": "mcap", **OF_MCAP})
     assert FORMATS["mcap"].read(write_log(tmp_path / "a.mcap", rows), source).losses["lost"] is None
     source = FORMATS["csv"].source.model_validate({"format": "csv", **columns_as("column")})

@@ -25,9 +25,8 @@ from osl_analysis.refusal import Refusal, write_refusals
 from osl_analysis.table import read_table, write_table
 
 fig3, fig4, fig5, fig6, fig7, fig8, fig9 = (drawing_of(f"fig{number}") for number in range(3, 10))
-impedance_over_stance, response, torque_angle, walking_page = map(
-    drawing_of, ("impedance_over_stance", "response", "torque_angle", "walking_page")
-)
+OTHERS = ("impedance_over_stance", "response", "torque_angle", "walking_page")
+impedance_over_stance, response, torque_angle, walking_page = map(drawing_of, OTHERS)
 BELTS = [f"belt_{number:02d}" for number in range(1, 11)]
 
 

@@ -236,9 +236,8 @@ def test_one_row_a_clock_that_stops_and_one_too_coarse_are_no_log(tmp_path):
         assert told in refused(tmp_path, text)
     whole = "t,angle,load\n" + "".join(f"{t},{k},{k % 7}\n" for k, t in enumerate((time // 0.05).tolist()))
     assert ingested(tmp_path, whole).samples.height == 200  # rounded to twelve or thirteen samples
-    assert "a PNG image, which is not read; name the recording itself" in refused(
-        tmp_path, b"\x89PNG\r\n\x1a\n" + bytes(range(256))
-    )
+    picture = b"\x89PNG\r\n\x1a\n" + bytes(range(256))
+    assert "a PNG image, which is not read; name the recording itself" in refused(tmp_path, picture)
 
 
 LOGGER = "time,<__main__.Joint object at 0x7fe6c0>.output_position,<__main__.Joint object at 0x7fe6c0>.current\n0,1,5\n"

@@ -449,9 +449,8 @@ def test_too_few_unperturbed_crossings_say_how_many_and_why(tmp_path: Path) -> N
 
 def raised(trial: Trial, by: list[float]) -> Trial:
     """The trial whose recording states the corners elsewhere [m]."""
-    return replace(
-        trial, provenance={"plates": [{"plate": 1, "type": 2, "corners": np.add(synthetic.CORNERS, by).tolist()}]}
-    )
+    plate = {"plate": 1, "type": 2, "corners": np.add(synthetic.CORNERS, by).tolist()}
+    return replace(trial, provenance={"plates": [plate]})
 
 
 def test_the_change_of_a_torque_by_each_error_of_the_laboratory_is_that_of_a_faulty_recording() -> None:

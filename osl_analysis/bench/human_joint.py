@@ -1,6 +1,7 @@
 """A person's joint: Eq. 15 beside the columns of a reflex, its row of `human_joint.csv`, and K and B over a signal; and
 whether the torque of a device has a reflex.
- The reflex is the parallel pathway of Kearney, Stein and Parameswaran (IEEE Trans. Biomed. Eng. 44, 1997): half-wave
+
+The reflex is the parallel pathway of Kearney, Stein and Parameswaran (IEEE Trans. Biomed. Eng. 44, 1997): half-wave
 rectified velocity, some 40 ms late, through an impulse response of half a second; here of both directions. What is slow
 is his own will."""
 

@@ -1,5 +1,6 @@
 """The torque that the leg's components predict for an impedance trial, beside the recorded one: nothing is fitted.
- Each component was measured alone (components.py). With the law of the controller they give the torque for the recorded
+
+Each component was measured alone (components.py). With the law of the controller they give the torque for the recorded
 angle (Eqs. 1-7). What is uncertain of the components is uncertain of the prediction too; what the equations lack shows
 in the other trials of the campaign, and a misfit that is alike in all names the component that is not as measured, or a
 late controller.

@@ -1,8 +1,9 @@
 """The samples of a stream at the times that its decision gives them: true stamps, the even clock of the device, or the
 clock of a source whose values a faster log repeats; and by how much the clocks of two devices drift apart.
- The signal itself decides among three hypotheses. The device samples evenly and latency is in the stamps; the stamps
-are true; the values were taken `age` loops before their stamp, as where a bus answers a loop later. The slow part of
-the stamps (`stream.slow_part`) is set apart. If the sampling times move with g_k of the fast part f of the stamp k rows
+
+The signal itself decides among three hypotheses. The device samples evenly and latency is in the stamps; the stamps are
+true; the values were taken `age` loops before their stamp, as where a bus answers a loop later. The slow part of the
+stamps (`stream.slow_part`) is set apart. If the sampling times move with g_k of the fast part f of the stamp k rows
 earlier, a signal moves by the sum of g_k x' f_k: all g_k are 0, g_0 is 1, or two neighbours share 1 as the age lies
 between them. How one-sided the scatter is does not decide: a loop with absolute targets is late, never early, and its
 stamps true."""

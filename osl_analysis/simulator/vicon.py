@@ -1,6 +1,6 @@
 """The simulated Vicon recording: markers with noise and gaps, force plate, sync and trigger, as a C3D file of Nexus.
- The plate's axes are those of C3D force plates: x along laboratory +y, y along +x, z down, turning with the
-platform."""
+
+The plate's axes are those of C3D force plates: x along laboratory +y, y along +x, z down, turning with the platform."""
 
 from collections.abc import Mapping
 from pathlib import Path

@@ -62,8 +62,7 @@ def write_table(frame: pl.DataFrame, path: Path) -> None:
 
 
 def write_tables(tables: Mapping[Path, pl.DataFrame]) -> None:
-    """Write several tables. Those below the path of an archive are its parts, with one date, so that the same tables
-    make the same archive."""
+    """Write tables. Those below an archive's path are its parts, of one date: the same tables make the same archive."""
     archives: dict[Path, dict[str, str]] = {}
     for path, frame in tables.items():
         if path.parent.suffix == SUFFIX:

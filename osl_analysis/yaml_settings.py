@@ -84,8 +84,7 @@ AnySettings = TypeVar("AnySettings", bound=Settings)
 
 
 def read_yaml(path: Path, model: type[AnySettings]) -> AnySettings:
-    """Read a YAML file into a model. Raises InputError as `read_mapping`, and where a field is unknown, absent or of a
-    wrong value."""
+    """A YAML file as a model. InputError: as `read_mapping`; a field is unknown, absent or of a wrong value."""
     return validated(read_mapping(path), model, path)
 
 

@@ -62,8 +62,7 @@ class Effect:
 
 
 def slipping(name: str, share: float) -> Effect:
-    """A spring that slips, of a half-width that is a share of the motion's RMS: presliding friction, a belt that winds
-    up."""
+    """A spring that slips, half as wide as a share of the motion's RMS: presliding friction, a belt that winds up."""
     return Effect(name, lambda moved: spring_that_slips(moved.theta, share * moved.size))
 
 

@@ -253,8 +253,7 @@ class SegmentPhasors:
 
     @property
     def admittance(self) -> ComplexEstimate:
-        """Integral admittance Y = theta/torque [rad/(N*m)]. An error of the bench's compliance c changes the angle by
-        -c torque, and Y by -c."""
+        """Integral admittance Y = theta/torque [rad/(N*m)]. An error c of the bench's compliance changes Y by -c."""
         return with_bench_error(complex_quotient(self.theta, self.torque), self.bench_error)
 
 

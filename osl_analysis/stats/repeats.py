@@ -118,8 +118,7 @@ def doubtful_count(table: pl.DataFrame) -> tuple[int, int]:
 
 
 def counted(table: pl.DataFrame) -> pl.DataFrame:
-    """The rows, one per trial, that count in a mean: the sound ones if they are half or more, else all, as the doubt is
-    then about the campaign."""
+    """Rows, one per trial, that a mean counts: the sound ones if half or more, else all: the campaign is in doubt."""
     if DOUBTFUL not in table.columns:
         return table
     doubtful, n = doubtful_count(table)

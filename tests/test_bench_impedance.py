@@ -75,9 +75,7 @@ def test_the_model_of_fig4_is_the_fit_to_the_settled_cycles_and_has_no_torque_be
     (((0.14, 0.5), (0.14, 1), (0.09, 2), (0.035, 4)), [8.02]), (((0.14, 0.5), (0.09, 2), (0.035, 4)), []),
     (((0.14, 2), (0.09, 2)), None),
 ])  # fmt: skip
-def test_an_amplitude_of_one_frequency_has_no_row_and_refuses_no_trial_whose_sines_together_tell(
-    steps, sizes, tmp_path
-):
+def test_an_amplitude_of_one_frequency_has_no_row_and_refuses_no_trial_that_tells(steps, sizes, tmp_path):
     """A drive with a limit of speed reaches less at high frequencies."""
     rest, step = np.zeros(round(2 * RATE)), 2 * np.pi / 2**16  # whose rounding would pass for other frequencies
     theta = np.concatenate([rest, *(x for a, f in steps for x in (a * unit_sines([(f, 9)], RATE), rest))])

@@ -243,11 +243,6 @@ def test_a_stiffness_is_drawn_as_doubtful_where_the_doubt_concerns_it_and_not_fo
     assert dashes("zero that nobody stated; hysteresis")[1] != {"-"}
 
 
-def test_a_caption_names_each_cause_of_doubt_once():
-    doubts = pl.DataFrame({"trial": ["a", "b", "c"], "doubtful": ["late torque", "friction; late torque", ""]})
-    assert doubtful_said(doubts) == "Doubtful: 2 of 3 (a, b), for late torque, friction."
-
-
 def test_levels_within_a_decade_have_numbers_on_their_axis():
     few = conditions_of(1).with_columns(
         noise_level=pl.Series(np.linspace(0.02, 0.03, 4)),
@@ -537,8 +532,9 @@ def test_a_name_in_markdown_is_text_sign_by_sign(name, markdown):
     ({"trial": ["a", None, "a"], "group": "all", "doubtful": ["", "lag", ""]},
      "1 of 2 (mean response of all), for lag."),
     ({"trials": ["a, b", "c"], "doubtful": ["", ""]}, None), ({"trial": ["a"], "doubtful": [None]}, ""),
+    ({"trial": ["a", "b", "c"], "doubtful": ["lag", "friction; lag", ""]}, "2 of 3 (a, b), for lag, friction."),
 ])  # fmt: skip
-def test_a_caption_names_the_doubtful_trials_and_groups_and_why(of, said):
+def test_a_caption_names_the_doubtful_trials_and_groups_and_each_cause_once(of, said):
     expected = "No fit is doubtful." if said is None else said and f"Doubtful: {said}"
     assert doubtful_said(pl.DataFrame(of, schema_overrides={"doubtful": pl.String})) == expected
 

@@ -36,9 +36,7 @@ def ingested(folder: Path, text: str | bytes, **fields: object) -> Trial:
     return trial_from_files({"trial": "a", "log": "log.csv", "log_source": "source"}, folder, folder)
 
 
-def test_a_fixture_of_the_sheet_is_said_in_the_provenance_of_the_torque_and_the_torque_stays_as_recorded(
-    tmp_path: Path,
-) -> None:
+def test_a_fixture_of_the_sheet_is_said_in_the_provenance_and_the_torque_stays_as_recorded(tmp_path: Path) -> None:
     ingested(tmp_path, LOG)
     row = {"trial": "a", "log": "log.csv", "log_source": "source", "fixture_weight": 0.5, "fixture_rest_deg": None}
     trial = trial_from_files(row, tmp_path, tmp_path)

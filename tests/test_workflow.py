@@ -199,9 +199,7 @@ BENCH = {"fit_belt_trial", "fit_transmission_trial", "fit_impedance_trial"}
 CROSSINGS = {"identify_plate", "analyse_crossing", "select_crossings", "average_unperturbed", "fit_perturbation"}
 
 
-def test_changed_settings_and_thresholds_give_the_bytes_of_a_fresh_run_and_redo_what_uses_them_alone(
-    workspace, tmp_path
-):
+def test_changed_settings_give_the_bytes_of_a_fresh_run_and_redo_what_uses_them_alone(workspace, tmp_path):
     """Of thresholds and limits no trial is ingested or fitted again; what several trials share is made again, where one
     of them becomes excluded. Of the filter of the bench, what is ingested, simulated and fitted elsewhere stays."""
     of_transmission = pl.col("trial").str.starts_with("transmission")

@@ -324,8 +324,7 @@ def test_a_shank_against_its_own_heading_and_a_moment_that_lifts_the_toes_are_re
 
 
 def test_a_load_that_does_not_roll_over_the_foot_is_refused_by_its_cause() -> None:
-    """The foot brakes and pushes off forward; a turned plate turns that with the centre of pressure, a second foot the
-    latter alone, which adds to the load."""
+    """A turned plate turns braking and push-off with the centre of pressure; a second foot, a load more, that alone."""
     zero, torque = np.zeros(PHASE.size), -10 + 90 * PHASE
     forward, push = np.array([zero, 0.2 * PHASE]), np.array([zero, 300 * (PHASE - 0.5)])
     weight = np.full(PHASE.size, 700.0)

@@ -153,8 +153,7 @@ def leaves(value, place=()):
 
 
 def test_what_a_job_reads_was_made_by_jobs_that_its_rule_waits_for(workspace):
-    """Also what the rule does not name (`read`): else a job runs too early, or is not run again. The rules' inputs are
-    those in Snakemake's notes."""
+    """Also what the rule does not name (`read`): else a job is early, or not run again. Snakemake notes the inputs."""
     requests, waits_for = requests_in(workspace.folder), {}
     of_crossings = [said["settings"] for said in requests.values() if said["command"] == "walking.analyse"]
     assert [{"perturbed", "direction", "body_mass_kg"} <= said.keys() for said in of_crossings] == 8 * [True]

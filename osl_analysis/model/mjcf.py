@@ -36,8 +36,7 @@ CANNOT = (
 
 
 def mjcf_text(p: DrivetrainParameters, comment: str = "") -> str:
-    """The leg with parameters `p` as MJCF: joints theta_m and theta_j [rad], ctrl the current I_q [A]. `comment` are
-    lines for the reader."""
+    """The leg as MJCF: joints theta_m and theta_j [rad], ctrl the current I_q [A]. `comment`: lines for the reader."""
     said = re.sub(r"-(?=-)", "- ", comment)  # two hyphens would end a comment of XML
     body = (
         '    <body name="{0}">\n      <inertial pos="0 0 0" mass="1" diaginertia="{1:.9g} {1:.9g} {1:.9g}"/>\n'

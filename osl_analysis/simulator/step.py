@@ -244,8 +244,7 @@ class PlatformMotion:
 
 
 def displaced(angle: Array, shift: Array, walking: WalkingSettings) -> Pose:
-    """The platform turned by an angle [rad, toes up] about its mediolateral axis through the nominal ankle, which is
-    shifted [m]."""
+    """The platform turned [rad, toes up] about its mediolateral axis through the nominal ankle, and shifted [m]."""
     rotation, pivot = rotation_about(1, -angle), nominal_ankle(walking)
     return Pose(rotation, pivot - rotation @ pivot + shift)
 

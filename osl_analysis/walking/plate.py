@@ -256,8 +256,7 @@ class PlateModel:
 
     @property
     def unexplained(self) -> float | None:
-        """What of the unloaded plate's wrench the model leaves beyond noise, as a share of its size; None of a plate
-        too light to show a lag."""
+        """Share of the unloaded plate's wrench that the model leaves, beyond noise; None: too light to show a lag."""
         every = self.rms_before, self.rms_after, self.rms_at_rest
         before, after, noise = (float(np.linalg.norm(rms * WEIGHT)) for rms in every)
         return float(np.sqrt(max(after**2 - noise**2, 0.0))) / before if before > LIGHT else None

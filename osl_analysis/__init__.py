@@ -10,8 +10,7 @@ For notebooks and scripts that need no workflow (docs/notebook.md):
     fit = osl.fit_impedance(trial)
     osl.plot_torque(fit)
 
-The names of `__all__` are all that there is to use; the other modules may change. They stand in `notebook`.
-"""
+The names of `__all__` are all that there is to use; the other modules may change. They stand in `notebook`."""
 
 # ruff: noqa: F405
 

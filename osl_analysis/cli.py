@@ -142,8 +142,7 @@ def main() -> None:
     """From the logs of a powered prosthesis to stiffness [N·m/rad], damping [N·m·s/rad] and inertia [kg·m²].
 
     `init` makes a campaign and `run` analyses it; in a clone of the project, `snakemake reproduce-all` does the same.
-    The other commands do one thing at a time.
-    """
+    The other commands do one thing at a time."""
 
 
 @main.command(epilog="Example: osl-analysis simulate --trial impedance_K300_B5.0_compensated /tmp/campaign")
@@ -171,17 +170,13 @@ def simulate(folder: Path, settings: Path, trial: str | None, config_path: Path 
         simulate_trial(settings, folder, trial, followed)
 
 
-@main.command(
-    epilog="Example: osl-analysis ingest --log dyno.mcap --log-source dynamometer --output results/trials/dyno.parquet"
-)
+@main.command(epilog="Example: osl-analysis ingest --log dyno.mcap --log-source dynamometer --output dyno.parquet")
 @file_option("--log", help="Log of the dynamometer or the leg (MCAP, CSV or MATLAB).")
 @option("--log-source", help="Name of the file in the sources folder that describes the log.")
 @option("--log-part", help="Part of a log that holds several trials: in a MATLAB file a struct, as Test.run(2).")
 @file_option("--mocap", help="File of the motion-capture system (C3D, or a CSV export of Nexus).")
 @option("--mocap-source", help="Name of the file in the sources folder that describes it.")
-@file_option(
-    "--sources", default=shipped("config/sources"), help="Folder of source files: channel, unit and sign per signal."
-)
+@file_option("--sources", default=shipped("config/sources"), help="Folder of source files, which say what is what.")
 @file_option("--output", required=True, help="Parquet file to write, in SI units.")
 def ingest(sources: Path, output: Path, **given: Any) -> None:
     """Convert the raw logs of one trial into one canonical Parquet file, with provenance inside."""
@@ -234,9 +229,7 @@ def inspect(file: Path, draft_path: Path | None) -> None:
     default="compensated",
     help="Controller of the trial, any name. The gains of compensated and uncompensated are known (Eqs. 13 and 14).",
 )
-@file_option(
-    "--parameters", help="Parameter file of the device; `none`: it has none. Default: that of the configuration."
-)
+@file_option("--parameters", help="Parameter file of the device, or `none`. Default: that of the configuration.")
 @CONFIG
 @AS_JSON
 @file_option("--plot", help="Draw measured and modelled torque [N·m] to this file.")
@@ -244,8 +237,7 @@ def fit(trial: Path, model: str, config_path: Path, as_json: bool, plot: Path | 
     """Fit one ingested TRIAL (Parquet) and print the estimates in SI units with 95 % intervals.
 
     The configuration may be a campaign's own, which overrides fields of the default. With --stiffness and --damping an
-    impedance trial is judged as in a campaign: whether the torque is late, and whether K is plausible.
-    """
+    impedance trial is judged as in a campaign: whether the torque is late, and whether K is plausible."""
     from osl_analysis.bench.impedance import DesiredImpedance
     from osl_analysis.commands import bench as command
     from osl_analysis.trial import read_trial
@@ -326,8 +318,7 @@ def results(folder: Path, markdown: bool, methods: bool) -> None:
 def bundle(folder: Path, output: Path, licence: str, raw: bool) -> None:
     """Write the campaign in FOLDER with its results to the ZIP file OUTPUT, to be deposited, checked and run again.
 
-    It is a Workflow Run RO-Crate, and its tables are a Frictionless data package.
-    """
+    It is a Workflow Run RO-Crate, and its tables are a Frictionless data package."""
     from osl_analysis.commands.bundle import write_bundle
 
     say(f"wrote {output}, {write_bundle(folder, output, licence, raw)} files")
@@ -351,8 +342,7 @@ def score(answers: Path, truth: Path | None) -> None:
 def compare(a: Path, b: Path, margin: float | None, output: Path) -> None:
     """Compare the results in folders A and B: two devices, controllers or days, with 95 % intervals and verdicts.
 
-    Equivalent: the interval of B over A lies within the margin. Different: it lies beyond it on one side.
-    """
+    Equivalent: the interval of B over A lies within the margin. Different: it lies beyond it on one side."""
     from osl_analysis.commands.report import compare_campaigns
 
     say(compare_campaigns((a, b), output, margin))
@@ -405,8 +395,7 @@ def init(folder: Path, recorders: tuple[str, ...], recordings: Path | None, exam
 def run_campaign(arguments: tuple[str, ...]) -> None:
     """Analyse the campaign in this folder: everything, or the files that are named. Takes all options of Snakemake.
 
-    The same as `snakemake --snakefile ... --configfile config.yaml`. Write files before options.
-    """
+    The same as `snakemake --snakefile ... --configfile config.yaml`. Write files before options."""
     from snakemake.cli import main as snakemake
 
     from osl_analysis.commands.run import snakemake_arguments
@@ -436,13 +425,9 @@ def doctor(look: bool) -> None:
     sys.exit(int(any(remedy for _, _, remedy in seen)))
 
 
-@main.command(
-    "watch", cls=click.Command, epilog="Example: osl-analysis watch /data/today --source sources/my_bench.yaml"
-)
+@main.command("watch", cls=click.Command, epilog="Example: osl-analysis watch /data/today --source my_bench.yaml")
 @argument("folder", type=FOLDER)
-@option(
-    "--source", type=FILE, help="Source file that describes the recordings. Default: what the campaign has, or a guess."
-)
+@option("--source", type=FILE, help="Source file of the recordings. Default: what the campaign has, or a guess.")
 @option("--output", type=FOLDER, default=Path("watched"), help="Folder of the pictures.")
 @CONFIG
 def watch(folder: Path, source: Path | None, output: Path, config_path: Path) -> None:
@@ -452,9 +437,7 @@ def watch(folder: Path, source: Path | None, output: Path, config_path: Path) ->
     whether it is like those before it: by their median, within four standard deviations (from the median absolute
     deviation, at least 1 % of an estimate and 5 % of duration, rate and range of the angle).
 
-    Ctrl-C ends it. A recording that was examined is not examined again until it changes; one that was refused, when
-    watch is started again.
-    """
+    Ctrl-C ends it. A recording is examined again when it changes; one that was refused, when watch is started again."""
     from osl_analysis.commands.watch import WatchedBench, watched_lines
 
     bench = WatchedBench(config_path, source, output)
@@ -484,9 +467,7 @@ OPTIONS = {
 """Options that one kind of excitation has, by its name."""
 
 
-@main.command(
-    "gains", epilog="Example: osl-analysis gains --stiffness 300 --damping 5 (or 100:400:50 and 0,5 for a grid)"
-)
+@main.command("gains", epilog="Example: osl-analysis gains --stiffness 300 --damping 5 (a grid: 100:400:50 and 0,5)")
 @option("--stiffness", type=numbers, help="Desired joint stiffness K_d [N·m/rad]: 300, 100,200 or 100:400:50.")
 @option("--damping", type=numbers, help="Desired joint damping B_d [N·m·s/rad]: 5, 0,2.5,5 or 0:7.5:2.5.")
 @file_option("--trajectory", help="CSV file with phase (0 to 1), K_d [N·m/rad] and B_d [N·m·s/rad] instead.")
@@ -502,8 +483,7 @@ def select_gains(
     """Select the control gains K_1 and B_1 that render a desired impedance best (Eqs. 13 and 14).
 
     For one pair, a grid or a trajectory. The table also has the impedance that a fit will estimate, stability,
-    passivity and the frequency up to which the desired impedance is rendered.
-    """
+    passivity and the frequency up to which the desired impedance is rendered."""
     from osl_analysis.commands import gains as command
     from osl_analysis.commands.bench import rows_json
     from osl_analysis.model.compensator import Weight
@@ -535,8 +515,7 @@ def export(folder: Path, kind: str, output: Path, trials: str, config_path: Path
     """Write the leg that the component trials of the results in FOLDER identify, for MuJoCo and other programs.
 
     With 95 % intervals, sources and what the format cannot say. As proof MuJoCo (pip install 'osl-analysis[mujoco]')
-    turns its joint as in the recorded impedance trials, and its torque [N·m] is compared with the recorded one.
-    """
+    turns its joint as in the recorded impedance trials, and its torque [N·m] is compared with the recorded one."""
     from osl_analysis.campaign.configuration import read_config
     from osl_analysis.commands.gains import export_leg
 
@@ -578,9 +557,7 @@ def export(folder: Path, kind: str, output: Path, trials: str, config_path: Path
 @option("--damping-within", type=percent, help="The same of B.")
 @option("--inertia-within", type=percent, help="The same of I.")
 @option("--walking", is_flag=True, help="Instead: how many crossings of the walkway, from a pilot's unperturbed ones.")
-@option(
-    "--from", "folder", type=FOLDER, default=Path("results"), help="A pilot's results: its friction, or its walking."
-)
+@option("--from", "folder", type=FOLDER, default=Path("results"), help="A pilot's results: friction, or walking.")
 @option("--crossings", type=numbers, help="Of --walking: numbers of perturbed ones; default: 4 to 40.")
 @option("--turn", type=POSITIVE, help="Of --walking: size of the turn [deg]; default: the pilot's, or 5.")
 @option("--ramp", type=click.FloatRange(10, 1000), help="Of --walking: its duration [ms]; default: the pilot's, or 80.")
@@ -595,8 +572,7 @@ def design(config_path: Path, output: Path | None, as_json: bool, **chosen: Any)
 
     For a stepped sine, an odd random-phase multisine, a chirp or band-limited noise, with the noise of the load cell,
     the rounding of the encoder, and the distortion of a joint that is not linear. With --walking for perturbed
-    crossings of the walkway, from the scatter of a pilot's unperturbed ones.
-    """
+    crossings of the walkway, from the scatter of a pilot's unperturbed ones."""
     if chosen["walking"]:
         design_walking(config_path, as_json, **chosen)
         return

@@ -14,14 +14,7 @@ from osl_analysis.bench.phasors import frequency_response_table
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands import tables as tables_of_campaign
-from osl_analysis.commands.bench import (
-    Fit,
-    campaign_parameters,
-    experiment_of,
-    fit_settings,
-    fit_tables,
-    fit_trial,
-)
+from osl_analysis.commands.bench import Fit, campaign_parameters, experiment_of, fit_settings, fit_tables, fit_trial
 from osl_analysis.commands.trials import checked_trial
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.errors import InputError, listing, nearest
@@ -111,9 +104,7 @@ def fit_impedance(
     * `parameters`: the parameter file of the device; default: that of the configuration; None: a device without one.
 
     Raises InputError: the trial lacks a signal, does not move, or follows a damaged stepped sine; or a file is not
-    valid. IdentifiabilityError: the motion cannot tell K, B and I apart. UnreachableImpedanceError: the device has no
-    gains for the desired impedance.
-    """
+    valid. IdentifiabilityError: the motion cannot tell K, B and I apart. UnreachableImpedanceError: no gains."""
     return fitted(*asked("impedance", trial, config, parameters), known(desired), windows)
 
 
@@ -150,8 +141,7 @@ class Response:
     * `table`: a row per frequency. Of a stepped sine those of `frequency_response.csv`, the admittance Y, angle over
       torque [rad/(N*m)], averaged over amplitudes. Of any other motion those of `response.csv`, the impedance Z, torque
       over angle [N*m/rad], with noise and distortion.
-    * `plotted`: the numbers that `plot_frequency_response` draws
-    """
+    * `plotted`: the numbers that `plot_frequency_response` draws"""
 
     trial: str
     figure: str  # fig7, or response of any other motion than a stepped sine
@@ -196,8 +186,7 @@ def read_recording(path: File, source: File, part: str | None = None, name: str 
     part: the part of a log that holds several trials, such as a struct of a MATLAB file.
     name: name of the trial; default: that of the file.
 
-    Raises InputError: a file is missing, or the recording is not what the source file says.
-    """
+    Raises InputError: a file is missing, or the recording is not what the source file says."""
     file, described = Path(path), Path(source)
     if not (described.suffix == ".yaml" and described.is_file()):
         described = shipped(Path("config/sources") / f"{source}.yaml")
@@ -220,8 +209,7 @@ def check(trial: Trial | File, experiment: str = "impedance", config: File | Non
     """The quality of a trial, and whether it has what `experiment` needs: a row per check, as in `quality.csv`.
 
     The section `quality` of `config` has the thresholds. Raises InputError: as `read_trial`; no such experiment; or the
-    configuration is not valid.
-    """
+    configuration is not valid."""
     if experiment not in EXPERIMENTS:
         known = ", ".join(EXPERIMENTS)
         raise InputError(f"no experiment '{experiment}'; it is one of {known}{nearest(experiment, EXPERIMENTS)}")

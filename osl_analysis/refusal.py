@@ -1,8 +1,7 @@
 """Refusal records: what stands in place of a result that a refused recording, or a failed job, did not give.
 
 A record is a small CSV file under the name of the result. Jobs over several trials go on without it, and jobs that need
-it leave the same record. The run ends with a list of them.
-"""
+it leave the same record. The run ends with a list of them."""
 
 import csv
 import os

@@ -44,8 +44,7 @@ def tables_of(data: str) -> Iterator[None]:
 
 
 def marked_data(frame: pl.DataFrame) -> pl.DataFrame:
-    """A table with the column of `tables_of`, whose texts no spreadsheet takes for formulas. Beside `joint` it has a
-    `side` only where one is known."""
+    """A table with the column of `tables_of`, whose texts no spreadsheet takes for formulas, and `side` where known."""
     data = OF_DATA.get()
     if {"joint", "side"} <= {*frame.columns} and frame["side"].null_count() == len(frame):
         frame = frame.drop("side")
@@ -63,8 +62,7 @@ def write_table(frame: pl.DataFrame, path: Path) -> None:
 
 
 def write_tables(tables: Mapping[Path, pl.DataFrame]) -> None:
-    """Write several tables. Those below the path of an archive are its parts, with one date, so that the same tables
-    make the same archive."""
+    """Write tables. Those below an archive's path are its parts, of one date: the same tables make the same archive."""
     archives: dict[Path, dict[str, str]] = {}
     for path, frame in tables.items():
         if path.parent.suffix == SUFFIX:
@@ -98,8 +96,7 @@ def read_table(path: Path | str, required: Sequence[str] = (), of: str = "") -> 
     A column without any entry is read as Float64 null, `TEXT_COLUMNS` as text, a `side` that is not
     written as null. Columns that are `required` must be
     there and, but for `TEXT_COLUMNS`, hold numbers. `of` is the table's name where `path` is an archive of several.
-    Raises InputError where it is missing, is no CSV, or was refused.
-    """
+    Raises InputError where it is missing, is no CSV, or was refused."""
     path = Path(path)
     check_not_refused(path)
     if not path.is_file():
@@ -163,9 +160,8 @@ def held_against_desired(fits: pl.DataFrame) -> pl.DataFrame:
 
 def finite_or_null(row: Mapping[str, Any]) -> dict[str, Any]:
     """A row of a table, or what is nested in it, for JSON: infinity and NaN, which JSON does not have, become null."""
-    finite = {
-        key: None if isinstance(value, float) and not math.isfinite(value) else value for key, value in row.items()
-    }
+    lost = {key for key, value in row.items() if isinstance(value, float) and not math.isfinite(value)}
+    finite = {key: None if key in lost else value for key, value in row.items()}
     return {key: finite_or_null(value) if isinstance(value, Mapping) else value for key, value in finite.items()}
 
 

@@ -63,8 +63,7 @@ def marker_columns(label: str) -> tuple[str, str, str]:
 
 def plate_columns(plate: int, quantity: str) -> tuple[str, str, str]:
     """Columns of one force plate, counted from 1: ground reaction `force` [N] or `moment` [N*m] on the foot, in the
-    laboratory axes of the plate's resting pose; the moment is about the centre of the surface (mean of the four
-    corners)."""
+    laboratory axes of the plate's resting pose; the moment is about the centre of the surface."""
     name = f"plate{plate}_{quantity}"
     return f"{name}_x", f"{name}_y", f"{name}_z"
 
@@ -106,8 +105,7 @@ def beside(points: Array, corners: Array) -> Array:
 
 
 def furthest_outside(points: Array, corners: Array) -> float:
-    """Largest distance [m] by which points (m, 3) [m] lie outside the plate with these corners (4, 3) [m], along its
-    surface; 0 if all are inside."""
+    """Largest distance [m] by which points (m, 3) [m] lie outside the plate with these corners (4, 3) [m], or 0."""
     away = (points - corners.mean(axis=0)) @ plate_axes(corners)[:, :2]
     return float(beside(away, corners).max(initial=0.0))
 
@@ -243,8 +241,7 @@ def read_trial(path: Path | str) -> Trial:
     """A trial from the Parquet file of `osl-analysis ingest` or of a campaign (`results/trials/NAME.parquet`).
 
     `trial.samples` is a polars data frame in SI units with a row per time stamp, `trial.provenance` says where each
-    column comes from. Raises InputError: the file is missing, or is not Parquet that ingest wrote.
-    """
+    column comes from. Raises InputError: the file is missing, or is not Parquet that ingest wrote."""
     path = Path(path)
     name, provenance = metadata_of(path)
     with told_as_parquet(path):

@@ -84,8 +84,7 @@ AnySettings = TypeVar("AnySettings", bound=Settings)
 
 
 def read_yaml(path: Path, model: type[AnySettings]) -> AnySettings:
-    """Read a YAML file into a model. Raises InputError as `read_mapping`, and where a field is unknown, absent or of a
-    wrong value."""
+    """A YAML file as a model. InputError: as `read_mapping`; a field is unknown, absent or of a wrong value."""
     return validated(read_mapping(path), model, path)
 
 
@@ -181,8 +180,7 @@ def parsed_yaml(text: str) -> tuple[Node | None, Any]:
 
 
 def nodes_of(node: Node | None) -> list[Node]:
-    """A node and all below it. A few aliases of aliases stand for millions of them, and one of itself has no end: then
-    it raises RecursionError."""
+    """A node and all below it. Aliases may stand for millions; one of itself raises RecursionError."""
     found = [] if node is None else [node]
     for one in found:
         found += [each for pair in one.value for each in pair] if isinstance(one, MappingNode) else []

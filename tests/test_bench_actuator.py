@@ -103,9 +103,8 @@ def test_refuses_a_schedule_that_does_not_tell_two_parameters_apart_or_hardly_mo
 def test_a_bench_of_ones_own_gives_the_parameters_of_its_log_by_the_documented_commands(tmp_path, monkeypatch):
     """Velocity in rpm before the 9:1 gear, as text: 0.1 % of the five, which is a tenth of their standard errors."""
     log, expected = simulated(duration_s=10.0)
-    documentation = (
-        (ROOT / "docs/own_data.md").read_text().partition("## Your own actuator bench")[2].partition("\n## ")[0]
-    )
+    page = (ROOT / "docs/own_data.md").read_text()
+    documentation = page.partition("## Your own actuator bench")[2].partition("\n## ")[0]
     shutil.copytree(ROOT / "config", tmp_path / "config")
     monkeypatch.chdir(tmp_path)
     rpm = np.gradient(np.rad2deg(log["actuator_angle"]) * 9, log["time"]) / 6

@@ -44,9 +44,8 @@ from osl_analysis.trial import Trial
 
 CONFIG = ROOT / "config/config.yaml"
 SETTINGS = read_section(CONFIG, "dynamometer", DynamometerAnalysis)
-LIMITS, LIMITS_OF_PERSON = (
-    read_section(CONFIG, "doubtful", DoubtfulFits).of(name) for name in ("impedance", "human_joint")
-)
+DOUBTS = read_section(CONFIG, "doubtful", DoubtfulFits)
+LIMITS, LIMITS_OF_PERSON = (DOUBTS.of(name) for name in ("impedance", "human_joint"))
 MOTIONS = {"multisine": multisine, "noise": noise, "chirp": chirp}
 LIGHT = {"torque_noise": 0.002, "bits": 24, "K": 1.0, "B": 0.5, "I": 0.05}
 
@@ -132,9 +131,8 @@ def test_windows_are_fitted_and_nothing_else(tmp_path):
     seconds = [record_of_trial(trial, own, stated).seconds for stated in (None, "2-14.5")]
     assert seconds == pytest.approx([14.5 - 4 / 15, 12.5 - 4 / 15], abs=0.02)
     device, asked = ROOT / "config/parameters/default.yaml", DesiredImpedance("compensated", 300, 5)
-    fitted = fit_impedance_trial(
-        trial, device, asked, PAPER_WEIGHT, ModelComparison(sign_width=0.05), SETTINGS, "2-14.5 25.5-40"
-    )
+    chosen = PAPER_WEIGHT, ModelComparison(sign_width=0.05), SETTINGS
+    fitted = fit_impedance_trial(trial, device, asked, *chosen, "2-14.5 25.5-40")
     assert fitted["impedance"]["fitted_s"].item() == pytest.approx(sum(seconds[1:]) + 14.5 - 4 / 15, abs=0.05)
     both, longest = (impedance_over_frequency(moving_record(trial, x)) for x in ("2-9 26-40", "26-40"))
     assert both["frequency_hz"].to_list() == longest["frequency_hz"].to_list() != []
@@ -307,10 +305,8 @@ def test_binary_steps_give_k_and_a_doubt_about_b_and_i_unless_a_low_pass_comes_b
     share = ((1 + 5**4) / (1 + (10 / 3) ** 4)) ** 0.5  # of what passes at 1 kHz
     assert more["alias_share"] == pytest.approx(share * told["alias_share"], rel=1e-6)
     limit = Limits(above={"alias_share": LIMITS.above["alias_share"]})
-    assert marked(pl.DataFrame([plain, told]), limit, "phasors")["doubtful"].to_list() == [
-        "acceleration that jumps",
-        "",
-    ]
+    doubtful = marked(pl.DataFrame([plain, told]), limit, "phasors")["doubtful"]
+    assert doubtful.to_list() == ["acceleration that jumps", ""]
 
 
 def test_a_multisine_that_stops_in_the_middle_of_a_period_tells_its_lag_by_whole_periods():
@@ -364,10 +360,8 @@ def test_a_person_s_cut_off_is_that_of_the_recording_unless_one_is_stated_and_a_
     fast = reflexive(np.random.default_rng(1), 6.0, band=(0.3, 30.0))
     rows = [person(fast)[1], person(fast, cutoff_hz=20.0)[1], person(reflexive(np.random.default_rng(1), 6.0))[1]]
     assert [row["cutoff_hz"] for row in rows] == [pytest.approx(29, abs=1.5), 20.0, 15.0]
-    trial, sooner = (
-        reflexive(np.random.default_rng(2), 9.0, delay=0.025),
-        "whether the reflex is sooner than the delays tried",
-    )
+    trial = reflexive(np.random.default_rng(2), 9.0, delay=0.025)
+    sooner = "whether the reflex is sooner than the delays tried"
     row, (_, by_30_ms) = person(trial, HumanJoint(delays_ms=(40, 50)))[1], person(trial, HumanJoint(delays_ms=(30,)))
     assert row["K_sooner"] == pytest.approx(by_30_ms["K"], rel=5e-3)
     for moved, is_told in ((row["K_sooner"], False), (row["K_high"] + 1, True)):
@@ -709,13 +703,11 @@ def test_an_angle_of_noise_or_of_too_few_rows_is_no_slow_motion_and_recorded_fas
         return row_of(trial, excitation=excitation)
 
     for rate in (8, 25):
-        with pytest.raises(
-            InputError, match=rf"jumps from row to row .* or {rate} rows per second are too few .* 100 pe"
-        ):
+        few = rf"jumps from row to row .* or {rate} rows per second are too few .* 100 pe"
+        with pytest.raises(InputError, match=few):
             recorded(rate)
-    with pytest.raises(
-        InputError, match=r"jumps from row to row by 2\.[89] deg of its 2\.[89] deg RMS: it is noise, or"
-    ):
+    noisy = r"jumps from row to row by 2\.[89] deg of its 2\.[89] deg RMS: it is noise, or"
+    with pytest.raises(InputError, match=noisy):
         recorded(RATE, 0.05)
     time, motion = noise(rng := np.random.default_rng(4), rate=45.0)
     short = made_trial(rng, (time[200:240], tuple(x[200:240] for x in motion)))
@@ -790,9 +782,8 @@ def test_a_torque_clipped_by_an_amplifier_before_the_noise_is_doubtful_and_frict
     assert samples_at_rail(trial, "torque") < 5
     lowest = LIMITS.below["torque_at_peaks"]
     row = row_of(trial, excitation="any")
-    assert [one.cause for one in findings_of(row, Limits(below={"torque_at_peaks": lowest}), "phasors")] == [
-        "clipped signal"
-    ]
+    found = findings_of(row, Limits(below={"torque_at_peaks": lowest}), "phasors")
+    assert [one.cause for one in found] == ["clipped signal"]
     motion = MOTIONS[name](rng)
     rubbing = made_trial(rng, motion, more=0.5 * np.tanh(motion[1][1] / 0.01))
     assert row_of(rubbing, excitation="any")["torque_at_peaks"] > lowest + 0.15

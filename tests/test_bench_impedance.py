@@ -6,14 +6,7 @@ import bench_synthetic
 import numpy as np
 import polars as pl
 import pytest
-from bench_synthetic import (
-    FIVE,
-    PROTOCOL,
-    RATE,
-    second_order,
-    sine_settings,
-    stepped_sine,
-)
+from bench_synthetic import FIVE, PROTOCOL, RATE, second_order, sine_settings, stepped_sine
 from conftest import ROOT, marked
 from scipy.ndimage import shift
 
@@ -25,10 +18,7 @@ from osl_analysis.bench.record import record_of_trial
 from osl_analysis.bench.settings import BenchStiffness
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands import figure as plotted_numbers
-from osl_analysis.commands.bench import (
-    estimates_text,
-    summarise,
-)
+from osl_analysis.commands.bench import estimates_text, summarise
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.figures.impedance import draw_fig4
 from osl_analysis.judge.judging import LATENESS, unchecked_in
@@ -85,9 +75,7 @@ def test_the_model_of_fig4_is_the_fit_to_the_settled_cycles_and_has_no_torque_be
     (((0.14, 0.5), (0.14, 1), (0.09, 2), (0.035, 4)), [8.02]), (((0.14, 0.5), (0.09, 2), (0.035, 4)), []),
     (((0.14, 2), (0.09, 2)), None),
 ])  # fmt: skip
-def test_an_amplitude_of_one_frequency_has_no_row_and_refuses_no_trial_whose_sines_together_tell(
-    steps, sizes, tmp_path
-):
+def test_an_amplitude_of_one_frequency_has_no_row_and_refuses_no_trial_that_tells(steps, sizes, tmp_path):
     """A drive with a limit of speed reaches less at high frequencies."""
     rest, step = np.zeros(round(2 * RATE)), 2 * np.pi / 2**16  # whose rounding would pass for other frequencies
     theta = np.concatenate([rest, *(x for a, f in steps for x in (a * unit_sines([(f, 9)], RATE), rest))])
@@ -135,9 +123,7 @@ def test_where_amplitudes_nest_inside_frequencies_fig4_uses_one_amplitude_only(t
         assert set(shown["doubtful"].fill_null("")) == {cause}
         assert amplitude == pytest.approx(shown["theta_deg"].abs().max(), rel=0.02)
         assert 1 - (shown["torque"] - shown["torque_model"]).var() / shown["torque"].var() > 0.9995
-        assert draw_fig4.draw(shown).axes[1].lines[0].get_ydata().shape[0] > len(
-            shown
-        )  # broken between the frequencies
+        assert len(draw_fig4.draw(shown).axes[1].lines[0].get_ydata()) > len(shown)  # broken between the frequencies
 
 
 def test_phasors_keep_their_covariance_and_the_response_over_amplitudes_its_interval_and_its_doubts(tmp_path):
@@ -154,9 +140,8 @@ def test_phasors_keep_their_covariance_and_the_response_over_amplitudes_its_inte
     mean = read_table(tmp_path / "response.csv").row(0, named=True)
     both = table.filter(pl.col("frequency_hz") == 1)
     assert (mean["magnitude_min"], mean["magnitude_max"]) == (both["Y_magnitude"].min(), both["Y_magnitude"].max())
-    assert (mean["phase_min_deg"], mean["phase_max_deg"]) == pytest.approx(
-        (both["Y_phase_deg"].min(), both["Y_phase_deg"].max())
-    )
+    ends = both["Y_phase_deg"].min(), both["Y_phase_deg"].max()
+    assert (mean["phase_min_deg"], mean["phase_max_deg"]) == pytest.approx(ends)
     assert mean["Y_var_re"] == pytest.approx(both["Y_var_re"].sum() / 4)
     assert 4.99 <= mean["Y_degrees_of_freedom"] <= 10.5
     assert mean["magnitude_low"] < mean["magnitude"] < mean["magnitude_high"]

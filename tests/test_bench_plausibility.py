@@ -248,9 +248,8 @@ def test_a_torque_beyond_the_load_cell_s_range_or_a_bench_that_is_softer_is_refu
         check_recording(Trial("a", pl.DataFrame({"time": [0.0, 1.0, 2.0], "theta": [np.nan, -2.0, 2.0]})), BENCH)
     rows = pl.DataFrame({"trial": "a", "amplitude_deg": [4.0, 2.0, None], "K": [200.0, 100.0, 150.0]})
     rows = rows.with_columns(K_high=1.0, B_low=1.0, I_high=1.0)
-    assert set(plausible_impedance(rows, pl.lit(0), None, predicted=400.0)["K_ratio"]) == {0.5}, (
-        "of the largest amplitude"
-    )
+    of_largest = plausible_impedance(rows, pl.lit(0), None, predicted=400.0)
+    assert set(of_largest["K_ratio"]) == {0.5}
     assert abs(judged("impedance", driven(lambda m: second_order(m) - 200.002 * m.theta))["K"]) < 0.2
 
 
@@ -292,9 +291,8 @@ def test_a_torque_that_is_current_times_a_constant_is_refused_and_one_that_follo
         (circular, current), (circular + 0.3, current), (circular.astype(np.float32), current),
         (np.round(circular, 2), np.round(current, 3)), (-8.65 * np.round(current, 1), np.round(current, 1)),
     ):  # fmt: skip
-        with pytest.raises(
-            InputError, match=rf"{torque} is current times -8\.6\d* N\*m/A.*name the channel of a load cell"
-        ):
+        said = rf"{torque} is current times -8\.6\d* N\*m/A.*name the channel of a load cell"
+        with pytest.raises(InputError, match=said):
             checked(values, amperes)
     follows = circular + 0.03 * np.std(circular) * rng.standard_normal(4000)  # VAF 99.9 %, as of a load cell
     checked(follows)

@@ -19,8 +19,7 @@ SETTINGS = read_section(ROOT / "config/config.yaml", "dynamometer", DynamometerA
 
 
 def told(made, **changes):
-    """The witness's row of an exact joint with something planted; `more` of the motion (angle, velocity, acceleration)
-    and of the time is added to its torque."""
+    """The witness's row of an exact joint; `more` of angle, velocity, acceleration and time is added to its torque."""
     rng = np.random.default_rng(5)  # chance hears one chirp in sixty
     time, motion = MOTIONS_60[made](rng)
     more = changes.pop("more", lambda *_: 0.0)(time, *motion)

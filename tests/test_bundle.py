@@ -78,9 +78,8 @@ print(json.dumps([(one.check.identifier, str(one.message)) for one in services.v
 
 def test_a_validator_of_others_finds_a_workflow_run_crate(unpacked: Path) -> None:
     pytest.importorskip("rocrate_validator")
-    said = subprocess.run(
-        [sys.executable, "-c", VALIDATED, str(unpacked), PROFILE], check=True, capture_output=True, text=True
-    ).stdout
+    command = [sys.executable, "-c", VALIDATED, str(unpacked), PROFILE]
+    said = subprocess.run(command, check=True, capture_output=True, text=True).stdout
     of_network = ("ro-crate-1.1_3.1", "ro-crate-1.1_3.2")  # that the context can be loaded
     assert [message for check, message in json.loads(said.splitlines()[-1]) if check not in of_network] == []
 

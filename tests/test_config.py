@@ -250,9 +250,7 @@ BY_ANGLE = {"shared": {"column": "torque", "markers": ["A", "B", "C"]}}
     ({"clock": "sync"}, {"plates": [1, 99]}, 2, r"`plates` in .*mocap\.yaml, line 5: no force plate 99; .* has 2, co"),
     ({"clock": "sync"}, {}, 2, ""),
 ])  # fmt: skip
-def test_what_is_wrong_with_source_files_concerns_their_trials_and_a_plate_that_no_capture_has_the_campaign(
-    in_root, tmp_path, log, mocap, plate, said
-):
+def test_a_wrong_source_file_concerns_its_trials_a_plate_of_no_capture_all(in_root, tmp_path, log, mocap, plate, said):
     """The first capture has no plate, the second has two: what one lacks alone is for its job to tell."""
     log, part = dict(log), log.get("part", "")
     log.pop("part", None)

@@ -31,6 +31,7 @@ from osl_analysis.ingest.raw_files import FORMATS, recognise
 from osl_analysis.ingest.source import Recording, spikes_of, values_of_no_sensor
 
 ROWS, SECOND_RUN = 200, 1000
+OF_C3D = FORMATS["c3d"].source.model_validate({"format": "c3d"})
 MESSAGES = {"time": {"source": "header"}, "channels": CHANNELS, "largest_loss": 1.0}
 
 
@@ -45,6 +46,9 @@ def columns_as(key: str) -> dict[str, Any]:
     named = {"theta": ("a", "deg"), "torque": ("f", "N*m")}
     channels = {column: {key: name, "unit": unit} for column, (name, unit) in named.items()}
     return {"time": {key: "t", "unit": "s"}, "channels": channels, "most_missing": 0.5}
+
+
+OF_CSV = FORMATS["csv"].source.model_validate({"format": "csv", **columns_as("column")})
 
 
 def write_csv(path: Path, first: int) -> Path:
@@ -70,9 +74,8 @@ def write_tdms(path: Path, first: int, timed: bool = False) -> Path:
         for part in np.array_split(np.arange(ROWS), 4):
             start = np.datetime64("2026-01-01") + np.timedelta64(first, "s")
             about = {"wf_increment": 0.01, "wf_start_time": start, "wf_start_offset": 0.0} if timed else {}
-            writer.write_segment(
-                [ChannelObject("lab", name, values[part], about) for name, values in signals(first).items()]
-            )
+            own = signals(first).items()
+            writer.write_segment([ChannelObject("lab", name, values[part], about) for name, values in own])
     return path
 
 
@@ -183,17 +186,14 @@ def samples_of(recording: Recording) -> Samples:
     """Times [0.1 ms] of the recorder's clock, and the other columns."""
     time = recording.facts.get("time", {})
     start = time.get("start_ns", 0) / 1e9 or time.get("start", 0.0)
-    return np.rint((recording.samples["time"].to_numpy() + start) * 1e4).astype(np.int64), recording.samples.drop(
-        "time"
-    )
+    time = np.rint((recording.samples["time"].to_numpy() + start) * 1e4).astype(np.int64)
+    return time, recording.samples.drop("time")
 
 
 def damaged(content: bytes, other: bytes, chance: random.Random) -> tuple[str, bytes]:
     """The bytes of a file after one mishap, and its name."""
-    what, at = (
-        chance.choice(["cut", "cut", "zeroed", "lost", "appended", "end", "flipped", "copied"]),
-        chance.randrange(len(content)),
-    )
+    what = chance.choice(["cut", "cut", "zeroed", "lost", "appended", "end", "flipped", "copied"])
+    at = chance.randrange(len(content))
     if what in ("cut", "end"):
         at = at if what == "cut" else len(content) - chance.randint(1, min(40, len(content) - 1))
         return "cut", content[:at]
@@ -281,9 +281,7 @@ def test_whatever_is_read_of_a_damaged_file_was_written_or_its_loss_is_told(tmp_
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
-def test_half_a_file_is_refused_or_its_end_is_missing_or_not_known_and_never_complete(
-    kind: Kind, tmp_path: Path
-) -> None:
+def test_half_a_file_is_refused_or_its_end_is_missing_or_not_known(kind: Kind, tmp_path: Path) -> None:
     """Cut where a row or a segment ends: text and TDMS do not say how long they are."""
     one = kind.write(tmp_path / kind.name, 0)
     known = FORMATS[recognise(one)]
@@ -302,19 +300,15 @@ def test_half_a_file_is_refused_or_its_end_is_missing_or_not_known_and_never_com
 
 
 def test_a_number_of_samples_above_a_table_tells_that_its_end_is_missing(tmp_path: Path) -> None:
-    source = FORMATS["csv"].source.model_validate({"format": "csv", **columns_as("column")})
     rows = "".join(f"{k / 100},{k % 7},{k % 5}\n" for k in range(60))
     for above, complete, end_missing in (
         ("Samples: 60\n", True, False), ("# Number of frames: 120\n", False, True), ("Subject: 120\n", None, False),
         ("Samples,60,60\n", True, False), ("Total samples=600\n", False, True), ("Samples: 1.5 s\n", None, False),
     ):  # fmt: skip
         (tmp_path / "a.csv").write_text(above + "t,a,f\n" + rows)
-        report = FORMATS["csv"].read(tmp_path / "a.csv", source).damage.report()
-        assert [report[one] for one in ("complete", "end_missing", "lost")] == [
-            complete,
-            end_missing,
-            None if not complete else 0,
-        ]
+        report = FORMATS["csv"].read(tmp_path / "a.csv", OF_CSV).damage.report()
+        told = report["complete"], report["end_missing"], report["lost"]
+        assert told == (complete, end_missing, 0 if complete else None)
 
 
 def test_two_parts_of_an_array_at_one_place_are_refused(tmp_path: Path) -> None:
@@ -339,11 +333,10 @@ def test_a_part_that_is_that_of_another_place_is_lost_and_motion_without_noise_i
     noise = every[:600]
     write_c3d(path := tmp_path / "a.c3d", noise[:, None, :4], noise[:, 4:])
     content = path.read_bytes()
-    source = FORMATS["c3d"].source.model_validate({"format": "c3d"})
-    assert not FORMATS["c3d"].read(path, source).losses
+    assert not FORMATS["c3d"].read(path, OF_C3D).losses
     start = len(content) // BLOCK * BLOCK - 9 * BLOCK
     path.write_bytes(content[:start] + content[start - 10 * BLOCK :][:BLOCK] + content[start + BLOCK :])
-    told = FORMATS["c3d"].read(path, source)
+    told = FORMATS["c3d"].read(path, OF_C3D)
     assert "written over another" in told.warnings[0]
     assert BLOCK / 20 <= told.losses["lost"] <= BLOCK / 20 + 2
     analogs = {"theta": {"channel": "A1", "unit": "rad"}}
@@ -352,13 +345,10 @@ def test_a_part_that_is_that_of_another_place_is_lost_and_motion_without_noise_i
     zeroed = FORMATS["c3d"].read(path, source)
     assert (zeroed.losses["lost"], "values that no sensor gives" in zeroed.warnings[0]) == (None, True)
     torque = [*noise[:300, 1] + 30, *[0.0] * 4, *noise[304:, 1] + 30]  # of 600 messages, as the log says, all are there
-    rows = [
-        stamped(k * 10**7, angle=a, torque=f, sync=False)
-        for k, (a, f) in enumerate(zip(noise[:, 0], torque, strict=True))
-    ]
+    pairs = enumerate(zip(noise[:, 0], torque, strict=True))
+    rows = [stamped(k * 10**7, angle=a, torque=f, sync=False) for k, (a, f) in pairs]
     source = FORMATS["mcap"].source.model_validate({"format": "mcap", **OF_MCAP})
     assert FORMATS["mcap"].read(write_log(tmp_path / "a.mcap", rows), source).losses["lost"] is None
-    source = FORMATS["csv"].source.model_validate({"format": "csv", **columns_as("column")})
     angle, torque = noise[:, 0], np.round(noise[:, 1], 1)
     copied = [np.r_[one[:300], one[100:140], one[340:]] for one in (angle, torque)]
     period, ramp = np.tile(noise[:300, 2], 2), np.r_[angle[:60], np.linspace(0, 1, 60).round(3), angle[120:]]
@@ -387,17 +377,14 @@ def test_a_part_that_is_that_of_another_place_is_lost_and_motion_without_noise_i
         (np.r_[every[:3100, 3], coarse[3100:]], every[:, 1], 0),
     ):
         pl.DataFrame({"t": clock[: a.size], "a": a, "f": f}).write_csv(tmp_path / "a.csv")
-        assert FORMATS["csv"].read(tmp_path / "a.csv", source).damage.lost() == lost
+        assert FORMATS["csv"].read(tmp_path / "a.csv", OF_CSV).damage.lost() == lost
 
 
-def test_a_block_of_one_channel_over_another_is_lost_and_channels_that_follow_each_other_are_not(
-    tmp_path: Path,
-) -> None:
+def test_a_block_of_one_channel_over_another_is_lost_and_a_channel_that_follows_is_not(tmp_path: Path) -> None:
     """Six numbers are too few to be told by their noise; sound are a command and an angle that is the same later."""
     k, noise = np.arange(600), np.random.default_rng(3).normal(size=(600, 2))
     t, steps = k / 100, np.repeat([0.0, 5.0, -5.0, 2.0, 0.0, 1.0], 100) + 1e-3 * k
     angle, torque = 20 * np.sin(k / 27) + 0.05 * noise[:, 0], 30 * np.cos(k / 25) + 0.1 * noise[:, 1]
-    source = FORMATS["csv"].source.model_validate({"format": "csv", **columns_as("column")})
     for a, f, lost in (
         (angle, torque, 0),
         (angle, np.r_[torque[:300], angle[100:106], torque[306:]], 6),
@@ -405,7 +392,7 @@ def test_a_block_of_one_channel_over_another_is_lost_and_channels_that_follow_ea
         (steps, np.r_[steps[:1], steps[:-1]], 0),
     ):
         pl.DataFrame({"t": t, "a": a, "f": f}).write_csv(tmp_path / "a.csv")
-        recording = FORMATS["csv"].read(tmp_path / "a.csv", source)
+        recording = FORMATS["csv"].read(tmp_path / "a.csv", OF_CSV)
         assert recording.damage.misfits.total() == lost
         assert not lost or any("6 rows of" in said and "those of" in said for said in recording.warnings)
 
@@ -443,21 +430,19 @@ def test_markers_that_all_leap_in_one_frame_are_told_and_one_marker_that_does_is
     swapped[100:120], swapped[250:270] = walked[250:270], walked[100:120]
     one[100:, 0, :3] += 500
     hidden[:250, 2] = hidden[100:120] = 0.0
-    source = FORMATS["c3d"].source.model_validate({"format": "c3d"})
     for points, told in ((walked, 0), (swapped, 4), (one, 0), (hidden, 0)):
         write_c3d(tmp_path / "a.c3d", points)
-        said = [text for text in FORMATS["c3d"].read(tmp_path / "a.c3d", source).warnings if "all markers leap" in text]
+        said = [text for text in FORMATS["c3d"].read(tmp_path / "a.c3d", OF_C3D).warnings if "all markers leap" in text]
         assert [text.partition(": ")[2][:7] for text in said] == [f"{told} times"] * bool(told)
 
 
 def test_a_step_of_time_unlike_all_others_is_told_and_one_of_an_uneven_clock_is_not(tmp_path: Path) -> None:
-    source = FORMATS["csv"].source.model_validate({"format": "csv", **columns_as("column")})
     k, noise = np.arange(600), np.random.default_rng(3).normal(size=600)
     uneven = k / 100 + 2e-4 * noise
     told = {}
     for name, t in (("even", k / 100), ("lost", np.r_[k[:300], k[304:]] / 100), ("uneven", np.delete(uneven, 300))):
         pl.DataFrame({"t": t, "a": noise[: t.size], "f": noise[::-1][: t.size]}).write_csv(path := tmp_path / "a.csv")
-        told[name] = len(FORMATS["csv"].read(path, source).warnings)
+        told[name] = len(FORMATS["csv"].read(path, OF_CSV).warnings)
     assert told == {"even": 0, "lost": 1, "uneven": 0}
 
 

@@ -227,9 +227,8 @@ def headline(gait, perturbed):
     """A group's rows and doubts."""
     found = response.group_headline(perturbed, unperturbed_gait(gait, 2), CHOICES)
     singles = [response.fit_response(one) for one in found.responses]
-    fits = pl.DataFrame(
-        {"VAF": [one.vaf for one in singles]} | {name: [one[name] for one in singles] for name in "KBI"}
-    )
+    vaf, sizes = [one.vaf for one in singles], {name: [one[name] for one in singles] for name in "KBI"}
+    fits = pl.DataFrame({"VAF": vaf, **sizes})
     return tables.headline_rows(found, fits, {}, {}), tables.group_facts(found)
 
 

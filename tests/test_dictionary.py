@@ -131,9 +131,8 @@ def test_a_bad_table_is_refused_by_file_and_column_in_one_line(tmp_path, content
 
 @pytest.mark.parametrize("known", [None, "left"])
 def test_a_side_is_written_where_one_is_known_and_read_in_any_case(tmp_path, known):
-    places = pl.DataFrame(
-        {"trial": ["a", "b"], "joint": None, "side": [known, None]}, schema_overrides={"side": pl.String}
-    )
+    placed = {"trial": ["a", "b"], "joint": None, "side": [known, None]}
+    places = pl.DataFrame(placed, schema_overrides={"side": pl.String})
     write_table(places, path := tmp_path / "t.csv")
     assert ("side" in path.read_text().splitlines()[0]) == (known is not None)
     assert (read_table(path).columns, read_table(path)["side"].to_list()) == (places.columns, [known, None])

@@ -25,9 +25,8 @@ from osl_analysis.refusal import Refusal, write_refusals
 from osl_analysis.table import read_table, write_table
 
 fig3, fig4, fig5, fig6, fig7, fig8, fig9 = (drawing_of(f"fig{number}") for number in range(3, 10))
-impedance_over_stance, response, torque_angle, walking_page = map(
-    drawing_of, ("impedance_over_stance", "response", "torque_angle", "walking_page")
-)
+OTHERS = ("impedance_over_stance", "response", "torque_angle", "walking_page")
+impedance_over_stance, response, torque_angle, walking_page = map(drawing_of, OTHERS)
 BELTS = [f"belt_{number:02d}" for number in range(1, 11)]
 
 
@@ -242,11 +241,6 @@ def test_a_stiffness_is_drawn_as_doubtful_where_the_doubt_concerns_it_and_not_fo
     torque, stiffness = dashes("zero that nobody stated")
     assert (torque == {"-"}, stiffness) == (False, {"-"})
     assert dashes("zero that nobody stated; hysteresis")[1] != {"-"}
-
-
-def test_a_caption_names_each_cause_of_doubt_once():
-    doubts = pl.DataFrame({"trial": ["a", "b", "c"], "doubtful": ["late torque", "friction; late torque", ""]})
-    assert doubtful_said(doubts) == "Doubtful: 2 of 3 (a, b), for late torque, friction."
 
 
 def test_levels_within_a_decade_have_numbers_on_their_axis():
@@ -545,8 +539,9 @@ def test_a_name_in_markdown_is_text_sign_by_sign(name, markdown):
      "1 of 2 (mean response of all), for lag."),
     ({"trial": ["a", None, "b"], "group": "all", "doubtful": ["", "", "lag"]}, "1 of 2 (b), for lag."),
     ({"trials": ["a, b", "c"], "doubtful": ["", ""]}, None), ({"trial": ["a"], "doubtful": [None]}, ""),
+    ({"trial": ["a", "b", "c"], "doubtful": ["lag", "friction; lag", ""]}, "2 of 3 (a, b), for lag, friction."),
 ])  # fmt: skip
-def test_a_caption_names_the_doubtful_trials_and_groups_and_why(of, said):
+def test_a_caption_names_the_doubtful_trials_and_groups_and_each_cause_once(of, said):
     expected = "No fit is doubtful." if said is None else said and f"Doubtful: {said}"
     assert doubtful_said(pl.DataFrame(of, schema_overrides={"doubtful": pl.String})) == expected
 

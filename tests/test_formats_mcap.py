@@ -401,10 +401,9 @@ def test_a_joint_is_found_by_name_though_the_order_of_joints_changes(tmp_path: P
     decoded = decode_topics(read_mcap(path), {"/lab": ["position[name=toe]"]})["/lab"]
     assert decoded.values["position[name=toe]"].tolist() == [20.0, 11.0, 22.0, 23.0, None]
     twice = [stamped(0, name=["toe", "toe"], position=[1.0, 2.0])]
+    written = write_log(path, twice, schema, "sensor_msgs/msg/JointState")
     with pytest.raises(InputError, match="2 elements are named 'toe' in 'name': write an index in its place"):
-        decode_topics(
-            read_mcap(write_log(path, twice, schema, "sensor_msgs/msg/JointState")), {"/lab": ["position[name=toe]"]}
-        )
+        decode_topics(read_mcap(written), {"/lab": ["position[name=toe]"]})
 
 
 ONE, KIND, LONGER = cdr(1.0), kind_of("float64 a"), kind_of("float64 a\nstring s\nfloat64[] b")

@@ -200,9 +200,8 @@ def test_an_array_of_objects_is_refused_with_what_to_save(tmp_path):
 
 def test_numbers_in_another_writing_are_no_failed_readings(tmp_path):
     """A draft listed each of them under `missing`: half of the torque would have been left out."""
-    (tmp_path / "a.csv").write_text(
-        text(t=[f"{1e3 * x:,.1f}".replace(",", "'") for x in TIME], head=["time_ms", *HEAD[1:]])
-    )
+    thousands = [f"{1e3 * x:,.1f}".replace(",", "'") for x in TIME]
+    (tmp_path / "a.csv").write_text(text(t=thousands, head=["time_ms", *HEAD[1:]]))
     with pytest.raises(InputError, match=r"'1'000\.0' is not a number"):
         read_by_draft(tmp_path / "a.csv")
 
@@ -274,16 +273,14 @@ def test_clocks_that_agree_and_signals_that_rise_evenly_are_no_contradiction(tmp
 def test_channels_of_several_rates_beside_one_another_are_refused_unless_all_that_are_read_have_one(tmp_path):
     """With `most_missing: 0.5`, as the refusal proposed, every second torque stood at half its time."""
     half, head = [""] * 350, "X [s],Angle,X [s],Torque\n"
-    source = (
-        "format: csv\nmost_missing: 0.6\ntime: {column: '1', unit: s}\nchannels:\n  theta: {column: '2', unit: deg}\n"
-    )
+    source = "format: csv\nmost_missing: 0.6\ntime: {column: '1', unit: s}\nchannels:\n"
+    source += "  theta: {column: '2', unit: deg}\n"
     row = {"trial": "a", "log": "a.csv", "log_source": "s"}
     rows = zip(T, A, [*T[::2], *half], [*M[::2], *half], strict=True)
     (tmp_path / "a.csv").write_text(head + "\n".join(map(",".join, rows)) + "\n")
     (tmp_path / "s.yaml").write_text(source + "  torque: {column: '4', unit: Nm}\n")
-    with pytest.raises(
-        InputError, match=r"ends at line 351 and tells another time .* export the channels of each rate"
-    ):
+    said = r"ends at line 351 and tells another time .* export the channels of each rate"
+    with pytest.raises(InputError, match=said):
         trial_from_files(row, tmp_path, tmp_path)
     rows = zip([*T[:350], *half], [*A[:350], *half], T, M, strict=True)
     (tmp_path / "a.csv").write_text(head + "\n".join(map(",".join, rows)) + "\n")

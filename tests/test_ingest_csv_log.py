@@ -36,9 +36,7 @@ def ingested(folder: Path, text: str | bytes, **fields: object) -> Trial:
     return trial_from_files({"trial": "a", "log": "log.csv", "log_source": "source"}, folder, folder)
 
 
-def test_a_fixture_of_the_sheet_is_said_in_the_provenance_of_the_torque_and_the_torque_stays_as_recorded(
-    tmp_path: Path,
-) -> None:
+def test_a_fixture_of_the_sheet_is_said_in_the_provenance_and_the_torque_stays_as_recorded(tmp_path: Path) -> None:
     ingested(tmp_path, LOG)
     row = {"trial": "a", "log": "log.csv", "log_source": "source", "fixture_weight": 0.5, "fixture_rest_deg": None}
     trial = trial_from_files(row, tmp_path, tmp_path)
@@ -236,9 +234,8 @@ def test_one_row_a_clock_that_stops_and_one_too_coarse_are_no_log(tmp_path):
         assert told in refused(tmp_path, text)
     whole = "t,angle,load\n" + "".join(f"{t},{k},{k % 7}\n" for k, t in enumerate((time // 0.05).tolist()))
     assert ingested(tmp_path, whole).samples.height == 200  # rounded to twelve or thirteen samples
-    assert "a PNG image, which is not read; name the recording itself" in refused(
-        tmp_path, b"\x89PNG\r\n\x1a\n" + bytes(range(256))
-    )
+    picture = b"\x89PNG\r\n\x1a\n" + bytes(range(256))
+    assert "a PNG image, which is not read; name the recording itself" in refused(tmp_path, picture)
 
 
 LOGGER = "time,<__main__.Joint object at 0x7fe6c0>.output_position,<__main__.Joint object at 0x7fe6c0>.current\n0,1,5\n"

@@ -43,9 +43,8 @@ refused = partial(refusal_of, **SOURCE)
 
 def test_a_name_with_a_dot_is_quoted_and_never_taken_for_a_level(tmp_path: Path) -> None:
     k = np.arange(20)
-    lines = [
-        {"t_s": n / 100, "f": {"cell.mz_Nm": n + 0.5, "cell": {"mz_Nm": -n}, 'a"[b]': [0, 3 * n]}} for n in range(20)
-    ]
+    fields = [{"cell.mz_Nm": n + 0.5, "cell": {"mz_Nm": -n}, 'a"[b]': [0, 3 * n]} for n in range(20)]
+    lines = [{"t_s": n / 100, "f": one} for n, one in enumerate(fields)]
     path = write(tmp_path / "a", lines)
     draft = yaml.safe_load(draft_source(inspect_file(path), "a"))
     assert {one["field"]: one["unit"] for one in draft["channels"].values()} == {
@@ -150,9 +149,7 @@ def test_a_line_that_cannot_be_used_is_skipped_within_a_share_and_else_refused(t
     assert len(recording.samples) == ROWS - 1
     assert any(f"1 of {ROWS} lines cannot be used and were skipped" in t and reason in t for t in recording.warnings)
     told = {name: recording.losses[name] for name in ("end_missing", "expected", "read", "lost", "share_lost")}
-    number = (
-        {"expected": None, "lost": None} if "JSON" in reason else {"expected": None, "lost": 1}
-    )  # the rest of several?
+    number = {"expected": None, "lost": None if "JSON" in reason else 1}  # the rest of several?
     assert told == {"end_missing": False, "read": ROWS - 1, "share_lost": 1 / ROWS, **number}
     assert "cannot be used" in refused(path, time={"rate": 500})
     lines[12] = lines[13] = line

@@ -309,9 +309,8 @@ def test_a_fault_in_one_recording_does_not_end_the_watch(tmp_path, bench, monkey
 def test_a_stiffness_far_from_the_desired_one_is_pointed_at(tmp_path, bench):
     write_joint(path := tmp_path / "in/impedance_k300_b2.csv")
     doubt = "K is far from the K_d .*: K is 0.4 times K_d. Check the units"
-    assert re.search(
-        f"DOUBTFUL: stiffness unlike K_d: {doubt}", watching.recording_line(path, tmp_path / "in", bench)[0]
-    )
+    line, *_ = watching.recording_line(path, tmp_path / "in", bench)
+    assert re.search(f"DOUBTFUL: stiffness unlike K_d: {doubt}", line)
     module.new_campaign(tmp_path / "c", recordings=tmp_path / "in")
     (look,) = watching.first_look(tmp_path / "c")
     assert re.search(f"(?s)first trial of experiment impedance, [^\n]*: LOOK AT IT\n.*{doubt}", look)
@@ -380,9 +379,8 @@ def test_a_trial_of_the_sheet_is_fitted_in_its_windows_and_against_its_curve(mon
     assert (found["controller"], found["K_d"]) == ("mine", 250.0)
     assert "gains" not in found["not_checked"]  # of a device that nobody stated
     monkeypatch.setattr(watching.fits, "fit_trial", lambda *given: given[-2]["desired"])
-    assert (
-        watching.fit_of_row(trial, {"experiment": "torque_angle", "desired": "foot"}, None, default_config()) == "foot"
-    )
+    row = {"experiment": "torque_angle", "desired": "foot"}
+    assert watching.fit_of_row(trial, row, None, default_config()) == "foot"
 
 
 def test_the_parameters_of_an_ankle_judge_no_knee(bench):

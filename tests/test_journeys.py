@@ -110,9 +110,8 @@ def test_a_bench_log_with_names_of_another_language(tmp_path, monkeypatch):
     time, theta, omega, torque = sines([(1, 8), (2, 10), (4, 16)], 4)
     for name, moves in (("meting 1", 0), ("meting 2", 1), ("meting 3", 1)):
         noise = NOISE[1:, : time.size]
-        angle, load, speed = (
-            np.where(moves, x, 0.01 * n) for x, n in zip((theta, -torque, omega), noise, strict=False)
-        )
+        pairs = zip((theta, -torque, omega), noise, strict=False)
+        angle, load, speed = (np.where(moves, x, 0.01 * n) for x, n in pairs)
         columns = {"Tijd [ms]": 1e3 * time, "Stand arm [°]": np.degrees(angle), "Koppel [Nm]": load}
         columns |= {"Kanaal 5": 0 * time + 3.1, "Kanaal 6": noise[4], "Snelheid": np.degrees(speed)}
         write_csv(journey.recordings / f"{name}.csv", columns, ";", ",")
@@ -125,9 +124,8 @@ def test_a_bench_log_with_names_of_another_language(tmp_path, monkeypatch):
     ):  # fmt: skip
         assert re.search(line, source)
         assert re.search(line, said)
-    (journey.made / "trials.csv").write_text(
-        (journey.made / "trials.csv").read_text().replace("meting_1,", "# meting_1,")
-    )
+    sheet = journey.made / "trials.csv"
+    sheet.write_text(sheet.read_text().replace("meting_1,", "# meting_1,"))
     assert "to be confirmed, guessed from angle and torque: experiment impedance (meting_1, meting_2, meting_3)" in said
     assert [is_right(fit) for _, fit, _ in journey.fits(monkeypatch)] == [True, True]
     assert journey.edited() == 1
@@ -157,9 +155,8 @@ def test_a_bench_that_logs_joint_states_and_a_wrench(tmp_path, monkeypatch):
         for t, m, n in zip(*(x[::2].tolist() for x in (time, late, noise)), strict=True)
     ]  # fmt: skip
     topics = {"/joint_states": ("sensor_msgs/msg/JointState", JOINTS, joints)}
-    write_topics(
-        journey.recordings / "run_0.mcap", topics | {"/cell": ("geometry_msgs/msg/WrenchStamped", WRENCH, wrench)}
-    )
+    topics |= {"/cell": ("geometry_msgs/msg/WrenchStamped", WRENCH, wrench)}
+    write_topics(journey.recordings / "run_0.mcap", topics)
     _, source = journey.drafted()
     assert '\n  theta: {topic: "/joint_states", field: "position[name=ankle]"' in source
     asked = re.findall('NAME_[^\n]*field: "(.*?)".*# torque\\?', source)
@@ -264,9 +261,8 @@ def test_a_walkway_of_vicon(tmp_path, monkeypatch):
     static = static_calibration(*of["static", None], chosen)
     plate = identify_plate_model([(trial, static) for trial in of["plate", None]], chosen)
     platform = identify_platform([(trial, static) for trial in of["walking", True]], chosen)
-    crossings = [
-        analyse_crossing(trial, static, plate, p, chosen, platform) for p in (True, False) for trial in of["walking", p]
-    ]
+    walks = [(trial, p) for p in (True, False) for trial in of["walking", p]]
+    crossings = [analyse_crossing(trial, static, plate, p, chosen, platform) for trial, p in walks]
     found = group_headline(crossings[:3], unperturbed_gait(crossings[3:], 3), chosen)
     low, high = found.resampled.interval("K")
     assert (low < 340 < high, found.ensemble.estimates()["K"]) == (True, pytest.approx(340, rel=0.1))

@@ -53,9 +53,8 @@ def test_a_channel_that_may_be_another_quantity_is_left_to_the_user(tmp_path, co
     ("knee angle (deg),hip torque (Nm)", False),
 ])  # fmt: skip
 def test_the_one_joint_that_a_recording_names_is_its_joint_and_units_are_told_as_written(tmp_path, names, sure):
-    (tmp_path / "a.csv").write_text(
-        "\n".join([f"time (s),{names}", *(f"{k / 100},{k % 7},{k % 5}" for k in range(30))])
-    )
+    rows = (f"{k / 100},{k % 7},{k % 5}" for k in range(30))
+    (tmp_path / "a.csv").write_text("\n".join([f"time (s),{names}", *rows]))
     draft = new_campaign(tmp_path / "mine", recordings=tmp_path).sources["csv"]
     assert ({"theta", "torque"} <= {*yaml.safe_load(draft)["channels"]}, "\\u00b7" in draft) == (sure, False)
     sheet = pl.read_csv(tmp_path / "mine/trials.csv")
@@ -240,9 +239,8 @@ def test_a_walking_laboratory_is_drafted_from_captures_whose_names_say_nothing(t
         "a1": ("static", None), "a2": ("plate", None), "a3": ("walking", "true"), "a4": ("walking", "false"),
         "a5": ("overground", None), "a6": ("walking", "false"), "walk_unpert_7": ("walking", "false"),
     }  # fmt: skip
-    assert all(
-        "guessed from the motion" in said[0] for cells, said in draft.trials if cells["trial"] != "walk_unpert_7"
-    )
+    others = [said[0] for cells, said in draft.trials if cells["trial"] != "walk_unpert_7"]
+    assert all("guessed from the motion" in said for said in others)
     written = yaml.safe_load((tmp_path / "mine/config.yaml").read_text())["walking"]
     assert written.pop("markers") == {
         "foot": ["R_FCC", "R_FM1", "R_FM5"], "shank": ["R_SK1", "R_SK2", "R_SK3"],

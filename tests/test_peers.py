@@ -58,9 +58,8 @@ def test_a_method_of_one_file_and_one_function_is_compared(tmp_path, monkeypatch
     subprocess.run([sys.executable, PEERS / "answers.py", tmp_path, toy], check=True, capture_output=True)
     table = score_answers(tmp_path / "answers.csv", tmp_path / "truth.csv")
     found = {row["group"]: row for row in table.iter_rows(named=True)}
-    counts = {
-        case: [row[n] for n in ("answered", "silent", "announced", "false_alarms")] for case, row in found.items()
-    }
+    counted = ("answered", "silent", "announced", "false_alarms")
+    counts = {case: [row[n] for n in counted] for case, row in found.items()}
     assert counts == {
         "all": [4, 1, 0, 1],
         "14 bits": [1, 0, 0, 1],

@@ -57,9 +57,11 @@ def law_of(K_d, B_d, controller, **delays):
 def recording(K_d, B_d, controller, p=P, seed=0, gain=1.0, **delays):
     """A stepped sine against a leg with parameters p, with noise of 0.05 N*m, by a load cell with this gain."""
     law = law_of(K_d, B_d, controller, **delays)
-    return stepped_sine(
-        lambda m: gain * (belt_response(m.theta, RATE, law, p) + p.B_j * m.omega + p.J_j * m.alpha), 0.05, FIVE, seed
-    )
+
+    def torque(m):
+        return gain * (belt_response(m.theta, RATE, law, p) + p.B_j * m.omega + p.J_j * m.alpha)
+
+    return stepped_sine(torque, 0.05, FIVE, seed)
 
 
 def fitted(record, **asked):

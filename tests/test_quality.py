@@ -285,20 +285,12 @@ def test_a_persons_weight_with_the_wrong_sign_is_told_from_an_offset_and_where_n
 
 def test_clocks_that_fit_badly_and_a_damaged_log_are_told_from_the_provenance():
     clock = {"drift": 5e-5, "drift_error": 1e-6, "residual": 2.5e-3, "edges": 20, "excluded_edges": 1, "rows_before": 3}
-    damage = {
-        "complete": False,
-        "end_missing": True,
-        "crc": "checked",
-        "lost": 130,
-        "share_lost": 0.04,
-        "remarks": ["chunk 3"],
-    }
-    damage["chunks_lost"] = 2
+    damage = {"complete": False, "end_missing": True, "crc": "checked", "lost": 130, "share_lost": 0.04}
+    damage |= {"remarks": ["chunk 3"], "chunks_lost": 2}
     found = results(bench(), clock=clock, damage={"log": damage})
     assert failed(found) == {"clock_residual", "damage", "truncated"}
-    assert found["clock_residual"].remark.startswith(
-        "drift 50.0 +- 1.0 ppm; 20 matched and 1 excluded by edges; 3 and 0 rows"
-    )
+    drifts = "drift 50.0 +- 1.0 ppm; 20 matched and 1 excluded by edges; 3 and 0 rows"
+    assert found["clock_residual"].remark.startswith(drifts)
     said = CheckResult(4.0, "2 chunks lost; 130 lost; the file is not complete; CRC checked; chunk 3")
     assert found["damage"] == said
     frames = {"complete": False, "end_missing": False, "lost": 3, "share_lost": 0.05, "remarks": ["no numbers"]}

@@ -313,9 +313,8 @@ def test_the_same_cause_in_many_trials_is_one_line_and_another_its_own(tmp_path)
         f"  trial heel, file raw/heel.c3d{also}: 0.5 N in raw/heel.c3d; remedy: zero it",
         "  trial walk, file raw/walk.c3d: no plate; remedy: zero it",
     ]
-    assert (
-        alike("a.csv: no 'knee' at 1.5e3", "knee") == alike("a.csv: no 'toe' at -2", "toe") == "a.csv: no 'TRIAL' at #"
-    )
+    same = {alike("a.csv: no 'knee' at 1.5e3", "knee"), alike("a.csv: no 'toe' at -2", "toe")}
+    assert same == {"a.csv: no 'TRIAL' at #"}
 
 
 def test_a_figure_whose_process_was_killed_leaves_its_trial_analysed_and_nothing_to_correct(tmp_path):

@@ -276,10 +276,8 @@ def test_verdicts_and_counts_sorting_by_the_unrounded_value_and_conditions_that_
 
 
 def test_the_page_begins_with_what_was_done_its_verdict_and_the_figure_that_matters():
-    rows = [
-        {"experiment": "walking", "perturbed": up, "joint": "knee", "log": "a.mcap", "mocap": "a.c3d"} for up in (0, 1)
-    ]
-    walks = [ReportedTrial(f"w{k}", {"trial": f"w{k}", **row}) for k, row in enumerate(rows)]
+    row = {"experiment": "walking", "joint": "knee", "log": "a.mcap", "mocap": "a.c3d"}
+    walks = [ReportedTrial(f"w{up}", {"trial": f"w{up}", "perturbed": up, **row}) for up in (0, 1)]
     trials = [*walks, trial("t", doubt()), trial("r", left_out=["x"], refused=True)]
     figures = [{"name": name} for name in ("fig3", "fig5", "walking_page")]
     number = NUMBER | {"n": 4, "value": 2.0, "of": "", "meaning": "x", "begins": "It is"}
@@ -315,10 +313,8 @@ def test_the_map_has_a_row_for_each_cause_that_a_trial_does_not_pass():
         "gap in the recording": ["passed", "passed", "flagged"],
         "I is certainly negative": ["remark", "passed", "passed"],
     }
-    walks = [trial(name) for name in "uv"]
-    walks = [
-        replace(one, tables={"walking": pl.DataFrame({"group": [of]})}) for one, of in zip(walks, "AB", strict=True)
-    ]
+    groups = {name: {"walking": pl.DataFrame({"group": [of]})} for name, of in zip("uv", "AB", strict=True)}
+    walks = [replace(trial(name), tables=tables) for name, tables in groups.items()]
     known = [{"of": "walking groups", "verdict": "not checked", "cause": "x", "trials": ["B", "C"]}]
     (group,) = check_map(walks, known)
     assert group["rows"] == [("x", [("u", "passed"), ("v", "not checked")])]
@@ -386,9 +382,8 @@ def test_the_model_of_a_series_is_that_of_the_fit_in_the_samples_that_the_fit_us
     theta_s, torque = belt_cycle(K_s2=3000, coulomb=0.3)
     rng = np.random.default_rng(4)
     belt = fit_branches(belt_record(theta_s, torque + 30 * np.gradient(theta_s) + 0.02 * rng.normal(size=len(torque))))
-    moving, sines = (
-        rendered_impedance(one) for one in (moving_record(made_trial(rng, noise(rng, duration=20.0))), stepped)
-    )
+    any_motion = moving_record(made_trial(rng, noise(rng, duration=20.0)))
+    moving, sines = (rendered_impedance(one) for one in (any_motion, stepped))
     losses = transmission_of(stepped)
     for series, table in (
         (sines[0].series(), impedance_table(*sines)), (losses.series(), transmission_table(losses)),
@@ -518,9 +513,8 @@ def test_trials_of_no_stated_condition_are_one_only_where_they_repeat_each_other
     assert repeated_trials_table(table.with_columns(K_d=pl.lit(100.0)))["n"].to_list() == [n] * 3
     late = table.with_columns(doubtful=pl.when(trial="t2").then(pl.lit("late torque")).otherwise("doubtful"))
     (first, *_) = conditions({"impedance": late}, {})
-    assert (first["doubt"], first["K"]) == (
-        ("1 left out of the mean", ("62.0", "[61.0, 63.0]")) if n < 8 else ("", first["K"])
-    )
+    expected = ("1 left out of the mean", ("62.0", "[61.0, 63.0]")) if n < 8 else ("", first["K"])
+    assert (first["doubt"], first["K"]) == expected
     numbers = headline_numbers({"impedance": table}, Example(K_d=None, B_d=None))
     own = [(one.value, one.of) for one in numbers if one.name.startswith("K_example")]
     assert own == [(62.0, "t0, mean with 1 that repeat it"), (148.0, "t1, mean with 1 that repeat it")] * (n <= 8)

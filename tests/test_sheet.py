@@ -161,9 +161,8 @@ def test_a_crossing_and_a_plate_trial_have_the_side_of_their_static_trial_and_wa
     bench = {name: dict.fromkeys(whole["x"]) | row for name, row in zip("kj", of_log, strict=True)}
     check_campaign(open_campaign(config, bench))
     for windows in ("4-6.1", "0-99", None):
-        with pytest.raises(
-            InputError, match=r"trial 'j': log 'k.csv' is that of trial 'k'; correct one, or give each it"
-        ):
+        said = r"trial 'j': log 'k.csv' is that of trial 'k'; correct one, or give each it"
+        with pytest.raises(InputError, match=said):
             check_campaign(open_campaign(config, bench | {"j": bench["j"] | {"windows": windows}}))
     check_campaign(open_campaign(config, bench | {"j": bench["j"] | {"windows": None, "log_part": "b"}}))
     copied = config.model_copy(update={"simulation": None, "raw_data": tmp_path})

@@ -150,9 +150,8 @@ def test_every_setting_is_a_choice_or_a_fact_whose_state_is_told(tmp_path):
     assert {row["state"] for row in states_of(default, {}, EXPERIMENTS)} == {"stated"}
     states = {one["setting"]: one for one in states_of(own, read_mapping(tmp_path / "own.yaml"), EXPERIMENTS)}
     assert [name for name, one in states.items() if one["state"] == "stated"] == ["dynamometer.amplitudes_deg"]
-    assert {name for name, one in states.items() if one["state"] != "assumed"} >= {*FACTS} & {*JUDGING} - {
-        "torque_angle.zero"
-    }
+    known = {name for name, one in states.items() if one["state"] != "assumed"}
+    assert known >= {*FACTS} & {*JUDGING} - {"torque_angle.zero"}
     assert states["torque_angle.zero"]["value"] == "end"
     said = assumed_said(pl.DataFrame([*states.values()], infer_schema_length=None))
     assert all(words in said for words in ("at rest at the end", "a low-pass of 15 Hz", "0.1 s that are fitted"))
@@ -165,9 +164,8 @@ def test_every_setting_is_a_choice_or_a_fact_whose_state_is_told(tmp_path):
 
 
 def test_a_recording_that_no_row_names_is_told_once(tmp_path):
-    config = read_config(ROOT / "config/config.yaml").model_copy(
-        update={"simulation": None, "raw_data": tmp_path, "sheet": tmp_path / "trials.csv", "results": tmp_path / "r"}
-    )
+    places = {"raw_data": tmp_path, "sheet": tmp_path / "trials.csv", "results": tmp_path / "r"}
+    config = read_config(ROOT / "config/config.yaml").model_copy(update={"simulation": None, **places})
     for name in ("a.csv", "b.csv", "trials.csv", "r/tables/belt.csv"):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("x")

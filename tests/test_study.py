@@ -36,9 +36,7 @@ def ratio(table, size):
     ("actuator", 12, {"units"}, 0.27, 0.084),  # of five nearly independent estimates
     ("frequency response", 12, {"cycles"}, 0.335, 0.095),  # the last cycle at a frequency is the next one's
 ])  # fmt: skip
-def test_estimates_are_as_precise_as_they_say_and_as_the_noise_allows(
-    study, experiment, trials, methods, near, coverage
-):
+def test_estimates_are_as_precise_as_they_say_and_can_be(study, experiment, trials, methods, near, coverage):
     """Seeded trials within three Monte Carlo errors of a ratio and of a coverage."""
     table = table_of(study.rows_of(experiment, range(trials)))
     assert set(table["interval_method"]) == methods

@@ -130,20 +130,16 @@ def test_gathered_tables_carry_the_mark_and_the_end_of_the_run_says_so(tmp_path)
     assert "doubtful" not in read_table(tmp_path / "quality.csv").columns
     write_table(NO_CHECKS, tmp_path / "verdicts.csv")
     tables.write_findings({"belt": tmp_path / "belt.csv"}, tmp_path / "verdicts.csv", limits, tmp_path / "findings.csv")
-    (line,) = findings_report(tmp_path / "findings.csv", [tmp_path / "belt.csv", tmp_path / "no.csv"], NO_CHECKS).split(
-        "\n"
-    )
+    there = [tmp_path / "belt.csv", tmp_path / "no.csv"]
+    (line,) = findings_report(tmp_path / "findings.csv", there, NO_CHECKS).split("\n")
     assert line.startswith(f"doubtful, 2 of 3 belt trials: {misfit}: ")
     assert line.endswith(" [belt_1, belt_3]")
 
 
 def test_causes_and_trials_are_counted_and_not_the_rows_that_inherit_them():
     """Two of three trials have friction, one of them in four rows of two tables; one has a doubt of its own beside."""
-    fit = {
-        "trial": ["a", "a", "b", "c"],
-        "amplitude_deg": [2.0, None, None, None],
-        "coulomb_share": [0.7, 0.6, 0.7, 0.1],
-    }
+    fit = {"trial": ["a", "a", "b", "c"], "amplitude_deg": [2.0, None, None, None]}
+    fit |= {"coulomb_share": [0.7, 0.6, 0.7, 0.1]}
     fit |= {"VAF": [80.0, 80.0, 80.0, 95.0], "path_shift": [0.0, 0.0, 0.1, 0.0]}
     tables = {"impedance": pl.DataFrame(fit).with_columns(K_over_K_s=0.5, K_drift=0.0)}
     shared = {"trial": ["a", "a", "c"], "amplitude_deg": [2.0, None, None], "theta_distortion": [0.0, 0.0, 0.1]}
@@ -155,11 +151,8 @@ def test_causes_and_trials_are_counted_and_not_the_rows_that_inherit_them():
         ("friction", ["a", "b"], 3, "impedance trials"), ("torque path", ["b"], 3, "impedance trials"),
         ("distorted motion", ["c"], 2, "impedance trials, in phasors alone"),
     ]  # fmt: skip
-    assert (found[0]["worst"], found[0]["measure"], found[0]["limit"]) == (
-        "b",
-        "coulomb_share, VAF",
-        "above 0.5, below 90",
-    )
+    said = found[0]["worst"], found[0]["measure"], found[0]["limit"]
+    assert said == ("b", "coulomb_share, VAF", "above 0.5, below 90")
     inherited = campaign_findings(tables, NO_CHECKS, DoubtfulFits.model_validate(limits)).filter(table="phasors")
     assert inherited.select("trial", "cause", "inherited").unique().rows() == [("a", "friction", "impedance")]
 
@@ -252,9 +245,8 @@ def impedance():
     table = pl.DataFrame(rows, schema=columns, orient="row").with_columns(interval_method=pl.lit("units"))
     whole, steps = pl.col("amplitude_deg").is_null(), {"low": -2.04, "high": 1.06}
     ends = {f"{q}_amplitudes_{end}": pl.when(whole).then(pl.col(q) + step) for q in "KB" for end, step in steps.items()}
-    ends |= {
-        f"I{end}": pl.when(whole).then(pl.lit(size)) for end, size in (("", 0.02), ("_low", 0.01), ("_high", 0.03))
-    }
+    sizes = {"I": 0.02, "I_low": 0.01, "I_high": 0.03}
+    ends |= {name: pl.when(whole).then(pl.lit(size)) for name, size in sizes.items()}
     rubs = {"f_C": 0.3, "f_C_low": 0.2, "f_C_high": 0.4, "B_viscous": 5.2, "B_viscous_low": 5.1, "B_viscous_high": 5.3}
     ends |= {name: pl.when(pl.col("K") == 303.0).then(pl.lit(value)) for name, value in rubs.items()}
     return table.with_columns(**ends, doubtful=pl.Series(["", "model that does not fit", "", "", "", "x"]))
@@ -508,9 +500,8 @@ def test_headline_means_say_how_many_doubtful_trials_they_leave_out_or_contain()
     counts = {name: (h.n, h.n_doubtful, h.n_left_out) for name, h in found.items()}
     assert by_name({"impedance": made.with_columns(doubtful=pl.lit("x"))})["K_example_compensated"].n_doubtful == 1
     assert found["K_bias_compensated"].value == pytest.approx(-1.0)
-    assert found["B_error_compensated"].value == pytest.approx(0.15), (
-        "of 5.2 without friction, and of 0.1 that has none"
-    )
+    without_friction = found["B_error_compensated"].value  # of 5.2, and of 0.1 that has none
+    assert without_friction == pytest.approx(0.15)
     assert counts["K_bias_compensated"] == counts["B_error_compensated"] == (2, 1, 1)
     assert counts["K_bias_uncompensated"] == (1, 1, 0), "its only trial is doubtful"
     assert counts["VAF_mean_compensated"] == (3, 1, 0)

@@ -321,15 +321,11 @@ def test_a_crossing_knows_what_each_trial_of_the_plate_does_to_its_torque(real: 
 
 def test_what_contradicts_sheet_markers_or_calibration_is_refused_by_name(ideal: Session, tmp_path: Path) -> None:
     path, calibration, output = (tmp_path / name for name in ("t.parquet", "calibration.json", "c.parquet"))
+    lost_marker = "no marker 'FOOT3'; correct `walking.markers` .*; did you mean 'FOOT[124]'"
     for name, claimed, lost, reason in (
         (ideal.perturbed[0], False, "", "the platform .* sheet says perturbed = false"),
         (ideal.unperturbed[0], True, "", "the platform .* sheet says perturbed = true"),
-        (
-            ideal.unperturbed[0],
-            False,
-            "marker_FOOT3_x",
-            "no marker 'FOOT3'; correct `walking.markers` .*; did you mean 'FOOT[124]'",
-        ),
+        (ideal.unperturbed[0], False, "marker_FOOT3_x", lost_marker),
         (ideal.unperturbed[0], False, "FOOT2", "marker FOOT2 is not in the static calibration"),
     ):
         source, content = read_trial(ideal.trial(name)), json.loads(ideal.file("calibration.json").read_text())
@@ -417,9 +413,8 @@ def test_what_cannot_be_compared_is_refused_with_the_remedy() -> None:
         overground_rows(gait_trial(over=0.3), KNOWN)
     with pytest.raises(InputError, match="gait_1: no force plate; map it"):
         overground_rows(replace(trial, provenance={}), KNOWN)
-    with pytest.raises(
-        InputError, match=r"gait_1: no marker of an ankle; name one under overground\.lateral_malleolus"
-    ):
+    said = r"gait_1: no marker of an ankle; name one under overground\.lateral_malleolus"
+    with pytest.raises(InputError, match=said):
         overground_rows(replace(trial, samples=trial.samples.select(pl.exclude("^marker_LTI.*$"))), KNOWN)
     with pytest.raises(InputError, match=r"states no body mass; state body_mass_kg in the sheet, or overground\.body"):
         overground_rows(trial, OvergroundAnalysis(load_on_n=50))
@@ -496,9 +491,8 @@ def test_two_feet_on_one_plate_are_excluded_with_the_reason_and_a_foot_that_swin
     assert "the right foot stands" in reasons(steps(both, long, "?ANK"))[0]  # the ankle alone shows it
     assert reasons(steps(ONE_FOOT | {"R": (-0.15, 0.2, 0.7)}, CONTACT, QTM)) == [None]
     # the other foot has no markers: its own foot does not rest for as long as the plate is loaded
-    assert reasons(steps(ONE_FOOT, long, QTM)) == [
-        "heel and toe rest on the plate in 58 % of the contact: a second foot"
-    ]
+    (said,) = reasons(steps(ONE_FOOT, long, QTM))
+    assert said == "heel and toe rest on the plate in 58 % of the contact: a second foot"
     assert reasons(steps(ONE_FOOT, long, "?ANK ?MED")) == [None]
     again = steps({"L": (0.0, 0.2, 2.3)}, ((0.2, 0.7), (1.0, 2.2)), "?ANK ?MED")
     assert reasons(again) == [None, "a contact of 1.19 s where others last 0.49 s: a second foot, or a plate off zero"]
@@ -506,9 +500,8 @@ def test_two_feet_on_one_plate_are_excluded_with_the_reason_and_a_foot_that_swin
 
 
 def test_a_moment_unlike_walking_is_doubtful() -> None:
-    limits = Limits.model_validate(
-        yaml.safe_load((ROOT / "config/config.yaml").read_text())["doubtful"]["ankle_moment"]
-    )
+    shipped = yaml.safe_load((ROOT / "config/config.yaml").read_text())
+    limits = Limits.model_validate(shipped["doubtful"]["ankle_moment"])
 
     def doubts(force: float) -> list[tuple[str, dict[str, str]]]:
         trial = steps(ONE_FOOT, CONTACT, "?ANK ?MED")

@@ -86,9 +86,7 @@ def test_half_the_difference_of_directions_is_free_of_what_follows_either_turn(t
     assert apart.estimate("direction up")["mean"] > 400 > 300 > apart.estimate("direction down")["mean"]
     both = headline(BOTH, bootstrap_samples=100)
     assert both.directions["up minus down"][1].degrees_of_freedom == 3  # of 4 down
-    plain, stated = (
-        headline_rows(both, fits, {}, errors) for errors in ({}, {"K": 50.0})
-    )  # it cancels in the difference
+    plain, stated = (headline_rows(both, fits, {}, errors) for errors in ({}, {"K": 50.0}))  # cancels in the difference
     wider = {row["estimator"] for row, one in zip(stated, plain, strict=True) if row["se"] > one["se"] + 1e-9}
     assert {"ensemble", "up", "down"} <= wider
     assert "up minus down" not in wider
@@ -135,9 +133,8 @@ def test_the_turn_is_toes_up_positive_whichever_way_the_person_walks_and_the_pla
     axis = yaw.apply([0.0, 1.0, 0.0])
     angles = turn * np.interp(time, [0.05, 0.12, 0.15, 0.2], [0, 1, -0.2, 3])  # the largest, not the last, turn
     rotation = np.array([(Rotation.from_rotvec(-a * axis) * rest).as_matrix() for a in angles])
-    assert platform_turn(
-        time, pose(rotation, np.zeros((60, 3))), np.tile(axis, (60, 1)), (0.05, 0.15)
-    ) == pytest.approx(turn)
+    found = platform_turn(time, pose(rotation, np.zeros((60, 3))), np.tile(axis, (60, 1)), (0.05, 0.15))
+    assert found == pytest.approx(turn)
 
 
 def of_stiffness(values, count=5):

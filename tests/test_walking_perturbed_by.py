@@ -59,9 +59,8 @@ def log(turns: tuple[int, ...], seed: int = 0, onset: float = 0.3) -> pl.DataFra
         a = step / 0.06**2 * 60 * y * (1 - y) * (1 - 2 * y) * moving
         wander = 0.1 * random.standard_normal() * np.sin(2 * np.pi * (1.5 * since + random.random()))
         columns["angle"] += part * np.rad2deg(size * 0.15 * np.sin(5 * s) * np.sin(np.pi * s) + d)
-        columns["torque"] += part * (
-            size * 60 * np.sin(np.pi * s) ** 2 * (1 + s) + wander + K * d + B * v + INERTIA * a
-        )
+        gait = size * 60 * np.sin(np.pi * s) ** 2 * (1 + s) + wander
+        columns["torque"] += part * (gait + K * d + B * v + INERTIA * a)
         columns["force"] += part * 750 * np.clip(20 * np.sin(np.pi * s), 0, 1) * ((s > 0) & (s < 1))
         columns["command"] += part * turn * ((since >= onset) & (since < onset + 0.1))
     columns["torque"] += 0.02 * random.standard_normal(len(time))

@@ -282,10 +282,7 @@ def test_the_pressure_beside_the_ankle_is_where_the_force_acts_and_a_marker_may_
     moment = np.cross(point - centre, force) + np.array([0, 0, 4.0])  # and a free moment
     wrench, left = np.hstack([force, moment]), np.array([[-1.0, 0, 0]])
     pressed, light = (plate.load_on_foot(part * wrench, centre, ankle, left) for part in (1, 0.14))
-    assert (pressed[:, 0], light[1]) == (
-        pytest.approx([700, 1.05 - 0.93, 0.2]),
-        [0.0],
-    )  # 98 N have no centre of pressure
+    assert (pressed[:, 0], light[1]) == (pytest.approx([700, 1.05 - 0.93, 0.2]), [0.0])  # 98 N have no centre
     for marker, distance in (([1.29, 2.19, 0.1], 0.0), ([1.35, 2.1, 0.3], 0.05), ([0.66, 1.77, 0.1], 0.05)):
         assert furthest_outside(np.array([centre[0], marker]), SURFACE) == pytest.approx(distance)
 
@@ -327,8 +324,7 @@ def test_a_shank_against_its_own_heading_and_a_moment_that_lifts_the_toes_are_re
 
 
 def test_a_load_that_does_not_roll_over_the_foot_is_refused_by_its_cause() -> None:
-    """The foot brakes and pushes off forward; a turned plate turns that with the centre of pressure, a second foot the
-    latter alone, which adds to the load."""
+    """A turned plate turns braking and push-off with the centre of pressure; a second foot, a load more, that alone."""
     zero, torque = np.zeros(PHASE.size), -10 + 90 * PHASE
     forward, push = np.array([zero, 0.2 * PHASE]), np.array([zero, 300 * (PHASE - 0.5)])
     weight = np.full(PHASE.size, 700.0)
@@ -340,9 +336,8 @@ def test_a_load_that_does_not_roll_over_the_foot_is_refused_by_its_cause() -> No
         check_roll(PHASE, quarter, push[::-1], torque)
     with pytest.raises(InputError, match=r"180 deg from forward: the plate's corners are turned by 180 deg"):
         check_roll(PHASE, np.vstack([weight, -forward]), -push, -torque)
-    with pytest.raises(
-        InputError, match=r"moment in late stance is -53 N\*m.* another foot stands .* is 1\.50 of that"
-    ):
+    said = r"moment in late stance is -53 N\*m.* another foot stands .* is 1\.50 of that"
+    with pytest.raises(InputError, match=said):
         check_roll(PHASE, np.vstack([weight * (1 + 0.5 * (PHASE > 0.5)), forward]), push, -torque)
     with pytest.raises(InputError, match=r"90 deg from forward, though the foot pushes off forward: another foot"):
         check_roll(PHASE, quarter, push, None)

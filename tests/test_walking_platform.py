@@ -159,8 +159,7 @@ def test_a_laboratory_turned_against_the_walkway_reads_the_same_angle_and_torque
 
 
 def test_what_was_filled_before_the_export_is_hidden_counted_and_said(tmp_path: Path) -> None:
-    """100 ms at the onset, filled by a spline: one platform marker made I thirteen times too large, two of the shank K
-    441 for 340, without a word."""
+    """100 ms at the onset, by a spline: one platform marker made I thirteen times too large, two of the shank K 441."""
     turned = ramps(3, 1)
     trials, model = shared(turned, 1)
     onset = turned[0].onset
@@ -449,9 +448,8 @@ def test_too_few_unperturbed_crossings_say_how_many_and_why(tmp_path: Path) -> N
 
 def raised(trial: Trial, by: list[float]) -> Trial:
     """The trial whose recording states the corners elsewhere [m]."""
-    return replace(
-        trial, provenance={"plates": [{"plate": 1, "type": 2, "corners": np.add(synthetic.CORNERS, by).tolist()}]}
-    )
+    plate = {"plate": 1, "type": 2, "corners": np.add(synthetic.CORNERS, by).tolist()}
+    return replace(trial, provenance={"plates": [plate]})
 
 
 def test_the_change_of_a_torque_by_each_error_of_the_laboratory_is_that_of_a_faulty_recording() -> None:

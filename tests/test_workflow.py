@@ -153,8 +153,7 @@ def leaves(value, place=()):
 
 
 def test_what_a_job_reads_was_made_by_jobs_that_its_rule_waits_for(workspace):
-    """Also what the rule does not name (`read`): else a job runs too early, or is not run again. The rules' inputs are
-    those in Snakemake's notes."""
+    """Also what the rule does not name (`read`): else a job is early, or not run again. Snakemake notes the inputs."""
     requests, waits_for = requests_in(workspace.folder), {}
     of_crossings = [said["settings"] for said in requests.values() if said["command"] == "walking.analyse"]
     assert [{"perturbed", "direction", "body_mass_kg"} <= said.keys() for said in of_crossings] == 8 * [True]
@@ -199,9 +198,7 @@ BENCH = {"fit_belt_trial", "fit_transmission_trial", "fit_impedance_trial"}
 CROSSINGS = {"identify_plate", "analyse_crossing", "select_crossings", "average_unperturbed", "fit_perturbation"}
 
 
-def test_changed_settings_and_thresholds_give_the_bytes_of_a_fresh_run_and_redo_what_uses_them_alone(
-    workspace, tmp_path
-):
+def test_changed_settings_give_the_bytes_of_a_fresh_run_and_redo_what_uses_them_alone(workspace, tmp_path):
     """Of thresholds and limits no trial is ingested or fitted again; what several trials share is made again, where one
     of them becomes excluded. Of the filter of the bench, what is ingested, simulated and fitted elsewhere stays."""
     of_transmission = pl.col("trial").str.starts_with("transmission")

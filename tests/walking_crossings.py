@@ -109,9 +109,8 @@ def run_jobs(
     paths = {name: folder / f"{name}.csv" for name in ("responses", "excluded", "groups", "sensitivity")}
     places = {name: {"joint": "ankle", "side": row.get("side")} for name, row in sheet.items()}
     paths |= {"table": table, "output": folder / "summary.csv", "selection": selection, "unperturbed": gait}
-    jobs.summarise_perturbations(
-        crossings=turned, settings=chosen, sheet=sheet, places=places, limits=of_groups, **paths
-    )
+    given = {"crossings": turned, "settings": chosen, "sheet": sheet, "places": places, "limits": of_groups}
+    jobs.summarise_perturbations(**given, **paths)
     return Tables(folder)
 
 

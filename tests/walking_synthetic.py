@@ -71,9 +71,8 @@ def hidden(trial: Trial, markers: Sequence[str], start: float, end: float) -> Tr
     """The trial with markers hidden between two times [s]."""
     gone = pl.col("time").is_between(start, end)
     columns = [column for marker in markers for column in marker_columns(marker)]
-    return changed(
-        trial, *(pl.when(gone & pl.col(c).is_not_null()).then(float("nan")).otherwise(c).alias(c) for c in columns)
-    )
+    unseen = (pl.when(gone & pl.col(c).is_not_null()).then(float("nan")).otherwise(c).alias(c) for c in columns)
+    return changed(trial, *unseen)
 
 
 def filled(trial: Trial, markers: Sequence[str], start: float, end: float) -> Trial:

@@ -82,15 +82,12 @@ def plausible_impedance(
     amplitude in every row, since friction changes K least there. Where nothing but the parameter file says that the
     joint `is_this_leg`, `K_over_K_s` is null up to 1: another device may be as soft as it likes; beyond that a unit
     may be wrong, or the parameter file is of another device.
-    Raises InputError: K is negative, its interval too, or that of a joint that is this leg is larger than that of the
-    belt through which the motor acts."""
+    Raises InputError: K and its interval are negative, or K of this leg is larger than that of its belt."""
     last = table.row(-1, named=True)
     K = last["K"]
     if last["B_low"] < 0 or last["I_high"] < 0:  # of the right sign a joint may drive the motion by its K alone
         check_resists(last["trial"], "K", K, last["K_high"])
-    if (
-        p is not None and is_this_leg and K > 1.1 * p.K_s
-    ):  # a motor in series with it; a tenth allows for the belt at hand
+    if p is not None and is_this_leg and K > 1.1 * p.K_s:  # in series with a motor; a tenth for the belt at hand
         ratio, reference = K / (predicted or p.K_s), "what the gains should give" if predicted else "K_s"
         name, size = known_factor(ratio)
         factor = name and f"{size:.3g} is the factor {name}"
@@ -159,8 +156,7 @@ def check_told(
 
 QUANTITIES = ("K", "B", "I")  # parameters of Eq. 15
 LITTLE = {"K": 0.0, "B": 2.0, "I": 5e-3}
-"""Sizes of K, B [N*m*s/rad] and I [kg*m^2] below which their shares say little; added in quadrature to what a share is
-taken of."""
+"""Sizes of K, B [N*m*s/rad] and I [kg*m^2] below which shares say little; added in quadrature to what a share is of."""
 SumsOf = Callable[[Record, Model], Sums]
 PER_ANGLE = dict.fromkeys(("K", "B", "I", "K_s", "B_j", "J_j", "B_m", "J_m", "weight"), 1) | {"K_s2": 2}
 """Powers of the angle by which estimates are torques."""
@@ -279,9 +275,7 @@ class Analysis:
 def fitted_motion(record: Record, sums: Sums, model: Model, again: SumsOf = plain_sums) -> Analysis:
     """Eq. 15, with what the `model` has beside it, of any motion; the arguments are those of `analysed`.
 
-    Raises InputError: the joint hardly moves. Raises IdentifiabilityError: the motion cannot tell K from I; the message
-    names the band that is missing.
-    """
+    Raises InputError: the joint hardly moves; IdentifiabilityError: as `check_told`."""
     of, (low, high), moving_s = record.groups, record.band_hz, np.inf
     if not record.is_stepped_sine:
         check_moves(record, sums)
@@ -480,8 +474,7 @@ def without_friction(
 
 
 def without_lag(analysis: Analysis, lag: Fault | None, label: Label) -> Row:
-    """K, B and I of a label for the torque earlier by a lag that was found, with the error of the lag in the intervals;
-    null without one."""
+    """K, B and I of a label without a lag that was found, whose error is in the intervals; null without one."""
     if lag is None or not lag.found:
         return without_row(None, "without_lag")
     record, fit = analysis.record, analysis.fits[label]
@@ -582,14 +575,12 @@ class FitTables(dict[str, pl.DataFrame]):
 
 
 def alias_share(record: Record, fit: GroupFit) -> float:
-    """The share of B or I, whichever is larger, that jumps of the acceleration between two samples may make; 0 where it
-    is less than a standard error.
+    """The larger share of B or I that jumps of the acceleration between samples may make; 0 below a standard error.
 
     The torque jumps with the acceleration. Without an anti-aliasing filter its area is known to half a sample: a binary
     sequence that is clocked with the sampling is read late by half a sample in all of its jumps. A jump is a third
     difference of eight robust standard deviations, which neither noise reaches nor the rounding of an encoder (four
-    steps at most), and as far above those of 15 samples to each side, where a hand, or a sweep, is as fast.
-    """
+    steps at most), and as far above those of 15 samples to each side, where a hand, or a sweep, is as fast."""
     theta, torque, beside = record.theta, record.torque, 3  # samples on each side from which the size of a jump is read
     third = np.abs(np.diff(theta, 3))
     noise = 1.4826 * usual_size(np.concatenate([third[piece] for piece in record.pieces]))
@@ -615,13 +606,11 @@ def alias_share(record: Record, fit: GroupFit) -> float:
 
 
 def smoothed_jumps(record: Record, fit: GroupFit, rows: NDArray[np.intp], signs: Array) -> float:
-    """What a low-pass of the torque leaves of the half sample by which jumps (k,), up or down by their `signs`, are
-    misread; 1 without one.
+    """What a low-pass leaves of the half sample by which jumps (k,), of these `signs`, are misread; 1 without one.
 
     A stated one leaves what it passes at the sampling rate. Else the torque of the inertia shows it: without one all of
     a jump lies between two samples, behind one of first order the next samples rise by a share q each of the last. Its
-    own delay, which the angle shares or a lag tells, does not count.
-    """
+    own delay, which the angle shares or a lag tells, does not count."""
     if record.uniform is not None and (
         stated := (taken := record.uniform.of("torque")).stream.low_passes.get("torque")
     ):
@@ -645,8 +634,7 @@ def angle_noise_bias(record: Record, s: Sums, fit: GroupFit, label: Label = None
 
     Least squares take the columns for exact. With the covariance S of their noise the estimates are off by
     -(X'X/n)^-1 S times the estimates (Fuller, Measurement Error Models, 1987, ch. 2). The noise of angle and
-    acceleration is correlated, so that a stiff joint has too large an I, and a light one too small.
-    """
+    acceleration is correlated, so that a stiff joint has too large an I, and a light one too small."""
     still, moving, turning = noise_of_angle(record)
     S = np.array([[still, 0, -moving], [0, moving, 0], [-moving, 0, turning]])
     A = s.over(label)
@@ -661,8 +649,7 @@ def torque_at_peaks(analysis: Analysis, raw: Record) -> float | None:
     Both are filtered alike. The peaks are the highest and the lowest rows of the modelled torque, by shares from sharp
     peaks of noise to sines. The ratio is 1 for a joint of Eq. 15; noise and distortion raise it, friction lowers it to
     0.7. It is near 0 where the torque is clipped, however noisy the plateau is. None where no peak has the range for a
-    comparison: the top of a sine is flat and noisy. Of a person's joint the `raw` record has the slow part.
-    """
+    comparison: the top of a sine is flat and noisy. Of a person's joint the `raw` record has the slow part."""
     record = analysis.record
     rows = record.rows()[:: max(int(record.rate_hz / (8.0 * record.low_pass.cutoff_hz)), 1)]  # nothing is faster
     measured = raw.filtered_torque[rows]

@@ -1,8 +1,7 @@
 """The parts of the drivetrain, each alone on its bench: belt (Fig. 3), transmission (Eq. 4), actuator (Eqs. 1-2).
 
 A part is the columns of its equation and the groups of rows in which it holds; the regression, the interval and the
-diagnostics are those of every record (gram.py, analysis.py).
-"""
+diagnostics are those of every record (gram.py, analysis.py)."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -58,8 +57,7 @@ def part_summary(part: str, table: pl.DataFrame) -> pl.DataFrame:
 
 def belt_trial(trial: Trial, p: DrivetrainParameters | None, settings: BeltAnalysis) -> Analysis:
     """Filter and fit one canonical trial. Without parameters (None) the ratio n_T is not known: the shaft must rest.
-    Raises InputError, IdentifiabilityError: as `branches_of` and `fit_groups`, or the belt is stiffer than the bench;
-    the message names the trial."""
+    Raises InputError, IdentifiabilityError: as `branches_of` and `fit_groups`, or the bench is softer."""
     signals = uniform_signals(trial, ("theta", "theta_m", "torque"), settings.gap_limits)
     other, bench = signals.other(), settings.bench_stiffness
     with naming(f"trial {trial.name}"):
@@ -97,8 +95,7 @@ def fit_branches(record: Record, drift: float = 0.0) -> Analysis:
     velocity varies. `unloading` is the same; `quadratic` has theta_s |theta_s| while loading, `K_s2` [N*m/rad^2].
 
     The load cell's drift has a standard deviation of `drift` [N*m/s]. A straight line cannot tell it from stiffness, so
-    that no scatter shows it: it is added to the intervals as a component of type B (JCGM 100:2008, 4.3).
-    """
+    that no scatter shows it: it is added to the intervals as a component of type B (JCGM 100:2008, 4.3)."""
     motion = record.motion
     x = motion.theta - motion.theta[0]
     columns = {"theta": x, "omega": motion.omega, "one": np.ones_like(x), "square": x * np.abs(x)}
@@ -123,8 +120,7 @@ def fit_branches(record: Record, drift: float = 0.0) -> Analysis:
 
 def branches_of(theta_s: Array, rate_hz: float, usable: NDArray[np.bool_], cutoff_hz: float) -> Groups:
     """Stretches of loading and unloading of a deflection theta_s (n,) [rad] in usable rows; some sixteen for each
-    branch, from whose scatter its interval comes. Raises InputError: as `loaded_rows`, or a branch has no usable
-    row."""
+    branch, from whose scatter its interval comes. Raises InputError: as `loaded_rows`, or a branch is empty."""
     onset, peak, release = loaded_rows(theta_s - theta_s[0])
     found = []
     for label, rows in (("loading", slice(onset, peak + 1)), ("unloading", slice(peak, release))):
@@ -180,10 +176,8 @@ def belt_table(belt: Analysis) -> pl.DataFrame:
     """The trial's row of `belt.csv`: loading and unloading slope, loop area [J], quadratic belt, what a line lacks.
     `energy_lost` is the loop's area divided by the energy K_s theta_s^2/2 at the peak. `stiffening` is the share by
     which the slope of the quadratic belt grows from rest to the peak."""
-    of_way = {"quadratic": "loading"}
-    loading, unloading, quadratic = (
-        belt.calibrated(belt.fits[name], of_way.get(name, name)) for name in ("loading", "unloading", "quadratic")
-    )
+    ways = {"loading": "loading", "unloading": "unloading", "quadratic": "loading"}
+    loading, unloading, quadratic = (belt.calibrated(belt.fits[name], way) for name, way in ways.items())
     record, theta, torque = belt.record, belt.record.motion.theta, belt.record.filtered_torque
     peak, area = float(np.max(np.abs(belt.sums.columns["theta"]))), float(np.trapezoid(torque, theta))
     errors = np.trapezoid(torque_errors(torque, record.rate_hz, record.rows(), record.calibration), theta)
@@ -215,8 +209,7 @@ def belt_table(belt: Analysis) -> pl.DataFrame:
 
 
 def shaft_turn(record: Record) -> float | None:
-    """Turn of the actuator's shaft per turn of the joint, while the belt is loaded; None of a record that no file
-    holds."""
+    """Turn of the actuator's shaft per turn of the joint, while the belt is loaded; None without a file."""
     if record.uniform is None:
         return None
     rows = record.rows("loading")
@@ -265,8 +258,7 @@ def transmission_of(record: Record) -> Analysis:
 def transmission_table(analysis: Analysis) -> pl.DataFrame:
     """The trial's rows of `transmission.csv`: one per amplitude [deg], and one for all of them (amplitude null).
 
-    A late torque takes B_j times the lag off J_j, and leaves a third derivative of the angle, by which it is heard.
-    """
+    A late torque takes B_j times the lag off J_j, and leaves a third derivative of the angle, by which it is heard."""
     record, s = analysis.record, effects.sums_of(analysis.record, TRANSMISSION)
     facts = {name: x for name, x in effects.repeats_row(record, s, TRANSMISSION).items() if name != "K_drift"}
     facts |= witness_row(record, LOSSES)

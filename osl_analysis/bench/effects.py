@@ -4,8 +4,7 @@ A model (Eq. 15, Eq. 4) names its columns; an effect is one more, and all that i
 All of it is algebra on the Gram matrices of groups (gram.py).
 
 Friction passes for a lag and for a changing stiffness as long as it is left out. What a recording shows of faults is
-the general witness's (witness.py), or the belt's of a leg.
-"""
+the general witness's (witness.py), or the belt's of a leg."""
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -63,8 +62,7 @@ class Effect:
 
 
 def slipping(name: str, share: float) -> Effect:
-    """A spring that slips, of a half-width that is a share of the motion's RMS: presliding friction, a belt that winds
-    up."""
+    """A spring that slips, half as wide as a share of the motion's RMS: presliding friction, a belt that winds up."""
     return Effect(name, lambda moved: spring_that_slips(moved.theta, share * moved.size))
 
 
@@ -245,8 +243,7 @@ def belt_of_leg(record: Record, p: DrivetrainParameters | None) -> Belt | None:
     Whatever the controller and its friction do, torque - J_j alpha - B_j omega is the belt's torque (Eq. 4), a spring
     with springs that slip over theta - theta_m/n_T. A late theta_m looks like a smaller B_j. So B_j is free as long as
     it agrees with the file's: a B_j that is wrong then makes no lag. Else theta_m is late and B_j that of the file, or
-    B_j is another one and theta_m on time: where a joint may have it, a lag that hangs on it is not found.
-    """
+    B_j is another one and theta_m on time: where a joint may have it, a lag that hangs on it is not found."""
     if p is None or "theta_m" not in record.actuator:
         return None
     few = record.coarse
@@ -293,9 +290,7 @@ def changes_of_repeats(s: Sums, model: Model, effects: Mapping[str, Mapping[str,
     """Sizes of effects that grow with time [1/s], by what repeats of one motion differ by: each stratum has a misfit
     of its own, whatever the joint is. An effect is a combination of columns; None where no stratum has three repeats.
 
-    The time is that of the group and not of the row. A score is the product of column and residual in a group, less
-    the mean of its stratum.
-    """
+    Time is the group's. A score is the product of column and residual in a group, less the mean of its stratum."""
     middle, kind = (s.groups.first + s.groups.stop) / 2 / s.rate_hz, s.groups.stratum
     members = np.bincount(kind)
     if members.max() < 3:
@@ -336,8 +331,7 @@ def repeats_row(record: Record, s: Sums, model: Model) -> Row:
     A torque whose clock gains is later and later: at time t it is that of t - ppm (t - mean t), which to first order
     adds -ppm (t - mean t) dtorque/dt. A constant offset between clocks is not seen.
 
-    Raises InputError: the drift is certain and larger than the settings allow; the message names the trial.
-    """
+    Raises InputError: the drift is certain and larger than the settings allow; the message names the trial."""
     row: Row = {"K_drift": None, **NO_DRIFT}
     fit = with_effects(s, model)
     growing = {"K_within": {"theta": 1.0}}
@@ -355,8 +349,7 @@ def repeats_row(record: Record, s: Sums, model: Model) -> Row:
 
 
 def clocks_row(record: Record, ppm: float, error: float, freedom: float) -> Row:
-    """The drift between the clocks of two devices. Raises InputError: it is certain and larger than the settings allow;
-    the message names the trial."""
+    """The drift between the clocks of two devices. Raises InputError: it certainly exceeds the settings' limit."""
     largest = record.settings.time_base.largest_drift_ppm if record.settings else np.inf
     try:
         return {**drift_row(ppm, error, freedom, largest)}

@@ -7,8 +7,7 @@ was left out, and each effect (effects.py).
 The interval of a fit is that of what the estimate would be with another motion of this kind on this joint
 (docs/method.md). Units are left out one at a time: a stratum (a frequency at an amplitude, a part of the period), or a
 stretch. What the model misses, and rounding that every cycle repeats, is in their scatter. Beside it stands the
-repeatability alone: the spread of groups that repeat one another.
-"""
+repeatability alone: the spread of groups that repeat one another."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -160,16 +159,11 @@ def estimates_of(total: Array, at: Sequence[int], q: int) -> Array:
 
 
 def fit_groups(
-    s: Sums,
-    model: Mapping[str, str],
-    keep: "NDArray[np.bool_] | Label" = None,
-    limit: float = CONDITION_LIMIT,
+    s: Sums, model: Mapping[str, str], keep: "NDArray[np.bool_] | Label" = None, limit: float = CONDITION_LIMIT
 ) -> GroupFit:
-    """Least squares of the torque on a model (Eq. 15), estimate -> column, over the groups of a label or those to keep
-    (m,).
+    """Least squares of the torque on a model (Eq. 15), estimate -> column, over a label's groups or those to keep (m,).
 
-    Raises IdentifiabilityError: a column is 0 throughout, or the scaled condition number is above the `limit`.
-    """
+    Raises IdentifiabilityError: a column is 0 throughout, or the scaled condition number is above the `limit`."""
     names, p, columns = tuple(model), len(model), list(model.values())
     groups = np.flatnonzero(keep if isinstance(keep, np.ndarray) else s.groups.of(keep))
     used, turn, one = np.array([*s.index(columns), s.torque, s.torque + 1]), np.eye(p + 2), columns.index("one")
@@ -320,12 +314,10 @@ def noise_of_scores(scores: Array, columns: int) -> tuple[Array, Array]:
 
 
 def held_out_vaf(s: Sums, model: Mapping[str, str], label: Label = None, interleaved: bool = False) -> float | None:
-    """Lowest VAF [percent] of groups that a fit did not use; None where there are none, or nothing can be fitted. An
-    offset of theirs does not count.
+    """Lowest VAF [percent] of groups that a fit did not use, whatever their offset; None without any, or without a fit.
 
     Of a label: of the other labels, by its fit. Of all: of each label by the fit to the others, with one label of each
-    third of the groups: consecutive ones, or every third one where something may change over the record.
-    """
+    third of the groups: consecutive ones, or every third one where something may change over the record."""
     labels, at, q, one = s.groups.labels, s.index(list(model.values())), s.torque, s.index(["one"])[0]
     if label is not None:
         pairs = [(s.groups.of(label), [s.groups.of(other) for other in labels if other != label])]

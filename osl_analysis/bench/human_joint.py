@@ -3,8 +3,7 @@ whether the torque of a device has a reflex.
 
 The reflex is the parallel pathway of Kearney, Stein and Parameswaran (IEEE Trans. Biomed. Eng. 44, 1997): half-wave
 rectified velocity, some 40 ms late, through an impulse response of half a second; here of both directions. What is slow
-counts for the person's own will.
-"""
+is his own will."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -96,15 +95,8 @@ def through_memory(signals: Array, rate_hz: float, memory_s: float) -> Array:
     middle = np.linspace(np.log(EARLY_S), np.log(0.7 * memory_s + EARLY_S), COSINES + 2)[2:]
     away = (log_lag[:, None] - middle) / (middle[1] - middle[0])
     responses = (1 + np.cos(np.pi * np.clip(away / 2, -1, 1))) / 2 / rate_hz
-    return np.concatenate(
-        [scipy.signal.fftconvolve(one[:, None], responses, axes=0)[: len(one)] for one in signals.T], axis=1
-    )
-
-
-def static_gains(record: Record, memory_s: float) -> Array:
-    """What each of the columns of one half-wave is in the end [s], (8,), if the half-wave stays 1."""
-    step = np.ones((round(memory_s * record.rate_hz) + 1, 1))
-    return np.asarray(through_memory(step, record.rate_hz, memory_s)[-1])
+    answers = [scipy.signal.fftconvolve(one[:, None], responses, axes=0)[: len(one)] for one in signals.T]
+    return np.concatenate(answers, axis=1)
 
 
 def half_waves(record: Record, memory_s: float) -> Array:
@@ -197,8 +189,7 @@ def delay_by_muscle(person: Reflexive) -> tuple[float, float, float]:
 
 
 def changing_columns(raw: Record, human: HumanJoint, slow: Array, fitted: Array) -> dict[str, Array]:
-    """Columns (n,) by which K, B and the torque without motion change with a slow signal (n,), of which rows (m,) are
-    fitted."""
+    """Columns (n,) by which K, B and the torque at rest change with a slow signal (n,), fitted in rows (m,)."""
     shares = over_basis(fitted, slow) - over_basis(fitted, fitted).mean(axis=0)
     moved = {"K": raw.motion.theta - raw.part(raw.motion.theta).mean(), "B": raw.motion.omega}
     if human.over != "time":
@@ -245,8 +236,7 @@ def reflex_test(raw: Record, human: HumanJoint, delay_s: float, person: Reflexiv
     The speed is the even part of a half-wave: no linear dynamics makes it. Springs and stops that differ between the
     directions do, and friction of a joint that creeps after stretches, but at once: their columns compete, and what
     they leave goes along with the speed to come as much as with the past one. It is 1 where that explains little more,
-    or than rounding does, which steps between two levels repeat. Of a `person` what is fitted competes, too.
-    """
+    or than rounding does, which steps between two levels repeat. Of a `person` what is fitted competes, too."""
     few = raw.coarse
     groups = stretches_of(few.pieces, few.rate_hz, max(few.seconds / TESTED_BLOCKS, SHORTEST_TESTED_S))
     blocks = len(groups.first)
@@ -305,8 +295,7 @@ def own_cutoff_hz(trial: Trial, settings: HumanJointAnalysis) -> float:
 
 
 def fit_person(trial: Trial, settings: HumanJointAnalysis, windows: str | None = None) -> PersonFit:
-    """The fit of a person's joint, moved at random. Raises as `record_of_trial` and `fitted_motion`; InputError: the
-    motion is a stepped sine."""
+    """The fit of a person's joint. Raises as `record_of_trial` and `fitted_motion`; InputError: a stepped sine."""
     if settings.own_cutoff:
         settings = settings.model_copy(update={"cutoff_hz": own_cutoff_hz(trial, settings)})
     raw, human = record_of_trial(trial, settings, windows, excitation="any"), settings.human or HumanJoint()
@@ -352,8 +341,7 @@ def lag_of_person(person: Reflexive) -> effects.Fault | None:
 
 
 def lag_of_person_row(fit: PersonFit) -> Row:
-    """The lag of the torque, and K, B and I without it, or without 1 ms of lag where one might change K, B or I by more
-    than a tenth."""
+    """The lag of the torque, and K, B and I without it, or without 1 ms of lag where one might matter."""
     person, whole, lag = fit.person, fit.analysis.whole, lag_of_person(fit.person)
     raw, taken = person.raw, lag.size if lag and lag.found else 1e-3
     earlier = np.interp(raw.time + taken, raw.time, raw.filtered_torque)
@@ -370,9 +358,11 @@ def lag_of_person_row(fit: PersonFit) -> Row:
     return row | (without_lag if lag.found else dict.fromkeys(without_lag))
 
 
-def reflex_gains(whole: gram.GroupFit, gains: Array) -> Row:
+def reflex_gains(whole: gram.GroupFit, rate_hz: float, memory_s: float) -> Row:
     """Torque per speed [N*m*s/rad] that a lasting speed of either direction would end in by the reflex."""
     row: Row = {}
+    step = np.ones((round(memory_s * rate_hz) + 1, 1))
+    gains = through_memory(step, rate_hz, memory_s)[-1]  # of each column [s], (8,), if the half-wave stays 1
     for k, way in enumerate(("up", "down")):
         weights = {f"reflex_{k * len(gains) + n}": gain for n, gain in enumerate(gains)}
         row |= weighted_sum(whole, f"reflex_gain_{way}", weights)
@@ -399,7 +389,7 @@ def reflex_row(fit: PersonFit) -> Row:
     (by_muscle, soonest, latest), (low, high) = delay_by_muscle(person), whole.interval("K")
     others = [of for at, of in person.delays.items() if soonest <= 1e3 * at <= latest]
     row: Row = {
-        **reflex_gains(whole, static_gains(raw, human.memory_s)),
+        **reflex_gains(whole, raw.rate_hz, human.memory_s),
         "reflex_share": 100 * float(np.var(reflex) / np.var(record.part(record.filtered_torque))),
         "reflex_delay_ms": by_muscle,
         "reflex_delay_low_ms": soonest,

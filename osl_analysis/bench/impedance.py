@@ -1,6 +1,5 @@
 """Rendered impedance on the dynamometer (Figs. 4-6): Eq. 15 of any motion, per amplitude and over all, what the gains
-should give, and what judges the estimates.
-"""
+should give, and what judges the estimates."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -56,8 +55,7 @@ class DesiredImpedance:
     def gains(self, p: DrivetrainParameters | None, weight: Weight) -> Gains | None:
         """The gains of a device with these parameters, selected with W of Eq. 14; None where they are not known.
 
-        Raises UnreachableImpedanceError: As `select_gains`.
-        """
+        Raises UnreachableImpedanceError: As `select_gains`."""
         if p is None or self.controller is None or self.K_d is None or self.B_d is None or self.unknown_gains():
             return None
         return select_gains(self.controller, self.K_d, self.B_d, p, weight)
@@ -133,8 +131,7 @@ def impedance_table(analysis: Analysis, s: Sums, p: DrivetrainParameters | None 
 
 def believed_reflex(whole: GroupFit, facts: Row, is_leg: bool) -> Row:
     """What the `facts` of a recording have of a reflex, as far as the witness leaves it: none where it hears nothing,
-    where a path explains more, or where no estimate moves by more than its interval and, if nothing else harms, by more
-    than harms."""
+    where a path explains more, or no estimate moves by more than its interval, or by what harms."""
     shifts, moved = [facts[f"{family}_shift"] for family in FAMILIES], False
     alone = not any(isinstance(shift, float) and shift > 1 for shift in shifts)
     for name, (share, size) in HARM.items():
@@ -184,8 +181,7 @@ def over_amplitudes(analysis: Analysis) -> Row:
     A spring that stiffens, or play, changes K with the amplitude; friction changes both. A change is lowered in size by
     the half-width of its 95 % interval, to 0 at most: noise is no change. What it is divided by is not less than
     `LITTLE`. Where both amplitudes have the same frequencies, each is left out of both, so that what the model misses
-    at both alike is no error of the difference; else their intervals are independent.
-    """
+    at both alike is no error of the difference; else their intervals are independent."""
     bounds = [f"{name}_amplitudes_{end}" for name in QUANTITIES for end in ("low", "high")]
     row: Row = dict.fromkeys(("K_change", "B_change", *bounds))
     labels = sorted(label for label in analysis.fits if isinstance(label, float))
@@ -303,11 +299,9 @@ def calibration_table(analysis: Analysis, known: Known) -> pl.DataFrame:
 
     A spring has no damping but what `SPRING_LOSS` allows, unless the fit with both, of which `B` is, certainly has one:
     what is in phase with the velocity beside friction is a delay. An inertia tells a delay from the damping of its
-    bearing by higher derivatives. `gain` is what torque over angle reads of what is known; what is read beside it is
-    the fixture's.
+    bearing by higher derivatives. `gain` is what torque over angle reads of what is known; the rest is the fixture's.
 
-    Raises InputError: nothing is known; IdentifiabilityError: as `fit_groups`.
-    """
+    Raises InputError: nothing is known; IdentifiabilityError: as `fit_groups`."""
     record, of = analysis.record, known.stiffness or known.inertia
     if not of or of < 0:
         raise InputError(

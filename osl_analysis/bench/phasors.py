@@ -95,8 +95,7 @@ class ComplexEstimate:
 
 
 def with_errors(value: complex, errors: Sequence[tuple[Array, float]]) -> ComplexEstimate:
-    """A number with independent errors: covariances (2, 2), each with its degrees of freedom, which add up by the
-    trace."""
+    """A number with independent errors: covariances (2, 2) with their degrees of freedom, which add up by the trace."""
     covariances, freedom = zip(*errors, strict=True)
     total = float(welch_satterthwaite([np.trace(C) for C in covariances], freedom))
     return ComplexEstimate(value, np.sum(covariances, axis=0), total)
@@ -178,9 +177,7 @@ def fit_sinusoids(
     The spread of cycles gives the covariance; of fewer than five it is that of the residual's autocorrelation. The
     normal equations are well conditioned: over whole cycles the sines are at right angles.
 
-    Raises InputError: less than one cycle, steps too long for the highest harmonic, a value that cannot be measured, or
-    there is no sine of this frequency.
-    """
+    Raises InputError: less than one cycle, steps too long for harmonic 5, a value that cannot be measured, no sine."""
     check_finite("time", time)
     highest, n = 5, len(time)
     step = float(time[-1] - time[0]) / (n - 1) if n > 1 else np.inf
@@ -256,18 +253,15 @@ class SegmentPhasors:
 
     @property
     def admittance(self) -> ComplexEstimate:
-        """Integral admittance Y = theta/torque [rad/(N*m)]. An error of the bench's compliance c changes the angle by
-        -c torque, and Y by -c."""
+        """Integral admittance Y = theta/torque [rad/(N*m)]. An error c of the bench's compliance changes Y by -c."""
         return with_bench_error(complex_quotient(self.theta, self.torque), self.bench_error)
 
 
 def phasors_of_record(record: Record) -> list[SegmentPhasors]:
     """Phasors of the settled cycles of every segment of a stepped sine, amplitude by amplitude; none of another motion.
-    The last cycle is not used. If the angle lags the command by more at one frequency than at another, this cycle
-    contains the beginning of the next frequency.
+    The last cycle is not used. Where the lag of the angle grows, it has the beginning of the next frequency.
 
-    Raises InputError: as `fit_sinusoids`; the message names the trial.
-    """
+    Raises InputError: as `fit_sinusoids`; the message names the trial."""
     if not record.is_stepped_sine:
         return []
     groups, found = record.groups, []
@@ -278,9 +272,8 @@ def phasors_of_record(record: Record) -> list[SegmentPhasors]:
         rows = whole_rows(first.min(), stop.max())
         cycles, signals = (first - rows.start, stop - rows.start), (record.theta[rows], record.torque[rows])
         sines = fit_sinusoids(record.time[rows], one.frequency_hz, *signals, cycles=cycles)
-        theta, torque = (
-            with_rounding(phasor, record, k, one.frequency_hz, (first, stop)) for k, phasor in enumerate(sines)
-        )
+        where = one.frequency_hz, (first, stop)
+        theta, torque = (with_rounding(phasor, record, k, *where) for k, phasor in enumerate(sines))
         compliance_error = record.bench.compliance_error if record.bench else 0.0
         bench_error = compliance_error, *record.calibration.polar(one.frequency_hz)
         found.append(SegmentPhasors(one.label, one.frequency_hz, theta, torque, bench_error, one.commanded_deg))
@@ -316,9 +309,7 @@ def frequency_response_table(phasors: pl.DataFrame) -> pl.DataFrame:
     [rad/(N*m)] and phase [deg] with 95 % intervals.
 
     The intervals contain the noise of the phasors only. `_min` and `_max` are the values of the single amplitudes.
-    Their phases are computed relative to that of the mean, so that they do not jump at 180 degrees. `doubtful` lists
-    the causes of doubt about them.
-    """
+    Their phases are relative to that of the mean: none jumps at 180 degrees. `doubtful` lists causes of doubt."""
     types: dict[str, Any] = dict.fromkeys(("trial", "joint", "side", "controller"), pl.String)
     types |= dict.fromkeys(("K_d", "B_d", "frequency_hz"), pl.Float64)
     # rows that agree in these differ in the amplitude only
@@ -352,9 +343,8 @@ def frequency_response_table(phasors: pl.DataFrame) -> pl.DataFrame:
         )
     ranges = ("magnitude_min", "magnitude_max", "phase_min_deg", "phase_max_deg")
     schema = {key: phasors.schema.get(key, types[key]) for key in keys}
-    schema |= dict.fromkeys(
-        (*POLAR, *(f"Y_{part}" for part in COMPLEX_PARTS), *DAMPING, "interval_method", *ranges), pl.Float64
-    )
+    numbers = (*POLAR, *(f"Y_{part}" for part in COMPLEX_PARTS), *DAMPING, "interval_method", *ranges)
+    schema |= dict.fromkeys(numbers, pl.Float64)
     schema |= {"interval_method": pl.String, "n_amplitudes": pl.Int64, "doubtful": pl.String}
     return pl.DataFrame(rows, schema=schema)
 

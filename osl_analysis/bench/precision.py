@@ -121,9 +121,8 @@ class PeriodicMultisine:
         motions = [self.motion(r) for r in range(min(self.realisations, MOST_DRAWN))]
         n = 16 * int(motions[0].lines[-1])
         time = self.period_s * np.arange(n) / n
-        angle, velocity, acceleration = (
-            max(float(np.max(np.abs(m.angle(time, derivative)))) for m in motions) for derivative in range(3)
-        )
+        orders = [[np.abs(m.angle(time, derivative)).max() for m in motions] for derivative in range(3)]
+        angle, velocity, acceleration = (float(max(one)) for one in orders)
         return angle, velocity, acceleration
 
     @property
@@ -272,8 +271,7 @@ class Sensors:
     drift: float = 0.0  # of the load cell [N*m/s]
 
     def variances(self, sines: PlannedSines, Z: Impedances, record_s: float) -> dict[str, Array]:
-        """Variances (2, n) [(N*m)^2] of the torque's amplitudes by cause, for impedances Z (n,) [N*m/rad] at the sines
-        and a record of `record_s` [s]."""
+        """Variances (2, n) [(N*m)^2] of the torque's amplitudes by cause, for impedances Z (n,) [N*m/rad]."""
 
         def through(angle: Array) -> Array:
             """What errors of the angle's amplitudes are worth as errors of the torque's, as variances (2, n)."""

@@ -2,8 +2,8 @@
 
 Each component was measured alone (components.py). With the law of the controller they give the torque for the recorded
 angle (Eqs. 1-7). What is uncertain of the components is uncertain of the prediction too; what the equations lack shows
-in the other trials of the campaign, and a misfit that is alike in all trials names the component that is not as
-measured, or a controller that acts late.
+in the other trials of the campaign, and a misfit that is alike in all names the component that is not as measured, or a
+late controller.
 
 The law that a controller ran, from the logged current and the motor's angle: no component of the drivetrain, and no
 torque of the bench, has a part in it.
@@ -15,8 +15,7 @@ of a velocity that is t seconds old the acceleration bears B_1 t. Its sign is as
 most of the current.
 
 The next link is the motor: what torque the belt takes for a current. A current that reads too much makes all of the law
-larger and the motor weaker, by one factor.
-"""
+larger and the motor weaker, by one factor."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -99,10 +98,8 @@ def law_table(record: Record, p: DrivetrainParameters, programmed: Gains, sign_w
                 late = beside(np.column_stack(signs))
                 return float(np.sum((y - late @ np.linalg.lstsq(late, y)[0]) ** 2))
 
-            up_to = 0.02  # s, the age of the sign
-            best = scipy.optimize.minimize_scalar(
-                missed, bounds=(0.0, up_to), method="bounded", options={"xatol": 2e-4}
-            )
+            ages = 0.0, 0.02  # s, of the sign
+            best = scipy.optimize.minimize_scalar(missed, bounds=ages, method="bounded", options={"xatol": 2e-4})
             fit = fitted(commanded, moved | friction(float(best.x)))
         against = {f"motor's {name}": -column for name, column in of_now.items()}
         losses = {"B_m": -motion[1], "J_m": -motion[2], "one": moved["one"]}
@@ -143,9 +140,8 @@ def certain_errors(
         return max(abs(value - known) - 2 * se, 0.0)
 
     K_1, B_1 = asked["K_1"], asked["B_1"]
-    is_current = off(fit["K_1"], K_1, fit.se("K_1")) > OTHER_LAW["K_1_error"] * K_1 and (
-        abs(fit["K_1"] / reads - K_1) < 0.5 * abs(fit["K_1"] - K_1)
-    )
+    is_off = off(fit["K_1"], K_1, fit.se("K_1")) > OTHER_LAW["K_1_error"] * K_1
+    is_current = is_off and abs(fit["K_1"] / reads - K_1) < 0.5 * abs(fit["K_1"] - K_1)
     by = reads if is_current else 1.0
     row: dict[str, float | None] = dict.fromkeys((*OTHER_LAW, *OTHER_LINK))
     row["current_error"] = by - 1
@@ -187,8 +183,7 @@ COMPONENTS = dict.fromkeys(ACTUATOR_PARAMETERS, "actuator") | {"K_s": "belt"} | 
 PARTS = tuple(dict.fromkeys(COMPONENTS.values()))
 DELAYS = ("angle_delay", "velocity_delay")  # ages [s] of what the controller uses, which no component trial shows
 TERMS = ("left", *COMPONENTS, "torque_gain", *DELAYS)
-"""Torques of a trial: what the prediction leaves, and what one unit more of each component, of the gain of its load
-cell, or of a delay adds to it."""
+"""Torques of a trial: what the prediction leaves, and what a unit of each component, gain or delay adds to it."""
 QUANTITIES = ("K", "B", "I", "torque")  # of Eq. 15, and the RMS [N*m] of the torque
 ALONG = ("along_theta", "along_omega", "along_alpha")
 """RMS of the parts of a torque that are proportional to the motion, over the RMS of the predicted torque: what K, B and
@@ -347,9 +342,8 @@ def prediction_terms(record: Record, law: Controller, components: Components) ->
         columns[name] = (predicted_torque(record, replace(law, **late), components.p) - predicted) / DELAY_STEP
     motion, recorded, n = record.motion, record.part(record.filtered_torque), record.samples
     time = record.part(record.time)
-    X = np.array(
-        [np.ones(n), time - time.mean(), *(record.part(x) for x in (motion.theta, motion.omega, motion.alpha))]
-    )
+    moved = (record.part(x) for x in (motion.theta, motion.omega, motion.alpha))
+    X = np.array([np.ones(n), time - time.mean(), *moved])
     scale = np.linalg.norm(X, axis=1)[:, None]
     X /= scale
     Y = np.array([record.part(x) for x in (predicted, *columns.values())])
@@ -375,8 +369,7 @@ def prediction_table(
     trial, `fits` the rows of `impedance.csv` over all amplitudes of these trials.
 
     The interval of a prediction is that of what the trial should measure: the components' uncertainty, the trial's own,
-    and what the equations lack, learnt from the *other* trials with the same controller.
-    """
+    and what the equations lack, learnt from the *other* trials with the same controller."""
     trials = [fits.row(by_predicate=pl.col("trial") == trial, named=True) for trial in terms]
     each = [{row["term"]: row for row in own.to_dicts()} for own in terms.values()]
     rows = [
@@ -443,8 +436,7 @@ def causes_table(each: Sequence[Mapping[str, Any]], components: Components, plac
 
     No trial measures the delays of the controller, so that they explain first, and a component what they leave. The one
     that explains most is named, with those that explain as much, where it explains `LEAST_SHARE` and its change is
-    certain and not small. Trials that ring do not outweigh the others: the regression is robust.
-    """
+    certain and not small. Trials that ring do not outweigh the others: the regression is robust."""
     A = np.array([[[of[term][x] for x in ALONG] for term in TERMS] for of in each])
     n, values = len(A), {**components.values, "torque_gain": 1.0}
 

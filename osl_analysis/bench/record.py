@@ -1,8 +1,7 @@
 """One record for every motion: uniform signals, the motion behind one low-pass, and groups of rows.
 
 What differs from one motion to another is here, in three makers of groups: the cycles of a stepped sine, parts of the
-periods of a motion that repeats itself, and stretches of any other one. What comes after knows groups only.
-"""
+periods of a motion that repeats itself, and stretches of any other one. What comes after knows groups only."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -91,8 +90,7 @@ class Groups:
 
     @cached_property
     def pieces(self) -> Mapping[Label, list[slice]]:
-        """Rows of the groups of each label, those that follow one another together, in the order of time; of all for
-        None."""
+        """Rows of each label's groups in the order of time, adjacent ones together; of all for None."""
         edges = zip(self.first.tolist(), self.stop.tolist(), strict=True)
         rows = [whole_rows(first, stop) for first, stop in edges]
         return {label: joined(list(compress(rows, self.of(label)))) for label in (None, *self.labels)}
@@ -355,8 +353,7 @@ def joint_angle(theta: Array, torque: Array, compliance: float) -> Array:
 def cycles_of(
     segments: Sequence[stepped_sine.Segment], settle_cycles: int, usable: NDArray[np.bool_], stated: bool = True
 ) -> Groups:
-    """The settled, usable cycles of segments; a stratum is a segment. Where no protocol is `stated` none was commanded.
-    Raises InputError as `settled_cycles`."""
+    """The settled, usable cycles of segments; a stratum is a segment. None was commanded unless `stated`."""
     kept = [stepped_sine.settled_cycles(segment, settle_cycles, usable) for segment in segments]
     strata = []
     for whole, label in zip(segments, stepped_sine.labels_deg(segments), strict=True):
@@ -423,9 +420,7 @@ def record_of_trial(
     turn. Between the two a stepped sine may be damaged: it is refused with the setting by which it is taken for another
     motion, or fitted as one. `windows` [s] state that it is another, and what of it is fitted.
 
-    Raises InputError: a signal is missing, has no time base, does not move, or follows a damaged protocol; the message
-    names the trial.
-    """
+    Raises InputError: a signal is missing, has no time base, does not move, or follows a damaged protocol."""
     signals = uniform_signals(trial, ("theta", "torque"), settings.gap_limits, computed=("theta_command",))
     steps = list[float | None]()
     for column in ("theta", "torque"):  # what the source file states, else what the values show
@@ -610,8 +605,7 @@ def drift_rate(time: Array, motion: Motion, torque: Array, groups: Groups) -> fl
     A drift of 0.05 N*m/min that is not subtracted is a tenth of the error of K at 1 Hz. It is the same in every cycle,
     so that the spread between cycles does not contain it. Each label has a mean torque of its own: that of an
     asymmetric joint grows with the amplitude, and amplitudes may grow with time. Of a sine only the means of its cycles
-    count. The drift is 0 if no label has the five groups that an interval needs: transients could pass for drift.
-    """
+    count. The drift is 0 if no label has the five groups that an interval needs: transients could pass for drift."""
     members = np.array([np.count_nonzero(groups.of(label)) for label in groups.labels])
     if members.max() < FEWEST_CYCLES:
         return 0.0
@@ -639,8 +633,7 @@ def fitted_pieces(
 ) -> tuple[slice, ...]:
     """Rows of the stretches that are fitted: in stated windows [s], or from the first to the last motion, without two
     periods of the cut-off at their ends, 130 ms at 15 Hz. The ends of a record, filtered with an invented continuation,
-    would change K by 0.05 % and I by 0.4 %. Raises InputError if the joint does not move, or no stretch is long
-    enough."""
+    would change K by 0.05 % and I by 0.4 %. Raises InputError: nothing moves, or for long enough."""
     time = signals.time - signals.time[0]
     if stated is None:
         moving = stepped_sine.moving_bins(time, signals["theta"])

@@ -2,8 +2,7 @@
 
 The torque's zero and the yielding of the bench itself are taken off first. A device with hysteresis that comes to rest
 on its way keeps a torque of up to half the width of its loop there. One recording cannot tell it from an offset; a rest
-before the motion, or the loop around it, says that it may be there.
-"""
+before the motion, or the loop around it, says that it may be there."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -193,8 +192,7 @@ def find_cycles(theta: Array, settle: int = 0) -> tuple[list[Cycle], Row]:
 
     A cycle ends where the angle comes back to its begin in the same direction; if the motion starts at one of its ends,
     where it comes back to this end. `loading` is the way, `rising` or `falling`, to the end that is farther from the
-    start. A whole cycle has nine tenths of the range of motion. Raises InputError: there is none to analyse.
-    """
+    start. A whole cycle has nine tenths of the range of motion. Raises InputError: there is none to analyse."""
     low, high = float(theta.min()), float(theta.max())
     span = high - low
     swing = 0.1 * span  # by which the angle must come back for a turning point
@@ -306,8 +304,7 @@ def branch_curve(
     Torque [N*m], and stiffness, its slope over angle [N*m/rad], are means over the cycles; `change` is the torque of
     the last cycle minus that of the first. 95 % intervals are those of the cycles' scatter (Student), of one cycle
     those of its noise: the median density of its points, since at a kink what the cubic cannot describe would count.
-    The median of few degrees of freedom is below their mean by the factor of Wilson and Hilferty (1931).
-    """
+    The median of few degrees of freedom is below their mean by the factor of Wilson and Hilferty (1931)."""
     at = np.deg2rad(angle_deg)
     points = np.array([[local_parabola(*one, angle, window, independent) for angle in at] for one in cycles])
     if len(cycles) > 1:
@@ -368,8 +365,7 @@ def torque_angle_table(trial: TorqueAngleTrial, desired: str | None = None) -> p
     Intervals are those of the mean over cycles (Student), with the errors of the bench; null with one cycle.
     `cycle_drift` is the change of torque at the same angles from the first cycle to the last, `rate_change` that of the
     energy lost from the slowest cycle to the fastest (`change_with_speed`), `desired_rms` the distance [N*m] of the
-    mean of both branches from the desired curve, `desired_ratio` its slope over this curve. Raises InputError: There is
-    no such curve.
+    mean of both branches from the desired curve, `desired_ratio` its slope over this curve. InputError: no such curve.
     """
     cycles, bench, theta, torque = cycle_table(trial), trial.settings.bench_stiffness, trial.theta, trial.torque
     of = {name: cycles[name].to_numpy() for name in cycles.columns if name != "trial"}
@@ -481,8 +477,7 @@ def zero_row(trial: TorqueAngleTrial, widest: float) -> Row:
     What hysteresis leaves lies on a branch of the loop and not in its middle, where friction lets go at rest. Where the
     joint rests at an end of the motion the loop does not tell; a zero that is small against it is no matter there.
     `rest_change` is the torque at rest at the end minus that at the start, as a share of its range; null where the zero
-    is not that of the end, or the joint does not rest at both at one angle.
-    """
+    is not that of the end, or the joint does not rest at both at one angle."""
     torque, settings, angle = trial.torque, trial.settings, trial.curves[0]["angle_deg"].to_numpy()
     zero = settings.zero or ASSUMED_ZERO
     rest = float(np.rad2deg(trial.theta[0 if zero == "start" else -1]))

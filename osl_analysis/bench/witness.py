@@ -6,8 +6,7 @@ once in three thousand, by the scatter of chunks of the recording: whatever colo
 left over says nothing. Where one is heard, rivals compete to explain the misfit, each with its own K, B and I; of those
 that cannot be told apart all are given.
 
-Angle and torque are those of the motion's own band, so that drift and slow disturbances are no evidence.
-"""
+Angle and torque are those of the motion's own band, so that drift and slow disturbances are no evidence."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

@@ -98,9 +98,8 @@ class Campaign:
         for static, crossings in (self.statics if walking else {}).items():
             sides |= dict.fromkeys((static, *crossings), self.calibration_settings(static)["side"])
         sides |= {trial: sides[self.static(trial)] for trial in (self.plate_trials() if walking else ())}
-        return {
-            name: {"joint": row["joint"], "side": sides.get(name) or row["side"]} for name, row in self.rows.items()
-        }
+        rows = self.rows.items()
+        return {name: {"joint": row["joint"], "side": sides.get(name) or row["side"]} for name, row in rows}
 
     def by_place(self, experiment: str) -> list[list[str]]:
         """The trials of an experiment, those of each joint and side together."""
@@ -343,8 +342,7 @@ ABOUT_MACROS = {name: name.capitalize() for name in ABOUT_MEANING}  # The LaTeX 
 
 
 def sentence(about: Mapping[str, str], below_figure: bool = False) -> str:
-    """What results are made of. Below a figure its numbers are left out: a configuration that it does not use does not
-    draw it anew."""
+    """What results are made of. A figure's numbers are left out: what it does not use does not draw it anew."""
     of = {name: about.get(name, "") for name in ABOUT_MEANING}
     configuration = "" if below_figure else f", configuration {of['configuration']}"
     made_by = f"osl-analysis {of['version']}{configuration}"

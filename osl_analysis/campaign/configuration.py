@@ -56,8 +56,7 @@ class TimeSeriesFigure(FrequencyResponseFigure):
 
 
 class FigureChoices(Settings):
-    """What the figures show. What is null, or is the default campaign's and not in this one, is chosen from the data.
-    The figure says so."""
+    """What the figures show. What is null, or of the default campaign alone, is chosen from the data, which is said."""
 
     time_series: TimeSeriesFigure | None = None
     """The trial of Fig. 4, whose estimates are headline numbers too; null: the first trial."""
@@ -67,8 +66,7 @@ class FigureChoices(Settings):
     """Stiffness that the walking controller commands in midstance [N*m/rad], marked in Fig. 9 where the sheet states no
     K_d and the campaign has one group; null: no mark."""
     stance_share: Annotated[float, Field(gt=0, le=1)] = 0.62
-    """Share of the gait cycle that is stance: it converts the phase of `impedance_trajectory` to stance, where Fig. 8
-    ends."""
+    """Share of the gait cycle that is stance, for the phase of `impedance_trajectory`; Fig. 8 ends there."""
 
 
 class ReportChoices(Settings):
@@ -77,8 +75,7 @@ class ReportChoices(Settings):
     REMOVED: ClassVar = {"largest_mb": "the page is never thinned out; remove the line"}
 
     beside_draft: bool | None = None
-    """Whether page and summary have the numbers of the paper's draft beside the campaign's; null: if it simulates the
-    draft's device."""
+    """Whether the paper's draft stands beside the campaign's numbers; null: if it simulates the draft's device."""
 
 
 class Config(Settings):
@@ -191,8 +188,7 @@ def named_in(settings: Any, name: str) -> Any:
 
 def states_of(config: Config, own: Mapping[str, Any], experiments: Collection[str]) -> list[dict[str, Any]]:
     """Of every setting that judges or labels these experiments its value and state: stated (by the configuration, or by
-    the simulation that follows it), measured (that of each recording counts), assumed (the default's, which accuses
-    nobody), or none (nothing is held against it)."""
+    the simulation that follows it), measured (that of each recording counts), assumed (the default's), or none."""
     rows, settings = list[dict[str, Any]](), config.model_dump(mode="json")
     for name in (name for name, of in JUDGING.items() if {*of} & {*experiments}):
         value, said = named_in(settings, name), named_in(own, name)

@@ -70,8 +70,7 @@ def fit_impedance_trial(
 ) -> Mapping[str, pl.DataFrame]:
     """The rows of Eq. 15, and what else one record of the trial tells. `condition` is what the leg was asked to render,
     as far as it is known, `weight` W of Eq. 14; `windows` [s] are those of the sheet, which are fitted where the motion
-    is no stepped sine. Where the gains are known, the drivetrain is compared with the `record` that is kept.
-    """
+    is no stepped sine. Where the gains are known, the drivetrain is compared with the `record` that is kept."""
     p = known_parameters(parameters)
     check_recording(trial, settings)
     rails = saturated(trial, "torque", "theta")
@@ -244,8 +243,7 @@ class Fit:
     table: those rows: one per amplitude, if there are several, and last the fit to all data
     series: `time` [s] from the start, `torque` and `torque_model` [N*m] of all samples that the fit explains
     curves: torque over angle, rows of `belt_curves` or `torque_angle_curves`; None for another experiment
-    findings: what was judged of each row: doubts, what could not be checked, notes
-    """
+    findings: what was judged of each row: doubts, what could not be checked, notes"""
 
     experiment: str
     table: pl.DataFrame
@@ -381,8 +379,7 @@ LEFT_OUT = {"settled": "first", "smaller": "below 90 % of the range", "partial":
 
 
 def estimates_text(estimates: pl.DataFrame, findings: Sequence[Sequence[Finding]] = ()) -> str:
-    """The estimates as text: a line per fit and quantity, with 95 % interval and VAF, and the doubts among the
-    `findings` about each row."""
+    """The estimates as text: a line per fit and quantity, with 95 % interval and VAF, and the doubts about each row."""
     lines = []
     for row, of_row in zip_longest(estimates.to_dicts(), findings, fillvalue=()):
         assert isinstance(row, dict)

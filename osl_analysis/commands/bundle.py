@@ -112,8 +112,7 @@ def copy_inputs(campaign: Campaign, crate: Path, raw: bool) -> None:
 
 
 def copy_recordings(campaign: Campaign, crate: Path, raw: bool) -> None:
-    """The hashes of the recordings, and these themselves if `raw`, with the truth that the simulator keeps beside its
-    own. InputError: one cannot be read."""
+    """The hashes of the recordings, and themselves if `raw`, with a simulator's truth. Raises InputError."""
     config = campaign.config
     recordings = sorted({file for trial in campaign.trials() for file in campaign.logs(trial)})
     hashes = {file.relative_to(config.raw_data).as_posix(): digest(file) for file in recordings}
@@ -137,9 +136,7 @@ def resources(crate: Path) -> Iterator[dict[str, Any]]:
             continue
         table, described = read_table(path), known.get(f"tables/{path.stem}")
         fields = []
-        for name, kind in table.select(
-            pl.read_csv(path, n_rows=0).columns
-        ).schema.items():  # not one that is not written
+        for name, kind in table.select(pl.read_csv(path, n_rows=0).columns).schema.items():  # those that are written
             field = {"name": name, "type": kinds.get(str(kind)[:3], "string")}
             column = described.columns.get(name) if described else None
             fields.append(field | ({"unit": column.unit, "description": column.meaning} if column else {}))

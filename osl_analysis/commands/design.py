@@ -46,8 +46,7 @@ class Design:
 
 def designed(chosen: Mapping[str, Any], config: Config) -> Design:
     """The intervals of a plan from the options by name, how long to record, and what stands in the way. A rate that is
-    too low for the filter, frequencies that the filter takes out, and a band that the analysis will refuse are
-    refused."""
+    too low for the filter, frequencies that the filter takes out, and a band that the analysis refuses."""
     check_finite_options(chosen)
     bench, expected = config.dynamometer, {name: chosen[name] for name in ("stiffness", "damping", "inertia")}
     joint = np.array(list(expected.values()), dtype=float)

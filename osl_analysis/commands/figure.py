@@ -230,8 +230,7 @@ def plot_walking_page(
 def plot_over_stance(
     table: Path, output: Path, stance_share: float, trajectory: Sequence[Path] = (), data: str = ""
 ) -> None:
-    """What the figure draws: the rows of the table, and the points of the commanded trajectory; of quantities that have
-    more than one point."""
+    """Rows of the table, and points of the commanded trajectory, of quantities that have more than one point."""
     rows = read_table(table, ("series", "quantity", "phase", "estimate", "low", "high"))
     for curves in commanded_over_stance(trajectory, data, stance_share):
         rows = pl.concat([rows, trajectory_points(*curves)], how="diagonal_relaxed")

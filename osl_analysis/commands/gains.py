@@ -42,8 +42,7 @@ def gain_table(
 
     They are the gains at the actuator's output and at the joint (times n_T^2), the norm of Eq. 14, the flags of
     `optimal_damping`, the fit of Eq. 15 that linear theory predicts at `frequencies_hz`, and the stability, passivity
-    and fidelity of the impedance (`rendering`); these are null where no finite B_1 is best.
-    """
+    and fidelity of the impedance (`rendering`); these are null where no finite B_1 is best."""
     compensator.check_request(K_d, B_d, p)
     K_d, B_d = (np.asarray(v, dtype=float) for v in (K_d, B_d))
     K_1, optimum = compensator.stiffness_gain(K_d, p), compensator.optimal_damping(K_d, B_d, p, weight)
@@ -116,9 +115,7 @@ def gains_text(table: pl.DataFrame) -> str:
     if row["unbounded"]:
         lines.append("warning: no finite B_1 minimises Eq. 14, a locked motor would be best; lower --weight-hz")
     else:
-        far = (
-            f"warning: this K is far from {row['K_d']:g}: the leg renders K_d at rest alone; ask for more damping, or "
-        )
+        far = f"warning: this K is far from {row['K_d']:g}: the leg renders K_d at rest; ask for more damping, or "
         far += "lower --weight-hz"
         lines += [
             f"predicted fit over 1 to 5 Hz: K {row['K_predicted']:.4g} N·m/rad, B {row['B_predicted']:.4g} N·m·s/rad, "
@@ -132,8 +129,7 @@ def gains_text(table: pl.DataFrame) -> str:
 
 
 def plot_gains(table: pl.DataFrame, parameters: Path, output: Path) -> None:
-    """Draw the response of one pair over 0.1 to 10 Hz (as Fig. 7), the gains of a grid, or those of a trajectory (as
-    Fig. 8)."""
+    """Draw the response of one pair over 0.1 to 10 Hz (as Fig. 7), a grid of gains, or a trajectory (as Fig. 8)."""
     from osl_analysis.commands.figure import draw_table  # matplotlib takes half a second
 
     if len(table) == 1:

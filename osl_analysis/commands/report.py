@@ -55,12 +55,10 @@ def write_report(
     """Write the page `report.html`, and the text of its methods, `methods.md` and `methods.tex`.
 
     `sheet` has the row of every trial, also of those that it excludes, `settings` the sections of the configuration by
-    which the experiments are analysed; `trials`, `series` and `crossings` the files of
-    each that has them, `tables` the result tables and `figures` the SVG files by name. `verdicts` is `quality.csv`,
-    `excluded` the trials that are not used, `findings` `findings.csv`,
-    `states` `settings.csv`, `summary` `summary.json`, `refused` the causes of all that is missing, `unnamed` says which
-    recordings no row of the sheet names.
-    """
+    which the experiments are analysed; `trials`, `series` and `crossings` the files of each that has them, `tables` the
+    result tables and `figures` the SVG files by name. `verdicts` is `quality.csv`, `excluded` the trials that are not
+    used, `findings` `findings.csv`, `states` `settings.csv`, `summary` `summary.json`, `refused` the causes of all that
+    is missing, `unnamed` tells recordings without a row."""
     written = {name: with_evidence(path) for name, path in tables.items()}
     said_of = {one.trial: f"{one.reason}; {one.remedy}" for one in refused if one.trial}
     left_out = left_out_trials(read_table(excluded), written, said_of)
@@ -175,9 +173,8 @@ def tables_to_compare(folder: Path) -> dict[str, pl.DataFrame]:
     """The tables of a campaign that are compared, by name, of those that it has, with the errors of its bench."""
     paths = {name: folder / f"tables/{name}.csv" for name in COMPARED_QUANTITIES}
     there = {name: path for name, path in paths.items() if path.is_file() and not is_refused(path)}
-    needed = COMPARED_QUANTITIES | {
-        "walking_summary": ("quantity", "estimator", "n", "mean", "low", "high", "commanded")
-    }
+    of_walking = ("quantity", "estimator", "n", "mean", "low", "high", "commanded")
+    needed = COMPARED_QUANTITIES | {"walking_summary": of_walking}
     return {name: with_evidence(path, needed[name]) for name, path in there.items()}
 
 

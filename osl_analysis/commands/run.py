@@ -84,8 +84,7 @@ def looked_at(folder: Path) -> Iterator[tuple[str, str, str]]:
 
 def check_start(opened: Campaign) -> None:
     """Refuse, before any job, what `check_campaign` does, a folder that is missing, a source file that is wrong for
-    every trial, a force plate that no crossing has, and to simulate without the libraries of the simulator. What is
-    wrong for some trials their ingest refuses."""
+    every trial, a force plate that no crossing has, and to simulate without libraries. Ingest refuses single trials."""
     check_campaign(opened)
     config = opened.config
     if config.simulation and not all(log.exists() for trial in opened.trials() for log in opened.logs(trial)):

@@ -88,8 +88,7 @@ def check_claims(
     output: Path,
     parameters: FileOrNone = None,
 ) -> None:
-    """Hold what the paper's text claims against the result `tables`, by name. `midstance` is the stiffness [N*m/rad]
-    that is commanded there."""
+    """Hold the paper's claims against the result `tables`. `midstance` is the commanded stiffness [N*m/rad]."""
     read = {name: read_table(path) for name, path in tables.items()}
     ratios = {joint_of(parameters): read_parameters(parameters).n_T} if parameters else {}
     write_table(claims_table(read, settings, frequencies_hz, midstance, ratios), output)
@@ -112,8 +111,7 @@ def judge(
 def write_findings(
     tables: Mapping[str, Path], verdicts: Path, limits: DoubtfulFits, output: Path, places: Places | None = None
 ) -> None:
-    """Write the findings on all trials, from the result `tables` by name and the verdicts on recordings. `places` has
-    joint and side of each trial."""
+    """Write the findings on all trials, from the result `tables` by name and the verdicts on recordings."""
     read = {name: with_evidence(path) for name, path in tables.items()}
     write_table(with_places(campaign_findings(read, read_table(verdicts), limits), places or {}), output)
 
@@ -200,8 +198,7 @@ def read_summary(summary_json: Path) -> dict[str, Any]:
 
 
 def format_results_table(summary: Mapping[str, Any], markdown: bool = True) -> str:
-    """What a summary is made of, its numbers as Markdown or in aligned columns, what to know of them, and which trials
-    and results are missing."""
+    """What a summary is made of, its numbers as Markdown or aligned, what to know of them, and what is missing."""
     lines = [*filter(None, [summary.get("intervals")]), *(one["line"] for one in summary.get("findings", ()))]
     lines += headlines.missing_lines(summary, reasons=True)
     table = headlines.to_table(summary["numbers"], markdown)

@@ -58,8 +58,7 @@ def ingest_and_check(
     trial: Path,
     quality: Path,
 ) -> None:
-    """Write the trial of one row of the sheet to `trial`, and what every check measures on it to `quality`, a row each,
-    without limits and verdicts."""
+    """Write the trial of one row of the sheet, and to `quality` a row for each check, without limits and verdicts."""
     record = ingest_trial(row, raw_folder, sources_folder, trial, needed_columns)
     write_table(measured_table(record.name, examine(record, str(row["experiment"]), commanded)), quality)
 

@@ -65,8 +65,7 @@ def read_model(path: Path, kind: type[Kind]) -> Kind:
 
 
 def write_crossing(crossing: Crossing, path: Path) -> None:
-    """Write a crossing as a trial: its arrays (..., n) as columns beside the phase of stance, the rest in the
-    provenance."""
+    """Write a crossing as a trial: arrays (..., n) as columns beside the phase of stance, the rest as provenance."""
     content = ADAPTERS[Crossing].dump_python(crossing)
     columns = {name: content.pop(name).T for name, value in list(content.items()) if isinstance(value, np.ndarray)}
     columns = {"time": columns.pop("time"), "phase": crossing.stance.phase(crossing.time), **columns}
@@ -434,8 +433,7 @@ def planned_crossings(
 def compare_ankle_moment(
     trial: Trial, settings: choices.OvergroundAnalysis, condition: Mapping[str, float | None] | None = None
 ) -> Mapping[str, pl.DataFrame]:
-    """Our ankle moment, and the laboratory's if there is one, of each stance, and over it; `condition` may state the
-    sheet's `body_mass_kg`."""
+    """Our ankle moment, and the laboratory's, of each stance, and over it; `condition` may state `body_mass_kg`."""
     rows = overground_rows(trial, settings, (condition or {}).get("body_mass_kg"))
     table = pl.DataFrame(rows, infer_schema_length=None)
     for row in table.drop_nulls("excluded").iter_rows(named=True):

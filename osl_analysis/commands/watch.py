@@ -66,8 +66,7 @@ def first_trials(campaign: Campaign) -> list[tuple[str, str]]:
 
 
 def note_protocol(folder: Path) -> None:
-    """Write the stepped sine that the first trial with one did into the configuration of a new campaign, as a comment:
-    who commanded it states it by removing the `#`."""
+    """Write the stepped sine of the first trial with one into a new configuration, as a comment."""
     with chdir(folder):
         config = read_config(CAMPAIGN)
         campaign = open_campaign(config, None)
@@ -92,16 +91,14 @@ def note_protocol(folder: Path) -> None:
 
 
 def fit_of_row(trial: Trial, row: Mapping[str, Any], device: Path | None, config: Path) -> fits.Fit:
-    """The fit of a trial in memory, by what its row of a sheet says, drafted or not, as in the workflow. `device` is
-    its parameter file. Raises as `fit_trial`."""
+    """The fit of a trial in memory, by its row of a sheet, as in the workflow. `device` is its parameter file."""
     experiment = fits.experiment_of(str(row["experiment"]), config)
     condition: Any = {column: row.get(column) for column in fits.job_of(experiment).sheet}
     if experiment == "impedance":
         K_d, B_d = (None if row[name] is None else float(row[name]) for name in ("K_d", "B_d"))
         condition = DesiredImpedance(row["controller"], K_d, B_d)
-    return fits.fit_trial(
-        experiment, trial, device, *fits.fit_settings(experiment, config), condition, row.get("windows")
-    )
+    chosen = fits.fit_settings(experiment, config)
+    return fits.fit_trial(experiment, trial, device, *chosen, condition, row.get("windows"))
 
 
 State = tuple[int, int]  # size [bytes] and date [ns] of a recording's files

@@ -1,8 +1,7 @@
 """The experiments: one table of facts that sheet, quality control, simulator, rules and command line read.
 
 A new experiment is an entry here, its fit (`bench/` or `walking/`), the call of it (`commands/`), its limits
-(`config/config.yaml`) and its test. There is no other list of experiments.
-"""
+(`config/config.yaml`) and its test. There is no other list of experiments."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -74,9 +73,8 @@ class Experiment:
     @property
     def needed_columns(self) -> tuple[str, ...]:
         """The columns that every trial must have."""
-        return tuple(
-            column for column in (None if self.may_stand else self.motion, self.torque, *self.signals) if column
-        )
+        named = (None if self.may_stand else self.motion, self.torque, *self.signals)
+        return tuple(column for column in named if column)
 
     def uses(self, column: str) -> bool:
         """Whether the analysis uses a column; all, of what is ingested only and of a walkway."""

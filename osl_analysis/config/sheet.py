@@ -39,8 +39,7 @@ def read_sheet(path: Path) -> SheetRows:
     """Read and validate a sample sheet, CSV in UTF-8; docs/own_data.md explains its columns. Empty lines and lines that
     begin with `#` are skipped; elsewhere `#` is text, and so is `NA`. An empty cell says nothing, nor do blanks around
     one. K_d and B_d are in N*m/rad and N*m*s/rad; a joint that is not named is the ankle where other rows name theirs
-    or are of the walkway, and else not known (None). Raises InputError where the sheet is missing or empty, a column is
-    unknown, or a value is not allowed."""
+    or are of the walkway, and else not known (None). Raises InputError: no sheet, or a wrong column or value."""
     if not path.is_file():
         raise InputError(f"{path}: no such sample sheet; write one (README, 'Your own data') or set `sheet`")
     check_not_refused(path)

@@ -1,8 +1,7 @@
 """The list of figures, which the workflow, the command line and the tests read.
 
 A new figure is a function `draw_NAME` in a module here, which `style.drawing` decorates; an entry in `figures.yaml`;
-and its test. Captions are said by the words of `names.py`.
-"""
+and its test. Captions are said by the words of `names.py`."""
 
 from collections.abc import Sequence
 from importlib import import_module

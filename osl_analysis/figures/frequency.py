@@ -154,9 +154,8 @@ def draw_response(table: pl.DataFrame) -> Figure:
         entries |= draw_condition(parts, rows)
         name = names.drawn_name(rows["trial"][0], 28 if across <= MOST_ACROSS else 18)
         parts[0].set_title(f"({ascii_lowercase[number]}) " * (len(shown) > 1) + name, loc="left")
-    for ax, label in zip(
-        axes[:, 0], ("Magnitude\n(N·m/rad)", "Phase (deg)", "Deviation,\nlevel (N·m/rad)") * down, strict=True
-    ):
+    labels = ("Magnitude\n(N·m/rad)", "Phase (deg)", "Deviation,\nlevel (N·m/rad)") * down
+    for ax, label in zip(axes[:, 0], labels, strict=True):
         ax.set_ylabel(label)
     for unused in axes[-3:, len(shown) - across * (down - 1) :].ravel():
         unused.remove()

@@ -1,5 +1,4 @@
-"""What models say beside what was measured: the prediction of the components, to which nothing is fitted, and each
-link from the command to the torque."""
+"""What models say beside what was measured: the prediction of the components, and each link from command to torque."""
 
 import polars as pl
 from matplotlib.figure import Figure
@@ -25,8 +24,7 @@ def prediction_points(prediction: pl.DataFrame, frequencies: pl.DataFrame) -> pl
     nothing="the components of no impedance trial were all measured",
 )
 def draw_prediction(table: pl.DataFrame) -> Figure:
-    """Above, measured over predicted, with the identity; below, their difference with the prediction's interval; at the
-    bottom, what is missed over frequency."""
+    """Measured over predicted, with the identity; their difference with its interval; what is missed over frequency."""
     parts, looks = names.placed_rows(table), names.looks_in(table)
     rows, kinds = 3 * len(parts), ("Stiffness", "Damping", "Torque")
     titles = names.panel_titles(parts, (*kinds, *(f"{kind}, difference" for kind in kinds), "Torque missed", "", ""))
@@ -111,9 +109,8 @@ def draw_chain(table: pl.DataFrame) -> Figure:
     """A panel per link, from the command to the joint's torque: percent off, over K_d, with intervals."""
     parts, looks = names.placed_rows(table), names.looks_in(table)
     titles = names.panel_titles(parts, [*LINKS.values()])
-    figure, axes = style.panels(
-        style.DOUBLE_COLUMN, 0.4 + 1.9 * len(parts), len(parts), len(LINKS), shares=[1] * len(LINKS), names=titles
-    )
+    size = style.DOUBLE_COLUMN, 0.4 + 1.9 * len(parts)
+    figure, axes = style.panels(*size, len(parts), len(LINKS), shares=[1] * len(LINKS), names=titles)
     for number, (_, part) in enumerate(parts):
         for ax, link in zip(axes[len(LINKS) * number :], LINKS, strict=False):
             ax.axhline(0, color=style.BLACK, linewidth=0.6)

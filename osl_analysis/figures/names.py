@@ -67,8 +67,7 @@ def placed_rows(table: pl.DataFrame) -> list[tuple[str, pl.DataFrame]]:
 
 
 def panel_titles(parts: Sequence[tuple[str, pl.DataFrame]], words: Sequence[str]) -> list[str]:
-    """What stands over the panels of each of `placed_rows`: a word for each panel, behind joint and side where there
-    are several of these."""
+    """What stands over the panels of each of `placed_rows`: a word for each, behind joint and side if these differ."""
     return [": ".join(filter(None, [name * (len(parts) > 1), word])) for name, _ in parts for word in words]
 
 
@@ -158,8 +157,7 @@ AXIS_LABELS = {
 
 @paper_style()
 def write_footer(figure: Figure, text: str) -> Bbox:
-    """A small line below a drawn figure, whose size and layout stay; the part of the plane [in] to be saved, which is
-    as much taller."""
+    """A small line below a drawn figure, whose size and layout stay; the taller part of the plane [in] to be saved."""
     (width, height), size, line, edge = figure.get_size_inches(), 5.5, 0.1, 0.02  # [in]; size of the letters [pt]
     lines = textwrap.wrap(text, int(width * 28))  # letters per inch
     look: dict[str, Any] = {"fontsize": size, "color": GREY, "ha": "center", "va": "top", "linespacing": 1.1}

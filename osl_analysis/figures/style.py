@@ -90,9 +90,8 @@ def panels(
     the rows. `names` stand behind the letters; panels with names of their own share no axis."""
     figure = Figure(figsize=(width, height), layout="constrained")
     share = rows > 1 and not names
-    grid = figure.subplots(
-        rows, columns, squeeze=False, sharex=share, sharey=bool(shares), width_ratios=shares, height_ratios=heights
-    )
+    ratios = {"width_ratios": shares, "height_ratios": heights}
+    grid = figure.subplots(rows, columns, squeeze=False, sharex=share, sharey=bool(shares), **ratios)
     letters = [f"({letter})" for letter in ascii_lowercase[: grid.size]] * (grid.size > 1)
     titles = [f"{letter} {name}" for letter, name in zip_longest(letters, names, fillvalue="")]
     for ax, title in zip(grid.flat, titles, strict=False):
@@ -142,8 +141,7 @@ def open_entry(table: pl.DataFrame) -> dict[str, Line2D]:
 def draw_fits(
     ax: Axes, rows: pl.DataFrame, x: Any, y: Any, look: Look, share: float = 1.0, linewidths: float = 0.8, **looks: Any
 ) -> None:
-    """A marker in a share of the look's size per row at (x, y), open where its fit is doubtful. It leads to its
-    trial."""
+    """A marker of a share of the look's size per row, open where its fit is doubtful. It leads to its trial."""
     fill = [WHITE if doubtful else look.colour for doubtful in rows.select(IS_DOUBTFUL).to_series()]
     looks |= {"facecolors": fill, "edgecolors": look.colour, "linewidths": linewidths}
     drawn = ax.scatter(x, y, (share * look.size) ** 2, marker=look.marker, label=look.label, **looks)

@@ -183,8 +183,7 @@ COMMANDED_SERIES = "commanded"  # series of the curve that the controller comman
 )
 def draw_impedance_over_stance(table: pl.DataFrame) -> Figure:
     """K, B and I, those that the table has: the fit of each group at the phase that it reads, its fitted window as a
-    horizontal bar, its 95 % interval as a vertical one. The commanded impedance is dashed, and a short line at each
-    group."""
+    horizontal bar, its 95 % interval as a vertical one. The commanded impedance is dashed, or a short line."""
     drawn = [quantity for quantity in "KBI" if quantity in table["quantity"]]
     width = style.SINGLE_COLUMN if len(drawn) == 1 else style.DOUBLE_COLUMN
     figure, axes = style.panels(width, 2.6, columns=len(drawn))

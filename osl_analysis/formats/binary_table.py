@@ -227,8 +227,7 @@ def holds_objects(path: Path) -> bool:
 
 
 def hdf5_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
-    """Data sets of numbers by their path, and the units that their attributes state. Blocks that were never written are
-    no values."""
+    """Data sets of numbers by path, and the units that their attributes state. Unwritten blocks are no values."""
     h5py = optional_module("h5py", "an HDF5 file")
     arrays, units, sizes = dict[str, NDArray[Any]](), dict[str, str](), list[int]()
 
@@ -261,8 +260,7 @@ def hdf5_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
 
 
 def bytes_behind(path: Path, begin: int) -> int:
-    """How many bytes stand behind the end of an HDF5 file that its superblock, at a byte, states: where some were
-    inserted, values behind them are shifted."""
+    """How many bytes stand behind the end that the superblock, at a byte, states: where some were inserted."""
     with path.open("rb") as file:
         start = file.read(begin + 128)[begin:].ljust(128, b"\0")
     (stated,) = struct.unpack_from("<Q", start, 40 if start[8] < 2 else 28)

@@ -1,8 +1,7 @@
 """C3D: header, parameters, points and analog samples of a motion capture recording.
 
 `ezc3d` is not used: it misplaces frames where ANALOG:RATE and the header disagree, drops those beyond 65535 and those
-of a truncated file, takes the absolute value of a negative OFFSET, and crashes on damaged headers. Tests compare.
-"""
+of a truncated file, takes the absolute value of a negative OFFSET, and crashes on damaged headers. Tests compare."""
 
 import math
 import struct

@@ -28,10 +28,7 @@ COMMENTS = ("#", "%", "//")
 MISSING = ("", "nan", "NaN", "NAN", "NA", "N/A", "#N/A", "null", "NULL", "None", "<NA>", "NaT", "-nan", "-nan(ind)")
 """Cells of readings that failed, as programs write them."""
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d{1,3})?", re.ASCII)
-THOUSANDS = {
-    ".": re.compile(r"([+-]?\d{1,3}(?:,\d{3})+)\.(\d+)"),
-    ",": re.compile(r"([+-]?\d{1,3}(?:\.\d{3})+),(\d+)"),
-}
+THOUSANDS = {".": re.compile(r"([+-]?\d{1,3}(?:,\d{3})+)\.(\d+)"), ",": re.compile(r"([+-]?\d{1,3}(?:\.\d{3})+),(\d+)")}
 """By the decimal sign: numbers whose thousands have the other one."""
 WHOLE_THOUSANDS = {sign: re.compile(rf"[+-]?[1-9]\d{{0,2}}({re.escape(sign)}\d{{3}})+") for sign in ",."}
 SMALL_WHOLE = re.compile(r"[+-]?\d{1,3}")
@@ -50,8 +47,7 @@ IsUnit = Callable[[str], bool]
 
 
 def read_text(path: Path) -> tuple[bytes, bool]:
-    """A text in UTF-8 with plain line breaks, and whether its last line has its break; refused where zero bytes show
-    that it is not text."""
+    """A text in UTF-8 with plain line breaks, and whether its last line has one; refused where it has zero bytes."""
     data = utf8_of(path.read_bytes())
     try:
         data.decode()
@@ -143,8 +139,7 @@ def split_rows(lines: TextLines, delimiter: str) -> Rows:
 
 
 def name_and_unit(title: str) -> tuple[str, str]:
-    """`torque [Nm]`, `torque (Nm)`, `torque {Nm}` or `torque / Nm` as name and unit; the unit is empty where the title
-    has none."""
+    """`torque [Nm]`, `torque (Nm)`, `torque {Nm}` or `torque / Nm` as name and unit, empty without one."""
     match = re.fullmatch(r"(.*\S)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\)|\{([^{}]*)\})|(.*\S)\s+/\s+(\S+)", title, re.DOTALL)
     return (match[1] or match[5], match[2] or match[3] or match[4] or match[6] or "") if match else (title, "")
 
@@ -210,9 +205,7 @@ def cell_stamps(cells: pl.Series) -> NDArray[np.int64] | None:
     `12:13.5` (minutes and seconds), which go on at midnight; None if a cell is none of these. The date tells nothing
     that the order of the rows does not tell."""
     if cells.dtype.is_temporal():
-        whole = (
-            cells.cast(pl.Datetime("ns")) if cells.dtype in (pl.Date, pl.Datetime) else cells.cast(pl.Duration("ns"))
-        )
+        whole = cells.cast((pl.Datetime if cells.dtype in (pl.Date, pl.Datetime) else pl.Duration)("ns"))
         return None if whole.null_count() else whole.cast(pl.Int64).to_numpy()
     if cells.dtype != pl.String or not cells.str.contains(TIME).fill_null(value=False).all():
         return None
@@ -299,8 +292,7 @@ def is_clock(title: str) -> bool:
 
 
 def read_csv_table(path: Path, layout: CsvLayout, is_unit: IsUnit, most_rows: int | None = None) -> CsvTable:
-    """The rows of a log as text, of a long one the first `most_rows`; InputError if it has rows that the layout does
-    not allow. `is_unit` tells a unit."""
+    """The rows of a log as text, of a long one the first `most_rows`; InputError: the layout does not allow a row."""
     data, ends = read_text(path)
     table = table_of_text(data, ends, layout, is_unit, most_rows)
     stated = [int(found[1]) for text in table.comments if (found := STATED_ROWS.match(text))]
@@ -337,8 +329,7 @@ def table_of_text(data: bytes, ends: bool, layout: CsvLayout, is_unit: IsUnit, m
 
 
 def alike_rows(text: bytes, delimiter: str, names: Sequence[str]) -> pl.DataFrame | None:
-    """The cells of lines that all have a cell per name, in an eighth of the time and of the memory; None if they are
-    not alike, or hold a quote or a comment."""
+    """The cells of lines with a cell per name each, in an eighth of time and memory; None where a line is another."""
     if b'"' in text or b"\n\n" in text or any(sign.encode() in text for sign in COMMENTS):
         return None
     if delimiter == " ":
@@ -517,9 +508,8 @@ def headers_above(above: Rows, width: int) -> int:
 
 def are_units(heads: Rows, is_unit: IsUnit) -> bool:
     """Whether the last of several header rows holds units."""
-    cells = (
-        [without_brackets(cell) for cell in heads[-1][1] if cell not in ("", "-", "[]", "()")] if len(heads) > 1 else []
-    )
+    last = heads[-1][1] if len(heads) > 1 else []
+    cells = [without_brackets(cell) for cell in last if cell not in ("", "-", "[]", "()")]
     return bool(cells) and sum(is_unit(cell) and cell != "1" for cell in cells) > len(cells) / 2
 
 
@@ -589,8 +579,7 @@ def number_columns(rows: Sequence[Sequence[str | None]]) -> list[list[str]]:
 
 
 def decimal_of(rows: Sequence[tuple[int, Sequence[str | None]]]) -> str:
-    """The decimal sign of the cells: a comma where numbers have one and none has a full stop, unless each may be one
-    between thousands."""
+    """The decimal sign of the cells: a comma where numbers have one, none a stop, and not all may part thousands."""
     numbers = number_columns([row for _, row in (*rows[:FIRST_LINES], *rows[-LAST_LINES:])])
     others = [column for column in numbers if not are_whole_thousands(column, ".")]
     cells = [cell for column in others for cell in column]

@@ -1,8 +1,7 @@
 """Recordings of gait laboratories as text: the CSV export of Vicon Nexus, markers in TRC, and tables of OpenSim.
 
 Nexus writes sections in any order, each with a rate, a row of names, each above the first of its columns only, a
-header, a row of units, and samples. TRC has a header of five lines, OpenSim (.mot, .sto) one down to `endheader`.
-"""
+header, a row of units, and samples. TRC has a header of five lines, OpenSim (.mot, .sto) one down to `endheader`."""
 
 import math
 import re

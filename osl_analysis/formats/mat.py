@@ -2,8 +2,7 @@
 
 An address is written as in MATLAB: `Test.Slow(2).data(:,3)`, `runs{2}.torque`.
 MATLAB writes into HDF5 arrays transposed, text as 16-bit numbers, and the elements of cells and of struct arrays as
-references; the attribute `MATLAB_class` says what a dataset or group is.
-"""
+references; the attribute `MATLAB_class` says what a dataset or group is."""
 
 import io
 import math

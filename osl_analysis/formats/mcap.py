@@ -1,7 +1,6 @@
 """MCAP files: the records of the top level are walked, also past damage; then every intact chunk is read.
 
-The summary at the end is not needed. It is the evidence of what was lost, beside the message indexes behind a chunk.
-"""
+The summary at the end is not needed. It is the evidence of what was lost, beside the message indexes behind a chunk."""
 
 import re
 import struct

@@ -5,8 +5,7 @@ same length and the same bytes where strings and sequences tell their lengths (i
 objects one by one.
 
 A path is dotted: `position[0]`, `position[name=ankle]` (the element at the place of `ankle` in the array `name` beside
-it). A name with a dot or a bracket stands in brackets, written as JSON writes a text: `functions["loadcell.mz"]`.
-"""
+it). A name with a dot or a bracket stands in brackets, written as JSON writes a text: `functions["loadcell.mz"]`."""
 
 import json
 import re

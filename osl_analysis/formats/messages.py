@@ -1,7 +1,6 @@
 """Recordings of messages by topic, whatever their container is: MCAP, or a bag of ROS.
 
-A container gives its messages in blocks, and counts what it lost. Here their fields become columns, by topic.
-"""
+A container gives its messages in blocks, and counts what it lost. Here their fields become columns, by topic."""
 
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence

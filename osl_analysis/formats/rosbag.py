@@ -1,7 +1,6 @@
 """Bags of ROS 1 (by the library `rosbags`) and of ROS 2 (a database of sqlite3), and the folders of recordings.
 
-The library sorts messages by their times, which would hide a clock that was set back; its index tells their places.
-"""
+The library sorts messages by their times, which would hide a clock that was set back; its index tells their places."""
 
 import sqlite3
 import struct
@@ -252,9 +251,7 @@ def read_database(path: Path) -> MessageFile:
 def definition_of(kind: str, own: Mapping[str, tuple[str, str]]) -> bytes:
     """The definition of messages of type `kind` (`package/msg/Name`); InputError if there is none. own: encoding and
     text by type, as bags have them since ROS 2 Iron. `rosbags` has those of the standard types."""
-    convert = (
-        "convert it with `ros2 bag convert` to MCAP where the type is installed, or record with ROS 2 Iron or later"
-    )
+    convert = "convert it with `ros2 bag convert` to MCAP where the type is installed, or record with ROS 2 Iron or on"
     encoding, text = own.get(kind, ("", ""))
     if encoding == "ros2msg" and text.strip():
         return text.encode()

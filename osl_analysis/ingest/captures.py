@@ -222,9 +222,8 @@ def wrench(
         a, b, depth = origin[0], origin[1], abs(origin[2])
         x12, x34, y14, y23, z1, z2, z3, z4 = channels.T
         force = np.column_stack([x12 + x34, y14 + y23, z1 + z2 + z3 + z4])
-        moment = np.column_stack(
-            [b * (z1 + z2 - z3 - z4), a * (-z1 + z2 + z3 - z4), b * (-x12 + x34) + a * (y14 - y23)]
-        )
+        about_z = b * (-x12 + x34) + a * (y14 - y23)
+        moment = np.column_stack([b * (z1 + z2 - z3 - z4), a * (-z1 + z2 + z3 - z4), about_z])
         centre = np.array([0.0, 0.0, -depth])
     elif kind == 1:  # centre of pressure x and y, free moment: M = p x F + (0, 0, T)
         level = np.zeros((len(channels), 2))
@@ -259,8 +258,7 @@ def plate_loads(recording: C3DRecording, source: C3dSource) -> list[PlateRecord]
 
 
 def plate_load(recording: C3DRecording, source: C3dSource, number: int) -> PlateRecord:
-    """What one plate recorded, and from which channels. The matrix of a type 4 plate gives moments in N times the
-    file's unit of length unless overridden."""
+    """What one plate recorded, and from which channels. A matrix of type 4 has N times the file's unit of length."""
     header, labels = recording.header, recording.analog_labels
     length = checked_length(recording.point_unit(), "unit of length", source)
     metre, kind, matrix = si_factor(length, "m"), int(plate_parameter(recording, "TYPE", number)), None
@@ -352,9 +350,8 @@ def plate_parameter(recording: C3DRecording, name: str, number: int, shape: tupl
     Some writers omit it if there is a single plate."""
     table = recording.header.table(f"FORCE_PLATFORM:{name}")
     whole = table[..., None] if table.ndim == len(shape) else table
-    fits = whole.ndim == len(shape) + 1 and all(
-        want in (0, size) for want, size in zip(shape, whole.shape, strict=False)
-    )
+    alike = (want in (0, size) for want, size in zip(shape, whole.shape, strict=False))
+    fits = whole.ndim == len(shape) + 1 and all(alike)
     if not np.isfinite(table).all():
         raise InputError(f"plate {number}: FORCE_PLATFORM:{name} holds a value that is not finite; correct it")
     if not fits or whole.shape[-1] < number:

@@ -92,9 +92,8 @@ def draft_source(overview: Overview, name: str, walking: bool = True) -> str:
         pulses = pulse_channels(overview) if key == "analogs" else {}
         lines += [f"{key}:" if pulses else f"# {key}:"] * bool(channels)
         lines += [channel_line(0, one, Guess(column, True, "guessed from its name")) for column, one in pulses.items()]
-        lines += [
-            f"# {channel_line(n, c, Guess())}" for n, c in enumerate(channels, start=1) if c not in pulses.values()
-        ]
+        others = [(n, one) for n, one in enumerate(channels, start=1) if one not in pulses.values()]
+        lines += [f"# {channel_line(n, one, Guess())}" for n, one in others]
     return "\n".join([*lines, *(f"# {line}" for line in (draft_walking([overview]) if walking else []))]) + "\n"
 
 

@@ -1,6 +1,5 @@
 """What is measured on a recording: its sampling, its clocks, damage to its log, the motion that was commanded, sensors
-at the end of their range, that stand, wrap or do not read zero, force plates. Numbers without limits and verdicts.
-"""
+at the end of their range, that stand, wrap or do not read zero, force plates. Numbers without limits and verdicts."""
 
 import math
 import re
@@ -215,9 +214,8 @@ def cycles_with_ramps(run: Run, alike: Likeness) -> float:
     stop = min((one.start for one in others if one.start >= run.stop), default=np.inf)
     rises = alike.crossings[(alike.crossings > start) & (alike.crossings < stop)]
     apart = np.abs(np.diff(rises) * run.frequency_hz - 1) < 0.25
-    beside = apart & (
-        (rises[:-1] < run.start - 0.35 / run.frequency_hz) | (rises[1:] > run.stop + 0.35 / run.frequency_hz)
-    )
+    margin = 0.35 / run.frequency_hz
+    beside = apart & ((rises[:-1] < run.start - margin) | (rises[1:] > run.stop + margin))
     return run.cycles + np.count_nonzero(beside) + 2 * int(beside.any())
 
 
@@ -282,8 +280,7 @@ def samples_at_rail(trial: Trial, column: str, torque: str | None = None) -> int
 
 
 def is_command(values: Array) -> bool:
-    """Whether a channel (n,) goes from level to level without noise: beside the longest run, three in ten samples
-    repeat their predecessor."""
+    """Whether a channel (n,) has levels without noise: beside the longest run, three in ten samples repeat the last."""
     repeated = np.diff(values) == 0
     longest = longest_run(repeated)
     return bool(repeated.sum() - (longest.stop - longest.start) > 0.3 * repeated.size)
@@ -410,9 +407,8 @@ def measure_stuck(examined: Examined) -> CheckResult:
             apart = smoothed / 2 + median_step(time)  # at the start of a motion the torque jumps before the angle
             from_rest = np.minimum(abs(theta - theta[0]), abs(theta - np.median(theta)))
             rests = (from_rest <= AT_REST * np.ptp(theta)) & examined.experiment.stepped_sine & (by == "torque")
-            times["theta"] = held(
-                time, without_rests(time, theta), (when, level), 0.2 * float(np.ptp(level)), apart, rests
-            )
+            least, moved = 0.2 * float(np.ptp(level)), without_rests(time, theta)
+            times["theta"] = held(time, moved, (when, level), least, apart, rests)
     if moving in columns and angle[1].size and not np.ptp(angle[1]):
         times[moving] = float(np.ptp(angle[0]))
     return worst(times, "no torque, current or plate")
@@ -661,13 +657,9 @@ def check_recording(trial: Trial, limits: Any, torque: str = "torque", angle: st
         if origin(trial, angle or "").get("factor", 1) != 1:
             cause = "no joint turns so far, is it another channel, or its scale another? Correct it in the source file"
         if measured.size and change / 2 < limits.largest_angle:
-            cause = (
-                f"{torque} has +-{change / 2:.2g} N*m only, are the two swapped? Correct their names in the source file"
-            )
+            cause = f"{torque} has +-{change / 2:.2g} N*m only, are the two swapped? Correct them in the source file"
         if np.abs(np.diff(turned)).max() > 0.9 * turn:
-            cause = (
-                "it jumps so far from a row to the next, as where an encoder begins anew; unwrap it, or record it again"
-            )
+            cause = "it jumps so far from a row to the next, as where an encoder begins anew; unwrap or record it again"
         raise InputError(
             f"{who} {angle} turns by +-{turn / 2:.3g} rad ({math.degrees(turn / 2):.0f} deg), more than the "
             f"{limits.largest_angle:g} rad of `largest_angle` in the configuration: {cause}"

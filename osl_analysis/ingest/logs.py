@@ -54,8 +54,7 @@ MOST_TRIED = 1000  # rows of a column by which it is told whether it may be a cl
 
 
 def read_table_log(path: Path, source: TableSource) -> Recording:
-    """The columns that the source file maps, in SI units; time [s] counts from the first row. Raises InputError where
-    the log is not what that file says."""
+    """The columns that the source file maps, in SI units; time [s] counts from the first row. Raises InputError."""
     table = TABLES[source.format](path, source)
     table.damage.read[0] = table.rows
     if table.rows < 2:
@@ -101,9 +100,9 @@ def read_table_log(path: Path, source: TableSource) -> Recording:
         **table.facts,
     }
     recording = Recording(samples.filter(pl.Series(kept)), origins, facts, said, table.damage)
-    return (
-        exported_plates(table, recording, source) if isinstance(source, OpenSimSource) and source.plates else recording
-    )
+    if isinstance(source, OpenSimSource) and source.plates:
+        return exported_plates(table, recording, source)
+    return recording
 
 
 def tell_moved(table: Table, names: Sequence[str]) -> None:
@@ -116,9 +115,8 @@ def tell_moved(table: Table, names: Sequence[str]) -> None:
             block = raw[begin : begin + 4]
             others = [one for one in columns if one != name and block.size == np.unique(block).size == 4]
             for other, own in ((one, columns[one]) for one in others):
-                places = [
-                    at for at in np.flatnonzero(own[:-3] == block[0]).tolist() if (own[at : at + 4] == block).all()
-                ]
+                likely = np.flatnonzero(own[:-3] == block[0]).tolist()
+                places = [at for at in likely if (own[at : at + 4] == block).all()]
                 if len(places) != 1 or places[0] == begin:
                     continue
                 lag = places[0] - begin
@@ -317,8 +315,7 @@ def csv_log(path: Path, source: SheetSource) -> Table:
 
 
 def rows_with_values(columns: Iterable[NDArray[Any]]) -> int:
-    """How many rows there are up to the last one in which a column has a value: what is longer beside them, as an EMG,
-    has rows of its own."""
+    """How many rows there are up to the last value of any column: what is longer, as an EMG, has rows of its own."""
     return max(int(np.flatnonzero(~np.isnan(one.astype(np.float64)))[-1:].sum()) + 1 for one in columns)
 
 
@@ -524,9 +521,8 @@ def json_log(path: Path, source: JsonSource) -> Table:
     kept = ~np.all([np.ma.getmaskarray(decoded.values[name]) for name in names], axis=0)
     if field and not kept.all():  # lines without any of the fields, such as a header; with a rate, every line counts
         left_out, first = int((~kept).sum()), lines.numbers[decoded.rows[int(np.argmin(kept))]]
-        lines.damage.remarks.append(
-            f"{left_out} of {kept.size} lines have none of the fields and were left out, first line {first}"
-        )
+        said = f"{left_out} of {kept.size} lines have none of the fields and were left out, first line {first}"
+        lines.damage.remarks.append(said)
     rows = np.flatnonzero(kept) if field else np.arange(kept.size)
     columns = {name: values[rows] for name, values in decoded.values.items()}  # masked where a line lacks the field
     few = replace(lines, texts=lines.texts[:MOST_TRIED], numbers=lines.numbers[:MOST_TRIED])
@@ -656,8 +652,7 @@ def vectors_in(values: Mapping[str, Value], place: str = "") -> Iterator[tuple[s
 
 
 def tdms_log(path: Path, source: TdmsSource) -> Table:
-    """Channels by a channel of time, the rate, or the timing in their own properties: where these differ, a channel has
-    no value in the rows of another."""
+    """Channels by a channel of time, the rate, or their own timing: where it differs, each has rows of its own."""
     file = read_tdms(path)
     channels = {name: file.channel(name) for name in wanted(source)}
     by_address = {channel.address: channel for channel in channels.values()}

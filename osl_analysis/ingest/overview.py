@@ -65,12 +65,6 @@ class Overview:
     open: Sequence[str] = ()  # what the user decides, as which of its clocks counts, a sentence each
 
 
-def guesses(units: Mapping[str, str]) -> list[str]:
-    """A remark on the units that names tell, by channel."""
-    named = ", ".join(f"{name} [{unit}]" for name, unit in units.items() if unit)
-    return [f"units guessed from the names, to be checked: {named}"] * bool(named)
-
-
 def likely_clock(readings: Mapping[str, NDArray[Any]], what: str = "columns") -> tuple[str | None, list[str]]:
     """The clock that a draft names, and what the user has to decide, from the readings (n,) of all that are called so.
     The first of several, if they span the same time in s, ms, us or ns: within 0.5 %, which puts I wrong by 1 %. None
@@ -163,9 +157,8 @@ def as_clock(channel: RecordedChannel) -> RecordedChannel:
     known = channel.numbers[np.isfinite(channel.numbers)]
     rate, gaps = logs.rate_of(known), gaps_text(known)
     note = (f"a clock, {rate:g} per unit" if rate else "a clock that stands still") + f", {gaps}" * bool(gaps)
-    return replace(
-        channel, note=note, likely_unit="" if channel.unit else logs.likely_unit(channel.name) or logs.time_unit(known)
-    )
+    likely = "" if channel.unit else logs.likely_unit(channel.name) or logs.time_unit(known)
+    return replace(channel, note=note, likely_unit=likely)
 
 
 def overview_of(
@@ -197,9 +190,11 @@ def overview_of(
     if timing is None:
         time = next((one for one in signals or shown if one.key == clock), None)
         timing = {"time": time_setting(next(iter(columns[0].address)) if columns else "column", time)}
-    told = {one.key: one.likely_unit for one in shown if one.key != clock or logs.likely_unit(one.name)}
+    units = {one.key: one.likely_unit for one in shown if one.key != clock or logs.likely_unit(one.name)}
+    told = ", ".join(f"{key} [{unit}]" for key, unit in units.items() if unit)
+    guesses = [f"units guessed from the names, to be checked: {told}"] * bool(told)
     stated = {"clock": "master", **(settings or {}), **timing}
-    return Overview(name, facts or {}, shown, [*remarks, *guesses(told)], stated, signals, questions)
+    return Overview(name, facts or {}, shown, [*remarks, *guesses], stated, signals, questions)
 
 
 def time_setting(key: str, clock: RecordedChannel | None) -> dict[str, str]:
@@ -359,15 +354,13 @@ def inspect_mat(path: Path) -> Overview:
     for place, name, _, value in variables:
         cells.setdefault(place * name.startswith("{"), []).append(value.text)
     titles = titles_of_columns(cells.values())
-    drafted = [
-        one for name, value in next(iter(alike.values()), {}).items() for one in columns_of_matrix(name, value, titles)
-    ]
+    signals = next(iter(alike.values()), {})
+    drafted = [one for name, value in signals.items() for one in columns_of_matrix(name, value, titles)]
     columns = [variable_column(address, name, value) for _, name, address, value in variables[:most]]
     facts = {"version": file.version, "header": file.header, "variables": str(len(file.names))}
     settings = {"log_part": part} if part else {}
-    timing, said = timing_by_words(
-        [f"{key}={np.ravel(np.asarray(one.numbers))[:2]}" for _, key, _, one in variables], drafted
-    )
+    texts = [f"{key}={np.ravel(np.asarray(one.numbers))[:2]}" for _, key, _, one in variables]
+    timing, said = timing_by_words(texts, drafted)
     left_open += said
     return overview_of(
         "mat", columns, "variables", logs.is_like_clock, drafted, timing, left_open, facts, remarks, settings

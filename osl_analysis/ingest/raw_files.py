@@ -178,8 +178,7 @@ def recognise(path: Path) -> str:
 
 
 def formats_of(path: Path, stated: str = "csv") -> tuple[bytes, list[str]]:
-    """What a file begins with, and the formats that it has by that, the stated one alone where it is that; none for
-    text that only its name can tell."""
+    """What a file begins with, and the formats that tells, the stated one alone if among them; none for plain text."""
     if path.is_dir():
         return b"", ["rosbag2"]
     with path.open("rb") as file:
@@ -262,9 +261,8 @@ def tell_copies(recording: Recording) -> None:
         rows = np.flatnonzero(present[column].to_numpy())
         x = recording.samples[column].to_numpy()[rows]
         fresh = np.flatnonzero(np.diff(x, prepend=np.nan))
-        if (
-            1 < fresh.size < 0.75 * x.size and np.mean(np.diff(fresh) == np.median(np.diff(fresh))) > 0.8
-        ):  # held by its recorder
+        steps = np.diff(fresh)  # of what its recorder held
+        if 1 < fresh.size < 0.75 * x.size and np.mean(steps == np.median(steps)) > 0.8:
             rows, x = rows[fresh], x[fresh]
         piece = np.linspace(0, x.size - min(x.size, 200), 8).astype(int)[:, None] + np.arange(min(x.size, 200))
         quietest = min(noise_of_pieces(x[piece]))
@@ -407,9 +405,7 @@ def assemble(
     `files` identifies the file of each recording, `shared` an angle that aligns the clocks without sync edges. The
     log's rows before and after motion capture are counted and not used. The column `sync` is motion capture's."""
     facts = {role: dict(recordings[role].facts) for role in ("log", "mocap") if role in recordings}
-    columns = {
-        column: {"file": role, **origin} for role in facts for column, origin in recordings[role].columns.items()
-    }
+    columns = {of: {"file": role, **origin} for role in facts for of, origin in recordings[role].columns.items()}
     damage = {role: losses for role in facts if (losses := recordings[role].losses)}
     provenance: dict[str, Any] = {
         "software": {"name": "osl-analysis", "version": own_version("osl-analysis")},

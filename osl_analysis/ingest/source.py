@@ -535,8 +535,7 @@ class OpenSimSource(TableSource, InAxes):
     OF = " of format opensim"
 
     clock: Literal["master", "sync", "shared", "common"] = "master"  # type: ignore[assignment]
-    """How the log's clock is aligned to motion capture's, as in other logs. `common`: its times are those of the
-    capture in TRC, which was exported with it."""
+    """How the log's clock is aligned to motion capture's. `common`: its times are those of the TRC beside it."""
     channels: Mapping[str, OpenSimChannel] = Field(default={})
     time: OpenSimTime = Field(default_factory=OpenSimTime)
     plates: Mapping[PositiveInt, OpenSimPlate] = Field(default={})  # Force plates by number, from 1.
@@ -621,8 +620,7 @@ NAME_OF_TIME = "NAME_OF_TIME"  # stands for the column of time where no column i
 
 
 def open_places(content: Any, above: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
-    """The places of a draft that are not edited yet: channels without a name, and what is UNKNOWN, which in other
-    fields may be a name in the recording."""
+    """The places of a draft that are not edited yet: channels without a name, and what is UNKNOWN."""
     for key, value in content.items() if isinstance(content, dict) else ():
         place, is_open = (*above, str(key)), value == UNKNOWN and key in ("unit", "rate")
         if re.fullmatch(r"NAME_\d+", str(key)) or is_open or value == NAME_OF_TIME:

@@ -159,8 +159,7 @@ def dimension(canonical: str) -> str:
 
 
 def measured_in(expected: str = "") -> tuple[AfterValidator, WithJsonSchema]:
-    """The check that a unit measures what the SI unit `expected` does, any where there is none, and for an editor the
-    units that it proposes."""
+    """The check that a unit measures what the SI unit `expected` does, if any, and the units for an editor."""
 
     def checked(unit: str) -> str:
         if expected:

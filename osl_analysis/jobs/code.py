@@ -2,8 +2,7 @@
 
 A module is a list of statements, each with the names that it binds and the names that it uses, its own and imported
 ones. From the command on, what is used is reached, in all modules of the package. So a job runs again where a function
-changes that it may call, and neither for one beside it nor for a comment, a docstring or an empty line.
-"""
+changes that it may call, and neither for one beside it nor for a comment, a docstring or an empty line."""
 
 import ast
 import hashlib

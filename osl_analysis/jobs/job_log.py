@@ -19,9 +19,7 @@ def write_log(path: Path, ended: Mapping[str, Any], request: Mapping[str, Any]) 
 
     `ended` has the command `job`, its `outcome`, wall time `seconds`, what was wrong in the line `error`, the `remedy`,
     `warnings`, and the `traceback` of an error of the program. Outcomes: done; refused, for an input that the user can
-    correct; failed, by an error of the program; died, ended from outside; skipped, for want of a result that was
-    refused or failed.
-    """
+    correct; failed, by an error of the program; died, ended from outside; skipped, for want of a result."""
     entries = {**ended, **{name: request.get(name) for name in REQUEST}}
     said = plain({name: value for name, value in entries.items() if value not in ("", (), [], {}, None)})
     with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8") as file:
@@ -46,8 +44,7 @@ def plain(value: Any) -> Any:
 
 
 def run_report(folder: Path, since: float) -> str:
-    """Each warning of the jobs whose logs below a folder were written after `since` [s, as `time.time`] once, with the
-    number of jobs that gave it."""
+    """Each warning in logs below a folder, written after `since` [s, as `time.time`], with its number of jobs."""
     paths = [path for path in sorted(folder.rglob("*.log")) if path.stat().st_mtime >= since]
     warned = (path for path in paths if b"\nwarnings:" in path.read_bytes())
     logs = [log for log in map(read_log, warned) if log is not None]

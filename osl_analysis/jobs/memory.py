@@ -1,5 +1,4 @@
-"""The memory and the cores that one job may have: a file that needs more memory ends in one line, in place of the
-system's OOM killer."""
+"""Memory and cores that one job may have: a file that needs more memory ends in one line, not by the OOM killer."""
 
 import os
 import sys

@@ -52,8 +52,7 @@ def in_our_words(text: str) -> str:
 
 
 class LogHandler(LogHandlerBase):
-    """Snakemake's records as the lines of a run. With `--verbose`, or in a dry run, Snakemake writes its own, and below
-    them stands why it cannot go on."""
+    """Snakemake's records as the lines of a run. With `--verbose`, or in a dry run, Snakemake writes its own."""
 
     writes_to_file = False  # Snakemake's log file stays as it is
     has_filter = True  # it chooses by itself

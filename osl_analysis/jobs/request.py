@@ -2,8 +2,7 @@
 
 A request is written while Snakemake plans, and only if its content differs. So a changed setting, sheet, program or
 recording is a changed input of the jobs that use it, and of no others. Snakemake compares inputs by content where it
-has notes of its own (`.snakemake`), else by date.
-"""
+has notes of its own (`.snakemake`), else by date."""
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
@@ -135,11 +134,9 @@ class Requests:
           with every file that Snakemake is told of), and the small `files`, which no job writes;
         * the outputs of the rule by their names; without a name, one is `output` and several are `outputs`. Or with
           `output`, where the command finds the names of its files itself;
-        * the `settings`.
-        What is refused or excluded there is left out (`jobs.job.call`). Of the files in `needs` it must have every one,
-        those in `after` are not looked at. Of `files` and `made_of` the content counts, of `recordings` state and
-        content.
-        """
+        * the `settings`. What is refused or excluded there is left out (`jobs.job.call`). Of the files in `needs` it
+        must have every one, those in `after` are not looked at. Of `files` and `made_of` content counts, of
+        `recordings` also state."""
         made, named, log = filled(rule, dict(wildcards.items()))
         if output is None:
             only: dict[str, Any] = {"output": made[0]} if len(made) == 1 else {"outputs": made}

@@ -2,9 +2,7 @@
 
 The server starts where it is known that a job will run. It imports once and forks processes that do the jobs, which so
 begin 0.8 s earlier than in a Python of their own. A thread of Snakemake hands it a request and waits for the end of the
-job. The server ends with Snakemake, however that ends, and on Linux its jobs end with it; elsewhere they come to their
-end.
-"""
+job. The server ends with Snakemake, however that ends, and on Linux its jobs with it; elsewhere they go on."""
 
 import atexit
 import ctypes
@@ -161,8 +159,7 @@ def serve(number: int) -> NoReturn:
 
 
 def idle_worker(workers: dict[socket.socket, Worker], module: str) -> socket.socket | None:
-    """The channel of a worker that waits and can do a job of a module. Where there is none, those that wait are to end:
-    a new one takes their place."""
+    """The channel of a waiting worker for a module; where there is none, those that wait are to end."""
     compiles = module in COMPILING
     idle = [one for one, worker in workers.items() if not worker.link and worker.compiles == compiles]
     for one in idle:
@@ -207,8 +204,7 @@ def job_ended(workers: dict[socket.socket, Worker], channel: socket.socket) -> N
 
 
 def work(channel: socket.socket, jobs: int) -> NoReturn:
-    """Do so many jobs, as they arrive at a socket, in this process, and say there how each ended; the last one ends it,
-    too."""
+    """Do so many jobs, as they arrive at a socket, in this process, which ends then, and say there how each ended."""
     gc.enable()
     code = 0
     with suppress(OSError):  # of a server that was killed
@@ -240,8 +236,7 @@ def fork() -> int:
 
 
 def do(folder: str, request: str) -> int:
-    """Do the job of a request in this process. The exit code is 1 where neither a result nor a record can be written,
-    as on a full disk."""
+    """Do the job of a request in this process. The exit code is 1 where nothing can be written, as on a full disk."""
     try:
         os.chdir(folder)
         from osl_analysis.jobs.job import perform
@@ -339,8 +334,7 @@ PLANNED = "osl_analysis_planned_"
 def at_end_of_run(workflow: Any, logs: Path, said: Callable[[Sequence[str]], str], accept: bool) -> None:
     """Let a run of Snakemake end with our report, and with exit code 1 if something that was asked for is refused,
     unless refusals are to `accept`. `said` writes the report, from the refusal records of the run; a dry run ends with
-    what is `expected` of its jobs. Snakemake's `onsuccess` and `onerror` are not called where nothing is left to do, as
-    in the run after a refusal."""
+    what is `expected` of its jobs. Snakemake's `onsuccess` and `onerror` are not called where nothing is left to do."""
 
     def end() -> None:
         if workflow.dryrun or workflow.scheduler is None or not workflow.is_main_process:

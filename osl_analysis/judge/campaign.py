@@ -227,8 +227,7 @@ def exclusion_report(verdicts: pl.DataFrame, by_sheet: Mapping[str, str]) -> str
         cause = CHECKS[str(check)].cause
         words = check_words(cause)
         named = listing([f"{trial} ({reasons[trial]})" for trial in rows["trial"]], MOST_NAMED)
-        lines.append(
-            f"excluded from tables and figures by quality control: {named}: {cause}, {words.says}; {words.remedy}"
-        )
+        said = f"{named}: {cause}, {words.says}; {words.remedy}"
+        lines.append(f"excluded from tables and figures by quality control: {said}")
     stated = [f"excluded by the sample sheet: {trial} ({why})" for trial, why in by_sheet.items()]
     return "\n".join([*stated, *lines, *([f"to change that: {HOW_TO_USE}"] if lines else [])])

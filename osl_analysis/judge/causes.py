@@ -111,8 +111,7 @@ def explaining(row: AnyRow, found: Mapping[str, Beyond]) -> Cause | None:
 
 
 def causes_in(row: AnyRow, found: Mapping[str, Beyond], misfit_by: Cause | None) -> list[tuple[Cause, list[Beyond]]]:
-    """What was `found` in a row by cause, those first that make others, last what has no known cause. `misfit_by` is
-    the cause of a misfit."""
+    """What was `found` in a row by cause, the makers of others first, the unknown last; `misfit_by` causes a misfit."""
 
     def order(one: Beyond) -> int:
         known = EVIDENCE.get(one.column)

@@ -2,8 +2,7 @@
 
 `equivalent`, `different` and `undecided` are verdicts on a number and what it should be (`stats.repeats`). That a
 number is beyond a limit `holds` where the whole interval is, `fails` where none of it is, and is else `undecided`.
-Without an interval there is no verdict.
-"""
+Without an interval there is no verdict."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from math import pi
@@ -68,8 +67,7 @@ def claim_of(name: str, claim: str, quantity: str, number: float, ends: Ends, **
 
 
 def share_claim(name: str, what: str, quantity: str, share: float, parts: Sequence[Claim], **judged: Any) -> Claim:
-    """A claim on a share of a whole [1], with the interval that the means of its `parts` leave it (rows of a
-    summary)."""
+    """A claim on a share of a whole [1], with its interval by the means of its `parts` (rows of a summary)."""
     ends: Ends = None, None
     share, freedom = 100 * share, min(part["n"] for part in parts) - 1
     if freedom > 0 and all(part["se"] is not None for part in parts):
@@ -97,9 +95,8 @@ def component_claims(
         at = f"at K_d = {row['K_d']:g}"
         if "K_s" in means:
             share, quantity = row["K_d"] / means["K_s"]["mean"], "K_d/K_s, its share of the gain K_1 n_T^2"
-            yield share_claim(
-                f"belt_at_{end}_K_d", f"the belt matters {at}", quantity, share, (means["K_s"],), **judged
-            )
+            name, what = f"belt_at_{end}_K_d", f"the belt matters {at}"
+            yield share_claim(name, what, quantity, share, (means["K_s"],), **judged)
         if {"f_C", "f_G", "k_tau_n_m"} <= means.keys():
             parts = [means[name] for name in ("f_C", "f_G", "k_tau_n_m")]
             f_C, f_G, k_tau = (part["mean"] for part in parts)
@@ -126,8 +123,7 @@ def compensation_claims(compensation: pl.DataFrame) -> Iterator[Claim]:
 
 
 def rendered_claims(asked: pl.DataFrame, settings: Claims) -> Iterator[Claim]:
-    """Whether each compensated trial renders K_d and B_d, and how many do. `asked` are the rows of `impedance.csv` over
-    all amplitudes."""
+    """Whether each compensated trial renders K_d and B_d, and how many do, of rows `asked` over all amplitudes."""
     trials = held_against_desired(asked.filter(pl.col("controller") == CONTROLLERS[0]))
     for symbol, unit in (("K", "N*m/rad"), ("B", "N*m*s/rad")):
         rows = []
@@ -137,10 +133,8 @@ def rendered_claims(asked: pl.DataFrame, settings: Claims) -> Iterator[Claim]:
             if margin is not None:
                 facts = {"unit": unit, "interval": FIT, "target": target, "margin": margin, "n": 1}
                 facts |= {"subject": row["trial"], "verdict": equivalence(*ends, target, margin)}
-                rubs = " without friction" * (symbol == "B" and row.get("B_viscous") is not None)
-                rows.append(
-                    claim_of(symbol, f"{symbol}{rubs} is {symbol}_d", f"{symbol}{rubs}", row[symbol], ends, **facts)
-                )
+                own = symbol + " without friction" * (symbol == "B" and row.get("B_viscous") is not None)
+                rows.append(claim_of(symbol, f"{own} is {symbol}_d", own, row[symbol], ends, **facts))
         if rows:
             verdicts = [row["verdict"] for row in rows]
             same = verdicts.count("equivalent")
@@ -154,8 +148,7 @@ def rendered_claims(asked: pl.DataFrame, settings: Claims) -> Iterator[Claim]:
 
 
 def passivity_claims(response: pl.DataFrame) -> Iterator[Claim]:
-    """Whether the joint takes in energy at every measured frequency: the real part of torque over velocity, `damping`
-    with its interval."""
+    """Whether the joint takes in energy at every frequency: Re of torque over velocity, `damping` with its interval."""
     for controller in CONTROLLERS:
         rows = response.filter(pl.col("controller") == controller).drop_nulls("damping")
         if rows.is_empty():

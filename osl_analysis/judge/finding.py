@@ -93,12 +93,10 @@ def finding_rows(number: int, finding: Finding, words: tuple[str, str, str]) -> 
     row |= {"cause": finding.cause, "inherited": finding.inherited or None}
     row |= {f"{name}_size": size for name, size in finding.sizes.items()}
     for name in ESTIMATES:
-        ends = {f"{name}_without{end}": finding.without.get(f"{name}{end}") for end in ("", "_low", "_high")}
-        row |= ends
+        row |= {f"{name}_without{end}": finding.without.get(f"{name}{end}") for end in ("", "_low", "_high")}
     row |= dict(zip(("says", "size", "remedy"), (text or None for text in words), strict=True))
-    numbers = [
-        {"evidence": one.column, "value": one.value, "limit": one.limit, "side": one.side} for one in finding.evidence
-    ]
+    evidence = finding.evidence
+    numbers = [{"evidence": one.column, "value": one.value, "limit": one.limit, "side": one.side} for one in evidence]
     return [row | each for each in numbers or [{}]]
 
 

@@ -1,8 +1,7 @@
 """Findings about the rows of result tables, from their columns and the configured limits, and the tables with them.
 
 What a known cause explains, as a low VAF under friction, is no finding of its own. What could not be checked on a
-row, and what was checked and is to be known, is told by the row's columns.
-"""
+row, and what was checked and is to be known, is told by the row's columns."""
 
 import math
 from collections.abc import Iterator, Sequence

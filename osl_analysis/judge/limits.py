@@ -1,8 +1,7 @@
 """The limits of the configuration: thresholds of checks of recordings, with the verdicts
 by them on what was measured (`ingest/examine.py`), and limits of columns of result tables.
 
-Measuring needs the samples and no limit, judging needs a few numbers and no samples: a changed limit judges again.
-"""
+Measuring needs the samples and no limit, judging needs a few numbers and no samples: a changed limit judges again."""
 
 import math
 from collections.abc import Collection, Mapping
@@ -120,8 +119,7 @@ def unknown_check(name: str) -> str:
 
 
 def validate_rules(rules: QualityRules, units: Mapping[str, str]) -> None:
-    """`units` are those of what the checks measure. Raises InputError: a check has no rule, or a threshold is no
-    size in the unit of its check."""
+    """`units` are those of the checks. Raises InputError: a check has no rule, or a threshold another unit."""
     for name in CHECKS:
         if name not in rules.by_check:
             raise InputError(f"configuration, quality: no rule for the check '{name}'; add it as in config/config.yaml")

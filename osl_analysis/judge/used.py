@@ -67,9 +67,8 @@ class Judge:
         for path in measured:
             if path.is_file() and not is_refused(path):
                 with path.open(newline="", encoding="utf-8") as file:  # polars would take ten times as long
-                    rows += [
-                        {**row, "value": float(row["value"]) if row["value"] else None} for row in csv.DictReader(file)
-                    ]
+                    own = csv.DictReader(file)
+                    rows += [{**row, "value": float(row["value"]) if row["value"] else None} for row in own]
         return judged_table(pl.DataFrame(rows, kinds), self.rules, self.accept)
 
 

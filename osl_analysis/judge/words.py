@@ -1,7 +1,6 @@
 """The words of findings: the only place where they become sentences. Nothing here decides, and nothing reads them back.
 
-A detail whose numbers a row does not have is left out.
-"""
+A detail whose numbers a row does not have is left out."""
 
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -137,10 +136,8 @@ class Facts(dict[str, Any]):
     """The numbers of a row that it has, and what is computed from them for a reader, by the names of `COMPUTED`."""
 
     def __init__(self, row: AnyRow, evidence: Beyond | None = None) -> None:
-        known = {name: cell for name, cell in row.items() if cell is not None}
-        super().__init__(
-            {name: Number(cell) if isinstance(cell, int | float) else cell for name, cell in known.items()}
-        )
+        known = ((name, cell) for name, cell in row.items() if cell is not None)
+        super().__init__({name: Number(cell) if isinstance(cell, int | float) else cell for name, cell in known})
         self.row, self.evidence = row, evidence
 
     def __missing__(self, name: str) -> str:

@@ -13,8 +13,7 @@ test: at s = j w the joint takes in energy at the rate of Im Z = w (B_j + c x/|N
 > 0. The rendered impedance is therefore passive with every gain that Eq. 14 selects.
 
 In time, with friction: the linear part is N(s) theta_m = K_s/n_T theta. Between samples it is solved exactly for an
-angle that is linear there. Friction is constant over a step: the torque that would stop the actuator, limited to the
-largest friction.
+angle that is linear there. Friction is constant over a step: what would stop the actuator, within the largest friction.
 """
 
 import math
@@ -118,8 +117,7 @@ def uncompensated_gains(K_d: float, B_d: float, p: DrivetrainParameters) -> Gain
 def select_gains(
     controller: str, K_d: float, B_d: float, p: DrivetrainParameters, weight: Weight = PAPER_WEIGHT
 ) -> Gains:
-    """The gains of a `compensated` or an `uncompensated` trial. Raises as `compensated_gains`, and InputError for any
-    other controller."""
+    """The gains of a `compensated` or an `uncompensated` trial. InputError: another one; as `compensated_gains`."""
     if controller not in CONTROLLERS:
         raise InputError(
             f"the gains of controller '{controller}' are not known{nearest(controller, CONTROLLERS)}; "
@@ -144,8 +142,7 @@ def optimal_damping(
 
     The paper neglects the joint's inertia; `J_j` [kg*m^2] includes it. `compensator.check_request` refuses impossible
     requests. The search for x = B_m + B_1 spans 1e-9 to 1e9 times (K_1 J_m)^1/2, the scale of the actuator's damping,
-    in points a factor of 1.8 apart. The closest two minima that were found are a factor of 4 apart.
-    """
+    in points a factor of 1.8 apart. The closest two minima that were found are a factor of 4 apart."""
     from scipy.optimize.elementwise import find_root  # 0.2 s, for the few that select gains
 
     K_d, B_d = np.broadcast_arrays(*(np.asarray(v, dtype=float) for v in (K_d, B_d)))
@@ -237,8 +234,7 @@ def squared_norm(
 def rendering(
     K_1: ArrayLike, B_1: ArrayLike, K_d: ArrayLike, B_d: ArrayLike, p: DrivetrainParameters
 ) -> dict[str, Any]:
-    """Properties of the impedance that gains K_1, B_1 render for desired K_d, B_d, arrays (pairs,) each by name. J_j is
-    neglected, as in the paper.
+    """Properties of the impedance that gains K_1, B_1 render for K_d, B_d, arrays (pairs,) by name, without J_j.
 
     decay_rate: that of the slowest mode of the free joint [1/s]. It is negative where the joint is unstable.
     delay_margin: smallest delay [s] in the control loop that makes the held actuator, J_m s^2 + B_m s + K_s/n_T^2 under
@@ -246,8 +242,7 @@ def rendering(
         J_m^2 v^2 + (B_m^2 - B_1^2 - 2 J_m k) v + k^2 - K_1^2 = 0, k = K_s/n_T^2.
     positive_real: whether Re Y >= 0 at every frequency, a quadratic in w^2, so that Y itself, and not only s Y, is
         positive real. This can only hold where J_j is neglected.
-    faithful_to_hz: frequency [Hz] up to which |Z - Z_d| <= 0.1 |Z_d|; infinite where Z never leaves this range.
-    """
+    faithful_to_hz: frequency [Hz] up to which |Z - Z_d| <= 0.1 |Z_d|; infinite where Z never leaves this range."""
     K_1, B_1, K_d, B_d = np.broadcast_arrays(*(np.asarray(v, dtype=float) for v in (K_1, B_1, K_d, B_d)))
     k = p.K_s / p.n_T**2
     half = (2 * p.J_m * k + B_1**2 - p.B_m**2) / (2 * p.J_m**2)

@@ -1,5 +1,4 @@
-"""Functions that numba, of the extra `simulator`, compiles on their first call and keeps on disk; without it they run
-as plain Python."""
+"""Functions that numba (extra `simulator`) compiles on their first call and keeps on disk; else plain Python."""
 
 from collections.abc import Callable
 from functools import wraps
@@ -18,8 +17,7 @@ WAITING: dict[str, dict[str, tuple[Callable[..., Any], dict[str, Any]]]] = {}
 
 def compiled(function: Callable[P, R], **options: Any) -> Callable[P, R]:
     """The function, compiled on its first call. The result is kept on disk where a folder can be written. Numba looks
-    for changes in the function's own file only: compiled functions that call one another share a file, and are compiled
-    together."""
+    for changes in the function's own file only: compiled functions that call one another share one."""
     if not HAS_COMPILER:
         return function
     module, name = function.__module__, function.__name__

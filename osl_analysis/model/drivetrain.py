@@ -146,9 +146,8 @@ def motor_friction(direction: ArrayLike, current: ArrayLike, p: DrivetrainParame
 def actuator_torque(current: ArrayLike, omega_m: ArrayLike, alpha_m: ArrayLike, p: DrivetrainParameters) -> Array:
     """Torque tau_m [N*m] at the actuator's output from I_q [A], omega_m [rad/s] and alpha_m [rad/s^2] (Eq. 1)."""
     friction = motor_friction(np.sign(omega_m), current, p)
-    return np.asarray(
-        np.asarray(current) * p.k_tau * p.n_m - friction - p.B_m * np.asarray(omega_m) - p.J_m * np.asarray(alpha_m)
-    )
+    driven = np.asarray(current) * p.k_tau * p.n_m
+    return np.asarray(driven - friction - p.B_m * np.asarray(omega_m) - p.J_m * np.asarray(alpha_m))
 
 
 def belt_deflection(theta: ArrayLike, theta_m: ArrayLike, p: DrivetrainParameters) -> Array:
@@ -176,9 +175,7 @@ def joint_admittance(K_1: float, B_1: float, p: DrivetrainParameters, J_j: float
         P = J_j s^2 + B_j s + K_s      the joint that the belt holds
         D = N P - c                    c = (K_s/n_T)^2
 
-    The other modules use the same letters. The paper neglects J_j. `J_j=p.J_j` includes the joint's inertia; the
-    denominator then has one power more.
-    """
+    The other modules use the same letters. The paper neglects J_j. `J_j=p.J_j` includes it, one power more."""
     N = np.array([p.J_m, p.B_m + B_1, K_1 + p.K_s / p.n_T**2])
     P = np.array([J_j, p.B_j, p.K_s])
     D = np.convolve(N, P)

@@ -1,8 +1,7 @@
 """The identified leg as MJCF, MuJoCo's model format: Eqs. 1-4, what it cannot say of them, and the torque in MuJoCo.
 
 MuJoCo adds the current's torque, damping, inertia and Coulomb friction of the actuator, and the belt as a tendon. The
-gear's friction f_G |I_q| is no element of MJCF: who simulates sets `dof_frictionloss` before every step.
-"""
+gear's friction f_G |I_q| is no element of MJCF: who simulates sets `dof_frictionloss` before every step."""
 
 import math
 import re
@@ -37,8 +36,7 @@ CANNOT = (
 
 
 def mjcf_text(p: DrivetrainParameters, comment: str = "") -> str:
-    """The leg with parameters `p` as MJCF: joints theta_m and theta_j [rad], ctrl the current I_q [A]. `comment` are
-    lines for the reader."""
+    """The leg as MJCF: joints theta_m and theta_j [rad], ctrl the current I_q [A]. `comment`: lines for the reader."""
     said = re.sub(r"-(?=-)", "- ", comment)  # two hyphens would end a comment of XML
     body = (
         '    <body name="{0}">\n      <inertial pos="0 0 0" mass="1" diaginertia="{1:.9g} {1:.9g} {1:.9g}"/>\n'

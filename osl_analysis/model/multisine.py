@@ -2,8 +2,7 @@
 
 Only odd lines (odd multiples of 1/period) are excited. A torque that is an even function of the motion answers at even
 lines only, one that is odd, such as friction, at odd ones. In every group of neighbouring odd lines one, drawn at
-random, is left out: it detects odd distortion. Pintelon and Schoukens, System Identification, 2012, ch. 4.
-"""
+random, is left out: it detects odd distortion. Pintelon and Schoukens, System Identification, 2012, ch. 4."""
 
 from dataclasses import dataclass
 
@@ -48,8 +47,7 @@ def odd_multisine(
 ) -> Multisine:
     """An odd multisine with a flat spectrum of the angle, random phases and one odd line in `GROUP` left out, for a
     band of lowest and highest frequency [Hz] and a root mean square of the angle [rad]. Realisations of one seed have
-    the same lines and other phases. Raises InputError: Period or size is not positive, or too few odd lines lie within
-    the band."""
+    the same lines and other phases. Raises InputError: period or size is not positive, or odd lines too few."""
     lines, detection = odd_lines(period_s, band_hz, seed)
     if not 0 < rms < np.inf:
         raise InputError(f"a multisine of {rms:g} rad rms does not move the joint; give an angle above 0")

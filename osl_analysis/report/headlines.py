@@ -71,9 +71,7 @@ class Example:
 
 
 ENTRIES: dict[str, Any] = read_mapping(Path(__file__).with_suffix(".yaml"))
-LABELS = {
-    table: {quantity: Headline(**label) for quantity, label in labels.items()} for table, labels in ENTRIES.items()
-}
+LABELS = {table: {name: Headline(**one) for name, one in labels.items()} for table, labels in ENTRIES.items()}
 """The labels by table and quantity, in the order of the summary."""
 
 
@@ -243,9 +241,8 @@ def numbers_of(name: str, table: pl.DataFrame, example: Example) -> Iterator[Hea
         for row in table.iter_rows(named=True):
             for quantity, label in labels.items():
                 ends = row[f"{quantity}_low"], row[f"{quantity}_high"]
-                number = headline(
-                    label, row[quantity], int(row["cycles"]), *ends, "95 % of the mean of cycles (Student)"
-                )
+                of_cycles = int(row["cycles"]), *ends, "95 % of the mean of cycles (Student)"
+                number = headline(label, row[quantity], *of_cycles)
                 doubt = doubts_of_result(row[DOUBTFUL] or "", quantity)
                 yield replace(of_group(number, row["trial"]), doubt=doubt or None)
     elif name == "walking_summary":
@@ -279,8 +276,7 @@ def numbers_of(name: str, table: pl.DataFrame, example: Example) -> Iterator[Hea
 
 
 def placed_numbers(name: str, table: pl.DataFrame, example: Example) -> Iterator[Headline]:
-    """The numbers of one table. Those of the bench are of one joint and side each, told apart where there are several;
-    the draft's are of an ankle."""
+    """The numbers of one table: of the bench by joint and side where these differ; the draft's are of an ankle."""
     places = ("joint", "side")
     if name == "claims" or name.startswith("walking") or not set(places) <= set(table.columns):
         yield from numbers_of(name, table, example)
@@ -450,8 +446,7 @@ def numbers_said(number: Mapping[str, Any]) -> tuple[str, str, str]:
 
 
 def first_said(numbers: Sequence[Mapping[str, Any]], most: int = 3) -> list[str]:
-    """A sentence for each beginning that numbers of a summary have, with what each is of; of more than `most` the
-    lowest and the highest one."""
+    """A sentence for each beginning that numbers have, with what each is of; of more than `most` the two extremes."""
     found = dict[str, list[dict[str, Any]]]()
     for number in numbers:
         if number["begins"]:
@@ -470,8 +465,7 @@ def first_said(numbers: Sequence[Mapping[str, Any]], most: int = 3) -> list[str]
 
 
 def said_number(number: Mapping[str, Any]) -> dict[str, str]:
-    """`text` and `ends` of a number for a reader, and the trials `behind` it; no digits where the interval has 0 in
-    it."""
+    """`text` and `ends` of a number for a reader, and the trials `behind` it; no digits where 0 is in the interval."""
     value, ends, single = numbers_said(number)
     low, high, known = number["low"], number["high"], number["interval"] not in (None, RANGE, COUNT)
     value = "≈ 0" if known and low is not None and low <= 0 <= high else value
@@ -482,8 +476,7 @@ def said_number(number: Mapping[str, Any]) -> dict[str, str]:
 
 
 def trials_text(number: Mapping[str, Any]) -> str:
-    """Number of trials or fits behind a number, and how many doubtful ones are among them or were left out; or why the
-    number itself is doubtful."""
+    """Number of trials or fits behind a number, how many doubtful ones it has or leaves out, or why it is doubtful."""
     if number.get("doubt"):
         return f"{number['n']}, DOUBTFUL: {number['doubt']}"
     n, doubtful, left_out = (int(number.get(key) or 0) for key in ("n", "n_doubtful", "n_left_out"))

@@ -39,8 +39,7 @@ FIRST_FIGURES = ("fig5", "walking_page", "torque_angle", "response", "fig3")
 def written_page(
     content: Mapping[str, Any], trials: Mapping[str, tuple[Mapping[str, Any], Mapping[str, pl.DataFrame]]]
 ) -> str:
-    """The HTML of the report, of the names that the template `report.html.j2` uses, and of what it says of each trial
-    with the tables that it draws."""
+    """The HTML of the report, of the names in `report.html.j2`, and of what it says and draws of each trial."""
     around = template("report.html.j2")
     bokeh_js = "\n".join(Resources(mode="inline", log_level="warn", components=["bokeh", "bokeh-api"]).js_raw)
     report_js, style = ((TEMPLATES / f"report.{kind}").read_text(encoding="utf-8") for kind in ("js", "css"))
@@ -228,9 +227,8 @@ def assumed_said(states: pl.DataFrame) -> str:
     """What of `settings.csv` nobody stated and is computed with, and that no device is stated; empty if all is."""
     states = states.cast(dict.fromkeys(("setting", "state", "value"), pl.String))  # of numbers, or none, it is no text
     rows = states.filter(state="assumed")
-    without = "Without a parameter file nothing is held against a device's gains or belt." * any(
-        states["state"].eq("none") & states["setting"].eq("parameters")
-    )
+    has_none = any(states["state"].eq("none") & states["setting"].eq("parameters"))
+    without = "Without a parameter file nothing is held against a device's gains or belt." * has_none
     said = [
         WORDS["settings"]
         .get(name, name if value.startswith("{") else f"{name} {value}")
@@ -290,8 +288,7 @@ def overview(
     figures: Sequence[Mapping[str, Any]],
     about: Mapping[str, str],
 ) -> dict[str, Any]:
-    """What the first screen says, with the figure that matters most, the numbers of a `summary` (`summary.json`), and
-    its findings with what decided on each trial."""
+    """What the first screen says: the figure that matters most, the numbers of a `summary`, its findings by trial."""
     told = summary.get("findings", ())
     findings = sorted((one for trial in trials for one in trial.findings), key=lambda one: not one["in_part"])
     known = {trial.name for trial in trials}

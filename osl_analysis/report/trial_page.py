@@ -1,5 +1,4 @@
-"""What the page shows of each trial (conditions, verdict, estimates, doubts, provenance, panels of lines) and of a
-whole campaign."""
+"""What the page shows of each trial (conditions, verdict, estimates, doubts, provenance, panels) and of a campaign."""
 
 import math
 from collections import Counter, defaultdict
@@ -240,9 +239,8 @@ class ReportedTrial:
             table, recording = entry["table"], entry["table"] == QUALITY
             other = table != self.main_table and not recording
             parts = {"amplitude_deg": "deg", "frequency_hz": "Hz"}
-            place = ", ".join(
-                f"{entry[column]:g} {unit}" for column, unit in parts.items() if entry[column] is not None
-            )
+            known = (f"{entry[column]:g} {unit}" for column, unit in parts.items() if entry[column] is not None)
+            place = ", ".join(known)
             place = place or ("all amplitudes" if table == "impedance" else "whole trial")
             where = "its recording" if recording else f"{table.replace('_', ' ')}, {place}" if other else place
             words = Words(*(printed(entry[name] or "") for name in Words._fields))
@@ -363,8 +361,7 @@ def value_and_interval(row: Mapping[str, Any], column: str) -> tuple[str, str]:
 
 
 def estimate_rows(table: pl.DataFrame, of: str) -> dict[str, Any]:
-    """The estimates of one trial in its table `of` this name: `columns` with name, unit and meaning, and a row of texts
-    per fit."""
+    """The estimates of one trial in its table `of` this name: `columns` with unit and meaning, and texts per fit."""
     there = set(table.columns)
     names = [name for name in table.columns if {f"{name}_low", f"{name}_high"} <= there and table[name].count()]
     names += [name for name in ("VAF", "R2") if name in there]  # numbers of a fit without an interval
@@ -410,8 +407,7 @@ def facts(content: Mapping[str, Any], place: str = "") -> list[list[str]]:
 
 
 def trials_content(trials: Sequence[ReportedTrial]) -> dict[str, Any]:
-    """What the template shows of all trials; of their conditions those that differ: others would say the same in every
-    row."""
+    """What the template shows of all trials; of their conditions those that differ."""
     differing = {name for trial in trials for name in trial.row if trial.row[name] != trials[0].row.get(name)}
     found = Counter(trial.verdict for trial in trials)
     worst_first = sorted(trials, key=lambda trial: -VERDICTS.index(trial.verdict))
@@ -430,8 +426,7 @@ def trials_content(trials: Sequence[ReportedTrial]) -> dict[str, Any]:
 def methods_content(
     config: Mapping[str, Any], tables: Mapping[str, pl.DataFrame], trials: Sequence[ReportedTrial]
 ) -> dict[str, Any]:
-    """What `methods.html.j2` says of how results were made: settings, the values of some columns of the result tables,
-    and what was recorded."""
+    """What `methods.html.j2` says of how results were made: settings, values of tables, and what was recorded."""
     columns = """excitation commanded_deg frequency_hz band_low_hz band_high_hz controller group plate_inertia K_d B_d
         B_viscous direction onset_phase interval_method theta_rms_deg fitted_s n_up n_down"""
     said: defaultdict[str, defaultdict[str, list[Any]]] = defaultdict(lambda: defaultdict(list))

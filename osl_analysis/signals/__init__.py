@@ -50,9 +50,8 @@ class LowPass:
                 f"{len(signal)} samples cannot be filtered at {self.cutoff_hz:g} Hz; record over {edge / rate_hz:.3g} s"
             )
         sections, settled = sections_of(self, rate_hz)  # as `scipy.signal.sosfiltfilt`, which settles anew each time
-        found = np.concatenate(
-            [2 * signal[:1] - signal[edge:0:-1], signal, 2 * signal[-1:] - signal[-2 : -edge - 2 : -1]]
-        )
+        before, after = 2 * signal[:1] - signal[edge:0:-1], 2 * signal[-1:] - signal[-2 : -edge - 2 : -1]
+        found = np.concatenate([before, signal, after])
         for _ in range(2):
             found = scipy.signal.sosfilt(sections, found, axis=0, zi=np.multiply.outer(settled, found[0]))[0][::-1]
         return np.asarray(found[edge:-edge])

@@ -29,8 +29,7 @@ MOVED = ("theta", "theta_m", "torque", "torque_m", "current")
 
 @dataclass(frozen=True)
 class GapLimits:
-    """Which gaps do what. A gap is as long as its missing samples: 20 of them at 1 kHz are 20 ms, between samples that
-    lie 21 ms apart."""
+    """Which gaps do what. 20 missing samples at 1 kHz are a gap of 20 ms, between samples 21 ms apart."""
 
     highest_hz: float = 5.0  # [Hz] fastest motion that the fits use
     cutoff_hz: float = 15.0  # [Hz] of the filter that the signals pass afterwards
@@ -162,8 +161,7 @@ def gaps_of(part: Taken, first: float, last: float, limits: GapLimits) -> tuple[
 
 
 def stream_row(part: Taken, bridged: Array, marked: Array, time: Array, limits: GapLimits) -> dict[str, Any]:
-    """What was found and done in one stream, beside a grid of times (m,) [s]; g is that of the signal that knows it
-    best."""
+    """What was found and done in one stream, beside times (m,) [s] of a grid; g is of the signal that knows it best."""
     clock, rate = part.clock, 1 / part.clock.step
     ratio = rate / ((len(time) - 1) / float(time[-1] - time[0])) - 1
     best = min(part.evidence.values(), key=lambda said: said.se, default=None)
@@ -245,8 +243,7 @@ def uniform_signals(
 
 
 def devices_of(trial: Trial, columns: Sequence[str], computed: Sequence[str] = ()) -> list[list[str]]:
-    """The columns of each device: those with samples in the same rows, which share their stamps. A `computed` one is
-    named beside others only."""
+    """The columns of each device, which have samples in the same rows. A `computed` one is named beside others only."""
     found: dict[bytes, list[str]] = {}
     for column in columns:
         found.setdefault(trial.present(column).tobytes(), []).append(column)

@@ -5,8 +5,8 @@ The signal itself decides among three hypotheses. The device samples evenly and 
 true; the values were taken `age` loops before their stamp, as where a bus answers a loop later. The slow part of the
 stamps (`stream.slow_part`) is set apart. If the sampling times move with g_k of the fast part f of the stamp k rows
 earlier, a signal moves by the sum of g_k x' f_k: all g_k are 0, g_0 is 1, or two neighbours share 1 as the age lies
-between them. How one-sided the scatter is does not decide: a loop that waits for absolute targets is late, never early,
-and its stamps are true."""
+between them. How one-sided the scatter is does not decide: a loop with absolute targets is late, never early, and its
+stamps true."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -285,9 +285,8 @@ def evidence_of(values: Array, clock: DeviceClock) -> StampEvidence | None:
     inverse = np.linalg.inv(normal)
     response = inverse @ (columns @ seen.ravel())
     left = seen - np.tensordot(response, push, 1)
-    noise = (
-        np.mean(left**2) * size / (size - 6) * np.sum(polynomial_rows(window, degree, 1)[window // 2] ** 2) / step**2
-    )
+    weights = polynomial_rows(window, degree, 1)[window // 2]
+    noise = np.mean(left**2) * size / (size - 6) * np.sum(weights**2) / step**2
     if not noise <= 0.2 * np.mean(slopes**2):
         return None
     push *= left

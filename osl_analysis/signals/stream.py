@@ -299,8 +299,7 @@ def usual_step(stamps: Array) -> float:
 
 
 def line_through(count: SampleCount, stamps: Array) -> tuple[float, float]:
-    """Step [s] of the least-squares line through stamps (n,) over their count, and the sum of squares [s^2] that it
-    leaves."""
+    """Step [s] of the least-squares line through stamps (n,) over their count, and the squares [s^2] that it leaves."""
     x, y = count - count.mean(), stamps - stamps.mean()
     along, across = float(x @ x), float(x @ y)
     return across / along, float(y @ y) - across**2 / along

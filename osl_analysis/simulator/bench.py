@@ -69,9 +69,8 @@ def true_signals(
     follows = bandwidth.enabled  # either bench
     motion = joint_motion.position_loop(command, rate, bandwidth.size, bench.damping_ratio) if follows else command
     if experiment == "actuator":
-        exact = scipy.interpolate.CubicSpline(
-            np.arange(len(own)) / rate, np.column_stack([own, motion.omega, motion.alpha])
-        )
+        driven = np.column_stack([own, motion.omega, motion.alpha])
+        exact = scipy.interpolate.CubicSpline(np.arange(len(own)) / rate, driven)
 
         def torque_at(instants: Array) -> Array:
             """True torque [N*m] of the actuator on the bench, the paper's tau_m, at any instants [s]. Friction jumps
@@ -93,9 +92,7 @@ def true_signals(
     elif gains is None:
         assert settings.joint is not None  # else there are gains
         K, B, I = settings.joint.K, settings.joint.B, settings.joint.I
-        friction = settings.joint.coulomb.value * np.tanh(
-            motion.omega / 1e-3
-        )  # turns within 0.01 of a slow sine's speed
+        friction = settings.joint.coulomb.value * np.tanh(motion.omega / 1e-3)  # a hundredth of a slow sine's speed
         torque = K * motion.theta + B * motion.omega + I * motion.alpha + friction
     else:  # the controller renders its impedance about theta_eq = 0, from rest at theta_m = 0
         commands, effects = np.array([[gains.K_1], [gains.B_1], [0.0]]), drivetrain_effects(settings, gains)

@@ -2,8 +2,7 @@
 
 The foot's path and the ankle's angle are prescribed. The drivetrain's torque is simulated for this motion and the
 commands of the leg's controller. The moment of the ground reaction about the ankle follows from the equations of Newton
-and Euler for the foot. Axes: x forward, y left, z up, in metres.
-"""
+and Euler for the foot. Axes: x forward, y left, z up, in metres."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -76,8 +75,7 @@ class SimulatedCrossing:
     drivetrain: Mapping[str, Array]  # as `simulate_drivetrain` gives it
     drivetrain_torque: Array  # resisting torque [N*m] of the drivetrain, shape (n,)
     torque: Array
-    """Resisting torque [N*m] of the joint, shape (n,): from 8 % to 92 % of stance that of the drivetrain, and in swing
-    the torque that the swinging foot needs."""
+    """Resisting torque (n,) [N*m] of the joint: from 8 % to 92 % of stance the drivetrain's, in swing the foot's."""
     reaction: TrueWrench  # Ground reaction on the foot
 
 

@@ -5,8 +5,7 @@ Stoermer-Verlet scheme (half drift, kick, half drift): J_m domega_m/dt = k_tau n
 where tau_s is the belt's torque at theta_s = theta - theta_m/n_T. Friction enters the kick implicitly with the true
 sign of the velocity. The actuator therefore sticks exactly, for any step.
 
-In its place a trial may have a joint of Eq. 15, or a passive foot.
-"""
+In its place a trial may have a joint of Eq. 15, or a passive foot."""
 
 import math
 from collections import namedtuple
@@ -60,8 +59,7 @@ def simulate_drivetrain(
 
     theta [rad] and omega [rad/s], shape (n,), are sampled at `rate_hz` [Hz]. omega must be the exact derivative of
     theta, because the motion is interpolated by cubic Hermite polynomials. The rows of `commands`, (3, n) or (3, 1),
-    are K_1 [N*m/rad], B_1 [N*m*s/rad] and theta_eq [rad] at the actuator's output.
-    """
+    are K_1 [N*m/rad], B_1 [N*m*s/rad] and theta_eq [rad] at the actuator's output."""
     columns, gains = np.empty((4, len(theta))), np.ascontiguousarray(commands, dtype=float)
     theta, omega = np.ascontiguousarray(theta, dtype=float), np.ascontiguousarray(omega, dtype=float)
     integrate(theta, omega, gains, float(theta_m_start), float(rate_hz), constants(effects, p), columns)

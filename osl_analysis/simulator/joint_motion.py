@@ -199,9 +199,7 @@ def actuator_command(bench: ActuatorBench, rate_hz: float) -> tuple[JointMotion,
     u = np.clip(np.minimum(time, bench.duration_s - time) / bench.fade_s, 0.0, 1.0)
     side = np.where(time < bench.duration_s / 2, 1.0, -1.0) / bench.fade_s
     fading = JointMotion(
-        u**3 * (10 - 15 * u + 6 * u**2),
-        30 * u**2 * (1 - u) ** 2 * side,
-        60 * u * (1 - u) * (1 - 2 * u) * side**2,
+        u**3 * (10 - 15 * u + 6 * u**2), 30 * u**2 * (1 - u) ** 2 * side, 60 * u * (1 - u) * (1 - 2 * u) * side**2
     )
     w = 2 * np.pi * np.array([[tone.frequency_hz] for tone in bench.velocity])
     size = np.array([[tone.size] for tone in bench.velocity])

@@ -2,8 +2,7 @@
 with everything off the even instants of the simulation.
 
 The file is MCAP like those of laboratories: ROS 2 messages in CDR, zstd chunks with CRCs. All messages are known
-beforehand, so that it is made chunk by chunk. It equals the one that `mcap.writer.Writer` writes.
-"""
+beforehand, so that it is made chunk by chunk. It equals the one that `mcap.writer.Writer` writes."""
 
 import json
 import struct
@@ -98,8 +97,7 @@ class Bench:
         return {"time": time[rows], **{name: read[name] for name in signals}}
 
     def sampling(self, name: str, node: NodeSettings) -> tuple[Array, bool, Array]:
-        """When a node takes its samples [s], whether these are the instants of the simulation, and what its clock says
-        of them [s]."""
+        """When a node samples [s], whether at instants of the simulation, and what its clock says of them [s]."""
         simulated_hz = self.settings.dynamometer.rate_hz
         duration, rate = self.samples / simulated_hz, node.rate.value or simulated_hz
         instants, scatters = np.arange(round(duration * rate)) / rate, node.phase.enabled or node.jitter.enabled

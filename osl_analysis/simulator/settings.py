@@ -3,8 +3,7 @@ as `config/simulation/walking.yaml`: choices only; and its plan: the sample shee
 
 The device's physical parameters are in the file that `parameters` names. An imperfection is an `Effect`: a switch, a
 size and the unit of the size. All effects of recorders and sensors are off unless they are switched on. Those of the
-leg's controller are the campaign's in the gait laboratory too.
-"""
+leg's controller are the campaign's in the gait laboratory too."""
 
 import itertools
 import math
@@ -62,8 +61,7 @@ class SignedEffect(Effect):
 
 
 class Scatter(Effect):
-    """A random imperfection, drawn for each sample. The size is the standard deviation of a `normal` distribution, or
-    the mean of an `exponential` one."""
+    """A random imperfection of each sample: the standard deviation of a `normal`, the mean of an `exponential` one."""
 
     distribution: Literal["normal", "exponential"] = "normal"
 
@@ -112,8 +110,7 @@ class Subject(Settings):
 
 class Conditions(Settings):
     """Lists of which each crossing gets one entry. In n successive crossings each of n directions occurs once, in a
-    random order; subjects follow each other in equal blocks. The sheet says which, where there are several directions,
-    or subjects."""
+    random order; subjects follow each other in equal blocks. The sheet says which, where several are."""
 
     directions: Annotated[tuple[Literal["up", "down"], ...], Field(min_length=1)] = ("up",)  # up: toes up, dorsiflexion
     subjects: Annotated[tuple[Subject, ...], AfterValidator(distinct)] = ()

@@ -2,8 +2,7 @@
 with poses, wrenches and Newton-Euler for the bodies of a crossing, on a regular time grid, in laboratory axes.
 
 The nominal curves resemble published ones of level walking with a prosthetic ankle, and have three or more continuous
-derivatives. Cycle phase c: 0 at heel strike, 1 at the next one; stance phase p: 0 at heel strike, 1 at toe-off.
-"""
+derivatives. Cycle phase c: 0 at heel strike, 1 at the next one; stance phase p: 0 at heel strike, 1 at toe-off."""
 
 import re
 from dataclasses import dataclass, field, replace
@@ -50,9 +49,8 @@ class TrueWrench:
 
 
 def support(pose: Pose, rate_hz: float, mass: float, centre_of_mass: Point, gyration: Point) -> TrueWrench:
-    """The wrench that must act on a body, besides its weight, for its motion: force m (a - g) and moment dH/dt =
-    I alpha + omega x I omega about the centre of mass. This [m] and the principal radii of gyration [m] about it are in
-    the body's own axes."""
+    """The wrench that must act on a body, besides its weight, for its motion: force m (a - g) and moment dH/dt = I
+    alpha + omega x I omega about the centre of mass. This and the radii of gyration [m] are in the body's axes."""
     centre = pose.point(centre_of_mass)
     acceleration = time_derivative(time_derivative(centre, rate_hz), rate_hz)
     inertia = (pose.rotation * (mass * np.array(gyration) ** 2)) @ pose.rotation.transpose(0, 2, 1)
@@ -83,8 +81,7 @@ def rotation_about(axis: int, angle: Array) -> Array:
 
 
 def interpolated_at(values: Array, rate_hz: float, times: Array) -> Array:
-    """Values on a regular grid, shape (n, ...), at other times [s], by cubic Lagrange interpolation. Times beyond the
-    grid's ends are held inside it."""
+    """Values on a regular grid, (n, ...), at other times [s], held inside it, by cubic Lagrange interpolation."""
     place = np.clip(times * rate_hz, 1.0, len(values) - 3.0)
     first = np.floor(place).astype(int)
     f = (place - first).reshape(-1, *[1] * (values.ndim - 1))
@@ -247,8 +244,7 @@ class PlatformMotion:
 
 
 def displaced(angle: Array, shift: Array, walking: WalkingSettings) -> Pose:
-    """The platform turned by an angle [rad, toes up] about its mediolateral axis through the nominal ankle, which is
-    shifted [m]."""
+    """The platform turned [rad, toes up] about its mediolateral axis through the nominal ankle, and shifted [m]."""
     rotation, pivot = rotation_about(1, -angle), nominal_ankle(walking)
     return Pose(rotation, pivot - rotation @ pivot + shift)
 

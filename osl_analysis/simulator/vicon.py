@@ -1,8 +1,6 @@
 """The simulated Vicon recording: markers with noise and gaps, force plate, sync and trigger, as a C3D file of Nexus.
 
-The plate's axes are those of C3D force plates: x along laboratory +y, y along laboratory +x, z down, all turning with
-the platform.
-"""
+The plate's axes are those of C3D force plates: x along laboratory +y, y along +x, z down, turning with the platform."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -71,8 +69,7 @@ def write_capture(
     a leg there is no person.
 
     The plate's signs are as Vicon Nexus stores them: a standing person reads Fz < 0 along z down. Its sensors carry the
-    foot and the plate's own mass above them: force F + m (a - g), moment M + dH/dt + r x m (a - g). The zero was set at
-    rest."""
+    foot and the plate's own mass above them: force F + m (a - g), moment M + dH/dt + r x m (a - g). Zeroed at rest."""
     plate, rates, effects = trial.walking.plate, trial.walking.rates, trial.walking.effects
     on_platform = {label: np.add(plate.centre_m, place) for label, place in PLATFORM.items()}
     markers = {**leg, **on_body(platform.pose, on_platform)}

@@ -1,7 +1,6 @@
 """Motions that repeat themselves: the period, and the spectra of every whole period.
 
-The period need not be a whole number of samples: the clocks of generator and recorder differ by up to 1e-4.
-"""
+The period need not be a whole number of samples: the clocks of generator and recorder differ by up to 1e-4."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -32,8 +31,7 @@ def find_repetition(
 
     At the lags that the autocorrelation proposes the motion is compared with itself in short windows: where a record
     holds several motions of one period, with transients and rests, the comparison fails only where one of them ends. A
-    stepped sine also repeats itself: look for its protocol first.
-    """
+    stepped sine also repeats itself: look for its protocol first."""
     check_measured("the angle", theta)
     if not varies(theta):
         return None
@@ -174,8 +172,7 @@ def realisations_of(
     stretches: Stretches, period: float, signals: Sequence[Array], rate_hz: float, highest_hz: float
 ) -> list[Realisation]:
     """The realisations in the stretches that were found, each from its last whole period backwards: what is over is
-    left out at the beginning, where a transient is. The signals are the angle (n,) and the torque, or the angle
-    alone."""
+    left out at the beginning, where a transient is. The signals are the angle (n,), and the torque."""
     samples, last = period * rate_hz, len(signals[0])
     count = int(np.floor(min(highest_hz, rate_hz / 3) * period + 1e-9)) + 1
     made = []
@@ -224,8 +221,7 @@ def phase_drift(made: Sequence[Realisation]) -> float:
 
 
 def distinct(made: Sequence[Realisation]) -> list[Realisation]:
-    """The realisations of one period, with a motion that was recorded twice joined to one: it has the same distortion
-    again."""
+    """The realisations of one period; a motion that was recorded twice is one, as its distortion is the same."""
     merged: list[Realisation] = []
     for one in made:
         for place, other in enumerate(merged):

@@ -10,8 +10,7 @@ The same phases repeat it, so that periods show the noise alone.
 
     T(k + r) = (Z_k + z_1 r + z_2 r^2) Theta(k + r) + t_0 + t_1 r + t_2 r^2 + noise,   |r| <= `HALF_WIDTH`
 
-What the least-squares fit leaves is the noise.
-"""
+What the least-squares fit leaves is the noise."""
 
 from collections.abc import Mapping, Sequence
 
@@ -19,14 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
-from osl_analysis.spectral.periods import (
-    Realisation,
-    Spectrum,
-    distinct,
-    lines_of,
-    scatter,
-    smoothed_lines,
-)
+from osl_analysis.spectral.periods import Realisation, Spectrum, distinct, lines_of, scatter, smoothed_lines
 from osl_analysis.trial import Array, check_measured
 
 ResponseColumns = dict[str, Array]  # of `response.csv`, (m,) each; NaN where the motion does not show it
@@ -125,8 +117,7 @@ def end_columns(s: Spectrum) -> Spectrum:
 
 def local_fit(spectrum: RecordLines) -> tuple[Spectrum, Array, Array]:
     """The local polynomial method at every line of a record (lines,): Z [N*m/rad] and E|error|^2 of it, NaN where the
-    joint does not move, and E|noise|^2 of a line of the torque [(N*m)^2]. Near the first and last line the windows are
-    one-sided."""
+    joint does not move, and E|noise|^2 of a line of the torque [(N*m)^2]. Near the ends windows are one-sided."""
     _, angle, force = spectrum
     at = np.arange(len(angle))
     first = np.clip(at - HALF_WIDTH, 0, len(at) - (2 * HALF_WIDTH + 1))

@@ -1,8 +1,7 @@
 """The stepped sine: what was commanded, what the joint did, the cycles that are fitted, and what is another motion.
 
 A run is a stretch of one frequency and amplitude. A segment is the whole cycles of a run that follows a commanded
-amplitude. Likeness says which share of a motion is sines, and which those commanded.
-"""
+amplitude. Likeness says which share of a motion is sines, and which those commanded."""
 
 import math
 from collections.abc import Sequence

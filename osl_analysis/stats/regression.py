@@ -3,8 +3,7 @@ result table. The bench fits groups of rows by the same rules (bench/gram.py).
 
 A covariance of estimates comes from their scores: a score is the part of the estimates' error that one sample causes.
 It comes from the spread between cycles that an experiment repeats, whose edges may lie between two samples, or from the
-autocorrelation of the residuals, with what that falls short where few samples decide on an estimate.
-"""
+autocorrelation of the residuals, with what that falls short where few samples decide on an estimate."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -144,8 +143,7 @@ class LinearFit:
         return float(self.covariance[self.names.index(first), self.names.index(second)])
 
     def correlation(self, first: str, second: str) -> float:
-        """Correlation of two estimates, -1 to 1; near these limits only their combination is known. 0 for an exact
-        fit, whose errors are 0."""
+        """Correlation of two estimates, -1 to 1, where only their combination is known. 0 for an exact fit."""
         scale = self.se(first) * self.se(second)
         return self.cov(first, second) / scale if scale > 0 else 0.0
 
@@ -164,8 +162,7 @@ def linear_fit(
 
     Raises InputError: Lengths differ, a value cannot be measured (`check_measured`), or there are not more samples than
     columns. Raises IdentifiabilityError: The scaled condition number exceeds `CONDITION_LIMIT`; the message names the
-    two columns that look alike.
-    """
+    two columns that look alike."""
     for name, column in columns.items():
         if np.shape(column) != np.shape(y):
             raise InputError(f"column '{name}' has shape {np.shape(column)}, expected {np.shape(y)} like y")

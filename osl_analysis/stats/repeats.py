@@ -1,5 +1,4 @@
-"""Mean, scatter and interval over repeated trials, and the difference between two campaigns with a verdict by its
-interval."""
+"""Mean, scatter and interval over repeated trials, and the difference between two campaigns with its verdict."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -69,10 +68,7 @@ estimate, and the degrees of freedom of this variance."""
 
 
 def over_repeats(
-    values: ArrayLike,
-    common: Sequence[CommonError] = (),
-    kinds: ArrayLike | None = None,
-    halves: ArrayLike = (),
+    values: ArrayLike, common: Sequence[CommonError] = (), kinds: ArrayLike | None = None, halves: ArrayLike = ()
 ) -> Repeats:
     """Summary of one estimate per trial, shape (n,). Standard error and interval include the `common` errors. Trials of
     different `kinds` (n,) count as one mean per kind, so that what differs from kind to kind is no scatter; `sd` is the
@@ -103,8 +99,7 @@ def over_repeats(
 
 def summary_row(table: pl.DataFrame, name: str) -> dict[str, float | str | None]:
     """n, mean, sd, se, low, high of one column, with the error that all rows share (`NAME_se_bench`, where there is
-    one), their own intervals (`NAME_low`, `NAME_high`), and the source of the interval. One trial gives only n and
-    mean."""
+    one), their own intervals (`NAME_low`, `NAME_high`), and its source. One trial gives n and mean."""
     used = table.filter(pl.col(name).cast(pl.Float64).is_not_nan())
     numbers = used[name].cast(pl.Float64)
     if len(numbers) >= 2:
@@ -125,8 +120,7 @@ def doubtful_count(table: pl.DataFrame) -> tuple[int, int]:
 
 
 def counted(table: pl.DataFrame) -> pl.DataFrame:
-    """The rows, one per trial, that count in a mean: the sound ones if they are half or more, else all, as the doubt is
-    then about the campaign."""
+    """Rows, one per trial, that a mean counts: the sound ones if half or more, else all: the campaign is in doubt."""
     if DOUBTFUL not in table.columns:
         return table
     doubtful, n = doubtful_count(table)
@@ -188,8 +182,7 @@ def welch(a: Sequence[float] | Array, b: Sequence[float] | Array, method: str) -
 
 
 def with_bench(found: Difference, se: float) -> Difference:
-    """A difference with an error of the benches' calibration beside it, of standard error `se`, which no scatter of
-    trials shows."""
+    """A difference with the benches' error of calibration, of standard error `se`, which no scatter of trials shows."""
     estimate, low, high, method = found
     if estimate is None or low is None or high is None or not se:
         return found

@@ -274,9 +274,8 @@ def static_calibration(trial: Trial, settings: CalibrationSettings) -> StaticCal
         )
     inner, outer = standing((markers.ankle_medial, markers.ankle_lateral)).values()
     across = inner - outer if settings.side == "right" else outer - inner
-    return StaticCalibration(
-        foot | shank | clusters.get("platform", {}), (inner + outer) / 2, across / np.linalg.norm(across)
-    )
+    placed = foot | shank | clusters.get("platform", {})
+    return StaticCalibration(placed, (inner + outer) / 2, across / np.linalg.norm(across))
 
 
 def ankle_angle(foot: Poses, shank: Poses, axis: Array) -> Array:

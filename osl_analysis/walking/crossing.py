@@ -514,8 +514,7 @@ def check_vertical(force: Array) -> None:
 
 
 def check_side(phase: Array, shank_from_ankle: Array, axis: Array) -> None:
-    """Refuse an ankle's axis (n, 3) that does not point to the left, so that the shank, `shank_from_ankle` (n, 3) [m],
-    leans backwards in stance."""
+    """Refuse an ankle's axis (n, 3) that points to the right: the shank (n, 3) [m] leans backwards in stance."""
     first, last = (int(np.argmin(np.abs(phase - edge))) for edge in (0.1, 0.9))
     ahead = np.sum(shank_from_ankle * np.cross(axis, [0.0, 0.0, 1.0]), axis=1)
     if ahead[last] <= ahead[first]:

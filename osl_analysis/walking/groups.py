@@ -138,9 +138,8 @@ def crossing_features(crossings: Sequence[Crossing], timing: SelectionSettings, 
         pairs = zip(crossings, signals, strict=True)
         return np.array([signal_at(c, signal, stance_times(c, phases)) for c, signal in pairs])
 
-    forward, left = (
-        np.array([c.quality.get(f"foot_{way}_m") or 0.0 for c in crossings]) for way in ("forward", "left")
-    )
+    ways = ("foot_forward_m", "foot_left_m")
+    forward, left = (np.array([c.quality.get(way) or 0.0 for c in crossings]) for way in ways)
     # What no perturbation can change; and what it changes, compared among those of each direction
     early = [
         ("foot forward", "m", forward, rule.placement_m),
@@ -196,9 +195,8 @@ def places(crossings: Sequence[Crossing], sheet: Sheet, settings: SelectionSetti
     the used and perturbed `crossings` the group, the direction of the turn, and the onset as a share of mean stance."""
     gaits, served = gaits_of(sheet, settings)
     nowhere = dict.fromkeys(("group", "direction", "onset_phase"))
-    found: dict[str, dict[str, object]] = {
-        name: {"gait": SEPARATOR.join(own) or None, **nowhere} for name, own in served.items()
-    }
+    own_gaits = {name: SEPARATOR.join(own) or None for name, own in served.items()}
+    found: dict[str, dict[str, object]] = {name: {"gait": gait, **nowhere} for name, gait in own_gaits.items()}
     phases = {gait: onset_phases([c for c in crossings if gait in served[c.name]]) for gait in gaits}
     parts = {gait: timings(np.array([*own.values()]), settings.timing_scatter) for gait, own in phases.items()}
     several = any(part.max(initial=0) > 0 for part in parts.values())
@@ -229,8 +227,7 @@ def gaits_of(sheet: Sheet, settings: SelectionSettings) -> tuple[dict[str, Cells
 
 
 def onset_phases(crossings: Sequence[Crossing]) -> dict[str, float]:
-    """Onsets of the perturbed crossings of one gait, by name, as shares of the mean stance of the others, or without
-    any of their own."""
+    """Onsets of one gait's perturbed crossings, by name, as shares of the others' mean stance, or of their own."""
     flat = [c.stance.duration for c in crossings if c.onset is None]
     usual = float(np.mean(flat)) if flat else None
     onsets = ((c, c.onset) for c in crossings if c.onset is not None)

@@ -227,9 +227,7 @@ WEIGHT = np.array([0.1] * 3 + [1.0] * 3)  # Of forces [m] and moments: a force's
 class PlateModel:
     """The plate's inertial parameters, and its lag behind the markers."""
 
-    parameters: (
-        Kept  # (10,): m, mc (x, y, z), I (xx, yy, zz, xy, xz, yz) [kg, kg*m, kg*m^2]; least ones where not told apart
-    )
+    parameters: Kept  # (10,): m, mc (x, y, z), I (xx, yy, zz, xy, xz, yz) [kg, kg*m, kg*m^2]; the least that fit
     directions: Kept  # (10, r) of the parameters that the motion shows
     rms_before: Kept  # RMS wrench (6,) [N, N*m] of the unloaded plate as read, minus its mean
     rms_after: Kept  # the same without the plate's own wrench
@@ -258,11 +256,9 @@ class PlateModel:
 
     @property
     def unexplained(self) -> float | None:
-        """What of the unloaded plate's wrench the model leaves beyond noise, as a share of its size; None of a plate
-        too light to show a lag."""
-        before, after, noise = (
-            float(np.linalg.norm(rms * WEIGHT)) for rms in (self.rms_before, self.rms_after, self.rms_at_rest)
-        )
+        """Share of the unloaded plate's wrench that the model leaves, beyond noise; None: too light to show a lag."""
+        every = self.rms_before, self.rms_after, self.rms_at_rest
+        before, after, noise = (float(np.linalg.norm(rms * WEIGHT)) for rms in every)
         return float(np.sqrt(max(after**2 - noise**2, 0.0))) / before if before > LIGHT else None
 
 
@@ -335,10 +331,8 @@ def identify_plate_inertia(
     for motion, read in recordings:  # 30 frames from any motion, which the low-pass spreads
         rows = scipy.ndimage.binary_erosion(np.linalg.norm(motion.alpha, axis=1) == 0, iterations=30)
         at_rest += [without_mean(read[rows])] if rows.any() else []
-    left = wrench - columns @ parameters
-    return PlateModel(
-        parameters, basis, column_rms(wrench), column_rms(left), rms_at_rest=column_rms(np.concatenate(at_rest))
-    )
+    each = column_rms(wrench), column_rms(wrench - columns @ parameters), column_rms(np.concatenate(at_rest))
+    return PlateModel(parameters, basis, *each)
 
 
 def stacked_columns(columns: Array) -> Array:

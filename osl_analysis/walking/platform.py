@@ -370,9 +370,8 @@ def start_of_rise(time: Array, coordinates: Array, noise: float) -> tuple[float,
         return np.asarray((scipy.special.betainc(p, p, x) + step[2] - turned[:end] / height) / (noise / height))
 
     steps: dict[str, Any] = {"x_scale": [0.01, 0.05, 0.01], "diff_step": [1e-4, 1e-4, 1e-4]}
-    found: dict[int, Any] = {
-        p: scipy.optimize.least_squares(difference, guess, args=(p,), **steps) for p in (3, 1, 2, 4)
-    }
+    least: Any = scipy.optimize.least_squares
+    found: dict[int, Any] = {p: least(difference, guess, args=(p,), **steps) for p in (3, 1, 2, 4)}
     best = min(found, key=lambda p: found[p].cost)
     fit = found[best if 2 * (found[3].cost - found[best].cost) > 30 else 3]
     alike = [one.x[0] for one in found.values() if 2 * (one.cost - found[best].cost) < 9]  # of noise 1 in 400 is beyond
@@ -446,9 +445,8 @@ def jackknife_rows(plate: Sequence[Array], platform: Sequence[Array]) -> Array:
     if not len(platform) or not sources:
         return np.array(plate)
     total = sum(len(rows) for rows in sources)
-    return np.concatenate(
-        [(rows - rows.mean(axis=0)) * np.sqrt((1 - 1 / len(rows)) * total / (total - 1)) for rows in sources]
-    )
+    sizes = [np.sqrt((1 - 1 / len(rows)) * total / (total - 1)) for rows in sources]
+    return np.concatenate([(rows - rows.mean(axis=0)) * size for rows, size in zip(sources, sizes, strict=True)])
 
 
 def trigger_edge(trial: Trial) -> tuple[float, float] | None:

@@ -95,11 +95,6 @@ def signal_at(crossing: Crossing, signal: Array, time: Array) -> Array:
     return np.asarray(spline(np.clip(time, crossing.time[0], crossing.time[-1])))
 
 
-def at_phases(curves: Array, phase: Array) -> Array:
-    """Curves (..., `PHASES`) at other phases (k,): (..., k), by a cubic spline."""
-    return np.asarray(scipy.interpolate.make_interp_spline(PHASES, curves, k=3, axis=-1)(phase))
-
-
 SMALLEST, LARGEST = 0.75, 1.33  # Bounds of a scale
 
 
@@ -248,16 +243,16 @@ def isolate_response(
     thetas = signal_at(crossing, crossing.theta, own_time) - aligned.curves(gait.theta, phase)
     torques = signal_at(crossing, crossing.torque, own_time) - aligned.curves(gait.torque, phase)
     errors, of_lab = (
-        signal_at(crossing, own, own_time) - at_phases(usual.mean(axis=1), phase)
+        signal_at(crossing, own, own_time)
+        - scipy.interpolate.make_interp_spline(PHASES, usual.mean(axis=1), k=3, axis=-1)(phase)
         for own, usual in ((crossing.plate_errors, gait.plate_errors), (crossing.lab_errors, gait.lab_errors))
     )
     before = time <= -BEFORE_ONSET_S
     x, curves = time[before] - time[before].mean(), np.array([thetas, torques])[..., before]
     behaviour = np.concatenate([curves.mean(axis=-1), curves @ x / max(float(x @ x), np.finfo(float).tiny)])
     baseline = slice(MARGIN, MARGIN + round(timing.baseline_s * sampling_rate(time)))
-    thetas, torques, errors, of_lab = (
-        c - c[..., baseline].mean(axis=-1, keepdims=True) for c in (thetas, torques, errors, of_lab)
-    )
+    every = thetas, torques, errors, of_lab
+    thetas, torques, errors, of_lab = (c - c[..., baseline].mean(axis=-1, keepdims=True) for c in every)
     return PerturbationResponse(
         name=crossing.name,
         time=time,
@@ -435,8 +430,7 @@ def reactions(time: Array, window: slice, theta: Array, torque: Array) -> dict[s
     noise = np.cov((torque - np.tensordot(plain, sound, 1))[:, 1:])
 
     def fitted(columns: Sequence[Array]) -> tuple[Array, float]:
-        """Estimates (1 + samples, columns) of the fit, and the mean's misfit, a sum of squares that the covariance
-        weighs."""
+        """Estimates (1 + samples, columns) of the fit, and the mean's misfit, squares that the covariance weighs."""
         own, least = noise[rows, rows], 1e-12 * float(np.mean(torque[rows, 0] ** 2)) + 1e-24  # [(N*m)^2]
         root = np.linalg.cholesky(own + (0.03 * np.trace(own) / len(own) + least) * np.eye(len(own)))
         X = np.linalg.solve(root, np.stack(columns)[:, rows]).transpose(2, 1, 0)
@@ -538,9 +532,8 @@ class Ensemble:
         perturbed = np.empty((samples, len(signs)))
         for each in np.unique(signs)[::-1]:
             perturbed[:, signs == each] = resampling_weights(random, samples, int(np.sum(signs == each)))
-        of_gait, of_plate = (
-            resampling_weights(random, samples, each.shape[1]) for each in (self.theta, self.influence)
-        )
+        sizes = self.theta.shape[1], self.influence.shape[1]
+        of_gait, of_plate = (resampling_weights(random, samples, size) for size in sizes)
         weights = perturbed * (signs == sign) if sign else perturbed * signs / len(np.unique(signs))
         angles, torques = np.empty((2, len(self.time), samples))
         for i, (w, unperturbed, unloaded) in enumerate(zip(weights, of_gait, of_plate, strict=True)):

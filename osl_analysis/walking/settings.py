@@ -160,9 +160,7 @@ class SelectionSettings(TimingSettings):
     """Which crossings are excluded, and to which group, with a result of its own, each belongs."""
 
     outliers: OutlierRule | None  # Rule by which crossings are compared and excluded; null: they are not compared
-    load_of_weight: Annotated[
-        tuple[Load, Load], AfterValidator(rising)
-    ]  # Bounds of the mean load in single support, as a share of the weight
+    load_of_weight: Annotated[tuple[Load, Load], AfterValidator(rising)]  # in single support, as a share of the weight
     largest_outside_m: Annotated[float, Field(ge=0, le=1)]  # of a foot marker [m] from the plate while the foot is flat
     group_by: tuple[PoolKey | Literal["direction"], ...] = ()
     """Conditions by which results are always split, as by any other in which crossings differ and that `pool` does not

@@ -1,5 +1,4 @@
-"""The walking tables, as rows and frames: single perturbations, groups, their headline, what limits may stand on, and
-what the figures show.
+"""The walking tables, as rows and frames: single perturbations, groups, their headline, limits' columns, figures.
 
 The residual of a fit is compared with what ordinary gait leaves: each unperturbed crossing's deviation from their mean,
 fitted with the same columns. One that is a small share of the torque does not count, however regular the gait."""
@@ -97,8 +96,7 @@ PARTING = {
 
 def parted_by(used: pl.DataFrame, lost: pl.DataFrame, sheet: Sheet) -> str:
     """What parts the crossings that are left out from the used ones: a column of the sheet, or the first of `PARTING`
-    in which nine tenths of each lie on their side of the middle of both medians; and what the used and the others
-    have."""
+    in which nine tenths of each lie on their side of the middle of both medians; and what both have."""
     for key in STATED:
         of_used, of_lost = ({sheet[trial].get(key) for trial in some["trial"]} for some in (used, lost))
         if of_used and of_lost and not of_used & of_lost:
@@ -285,9 +283,8 @@ def reflex_facts(headline: GroupHeadline, certain: bool) -> Numbers:
         ends = min(one - half * se for one, se in each), max(one + half * se for one, se in each)
         share = 100 * float(np.var(gain * past[round(delay)]) / np.var(headline.ensemble.torque[rows]))
         facts |= {"reflex_delay_ms": delay, "reflex_gain": gain, "reflex_share": share}
-        facts |= dict(zip(names, (K, *ends), strict=True)) | {
-            "reflex_K_widths": in_widths(ends[1] - ends[0], high - low)
-        }
+        facts |= dict(zip(names, (K, *ends), strict=True))
+        facts |= {"reflex_K_widths": in_widths(ends[1] - ends[0], high - low)}
         return facts
     leak = np.linalg.pinv(headline.ensemble.motion[rows].columns)[0]  # of a torque into K
     most = {ms: size + half * se for ms in past for size, se in [found[f"{isolation.REFLEX} {ms}"]]}
@@ -312,9 +309,8 @@ def with_slopes(facts: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     rows = []
     for fact in facts:
         slope, share = None, None
-        alike = [
-            one for one in facts if one.get("K") is not None and series_of(one["group"]) == series_of(fact["group"])
-        ]
+        of = series_of(fact["group"])
+        alike = [one for one in facts if one.get("K") is not None and series_of(one["group"]) == of]
         alike = sorted(alike, key=lambda one: one["fitted_phase"])
         if fact in alike and len(alike) > 1:
             at = alike.index(fact)
@@ -380,9 +376,8 @@ def witness_facts(turned: Sequence[Crossing], facts: Mapping[str, Any], sensitiv
     changes = {row["error"]: row for row in sensitivity.rows(named=True)}
     if late := changes.get(LOG_ERRORS["torque_lag"][0]):
         return known | {"late_K_per_ms": late["K"], "late_B_per_ms": late["B"]}
-    high, moments, of_plate = (
-        changes.get(LABORATORY_ERRORS[name][0]) for name in ("corners_height", "moments", "plate_inertia")
-    )
+    kinds = ("corners_height", "moments", "plate_inertia")
+    high, moments, of_plate = (changes.get(LABORATORY_ERRORS[kind][0]) for kind in kinds)
     known["plate_K_per_m"] = 100 * high["K"] if high else 0.0
     known["height_share"] = None if height is None else known["plate_K_per_m"] * height / K
     if of_plate and (left := known["plate_unexplained"]) is not None:

@@ -66,8 +66,9 @@ class TdmsFile:
             raise InputError(f"no channel '{address[:80]}'; the file has {listing(names)}{advice}")
         return found[0]
 
-    def values(self, wanted: Sequence[TdmsChannel]) -> dict[str, NDArray[Any]]:
-        """The numbers of some channels, scaled as the file says, by address; time stamps as seconds since the first."""
+    def values(self, wanted: Sequence[TdmsChannel], most: int | None = None) -> dict[str, NDArray[Any]]:
+        """The numbers of some channels, at `most` so many, scaled as the file says, by address; time stamps as seconds
+        since the first."""
         for one in wanted:
             if not one.count:
                 raise InputError(f"channel '{one.address}' is empty; take another one, or record again")
@@ -75,7 +76,7 @@ class TdmsFile:
                 what = {"O": "text", "V": "nothing", "c": "complex numbers"}.get(one.kind.kind, one.kind.name)
                 raise InputError(f"channel '{one.address}' holds {what} and no numbers; take another one")
         with library() as (tdms, _), tdms.open(BytesIO(self.data), raw_timestamps=True) as file:
-            found: dict[str, Any] = {one.address: file[one.group][one.name].read_data() for one in wanted}
+            found: dict[str, Any] = {one.address: file[one.group][one.name].read_data(length=most) for one in wanted}
             for one in (one for one in wanted if one.holds_times):
                 stamps = found[one.address].as_datetime64("ns")
                 found[one.address] = (stamps - stamps[0]) / np.timedelta64(1, "ns") * 1e-9

@@ -696,8 +696,9 @@ def tdms_log(path: Path, source: TdmsSource) -> Table:
     units = {name: "s" if channel.holds_times else channel.unit for name, channel in channels.items()}
     others = {one.address: one for one in file.channels if one.count and (one.holds_times or one.holds_numbers)}
     others = {address: one for address, one in others.items() if address not in by_address}
-    clocks = [(at, others[at].unit, one) for at, one in file.values([*others.values()]).items()]
-    clocks = [one for one in clocks if others[one[0]].holds_times or may_be_clock(others[one[0]].name, *one[1:])]
+    tried = file.values([*others.values()], MOST_TRIED)
+    likely = [one for at, one in others.items() if one.holds_times or may_be_clock(one.name, one.unit, tried[at])]
+    clocks = [(at, others[at].unit, values) for at, values in file.values(likely).items()]
     rates = [(f"wf_increment of '{each.address}'", 1 / each.step) for each in by_address.values() if each.step]
     return Table(
         placed[one.address].size,

@@ -362,7 +362,7 @@ def ticks(values: NDArray[Any], unit: str) -> bool:
     steps = np.diff(values[np.isfinite(values)])
     usual = float(np.median(steps)) if steps.size >= 20 and (steps >= 0).all() else 0.0
     even = usual > 0 and float(np.mean(np.abs(steps / usual - 1) < 0.2)) > 0.8
-    return even and bool(normalised(unit) in ("s", "ms", "us", "ns") if unit else time_unit(values))
+    return even and bool(normalised(unit) in TIME_UNITS if unit else time_unit(values))
 
 
 def rate_of(time: Array) -> float | None:

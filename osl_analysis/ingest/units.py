@@ -102,10 +102,10 @@ def torque_spelled(found: re.Match[str]) -> str:
 
 # what a name may end with; no `m`, since `theta_m` is the motor's
 SPELLED = [*ALIASES, *(one for units in EXAMPLES.values() for one in units)]
-ENDINGS = {one: one for one in SPELLED if one.isalpha() and one != "m"}
-ENDINGS |= {"°": "°", "sec": "s", "secs": "s", "second": "s", "seconds": "s", "msec": "ms", "usec": "us"}
-ENDINGS |= {"millis": "ms", "micros": "us"} | {one: one for one in ("degree", "degrees", "radian", "radians")}
-ANY_CASE_ENDINGS = {one.casefold(): unit for one, unit in ENDINGS.items() if len(one) > 1}
+AT_END = {one: one for one in SPELLED if one.isalpha() and one != "m"}
+AT_END |= {"°": "°", "sec": "s", "secs": "s", "second": "s", "seconds": "s", "msec": "ms", "usec": "us"}
+AT_END |= {"millis": "ms", "micros": "us"} | {one: one for one in ("degree", "degrees", "radian", "radians")}
+AT_END_IN_ANY_CASE = {one.casefold(): unit for one, unit in AT_END.items() if len(one) > 1}
 
 
 def name_and_ending(name: str) -> tuple[str, str]:
@@ -121,13 +121,13 @@ def name_and_ending(name: str) -> tuple[str, str]:
 
 def ending_spelled(text: str) -> str:
     """A text as a unit; empty if it is none that a name may end with. In it `_s` and `_per_s` are `/s`."""
-    if text in ENDINGS:
-        return ENDINGS[text]
+    if text in AT_END:
+        return AT_END[text]
     parts, known = re.split(r"[\s_./-]+(?:per[\s_]+)?", TORQUE.sub(torque_spelled, text)), list[str]()
     for part in parts:
         of_one_case = part.islower() or part.isupper() or part.istitle()
-        in_any_case = ANY_CASE_ENDINGS.get(part.casefold(), "") if of_one_case else ""
-        known.append(part if "*" in part else ENDINGS.get(part, in_any_case))
+        in_any_case = AT_END_IN_ANY_CASE.get(part.casefold(), "") if of_one_case else ""
+        known.append(part if "*" in part else AT_END.get(part, in_any_case))
     return "/".join(known) if all(known) and known[1:] in ([], ["s"], ["rad"], ["deg"]) else ""
 
 

@@ -394,7 +394,7 @@ CAUSES = [
         "acceleration that jumps",
         on_torque(lambda m, y, x: y),
         0.0,
-        ("acceleration that jumps",),
+        PATH,
         sized=False,
         motions=("jumps",),
     ),

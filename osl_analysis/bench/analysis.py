@@ -28,7 +28,7 @@ from osl_analysis.stats.regression import (
     whiteness_row,
     with_shared_error,
 )
-from osl_analysis.trial import Array, check_measured, known_factor, rms, usual_size
+from osl_analysis.trial import Array, check_measured, known_factor, rms
 
 
 def check_changes(column: str, values: Array) -> None:
@@ -574,59 +574,15 @@ class FitTables(dict[str, pl.DataFrame]):
         return found[name]
 
 
-def alias_share(record: Record, fit: GroupFit) -> float:
-    """The larger share of B or I that jumps of the acceleration between samples may make; 0 below a standard error.
-
-    The torque jumps with the acceleration. Without an anti-aliasing filter its area is known to half a sample: a binary
-    sequence that is clocked with the sampling is read late by half a sample in all of its jumps. A jump is a third
-    difference of eight robust standard deviations, which neither noise reaches nor the rounding of an encoder (four
-    steps at most), and as far above those of 15 samples to each side, where a hand, or a sweep, is as fast."""
-    theta, torque, beside = record.theta, record.torque, 3  # samples on each side from which the size of a jump is read
-    third = np.abs(np.diff(theta, 3))
-    noise = 1.4826 * usual_size(np.concatenate([third[piece] for piece in record.pieces]))
-    high = np.flatnonzero(third > max(8.0 * noise, 4.5 * (record.steps[0] or 0.0), np.finfo(float).tiny))
-    near = np.clip(high[:, None] + np.arange(-15, 16), 0, len(third) - 1)
-    high = high[third[high] > 8.0 * 1.4826 * np.median(third[near], axis=1)] if high.size else high
-    rows = high[np.diff(high, prepend=-10) > beside] + 1  # the middle of the four samples of the difference
-    rows = rows[(rows > beside + 1) & (rows < len(theta) - beside - 3)]
-    if not rows.size:
-        return 0.0
-
-    def alpha(start: int) -> float:  # its mean over some rows, of which the first one belongs to row start + 1
-        return float(np.diff(theta[start : start + beside + 2], 2).mean()) * record.rate_hz**2
-
-    sizes = np.array([alpha(i + 1) - alpha(i - 1 - beside) for i in rows])
-    steps = np.array([torque[i + 1 : i + 3].mean() - torque[i - 2 : i].mean() for i in rows])
-    inertia = abs(float(steps @ sizes) / float(sizes @ sizes)) if sizes.any() else 0.0
-    error = np.zeros(len(torque))
-    np.add.at(error, rows, 0.5 * inertia * sizes * smoothed_jumps(record, fit, rows, np.sign(sizes)))
-    late = record.part(record.low_pass(error, record.rate_hz))
-    _, *change = np.abs(np.linalg.lstsq(motion_in(record), late, rcond=None)[0])
-    return max(abs(by / fit[x]) if by > fit.se(x) else 0.0 for x, by in zip("BI", change, strict=True))
-
-
-def smoothed_jumps(record: Record, fit: GroupFit, rows: NDArray[np.intp], signs: Array) -> float:
-    """What a low-pass leaves of the half sample by which jumps (k,), of these `signs`, are misread; 1 without one.
-
-    A stated one leaves what it passes at the sampling rate. Else the torque of the inertia shows it: without one all of
-    a jump lies between two samples, behind one of first order the next samples rise by a share q each of the last. Its
-    own delay, which the angle shares or a lag tells, does not count."""
-    if record.uniform is not None and (
-        stated := (taken := record.uniform.of("torque")).stream.low_passes.get("torque")
-    ):
-        return stated.gain(1 / taken.step)
-    at = np.clip(rows[:, None] + np.arange(-4, 5), 1, len(record.theta) - 2)
-    omega = (record.theta[at + 1] - record.theta[at - 1]) * record.rate_hz / 2
-    rises = np.diff(record.torque[at] - fit["K"] * record.theta[at] - fit["B"] * omega) * signs[:, None]
-    top, each = np.argmax(rises[:, 1:-1], axis=1) + 1, np.arange(len(rows))
-    before, most, after = (float(rises[each, top + k].sum()) for k in (-1, 0, 1))
-    q = float(np.clip(max(before, after) / max(most, np.finfo(float).tiny), 0.0, 1.0))
-    return 1 + 2 * q / (1 - q) + 2 / float(np.log(q)) if 1e-9 < q < 1 - 1e-3 else 1.0 - q
-
-
 def share_of_inertia(fit: GroupFit) -> float:
     """I [kg*m^2] of which a share is taken."""
     return float(np.hypot(fit["I"], LITTLE["I"]))
+
+
+def angle_noise_share(record: Record, s: Sums, fit: GroupFit, label: Label = None) -> float:
+    """The share of I by which noise of the angle changes it; 0 within a standard error, which holds it."""
+    bias = abs(angle_noise_bias(record, s, fit, label))
+    return bias / share_of_inertia(fit) if bias > fit.se("I") else 0.0
 
 
 def angle_noise_bias(record: Record, s: Sums, fit: GroupFit, label: Label = None) -> float:

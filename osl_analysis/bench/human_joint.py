@@ -17,11 +17,9 @@ from osl_analysis.bench import effects, gram
 from osl_analysis.bench.analysis import (
     QUANTITIES,
     Analysis,
-    alias_share,
-    angle_noise_bias,
+    angle_noise_share,
     check_resists,
     fitted_motion,
-    share_of_inertia,
     torque_at_peaks,
     turn_deg,
     without_row,
@@ -424,7 +422,6 @@ def human_joint_table(fit: PersonFit) -> pl.DataFrame:
     row = analysis.row(None, *QUANTITIES)
     for name in ("amplitude_deg", "commanded_deg", *(f"{name}_repeat_se" for name in QUANTITIES)):
         del row[name]  # of sines and repeats
-    noise = angle_noise_bias(person.record, analysis.sums, whole)
     row |= (
         lag_of_person_row(fit)
         | reflex_row(fit)
@@ -436,8 +433,7 @@ def human_joint_table(fit: PersonFit) -> pl.DataFrame:
             "cutoff_hz": float(person.raw.low_pass.cutoff_hz),
             "theta_rms_deg": turn_deg(analysis.sums),
             "fitted_s": person.raw.seconds,
-            "angle_noise_share": abs(noise) / share_of_inertia(whole),
-            "alias_share": alias_share(person.record, whole),
+            "angle_noise_share": angle_noise_share(person.record, analysis.sums, whole),
             "torque_at_peaks": torque_at_peaks(analysis, person.raw),
         }
     )

@@ -14,8 +14,7 @@ from osl_analysis.bench.analysis import (
     LITTLE,
     QUANTITIES,
     Analysis,
-    alias_share,
-    angle_noise_bias,
+    angle_noise_share,
     check_resists,
     fitted_motion,
     friction_rows,
@@ -102,8 +101,6 @@ def impedance_table(analysis: Analysis, s: Sums, p: DrivetrainParameters | None 
     facts |= repeats | {"lag_by": "theta_m" if lag else None, **unstated_reflex_row(record)}
     facts |= witness_row(record, is_leg=is_leg, answers=facts["reflex_p"] != 1)
     facts |= believed_reflex(analysis.whole, facts, is_leg)
-    if not record.is_stepped_sine:
-        facts["alias_share"] = alias_share(record, analysis.whole)
     rubs = is_leg or friction[None]["f_C"] is not None  # what sticks stands still at the peaks of a slow sine
     if not (record.is_stepped_sine and rubs):
         facts["torque_at_peaks"] = torque_at_peaks(analysis, record)
@@ -117,7 +114,7 @@ def impedance_table(analysis: Analysis, s: Sums, p: DrivetrainParameters | None 
                 "I_bound": fit.interval("I")[1] if not is_leg else None,
                 "theta_rms_deg": turn_deg(s, label),
                 "fitted_s": len(record.rows(label)) / record.rate_hz,
-                "angle_noise_share": abs(angle_noise_bias(record, s, fit, label)) / share_of_inertia(fit),
+                "angle_noise_share": angle_noise_share(record, s, fit, label),
                 **without_lag(analysis, lag, label),
                 **facts,
             }
@@ -153,7 +150,7 @@ def motion_row(record: Record) -> Row:
         "band_low_hz": low,
         "band_high_hz": high,
         "cutoff_hz": float(record.low_pass.cutoff_hz),
-        **dict.fromkeys(("torque_at_peaks", "alias_share", "period_s", "periods", "realisations")),
+        **dict.fromkeys(("torque_at_peaks", "period_s", "periods", "realisations")),
     }
     if periodic is not None:
         row |= {"period_s": periodic.period, "realisations": float(len(distinct(periodic.realisations)))}

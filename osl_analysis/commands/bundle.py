@@ -19,8 +19,9 @@ from osl_analysis.campaign.campaign import Campaign, days_of_recordings, open_ca
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands.simulate import TRUTH
 from osl_analysis.commands.tables import read_summary
-from osl_analysis.dictionary import described_tables
+from osl_analysis.dictionary import described_tables, described_tables_by_name
 from osl_analysis.errors import InputError, optional_module
+from osl_analysis.figures import FIGURES
 from osl_analysis.files import CAMPAIGN, atomic_path, digest, root, shipped, write_text
 from osl_analysis.refusal import is_refused
 from osl_analysis.table import MEASURED, read_table
@@ -35,9 +36,9 @@ README = """# {title}
 
 {about}
 
-Run again what `results` has, with Python {python}:
+Run again what `results` has, with Python {python} and the wheel of osl-analysis {version}, which its release has:
 
-    python -m pip install -r requirements.txt
+    python -m pip install osl_analysis-{version}-py3-none-any.whl -r requirements.txt
     osl-analysis run
 
 {recordings}`datapackage.json` says what each column of each table is, `ro-crate-metadata.json` what was made of what.
@@ -61,10 +62,20 @@ def write_bundle(folder: Path, output: Path, licence: str, raw: bool) -> int:
         # what is published; fits, trials and notes of jobs are made again
         for name in ("tables", "figures", "report.html", "methods.md", "methods.tex", "summary.json", "numbers.tex"):
             copy(config.results / name, crate / "results" / name)
+        current = {*described_tables_by_name(), *FIGURES, "captions"}
+        for file in (crate / "results").glob("*/*"):
+            if file.stem not in current:  # an older release left it
+                file.unlink()
         made = [file for file in (crate / "results").rglob("*") if file.is_file()]
         title = f"Campaign {config.campaign}, analysed with osl-analysis {summary['version']}"
         about = ", ".join(str(summary[name]) for name in ("data", "recorded", "configuration"))
-        said = {"title": title, "about": about, "python": platform.python_version(), "recordings": WITHOUT * (not raw)}
+        said = {
+            "title": title,
+            "about": about,
+            "python": platform.python_version(),
+            "version": summary["version"],
+            "recordings": WITHOUT * (not raw),
+        }
         write_text(crate / "README.md", README.format(**said))
         package = {"name": config.campaign.lower(), "title": title, "resources": [*resources(crate)]}
         write_text(crate / "datapackage.json", json.dumps(package, indent=1, ensure_ascii=False) + "\n")

@@ -581,7 +581,7 @@ def test_a_reflex_that_leaves_the_estimates_within_their_intervals_is_none(monke
     found = row_of(trial)
     beside = {f"{name}_with_reflex": found[name] for name in TRUE} | {"reflex_p": 1e-9}
     beside["B_with_reflex"] += half_widths * (found["B_high"] - found["B"])
-    monkeypatch.setattr("osl_analysis.bench.impedance.unstated_reflex_row", lambda _: beside)
+    monkeypatch.setattr("osl_analysis.bench.impedance.unstated_reflex_row", lambda *_, **__: beside)
     assert (row_of(trial)["reflex_p"], row_of(trial)["B_with_reflex"] is None) == (p, p == 1)
 
 

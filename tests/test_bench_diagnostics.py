@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import polars as pl
 import pytest
-from any_motion import multisine
+from any_motion import multisine, noise
 from bench_synthetic import FIVE, second_order, stepped_sine, table_of
 from conftest import ROOT, findings_of, marked
 from scipy.interpolate import CubicSpline
@@ -119,10 +119,10 @@ def test_a_change_of_a_small_damping_is_a_share_of_two_newton_metres_per_rad_per
     assert whole["K_change"] == pytest.approx(0, abs=1e-4)
 
 
-def leg(torque_late=0.0, theta_m_late=0.0, theta_late=0.0, B_j=P.B_j):
+def leg(torque_late=0.0, theta_m_late=0.0, theta_late=0.0, B_j=P.B_j, move=multisine):
     """A drivetrain's trial from Eqs. 3-4 and a belt with hysteresis; the actuator moves as no second-order joint."""
     rng = np.random.default_rng(8)
-    time, (theta, omega, alpha) = multisine(rng, rate=500.0)
+    time, (theta, omega, alpha) = move(rng, rate=500.0)
     wound = 0.45 * theta + 6e-3 * omega + 4e-3 * np.tanh(omega / 0.05)
     slips = np.zeros_like(wound)
     for k, step in enumerate(np.diff(wound), 1):
@@ -134,6 +134,12 @@ def leg(torque_late=0.0, theta_m_late=0.0, theta_late=0.0, B_j=P.B_j):
     for name in ("theta", "theta_m"):
         columns[name] = np.round(columns[name] * 2**14 / (2 * np.pi)) * (2 * np.pi / 2**14)
     return Trial("leg", pl.DataFrame({"time": time, **columns}))
+
+
+def test_a_leg_whose_belt_shows_is_asked_for_no_stretch_reflex():
+    record = with_actuator(record_of_trial(trial := leg(move=noise), SETTINGS), trial)
+    asked = [impedance_table(*rendered_impedance(record), p)["reflex_p"][0] is not None for p in (P, None)]
+    assert asked == [False, True]
 
 
 def test_another_b_j_than_that_of_the_file_makes_no_lag_certain():

@@ -220,9 +220,9 @@ def reflex_columns(columns: Array) -> dict[str, Array]:
     return {f"reflex_{k}": column for k, column in enumerate(columns.T)}
 
 
-def unstated_reflex_row(record: Record) -> Row:
-    """Whether the torque of a device has a reflex, and K, B and I with one in the model."""
-    p = reflex_test(record, HumanJoint(), USUAL_DELAY_S)
+def unstated_reflex_row(record: Record, is_device: bool) -> Row:
+    """Whether the torque of a joint has a reflex, and K, B and I with one in the model; null where it is a device."""
+    p = None if is_device else reflex_test(record, HumanJoint(), USUAL_DELAY_S)
     fit = with_reflex(record, HumanJoint()).fit_with() if p is not None and p < 1e-2 else None
     return {"reflex_p": p, **without_row(fit, "with_reflex")}
 

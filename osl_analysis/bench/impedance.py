@@ -98,7 +98,7 @@ def impedance_table(analysis: Analysis, s: Sums, p: DrivetrainParameters | None 
         "theta_m_lag_se_s": late.se if late else None,
         "certain_theta_m_lag_s": late.size * late.found if late else None,
     }
-    facts |= repeats | {"lag_by": "theta_m" if lag else None, **unstated_reflex_row(record)}
+    facts |= repeats | {"lag_by": "theta_m" if lag else None, **unstated_reflex_row(record, is_device=belt is not None)}
     facts |= witness_row(record, is_leg=is_leg, answers=facts["reflex_p"] != 1)
     facts |= believed_reflex(analysis.whole, facts, is_leg)
     rubs = is_leg or friction[None]["f_C"] is not None  # what sticks stands still at the peaks of a slow sine

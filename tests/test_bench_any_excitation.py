@@ -574,6 +574,14 @@ def test_what_else_changes_with_time_is_no_drift_of_clocks():
     assert row["certain_clock_drift_ppm"] is None
 
 
+def test_samples_that_one_channel_lost_are_heard_and_no_explanation_that_leaves_most_of_the_torque_is_named():
+    trial = made_trial(np.random.default_rng(6), noise(np.random.default_rng(6), rate=500.0))
+    torque = trial.samples["torque"].to_numpy()
+    shifted = np.concatenate([torque[:10000], torque[10060:], torque[-60:]])
+    row = row_of(Trial("made", trial.samples.with_columns(torque=pl.Series(shifted))))
+    assert (row["time_shift"] > 1, row["rivals"], row["K_without"], row["B_without_low"]) == (True, None, None, None)
+
+
 @pytest.mark.parametrize(("half_widths", "p"), [(0.9, 1.0), (1.1, 1e-9)])
 def test_a_reflex_that_leaves_the_estimates_within_their_intervals_is_none(monkeypatch, half_widths, p):
     time, (theta, *_) = motion = noise(np.random.default_rng(6), rate=500.0)

@@ -48,6 +48,7 @@ OWN_FRICTION = 0.9  # share of friction's size that is left beside columns of a 
 SLOW = 0.02  # share of the velocity's SD at which friction has turned its sign
 WINDS = 4.0  # SD of the angle's noise over which friction winds up before it slides
 SERIES = 5  # terms of the series of a torque that is late by a time that changes
+MOST_LEFT = 0.5  # share of the torque's variance that an explanation may leave, to be named with its estimates
 HIDDEN = 0.1  # share of the inertia that a delay that is not heard may make
 LEAST_INERTIA = 1e-3  # kg*m^2, added in quadrature to what it is a share of
 HARM = {"K": (0.003, 2.0), "B": (0.01, 2.0), "I": (0.02, 5e-3)}
@@ -568,10 +569,10 @@ def witness_row(record: Record, names: Sequence[str] = tuple(HARM), is_leg: bool
     every, half = (np.array([getattr(rival, name) for rival in alike]) for name in ("estimates", "half"))
     half = np.minimum(half, np.maximum(np.abs(every), half[0]))  # a path of no effect has any
     low, high = (every - half).min(axis=0), (every + half).max(axis=0)
-    row |= {
-        f"{alike[0].family}_shift": float(harm_of(every - none.estimates, none.estimates).max()),
-        "rivals": ", ".join(dict.fromkeys(one.name for one in alike)),
-    }
+    row |= {f"{alike[0].family}_shift": float(harm_of(every - none.estimates, none.estimates).max())}
+    if square(alike[0].left) > MOST_LEFT * square(court.view.y):
+        return row
+    row |= {"rivals": ", ".join(dict.fromkeys(one.name for one in alike))}
     apart = harm_of(np.ptp(every, axis=0), every[0])
     for k, name in enumerate(names):
         row |= {f"{name}_without": float(every[0, k]) if apart[k] <= 1 else None}

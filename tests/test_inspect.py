@@ -407,10 +407,13 @@ def test_a_failed_check_is_told_with_its_whole_remedy_and_one_that_the_sheet_acc
 
 
 def test_a_recording_is_held_against_its_siblings_of_which_a_wrong_gain_is_told(tmp_path):
-    def said(name, K, kind=("impedance", "ankle", "", "pd", "300")):
+    def said(name, K, kind=("impedance", "ankle", "", "pd", "300"), sign=1):
         row = {"experiment": "impedance", "K_d": 300.0, "B_d": 5.0} if kind[3] else {"experiment": "impedance"}
         samples = pl.DataFrame({"time": [0.0, 1.0, 2.0], "theta": [0.0, 0.1, 0.2]})
-        numbers = watching.comparable(Trial(name, samples), row, {"K": K, "K_se": 1.0, "B": 5.0, "B_se": 0.1})
+        provenance = {"columns": {"torque": {"sign": sign}}}
+        numbers = watching.comparable(
+            Trial(name, samples, provenance), row, {"K": K, "K_se": 1.0, "B": 5.0, "B_se": 0.1}
+        )
         return list(watching.beside_siblings(name, kind, numbers, tmp_path / "measured.json"))
 
     assert [said(name, K) for name, K in zip("abc", (299.0, 301.0, 303.0), strict=True)] == [
@@ -419,6 +422,8 @@ def test_a_recording_is_held_against_its_siblings_of_which_a_wrong_gain_is_told(
     assert said("d", 300.0) == ["like its 3 siblings"]
     (differs,) = said("e", 340.0)
     assert differs.startswith("DIFFERS from its 4 siblings: K is 340, theirs 300 ± 3: look")
+    (turned,) = said("e", 300.0, sign=-1)
+    assert "sign of torque is -1, theirs 1 " in turned
     assert said("e", 301.0) == ["like its 4 siblings"], "a recording made again is no sibling of itself"
     none = ["0 siblings to compare with, 3 are needed"]
     assert said("k", 190.0, ("impedance", "ankle", "", "pd", "200")) == none, "another K_d has siblings of its own"

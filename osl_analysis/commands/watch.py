@@ -234,8 +234,8 @@ def examined(path: Path, folder: Path, bench: WatchedBench) -> Iterator[str]:
 
 def comparable(trial: Trial, row: Mapping[str, Any], estimates: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
     """Numbers that are alike in recordings of one kind, each with the smallest standard deviation that it is granted:
-    1 % of an estimate or its standard error, 5 % of duration, rate and range. Of impedance trials without K_d nothing
-    is compared: any two of these may have been asked for another."""
+    1 % of an estimate or its standard error, 5 % of duration, rate and range; and the signs of channels. Of impedance
+    trials without K_d nothing is compared: any two of these may have been asked for another."""
     found = dict[str, tuple[float, float]]()
     if row.get("experiment") == "impedance" and row.get("K_d") is None:
         return found
@@ -247,7 +247,9 @@ def comparable(trial: Trial, row: Mapping[str, Any], estimates: Mapping[str, Any
     if "theta" in trial.samples.columns:
         low, high = np.nanquantile(trial.samples["theta"].to_numpy(), (0.01, 0.99))
         extents["range of the angle in deg"] = np.rad2deg(high - low)
-    return found | {name: (float(value), 0.05 * float(value)) for name, value in extents.items()}
+    found |= {name: (float(value), 0.05 * float(value)) for name, value in extents.items()}
+    mapped = trial.provenance.get("columns", {})  # a guessed sign makes any torque resist
+    return found | {f"sign of {name}": (float(one["sign"]), 0.1) for name, one in mapped.items()}
 
 
 def beside_siblings(

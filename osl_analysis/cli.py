@@ -99,7 +99,7 @@ class KeepsItsInput(click.Command):
             if any(realpath(path) == realpath(other) for others, other in files.items() if others != name):
                 raise click.UsageError(f"{path} would be overwritten while it is used; name another file")
             suffix = WRITTEN_SUFFIXES.get(str(ctx.info_name), path.suffix)
-            if path.suffix != suffix:  # it may be a source file, a log or a configuration
+            if name != "plot" and path.suffix != suffix:  # it may be a source file, a log or a configuration
                 raise click.UsageError(f"{path}: `{ctx.info_name}` writes {suffix} files; choose this suffix")
             check_output(path)
         with limited_memory([files[name] for name in ("log", "mocap", "file", "trial") if name in files]):

@@ -331,6 +331,8 @@ def test_a_pilot_states_friction_and_what_no_longer_record_cures(tmp_path):
     assert found["I"]["se"] == pytest.approx(2e-3, rel=1e-3)
     assert found["B"]["se"] == pytest.approx(max(friction["B"]["se"], 0.1), rel=1e-3)
     assert plans[0]["friction_damping"] == plans[1]["friction_damping"]
+    of_all = as_json("--from", tmp_path, "--cycles", "200")  # medians of both trials
+    assert of_all["estimates"]["K"]["se"] == pytest.approx((1.2 + 9.0) / 2, rel=1e-3)
     assert "no friction of trial 'c'" in call("--from", tmp_path, "--trial", "c").stderr
     assert "state the same friction" in call("--from", tmp_path, "--friction", "1").stderr
 

@@ -267,7 +267,7 @@ def pilot_distortion(results: Path, trial: str | None) -> Distortion:
     """Coulomb friction of the joint in an impedance trial of a pilot, and the variances of its K, B and I; medians of
     all trials where none is named. Raises InputError: the results have none."""
     table = with_evidence(results / "tables/impedance.csv", ("trial", "amplitude_deg", *KBI))
-    rows = table.filter(pl.col("amplitude_deg").is_null(), pl.lit(trial is None) | (pl.col("trial") == trial))
+    rows = table.filter(pl.col("amplitude_deg").is_null(), **({} if trial is None else {"trial": trial}))
     names = ("f_C", *(f"{name}_se" for name in KBI))
     known = [rows[name].drop_nulls().to_list() if name in rows.columns else [] for name in names]
     if not all(known):

@@ -50,7 +50,7 @@ def percent(value: str) -> float:
 
 
 FILE, FOLDER = click.Path(path_type=Path), click.Path(path_type=Path, file_okay=False)
-WRITTEN_SUFFIXES = {"ingest": ".parquet", "samples": ".md", "describe-tables": ".md", "design": ".csv"}
+WRITTEN_SUFFIXES = {"ingest": ".parquet", "samples": ".md", "describe-tables": ".md", "gains": ".csv", "design": ".csv"}
 """Suffix of what a command writes, where it writes one kind of file."""
 POSITIVE, NOT_NEGATIVE = click.FloatRange(0, min_open=True), click.FloatRange(0)
 file_option = partial(option, type=FILE)
@@ -475,7 +475,7 @@ OPTIONS = {
 @option("--weight-order", type=int, default=3, help="Order of W in Eq. 14.")
 @file_option("--parameters", default=shipped("config/parameters/default.yaml"), help="Parameter file of the device.")
 @AS_JSON
-@file_option("--output", help="Write the table to this file (.csv or .json).")
+@file_option("--output", help="Write the table to this CSV file.")
 @file_option("--plot", help="Draw response, gains or trajectory to this file (.pdf, .svg or .png).")
 def select_gains(
     trajectory: Path | None, parameters: Path, as_json: bool, output: Path | None, plot: Path | None, **asked: Any
@@ -487,6 +487,7 @@ def select_gains(
     from osl_analysis.commands import gains as command
     from osl_analysis.commands.bench import rows_json
     from osl_analysis.model.compensator import Weight
+    from osl_analysis.table import write_table
     from osl_analysis.yaml_settings import validated
 
     stated = {"stiffness", "damping"} & options_given()
@@ -499,7 +500,7 @@ def select_gains(
     pairs = asked["stiffness"] or [], asked["damping"] or []
     table = command.requested_gains(*pairs, trajectory, weight, parameters)
     if output is not None:
-        command.write_gains(table, output)
+        write_table(table, output)
     if plot is not None:
         command.plot_gains(table, parameters, plot)
     say(rows_json(table) if as_json else command.gains_text(table))

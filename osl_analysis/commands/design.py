@@ -278,7 +278,6 @@ def pilot_distortion(results: Path, trial: str | None) -> Distortion:
 
 
 def design_text(made: Design) -> str:
-    """All of it in lines."""
     plan, sensors, low_pass = made.plan, made.sensors, made.low_pass
     angle, velocity, acceleration = plan.peak
     band = f"up to {sensors.noise_band_hz:g} Hz" if sensors.noise_band_hz else "white"

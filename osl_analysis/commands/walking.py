@@ -51,7 +51,6 @@ def write_model(model: Any, path: Path) -> None:
 
 
 def read_model(path: Path, kind: type[Kind]) -> Kind:
-    """Read what `write_model` wrote."""
     check_not_refused(path)
     step = f"run the step '{WRITTEN_BY[kind]}'"
     if not path.is_file():

@@ -279,7 +279,6 @@ class ReportedTrial:
 
 
 def trial_content(trial: ReportedTrial) -> dict[str, Any]:
-    """All text of a trial for the page."""
     tables = {name: table for name, table in trial.tables.items() if len(table)}
     name = next(iter(tables), "")
     last = tables[name].row(-1, named=True) if tables else {}  # the fit to all of it

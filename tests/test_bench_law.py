@@ -12,7 +12,7 @@ from osl_analysis.bench.prediction import OTHER_LAW, law_table, law_that_ran
 from osl_analysis.bench.record import record_of_trial, with_actuator
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.campaign.configuration import read_section
-from osl_analysis.model.compensator import Gains
+from osl_analysis.model.compensator import Gains, motor_current
 from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.trial import Trial
 
@@ -37,8 +37,7 @@ def logged(gains, late=0.0, reads=1.0, feedforward=P):
         filtered[k] = filtered[k - 1] + (omega[k] - filtered[k - 1]) * (1 - np.exp(-1 / (RATE * 2e-3)))
     seen = np.maximum(np.arange(time.size) // 2 * 2 - round(late * RATE), 0)
     u, sign = (-gains.K_1 * theta_m - gains.B_1 * filtered)[seen], np.tanh(filtered / WIDTH)[seen]
-    s, p = sign * gains.cancels_friction, feedforward
-    current = (r := u + s * p.f_C) / (p.k_tau * p.n_m - np.sign(r) * s * p.f_G)  # Eq. 5
+    current = motor_current(u, sign * gains.cancels_friction, feedforward)
     rubs = np.sign(omega) * (P.f_C + P.f_G * np.abs(current)) + P.B_m * omega + P.J_m * np.gradient(omega, time)
     torque = P.B_j * np.gradient(theta, time) - P.n_T * (P.k_tau * P.n_m * current - rubs)
     torque, current = (x + rng.normal(0, 0.02, time.size) for x in (torque, reads * current))

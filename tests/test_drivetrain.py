@@ -37,6 +37,13 @@ def test_actuator_torque_is_the_sum_of_equation_1_and_friction_opposes_motion(pa
     assert drivetrain.motor_friction(0.0, 5.0, p) == 0
 
 
+@given(u=st.floats(-20, 20), s=st.floats(-1, 1))
+def test_closed_form_of_equation_5_solves_the_implicit_equation(parameters, u, s):
+    p = parameters
+    current = float(compensator.motor_current(u, s, p))
+    assert current * p.k_tau * p.n_m == pytest.approx(u + float(drivetrain.motor_friction(s, current, p)), abs=1e-12)
+
+
 @pytest.mark.parametrize("J_j", [0.0, 5e-3])
 @pytest.mark.parametrize(("K_1", "B_1"), [(25.0, 0.66), (5.5, -0.003), (45.0, 1.8)])
 def test_admittance_solves_the_equations_of_motion(parameters, K_1, B_1, J_j):

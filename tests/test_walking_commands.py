@@ -198,7 +198,8 @@ def test_a_plan_assumes_the_turn_that_the_pilot_made_or_what_is_stated(real: Ses
     larger = assumed(names, "--turn", "6")
     assert larger[0][1:] == own[1:]  # what is not stated stays the pilot's
     assert larger[1] == pytest.approx(half / 2, rel=0.15)
-    assert assumed([], "--plot", str(plan := tmp_path / "plan.png")) and plan.read_bytes()[1:4] == b"PNG"
+    assumed([], "--plot", str(tmp_path / "plan.png"))
+    assert (tmp_path / "plan.png").read_bytes()[1:4] == b"PNG"
 
 
 def test_without_imperfections_angle_and_torque_are_the_true_ones_through_one_filter(ideal: Session) -> None:

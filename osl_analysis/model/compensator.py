@@ -55,6 +55,14 @@ class Gains:
     cancels_friction: bool  # Whether the controller adds the friction term of Eq. 5
 
 
+def motor_current(u: ArrayLike, direction: ArrayLike, p: DrivetrainParameters) -> Array:
+    """Current I_q [A] that makes the actuator's torque u [N*m]: Eq. 5, which has I_q on both sides, solved for I_q.
+    `direction` s is the smoothed sign of the *measured* actuator velocity, between -1 and 1."""
+    s = np.asarray(direction)
+    r = np.asarray(u) + s * p.f_C
+    return np.asarray(r / (p.k_tau * p.n_m - np.where(r >= 0, s, -s) * p.f_G))
+
+
 def check_request(K_d: ArrayLike, B_d: ArrayLike, p: DrivetrainParameters) -> None:
     """Refuse a desired stiffness [N*m/rad] or damping [N*m*s/rad], any shape, that no gains can render
     (UnreachableImpedanceError): the belt is in series, so K_d is between 0 and K_s."""
@@ -330,7 +338,7 @@ def actuator_path(
     theta: Array, path: Array, transition: Array, push: Array, law: tuple[float, ...], plant: tuple[float, ...]
 ) -> None:
     """Fill `path`, (2, n), with angle [rad] and velocity [rad/s] of the actuator, from those of the first sample, for
-    theta (n,). The current I_q is Eq. 5, which has it on both sides, solved for it."""
+    theta (n,). Eq. 5 is written out for numbers; `motor_current` has it for arrays."""
     (a, b, c, d), (e, f, g, h) = transition
     drift, kick = push
     K_1, B_1, cancels, sign_width, constant, f_C, f_G, angle_age, velocity_age = law

@@ -263,11 +263,8 @@ def fit(trial: Path, model: str, config_path: Path, as_json: bool, plot: Path | 
         if fitted.series.is_empty():
             raise click.UsageError(f"a fit of {model} has no modelled torque to draw; leave out --plot")
         draw_table("torque", fitted.series, [plot])
-    say(
-        command.rows_json(fitted.table, fitted.findings)
-        if as_json
-        else command.estimates_text(fitted.table, fitted.findings)
-    )
+    told = command.rows_json if as_json else command.estimates_text
+    say(told(fitted.table, fitted.findings))
 
 
 @main.command(epilog="Example: osl-analysis samples ../shared/real_data --output docs/real_samples.md")

@@ -191,19 +191,9 @@ def doubt(table: str, row: AnyRow, cause: Cause, evidence: Sequence[Beyond], rem
         for end in ("", "_low", "_high")
         if (value := cell_number(row, f"{column}{end}")) is not None
     }
-    amplitude, frequency = (cell_number(row, name) for name in ("amplitude_deg", "frequency_hz"))
-    return Finding(
-        table,
-        subject_of(row),
-        cause.name,
-        Grade.DOUBTS,
-        tuple(evidence),
-        amplitude,
-        frequency,
-        remedy,
-        sizes=sizes,
-        without=without,
-    )
+    what = table, subject_of(row), cause.name, Grade.DOUBTS, tuple(evidence)
+    where = cell_number(row, "amplitude_deg"), cell_number(row, "frequency_hz")
+    return Finding(*what, *where, remedy, sizes=sizes, without=without)
 
 
 def marked(table: pl.DataFrame, findings: RowFindings, name: str) -> pl.DataFrame:

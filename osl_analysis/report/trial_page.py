@@ -219,12 +219,8 @@ class ReportedTrial:
     @property
     def unchecked(self) -> list[Entry]:
         """What could not be checked on the fit to all of it, and what is to be known."""
-        grades = (Grade.UNCHECKED, Grade.NOTES)
-        return [
-            one
-            for one in self.findings
-            if one["grade"] in grades and one["table"] == self.main_table and not one["in_part"]
-        ]
+        whole = (one for one in self.findings if one["table"] == self.main_table and not one["in_part"])
+        return [one for one in whole if one["grade"] in (Grade.UNCHECKED, Grade.NOTES)]
 
     @cached_property
     def doubts(self) -> list[dict[str, Any]]:

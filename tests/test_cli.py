@@ -22,7 +22,6 @@ from conftest import ROOT
 
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.cli import main
-from osl_analysis.commands import gains as gains_command
 from osl_analysis.commands import simulate as simulate_command
 from osl_analysis.commands.figure import draw_table
 from osl_analysis.errors import InputError, MemoryLimitError
@@ -317,7 +316,7 @@ def test_ctrl_c_ends_a_command_quietly_and_leaves_nothing_half(tmp_path, monkeyp
             os.kill(os.getpid(), number)
             time.sleep(10)
 
-    monkeypatch.setattr(gains_command, "write_table", interrupted)
+    monkeypatch.setattr("osl_analysis.table.write_table", interrupted)
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a process in the background ignores it
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     assert one_line(call(*GAINS, "--output", tmp_path / "gains.csv"), code=130) == "interrupted"

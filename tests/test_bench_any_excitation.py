@@ -35,9 +35,8 @@ from osl_analysis.ingest.examine import (
     samples_at_rail,
     saturated,
 )
-from osl_analysis.judge.finding import Limits
 from osl_analysis.judge.judging import LATENESS, unchecked_in
-from osl_analysis.judge.limits import DoubtfulFits
+from osl_analysis.judge.limits import DoubtfulFits, Limits
 from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.model.drivetrain import joint_admittance, read_parameters
 from osl_analysis.spectral.periods import periodic_motion

@@ -17,9 +17,8 @@ from osl_analysis.bench.record import record_of_trial, with_actuator
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.ingest.examine import saturated
-from osl_analysis.judge.finding import Limits
 from osl_analysis.judge.judging import LATENESS
-from osl_analysis.judge.limits import DoubtfulFits
+from osl_analysis.judge.limits import DoubtfulFits, Limits
 from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.spectral.stepped_sine import SteppedSineProtocol
 from osl_analysis.trial import Trial

@@ -21,9 +21,8 @@ from osl_analysis.commands import figure as plotted_numbers
 from osl_analysis.commands.bench import estimates_text, summarise
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.figures.impedance import draw_fig4
-from osl_analysis.judge.finding import Limits
 from osl_analysis.judge.judging import LATENESS, unchecked_in
-from osl_analysis.judge.limits import DoubtfulFits
+from osl_analysis.judge.limits import DoubtfulFits, Limits
 from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.spectral.stepped_sine import unit_sines
 from osl_analysis.table import read_table, write_table

@@ -193,12 +193,11 @@ def test_a_plan_assumes_the_turn_that_the_pilot_made_or_what_is_stated(real: Ses
     read = [jobs.read_crossing(tmp_path / f"crossings/{name}.parquet") for name in names]
     phase = np.median([(c.onset - c.stance.heel_strike) / c.stance.duration for c in read])
     assert own == pytest.approx([3.0, 120 * (high - low) / 0.506, 100 * phase], rel=0.06)
-    assert assumed([])[0] == [5, 80, 40]  # unperturbed crossings alone
+    assert assumed([], "--plot", str(tmp_path / "plan.png"))[0] == [5, 80, 40]  # unperturbed crossings alone
     assert assumed(names, "--turn", "6", "--ramp", "50", "--phase", "45")[0] == [6, 50, 45]
     larger = assumed(names, "--turn", "6")
     assert larger[0][1:] == own[1:]  # what is not stated stays the pilot's
     assert larger[1] == pytest.approx(half / 2, rel=0.15)
-    assumed([], "--plot", str(tmp_path / "plan.png"))
     assert (tmp_path / "plan.png").read_bytes()[1:4] == b"PNG"
 
 

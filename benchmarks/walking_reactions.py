@@ -13,9 +13,8 @@ import polars as pl
 from gait_of_phase import ONSET, STANCE, crossing, ramp, smooth
 
 from osl_analysis.campaign.configuration import read_config
-from osl_analysis.judge.finding import Grade
+from osl_analysis.judge.finding import Grade, Limits
 from osl_analysis.judge.judging import judged
-from osl_analysis.judge.limits import Limits
 from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.response import group_headline, unperturbed_gait
 from osl_analysis.walking.tables import group_facts

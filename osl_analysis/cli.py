@@ -50,7 +50,7 @@ def percent(value: str) -> float:
 
 
 FILE, FOLDER = click.Path(path_type=Path), click.Path(path_type=Path, file_okay=False)
-WRITTEN_SUFFIXES = {"ingest": ".parquet", "samples": ".md", "describe-tables": ".md", "design": ".csv"}
+WRITTEN_SUFFIXES = {"ingest": ".parquet", "samples": ".md", "describe-tables": ".md", "gains": ".csv", "design": ".csv"}
 """Suffix of what a command writes, where it writes one kind of file."""
 POSITIVE, NOT_NEGATIVE = click.FloatRange(0, min_open=True), click.FloatRange(0)
 file_option = partial(option, type=FILE)
@@ -99,7 +99,7 @@ class KeepsItsInput(click.Command):
             if any(realpath(path) == realpath(other) for others, other in files.items() if others != name):
                 raise click.UsageError(f"{path} would be overwritten while it is used; name another file")
             suffix = WRITTEN_SUFFIXES.get(str(ctx.info_name), path.suffix)
-            if path.suffix != suffix:  # it may be a source file, a log or a configuration
+            if name != "plot" and path.suffix != suffix:  # it may be a source file, a log or a configuration
                 raise click.UsageError(f"{path}: `{ctx.info_name}` writes {suffix} files; choose this suffix")
             check_output(path)
         with limited_memory([files[name] for name in ("log", "mocap", "file", "trial") if name in files]):
@@ -263,11 +263,8 @@ def fit(trial: Path, model: str, config_path: Path, as_json: bool, plot: Path | 
         if fitted.series.is_empty():
             raise click.UsageError(f"a fit of {model} has no modelled torque to draw; leave out --plot")
         draw_table("torque", fitted.series, [plot])
-    say(
-        command.rows_json(fitted.table, fitted.findings)
-        if as_json
-        else command.estimates_text(fitted.table, fitted.findings)
-    )
+    told = command.rows_json if as_json else command.estimates_text
+    say(told(fitted.table, fitted.findings))
 
 
 @main.command(epilog="Example: osl-analysis samples ../shared/real_data --output docs/real_samples.md")
@@ -475,7 +472,7 @@ OPTIONS = {
 @option("--weight-order", type=int, default=3, help="Order of W in Eq. 14.")
 @file_option("--parameters", default=shipped("config/parameters/default.yaml"), help="Parameter file of the device.")
 @AS_JSON
-@file_option("--output", help="Write the table to this file (.csv or .json).")
+@file_option("--output", help="Write the table to this CSV file.")
 @file_option("--plot", help="Draw response, gains or trajectory to this file (.pdf, .svg or .png).")
 def select_gains(
     trajectory: Path | None, parameters: Path, as_json: bool, output: Path | None, plot: Path | None, **asked: Any
@@ -487,6 +484,7 @@ def select_gains(
     from osl_analysis.commands import gains as command
     from osl_analysis.commands.bench import rows_json
     from osl_analysis.model.compensator import Weight
+    from osl_analysis.table import write_table
     from osl_analysis.yaml_settings import validated
 
     stated = {"stiffness", "damping"} & options_given()
@@ -499,7 +497,7 @@ def select_gains(
     pairs = asked["stiffness"] or [], asked["damping"] or []
     table = command.requested_gains(*pairs, trajectory, weight, parameters)
     if output is not None:
-        command.write_gains(table, output)
+        write_table(table, output)
     if plot is not None:
         command.plot_gains(table, parameters, plot)
     say(rows_json(table) if as_json else command.gains_text(table))

@@ -16,8 +16,7 @@ from kernels import NUMERICAL
 
 from osl_analysis.bench.witness import no_witness
 from osl_analysis.judge import judging
-from osl_analysis.judge.finding import Finding
-from osl_analysis.judge.limits import Limits
+from osl_analysis.judge.finding import Finding, Limits
 from osl_analysis.model.drivetrain import DrivetrainParameters, read_parameters
 from osl_analysis.signals import LowPass, Motion
 from osl_analysis.trial import Array

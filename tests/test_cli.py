@@ -22,7 +22,6 @@ from conftest import ROOT
 
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.cli import main
-from osl_analysis.commands import gains as gains_command
 from osl_analysis.commands import simulate as simulate_command
 from osl_analysis.commands.figure import draw_table
 from osl_analysis.errors import InputError, MemoryLimitError
@@ -158,7 +157,7 @@ MISTAKES = {
     r"cutoff_hz: 1e\+300 is not allowed: write a number less than or equal to 10000": (*GAINS, "--weight-hz", 1e300),
     "order: 0 is not allowed: write a number greater than or equal to 1": (*GAINS, "--weight-order", 0),
     r"no\.yaml: no such file": (*GAINS, "--parameters", "no.yaml"),
-    "written as .csv or .json": (*GAINS, "--output", "x.txt"), "not a Parquet file": ("fit", "README.md"),
+    "not a Parquet file": ("fit", "README.md"),
     "did you mean 'profiles/slurm'": ("run", "--workflow-profile", "profiles/slrm"),
     "nowhere: no such folder": ("describe-tables", "--output", "nowhere/page.md"),
     r"no\.csv: no such file; correct its name": ("inspect", "no.csv"),
@@ -183,7 +182,7 @@ UNFIT = {
     "`ingest` writes .parquet files": ("ingest", "--log", "a.csv", "--log-source", "s", "--output", "s.yaml"),
     "`samples` writes .md files": ("samples", ".", "--output", "s.csv"),
     "`describe-tables` writes .md files": ("describe-tables", "--output", "t.txt"),
-    "`design` writes .csv files": ("design", "--write", "m.txt"),
+    "`design` writes .csv": ("design", "--write", "m.txt"), "`gains` writes .csv": (*GAINS, "--output", "x.txt"),
     "a.csv would be overwritten while": ("fit", "a.csv", "--plot", "../{}/a.csv"),
     "--example has recordings of its own": ("init", "new", "--example", "--from", "."),
     "'5:1:0' is not a range": of_gains("5:1:0", 5), "'1:2' is not a range": of_gains("1:2", 5),
@@ -316,7 +315,7 @@ def test_ctrl_c_ends_a_command_quietly_and_leaves_nothing_half(tmp_path, monkeyp
             os.kill(os.getpid(), number)
             time.sleep(10)
 
-    monkeypatch.setattr(gains_command, "write_table", interrupted)
+    monkeypatch.setattr("osl_analysis.table.write_table", interrupted)
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a process in the background ignores it
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     assert one_line(call(*GAINS, "--output", tmp_path / "gains.csv"), code=130) == "interrupted"

@@ -18,9 +18,9 @@ from osl_analysis.commands.tables import format_results_table, gather, read_summ
 from osl_analysis.errors import InputError
 from osl_analysis.jobs.job_log import write_log
 from osl_analysis.judge.campaign import campaign_findings, findings_report, known_of
-from osl_analysis.judge.finding import Beyond, Finding, Grade, Remedy, finding_rows, findings_frame
+from osl_analysis.judge.finding import Beyond, Finding, Grade, Limits, Remedy, finding_rows, findings_frame
 from osl_analysis.judge.judging import judged, unchecked_in
-from osl_analysis.judge.limits import DoubtfulFits, Limits
+from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.refusal import Refusal
 from osl_analysis.report import headlines
 from osl_analysis.report.headlines import BOOTSTRAP, FOR_MOTION, RANGE, STUDENT, headline_numbers, to_tex

@@ -26,7 +26,7 @@ from osl_analysis.commands.figure import plot_walking_page
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.commands.walking import compare_ankle_moment
 from osl_analysis.errors import InputError
-from osl_analysis.judge.limits import Limits
+from osl_analysis.judge.finding import Limits
 from osl_analysis.simulator.step import smooth_step
 from osl_analysis.table import read_table
 from osl_analysis.trial import Trial, plate_columns, read_trial, write_trial
@@ -193,11 +193,12 @@ def test_a_plan_assumes_the_turn_that_the_pilot_made_or_what_is_stated(real: Ses
     read = [jobs.read_crossing(tmp_path / f"crossings/{name}.parquet") for name in names]
     phase = np.median([(c.onset - c.stance.heel_strike) / c.stance.duration for c in read])
     assert own == pytest.approx([3.0, 120 * (high - low) / 0.506, 100 * phase], rel=0.06)
-    assert assumed([])[0] == [5, 80, 40]  # unperturbed crossings alone
+    assert assumed([], "--plot", str(tmp_path / "plan.png"))[0] == [5, 80, 40]  # unperturbed crossings alone
     assert assumed(names, "--turn", "6", "--ramp", "50", "--phase", "45")[0] == [6, 50, 45]
     larger = assumed(names, "--turn", "6")
     assert larger[0][1:] == own[1:]  # what is not stated stays the pilot's
     assert larger[1] == pytest.approx(half / 2, rel=0.15)
+    assert (tmp_path / "plan.png").read_bytes()[1:4] == b"PNG"
 
 
 def test_without_imperfections_angle_and_torque_are_the_true_ones_through_one_filter(ideal: Session) -> None:

@@ -9,8 +9,8 @@ from conftest import ROOT, findings_of
 
 from osl_analysis.dictionary import described_tables
 from osl_analysis.judge.causes import CAUSES, EVIDENCE
-from osl_analysis.judge.finding import Finding, Grade
-from osl_analysis.judge.limits import CHECKS, Limits
+from osl_analysis.judge.finding import Finding, Grade, Limits
+from osl_analysis.judge.limits import CHECKS
 from osl_analysis.judge.words import COMPUTED, OF_EVIDENCE, WORDS, finding_said, words_of
 from osl_analysis.report.headlines import ENTRIES
 

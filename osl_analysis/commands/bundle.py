@@ -176,9 +176,6 @@ def describe(whole: Any, crate: Path, given: list[Path], made: list[Path]) -> No
     ended = (crate / "results" / "summary.json").stat().st_mtime
     run = entity(whole, "#run", {"@type": "CreateAction", "name": "osl-analysis run"})
     run["endTime"] = datetime.fromtimestamp(ended, UTC).isoformat(timespec="seconds")
-    run["instrument"], run["object"], run["result"] = (
-        workflow,
-        [every[one] for one in given],
-        [every[one] for one in made],
-    )
+    run["instrument"] = workflow
+    run["object"], run["result"] = ([every[one] for one in files] for files in (given, made))
     whole.root_dataset["mentions"] = [whole.add(run)]

@@ -267,7 +267,7 @@ def pilot_distortion(results: Path, trial: str | None) -> Distortion:
     """Coulomb friction of the joint in an impedance trial of a pilot, and the variances of its K, B and I; medians of
     all trials where none is named. Raises InputError: the results have none."""
     table = with_evidence(results / "tables/impedance.csv", ("trial", "amplitude_deg", *KBI))
-    rows = table.filter(pl.col("amplitude_deg").is_null(), pl.lit(trial is None) | (pl.col("trial") == trial))
+    rows = table.filter(pl.col("amplitude_deg").is_null(), **({} if trial is None else {"trial": trial}))
     names = ("f_C", *(f"{name}_se" for name in KBI))
     known = [rows[name].drop_nulls().to_list() if name in rows.columns else [] for name in names]
     if not all(known):
@@ -278,7 +278,6 @@ def pilot_distortion(results: Path, trial: str | None) -> Distortion:
 
 
 def design_text(made: Design) -> str:
-    """All of it in lines."""
     plan, sensors, low_pass = made.plan, made.sensors, made.low_pass
     angle, velocity, acceleration = plan.peak
     band = f"up to {sensors.noise_band_hz:g} Hz" if sensors.noise_band_hz else "white"

@@ -22,8 +22,8 @@ from osl_analysis.figures import FIGURES, drawing_of, names
 from osl_analysis.figures.frequency import DESIRED, LINEAR_MODEL, draw_fig7, response_curve
 from osl_analysis.figures.names import completed, look_numbers
 from osl_analysis.files import atomic_path, digest, write_text
+from osl_analysis.judge.finding import Limits
 from osl_analysis.judge.judging import judged, marked
-from osl_analysis.judge.limits import Limits
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.drivetrain import FileOrNone, desired_admittance, joint_admittance, joint_of, read_parameters
 from osl_analysis.refusal import Refusal, read_refusals

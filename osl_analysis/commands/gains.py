@@ -20,7 +20,6 @@ from osl_analysis.bench.prediction import COMPONENTS, PARTS, components_of
 from osl_analysis.bench.record import record_of_trial
 from osl_analysis.campaign.campaign import sentence
 from osl_analysis.campaign.configuration import Config
-from osl_analysis.commands.bench import rows_json
 from osl_analysis.commands.tables import read_summary
 from osl_analysis.config.sheet import read_impedance_trajectory
 from osl_analysis.errors import InputError, listing, naming, nearest, optional_module
@@ -85,15 +84,6 @@ def trajectory_table(trajectory: Path, p: drivetrain.DrivetrainParameters | None
 def select_trajectory(trajectory: Path, weight: Weight, output: Path, parameters: drivetrain.FileOrNone = None) -> None:
     """Write the gains for every row of a trajectory (Fig. 8)."""
     write_table(trajectory_table(trajectory, drivetrain.known_parameters(parameters), weight), output)
-
-
-def write_gains(table: pl.DataFrame, output: Path) -> None:
-    if output.suffix == ".csv":
-        write_table(table, output)
-    elif output.suffix == ".json":
-        write_text(output, rows_json(table) + "\n")
-    else:
-        raise InputError(f"{output}: gains are written as .csv or .json; choose one of these suffixes")
 
 
 def gains_text(table: pl.DataFrame) -> str:

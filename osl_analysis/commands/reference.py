@@ -30,10 +30,8 @@ def tables_page(command: str) -> str:
         described = markdown("column", "unit", "meaning", rows=columns)
         gathered = f" `{also}` holds the rows of one trial." if table.also else ""
         tables.append(f"## `{place}`\n\nRows: {table.rows}.{gathered}\n\n{described}")
-    checks = [
-        (f"`{c.name}`", UNITS[c.name], f"{WORDS['checks'][c.name]}. Fails {c.fails} its threshold")
-        for c in CHECKS.values()
-    ]
+    says = {name: f"{WORDS['checks'][name]}. Fails {check.fails} its threshold" for name, check in CHECKS.items()}
+    checks = [(f"`{name}`", UNITS[name], said) for name, said in says.items()]
     entries = [(f"`{one.name}`", one.unit, one.meaning) for one in all_labels()]
     page = (HERE / "page.md").read_text(encoding="utf-8").rstrip()
     return page.format(

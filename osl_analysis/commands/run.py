@@ -121,7 +121,6 @@ def source_problems(opened: Campaign) -> dict[str, str]:
 
 
 def captures(opened: Campaign, trials: Sequence[str]) -> list[Path]:
-    """Captures of the first of these trials."""
     named = [opened.row(trial)["mocap"] for trial in trials[:3]]
     return [opened.config.raw_data / name for name in named if name]
 

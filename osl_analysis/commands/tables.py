@@ -17,9 +17,9 @@ from osl_analysis.files import atomic_path, write_text
 from osl_analysis.jobs.job_log import read_log
 from osl_analysis.judge.campaign import campaign_findings, known_of, read_findings
 from osl_analysis.judge.claims import Claims, claims_table
-from osl_analysis.judge.finding import findings_frame
+from osl_analysis.judge.finding import Limits, findings_frame
 from osl_analysis.judge.judging import judged, marked, with_inherited
-from osl_analysis.judge.limits import DoubtfulFits, Limits, QualityRules
+from osl_analysis.judge.limits import DoubtfulFits, QualityRules
 from osl_analysis.judge.used import Judge
 from osl_analysis.model.drivetrain import FileOrNone, joint_of, read_parameters
 from osl_analysis.refusal import Refusal, check_not_refused, refused_trials

@@ -15,8 +15,8 @@ from osl_analysis.config.sheet import JOINT, SYNTHETIC, read_impedance_trajector
 from osl_analysis.errors import InputError, OslAnalysisError
 from osl_analysis.files import atomic_path, write_text
 from osl_analysis.ingest.examine import check_own_torque
+from osl_analysis.judge.finding import Limits
 from osl_analysis.judge.judging import EXCLUDED, judged, marked
-from osl_analysis.judge.limits import Limits
 from osl_analysis.refusal import check_not_refused
 from osl_analysis.stats.repeats import DOUBTFUL, doubtful_row
 from osl_analysis.table import MEASURED, Places, read_table, with_places, write_table
@@ -51,7 +51,6 @@ def write_model(model: Any, path: Path) -> None:
 
 
 def read_model(path: Path, kind: type[Kind]) -> Kind:
-    """Read what `write_model` wrote."""
     check_not_refused(path)
     step = f"run the step '{WRITTEN_BY[kind]}'"
     if not path.is_file():

@@ -140,31 +140,19 @@ def numbered_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
 
 
 FORMS = {
-    "trial": (
-        r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}",
-        "must be up to 100 letters, digits, '_', '.' and '-': it becomes a file name",
-    ),
-    **dict.fromkeys(
-        NUMBER_COLUMNS,
-        (
-            r"([+-]?(\d{1,99}\.?\d*|\.\d+)([eE][+-]?\d{1,2})?)?",
-            "is not a number; give it in SI units, without the unit",
-        ),
-    ),
-    "exclude": (
-        r"(?!(0|no|false|none)$)(.|\n)*",
-        "is no reason; clear the cell to analyse the trial, or say why not",
-    ),
+    "trial": (r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}",
+        "must be up to 100 letters, digits, '_', '.' and '-': it becomes a file name"),
+    **dict.fromkeys(NUMBER_COLUMNS, (r"([+-]?(\d{1,99}\.?\d*|\.\d+)([eE][+-]?\d{1,2})?)?",
+        "is not a number; give it in SI units, without the unit")),
+    "exclude": (r"(?!(0|no|false|none)$)(.|\n)*",
+        "is no reason; clear the cell to analyse the trial, or say why not"),
     "perturbed": ("(true|false)?", "must be true or false"),
     "side": ("((?-i:left|right))?", "must be left or right"),
     "direction": ("((?-i:up|down))?", "must be up or down"),
-    **dict.fromkeys(
-        ("group", "subject", "session", "speed"),
-        (r"[\w .%+/-]{0,40}", "must be up to 40 letters, digits, blanks and . % + / - _: it names a group"),
-    ),
-    **dict.fromkeys(
-        ("log_source", "mocap_source"), (r"(?!.*\.ya?ml$).*", "names a file; write its name without the ending")
-    ),
+    **dict.fromkeys(("group", "subject", "session", "speed"), (r"[\w .%+/-]{0,40}",
+        "must be up to 40 letters, digits, blanks and . % + / - _: it names a group")),
+    **dict.fromkeys(("log_source", "mocap_source"), (r"(?!.*\.ya?ml$).*",
+        "names a file; write its name without the ending")),
 }  # fmt: skip
 """By column: the form of its cells, in any capitals, and what is wrong with one that has another."""
 

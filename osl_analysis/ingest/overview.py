@@ -380,11 +380,8 @@ def with_logged_joined(
 ) -> dict[str, dict[str, Value]]:
     """The signals by part, those of one recording that Simulink logged each in a structure of its own as one: with its
     time, the same in all, or beside the one variable `tout`."""
-    structures = [
-        name
-        for name, value in content.items()
-        if len(value.elements) == 1 and {"time", "signals"} <= value.elements[0].keys()
-    ]
+    alone = {name: value.elements[0] for name, value in content.items() if len(value.elements) == 1}
+    structures = [name for name, fields in alone.items() if {"time", "signals"} <= fields.keys()]
     every = {(name, key): one for name in structures for key, one in by_part.get(name, {}).items()}
     clocks, joined = dict[str, Value](), dict[str, Value]()
     for (name, key), one in every.items():

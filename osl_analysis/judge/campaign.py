@@ -11,7 +11,15 @@ import polars as pl
 from osl_analysis.config.experiments import EXPERIMENTS, doubts_of, judged_tables
 from osl_analysis.errors import listing
 from osl_analysis.judge.causes import CAUSES
-from osl_analysis.judge.finding import ESTIMATES, FINDING_COLUMNS, Beyond, Finding, Grade, finding_rows, findings_frame
+from osl_analysis.judge.finding import (
+    FINDING_COLUMNS,
+    FINDING_NUMBERS,
+    Beyond,
+    Finding,
+    Grade,
+    finding_rows,
+    findings_frame,
+)
 from osl_analysis.judge.judging import judged, unchecked_in, with_inherited
 from osl_analysis.judge.limits import CHECKS, DoubtfulFits
 from osl_analysis.judge.used import HOW_TO_USE, exclusions
@@ -188,13 +196,7 @@ def by_cause(some: Sequence[Entry], verdict: str, of: str, judged: Sequence[str]
         told = known_line(verdict, of, cause, worst, [*trials], judged, size)
         sides = ", ".join(f"{number.side} {number.limit:g}" for number in limits.values())
         told |= {"measure": ", ".join(limits), "limit": sides, "worst": name}
-        told |= {
-            key: worst[key]
-            for symbol in ESTIMATES
-            for key in worst
-            if key.startswith(f"{symbol}_") and worst[key] is not None
-        }
-        yield told
+        yield told | {name: worst[name] for name in FINDING_NUMBERS if worst[name] is not None}
 
 
 def known_line(

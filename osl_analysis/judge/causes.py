@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from osl_analysis.dictionary import own_yaml
-from osl_analysis.judge.finding import AnyRow, Beyond, TableLimits, cell_number
+from osl_analysis.judge.finding import AnyRow, Beyond, Limits, cell_number
 from osl_analysis.trial import known_factor
 
 TABLE: dict[str, dict[str, Any]] = own_yaml(Path(__file__).with_suffix(".yaml"))
@@ -55,7 +55,7 @@ def doubts_of_result(names: str, result: str) -> str:
     return BETWEEN.join(name for name in names.split(BETWEEN) if name not in {cause.name for cause in apart})
 
 
-def beyond(row: AnyRow, limits: TableLimits) -> dict[str, Beyond]:
+def beyond(row: AnyRow, limits: Limits) -> dict[str, Beyond]:
     """What of a row is beyond its limit or NaN, by column; a null is not checked."""
     found: dict[str, Beyond] = {}
     for side, limits_of_side in (("above", limits.above), ("below", limits.below)):

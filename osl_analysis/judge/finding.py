@@ -3,9 +3,12 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Literal, Protocol
+from typing import Literal
 
 import polars as pl
+from pydantic import Field
+
+from osl_analysis.yaml_settings import NotNegative, Settings
 
 AnyRow = Mapping[str, object]  # a row of a result table
 
@@ -29,13 +32,13 @@ class Remedy(StrEnum):
     DOUBTED = "doubted"  # of what was not checked, or is to be known, on a row that is doubtful
 
 
-class TableLimits(Protocol):
-    """Limits of a table by column."""
+class Limits(Settings):
+    """Limits of one table, by column. Null: no limit."""
 
-    @property
-    def above(self) -> Mapping[str, float | None]: ...
-    @property
-    def below(self) -> Mapping[str, float | None]: ...
+    above: dict[str, NotNegative | None] = Field(default_factory=dict)
+    """Upper limits, by column. A fit is doubtful if the absolute value is above its limit."""
+    below: dict[str, float | None] = Field(default_factory=dict)
+    """Lower limits, by column. A fit is doubtful if the value is below its limit."""
 
 
 @dataclass(frozen=True)

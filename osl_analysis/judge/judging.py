@@ -11,7 +11,7 @@ import polars as pl
 
 from osl_analysis.errors import InputError
 from osl_analysis.judge.causes import BETWEEN, CAUSES, EVIDENCE, Cause, beyond, causes_in, explaining, suspected_unit
-from osl_analysis.judge.finding import AnyRow, Beyond, Finding, Grade, Remedy, TableLimits, cell_number, subject_of
+from osl_analysis.judge.finding import AnyRow, Beyond, Finding, Grade, Limits, Remedy, cell_number, subject_of
 from osl_analysis.stats.repeats import DOUBTFUL
 
 LATENESS = "whether the torque is late"
@@ -134,7 +134,7 @@ def of_whole_trial(row: AnyRow) -> bool:
     return "amplitude_deg" in row and row["amplitude_deg"] is None
 
 
-def check_limits(table: pl.DataFrame, limits: TableLimits, name: str) -> None:
+def check_limits(table: pl.DataFrame, limits: Limits, name: str) -> None:
     """Raises InputError: a limit is set on a column that the table does not have or that is not numeric."""
     numeric = {column for column, dtype in table.schema.items() if dtype.is_numeric() or dtype == pl.Null}
     for column, limit in (*limits.above.items(), *limits.below.items()):
@@ -146,7 +146,7 @@ def check_limits(table: pl.DataFrame, limits: TableLimits, name: str) -> None:
             )
 
 
-def judged(table: pl.DataFrame, limits: TableLimits, name: str) -> RowFindings:
+def judged(table: pl.DataFrame, limits: Limits, name: str) -> RowFindings:
     """The findings about each row of the table `name`: doubts in the order of their limits, then what could not be
     checked. Rows without a fit have none. Raises InputError: as `check_limits`."""
     fitted = table[EXCLUDED].is_null().to_list() if EXCLUDED in table.columns else [True] * len(table)
@@ -191,19 +191,9 @@ def doubt(table: str, row: AnyRow, cause: Cause, evidence: Sequence[Beyond], rem
         for end in ("", "_low", "_high")
         if (value := cell_number(row, f"{column}{end}")) is not None
     }
-    amplitude, frequency = (cell_number(row, name) for name in ("amplitude_deg", "frequency_hz"))
-    return Finding(
-        table,
-        subject_of(row),
-        cause.name,
-        Grade.DOUBTS,
-        tuple(evidence),
-        amplitude,
-        frequency,
-        remedy,
-        sizes=sizes,
-        without=without,
-    )
+    what = table, subject_of(row), cause.name, Grade.DOUBTS, tuple(evidence)
+    where = cell_number(row, "amplitude_deg"), cell_number(row, "frequency_hz")
+    return Finding(*what, *where, remedy, sizes=sizes, without=without)
 
 
 def marked(table: pl.DataFrame, findings: RowFindings, name: str) -> pl.DataFrame:

@@ -16,7 +16,8 @@ from osl_analysis.config.experiments import judged_tables
 from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.errors import InputError, nearest
 from osl_analysis.judge.causes import TABLE
-from osl_analysis.yaml_settings import NotNegative, Settings, misplaced
+from osl_analysis.judge.finding import Limits
+from osl_analysis.yaml_settings import Settings, misplaced
 
 
 class Rule(Settings):
@@ -52,15 +53,6 @@ class QualityRules(Settings):
 
 
 BOUNDED = {"VAF": 100, "R2": 1, "correlation": 1, "coherence": 1}  # largest values, by a part of a column's name
-
-
-class Limits(Settings):
-    """Limits of one table, by column. Null: no limit."""
-
-    above: dict[str, NotNegative | None] = Field(default_factory=dict)
-    """Upper limits, by column. A fit is doubtful if the absolute value is above its limit."""
-    below: dict[str, float | None] = Field(default_factory=dict)
-    """Lower limits, by column. A fit is doubtful if the value is below its limit."""
 
 
 class DoubtfulFits(Settings):

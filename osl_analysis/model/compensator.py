@@ -201,7 +201,6 @@ def admittance_error(
 
 
 def polynomial_product(u: Sequence[Array], v: Sequence[Array]) -> list[Array]:
-    """Product of two polynomials whose coefficients are arrays."""
     out = [np.zeros_like(u[0])] * (len(u) + len(v) - 1)
     for i, ui in enumerate(u):
         for j, vj in enumerate(v):

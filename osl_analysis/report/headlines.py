@@ -189,15 +189,10 @@ def impedance_headlines(impedance: pl.DataFrame, example: Example) -> Iterator[H
         yield from over_fits(of_B, (B - used["B_d"]).abs(), np.mean, trials, used)
         if "torque_error" in used.columns:
             yield from over_fits(labels["torque_error"], trials["torque_error"], np.mean, trials)
-        for one in (example, *others_stated(trials, example)):
+        pairs = trials.drop_nulls("K_d").select("K_d", "B_d").unique().sort("K_d", "B_d").rows()
+        others = [Example(*pair) for pair in pairs if pair != (example.K_d, example.B_d)]
+        for one in (example, *(others if len(others) < MOST_UNSTATED else ())):  # of one more a table tells
             yield from numbers_of_condition(trials, one, controller, len(found) == 1, one is not example)
-
-
-def others_stated(trials: pl.DataFrame, example: Example) -> list[Example]:
-    """The other stated conditions of impedance trials, where they are few: of one more a table tells."""
-    pairs = trials.drop_nulls("K_d").select("K_d", "B_d").unique().sort("K_d", "B_d").rows()
-    others = [Example(*pair) for pair in pairs if pair != (example.K_d, example.B_d)]
-    return others if len(others) < MOST_UNSTATED else []
 
 
 def numbers_of_condition(

@@ -28,7 +28,7 @@ from osl_analysis.judge.finding import ESTIMATES, Grade
 from osl_analysis.judge.words import WORDS, printed, without_names
 from osl_analysis.report import TEMPLATES
 from osl_analysis.report.headlines import first_said, hold_bench_errors, said_number
-from osl_analysis.report.trial_page import ReportedTrial, response_said, value_and_interval
+from osl_analysis.report.trial_page import STATES, ReportedTrial, response_said, value_and_interval
 from osl_analysis.stats.repeats import DOUBTFUL, counted, repeating_trials, summary_row
 
 ALL_SAMPLES = 250  # trials of which a page draws all samples that a series has: some 15 MB
@@ -239,8 +239,6 @@ def assumed_said(states: pl.DataFrame) -> str:
 
 
 WALKING_GROUPS = "walking groups"  # what a finding of a summary is of, where it is of no trial
-STATES = {"all": "doubtful", "recording": "flagged", "part": "doubtful in part", "other": "doubtful in part"}
-"""Of a trial before a cause, by what a doubt is of, the worst one first."""
 
 
 def check_map(trials: Sequence[ReportedTrial], known: Sequence[Mapping[str, Any]] = ()) -> list[dict[str, Any]]:

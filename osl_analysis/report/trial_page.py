@@ -168,9 +168,8 @@ def together(*pictures: Pictures) -> Pictures:
 NO_VALUE = "–"
 VERDICTS = ("clear", "doubtful in part", "flagged", "doubtful", "excluded", "refused")
 """Of a trial: `doubtful` by its fit to all of it, `doubtful in part` by other rows. All but the last two are used."""
-DECIDES = {"doubtful": {"all"}, "flagged": {"recording"}, "doubtful in part": {"part", "other"}}
-"""By what a doubt has to be of for a verdict, the worst one first."""
-WORST_FIRST = ("all", "recording", "part", "other")
+STATES = {"all": "doubtful", "recording": "flagged", "part": "doubtful in part", "other": "doubtful in part"}
+"""The verdict that a doubt makes, by what it is of, the worst one first."""
 
 
 def left_out_trials(
@@ -220,12 +219,8 @@ class ReportedTrial:
     @property
     def unchecked(self) -> list[Entry]:
         """What could not be checked on the fit to all of it, and what is to be known."""
-        grades = (Grade.UNCHECKED, Grade.NOTES)
-        return [
-            one
-            for one in self.findings
-            if one["grade"] in grades and one["table"] == self.main_table and not one["in_part"]
-        ]
+        whole = (one for one in self.findings if one["table"] == self.main_table and not one["in_part"])
+        return [one for one in whole if one["grade"] in (Grade.UNCHECKED, Grade.NOTES)]
 
     @cached_property
     def doubts(self) -> list[dict[str, Any]]:
@@ -260,18 +255,13 @@ class ReportedTrial:
         """One of `VERDICTS`."""
         if self.left_out:
             return "refused" if self.refused else "excluded"
-        kinds = {one["of"] for one in self.doubts}
-        return next((verdict for verdict, of in DECIDES.items() if kinds & of), "clear")
+        made = {STATES[one["of"]] for one in self.doubts}
+        return next((verdict for verdict in STATES.values() if verdict in made), "clear")
 
     def causes_of(self, verdict: str) -> set[str]:
         """The causes that make it so, of a cause its worst doubt alone, as the map of trials and causes has it."""
-        worst = {one["cause"]: one["of"] for one in sorted(self.doubts, key=lambda one: -WORST_FIRST.index(one["of"]))}
-        return {cause for cause, of in worst.items() if of in DECIDES[verdict]}
-
-    @property
-    def deciding(self) -> list[dict[str, Any]]:
-        """The doubts by which it has its verdict."""
-        return [one for one in self.doubts if one["of"] in DECIDES.get(self.verdict, ())]
+        worst = {one["cause"]: one["of"] for one in sorted(self.doubts, key=lambda one: -[*STATES].index(one["of"]))}
+        return {cause for cause, of in worst.items() if STATES[of] == verdict}
 
     def condition(self, columns: Collection[str] | None = None) -> str:
         """Its conditions in one line, or those of them in these columns of the sheet."""
@@ -285,7 +275,6 @@ class ReportedTrial:
 
 
 def trial_content(trial: ReportedTrial) -> dict[str, Any]:
-    """All text of a trial for the page."""
     tables = {name: table for name, table in trial.tables.items() if len(table)}
     name = next(iter(tables), "")
     last = tables[name].row(-1, named=True) if tables else {}  # the fit to all of it
@@ -512,7 +501,7 @@ def trial_row(trial: ReportedTrial, differing: Collection[str]) -> dict[str, Any
         text, interval = value_and_interval(estimates, column) if known else (NO_VALUE, "")
         numbers.append({"column": column, "sort": repr(value) if known else "", "text": text, "interval": interval})
     by_cause: dict[str, tuple[str, list[str]]] = {}  # the text of the last row, which is of all of the trial, and where
-    for one in trial.deciding:
+    for one in (one for one in trial.doubts if STATES[one["of"]] == trial.verdict):
         by_cause[one["cause"]] = one["text"], [*by_cause.get(one["cause"], ("", []))[1], one["where"]]
     doubts = [f"{', '.join(places)}: {text}" for text, places in by_cause.values()]
     return {

@@ -266,11 +266,6 @@ class LineKinds:
         """Whether only odd lines are excited, so that odd and even distortion are seen apart."""
         return not self.excited[::2].any()
 
-    @property
-    def detection(self) -> NDArray[np.bool_]:
-        """Lines that show the distortion at excited lines: of an odd motion the odd ones, else all, (lines,)."""
-        return self.odd if self.only_odd else self.odd | self.even
-
 
 def lines_of(realisations: Sequence[Realisation]) -> LineKinds:
     """The kinds of the lines that the realisations, of one period, share, from the size of the angle's lines. Raises

@@ -381,8 +381,6 @@ HARDLY = 0.25  # share of the moving time in sines below which a motion is no st
 
 @dataclass(frozen=True)
 class Likeness:
-    """Likeness of a joint angle to a stepped sine."""
-
     recorded: Array  # uniform times (n,) [s]
     theta: Array  # joint angle (n,) [rad]
     protocol: SteppedSineProtocol  # what was commanded

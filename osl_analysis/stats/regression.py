@@ -112,8 +112,6 @@ ROUNDED = 1e6  # condition number from which the inverse of the normal equations
 
 @dataclass(frozen=True)
 class LinearFit:
-    """Result of `linear_fit`."""
-
     names: tuple[str, ...]  # names of the p columns
     estimates: Array  # estimates (p,) [unit of y per unit of the column]
     covariance: Array  # covariance of the estimates (p, p)

@@ -595,8 +595,6 @@ def common_errors(responses: Sequence[PerturbationResponse]) -> tuple[dict[str, 
 
 @dataclass(frozen=True)
 class GroupHeadline:
-    """Result of one group."""
-
     responses: Sequence[PerturbationResponse]
     common: Mapping[str, Sequence[CommonError]]  # errors that all single fits share, by quantity
     of_one: Mapping[str, float]  # variance of one perturbation as unperturbed crossings scatter, by quantity

@@ -188,7 +188,7 @@ def test_the_robust_regression_is_that_of_statsmodels():
     A[0, 0] += 3  # a trial that rings
     y, X = A[:, 0].ravel(), A[:, 1:4].transpose(0, 2, 1).reshape(-1, 3)
     expected = RLM(y, 1e2 * X, HuberT(1.5)).fit().params * 1e2
-    found, left = prediction.robust_fit(A, prediction.TERMS[1:4])
+    (found,), (left,) = prediction.robust_fit(A, prediction.TERMS[1:4])
     assert (found, left) == (pytest.approx(expected, rel=1e-9), pytest.approx(np.mean(np.abs(y - X @ expected))))
 
 

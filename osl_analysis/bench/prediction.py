@@ -27,6 +27,7 @@ import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.bench.components import ACTUATOR_PARAMETERS, LOSSES, PLACE
+from osl_analysis.bench.gram import solved
 from osl_analysis.bench.record import Record
 from osl_analysis.bench.witness import CHUNKS
 from osl_analysis.errors import IdentifiabilityError, InputError
@@ -47,6 +48,7 @@ from osl_analysis.stats.repeats import counted
 from osl_analysis.table import finite_or_null
 from osl_analysis.trial import Array, rms
 
+ONE = np.ones((1, 1))
 LAW_GAINS = ("K_1", "B_1", "f_C", "f_G")
 CONSTANT = "k_tau_n_m"
 GAIN_COLUMNS = tuple(f"{x}{end}" for x in (*LAW_GAINS, CONSTANT) for end in ("", "_se", "_low", "_high", "_programmed"))
@@ -440,10 +442,10 @@ def causes_table(each: Sequence[Mapping[str, Any]], components: Components, plac
     A = np.array([[[of[term][x] for x in ALONG] for term in TERMS] for of in each])
     n, values = len(A), {**components.values, "torque_gain": 1.0}
 
-    def row_of(name: str, names: tuple[str, ...], left: float, without: float) -> dict[str, Any]:
-        change, se, value = beside_delays(A, *names)[0].get(name, 0.0), None, values.get(name)
-        if n > 2:
-            again = [beside_delays(np.delete(A, trial, axis=0), *names)[0].get(name, 0.0) for trial in range(n)]
+    def row_of(name: str, fitted: Fitted, without: float) -> dict[str, Any]:
+        changes, left = fitted
+        (change, *again), se, value = changes[name].tolist(), None, values.get(name)
+        if again:
             se = float(np.hypot(np.sqrt((n - 1) * np.var(again)), components.se(name) if name in COMPONENTS else 0.0))
         if name == "K_s" and value and change < value:
             change = value * change / (value - change)  # the torque is linear in the compliance of the belt
@@ -452,50 +454,57 @@ def causes_table(each: Sequence[Mapping[str, Any]], components: Components, plac
         row = {**place, "component": name, "value": value, "change": change, "change_se": se}
         return row | {"left": 100 * left, "left_without": 100 * without, "trials": n, "named": bool(certain)}
 
-    late, left = beside_delays(A)[1], {name: beside_delays(A, name)[1] for name in values}
-    least = min(left.values())
-    rows = [row_of(name, (name,), of, late) for name, of in left.items()]
-    best = next(row for row in rows if row["left"] == 100 * least)
+    late = beside_delays(A)[1]
+    rows = [row_of(name, beside_delays(A, name), late) for name in values]
+    best = min(rows, key=lambda row: row["left"])
+    least = best["left"] / 100
     clear = best["named"] and late > LEAST_MISFIT and least < (1 - LEAST_SHARE) * late
     for row in rows:
-        row["named"] &= clear and row["left"] <= AS_GOOD * 100 * least
+        row["named"] &= clear and row["left"] <= AS_GOOD * best["left"]
     named = (best["component"],) if clear else ()
-    with_it, without = beside_delays(A, *named)[1], robust_fit(A, named)[1]
-    delays = [row_of(name, named, with_it, without) for name in DELAYS]
+    beside, without = beside_delays(A, *named), float(robust_fit(A, named)[1][0])
+    delays = [row_of(name, beside, without) for name in DELAYS]
     for row in delays:
-        row["named"] &= with_it < (1 - LEAST_SHARE) * without
+        row["named"] &= beside[1] < (1 - LEAST_SHARE) * without
     return pl.DataFrame([*rows, *delays], infer_schema_length=None)
 
 
-def beside_delays(A: Array, *names: str) -> tuple[dict[str, float], float]:
+Fitted = tuple[Mapping[str, Array], float]
+"""Coefficients of terms by name: first of all trials, then without each of three or more; what all leave."""
+
+
+def beside_delays(A: Array, *names: str) -> Fitted:
     """As `robust_fit`, of terms beside the delays, of which none is negative: no controller knows the future."""
-    delays = list(DELAYS)
-    while True:
-        x, left = robust_fit(A, (*names, *delays))
-        found = dict(zip((*names, *delays), x.tolist(), strict=True))
-        early = min(delays, key=lambda name: found[name], default=None)
-        if early is None or found[early] >= 0:
-            return found, left
-        delays.remove(early)
+    n, names = len(A), (*names, *DELAYS)
+    trials = np.vstack([np.ones(n), (1 - np.eye(n))[: n * (n > 2)]])
+    used, early = np.ones((len(trials), len(names))), np.ones(len(trials), dtype=np.bool_)
+    x, left = np.zeros(used.shape), np.zeros(len(trials))
+    while early.any():
+        x[early], left[early] = robust_fit(A, names, used[early], trials[early])
+        first = x[:, -len(DELAYS) :].argmin(axis=1) - len(DELAYS)
+        early = x[range(len(x)), first] < 0
+        used[early, first[early]] = 0.0
+    return dict(zip(names, x.T, strict=True)), float(left[0])
 
 
-def robust_fit(A: Array, names: Sequence[str]) -> tuple[Array, float]:
-    """Coefficients of some terms in what the predictions leave, and the mean absolute value of what then is left; A is
-    (trials, terms, 3), as shares of the torque. By Huber's M-estimator, with a scale by the median."""
-    y = A[:, 0].ravel()
-    if not names:
-        return np.empty(0), float(np.mean(np.abs(y)))
-    X = A[:, [TERMS.index(name) for name in names]].transpose(0, 2, 1).reshape(-1, len(names))
-    scale = np.maximum(np.abs(X).max(axis=0), np.finfo(float).tiny)
-    scaled = X / scale
-    x = np.linalg.lstsq(scaled, y, rcond=None)[0]
-    for _ in range(49):  # iteratively reweighted least squares
-        left = np.abs(y - scaled @ x)
-        if not (spread := np.median(left) / scipy.special.ndtri(0.75)):
-            break  # half of the numbers are explained exactly
-        weight = np.sqrt(np.minimum(1, 1.5 * spread / np.maximum(left, np.finfo(float).tiny)))
-        before, x = x, np.linalg.lstsq(weight[:, None] * X / scale, weight * y, rcond=None)[0]
+def robust_fit(A: Array, names: Sequence[str], used: Array = ONE, trials: Array = ONE) -> tuple[Array, Array]:
+    """Coefficients (b, k) of k terms in what the predictions leave, and the mean absolute value (b,) of what then is
+    left; A is (trials, terms, 3), as shares of the torque. Of the b fits each has the terms (b, k) and the trials
+    (b, trials) that are 1, not 0. By Huber's M-estimator, with a scale by the median."""
+    y, counts = A[:, 0].ravel(), np.repeat(np.broadcast_to(trials, (len(trials), len(A))), 3, axis=1)
+    X = A[:, [TERMS.index(name) for name in names]].transpose(0, 2, 1).reshape(len(y), -1)
+    X = X / (scale := np.maximum(np.abs(X).max(axis=0), np.finfo(float).tiny))
+    products, pairs = X[:, :, None] * X[:, None], used[:, :, None] * used[:, None]
+    unused = np.eye(len(names)) * (1 - used[:, None])
+    of_each, middle, weight, x = range(len(counts)), counts.sum(axis=1).astype(int), counts, np.zeros((1, 1))
+    for _ in range(50):  # iteratively reweighted least squares
+        normal = np.tensordot(weight, products, 1) * pairs + unused
+        before, x = x, solved(normal, (weight * y) @ X * used)[0] * used
+        left = np.abs(y - x @ X.T)
         if (np.abs(x - before) <= 1e-13 * np.abs(before)).all():
             break
-    x = x / scale
-    return x, float(np.mean(np.abs(y - X @ x)))
+        rising = np.sort(np.where(counts > 0, left, np.inf), axis=1)
+        median = (rising[of_each, (middle - 1) // 2] + rising[of_each, middle // 2])[:, None] / 2
+        huber = np.minimum(1, 1.5 * median / scipy.special.ndtri(0.75) / np.maximum(left, np.finfo(float).tiny))
+        weight = np.where(median > 0, huber * counts, weight)  # else half of the numbers are explained exactly
+    return x / scale, (left * counts).sum(axis=1) / middle

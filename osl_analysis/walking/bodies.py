@@ -49,8 +49,7 @@ class Poses:
 
     def points(self, reference: Array) -> Array:
         """Positions (n, m, 3) [m], in each frame, of reference points (m, 3) [m]."""
-        turned = np.einsum("nij,mj->nmi", self.rotation, reference - self.origin)
-        return np.asarray(turned + self.position[:, None])
+        return np.asarray((reference - self.origin) @ np.swapaxes(self.rotation, 1, 2) + self.position[:, None])
 
     def point(self, reference: Array) -> Array:
         """Positions (n, 3) [m], in each frame, of one reference point (3,) [m]."""
@@ -149,17 +148,18 @@ def cluster_poses(reference: Array, observed: Array, largest_residual: float = n
     NaN where fewer than three that span a plane were seen, or the residual is larger, as with swapped markers."""
     n, origin = len(observed), reference.mean(axis=0)
     rotation, position, residual = np.full((n, 3, 3), np.nan), np.full((n, 3), np.nan), np.full(n, np.nan)
-    patterns, member = np.unique(np.isfinite(observed).all(axis=2), axis=0, return_inverse=True)
-    for index, pattern in enumerate(patterns):
-        if not spans_a_plane(reference[pattern]):
+    seen = np.asarray(np.isfinite(observed).all(axis=2))
+    member = seen @ 2.0 ** np.arange(len(reference))  # a number for each set of markers
+    for rows in (np.flatnonzero(member == one) for one in np.unique(member)):
+        if not spans_a_plane(reference[pattern := seen[rows[0]]]):
             continue
-        rows = np.flatnonzero(member == index)
-        local, centroid = reference[pattern] - reference[pattern].mean(axis=0), observed[rows][:, pattern].mean(axis=1)
-        centred = observed[rows][:, pattern] - centroid[:, None]
-        U, _, Vt = np.linalg.svd(np.einsum("mi,kmj->kij", local, centred))
+        local, markers = reference[pattern] - reference[pattern].mean(axis=0), observed[rows][:, pattern]
+        centroid = markers.mean(axis=1)
+        centred = markers - centroid[:, None]
+        U, _, Vt = np.linalg.svd(local.T @ centred)
         U[:, :, 2] *= (np.linalg.det(U) * np.linalg.det(Vt))[:, None]  # no reflection
-        R = np.einsum("kij,kjl->kli", U, Vt)
-        misfit = np.einsum("kij,mj->kmi", R, local) - centred
+        R = np.swapaxes(U @ Vt, 1, 2)
+        misfit = local @ (U @ Vt) - centred
         rotation[rows], position[rows] = R, centroid + R @ (origin - reference[pattern].mean(axis=0))
         residual[rows] = np.sqrt(np.mean(np.sum(misfit**2, axis=2), axis=1))
     wrong = residual > largest_residual
@@ -230,7 +230,7 @@ class BodyMotion:
 def body_motion(time: Array, poses: Poses, point: Array) -> BodyMotion:
     """Motion at times (n,) [s] of a low-passed body without NaN, and of its point that rests at `point` (3,) [m]."""
     turning = differentiate(time, poses.rotation.reshape(-1, 9)).omega.reshape(-1, 3, 3)
-    spin = np.einsum("nij,nkj->nik", turning, poses.rotation)  # antisymmetric: the cross product with omega
+    spin = turning @ np.swapaxes(poses.rotation, 1, 2)  # antisymmetric: the cross product with omega
     omega = 0.5 * np.stack([spin[:, k - 1, k - 2] - spin[:, k - 2, k - 1] for k in range(3)], axis=1)
     path = differentiate(time, poses.point(point))
     return BodyMotion(poses.rotation, omega, differentiate(time, omega).omega, path.theta, path.alpha)
@@ -238,7 +238,8 @@ def body_motion(time: Array, poses: Poses, point: Array) -> BodyMotion:
 
 def cross_matrix(v: Array) -> Array:
     """Matrices (n, 3, 3) whose product with a vector is the cross product of v (n, 3) with it."""
-    return np.swapaxes(np.cross(v[:, None], np.eye(3)), 1, 2)
+    x, y, z, zero = *v.T, np.zeros(len(v))
+    return np.moveaxis(np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]), 2, 0)
 
 
 def static_calibration(trial: Trial, settings: CalibrationSettings) -> StaticCalibration:

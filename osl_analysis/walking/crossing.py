@@ -226,7 +226,7 @@ def ankle_torques(
 
     def reaction(model: PlateModel, moving: BodyMotion) -> Array:
         parts = (read(model.lag or 0.0) - plate.inertial_columns(moving) @ model.parameters).reshape(-1, 2, 3)
-        return np.asarray(np.einsum("nij,nkj->nki", turned, parts).reshape(-1, 6))
+        return np.asarray((parts @ np.swapaxes(turned, 1, 2)).reshape(-1, 6))
 
     def of_plate(model: PlateModel, moving: BodyMotion) -> Array:
         return plate.ankle_torque(reaction(model, moving), centre, ankle.centre, ankle.axis)

@@ -143,7 +143,7 @@ class PlatformTrack:
         start, stop = max(first - 60, 0), min(last + 60, len(self.time))
         screw: Array = np.linalg.solve(screw_scale(self.reference), coordinates.T).T.astype(float)
         pose, origin = scipy.spatial.transform.RigidTransform.from_exp_coords(screw), self.reference.mean(axis=0)
-        turned = np.einsum("nij,mj->nmi", pose.rotation.as_matrix(), self.reference - origin)
+        turned = (self.reference - origin) @ np.swapaxes(pose.as_matrix()[:, :3, :3], 1, 2)
         markers = self.low_pass(turned + (pose.translation + origin)[:, None], self.rate)
         poses = bodies.cluster_poses(self.reference, markers[start:stop])
         return bodies.body_motion(self.time[start:stop], poses, centre)[first - start : last - start]

@@ -76,11 +76,10 @@ def law_table(record: Record, p: DrivetrainParameters, programmed: Gains, sign_w
         motion.append(np.gradient(motion[-1], 1 / rate))
     moved = {"K_1": -motion[0], "B_1": -motion[1], "lag": motion[2], "third": motion[3], "one": np.ones(len(motion[0]))}
     belt = record.filtered_torque - p.B_j * record.motion.omega - p.J_j * record.motion.alpha
-    times = record.part(record.time)
-    rows = thinned_rows(len(times), rate, low_pass)
+    rows = record.rows()[thinned_rows(record.samples, rate, low_pass)]
 
     def fitted(y: Array, columns: Mapping[str, Array]) -> LinearFit:
-        return linear_fit(record.part(y)[rows], {name: record.part(x)[rows] for name, x in columns.items()}, by_chunks)
+        return linear_fit(y[rows], {name: x[rows] for name, x in columns.items()}, by_chunks)
 
     try:
         omega = np.gradient(record.actuator["quick"], 1 / rate)
@@ -92,11 +91,11 @@ def law_table(record: Record, p: DrivetrainParameters, programmed: Gains, sign_w
         commanded, of_now = p.k_tau * p.n_m * current, friction(0.0)
         at_once = fit = fitted(commanded, moved | of_now)
         if abs(at_once["f_C"]) > 4 * at_once.se("f_C"):
-            beside = without(np.column_stack([record.part(x)[rows] for x in moved.values()]))
-            y = beside(record.part(commanded)[rows])
+            beside = without(np.column_stack([x[rows] for x in moved.values()]))
+            y = beside(commanded[rows])
 
             def missed(age: float) -> float:  # a filtered column is that of a later sign, later
-                signs = [np.interp(times[rows] - age, record.time, x) for x in of_now.values()]
+                signs = [np.interp(record.time[rows] - age, record.time, x) for x in of_now.values()]
                 late = beside(np.column_stack(signs))
                 return float(np.sum((y - late @ np.linalg.lstsq(late, y)[0]) ** 2))
 

@@ -24,8 +24,8 @@ from osl_analysis.trial import Array
 ROOT = Path(__file__).parents[1]
 LONGEST = (
     "test_workflow", "test_study", "test_walking_platform", "test_bench_any_excitation", "test_figures", "test_report",
-    "test_prediction", "test_bench_rounding", "test_walking_commands", "test_walking_response", "test_free_names",
-    "test_adding", "test_cli", "test_notebook", "test_timebase", "test_simulator_laboratory",
+    "test_prediction", "test_bench_rounding", "test_walking_commands", "test_walking_response", "test_adding",
+    "test_cli", "test_notebook", "test_timebase", "test_simulator_laboratory",
 )  # fmt: skip
 """Modules that take more than 6 s of a core, the longest first."""
 

@@ -7,6 +7,7 @@ import numpy as np
 import polars as pl
 import pytest
 from conftest import ROOT
+from scipy.signal import lfilter
 
 from osl_analysis.bench.prediction import OTHER_LAW, law_table, law_that_ran
 from osl_analysis.bench.record import record_of_trial, with_actuator
@@ -32,9 +33,8 @@ def logged(gains, late=0.0, reads=1.0, feedforward=P):
         return 0.03 * np.sin(2 * np.pi * np.outer(at, frequencies) + phases).sum(axis=1)
 
     theta, theta_m = motion(time), 2.4 * motion(time - 3e-3) + 0.02 * np.sin(2 * np.pi * 0.23 * time)
-    omega, filtered = np.gradient(theta_m, time), np.zeros_like(time)
-    for k in range(1, time.size):
-        filtered[k] = filtered[k - 1] + (omega[k] - filtered[k - 1]) * (1 - np.exp(-1 / (RATE * 2e-3)))
+    omega, kept = np.gradient(theta_m, time), np.exp(-1 / (RATE * 2e-3))
+    filtered = lfilter([1 - kept], [1, -kept], omega)
     seen = np.maximum(np.arange(time.size) // 2 * 2 - round(late * RATE), 0)
     u, sign = (-gains.K_1 * theta_m - gains.B_1 * filtered)[seen], np.tanh(filtered / WIDTH)[seen]
     current = motor_current(u, sign * gains.cancels_friction, feedforward)

@@ -64,6 +64,11 @@ def shared(turned: list[Ramp], seed: int) -> tuple[list[Trial], PlatformModel]:
 
 
 @cache
+def three() -> tuple[list[Trial], PlatformModel]:
+    return shared(ramps(3, 1), 1)
+
+
+@cache
 def plate(heave: float = 0.0) -> PlateModel:
     return identify_plate_model(calibrated(plate_trials(RIG, Ramp(heave=heave), 3)), settings())
 
@@ -139,30 +144,27 @@ def test_torque_and_onset_are_free_of_each_crossings_own_noise(seed, count, chan
         assert (np.sign(table["amplitude"][::2].to_numpy()) == -np.sign(table["amplitude"][1::2].to_numpy())).all()
 
 
-@pytest.mark.parametrize("degrees", [30.0])
-def test_a_laboratory_turned_against_the_walkway_reads_the_same_angle_and_torque(degrees: float) -> None:
+def test_a_laboratory_turned_against_the_walkway_reads_the_same_angle_and_torque() -> None:
     """Read by planar parameters a plate at 30 degrees added 42 N*m/rad to K and 0.3 kg*m^2 to I."""
 
-    def read(heading: float) -> tuple[PlateModel, Crossing]:
-        turn = partial(headed, heading=heading)
-        static = static_calibration(turn(static_trial()), settings())
-        unloaded = identify_plate_model(calibrated([turn(t) for t in plate_trials(RIG, Ramp(), 3)], static), settings())
-        crossings = [turn(walked_over(f"walk_{k}", ramp, RIG, k)) for k, ramp in enumerate(ramps(3, 1))]
-        model = identify_platform(calibrated(crossings, static), settings())
-        return unloaded, analyse_crossing(crossings[0], static, unloaded, True, settings(), model)
-
-    (plate_here, here), (plate_there, there) = read(0.0), read(np.deg2rad(degrees))
+    trials, model = three()
+    here = analyse_crossing(trials[0], CALIBRATION, plate(), True, settings(), model)
+    turn = partial(headed, heading=np.pi / 6)
+    static = static_calibration(turn(static_trial()), settings())
+    plate_there = identify_plate_model(calibrated([turn(t) for t in plate_trials(RIG, Ramp(), 3)], static), settings())
+    turned = [turn(trial) for trial in trials]
+    model = identify_platform(calibrated(turned, static), settings())
+    there = analyse_crossing(turned[0], static, plate_there, True, settings(), model)
     assert np.abs(there.theta - here.theta).max() < 1e-5
     assert np.abs(there.torque - here.torque).max() < 0.05
-    assert plate_there.height == pytest.approx(plate_here.height, abs=1e-3)
+    assert plate_there.height == pytest.approx(plate().height, abs=1e-3)
     assert there.turn == pytest.approx(here.turn, abs=1e-5)
 
 
 def test_what_was_filled_before_the_export_is_hidden_counted_and_said(tmp_path: Path) -> None:
     """100 ms at the onset, by a spline: one platform marker made I thirteen times too large, two of the shank K 441."""
-    turned = ramps(3, 1)
-    trials, model = shared(turned, 1)
-    onset = turned[0].onset
+    trials, model = three()
+    onset = ramps(3, 1)[0].onset
 
     def read(*markers: str) -> Crossing:
         trial = filled(trials[0], markers, onset - 0.02, onset + 0.08) if markers else trials[0]
@@ -185,7 +187,7 @@ def test_a_cluster_that_was_put_on_again_asks_for_a_static_trial() -> None:
 
 
 def test_the_errors_of_a_torque_hold_what_each_group_of_crossings_does_to_the_shape_also_from_a_file(tmp_path) -> None:
-    trials, model = shared(ramps(3, 1), 1)
+    trials, model = three()
     alone = replace(plate(), leave_one_out=())
     shapes = [model, *(replace(model, template=shape) for shape in model.leave_out[:2])]
     whole, first, second = (analyse_crossing(trials[0], CALIBRATION, alone, True, settings(), one) for one in shapes)

@@ -93,7 +93,11 @@ def test_every_figure_table_and_headline_number_is_there_and_nothing_is_left_to_
     assert {"K_s", "B_j", "k_tau_n_m", "walking_K"} <= set(summary["numbers"])
     assert "open results/report.html in a browser: every number" in workspace.said
     assert all(one["line"] in workspace.said for one in summary["findings"])
-    assert set(workspace.table("impedance_over_stance")["data"]) == {"simulated"}
+    for path in (*(results / "tables").glob("*.csv"), *(results / "figures").glob("*.csv")):
+        table = pl.read_csv(path, infer_schema_length=None)
+        assert (table.columns[-1], {*table["data"]} - {"simulated"}) == ("data", set()), path
+    drawings = [path.read_text(encoding="utf-8") for path in (results / "figures").glob("*.svg")]
+    assert all("Simulated data: campaign small, osl-analysis" in drawing for drawing in drawings)
     assert (len(workspace.table("walking_crossings")), len(workspace.table("impedance"))) == (8, 4 * 3)
     assert workspace.table("impedance").columns[:3] == ["trial", "joint", "amplitude_deg"], "nobody stated a side"
     shown = pl.read_csv(results / "figures/fig4.csv").select("time", "theta_deg")

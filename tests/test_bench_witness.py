@@ -48,8 +48,7 @@ FAULTS = {
     "square of speed": ("speed", "damping that changes with the speed", {"more": lambda t, x, v, a: 1.5 * v * abs(v)}),
     "hardening": ("size", "stiffness that changes with the angle", {"more": lambda t, x, *_: 4000 * x**3}),
     "stiffer as it flexes": (
-        "direction",
-        "stiffness by direction of motion",
+        *("direction", "stiffness by direction of motion"),
         {"more": lambda t, x, v, a: 60 * x * (v > 0)},
     ),
     "stiffer one way": ("direction", "stiffness by direction", {"more": lambda t, x, *_: 60 * np.maximum(x, 0)}),

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from contextlib import nullcontext
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -270,6 +271,10 @@ def test_a_held_value_that_was_taken_within_the_row_before_lies_where_its_doubt_
     with pytest.raises(AssertionError):
         assert_recovers_the_joint(grid)
     assert_recovers_the_joint(grid.other())
+    stated = one_time_base([replace(held_log(50.0, late=0.9), delays={"torque": 1e-3})])
+    assert_recovers_the_joint(stated)
+    assert stated.other() is None
+    assert_recovers_the_joint(one_time_base([held_log(970.0)]))  # of ten values nine are new
 
 
 def test_a_held_value_of_an_uneven_source_is_half_a_row_older_than_the_first_row_that_has_it():

@@ -224,7 +224,7 @@ def with_rounding(
     phasor: Phasor, record: Record, channel: int, frequency_hz: float, cycles: tuple[Array, Array]
 ) -> Phasor:
     """A phasor of angle (0) or torque (1) with what rounding makes of it that is alike in its cycles."""
-    first, stop = (edges[: FEWEST_CYCLES + 1] for edges in cycles)
+    first, stop = cycles
     rows = whole_rows(first.min(), stop.max())
     if not (errors := list(record.roundings(channel, rows))):
         return phasor

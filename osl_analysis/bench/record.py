@@ -48,6 +48,7 @@ STRETCH_S = 1.0  # duration [s] of a stretch: 30 correlation times of a 15 Hz lo
 QUICK = 4.0  # cut-offs of the low-pass behind which the velocity's sign is read, and the rounding of steps is drawn
 BEYOND = 1.1  # cut-offs, from which on it is more of the motion than the tail of a step that is faster
 STANDS = 0.1  # median of the speed over its SD, below which a joint mostly stands
+OF_SINE = 0.5  # steps by which the size of a sine is drawn: less where samples keep step with it covers too little
 DRAWS = (np.arange(17) + 0.5) / 17 - 0.5  # parts of a step of an encoder by which zeros and sizes differ
 SHORTEST_S = 1.0  # shortest stretch [s] that is fitted
 NOT_MOVED = "the joint does not move; check the channel of theta in the source file"
@@ -181,33 +182,39 @@ class Record:
         highest_of_all = float(np.median(power[0, f > 0.35 * self.rate_hz]))
         return highest_of_all if highest_of_all < 0.3 * of_theta else float(of_theta), float(of_torque)
 
-    @property
+    @cached_property
     def repeated_steps(self) -> list[tuple[float, float]]:
         """Steps of angle [rad] and torque [N*m], and how much of what rounding makes alike in all cycles noise leaves:
         noise of s steps before it exp(-(2 pi s)^2/2) (Widrow and Kollar, Quantization Noise, 2008, ch. 5)."""
         found = list[tuple[float, float]]()
-        for step, density in zip(self.steps, self.noise, strict=True):
-            noise = max(density * self.rate_hz / 2 / step**2 - 1 / 12, 0.0) if step and step**2 else np.inf  # [steps^2]
+        rest = self.theta - self.motion.theta, self.torque - self.filtered_torque
+        for step, density, fast in zip(self.steps, self.noise, rest, strict=True):
+            # rounding of slow motion is no white noise, and of motion beyond the cut-off not all is noise
+            variance = min(density * self.rate_hz / 2, float(np.var(self.part(fast))))
+            noise = max(variance / step**2 - 1 / 12, 0.0) if step and step**2 else np.inf  # [steps^2]
             # beyond 0.1 steps^2 a fiftieth of the variance of what cycles repeat is left
             found.append((step or 0.0, float(np.exp(-2 * np.pi**2 * noise)) if noise < 0.1 else 0.0))
         return found
 
     def roundings(self, channel: int, rows: slice = slice(None)) -> Iterator[Array]:
         """Errors (n,) of angle [rad] (0) or torque [N*m] (1) in some rows that rounding makes, each with another zero
-        of the sensor and a signal that is larger by a part of a step; none where noise hides it. Behind the
-        filter of the fit steps between levels ring, by some steps of the encoder, so that where the joint mostly stands
-        the signal is taken behind one quicker by `QUICK` (half of it makes too little, and sound steps are accused)."""
-        (step, left), raw = self.repeated_steps[channel], (self.theta, self.torque)[channel][rows]
+        of the sensor; none where noise hides it. Of levels and sines, which return to the same places, the size is
+        another one too; of another motion it would count as an error of K. Behind the filter of the fit steps between
+        levels ring, by some steps of the encoder, so that where the joint mostly stands the signal is taken behind one
+        quicker by `QUICK` (half of it makes too little, and sound steps are accused)."""
+        (step, left), raw = self.repeated_steps[channel], (self.theta, self.torque)[channel]
         if not left:
             return
-        speed, quick = self.motion.omega[rows], self.low_pass
-        if np.median(np.abs(speed)) < STANDS * np.std(speed):
-            quick = replace(quick, cutoff_hz=QUICK * quick.cutoff_hz)
-        signal = quick(raw, self.rate_hz)
+        speed, signal = self.motion.omega[rows], (self.motion.theta, self.filtered_torque)[channel][rows]
+        usual, stands = float(np.median(np.abs(speed))), STANDS * float(np.std(speed))
+        larger = 1.0 if usual < 2 * stands else OF_SINE * self.is_stepped_sine
+        if usual < stands:
+            quick = replace(self.low_pass, cutoff_hz=QUICK * self.low_pass.cutoff_hz)
+            signal = quick(raw[rows], self.rate_hz)
         steps = (signal - signal.mean()) / step
-        largest = float(np.abs(steps).max())
-        for zero, larger in zip(DRAWS, DRAWS[5 * np.arange(17) % 17], strict=True):
-            read = steps * (1 + larger / largest) + zero
+        more = larger * DRAWS[5 * np.arange(17) % 17] / float(np.abs(steps).max())
+        for zero, share in zip(DRAWS, more, strict=True):
+            read = steps * (1 + share) + zero
             yield left * step * (read - np.rint(read))
 
     def coarse_roundings(self, channel: int) -> Iterator[Array]:

@@ -9,6 +9,7 @@ that cannot be told apart all are given.
 Angle and torque are those of the motion's own band, so that drift and slow disturbances are no evidence."""
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -51,6 +52,7 @@ SERIES = 5  # terms of the series of a torque that is late by a time that change
 MOST_LEFT = 0.5  # share of the torque's variance that an explanation may leave, to be named with its estimates
 HIDDEN = 0.1  # share of the inertia that a delay that is not heard may make
 LEAST_INERTIA = 1e-3  # kg*m^2, added in quadrature to what it is a share of
+USELESS = 20.0  # times an estimate, from which on a range of it says nothing
 HARM = {"K": (0.003, 2.0), "B": (0.01, 2.0), "I": (0.02, 5e-3)}
 """Share of an estimate that is harm, and the size [SI] that is added in quadrature to what it is a share of."""
 FAMILIES = ("path", "time", "speed", "size", "direction")
@@ -374,9 +376,20 @@ class Court:
         return bool((damping + sum(stiffness) * most) * most > HIDDEN * float(np.hypot(inertia, LEAST_INERTIA)))
 
     def clock_drift(self) -> tuple[float, float]:
-        """Drift of the torque's clock against the angle's [ppm], with its standard error: it is later and later."""
-        _, _, sizes, errors = self.late(np.ones(self.view.n), self.view.time)
-        return float(1e6 * sizes[1] / self.view.seconds), float(1e6 * errors[1] / self.view.seconds)
+        """Drift of the torque's clock against the angle's [ppm], with its standard error: it is later and later. The
+        series holds for short lags, so that of longer ones a part is taken out of the torque at a time."""
+        view, again, lag, drift = self.view, copy(self), np.zeros(self.view.n), 0.0
+        again.view, at = copy(view), np.arange(view.n) / view.rate_hz
+        torque = scipy.interpolate.make_interp_spline(at, view.torques[0], 5)
+        shapes = np.array([np.ones(view.n), view.time])
+        for _ in range(20):
+            _, _, sizes, errors = again.late(*shapes)
+            part = min(0.5 * LONGEST_LAG / max(float(np.abs(sizes @ shapes).max()), 1e-9), 1.0)
+            lag, drift = lag + part * sizes @ shapes, drift + part * float(sizes[1])
+            if part == 1:
+                break
+            again.view.y = view.column(torque(np.clip(at + lag, 0, at[-1])))
+        return 1e6 * drift / view.seconds, float(1e6 * errors[1] / view.seconds)
 
     def hear_time(self) -> None:
         """Clocks that drift apart, K that changes, or the lag, in a straight line or at a moment."""
@@ -419,7 +432,8 @@ class Court:
         view = self.view
         self.add("size", "stiffness that changes with the angle", [*view.base, view.column(view.motion[0] ** 3)])
         torque = self.fitted(view.base)[0][:3] @ np.array(view.motion[:3])
-        self.add("size", "gap", [*view.base, view.column(-np.tanh(torque / (0.02 * np.std(torque))))])
+        for x in (torque, view.motion[0]):  # of what loses its load, or of a spring beside a damper
+            self.add("size", "gap", [*view.base, view.column(-np.tanh(x / (0.02 * np.std(x))))])
         self.hear_play("size")
 
     def hear_direction(self) -> None:
@@ -574,7 +588,9 @@ def witness_row(record: Record, names: Sequence[str] = tuple(HARM), is_leg: bool
         return row
     row |= {"rivals": ", ".join(dict.fromkeys(one.name for one in alike))}
     apart = harm_of(np.ptp(every, axis=0), every[0])
+    useless = USELESS * np.hypot(none.estimates, np.array(list(HARM.values()))[-len(names) :, 1])
     for k, name in enumerate(names):
+        ends = (float(low[k]), float(high[k])) if high[k] - low[k] < useless[k] else (None, None)
         row |= {f"{name}_without": float(every[0, k]) if apart[k] <= 1 else None}
-        row |= {f"{name}_without_low": float(low[k]), f"{name}_without_high": float(high[k])}
+        row |= dict(zip((f"{name}_without_low", f"{name}_without_high"), ends, strict=True))
     return row

@@ -75,10 +75,12 @@ def without_names(cause: str, row: AnyRow) -> dict[str, str]:
 
 def without_said(finding: Finding, row: AnyRow) -> str:
     """The estimates of the same fit with this cause as a column of the regression."""
-    said = []
+    said = list[str]()
     for name, symbol in without_names(finding.cause, row).items():
         value, low, high = (finding.without.get(f"{name}{end}") for end in ("", "_low", "_high"))
         if low is None or high is None:
+            told = value is not None or not finding.without or name not in CAUSES[finding.cause].without
+            said += [f"nothing of {symbol} is told"] * (not told)
             continue
         if value is not None and abs(high + low - 2 * value) <= 1e-3 * (high - low):
             said.append(f"{symbol} {value:.4g} ± {significant(high - value)}")

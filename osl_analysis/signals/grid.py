@@ -262,7 +262,7 @@ def streams(trial: Trial, devices: Sequence[Sequence[str]], silent: frozenset[st
         choice = trial.provenance.get(of[names[0]].get("file", ""), {}).get("time", {}).get("stamps", "auto")
         counted = next((c for c in map(counter_column, names) if c in trial.columns), None)
         counter = None if counted is None else np.asarray(trial.arrays(counted)[1], dtype=np.int64)
-        delays = {name: facts.get("delay") or 0.0 for name, facts in of.items()}
+        delays = {name: facts["delay"] for name, facts in of.items() if facts.get("delay") is not None}
         low_passes = {name: SensorLowPass(**low) for name, facts in of.items() if (low := facts.get("low_pass"))}
         signals = dict(zip(names, values, strict=True))
         fixture, known = of.get("torque", {}).get("fixture"), trial.provenance.get("stamps", {})

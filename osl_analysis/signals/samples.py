@@ -427,14 +427,15 @@ def take(streams: Sequence[Stream]) -> list[Taken]:
 def held_taken(stream: Stream, name: str, held: HeldValues, row_times: Array, step: float) -> Taken:
     """A held signal at its own rate. Where its source samples evenly, its clock lies at or below the first rows of all
     values, and above what is one step of the log earlier: the beat of the two rates leaves one place for it. Where they
-    keep step, the first rows are taken, and it is not firm. Of an uneven source each value is half a step older."""
+    keep step, the first rows are taken, and only a stated delay behind these is firm. Of an uneven source each value is
+    half a step older."""
     stamps = np.interp(held.rows, np.arange(len(row_times)), row_times)
     own = replace(stream, name=f"{stream.name} [{name}]", stamps=stamps, signals={name: held.values}, counter=None)
     clock = DeviceClock(stamps, np.arange(len(stamps)))
     late = stamps - clock.times()
     low, high = (float(at) for at in np.quantile(late, (0.005, 0.995)))
     even, beat = high - low < 2 * step, step - (high - low)
-    unsure = beat if beat > 0.05 * step else 0.0
+    unsure = beat if beat > 0.05 * step and name not in stream.delays else 0.0
     why = f"held: each value stands for {held.period:.4g} rows, its time is "
     why += f"the first of them, or up to {unsure * 1e3:.3g} ms before" if unsure else "known by where it changes"
     if not even:

@@ -110,10 +110,15 @@ class HeldValues:
 
 
 def held_values(signal: Array, step: float) -> HeldValues | None:
-    """The values that a signal (n,), without NaN, repeats at a pace of its own, of 2 rows to 0.1 s of `step` [s]; None
-    if it does not. A slow signal of coarse resolution, at rest too, repeats values but hardly right after it went on by
+    """The values that a signal (n,), without NaN, repeats at a pace of its own, up to 0.1 s of `step` [s]; None if it
+    does not. A slow signal of coarse resolution, at rest too, repeats values but hardly right after it went on by
     three of its smallest steps: the rows after such changes tell."""
     first = np.flatnonzero(np.diff(signal)) + 1
+    if FEWEST_STAMPS < len(signal) - len(first) < 0.5 * len(signal):
+        # a source that is hardly slower: its values come in a straight line to within a row, as no chance makes them
+        period = float(np.polyfit(np.arange(len(first)), first, 1)[0])
+        off = first - period * np.arange(len(first))
+        return HeldValues(first.astype(np.float64), signal[first], period) if np.ptp(off) < 1.2 else None
     if not FEWEST_STAMPS < len(first) < 0.6 * len(signal):
         return None
     change, stands = np.abs(signal[first] - signal[first - 1]), np.diff(first)

@@ -65,6 +65,8 @@ def of_impedance(row: AnyRow) -> Iterator[str]:
         yield "whether K changes while it is recorded"
     if (cell_number(row, "clocks") or 1) > 1 and lacks(row, "clock_drift_ppm"):
         yield "whether the clocks of angle and torque drift apart"
+    if lacks(row, "B_viscous") and cell_number(row, "B_viscous_low") is not None:
+        yield "how much of B is friction"
     low, high = (cell_number(row, f"K_{end}") for end in ("low", "high"))
     if low is not None and high is not None and high - low < 2 * WEIGHT:
         yield "whether a fixture's weight is in K"

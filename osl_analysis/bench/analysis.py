@@ -425,11 +425,7 @@ def friction_rows(s: Sums, analysis: Analysis, is_leg: bool = False) -> dict[Lab
     other joint has all shapes, and K and I of the row are those beside it. Where it is not certain, and so much of it
     possible that K, B or I may be another one by more than `HARM`, the intervals beside it are given alone."""
     model, fits = analysis.model, analysis.fits
-    shapes = None if is_leg else friction_sums(analysis.record, model)
-    if shapes is not None:
-        with suppress(IdentifiabilityError):
-            every = with_effects(shapes, model, (*SHAPES, "jerk", "snap"))
-            shapes = None if any(abs(every[x]) > HIGHER * every.se(x) for x in ("jerk", "snap")) else shapes
+    shapes = None if is_leg else sums_of_friction(analysis)
     damping = next(name for name, column in model.items() if column == "omega")
     moved = [damping, *(name for name in ("K", "I") if name in model)]
     own = [f"{damping}_viscous", *(f"{name}_without_friction" for name in moved[1:]), "f_C" if "K" in model else "T_C"]
@@ -449,28 +445,49 @@ def friction_rows(s: Sums, analysis: Analysis, is_leg: bool = False) -> dict[Lab
         if whole_has:
             # friction that a controller takes off is not Coulomb's: the smaller of two answers is held against a trial
             rows[label]["coulomb_share"] = max(min(made, fit[damping] - alone[damping]), 0.0) / fit[damping]
-        if shapes is not None:
-            told = analysis.calibrated(without_any_friction(shapes, analysis, moved, label), label)
-            if certain:
-                main = [name for name in QUANTITIES if name in moved]
-                rows[label] |= estimates_row(told, *moved[1:]) | covariance_row(told, *main)
-        elif certain:
-            told = without_friction(fit, alone, beside, moved, "T_C")
-            # No recording shows over which velocity friction turns its sign. What a tenth of that of T_C makes of both
-            # numbers is the half-width of a rectangular distribution (JCGM 100:2008, 4.3.7).
-            sharper = with_effects(s, model, ("T_C_sharp",), label), with_friction(s, model, label, "T_C_sharp")
-            sharp = without_friction(fit, *sharper, moved, "T_C_sharp")
-            told = analysis.calibrated(widened(told, (sharp.estimates - told.estimates) / np.sqrt(3)), label)
-        else:
-            continue
-        found = estimates_row(replace(told, names=tuple(own)), *own)
-        if certain:
-            rows[label] |= found
-        elif "K" in model:
-            half, before = ([one.interval(x)[1] - one[x] for x in QUANTITIES] for one in (told, fit))
-            if harm_of(np.subtract(half, before), np.array([fit[x] for x in QUANTITIES])).max() > 1:
-                rows[label] |= {name: x for name, x in found.items() if name.endswith(("_low", "_high"))}
+        rows[label] |= without_friction_row(s, shapes, analysis, label, certain, moved, own)
     return rows
+
+
+def without_friction_row(
+    s: Sums, shapes: Sums | None, analysis: Analysis, label: Label, certain: bool, moved: Sequence[str], own: list[str]
+) -> Row:
+    """What is `moved` and friction, by names of their `own`, and K and I of a joint whose friction has all `shapes`."""
+    model, fit = analysis.model, analysis.fits[label]
+    if shapes is None and not certain:
+        return {}
+    if shapes is None:
+        told = analysis.calibrated(without_sign(s, model, fit, moved, label), label)
+    else:
+        told = analysis.calibrated(without_any_friction(shapes, analysis, moved, label), label)
+    found: Row = {**estimates_row(replace(told, names=tuple(own)), *own)}
+    main = [x for x in QUANTITIES if x in moved]
+    if certain:
+        return found | ({**estimates_row(told, *moved[1:]), **covariance_row(told, *main)} if shapes else {})
+    wider = [one.interval(x)[1] - one[x] for one in (told, fit) for x in main]
+    if main and harm_of(np.subtract(wider[:3], wider[3:]), fit.estimates[:3]).max() > 1:
+        return {name: x for name, x in found.items() if name.endswith(("_low", "_high"))}
+    return {}
+
+
+def sums_of_friction(analysis: Analysis) -> Sums | None:
+    """The sums with friction of any shape; None of a joint that is of higher order beside it."""
+    s = friction_sums(analysis.record, analysis.model)
+    with suppress(IdentifiabilityError):
+        every = with_effects(s, analysis.model, (*SHAPES, "jerk", "snap"))
+        return None if any(abs(every[name]) > HIGHER * every.se(name) for name in ("jerk", "snap")) else s
+    return s
+
+
+def without_sign(s: Sums, model: Model, fit: GroupFit, names: Sequence[str], label: Label) -> GroupFit:
+    """Some estimates of a fit for the torque less a friction that has the velocity's sign, and this friction. No
+    recording shows over which velocity it turns: what a tenth of that of T_C makes of the numbers is the half-width of
+    a rectangular distribution (JCGM 100:2008, 4.3.7)."""
+    smooth, sharp = (
+        without_friction(fit, with_effects(s, model, (T,), label), with_friction(s, model, label, T), names, T)
+        for T in ("T_C", "T_C_sharp")
+    )
+    return widened(smooth, (sharp.estimates - smooth.estimates) / np.sqrt(3))
 
 
 def without_any_friction(s: Sums, analysis: Analysis, names: Sequence[str], label: Label) -> GroupFit:

@@ -183,6 +183,15 @@ def slipping(x: Array, width: float) -> Array:
     return y
 
 
+def bristle(x: Array, width: float = 1e-4) -> Array:
+    """Friction of 1 N*m that a bristle winds up over a width [rad] before it slides, and that stays at rest (Dahl)."""
+    torque = [0.0]
+    for step in np.diff(x).tolist():
+        slides = float(np.sign(step))
+        torque.append(slides + (torque[-1] - slides) * float(np.exp(-abs(step) / width)))
+    return np.array(torque)
+
+
 def through(torque: Array, response: Callable[[NDArray[np.complex128]], NDArray[np.complex128]]) -> Array:
     """Torque behind a filter of the path, of which the response at s [rad/s] is given; the ends are mirrored."""
     around = np.pad(torque, 3000, mode="reflect")
@@ -283,6 +292,7 @@ TIME = ("stiffness that changes", "clocks that drift apart", "change over time")
 SLOW = {"slow_noise": 0.03}
 FRICTION = ("friction",)
 WEIGHT, LATENESS = "whether a fixture's weight is in K", "whether the torque is late"
+UNTOLD = "how much of B is friction"
 CAUSES = [
     Cause("late torque", on_torque(late), 2e-3, PATH, "s", told=LATENESS),
     Cause("late angle", on_torque(lambda m, y, x: late(m, y, -x)), 2e-3, PATH, "s", told=LATENESS),
@@ -317,7 +327,16 @@ CAUSES = [
     Cause("K warms up", with_stiffness(lambda m: -growing(m)), 0.05, TIME, "of K"),
     Cause("K steps", with_stiffness(lambda m: -after(m, 0.6)), 0.15, TIME, "of K"),
     Cause("late from half on", on_torque(lambda m, y, x: late(m, y, x * after(m, 0.5))), 2e-3, (*TIME, *LATE), "s"),
-    Cause("Coulomb friction", beside(lambda m, x: x * np.tanh(m.omega / 2e-3)), 0.5, FRICTION, "N*m"),
+    Cause("Coulomb friction", beside(lambda m, x: x * np.tanh(m.omega / 2e-3)), 0.5, FRICTION, "N*m", told=UNTOLD),
+    Cause(
+        "bristle friction",
+        beside(lambda m, x: x * bristle(m.theta)),
+        0.3,
+        FRICTION,
+        "N*m",
+        motions=(*MOTIONS, "ramps"),
+        told=UNTOLD,
+    ),
     Cause(
         "play, no hysteresis",
         lambda m, joint, x: Taken(

@@ -3,7 +3,7 @@
 import numpy as np
 import polars as pl
 import pytest
-from any_motion import LEAD, RATE, TRUE, chirp, made_trial, multisine, noise
+from any_motion import LEAD, RATE, TRUE, chirp, made_trial, multisine, noise, slow_ramps
 from bench_synthetic import second_order, stepped_sine, table_of
 from conftest import ROOT, beyond_in, findings_of, marked
 from scipy.interpolate import make_interp_spline
@@ -231,6 +231,44 @@ def test_friction_is_told_from_damping_whatever_the_velocity_over_which_it_turns
     assert row["f_C_low"] < 0.5 < row["f_C_high"]
     assert row["B_viscous_low"] < 5 < row["B_viscous_high"]
     assert row["f_C_high"] - row["f_C_low"] < 0.05
+
+
+def bristle(x, width):
+    """Friction of 1 N*m that is wound up exponentially over a width [rad] before it slides (Dahl)."""
+    torque = [0.0]
+    for step in np.diff(x):
+        torque.append(np.sign(step) + (torque[-1] - np.sign(step)) * np.exp(-abs(step) / width))
+    return np.array(torque)
+
+
+@pytest.mark.usefixtures("without_witness")
+@pytest.mark.parametrize("width", [1e-4, 1e-3])
+def test_friction_that_winds_up_a_bristle_and_stays_at_rest_is_no_part_of_the_joint(width):
+    """As a sign of the velocity it makes K 0.7 and 0.3 % of it larger, seven and four half-widths of the interval."""
+    time, motion = slow_ramps(rng := np.random.default_rng(3), (0.15, 0.5), (0.05, 0.3), 5, 200)
+    row = row_of(made_trial(rng, (time, motion), more=0.3 * bristle(motion[0], width)), excitation="any")
+    for name, true in (("K", TRUE["K"]), ("B_viscous", TRUE["B"]), ("I", TRUE["I"]), ("f_C", 0.3)):
+        half = (row[f"{name}_high"] - row[f"{name}_low"]) / 2
+        assert abs(row[name] - true) < 1.5 * half, name
+    assert row["K_high"] - row["K_low"] < 4e-3 * row["K"]
+    assert row["K"] == row["K_without_friction"]
+    assert row["I_high"] == row["I_without_friction_high"]
+
+
+@pytest.mark.usefixtures("without_witness")
+def test_at_one_speed_friction_and_damping_are_one_number_and_how_much_is_said():
+    theta = gaussian_filter1d(0.06 * np.arcsin(np.sin(2 * np.pi * np.arange(40_000) / 1200)), 10.0)
+    motion = theta, np.gradient(theta, 1e-3), np.gradient(np.gradient(theta, 1e-3), 1e-3)
+    trial = made_trial(
+        rng := np.random.default_rng(1), (np.arange(40_000) / 1e3, motion), more=0.2 * bristle(theta, 3e-4)
+    )
+    row = row_of(trial, excitation="any")
+    assert row["B_low"] > 1.05 * TRUE["B"], "all of it is in B"
+    assert row["B_viscous"] is None
+    assert row["B_viscous_low"] < TRUE["B"] < row["B_viscous_high"]
+    assert "how much of B is friction" in [one.cause for one in findings_of(row, Limits(), "impedance")]
+    told = row_of(made_trial(rng, noise(rng, duration=60.0)), excitation="any")
+    assert told["B_viscous_low"] is None, "noise tells them apart"
 
 
 @pytest.mark.usefixtures("without_witness")
@@ -790,7 +828,7 @@ def test_a_torque_clipped_by_an_amplifier_before_the_noise_is_doubtful_and_frict
     lowest = LIMITS.below["torque_at_peaks"]
     row = row_of(trial, excitation="any")
     found = findings_of(row, Limits(below={"torque_at_peaks": lowest}), "phasors")
-    assert [one.cause for one in found] == ["clipped signal"]
+    assert [one.cause for one in found if one.evidence] == ["clipped signal"]
     motion = MOTIONS[name](rng)
     rubbing = made_trial(rng, motion, more=0.5 * np.tanh(motion[1][1] / 0.01))
     assert row_of(rubbing, excitation="any")["torque_at_peaks"] > lowest + 0.15

@@ -10,10 +10,21 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from osl_analysis.bench.effects import FALSE_ALARM, Fault, Model, noise_of_angle, plain_sums, with_effects
-from osl_analysis.bench.gram import GroupFit, Sums, held_out_vaf
+from osl_analysis.bench.effects import (
+    FALSE_ALARM,
+    HIGHER,
+    SHAPES,
+    Fault,
+    Model,
+    friction_sums,
+    noise_of_angle,
+    plain_sums,
+    with_effects,
+)
+from osl_analysis.bench.gram import GroupFit, Sums, estimates_of, fit_groups, held_out_vaf
 from osl_analysis.bench.record import SHORTEST_S, Label, Record
 from osl_analysis.bench.settings import NOT_STATED, BenchStiffness, Calibration
+from osl_analysis.bench.witness import harm_of
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.model.drivetrain import DrivetrainParameters
 from osl_analysis.signals.grid import UniformSignals
@@ -406,10 +417,15 @@ def at_zero(fit: GroupFit, centre: float) -> GroupFit:
     return replace(fit, estimates=turn @ fit.estimates, covariance=turn @ fit.covariance @ turn.T, repeat=repeat)
 
 
-def friction_rows(s: Sums, analysis: Analysis) -> dict[Label, Row]:
+def friction_rows(s: Sums, analysis: Analysis, is_leg: bool = False) -> dict[Label, Row]:
     """Of each label Coulomb friction [N*m], and the share of the damping that it makes, 0 where all of the trial has
-    none for certain; where the label has, viscous damping, K and I without friction, and friction, with intervals."""
+    none for certain; where the label has, viscous damping, K and I without friction, and friction, with intervals.
+
+    That of a leg, or of another joint of higher order, stands behind a spring: it is one column, of a sign. That of any
+    other joint has all shapes, and K and I of the row are those beside it. Where it is not certain, and so much of it
+    possible that K, B or I may be another one by more than `HARM`, the intervals beside it are given alone."""
     model, fits = analysis.model, analysis.fits
+    shapes = None if is_leg else sums_of_friction(analysis)
     damping = next(name for name, column in model.items() if column == "omega")
     moved = [damping, *(name for name in ("K", "I") if name in model)]
     own = [f"{damping}_viscous", *(f"{name}_without_friction" for name in moved[1:]), "f_C" if "K" in model else "T_C"]
@@ -429,16 +445,75 @@ def friction_rows(s: Sums, analysis: Analysis) -> dict[Label, Row]:
         if whole_has:
             # friction that a controller takes off is not Coulomb's: the smaller of two answers is held against a trial
             rows[label]["coulomb_share"] = max(min(made, fit[damping] - alone[damping]), 0.0) / fit[damping]
-        if not certain:
-            continue
-        told = without_friction(fit, alone, beside, moved, "T_C")
-        # No recording shows over which velocity friction turns its sign. What a tenth of that of T_C makes of both
-        # numbers is the half-width of a rectangular distribution (JCGM 100:2008, 4.3.7).
-        sharper = with_effects(s, model, ("T_C_sharp",), label), with_friction(s, model, label, "T_C_sharp")
-        sharp = without_friction(fit, *sharper, moved, "T_C_sharp")
-        told = analysis.calibrated(widened(told, (sharp.estimates - told.estimates) / np.sqrt(3)), label)
-        rows[label] |= estimates_row(replace(told, names=tuple(own)), *own)
+        rows[label] |= without_friction_row(s, shapes, analysis, label, certain, moved, own)
     return rows
+
+
+def without_friction_row(
+    s: Sums, shapes: Sums | None, analysis: Analysis, label: Label, certain: bool, moved: Sequence[str], own: list[str]
+) -> Row:
+    """What is `moved` and friction, by names of their `own`, and K and I of a joint whose friction has all `shapes`."""
+    model, fit = analysis.model, analysis.fits[label]
+    if shapes is None and not certain:
+        return {}
+    if shapes is None:
+        told = analysis.calibrated(without_sign(s, model, fit, moved, label), label)
+    else:
+        told = analysis.calibrated(without_any_friction(shapes, analysis, moved, label), label)
+    found: Row = {**estimates_row(replace(told, names=tuple(own)), *own)}
+    main = [x for x in QUANTITIES if x in moved]
+    if certain:
+        return found | ({**estimates_row(told, *moved[1:]), **covariance_row(told, *main)} if shapes else {})
+    wider = [one.interval(x)[1] - one[x] for one in (told, fit) for x in main]
+    if main and harm_of(np.subtract(wider[:3], wider[3:]), fit.estimates[:3]).max() > 1:
+        return {name: x for name, x in found.items() if name.endswith(("_low", "_high"))}
+    return {}
+
+
+def sums_of_friction(analysis: Analysis) -> Sums | None:
+    """The sums with friction of any shape; None of a joint that is of higher order beside it."""
+    s = friction_sums(analysis.record, analysis.model)
+    with suppress(IdentifiabilityError):
+        every = with_effects(s, analysis.model, (*SHAPES, "jerk", "snap"))
+        return None if any(abs(every[name]) > HIGHER * every.se(name) for name in ("jerk", "snap")) else s
+    return s
+
+
+def without_sign(s: Sums, model: Model, fit: GroupFit, names: Sequence[str], label: Label) -> GroupFit:
+    """Some estimates of a fit for the torque less a friction that has the velocity's sign, and this friction. No
+    recording shows over which velocity it turns: what a tenth of that of T_C makes of the numbers is the half-width of
+    a rectangular distribution (JCGM 100:2008, 4.3.7)."""
+    smooth, sharp = (
+        without_friction(fit, with_effects(s, model, (T,), label), with_friction(s, model, label, T), names, T)
+        for T in ("T_C", "T_C_sharp")
+    )
+    return widened(smooth, (sharp.estimates - smooth.estimates) / np.sqrt(3))
+
+
+def without_any_friction(s: Sums, analysis: Analysis, names: Sequence[str], label: Label) -> GroupFit:
+    """Some estimates beside friction of all `SHAPES`, and this friction [N*m], that of a joint that slides. No shape is
+    friction's own: what it changes to leave one out is the half-width of a rectangular distribution (JCGM 100:2008,
+    4.3.7). What the fit without friction has beside its data counts here, too. Where the motion does not tell shapes
+    and damping apart the intervals are wide."""
+    model, columns = {**analysis.model, **{x: x for x in SHAPES}}, [*analysis.model.values(), *SHAPES]
+    fit, bare = fit_groups(s, model, label, limit=np.inf), with_effects(analysis.sums, analysis.model, (), label)
+    at = [fit.names.index(name) for name in (*names, SHAPES[0])]
+    told = replace(
+        fit,
+        names=(*names, "T_C"),
+        estimates=fit.estimates[at],
+        covariance=fit.covariance[np.ix_(at, at)],
+        degrees_of_freedom=fit.degrees_of_freedom[at],
+        repeat=None,
+    )
+    for shape in SHAPES[1:]:
+        rest = [
+            column for column in columns if column != shape
+        ]  # the model's, and that of sliding, stay at their places
+        left = estimates_of(s.over(label), s.index(rest), s.torque)[at] - told.estimates
+        told = widened(told, left / np.sqrt(3))
+    known = [max(analysis.fits[label].se(x) ** 2 - bare.se(x) ** 2, 0.0) ** 0.5 for x in names]
+    return widened(told, np.array([*known, 0.0]))
 
 
 def with_friction(s: Sums, model: Model, label: Label, friction: str = "T_C") -> GroupFit:

@@ -261,9 +261,8 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
     A late torque takes B_j times the lag off J_j, and leaves a third derivative of the angle, by which it is heard."""
     record, s = analysis.record, effects.sums_of(analysis.record, TRANSMISSION)
     facts = {name: x for name, x in effects.repeats_row(record, s, TRANSMISSION).items() if name != "K_drift"}
-    facts |= witness_row(record, LOSSES)
-    rows = list[Row]()
-    certain = friction_rows(s, analysis)  # its T_C counts how sharply friction turns its sign
+    rows, certain = list[Row](), friction_rows(s, analysis)  # its T_C counts friction's shape about rest
+    facts |= witness_row(record, LOSSES, rubs=certain[analysis.label]["T_C"] is not None)
     for label, fit in analysis.fits.items():
         friction = analysis.calibrated(effects.with_effects(s, TRANSMISSION, ("T_C",), label), label)
         weight = effects.with_effects(s, TRANSMISSION, ("weight",), label)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.bench import gram
 from osl_analysis.bench.gram import GroupFit, Sums
-from osl_analysis.bench.record import Label, Record
+from osl_analysis.bench.record import QUICK, Label, Record
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection
 from osl_analysis.signals import seven_point_motion
@@ -79,6 +79,12 @@ EFFECTS = (
     Effect("cubic", lambda moved: moved.theta**3),  # a spring that stiffens
     Effect("linear", is_rich=False),  # the higher dynamics of the linear model with its gains
 )
+TURNS = (1e-3, 1e-2)  # rad/s over which friction turns its sign
+WINDS = (5e-5, 1.5e-4, 5e-4, 1.5e-3)  # rad over which friction winds up by half, about those of bristles
+SHAPES = ("slides", *(f"rests_{k}" for k in range(1, len(TURNS) + len(WINDS))))
+"""Columns of friction of 1 N*m that slides, and of what else it may be about rest, whose sum is near that of any
+joint."""
+HIGHER = 10.0  # standard errors of a jerk or snap beside friction, as a drivetrain has (100), and rounding has not (6)
 COLUMN = {"weight": "theta"}  # of an estimate beside a model that is not named like its column
 
 
@@ -124,6 +130,25 @@ def effect_columns(record: Record, expected: Admittance | None = None) -> tuple[
     if expected is not None:
         columns["linear"] = linear_torque(few, expected)
     return columns, centre
+
+
+def shapes_of_friction(record: Record) -> dict[str, Array]:
+    """The columns `SHAPES` (n,) of a record when coarse. Friction turns its sign with the velocity and is 0 at rest, or
+    winds up before it slides and stays at rest, as a bristle (Dahl 1968; Canudas de Wit et al. 1995)."""
+    few, rate = record.coarse, record.rate_hz
+    quick = replace(record.low_pass, cutoff_hz=min(QUICK * record.low_pass.cutoff_hz, 0.2 * rate))(record.theta, rate)
+    omega = np.gradient(quick, 1 / rate)
+    shapes = np.array([np.tanh(omega / turn) for turn in TURNS] + [spring_that_slips(quick, wind) for wind in WINDS])
+    shapes[1:] -= shapes[0]
+    return dict(zip(SHAPES, few.low_pass(shapes.T[:: round(rate / few.rate_hz)], few.rate_hz).T, strict=True))
+
+
+def friction_sums(record: Record, model: Model) -> Sums:
+    """The sums of a coarse record with the columns `SHAPES`, and higher derivatives of the angle."""
+    few, (columns, centre) = record.coarse, columns_of(record.coarse)
+    higher = seven_point_motion(few.time, columns["alpha"], few.rate_hz)
+    columns |= {"jerk": higher.omega, "snap": higher.alpha, **shapes_of_friction(record)}
+    return gram.gram_sums(few, columns, [*model.values(), *SHAPES], centre, rounded=record.rounded)
 
 
 def spring_that_slips(x: Array, width: float) -> Array:

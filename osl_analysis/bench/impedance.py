@@ -90,7 +90,7 @@ def impedance_table(analysis: Analysis, s: Sums, p: DrivetrainParameters | None 
     record = analysis.record
     belt, repeats = effects.belt_of_leg(record, p), effects.repeats_row(record, s, IMPEDANCE)
     lag, is_leg = belt.torque if belt else None, belt is not None or (p is None and effects.actuator_turns(record))
-    friction, rows = friction_rows(s, analysis), list[Row]()
+    friction, rows = friction_rows(s, analysis, is_leg), list[Row]()
     late = belt.theta_m if belt else None
     facts = motion_row(record) | {
         "K_s_ratio": belt.K_s / p.K_s if belt and p else None,
@@ -99,7 +99,8 @@ def impedance_table(analysis: Analysis, s: Sums, p: DrivetrainParameters | None 
         "certain_theta_m_lag_s": late.size * late.found if late else None,
     }
     facts |= repeats | {"lag_by": "theta_m" if lag else None, **unstated_reflex_row(record, is_device=belt is not None)}
-    facts |= witness_row(record, is_leg=is_leg, answers=facts["reflex_p"] != 1)
+    rubs = not is_leg and friction[None]["f_C"] is not None
+    facts |= witness_row(record, is_leg=is_leg, answers=facts["reflex_p"] != 1, rubs=rubs)
     facts |= believed_reflex(analysis.whole, facts, is_leg)
     rubs = is_leg or friction[None]["f_C"] is not None  # what sticks stands still at the peaks of a slow sine
     if not (record.is_stepped_sine and rubs):
@@ -111,7 +112,7 @@ def impedance_table(analysis: Analysis, s: Sums, p: DrivetrainParameters | None 
                 **lag_row(lag, fit),
                 **friction[label],
                 **analysis.shared(label, *QUANTITIES),
-                "I_bound": fit.interval("I")[1] if not is_leg else None,
+                "I_bound": friction[label].get("I_high", fit.interval("I")[1]) if not is_leg else None,
                 "theta_rms_deg": turn_deg(s, label),
                 "fitted_s": len(record.rows(label)) / record.rate_hz,
                 "angle_noise_share": angle_noise_share(record, s, fit, label),

@@ -10,8 +10,8 @@ Angle and torque are those of the motion's own band, so that drift and slow dist
 
 from collections.abc import Callable, Sequence
 from copy import copy
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass
+from functools import cached_property, partial
 from itertools import pairwise
 from math import factorial
 from typing import Any
@@ -20,9 +20,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from osl_analysis.bench.effects import LONGEST_LAG, clocks_row, spring_that_slips
+from osl_analysis.bench.effects import LONGEST_LAG, clocks_row, shapes_of_friction, spring_that_slips
 from osl_analysis.bench.gram import solved
-from osl_analysis.bench.record import QUICK, Record
+from osl_analysis.bench.record import Record
 from osl_analysis.signals import seven_point_motion
 from osl_analysis.stats.regression import Row, less
 from osl_analysis.trial import Array, rms
@@ -45,9 +45,7 @@ UNEXPLAINED = 0.7  # share of what the best rival explains, by which one that is
 NEAR_PATH = 0.15  # the same of paths, whose error is that of their models: a low-pass and a mean are hard to tell apart
 MOMENTS = np.arange(6, 19) / CHUNKS  # shares of what is fitted at whose ends K, or a lag, may change
 MUSCLE_HZ = 6.0  # of a muscle's answer to a reflex
-OWN_FRICTION = 0.9  # share of friction's size that is left beside columns of a path: of a path's image a third to 0.7
 SLOW = 0.02  # share of the velocity's SD at which friction has turned its sign
-WINDS = 4.0  # SD of the angle's noise over which friction winds up before it slides
 SERIES = 5  # terms of the series of a torque that is late by a time that changes
 MOST_LEFT = 0.5  # share of the torque's variance that an explanation may leave, to be named with its estimates
 HIDDEN = 0.1  # share of the inertia that a delay that is not heard may make
@@ -79,8 +77,9 @@ class Rival:
 class View:
     """Angle and torque of a record in the band of its motion, and columns of them, in chunks."""
 
-    def __init__(self, record: Record, first: int = 0, fast: bool = False) -> None:
-        """`first`: the lowest derivative of the angle in the model; `fast`: in the band `FAST_HZ`."""
+    def __init__(self, record: Record, first: int = 0, rubs: bool = False, fast: bool = False) -> None:
+        """`first`: the lowest derivative of the angle in the model; `rubs`: friction is certain; `fast`: in the band
+        `FAST_HZ`."""
         few, self.first = record.coarse, first
         self.n, self.rate_hz = len(few.time), few.rate_hz
         self.padded = int(scipy.fft.next_fast_len(self.n + int(2 * few.rate_hz), real=True))
@@ -123,7 +122,7 @@ class View:
         self.noise = record.noise[0] * (few.low_pass.gain(f) * self.band) ** 2  # of the angle [rad**2/Hz]
         self.step, rounded = record.steps[0] or 0.0, record.rounded
         self.rounded = [self.column(x - x.mean()) for x in ([] if rounded is None else rounded)]
-        self.record, self.swift = record, record.swift_omega
+        self.record, self.rubs, self.swift = record, rubs, record.swift_omega
         self.turns = max(SLOW * float(self.swift.std()), 1e-9)
         self.sign = np.asarray(np.tanh(self.swift / self.turns))
 
@@ -155,22 +154,15 @@ class View:
         kept = (self.spectrum(x) * self.band)[: self.few // 2 + 1]
         return np.asarray(np.fft.irfft(kept, self.few)[self.rows]) * (self.few / self.padded)
 
-    def friction(self) -> tuple[list[Array], list[Array]]:
-        """Columns of friction of 1 N*m, whose shape about rest no recording tells: it turns its sign with the velocity,
-        and is wound up before it slides, as it stays at rest; and what rounding of the angle makes of its sign."""
-        record, rate = self.record, self.record.rate_hz
-        every, f = round(rate / self.rate_hz), np.linspace(0, rate / 2, 4000)
-        quick = replace(record.low_pass, cutoff_hz=min(QUICK * record.low_pass.cutoff_hz, 0.2 * rate))
-        noise = record.noise[0] * quick.gain(f) ** 2
-        still, moving = (float(np.trapezoid((2 * np.pi * f) ** k * noise, f)) ** 0.5 for k in (0, 2))
-        theta, swift = (one(record.theta, rate) for one in (quick, replace(quick, cutoff_hz=0.5 * quick.cutoff_hz)))
-        swiftly = np.tanh(np.gradient(swift, 1 / rate) / self.turns)
-        shapes = [spring_that_slips(theta, max(WINDS * still, 1e-5)), swiftly]
-        if moving < self.turns / 4:  # else its noise would be in the column
-            shapes.append(np.tanh(np.gradient(theta, 1 / rate) / (self.turns / 4)))
-        slower = (np.gradient(error, 1 / self.rate_hz) for error in record.coarse_roundings(0))
-        errors = [self.column(np.tanh((self.swift + more) / self.turns) - self.sign) for more in slower]
-        return [self.column(record.low_pass(x, rate)[::every]) for x in shapes], errors
+    @cached_property
+    def friction(self) -> list[Array]:
+        """Columns of friction, in all shapes about rest."""
+        return [self.column(x) for x in shapes_of_friction(self.record).values()]
+
+    def sign_errors(self) -> list[Array]:
+        """What rounding of the angle makes of the sign of the velocity."""
+        slower = (np.gradient(error, 1 / self.rate_hz) for error in self.record.coarse_roundings(0))
+        return [self.column(np.tanh((self.swift + more) / self.turns) - self.sign) for more in slower]
 
     def sums(self, columns: Sequence[Array], chunk: int = 0) -> Array:
         """Products (CHUNKS, q + 1, q + 1) of columns (m,) and the torque, in the chunks of this number."""
@@ -229,15 +221,16 @@ class Court:
         self.beside = [*view.slow, *[view.columns[0]] * (view.first == 1), *taken]
         theta, omega, elastic = *view.motion[:2], view.first == 0
         columns, draws = [*view.base, *self.beside, view.column(view.sign)], view.rounded
-        models, kinds = [range(len(columns) - 1)], range(len(view.chunks))
-        by_friction, (size,) = wald(view.sums([*columns, *draws]), models[0], [len(columns) - 1], len(draws))
-        if by_friction < FRICTION and size > 0:
+        sign, kinds = len(columns) - 1, range(len(view.chunks))
+        models = [range(sign)]
+        by_friction, (size,) = wald(view.sums([*columns, *draws]), models[0], [sign], len(draws))
+        if view.rubs or (by_friction < FRICTION and size > 0):
             self.beside.append(columns[-1])
-            others = [*columns[:-1], *view.higher()]
-            _, (own,) = wald(view.sums([*others, columns[-1], *draws]), range(len(others)), [len(others)], len(draws))
-            shapes, errors = view.friction() if own > OWN_FRICTION * size else ([], [])  # else it may be a path's image
-            columns, draws = [*columns, *shapes], [*draws, *(size * x for x in errors)]
-            models = [range(len(columns) - k) for k in range(len(shapes) + 1)]
+            models = [range(sign + 1)]
+        if view.rubs:
+            self.beside += view.friction
+            columns, draws = [*columns, *view.friction], [*draws, *(size * x for x in view.sign_errors())]
+            models.append(range(len(columns)))
         self.draws = draws
         if not hears:
             return
@@ -553,20 +546,22 @@ def no_witness(names: Sequence[str] = tuple(HARM)) -> Row:
     }
 
 
-def witness_row(record: Record, names: Sequence[str] = tuple(HARM), is_leg: bool = False, answers: bool = True) -> Row:
+def witness_row(
+    record: Record, names: Sequence[str] = tuple(HARM), is_leg: bool = False, answers: bool = True, rubs: bool = False
+) -> Row:
     """What the witness says of a model: by family its harm, the multiple of `HARM` by which a rival moves an estimate
     (0: not heard, or not the one that explains most); the rivals that cannot be told apart, and the estimates beside
     them; the VAF [percent] in the band; of two clocks how they drift apart, where no repeats tell. A leg is no joint of
     second order and rubs in its own way, so that of `is_leg` none of it is evidence, and null.
 
     Raises InputError: they do by more than the settings allow; the message names the trial."""
-    view = View(record, 3 - len(names))
+    view = View(record, 3 - len(names), rubs)
     court = Court(view, not is_leg, answers)
     none, alike = court.verdict()
     row = no_witness(names)
     vaf = 100 * (1 - square(none.left) / max(float(view.y @ view.y), np.finfo(float).tiny))
     if not (is_leg or court.heard) and record.band_hz[1] > 2 * FAST_HZ[0]:
-        fast = Court(View(record, view.first, fast=True), answers=answers)
+        fast = Court(View(record, view.first, rubs, fast=True), answers=answers)
         fast.chance = {name: chance for name, chance in fast.chance.items() if name == "path"}
         court = fast if fast.heard else court
         none, alike = court.verdict()

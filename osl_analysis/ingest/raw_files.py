@@ -267,7 +267,7 @@ def surprise(scatter: float, level: float) -> float:
 
 def as_written(recording: Recording, column: str) -> tuple[NDArray[np.intp], Array]:
     """The rows (n,) in which a column has a reading, and the readings (n,) as the file has them."""
-    rows, origin = np.flatnonzero(recording.samples[column].is_not_null().to_numpy()), recording.columns[column]
+    rows, origin = np.flatnonzero(np.isfinite(recording.samples[column].to_numpy())), recording.columns[column]
     factor = math.prod(origin.get(key, 1) for key in ("sign", "scale", "factor")) or 1
     return rows, recording.samples[column].to_numpy()[rows] / factor - origin.get("offset", 0)
 
@@ -363,8 +363,10 @@ def tell_leaps_of_all(recording: Recording) -> None:
     """Say where four in five coordinates of markers, which are masses, leave their curves in a frame."""
     share = recording.samples.select(pl.all().is_finite().mean())  # of its frames
     markers = [one for one in share.columns if one.startswith("marker_") and (share[one][0] or 0) > 0.5]
-    seen = recording.samples.select("time", *markers).filter(pl.all_horizontal(pl.all().is_finite().fill_null(False)))
-    if markers and (leaps := run_edges(np.mean(bends_of(seen[markers].to_numpy()) > 25, axis=1) >= 0.8).tolist()):
+    if not markers:
+        return
+    seen = recording.samples.select("time", *markers).filter(pl.any_horizontal(pl.col(markers).is_not_null()))
+    if leaps := run_edges(np.mean(bends_of(seen[markers].to_numpy()) > 25, axis=1) >= 0.8).tolist():
         first = f"{len(leaps)} times all markers leap in one frame, first at {seen['time'][leaps[0][0] + 1]:.3f} s"
         recording.damage.remarks.append(f"{first}: frames are missing there, or a part of the file was moved")
         recording.damage.is_doubted = True

@@ -735,7 +735,7 @@ def bends_of(x: Array) -> Array:
     bends[2:-1] = np.nan_to_num(np.abs(np.diff(x, 3, axis=0)), posinf=1e300)
     counts = (bends > 0) | ~bends.any(axis=0)
     usual: Any = np.nanmedian(np.where(counts, bends, np.nan), axis=0) if bends.size else 1.0
-    return np.asarray(bends / np.maximum(usual, 1e-9 * np.median(np.abs(x), axis=0) + 1e-300)) if x.size else bends
+    return np.asarray(bends / np.maximum(usual, 1e-9 * np.nanmedian(np.abs(x), axis=0) + 1e-300)) if x.size else bends
 
 
 @np.errstate(over="ignore", invalid="ignore")

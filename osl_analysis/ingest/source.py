@@ -685,7 +685,7 @@ def values_of_no_sensor(column: str, time: Array, x: Array, origin: Mapping[str,
     """Which of the readings (n,) of a column are those of bytes that were lost or changed: two raw zeros or more in a
     row into which it jumps, and out of them; a value that a torque holds for less than half a second and has nowhere
     else; numbers next to zero; one to five readings off its curve, and an angle's leap that no mass does, four times as
-    far as anything else; and four or more beside a leap without the noise that the others have. None where it
+    far as anything else; and six or more beside a leap without the noise that the others have. None where it
     often repeats a value. `origin` tells its raw zero."""
     zero = math.prod(origin.get(key, 1) for key in ("sign", "scale", "factor")) * origin.get("offset", 0)
     nought, stays = np.abs(x - zero) < NEXT_TO_ZERO, np.diff(x) == 0
@@ -720,10 +720,10 @@ def by_leaps(column: str, time: Array, x: Array, bends: Array) -> NDArray[np.boo
         lost[a:b] = True
         is_turn = any(abs(size / turn - 1) < 0.1 for turn in (2 * np.pi, 360.0))
         lost[a] |= size > farthest.get(column, math.inf) and not is_turn and time[a] - time[a - 1] <= 1.5 * usual
-    smooth = bends[2:-1] < 0.02  # amid noise, where two in a row are chance in one of 10,000
-    for a, b in run_edges(smooth).tolist() if leaps and np.mean(smooth) < 0.5 else ():
-        beside = any(a - 1 <= at <= a + 1 or b + 2 <= at <= b + 4 for at, _ in leaps)
-        lost[a : b + 3] |= b - a > 1 and not stays[a : b + 2].any() and beside
+    smooth, far = bends[2:-1] < 0.02, [at for at, _ in leaps if bends[at] > 4 * rest]
+    for a, b in run_edges(smooth).tolist() if far and np.mean(smooth) < 0.5 else ():
+        beside = any(a - 1 <= at <= a + 1 or b + 2 <= at <= b + 4 for at in far)
+        lost[a : b + 3] |= b - a > 2 and not stays[a : b + 2].any() and beside
     return lost
 
 

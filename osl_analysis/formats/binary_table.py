@@ -364,7 +364,11 @@ PACKED = r"\A(PK\x03\x04|\x1f\x8b|BZh|\xfd7zXZ\0|\x28\xb5\x2f\xfd|7z\xbc\xaf\x27
 OTHERS = (
     ("an export of Qualisys Track Manager in TSV", r"\A\s*NO_OF_(FRAMES|SAMPLES|CAMERAS)\b", AS_C3D),
     ("an export of OptiTrack Motive in CSV", r'\A"?Format Version"?,"?\d', AS_C3D),
-    ("a page of HTML or XML", HTML, "open it in the program that shows it, and save its table as CSV"),
+    (
+        "a page of HTML or XML",
+        HTML,
+        "open it in a spreadsheet, also where it is called `.xls`, and save its table as CSV",
+    ),
     ("a document of JSON", JSON, "write JSON lines, an object per line and sample"),
     ("nothing but zero bytes", r"\A\0+\Z", "copy or record it again"),
     ("a PNG image", r"\A\x89PNG", "name the recording itself"),

@@ -8,13 +8,12 @@ import struct
 from collections import Counter
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, quoted
-from osl_analysis.formats.table import Ledger, copied_runs
+from osl_analysis.formats.table import Ledger
 from osl_analysis.trial import Array
 
 ENDIAN = {"Intel": "<", "DEC": "<", "MIPS": ">"}
@@ -217,33 +216,6 @@ def check_end(data: bytes, start: int, frames: int, frame: int, damage: Ledger) 
         damage.lose("bytes that are not zero stand behind the last frame: frames may be shifted", 0, None, 0)
 
 
-def tell_copied_frames(raw: NDArray[Any], size: int, damage: Ledger) -> None:
-    """Count frames of `size` numbers as lost in which some of the raw ones (n,) are those of another place, as where a
-    block was written over another. A frame that repeats the one before was held."""
-    words = np.lib.stride_tricks.sliding_window_view(raw, 8 // raw.itemsize).copy().view(np.uint64)[:, 0]
-
-    def is_various(run: slice, _: int) -> bool:  # smooth motion has steps of few sizes, and may come again
-        steps = np.diff(words[run].astype(np.float64))
-        return np.unique(np.round(1e6 * steps / (np.abs(steps).max() or 1.0))).size >= steps.size // 2
-
-    for start, stop, other in copied_runs(words, 64, is_various):
-        if (frames := (stop - 1) // size - start // size + 1) and start - other != size:
-            said = f"frame {start // size + 1} holds the numbers of frame {other // size + 1}"
-            said += f", and so on in {frames} frames: a part of the file was written over another, or twice"
-            damage.lose(said, 0, Counter(), 0)
-            damage.misfits[0] += frames
-
-
-def tell_blank_frames(rows: NDArray[Any], samples: NDArray[Any], damage: Ledger) -> None:
-    """Count frames (n, numbers) of zeros amid others, whose analog samples (n, k) are seldom 0: no recorder wrote them,
-    and the frames beside may be zero in part."""
-    held = np.flatnonzero(rows.any(axis=1))
-    inside = np.setdiff1d(np.arange(*held[[0, -1]]), held) if held.size else held
-    if inside.size and samples.size and np.mean(samples[held] == 0) < 0.01:
-        said = f"{inside.size} frames hold zeros only, the first is frame {inside[0] + 1}: a part of the file is lost"
-        damage.lose(said, 0, None, 0)
-
-
 def read_c3d(path: Path) -> C3DRecording:
     """Decode a C3D file; InputError if it is no C3D, damaged or truncated, or contradicts itself. Analog values are
     (raw - OFFSET) * SCALE * GEN_SCALE, raw without these parameters; NaN where SCALE holds values for some channels
@@ -276,10 +248,8 @@ def read_c3d(path: Path) -> C3DRecording:
     check_end(data, header.data_start, frames, frame, damage)
     content = data[header.data_start : end]
     raw = np.frombuffer(content, f"{ENDIAN[header.processor]}i2") if integers else reals(content, header.processor)
-    tell_copied_frames(raw, raw.size // frames, damage)
     rows = raw.reshape(frames, -1)  # x, y, z, residual per point, then analog samples
     points, samples = np.split(rows, [4 * header.points], axis=1)
-    tell_blank_frames(rows, samples, damage)
     points = points.reshape(frames, header.points, 4)
     offset, scale, general = (header.numbers(f"ANALOG:{name}") for name in ("OFFSET", "SCALE", "GEN_SCALE"))
     with np.errstate(invalid="ignore", over="ignore"):  # a sample that is not finite is refused where it is used

@@ -31,6 +31,7 @@ NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d{1,3})?", re.ASCII)
 THOUSANDS = {".": re.compile(r"([+-]?\d{1,3}(?:,\d{3})+)\.(\d+)"), ",": re.compile(r"([+-]?\d{1,3}(?:\.\d{3})+),(\d+)")}
 """By the decimal sign: numbers whose thousands have the other one."""
 WHOLE_THOUSANDS = {sign: re.compile(rf"[+-]?[1-9]\d{{0,2}}({re.escape(sign)}\d{{3}})+") for sign in ",."}
+BETWEEN_THOUSANDS = "'\u2019\u202f\u2009\u00a0"  # signs that part thousands and nothing else
 SMALL_WHOLE = re.compile(r"[+-]?\d{1,3}")
 STATED_ROWS = re.compile(
     r"(?i)\W*(?:total |(?:number|no\.?) of )?(?:samples|rows|frames|length|data points)[\s:=,;]+(\d+)\b(?![.,]\d)"
@@ -54,6 +55,8 @@ def read_text(path: Path) -> tuple[bytes, bool]:
     except UnicodeDecodeError:
         data = decoded_text(data).encode()
     data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n").replace("\u2212".encode(), b"-")  # a minus sign
+    if any(sign.encode() in data for sign in BETWEEN_THOUSANDS):  # between thousands, as in Switzerland and France
+        data = re.sub(rf"(?<=\d)[{BETWEEN_THOUSANDS}](?=\d{{3}}(?!\d))", "", data.decode()).encode()
     data = data[: len(data.rstrip(b"\x1a"))]
     if (zero := data.find(b"\0")) >= 0:
         line = data.count(b"\n", 0, zero) + 1
@@ -140,7 +143,7 @@ def split_rows(lines: TextLines, delimiter: str) -> Rows:
 
 def name_and_unit(title: str) -> tuple[str, str]:
     """`torque [Nm]`, `torque (Nm)`, `torque {Nm}` or `torque / Nm` as name and unit, empty without one."""
-    match = re.fullmatch(r"(.*\S)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\)|\{([^{}]*)\})|(.*\S)\s+/\s+(\S+)", title, re.DOTALL)
+    match = re.fullmatch(r"(.*\S)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\)|\{([^{}]*)\})|(.*\S)\s+/\s+(\S.*)", title, re.DOTALL)
     return (match[1] or match[5], match[2] or match[3] or match[4] or match[6] or "") if match else (title, "")
 
 
@@ -489,6 +492,8 @@ def head_of(
         raise InputError(
             f"line {rows[0][0]} holds numbers, not the columns' names; write `header: none` and the columns' numbers"
         )
+    labelled = next((cells[1:] for _, cells in every if cells[0] == "Y_Unit_Label"), [])  # LabVIEW's, above its head
+    units = units or [""] * (bool(names) and is_clock(names[0])) * bool(labelled) + labelled
     stated = [name_and_unit(name)[1] for name in names] or [""] * width
     units = [unit or own for unit, own in zip([*units, *[""] * len(stated)], stated, strict=False)]
     notes = [" ".join(filter(None, cells)) for number, cells in every if number != line]

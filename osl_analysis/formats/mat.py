@@ -11,7 +11,7 @@ import struct
 import warnings
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial, reduce
 from importlib.util import find_spec
 from pathlib import Path
@@ -95,6 +95,7 @@ class MatFile:
     header: str
     variables: Mapping[str, None]  # by name, in order
     damage: Ledger
+    content: dict[str, Value] = field(default_factory=dict)  # what was read
 
     @property
     def names(self) -> list[str]:
@@ -102,14 +103,15 @@ class MatFile:
 
     def read(self, wanted: Collection[str]) -> Mapping[str, Value]:
         """The wanted variables that it has; InputError if one is damaged."""
-        known = [name for name in self.names if name in wanted]
-        found = isolated(partial(read73 if self.version == "7.3" else read5, self.path, known))
+        known = [name for name in self.names if name in wanted and name not in self.content]
+        found = isolated(partial(read73 if self.version == "7.3" else read5, self.path, known)) if known else {}
         opaque = [name for name, value in found.items() if value.holds_opaque()]
         if opaque and find_spec("matio"):
             with suppress(InputError):
                 read = isolated(partial(read_objects, self.path, opaque))
                 found |= {name: with_objects(found[name], read[name]) for name in opaque}
-        return {name: simplified(value) for name, value in found.items()}
+        self.content.update({name: simplified(value) for name, value in found.items()})
+        return {name: self.content[name] for name in self.names if name in wanted}
 
     def signals(self, texts: Sequence[str], part: str = "") -> dict[str, tuple[str, Array, str]]:
         """The numbers (n,) at addresses, each with its whole address and stated unit; those without `/` are in `part`.
@@ -217,9 +219,20 @@ def simplified(value: Value) -> Value:
                 fields[name] = Value("double", (column.size, 1), column[:, None])
             return replace(value, shape=(1, 1), elements=[fields])
     elements: list[dict[str, Value]] = [{name: simplified(own) for name, own in one.items()} for one in value.elements]
+    if len(elements) == 1 and {"X", "Y"} <= elements[0].keys():
+        elements = [exported_signals(elements[0]) or elements[0]]
     if len(elements) == 1 and {"time", "signals"} <= elements[0].keys():
         elements = [{**elements[0], **logged_signals(elements[0]["signals"])}]
     return replace(value, cells=cells, elements=elements)
+
+
+def exported_signals(fields: Mapping[str, Value]) -> dict[str, Value]:
+    """The signals that ControlDesk exports, a struct each under X and Y, by their names; empty if they are none."""
+    every = [one for key in "XY" for one in fields[key].elements if {"Name", "Data"} <= one.keys()]
+    units = [one["Unit"].text if "Unit" in one else "" for one in every]
+    names = [re.sub(r"\W+", "_", one["Name"].text).strip("_") for one in every]
+    found = {n: replace(one["Data"], unit=unit) for n, one, unit in zip(names, every, units, strict=True)}
+    return found if len(found) == len(every) > 1 else {}
 
 
 def is_number(value: Value) -> bool:

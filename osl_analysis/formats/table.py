@@ -232,14 +232,17 @@ def noise_in(x: NDArray[Any], run: slice) -> tuple[float, float]:
 
 @np.errstate(over="ignore", invalid="ignore")
 def noise_of_pieces(pieces: NDArray[Any]) -> list[tuple[float, float]]:
-    """SD of the noise in each of some pieces of a channel (k, n) and their smallest step; 0 without noise of its own,
-    unlike a command, a simulation, or a motion that is only rounded, which may come again: by the median of fourth
-    differences, to which a motion gives little."""
+    """SD of the noise in each of some pieces of a channel (k, n) and the step of its values, 1/1000 of the smallest one
+    where others are no multiples of that; 0 without noise of its own, unlike a command, a simulation, or a motion that
+    is only rounded, which may come again: by the median of fourth differences, to which a motion gives little."""
     if pieces.shape[1] < 5:
         return [(0.0, 0.0)] * len(pieces)
     apart, (steps, scatter) = np.diff(np.sort(pieces)), (np.abs(np.diff(pieces, order)) for order in (1, 4))
     level, scatter = np.where(apart > 0, apart, np.inf).min(axis=1), np.median(scatter, axis=1) / (0.6745 * 70**0.5)
     is_noise = scatter > np.maximum(0.6 * level, 0.02 * np.median(steps, axis=1))
+    parts = apart / level[:, None]
+    is_step = np.mean(np.abs(parts - np.rint(parts)) < 0.05, axis=1) > 0.5  # else a chance: numbers of all their digits
+    level = np.where(is_step | (scatter == 0), level, 1e-3 * level)
     return [*zip(np.where(is_noise, scatter, 0.0).tolist(), level.tolist(), strict=True)]
 
 

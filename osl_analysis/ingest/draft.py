@@ -56,7 +56,7 @@ PATTERNS = {
 def likely_column(channel: RecordedChannel) -> str:
     """The canonical column that a channel may be; empty where name and unit tell none. A stated or likely unit must be
     one of the column's; where the name tells nothing, what the unit measures is the guess."""
-    words, stated = parted_name(name_of(channel)), normalised(channel.unit or channel.likely_unit)
+    words, stated = parted_name(name_and_ending(name_of(channel))[0]), normalised(channel.unit or channel.likely_unit)
     _, measured = base_units(stated) or (1.0, "")
     for column, (wanted, unwanted, _) in PATTERNS.items():
         fits = column in ("sync", "trigger") or not measured or measured == dimension(COLUMNS[column])

@@ -61,7 +61,6 @@ def read_table_log(path: Path, source: TableSource) -> Recording:
         raise InputError(f"holds one {table.noun} of data: nothing to analyse; record the trial again, or exclude it")
     time, start = time_of(table, source)
     apart = check_other_clocks(table, source, time)
-    tell_moved(table, wanted(source))
     first_by: dict[int, str] = {}
     for column, channel in source.channels.items():  # one column under two names, as its own and by its number
         other = first_by.setdefault(id(table.columns[channel.name]), column)
@@ -103,39 +102,6 @@ def read_table_log(path: Path, source: TableSource) -> Recording:
     if isinstance(source, OpenSimSource) and source.plates:
         return exported_plates(table, recording, source)
     return recording
-
-
-def tell_moved(table: Table, names: Sequence[str]) -> None:
-    """Count as lost where a channel leaps to numbers that another one has in another place, four or more in a row: a
-    block of one was written over the other. A channel that follows another one has its numbers everywhere."""
-    columns = {name: np.ma.getdata(table.columns[name]) for name in names}
-    columns = {name: raw for name, raw in columns.items() if raw.dtype.kind == "f"}
-    for name, raw in columns.items():
-        for begin in leaps_of(raw):
-            block = raw[begin : begin + 4]
-            others = [one for one in columns if one != name and block.size == np.unique(block).size == 4]
-            for other, own in ((one, columns[one]) for one in others):
-                likely = np.flatnonzero(own[:-3] == block[0]).tolist()
-                places = [at for at in likely if (own[at : at + 4] == block).all()]
-                if len(places) != 1 or places[0] == begin:
-                    continue
-                lag = places[0] - begin
-                alike = raw[max(0, -lag) : raw.size - max(0, lag)] == own[max(0, lag) : own.size + min(0, lag)]
-                length = int(np.argmin(np.append(alike[begin - max(0, -lag) :], False)))
-                if np.count_nonzero(alike) < length + 4:
-                    said = f"{length} {table.noun}s of {name} from {table.place(begin)} on are those of {other}"
-                    said += f" from {table.place(places[0])} on: a part of the file was written over another"
-                    table.damage.lose(said, 0, Counter(), 0)
-                    table.damage.misfits[0] += length
-
-
-def leaps_of(raw: NDArray[Any], most: int = 24) -> list[int]:
-    """The rows (n,) into which a channel leaps, ten times as far as it usually goes from row to row; the largest."""
-    with np.errstate(invalid="ignore", over="ignore"):
-        steps = np.nan_to_num(np.abs(np.diff(raw)))
-    largest = np.argsort(steps)[-most:] if steps.size <= most else np.argpartition(steps, -most)[-most:]
-    usual = float(np.median(steps)) if steps.size else 0.0
-    return [int(at) + 1 for at in largest if steps[at] / 10 > usual]
 
 
 def wanted(source: TableSource) -> list[str]:
@@ -348,7 +314,12 @@ def may_be_clock(name: str, unit: str, values: NDArray[Any]) -> bool:
 
 def tells_time(name: str, unit: str) -> bool:
     """Whether name or unit of a column say that it is time."""
-    return is_like_clock(name) or normalised(unit or likely_unit(csv_table.name_and_unit(name)[0])) in TIME_UNITS
+    return is_like_clock(name) or is_of_time(unit or likely_unit(csv_table.name_and_unit(name)[0]))
+
+
+def is_of_time(unit: str) -> bool:
+    """Whether a unit is one of clocks, or ticks of one, as `10 us`."""
+    return re.sub(r"^\d+\*?", "", normalised(unit)) in TIME_UNITS
 
 
 def likely_unit(name: str) -> str:
@@ -362,7 +333,7 @@ def ticks(values: NDArray[Any], unit: str) -> bool:
     steps = np.diff(values[np.isfinite(values)])
     usual = float(np.median(steps)) if steps.size >= 20 and (steps >= 0).all() else 0.0
     even = usual > 0 and float(np.mean(np.abs(steps / usual - 1) < 0.2)) > 0.8
-    return even and bool(normalised(unit) in TIME_UNITS if unit else time_unit(values))
+    return even and bool(is_of_time(unit) if unit else time_unit(values))
 
 
 def rate_of(time: Array) -> float | None:
@@ -490,7 +461,7 @@ def remedy_for(text: str, name: str, decimal: str, is_time: bool, first: bool) -
     if re.search(r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}|\d{1,2}:\d{2}", text):  # 2024-05-01T12:00:00, 12:00:00.5
         return "write time as seconds, or as `12:00:00.500` in every row"
     if text == name:
-        return "the header stands here again: cut the file in two, a log each"
+        return "the header stands here again, as where a recorder begins anew: cut the file in two, a log each"
     if decimal == "," and "." in text:
         return 'write `decimal: "."` in the source file if the full stop is the decimal sign'
     if re.fullmatch(r"[+-]?\d+,\d+", text):
@@ -568,12 +539,12 @@ def whole_stamps(table: Table, parts: Sequence[str], remedy: str) -> NDArray[Any
 
 
 def mat_log(path: Path, source: MatSource) -> Table:
-    file = open_mat(path)
-    signals = file.signals(wanted(source), source.log_part)
-    vectors = {text: values for text, (_, values, _) in signals.items()}
-    reference, every = source.time.name or next(iter(vectors)), list[tuple[str, Array]]()
+    file, every = open_mat(path), list[tuple[str, Array]]()
     with suppress(InputError):  # what nobody asks for may be too large, or of another kind
         every = [*vectors_in(file.read(file.names))]
+    signals = file.signals(wanted(source), source.log_part)
+    vectors = {text: values for text, (_, values, _) in signals.items()}
+    reference = source.time.name or next(iter(vectors))
     facts = {"version": file.version, "header": file.header, "log_part": source.log_part}
     found = {text: {"variable": address} for text, (address, _, _) in signals.items()}
     units = {text: unit for text, (_, _, unit) in signals.items()}
@@ -625,13 +596,23 @@ def on_instants_of_all(
         told = name_and_ending(name)[1]
         factor = si_factor(told if told in TIME_UNITS and name != time else unit, "s")
         stamps[text] = np.rint(clock * factor * SECOND).astype(np.int64)
-    if max(one[0] for one in stamps.values()) > min(one[-1] for one in stamps.values()):
-        raise InputError("its vectors of time do not overlap; name variables of one recording")
-    union = np.unique(np.concatenate([*stamps.values()]))
-    placed = {text: np.ma.masked_array(np.zeros(union.size), mask=True) for text in signals}
-    for text, (_, values, _) in signals.items():
-        placed[text][np.searchsorted(union, stamps[text])] = values
+    union, placed = on_union({text: values for text, (_, values, _) in signals.items()}, stamps)
     return placed | {str(time): union / (SECOND * si_factor(unit, "s"))}
+
+
+def on_union(
+    values: Mapping[str, NDArray[Any]], stamps: Mapping[str, NDArray[np.int64]]
+) -> tuple[NDArray[np.int64], dict[str, NDArray[Any]]]:
+    """The instants (n,) of all channels, each with whole stamps that rise, and their values there, masked where one has
+    none. InputError if they do not overlap."""
+    if max(one[0] for one in stamps.values()) > min(one[-1] for one in stamps.values()):
+        raise InputError(f"its channels do not overlap in time; name those of one recording, or {RATE}")
+    union = np.unique(np.concatenate([*{id(one): one for one in stamps.values()}.values()]))
+    placed = dict[str, NDArray[Any]]()
+    for name, one in values.items():
+        placed[name] = np.ma.array(np.zeros(union.size, one.dtype), mask=True)
+        placed[name][np.searchsorted(union, stamps[name])] = one
+    return union, placed
 
 
 def clocks_beside(address: str, size: int, every: Sequence[tuple[str, Array]]) -> list[tuple[str, Array]]:
@@ -661,8 +642,8 @@ def tdms_log(path: Path, source: TdmsSource) -> Table:
     if file.damage.end_missing and not by_properties:  # the last segment may have ended within a channel
         shortest = min(each.size for each in values.values())
         values = {address: each[:shortest] for address, each in values.items()}
-    rows: dict[str, NDArray[Any]] = {address: np.arange(each.size) for address, each in values.items()}
-    own, facts = None, dict[str, Any]()
+    rows = {size: np.arange(size) for size in {each.size for each in values.values()}}
+    stamps, facts = {address: rows[each.size] for address, each in values.items()}, dict[str, Any]()
     for other in by_address.values():
         if by_properties and other.step is None:
             raise InputError(
@@ -676,22 +657,13 @@ def tdms_log(path: Path, source: TdmsSource) -> Table:
             )
     if by_properties and not file.damage.end_missing:
         check_alike(by_address, values)
-    if by_properties and one.step is not None:
-        own = np.asarray(np.arange(max(each.size for each in rows.values())) * one.step, dtype=np.float64)
-        if len({(other.begin, other.step) for other in by_address.values()}) > 1:
-            stamps = dict[str, NDArray[np.int64]]()
-            for address, other in by_address.items():
-                after = np.rint(rows[address] * float(other.step or 0.0) * SECOND).astype(np.int64)
-                stamps[address] = other.begin - one.begin + after
-            if max(each[0] for each in stamps.values()) > min(each[-1] for each in stamps.values()):
-                raise InputError(f"its channels do not overlap in time; name channels of one task, or {RATE}")
-            facts = {"rates_hz": {address: 1 / float(other.step or 1.0) for address, other in by_address.items()}}
-            union = np.unique(np.concatenate([*stamps.values()]))
-            own, rows = union / SECOND, {address: np.searchsorted(union, each) for address, each in stamps.items()}
-    placed = {}
-    for address, each in values.items():
-        placed[address] = np.ma.array(np.zeros(each.size if own is None else own.size, each.dtype), mask=True)
-        placed[address][rows[address]] = each
+    if by_properties and len({(other.begin, other.step) for other in by_address.values()}) > 1:
+        for address, other in by_address.items():
+            after = np.rint(stamps[address] * float(other.step or 0.0) * SECOND).astype(np.int64)
+            stamps[address] = other.begin - one.begin + after
+        facts = {"rates_hz": {address: 1 / float(other.step or 1.0) for address, other in by_address.items()}}
+    union, placed = on_union(values, stamps)
+    own = np.asarray(union * (1 / SECOND if facts else float(one.step or 0.0))) if by_properties else None
     columns = {name: placed[channel.address] for name, channel in channels.items()}
     units = {name: "s" if channel.holds_times else channel.unit for name, channel in channels.items()}
     others = {one.address: one for one in file.channels if one.count and (one.holds_times or one.holds_numbers)}

@@ -221,7 +221,9 @@ def inspect_table(name: str, path: Path) -> Overview:
         if cells.dtype == pl.String and stamps is None:
             words = Counter(cells.filter(pl.Series(np.isnan(numbers))).drop_nulls().to_list())
         few = (word for word, count in words.items() if count < len(cells) / 100)
-        failed |= dict.fromkeys(word for word in few if not OTHER_NUMBER.match(word))  # of readings that failed
+        failed |= dict.fromkeys(
+            word for word in few if word != title and not OTHER_NUMBER.match(word)
+        )  # of failed readings
         also = "".join(f", {count} x '{word}'" for word, count in words.most_common(5))
         address = {"column": lasting_address(title, place, table.names)}
         own = column(address, title, np.ma.masked_invalid(numbers), unit if stamps is None else "ns", also=also)

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, listing, naming, nearest, printable, quoted
 from osl_analysis.formats.binary_table import FIRST_BYTES, is_table_file, refuse_others
@@ -34,16 +35,17 @@ from osl_analysis.ingest.source import (
     SELDOM_REPEAT,
     SOURCES,
     UNKNOWN,
-    C3dSource,
     LogSource,
     Recording,
     SharedAngle,
     Source,
+    bends_of,
     check_sizes,
     open_places,
     values_of_no_sensor,
 )
 from osl_analysis.refusal import check_not_refused
+from osl_analysis.signals import run_edges
 from osl_analysis.trial import COLUMNS, Array, Trial, unit_of
 from osl_analysis.yaml_settings import dotted, field_line, read_mapping, read_yaml
 
@@ -71,8 +73,7 @@ class KnownFormat:
         """A file as canonical columns in SI units, by its source file. Raises InputError, which names the file."""
         with naming(path):
             recording = self.reader(path, source)
-            if not (isinstance(source, C3dSource) and recording.damage.misfits):  # which its frames told
-                tell_copies(recording)
+            tell_copies(recording)
             tell_no_sensor(recording)
             tell_odd_steps(recording)
             tell_leaps_of_all(recording)
@@ -90,7 +91,20 @@ def begins_with(mark: bytes) -> Callable[[bytes], bool]:
 
 
 TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".dat", ".lvm", ".asc")
-BINARY_SUFFIXES = (".xlsx", ".xls", ".ods", ".parquet", ".feather", ".arrow", ".npy", ".npz", ".h5", ".hdf5")
+BINARY_SUFFIXES = (
+    ".xlsx",
+    ".xls",
+    ".ods",
+    ".parquet",
+    ".feather",
+    ".arrow",
+    ".arrows",
+    ".ipc",
+    ".npy",
+    ".npz",
+    ".h5",
+    ".hdf5",
+)
 KNOWN: Mapping[str, tuple[Callable[[bytes], bool], tuple[str, ...], FileReader, FileLister]] = {
     "mcap": (begins_with(MAGIC), (".mcap",), read_message_log, partial(inspect_messages, "mcap")),
     "rosbag1": (begins_with(ANY_BAG1), (".bag",), read_message_log, partial(inspect_messages, "rosbag1")),
@@ -248,48 +262,71 @@ NO_SENSOR = ("V", "N*m/rad", "N*m*s/rad")  # units of pulses and of gains, which
 
 def surprise(scatter: float, level: float) -> float:
     """How unlikely noise of an SD makes it that a reading of a smallest step is equal to another, -ln of the chance."""
-    return math.log(2 * math.pi**0.5 * scatter / level) if scatter else 0.0
+    return math.log(2 * math.pi**0.5 * scatter / max(level, 1e-300)) if scatter else 0.0
 
 
-def tell_copies(recording: Recording) -> None:
-    """Count as lost what the samples of a channel in a place are those of another, more of them than noise repeats in
-    one of a million channels. Commands repeat themselves, pulses, and a motion without noise."""
-    measured = [one for one in recording.columns if not one.endswith("_command") and unit_of(one) not in NO_SENSOR]
-    lost, found = np.zeros(recording.samples.height, bool), dict[tuple[int, int, int], list[str]]()
-    time, present = recording.samples["time"], recording.samples.select(pl.col(measured).is_not_null())
-    for column in measured:
-        rows = np.flatnonzero(present[column].to_numpy())
-        x = recording.samples[column].to_numpy()[rows]
+def as_written(recording: Recording, column: str) -> tuple[NDArray[np.intp], Array]:
+    """The rows (n,) in which a column has a reading, and the readings (n,) as the file has them."""
+    rows, origin = np.flatnonzero(np.isfinite(recording.samples[column].to_numpy())), recording.columns[column]
+    factor = math.prod(origin.get(key, 1) for key in ("sign", "scale", "factor")) or 1
+    return rows, recording.samples[column].to_numpy()[rows] / factor - origin.get("offset", 0)
+
+
+def channels_with_noise(recording: Recording) -> tuple[list[tuple[str, NDArray[np.intp], Array]], list[float]]:
+    """The measured channels with noise: name, rows (n,), readings (n,), without those that its recorder held; and how
+    unlikely the quietest piece of each makes a reading equal to another."""
+    parts, sure = list[tuple[str, NDArray[np.intp], Array]](), list[float]()
+    for column in recording.columns:
+        if column.endswith("_command") or unit_of(column) in NO_SENSOR:
+            continue
+        rows, x = as_written(recording, column)
         fresh = np.flatnonzero(np.diff(x, prepend=np.nan))
-        steps = np.diff(fresh)  # of what its recorder held
+        steps = np.diff(fresh)
         if 1 < fresh.size < 0.75 * x.size and np.mean(steps == np.median(steps)) > 0.8:
             rows, x = rows[fresh], x[fresh]
         piece = np.linspace(0, x.size - min(x.size, 200), 8).astype(int)[:, None] + np.arange(min(x.size, 200))
-        quietest = min(noise_of_pieces(x[piece]))
-        if not surprise(*quietest):
-            continue
-        enough = 2 * math.log(x.size + 1) + math.log(1e6)
-        least = max(LEAST_COPIED, int(enough / surprise(*quietest)))
+        if quietest := surprise(*min(noise_of_pieces(x[piece]))):
+            parts.append((column, rows, x))
+            sure.append(quietest)
+    return parts, sure
 
-        def proves(
-            run: slice, lag: int, x: Array = x, most: float = surprise(*quietest), enough: float = enough
-        ) -> bool:
-            scatter, level = noise_in(x, run)
-            end = max(run.stop, min(run.stop + AROUND, x.size - lag))
-            at = np.r_[max(0, run.start - AROUND) : run.start, run.stop : end]
-            alike = (np.count_nonzero(np.abs(x[at + lag] - x[at]) < 1.5 * level) + 1) / (at.size + 1)
-            each = min(most, surprise(scatter, level), -math.log(alike))
-            return int(np.count_nonzero(np.diff(x[run]))) * each > enough
 
-        for start, stop, other in copied_runs(x, least, proves):
-            found.setdefault((rows[start], rows[stop - 1] + 1, rows[other]), []).append(column)
-    for (start, stop, other), names in found.items():
+def tell_copies(recording: Recording) -> None:
+    """Count as lost what the samples of a channel in a place are those of another place, or channel, more of them than
+    noise repeats in one of a million channels. Commands repeat themselves, pulses, and a motion without noise."""
+    lost, found = np.zeros(recording.samples.height, bool), dict[tuple[int, int, int, str], list[str]]()
+    time, (parts, sure) = recording.samples["time"], channels_with_noise(recording)
+    ends = np.cumsum([0, *(x.size for *_, x in parts)]).tolist()
+    if not parts:
+        return
+    every, rows = (np.concatenate([one[k] for one in parts]) for k in (2, 1))
+    enough = 2 * math.log(every.size + 1) + math.log(1e6)
+
+    def part_of(place: int) -> int:
+        return int(np.searchsorted(ends, place, side="right")) - 1
+
+    def proves(run: slice, lag: int) -> bool:
+        own, other = part_of(run.start), part_of(run.start + lag)
+        begin = max(ends[own], ends[other] - lag, run.start - AROUND)
+        end = max(run.stop, min(ends[own + 1], ends[other + 1] - lag, run.stop + AROUND))
+        scatter, level = noise_in(every[ends[own] : ends[own + 1]], slice(run.start - ends[own], run.stop - ends[own]))
+        at = np.r_[begin : run.start, run.stop : end]
+        alike = (np.count_nonzero(np.abs(every[at + lag] - every[at]) < 1.5 * level) + 1) / (at.size + 1)
+        each = min(sure[own], sure[other], surprise(scatter, level), -math.log(alike))
+        return int(np.count_nonzero(np.diff(every[run]))) * each > enough
+
+    words = ((every + 0.0).view(np.int64) + (1 << 15)) >> 16  # units, taken off again, leave rounding
+    for start, stop, other in copied_runs(words, max(LEAST_COPIED, int(enough / max(sure))), proves):
+        name, there = (parts[part_of(place)][0] for place in (start, other))
+        key = (int(rows[start]), int(rows[stop - 1]) + 1, int(rows[other]), there * (there != name))
+        found.setdefault(key, []).append(name)
+    for (start, stop, other, of), names in found.items():
         if not lost[start:stop].all():
-            at, there = (f"{time[int(row)]:.3f} s" for row in (start, other))
-            what = f"{stop - start} samples of {listing(names, 4)} from {at} on are those from {there} on"
-            is_twice = start - other <= stop - start + 1  # rows behind are late, where the time was not recorded
+            at, there = (f"{time[row]:.3f} s" for row in (start, other))
+            what = f"{stop - start} samples of {listing(names, 4)} from {at} on are those{f' of {of}' * bool(of)} from"
+            is_twice = not of and start - other <= stop - start + 1  # rows behind are late, without recorded times
             how = "twice" if is_twice else "over another, or twice"
-            recording.damage.lose(f"{what}: a part of the file was written {how}", 0, Counter(), 0)
+            recording.damage.lose(f"{what} {there} on: a part of the file was written {how}", 0, Counter(), 0)
             recording.damage.uncounted |= is_twice
             lost[start:stop] = True
     if found:
@@ -323,20 +360,14 @@ def tell_odd_steps(recording: Recording) -> None:
 
 
 def tell_leaps_of_all(recording: Recording) -> None:
-    """Say where four in five coordinates of markers, which are masses, leap in a frame, ten times as far as beside."""
-    markers = [column for column in recording.columns if column.startswith("marker_")]
-    if len(markers) < 3 or recording.samples.height < 50:
+    """Say where four in five coordinates of markers, which are masses, leave their curves in a frame."""
+    share = recording.samples.select(pl.all().is_finite().mean())  # of its frames
+    markers = [one for one in share.columns if one.startswith("marker_") and (share[one][0] or 0) > 0.5]
+    if not markers:
         return
-    frames = recording.samples.select("time", *markers).filter(pl.any_horizontal(pl.col(markers).is_not_null()))
-    steps = np.abs(np.diff(frames.select(markers).to_numpy(), axis=0))
-    steps = steps[:, np.isfinite(steps).sum(axis=0) > max(50, 0.5 * len(steps))]
-    if steps.shape[1] < 3:
-        return
-    far = np.mean(steps > 5 * np.nanmedian(steps, axis=0), axis=1) >= 0.8
-    beside = {int(at): steps[max(0, at - 5) : at + 6] for at in np.flatnonzero(far)}
-    leaps = [at for at, near in beside.items() if np.mean(steps[at] > 10 * np.median(near, axis=0)) >= 0.8]
-    if leaps:
-        first = f"{len(leaps)} times all markers leap in one frame, first at {frames['time'][leaps[0] + 1]:.3f} s"
+    seen = recording.samples.select("time", *markers).filter(pl.any_horizontal(pl.col(markers).is_not_null()))
+    if leaps := run_edges(np.mean(bends_of(seen[markers].to_numpy()) > 25, axis=1) >= 0.8).tolist():
+        first = f"{len(leaps)} times all markers leap in one frame, first at {seen['time'][leaps[0][0] + 1]:.3f} s"
         recording.damage.remarks.append(f"{first}: frames are missing there, or a part of the file was moved")
         recording.damage.is_doubted = True
 

@@ -676,28 +676,28 @@ LARGEST_MEASURED = {  # largest size of a value in its SI unit, by kind of quant
 
 AMID = 5000  # samples in which a channel shows its noise
 NEXT_TO_ZERO = 1e-30  # of a signal in SI units, which no sensor resolves
-LEAPS = 24  # steps of a channel, the largest, that may stand apart
+MOST_BENDS = 100  # bends of a channel at which leaps are looked for
 SELDOM_REPEAT = ("theta", "theta_m", "omega_m", "torque", "torque_m", "current")  # whose noise seldom repeats a value
 
 
 @np.errstate(over="ignore", invalid="ignore")
 def values_of_no_sensor(column: str, time: Array, x: Array, origin: Mapping[str, Any]) -> NDArray[np.bool_] | None:
     """Which of the readings (n,) of a column are those of bytes that were lost or changed: two raw zeros or more in a
-    row into which it jumps, and out of them; of a torque also where it jumps once, and a value that it holds for less
-    than half a second and has nowhere else; numbers next to zero; and what `stands_apart`. None where it often repeats
-    a value. `origin` tells its raw zero."""
+    row into which it jumps, and out of them; a value that a torque holds for less than half a second and has nowhere
+    else; numbers next to zero; one to five readings off its curve, and an angle's leap that no mass does, four times as
+    far as anything else; and six or more beside a leap without the noise that the others have. None where it
+    often repeats a value. `origin` tells its raw zero."""
     zero = math.prod(origin.get(key, 1) for key in ("sign", "scale", "factor")) * origin.get("offset", 0)
     nought, stays = np.abs(x - zero) < NEXT_TO_ZERO, np.diff(x) == 0
     stands = nought[:-1] & nought[1:]
     if np.count_nonzero(~stays) <= 0.5 * np.sum(~stands):
         return None
-    lost = (x != 0) & (np.abs(x) < NEXT_TO_ZERO)
-    lost[stands_apart(time, x, {"theta": 2000.0, "theta_m": math.inf}.get(column))] = True
-    lost[spikes_of(x)] = True
-    zeros = jumped_into(x, stands, may_rest="torque" not in column)
+    lost, bends = (x != 0) & (np.abs(x) < NEXT_TO_ZERO), bends_of(x)
+    lost[by_leaps(column, time, x, bends)] = True
+    zeros = jumped_into(x, stands, bends, may_rest=not column.startswith(("theta", "torque")))
     most = 0.5 * time.size / (np.ptp(time) or np.inf) if time.size else 0.0  # what is held for longer is stuck
     if "torque" in column and np.mean(stays) < 0.1:  # else a sensor of few levels, which may rest at each
-        zeros += [(a, b) for a, b in jumped_into(x, stays, True, (10, most)) if np.sum(x == x[a]) <= b - a + 3]
+        zeros += [(a, b) for a, b in jumped_into(x, stays, bends, True, (10, most)) if np.sum(x == x[a]) <= b - a + 3]
     elsewhere = x[~nought]
     if zeros and not noise_in(elsewhere, slice(elsewhere.size // 4, elsewhere.size // 4 + AMID))[0]:
         zeros = []  # a quiet sensor, or a simulation, that rests
@@ -706,75 +706,77 @@ def values_of_no_sensor(column: str, time: Array, x: Array, origin: Mapping[str,
     return np.asarray(lost)
 
 
-def stands_apart(time: Array, x: Array, quickest: float | None) -> list[int]:
-    """Rows of one to three readings of (n,) to which a channel leaps and from which it leaps back; and of the angle of
-    a mass, at 400 Hz or more, or by more than its `quickest` acceleration [rad/s^2], also rows before which it leaps at
-    all, but for a turn of an encoder: by ten times what it does in the five steps before and after, and eight times as
-    far as it bends anywhere else."""
-    steps, found = np.diff(x), list[int]()
-    if x.size < 4 * LEAPS or not np.isfinite(steps).all():
-        return []
-    sizes = np.abs(steps)
-    for at in np.argpartition(sizes, -LEAPS)[-LEAPS:].tolist():
-        around = np.sort(sizes[max(0, at - 5) : at + 6])
-        if sizes[at] > 10 * around[-3]:
-            found.append(at)
-    if not found:
-        return []
-    bends, leaps, rows = np.abs(np.diff(x, 2)), sorted(found), list[int]()
-    for at in leaps:
-        bends[max(0, at - 1) : at + 1] = 0
-    usual, most = float(np.median(np.diff(time))), 8 * float(bends.max())
-    for at in (one for one in leaps if sizes[one] > most):
-        back = next((one for one in leaps if at < one <= at + 3 and abs(x[one + 1] - x[at]) < 0.3 * sizes[at]), None)
-        if back is not None:
-            rows += range(at + 1, back + 1)
-        elif quickest is not None and time[at + 1] - time[at] <= 1.5 * usual and at + 1 not in rows:
-            if usual > 0.0025 and sizes[at] < quickest * usual**2:
-                continue
-            is_turn = any(abs(sizes[at] / turn - 1) < 0.1 for turn in (2 * np.pi, 360.0))
-            rows += [at + 1] * (not is_turn)
-    return rows
+@np.errstate(over="ignore", invalid="ignore")
+def by_leaps(column: str, time: Array, x: Array, bends: Array) -> NDArray[np.bool_]:
+    """Which readings (n,) of a column are no sensor's by its leaps (`values_of_no_sensor`)."""
+    lost, stays = np.zeros(x.size, bool), np.diff(x) == 0
+    leaps, rest = leaps_of(x, bends)
+    usual = float(np.median(np.diff(time))) if time.size > 1 else 0.0
+    farthest = {"theta": 2000.0 * usual**2 * (usual > 0.0025), "theta_m": math.inf if usual > 0.0025 else 0.0}  # rad
+    for a, b in leaps:
+        size = abs(x[a] - x[a - 1])
+        if bends[a] <= 4 * rest:
+            continue
+        lost[a:b] = True
+        is_turn = any(abs(size / turn - 1) < 0.1 for turn in (2 * np.pi, 360.0))
+        lost[a] |= size > farthest.get(column, math.inf) and not is_turn and time[a] - time[a - 1] <= 1.5 * usual
+    smooth, far = bends[2:-1] < 0.02, [at for at, _ in leaps if bends[at] > 4 * rest]
+    for a, b in run_edges(smooth).tolist() if far and np.mean(smooth) < 0.5 else ():
+        beside = any(a - 1 <= at <= a + 1 or b + 2 <= at <= b + 4 for at in far)
+        lost[a : b + 3] |= b - a > 2 and not stays[a : b + 2].any() and beside
+    return lost
 
 
-def spikes_of(x: Array) -> list[int]:
-    """Rows of one reading of (n,) that lies off the curve through the two before and after, and leaves no other off it
-    than that makes: by 25 times the scatter of all, 35 SD of its noise, and four times as far as any other."""
-    with np.errstate(invalid="ignore", over="ignore"):
-        off = x[2:-2] - (4 * (x[1:-3] + x[3:-1]) - x[:-4] - x[4:]) / 6
-    if off.size < 4 * LEAPS or not np.isfinite(off).all():
-        return []
-    sizes, found = np.abs(off), list[int]()
-    scatter = float(np.median(sizes)) / 0.6745
-    largest = np.argpartition(sizes, -LEAPS)[-LEAPS:]
-    for at in largest[sizes[largest] / 25 > scatter].tolist() if scatter else ():
-        beside = off[max(0, at - 1) : at + 2 : 2] / off[at]  # of a wrong reading -2/3; a corner -1/2, a blow -3/4
-        if (np.abs(beside + 2 / 3) < 0.08).all():
-            found.append(at)
-    rest = sizes.copy()
-    for at in found:
-        rest[max(0, at - 2) : at + 3] = 0
-    return [at + 2 for at in found if sizes[at] > 4 * rest.max()]
+@np.errstate(over="ignore", invalid="ignore")
+def bends_of(x: Array) -> Array:
+    """By how much readings (n, ...) leave the curve of those beside them, by what is usual: their third differences, of
+    which the largest stands at the row into which a channel leaps; 0 at the ends, and where they are no numbers."""
+    bends = np.zeros(x.shape)
+    bends[2:-1] = np.nan_to_num(np.abs(np.diff(x, 3, axis=0)), posinf=1e300)
+    counts = (bends > 0) | ~bends.any(axis=0)
+    usual: Any = np.nanmedian(np.where(counts, bends, np.nan), axis=0) if bends.size else 1.0
+    return np.asarray(bends / np.maximum(usual, 1e-9 * np.nanmedian(np.abs(x), axis=0) + 1e-300)) if x.size else bends
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def leaps_of(x: Array, bends: Array) -> tuple[list[tuple[int, int]], float]:
+    """The rows into which a channel (n,) leaps, each with that from which on it is back, after five at most, or itself;
+    and how far it bends elsewhere. A leap is ten times as far as usual, and twice as far as the steps beside it,
+    unlike a corner, or the fall and rise after a blow."""
+    found, others, most = list[tuple[int, int]](), bends.copy(), min(MOST_BENDS, x.size)
+    far = np.flatnonzero(bends > max(10.0, float(np.partition(bends, -most)[-most]) if most else 0.0))
+    for group in np.split(far, np.flatnonzero(np.diff(far) > 2) + 1) if far.size else ():
+        begin = max(int(group[0]) - 4, 0)
+        steps = np.diff(x[begin : int(group[-1]) + 4])
+        steps -= np.median(steps)
+        sizes = np.abs(steps)
+        large = np.flatnonzero(sizes > 0.5 * sizes.max())
+        is_back = large.size == 2 and np.ptp(large) <= 5 and abs(steps[large].sum()) < 0.3 * sizes.max()
+        if is_back or large.size == 1:
+            found.append((begin + 1 + int(large[0]), begin + 1 + int(large[-1])))
+            others[group] = 0
+    return found, float(others.max(initial=0))
 
 
 def jumped_into(
-    x: Array, stands: NDArray[np.bool_], may_rest: bool, held: tuple[float, float] = (0, math.inf)
+    x: Array, stands: NDArray[np.bool_], bends: Array, may_rest: bool, held: tuple[float, float] = (0, math.inf)
 ) -> list[tuple[int, int]]:
     """First and last sample of the runs in which readings (n,) stand, between two each (n - 1,), and beside which they
-    jump, on both sides or, of a long run that is no rest, on one. `may_rest`: at the ends an encoder rests, and a drive
-    is off. Of runs that are `held`, longer and shorter than that, a jump on one side is enough for all."""
+    jump by `bends_of` them and 2 % of their range, on both sides or, of eight that are no rest, on one. `may_rest`: at
+    the ends a drive is off. Of runs that are `held`, longer and shorter than that, one jump is enough for all."""
     edges = run_edges(stands)
     edges = edges[np.all(np.sign(np.diff(edges) - held) == [1, -1], axis=1)]
-    steps, found = np.abs(np.diff(x)), list[tuple[int, int, float]]()
+    found = list[tuple[int, int]]()
+    far = np.abs(np.diff(x, prepend=x[:1])) > 0.02 * (np.ptp(x) if x.size else 0)
     for a, b in edges.tolist():
-        inside, jumps = a and b < steps.size, [*steps[:a][-1:], *steps[b : b + 1]]
-        on_one_side = held[0] > 0 or (b - a > 20 and not may_rest)
+        inside, at = a and b < x.size - 1, [one for one in (a, b + 1) if 0 < one < x.size]
+        jumps = [far[one] * bends[one - 1 : one + 2].max() for one in at]
+        on_one_side = held[0] > 0 or (b - a > 6 and not may_rest)
         # of a few zeros it may stand while it turns
         turns = b - a <= 3 and not (inside and np.sign(x[a - 1]) == np.sign(x[b + 1]) != 0)
-        if (inside or not may_rest) and not turns:
-            found.append((a, b, (max if on_one_side else min)(jumps, default=0.0)))
-    usual = 5 * float(np.median(steps[~stands])) if found and not stands.all() else 0.0
-    return [(a, b) for a, b, jump in found if jump > usual]
+        if (inside or not may_rest) and not turns and (max if on_one_side else min)(jumps, default=0.0) > 6:
+            found.append((a, b))
+    return found
 
 
 def check_sizes(recording: Recording) -> None:

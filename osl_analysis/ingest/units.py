@@ -37,6 +37,7 @@ TORQUE = re.compile(
     r"(?<![A-Za-z])(?:([mkcd]?N|k?gf)[*·_. -]?([cm]?m)"
     r"|(?i:(ft|in|foot|inch)[*·_. -]?(lb|oz)[fs]?|(lb|oz)[fs]?[*·_. -]?(ft|in|foot|inch)))(?![A-Za-z])"
 )
+TICKS = re.compile(r"(\d+)\*?([mun]?s|[mu]?secs?)")
 # names whose case has no meaning, since they have no prefix that it could distinguish
 ANY_CASE = re.compile(
     r"(milli)?met(er|re)s?|volts?|deg(ree)?s?|rad(ian)?s?|newtons?|amp(ere)?s?|(milli|micro|nano)?seconds?|m?secs?|revolutions?|rpm",
@@ -87,7 +88,7 @@ def quantity(text: str, expected: str) -> float:
 
 def normalised(unit: str) -> str:
     """One spelling for a unit: `N·mm`, `N.mm` and `N mm` become `N*mm`."""
-    text = re.sub("[·⋅∙.]", "*", "*".join(unit.strip().strip(".").split()))
+    text = re.sub("[·⋅∙.×]", "*", "*".join(unit.strip().strip(".").replace(" x ", " ").split()))
     text = re.sub(r"(?<=[A-Za-z])-(?=[A-Za-z])", "*", text)  # `N-m`, `ft-lb`
     text = re.sub(r"\bN\*M\b", "N*m", text)  # in capitals, as a Biodex writes it
     text = TORQUE.sub(torque_spelled, text)
@@ -112,7 +113,7 @@ def name_and_ending(name: str) -> tuple[str, str]:
     """A column's name without the unit that its end spells, and that unit, as of `ankle_deg`, `torque_N_cm` and
     `MomentLbfFt`; empty if none. A prefix is never apart from its unit: `torque_m_Nm` is the motor's. `torquemNm` may
     be either, and tells none."""
-    for start in (found.end() for found in re.finditer(r"[\s_.-]|(?<=[a-z0-9])(?=[A-Z])", name)):
+    for start in (found.end() for found in re.finditer(r"[\s_.:-]|(?<=[a-z0-9])(?=[A-Z])", name)):
         unit, in_camel_case = ending_spelled(name[start:]), name[start - 1].isalnum()
         if unit and not (in_camel_case and (len(name) - start == 1 or ending_spelled(name[start - 1 :]))):
             return name[:start], unit
@@ -121,8 +122,8 @@ def name_and_ending(name: str) -> tuple[str, str]:
 
 def ending_spelled(text: str) -> str:
     """A text as a unit; empty if it is none that a name may end with. In it `_s` and `_per_s` are `/s`."""
-    if text in AT_END:
-        return AT_END[text]
+    if text in AT_END or TICKS.fullmatch(text):
+        return AT_END.get(text, text)
     parts, known = re.split(r"[\s_./-]+(?:per[\s_]+)?", TORQUE.sub(torque_spelled, text)), list[str]()
     for part in parts:
         of_one_case = part.islower() or part.isupper() or part.istitle()
@@ -133,7 +134,10 @@ def ending_spelled(text: str) -> str:
 
 @cache
 def base_units(spelling: str) -> tuple[float, str] | None:
-    """Factor to base units, and their product as text; None if the text is not a unit."""
+    """Factor to base units, and their product as text; None if the text is not a unit. `10*us` are ticks of 10 us."""
+    if ticks := TICKS.fullmatch(spelling):
+        found = base_units(ticks[2])
+        return found and (float(ticks[1]) * found[0], found[1])
     parts = re.split(r"([*/])", spelling)
     if len(parts) > 15 or not all(re.fullmatch(r"[^\W\d_]\w{0,30}|°|%|1", name) for name in parts[::2]):
         return None

@@ -10,8 +10,8 @@ from bench_synthetic import FIVE, second_order, stepped_sine, table_of
 from conftest import ROOT, findings_of, marked
 from scipy.interpolate import CubicSpline
 
-from osl_analysis.bench.analysis import fitted_motion, with_friction, without_friction
-from osl_analysis.bench.effects import IMPEDANCE, belt_of_leg, plain_sums, sums_of, with_effects
+from osl_analysis.bench.analysis import fitted_motion, friction_rows, with_friction, without_friction
+from osl_analysis.bench.effects import IMPEDANCE, belt_of_leg, plain_sums, with_effects
 from osl_analysis.bench.impedance import DesiredImpedance, impedance_table, judged_impedance, rendered_impedance
 from osl_analysis.bench.record import record_of_trial, with_actuator
 from osl_analysis.bench.settings import DynamometerAnalysis
@@ -87,7 +87,9 @@ def test_coulomb_friction_is_named_and_has_its_size():
     (finding,) = findings_of(whole, Limits(above={"coulomb_share": 0.01}), "impedance")[:1]
     assert (finding.cause, [*finding.without]) == ("friction", [f"{x}{end}" for x in "KBI" for end in ENDS])
     assert finding.without["B_high"] == whole["B_viscous_high"]
-    s = sums_of(stepped_sine(lambda m: second_order(m) + 0.8 * np.sign(m.omega), 0.03, FIVE), IMPEDANCE)
+    rubbing = stepped_sine(lambda m: second_order(m) + 0.8 * np.sign(m.omega), 0.03, FIVE)
+    analysis, s = rendered_impedance(rubbing)
+    of_leg = friction_rows(s, analysis, is_leg=True)[None]
     smooth, sharp = (
         without_friction(
             *(with_effects(s, IMPEDANCE, x) for x in ((), (T,))), with_friction(s, IMPEDANCE, None, T), ["B"], T
@@ -96,7 +98,7 @@ def test_coulomb_friction_is_named_and_has_its_size():
     )
     width = (sharp.estimates - smooth.estimates) / np.sqrt(3)  # of a rectangle of that half-width
     expected = [np.hypot(smooth.se(smooth.names[k]), width[k]) for k in range(2)]
-    assert [whole["B_viscous_se"], whole["f_C_se"]] == pytest.approx(expected, rel=1e-3)
+    assert [of_leg["B_viscous_se"], of_leg["f_C_se"]] == pytest.approx(expected, rel=1e-3)
     assert whole["B_change"] < -0.03
     assert (whole["rivals"], whole["doubtful"]) == (None, "")
 

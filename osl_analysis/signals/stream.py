@@ -115,10 +115,10 @@ def held_values(signal: Array, step: float) -> HeldValues | None:
     three of its smallest steps: the rows after such changes tell."""
     first = np.flatnonzero(np.diff(signal)) + 1
     if FEWEST_STAMPS < len(signal) - len(first) < 0.5 * len(signal):
-        # a source that is hardly slower: its values come in a straight line to within a row, as no chance makes them
+        # a source that is hardly slower: all values lie on a straight line to within a row, which is no chance
         period = float(np.polyfit(np.arange(len(first)), first, 1)[0])
-        off = first - period * np.arange(len(first))
-        return HeldValues(first.astype(np.float64), signal[first], period) if np.ptp(off) < 1.2 else None
+        is_even = np.ptp(first - period * np.arange(len(first))) < 1.2 and len(first) * period > len(signal) - 3
+        return HeldValues(first.astype(np.float64), signal[first], period) if is_even else None
     if not FEWEST_STAMPS < len(first) < 0.6 * len(signal):
         return None
     change, stands = np.abs(signal[first] - signal[first - 1]), np.diff(first)

@@ -127,6 +127,14 @@ def test_friction_of_a_joint_that_rests_between_ramps_is_no_torque_path_and_may_
     assert (None, None) in heard
 
 
+def test_a_delay_that_ramps_do_not_tell_and_that_would_change_B_alone_is_not_ruled_out():
+    """K 80, B 1: a millisecond takes 8 % off B and 5 % off I."""
+    time, motion = slow_ramps(rng := np.random.default_rng(1))
+    trial = made_trial(rng, (time, motion), bits=18, late=1e-3, K=80.0, B=1.0)
+    row = witness_row(record_of_trial(trial, SETTINGS.model_copy(update={"excitation": "any"})))
+    assert (row["heard"], row["path_shift"]) == (None, None)
+
+
 @pytest.mark.parametrize("joint", [{}, {"K": 20.0, "B": 0.5}])
 def test_a_load_cell_that_drifts_beside_two_sines_is_no_change_over_time(joint):
     trial = made_trial(rng := np.random.default_rng(1), made := two_sines(rng), more=drifting(made[0]), **joint)

@@ -101,6 +101,8 @@ TEXTS = {
     "thousands of France": text(";", ["Temps (ms)", *HEAD[1:]], t=[f"{1e3 * x + 900:,.1f}".replace(
         ",", "\u202f") for x in TIME], decimal=","),
     "ticks of 10 us": text(head=["time [10 µs]", *HEAD[1:]], t=[f"{1e5 * x:.0f}" for x in TIME]),
+    "ticks in a comment": text(
+        above="# timestamp in ticks of 10 us\n", head=["ticks", *HEAD[1:]], t=[f"{1e5 * x:.0f}" for x in TIME]),
     "ticks in a name": text(head=["t_100us", "angle:deg", "Torque_mNm"], t=[f"{1e4 * x:.0f}" for x in TIME], m=[
         f"{1e3 * x:.6f}" for x in TORQUE]),
     "LabVIEW's units": text("\t", ["X_Value", "Angle", "Torque", "Comment"], LVM.replace(

@@ -47,9 +47,10 @@ MOMENTS = np.arange(6, 19) / CHUNKS  # shares of what is fitted at whose ends K,
 MUSCLE_HZ = 6.0  # of a muscle's answer to a reflex
 SLOW = 0.02  # share of the velocity's SD at which friction has turned its sign
 SERIES = 5  # terms of the series of a torque that is late by a time that changes
-MOST_LEFT = 0.5  # share of the torque's variance that an explanation may leave, to be named with its estimates
+MOST_LEFT = 0.05  # share of the torque's variance that an explanation may leave, to be named with its estimates
 HIDDEN = 0.1  # share of the inertia that a delay that is not heard may make
-LEAST_INERTIA = 1e-3  # kg*m^2, added in quadrature to what it is a share of
+HIDDEN_OF_B = 0.03  # the same of the damping
+LEAST_INERTIA, LEAST_DAMPING = 1e-3, 0.1  # kg*m^2 and N*m*s/rad, added in quadrature to what these are shares of
 USELESS = 20.0  # times an estimate, from which on a range of it says nothing
 HARM = {"K": (0.003, 2.0), "B": (0.01, 2.0), "I": (0.02, 5e-3)}
 """Share of an estimate that is harm, and the size [SI] that is added in quadrature to what it is a share of."""
@@ -360,13 +361,16 @@ class Court:
         return moments[int(np.argmin(left))], min(left)
 
     def hides_delay(self) -> bool:
-        """Whether nothing tells a path, or the torque may be late by so much that the inertia changes by `HIDDEN`."""
+        """Whether nothing tells a path, or the torque may be late by so much that I changes by `HIDDEN`, or B by
+        `HIDDEN_OF_B`."""
         if "path" not in self.chance:
             return True
         _, _, (size,), (error,) = self.late(np.ones(self.view.n))
         *stiffness, damping, inertia = np.abs(self.fitted(self.view.base)[0][: len(self.view.base)]).tolist()
         most = abs(float(size)) + 2.0 * float(error)
-        return bool((damping + sum(stiffness) * most) * most > HIDDEN * float(np.hypot(inertia, LEAST_INERTIA)))
+        of_damping = sum(stiffness) * most
+        moves_inertia = (damping + of_damping) * most > HIDDEN * float(np.hypot(inertia, LEAST_INERTIA))
+        return bool(moves_inertia or of_damping > HIDDEN_OF_B * float(np.hypot(damping, LEAST_DAMPING)))
 
     def clock_drift(self) -> tuple[float, float]:
         """Drift of the torque's clock against the angle's [ppm], with its standard error: it is later and later. The

@@ -204,7 +204,7 @@ def check_archive(path: Path) -> None:
     """Raises InputError: a ZIP takes too much memory unpacked, stands behind other bytes, or a checksum fails."""
     with zipfile.ZipFile(path) as archive:
         check_memory(sum(one.file_size for one in archive.infolist()), "what it unpacks to")
-        if before := min((one.header_offset for one in archive.infolist()), default=0):
+        if (before := min((one.header_offset for one in archive.infolist()), default=0)) > 0:
             raise InputError(f"{before} bytes stand before its first part, as of another file; split them there")
         if damaged := archive.testzip():
             raise InputError(f"its part {damaged} does not match its checksum; copy it again, or export it anew")

@@ -205,6 +205,7 @@ def time_setting(key: str, clock: RecordedChannel | None) -> dict[str, str]:
 
 
 OTHER_NUMBER = re.compile(r"[+-]?\d[^#]*$")  # written as no table is read, unlike Windows' `1.#QNAN`
+TICK = re.compile(r"(?i)\bticks?\b\D*(\d+) ?([nuµm]?s)\b")  # what a text says of a counter without a unit
 MOST_ROWS = 200_000  # of a long table at which an overview looks
 
 
@@ -213,6 +214,7 @@ def inspect_table(name: str, path: Path) -> Overview:
     layout = csv_table.CsvLayout(ragged="skip", most_missing=1.0)
     table = logs.read_any_table(name, path, layout, MOST_ROWS)
     columns, failed, times = [], dict.fromkeys(layout.missing), list[RecordedChannel]()
+    tick = next((f"{told[1]} {told[2]}" for text in table.comments if (told := TICK.search(text))), "")
     for place, (title, unit) in enumerate(zip(table.names, table.units, strict=True)):
         cells = table.body.to_series(place)
         stamps = csv_table.cell_stamps(cells)
@@ -226,6 +228,7 @@ def inspect_table(name: str, path: Path) -> Overview:
         )  # of failed readings
         also = "".join(f", {count} x '{word}'" for word, count in words.most_common(5))
         address = {"column": lasting_address(title, place, table.names)}
+        unit = unit or (tick if tick and logs.ticks(numbers, tick) else "")
         own = column(address, title, np.ma.masked_invalid(numbers), unit if stamps is None else "ns", also=also)
         columns.append(own)
         times += [own] * (stamps is not None)

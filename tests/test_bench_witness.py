@@ -128,9 +128,9 @@ def test_friction_of_a_joint_that_rests_between_ramps_is_no_torque_path_and_may_
 
 
 def test_a_delay_that_ramps_do_not_tell_and_that_would_change_B_alone_is_not_ruled_out():
-    """K 80, B 1: a millisecond takes 8 % off B and 5 % off I."""
+    """K 80, B 1, I 0.06: a millisecond takes 8 % off B and 2 % off I."""
     time, motion = slow_ramps(rng := np.random.default_rng(1))
-    trial = made_trial(rng, (time, motion), bits=18, late=1e-3, K=80.0, B=1.0)
+    trial = made_trial(rng, (time, motion), bits=18, late=1e-3, K=80.0, B=1.0, I=0.06)
     row = witness_row(record_of_trial(trial, SETTINGS.model_copy(update={"excitation": "any"})))
     assert (row["heard"], row["path_shift"]) == (None, None)
 

@@ -4,6 +4,7 @@ python benchmarks/human_ankle.py                the fits as a table, and K over 
 python benchmarks/human_ankle.py delays         the fits with one delay of the reflex after another
 python benchmarks/human_ankle.py joints SEED    60 known joints, moved by the recorded angles (a minute of a core)
 python benchmarks/human_ankle.py bands SEED     20 known joints whose K changes with the slow angle of the pilot
+python benchmarks/human_ankle.py muscle SEED    48 known joints, muscle of second or third order, moved by made angles
 """
 
 import sys
@@ -49,15 +50,16 @@ def table():
         print(f"K at {row['at']:.0f}°: {row['K']:.0f} ± {row['K_high'] - row['K']:.0f} N·m/rad")
 
 
-def known_joint(rng, theta, change=1.0, **further):
+def known_joint(rng, theta, change=1.0, order=2, **further):
     """What is true of a joint moved by an angle (n,): K, B, I, and the delay of its reflex [ms]; its trials without and
-    with this reflex. K changes by a factor (n,)."""
+    with this reflex, whose muscle is of second or third order. K changes by a factor (n,)."""
     time = np.arange(len(theta)) / RATE_HZ
     omega, alpha = (make_interp_spline(time, theta, 5)(time, order) for order in (1, 2))
     true = {"K": rng.uniform(40, 160), "B": rng.uniform(0.6, 1.4), "I": 0.016}
     delay, w = rng.uniform(0.04, 0.055), rng.uniform(15, 25)  # s; rad/s of a low-pass of second order
     late = np.maximum(np.concatenate([np.zeros(round(delay * RATE_HZ)), omega])[: len(omega)], 0)
-    reflex = rng.uniform(2, 8) * signal.lfilter(*signal.bilinear([w**2], [1, 1.8 * w, w**2], RATE_HZ), late)
+    lag = np.polymul([1 / w**2, 1.8 / w, 1], [1 / w, 1][3 - order :])
+    reflex = rng.uniform(2, 8) * signal.lfilter(*signal.bilinear([1.0], lag, RATE_HZ), late)
     will = signal.lfilter(*signal.butter(1, 2, fs=RATE_HZ), rng.standard_normal(len(theta)))
     torque = true["K"] * change * theta + true["B"] * omega + true["I"] * alpha
     torque += 0.5 * will / will.std() + 0.1 * rng.standard_normal(len(theta))
@@ -131,12 +133,37 @@ def joints(seed):
     print(f"K over these delays changes by {np.median(change):.1f} % (worst {change.max():.1f} %)")
 
 
+def muscle(seed):
+    rng, time = np.random.default_rng(seed), np.arange(90_000) / RATE_HZ
+    random = signal.butter(2, [0.3, 8], "bandpass", fs=RATE_HZ, output="sos")
+    with tempfile.TemporaryDirectory() as folder:
+        config = Path(folder, "person.yaml")
+        config.write_text(PERSON)
+        for order in (2, 3):
+            held, wide, K = [], [], []
+            for number in range(24):
+                steps = signal.sosfilt(
+                    signal.butter(2, 20, fs=RATE_HZ, output="sos"), 0.04 * rng.integers(0, 2, 600).repeat(150)
+                )
+                noise = signal.sosfilt(random, rng.standard_normal(len(time)))
+                true, _, trial = known_joint(rng, steps if number % 2 else 0.03 * noise / noise.std(), order=order)
+                row = osl.fit_impedance(trial, config=config).row
+                low, high = row["reflex_delay_low_ms"], row["reflex_delay_high_ms"]
+                held.append(low <= true["delay"] <= high)
+                wide.append(high - low)
+                K.append(row["K_low"] < true["K"] < row["K_high"])
+            print(f"muscle of order {order}, of {len(held)}: {sum(held)} ranges hold the delay, ", end="")
+            print(f"{np.median(wide):.0f} ms wide; {sum(K)} intervals hold K")
+
+
 if __name__ == "__main__":
     match sys.argv[1:]:
         case ["joints", seed]:
             joints(int(seed))
         case ["bands", seed]:
             bands(int(seed))
+        case ["muscle", seed]:
+            muscle(int(seed))
         case ["delays"]:
             delays()
         case _:

@@ -376,12 +376,12 @@ def test_human_ankles_give_a_stiffness_and_what_their_reflexes_leave_of_it():
     assert all(found.values()), found
 
 
-def reflexive(rng, gain, noise_nm=0.15, rate=500.0, delay=0.045, band=(0.3, 8.0), **impedance):
+def reflexive(rng, gain, noise_nm=0.15, rate=500.0, delay=0.045, band=(0.3, 8.0), order=2, **impedance):
     """A joint of 45 s whose torque has, beside Eq. 15, `gain` [N*m*s/rad] times the rising speed, 45 ms late behind a
-    low-pass of second order at 20 rad/s, and slow noise as of a person's will. It is made of none of our columns."""
+    low-pass of second or third order at 20 rad/s, and slow noise as of a person's will, of none of our columns."""
     time, motion = noise(rng, band, 1.2, 45.0, rate)
     late = np.concatenate([np.zeros(round(delay * rate)), np.maximum(motion[1], 0)])[: len(time)]
-    top, bottom, _ = cont2discrete(([400.0], [1, 36.0, 400.0]), 1 / rate)
+    top, bottom, _ = cont2discrete(([400.0], np.polymul([1, 36.0, 400.0], [1 / 20, 1][3 - order :])), 1 / rate)
     will = lfilter(*butter(1, 2 / (rate / 2)), rng.standard_normal(len(time)))
     more = gain * lfilter(top[0], bottom, late) + noise_nm * will / will.std()
     return made_trial(rng, (time, motion), more=more, **{"K": 90.0, "B": 1.0, "I": 0.016} | impedance)
@@ -401,14 +401,14 @@ def test_a_person_s_cut_off_is_that_of_the_recording_unless_one_is_stated_and_a_
         assert (sooner in [finding.cause for finding in found]) == is_told
 
 
-@pytest.mark.parametrize("delay", [0.045, 0.055])
-def test_the_range_of_a_reflex_s_delay_allows_for_muscle_whose_corner_is_not_known(delay):
+@pytest.mark.parametrize(("delay", "order"), [(0.045, 2), (0.055, 2), (0.045, 3)])
+def test_the_range_of_a_reflex_s_delay_allows_for_muscle_whose_corner_and_order_are_not_known(delay, order):
     for seed in range(2):
-        trial = reflexive(np.random.default_rng(seed), 6.0, delay=delay, band=(0.3, 20.0))
+        trial = reflexive(np.random.default_rng(seed), 6.0, delay=delay, band=(0.3, 20.0), order=order)
         row = person(trial)[1]
         assert row["reflex_delay_low_ms"] - 1e-6 <= 1e3 * delay <= row["reflex_delay_high_ms"] + 1e-6 <= 60.1
-        assert row["reflex_delay_high_ms"] - row["reflex_delay_low_ms"] < 16
-        assert row["reflex_delay_ms"] == pytest.approx(1e3 * delay, abs=5.1)
+        assert row["reflex_delay_high_ms"] - row["reflex_delay_low_ms"] < 23
+        assert order == 3 or row["reflex_delay_ms"] == pytest.approx(1e3 * delay, abs=5.1)
 
 
 def test_a_reflex_is_a_doubt_of_a_device_and_columns_of_a_person():

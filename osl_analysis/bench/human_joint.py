@@ -41,7 +41,7 @@ EARLY_S = 0.04  # lag [s] from which on there are equally many for each doubling
 BLOCKS, SHORTEST_BLOCK_S = 30, 2.0  # stretches whose scores make the intervals: number, and least duration [s]
 TESTED_BLOCKS, SHORTEST_TESTED_S, FEWEST_TESTED = 48, 1.0, 20  # the same of the test for a reflex
 SOONER_MS = 10.0  # by which a reflex sooner than all that are tried is asked for
-CORNERS, DAMPINGS = np.geomspace(8, 100, 9).tolist(), (0.6, 0.8, 1.0, 1.4, 2.5)  # [rad/s] of muscle; 2.5: first order
+CORNERS, DAMPINGS = np.geomspace(8, 100, 15).tolist(), (0.6, 0.8, 1.0, 1.4, 2.5)  # [rad/s] of muscle; 2.5: first order
 USUAL_DELAY_S = 0.04  # of a stretch reflex of the ankle [s]
 SIGN_WIDTHS = (0.005, 0.02, 0.1)  # speeds [rad/s] over which friction turns its sign
 BEFORE_OVER_AFTER = 1.7  # how much more past speed must explain than the speed to come; sound joints: 1.5
@@ -166,24 +166,27 @@ def predicted(record: Record, beside: Mapping[str, Array]) -> tuple[Array, float
 
 def delay_by_muscle(person: Reflexive) -> tuple[float, float, float]:
     """The delay [ms] by which muscle of second order, of any corner and damping, predicts best, and from where to where
-    it predicts as well within chance, by the scatter of what is left in stretches, and half way to the next delays
-    tried. An impulse response of any shape takes up some delay."""
-    raw, human, few, left = person.raw, person.human, person.record.coarse, list[Array]()
-    step, delays = round(raw.rate_hz / few.rate_hz), sorted(person.delays)
+    muscle of second or third order predicts as well as the best of its order, within chance, by the scatter of what is
+    left in stretches, and half way to the next delays tried. An impulse response of any shape takes up some delay."""
+    raw, human, few = person.raw, person.human, person.record.coarse
+    step, delays, best, good = round(raw.rate_hz / few.rate_hz), sorted(person.delays), 0, set[int]()
     changing = {name: one[::step] for name, one in person.beside.items() if not name.startswith("reflex")}
-    for corner, damping in product(CORNERS, DAMPINGS):
-        muscle = scipy.signal.bilinear([corner**2], [1, 2 * damping * corner, corner**2], raw.rate_hz)
-        answer = turned(raw, scipy.signal.lfilter(*muscle, rectified(raw), axis=0), person.slow)
-        quick = without_slow(raw, answer, human.slow_hz)[::step]
-        late = (late_by(quick, few.rate_hz, delay) for delay in delays)
-        left += [predicted(few, changing | reflex_columns(one))[0] for one in late]
-    more = np.array(left) - min(left, key=np.sum)
-    blocks = more.shape[1]
-    chance = scipy.special.stdtrit(blocks - 1, 0.975) * np.sqrt(blocks) * more.std(axis=1, ddof=1)
-    good = np.flatnonzero(more.sum(axis=1) <= chance) % len(delays)
+    for order in (3, 2):
+        left = list[Array]()
+        for corner, damping in product(CORNERS, DAMPINGS):
+            lag = np.polymul([corner**-2, 2 * damping / corner, 1.0], [1 / corner, 1.0][3 - order :])
+            muscle = scipy.signal.bilinear([1.0], lag, raw.rate_hz)
+            answer = turned(raw, scipy.signal.lfilter(*muscle, rectified(raw), axis=0), person.slow)
+            quick = without_slow(few, answer[::step], human.slow_hz)
+            late = (late_by(quick, few.rate_hz, delay) for delay in delays)
+            left += [predicted(few, changing | reflex_columns(one))[0] for one in late]
+        best = int(np.argmin(np.sum(left, axis=1)))
+        more = np.array(left) - left[best]
+        blocks = more.shape[1]
+        chance = scipy.special.stdtrit(blocks - 1, 0.975) * np.sqrt(blocks) * more.std(axis=1, ddof=1)
+        good.update((np.flatnonzero(more.sum(axis=1) <= chance) % len(delays)).tolist())
     ends = np.concatenate([delays[:1], np.convolve(delays, (0.5, 0.5), "valid"), delays[-1:]])
-    best = int(np.argmin(more.sum(axis=1))) % len(delays)
-    return 1e3 * delays[best], 1e3 * float(ends[good.min()]), 1e3 * float(ends[good.max() + 1])
+    return 1e3 * delays[best % len(delays)], 1e3 * float(ends[min(good)]), 1e3 * float(ends[max(good) + 1])
 
 
 def changing_columns(raw: Record, human: HumanJoint, slow: Array, fitted: Array) -> dict[str, Array]:

@@ -5,7 +5,7 @@ The reflex is the parallel pathway of Kearney, Stein and Parameswaran (IEEE Tran
 rectified velocity, some 40 ms late, through an impulse response of half a second; here of both directions. What is slow
 is his own will."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -146,22 +146,28 @@ def with_reflex(raw: Record, human: HumanJoint, slow: Array | None = None) -> Re
     thinned = {name: column[::step] for name, column in changing.items()}
     sooner = [min(human.delays_ms) - SOONER_MS] if min(human.delays_ms) > SOONER_MS else []
     late = {ms: late_by(quick[::step], few.rate_hz, 1e-3 * ms) for ms in (*human.delays_ms, *sooner)}
-    tried = {ms: predicted(few, thinned | reflex_columns(one)) for ms, one in late.items()}
+    tried = {ms: predicted(few, thinned, [one]) for ms, one in late.items()}
     first, *_ = order = sorted(tried, key=lambda ms: float(tried[ms][0].sum()))
-    K_sooner = tried[first][1] if first in sooner else None
-    delays = {1e-3 * ms: tried[ms][1] for ms in order if ms not in sooner}
+    K_sooner = float(tried[first][1][0]) if first in sooner else None
+    delays = {1e-3 * ms: float(tried[ms][1][0]) for ms in order if ms not in sooner}
     quick = without_slow(raw, late_by(columns, rate, next(iter(delays))), human.slow_hz)
     return Reflexive(raw, human, record, changing | reflex_columns(quick), delays, K_sooner, slow)
 
 
-def predicted(record: Record, beside: Mapping[str, Array]) -> tuple[Array, float]:
-    """What the fit to the other stretches leaves of each (m,), with columns beside Eq. 15, and K by all."""
-    s = sums_beside(record, beside)
-    rest = s.total - s.gram
-    estimates = gram.solved(rest[:, :-2, :-2], rest[:, :-2, s.torque])[0]
-    error = np.column_stack([estimates, -np.ones(len(rest))])
-    K = gram.solved(s.total[:-2, :-2], s.total[:-2, s.torque])[0][s.names.index("theta")]
-    return np.einsum("mp,mpq,mq->m", error, s.gram[:, :-1, :-1], error), float(K)
+def predicted(record: Record, beside: Mapping[str, Array], tried: Sequence[Array]) -> tuple[Array, Array]:
+    """What the fit to the other stretches leaves of each, (k, m), with columns beside Eq. 15 and of k sets (n, c) one
+    after another, and K (k,) by all."""
+    every = reflex_columns(np.hstack(tried))
+    s = sums_beside(record, {**beside, **every})
+    base, own = s.index([name for name in s.names if name not in every]), s.index([*every])
+    at = np.array([[*base, *one, s.torque] for one in np.split(np.array(own), len(tried))])
+    of_each = s.gram[:, at[:, :, None], at[:, None, :]]
+    total = of_each.sum(axis=0)
+    rest = total - of_each
+    estimates = gram.solved(rest[..., :-1, :-1], rest[..., :-1, -1])[0]
+    error = np.concatenate([estimates, -np.ones((*estimates.shape[:2], 1))], axis=2)
+    K = gram.solved(total[:, :-1, :-1], total[:, :-1, -1])[0][:, base.index(s.names.index("theta"))]
+    return np.einsum("mkp,mkpq,mkq->km", error, of_each, error), K
 
 
 def delay_by_muscle(person: Reflexive) -> tuple[float, float, float]:
@@ -178,8 +184,7 @@ def delay_by_muscle(person: Reflexive) -> tuple[float, float, float]:
             muscle = scipy.signal.bilinear([1.0], lag, raw.rate_hz)
             answer = turned(raw, scipy.signal.lfilter(*muscle, rectified(raw), axis=0), person.slow)
             quick = without_slow(few, answer[::step], human.slow_hz)
-            late = (late_by(quick, few.rate_hz, delay) for delay in delays)
-            left += [predicted(few, changing | reflex_columns(one))[0] for one in late]
+            left += [*predicted(few, changing, [late_by(quick, few.rate_hz, delay) for delay in delays])[0]]
         best = int(np.argmin(np.sum(left, axis=1)))
         more = np.array(left) - left[best]
         blocks = more.shape[1]

@@ -121,16 +121,23 @@ def late_by(columns: Array, rate_hz: float, delay_s: float) -> Array:
 
 
 def without_slow(record: Record, signals: Array, slow_hz: float) -> Array:
-    """Signals (n, ...) of a record without what is slower than some frequency [Hz], by a zero-phase filter."""
-    return np.asarray(signals - LowPass(slow_hz, 2)(signals, record.rate_hz))
+    """Signals (n, ...) of a record without what is slower than some frequency [Hz], by a zero-phase filter between the
+    first and the last row that is fitted: beyond, derivatives are wrong, and would be so for a second within."""
+    fitted = slice(record.pieces[0].start, record.pieces[-1].stop)
+    quick = np.zeros_like(signals)
+    quick[fitted] = signals[fitted] - LowPass(slow_hz, 2)(signals[fitted], record.rate_hz)
+    return quick
 
 
-def without_will(record: Record, slow_hz: float) -> Record:
-    """The record without the slow part of angle and torque, about their means, in stretches of a thirtieth."""
+def without_will(record: Record, slow_hz: float, memory_s: float = 0.0) -> Record:
+    """The record without the slow part of angle and torque, about their means, in stretches of a thirtieth, and without
+    the rows at the start whose past of `memory_s` was not recorded."""
     signals = record.motion.theta, record.motion.omega, record.motion.alpha, record.filtered_torque
     theta, omega, alpha, torque = (without_slow(record, one, slow_hz) for one in signals)
     angle, level = (float(record.part(signals[k]).mean()) for k in (0, 3))
-    groups = stretches_of(record.pieces, record.rate_hz, max(record.seconds / BLOCKS, SHORTEST_BLOCK_S))
+    first = record.pieces[0].start + round(memory_s * record.rate_hz)
+    pieces = [slice(max(one.start, first), one.stop) for one in record.pieces if one.stop > first]
+    groups = stretches_of(pieces, record.rate_hz, max(record.seconds / BLOCKS, SHORTEST_BLOCK_S))
     motion = Motion(theta + angle, omega, alpha)
     return replace(record, motion=motion, filtered_torque=torque + level, groups=groups, periodic=None)
 
@@ -138,7 +145,7 @@ def without_will(record: Record, slow_hz: float) -> Record:
 def with_reflex(raw: Record, human: HumanJoint, slow: Array | None = None) -> Reflexive:
     """The record of a person's joint, whose K and B may change with a `slow` signal (n,). The delay of the reflex is
     the one of those in the settings with which the other stretches predict each stretch best."""
-    rate, record = raw.rate_hz, without_will(raw, human.slow_hz)
+    rate, record = raw.rate_hz, without_will(raw, human.slow_hz, human.memory_s)
     columns = turned(raw, half_waves(raw, human.memory_s), slow)
     changing = {} if slow is None else changing_columns(raw, human, slow, record.part(slow))
     few, quick = record.coarse, without_slow(raw, columns, human.slow_hz)

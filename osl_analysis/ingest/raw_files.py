@@ -336,9 +336,13 @@ def tell_copies(recording: Recording) -> None:
 
 
 def tell_no_sensor(recording: Recording) -> None:
-    """Say where a channel has values that no sensor gives: nobody knows how many were lost."""
-    for column in (one for one in recording.columns if one in SELDOM_REPEAT):
-        own = recording.samples.select("time", column).filter(pl.col(column).is_finite())
+    """Say where a channel has values that no sensor gives: nobody knows how many were lost. A recorder may wait for its
+    trigger, and hold all channels until then."""
+    asked = [one for one in recording.columns if one in SELDOM_REPEAT]
+    each = [recording.samples.select("time", one).filter(pl.col(one).is_finite()) for one in asked]
+    changed = (own.filter(pl.col(column) != pl.col(column).first()) for column, own in zip(asked, each, strict=True))
+    begin = min((own["time"][0] for own in changed if own.height), default=0.0)
+    for column, own in zip(asked, (own.filter(pl.col("time") >= begin) for own in each), strict=True):
         wrong = values_of_no_sensor(column, own["time"].to_numpy(), own[column].to_numpy(), recording.columns[column])
         recording.columns[column]["no_sensor"] = None if wrong is None else int(wrong.sum())
         if wrong is not None and wrong.any():

@@ -6,6 +6,7 @@ import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import combinations, product
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
@@ -692,8 +693,11 @@ def values_of_no_sensor(column: str, time: Array, x: Array, origin: Mapping[str,
     stands = nought[:-1] & nought[1:]
     if np.count_nonzero(~stays) <= 0.5 * np.sum(~stands):
         return None
-    lost, bends = (x != 0) & (np.abs(x) < NEXT_TO_ZERO), bends_of(x)
-    lost[by_leaps(column, time, x, bends)] = True
+    sizes, bends = np.abs(x), bends_of(x)
+    lost = (x != 0) & (sizes < NEXT_TO_ZERO)
+    if np.any((sizes >= NEXT_TO_ZERO) & (sizes < 1e-12 * sizes.max(initial=0.0))):
+        lost[:] = False  # it decays there, as in a simulation
+    lost |= by_leaps(column, time, x, bends) | exchanged(x, bends)
     zeros = jumped_into(x, stands, bends, may_rest=not column.startswith(("theta", "torque")))
     most = 0.5 * time.size / (np.ptp(time) or np.inf) if time.size else 0.0  # what is held for longer is stuck
     if "torque" in column and np.mean(stays) < 0.1:  # else a sensor of few levels, which may rest at each
@@ -724,6 +728,28 @@ def by_leaps(column: str, time: Array, x: Array, bends: Array) -> NDArray[np.boo
     for a, b in run_edges(smooth).tolist() if far and np.mean(smooth) < 0.5 else ():
         beside = any(a - 1 <= at <= a + 1 or b + 2 <= at <= b + 4 for at in far)
         lost[a : b + 3] |= b - a > 2 and not stays[a : b + 2].any() and beside
+    return lost
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def exchanged(x: Array, bends: Array) -> NDArray[np.bool_]:
+    """Which readings (n,) are of two blocks of one length that changed places: of four leaps three or more are seen,
+    and tell the length, and all are gone once the blocks are put back. Two could be the ends of a pulse."""
+    at, left, lost = list[int](), bends.copy(), np.zeros(x.size, bool)
+    for _ in range(5 if x.size > 9 else 0):
+        at.append(int(np.argmax(left)))
+        left[max(at[-1] - 3, 0) : at[-1] + 4] = 0
+    if not at or bends[at[2]] <= max(10.0, 1.5 * (rest := bends[at[4]])):
+        return lost
+    unit = np.abs(np.diff(x, 3)).max() / bends[at[0]]
+    for (p, q), k in product(combinations(sorted(at[:4]), 2), at[:4]):
+        for size in (k - p, k - q):
+            (a, b), (c, d) = sorted((p, p + size)), sorted((q, q + size))
+            if 0 <= a < b <= c < d <= x.size:
+                back = np.concatenate([x[:a], x[c:d], x[b:c], x[a:b], x[d:]])
+                if np.abs(np.diff(back, 3)).max() / unit < max(8.0, 1.25 * rest):
+                    lost[a:b] = lost[c:d] = True
+                    return lost
     return lost
 
 

@@ -27,7 +27,7 @@ from test_formats_rosbags import CHANNELS, write_bag1, write_bag2, write_split
 from osl_analysis.errors import InputError
 from osl_analysis.formats.c3d import BLOCK
 from osl_analysis.ingest.draft import draft_source
-from osl_analysis.ingest.raw_files import FORMATS, recognise
+from osl_analysis.ingest.raw_files import FORMATS, recognise, tell_odd_steps
 from osl_analysis.ingest.source import Recording, bends_of, leaps_of, values_of_no_sensor
 
 ROWS, SECOND_RUN = 200, 1000
@@ -423,7 +423,7 @@ def test_an_angle_that_moves_faster_than_a_joint_can_is_no_sensors(tmp_path: Pat
     k, noise = np.arange(2000), np.random.default_rng(3).normal(size=2000)
     angle = 0.35 * np.sin(k / 27) + 1e-3 * noise
     moved = np.r_[angle[:700], angle[100:130], angle[730:]]
-    for column, expected in (("theta", [700, 730]), ("torque", [])):
+    for column, expected in (("theta", [*range(700, 730)]), ("torque", [])):
         found = values_of_no_sensor(column, k / 100, moved, {})
         assert found is not None
         assert np.flatnonzero(found).tolist() == expected
@@ -473,6 +473,9 @@ def test_a_step_of_time_unlike_all_others_is_told_and_one_of_an_uneven_clock_is_
         pl.DataFrame({"t": t, "a": noise[: t.size], "f": noise[::-1][: t.size]}).write_csv(path := tmp_path / "a.csv")
         told[name] = len(FORMATS["csv"].read(path, OF_CSV).warnings)
     assert told == {"even": 0, "lost": 1, "uneven": 0}
+    torque = pl.Series("torque", noise).set(pl.Series((k >= 300) & (k < 304)), None)
+    tell_odd_steps(alone := Recording(pl.DataFrame({"time": k / 100, "theta": noise, "torque": torque}), {}))
+    assert [said[:40] for said in alone.damage.remarks] == ["time of torque goes on by 0.05 s at 2.99"]
 
 
 def test_chunks_that_were_never_written_are_lost_and_not_zeros(tmp_path: Path) -> None:

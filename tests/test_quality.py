@@ -148,7 +148,7 @@ BARE, STOOD_ON = laboratory()["plate1_force_z"].to_numpy(), 800 + np.random.defa
     ("dropout", bench(torque=with_piece(TORQUE, 1000, 1020, 0.0)), "impedance", 20, "torque"),  # it jumps out alone
     ("dropout", bench(torque=with_piece(TORQUE, 1000, 1001, 2e6)), "impedance", 1, "torque"),
     ("dropout", bench(torque=with_piece(TORQUE, 1000, 1002, TORQUE[1000] + 10)), "impedance", 2, "torque"),  # and back
-    *(("dropout", bench(ANGLE + k * AWAY), "impedance", 2, "theta") for k in (7.5, 0.02)),  # rows of another place
+    *(("dropout", bench(ANGLE + k * AWAY), "impedance", 499, "theta") for k in (7.5, 0.02)),  # rows of another place
     ("dropout", bench(torque=TORQUE + 9 * AWAY), "impedance", 0, ""),  # friction, which turns
     ("dropout", bench(torque=with_piece(TORQUE, 0, 50, 0.0)), "impedance", 0, ""),  # before a recorder begins
     ("dropout", actuator_bench(current=LEVELS), "actuator", 0, ""),  # a command has levels

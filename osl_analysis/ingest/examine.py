@@ -646,7 +646,10 @@ def check_recording(trial: Trial, limits: Any, torque: str = "torque", angle: st
         if measured.size and change / 2 < limits.largest_angle:
             cause = f"{torque} has +-{change / 2:.2g} N*m only, are the two swapped? Correct them in the source file"
         if np.abs(np.diff(turned)).max() > 0.9 * turn:
-            cause = "it jumps so far from a row to the next, as where an encoder begins anew; unwrap or record it again"
+            cause = (
+                "it jumps so far from a row to the next, as where an encoder begins anew; state after how much of its "
+            )
+            cause += "own unit, as `wraps_at: 360` or 65536, in the source file"
         raise InputError(
             f"{who} {angle} turns by +-{turn / 2:.3g} rad ({math.degrees(turn / 2):.0f} deg), more than the "
             f"{limits.largest_angle:g} rad of `largest_angle` in the configuration: {cause}"

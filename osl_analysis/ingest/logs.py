@@ -174,6 +174,9 @@ def canonical_column(column: str, table: Table, time: Array, source: LogSource) 
             f"{source.most_missing:.1%} may be: repair the recording, or write `most_missing: "
             f"{csv_table.share_above(count, values.size):g}` in the source file"
         )
+    if channel.wraps_at is not None:
+        known = ~(missing | lacking)
+        values[known] = np.unwrap(values[known], period=channel.wraps_at)
     with naming(what, f", as {source.place('channels', column, 'unit')}"):
         series = pl.Series(column, channel.to_si(values, unit_of(column), table.units.get(channel.name, "")))
     return series.set(pl.Series(lacking), None) if lacking.any() else series
@@ -226,7 +229,7 @@ def unwrapped(raw: NDArray[Any], what: str) -> tuple[NDArray[Any], list[str]]:
     if not back.any() or (raw != np.rint(raw)).any() or not (steps > 0).any():
         return raw, []
     usual = float(np.median(steps[steps > 0]))
-    for bits in (16, 24, 32):
+    for bits in (8, 16, 24, 32):
         again = steps[back] + 2.0**bits
         if (again >= 0).all() and (again <= 10 * usual).all():
             turns = np.concatenate([[0], np.cumsum(back)])
@@ -297,7 +300,7 @@ def clock_columns(
         elif is_like_clock(name) or place not in asked:
             with suppress(csv_table.UnreadableCellError):
                 tried = csv_table.cell_numbers(cells[:MOST_TRIED], source.missing, text.decimal)
-                if may_be_clock(name, unit, tried):
+                if may_be_clock(name, unit, tried) or np.mean(np.diff(tried) == 1) > 0.9:  # or count the rows
                     yield name, unit, csv_table.cell_numbers(cells, source.missing, text.decimal)
 
 
@@ -406,6 +409,14 @@ def check_other_clocks(table: Table, source: TableSource, time: Array) -> dict[s
         values, own = unwrapped(every[known], name)[0].astype(np.float64), time[known]
         steps, span = np.diff(values), own[-1] - own[0]
         step, most = float(steps.mean()), float(steps.max())
+        if rate is not None and np.mean(steps == 1) > 0.9 and (steps > 0).all():
+            if absent := int(steps.sum()) - steps.size:
+                raise InputError(
+                    f"{source.time.ADDRESS} '{name}' counts {absent} rows that are missing, and those behind would be "
+                    f"early; write `time: {{{source.time.ADDRESS}: {name}, rate: {rate:g}}}`"
+                )
+            if not tells_time(name, unit):
+                continue
         if not (span > 0 and step > 0 and (steps >= 0).all() and most <= max(3 * step, 0.02 * steps.sum())):
             continue  # it does not run
         ratio = span_ratio(float(steps.sum()), span)

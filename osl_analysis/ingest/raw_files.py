@@ -2,7 +2,7 @@
 
 import hashlib
 import math
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
@@ -352,15 +352,20 @@ def tell_no_sensor(recording: Recording) -> None:
 
 
 def tell_odd_steps(recording: Recording) -> None:
-    """Say where time goes on by another step than in 99 of 100 rows, all of which are alike."""
-    time = recording.samples["time"].to_numpy()
-    steps = np.diff(time)
-    usual = float(np.median(steps)) if steps.size else 0.0
-    odd = np.abs(steps - usual) > 0.1 * usual
-    if 0 < (count := np.count_nonzero(odd)) <= 0.01 * odd.size and np.ptp(steps[~odd]) < 0.05 * usual:
-        at = int(np.argmax(odd))
-        said = f"time goes on by {steps[at]:.4g} s at {time[at]:.3f} s, where steps are {usual:.4g} s, {count} times so"
-        recording.damage.remarks.append(f"{said} or otherwise: samples are missing there, or their stamps are wrong")
+    """Say where time, also that of one channel, goes on by another step than in 99 of 100 rows, which are alike."""
+    alike = defaultdict[bytes, list[str]](list)
+    for column in recording.samples.select(pl.exclude("time").is_not_null()):
+        alike[column.to_numpy().tobytes()].append(column.name)
+    for present, names in alike.items():
+        time = recording.samples["time"].to_numpy()[np.frombuffer(present, bool)]
+        steps = np.diff(time)
+        usual = float(np.median(steps)) if steps.size else 0.0
+        odd = np.abs(steps - usual) > 0.1 * usual
+        if 0 < (count := np.count_nonzero(odd)) <= 0.01 * odd.size and np.ptp(steps[~odd]) < 0.05 * usual:
+            at, of = int(np.argmax(odd)), f" of {listing(names, 4)}" * (len(alike) > 1)
+            said = f"time{of} goes on by {steps[at]:.4g} s at {time[at]:.3f} s, where steps are {usual:.4g} s, {count} "
+            said += "times so or otherwise: samples are missing there, or their stamps are wrong"
+            recording.damage.remarks.append(said)
 
 
 def tell_leaps_of_all(recording: Recording) -> None:

@@ -171,6 +171,9 @@ class LogChannel(Channel):
     """That of a log."""
 
     counter: ColumnName | None = None  # Where the device counts its samples, which tells the missing ones.
+    wraps_at: PositiveFloat | None = (
+        None  # After how much the raw numbers begin anew: 360, or 65536 for counts of 16 bits.
+    )
 
 
 class MessageChannel(LogChannel):
@@ -717,13 +720,18 @@ def by_leaps(column: str, time: Array, x: Array, bends: Array) -> NDArray[np.boo
     leaps, rest = leaps_of(x, bends)
     usual = float(np.median(np.diff(time))) if time.size > 1 else 0.0
     farthest = {"theta": 2000.0 * usual**2 * (usual > 0.0025), "theta_m": math.inf if usual > 0.0025 else 0.0}  # rad
+    no_mass = list[int]()
     for a, b in leaps:
         size = abs(x[a] - x[a - 1])
         if bends[a] <= 4 * rest:
             continue
         lost[a:b] = True
         is_turn = any(abs(size / turn - 1) < 0.1 for turn in (2 * np.pi, 360.0))
-        lost[a] |= size > farthest.get(column, math.inf) and not is_turn and time[a] - time[a - 1] <= 1.5 * usual
+        if a == b and size > farthest.get(column, math.inf) and not is_turn and time[a] - time[a - 1] <= 1.5 * usual:
+            no_mass.append(a)
+    lost[no_mass] = True
+    for first, last in zip(no_mass[::2], no_mass[1::2], strict=True) if len(no_mass) % 2 == 0 else ():
+        lost[first:last], lost[last] = True, False  # it was elsewhere in between
     smooth, far = bends[2:-1] < 0.02, [at for at, _ in leaps if bends[at] > 4 * rest]
     for a, b in run_edges(smooth).tolist() if far and np.mean(smooth) < 0.5 else ():
         beside = any(a - 1 <= at <= a + 1 or b + 2 <= at <= b + 4 for at in far)

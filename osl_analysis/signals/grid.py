@@ -115,6 +115,11 @@ def on_one_grid(taken: Sequence[Taken], limits: GapLimits, trial: str = "") -> U
         inner = np.searchsorted(time, begin - limits.margin_s), np.searchsorted(time, end + limits.margin_s, "right")
         usable[slice(*inner)] = False
     if not usable.any():
+        if np.mean(np.diff(stamps := taken[0].clock.stamps) == 0) > 0.5:
+            tells = (
+                f"its stamps are rounded, {stamps.size / np.unique(stamps).size:.0f} rows share one; state the rate of "
+            )
+            raise InputError(f"{taken[0].stream.name}: {tells}the rows in place of its time, as `time: {{rate: HZ}}`")
         raise InputError(
             f"{taken[0].stream.name}: every row from {round(time[0], 4) + 0.0:.4f} s to "
             f"{time[-1]:.4f} s lies within {limits.margin_s:.2f} s of a gap longer than "

@@ -291,7 +291,7 @@ def channel_line(number: int, channel: RecordedChannel, guess: Guess) -> str:
     said += [f"no known unit: {json.dumps(channel.unit)}"] * (bool(channel.unit) and unit == UNKNOWN)
     said += ["the unit is guessed: check it"] * is_guessed
     said += ["no unit is stated"] * (guess.sure and unit == UNKNOWN and not stated)
-    fields = {**channel.address, "unit": unit} | ({"sign": guess.sign} if guess.sign < 0 else {})
+    fields: dict[str, Any] = {**channel.address, "unit": unit} | ({"sign": guess.sign} if guess.sign < 0 else {})
     fields |= {"wraps_at": at} if guess.column.startswith("theta") and (at := wraps_at(channel)) else {}
     entry = ", ".join(f"{key}: {json.dumps(value, ensure_ascii=False)}" for key, value in fields.items())
     comment = f"  # {'; '.join(filter(None, said))}" if any(said) else ""

@@ -698,7 +698,7 @@ def values_of_no_sensor(column: str, time: Array, x: Array, origin: Mapping[str,
         return None
     sizes, bends = np.abs(x), bends_of(x)
     lost = (x != 0) & (sizes < NEXT_TO_ZERO)
-    if np.any((sizes >= NEXT_TO_ZERO) & (sizes < 1e-12 * sizes.max(initial=0.0))):
+    if lost.any() and np.sum((between := sizes[sizes >= NEXT_TO_ZERO]) < 1e-9 * np.median(between)) > 10:
         lost[:] = False  # it decays there, as in a simulation
     lost |= by_leaps(column, time, x, bends) | exchanged(x, bends)
     zeros = jumped_into(x, stands, bends, may_rest=not column.startswith(("theta", "torque")))

@@ -235,7 +235,9 @@ def judge(kind: Kind, reader: Reader, truth: Samples, path: Path, what: str) -> 
         what in ("zeroed", "copied", "swapped"),
         what == "flipped" and kind.name not in ("a.mcap", "b.mcap"),
     )
-    spliced = kind.name in SPLICED and (what == "lost" or of_bytes) and (~right).sum() <= 1  # of two halves of a number
+    spliced = (
+        kind.name in SPLICED and (what == "lost" or of_bytes) and (~right).sum() <= (4 if what == "swapped" else 1)
+    )  # halves of numbers
     unseen = flipped or (of_bytes and not kind.checked)
     if unseen and not told and not (right.all() and time.size == truth[0].size):
         many = int((~right).sum())

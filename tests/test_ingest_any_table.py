@@ -532,7 +532,7 @@ def test_tdms_channels_of_one_clock_and_unequal_counts_are_refused(tmp_path):
     with TdmsWriter(tmp_path / "a.tdms") as writer:
         every = [ChannelObject("Run", name, one, {**timing, "unit_string": u}) for name, (one, u) in channels.items()]
         writer.write_segment(every)
-    said = "channel 'Run/Torque' has 700 values and 'Run/Angle' has 650, which begin together at one rate"
+    said = "channel 'Run/Torque' has 700 values and 'Run/Angle' has 650 for one time"
     with pytest.raises(InputError, match=said):
         read_by_draft(tmp_path / "a.tdms")
 

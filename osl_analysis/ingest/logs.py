@@ -268,19 +268,13 @@ def csv_log(path: Path, source: SheetSource) -> Table:
     for name, place in places.items():
         if csv_table.name_and_unit(text.names[place])[0] != csv_table.name_and_unit(name)[0]:
             found[name] = {"found": text.names[place]}
+    columns = {name: values[place] for name, place in places.items()}
+    units = {name: text.units[place] for name, place in places.items()}
     return Table(
-        end,
-        {name: values[place] for name, place in places.items()},
-        {name: text.units[place] for name, place in places.items()},
-        damage=text.damage,
-        facts={"comments": text.comments[:100]},
-        found=found,
-        lines=text.lines[:end] if text.noun == "line" else None,
-        failed="missing",
-        has_stamps=stamps is not None,
+        end, columns, units, damage=text.damage, facts={"comments": text.comments[:100]}, found=found, rates=rates,
+        lines=text.lines[:end] if text.noun == "line" else None, failed="missing", has_stamps=stamps is not None,
         clocks=[(name, unit, one[:end]) for name, unit, one in clocks],
-        rates=rates,
-    )
+    )  # fmt: skip
 
 
 def rows_with_values(columns: Iterable[NDArray[Any]]) -> int:
@@ -661,13 +655,8 @@ def tdms_log(path: Path, source: TdmsSource) -> Table:
                 f"channel '{other.address}' has no timing (`wf_increment` among its properties); name the "
                 f"channel of time, as `time: {{channel: GROUP/NAME, unit: s}}`, or {RATE}"
             )
-        if values[other.address].size != values[one.address].size and not by_properties:
-            raise InputError(
-                f"channel '{other.address}' has {other.count} values and '{one.address}' has {one.count}; name "
-                "channels of one recording, or export those of each length on their own"
-            )
-    if by_properties and not file.damage.end_missing:
-        check_alike(by_address, values)
+    if not (by_properties and file.damage.end_missing):
+        check_alike(by_address, values, by_properties)
     if by_properties and len({(other.begin, other.step) for other in by_address.values()}) > 1:
         for address, other in by_address.items():
             after = np.rint(stamps[address] * float(other.step or 0.0) * SECOND).astype(np.int64)
@@ -684,29 +673,22 @@ def tdms_log(path: Path, source: TdmsSource) -> Table:
     clocks = [(at, others[at].unit, values) for at, values in file.values(likely).items()]
     rates = [(f"wf_increment of '{each.address}'", 1 / each.step) for each in by_address.values() if each.step]
     return Table(
-        placed[one.address].size,
-        columns,
-        units,
-        own,
-        file.damage,
-        facts,
-        clocks=clocks,
-        rates=rates,
+        placed[one.address].size, columns, units, own, file.damage, facts, clocks=clocks, rates=rates,
         has_own_rows="rates_hz" in facts,
-    )
+    )  # fmt: skip
 
 
-def check_alike(channels: Mapping[str, TdmsChannel], values: Mapping[str, NDArray[Any]]) -> None:
-    """Refuse channels that begin together at one rate and have unequal counts: some have lost values, nothing tells
-    where, and what follows would be early against the others."""
-    longest: dict[tuple[int, float | None], str] = {}
+def check_alike(channels: Mapping[str, TdmsChannel], values: Mapping[str, NDArray[Any]], by_properties: bool) -> None:
+    """Refuse channels that begin together at one rate, or have one time, and have unequal counts: some have lost values
+    nothing tells where, and what follows would be early against the others."""
+    first: dict[tuple[int, float | None] | None, str] = {}
     for address, channel in channels.items():
-        other = longest.setdefault((channel.begin, channel.step), address)
+        other = first.setdefault((channel.begin, channel.step) if by_properties else None, address)
         if values[other].size != values[address].size:
             raise InputError(
-                f"channel '{address}' has {values[address].size} values and '{other}' has {values[other].size}, which "
-                "begin together at one rate: a segment has lost some, nothing tells where; copy the file again, or "
-                "name channels of one length"
+                f"channel '{address}' has {values[address].size} values and '{other}' has {values[other].size} for one "
+                "time: a segment has lost some, nothing tells where, or they are of two recordings; copy the file "
+                "again, or name channels of one length"
             )
 
 

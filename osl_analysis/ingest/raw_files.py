@@ -92,19 +92,8 @@ def begins_with(mark: bytes) -> Callable[[bytes], bool]:
 
 TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".dat", ".lvm", ".asc")
 BINARY_SUFFIXES = (
-    ".xlsx",
-    ".xls",
-    ".ods",
-    ".parquet",
-    ".feather",
-    ".arrow",
-    ".arrows",
-    ".ipc",
-    ".npy",
-    ".npz",
-    ".h5",
-    ".hdf5",
-)
+    ".xlsx", ".xls", ".ods", ".parquet", ".feather", ".arrow", ".arrows", ".ipc", ".npy", ".npz", ".h5", ".hdf5",
+)  # fmt: skip
 KNOWN: Mapping[str, tuple[Callable[[bytes], bool], tuple[str, ...], FileReader, FileLister]] = {
     "mcap": (begins_with(MAGIC), (".mcap",), read_message_log, partial(inspect_messages, "mcap")),
     "rosbag1": (begins_with(ANY_BAG1), (".bag",), read_message_log, partial(inspect_messages, "rosbag1")),

@@ -171,32 +171,24 @@ class LogChannel(Channel):
     """That of a log."""
 
     counter: ColumnName | None = None  # Where the device counts its samples, which tells the missing ones.
-    wraps_at: PositiveFloat | None = (
-        None  # After how much the raw numbers begin anew: 360, or 65536 for counts of 16 bits.
-    )
-
-
-class MessageChannel(LogChannel):
-    ADDRESS = "field"
-
-    topic: Name  # Name of the topic.
-    field: Name
-    """Dotted path of the number, with an index or a name where it passes an array: `wrench.force.x`, `position[0]`,
-    `position[name=ankle]`; in JSON a name with a dot in it in quotes, `functions["loadcell.mz"]`."""
-    unit: Unit  # Unit of the numbers, as laboratories spell it.
-
-    @property
-    def address(self) -> tuple[str, ...]:
-        return self.topic, self.field
+    wraps_at: PositiveFloat | None = None  # After how much the raw numbers begin anew: 360, or 65536 for 16 bits.
 
 
 class FieldChannel(LogChannel):
     ADDRESS = "field"
 
     field: Name
-    """Dotted path of the number, with an index or a name where it passes an array: `wrench.force.x`, `position[0]`; a
-    name with a dot in it in quotes, `functions["loadcell.mz"]`."""
+    """Dotted path of the number, with an index or a name where it passes an array: `wrench.force.x`, `position[0]`,
+    `position[name=ankle]`; in JSON a name with a dot in it in quotes, `functions["loadcell.mz"]`."""
     unit: Unit  # Unit of the numbers, as laboratories spell it.
+
+
+class MessageChannel(FieldChannel):
+    topic: Name  # Name of the topic.
+
+    @property
+    def address(self) -> tuple[str, ...]:
+        return self.topic, self.field
 
 
 class ColumnChannel(LogChannel):

@@ -194,6 +194,12 @@ def wraps_at(channel: RecordedChannel) -> float:
     return 0.0
 
 
+def gone_on(channel: RecordedChannel) -> RecordedChannel:
+    """A channel as one that goes on where it begins anew."""
+    at = wraps_at(channel)
+    return replace(channel, numbers=np.unwrap(readings(channel), period=at)) if at else channel
+
+
 def no_signal(channel: RecordedChannel) -> str:
     """Why a channel is no signal, in words; empty if it may be one. Of few readings nothing is said."""
     known = readings(channel)
@@ -217,11 +223,7 @@ def guessed_columns(channels: Sequence[RecordedChannel]) -> list[Guess]:
     not move, is noise, or a torque computed from a current is no signal."""
     named = [likely_column(one) for one in channels]
     currents = [one for one, column in zip(channels, named, strict=True) if column == "current"]
-    wraps = [wraps_at(one) for one in channels]
-    channels = [
-        replace(one, numbers=np.unwrap(readings(one), period=at)) if at else one
-        for one, at in zip(channels, wraps, strict=True)
-    ]
+    channels = [*map(gone_on, channels)]
     without, guesses = list[str](), list[Guess]()
     for channel, column in zip(channels, named, strict=True):
         is_torque = column in ("torque", "torque_m")

@@ -38,6 +38,7 @@ from osl_analysis.ingest.source import (
     MessageSource,
     OpenSimSource,
     Recording,
+    RowTime,
     SheetSource,
     TableSource,
     TdmsSource,
@@ -294,8 +295,20 @@ def clock_columns(
         elif is_like_clock(name) or place not in asked:
             with suppress(csv_table.UnreadableCellError):
                 tried = csv_table.cell_numbers(cells[:MOST_TRIED], source.missing, text.decimal)
-                if may_be_clock(name, unit, tried) or np.mean(np.diff(tried) == 1) > 0.9:  # or count the rows
+                if may_be_clock(name, unit, tried):
                     yield name, unit, csv_table.cell_numbers(cells, source.missing, text.decimal)
+                elif source.time.rate is not None and np.mean(np.diff(tried) == 1) > 0.9:
+                    check_count(name, csv_table.cell_numbers(cells, source.missing, text.decimal), source.time)
+
+
+def check_count(name: str, values: Array, time: RowTime) -> None:
+    """Refuse a stated rate of rows beside a column (n,) that counts them and tells that some are missing."""
+    steps = np.diff(unwrapped(values, name)[0])
+    if (steps > 0).all() and (absent := int(steps.sum()) - steps.size):
+        raise InputError(
+            f"{time.ADDRESS} '{name}' counts {absent} rows that are missing, and those behind would be early; write "
+            f"`time: {{{time.ADDRESS}: {name}, rate: {time.rate:g}}}`"
+        )
 
 
 def is_like_clock(name: str) -> bool:
@@ -403,14 +416,6 @@ def check_other_clocks(table: Table, source: TableSource, time: Array) -> dict[s
         values, own = unwrapped(every[known], name)[0].astype(np.float64), time[known]
         steps, span = np.diff(values), own[-1] - own[0]
         step, most = float(steps.mean()), float(steps.max())
-        if rate is not None and np.mean(steps == 1) > 0.9 and (steps > 0).all():
-            if absent := int(steps.sum()) - steps.size:
-                raise InputError(
-                    f"{source.time.ADDRESS} '{name}' counts {absent} rows that are missing, and those behind would be "
-                    f"early; write `time: {{{source.time.ADDRESS}: {name}, rate: {rate:g}}}`"
-                )
-            if not tells_time(name, unit):
-                continue
         if not (span > 0 and step > 0 and (steps >= 0).all() and most <= max(3 * step, 0.02 * steps.sum())):
             continue  # it does not run
         ratio = span_ratio(float(steps.sum()), span)

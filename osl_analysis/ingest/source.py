@@ -721,9 +721,9 @@ def by_leaps(column: str, time: Array, x: Array, bends: Array) -> NDArray[np.boo
         is_turn = any(abs(size / turn - 1) < 0.1 for turn in (2 * np.pi, 360.0))
         if a == b and size > farthest.get(column, math.inf) and not is_turn and time[a] - time[a - 1] <= 1.5 * usual:
             no_mass.append(a)
-    lost[no_mass] = True
-    for first, last in zip(no_mass[::2], no_mass[1::2], strict=True) if len(no_mass) % 2 == 0 else ():
-        lost[first:last], lost[last] = True, False  # it was elsewhere in between
+    moved = np.zeros(x.size, bool)
+    moved[no_mass] = True
+    lost |= moved if len(no_mass) % 2 else np.logical_xor.accumulate(moved)  # it was elsewhere in between
     smooth, far = bends[2:-1] < 0.02, [at for at, _ in leaps if bends[at] > 4 * rest]
     for a, b in run_edges(smooth).tolist() if far and np.mean(smooth) < 0.5 else ():
         beside = any(a - 1 <= at <= a + 1 or b + 2 <= at <= b + 4 for at in far)

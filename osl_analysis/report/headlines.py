@@ -234,8 +234,8 @@ def numbers_of(name: str, table: pl.DataFrame, example: Example) -> Iterator[Hea
         yield from impedance_headlines(table, example)
     elif name in ("torque_angle", "human_joint"):  # trial by trial
         kind = "95 % of the mean of cycles (Student)" if name == "torque_angle" else FOR_MOTION
-        for row in table.iter_rows(named=True):
-            for quantity, label in ((one, label) for one, label in labels.items() if row[one] is not None):
+        for row in table.drop_nulls([*labels]).iter_rows(named=True):
+            for quantity, label in labels.items():
                 ends = row[f"{quantity}_low"], row[f"{quantity}_high"]
                 number = headline(label, row[quantity], int(row.get("cycles", 1)), *ends, kind)
                 doubt = doubts_of_result(row[DOUBTFUL] or "", quantity)

@@ -260,8 +260,8 @@ def metadata_of(path: Path) -> tuple[str, dict[str, Any]]:
     with told_as_parquet(path):
         metadata = pl.read_parquet_metadata(path)
         provenance = json.loads(metadata.get(PROVENANCE_KEY, "null"))
-    if provenance is None or NAME_KEY not in metadata:
-        raise InputError(f"{path}: Parquet without provenance; only a file that ingest wrote is a trial")
+        if provenance is None or NAME_KEY not in metadata:
+            raise ValueError("Parquet without provenance")
     return metadata[NAME_KEY], provenance
 
 
@@ -272,7 +272,10 @@ def told_as_parquet(path: Path) -> Iterator[None]:
         yield
     except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError, ValueError) as error:
         reason = str(error).splitlines()[0]
-        raise InputError(f"{path}: not a Parquet file ({reason}); ingest the trial again") from error
+        raise InputError(
+            f"{path}: not what `ingest` wrote ({reason}); ingest the trial again, or make a campaign of recordings, as "
+            f"`osl-analysis init FOLDER --from {path.parent}`, which `osl-analysis run` in that folder fits"
+        ) from error
 
 
 UNIT_FACTORS: dict[str, dict[str, float]] = {

@@ -1,6 +1,7 @@
 """A bundle is what others' tools say that it is, and a stranger who has nothing else gets its tables again."""
 
 import json
+import re
 import subprocess
 import sys
 import zipfile
@@ -116,6 +117,7 @@ def test_without_the_recordings_it_has_their_hashes(campaign: Path, tmp_path: Pa
     with zipfile.ZipFile(tmp_path / "b.zip") as archive:
         archive.extractall(tmp_path)
     assert not (tmp_path / "raw").exists()
+    assert not re.search(r"recorded: *\d", (tmp_path / "config.yaml").read_text()), "dates of files are not stated ones"
     (tmp_path / "raw").mkdir()
     (tmp_path / "raw/sines.csv").write_bytes((campaign.parent / "day/sines.csv").read_bytes())
     assert (

@@ -157,7 +157,7 @@ MISTAKES = {
     r"cutoff_hz: 1e\+300 is not allowed: write a number less than or equal to 10000": (*GAINS, "--weight-hz", 1e300),
     "order: 0 is not allowed: write a number greater than or equal to 1": (*GAINS, "--weight-order", 0),
     r"no\.yaml: no such file": (*GAINS, "--parameters", "no.yaml"),
-    "not a Parquet file": ("fit", "README.md"),
+    r"osl-analysis init FOLDER --from \.`": ("fit", "README.md"),
     "did you mean 'profiles/slurm'": ("run", "--workflow-profile", "profiles/slrm"),
     "nowhere: no such folder": ("describe-tables", "--output", "nowhere/page.md"),
     r"no\.csv: no such file; correct its name": ("inspect", "no.csv"),

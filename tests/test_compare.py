@@ -28,6 +28,7 @@ def test_a_verdict_asks_where_the_whole_interval_lies(low, high, verdict):
     mirrored = None if high is None else -high, None if low is None else -low
     assert equivalence(*mirrored, -340.0, 17.0) == verdict
     assert equivalence(low, high, 340.0, None) is None
+    assert equivalence(340.0, 340.0, 340.0, 0.0) == "undecided", "without a margin nothing is equivalent"
 
 
 def samples(rng, conditions=6, spread=100.0):
@@ -190,6 +191,10 @@ def test_the_command_writes_table_and_figure_and_prints_every_verdict_or_one_lin
     for said in ("A: doubtful in a: <friction>", "B: doubtful in b", "version: a in A, b in B"):
         assert said in done.output
     assert "different: impedance K, c (±4 %)" in done.output
+    shutil.copytree("b", "d")
+    shutil.rmtree("d/tables")
+    write_table(tables()["impedance"].with_columns(pl.col("K_d") + 7), Path("d/tables/impedance.csv"))
+    assert "a and d: nothing to compare, no quantity is of one condition in both" in call("a", "d").stderr
     shutil.copytree("a", "c")
     assert " is a copy of " in call("a", "c").output
     Path("b/summary.json").write_text(Path("b/summary.json").read_text().replace("N*m/rad", "N*m/deg"))

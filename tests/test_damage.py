@@ -27,7 +27,7 @@ from test_formats_rosbags import CHANNELS, write_bag1, write_bag2, write_split
 from osl_analysis.errors import InputError
 from osl_analysis.formats.c3d import BLOCK
 from osl_analysis.ingest.draft import draft_source
-from osl_analysis.ingest.raw_files import FORMATS, recognise
+from osl_analysis.ingest.raw_files import FORMATS, recognise, tell_odd_steps
 from osl_analysis.ingest.source import Recording, bends_of, leaps_of, values_of_no_sensor
 
 ROWS, SECOND_RUN = 200, 1000
@@ -192,7 +192,7 @@ def samples_of(recording: Recording) -> Samples:
 
 def damaged(content: bytes, other: bytes, chance: random.Random) -> tuple[str, bytes]:
     """The bytes of a file after one mishap, and its name."""
-    what = chance.choice(["cut", "cut", "zeroed", "lost", "appended", "end", "flipped", "copied"])
+    what = chance.choice(["cut", "cut", "zeroed", "lost", "appended", "end", "flipped", "copied", "swapped"])
     at = chance.randrange(len(content))
     if what in ("cut", "end"):
         at = at if what == "cut" else len(content) - chance.randint(1, min(40, len(content) - 1))
@@ -204,6 +204,12 @@ def damaged(content: bytes, other: bytes, chance: random.Random) -> tuple[str, b
         source = chance.randrange(len(content)) // 16 * 16
         block = content[source : source + size]
         return what, content[: at - at % 16] + block + content[at - at % 16 + len(block) :]
+    if what == "swapped":
+        one, two = (
+            sorted(chance.sample(range(0, len(content) - size + 1, size), 2)) if len(content) > 2 * size else (0, 0)
+        )
+        block, other = content[one : one + size], content[two : two + size]
+        return what, content[:one] + other + content[one + size : two] + block + content[two + size :]
     if what == "zeroed":
         at -= at % 16
         return what, content[:at] + bytes(min(size, len(content) - at)) + content[at + size :]
@@ -225,8 +231,13 @@ def judge(kind: Kind, reader: Reader, truth: Samples, path: Path, what: str) -> 
         right &= (read == written) | np.isnan(read.astype(float))
     told = damage.get("complete", True) is False or recording.damage.lost() is None
     told |= any("cut off" in text for text in recording.warnings)
-    of_bytes, flipped = what in ("zeroed", "copied"), what == "flipped" and kind.name not in ("a.mcap", "b.mcap")
-    spliced = kind.name in SPLICED and (what == "lost" or of_bytes) and (~right).sum() <= 1  # of two halves of a number
+    of_bytes, flipped = (
+        what in ("zeroed", "copied", "swapped"),
+        what == "flipped" and kind.name not in ("a.mcap", "b.mcap"),
+    )
+    spliced = (
+        kind.name in SPLICED and (what == "lost" or of_bytes) and (~right).sum() <= (4 if what == "swapped" else 1)
+    )  # halves of numbers
     unseen = flipped or (of_bytes and not kind.checked)
     if unseen and not told and not (right.all() and time.size == truth[0].size):
         many = int((~right).sum())
@@ -414,10 +425,31 @@ def test_an_angle_that_moves_faster_than_a_joint_can_is_no_sensors(tmp_path: Pat
     k, noise = np.arange(2000), np.random.default_rng(3).normal(size=2000)
     angle = 0.35 * np.sin(k / 27) + 1e-3 * noise
     moved = np.r_[angle[:700], angle[100:130], angle[730:]]
-    for column, expected in (("theta", [700, 730]), ("torque", [])):
+    for column, expected in (("theta", [*range(700, 730)]), ("torque", [])):
         found = values_of_no_sensor(column, k / 100, moved, {})
         assert found is not None
         assert np.flatnonzero(found).tolist() == expected
+
+
+def test_two_blocks_that_changed_places_are_told_and_a_pulse_a_decay_and_what_waits_are_not(tmp_path: Path) -> None:
+    """Side by side or apart, where three leaps are seen or four; two might be the ends of a pulse."""
+    k, noise = np.arange(2000), np.random.default_rng(3).normal(size=2000)
+    torque = 20 * np.sin(k / 40) + 10 * np.sin(k / 17) + 0.1 * noise
+    decay, pulse = 30 * np.exp(-k / 20) * np.cos(k / 30), 20.0 * ((k >= 500) & (k < 700))
+    for first, second, size in ((500, 900, 100), (500, 600, 100), (1300, 1900, 60), (0, 0, 0)):
+        one, two = np.r_[first : first + size], np.r_[second : second + size]
+        swapped = torque.copy()
+        swapped[one], swapped[two] = torque[two], torque[one]
+        found = values_of_no_sensor("torque", k / 1000, swapped, {})
+        assert found is not None
+        assert np.flatnonzero(found).tolist() == [*one, *two]
+    for sound in (torque + pulse, decay):
+        assert not np.any(values_of_no_sensor("torque", k / 1000, sound, {}))
+    for waits in (300, 3):  # rows in which nothing was recorded; then in one channel alone
+        a, f = (np.where(k < waits, 0.0, one + 20) for one in (torque, torque[::-1]))
+        for angle, told in ((a, False), (torque, waits > 6)):
+            pl.DataFrame({"t": k / 1000, "a": angle, "f": f}).write_csv(tmp_path / "a.csv")
+            assert FORMATS["csv"].read(tmp_path / "a.csv", OF_CSV).damage.is_doubted == told
 
 
 def test_markers_that_all_leap_in_one_frame_are_told_and_one_marker_that_does_is_not(tmp_path: Path) -> None:
@@ -443,6 +475,9 @@ def test_a_step_of_time_unlike_all_others_is_told_and_one_of_an_uneven_clock_is_
         pl.DataFrame({"t": t, "a": noise[: t.size], "f": noise[::-1][: t.size]}).write_csv(path := tmp_path / "a.csv")
         told[name] = len(FORMATS["csv"].read(path, OF_CSV).warnings)
     assert told == {"even": 0, "lost": 1, "uneven": 0}
+    torque = pl.Series("torque", noise).set(pl.Series((k >= 300) & (k < 304)), None)
+    tell_odd_steps(alone := Recording(pl.DataFrame({"time": k / 100, "theta": noise, "torque": torque}), {}))
+    assert [said[:40] for said in alone.damage.remarks] == ["time of torque goes on by 0.05 s at 2.99"]
 
 
 def test_chunks_that_were_never_written_are_lost_and_not_zeros(tmp_path: Path) -> None:
@@ -471,7 +506,7 @@ if __name__ == "__main__":
         for pair in cases(int(sys.argv[1]), int([*sys.argv, "0"][2]), Path(scratch)):
             found[pair] = found.get(pair, 0) + 1
         print(*(f"{number:6d} {' '.join(pair)}" for pair, number in sorted(found.items())), sep="\n")
-        for kind in ("", " zeroed", " copied", " flipped"):
+        for kind in ("", " zeroed", " copied", " swapped", " flipped"):
             own = [(became, number) for (done, became), number in found.items() if done.endswith(kind)]
             totals = {became: sum(n for one, n in own if one == became) for became, _ in own}
             print(f"{len(KINDS)} containers{kind}: {sum(totals.values())} files,", totals)

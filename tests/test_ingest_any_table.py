@@ -107,6 +107,10 @@ TEXTS = {
         f"{1e3 * x:.6f}" for x in TORQUE]),
     "LabVIEW's units": text("\t", ["X_Value", "Angle", "Torque", "Comment"], LVM.replace(
         "Delta_X", "Y_Unit_Label\tDeg\tNm\nDelta_X") + "***End_of_Header***\t\n"),
+    "LabVIEW's with two X": text("\t", ["X_Value", "Angle", "X_Value", "Torque"], LVM.replace(
+        "Delta_X", "Y_Unit_Label\tDeg\tNm\nDelta_X") + "***End_of_Header***\t\n",
+        a=[f"{x}\t{t}" for t, x in zip(T, A, strict=True)]),
+    "an angle within one turn": text(a=[f"{x % 360:.9f}" for x in ANGLE]),
     "feet and pounds": text(head=[*HEAD[:2], "Torque [ft-lb]"], m=[f"{x / 1.3558179483314:.9f}" for x in TORQUE]),
 }  # fmt: skip
 
@@ -347,6 +351,11 @@ def test_a_column_beside_a_rate_counts_samples_so_that_lost_ones_are_a_gap(tmp_p
     (tmp_path / "s.yaml").write_text(source)
     trial = trial_from_files({"trial": "a", "log": "a.csv", "log_source": "s"}, tmp_path, tmp_path)
     np.testing.assert_allclose(trial.samples["time"], TIME[kept])
+    (tmp_path / "s.yaml").write_text(source.replace("column: n, ", ""))
+    with pytest.raises(
+        InputError, match=r"'n' counts 2 rows that are missing, .* write `time: {column: n, rate: 500}`"
+    ):
+        trial_from_files({"trial": "a", "log": "a.csv", "log_source": "s"}, tmp_path, tmp_path)
 
 
 def test_without_a_header_a_title_above_the_rows_does_not_tell_their_width(tmp_path):
@@ -523,7 +532,7 @@ def test_tdms_channels_of_one_clock_and_unequal_counts_are_refused(tmp_path):
     with TdmsWriter(tmp_path / "a.tdms") as writer:
         every = [ChannelObject("Run", name, one, {**timing, "unit_string": u}) for name, (one, u) in channels.items()]
         writer.write_segment(every)
-    said = "channel 'Run/Torque' has 700 values and 'Run/Angle' has 650, which begin together at one rate"
+    said = "channel 'Run/Torque' has 700 values and 'Run/Angle' has 650 for one time"
     with pytest.raises(InputError, match=said):
         read_by_draft(tmp_path / "a.tdms")
 

@@ -213,7 +213,7 @@ def test_a_trial_file_keeps_null_and_nan_apart_and_every_bit_and_what_is_none_is
     changed = (whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :], whole.replace(b'{"plates', b'["plates'))
     for content in (b"", b"time,theta\n", b"PAR1" + bytes(50) + b"PAR1", *changed):
         path.write_bytes(content)
-        with pytest.raises(InputError, match=r"t.parquet: not a Parquet file .*; ingest the trial again"):
+        with pytest.raises(InputError, match=r"t.parquet: not what `ingest` wrote .*; ingest the trial again"):
             read_trial(path)
     pl.DataFrame({"time": [0.0]}).write_parquet(path)
     with pytest.raises(InputError, match="Parquet without provenance"):

@@ -543,10 +543,10 @@ def test_a_trial_with_certain_friction_repeats_none_without_and_gives_its_number
 
 def test_a_cause_has_one_count_in_the_verdict_the_map_and_the_row_of_its_condition():
     """A trial that is flagged too is one of those that are doubtful in part."""
-    part, flag = doubt("zero", amplitude_deg=2.0), doubt("load cell not zeroed", "unzeroed_load_cell", table="quality")
+    part, flag = doubt("zero", amplitude_deg=2.0), doubt("frozen signal", "stuck", table="quality")
     trials = [trial("a", part), trial("b", part, flag), trial("c", part)]
     assert state_of(trials, ()).startswith(
-        "3 of 3 trials are doubtful in part: zero. 1 of 3 trials is flagged: load cell not zeroed."
+        "3 of 3 trials are doubtful in part: zero. 1 of 3 trials is flagged: frozen signal."
     )
     (cause, cells), *_ = check_map(trials)[0]["rows"]
     assert (cause, [state for _, state in cells]) == ("zero", ["doubtful in part"] * 3)

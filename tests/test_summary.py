@@ -402,6 +402,9 @@ def test_torque_against_angle_has_numbers_of_every_trial_with_an_interval_over_c
     assert (fast.value, fast.low, fast.high, fast.n, fast.doubt is None, fast.unit) == (95, 94, 96, 4, False, "J")
     assert (slow.macro, fast.macro) == ("TorqueAngleStiffnessSlowOne", "EnergyLostFast")
     assert ", n = 4, DOUBTFUL: loop that does not close\n" in to_tex(MADE, [fast])
+    person = {f"{name}{end}": [1.0, 2.0] for name in "KBI" for end in ("", "_low", "_high")}
+    found = by_name({"human_joint": pl.DataFrame({"trial": ["a", "b"], "doubtful": ["", ""], **person})})
+    assert [found[f"human_joint_{one}"].value for one in ("K (b)", "I (a)")] == [2.0, 1.0]
 
 
 def test_every_line_of_the_macros_is_a_comment_or_one_definition_that_latex_accepts():

@@ -369,6 +369,7 @@ def of(stamps, values=None, **fields):
     (TICKS + 0.5 * (TICKS >= 5), None, np.arange(6000), WAS_SET),
     (TICKS, None, np.arange(6000) + 50 * (TICKS >= 5), r"clock jumps by -0\.49 s at 5\.0* s, row 500, while .* cut"),
     (PIECES, None, None, r"every row from 0\.0000 s to 9\.8990 s lies within 0\.20 s of a gap longer than 20 ms"),
+    (np.arange(20_000) // 100 / 10, np.sin(np.arange(20_000) / 99), None, "stamps are rounded, 100 rows share one"),
 ])  # fmt: skip
 def test_refuses_a_recording_with_channel_time_value_and_remedy(stamps, values, counter, says):
     with pytest.raises(InputError, match=f"cell: .*{says}"):

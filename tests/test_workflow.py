@@ -206,10 +206,10 @@ def test_changed_settings_give_the_bytes_of_a_fresh_run_and_redo_what_uses_them_
     """Of thresholds and limits no trial is ingested or fitted again; what several trials share is made again, where one
     of them becomes excluded. Of the filter of the bench, what is ingested, simulated and fitted elsewhere stays."""
     of_transmission = pl.col("trial").str.starts_with("transmission")
-    rests = workspace.table("quality").filter(of_transmission, check="unzeroed_load_cell").sort("value")
+    rests = workspace.table("quality").filter(of_transmission, check="jitter").sort("value")
     (_, least), (bad, most) = rests.select("trial", "value").rows()
-    rule = {"threshold": f"{(least + most) / 2} N*m", "on_failure": "exclude"}
-    changes = {"quality": {"unzeroed_load_cell": rule}, "doubtful": {"transmission": {"above": {"samples": 10}}}}
+    rule = {"threshold": f"{(least + most) / 2} %", "on_failure": "exclude"}
+    changes = {"quality": {"jitter": rule}, "doubtful": {"transmission": {"above": {"samples": 10}}}}
     again = Workspace(tmp_path / "again", workspace)
     fresh = Workspace(tmp_path / "fresh", workspace, ("results", ".snakemake"))
     again.configure(changes)

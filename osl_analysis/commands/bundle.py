@@ -15,7 +15,7 @@ from typing import Any
 import polars as pl
 from ruamel.yaml import YAML
 
-from osl_analysis.campaign.campaign import Campaign, days_of_recordings, open_campaign
+from osl_analysis.campaign.campaign import Campaign, open_campaign
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands.simulate import TRUTH
 from osl_analysis.commands.tables import read_summary
@@ -24,7 +24,7 @@ from osl_analysis.errors import InputError, optional_module
 from osl_analysis.figures import FIGURES
 from osl_analysis.files import CAMPAIGN, atomic_path, digest, root, shipped, write_text
 from osl_analysis.refusal import is_refused
-from osl_analysis.table import MEASURED, read_table
+from osl_analysis.table import read_table
 
 PROFILES = {
     "https://w3id.org/ro/wfrun/process/0.5": "Process Run Crate",
@@ -101,7 +101,7 @@ def copy(file: Path, to: Path) -> None:
 
 def copy_inputs(campaign: Campaign, crate: Path, raw: bool) -> None:
     """Configuration, sheet, source and parameter files, and the recordings or their hashes. The configuration names
-    them where they are in the bundle, and the date of the recordings, which copies lose."""
+    them where they are in the bundle."""
     config, yaml = campaign.config, YAML()
     content = yaml.load(CAMPAIGN.read_text(encoding="utf-8"))
     is_simulated = config.simulation is not None  # the simulator writes the sheet beside its logs, and `truth`
@@ -112,8 +112,6 @@ def copy_inputs(campaign: Campaign, crate: Path, raw: bool) -> None:
         if own is not None and not own.resolve().is_relative_to(root().resolve()):  # a shipped one keeps its name
             content[name] = f"{name}/{own.name}"
             copy(own, crate / content[name])
-    if config.recorded is None and campaign.data == MEASURED and (days := days_of_recordings(campaign)):
-        content["recorded"] = days
     if not is_simulated or raw:
         copy(config.sheet, crate / sheet)
     for file in {file for trial in campaign.trials() for file in campaign.sources(trial)}:

@@ -206,8 +206,11 @@ def compare_campaigns(folders: Sequence[Path], output: Path, margin: float | Non
     a, b = both_summaries(folders)
     tables = [tables_to_compare(folder) for folder in folders]
     table = compared(tables[0], tables[1], margin)
-    if table.is_empty():
-        raise InputError(f"{folders[0]} and {folders[1]}: nothing to compare; run both campaigns to their end")
+    if table["difference"].is_null().all():
+        raise InputError(
+            f"{folders[0]} and {folders[1]}: nothing to compare, no quantity is of one condition in both; run both to "
+            "their end, state K_d and B_d in both sheets, or give trials that belong together one name"
+        )
     units = {(one.place, name): column.unit for one in described_tables() for name, column in one.columns.items()}
     of_rows = [units[f"tables/{where}", what] for where, what in table.select("experiment", "quantity").iter_rows()]
     table.insert_column(2, pl.Series("unit", of_rows))

@@ -492,8 +492,8 @@ def head_of(
         raise InputError(
             f"line {rows[0][0]} holds numbers, not the columns' names; write `header: none` and the columns' numbers"
         )
-    labelled = next((cells[1:] for _, cells in every if cells[0] == "Y_Unit_Label"), [])  # LabVIEW's, above its head
-    units = units or [""] * (bool(names) and is_clock(names[0])) * bool(labelled) + labelled
+    labelled = iter(next((cells[1:] for _, cells in every if cells[0] == "Y_Unit_Label"), []))  # LabVIEW's, but of time
+    units = units or ["" if is_clock(name) else next(labelled, "") for name in names]
     stated = [name_and_unit(name)[1] for name in names] or [""] * width
     units = [unit or own for unit, own in zip([*units, *[""] * len(stated)], stated, strict=False)]
     notes = [" ".join(filter(None, cells)) for number, cells in every if number != line]

@@ -184,6 +184,22 @@ def readings(channel: RecordedChannel) -> Array:
     return np.empty(0) if channel.numbers is None else channel.numbers[np.abs(channel.numbers) < LARGEST_READING]
 
 
+def wraps_at(channel: RecordedChannel) -> float:
+    """By how much, a turn or a power of two, a channel leaps where it begins anew; 0 if it does not."""
+    steps, span = np.abs(np.diff(known := readings(channel))), float(np.ptp(known)) if known.size else 0.0
+    leaps = steps[steps > 0.5 * span]
+    for at in (2 * np.pi, 360.0, *2.0 ** np.arange(10, 25)) if 0 < leaps.size < 0.2 * steps.size else ():
+        if span <= at and (np.abs(leaps / at - 1) < 0.2).all():
+            return float(at)
+    return 0.0
+
+
+def gone_on(channel: RecordedChannel) -> RecordedChannel:
+    """A channel as one that goes on where it begins anew."""
+    at = wraps_at(channel)
+    return replace(channel, numbers=np.unwrap(readings(channel), period=at)) if at else channel
+
+
 def no_signal(channel: RecordedChannel) -> str:
     """Why a channel is no signal, in words; empty if it may be one. Of few readings nothing is said."""
     known = readings(channel)
@@ -207,6 +223,7 @@ def guessed_columns(channels: Sequence[RecordedChannel]) -> list[Guess]:
     not move, is noise, or a torque computed from a current is no signal."""
     named = [likely_column(one) for one in channels]
     currents = [one for one, column in zip(channels, named, strict=True) if column == "current"]
+    channels = [*map(gone_on, channels)]
     without, guesses = list[str](), list[Guess]()
     for channel, column in zip(channels, named, strict=True):
         is_torque = column in ("torque", "torque_m")
@@ -276,7 +293,8 @@ def channel_line(number: int, channel: RecordedChannel, guess: Guess) -> str:
     said += [f"no known unit: {json.dumps(channel.unit)}"] * (bool(channel.unit) and unit == UNKNOWN)
     said += ["the unit is guessed: check it"] * is_guessed
     said += ["no unit is stated"] * (guess.sure and unit == UNKNOWN and not stated)
-    fields = {**channel.address, "unit": unit} | ({"sign": guess.sign} if guess.sign < 0 else {})
+    fields: dict[str, Any] = {**channel.address, "unit": unit} | ({"sign": guess.sign} if guess.sign < 0 else {})
+    fields |= {"wraps_at": at} if guess.column.startswith("theta") and (at := wraps_at(channel)) else {}
     entry = ", ".join(f"{key}: {json.dumps(value, ensure_ascii=False)}" for key, value in fields.items())
     comment = f"  # {'; '.join(filter(None, said))}" if any(said) else ""
     return f"  {guess.column if guess.sure else f'NAME_{number}'}: {{{entry}}}{comment}"

@@ -1,5 +1,5 @@
 """What is measured on a recording: its sampling, its clocks, damage to its log, the motion that was commanded, sensors
-at the end of their range, that stand, wrap or do not read zero, force plates. Numbers without limits and verdicts."""
+at the end of their range, that stand or wrap, force plates. Numbers without limits and verdicts."""
 
 import math
 import re
@@ -499,19 +499,6 @@ def dropped_loads(force: Array) -> float:
 # Zeros, turns, and markers.
 
 
-def measure_unzeroed_load_cell(examined: Examined) -> CheckResult:
-    (moving, angle), (time, torque) = (recorded(examined.trial, name) for name in ("theta", "torque"))
-    if examined.experiment.motion != "theta" or not {"theta", "torque"} <= set(examined.trial.columns):
-        return not_applicable("no torque on a dynamometer")
-    moved = abs(angle - angle[:1]) > AT_REST * np.ptp(angle) if angle.size else np.zeros(0, bool)
-    rest = time < moving[np.argmax(moved)] if moved.any() else np.ones(time.size, bool)
-    if rest.sum() < 2 or np.ptp(time[rest]) < 0.2:  # s, the shortest rest that tells
-        return not_applicable("the recording begins while the joint moves")
-    mean = float(torque[rest].mean())
-    said = f"{np.ptp(time[rest]):.2f} s until the angle leaves its start by {100 * AT_REST:g} % of its range"
-    return CheckResult(abs(mean), "negative, " * (mean < 0) + said)
-
-
 def measure_unzeroed_plate(examined: Examined) -> CheckResult:
     """Largest level [N] of a bare plate, the mean of its quiet fifth of a second that is nearest to zero. A positive
     one may be a load, unless it is small, or every plate is bare at some time."""
@@ -659,7 +646,10 @@ def check_recording(trial: Trial, limits: Any, torque: str = "torque", angle: st
         if measured.size and change / 2 < limits.largest_angle:
             cause = f"{torque} has +-{change / 2:.2g} N*m only, are the two swapped? Correct them in the source file"
         if np.abs(np.diff(turned)).max() > 0.9 * turn:
-            cause = "it jumps so far from a row to the next, as where an encoder begins anew; unwrap or record it again"
+            cause = (
+                "it jumps so far from a row to the next, as where an encoder begins anew; state after how much of its "
+            )
+            cause += "own unit, as `wraps_at: 360` or 65536, in the source file"
         raise InputError(
             f"{who} {angle} turns by +-{turn / 2:.3g} rad ({math.degrees(turn / 2):.0f} deg), more than the "
             f"{limits.largest_angle:g} rad of `largest_angle` in the configuration: {cause}"
@@ -676,8 +666,8 @@ MEASURES: dict[str, tuple[Callable[[Examined], CheckResult], str]] = {
     "rate": (measure_rate, "Hz"), "jitter": (measure_jitter, "%"), "gap": (measure_gap, "s"),
     "saturation": (measure_saturation, "samples"), "stuck": (measure_stuck, "s"),
     "dropout": (measure_dropout, "samples"),
-    "unzeroed_load_cell": (measure_unzeroed_load_cell, "N*m"), "unzeroed_plate": (measure_unzeroed_plate, "N"),
-    "encoder_wrap": (measure_encoder_wrap, "jumps"), "marker_gap": (measure_marker_gap, "s"),
+    "unzeroed_plate": (measure_unzeroed_plate, "N"), "encoder_wrap": (measure_encoder_wrap, "jumps"),
+    "marker_gap": (measure_marker_gap, "s"),
     "pressure_centre": (measure_pressure_centre, "m"), "pressure_travel": (measure_pressure_travel, "m"),
     "clock_residual": (measure_clock, "s"), "damage": (measure_damage, "%"), "truncated": (measure_truncation, "logs"),
     "protocol": (measure_protocol, "segments"),

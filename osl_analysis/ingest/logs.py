@@ -38,6 +38,7 @@ from osl_analysis.ingest.source import (
     MessageSource,
     OpenSimSource,
     Recording,
+    RowTime,
     SheetSource,
     TableSource,
     TdmsSource,
@@ -174,6 +175,9 @@ def canonical_column(column: str, table: Table, time: Array, source: LogSource) 
             f"{source.most_missing:.1%} may be: repair the recording, or write `most_missing: "
             f"{csv_table.share_above(count, values.size):g}` in the source file"
         )
+    if channel.wraps_at is not None:
+        known = ~(missing | lacking)
+        values[known] = np.unwrap(values[known], period=channel.wraps_at)
     with naming(what, f", as {source.place('channels', column, 'unit')}"):
         series = pl.Series(column, channel.to_si(values, unit_of(column), table.units.get(channel.name, "")))
     return series.set(pl.Series(lacking), None) if lacking.any() else series
@@ -226,7 +230,7 @@ def unwrapped(raw: NDArray[Any], what: str) -> tuple[NDArray[Any], list[str]]:
     if not back.any() or (raw != np.rint(raw)).any() or not (steps > 0).any():
         return raw, []
     usual = float(np.median(steps[steps > 0]))
-    for bits in (16, 24, 32):
+    for bits in (8, 16, 24, 32):
         again = steps[back] + 2.0**bits
         if (again >= 0).all() and (again <= 10 * usual).all():
             turns = np.concatenate([[0], np.cumsum(back)])
@@ -265,19 +269,13 @@ def csv_log(path: Path, source: SheetSource) -> Table:
     for name, place in places.items():
         if csv_table.name_and_unit(text.names[place])[0] != csv_table.name_and_unit(name)[0]:
             found[name] = {"found": text.names[place]}
+    columns = {name: values[place] for name, place in places.items()}
+    units = {name: text.units[place] for name, place in places.items()}
     return Table(
-        end,
-        {name: values[place] for name, place in places.items()},
-        {name: text.units[place] for name, place in places.items()},
-        damage=text.damage,
-        facts={"comments": text.comments[:100]},
-        found=found,
-        lines=text.lines[:end] if text.noun == "line" else None,
-        failed="missing",
-        has_stamps=stamps is not None,
+        end, columns, units, damage=text.damage, facts={"comments": text.comments[:100]}, found=found, rates=rates,
+        lines=text.lines[:end] if text.noun == "line" else None, failed="missing", has_stamps=stamps is not None,
         clocks=[(name, unit, one[:end]) for name, unit, one in clocks],
-        rates=rates,
-    )
+    )  # fmt: skip
 
 
 def rows_with_values(columns: Iterable[NDArray[Any]]) -> int:
@@ -299,6 +297,18 @@ def clock_columns(
                 tried = csv_table.cell_numbers(cells[:MOST_TRIED], source.missing, text.decimal)
                 if may_be_clock(name, unit, tried):
                     yield name, unit, csv_table.cell_numbers(cells, source.missing, text.decimal)
+                elif source.time.rate is not None and np.mean(np.diff(tried) == 1) > 0.9:
+                    check_count(name, csv_table.cell_numbers(cells, source.missing, text.decimal), source.time)
+
+
+def check_count(name: str, values: Array, time: RowTime) -> None:
+    """Refuse a stated rate of rows beside a column (n,) that counts them and tells that some are missing."""
+    steps = np.diff(unwrapped(values, name)[0])
+    if (steps > 0).all() and (absent := int(steps.sum()) - steps.size):
+        raise InputError(
+            f"{time.ADDRESS} '{name}' counts {absent} rows that are missing, and those behind would be early; write "
+            f"`time: {{{time.ADDRESS}: {name}, rate: {time.rate:g}}}`"
+        )
 
 
 def is_like_clock(name: str) -> bool:
@@ -650,13 +660,8 @@ def tdms_log(path: Path, source: TdmsSource) -> Table:
                 f"channel '{other.address}' has no timing (`wf_increment` among its properties); name the "
                 f"channel of time, as `time: {{channel: GROUP/NAME, unit: s}}`, or {RATE}"
             )
-        if values[other.address].size != values[one.address].size and not by_properties:
-            raise InputError(
-                f"channel '{other.address}' has {other.count} values and '{one.address}' has {one.count}; name "
-                "channels of one recording, or export those of each length on their own"
-            )
-    if by_properties and not file.damage.end_missing:
-        check_alike(by_address, values)
+    if not (by_properties and file.damage.end_missing):
+        check_alike(by_address, values, by_properties)
     if by_properties and len({(other.begin, other.step) for other in by_address.values()}) > 1:
         for address, other in by_address.items():
             after = np.rint(stamps[address] * float(other.step or 0.0) * SECOND).astype(np.int64)
@@ -673,29 +678,22 @@ def tdms_log(path: Path, source: TdmsSource) -> Table:
     clocks = [(at, others[at].unit, values) for at, values in file.values(likely).items()]
     rates = [(f"wf_increment of '{each.address}'", 1 / each.step) for each in by_address.values() if each.step]
     return Table(
-        placed[one.address].size,
-        columns,
-        units,
-        own,
-        file.damage,
-        facts,
-        clocks=clocks,
-        rates=rates,
+        placed[one.address].size, columns, units, own, file.damage, facts, clocks=clocks, rates=rates,
         has_own_rows="rates_hz" in facts,
-    )
+    )  # fmt: skip
 
 
-def check_alike(channels: Mapping[str, TdmsChannel], values: Mapping[str, NDArray[Any]]) -> None:
-    """Refuse channels that begin together at one rate and have unequal counts: some have lost values, nothing tells
-    where, and what follows would be early against the others."""
-    longest: dict[tuple[int, float | None], str] = {}
+def check_alike(channels: Mapping[str, TdmsChannel], values: Mapping[str, NDArray[Any]], by_properties: bool) -> None:
+    """Refuse channels that begin together at one rate, or have one time, and have unequal counts: some have lost values
+    nothing tells where, and what follows would be early against the others."""
+    first: dict[tuple[int, float | None] | None, str] = {}
     for address, channel in channels.items():
-        other = longest.setdefault((channel.begin, channel.step), address)
+        other = first.setdefault((channel.begin, channel.step) if by_properties else None, address)
         if values[other].size != values[address].size:
             raise InputError(
-                f"channel '{address}' has {values[address].size} values and '{other}' has {values[other].size}, which "
-                "begin together at one rate: a segment has lost some, nothing tells where; copy the file again, or "
-                "name channels of one length"
+                f"channel '{address}' has {values[address].size} values and '{other}' has {values[other].size} for one "
+                "time: a segment has lost some, nothing tells where, or they are of two recordings; copy the file "
+                "again, or name channels of one length"
             )
 
 

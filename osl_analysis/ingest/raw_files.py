@@ -2,7 +2,7 @@
 
 import hashlib
 import math
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
@@ -92,19 +92,8 @@ def begins_with(mark: bytes) -> Callable[[bytes], bool]:
 
 TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".dat", ".lvm", ".asc")
 BINARY_SUFFIXES = (
-    ".xlsx",
-    ".xls",
-    ".ods",
-    ".parquet",
-    ".feather",
-    ".arrow",
-    ".arrows",
-    ".ipc",
-    ".npy",
-    ".npz",
-    ".h5",
-    ".hdf5",
-)
+    ".xlsx", ".xls", ".ods", ".parquet", ".feather", ".arrow", ".arrows", ".ipc", ".npy", ".npz", ".h5", ".hdf5",
+)  # fmt: skip
 KNOWN: Mapping[str, tuple[Callable[[bytes], bool], tuple[str, ...], FileReader, FileLister]] = {
     "mcap": (begins_with(MAGIC), (".mcap",), read_message_log, partial(inspect_messages, "mcap")),
     "rosbag1": (begins_with(ANY_BAG1), (".bag",), read_message_log, partial(inspect_messages, "rosbag1")),
@@ -336,9 +325,13 @@ def tell_copies(recording: Recording) -> None:
 
 
 def tell_no_sensor(recording: Recording) -> None:
-    """Say where a channel has values that no sensor gives: nobody knows how many were lost."""
-    for column in (one for one in recording.columns if one in SELDOM_REPEAT):
-        own = recording.samples.select("time", column).filter(pl.col(column).is_finite())
+    """Say where a channel has values that no sensor gives: nobody knows how many were lost. A recorder may wait for its
+    trigger, and hold all channels until then."""
+    asked = [one for one in recording.columns if one in SELDOM_REPEAT]
+    each = [recording.samples.select("time", one).filter(pl.col(one).is_finite()) for one in asked]
+    changed = (own.filter(pl.col(column) != pl.col(column).first()) for column, own in zip(asked, each, strict=True))
+    begin = min((own["time"][0] for own in changed if own.height), default=0.0)
+    for column, own in zip(asked, (own.filter(pl.col("time") >= begin) for own in each), strict=True):
         wrong = values_of_no_sensor(column, own["time"].to_numpy(), own[column].to_numpy(), recording.columns[column])
         recording.columns[column]["no_sensor"] = None if wrong is None else int(wrong.sum())
         if wrong is not None and wrong.any():
@@ -348,15 +341,20 @@ def tell_no_sensor(recording: Recording) -> None:
 
 
 def tell_odd_steps(recording: Recording) -> None:
-    """Say where time goes on by another step than in 99 of 100 rows, all of which are alike."""
-    time = recording.samples["time"].to_numpy()
-    steps = np.diff(time)
-    usual = float(np.median(steps)) if steps.size else 0.0
-    odd = np.abs(steps - usual) > 0.1 * usual
-    if 0 < (count := np.count_nonzero(odd)) <= 0.01 * odd.size and np.ptp(steps[~odd]) < 0.05 * usual:
-        at = int(np.argmax(odd))
-        said = f"time goes on by {steps[at]:.4g} s at {time[at]:.3f} s, where steps are {usual:.4g} s, {count} times so"
-        recording.damage.remarks.append(f"{said} or otherwise: samples are missing there, or their stamps are wrong")
+    """Say where time, also that of one channel, goes on by another step than in 99 of 100 rows, which are alike."""
+    alike = defaultdict[bytes, list[str]](list)
+    for column in recording.samples.select(pl.exclude("time").is_not_null()):
+        alike[column.to_numpy().tobytes()].append(column.name)
+    for present, names in alike.items():
+        time = recording.samples["time"].to_numpy()[np.frombuffer(present, bool)]
+        steps = np.diff(time)
+        usual = float(np.median(steps)) if steps.size else 0.0
+        odd = np.abs(steps - usual) > 0.1 * usual
+        if 0 < (count := np.count_nonzero(odd)) <= 0.01 * odd.size and np.ptp(steps[~odd]) < 0.05 * usual:
+            at, of = int(np.argmax(odd)), f" of {listing(names, 4)}" * (len(alike) > 1)
+            said = f"time{of} goes on by {steps[at]:.4g} s at {time[at]:.3f} s, where steps are {usual:.4g} s, {count} "
+            said += "times so or otherwise: samples are missing there, or their stamps are wrong"
+            recording.damage.remarks.append(said)
 
 
 def tell_leaps_of_all(recording: Recording) -> None:

@@ -6,6 +6,7 @@ import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import combinations, product
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
@@ -170,29 +171,24 @@ class LogChannel(Channel):
     """That of a log."""
 
     counter: ColumnName | None = None  # Where the device counts its samples, which tells the missing ones.
-
-
-class MessageChannel(LogChannel):
-    ADDRESS = "field"
-
-    topic: Name  # Name of the topic.
-    field: Name
-    """Dotted path of the number, with an index or a name where it passes an array: `wrench.force.x`, `position[0]`,
-    `position[name=ankle]`; in JSON a name with a dot in it in quotes, `functions["loadcell.mz"]`."""
-    unit: Unit  # Unit of the numbers, as laboratories spell it.
-
-    @property
-    def address(self) -> tuple[str, ...]:
-        return self.topic, self.field
+    wraps_at: PositiveFloat | None = None  # After how much the raw numbers begin anew: 360, or 65536 for 16 bits.
 
 
 class FieldChannel(LogChannel):
     ADDRESS = "field"
 
     field: Name
-    """Dotted path of the number, with an index or a name where it passes an array: `wrench.force.x`, `position[0]`; a
-    name with a dot in it in quotes, `functions["loadcell.mz"]`."""
+    """Dotted path of the number, with an index or a name where it passes an array: `wrench.force.x`, `position[0]`,
+    `position[name=ankle]`; in JSON a name with a dot in it in quotes, `functions["loadcell.mz"]`."""
     unit: Unit  # Unit of the numbers, as laboratories spell it.
+
+
+class MessageChannel(FieldChannel):
+    topic: Name  # Name of the topic.
+
+    @property
+    def address(self) -> tuple[str, ...]:
+        return self.topic, self.field
 
 
 class ColumnChannel(LogChannel):
@@ -692,8 +688,11 @@ def values_of_no_sensor(column: str, time: Array, x: Array, origin: Mapping[str,
     stands = nought[:-1] & nought[1:]
     if np.count_nonzero(~stays) <= 0.5 * np.sum(~stands):
         return None
-    lost, bends = (x != 0) & (np.abs(x) < NEXT_TO_ZERO), bends_of(x)
-    lost[by_leaps(column, time, x, bends)] = True
+    sizes, bends = np.abs(x), bends_of(x)
+    lost = (x != 0) & (sizes < NEXT_TO_ZERO)
+    if lost.any() and np.sum((between := sizes[sizes >= NEXT_TO_ZERO]) < 1e-9 * np.median(between)) > 10:
+        lost[:] = False  # it decays there, as in a simulation
+    lost |= by_leaps(column, time, x, bends) | exchanged(x, bends)
     zeros = jumped_into(x, stands, bends, may_rest=not column.startswith(("theta", "torque")))
     most = 0.5 * time.size / (np.ptp(time) or np.inf) if time.size else 0.0  # what is held for longer is stuck
     if "torque" in column and np.mean(stays) < 0.1:  # else a sensor of few levels, which may rest at each
@@ -713,17 +712,44 @@ def by_leaps(column: str, time: Array, x: Array, bends: Array) -> NDArray[np.boo
     leaps, rest = leaps_of(x, bends)
     usual = float(np.median(np.diff(time))) if time.size > 1 else 0.0
     farthest = {"theta": 2000.0 * usual**2 * (usual > 0.0025), "theta_m": math.inf if usual > 0.0025 else 0.0}  # rad
+    no_mass = list[int]()
     for a, b in leaps:
         size = abs(x[a] - x[a - 1])
         if bends[a] <= 4 * rest:
             continue
         lost[a:b] = True
         is_turn = any(abs(size / turn - 1) < 0.1 for turn in (2 * np.pi, 360.0))
-        lost[a] |= size > farthest.get(column, math.inf) and not is_turn and time[a] - time[a - 1] <= 1.5 * usual
+        if a == b and size > farthest.get(column, math.inf) and not is_turn and time[a] - time[a - 1] <= 1.5 * usual:
+            no_mass.append(a)
+    moved = np.zeros(x.size, bool)
+    moved[no_mass] = True
+    lost |= moved if len(no_mass) % 2 else np.logical_xor.accumulate(moved)  # it was elsewhere in between
     smooth, far = bends[2:-1] < 0.02, [at for at, _ in leaps if bends[at] > 4 * rest]
     for a, b in run_edges(smooth).tolist() if far and np.mean(smooth) < 0.5 else ():
         beside = any(a - 1 <= at <= a + 1 or b + 2 <= at <= b + 4 for at in far)
         lost[a : b + 3] |= b - a > 2 and not stays[a : b + 2].any() and beside
+    return lost
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def exchanged(x: Array, bends: Array) -> NDArray[np.bool_]:
+    """Which readings (n,) are of two blocks of one length that changed places: of four leaps three or more are seen,
+    and tell the length, and all are gone once the blocks are put back. Two could be the ends of a pulse."""
+    at, left, lost = list[int](), bends.copy(), np.zeros(x.size, bool)
+    for _ in range(5 if x.size > 9 else 0):
+        at.append(int(np.argmax(left)))
+        left[max(at[-1] - 3, 0) : at[-1] + 4] = 0
+    if not at or bends[at[2]] <= max(10.0, 1.5 * (rest := bends[at[4]])):
+        return lost
+    unit = np.abs(np.diff(x, 3)).max() / bends[at[0]]
+    for (p, q), k in product(combinations(sorted(at[:4]), 2), at[:4]):
+        for size in (k - p, k - q):
+            (a, b), (c, d) = sorted((p, p + size)), sorted((q, q + size))
+            if 0 <= a < b <= c < d <= x.size:
+                back = np.concatenate([x[:a], x[c:d], x[b:c], x[a:b], x[d:]])
+                if np.abs(np.diff(back, 3)).max() / unit < max(8.0, 1.25 * rest):
+                    lost[a:b] = lost[c:d] = True
+                    return lost
     return lost
 
 

@@ -232,12 +232,12 @@ def numbers_of(name: str, table: pl.DataFrame, example: Example) -> Iterator[Hea
     labels = LABELS[name]
     if name == "impedance":
         yield from impedance_headlines(table, example)
-    elif name == "torque_angle":
-        for row in table.iter_rows(named=True):
+    elif name in ("torque_angle", "human_joint"):  # trial by trial
+        kind = "95 % of the mean of cycles (Student)" if name == "torque_angle" else FOR_MOTION
+        for row in table.drop_nulls([*labels]).iter_rows(named=True):
             for quantity, label in labels.items():
                 ends = row[f"{quantity}_low"], row[f"{quantity}_high"]
-                of_cycles = int(row["cycles"]), *ends, "95 % of the mean of cycles (Student)"
-                number = headline(label, row[quantity], *of_cycles)
+                number = headline(label, row[quantity], int(row.get("cycles", 1)), *ends, kind)
                 doubt = doubts_of_result(row[DOUBTFUL] or "", quantity)
                 yield replace(of_group(number, row["trial"]), doubt=doubt or None)
     elif name == "walking_summary":

@@ -93,6 +93,15 @@ class UniformSignals:
         return on_one_grid(taken, self.limits, self.trial)
 
 
+def why_unusable(stamps: Array, time: Array, limits: GapLimits) -> str:
+    """Why no row of a grid (m,) [s] is usable, and what to do."""
+    if np.mean(np.diff(stamps) == 0) > 0.5:
+        shared = f"its stamps are rounded, {stamps.size / np.unique(stamps).size:.0f} rows share one"
+        return f"{shared}; state the rate of the rows in place of its time, as `time: {{rate: HZ}}`"
+    span = f"from {round(time[0], 4) + 0.0:.4f} s to {time[-1]:.4f} s lies within {limits.margin_s:.2f} s"
+    return f"every row {span} of a gap longer than {limits.bridged_s * 1e3:g} ms; {BRIDGE_MORE}"
+
+
 def on_one_grid(taken: Sequence[Taken], limits: GapLimits, trial: str = "") -> UniformSignals:
     """All signals of a trial on one uniform grid at the fastest stream's rate, over what all streams cover, by a cubic
     spline through the samples at true stamps or at the times of an even device's own clock. Raises InputError: The
@@ -115,11 +124,7 @@ def on_one_grid(taken: Sequence[Taken], limits: GapLimits, trial: str = "") -> U
         inner = np.searchsorted(time, begin - limits.margin_s), np.searchsorted(time, end + limits.margin_s, "right")
         usable[slice(*inner)] = False
     if not usable.any():
-        raise InputError(
-            f"{taken[0].stream.name}: every row from {round(time[0], 4) + 0.0:.4f} s to "
-            f"{time[-1]:.4f} s lies within {limits.margin_s:.2f} s of a gap longer than "
-            f"{limits.bridged_s * 1e3:g} ms; {BRIDGE_MORE}"
-        )
+        raise InputError(f"{taken[0].stream.name}: {why_unusable(taken[0].clock.stamps, time, limits)}")
     signals, farthest = dict[str, Array](), 0.0
     low_passes = {name: one for part in taken for name, one in part.stream.low_passes.items()}
     for times, values, _ in (part.samples for part in taken):

@@ -208,6 +208,6 @@ def equivalence(low: float | None, high: float | None, target: float, margin: fl
     J. Pharmacokinet. Biopharm. 15, 1987); the 95 % interval is conservative: each test is at 2.5 %."""
     if low is None or high is None or margin is None or not all(map(math.isfinite, (low, high, target, margin))):
         return None
-    if target - margin <= low and high <= target + margin:
+    if margin and target - margin <= low and high <= target + margin:
         return "equivalent"
     return "different" if high < target - margin or low > target + margin else "undecided"

@@ -26,7 +26,7 @@ from osl_analysis.bench.analysis import (
     without_lag,
     without_row,
 )
-from osl_analysis.bench.components import PLACE
+from osl_analysis.bench.components import INTERVAL_ENDS, PLACE
 from osl_analysis.bench.effects import IMPEDANCE, Fault
 from osl_analysis.bench.gram import FEWEST_UNITS, GroupFit, Sums, combined, estimates_of, solved
 from osl_analysis.bench.human_joint import unstated_reflex_row
@@ -102,6 +102,8 @@ def impedance_table(analysis: Analysis, s: Sums, p: DrivetrainParameters | None 
     rubs = friction[None]["f_C"] is not None
     facts |= witness_row(record, is_leg=is_leg, answers=facts["reflex_p"] != 1, rubs=rubs and not is_leg)
     facts |= believed_reflex(analysis.whole, facts, is_leg)
+    friction[None] |= (untold := untold_row(analysis.whole, friction[None] | facts))
+    facts |= {name: value for name, value in untold.items() if name in facts}
     if not (record.is_stepped_sine and (is_leg or rubs)):  # what sticks stands still at the peaks of a slow sine
         facts["torque_at_peaks"] = torque_at_peaks(analysis, record)
     for label, fit in analysis.fits.items():
@@ -126,6 +128,10 @@ def impedance_table(analysis: Analysis, s: Sums, p: DrivetrainParameters | None 
     return table.with_columns(pl.col(pl.Null).cast(pl.Float64))
 
 
+WITHOUT_FRICTION = {"K": "K_without_friction", "B": "B_viscous", "I": "I_without_friction"}
+"""Columns of the estimates beside friction."""
+
+
 def believed_reflex(whole: GroupFit, facts: Row, is_leg: bool) -> Row:
     """What the `facts` of a recording have of a reflex, as far as the witness leaves it: none where it hears nothing,
     where a path explains more, or no estimate moves by more than its interval, or by what harms."""
@@ -139,6 +145,25 @@ def believed_reflex(whole: GroupFit, facts: Row, is_leg: bool) -> Row:
     if facts["reflex_p"] is None or is_leg or not (facts["heard"] is None or facts["path_shift"] or harmless):
         return {}
     return {**without_row(None, "with_reflex"), "reflex_p": 1.0}
+
+
+def untold_row(whole: GroupFit, row: Row) -> Row:
+    """Ranges of K, B and I, and no number, where friction may be what the witness hears: they hold the interval of the
+    fit, that beside friction of any shape, and those of what cannot be told from it. Where it is named otherwise, and
+    friction is not told, a range beside it holds that beside friction."""
+    untold, found = row["friction_shift"], Row()
+    if not untold and (row["rivals"] is None or row["B_viscous"] is not None or row["B_viscous_low"] is None):
+        return {}
+    for name, own in WITHOUT_FRICTION.items():
+        pairs = [[row[f"{one}_{end}"] for end in ("low", "high")] for one in (own, f"{name}_without")]
+        ends = [*whole.interval(name)] * bool(untold)
+        ends += [one for pair in pairs for one in pair if isinstance(one, float)]
+        told = dict(zip(INTERVAL_ENDS, (None, None, min(ends), max(ends)), strict=True))
+        if untold:
+            found |= {f"{own}{end}": value for end, value in told.items()}
+        elif row[f"{name}_without"] is None and None not in pairs[1]:
+            found |= {f"{name}_without{end}": told[end] for end in ("_low", "_high")}
+    return found | dict.fromkeys((f"f_C{end}" for end in INTERVAL_ENDS) if untold else ())
 
 
 def motion_row(record: Record) -> Row:

@@ -233,6 +233,22 @@ def test_friction_is_told_from_damping_whatever_the_velocity_over_which_it_turns
     assert row["f_C_high"] - row["f_C_low"] < 0.05
 
 
+@pytest.mark.usefixtures("without_witness")
+@pytest.mark.parametrize("hz", [333.0, 600.0])
+def test_a_torque_that_is_held_between_slower_samples_is_late_by_half_of_their_period(hz):
+    """Noise comes after, so that no value repeats: B was 9 and 5 % low, and nothing said so by noise or hand."""
+    time, motion = noise(rng := np.random.default_rng(4), (0.3, 5.0), rate=1000.0, duration=40.0)
+    torque = np.array([TRUE["K"], TRUE["B"], TRUE["I"]]) @ np.array(motion)
+    age = ((time - time[0]) * hz + rng.uniform()) % 1.0 / hz
+    held = make_interp_spline(time, torque, 5)(time - age) - torque
+    late, sound = (row_of(made_trial(rng, (time, motion), more=more), excitation="any") for more in (held, 0.0))
+    assert (late["lag_by"], sound["lag_by"]) == ("rows", None)
+    assert late["lag_s"] == pytest.approx(0.5 / hz, rel=0.01)
+    assert late["B_high"] < 0.97 * TRUE["B"]
+    for name in ("K", "B", "I"):
+        assert late[f"{name}_without_lag_low"] < TRUE[name] < late[f"{name}_without_lag_high"]
+
+
 def bristle(x, width):
     """Friction of 1 N*m that is wound up exponentially over a width [rad] before it slides (Dahl)."""
     torque = [0.0]

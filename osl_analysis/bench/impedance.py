@@ -89,7 +89,11 @@ def impedance_table(analysis: Analysis, s: Sums, p: DrivetrainParameters | None 
     them an actuator that turns tells a leg, whose drivetrain is no fault of the recording."""
     record = analysis.record
     belt, repeats = effects.belt_of_leg(record, p), effects.repeats_row(record, s, IMPEDANCE)
-    lag, is_leg = belt.torque if belt else None, belt is not None or (p is None and effects.actuator_turns(record))
+    held = effects.held_torque(record)
+    lag, is_leg = (
+        held or (belt.torque if belt else None),
+        belt is not None or (p is None and effects.actuator_turns(record)),
+    )
     friction, rows = friction_rows(s, analysis, is_leg), list[Row]()
     late = belt.theta_m if belt else None
     facts = motion_row(record) | {
@@ -98,7 +102,10 @@ def impedance_table(analysis: Analysis, s: Sums, p: DrivetrainParameters | None 
         "theta_m_lag_se_s": late.se if late else None,
         "certain_theta_m_lag_s": late.size * late.found if late else None,
     }
-    facts |= repeats | {"lag_by": "theta_m" if lag else None, **unstated_reflex_row(record, is_device=belt is not None)}
+    facts |= repeats | {
+        "lag_by": "rows" if held else "theta_m" if lag else None,
+        **unstated_reflex_row(record, is_device=belt is not None),
+    }
     rubs = friction[None]["f_C"] is not None
     facts |= witness_row(record, is_leg=is_leg, answers=facts["reflex_p"] != 1, rubs=rubs and not is_leg)
     facts |= believed_reflex(analysis.whole, facts, is_leg)

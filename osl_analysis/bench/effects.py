@@ -386,16 +386,15 @@ def repeats_row(record: Record, s: Sums, model: Model) -> Row:
     Raises InputError: the drift is certain and larger than the settings allow; the message names the trial."""
     row: Row = {"K_drift": None, **NO_DRIFT}
     fit = with_effects(s, model)
-    growing = {"K_within": {"theta": 1.0}}
-    if s.groups.repeat and "K" in model and (within := changes_of_repeats(s, model, growing)):
-        change, se = s.seconds * within["K_within"], s.seconds * within.se("K_within")
-        noise = float(scipy.special.stdtrit(within.freedom("K_within"), 1 - FALSE_ALARM)) * se  # one-sided
-        row["K_drift"] = float(np.sign(change)) * max(abs(change) - noise, 0.0) / fit["K"]
-    if not (record.two_clocks and s.groups.repeat):
-        return row
+    slope = {gram.NEXT[c]: -1e-6 * fit[name] for name, c in model.items() if c in gram.NEXT}
+    growing = {"K_within": {"theta": 1.0}, "ppm": slope}
     with suppress(IdentifiabilityError):
-        slope = {gram.NEXT[c]: -1e-6 * fit[name] for name, c in model.items() if c in gram.NEXT}
-        if seen := changes_of_repeats(s, model, growing | {"ppm": slope}):
+        seen = changes_of_repeats(s, model, growing) if s.groups.repeat else None
+        if seen and "K" in model:
+            change, se = s.seconds * seen["K_within"], s.seconds * seen.se("K_within")
+            noise = float(scipy.special.stdtrit(seen.freedom("K_within"), 1 - FALSE_ALARM)) * se  # one-sided
+            row["K_drift"] = float(np.sign(change)) * max(abs(change) - noise, 0.0) / fit["K"]
+        if seen and record.two_clocks:
             row |= clocks_row(record, seen["ppm"], seen.se("ppm"), seen.freedom("ppm"))
     return row
 

@@ -120,7 +120,7 @@ def impedance_table(analysis: Analysis, s: Sums, p: DrivetrainParameters | None 
                 **lag_row(lag, fit),
                 **friction[label],
                 **analysis.shared(label, *QUANTITIES),
-                "I_bound": friction[label].get("I_high", fit.interval("I")[1]) if not is_leg else None,
+                "I_bound": None if is_leg or facts["rivals"] else friction[label].get("I_high", fit.interval("I")[1]),
                 "theta_rms_deg": turn_deg(s, label),
                 "fitted_s": len(record.rows(label)) / record.rate_hz,
                 "angle_noise_share": angle_noise_share(record, s, fit, label),

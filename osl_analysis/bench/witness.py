@@ -42,6 +42,7 @@ NEAR = 0.03  # share of what the best rival leaves, by which one that is as good
 CHANCE = 10.0  # parameters of noise by which a rival may be better by chance, where many are tried
 JUMPS = 0.4  # share of the misfit that is left, below which a lag that changes at once is heard whatever scatters
 UNEXPLAINED = 0.7  # share of what the best rival explains, by which one that is as good may explain less
+EXPLAINS = 0.1  # share of the misfit that is left, below which a rival is told also where friction leaves K, or B, open
 RUBBING = 0.5  # the same that friction explains, from which on it may be the cause; of an early torque by sines 0.3
 NEAR_PATH = 0.15  # the same of paths, whose error is that of their models: a low-pass and a mean are hard to tell apart
 MOMENTS = np.arange(6, 19) / CHUNKS  # shares of what is fitted at whose ends K, or a lag, may change
@@ -528,9 +529,11 @@ class Court:
             min((square(rival.left) for rival in some), default=np.inf)
             for some in (alike or [best], reflexes, [shapes], [rubs])
         )
-        told = not self.view.rubs or harm_of(none.half, none.estimates)[:-1].max() < 1
-        explained = square(none.left) - np.array([by_friction, least])
-        if by_friction < by_reflex and (not told or explained[0] > RUBBING * explained[1]):
+        misfit = square(none.left)
+        may_be = misfit - by_friction > RUBBING * (misfit - least)
+        if self.view.rubs and least > EXPLAINS * misfit:  # and K, or B, is open beside certain friction
+            may_be |= bool(harm_of(none.half, none.estimates)[:-1].max() > 1)
+        if may_be and min(by_friction, least) < by_reflex:
             return none, [rubs, shapes, *alike]
         return none, [*alike, *[shapes] * bool(alike and by_shapes < (1 - NEAR_PATH) * least)]
 

@@ -318,8 +318,8 @@ def longest_clipped_angle(time: Array, theta: Array, torque: tuple[Array, Array]
                 longest = count if is_clipped and not comes_to_rest(theta, run, step) else longest
     turned = np.flatnonzero(np.diff(theta, prepend=np.nan, append=np.nan)).tolist() if longest else []
     stood = [slice(*pair) for pair in pairwise(turned) if 2 * (pair[1] - pair[0]) > longest]
-    within = ((run, values[slice(*np.searchsorted(when, (time[run.start], time[run.stop - 1])))]) for run in stood)
-    ends = [theta[run.start] in (theta.min(), theta.max()) for run, x in within if x.size and np.ptp(x) > changes / 2]
+    during = ((run, values[slice(*np.searchsorted(when, (time[run.start], time[run.stop - 1])))]) for run in stood)
+    ends = [theta[run.start] in (theta.min(), theta.max()) for run, x in during if x.size and np.ptp(x) > changes / 2]
     return longest if ends.count(True) >= ends.count(False) else 0
 
 

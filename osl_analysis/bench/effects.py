@@ -283,6 +283,13 @@ def held_torque(record: Record) -> Fault | None:
     return Fault(0.5 / sampled, 12**-0.5 / rate, True, 0.5 / sampled)
 
 
+def lag_of(record: Record, belt: Belt | None) -> tuple[Fault | None, str | None]:
+    """The lag of the torque, and what shows it."""
+    if held := held_torque(record):
+        return held, "rows"
+    return (belt.torque, "theta_m" if belt.torque else None) if belt else (None, None)
+
+
 def actuator_turns(record: Record) -> bool:
     """Whether theta_m was recorded, and turns by a twentieth of the joint's angle or more."""
     return "theta_m" in record.actuator and bool(np.std(record.actuator["theta_m"]) > 0.05 * np.std(record.theta))

@@ -89,11 +89,8 @@ def impedance_table(analysis: Analysis, s: Sums, p: DrivetrainParameters | None 
     them an actuator that turns tells a leg, whose drivetrain is no fault of the recording."""
     record = analysis.record
     belt, repeats = effects.belt_of_leg(record, p), effects.repeats_row(record, s, IMPEDANCE)
-    held = effects.held_torque(record)
-    lag, is_leg = (
-        held or (belt.torque if belt else None),
-        belt is not None or (p is None and effects.actuator_turns(record)),
-    )
+    lag, lag_by = effects.lag_of(record, belt)
+    is_leg = belt is not None or (p is None and effects.actuator_turns(record))
     friction, rows = friction_rows(s, analysis, is_leg), list[Row]()
     late = belt.theta_m if belt else None
     facts = motion_row(record) | {
@@ -102,10 +99,7 @@ def impedance_table(analysis: Analysis, s: Sums, p: DrivetrainParameters | None 
         "theta_m_lag_se_s": late.se if late else None,
         "certain_theta_m_lag_s": late.size * late.found if late else None,
     }
-    facts |= repeats | {
-        "lag_by": "rows" if held else "theta_m" if lag else None,
-        **unstated_reflex_row(record, is_device=belt is not None),
-    }
+    facts |= repeats | {"lag_by": lag_by, **unstated_reflex_row(record, is_device=belt is not None)}
     rubs = friction[None]["f_C"] is not None
     facts |= witness_row(record, is_leg=is_leg, answers=facts["reflex_p"] != 1, rubs=rubs and not is_leg)
     facts |= believed_reflex(analysis.whole, facts, is_leg)

@@ -53,7 +53,7 @@ MOST_LEFT = 0.05  # share of the torque's variance that an explanation may leave
 HIDDEN = 0.1  # share of the inertia that a delay that is not heard may make
 HIDDEN_OF_B = 0.03  # the same of the damping
 LEAST_INERTIA, LEAST_DAMPING = 1e-3, 0.1  # kg*m^2 and N*m*s/rad, added in quadrature to what these are shares of
-USELESS = 20.0  # times an estimate, from which on a range of it says nothing
+USELESS = 3.0  # times an estimate, from which on a range of it says nothing
 HARM = {"K": (0.003, 2.0), "B": (0.01, 2.0), "I": (0.02, 5e-3)}
 """Share of an estimate that is harm, and the size [SI] that is added in quadrature to what it is a share of."""
 UNHEARD = ("reflex", "friction")  # families that nothing hears, and that are no doubt by themselves
@@ -431,9 +431,8 @@ class Court:
     def hear_size(self) -> None:
         view = self.view
         self.add("size", "stiffness that changes with the angle", [*view.base, view.column(view.motion[0] ** 3)])
-        torque = self.fitted(view.base)[0][:3] @ np.array(view.motion[:3])
-        for x in (torque, view.motion[0]):  # of what loses its load, or of a spring beside a damper
-            self.add("size", "gap", [*view.base, view.column(-np.tanh(x / (0.02 * np.std(x))))])
+        torque = self.fitted(view.base)[0][:3] @ np.array(view.motion[:3])  # where it turns, the load is lost
+        self.add("size", "gap", [*view.base, view.column(-np.tanh(torque / (0.02 * np.std(torque))))])
         self.hear_play("size")
 
     def hear_direction(self) -> None:

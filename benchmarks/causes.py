@@ -25,6 +25,7 @@ from planted import CAUSES, MOTIONS, SOUND, Cause, recording, size_that_moves
 
 import osl_analysis as osl
 from osl_analysis import notebook
+from osl_analysis.bench.impedance import WITHOUT_FRICTION
 from osl_analysis.judge.finding import Grade
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -49,12 +50,14 @@ def findings_of(fit: Any, *grades: Grade) -> list[str]:
 
 
 def worst_miss(row: dict[str, Any], joint: planted.Joint) -> tuple[str, float]:
-    """Which of K, B and I misses its truth by most of its half-widths. Where friction is certain, B is B_viscous."""
+    """Which of K, B and I misses its truth by most of its half-widths. Where friction is certain, B is B_viscous; where
+    it may be what is heard, a range is told."""
     misses = {}
-    for name in "KBI":
-        own = "B_viscous" if name == "B" and row.get("B_viscous") is not None else name
-        half = (row[f"{own}_high"] - row[f"{own}_low"]) / 2
-        misses[name] = (row[own] - getattr(joint, name)) / half
+    for name, beside in WITHOUT_FRICTION.items():
+        own = beside if row["friction_shift"] or (name == "B" and row["B_viscous"] is not None) else name
+        low, high = row[f"{own}_low"], row[f"{own}_high"]
+        value = (low + high) / 2 if row[own] is None else row[own]
+        misses[name] = (value - getattr(joint, name)) / ((high - low) / 2)
     worst = max(misses, key=lambda name: abs(misses[name]))
     return worst, misses[worst]
 

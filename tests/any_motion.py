@@ -75,7 +75,7 @@ def made_trial(rng, motion, torque_noise=0.05, angle_noise=0.0, bits=18, late=0.
     true = {**TRUE, **impedance}
     time, (theta, omega, alpha) = motion
     torque = true["K"] * theta + true["B"] * omega + true["I"] * alpha + more
-    if late:
+    if np.any(late):
         torque = CubicSpline(time, torque)(time - late)
     torque = torque + 0.4 + 1e-3 * time + torque_noise * rng.standard_normal(len(time))
     step = 2 * np.pi / 2**bits

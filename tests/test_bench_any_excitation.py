@@ -35,6 +35,7 @@ from osl_analysis.ingest.examine import (
     samples_at_rail,
     saturated,
 )
+from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.judging import LATENESS, unchecked_in
 from osl_analysis.judge.limits import DoubtfulFits, Limits
 from osl_analysis.model.compensator import PAPER_WEIGHT
@@ -76,7 +77,7 @@ OF_AMPLITUDES = {f"{name}_amplitudes_{end}" for name in TRUE for end in ("low", 
 OF_SINES = OF_AMPLITUDES | {"amplitude_deg", "commanded_deg", "K_change", "B_change"}
 OF_PERIODS = {"K_drift", *(f"{name}_repeat_se" for name in TRUE)}  # and of sines
 BESIDE_RIVALS = [f"{name}_without{end}" for name in TRUE for end in ("", "_low", "_high")]
-OF_WITNESS = {"path_shift", "heard", "rivals", *BESIDE_RIVALS}
+OF_WITNESS = {"I_bound", "path_shift", "heard", "rivals", *BESIDE_RIVALS}
 """What is there where something is heard: on sines without noise that is rounding, and each processor's is its own."""
 
 
@@ -231,6 +232,42 @@ def test_friction_is_told_from_damping_whatever_the_velocity_over_which_it_turns
     assert row["f_C_low"] < 0.5 < row["f_C_high"]
     assert row["B_viscous_low"] < 5 < row["B_viscous_high"]
     assert row["f_C_high"] - row["f_C_low"] < 0.05
+
+
+@pytest.mark.parametrize("made", ["multisine", "sines"])
+def test_clocks_of_one_file_that_drift_apart_are_the_only_cause(made):
+    """They were a stiffness that changes, too, or friction by the amplitudes, or a path by I."""
+    if made == "multisine":
+        time, motion = multisine(rng := np.random.default_rng(5), periods=10)
+        row = row_of(made_trial(rng, (time, motion), late=2e-4 * time))
+    else:
+
+        def late(motion):
+            torque = second_order(motion)
+            time = np.arange(len(torque)) / 500
+            return make_interp_spline(time, torque, 5)(time * (1 - 2e-4))
+
+        row = table_of(stepped_sine(late, noise=0.02)).row(-1, named=True)
+    columns = ("time_shift", "path_shift", "K_change", "B_change", "K_drift")
+    limits = Limits(above={one: LIMITS.above[one] for one in columns}, below={"I_bound": 0.0})
+    doubts = {one.cause for one in findings_of(row, limits, "impedance") if one.grade is Grade.DOUBTS}
+    assert doubts == {"change over time"}
+
+
+@pytest.mark.usefixtures("without_witness")
+@pytest.mark.parametrize("hz", [333.0, 600.0])
+def test_a_torque_that_is_held_between_slower_samples_is_late_by_half_of_their_period(hz):
+    """Noise comes after, so that no value repeats: B was 9 and 5 % low, and nothing said so by noise or hand."""
+    time, motion = noise(rng := np.random.default_rng(4), (0.3, 5.0), rate=1000.0, duration=40.0)
+    torque = np.array([TRUE["K"], TRUE["B"], TRUE["I"]]) @ np.array(motion)
+    age = ((time - time[0]) * hz + rng.uniform()) % 1.0 / hz
+    held = make_interp_spline(time, torque, 5)(time - age) - torque
+    late, sound = (row_of(made_trial(rng, (time, motion), more=more), excitation="any") for more in (held, 0.0))
+    assert (late["lag_by"], sound["lag_by"]) == ("rows", None)
+    assert late["lag_s"] == pytest.approx(0.5 / hz, rel=0.01)
+    assert late["B_high"] < 0.97 * TRUE["B"]
+    for name in ("K", "B", "I"):
+        assert late[f"{name}_without_lag_low"] < TRUE[name] < late[f"{name}_without_lag_high"]
 
 
 def bristle(x, width):

@@ -6,14 +6,18 @@ import numpy as np
 import pytest
 import scipy
 from any_motion import MOTIONS_60, TRUE, made_trial, sines, slow_ramps
-from conftest import ROOT
+from conftest import ROOT, findings_of
+from scipy.interpolate import make_interp_spline
+from scipy.ndimage import gaussian_filter1d
 
 from osl_analysis.bench.effects import spring_that_slips
 from osl_analysis.bench.human_joint import reflex_test
+from osl_analysis.bench.impedance import WITHOUT_FRICTION, impedance_table, rendered_impedance
 from osl_analysis.bench.record import record_of_trial
 from osl_analysis.bench.settings import DynamometerAnalysis, HumanJoint
 from osl_analysis.bench.witness import FAMILIES, HARM, HEARD, Court, witness_row
 from osl_analysis.campaign.configuration import read_section
+from osl_analysis.judge.limits import Limits
 
 SETTINGS = read_section(ROOT / "config/config.yaml", "dynamometer", DynamometerAnalysis)
 
@@ -224,14 +228,44 @@ def between_two_levels(rng, seconds=60, corner=8.0):
 
 @pytest.mark.parametrize(("corner", "seed"), [(8.0, 0), (8.0, 3), (12.8, 1), (12.8, 6)])
 def test_rounding_that_every_step_between_two_levels_repeats_is_no_evidence_and_a_delay_is(corner, seed):
-    """Of an encoder of 14 bits, whatever its zero: reflexes were told of all."""
+    """Of an encoder of 14 bits, whatever its zero: reflexes were told of all. Friction may explain as much of a delay,
+    which then is not ruled out."""
     rng = np.random.default_rng(seed)
     motion = between_two_levels(rng, corner=corner)
     trials = [made_trial(rng, motion, bits=14, late=late) for late in (0.0, 4e-3)]
     records = [record_of_trial(trial, SETTINGS) for trial in trials]
     assert [reflex_test(record, HumanJoint(), 0.04) for record in records] == [1, 1]
     sound, late = (witness_row(record, answers=False) for record in records)
-    assert (sound["heard"], late["path_shift"] > 10) == (None, True)
+    untold = late["path_shift"] is None and late["friction_shift"] > 10
+    assert (sound["heard"], untold or late["path_shift"] > 10) == (None, True)
+
+
+@pytest.mark.parametrize("seed", [20, 37])
+def test_rounding_of_levels_between_which_a_joint_mostly_moves_is_no_evidence_and_in_the_interval(seed):
+    """A path, and a damping by direction, were heard, beside a K of 299.07 ± 0.08."""
+    rng = np.random.default_rng([seed, 77])
+    ramp, rest, high = rng.uniform(0.5, 0.8), rng.uniform(0.3, 0.6), np.deg2rad(rng.uniform(2, 6))
+    moves = np.cumsum(np.tile([ramp, rest], 50) * rng.uniform(0.8, 1.4, 100))
+    time = np.arange(30_000) / 500
+    theta = np.interp(time, np.append(0.0, moves), np.append(0.0, np.tile([high, high, 0.0, 0.0], 25)))
+    spline = make_interp_spline(time, gaussian_filter1d(theta, 6.0), 5)
+    record = record_of_trial(made_trial(rng, (time, [spline(time, k) for k in range(3)]), bits=14), SETTINGS)
+    row = impedance_table(*rendered_impedance(record)).row(-1, named=True)
+    assert (row["heard"], row["K_low"] < TRUE["K"] < row["K_high"]) == (None, True)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_friction_between_two_levels_is_no_path_and_the_range_holds_the_joint(seed):
+    """It was named `torque path` or `play or speed`, with K 307.6 to 308.3 beside it."""
+    time, motion = between_two_levels(rng := np.random.default_rng(seed), corner=12.8)
+    trial = made_trial(rng, (time, motion), bits=14, more=0.4 * spring_that_slips(motion[0], 3e-4))
+    row = impedance_table(*rendered_impedance(record_of_trial(trial, SETTINGS))).row(-1, named=True)
+    assert [one for one in FAMILIES if row[f"{one}_shift"]] == ["friction"]
+    assert "how much of B is friction" in [one.cause for one in findings_of(row, Limits(), "impedance")]
+    assert row["K_low"] > TRUE["K"], "a part of it"
+    for name, beside in WITHOUT_FRICTION.items():
+        assert row[beside] is None
+        assert row[f"{beside}_low"] < TRUE[name] < row[f"{beside}_high"], name
 
 
 def test_a_spring_in_series_is_among_the_rivals_of_a_motion_that_repeats_from_end_to_end():

@@ -386,6 +386,19 @@ def test_a_rounded_sine_is_not_clipped_and_one_that_sticks_at_an_end_is(bits):
         assert clipped == pytest.approx(flat, rel=0.02, abs=2 if flat else 0)
 
 
+def test_an_angle_behind_play_stands_at_every_turn_and_is_not_clipped():
+    """Multisines of 18 bits behind 0.1 deg of play were called clipped."""
+    time, step, half = np.arange(20_000) / 1000, 2 * np.pi / 2**18, np.deg2rad(0.05)
+    theta = np.array([0.04, 0.03, 0.03]) @ np.sin(np.array([2.0, 7.3, 14.1])[:, None] * time + [[0], [1], [2]])
+    read = [0.0]
+    for x in theta.tolist():
+        read.append(min(max(read[-1], x - half), x + half))
+    torque = time, 300 * theta + 8 * np.gradient(theta, time)
+    behind, clipped = (step * np.rint(x / step) for x in (np.array(read[1:]), np.minimum(theta, 0.08)))
+    assert longest_clipped_angle(time, behind, torque) == 0
+    assert longest_clipped_angle(time, clipped, torque) > 100
+
+
 def test_a_joint_that_goes_from_level_to_level_is_neither_clipped_nor_frozen_but_one_that_stops_at_speed_is():
     time, step = np.arange(6000) / 1000, 2.4e-5
     moved = np.convolve(np.tile(np.repeat([1.0, 0.0], 500), 6), np.hanning(80) / np.hanning(80).sum(), "same")

@@ -36,6 +36,10 @@ LONGEST_LAG = 0.02  # s up to which the series of a late torque is used
 POSSIBLE = 2.0  # standard errors by which an effect may be larger than it is found
 WOUND_UP = (0.5e-3, 1.5e-3, 4e-3)  # half-widths [rad] of springs that slip, of which a belt's hysteresis is made
 BELT_ERROR = 80e-6  # s by which hysteresis that is not made of these shifts a lag (SD); of simulated legs 10 to 150
+HELD_LINE = (
+    10.0,
+    0.5,
+)  # times its noise, and share by which it may differ, of the line of a torque that is held; 3.4, 0.95
 OTHER_B_J = 3.0  # factor by which losses differ from those of the parameter file, from joint to joint
 CANNOT_TELL = (IdentifiabilityError, InputError, np.linalg.LinAlgError)  # a motion does not tell effects apart
 
@@ -256,6 +260,36 @@ class Belt:
     theta_m: Fault | None = None  # the same of theta_m
 
 
+def held_torque(record: Record) -> Fault | None:
+    """The mean age [s] of a torque that the recorder holds between samples slower than its rows; None where none is
+    seen, or a `delay` of the torque is stated. The age goes up in a sawtooth, which times the torque's slope is what is
+    missing, and with the slope has a line of 1/(2 pi f) at the rate f of its samples, or at that of the rows less f.
+    Noise that comes after makes all values differ. Beyond a row's share the age is not known."""
+    torque = None if record.uniform is None else record.uniform.of("torque")
+    if torque is not None and (torque.held or torque.delay):
+        return None
+    rate, rest = record.rate_hz, record.torque - record.filtered_torque
+    slope = np.zeros_like(rest)
+    rows = record.rows()
+    slope[rows] = np.gradient(record.filtered_torque, 1 / rate)[rows]
+    n, power = int(scipy.fft.next_fast_len(len(rest), real=True)), max(float(slope @ slope), np.finfo(float).tiny)
+    lines, hz = np.abs(np.fft.rfft(rest * slope, n)) / power, np.arange(n // 2 + 1) * rate / n
+    lines[hz < 4 * record.low_pass.cutoff_hz] = 0.0
+    line, at = float(lines.max()), float(hz[np.argmax(lines)])
+    noise = float(np.std(rest[rows])) / power**0.5
+    sampled = min((at, rate - at), key=lambda f: abs(2 * np.pi * f * line - 1))
+    if line < HELD_LINE[0] * noise or abs(2 * np.pi * sampled * line - 1) > HELD_LINE[1]:
+        return None
+    return Fault(0.5 / sampled, 12**-0.5 / rate, True, 0.5 / sampled)
+
+
+def lag_of(record: Record, belt: Belt | None) -> tuple[Fault | None, str | None]:
+    """The lag of the torque, and what shows it."""
+    if held := held_torque(record):
+        return held, "rows"
+    return (belt.torque, "theta_m" if belt.torque else None) if belt else (None, None)
+
+
 def actuator_turns(record: Record) -> bool:
     """Whether theta_m was recorded, and turns by a twentieth of the joint's angle or more."""
     return "theta_m" in record.actuator and bool(np.std(record.actuator["theta_m"]) > 0.05 * np.std(record.theta))
@@ -359,16 +393,15 @@ def repeats_row(record: Record, s: Sums, model: Model) -> Row:
     Raises InputError: the drift is certain and larger than the settings allow; the message names the trial."""
     row: Row = {"K_drift": None, **NO_DRIFT}
     fit = with_effects(s, model)
-    growing = {"K_within": {"theta": 1.0}}
-    if s.groups.repeat and "K" in model and (within := changes_of_repeats(s, model, growing)):
-        change, se = s.seconds * within["K_within"], s.seconds * within.se("K_within")
-        noise = float(scipy.special.stdtrit(within.freedom("K_within"), 1 - FALSE_ALARM)) * se  # one-sided
-        row["K_drift"] = float(np.sign(change)) * max(abs(change) - noise, 0.0) / fit["K"]
-    if not (record.two_clocks and s.groups.repeat):
-        return row
+    slope = {gram.NEXT[c]: -1e-6 * fit[name] for name, c in model.items() if c in gram.NEXT}
+    growing = {"K_within": {"theta": 1.0}, "ppm": slope}
     with suppress(IdentifiabilityError):
-        slope = {gram.NEXT[c]: -1e-6 * fit[name] for name, c in model.items() if c in gram.NEXT}
-        if seen := changes_of_repeats(s, model, growing | {"ppm": slope}):
+        seen = changes_of_repeats(s, model, growing) if s.groups.repeat else None
+        if seen and "K" in model:
+            change, se = s.seconds * seen["K_within"], s.seconds * seen.se("K_within")
+            noise = float(scipy.special.stdtrit(seen.freedom("K_within"), 1 - FALSE_ALARM)) * se  # one-sided
+            row["K_drift"] = float(np.sign(change)) * max(abs(change) - noise, 0.0) / fit["K"]
+        if seen and record.two_clocks:
             row |= clocks_row(record, seen["ppm"], seen.se("ppm"), seen.freedom("ppm"))
     return row
 

@@ -26,7 +26,7 @@ from osl_analysis.bench.analysis import (
     without_lag,
     without_row,
 )
-from osl_analysis.bench.components import PLACE
+from osl_analysis.bench.components import INTERVAL_ENDS, PLACE
 from osl_analysis.bench.effects import IMPEDANCE, Fault
 from osl_analysis.bench.gram import FEWEST_UNITS, GroupFit, Sums, combined, estimates_of, solved
 from osl_analysis.bench.human_joint import unstated_reflex_row
@@ -89,7 +89,8 @@ def impedance_table(analysis: Analysis, s: Sums, p: DrivetrainParameters | None 
     them an actuator that turns tells a leg, whose drivetrain is no fault of the recording."""
     record = analysis.record
     belt, repeats = effects.belt_of_leg(record, p), effects.repeats_row(record, s, IMPEDANCE)
-    lag, is_leg = belt.torque if belt else None, belt is not None or (p is None and effects.actuator_turns(record))
+    lag, lag_by = effects.lag_of(record, belt)
+    is_leg = belt is not None or (p is None and effects.actuator_turns(record))
     friction, rows = friction_rows(s, analysis, is_leg), list[Row]()
     late = belt.theta_m if belt else None
     facts = motion_row(record) | {
@@ -98,10 +99,12 @@ def impedance_table(analysis: Analysis, s: Sums, p: DrivetrainParameters | None 
         "theta_m_lag_se_s": late.se if late else None,
         "certain_theta_m_lag_s": late.size * late.found if late else None,
     }
-    facts |= repeats | {"lag_by": "theta_m" if lag else None, **unstated_reflex_row(record, is_device=belt is not None)}
+    facts |= repeats | {"lag_by": lag_by, **unstated_reflex_row(record, is_device=belt is not None)}
     rubs = friction[None]["f_C"] is not None
     facts |= witness_row(record, is_leg=is_leg, answers=facts["reflex_p"] != 1, rubs=rubs and not is_leg)
     facts |= believed_reflex(analysis.whole, facts, is_leg)
+    friction[None] |= (untold := untold_row(analysis.whole, friction[None] | facts))
+    facts |= {name: value for name, value in untold.items() if name in facts}
     if not (record.is_stepped_sine and (is_leg or rubs)):  # what sticks stands still at the peaks of a slow sine
         facts["torque_at_peaks"] = torque_at_peaks(analysis, record)
     for label, fit in analysis.fits.items():
@@ -111,7 +114,7 @@ def impedance_table(analysis: Analysis, s: Sums, p: DrivetrainParameters | None 
                 **lag_row(lag, fit),
                 **friction[label],
                 **analysis.shared(label, *QUANTITIES),
-                "I_bound": friction[label].get("I_high", fit.interval("I")[1]) if not is_leg else None,
+                "I_bound": None if is_leg or facts["rivals"] else friction[label].get("I_high", fit.interval("I")[1]),
                 "theta_rms_deg": turn_deg(s, label),
                 "fitted_s": len(record.rows(label)) / record.rate_hz,
                 "angle_noise_share": angle_noise_share(record, s, fit, label),
@@ -124,6 +127,10 @@ def impedance_table(analysis: Analysis, s: Sums, p: DrivetrainParameters | None 
     texts = dict.fromkeys(("heard", "rivals", "lag_by"), pl.String)
     table = pl.DataFrame(rows, infer_schema_length=None, schema_overrides=texts)
     return table.with_columns(pl.col(pl.Null).cast(pl.Float64))
+
+
+WITHOUT_FRICTION = {"K": "K_without_friction", "B": "B_viscous", "I": "I_without_friction"}
+"""Columns of the estimates beside friction."""
 
 
 def believed_reflex(whole: GroupFit, facts: Row, is_leg: bool) -> Row:
@@ -139,6 +146,25 @@ def believed_reflex(whole: GroupFit, facts: Row, is_leg: bool) -> Row:
     if facts["reflex_p"] is None or is_leg or not (facts["heard"] is None or facts["path_shift"] or harmless):
         return {}
     return {**without_row(None, "with_reflex"), "reflex_p": 1.0}
+
+
+def untold_row(whole: GroupFit, row: Row) -> Row:
+    """Ranges of K, B and I, and no number, where friction may be what the witness hears: they hold the interval of the
+    fit, that beside friction of any shape, and those of what cannot be told from it. Where it is named otherwise, and
+    friction is not told, a range beside it holds that beside friction."""
+    untold, found = row["friction_shift"], Row()
+    if not untold and (row["rivals"] is None or row["B_viscous"] is not None or row["B_viscous_low"] is None):
+        return {}
+    for name, own in WITHOUT_FRICTION.items():
+        pairs = [[row[f"{one}_{end}"] for end in ("low", "high")] for one in (own, f"{name}_without")]
+        ends = [*whole.interval(name)] * bool(untold)
+        ends += [one for pair in pairs for one in pair if isinstance(one, float)]
+        told = dict(zip(INTERVAL_ENDS, (None, None, min(ends), max(ends)), strict=True))
+        if untold:
+            found |= {f"{own}{end}": value for end, value in told.items()}
+        elif row[f"{name}_without"] is None and None not in pairs[1]:
+            found |= {f"{name}_without{end}": told[end] for end in ("_low", "_high")}
+    return found | dict.fromkeys((f"f_C{end}" for end in INTERVAL_ENDS) if untold else ())
 
 
 def motion_row(record: Record) -> Row:

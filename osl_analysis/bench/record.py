@@ -47,7 +47,7 @@ Label = float | str | None
 STRETCH_S = 1.0  # duration [s] of a stretch: 30 correlation times of a 15 Hz low-pass
 QUICK = 4.0  # cut-offs of the low-pass behind which the velocity's sign is read, and the rounding of steps is drawn
 BEYOND = 1.1  # cut-offs, from which on it is more of the motion than the tail of a step that is faster
-STANDS = 0.1  # median of the speed over its SD, below which a joint mostly stands
+STANDS = 0.1  # of the SD of the speed, below which a joint stands
 OF_SINE = 0.5  # steps by which the size of a sine is drawn: less where samples keep step with it covers too little
 DRAWS = (np.arange(17) + 0.5) / 17 - 0.5  # parts of a step of an encoder by which zeros and sizes differ
 SHORTEST_S = 1.0  # shortest stretch [s] that is fitted
@@ -199,20 +199,23 @@ class Record:
     def roundings(self, channel: int, rows: slice = slice(None)) -> Iterator[Array]:
         """Errors (n,) of angle [rad] (0) or torque [N*m] (1) in some rows that rounding makes, each with another zero
         of the sensor; none where noise hides it. Of levels and sines, which return to the same places, the size is
-        another one too; of another motion it would count as an error of K. Behind the filter of the fit steps between
-        levels ring, by some steps of the encoder, so that where the joint mostly stands the signal is taken behind one
-        quicker by `QUICK` (half of it makes too little, and sound steps are accused)."""
+        another one too: of levels, whose errors are independent, by what the share of power at each makes of all.
+        Behind the filter of the fit steps between levels ring, by some steps of the encoder, so that where the joint
+        mostly stands the signal is taken behind one quicker by `QUICK` (half of it makes too little, and sound steps
+        are accused)."""
         (step, left), raw = self.repeated_steps[channel], (self.theta, self.torque)[channel]
         if not left:
             return
-        speed, signal = self.motion.omega[rows], (self.motion.theta, self.filtered_torque)[channel][rows]
-        usual, stands = float(np.median(np.abs(speed))), STANDS * float(np.std(speed))
-        larger = 1.0 if usual < 2 * stands else OF_SINE * self.is_stepped_sine
-        if usual < stands:
+        speed, signal = np.abs(self.motion.omega[rows]), (self.motion.theta, self.filtered_torque)[channel][rows]
+        stands = speed < STANDS * float(np.std(self.motion.omega[rows]))
+        place = signal - signal.mean()
+        _, level = np.unique(np.rint(place[stands] / step), return_inverse=True)
+        larger = float(np.linalg.norm(np.bincount(level, place[stands] ** 2))) / max(float(place @ place), step**2)
+        if stands.mean() > 0.5:
             quick = replace(self.low_pass, cutoff_hz=QUICK * self.low_pass.cutoff_hz)
             signal = quick(raw[rows], self.rate_hz)
         steps = (signal - signal.mean()) / step
-        more = larger * DRAWS[5 * np.arange(17) % 17] / float(np.abs(steps).max())
+        more = max(larger, OF_SINE * self.is_stepped_sine) * DRAWS[5 * np.arange(17) % 17] / float(np.abs(steps).max())
         for zero, share in zip(DRAWS, more, strict=True):
             read = steps * (1 + share) + zero
             yield left * step * (read - np.rint(read))

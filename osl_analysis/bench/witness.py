@@ -42,6 +42,8 @@ NEAR = 0.03  # share of what the best rival leaves, by which one that is as good
 CHANCE = 10.0  # parameters of noise by which a rival may be better by chance, where many are tried
 JUMPS = 0.4  # share of the misfit that is left, below which a lag that changes at once is heard whatever scatters
 UNEXPLAINED = 0.7  # share of what the best rival explains, by which one that is as good may explain less
+EXPLAINS = 0.1  # share of the misfit that is left, below which a rival is told also where friction leaves K, or B, open
+RUBBING = 0.5  # the same that friction explains, from which on it may be the cause; of an early torque by sines 0.3
 NEAR_PATH = 0.15  # the same of paths, whose error is that of their models: a low-pass and a mean are hard to tell apart
 MOMENTS = np.arange(6, 19) / CHUNKS  # shares of what is fitted at whose ends K, or a lag, may change
 MUSCLE_HZ = 6.0  # of a muscle's answer to a reflex
@@ -51,10 +53,11 @@ MOST_LEFT = 0.05  # share of the torque's variance that an explanation may leave
 HIDDEN = 0.1  # share of the inertia that a delay that is not heard may make
 HIDDEN_OF_B = 0.03  # the same of the damping
 LEAST_INERTIA, LEAST_DAMPING = 1e-3, 0.1  # kg*m^2 and N*m*s/rad, added in quadrature to what these are shares of
-USELESS = 20.0  # times an estimate, from which on a range of it says nothing
+USELESS = 3.0  # times an estimate, from which on a range of it says nothing
 HARM = {"K": (0.003, 2.0), "B": (0.01, 2.0), "I": (0.02, 5e-3)}
 """Share of an estimate that is harm, and the size [SI] that is added in quadrature to what it is a share of."""
-FAMILIES = ("path", "time", "speed", "size", "direction")
+UNHEARD = ("reflex", "friction")  # families that nothing hears, and that are no doubt by themselves
+FAMILIES = ("path", "time", "speed", "size", "direction", "friction")
 
 
 @dataclass(frozen=True)
@@ -428,9 +431,8 @@ class Court:
     def hear_size(self) -> None:
         view = self.view
         self.add("size", "stiffness that changes with the angle", [*view.base, view.column(view.motion[0] ** 3)])
-        torque = self.fitted(view.base)[0][:3] @ np.array(view.motion[:3])
-        for x in (torque, view.motion[0]):  # of what loses its load, or of a spring beside a damper
-            self.add("size", "gap", [*view.base, view.column(-np.tanh(x / (0.02 * np.std(x))))])
+        torque = self.fitted(view.base)[0][:3] @ np.array(view.motion[:3])  # where it turns, the load is lost
+        self.add("size", "gap", [*view.base, view.column(-np.tanh(torque / (0.02 * np.std(torque))))])
         self.hear_play("size")
 
     def hear_direction(self) -> None:
@@ -455,6 +457,18 @@ class Court:
             answer = view.passed(speed, muscle * np.exp(-s * delay))
             self.add("reflex", "reflex", [*view.base, answer], parameters=1)
 
+    def hear_friction(self) -> tuple[Rival, Rival]:
+        """A joint that rubs in some shapes about rest at once, none of which drives it: no family hears it, but between
+        two levels it makes others speak. And, outside of the contest, all shapes of either sign."""
+        base, (sliding, *resting) = self.view.base, self.view.friction
+        shapes = np.array([sliding, *(sliding + x for x in resting)])
+        own = np.array([self.unexplained(x) for x in shapes])
+        sizes, _ = scipy.optimize.nnls(own.T, self.unexplained(self.view.y))
+        self.add("friction", "friction", [*base, *shapes])
+        of_either_sign = self.rivals.pop()
+        self.add("friction", "friction", [*base, sizes @ shapes], parameters=int((sizes > 0).sum()) - 1)
+        return self.rivals[-1], of_either_sign
+
     def unexplained(self, torque: Array) -> Array:
         """What the model leaves of a torque (m,)."""
         Z = np.array([*self.view.base, *self.beside])
@@ -475,6 +489,7 @@ class Court:
             getattr(self, f"hear_{name}")()
         if self.answers:
             self.hear_reflex()
+        rubs, shapes = self.hear_friction()
         least, chunk = min(square(rival.left) for rival in self.rivals), self.view.chunks[0]
         per_parameter = least / (self.view.seconds * self.view.bandwidth)
         made = np.array([self.unexplained(x) for x in self.draws])
@@ -496,16 +511,30 @@ class Court:
                 most, apart = UNEXPLAINED * explained, score(rival) - score(best)
                 if rival.family == best.family == "path" and rival.possible:
                     margin = most = max(margin, most, NEAR_PATH * left)
-                if apart <= max(min(max(margin, rounding), most), CHANCE * per_parameter) and rival.family != "reflex":
+                if (
+                    apart <= max(min(max(margin, rounding), most), CHANCE * per_parameter)
+                    and rival.family not in UNHEARD
+                ):
                     first = apart > margin or self.chance.get("path") == min(self.chance.values())
                     found.append((rival.family != "path" or not first, apart, rival))
             return [rival for _, _, rival in sorted(found, key=lambda one: one[:2])]
 
-        alike = as_good(min(self.rivals, key=score))
-        if not alike:
-            return none, []
-        alike = as_good(min(alike, key=score))
-        return none, [rival for rival in alike if rival.possible] or alike
+        best = min(self.rivals, key=score)
+        alike = as_good(best)
+        alike = as_good(min(alike, key=score)) if alike else []
+        alike = [rival for rival in alike if rival.possible] or alike
+        reflexes = [rival for rival in self.rivals if rival.family == "reflex"]
+        least, by_reflex, by_shapes, by_friction = (
+            min((square(rival.left) for rival in some), default=np.inf)
+            for some in (alike or [best], reflexes, [shapes], [rubs])
+        )
+        misfit = square(none.left)
+        may_be = misfit - by_friction > RUBBING * (misfit - least)
+        if self.view.rubs and least > EXPLAINS * misfit:  # and K, or B, is open beside certain friction
+            may_be |= bool(harm_of(none.half, none.estimates)[:-1].max() > 1)
+        if may_be and min(by_friction, least) < by_reflex:
+            return none, [rubs, shapes, *alike]
+        return none, [*alike, *[shapes] * bool(alike and by_shapes < (1 - NEAR_PATH) * least)]
 
 
 def harm_of(moved: Array, estimates: Array) -> Array:
@@ -582,6 +611,7 @@ def witness_row(
     every, half = (np.array([getattr(rival, name) for rival in alike]) for name in ("estimates", "half"))
     half = np.minimum(half, np.maximum(np.abs(every), half[0]))  # a path of no effect has any
     low, high = (every - half).min(axis=0), (every + half).max(axis=0)
+    row |= {"path_shift": None} if alike[0].family == "friction" else {}
     row |= {f"{alike[0].family}_shift": float(harm_of(every - none.estimates, none.estimates).max())}
     if square(alike[0].left) > MOST_LEFT * square(court.view.y):
         return row
@@ -590,6 +620,6 @@ def witness_row(
     useless = USELESS * np.hypot(none.estimates, np.array(list(HARM.values()))[-len(names) :, 1])
     for k, name in enumerate(names):
         ends = (float(low[k]), float(high[k])) if high[k] - low[k] < useless[k] else (None, None)
-        row |= {f"{name}_without": float(every[0, k]) if apart[k] <= 1 else None}
+        row |= {f"{name}_without": float(every[0, k]) if apart[k] <= 1 and alike[-1].family != "friction" else None}
         row |= dict(zip((f"{name}_without_low", f"{name}_without_high"), ends, strict=True))
     return row

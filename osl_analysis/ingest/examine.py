@@ -7,6 +7,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -290,7 +291,8 @@ def longest_clipped_angle(time: Array, theta: Array, torque: tuple[Array, Array]
     """Longest run [samples] of an angle (n,) at its lowest or highest value while the torque changes. `torque` are
     times [s] and values. The angle must come to the extreme, and leave it, with a corner; and the torque must change in
     the middle of the run too, as of a joint that turns on, not at its ends alone, as of one that comes to rest. One
-    that is held near an extreme, behind coarse steps, is as often at the value beside it."""
+    that is held near an extreme, behind coarse steps, is as often at the value beside it, and one behind play stands at
+    other turns, too."""
     when, values = torque
     if not theta.size or not np.ptp(theta) or not when.size or not np.isfinite(values).all() or not np.ptp(values):
         return 0
@@ -314,7 +316,11 @@ def longest_clipped_angle(time: Array, theta: Array, torque: tuple[Array, Array]
                 often = np.sum(theta == end) > np.sum(np.abs(beside - end) < 1.5 * step)
                 is_clipped = corner and often and np.ptp(within) > changes and turns_on
                 longest = count if is_clipped and not comes_to_rest(theta, run, step) else longest
-    return longest
+    turned = np.flatnonzero(np.diff(theta, prepend=np.nan, append=np.nan)).tolist() if longest else []
+    stood = [slice(*pair) for pair in pairwise(turned) if 2 * (pair[1] - pair[0]) > longest]
+    during = ((run, values[slice(*np.searchsorted(when, (time[run.start], time[run.stop - 1])))]) for run in stood)
+    ends = [theta[run.start] in (theta.min(), theta.max()) for run, x in during if x.size and np.ptp(x) > changes / 2]
+    return longest if ends.count(True) >= ends.count(False) else 0
 
 
 def smallest_step(values: Array) -> float:

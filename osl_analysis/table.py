@@ -110,8 +110,7 @@ def read_table(path: Path | str, required: Sequence[str] = (), of: str = "") -> 
             missing = f"{path / of}.csv: no such table ({error})"
             raise InputError(f"{missing}; run the step that writes it, or check the path") from error
     try:
-        text = dict.fromkeys(TEXT_COLUMNS, pl.String)
-        table = pl.read_csv(source, infer_schema_length=None, schema_overrides=text)
+        table = typed_csv(source)
     except pl.exceptions.PolarsError as error:
         reason = str(error).strip().splitlines()[0]
         raise InputError(f"{path}: not a CSV table ({reason}); rewrite it with the step that makes it") from error
@@ -132,6 +131,20 @@ def read_table(path: Path | str, required: Sequence[str] = (), of: str = "") -> 
             raise InputError(f"{path}: line {row + 2}: {said}")
     blank = all(one.has_nulls() for one in table)  # there may be blank lines, as an editor leaves them
     return table.filter(~pl.all_horizontal(pl.all().is_null())) if blank else table
+
+
+def typed_csv(source: Path | bytes, first: int | None = 1000) -> pl.DataFrame:
+    """A table with the types of all its rows. The first ones tell them, in a third of the time, unless a later entry
+    does not fit, or is the first of its column."""
+    try:
+        text = dict.fromkeys(TEXT_COLUMNS, pl.String)
+        table = pl.read_csv(source, infer_schema_length=first, schema_overrides=text)
+    except pl.exceptions.ComputeError:
+        if first is None:
+            raise
+        return typed_csv(source, None)
+    begins_late = any(one.head(first or 0).null_count() == first and one.null_count() < len(one) for one in table)
+    return typed_csv(source, None) if begins_late else table
 
 
 OF_ROW = ("trial", "joint", "side", "amplitude_deg")  # columns that say what a row of a table and of its evidence is

@@ -92,20 +92,7 @@ def begins_with(mark: bytes) -> Callable[[bytes], bool]:
 
 
 TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".dat", ".lvm", ".asc")
-BINARY_SUFFIXES = (
-    ".xlsx",
-    ".xls",
-    ".ods",
-    ".parquet",
-    ".feather",
-    ".arrow",
-    ".arrows",
-    ".ipc",
-    ".npy",
-    ".npz",
-    ".h5",
-    ".hdf5",
-)
+BINARY = (".xlsx", ".xls", ".ods", ".parquet", ".feather", ".arrow", ".arrows", ".ipc", ".npy", ".npz", ".h5", ".hdf5")
 KNOWN: Mapping[str, tuple[Callable[[bytes], bool], tuple[str, ...], FileReader, FileLister]] = {
     "mcap": (begins_with(MAGIC), (".mcap",), read_message_log, partial(inspect_messages, "mcap")),
     "rosbag1": (begins_with(ANY_BAG1), (".bag",), read_message_log, partial(inspect_messages, "rosbag1")),
@@ -117,7 +104,7 @@ KNOWN: Mapping[str, tuple[Callable[[bytes], bool], tuple[str, ...], FileReader, 
     "trc": (is_trc, (".trc",), read_trc_capture, overview.inspect_trc),
     "opensim": (is_opensim, (".mot", ".sto"), read_table_log, overview.inspect_opensim),
     "json_lines": (is_json_lines, (".jsonl", ".ndjson"), read_table_log, overview.inspect_json),
-    "table": (is_table_file, BINARY_SUFFIXES, read_table_log, partial(overview.inspect_table, "table")),
+    "table": (is_table_file, BINARY, read_table_log, partial(overview.inspect_table, "table")),
     "csv": (is_text, TEXT_SUFFIXES, read_table_log, partial(overview.inspect_table, "csv")),
 }
 FORMATS = {name: KnownFormat(SOURCES[name], *facts) for name, facts in KNOWN.items()}
@@ -374,7 +361,7 @@ def tell_leaps_of_all(recording: Recording) -> None:
     if not markers:
         return
     seen = recording.samples.select("time", *markers).filter(pl.any_horizontal(pl.col(markers).is_not_null()))
-    if leaps := run_edges(np.mean(bends_of(seen[markers].to_numpy()) > 25, axis=1) >= 0.8).tolist():
+    if leaps := run_edges(np.mean([bends_of(one.to_numpy()) > 25 for one in seen[markers]], axis=0) >= 0.8).tolist():
         first = f"{len(leaps)} times all markers leap in one frame, first at {seen['time'][leaps[0][0] + 1]:.3f} s"
         recording.damage.remarks.append(f"{first}: frames are missing there, or a part of the file was moved")
         recording.damage.is_doubted = True

@@ -730,10 +730,8 @@ def by_leaps(column: str, time: Array, x: Array, bends: Array) -> NDArray[np.boo
 
 @np.errstate(over="ignore", invalid="ignore")
 def bends_of(x: Array) -> Array:
-    """By how much readings (n, ...) leave the curve of those beside them, by what is usual: their third differences, of
+    """By how much readings (n,) leave the curve of those beside them, by what is usual: their third differences, of
     which the largest stands at the row into which a channel leaps; 0 at the ends, and where they are no numbers."""
-    if x.ndim > 1 and x.size:
-        return np.stack([bends_of(one) for one in x.T], axis=-1)
     bends, sizes = np.zeros(x.shape), np.abs(x)
     bends[2:-1] = np.nan_to_num(np.abs(np.diff(x, 3)), posinf=1e300)
     usual = float(np.median(counted)) if (counted := bends[bends > 0]).size else 0.0

@@ -60,16 +60,14 @@ class Sources:
 
     @cache  # noqa: B019 (there is one for each run)
     def module(self, name: str) -> Module:
-        file = module_file(name)
-        assert file is not None
-        text = file.read_text(encoding="utf-8")
+        text = text_of(module_file(name))
         statements, imports = self.of_text(name + text, lambda: parsed(text, name))
         return Module([Statement(*one) for one in statements], imports)
 
     @cache  # noqa: B019
     def data(self, path: Path) -> str:
         """Fingerprint of a file beside a module; of YAML without comments."""
-        text, is_yaml = path.read_text(encoding="utf-8"), path.suffix == ".yaml"
+        text, is_yaml = text_of(path), path.suffix == ".yaml"
         said = self.of_text(text, lambda: fingerprint(repr(yaml.load(text, yaml.CSafeLoader)) if is_yaml else text))
         return str(said)
 
@@ -98,6 +96,11 @@ class Sources:
 
 def fingerprint(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def text_of(file: Path | None) -> str:
+    assert file is not None
+    return file.read_text(encoding="utf-8")
 
 
 def parsed(text: str, name: str) -> tuple[list[Statement], dict[str, str]]:

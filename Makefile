@@ -61,8 +61,14 @@ docs: $(READY)
 	$(BIN)/python docs/site/check.py build/docs
 
 # A campaign of 24 trials through a SLURM that exists for this test alone: Debian, as root.
-test-slurm: $(READY)
-	tests/slurm/one_node.sh $(BIN)/python -m pytest -m slurm -n0 -s tests/slurm
+test-slurm: build/cluster
+	PYTHONPATH=$(CURDIR)/build/cluster tests/slurm/one_node.sh $(BIN)/python -m pytest -m slurm -n0 -s tests/slurm
+
+# Snakemake's plug-in for SLURM stands beside the environment: Snakemake imports each one that it finds, this one with
+# pandas, at every start.
+build/cluster: cluster.lock $(READY)
+	rm -rf $@
+	$(PIP) --require-hashes --no-deps --target $@ -r cluster.lock
 
 # Core-seconds of a campaign of 17 trials, beside the last release (0.3.0). Nothing else may run meanwhile.
 test-speed: $(READY)
@@ -87,8 +93,12 @@ $(READY): requirements.lock pyproject.toml
 	$(BIN)/python -m compileall -q -j 0 $(VENV)/lib osl_analysis
 	touch $(READY)
 
-LOCKED := bundle cluster excel mat73 matlab mujoco ros simulator tdms docs dev
+LOCKED := bundle excel mat73 matlab mujoco ros simulator tdms docs dev
 
+COMPILE := $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate pyproject.toml
+
+# What the extra `cluster` needs beside the environment has a lock of its own.
 lock: $(READY)
-	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate \
-		$(LOCKED:%=--extra %) --group recorders --output-file requirements.lock pyproject.toml
+	$(COMPILE) $(LOCKED:%=--extra %) --group recorders --output-file requirements.lock
+	$(COMPILE) --extra cluster --constraints requirements.lock --output-file cluster.lock \
+		$$(sed -n 's/^\([^=]*\)==.*/--no-emit-package \1/p' requirements.lock)

@@ -3,8 +3,9 @@
 import math
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -93,10 +94,9 @@ def with_places(table: pl.DataFrame, places: Places, by: str = "trial") -> pl.Da
 def read_table(path: Path | str, required: Sequence[str] = (), of: str = "") -> pl.DataFrame:
     """A result table of a campaign, such as `results/tables/impedance.csv`; `osl-analysis describe-tables` explains it.
 
-    A column without any entry is read as Float64 null, `TEXT_COLUMNS` as text, a `side` that is not
-    written as null. Columns that are `required` must be
-    there and, but for `TEXT_COLUMNS`, hold numbers. `of` is the table's name where `path` is an archive of several.
-    Raises InputError where it is missing, is no CSV, or was refused."""
+    A column without any entry is read as Float64 null, `TEXT_COLUMNS` as text, a `side` that is not written as null.
+    Columns that are `required` must be there and, but for `TEXT_COLUMNS`, hold numbers. `of` is the table's name where
+    `path` is an archive of several. Raises InputError where it is missing, is no CSV, or was refused."""
     path = Path(path)
     check_not_refused(path)
     if not path.is_file():
@@ -110,8 +110,7 @@ def read_table(path: Path | str, required: Sequence[str] = (), of: str = "") -> 
             missing = f"{path / of}.csv: no such table ({error})"
             raise InputError(f"{missing}; run the step that writes it, or check the path") from error
     try:
-        text = dict.fromkeys(TEXT_COLUMNS, pl.String)
-        table = pl.read_csv(source, infer_schema_length=None, schema_overrides=text)
+        table = typed_csv(source)
     except pl.exceptions.PolarsError as error:
         reason = str(error).strip().splitlines()[0]
         raise InputError(f"{path}: not a CSV table ({reason}); rewrite it with the step that makes it") from error
@@ -132,6 +131,17 @@ def read_table(path: Path | str, required: Sequence[str] = (), of: str = "") -> 
             raise InputError(f"{path}: line {row + 2}: {said}")
     blank = all(one.has_nulls() for one in table)  # there may be blank lines, as an editor leaves them
     return table.filter(~pl.all_horizontal(pl.all().is_null())) if blank else table
+
+
+def typed_csv(source: Path | bytes) -> pl.DataFrame:
+    """A table with the types of all its rows. The first ones tell them, in a third of the time, unless a later entry
+    does not fit, or is the first of its column."""
+    read, first = partial(pl.read_csv, source, schema_overrides=dict.fromkeys(TEXT_COLUMNS, pl.String)), 1000
+    with suppress(pl.exceptions.ComputeError):
+        table: pl.DataFrame = read(infer_schema_length=first)
+        if not any(one.head(first).null_count() == first and one.null_count() < len(one) for one in table):
+            return table
+    return read(infer_schema_length=None)
 
 
 OF_ROW = ("trial", "joint", "side", "amplitude_deg")  # columns that say what a row of a table and of its evidence is

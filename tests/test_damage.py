@@ -1,7 +1,6 @@
 """Files of every format, damaged at random: whatever is read was written, or a loss is told, exactly or as not known.
 
-`python tests/test_damage.py 20000 [seed]` reads as many; the suite reads a few hundred.
-"""
+`python tests/test_damage.py 20000 [seed]` reads as many; the suite reads a few hundred."""
 
 import random
 import sys

@@ -341,7 +341,7 @@ def test_a_pilot_states_friction_and_what_no_longer_record_cures(tmp_path):
     (("--trial", "a"), "give its results by --from too"), (("--stiffness-within", "0"), "no percentage"),
     (("--damping-within", "100%"), "no percentage"), (("--frequencies", "1,nan"), "give a finite number"),
     (("--inertia", "0", "--inertia-within", "5%"), "--inertia-within is a share of an expected I of 0; give --inertia"),
-    (("--amplitudes", "2,0"), "frequencies and amplitudes of a stepped sine are above 0"),
+    (("--amplitudes", "2,0"), "frequencies and amplitudes of sines are above 0"),
     (("--excitation", "chirp", "--band", "1"), "--band has the lowest and the highest frequency"),
     (("--excitation", "noise", "--rms", "3", "--peak", "4"), "give --rms or --peak, not both"),
     (("--encoder-bits", "12", "--encoder-step", "0.01"), "give --encoder-bits or --encoder-step, not both"),

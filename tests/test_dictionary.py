@@ -77,8 +77,9 @@ def test_every_number_null_and_nan_reads_back_to_the_last_bit(tmp_path_factory, 
     assert finite_or_null(row) == {"value": None, "inner": {"low": None, "high": 1.5}}
 
 
-def test_names_of_digits_are_text_decimals_may_come_late_and_an_empty_column_holds_numbers(tmp_path):
-    table = pl.DataFrame({"trial": ["01"] * 5000, "amplitude_deg": [None] * 5000, "K": ["1"] * 4999 + ["1.5"]})
+@pytest.mark.parametrize("late", [["1"] * 4999 + ["1.5"], [None] * 4999 + [1.5]])
+def test_names_of_digits_are_text_numbers_may_come_late_and_an_empty_column_holds_numbers(tmp_path, late):
+    table = pl.DataFrame({"trial": ["01"] * 5000, "amplitude_deg": [None] * 5000, "K": late})
     write_table(table, tmp_path / "a/b/t.csv")
     read = read_table(tmp_path / "a/b/t.csv")
     assert (read.row(-1), read["amplitude_deg"].dtype) == (("01", None, 1.5), pl.Float64)

@@ -359,7 +359,7 @@ def test_fig6_has_points_that_touch_no_other_and_a_perfect_fit_at_the_end_of_its
 
 @pytest.mark.parametrize(("name", "table", "message"), [
     ("fig5", stored("impedance").drop_nulls("amplitude_deg"), "no fit over all amplitudes"),
-    ("fig6", stored("impedance").with_columns(VAF=float("nan")), "no VAF of a single amplitude"),
+    ("fig6", stored("impedance").with_columns(VAF=float("nan")), "no VAF of one amplitude"),
     ("fig7", pl.DataFrame({"K_d": [100.0, 200.0], "B_d": 0.0}), "2 desired impedances"),
     ("fig9", stored("walking_summary").with_columns(mean=pl.lit(None, pl.Float64)), "no perturbation has a fit"),
 ])  # fmt: skip

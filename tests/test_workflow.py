@@ -334,8 +334,7 @@ def laboratory(workspace, tmp_path_factory):
     """The same campaign as a laboratory's, with six bad trials, after its first run.
 
     One log is missing, one is damaged, one is another trial's and is refused by the fit; a capture cannot be read, the
-    process that reads another is killed. A crossing that the sheet calls unperturbed is perturbed: it is excluded.
-    """
+    process that reads another is killed. A crossing that the sheet calls unperturbed is perturbed: it is excluded."""
     space = Workspace(tmp_path_factory.mktemp("laboratory"), workspace, ("results", ".snakemake", "truth"))
     space.configure({"simulation": None})
     logs, path = space.folder / "raw_data/small/dynamometer", space.folder / "raw_data/small/trials.csv"

@@ -375,8 +375,7 @@ def repeated_trials_table(impedance: pl.DataFrame) -> pl.DataFrame:
     Each trial counts with its fit to all of its motion. The interval contains everything that differs from trial to
     trial, as the distortion that friction makes of another realisation of a random motion; the intervals of the single
     trials may not. Doubtful fits are left out where half of the trials or more are sound. Of trials without a stated
-    K_d, each of which may have been asked for another, only `repeating_trials` are repeats.
-    """
+    K_d, each of which may have been asked for another, only `repeating_trials` are repeats."""
     whole = impedance.filter(pl.col("amplitude_deg").is_null()) if "amplitude_deg" in impedance.columns else impedance
     same = ("joint", "side", "controller", "K_d", "B_d", "group", "excitation")
     keys, rows = [name for name in same if name in whole.columns], list[dict[str, object]]()

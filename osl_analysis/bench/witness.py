@@ -112,7 +112,7 @@ class View:
         self.bandwidth = high - low
         self.time = (few.time - few.time.mean()) / float(np.ptp(few.time))
         self.seconds = float(np.ptp(few.time))
-        self.few = int(self.padded * RATE_HZ / few.rate_hz)
+        self.few = round(self.padded * RATE_HZ / few.rate_hz)
         at = np.rint(np.arange(self.few) * self.padded / self.few).astype(np.intp)
         self.rows = np.flatnonzero((at < self.n) & fitted[np.minimum(at, self.n - 1)])
         self.moments = np.quantile(self.time[at[self.rows]], MOMENTS)

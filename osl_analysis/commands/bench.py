@@ -193,10 +193,9 @@ def gather_predictions(
     parameters: FileOrNone = None,
 ) -> None:
     """The predictions of all trials with their intervals, what would explain what they leave, and how much that is at
-    each frequency. `records` are those
-    of their fits, `table` is `impedance.csv`, `law` is `law.csv`: where other gains ran than were programmed, these
-    count. `unpredicted` says why other trials with known gains have none. The controller smooths the sign of the
-    velocity over `sign_width` [rad/s], `weight` is W of Eq. 14."""
+    each frequency. `records` are those of their fits, `table` is `impedance.csv`, `law` is `law.csv`: where other gains
+    ran than were programmed, these count. `unpredicted` says why other trials with known gains have none. The
+    controller smooths the sign of the velocity over `sign_width` [rad/s], `weight` is W of Eq. 14."""
     fits, without = with_evidence(table).filter(pl.col("amplitude_deg").is_null()), dict(unpredicted)
     p, measured = known_parameters(parameters), {part: read_table(path) for part, path in components.items()}
     predicted, found = fits.filter(pl.col("trial").is_in([path.stem for path in records])), []

@@ -126,9 +126,7 @@ def copy_recordings(campaign: Campaign, crate: Path, raw: bool) -> None:
     recordings = sorted({file for trial in campaign.trials() for file in campaign.logs(trial)})
     hashes = {file.relative_to(config.raw_data).as_posix(): digest(file) for file in recordings}
     if missing := [name for name, found in hashes.items() if found is None]:
-        raise InputError(
-            f"{config.raw_data / missing[0]}: cannot be read; the bundle needs every recording, or its hash"
-        )
+        raise InputError(f"{config.raw_data / missing[0]}: cannot be read; a bundle needs every recording or its hash")
     write_text(crate / "recordings.sha256", "".join(f"{found}  {RAW}/{name}\n" for name, found in hashes.items()))
     for file in recordings if raw else ():
         copy(file, crate / RAW / file.relative_to(config.raw_data))

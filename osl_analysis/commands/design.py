@@ -248,9 +248,7 @@ def plan_of(chosen: Mapping[str, Any], bench: DynamometerAnalysis, longer: bool)
             "amplitudes_deg, frequencies_hz and cycles under `dynamometer`"
         )
     if not all(0 < x < np.inf for x in (*frequencies, *amplitudes)):
-        raise InputError(
-            "frequencies and amplitudes of a stepped sine are above 0; correct --frequencies, --amplitudes"
-        )
+        raise InputError("frequencies and amplitudes of sines are above 0; correct --frequencies, --amplitudes")
     cycles = bench.protocol.cycles_at
     if chosen["cycles"] is not None or len(set(cycles)) == 1:
         cycles = (float(chosen["cycles"] or cycles[0]),) * len(frequencies)

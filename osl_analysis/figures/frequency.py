@@ -29,9 +29,7 @@ def fig7_points(response: pl.DataFrame, curves: Sequence[pl.DataFrame]) -> pl.Da
     `response_curve`: the desired response and, where there is a prediction, that of a controller's linear model."""
     impedances = response.select("K_d", "B_d").n_unique()
     if impedances > 1:
-        raise InputError(
-            f"frequency responses of {impedances} desired impedances; Fig. 7 draws one: select K_d and B_d"
-        )
+        raise InputError(f"frequency responses of {impedances} desired impedances; Fig. 7 draws one: select K_d, B_d")
     if "look" not in response.columns:
         response = response.with_columns(names.look_numbers(response["controller"]))
     numbers = response.select("controller", "look").unique()

@@ -210,9 +210,7 @@ def fig6_points(impedance: pl.DataFrame) -> pl.DataFrame:
     single = (pl.col("amplitude_deg").is_not_null() | (pl.len().over("trial") == 1)) & pl.col("VAF").is_finite()
     table = impedance.filter(single)
     if table.is_empty():
-        raise InputError(
-            "the impedance table has no VAF of a single amplitude, which Fig. 6 draws; fit the trials again"
-        )
+        raise InputError("the impedance table has no VAF of one amplitude, which Fig. 6 draws; fit the trials again")
     return names.completed(table.with_columns(names.look_numbers(table["controller"])), columns_of("fig6"), True)
 
 

@@ -2,6 +2,7 @@
 
 import hashlib
 import math
+import os
 from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -91,9 +92,7 @@ def begins_with(mark: bytes) -> Callable[[bytes], bool]:
 
 
 TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".dat", ".lvm", ".asc")
-BINARY_SUFFIXES = (
-    ".xlsx", ".xls", ".ods", ".parquet", ".feather", ".arrow", ".arrows", ".ipc", ".npy", ".npz", ".h5", ".hdf5",
-)  # fmt: skip
+BINARY = (".xlsx", ".xls", ".ods", ".parquet", ".feather", ".arrow", ".arrows", ".ipc", ".npy", ".npz", ".h5", ".hdf5")
 KNOWN: Mapping[str, tuple[Callable[[bytes], bool], tuple[str, ...], FileReader, FileLister]] = {
     "mcap": (begins_with(MAGIC), (".mcap",), read_message_log, partial(inspect_messages, "mcap")),
     "rosbag1": (begins_with(ANY_BAG1), (".bag",), read_message_log, partial(inspect_messages, "rosbag1")),
@@ -105,7 +104,7 @@ KNOWN: Mapping[str, tuple[Callable[[bytes], bool], tuple[str, ...], FileReader, 
     "trc": (is_trc, (".trc",), read_trc_capture, overview.inspect_trc),
     "opensim": (is_opensim, (".mot", ".sto"), read_table_log, overview.inspect_opensim),
     "json_lines": (is_json_lines, (".jsonl", ".ndjson"), read_table_log, overview.inspect_json),
-    "table": (is_table_file, BINARY_SUFFIXES, read_table_log, partial(overview.inspect_table, "table")),
+    "table": (is_table_file, BINARY, read_table_log, partial(overview.inspect_table, "table")),
     "csv": (is_text, TEXT_SUFFIXES, read_table_log, partial(overview.inspect_table, "csv")),
 }
 FORMATS = {name: KnownFormat(SOURCES[name], *facts) for name, facts in KNOWN.items()}
@@ -207,6 +206,7 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
             raise InputError(f"trial {name}: {role}_source is empty; name the file in {sources_folder} for {given}")
         check_file(path)
         parts = files_in(path) if path.is_dir() else [path]
+        before = [written_at(part) for part in parts]
         every, described = [identity_of(part) for part in parts], read_source(sources_folder / f"{source}.yaml")
         check_copies(path, every)
         known, sources[role] = FORMATS[described.format], described
@@ -227,8 +227,8 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
             with naming(path):
                 check_sizes(recordings[role])
         finally:  # also where it cannot be read: it may have changed in between
-            for part, before in zip(parts, every, strict=True):
-                if not part.is_file() or identity_of(part) != before:
+            for part, then in zip(parts, before, strict=True):
+                if not part.is_file() or written_at(part) != then:
                     what = "the file changed while it was read"
                     raise InputError(f"{part}: {what}; wait until it is recorded or copied, then run again")
         if path.is_dir():  # of a folder size and hash of all files together, and those of each
@@ -256,15 +256,17 @@ def surprise(scatter: float, level: float) -> float:
 
 def as_written(recording: Recording, column: str) -> tuple[NDArray[np.intp], Array]:
     """The rows (n,) in which a column has a reading, and the readings (n,) as the file has them."""
-    rows, origin = np.flatnonzero(np.isfinite(recording.samples[column].to_numpy())), recording.columns[column]
+    values, origin = recording.samples[column].to_numpy(), recording.columns[column]
     factor = math.prod(origin.get(key, 1) for key in ("sign", "scale", "factor")) or 1
-    return rows, recording.samples[column].to_numpy()[rows] / factor - origin.get("offset", 0)
+    rows = np.flatnonzero(np.isfinite(values))
+    return rows, values[rows] / factor - origin.get("offset", 0)
 
 
 def channels_with_noise(recording: Recording) -> tuple[list[tuple[str, NDArray[np.intp], Array]], list[float]]:
     """The measured channels with noise: name, rows (n,), readings (n,), without those that its recorder held; and how
     unlikely the quietest piece of each makes a reading equal to another."""
     parts, sure = list[tuple[str, NDArray[np.intp], Array]](), list[float]()
+    alike: dict[int, list[tuple[str, NDArray[np.intp], Array, Array]]] = {}  # by the length of their pieces
     for column in recording.columns:
         if column.endswith("_command") or unit_of(column) in NO_SENSOR:
             continue
@@ -274,9 +276,13 @@ def channels_with_noise(recording: Recording) -> tuple[list[tuple[str, NDArray[n
         if 1 < fresh.size < 0.75 * x.size and np.mean(steps == np.median(steps)) > 0.8:
             rows, x = rows[fresh], x[fresh]
         piece = np.linspace(0, x.size - min(x.size, 200), 8).astype(int)[:, None] + np.arange(min(x.size, 200))
-        if quietest := surprise(*min(noise_of_pieces(x[piece]))):
-            parts.append((column, rows, x))
-            sure.append(quietest)
+        alike.setdefault(piece.shape[1], []).append((column, rows, x, x[piece]))
+    for group in alike.values():
+        noise = noise_of_pieces(np.concatenate([pieces for *_, pieces in group]))
+        for k, (column, rows, x, _) in enumerate(group):
+            if quietest := surprise(*min(noise[8 * k : 8 * k + 8])):
+                parts.append((column, rows, x))
+                sure.append(quietest)
     return parts, sure
 
 
@@ -364,7 +370,7 @@ def tell_leaps_of_all(recording: Recording) -> None:
     if not markers:
         return
     seen = recording.samples.select("time", *markers).filter(pl.any_horizontal(pl.col(markers).is_not_null()))
-    if leaps := run_edges(np.mean(bends_of(seen[markers].to_numpy()) > 25, axis=1) >= 0.8).tolist():
+    if leaps := run_edges(np.mean([bends_of(one.to_numpy()) > 25 for one in seen[markers]], axis=0) >= 0.8).tolist():
         first = f"{len(leaps)} times all markers leap in one frame, first at {seen['time'][leaps[0][0] + 1]:.3f} s"
         recording.damage.remarks.append(f"{first}: frames are missing there, or a part of the file was moved")
         recording.damage.is_doubted = True
@@ -415,6 +421,13 @@ def check_copies(path: Path, parts: Sequence[Mapping[str, Any]]) -> None:
                 f"{path}: its file {part['path']} is a copy of {other}, so that what it should hold is missing; copy "
                 "the recording again"
             )
+
+
+def written_at(path: Path) -> tuple[int, ...]:
+    """What changes where a file is written to, or replaced, while it is read."""
+    with path.open("rb") as file:  # a file system of another machine is asked anew
+        known = os.fstat(file.fileno())
+    return known.st_ino, known.st_size, known.st_mtime_ns, known.st_ctime_ns
 
 
 def identity_of(path: Path) -> dict[str, Any]:

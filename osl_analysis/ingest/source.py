@@ -697,8 +697,7 @@ def values_of_no_sensor(column: str, time: Array, x: Array, origin: Mapping[str,
     most = 0.5 * time.size / (np.ptp(time) or np.inf) if time.size else 0.0  # what is held for longer is stuck
     if "torque" in column and np.mean(stays) < 0.1:  # else a sensor of few levels, which may rest at each
         zeros += [(a, b) for a, b in jumped_into(x, stays, bends, True, (10, most)) if np.sum(x == x[a]) <= b - a + 3]
-    elsewhere = x[~nought]
-    if zeros and not noise_in(elsewhere, slice(elsewhere.size // 4, elsewhere.size // 4 + AMID))[0]:
+    if zeros and not noise_in(elsewhere := x[~nought], slice(elsewhere.size // 4, elsewhere.size // 4 + AMID))[0]:
         zeros = []  # a quiet sensor, or a simulation, that rests
     for a, b in zeros:
         lost[a : b + 1] = True
@@ -708,9 +707,11 @@ def values_of_no_sensor(column: str, time: Array, x: Array, origin: Mapping[str,
 @np.errstate(over="ignore", invalid="ignore")
 def by_leaps(column: str, time: Array, x: Array, bends: Array) -> NDArray[np.bool_]:
     """Which readings (n,) of a column are no sensor's by its leaps (`values_of_no_sensor`)."""
-    lost, stays = np.zeros(x.size, bool), np.diff(x) == 0
-    leaps, rest = leaps_of(x, bends)
-    usual = float(np.median(np.diff(time))) if time.size > 1 else 0.0
+    lost, (leaps, rest) = np.zeros(x.size, bool), leaps_of(x, bends)
+    if not leaps:
+        return lost
+    stays = np.diff(x) == 0
+    usual = float(np.median(np.diff(time)))
     farthest = {"theta": 2000.0 * usual**2 * (usual > 0.0025), "theta_m": math.inf if usual > 0.0025 else 0.0}  # rad
     no_mass = list[int]()
     for a, b in leaps:
@@ -755,13 +756,14 @@ def exchanged(x: Array, bends: Array) -> NDArray[np.bool_]:
 
 @np.errstate(over="ignore", invalid="ignore")
 def bends_of(x: Array) -> Array:
-    """By how much readings (n, ...) leave the curve of those beside them, by what is usual: their third differences, of
+    """By how much readings (n,) leave the curve of those beside them, by what is usual: their third differences, of
     which the largest stands at the row into which a channel leaps; 0 at the ends, and where they are no numbers."""
-    bends = np.zeros(x.shape)
-    bends[2:-1] = np.nan_to_num(np.abs(np.diff(x, 3, axis=0)), posinf=1e300)
-    counts = (bends > 0) | ~bends.any(axis=0)
-    usual: Any = np.nanmedian(np.where(counts, bends, np.nan), axis=0) if bends.size else 1.0
-    return np.asarray(bends / np.maximum(usual, 1e-9 * np.nanmedian(np.abs(x), axis=0) + 1e-300)) if x.size else bends
+    bends, sizes = np.zeros(x.shape), np.abs(x)
+    bends[2:-1] = np.nan_to_num(np.abs(np.diff(x, 3)), posinf=1e300)
+    usual = float(np.median(counted)) if (counted := bends[bends > 0]).size else 0.0
+    if x.size and not usual > 1e-9 * np.nanmax(sizes):
+        usual = max(usual, 1e-9 * float(np.nanmedian(sizes)) + 1e-300)
+    return bends / (usual or 1.0)
 
 
 @np.errstate(over="ignore", invalid="ignore")
@@ -769,8 +771,9 @@ def leaps_of(x: Array, bends: Array) -> tuple[list[tuple[int, int]], float]:
     """The rows into which a channel (n,) leaps, each with that from which on it is back, after five at most, or itself;
     and how far it bends elsewhere. A leap is ten times as far as usual, and twice as far as the steps beside it,
     unlike a corner, or the fall and rise after a blow."""
-    found, others, most = list[tuple[int, int]](), bends.copy(), min(MOST_BENDS, x.size)
-    far = np.flatnonzero(bends > max(10.0, float(np.partition(bends, -most)[-most]) if most else 0.0))
+    found, others, far = list[tuple[int, int]](), bends.copy(), np.flatnonzero(bends > 10.0)
+    if far.size >= MOST_BENDS:
+        far = far[bends[far] > np.partition(bends[far], -MOST_BENDS)[-MOST_BENDS]]
     for group in np.split(far, np.flatnonzero(np.diff(far) > 2) + 1) if far.size else ():
         begin = max(int(group[0]) - 4, 0)
         steps = np.diff(x[begin : int(group[-1]) + 4])
@@ -793,7 +796,7 @@ def jumped_into(
     edges = run_edges(stands)
     edges = edges[np.all(np.sign(np.diff(edges) - held) == [1, -1], axis=1)]
     found = list[tuple[int, int]]()
-    far = np.abs(np.diff(x, prepend=x[:1])) > 0.02 * (np.ptp(x) if x.size else 0)
+    far = np.abs(np.diff(x, prepend=x[:1])) > 0.02 * np.ptp(x) if len(edges) else ()
     for a, b in edges.tolist():
         inside, at = a and b < x.size - 1, [one for one in (a, b + 1) if 0 < one < x.size]
         jumps = [far[one] * bends[one - 1 : one + 2].max() for one in at]

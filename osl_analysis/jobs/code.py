@@ -17,7 +17,6 @@ import yaml
 
 from osl_analysis.files import PACKAGE, write_text
 
-NO_CODE = ("lineno", "col_offset", "end_lineno", "end_col_offset", "ctx")  # in a node of the syntax tree
 TEXT = (ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 
 
@@ -68,11 +67,9 @@ class Sources:
     @cache  # noqa: B019
     def data(self, path: Path) -> str:
         """Fingerprint of a file beside a module; of YAML without comments."""
-        text = text_of(path)
-        is_yaml = path.suffix == ".yaml"
-        return str(
-            self.of_text(text, lambda: fingerprint(repr(yaml.load(text, yaml.CSafeLoader)) if is_yaml else text))
-        )
+        text, is_yaml = text_of(path), path.suffix == ".yaml"
+        said = self.of_text(text, lambda: fingerprint(repr(yaml.load(text, yaml.CSafeLoader)) if is_yaml else text))
+        return str(said)
 
     def code(self, *roots: str) -> str:
         """Fingerprint of commands or modules, named below `osl_analysis`, and of all of ours that they use."""
@@ -129,29 +126,26 @@ def content_of(statement: ast.stmt) -> tuple[str, set[str], set[str], dict[str, 
     `components.belt_trial`; its texts; what it imports of ours."""
     said, names, texts, imports, left = list[str](), set[str](), set[str](), dict[str, str](), list[Any]([statement])
     while left:
-        node = left.pop()
-        if not isinstance(node, ast.AST):
-            said.append(repr(node))
-            continue
-        attributes = ""
-        while isinstance(node, ast.Attribute):
+        node, attributes = left.pop(), ""
+        while (kind := type(node)) is ast.Attribute:
             attributes, node = f".{node.attr}{attributes}", node.value
-        said += attributes, type(node).__name__
-        if isinstance(node, ast.Name):
+        said += attributes, kind.__name__ if isinstance(node, ast.AST) else repr(node)
+        if kind is ast.Name:
             names.add(node.id + attributes)
-        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+        elif kind is ast.Constant and type(node.value) is str:
             texts.add(node.value)
-        elif isinstance(node, ast.Import | ast.ImportFrom):
+        elif kind in (ast.Import, ast.ImportFrom):
             imports |= imported(node)
-        elif isinstance(node, TEXT):
+        elif kind in TEXT:
             node.body = [one for one in node.body if not is_docstring(one)] or [ast.Pass()]
-        for name, value in vars(node).items():
-            if value is None or name in NO_CODE:
-                continue
-            values = value if isinstance(value, list) else [value]
-            if values:
-                said.append(f"{name} {len(values)}")
-            left += values
+        for name in getattr(kind, "_fields", ()):
+            if type(value := getattr(node, name)) is list:
+                said.append(f"{name} {len(value)}")
+                left += value
+            elif not isinstance(value, ast.AST):
+                said.append(f"{name} {value!r}")
+            elif name != "ctx":
+                left.append(value)
     return "\n".join(said), names, texts, imports
 
 
@@ -189,8 +183,7 @@ def data_of(module: str, statement: Statement) -> Iterator[Path]:
     """The files beside a module that a statement names, as `table.yaml`, or as `.yaml` for one of the module's name."""
     file = module_file(module)
     assert file is not None
-    named = [
-        file.with_suffix(text) if re.fullmatch(r"\.\w+", text) else (file.parent / text).resolve()
-        for text in statement.data
-    ]
-    yield from (path for path in named if path.suffix != ".py" and path.is_file())
+    for text in statement.data:
+        path = file.with_suffix(text) if re.fullmatch(r"\.\w+", text) else (file.parent / text).resolve()
+        if path.suffix != ".py" and path.is_file():
+            yield path

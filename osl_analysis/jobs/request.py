@@ -104,6 +104,8 @@ class Requests:
 
     def known_code(self, *roots: str) -> str:
         """`Sources.code`. What is parsed for it is kept, where jobs are run."""
+        if self.elsewhere is None and not self.sources.known:
+            running_server()  # which imports while all modules are parsed
         code = self.sources.code(*roots)
         if self.elsewhere is None:
             self.sources.write()

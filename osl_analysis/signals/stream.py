@@ -116,7 +116,7 @@ def held_values(signal: Array, step: float) -> HeldValues | None:
     first = np.flatnonzero(np.diff(signal)) + 1
     if FEWEST_STAMPS < len(signal) - len(first) < 0.5 * len(signal):
         # a source that is hardly slower: all values lie on a straight line to within a row, which is no chance
-        period = float(np.polyfit(np.arange(len(first)), first, 1)[0])
+        period, _ = line_through(np.arange(len(first)), first.astype(np.float64))
         is_even = np.ptp(first - period * np.arange(len(first))) < 1.2 and len(first) * period > len(signal) - 3
         return HeldValues(first.astype(np.float64), signal[first], period) if is_even else None
     if not FEWEST_STAMPS < len(first) < 0.6 * len(signal):

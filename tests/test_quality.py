@@ -115,6 +115,8 @@ def failed(found):
 
 def test_a_sound_recording_passes_every_check():
     assert (failed(results(bench())), failed(results(laboratory(), "walking"))) == (set(), set())
+    of_older = measured_table("t", results(bench())).with_columns(check=pl.lit("gone"))
+    assert judged_table(of_older, RULES, {}).is_empty(), "a check that an older release had"
 
 
 AWAY, BEYOND = (np.arange(ANGLE.size) > 2000) & (np.arange(ANGLE.size) < 2500), longest_run(TORQUE > 15)

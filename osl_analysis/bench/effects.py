@@ -36,10 +36,7 @@ LONGEST_LAG = 0.02  # s up to which the series of a late torque is used
 POSSIBLE = 2.0  # standard errors by which an effect may be larger than it is found
 WOUND_UP = (0.5e-3, 1.5e-3, 4e-3)  # half-widths [rad] of springs that slip, of which a belt's hysteresis is made
 BELT_ERROR = 80e-6  # s by which hysteresis that is not made of these shifts a lag (SD); of simulated legs 10 to 150
-HELD_LINE = (
-    10.0,
-    0.5,
-)  # times its noise, and share by which it may differ, of the line of a torque that is held; 3.4, 0.95
+HELD_LINE = (10.0, 0.5)  # of a held torque's line: least multiple of its noise, and share by which it may differ
 OTHER_B_J = 3.0  # factor by which losses differ from those of the parameter file, from joint to joint
 CANNOT_TELL = (IdentifiabilityError, InputError, np.linalg.LinAlgError)  # a motion does not tell effects apart
 

@@ -120,23 +120,31 @@ def late_by(columns: Array, rate_hz: float, delay_s: float) -> Array:
     return np.pad(columns, ((round(delay_s * rate_hz), 0), (0, 0)))[: len(columns)]
 
 
+def long_pieces(record: Record, slow_hz: float) -> list[slice]:
+    """The pieces of a record between its ends and gaps that a filter of some cut-off [Hz] takes; the longest anyway."""
+    lengths = [piece.stop - piece.start for piece in record.pieces]
+    least = min(3 * record.rate_hz / slow_hz + 1, max(lengths))
+    return [piece for piece, length in zip(record.pieces, lengths, strict=True) if length >= least]
+
+
 def without_slow(record: Record, signals: Array, slow_hz: float) -> Array:
-    """Signals (n, ...) of a record without what is slower than some frequency [Hz], by a zero-phase filter between the
-    first and the last row that is fitted: beyond, derivatives are wrong, and would be so for a second within."""
-    fitted = slice(record.pieces[0].start, record.pieces[-1].stop)
+    """Signals (n, ...) of a record without what is slower than some frequency [Hz], by a zero-phase filter in each of
+    its pieces: beside them derivatives are wrong, and would be so for a second within."""
     quick = np.zeros_like(signals)
-    quick[fitted] = signals[fitted] - LowPass(slow_hz, 2)(signals[fitted], record.rate_hz)
+    for piece in long_pieces(record, slow_hz):
+        quick[piece] = signals[piece] - LowPass(slow_hz, 2)(signals[piece], record.rate_hz)
     return quick
 
 
 def without_will(record: Record, slow_hz: float, memory_s: float = 0.0) -> Record:
     """The record without the slow part of angle and torque, about their means, in stretches of a thirtieth, and without
-    the rows at the start whose past of `memory_s` was not recorded."""
+    the rows of each piece whose past of `memory_s` was not recorded."""
     signals = record.motion.theta, record.motion.omega, record.motion.alpha, record.filtered_torque
     theta, omega, alpha, torque = (without_slow(record, one, slow_hz) for one in signals)
     angle, level = (float(record.part(signals[k]).mean()) for k in (0, 3))
-    first = record.pieces[0].start + round(memory_s * record.rate_hz)
-    pieces = [slice(max(one.start, first), one.stop) for one in record.pieces if one.stop > first]
+    past = round(memory_s * record.rate_hz)
+    longer = [one for one in long_pieces(record, slow_hz) if one.stop - one.start > past]
+    pieces = [slice(one.start + past, one.stop) for one in longer]
     groups = stretches_of(pieces, record.rate_hz, max(record.seconds / BLOCKS, SHORTEST_BLOCK_S))
     motion = Motion(theta + angle, omega, alpha)
     return replace(record, motion=motion, filtered_torque=torque + level, groups=groups, periodic=None)

@@ -3,9 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
+import polars as pl
 import pytest
 import scipy
-from any_motion import MOTIONS_60, TRUE, made_trial, sines, slow_ramps
+from any_motion import MOTIONS_60, TRUE, made_trial, noise, sines, slow_ramps
 from conftest import ROOT, findings_of
 from scipy.interpolate import make_interp_spline
 from scipy.ndimage import gaussian_filter1d
@@ -18,6 +19,7 @@ from osl_analysis.bench.settings import DynamometerAnalysis, HumanJoint
 from osl_analysis.bench.witness import FAMILIES, HARM, HEARD, Court, witness_row
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.judge.limits import Limits
+from osl_analysis.trial import Trial
 
 SETTINGS = read_section(ROOT / "config/config.yaml", "dynamometer", DynamometerAnalysis)
 
@@ -224,6 +226,17 @@ def between_two_levels(rng, seconds=60, corner=8.0):
         motion += 0.07 * side * np.array(step)
         side = -side
     return time, motion
+
+
+def test_what_a_gap_bridges_is_no_evidence_seconds_around_it():
+    """Three gaps of 0.4 s made a sound joint's torque late, or left unexplained what no model bridges."""
+    time, motion = noise(rng := np.random.default_rng(2), (0.3, 6.0), 2.0, 60.0, 1000.0)
+    samples = made_trial(rng, (time, motion), bits=14).samples
+    seen = np.all([np.abs(time - at) > 0.2 for at in (15, 30, 45)], axis=0)
+    record = record_of_trial(Trial("made", samples.filter(pl.Series(seen))), SETTINGS)
+    row = witness_row(record)
+    assert (row["heard"], row["path_shift"], len(record.pieces)) == (None, 0, 4)
+    assert row["VAF_in_band"] > 99.99
 
 
 @pytest.mark.parametrize(("corner", "seed"), [(8.0, 0), (8.0, 3), (12.8, 1), (12.8, 6)])

@@ -454,6 +454,14 @@ def test_a_person_s_recording_is_explained_to_its_ends_and_to_its_gaps(gap_s):
     assert np.ptp(analysis.whole.interval("K")) < 1.3 * np.ptp(whole.whole.interval("K"))
 
 
+def test_a_person_s_joint_whose_inertia_is_certainly_negative_is_doubtful():
+    """Behind a mean of 26 ms; a delay of 4 ms with `human: true` was clear, too."""
+    samples = reflexive(np.random.default_rng(1), 3.0, band=(0.3, 15.0)).samples
+    _, row = person(Trial("made", samples.with_columns(pl.col("torque").rolling_mean(13, min_samples=1))))
+    assert row["I_bound"] == row["I_high"] < 0
+    assert "torque path" in row["doubtful"].split("; ")
+
+
 @pytest.mark.parametrize(("delay", "order"), [(0.045, 2), (0.055, 2), (0.045, 3)])
 def test_the_range_of_a_reflex_s_delay_allows_for_muscle_whose_corner_and_order_are_not_known(delay, order):
     row = person(reflexive(np.random.default_rng(0), 6.0, delay=delay, band=(0.3, 20.0), order=order))[1]

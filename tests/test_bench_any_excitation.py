@@ -455,9 +455,8 @@ def test_a_person_s_recording_is_explained_to_its_ends_and_to_its_gaps(gap_s):
 
 
 def test_a_person_s_joint_whose_inertia_is_certainly_negative_is_doubtful():
-    """Behind a mean of 26 ms; a delay of 4 ms with `human: true` was clear, too."""
-    samples = reflexive(np.random.default_rng(1), 3.0, band=(0.3, 15.0)).samples
-    _, row = person(Trial("made", samples.with_columns(pl.col("torque").rolling_mean(13, min_samples=1))))
+    """A torque late by d takes B d off I. Through a mean of 15 ms a device with `human: true` was clear, too."""
+    _, row = person(reflexive(np.random.default_rng(1), 3.0, B=4.0, I=5e-3, late=6e-3))
     assert row["I_bound"] == row["I_high"] < 0
     assert "torque path" in row["doubtful"].split("; ")
 

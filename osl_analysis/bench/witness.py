@@ -537,7 +537,7 @@ class Court:
         may_be = misfit - by_friction > RUBBING * (misfit - least)
         if self.view.rubs and least > EXPLAINS * misfit:  # and K, or B, is open beside certain friction
             may_be |= bool(harm_of(none.half, none.estimates)[:-1].max() > 1)
-        if may_be and rubs.possible and min(by_friction, least) < by_reflex:
+        if all((may_be, rubs.possible, min(by_friction, least) < by_reflex)):
             return none, [rubs, shapes, *alike]
         return none, [*alike, *[shapes] * bool(alike and by_shapes < (1 - NEAR_PATH) * least)]
 

@@ -94,12 +94,11 @@ class View:
         fitted[:edge] = fitted[self.n - edge :] = False
         first_row, last = np.flatnonzero(fitted)[[0, -1]].tolist()
         self.inside = slice(first_row, last + 1)
-        Z = np.column_stack([few.motion.columns, np.ones(self.n)])
-        model = Z @ np.linalg.lstsq(Z[fitted], few.filtered_torque[fitted])[0]
-        torque = np.where(
-            few.usable, few.filtered_torque, model
-        )  # a bridged one is of no joint, seconds around the gap
-        theta, torque = (between_ends(x, few.rate_hz) for x in (few.motion.theta, torque))
+        theta, torque = few.motion.theta, few.filtered_torque
+        if not few.usable.all():  # a bridged torque is of no joint, and in the band seconds around the gap
+            Z = np.column_stack([few.motion.columns, np.ones(self.n)])
+            torque = np.where(few.usable, torque, Z @ np.linalg.lstsq(Z[fitted], torque[fitted])[0])
+        theta, torque = (between_ends(x, few.rate_hz) for x in (theta, torque))
         self.motion, self.torques = [theta, few.motion.omega, few.motion.alpha], [torque]
         for signals, number in ((self.motion, 3 + SERIES), (self.torques, 3)):
             while len(signals) < number:

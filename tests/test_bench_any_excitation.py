@@ -409,16 +409,18 @@ def test_human_ankles_give_a_stiffness_and_what_their_reflexes_leave_of_it():
             alone, (_, row) = row_of(trial), person(trial, cutoff_hz=40.0)
             found[name] = row["K_low"] < row["K"] < row["K_high"] and 20 < row["K"] < 200
             found[name] &= name == "pilot" or (alone["reflex_p"] < 1e-9 and row["VAF_held_out"] > 87)
-            found[name] &= row["reflex_delay_ms"] in HumanJoint().delays_ms and 0.5 < row["reflex_share"] < 60
+            found[name] &= 30 <= row["reflex_delay_ms"] <= 60 and 0.5 < row["reflex_share"] < 60
     assert all(found.values()), found
 
 
-def reflexive(rng, gain, noise_nm=0.15, rate=500.0, delay=0.045, band=(0.3, 8.0), order=2, **impedance):
-    """A joint of 45 s whose torque has, beside Eq. 15, `gain` [N*m*s/rad] times the rising speed, 45 ms late behind a
-    low-pass of second or third order at 20 rad/s, and slow noise as of a person's will, of none of our columns."""
+def reflexive(rng, gain, noise_nm=0.15, rate=500.0, delay=0.044, band=(0.3, 8.0), order=2, **impedance):
+    """A joint of 45 s whose torque has, beside Eq. 15, `gain` [N*m*s/rad] times the rising speed, 44 ms late behind a
+    low-pass of some order at 20 rad/s, and slow noise as of a person's will, of none of our columns."""
     time, motion = noise(rng, band, 1.2, 45.0, rate)
     late = np.concatenate([np.zeros(round(delay * rate)), np.maximum(motion[1], 0)])[: len(time)]
-    top, bottom, _ = cont2discrete(([400.0], np.polymul([1, 36.0, 400.0], [1 / 20, 1][3 - order :])), 1 / rate)
+    top, bottom, _ = cont2discrete(
+        ([400.0], [[20, 400.0], [1, 36.0, 400.0], [1 / 20, 2.8, 56.0, 400.0]][order - 1]), 1 / rate, "bilinear"
+    )
     will = lfilter(*butter(1, 2 / (rate / 2)), rng.standard_normal(len(time)))
     more = gain * lfilter(top[0], bottom, late) + noise_nm * will / will.std()
     return made_trial(rng, (time, motion), more=more, **{"K": 90.0, "B": 1.0, "I": 0.016} | impedance)
@@ -444,7 +446,7 @@ def test_a_person_s_recording_is_explained_to_its_ends_and_to_its_gaps(gap_s):
     60 % of it). The reflex has a past, too, which was not recorded."""
     cut = reflexive(np.random.default_rng(0), 6.0).samples[5 * 500 : -5 * 500]
     seen = ((cut["time"] - 20).abs() > gap_s / 2) & ((cut["time"] - 30).abs() > gap_s / 2)
-    whole, analysis = (person(Trial("made", one))[0].analysis for one in (cut, cut.filter(seen)))
+    whole, analysis = (person(Trial("made", one))[0][1] for one in (cut, cut.filter(seen)))
     left = analysis.record.filtered_torque - analysis.modelled(None, np.arange(len(analysis.record.time)))
     pieces = analysis.record.pieces
     assert len(pieces) == (3 if gap_s else 1)
@@ -461,12 +463,14 @@ def test_a_person_s_joint_whose_inertia_is_certainly_negative_is_doubtful():
     assert "torque path" in row["doubtful"].split("; ")
 
 
-@pytest.mark.parametrize(("delay", "order"), [(0.045, 2), (0.055, 2), (0.045, 3)])
-def test_the_range_of_a_reflex_s_delay_allows_for_muscle_whose_corner_and_order_are_not_known(delay, order):
-    row = person(reflexive(np.random.default_rng(0), 6.0, delay=delay, band=(0.3, 20.0), order=order))[1]
-    assert row["reflex_delay_low_ms"] - 1e-6 <= 1e3 * delay <= row["reflex_delay_high_ms"] + 1e-6 <= 60.1
-    assert row["reflex_delay_high_ms"] - row["reflex_delay_low_ms"] < 23
-    assert order == 3 or row["reflex_delay_ms"] == pytest.approx(1e3 * delay, abs=5.1)
+@pytest.mark.parametrize(("delay", "order"), [(0.034, 1), (0.044, 2), (0.054, 2), (0.044, 3)])
+def test_the_intervals_of_a_person_with_little_noise_hold_what_is_true_by_muscle_of_any_order(delay, order):
+    """Cosines after delays 5 ms apart had B 1.3 % off with an interval of 0.1 %, of first order all 20 % off."""
+    row = person(reflexive(np.random.default_rng(0), 6.0, 0.03, delay=delay, band=(0.3, 15.0), order=order))[1]
+    true = {"K": 90, "B": 1, "I": 0.016, "reflex_gain_up": 6, "reflex_gain_down": 0, "reflex_delay": 1e3 * delay}
+    ms = {f"reflex_delay{end}": row[f"reflex_delay{end}_ms"] for end in ("_low", "_high")}
+    assert not [name for name, x in true.items() if not (row | ms)[f"{name}_low"] < x < (row | ms)[f"{name}_high"]]
+    assert max(row["reflex_gain_up_se"], row["K_se"] / 5, row["B_se"] * 10) < 0.1
 
 
 def test_a_reflex_is_a_doubt_of_a_device_and_columns_of_a_person():
@@ -482,20 +486,16 @@ def test_a_reflex_is_a_doubt_of_a_device_and_columns_of_a_person():
         assert abs(row["reflex_gain_down"]) < 3 * row["reflex_gain_down_se"] < 3
         assert abs(alone["K"] - 90) > 2 * abs(row["K"] - 90) + 3
         assert alone["K_with_reflex"] == pytest.approx(row["K"], rel=1e-9)
-        assert row["reflex_p"] > 3e-4 > alone["reflex_p"]
+        assert alone["reflex_p"] < 3e-4
         causes = alone["doubtful"].split("; ")
         assert ("reflex" in causes, "model that does not fit" in causes, row["doubtful"]) == (True, False, "")
         assert row["lag_s"] is None
-        tried = [row[f"reflex_delay_{end}ms"] for end in ("low_", "", "high_")]
-        assert tried == sorted(tried)
-        assert 45 - 15 <= tried[0] <= 45 <= tried[-1] + 15 < 70
-        assert 0 <= row["K_over_delays"] < row["K_high"] - row["K"]
         assert row["untold_share"] == pytest.approx(0.25, abs=0.2)
     _, late = person(reflexive(np.random.default_rng(3), 6.0, late=1e-3))
     assert LATENESS in row["not_checked"].split("; ")
     assert row["K"] - row["K_without_lag"] == pytest.approx(late["K"] - row["K"], abs=0.3)
     assert row["B"] - row["B_without_lag"] == pytest.approx(late["B"] - row["B"], abs=0.04)
-    response = impedance_over_frequency(fit.person.raw)
+    response = impedance_over_frequency(fit[0].raw)
     assert response["magnitude_eq15"].is_null().all()
     assert response["magnitude"].is_between(20, 400).all()
     assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.6
@@ -517,7 +517,7 @@ def test_a_late_torque_of_a_person_is_told_from_the_reflex_and_doubted_with_k_an
     assert row["lag_shift"] > 1
     assert row["doubtful"].split("; ")[0] == "late torque"
     assert row["K_without_lag"] == pytest.approx(90, rel=0.1)
-    assert row["B"] - 0.03 > row["B_without_lag"] == pytest.approx(1.1, abs=0.05)
+    assert row["B"] - 0.1 > row["B_without_lag"] == pytest.approx(1, abs=0.03)
     told = findings_of(row, LIMITS_OF_PERSON, "human_joint")[0].without
     ends = [f"{name}{end}" for name in "KBI" for end in ("", "_low", "_high")]
     assert told == {one: row[one.replace(one[0], f"{one[0]}_without_lag", 1)] for one in ends}
@@ -525,7 +525,7 @@ def test_a_late_torque_of_a_person_is_told_from_the_reflex_and_doubted_with_k_an
 
 @pytest.mark.parametrize(("band", "clip", "doubt"), [
     ((0.3, 14.0), np.inf, ""),
-    ((0.3, 14.0), 4.0, "clipped signal"),
+    ((0.3, 14.0), 3.8, "clipped signal"),
     ((0.1, 2.0), np.inf, "motion that tells too little"),
 ])  # fmt: skip
 def test_a_persons_own_torque_is_no_doubt_and_a_clipped_torque_and_a_slow_motion_are(band, clip, doubt):

@@ -247,7 +247,7 @@ def test_rounding_that_every_step_between_two_levels_repeats_is_no_evidence_and_
     motion = between_two_levels(rng, corner=corner)
     trials = [made_trial(rng, motion, bits=14, late=late) for late in (0.0, 4e-3)]
     records = [record_of_trial(trial, SETTINGS) for trial in trials]
-    assert [reflex_test(record, HumanJoint(), 0.04) for record in records] == [1, 1]
+    assert [reflex_test(record, HumanJoint()) for record in records] == [1, 1]
     sound, late = (witness_row(record, answers=False) for record in records)
     untold = late["path_shift"] is None and late["friction_shift"] > 10
     assert (sound["heard"], untold or late["path_shift"] > 10) == (None, True)

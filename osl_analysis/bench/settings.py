@@ -184,10 +184,8 @@ class SteppedSineAnalysis(BenchAnalysis):
 class HumanJoint(Settings):
     """How a person's joint is fitted: its reflexes are columns beside Eq. 15 (docs/human_joint.md)."""
 
-    slow_hz: Positive = 1.0
-    """Frequency [Hz] below which torque and columns are not fitted: there the person pushes as he likes."""
-    delays_ms: Annotated[tuple[Positive, ...], Field(min_length=1)] = REFLEX_DELAYS_MS
-    """Delays [ms] of the reflex that are tried."""
+    slow_hz: Positive = 1.0  # below which [Hz] torque and columns are not fitted: there the person pushes as he likes
+    delays_ms: Annotated[tuple[Positive, ...], Field(min_length=1)] = REFLEX_DELAYS_MS  # shortest to longest delay [ms]
     memory_s: Annotated[float, Field(ge=0.1, le=2)] = 0.5  # for how long [s] the reflex answers a movement
     over: str | None = None
     """What K and B change with: `angle` (its slow part), `time`, or a column of the trials; null: they do not."""

@@ -105,13 +105,13 @@ def fit_human_joint_trial(
     """The row of a person's joint, Eq. 15 beside a reflex; `windows` as in `fit_impedance_trial`."""
     check_recording(trial, settings)
     rails = saturated(trial, "torque", "theta")
-    fit = fit_person(trial, settings, windows)
+    fit = person, analysis = fit_person(trial, settings, windows)
 
     def further() -> dict[str, pl.DataFrame]:
-        frames = {"response": phasors.impedance_over_frequency(fit.person.raw), "impedance_over": over_table(fit)}
-        return frames | {"timebase": fit.analysis.time_base(QUANTITIES)}
+        frames = {"response": phasors.impedance_over_frequency(person.raw), "impedance_over": over_table(fit)}
+        return frames | {"timebase": analysis.time_base(QUANTITIES)}
 
-    return FitTables(fit.analysis.series(), further, human_joint=human_joint_table(fit).with_columns(rails))
+    return FitTables(analysis.series(), further, human_joint=human_joint_table(fit).with_columns(rails))
 
 
 def fit_actuator_trial(

@@ -78,8 +78,8 @@ def of_others(table: str, row: AnyRow) -> Iterator[str]:
     if table == "human_joint":
         if lacks(row, "lag_s"):
             yield LATENESS
-        low, sooner, high = (cell_number(row, name) for name in ("K_low", "K_sooner", "K_high"))
-        if low is not None and sooner is not None and high is not None and not low < sooner < high:
+        K = [x for end in ("low", "sooner", "high") if (x := cell_number(row, f"K_{end}")) is not None]
+        if len(K) == 3 and K != sorted(K):
             yield "whether the reflex is sooner than the delays tried"
         yield "whether the fixture rubs, or has play"
         yield "whether a linear response is one of K, B and I"

@@ -9,11 +9,9 @@ that cannot be told apart all are given.
 Angle and torque are those of the motion's own band, so that drift and slow disturbances are no evidence."""
 
 from collections.abc import Callable, Sequence
-from copy import copy
 from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import pairwise
-from math import factorial
 from typing import Any
 
 import numpy as np
@@ -48,7 +46,7 @@ NEAR_PATH = 0.15  # the same of paths, whose error is that of their models: a lo
 MOMENTS = np.arange(6, 19) / CHUNKS  # shares of what is fitted at whose ends K, or a lag, may change
 MUSCLE_HZ = 6.0  # of a muscle's answer to a reflex
 SLOW = 0.02  # share of the velocity's SD at which friction has turned its sign
-SERIES = 5  # terms of the series of a torque that is late by a time that changes
+LAG_FOUND = 1e-6  # s by which the last step changes a lag
 MOST_LEFT = 0.05  # share of the torque's variance that an explanation may leave, to be named with its estimates
 HIDDEN = 0.1  # share of the inertia that a delay that is not heard may make
 HIDDEN_OF_B = 0.03  # the same of the damping
@@ -67,7 +65,7 @@ class Rival:
     family: str
     name: str
     estimates: Array  # K, B, I beside it
-    half: Array  # half-widths of their 95 % intervals, by the scatter of chunks
+    half: Array  # half-widths of their 95 % intervals, by the scatter of chunks and rounding
     left: Array  # what it leaves of the torque in each row
     parameters: int
     beside: tuple[Array, ...] = ()  # its columns (m,) beside those of the model
@@ -100,7 +98,7 @@ class View:
             torque = np.where(few.usable, torque, Z @ np.linalg.lstsq(Z[fitted], torque[fitted])[0])
         theta, torque = (between_ends(x, few.rate_hz) for x in (theta, torque))
         self.motion, self.torques = [theta, few.motion.omega, few.motion.alpha], [torque]
-        for signals, number in ((self.motion, 3 + SERIES), (self.torques, 3)):
+        for signals, number in ((self.motion, 5), (self.torques, 3)):
             while len(signals) < number:
                 higher = seven_point_motion(few.time, signals[-1], few.rate_hz)
                 signals += [higher.omega, higher.alpha]
@@ -291,9 +289,11 @@ class Court:
         """A rival by its columns, those of the model first; `slopes`, (m,) each: of the fit by what is its own;
         `gain` is what it makes of the torque's noise."""
         estimates, left = self.fitted(columns)
-        of_model = slice(len(self.view.base))
-        _, covariance = scattered(self.view.sums([*columns, *slopes, *self.beside]))
-        half = scipy.stats.t.ppf(0.975, CHUNKS - 1) * np.sqrt(np.diag(covariance)[of_model])
+        of_model, Z = slice(len(self.view.base)), np.array([*columns, *slopes, *self.beside])
+        variance = np.diag(scattered(self.view.sums([*Z]))[1])
+        if self.draws:  # what rounding makes alike in all chunks
+            variance = variance + np.mean((np.array(self.draws) @ Z.T @ np.linalg.pinv(Z @ Z.T)) ** 2, axis=0)
+        half = scipy.stats.t.ppf(0.975, CHUNKS - 1) * np.sqrt(variance[of_model])
         known, beside = len(columns) + parameters, tuple(columns[of_model.stop :])
         self.rivals.append(Rival(family, name, estimates[of_model], half, left / gain**0.5, known, beside))
 
@@ -346,18 +346,19 @@ class Court:
         """Columns of a torque that is late by a sum of shapes (n,), the slopes of the fit by their sizes [s], which
         Gauss and Newton's steps find, these, and their standard errors."""
         view, sizes, first = self.view, np.zeros(len(shapes)), self.view.first
-        for step in range(6):
-            lag = np.clip(sizes @ np.array(shapes), -LONGEST_LAG, LONGEST_LAG)
-            terms = [(-lag) ** k / factorial(k) for k in range(SERIES)]
-            motion = [np.sum([term * view.motion[c + k] for k, term in enumerate(terms)], axis=0) for c in range(4)]
+        at, number = np.arange(view.n) / view.rate_hz, len(shapes)
+        signals = scipy.interpolate.make_interp_spline(at, np.array(view.motion[:4]).T)
+        for _ in range(20):
+            motion = signals(np.clip(at - sizes @ np.array(shapes), 0, at[-1])).T
             columns = [view.column(x) for x in motion[first:3]]
-            if step == 5:
-                break
-            slope = -(self.fitted(columns)[0][: 3 - first] @ np.array(motion[first + 1 :]))
+            slope = -(self.fitted(columns)[0][: 3 - first] @ motion[first + 1 :])
             slopes = [view.column(shape * slope) for shape in shapes]
             more, covariance = scattered(view.sums([*slopes, *columns, *self.beside]))
-            sizes = sizes + more[: len(shapes)]
-        return columns, slopes, sizes, np.sqrt(np.diag(covariance))[: len(shapes)]
+            longest = float(np.abs(more[:number] @ np.array(shapes)).max())
+            if longest < LAG_FOUND:
+                break
+            sizes = sizes + min(0.5 * LONGEST_LAG / longest, 1.0) * more[:number]
+        return columns, slopes, sizes, np.sqrt(np.diag(covariance))[:number]
 
     def later(self) -> tuple[Array, float]:
         """The shape (n,) of a lag that changes at once, where it explains most beside a lag, and what it leaves."""
@@ -380,20 +381,9 @@ class Court:
         return bool(moves_inertia or of_damping > HIDDEN_OF_B * float(np.hypot(damping, LEAST_DAMPING)))
 
     def clock_drift(self) -> tuple[float, float]:
-        """Drift of the torque's clock against the angle's [ppm], with its standard error: it is later and later. The
-        series holds for short lags, so that of longer ones a part is taken out of the torque at a time."""
-        view, again, lag, drift = self.view, copy(self), np.zeros(self.view.n), 0.0
-        again.view, at = copy(view), np.arange(view.n) / view.rate_hz
-        torque = scipy.interpolate.make_interp_spline(at, view.torques[0], 5)
-        shapes = np.array([np.ones(view.n), view.time])
-        for _ in range(20):
-            _, _, sizes, errors = again.late(*shapes)
-            part = min(0.5 * LONGEST_LAG / max(float(np.abs(sizes @ shapes).max()), 1e-9), 1.0)
-            lag, drift = lag + part * sizes @ shapes, drift + part * float(sizes[1])
-            if part == 1:
-                break
-            again.view.y = view.column(torque(np.clip(at + lag, 0, at[-1])))
-        return 1e6 * drift / view.seconds, float(1e6 * errors[1] / view.seconds)
+        """Drift of the torque's clock against the angle's [ppm], with its standard error: it is later and later."""
+        _, _, sizes, errors = self.late(np.ones(self.view.n), self.view.time)
+        return 1e6 * float(sizes[1]) / self.view.seconds, 1e6 * float(errors[1]) / self.view.seconds
 
     def hear_time(self) -> None:
         """Clocks that drift apart, K that changes, or the lag, in a straight line or at a moment."""

@@ -202,10 +202,10 @@ def late_fit(
     rounded: Array | None = None,
     lag: float = 0.0,
 ) -> tuple[GroupFit, float]:
-    """Fit of a torque, less a `rest` that is not late, with its lag `lag_s`, sought from a `lag` on, beside a model, and
-    what the last step changed of it. The torque is taken earlier, and its slope is a column, which tells how much is
-    left (Gauss and Newton's steps). The slope is that of the model, as far as derivatives are columns; that of a torque
-    which is mostly noise would pull the lag to 0. Of a model without any it is the torque's own. Raises as
+    """Fit of a torque, less a `rest` that is not late, with its lag `lag_s`, sought from a `lag` on, beside a model,
+    and what the last step changed of it. The torque is taken earlier, and its slope is a column, which tells how much
+    is left (Gauss and Newton's steps). The slope is that of the model, as far as derivatives are columns; that of a
+    torque which is mostly noise would pull the lag to 0. Of a model without any it is the torque's own. Raises as
     `fit_groups`."""
     torque, first, last = scipy.interpolate.make_interp_spline(few.time, few.filtered_torque, 5), *few.time[[0, -1]]
     slopes = {name: columns[gram.NEXT[c]] for name, c in model.items() if gram.NEXT.get(c) in columns}

@@ -325,6 +325,20 @@ SPRING_LOSS = 1e-3
 """Half-width of what is known of a spring's loss factor, tan(phase), about 0: steel and clamps have 1e-4 to 1e-3."""
 
 
+def late_fits(record: Record, is_spring: bool) -> tuple[GroupFit, GroupFit]:
+    """Eq. 15 with friction and a late torque, and the same with a damping, if it is a spring's that has none."""
+    few, model = record.coarse, {**IMPEDANCE, "T_C": "T_C"}
+    columns, centre = effects.effect_columns(record)
+    seek = partial(effects.late_fit, few, columns, centre=centre, rounded=record.rounded)
+    if not is_spring:
+        return (seek(model=model)[0],) * 2
+    bare, _ = seek(model={name: column for name, column in model.items() if name != "B"})
+    each = [seek(model=model, lag=lag) for lag in (0.0, bare["lag_s"])]
+    # of a delay an image with a damping may be found in its place, or none
+    both, _ = min(each, key=lambda one: abs(one[1]) > SOUGHT or one[0].interval("B")[1] < 0)
+    return both if both["B"] > 0 and both.certain("B", effects.FALSE_ALARM) else bare, both
+
+
 def calibration_table(analysis: Analysis, known: Known) -> pl.DataFrame:
     """The trial's row of `calibration.csv`, from Eq. 15 of a known spring or inertia with friction and a late torque,
     and what else than a delay makes it late.
@@ -341,16 +355,7 @@ def calibration_table(analysis: Analysis, known: Known) -> pl.DataFrame:
             "known_I [kg*m^2] of its inertia, in the sample sheet"
         )
     main, beside = ("K", "I") if known.stiffness else ("I", "K")
-    few, with_friction = record.coarse, {**IMPEDANCE, "T_C": "T_C"}
-    columns, centre = effects.effect_columns(record)
-    undamped = {name: column for name, column in with_friction.items() if name != "B"}
-    seek = partial(effects.late_fit, few, columns, centre=centre, rounded=record.rounded)
-    bare = seek(model=undamped)[0] if known.stiffness else None
-    each = [seek(model=with_friction, lag=lag) for lag in (0.0, *([bare["lag_s"]] if bare else []))]
-    # of a delay an image with a damping may be found in its place, or none
-    both, _ = min(each, key=lambda one: abs(one[1]) > SOUGHT or one[0].interval("B")[1] < 0)
-    free = bare is None or (both["B"] > 0 and both.certain("B", effects.FALSE_ALARM))
-    fit = both if bare is None or free else bare
+    fit, both = late_fits(record, known.stiffness is not None)
     gain = fit[main] / of
     check_resists(record.name, main, gain)
     other = fit[beside] / gain
@@ -366,7 +371,7 @@ def calibration_table(analysis: Analysis, known: Known) -> pl.DataFrame:
         degrees_of_freedom=np.array([fit.freedom(one) for one in ("lag_s", main, beside)]),
     )
     found = widened(found, known.share * np.array([0.0, gain, other - taken]))
-    if not free:
+    if fit is not both:
         found = widened(found, np.array([SPRING_LOSS / (2 * np.pi * np.sqrt(np.prod(record.band_hz) * 3)), 0.0, 0.0]))
     row = dict.fromkeys(f"{one}{end}" for one in ("inertia", "weight") for end in ("", "_se", "_low", "_high"))
     row |= estimates_row(found, *found.names)

@@ -36,7 +36,6 @@ RATE_HZ = 50.0  # at which columns are multiplied
 HEARD = -3.5  # log10 of the chance of a family's columns below which it is heard
 FRICTION = -4.0  # the same of Coulomb friction, which then is part of the joint
 ALIKE = 3.0  # standard errors, paired by chunks, up to which rivals leave as much
-NEAR = 0.03  # share of what the best rival leaves, by which one that is as good may leave more
 CHANCE = 10.0  # parameters of noise by which a rival may be better by chance, where many are tried
 JUMPS = 0.4  # share of the misfit that is left, below which a lag that changes at once is heard whatever scatters
 UNEXPLAINED = 0.7  # share of what the best rival explains, by which one that is as good may explain less
@@ -380,20 +379,12 @@ class Court:
         moves_inertia = (damping + of_damping) * most > HIDDEN * float(np.hypot(inertia, LEAST_INERTIA))
         return bool(moves_inertia or of_damping > HIDDEN_OF_B * float(np.hypot(damping, LEAST_DAMPING)))
 
-    def clock_drift(self) -> tuple[float, float]:
-        """Drift of the torque's clock against the angle's [ppm], with its standard error: it is later and later."""
-        _, _, sizes, errors = self.late(np.ones(self.view.n), self.view.time)
-        return 1e6 * float(sizes[1]) / self.view.seconds, 1e6 * float(errors[1]) / self.view.seconds
-
     def hear_time(self) -> None:
         """Clocks that drift apart, K that changes, or the lag, in a straight line or at a moment."""
         view, base = self.view, self.view.base
-        self.add("time", "clocks", *self.late(np.ones(view.n), view.time)[:2], 2)
         self.add("time", "clocks", *self.late(view.time - view.time[0])[:2], 1)
         moments = [np.where(view.time > at, 1.0, 0.0) for at in view.moments]
-        lag = self.later()[0]
-        self.add("time", "lag that changes at once", *self.late(lag)[:2], 2)
-        self.add("time", "lag that changes at once", *self.late(np.ones(view.n), lag)[:2], 3)
+        self.add("time", "lag that changes at once", *self.late(np.ones(view.n), self.later()[0])[:2], 3)
         changing = view.motion[view.first]
         change = min(moments, key=lambda then: self.left([*base, view.column(then * changing)]))
         what = "K" if view.first == 0 else "B_j"
@@ -401,9 +392,10 @@ class Court:
             for end in (shape.min(), shape.max()):  # the estimate before, and after it
                 self.add("time", name, [*base, view.column(changing * (shape - end))], parameters=1)
 
-    def hear_play(self, family: str) -> None:
-        """Play before the spring, and before the damping or not."""
-        view = self.view
+    def hear_speed(self) -> None:
+        """Damping by speed, and play before the spring, and before the damping or not."""
+        view, omega = self.view, self.view.motion[1]
+        self.add("speed", "damping that changes with the speed", [*view.base, view.column(omega * np.abs(omega))])
 
         def followed(width: float, damped: bool = False) -> list[Array]:
             theta = view.motion[0]
@@ -412,22 +404,13 @@ class Court:
             return [view.column(x), omega, view.base[2]]
 
         widths = max(3 * view.step, np.deg2rad(0.03)) * np.geomspace(1, 20, 6)
-        for behind in (followed, partial(followed, damped=True)):
+        for behind in (followed, partial(followed, damped=True)) if view.first == 0 else ():
             for width in minima(lambda width, made=behind: self.left(made(width)), widths):  # type: ignore[misc]
-                self.add_by(family, "play", behind, width)
-
-    def hear_speed(self) -> None:
-        view, omega = self.view, self.view.motion[1]
-        self.add("speed", "damping that changes with the speed", [*view.base, view.column(omega * np.abs(omega))])
-        if view.first == 0:
-            self.hear_play("speed")
+                self.add_by("speed", "play", behind, width)
 
     def hear_size(self) -> None:
         view = self.view
         self.add("size", "stiffness that changes with the angle", [*view.base, view.column(view.motion[0] ** 3)])
-        torque = self.fitted(view.base)[0][:3] @ np.array(view.motion[:3])  # where it turns, the load is lost
-        self.add("size", "gap", [*view.base, view.column(-np.tanh(torque / (0.02 * np.std(torque))))])
-        self.hear_play("size")
 
     def hear_direction(self) -> None:
         """K, or B, of either sign, or of both."""
@@ -500,11 +483,11 @@ class Court:
             found = list[tuple[bool, float, Rival]]()
             for rival in self.rivals:
                 by_chunk = np.bincount(chunk, rival.left**2 - best.left**2, CHUNKS)
-                margin = max(ALIKE * float(by_chunk.std(ddof=1)) * CHUNKS**0.5, NEAR * left)
+                margin = ALIKE * float(by_chunk.std(ddof=1)) * CHUNKS**0.5
                 rounding = 2 * ALIKE * rms(made @ (rival.left - best.left)) if len(made) else 0.0
                 most, apart = UNEXPLAINED * explained, score(rival) - score(best)
                 if rival.family == best.family == "path" and rival.possible:
-                    margin = most = max(margin, most, NEAR_PATH * left)
+                    margin = most = min(max(margin, most, NEAR_PATH * left), explained)
                 if (
                     apart <= max(min(max(margin, rounding), most), CHANCE * per_parameter)
                     and rival.family not in UNHEARD
@@ -599,7 +582,8 @@ def witness_row(
     row |= {"VAF_in_band": vaf}
     told = not court.heard or any(one.name in ("clocks", "delay") for one in alike)  # what else passes for a drift
     if record.two_clocks and not is_leg and not record.groups.repeat and told:
-        row |= clocks_row(record, *court.clock_drift(), CHUNKS - 5.0)
+        lag, error = (float(x[1]) / view.seconds for x in court.late(np.ones(view.n), view.time)[2:])
+        row |= clocks_row(record, 1e6 * lag / (1 - lag), 1e6 * error, CHUNKS - 5.0)
     if not alike:
         return row
     every, half = (np.array([getattr(rival, name) for rival in alike]) for name in ("estimates", "half"))

@@ -280,14 +280,7 @@ COMPUTED: Mapping[str, Callable[[Facts], str]] = {
     "gap": damping_gap_said,
     "like": reaction_said,
     "unknown_gains": unknown_gains,
-    "beside_friction": lambda facts: (
-        filled(
-            ", B {B_viscous_low:.3g} to {B_viscous_high:.3g} and I {I_without_friction_low:.2g} to "
-            "{I_without_friction_high:.2g}",
-            facts,
-        )
-        or ", of B and I nothing is told beside a path that nothing rules out"
-    ),
+    "beside_friction": lambda facts: filled(WORDS["unchecked"]["how much of B is friction"]["beside"], facts),
     "late_or_early": lambda facts: "late" if facts["certain_theta_m_lag_s"] > 0 else "early",
     "theta_m_ms": lambda facts: f"{1e3 * abs(facts['certain_theta_m_lag_s']):.2g}",
     "of_file": lambda facts: significant(

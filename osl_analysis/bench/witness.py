@@ -117,10 +117,7 @@ class View:
         at = np.rint(np.arange(self.few) * self.padded / self.few).astype(np.intp)
         self.rows = np.flatnonzero((at < self.n) & fitted[np.minimum(at, self.n - 1)])
         self.moments = np.quantile(self.time[at[self.rows]], MOMENTS)
-        self.chunks = [np.arange(len(self.rows)) * CHUNKS // len(self.rows)]
-        if record.periodic is not None:  # rounding that every period repeats is alike in all parts of the recording
-            passed = self.rows / RATE_HZ / record.periodic.period
-            self.chunks.append((CHUNKS * (passed % 1.0)).astype(np.intp))
+        self.edges = -(-np.arange(CHUNKS + 1) * len(self.rows) // CHUNKS)  # of chunks
         self.y, self.columns = self.column(torque), [self.column(x) for x in self.motion[:5]]
         self.base = self.columns[first:3]
         self.slow = [self.column(self.time**k) for k in (2, 3)]  # of a drift its slopes at the ends are in the band
@@ -138,7 +135,7 @@ class View:
         for k, x in enumerate(self.columns[3:], 3):
             own = x - solved(Z @ Z.T, Z @ x)[0] @ Z
             noise = float(np.trapezoid((2 * np.pi * self.f) ** (2 * k) * self.noise, self.f)) ** 0.5
-            in_chunks = np.bincount(self.chunks[0], own**2)
+            in_chunks = np.add.reduceat(own**2, self.edges[:-1])
             if in_chunks.sum() ** 2 > TELLING * in_chunks @ in_chunks:
                 found += [x] * (rms(own) > float(np.hypot(OWN[0] * noise, OWN[1] * rms(x))))
         return found
@@ -169,12 +166,10 @@ class View:
         slower = (np.gradient(error, 1 / self.rate_hz) for error in self.record.coarse_roundings(0))
         return [self.column(np.tanh((self.swift + more) / self.turns) - self.sign) for more in slower]
 
-    def sums(self, columns: Sequence[Array], chunk: int = 0) -> Array:
-        """Products (CHUNKS, q + 1, q + 1) of columns (m,) and the torque, in the chunks of this number."""
-        order = np.argsort(self.chunks[chunk], kind="stable")
-        Z = np.array([*columns, self.y])[:, order]
-        edges = np.searchsorted(self.chunks[chunk][order], np.arange(CHUNKS + 1))
-        return np.array([Z[:, a:b] @ Z[:, a:b].T for a, b in pairwise(edges)])
+    def sums(self, columns: Sequence[Array]) -> Array:
+        """Products (CHUNKS, q + 1, q + 1) of columns (m,) and the torque, in each chunk."""
+        Z = np.array([*columns, self.y])
+        return np.array([Z[:, a:b] @ Z[:, a:b].T for a, b in pairwise(self.edges)])
 
 
 def between_ends(x: Array, rate_hz: float) -> Array:
@@ -226,7 +221,7 @@ class Court:
         self.beside = [*view.slow, *[view.columns[0]] * (view.first == 1), *taken]
         theta, omega, elastic = *view.motion[:2], view.first == 0
         columns, draws = [*view.base, *self.beside, view.column(view.sign)], view.rounded
-        sign, kinds = len(columns) - 1, range(len(view.chunks))
+        sign = len(columns) - 1
         models = [range(sign)]
         by_friction, (size,) = wald(view.sums([*columns, *draws]), models[0], [sign], len(draws))
         if view.rubs or (by_friction < FRICTION and size > 0):
@@ -252,10 +247,10 @@ class Court:
         for name, added in lacking.items():
             places[name] = range(len(columns), len(columns) + len(added))
             columns += added
-        every = [(view.sums([*columns, *draws], k), len(draws) * (k == 0)) for k in kinds]  # parts of a period show it
+        sums = view.sums([*columns, *draws])
 
         def chance(added: Sequence[int]) -> float:
-            return max(wald(sums, model, added, draws)[0] for sums, draws in every for model in models)
+            return max(wald(sums, model, added, len(draws))[0] for model in models)
 
         moments = places.pop("moment")
         self.chance = {name: chance(at) for name, at in places.items() if at}
@@ -467,7 +462,7 @@ class Court:
         if self.answers:
             self.hear_reflex()
         rubs, shapes = self.hear_friction()
-        least, chunk = min(square(rival.left) for rival in self.rivals), self.view.chunks[0]
+        least = min(square(rival.left) for rival in self.rivals)
         per_parameter = least / (self.view.seconds * self.view.bandwidth)
         made = np.array([self.unexplained(x) for x in self.draws])
 
@@ -482,7 +477,7 @@ class Court:
             explained, left = square(none.left) - square(best.left), square(best.left)
             found = list[tuple[bool, float, Rival]]()
             for rival in self.rivals:
-                by_chunk = np.bincount(chunk, rival.left**2 - best.left**2, CHUNKS)
+                by_chunk = np.add.reduceat(rival.left**2 - best.left**2, self.view.edges[:-1])
                 margin = ALIKE * float(by_chunk.std(ddof=1)) * CHUNKS**0.5
                 rounding = 2 * ALIKE * rms(made @ (rival.left - best.left)) if len(made) else 0.0
                 most, apart = UNEXPLAINED * explained, score(rival) - score(best)
@@ -586,7 +581,7 @@ def witness_row(
         row |= clocks_row(record, 1e6 * lag / (1 - lag), 1e6 * error, CHUNKS - 5.0)
     if not alike:
         return row
-    every, half = (np.array([getattr(rival, name) for rival in alike]) for name in ("estimates", "half"))
+    every, half = (np.array([getattr(one, name) for one in alike]) for name in ("estimates", "half"))
     half = np.minimum(half, np.maximum(np.abs(every), half[0]))  # a path of no effect has any
     low, high = (every - half).min(axis=0), (every + half).max(axis=0)
     row |= {"path_shift": None} if alike[0].family == "friction" else {}
@@ -595,9 +590,10 @@ def witness_row(
         return row
     row |= {"rivals": ", ".join(dict.fromkeys(one.name for one in alike))}
     apart = harm_of(np.ptp(every, axis=0), every[0])
-    useless = USELESS * np.hypot(none.estimates, np.array(list(HARM.values()))[-len(names) :, 1])
+    useless = USELESS * np.hypot(none.estimates, [HARM[name][1] for name in list(HARM)[-len(names) :]])
     for k, name in enumerate(names):
-        ends = (float(low[k]), float(high[k])) if high[k] - low[k] < useless[k] else (None, None)
+        is_told = high[k] - low[k] < useless[k] or alike[0].family == "friction"  # whose range is the fit's interval
+        ends = (float(low[k]), float(high[k])) if is_told else (None, None)
         row |= {f"{name}_without": float(every[0, k]) if apart[k] <= 1 and alike[-1].family != "friction" else None}
         row |= dict(zip((f"{name}_without_low", f"{name}_without_high"), ends, strict=True))
     return row

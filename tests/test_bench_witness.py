@@ -304,7 +304,7 @@ def test_the_range_beside_a_ringing_path_holds_the_joint_that_one_rival_alone_wo
         return scipy.signal.lsim(([at**2], [1, 0.1 * at, at**2]), torque, time)[1] - torque
 
     row = told(made, more=ringing)
-    assert row["path_shift"] > 1
+    assert (row["path_shift"] > 1, row["I_without_low"]) == (True, None), "0.006 to 0.15 would tell nothing"
     for name in ("K", "B"):
         assert row[f"{name}_without_low"] < TRUE[name] < row[f"{name}_without_high"], name
 

@@ -214,8 +214,11 @@ def test_a_known_spring_tells_lateness_gain_and_the_fixture_and_what_to_write():
     assert (loose["lag_s"], loose["lag_s_se"]) == (row["lag_s"], row["lag_s_se"])
 
 
-def test_a_sound_bench_is_not_accused_and_a_damped_spring_is_not_taken_for_a_late_torque():
-    assert calibrated(spring(), known_K=300.0)["doubtful"] == ""
+def test_a_sound_bench_is_not_accused_and_neither_a_damping_nor_a_long_delay_is_taken_for_the_other():
+    """A delay of 8 ms was the longest that is sought, with a damping of 7; a low-pass was a delay, with I 54 % off."""
+    sound, late = (calibrated(spring(by), known_K=300.0) for by in (0.0, 8e-3))
+    assert (sound["doubtful"], sound["rivals"], "mean" in late["rivals"].split(", ")) == ("", None, True)
+    assert abs(late["lag_s"] - 8e-3) < 4 * late["lag_s_se"] < 4e-4
     damped = calibrated(spring(damping=3.0), known_K=300.0)
     assert damped["B_low"] < 3 < damped["B_high"]
     assert damped["lag_s_low"] < 0 < damped["lag_s_high"]

@@ -3,6 +3,7 @@ should give, and what judges the estimates."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -150,21 +151,26 @@ def believed_reflex(whole: GroupFit, facts: Row, is_leg: bool) -> Row:
 
 
 def untold_row(whole: GroupFit, row: Row) -> Row:
-    """Ranges of K, B and I, and no number, where friction may be what the witness hears: they hold the interval of the
-    fit, that beside friction of any shape, and those of what cannot be told from it. Where it is named otherwise, and
-    friction is not told, a range beside it holds that beside friction."""
-    untold, found = row["friction_shift"], Row()
-    if not untold and (row["rivals"] is None or row["B_viscous"] is not None or row["B_viscous_low"] is None):
+    """Ranges of K, B and I where friction is not told. Where it may be what the witness hears, they are in place of
+    numbers and of the intervals of the fit, and hold these, the ranges beside friction of any shape and those of what
+    cannot be told from it. What else is heard has its own, which hold those beside friction; beside that, or a path
+    that nothing tells, friction alone leaves no range of what these move."""
+    untold, heard = row["friction_shift"], row["heard"] is not None
+    if not untold and (row["B_viscous"] is not None or row["B_viscous_low"] is None):
         return {}
+    found = Row()
     for name, own in WITHOUT_FRICTION.items():
         pairs = [[row[f"{one}_{end}"] for end in ("low", "high")] for one in (own, f"{name}_without")]
-        ends = [*whole.interval(name)] * bool(untold)
-        ends += [one for pair in pairs for one in pair if isinstance(one, float)]
-        told = dict(zip(INTERVAL_ENDS, (None, None, min(ends), max(ends)), strict=True))
+        ends = [*whole.interval(name)] * bool(untold) + [one for pair in pairs for one in pair if one is not None]
+        low, high = min(ends), max(ends)
         if untold:
-            found |= {f"{own}{end}": value for end, value in told.items()}
-        elif row[f"{name}_without"] is None and None not in pairs[1]:
-            found |= {f"{name}_without{end}": told[end] for end in ("_low", "_high")}
+            found |= {own: None, f"{own}_se": None, f"{own}_low": low, f"{own}_high": high}
+            found |= {f"{name}_low": low, f"{name}_high": high}
+            continue
+        if row["rivals"] and row[f"{name}_without"] is None and None not in pairs[1]:
+            found |= {f"{name}_without_low": low, f"{name}_without_high": high}
+        if heard or (row["path_shift"] is None and name != "K"):
+            found |= {f"{own}_low": None, f"{own}_high": None}
     return found | dict.fromkeys((f"f_C{end}" for end in INTERVAL_ENDS) if untold else ())
 
 
@@ -314,12 +320,28 @@ class Known:
     share: float = 0.0  # relative standard uncertainty of these
 
 
+SOUGHT = 1e-6  # s by which the last step changes a lag that was found
 SPRING_LOSS = 1e-3
 """Half-width of what is known of a spring's loss factor, tan(phase), about 0: steel and clamps have 1e-4 to 1e-3."""
 
 
+def late_fits(record: Record, is_spring: bool) -> tuple[GroupFit, GroupFit]:
+    """Eq. 15 with friction and a late torque, and the same with a damping, if it is a spring's that has none."""
+    few, model = record.coarse, {**IMPEDANCE, "T_C": "T_C"}
+    columns, centre = effects.effect_columns(record)
+    seek = partial(effects.late_fit, few, columns, centre=centre, rounded=record.rounded)
+    if not is_spring:
+        return (seek(model=model)[0],) * 2
+    bare, _ = seek(model={name: column for name, column in model.items() if name != "B"})
+    each = [seek(model=model, lag=lag) for lag in (0.0, bare["lag_s"])]
+    # of a delay an image with a damping may be found in its place, or none
+    both, _ = min(each, key=lambda one: abs(one[1]) > SOUGHT or one[0].interval("B")[1] < 0)
+    return both if both["B"] > 0 and both.certain("B", effects.FALSE_ALARM) else bare, both
+
+
 def calibration_table(analysis: Analysis, known: Known) -> pl.DataFrame:
-    """The trial's row of `calibration.csv`, from Eq. 15 of a known spring or inertia with friction and a late torque.
+    """The trial's row of `calibration.csv`, from Eq. 15 of a known spring or inertia with friction and a late torque,
+    and what else than a delay makes it late.
 
     A spring has no damping but what `SPRING_LOSS` allows, unless the fit with both, of which `B` is, certainly has one:
     what is in phase with the velocity beside friction is a delay. An inertia tells a delay from the damping of its
@@ -333,12 +355,7 @@ def calibration_table(analysis: Analysis, known: Known) -> pl.DataFrame:
             "known_I [kg*m^2] of its inertia, in the sample sheet"
         )
     main, beside = ("K", "I") if known.stiffness else ("I", "K")
-    few, with_friction = record.coarse, {**IMPEDANCE, "T_C": "T_C"}
-    columns, centre = effects.effect_columns(record)
-    both, _ = effects.late_fit(few, columns, with_friction, centre, rounded=record.rounded)
-    undamped = {name: column for name, column in with_friction.items() if name != "B"}
-    free = known.stiffness is None or both.certain("B", effects.FALSE_ALARM)
-    fit = both if free else effects.late_fit(few, columns, undamped, centre, rounded=record.rounded)[0]
+    fit, both = late_fits(record, known.stiffness is not None)
     gain = fit[main] / of
     check_resists(record.name, main, gain)
     other = fit[beside] / gain
@@ -354,7 +371,7 @@ def calibration_table(analysis: Analysis, known: Known) -> pl.DataFrame:
         degrees_of_freedom=np.array([fit.freedom(one) for one in ("lag_s", main, beside)]),
     )
     found = widened(found, known.share * np.array([0.0, gain, other - taken]))
-    if not free:
+    if fit is not both:
         found = widened(found, np.array([SPRING_LOSS / (2 * np.pi * np.sqrt(np.prod(record.band_hz) * 3)), 0.0, 0.0]))
     row = dict.fromkeys(f"{one}{end}" for one in ("inertia", "weight") for end in ("", "_se", "_low", "_high"))
     row |= estimates_row(found, *found.names)
@@ -366,6 +383,7 @@ def calibration_table(analysis: Analysis, known: Known) -> pl.DataFrame:
     row |= {"certain_lag_s": certain["lag_s"], "certain_gain_error": certain["gain"], "to_state": to_state}
     stated = {"known_K": known.stiffness, "known_I": known.inertia, "known_share": known.share}
     row = {"trial": record.name, **stated, **row, **analysis.time_base_row(None, QUANTITIES)}
+    row |= {"rivals": witness_row(record, answers=False)["rivals"] if certain["lag_s"] else None}
     return pl.DataFrame([row], infer_schema_length=None).with_columns(pl.col(pl.Null).cast(pl.Float64))
 
 

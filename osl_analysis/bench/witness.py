@@ -9,11 +9,9 @@ that cannot be told apart all are given.
 Angle and torque are those of the motion's own band, so that drift and slow disturbances are no evidence."""
 
 from collections.abc import Callable, Sequence
-from copy import copy
 from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import pairwise
-from math import factorial
 from typing import Any
 
 import numpy as np
@@ -38,7 +36,6 @@ RATE_HZ = 50.0  # at which columns are multiplied
 HEARD = -3.5  # log10 of the chance of a family's columns below which it is heard
 FRICTION = -4.0  # the same of Coulomb friction, which then is part of the joint
 ALIKE = 3.0  # standard errors, paired by chunks, up to which rivals leave as much
-NEAR = 0.03  # share of what the best rival leaves, by which one that is as good may leave more
 CHANCE = 10.0  # parameters of noise by which a rival may be better by chance, where many are tried
 JUMPS = 0.4  # share of the misfit that is left, below which a lag that changes at once is heard whatever scatters
 UNEXPLAINED = 0.7  # share of what the best rival explains, by which one that is as good may explain less
@@ -48,7 +45,7 @@ NEAR_PATH = 0.15  # the same of paths, whose error is that of their models: a lo
 MOMENTS = np.arange(6, 19) / CHUNKS  # shares of what is fitted at whose ends K, or a lag, may change
 MUSCLE_HZ = 6.0  # of a muscle's answer to a reflex
 SLOW = 0.02  # share of the velocity's SD at which friction has turned its sign
-SERIES = 5  # terms of the series of a torque that is late by a time that changes
+LAG_FOUND = 1e-6  # s by which the last step changes a lag
 MOST_LEFT = 0.05  # share of the torque's variance that an explanation may leave, to be named with its estimates
 HIDDEN = 0.1  # share of the inertia that a delay that is not heard may make
 HIDDEN_OF_B = 0.03  # the same of the damping
@@ -67,7 +64,7 @@ class Rival:
     family: str
     name: str
     estimates: Array  # K, B, I beside it
-    half: Array  # half-widths of their 95 % intervals, by the scatter of chunks
+    half: Array  # half-widths of their 95 % intervals, by the scatter of chunks and rounding
     left: Array  # what it leaves of the torque in each row
     parameters: int
     beside: tuple[Array, ...] = ()  # its columns (m,) beside those of the model
@@ -100,7 +97,7 @@ class View:
             torque = np.where(few.usable, torque, Z @ np.linalg.lstsq(Z[fitted], torque[fitted])[0])
         theta, torque = (between_ends(x, few.rate_hz) for x in (theta, torque))
         self.motion, self.torques = [theta, few.motion.omega, few.motion.alpha], [torque]
-        for signals, number in ((self.motion, 3 + SERIES), (self.torques, 3)):
+        for signals, number in ((self.motion, 5), (self.torques, 3)):
             while len(signals) < number:
                 higher = seven_point_motion(few.time, signals[-1], few.rate_hz)
                 signals += [higher.omega, higher.alpha]
@@ -120,10 +117,7 @@ class View:
         at = np.rint(np.arange(self.few) * self.padded / self.few).astype(np.intp)
         self.rows = np.flatnonzero((at < self.n) & fitted[np.minimum(at, self.n - 1)])
         self.moments = np.quantile(self.time[at[self.rows]], MOMENTS)
-        self.chunks = [np.arange(len(self.rows)) * CHUNKS // len(self.rows)]
-        if record.periodic is not None:  # rounding that every period repeats is alike in all parts of the recording
-            passed = self.rows / RATE_HZ / record.periodic.period
-            self.chunks.append((CHUNKS * (passed % 1.0)).astype(np.intp))
+        self.edges = -(-np.arange(CHUNKS + 1) * len(self.rows) // CHUNKS)  # of chunks
         self.y, self.columns = self.column(torque), [self.column(x) for x in self.motion[:5]]
         self.base = self.columns[first:3]
         self.slow = [self.column(self.time**k) for k in (2, 3)]  # of a drift its slopes at the ends are in the band
@@ -141,7 +135,7 @@ class View:
         for k, x in enumerate(self.columns[3:], 3):
             own = x - solved(Z @ Z.T, Z @ x)[0] @ Z
             noise = float(np.trapezoid((2 * np.pi * self.f) ** (2 * k) * self.noise, self.f)) ** 0.5
-            in_chunks = np.bincount(self.chunks[0], own**2)
+            in_chunks = np.add.reduceat(own**2, self.edges[:-1])
             if in_chunks.sum() ** 2 > TELLING * in_chunks @ in_chunks:
                 found += [x] * (rms(own) > float(np.hypot(OWN[0] * noise, OWN[1] * rms(x))))
         return found
@@ -172,12 +166,10 @@ class View:
         slower = (np.gradient(error, 1 / self.rate_hz) for error in self.record.coarse_roundings(0))
         return [self.column(np.tanh((self.swift + more) / self.turns) - self.sign) for more in slower]
 
-    def sums(self, columns: Sequence[Array], chunk: int = 0) -> Array:
-        """Products (CHUNKS, q + 1, q + 1) of columns (m,) and the torque, in the chunks of this number."""
-        order = np.argsort(self.chunks[chunk], kind="stable")
-        Z = np.array([*columns, self.y])[:, order]
-        edges = np.searchsorted(self.chunks[chunk][order], np.arange(CHUNKS + 1))
-        return np.array([Z[:, a:b] @ Z[:, a:b].T for a, b in pairwise(edges)])
+    def sums(self, columns: Sequence[Array]) -> Array:
+        """Products (CHUNKS, q + 1, q + 1) of columns (m,) and the torque, in each chunk."""
+        Z = np.array([*columns, self.y])
+        return np.array([Z[:, a:b] @ Z[:, a:b].T for a, b in pairwise(self.edges)])
 
 
 def between_ends(x: Array, rate_hz: float) -> Array:
@@ -229,7 +221,7 @@ class Court:
         self.beside = [*view.slow, *[view.columns[0]] * (view.first == 1), *taken]
         theta, omega, elastic = *view.motion[:2], view.first == 0
         columns, draws = [*view.base, *self.beside, view.column(view.sign)], view.rounded
-        sign, kinds = len(columns) - 1, range(len(view.chunks))
+        sign = len(columns) - 1
         models = [range(sign)]
         by_friction, (size,) = wald(view.sums([*columns, *draws]), models[0], [sign], len(draws))
         if view.rubs or (by_friction < FRICTION and size > 0):
@@ -255,10 +247,10 @@ class Court:
         for name, added in lacking.items():
             places[name] = range(len(columns), len(columns) + len(added))
             columns += added
-        every = [(view.sums([*columns, *draws], k), len(draws) * (k == 0)) for k in kinds]  # parts of a period show it
+        sums = view.sums([*columns, *draws])
 
         def chance(added: Sequence[int]) -> float:
-            return max(wald(sums, model, added, draws)[0] for sums, draws in every for model in models)
+            return max(wald(sums, model, added, len(draws))[0] for model in models)
 
         moments = places.pop("moment")
         self.chance = {name: chance(at) for name, at in places.items() if at}
@@ -291,9 +283,11 @@ class Court:
         """A rival by its columns, those of the model first; `slopes`, (m,) each: of the fit by what is its own;
         `gain` is what it makes of the torque's noise."""
         estimates, left = self.fitted(columns)
-        of_model = slice(len(self.view.base))
-        _, covariance = scattered(self.view.sums([*columns, *slopes, *self.beside]))
-        half = scipy.stats.t.ppf(0.975, CHUNKS - 1) * np.sqrt(np.diag(covariance)[of_model])
+        of_model, Z = slice(len(self.view.base)), np.array([*columns, *slopes, *self.beside])
+        variance = np.diag(scattered(self.view.sums([*Z]))[1])
+        if self.draws:  # what rounding makes alike in all chunks
+            variance = variance + np.mean((np.array(self.draws) @ Z.T @ np.linalg.pinv(Z @ Z.T)) ** 2, axis=0)
+        half = scipy.stats.t.ppf(0.975, CHUNKS - 1) * np.sqrt(variance[of_model])
         known, beside = len(columns) + parameters, tuple(columns[of_model.stop :])
         self.rivals.append(Rival(family, name, estimates[of_model], half, left / gain**0.5, known, beside))
 
@@ -346,18 +340,19 @@ class Court:
         """Columns of a torque that is late by a sum of shapes (n,), the slopes of the fit by their sizes [s], which
         Gauss and Newton's steps find, these, and their standard errors."""
         view, sizes, first = self.view, np.zeros(len(shapes)), self.view.first
-        for step in range(6):
-            lag = np.clip(sizes @ np.array(shapes), -LONGEST_LAG, LONGEST_LAG)
-            terms = [(-lag) ** k / factorial(k) for k in range(SERIES)]
-            motion = [np.sum([term * view.motion[c + k] for k, term in enumerate(terms)], axis=0) for c in range(4)]
+        at, number = np.arange(view.n) / view.rate_hz, len(shapes)
+        signals = scipy.interpolate.make_interp_spline(at, np.array(view.motion[:4]).T)
+        for _ in range(20):
+            motion = signals(np.clip(at - sizes @ np.array(shapes), 0, at[-1])).T
             columns = [view.column(x) for x in motion[first:3]]
-            if step == 5:
-                break
-            slope = -(self.fitted(columns)[0][: 3 - first] @ np.array(motion[first + 1 :]))
+            slope = -(self.fitted(columns)[0][: 3 - first] @ motion[first + 1 :])
             slopes = [view.column(shape * slope) for shape in shapes]
             more, covariance = scattered(view.sums([*slopes, *columns, *self.beside]))
-            sizes = sizes + more[: len(shapes)]
-        return columns, slopes, sizes, np.sqrt(np.diag(covariance))[: len(shapes)]
+            longest = float(np.abs(more[:number] @ np.array(shapes)).max())
+            if longest < LAG_FOUND:
+                break
+            sizes = sizes + min(0.5 * LONGEST_LAG / longest, 1.0) * more[:number]
+        return columns, slopes, sizes, np.sqrt(np.diag(covariance))[:number]
 
     def later(self) -> tuple[Array, float]:
         """The shape (n,) of a lag that changes at once, where it explains most beside a lag, and what it leaves."""
@@ -379,31 +374,12 @@ class Court:
         moves_inertia = (damping + of_damping) * most > HIDDEN * float(np.hypot(inertia, LEAST_INERTIA))
         return bool(moves_inertia or of_damping > HIDDEN_OF_B * float(np.hypot(damping, LEAST_DAMPING)))
 
-    def clock_drift(self) -> tuple[float, float]:
-        """Drift of the torque's clock against the angle's [ppm], with its standard error: it is later and later. The
-        series holds for short lags, so that of longer ones a part is taken out of the torque at a time."""
-        view, again, lag, drift = self.view, copy(self), np.zeros(self.view.n), 0.0
-        again.view, at = copy(view), np.arange(view.n) / view.rate_hz
-        torque = scipy.interpolate.make_interp_spline(at, view.torques[0], 5)
-        shapes = np.array([np.ones(view.n), view.time])
-        for _ in range(20):
-            _, _, sizes, errors = again.late(*shapes)
-            part = min(0.5 * LONGEST_LAG / max(float(np.abs(sizes @ shapes).max()), 1e-9), 1.0)
-            lag, drift = lag + part * sizes @ shapes, drift + part * float(sizes[1])
-            if part == 1:
-                break
-            again.view.y = view.column(torque(np.clip(at + lag, 0, at[-1])))
-        return 1e6 * drift / view.seconds, float(1e6 * errors[1] / view.seconds)
-
     def hear_time(self) -> None:
         """Clocks that drift apart, K that changes, or the lag, in a straight line or at a moment."""
         view, base = self.view, self.view.base
-        self.add("time", "clocks", *self.late(np.ones(view.n), view.time)[:2], 2)
         self.add("time", "clocks", *self.late(view.time - view.time[0])[:2], 1)
         moments = [np.where(view.time > at, 1.0, 0.0) for at in view.moments]
-        lag = self.later()[0]
-        self.add("time", "lag that changes at once", *self.late(lag)[:2], 2)
-        self.add("time", "lag that changes at once", *self.late(np.ones(view.n), lag)[:2], 3)
+        self.add("time", "lag that changes at once", *self.late(np.ones(view.n), self.later()[0])[:2], 3)
         changing = view.motion[view.first]
         change = min(moments, key=lambda then: self.left([*base, view.column(then * changing)]))
         what = "K" if view.first == 0 else "B_j"
@@ -411,9 +387,10 @@ class Court:
             for end in (shape.min(), shape.max()):  # the estimate before, and after it
                 self.add("time", name, [*base, view.column(changing * (shape - end))], parameters=1)
 
-    def hear_play(self, family: str) -> None:
-        """Play before the spring, and before the damping or not."""
-        view = self.view
+    def hear_speed(self) -> None:
+        """Damping by speed, and play before the spring, and before the damping or not."""
+        view, omega = self.view, self.view.motion[1]
+        self.add("speed", "damping that changes with the speed", [*view.base, view.column(omega * np.abs(omega))])
 
         def followed(width: float, damped: bool = False) -> list[Array]:
             theta = view.motion[0]
@@ -422,22 +399,13 @@ class Court:
             return [view.column(x), omega, view.base[2]]
 
         widths = max(3 * view.step, np.deg2rad(0.03)) * np.geomspace(1, 20, 6)
-        for behind in (followed, partial(followed, damped=True)):
+        for behind in (followed, partial(followed, damped=True)) if view.first == 0 else ():
             for width in minima(lambda width, made=behind: self.left(made(width)), widths):  # type: ignore[misc]
-                self.add_by(family, "play", behind, width)
-
-    def hear_speed(self) -> None:
-        view, omega = self.view, self.view.motion[1]
-        self.add("speed", "damping that changes with the speed", [*view.base, view.column(omega * np.abs(omega))])
-        if view.first == 0:
-            self.hear_play("speed")
+                self.add_by("speed", "play", behind, width)
 
     def hear_size(self) -> None:
         view = self.view
         self.add("size", "stiffness that changes with the angle", [*view.base, view.column(view.motion[0] ** 3)])
-        torque = self.fitted(view.base)[0][:3] @ np.array(view.motion[:3])  # where it turns, the load is lost
-        self.add("size", "gap", [*view.base, view.column(-np.tanh(torque / (0.02 * np.std(torque))))])
-        self.hear_play("size")
 
     def hear_direction(self) -> None:
         """K, or B, of either sign, or of both."""
@@ -494,7 +462,7 @@ class Court:
         if self.answers:
             self.hear_reflex()
         rubs, shapes = self.hear_friction()
-        least, chunk = min(square(rival.left) for rival in self.rivals), self.view.chunks[0]
+        least = min(square(rival.left) for rival in self.rivals)
         per_parameter = least / (self.view.seconds * self.view.bandwidth)
         made = np.array([self.unexplained(x) for x in self.draws])
 
@@ -509,12 +477,12 @@ class Court:
             explained, left = square(none.left) - square(best.left), square(best.left)
             found = list[tuple[bool, float, Rival]]()
             for rival in self.rivals:
-                by_chunk = np.bincount(chunk, rival.left**2 - best.left**2, CHUNKS)
-                margin = max(ALIKE * float(by_chunk.std(ddof=1)) * CHUNKS**0.5, NEAR * left)
+                by_chunk = np.add.reduceat(rival.left**2 - best.left**2, self.view.edges[:-1])
+                margin = ALIKE * float(by_chunk.std(ddof=1)) * CHUNKS**0.5
                 rounding = 2 * ALIKE * rms(made @ (rival.left - best.left)) if len(made) else 0.0
                 most, apart = UNEXPLAINED * explained, score(rival) - score(best)
                 if rival.family == best.family == "path" and rival.possible:
-                    margin = most = max(margin, most, NEAR_PATH * left)
+                    margin = most = min(max(margin, most, NEAR_PATH * left), explained)
                 if (
                     apart <= max(min(max(margin, rounding), most), CHANCE * per_parameter)
                     and rival.family not in UNHEARD
@@ -609,10 +577,11 @@ def witness_row(
     row |= {"VAF_in_band": vaf}
     told = not court.heard or any(one.name in ("clocks", "delay") for one in alike)  # what else passes for a drift
     if record.two_clocks and not is_leg and not record.groups.repeat and told:
-        row |= clocks_row(record, *court.clock_drift(), CHUNKS - 5.0)
+        lag, error = (float(x[1]) / view.seconds for x in court.late(np.ones(view.n), view.time)[2:])
+        row |= clocks_row(record, 1e6 * lag / (1 - lag), 1e6 * error, CHUNKS - 5.0)
     if not alike:
         return row
-    every, half = (np.array([getattr(rival, name) for rival in alike]) for name in ("estimates", "half"))
+    every, half = (np.array([getattr(one, name) for one in alike]) for name in ("estimates", "half"))
     half = np.minimum(half, np.maximum(np.abs(every), half[0]))  # a path of no effect has any
     low, high = (every - half).min(axis=0), (every + half).max(axis=0)
     row |= {"path_shift": None} if alike[0].family == "friction" else {}
@@ -621,9 +590,10 @@ def witness_row(
         return row
     row |= {"rivals": ", ".join(dict.fromkeys(one.name for one in alike))}
     apart = harm_of(np.ptp(every, axis=0), every[0])
-    useless = USELESS * np.hypot(none.estimates, np.array(list(HARM.values()))[-len(names) :, 1])
+    useless = USELESS * np.hypot(none.estimates, [HARM[name][1] for name in list(HARM)[-len(names) :]])
     for k, name in enumerate(names):
-        ends = (float(low[k]), float(high[k])) if high[k] - low[k] < useless[k] else (None, None)
+        is_told = high[k] - low[k] < useless[k] or alike[0].family == "friction"  # whose range is the fit's interval
+        ends = (float(low[k]), float(high[k])) if is_told else (None, None)
         row |= {f"{name}_without": float(every[0, k]) if apart[k] <= 1 and alike[-1].family != "friction" else None}
         row |= dict(zip((f"{name}_without_low", f"{name}_without_high"), ends, strict=True))
     return row

@@ -34,7 +34,7 @@ def unchecked_in(table: str, row: AnyRow) -> Iterator[Finding]:
     names = {"impedance": of_impedance, "walking_groups": of_walking}.get(table)
     for what in [*(names(row) if names else ()), *of_others(table, row)]:
         yield Finding(table, subject, what, Grade.UNCHECKED, amplitude_deg=amplitude)
-    if row.get("B_viscous_low") is not None and row["B_viscous"] is None:
+    if row.get("K_without_friction_low") is not None and row["K_without_friction"] is None:
         yield Finding(table, subject, "how much of B is friction", Grade.UNCHECKED, amplitude_deg=amplitude)
     quantity = MEASURED_BY.get(table, "")
     times = cell_number(row, f"{quantity}_ratio") or 1.0

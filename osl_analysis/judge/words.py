@@ -236,6 +236,11 @@ def calibration_said(facts: Facts) -> str:
         what = f"write `delay: {1e3 * lag:.3g} ms` more for it and `{state}`"
         if half > 0.2 * lag:  # or early, which no load cell is
             what = "which a spring that loses energy shows too, so measure it with a known inertia"
+        elif filters := [
+            one for one in str(facts.get("rivals") or "").split(", ") if "low-pass" in one or one == "mean"
+        ]:
+            what = f"or behind a {' or '.join(filters)}, by which I is another one: write the `low_pass` that its path "
+            what += f"has by the data sheet, or `delay: {1e3 * lag:.3g} ms` if it has none, and calibrate again"
         return f"the torque is late by {1e3 * lag:.3g} ± {1e3 * half:.2g} ms, {what}"
     gain, half = facts["gain"], facts["gain_high"] - facts["gain"]
     off = f"torque over angle is {100 * (gain - 1):+.3g} ± {100 * half:.2g} % off"
@@ -275,6 +280,7 @@ COMPUTED: Mapping[str, Callable[[Facts], str]] = {
     "gap": damping_gap_said,
     "like": reaction_said,
     "unknown_gains": unknown_gains,
+    "beside_friction": lambda facts: filled(WORDS["unchecked"]["how much of B is friction"]["beside"], facts),
     "late_or_early": lambda facts: "late" if facts["certain_theta_m_lag_s"] > 0 else "early",
     "theta_m_ms": lambda facts: f"{1e3 * abs(facts['certain_theta_m_lag_s']):.2g}",
     "of_file": lambda facts: significant(

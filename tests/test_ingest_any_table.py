@@ -79,6 +79,7 @@ TEXTS = {
     "LabVIEW without times": text(
         "\t", ["X_Value", *HEAD[1:], "Comment"], LVM[:-1] + "\t\n***End_of_Header***\t\n", t=[""] * 700),
     "counter called ms": text(head=["ms", *HEAD[1:]], t=[str(round(65000 + 1e3 * x) % 2**16) for x in TIME]),
+    "counter of no known name": text(head=["tick", *HEAD[1:]], t=[str(round(65000 + 1e3 * x) % 2**16) for x in TIME]),
     "quoted, with decimal commas": text(",", ['"t [s]"', '"angle [deg]"', '"torque [Nm]"'], **{
         name: [f'"{x}"'.replace(".", ",") for x in column] for name, column in zip("tam", (T, A, M), strict=True)}),
     "minus signs of a text processor": text().replace("-", "\u2212"),

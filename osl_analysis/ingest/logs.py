@@ -338,9 +338,9 @@ def likely_unit(name: str) -> str:
 
 
 def ticks(values: NDArray[Any], unit: str) -> bool:
-    """Whether readings (n,) rise as those of a clock do: never back, by steps of which four in five are within a fifth
-    of their median, in a unit of time, or in none and as fast as a recorder of joints in one unit only."""
-    steps = np.diff(values[np.isfinite(values)])
+    """Whether readings (n,) rise as those of a clock do: by steps, but where a counter begins anew, of which four
+    in five are within a fifth of their median, in a unit of time, or in none and as fast as recorders in one only."""
+    steps = np.diff(unwrapped(values[np.isfinite(values)], "")[0])
     usual = float(np.median(steps)) if steps.size >= 20 and (steps >= 0).all() else 0.0
     even = usual > 0 and float(np.mean(np.abs(steps / usual - 1) < 0.2)) > 0.8
     return even and bool(is_of_time(unit) if unit else time_unit(values))

@@ -798,7 +798,7 @@ def jumped_into(
     edges = run_edges(stands)
     edges = edges[np.all(np.sign(np.diff(edges) - held) == [1, -1], axis=1)]
     found = list[tuple[int, int]]()
-    far = np.abs(np.diff(x, prepend=x[:1])) > 0.02 * np.ptp(x) if len(edges) else ()
+    far = np.abs(np.diff(x, prepend=x[:1])) > 0.02 * np.ptp(x) if len(edges) else np.zeros(0, bool)
     for a, b in edges.tolist():
         inside, at = a and b < x.size - 1, [one for one in (a, b + 1) if 0 < one < x.size]
         jumps = [far[one - 1 : one + 2].max() * bends[one - 1 : one + 2].max() for one in at]

@@ -141,7 +141,9 @@ def log_lines(overview: Overview) -> Iterator[str]:
     complete = {"theta", "torque"} <= {guess.column for guess in guesses if guess.sure}
     comment_others = any(guess.column for guess in guesses)
     for number, (channel, guess) in enumerate(zip(signals, guesses, strict=True), start=1):
-        line, is_needed = channel_line(number, channel, guess), is_drafted(channel, guess, complete=complete)
+        line, stated = channel_line(number, channel, guess), is_unit(channel.unit or channel.likely_unit)
+        stands = guess.sure and (stated or guess.column in ("theta", "torque", "sync", "trigger"))
+        is_needed = stands or (bool(guess.column) and not complete)
         yield f"# {line}" if guess.no_signal or (comment_others and not is_needed) else line
 
 
@@ -165,12 +167,6 @@ class Guess:
     sign: int = 1  # by which it would be turned
     no_signal: bool = False  # whether it stands still, is noise, or is computed from another
     wraps_at: float = 0.0  # after how much it begins anew; 0 if it does not
-
-
-def is_drafted(channel: RecordedChannel, guess: Guess, *, complete: bool) -> bool:
-    """Whether the entry of a channel is no comment; complete: angle and torque are known."""
-    stands = guess.column in ("theta", "torque", "sync", "trigger") or is_unit(channel.unit or channel.likely_unit)
-    return (guess.sure and stands) or (bool(guess.column) and not complete)
 
 
 FEWEST_READINGS, LARGEST_READING = 100, 1e30  # how many tell how a channel moves; beyond the other, none is one

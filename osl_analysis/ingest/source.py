@@ -714,21 +714,17 @@ def by_leaps(column: str, time: Array, x: Array, bends: Array) -> NDArray[np.boo
     stays = np.diff(x) == 0
     usual = float(np.median(np.diff(time)))
     farthest = {"theta": 2000.0 * usual**2 * (usual > 0.0025), "theta_m": math.inf if usual > 0.0025 else 0.0}  # rad
-    no_mass = list[int]()
-    for a, b in leaps:
+    far, moved = [(a, b) for a, b in leaps if bends[a : b + 2].max() > 4 * rest], np.zeros(x.size, bool)
+    for a, b in far:
         size = abs(x[a] - x[a - 1])
-        if bends[a : b + 2].max() <= 4 * rest:
-            continue
         lost[a:b] = True
         is_turn = any(abs(size / turn - 1) < 0.1 for turn in (2 * np.pi, 360.0))
-        if a == b and size > farthest.get(column, math.inf) and not is_turn and time[a] - time[a - 1] <= 1.5 * usual:
-            no_mass.append(a)
-    moved = np.zeros(x.size, bool)
-    moved[no_mass] = True
-    lost |= moved if len(no_mass) % 2 else np.logical_xor.accumulate(moved)  # it was elsewhere in between
-    smooth, far = bends[2:-1] < 0.02, [at for at, _ in leaps if bends[at : at + 2].max() > 4 * rest]
+        is_moved = a == b and size > farthest.get(column, math.inf) and not is_turn
+        moved[a] = is_moved and time[a] - time[a - 1] <= 1.5 * usual
+    lost |= moved if moved.sum() % 2 else np.logical_xor.accumulate(moved)  # it was elsewhere in between
+    smooth = bends[2:-1] < 0.02
     for a, b in run_edges(smooth).tolist() if far and np.mean(smooth) < 0.5 else ():
-        beside = any(a - 1 <= at <= a + 1 or b + 2 <= at <= b + 4 for at in far)
+        beside = any(a - 1 <= at <= a + 1 or b + 2 <= at <= b + 4 for at, _ in far)
         lost[a : b + 3] |= b - a > 2 and not stays[a : b + 2].any() and beside
     return lost
 

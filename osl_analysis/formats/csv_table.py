@@ -580,7 +580,7 @@ def without_cut_row(rows: Rows, width: int, damage: Ledger, whole: bool) -> Rows
 def decimal_of(rows: Sequence[tuple[int, Sequence[str | None]]]) -> str:
     """The decimal sign of the cells: a comma where numbers have one, none a stop, and not all may part thousands."""
     columns = zip_longest(*(row for _, row in (*rows[:FIRST_LINES], *rows[-LAST_LINES:])))
-    numbers = [[cell for cell in column if cell and is_value(cell) and cell not in MISSING] for column in columns]
+    numbers = [[*filter(is_value, {cell or "" for cell in column} - {*MISSING})] for column in columns]
     others = [column for column in numbers if not are_whole_thousands(column, ".")]
     cells = [cell for column in others for cell in column]
     commas = [cell for cell in cells if re.fullmatch(r"[+-]?\d*,\d+([eE][+-]?\d+)?", cell)]

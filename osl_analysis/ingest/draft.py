@@ -194,6 +194,11 @@ def wraps_at(channel: RecordedChannel) -> float:
     return 0.0
 
 
+def gone_on(channel: RecordedChannel, at: float) -> RecordedChannel:
+    """A channel as one that goes on where it begins anew."""
+    return replace(channel, numbers=np.unwrap(readings(channel), period=at)) if at else channel
+
+
 def no_signal(channel: RecordedChannel) -> str:
     """Why a channel is no signal, in words; empty if it may be one. Of few readings nothing is said."""
     known = readings(channel)
@@ -217,18 +222,15 @@ def guessed_columns(channels: Sequence[RecordedChannel]) -> list[Guess]:
     not move, is noise, or a torque computed from a current is no signal."""
     named = [likely_column(one) for one in channels]
     currents = [one for one, column in zip(channels, named, strict=True) if column == "current"]
-    wraps = [*map(wraps_at, channels)]
-    unwrapped = (
-        np.unwrap(readings(one), period=at) if at else one.numbers for one, at in zip(channels, wraps, strict=True)
-    )
-    channels = [replace(one, numbers=numbers) for one, numbers in zip(channels, unwrapped, strict=True)]
+    pairs = [(one, wraps_at(one)) for one in channels]
+    channels = [gone_on(*one) for one in pairs]
     without, guesses = list[str](), list[Guess]()
     for channel, column in zip(channels, named, strict=True):
-        is_torque = column in ("torque", "torque_m")
-        without.append(no_signal(channel) or (made_of(channel, currents) if is_torque else ""))
+        made = made_of(channel, currents * (column in ("torque", "torque_m")))
+        without.append(no_signal(channel) or made)
     known = Counter(column for column, why in zip(named, without, strict=True) if not why)
     own = named_joint(channels)
-    for channel, column, why, at in zip(channels, named, without, wraps, strict=True):
+    for (channel, at), column, why in zip(pairs, named, without, strict=True):
         words = parted_name(name_and_ending(name_of(channel))[0]).split()
         sure = bool(words and column) and {*words} <= {*PATTERNS[column][2].split(), *own}
         by_name = Guess(column, sure and known[column] == 1, "guessed from its name" * sure, wraps_at=at)
@@ -275,10 +277,10 @@ def turns_slowly(overview: Overview) -> bool:
     """Whether the angle of a log goes to and fro at one speed, and turns less often than every two seconds."""
     signals, clock, _ = channels_of_log(overview)
     pairs = zip(signals, guessed_columns(signals), strict=True)
-    angle, guess = next((one for one in pairs if one[1].sure and one[1].column == "theta"), (None, Guess()))
-    if angle is None or clock is None or clock.numbers is None or (known := readings(angle)).size < FEWEST_READINGS:
+    angles = [gone_on(one, guess.wraps_at) for one, guess in pairs if guess.sure and guess.column == "theta"]
+    known = readings(angles[0]) if angles else np.empty(0)
+    if clock is None or clock.numbers is None or known.size < FEWEST_READINGS:
         return False
-    known = np.unwrap(known, period=guess.wraps_at) if guess.wraps_at else known
     speed = np.diff(np.interp(np.linspace(0, known.size - 1, 150), np.arange(known.size), known))
     at_one_speed = np.mean(np.abs(np.abs(speed) - usual_size(speed)) < 0.25 * usual_size(speed)) > 0.8
     factor, _ = base_units(normalised(clock.unit or clock.likely_unit)) or (0.0, "")

@@ -342,7 +342,7 @@ def ticks(values: NDArray[Any], unit: str) -> bool:
     return even and bool(is_of_time(unit) if unit else time_unit(values))
 
 
-def rate_of(time: Array | Indices, second: float = 1.0) -> float | None:
+def rate_of(time: NDArray[Any], second: float = 1.0) -> float | None:
     """Median rate [Hz] of stamps (n,), of which `second` are a second; None where they tell none."""
     steps = np.diff(time)
     steps = steps[steps > 0]

@@ -337,11 +337,11 @@ def inspect_mat(path: Path) -> Overview:
     remarks += [f"and {len(variables) - most} more variables"] * (len(variables) > most)
     by_part: dict[str, dict[str, Value]] = {}
     for part, name, _, value in variables:
-        if value.numbers is not None and len(value.shape) == 2 and max(value.shape) >= 10:  # one may be a signal
+        if is_signal(value):
             by_part.setdefault(part, {})[name] = value
     by_part = with_logged_joined(content, by_part)
     alike = parts_alike(by_part)
-    part, left_open = next(iter(alike), "") if len(alike) == 1 else "", list[str]()
+    part, left_open = next(iter(alike), "") * (len(alike) == 1), list[str]()
     if len(alike) > 1:
         parts = listing([printable(one) for one in alike], 40)
         what = f"{len(alike)} parts hold the same variables: name one per trial in the column `log_part` of the sheet"
@@ -396,6 +396,11 @@ def with_logged_joined(
         return by_part
     others = {part: own for part, own in by_part.items() if part not in ("", *structures)}
     return {"": dict([next(iter(clocks.items())), *joined.items()]), **others}
+
+
+def is_signal(value: Value) -> bool:
+    """Whether a variable may be a signal: a vector of real numbers, or a matrix of columns."""
+    return value.numbers is not None and len(value.shape) == 2 and max(value.shape) >= 10
 
 
 def columns_of_matrix(

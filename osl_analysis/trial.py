@@ -214,11 +214,11 @@ def check_time(name: str, time: Array) -> None:
         )
     step = np.diff(time)
     if (step < 0).any():
-        row = int(np.argmax(step < 0))
-        raise InputError(
-            f"{name}: time goes from {time[row]:.6f} s to {time[row + 1]:.6f} s at row {row + 1}; "
-            "the recorder's clock was set back: cut the log there, or take another time source in the source file"
-        )
+        row, in_order = int(np.argmax(step < 0)), np.diff(np.sort(time))
+        why = "the recorder's clock was set back: cut the log there, or take another time source in the source file"
+        if in_order.min() > 0.5 * in_order.max():
+            why = "no stamp is missing, so that rows changed places: sort them by time, or copy the file again"
+        raise InputError(f"{name}: time goes from {time[row]:.6f} s to {time[row + 1]:.6f} s at row {row + 1}; {why}")
 
 
 def write_trial(trial: Trial, path: Path) -> None:

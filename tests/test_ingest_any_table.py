@@ -79,6 +79,7 @@ TEXTS = {
     "LabVIEW without times": text(
         "\t", ["X_Value", *HEAD[1:], "Comment"], LVM[:-1] + "\t\n***End_of_Header***\t\n", t=[""] * 700),
     "counter called ms": text(head=["ms", *HEAD[1:]], t=[str(round(65000 + 1e3 * x) % 2**16) for x in TIME]),
+    "counter of no known name": text(head=["tick", *HEAD[1:]], t=[str(round(65000 + 1e3 * x) % 2**16) for x in TIME]),
     "quoted, with decimal commas": text(",", ['"t [s]"', '"angle [deg]"', '"torque [Nm]"'], **{
         name: [f'"{x}"'.replace(".", ",") for x in column] for name, column in zip("tam", (T, A, M), strict=True)}),
     "minus signs of a text processor": text().replace("-", "\u2212"),
@@ -111,6 +112,7 @@ TEXTS = {
         "Delta_X", "Y_Unit_Label\tDeg\tNm\nDelta_X") + "***End_of_Header***\t\n",
         a=[f"{x}\t{t}" for t, x in zip(T, A, strict=True)]),
     "an angle within one turn": text(a=[f"{x % 360:.9f}" for x in ANGLE]),
+    "units behind commas": text(",", ['"time,s"', '"angle,deg"', '"Ankle torque,Nm"']),
     "feet and pounds": text(head=[*HEAD[:2], "Torque [ft-lb]"], m=[f"{x / 1.3558179483314:.9f}" for x in TORQUE]),
 }  # fmt: skip
 
@@ -131,6 +133,8 @@ def made(path: Path, kind: str) -> Path:
         np.save(path, nested)
     elif kind == "npz":
         np.savez(path, **{name: frame[name].to_numpy() for name in frame.columns})
+    elif kind == "rate.npz":
+        np.savez(path, fs=500, **{name: frame[name].to_numpy() for name in frame.columns[1:]})
     elif kind == "h5":
         with h5py.File(path, "w") as file:
             for name, values in (("run/time_s", TIME), ("run/angle", ANGLE), ("run/torque", TORQUE)):
@@ -205,9 +209,8 @@ def test_a_table_of_text_is_read_by_the_draft_of_its_own_overview(tmp_path, dial
 
 
 @pytest.mark.parametrize("kind", [
-    "parquet", "feather", "arrows", "npy", "nested.npy", "npz", "h5", "xlsx", "Simulink", "structs", "matrix.npz",
-    "matrix.h5", "pandas.h5", "matrix.mat", "rate.mat", "Simulink, two with several",
-    "ControlDesk",
+    "parquet", "feather", "arrows", "npy", "nested.npy", "npz", "rate.npz", "h5", "xlsx", "Simulink", "structs",
+    "matrix.npz", "matrix.h5", "pandas.h5", "matrix.mat", "rate.mat", "Simulink, two with several", "ControlDesk",
 ])  # fmt: skip
 def test_a_table_of_a_program_is_read_by_the_draft_of_its_own_overview(tmp_path, kind):
     assert_recording(read_by_draft(made(tmp_path / (f"a.{kind}" if kind[0].islower() else "a.mat"), kind)))

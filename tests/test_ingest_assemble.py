@@ -360,7 +360,8 @@ LATE = TIME > 0.039
 @pytest.mark.parametrize(("changes", "counted", "told"), [
     ({"torque": np.where(LATE, np.nan, TORQUE)}, {}, "in 20 of 40 "),
     ({"torque": np.where(LATE, np.inf, TORQUE)}, {}, "inf"),
-    ({"t": np.full(40, 3.0)}, {}, "time stands still at 3 in 40 of 40 "), ({"t": -TIME}, {}, "time goes from"),
+    ({"t": np.full(40, 3.0)}, {}, "time stands still at 3 in 40 of 40 "), ({"t": -TIME}, {}, "sort them by time"),
+    ({"t": np.r_[TIME[:30], TIME[20:30]]}, {}, "clock was set back: cut"),
     ({"t": np.where(LATE, np.nan, TIME)}, {}, "no time in "), ({"angle": None, "angel": ANGLE}, {}, "angel"),
     ({}, {"counter": "angle"}, "is no count of samples, a whole number below"),
     ({"big": np.full(40, 2.0**53)}, {"counter": "big"}, "is no count of samples, a whole number below 9.01e+15"),

@@ -192,7 +192,7 @@ def draft_campaign(folder: Path) -> Draft:
         raise InputError(f"{folder}: no such folder of recordings; check the path")
     draft, layouts = Draft(), dict[tuple[object, ...], str]()
     overviews: dict[str, tuple[tuple[int, int], Overview, str]] = {}
-    recordings, captures = [], dict[Path, Overview]()
+    recordings, captures, slow = [], dict[Path, Overview](), set[Path]()
     for path in raw_files.recordings_in(folder):
         try:
             overview = inspect_file(path)
@@ -215,6 +215,7 @@ def draft_campaign(folder: Path) -> Draft:
         draft.open += [(file, text) for text in overview.open]
         recordings.append((file, source, is_capture))
         captures |= {file: overview} if is_capture else {}
+        slow |= {file} if not is_capture and drafts.turns_slowly(overview) else set()
     if not recordings:
         why = f", as {draft.refused[0]}" if draft.refused else f" ({', '.join(sorted(raw_files.SUFFIXES))})"
         raise InputError(f"{folder}: no recording in it that can be read{why}; name the folder of the recordings")
@@ -226,7 +227,8 @@ def draft_campaign(folder: Path) -> Draft:
         draft.sources[name] = text
     joints = [name for name, text in draft.sources.items() if "\n  theta: {" in text and "\n  torque: {" in text]
     moved = {file: drafts.told_by_motion(one) for file, one in captures.items()}
-    moved |= {file: {"experiment": "impedance"} for file, source, _ in recordings if source in joints}
+    of_joints = [file for file, source, _ in recordings if source in joints]
+    moved |= {file: {"experiment": "torque_angle" if file in slow else "impedance"} for file in of_joints}
     draft.trials = drafts.draft_trials(recordings, moved)
     known_joint = {name: drafts.named_joint(overviews[name][1].channels) for name in joints}
     for cells, _ in draft.trials:

@@ -15,7 +15,7 @@ from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from pickletools import genops
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -69,7 +69,7 @@ def read_binary_table(path: Path, layout: CsvLayout, is_unit: IsUnit, most_rows:
             check_archive(path)
         if kind == "sheet":
             return read_workbook(path, layout, is_unit)
-        damage, units = Ledger(), dict[str, str]()
+        damage, units, notes = Ledger(), dict[str, str](), list[str]()
         if kind == "stream":
             check_memory(path.stat().st_size)
             frame = pl.read_ipc_stream(path)
@@ -84,7 +84,7 @@ def read_binary_table(path: Path, layout: CsvLayout, is_unit: IsUnit, most_rows:
         elif kind == "hdf5":
             optional_module("h5py", "an HDF5 file")  # before the fork: it takes a fifth of a second
             arrays, units = isolated(partial(hdf5_arrays, path))
-            frame = frame_of(arrays, damage)
+            frame = frame_of(arrays, damage, notes)
             if (behind := bytes_behind(path, 0)) > 0:
                 damage.lose(f"{behind} bytes stand behind its end, and are not read", 0, None, 0)
         else:
@@ -92,16 +92,16 @@ def read_binary_table(path: Path, layout: CsvLayout, is_unit: IsUnit, most_rows:
                 if kind == "npy":
                     values = np.load(path, mmap_mode="r", allow_pickle=False)
                     check_memory(values.nbytes)
-                    frame = frame_of({"": np.asarray(values)}, damage)
+                    frame = frame_of({"": np.asarray(values)}, damage, notes)
                 else:
                     with path.open("rb") as file:  # numpy leaves that of a damaged archive open
-                        frame = frame_of(dict(np.load(file, allow_pickle=False)), damage)
+                        frame = frame_of(dict(np.load(file, allow_pickle=False)), damage, notes)
             except ValueError as error:
-                if not holds_objects(path):
+                if "object" not in str(error).casefold():  # `Object arrays cannot be loaded`, `Python objects in dtype`
                     raise
                 said = "holds objects of Python, which may run a program and are not read"
                 raise InputError(f"{said}; save arrays of numbers, as `numpy.savez(PATH, theta=theta, ...)`") from error
-    return table_of_frame(frame[:most_rows] if most_rows else frame, units, damage)
+    return table_of_frame(frame[:most_rows] if most_rows else frame, units, damage, notes)
 
 
 @contextmanager
@@ -210,22 +210,6 @@ def check_archive(path: Path) -> None:
             raise InputError(f"its part {damaged} does not match its checksum; copy it again, or export it anew")
 
 
-def holds_objects(path: Path) -> bool:
-    """Whether an array in a file of numpy holds objects of Python, by its header."""
-    with path.open("rb") as file, suppress(ValueError, zipfile.BadZipFile):
-        streams: Iterable[IO[bytes]] = [file]
-        if zipfile.is_zipfile(file):
-            archive = zipfile.ZipFile(file)
-            streams = (archive.open(name) for name in archive.namelist())
-        file.seek(0)
-        for stream in streams:
-            is_first = np.lib.format.read_magic(stream) == (1, 0)
-            header = np.lib.format.read_array_header_1_0 if is_first else np.lib.format.read_array_header_2_0
-            if header(stream)[2].hasobject:
-                return True
-    return False
-
-
 def hdf5_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
     """Data sets of numbers by path, and the units that their attributes state. Unwritten blocks are no values."""
     h5py = optional_module("h5py", "an HDF5 file")
@@ -287,17 +271,19 @@ def never_written(item: Any) -> NDArray[np.bool_] | None:
     return lacking
 
 
-def frame_of(arrays: Mapping[str, NDArray[Any]], damage: Ledger) -> pl.DataFrame:
+def frame_of(arrays: Mapping[str, NDArray[Any]], damage: Ledger, notes: list[str]) -> pl.DataFrame:
     """The columns of arrays that have the length that most have: an array (n,), each column of one (n, m), each field
-    of records. Rows are what there is more of. Texts are the titles of a matrix with as many columns, the only one."""
+    of records. Rows are what there is more of. Texts are the titles of a matrix with as many columns, the only one.
+    Single numbers, as a rate, become `notes`."""
     titles = titles_in(arrays)
     columns = {own: values for name, array in arrays.items() for own, values in columns_in(name, array, titles).items()}
     numbers = {name: values for name, values in columns.items() if values.dtype.kind in "biufmM"}
+    notes += [f"{name}={values[0]}" for name, values in numbers.items() if values.size == 1]
     lengths = Counter(values.size for values in numbers.values() if values.size > 1)
     if not lengths:
         raise InputError("holds no column of numbers; name a recording")
     length = max(lengths, key=lambda size: (lengths[size], size))
-    others = [name for name, values in numbers.items() if values.size != length]
+    others = [name for name, values in numbers.items() if values.size not in (1, length)]
     if others:
         damage.remarks.append(f"columns of {length} values are read; of another length are {listing(others, 8)}")
     return pl.DataFrame({name: values for name, values in numbers.items() if values.size == length})
@@ -334,7 +320,7 @@ def columns_in(name: str, array: NDArray[Any], titles: Mapping[int, Sequence[str
     return {own: np.ascontiguousarray(line) for own, line in zip(names, lines, strict=True)}
 
 
-def table_of_frame(frame: pl.DataFrame, units: Mapping[str, str], damage: Ledger) -> CsvTable:
+def table_of_frame(frame: pl.DataFrame, units: Mapping[str, str], damage: Ledger, notes: list[str]) -> CsvTable:
     """The columns of numbers, times and text of a frame."""
     if frame.width > MOST_COLUMNS:
         raise InputError(f"has {frame.width} columns, at most {MOST_COLUMNS} are read; write a row per sample")
@@ -353,7 +339,7 @@ def table_of_frame(frame: pl.DataFrame, units: Mapping[str, str], damage: Ledger
     names = [name or str(place) for place, name in enumerate(known, start=1)]
     stated = [units.get(name) or name_and_unit(name)[1] for name in names]
     body.columns = [str(place) for place in range(body.width)]
-    return CsvTable(names, stated, np.arange(1, frame.height + 1), body, [], damage, noun="row")
+    return CsvTable(names, stated, np.arange(1, frame.height + 1), body, notes, damage, noun="row")
 
 
 FIRST_BYTES = 1 << 16  # bytes of a file that `refuse_others` needs

@@ -577,15 +577,10 @@ def without_cut_row(rows: Rows, width: int, damage: Ledger, whole: bool) -> Rows
     return rows
 
 
-def number_columns(rows: Sequence[Sequence[str | None]]) -> list[list[str]]:
-    """The cells of each column that are numbers or times."""
-    columns = zip_longest(*rows)
-    return [[cell for cell in column if cell and is_value(cell) and cell not in MISSING] for column in columns]
-
-
 def decimal_of(rows: Sequence[tuple[int, Sequence[str | None]]]) -> str:
     """The decimal sign of the cells: a comma where numbers have one, none a stop, and not all may part thousands."""
-    numbers = number_columns([row for _, row in (*rows[:FIRST_LINES], *rows[-LAST_LINES:])])
+    columns = zip_longest(*(row for _, row in (*rows[:FIRST_LINES], *rows[-LAST_LINES:])))
+    numbers = [[*filter(is_value, {cell or "" for cell in column} - {*MISSING})] for column in columns]
     others = [column for column in numbers if not are_whole_thousands(column, ".")]
     cells = [cell for column in others for cell in column]
     commas = [cell for cell in cells if re.fullmatch(r"[+-]?\d*,\d+([eE][+-]?\d+)?", cell)]

@@ -162,39 +162,36 @@ class ChannelLog:
         if found.misfits:
             damage.misfits[self.channel.id] += found.misfits
             damage.remarks.append(f"{found.misfits} of {numbers.size} messages of {topic} are lost: {found.misfit}")
-        if numbers.size and (numbers == numbers[0]).all():  # nothing counts them
-            self.note_copies(found, damage)
         again = (steps == 0) & (np.diff(self.log_time[by_number]) == 0)
-        onward = steps[~again]
-        if onward.size and (onward > 0).all() and np.median(onward) == 1:  # they count messages
-            if copies := int(again.sum()):
-                damage.read[self.channel.id] -= copies
-                damage.verified = max(damage.verified - copies, 0)
-                said = "stand twice in the file, as where a part of it is a copy of another"
-                damage.remarks.append(f"{copies} of {numbers.size} messages of {topic} {said}")
+        onward, copies = steps[~again], 0
+        if numbers.size and (numbers == numbers[0]).all():  # nothing counts them
+            copies = self.copies_among(found)
+            damage.uncounted |= copies > 0
+        elif onward.size and (onward > 0).all() and np.median(onward) == 1:  # they count messages
+            copies = int(again.sum())
+            damage.verified = max(damage.verified - copies, 0)
             if missing := int((onward - 1).sum()):  # the recorder dropped them, or a chunk was removed
                 damage.skipped[self.channel.id] += missing
                 said = f"{missing} messages beside its {numbers.size - copies} are not in the file"
                 damage.remarks.append(f"the sequence numbers of {topic} say that {said}")
+        if copies:
+            damage.read[self.channel.id] -= copies
+            said = "stand twice in the file, as where a part of it is a copy of another"
+            damage.remarks.append(f"{copies} of {numbers.size} messages of {topic} {said}")
         return found
 
-    def note_copies(self, found: Columns, damage: Ledger) -> None:
-        """Take messages that stand twice, logged at one time with the same numbers, for what a part of the file lost
-        that is a copy of another; of a few a driver may have sent each twice."""
+    def copies_among(self, found: Columns) -> int:
+        """How many messages stand twice, logged at one time with the same numbers, as where a part of the file is a
+        copy of another; of a few a driver may have sent each twice."""
         logged = self.log_time[found.rows]
         order = np.argsort(logged, kind="stable")
         same = np.diff(logged[order]) == 0
-        apart = np.diff(order)[same] > 1 if same.any() else np.empty(0, bool)
-        if not apart.any():  # one right behind the other is no copy of a part
-            return
+        if not (np.diff(order)[same] > 1).any():  # one right behind the other is no copy of a part
+            return 0
         for values in found.values.values():
             known = np.ma.filled(values[order].astype(np.float64), np.nan)
             same &= (known[1:] == known[:-1]) | (np.isnan(known[1:]) & np.isnan(known[:-1]))
-        if copies := int(same.sum()):
-            damage.read[self.channel.id] -= copies
-            damage.uncounted = True
-            said = "stand twice in the file, as where a part of it is a copy of another"
-            damage.remarks.append(f"{copies} of {logged.size} messages of topic '{self.channel.topic}' {said}")
+        return int(same.sum())
 
     def decoding(self, columns: Columns) -> dict[str, Any]:
         """How its messages were decoded, for the provenance."""

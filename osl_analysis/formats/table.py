@@ -239,7 +239,7 @@ def noise_of_pieces(pieces: NDArray[Any]) -> list[tuple[float, float]]:
         return [(0.0, 0.0)] * len(pieces)
     apart, (steps, scatter) = np.diff(np.sort(pieces)), (np.abs(np.diff(pieces, order)) for order in (1, 4))
     level, scatter = np.where(apart > 0, apart, np.inf).min(axis=1), np.median(scatter, axis=1) / (0.6745 * 70**0.5)
-    is_noise = scatter > np.maximum(0.6 * level, 0.02 * np.median(steps, axis=1))
+    is_noise = scatter > np.maximum(0.6 * level, 0.01 * np.median(steps, axis=1))
     parts = apart / level[:, None]
     is_step = np.mean(np.abs(parts - np.rint(parts)) < 0.05, axis=1) > 0.5  # else a chance: numbers of all their digits
     level = np.where(is_step | (scatter == 0), level, 1e-3 * level)

@@ -18,7 +18,7 @@ from osl_analysis.ingest.raw_files import FORMATS
 from osl_analysis.ingest.source import NAME_OF_TIME, UNKNOWN, open_places
 from osl_analysis.ingest.units import base_units, dimension, is_unit, name_and_ending, normalised
 from osl_analysis.signals import runs
-from osl_analysis.trial import COLUMNS, Array, factor_of, varies
+from osl_analysis.trial import COLUMNS, Array, factor_of, usual_size, varies
 from osl_analysis.yaml_settings import read_mapping
 
 MOTOR = r"\b(motor|actuator|act|output|gear|mot)\b"
@@ -53,13 +53,16 @@ PATTERNS = {
 `theta_d` may be a command, `knee_angle` another joint's (`named_joint`). The first that fits is the guess."""
 
 
+COUNTS = ("", "dimensionless", "count")  # what may be of any quantity measures nothing, or this
+
+
 def likely_column(channel: RecordedChannel) -> str:
     """The canonical column that a channel may be; empty where name and unit tell none. A stated or likely unit must be
     one of the column's; where the name tells nothing, what the unit measures is the guess."""
     words, stated = parted_name(name_and_ending(name_of(channel))[0]), normalised(channel.unit or channel.likely_unit)
     _, measured = base_units(stated) or (1.0, "")
     for column, (wanted, unwanted, _) in PATTERNS.items():
-        fits = column in ("sync", "trigger") or not measured or measured == dimension(COLUMNS[column])
+        fits = column in ("sync", "trigger") or measured in (*COUNTS, dimension(COLUMNS[column]))
         if fits and re.search(wanted, words) and not (unwanted and re.search(unwanted, words)):
             return column
     known = {dimension("rad"): "theta", dimension("N*m"): "torque", dimension("A"): "current"}.get(measured, "")
@@ -138,7 +141,9 @@ def log_lines(overview: Overview) -> Iterator[str]:
     complete = {"theta", "torque"} <= {guess.column for guess in guesses if guess.sure}
     comment_others = any(guess.column for guess in guesses)
     for number, (channel, guess) in enumerate(zip(signals, guesses, strict=True), start=1):
-        line, is_needed = channel_line(number, channel, guess), is_drafted(channel, guess, complete=complete)
+        line, stated = channel_line(number, channel, guess), is_unit(channel.unit or channel.likely_unit)
+        stands = guess.sure and (stated or guess.column in ("theta", "torque", "sync", "trigger"))
+        is_needed = stands or (bool(guess.column) and not complete)
         yield f"# {line}" if guess.no_signal or (comment_others and not is_needed) else line
 
 
@@ -161,12 +166,7 @@ class Guess:
     said: str = ""  # the evidence, in words
     sign: int = 1  # by which it would be turned
     no_signal: bool = False  # whether it stands still, is noise, or is computed from another
-
-
-def is_drafted(channel: RecordedChannel, guess: Guess, *, complete: bool) -> bool:
-    """Whether the entry of a channel is no comment; complete: angle and torque are known."""
-    stands = guess.column in ("theta", "torque", "sync", "trigger") or is_unit(channel.unit or channel.likely_unit)
-    return (guess.sure and stands) or (bool(guess.column) and not complete)
+    wraps_at: float = 0.0  # after how much it begins anew; 0 if it does not
 
 
 FEWEST_READINGS, LARGEST_READING = 100, 1e30  # how many tell how a channel moves; beyond the other, none is one
@@ -194,9 +194,8 @@ def wraps_at(channel: RecordedChannel) -> float:
     return 0.0
 
 
-def gone_on(channel: RecordedChannel) -> RecordedChannel:
+def gone_on(channel: RecordedChannel, at: float) -> RecordedChannel:
     """A channel as one that goes on where it begins anew."""
-    at = wraps_at(channel)
     return replace(channel, numbers=np.unwrap(readings(channel), period=at)) if at else channel
 
 
@@ -223,17 +222,18 @@ def guessed_columns(channels: Sequence[RecordedChannel]) -> list[Guess]:
     not move, is noise, or a torque computed from a current is no signal."""
     named = [likely_column(one) for one in channels]
     currents = [one for one, column in zip(channels, named, strict=True) if column == "current"]
-    channels = [*map(gone_on, channels)]
+    pairs = [(one, wraps_at(one)) for one in channels]
+    channels = [gone_on(*one) for one in pairs]
     without, guesses = list[str](), list[Guess]()
     for channel, column in zip(channels, named, strict=True):
-        is_torque = column in ("torque", "torque_m")
-        without.append(no_signal(channel) or (made_of(channel, currents) if is_torque else ""))
+        made = made_of(channel, currents * (column in ("torque", "torque_m")))
+        without.append(no_signal(channel) or made)
     known = Counter(column for column, why in zip(named, without, strict=True) if not why)
     own = named_joint(channels)
-    for channel, column, why in zip(channels, named, without, strict=True):
+    for (channel, at), column, why in zip(pairs, named, without, strict=True):
         words = parted_name(name_and_ending(name_of(channel))[0]).split()
         sure = bool(words and column) and {*words} <= {*PATTERNS[column][2].split(), *own}
-        by_name = Guess(column, sure and known[column] == 1, "guessed from its name" * sure)
+        by_name = Guess(column, sure and known[column] == 1, "guessed from its name" * sure, wraps_at=at)
         guesses.append(Guess(said=why, no_signal=True) if why else by_name)
     columns = {guess.column for guess in guesses}
     if "theta" not in columns and columns & {"theta_m", "omega_m"}:  # an actuator alone
@@ -273,6 +273,21 @@ def correlation(theta: RecordedChannel, torque: RecordedChannel) -> float:
     return float(np.corrcoef(x, y)[0, 1]) if len(x) == len(y) > FEWEST_READINGS and varies(x) and varies(y) else 0.0
 
 
+def turns_slowly(overview: Overview) -> bool:
+    """Whether the angle of a log goes to and fro at one speed, and turns less often than every two seconds."""
+    signals, clock, _ = channels_of_log(overview)
+    pairs = zip(signals, guessed_columns(signals), strict=True)
+    angles = [gone_on(one, guess.wraps_at) for one, guess in pairs if guess.sure and guess.column == "theta"]
+    known = readings(angles[0]) if angles else np.empty(0)
+    if clock is None or clock.numbers is None or known.size < FEWEST_READINGS:
+        return False
+    speed = np.diff(np.interp(np.linspace(0, known.size - 1, 150), np.arange(known.size), known))
+    at_one_speed = np.mean(np.abs(np.abs(speed) - usual_size(speed)) < 0.25 * usual_size(speed)) > 0.8
+    factor, _ = base_units(normalised(clock.unit or clock.likely_unit)) or (0.0, "")
+    turns = np.count_nonzero(np.diff(np.sign(speed)))
+    return bool(at_one_speed and 2 <= turns < factor * np.ptp(clock.numbers) / 2)
+
+
 def made_of(channel: RecordedChannel, currents: Sequence[RecordedChannel]) -> str:
     """Of which current a torque is a constant times, in words; empty of none: that is no torque that was measured."""
     for current in currents:
@@ -287,14 +302,15 @@ def made_of(channel: RecordedChannel, currents: Sequence[RecordedChannel]) -> st
 def channel_line(number: int, channel: RecordedChannel, guess: Guess) -> str:
     """One entry under `channels`, by what it may be, with the column's name where that is sure."""
     stated, is_guessed = channel.unit or channel.likely_unit, bool(channel.likely_unit and not channel.unit)
-    unit = stated if stated and is_unit(stated) else "V" if guess.column in ("sync", "trigger") else UNKNOWN
+    is_known = (base_units(normalised(stated)) or (1.0, ""))[1] not in (COUNTS if guess.column else COUNTS[:1])
+    unit = stated if is_known else "V" if guess.column in ("sync", "trigger") else UNKNOWN
     said = [f"{guess.column}?"] * (bool(guess.column) and not guess.sure)
     said += [f"{'left out: ' * guess.no_signal}{guess.said}"]
     said += [f"no known unit: {json.dumps(channel.unit)}"] * (bool(channel.unit) and unit == UNKNOWN)
     said += ["the unit is guessed: check it"] * is_guessed
     said += ["no unit is stated"] * (guess.sure and unit == UNKNOWN and not stated)
     fields: dict[str, Any] = {**channel.address, "unit": unit} | ({"sign": guess.sign} if guess.sign < 0 else {})
-    fields |= {"wraps_at": at} if guess.column.startswith("theta") and (at := wraps_at(channel)) else {}
+    fields |= {"wraps_at": guess.wraps_at} if guess.column.startswith("theta") and guess.wraps_at else {}
     entry = ", ".join(f"{key}: {json.dumps(value, ensure_ascii=False)}" for key, value in fields.items())
     comment = f"  # {'; '.join(filter(None, said))}" if any(said) else ""
     return f"  {guess.column if guess.sure else f'NAME_{number}'}: {{{entry}}}{comment}"

@@ -4,7 +4,7 @@ topic, in MCAP or a bag of ROS, in the order of their stamps. Nothing is interpo
 import json
 import re
 from collections import Counter, defaultdict
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, replace
 from functools import reduce
@@ -22,7 +22,6 @@ from osl_analysis.formats.gait_text import read_opensim
 from osl_analysis.formats.json_lines import JsonLines, addresses_of, decode_lines, read_json_lines
 from osl_analysis.formats.mat import Value, open_mat
 from osl_analysis.formats.mcap import read_mcap
-from osl_analysis.formats.message_fields import Indices
 from osl_analysis.formats.messages import Decoded, MessageFile, RefusedFileError, WrongFieldError, decode_topics
 from osl_analysis.formats.rosbag import read_rosbag1, read_rosbag2, siblings
 from osl_analysis.formats.table import Ledger, Table
@@ -93,7 +92,7 @@ def read_table_log(path: Path, source: TableSource) -> Recording:
         said.append(f"{repeated} of {fresh.size} {table.noun}s repeat the stamp of the {table.noun} before and {did}")
     facts = {
         "time": {**source.time.model_dump(exclude_none=True), "start": start},
-        "rates_hz": {path.name: median_rate(time[kept])},
+        "rates_hz": {path.name: rate_of(time[kept])},
         "repeated_stamps": repeated,
         "missing": missing,
         **({"clocks_apart": apart} if apart else {}),
@@ -262,7 +261,9 @@ def csv_log(path: Path, source: SheetSource) -> Table:
     if clock is not None:
         values[clock] = cells_of(text, clock, source, level=False, is_time=True) if stamps is None else stamps
     clocks = list(clock_columns(text, source, {*places.values()}))
-    end = len(text.lines) if clock is None else rows_with_values(values.values())
+    end = len(text.lines)
+    if clock is not None:  # up to the last value of any column: what is longer, as an EMG, has rows of its own
+        end = max(int(np.flatnonzero(~np.isnan(one.astype(np.float64)))[-1:].sum()) + 1 for one in values.values())
     values = {place: one[:end] for place, one in values.items()}
     rates = [("in words", one)] if (one := stated_rate(text.comments)) else []
     found = {}
@@ -276,11 +277,6 @@ def csv_log(path: Path, source: SheetSource) -> Table:
         lines=text.lines[:end] if text.noun == "line" else None, failed="missing", has_stamps=stamps is not None,
         clocks=[(name, unit, one[:end]) for name, unit, one in clocks],
     )  # fmt: skip
-
-
-def rows_with_values(columns: Iterable[NDArray[Any]]) -> int:
-    """How many rows there are up to the last value of any column: what is longer, as an EMG, has rows of its own."""
-    return max(int(np.flatnonzero(~np.isnan(one.astype(np.float64)))[-1:].sum()) + 1 for one in columns)
 
 
 def clock_columns(
@@ -338,19 +334,19 @@ def likely_unit(name: str) -> str:
 
 
 def ticks(values: NDArray[Any], unit: str) -> bool:
-    """Whether readings (n,) rise as those of a clock do: never back, by steps of which four in five are within a fifth
-    of their median, in a unit of time, or in none and as fast as a recorder of joints in one unit only."""
-    steps = np.diff(values[np.isfinite(values)])
+    """Whether readings (n,) rise as those of a clock do: by steps, but where a counter begins anew, of which four
+    in five are within a fifth of their median, in a unit of time, or in none and as fast as recorders in one only."""
+    steps = np.diff(unwrapped(values[np.isfinite(values)], "")[0])
     usual = float(np.median(steps)) if steps.size >= 20 and (steps >= 0).all() else 0.0
     even = usual > 0 and float(np.mean(np.abs(steps / usual - 1) < 0.2)) > 0.8
     return even and bool(is_of_time(unit) if unit else time_unit(values))
 
 
-def rate_of(time: Array) -> float | None:
-    """Median rate [Hz] of stamps [s]; None where they tell none."""
+def rate_of(time: NDArray[Any], second: float = 1.0) -> float | None:
+    """Median rate [Hz] of stamps (n,), of which `second` are a second; None where they tell none."""
     steps = np.diff(time)
     steps = steps[steps > 0]
-    return float(1 / np.median(steps)) if steps.size else None
+    return float(second / np.median(steps)) if steps.size else None
 
 
 def time_unit(clock: Array) -> str:
@@ -743,7 +739,7 @@ def read_message_log(path: Path, source: MessageSource) -> Recording:
         with naming(f"topic '{topic}'"):
             tables[topic], orders[topic], lacking = read_topic(by_topic[topic], decoded.pop(topic), source, file.damage)
         absent += [f"topic '{topic}': {text}" for text in lacking]
-    rates = {topic: median_rate(table["stamp"].to_numpy(), SECOND) for topic, table in tables.items()}
+    rates = {topic: rate_of(table["stamp"].to_numpy(), SECOND) for topic, table in tables.items()}
     joined = joined_on_stamp([tables.pop(topic) for topic in [*tables]])
     missing = {column: int(joined[column].is_nan().sum()) for column in source.channels}
     start, stamp = int(joined["stamp"][0]), str(source.time.field if source.time.source == "header" else "log")
@@ -766,12 +762,6 @@ def read_message_log(path: Path, source: MessageSource) -> Recording:
         remarks += [f"topic '{topic}': {count} messages {what}" for what, count in counts.items() if count]
     remarks += [*absent, *(f"{column} is NaN in {n} of {len(joined)} rows" for column, n in missing.items() if n)]
     return Recording(pl.DataFrame([time, *joined]), columns, facts, remarks, file.damage, topics)
-
-
-def median_rate(stamps: Array | Indices, second: float = 1.0) -> float | None:
-    """Median rate [Hz] of stamps (n,), of which `second` are a second; None if there is one or most are repeated."""
-    step = float(np.median(np.diff(stamps))) if stamps.size > 1 else 0.0
-    return second / step if step > 0 else None
 
 
 def decode_wanted(

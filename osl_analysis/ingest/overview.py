@@ -189,19 +189,14 @@ def overview_of(
     signals = None if drafted is None else [as_clock(one) if one.key == clock else one for one in drafted]
     if timing is None:
         time = next((one for one in signals or shown if one.key == clock), None)
-        timing = {"time": time_setting(next(iter(columns[0].address)) if columns else "column", time)}
+        key = next(iter(columns[0].address)) if columns else "column"
+        unit = UNKNOWN if time is None else time.unit or time.likely_unit or UNKNOWN
+        timing = {"time": {key: NAME_OF_TIME if time is None else time.address[key], "unit": unit}}
     units = {one.key: one.likely_unit for one in shown if one.key != clock or logs.likely_unit(one.name)}
     told = ", ".join(f"{key} [{unit}]" for key, unit in units.items() if unit)
     guesses = [f"units guessed from the names, to be checked: {told}"] * bool(told)
     stated = {"clock": "master", **(settings or {}), **timing}
     return Overview(name, facts or {}, shown, [*remarks, *guesses], stated, signals, questions)
-
-
-def time_setting(key: str, clock: RecordedChannel | None) -> dict[str, str]:
-    """The field `time` of a source file, by the clock that the draft names."""
-    if clock is None:
-        return {key: NAME_OF_TIME, "unit": UNKNOWN}
-    return {key: clock.address[key], "unit": clock.unit or clock.likely_unit or UNKNOWN}
 
 
 OTHER_NUMBER = re.compile(r"[+-]?\d[^#]*$")  # written as no table is read, unlike Windows' `1.#QNAN`
@@ -346,7 +341,7 @@ def inspect_mat(path: Path) -> Overview:
             by_part.setdefault(part, {})[name] = value
     by_part = with_logged_joined(content, by_part)
     alike = parts_alike(by_part)
-    part, left_open = next(iter(alike), "") if len(alike) == 1 else "", list[str]()
+    part, left_open = next(iter(alike), "") * (len(alike) == 1), list[str]()
     if len(alike) > 1:
         parts = listing([printable(one) for one in alike], 40)
         what = f"{len(alike)} parts hold the same variables: name one per trial in the column `log_part` of the sheet"

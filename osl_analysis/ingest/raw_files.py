@@ -42,6 +42,7 @@ from osl_analysis.ingest.source import (
     Source,
     bends_of,
     check_sizes,
+    leaps_of,
     open_places,
     values_of_no_sensor,
 )
@@ -77,7 +78,7 @@ class KnownFormat:
             tell_copies(recording)
             tell_no_sensor(recording)
             tell_odd_steps(recording)
-            tell_leaps_of_all(recording)
+            tell_leaps_of_markers(recording)
         said = (*recording.damage.all_remarks(recording.topics is not None), *recording.warnings)
         return replace(recording, warnings=[f"{printable(path.name)}: {text}" for text in said])
 
@@ -244,6 +245,7 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
 
 
 own_version = cache(version)  # which takes 4 ms
+FAR_OF_MARKER = 40.0  # times as far as elsewhere; in captures of eleven laboratories markers came to 27
 LEAST_COPIED = 4  # samples in a row that are those of another place
 AROUND = 1000  # samples before and behind such a run, which tell whether a motion comes again there
 NO_SENSOR = ("V", "N*m/rad", "N*m*s/rad")  # units of pulses and of gains, which repeat themselves
@@ -262,10 +264,10 @@ def as_written(recording: Recording, column: str) -> tuple[NDArray[np.intp], Arr
     return rows, values[rows] / factor - origin.get("offset", 0)
 
 
-def channels_with_noise(recording: Recording) -> tuple[list[tuple[str, NDArray[np.intp], Array]], list[float]]:
-    """The measured channels with noise: name, rows (n,), readings (n,), without those that its recorder held; and how
-    unlikely the quietest piece of each makes a reading equal to another."""
-    parts, sure = list[tuple[str, NDArray[np.intp], Array]](), list[float]()
+def measured_channels(recording: Recording) -> list[tuple[str, NDArray[np.intp], Array, float]]:
+    """The measured channels: name, rows (n,), readings (n,), without those that its recorder held; and how unlikely the
+    quietest piece of each makes a reading equal to another, 0 without noise."""
+    parts = list[tuple[str, NDArray[np.intp], Array, float]]()
     alike: dict[int, list[tuple[str, NDArray[np.intp], Array, Array]]] = {}  # by the length of their pieces
     for column in recording.columns:
         if column.endswith("_command") or unit_of(column) in NO_SENSOR:
@@ -280,21 +282,21 @@ def channels_with_noise(recording: Recording) -> tuple[list[tuple[str, NDArray[n
     for group in alike.values():
         noise = noise_of_pieces(np.concatenate([pieces for *_, pieces in group]))
         for k, (column, rows, x, _) in enumerate(group):
-            if quietest := surprise(*min(noise[8 * k : 8 * k + 8])):
-                parts.append((column, rows, x))
-                sure.append(quietest)
-    return parts, sure
+            parts.append((column, rows, x, surprise(*min(noise[8 * k : 8 * k + 8]))))
+    return parts
 
 
 def tell_copies(recording: Recording) -> None:
     """Count as lost what the samples of a channel in a place are those of another place, or channel, more of them than
-    noise repeats in one of a million channels. Commands repeat themselves, pulses, and a motion without noise."""
+    repeat in one of a million channels. Commands repeat themselves, pulses, and a motion without noise in its own."""
     lost, found = np.zeros(recording.samples.height, bool), dict[tuple[int, int, int, str], list[str]]()
-    time, (parts, sure) = recording.samples["time"], channels_with_noise(recording)
-    ends = np.cumsum([0, *(x.size for *_, x in parts)]).tolist()
+    time, parts = recording.samples["time"], measured_channels(recording)
+    ends = np.cumsum([0, *(x.size + 1 for _, _, x, _ in parts)]).tolist()
     if not parts:
         return
-    every, rows = (np.concatenate([one[k] for one in parts]) for k in (2, 1))
+    every, rows = np.zeros(ends[-1]), np.zeros(ends[-1], np.int64)
+    for k, (_, own, x, _) in enumerate(parts):  # behind each a word that is nowhere else: no run goes on into the next
+        every[ends[k] : ends[k + 1]], rows[ends[k] : ends[k + 1] - 1] = [*x, 1e200 * (k + 1)], own
     enough = 2 * math.log(every.size + 1) + math.log(1e6)
 
     def part_of(place: int) -> int:
@@ -303,18 +305,20 @@ def tell_copies(recording: Recording) -> None:
     def proves(run: slice, lag: int) -> bool:
         own, other = part_of(run.start), part_of(run.start + lag)
         begin = max(ends[own], ends[other] - lag, run.start - AROUND)
-        end = max(run.stop, min(ends[own + 1], ends[other + 1] - lag, run.stop + AROUND))
-        scatter, level = noise_in(every[ends[own] : ends[own + 1]], slice(run.start - ends[own], run.stop - ends[own]))
+        end = max(run.stop, min(ends[own + 1] - 1, ends[other + 1] - 1 - lag, run.stop + AROUND))
+        scatter, level = noise_in(parts[own][2], slice(run.start - ends[own], run.stop - ends[own]))
         at = np.r_[begin : run.start, run.stop : end]
         alike = (np.count_nonzero(np.abs(every[at + lag] - every[at]) < 1.5 * level) + 1) / (at.size + 1)
-        each = min(sure[own], sure[other], surprise(scatter, level), -math.log(alike))
-        return int(np.count_nonzero(np.diff(every[run]))) * each > enough
+        each = [-math.log(alike), *[parts[own][3], surprise(scatter, level)] * (own == other)]
+        return int(np.count_nonzero(np.diff(every[run]))) * min(each) > enough
 
     words = ((every + 0.0).view(np.int64) + (1 << 15)) >> 16  # units, taken off again, leave rounding
-    for start, stop, other in copied_runs(words, max(LEAST_COPIED, int(enough / max(sure))), proves):
+    for start, stop, other in copied_runs(words, LEAST_COPIED, proves):
         name, there = (parts[part_of(place)][0] for place in (start, other))
         key = (int(rows[start]), int(rows[stop - 1]) + 1, int(rows[other]), there * (there != name))
         found.setdefault(key, []).append(name)
+        is_at_end = not {start, other, stop + 1, other + stop - start + 1}.isdisjoint(ends)
+        recording.damage.uncounted |= is_at_end or name != there  # what was copied beside may prove nothing
     for (start, stop, other, of), names in found.items():
         if not lost[start:stop].all():
             at, there = (f"{time[row]:.3f} s" for row in (start, other))
@@ -335,8 +339,9 @@ def tell_no_sensor(recording: Recording) -> None:
     trigger, and hold all channels until then."""
     asked = [one for one in recording.columns if one in SELDOM_REPEAT]
     each = [recording.samples.select("time", one).filter(pl.col(one).is_finite()) for one in asked]
-    changed = (own.filter(pl.col(column) != pl.col(column).first()) for column, own in zip(asked, each, strict=True))
-    begin = min((own["time"][0] for own in changed if own.height), default=0.0)
+    held = [int((own[one] == own[one].first()).cum_min().sum()) for one, own in zip(asked, each, strict=True)]
+    starts = (own["time"][count * (count > 1)] for own, count in zip(each, held, strict=True) if count < own.height)
+    begin = min(starts, default=0.0)
     for column, own in zip(asked, (own.filter(pl.col("time") >= begin) for own in each), strict=True):
         wrong = values_of_no_sensor(column, own["time"].to_numpy(), own[column].to_numpy(), recording.columns[column])
         recording.columns[column]["no_sensor"] = None if wrong is None else int(wrong.sum())
@@ -361,19 +366,30 @@ def tell_odd_steps(recording: Recording) -> None:
             said = f"time{of} goes on by {steps[at]:.4g} s at {time[at]:.3f} s, where steps are {usual:.4g} s, {count} "
             said += "times so or otherwise: samples are missing there, or their stamps are wrong"
             recording.damage.remarks.append(said)
+            recording.damage.is_doubted |= not recording.damage.lost()
 
 
-def tell_leaps_of_all(recording: Recording) -> None:
-    """Say where four in five coordinates of markers, which are masses, leave their curves in a frame."""
+def tell_leaps_of_markers(recording: Recording) -> None:
+    """Say where four in five coordinates of markers, which are masses, leave their curves in a frame, or one does so
+    and comes back, farther than cameras that take another marker for it let it."""
     share = recording.samples.select(pl.all().is_finite().mean())  # of its frames
     markers = [one for one in share.columns if one.startswith("marker_") and (share[one][0] or 0) > 0.5]
     if not markers:
         return
     seen = recording.samples.select("time", *markers).filter(pl.any_horizontal(pl.col(markers).is_not_null()))
+    told = list[str]()
     if leaps := run_edges(np.mean([bends_of(one.to_numpy()) > 25 for one in seen[markers]], axis=0) >= 0.8).tolist():
         first = f"{len(leaps)} times all markers leap in one frame, first at {seen['time'][leaps[0][0] + 1]:.3f} s"
-        recording.damage.remarks.append(f"{first}: frames are missing there, or a part of the file was moved")
-        recording.damage.is_doubted = True
+        told.append(f"{first}: frames are missing there, or a part of the file was moved")
+    for name in markers:
+        time, x = seen.select("time", name).filter(pl.col(name).is_finite()).to_numpy().T
+        if (bends := bends_of(x)).max() > FAR_OF_MARKER:
+            back, rest = leaps_of(x, bends)
+            far = [a for a, b in back if a < b and bends[a : b + 2].max() > FAR_OF_MARKER * max(rest, 1.0)]
+            said = f"{name} leaves its curve and comes back {len(far)} times, first at {time[far[:1]].sum():.3f} s"
+            told += [f"{said}: bytes may be lost"] * bool(far)
+    recording.damage.remarks += told
+    recording.damage.is_doubted |= bool(told)
 
 
 def check_columns(trial: Trial, experiment: str | None, needed: Sequence[str]) -> None:

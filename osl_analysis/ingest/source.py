@@ -686,13 +686,14 @@ def values_of_no_sensor(column: str, time: Array, x: Array, origin: Mapping[str,
     zero = math.prod(origin.get(key, 1) for key in ("sign", "scale", "factor")) * origin.get("offset", 0)
     nought, stays = np.abs(x - zero) < NEXT_TO_ZERO, np.diff(x) == 0
     stands = nought[:-1] & nought[1:]
-    if np.count_nonzero(~stays) <= 0.5 * np.sum(~stands):
-        return None
     sizes, bends = np.abs(x), bends_of(x)
+    moved = exchanged(x, bends)
+    if np.count_nonzero(~stays) <= 0.5 * np.sum(~stands):
+        return moved if moved.any() else None
     lost = (x != 0) & (sizes < NEXT_TO_ZERO)
     if lost.any() and np.sum((between := sizes[sizes >= NEXT_TO_ZERO]) < 1e-9 * np.median(between)) > 10:
         lost[:] = False  # it decays there, as in a simulation
-    lost |= by_leaps(column, time, x, bends) | exchanged(x, bends)
+    lost |= by_leaps(column, time, x, bends) | moved
     zeros = jumped_into(x, stands, bends, may_rest=not column.startswith(("theta", "torque")))
     most = 0.5 * time.size / (np.ptp(time) or np.inf) if time.size else 0.0  # what is held for longer is stuck
     if "torque" in column and np.mean(stays) < 0.1:  # else a sensor of few levels, which may rest at each
@@ -713,42 +714,38 @@ def by_leaps(column: str, time: Array, x: Array, bends: Array) -> NDArray[np.boo
     stays = np.diff(x) == 0
     usual = float(np.median(np.diff(time)))
     farthest = {"theta": 2000.0 * usual**2 * (usual > 0.0025), "theta_m": math.inf if usual > 0.0025 else 0.0}  # rad
-    no_mass = list[int]()
-    for a, b in leaps:
+    far, moved = [(a, b) for a, b in leaps if bends[a : b + 2].max() > 4 * rest], np.zeros(x.size, bool)
+    for a, b in far:
         size = abs(x[a] - x[a - 1])
-        if bends[a] <= 4 * rest:
-            continue
         lost[a:b] = True
         is_turn = any(abs(size / turn - 1) < 0.1 for turn in (2 * np.pi, 360.0))
-        if a == b and size > farthest.get(column, math.inf) and not is_turn and time[a] - time[a - 1] <= 1.5 * usual:
-            no_mass.append(a)
-    moved = np.zeros(x.size, bool)
-    moved[no_mass] = True
-    lost |= moved if len(no_mass) % 2 else np.logical_xor.accumulate(moved)  # it was elsewhere in between
-    smooth, far = bends[2:-1] < 0.02, [at for at, _ in leaps if bends[at] > 4 * rest]
+        is_moved = a == b and size > farthest.get(column, math.inf) and not is_turn
+        moved[a] = is_moved and time[a] - time[a - 1] <= 1.5 * usual
+    lost |= moved if moved.sum() % 2 else np.logical_xor.accumulate(moved)  # it was elsewhere in between
+    smooth = bends[2:-1] < 0.02
     for a, b in run_edges(smooth).tolist() if far and np.mean(smooth) < 0.5 else ():
-        beside = any(a - 1 <= at <= a + 1 or b + 2 <= at <= b + 4 for at in far)
+        beside = any(a - 1 <= at <= a + 1 or b + 2 <= at <= b + 4 for at, _ in far)
         lost[a : b + 3] |= b - a > 2 and not stays[a : b + 2].any() and beside
     return lost
 
 
 @np.errstate(over="ignore", invalid="ignore")
 def exchanged(x: Array, bends: Array) -> NDArray[np.bool_]:
-    """Which readings (n,) are of two blocks of one length that changed places: of four leaps three or more are seen,
-    and tell the length, and all are gone once the blocks are put back. Two could be the ends of a pulse."""
+    """Which readings (n,) are of two blocks of one length that changed places: of four leaps two stand out, and
+    with a third one, which may be no farther than noise, tell the length; all are gone once the blocks are put back."""
     at, left, lost = list[int](), bends.copy(), np.zeros(x.size, bool)
-    for _ in range(5 if x.size > 9 else 0):
+    for _ in range(9 if x.size > 9 else 0):
         at.append(int(np.argmax(left)))
         left[max(at[-1] - 3, 0) : at[-1] + 4] = 0
-    if not at or bends[at[2]] <= max(10.0, 1.5 * (rest := bends[at[4]])):
+    if not at or bends[at[1]] <= max(10.0, 1.5 * (rest := bends[at[4]])):
         return lost
-    unit = np.abs(np.diff(x, 3)).max() / bends[at[0]]
-    for (p, q), k in product(combinations(sorted(at[:4]), 2), at[:4]):
+    most = max(8.0, 1.25 * rest) * np.abs(np.diff(x, 3)).max() / bends[at[0]]
+    for (p, q), k in product(combinations(sorted(at[:4]), 2), at[:8]):
         for size in (k - p, k - q):
             (a, b), (c, d) = sorted((p, p + size)), sorted((q, q + size))
             if 0 <= a < b <= c < d <= x.size:
                 back = np.concatenate([x[:a], x[c:d], x[b:c], x[a:b], x[d:]])
-                if np.abs(np.diff(back, 3)).max() / unit < max(8.0, 1.25 * rest):
+                if np.abs(np.diff(back, 3)).max() < most:
                     lost[a:b] = lost[c:d] = True
                     return lost
     return lost
@@ -777,13 +774,14 @@ def leaps_of(x: Array, bends: Array) -> tuple[list[tuple[int, int]], float]:
     for group in np.split(far, np.flatnonzero(np.diff(far) > 2) + 1) if far.size else ():
         begin = max(int(group[0]) - 4, 0)
         steps = np.diff(x[begin : int(group[-1]) + 4])
-        steps -= np.median(steps)
+        steps -= np.median(steps) + np.median(np.diff(steps)) * (np.arange(steps.size) - steps.size / 2)
         sizes = np.abs(steps)
         large = np.flatnonzero(sizes > 0.5 * sizes.max())
-        is_back = large.size == 2 and np.ptp(large) <= 5 and abs(steps[large].sum()) < 0.3 * sizes.max()
-        if is_back or large.size == 1:
-            found.append((begin + 1 + int(large[0]), begin + 1 + int(large[-1])))
-            others[group] = 0
+        is_back = large.size == 2 and np.ptp(large) <= 5 and abs(steps[large].sum()) < 0.5 * sizes.max()
+        if large.size < 3:
+            places = (begin + 1 + large).tolist()
+            found += [(places[0], places[-1])] if is_back else [(one, one) for one in places]
+            others[max(int(group[0]) - 2, 0) : int(group[-1]) + 3] = 0
     return found, float(others.max(initial=0))
 
 
@@ -796,13 +794,13 @@ def jumped_into(
     edges = run_edges(stands)
     edges = edges[np.all(np.sign(np.diff(edges) - held) == [1, -1], axis=1)]
     found = list[tuple[int, int]]()
-    far = np.abs(np.diff(x, prepend=x[:1])) > 0.02 * np.ptp(x) if len(edges) else ()
+    far = np.abs(np.diff(x, prepend=x[:1])) > 0.02 * np.ptp(x) if len(edges) else np.zeros(0, bool)
     for a, b in edges.tolist():
         inside, at = a and b < x.size - 1, [one for one in (a, b + 1) if 0 < one < x.size]
-        jumps = [far[one] * bends[one - 1 : one + 2].max() for one in at]
+        jumps = [far[one - 1 : one + 2].max() * bends[one - 1 : one + 2].max() for one in at]
         on_one_side = held[0] > 0 or (b - a > 6 and not may_rest)
         # of a few zeros it may stand while it turns
-        turns = b - a <= 3 and not (inside and np.sign(x[a - 1]) == np.sign(x[b + 1]) != 0)
+        turns = b - a <= 3 and b < x.size - 1 and not (inside and np.sign(x[a - 1]) == np.sign(x[b + 1]) != 0)
         if (inside or not may_rest) and not turns and (max if on_one_side else min)(jumps, default=0.0) > 6:
             found.append((a, b))
     return found

@@ -113,7 +113,7 @@ def name_and_ending(name: str) -> tuple[str, str]:
     """A column's name without the unit that its end spells, and that unit, as of `ankle_deg`, `torque_N_cm` and
     `MomentLbfFt`; empty if none. A prefix is never apart from its unit: `torque_m_Nm` is the motor's. `torquemNm` may
     be either, and tells none."""
-    for start in (found.end() for found in re.finditer(r"[\s_.:-]|(?<=[a-z0-9])(?=[A-Z])", name)):
+    for start in (found.end() for found in re.finditer(r"[\s_.,:-]|(?<=[a-z0-9])(?=[A-Z])", name)):
         unit, in_camel_case = ending_spelled(name[start:]), name[start - 1].isalnum()
         if unit and not (in_camel_case and (len(name) - start == 1 or ending_spelled(name[start - 1 :]))):
             return name[:start], unit
@@ -128,7 +128,7 @@ def ending_spelled(text: str) -> str:
     for part in parts:
         of_one_case = part.islower() or part.isupper() or part.istitle()
         in_any_case = AT_END_IN_ANY_CASE.get(part.casefold(), "") if of_one_case else ""
-        known.append(part if "*" in part else AT_END.get(part, in_any_case))
+        known.append(part if re.fullmatch(r"\w+\*\w+", part) else AT_END.get(part, in_any_case))
     return "/".join(known) if all(known) and known[1:] in ([], ["s"], ["rad"], ["deg"]) else ""
 
 

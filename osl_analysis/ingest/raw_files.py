@@ -261,7 +261,7 @@ def as_written(recording: Recording, column: str) -> tuple[NDArray[np.intp], Arr
     values, origin = recording.samples[column].to_numpy(), recording.columns[column]
     factor = math.prod(origin.get(key, 1) for key in ("sign", "scale", "factor")) or 1
     rows = np.flatnonzero(np.isfinite(values))
-    return rows, values[rows] / factor - origin.get("offset", 0)
+    return rows, (values if rows.size == values.size else values[rows]) / factor - origin.get("offset", 0)
 
 
 def measured_channels(recording: Recording) -> list[tuple[str, NDArray[np.intp], Array, float]]:
@@ -337,17 +337,19 @@ def tell_copies(recording: Recording) -> None:
 def tell_no_sensor(recording: Recording) -> None:
     """Say where a channel has values that no sensor gives: nobody knows how many were lost. A recorder may wait for its
     trigger, and hold all channels until then."""
-    asked = [one for one in recording.columns if one in SELDOM_REPEAT]
-    each = [recording.samples.select("time", one).filter(pl.col(one).is_finite()) for one in asked]
-    held = [int((own[one] == own[one].first()).cum_min().sum()) for one, own in zip(asked, each, strict=True)]
-    starts = (own["time"][count * (count > 1)] for own, count in zip(each, held, strict=True) if count < own.height)
-    begin = min(starts, default=0.0)
-    for column, own in zip(asked, (own.filter(pl.col("time") >= begin) for own in each), strict=True):
-        wrong = values_of_no_sensor(column, own["time"].to_numpy(), own[column].to_numpy(), recording.columns[column])
+    times, each = recording.samples["time"].to_numpy(), dict[str, tuple[Array, Array]]()
+    for column in (one for one in recording.columns if one in SELDOM_REPEAT):
+        finite = np.isfinite(x := recording.samples[column].to_numpy())
+        each[column] = times[finite], x[finite]
+    held = [(time, int(np.argmax(x != x[0]))) for time, x in each.values() if (x != x[:1]).any()]
+    begin = min((float(time[count * (count > 1)]) for time, count in held), default=0.0)
+    for column, (time, x) in each.items():
+        x, time = x[time >= begin], time[time >= begin]
+        wrong = values_of_no_sensor(column, time, x, recording.columns[column])
         recording.columns[column]["no_sensor"] = None if wrong is None else int(wrong.sum())
         if wrong is not None and wrong.any():
             what = f"{np.count_nonzero(wrong)} samples of {column} are values that no sensor gives, the first at"
-            recording.damage.remarks.append(f"{what} {own['time'][int(np.argmax(wrong))]:.3f} s: bytes may be lost")
+            recording.damage.remarks.append(f"{what} {time[int(np.argmax(wrong))]:.3f} s: bytes may be lost")
             recording.damage.is_doubted = True
 
 

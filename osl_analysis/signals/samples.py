@@ -498,7 +498,8 @@ def decide(stream: Stream, clock: DeviceClock) -> list[Taken]:
         return [Taken(stream, clock, names, stream.choice == "even", True, True, f"stated: {stream.choice}")]
     if clock.sd < NO_MATTER * clock.step:
         return [Taken(stream, clock, names, True, True, False, "even: the stamps lie on their line")]
-    still, rounded = clock.scatter < NO_MATTER * clock.step, clock.scatter < 0.36 * clock.decimal  # q/sqrt(12): 0.29 q
+    scatter = np.inf if any(stream.measured.values()) else clock.scatter  # ingest saw that these scatter
+    still, rounded = scatter < NO_MATTER * clock.step, scatter < 0.36 * clock.decimal  # q/sqrt(12): 0.29 q
     if (still or rounded) and clock.settles and clock.slow[1]:
         return [Taken(stream, clock, names, False, True, True, "true: only the rate of the stamps changes")]
     if rounded and clock.settles:

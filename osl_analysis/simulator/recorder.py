@@ -270,11 +270,11 @@ def write_topics(path: Path, topics: Sequence[LogTopic]) -> None:
         schemas.append(mcap_records.Schema(number, topic.schema_text.encode(), "ros2msg", topic.schema_name))
         channels.append(mcap_records.Channel(number, topic.name, "cdr", {}, number))
         topic.records["channel"] = number
-    heads = np.concatenate([topic.records[["channel", "log", "publish"]] for topic in topics])
-    order = np.argsort(heads["publish"], kind="stable")
+    *columns, publish = (np.concatenate([one.records[key] for one in topics]) for key in ("channel", "log", "publish"))
+    heads = np.stack(columns, axis=1)[order := np.argsort(publish, kind="stable")]
     lengths = np.concatenate([np.full(len(topic.records), topic.records.itemsize) for topic in topics])[order]
     content = encoded(one for pair in zip(schemas, channels, strict=True) for one in pair)  # begins the first chunk
-    heads, ends = heads[order], np.cumsum(lengths) + len(content)
+    ends = np.cumsum(lengths) + len(content)
     with atomic_path(path) as temporary, temporary.open("wb") as file:
         head = MCAP0_MAGIC + encoded([mcap_records.Header("ros2", "osl-analysis")])
         facts = {"origin": "simulated", "topic": names, "time": "header stamp"}
@@ -284,15 +284,15 @@ def write_topics(path: Path, topics: Sequence[LogTopic]) -> None:
         while first < len(heads):  # a chunk ends with the message that takes it beyond the size [bytes]
             last = int(np.searchsorted(ends[:-1], begin + chunk_size, side="right")) + 1
             starts = ends[first:last] - lengths[first:last] - begin
-            whole, base = np.empty(int(ends[last - 1]) - begin - len(content), np.uint8), 0
-            for topic in topics:  # the messages of each are rows of a table, put to their places at once
-                size, rows = topic.records.itemsize, order[first:last] - base
-                own = (rows >= 0) & (rows < len(topic.records))
-                if own.any():  # a message is one value that may begin at any byte, so that values overlap
+            whole, base = np.empty(int(ends[last - 1]) - begin, np.uint8), 0
+            whole[: len(content)] = [*content]
+            for number, topic in enumerate(topics, 1):  # the messages of each are rows, put to their places at once
+                size, own = topic.records.itemsize, np.flatnonzero(heads[first:last, 0] == number)
+                if own.size:  # a message is one value that may begin at any byte, so that values overlap
                     places = np.ndarray((len(whole) - size + 1,), f"V{size}", whole, 0, (1,))
-                    places[starts[own] - len(content)] = topic.records.view(f"V{size}")[rows[own]]
+                    places[starts[own]] = topic.records.view(f"V{size}")[order[first:last][own] - base]
                 base += len(topic.records)
-            indexes.append(write_chunk(file, content + whole.tobytes(), starts, heads[first:last]))
+            indexes.append(write_chunk(file, whole.data, starts, heads[first:last]))
             first, begin, content = last, int(ends[last - 1]), b""
         file.write(encoded([mcap_records.DataEnd(0)]))
         used = dict.fromkeys(number for index in indexes for number in index.message_index_offsets)
@@ -327,19 +327,19 @@ def write_topics(path: Path, topics: Sequence[LogTopic]) -> None:
 
 
 def write_chunk(
-    file: BinaryIO, content: bytes, starts: NDArray[np.int64], heads: NDArray[np.void]
+    file: BinaryIO, content: memoryview, starts: NDArray[np.int64], heads: NDArray[np.uint64]
 ) -> mcap_records.ChunkIndex:
-    """Write a chunk of messages that begin at `starts` [bytes], and the index of each channel, as each comes first."""
-    log, compressed, begin, offsets = heads["log"], COMPRESSOR.compress(content), file.tell(), dict[int, int]()
+    """Write a chunk of messages that begin at `starts` [bytes], and the index of each channel, as each comes first.
+    `heads` are their channels and log times [ns]."""
+    (channel, log), compressed, begin, offsets = heads.T, COMPRESSOR.compress(content), file.tell(), dict[int, int]()
     shared = {"message_start_time": int(log.min()), "message_end_time": int(log.max())}
-    shared["uncompressed_size"] = len(content)
-    crc = zlib.crc32(content)
+    shared["uncompressed_size"], crc = len(content), zlib.crc32(content)
     file.write(encoded([mcap_records.Chunk(compression="zstd", data=compressed, uncompressed_crc=crc, **shared)]))
-    end = file.tell()
-    for number in dict.fromkeys(heads["channel"].tolist()):
-        offsets[number] = file.tell()
-        index = np.stack([log, starts.astype(np.uint64)], axis=1)[heads["channel"] == number]
-        file.write(struct.pack("<BQHI", Opcode.MESSAGE_INDEX, 6 + index.nbytes, number, index.nbytes) + index.tobytes())
+    end, index = file.tell(), np.stack([log, starts.astype(np.uint64)], axis=1)
+    numbers, first = np.unique(channel, return_index=True)
+    for number in numbers[np.argsort(first)].tolist():
+        offsets[number], own = file.tell(), index[channel == number]
+        file.write(struct.pack("<BQHI", Opcode.MESSAGE_INDEX, 6 + own.nbytes, number, own.nbytes) + own.tobytes())
     return mcap_records.ChunkIndex(
         chunk_start_offset=begin,
         chunk_length=end - begin,

@@ -145,7 +145,9 @@ def test_a_block_of_one_channel_over_another_is_lost_and_a_channel_that_follows_
     over, ramp = (np.r_[torque[:300], x[100:106], torque[306:]] for x in (angle, t))
     for a, f, told in (
         (angle, torque, ""), (angle, levels, ""), (angle, over, "6 samples of torque from 3.000 s on are those of th"),
-        (angle, ramp, "6 samples of torque are values that no sensor gives"), (steps, np.r_[steps[:1], steps[:-1]], ""),
+        (angle, ramp, "6 samples of torque are values that no sensor gives"),
+        (angle, np.r_[torque[:1], 0.0, torque[2:]], "1 samples of torque are values that no sensor gives"),
+        (steps, np.r_[steps[:1], steps[:-1]], ""),
     ):  # fmt: skip
         pl.DataFrame({"t": t, "a": a, "f": f}).write_csv(tmp_path / "a.csv")
         recording = FORMATS["csv"].read(tmp_path / "a.csv", OF_CSV)
@@ -189,6 +191,7 @@ def test_two_blocks_that_changed_places_are_told_and_a_pulse_a_decay_and_what_wa
         assert found is not None
         assert np.flatnonzero(found).tolist() == [*one, *two]
     assert {exchanged("multisine", channel, k) for channel in ("theta", "torque") for k in (0, 1, 3, 4)} == {"told"}
+    assert {exchanged("noise", "torque", k) for k in (5, 10, 11)} == {"told"}
     assert [exchanged("steps", "theta", k) for k in range(20)].count("told") > 10
     for sound in (torque + pulse, decay, moved("steps", np.random.default_rng(1))["theta"]):
         assert not np.any(values_of_no_sensor("torque", k / 1000, sound, {}))

@@ -311,11 +311,11 @@ def test_a_unit_that_nothing_but_the_size_of_readings_tells_is_to_be_stated(tmp_
 
 
 def test_a_slow_triangle_is_torque_over_angle_and_its_counts_are_to_be_given_a_unit_and_begin_anew(tmp_path):
-    """At 0.1 Hz; a triangle of 1 Hz and a slow sine are of an impedance trial."""
+    """At 0.1 Hz; a triangle of 0.3 Hz and a slow sine are of an impedance trial."""
     (tmp_path / "rec").mkdir()
     time = np.arange(4000) / 100
     triangle, sine = (1 - 2 * np.abs(2 * (0.1 * time % 1) - 1)), np.sin(0.2 * np.pi * time)
-    for name, angle in (("a", triangle), ("b", sine), ("c", 1 - 2 * np.abs(2 * (time % 1) - 1))):
+    for name, angle in (("a", triangle), ("b", sine), ("c", 1 - 2 * np.abs(2 * (0.3 * time % 1) - 1))):
         columns = np.column_stack([time, np.rint(100 * angle) % 4096, 2 * angle])
         head = "time_s,encoder [counts],torque_Nm"
         np.savetxt(tmp_path / f"rec/{name}.csv", columns, "%.4f", ",", header=head, comments="")

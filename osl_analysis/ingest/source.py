@@ -722,10 +722,11 @@ def by_leaps(column: str, time: Array, x: Array, bends: Array) -> NDArray[np.boo
         is_moved = a == b and size > farthest.get(column, math.inf) and not is_turn
         moved[a] = is_moved and time[a] - time[a - 1] <= 1.5 * usual
     lost |= moved if moved.sum() % 2 else np.logical_xor.accumulate(moved)  # it was elsewhere in between
-    smooth = bends[2:-1] < 0.02
-    for a, b in run_edges(smooth).tolist() if far and np.mean(smooth) < 0.5 else ():
-        beside = any(a - 1 <= at <= a + 1 or b + 2 <= at <= b + 4 for at, _ in far)
-        lost[a : b + 3] |= b - a > 2 and not stays[a : b + 2].any() and beside
+    edges = run_edges((bends[2:-1] < 0.02) & (np.mean(bends[2:-1] < 0.02) < 0.5))
+    beside = np.array([any(-1 <= at - a <= 1 or 2 <= at - b <= 4 for at, _ in far) for a, b in edges], bool)
+    usual_run = np.diff(edges)[~beside].max(initial=2)  # of a coarse encoder at an even speed
+    for a, b in edges[beside].tolist():
+        lost[a : b + 3] |= b - a > usual_run and not stays[a : b + 2].any()
     return lost
 
 

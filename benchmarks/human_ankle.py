@@ -120,17 +120,16 @@ def joints(seed):
                 found.append((true, osl.fit_impedance(which, config=config)))
             row, delay = fits["a person's"][-1][1].row, true["delay"]
             holds = row["reflex_delay_low_ms"] <= delay <= row["reflex_delay_high_ms"]
-            delays.append([row["reflex_delay_ms"] - delay, holds, 100 * row["K_over_delays"] / true["K"]])
+            delays.append([row["reflex_delay_ms"] - delay, holds])
     for name, found in fits.items():
         print(f"{name}: {sum('reflex:' in fit.doubtful for _, fit in found)} of {len(found)} are doubted for a reflex")
         for one in "KBI":
             off = np.array([100 * abs(fit.row[one] / true[one] - 1) for true, fit in found])
             held = sum(fit.row[f"{one}_low"] < true[one] < fit.row[f"{one}_high"] for true, fit in found)
             print(f"  {one} errs by {np.median(off):.1f} % (worst {off.max():.1f} %), {held} intervals hold it")
-    off, held, change = np.array(delays).T
+    off, held = np.array(delays).T
     print(f"the delay errs by {np.median(off):+.0f} ms ({off.min():+.0f} to {off.max():+.0f}), ", end="")
     print(f"{held.sum():.0f} ranges of delays hold it")
-    print(f"K over these delays changes by {np.median(change):.1f} % (worst {change.max():.1f} %)")
 
 
 def muscle(seed):

@@ -407,9 +407,8 @@ def test_human_ankles_give_a_stiffness_and_what_their_reflexes_leave_of_it():
             samples = {"time": np.arange(len(theta)) / 1e3, "theta": theta, "torque": -torque}
             trial = Trial(name, pl.DataFrame(samples))
             alone, (_, row) = row_of(trial), person(trial, cutoff_hz=40.0)
-            found[name] = row["K_low"] < row["K"] < row["K_high"] and 20 < row["K"] < 200
+            found[name] = 20 < row["K"] < 200 and 30 <= row["reflex_delay_ms"] <= 60 and 0.5 < row["reflex_share"] < 60
             found[name] &= name == "pilot" or (alone["reflex_p"] < 1e-9 and row["VAF_held_out"] > 87)
-            found[name] &= 30 <= row["reflex_delay_ms"] <= 60 and 0.5 < row["reflex_share"] < 60
     assert all(found.values()), found
 
 
@@ -431,6 +430,8 @@ def test_a_person_s_cut_off_is_that_of_the_recording_unless_one_is_stated_and_a_
     fast = reflexive(np.random.default_rng(1), 6.0, band=(0.3, 30.0))
     rows = [person(fast)[1], person(fast, cutoff_hz=20.0)[1], person(reflexive(np.random.default_rng(1), 6.0))[1]]
     assert [row["cutoff_hz"] for row in rows] == [pytest.approx(29, abs=1.5), 20.0, 15.0]
+    stated = person(reflexive(np.random.default_rng(1), 6.0), HumanJoint(delays_ms=(44,)))[1]
+    assert stated["K_se"] < 0.7 * rows[2]["K_se"]
     trial = reflexive(np.random.default_rng(2), 9.0, delay=0.025)
     sooner = "whether the reflex is sooner than the delays tried"
     row, (_, by_30_ms) = person(trial, HumanJoint(delays_ms=(40, 50)))[1], person(trial, HumanJoint(delays_ms=(30,)))
@@ -466,10 +467,12 @@ def test_a_person_s_joint_whose_inertia_is_certainly_negative_is_doubtful():
 @pytest.mark.parametrize(("delay", "order"), [(0.034, 1), (0.044, 2), (0.054, 2), (0.044, 3)])
 def test_the_intervals_of_a_person_with_little_noise_hold_what_is_true_by_muscle_of_any_order(delay, order):
     """Cosines after delays 5 ms apart had B 1.3 % off with an interval of 0.1 %, of first order all 20 % off."""
-    row = person(reflexive(np.random.default_rng(0), 6.0, 0.03, delay=delay, band=(0.3, 15.0), order=order))[1]
+    made = {"delay": delay, "band": (0.3, 15.0), "order": order}
+    row, late = (person(reflexive(np.random.default_rng(0), 6.0, 0.03, late=x, **made))[1] for x in (0.0, 1e-3))
+    assert order == 1 or [late["lag_s"], late["K_without_lag"]] == pytest.approx([1e-3, 90], rel=0.1)
     true = {"K": 90, "B": 1, "I": 0.016, "reflex_gain_up": 6, "reflex_gain_down": 0, "reflex_delay": 1e3 * delay}
-    ms = {f"reflex_delay{end}": row[f"reflex_delay{end}_ms"] for end in ("_low", "_high")}
-    assert not [name for name, x in true.items() if not (row | ms)[f"{name}_low"] < x < (row | ms)[f"{name}_high"]]
+    row |= {f"reflex_delay{end}": row[f"reflex_delay{end}_ms"] for end in ("_low", "_high")}
+    assert not [name for name, x in true.items() if not row[f"{name}_low"] < x < row[f"{name}_high"]]
     assert max(row["reflex_gain_up_se"], row["K_se"] / 5, row["B_se"] * 10) < 0.1
 
 
@@ -482,8 +485,6 @@ def test_a_reflex_is_a_doubt_of_a_device_and_columns_of_a_person():
         alone = marked(table, LIMITS, "impedance").row(0, named=True)
         z += [(row[name] - value) / row[f"{name}_se"] for name, value in true.items()]
         assert row["K"] == pytest.approx(90, rel=0.06)
-        assert row["reflex_gain_up"] == pytest.approx(6, abs=3 * row["reflex_gain_up_se"])
-        assert abs(row["reflex_gain_down"]) < 3 * row["reflex_gain_down_se"] < 3
         assert abs(alone["K"] - 90) > 2 * abs(row["K"] - 90) + 3
         assert alone["K_with_reflex"] == pytest.approx(row["K"], rel=1e-9)
         assert alone["reflex_p"] < 3e-4
@@ -497,7 +498,6 @@ def test_a_reflex_is_a_doubt_of_a_device_and_columns_of_a_person():
     assert row["B"] - row["B_without_lag"] == pytest.approx(late["B"] - row["B"], abs=0.04)
     response = impedance_over_frequency(fit[0].raw)
     assert response["magnitude_eq15"].is_null().all()
-    assert response["magnitude"].is_between(20, 400).all()
     assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.6
 
 

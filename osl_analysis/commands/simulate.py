@@ -6,8 +6,6 @@ from pathlib import Path
 from typing import Any
 from warnings import catch_warnings
 
-import numpy as np
-
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.config.sheet import SHEET_COLUMNS, SharedChoices, SheetRows, read_impedance_trajectory
 from osl_analysis.errors import InputError, naming
@@ -20,13 +18,6 @@ from osl_analysis.yaml_settings import located, read_yaml, validated
 
 TRUTH = "truth"
 UNFOLLOWED = SharedChoices()  # No configuration to follow: the settings alone decide.
-
-
-def preload() -> None:
-    """For the process from which jobs are forked: the simulator, with the compiler, whose first call takes 0.4 s."""
-    from osl_analysis.simulator.joint_motion import propagate
-
-    propagate(np.zeros((2, 6)), np.zeros(2), np.zeros(2), 1.0)
 
 
 def check_folder(folder: Path) -> None:

@@ -39,7 +39,9 @@ KEPT_BY_PROCESS = {"MALLOC_MMAP_THRESHOLD_": "33554432", "MALLOC_TRIM_THRESHOLD_
 """A process of glibc keeps this much memory for its next arrays: the system clears each page that it hands out anew."""
 PRELOADED = ("osl_analysis.jobs.job", "scipy.signal")
 """Imported while Snakemake plans: the jobs share it, and what the module of their command imports or preloads."""
-MOST_JOBS = 40  # of one process: what its libraries keep of the memory ends with it
+COMPILING = ("simulate",)
+"""Modules of commands whose jobs take numba, of 100 MB, which other jobs do without."""
+MOST_JOBS = 40  # of one process without numba: what its libraries keep of the memory ends with it
 MOST_SERVERS = 3  # that a job is sent to, before it counts as killed
 STARTING = threading.Lock()
 
@@ -109,6 +111,7 @@ class Worker:
     """A process that does one job after another."""
 
     pid: int
+    compiles: bool  # its jobs, and no others, are of `COMPILING`
     known: frozenset[str]  # modules of commands that it shares; none of one that is to end
     link: socket.socket | None = None  # of who waits for the end of the job that it does
 
@@ -143,9 +146,9 @@ def serve(number: int) -> NoReturn:
                     other.close()  # who listens there waits until nobody holds it
                 for file in files:
                     os.close(file)
-                work(theirs)
+                work(theirs, sys.maxsize if module in COMPILING else MOST_JOBS)
             theirs.close()
-            workers[able] = Worker(pid, known)
+            workers[able] = Worker(pid, module in COMPILING, known)
         worker = workers[able]
         worker.link = link
         with suppress(OSError):  # the end of a worker that was killed is seen below
@@ -157,19 +160,22 @@ def serve(number: int) -> NoReturn:
 
 def idle_worker(workers: dict[socket.socket, Worker], module: str) -> socket.socket | None:
     """The channel of a waiting worker for a module; where there is none, those that wait are to end."""
-    idle = [one for one, worker in workers.items() if not worker.link]
-    able = next((one for one in idle if module in workers[one].known), None)
-    for one in idle * (able is None):
+    compiles = module in COMPILING
+    idle = [one for one, worker in workers.items() if not worker.link and worker.compiles == compiles]
+    for one in idle:
+        if compiles or module in workers[one].known:
+            return one
+    for one in idle:
         workers[one].known = frozenset()
         with suppress(OSError):  # it has ended
             one.shutdown(socket.SHUT_WR)
-    return able
+    return None
 
 
 def preload(*modules: str) -> None:
     """Import modules, and call their `preload`. No garbage collection of a job looks (and writes) there."""
     for name in modules:
-        with suppress(Exception):  # a job that needs it will say so
+        with suppress(ImportError):  # a job that needs it will say so
             getattr(importlib.import_module(name), "preload", int)()
     gc.freeze()
 
@@ -197,12 +203,12 @@ def job_ended(workers: dict[socket.socket, Worker], channel: socket.socket) -> N
         worker.link = None
 
 
-def work(channel: socket.socket) -> NoReturn:
-    """Do `MOST_JOBS`, as they arrive at a socket, in this process, which ends then, and say there how each ended."""
+def work(channel: socket.socket, jobs: int) -> NoReturn:
+    """Do so many jobs, as they arrive at a socket, in this process, which ends then, and say there how each ended."""
     gc.enable()
     code = 0
     with suppress(OSError):  # of a server that was killed
-        for left in reversed(range(MOST_JOBS)):
+        while jobs:
             job, files, _, _ = socket.recv_fds(channel, 1 << 16, 2)
             if not job:
                 break
@@ -211,8 +217,9 @@ def work(channel: socket.socket) -> NoReturn:
                 os.close(file)
             code = do(*job.decode().split("\0"))
             gc.collect()
-            gc.freeze()  # what this job has imported stays
-            if left:
+            gc.freeze()  # what this job has imported stays: looking through numba takes 25 ms
+            jobs -= 1
+            if jobs:
                 channel.sendall(bytes([code]))
     os._exit(code)
 

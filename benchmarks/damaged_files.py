@@ -295,7 +295,7 @@ def cases(count: int, seed: int, folder: Path) -> Iterator[tuple[str, str, str]]
         parts = [part for part in sorted(one.rglob("*")) if part.suffix in (".db3", ".mcap")] or [one]
         for case in range(count // len(KINDS)):
             chance = random.Random(f"{seed} {kind.name} {case}")
-            part, done, start = chance.choice(parts), Counter[str](), time.process_time()
+            part, done, start, before = chance.choice(parts), Counter[str](), time.process_time(), most_memory()
             content = bad = part.read_bytes()
             twin = (two if part == one else next(two.glob(f"*{part.suffix}"))).read_bytes()
             for _ in range(1 if chance.random() < 0.9 else chance.randint(2, 8)):
@@ -312,15 +312,17 @@ def cases(count: int, seed: int, folder: Path) -> Iterator[tuple[str, str, str]]
                 became = f"WRONG: {error!r}"
             finally:
                 part.write_bytes(content)
-            if (
-                time.process_time() - start > LONGEST
-                or resource.getrusage(resource.RUSAGE_SELF).ru_maxrss << 10 > MOST_MEMORY + BEFORE
-            ):
+            if time.process_time() - start > LONGEST or most_memory() > MOST_MEMORY + before:
                 became = "WRONG: too much time or memory"
             said = f" (case {case} of seed {seed}, {len(bad)} of {len(content)} bytes)" * (
                 became[:6] in ("WRONG:", "silent", "wrong ")
             )
             yield kind.name, what if done.total() == 1 else "several", became + said
+
+
+def most_memory() -> int:
+    """Of this process until now [bytes]."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss << 10
 
 
 def made(folder: Path) -> Path:
@@ -356,7 +358,6 @@ def exchanged(motion: str, channel: str, seed: int) -> str:
     return "limit" if off_curve(read).max() <= OWN[channel] * off_curve(sound).max() else "silent"
 
 
-BEFORE = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss << 10
 COLUMNS = ("told", "refused", "harmless", "limit", "silent", "wrong count")
 
 

@@ -159,11 +159,11 @@ def test_play_before_the_spring_alone_leaves_the_inertia_of_the_joint(made):
 
 @pytest.mark.parametrize("bits", [18, 40])
 def test_a_late_torque_is_heard_behind_two_sines(bits):
-    trial = made_trial(rng := np.random.default_rng(1), two_sines(rng), bits=bits, late=5e-3)
+    trial = made_trial(rng := np.random.default_rng(1), two_sines(rng), bits=bits, late=3e-3)
     row = witness_row(record_of_trial(trial, SETTINGS.model_copy(update={"excitation": "any"})))
     assert row["path_shift"] > 1
     assert "delay" in row["rivals"].split(", ")
-    assert row["B_without_low"] < TRUE["B"] < row["B_without_high"]
+    assert 0.9 * TRUE["B"] < row["B_without_low"] < TRUE["B"] < row["B_without_high"], "what leaves more than K, B and I"
 
 
 def test_no_spring_in_series_is_softer_than_the_joint_that_it_winds_up():

@@ -377,9 +377,11 @@ class Court:
     def hear_time(self) -> None:
         """Clocks that drift apart, K that changes, or the lag, in a straight line or at a moment."""
         view, base = self.view, self.view.base
+        self.add("time", "clocks", *self.late(np.ones(view.n), view.time)[:2], 2)
         self.add("time", "clocks", *self.late(view.time - view.time[0])[:2], 1)
         moments = [np.where(view.time > at, 1.0, 0.0) for at in view.moments]
-        self.add("time", "lag that changes at once", *self.late(np.ones(view.n), self.later()[0])[:2], 3)
+        for shapes in ([lag := self.later()[0]], [np.ones(view.n), lag]):
+            self.add("time", "lag that changes at once", *self.late(*shapes)[:2], len(shapes) + 1)
         changing = view.motion[view.first]
         change = min(moments, key=lambda then: self.left([*base, view.column(then * changing)]))
         what = "K" if view.first == 0 else "B_j"

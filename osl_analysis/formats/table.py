@@ -276,12 +276,15 @@ def copied_runs(words: NDArray[Any], least: int, proves: Callable[[slice, int], 
     found, copies, seldom = list[tuple[int, int, int]](), np.zeros(bits.size, bool), np.zeros(bits.size, bool)
     if many.any():
         seldom[at[np.repeat(counts <= 3, counts)]] = True
+    before = np.concatenate([[0], np.cumsum(seldom)])  # how many there are
     for lag in lags[many][np.argsort(-votes[many], kind="stable")][:20].tolist():
         equal = np.zeros(bits.size - lag + 2, bool)
         equal[1:-1] = bits[lag:] == bits[:-lag]
         runs = np.flatnonzero(equal[1:] != equal[:-1]).reshape(-1, 2)
-        for start, stop in runs[runs[:, 1] - runs[:, 0] >= max(least, size + 1)].tolist():
-            if seldom[start : stop - size + 1].mean() >= 0.75 and proves(slice(start, stop), lag):
+        runs = runs[runs[:, 1] - runs[:, 0] >= max(least, size + 1)]
+        first, last = runs[:, 0], runs[:, 1] - size + 1
+        for start, stop in runs[before[last] - before[first] >= 0.75 * (last - first)].tolist():
+            if proves(slice(start, stop), lag):
                 found.append((start + lag, stop + lag, start))
                 copies[start:stop] = copies[start + lag : stop + lag] = True
     return found if np.count_nonzero(copies & seldom) <= 0.8 * rare else []

@@ -296,24 +296,30 @@ def tell_copies(recording: Recording) -> None:
         return
     every, rows = np.zeros(ends[-1]), np.zeros(ends[-1], np.int64)
     for k, (_, own, x, _) in enumerate(parts):  # behind each a word that is nowhere else: no run goes on into the next
-        every[ends[k] : ends[k + 1]], rows[ends[k] : ends[k + 1] - 1] = [*x, 1e200 * (k + 1)], own
-    enough = 2 * math.log(every.size + 1) + math.log(1e6)
+        every[ends[k] : ends[k + 1] - 1], rows[ends[k] : ends[k + 1] - 1] = x, own
+        every[ends[k + 1] - 1] = 1e200 * (k + 1)
+    enough, beside = 2 * math.log(every.size + 1) + math.log(1e6), math.log(2 * AROUND + 1)
 
     def part_of(place: int) -> int:
         return int(np.searchsorted(ends, place, side="right")) - 1
 
     def proves(run: slice, lag: int) -> bool:
         own, other = part_of(run.start), part_of(run.start + lag)
+        changes = int(np.count_nonzero(np.diff(every[run])))
+        if changes * (parts[own][3] if own == other else beside) <= enough:  # the most that what follows can be
+            return False
         begin = max(ends[own], ends[other] - lag, run.start - AROUND)
         end = max(run.stop, min(ends[own + 1] - 1, ends[other + 1] - 1 - lag, run.stop + AROUND))
         scatter, level = noise_in(parts[own][2], slice(run.start - ends[own], run.stop - ends[own]))
         at = np.r_[begin : run.start, run.stop : end]
         alike = (np.count_nonzero(np.abs(every[at + lag] - every[at]) < 1.5 * level) + 1) / (at.size + 1)
         each = [-math.log(alike), *[parts[own][3], surprise(scatter, level)] * (own == other)]
-        return int(np.count_nonzero(np.diff(every[run]))) * min(each) > enough
+        return changes * min(each) > enough
 
     words = ((every + 0.0).view(np.int64) + (1 << 15)) >> 16  # units, taken off again, leave rounding
-    for start, stop, other in copied_runs(words, LEAST_COPIED, proves):
+    for start, stop, other in copied_runs(
+        words, max(LEAST_COPIED, int(enough / max(beside, *(one[3] for one in parts)))), proves
+    ):
         name, there = (parts[part_of(place)][0] for place in (start, other))
         key = (int(rows[start]), int(rows[stop - 1]) + 1, int(rows[other]), there * (there != name))
         found.setdefault(key, []).append(name)

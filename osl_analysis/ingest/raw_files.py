@@ -282,7 +282,8 @@ def measured_channels(recording: Recording) -> list[tuple[str, NDArray[np.intp],
     for group in alike.values():
         noise = noise_of_pieces(np.concatenate([pieces for *_, pieces in group]))
         for k, (column, rows, x, _) in enumerate(group):
-            parts.append((column, rows, x, surprise(*min(noise[8 * k : 8 * k + 8]))))
+            if quietest := surprise(*min(noise[8 * k : 8 * k + 8])):
+                parts.append((column, rows, x, quietest))
     return parts
 
 

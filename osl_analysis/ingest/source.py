@@ -708,13 +708,13 @@ def values_of_no_sensor(column: str, time: Array, x: Array, origin: Mapping[str,
 @np.errstate(over="ignore", invalid="ignore")
 def by_leaps(column: str, time: Array, x: Array, bends: Array) -> NDArray[np.bool_]:
     """Which readings (n,) of a column are no sensor's by its leaps (`values_of_no_sensor`)."""
-    lost, (leaps, rest) = np.zeros(x.size, bool), leaps_of(x, bends)
-    if not leaps:
+    lost, moved, (leaps, rest) = np.zeros(x.size, bool), np.zeros(x.size, bool), leaps_of(x, bends)
+    far = [(a, b) for a, b in leaps if bends[a : b + 2].max() > 4 * rest]
+    if not far:
         return lost
     stays = np.diff(x) == 0
     usual = float(np.median(np.diff(time)))
     farthest = {"theta": 2000.0 * usual**2 * (usual > 0.0025), "theta_m": math.inf if usual > 0.0025 else 0.0}  # rad
-    far, moved = [(a, b) for a, b in leaps if bends[a : b + 2].max() > 4 * rest], np.zeros(x.size, bool)
     for a, b in far:
         size = abs(x[a] - x[a - 1])
         lost[a:b] = True

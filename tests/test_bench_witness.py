@@ -163,7 +163,9 @@ def test_a_late_torque_is_heard_behind_two_sines(bits):
     row = witness_row(record_of_trial(trial, SETTINGS.model_copy(update={"excitation": "any"})))
     assert row["path_shift"] > 1
     assert "delay" in row["rivals"].split(", ")
-    assert 0.9 * TRUE["B"] < row["B_without_low"] < TRUE["B"] < row["B_without_high"], "what leaves more than K, B and I"
+    assert 0.9 * TRUE["B"] < row["B_without_low"] < TRUE["B"] < row["B_without_high"], (
+        "what leaves more than K, B and I"
+    )
 
 
 def test_no_spring_in_series_is_softer_than_the_joint_that_it_winds_up():

@@ -265,8 +265,8 @@ def as_written(recording: Recording, column: str) -> tuple[NDArray[np.intp], Arr
 
 
 def measured_channels(recording: Recording) -> list[tuple[str, NDArray[np.intp], Array, float]]:
-    """The measured channels: name, rows (n,), readings (n,), without those that its recorder held; and how unlikely the
-    quietest piece of each makes a reading equal to another, 0 without noise."""
+    """The measured channels with noise: name, rows (n,), readings (n,), without those that its recorder held; and how
+    unlikely the quietest piece of each makes a reading equal to another."""
     parts = list[tuple[str, NDArray[np.intp], Array, float]]()
     alike: dict[int, list[tuple[str, NDArray[np.intp], Array, Array]]] = {}  # by the length of their pieces
     for column in recording.columns:

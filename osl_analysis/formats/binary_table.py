@@ -15,7 +15,7 @@ from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from pickletools import genops
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 import polars as pl
@@ -97,7 +97,7 @@ def read_binary_table(path: Path, layout: CsvLayout, is_unit: IsUnit, most_rows:
                     with path.open("rb") as file:  # numpy leaves that of a damaged archive open
                         frame = frame_of(dict(np.load(file, allow_pickle=False)), damage, notes)
             except ValueError as error:
-                if "object" not in str(error).casefold():  # `Object arrays cannot be loaded`, `Python objects in dtype`
+                if not holds_objects(path):
                     raise
                 said = "holds objects of Python, which may run a program and are not read"
                 raise InputError(f"{said}; save arrays of numbers, as `numpy.savez(PATH, theta=theta, ...)`") from error
@@ -208,6 +208,22 @@ def check_archive(path: Path) -> None:
             raise InputError(f"{before} bytes stand before its first part, as of another file; split them there")
         if damaged := archive.testzip():
             raise InputError(f"its part {damaged} does not match its checksum; copy it again, or export it anew")
+
+
+def holds_objects(path: Path) -> bool:
+    """Whether an array in a file of numpy holds objects of Python, by its header."""
+    with path.open("rb") as file, suppress(ValueError, zipfile.BadZipFile):
+        streams: Iterable[IO[bytes]] = [file]
+        if zipfile.is_zipfile(file):
+            archive = zipfile.ZipFile(file)
+            streams = (archive.open(name) for name in archive.namelist())
+        file.seek(0)
+        for stream in streams:
+            is_first = np.lib.format.read_magic(stream) == (1, 0)
+            header = np.lib.format.read_array_header_1_0 if is_first else np.lib.format.read_array_header_2_0
+            if header(stream)[2].hasobject:
+                return True
+    return False
 
 
 def hdf5_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:

@@ -6,6 +6,7 @@ rectified velocity, some 40 ms late, through muscle; here of both directions. Wh
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -94,6 +95,15 @@ class Reflexive:
     muscles: "Sequence[Tried]"  # that of the columns first
     slow: Array | None = None  # signal (n,) that K and B change with; None: they do not
 
+    @cached_property
+    def half_waves(self) -> Array:
+        """The velocity where it is positive and where it is negative, else 0, (n, 2) [rad/s], behind the filter of the
+        torque. The sign is that of quicker motion: what the filter leaves of it turns at other times."""
+        low_pass, rate = self.raw.low_pass, self.raw.rate_hz
+        swift = replace(low_pass, cutoff_hz=min(QUICK * low_pass.cutoff_hz, 0.2 * rate))
+        omega = np.gradient(swift(self.raw.theta, rate), 1 / rate)
+        return low_pass(np.column_stack([np.maximum(omega, 0), np.minimum(omega, 0)]), rate)
+
     @property
     def model(self) -> Model:
         """Eq. 15, with what is fitted beside it."""
@@ -125,15 +135,6 @@ def cosines(rate_hz: float, memory_s: float) -> Array:
     middle = np.linspace(np.log(EARLY_S), np.log(0.7 * memory_s + EARLY_S), COSINES + 2)[2:]
     away = (log_lag[:, None] - middle) / (middle[1] - middle[0])
     return np.asarray((1 + np.cos(np.pi * np.clip(away / 2, -1, 1))) / 2 / rate_hz)
-
-
-def rectified(record: Record) -> Array:
-    """The velocity of a record where it is positive and where it is negative, else 0, (n, 2) [rad/s], behind the filter
-    of the torque. The sign is that of quicker motion: what the filter leaves of it turns at other times."""
-    rate = record.rate_hz
-    swift = replace(record.low_pass, cutoff_hz=min(QUICK * record.low_pass.cutoff_hz, 0.2 * rate))
-    omega = np.gradient(swift(record.theta, rate), 1 / rate)
-    return record.low_pass(np.column_stack([np.maximum(omega, 0), np.minimum(omega, 0)]), rate)
 
 
 def turned(raw: Record, columns: Array, slow: Array | None) -> Array:
@@ -186,7 +187,7 @@ def with_reflex(
     changing = {} if slow is None else changing_columns(raw, human, slow, record.part(slow))
     person = Reflexive(raw, human, record, changing, muscles, slow)
     muscles = muscles or muscles_like(person, late)
-    columns = turned(raw, muscles[0][0].columns(rectified(raw), raw.rate_hz, human.memory_s), slow)
+    columns = turned(raw, muscles[0][0].columns(person.half_waves, raw.rate_hz, human.memory_s), slow)
     reflex = {f"reflex_{k}": column for k, column in enumerate(without_slow(raw, columns, human.slow_hz).T)}
     return replace(person, beside=changing | reflex, muscles=muscles)
 
@@ -196,7 +197,7 @@ def muscles_like(person: Reflexive, late: bool) -> list[Tried]:
     predict each one best. Where the torque may be `late`, beside a jerk and without cosines, which would hide it."""
     raw, few, human, found = person.raw, person.record.coarse, person.human, list[Tried]()
     step = round(raw.rate_hz / few.rate_hz)
-    waves, slow = rectified(raw)[::step], None if person.slow is None else person.slow[::step]
+    waves, slow = person.half_waves[::step], None if person.slow is None else person.slow[::step]
     beside = {name: column[::step] for name, column in person.beside.items()}
     if late:
         beside["jerk"] = seven_point_motion(few.time, few.motion.alpha, few.rate_hz).omega
@@ -435,7 +436,7 @@ def reflex_row(fit: PersonFit) -> Row:
         "untold_share": max((whole.interval(name)[1] - whole[name]) / abs(whole[name]) for name in "KBI"),
     }
     angle = raw.motion.theta - raw.part(raw.motion.theta).mean()
-    late = person.muscles[0][0].columns(rectified(raw), raw.rate_hz, human.memory_s)
+    late = person.muscles[0][0].columns(person.half_waves, raw.rate_hz, human.memory_s)
     moved = without_slow(raw, late * angle[:, None], human.slow_hz)
     gain = person.fit_with(moved @ [whole[f"reflex_{k}"] for k in range(len(moved.T))])
     chance = 2 * float(scipy.special.stdtr(gain.freedom("gain_0"), -abs(gain["gain_0"]) / gain.se("gain_0")))

@@ -320,7 +320,6 @@ class Known:
     share: float = 0.0  # relative standard uncertainty of these
 
 
-SOUGHT = 1e-6  # s by which the last step changes a lag that was found
 SPRING_LOSS = 1e-3
 """Half-width of what is known of a spring's loss factor, tan(phase), about 0: steel and clamps have 1e-4 to 1e-3."""
 
@@ -335,7 +334,7 @@ def late_fits(record: Record, is_spring: bool) -> tuple[GroupFit, GroupFit]:
     bare, _ = seek(model={name: column for name, column in model.items() if name != "B"})
     each = [seek(model=model, lag=lag) for lag in (0.0, bare["lag_s"])]
     # of a delay an image with a damping may be found in its place, or none
-    both, _ = min(each, key=lambda one: abs(one[1]) > SOUGHT or one[0].interval("B")[1] < 0)
+    both, _ = min(each, key=lambda one: abs(one[1]) > effects.LAG_FOUND or one[0].interval("B")[1] < 0)
     return both if both["B"] > 0 and both.certain("B", effects.FALSE_ALARM) else bare, both
 
 

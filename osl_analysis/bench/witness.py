@@ -18,7 +18,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from osl_analysis.bench.effects import LONGEST_LAG, clocks_row, shapes_of_friction, spring_that_slips
+from osl_analysis.bench.effects import LAG_FOUND, LONGEST_LAG, clocks_row, shapes_of_friction, spring_that_slips
 from osl_analysis.bench.gram import solved
 from osl_analysis.bench.record import Record
 from osl_analysis.signals import seven_point_motion
@@ -45,7 +45,6 @@ NEAR_PATH = 0.15  # the same of paths, whose error is that of their models: a lo
 MOMENTS = np.arange(6, 19) / CHUNKS  # shares of what is fitted at whose ends K, or a lag, may change
 MUSCLE_HZ = 6.0  # of a muscle's answer to a reflex
 SLOW = 0.02  # share of the velocity's SD at which friction has turned its sign
-LAG_FOUND = 1e-6  # s by which the last step changes a lag
 MOST_LEFT = 0.05  # share of the torque's variance that an explanation may leave, to be named with its estimates
 HIDDEN = 0.1  # share of the inertia that a delay that is not heard may make
 HIDDEN_OF_B = 0.03  # the same of the damping
@@ -459,14 +458,14 @@ class Court:
         none = self.rivals.pop()
         if not self.heard:
             return none, []
-        for name in dict.fromkeys(("path", *self.heard)):  # a path may be what makes another family speak
+        asked = ("path", *self.heard, *["reflex"] * self.answers)  # a path may be what makes another family speak
+        for name in dict.fromkeys(asked):
             getattr(self, f"hear_{name}")()
-        if self.answers:
-            self.hear_reflex()
         rubs, shapes = self.hear_friction()
         least = min(square(rival.left) for rival in self.rivals)
         per_parameter = least / (self.view.seconds * self.view.bandwidth)
-        made = np.array([self.unexplained(x) for x in self.draws])
+        made = np.reshape([self.unexplained(x) for x in self.draws], (-1, len(self.view.y)))  # without rounding (0, m)
+        spread = ALIKE * 2 / max(len(made), 1) ** 0.5
 
         def score(rival: Rival) -> float:
             parameters = rival.parameters + CHANCE * (rival.family == "reflex")
@@ -481,7 +480,7 @@ class Court:
             for rival in self.rivals:
                 by_chunk = np.add.reduceat(rival.left**2 - best.left**2, self.view.edges[:-1])
                 margin = ALIKE * float(by_chunk.std(ddof=1)) * CHUNKS**0.5
-                rounding = 2 * ALIKE * rms(made @ (rival.left - best.left)) if len(made) else 0.0
+                rounding = spread * float(np.linalg.norm(made @ (rival.left - best.left)))
                 most, apart = UNEXPLAINED * explained, score(rival) - score(best)
                 if rival.family == best.family == "path" and rival.possible:
                     margin = most = min(max(margin, most, NEAR_PATH * left), explained)
@@ -506,7 +505,7 @@ class Court:
         may_be = misfit - by_friction > RUBBING * (misfit - least)
         if self.view.rubs and least > EXPLAINS * misfit:  # and K, or B, is open beside certain friction
             may_be |= bool(harm_of(none.half, none.estimates)[:-1].max() > 1)
-        if all((may_be, rubs.possible, min(by_friction, least) < by_reflex)):
+        if may_be and rubs.possible and min(by_friction, least) < by_reflex:
             return none, [rubs, shapes, *alike]
         return none, [*alike, *[shapes] * bool(alike and by_shapes < (1 - NEAR_PATH) * least)]
 

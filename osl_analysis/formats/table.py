@@ -273,9 +273,10 @@ def copied_runs(words: NDArray[Any], least: int, proves: Callable[[slice, int], 
     )
     lags, votes = np.unique(np.concatenate([at[one + 1] - at[one] for one in again]), return_counts=True)
     many = votes >= max(2, 0.75 * (least - size))
+    if not many.any():
+        return []
     found, copies, seldom = list[tuple[int, int, int]](), np.zeros(bits.size, bool), np.zeros(bits.size, bool)
-    if many.any():
-        seldom[at[np.repeat(counts <= 3, counts)]] = True
+    seldom[at[np.repeat(counts <= 3, counts)]] = True
     before = np.concatenate([[0], np.cumsum(seldom)])  # how many there are
     for lag in lags[many][np.argsort(-votes[many], kind="stable")][:20].tolist():
         equal = np.zeros(bits.size - lag + 2, bool)

@@ -264,7 +264,7 @@ def as_written(recording: Recording, column: str) -> tuple[NDArray[np.intp], Arr
     return rows, (values if rows.size == values.size else values[rows]) / factor - origin.get("offset", 0)
 
 
-def measured_channels(recording: Recording) -> list[tuple[str, NDArray[np.intp], Array, float]]:
+def channels_with_noise(recording: Recording) -> list[tuple[str, NDArray[np.intp], Array, float]]:
     """The measured channels with noise: name, rows (n,), readings (n,), without those that its recorder held; and how
     unlikely the quietest piece of each makes a reading equal to another."""
     parts = list[tuple[str, NDArray[np.intp], Array, float]]()
@@ -289,9 +289,9 @@ def measured_channels(recording: Recording) -> list[tuple[str, NDArray[np.intp],
 
 def tell_copies(recording: Recording) -> None:
     """Count as lost what the samples of a channel in a place are those of another place, or channel, more of them than
-    repeat in one of a million channels. Commands repeat themselves, pulses, and a motion without noise in its own."""
+    noise repeats in one of a million channels. Commands repeat themselves, pulses, and a motion without noise."""
     lost, found = np.zeros(recording.samples.height, bool), dict[tuple[int, int, int, str], list[str]]()
-    time, parts = recording.samples["time"], measured_channels(recording)
+    time, parts = recording.samples["time"], channels_with_noise(recording)
     ends = np.cumsum([0, *(x.size + 1 for _, _, x, _ in parts)]).tolist()
     if not parts:
         return
@@ -318,9 +318,8 @@ def tell_copies(recording: Recording) -> None:
         return changes * min(each) > enough
 
     words = ((every + 0.0).view(np.int64) + (1 << 15)) >> 16  # units, taken off again, leave rounding
-    for start, stop, other in copied_runs(
-        words, max(LEAST_COPIED, int(enough / max(beside, *(one[3] for one in parts)))), proves
-    ):
+    least = max(LEAST_COPIED, int(enough / max(beside, *(one[3] for one in parts))))
+    for start, stop, other in copied_runs(words, least, proves):
         name, there = (parts[part_of(place)][0] for place in (start, other))
         key = (int(rows[start]), int(rows[stop - 1]) + 1, int(rows[other]), there * (there != name))
         found.setdefault(key, []).append(name)

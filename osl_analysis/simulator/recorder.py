@@ -285,7 +285,7 @@ def write_topics(path: Path, topics: Sequence[LogTopic]) -> None:
             last = int(np.searchsorted(ends[:-1], begin + chunk_size, side="right")) + 1
             starts = ends[first:last] - lengths[first:last] - begin
             whole, base = np.empty(int(ends[last - 1]) - begin, np.uint8), 0
-            whole[: len(content)] = [*content]
+            whole[: len(content)] = np.frombuffer(content, np.uint8)
             for number, topic in enumerate(topics, 1):  # the messages of each are rows, put to their places at once
                 size, own = topic.records.itemsize, np.flatnonzero(heads[first:last, 0] == number)
                 if own.size:  # a message is one value that may begin at any byte, so that values overlap

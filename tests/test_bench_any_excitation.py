@@ -476,6 +476,14 @@ def test_the_intervals_of_a_person_with_little_noise_hold_what_is_true_by_muscle
     assert max(row["reflex_gain_up_se"], row["K_se"] / 5, row["B_se"] * 10) < 0.1
 
 
+def test_a_joint_that_is_turned_has_the_gain_of_its_reflex_the_other_way():
+    trial = reflexive(np.random.default_rng(0), 6.0, 0.03)
+    turned = Trial("turned", trial.samples.with_columns(-pl.col("theta", "torque")))
+    up, down = (person(one)[1] for one in (trial, turned))
+    assert down["reflex_gain_down"] == pytest.approx(up["reflex_gain_up"], rel=1e-3) == pytest.approx(6, abs=0.2)
+    assert down["reflex_gain_up"] == pytest.approx(up["reflex_gain_down"], abs=1e-2)
+
+
 def test_a_reflex_is_a_doubt_of_a_device_and_columns_of_a_person():
     """Eq. 15 alone takes the reflex for stiffness; what it says of K with the reflex is what a person's fit finds."""
     z = []

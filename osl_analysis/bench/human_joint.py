@@ -36,12 +36,12 @@ from osl_analysis.spectral.stepped_sine import Likeness
 from osl_analysis.stats.regression import Row, products_between
 from osl_analysis.trial import Array, Trial
 
-COSINES = 8  # in which an impulse response is described; each next one is broader
+COSINES = 8  # in which the impulse response of what may be a reflex is described; each next one is broader
 EARLY_S = 0.04  # lag [s] from which on there are equally many for each doubling of it
 BLOCKS, SHORTEST_BLOCK_S = 30, 2.0  # stretches whose scores make the intervals: number, and least duration [s]
 TESTED_BLOCKS, SHORTEST_TESTED_S, FEWEST_TESTED = 48, 1.0, 20  # the same of the test for a reflex
 SOONER_MS, AT_END_S = 10.0, 2e-4  # beyond the delays that are allowed one is asked for; s from an end where it is taken
-ORDERS, BROAD = (2, 3), (0, 4)  # of muscle that is tried, and how many of the broadest cosines beside it
+ORDERS, FURTHER = (2, 3), (0, 4, 8, 12)  # of muscle that is tried, and numbers of cosines beside it
 LAG_S, DAMPED = (0.01, 0.1, 0.25), (0.4, 3.0, 10.0)  # least, first and largest; muscle of damping 10 is of first order
 MOVES = np.array([5e-4, 0.03, 0.03])  # of delay [s], log lag and log damping, by which their effect is told
 OWN_SHARE = 0.95  # of the power of the angle's speed, which lies below the cut-off where none is stated
@@ -60,7 +60,7 @@ class Muscle:
     values: Array  # delay [s], and logs of the lag [s] that lasting speed has, and of the damping
     known: bool = False  # whether the delay is one that is stated, or the end of those that are allowed
     half_s: float = np.inf  # half-width of the delay's interval of 95 % [s]
-    broad: int = 0  # number of cosines
+    cosines: int = 0  # number of them
 
     def answers(self, half_waves: Array, rate_hz: float, values: Array) -> Array:
         """What muscle of some values makes of half-waves (n, k), by its transfer function."""
@@ -77,8 +77,8 @@ class Muscle:
         for move in np.diag(MOVES)[self.known :]:
             ends = (self.answers(half_waves, rate_hz, self.values + end) for end in (move, -move))
             found.append(np.subtract(*ends) / (2 * move.max()))
-        if self.broad:
-            broad = cosines(rate_hz, memory_s)[:, -self.broad :]
+        if self.cosines:
+            broad = cosines(rate_hz, memory_s, self.cosines)
             of_each = [scipy.signal.fftconvolve(one[:, None], broad, axes=0)[: len(one)] for one in half_waves.T]
             found += [late_by(one, rate_hz, self.values[0]) for one in np.transpose(of_each, (2, 1, 0))]
         return np.hstack(found)
@@ -129,11 +129,11 @@ def sums_beside(record: Record, beside: Mapping[str, Array]) -> Sums:
     return gram.gram_sums(record, {**columns, **beside}, [*IMPEDANCE.values(), *beside], centre, frozenset(beside))
 
 
-def cosines(rate_hz: float, memory_s: float) -> Array:
-    """Raised cosines on the logarithm of the lag (m, 8), to two thirds of the memory [s], times the sampling step."""
+def cosines(rate_hz: float, memory_s: float, number: int = COSINES) -> Array:
+    """Raised cosines on the logarithm of the lag (m, n), to two thirds of the memory [s], times the sampling step."""
     log_lag = np.log(np.arange(round(memory_s * rate_hz)) / rate_hz + EARLY_S)
-    middle = np.linspace(np.log(EARLY_S), np.log(0.7 * memory_s + EARLY_S), COSINES + 2)[2:]
-    away = (log_lag[:, None] - middle) / (middle[1] - middle[0])
+    middle, apart = np.linspace(np.log(EARLY_S), np.log(0.7 * memory_s + EARLY_S), number + 2, retstep=True)
+    away = (log_lag[:, None] - middle[2:]) / apart
     return np.asarray((1 + np.cos(np.pi * np.clip(away / 2, -1, 1))) / 2 / rate_hz)
 
 
@@ -200,7 +200,8 @@ def muscles_like(person: Reflexive, late: bool) -> list[Tried]:
     waves, slow = person.half_waves[::step], None if person.slow is None else person.slow[::step]
     beside = {name: column[::step] for name, column in person.beside.items()}
     if late:
-        beside["jerk"] = seven_point_motion(few.time, few.motion.alpha, few.rate_hz).omega
+        higher = seven_point_motion(few.time, few.motion.alpha, few.rate_hz)
+        beside |= {"jerk": higher.omega, "snap": higher.alpha}
     base = np.array([few.part(column) for column in (*columns_of(few)[0].values(), *beside.values())])
     torque, rows = few.part(few.filtered_torque), few.rows()
 
@@ -224,11 +225,19 @@ def muscles_like(person: Reflexive, late: bool) -> list[Tried]:
         of_each = products_between(products[:, :3], products[:, 3:], few.groups.first, few.groups.stop)[:, :, 0]
         covariance, freedom = gram.noise_of_scores(of_each @ np.linalg.pinv(jacobian.T @ jacobian), 3)
         half = float(scipy.special.stdtrit(freedom[0], 0.975) * np.sqrt(covariance[0, 0]))
-        for broad in BROAD[: 1 if late else 2]:
-            muscle = Muscle(order, values, bool(at), half, broad)
+        for number in FURTHER:
+            muscle = Muscle(order, values, bool(at), half, number)
             columns = quick(muscle.columns(waves, few.rate_hz, human.memory_s))
             found.append((muscle, predicted(few, {**beside, **{f"reflex_{k}": x for k, x in enumerate(columns.T)}})))
-    return sorted(found, key=lambda one: float(one[1].sum()))
+    best = min(as_good(found), key=lambda one: (one[0].cosines, one[1].sum()))
+    return [best, *(one for one in found if one is not best)]
+
+
+def as_good(tried: Sequence[Tried]) -> list[Tried]:
+    """Those that predict as well as the best one, within chance, by the scatter of what is left in stretches."""
+    least = min((left for _, left in tried), key=np.sum)
+    chance = scipy.special.stdtrit(len(least) - 1, 0.975) * np.sqrt(len(least))
+    return [one for one in tried if (one[1] - least).sum() <= chance * (one[1] - least).std(ddof=1)]
 
 
 def predicted(record: Record, beside: Mapping[str, Array]) -> Array:
@@ -242,11 +251,8 @@ def predicted(record: Record, beside: Mapping[str, Array]) -> Array:
 def delay_by_muscle(person: Reflexive) -> Row:
     """The delay [ms] by the muscle that predicts best, and from where to where the intervals of the delay reach by
     muscle of any order that predicts as well, within chance, by the scatter of what is left in stretches."""
-    (best, least), blocks = person.muscles[0], len(person.muscles[0][1])
-    chance = scipy.special.stdtrit(blocks - 1, 0.975) * np.sqrt(blocks)
-    good = [one for one, left in person.muscles if (left - least).sum() <= chance * (left - least).std(ddof=1)]
-    ends = [one.values[0] + np.array([-1, 1]) * one.half_s for one in good]
-    delays = 1e3 * np.array([best.values[0], np.min(ends), np.max(ends)])
+    ends = [one.values[0] + np.array([-1, 1]) * one.half_s for one, _ in as_good(person.muscles)]
+    delays = 1e3 * np.array([person.muscles[0][0].values[0], np.min(ends), np.max(ends)])
     delays = np.clip(delays, min(person.human.delays_ms), max(person.human.delays_ms))
     return dict(zip([f"reflex_delay_{end}ms" for end in ("", "low_", "high_")], delays.tolist(), strict=True))
 
@@ -401,8 +407,8 @@ def lag_of_person_row(fit: PersonFit) -> Row:
 def reflex_gains(person: Reflexive, whole: gram.GroupFit) -> Row:
     """Torque per speed [N*m*s/rad] that a lasting speed of either direction would end in by the reflex."""
     row, (muscle, _) = Row(), person.muscles[0]
-    broad = cosines(person.raw.rate_hz, person.human.memory_s).sum(axis=0)[COSINES - muscle.broad :]
-    gains = [1.0, *np.zeros(3 - muscle.known), *broad]  # of each kind of column
+    broad = cosines(person.raw.rate_hz, person.human.memory_s, muscle.cosines)
+    gains = [1.0, *np.zeros(3 - muscle.known), *broad.sum(axis=0)]  # of each kind of column
     for k, way in enumerate(("up", "down")):
         weights = {f"reflex_{k + 2 * n}": float(gain) for n, gain in enumerate(gains)}
         row |= weighted_sum(whole, f"reflex_gain_{way}", weights)

@@ -1,7 +1,9 @@
 """The findings on all trials of a campaign as one table, `findings.csv`, and what a reader must know of them: causes
 with the trials that they concern, in the same words at the end of a run, by `results` and on the page."""
 
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -125,15 +127,11 @@ def known_of(findings: pl.DataFrame, tables: Mapping[str, pl.DataFrame], verdict
     """What a reader must know, as `summary.json` has it: each cause by experiment with the trials that it concerns;
     doubts, then checks that trials do not pass though they are used, then what could not be checked; of each what most
     trials have first. `tables` tell of how many."""
-    there = {*subjects(verdicts), *(name for table in tables.values() for name in subjects(table))}
-    every: dict[tuple[str, str], list[Entry]] = {}  # by table and grade
+    there = {*subjects(verdicts), *chain(*map(subjects, tables.values()))}
+    of = defaultdict[tuple[str, str], list[Entry]](list)  # by table and grade
     for entry in entries(findings):
         if not entry["inherited"] and entry["trial"] in there:
-            every.setdefault((entry["table"], entry["grade"]), []).append(entry)
-
-    def of(table: str, grade: Grade) -> list[Entry]:
-        return every.get((table, grade), [])
-
+            of[entry["table"], entry["grade"]].append(entry)
     doubts, flags, unchecked = list[Entry](), list[Entry](), list[Entry]()
     for experiment, facts in EXPERIMENTS.items():
         fitted = {table.name: table.doubts_of for table in facts.tables if table.judged}
@@ -141,18 +139,19 @@ def known_of(findings: pl.DataFrame, tables: Mapping[str, pl.DataFrame], verdict
             if DOUBTFUL not in (rows := tables.get(table, pl.DataFrame())).columns:
                 continue
             judged, named = subjects(rows.filter(pl.col(DOUBTFUL).is_not_null())), table.replace("_", " ")
-            where = f"{experiment.replace('_', ' ')} trials" if table in fitted else named
-            doubts += doubts_by_cause(of(table, Grade.DOUBTS), of(other, Grade.DOUBTS), other, where, named, judged)
-            what = f"{named} trials" if table in fitted else "walking groups"
+            trials = f"{experiment.replace('_', ' ')} trials", f"{named} trials"
+            where, what = trials if table in fitted else (named, "walking groups")
+            doubts += doubts_by_cause(of[table, Grade.DOUBTS], of[other, Grade.DOUBTS], other, where, named, judged)
             for grade, verdict in ((Grade.UNCHECKED, "not checked"), (Grade.NOTES, "remark")):
-                unchecked += by_cause([one for one in of(table, grade) if not one["in_part"]], verdict, what, judged)
-    predicted = of(PREDICTION_TABLE, Grade.DOUBTS)
-    trials = list(dict.fromkeys(one["trial"] for one in predicted))
-    doubts += by_cause(predicted, "doubtful", "predicted trials", trials)
-    trials = subjects(tables.get(PREDICTION_TABLE, pl.DataFrame()))
-    unchecked += by_cause(of(PREDICTION_TABLE, Grade.UNCHECKED), "not checked", "prediction trials", trials)
+                unchecked += by_cause([one for one in of[table, grade] if not one["in_part"]], verdict, what, judged)
+    predicted = of[PREDICTION_TABLE, Grade.DOUBTS]
+    doubts += by_cause(
+        predicted, "doubtful", "predicted trials", list(dict.fromkeys(one["trial"] for one in predicted))
+    )
+    of_table = subjects(tables.get(PREDICTION_TABLE, pl.DataFrame()))
+    unchecked += by_cause(of[PREDICTION_TABLE, Grade.UNCHECKED], "not checked", "prediction trials", of_table)
     for check in CHECKS.values():
-        own = [one for one in of(QUALITY, Grade.DOUBTS) if [x.column for x in one["evidence"]] == [check.name]]
+        own = [one for one in of[QUALITY, Grade.DOUBTS] if [x.column for x in one["evidence"]] == [check.name]]
         flags += by_cause(own, "flagged", "trials", subjects(verdicts.filter(pl.col("check") == check.name)))
     return [one for part in (doubts, flags, unchecked) for one in sorted(part, key=lambda one: -len(one["trials"]))]
 

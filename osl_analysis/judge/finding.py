@@ -40,6 +40,10 @@ class Limits(Settings):
     below: dict[str, float | None] = Field(default_factory=dict)
     """Lower limits, by column. A fit is doubtful if the value is below its limit."""
 
+    def stated(self) -> list[tuple[Literal["above", "below"], str, float | None]]:
+        """Side, column and limit of each."""
+        return [*(("above", *one) for one in self.above.items()), *(("below", *one) for one in self.below.items())]
+
 
 @dataclass(frozen=True)
 class Beyond:

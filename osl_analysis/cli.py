@@ -372,10 +372,7 @@ def init(folder: Path, recorders: tuple[str, ...], recordings: Path | None, exam
         say(drafted_text(draft))
         decisions = left_to_decide(folder, draft)
         say("\n".join(["left to decide:", *(f"  {line}" for line in decisions)]) if decisions else "")
-        print_first_look(folder)
-        from osl_analysis.commands.watch import note_protocol
-
-        note_protocol(folder)
+        print_first_look(folder, is_new=True)
     elif not example:
         say("next: recordings into recordings/, a row for each into trials.csv, their channels into sources/")
         say("      `osl-analysis inspect FILE --draft sources/NAME.yaml` drafts a source file")
@@ -444,11 +441,11 @@ def watch(folder: Path, source: Path | None, output: Path, config_path: Path) ->
             say(line)
 
 
-def print_first_look(folder: Path) -> None:
+def print_first_look(folder: Path, is_new: bool = False) -> None:
     from osl_analysis.commands.watch import first_look
 
     try:
-        for said in first_look(folder):
+        for said in first_look(folder, is_new):
             say(said)
     except OslAnalysisError as error:
         say(f"no first look: {error}")

@@ -126,7 +126,6 @@ def read_mapping(path: Path, by_snakemake: bool = False) -> dict[str, Any]:
 
 
 def yaml_problem(error: Exception, text: str) -> str:
-    """What is wrong with a text of YAML, and what to do."""
     said = " ".join(str(error).split())
     if isinstance(error, MarkedYAMLError):
         marks = ((error.context, error.context_mark), (error.problem, error.problem_mark))
@@ -315,7 +314,6 @@ ADVICE = {
 
 
 def plain_reason(problem: Mapping[str, Any]) -> str:
-    """What a field should be, as an instruction."""
     kind, text = problem["type"], str(problem["msg"]).removeprefix("Value error, ").replace("Input should be", "write")
     if kind == "literal_error":
         return text + nearest(str(problem["input"]), re.findall(r"'([^']+)'", text))

@@ -74,11 +74,6 @@ def read_sheet(path: Path) -> SheetRows:
         rows[row["trial"]] = told | numbers | {"perturbed": perturbed}
     if not rows:
         raise InputError(f"{path}: no trials; add one row per trial")
-    return with_joints(rows)
-
-
-def with_joints(rows: SheetRows) -> SheetRows:
-    """The rows with the ankle for each joint that is not named, where others are, or the walkway measures it."""
     known = any(row["joint"] or EXPERIMENTS[row["experiment"]].place == "walkway" for row in rows.values())
     return {trial: row | {"joint": row["joint"] or (JOINT if known else None)} for trial, row in rows.items()}
 
@@ -230,16 +225,6 @@ def unfit_for_the_experiment(row: Mapping[str, str]) -> Iterator[str]:
         yield "a calibration needs known_K [N*m/rad] or known_I [kg*m^2], and known_percent, its standard uncertainty"
     if experiment == "walking" and len(row["windows"].split()) > 1:
         yield f"windows '{row['windows']}' of a crossing; write one, and a row of the sheet for each crossing of a log"
-
-
-FOLLOWED = {
-    "belt": ("parameters",),
-    "transmission": ("parameters", "protocol"),
-    "actuator": ("parameters",),
-    "impedance": ("parameters", "protocol", "gain_weight"),
-    "walking": ("parameters", "gain_weight", "impedance_trajectory"),
-}
-"""The shared choices that the simulated trials of each experiment use; the other experiments use none."""
 
 
 class SharedChoices(Settings):

@@ -1,1 +1,1 @@
-"""Evidence to findings: `causes` and `judging` decide by values, `words` has the only sentences, `campaign` makes views."""
+"""Evidence to findings: `causes` and `judging` decide by values, `words` has the sentences, `campaign` makes views."""

@@ -415,10 +415,13 @@ def to_table(numbers: Mapping[str, Mapping[str, Any]], markdown: bool) -> str:
         draft = "" if number["draft"] is None else f"{number['draft']:g}"
         rows.append((number["meaning"], f"{value} {number['unit']}", interval, trials_text(number), draft))
     rows = rows if beside_draft else [row[:-1] for row in rows]
-    if markdown:
-        rows.insert(1, ("---",) * len(rows[0]))
-        return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |\n" for cells in rows)
-    return aligned(rows)
+    return markdown_table(rows) if markdown else aligned(rows)
+
+
+def markdown_table(rows: Sequence[Sequence[str]]) -> str:
+    """Rows, of which the first is the head, as a table in Markdown."""
+    lines = [rows[0], ["---"] * len(rows[0]), *rows[1:]]
+    return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |\n" for line in lines)
 
 
 def aligned(rows: Sequence[Sequence[str]]) -> str:

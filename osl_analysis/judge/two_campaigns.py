@@ -109,8 +109,7 @@ def estimates(rows: pl.DataFrame | None, quantity: str) -> tuple[dict[str, Any],
     if "estimator" in rows.columns:
         rows = rows.filter(quantity=quantity).drop_nulls(["mean", "low", "high"])
         ensemble = {one[0]: one[1:] for one in rows.select("commanded", "mean", "low", "high").iter_rows()}
-        counts = {"n": rows["n"].sum(), "n_doubtful": doubtful_count(rows)[0]}
-        return counts, ensemble
+        return {"n": rows["n"].sum(), "n_doubtful": doubtful_count(rows)[0]}, ensemble
     used = rows if rows["amplitudes"].is_not_null().any() else counted(rows)
     finite, doubts = used.filter(pl.col(quantity).is_finite()), {"n_doubtful": doubtful_count(rows)[0]}
     sample = {key: one[quantity].to_list() for key, one in finite.group_by(SAME_CONDITION, maintain_order=True)}

@@ -101,13 +101,6 @@ class Campaign:
         rows = self.rows.items()
         return {name: {"joint": row["joint"], "side": sides.get(name) or row["side"]} for name, row in rows}
 
-    def by_place(self, experiment: str) -> list[list[str]]:
-        """The trials of an experiment, those of each joint and side together."""
-        groups: dict[tuple[str | None, ...], list[str]] = {}
-        for trial in self.trials(experiment):
-            groups.setdefault(tuple(self.places[trial].values()), []).append(trial)
-        return list(groups.values())
-
     @property
     def data(self) -> str:
         """`simulated` or `measured`, as the configuration says, or where the simulator's truth lies beside the data."""

@@ -129,7 +129,8 @@ def draw_fig5(table: pl.DataFrame) -> Figure:
         for wanted in rows.drop_nulls(f"{symbol}_d").partition_by("K_d", "B_d", maintain_order=True):
             ends = wanted["x"][0] - 0.6, wanted["x"][-1] + 0.6
             ax.hlines(wanted[f"{symbol}_d"][0], *ends, color=style.BLACK, linewidth=0.8)
-    style.legend_above(figure, fig5_entries(table, looks), 6, 0.9 * style.DOUBLE_COLUMN, columnspacing=1.4)
+    entries = fig5_entries(table, looks)
+    style.legend_above(figure, entries, 6, 0.9 * style.DOUBLE_COLUMN, columnspacing=1.4)
     figure.align_ylabels()
     return figure
 

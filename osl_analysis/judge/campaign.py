@@ -13,15 +13,7 @@ import polars as pl
 from osl_analysis.config.experiments import EXPERIMENTS, doubts_of, judged_tables
 from osl_analysis.errors import listing
 from osl_analysis.judge.causes import CAUSES
-from osl_analysis.judge.finding import (
-    FINDING_COLUMNS,
-    FINDING_NUMBERS,
-    Beyond,
-    Finding,
-    Grade,
-    finding_rows,
-    findings_frame,
-)
+from osl_analysis.judge.finding import FINDING_NUMBERS, Beyond, Finding, Grade, findings_frame, read_findings
 from osl_analysis.judge.judging import judged, unchecked_in, with_inherited
 from osl_analysis.judge.limits import CHECKS, DoubtfulFits
 from osl_analysis.judge.used import HOW_TO_USE, exclusions
@@ -57,8 +49,7 @@ def campaign_findings(tables: Mapping[str, pl.DataFrame], verdicts: pl.DataFrame
     for row in tables.get(PREDICTION_TABLE, pl.DataFrame()).iter_rows(named=True):
         found += [(finding, words_of(finding, row)) for finding in unchecked_in(PREDICTION_TABLE, row)]
     found += causes_of_misfit(tables)
-    rows = (finding_rows(number, *one) for number, one in enumerate(found, start=1))
-    return findings_frame([row for of_finding in rows for row in of_finding])
+    return findings_frame(found)
 
 
 def failed_checks(verdicts: pl.DataFrame) -> Iterator[tuple[Finding, Words]]:
@@ -114,13 +105,6 @@ def entries(findings: pl.DataFrame) -> list[Entry]:
         if row["evidence"] is not None:
             entry["evidence"].append(Beyond(row["evidence"], row["value"], row["limit"], row["side"]))
     return list(found.values())
-
-
-def read_findings(path: Path) -> pl.DataFrame:
-    """`findings.csv`; an empty table where it was refused or is not there."""
-    if not path.is_file() or is_refused(path):
-        return findings_frame([])
-    return read_table(path, ["finding"]).select(pl.col(name).cast(dtype) for name, dtype in FINDING_COLUMNS.items())
 
 
 def known_of(findings: pl.DataFrame, tables: Mapping[str, pl.DataFrame], verdicts: pl.DataFrame) -> list[Entry]:

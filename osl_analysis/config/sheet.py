@@ -74,6 +74,11 @@ def read_sheet(path: Path) -> SheetRows:
         rows[row["trial"]] = told | numbers | {"perturbed": perturbed}
     if not rows:
         raise InputError(f"{path}: no trials; add one row per trial")
+    return with_joints(rows)
+
+
+def with_joints(rows: SheetRows) -> SheetRows:
+    """The rows with the ankle for each joint that is not named, where others are, or the walkway measures it."""
     known = any(row["joint"] or EXPERIMENTS[row["experiment"]].place == "walkway" for row in rows.values())
     return {trial: row | {"joint": row["joint"] or (JOINT if known else None)} for trial, row in rows.items()}
 

@@ -142,7 +142,7 @@ def contact_rows(
     share = {side: float(rested[inside].mean()) for side, rested in rests.items()}
     on_plate = [side for side, foot in feet.items() if over(foot.ankle, corners)[inside].mean() > 0.5]
     on_plate = on_plate or [side for side in feet if share[side] == max(0.1, *share.values())]
-    for side in on_plate if of_foot is None else [one for one in feet if one == of_foot]:
+    for side in on_plate if of_foot is None else [of_foot] * (of_foot in feet):
         foot, other, excluded = feet[side], SIDES[side == "left"], None
         whole = inside & np.isfinite(foot.points).all(axis=(1, 2))
         own = float(np.mean(rests[side][whole])) if foot.whole and whole.any() else 1.0

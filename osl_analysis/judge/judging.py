@@ -35,7 +35,7 @@ def unchecked_in(table: str, row: AnyRow) -> Iterator[Finding]:
         yield Finding(table, subject, "how much of B is friction", Grade.UNCHECKED, amplitude_deg=amplitude)
     quantity = MEASURED_BY.get(table, "")
     times = cell_number(row, f"{quantity}_ratio") or 1.0
-    if abs(times - 1) > 0.1 and not suspected_unit(f"{quantity}_ratio", times, row):
+    if abs(times - 1) > 0.1 and not suspected_unit(f"{quantity}_ratio", times, row):  # components differ by less
         what = f"{quantity} is not that of the parameter file"
         yield Finding(table, subject, what, Grade.NOTES, amplitude_deg=amplitude)
     for name in ("I", "J_j") if table in ("impedance", "transmission", "walking_groups") else ():
@@ -108,7 +108,7 @@ def of_walking(row: AnyRow) -> Iterator[str]:
     elif lacks(row, "shoe_share"):
         yield "whether K is that of the joint alone"
     per_percent = cell_number(row, "moment_K_per_percent") or 0.0
-    if error is not None and abs(100 * error * per_percent) > 0.02 * abs(K):
+    if error is not None and abs(100 * error * per_percent) > 0.02 * abs(K):  # less is not much of K
         yield "whether the plate's moments are right"
     if lacks(row, "plate_height_m") and not by_log:
         yield "the height of the plate's corners and ORIGIN"

@@ -608,10 +608,10 @@ def design_walking(config_path: Path, as_json: bool, **chosen: Any) -> None:
 
     config, counts = read_config(config_path), [round(n) for n in chosen["crossings"] or (4, 6, 8, 12, 16, 20, 30, 40)]
     joint = (chosen["stiffness"], chosen["damping"], chosen["inertia"])
-    stated = (chosen["turn"] and float(np.deg2rad(chosen["turn"])), chosen["ramp"] and 1e-3 * chosen["ramp"])
-    usual = pilot_turn(chosen["folder"]) if None in (*stated, chosen["phase"]) else (None,) * 3
-    pairs = zip((*stated, chosen["phase"]), usual, (float(np.deg2rad(5.0)), 0.08, 0.4), strict=True)
-    size, ramp_s, phase = (next(one for one in each if one is not None) for each in pairs)
+    turned = chosen["turn"] and float(np.deg2rad(chosen["turn"])), chosen["ramp"] and 1e-3 * chosen["ramp"]
+    stated = (*turned, chosen["phase"])
+    usual = pilot_turn(chosen["folder"]) if None in stated else stated
+    size, ramp_s, phase = (other if own is None else own for own, other in zip(stated, usual, strict=True))
     turn = PlannedTurn(size, ramp_s, phase, joint)
     K, B, I = joint
     say(

@@ -389,9 +389,9 @@ def selected_crossings(crossings: Paths, selection: Path) -> list[Crossing]:
     return [read_crossing(path) for path in crossings if path.stem not in excluded]
 
 
-def pilot_turn(folder: Path) -> tuple[float | None, float | None, float | None]:
+def pilot_turn(folder: Path) -> tuple[float, float, float]:
     """Medians of the turns of the platform [rad], of their durations [s], by a minimum-jerk ramp from 10 to 90 % of the
-    turn, and of their onsets as shares of stance, in the perturbed crossings that a campaign uses; None without any."""
+    turn, and of their onsets as shares of stance, in the perturbed crossings that a campaign uses, else usual ones."""
     table = read_table(folder / "tables/walking_crossings.csv", ["trial", "reason"])
     found = []
     for name in table.filter(pl.col("perturbed"), pl.col("reason").is_null())["trial"]:
@@ -404,9 +404,7 @@ def pilot_turn(folder: Path) -> tuple[float | None, float | None, float | None]:
         ramp_s = (reached[1] - reached[0]) / 0.506
         if ramp_s > 0:
             found.append((abs(crossing.turn), ramp_s, float(crossing.stance.phase(np.array(crossing.onset)))))
-    if not found:
-        return None, None, None
-    turn, ramp_s, phase = np.median(found, axis=0).tolist()
+    turn, ramp_s, phase = np.median(found or [(np.deg2rad(5.0), 0.08, 0.4)], axis=0).tolist()
     return turn, ramp_s, phase
 
 

@@ -372,10 +372,7 @@ def init(folder: Path, recorders: tuple[str, ...], recordings: Path | None, exam
         say(drafted_text(draft))
         decisions = left_to_decide(folder, draft)
         say("\n".join(["left to decide:", *(f"  {line}" for line in decisions)]) if decisions else "")
-        print_first_look(folder)
-        from osl_analysis.commands.watch import note_protocol
-
-        note_protocol(folder)
+        print_first_look(folder, is_new=True)
     elif not example:
         say("next: recordings into recordings/, a row for each into trials.csv, their channels into sources/")
         say("      `osl-analysis inspect FILE --draft sources/NAME.yaml` drafts a source file")
@@ -444,11 +441,11 @@ def watch(folder: Path, source: Path | None, output: Path, config_path: Path) ->
             say(line)
 
 
-def print_first_look(folder: Path) -> None:
+def print_first_look(folder: Path, is_new: bool = False) -> None:
     from osl_analysis.commands.watch import first_look
 
     try:
-        for said in first_look(folder):
+        for said in first_look(folder, is_new):
             say(said)
     except OslAnalysisError as error:
         say(f"no first look: {error}")
@@ -611,10 +608,10 @@ def design_walking(config_path: Path, as_json: bool, **chosen: Any) -> None:
 
     config, counts = read_config(config_path), [round(n) for n in chosen["crossings"] or (4, 6, 8, 12, 16, 20, 30, 40)]
     joint = (chosen["stiffness"], chosen["damping"], chosen["inertia"])
-    stated = (chosen["turn"] and float(np.deg2rad(chosen["turn"])), chosen["ramp"] and 1e-3 * chosen["ramp"])
-    usual = pilot_turn(chosen["folder"]) if None in (*stated, chosen["phase"]) else (None,) * 3
-    pairs = zip((*stated, chosen["phase"]), usual, (float(np.deg2rad(5.0)), 0.08, 0.4), strict=True)
-    size, ramp_s, phase = (next(one for one in each if one is not None) for each in pairs)
+    turned = chosen["turn"] and float(np.deg2rad(chosen["turn"])), chosen["ramp"] and 1e-3 * chosen["ramp"]
+    stated = (*turned, chosen["phase"])
+    usual = pilot_turn(chosen["folder"]) if None in stated else stated
+    size, ramp_s, phase = (other if own is None else own for own, other in zip(stated, usual, strict=True))
     turn = PlannedTurn(size, ramp_s, phase, joint)
     K, B, I = joint
     say(

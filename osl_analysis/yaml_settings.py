@@ -10,20 +10,9 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, TypeVar
 
+import yaml
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 from pydantic_core import PydanticCustomError
-from yaml import (
-    CollectionEndEvent,
-    CollectionStartEvent,
-    CSafeLoader,
-    MappingNode,
-    MarkedYAMLError,
-    Node,
-    ScalarNode,
-    SequenceNode,
-    YAMLError,
-    parse,
-)
 
 from osl_analysis.errors import InputError, listing, nearest
 from osl_analysis.files import digest, shipped
@@ -106,18 +95,18 @@ def read_mapping(path: Path, by_snakemake: bool = False) -> dict[str, Any]:
     except RecursionError as error:
         said = "its fields are nested too deeply, or its aliases (`*name`) stand for too many"
         raise InputError(f"{path}: {said}; write them out as in the shipped files") from error
-    except (YAMLError, ValueError, AttributeError, KeyError, TypeError, OverflowError) as error:  # of a wrong tag
+    except (yaml.YAMLError, ValueError, AttributeError, KeyError, TypeError, OverflowError) as error:  # of a wrong tag
         raise InputError(f"{path}: not YAML: {yaml_problem(error, text)} in quotes") from error
     if not isinstance(content, dict):
         raise InputError(f"{path}: has no fields; write `name: value` lines as in the shipped files")
     for one in nodes_of(node):
         line, keys = one.start_mark.line + 1, set[str]()
-        for key in (pair[0] for pair in one.value) if isinstance(one, MappingNode) else ():
+        for key in (pair[0] for pair in one.value) if isinstance(one, yaml.MappingNode) else ():
             if key.value in keys:
                 line = key.start_mark.line + 1
                 raise InputError(f"{path}: line {line}: key '{key.value}' stands twice; remove one")
             keys.add(str(key.value))
-        plain = by_snakemake and isinstance(one, ScalarNode) and not one.style
+        plain = by_snakemake and isinstance(one, yaml.ScalarNode) and not one.style
         in_sixties_or_eights = r"(?P<sixties>[-+]?[0-9][0-9_]*(:[0-5]?[0-9])+(\.[0-9_]*)?)|[-+]?0[0-7_]+"
         if plain and (counted := re.fullmatch(in_sixties_or_eights, one.value)):  # 1:30 is 90, 010 is 8
             said = f"YAML counts {one.value} in {'sixties' if counted['sixties'] else 'eights'}"
@@ -126,9 +115,8 @@ def read_mapping(path: Path, by_snakemake: bool = False) -> dict[str, Any]:
 
 
 def yaml_problem(error: Exception, text: str) -> str:
-    """What is wrong with a text of YAML, and what to do."""
     said = " ".join(str(error).split())
-    if isinstance(error, MarkedYAMLError):
+    if isinstance(error, yaml.MarkedYAMLError):
         marks = ((error.context, error.context_mark), (error.problem, error.problem_mark))
         at = [(what, f" in line {it.line + 1}, column {it.column + 1}" if it else "") for what, it in marks if what]
         said = " ".join(what + place for what, place in at)
@@ -139,12 +127,12 @@ def yaml_problem(error: Exception, text: str) -> str:
     return f"{said}; compare with the shipped files, and put text with signs such as : # *"
 
 
-class Loader(CSafeLoader):
+class Loader(yaml.CSafeLoader):
     """YAML 1.2, read by the library in C: `off` is text, and so is 1:30; 010 is ten."""
 
     yaml_implicit_resolvers: dict[str, Any] = {}  # noqa: RUF012 (the constants below)
 
-    def whole_number(self, node: ScalarNode) -> int:
+    def whole_number(self, node: yaml.ScalarNode) -> int:
         return int(node.value.replace("_", ""), 0 if re.match("[-+]?0[ox]", node.value) else 10)
 
 
@@ -163,11 +151,11 @@ Loader.add_constructor("tag:yaml.org,2002:int", Loader.whole_number)
 
 
 @lru_cache(maxsize=64)
-def parsed_yaml(text: str) -> tuple[Node | None, Any]:
+def parsed_yaml(text: str) -> tuple[yaml.Node | None, Any]:
     """The nodes of a YAML text, with their lines, and its content."""
     depth = 0
-    for event in parse(text, CSafeLoader):  # the parser of nodes ends the process where they are nested deeply
-        depth += isinstance(event, CollectionStartEvent) - isinstance(event, CollectionEndEvent)
+    for event in yaml.parse(text, yaml.CSafeLoader):  # that of nodes ends the process where they are nested deeply
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
         if depth > 100:
             raise RecursionError
     loader = Loader(text)
@@ -179,12 +167,12 @@ def parsed_yaml(text: str) -> tuple[Node | None, Any]:
         loader.dispose()
 
 
-def nodes_of(node: Node | None) -> list[Node]:
+def nodes_of(node: yaml.Node | None) -> list[yaml.Node]:
     """A node and all below it. Aliases may stand for millions; one of itself raises RecursionError."""
     found = [] if node is None else [node]
     for one in found:
-        found += [each for pair in one.value for each in pair] if isinstance(one, MappingNode) else []
-        found += one.value if isinstance(one, SequenceNode) else []
+        found += [each for pair in one.value for each in pair] if isinstance(one, yaml.MappingNode) else []
+        found += one.value if isinstance(one, yaml.SequenceNode) else []
         if len(found) > 200_000:  # of a file with its aliases written out
             raise RecursionError
     return found
@@ -197,7 +185,7 @@ def content_digest(path: Path) -> str | None:
         return digest(path)
     try:
         content = parsed_yaml(path.read_text(encoding="utf-8-sig"))[1]
-    except (OSError, ValueError, AttributeError, KeyError, TypeError, RecursionError, YAMLError):
+    except (OSError, ValueError, AttributeError, KeyError, TypeError, RecursionError, yaml.YAMLError):
         return digest(path)
     if isinstance(content, dict):
         content = {key: value for key, value in content.items() if key != "description"}
@@ -215,14 +203,14 @@ def field_line(path: Path, place: Place) -> int | None:
     """Line, counted from 1, of a field or of the innermost field above it in the file; None where there is none."""
     try:
         node, _ = parsed_yaml(path.read_text(encoding="utf-8-sig"))
-    except (OSError, ValueError, RecursionError, YAMLError):
+    except (OSError, ValueError, RecursionError, yaml.YAMLError):
         return None
     line = None
     for name in place:
         key = None
-        if isinstance(node, MappingNode):
+        if isinstance(node, yaml.MappingNode):
             key, node = next((pair for pair in node.value if pair[0].value == str(name)), (None, None))
-        elif isinstance(node, SequenceNode) and isinstance(name, int) and name < len(node.value):
+        elif isinstance(node, yaml.SequenceNode) and isinstance(name, int) and name < len(node.value):
             key = node = node.value[name]
         if key is None:
             break
@@ -315,7 +303,6 @@ ADVICE = {
 
 
 def plain_reason(problem: Mapping[str, Any]) -> str:
-    """What a field should be, as an instruction."""
     kind, text = problem["type"], str(problem["msg"]).removeprefix("Value error, ").replace("Input should be", "write")
     if kind == "literal_error":
         return text + nearest(str(problem["input"]), re.findall(r"'([^']+)'", text))

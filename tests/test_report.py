@@ -34,7 +34,7 @@ from osl_analysis.cli import main
 from osl_analysis.commands import report
 from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.judge.campaign import QUALITY, campaign_findings, entries
-from osl_analysis.judge.finding import Beyond, Finding, Grade, finding_rows, findings_frame
+from osl_analysis.judge.finding import Beyond, Finding, Grade, findings_frame
 from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.judge.words import WORDS, printed, words_of
 from osl_analysis.refusal import Refusal
@@ -115,8 +115,7 @@ def doubt(cause="friction", column="coulomb_share", value=0.3, limit=0.25, table
 
 def stored_findings(*findings):
     """The findings as the page reads them from `findings.csv`."""
-    rows = (finding_rows(number, one, words_of(one, {})) for number, one in enumerate(findings))
-    return entries(findings_frame([row for of_finding in rows for row in of_finding]))
+    return entries(findings_frame((one, words_of(one, {})) for one in findings))
 
 
 def trial(name="t", *findings, **facts):

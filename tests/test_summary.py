@@ -18,7 +18,7 @@ from osl_analysis.commands.tables import format_results_table, gather, read_summ
 from osl_analysis.errors import InputError
 from osl_analysis.jobs.job_log import write_log
 from osl_analysis.judge.campaign import campaign_findings, findings_report, known_of
-from osl_analysis.judge.finding import Beyond, Finding, Grade, Limits, Remedy, finding_rows, findings_frame
+from osl_analysis.judge.finding import Beyond, Finding, Grade, Limits, Remedy, findings_frame
 from osl_analysis.judge.judging import judged, unchecked_in
 from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.refusal import Refusal
@@ -538,14 +538,14 @@ def test_a_finding_in_the_table_is_the_finding_that_was_made():
         f"{name}{end}": k + 10.0 * way for k, name in enumerate("KBI") for way, end in enumerate(("", "_low", "_high"))
     }
     finding = Finding("impedance", "t", "late torque", Grade.DOUBTS, evidence, 4.0, sizes={"B": 0.5}, without=without)
-    table = findings_frame(finding_rows(3, finding, ("says", "size", "remedy")))
+    table = findings_frame([(finding, ("says", "size", "remedy"))])
     numbers = ("evidence", "value", "limit", "side")
     assert table.select(numbers).rows() == [(one.column, one.value, one.limit, one.side) for one in evidence]
     for row in table.drop(numbers).to_dicts():
         found = {name.replace("_without", ""): value for name, value in row.items() if "_without" in name}
         assert found == without
         sizes = (row["K_size"], row["B_size"], row["I_size"])
-        assert (row["finding"], row["grade"], row["amplitude_deg"], sizes) == (3, "doubts", 4.0, (None, 0.5, None))
+        assert (row["finding"], row["grade"], row["amplitude_deg"], sizes) == (1, "doubts", 4.0, (None, 0.5, None))
 
 
 def test_what_a_doubt_condemns_is_not_recommended_by_a_note_on_the_same_row():

@@ -101,13 +101,6 @@ class Campaign:
         rows = self.rows.items()
         return {name: {"joint": row["joint"], "side": sides.get(name) or row["side"]} for name, row in rows}
 
-    def by_place(self, experiment: str) -> list[list[str]]:
-        """The trials of an experiment, those of each joint and side together."""
-        groups: dict[tuple[str | None, ...], list[str]] = {}
-        for trial in self.trials(experiment):
-            groups.setdefault(tuple(self.places[trial].values()), []).append(trial)
-        return list(groups.values())
-
     @property
     def data(self) -> str:
         """`simulated` or `measured`, as the configuration says, or where the simulator's truth lies beside the data."""
@@ -140,7 +133,6 @@ class Campaign:
         return self.crossings(perturbed=True) if table.perturbed_only else self.trials(experiment)
 
     def needed_columns(self, trial: str) -> tuple[str, ...]:
-        """The columns that a trial must have."""
         facts, walks = EXPERIMENTS[self.row(trial)["experiment"]], self.row(trial)["experiment"] == "walking"
         return ("theta", "torque") if walks and self.config.walking.by_log else facts.needed_columns
 
@@ -349,13 +341,6 @@ def sentence(about: Mapping[str, str], below_figure: bool = False) -> str:
     return f"{of['data'].capitalize()} data: campaign {of['campaign']}, {made_by}, {of['recorded']}"
 
 
-def days_of_recordings(campaign: Campaign) -> str:
-    """The first and the last day (UTC) on which a recording of the campaign was written; empty without a recording."""
-    logs = {path for trial in campaign.trials() for path in campaign.logs(trial) if path.is_file()}
-    days = sorted({datetime.fromtimestamp(path.stat().st_mtime, UTC).date().isoformat() for path in logs})
-    return " to ".join(dict.fromkeys([days[0], days[-1]])) if days else ""
-
-
 def about(campaign: Campaign, simulation: list[Path]) -> dict[str, str]:
     """What the results of a campaign are made of, by `ABOUT_MEANING`. `simulation` are the files of its simulation's
     settings. The data have the date of the configuration, else the seed of the simulation, else the dates of the
@@ -371,8 +356,9 @@ def about(campaign: Campaign, simulation: list[Path]) -> dict[str, str]:
     elif config.simulation is not None:
         when = f"made with seed {read_mapping(config.simulation).get('seed')}"
     else:
-        days = days_of_recordings(campaign)
-        when = f"files of {days}" if days else "date not known"
+        logs = {path for trial in campaign.trials() for path in campaign.logs(trial) if path.is_file()}
+        days = sorted({datetime.fromtimestamp(path.stat().st_mtime, UTC).date().isoformat() for path in logs})
+        when = f"files of {' to '.join(dict.fromkeys([days[0], days[-1]]))}" if days else "date not known"
     configuration = hashlib.sha256(text.encode()).hexdigest()[:8]
     values = config.campaign, campaign.data, version("osl-analysis"), configuration, when
     return dict(zip(ABOUT_MEANING, values, strict=True))

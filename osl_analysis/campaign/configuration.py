@@ -10,7 +10,8 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import BeforeValidator, Field
 
 from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis, ModelComparison, TorqueAngleAnalysis
-from osl_analysis.config.sheet import FOLLOWED, SharedChoices
+from osl_analysis.config.experiments import EXPERIMENTS
+from osl_analysis.config.sheet import SharedChoices
 from osl_analysis.errors import InputError
 from osl_analysis.files import default_config, root
 from osl_analysis.judge.claims import Claims
@@ -138,7 +139,7 @@ class Config(Settings):
             "protocol": sines if bench.amplitudes_deg and bench.frequencies_hz else None,
             "impedance_trajectory": self.impedance_trajectory,
         }
-        used = every if experiment is None else FOLLOWED.get(experiment, ())
+        used = every if experiment is None else EXPERIMENTS[experiment].follows
         return SharedChoices.model_validate({name: every[name] for name in used})
 
 

@@ -117,7 +117,6 @@ def fit_human_joint_trial(
 def fit_actuator_trial(
     trial: Trial, parameters: FileOrNone, settings: choices.ActuatorAnalysis
 ) -> Mapping[str, pl.DataFrame]:
-    """The actuator's row."""
     p = known_parameters(parameters)
     check_recording(trial, settings, "torque_m", angle=None)
     rails = saturated(trial, "torque_m", "current")
@@ -373,10 +372,6 @@ def rows_json(table: pl.DataFrame, findings: Sequence[Sequence[Finding]] = ()) -
     return json.dumps(rows, indent=2)
 
 
-LEFT_OUT = {"settled": "first", "smaller": "below 90 % of the range", "partial": "not whole"}
-"""Cycles of torque against angle that are not analysed, and why."""
-
-
 def estimates_text(estimates: pl.DataFrame, findings: Sequence[Sequence[Finding]] = ()) -> str:
     """The estimates as text: a line per fit and quantity, with 95 % interval and VAF, and the doubts about each row."""
     lines = []
@@ -384,7 +379,8 @@ def estimates_text(estimates: pl.DataFrame, findings: Sequence[Sequence[Finding]
         assert isinstance(row, dict)
         which = "all amplitudes"
         if "cycles" in row:
-            counts = {why: row.get(f"{kind}_cycles") for kind, why in LEFT_OUT.items()}
+            whys = {"settled": "first", "smaller": "below 90 % of the range", "partial": "not whole"}
+            counts = {why: row.get(f"{kind}_cycles") for kind, why in whys.items()}
             left_out = ", ".join(f"{n} {why}" for why, n in counts.items() if n)
             which = f"mean of cycles: {row['cycles']}{f' (left out: {left_out})' * bool(left_out)}"
         elif row.get("amplitude_deg") is not None:

@@ -312,7 +312,6 @@ def design_text(made: Design) -> str:
 
 
 def seconds(value: float) -> str:
-    """A time in seconds, and in minutes where it is long."""
     return f"{value:.4g} s" + (f" ({value / 60:.1f} min)" if value >= 120 else "")
 
 

@@ -1,7 +1,7 @@
 """What a user looks up: the meaning of every column of every result table, and the JSON schemas of the YAML files."""
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
@@ -16,7 +16,7 @@ from osl_analysis.ingest.raw_files import FORMATS
 from osl_analysis.judge.limits import CHECKS
 from osl_analysis.judge.words import WORDS
 from osl_analysis.model.drivetrain import ParameterFile
-from osl_analysis.report.headlines import all_labels
+from osl_analysis.report.headlines import all_labels, markdown_table
 from osl_analysis.simulator.settings import SimulationSettings, WalkingSettings
 
 
@@ -27,7 +27,7 @@ def tables_page(command: str) -> str:
         named = (path.replace("*/*", "EXPERIMENT/*").replace("*", "TRIAL") for path in (table.place, table.also))
         place, also = (f"{path}.csv" for path in named)
         columns = [(f"`{column.name}`", column.unit, column.meaning) for column in table.columns.values()]
-        described = markdown("column", "unit", "meaning", rows=columns)
+        described = markdown_table([("column", "unit", "meaning"), *columns])
         gathered = f" `{also}` holds the rows of one trial." if table.also else ""
         tables.append(f"## `{place}`\n\nRows: {table.rows}.{gathered}\n\n{described}")
     says = {name: f"{WORDS['checks'][name]}. Fails {check.fails} its threshold" for name, check in CHECKS.items()}
@@ -37,14 +37,9 @@ def tables_page(command: str) -> str:
     return page.format(
         command=command,
         tables="\n".join(tables),
-        checks=markdown("check", "unit", "meaning of its value", rows=checks),
-        entries=markdown("entry", "unit", "meaning", rows=entries),
+        checks=markdown_table([("check", "unit", "meaning of its value"), *checks]),
+        entries=markdown_table([("entry", "unit", "meaning"), *entries]),
     )
-
-
-def markdown(*head: str, rows: Iterable[Iterable[str]]) -> str:
-    lines = [head, ["---"] * len(head), *rows]
-    return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |\n" for line in lines)
 
 
 def schemas() -> dict[str, dict[str, Any]]:

@@ -19,7 +19,8 @@ from osl_analysis.dictionary import described_tables
 from osl_analysis.errors import InputError, listing, nearest
 from osl_analysis.figures.names import figure_title
 from osl_analysis.files import atomic_path, write_text
-from osl_analysis.judge.campaign import Entry, entries, read_findings
+from osl_analysis.judge.campaign import Entry, entries
+from osl_analysis.judge.finding import read_findings
 from osl_analysis.judge.two_campaigns import COMPARED_QUANTITIES, compared, label_of, verdicts_said
 from osl_analysis.refusal import Refusal, is_refused
 from osl_analysis.report import page, trial_page

@@ -72,8 +72,7 @@ def looked_at(folder: Path) -> Iterator[tuple[str, str, str]]:
                 yield name, f"not installed, optional: pip install 'osl-analysis[{EXTRAS[name]}]'", ""
             else:
                 yield name, "not installed", f"pip install {name}"
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    yield "cores", f"{cores}", ""
+    yield "cores", str(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()), ""
     free = shutil.disk_usage(folder).free / 1e9  # the default campaign takes 0.4 GB, recordings not counted
     few = "make room, or work on another disk" if free < 2 else ""
     yield "free space", f"{free:.0f} GB in {folder.resolve()}", few

@@ -15,9 +15,9 @@ from osl_analysis.config.experiments import judged_tables
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path, write_text
 from osl_analysis.jobs.job_log import read_log
-from osl_analysis.judge.campaign import campaign_findings, known_of, read_findings
+from osl_analysis.judge.campaign import campaign_findings, known_of
 from osl_analysis.judge.claims import Claims, claims_table
-from osl_analysis.judge.finding import Limits, findings_frame
+from osl_analysis.judge.finding import Limits, findings_frame, read_findings
 from osl_analysis.judge.judging import judged, marked, with_inherited
 from osl_analysis.judge.limits import DoubtfulFits, QualityRules
 from osl_analysis.judge.used import Judge
@@ -159,7 +159,7 @@ def write_summary(
     `findings.csv`, `refused` are the causes of missing tables."""
     read = {*headlines.LABELS, *judged_tables(), "prediction_causes"}
     tables = {name: with_evidence(path) for name, path in table_paths.items() if name in read}
-    found = read_findings(findings) if findings else findings_frame([])
+    found = read_findings(findings) if findings else findings_frame()
     numbers = headlines.headline_numbers(tables, example, beside_draft)
     of_excluded = ("trial", "check", "value", "unit", "threshold", "remark")
     judged = read_table(verdicts) if verdicts else pl.DataFrame(schema=["check", "verdict"])

@@ -120,7 +120,6 @@ def calibrate(trial: Path, settings: choices.CalibrationSettings, output: Path) 
 
 
 def calibrated_trials(trials: Paths, calibrations: Paths, statics: Statics) -> list[tuple[Trial, StaticCalibration]]:
-    """The trials that have a calibration, each with its own."""
     read = {path.stem: read_model(path, StaticCalibration) for path in calibrations}
     own = {trial: read[static] for trial, static in statics.items() if static in read}
     return [(read_trial(path), own[path.stem]) for path in trials if path.stem in own]
@@ -344,13 +343,14 @@ def summarise_perturbations(
     their window to `responses`, what errors of the laboratory would change to `sensitivity`, and the crossings that are
     not used, with the reason, to `excluded`. `table` is `walking.csv`, `crossings` are the perturbed ones. A group
     beyond one of the `limits` is doubtful."""
+    places = places or {}
     fits, chosen = read_table(table, ["trial"]), read_table(selection, ["trial", "reason", "gait", "group"])
     # the crossings without a fit, in the order of the selection, with the reason, are in no group
     chosen = chosen.join(fits.select("trial", EXCLUDED), on="trial", how="left", maintain_order="left")
     chosen = chosen.with_columns(reason=pl.coalesce("reason", EXCLUDED))
     chosen = chosen.with_columns(group=pl.when(pl.col("reason").is_null()).then("group"))
     left = chosen.select("trial", "perturbed", "reason").drop_nulls("reason")
-    write_table(with_places(left, places or {}), excluded)
+    write_table(with_places(left, places), excluded)
     fitted = fits.filter(pl.col(EXCLUDED).is_null())
     if len(fitted) < 2:
         why = next(iter(fits[EXCLUDED].drop_nulls()), "")
@@ -361,7 +361,7 @@ def summarise_perturbations(
     sides, results = {}, []
     for fact in tables.group_rows(chosen, sheet, gaits, settings.window_s):
         trials = chosen.filter(pl.col("perturbed"), pl.col("group") == fact["group"])["trial"].to_list()
-        of = {(places or {}).get(trial, {}).get("side") for trial in trials}
+        of = {places.get(trial, {}).get("side") for trial in trials}
         sides[fact["group"]] = {"joint": JOINT, "side": of.pop() if len(of) == 1 else None}
         own = fitted.filter(pl.col("trial").is_in(trials))
         results.append(group_result(fact, own, files, gaits.get(fact["gait"]), settings))
@@ -389,9 +389,9 @@ def selected_crossings(crossings: Paths, selection: Path) -> list[Crossing]:
     return [read_crossing(path) for path in crossings if path.stem not in excluded]
 
 
-def pilot_turn(folder: Path) -> tuple[float | None, float | None, float | None]:
+def pilot_turn(folder: Path) -> tuple[float, float, float]:
     """Medians of the turns of the platform [rad], of their durations [s], by a minimum-jerk ramp from 10 to 90 % of the
-    turn, and of their onsets as shares of stance, in the perturbed crossings that a campaign uses; None without any."""
+    turn, and of their onsets as shares of stance, in the perturbed crossings that a campaign uses, else usual ones."""
     table = read_table(folder / "tables/walking_crossings.csv", ["trial", "reason"])
     found = []
     for name in table.filter(pl.col("perturbed"), pl.col("reason").is_null())["trial"]:
@@ -404,9 +404,7 @@ def pilot_turn(folder: Path) -> tuple[float | None, float | None, float | None]:
         ramp_s = (reached[1] - reached[0]) / 0.506
         if ramp_s > 0:
             found.append((abs(crossing.turn), ramp_s, float(crossing.stance.phase(np.array(crossing.onset)))))
-    if not found:
-        return None, None, None
-    turn, ramp_s, phase = np.median(found, axis=0).tolist()
+    turn, ramp_s, phase = np.median(found or [(np.deg2rad(5.0), 0.08, 0.4)], axis=0).tolist()
     return turn, ramp_s, phase
 
 

@@ -36,8 +36,9 @@ from osl_analysis.spectral.stepped_sine import Likeness, find_segments, stated_p
 from osl_analysis.trial import Trial
 
 
-def first_look(folder: Path) -> Iterator[str]:
-    """What the first trial of each experiment and source file of a folder's campaign gives. Nothing is left behind."""
+def first_look(folder: Path, is_new: bool = False) -> Iterator[str]:
+    """What the first trial of each experiment and source file of a folder's campaign gives. Nothing is left behind, but
+    in the configuration of a new one, as a comment, the stepped sine of the first trial that has one."""
     with chdir(folder):
         config = read_config(CAMPAIGN)
         campaign = open_campaign(config, None)
@@ -45,6 +46,9 @@ def first_look(folder: Path) -> Iterator[str]:
             row, is_sound = campaign.row(trial), False
             try:
                 recorded = checked_trial(campaign.recording(trial), config.raw_data, config.sources)
+                if is_new and EXPERIMENTS[experiment].stepped_sine:
+                    with suppress(OslAnalysisError):  # the fit says why
+                        is_new = not note_protocol(recorded, config)
                 fitted = fit_of_row(recorded, row, campaign.device(trial), CAMPAIGN)
                 is_sound = not any(one.grade is Grade.DOUBTS for of_row in fitted.findings for one in of_row)
                 said = fits.estimates_text(fitted.table, fitted.findings)
@@ -65,29 +69,21 @@ def first_trials(campaign: Campaign) -> list[tuple[str, str]]:
     return [(trial, experiment) for (experiment, _), trial in first.items()]
 
 
-def note_protocol(folder: Path) -> None:
-    """Write the stepped sine of the first trial with one into a new configuration, as a comment."""
-    with chdir(folder):
-        config = read_config(CAMPAIGN)
-        campaign = open_campaign(config, None)
-        sines = [trial for trial, experiment in first_trials(campaign) if EXPERIMENTS[experiment].stepped_sine]
-        for name in sines:
-            with suppress(OslAnalysisError):  # the first look has said why
-                trial = checked_trial(campaign.recording(name), config.raw_data, config.sources)
-                angle = uniform_signals(trial, ["theta"], config.dynamometer.gap_limits)
-                known = Likeness(angle.time, angle["theta"], stated_protocol(None, None, None, None))
-                if known.kind != "stepped sine":
-                    continue
-                found = sorted(find_segments(known), key=lambda one: one.frequency_hz)
-                sizes = sorted({round(np.rad2deg(one.commanded or 0.0), 1) for one in found})
-                cycles = {one.frequency_hz: one.cycles for one in found}
-                own = {"amplitudes_deg": sizes, "frequencies_hz": [*cycles], "cycles": [*cycles.values()]}
-                fields = {field: f"[{', '.join(f'{value:.3g}' for value in values)}]" for field, values in own.items()}
-                lines = [f"# dynamometer:  # as {name} was recorded"]
-                lines += [f"#   {field}: {values}" for field, values in fields.items()]
-                text = CAMPAIGN.read_text(encoding="utf-8")
-                write_text(CAMPAIGN, text.replace("# dynamometer:\n", "\n".join([*lines, ""])))
-                return
+def note_protocol(trial: Trial, config: Config) -> bool:
+    """Write the stepped sine of a trial into the configuration, as a comment; whether it has one."""
+    angle = uniform_signals(trial, ["theta"], config.dynamometer.gap_limits)
+    known = Likeness(angle.time, angle["theta"], stated_protocol(None, None, None, None))
+    if known.kind != "stepped sine":
+        return False
+    found = sorted(find_segments(known), key=lambda one: one.frequency_hz)
+    sizes = sorted({round(np.rad2deg(one.commanded or 0.0), 1) for one in found})
+    cycles = {one.frequency_hz: one.cycles for one in found}
+    lines = [f"# dynamometer:  # as {trial.name} was recorded"]
+    for name, values in (("amplitudes_deg", sizes), ("frequencies_hz", cycles), ("cycles", cycles.values())):
+        lines.append(f"#   {name}: [{', '.join(f'{value:.3g}' for value in values)}]")
+    text = CAMPAIGN.read_text(encoding="utf-8")
+    write_text(CAMPAIGN, text.replace("# dynamometer:\n", "\n".join([*lines, ""])))
+    return True
 
 
 def fit_of_row(trial: Trial, row: Mapping[str, Any], device: Path | None, config: Path) -> fits.Fit:
@@ -101,7 +97,7 @@ def fit_of_row(trial: Trial, row: Mapping[str, Any], device: Path | None, config
     return fits.fit_trial(experiment, trial, device, *chosen, condition, row.get("windows"))
 
 
-State = tuple[int, int]  # size [bytes] and date [ns] of a recording's files
+State = list[int]  # size [bytes] and date [ns] of a recording's files
 
 
 @dataclass
@@ -122,7 +118,7 @@ class Arrivals:
                 stats = [file.stat() for file in recorded_files(path)]
             except OSError:  # it is gone
                 continue
-            state = (sum(stat.st_size for stat in stats), max((stat.st_mtime_ns for stat in stats), default=0))
+            state = [sum(stat.st_size for stat in stats), max((stat.st_mtime_ns for stat in stats), default=0)]
             if self.seen.get(name) == state:
                 continue
             before, since = self.growing.get(name, (None, now))
@@ -133,13 +129,11 @@ class Arrivals:
         return found
 
 
-def read_notes(path: Path) -> dict[str, State]:
-    """The recordings that were examined before; none without notes, or with damaged ones."""
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        return {str(name): (int(size), int(date)) for name, (size, date) in content.items()}
-    except (OSError, ValueError, AttributeError, TypeError):
-        return {}
+def read_notes(path: Path) -> dict[str, Any]:
+    """What was noted of recordings that were examined before, by name; nothing without notes, or with damaged ones."""
+    with suppress(OSError, ValueError, TypeError):
+        return {**json.loads(path.read_text(encoding="utf-8"))}
+    return {}
 
 
 class WatchedBench:
@@ -202,12 +196,7 @@ def examined(path: Path, folder: Path, bench: WatchedBench) -> Iterator[str]:
         return
     fitted = fit_of_row(trial, row, device_of_row(row, bench.config), bench.config_path)
     estimates = fitted.table.to_dicts()[-1]  # those of the fit to all data
-    values = []
-    for name in (n for n in fits.estimated(estimates) if n not in ("offset", "drift")):
-        high = estimates.get(f"{name}_high")
-        half = "" if high is None else f" ± {high - estimates[name]:.2g}"
-        values.append(f"{name} {estimates[name]:.4g}{half} {fits.UNIT_OF.get(name, '')}".rstrip())
-    yield ", ".join(values)
+    yield ", ".join(estimates_said(estimates))
     if "VAF" in estimates:
         yield f"VAF {estimates['VAF']:.2f} %"
     yield from (f"DOUBTFUL: {text}" for text in fitted.said(Grade.DOUBTS))
@@ -232,6 +221,17 @@ def examined(path: Path, folder: Path, bench: WatchedBench) -> Iterator[str]:
             yield f"no picture: {error}"
 
 
+def compared_in(estimates: Mapping[str, Any]) -> list[str]:
+    return [name for name in fits.estimated(estimates) if name not in ("offset", "drift")]
+
+
+def estimates_said(estimates: Mapping[str, Any]) -> Iterator[str]:
+    for name in compared_in(estimates):
+        high = estimates.get(f"{name}_high")
+        half = "" if high is None else f" ± {high - estimates[name]:.2g}"
+        yield f"{name} {estimates[name]:.4g}{half} {fits.UNIT_OF.get(name, '')}".rstrip()
+
+
 def comparable(trial: Trial, row: Mapping[str, Any], estimates: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
     """Numbers that are alike in recordings of one kind, each with the smallest standard deviation that it is granted:
     1 % of an estimate or its standard error, 5 % of duration, rate and range; and the signs of channels. Of impedance
@@ -239,7 +239,7 @@ def comparable(trial: Trial, row: Mapping[str, Any], estimates: Mapping[str, Any
     found = dict[str, tuple[float, float]]()
     if row.get("experiment") == "impedance" and row.get("K_d") is None:
         return found
-    for name in (n for n in fits.estimated(estimates) if n not in ("offset", "drift")):
+    for name in compared_in(estimates):
         value, se = float(estimates[name]), float(estimates.get(f"{name}_se") or 0.0)
         found[name] = value, max(se, 0.01 * abs(value))
     time_s = trial.samples["time"].to_numpy()
@@ -257,10 +257,7 @@ def beside_siblings(
 ) -> Iterator[str]:
     """Whether a recording is like three or more of its kind before it, joint, controller and what was asked for, by
     median and median absolute deviation of each number. What it has is added to the notes."""
-    try:
-        known: dict[str, Any] = json.loads(notes.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        known = {}
+    known = read_notes(notes)
     siblings = [one["numbers"] for other, one in known.items() if other != name and one["kind"] == list(kind)]
     known[name] = {"kind": list(kind), "numbers": {key: value for key, (value, _) in numbers.items()}}
     with suppress(OslAnalysisError):  # the picture says why nothing is written there

@@ -58,6 +58,7 @@ class Experiment:
     signals: tuple[str, ...] = ()  # other columns that every trial has, but markers and plates: a laboratory names them
     beside: tuple[str, ...] = ()  # columns that its analysis uses where a trial has them
     sheet: tuple[str, ...] = ()  # columns of the sample sheet that its trials must fill, besides the files
+    follows: tuple[str, ...] = ()  # fields of `sheet.SharedChoices` that its simulated trials use
     stepped_sine: bool = False  # the motion follows the stepped-sine protocol of `dynamometer`
     any_motion: bool = False  # another motion than the stepped sine may move the joint
     bare_plate: bool = False  # every force plate is unloaded at some time
@@ -91,14 +92,14 @@ on_dynamometer = partial(Experiment, place="bench", motion="theta", torque="torq
 # fmt: off
 EXPERIMENTS: dict[str, Experiment] = {
     "belt": on_dynamometer(
-        "input shaft locked, joint moved and back: belt stiffness", signals=("theta_m",),
+        "input shaft locked, joint moved and back: belt stiffness", signals=("theta_m",), follows=("parameters",),
         tables=(ResultTable("belt", derived={"belt_summary": "bench.summarise"}),
             ResultTable("belt_curves", judged=False, published=False), *OF_ALL),
         fit=FitJob("bench.fit_belt_trial", {"settings": ("dynamometer", "BeltAnalysis")}, parameters=True),
         impedance=("K_s", "", ""),
     ),
     "transmission": on_dynamometer(
-        "motor detached, stepped sine: B_j and J_j", stepped_sine=True,
+        "motor detached, stepped sine: B_j and J_j", stepped_sine=True, follows=("parameters", "protocol"),
         tables=(ResultTable("transmission", derived={"transmission_summary": "bench.summarise"}), *OF_ALL),
         fit=FitJob("bench.fit_transmission_trial", {"settings": ("dynamometer", "SteppedSineAnalysis")},
             parameters=True),
@@ -107,6 +108,7 @@ EXPERIMENTS: dict[str, Experiment] = {
     "actuator": Experiment(
         "actuator alone, driven at a velocity and a current: k_tau n_m, f_C, f_G, B_m and J_m; standing: k_tau n_m",
         place="bench", motion="theta_m", may_stand=True, torque="torque_m", signals=("current",), log="actuator",
+        follows=("parameters",),
         tables=(ResultTable("actuator", derived={"actuator_summary": "bench.summarise"}), *OF_ALL),
         fit=FitJob("bench.fit_actuator_trial", {"settings": ("actuator", "ActuatorAnalysis")}, parameters=True),
         impedance=("", "B_m", "J_m"),
@@ -114,6 +116,7 @@ EXPERIMENTS: dict[str, Experiment] = {
     "impedance": on_dynamometer(
         "stepped sine or any other motion against the controller: K, B, I and the frequency response",
         beside=("theta_m", "current"), stepped_sine=True, any_motion=True,
+        follows=("parameters", "protocol", "gain_weight"),
         tables=(ResultTable("impedance",
                 derived={"impedance_repeats": "bench.summarise", "compensation": "bench.compare_controllers"}),
             ResultTable("phasors", doubts_of="impedance", derived={"frequency_response": "bench.summarise"}),
@@ -154,6 +157,7 @@ EXPERIMENTS: dict[str, Experiment] = {
     "walking": Experiment(
         "one crossing of the walkway, perturbed or not", place="walkway", sheet=("perturbed",),
         bare_plate=True, walker=True, log="leg", mocap="vicon",
+        follows=("parameters", "gain_weight", "impedance_trajectory"),
         tables=(ResultTable("walking", perturbed_only=True),),
         further_tables=("walking_summary", "walking_groups", "impedance_over_stance", "walking_crossings",
             "walking_sensitivity",

@@ -232,16 +232,6 @@ def unfit_for_the_experiment(row: Mapping[str, str]) -> Iterator[str]:
         yield f"windows '{row['windows']}' of a crossing; write one, and a row of the sheet for each crossing of a log"
 
 
-FOLLOWED = {
-    "belt": ("parameters",),
-    "transmission": ("parameters", "protocol"),
-    "actuator": ("parameters",),
-    "impedance": ("parameters", "protocol", "gain_weight"),
-    "walking": ("parameters", "gain_weight", "impedance_trajectory"),
-}
-"""The shared choices that the simulated trials of each experiment use; the other experiments use none."""
-
-
 class SharedChoices(Settings):
     """The choices of a configuration that replace those of its simulation. Null: the simulation's own."""
 

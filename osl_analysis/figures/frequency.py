@@ -137,8 +137,7 @@ def missed(rows: pl.DataFrame, short: str) -> Array:
 )
 def draw_response(table: pl.DataFrame) -> Figure:
     """Per trial magnitude, phase, and the structures' deviation beside distortion above the noise, and noise."""
-    conditions = table.partition_by("trial", maintain_order=True)
-    shown = conditions[:MOST_CONDITIONS]
+    shown = table.partition_by("trial", maintain_order=True)[:MOST_CONDITIONS]
     across = min(len(shown), MOST_ACROSS + (len(shown) > MOST_ACROSS**2))
     down = -(-len(shown) // across)
     width = style.SINGLE_COLUMN if across == 1 else style.DOUBLE_COLUMN

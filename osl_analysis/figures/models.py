@@ -5,9 +5,6 @@ from matplotlib.figure import Figure
 
 from osl_analysis.figures import columns_of, names, style
 
-PANELS = {"K": r"stiffness $\hat{K}$ (N·m/rad)", "B": r"damping $\hat{B}$ (N·m·s/rad)", "torque": "torque, SD (N·m)"}
-"""The quantities with their words on the axes."""
-
 
 def prediction_points(prediction: pl.DataFrame, frequencies: pl.DataFrame) -> pl.DataFrame:
     columns = columns_of("prediction")
@@ -25,13 +22,14 @@ def prediction_points(prediction: pl.DataFrame, frequencies: pl.DataFrame) -> pl
 )
 def draw_prediction(table: pl.DataFrame) -> Figure:
     """Measured over predicted, with the identity; their difference with its interval; what is missed over frequency."""
+    said = {"K": r"stiffness $\hat{K}$ (N·m/rad)", "B": r"damping $\hat{B}$ (N·m·s/rad)", "torque": "torque, SD (N·m)"}
     parts, looks = names.placed_rows(table), names.looks_in(table)
     rows, kinds = 3 * len(parts), ("Stiffness", "Damping", "Torque")
     titles = names.panel_titles(parts, (*kinds, *(f"{kind}, difference" for kind in kinds), "Torque missed", "", ""))
     figure, axes = style.panels(style.DOUBLE_COLUMN, min(0.4 + 1.9 * rows, 9.5), rows=rows, columns=3, names=titles)
     for number, (_, of_place) in enumerate(parts):
         part, missed = (of_place.filter(pl.col("share").is_null() == trials) for trials in (True, False))
-        for k, (symbol, words) in enumerate(PANELS.items()):
+        for k, (symbol, words) in enumerate(said.items()):
             above, below = axes[9 * number + k], axes[9 * number + 3 + k]
             ends = part.select(symbol, f"{symbol}_measured").to_numpy()
             above.plot([ends.min(), ends.max()], [ends.min(), ends.max()], color=style.BLACK, linewidth=0.6)

@@ -14,7 +14,6 @@ from osl_analysis.figures import columns_of, names, style
 from osl_analysis.judge.causes import doubts_of_result
 from osl_analysis.stats.repeats import IS_DOUBTFUL
 
-OUTLIER = style.ORANGE
 OUTLYING = 3.5  # robust standard deviations (Iglewicz and Hoaglin, How to Detect and Handle Outliers, 1993)
 MEAN_SLOPE = "mean slope"  # name that takes the place of the trial in the two rows that carry the mean slope
 BRANCHES: dict[str, style.Dash] = {"loading": "-", "unloading": (0, (6, 3))}  # with the line styles of sound trials
@@ -73,8 +72,8 @@ def draw_loops(ax: Axes, trials: list[pl.DataFrame], areas: pl.Series) -> None:
     far = np.array([end["deviation"] for end in ends])
     limit = OUTLYING * median_abs_deviation(far, scale="normal")
     for trial, end, away in zip(trials, ends, np.abs(far - np.median(far)), strict=True):
-        doubtful, colour = style.has_doubtful(trial), OUTLIER if away > limit > 0 else style.GREY
-        if colour == OUTLIER:
+        doubtful, colour = style.has_doubtful(trial), style.ORANGE if away > limit > 0 else style.GREY
+        if colour == style.ORANGE:
             place, name = (end["theta_s_deg"], end["deviation"]), names.drawn_name(end["trial"], 12)
             ax.annotate(name, place, (3, 0), textcoords="offset points", color=colour, va="center")
         for branch, dash in BRANCHES.items():
@@ -90,7 +89,6 @@ def draw_loops(ax: Axes, trials: list[pl.DataFrame], areas: pl.Series) -> None:
 
 CURVE_COLUMNS = [name for name in columns_of("torque_angle") if name not in (*names.JOINT_SIDE, "doubtful")]
 WIDTHS = {"loading": 1.1, "unloading": 0.6}  # of curves [pt]
-MOST_CURVES = 16  # largest number of trials that are named
 
 
 def torque_angle_points(curves: pl.DataFrame, table: pl.DataFrame) -> pl.DataFrame:
@@ -120,7 +118,7 @@ def draw_torque_angle(table: pl.DataFrame) -> Figure:
     entries += [("Desired", WIDTHS["loading"], style.DASHED)] * (table["desired_torque"].count() > 0)
     entries += [("Doubtful trial", WIDTHS["loading"], style.DOTTED)] * style.has_doubtful(table)
     handles = [style.key(label, color=style.BLACK, linewidth=w, linestyle=dash) for label, w, dash in entries]
-    if len(colours) <= MOST_CURVES:
+    if len(colours) <= 16:  # more are not named
         named = {name: names.drawn_name(name.replace("_", " "), 18) for name in desired_of}
         handles += [style.key(label, color=colours[name], linewidth=1.1) for name, label in named.items()]
     figure.legend(handles=handles, loc="outside upper center", ncols=4)

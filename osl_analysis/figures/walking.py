@@ -100,13 +100,12 @@ def draw_fig9(table: pl.DataFrame) -> Figure:
     return figure
 
 
-LONG_DASHES, SHORT_DASHES = (0, (5.0, 1.5)), (0, (1.5, 1.0))
-GAIT = {"unperturbed": (style.PURPLE, (0, ()), "Unperturbed"), "perturbed": (style.ORANGE, LONG_DASHES, "Perturbed")}
-GAIT |= {
-    "perturbed up": (style.ORANGE, LONG_DASHES, "Toes up"),
-    "perturbed down": ("#3F8FBF", SHORT_DASHES, "Toes down"),
+GAIT: dict[str, tuple[str, style.Dash, str]] = {
+    "unperturbed": (style.PURPLE, (0, ()), "Unperturbed"),
+    "perturbed": (style.ORANGE, (0, (5.0, 1.5)), "Perturbed"),
+    "perturbed up": (style.ORANGE, (0, (5.0, 1.5)), "Toes up"),
+    "perturbed down": ("#3F8FBF", (0, (1.5, 1.0)), "Toes down"),
 }
-RESPONSES = {"response angle": "deg", "response torque": "N·m"}
 
 
 @style.drawing(("group", "panel", "curve", "trial", "x", "mean", "sd", "doubtful"))
@@ -132,7 +131,7 @@ def draw_walking_page(table: pl.DataFrame) -> Figure:
                 ends = curve(rows, panel.replace("torque", "angle"), name)["x"]
                 if len(ends):
                     ax.axvspan(float(ends[0]), float(ends[1]), linewidth=0, zorder=0, **look)
-            if panel in RESPONSES:
+            if panel.startswith("response"):
                 draw_isolated(ax, rows, panel)
                 continue
             for name, (colour, dashes, label) in GAIT.items():
@@ -174,9 +173,6 @@ def draw_isolated(ax: Axes, table: pl.DataFrame, panel: str) -> None:
     ax.set_xlabel("Time from the platform’s onset (ms)")
 
 
-COMMANDED_SERIES = "commanded"  # series of the curve that the controller commands; all other series are estimates
-
-
 @style.drawing(
     ("series", "quantity", "phase", "onset_phase", "end_phase", "estimate", "low", "high", "commanded"),
     nothing="all perturbations are at one phase of stance, and no curve is commanded; Fig. 9 shows them",
@@ -187,12 +183,12 @@ def draw_impedance_over_stance(table: pl.DataFrame) -> Figure:
     drawn = [quantity for quantity in "KBI" if quantity in table["quantity"]]
     width = style.SINGLE_COLUMN if len(drawn) == 1 else style.DOUBLE_COLUMN
     figure, axes = style.panels(width, 2.6, columns=len(drawn))
-    series = [name for name in table["series"].unique(maintain_order=True) if name != COMMANDED_SERIES]
+    series = [name for name in table["series"].unique(maintain_order=True) if name != "commanded"]
     looks = ((style.PURPLE, "o"), (style.ORANGE, "D"), ("#3F8FBF", "s"), ("#6B3A0A", "^"))  # colours and markers
     interval, window = 1.2, 0.6  # widths of lines [pt]
     for ax, quantity in zip(axes, drawn, strict=True):
         rows = table.filter(pl.col("quantity") == quantity)
-        given = rows.filter(pl.col("series") == COMMANDED_SERIES)
+        given = rows.filter(pl.col("series") == "commanded")  # the curve, all other series are estimates
         if len(given):
             line = ax.plot(100 * given["phase"], given["commanded"], color=style.BLACK, label="Commanded")[0]
             line.set_linestyle(style.DASHED)

@@ -1,7 +1,9 @@
 """The findings on all trials of a campaign as one table, `findings.csv`, and what a reader must know of them: causes
 with the trials that they concern, in the same words at the end of a run, by `results` and on the page."""
 
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -11,15 +13,7 @@ import polars as pl
 from osl_analysis.config.experiments import EXPERIMENTS, doubts_of, judged_tables
 from osl_analysis.errors import listing
 from osl_analysis.judge.causes import CAUSES
-from osl_analysis.judge.finding import (
-    FINDING_COLUMNS,
-    FINDING_NUMBERS,
-    Beyond,
-    Finding,
-    Grade,
-    finding_rows,
-    findings_frame,
-)
+from osl_analysis.judge.finding import FINDING_NUMBERS, Beyond, Finding, Grade, findings_frame, read_findings
 from osl_analysis.judge.judging import judged, unchecked_in, with_inherited
 from osl_analysis.judge.limits import CHECKS, DoubtfulFits
 from osl_analysis.judge.used import HOW_TO_USE, exclusions
@@ -55,8 +49,7 @@ def campaign_findings(tables: Mapping[str, pl.DataFrame], verdicts: pl.DataFrame
     for row in tables.get(PREDICTION_TABLE, pl.DataFrame()).iter_rows(named=True):
         found += [(finding, words_of(finding, row)) for finding in unchecked_in(PREDICTION_TABLE, row)]
     found += causes_of_misfit(tables)
-    rows = (finding_rows(number, *one) for number, one in enumerate(found, start=1))
-    return findings_frame([row for of_finding in rows for row in of_finding])
+    return findings_frame(found)
 
 
 def failed_checks(verdicts: pl.DataFrame) -> Iterator[tuple[Finding, Words]]:
@@ -114,26 +107,15 @@ def entries(findings: pl.DataFrame) -> list[Entry]:
     return list(found.values())
 
 
-def read_findings(path: Path) -> pl.DataFrame:
-    """`findings.csv`; an empty table where it was refused or is not there."""
-    if not path.is_file() or is_refused(path):
-        return findings_frame([])
-    return read_table(path, ["finding"]).select(pl.col(name).cast(dtype) for name, dtype in FINDING_COLUMNS.items())
-
-
 def known_of(findings: pl.DataFrame, tables: Mapping[str, pl.DataFrame], verdicts: pl.DataFrame) -> list[Entry]:
     """What a reader must know, as `summary.json` has it: each cause by experiment with the trials that it concerns;
     doubts, then checks that trials do not pass though they are used, then what could not be checked; of each what most
     trials have first. `tables` tell of how many."""
-    there = {*subjects(verdicts), *(name for table in tables.values() for name in subjects(table))}
-    every: dict[tuple[str, str], list[Entry]] = {}  # by table and grade
+    there = {*subjects(verdicts), *chain(*map(subjects, tables.values()))}
+    of = defaultdict[tuple[str, str], list[Entry]](list)  # by table and grade
     for entry in entries(findings):
         if not entry["inherited"] and entry["trial"] in there:
-            every.setdefault((entry["table"], entry["grade"]), []).append(entry)
-
-    def of(table: str, grade: Grade) -> list[Entry]:
-        return every.get((table, grade), [])
-
+            of[entry["table"], entry["grade"]].append(entry)
     doubts, flags, unchecked = list[Entry](), list[Entry](), list[Entry]()
     for experiment, facts in EXPERIMENTS.items():
         fitted = {table.name: table.doubts_of for table in facts.tables if table.judged}
@@ -141,18 +123,19 @@ def known_of(findings: pl.DataFrame, tables: Mapping[str, pl.DataFrame], verdict
             if DOUBTFUL not in (rows := tables.get(table, pl.DataFrame())).columns:
                 continue
             judged, named = subjects(rows.filter(pl.col(DOUBTFUL).is_not_null())), table.replace("_", " ")
-            where = f"{experiment.replace('_', ' ')} trials" if table in fitted else named
-            doubts += doubts_by_cause(of(table, Grade.DOUBTS), of(other, Grade.DOUBTS), other, where, named, judged)
-            what = f"{named} trials" if table in fitted else "walking groups"
+            trials = f"{experiment.replace('_', ' ')} trials", f"{named} trials"
+            where, what = trials if table in fitted else (named, "walking groups")
+            doubts += doubts_by_cause(of[table, Grade.DOUBTS], of[other, Grade.DOUBTS], other, where, named, judged)
             for grade, verdict in ((Grade.UNCHECKED, "not checked"), (Grade.NOTES, "remark")):
-                unchecked += by_cause([one for one in of(table, grade) if not one["in_part"]], verdict, what, judged)
-    predicted = of(PREDICTION_TABLE, Grade.DOUBTS)
-    trials = list(dict.fromkeys(one["trial"] for one in predicted))
-    doubts += by_cause(predicted, "doubtful", "predicted trials", trials)
-    trials = subjects(tables.get(PREDICTION_TABLE, pl.DataFrame()))
-    unchecked += by_cause(of(PREDICTION_TABLE, Grade.UNCHECKED), "not checked", "prediction trials", trials)
+                unchecked += by_cause([one for one in of[table, grade] if not one["in_part"]], verdict, what, judged)
+    predicted = of[PREDICTION_TABLE, Grade.DOUBTS]
+    doubts += by_cause(
+        predicted, "doubtful", "predicted trials", list(dict.fromkeys(one["trial"] for one in predicted))
+    )
+    of_table = subjects(tables.get(PREDICTION_TABLE, pl.DataFrame()))
+    unchecked += by_cause(of[PREDICTION_TABLE, Grade.UNCHECKED], "not checked", "prediction trials", of_table)
     for check in CHECKS.values():
-        own = [one for one in of(QUALITY, Grade.DOUBTS) if [x.column for x in one["evidence"]] == [check.name]]
+        own = [one for one in of[QUALITY, Grade.DOUBTS] if [x.column for x in one["evidence"]] == [check.name]]
         flags += by_cause(own, "flagged", "trials", subjects(verdicts.filter(pl.col("check") == check.name)))
     return [one for part in (doubts, flags, unchecked) for one in sorted(part, key=lambda one: -len(one["trials"]))]
 

@@ -13,9 +13,6 @@ from osl_analysis.trial import known_factor
 TABLE: dict[str, dict[str, Any]] = own_yaml(Path(__file__).with_suffix(".yaml"))
 
 
-FAR_BEYOND = 1.15  # factor by which what makes other causes is beyond its limit, to be named before them
-
-
 @dataclass(frozen=True)
 class Cause:
     """Why numbers are beyond their limits."""
@@ -58,19 +55,18 @@ def doubts_of_result(names: str, result: str) -> str:
 def beyond(row: AnyRow, limits: Limits) -> dict[str, Beyond]:
     """What of a row is beyond its limit or NaN, by column; a null is not checked."""
     found: dict[str, Beyond] = {}
-    for side, limits_of_side in (("above", limits.above), ("below", limits.below)):
-        for name, limit in limits_of_side.items():
-            value = cell_number(row, name)
-            if limit is None or value is None:
-                continue
-            if math.isnan(value):
-                found[name] = Beyond(name, value, limit, "nan")
-            elif side == "above" and value < -limit:
-                found[name] = Beyond(name, value, -limit, "below")
-            elif value > limit if side == "above" else value < limit:
-                found[name] = Beyond(name, value, limit, side)
-            elif name not in found and suspected_unit(name, value, row):
-                found[name] = Beyond(name, value, limit, "near")
+    for side, name, limit in limits.stated():
+        value = cell_number(row, name)
+        if limit is None or value is None:
+            continue
+        if math.isnan(value):
+            found[name] = Beyond(name, value, limit, "nan")
+        elif side == "above" and value < -limit:
+            found[name] = Beyond(name, value, -limit, "below")
+        elif value > limit if side == "above" else value < limit:
+            found[name] = Beyond(name, value, limit, side)
+        elif name not in found and suspected_unit(name, value, row):
+            found[name] = Beyond(name, value, limit, "near")
     return found
 
 
@@ -115,7 +111,8 @@ def causes_in(row: AnyRow, found: Mapping[str, Beyond], misfit_by: Cause | None)
 
     def order(one: Beyond) -> int:
         known = EVIDENCE.get(one.column)
-        return 2 if known is None else 0 if CAUSES[known.cause].first and one.excess > FAR_BEYOND else 1
+        # what makes other causes is named before them where it is far beyond its limit
+        return 2 if known is None else 0 if CAUSES[known.cause].first and one.excess > 1.15 else 1
 
     by_cause: dict[str, tuple[Cause, list[Beyond]]] = {}
     for one in sorted(found.values(), key=order):

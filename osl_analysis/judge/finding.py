@@ -1,13 +1,16 @@
 """A judgement on a trial or a fit as a value. Tables, summary, page and tests are views of it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from pathlib import Path
 from typing import Literal
 
 import polars as pl
 from pydantic import Field
 
+from osl_analysis.refusal import is_refused
+from osl_analysis.table import read_table
 from osl_analysis.yaml_settings import NotNegative, Settings
 
 AnyRow = Mapping[str, object]  # a row of a result table
@@ -39,6 +42,10 @@ class Limits(Settings):
     """Upper limits, by column. A fit is doubtful if the absolute value is above its limit."""
     below: dict[str, float | None] = Field(default_factory=dict)
     """Lower limits, by column. A fit is doubtful if the value is below its limit."""
+
+    def stated(self) -> list[tuple[Literal["above", "below"], str, float | None]]:
+        """Side, column and limit of each."""
+        return [*(("above", *one) for one in self.above.items()), *(("below", *one) for one in self.below.items())]
 
 
 @dataclass(frozen=True)
@@ -89,22 +96,26 @@ FINDING_COLUMNS: dict[str, type[pl.DataType]] = {
 """Of `findings.csv`: a row per number of evidence; rows with one number `finding` are one finding."""
 
 
-def finding_rows(number: int, finding: Finding, words: tuple[str, str, str]) -> list[dict[str, object]]:
-    """The rows of `findings.csv` of one finding; `words` are what is wrong, how large in words, and what to do."""
-    row: dict[str, object] = {"finding": number, "table": finding.table, "trial": finding.subject}
-    row |= {"amplitude_deg": finding.amplitude_deg, "frequency_hz": finding.frequency_hz, "grade": finding.grade.value}
-    row |= {"cause": finding.cause, "inherited": finding.inherited or None}
-    row |= {f"{name}_size": size for name, size in finding.sizes.items()}
-    for name in ESTIMATES:
-        row |= {f"{name}_without{end}": finding.without.get(f"{name}{end}") for end in ("", "_low", "_high")}
-    row |= dict(zip(("says", "size", "remedy"), (text or None for text in words), strict=True))
-    evidence = finding.evidence
-    numbers = [{"evidence": one.column, "value": one.value, "limit": one.limit, "side": one.side} for one in evidence]
-    return [row | each for each in numbers or [{}]]
-
-
-def findings_frame(rows: Sequence[Mapping[str, object]]) -> pl.DataFrame:
+def findings_frame(found: Iterable[tuple[Finding, tuple[str, str, str]]] = ()) -> pl.DataFrame:
+    """`findings.csv` of findings with their words: what is wrong, how large in words, and what to do."""
+    rows = list[dict[str, object]]()
+    for number, (one, words) in enumerate(found, start=1):
+        row: dict[str, object] = {"finding": number, "table": one.table, "trial": one.subject, "cause": one.cause}
+        row |= {"amplitude_deg": one.amplitude_deg, "frequency_hz": one.frequency_hz, "grade": one.grade.value}
+        row |= {"inherited": one.inherited or None} | {f"{name}_size": size for name, size in one.sizes.items()}
+        for name in ESTIMATES:
+            row |= {f"{name}_without{end}": one.without.get(f"{name}{end}") for end in ("", "_low", "_high")}
+        row |= dict(zip(("says", "size", "remedy"), (text or None for text in words), strict=True))
+        numbers = [{"evidence": n.column, "value": n.value, "limit": n.limit, "side": n.side} for n in one.evidence]
+        rows += [row | each for each in numbers or [{}]]
     return pl.DataFrame([{name: row.get(name) for name in FINDING_COLUMNS} for row in rows], schema=FINDING_COLUMNS)
+
+
+def read_findings(path: Path) -> pl.DataFrame:
+    """`findings.csv`; an empty table where it was refused or is not there."""
+    if not path.is_file() or is_refused(path):
+        return findings_frame()
+    return read_table(path, ["finding"]).select(pl.col(name).cast(dtype) for name, dtype in FINDING_COLUMNS.items())
 
 
 def cell_number(row: AnyRow, name: str) -> float | None:

@@ -21,9 +21,6 @@ HAVE_UNCHECKED = ("belt", "transmission", "actuator", "impedance", "human_joint"
 """Judged tables of which something may not be checked."""
 MEASURED_BY = {"belt": "K_s", "transmission": "B_j", "actuator": "k_tau_n_m"}
 """What a component trial measures. `NAME_ratio` is this over that of the parameter file."""
-LIKE_THE_FILE = 0.1  # share by which a component may differ from the parameter file without a remark
-WEIGHT = 1.0  # N*m/rad of K, by a fixture whose weight makes 1 N*m with its arm level
-MUCH_OF_K = 0.02  # share of K that an unknown gain of the plate's moments may change
 WIDE, SEEN = 3.0, 0.5  # widths of the interval of K that a reflex leaves open, or may hide within it
 
 
@@ -38,7 +35,7 @@ def unchecked_in(table: str, row: AnyRow) -> Iterator[Finding]:
         yield Finding(table, subject, "how much of B is friction", Grade.UNCHECKED, amplitude_deg=amplitude)
     quantity = MEASURED_BY.get(table, "")
     times = cell_number(row, f"{quantity}_ratio") or 1.0
-    if abs(times - 1) > LIKE_THE_FILE and not suspected_unit(f"{quantity}_ratio", times, row):
+    if abs(times - 1) > 0.1 and not suspected_unit(f"{quantity}_ratio", times, row):  # components differ by less
         what = f"{quantity} is not that of the parameter file"
         yield Finding(table, subject, what, Grade.NOTES, amplitude_deg=amplitude)
     for name in ("I", "J_j") if table in ("impedance", "transmission", "walking_groups") else ():
@@ -68,7 +65,7 @@ def of_impedance(row: AnyRow) -> Iterator[str]:
     if (cell_number(row, "clocks") or 1) > 1 and lacks(row, "clock_drift_ppm"):
         yield "whether the clocks of angle and torque drift apart"
     low, high = (cell_number(row, f"K_{end}") for end in ("low", "high"))
-    if low is not None and high is not None and high - low < 2 * WEIGHT:
+    if low is not None and high is not None and high - low < 2:  # a weight that makes 1 N*m with its arm level is 1
         yield "whether a fixture's weight is in K"
 
 
@@ -111,7 +108,7 @@ def of_walking(row: AnyRow) -> Iterator[str]:
     elif lacks(row, "shoe_share"):
         yield "whether K is that of the joint alone"
     per_percent = cell_number(row, "moment_K_per_percent") or 0.0
-    if error is not None and abs(100 * error * per_percent) > MUCH_OF_K * abs(K):
+    if error is not None and abs(100 * error * per_percent) > 0.02 * abs(K):  # less is not much of K
         yield "whether the plate's moments are right"
     if lacks(row, "plate_height_m") and not by_log:
         yield "the height of the plate's corners and ORIGIN"
@@ -139,7 +136,7 @@ def of_whole_trial(row: AnyRow) -> bool:
 def check_limits(table: pl.DataFrame, limits: Limits, name: str) -> None:
     """Raises InputError: a limit is set on a column that the table does not have or that is not numeric."""
     numeric = {column for column, dtype in table.schema.items() if dtype.is_numeric() or dtype == pl.Null}
-    for column, limit in (*limits.above.items(), *limits.below.items()):
+    for _, column, limit in limits.stated():
         if limit is not None and column not in numeric:
             known = ", ".join(other for other in table.columns if table[other].dtype.is_numeric())
             raise InputError(

@@ -52,9 +52,6 @@ class QualityRules(Settings):
         return self.__pydantic_extra__
 
 
-BOUNDED = {"VAF": 100, "R2": 1, "correlation": 1, "coherence": 1}  # largest values, by a part of a column's name
-
-
 class DoubtfulFits(Settings):
     """Limits by table. The tables of `judged_tables` can have limits on every numeric column."""
 
@@ -63,17 +60,17 @@ class DoubtfulFits(Settings):
 
     @model_validator(mode="after")
     def _tables_are_judged(self) -> Self:
-        tables = described_tables_by_name()
+        tables, largest = described_tables_by_name(), {"VAF": 100, "R2": 1, "correlation": 1, "coherence": 1}
         for name, limits in self.__pydantic_extra__.items():
             if name not in judged_tables():
                 known = f"limits may stand on {', '.join(judged_tables())}"
                 raise misplaced(f"unknown table; {known}{nearest(name, judged_tables())}", name)
             numbers = [column.name for column in tables[name].columns.values() if column.unit != "text"]
-            for end, column in [("above", one) for one in limits.above] + [("below", one) for one in limits.below]:
+            for end, column, limit in limits.stated():
                 if column not in numbers:
                     said = f"tables/{name}.csv has no number of this name; correct it{nearest(column, numbers)}"
                     raise misplaced(said, name, end, column)
-                limit, most = getattr(limits, end)[column], next((n for one, n in BOUNDED.items() if one in column), 0)
+                most = next((n for one, n in largest.items() if one in column), 0)
                 if end == "below" and limit is not None and limit > (high := limits.above.get(column) or np.inf):
                     said = f"{limit:g} is above the upper limit {high:g}, and every fit would be doubtful; correct one"
                     raise misplaced(said, name, end, column)

@@ -9,21 +9,10 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.judge.finding import ESTIMATES
-from osl_analysis.stats.repeats import (
-    DOUBTFUL,
-    Difference,
-    Sample,
-    alike_sizes,
-    counted,
-    difference,
-    doubtful_count,
-    equivalence,
-    of_intervals,
-    with_bench,
-)
+from osl_analysis.stats import repeats
 from osl_analysis.trial import rms
 
-Between = Callable[[Sample, Sample], Difference]
+Between = Callable[[repeats.Sample, repeats.Sample], repeats.Difference]
 COMPARED_QUANTITIES = {
     "impedance": ("K", "B", "B_viscous", "I", "VAF", "torque_error"), "belt": ("K_s",), "transmission": ("B_j", "J_j"),
     "actuator": ("k_tau_n_m", "f_C", "f_G", "B_m", "J_m"), "walking_summary": ("K", "B", "I"),
@@ -68,7 +57,7 @@ def with_common_sizes(*campaigns: Mapping[str, pl.DataFrame]) -> list[Mapping[st
     if not own:
         return [*campaigns]
     pooled = pl.concat(own, how="diagonal_relaxed").with_columns(pl.col("amplitude_deg").cast(pl.Float64))
-    pooled = pooled.with_columns(size=alike_sizes(pooled["amplitude_deg"]))
+    pooled = pooled.with_columns(size=repeats.alike_sizes(pooled["amplitude_deg"]))
     each = pl.col("size").drop_nulls().unique().sort().cast(pl.String).str.join(" ")
     pooled = pooled.with_columns(amplitudes=each.over("campaign", "trial"))
     of = {k: {"impedance": pooled.filter(campaign=k)} for k, one in enumerate(campaigns) if "impedance" in one}
@@ -94,13 +83,13 @@ def by_place(table: pl.DataFrame, name: str) -> dict[tuple[Any, ...], pl.DataFra
     rows = table.with_columns(pl.lit(None, kind).alias(k) for k, kind in kinds.items() if k not in table.columns)
     if name == "walking_summary":
         rows = rows.filter(estimator="ensemble")  # that of the headline numbers
-        rows = rows.with_columns(pl.col("doubt").cast(pl.String).alias(DOUBTFUL))
+        rows = rows.with_columns(pl.col("doubt").cast(pl.String).alias(repeats.DOUBTFUL))
     if "amplitude_deg" in rows.columns:
         rows = rows.filter(pl.col("amplitude_deg").is_null())
     return rows.partition_by(SAME_PLACE, as_dict=True, maintain_order=True)
 
 
-def estimates(rows: pl.DataFrame | None, quantity: str) -> tuple[dict[str, Any], Sample]:
+def estimates(rows: pl.DataFrame | None, quantity: str) -> tuple[dict[str, Any], repeats.Sample]:
     """Counts of one campaign, and the fits that count by condition: all of a rendered impedance, as doubtful ones that
     one campaign alone leaves out would make others of its conditions; of a component those that count in every mean.
     An ensemble is one condition, what was commanded, with estimate, low and high."""
@@ -109,15 +98,14 @@ def estimates(rows: pl.DataFrame | None, quantity: str) -> tuple[dict[str, Any],
     if "estimator" in rows.columns:
         rows = rows.filter(quantity=quantity).drop_nulls(["mean", "low", "high"])
         ensemble = {one[0]: one[1:] for one in rows.select("commanded", "mean", "low", "high").iter_rows()}
-        counts = {"n": rows["n"].sum(), "n_doubtful": doubtful_count(rows)[0]}
-        return counts, ensemble
-    used = rows if rows["amplitudes"].is_not_null().any() else counted(rows)
-    finite, doubts = used.filter(pl.col(quantity).is_finite()), {"n_doubtful": doubtful_count(rows)[0]}
+        return {"n": rows["n"].sum(), "n_doubtful": repeats.doubtful_count(rows)[0]}, ensemble
+    used = rows if rows["amplitudes"].is_not_null().any() else repeats.counted(rows)
+    finite, doubts = used.filter(pl.col(quantity).is_finite()), {"n_doubtful": repeats.doubtful_count(rows)[0]}
     sample = {key: one[quantity].to_list() for key, one in finite.group_by(SAME_CONDITION, maintain_order=True)}
     return {"n": len(finite), **doubts, "n_left_out": len(rows) - len(used)}, sample
 
 
-def with_own_ends(rows: pl.DataFrame | None, quantity: str, sample: Sample) -> Sample:
+def with_own_ends(rows: pl.DataFrame | None, quantity: str, sample: repeats.Sample) -> repeats.Sample:
     """A sample of one trial with the ends of its own interval, as that of an ensemble; empty where there is none."""
     ends = [f"{quantity}{end}" for end in ("", "_low", "_high")]
     if rows is None or not {*ends} <= {*rows.columns} or [len(of) for of in sample.values()] != [1]:
@@ -157,19 +145,20 @@ def row_of(parts: Sequence[pl.DataFrame | None], quantity: str, margin: float | 
         row[f"mean_{name}"] = mean_of(sample, shared, of_ensembles or by_ends)
     if not (a and b):
         return row | {"remark": f"only in {'A' if a else 'B'}"}
-    between, remarks = of_intervals if of_ensembles or by_ends else difference, list[str]()
+    between, remarks = repeats.of_intervals if of_ensembles or by_ends else repeats.difference, list[str]()
     benches = [] if by_ends else parts  # the interval of a trial has what is stated of its bench
     if is_pooled(a, b):
         remarks.append("trials without K_d count as repeats of one condition; state K_d, or name like trials alike")
     if shared and {*a} != {*b}:
         remarks.append(f"{len(shared)} of {len({*a, *b})} conditions are shared")
-    row |= dict(zip((*DIFFERENCE, "method"), with_bench(between(a, b), bench_error(benches, quantity)), strict=True))
+    apart = repeats.with_bench(between(a, b), bench_error(benches, quantity))
+    row |= dict(zip((*DIFFERENCE, "method"), apart, strict=True))
     if of_ensembles and None not in (commanded := (*a, *b)) and len(set(commanded)) > 1:
         remarks.append("commanded {:g} in A and {:g} in B".format(*commanded))
     if quantity not in ("I", "VAF"):  # the rendered inertia may be zero or negative, and a VAF is a percentage
         if min(chain.from_iterable((*a.values(), *b.values()))) > 0:
             bench = bench_error(benches, quantity, as_share=True)
-            row |= ratio_of(a, b, lambda *logarithms: with_bench(between(*logarithms), bench), margin)
+            row |= ratio_of(a, b, lambda *logarithms: repeats.with_bench(between(*logarithms), bench), margin)
         else:
             remarks.append("no ratio: an estimate, or an end of its interval, is not above 0")
     return row | {"remark": "; ".join(remarks) or None}
@@ -185,26 +174,26 @@ def bench_error(parts: Sequence[pl.DataFrame | None], quantity: str, as_share: b
     return math.hypot(*errors)
 
 
-def mean_of(sample: Sample, shared: Collection[Any], of_ensembles: bool) -> float | None:
+def mean_of(sample: repeats.Sample, shared: Collection[Any], of_ensembles: bool) -> float | None:
     """Of the fits of the shared condition, of all where none is shared; None of several, a mean of which is that of no
     trial. An ensemble has its estimate, which stands before the ends of its interval."""
     own = [values[:1] if of_ensembles else values for key, values in sample.items() if key in shared or not shared]
     return float(np.mean(own[0])) if len(own) == 1 else None
 
 
-def is_pooled(*samples: Sample) -> bool:
+def is_pooled(*samples: repeats.Sample) -> bool:
     """Whether impedance trials count as repeats that neither a stated K_d nor their names tell apart."""
     keys = [key for sample in samples for key, of in sample.items() if isinstance(key, tuple) and len(of) > 1]
     return any(K_d is named is None and amplitudes is not None for K_d, *_, amplitudes, named in keys)
 
 
-def ratio_of(a: Sample, b: Sample, between: Between, margin: float | None) -> dict[str, Any]:
+def ratio_of(a: repeats.Sample, b: repeats.Sample, between: Between, margin: float | None) -> dict[str, Any]:
     """B over A less 1 [percent] with its interval, by the differences of logarithms, and the verdict on it."""
     ratio = between(*({name: [math.log(v) for v in values] for name, values in sample.items()} for sample in (a, b)))
     ends = [None if end is None else 100 * math.expm1(end) for end in ratio[:3]]
     percent = None if margin is None else 100 * margin
     row = dict(zip(RATIO, ends, strict=True)) | {"margin_percent": percent, "method": ratio.method}
-    return row | {"verdict": equivalence(ends[1], ends[2], 0.0, percent or 0.0)}
+    return row | {"verdict": repeats.equivalence(ends[1], ends[2], 0.0, percent or 0.0)}
 
 
 def label_of(row: Mapping[str, Any]) -> str:

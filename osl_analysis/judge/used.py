@@ -4,6 +4,7 @@ import csv
 import json
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any, Self
 
@@ -27,20 +28,19 @@ def without_refused(
     a single input or for one of the `unnamed` files, if the input `trial` is such a trial, or if nothing is left of a
     list; beside an input `trial`, lists may become empty. Lists by name are handed over as they are."""
     lists = {name: files for name, files in inputs.items() if isinstance(files, list)}
-    named = {name: files for name, files in inputs.items() if isinstance(files, Mapping)}
-    groups = {name: files for name, files in named.items() if not any(isinstance(f, list) for f in files.values())}
-    alone = [file for name, file in inputs.items() if name not in lists and name not in named]
-    gone = {Path(file).stem: read_refusals(file) for files in lists.values() for file in files if is_refused(file)}
-    kept: dict[str, Any] = {name: [f for f in files if Path(f).stem not in gone] for name, files in lists.items()}
-    kept |= {name: {key: f for key, f in files.items() if not is_refused(f)} for name, files in groups.items()}
-    missing = [cause for file in (*alone, *unnamed) for cause in read_refusals(file)]
-    if "trial" not in inputs:
-        emptied = [files for name, files in lists.items() if files and not kept[name] and name not in JUDGES]
-        missing += [cause for files in emptied for file in files for cause in gone[Path(file).stem]]
+    alone = [file for file in inputs.values() if not isinstance(file, list | Mapping)]
+    gone = {Path(file).stem: read_refusals(file) for file in chain(*lists.values()) if is_refused(file)}
+    causes, missing, kept = [*chain(*gone.values())], [*chain(*map(read_refusals, [*alone, *unnamed]))], dict(inputs)
+    for name, files in lists.items():
+        kept[name] = [file for file in files if Path(file).stem not in gone]
+        if not kept[name] and name not in JUDGES and "trial" not in inputs:
+            missing += chain(*(gone[Path(file).stem] for file in files))
+    for name, files in inputs.items():
+        if isinstance(files, Mapping) and not any(isinstance(file, list) for file in files.values()):
+            kept[name] = {key: file for key, file in files.items() if not is_refused(file)}
+            causes += chain(*map(read_refusals, files.values()))
     missing += gone.get(Path(str(inputs.get("trial"))).stem, ())
-    causes = [cause for found in gone.values() for cause in found]
-    causes += [cause for files in groups.values() for file in files.values() for cause in read_refusals(file)]
-    return {**inputs, **kept}, distinct_causes([*causes, *missing]), distinct_causes(missing)
+    return kept, distinct_causes([*causes, *missing]), distinct_causes(missing)
 
 
 @dataclass(frozen=True)

@@ -169,12 +169,6 @@ def factor_said(evidence: Beyond, row: AnyRow) -> str:
     return f", {size:.3g} is the factor {name}" if name else ""
 
 
-def frame_said(evidence: Beyond, row: AnyRow) -> str:
-    """A frame that yields lowers K, and hardly to a half."""
-    state = " (state `bench_stiffness` in the configuration if the bench's frame yields)"
-    return state if 0.5 < evidence.value < 1 else ""
-
-
 OF_EVIDENCE: dict[str, Callable[[Beyond, AnyRow], str]] = {
     "percent": lambda one, _: percent(one.value),
     "value": lambda one, _: significant(one.value, 3),
@@ -182,7 +176,10 @@ OF_EVIDENCE: dict[str, Callable[[Beyond, AnyRow], str]] = {
     "symbol": lambda one, _: one.column.removesuffix("_ratio").removesuffix("_high"),
     "rubs": lambda one, row: friction_said(row) or f"it is {percent(one.value)} of the damping",
     "factor": factor_said,
-    "frame": frame_said,
+    # a frame that yields lowers K, and hardly to a half
+    "frame": lambda one, _: (
+        " (state `bench_stiffness` in the configuration if the bench's frame yields)" * (0.5 < one.value < 1)
+    ),
 }
 
 
@@ -228,7 +225,6 @@ def loop_said(facts: Facts) -> str:
 
 
 def calibration_said(facts: Facts) -> str:
-    """What a calibration tells to state."""
     assert facts.evidence is not None
     state = facts["to_state"]
     if facts.evidence.column == "certain_lag_s":
@@ -261,7 +257,6 @@ def reaction_said(facts: Facts) -> str:
 
 
 def unknown_gains(facts: Facts) -> str:
-    """Why the gains of a trial are not known."""
     row = facts.row
     controller = row.get("controller")
     if controller is None:

@@ -107,9 +107,10 @@ def all_labels() -> list[Headline]:
     """Every number that the summary of the draft's campaign can have, and those of a trial of torque against angle."""
     found = []
     for table, labels in LABELS.items():
-        for quantity, label in labels.items():
-            each = table == "impedance" or quantity.startswith("impedance")
-            found += [with_controller(label, name, Example()) for name in CONTROLLERS] if each else [label]
+        for label in labels.values():
+            found += [with_controller(label, name, Example()) for name in CONTROLLERS if table == "impedance"] or [
+                label
+            ]
     return found
 
 
@@ -121,9 +122,11 @@ RANGE = "lowest to highest"
 COUNT = "count"
 
 
-def headline(label: Headline, value: float, n: int, low: float | None, high: float | None, kind: str) -> Headline:
-    """A number, without an interval where a bound is missing (a single trial has no scatter)."""
-    number = replace(label, value=value, n=n)
+def headline(
+    label: Headline, value: float, n: int, low: float | None, high: float | None, kind: str, **more: Any
+) -> Headline:
+    """A number with `more` fields, without an interval where a bound is missing (a single trial has no scatter)."""
+    number = replace(label, value=value, n=n, **more)
     known = low is not None and high is not None and np.isfinite([low, high]).all()
     return replace(number, low=low, high=high, interval=kind) if known else number
 
@@ -142,11 +145,9 @@ def over_fits(
     if not len(finite):
         return []
     low, high = (float(finite.min()), float(finite.max())) if len(finite) > 1 else (None, None)
-    number = headline(label, float(middle(finite)), len(finite), low, high, RANGE)
-    if candidates is None:
-        return [number]
-    left_out = 0 if used is None else len(candidates) - len(used)
-    return [replace(number, n_doubtful=doubtful_count(candidates)[0], n_left_out=left_out)]
+    more = {} if candidates is None else {"n_doubtful": doubtful_count(candidates)[0]}
+    more |= {} if candidates is None or used is None else {"n_left_out": len(candidates) - len(used)}
+    return [headline(label, float(middle(finite)), len(finite), low, high, RANGE, **more)]
 
 
 def summary_means(table: pl.DataFrame, labels: Mapping[str, Headline], interval: str = STUDENT) -> list[Headline]:
@@ -161,10 +162,9 @@ def summary_means(table: pl.DataFrame, labels: Mapping[str, Headline], interval:
             raise InputError(
                 f"summary table: the mean of '{quantity}' is {mean}; look for a fit without a result in its trials"
             )
-        found = headline(label, mean, int(n), low, high, interval)
-        doubtful, left_out = (int(row.get(column) or 0) for column in ("n_doubtful", "n_left_out"))
-        found = replace(found, sd=row.get("sd"), doubt=row.get("doubt") or None)
-        numbers.append(replace(found, n_doubtful=doubtful, n_left_out=left_out))
+        counts = {column: int(row.get(column) or 0) for column in ("n_doubtful", "n_left_out")}
+        more = counts | {"sd": row.get("sd"), "doubt": row.get("doubt") or None}
+        numbers.append(headline(label, mean, int(n), low, high, interval, **more))
     return numbers
 
 
@@ -219,9 +219,9 @@ def numbers_of_condition(
             continue
         row = having.row(0, named=True)
         kind = FEW if row["interval_method"] == "repeats" else FOR_MOTION
-        number = headline(label, row[symbol], 1, row[f"{symbol}_low"], row[f"{symbol}_high"], kind)
-        low, high = (row.get(f"{symbol}_amplitudes_{end}") for end in ("low", "high"))
-        yield replace(number, n_doubtful=doubtful_count(having)[0], amplitudes_low=low, amplitudes_high=high)
+        more = {f"amplitudes_{end}": row.get(f"{symbol}_amplitudes_{end}") for end in ("low", "high")}
+        more["n_doubtful"] = doubtful_count(having)[0]
+        yield headline(label, row[symbol], 1, row[f"{symbol}_low"], row[f"{symbol}_high"], kind, **more)
 
 
 HEADLINE_ESTIMATOR = "ensemble"  # its bias decreases with the number of crossings, that of the mean over them does not
@@ -305,12 +305,6 @@ def headline_numbers(
     return found
 
 
-NOISE_ALONE = (
-    "Intervals on the bench are of noise, repeatability and what the model misses alone. Errors that all of its trials "
-    "share (gains, alignment, hysteresis, delay) are not in them until `calibration` states them in the configuration."
-)
-
-
 def hold_bench_errors(tables: Mapping[str, pl.DataFrame]) -> bool | None:
     """Whether the intervals of the result tables hold what is stated of the bench's errors; None without a bench."""
     shared = [table[name].max() for table in tables.values() for name in table.columns if name.endswith("_se_bench")]
@@ -319,9 +313,15 @@ def hold_bench_errors(tables: Mapping[str, pl.DataFrame]) -> bool | None:
 
 def intervals_said(tables: Mapping[str, pl.DataFrame]) -> str:
     """What the intervals of the result tables of a bench contain of its calibration; empty without a bench."""
-    if held := hold_bench_errors(tables):
+    if (held := hold_bench_errors(tables)) is None:
+        return ""
+    if held:
         return "Intervals on the bench contain what is stated of its errors; differences within the campaign have none."
-    return "" if held is None else NOISE_ALONE
+    return (
+        "Intervals on the bench are of noise, repeatability and what the model misses alone. Errors that all of its "
+        "trials share (gains, alignment, hysteresis, delay) are not in them until `calibration` states them in the "
+        "configuration."
+    )
 
 
 ENDINGS = ("", "Low", "High", "AmplitudesLow", "AmplitudesHigh", "Verdict")  # of the macros of a number and its bounds
@@ -415,10 +415,13 @@ def to_table(numbers: Mapping[str, Mapping[str, Any]], markdown: bool) -> str:
         draft = "" if number["draft"] is None else f"{number['draft']:g}"
         rows.append((number["meaning"], f"{value} {number['unit']}", interval, trials_text(number), draft))
     rows = rows if beside_draft else [row[:-1] for row in rows]
-    if markdown:
-        rows.insert(1, ("---",) * len(rows[0]))
-        return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |\n" for cells in rows)
-    return aligned(rows)
+    return markdown_table(rows) if markdown else aligned(rows)
+
+
+def markdown_table(rows: Sequence[Sequence[str]]) -> str:
+    """Rows, of which the first is the head, as a table in Markdown."""
+    lines = [rows[0], ["---"] * len(rows[0]), *rows[1:]]
+    return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |\n" for line in lines)
 
 
 def aligned(rows: Sequence[Sequence[str]]) -> str:
@@ -490,7 +493,6 @@ def rounded_by(number: Mapping[str, Any]) -> tuple[float | None, float | None, s
 
 
 NO_WIDTH = 1e-9  # relative width of an interval that counts as rounding
-FINEST = 1e-3  # relative uncertainty that no calibration of a torque is without, whatever an interval of noise says
 
 
 def decimals(
@@ -506,7 +508,8 @@ def decimals(
         finest = 2 - exponent_of(half)
         return told_apart(low, high, max(min(2 - exponent_of(value) if value else 0, finest), 0))
     if half > NO_WIDTH * abs(value):
-        coarsest = max(FINEST * abs(value), scatter or 0.0, np.finfo(float).tiny)
+        # no calibration of a torque is better than a thousandth, whatever an interval of noise says
+        coarsest = max(1e-3 * abs(value), scatter or 0.0, np.finfo(float).tiny)
         return max(min(1 - exponent_of(half), -exponent_of(coarsest)), 0)
     return max(2 - exponent_of(value), 0) if value else 0
 

@@ -31,7 +31,6 @@ from osl_analysis.report.headlines import first_said, hold_bench_errors, said_nu
 from osl_analysis.report.trial_page import STATES, ReportedTrial, response_said, value_and_interval
 from osl_analysis.stats.repeats import DOUBTFUL, counted, repeating_trials, summary_row
 
-ALL_SAMPLES = 250  # trials of which a page draws all samples that a series has: some 15 MB
 FIRST_FIGURES = ("fig5", "walking_page", "torque_angle", "response", "fig3")
 """Of these the first one that the campaign has stands on the first screen; Fig. 5 where something was desired."""
 
@@ -46,7 +45,7 @@ def written_page(
     hashes = (hashlib.sha256(script.encode()).digest() for script in (bokeh_js, report_js))
     scripts = " ".join(f"'sha256-{b64encode(digest).decode()}'" for digest in hashes)
 
-    packed, every = {}, -(-len(trials) // ALL_SAMPLES) or 1
+    packed, every = {}, -(-len(trials) // 250) or 1  # of 250 trials all samples that a series has are some 15 MB
     for name, (told, tables) in trials.items():
         text = json.dumps(told, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
         drawn = {table: packed_table(every_kth(rows, every)) for table, rows in tables.items()}
@@ -96,17 +95,16 @@ def in_words(parts: Sequence[str]) -> str:
 def state_of(trials: Sequence[ReportedTrial], known: Sequence[Mapping[str, Any]]) -> str:
     """How many trials are doubtful or not used, and why, and what could not be checked, in few sentences. `known` are
     the findings of a summary, of trials and of walking groups."""
-    said = []
+    used, said = [trial for trial in trials if not trial.left_out], []
     for verdict in ("doubtful", "doubtful in part", "flagged"):
-        of_kind = [trial.causes_of(verdict) for trial in trials if not trial.left_out]
-        own = [causes for causes in of_kind if causes]
+        own = [*filter(None, (trial.causes_of(verdict) for trial in used))]
         why = Counter(cause for causes in own for cause in causes)
         causes = [cause if n == len(own) else f"{cause} ({n})" for cause, n in why.most_common(3)]
         are = "is" if len(own) == 1 else "are"
         said += [f"{len(own)} of {len(trials)} trials {are} {verdict}: {', '.join(causes)}."] * bool(own)
     lost = Counter(trial.verdict for trial in trials if trial.left_out)
     gone = [f"{n} {'was' if n == 1 else 'were'} {verdict}" for verdict, n in lost.items()]
-    said = said or ["No trial is doubtful."] * (len(trials) > sum(lost.values()))
+    said = said or ["No trial is doubtful."] * bool(used)
     said.append(f"{in_words(gone)}." if gone else "Nothing was refused or excluded.")
     of_groups = [one["cause"] for one in known if (one["of"], one["verdict"]) == (WALKING_GROUPS, "doubtful")]
     said += [f"The walking K is doubtful: {', '.join(of_groups)}."] * bool(of_groups)
@@ -124,7 +122,8 @@ def conditions(tables: Mapping[str, pl.DataFrame], findings: Mapping[str, Sequen
     for name in ("impedance", "human_joint"):
         table = tables.get(name, pl.DataFrame(schema=["trial", "amplitude_deg"]))
         whole = table.filter(pl.col("amplitude_deg").is_null()) if "amplitude_deg" in table.columns else table
-        keys = [one for one in CONDITION if one in whole.columns and whole[one].n_unique() > 1]
+        known = ("joint", "side", "controller", "K_d", "B_d")
+        keys = [one for one in known if one in whole.columns and whole[one].n_unique() > 1]
         none = whole.get_column("K_d", default=pl.repeat(None, len(whole), eager=True)).is_null()
         unstated = none & (pl.len().over(*keys, pl.lit("all")) > 1)
         whole = whole.with_columns(own=pl.when(unstated).then(repeating_trials(whole) if none.any() else None))
@@ -139,7 +138,8 @@ def condition(
     """What the table of `conditions` says of the fits of one, which have the `keys` in common."""
     used, trials = counted(rows), rows["trial"].to_list()
     row = used.row(0, named=True)
-    shown = [*ESTIMATES, *(one for one in BESIDE_B if one in rows.columns and not rows[one].null_count())]
+    friction = ("B_viscous", "f_C")  # which B holds: said where every trial has them
+    shown = [*ESTIMATES, *(one for one in friction if one in rows.columns and not rows[one].null_count())]
     if len(used) > 1:
         for symbol in shown:
             mean = summary_row(used, symbol)
@@ -184,8 +184,6 @@ def of_groups(tables: Mapping[str, pl.DataFrame], findings: Mapping[str, Sequenc
 
 
 IN_SUMMARY = {"": "mean", "_low": "low", "_high": "high"}  # of a quantity in a summary
-CONDITION = ("joint", "side", "controller", "K_d", "B_d")
-BESIDE_B = ("B_viscous", "f_C")  # friction, which B holds: said where every trial has them
 
 
 def doubts_said(entries: Sequence[Entry], table: str, row: Mapping[str, Any], n: int = 1) -> dict[str, Any]:
@@ -383,7 +381,6 @@ def inline_svg(text: str, name: str, label: str) -> Markup:
 
 
 def captions_by_title(text: str) -> dict[str, Markup]:
-    """The captions of `captions.md` by the title of their figure."""
     sections = (section.partition("\n") for section in f"\n{text}".split("\n## ")[1:])
     return {title.strip(): caption_html(body.strip()) for title, _, body in sections}
 

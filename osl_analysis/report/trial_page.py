@@ -252,7 +252,6 @@ class ReportedTrial:
 
     @property
     def verdict(self) -> str:
-        """One of `VERDICTS`."""
         if self.left_out:
             return "refused" if self.refused else "excluded"
         made = {STATES[one["of"]] for one in self.doubts}
@@ -415,7 +414,8 @@ def trials_content(trials: Sequence[ReportedTrial]) -> dict[str, Any]:
 def methods_content(
     config: Mapping[str, Any], tables: Mapping[str, pl.DataFrame], trials: Sequence[ReportedTrial]
 ) -> dict[str, Any]:
-    """What `methods.html.j2` says of how results were made: settings, values of tables, and what was recorded."""
+    """What `methods.html.j2` says of how results were made: settings, values of tables, what was recorded, and by kind
+    of motion the number of impedance trials with columns of their fits to all amplitudes."""
     columns = """excitation commanded_deg frequency_hz band_low_hz band_high_hz controller group plate_inertia K_d B_d
         B_viscous direction onset_phase interval_method theta_rms_deg fitted_s n_up n_down"""
     said: defaultdict[str, defaultdict[str, list[Any]]] = defaultdict(lambda: defaultdict(list))
@@ -431,8 +431,13 @@ def methods_content(
         said["phasors"]["frequency_hz"] = pl.Series(hz).round_sig_figs(3).unique().sort().to_list()
     groups = tables.get("walking_groups", pl.DataFrame())
     ways = {way: groups.get_column(f"n_{way}", default=pl.Series([0])).sum() for way in ("up", "down")}
+    table = tables.get("impedance", pl.DataFrame(schema=["amplitude_deg", "excitation"]))
+    shown, motions = ("band_low_hz", "band_high_hz", "theta_rms_deg", "fitted_s"), list[Mapping[str, Any]]()
+    for (kind,), rows in table.filter(pl.col("amplitude_deg").is_null()).group_by("excitation", maintain_order=True):
+        values = {one: rows[one].drop_nulls().to_list() if one in rows.columns else [] for one in shown}
+        motions.append({"kind": kind, "n": len(rows), **values})
     facts = {"config": config, "tables": said, "recorded": recorded_of(trials)}
-    return facts | {"motions": motions_of(tables), "ways": ways, "response": response_said(groups)}
+    return facts | {"motions": motions, "ways": ways, "response": response_said(groups)}
 
 
 def recorded_of(trials: Sequence[ReportedTrial]) -> dict[str, dict[str, Any]]:
@@ -460,16 +465,6 @@ def recorded_of(trials: Sequence[ReportedTrial]) -> dict[str, dict[str, Any]]:
         if perturbed and used and "platform_deg" in trial.pictures.tables.get("crossing", pl.DataFrame()).columns:
             own["turns"].append(turn_of(trial.pictures.tables["crossing"]))
     return recorded
-
-
-def motions_of(tables: Mapping[str, pl.DataFrame]) -> list[Mapping[str, Any]]:
-    """By kind of motion the number of impedance trials, and the values of columns of their fits to all amplitudes."""
-    table = tables.get("impedance", pl.DataFrame(schema=["amplitude_deg", "excitation"]))
-    shown, found = ("band_low_hz", "band_high_hz", "theta_rms_deg", "fitted_s"), list[Mapping[str, Any]]()
-    for (kind,), rows in table.filter(pl.col("amplitude_deg").is_null()).group_by("excitation", maintain_order=True):
-        values = {one: rows[one].drop_nulls().to_list() if one in rows.columns else [] for one in shown}
-        found.append({"kind": kind, "n": len(rows), **values})
-    return found
 
 
 def response_said(groups: pl.DataFrame) -> str:

@@ -176,7 +176,6 @@ def recorded_passage(
 
 
 def followed_segments(settings: CrossingSettings) -> dict[str, tuple[str, ...]]:
-    """The segments that markers follow, with their names."""
     return {segment: labels for segment in SEGMENTS if (labels := getattr(settings.markers, segment))}
 
 

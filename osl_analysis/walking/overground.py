@@ -138,17 +138,14 @@ def contact_rows(
     time, corners = next(iter(feet.values())).time, plates.recorded_corners(trial, number)
     of_foot = plates.recorded_plate(trial, number).get("foot")
     inside = (time > stance.heel_strike) & (time < stance.toe_off)
-    share = {
-        side: float(np.any(foot.standing() & over(foot.points, corners), axis=1)[inside].mean())
-        for side, foot in feet.items()
-    }
+    rests = {side: np.any(foot.standing() & over(foot.points, corners), axis=1) for side, foot in feet.items()}
+    share = {side: float(rested[inside].mean()) for side, rested in rests.items()}
     on_plate = [side for side, foot in feet.items() if over(foot.ankle, corners)[inside].mean() > 0.5]
     on_plate = on_plate or [side for side in feet if share[side] == max(0.1, *share.values())]
-    for side in on_plate if of_foot is None else [one for one in feet if one == of_foot]:
+    for side in on_plate if of_foot is None else [of_foot] * (of_foot in feet):
         foot, other, excluded = feet[side], SIDES[side == "left"], None
-        rests = np.any(foot.standing() & over(foot.points, corners), axis=1)
         whole = inside & np.isfinite(foot.points).all(axis=(1, 2))
-        own = float(np.mean(rests[whole])) if foot.whole and whole.any() else 1.0
+        own = float(np.mean(rests[side][whole])) if foot.whole and whole.any() else 1.0
         if of_foot is None and share.get(other, 0.0) > 0.1:
             excluded = f"the {other} foot stands on the same plate in {100 * share[other]:.0f} % of the contact"
         elif own < settings.fewest_standing:

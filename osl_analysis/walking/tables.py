@@ -23,7 +23,6 @@ from osl_analysis.walking.response import PHASES, Bootstrap, GroupHeadline, Pert
 from osl_analysis.walking.settings import ResponseSettings, TimingSettings, UnseenError
 
 GROUP_QUANTITIES, ENSEMBLE = ("K", "B", "I", "VAF"), "ensemble"
-FEW_CROSSINGS = 6  # of a direction, below which the mean of all is outside of their range more often than in 5 %
 COMMANDED = "commanded"  # Series of the curve that the controller commands
 FACTS = ("group", "onset_phase", "fitted_phase", "end_phase")
 Numbers = dict[str, float | None]
@@ -418,7 +417,7 @@ def headline_rows(
         error = 0.0 if "minus" in estimator else stated.get(quantity, 0.0)  # it cancels in the difference
         value, se, ends, method = values[quantity], resampled.se(quantity), resampled.interval(quantity), "bootstrap"
         of = [n] if estimator in (UP, DOWN) else counts
-        if quantity in common and min(of) < FEW_CROSSINGS:
+        if quantity in common and min(of) < 6:  # the mean of all is outside of their range more often than in 5 %
             halves = 1 if "minus" in estimator else len(of)
             scatter = float(np.sqrt(headline.of_one[quantity] * np.sum(1 / np.array(of)))) / halves
             half = float(-scipy.special.stdtrit(freedom, 0.025)) * scatter

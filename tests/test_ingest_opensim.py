@@ -126,13 +126,13 @@ def test_rows_of_a_table_that_cannot_be_right_are_refused(tmp_path: Path) -> Non
     path = write_mot(tmp_path / "a.mot")
     text = path.read_text()
     for reason, content in {
-        "line 57 has 3 cells under 4 names: the file is cut off": text.rstrip().rpartition("\t")[0],
-        "line 57, the last one, has no line break and may be cut off": text.rstrip()[:-1],
-        "line 11 has 5 cells under 4 names; export": text.replace("\t3\t", "\t3\t3\t"),
-        "column 'ankle_angle_r': '1,2,3' is not a number; export it as scalars": text.replace("\t3\t", "\t1,2,3\t"),
-        "nrows in its header is 60, the file holds 50 rows: the end is missing": text.replace("nRows=50", "nRows=60"),
-        "ncolumns in its header is 3, the file holds 4 columns;": text.replace("nColumns=4", "nColumns=3"),
-        "holds no rows": text.partition("0.50000000")[0].replace("nRows=50", "nRows=0"),
+        "states 50 rows, the file holds 49 whole ones: the end": text.rstrip().rpartition("\t")[0],
+        "header states 50 rows, the file holds 49 whole": text.rstrip()[:-1],
+        "line 11 has 5 cells under 4 names, and 1 of 50 rows do": text.replace("\t3\t", "\t3\t3\t"),
+        "column 'ankle_angle_r': '1,2,3' is not a number": text.replace("\t3\t", "\t1,2,3\t"),
+        "states 60 rows, the file holds 50 whole ones: the end": text.replace("nRows=50", "nRows=60"),
+        "states 3 columns, the file holds 4 whole ones;": text.replace("nColumns=4", "nColumns=3"),
+        "no rows of data": text.partition("0.50000000")[0].replace("nRows=50", "nRows=0"),
     }.items():
         path.write_text(content)
         assert reason in refused(path, **MOT)

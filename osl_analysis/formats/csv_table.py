@@ -25,7 +25,23 @@ DELIMITERS = {"tab": "\t", "space": " "}
 CONTROL = re.compile(rb"[\x00-\x08\x0e-\x19]")  # bytes that no text has; 26 ended files of CP/M and DOS
 UTF_16 = re.compile(rb"\xff\xfe|\xfe\xff|([\t\r\n -~]\0){8}|(\0[\t\r\n -~]){8}")  # by its mark, or in either order
 COMMENTS = ("#", "%", "//")
-MISSING = ("", "nan", "NaN", "NAN", "NA", "N/A", "#N/A", "null", "NULL", "None", "<NA>", "NaT", "-nan", "-nan(ind)")
+MISSING = (
+    "",
+    "nan",
+    "NaN",
+    "NAN",
+    "NA",
+    "N/A",
+    "#N/A",
+    "null",
+    "NULL",
+    "None",
+    "<NA>",
+    "NaT",
+    "-nan",
+    "nan(ind)",
+    "-nan(ind)",
+)
 """Cells of readings that failed, as programs write them."""
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d{1,3})?", re.ASCII)
 THOUSANDS = {".": re.compile(r"([+-]?\d{1,3}(?:,\d{3})+)\.(\d+)"), ",": re.compile(r"([+-]?\d{1,3}(?:\.\d{3})+),(\d+)")}

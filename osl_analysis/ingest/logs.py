@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from osl_analysis.errors import InputError, listing, naming
 from osl_analysis.formats import csv_table
 from osl_analysis.formats.binary_table import read_binary_table
-from osl_analysis.formats.gait_text import read_opensim
+from osl_analysis.formats.gait_text import opensim_header, read_opensim
 from osl_analysis.formats.json_lines import JsonLines, addresses_of, decode_lines, read_json_lines
 from osl_analysis.formats.mat import Value, open_mat
 from osl_analysis.formats.mcap import read_mcap
@@ -107,6 +107,8 @@ def read_table_log(path: Path, source: TableSource) -> Recording:
 def wanted(source: TableSource) -> list[str]:
     """The addresses of all columns that a source file names, each once: time, signals, counters."""
     named = [name for one in source.channels.values() for name in (one.name, one.counter)]
+    plates = source.plates.values() if isinstance(source, OpenSimSource) else ()
+    named += [name for plate in plates for name in exported_columns(plate)]
     return [*dict.fromkeys(name for name in [source.time.name, *named] if name)]
 
 
@@ -245,8 +247,8 @@ def read_any_table(
     name: str, path: Path, layout: csv_table.CsvLayout, most_rows: int | None = None
 ) -> csv_table.CsvTable:
     """The rows of a table, of text or of a program's own format; of a long one the first `most_rows`."""
-    read = csv_table.read_csv_table if name == "csv" else read_binary_table
-    return read(path, layout, is_unit, most_rows)
+    of_text = {"csv": csv_table.read_csv_table, "opensim": read_opensim}
+    return of_text.get(name, read_binary_table)(path, layout, is_unit, most_rows)
 
 
 def csv_log(path: Path, source: SheetSource) -> Table:
@@ -694,21 +696,18 @@ def check_alike(channels: Mapping[str, TdmsChannel], values: Mapping[str, NDArra
 
 
 def opensim_log(path: Path, source: OpenSimSource) -> Table:
-    table = read_opensim(path)
-    angles = {"rad": {"deg": "deg", "rad": "rad"}, "rad/s": {"deg": "deg/s", "rad": "rad/s"}}
+    table = csv_log(path, source)
+    header = opensim_header(table.facts["comments"])
+    angles = {"rad": {"yes": "deg", "no": "rad"}, "rad/s": {"yes": "deg/s", "no": "rad/s"}}
     for column, channel in source.channels.items():  # a unit of an angle that is not the one of the header's inDegrees
-        canonical = unit_of(column)
-        own = angles.get(canonical, {}).get(table.angles)
+        canonical, said = unit_of(column), header.get("indegrees", "").casefold()
+        own = angles.get(canonical, {}).get(said)
         if own is not None and not np.isclose(si_factor(str(channel.unit), canonical), si_factor(own, canonical)):
             raise InputError(
-                f"its header says inDegrees={table.header['indegrees']}, and column '{channel.column}' is read in "
-                f"{channel.unit}; write {own}, as {source.place('channels', column, 'unit')}"
+                f"its header says inDegrees={said}, and column '{channel.column}' is read in {channel.unit}; write "
+                f"{own}, as {source.place('channels', column, 'unit')}"
             )
-    plates = [name for plate in source.plates.values() for name in exported_columns(plate)]
-    columns = {name: table.column(name) for name in dict.fromkeys([*wanted(source), *plates])}
-    clocks = [(name, "", table.column(name)) for name in dict.fromkeys(table.names) if is_like_clock(name)]
-    facts = {"header": table.header, "clock": source.clock}
-    return Table(len(table.rows), columns, facts=facts, clocks=clocks)
+    return replace(table, facts={"header": header, "clock": source.clock})
 
 
 TABLES: Mapping[str, Callable[[Path, Any], Table]] = {

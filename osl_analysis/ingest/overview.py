@@ -17,7 +17,7 @@ from osl_analysis.errors import InputError, listing, printable
 from osl_analysis.formats import csv_table
 from osl_analysis.formats.binary_table import titles_of_columns
 from osl_analysis.formats.c3d import C3DRecording, read_c3d
-from osl_analysis.formats.gait_text import read_opensim, read_sections, read_trc
+from osl_analysis.formats.gait_text import opensim_header, read_sections, read_trc
 from osl_analysis.formats.json_lines import MOST_ELEMENTS, addresses_of, decode_lines, read_json_lines
 from osl_analysis.formats.mat import Value, address_with, open_mat
 from osl_analysis.formats.message_fields import FieldDescription, describe_message, last_name
@@ -209,6 +209,7 @@ def inspect_table(name: str, path: Path) -> Overview:
     layout = csv_table.CsvLayout(ragged="skip", most_missing=1.0)
     table = logs.read_any_table(name, path, layout, MOST_ROWS)
     columns, failed, times = [], dict.fromkeys(layout.missing), list[RecordedChannel]()
+    angles = {"yes": "deg", "no": "rad"}.get(opensim_header(table.comments).get("indegrees", "").casefold(), "")
     tick = next((f"{told[1]} {told[2]}" for text in table.comments if (told := TICK.search(text))), "")
     for place, (title, unit) in enumerate(zip(table.names, table.units, strict=True)):
         cells = table.body.to_series(place)
@@ -224,7 +225,10 @@ def inspect_table(name: str, path: Path) -> Overview:
         also = "".join(f", {count} x '{word}'" for word, count in words.most_common(5))
         address = {"column": lasting_address(title, place, table.names)}
         unit = unit or (tick if tick and logs.ticks(numbers, tick) else "")
-        own = column(address, title, np.ma.masked_invalid(numbers), unit if stamps is None else "ns", also=also)
+        forces = (one for ending, one in FORCES.items() if re.search(f"({ending})$", title, re.IGNORECASE))
+        likely = next(forces, angles) if name == "opensim" else ""
+        unit = unit if stamps is None else "ns"
+        own = column(address, title, np.ma.masked_invalid(numbers), unit, also=also, likely=likely)
         columns.append(own)
         times += [own] * (stamps is not None)
     named = [one.key for one in times if csv_table.is_clock(one.name)]
@@ -456,23 +460,16 @@ def inspect_tdms(path: Path) -> Overview:
     )
 
 
+FORCES = {"force.*_v[xyz]": "N", "force.*_p[xyz]": "m", "(torque|moment).*_[xyz]|_moment": "N*m", "_t[xyz]": "m"}
+"""What columns of OpenSim measure by the ends of their names."""
+
+
 def inspect_opensim(path: Path) -> Overview:
     """Columns with range and likely unit: by its name, by what OpenSim calls forces, or of an angle by `inDegrees`."""
-    table = read_opensim(path)
-    endings = {"force.*_v[xyz]": "N", "force.*_p[xyz]": "m", "(torque|moment).*_[xyz]|_moment": "N*m", "_t[xyz]": "m"}
-    columns, remarks = list[RecordedChannel](), list[str]()
-    for name in dict.fromkeys(table.names):
-        known = [unit for ending, unit in endings.items() if re.search(f"({ending})$", name, re.IGNORECASE)]
-        try:
-            likely = known[0] if known else table.angles
-            columns.append(column({"column": name}, name.rpartition(".")[2], table.column(name), likely=likely))
-        except InputError as error:
-            remarks.append(str(error))
-    facts = {"rows": str(len(table.rows))} | {key: value for key, value in table.header.items() if value}
-    found = overview_of("opensim", columns, "columns", facts=facts, remarks=remarks)
+    found = inspect_table("opensim", path)
     time: Any = found.settings["time"]
     time = {"column": time["column"], "unit": UNKNOWN if time["column"] == NAME_OF_TIME else "s"}
-    plates = plates_in(table.names)
+    plates = plates_in([one.key for one in found.channels])
     note = f"these columns are force plates, if you state their corners: plates: {{{', '.join(plates)}}}"
     questions = [*found.open, *[printable(note)] * bool(plates)]
     return replace(found, settings={**found.settings, "time": time}, open=questions)

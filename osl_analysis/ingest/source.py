@@ -280,9 +280,7 @@ class ColumnTime(RowTime):
     column: ColumnName | None = None  # Name of the column that holds time, or beside `rate` counts the samples.
 
 
-class OpenSimTime(RowTime):
-    ADDRESS = "column"
-
+class OpenSimTime(ColumnTime):
     column: ColumnName | None = "time"  # Name of the column that holds time.
     unit: TimeUnit | None = "s"  # Unit of the numbers that are time.
 
@@ -527,7 +525,7 @@ class TdmsSource(TableSource):
     time: TdmsTime = Field(default_factory=TdmsTime)
 
 
-class OpenSimSource(TableSource, InAxes):
+class OpenSimSource(SheetSource, InAxes):
     OF = " of format opensim"
 
     clock: Literal["master", "sync", "shared", "common"] = "master"  # type: ignore[assignment]

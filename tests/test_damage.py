@@ -18,7 +18,7 @@ from test_formats_mat import write_mat73
 from osl_analysis.errors import InputError
 from osl_analysis.formats.c3d import BLOCK
 from osl_analysis.ingest.raw_files import FORMATS, recognise, tell_odd_steps
-from osl_analysis.ingest.source import Recording, bends_of, leaps_of, values_of_no_sensor
+from osl_analysis.ingest.source import Recording, bends_of, check_sizes, leaps_of, values_of_no_sensor
 
 sys.path.insert(0, str(ROOT / "benchmarks"))  # as for a script there
 from damaged_files import COLUMN, KINDS, MESSAGES, ROWS, Kind, by, cases, exchanged, moved, signals
@@ -64,6 +64,16 @@ def test_a_number_of_samples_above_a_table_tells_that_its_end_is_missing(tmp_pat
         report = FORMATS["csv"].read(tmp_path / "a.csv", OF_CSV).damage.report()
         told = report["complete"], report["end_missing"], report["lost"]
         assert told == (complete, end_missing, 0 if complete else None)
+
+
+def test_numbers_of_any_size_are_refused_and_numpy_warns_of_none(tmp_path: Path) -> None:
+    for name in "taf":
+        written, known = signals(0), FORMATS["csv"]
+        written[name][300:302] = -1.7e308, 1.7e308
+        pl.DataFrame(written).write_csv(path := tmp_path / "a.csv")
+        assert "a clock" in str(known.inspect(path).channels)
+        with pytest.raises(InputError):
+            check_sizes(known.read(path, OF_CSV))
 
 
 def test_two_parts_of_an_array_at_one_place_are_refused(tmp_path: Path) -> None:

@@ -283,7 +283,6 @@ def correlation(theta: RecordedChannel, torque: RecordedChannel) -> float:
     return float(np.corrcoef(x, y)[0, 1]) if len(x) == len(y) > FEWEST_READINGS and varies(x) and varies(y) else 0.0
 
 
-@np.errstate(all="ignore")
 def turns_slowly(log: DraftedLog) -> bool:
     """Whether the angle of a log goes to and fro at one speed, and turns less often than every two seconds."""
     pairs, clock = zip(log.signals, log.guesses, strict=True), log.clock

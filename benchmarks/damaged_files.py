@@ -346,7 +346,7 @@ def moved(motion: str, chance: np.random.Generator, seconds: float = 20.0) -> di
 
 def exchanged(motion: str, channel: str, seed: int) -> str:
     """What is said of two blocks of a channel, of 2 to 512 samples, that changed places. The leaps of a torque at two
-    of their four borders are those of a load that is put on and taken off: where the others are hidden, nothing tells."""
+    of their four borders are those of a load that is put on and taken off; nothing tells it where others are hidden."""
     chance = np.random.default_rng(seed)
     sound = moved(motion, chance)[channel]
     size = int(2 ** chance.uniform(1, 9))

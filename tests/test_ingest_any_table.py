@@ -27,8 +27,9 @@ from osl_analysis.formats.c3d import read_c3d
 from osl_analysis.formats.csv_table import are_whole_thousands
 from osl_analysis.formats.table import MOST_BYTES, isolated
 from osl_analysis.ingest import logs
-from osl_analysis.ingest.draft import draft_source
+from osl_analysis.ingest.draft import Guess, channel_line, draft_source, to_be_edited
 from osl_analysis.ingest.examine import Commanded, Examined, measure_clock
+from osl_analysis.ingest.overview import RecordedChannel
 from osl_analysis.ingest.raw_files import check_copies, trial_from_files
 
 TIME = np.arange(700) / 500  # as long as the rows that are split by polars
@@ -111,6 +112,8 @@ TEXTS = {
     "LabVIEW's with two X": text("\t", ["X_Value", "Angle", "X_Value", "Torque"], LVM.replace(
         "Delta_X", "Y_Unit_Label\tDeg\tNm\nDelta_X") + "***End_of_Header***\t\n",
         a=[f"{x}\t{t}" for t, x in zip(T, A, strict=True)]),
+    "MATLAB's timetable": text(head=["Time", *PLAIN[1:]], t=[f"{x:.9g} sec" for x in TIME]),
+    "levels of pandas": text(head=["time_s", "", ""], above=",ankle,cell\n,angle_deg,torque_Nm\n"),
     "an angle within one turn": text(a=[f"{x % 360:.9f}" for x in ANGLE]),
     "units behind commas": text(",", ['"time,s"', '"angle,deg"', '"Ankle torque,Nm"']),
     "feet and pounds": text(head=[*HEAD[:2], "Torque [ft-lb]"], m=[f"{x / 1.3558179483314:.9f}" for x in TORQUE]),
@@ -228,6 +231,17 @@ def test_numbers_in_another_writing_are_no_failed_readings(tmp_path):
     (tmp_path / "a.csv").write_text(text(t=thousands, head=["time_ms", *HEAD[1:]]))
     with pytest.raises(InputError, match=r"'1_000\.0' is not a number"):
         read_by_draft(tmp_path / "a.csv")
+
+
+def test_units_of_which_one_is_missing_tell_none_and_what_is_no_log_yet_is_asked(tmp_path):
+    (tmp_path / "a.dat").write_text(text("  ", ["mSec", "TORQUE", "POSITION"]).replace("POSITION", "POSITION\nNm deg"))
+    assert [one.unit for one in inspect_file(tmp_path / "a.dat").channels] == ["", "", ""]
+    (tmp_path / "a.dat").write_text(text() * 2)
+    assert "the header stands again" in inspect_file(tmp_path / "a.dat").open[0]
+    for channels, asked in (("", "channels (none may"), ("\n  theta: {column: a, unit: UNKNOWN}", "theta.unit")):
+        (tmp_path / "s.yaml").write_text(f"format: csv\nchannels:{channels}\n")
+        assert to_be_edited(tmp_path / "s.yaml")[0].startswith(asked)
+    assert "UNKNOWN" in channel_line(1, RecordedChannel("column", {"column": "Winkel"}, "Grad"), Guess("theta", True))
 
 
 def test_thousands_are_read_where_both_signs_tell_which_is_which(tmp_path):

@@ -294,7 +294,7 @@ def test_the_end_of_a_name_states_its_unit_in_any_spelling_and_a_prefix_is_never
     for unit, names in UNITS_IN_NAMES.items():
         for name in names.split():
             assert base_units(normalised(name_and_ending(name)[1])) == base_units(normalised(unit)), name
-    for name in ["theta_m", "phaseA", "currentmA", "torquemNm", "torque_raw", "position", "deg", "torque_kgm"]:
+    for name in ["theta_m", "mSec", "phaseA", "currentmA", "torquemNm", "torque_raw", "position", "deg", "torque_kgm"]:
         assert name_and_ending(name) == (name, "")
 
 

@@ -16,7 +16,7 @@ from osl_analysis.ingest.captures import is_labelled
 from osl_analysis.ingest.overview import Overview, RecordedChannel
 from osl_analysis.ingest.raw_files import FORMATS
 from osl_analysis.ingest.source import NAME_OF_TIME, UNKNOWN, open_places
-from osl_analysis.ingest.units import base_units, dimension, is_unit, name_and_ending, normalised
+from osl_analysis.ingest.units import GON, base_units, dimension, is_unit, name_and_ending, normalised
 from osl_analysis.signals import runs
 from osl_analysis.trial import COLUMNS, Array, factor_of, usual_size, varies
 from osl_analysis.yaml_settings import read_mapping
@@ -117,7 +117,9 @@ def guessed_lines(draft: str) -> list[str]:
 def to_be_edited(path: Path) -> list[str]:
     """The places of a drafted source file that are to be edited, with the column that no channel is like."""
     text, named = path.read_text(encoding="utf-8"), ("theta", "torque")
-    places = [".".join(place).removeprefix("channels.") for place in open_places(read_mapping(path))]
+    content = read_mapping(path)
+    places = [".".join(place).removeprefix("channels.") for place in open_places(content)]
+    places += ["channels (none may be a signal: name them, as of the comments)"] * (content.get("channels", 0) is None)
     lacking = [one for one in named if not re.search(rf"\n  ({one}: |NAME.*# {one}\?)", text)]
     lacks = len(lacking) == 1 and bool(places)
     return places + [f"{one} (no channel is like it: name one, as of the comments)" for one in lacking * lacks]
@@ -312,6 +314,7 @@ def channel_line(number: int, channel: RecordedChannel, guess: Guess) -> str:
     """One entry under `channels`, by what it may be, with the column's name where that is sure."""
     stated, is_guessed = channel.unit or channel.likely_unit, bool(channel.likely_unit and not channel.unit)
     is_known = (base_units(normalised(stated)) or (1.0, ""))[1] not in (COUNTS if guess.column else COUNTS[:1])
+    is_known &= stated.lower() not in GON
     unit = stated if is_known else "V" if guess.column in ("sync", "trigger") else UNKNOWN
     said = [f"{guess.column}?"] * (bool(guess.column) and not guess.sure)
     said += [f"{'left out: ' * guess.no_signal}{guess.said}"]

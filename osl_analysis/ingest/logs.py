@@ -312,7 +312,7 @@ def check_count(name: str, values: Array, time: RowTime) -> None:
 def is_like_clock(name: str) -> bool:
     """Whether a name may be that of a clock, as `LabVIEW time`, `Date` and `sec` may: readings tell the rest."""
     last = re.split(r"[./]", csv_table.name_and_unit(name)[0])[-1]
-    return csv_table.is_clock(last) or re.search(r"(?i)time|date|clock|stamp|zeit|^secs?$", last) is not None
+    return csv_table.is_clock(last) or re.search(r"(?i)time|date|clock|stamp|zeit|^[mu]?secs?$", last) is not None
 
 
 def may_be_clock(name: str, unit: str, values: NDArray[Any]) -> bool:

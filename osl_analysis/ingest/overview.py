@@ -208,7 +208,7 @@ def inspect_table(name: str, path: Path) -> Overview:
     """Columns with unit, range and words. Of a long table the first rows and the last ones are looked at."""
     layout = csv_table.CsvLayout(ragged="skip", most_missing=1.0)
     table = logs.read_any_table(name, path, layout, MOST_ROWS)
-    columns, failed, times = [], dict.fromkeys(layout.missing), list[RecordedChannel]()
+    columns, failed, times, is_anew = [], dict.fromkeys(layout.missing), list[RecordedChannel](), False
     angles = {"yes": "deg", "no": "rad"}.get(opensim_header(table.comments).get("indegrees", "").casefold(), "")
     tick = next((f"{told[1]} {told[2]}" for text in table.comments if (told := TICK.search(text))), "")
     for place, (title, unit) in enumerate(zip(table.names, table.units, strict=True)):
@@ -222,6 +222,7 @@ def inspect_table(name: str, path: Path) -> Overview:
         failed |= dict.fromkeys(
             word for word in few if word != title and not OTHER_NUMBER.match(word)
         )  # of failed readings
+        is_anew |= title in words
         also = "".join(f", {count} x '{word}'" for word, count in words.most_common(5))
         address = {"column": lasting_address(title, place, table.names)}
         unit = unit or (tick if tick and logs.ticks(numbers, tick) else "")
@@ -237,6 +238,9 @@ def inspect_table(name: str, path: Path) -> Overview:
     left_open = list[str]()
     if not clock and not any(logs.ticks(np.asarray(one.numbers), one.unit) for one in columns if one.count):
         timing, left_open = timing_by_words(table.comments, columns)
+    if is_anew:
+        failed, anew = {}, "the header stands again among the rows, as where a recorder begins anew"
+        left_open = [*left_open, f"{anew}: cut the file in two, a log each"]
     settings: dict[str, object] = {"missing": [*failed]} if len(failed) > len(layout.missing) else {}
     if skipped := table.damage.indexed_lost.total():
         settings |= {"ragged": "skip", "most_missing": csv_table.share_above(skipped, skipped + len(table.lines))}

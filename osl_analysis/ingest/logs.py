@@ -458,12 +458,12 @@ def cells_of(
         cell = str(cells[error.place])
         raise InputError(
             f"{text.noun} {text.lines[error.place]}, column '{text.names[place]}': '{cell[:40]}' is not a number; "
-            f"{remedy_for(cell, text.names[place], text.decimal, is_time, error.place == 0)}"
+            f"{remedy_for(cell, text.names[place], text.decimal, is_time)}"
         ) from error
 
 
-def remedy_for(text: str, name: str, decimal: str, is_time: bool, first: bool) -> str:
-    """What to do about a cell that is not a number; `first`: it stands in the first row of data."""
+def remedy_for(text: str, name: str, decimal: str, is_time: bool) -> str:
+    """What to do about a cell that is not a number."""
     if text.casefold() in TRUTHS:
         return "name a column of numbers; a truth value can only be `sync` or `trigger`"
     if re.search(r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}|\d{1,2}:\d{2}", text):  # 2024-05-01T12:00:00, 12:00:00.5
@@ -474,8 +474,6 @@ def remedy_for(text: str, name: str, decimal: str, is_time: bool, first: bool) -
         return 'write `decimal: "."` in the source file if the full stop is the decimal sign'
     if re.fullmatch(r"[+-]?\d+,\d+", text):
         return 'write `decimal: ","` in the source file if the comma is the decimal sign'
-    if first and is_unit(csv_table.without_brackets(text)):
-        return "write `units_row: true` in the source file if this line holds units"
     if is_time:
         return "correct the cell, or delete the line"
     return f"correct the cell, or add {json.dumps(text[:40], ensure_ascii=False)} to `missing` in the source file"
@@ -593,7 +591,10 @@ def on_instants_of_all(
     first = signals[reference][1]
     unit = str(source.time.unit or (signals[time][2] if time else "s"))
     for text, (address, values, _) in signals.items():
-        own = [(reference, first)] if values.size == first.size else clocks_beside(address, values.size, every)
+        place = address.removeprefix("/").rpartition(".")[0]
+        beside = [one for one in every if one[0].rpartition(".")[0] == place and one[1].size == values.size]
+        clocks = [one for one in beside if may_be_clock(one[0], "", one[1])]
+        own = [(reference, first)] if values.size == first.size else clocks
         if not time or len(own) != 1 or np.ma.is_masked(values) or not (np.diff(own[0][1]) > 0).all():
             raise InputError(
                 f"{text} has {values.size} numbers and {reference} has {first.size}, and no one vector of time of its "
@@ -621,13 +622,6 @@ def on_union(
         placed[name] = np.ma.array(np.zeros(union.size, one.dtype), mask=True)
         placed[name][np.searchsorted(union, stamps[name])] = one
     return union, placed
-
-
-def clocks_beside(address: str, size: int, every: Sequence[tuple[str, Array]]) -> list[tuple[str, Array]]:
-    """The vectors of a length that may tell the time of the variable at an address: those beside it."""
-    place = address.removeprefix("/").rpartition(".")[0]
-    beside = [one for one in every if one[0].rpartition(".")[0] == place and one[1].size == size]
-    return [one for one in beside if may_be_clock(one[0], "", one[1])]
 
 
 def vectors_in(values: Mapping[str, Value], place: str = "") -> Iterator[tuple[str, Array]]:

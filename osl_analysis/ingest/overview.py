@@ -340,23 +340,28 @@ def inspect_mat(path: Path) -> Overview:
     file, most = open_mat(path), 500
     content = file.read(file.names)
     variables = [one for name, value in content.items() for one in variables_in("", name, value)]
-    strange = [one for one in variables if one[3].is_strange]
-    remarks = [f"{at} is a {value.described()}, which is not read; {value.remedy()}" for _, _, at, value in strange]
+    others = [
+        (at, one) for *_, at, one in variables if one.numbers is None and one.kind not in ("char", "struct", "cell")
+    ]
+    remarks = [f"{at} is a {one.described()}, which is not read; {one.remedy()}" for at, one in others]
     remarks += [f"and {len(variables) - most} more variables"] * (len(variables) > most)
     by_part: dict[str, dict[str, Value]] = {}
     for part, name, _, value in variables:
-        if is_signal(value):
+        if value.numbers is not None and len(value.shape) == 2 and max(value.shape) >= 10:  # it may be a signal
             by_part.setdefault(part, {})[name] = value
     by_part = with_logged_joined(content, by_part)
-    alike = parts_alike(by_part)
+    groups: dict[tuple[str, ...], dict[str, dict[str, Value]]] = {}  # of parts that hold the same signals
+    for place, own in by_part.items():
+        groups.setdefault(tuple(own), {})[place] = own
+    alike = max(groups.values(), key=lambda group: sum(map(len, group.values())), default={})
     part, left_open = next(iter(alike), "") * (len(alike) == 1), list[str]()
     if len(alike) > 1:
         parts = listing([printable(one) for one in alike], 40)
         what = f"{len(alike)} parts hold the same variables: name one per trial in the column `log_part` of the sheet"
         left_open = [f"{what}: {parts}"]
-    if others := [one for one in by_part if one not in alike]:
+    if apart := [one for one in by_part if one not in alike]:
         what = "a draft is of one part; to read a variable of another, write its address with `/`, as"
-        address = address_with(others[0], list(by_part[others[0]])[-1])  # of the file itself it is the name alone
+        address = address_with(apart[0], list(by_part[apart[0]])[-1])  # of the file itself it is the name alone
         left_open.append(f"{what} `/{printable(address)}`")
     cells: dict[str, list[str]] = {}
     for place, name, _, value in variables:
@@ -373,14 +378,6 @@ def inspect_mat(path: Path) -> Overview:
     return overview_of(
         "mat", columns, "variables", logs.is_like_clock, drafted, timing, left_open, facts, remarks, settings
     )
-
-
-def parts_alike(by_part: Mapping[str, dict[str, Value]]) -> Mapping[str, dict[str, Value]]:
-    """The parts that hold the same signals, the most of them."""
-    groups: dict[tuple[str, ...], dict[str, dict[str, Value]]] = {}
-    for part, own in by_part.items():
-        groups.setdefault(tuple(own), {})[part] = own
-    return max(groups.values(), key=lambda group: sum(map(len, group.values())), default={})
 
 
 def with_logged_joined(
@@ -404,11 +401,6 @@ def with_logged_joined(
         return by_part
     others = {part: own for part, own in by_part.items() if part not in ("", *structures)}
     return {"": dict([next(iter(clocks.items())), *joined.items()]), **others}
-
-
-def is_signal(value: Value) -> bool:
-    """Whether a variable may be a signal: a vector of real numbers, or a matrix of columns."""
-    return value.numbers is not None and len(value.shape) == 2 and max(value.shape) >= 10
 
 
 def columns_of_matrix(

@@ -192,7 +192,7 @@ def draft_campaign(folder: Path) -> Draft:
         raise InputError(f"{folder}: no such folder of recordings; check the path")
     draft, layouts = Draft(), dict[tuple[object, ...], str]()
     overviews: dict[str, tuple[tuple[int, int], Overview, str, drafts.DraftedLog | None]] = {}
-    recordings, captures, slow = [], dict[Path, Overview](), set[Path]()
+    recordings, captures, slow, rows = [], dict[Path, Overview](), set[Path](), dict[Path, tuple[str, int]]()
     for path in raw_files.recordings_in(folder):
         try:
             overview = inspect_file(path)
@@ -217,6 +217,12 @@ def draft_campaign(folder: Path) -> Draft:
         recordings.append((file, source, is_capture))
         captures |= {file: overview} if is_capture else {}
         slow |= {file} if log and drafts.turns_slowly(log) else set()
+        if "end" in overview.facts:  # as of a text, half of which looks whole
+            rows[file] = source, max(one.count for one in overview.channels)
+    for file, (source, count) in rows.items():
+        least = min((n for other, (of, n) in rows.items() if of == source and other != file), default=0)
+        if count < 0.9 * least and [of for of, _ in rows.values()].count(source) > 3:
+            draft.open.append((file, f"{count} rows, {least} or more in others like it: was its end cut off?"))
     if not recordings:
         why = f", as {draft.refused[0]}" if draft.refused else f" ({', '.join(sorted(raw_files.SUFFIXES))})"
         raise InputError(f"{folder}: no recording in it that can be read{why}; name the folder of the recordings")

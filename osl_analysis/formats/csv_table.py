@@ -217,7 +217,7 @@ def is_value(cell: str) -> bool:
     """Whether a cell may stand in a column of numbers or times."""
     is_word = cell in MISSING or cell.casefold() in ("true", "false")
     is_number = is_number_cell(cell.replace(",", ".", 1)) or any(one.fullmatch(cell) for one in THOUSANDS.values())
-    return is_word or is_number or re.match(f"{TIME}|{SECONDS}", cell) is not None
+    return is_word or is_number or any(re.match(one, cell) for one in (TIME, SECONDS))
 
 
 def cell_stamps(cells: pl.Series) -> NDArray[np.int64] | None:
@@ -227,7 +227,7 @@ def cell_stamps(cells: pl.Series) -> NDArray[np.int64] | None:
     if cells.dtype.is_temporal():
         whole = cells.cast((pl.Datetime if cells.dtype in (pl.Date, pl.Datetime) else pl.Duration)("ns"))
         return None if whole.null_count() else whole.cast(pl.Int64).to_numpy()
-    if cells.dtype == pl.String and cells.str.contains(SECONDS).fill_null(value=False).all():
+    if cells.dtype == pl.String and all(one.str.contains(SECONDS).fill_null(False).all() for one in (cells[:9], cells)):
         return np.asarray((cells.str.extract(SECONDS).cast(pl.Float64) * 1e9).round().cast(pl.Int64).to_numpy())
     if cells.dtype != pl.String or not cells.str.contains(TIME).fill_null(value=False).all():
         return None

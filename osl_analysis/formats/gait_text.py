@@ -26,8 +26,9 @@ from osl_analysis.formats.csv_table import (
     is_number_cell,
     is_text,
     read_lines,
+    read_text,
     split_rows,
-    table_of,
+    table_of_text,
     unpadded,
 )
 from osl_analysis.formats.table import Ledger
@@ -216,21 +217,21 @@ def is_opensim(begin: bytes) -> bool:
 
 def read_opensim(path: Path, layout: CsvLayout, is_unit: IsUnit, most_rows: int | None = None) -> CsvTable:
     """A table, with its header as comments; InputError if the header has no end, or contradicts the rows."""
-    lines = read_lines(path)
-    end = next((place for place, (_, text) in enumerate(lines) if text.strip().casefold() == "endheader"), None)
+    data, ends = read_text(path)
+    end = re.search(rb"(?im)^[ \t]*endheader[ \t]*\n", data)
     if end is None:
         raise InputError("no line `endheader`: no table of OpenSim; check the source's format")
-    below = lines[end + 1 :]
-    by_tabs = bool(below) and "\t" in below[0][1].strip()
-    layout = replace(
-        layout, delimiter="tab" if by_tabs else "space", decimal=".", missing=(*layout.missing, "nan(ind)")
-    )
-    table = table_of(below, layout, is_unit, ends_whole(path))
-    header = opensim_header(said := [text.strip() for _, text in lines[:end]])
+    below, above = data[end.end() :], data[: end.start()].decode(errors="replace").split("\n")
+    by_tabs = re.match(rb"\s*\S[^\n]*\t[ \t]*\S", below) is not None
+    layout = replace(layout, delimiter="tab" if by_tabs else "space", decimal=".")
+    blank = b"\n" * data.count(b"\n", 0, end.end())  # the lines keep their numbers
+    table = table_of_text(blank + below, ends, layout, is_unit, most_rows)
+    header = opensim_header(said := [text.strip() for text in above if text.strip()])
+    is_part = most_rows is not None and len(table.lines) >= most_rows
     counts = {"rows": len(table.lines), "columns": len(table.names)}
     for what, found in counts.items():
         stated = next((header[key] for key in (f"n{what}", f"data{what}") if key in header), "")  # or of older versions
-        if stated and stated != str(found):
+        if stated and stated != str(found) and not (is_part and what == "rows"):
             cut = ": the end is missing, or some are damaged" if stated.isdigit() and int(stated) > found else ""
             raise InputError(
                 f"its header states {stated[:20]} {what}, the file holds {found} whole ones{cut}; export it again, or "

@@ -18,7 +18,7 @@ from test_formats_mat import write_mat73
 from osl_analysis.errors import InputError
 from osl_analysis.formats.c3d import BLOCK
 from osl_analysis.ingest.raw_files import FORMATS, recognise, tell_odd_steps
-from osl_analysis.ingest.source import Recording, bends_of, leaps_of, values_of_no_sensor
+from osl_analysis.ingest.source import Recording, bends_of, check_sizes, leaps_of, values_of_no_sensor
 
 sys.path.insert(0, str(ROOT / "benchmarks"))  # as for a script there
 from damaged_files import COLUMN, KINDS, MESSAGES, ROWS, Kind, by, cases, exchanged, moved, signals
@@ -64,6 +64,15 @@ def test_a_number_of_samples_above_a_table_tells_that_its_end_is_missing(tmp_pat
         report = FORMATS["csv"].read(tmp_path / "a.csv", OF_CSV).damage.report()
         told = report["complete"], report["end_missing"], report["lost"]
         assert told == (complete, end_missing, 0 if complete else None)
+
+
+def test_numbers_of_any_size_are_refused_and_numpy_warns_of_none(tmp_path: Path) -> None:
+    for name in "taf":
+        (written := signals(0))[name][300:302] = -1.7e308, 1.7e308
+        pl.DataFrame(written).write_csv(path := tmp_path / "a.csv")
+        FORMATS["csv"].inspect(path)
+        with pytest.raises(InputError):
+            check_sizes(FORMATS["csv"].read(path, OF_CSV))
 
 
 def test_two_parts_of_an_array_at_one_place_are_refused(tmp_path: Path) -> None:
@@ -191,8 +200,8 @@ def test_two_blocks_that_changed_places_are_told_and_a_pulse_a_decay_and_what_wa
         assert found is not None
         assert np.flatnonzero(found).tolist() == [*one, *two]
     assert {exchanged("multisine", channel, k) for channel in ("theta", "torque") for k in (0, 1, 3, 4)} == {"told"}
-    assert {exchanged("noise", "torque", k) for k in (5, 10, 11)} == {"told"}
-    assert [exchanged("steps", "theta", k) for k in range(20)].count("told") > 10
+    assert {exchanged("noise", "torque", k) for k in (5, 10, 11, 321, 331, 370)} == {"told"}
+    assert [exchanged("steps", "theta", k) for k in range(20)].count("told") > 18
     for sound in (torque + pulse, decay, moved("steps", np.random.default_rng(1))["theta"]):
         assert not np.any(values_of_no_sensor("torque", k / 1000, sound, {}))
     for waits in (300, 3):  # rows in which nothing was recorded; then in one channel alone

@@ -27,7 +27,7 @@ from osl_analysis.formats.c3d import read_c3d
 from osl_analysis.formats.csv_table import are_whole_thousands
 from osl_analysis.formats.table import MOST_BYTES, isolated
 from osl_analysis.ingest import logs
-from osl_analysis.ingest.draft import draft_source
+from osl_analysis.ingest.draft import draft_source, to_be_edited
 from osl_analysis.ingest.examine import Commanded, Examined, measure_clock
 from osl_analysis.ingest.raw_files import check_copies, trial_from_files
 
@@ -50,6 +50,7 @@ def since(form, cut=0):
 
 PLAIN = ["time_s", "ankle_angle_deg", "torque_Nm"]
 FORTRAN = [[f"{x:.10E}".replace("E", "D") for x in column] for column in (TIME, ANGLE, TORQUE)]
+THOUSANDS = [*HEAD[:2], "Torque [Nmm]"], [f"{1e3 * x:,.3f}" for x in TORQUE]  # both signs tell which is which
 LVM = "LabVIEW Measurement\t\nX_Columns\tOne\n***End_of_Header***\t\nChannels\t2\t\t\nDelta_X\t0.002\t0.002\n"
 TEXTS = {
     "semicolons and commas": text(";", decimal=","), "tabs": text("\t"), "blanks": text("   ", PLAIN),
@@ -78,7 +79,6 @@ TEXTS = {
     "fs without Hz": text(",", head=[*HEAD[1:], ""], above="# fs = 500\n", t=A, a=M, m=[""] * 700),
     "LabVIEW without times": text(
         "\t", ["X_Value", *HEAD[1:], "Comment"], LVM[:-1] + "\t\n***End_of_Header***\t\n", t=[""] * 700),
-    "counter called ms": text(head=["ms", *HEAD[1:]], t=[str(round(65000 + 1e3 * x) % 2**16) for x in TIME]),
     "counter of no known name": text(head=["tick", *HEAD[1:]], t=[str(round(65000 + 1e3 * x) % 2**16) for x in TIME]),
     "quoted, with decimal commas": text(",", ['"t [s]"', '"angle [deg]"', '"torque [Nm]"'], **{
         name: [f'"{x}"'.replace(".", ",") for x in column] for name, column in zip("tam", (T, A, M), strict=True)}),
@@ -88,9 +88,7 @@ TEXTS = {
     "interval in ms": text(",", head=[*HEAD[1:], ""], above="# Sampling interval: 2 ms\n", t=A, a=M, m=[""] * 700),
     "LabVIEW without times, with decimal commas": text("\t", HEAD[1:], LVM.replace(
         "0.002", "2,000000E-3") + "***End_of_Header***\t\n", t=A, a=M, m=[""] * 700, decimal=","),
-    "Biodex": text("   ", ["   TIME", "POSITION", "TORQUE"], "Session : ankle\n\n", t=["mSec", *(
-        f"{1e3 * x:.0f}" for x in TIME)], a=["DEGREES", *A], m=["N-M", *M]),
-    "a title with a blank in a table of blanks": text("   ", ["TIME", "POS (ANAT)", "TORQUE"], t=["mSec", *(
+    "Biodex": text("   ", ["   TIME", "POS (ANAT)", "TORQUE"], "Session : ankle\n\n", t=["mSec", *(
         f"{1e3 * x:.0f}" for x in TIME)], a=["DEGREES", *A], m=["N-M", *M]),
     "DIAdem": text(";", ["Time", "Angle", "Torque"], t=["s", "700", *T], a=["deg", "700", *A], m=["Nm", "700", *M])
         .replace("s;", "Unit;s;", 1).replace("700;700;700", "Length;700;700;700").replace("Time;", "Name;Time;", 1)
@@ -111,6 +109,10 @@ TEXTS = {
     "LabVIEW's with two X": text("\t", ["X_Value", "Angle", "X_Value", "Torque"], LVM.replace(
         "Delta_X", "Y_Unit_Label\tDeg\tNm\nDelta_X") + "***End_of_Header***\t\n",
         a=[f"{x}\t{t}" for t, x in zip(T, A, strict=True)]),
+    "MATLAB's timetable": text(head=["Time", *PLAIN[1:]], t=[f"{x:.9g} sec" for x in TIME]),
+    "levels of pandas": text(head=["time_s", "", ""], above=",ankle,cell\n,angle_deg,torque_Nm\n"),
+    "thousands": text(";", THOUSANDS[0], m=THOUSANDS[1]),
+    "thousands and decimal commas": text(";", THOUSANDS[0], m=THOUSANDS[1]).translate(str.maketrans(",.", ".,")),
     "an angle within one turn": text(a=[f"{x % 360:.9f}" for x in ANGLE]),
     "units behind commas": text(",", ['"time,s"', '"angle,deg"', '"Ankle torque,Nm"']),
     "feet and pounds": text(head=[*HEAD[:2], "Torque [ft-lb]"], m=[f"{x / 1.3558179483314:.9f}" for x in TORQUE]),
@@ -230,13 +232,17 @@ def test_numbers_in_another_writing_are_no_failed_readings(tmp_path):
         read_by_draft(tmp_path / "a.csv")
 
 
-def test_thousands_are_read_where_both_signs_tell_which_is_which(tmp_path):
-    for sign, thousands in ((";", "{:,.3f}"), (";", "{:,.3f}".replace(",", "_"))):
-        torque = [thousands.format(1e3 * x) for x in TORQUE]
-        whole = text(sign, ["Time [s]", "Ankle angle [deg]", "Torque [Nmm]"], m=torque)
-        swapped = whole.translate(str.maketrans("._", ",.")) if "_" in thousands else whole
-        (tmp_path / "a.csv").write_text(swapped)
-        np.testing.assert_allclose(read_by_draft(tmp_path / "a.csv").samples["torque"], TORQUE, atol=2e-6)
+def test_units_of_which_one_is_missing_tell_none_and_what_is_no_log_yet_is_asked(tmp_path):
+    path, draft = tmp_path / "a.dat", tmp_path / "s.yaml"
+    path.write_text(text("  ", ["mSec", "TORQUE", "POSITION"]).replace("POSITION", "POSITION\nNm deg"))
+    assert [one.unit for one in inspect_file(path).channels] == ["", "", ""]
+    path.write_text(text() * 2)
+    assert "the header stands again" in inspect_file(path).open[0]
+    path.write_text(text(head=["t_s", "Winkel [Grad]", "Torque [Nm]"]))  # a 400th of a turn, or degrees
+    draft.write_text(draft_source(inspect_file(path), path.name))
+    assert to_be_edited(draft) == ["theta.unit"]
+    draft.write_text("format: csv\nchannels:\n")
+    assert to_be_edited(draft)
 
 
 @pytest.mark.parametrize("head", ["Time", "Zeit / s", "unix", "x"])

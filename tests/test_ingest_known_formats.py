@@ -103,13 +103,8 @@ def test_an_entry_in_the_table_makes_a_format_known_everywhere(tmp_path: Path, m
 
 
 def test_a_file_is_recognised_by_its_content_and_where_that_says_nothing_by_its_name(tmp_path: Path) -> None:
-    named = {
-        "a.C3D": b"no C3D file",
-        "a.mcap": b"text",
-        "a.csv": b"a,b\n1,2\n",
-        "a.log": b"a,b\n1,2\n",
-        "a.xls": b"a\tb\n1\t2\n",
-    }
+    table = b"a,b\n1,2\n"
+    named = {"a.C3D": b"no C3D file", "a.mcap": b"text", "a.csv": table, "a.log": table, "a.xls": b"a\tb\n1\t2\n"}
     for name, content in named.items():
         (tmp_path / name).write_bytes(content)
     (tmp_path / "b.csv").write_bytes(b"\x89MCAP0\r\n" + bytes(100))

@@ -123,24 +123,17 @@ def test_times_may_be_printed_with_more_decimals_than_they_have(tmp_path: Path, 
 
 
 def test_rows_of_a_table_that_cannot_be_right_are_refused(tmp_path: Path) -> None:
-    path = write_mot(tmp_path / "a.mot")
-    text = path.read_text()
+    text = (path := write_mot(tmp_path / "a.mot")).read_text()
     for reason, content in {
-        "line 57 has 3 cells under 4 names: the file is cut off": text.rstrip().rpartition("\t")[0],
-        "line 57, the last one, has no line break and may be cut off": text.rstrip()[:-1],
-        "line 11 has 5 cells under 4 names; export": text.replace("\t3\t", "\t3\t3\t"),
-        "column 'ankle_angle_r': '1,2,3' is not a number; export it as scalars": text.replace("\t3\t", "\t1,2,3\t"),
-        "nrows in its header is 60, the file holds 50 rows: the end is missing": text.replace("nRows=50", "nRows=60"),
-        "ncolumns in its header is 3, the file holds 4 columns;": text.replace("nColumns=4", "nColumns=3"),
-        "holds no rows": text.partition("0.50000000")[0].replace("nRows=50", "nRows=0"),
+        "states 50 rows, the file holds 49 whole ones: the end": text.rstrip().rpartition("\t")[0],
+        "header states 50 rows, the file holds 49 whole": text.rstrip()[:-1],
+        "states 60 rows, the file holds 50 whole ones: the end": text.replace("nRows=50", "nRows=60"),
+        "states 3 columns, the file holds 4 whole ones;": text.replace("nColumns=4", "nColumns=3"),
     }.items():
         path.write_text(content)
         assert reason in refused(path, **MOT)
     path.write_text(text.replace("\t", " "))
     assert read(path, **MOT).samples["torque"].to_list() == [k / 4 for k in range(50)]
-    for failed in ("nan", "NaN", "NAN", "-nan", "nan(ind)", "-nan(ind)"):  # as OpenSim's C++ writes them
-        path.write_text(text.replace("\t3\t", f"\t{failed}\t"))
-        assert read(path, **MOT, most_missing=0.02).samples["theta"].is_nan().arg_true().to_list() == [3]
 
 
 def test_the_units_of_angles_are_those_that_the_header_says(tmp_path: Path) -> None:
@@ -150,8 +143,6 @@ def test_the_units_of_angles_are_those_that_the_header_says(tmp_path: Path) -> N
     assert "write deg/s" in refused(write_mot(tmp_path / "b.mot"), channels={"omega_m": {**ANKLE, "unit": "rad/s"}})
     assert read(write_mot(tmp_path / "b.mot", "range 0 1"), **MOT).samples["theta"][1] == np.radians(1)
     draft = yaml.safe_load(draft_source(inspect_file(write_mot(tmp_path / "a.mot")), "a.mot"))
-    clock = inspect_file(tmp_path / "a.mot").channels[0]
-    assert (clock.note, clock.likely_unit) == ("a clock, 100 per unit", "s")
     assert (draft["format"], draft["time"]) == ("opensim", {"column": "time", "unit": "s"})
     assert [one["unit"] for one in draft["channels"].values()] == ["deg", "N*m"]
 

@@ -191,8 +191,8 @@ def draft_campaign(folder: Path) -> Draft:
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder of recordings; check the path")
     draft, layouts = Draft(), dict[tuple[object, ...], str]()
-    overviews: dict[str, tuple[tuple[int, int], Overview, str]] = {}
-    recordings, captures, slow = [], dict[Path, Overview](), set[Path]()
+    overviews: dict[str, tuple[tuple[int, int], Overview, str, drafts.DraftedLog | None]] = {}
+    recordings, captures, slow, rows = [], dict[Path, Overview](), set[Path](), dict[Path, tuple[str, int]]()
     for path in raw_files.recordings_in(folder):
         try:
             overview = inspect_file(path)
@@ -209,18 +209,25 @@ def draft_campaign(folder: Path) -> Draft:
         layout, number = (name, *same), 1 + sum(one[0] == name for one in layouts)
         known = "" if is_capture else known_recorder(overview)
         source = layouts.setdefault(layout, known or (name if number == 1 else f"{name}_{number}"))
-        moving = 0 if is_capture else sum(not drafts.no_signal(channel) for channel in overview.channels)
+        log = None if is_capture else drafts.drafted_log(overview)
+        moving = sum(not guess.no_signal for guess in log.guesses) if log else 0
         if source not in overviews or (len(channels), moving) > overviews[source][0]:  # what tells most
-            overviews[source] = ((len(channels), moving), overview, path.name)
+            overviews[source] = ((len(channels), moving), overview, path.name, log)
         draft.open += [(file, text) for text in overview.open]
         recordings.append((file, source, is_capture))
         captures |= {file: overview} if is_capture else {}
-        slow |= {file} if not is_capture and drafts.turns_slowly(overview) else set()
+        slow |= {file} if log and drafts.turns_slowly(log) else set()
+        if "end" in overview.facts:  # as of a text, half of which looks whole
+            rows[file] = source, max(one.count for one in overview.channels)
+    for file, (source, count) in rows.items():
+        least = min((n for other, (of, n) in rows.items() if of == source and other != file), default=0)
+        if count < 0.9 * least and [of for of, _ in rows.values()].count(source) > 3:
+            draft.open.append((file, f"{count} rows, {least} or more in others like it: was its end cut off?"))
     if not recordings:
         why = f", as {draft.refused[0]}" if draft.refused else f" ({', '.join(sorted(raw_files.SUFFIXES))})"
         raise InputError(f"{folder}: no recording in it that can be read{why}; name the folder of the recordings")
-    for name, (_, overview, file_name) in overviews.items():
-        text, own = drafts.draft_source(overview, file_name, walking=False), shipped(f"config/sources/{name}.yaml")
+    for name, (_, overview, file_name, log) in overviews.items():
+        text, own = drafts.draft_source(overview, file_name, False, log), shipped(f"config/sources/{name}.yaml")
         if own.is_file():  # a recorder that is known, and what else it has recorded
             known, named = own.read_text(encoding="utf-8"), re.findall(r"^(  ([a-z]\w*): .*\n)", text, re.MULTILINE)
             text = known + "".join(line for line, column in named if f"\n  {column}: " not in known)

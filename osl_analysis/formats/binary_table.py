@@ -15,7 +15,7 @@ from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from pickletools import genops
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -211,19 +211,11 @@ def check_archive(path: Path) -> None:
 
 
 def holds_objects(path: Path) -> bool:
-    """Whether an array in a file of numpy holds objects of Python, by its header."""
-    with path.open("rb") as file, suppress(ValueError, zipfile.BadZipFile):
-        streams: Iterable[IO[bytes]] = [file]
-        if zipfile.is_zipfile(file):
-            archive = zipfile.ZipFile(file)
-            streams = (archive.open(name) for name in archive.namelist())
-        file.seek(0)
-        for stream in streams:
-            is_first = np.lib.format.read_magic(stream) == (1, 0)
-            header = np.lib.format.read_array_header_1_0 if is_first else np.lib.format.read_array_header_2_0
-            if header(stream)[2].hasobject:
-                return True
-    return False
+    """Whether an array in a file of numpy holds objects of Python, by the types in its header."""
+    if not zipfile.is_zipfile(path):
+        return b"'|O'" in np.fromfile(path, np.uint8, FIRST_BYTES).tobytes().partition(b"\n")[0]
+    with zipfile.ZipFile(path) as archive:
+        return any(b"'|O'" in archive.read(name).partition(b"\n")[0] for name in archive.namelist())
 
 
 def hdf5_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:

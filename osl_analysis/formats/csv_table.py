@@ -25,7 +25,23 @@ DELIMITERS = {"tab": "\t", "space": " "}
 CONTROL = re.compile(rb"[\x00-\x08\x0e-\x19]")  # bytes that no text has; 26 ended files of CP/M and DOS
 UTF_16 = re.compile(rb"\xff\xfe|\xfe\xff|([\t\r\n -~]\0){8}|(\0[\t\r\n -~]){8}")  # by its mark, or in either order
 COMMENTS = ("#", "%", "//")
-MISSING = ("", "nan", "NaN", "NAN", "NA", "N/A", "#N/A", "null", "NULL", "None", "<NA>", "NaT", "-nan", "-nan(ind)")
+MISSING = (
+    "",
+    "nan",
+    "NaN",
+    "NAN",
+    "NA",
+    "N/A",
+    "#N/A",
+    "null",
+    "NULL",
+    "None",
+    "<NA>",
+    "NaT",
+    "-nan",
+    "nan(ind)",
+    "-nan(ind)",
+)
 """Cells of readings that failed, as programs write them."""
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d{1,3})?", re.ASCII)
 THOUSANDS = {".": re.compile(r"([+-]?\d{1,3}(?:,\d{3})+)\.(\d+)"), ",": re.compile(r"([+-]?\d{1,3}(?:\.\d{3})+),(\d+)")}
@@ -39,6 +55,7 @@ STATED_ROWS = re.compile(
 """Text above a table that tells how many rows it has."""
 CLOCK = r"(?:(\d+) days?,? )?\+?(\d{1,3}):(\d{2})(?::(\d{1,2}))?(?:[.,:](\d{1,9}))?\d*(?: ?([AaPp])\.?[Mm]\.?)?"
 TIME = rf"^(?:\d{{1,4}}[-/.]\d{{1,2}}[-/.]\d{{1,4}}[T ]\s*)?{CLOCK}\s*(?:Z|UTC|([+-]\d{{2}}):?(\d{{2}}))?$"
+SECONDS = r"^(\d{1,12}(?:\.\d{1,15})?(?:[eE][+-]?\d{1,3})?) sec$"  # as MATLAB writes the times of a timetable
 MOST_COLUMNS = 10_000  # of a table; a file with more is transposed, or no recording
 FIRST_LINES, LAST_LINES = 300, 60  # of a long text, by which its dialect is found
 LONGEST_CELL = 131_072  # characters
@@ -200,7 +217,7 @@ def is_value(cell: str) -> bool:
     """Whether a cell may stand in a column of numbers or times."""
     is_word = cell in MISSING or cell.casefold() in ("true", "false")
     is_number = is_number_cell(cell.replace(",", ".", 1)) or any(one.fullmatch(cell) for one in THOUSANDS.values())
-    return is_word or is_number or re.match(TIME, cell) is not None
+    return is_word or is_number or any(re.match(one, cell) for one in (TIME, SECONDS))
 
 
 def cell_stamps(cells: pl.Series) -> NDArray[np.int64] | None:
@@ -210,6 +227,8 @@ def cell_stamps(cells: pl.Series) -> NDArray[np.int64] | None:
     if cells.dtype.is_temporal():
         whole = cells.cast((pl.Datetime if cells.dtype in (pl.Date, pl.Datetime) else pl.Duration)("ns"))
         return None if whole.null_count() else whole.cast(pl.Int64).to_numpy()
+    if cells.dtype == pl.String and all(one.str.contains(SECONDS).fill_null(False).all() for one in (cells[:9], cells)):
+        return np.asarray((cells.str.extract(SECONDS).cast(pl.Float64) * 1e9).round().cast(pl.Int64).to_numpy())
     if cells.dtype != pl.String or not cells.str.contains(TIME).fill_null(value=False).all():
         return None
     part = [cells.str.extract(TIME, group) for group in range(1, 9)]
@@ -483,10 +502,12 @@ def head_of(
     while first and is_odd_data(rows[first - 1][1], width):
         first -= 1
     every = rows[:first]
-    above = [row for row in every if not STATED_ROWS.match(" ".join(row[1]))]
+    above = joined_heads([row for row in every if not STATED_ROWS.match(" ".join(row[1]))])
     heads = above[len(above) - headers_above(above, width) :]
     units_row = layout.units_row is True or (layout.units_row == "auto" and are_units(heads, is_unit))
     units = [*map(without_brackets, heads.pop()[1])] if units_row and len(heads) > 1 else []
+    if delimiter == " " and len(units) < width:  # nothing tells which column has none
+        units = []
     names, line = named_by(heads, above, comments, width, delimiter), heads[-1][0] if heads else 0
     if not names and layout.header == "row":
         raise InputError(
@@ -498,6 +519,15 @@ def head_of(
     units = [unit or own for unit, own in zip([*units, *[""] * len(stated)], stated, strict=False)]
     notes = [" ".join(filter(None, cells)) for number, cells in every if number != line]
     return Head(names or [str(place + 1) for place in range(width)], units, first, line, notes)
+
+
+def joined_heads(above: Rows) -> Rows:
+    """Rows above the data, the last two as one where either has cells only where the other has none: pandas writes the
+    name of an index below those of the columns."""
+    (line, upper), (_, last) = above[-2:] if len(above) > 1 else [(0, [""]), (0, ["", ""])]
+    if len(upper) != len(last) or any(map(all, zip(upper, last, strict=True))) or not any(last):
+        return above
+    return [*above[:-2], (line, [one or other for one, other in zip(upper, last, strict=True)])]
 
 
 def headers_above(above: Rows, width: int) -> int:

@@ -5,13 +5,17 @@ header, a row of units, and samples. TRC has a header of five lines, OpenSim (.m
 
 import math
 import re
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from osl_analysis.errors import InputError, listing
 from osl_analysis.formats.csv_table import (
+    CsvLayout,
+    CsvTable,
+    IsUnit,
     Rows,
     UnreadableCellError,
     cell_numbers,
@@ -21,9 +25,10 @@ from osl_analysis.formats.csv_table import (
     is_last_whole,
     is_number_cell,
     is_text,
-    place_of,
     read_lines,
+    read_text,
     split_rows,
+    table_of_text,
     unpadded,
 )
 from osl_analysis.formats.table import Ledger
@@ -206,54 +211,37 @@ def read_trc(path: Path) -> TrcFile:
     return TrcFile(labels[:markers], positions, rate, said.get("units", ""), int(frame[0]), float(time[0]), damage)
 
 
-@dataclass(frozen=True)
-class OpenSimTable:
-    """One table."""
-
-    header: dict[str, str]  # what the header says, by key in small letters; a line without a value stands under itself
-    names: list[str]
-    rows: Rows  # number of the line in the file, and its cells, of every row
-
-    @property
-    def angles(self) -> str:
-        """Unit of its angles, `deg` or `rad`; empty where the header does not tell."""
-        return {"yes": "deg", "no": "rad"}.get(self.header.get("indegrees", "").casefold(), "")
-
-    def column(self, name: str) -> Array:
-        """The numbers (rows,) of a column, NaN where the value is none."""
-        failed = ("nan", "NaN", "NAN", "-nan", "nan(ind)", "-nan(ind)")  # as OpenSim's C++ writes a value that is none
-        return column_of(self.rows, place_of(name, self.names), failed, f"column '{name}'", "repair the line")
-
-
 def is_opensim(begin: bytes) -> bool:
     return is_text(begin) and re.search(r"(?im)^[ \t]*endheader[ \t\r]*$", decoded_text(begin)) is not None
 
 
-def read_opensim(path: Path) -> OpenSimTable:
-    """A table; InputError if its header has no end, or contradicts the rows."""
-    lines = read_lines(path)
-    end = next((place for place, (_, text) in enumerate(lines) if text.strip().casefold() == "endheader"), None)
+def read_opensim(path: Path, layout: CsvLayout, is_unit: IsUnit, most_rows: int | None = None) -> CsvTable:
+    """A table, with its header as comments; InputError if the header has no end, or contradicts the rows."""
+    data, ends = read_text(path)
+    end = re.search(rb"(?im)^[ \t]*endheader[ \t]*\n", data)
     if end is None:
         raise InputError("no line `endheader`: no table of OpenSim; check the source's format")
-    header = {}
-    for text in (text.strip() for _, text in lines[:end]):  # `nRows=12`, or as older versions write it `datarows 12`
-        key, _, value = text.partition("=" if "=" in text else " ")
-        header[key.strip().casefold()] = value.strip()
-    if len(lines) < end + 3:
-        raise InputError("holds no rows below its header; export it again, or exclude the trial")
-    (_, titles), rows = lines[end + 1], [(number, text.split()) for number, text in lines[end + 2 :]]
-    names = [name.strip() for name in titles.rstrip().split("\t")] if "\t" in titles.strip() else titles.split()
-    for what, found in (("rows", len(rows)), ("columns", len(names))):
-        keys = (f"n{what}", f"data{what}")  # of newer and older versions
-        stated = next((key for key in keys if key in header), None)
-        if stated is not None and header[stated] != str(found):
-            cut = ": the end is missing" if header[stated].isdigit() and int(header[stated]) > found else ""
-            said = f"{stated} in its header is {header[stated][:20]}, the file holds {found} {what}{cut}"
-            raise InputError(f"{said}; export it again, or correct the header")
-    for line, cells in (row for row in rows if len(row[1]) != len(names)):
-        cut = ": the file is cut off" if line == rows[-1][0] and len(cells) < len(names) else ""
-        raise InputError(
-            f"line {line} has {len(cells)} cells under {len(names)} names{cut}; export it again, or repair it"
-        )
-    check_last_line(path, rows)
-    return OpenSimTable(header, names, rows)
+    below, above = data[end.end() :], data[: end.start()].decode(errors="replace").split("\n")
+    by_tabs = re.match(rb"\s*\S[^\n]*\t[ \t]*\S", below) is not None
+    layout = replace(layout, delimiter="tab" if by_tabs else "space", decimal=".")
+    blank = b"\n" * data.count(b"\n", 0, end.end())  # the lines keep their numbers
+    table = table_of_text(blank + below, ends, layout, is_unit, most_rows)
+    header = opensim_header(said := [text.strip() for text in above if text.strip()])
+    is_part = most_rows is not None and len(table.lines) >= most_rows
+    counts = {"rows": len(table.lines), "columns": len(table.names)}
+    for what, found in counts.items():
+        stated = next((header[key] for key in (f"n{what}", f"data{what}") if key in header), "")  # or of older versions
+        if stated and stated != str(found) and not (is_part and what == "rows"):
+            cut = ": the end is missing, or some are damaged" if stated.isdigit() and int(stated) > found else ""
+            raise InputError(
+                f"its header states {stated[:20]} {what}, the file holds {found} whole ones{cut}; export it again, or "
+                "correct the header"
+            )
+        table.damage.end_unknown |= what == "rows" and not stated
+    return replace(table, comments=[*said, *table.comments])
+
+
+def opensim_header(lines: Sequence[str]) -> dict[str, str]:
+    """What a header says, by key in small letters: `nRows=12`, or as older versions write it `datarows 12`."""
+    parted = (text.partition("=" if "=" in text else " ") for text in lines)
+    return {key.strip().casefold(): value.strip() for key, _, value in parted}

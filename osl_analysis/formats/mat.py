@@ -59,11 +59,6 @@ class Value:
     def size(self) -> int:
         return math.prod(self.shape)
 
-    @property
-    def is_strange(self) -> bool:
-        """Whether it is neither numbers nor text, nor holds others."""
-        return self.numbers is None and self.kind not in ("char", "struct", "cell")
-
     def described(self) -> str:
         """Size and class for messages, as `12000x1 double`."""
         return f"{'x'.join(map(str, self.shape))} {'complex ' if self.is_complex else ''}{self.kind}"
@@ -93,13 +88,9 @@ class MatFile:
     path: Path
     version: str
     header: str
-    variables: Mapping[str, None]  # by name, in order
+    names: Sequence[str]  # of its variables, in order
     damage: Ledger
     content: dict[str, Value] = field(default_factory=dict)  # what was read
-
-    @property
-    def names(self) -> list[str]:
-        return list(self.variables)
 
     def read(self, wanted: Collection[str]) -> Mapping[str, Value]:
         """The wanted variables that it has; InputError if one is damaged."""
@@ -154,13 +145,13 @@ def open_mat(path: Path) -> MatFile:
             names = isolated(partial(names73, path))
             if (behind := bytes_behind(path, 512)) > 0:
                 damage.lose(f"{behind} bytes stand behind its end, and are not read", 0, None, 0)
-            return MatFile(path, "7.3", header, dict.fromkeys(names), damage)
+            return MatFile(path, "7.3", header, names, damage)
         data, end = path.read_bytes(), 128
         while end + 8 <= len(data):  # each element tells its length; scipy is silent about what lies beyond the end
             end += 8 + struct.unpack_from("<I" if begin[126:128] == b"IM" else ">I", data, end + 4)[0]
         if end != len(data):
             damage.miss_end(f"the last variable ends at byte {end}, the file at byte {len(data)}: its end is missing")
-        return MatFile(path, "5", header, dict.fromkeys(isolated(partial(names5, path))), damage)
+        return MatFile(path, "5", header, isolated(partial(names5, path)), damage)
 
 
 def streams5(path: Path) -> dict[str, Any]:
@@ -404,8 +395,7 @@ def dataset73(item: Any, kind: str) -> Value:
 
 def holds_references(item: Any) -> bool:
     """Whether an item is a dataset of references to others; texts of any length have the same type for numpy."""
-    h5py = optional_module("h5py", "a MATLAB file of version 7.3")
-    return isinstance(item, h5py.Dataset) and h5py.check_ref_dtype(item.dtype) is h5py.Reference
+    return isinstance(item, h5py().Dataset) and h5py().check_ref_dtype(item.dtype) is h5py().Reference
 
 
 STEP = re.compile(r"\.?[A-Za-z]\w*|\{N\}|\((?:N|:,N|N,:)\)".replace("N", r"[1-9]\d{0,8}"))

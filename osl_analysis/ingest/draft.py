@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from osl_analysis.ingest.captures import is_labelled
 from osl_analysis.ingest.overview import Overview, RecordedChannel
 from osl_analysis.ingest.raw_files import FORMATS
 from osl_analysis.ingest.source import NAME_OF_TIME, UNKNOWN, open_places
-from osl_analysis.ingest.units import base_units, dimension, is_unit, name_and_ending, normalised
+from osl_analysis.ingest.units import GON, base_units, dimension, is_unit, name_and_ending, normalised
 from osl_analysis.signals import runs
 from osl_analysis.trial import COLUMNS, Array, factor_of, usual_size, varies
 from osl_analysis.yaml_settings import read_mapping
@@ -77,16 +77,18 @@ def parted_name(name: str) -> str:
     return " ".join(re.findall(r"[a-z]+|\d+", parted.casefold()))
 
 
-def draft_source(overview: Overview, name: str, walking: bool = True) -> str:
+@np.errstate(all="ignore")  # what a damaged file holds may be of any size
+def draft_source(overview: Overview, name: str, walking: bool = True, log: "DraftedLog | None" = None) -> str:
     """A source file for the file `name`. Channels that are the only one like a canonical column, and whose unit is
-    known, have its name; the user names the others. walking: with the section for captures as comments."""
+    known, have its name; the user names the others. walking: with the section for captures as comments; log: what is
+    guessed already."""
     lines = [
         f"format: {overview.format}",
         f"description: {json.dumps(f'Drafted from {name}; complete it.')}",
         *(f"{key}: {json.dumps(value)}" for key, value in overview.settings.items()),
     ]
     if not FORMATS[overview.format].is_capture:
-        return "\n".join([*lines, *log_lines(overview)]) + "\n"
+        return "\n".join([*lines, *log_lines(overview, log or drafted_log(overview))]) + "\n"
     # all markers; analog channels and model outputs as comments, for the user to name; so is a walking section
     labels = [json.dumps(c.address["label"]) for c in overview.channels if c.kind == "marker"]
     lines += ["markers: all", f"# or some: markers: [{', '.join(dict.fromkeys(labels))}]"]
@@ -115,46 +117,37 @@ def guessed_lines(draft: str) -> list[str]:
 def to_be_edited(path: Path) -> list[str]:
     """The places of a drafted source file that are to be edited, with the column that no channel is like."""
     text, named = path.read_text(encoding="utf-8"), ("theta", "torque")
-    places = [".".join(place).removeprefix("channels.") for place in open_places(read_mapping(path))]
+    content = read_mapping(path)
+    places = [".".join(place).removeprefix("channels.") for place in open_places(content)]
+    places += ["channels (none may be a signal: name them, as of the comments)"] * (content.get("channels", 0) is None)
     lacking = [one for one in named if not re.search(rf"\n  ({one}: |NAME.*# {one}\?)", text)]
     lacks = len(lacking) == 1 and bool(places)
     return places + [f"{one} (no channel is like it: name one, as of the comments)" for one in lacking * lacks]
 
 
-def log_lines(overview: Overview) -> Iterator[str]:
+def log_lines(overview: Overview, log: "DraftedLog") -> Iterator[str]:
     """An entry for every channel but the clock, for the user to name; topics without messages and empty arrays are left
     out, and what is no signal is a comment. Where a channel is like a canonical column, so are those that are like
     none. An entry has its column's name where only this channel is like it and its name leaves no doubt. One that may
     be another quantity, as a command or another joint's angle, is left to the user; where angle and torque are known,
     as a comment; so is then another one whose unit nothing states."""
-    signals, clock, of_time = channels_of_log(overview)
     yield from (f"# {text}" for text in overview.open)
-    if of_time == NAME_OF_TIME:
+    time: Any = overview.settings.get("time", {})
+    if NAME_OF_TIME in time.values():
         yield "# time: name its column and unit, or state the rate of the rows instead, as {rate: HZ}"
-    if clock and clock.likely_unit and not clock.unit:
+    if log.clock and log.clock.likely_unit and not log.clock.unit:
         yield "# time: its unit is guessed from its name or from the rate of its readings: check it"
     todo = f"give each signal that you need its canonical name instead of NAME_n, state what is {UNKNOWN}"
     yield f"# {todo}, delete the rest"
     yield f"# canonical names: {', '.join(column for column in COLUMNS if column != 'time')}"
     yield "channels:"
-    guesses = guessed_columns(signals)
-    complete = {"theta", "torque"} <= {guess.column for guess in guesses if guess.sure}
-    comment_others = any(guess.column for guess in guesses)
-    for number, (channel, guess) in enumerate(zip(signals, guesses, strict=True), start=1):
+    complete = {"theta", "torque"} <= {guess.column for guess in log.guesses if guess.sure}
+    comment_others = any(guess.column for guess in log.guesses)
+    for number, (channel, guess) in enumerate(zip(log.signals, log.guesses, strict=True), start=1):
         line, stated = channel_line(number, channel, guess), is_unit(channel.unit or channel.likely_unit)
         stands = guess.sure and (stated or guess.column in ("theta", "torque", "sync", "trigger"))
         is_needed = stands or (bool(guess.column) and not complete)
         yield f"# {line}" if guess.no_signal or (comment_others and not is_needed) else line
-
-
-def channels_of_log(overview: Overview) -> tuple[list[RecordedChannel], RecordedChannel | None, str]:
-    """The channels of a log that may be signals, its clock, and the name by which the draft knows it."""
-    time: Any = overview.settings.get("time", {})
-    of_time = next((time[key] for key in ("column", "variable", "field", "channel") if key in time), "")
-    listed = overview.channels if overview.drafted is None else overview.drafted
-    clock = next((c for c in listed if of_time and of_time in c.address.values()), None)
-    signals = [c for c in listed if c is not clock and ("topic" not in c.address or ("field" in c.address and c.count))]
-    return signals, clock, of_time
 
 
 @dataclass(frozen=True)
@@ -167,6 +160,25 @@ class Guess:
     sign: int = 1  # by which it would be turned
     no_signal: bool = False  # whether it stands still, is noise, or is computed from another
     wraps_at: float = 0.0  # after how much it begins anew; 0 if it does not
+
+
+class DraftedLog(NamedTuple):
+    """The channels of a log that may be signals, what each may be, and its clock."""
+
+    signals: list[RecordedChannel]
+    guesses: list[Guess]
+    clock: RecordedChannel | None
+
+
+@np.errstate(all="ignore")
+def drafted_log(overview: Overview) -> DraftedLog:
+    """What a log is drafted as."""
+    time: Any = overview.settings.get("time", {})
+    of_time = next((time[key] for key in ("column", "variable", "field", "channel") if key in time), "")
+    listed = overview.channels if overview.drafted is None else overview.drafted
+    clock = next((c for c in listed if of_time and of_time in c.address.values()), None)
+    signals = [c for c in listed if c is not clock and ("topic" not in c.address or ("field" in c.address and c.count))]
+    return DraftedLog(signals, guessed_columns(signals), clock)
 
 
 FEWEST_READINGS, LARGEST_READING = 100, 1e30  # how many tell how a channel moves; beyond the other, none is one
@@ -273,10 +285,9 @@ def correlation(theta: RecordedChannel, torque: RecordedChannel) -> float:
     return float(np.corrcoef(x, y)[0, 1]) if len(x) == len(y) > FEWEST_READINGS and varies(x) and varies(y) else 0.0
 
 
-def turns_slowly(overview: Overview) -> bool:
+def turns_slowly(log: DraftedLog) -> bool:
     """Whether the angle of a log goes to and fro at one speed, and turns less often than every two seconds."""
-    signals, clock, _ = channels_of_log(overview)
-    pairs = zip(signals, guessed_columns(signals), strict=True)
+    pairs, clock = zip(log.signals, log.guesses, strict=True), log.clock
     angles = [gone_on(one, guess.wraps_at) for one, guess in pairs if guess.sure and guess.column == "theta"]
     known = readings(angles[0]) if angles else np.empty(0)
     if clock is None or clock.numbers is None or known.size < FEWEST_READINGS:
@@ -303,6 +314,7 @@ def channel_line(number: int, channel: RecordedChannel, guess: Guess) -> str:
     """One entry under `channels`, by what it may be, with the column's name where that is sure."""
     stated, is_guessed = channel.unit or channel.likely_unit, bool(channel.likely_unit and not channel.unit)
     is_known = (base_units(normalised(stated)) or (1.0, ""))[1] not in (COUNTS if guess.column else COUNTS[:1])
+    is_known &= stated.lower() not in GON
     unit = stated if is_known else "V" if guess.column in ("sync", "trigger") else UNKNOWN
     said = [f"{guess.column}?"] * (bool(guess.column) and not guess.sure)
     said += [f"{'left out: ' * guess.no_signal}{guess.said}"]

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from osl_analysis.errors import InputError, listing, naming
 from osl_analysis.formats import csv_table
 from osl_analysis.formats.binary_table import read_binary_table
-from osl_analysis.formats.gait_text import read_opensim
+from osl_analysis.formats.gait_text import opensim_header, read_opensim
 from osl_analysis.formats.json_lines import JsonLines, addresses_of, decode_lines, read_json_lines
 from osl_analysis.formats.mat import Value, open_mat
 from osl_analysis.formats.mcap import read_mcap
@@ -107,6 +107,8 @@ def read_table_log(path: Path, source: TableSource) -> Recording:
 def wanted(source: TableSource) -> list[str]:
     """The addresses of all columns that a source file names, each once: time, signals, counters."""
     named = [name for one in source.channels.values() for name in (one.name, one.counter)]
+    plates = source.plates.values() if isinstance(source, OpenSimSource) else ()
+    named += [name for plate in plates for name in exported_columns(plate)]
     return [*dict.fromkeys(name for name in [source.time.name, *named] if name)]
 
 
@@ -245,8 +247,8 @@ def read_any_table(
     name: str, path: Path, layout: csv_table.CsvLayout, most_rows: int | None = None
 ) -> csv_table.CsvTable:
     """The rows of a table, of text or of a program's own format; of a long one the first `most_rows`."""
-    read = csv_table.read_csv_table if name == "csv" else read_binary_table
-    return read(path, layout, is_unit, most_rows)
+    of_text = {"csv": csv_table.read_csv_table, "opensim": read_opensim}
+    return of_text.get(name, read_binary_table)(path, layout, is_unit, most_rows)
 
 
 def csv_log(path: Path, source: SheetSource) -> Table:
@@ -310,7 +312,7 @@ def check_count(name: str, values: Array, time: RowTime) -> None:
 def is_like_clock(name: str) -> bool:
     """Whether a name may be that of a clock, as `LabVIEW time`, `Date` and `sec` may: readings tell the rest."""
     last = re.split(r"[./]", csv_table.name_and_unit(name)[0])[-1]
-    return csv_table.is_clock(last) or re.search(r"(?i)time|date|clock|stamp|zeit|^secs?$", last) is not None
+    return csv_table.is_clock(last) or re.search(r"(?i)time|date|clock|stamp|zeit|^[mu]?secs?$", last) is not None
 
 
 def may_be_clock(name: str, unit: str, values: NDArray[Any]) -> bool:
@@ -456,12 +458,12 @@ def cells_of(
         cell = str(cells[error.place])
         raise InputError(
             f"{text.noun} {text.lines[error.place]}, column '{text.names[place]}': '{cell[:40]}' is not a number; "
-            f"{remedy_for(cell, text.names[place], text.decimal, is_time, error.place == 0)}"
+            f"{remedy_for(cell, text.names[place], text.decimal, is_time)}"
         ) from error
 
 
-def remedy_for(text: str, name: str, decimal: str, is_time: bool, first: bool) -> str:
-    """What to do about a cell that is not a number; `first`: it stands in the first row of data."""
+def remedy_for(text: str, name: str, decimal: str, is_time: bool) -> str:
+    """What to do about a cell that is not a number."""
     if text.casefold() in TRUTHS:
         return "name a column of numbers; a truth value can only be `sync` or `trigger`"
     if re.search(r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}|\d{1,2}:\d{2}", text):  # 2024-05-01T12:00:00, 12:00:00.5
@@ -472,8 +474,6 @@ def remedy_for(text: str, name: str, decimal: str, is_time: bool, first: bool) -
         return 'write `decimal: "."` in the source file if the full stop is the decimal sign'
     if re.fullmatch(r"[+-]?\d+,\d+", text):
         return 'write `decimal: ","` in the source file if the comma is the decimal sign'
-    if first and is_unit(csv_table.without_brackets(text)):
-        return "write `units_row: true` in the source file if this line holds units"
     if is_time:
         return "correct the cell, or delete the line"
     return f"correct the cell, or add {json.dumps(text[:40], ensure_ascii=False)} to `missing` in the source file"
@@ -591,7 +591,10 @@ def on_instants_of_all(
     first = signals[reference][1]
     unit = str(source.time.unit or (signals[time][2] if time else "s"))
     for text, (address, values, _) in signals.items():
-        own = [(reference, first)] if values.size == first.size else clocks_beside(address, values.size, every)
+        place = address.removeprefix("/").rpartition(".")[0]
+        beside = [one for one in every if one[0].rpartition(".")[0] == place and one[1].size == values.size]
+        clocks = [one for one in beside if may_be_clock(one[0], "", one[1])]
+        own = [(reference, first)] if values.size == first.size else clocks
         if not time or len(own) != 1 or np.ma.is_masked(values) or not (np.diff(own[0][1]) > 0).all():
             raise InputError(
                 f"{text} has {values.size} numbers and {reference} has {first.size}, and no one vector of time of its "
@@ -619,13 +622,6 @@ def on_union(
         placed[name] = np.ma.array(np.zeros(union.size, one.dtype), mask=True)
         placed[name][np.searchsorted(union, stamps[name])] = one
     return union, placed
-
-
-def clocks_beside(address: str, size: int, every: Sequence[tuple[str, Array]]) -> list[tuple[str, Array]]:
-    """The vectors of a length that may tell the time of the variable at an address: those beside it."""
-    place = address.removeprefix("/").rpartition(".")[0]
-    beside = [one for one in every if one[0].rpartition(".")[0] == place and one[1].size == size]
-    return [one for one in beside if may_be_clock(one[0], "", one[1])]
 
 
 def vectors_in(values: Mapping[str, Value], place: str = "") -> Iterator[tuple[str, Array]]:
@@ -694,21 +690,18 @@ def check_alike(channels: Mapping[str, TdmsChannel], values: Mapping[str, NDArra
 
 
 def opensim_log(path: Path, source: OpenSimSource) -> Table:
-    table = read_opensim(path)
-    angles = {"rad": {"deg": "deg", "rad": "rad"}, "rad/s": {"deg": "deg/s", "rad": "rad/s"}}
+    table = csv_log(path, source)
+    header = opensim_header(table.facts["comments"])
+    angles = {"rad": {"yes": "deg", "no": "rad"}, "rad/s": {"yes": "deg/s", "no": "rad/s"}}
     for column, channel in source.channels.items():  # a unit of an angle that is not the one of the header's inDegrees
-        canonical = unit_of(column)
-        own = angles.get(canonical, {}).get(table.angles)
+        canonical, said = unit_of(column), header.get("indegrees", "").casefold()
+        own = angles.get(canonical, {}).get(said)
         if own is not None and not np.isclose(si_factor(str(channel.unit), canonical), si_factor(own, canonical)):
             raise InputError(
-                f"its header says inDegrees={table.header['indegrees']}, and column '{channel.column}' is read in "
-                f"{channel.unit}; write {own}, as {source.place('channels', column, 'unit')}"
+                f"its header says inDegrees={said}, and column '{channel.column}' is read in {channel.unit}; write "
+                f"{own}, as {source.place('channels', column, 'unit')}"
             )
-    plates = [name for plate in source.plates.values() for name in exported_columns(plate)]
-    columns = {name: table.column(name) for name in dict.fromkeys([*wanted(source), *plates])}
-    clocks = [(name, "", table.column(name)) for name in dict.fromkeys(table.names) if is_like_clock(name)]
-    facts = {"header": table.header, "clock": source.clock}
-    return Table(len(table.rows), columns, facts=facts, clocks=clocks)
+    return replace(table, facts={"header": header, "clock": source.clock})
 
 
 TABLES: Mapping[str, Callable[[Path, Any], Table]] = {

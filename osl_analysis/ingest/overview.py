@@ -17,7 +17,7 @@ from osl_analysis.errors import InputError, listing, printable
 from osl_analysis.formats import csv_table
 from osl_analysis.formats.binary_table import titles_of_columns
 from osl_analysis.formats.c3d import C3DRecording, read_c3d
-from osl_analysis.formats.gait_text import read_opensim, read_sections, read_trc
+from osl_analysis.formats.gait_text import opensim_header, read_sections, read_trc
 from osl_analysis.formats.json_lines import MOST_ELEMENTS, addresses_of, decode_lines, read_json_lines
 from osl_analysis.formats.mat import Value, address_with, open_mat
 from osl_analysis.formats.message_fields import FieldDescription, describe_message, last_name
@@ -208,7 +208,8 @@ def inspect_table(name: str, path: Path) -> Overview:
     """Columns with unit, range and words. Of a long table the first rows and the last ones are looked at."""
     layout = csv_table.CsvLayout(ragged="skip", most_missing=1.0)
     table = logs.read_any_table(name, path, layout, MOST_ROWS)
-    columns, failed, times = [], dict.fromkeys(layout.missing), list[RecordedChannel]()
+    columns, failed, times, is_anew = [], dict.fromkeys(layout.missing), list[RecordedChannel](), False
+    angles = {"yes": "deg", "no": "rad"}.get(opensim_header(table.comments).get("indegrees", "").casefold(), "")
     tick = next((f"{told[1]} {told[2]}" for text in table.comments if (told := TICK.search(text))), "")
     for place, (title, unit) in enumerate(zip(table.names, table.units, strict=True)):
         cells = table.body.to_series(place)
@@ -221,10 +222,14 @@ def inspect_table(name: str, path: Path) -> Overview:
         failed |= dict.fromkeys(
             word for word in few if word != title and not OTHER_NUMBER.match(word)
         )  # of failed readings
+        is_anew |= title in words
         also = "".join(f", {count} x '{word}'" for word, count in words.most_common(5))
         address = {"column": lasting_address(title, place, table.names)}
         unit = unit or (tick if tick and logs.ticks(numbers, tick) else "")
-        own = column(address, title, np.ma.masked_invalid(numbers), unit if stamps is None else "ns", also=also)
+        forces = (one for ending, one in FORCES.items() if re.search(f"({ending})$", title, re.IGNORECASE))
+        likely = next(forces, angles) if name == "opensim" else ""
+        unit = unit if stamps is None else "ns"
+        own = column(address, title, np.ma.masked_invalid(numbers), unit, also=also, likely=likely)
         columns.append(own)
         times += [own] * (stamps is not None)
     named = [one.key for one in times if csv_table.is_clock(one.name)]
@@ -233,6 +238,9 @@ def inspect_table(name: str, path: Path) -> Overview:
     left_open = list[str]()
     if not clock and not any(logs.ticks(np.asarray(one.numbers), one.unit) for one in columns if one.count):
         timing, left_open = timing_by_words(table.comments, columns)
+    if is_anew:
+        failed, anew = {}, "the header stands again among the rows, as where a recorder begins anew"
+        left_open = [*left_open, f"{anew}: cut the file in two, a log each"]
     settings: dict[str, object] = {"missing": [*failed]} if len(failed) > len(layout.missing) else {}
     if skipped := table.damage.indexed_lost.total():
         settings |= {"ragged": "skip", "most_missing": csv_table.share_above(skipped, skipped + len(table.lines))}
@@ -332,23 +340,28 @@ def inspect_mat(path: Path) -> Overview:
     file, most = open_mat(path), 500
     content = file.read(file.names)
     variables = [one for name, value in content.items() for one in variables_in("", name, value)]
-    strange = [one for one in variables if one[3].is_strange]
-    remarks = [f"{at} is a {value.described()}, which is not read; {value.remedy()}" for _, _, at, value in strange]
+    others = [
+        (at, one) for *_, at, one in variables if one.numbers is None and one.kind not in ("char", "struct", "cell")
+    ]
+    remarks = [f"{at} is a {one.described()}, which is not read; {one.remedy()}" for at, one in others]
     remarks += [f"and {len(variables) - most} more variables"] * (len(variables) > most)
     by_part: dict[str, dict[str, Value]] = {}
     for part, name, _, value in variables:
-        if is_signal(value):
+        if value.numbers is not None and len(value.shape) == 2 and max(value.shape) >= 10:  # it may be a signal
             by_part.setdefault(part, {})[name] = value
     by_part = with_logged_joined(content, by_part)
-    alike = parts_alike(by_part)
+    groups: dict[tuple[str, ...], dict[str, dict[str, Value]]] = {}  # of parts that hold the same signals
+    for place, own in by_part.items():
+        groups.setdefault(tuple(own), {})[place] = own
+    alike = max(groups.values(), key=lambda group: sum(map(len, group.values())), default={})
     part, left_open = next(iter(alike), "") * (len(alike) == 1), list[str]()
     if len(alike) > 1:
         parts = listing([printable(one) for one in alike], 40)
         what = f"{len(alike)} parts hold the same variables: name one per trial in the column `log_part` of the sheet"
         left_open = [f"{what}: {parts}"]
-    if others := [one for one in by_part if one not in alike]:
+    if apart := [one for one in by_part if one not in alike]:
         what = "a draft is of one part; to read a variable of another, write its address with `/`, as"
-        address = address_with(others[0], list(by_part[others[0]])[-1])  # of the file itself it is the name alone
+        address = address_with(apart[0], list(by_part[apart[0]])[-1])  # of the file itself it is the name alone
         left_open.append(f"{what} `/{printable(address)}`")
     cells: dict[str, list[str]] = {}
     for place, name, _, value in variables:
@@ -365,14 +378,6 @@ def inspect_mat(path: Path) -> Overview:
     return overview_of(
         "mat", columns, "variables", logs.is_like_clock, drafted, timing, left_open, facts, remarks, settings
     )
-
-
-def parts_alike(by_part: Mapping[str, dict[str, Value]]) -> Mapping[str, dict[str, Value]]:
-    """The parts that hold the same signals, the most of them."""
-    groups: dict[tuple[str, ...], dict[str, dict[str, Value]]] = {}
-    for part, own in by_part.items():
-        groups.setdefault(tuple(own), {})[part] = own
-    return max(groups.values(), key=lambda group: sum(map(len, group.values())), default={})
 
 
 def with_logged_joined(
@@ -396,11 +401,6 @@ def with_logged_joined(
         return by_part
     others = {part: own for part, own in by_part.items() if part not in ("", *structures)}
     return {"": dict([next(iter(clocks.items())), *joined.items()]), **others}
-
-
-def is_signal(value: Value) -> bool:
-    """Whether a variable may be a signal: a vector of real numbers, or a matrix of columns."""
-    return value.numbers is not None and len(value.shape) == 2 and max(value.shape) >= 10
 
 
 def columns_of_matrix(
@@ -456,23 +456,16 @@ def inspect_tdms(path: Path) -> Overview:
     )
 
 
+FORCES = {"force.*_v[xyz]": "N", "force.*_p[xyz]": "m", "(torque|moment).*_[xyz]|_moment": "N*m", "_t[xyz]": "m"}
+"""What columns of OpenSim measure by the ends of their names."""
+
+
 def inspect_opensim(path: Path) -> Overview:
     """Columns with range and likely unit: by its name, by what OpenSim calls forces, or of an angle by `inDegrees`."""
-    table = read_opensim(path)
-    endings = {"force.*_v[xyz]": "N", "force.*_p[xyz]": "m", "(torque|moment).*_[xyz]|_moment": "N*m", "_t[xyz]": "m"}
-    columns, remarks = list[RecordedChannel](), list[str]()
-    for name in dict.fromkeys(table.names):
-        known = [unit for ending, unit in endings.items() if re.search(f"({ending})$", name, re.IGNORECASE)]
-        try:
-            likely = known[0] if known else table.angles
-            columns.append(column({"column": name}, name.rpartition(".")[2], table.column(name), likely=likely))
-        except InputError as error:
-            remarks.append(str(error))
-    facts = {"rows": str(len(table.rows))} | {key: value for key, value in table.header.items() if value}
-    found = overview_of("opensim", columns, "columns", facts=facts, remarks=remarks)
+    found = inspect_table("opensim", path)
     time: Any = found.settings["time"]
     time = {"column": time["column"], "unit": UNKNOWN if time["column"] == NAME_OF_TIME else "s"}
-    plates = plates_in(table.names)
+    plates = plates_in([one.key for one in found.channels])
     note = f"these columns are force plates, if you state their corners: plates: {{{', '.join(plates)}}}"
     questions = [*found.open, *[printable(note)] * bool(plates)]
     return replace(found, settings={**found.settings, "time": time}, open=questions)

@@ -71,6 +71,7 @@ class KnownFormat:
         """Whether its files come from a motion-capture laboratory."""
         return not issubclass(self.source, LogSource)
 
+    @np.errstate(all="ignore")  # values of damaged files may be of any size: our checks tell them, not numpy
     def read(self, path: Path, source: Source) -> Recording:
         """A file as canonical columns in SI units, by its source file. Raises InputError, which names the file."""
         with naming(path):
@@ -82,6 +83,7 @@ class KnownFormat:
         said = (*recording.damage.all_remarks(recording.topics is not None), *recording.warnings)
         return replace(recording, warnings=[f"{printable(path.name)}: {text}" for text in said])
 
+    @np.errstate(all="ignore")
     def inspect(self, path: Path) -> Overview:
         """What a file holds. Raises InputError, which names the file."""
         with naming(path):

@@ -280,9 +280,7 @@ class ColumnTime(RowTime):
     column: ColumnName | None = None  # Name of the column that holds time, or beside `rate` counts the samples.
 
 
-class OpenSimTime(RowTime):
-    ADDRESS = "column"
-
+class OpenSimTime(ColumnTime):
     column: ColumnName | None = "time"  # Name of the column that holds time.
     unit: TimeUnit | None = "s"  # Unit of the numbers that are time.
 
@@ -527,7 +525,7 @@ class TdmsSource(TableSource):
     time: TdmsTime = Field(default_factory=TdmsTime)
 
 
-class OpenSimSource(TableSource, InAxes):
+class OpenSimSource(SheetSource, InAxes):
     OF = " of format opensim"
 
     clock: Literal["master", "sync", "shared", "common"] = "master"  # type: ignore[assignment]
@@ -689,6 +687,7 @@ def values_of_no_sensor(column: str, time: Array, x: Array, origin: Mapping[str,
     sizes, bends = np.abs(x), bends_of(x)
     moved = exchanged(x, bends)
     if np.count_nonzero(~stays) <= 0.5 * np.sum(~stands):
+        moved |= by_leaps(column, time, x, bends) & (column == "theta")  # which is a mass's, also at rest
         return moved if moved.any() else None
     lost = (x != 0) & (sizes < NEXT_TO_ZERO)
     if lost.any() and np.sum((between := sizes[sizes >= NEXT_TO_ZERO]) < 1e-9 * np.median(between)) > 10:
@@ -741,8 +740,9 @@ def exchanged(x: Array, bends: Array) -> NDArray[np.bool_]:
     if not at or bends[at[1]] <= max(10.0, 1.5 * (rest := bends[at[4]])):
         return lost
     most = max(8.0, 1.25 * rest) * np.abs(np.diff(x, 3)).max() / bends[at[0]]
+    near = range(-2, 3) if bends[at[1]] > 3 * rest else range(1)  # noise moves a leap; of few samples the next hides it
     for (p, q), k in product(combinations(sorted(at[:4]), 2), at[:8]):
-        for size in (k - p, k - q):
+        for size in {one + by for one in (k - p, k - q, 4) for by in near}:
             (a, b), (c, d) = sorted((p, p + size)), sorted((q, q + size))
             if 0 <= a < b <= c < d <= x.size:
                 back = np.concatenate([x[:a], x[c:d], x[b:c], x[a:b], x[d:]])

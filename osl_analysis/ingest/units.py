@@ -37,6 +37,7 @@ TORQUE = re.compile(
     r"(?<![A-Za-z])(?:([mkcd]?N|k?gf)[*·_. -]?([cm]?m)"
     r"|(?i:(ft|in|foot|inch)[*·_. -]?(lb|oz)[fs]?|(lb|oz)[fs]?[*·_. -]?(ft|in|foot|inch)))(?![A-Za-z])"
 )
+GON = ("grad", "grads", "grade")  # degrees in German, and a 400th of a turn
 TICKS = re.compile(r"(\d+)\*?([mun]?s|[mu]?secs?)")
 # names whose case has no meaning, since they have no prefix that it could distinguish
 ANY_CASE = re.compile(
@@ -55,7 +56,7 @@ def si_factor(unit: str, expected: str) -> float:
     if not spelling:
         raise InputError(f"the unit is empty; write one of {advice}")
     for name in re.split(r"[*/]", spelling):
-        if name.lower() in ("grad", "grads", "grade"):
+        if name.lower() in GON:
             raise InputError(
                 f"{quoted}: '{name}' is gon (a 400th of a turn) to some and degree to others: write `deg`, or `gon`"
             )
@@ -126,7 +127,7 @@ def ending_spelled(text: str) -> str:
         return AT_END.get(text, text)
     parts, known = re.split(r"[\s_./-]+(?:per[\s_]+)?", TORQUE.sub(torque_spelled, text)), list[str]()
     for part in parts:
-        of_one_case = part.islower() or part.isupper() or part.istitle()
+        of_one_case = part.islower() or part.isupper() or part.istitle() or part[1:].istitle()  # `mSec`
         in_any_case = AT_END_IN_ANY_CASE.get(part.casefold(), "") if of_one_case else ""
         known.append(part if re.fullmatch(r"\w+\*\w+", part) else AT_END.get(part, in_any_case))
     return "/".join(known) if all(known) and known[1:] in ([], ["s"], ["rad"], ["deg"]) else ""

@@ -207,13 +207,6 @@ def late_said(facts: Facts) -> str:
     return f"{signal} is late by {size}, which moves {' and '.join(shares)}"
 
 
-def rivals_said(facts: Facts) -> str:
-    """What would explain a misfit and cannot be told apart, the best ones named."""
-    rivals = facts["rivals"].split(", ")
-    more = [f"{len(rivals) - 3} others"] * (len(rivals) > 3)
-    return f"{' or '.join([*rivals[:3], *more])} would explain it"
-
-
 def loop_said(facts: Facts) -> str:
     """How late a torque would make the energy lost depend on the speed."""
     behind, lost = facts["late_s"], facts["energy_lost"]
@@ -232,11 +225,9 @@ def calibration_said(facts: Facts) -> str:
         what = f"write `delay: {1e3 * lag:.3g} ms` more for it and `{state}`"
         if half > 0.2 * lag:  # or early, which no load cell is
             what = "which a spring that loses energy shows too, so measure it with a known inertia"
-        elif filters := [
-            one for one in str(facts.get("rivals") or "").split(", ") if "low-pass" in one or one == "mean"
-        ]:
-            what = f"or behind a {' or '.join(filters)}, by which I is another one: write the `low_pass` that its path "
-            what += f"has by the data sheet, or `delay: {1e3 * lag:.3g} ms` if it has none, and calibrate again"
+        elif (rivals := facts.get("rivals") or "delay") != "delay":
+            what = f"or what else would make it so ({rivals}), by which I is another one: write the `low_pass` that its"
+            what += f" path has by the data sheet, or `delay: {1e3 * lag:.3g} ms` if it has none, and calibrate again"
         return f"the torque is late by {1e3 * lag:.3g} ± {1e3 * half:.2g} ms, {what}"
     gain, half = facts["gain"], facts["gain_high"] - facts["gain"]
     off = f"torque over angle is {100 * (gain - 1):+.3g} ± {100 * half:.2g} % off"
@@ -269,7 +260,6 @@ def unknown_gains(facts: Facts) -> str:
 
 COMPUTED: Mapping[str, Callable[[Facts], str]] = {
     "late": late_said,
-    "rivals_said": rivals_said,
     "loop": loop_said,
     "known": calibration_said,
     "gap": damping_gap_said,

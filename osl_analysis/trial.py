@@ -355,8 +355,15 @@ def varies(y: Array) -> bool:
     return bool(len(y)) and float(np.var(y)) > rounding_of(y)
 
 
+def median(values: Array) -> float:
+    """That of `numpy.median` for numbers (n,), n > 0, none of them NaN, in a third of its time."""
+    series = pl.Series(values)
+    low, high = (series.quantile(0.5, one) or 0.0 for one in ("lower", "higher"))
+    return (low + high) / 2
+
+
 def usual_size(values: Array) -> float:
-    return float(np.median(np.abs(values)))
+    return median(np.abs(values))
 
 
 def rms(values: Array) -> float:

@@ -21,7 +21,7 @@ from osl_analysis.signals import longest_run, run_at_extreme, run_edges, runs
 from osl_analysis.signals.grid import GapLimits, devices_of, origin, streams, uniform_signals
 from osl_analysis.signals.samples import take
 from osl_analysis.spectral.stepped_sine import Likeness, Run, SteppedSineProtocol, stated_protocol
-from osl_analysis.trial import Array, Trial, beside, factor_of, plate_axes, plate_columns, unit_of, usual_size
+from osl_analysis.trial import Array, Trial, beside, factor_of, median, plate_axes, plate_columns, unit_of, usual_size
 
 
 @dataclass(frozen=True)
@@ -56,8 +56,8 @@ class Examined:
         for column in self.trial.samples.select(pl.exclude("time").is_not_null()):
             present = column.to_numpy()
             if (rows := present.tobytes()) not in found and present.sum() > 2:
-                steps = np.diff(time[present])
-                found[rows] = column.name, (float(np.median(steps)), float(steps.mean()), float(steps.max()))
+                steps = np.diff(time[np.flatnonzero(present)])
+                found[rows] = column.name, (median(steps), float(steps.mean()), float(steps.max()))
         return dict(found.values())
 
 
@@ -92,7 +92,7 @@ def recorded(trial: Trial, column: str | None) -> tuple[Array, Array]:
 
 def median_step(time: Array) -> float:
     """Median step [s], or the mean one where most stamps are repeated; 0 for a single sample."""
-    return float(np.median(np.diff(time)) or np.ptp(time) / (time.size - 1)) if time.size > 1 else 0.0
+    return median(np.diff(time)) or float(np.ptp(time)) / (time.size - 1) if time.size > 1 else 0.0
 
 
 def consecutive(time: Array, values: Array, seconds: float) -> Array:
@@ -411,7 +411,7 @@ def measure_stuck(examined: Examined) -> CheckResult:
         when, level = consecutive(reference[0], np.stack(reference), smoothed).mean(axis=-1)
         if when.size:  # while it changes by a fifth of its range, the joint should have moved
             apart = smoothed / 2 + median_step(time)  # at the start of a motion the torque jumps before the angle
-            from_rest = np.minimum(abs(theta - theta[0]), abs(theta - np.median(theta)))
+            from_rest = np.minimum(abs(theta - theta[0]), abs(theta - median(theta)))
             rests = (from_rest <= AT_REST * np.ptp(theta)) & examined.experiment.stepped_sine & (by == "torque")
             least, moved = 0.2 * float(np.ptp(level)), without_rests(time, theta)
             times["theta"] = held(time, moved, (when, level), least, apart, rests)
@@ -478,7 +478,7 @@ def held(
 def measure_dropout(examined: Examined) -> CheckResult:
     """Number of samples that no sensor gives, of a channel that seldom repeats a value. Of a plate `dropped_loads`."""
     counts = dict[str, float]()
-    for name in SELDOM_REPEAT:
+    for name in (one for one in SELDOM_REPEAT if one in examined.trial.columns):
         known = origin(examined.trial, name)  # where ingest counted them
         if "no_sensor" not in known:
             lost = values_of_no_sensor(name, *recorded(examined.trial, name), known)

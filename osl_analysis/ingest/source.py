@@ -30,7 +30,7 @@ from osl_analysis.formats.mat import checked_address
 from osl_analysis.formats.table import Ledger, noise_in
 from osl_analysis.ingest.units import ForceUnit, LengthUnit, MomentUnit, TimeUnit, Unit, quantity, si_factor
 from osl_analysis.signals import run_edges
-from osl_analysis.trial import AXES, COLUMNS, Array, unit_of
+from osl_analysis.trial import AXES, COLUMNS, Array, median, unit_of
 from osl_analysis.yaml_settings import Settings, distinct, field_line, misplaced, one_of
 
 SampleShare = Annotated[float, Field(ge=0, le=1)]
@@ -708,12 +708,10 @@ def values_of_no_sensor(column: str, time: Array, x: Array, origin: Mapping[str,
 @np.errstate(over="ignore", invalid="ignore")
 def by_leaps(column: str, time: Array, x: Array, bends: Array) -> NDArray[np.bool_]:
     """Which readings (n,) of a column are no sensor's by its leaps (`values_of_no_sensor`)."""
-    lost, moved, (leaps, rest) = np.zeros(x.size, bool), np.zeros(x.size, bool), leaps_of(x, bends)
-    far = [(a, b) for a, b in leaps if bends[a : b + 2].max() > 4 * rest]
+    lost, moved, far = np.zeros(x.size, bool), np.zeros(x.size, bool), leaps_of(x, bends, 4.0)
     if not far:
         return lost
-    stays = np.diff(x) == 0
-    usual = float(np.median(np.diff(time)))
+    stays, usual = np.diff(x) == 0, median(np.diff(time))
     farthest = {"theta": 2000.0 * usual**2 * (usual > 0.0025), "theta_m": math.inf if usual > 0.0025 else 0.0}  # rad
     for a, b in far:
         size = abs(x[a] - x[a - 1])
@@ -735,10 +733,12 @@ def exchanged(x: Array, bends: Array) -> NDArray[np.bool_]:
     """Which readings (n,) are of two blocks of one length that changed places: of four leaps two stand out, and
     with a third one, which may be no farther than noise, tell the length; all are gone once the blocks are put back."""
     at, left, lost = list[int](), bends.copy(), np.zeros(x.size, bool)
-    for _ in range(9 if x.size > 9 else 0):
+    for k in range(9 if x.size > 9 else 0):
         at.append(int(np.argmax(left)))
+        if k < 2 and bends[at[k]] <= 10.0:
+            return lost
         left[max(at[-1] - 3, 0) : at[-1] + 4] = 0
-    if not at or bends[at[1]] <= max(10.0, 1.5 * (rest := bends[at[4]])):
+    if not at or bends[at[1]] <= 1.5 * (rest := bends[at[4]]):
         return lost
     most = max(8.0, 1.25 * rest) * np.abs(np.diff(x, 3)).max() / bends[at[0]]
     for (p, q), k in product(combinations(sorted(at[:4]), 2), at[:8]):
@@ -756,34 +756,42 @@ def exchanged(x: Array, bends: Array) -> NDArray[np.bool_]:
 def bends_of(x: Array) -> Array:
     """By how much readings (n,) leave the curve of those beside them, by what is usual: their third differences, of
     which the largest stands at the row into which a channel leaps; 0 at the ends, and where they are no numbers."""
-    bends, sizes = np.zeros(x.shape), np.abs(x)
-    bends[2:-1] = np.nan_to_num(np.abs(np.diff(x, 3)), posinf=1e300)
-    usual = float(np.median(counted)) if (counted := bends[bends > 0]).size else 0.0
-    if x.size and not usual > 1e-9 * np.nanmax(sizes):
-        usual = max(usual, 1e-9 * float(np.nanmedian(sizes)) + 1e-300)
-    return bends / (usual or 1.0)
+    bends = np.zeros(x.shape)
+    np.fmin(np.fmax(np.abs(np.diff(x, 3)), 0), 1e300, out=bends[2:-1])
+    usual = median(counted) if (counted := bends[bends > 0]).size else 0.0
+    if x.size and not usual > 1e-9 * max(np.fmax.reduce(x), -np.fmin.reduce(x)):
+        usual = max(usual, 1e-9 * float(np.nanmedian(np.abs(x))) + 1e-300)
+    bends /= usual or 1.0
+    return bends
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def leaps_of(x: Array, bends: Array) -> tuple[list[tuple[int, int]], float]:
-    """The rows into which a channel (n,) leaps, each with that from which on it is back, after five at most, or itself;
-    and how far it bends elsewhere. A leap is ten times as far as usual, and twice as far as the steps beside it,
-    unlike a corner, or the fall and rise after a blow."""
+def leaps_of(x: Array, bends: Array, times: float) -> list[tuple[int, int]]:
+    """The rows into which a channel (n,) leaps, each with that from which on it is back, after five at most, or itself.
+    A leap is ten times as far as usual, `times` as far as anything else, 4 or more, and twice as far as the steps
+    beside it, unlike a corner, or the fall and rise after a blow."""
     found, others, far = list[tuple[int, int]](), bends.copy(), np.flatnonzero(bends > 10.0)
     if far.size >= MOST_BENDS:
         far = far[bends[far] > np.partition(bends[far], -MOST_BENDS)[-MOST_BENDS]]
-    for group in np.split(far, np.flatnonzero(np.diff(far) > 2) + 1) if far.size else ():
+    groups = np.split(far, np.flatnonzero(np.diff(far) > 2) + 1) if far.size else []
+    places = [slice(max(int(group[0]) - 2, 0), int(group[-1]) + 3) for group in groups]
+    for place in places:
+        others[place] = 0
+    if not groups or bends[far].max() <= times * others.max():
+        return found
+    for group, place in zip(groups, places, strict=True):
         begin = max(int(group[0]) - 4, 0)
         steps = np.diff(x[begin : int(group[-1]) + 4])
-        steps -= np.median(steps) + np.median(np.diff(steps)) * (np.arange(steps.size) - steps.size / 2)
+        steps -= median(steps) + median(np.diff(steps)) * (np.arange(steps.size) - steps.size / 2)
         sizes = np.abs(steps)
         large = np.flatnonzero(sizes > 0.5 * sizes.max())
         is_back = large.size == 2 and np.ptp(large) <= 5 and abs(steps[large].sum()) < 0.5 * sizes.max()
         if large.size < 3:
-            places = (begin + 1 + large).tolist()
-            found += [(places[0], places[-1])] if is_back else [(one, one) for one in places]
-            others[max(int(group[0]) - 2, 0) : int(group[-1]) + 3] = 0
-    return found, float(others.max(initial=0))
+            rows = (begin + 1 + large).tolist()
+            found += [(rows[0], rows[-1])] if is_back else [(one, one) for one in rows]
+        else:
+            others[place] = bends[place]
+    return [(a, b) for a, b in found if bends[a : b + 2].max() > times * others.max()]
 
 
 def jumped_into(

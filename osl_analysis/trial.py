@@ -11,8 +11,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from difflib import get_close_matches
-from functools import cached_property
+from functools import cached_property, reduce
 from itertools import pairwise
+from operator import and_
 from pathlib import Path
 from typing import Any
 
@@ -152,7 +153,7 @@ class Trial:
     def present(self, column: str) -> NDArray[np.bool_]:
         """Rows (n,) in which a column was sampled; NaN, a value that is missing there, counts."""
         self.check_columns(column)
-        return self.samples[column].is_not_null().to_numpy()
+        return self._there[column].to_numpy()
 
     def sampled(self, *columns: str) -> pl.DataFrame:
         """The rows in which every named column has a sample (NaN counts as one), with `time` [s] first."""
@@ -161,8 +162,16 @@ class Trial:
             if len(self._last) == 4:
                 self._last.pop(next(iter(self._last)))
             rows = self.samples[["time", *columns]]
-            self._last[columns] = rows.drop_nulls() if any(one.has_nulls() for one in rows) else rows
+            if any(one.has_nulls() for one in rows):  # a query for each of fifty columns takes longer than all else
+                there = reduce(and_, (self._there[one] for one in columns))
+                rows = pl.DataFrame([one.filter(there) for one in rows])
+            self._last[columns] = rows
         return self._last[columns]
+
+    @cached_property
+    def _there(self) -> pl.DataFrame:
+        """Rows (n,) in which each column was sampled, as bits."""
+        return self.samples.select(pl.all().is_not_null())
 
     @cached_property
     def _last(self) -> dict[tuple[str, ...], pl.DataFrame]:
@@ -357,9 +366,13 @@ def varies(y: Array) -> bool:
 
 def median(values: Array) -> float:
     """That of `numpy.median` for numbers (n,), n > 0, none of them NaN, in a third of its time."""
-    series = pl.Series(values)
-    low, high = (series.quantile(0.5, one) or 0.0 for one in ("lower", "higher"))
-    return (low + high) / 2
+    places = (len(values) - 1) // 2, len(values) // 2
+    if len(values) < 5000:
+        low, high = np.partition(values, places)[[*places]].tolist()
+    else:  # Polars selects in a third of the time, and begins in ten times of it
+        series = pl.Series(values)
+        low, high = (series.quantile(0.5, one) or 0.0 for one in ("lower", "higher"))
+    return float(low + high) / 2
 
 
 def usual_size(values: Array) -> float:

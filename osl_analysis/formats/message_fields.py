@@ -182,10 +182,11 @@ class Reader:
                     self.misfit = self.misfit or str(error)
                     mine, rows = mine[1:], rows[1:]
                     continue
-            same = known[tried].fits(rows)
+            if (same := known[tried].fits(rows)).all():
+                self.parts.append((self.count + mine, known[tried].read(rows)))
+                return
             if same.any():
-                of_shape = rows if same.all() else rows[same]
-                self.parts.append((self.count + mine[same], known[tried].read(of_shape)))
+                self.parts.append((self.count + mine[same], known[tried].read(rows[same])))
             mine, rows, tried = mine[~same], rows[~same], tried + 1
 
     def take(self, payloads: Sequence[bytes]) -> None:

@@ -53,11 +53,11 @@ class Examined:
     def steps(self) -> dict[str, tuple[float, float, float]]:
         """Median, mean and largest sampling step [s]. Channels of the same times stand under the first."""
         time, found = self.trial.samples["time"].to_numpy(), dict[bytes, tuple[str, tuple[float, float, float]]]()
-        for column in self.trial.samples.select(pl.exclude("time").is_not_null()):
-            present = column.to_numpy()
+        for column in (one for one in self.trial.columns if one != "time"):
+            present = self.trial.present(column)
             if (rows := present.tobytes()) not in found and present.sum() > 2:
                 steps = np.diff(time[np.flatnonzero(present)])
-                found[rows] = column.name, (median(steps), float(steps.mean()), float(steps.max()))
+                found[rows] = column, (median(steps), float(steps.mean()), float(steps.max()))
         return dict(found.values())
 
 

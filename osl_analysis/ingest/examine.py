@@ -52,13 +52,12 @@ class Examined:
     @cached_property
     def steps(self) -> dict[str, tuple[float, float, float]]:
         """Median, mean and largest sampling step [s]. Channels of the same times stand under the first."""
-        time, found = self.trial.samples["time"].to_numpy(), dict[bytes, tuple[str, tuple[float, float, float]]]()
-        for column in (one for one in self.trial.columns if one != "time"):
-            present = self.trial.present(column)
-            if (rows := present.tobytes()) not in found and present.sum() > 2:
-                steps = np.diff(time[np.flatnonzero(present)])
-                found[rows] = column, (median(steps), float(steps.mean()), float(steps.max()))
-        return dict(found.values())
+        found = dict[str, tuple[float, float, float]]()
+        for first, *_ in devices_of(self.trial, [one for one in self.trial.columns if one != "time"]):
+            steps = np.diff(self.trial.arrays(first)[0])
+            if steps.size > 1:
+                found[first] = median(steps), float(steps.mean()), float(steps.max())
+        return found
 
 
 @dataclass(frozen=True)

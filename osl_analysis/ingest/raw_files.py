@@ -256,7 +256,7 @@ def surprise(scatter: float, level: float) -> float:
     return math.log(2 * math.pi**0.5 * scatter / max(level, 1e-300)) if scatter else 0.0
 
 
-def readings_of(recording: Recording, column: str) -> tuple[NDArray[np.intp], Array]:
+def read_values(recording: Recording, column: str) -> tuple[NDArray[np.intp], Array]:
     """The rows (n,) in which a column has a reading, and the readings (n,)."""
     values = recording.samples[column].to_numpy()
     rows = np.flatnonzero(np.isfinite(values))
@@ -271,7 +271,7 @@ def channels_with_noise(recording: Recording) -> list[tuple[str, NDArray[np.intp
     for column in recording.columns:
         if column.endswith("_command") or unit_of(column) in NO_SENSOR:
             continue
-        (rows, x), origin = readings_of(recording, column), recording.columns[column]
+        (rows, x), origin = read_values(recording, column), recording.columns[column]
         factor = math.prod(origin.get(key, 1) for key in ("sign", "scale", "factor")) or 1
         x = x / factor - origin.get("offset", 0)  # as the file has them
         if 0 < np.count_nonzero(changes := x[1:] != x[:-1]) < 0.75 * x.size - 1:
@@ -347,7 +347,7 @@ def tell_no_sensor(recording: Recording) -> None:
     trigger, and hold all channels until then."""
     times, each = recording.samples["time"].to_numpy(), dict[str, tuple[Array, Array]]()
     for column in (one for one in recording.columns if one in SELDOM_REPEAT):
-        rows, x = readings_of(recording, column)
+        rows, x = read_values(recording, column)
         each[column] = times if rows.size == times.size else times[rows], x
     held = [(time, int(np.argmax(x != x[0]))) for time, x in each.values() if (x != x[:1]).any()]
     begin = min((float(time[count * (count > 1)]) for time, count in held), default=0.0)

@@ -436,10 +436,11 @@ def without_rests(time: Array, theta: Array) -> Array:
     for less than three times as long as elsewhere."""
     kept, least, longest = theta.copy(), 0.2 / max(median_step(time), 1e-9), 0.0  # samples
     step = smallest_step(theta) if theta.size else 0.0
-    for run in runs(np.diff(theta) == 0):
-        count, whole = run.stop - run.start, slice(run.start, run.stop + 1)
+    edges = run_edges(np.diff(theta) == 0)
+    for first, stop in edges[np.diff(edges)[:, 0] > least].tolist():
+        count, whole = stop - first, slice(first, stop + 1)
         is_last = whole.stop == theta.size
-        if count > least and not (is_last and count > 3 * longest) and comes_to_rest(theta, whole, step):
+        if not (is_last and count > 3 * longest) and comes_to_rest(theta, whole, step):
             kept[whole], longest = np.nan, max(longest, count)
     return kept
 

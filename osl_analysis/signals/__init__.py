@@ -99,7 +99,8 @@ def run_edges(true: NDArray[np.bool_]) -> NDArray[np.intp]:
 
 def longest_run(true: NDArray[np.bool_]) -> slice:
     """The longest run of consecutive true samples, or the first of equally long ones; empty if no sample is true."""
-    return max(runs(true), key=lambda run: run.stop - run.start, default=slice(0, 0))
+    edges = run_edges(true)
+    return slice(*edges[np.argmax(np.diff(edges))].tolist()) if len(edges) else slice(0, 0)
 
 
 def sampling_rate(time: Array) -> float:

@@ -391,6 +391,12 @@ class Source(Settings):
     description: str = ""  # For readers; nothing is computed from it.
     _path: Path | None = PrivateAttr(default=None)
 
+    @field_validator("channels", "analogs", "outputs", check_fields=False)
+    @classmethod
+    def _canonical(cls, channels: Mapping[str, Conversion]) -> Mapping[str, Conversion]:
+        canonical(channels)
+        return channels
+
     def written_in(self, path: Path) -> None:
         self._path = path
 
@@ -437,12 +443,6 @@ class LogSource(Source):
     channels: Annotated[Mapping[str, LogChannel], Field(min_length=1)]  # The recorded channel of each canonical column.
     time: Time  # Where the time of a row or message comes from.
     most_missing: SampleShare = 0.01  # Largest share of a channel's numbers, and of the rows, that may be missing.
-
-    @field_validator("channels")
-    @classmethod
-    def _canonical(cls, channels: Mapping[str, LogChannel]) -> Mapping[str, LogChannel]:
-        canonical(channels)
-        return channels
 
     @model_validator(mode="after")
     def _aligned(self) -> Self:
@@ -565,12 +565,6 @@ class LaboratorySource(MarkerSource):
 
     analogs: Mapping[str, Channel] = Field(default={})  # The recorded channel of each canonical column.
     outputs: Mapping[str, ModelOutput] = Field(default={})  # The model output of each canonical column.
-
-    @field_validator("analogs", "outputs")
-    @classmethod
-    def _canonical(cls, channels: Mapping[str, Conversion]) -> Mapping[str, Conversion]:
-        canonical(channels)
-        return channels
 
     @model_validator(mode="after")
     def _each_once(self) -> Self:
@@ -733,12 +727,10 @@ def exchanged(x: Array, bends: Array) -> NDArray[np.bool_]:
     """Which readings (n,) are of two blocks of one length that changed places: of four leaps two stand out, and
     with a third one, which may be no farther than noise, tell the length; all are gone once the blocks are put back."""
     at, left, lost = list[int](), bends.copy(), np.zeros(x.size, bool)
-    for k in range(9 if x.size > 9 else 0):
+    for _ in range(9 if x.size > 9 and bends.max() > 10.0 else 0):
         at.append(int(np.argmax(left)))
-        if k < 2 and bends[at[k]] <= 10.0:
-            return lost
         left[max(at[-1] - 3, 0) : at[-1] + 4] = 0
-    if not at or bends[at[1]] <= 1.5 * (rest := bends[at[4]]):
+    if not at or bends[at[1]] <= max(10.0, 1.5 * (rest := bends[at[4]])):
         return lost
     most = max(8.0, 1.25 * rest) * np.abs(np.diff(x, 3)).max() / bends[at[0]]
     for (p, q), k in product(combinations(sorted(at[:4]), 2), at[:8]):
@@ -773,13 +765,11 @@ def leaps_of(x: Array, bends: Array, times: float) -> list[tuple[int, int]]:
     found, others, far = list[tuple[int, int]](), bends.copy(), np.flatnonzero(bends > 10.0)
     if far.size >= MOST_BENDS:
         far = far[bends[far] > np.partition(bends[far], -MOST_BENDS)[-MOST_BENDS]]
-    groups = np.split(far, np.flatnonzero(np.diff(far) > 2) + 1) if far.size else []
-    places = [slice(max(int(group[0]) - 2, 0), int(group[-1]) + 3) for group in groups]
-    for place in places:
-        others[place] = 0
-    if not groups or bends[far].max() <= times * others.max():
+    apart = bends.copy()
+    apart[np.clip(far[:, None] + np.arange(-2, 3), 0, x.size - 1)] = 0
+    if not far.size or bends.max() <= times * apart.max():
         return found
-    for group, place in zip(groups, places, strict=True):
+    for group in np.split(far, np.flatnonzero(np.diff(far) > 2) + 1):
         begin = max(int(group[0]) - 4, 0)
         steps = np.diff(x[begin : int(group[-1]) + 4])
         steps -= median(steps) + median(np.diff(steps)) * (np.arange(steps.size) - steps.size / 2)
@@ -787,10 +777,9 @@ def leaps_of(x: Array, bends: Array, times: float) -> list[tuple[int, int]]:
         large = np.flatnonzero(sizes > 0.5 * sizes.max())
         is_back = large.size == 2 and np.ptp(large) <= 5 and abs(steps[large].sum()) < 0.5 * sizes.max()
         if large.size < 3:
-            rows = (begin + 1 + large).tolist()
-            found += [(rows[0], rows[-1])] if is_back else [(one, one) for one in rows]
-        else:
-            others[place] = bends[place]
+            places = (begin + 1 + large).tolist()
+            found += [(places[0], places[-1])] if is_back else [(one, one) for one in places]
+            others[max(int(group[0]) - 2, 0) : int(group[-1]) + 3] = 0
     return [(a, b) for a, b in found if bends[a : b + 2].max() > times * others.max()]
 
 

@@ -13,7 +13,6 @@ from dataclasses import dataclass, field
 from difflib import get_close_matches
 from functools import cached_property, reduce
 from itertools import pairwise
-from operator import and_
 from pathlib import Path
 from typing import Any
 
@@ -158,30 +157,16 @@ class Trial:
     def sampled(self, *columns: str) -> pl.DataFrame:
         """The rows in which every named column has a sample (NaN counts as one), with `time` [s] first."""
         self.check_columns(*columns)
-        if columns not in self._last:
-            if len(self._last) == 4:
-                self._last.pop(next(iter(self._last)))
-            rows = self.samples[["time", *columns]]
-            if any(one.has_nulls() for one in rows):  # a query for each of fifty columns takes longer than all else
-                there = reduce(and_, (self._there[one] for one in columns))
-                rows = pl.DataFrame([one.filter(there) for one in rows])
-            self._last[columns] = rows
-        return self._last[columns]
+        rows = self.samples[["time", *columns]]
+        if not any(one.has_nulls() for one in rows):
+            return rows
+        there = reduce(lambda one, other: one & other, (self._there[name] for name in columns))
+        return pl.DataFrame([one.filter(there) for one in rows])  # a query takes longer, for each of fifty columns
 
     @cached_property
     def _there(self) -> pl.DataFrame:
         """Rows (n,) in which each column was sampled, as bits."""
         return self.samples.select(pl.all().is_not_null())
-
-    @cached_property
-    def _last(self) -> dict[tuple[str, ...], pl.DataFrame]:
-        """What `sampled` gave last: checks and fit of a recording ask for the same few columns."""
-        return {}
-
-    def forget(self) -> None:
-        """Give back what was found of the samples, 0.6 GB of an hour; who asks for it again finds it again."""
-        self.clocks.clear()
-        self._last.clear()
 
     def arrays(self, *columns: str) -> list[Array]:
         """The columns of `sampled`, (n,) each."""

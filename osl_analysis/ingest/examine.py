@@ -436,11 +436,10 @@ def without_rests(time: Array, theta: Array) -> Array:
     for less than three times as long as elsewhere."""
     kept, least, longest = theta.copy(), 0.2 / max(median_step(time), 1e-9), 0.0  # samples
     step = smallest_step(theta) if theta.size else 0.0
-    edges = run_edges(np.diff(theta) == 0)
-    for first, stop in edges[np.diff(edges)[:, 0] > least].tolist():
+    for first, stop in run_edges(np.diff(theta) == 0).tolist():
         count, whole = stop - first, slice(first, stop + 1)
         is_last = whole.stop == theta.size
-        if not (is_last and count > 3 * longest) and comes_to_rest(theta, whole, step):
+        if count > least and not (is_last and count > 3 * longest) and comes_to_rest(theta, whole, step):
             kept[whole], longest = np.nan, max(longest, count)
     return kept
 
@@ -615,14 +614,13 @@ def measure_pressure_travel(examined: Examined) -> CheckResult:
 
 def check_own_torque(trial: Trial, torque: str = "torque") -> None:
     """Refuse a torque that is the motor's current times a constant, of which a fit would be circular."""
-    if {torque, "current"} <= set(trial.columns):
-        both = trial.samples.select(torque, "current").drop_nulls().to_numpy()
-        if (factor := factor_of(both[:, 0], both[:, 1])) is not None:
-            raise InputError(
-                f"trial {trial.name}: {torque} is current times {factor:.4g} {unit_of(torque)}/A, to within rounding: "
-                "it is computed from the motor's current, not measured, so that a fit gives what it was computed with; "
-                f"name the channel of a load cell as {torque} in the source file, or state the experiment ingest_only"
-            )
+    both = trial.arrays(torque, "current")[1:] if {torque, "current"} <= set(trial.columns) else ()
+    if both and (factor := factor_of(*both)) is not None:
+        raise InputError(
+            f"trial {trial.name}: {torque} is current times {factor:.4g} {unit_of(torque)}/A, to within rounding: "
+            "it is computed from the motor's current, not measured, so that a fit gives what it was computed with; "
+            f"name the channel of a load cell as {torque} in the source file, or state the experiment ingest_only"
+        )
 
 
 def check_recording(trial: Trial, limits: Any, torque: str = "torque", angle: str | None = "theta") -> None:

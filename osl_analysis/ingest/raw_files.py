@@ -274,11 +274,9 @@ def channels_with_noise(recording: Recording) -> list[tuple[str, NDArray[np.intp
         (rows, x), origin = read_values(recording, column), recording.columns[column]
         factor = math.prod(origin.get(key, 1) for key in ("sign", "scale", "factor")) or 1
         x = x / factor - origin.get("offset", 0)  # as the file has them
-        if 0 < np.count_nonzero(changes := x[1:] != x[:-1]) < 0.75 * x.size - 1:
-            fresh = np.flatnonzero(np.append(True, changes))
-            steps = np.diff(fresh)
-            if np.mean(steps == np.median(steps)) > 0.8:
-                rows, x = rows[fresh], x[fresh]
+        fresh = np.flatnonzero(np.append(True, x[1:] != x[:-1]))
+        if 1 < fresh.size < 0.75 * x.size and np.mean((steps := np.diff(fresh)) == np.median(steps)) > 0.8:
+            rows, x = rows[fresh], x[fresh]
         piece = np.linspace(0, x.size - min(x.size, 200), 8).astype(int)[:, None] + np.arange(min(x.size, 200))
         alike.setdefault(piece.shape[1], []).append((column, rows, x, x[piece]))
     for group in alike.values():
@@ -395,10 +393,8 @@ def tell_leaps_of_markers(recording: Recording) -> None:
             bends = bends_of(x := x[finite])
         if bends.max() > FAR_OF_MARKER:
             far = [a for a, b in leaps_of(x, bends, FAR_OF_MARKER) if a < b and bends[a : b + 2].max() > FAR_OF_MARKER]
-            said = (
-                f"{name} leaves its curve and comes back {len(far)} times, first at {time[finite][far[:1]].sum():.3f} s"
-            )
-            told += [f"{said}: bytes may be lost"] * bool(far)
+            said = f"{name} leaves its curve and comes back {len(far)} times, first at"
+            told += [f"{said} {at:.3f} s: bytes may be lost" for at in time[finite][far[:1]]]
     if leaps := run_edges(leaping / len(markers) >= 0.8).tolist():
         first = f"{len(leaps)} times all markers leap in one frame, first at {time[leaps[0][0] + 1]:.3f} s"
         told.insert(0, f"{first}: frames are missing there, or a part of the file was moved")

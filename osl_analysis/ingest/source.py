@@ -146,6 +146,7 @@ class Addressed(Settings):
     """What names one channel of a recording."""
 
     ADDRESS: ClassVar[str] = ""  # The key that names it: `column`, `field`, `channel`, `variable` or `component`.
+    BESIDE: ClassVar[tuple[str, ...]] = ()  # Other keys that it takes to find it.
 
     @property
     def name(self) -> str:
@@ -164,7 +165,7 @@ class Channel(Conversion, Addressed):
     @property
     def address(self) -> tuple[str, ...]:
         """What only one column may be read from."""
-        return (self.name,)
+        return self.name, *(getattr(self, key) for key in self.BESIDE)
 
 
 class LogChannel(Channel):
@@ -184,11 +185,9 @@ class FieldChannel(LogChannel):
 
 
 class MessageChannel(FieldChannel):
-    topic: Name  # Name of the topic.
+    BESIDE = ("topic",)
 
-    @property
-    def address(self) -> tuple[str, ...]:
-        return self.topic, self.field
+    topic: Name  # Name of the topic.
 
 
 class ColumnChannel(LogChannel):
@@ -226,14 +225,10 @@ class C3dChannel(Channel):
 
 
 class DeviceChannel(Channel):
-    ADDRESS = "device"
+    ADDRESS, BESIDE = "device", ("component",)
 
     device: Name  # Name of the device's output, such as `EMG2000 - Voltage`.
     component: Name  # Name of the column under it.
-
-    @property
-    def address(self) -> tuple[str, ...]:
-        return self.device, self.component
 
 
 class Time(Addressed):
@@ -753,8 +748,7 @@ def bends_of(x: Array) -> Array:
     usual = median(counted) if (counted := bends[bends > 0]).size else 0.0
     if x.size and not usual > 1e-9 * max(np.fmax.reduce(x), -np.fmin.reduce(x)):
         usual = max(usual, 1e-9 * float(np.nanmedian(np.abs(x))) + 1e-300)
-    bends /= usual or 1.0
-    return bends
+    return np.divide(bends, usual or 1.0, out=bends)
 
 
 @np.errstate(over="ignore", invalid="ignore")

@@ -8,9 +8,9 @@ earlier, a signal moves by the sum of g_k x' f_k: all g_k are 0, g_0 is 1, or tw
 between them. How one-sided the scatter is does not decide: a loop with absolute targets is late, never early, and its
 stamps true."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache, cached_property, lru_cache, partial
+from functools import cached_property, lru_cache
 from itertools import combinations_with_replacement
 from typing import NamedTuple
 
@@ -228,26 +228,7 @@ class StampEvidence:
         return np.asarray(np.einsum("hi,ij,hj->h", apart, self.weight, apart))
 
 
-def steady_blocks(clock: DeviceClock, rows: slice | NDArray[np.bool_]) -> tuple[Array, Array, NDArray[np.intp]]:
-    """Of some rows of a clock: the fast part of their stamps (k,) [s], the rate of the others (k,), and the first row
-    of each block in which nothing is missing, no pause is made good and no stamp is far off."""
-    stamps, count, step, size = clock.stamps[rows], clock.count[rows], clock.step, clock.block
-    fast = clock.fast if isinstance(rows, slice) else without_smooth(stamps - clock.slow[0][rows], count, size)
-    rate = np.gradient(stamps - fast, count) / step
-    back, ahead = LAGS[-1], -LAGS[0]
-    first = np.arange(back, len(stamps) - ahead - size, size)
-    ends = (first - back, first + size - 1 + ahead)
-    steps, long = np.diff(stamps) / step / np.minimum(np.maximum(rate[1:], 0.2), 3), np.zeros(len(stamps), dtype=bool)
-    long[1:-1] = (steps[:-1] > 1.6) & (steps[1:] > 0.6)  # a pause that no short step makes good
-    pauses = np.cumsum(long) if np.mean(long) < 0.03 else np.zeros(len(stamps))
-    whole = (count[ends[1]] - count[ends[0]] == ends[1] - ends[0]) & (pauses[ends[1]] == pauses[ends[0]])
-    far = np.abs(np.lib.stride_tricks.sliding_window_view(fast, size)[first]).max(axis=1)
-    return fast, rate, first[whole & (far < 20 * np.sqrt(np.mean(fast**2)) + 1e-12)]
-
-
-def evidence_of(
-    values: Array, clock: DeviceClock, steady: Callable[..., tuple[Array, Array, NDArray[np.intp]]]
-) -> StampEvidence | None:
+def evidence_of(values: Array, clock: DeviceClock) -> StampEvidence | None:
     """The response of one signal (n,), by least squares in blocks of 9 to 24 consecutive samples of 80 ms, from which
     polynomials of degree 5 take the smooth motion. The slope x' is that of a polynomial over 40 ms. What rounding of
     printed stamps adds to the normal matrix, q^2/12, is taken off. The covariance is from the scatter of 20 chunks.
@@ -255,17 +236,26 @@ def evidence_of(
     the mean square of x' is noise, which would pull the response towards 0."""
     there, step = ~np.isnan(values), clock.step
     found = slice(None) if there.all() else there  # a copy of each is 0.1 GB of an hour
-    x, count = values[found], clock.count[found]
+    x, stamps, count, slow = values[found], clock.stamps[found], clock.count[found], clock.slow[0][found]
     size, window = clock.block, max(2 * round(0.02 / step) + 1, 7)
     if len(x) < 60 * size:
         return None
     degree = 3 if window > 11 else 5
-    fast, rate, first = steady() if there.all() else steady_blocks(clock, there)
+    fast = clock.fast if there.all() else without_smooth(stamps - slow, count, size)
+    rate = np.gradient(stamps - fast, count) / step
     slope = savitzky_golay(x, count, window, 1, degree) / np.maximum(rate, 0.2) / step
+    back, ahead = LAGS[-1], -LAGS[0]
+    first = np.arange(back, len(x) - ahead - size, size)
+    ends = (first - back, first + size - 1 + ahead)
 
     def blocks(values: Array, lag: int = 0) -> Array:
         return np.asarray(np.lib.stride_tricks.sliding_window_view(values, size)[first - lag])
 
+    steps, long = np.diff(stamps) / step / np.minimum(np.maximum(rate[1:], 0.2), 3), np.zeros(len(x), dtype=bool)
+    long[1:-1] = (steps[:-1] > 1.6) & (steps[1:] > 0.6)  # a pause that no short step makes good
+    pauses = np.cumsum(long) if np.mean(long) < 0.03 else np.zeros(len(x))
+    whole = (count[ends[1]] - count[ends[0]] == ends[1] - ends[0]) & (pauses[ends[1]] == pauses[ends[0]])
+    first = first[whole & (np.abs(blocks(fast)).max(axis=1) < 20 * np.sqrt(np.mean(fast**2)) + 1e-12)]
     # where a signal stands, it is the same whenever it is taken
     first = first[np.mean(blocks(slope) ** 2, axis=1) > 0.01 * np.mean(slope**2)]
     if len(first) < 60:
@@ -514,10 +504,10 @@ def decide(stream: Stream, clock: DeviceClock) -> list[Taken]:
         return [Taken(stream, clock, names, False, True, True, "true: only the rate of the stamps changes")]
     if rounded and clock.settles:
         return [Taken(stream, clock, names, True, True, True, "even: the stamps scatter by their rounding alone")]
-    evidence, steady = dict[str, StampEvidence](), cache(partial(steady_blocks, clock, slice(None)))
+    evidence = dict[str, StampEvidence]()
     for name in (name for name in names if name not in stream.silent):
         if name not in stream.measured:
-            one = evidence_of(stream.signals[name], clock, steady)
+            one = evidence_of(stream.signals[name], clock)
         else:
             one = StampEvidence(*known) if (known := stream.measured[name]) else None
         evidence |= {} if one is None else {name: one}

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from difflib import get_close_matches
-from functools import cached_property
+from functools import cached_property, reduce
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -152,27 +152,21 @@ class Trial:
     def present(self, column: str) -> NDArray[np.bool_]:
         """Rows (n,) in which a column was sampled; NaN, a value that is missing there, counts."""
         self.check_columns(column)
-        return self.samples[column].is_not_null().to_numpy()
+        return self._there[column].to_numpy()
 
     def sampled(self, *columns: str) -> pl.DataFrame:
         """The rows in which every named column has a sample (NaN counts as one), with `time` [s] first."""
         self.check_columns(*columns)
-        if columns not in self._last:
-            if len(self._last) == 4:
-                self._last.pop(next(iter(self._last)))
-            rows = self.samples[["time", *columns]]
-            self._last[columns] = rows.drop_nulls() if any(one.has_nulls() for one in rows) else rows
-        return self._last[columns]
+        rows = self.samples[["time", *columns]]
+        if not any(one.has_nulls() for one in rows):
+            return rows
+        there = reduce(lambda one, other: one & other, (self._there[name] for name in columns))
+        return pl.DataFrame([one.filter(there) for one in rows])  # a query takes longer, for each of fifty columns
 
     @cached_property
-    def _last(self) -> dict[tuple[str, ...], pl.DataFrame]:
-        """What `sampled` gave last: checks and fit of a recording ask for the same few columns."""
-        return {}
-
-    def forget(self) -> None:
-        """Give back what was found of the samples, 0.6 GB of an hour; who asks for it again finds it again."""
-        self.clocks.clear()
-        self._last.clear()
+    def _there(self) -> pl.DataFrame:
+        """Rows (n,) in which each column was sampled, as bits."""
+        return self.samples.select(pl.all().is_not_null())
 
     def arrays(self, *columns: str) -> list[Array]:
         """The columns of `sampled`, (n,) each."""
@@ -355,8 +349,19 @@ def varies(y: Array) -> bool:
     return bool(len(y)) and float(np.var(y)) > rounding_of(y)
 
 
+def median(values: Array) -> float:
+    """That of `numpy.median` for numbers (n,), n > 0, none of them NaN, in a third of its time."""
+    places = (len(values) - 1) // 2, len(values) // 2
+    if len(values) < 5000:
+        low, high = np.partition(values, places)[[*places]].tolist()
+    else:  # Polars selects in a third of the time, and begins in ten times of it
+        series = pl.Series(values)
+        low, high = (series.quantile(0.5, one) or 0.0 for one in ("lower", "higher"))
+    return float(low + high) / 2
+
+
 def usual_size(values: Array) -> float:
-    return float(np.median(np.abs(values)))
+    return median(np.abs(values))
 
 
 def rms(values: Array) -> float:

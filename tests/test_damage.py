@@ -173,7 +173,7 @@ def test_one_wrong_number_is_told_by_what_all_others_leave_and_corners_and_impac
         assert found is not None
         assert np.flatnonzero(found).tolist() == [row] * told
     for sound in (np.maximum(k - 700.0, 0), np.exp(-np.abs(k - 700.3) / 2), np.where(k > 700, 5.0, 0) + 0.1 * noise):
-        assert all(a == b for a, b in leaps_of(sound, bends_of(sound))[0])
+        assert all(a == b for a, b in leaps_of(sound, bends_of(sound), 0.0))
 
 
 def test_an_angle_that_moves_faster_than_a_joint_can_is_no_sensors(tmp_path: Path) -> None:

@@ -182,10 +182,11 @@ class Reader:
                     self.misfit = self.misfit or str(error)
                     mine, rows = mine[1:], rows[1:]
                     continue
-            same = known[tried].fits(rows)
+            if (same := known[tried].fits(rows)).all():
+                self.parts.append((self.count + mine, known[tried].read(rows)))
+                return
             if same.any():
-                of_shape = rows if same.all() else rows[same]
-                self.parts.append((self.count + mine[same], known[tried].read(of_shape)))
+                self.parts.append((self.count + mine[same], known[tried].read(rows[same])))
             mine, rows, tried = mine[~same], rows[~same], tried + 1
 
     def take(self, payloads: Sequence[bytes]) -> None:
@@ -225,8 +226,9 @@ class Reader:
         values, none, in_order = {}, np.empty(0, bool), (np.diff(order) == 1).all()
         absent = np.ma.array(np.zeros(rows.size, bool), mask=True)
         for path in self.paths:
-            pieces = [one[path] if path in one else absent[: rows.size] for rows, one in parts]
-            whole = joined_masked([none, *pieces]) if any(path in one for _, one in parts) else absent
+            is_there = any(path in one for _, one in parts)
+            pieces = [one[path] if path in one else absent[: rows.size] for rows, one in parts if is_there]
+            whole = joined_masked([none, *pieces]) if is_there else absent
             values[path] = whole if in_order else whole[order]  # of an hour at 1 kHz a copy is 30 MB
         return Columns(rows[order], values, self.count - rows.size, self.misfit)
 

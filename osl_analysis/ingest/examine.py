@@ -21,7 +21,7 @@ from osl_analysis.signals import longest_run, run_at_extreme, run_edges, runs
 from osl_analysis.signals.grid import GapLimits, devices_of, origin, streams, uniform_signals
 from osl_analysis.signals.samples import take
 from osl_analysis.spectral.stepped_sine import Likeness, Run, SteppedSineProtocol, stated_protocol
-from osl_analysis.trial import Array, Trial, beside, factor_of, plate_axes, plate_columns, unit_of, usual_size
+from osl_analysis.trial import Array, Trial, beside, factor_of, median, plate_axes, plate_columns, unit_of, usual_size
 
 
 @dataclass(frozen=True)
@@ -52,13 +52,12 @@ class Examined:
     @cached_property
     def steps(self) -> dict[str, tuple[float, float, float]]:
         """Median, mean and largest sampling step [s]. Channels of the same times stand under the first."""
-        time, found = self.trial.samples["time"].to_numpy(), dict[bytes, tuple[str, tuple[float, float, float]]]()
-        for column in self.trial.samples.select(pl.exclude("time").is_not_null()):
-            present = column.to_numpy()
-            if (rows := present.tobytes()) not in found and present.sum() > 2:
-                steps = np.diff(time[present])
-                found[rows] = column.name, (float(np.median(steps)), float(steps.mean()), float(steps.max()))
-        return dict(found.values())
+        found = dict[str, tuple[float, float, float]]()
+        for first, *_ in devices_of(self.trial, [one for one in self.trial.columns if one != "time"]):
+            steps = np.diff(self.trial.arrays(first)[0])
+            if steps.size > 1:
+                found[first] = median(steps), float(steps.mean()), float(steps.max())
+        return found
 
 
 @dataclass(frozen=True)
@@ -92,7 +91,7 @@ def recorded(trial: Trial, column: str | None) -> tuple[Array, Array]:
 
 def median_step(time: Array) -> float:
     """Median step [s], or the mean one where most stamps are repeated; 0 for a single sample."""
-    return float(np.median(np.diff(time)) or np.ptp(time) / (time.size - 1)) if time.size > 1 else 0.0
+    return median(np.diff(time)) or float(np.ptp(time)) / (time.size - 1) if time.size > 1 else 0.0
 
 
 def consecutive(time: Array, values: Array, seconds: float) -> Array:
@@ -411,7 +410,7 @@ def measure_stuck(examined: Examined) -> CheckResult:
         when, level = consecutive(reference[0], np.stack(reference), smoothed).mean(axis=-1)
         if when.size:  # while it changes by a fifth of its range, the joint should have moved
             apart = smoothed / 2 + median_step(time)  # at the start of a motion the torque jumps before the angle
-            from_rest = np.minimum(abs(theta - theta[0]), abs(theta - np.median(theta)))
+            from_rest = np.minimum(abs(theta - theta[0]), abs(theta - median(theta)))
             rests = (from_rest <= AT_REST * np.ptp(theta)) & examined.experiment.stepped_sine & (by == "torque")
             least, moved = 0.2 * float(np.ptp(level)), without_rests(time, theta)
             times["theta"] = held(time, moved, (when, level), least, apart, rests)
@@ -437,8 +436,8 @@ def without_rests(time: Array, theta: Array) -> Array:
     for less than three times as long as elsewhere."""
     kept, least, longest = theta.copy(), 0.2 / max(median_step(time), 1e-9), 0.0  # samples
     step = smallest_step(theta) if theta.size else 0.0
-    for run in runs(np.diff(theta) == 0):
-        count, whole = run.stop - run.start, slice(run.start, run.stop + 1)
+    for first, stop in run_edges(np.diff(theta) == 0).tolist():
+        count, whole = stop - first, slice(first, stop + 1)
         is_last = whole.stop == theta.size
         if count > least and not (is_last and count > 3 * longest) and comes_to_rest(theta, whole, step):
             kept[whole], longest = np.nan, max(longest, count)
@@ -478,7 +477,7 @@ def held(
 def measure_dropout(examined: Examined) -> CheckResult:
     """Number of samples that no sensor gives, of a channel that seldom repeats a value. Of a plate `dropped_loads`."""
     counts = dict[str, float]()
-    for name in SELDOM_REPEAT:
+    for name in (one for one in SELDOM_REPEAT if one in examined.trial.columns):
         known = origin(examined.trial, name)  # where ingest counted them
         if "no_sensor" not in known:
             lost = values_of_no_sensor(name, *recorded(examined.trial, name), known)
@@ -615,14 +614,13 @@ def measure_pressure_travel(examined: Examined) -> CheckResult:
 
 def check_own_torque(trial: Trial, torque: str = "torque") -> None:
     """Refuse a torque that is the motor's current times a constant, of which a fit would be circular."""
-    if {torque, "current"} <= set(trial.columns):
-        both = trial.samples.select(torque, "current").drop_nulls().to_numpy()
-        if (factor := factor_of(both[:, 0], both[:, 1])) is not None:
-            raise InputError(
-                f"trial {trial.name}: {torque} is current times {factor:.4g} {unit_of(torque)}/A, to within rounding: "
-                "it is computed from the motor's current, not measured, so that a fit gives what it was computed with; "
-                f"name the channel of a load cell as {torque} in the source file, or state the experiment ingest_only"
-            )
+    both = trial.arrays(torque, "current")[1:] if {torque, "current"} <= set(trial.columns) else ()
+    if both and (factor := factor_of(*both)) is not None:
+        raise InputError(
+            f"trial {trial.name}: {torque} is current times {factor:.4g} {unit_of(torque)}/A, to within rounding: "
+            "it is computed from the motor's current, not measured, so that a fit gives what it was computed with; "
+            f"name the channel of a load cell as {torque} in the source file, or state the experiment ingest_only"
+        )
 
 
 def check_recording(trial: Trial, limits: Any, torque: str = "torque", angle: str | None = "theta") -> None:

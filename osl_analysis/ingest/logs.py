@@ -45,7 +45,7 @@ from osl_analysis.ingest.source import (
 )
 from osl_analysis.ingest.units import is_unit, name_and_ending, normalised, si_factor
 from osl_analysis.signals import runs
-from osl_analysis.trial import Array, check_time, counter_column, unit_of
+from osl_analysis.trial import Array, check_time, counter_column, median, unit_of
 
 RATE = "state the rate of the rows in Hz, as `time: {rate: HZ}`"
 SECOND = 1_000_000_000
@@ -348,7 +348,7 @@ def rate_of(time: NDArray[Any], second: float = 1.0) -> float | None:
     """Median rate [Hz] of stamps (n,), of which `second` are a second; None where they tell none."""
     steps = np.diff(time)
     steps = steps[steps > 0]
-    return float(second / np.median(steps)) if steps.size else None
+    return second / median(steps) if steps.size else None
 
 
 def time_unit(clock: Array) -> str:

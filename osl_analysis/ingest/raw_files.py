@@ -48,7 +48,7 @@ from osl_analysis.ingest.source import (
 )
 from osl_analysis.refusal import check_not_refused
 from osl_analysis.signals import run_edges
-from osl_analysis.trial import COLUMNS, Array, Trial, unit_of
+from osl_analysis.trial import COLUMNS, Array, Trial, median, unit_of
 from osl_analysis.yaml_settings import dotted, field_line, read_mapping, read_yaml
 
 FileReader = Callable[[Path, Any], Recording]  # reads a file by its source file, of the format's class
@@ -258,12 +258,11 @@ def surprise(scatter: float, level: float) -> float:
     return math.log(2 * math.pi**0.5 * scatter / max(level, 1e-300)) if scatter else 0.0
 
 
-def as_written(recording: Recording, column: str) -> tuple[NDArray[np.intp], Array]:
-    """The rows (n,) in which a column has a reading, and the readings (n,) as the file has them."""
-    values, origin = recording.samples[column].to_numpy(), recording.columns[column]
-    factor = math.prod(origin.get(key, 1) for key in ("sign", "scale", "factor")) or 1
+def read_values(recording: Recording, column: str) -> tuple[NDArray[np.intp], Array]:
+    """The rows (n,) in which a column has a reading, and the readings (n,)."""
+    values = recording.samples[column].to_numpy()
     rows = np.flatnonzero(np.isfinite(values))
-    return rows, (values if rows.size == values.size else values[rows]) / factor - origin.get("offset", 0)
+    return rows, values if rows.size == values.size else values[rows]
 
 
 def channels_with_noise(recording: Recording) -> list[tuple[str, NDArray[np.intp], Array, float]]:
@@ -274,10 +273,11 @@ def channels_with_noise(recording: Recording) -> list[tuple[str, NDArray[np.intp
     for column in recording.columns:
         if column.endswith("_command") or unit_of(column) in NO_SENSOR:
             continue
-        rows, x = as_written(recording, column)
-        fresh = np.flatnonzero(np.diff(x, prepend=np.nan))
-        steps = np.diff(fresh)
-        if 1 < fresh.size < 0.75 * x.size and np.mean(steps == np.median(steps)) > 0.8:
+        (rows, x), origin = read_values(recording, column), recording.columns[column]
+        factor = math.prod(origin.get(key, 1) for key in ("sign", "scale", "factor")) or 1
+        x = x / factor - origin.get("offset", 0)  # as the file has them
+        fresh = np.flatnonzero(np.append(True, x[1:] != x[:-1]))
+        if 1 < fresh.size < 0.75 * x.size and np.mean((steps := np.diff(fresh)) == np.median(steps)) > 0.8:
             rows, x = rows[fresh], x[fresh]
         piece = np.linspace(0, x.size - min(x.size, 200), 8).astype(int)[:, None] + np.arange(min(x.size, 200))
         alike.setdefault(piece.shape[1], []).append((column, rows, x, x[piece]))
@@ -347,12 +347,12 @@ def tell_no_sensor(recording: Recording) -> None:
     trigger, and hold all channels until then."""
     times, each = recording.samples["time"].to_numpy(), dict[str, tuple[Array, Array]]()
     for column in (one for one in recording.columns if one in SELDOM_REPEAT):
-        finite = np.isfinite(x := recording.samples[column].to_numpy())
-        each[column] = times[finite], x[finite]
+        rows, x = read_values(recording, column)
+        each[column] = times if rows.size == times.size else times[rows], x
     held = [(time, int(np.argmax(x != x[0]))) for time, x in each.values() if (x != x[:1]).any()]
     begin = min((float(time[count * (count > 1)]) for time, count in held), default=0.0)
     for column, (time, x) in each.items():
-        x, time = x[time >= begin], time[time >= begin]
+        x, time = x[(first := np.searchsorted(time, begin)) :], time[first:]
         wrong = values_of_no_sensor(column, time, x, recording.columns[column])
         recording.columns[column]["no_sensor"] = None if wrong is None else int(wrong.sum())
         if wrong is not None and wrong.any():
@@ -367,9 +367,9 @@ def tell_odd_steps(recording: Recording) -> None:
     for column in recording.samples.select(pl.exclude("time").is_not_null()):
         alike[column.to_numpy().tobytes()].append(column.name)
     for present, names in alike.items():
-        time = recording.samples["time"].to_numpy()[np.frombuffer(present, bool)]
+        time = recording.samples["time"].to_numpy()[np.flatnonzero(np.frombuffer(present, bool))]
         steps = np.diff(time)
-        usual = float(np.median(steps)) if steps.size else 0.0
+        usual = median(steps) if steps.size else 0.0
         odd = np.abs(steps - usual) > 0.1 * usual
         if 0 < (count := np.count_nonzero(odd)) <= 0.01 * odd.size and np.ptp(steps[~odd]) < 0.05 * usual:
             at, of = int(np.argmax(odd)), f" of {listing(names, 4)}" * (len(alike) > 1)
@@ -382,22 +382,24 @@ def tell_odd_steps(recording: Recording) -> None:
 def tell_leaps_of_markers(recording: Recording) -> None:
     """Say where four in five coordinates of markers, which are masses, leave their curves in a frame, or one does so
     and comes back, farther than cameras that take another marker for it let it."""
-    share = recording.samples.select(pl.all().is_finite().mean())  # of its frames
-    markers = [one for one in share.columns if one.startswith("marker_") and (share[one][0] or 0) > 0.5]
+    share = recording.samples.select(pl.col("^marker_.*$").is_finite().mean())  # of its frames
+    markers = [one for one in share.columns if (share[one][0] or 0) > 0.5]
     if not markers:
         return
     seen = recording.samples.select("time", *markers).filter(pl.any_horizontal(pl.col(markers).is_not_null()))
-    told = list[str]()
-    if leaps := run_edges(np.mean([bends_of(one.to_numpy()) > 25 for one in seen[markers]], axis=0) >= 0.8).tolist():
-        first = f"{len(leaps)} times all markers leap in one frame, first at {seen['time'][leaps[0][0] + 1]:.3f} s"
-        told.append(f"{first}: frames are missing there, or a part of the file was moved")
+    time, told, leaping = seen["time"].to_numpy(), list[str](), np.zeros(seen.height)
     for name in markers:
-        time, x = seen.select("time", name).filter(pl.col(name).is_finite()).to_numpy().T
-        if (bends := bends_of(x)).max() > FAR_OF_MARKER:
-            back, rest = leaps_of(x, bends)
-            far = [a for a, b in back if a < b and bends[a : b + 2].max() > FAR_OF_MARKER * max(rest, 1.0)]
-            said = f"{name} leaves its curve and comes back {len(far)} times, first at {time[far[:1]].sum():.3f} s"
-            told += [f"{said}: bytes may be lost"] * bool(far)
+        bends, finite = bends_of(x := seen[name].to_numpy()), np.isfinite(x)
+        leaping += bends > 25
+        if not finite.all():
+            bends = bends_of(x := x[finite])
+        if bends.max() > FAR_OF_MARKER:
+            far = [a for a, b in leaps_of(x, bends, FAR_OF_MARKER) if a < b and bends[a : b + 2].max() > FAR_OF_MARKER]
+            said = f"{name} leaves its curve and comes back {len(far)} times, first at"
+            told += [f"{said} {at:.3f} s: bytes may be lost" for at in time[finite][far[:1]]]
+    if leaps := run_edges(leaping / len(markers) >= 0.8).tolist():
+        first = f"{len(leaps)} times all markers leap in one frame, first at {time[leaps[0][0] + 1]:.3f} s"
+        told.insert(0, f"{first}: frames are missing there, or a part of the file was moved")
     recording.damage.remarks += told
     recording.damage.is_doubted |= bool(told)
 

@@ -30,7 +30,7 @@ from osl_analysis.formats.mat import checked_address
 from osl_analysis.formats.table import Ledger, noise_in
 from osl_analysis.ingest.units import ForceUnit, LengthUnit, MomentUnit, TimeUnit, Unit, quantity, si_factor
 from osl_analysis.signals import run_edges
-from osl_analysis.trial import AXES, COLUMNS, Array, unit_of
+from osl_analysis.trial import AXES, COLUMNS, Array, median, unit_of
 from osl_analysis.yaml_settings import Settings, distinct, field_line, misplaced, one_of
 
 SampleShare = Annotated[float, Field(ge=0, le=1)]
@@ -146,6 +146,7 @@ class Addressed(Settings):
     """What names one channel of a recording."""
 
     ADDRESS: ClassVar[str] = ""  # The key that names it: `column`, `field`, `channel`, `variable` or `component`.
+    BESIDE: ClassVar[tuple[str, ...]] = ()  # Other keys that it takes to find it.
 
     @property
     def name(self) -> str:
@@ -164,7 +165,7 @@ class Channel(Conversion, Addressed):
     @property
     def address(self) -> tuple[str, ...]:
         """What only one column may be read from."""
-        return (self.name,)
+        return self.name, *(getattr(self, key) for key in self.BESIDE)
 
 
 class LogChannel(Channel):
@@ -184,11 +185,9 @@ class FieldChannel(LogChannel):
 
 
 class MessageChannel(FieldChannel):
-    topic: Name  # Name of the topic.
+    BESIDE = ("topic",)
 
-    @property
-    def address(self) -> tuple[str, ...]:
-        return self.topic, self.field
+    topic: Name  # Name of the topic.
 
 
 class ColumnChannel(LogChannel):
@@ -226,14 +225,10 @@ class C3dChannel(Channel):
 
 
 class DeviceChannel(Channel):
-    ADDRESS = "device"
+    ADDRESS, BESIDE = "device", ("component",)
 
     device: Name  # Name of the device's output, such as `EMG2000 - Voltage`.
     component: Name  # Name of the column under it.
-
-    @property
-    def address(self) -> tuple[str, ...]:
-        return self.device, self.component
 
 
 class Time(Addressed):
@@ -389,6 +384,12 @@ class Source(Settings):
     description: str = ""  # For readers; nothing is computed from it.
     _path: Path | None = PrivateAttr(default=None)
 
+    @field_validator("channels", "analogs", "outputs", check_fields=False)
+    @classmethod
+    def _canonical(cls, channels: Mapping[str, Conversion]) -> Mapping[str, Conversion]:
+        canonical(channels)
+        return channels
+
     def written_in(self, path: Path) -> None:
         self._path = path
 
@@ -435,12 +436,6 @@ class LogSource(Source):
     channels: Annotated[Mapping[str, LogChannel], Field(min_length=1)]  # The recorded channel of each canonical column.
     time: Time  # Where the time of a row or message comes from.
     most_missing: SampleShare = 0.01  # Largest share of a channel's numbers, and of the rows, that may be missing.
-
-    @field_validator("channels")
-    @classmethod
-    def _canonical(cls, channels: Mapping[str, LogChannel]) -> Mapping[str, LogChannel]:
-        canonical(channels)
-        return channels
 
     @model_validator(mode="after")
     def _aligned(self) -> Self:
@@ -563,12 +558,6 @@ class LaboratorySource(MarkerSource):
 
     analogs: Mapping[str, Channel] = Field(default={})  # The recorded channel of each canonical column.
     outputs: Mapping[str, ModelOutput] = Field(default={})  # The model output of each canonical column.
-
-    @field_validator("analogs", "outputs")
-    @classmethod
-    def _canonical(cls, channels: Mapping[str, Conversion]) -> Mapping[str, Conversion]:
-        canonical(channels)
-        return channels
 
     @model_validator(mode="after")
     def _each_once(self) -> Self:
@@ -707,12 +696,10 @@ def values_of_no_sensor(column: str, time: Array, x: Array, origin: Mapping[str,
 @np.errstate(over="ignore", invalid="ignore")
 def by_leaps(column: str, time: Array, x: Array, bends: Array) -> NDArray[np.bool_]:
     """Which readings (n,) of a column are no sensor's by its leaps (`values_of_no_sensor`)."""
-    lost, moved, (leaps, rest) = np.zeros(x.size, bool), np.zeros(x.size, bool), leaps_of(x, bends)
-    far = [(a, b) for a, b in leaps if bends[a : b + 2].max() > 4 * rest]
+    lost, moved, far = np.zeros(x.size, bool), np.zeros(x.size, bool), leaps_of(x, bends, 4.0)
     if not far:
         return lost
-    stays = np.diff(x) == 0
-    usual = float(np.median(np.diff(time)))
+    stays, usual = np.diff(x) == 0, median(np.diff(time))
     farthest = {"theta": 2000.0 * usual**2 * (usual > 0.0025), "theta_m": math.inf if usual > 0.0025 else 0.0}  # rad
     for a, b in far:
         size = abs(x[a] - x[a - 1])
@@ -734,7 +721,7 @@ def exchanged(x: Array, bends: Array) -> NDArray[np.bool_]:
     """Which readings (n,) are of two blocks of one length that changed places: of four leaps two stand out, and
     with a third one, which may be no farther than noise, tell the length; all are gone once the blocks are put back."""
     at, left, lost = list[int](), bends.copy(), np.zeros(x.size, bool)
-    for _ in range(9 if x.size > 9 else 0):
+    for _ in range(9 if x.size > 9 and bends.max() > 10.0 else 0):
         at.append(int(np.argmax(left)))
         left[max(at[-1] - 3, 0) : at[-1] + 4] = 0
     if not at or bends[at[1]] <= max(10.0, 1.5 * (rest := bends[at[4]])):
@@ -756,26 +743,30 @@ def exchanged(x: Array, bends: Array) -> NDArray[np.bool_]:
 def bends_of(x: Array) -> Array:
     """By how much readings (n,) leave the curve of those beside them, by what is usual: their third differences, of
     which the largest stands at the row into which a channel leaps; 0 at the ends, and where they are no numbers."""
-    bends, sizes = np.zeros(x.shape), np.abs(x)
-    bends[2:-1] = np.nan_to_num(np.abs(np.diff(x, 3)), posinf=1e300)
-    usual = float(np.median(counted)) if (counted := bends[bends > 0]).size else 0.0
-    if x.size and not usual > 1e-9 * np.nanmax(sizes):
-        usual = max(usual, 1e-9 * float(np.nanmedian(sizes)) + 1e-300)
-    return bends / (usual or 1.0)
+    bends = np.zeros(x.shape)
+    np.fmin(np.fmax(np.abs(np.diff(x, 3)), 0), 1e300, out=bends[2:-1])
+    usual = median(counted) if (counted := bends[bends > 0]).size else 0.0
+    if x.size and not usual > 1e-9 * max(np.fmax.reduce(x), -np.fmin.reduce(x)):
+        usual = max(usual, 1e-9 * float(np.nanmedian(np.abs(x))) + 1e-300)
+    return np.divide(bends, usual or 1.0, out=bends)
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def leaps_of(x: Array, bends: Array) -> tuple[list[tuple[int, int]], float]:
-    """The rows into which a channel (n,) leaps, each with that from which on it is back, after five at most, or itself;
-    and how far it bends elsewhere. A leap is ten times as far as usual, and twice as far as the steps beside it,
-    unlike a corner, or the fall and rise after a blow."""
+def leaps_of(x: Array, bends: Array, times: float) -> list[tuple[int, int]]:
+    """The rows into which a channel (n,) leaps, each with that from which on it is back, after five at most, or itself.
+    A leap is ten times as far as usual, `times` as far as anything else, 4 or more, and twice as far as the steps
+    beside it, unlike a corner, or the fall and rise after a blow."""
     found, others, far = list[tuple[int, int]](), bends.copy(), np.flatnonzero(bends > 10.0)
     if far.size >= MOST_BENDS:
         far = far[bends[far] > np.partition(bends[far], -MOST_BENDS)[-MOST_BENDS]]
-    for group in np.split(far, np.flatnonzero(np.diff(far) > 2) + 1) if far.size else ():
+    apart = bends.copy()
+    apart[np.clip(far[:, None] + np.arange(-2, 3), 0, x.size - 1)] = 0
+    if not far.size or bends.max() <= times * apart.max():
+        return found
+    for group in np.split(far, np.flatnonzero(np.diff(far) > 2) + 1):
         begin = max(int(group[0]) - 4, 0)
         steps = np.diff(x[begin : int(group[-1]) + 4])
-        steps -= np.median(steps) + np.median(np.diff(steps)) * (np.arange(steps.size) - steps.size / 2)
+        steps -= median(steps) + median(np.diff(steps)) * (np.arange(steps.size) - steps.size / 2)
         sizes = np.abs(steps)
         large = np.flatnonzero(sizes > 0.5 * sizes.max())
         is_back = large.size == 2 and np.ptp(large) <= 5 and abs(steps[large].sum()) < 0.5 * sizes.max()
@@ -783,7 +774,7 @@ def leaps_of(x: Array, bends: Array) -> tuple[list[tuple[int, int]], float]:
             places = (begin + 1 + large).tolist()
             found += [(places[0], places[-1])] if is_back else [(one, one) for one in places]
             others[max(int(group[0]) - 2, 0) : int(group[-1]) + 3] = 0
-    return found, float(others.max(initial=0))
+    return [(a, b) for a, b in found if bends[a : b + 2].max() > times * others.max()]
 
 
 def jumped_into(

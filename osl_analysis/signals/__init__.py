@@ -8,7 +8,7 @@ import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
-from osl_analysis.trial import Array, check_finite
+from osl_analysis.trial import Array, check_finite, median
 
 SLOPE = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / 60
 CURVATURE = np.array([2.0, -27.0, 270.0, -490.0, 270.0, -27.0, 2.0]) / 180
@@ -99,7 +99,8 @@ def run_edges(true: NDArray[np.bool_]) -> NDArray[np.intp]:
 
 def longest_run(true: NDArray[np.bool_]) -> slice:
     """The longest run of consecutive true samples, or the first of equally long ones; empty if no sample is true."""
-    return max(runs(true), key=lambda run: run.stop - run.start, default=slice(0, 0))
+    edges = run_edges(true)
+    return slice(*edges[np.argmax(np.diff(edges))].tolist()) if len(edges) else slice(0, 0)
 
 
 def sampling_rate(time: Array) -> float:
@@ -163,7 +164,7 @@ def run_at_extreme(values: Array) -> slice:
     parabola that has the slopes at the ends of the plateau rises by less than 2.5 steps."""
     if not values.size or not np.isfinite(values).all():
         return slice(0, 0)
-    low, high, middle = float(values.min()), float(values.max()), float(np.median(values))
+    low, high, middle = float(values.min()), float(values.max()), median(values)
     steps = np.abs(np.diff(values))
     step, longest = float(steps[steps > 0].min(initial=np.inf)), slice(0, 0)
     for end in (low, high):

@@ -203,9 +203,9 @@ def stream_row(part: Taken, bridged: Array, marked: Array, time: Array, limits: 
     }
 
 
-SPLINED, REACH = 1 << 18, 64
-"""Samples that one spline gives, and those beyond its ends that it passes: of what it is there, 0.27^64 is left inside.
-The coefficients of a whole hour would take 0.7 GB."""
+SPLINED, REACH = 1 << 14, 64
+"""Samples that one spline gives, so few that a processor holds them near, and those beyond its ends that it passes: of
+what it is there, 0.27^64 is left inside. The coefficients of a whole hour would take 0.7 GB."""
 ON_GRID = 1e-6  # distance, in steps, at which a sample counts as lying on the grid
 
 

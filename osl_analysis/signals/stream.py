@@ -113,7 +113,7 @@ def held_values(signal: Array, step: float) -> HeldValues | None:
     """The values that a signal (n,), without NaN, repeats at a pace of its own, up to 0.1 s of `step` [s]; None if it
     does not. A slow signal of coarse resolution, at rest too, repeats values but hardly right after it went on by
     three of its smallest steps: the rows after such changes tell."""
-    first = np.flatnonzero(np.diff(signal)) + 1
+    first = np.flatnonzero(signal[1:] != signal[:-1]) + 1
     if FEWEST_STAMPS < len(signal) - len(first) < 0.5 * len(signal):
         # a source that is hardly slower: all values lie on a straight line to within a row, which is no chance
         period, _ = line_through(np.arange(len(first)), first.astype(np.float64))

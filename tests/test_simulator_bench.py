@@ -407,7 +407,8 @@ def test_a_log_is_the_file_that_the_mcap_package_writes_of_the_same_messages(tmp
     for topic in topics:
         schema = writer.register_schema(topic.schema_name, "ros2msg", topic.schema_text.encode())
         channel = writer.register_channel(topic.name, "cdr", schema)
-        messages += [(int(m["publish"]), channel, row, m["data"].tobytes()) for row, m in enumerate(topic.records)]
+        records = topic.records(np.arange(topic.stamps.size))
+        messages += [(int(m["publish"]), channel, row, m["data"].tobytes()) for row, m in enumerate(records)]
     for stamp, channel, row, data in sorted(messages, key=lambda message: message[0]):
         writer.add_message(channel, stamp + 150_000, data, stamp, row)
     writer.finish()

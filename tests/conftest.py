@@ -61,6 +61,13 @@ def without_witness(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("osl_analysis.bench.impedance.witness_row", lambda *_, **__: unheard)
 
 
+@pytest.fixture
+def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of tests of addresses and values: a fork takes longer than what it reads."""
+    for module in ("mat", "binary_table"):
+        monkeypatch.setattr(f"osl_analysis.formats.{module}.isolated", lambda work: work())
+
+
 def multisine(*frequencies_hz: float, amplitude: float = 0.1, duration: float = 10.0, rate: float = 500.0) -> Motion:
     """A sum of sines with phases 0, 1, 2 ... rad; every derivative is the formula's, none is computed from data."""
     t, w = np.arange(round(duration * rate)) / rate, 2 * np.pi * np.asarray(frequencies_hz)[:, None]

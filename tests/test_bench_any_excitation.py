@@ -189,6 +189,7 @@ def test_ramps_between_levels_tell_K_and_an_interval_of_I_that_holds_what_the_to
         row_of(made_trial(rng, (time, motion), K=3e5, B=5e3, I=20.0))
 
 
+@pytest.mark.usefixtures("without_witness")
 def test_what_the_gains_should_give_is_what_the_torque_of_the_linear_model_gives():
     """Torque of the linear drivetrain by its admittance at each line, and K, B and I of the joint beside it."""
     rng, p = np.random.default_rng(5), read_parameters(ROOT / "config/parameters/default.yaml")
@@ -207,6 +208,7 @@ def test_what_the_gains_should_give_is_what_the_torque_of_the_linear_model_gives
     assert table["B_gap_s"][0] is None, "friction hides it without compensation"
 
 
+@pytest.mark.usefixtures("without_witness")
 @pytest.mark.parametrize("late", [0.0, 5e-3])
 def test_the_b_of_a_compensated_leg_is_held_against_that_of_its_gains(late):
     """A torque that is late by d loses K d of B: d K over torque per angle, in seconds. Without noise, by formula."""
@@ -836,6 +838,7 @@ def test_a_change_of_the_stiffness_is_told_in_any_motion_with_k_before_and_after
     assert "change over time" in doubts_of(row)
 
 
+@pytest.mark.usefixtures("without_witness")
 def test_a_motion_by_hand_and_a_sweep_beyond_the_filter_give_their_stiffness():
     """A hand rests between its turns, so that most of the third differences are those of noise."""
     time, rng = np.arange(0, 34, 1 / 300), np.random.default_rng(2)

@@ -276,9 +276,8 @@ def write_topics(path: Path, topics: Sequence[LogTopic]) -> None:
         channels.append(mcap_records.Channel(number, topic.name, "cdr", {}, number))
         topic.alike["channel"] = number
     publish, counts = np.concatenate([topic.stamps for topic in topics]), [topic.stamps.size for topic in topics]
-    order = np.argsort(publish, kind="stable")
-    channel, log = np.repeat(np.arange(len(topics)) + 1, counts)[order], publish[order] + ARRIVES
-    lengths = np.repeat([topic.alike.itemsize for topic in topics], counts)[order]
+    channel = np.repeat(np.arange(len(topics)) + 1, counts)[order := np.argsort(publish, kind="stable")]
+    log, lengths = publish[order] + ARRIVES, np.repeat([topic.alike.itemsize for topic in topics], counts)[order]
     content = encoded(one for pair in zip(schemas, channels, strict=True) for one in pair)  # begins the first chunk
     ends = np.cumsum(lengths) + len(content)
     with atomic_path(path) as temporary, temporary.open("wb") as file:

@@ -1,6 +1,5 @@
 """The simulated bench: its motions, its experiments, each imperfection with its stated size, and the written log."""
 
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -166,21 +165,6 @@ def test_the_belt_is_loaded_by_its_own_stiffness_and_friction_of_the_actuators_b
     assert (found["f_C"], found["f_G"]) == (1.5 * P.f_C, 1.5 * P.f_G)
 
 
-def test_the_foot_has_its_spring_and_loses_what_its_slipping_springs_lose_in_each_cycle():
-    """A cycle of amplitude A loses 4 limit (A - limit/stiffness)."""
-    made = read_yaml(ROOT / "config/simulation/torque_angle.yaml", SimulationSettings)
-    foot = made.foot
-    motion, signals = true_signals({"trial": "torque_angle_1", "experiment": "torque_angle"}, made, P)
-    damped = -signals[TORQUE] - foot.B * motion.omega
-    zero = np.flatnonzero((motion.theta[1:-1] < 0) & (motion.theta[2:] >= 0))  # on the way up, of each cycle
-    for first, last in pairwise(zero[:4]):
-        theta = motion.theta[first : last + 1]
-        lost, half = np.trapezoid(damped[first : last + 1], theta), np.ptp(theta) / 2
-        assert lost == pytest.approx(sum(4 * s.limit * (half - s.limit / s.stiffness) for s in foot.slipping), rel=0.01)
-        spring = foot.K * theta.max() * (1 + foot.stiffening * theta.max() ** 2)
-        assert damped[first + np.argmax(theta)] == pytest.approx(spring + sum(s.limit for s in foot.slipping), rel=1e-3)
-
-
 def test_each_sensor_effect_adds_what_the_truth_says_and_leaves_the_other_draws_alone():
     sizes = {"load_cell_offset": on(0.5, "N*m"), "load_cell_drift": on(0.05, "N*m/min")}
     sizes["load_cell_noise"] = on(0.05, "N*m")
@@ -235,22 +219,6 @@ def test_samples_are_dropped_singly(clean):
     assert [missing(dropped=on(share, "1")).sum() for share in (1e-3, 1e-6)] == [round(1e-3 * n), 1]
     assert set(missing(dropped=on(0.2, "1"))) == {0, 1}
     assert log_of(node(dropped=on(0.4, "1")))["time"][[0, -1]].tolist() == clean["time"][[0, -1]].tolist()
-
-
-def test_encoders_have_bits_and_an_encoders_zero_stands_between_its_steps(clean):
-    encoder, count = {"joint_encoder": on(14, "bit")}, 2 * np.pi / 2**14
-    steps = log_of({"effects": encoder})[ANGLE] / count
-    assert steps == pytest.approx(np.rint(steps), abs=1e-9)
-    assert np.diff(np.unique(np.rint(steps))).min() == 1
-    steps = {"actuator_encoder": on(2e-3, "rad"), "current_quantisation": on(0.05, "A")}
-    log = log_of({"joint": None, "effects": steps | {"load_cell_quantisation": on(0.33, "N*m")}})
-    for values, step in ((log["actuator_angle"], 2e-3), (log["motor_current"], 0.05), (log[TORQUE], 0.33)):
-        assert (values / step == pytest.approx(np.rint(values / step), abs=1e-9), np.ptp(values) > step) == (True, True)
-    moved, truth = simulated({"effects": encoder | {"encoder_zero": on(0.5, "step")}})
-    np.testing.assert_allclose(moved["commanded_angle"], np.rint(clean["commanded_angle"] / count) * count, atol=1e-12)
-    zero = truth["drawn"]["encoder_zero"]
-    assert 0 < abs(zero) < count / 2
-    np.testing.assert_allclose(moved[ANGLE], np.rint((clean[ANGLE] + zero) / count) * count, atol=1e-12)
 
 
 @pytest.mark.parametrize(("changes", "channel", "expected", "within"), [

@@ -224,14 +224,14 @@ def test_changed_settings_give_the_bytes_of_a_fresh_run_and_redo_what_uses_them_
     fits -= {"fit_impedance_trial"}  # it predicts by the components, of which a trial is excluded
     assert not (fits | {"ingest"}) & set(planned)
     names = ("belt_summary", "impedance", "transmission", "transmission_summary")
-    targets = [f"results/tables/{name}.csv" for name in names]
+    targets = [f"results/tables/{name}.csv" for name in (*names, "quality")]
     for space in (again, fresh):
         space.configure(changes | {"dynamometer": DYNAMOMETER | {"cutoff_hz": 18}})
         assert space.run(*targets).returncode == 0
         assert space.planned(*targets) == {}
     made = (path for path in (fresh.folder / "results").rglob("*") if path.suffix in (".csv", ".zip"))
     files = [path.relative_to(fresh.folder) for path in made]
-    assert len(files) > 30
+    assert len(files) > 40
     assert [file for file in files if (again.folder / file).read_bytes() != (fresh.folder / file).read_bytes()] == []
     for kept in ("results/trials/belt_01.parquet", "results/fits/walking", "results/crossings"):
         assert (again.folder / kept).stat().st_mtime == (workspace.folder / kept).stat().st_mtime

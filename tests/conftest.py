@@ -23,9 +23,9 @@ from osl_analysis.trial import Array
 
 ROOT = Path(__file__).parents[1]
 LONGEST = (
-    "test_workflow", "test_bench_any_excitation", "test_bench_witness", "test_bundle", "test_study", "test_figures",
-    "test_report", "test_stated", "test_timebase", "test_walking_platform", "test_bench_rounding", "test_formats_mat",
-    "test_walking_commands", "test_walking_groups", "test_adding", "test_damage", "test_cli", "test_notebook",
+    "test_workflow", "test_bench_any_excitation", "test_bench_witness", "test_figures", "test_timebase",
+    "test_walking_platform", "test_bundle", "test_walking_commands", "test_study", "test_report", "test_bench_rounding",
+    "test_walking_groups", "test_walking_perturbed_by", "test_damage", "test_cli", "test_adding",
 )  # fmt: skip
 """Modules that take more than 6 s of a core, the longest first."""
 

@@ -412,10 +412,10 @@ def reflexive(rng, gain, noise_nm=0.15, rate=500.0, delay=0.044, band=(0.3, 8.0)
 def test_a_person_s_cut_off_is_that_of_the_recording_unless_one_is_stated_and_a_sooner_reflex_is_told():
     """White noise up to 30 Hz has 95 % of its speed's power below 29.5 Hz; below 8 Hz it needs no more than 15."""
     fast = reflexive(np.random.default_rng(1), 6.0, band=(0.3, 30.0))
-    rows = [person(fast)[1], person(fast, cutoff_hz=20.0)[1], person(reflexive(np.random.default_rng(1), 6.0))[1]]
-    assert [row["cutoff_hz"] for row in rows] == [pytest.approx(29, abs=1.5), 20.0, 15.0]
+    rows = [person(fast)[1], person(reflexive(np.random.default_rng(1), 6.0))[1]]
+    assert [row["cutoff_hz"] for row in rows] == [pytest.approx(29, abs=1.5), 15.0]
     stated = person(reflexive(np.random.default_rng(1), 6.0), HumanJoint(delays_ms=(44,)))[1]
-    assert stated["K_se"] < 0.7 * rows[2]["K_se"]
+    assert stated["K_se"] < 0.7 * rows[1]["K_se"]
     trial = reflexive(np.random.default_rng(2), 9.0, delay=0.025)
     sooner = "whether the reflex is sooner than the delays tried"
     row, (_, by_30_ms) = person(trial, HumanJoint(delays_ms=(40, 50)))[1], person(trial, HumanJoint(delays_ms=(30,)))
@@ -452,8 +452,10 @@ def test_a_person_s_joint_whose_inertia_is_certainly_negative_is_doubtful():
 def test_the_intervals_of_a_person_with_little_noise_hold_what_is_true_by_muscle_of_any_order(delay, order):
     """Cosines after delays 5 ms apart had B 1.3 % off with an interval of 0.1 %, of first order all 20 % off."""
     made = {"delay": delay, "band": (0.3, 15.0), "order": order}
-    row, late = (person(reflexive(np.random.default_rng(0), 6.0, 0.03, late=x, **made))[1] for x in (0.0, 1e-3))
-    assert order == 1 or [late["lag_s"], late["K_without_lag"]] == pytest.approx([1e-3, 90], rel=0.1)
+    row = person(reflexive(np.random.default_rng(0), 6.0, 0.03, **made))[1]
+    if order > 1:
+        late = person(reflexive(np.random.default_rng(0), 6.0, 0.03, late=1e-3, **made))[1]
+        assert [late["lag_s"], late["K_without_lag"]] == pytest.approx([1e-3, 90], rel=0.1)
     true = {"K": 90, "B": 1, "I": 0.016, "reflex_gain_up": 6, "reflex_gain_down": 0, "reflex_delay": 1e3 * delay}
     row |= {f"reflex_delay{end}": row[f"reflex_delay{end}_ms"] for end in ("_low", "_high")}
     assert not [name for name, x in true.items() if not row[f"{name}_low"] < x < row[f"{name}_high"]]
@@ -500,7 +502,7 @@ def test_a_late_torque_of_a_person_is_told_from_the_reflex_and_doubted_with_k_an
     more = 3 * sosfilt(butter(2, 3, fs=500.0, output="sos"), past) + 0.2 * np.tanh(motion[1][1] / 0.02)
     trial = made_trial(rng, motion, late=late, more=more, K=90.0, B=1.0, I=0.016)
     _, row = person(trial, cutoff_hz=40.0)
-    assert row["lag_s"] == pytest.approx(late, abs=2.5e-4)
+    assert (row["lag_s"], row["cutoff_hz"]) == (pytest.approx(late, abs=2.5e-4), 40.0)
     assert LATENESS not in row["not_checked"].split("; ")
     if not late:
         assert (row["doubtful"], row["lag_shift"], row["K_without_lag"]) == ("", 0.0, None)

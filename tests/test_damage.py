@@ -1,6 +1,6 @@
 """Files of every format, damaged at random: whatever is read was written, or a loss is told, exactly or as not known.
 
-`benchmarks/damaged_files.py` has the files, reads thousands, and prints what became of them; here a few hundred."""
+`benchmarks/damaged_files.py` has the files, reads thousands, and prints what became of them; here a hundred."""
 
 import sys
 from contextlib import suppress

@@ -23,9 +23,9 @@ from osl_analysis.trial import Array
 
 ROOT = Path(__file__).parents[1]
 LONGEST = (
-    "test_workflow", "test_bench_any_excitation", "test_bench_witness", "test_bundle", "test_study", "test_figures",
-    "test_report", "test_stated", "test_timebase", "test_walking_platform", "test_bench_rounding", "test_formats_mat",
-    "test_walking_commands", "test_walking_groups", "test_adding", "test_damage", "test_cli", "test_notebook",
+    "test_workflow", "test_bench_any_excitation", "test_bench_witness", "test_figures", "test_timebase",
+    "test_walking_platform", "test_bundle", "test_walking_commands", "test_study", "test_report", "test_bench_rounding",
+    "test_walking_groups", "test_walking_perturbed_by", "test_damage", "test_cli", "test_adding",
 )  # fmt: skip
 """Modules that take more than 6 s of a core, the longest first."""
 
@@ -59,6 +59,13 @@ def without_witness(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of a test that asks for estimates alone: hearing what a model lacks takes nine tenths of a fit."""
     unheard = no_witness() | {"VAF_in_band": None}
     monkeypatch.setattr("osl_analysis.bench.impedance.witness_row", lambda *_, **__: unheard)
+
+
+@pytest.fixture
+def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of tests of addresses and values: a fork takes longer than what it reads."""
+    for module in ("mat", "binary_table"):
+        monkeypatch.setattr(f"osl_analysis.formats.{module}.isolated", lambda work: work())
 
 
 def multisine(*frequencies_hz: float, amplitude: float = 0.1, duration: float = 10.0, rate: float = 500.0) -> Motion:

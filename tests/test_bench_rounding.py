@@ -47,10 +47,10 @@ NUMERICS = {"marks": pytest.mark.numerics}
 
 
 @pytest.mark.parametrize(("rate", "step", "settings", "friction", "seeds", "lowest", "highest"), [
-    *((rate, 0.0, SETTINGS, 0.0, 30, 0.88, 1.0) for rate in (250.0, 300.0, 333.0, 1024.0)),
+    *((rate, 0.0, SETTINGS, 0.0, 30, 0.88, 1.0) for rate in (250.0, 300.0)),
     (1000.0, FOURTEEN_BITS, SETTINGS, 0.0, 40, 0.89, 1.0), (500.0, 0.0, SHORT, 0.0, 60, 0.925, 0.995),
-    pytest.param(500.0, FOURTEEN_BITS, WIDE, 0.0, 30, 0.89, 1.0, **NUMERICS),
-    pytest.param(500.0, FOURTEEN_BITS, WIDE, 0.3, 30, 0.88, 1.0, **NUMERICS),
+    pytest.param(500.0, FOURTEEN_BITS, WIDE, 0.0, 20, 0.89, 1.0, **NUMERICS),
+    pytest.param(500.0, FOURTEEN_BITS, WIDE, 0.3, 20, 0.88, 1.0, **NUMERICS),
 ])  # fmt: skip
 def test_intervals_cover_the_truth_and_are_as_wide_as_errors(rate, step, settings, friction, seeds, lowest, highest):
     """Whether a period, as at 3 Hz, is whole rows or not; where every cycle repeats the rounding of 14 bits, without
@@ -171,7 +171,7 @@ def test_rounding_changes_the_size_of_a_sine_by_as_much_as_its_interval_says(ste
 def test_steps_between_two_levels_are_read_as_well_as_their_levels(bits):
     """A level that stands is wrong by up to half a step however long it is recorded, and so is K."""
     rng, step, misses = np.random.default_rng(5), 2 * np.pi / 2**bits, list[float]()
-    for _ in range(20):
+    for _ in range(12):
         level = np.repeat(np.where(rng.random(80) < 0.5, -1, 1), 150) * np.deg2rad(rng.uniform(2.3, 2.7))
         theta = gaussian_filter1d(level, 15.0)
         time = np.arange(len(theta)) / 500

@@ -458,7 +458,7 @@ def test_every_figure_fits_the_page_and_reads_at_8_points(name, tmp_path, monkey
     kept = replace(found, draw=lambda table: drawn.append(found.draw(table)) or drawn[-1])
     monkeypatch.setattr("osl_analysis.commands.figure.drawing_of", lambda _: kept)
     write_table(plotted(name), tmp_path / "t.csv")
-    draw_figure(name, tmp_path / "t.csv", [tmp_path / "t.svg", tmp_path / "t.pdf"])
+    draw_figure(name, tmp_path / "t.csv", [tmp_path / "t.pdf"])
     assert b"/Type3" not in (tmp_path / "t.pdf").read_bytes()
     figure: Figure = drawn[0]
     assert figure.get_figwidth() in (SINGLE_COLUMN, 7.16)

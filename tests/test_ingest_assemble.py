@@ -30,6 +30,7 @@ from osl_analysis.ingest.raw_files import FORMATS, merged, read_source
 from osl_analysis.ingest.source import LARGEST_MEASURED, Recording, SharedAngle
 from osl_analysis.trial import COLUMNS, FAMILIES, Trial, plate_columns, read_trial, unit_of, write_trial
 
+pytestmark = pytest.mark.usefixtures("in_process")
 SOURCES = Path(__file__).parents[1] / "config" / "sources"
 THETA, SYNC = ({"topic": "/lab", "field": name, "unit": unit} for name, unit in (("angle", "deg"), ("sync", "V")))
 LEG = {"format": "mcap", "clock": "sync", "time": {"source": "header"}, "channels": {"theta": THETA, "sync": SYNC}}

@@ -41,12 +41,14 @@ OTHERS = {
 
 @pytest.fixture
 def with_default(tmp_path, monkeypatch):
-    """A campaign that states nothing, beside a default configuration with another value of one setting."""
+    """A campaign that states nothing, beside a default configuration with other values of settings."""
 
-    def made(name, value):
+    def made(values):
         (tmp_path / "own.yaml").write_text("{campaign: own, simulation: null}")
-        own = reduce(lambda inner, key: {key: inner}, reversed(name.split(".")), value)
-        default = overriding(read_mapping(default_config()), own)
+        nested = (
+            reduce(lambda inner, key: {key: inner}, reversed(name.split(".")), one) for name, one in values.items()
+        )
+        default = overriding(read_mapping(default_config()), own := reduce(overriding, nested))
         monkeypatch.setattr(configuration, "read_mapping", lambda path, **_: default if path == default_config() else
                             read_mapping(path))  # fmt: skip
         return tmp_path / "own.yaml", own
@@ -58,7 +60,7 @@ def with_default(tmp_path, monkeypatch):
 def test_what_the_default_campaign_states_is_no_fact_on_recordings_of_others(name, tmp_path, with_default):
     (tmp_path / "plain.yaml").write_text("{campaign: own, simulation: null}")
     alike, stated = read_config(tmp_path / "plain.yaml"), tmp_path / "stated.yaml"
-    unstated, own = with_default(name, OTHERS[name])
+    unstated, own = with_default({name: OTHERS[name]})
     stated.write_text(str({"simulation": None, **own}).replace("None", "null"))
     assert read_config(stated) != alike
     assert read_config(unstated) == alike
@@ -67,23 +69,26 @@ def test_what_the_default_campaign_states_is_no_fact_on_recordings_of_others(nam
 ASSUMED = {
     "gain_weight": {"cutoff_hz": 30, "order": 1}, "model_comparison.sign_width": 0.5,
     "dynamometer.load_cell_drift": 40, "figures.stance_share": 0.4,
-    "walking.perturbed_by": "boot", "walking.side": "left", "walking.plate": 2,
-    "walking.markers": {}, "walking.window_s": 0.05, "dynamometer.cutoff_hz": 12, "torque_angle.cutoff_hz": 9,
+    "walking.perturbed_by": "boot", "walking.side": "left", "walking.plate": 2, "walking.markers": {},
+    "dynamometer.cutoff_hz": 12, "torque_angle.cutoff_hz": 9,
 }  # fmt: skip
 """Other values of settings of the default, with which what nobody stated is computed."""
 
 
-@pytest.mark.parametrize("name", JUDGING)
+RECORDED = {"torque_angle": None, "impedance": DesiredImpedance("compensated", 300.0, 0.0)}
+"""Experiments of sound recordings, with the condition of the sheet."""
+
+
+@pytest.mark.parametrize("name", [name for name in ASSUMED if {*JUDGING[name]} & RECORDED.keys()])
 def test_a_setting_that_nobody_stated_makes_no_finding_on_a_sound_recording(name, with_default):
     """Whatever the default says of it: of a slow spring and of sines of a joint with a command."""
-    there = reduce(lambda at, key: at[key], name.split("."), read_mapping(default_config()))
-    own, _ = with_default(name, (OTHERS | ASSUMED).get(name, there))
+    own, _ = with_default({name: ASSUMED[name]})
     config, slow = read_config(own), np.deg2rad(5) * (1 - np.cos(np.pi * np.clip(np.arange(-300, 8300) / 1000, 0, 8)))
     noise = 0.02 * np.random.default_rng(2).standard_normal(slow.size)
     samples = {"time": np.arange(slow.size) / 250, "theta": slow, "torque": 300 * slow + noise}
     recorded = {"impedance": sines(1.3, 4.97), "torque_angle": Trial("s", pl.DataFrame(samples))}
-    for experiment, trial in recorded.items():
-        condition = {"torque_angle": None, "impedance": DesiredImpedance("compensated", 300.0, 0.0)}[experiment]
+    for experiment, condition in RECORDED.items():
+        trial = recorded[experiment]
         fit = fit_trial(experiment, trial, config.parameters, *fit_settings(experiment, own), condition)
         assert [one.cause for row in fit.findings for one in row if one.grade is Grade.DOUBTS] == []
         commanded = Commanded(**{key: getattr(config.dynamometer, key) for key in PROTOCOL})
@@ -93,9 +98,13 @@ def test_a_setting_that_nobody_stated_makes_no_finding_on_a_sound_recording(name
     assert states[name] in ("assumed", "measured", "none")
 
 
-@pytest.mark.parametrize("name", [name for name, of in JUDGING.items() if "walking" in of])
-def test_a_setting_that_nobody_stated_makes_no_finding_on_sound_gait(name, tmp_path, with_default):
-    own, _ = with_default(name, (OTHERS | ASSUMED).get(name, 0.04))
+NUMBERS = {f"walking.{name}": 0.04 for name in ("cutoff_hz", "baseline_s", "guard_s")} | {"walking.window_s": 0.05}
+OF_GAIT = {name: ASSUMED[name] for name, of in JUDGING.items() if "walking" in of and name in ASSUMED}
+
+
+@pytest.mark.parametrize("values", [OF_GAIT, *({name: value} for name, value in NUMBERS.items())])
+def test_a_setting_that_nobody_stated_makes_no_finding_on_sound_gait(values, tmp_path, with_default):
+    own, _ = with_default(values)
     config, turned = read_config(own), Walk(0.4)
     walks = several("u", 10, Walk()) | several("up", 6, turned) | several("down", 6, turned, sign=-1)
     (tmp_path / "crossings").mkdir()

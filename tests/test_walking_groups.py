@@ -97,14 +97,14 @@ def test_half_the_difference_of_directions_is_free_of_what_follows_either_turn(t
 def test_few_crossings_that_agree_by_luck_have_the_scatter_of_unperturbed_ones():
     """A bootstrap of two crossings does not leave their range: 6 half-widths off in one of 24 campaigns."""
     covers, halves = 0, list[float]()
-    for k in range(20):
+    for k in range(12):
         few = several(f"{k}p", 2, MIDSTANCE) | several(f"{k}d", 3, MIDSTANCE, sign=-1)
         both = headline(few, 12, bootstrap_samples=100)
         fits = pl.DataFrame([dict.fromkeys(("K", "B", "I", "VAF"), float(n)) for n in range(5)])
         (row,) = (one for one in headline_rows(both, fits, {}, {}) if (one["estimator"], one["quantity"]) == ALL_K)
         covers += row["low"] < 340.0 < row["high"]
         halves.append((row["high"] - row["low"]) / 2)
-    assert covers >= 18
+    assert covers >= 11
     assert min(halves) > 0.5 * np.median(halves)
 
 
@@ -466,11 +466,11 @@ def test_a_slope_of_k_between_timings_tells_the_damping_without_it() -> None:
 
 
 def test_unperturbed_crossings_tell_the_intervals_that_perturbed_ones_will_have(tmp_path: Path) -> None:
-    """Ten pilots: half-widths of K, B and I are those of the ensemble's bootstrap, on average to a tenth, each within
+    """Six pilots: half-widths of K, B and I are those of the ensemble's bootstrap, on average to a tenth, each within
     twice, as a scatter of eight is known; both directions are free of the unperturbed crossings' error."""
     chosen, planned = settings(perturbed_stance="own"), PlannedTurn(TURN, 0.08, 0.4, (340.0, 5.0, 0.03))
     ratios = []
-    for k in range(10):
+    for k in range(6):
         flat = [walked(f"f{k}_{n}", Walk()) for n in range(16)]
         turned = [planned.added_to(crossing, chosen) for crossing in flat[:8]]
         headline = group_headline(turned, unperturbed_gait(flat[8:], 3), chosen)

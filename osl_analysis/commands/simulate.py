@@ -88,10 +88,9 @@ def laboratory_of(settings: SimulationSettings, followed: SharedChoices) -> Walk
     """The gait laboratory of a simulated campaign, if it has one. Its gains are selected as on the bench."""
     if settings.walking is None:
         return None
-    chosen: dict[str, Any] = {"gain_weight": settings.gain_weight}
-    if followed.impedance_trajectory is not None:
-        chosen["impedance"] = followed.impedance_trajectory
-    return read_yaml(settings.walking, WalkingSettings).model_copy(update=chosen)
+    own = read_yaml(settings.walking, WalkingSettings)
+    impedance = followed.impedance_trajectory or own.impedance
+    return own.model_copy(update={"gain_weight": settings.gain_weight, "impedance": impedance})
 
 
 def simulate_trial(

@@ -31,7 +31,7 @@ def simulate_bench_trial(
         weight = settings.gain_weight
         gains = select_gains(str(row["controller"]), float(row["K_d"]), float(row["B_d"]), p, weight)
     log, drawn = recorder.recording_of(trial, true_signals(row, settings, p, gains)[1], settings)
-    truth: dict[str, object] = {
+    return log, {
         "trial": trial,
         "seed": settings.seed,
         "parameters": asdict(p),  # with this trial's K_s
@@ -42,7 +42,6 @@ def simulate_bench_trial(
         "recorder": settings.recorder.model_dump(),
         "drawn": drawn,
     }
-    return log, truth
 
 
 def true_signals(

@@ -43,20 +43,18 @@ def walking_commands(step: gait.Step, compensates: bool, p: DrivetrainParameters
     stride = walking.rates.motion_hz // walking.rates.controller_hz
     c, desired = step.cycle_phase(trial.time[::stride]), read_impedance_trajectory(walking.impedance)
     K_d, B_d = desired.at(desired.K_d, c), desired.at(desired.B_d, c)
+    K_1, B_1 = K_d / p.n_T**2, B_d / p.n_T**2
     if compensates:
         damping = compensated_damping(walking.impedance, p, walking.gain_weight)
         K_1, B_1 = stiffness_gain(K_d, p), np.interp(np.mod(c, 1.0), *damping)
-    else:
-        K_1, B_1 = K_d / p.n_T**2, B_d / p.n_T**2
     # internal plantarflexion moment [N*m/kg]: 0.5 at midstance, 1.4 at push-off, 0 in swing
     sizes = ((0.45, 0.28, 6.0), (0.35, 0.37, 14.0), (1.35, 0.475, 11.0), (-0.15, 0.05, 30.0))
     bumps = gait.periodic_bumps(c, sizes)
     moment = trial.body_mass * (bumps * gait.stance_window(np.mod(c, 1.0) / gait.STANCE_FRACTION))
+    angle = gait.nominal_ankle_angle(c)
+    theta_eq = angle - (moment - B_d * gait.time_derivative(angle, walking.rates.controller_hz)) / K_d
     if desired.theta_eq is not None:
         theta_eq = desired.at(desired.theta_eq, c)
-    else:
-        angle = gait.nominal_ankle_angle(c)
-        theta_eq = angle - (moment - B_d * gait.time_derivative(angle, walking.rates.controller_hz)) / K_d
     return np.array([K_1, B_1, theta_eq * p.n_T])
 
 
@@ -194,9 +192,8 @@ def simulate_walking_trial(
     if row["experiment"] == "walking":
         step, effects = gait.draw_step(trial), drivetrain_effects(campaign)
         effects["cancels_friction"] = row.get("controller") != "uncompensated"  # the controller compensates
-        unperturbed = walked = simulate_crossing(step, False, effects, p)
-        if row.get("perturbed"):
-            walked = simulate_crossing(step, True, effects, p)
+        unperturbed = simulate_crossing(step, False, effects, p)
+        walked = simulate_crossing(step, True, effects, p) if row.get("perturbed") else unperturbed
         offset = float(walking.effects.leg_clock_offset.value * trial.random("leg_clock_offset").uniform(0.5, 1.5))
         drift = float(1e-6 * walking.effects.leg_clock_drift.value * trial.random("leg_clock_drift").standard_normal())
         platform, phase = walked.platform, step.cycle_phase(walked.time)

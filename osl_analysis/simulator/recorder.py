@@ -148,7 +148,7 @@ def write_truth(
 
 
 McapRecord = mcap_records.McapRecord
-RULE = "=" * 80 + "\n"
+RULE, ARRIVES = "=" * 80 + "\n", 150_000  # [ns] in which a sample arrives at the recorder
 SAMPLES = {
     "/dynamometer": """\
 float32 joint_angle       # rad, joint encoder of the dynamometer
@@ -175,12 +175,22 @@ bool sync               # level of the synchronisation line
 
 
 class LogTopic(NamedTuple):
-    """A topic of equally long messages: its name, their type with its definition, and the record of each, (n,)."""
+    """A topic of equally long messages: their type, stamps [ns], the record that all have, and columns that differ."""
 
     name: str
     schema_name: str
     schema_text: str
-    records: NDArray[np.void]
+    stamps: NDArray[np.int64]
+    alike: NDArray[np.void]
+    columns: Mapping[str, NDArray[Any]]
+
+    def records(self, rows: NDArray[np.intp]) -> NDArray[np.void]:
+        """The records (m,) of messages in these rows: those of a chunk stay in the processor's cache."""
+        made = np.repeat(self.alike.view(f"V{self.alike.itemsize}"), rows.size).view(self.alike.dtype)
+        made["sequence"], made["publish"], made["log"] = rows, (stamps := self.stamps[rows]), stamps + ARRIVES
+        for member, value in self.columns.items():
+            made["data"][member] = value[rows]
+        return made
 
 
 def log_topic(
@@ -208,19 +218,14 @@ def log_topic(
     head = [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log", "<u8")]
     alike = np.zeros(1, np.dtype([*head, ("publish", "<u8"), ("data", layout)]))
     alike["opcode"], alike["length"] = Opcode.MESSAGE, alike.itemsize - 9  # without opcode and length
-    columns = {member: value for member, (_, value) in whole.items() if np.ndim(value)}
+    columns = {member: np.asarray(value) for member, (_, value) in whole.items() if np.ndim(value)}
     for member in whole.keys() - columns.keys():
         alike["data"][member] = whole[member][1]
-    records = np.repeat(alike.view(f"V{alike.itemsize}"), stamps.size).view(alike.dtype)
-    records["sequence"], records["publish"] = np.arange(stamps.size), stamps
-    records["log"] = stamps + 150_000  # [ns] in which a sample arrives at the recorder
-    for member, value in columns.items():
-        records["data"][member] = value
     schema = (
         f"std_msgs/Header header\n{fields}{RULE}MSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n"
         f"{RULE}MSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
     )
-    return LogTopic(name, schema_name, schema, records)
+    return LogTopic(name, schema_name, schema, stamps, alike, columns)
 
 
 def sample_topic(topic: str, frame_id: str, fields: str, time: Array, columns: Mapping[str, ArrayLike]) -> LogTopic:
@@ -269,10 +274,10 @@ def write_topics(path: Path, topics: Sequence[LogTopic]) -> None:
     for number, topic in enumerate(topics, 1):
         schemas.append(mcap_records.Schema(number, topic.schema_text.encode(), "ros2msg", topic.schema_name))
         channels.append(mcap_records.Channel(number, topic.name, "cdr", {}, number))
-        topic.records["channel"] = number
-    *columns, publish = (np.concatenate([one.records[key] for one in topics]) for key in ("channel", "log", "publish"))
-    heads = np.stack(columns, axis=1)[order := np.argsort(publish, kind="stable")]
-    lengths = np.concatenate([np.full(len(topic.records), topic.records.itemsize) for topic in topics])[order]
+        topic.alike["channel"] = number
+    publish, counts = np.concatenate([topic.stamps for topic in topics]), [topic.stamps.size for topic in topics]
+    channel = np.repeat(np.arange(len(topics)) + 1, counts)[order := np.argsort(publish, kind="stable")]
+    log, lengths = publish[order] + ARRIVES, np.repeat([topic.alike.itemsize for topic in topics], counts)[order]
     content = encoded(one for pair in zip(schemas, channels, strict=True) for one in pair)  # begins the first chunk
     ends = np.cumsum(lengths) + len(content)
     with atomic_path(path) as temporary, temporary.open("wb") as file:
@@ -281,27 +286,28 @@ def write_topics(path: Path, topics: Sequence[LogTopic]) -> None:
         described = encoded([mcap_records.Metadata("recording", facts)])
         file.write(head + described)
         indexes, first, begin, chunk_size = list[mcap_records.ChunkIndex](), 0, 0, 1 << 20
-        while first < len(heads):  # a chunk ends with the message that takes it beyond the size [bytes]
+        while first < len(order):  # a chunk ends with the message that takes it beyond the size [bytes]
             last = int(np.searchsorted(ends[:-1], begin + chunk_size, side="right")) + 1
             starts = ends[first:last] - lengths[first:last] - begin
-            whole, base = np.empty(int(ends[last - 1]) - begin, np.uint8), 0
+            whole, base, rows_of = np.empty(int(ends[last - 1]) - begin, np.uint8), 0, dict[int, NDArray[np.intp]]()
             whole[: len(content)] = np.frombuffer(content, np.uint8)
             for number, topic in enumerate(topics, 1):  # the messages of each are rows, put to their places at once
-                size, own = topic.records.itemsize, np.flatnonzero(heads[first:last, 0] == number)
+                size, own = topic.alike.itemsize, np.flatnonzero(channel[first:last] == number)
                 if own.size:  # a message is one value that may begin at any byte, so that values overlap
                     places = np.ndarray((len(whole) - size + 1,), f"V{size}", whole, 0, (1,))
-                    places[starts[own]] = topic.records.view(f"V{size}")[order[first:last][own] - base]
-                base += len(topic.records)
-            indexes.append(write_chunk(file, whole.data, starts, heads[first:last]))
+                    places[starts[own]] = topic.records(order[first:last][own] - base).view(f"V{size}")
+                    rows_of[number] = own
+                base += topic.stamps.size
+            indexes.append(write_chunk(file, whole.data, np.stack([log[first:last], starts], axis=1), rows_of))
             first, begin, content = last, int(ends[last - 1]), b""
         file.write(encoded([mcap_records.DataEnd(0)]))
         used = dict.fromkeys(number for index in indexes for number in index.message_index_offsets)
         statistics = mcap_records.Statistics(
             attachment_count=0,
             channel_count=len(topics),
-            channel_message_counts={number: len(topics[number - 1].records) for number in used},
+            channel_message_counts={number: counts[number - 1] for number in used},
             chunk_count=len(indexes),
-            message_count=len(heads),
+            message_count=len(order),
             message_end_time=max((index.message_end_time for index in indexes), default=0),
             message_start_time=min((index.message_start_time for index in indexes), default=0),
             metadata_count=1,
@@ -327,18 +333,17 @@ def write_topics(path: Path, topics: Sequence[LogTopic]) -> None:
 
 
 def write_chunk(
-    file: BinaryIO, content: memoryview, starts: NDArray[np.int64], heads: NDArray[np.uint64]
+    file: BinaryIO, content: memoryview, index: NDArray[np.int64], rows_of: Mapping[int, NDArray[np.intp]]
 ) -> mcap_records.ChunkIndex:
-    """Write a chunk of messages that begin at `starts` [bytes], and the index of each channel, as each comes first.
-    `heads` are their channels and log times [ns]."""
-    (channel, log), compressed, begin, offsets = heads.T, COMPRESSOR.compress(content), file.tell(), dict[int, int]()
+    """Write a chunk of messages, and the index of each channel, as each comes first. `index` (n, 2) has log times [ns]
+    and where messages begin [bytes], `rows_of` the messages of each channel."""
+    compressed, begin, offsets, log = COMPRESSOR.compress(content), file.tell(), dict[int, int](), index[:, 0]
     shared = {"message_start_time": int(log.min()), "message_end_time": int(log.max())}
     shared["uncompressed_size"], crc = len(content), zlib.crc32(content)
     file.write(encoded([mcap_records.Chunk(compression="zstd", data=compressed, uncompressed_crc=crc, **shared)]))
-    end, index = file.tell(), np.stack([log, starts.astype(np.uint64)], axis=1)
-    numbers, first = np.unique(channel, return_index=True)
-    for number in numbers[np.argsort(first)].tolist():
-        offsets[number], own = file.tell(), index[channel == number]
+    end = file.tell()
+    for number in sorted(rows_of, key=lambda one: rows_of[one][0]):
+        offsets[number], own = file.tell(), index[rows_of[number]]
         file.write(struct.pack("<BQHI", Opcode.MESSAGE_INDEX, 6 + own.nbytes, number, own.nbytes) + own.tobytes())
     return mcap_records.ChunkIndex(
         chunk_start_offset=begin,

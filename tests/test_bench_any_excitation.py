@@ -476,6 +476,21 @@ def test_the_intervals_of_a_person_with_little_noise_hold_what_is_true_by_muscle
     assert max(row["reflex_gain_up_se"], row["K_se"] / 5, row["B_se"] * 10) < 0.1
 
 
+def test_a_low_pass_behind_a_person_is_a_late_torque_without_numbers():
+    """Lag and reflex make up for it together: B 7 to 22 % too small beside the doubt."""
+    joint = reflexive(np.random.default_rng(1), 6.0, 0.03, band=(0.3, 15.0))
+    behind = lfilter([0.2], [1, -0.8], joint.samples["torque"].to_numpy())  # 8 ms
+    row = person(Trial("behind", joint.samples.with_columns(torque=behind)), cutoff_hz=40.0)[1]
+    assert (row["lag_shift"] > 1, row["K_without_lag"], row["B_without_lag_low"]) == (True, None, None)
+
+
+@pytest.mark.parametrize(("gain", "cubic", "doubt"), [(0, 0, ""), (0, 4e3, "spring that is not linear"), (6, 4e3, "")])
+def test_a_device_that_is_stated_to_be_a_person_keeps_its_doubts(gain, cubic, doubt):
+    trial = reflexive(np.random.default_rng(4), gain, 0.03)
+    row = person(Trial("made", trial.samples.with_columns(pl.col("torque") + cubic * pl.col("theta") ** 3)))[1]
+    assert row["doubtful"] == doubt
+
+
 def test_a_joint_that_is_turned_has_the_gain_of_its_reflex_the_other_way():
     trial = reflexive(np.random.default_rng(0), 6.0, 0.03)
     turned = Trial("turned", trial.samples.with_columns(-pl.col("theta", "torque")))

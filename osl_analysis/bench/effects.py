@@ -152,18 +152,21 @@ def late_fit(
     no_estimates: frozenset[str] = frozenset(),
     rounded: Array | None = None,
     lag: float = 0.0,
+    low_pass: bool = False,
 ) -> tuple[GroupFit, float]:
     """Fit of a torque, less a `rest` that is not late, with its lag `lag_s`, sought from a `lag` on, beside a model,
-    and what the last step changed of it. The torque is taken earlier, and its slope is a column, which tells how much
-    is left (Gauss and Newton's steps). The slope is that of the model, as far as derivatives are columns; that of a
-    torque which is mostly noise would pull the lag to 0. Of a model without any it is the torque's own. Raises as
-    `fit_groups`."""
+    and what the last step changed of it. The torque is taken earlier, or as it was before a `low_pass` of first order,
+    and its slope is a column, which tells how much is left (Gauss and Newton's steps). The slope is that of the model,
+    as far as derivatives are columns; that of a torque which is mostly noise would pull the lag to 0. Of a model
+    without any it is the torque's own. Raises as `fit_groups`."""
     torque, first, last = scipy.interpolate.make_interp_spline(few.time, few.filtered_torque, 5), *few.time[[0, -1]]
     slopes = {name: columns[gram.NEXT[c]] for name, c in model.items() if gram.NEXT.get(c) in columns}
     fit, slope = None, np.zeros_like(few.time)
     for _ in range(6):
-        then = np.clip(few.time + lag, first, last)
+        then = np.clip(few.time + lag * (not low_pass), first, last)
         earlier = (torque(then) if lag else few.filtered_torque) - rest
+        if low_pass:
+            earlier = earlier + lag * torque(few.time, 1)
         made = replace(few, filtered_torque=earlier, torque=earlier)
         if not slopes:
             slope = torque(then, 1)

@@ -77,7 +77,7 @@ OF_AMPLITUDES = {f"{name}_amplitudes_{end}" for name in TRUE for end in ("low", 
 OF_SINES = OF_AMPLITUDES | {"amplitude_deg", "commanded_deg", "K_change", "B_change"}
 OF_PERIODS = {"K_drift", *(f"{name}_repeat_se" for name in TRUE)}  # and of sines
 BESIDE_RIVALS = [f"{name}_without{end}" for name in TRUE for end in ("", "_low", "_high")]
-OF_WITNESS = {"I_bound", "path_shift", "heard", "rivals", *BESIDE_RIVALS}
+OF_WITNESS = {"I_bound", "path_shift", "heard", "rivals", "reflex_explains", *BESIDE_RIVALS}
 """What is there where something is heard: on sines without noise that is rounding, and each processor's is its own."""
 
 

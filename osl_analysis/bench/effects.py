@@ -230,6 +230,13 @@ def held_torque(record: Record) -> Fault | None:
     return Fault(0.5 / sampled, 12**-0.5 / rate, True, 0.5 / sampled)
 
 
+def lag_of(record: Record, belt: Belt | None) -> tuple[Fault | None, str | None]:
+    """The lag of the torque, and what shows it."""
+    if held := held_torque(record):
+        return held, "rows"
+    return (belt.torque, "theta_m" if belt.torque else None) if belt else (None, None)
+
+
 def belt_of_leg(record: Record, p: DrivetrainParameters | None) -> Belt | None:
     """The belt of a leg; None without a parameter file or theta_m, or where it deflects, or theta_m turns, by less than
     a twentieth of the joint's angle: encoders may be wrong by as much, and a joint beside an idle motor is no leg.

@@ -90,8 +90,7 @@ def impedance_table(analysis: Analysis, s: Sums, p: DrivetrainParameters | None 
     them an actuator that turns tells a leg, whose drivetrain is no fault of the recording."""
     record = analysis.record
     belt, repeats = effects.belt_of_leg(record, p), effects.repeats_row(record, s, IMPEDANCE)
-    held, of_belt = effects.held_torque(record), belt.torque if belt else None
-    lag, lag_by = held or of_belt, "rows" if held else "theta_m" if of_belt else None
+    lag, lag_by = effects.lag_of(record, belt)
     turned = float(np.std(record.actuator.get("theta_m", 0.0)))
     is_leg = belt is not None or (p is None and turned > 0.05 * float(np.std(record.theta)))
     friction, rows = friction_rows(s, analysis, is_leg), list[Row]()

@@ -216,7 +216,7 @@ class Court:
 
     def __init__(self, view: View, hears: bool = True, answers: bool = True, taken: Sequence[Array] = ()) -> None:
         self.view, self.rivals, self.chance = view, list[Rival](), dict[str, float]()
-        self.by_reflex: float | None = None  # share that a reflex explains of what the best rival does
+        self.by_reflex = -np.inf  # share that a reflex explains of what the best rival does; no reflex: none
         self.answers = answers and view.first == 0
         self.beside = [*view.slow, *[view.columns[0]] * (view.first == 1), *taken]
         theta, omega, elastic = *view.motion[:2], view.first == 0
@@ -504,7 +504,7 @@ class Court:
         )
         misfit = square(none.left)
         explained = max(misfit - min(least, by_reflex), np.finfo(float).tiny)
-        self.by_reflex = (misfit - by_reflex) / explained if reflexes else None
+        self.by_reflex = (misfit - by_reflex) / explained
         may_be = misfit - by_friction > RUBBING * (misfit - least)
         if self.view.rubs and least > EXPLAINS * misfit:  # and K, or B, is open beside certain friction
             may_be |= bool(harm_of(none.half, none.estimates)[:-1].max() > 1)
@@ -577,7 +577,7 @@ def witness_row(
     if not is_leg:
         row |= {name: 0.0 for name in row if name.endswith("_shift")}
         row |= {"path_shift": None if court.hides_delay() else 0.0, "heard": ", ".join(court.heard) or None}
-    row |= {"VAF_in_band": vaf, "reflex_explains": court.by_reflex}
+    row |= {"VAF_in_band": vaf, "reflex_explains": court.by_reflex if np.isfinite(court.by_reflex) else None}
     told = not court.heard or any(one.name in ("clocks", "delay") for one in alike)  # what else passes for a drift
     if record.two_clocks and not is_leg and not record.groups.repeat and told:
         lag, error = (float(x[1]) / view.seconds for x in court.late(np.ones(view.n), view.time)[2:])

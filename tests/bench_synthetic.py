@@ -64,13 +64,9 @@ def table_of(record):
     return impedance_table(*rendered_impedance(record))
 
 
-def impedance_torque(K, B, I, motion: Motion):
-    """Eq. 15."""
-    return K * motion.theta + B * motion.omega + I * motion.alpha
-
-
 def second_order(motion: Motion):
-    return impedance_torque(200, 4, 0.05, motion)
+    """Eq. 15."""
+    return 200 * motion.theta + 4 * motion.omega + 0.05 * motion.alpha
 
 
 def component_tables(true, error=1e-3):

@@ -77,7 +77,7 @@ OF_AMPLITUDES = {f"{name}_amplitudes_{end}" for name in TRUE for end in ("low", 
 OF_SINES = OF_AMPLITUDES | {"amplitude_deg", "commanded_deg", "K_change", "B_change"}
 OF_PERIODS = {"K_drift", *(f"{name}_repeat_se" for name in TRUE)}  # and of sines
 BESIDE_RIVALS = [f"{name}_without{end}" for name in TRUE for end in ("", "_low", "_high")]
-OF_WITNESS = {"I_bound", "path_shift", "heard", "rivals", *BESIDE_RIVALS}
+OF_WITNESS = {"I_bound", "path_shift", "heard", "rivals", "reflex_explains", *BESIDE_RIVALS}
 """What is there where something is heard: on sines without noise that is rounding, and each processor's is its own."""
 
 
@@ -484,6 +484,13 @@ def test_the_intervals_of_a_person_with_little_noise_hold_what_is_true_of_any_re
     assert max(row["reflex_gain_up_se"], row["K_se"] / 5, row["B_se"] * 10) < 0.1
 
 
+@pytest.mark.parametrize(("gain", "cubic", "doubt"), [(0, 0, ""), (0, 4e3, "spring that is not linear"), (6, 4e3, "")])
+def test_a_device_that_is_stated_to_be_a_person_keeps_its_doubts(gain, cubic, doubt):
+    trial = reflexive(np.random.default_rng(4), gain, 0.03)
+    row = person(Trial("made", trial.samples.with_columns(pl.col("torque") + cubic * pl.col("theta") ** 3)))[1]
+    assert row["doubtful"] == doubt
+
+
 def test_a_joint_that_is_turned_has_the_gain_of_its_reflex_the_other_way():
     trial = reflexive(np.random.default_rng(0), 6.0, 0.03)
     turned = Trial("turned", trial.samples.with_columns(-pl.col("theta", "torque")))
@@ -528,6 +535,9 @@ def test_a_late_torque_of_a_person_is_told_from_the_reflex_and_doubted_with_k_an
     assert LATENESS not in row["not_checked"].split("; ")
     if not late:
         assert (row["doubtful"], row["lag_shift"], row["K_without_lag"]) == ("", 0.0, None)
+        behind = lfilter([0.2], [1, -0.8], trial.samples["torque"].to_numpy())  # lag and reflex make up for a low-pass
+        row = person(Trial("behind", trial.samples.with_columns(torque=behind)), cutoff_hz=40.0)[1]
+        assert (row["lag_shift"] > 1, row["K_without_lag"], row["B_without_lag_low"]) == (True, None, None)
         return
     assert row["lag_shift"] > 1
     assert row["doubtful"].split("; ")[0] == "late torque"
@@ -692,13 +702,14 @@ def test_samples_that_one_channel_lost_are_heard_and_no_explanation_that_leaves_
     assert (row["time_shift"] > 1, row["rivals"], row["K_without"], row["B_without_low"]) == (True, None, None, None)
 
 
-def test_a_reflex_that_leaves_the_estimates_within_their_intervals_is_none(monkeypatch):
+def test_a_reflex_that_moves_no_estimate_or_explains_little_is_none(monkeypatch):
     time, (theta, *_) = motion = noise(np.random.default_rng(6), rate=500.0)
     trial = made_trial(np.random.default_rng(6), motion, more=-45 * (time > 0.6 * time[-1]) * theta)
     found = row_of(trial)
-    for half_widths, p in ((0.9, 1.0), (1.1, 1e-9)):
+    for half_widths, least, p in ((0.9, 0.0, 1.0), (1.1, 0.0, 1e-9), (1.1, 0.3, 1.0)):
         beside = {f"{name}_with_reflex": found[name] for name in TRUE} | {"reflex_p": 1e-9}
         beside["B_with_reflex"] += half_widths * (found["B_high"] - found["B"])
+        monkeypatch.setattr("osl_analysis.bench.impedance.LITTLE_OF_IT", least)
         monkeypatch.setattr("osl_analysis.bench.impedance.unstated_reflex_row", lambda *_, new=beside, **__: new)
         row = row_of(trial)
         assert (row["reflex_p"], row["B_with_reflex"] is None) == (p, p == 1)
@@ -846,11 +857,6 @@ def changing(motion, share):
     return TRUE["K"] * share * (time - LEAD) / 30.0 * theta
 
 
-def doubts_of(row):
-    limits = LIMITS.model_copy(update={"above": {k: v for k, v in LIMITS.above.items() if k in row}, "below": {}})
-    return [one.cause for one in findings_of(row, limits, "phasors")]
-
-
 @pytest.mark.parametrize("name", MOTIONS)
 @pytest.mark.parametrize("share", [-0.04, 0.02])
 def test_a_change_of_the_stiffness_is_told_in_any_motion_with_k_before_and_after_it(name, share):
@@ -859,7 +865,7 @@ def test_a_change_of_the_stiffness_is_told_in_any_motion_with_k_before_and_after
     row = row_of(trial, excitation="any")
     assert row["K_without_low"] < min(300, 300 * (1 + share)) * 1.002
     assert row["K_without_high"] > max(300, 300 * (1 + share)) * 0.998
-    assert "change over time" in doubts_of(row)
+    assert "change over time" in [one.cause for one in findings_of(row, Limits(above={"time_shift": 1}), "phasors")]
 
 
 @pytest.mark.usefixtures("without_witness")

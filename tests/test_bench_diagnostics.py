@@ -47,22 +47,21 @@ def test_a_sound_joint_is_not_doubtful_and_shows_no_cause():
     assert whole["rivals"] is None
 
 
-@pytest.mark.parametrize("cycles", [8])
-@pytest.mark.parametrize(("fall", "noise"), [(0.01, 0.002), (-0.02, 0.002)])
-def test_a_stiffness_that_changes_while_it_is_recorded_is_named_and_has_its_size(fall, noise, cycles):
+@pytest.mark.parametrize("fall", [0.01, -0.02])
+def test_a_stiffness_that_changes_while_it_is_recorded_is_named_and_has_its_size(fall):
     """It makes I wrong by four times as much, forty standard errors, and nothing else of the fit shows it."""
-    protocol = SteppedSineProtocol((np.deg2rad(4.0),), (1.0, 2.0, 3.0, 4.0, 5.0), cycles)
+    protocol = SteppedSineProtocol((np.deg2rad(4.0),), (1.0, 2.0, 3.0, 4.0, 5.0), 8)
 
     def torque(m):
         return second_order(m) - fall * 200 * np.linspace(0, 1, len(m.theta)) * m.theta
 
-    record = stepped_sine(torque, noise, protocol)
+    record = stepped_sine(torque, 0.002, protocol)
     fitted = (record.groups.stop.max() - record.groups.first.min()) / len(record.time)
     for seed in (1, 2):
-        *_, whole = rows(torque, noise, protocol, seed)
+        *_, whole = rows(torque, 0.002, protocol, seed)
         assert whole["K_drift"] * whole["K"] == pytest.approx(-fall * 200 * fitted, rel=0.1)
         assert "stiffness that changes" in whole["doubtful"].split("; ")
-        *_, sound = rows(second_order, noise, protocol, seed)
+        *_, sound = rows(second_order, 0.002, protocol, seed)
         assert sound["K_drift"] == 0
 
 
@@ -151,11 +150,10 @@ def test_another_b_j_than_that_of_the_file_makes_no_lag_certain():
     assert (row["certain_theta_m_lag_s"][0] < 0, row["lag_inertia_share"][0], row["lag_share"][0]) == (True, 0, 0)
 
 
-@pytest.mark.parametrize(
-    ("fault", "lag", "of_theta_m"),
-    [({}, 0, 0), ({"torque_late": 1e-3}, 1e-3, 0), ({"torque_late": -4e-3}, -4e-3, 0), ({"B_j": 1.1 * P.B_j}, 0, 0),
-     ({"theta_m_late": 1e-3}, 0, 1e-3), ({"theta_late": 2e-3}, -2e-3, -2e-3)],
-)  # fmt: skip
+@pytest.mark.parametrize(("fault", "lag", "of_theta_m"), [
+    ({}, 0, 0), ({"torque_late": 1e-3}, 1e-3, 0), ({"torque_late": -4e-3}, -4e-3, 0), ({"B_j": 1.1 * P.B_j}, 0, 0),
+    ({"theta_m_late": 1e-3}, 0, 1e-3), ({"theta_late": 2e-3}, -2e-3, -2e-3),
+])  # fmt: skip
 def test_the_belt_shows_which_channel_of_a_leg_is_late(fault, lag, of_theta_m):
     """Eq. 15 misses so much of a leg that it passes for a delay of 10 ms; a belt stays a spring."""
     trial = leg(**fault)
@@ -173,13 +171,8 @@ def test_the_belt_shows_which_channel_of_a_leg_is_late(fault, lag, of_theta_m):
     assert ("late torque" in causes) == bool(lag)
     assert ("whether theta_m or B_j is wrong" in causes) == bool(of_theta_m)
     assert LATENESS not in causes
-    assert belt_of_leg(record, None) is None
-
-
-def test_a_theta_m_that_shows_no_belt_says_nothing_of_lags():
-    trial = leg(torque_late=1e-3)
     idle = replace(trial, samples=trial.samples.with_columns(theta_m=0.3 + 1e-3 * pl.col("theta_m")))
-    assert belt_of_leg(with_actuator(record_of_trial(idle, SETTINGS), idle), P) is None
+    assert belt_of_leg(record, None) is belt_of_leg(with_actuator(record_of_trial(idle, SETTINGS), idle), P) is None
     turned = replace(trial, samples=trial.samples.with_columns(theta_m=-pl.col("theta_m")))
     belt = belt_of_leg(with_actuator(record_of_trial(turned, SETTINGS), turned), P)
     assert (belt.torque, belt.K_s / P.K_s < 0.7) == (None, True)

@@ -170,9 +170,7 @@ def test_a_late_torque_is_heard_behind_two_sines(bits):
     row = witness_row(record_of_trial(trial, SETTINGS.model_copy(update={"excitation": "any"})))
     assert row["path_shift"] > 1
     assert "delay" in row["rivals"].split(", ")
-    assert 0.9 * TRUE["B"] < row["B_without_low"] < TRUE["B"] < row["B_without_high"], (
-        "what leaves more than K, B and I"
-    )
+    assert 0.9 * TRUE["B"] < row["B_without_low"] < TRUE["B"] < row["B_without_high"]
 
 
 def test_no_spring_in_series_is_softer_than_the_joint_that_it_winds_up():
@@ -270,6 +268,13 @@ def test_rounding_of_levels_between_which_a_joint_mostly_moves_is_no_evidence_an
     record = record_of_trial(made_trial(rng, (time, [spline(time, k) for k in range(3)]), bits=14), SETTINGS)
     row = impedance_table(*rendered_impedance(record)).row(-1, named=True)
     assert (row["heard"], row["K_low"] < TRUE["K"] < row["K_high"]) == (None, True)
+
+
+def test_between_two_levels_a_damping_that_passes_for_a_path_is_told_beside_it():
+    time, motion = between_two_levels(rng := np.random.default_rng(3), corner=8.0)
+    trial = made_trial(rng, (time, motion), bits=14, more=1.5 * motion[1] * np.abs(motion[1]))
+    row = witness_row(record_of_trial(trial, SETTINGS))
+    assert [one for one in FAMILIES if row[f"{one}_shift"]] == ["path", "speed"]
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])

@@ -22,7 +22,7 @@ from osl_analysis.bench.analysis import (
     widened,
 )
 from osl_analysis.bench.effects import TRANSMISSION, Model
-from osl_analysis.bench.gram import GroupFit, fit_groups, gram_sums
+from osl_analysis.bench.gram import GroupFit, estimates_of, fit_groups, gram_sums
 from osl_analysis.bench.record import Groups, Label, Record, Stratum, joint_angle, stretches_of
 from osl_analysis.bench.settings import ActuatorAnalysis, BeltAnalysis
 from osl_analysis.bench.witness import witness_row
@@ -112,8 +112,8 @@ def fit_branches(record: Record, drift: float = 0.0) -> Analysis:
         models[way] = {"K_s": "theta", "offset": "one"} | ({} if constant else {"B_j": "omega"}), way
     fits: dict[Label, GroupFit] = {}
     for name, (model, label) in models.items():
-        taken = effects.taken_by(s, model, "ramp", label)
-        found = widened(fit_groups(s, model, label), drift * np.array([taken[one] for one in model]))
+        taken = estimates_of(s.over(label), s.index(list(model.values())), s.names.index("ramp"))
+        found = widened(fit_groups(s, model, label), drift * taken)
         fits[name] = replace(found, interval_method=f"{found.interval_method} + drift") if drift else found
     return Analysis(record, s, models["loading"][0], fits, {}, "loading")
 

@@ -1,6 +1,6 @@
 """Every fault is a column: lag, clocks that drift apart, a stiffness that changes, beside the physics of the joint.
 
-A model (Eq. 15, Eq. 4) names its columns; an effect is one more, and all that is known of it is one object (`EFFECTS`).
+A model (Eq. 15, Eq. 4) names its columns; an effect is one more.
 All of it is algebra on the Gram matrices of groups (gram.py).
 
 Friction passes for a lag and for a changing stiffness as long as it is left out. What a recording shows of faults is
@@ -39,54 +39,12 @@ BELT_ERROR = 80e-6  # s by which hysteresis that is not made of these shifts a l
 HELD_LINE = (10.0, 0.5)  # of a held torque's line: least multiple of its noise, and share by which it may differ
 OTHER_B_J = 3.0  # factor by which losses differ from those of the parameter file, from joint to joint
 CANNOT_TELL = (IdentifiabilityError, InputError, np.linalg.LinAlgError)  # a motion does not tell effects apart
-
-
-@dataclass(frozen=True)
-class Moved:
-    """The motion of a joint (n,), of which the columns of effects are made."""
-
-    theta: Array  # angle [rad] about its mean
-    omega: Array  # velocity [rad/s] of all that moves, whose sign is friction's
-    size: float  # RMS [rad] of the fitted angle
-    passed: Array  # share of the record that has passed, about its middle
-
-
-@dataclass(frozen=True)
-class Effect:
-    """What a joint has beside a model, or a recording may have: a column beside those of the model. Its estimate and
-    its column have its name, and so have its words in the table of judgements."""
-
-    name: str
-    made: Callable[[Moved], Array] | None = None  # its column (n,); None: it is one of the model's, or of `sums_of`
-    is_filtered: bool = True  # whether the column passes the filter of the torque
-    is_rich: bool = True  # whether the richest model has it, which leaves noise
-
-
-def slipping(name: str, share: float) -> Effect:
-    """A spring that slips, half as wide as a share of the motion's RMS: presliding friction, a belt that winds up."""
-    return Effect(name, lambda moved: spring_that_slips(moved.theta, share * moved.size))
-
-
-EFFECTS = (
-    Effect("K_change", lambda moved: moved.passed * moved.theta, is_filtered=False),
-    # Coulomb friction; 0.01 rad/s are ten times the velocity noise of 14 bits
-    Effect("T_C", lambda moved: np.tanh(moved.omega / 0.01)),
-    Effect("T_C_sharp", lambda moved: np.tanh(moved.omega / 0.001), is_rich=False),
-    # friction that grows with the angle
-    Effect("T_G", lambda moved: np.abs(moved.theta) * np.tanh(moved.omega / 0.01)),
-    slipping("hysteresis", 0.05),
-    slipping("hysteresis_2", 0.15),
-    slipping("hysteresis_3", 0.4),
-    Effect("cubic", lambda moved: moved.theta**3),  # a spring that stiffens
-    Effect("linear", is_rich=False),  # the higher dynamics of the linear model with its gains
-)
-TURNS = (1e-3, 1e-2)  # rad/s over which friction turns its sign
+TURNS = (1e-3, 1e-2)  # rad/s over which friction turns its sign; the larger are ten times the velocity noise of 14 bits
 WINDS = (5e-5, 1.5e-4, 5e-4, 1.5e-3)  # rad over which friction winds up by half, about those of bristles
 SHAPES = ("slides", *(f"rests_{k}" for k in range(1, len(TURNS) + len(WINDS))))
 """Columns of friction of 1 N*m that slides, and of what else it may be about rest, whose sum is near that of any
 joint."""
 HIGHER = 10.0  # standard errors of a jerk or snap beside friction, as a drivetrain has (100), and rounding has not (6)
-COLUMN = {"weight": "theta"}  # of an estimate beside a model that is not named like its column
 
 
 def plain_sums(record: Record, model: Model) -> Sums:
@@ -107,7 +65,7 @@ def sums_of(record: Record, model: Model, expected: Admittance | None = None) ->
     """The sums of a coarse record with all effects; the arguments are those of `effect_columns`."""
     few = record.coarse
     columns, centre = effect_columns(record, expected)
-    rich = [*model.values(), "jerk", "snap", *(effect.name for effect in EFFECTS if effect.is_rich)]
+    rich = [*model.values(), "jerk", "snap", "T_C"]
     sums = gram.gram_sums(few, columns, rich, centre, rounded=record.rounded)
     return replace(sums, columns={})  # which fill memory, and nobody asks for
 
@@ -117,17 +75,10 @@ def effect_columns(record: Record, expected: Admittance | None = None) -> tuple[
     `expected` is the admittance of the linear model, where the gains are known."""
     few = record.coarse
     columns, centre = columns_of(few)
-    theta, _, alpha, _, ramp = columns.values()
-    higher = seven_point_motion(few.time, alpha, few.rate_hz)
-    duration = np.concatenate([few.time[[p.start, p.stop - 1]] for p in few.pieces])
-    size = float(few.part(few.motion.theta).std())
-    moved = Moved(theta, record.swift_omega, size, ramp / max(float(np.ptp(duration)), np.finfo(float).tiny))
+    higher = seven_point_motion(few.time, columns["alpha"], few.rate_hz)
     columns |= {"jerk": higher.omega, "snap": higher.alpha}
-    shaped = {effect: effect.made(moved) for effect in EFFECTS if effect.made}
-    sharp = [effect for effect in shaped if effect.is_filtered]
-    smooth = few.low_pass(np.array([shaped[effect] for effect in sharp]).T, few.rate_hz).T
-    shaped |= dict(zip(sharp, smooth, strict=True))
-    columns |= {effect.name: column for effect, column in shaped.items()}
+    signs = np.array([np.tanh(record.swift_omega / turn) for turn in TURNS])
+    columns |= dict(zip(("T_C_sharp", "T_C"), few.low_pass(signs.T, few.rate_hz).T, strict=True))
     if expected is not None:
         columns["linear"] = linear_torque(few, expected)
     return columns, centre
@@ -188,7 +139,7 @@ def noise_of_angle(record: Record) -> tuple[float, float, float]:
 
 def with_effects(s: Sums, model: Model, effects: Sequence[str] = (), keep: Keep = None) -> GroupFit:
     """Fit of a model with effects beside it, over some groups. Raises as `fit_groups`."""
-    both = {**model, **{effect: COLUMN.get(effect, effect) for effect in effects}}
+    both = {**model, **{effect: {"weight": "theta"}.get(effect, effect) for effect in effects}}
     return gram.fit_groups(s, both, keep, limit=gram.EFFECTS_LIMIT if effects else CONDITION_LIMIT)
 
 
@@ -201,18 +152,21 @@ def late_fit(
     no_estimates: frozenset[str] = frozenset(),
     rounded: Array | None = None,
     lag: float = 0.0,
+    low_pass: bool = False,
 ) -> tuple[GroupFit, float]:
     """Fit of a torque, less a `rest` that is not late, with its lag `lag_s`, sought from a `lag` on, beside a model,
-    and what the last step changed of it. The torque is taken earlier, and its slope is a column, which tells how much
-    is left (Gauss and Newton's steps). The slope is that of the model, as far as derivatives are columns; that of a
-    torque which is mostly noise would pull the lag to 0. Of a model without any it is the torque's own. Raises as
-    `fit_groups`."""
+    and what the last step changed of it. The torque is taken earlier, or as it was before a `low_pass` of first order,
+    and its slope is a column, which tells how much is left (Gauss and Newton's steps). The slope is that of the model,
+    as far as derivatives are columns; that of a torque which is mostly noise would pull the lag to 0. Of a model
+    without any it is the torque's own. Raises as `fit_groups`."""
     torque, first, last = scipy.interpolate.make_interp_spline(few.time, few.filtered_torque, 5), *few.time[[0, -1]]
     slopes = {name: columns[gram.NEXT[c]] for name, c in model.items() if gram.NEXT.get(c) in columns}
     fit, slope = None, np.zeros_like(few.time)
     for _ in range(6):
-        then = np.clip(few.time + lag, first, last)
+        then = np.clip(few.time + lag * (not low_pass), first, last)
         earlier = (torque(then) if lag else few.filtered_torque) - rest
+        if low_pass:
+            earlier = earlier + lag * torque(few.time, 1)
         made = replace(few, filtered_torque=earlier, torque=earlier)
         if not slopes:
             slope = torque(then, 1)
@@ -227,12 +181,6 @@ def late_fit(
             break
     assert fit is not None
     return replace(fit, estimates=np.append(fit.estimates[:-1], lag)), more
-
-
-def taken_by(s: Sums, model: Model, column: str, label: Label = None) -> dict[str, float]:
-    """What the estimates of a model take of a column of size 1 that it lacks."""
-    estimates = gram.estimates_of(s.over(label), s.index(list(model.values())), s.names.index(column))
-    return dict(zip(model, estimates.tolist(), strict=True))
 
 
 @dataclass(frozen=True)
@@ -287,11 +235,6 @@ def lag_of(record: Record, belt: Belt | None) -> tuple[Fault | None, str | None]
     if held := held_torque(record):
         return held, "rows"
     return (belt.torque, "theta_m" if belt.torque else None) if belt else (None, None)
-
-
-def actuator_turns(record: Record) -> bool:
-    """Whether theta_m was recorded, and turns by a twentieth of the joint's angle or more."""
-    return "theta_m" in record.actuator and bool(np.std(record.actuator["theta_m"]) > 0.05 * np.std(record.theta))
 
 
 def belt_of_leg(record: Record, p: DrivetrainParameters | None) -> Belt | None:

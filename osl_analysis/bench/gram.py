@@ -194,8 +194,10 @@ def fit_groups(
         noise, freedom = inverse * left / left_free, np.full(len(names), left_free)
     else:
         rich = np.array(s.index(list(dict.fromkeys([*s.rich, *columns]))))
-        modelled, columns_of_rich = richest_products(s.over(keep), rich, s.gram[np.ix_(groups, rich, used)] @ turn)
-        noise, freedom = noise_of_scores(np.asarray((raw_g - modelled) @ inverse), columns_of_rich)
+        across = s.gram[np.ix_(groups, rich, used)] @ turn  # of its columns with those of the model and both torques
+        of_rich = solved(s.over(keep)[np.ix_(rich, rich)], across[:, :, -2].sum(axis=0))[0]
+        modelled = np.einsum("mrp,r->mp", across[:, :, :-2], of_rich)
+        noise, freedom = noise_of_scores(np.asarray((raw_g - modelled) @ inverse), len(rich))
     unit = stratum if stratum.max() + 1 >= FEWEST_UNITS else np.arange(len(stratum))
     units = int(unit.max()) + 1
     told = repeats or unit is stratum or len(stratum) >= FEWEST_GROUPS
@@ -206,7 +208,7 @@ def fit_groups(
         draws, change, seen = made.shape[2], inverse @ made.sum(axis=0), np.zeros(p)
         if repeats or len(stratum) >= FEWEST_GROUPS:
             each = np.moveaxis(inverse @ made, 2, 0)
-            by_groups = [between_cycles(x, stratum) if repeats else noise_of_scores(x, columns_of_rich) for x in each]
+            by_groups = [between_cycles(x, stratum) if repeats else noise_of_scores(x, len(rich)) for x in each]
             seen = np.mean([np.diag(own) for own, _ in by_groups], axis=0)
         known = less(change @ change.T / draws, seen)
         if told:
@@ -230,13 +232,6 @@ def fit_groups(
         left,
         units,
     )
-
-
-def richest_products(total: Array, rich: NDArray[np.intp], across: Array) -> tuple[Array, int]:
-    """Products (m, p) of the columns of some groups with what the richest model explains, and its number of columns:
-    what it leaves is the noise. `across` are those of its columns with theirs and both torques, (m, r, p + 2)."""
-    coefficients = solved(total[np.ix_(rich, rich)], across[:, :, -2].sum(axis=0))[0]
-    return np.einsum("mrp,r->mp", across[:, :, :-2], coefficients), len(rich)
 
 
 def identified(

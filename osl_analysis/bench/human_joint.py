@@ -6,7 +6,7 @@ rectified velocity, some 40 ms late, through muscle; here of both directions. Wh
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -28,7 +28,7 @@ from osl_analysis.bench.effects import IMPEDANCE, Model, columns_of
 from osl_analysis.bench.gram import GroupFit, Sums, held_out_vaf
 from osl_analysis.bench.record import QUICK, Record, logged, record_of_trial, stretches_of
 from osl_analysis.bench.settings import HumanJoint, HumanJointAnalysis
-from osl_analysis.bench.witness import ALIKE, HIDDEN, wald
+from osl_analysis.bench.witness import ALIKE, HIDDEN, no_witness, wald, witness_row
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass, Motion, sampling_rate, seven_point_motion
 from osl_analysis.signals.grid import uniform_signals
@@ -45,7 +45,9 @@ ORDERS, FURTHER = (2, 3), (0, 4, 8, 12)  # of muscle that is tried, and numbers 
 LAG_S, DAMPED = (0.01, 0.1, 0.25), (0.4, 3.0, 10.0)  # least, first and largest; muscle of damping 10 is of first order
 MOVES = np.array([5e-4, 0.03, 0.03])  # of delay [s], log lag and log damping, by which their effect is told
 OWN_SHARE = 0.95  # of the power of the angle's speed, which lies below the cut-off where none is stated
+DELAYED = 0.8, 1.15  # of what a low-pass leaves, and of the lag, below which the torque is late; low-passes: 0.86, 1.22
 REFLEX_ERROR = 60e-6  # s by which a reflex that is not made of the columns shifts a lag (SD)
+LEAST_REFLEX = 0.5  # % of the variance, below which there is no reflex: of 20 joints without one to 0.23, of ankles 0.7
 USUAL_DELAY_S = 0.04  # of a stretch reflex of the ankle [s]
 SIGN_WIDTHS = (0.005, 0.02, 0.1)  # speeds [rad/s] over which friction turns its sign
 BEFORE_OVER_AFTER = 1.7  # how much more past speed must explain than the speed to come; sound joints: 1.5
@@ -363,9 +365,10 @@ def fit_person(trial: Trial, settings: HumanJointAnalysis, windows: str | None =
     return person, fitted_motion(record, person.sums, person.model, again)
 
 
-def lag_of_person(person: Reflexive) -> tuple[GroupFit, effects.Fault] | None:
-    """The fit of the torque of a person's joint that may lag the angle, by how much [s], beside reflex and friction;
-    None where the motion does not tell. The reflex is asked for anew: that of a fit without a lag makes up for it."""
+def lag_of_person(person: Reflexive) -> tuple[GroupFit, effects.Fault, bool] | None:
+    """The fit of the torque of a person's joint that may lag the angle, by how much [s], beside reflex and friction,
+    and whether no low-pass of first order may be what is heard; None where the motion does not tell. The reflex is
+    asked for anew: that of a fit without a lag makes up for it."""
     late = with_reflex(person.raw, person.human, person.slow, late=True)
     raw, few = person.raw, late.record.coarse
     friction = without_slow(raw.coarse, friction_columns(raw, 160.0), person.human.slow_hz)
@@ -374,18 +377,22 @@ def lag_of_person(person: Reflexive) -> tuple[GroupFit, effects.Fault] | None:
     columns, centre = columns_of(few)
     model = {**effects.IMPEDANCE, **{name: name for name in beside}}
     columns |= beside | {"jerk": seven_point_motion(few.time, few.motion.alpha, few.rate_hz).omega}
+    seek = partial(effects.late_fit, few, columns, model, centre, no_estimates=frozenset(beside))
     try:
-        fit, more = effects.late_fit(few, columns, model, centre, no_estimates=frozenset(beside))
+        fit, more = seek()
+        behind, _ = seek(low_pass=True)
     except effects.CANNOT_TELL:
         return None
     lag, se = fit["lag_s"], float(np.hypot(fit.se("lag_s"), REFLEX_ERROR))
+    told = fit.left < DELAYED[0] * behind.left or abs(behind["lag_s"]) < DELAYED[1] * abs(lag)
     sure = abs(more) < se and effects.is_certain(lag, se, fit.freedom("lag_s"))
     sure &= fit.certain("B", effects.FALSE_ALARM)  # beside friction steps between two levels tell neither
-    return fit, effects.Fault(lag, se, sure, abs(lag) + effects.POSSIBLE * se)
+    return fit, effects.Fault(lag, se, sure, abs(lag) + effects.POSSIBLE * se), told
 
 
 def lag_of_person_row(fit: PersonFit) -> Row:
-    """The lag of the torque, and K, B and I without it, or without 1 ms of lag where one might matter."""
+    """The lag of the torque, and K, B and I without it, if it is no low-pass, or without 1 ms of lag where one might
+    matter."""
     (person, analysis), told = fit, lag_of_person(fit[0])
     raw, whole, lag = person.raw, analysis.whole, told[1] if told else None
     without, taken = (told[0], told[1].size) if told and told[1].found else (None, 1e-3)
@@ -401,7 +408,7 @@ def lag_of_person_row(fit: PersonFit) -> Row:
         return row | without_lag
     shift = max(by / (whole.interval(name)[1] - whole[name]) for name, by in moved.items()) if lag.found else 0.0
     row |= {"lag_s": lag.size, "lag_se_s": lag.se, "lag_shift": shift}
-    return row | (without_lag if lag.found else dict.fromkeys(without_lag))
+    return row | (without_lag if lag.found and told and told[2] else dict.fromkeys(without_lag))
 
 
 def reflex_gains(person: Reflexive, whole: gram.GroupFit) -> Row:
@@ -453,14 +460,18 @@ def reflex_row(fit: PersonFit) -> Row:
 
 
 def human_joint_table(fit: PersonFit) -> pl.DataFrame:
-    """The trial's row of `human_joint.csv`. What a person pushes as he likes is in the interval, and no doubt. Raises
-    InputError: K is negative, its interval too."""
+    """The trial's row of `human_joint.csv`. What a person pushes as he likes is in the interval, and no doubt. A joint
+    that shows no reflex may be a device, of which the witness is asked. Raises InputError: K is negative, its interval
+    too."""
     (person, analysis), whole = fit, fit[1].whole
     check_resists(person.raw.name, "K", whole["K"], whole.interval("K")[1])
     row = analysis.row(None, *QUANTITIES)
     for name in ("amplitude_deg", "commanded_deg", *(f"{name}_repeat_se" for name in QUANTITIES)):
         del row[name]  # of sines and repeats
-    row |= lag_of_person_row(fit) | reflex_row(fit)
+    row |= lag_of_person_row(fit) | (reflex := reflex_row(fit))
+    gains: Any = [reflex[f"reflex_{name}"] for name in ("gain_up", "gain_down", "share")]
+    answers = gains.pop() > LEAST_REFLEX and max(gains) > 0
+    row |= no_witness() if answers else witness_row(person.raw, answers=False)
     row |= {
         "VAF_held_out": held_out_vaf(analysis.sums, analysis.model, interleaved=True),
         **analysis.time_base_row(None, QUANTITIES),
@@ -473,7 +484,10 @@ def human_joint_table(fit: PersonFit) -> pl.DataFrame:
         "I_bound": whole.interval("I")[1],
         "torque_at_peaks": torque_at_peaks(analysis, person.raw),
     }
-    return pl.DataFrame([row], infer_schema_length=None).with_columns(pl.col(pl.Null).cast(pl.Float64))
+    table = pl.DataFrame(
+        [row], infer_schema_length=None, schema_overrides=dict.fromkeys(("heard", "rivals"), pl.String)
+    )
+    return table.with_columns(pl.col(pl.Null).cast(pl.Float64))
 
 
 OVER: dict[str, type[pl.DataType]] = {"trial": pl.String, "over": pl.String, "share": pl.Float64, "at": pl.Float64}

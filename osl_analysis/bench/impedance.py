@@ -91,7 +91,8 @@ def impedance_table(analysis: Analysis, s: Sums, p: DrivetrainParameters | None 
     record = analysis.record
     belt, repeats = effects.belt_of_leg(record, p), effects.repeats_row(record, s, IMPEDANCE)
     lag, lag_by = effects.lag_of(record, belt)
-    is_leg = belt is not None or (p is None and effects.actuator_turns(record))
+    turned = float(np.std(record.actuator.get("theta_m", 0.0)))
+    is_leg = belt is not None or (p is None and turned > 0.05 * float(np.std(record.theta)))
     friction, rows = friction_rows(s, analysis, is_leg), list[Row]()
     late = belt.theta_m if belt else None
     facts = motion_row(record) | {
@@ -134,9 +135,13 @@ WITHOUT_FRICTION = {"K": "K_without_friction", "B": "B_viscous", "I": "I_without
 """Columns of the estimates beside friction."""
 
 
+LITTLE_OF_IT = 0.3  # share of what the best rival explains, below which a reflex is not what is heard
+
+
 def believed_reflex(whole: GroupFit, facts: Row, is_leg: bool) -> Row:
     """What the `facts` of a recording have of a reflex, as far as the witness leaves it: none where it hears nothing,
-    where a path, or friction, explains more, or no estimate moves by more than its interval, or by what harms."""
+    where a path, friction, or anything by far, explains more, or no estimate moves by more than its interval, or by
+    what harms."""
     shifts, moved = [facts[f"{family}_shift"] for family in FAMILIES], False
     alone = not any(isinstance(shift, float) and shift > 1 for shift in shifts)
     for name, (share, size) in HARM.items():
@@ -144,7 +149,9 @@ def believed_reflex(whole: GroupFit, facts: Row, is_leg: bool) -> Row:
         least = max(low_high[1] - whole[name], alone * share * float(np.hypot(whole[name], size)))
         moved |= isinstance(value, float) and abs(value - whole[name]) > least
     harmless = not moved and bool(facts["rivals"] or facts["path_shift"] == 0)  # and no delay may hide behind it
-    known = facts["heard"] is None or facts["path_shift"] or facts["friction_shift"] or harmless
+    explains = facts["reflex_explains"]
+    little = not isinstance(explains, float) or explains < LITTLE_OF_IT  # null where nothing is heard
+    known = little or facts["path_shift"] or facts["friction_shift"] or harmless
     if facts["reflex_p"] is None or is_leg or not known:
         return {}
     return {**without_row(None, "with_reflex"), "reflex_p": 1.0}

@@ -216,6 +216,7 @@ class Court:
 
     def __init__(self, view: View, hears: bool = True, answers: bool = True, taken: Sequence[Array] = ()) -> None:
         self.view, self.rivals, self.chance = view, list[Rival](), dict[str, float]()
+        self.by_reflex = -np.inf  # share that a reflex explains of what the best rival does; no reflex: none
         self.answers = answers and view.first == 0
         self.beside = [*view.slow, *[view.columns[0]] * (view.first == 1), *taken]
         theta, omega, elastic = *view.motion[:2], view.first == 0
@@ -502,6 +503,8 @@ class Court:
             for some in (alike or [best], reflexes, [shapes], [rubs])
         )
         misfit = square(none.left)
+        explained = max(misfit - min(least, by_reflex), np.finfo(float).tiny)
+        self.by_reflex = (misfit - by_reflex) / explained
         may_be = misfit - by_friction > RUBBING * (misfit - least)
         if self.view.rubs and least > EXPLAINS * misfit:  # and K, or B, is open beside certain friction
             may_be |= bool(harm_of(none.half, none.estimates)[:-1].max() > 1)
@@ -546,8 +549,7 @@ def no_witness(names: Sequence[str] = tuple(HARM)) -> Row:
     """The row of a model of whose misfit nothing is known."""
     shifts: Row = {f"{name}_shift": None for name in FAMILIES if name != "size" or len(names) == len(HARM)}
     return shifts | {
-        "heard": None,
-        "rivals": None,
+        **dict.fromkeys(("heard", "rivals", "reflex_explains")),
         **{f"{name}_without{end}": None for name in names for end in ("", "_low", "_high")},
     }
 
@@ -575,7 +577,7 @@ def witness_row(
     if not is_leg:
         row |= {name: 0.0 for name in row if name.endswith("_shift")}
         row |= {"path_shift": None if court.hides_delay() else 0.0, "heard": ", ".join(court.heard) or None}
-    row |= {"VAF_in_band": vaf}
+    row |= {"VAF_in_band": vaf, "reflex_explains": court.by_reflex if np.isfinite(court.by_reflex) else None}
     told = not court.heard or any(one.name in ("clocks", "delay") for one in alike)  # what else passes for a drift
     if record.two_clocks and not is_leg and not record.groups.repeat and told:
         lag, error = (float(x[1]) / view.seconds for x in court.late(np.ones(view.n), view.time)[2:])
@@ -586,7 +588,13 @@ def witness_row(
     half = np.minimum(half, np.maximum(np.abs(every), half[0]))  # a path of no effect has any
     low, high = (every - half).min(axis=0), (every + half).max(axis=0)
     row |= {"path_shift": None} if alike[0].family == "friction" else {}
-    row |= {f"{alike[0].family}_shift": float(harm_of(every - none.estimates, none.estimates).max())}
+    harm, first, chance = harm_of(every - none.estimates, none.estimates), alike[0].family, court.chance
+    clearer = {one.family for one in alike if chance.get(one.family, 0.0) < chance.get(first, 0.0)}
+    named = {
+        first,
+        *(clearer if first == "path" else ()),
+    }  # what is heard more clearly than the path that it passes for
+    row |= {f"{family}_shift": float(harm.max()) for family in named}
     if square(alike[0].left) > MOST_LEFT * square(court.view.y):
         return row
     row |= {"rivals": ", ".join(dict.fromkeys(one.name for one in alike))}

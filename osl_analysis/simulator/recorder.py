@@ -264,7 +264,7 @@ def wrenches(topic: str, frame_id: str, time: Array, torque: Array) -> LogTopic:
     return log_topic(topic, "geometry_msgs/msg/WrenchStamped", fields, frame_id, time, members)
 
 
-COMPRESSOR = zstandard.ZstdCompressor(level=-1)  # twice as fast as level 3; one for all: to make it clears a megabyte
+COMPRESSOR = zstandard.ZstdCompressor()  # one for all chunks: to make it clears a megabyte
 
 
 def write_topics(path: Path, topics: Sequence[LogTopic]) -> None:

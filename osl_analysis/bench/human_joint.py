@@ -195,8 +195,9 @@ def with_reflex(
 
 
 def muscles_like(person: Reflexive, late: bool) -> list[Tried]:
-    """Muscle of each order, of least squares, with cosines and without, those first with which the other stretches
-    predict each one best. Where the torque may be `late`, beside a jerk and without cosines, which would hide it."""
+    """Muscle of each order, of least squares, with cosines and without. The first one has the fewest cosines of those
+    by which the other stretches predict each one as well as by any. Where the torque may be `late`, it stands beside
+    what a delay adds to Eq. 15, which the reflex would make up for."""
     raw, few, human, found = person.raw, person.record.coarse, person.human, list[Tried]()
     step = round(raw.rate_hz / few.rate_hz)
     waves, slow = person.half_waves[::step], None if person.slow is None else person.slow[::step]
@@ -251,8 +252,8 @@ def predicted(record: Record, beside: Mapping[str, Array]) -> Array:
 
 
 def delay_by_muscle(person: Reflexive) -> Row:
-    """The delay [ms] by the muscle that predicts best, and from where to where the intervals of the delay reach by
-    muscle of any order that predicts as well, within chance, by the scatter of what is left in stretches."""
+    """The delay [ms] by the muscle of the columns, and from where to where the intervals of the delay reach by all that
+    predict as well."""
     ends = [one.values[0] + np.array([-1, 1]) * one.half_s for one, _ in as_good(person.muscles)]
     delays = 1e3 * np.array([person.muscles[0][0].values[0], np.min(ends), np.max(ends)])
     delays = np.clip(delays, min(person.human.delays_ms), max(person.human.delays_ms))
@@ -468,9 +469,9 @@ def human_joint_table(fit: PersonFit) -> pl.DataFrame:
     row = analysis.row(None, *QUANTITIES)
     for name in ("amplitude_deg", "commanded_deg", *(f"{name}_repeat_se" for name in QUANTITIES)):
         del row[name]  # of sines and repeats
-    row |= lag_of_person_row(fit) | (reflex := reflex_row(fit))
-    gains: Any = [reflex[f"reflex_{name}"] for name in ("gain_up", "gain_down", "share")]
-    answers = gains.pop() > LEAST_REFLEX and max(gains) > 0
+    reflex: dict[str, Any] = reflex_row(fit)
+    answers = reflex["reflex_share"] > LEAST_REFLEX and max(reflex["reflex_gain_up"], reflex["reflex_gain_down"]) > 0
+    row |= lag_of_person_row(fit) | reflex
     row |= no_witness() if answers else witness_row(person.raw, answers=False)
     row |= {
         "VAF_held_out": held_out_vaf(analysis.sums, analysis.model, interleaved=True),

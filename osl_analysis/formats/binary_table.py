@@ -215,7 +215,8 @@ def holds_objects(path: Path) -> bool:
     if not zipfile.is_zipfile(path):
         return b"'|O'" in np.fromfile(path, np.uint8, FIRST_BYTES).tobytes().partition(b"\n")[0]
     with zipfile.ZipFile(path) as archive:
-        return any(b"'|O'" in archive.read(name).partition(b"\n")[0] for name in archive.namelist())
+        begins = [archive.open(name).read(FIRST_BYTES) for name in archive.namelist()]
+    return any(b"'|O'" in begin.partition(b"\n")[0] for begin in begins)
 
 
 def hdf5_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:

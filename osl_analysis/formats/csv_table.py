@@ -26,22 +26,9 @@ CONTROL = re.compile(rb"[\x00-\x08\x0e-\x19]")  # bytes that no text has; 26 end
 UTF_16 = re.compile(rb"\xff\xfe|\xfe\xff|([\t\r\n -~]\0){8}|(\0[\t\r\n -~]){8}")  # by its mark, or in either order
 COMMENTS = ("#", "%", "//")
 MISSING = (
-    "",
-    "nan",
-    "NaN",
-    "NAN",
-    "NA",
-    "N/A",
-    "#N/A",
-    "null",
-    "NULL",
-    "None",
-    "<NA>",
-    "NaT",
-    "-nan",
-    "nan(ind)",
-    "-nan(ind)",
-)
+    "", "nan", "NaN", "NAN", "NA", "N/A", "#N/A", "null", "NULL", "None", "<NA>", "NaT",
+    "-nan", "nan(ind)", "-nan(ind)",
+)  # fmt: skip
 """Cells of readings that failed, as programs write them."""
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d{1,3})?", re.ASCII)
 THOUSANDS = {".": re.compile(r"([+-]?\d{1,3}(?:,\d{3})+)\.(\d+)"), ",": re.compile(r"([+-]?\d{1,3}(?:\.\d{3})+),(\d+)")}

@@ -470,9 +470,8 @@ def human_joint_table(fit: PersonFit) -> pl.DataFrame:
     for name in ("amplitude_deg", "commanded_deg", *(f"{name}_repeat_se" for name in QUANTITIES)):
         del row[name]  # of sines and repeats
     reflex: dict[str, Any] = reflex_row(fit)
-    answers = reflex["reflex_share"] > LEAST_REFLEX and max(reflex["reflex_gain_up"], reflex["reflex_gain_down"]) > 0
     row |= lag_of_person_row(fit) | reflex
-    row |= no_witness() if answers else witness_row(person.raw, answers=False)
+    row |= no_witness() if reflex["reflex_share"] > LEAST_REFLEX else witness_row(person.raw, answers=False)
     row |= {
         "VAF_held_out": held_out_vaf(analysis.sums, analysis.model, interleaved=True),
         **analysis.time_base_row(None, QUANTITIES),

@@ -399,7 +399,7 @@ def lag_of_person_row(fit: PersonFit) -> Row:
     without, taken = (told[0], told[1].size) if told and told[1].found else (None, 1e-3)
     if without is None:
         earlier = np.interp(raw.time + taken, raw.time, raw.filtered_torque)
-        made = with_reflex(replace(raw, filtered_torque=earlier), person.human, person.slow)
+        made = with_reflex(replace(raw, filtered_torque=earlier), person.human, person.slow, person.muscles)
         without = effects.with_effects(made.sums, made.model)
     moved = {name: abs(without[name] - whole[name]) for name in "KBI"}
     without_lag = without_row(without, "without_lag")

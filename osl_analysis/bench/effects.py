@@ -221,11 +221,13 @@ def held_torque(record: Record) -> Fault | None:
     slope[rows] = np.gradient(record.filtered_torque, 1 / rate)[rows]
     n, power = int(scipy.fft.next_fast_len(len(rest), real=True)), max(float(slope @ slope), np.finfo(float).tiny)
     lines, hz = np.abs(np.fft.rfft(rest * slope, n)) / power, np.arange(n // 2 + 1) * rate / n
-    lines[hz < 4 * record.low_pass.cutoff_hz] = 0.0
+    lowest = 4 * record.low_pass.cutoff_hz
+    lines[hz < lowest] = 0.0
     line, at = float(lines.max()), float(hz[np.argmax(lines)])
     noise = float(np.std(rest[rows])) / power**0.5
     sampled = min((at, rate - at), key=lambda f: abs(2 * np.pi * f * line - 1))
-    if line < HELD_LINE[0] * noise or abs(2 * np.pi * sampled * line - 1) > HELD_LINE[1]:
+    is_line = at > 1.1 * lowest and line > HELD_LINE[0] * noise  # and not what falls off with the frequency
+    if not is_line or abs(2 * np.pi * sampled * line - 1) > HELD_LINE[1]:
         return None
     return Fault(0.5 / sampled, 12**-0.5 / rate, True, 0.5 / sampled)
 

@@ -506,6 +506,12 @@ def test_a_device_that_is_stated_to_be_a_person_keeps_its_doubts(gain, cubic, do
     assert row["doubtful"] == doubt
 
 
+def test_friction_that_is_heard_of_a_joint_without_a_reflex_is_a_doubt():
+    motion = noise(rng := np.random.default_rng(5), (0.3, 15.0), 1.2, 45.0, 1000.0)
+    rubs = made_trial(rng, motion, 0.02, more=np.tanh(motion[1][1] / 0.002), K=90.0, B=1.0, I=0.016)
+    assert person(rubs)[1]["doubtful"] == "friction"
+
+
 def test_a_joint_that_is_turned_has_the_gain_of_its_reflex_the_other_way():
     trial = reflexive(np.random.default_rng(0), 6.0, 0.03)
     turned = Trial("turned", trial.samples.with_columns(-pl.col("theta", "torque")))

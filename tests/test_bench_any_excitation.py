@@ -544,7 +544,7 @@ def test_a_reflex_is_a_doubt_of_a_device_and_columns_of_a_person():
     assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.6
 
 
-@pytest.mark.parametrize("late", [0.0, 1.5e-3])
+@pytest.mark.parametrize("late", [0.0, 5e-3])
 def test_a_late_torque_of_a_person_is_told_from_the_reflex_and_doubted_with_k_and_b_without_it(late):
     """Friction, which damps as an early torque does, is none."""
     motion = noise(rng := np.random.default_rng(5), (0.3, 20.0), 1.2, 45.0, 500.0)

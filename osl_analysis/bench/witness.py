@@ -589,11 +589,9 @@ def witness_row(
     low, high = (every - half).min(axis=0), (every + half).max(axis=0)
     row |= {"path_shift": None} if alike[0].family == "friction" else {}
     harm, first, chance = harm_of(every - none.estimates, none.estimates), alike[0].family, court.chance
-    passing = (
-        alike if first == "path" else []
-    )  # what is heard more clearly than the path that it passes for is told, too
-    clearer = {one.family for one in passing if chance.get(one.family, 0.0) < chance.get(first, 0.0)}
-    row |= {f"{family}_shift": float(harm.max()) for family in {first, *clearer}}
+    # what is heard more clearly than the path that it passes for is told, too
+    clearer = [one.family for one in alike if chance.get(one.family, 0.0) < chance.get(first, 0.0)]
+    row |= {f"{family}_shift": float(harm.max()) for family in {first, *(clearer if first == "path" else ())}}
     if square(alike[0].left) > MOST_LEFT * square(court.view.y):
         return row
     row |= {"rivals": ", ".join(dict.fromkeys(one.name for one in alike))}

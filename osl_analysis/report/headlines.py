@@ -108,9 +108,8 @@ def all_labels() -> list[Headline]:
     found = []
     for table, labels in LABELS.items():
         for label in labels.values():
-            found += [with_controller(label, name, Example()) for name in CONTROLLERS if table == "impedance"] or [
-                label
-            ]
+            of_each = [with_controller(label, name, Example()) for name in CONTROLLERS]
+            found += of_each if table == "impedance" else [label]
     return found
 
 

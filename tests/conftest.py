@@ -22,22 +22,26 @@ from osl_analysis.signals import LowPass, Motion
 from osl_analysis.trial import Array
 
 ROOT = Path(__file__).parents[1]
+RUNNING = ("test_workflow", "test_bundle", "test_report", "test_walking_perturbed_by")
+"""Modules that run campaigns: on one core, for `snakemake_runs.py` has a process with all imports for each."""
 LONGEST = (
-    "test_workflow", "test_bench_any_excitation", "test_bench_witness", "test_figures", "test_timebase",
-    "test_walking_platform", "test_bundle", "test_walking_commands", "test_study", "test_report", "test_bench_rounding",
-    "test_walking_groups", "test_walking_perturbed_by", "test_damage", "test_cli", "test_adding",
+    *RUNNING, "test_bench_any_excitation", "test_bench_witness", "test_study", "test_figures", "test_walking_commands",
+    "test_timebase", "test_walking_platform", "test_bench_rounding", "test_walking_groups", "test_damage", "test_cli",
+    "test_adding",
 )  # fmt: skip
-"""Modules that take more than 6 s of a core, the longest first."""
+"""Modules that take more than 5 s of a core, the longest first."""
 
 # without a deadline: a busy machine is no fault of the code; other seeds: pytest --hypothesis-profile default
 settings.register_profile("seeded", derandomize=True, database=None, deadline=None)
 settings.load_profile("seeded")
 
 
+@pytest.hookimpl(tryfirst=True)  # before xdist looks for the groups
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark tests of numerical modules `numerics`; long modules first, so that no process is busy alone at the end."""
     items.sort(key=lambda item: LONGEST.index(item.path.stem) if item.path.stem in LONGEST else len(LONGEST))
     for item in items:
+        item.add_marker(pytest.mark.xdist_group("campaigns" if item.path.stem in RUNNING else item.path.stem))
         if any(fnmatch(item.path.stem, pattern) for pattern in NUMERICAL):
             item.add_marker(pytest.mark.numerics)
     gc.freeze()  # what collecting has made stays, and looking through it again and again takes a tenth of a run

@@ -126,7 +126,7 @@ if __name__ == "__main__":
     for campaign, settings in CAMPAIGNS.items():
         with TemporaryDirectory() as folder:
             space = Workspace(Path(folder), settings)
-            assert space.start(*MADE[campaign]).returncode == 0
+            assert space.run(*MADE[campaign]).returncode == 0
             every = numbers_of(space.folder / "results")
         texts = {place: " ".join(f"{k} {x:.10g}" for k, x in each.items()) for place, each in every.items()}
         rows += [(campaign, *item) for item in texts.items()]

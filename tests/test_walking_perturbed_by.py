@@ -11,7 +11,7 @@ import pytest
 import walking_synthetic as synthetic
 import yaml
 from conftest import ROOT
-from snakemake_runs import run_snakemake
+from snakemake_runs import run_forked
 from walking_synthetic import changed, settings, static_trial
 
 from osl_analysis.campaign.campaign import check_campaign, open_campaign
@@ -100,7 +100,7 @@ def campaign(folder: Path, kind: str, turns: tuple[int, ...], **walking: Any) ->
 def test_a_boot_s_log_of_many_strides_becomes_fig_9_without_platform_plate_static_trial_or_capture(tmp_path) -> None:
     config = campaign(tmp_path, "boot", (1, 0, -1, 0, 1, 0, -1))
     files = ["--snakefile", str(ROOT / "Snakefile"), "--configfile", str(config)]
-    done = run_snakemake(["--cores", "1", "results/summary.json", *files], tmp_path)  # and every table
+    done = run_forked(["snakemake", "--cores", "1", "results/summary.json", *files], tmp_path)  # and every table
     assert done.returncode == 0, done.stdout
     tables = tmp_path / "results/tables"
     summary = read_table(tables / "walking_summary.csv").filter(estimator="ensemble")

@@ -10,6 +10,7 @@ from contextlib import chdir
 from pathlib import Path
 
 from click.testing import CliRunner
+from snakemake_runs import run_forked
 
 from osl_analysis.cli import main
 
@@ -37,8 +38,10 @@ def said_by_page(folder: Path) -> Iterator[tuple[str, list[str], list[str]]]:
 
 
 def printed_by(command: list[str], folder: Path) -> str:
-    """What a command prints. All but a run of the workflow are called in this process, which has the imports."""
-    if command[0] == "osl-analysis" and command[1] != "run":
+    """What a command prints. Those of the package are called in processes that have the imports."""
+    if command[:2] == ["osl-analysis", "run"]:
+        return run_forked(command, folder).stdout
+    if command[0] == "osl-analysis":
         with chdir(folder):
             return CliRunner().invoke(main, command[1:], catch_exceptions=False, standalone_mode=False).output
     path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"

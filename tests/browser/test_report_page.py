@@ -26,7 +26,7 @@ KINDS = ("belt", "transmission", "actuator", "impedance", "static", "plate", "wa
 def results(tmp_path_factory):
     """The results of a small campaign taken for a measured one, with further and with damaged recordings."""
     space = Workspace(tmp_path_factory.mktemp("campaign"))
-    done = space.start("raw_data/small/trials.csv", "results/tables/quality.csv")  # this records all trials
+    done = space.run("raw_data/small/trials.csv", "results/tables/quality.csv")  # this records all trials
     assert done.returncode == 0, done.stdout + done.stderr
     raw = space.folder / "raw_data/small"
     sheet = pl.read_csv(raw / "trials.csv", infer_schema_length=None)
@@ -35,7 +35,7 @@ def results(tmp_path_factory):
     hostile = pl.when(pl.col("controller") == "uncompensated").then(pl.lit(HOSTILE)).otherwise(pl.col("controller"))
     sheet.with_columns(hostile.alias("controller")).write_csv(raw / "trials.csv")
     space.configure({"simulation": None, "results": "results/other", "failed_trials": "accept", "campaign": "other"})
-    done = space.start("reproduce-all")
+    done = space.run("reproduce-all")
     assert done.returncode == 0, done.stdout + done.stderr
     return space.folder / "results/other"
 

@@ -375,7 +375,7 @@ def test_text_of_a_file_is_never_evaluated(unit: str) -> None:
 
 
 @given(st.text(max_size=20))
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 def test_any_text_is_a_factor_or_a_sentence(text: str) -> None:
     with contextlib.suppress(InputError):
         assert 0 < si_factor(text, "N*m") < math.inf

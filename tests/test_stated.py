@@ -106,17 +106,17 @@ OF_GAIT = {name: ASSUMED[name] for name, of in JUDGING.items() if "walking" in o
 def test_a_setting_that_nobody_stated_makes_no_finding_on_sound_gait(values, tmp_path, with_default):
     own, _ = with_default(values)
     config, turned = read_config(own), Walk(0.4)
-    walks = several("u", 10, Walk()) | several("up", 6, turned) | several("down", 6, turned, sign=-1)
+    walks = several("u", 8, Walk()) | several("up", 4, turned) | several("down", 4, turned, sign=-1)
     (tmp_path / "crossings").mkdir()
     for trial, walk in walks.items():
         write_crossing(walked(trial, walk), tmp_path / f"crossings/{trial}.parquet")
     kinds = ([trial for trial, walk in walks.items() if (walk.phase is None) == still] for still in (False, True))
     limits = (config.doubtful.of(table) for table in ("walking", "walking_groups"))
-    tables = run_jobs(tmp_path, *kinds, config.walking.model_copy(update={"bootstrap_samples": 200}), None, *limits)
+    tables = run_jobs(tmp_path, *kinds, config.walking.model_copy(update={"bootstrap_samples": 100}), None, *limits)
     for table in ("walking", "groups"):
         doubts = tables[table].get_column("doubtful", default=pl.Series(dtype=pl.String)).drop_nulls()
         assert {*doubts} <= {""}
-    assert tables["groups"]["n"].to_list() == [12]
+    assert tables["groups"]["n"].to_list() == [8]
 
 
 @pytest.mark.parametrize(("weight", "judges"), [("", False), (", gain_weight: {cutoff_hz: 1, order: 3}", True)])

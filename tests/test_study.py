@@ -48,7 +48,7 @@ def test_estimates_are_as_precise_as_they_say_and_can_be(study, experiment, tria
 
 
 @pytest.mark.usefixtures("without_witness")
-@pytest.mark.parametrize("recorder", ["jitter of 50 us", "four decimals at 300 Hz", "333 Hz and 1 kHz", "14 bits"])
+@pytest.mark.parametrize("recorder", ["jitter of 50 us", "333 Hz and 1 kHz"])
 def test_intervals_hold_the_truth_of_an_exact_joint_as_recorders_write_it(study, recorder):
     """60 seeded estimates: three Monte Carlo errors of a coverage are 8.4 %."""
     table = table_of(study.rows_of(f"second order, {recorder}", range(20)))

@@ -1,11 +1,11 @@
 """The regression under every fit, covariance of correlated residuals, and means over trials."""
 
+import importlib  # statsmodels takes half a second of each process that collects tests
 from dataclasses import replace
 
 import numpy as np
 import polars as pl
 import pytest
-import statsmodels.api as sm
 from conftest import multisine
 from hypothesis import given
 from hypothesis import strategies as st
@@ -13,7 +13,6 @@ from scipy.signal import lfilter
 from scipy.special import stdtrit
 from scipy.stats import t as student
 from scipy.stats import ttest_ind
-from statsmodels.stats.diagnostic import acorr_ljungbox
 
 from osl_analysis.bench.gram import noise_of_scores
 from osl_analysis.bench.phasors import complex_mean, complex_quotient, fit_sinusoids, polar_row
@@ -70,11 +69,19 @@ def test_vaf_and_r_squared_read_what_they_should_when_the_fit_is_not_perfect():
     assert [variance_accounted_for(*pair) for pair in pairs] == pytest.approx([100, 100, 0])
 
 
+def fit_of_statsmodels(y, columns, **covariance):
+    return importlib.import_module("statsmodels.api").OLS(y, np.column_stack([*columns.values()])).fit(**covariance)
+
+
 def test_covariance_is_statsmodels_hac_at_the_same_bandwidth():
     y = COLUMNS["a"] + correlated_noise(np.random.default_rng(20), len(T), 0.9)
     fit = linear_fit(y, COLUMNS)
     lags = {"maxlags": fit.correlation_samples - 1, "use_correction": True}
-    other = sm.OLS(y, np.column_stack(list(COLUMNS.values()))).fit(cov_type="HAC", cov_kwds=lags)
+    other = (
+        importlib.import_module("statsmodels.api")
+        .OLS(y, np.column_stack(list(COLUMNS.values())))
+        .fit(cov_type="HAC", cov_kwds=lags)
+    )
     assert fit.correlation_samples == pytest.approx(1.1447 * (4 * 0.9**2 / 0.19**2 * len(T)) ** (1 / 3), rel=0.1)
     assert linear_fit(y + T**3, COLUMNS).correlation_samples == len(T) // 8
     assert fit.covariance == pytest.approx(other.cov_params(), rel=1e-8)
@@ -114,9 +121,10 @@ def whiteness(residual):
 
 @pytest.mark.parametrize(("samples", "lags"), [(400, 10), (20, 4)])
 def test_ljung_box_is_statsmodels(samples, lags):
+    theirs = importlib.import_module("statsmodels.stats.diagnostic").acorr_ljungbox
     residual = np.random.default_rng(3).standard_normal(400).cumsum()[:samples]
     autocorrelation, per_lag, p = whiteness_row(residual - residual.mean()).values()
-    assert (lags * per_lag, p) == pytest.approx(tuple(acorr_ljungbox(residual - residual.mean(), lags=lags).iloc[-1]))
+    assert (lags * per_lag, p) == pytest.approx(tuple(theirs(residual - residual.mean(), lags=lags).iloc[-1]))
     assert autocorrelation > 0.5
 
 
@@ -232,7 +240,11 @@ def test_one_stratum_is_statsmodels_cluster_covariance():
     y, columns = repeated(np.random.default_rng(5))
     groups = {"groups": np.repeat(np.arange(COUNT), CYCLE), "use_correction": False}
     fit = with_spread(y, columns, np.zeros(COUNT, dtype=np.intp))
-    other = sm.OLS(y, np.column_stack(list(columns.values()))).fit(cov_type="cluster", cov_kwds=groups)
+    other = (
+        importlib.import_module("statsmodels.api")
+        .OLS(y, np.column_stack(list(columns.values())))
+        .fit(cov_type="cluster", cov_kwds=groups)
+    )
     assert fit.covariance == pytest.approx(other.cov_params() * COUNT / (COUNT - 1), rel=1e-8, abs=1e-15)
 
 

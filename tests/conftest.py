@@ -13,6 +13,8 @@ import polars as pl
 import pytest
 from hypothesis import settings
 from kernels import NUMERICAL
+from xdist.remote import Producer
+from xdist.scheduler import LoadScopeScheduling
 
 from osl_analysis.bench.witness import no_witness
 from osl_analysis.judge import judging
@@ -36,12 +38,23 @@ settings.register_profile("seeded", derandomize=True, database=None, deadline=No
 settings.load_profile("seeded")
 
 
-@pytest.hookimpl(tryfirst=True)  # before xdist looks for the groups
+class ByModule(LoadScopeScheduling):
+    """Gives each process whole modules, and those of `RUNNING` to one."""
+
+    def _split_scope(self, nodeid: str) -> str:
+        module = Path(nodeid.split("::")[0]).stem
+        return "campaigns" if module in RUNNING else module
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> ByModule:
+    return ByModule(config, log)
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark tests of numerical modules `numerics`; long modules first, so that no process is busy alone at the end."""
     items.sort(key=lambda item: LONGEST.index(item.path.stem) if item.path.stem in LONGEST else len(LONGEST))
     for item in items:
-        item.add_marker(pytest.mark.xdist_group("campaigns" if item.path.stem in RUNNING else item.path.stem))
         if any(fnmatch(item.path.stem, pattern) for pattern in NUMERICAL):
             item.add_marker(pytest.mark.numerics)
     gc.freeze()  # what collecting has made stays, and looking through it again and again takes a tenth of a run

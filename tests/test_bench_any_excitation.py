@@ -163,11 +163,7 @@ def test_steps_too_quick_for_their_rate_are_refused_as_such_whatever_the_encoder
     time, x = np.arange(10_000) / 500, np.zeros((3, 10_000))
     for k in range(9):
         t = np.clip((time - 1 - 2 * k) / 0.02, 0, 1)
-        shape = (
-            t**3 * (10 - 15 * t + 6 * t**2),
-            30 * t**2 * (1 - t) ** 2 / 0.02,
-            60 * t * (1 - t) * (1 - 2 * t) / 0.02**2,
-        )
+        shape = t**3 * (10 - 15 * t + 6 * t**2), 30 * (t - t * t) ** 2 / 0.02, 60 * (t - t * t) * (1 - 2 * t) / 0.02**2
         x += 0.1 * (-1) ** k * np.array(shape)
     with pytest.raises(InputError, match=r"theta has 11 values in all.* move it more slowly"):
         row_of(made_trial(np.random.default_rng(1), (time, x), bits=14))
@@ -313,9 +309,8 @@ def test_friction_that_winds_up_a_bristle_and_stays_at_rest_is_no_part_of_the_jo
 def test_at_one_speed_friction_and_damping_are_one_number_and_how_much_is_said():
     theta = gaussian_filter1d(0.06 * np.arcsin(np.sin(2 * np.pi * np.arange(40_000) / 1200)), 10.0)
     motion = theta, np.gradient(theta, 1e-3), np.gradient(np.gradient(theta, 1e-3), 1e-3)
-    trial = made_trial(
-        rng := np.random.default_rng(1), (np.arange(40_000) / 1e3, motion), more=0.2 * bristle(theta, 3e-4)
-    )
+    time, rng = np.arange(40_000) / 1e3, np.random.default_rng(1)
+    trial = made_trial(rng, (time, motion), more=0.2 * bristle(theta, 3e-4))
     row = row_of(trial, excitation="any")
     assert row["B_low"] > 1.05 * TRUE["B"], "all of it is in B"
     assert row["K_without_friction_low"] < TRUE["K"] < row["K_without_friction_high"]
@@ -381,9 +376,8 @@ def test_binary_steps_give_k_and_a_doubt_about_b_and_i_unless_a_low_pass_comes_b
     """Nothing tells when between two samples the acceleration jumps: the torque is late by half of one, or early."""
     low_pass = {"low_pass": {"cutoff_hz": 200.0, "order": 2}}
     told = Trial("made", binary_steps(200.0), {"columns": {"theta": low_pass, "torque": low_pass}})
-    plain, behind, told = (
-        row_of(one) for one in (Trial("made", binary_steps(every=1)), Trial("made", binary_steps(200.0)), told)
-    )
+    trials = Trial("made", binary_steps(every=1)), Trial("made", binary_steps(200.0)), told
+    plain, behind, told = map(row_of, trials)
     for row in (plain, behind, told):
         assert row["K"] == pytest.approx(300, rel=2e-4)
     assert abs(plain["I"] / 0.02 - 1) > 0.1
@@ -822,10 +816,7 @@ def up_and_down(time, within_s):
 
 
 @pytest.mark.parametrize(("angle", "words"), [
-    (
-        lambda t: up_and_down(t, 0.2),
-        r"made: the joint moves for 0\.\d+ of the \d+.* s.*keep it moving.*torque_angle",
-    ),
+    (lambda t: up_and_down(t, 0.2), r"made: the joint moves for 0\.\d+ of the \d+.* s.*keep it moving.*torque_angle"),
     (lambda t: up_and_down(t, 15.0), r"moves too slowly.*1\.\d deg RMS.*'torque_angle'"),
     (lambda t: 0.1 * np.arcsin(np.sin(0.12 * t)), r"too slowly.*by 18 deg in all.*'torque_angle', .*it gives 250 rows"),
     (lambda t: 0 * t, r"trial made: the joint does not move: theta turns by 0 deg in all"),

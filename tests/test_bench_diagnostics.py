@@ -26,10 +26,8 @@ from osl_analysis.trial import Trial
 ENDS = ("", "_low", "_high")
 P = read_parameters(ROOT / "config/parameters/default.yaml")
 LIMITS = read_section(ROOT / "config/config.yaml", "doubtful", DoubtfulFits).of("impedance")
-UNKNOWN, SETTINGS = (
-    DesiredImpedance(None, None, None),
-    read_section(ROOT / "config/config.yaml", "dynamometer", DynamometerAnalysis),
-)
+UNKNOWN = DesiredImpedance(None, None, None)
+SETTINGS = read_section(ROOT / "config/config.yaml", "dynamometer", DynamometerAnalysis)
 
 
 def rows(torque_of, noise=0.03, protocol=FIVE, seed=1):

@@ -181,12 +181,8 @@ def test_the_command_writes_table_and_figure_and_prints_every_verdict_or_one_lin
         keys = [one for one in OF_ROW if one in known.columns]
         write_table(known.select(*keys, "K_se_bench"), tmp_path / f"{name}/tables/impedance_evidence.csv")
     assert call("a", "b").exit_code == 0
-    (K,) = (
-        read_table(out / "comparison.csv")
-        .filter(experiment="impedance", quantity="K")
-        .filter(pl.col("condition").is_null())
-        .iter_rows(named=True)
-    )
+    again = read_table(out / "comparison.csv").filter(experiment="impedance", quantity="K")
+    (K,) = again.filter(pl.col("condition").is_null()).to_dicts()
     assert K["method"] == "paired, Student + bench"
     for said in ("A: doubtful in a: <friction>", "B: doubtful in b", "version: a in A, b in B"):
         assert said in done.output

@@ -293,10 +293,8 @@ def test_the_page_begins_with_what_was_done_its_verdict_and_the_figure_that_matt
     of_group = {"verdict": "doubtful", "of": "walking groups", "trials": ["all"], "cause": "person reacts"}
     walking = overview(walks, {"findings": [of_group, *unsure]}, figures, ABOUT)
     assert walking["first"][0]["name"] == "walking_page", "nothing was desired"
-    assert (
-        "The walking K is doubtful: person reacts. Not checked, and in no interval: a, b, c and 1 more."
-        in walking["state"]
-    )
+    said = "The walking K is doubtful: person reacts. Not checked, and in no interval: a, b, c and 1 more."
+    assert said in walking["state"]
 
 
 def test_the_map_has_a_row_for_each_cause_that_a_trial_does_not_pass():

@@ -241,9 +241,6 @@ def test_campaigns_without_a_stated_condition_are_paired_by_the_names_of_trials(
 def test_campaigns_are_paired_by_the_amplitudes_that_were_measured():
     stated, other = tables(amplitude=5.0), tables(amplitude=4.9, seed=2)
     other["impedance"] = other["impedance"].with_columns(commanded_deg=pl.lit(None, pl.Float64))
-    (K,) = (
-        compared(stated, other)
-        .filter(pl.col("experiment") == "impedance", pl.col("quantity") == "K", pl.col("condition").is_null())
-        .to_dicts()
-    )
+    of_K = compared(stated, other).filter(experiment="impedance", quantity="K")
+    (K,) = of_K.filter(pl.col("condition").is_null()).to_dicts()
     assert (K["n_B"], K["method"], K["verdict"]) == (8, "paired, Student", "undecided")

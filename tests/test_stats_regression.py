@@ -77,11 +77,7 @@ def test_covariance_is_statsmodels_hac_at_the_same_bandwidth():
     y = COLUMNS["a"] + correlated_noise(np.random.default_rng(20), len(T), 0.9)
     fit = linear_fit(y, COLUMNS)
     lags = {"maxlags": fit.correlation_samples - 1, "use_correction": True}
-    other = (
-        importlib.import_module("statsmodels.api")
-        .OLS(y, np.column_stack(list(COLUMNS.values())))
-        .fit(cov_type="HAC", cov_kwds=lags)
-    )
+    other = fit_of_statsmodels(y, COLUMNS, cov_type="HAC", cov_kwds=lags)
     assert fit.correlation_samples == pytest.approx(1.1447 * (4 * 0.9**2 / 0.19**2 * len(T)) ** (1 / 3), rel=0.1)
     assert linear_fit(y + T**3, COLUMNS).correlation_samples == len(T) // 8
     assert fit.covariance == pytest.approx(other.cov_params(), rel=1e-8)
@@ -240,11 +236,7 @@ def test_one_stratum_is_statsmodels_cluster_covariance():
     y, columns = repeated(np.random.default_rng(5))
     groups = {"groups": np.repeat(np.arange(COUNT), CYCLE), "use_correction": False}
     fit = with_spread(y, columns, np.zeros(COUNT, dtype=np.intp))
-    other = (
-        importlib.import_module("statsmodels.api")
-        .OLS(y, np.column_stack(list(columns.values())))
-        .fit(cov_type="cluster", cov_kwds=groups)
-    )
+    other = fit_of_statsmodels(y, columns, cov_type="cluster", cov_kwds=groups)
     assert fit.covariance == pytest.approx(other.cov_params() * COUNT / (COUNT - 1), rel=1e-8, abs=1e-15)
 
 

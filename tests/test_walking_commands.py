@@ -536,10 +536,8 @@ def test_markers_and_forces_of_opensim_give_the_moment_of_the_foot_that_the_forc
     floor = [[2.0, 0, -1.0], [2.0, 0, 1.0], [-2.0, 0, 1.0], [-2.0, 0, -1.0]]
     plate = {"force": "L_v", "point": "L_p", "moment": "L_m", "corners": floor}
     sheet = {"trial": "a", "log": "a.mot", "log_source": "mot", "mocap": "a.trc", "mocap_source": "trc"}
-    for foot, reason in (
-        ({}, "the right foot stands on the same plate in 100 % of the contact"),
-        ({"foot": "left"}, None),
-    ):
+    both = "the right foot stands on the same plate in 100 % of the contact"
+    for foot, reason in (({}, both), ({"foot": "left"}, None)):
         described = {"format": "opensim", "clock": "common", "plates": {1: plate | foot}}
         (tmp_path / "mot.yaml").write_text(yaml.safe_dump(described))
         ingest_trial(sheet, tmp_path, tmp_path, tmp_path / "a.parquet")

@@ -204,10 +204,8 @@ def test_conditions_serve_every_value_where_unstated_and_are_refused_where_they_
     sheet = {name: {"perturbed": name[0] == "p", "K_d": value} for name, value in K_d.items()}
     found = {name: row["gait"] for name, row in places([], sheet, settings()).items()}
     assert [found[name] for name in ("every", "u400", "u300")] == ["K_d 200; K_d 400", "K_d 400", None]
-    for k, turned in (
-        ("K_d", True),
-        *((key, False) for key in ("speed", "side", "session")),
-    ):  # an unperturbed one has a pace too
+    # an unperturbed one has a pace too
+    for k, turned in (("K_d", True), ("speed", False), ("side", False), ("session", False)):
         unstated = {"p0": {"perturbed": True, k: 200.0}, "p1": {"perturbed": turned, k: None}}
         with pytest.raises(InputError, match=f"trial p1: no {k} in the sheet, but other crossings state 200; fill in"):
             split_keys(unstated, settings())

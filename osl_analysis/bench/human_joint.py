@@ -481,7 +481,7 @@ def human_joint_table(fit: PersonFit) -> pl.DataFrame:
         "theta_rms_deg": turn_deg(analysis.sums),
         "fitted_s": person.raw.seconds,
         "angle_noise_share": angle_noise_share(person.record, analysis.sums, whole),
-        "I_bound": whole.interval("I")[1],
+        **{f"{name}_bound": whole.interval(name)[1] for name in "BI"},
         "torque_at_peaks": torque_at_peaks(analysis, person.raw),
     }
     table = pl.DataFrame(

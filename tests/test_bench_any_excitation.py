@@ -594,18 +594,6 @@ def test_a_stepped_sine_of_a_persons_joint_is_refused_by_this_name():
         person(trial)
 
 
-@pytest.mark.parametrize("turns", [0.0, 0.9])
-def test_a_reflex_whose_gain_changes_with_the_angle_is_a_doubt_with_k_of_it(turns):
-    """The gain is 1 + turns times the angle by twice its SD; K is then 120 for 90 N*m/rad, and 90.8 with the gain."""
-    time, motion = noise(rng := np.random.default_rng(5), (0.3, 8.0), 1.2, 45.0)
-    late = np.concatenate([np.zeros(11), np.maximum(motion[1], 0)])[: len(time)]  # 44 ms
-    reflex = 6 * (1 + turns * motion[0] / motion[0].std() / 2) * lfilter(*butter(2, 4 / (RATE / 2)), late)
-    trial = made_trial(rng, (time, motion), more=reflex, K=90.0, B=1.0, I=0.016)
-    _, row = person(trial, cutoff_hz=40.0)
-    found = row["reflex_gain_p"] < 3e-4, row["K_with_gain"], "reflex that changes with the angle" in row["doubtful"]
-    assert found == ((True, pytest.approx(90, rel=0.02), True) if turns else (False, None, False))
-
-
 def test_stiffness_that_a_logged_signal_schedules_is_found_over_it():
     """K of 40 to 140 N*m/rad over a slow sine; the splines' bands hold it, and a signal that is not there is named. The
     angle is as slow in part: without noise the band is narrow and right. A reflex may rise with the signal, too."""

@@ -408,7 +408,7 @@ CAUSES = [
         "N*m",
         told=WEIGHT,
     ),
-    Cause("reflex", beside(reflex), 1.0, ("reflex", "reflex that changes with the angle"), "N*m*s/rad"),
+    Cause("reflex", beside(reflex), 1.0, ("reflex",), "N*m*s/rad"),
     Cause(
         "acceleration that jumps",
         on_torque(lambda m, y, x: y),

@@ -432,32 +432,22 @@ def weighted_sum(whole: gram.GroupFit, name: str, weights: Mapping[str, float]) 
 
 
 def reflex_row(fit: PersonFit) -> Row:
-    """What the torque has of the reflex in the model. K with a gain that changes with the angle, for which the fitted
-    reflex times the angle is asked (t), must be beyond the interval of K."""
+    """What the torque has of the reflex in the model."""
     person, whole = fit[0], fit[1].whole
     raw, record, human = person.raw, person.record, person.human
     reflex = sum(whole[name] * record.part(person.beside[name]) for name in person.beside if name[:6] == "reflex")
-    delay, (low, high) = 1e3 * person.muscles[0][0].values[0], whole.interval("K")
+    delay = 1e3 * person.muscles[0][0].values[0]
     K_sooner, least = None, min(human.delays_ms) - SOONER_MS
     if delay < least + SOONER_MS + 1e-6 and least > 0:
         other = with_reflex(raw, human.model_copy(update={"delays_ms": (least,)}), person.slow)
         K_sooner = other.fit_with()["K"] if other.muscles[0][1].sum() < person.muscles[0][1].sum() else None
-    row: Row = {
+    return {
         **reflex_gains(person, whole),
         "reflex_share": 100 * float(np.var(reflex) / np.var(record.part(record.filtered_torque))),
         **delay_by_muscle(person),
         "K_sooner": K_sooner,
         "untold_share": max((whole.interval(name)[1] - whole[name]) / abs(whole[name]) for name in "KBI"),
     }
-    angle = raw.motion.theta - raw.part(raw.motion.theta).mean()
-    late = person.muscles[0][0].columns(person.half_waves, raw.rate_hz, human.memory_s)
-    moved = without_slow(raw, late * angle[:, None], human.slow_hz)
-    gain = person.fit_with(moved @ [whole[f"reflex_{k}"] for k in range(len(moved.T))])
-    chance = 2 * float(scipy.special.stdtr(gain.freedom("gain_0"), -abs(gain["gain_0"]) / gain.se("gain_0")))
-    with_gain = person.fit_with(*moved.T) if chance < 1e-2 else None
-    if with_gain and low < with_gain["K"] < high:
-        chance, with_gain = 1.0, None
-    return row | {"reflex_gain_p": chance, **without_row(with_gain, "with_gain")}
 
 
 def human_joint_table(fit: PersonFit) -> pl.DataFrame:
@@ -481,7 +471,7 @@ def human_joint_table(fit: PersonFit) -> pl.DataFrame:
         "theta_rms_deg": turn_deg(analysis.sums),
         "fitted_s": person.raw.seconds,
         "angle_noise_share": angle_noise_share(person.record, analysis.sums, whole),
-        "I_bound": whole.interval("I")[1],
+        **{f"{name}_bound": whole.interval(name)[1] for name in "BI"},
         "torque_at_peaks": torque_at_peaks(analysis, person.raw),
     }
     table = pl.DataFrame(

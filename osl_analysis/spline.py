@@ -5,8 +5,6 @@ import scipy
 
 from osl_analysis.trial import Array
 
-NEAR = 4096  # values at a time, so few that a processor holds what they are made of
-
 
 def cubic_through(x: Array, y: Array, at: Array) -> Array:
     """Values (k, m) at some places (m,) of the cubic splines through samples y (k, n) at rising x (n,), not-a-knot at
@@ -22,7 +20,8 @@ def cubic_through(x: Array, y: Array, at: Array) -> Array:
     right[:, -1] = (h[-1] ** 2 * rise[:, -2] + (2 * last + h[-1]) * h[-2] * rise[:, -1]) / last
     slope = scipy.linalg.solve_banded((1, 1), bands, right.T, overwrite_ab=True, overwrite_b=True, check_finite=False).T
     rows, value = np.clip(np.searchsorted(x, at, "right") - 1, 0, len(h) - 1), np.empty((len(y), len(at)))
-    for part in (slice(begin, begin + NEAR) for begin in range(0, len(at), NEAR)):
+    for begin in range(0, len(at), 4096):  # so few that a processor holds what they are made of
+        part = slice(begin, begin + 4096)
         row, own, up = rows[part], slope.take(rows[part], axis=1), rise.take(rows[part], axis=1)
         past, length = at[part] - x[row], h[row]
         bend, square = (own + slope.take(row + 1, axis=1) - 2 * up) / length, past * past

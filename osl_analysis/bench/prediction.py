@@ -288,13 +288,9 @@ def drivetrain_of(values: Mapping[str, float], file: DrivetrainParameters) -> Dr
     return replace(file, k_tau=values["k_tau_n_m"] / file.n_m, K_s2=0.0, **named)
 
 
-def predicted_torques(
-    record: Record, drivetrains: Sequence[tuple[Controller, DrivetrainParameters]]
-) -> Iterator[Array]:
-    """Filtered resisting torque (n,) [N*m] of each drivetrain under its controller, for the recorded angle. Raises
-    InputError: it grows without bounds."""
-    belts = belt_responses(record.theta, record.rate_hz, drivetrains)
-    for belt, (law, p) in zip(belts, drivetrains, strict=True):
+def predicted_torques(record: Record, legs: Sequence[tuple[Controller, DrivetrainParameters]]) -> Iterator[Array]:
+    """Filtered resisting torque (n,) [N*m] of each leg for the recorded angle. Raises InputError: it has no bounds."""
+    for belt, (law, p) in zip(belt_responses(record.theta, record.rate_hz, legs), legs, strict=True):
         if not np.isfinite(belt).all():
             raise InputError(
                 f"trial {record.name}: the drivetrain model grows without bounds for K_1 = {law.gains.K_1:g}, B_1 = "
@@ -331,14 +327,14 @@ def prediction_terms(record: Record, law: Controller, components: Components) ->
     products with each of the terms, without offset and drift. Beside them stands `miss_over_frequency`. Raises as
     `predicted_torques`."""
     exact = {"B_j": record.motion.omega, "J_j": record.motion.alpha}  # the torque is linear in them
-    steps, drivetrains = dict.fromkeys(DELAYS, DELAY_STEP), [(law, components.p)]
-    drivetrains += [(replace(law, **{name: DELAY_STEP}), components.p) for name in DELAYS]  # type: ignore[arg-type]
+    steps, legs = dict.fromkeys(DELAYS, DELAY_STEP), [(law, components.p)]
+    legs += [(replace(law, **{name: DELAY_STEP}), components.p) for name in DELAYS]  # type: ignore[arg-type]
     for name, value in components.values.items():
         if name not in exact:
             steps[name] = max(0.02 * abs(value), 0.5 * components.se(name))
             changed = {**components.values, name: max(value, 0.0) + steps[name]}
-            drivetrains.append((law, drivetrain_of(changed, law.p)))
-    predicted, *others = predicted_torques(record, drivetrains)
+            legs.append((law, drivetrain_of(changed, law.p)))
+    predicted, *others = predicted_torques(record, legs)
     found = {"left": record.filtered_torque - predicted, **exact, "torque_gain": predicted}
     found |= {name: (x - predicted) / step for (name, step), x in zip(steps.items(), others, strict=True)}
     columns = {name: found[name] for name in TERMS}

@@ -307,53 +307,39 @@ class Controller:
     velocity_delay: float = 0.0  # age [s] of omega_m where it is used
 
 
-def belt_response(theta: Array, rate_hz: float, controller: Controller, p: DrivetrainParameters) -> Array:
-    """As `belt_responses`, (n,), of one drivetrain."""
-    return np.asarray(belt_responses(theta, rate_hz, [(controller, p)])[0])
-
-
-def belt_responses(
-    theta: Array, rate_hz: float, drivetrains: Sequence[tuple[Controller, DrivetrainParameters]]
-) -> Array:
-    """Torque [N*m] in the belt of each of k drivetrains, (k, n), for a joint angle theta (n,) [rad] at uniform samples.
-    The actuators start at rest, in equilibrium with the first angle. Their friction has the true sign of the velocity
-    and can hold them at rest. If the gains cancel friction, the current includes the feedforward of Eq. 5."""
-    theta, paths = np.ascontiguousarray(theta, dtype=float), np.zeros((len(drivetrains), 2, len(theta)))
-    motions, laws, plants = zip(*(stepping(rate_hz, *one) for one in drivetrains), strict=True)
-    for path, (controller, p) in zip(paths, drivetrains, strict=True):
-        path[0, 0] = p.K_s / p.n_T * theta[0] / (controller.gains.K_1 + p.K_s / p.n_T**2)
-    actuator_paths(theta, paths, np.array(motions), np.array(laws), np.array(plants))
-    for path, (_, p) in zip(paths, drivetrains, strict=True):
-        path[0] = belt_torque(belt_deflection(theta, path[0], p), p)
-    return paths[:, 0]
-
-
-def stepping(
-    rate_hz: float, controller: Controller, p: DrivetrainParameters
-) -> tuple[Array, Sequence[float], Sequence[float]]:
-    """The numbers by which `actuator_paths` takes a step: of the motion over one sample, of the law, of the plant."""
+def belt_responses(theta: Array, rate_hz: float, legs: Sequence[tuple[Controller, DrivetrainParameters]]) -> Array:
+    """Torque [N*m] in the belt of each of k legs, (k, n), for a joint angle theta (n,) [rad] at uniform samples. The
+    actuator starts at rest, in equilibrium with the first angle. Its friction has the true sign of the velocity and can
+    hold it at rest. If the gains cancel friction, the current includes the feedforward of Eq. 5."""
     # N(s) theta_m = K_s/n_T theta + e over one sample, e a torque [N*m] constant in between: the next state (theta_m,
     # omega_m) is transition (2, 4) @ (theta_m, omega_m, theta, next theta) + push (2,) e
-    step, continuous, gains = 1 / rate_hz, np.zeros((5, 5)), controller.gains
-    continuous[0, 1] = continuous[2, 3] = 1.0
-    continuous[1] = (-(gains.K_1 + p.K_s / p.n_T**2), -(p.B_m + gains.B_1), p.K_s / p.n_T, 0.0, 1.0)
-    continuous[1] /= p.J_m
-    exact = scipy.linalg.expm(continuous * step)[:2]
-    slope = exact[:, 3] / step
-    transition = np.column_stack([exact[:, :2], exact[:, 2] - slope, slope])
-    law = (
-        gains.K_1, gains.B_1, gains.cancels_friction, controller.sign_width, controller.p.k_tau * controller.p.n_m,
-        controller.p.f_C, controller.p.f_G, controller.angle_delay * rate_hz, controller.velocity_delay * rate_hz,
-    )  # fmt: skip
-    plant = (p.k_tau * p.n_m, p.f_C, p.f_G, p.n_T, p.K_s2)
-    return np.append(transition, exact[:, 4]), law, plant
+    theta, paths = np.ascontiguousarray(theta, dtype=float), np.zeros((len(legs), 2, len(theta)))
+    step, motions, laws, plants = 1 / rate_hz, list[Array](), list[Sequence[float]](), list[Sequence[float]]()
+    for path, (controller, p) in zip(paths, legs, strict=True):
+        continuous, gains = np.zeros((5, 5)), controller.gains
+        continuous[0, 1] = continuous[2, 3] = 1.0
+        continuous[1] = (-(gains.K_1 + p.K_s / p.n_T**2), -(p.B_m + gains.B_1), p.K_s / p.n_T, 0.0, 1.0)
+        continuous[1] /= p.J_m
+        exact = scipy.linalg.expm(continuous * step)[:2]
+        slope = exact[:, 3] / step
+        transition, push = np.column_stack([exact[:, :2], exact[:, 2] - slope, slope]), exact[:, 4]
+        motions.append(np.append(transition, push))
+        constant, ages = controller.p.k_tau * controller.p.n_m, (controller.angle_delay, controller.velocity_delay)
+        law = (gains.K_1, gains.B_1, gains.cancels_friction, controller.sign_width, constant)
+        laws.append((*law, controller.p.f_C, controller.p.f_G, *(age * rate_hz for age in ages)))
+        plants.append((p.k_tau * p.n_m, p.f_C, p.f_G, p.n_T, p.K_s2))
+        path[0, 0] = p.K_s / p.n_T * theta[0] / (gains.K_1 + p.K_s / p.n_T**2)
+    actuator_paths(theta, paths, np.array(motions), np.array(laws), np.array(plants))
+    for path, (_, p) in zip(paths, legs, strict=True):
+        path[0] = belt_torque(belt_deflection(theta, path[0], p), p)
+    return paths[:, 0]
 
 
 @compiled
 def actuator_paths(theta: Array, paths: Array, motions: Array, laws: Array, plants: Array) -> None:
     """Fill `paths`, (k, 2, n), with angle [rad] and velocity [rad/s] of k actuators, from those of the first sample,
-    for theta (n,), by rows of the numbers of `stepping`. A step waits for the one before it; those of others are done
-    meanwhile. Eq. 5 is written out for numbers; `motor_current` has it for arrays."""
+    for theta (n,). A step waits for the one before it; those of the other actuators are done meanwhile. Eq. 5 is
+    written out for numbers; `motor_current` has it for arrays."""
     for i in range(len(theta) - 1):
         now, then = theta[i], theta[i + 1]
         for of in range(len(paths)):

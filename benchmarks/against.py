@@ -33,6 +33,7 @@ ADOPT_ORPHANS = 36
 """PR_SET_CHILD_SUBREAPER of Linux: jobs are forked from a process that ends after its parent."""
 WARM = "impedance_K300_B5.0_compensated"
 LOG = Path(f"dynamometer/{WARM}.mcap")
+SIMULATION = "config/simulation/default.yaml"
 SHORT = {"K_d": [300], "B_d": [5.0], "belt": 1, "transmission": 1, "actuator": 1, "plate": 3, "walking": 8}
 COMMANDS = ("from empty folders", "nothing to do", "one changed recording")
 NOT_COPIED = shutil.ignore_patterns(
@@ -73,15 +74,15 @@ def interpreter(tree: Path) -> str:
 
 def shorten(tree: Path) -> None:
     """Let the default campaign of a tree have a few short trials."""
-    file = tree / "config/simulation/default.yaml"
+    file = tree / SIMULATION
     settings = yaml.safe_load(file.read_text(encoding="utf-8"))
     settings["experiments"] |= {key: SHORT[key] for key in SHORT.keys() & settings["experiments"].keys()}
     file.write_text(yaml.safe_dump(settings), encoding="utf-8")
 
 
 def simulate_anew(python: str, tree: Path) -> None:
-    """Simulate one trial with another seed, which compiles the simulator."""
-    file = tree / "config/simulation/default.yaml"
+    """Simulate the trial that is to change, with another seed."""
+    file = tree / SIMULATION
     settings = file.read_text(encoding="utf-8")
     file.write_text(re.sub(r"(?m)^seed: ", "seed: 1", settings), encoding="utf-8")
     simulate = [python, "-c", "from osl_analysis.cli import main; main()", "simulate", "--trial", WARM, ".again"]
@@ -171,10 +172,13 @@ def main() -> None:
         shutil.copytree(ROOT, now, ignore=NOT_COPIED)
         pythons = {then: interpreter(then), now: sys.executable}
         for tree, python in pythons.items():
-            if asked.short:
-                shorten(tree)
+            settings = (tree / SIMULATION).read_text(encoding="utf-8")
+            shorten(tree)
             subprocess.run([python, "-m", "compileall", "-q", "osl_analysis"], cwd=tree, check=True)
-            simulate_anew(python, tree)
+            spent(python, tree, "reproduce-all")  # whatever is compiled on its first call, is now
+            if not asked.short:
+                (tree / SIMULATION).write_text(settings, encoding="utf-8")
+                simulate_anew(python, tree)
         for _ in range(asked.rounds):
             for tree, python in pythons.items():
                 taken.setdefault(tree.name, []).append(measured(python, tree, asked.short))

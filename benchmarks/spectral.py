@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from osl_analysis.model.compensator import PAPER_WEIGHT, Controller, belt_response, select_gains
+from osl_analysis.model.compensator import PAPER_WEIGHT, Controller, belt_responses, select_gains
 from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.model.multisine import odd_multisine
 from osl_analysis.signals import LowPass
@@ -47,7 +47,7 @@ def with_friction(seed: int, realisations: int, periods: int) -> Signals:
     """The same of the compensated drivetrain with its friction (K_d = 300, B_d = 5)."""
     rng = np.random.default_rng([seed, 1])
     theta, omega, alpha = motion(seed, realisations, periods)
-    belt = belt_response(theta, RATE, Controller(GAINS, P, 0.1), P)
+    belt = belt_responses(theta, RATE, [(Controller(GAINS, P, 0.1), P)])[0]
     torque = belt + P.B_j * omega + P.J_j * alpha + 0.05 * rng.standard_normal(len(theta))
     return rounded(theta, 18, rng), torque
 

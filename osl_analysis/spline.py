@@ -19,11 +19,12 @@ def cubic_through(x: Array, y: Array, at: Array) -> Array:
     right[:, 0] = ((h[0] + 2 * first) * h[1] * rise[:, 0] + h[0] ** 2 * rise[:, 1]) / first
     right[:, -1] = (h[-1] ** 2 * rise[:, -2] + (2 * last + h[-1]) * h[-2] * rise[:, -1]) / last
     slope = scipy.linalg.solve_banded((1, 1), bands, right.T, overwrite_ab=True, overwrite_b=True, check_finite=False).T
-    bend = (slope[:, :-1] + slope[:, 1:] - 2 * rise) / h
-    row = np.clip(np.searchsorted(x, at, "right") - 1, 0, len(h) - 1)
-    past = at - x[row]
-    power, value = past.copy(), np.take(y, row, axis=1)
-    for coefficient in (slope, (rise - slope[:, :-1]) / h - bend, bend / h):
-        value += np.take(coefficient, row, axis=1) * power
-        power *= past
+    rows, value = np.clip(np.searchsorted(x, at, "right") - 1, 0, len(h) - 1), np.empty((len(y), len(at)))
+    for begin in range(0, len(at), 4096):  # so few that a processor holds what they are made of
+        part = slice(begin, begin + 4096)
+        row, own, up = rows[part], slope.take(rows[part], axis=1), rise.take(rows[part], axis=1)
+        past, length = at[part] - x[row], h[row]
+        bend, square = (own + slope.take(row + 1, axis=1) - 2 * up) / length, past * past
+        curved = ((up - own) / length - bend) * square
+        value[:, part] = y.take(row, axis=1) + own * past + curved + bend / length * (square * past)
     return value

@@ -350,14 +350,12 @@ def varies(y: Array) -> bool:
 
 
 def median(values: Array) -> float:
-    """That of `numpy.median` for numbers (n,), n > 0, none of them NaN, in a third of its time."""
-    places = (len(values) - 1) // 2, len(values) // 2
-    if len(values) < 5000:
-        low, high = np.partition(values, places)[[*places]].tolist()
-    else:  # Polars selects in a third of the time, and begins in ten times of it
-        series = pl.Series(values)
-        low, high = (series.quantile(0.5, one) or 0.0 for one in ("lower", "higher"))
-    return float(low + high) / 2
+    """That of `numpy.median` for numbers (n,), n > 0, none of them NaN, in a third of its time: one place is selected,
+    and the largest number before it stands beside it."""
+    middle, is_even = len(values) // 2, len(values) % 2 == 0
+    selected = np.partition(values, middle)
+    low = np.max(selected[:middle]) if is_even else selected[middle]
+    return float(low + selected[middle]) / 2
 
 
 def usual_size(values: Array) -> float:
@@ -393,10 +391,10 @@ def visible_step(values: Array) -> float | None:
     signal that is constant, empty or not finite."""
     if not len(values) or not np.isfinite(values).all():
         return None
-    distinct = pl.Series(values).unique()  # by a hash; to sort all takes twice as long
+    distinct = np.unique(values)
     if not 2 <= len(distinct) <= len(values) // 2:
         return None
-    apart = np.diff(distinct.sort().to_numpy())
+    apart = np.diff(distinct)
     apart = apart[apart > 1e-9 * np.ptp(values)]  # nearer ones are one, converted with another error
     if len(apart) < 2:
         return None

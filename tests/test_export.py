@@ -14,7 +14,7 @@ from scipy.stats import t
 
 from osl_analysis.bench.prediction import COMPONENTS
 from osl_analysis.cli import main
-from osl_analysis.model.compensator import Controller, belt_response, select_gains
+from osl_analysis.model.compensator import Controller, belt_responses, select_gains
 from osl_analysis.spectral.stepped_sine import SteppedSineProtocol
 from osl_analysis.table import write_table
 from osl_analysis.trial import Trial, write_trial
@@ -27,7 +27,7 @@ SAID = ("diaginertia", "damping", "frictionloss", "stiffness", "coef", "gear")  
 
 @pytest.fixture
 def export(tmp_path, parameters):
-    """`export` of results of a leg that is not as its parameter file says, with torques by `belt_response`."""
+    """`export` of results of a leg that is not as its parameter file says, with torques by `belt_responses`."""
     p = replace(parameters, **{name: by * getattr(parameters, name) for name, by in OTHER.items()})
     for part, table in component_tables({"k_tau_n_m": p.k_tau * p.n_m, **vars(p)}, 1e-4).items():
         named = table.with_columns(pl.col("trial").str.replace("_", "--"))  # two hyphens would end a comment of XML
@@ -37,7 +37,7 @@ def export(tmp_path, parameters):
     motion = true_motion(time := np.arange(len(theta)) / RATE, theta)
     for name in names:
         law = Controller(select_gains(name, 200, 5, parameters), parameters, 0.05)
-        torque = belt_response(theta, RATE, law, p) + p.B_j * motion.omega + p.J_j * motion.alpha + 0.5
+        torque = belt_responses(theta, RATE, [(law, p)])[0] + p.B_j * motion.omega + p.J_j * motion.alpha + 0.5
         trial = Trial(name, pl.DataFrame({"time": time, "theta": theta, "torque": torque}))
         write_trial(trial, tmp_path / f"trials/{name}.parquet")
     asked = {"trial": names, "controller": names, "K_d": 200, "B_d": 5, "amplitude_deg": None}

@@ -33,7 +33,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.judge.campaign import campaign_findings
 from osl_analysis.judge.claims import Claims, claims_table, limit_verdict
 from osl_analysis.judge.limits import DoubtfulFits
-from osl_analysis.model.compensator import PAPER_WEIGHT, Controller, belt_response, select_gains
+from osl_analysis.model.compensator import PAPER_WEIGHT, Controller, belt_responses, select_gains
 from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.report.headlines import headline_numbers, to_tex
 from osl_analysis.simulator.drivetrain import IDEAL, simulate_drivetrain
@@ -58,7 +58,7 @@ def recording(K_d, B_d, controller, p=P, seed=0, gain=1.0, **delays):
     law = law_of(K_d, B_d, controller, **delays)
 
     def torque(m):
-        return gain * (belt_response(m.theta, RATE, law, p) + p.B_j * m.omega + p.J_j * m.alpha)
+        return gain * (belt_responses(m.theta, RATE, [(law, p)])[0] + p.B_j * m.omega + p.J_j * m.alpha)
 
     return stepped_sine(torque, 0.05, FIVE, seed)
 
@@ -109,7 +109,7 @@ def test_what_a_prediction_misses_stands_at_the_frequency_at_which_it_misses_it(
     rng = np.random.default_rng(3)
     theta = sosfiltfilt(butter(4, (0.5, 6), "band", fs=RATE, output="sos"), rng.standard_normal(round(60 * RATE)))
     motion = true_motion(time := np.arange(len(theta)) / RATE, 0.05 * theta / theta.std())
-    torque = 1.25 * (belt_response(motion.theta, RATE, law, P) + P.B_j * motion.omega + P.J_j * motion.alpha)
+    torque = 1.25 * (belt_responses(motion.theta, RATE, [(law, P)])[0] + P.B_j * motion.omega + P.J_j * motion.alpha)
     rows = stretches_of([slice(500, len(time) - 500)], RATE)
     _, found = prediction_terms(record_of("noise", time, motion.theta, torque, LOW_PASS, rows), law, components)
     assert found["frequency_hz"].is_between(0.4, 8.5).all()
@@ -123,8 +123,8 @@ def test_a_controller_that_acts_late_is_that_of_the_simulator_with_its_delay():
     law = IDEAL | {"friction": True, "cancels_friction": True, "sign_width": 0.05, "control_updates": 20}
     commands = np.array([[gains.K_1], [gains.B_1], [0.0]])
     truth = simulate_drivetrain(1000.0, theta, omega, commands, law | {"control_delay": 80}, P)["belt_torque"]  # 4 ms
-    laws = (law_of(300, 5, "compensated", angle_delay=delay, velocity_delay=delay) for delay in (4e-3, 0))
-    late, sharp = (belt_response(theta, 1000.0, law, P) for law in laws)
+    legs = [(law_of(300, 5, "compensated", angle_delay=one, velocity_delay=one), P) for one in (4e-3, 0)]
+    late, sharp = belt_responses(theta, 1000.0, legs)
     assert np.std(late - truth) < 0.25 * np.std(sharp - truth)
 
 

@@ -17,7 +17,7 @@ most of the current.
 The next link is the motor: what torque the belt takes for a current. A current that reads too much makes all of the law
 larger and the motor weaker, by one factor."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -31,7 +31,7 @@ from osl_analysis.bench.gram import solved
 from osl_analysis.bench.record import Record
 from osl_analysis.bench.witness import CHUNKS
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.model.compensator import Controller, Gains, belt_response
+from osl_analysis.model.compensator import Controller, Gains, belt_responses
 from osl_analysis.model.drivetrain import PARAMETER_UNITS, DrivetrainParameters
 from osl_analysis.stats.regression import (
     Covariance,
@@ -288,16 +288,15 @@ def drivetrain_of(values: Mapping[str, float], file: DrivetrainParameters) -> Dr
     return replace(file, k_tau=values["k_tau_n_m"] / file.n_m, K_s2=0.0, **named)
 
 
-def predicted_torque(record: Record, law: Controller, p: DrivetrainParameters) -> Array:
-    """Filtered resisting torque (n,) [N*m] of a drivetrain under a controller, for the recorded angle. Raises
-    InputError: it grows without bounds."""
-    belt = belt_response(record.theta, record.rate_hz, law, p)
-    if not np.isfinite(belt).all():
-        raise InputError(
-            f"trial {record.name}: the drivetrain model grows without bounds for K_1 = {law.gains.K_1:g}, B_1 = "
-            f"{law.gains.B_1:g}; check the parameter file and the component trials against the device"
-        )
-    return record.low_pass(belt, record.rate_hz) + p.B_j * record.motion.omega + p.J_j * record.motion.alpha
+def predicted_torques(record: Record, legs: Sequence[tuple[Controller, DrivetrainParameters]]) -> Iterator[Array]:
+    """Filtered resisting torque (n,) [N*m] of each leg for the recorded angle. Raises InputError: it has no bounds."""
+    for belt, (law, p) in zip(belt_responses(record.theta, record.rate_hz, legs), legs, strict=True):
+        if not np.isfinite(belt).all():
+            raise InputError(
+                f"trial {record.name}: the drivetrain model grows without bounds for K_1 = {law.gains.K_1:g}, B_1 = "
+                f"{law.gains.B_1:g}; check the parameter file and the component trials against the device"
+            )
+        yield record.low_pass(belt, record.rate_hz) + p.B_j * record.motion.omega + p.J_j * record.motion.alpha
 
 
 def miss_over_frequency(record: Record, predicted: Array) -> pl.DataFrame:
@@ -326,21 +325,19 @@ def prediction_terms(record: Record, law: Controller, components: Components) ->
     """A row `predicted`, and one for each of `TERMS`. They have the K, B and I of the torque, and its part of the RMS
     `torque`, to first order; the prediction its `VAF` [percent] and the `rms` [N*m] of what it leaves; the terms their
     products with each of the terms, without offset and drift. Beside them stands `miss_over_frequency`. Raises as
-    `predicted_torque`."""
-    predicted, file = predicted_torque(record, law, components.p), law.p
-    columns = {"left": record.filtered_torque - predicted}
+    `predicted_torques`."""
     exact = {"B_j": record.motion.omega, "J_j": record.motion.alpha}  # the torque is linear in them
+    steps, legs = dict.fromkeys(DELAYS, DELAY_STEP), [(law, components.p)]
+    legs += [(replace(law, **{name: DELAY_STEP}), components.p) for name in DELAYS]  # type: ignore[arg-type]
     for name, value in components.values.items():
-        if name in exact:
-            columns[name] = exact[name]
-            continue
-        step = max(0.02 * abs(value), 0.5 * components.se(name))
-        changed = drivetrain_of({**components.values, name: max(value, 0.0) + step}, file)
-        columns[name] = (predicted_torque(record, law, changed) - predicted) / step
-    columns["torque_gain"] = predicted
-    for name in DELAYS:
-        late: Any = {name: DELAY_STEP}
-        columns[name] = (predicted_torque(record, replace(law, **late), components.p) - predicted) / DELAY_STEP
+        if name not in exact:
+            steps[name] = max(0.02 * abs(value), 0.5 * components.se(name))
+            changed = {**components.values, name: max(value, 0.0) + steps[name]}
+            legs.append((law, drivetrain_of(changed, law.p)))
+    predicted, *others = predicted_torques(record, legs)
+    found = {"left": record.filtered_torque - predicted, **exact, "torque_gain": predicted}
+    found |= {name: (x - predicted) / step for (name, step), x in zip(steps.items(), others, strict=True)}
+    columns = {name: found[name] for name in TERMS}
     motion, recorded, n = record.motion, record.part(record.filtered_torque), record.samples
     time = record.part(record.time)
     moved = (record.part(x) for x in (motion.theta, motion.omega, motion.alpha))
@@ -356,10 +353,10 @@ def prediction_terms(record: Record, law: Controller, components: Components) ->
     torque = Y @ Y[0] / (n * size)
     torque[1] = recorded.std() - size
     vaf, nothing = variance_accounted_for(recorded, Y[1]), [None] * len(TERMS)
-    found: dict[str, Any] = {"trial": record.name, "term": ["predicted", *TERMS], "VAF": [vaf, *nothing]}
-    found["rms"] = [float(Y[1].std()), *nothing]
+    table: dict[str, Any] = {"trial": record.name, "term": ["predicted", *TERMS], "VAF": [vaf, *nothing]}
+    table["rms"] = [float(Y[1].std()), *nothing]
     sizes = along[2:] / np.sqrt(n) / size
-    terms = pl.DataFrame(found | dict(zip((*QUANTITIES, *ALONG), (K, B, I, torque, *sizes), strict=True)))
+    terms = pl.DataFrame(table | dict(zip((*QUANTITIES, *ALONG), (K, B, I, torque, *sizes), strict=True)))
     return terms, miss_over_frequency(record, predicted)
 
 

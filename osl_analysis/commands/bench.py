@@ -3,7 +3,7 @@
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import partial
+from functools import cache, partial
 from importlib import import_module
 from itertools import zip_longest
 from pathlib import Path
@@ -200,12 +200,13 @@ def gather_predictions(
     predicted, found = fits.filter(pl.col("trial").is_in([path.stem for path in records])), []
     missed = [pl.DataFrame(schema=prediction.MISSES)]
     kept, laws = {path.stem: path for path in records}, read_table(law)
+    components_at = cache(partial(prediction.components_of, measured))
     for own in predicted.partition_by(PLACE, maintain_order=True):
         terms, law_of = dict[str, pl.DataFrame](), dict[str, str]()
         for row in own.to_dicts():
             try:
                 assert p is not None  # without a parameter file no gains are known
-                known = prediction.components_of(measured, own.select(PLACE).row(0), p)
+                known = components_at(own.select(PLACE).row(0), p)
                 gains = impedance.DesiredImpedance(row["controller"], row["K_d"], row["B_d"]).gains(p, weight)
                 assert gains is not None  # of other trials no record is read
                 record = read_record(kept[row["trial"]], settings.low_pass)

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-import polars as pl
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, printable
@@ -261,7 +260,7 @@ def copied_runs(words: NDArray[Any], least: int, proves: Callable[[slice, int], 
     for size in (1, 4, 16):
         for step in (size // 4, size // 2) if size > 1 else ():  # two words in a row, then two of these, are one
             mixed = (mixed[:-step] ^ (mixed[:-step] >> np.uint64(29))) * MIX + mixed[step:]
-        keys = pl.Series((mixed * MIX & ~places) | np.arange(mixed.size, dtype=np.uint64)).sort().to_numpy()
+        keys = np.sort((mixed * MIX & ~places) | np.arange(mixed.size, dtype=np.uint64))
         groups = np.flatnonzero(np.concatenate([[True], (keys[1:] ^ keys[:-1]) > places, [True]]))
         counts = np.diff(groups)
         if (rare := int(counts[counts <= 3].sum())) >= 0.5 * keys.size:

@@ -324,7 +324,7 @@ def longest_clipped_angle(time: Array, theta: Array, torque: tuple[Array, Array]
 
 def smallest_step(values: Array) -> float:
     """Between two values of a signal (n,), but for rounding."""
-    apart = np.diff(pl.Series(values).unique().sort().to_numpy())
+    apart = np.diff(np.unique(values))
     return float(np.min(apart[apart > 1e-9 * np.ptp(values)], initial=np.ptp(values)))
 
 

@@ -307,57 +307,58 @@ class Controller:
     velocity_delay: float = 0.0  # age [s] of omega_m where it is used
 
 
-def belt_response(theta: Array, rate_hz: float, controller: Controller, p: DrivetrainParameters) -> Array:
-    """Torque [N*m] in the belt, shape (n,), for a joint angle theta [rad] at uniform samples. The actuator starts at
-    rest, in equilibrium with the first angle. Its friction has the true sign of the velocity and can hold it at rest.
-    If the gains cancel friction, the current includes the feedforward of Eq. 5."""
+def belt_responses(theta: Array, rate_hz: float, legs: Sequence[tuple[Controller, DrivetrainParameters]]) -> Array:
+    """Torque [N*m] in the belt of each of k legs, (k, n), for a joint angle theta (n,) [rad] at uniform samples. The
+    actuator starts at rest, in equilibrium with the first angle. Its friction has the true sign of the velocity and can
+    hold it at rest. If the gains cancel friction, the current includes the feedforward of Eq. 5."""
     # N(s) theta_m = K_s/n_T theta + e over one sample, e a torque [N*m] constant in between: the next state (theta_m,
     # omega_m) is transition (2, 4) @ (theta_m, omega_m, theta, next theta) + push (2,) e
-    step, continuous, gains = 1 / rate_hz, np.zeros((5, 5)), controller.gains
-    continuous[0, 1] = continuous[2, 3] = 1.0
-    continuous[1] = (-(gains.K_1 + p.K_s / p.n_T**2), -(p.B_m + gains.B_1), p.K_s / p.n_T, 0.0, 1.0)
-    continuous[1] /= p.J_m
-    exact = scipy.linalg.expm(continuous * step)[:2]
-    slope = exact[:, 3] / step
-    transition = np.column_stack([exact[:, :2], exact[:, 2] - slope, slope])
-    law = (
-        gains.K_1, gains.B_1, gains.cancels_friction, controller.sign_width, controller.p.k_tau * controller.p.n_m,
-        controller.p.f_C, controller.p.f_G, controller.angle_delay * rate_hz, controller.velocity_delay * rate_hz,
-    )  # fmt: skip
-    plant = (p.k_tau * p.n_m, p.f_C, p.f_G, p.n_T, p.K_s2)
-    start = p.K_s / p.n_T * theta[0] / (gains.K_1 + p.K_s / p.n_T**2)
-    theta = np.ascontiguousarray(theta, dtype=float)
-    path = np.zeros((2, len(theta)))
-    path[0, 0] = start
-    actuator_path(theta, path, transition, np.ascontiguousarray(exact[:, 4]), law, plant)
-    return belt_torque(belt_deflection(theta, path[0], p), p)
+    theta, paths = np.ascontiguousarray(theta, dtype=float), np.zeros((len(legs), 2, len(theta)))
+    step, motions, laws, plants = 1 / rate_hz, list[Array](), list[Sequence[float]](), list[Sequence[float]]()
+    for path, (controller, p) in zip(paths, legs, strict=True):
+        continuous, gains = np.zeros((5, 5)), controller.gains
+        continuous[0, 1] = continuous[2, 3] = 1.0
+        continuous[1] = (-(gains.K_1 + p.K_s / p.n_T**2), -(p.B_m + gains.B_1), p.K_s / p.n_T, 0.0, 1.0)
+        continuous[1] /= p.J_m
+        exact = scipy.linalg.expm(continuous * step)[:2]
+        slope = exact[:, 3] / step
+        transition, push = np.column_stack([exact[:, :2], exact[:, 2] - slope, slope]), exact[:, 4]
+        motions.append(np.append(transition, push))
+        constant, ages = controller.p.k_tau * controller.p.n_m, (controller.angle_delay, controller.velocity_delay)
+        law = (gains.K_1, gains.B_1, gains.cancels_friction, controller.sign_width, constant)
+        laws.append((*law, controller.p.f_C, controller.p.f_G, *(age * rate_hz for age in ages)))
+        plants.append((p.k_tau * p.n_m, p.f_C, p.f_G, p.n_T, p.K_s2))
+        path[0, 0] = p.K_s / p.n_T * theta[0] / (gains.K_1 + p.K_s / p.n_T**2)
+    actuator_paths(theta, paths, np.array(motions), np.array(laws), np.array(plants))
+    for path, (_, p) in zip(paths, legs, strict=True):
+        path[0] = belt_torque(belt_deflection(theta, path[0], p), p)
+    return paths[:, 0]
 
 
 @compiled
-def actuator_path(
-    theta: Array, path: Array, transition: Array, push: Array, law: tuple[float, ...], plant: tuple[float, ...]
-) -> None:
-    """Fill `path`, (2, n), with angle [rad] and velocity [rad/s] of the actuator, from those of the first sample, for
-    theta (n,). Eq. 5 is written out for numbers; `motor_current` has it for arrays."""
-    (a, b, c, d), (e, f, g, h) = transition
-    drift, kick = push
-    K_1, B_1, cancels, sign_width, constant, f_C, f_G, angle_age, velocity_age = law
-    torque_constant, coulomb, gear, n_T, K_s2 = plant
+def actuator_paths(theta: Array, paths: Array, motions: Array, laws: Array, plants: Array) -> None:
+    """Fill `paths`, (k, 2, n), with angle [rad] and velocity [rad/s] of k actuators, from those of the first sample,
+    for theta (n,). A step waits for the one before it; those of the other actuators are done meanwhile. Eq. 5 is
+    written out for numbers; `motor_current` has it for arrays."""
     for i in range(len(theta) - 1):
         now, then = theta[i], theta[i + 1]
-        theta_m, omega_m = path[0, i], path[1, i]
-        old_angle, old_velocity = aged(path[0], i, angle_age), aged(path[1], i, velocity_age)
-        u = -K_1 * old_angle - B_1 * old_velocity
-        direction = math.tanh(old_velocity / sign_width) if cancels else 0.0
-        r = u + direction * f_C
-        current = r / (constant - (direction if r >= 0.0 else -direction) * f_G)
-        theta_s = now - theta_m / n_T
-        torque = torque_constant * current + K_1 * theta_m + B_1 * omega_m + K_s2 * theta_s * abs(theta_s) / n_T
-        free = e * theta_m + f * omega_m + g * now + h * then + kick * torque
-        limit = coulomb + gear * abs(current)
-        friction = min(max(free / kick, -limit), limit)
-        path[0, i + 1] = a * theta_m + b * omega_m + c * now + d * then + drift * (torque - friction)
-        path[1, i + 1] = free - kick * friction
+        for of in range(len(paths)):
+            path, (a, b, c, d, e, f, g, h, drift, kick) = paths[of], motions[of]
+            K_1, B_1, cancels, sign_width, constant, f_C, f_G, angle_age, velocity_age = laws[of]
+            torque_constant, coulomb, gear, n_T, K_s2 = plants[of]
+            theta_m, omega_m = path[0, i], path[1, i]
+            old_angle, old_velocity = aged(path[0], i, angle_age), aged(path[1], i, velocity_age)
+            u = -K_1 * old_angle - B_1 * old_velocity
+            direction = math.tanh(old_velocity / sign_width) if cancels else 0.0
+            r = u + direction * f_C
+            current = r / (constant - (direction if r >= 0.0 else -direction) * f_G)
+            theta_s = now - theta_m / n_T
+            torque = torque_constant * current + K_1 * theta_m + B_1 * omega_m + K_s2 * theta_s * abs(theta_s) / n_T
+            free = e * theta_m + f * omega_m + g * now + h * then + kick * torque
+            limit = coulomb + gear * abs(current)
+            friction = min(max(free / kick, -limit), limit)
+            path[0, i + 1] = a * theta_m + b * omega_m + c * now + d * then + drift * (torque - friction)
+            path[1, i + 1] = free - kick * friction
 
 
 @compiled

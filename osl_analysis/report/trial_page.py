@@ -314,7 +314,7 @@ def trial_content(trial: ReportedTrial) -> dict[str, Any]:
 def quality_rows(verdicts: pl.DataFrame) -> list[list[str]]:
     """Check, its meaning, value, threshold, verdict and remark of each row of `quality.csv` that applies."""
     found = []
-    for row in verdicts.filter(pl.col("verdict") != NOT_APPLICABLE).iter_rows(named=True):
+    for row in (one for one in verdicts.iter_rows(named=True) if one["verdict"] != NOT_APPLICABLE):
         value, threshold = (
             f"{cell_text(row[key])} {'' if row[key] is None else printed(row['unit'] or '')}".strip()
             for key in ("value", "threshold")

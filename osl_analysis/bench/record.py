@@ -45,7 +45,8 @@ from osl_analysis.trial import Array, Trial, stretches, visible_step
 Label = float | str | None
 """What a fit of its own is made for: an amplitude [deg], a branch of a belt; None: all of a record."""
 STRETCH_S = 1.0  # duration [s] of a stretch: 30 correlation times of a 15 Hz low-pass
-QUICK = 4.0  # cut-offs of the low-pass behind which the velocity's sign is read, and the rounding of steps is drawn
+QUICK = 4.0  # cut-offs of the low-pass behind which the velocity's sign is read
+COMES = 3.0  # times the last step of a rounded signal in which it comes to a level: exponentially 2, of least jerk 2.3
 BEYOND = 1.1  # cut-offs, from which on it is more of the motion than the tail of a step that is faster
 STANDS = 0.1  # of the SD of the speed, below which a joint stands
 OF_SINE = 0.5  # steps by which the size of a sine is drawn: less where samples keep step with it covers too little
@@ -106,6 +107,21 @@ def joined(parts: Sequence[slice], apart: int = 0) -> list[slice]:
         else:
             found.append(rows)
     return found
+
+
+def before_rounding(read: Array, step: float) -> Array:
+    """What a signal (n,) in steps was before: halfway where it goes from one step to the next. It comes to a level, and
+    leaves it, in `COMES` times what the step beside it took."""
+    at = np.flatnonzero(np.abs(np.diff(read)) > 0.3 * step)
+    way, gap, level = np.diff(read)[at] > 0, np.diff(at), read[at + 1]
+    turns = np.flatnonzero(way[1:] != way[:-1])
+    before, own, after = (np.r_[np.inf, gap, np.inf][turns + k] for k in range(3))
+    comes, leaves = (at[turns + k] + 0.5 for k in range(2))
+    comes, leaves = comes + np.minimum(COMES * before, 0.45 * own), leaves - np.minimum(COMES * after, 0.45 * own)
+    place = np.r_[0, at + 0.5, comes, leaves, len(read) - 1]
+    value = np.r_[read[0], (read[at] + level) / 2, level[turns], level[turns], read[-1]]
+    order = np.argsort(place)
+    return np.interp(np.arange(len(read)), place[order], value[order])
 
 
 @dataclass(frozen=True)
@@ -200,9 +216,8 @@ class Record:
         """Errors (n,) of angle [rad] (0) or torque [N*m] (1) in some rows that rounding makes, each with another zero
         of the sensor; none where noise hides it. Of levels and sines, which return to the same places, the size is
         another one too: of levels, whose errors are independent, by what the share of power at each makes of all.
-        Behind the filter of the fit steps between levels ring, by some steps of the encoder, so that where the joint
-        mostly stands the signal is taken behind one quicker by `QUICK` (half of it makes too little, and sound steps
-        are accused)."""
+        Where the joint mostly stands, the signal is what it was before the encoder (`before_rounding`): behind a filter
+        levels ring by some steps, and how it comes to a level makes the errors, which every step repeats."""
         (step, left), raw = self.repeated_steps[channel], (self.theta, self.torque)[channel]
         if not left:
             return
@@ -212,8 +227,7 @@ class Record:
         _, level = np.unique(np.rint(place[stands] / step), return_inverse=True)
         larger = float(np.linalg.norm(np.bincount(level, place[stands] ** 2))) / max(float(place @ place), step**2)
         if stands.mean() > 0.5:
-            quick = replace(self.low_pass, cutoff_hz=QUICK * self.low_pass.cutoff_hz)
-            signal = quick(raw[rows], self.rate_hz)
+            signal = before_rounding(raw[rows], step)
         steps = (signal - signal.mean()) / step
         more = max(larger, OF_SINE * self.is_stepped_sine) * DRAWS[5 * np.arange(17) % 17] / float(np.abs(steps).max())
         for zero, share in zip(DRAWS, more, strict=True):

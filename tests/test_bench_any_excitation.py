@@ -252,37 +252,6 @@ def test_clocks_of_one_file_that_drift_apart_are_the_only_cause(made):
     assert doubts == {"change over time"}
 
 
-@pytest.mark.usefixtures("without_witness")
-@pytest.mark.parametrize("hz", [333.0, 600.0])
-def test_a_torque_that_is_held_between_slower_samples_is_late_by_half_of_their_period(hz):
-    """Noise comes after, so that no value repeats: B was 9 and 5 % low, and nothing said so by noise or hand."""
-    time, motion = noise(rng := np.random.default_rng(4), (0.3, 5.0), rate=1000.0, duration=40.0)
-    torque = np.array([TRUE["K"], TRUE["B"], TRUE["I"]]) @ np.array(motion)
-    age = ((time - time[0]) * hz + rng.uniform()) % 1.0 / hz
-    held = make_interp_spline(time, torque, 5)(time - age) - torque
-    late, sound = (row_of(made_trial(rng, (time, motion), more=more), excitation="any") for more in (held, 0.0))
-    assert (late["lag_by"], sound["lag_by"]) == ("rows", None)
-    assert late["lag_s"] == pytest.approx(0.5 / hz, rel=0.01)
-    assert late["B_high"] < 0.97 * TRUE["B"]
-    for name in ("K", "B", "I"):
-        assert late[f"{name}_without_lag_low"] < TRUE[name] < late[f"{name}_without_lag_high"]
-
-
-@pytest.mark.usefixtures("without_witness")
-def test_steps_at_even_times_have_a_torque_beyond_the_filter_that_nothing_held():
-    """Its largest product with the slope was at the least frequency that is looked at: 0.53 ms late, of no lag."""
-    time, rng = np.arange(0, 60, 1e-3), np.random.default_rng(5)
-    chain = lfilter(
-        [1 - np.exp(-0.036 * np.pi)], [1, -np.exp(-0.036 * np.pi)], rng.uniform(-0.045, 0.045, 400).repeat(150)
-    )
-    for _ in range(3):
-        chain, pole = rng.uniform(-0.045, 0.045, 400).repeat(150), np.exp(-0.036 * np.pi)
-    for _ in range(4):
-        chain = lfilter([1 - pole], [1, -pole], chain)
-    angle = make_interp_spline(time, chain, 5)
-    assert row_of(made_trial(rng, (time, tuple(angle(time, k) for k in range(3)))), excitation="any")["lag_by"] is None
-
-
 def bristle(x, width):
     """Friction of 1 N*m that is wound up exponentially over a width [rad] before it slides (Dahl)."""
     torque = [0.0]

@@ -162,7 +162,7 @@ def test_the_belt_shows_which_channel_of_a_leg_is_late(fault, lag, of_theta_m):
     for name in "KBI":
         told = [row[f"{name}_without_lag{end}"] for end in ENDS]
         assert (told == [None] * 3) if not lag else (told[1] < sound[name] < told[2]), name
-    assert (row["lag_by"], row["lag_s"]) == ("theta_m", pytest.approx(lag, abs=1.5e-4))
+    assert row["lag_s"] == pytest.approx(lag, abs=1.5e-4)
     assert row["certain_theta_m_lag_s"] == pytest.approx(of_theta_m, abs=1.5e-4 if of_theta_m else 0)
     assert row["lag_share"] == pytest.approx(abs(row["K"] * row["lag_s"] / row["B"]) if lag else 0)
     causes = [finding.cause for finding in findings_of(row, LIMITS, "impedance")]

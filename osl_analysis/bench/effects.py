@@ -36,7 +36,6 @@ LONGEST_LAG, LAG_FOUND = 0.02, 1e-6  # s up to which a lag is sought, and by whi
 POSSIBLE = 2.0  # standard errors by which an effect may be larger than it is found
 WOUND_UP = (0.5e-3, 1.5e-3, 4e-3)  # half-widths [rad] of springs that slip, of which a belt's hysteresis is made
 BELT_ERROR = 80e-6  # s by which hysteresis that is not made of these shifts a lag (SD); of simulated legs 10 to 150
-HELD_LINE = (10.0, 0.5)  # of a held torque's line: least multiple of its noise, and share by which it may differ
 OTHER_B_J = 3.0  # factor by which losses differ from those of the parameter file, from joint to joint
 CANNOT_TELL = (IdentifiabilityError, InputError, np.linalg.LinAlgError)  # a motion does not tell effects apart
 TURNS = (1e-3, 1e-2)  # rad/s over which friction turns its sign; the larger are ten times the velocity noise of 14 bits
@@ -205,38 +204,6 @@ class Belt:
     K_s: float  # [N*m/rad]
     torque: Fault | None = None  # lag [s] of the torque behind the joint's angle; None of another belt than the file's
     theta_m: Fault | None = None  # the same of theta_m
-
-
-def held_torque(record: Record) -> Fault | None:
-    """The mean age [s] of a torque that the recorder holds between samples slower than its rows; None where none is
-    seen, or a `delay` of the torque is stated. The age goes up in a sawtooth, which times the torque's slope is what is
-    missing, and with the slope has a line of 1/(2 pi f) at the rate f of its samples, or at that of the rows less f.
-    Noise that comes after makes all values differ. Beyond a row's share the age is not known."""
-    torque = None if record.uniform is None else record.uniform.of("torque")
-    if torque is not None and (torque.held or torque.delay):
-        return None
-    rate, rest = record.rate_hz, record.torque - record.filtered_torque
-    slope = np.zeros_like(rest)
-    rows = record.rows()
-    slope[rows] = np.gradient(record.filtered_torque, 1 / rate)[rows]
-    n, power = int(scipy.fft.next_fast_len(len(rest), real=True)), max(float(slope @ slope), np.finfo(float).tiny)
-    lines, hz = np.abs(np.fft.rfft(rest * slope, n)) / power, np.arange(n // 2 + 1) * rate / n
-    lowest = 4 * record.low_pass.cutoff_hz
-    lines[hz < lowest] = 0.0
-    line, at = float(lines.max()), float(hz[np.argmax(lines)])
-    noise = float(np.std(rest[rows])) / power**0.5
-    sampled = min((at, rate - at), key=lambda f: abs(2 * np.pi * f * line - 1))
-    is_line = at > 1.1 * lowest and line > HELD_LINE[0] * noise  # and not what falls off with the frequency
-    if not is_line or abs(2 * np.pi * sampled * line - 1) > HELD_LINE[1]:
-        return None
-    return Fault(0.5 / sampled, 12**-0.5 / rate, True, 0.5 / sampled)
-
-
-def lag_of(record: Record, belt: Belt | None) -> tuple[Fault | None, str | None]:
-    """The lag of the torque, and what shows it."""
-    if held := held_torque(record):
-        return held, "rows"
-    return (belt.torque, "theta_m" if belt.torque else None) if belt else (None, None)
 
 
 def belt_of_leg(record: Record, p: DrivetrainParameters | None) -> Belt | None:

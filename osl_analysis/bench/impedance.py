@@ -90,18 +90,17 @@ def impedance_table(analysis: Analysis, s: Sums, p: DrivetrainParameters | None 
     them an actuator that turns tells a leg, whose drivetrain is no fault of the recording."""
     record = analysis.record
     belt, repeats = effects.belt_of_leg(record, p), effects.repeats_row(record, s, IMPEDANCE)
-    lag, lag_by = effects.lag_of(record, belt)
     turned = float(np.std(record.actuator.get("theta_m", 0.0)))
     is_leg = belt is not None or (p is None and turned > 0.05 * float(np.std(record.theta)))
     friction, rows = friction_rows(s, analysis, is_leg), list[Row]()
-    late = belt.theta_m if belt else None
+    lag, late = (belt.torque, belt.theta_m) if belt else (None, None)
     facts = motion_row(record) | {
         "K_s_ratio": belt.K_s / p.K_s if belt and p else None,
         "theta_m_lag_s": late.size if late else None,
         "theta_m_lag_se_s": late.se if late else None,
         "certain_theta_m_lag_s": late.size * late.found if late else None,
     }
-    facts |= repeats | {"lag_by": lag_by, **unstated_reflex_row(record, is_device=belt is not None)}
+    facts |= repeats | unstated_reflex_row(record, is_device=belt is not None)
     rubs = friction[None]["f_C"] is not None
     facts |= witness_row(record, is_leg=is_leg, answers=facts["reflex_p"] != 1, rubs=rubs and not is_leg)
     facts |= believed_reflex(analysis.whole, facts, is_leg)
@@ -126,7 +125,7 @@ def impedance_table(analysis: Analysis, s: Sums, p: DrivetrainParameters | None 
         )
     over = over_amplitudes(analysis)
     rows = [{**row, **dict.fromkeys(over)} for row in rows[:-1]] + [{**rows[-1], **over}]
-    texts = dict.fromkeys(("heard", "rivals", "lag_by"), pl.String)
+    texts = dict.fromkeys(("heard", "rivals"), pl.String)
     table = pl.DataFrame(rows, infer_schema_length=None, schema_overrides=texts)
     return table.with_columns(pl.col(pl.Null).cast(pl.Float64))
 

@@ -37,7 +37,7 @@ HEARD = -3.5  # log10 of the chance of a family's columns below which it is hear
 FRICTION = -4.0  # the same of Coulomb friction, which then is part of the joint
 ALIKE = 3.0  # standard errors, paired by chunks, up to which rivals leave as much
 CHANCE = 10.0  # parameters of noise by which a rival may be better by chance, where many are tried
-JUMPS = 0.4  # share of the misfit that is left, below which a lag that changes at once is heard whatever scatters
+JUMPS = 0.4  # share of what a lag leaves, below which a lag that changes at once is heard whatever scatters
 UNEXPLAINED = 0.7  # share of what the best rival explains, by which one that is as good may explain less
 EXPLAINS = 0.1  # share of the misfit that is left, below which a rival is told also where friction leaves K, or B, open
 RUBBING = 0.5  # the same that friction explains, from which on it may be the cause; of an early torque by sines 0.3
@@ -257,7 +257,8 @@ class Court:
         at_once = [chance([at]) for at in moments]
         if len(view.rows) > CHUNKS * RATE_HZ:  # of shorter chunks chance explains a moment
             self.chance["time"] = min(self.chance["time"], *(chance + np.log10(len(at_once)) for chance in at_once))
-        if self.later()[1] < JUMPS * self.left(view.base):  # such a misfit scatters as its own size does
+        _, changes, late = self.later()
+        if changes < JUMPS * late:  # such a misfit scatters as its own size does
             self.chance["time"] = min(self.chance["time"], 2 * HEARD)
         if size < 0:  # friction that drives: play, or damping that falls with speed
             self.chance["speed"] = min(self.chance["speed"], by_friction - FRICTION)
@@ -354,13 +355,14 @@ class Court:
             sizes = sizes + min(0.5 * LONGEST_LAG / longest, 1.0) * more[:number]
         return columns, slopes, sizes, np.sqrt(np.diag(covariance))[:number]
 
-    def later(self) -> tuple[Array, float]:
-        """The shape (n,) of a lag that changes at once, where it explains most beside a lag, and what it leaves."""
+    def later(self) -> tuple[Array, float, float]:
+        """The shape (n,) of a lag that changes at once, where it explains most beside a lag, what it leaves, and what
+        the lag alone does."""
         view, base = self.view, self.view.base
         slope = self.fitted(base)[0][: 3 - view.first] @ np.array(view.motion[view.first + 1 : 4])
         late, moments = view.column(slope), [np.where(view.time > at, 1.0, 0.0) for at in view.moments]
         left = [self.left([*base, late, view.column(then * slope)]) for then in moments]
-        return moments[int(np.argmin(left))], min(left)
+        return moments[int(np.argmin(left))], min(left), self.left([*base, late])
 
     def hides_delay(self) -> bool:
         """Whether nothing tells a path, or the torque may be late by so much that I changes by `HIDDEN`, or B by

@@ -49,6 +49,7 @@ QUICK = 4.0  # cut-offs of the low-pass behind which the velocity's sign is read
 COMES = 3.0  # times the last step of a rounded signal in which it comes to a level: exponentially 2, of least jerk 2.3
 BEYOND = 1.1  # cut-offs, from which on it is more of the motion than the tail of a step that is faster
 STANDS = 0.1  # of the SD of the speed, below which a joint stands
+AT_LEVELS = 0.15  # share of the power at a few levels, from which on a motion is between these (sines 0.05, steps 0.2)
 OF_SINE = 0.5  # steps by which the size of a sine is drawn: less where samples keep step with it covers too little
 DRAWS = (np.arange(17) + 0.5) / 17 - 0.5  # parts of a step of an encoder by which zeros and sizes differ
 SHORTEST_S = 1.0  # shortest stretch [s] that is fitted
@@ -216,8 +217,8 @@ class Record:
         """Errors (n,) of angle [rad] (0) or torque [N*m] (1) in some rows that rounding makes, each with another zero
         of the sensor; none where noise hides it. Of levels and sines, which return to the same places, the size is
         another one too: of levels, whose errors are independent, by what the share of power at each makes of all.
-        Where the joint mostly stands, the signal is what it was before the encoder (`before_rounding`): behind a filter
-        levels ring by some steps, and how it comes to a level makes the errors, which every step repeats."""
+        Between few levels the signal is what it was before the encoder (`before_rounding`): behind a filter levels ring
+        by some steps, and how the joint comes to a level makes the errors, which every step repeats."""
         (step, left), raw = self.repeated_steps[channel], (self.theta, self.torque)[channel]
         if not left:
             return
@@ -226,7 +227,7 @@ class Record:
         place = signal - signal.mean()
         _, level = np.unique(np.rint(place[stands] / step), return_inverse=True)
         larger = float(np.linalg.norm(np.bincount(level, place[stands] ** 2))) / max(float(place @ place), step**2)
-        if stands.mean() > 0.5:
+        if larger > AT_LEVELS:
             signal = before_rounding(raw[rows], step)
         steps = (signal - signal.mean()) / step
         more = max(larger, OF_SINE * self.is_stepped_sine) * DRAWS[5 * np.arange(17) % 17] / float(np.abs(steps).max())

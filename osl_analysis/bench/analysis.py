@@ -422,8 +422,8 @@ def friction_rows(s: Sums, analysis: Analysis, is_leg: bool = False) -> dict[Lab
     none for certain; where the label has, viscous damping, K and I without friction, and friction, with intervals.
 
     That of a leg, or of another joint of higher order, stands behind a spring: it is one column, of a sign. That of any
-    other joint has all shapes, and K and I of the row are those beside it. Where it is not certain, and so much of it
-    possible that K, B or I may be another one by more than `HARM`, the intervals beside it are given alone."""
+    other joint has all shapes, and K and I of the row are those beside it. Where it is not certain, and may take K, B
+    or I beyond their intervals by more than `HARM`, the intervals beside it are given alone."""
     model, fits = analysis.model, analysis.fits
     shapes = None if is_leg else sums_of_friction(analysis)
     damping = next(name for name, column in model.items() if column == "omega")
@@ -464,8 +464,9 @@ def without_friction_row(
     main = [x for x in QUANTITIES if x in moved]
     if certain:
         return found | ({**estimates_row(told, *moved[1:]), **covariance_row(told, *main)} if shapes else {})
-    wider = [one.interval(x)[1] - one[x] for one in (told, fit) for x in main]
-    if main and harm_of(np.subtract(wider[:3], wider[3:]), fit.estimates[:3]).max() > 1:
+    ends = np.array([[one.interval(x) for x in main] for one in (told, fit)])
+    beyond = (ends[0] - ends[1]) * (-1, 1)  # the fit's interval
+    if main and harm_of(np.maximum(beyond, 0).max(axis=1), fit.estimates[:3]).max() > 1:
         return {name: x for name, x in found.items() if name.endswith(("_low", "_high"))}
     return {}
 

@@ -160,6 +160,12 @@ class View:
         """Columns of friction, in all shapes about rest."""
         return [self.column(x) for x in shapes_of_friction(self.record).values()]
 
+    @cached_property
+    def curved(self) -> list[Array]:
+        """Columns of a spring that stiffens with the angle, about any other than the middle of the motion, too."""
+        x = self.motion[0] - self.motion[0][self.inside].mean()
+        return [self.column(x**2), self.column(x**3)]
+
     def sign_errors(self) -> list[Array]:
         """What rounding of the angle makes of the sign of the velocity."""
         slower = (np.gradient(error, 1 / self.rate_hz) for error in self.record.coarse_roundings(0))
@@ -239,7 +245,7 @@ class Court:
             "time": [view.column(x * view.time) for x in view.motion[view.first : 3]],
             "moment": [view.column(view.motion[view.first] * (view.time > at)) for at in view.moments],
             "speed": [view.column(omega * np.abs(omega))],
-            "size": [view.column(theta**3)] * elastic,
+            "size": view.curved * elastic,
             "direction": [view.column(np.abs(x)) for x in view.motion[view.first : 2]]
             + [view.column(theta * view.sign)] * elastic,
         }
@@ -408,8 +414,7 @@ class Court:
                 self.add_by("speed", "play", behind, width)
 
     def hear_size(self) -> None:
-        view = self.view
-        self.add("size", "stiffness that changes with the angle", [*view.base, view.column(view.motion[0] ** 3)])
+        self.add("size", "stiffness that changes with the angle", [*self.view.base, *self.view.curved])
 
     def hear_direction(self) -> None:
         """K, or B, of either sign, or of both."""

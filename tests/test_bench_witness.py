@@ -59,6 +59,11 @@ FAULTS = {
     "ramp of K": ("time", "K that drifts", {"more": lambda t, x, *_: -30 * (t / t[-1]) * x}),
     "square of speed": ("speed", "damping that changes with the speed", {"more": lambda t, x, v, a: 1.5 * v * abs(v)}),
     "hardening": ("size", "stiffness that changes with the angle", {"more": lambda t, x, *_: 4000 * x**3}),
+    "hardening about another angle": (
+        "size",
+        "stiffness that changes with the angle",
+        {"more": lambda t, x, *_: 4000 * (x**3 + 0.15 * x**2)},
+    ),
     "flexing": ("direction", "stiffness by direction of motion", {"more": lambda t, x, v, a: 60 * x * (v > 0)}),
     "stiffer one way": ("direction", "stiffness by direction", {"more": lambda t, x, *_: 60 * np.maximum(x, 0)}),
 }

@@ -122,7 +122,7 @@ def before_rounding(read: Array, step: float) -> Array:
     place = np.r_[0, at + 0.5, comes, leaves, len(read) - 1]
     value = np.r_[read[0], (read[at] + level) / 2, level[turns], level[turns], read[-1]]
     order = np.argsort(place)
-    return np.interp(np.arange(len(read)), place[order], value[order])
+    return np.asarray(np.interp(np.arange(len(read)), place[order], value[order]))
 
 
 @dataclass(frozen=True)

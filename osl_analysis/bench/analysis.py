@@ -464,7 +464,7 @@ def without_friction_row(
     main = [x for x in QUANTITIES if x in moved]
     if certain:
         return found | ({**estimates_row(told, *moved[1:]), **covariance_row(told, *main)} if shapes else {})
-    ends = np.array([[one.interval(x) for x in main] for one in (told, fit)])
+    ends = np.reshape([[one.interval(x) for x in main] for one in (told, fit)], (2, -1, 2))
     beyond = (ends[0] - ends[1]) * (-1, 1)  # the fit's interval
     if main and harm_of(np.maximum(beyond, 0).max(axis=1), fit.estimates[:3]).max() > 1:
         return {name: x for name, x in found.items() if name.endswith(("_low", "_high"))}

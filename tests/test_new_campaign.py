@@ -320,7 +320,7 @@ def test_a_slow_triangle_is_torque_over_angle_and_its_counts_are_to_be_given_a_u
         pl.DataFrame(columns, ["time_s", "encoder [counts]", "torque_Nm"]).write_csv(tmp_path / f"rec/{name}.csv")
     draft = new_campaign(tmp_path / "mine", recordings=tmp_path / "rec")
     assert [cells["experiment"] for cells, _ in draft.trials] == ["torque_angle", *["impedance"] * 3]
-    assert [str(file) for file, said in draft.open if "2000 rows, 4000 or more" in said] == ["d.csv"]
+    assert [str(file) for file, said in draft.open if "2000 rows, 4000 in most" in said] == ["d.csv"]
     assert 'theta: {column: "encoder", unit: "UNKNOWN", wraps_at: 4096.0}' in draft.sources["csv"]
 
 

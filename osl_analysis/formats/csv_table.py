@@ -297,7 +297,7 @@ def is_clock(title: str) -> bool:
     name = re.sub(r"\s+", "_", name_and_unit(title)[0].strip())
     words = "time|t|timestamp|stamp|(state|loop|pi|sys|ros|elapsed)_time|elapsed|clock|seconds|time_since_start|x_value"
     words += "|millis|micros|[mu]s|(date_?)?time|datetime|date_and_time|time_of_day|(uhr)?zeit|tijd|temps|tiempo|tempo"
-    return re.fullmatch(f"({words})(_(s|sec|ms|us|ns))?", name, re.IGNORECASE) is not None
+    return re.fullmatch(f"_*({words})(_(s|sec|ms|us|ns))?", name, re.IGNORECASE) is not None
 
 
 def read_csv_table(path: Path, layout: CsvLayout, is_unit: IsUnit, most_rows: int | None = None) -> CsvTable:
@@ -560,11 +560,12 @@ def named_by(heads: Rows, above: Rows, comments: TextLines, width: int, delimite
 
 
 def without_footer(rows: Rows, first_value: int | None, layout: CsvLayout) -> tuple[Rows, Rows]:
-    """Rows, and the last ones that have a word where most have the first number: what a program writes below them."""
+    """Rows, and the last ones with a word where most have the first number or before it: what a program writes there."""
     end, place = len(rows), first_value or 0
     while end and layout.header in ("auto", "row") and len(rows) - end < LAST_LINES:
         cells = rows[end - 1][1]
-        if len(cells) <= place or is_value(cells[place]) or is_value(cells[place].split(" ")[0]):
+        words = [cell for cell in cells[: place + 1] if not (is_value(cell) or is_value(cell.split(" ")[0]))]
+        if len(cells) <= place or not words:
             break
         end -= 1
     return (rows[:end], rows[end:]) if end else (rows, [])

@@ -365,14 +365,15 @@ def time_unit(clock: Array) -> str:
 
 WRITTEN = r"(\d+(?:[.,]\d+)*(?:e[+-]?\d+)?)"
 OF_ROWS = r"(?:sampl\w*|scan|acquisition|recording|data|output)[ _]*(?:rate|frequency|freq)|fs\b|^(?:rate|frequency)\b"
-INTERVAL = rf"(?i)\b(?:delta_x|(?:sampl\w*[ _]*)?(?:interval|period))\b\D*?{WRITTEN}(?:\s*([mu]?)s\b)?"
-THINNED = r"(?i)decimat|down-?sampl|sub-?sampl"
+INTERVAL = rf"(?i)\b(?:delta_x|dt|(?:sampl\w*[ _]*)?(?:interval|period))\b\D*?{WRITTEN}(?:\s*([mu]?)s\b)?"
+THINNED = r"(?i)decimat|(down|sub|over)-?sampl|\bevery\W+(\d|other|second|n)|averag(ing|ed)|\bthinn"
 
 
 def stated_rate(comments: Sequence[str]) -> float | None:
     """The rate of the rows [Hz] that text beside the table states, as `Sample rate: 500 Hz` or LabVIEW's `Delta_X`.
     None where it states several, or names a decimation: that rate may be the device's, and not that of the rows."""
-    rates, in_words = set[float](), rf"(?i)\b(?:{OF_ROWS})(?:\D*?{WRITTEN}\s*(k?)hz|[\s:=[]*(\d{{2,5}}(?:\.\d*)?)]?$)"
+    alone = r"[\s:=\x22[]*(\d{2,5}(?:\.\d*)?)(?:$|[\]};]|, )"
+    rates, in_words = set[float](), rf"(?i)\b(?:{OF_ROWS})(?:\D*?{WRITTEN}\s*(k?)(?:hz|s/s|sps)|{alone})"
     for text in comments:
         if re.search(THINNED, text):
             return None
@@ -399,12 +400,21 @@ def span_ratio(span: float, other: float, more: Sequence[float] = (60.0, 3600.0,
     return float(ratios[np.argmin(np.abs(np.log(ratios)))])
 
 
+def began(clock: Array, span: float) -> float:
+    """When a clock began [s], by its readings (n,), in whatever unit of time, that span so many seconds."""
+    units = np.array([*TIME_UNITS.values(), 60.0, 3600.0, 86_400.0])
+    return float(clock[0] * units[np.argmin(np.abs(np.log(units * np.ptp(clock) / span)))])
+
+
 def check_other_clocks(table: Table, source: TableSource, time: Array) -> dict[str, float]:
     """Other clocks of a table that go on at another rate than its time [s], by half a percent or more in whatever unit,
     with the RMS [s] by which they come apart. Refused is a stated rate that one contradicts by 5 %, or that differs
-    from the rate that the file states."""
+    from the rate that the file states; and another clock of the same name that begins at another time, which is that of
+    the columns beside it."""
     rate, apart = source.time.rate, dict[str, float]()
     of_time = csv_table.name_and_unit(source.time.name)[0]
+    title = table.found.get(source.time.name, {}).get("found", source.time.name)
+    readings = None if rate or not source.time.name else np.ma.getdata(table.columns[source.time.name])
     for name, unit, every in table.clocks:
         known = np.isfinite(every.astype(np.float64))
         if csv_table.name_and_unit(name)[0] == of_time or known.sum() < 3 or known.size != time.size:
@@ -427,7 +437,16 @@ def check_other_clocks(table: Table, source: TableSource, time: Array) -> dict[s
                 f"`rate: {rate:g}` of time, but {source.time.ADDRESS} '{name}' rises by {step:.4g} a row; "
                 f"write `time: {{{source.time.ADDRESS}: {name}}}` with its unit, or correct the rate"
             )
-        if abs(ratio - 1) > 0.005 + most / steps.sum():
+        is_apart = abs(ratio - 1) > 0.005 + most / steps.sum()
+        late = 0.0
+        if readings is not None and not is_apart:
+            late = began(values, span) - began(unwrapped(readings, name)[0][known].astype(np.float64), span)
+        if 0.5 * median(np.diff(own)) < abs(late) < span:
+            other = f"another {source.time.ADDRESS} '{name}' begins {late:.4g} s after time"
+            if name == title:
+                raise InputError(f"{other}: what stands beside it is of its time; export each with the time of all")
+            table.damage.remarks.append(f"{other}: what it stamps, if anything, is early by that")
+        if is_apart:
             apart[name] = abs(ratio - 1) * span / 12**0.5
             said = f"{source.time.ADDRESS} '{name}' goes on {ratio:.4g} times as fast as time"
             beside = f" ({source.time.title})" if source.time.name else ""

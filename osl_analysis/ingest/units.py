@@ -114,6 +114,9 @@ def name_and_ending(name: str) -> tuple[str, str]:
     """A column's name without the unit that its end spells, and that unit, as of `ankle_deg`, `torque_N_cm` and
     `MomentLbfFt`; empty if none. A prefix is never apart from its unit: `torque_m_Nm` is the motor's. `torquemNm` may
     be either, and tells none."""
+    pair = re.fullmatch(r"([^\W\d_]\w*)/(\S+)", name)  # `M/Nm`, but not `deg/s`
+    if pair and ending_spelled(pair[2]) and not ending_spelled(pair[1]):
+        return pair[1], ending_spelled(pair[2])
     for start in (found.end() for found in re.finditer(r"[\s_.,:-]|(?<=[a-z0-9])(?=[A-Z])", name)):
         unit, in_camel_case = ending_spelled(name[start:]), name[start - 1].isalnum()
         if unit and not (in_camel_case and (len(name) - start == 1 or ending_spelled(name[start - 1 :]))):

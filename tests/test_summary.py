@@ -97,6 +97,19 @@ def test_a_certainly_negative_inertia_is_noted():
             assert notes == [(f"{name} is certainly negative", Grade.NOTES)] * noted
 
 
+@pytest.mark.parametrize(("seconds", "noted"), [
+    ([30.0, 60.0, 61.0, 60.0], ["a"]), ([30.0, 60.0, 90.0, 120.0], []), ([50.0, 60.0, 60.0, 60.0], []),
+    ([30.0, 60.0], []), ([30.0, 60.0, 29.0, 60.0], []), ([60.0, 20.0, 60.0], ["b"]),
+])  # fmt: skip
+def test_a_recording_that_is_shorter_than_most_of_its_motion_is_noted_where_these_are_alike(seconds, noted):
+    rows = {"trial": [*"abcd"][: len(seconds)], "fitted_s": seconds, "amplitude_deg": None, "excitation": "other"}
+    table = pl.DataFrame({**rows, "doubtful": ""}, schema_overrides={"amplitude_deg": pl.Float64})
+    brief = table[:1].with_columns(trial=pl.lit("e"), excitation=pl.lit("stepped sine"), fitted_s=5.0)
+    found = [one for one in known({"impedance": pl.concat([table, brief])}, {}) if one["cause"] == "shorter recording"]
+    assert [(one["verdict"], one["trials"]) for one in found] == [("remark", noted)] * bool(noted)
+    assert all(f"{min(seconds):g} s are fitted, and 60 s of most" in one["line"] for one in found)
+
+
 def test_a_factor_between_units_is_named_within_eight_percent():
     found = [known_factor(ratio)[0] for ratio in (1.07 * 4.4482, 1 / 4.4482, 1.09 * 4.4482, 0.0)]
     assert found == ["between lbf and N"] * 2 + [""] * 2

@@ -223,11 +223,11 @@ def draft_campaign(folder: Path) -> Draft:
         if "end" in overview.facts:  # as of a text, half of which looks whole
             rows[file] = source, max(one.count for one in overview.channels)
     for source in {source for source, _ in rows.values()}:
-        own = {file: count for file, (of, count) in rows.items() if of == source}
-        is_short, usual = shorter_than_usual(np.array([*own.values()]))
+        alike = {file: count for file, (of, count) in rows.items() if of == source}
+        is_short, usual = shorter_than_usual(np.array([*alike.values()]))
         draft.open += [
-            (file, f"{own[file]} rows, {usual:.0f} in most like it: was its end cut off?")
-            for file in compress(own, is_short)
+            (file, f"{alike[file]} rows, {usual:.0f} in most like it: was its end cut off?")
+            for file in compress(alike, is_short)
         ]
     if not recordings:
         why = f", as {draft.refused[0]}" if draft.refused else f" ({', '.join(sorted(raw_files.SUFFIXES))})"

@@ -560,12 +560,14 @@ def named_by(heads: Rows, above: Rows, comments: TextLines, width: int, delimite
 
 
 def without_footer(rows: Rows, first_value: int | None, layout: CsvLayout) -> tuple[Rows, Rows]:
-    """Rows, and the last ones with a word where most have the first number or before it: what a program writes there."""
+    """Rows, and the last ones with a word where most have the first number or before it, as a program writes there."""
     end, place = len(rows), first_value or 0
     while end and layout.header in ("auto", "row") and len(rows) - end < LAST_LINES:
         cells = rows[end - 1][1]
-        words = [cell for cell in cells[: place + 1] if not (is_value(cell) or is_value(cell.split(" ")[0]))]
-        if len(cells) <= place or not words:
+        beside = [cell for cell, first in zip(cells[:place], rows[0][1], strict=False) if not first]  # of no cells else
+        if len(cells) <= place or all(
+            is_value(cell) or is_value(cell.split(" ")[0]) for cell in [*beside, cells[place]]
+        ):
             break
         end -= 1
     return (rows[:end], rows[end:]) if end else (rows, [])

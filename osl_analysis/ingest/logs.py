@@ -215,7 +215,9 @@ def time_of(table: Table, source: TableSource) -> tuple[Array, float]:
     check_time(what, time)
     _, first, counts = np.unique(time, return_index=True, return_counts=True)
     most, row = int(counts.max()), int(first[counts.argmax()])
-    if most == time.size or (most > max(20, 0.1 * time.size) and stated.repeated != "drop"):  # no rounding does that
+    is_coarse = most > 20 and len(first) > 3 and median(np.diff(time[first])) > 0.4  # s, as of a clock of whole ones
+    is_coarse |= most > max(20, 0.1 * time.size)  # which no rounding is
+    if most == time.size or (is_coarse and stated.repeated != "drop"):
         which = f"at {raw[row]:.15g} in {most} of {time.size} {table.noun}s, from {table.place(row)} on"
         if len(first) > 3:  # stamps of whole seconds: how many rows stand between the first change and the last
             other += f": its stamps tell {(first[-1] - first[1]) / (time[first[-1]] - time[first[1]]):.4g}"
@@ -406,6 +408,20 @@ def began(clock: Array, span: float) -> float:
     return float(clock[0] * units[np.argmin(np.abs(np.log(units * np.ptp(clock) / span)))])
 
 
+def check_begin(table: Table, time: RowTime, name: str, begin: float, own: Array, known: NDArray[np.bool_]) -> None:
+    """Tell a clock that begins [s] at another time than that of the table, `own` (n,) [s] where it is `known` (rows,);
+    refused if both have one name, as in tables side by side, where it is the time of the columns beside it."""
+    if not time.name:
+        return
+    readings = unwrapped(np.ma.getdata(table.columns[time.name]), name)[0][known].astype(np.float64)
+    late = begin - began(readings, float(np.ptp(own)))
+    if 0.5 * median(np.diff(own)) < abs(late) < np.ptp(own):
+        other = f"another {time.ADDRESS} '{name}' begins {late:.4g} s after time"
+        if name == table.found.get(time.name, {}).get("found", time.name):
+            raise InputError(f"{other}: what stands beside it is of its time; export each with the time of all")
+        table.damage.remarks.append(f"{other}: what it stamps, if anything, is early by that")
+
+
 def check_other_clocks(table: Table, source: TableSource, time: Array) -> dict[str, float]:
     """Other clocks of a table that go on at another rate than its time [s], by half a percent or more in whatever unit,
     with the RMS [s] by which they come apart. Refused is a stated rate that one contradicts by 5 %, or that differs
@@ -413,8 +429,6 @@ def check_other_clocks(table: Table, source: TableSource, time: Array) -> dict[s
     the columns beside it."""
     rate, apart = source.time.rate, dict[str, float]()
     of_time = csv_table.name_and_unit(source.time.name)[0]
-    title = table.found.get(source.time.name, {}).get("found", source.time.name)
-    readings = None if rate or not source.time.name else np.ma.getdata(table.columns[source.time.name])
     for name, unit, every in table.clocks:
         known = np.isfinite(every.astype(np.float64))
         if csv_table.name_and_unit(name)[0] == of_time or known.sum() < 3 or known.size != time.size:
@@ -437,22 +451,15 @@ def check_other_clocks(table: Table, source: TableSource, time: Array) -> dict[s
                 f"`rate: {rate:g}` of time, but {source.time.ADDRESS} '{name}' rises by {step:.4g} a row; "
                 f"write `time: {{{source.time.ADDRESS}: {name}}}` with its unit, or correct the rate"
             )
-        is_apart = abs(ratio - 1) > 0.005 + most / steps.sum()
-        late = 0.0
-        if readings is not None and not is_apart:
-            late = began(values, span) - began(unwrapped(readings, name)[0][known].astype(np.float64), span)
-        if 0.5 * median(np.diff(own)) < abs(late) < span:
-            other = f"another {source.time.ADDRESS} '{name}' begins {late:.4g} s after time"
-            if name == title:
-                raise InputError(f"{other}: what stands beside it is of its time; export each with the time of all")
-            table.damage.remarks.append(f"{other}: what it stamps, if anything, is early by that")
-        if is_apart:
+        if abs(ratio - 1) > 0.005 + most / steps.sum():
             apart[name] = abs(ratio - 1) * span / 12**0.5
             said = f"{source.time.ADDRESS} '{name}' goes on {ratio:.4g} times as fast as time"
-            beside = f" ({source.time.title})" if source.time.name else ""
+            beside = f" ({source.time.title})" * bool(source.time.name)
             table.damage.remarks.append(f"{said}{beside}: B and I depend on which of them is right")
+        elif rate is None:
+            check_begin(table, source.time, name, began(values, span), own, known)
     for name, stated in table.rates:
-        if rate is not None and abs(rate / stated - 1) > 0.01:
+        if abs((rate or stated) / stated - 1) > 0.01:
             raise InputError(f"`rate: {rate:g}` of time, but the file says {stated:.6g} Hz ({name}); correct the rate")
     return apart
 

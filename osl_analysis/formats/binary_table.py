@@ -22,19 +22,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, listing, optional_module
-from osl_analysis.formats.csv_table import (
-    COMMENTS,
-    CONTROL,
-    MOST_COLUMNS,
-    UTF_16,
-    CsvLayout,
-    CsvTable,
-    IsUnit,
-    TextLines,
-    decoded_text,
-    name_and_unit,
-    table_of_rows,
-)
+from osl_analysis.formats import csv_table
 from osl_analysis.formats.json_lines import is_json_lines
 from osl_analysis.formats.table import Ledger, check_memory, in_one_sentence, isolated
 
@@ -58,7 +46,9 @@ def is_table_file(begin: bytes) -> bool:
     return bool(kind_of(begin))
 
 
-def read_binary_table(path: Path, layout: CsvLayout, is_unit: IsUnit, most_rows: int | None = None) -> CsvTable:
+def read_binary_table(
+    path: Path, layout: csv_table.CsvLayout, is_unit: csv_table.IsUnit, most_rows: int | None = None
+) -> csv_table.CsvTable:
     """The rows of a table in a program's own format, of a long one the first `most_rows`."""
     with path.open("rb") as file:
         kind = kind_of(file.read(1 << 16))
@@ -117,7 +107,7 @@ def without_trace() -> Iterator[None]:
         os.close(nowhere)
 
 
-def read_workbook(path: Path, layout: CsvLayout, is_unit: IsUnit) -> CsvTable:
+def read_workbook(path: Path, layout: csv_table.CsvLayout, is_unit: csv_table.IsUnit) -> csv_table.CsvTable:
     """The largest sheet of a workbook, by the rules of a table of text."""
     optional_module("fastexcel", "a workbook")
     with path.open("rb") as file:
@@ -126,12 +116,12 @@ def read_workbook(path: Path, layout: CsvLayout, is_unit: IsUnit) -> CsvTable:
     name, others, content = isolated(partial(largest_sheet, path))  # a damaged one may ask for all memory
     cells = content.select(pl.all().cast(pl.String).fill_null("").str.strip_chars())
     rows = [(number, list(row)) for number, row in enumerate(cells.iter_rows(), start=1) if any(row)]
-    signs = COMMENTS if layout.comment == "auto" else tuple(filter(None, [layout.comment]))
-    notes: TextLines = [(n, " ".join(filter(None, row))) for n, row in rows if row[0].startswith(signs)]
+    signs = csv_table.COMMENTS if layout.comment == "auto" else tuple(filter(None, [layout.comment]))
+    notes: csv_table.TextLines = [(n, " ".join(filter(None, row))) for n, row in rows if row[0].startswith(signs)]
     noted = {number for number, _ in notes}
-    table = table_of_rows([row for row in rows if row[0] not in noted], notes, layout, is_unit)
+    table = csv_table.table_of_rows([row for row in rows if row[0] not in noted], notes, layout, is_unit)
     table.damage.remarks.extend([f"sheet '{name}' is read, the largest; not read: {listing(others, 5)}"] * bool(others))
-    return CsvTable(
+    return csv_table.CsvTable(
         table.names, table.units, table.lines, table.body, table.comments, table.damage, "", table.decimal, "row"
     )
 
@@ -231,7 +221,9 @@ def hdf5_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
         pickled = [bytes(item.attrs[key]) for key in item.attrs if re.fullmatch(r"values_block_\d+_kind", key)]
         with suppress(ValueError):  # how pandas writes titles: read without running what a pickle may hold
             texts += [[arg for op, arg, _ in genops(one) if "UNICODE" in op.name] for one in pickled]
-        texts.append(item.asstr()[()] if h5py.check_string_dtype(item.dtype) and item.size <= MOST_COLUMNS else None)
+        texts.append(
+            item.asstr()[()] if h5py.check_string_dtype(item.dtype) and item.size <= csv_table.MOST_COLUMNS else None
+        )
         for number, one in enumerate(texts):
             if one is not None and np.ndim(one) == 1:
                 arrays[f"{name} {number} of titles"] = np.array([str(text) for text in one])
@@ -323,16 +315,20 @@ def columns_in(name: str, array: NDArray[Any], titles: Mapping[int, Sequence[str
     if array.ndim < 2 or 1 in array.shape:
         return {name or "1": np.ravel(array)}
     lines = array if array.shape[0] < array.shape[1] else array.T
-    if lines.ndim > 2 or len(lines) > MOST_COLUMNS:
+    if lines.ndim > 2 or len(lines) > csv_table.MOST_COLUMNS:
         return {}
     names = titles.get(len(lines), [f"{name} {place}".strip() for place in range(1, len(lines) + 1)])
     return {own: np.ascontiguousarray(line) for own, line in zip(names, lines, strict=True)}
 
 
-def table_of_frame(frame: pl.DataFrame, units: Mapping[str, str], damage: Ledger, notes: list[str]) -> CsvTable:
+def table_of_frame(
+    frame: pl.DataFrame, units: Mapping[str, str], damage: Ledger, notes: list[str]
+) -> csv_table.CsvTable:
     """The columns of numbers, times and text of a frame."""
-    if frame.width > MOST_COLUMNS:
-        raise InputError(f"has {frame.width} columns, at most {MOST_COLUMNS} are read; write a row per sample")
+    if frame.width > csv_table.MOST_COLUMNS:
+        raise InputError(
+            f"has {frame.width} columns, at most {csv_table.MOST_COLUMNS} are read; write a row per sample"
+        )
     texts = frame.select(pl.col(pl.Categorical, pl.Enum).cast(pl.String), pl.col(pl.Decimal).cast(pl.Float64))
     frame = frame.with_columns(texts)
     known = [
@@ -346,9 +342,9 @@ def table_of_frame(frame: pl.DataFrame, units: Mapping[str, str], damage: Ledger
         raise InputError("holds no column of numbers; name a recording")
     body = frame.select(known)
     names = [name or str(place) for place, name in enumerate(known, start=1)]
-    stated = [units.get(name) or name_and_unit(name)[1] for name in names]
+    stated = [units.get(name) or csv_table.name_and_unit(name)[1] for name in names]
     body.columns = [str(place) for place in range(body.width)]
-    return CsvTable(names, stated, np.arange(1, frame.height + 1), body, notes, damage, noun="row")
+    return csv_table.CsvTable(names, stated, np.arange(1, frame.height + 1), body, notes, damage, noun="row")
 
 
 FIRST_BYTES = 1 << 16  # bytes of a file that `refuse_others` needs
@@ -377,8 +373,8 @@ def refuse_others(path: Path, begin: bytes) -> None:
     begin = begin[:FIRST_BYTES]
     if is_table_file(begin):
         return
-    is_text = UTF_16.match(begin) is not None or not CONTROL.search(begin)
-    text = decoded_text(begin) if is_text else begin.decode("latin-1")
+    is_text = csv_table.UTF_16.match(begin) is not None or not csv_table.CONTROL.search(begin)
+    text = csv_table.decoded_text(begin) if is_text else begin.decode("latin-1")
     for name, pattern, remedy in OTHERS:
         if re.search(pattern, text, re.MULTILINE | re.IGNORECASE) and not is_json_lines(begin):
             raise InputError(f"{path}: {name}, which is not read; {remedy}")

@@ -12,44 +12,30 @@ from pathlib import Path
 import numpy as np
 
 from osl_analysis.errors import InputError, listing
-from osl_analysis.formats.csv_table import (
-    CsvLayout,
-    CsvTable,
-    IsUnit,
-    Rows,
-    UnreadableCellError,
-    cell_numbers,
-    decoded_text,
-    delimiter_of,
-    ends_whole,
-    is_last_whole,
-    is_number_cell,
-    is_text,
-    read_lines,
-    read_text,
-    split_rows,
-    table_of_text,
-    unpadded,
-)
+from osl_analysis.formats import csv_table
 from osl_analysis.formats.table import Ledger
 from osl_analysis.trial import Array
 
 
-def column_of(rows: Rows, place: int, missing: tuple[str, ...], what: str, remedy: str, decimal: str = ".") -> Array:
+def column_of(
+    rows: csv_table.Rows, place: int, missing: tuple[str, ...], what: str, remedy: str, decimal: str = "."
+) -> Array:
     """One column of rows, (rows,), NaN where a cell is one of the words in `missing` or the row is too short."""
     cells = [cells[place] if place < len(cells) else "" for _, cells in rows]
     try:
-        return cell_numbers(cells, missing, decimal)
-    except UnreadableCellError as error:
+        return csv_table.cell_numbers(cells, missing, decimal)
+    except csv_table.UnreadableCellError as error:
         text = cells[error.place]
         what = f"line {rows[error.place][0]}, {what}: '{text[:40]}' is not a number"
         raise InputError(f"{what}; {'export it as scalars' if text.count(',') > 1 else remedy}") from error
 
 
-def check_last_line(path: Path, rows: Rows) -> None:
+def check_last_line(path: Path, rows: csv_table.Rows) -> None:
     """Refuse a file of which nothing tells that its last number is whole."""
     last = [cells[-1] for _, cells in rows]
-    if any(last) and not ends_whole(path) and not is_last_whole(last):  # where all are empty, a tab ends every line
+    if (
+        any(last) and not csv_table.ends_whole(path) and not csv_table.is_last_whole(last)
+    ):  # where all are empty, a tab ends every line
         raise InputError(
             f"line {rows[-1][0]}, the last one, has no line break and may be cut off within its last number; export "
             "it again, or end the line where it is whole"
@@ -65,7 +51,9 @@ class NexusSection:
     names: list[str]  # name of every column: `Anna:LTOE`, `EMG2000 - Voltage`
     components: list[str]  # component of every column: X, Y, Z, Fx ..
     units: list[str]  # unit of every column, as Nexus spells it
-    rows: Rows  # number of the line in the file, and its cells; the first two are the numbers of frame and sub frame
+    rows: (
+        csv_table.Rows
+    )  # number of the line in the file, and its cells; the first two are the numbers of frame and sub frame
     decimal: str
 
     def column(self, name: str, component: str) -> tuple[Array, str]:
@@ -98,7 +86,7 @@ class NexusSection:
 
 def is_nexus(begin: bytes) -> bool:
     """Whether a file that begins with these bytes is an export of Nexus: it has the header of a section."""
-    lines = decoded_text(begin).casefold().replace('"', "").splitlines() if is_text(begin) else []
+    lines = csv_table.decoded_text(begin).casefold().replace('"', "").splitlines() if csv_table.is_text(begin) else []
     return any(line.startswith("frame") and "sub frame" in line for line in lines)
 
 
@@ -108,9 +96,9 @@ def without_subject(name: str) -> str:
 
 def read_sections(path: Path, delimiter: str = "auto", decimal: str = ".") -> dict[str, NexusSection]:
     """Sections by title; InputError if there is none, one has no samples, or stands twice."""
-    lines = read_lines(path)
+    lines = csv_table.read_lines(path)
     header = [(n, text) for n, text in lines if text.lstrip('"').casefold().startswith("frame")]
-    rows = split_rows(lines, delimiter_of(header[:1], delimiter))
+    rows = csv_table.split_rows(lines, csv_table.delimiter_of(header[:1], delimiter))
     starts = []
     for i in range(len(rows) - 3):  # a title alone, a rate alone, names, and the header
         first, second, above = (rows[i + k][1] for k in (0, 1, 3))
@@ -122,8 +110,8 @@ def read_sections(path: Path, delimiter: str = "auto", decimal: str = ".") -> di
     check_last_line(path, rows[starts[-1] + 5 :] or rows[-1:])
     for start, end in zip(starts, [*starts[1:], len(rows)], strict=True):
         (line, (title, *_)), (_, rates), (_, names), (_, components) = rows[start : start + 4]
-        samples, width = rows[start + 5 : end], len(unpadded(components, 0))
-        if not is_number_cell(rate := rates[0].replace(",", ".")):
+        samples, width = rows[start + 5 : end], len(csv_table.unpadded(components, 0))
+        if not csv_table.is_number_cell(rate := rates[0].replace(",", ".")):
             raise InputError(f"line {line + 1}: '{rate[:40]}' is not a rate; export the trial again")
         if not samples or not (hertz := float(rate)) > 0:
             raise InputError(f"section {title[:40]} at {float(rate):g} Hz has no samples; export without it")
@@ -151,12 +139,14 @@ class TrcFile:
 
 
 def is_trc(begin: bytes) -> bool:
-    return is_text(begin) and decoded_text(begin[:200]).lstrip().casefold().startswith("pathfiletype")
+    return csv_table.is_text(begin) and csv_table.decoded_text(begin[:200]).lstrip().casefold().startswith(
+        "pathfiletype"
+    )
 
 
 def read_trc(path: Path) -> TrcFile:
     """The markers of a file; InputError if its header is not that of TRC, or contradicts the rows."""
-    lines, export = read_lines(path), "export it again, or correct the header"
+    lines, export = csv_table.read_lines(path), "export it again, or correct the header"
     if not lines or not lines[0][1].lstrip().casefold().startswith("pathfiletype"):
         raise InputError("no TRC file: its first line does not begin with PathFileType; check the source's format")
     if len(lines) < 6:
@@ -182,11 +172,11 @@ def read_trc(path: Path) -> TrcFile:
         column_of(rows, k, unseen if k > 1 else (), name, "export it again") for k, name in enumerate(names)
     ]
     for line, padded in rows:
-        count = len(unpadded(padded, 0))
+        count = len(csv_table.unpadded(padded, 0))
         if count > len(names) or (count - 2) % 3:
             raise InputError(f"line {line} has {count - 2} coordinates, its header names {markers} markers; {export}")
     text = said.get("datarate", "")
-    rate = float(text) if is_number_cell(text) else 0.0
+    rate = float(text) if csv_table.is_number_cell(text) else 0.0
     if rate <= 0:
         raise InputError(f"line {place}: DataRate is {text[:40]!r} and no rate in Hz; {export}")
     count_up = np.arange(frames)
@@ -212,12 +202,17 @@ def read_trc(path: Path) -> TrcFile:
 
 
 def is_opensim(begin: bytes) -> bool:
-    return is_text(begin) and re.search(r"(?im)^[ \t]*endheader[ \t\r]*$", decoded_text(begin)) is not None
+    return (
+        csv_table.is_text(begin)
+        and re.search(r"(?im)^[ \t]*endheader[ \t\r]*$", csv_table.decoded_text(begin)) is not None
+    )
 
 
-def read_opensim(path: Path, layout: CsvLayout, is_unit: IsUnit, most_rows: int | None = None) -> CsvTable:
+def read_opensim(
+    path: Path, layout: csv_table.CsvLayout, is_unit: csv_table.IsUnit, most_rows: int | None = None
+) -> csv_table.CsvTable:
     """A table, with its header as comments; InputError if the header has no end, or contradicts the rows."""
-    data, ends = read_text(path)
+    data, ends = csv_table.read_text(path)
     end = re.search(rb"(?im)^[ \t]*endheader[ \t]*\n", data)
     if end is None:
         raise InputError("no line `endheader`: no table of OpenSim; check the source's format")
@@ -225,7 +220,7 @@ def read_opensim(path: Path, layout: CsvLayout, is_unit: IsUnit, most_rows: int 
     by_tabs = re.match(rb"\s*\S[^\n]*\t[ \t]*\S", below) is not None
     layout = replace(layout, delimiter="tab" if by_tabs else "space", decimal=".")
     blank = b"\n" * data.count(b"\n", 0, end.end())  # the lines keep their numbers
-    table = table_of_text(blank + below, ends, layout, is_unit, most_rows)
+    table = csv_table.table_of_text(blank + below, ends, layout, is_unit, most_rows)
     header = opensim_header(said := [text.strip() for text in above if text.strip()])
     is_part = most_rows is not None and len(table.lines) >= most_rows
     counts = {"rows": len(table.lines), "columns": len(table.names)}

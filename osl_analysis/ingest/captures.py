@@ -19,17 +19,7 @@ from osl_analysis.errors import InputError, listing, naming, nearest, printable
 from osl_analysis.formats.c3d import C3DHeader, C3DRecording, read_c3d
 from osl_analysis.formats.gait_text import NexusSection, read_sections, read_trc, without_subject
 from osl_analysis.formats.table import Ledger, Table
-from osl_analysis.ingest.source import (
-    C3dSource,
-    LaboratorySource,
-    MarkerSource,
-    NexusSource,
-    OpenSimPlate,
-    OpenSimSource,
-    Recording,
-    TrcSource,
-    check_values,
-)
+from osl_analysis.ingest import source as sources
 from osl_analysis.ingest.units import si_factor
 from osl_analysis.signals import run_at_extreme, runs
 from osl_analysis.trial import AXES, Array, marker_columns, own_axes, plate_columns, unit_of
@@ -76,7 +66,7 @@ def plate_record(
 
 
 def captured(
-    source: MarkerSource,
+    source: sources.MarkerSource,
     timing: tuple[int, float, int, int],
     markers: Sequence[tuple[str, str, Array, str]] = (),
     outputs: Mapping[str, Array] | None = None,
@@ -85,7 +75,7 @@ def captured(
     facts: Mapping[str, Any] | None = None,
     warnings: Sequence[str] = (),
     damage: Ledger | None = None,
-) -> Recording:
+) -> sources.Recording:
     """The columns that the source file asks for, in SI units and our axes: a row per analog sample, null where a frame
     has none; a marker that was not seen is NaN. timing: number of frames (frame 0 and analog sample 0 are at 0 s),
     frame rate [Hz], samples per frame, and the laboratory's number of the first frame. markers: label, name in the
@@ -101,7 +91,7 @@ def captured(
             slow[column] = factor * positions @ source.rotation[axis]
             origin = {"label": label, "component": source.axes[axis], "unit": unit}
             origins[column] = {**origin, "factor": factor, "si_unit": unit_of(column)}
-    named = source if isinstance(source, LaboratorySource) else LaboratorySource(format=source.format)
+    named = source if isinstance(source, sources.LaboratorySource) else sources.LaboratorySource(format=source.format)
     for column, values in (outputs or {}).items():  # in the unit of the source file, never in that of the file
         slow[column] = named.outputs[column].to_si(values, unit_of(column))
         origins[column] = named.outputs[column].origin(column)
@@ -121,7 +111,7 @@ def captured(
     ratio = samples_per_frame if fast else 1
     time = np.arange(frames * ratio) / (rate * ratio)
     for column, values in fast.items():
-        check_values(column, values, time)
+        sources.check_values(column, values, time)
     said: dict[str, Any] = {"frame_rate_hz": rate, "samples_per_frame": samples_per_frame, "first_frame": first_frame}
     said |= {"axes": source.axes, "plates": [fact for _, _, fact in plates], **(facts or {})}
     hidden = f"none of the {len(markers)} markers was seen in any of the {frames} frames"
@@ -129,7 +119,7 @@ def captured(
     rows, index = pl.DataFrame({"time": time, **fast}), pl.Series("index", np.arange(time.size))
     of_frames = pl.DataFrame([index.gather_every(ratio), *(pl.Series(name, values) for name, values in slow.items())])
     samples = rows.with_columns(index).join(of_frames, on="index", how="left", maintain_order="left").drop("index")
-    return Recording(samples, origins, said, [*warnings, *[hidden] * (not seen)], damage or Ledger())
+    return sources.Recording(samples, origins, said, [*warnings, *[hidden] * (not seen)], damage or Ledger())
 
 
 def is_labelled(name: str) -> bool:
@@ -137,7 +127,7 @@ def is_labelled(name: str) -> bool:
     return bool(name) and not name.startswith("*")
 
 
-def checked_length(unit: str, what: str, source: C3dSource | TrcSource) -> str:
+def checked_length(unit: str, what: str, source: sources.C3dSource | sources.TrcSource) -> str:
     """The source file's unit of length, or else the recording's."""
     unit = source.point_unit or unit
     with naming(what, f", as {source.place('point_unit')}"):
@@ -158,7 +148,7 @@ def place_of_label(label: str, labels: Sequence[str], what: str) -> int:
     return labels.index(label)
 
 
-def read_c3d_capture(path: Path, source: C3dSource) -> Recording:
+def read_c3d_capture(path: Path, source: sources.C3dSource) -> sources.Recording:
     """The columns that the source file asks for, in SI units; frame 0 and analog sample 0 are at 0 s."""
     recording = read_c3d(path)
     count = plate_count(recording.header)
@@ -241,7 +231,7 @@ def plate_count(header: C3DHeader) -> int:
     return int(used[0]) if used.size else 0
 
 
-def plate_loads(recording: C3DRecording, source: C3dSource) -> list[PlateRecord]:
+def plate_loads(recording: C3DRecording, source: sources.C3dSource) -> list[PlateRecord]:
     """What the plates that the source file asks for recorded."""
     count, loads = plate_count(recording.header), []
     for number in range(1, count + 1) if source.plates == "all" else source.plates:
@@ -257,7 +247,7 @@ def plate_loads(recording: C3DRecording, source: C3dSource) -> list[PlateRecord]
     return loads
 
 
-def plate_load(recording: C3DRecording, source: C3dSource, number: int) -> PlateRecord:
+def plate_load(recording: C3DRecording, source: sources.C3dSource, number: int) -> PlateRecord:
     """What one plate recorded, and from which channels. A matrix of type 4 has N times the file's unit of length."""
     header, labels = recording.header, recording.analog_labels
     length = checked_length(recording.point_unit(), "unit of length", source)
@@ -297,7 +287,9 @@ def plate_load(recording: C3DRecording, source: C3dSource, number: int) -> Plate
     return plate_record(plate, on_foot, provenance, raw, source.rotation)
 
 
-def channels_in_si(recording: C3DRecording, source: C3dSource, number: int, kind: int, numbers: list[int]) -> Array:
+def channels_in_si(
+    recording: C3DRecording, source: sources.C3dSource, number: int, kind: int, numbers: list[int]
+) -> Array:
     """The samples (samples, channels) of a plate's channels, counted from 0, in SI units; for type 4 as they are."""
     values = recording.analogs[:, numbers]
     if not np.isfinite(values).all():
@@ -331,7 +323,7 @@ def channels_in_si(recording: C3DRecording, source: C3dSource, number: int, kind
     return np.asarray(values * np.array(factors))
 
 
-def baseline_frames(recording: C3DRecording, source: C3dSource) -> tuple[int, int] | None:
+def baseline_frames(recording: C3DRecording, source: sources.C3dSource) -> tuple[int, int] | None:
     """First and last frame, counted from 1, in which the plates are assumed to be unloaded; None without a baseline."""
     if source.plate_zero == "none":
         return None
@@ -359,7 +351,7 @@ def plate_parameter(recording: C3DRecording, name: str, number: int, shape: tupl
     return np.asarray(whole[..., number - 1])
 
 
-def read_nexus_capture(path: Path, source: NexusSource) -> Recording:
+def read_nexus_capture(path: Path, source: sources.NexusSource) -> sources.Recording:
     """The columns that the source file asks for, in SI units; the first frame is at 0 s."""
     sections = read_sections(path, source.delimiter, source.decimal)
     labels = source.markers
@@ -422,7 +414,7 @@ def section_of(sections: Mapping[str, NexusSection], title: str) -> NexusSection
     return sections[title]
 
 
-def read_trc_capture(path: Path, source: TrcSource) -> Recording:
+def read_trc_capture(path: Path, source: sources.TrcSource) -> sources.Recording:
     """The markers that the source file asks for [m]; the first frame is at 0 s."""
     file = read_trc(path)
     unit = checked_length(file.unit, "Units", source)
@@ -447,7 +439,7 @@ def vertical_axis(positions: Array) -> str:
     return "xyz"[candidates[0]] if candidates.size and moved.max() > moved[candidates[0]] else ""
 
 
-def exported_plates(table: Table, recording: Recording, source: OpenSimSource) -> Recording:
+def exported_plates(table: Table, recording: sources.Recording, source: sources.OpenSimSource) -> sources.Recording:
     """A recording of a table of OpenSim with the plates that the source file names. OpenSim's files of ground reactions
     have, per plate, the force on the foot, the point at which it acts, and the moment about this point."""
     time = recording.samples["time"].to_numpy()
@@ -462,7 +454,7 @@ def exported_plates(table: Table, recording: Recording, source: OpenSimSource) -
         names = exported_columns(plate)
         values = np.column_stack([table.columns[name] for name in names])
         for name, one in zip(names, values.T, strict=True):
-            check_values(f"column '{name}'", one, time)
+            sources.check_values(f"column '{name}'", one, time)
         force, point, moment = plate.sign * values[:, :3], values[:, 3:6], plate.sign * values[:, 6:]
         about = moment + np.cross(point - np.mean(plate.corners, axis=0), force)
         origin, own = plate.model_dump(include={"force", "point", "moment", "sign"}), [0, 1, 2, 6, 7, 8]
@@ -475,6 +467,6 @@ def exported_plates(table: Table, recording: Recording, source: OpenSimSource) -
     return replace(recording, samples=samples, columns=columns, facts={**recording.facts, "plates": facts})
 
 
-def exported_columns(plate: OpenSimPlate) -> list[str]:
+def exported_columns(plate: sources.OpenSimPlate) -> list[str]:
     """Names of the columns of a plate in a table of OpenSim: force, point of application and moment."""
     return [f"{begin}{axis}" for begin in (plate.force, plate.point, plate.moment) for axis in AXES]

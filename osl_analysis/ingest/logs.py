@@ -26,23 +26,8 @@ from osl_analysis.formats.messages import Decoded, MessageFile, RefusedFileError
 from osl_analysis.formats.rosbag import read_rosbag1, read_rosbag2, siblings
 from osl_analysis.formats.table import Ledger, Table
 from osl_analysis.formats.tdms import TdmsChannel, read_tdms
+from osl_analysis.ingest import source as sources
 from osl_analysis.ingest.captures import exported_columns, exported_plates
-from osl_analysis.ingest.source import (
-    LEVEL_UNIT,
-    JsonSource,
-    LogChannel,
-    LogSource,
-    MatSource,
-    MessageChannel,
-    MessageSource,
-    OpenSimSource,
-    Recording,
-    RowTime,
-    SheetSource,
-    TableSource,
-    TdmsSource,
-    check_values,
-)
 from osl_analysis.ingest.units import is_unit, name_and_ending, normalised, si_factor
 from osl_analysis.signals import runs
 from osl_analysis.trial import Array, check_time, counter_column, median, unit_of
@@ -53,7 +38,7 @@ TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}  # [s], of clocks
 MOST_TRIED = 1000  # rows of a column by which it is told whether it may be a clock
 
 
-def read_table_log(path: Path, source: TableSource) -> Recording:
+def read_table_log(path: Path, source: sources.TableSource) -> sources.Recording:
     """The columns that the source file maps, in SI units; time [s] counts from the first row. Raises InputError."""
     table = TABLES[source.format](path, source)
     table.damage.read[0] = table.rows
@@ -64,7 +49,7 @@ def read_table_log(path: Path, source: TableSource) -> Recording:
     first_by: dict[int, str] = {}
     for column, channel in source.channels.items():  # one column under two names, as its own and by its number
         other = first_by.setdefault(id(table.columns[channel.name]), column)
-        if other != column and LEVEL_UNIT not in (unit_of(other), unit_of(column)):
+        if other != column and sources.LEVEL_UNIT not in (unit_of(other), unit_of(column)):
             where = source.place("channels", column, channel.ADDRESS)
             raise InputError(f"{channel.title} is {other} and {column} in the source file; correct {where}")
     table = with_own_rows(table, [one.name for one in source.channels.values()])
@@ -98,16 +83,16 @@ def read_table_log(path: Path, source: TableSource) -> Recording:
         **({"clocks_apart": apart} if apart else {}),
         **table.facts,
     }
-    recording = Recording(samples.filter(pl.Series(kept)), origins, facts, said, table.damage)
-    if isinstance(source, OpenSimSource) and source.plates:
+    recording = sources.Recording(samples.filter(pl.Series(kept)), origins, facts, said, table.damage)
+    if isinstance(source, sources.OpenSimSource) and source.plates:
         return exported_plates(table, recording, source)
     return recording
 
 
-def wanted(source: TableSource) -> list[str]:
+def wanted(source: sources.TableSource) -> list[str]:
     """The addresses of all columns that a source file names, each once: time, signals, counters."""
     named = [name for one in source.channels.values() for name in (one.name, one.counter)]
-    plates = source.plates.values() if isinstance(source, OpenSimSource) else ()
+    plates = source.plates.values() if isinstance(source, sources.OpenSimSource) else ()
     named += [name for plate in plates for name in exported_columns(plate)]
     return [*dict.fromkeys(name for name in [source.time.name, *named] if name)]
 
@@ -123,7 +108,7 @@ def with_own_rows(table: Table, names: Sequence[str]) -> Table:
 
 
 def canonical_columns(
-    table: Table, channels: Mapping[str, LogChannel], time: Array, source: LogSource
+    table: Table, channels: Mapping[str, sources.LogChannel], time: Array, source: sources.LogSource
 ) -> tuple[list[pl.Series], list[str]]:
     """The channels of a table with times (rows,) [s] as canonical columns, each with its counter if it has one, and a
     sentence for each that lacks values. Refused is a counter that is missing or not whole."""
@@ -153,12 +138,12 @@ def canonical_columns(
     return columns, list(absent)
 
 
-def canonical_column(column: str, table: Table, time: Array, source: LogSource) -> pl.Series:
+def canonical_column(column: str, table: Table, time: Array, source: sources.LogSource) -> pl.Series:
     """A channel of a table in SI units: NaN where a reading failed, null where it has no value. Refused are truth
     values that are no level, infinity, and more failed readings than `most_missing`."""
     channel, what = source.channels[column], source.channels[column].title
     raw, lacking = table.columns[channel.name], np.ma.getmaskarray(table.columns[channel.name])
-    if raw.dtype == bool and unit_of(column) != LEVEL_UNIT:
+    if raw.dtype == bool and unit_of(column) != sources.LEVEL_UNIT:
         row = int(np.argmin(lacking))
         raise InputError(
             f"{what} is {str(bool(np.ma.getdata(raw)[row])).lower()} in {table.place(row)}, a truth value and no "
@@ -167,7 +152,7 @@ def canonical_column(column: str, table: Table, time: Array, source: LogSource) 
     with np.errstate(invalid="ignore"):  # a signalling NaN is one, too
         values = np.where(lacking, 0.0, np.ma.getdata(raw).astype(np.float64))
     missing = np.isnan(values)
-    check_values(what, np.where(missing, 0.0, values), time)
+    sources.check_values(what, np.where(missing, 0.0, values), time)
     if (count := int(missing.sum())) > source.most_missing * values.size:
         row = int(np.argmax(missing))
         first = f"at {time[row]:.3f} s" if table.lines is None else f"in {table.place(row)}"
@@ -184,7 +169,7 @@ def canonical_column(column: str, table: Table, time: Array, source: LogSource) 
     return series.set(pl.Series(lacking), None) if lacking.any() else series
 
 
-def time_of(table: Table, source: TableSource) -> tuple[Array, float]:
+def time_of(table: Table, source: sources.TableSource) -> tuple[Array, float]:
     """Time [s] of every row since the first one, and the reading of the clock in the first row."""
     stated = source.time
     if not stated.name:
@@ -253,12 +238,12 @@ def read_any_table(
     return of_text.get(name, read_binary_table)(path, layout, is_unit, most_rows)
 
 
-def csv_log(path: Path, source: SheetSource) -> Table:
+def csv_log(path: Path, source: sources.SheetSource) -> Table:
     chosen = {one.name for one in fields(csv_table.CsvLayout)} & {*type(source).model_fields}
     layout = csv_table.CsvLayout(**{name: getattr(source, name) for name in chosen})
     text = read_any_table(source.format, path, layout)
     places = {name: csv_table.place_of(name, text.names) for name in wanted(source)}
-    levels = {places[one.name] for column, one in source.channels.items() if unit_of(column) == LEVEL_UNIT}
+    levels = {places[one.name] for column, one in source.channels.items() if unit_of(column) == sources.LEVEL_UNIT}
     clock = places.get(source.time.name)
     stamps = None if clock is None else csv_table.cell_stamps(text.body.to_series(clock))
     values = {place: cells_of(text, place, source, place in levels) for place in {*places.values()} - {clock}}
@@ -284,7 +269,7 @@ def csv_log(path: Path, source: SheetSource) -> Table:
 
 
 def clock_columns(
-    text: csv_table.CsvTable, source: SheetSource, asked: Collection[int]
+    text: csv_table.CsvTable, source: sources.SheetSource, asked: Collection[int]
 ) -> Iterator[tuple[str, str, NDArray[Any]]]:
     """The columns of a table that may tell its time, with their units, but for signals that are asked for."""
     for place, (name, unit) in enumerate(zip(text.names, text.units, strict=True)):
@@ -301,7 +286,7 @@ def clock_columns(
                     check_count(name, csv_table.cell_numbers(cells, source.missing, text.decimal), source.time)
 
 
-def check_count(name: str, values: Array, time: RowTime) -> None:
+def check_count(name: str, values: Array, time: sources.RowTime) -> None:
     """Refuse a stated rate of rows beside a column (n,) that counts them and tells that some are missing."""
     steps = np.diff(unwrapped(values, name)[0])
     if (steps > 0).all() and (absent := int(steps.sum()) - steps.size):
@@ -408,7 +393,9 @@ def began(clock: Array, span: float) -> float:
     return float(clock[0] * units[np.argmin(np.abs(np.log(units * np.ptp(clock) / span)))])
 
 
-def check_begin(table: Table, time: RowTime, name: str, begin: float, own: Array, known: NDArray[np.bool_]) -> None:
+def check_begin(
+    table: Table, time: sources.RowTime, name: str, begin: float, own: Array, known: NDArray[np.bool_]
+) -> None:
     """Tell a clock that begins [s] at another time than that of the table, `own` (n,) [s] where it is `known` (rows,);
     refused if both have one name, as in tables side by side, where it is the time of the columns beside it."""
     if not time.name:
@@ -422,7 +409,7 @@ def check_begin(table: Table, time: RowTime, name: str, begin: float, own: Array
         table.damage.remarks.append(f"{other}: what it stamps, if anything, is early by that")
 
 
-def check_other_clocks(table: Table, source: TableSource, time: Array) -> dict[str, float]:
+def check_other_clocks(table: Table, source: sources.TableSource, time: Array) -> dict[str, float]:
     """Other clocks of a table that go on at another rate than its time [s], by half a percent or more in whatever unit,
     with the RMS [s] by which they come apart. Refused is a stated rate that one contradicts by 5 %, or that differs
     from the rate that the file states; and another clock of the same name that begins at another time, which is that of
@@ -465,7 +452,7 @@ def check_other_clocks(table: Table, source: TableSource, time: Array) -> dict[s
 
 
 def cells_of(
-    text: csv_table.CsvTable, place: int, source: SheetSource, level: bool, is_time: bool = False
+    text: csv_table.CsvTable, place: int, source: sources.SheetSource, level: bool, is_time: bool = False
 ) -> NDArray[Any]:
     """Numbers of one column, (rows,), NaN where they are missing. In a `level` the words `True` and `False`, in any
     capitals, are 1 and 0, as Python's loggers write them."""
@@ -505,7 +492,7 @@ def remedy_for(text: str, name: str, decimal: str, is_time: bool) -> str:
     return f"correct the cell, or add {json.dumps(text[:40], ensure_ascii=False)} to `missing` in the source file"
 
 
-def json_log(path: Path, source: JsonSource) -> Table:
+def json_log(path: Path, source: sources.JsonSource) -> Table:
     """A line that lacks a field has no sample of it. `null` is no value, `NaN` a reading that failed."""
     lines, field = read_json_lines(path), source.time.field
     names, (found, _) = wanted(source), addresses_of(lines)
@@ -570,7 +557,7 @@ def whole_stamps(table: Table, parts: Sequence[str], remedy: str) -> NDArray[Any
     return np.ma.asarray(whole[0] * SECOND + whole[1])
 
 
-def mat_log(path: Path, source: MatSource) -> Table:
+def mat_log(path: Path, source: sources.MatSource) -> Table:
     file, every = open_mat(path), list[tuple[str, Array]]()
     with suppress(InputError):  # what nobody asks for may be too large, or of another kind
         every = [*vectors_in(file.read(file.names))]
@@ -606,7 +593,7 @@ def mat_log(path: Path, source: MatSource) -> Table:
 
 
 def on_instants_of_all(
-    signals: Mapping[str, tuple[str, Array, str]], source: MatSource, every: Sequence[tuple[str, Array]]
+    signals: Mapping[str, tuple[str, Array, str]], source: sources.MatSource, every: Sequence[tuple[str, Array]]
 ) -> dict[str, Array]:
     """The numbers of two devices or more, each with the one vector of time of its own length beside it, on the instants
     of all, (instants,): masked where a device has none. Time is these instants, in its own unit. The vectors are taken
@@ -660,7 +647,7 @@ def vectors_in(values: Mapping[str, Value], place: str = "") -> Iterator[tuple[s
             yield from vectors_in(element, address)
 
 
-def tdms_log(path: Path, source: TdmsSource) -> Table:
+def tdms_log(path: Path, source: sources.TdmsSource) -> Table:
     """Channels by a channel of time, the rate, or their own timing: where it differs, each has rows of its own."""
     file = read_tdms(path)
     channels = {name: file.channel(name) for name in wanted(source)}
@@ -715,7 +702,7 @@ def check_alike(channels: Mapping[str, TdmsChannel], values: Mapping[str, NDArra
             )
 
 
-def opensim_log(path: Path, source: OpenSimSource) -> Table:
+def opensim_log(path: Path, source: sources.OpenSimSource) -> Table:
     table = csv_log(path, source)
     header = opensim_header(table.facts["comments"])
     angles = {"rad": {"yes": "deg", "no": "rad"}, "rad/s": {"yes": "deg/s", "no": "rad/s"}}
@@ -741,14 +728,14 @@ TABLES: Mapping[str, Callable[[Path, Any], Table]] = {
 OPENERS = {"mcap": read_mcap, "rosbag1": read_rosbag1, "rosbag2": read_rosbag2}
 
 
-def read_message_log(path: Path, source: MessageSource) -> Recording:
+def read_message_log(path: Path, source: sources.MessageSource) -> sources.Recording:
     """The columns that the source file maps, in SI units; time [s] counts from the first stamp. Topics with different
     stamps have rows of their own, null in the columns of the others. The losses of the file are in the facts under
     `damage`. Refused is what cannot be decoded, a loss above `largest_loss`, and stamps that contradict each other."""
     file = OPENERS[source.format](path)
     if source.format == "mcap" and (remark := siblings(path)[-1]):
         file.damage.remarks.append(remark)
-    by_topic: dict[str, dict[str, MessageChannel]] = defaultdict(dict)
+    by_topic: dict[str, dict[str, sources.MessageChannel]] = defaultdict(dict)
     for column, channel in source.channels.items():
         by_topic[channel.topic][column] = channel
     decoded = decode_wanted(file, by_topic, source)
@@ -780,11 +767,11 @@ def read_message_log(path: Path, source: MessageSource) -> Recording:
         }
         remarks += [f"topic '{topic}': {count} messages {what}" for what, count in counts.items() if count]
     remarks += [*absent, *(f"{column} is NaN in {n} of {len(joined)} rows" for column, n in missing.items() if n)]
-    return Recording(pl.DataFrame([time, *joined]), columns, facts, remarks, file.damage, topics)
+    return sources.Recording(pl.DataFrame([time, *joined]), columns, facts, remarks, file.damage, topics)
 
 
 def decode_wanted(
-    file: MessageFile, by_topic: Mapping[str, Mapping[str, MessageChannel]], source: MessageSource
+    file: MessageFile, by_topic: Mapping[str, Mapping[str, sources.MessageChannel]], source: sources.MessageSource
 ) -> dict[str, Decoded]:
     """The fields of each topic and of its stamp; refused is a file that has lost a larger share of a topic than
     `largest_loss`, also where this is why it cannot be decoded."""
@@ -820,7 +807,7 @@ def decode_wanted(
 
 
 def read_topic(
-    channels: Mapping[str, MessageChannel], decoded: Decoded, source: MessageSource, damage: Ledger
+    channels: Mapping[str, sources.MessageChannel], decoded: Decoded, source: sources.MessageSource, damage: Ledger
 ) -> tuple[pl.DataFrame, dict[str, int], list[str]]:
     """Stamps [ns] and columns of one topic in the order of the stamps, counts of the sorting (`sorted_by_stamp`), and a
     sentence for each field that messages lack."""

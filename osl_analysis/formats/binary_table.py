@@ -326,9 +326,8 @@ def table_of_frame(
 ) -> csv_table.CsvTable:
     """The columns of numbers, times and text of a frame."""
     if frame.width > csv_table.MOST_COLUMNS:
-        raise InputError(
-            f"has {frame.width} columns, at most {csv_table.MOST_COLUMNS} are read; write a row per sample"
-        )
+        said = f"has {frame.width} columns, at most {csv_table.MOST_COLUMNS} are read"
+        raise InputError(f"{said}; write a row per sample")
     texts = frame.select(pl.col(pl.Categorical, pl.Enum).cast(pl.String), pl.col(pl.Decimal).cast(pl.Float64))
     frame = frame.with_columns(texts)
     known = [

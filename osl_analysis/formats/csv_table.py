@@ -64,10 +64,8 @@ def read_text(path: Path) -> tuple[bytes, bool]:
     data = data[: len(data.rstrip(b"\x1a"))]
     if (zero := data.find(b"\0")) >= 0:
         line = data.count(b"\n", 0, zero) + 1
-        raise InputError(
-            f"line {line} holds zero bytes, as a loss of power leaves them; delete the file from there on, or "
-            "name a text file"
-        )
+        said = f"line {line} holds zero bytes, as a loss of power leaves them"
+        raise InputError(f"{said}; delete the file from there on, or name a text file")
     return data, data.rstrip(b" \t").endswith(b"\n")
 
 
@@ -497,9 +495,8 @@ def head_of(
         units = []
     names, line = named_by(heads, above, comments, width, delimiter), heads[-1][0] if heads else 0
     if not names and layout.header == "row":
-        raise InputError(
-            f"line {rows[0][0]} holds numbers, not the columns' names; write `header: none` and the columns' numbers"
-        )
+        said = f"line {rows[0][0]} holds numbers, not the columns' names"
+        raise InputError(f"{said}; write `header: none` and the columns' numbers")
     labelled = iter(next((cells[1:] for _, cells in every if cells[0] == "Y_Unit_Label"), []))  # LabVIEW's, but of time
     units = units or ["" if is_clock(name) else next(labelled, "") for name in names]
     stated = [name_and_unit(name)[1] for name in names] or [""] * width

@@ -36,10 +36,8 @@ def check_last_line(path: Path, rows: csv_table.Rows) -> None:
     if (
         any(last) and not csv_table.ends_whole(path) and not csv_table.is_last_whole(last)
     ):  # where all are empty, a tab ends every line
-        raise InputError(
-            f"line {rows[-1][0]}, the last one, has no line break and may be cut off within its last number; export "
-            "it again, or end the line where it is whole"
-        )
+        said = f"line {rows[-1][0]}, the last one, has no line break and may be cut off within its last number"
+        raise InputError(f"{said}; export it again, or end the line where it is whole")
 
 
 @dataclass(frozen=True)
@@ -77,10 +75,8 @@ class NexusSection:
         frame, sub = (self.values(place) for place in (0, 1))
         per_frame = float(np.nanmax(sub, initial=0.0)) + 1
         for place in np.flatnonzero((frame - frame[0]) * per_frame + sub != np.arange(frame.size)).tolist():
-            raise InputError(
-                f"line {self.rows[place][0]}: frame {frame[place]:g}, sub frame {sub[place]:g} does not follow the "
-                "line before; export the trial again with all its frames"
-            )
+            said = f"line {self.rows[place][0]}: frame {frame[place]:g}, sub frame {sub[place]:g} does not"
+            raise InputError(f"{said} follow the line before; export the trial again with all its frames")
         return int(frame[0]), int(per_frame)
 
 
@@ -181,19 +177,16 @@ def read_trc(path: Path) -> TrcFile:
         raise InputError(f"line {place}: DataRate is {text[:40]!r} and no rate in Hz; {export}")
     count_up = np.arange(frames)
     for row in np.flatnonzero((frame != frame[0] + count_up) | (frame[0] != np.rint(frame[0]))).tolist():
-        raise InputError(
-            f"line {rows[row][0]}: frame {frame[row]:g} does not follow the line before; export all frames"
-        )
+        what = f"line {rows[row][0]}: frame {frame[row]:g} does not follow the line before"
+        raise InputError(f"{what}; export all frames")
     printed = [row[1].partition(".")[2] for _, row in rows]  # OpenSim prints more decimals than its times have
     has, fine = (max(map(len, cells)) for cells in (printed, [cell.rstrip("0") for cell in printed]))
     decimals = min(has, max(fine, math.ceil(math.log10(rate))))  # with fewer, no frame is told from the next
     rounding = 0.6 * 10.0**-decimals  # half of the last decimal, and a little for sums in single precision
     wrong = np.abs(time - time[0] - count_up / rate) > 2 * rounding + (1e-3 + 1e-4 * count_up) / rate
     for row in np.flatnonzero(wrong).tolist():
-        raise InputError(
-            f"line {rows[row][0]}: time {time[row]:g} s does not fit DataRate {rate:g} Hz from {time[0]:g} s on; "
-            "correct DataRate or the times"
-        )
+        what = f"line {rows[row][0]}: time {time[row]:g} s does not fit DataRate {rate:g} Hz from {time[0]:g} s on"
+        raise InputError(f"{what}; correct DataRate or the times")
     positions = np.column_stack(columns).reshape(frames, markers, 3)
     positions[(positions == 0).all(axis=2)] = np.nan
     empty = f"{len(labels) - markers} names after the {markers} markers have no positions, such as {labels[-1][:40]}"
@@ -228,10 +221,8 @@ def read_opensim(
         stated = next((header[key] for key in (f"n{what}", f"data{what}") if key in header), "")  # or of older versions
         if stated and stated != str(found) and not (is_part and what == "rows"):
             cut = ": the end is missing, or some are damaged" if stated.isdigit() and int(stated) > found else ""
-            raise InputError(
-                f"its header states {stated[:20]} {what}, the file holds {found} whole ones{cut}; export it again, or "
-                "correct the header"
-            )
+            told = f"its header states {stated[:20]} {what}, the file holds {found} whole ones{cut}"
+            raise InputError(f"{told}; export it again, or correct the header")
         table.damage.end_unknown |= what == "rows" and not stated
     return replace(table, comments=[*said, *table.comments])
 

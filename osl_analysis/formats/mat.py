@@ -412,10 +412,8 @@ def steps_in(text: str, inside: bool = False) -> tuple[str, ...]:
     steps = tuple(step.removeprefix(".") for step in STEP.findall(plain))
     is_whole = steps and reduce(address_with, steps, "") == plain
     if not is_whole or not (inside or steps[0][0] not in "({"):
-        raise InputError(
-            f"'{text}' is no address in a MATLAB file; write it as in MATLAB, such as `Test.run(2).torque`, "
-            "`Test.data(:,3)` or `runs{2}.torque`"
-        )
+        said = f"'{text}' is no address in a MATLAB file; write it as in MATLAB"
+        raise InputError(f"{said}, such as `Test.run(2).torque`, `Test.data(:,3)` or `runs{{2}}.torque`")
     return steps
 
 

@@ -316,9 +316,8 @@ def read_mcap(path: Path) -> McapFile:
     """Scan a file. InputError if it is empty or no MCAP file."""
     data = path.read_bytes()
     if data[:8] != MAGIC and (len(data) < 64 or data[-8:] != MAGIC):
-        raise InputError(
-            f"{path}: not an MCAP file (it begins with {quoted(data[:8])}); check the path and the source's format"
-        )
+        said = f"{path}: not an MCAP file (it begins with {quoted(data[:8])})"
+        raise InputError(f"{said}; check the path and the source's format")
     opened = McapFile(path, len(data), "MCAP", data=data)
     opened.blocks = opened.intact_blocks()
     opened.damage.remarks += ["the magic at the beginning is damaged"] * (data[:8] != MAGIC)
@@ -329,10 +328,8 @@ def read_mcap(path: Path) -> McapFile:
 
 def two_logs(place: int) -> RefusedFileError:
     """The number of a channel means one topic in the first log and may mean another in the second."""
-    return RefusedFileError(
-        f"holds two logs, the second from byte {place} on: split them into two files there (`head -c`, `tail -c`) and "
-        "give each a trial of its own"
-    )
+    said = f"holds two logs, the second from byte {place} on: split them into two files there (`head -c`"
+    return RefusedFileError(f"{said}, `tail -c`) and give each a trial of its own")
 
 
 def message_heads(buffer: bytes, places: Indices) -> NDArray[np.void]:

@@ -191,10 +191,8 @@ class ChannelLog:
 
     def wrong_field(self, what: str) -> WrongFieldError:
         """The error for a field that is no number in any message; it names those that are."""
-        return WrongFieldError(
-            f"topic '{self.channel.topic}': {what} (it has {self.names_of_fields()}); name a number, or one element "
-            "of an array, as `field` in the source file"
-        )
+        said = f"topic '{self.channel.topic}': {what} (it has {self.names_of_fields()})"
+        return WrongFieldError(f"{said}; name a number, or one element of an array, as `field` in the source file")
 
     def names_of_fields(self) -> str:
         """The fields of the first message."""
@@ -266,10 +264,8 @@ def decode_topics(
     for topic, paths in wanted.items():
         own = [(one, columns) for one, columns in logs if one.channel.topic == topic]
         if topic not in topics:
-            raise InputError(
-                f"no topic '{topic}' (the file has {listing(topics)}); correct `topic` in the source file, or exclude "
-                "the trial if its log is not the right one"
-            )
+            said = f"no topic '{topic}' (the file has {listing(topics)}); correct `topic` in the source file"
+            raise InputError(f"{said}, or exclude the trial if its log is not the right one")
         if not own:
             raise InputError(f"topic '{topic}' has no messages; check that its sensor was running")
         used = [(one, columns) for one, columns in own if columns.rows.size]
@@ -279,10 +275,8 @@ def decode_topics(
         for path in paths:
             values[path] = message_fields.joined_masked([columns.values[path] for _, columns in used])
             if path not in optional and np.ma.getmaskarray(values[path]).all():
-                raise InputError(
-                    f"topic '{topic}' has no field '{path}' (it has {own[0][0].names_of_fields()}); correct `field` in "
-                    "the source file, or exclude the trial if its log is not the right one"
-                )
+                said = f"topic '{topic}' has no field '{path}' (it has {own[0][0].names_of_fields()}); correct `field`"
+                raise InputError(f"{said} in the source file, or exclude the trial if its log is not the right one")
         log_time = np.concatenate([one.log_time[columns.rows] for one, columns in used])
         channel = [np.full(columns.rows.size, one.channel.id, np.uint16) for one, columns in used]
         how = [one.decoding(columns) for one, columns in own]

@@ -58,10 +58,8 @@ def read_rosbag1(path: Path) -> MessageFile:
         raise
     except Exception as error:  # on a damaged file the library raises whatever its parser comes across
         remedy = "run `rosbag decrypt` first" if "encryption" in str(error) else "run `rosbag reindex` on a copy"
-        raise InputError(
-            f"{path}: no bag with a whole index: the recorder did not finish, or the bag is damaged; {remedy}, or "
-            "record again"
-        ) from error
+        said = f"{path}: no bag with a whole index: the recorder did not finish, or the bag is damaged"
+        raise InputError(f"{said}; {remedy}, or record again") from error
     damage = bag.damage
     damage.bytes, damage.declared_chunks = len(data) - len(BAG1), len(chunks)
     damage.declared = sum(counts.values(), Counter())
@@ -99,10 +97,8 @@ def read_description(folder: Path, *, whole: bool = True) -> tuple[list[Path], C
     description says; InputError if it has none, or one not of a `whole` recording that can be read."""
     path = folder / DESCRIPTION
     if not path.is_file():
-        raise InputError(
-            f"{folder}: a folder without {DESCRIPTION}, which lists the files of a ROS 2 bag; name the recording "
-            f"in it, or {REINDEX}"
-        )
+        what = f"{folder}: a folder without {DESCRIPTION}, which lists the files of a ROS 2 bag"
+        raise InputError(f"{what}; name the recording in it, or {REINDEX}")
     try:
         text = path.read_bytes()
         if any(isinstance(one, yaml.AliasToken) for one in yaml.scan(text, Loader=yaml.CSafeLoader)):
@@ -178,18 +174,16 @@ def opened(path: Path) -> Iterator[sqlite3.Connection]:
     except (sqlite3.Error, OverflowError, TypeError, UnicodeDecodeError) as error:
         said = "a number is missing" if isinstance(error, TypeError) else " ".join(str(error).split())[:120]
         if "no such" in said:
-            raise InputError(
-                f"{path}: a database of something else ({said}): no bag of ROS 2; name the bag itself"
-            ) from error
+            what = f"{path}: a database of something else ({said}): no bag of ROS 2"
+            raise InputError(f"{what}; name the bag itself") from error
         raise InputError(f"{path}: the database is damaged or cut off ({said}); {RECOVER}") from error
 
 
 def read_database(path: Path) -> MessageFile:
     """Open a bag in a database of sqlite3 (.db3)."""
     if (begin := beginning(path)) != SQLITE:
-        raise InputError(
-            f"{path}: not a bag in sqlite3 (it begins with {quoted(begin[:8])}); check the source's format"
-        )
+        said = f"{path}: not a bag in sqlite3 (it begins with {quoted(begin[:8])})"
+        raise InputError(f"{said}; check the source's format")
     for ending, what in (("-wal", "a write-ahead log"), ("-journal", "a journal")):
         beside = path.with_name(path.name + ending)
         if beside.is_file() and beside.stat().st_size:

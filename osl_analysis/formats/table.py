@@ -108,10 +108,8 @@ def answer(work: Callable[[], object], writer: int) -> None:
 def check_memory(size: int, what: str = "its values") -> None:
     """Refuse values that take more memory [bytes] than a recording may."""
     if size > MOST_BYTES:
-        raise InputError(
-            f"{what} take {size / 1e9:.3g} GB of memory, at most {MOST_BYTES / 1e9:g} GB are read: damaged, or no "
-            "recording; save the signals of one trial in a file of their own"
-        )
+        said = f"{what} take {size / 1e9:.3g} GB of memory, at most {MOST_BYTES / 1e9:g} GB are read"
+        raise InputError(f"{said}: damaged, or no recording; save the signals of one trial in a file of their own")
 
 
 @dataclass

@@ -104,10 +104,8 @@ def captured(
             fast[column] = named.analogs[column].to_si(values, unit_of(column), unit)
         origins[column] = named.analogs[column].origin(column, unit)
     if not fast and not slow:
-        raise InputError(
-            "the source file names nothing that the file has: no marker, plate, analog channel or model output; name "
-            "what to read in the source file, or export the trial again with it"
-        )
+        what = "the source file names nothing that the file has: no marker, plate, analog channel or model output"
+        raise InputError(f"{what}; name what to read in the source file, or export the trial again with it")
     ratio = samples_per_frame if fast else 1
     time = np.arange(frames * ratio) / (rate * ratio)
     for column, values in fast.items():
@@ -236,9 +234,8 @@ def plate_loads(recording: C3DRecording, source: sources.C3dSource) -> list[Plat
     count, loads = plate_count(recording.header), []
     for number in range(1, count + 1) if source.plates == "all" else source.plates:
         if not 1 <= number <= count:
-            raise InputError(
-                f"no force plate {number}; the file has {count}, counted from 1; correct `plates` in the source file"
-            )
+            said = f"no force plate {number}; the file has {count}, counted from 1"
+            raise InputError(f"{said}; correct `plates` in the source file")
         try:
             loads.append(plate_load(recording, source, number))
         except InputError as error:
@@ -266,17 +263,13 @@ def plate_load(recording: C3DRecording, source: sources.C3dSource, number: int) 
     if not np.isfinite(own_axes(corners)).all():
         raise InputError(f"plate {number}: its corners span no plane; correct FORCE_PLATFORM:CORNERS")
     if kind == 3 and not origin[:2].all():
-        raise InputError(
-            f"plate {number} of type 3 has ORIGIN {origin.tolist()}; without its sensors' distances "
-            "there is no moment: correct FORCE_PLATFORM:ORIGIN"
-        )
+        said = f"plate {number} of type 3 has ORIGIN {origin.tolist()}"
+        raise InputError(f"{said}; without its sensors' distances there is no moment: correct FORCE_PLATFORM:ORIGIN")
     needed = len(MEASURED_BY_TYPE[kind])
     stated = plate_parameter(recording, "CHANNEL", number, (0,)).astype(int)[:needed]
     if stated.size < needed or (stated < 1).any() or (stated > header.channels).any():
-        raise InputError(
-            f"plate {number} of type {kind} needs {needed} channels, FORCE_PLATFORM:CHANNEL gives "
-            f"{stated.tolist()} of the file's {header.channels}; correct it"
-        )
+        said = f"plate {number} of type {kind} needs {needed} channels, FORCE_PLATFORM:CHANNEL gives"
+        raise InputError(f"{said} {stated.tolist()} of the file's {header.channels}; correct it")
     numbers = [int(one) - 1 for one in stated]
     on_foot = wrench(kind, corners, origin, channels_in_si(recording, source, number, kind, numbers), matrix)
     units = [recording.analog_unit(n) for n in numbers]
@@ -294,10 +287,8 @@ def channels_in_si(
     values = recording.analogs[:, numbers]
     if not np.isfinite(values).all():
         row, column = np.argwhere(~np.isfinite(values))[0]
-        raise InputError(
-            f"plate {number}: {values[row, column]} in sample {row + 1} of analog channel {numbers[column] + 1}; "
-            "correct ANALOG:SCALE and GEN_SCALE, or export the trial again"
-        )
+        said = f"plate {number}: {values[row, column]} in sample {row + 1} of analog channel {numbers[column] + 1}"
+        raise InputError(f"{said}; correct ANALOG:SCALE and GEN_SCALE, or export the trial again")
     frames = baseline_frames(recording, source)
     if frames is not None:
         ratio = recording.header.samples_per_frame
@@ -330,10 +321,8 @@ def baseline_frames(recording: C3DRecording, source: sources.C3dSource) -> tuple
     given = recording.header.numbers("FORCE_PLATFORM:ZERO") if source.plate_zero == "file" else source.plate_zero
     first, last = (int(given[0]), int(given[1])) if len(given) >= 2 and np.isfinite(given[:2]).all() else (0, 0)
     if not 1 <= first <= last <= recording.header.frames:
-        raise InputError(
-            f"the baseline of the plates is frames {first} to {last} of {recording.header.frames}; state two frames "
-            "in which the plates are unloaded as `plate_zero`, or none"
-        )
+        said = f"the baseline of the plates is frames {first} to {last} of {recording.header.frames}"
+        raise InputError(f"{said}; state two frames in which the plates are unloaded as `plate_zero`, or none")
     return first, last
 
 
@@ -395,10 +384,8 @@ def read_nexus_capture(path: Path, source: sources.NexusSource) -> sources.Recor
         first, ratio = section.counts()
         spans.add((first, len(section.rows) / ratio, round(section.rate / ratio, 6)))
     if len(spans) != 1:
-        raise InputError(
-            f"its sections differ in first frame, number of frames or frame rate: {sorted(spans)}; export all "
-            "of the same frames"
-        )
+        said = f"its sections differ in first frame, number of frames or frame rate: {sorted(spans)}"
+        raise InputError(f"{said}; export all of the same frames")
     first, frames, rate = spans.pop()
     if frames != int(frames):
         raise InputError("the last frame lacks sub frames; export the trial again")
@@ -444,10 +431,8 @@ def exported_plates(table: Table, recording: sources.Recording, source: sources.
     have, per plate, the force on the foot, the point at which it acts, and the moment about this point."""
     time = recording.samples["time"].to_numpy()
     if time.size != table.rows:
-        raise InputError(
-            "rows that repeat a stamp were left out, but the plates need all; remove `repeated: drop`, as "
-            f"{source.place('time', 'repeated')}"
-        )
+        what = "rows that repeat a stamp were left out, but the plates need all"
+        raise InputError(f"{what}; remove `repeated: drop`, as {source.place('time', 'repeated')}")
     columns, facts = dict(recording.columns), []
     samples, rate = recording.samples, float(1 / np.median(np.diff(time))) if time.size > 1 else 1.0
     for number, plate in source.plates.items():

@@ -129,11 +129,9 @@ def canonical_columns(
         if wrong.any():
             row = int(np.argmax(wrong))
             shown = "nothing" if np.ma.getmaskarray(found)[row] else raw[row]
-            raise InputError(
-                f"{channel.ADDRESS} '{channel.counter}': {shown} in {table.place(row)}, at "
-                f"{time[row]:.3f} s, is no count of samples, a whole number below {largest:.3g}; correct `counter` in "
-                f"the source file or leave it out, or remove the {table.noun} from the log"
-            )
+            said = f"{channel.ADDRESS} '{channel.counter}': {shown} in {table.place(row)}, at {time[row]:.3f} s"
+            said += f", is no count of samples, a whole number below {largest:.3g}; correct `counter` in"
+            raise InputError(f"{said} the source file or leave it out, or remove the {table.noun} from the log")
         columns.append(pl.Series(counter_column(column), raw.astype(np.int64)))
     return columns, list(absent)
 
@@ -145,10 +143,8 @@ def canonical_column(column: str, table: Table, time: Array, source: sources.Log
     raw, lacking = table.columns[channel.name], np.ma.getmaskarray(table.columns[channel.name])
     if raw.dtype == bool and unit_of(column) != sources.LEVEL_UNIT:
         row = int(np.argmin(lacking))
-        raise InputError(
-            f"{what} is {str(bool(np.ma.getdata(raw)[row])).lower()} in {table.place(row)}, a truth value and no "
-            f"number in {unit_of(column)}; name a number as `{channel.ADDRESS}` in the source file"
-        )
+        said = f"{what} is {str(bool(np.ma.getdata(raw)[row])).lower()} in {table.place(row)}, a truth value and no"
+        raise InputError(f"{said} number in {unit_of(column)}; name a number as `{channel.ADDRESS}` in the source file")
     with np.errstate(invalid="ignore"):  # a signalling NaN is one, too
         values = np.where(lacking, 0.0, np.ma.getdata(raw).astype(np.float64))
     missing = np.isnan(values)
@@ -156,11 +152,9 @@ def canonical_column(column: str, table: Table, time: Array, source: sources.Log
     if (count := int(missing.sum())) > source.most_missing * values.size:
         row = int(np.argmax(missing))
         first = f"at {time[row]:.3f} s" if table.lines is None else f"in {table.place(row)}"
-        raise InputError(
-            f"{what}: {table.failed} in {count} of {values.size} {table.noun}s, first {first}; at most "
-            f"{source.most_missing:.1%} may be: repair the recording, or write `most_missing: "
-            f"{csv_table.share_above(count, values.size):g}` in the source file"
-        )
+        said = f"{what}: {table.failed} in {count} of {values.size} {table.noun}s, first {first}"
+        said += f"; at most {source.most_missing:.1%} may be: repair the recording, or write `most_missing"
+        raise InputError(f"{said}: {csv_table.share_above(count, values.size):g}` in the source file")
     if channel.wraps_at is not None:
         known = ~(missing | lacking)
         values[known] = np.unwrap(values[known], period=channel.wraps_at)
@@ -290,10 +284,8 @@ def check_count(name: str, values: Array, time: sources.RowTime) -> None:
     """Refuse a stated rate of rows beside a column (n,) that counts them and tells that some are missing."""
     steps = np.diff(unwrapped(values, name)[0])
     if (steps > 0).all() and (absent := int(steps.sum()) - steps.size):
-        raise InputError(
-            f"{time.ADDRESS} '{name}' counts {absent} rows that are missing, and those behind would be early; write "
-            f"`time: {{{time.ADDRESS}: {name}, rate: {time.rate:g}}}`"
-        )
+        said = f"{time.ADDRESS} '{name}' counts {absent} rows that are missing, and those behind would be early"
+        raise InputError(f"{said}; write `time: {{{time.ADDRESS}: {name}, rate: {time.rate:g}}}`")
 
 
 def is_like_clock(name: str) -> bool:
@@ -434,10 +426,8 @@ def check_other_clocks(table: Table, source: sources.TableSource, time: Array) -
                 "another time for what stands beside it; export the channels of each rate on their own"
             )
         if rate is not None and abs(ratio - 1) > 0.05:
-            raise InputError(
-                f"`rate: {rate:g}` of time, but {source.time.ADDRESS} '{name}' rises by {step:.4g} a row; "
-                f"write `time: {{{source.time.ADDRESS}: {name}}}` with its unit, or correct the rate"
-            )
+            what = f"`rate: {rate:g}` of time, but {source.time.ADDRESS} '{name}' rises by {step:.4g} a row; write"
+            raise InputError(f"{what} `time: {{{source.time.ADDRESS}: {name}}}` with its unit, or correct the rate")
         if abs(ratio - 1) > 0.005 + most / steps.sum():
             apart[name] = abs(ratio - 1) * span / 12**0.5
             said = f"{source.time.ADDRESS} '{name}' goes on {ratio:.4g} times as fast as time"
@@ -469,10 +459,8 @@ def cells_of(
         return csv_table.cell_numbers(cells, source.missing, text.decimal)
     except csv_table.UnreadableCellError as error:
         cell = str(cells[error.place])
-        raise InputError(
-            f"{text.noun} {text.lines[error.place]}, column '{text.names[place]}': '{cell[:40]}' is not a number; "
-            f"{remedy_for(cell, text.names[place], text.decimal, is_time)}"
-        ) from error
+        said = f"{text.noun} {text.lines[error.place]}, column '{text.names[place]}': '{cell[:40]}' is not a number"
+        raise InputError(f"{said}; {remedy_for(cell, text.names[place], text.decimal, is_time)}") from error
 
 
 def remedy_for(text: str, name: str, decimal: str, is_time: bool) -> str:
@@ -505,9 +493,8 @@ def json_log(path: Path, source: sources.JsonSource) -> Table:
     count, total, by_rate = decoded.misfits, len(lines.texts), source.time.rate is not None
     if count > (0 if by_rate else source.most_missing * total):  # with a rate, a line that is left out moves the rest
         advice = f", or write `most_missing: {csv_table.share_above(count, total):g}` in the source file"
-        raise InputError(
-            f"{count} of {total} lines cannot be used: {decoded.misfit}; repair the log{advice * (not by_rate)}"
-        )
+        what = f"{count} of {total} lines cannot be used: {decoded.misfit}"
+        raise InputError(f"{what}; repair the log{advice * (not by_rate)}")
     kept = ~np.all([np.ma.getmaskarray(decoded.values[name]) for name in names], axis=0)
     if field and not kept.all():  # lines without any of the fields, such as a header; with a rate, every line counts
         left_out, first = int((~kept).sum()), lines.numbers[decoded.rows[int(np.argmin(kept))]]
@@ -549,10 +536,8 @@ def whole_stamps(table: Table, parts: Sequence[str], remedy: str) -> NDArray[Any
         wrong = (number < 0) | (number > most) | (number != np.rint(number)) | (values.dtype == bool)
         if wrong.any():
             row = int(np.argmax(wrong))
-            raise InputError(
-                f"field '{name}' is {values[row]} in {table.place(row)}, which is no whole number from 0 to {most}; "
-                f"{remedy}"
-            )
+            said = f"field '{name}' is {values[row]} in {table.place(row)}, which is no whole number from 0 to {most}"
+            raise InputError(f"{said}; {remedy}")
         whole.append(np.ma.array(values.astype(np.int64), mask=np.ma.getmaskarray(table.columns[name])))
     return np.ma.asarray(whole[0] * SECOND + whole[1])
 
@@ -609,11 +594,9 @@ def on_instants_of_all(
         clocks = [one for one in beside if may_be_clock(one[0], "", one[1])]
         own = [(reference, first)] if values.size == first.size else clocks
         if not time or len(own) != 1 or np.ma.is_masked(values) or not (np.diff(own[0][1]) > 0).all():
-            raise InputError(
-                f"{text} has {values.size} numbers and {reference} has {first.size}, and no one vector of time of its "
-                "length is beside it; interpolate in MATLAB, as `torque = interp1(t_torque, torque, t_angle)`, and "
-                "never cut to one length"
-            )
+            said = f"{text} has {values.size} numbers and {reference} has {first.size}"
+            said += ", and no one vector of time of its length is beside it; interpolate in MATLAB"
+            raise InputError(f"{said}, as `torque = interp1(t_torque, torque, t_angle)`, and never cut to one length")
         name, clock = own[0]
         told = name_and_ending(name)[1]
         factor = si_factor(told if told in TIME_UNITS and name != time else unit, "s")
@@ -661,10 +644,8 @@ def tdms_log(path: Path, source: sources.TdmsSource) -> Table:
     stamps, facts = {address: rows[each.size] for address, each in values.items()}, dict[str, Any]()
     for other in by_address.values():
         if by_properties and other.step is None:
-            raise InputError(
-                f"channel '{other.address}' has no timing (`wf_increment` among its properties); name the "
-                f"channel of time, as `time: {{channel: GROUP/NAME, unit: s}}`, or {RATE}"
-            )
+            said = f"channel '{other.address}' has no timing (`wf_increment` among its properties); name the"
+            raise InputError(f"{said} channel of time, as `time: {{channel: GROUP/NAME, unit: s}}`, or {RATE}")
     if not (by_properties and file.damage.end_missing):
         check_alike(by_address, values, by_properties)
     if by_properties and len({(other.begin, other.step) for other in by_address.values()}) > 1:
@@ -695,11 +676,9 @@ def check_alike(channels: Mapping[str, TdmsChannel], values: Mapping[str, NDArra
     for address, channel in channels.items():
         other = first.setdefault((channel.begin, channel.step) if by_properties else None, address)
         if values[other].size != values[address].size:
-            raise InputError(
-                f"channel '{address}' has {values[address].size} values and '{other}' has {values[other].size} for one "
-                "time: a segment has lost some, nothing tells where, or they are of two recordings; copy the file "
-                "again, or name channels of one length"
-            )
+            said = f"channel '{address}' has {values[address].size} values and '{other}' has {values[other].size}"
+            said += " for one time: a segment has lost some, nothing tells where, or they are of two recordings"
+            raise InputError(f"{said}; copy the file again, or name channels of one length")
 
 
 def opensim_log(path: Path, source: sources.OpenSimSource) -> Table:
@@ -710,10 +689,8 @@ def opensim_log(path: Path, source: sources.OpenSimSource) -> Table:
         canonical, said = unit_of(column), header.get("indegrees", "").casefold()
         own = angles.get(canonical, {}).get(said)
         if own is not None and not np.isclose(si_factor(str(channel.unit), canonical), si_factor(own, canonical)):
-            raise InputError(
-                f"its header says inDegrees={said}, and column '{channel.column}' is read in {channel.unit}; write "
-                f"{own}, as {source.place('channels', column, 'unit')}"
-            )
+            what = f"its header says inDegrees={said}, and column '{channel.column}' is read in {channel.unit}"
+            raise InputError(f"{what}; write {own}, as {source.place('channels', column, 'unit')}")
     return replace(table, facts={"header": header, "clock": source.clock})
 
 
@@ -793,11 +770,9 @@ def decode_wanted(
             misfits = sum(file.damage.misfits[number] for number in numbers)
             are_all = misfits == file.damage.lost(numbers)
             what = "messages that cannot be used" if are_all else f"damaged or incomplete {file.kind}"
-            raise InputError(
-                f"{what}: {100 * share:.3g} % of topic '{topic}' is lost, at most {100 * source.largest_loss:.3g} % "
-                f"may be (largest_loss in the source file): {'; '.join(file.damage.all_remarks())}; record again"
-                f"{', or map another field' * are_all}"
-            ) from failed
+            said = f"{what}: {100 * share:.3g} % of topic '{topic}' is lost, at most {100 * source.largest_loss:.3g}"
+            said += f" % may be (largest_loss in the source file): {'; '.join(file.damage.all_remarks())}"
+            raise InputError(f"{said}; record again{', or map another field' * are_all}") from failed
     if failed is None:
         return decoded
     if not file.damage.remarks:
@@ -818,20 +793,16 @@ def read_topic(
         field = str(source.time.field)
         named = [pair for pair in stamp_fields(field) if all(np.ma.count(decoded.values[path]) for path in pair)]
         if not named:
-            raise InputError(
-                f"it has no field '{field}' with seconds and nanoseconds; correct time.field in the source file, or "
-                "write source: log"
-            )
+            said = f"it has no field '{field}' with seconds and nanoseconds"
+            raise InputError(f"{said}; correct time.field in the source file, or write source: log")
         stamp = whole_stamps(table, named[0], "write source: log")
         if lacking := int(np.ma.getmaskarray(stamp).sum()):
             raise InputError(f"{lacking} of {logged.size} messages have no '{field}'; write source: log")
         stamp = np.ma.getdata(stamp)
     elif (logged < 0).any():
         row = int(np.argmax(logged < 0))
-        raise InputError(
-            f"message {row + 1} was logged at {int(logged[row]) + 2**64} ns, which is not a time; write source: "
-            "header, or record again"
-        )
+        said = f"message {row + 1} was logged at {int(logged[row]) + 2**64} ns, which is not a time"
+        raise InputError(f"{said}; write source: header, or record again")
     columns, absent = canonical_columns(table, channels, (stamp - stamp[0]) / SECOND, source)
     logged_in_order = ((logged[1:] >= logged[:-1]) | (number[1:] != number[:-1])).all()
     advice = "its times cannot be used: record again, or exclude the trial"
@@ -882,10 +853,8 @@ def sorted_by_stamp(
         (contradicted, " and other values", " or the time source in the source file"),
     ):
         if count > most:
-            raise InputError(
-                f"{count} of {stamp.size} messages have the stamp of an earlier one{also}; stamps must "
-                f"be their own: check the recorder's clock{remedy}"
-            )
+            said = f"{count} of {stamp.size} messages have the stamp of an earlier one{also}"
+            raise InputError(f"{said}; stamps must be their own: check the recorder's clock{remedy}")
     return once, ordering | {"repeated": stamp.size - once.height, "contradicted": contradicted}
 
 
@@ -897,21 +866,17 @@ def check_not_set(table: pl.DataFrame, advice: str) -> int:
     by = np.maximum.accumulate(stamp) - stamp
     if (by > SECOND).any():
         row = int(np.argmax(by > SECOND))
-        raise InputError(
-            f"time goes back by {by[row] / SECOND:.6f} s at message {row + 1} of {stamp.size}; the "
-            f"clock was set while recording: {advice}"
-        )
+        said = f"time goes back by {by[row] / SECOND:.6f} s at message {row + 1} of {stamp.size}"
+        raise InputError(f"{said}; the clock was set while recording: {advice}")
     late = by > 0
     if not late.any():
         return 0
     for run in (one for one in runs(late & ~table.is_duplicated().to_numpy()) if one.stop - one.start >= many):
         before, inside = stamp[: run.start], stamp[run]
         if ((before >= inside[0]) & (before <= inside[-1])).sum() >= many:
-            raise InputError(
-                f"time goes back from {before.max() / SECOND:.6f} s to {inside[0] / SECOND:.6f} s at "
-                f"message {run.start + 1} of {stamp.size}, and {len(inside)} messages fall among those before; the "
-                f"clock was set while recording: {advice}"
-            )
+            said = f"time goes back from {before.max() / SECOND:.6f} s to {inside[0] / SECOND:.6f}"
+            said += f" s at message {run.start + 1} of {stamp.size}, and {len(inside)} messages fall among those before"
+            raise InputError(f"{said}; the clock was set while recording: {advice}")
     return int(late.sum())
 
 

@@ -118,11 +118,9 @@ def read_source(path: Path) -> sources.Source:
     if places:
         where = listing([f"`{dotted(place)}` in line {field_line(path, place)}" for place in places], 6)
         are = "place is" if len(places) == 1 else "places are"
-        raise InputError(
-            f"{path}: a draft of `osl-analysis inspect` in which {len(places)} {are} to be edited: {where}; give "
-            f"each signal that you need its canonical name ({', '.join(c for c in COLUMNS if c != 'time')}), state "
-            f"each {sources.UNKNOWN}, and delete the other lines of `channels`"
-        )
+        what = f"{path}: a draft of `osl-analysis inspect` in which {len(places)} {are} to be edited: {where}"
+        what += f"; give each signal that you need its canonical name ({', '.join(c for c in COLUMNS if c != 'time')})"
+        raise InputError(f"{what}, state each {sources.UNKNOWN}, and delete the other lines of `channels`")
     source = read_yaml(path, FORMATS[name].source)
     source.written_in(path)
     return source
@@ -135,11 +133,9 @@ def check_clocks(log: sources.Source, mocap: sources.Source) -> None:
     angle, edges = shared is not None and shared.column in maps, "sync" in getattr(mocap, "analogs", clocks)
     aligns = {"sync": edges or angle, "shared": angle, "common": mocap.format == "trc", "master": False}
     if not all(aligns[one] for one in clocks):
-        raise InputError(
-            f"{log.place('clock')}: '{', '.join(clocks)}' does not align the log with motion capture of this trial; "
-            "write clock: sync and map the column sync in both source files, or clock: shared and name an angle of the "
-            "log under `shared` in that of motion capture"
-        )
+        said = f"{log.place('clock')}: '{', '.join(clocks)}' does not align the log with motion capture of this trial"
+        said += "; write clock: sync and map the column sync in both source files, or clock"
+        raise InputError(f"{said}: shared and name an angle of the log under `shared` in that of motion capture")
 
 
 def check_plates(source: sources.Source, captures: Sequence[Path], of_walking: int) -> None:
@@ -163,9 +159,8 @@ def recognise(path: Path) -> str:
     found += [name for name in known if name != "table" or not is_text(begin)]  # text is often called `.xls`
     found += ["csv"] * is_text(begin)
     if not found:
-        raise InputError(
-            f"{path}: neither MCAP, C3D nor text (it begins with {quoted(begin[:8])}); export it as one of these"
-        )
+        said = f"{path}: neither MCAP, C3D nor text (it begins with {quoted(begin[:8])})"
+        raise InputError(f"{said}; export it as one of these")
     return found[0]
 
 
@@ -411,10 +406,8 @@ def check_markers(trial: Trial, experiment: str | None) -> None:
     if any(trial.samples[column].is_finite().any() for column in markers):
         return
     seen = f"none of its {len(markers) // 3} markers was ever seen" if markers else "no markers"
-    raise InputError(
-        f"trial {trial.name}: {seen}, and a trial of experiment '{experiment}' needs them; label them in the "
-        "capture and export it again, or exclude the trial in the sheet"
-    )
+    said = f"trial {trial.name}: {seen}, and a trial of experiment '{experiment}' needs them"
+    raise InputError(f"{said}; label them in the capture and export it again, or exclude the trial in the sheet")
 
 
 def check_file(path: Path) -> None:
@@ -436,10 +429,8 @@ def check_copies(path: Path, parts: Sequence[Mapping[str, Any]]) -> None:
     first: dict[str, str] = {}
     for part in parts:
         if (other := first.setdefault(part["sha256"], part["path"])) != part["path"]:
-            raise InputError(
-                f"{path}: its file {part['path']} is a copy of {other}, so that what it should hold is missing; copy "
-                "the recording again"
-            )
+            said = f"{path}: its file {part['path']} is a copy of {other}, so that what it should hold is missing"
+            raise InputError(f"{said}; copy the recording again")
 
 
 def written_at(path: Path) -> tuple[int, ...]:

@@ -87,9 +87,8 @@ class Conversion(Settings):
     @classmethod
     def _possible(cls, value: Any) -> Any:
         if isinstance(value, str) and not 0 <= quantity(value, "s") <= LONGEST_DELAY:
-            raise ValueError(
-                f"a delay is the age of a sample, from 0 to {LONGEST_DELAY:g} s; correct its sign or its unit"
-            )
+            said = f"a delay is the age of a sample, from 0 to {LONGEST_DELAY:g} s"
+            raise ValueError(f"{said}; correct its sign or its unit")
         if value == 0:
             raise ValueError("a scale of zero makes every number zero; write the size of one count")
         return value
@@ -125,9 +124,8 @@ class Conversion(Settings):
         ends = [quantity(text, si_unit) for text in texts]
         low, high = (-ends[0], ends[0]) if len(ends) == 1 else ends
         if low >= high:
-            raise InputError(
-                f"a range from {low:g} to {high:g} {si_unit} is empty; write the lower end first, or one number"
-            )
+            said = f"a range from {low:g} to {high:g} {si_unit} is empty"
+            raise InputError(f"{said}; write the lower end first, or one number")
         return low, high
 
     def step(self, si_unit: str) -> float:
@@ -636,10 +634,8 @@ def check_values(what: str, values: Array, time: Array) -> None:
     finite = np.isfinite(values)
     if not finite.all():
         row = int(np.argmin(finite))
-        raise InputError(
-            f"{what}: {values[row]} in sample {row + 1} of {values.size}, at {time[row]:.3f} s; repair the recording "
-            "or exclude the trial in the sheet"
-        )
+        said = f"{what}: {values[row]} in sample {row + 1} of {values.size}, at {time[row]:.3f} s"
+        raise InputError(f"{said}; repair the recording or exclude the trial in the sheet")
 
 
 LARGEST_MEASURED = {  # largest size of a value in its SI unit, by kind of quantity

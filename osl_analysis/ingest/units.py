@@ -57,9 +57,8 @@ def si_factor(unit: str, expected: str) -> float:
         raise InputError(f"the unit is empty; write one of {advice}")
     for name in re.split(r"[*/]", spelling):
         if name.lower() in GON:
-            raise InputError(
-                f"{quoted}: '{name}' is gon (a 400th of a turn) to some and degree to others: write `deg`, or `gon`"
-            )
+            said = f"{quoted}: '{name}' is gon (a 400th of a turn) to some and degree to others"
+            raise InputError(f"{said}: write `deg`, or `gon`")
     found = base_units(spelling)
     if found is None:
         raise InputError(f"{quoted} is unknown; write one of {advice}")
@@ -80,10 +79,8 @@ def quantity(text: str, expected: str) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise InputError(
-            f"'{text[:40]}{'...' * (len(text) > 40)}' is not a number with a unit; write it as in `2 "
-            f"{next(iter(EXAMPLES[expected]))}`"
-        )
+        said = f"'{text[:40]}{'...' * (len(text) > 40)}' is not a number with a unit"
+        raise InputError(f"{said}; write it as in `2 {next(iter(EXAMPLES[expected]))}`")
     return value * si_factor(unit, expected)
 
 

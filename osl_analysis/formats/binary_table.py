@@ -12,6 +12,7 @@ import zipfile
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from pickletools import genops
@@ -87,7 +88,7 @@ def read_binary_table(
                     with path.open("rb") as file:  # numpy leaves that of a damaged archive open
                         frame = frame_of(dict(np.load(file, allow_pickle=False)), damage, notes)
             except ValueError as error:
-                if not holds_objects(path):
+                if not re.search("Object arrays|Python objects", str(error)):
                     raise
                 said = "holds objects of Python, which may run a program and are not read"
                 raise InputError(f"{said}; save arrays of numbers, as `numpy.savez(PATH, theta=theta, ...)`") from error
@@ -121,9 +122,7 @@ def read_workbook(path: Path, layout: csv_table.CsvLayout, is_unit: csv_table.Is
     noted = {number for number, _ in notes}
     table = csv_table.table_of_rows([row for row in rows if row[0] not in noted], notes, layout, is_unit)
     table.damage.remarks.extend([f"sheet '{name}' is read, the largest; not read: {listing(others, 5)}"] * bool(others))
-    return csv_table.CsvTable(
-        table.names, table.units, table.lines, table.body, table.comments, table.damage, "", table.decimal, "row"
-    )
+    return replace(table, noun="row")
 
 
 def check_xls(path: Path) -> None:
@@ -198,15 +197,6 @@ def check_archive(path: Path) -> None:
             raise InputError(f"{before} bytes stand before its first part, as of another file; split them there")
         if damaged := archive.testzip():
             raise InputError(f"its part {damaged} does not match its checksum; copy it again, or export it anew")
-
-
-def holds_objects(path: Path) -> bool:
-    """Whether an array in a file of numpy holds objects of Python, by the types in its header."""
-    if not zipfile.is_zipfile(path):
-        return b"'|O'" in np.fromfile(path, np.uint8, FIRST_BYTES).tobytes().partition(b"\n")[0]
-    with zipfile.ZipFile(path) as archive:
-        begins = [archive.open(name).read(FIRST_BYTES) for name in archive.namelist()]
-    return any(b"'|O'" in begin.partition(b"\n")[0] for begin in begins)
 
 
 def hdf5_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
@@ -330,11 +320,8 @@ def table_of_frame(
         raise InputError(f"{said}; write a row per sample")
     texts = frame.select(pl.col(pl.Categorical, pl.Enum).cast(pl.String), pl.col(pl.Decimal).cast(pl.Float64))
     frame = frame.with_columns(texts)
-    known = [
-        name
-        for name, kind in frame.schema.items()
-        if kind.is_numeric() or kind.is_temporal() or kind in (pl.String, pl.Boolean)
-    ]
+    kinds = frame.schema.items()
+    known = [name for name, kind in kinds if kind.is_numeric() or kind.is_temporal() or kind in (pl.String, pl.Boolean)]
     if others := [name for name in frame.columns if name not in known]:
         damage.remarks.append(f"columns that hold no numbers are not read: {listing(others, 8)}")
     if not known or not frame.height:
@@ -357,7 +344,7 @@ OTHERS = (
     (
         "a page of HTML or XML",
         HTML,
-        "open it in a spreadsheet, also where it is called `.xls`, and save its table as CSV",
+        "open it in a spreadsheet, also one that is called `.xls`, and save its table as CSV",
     ),
     ("a document of JSON", JSON, "write JSON lines, an object per line and sample"),
     ("nothing but zero bytes", r"\A\0+\Z", "copy or record it again"),

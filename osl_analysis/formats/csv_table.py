@@ -53,11 +53,7 @@ IsUnit = Callable[[str], bool]
 
 def read_text(path: Path) -> tuple[bytes, bool]:
     """A text in UTF-8 with plain line breaks, and whether its last line has one; refused where it has zero bytes."""
-    data = utf8_of(path.read_bytes())
-    try:
-        data.decode()
-    except UnicodeDecodeError:
-        data = decoded_text(data).encode()
+    data = decoded_text(path.read_bytes()).encode()
     data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n").replace("\u2212".encode(), b"-")  # a minus sign
     if any(sign.encode() in data for sign in BETWEEN_THOUSANDS):  # between thousands, as in Switzerland and France
         data = re.sub(rf"(?<=\d)[{BETWEEN_THOUSANDS}](?=\d{{3}}(?!\d))", "", data.decode()).encode()
@@ -75,9 +71,10 @@ def numbered(data: bytes, first: int = 1) -> TextLines:
     return [(number, line) for number, line in enumerate(lines, start=first) if line and not line.isspace()]
 
 
-def read_lines(path: Path) -> TextLines:
-    """The lines of a file without blank ones; refused where zero bytes show that it is not text."""
-    return numbered(read_text(path)[0])
+def read_lines(path: Path) -> tuple[TextLines, bool]:
+    """The lines of a file without blank ones, and whether the last one has its break, as `read_text` has them."""
+    data, ends = read_text(path)
+    return numbered(data), ends
 
 
 def decoded_text(data: bytes) -> str:
@@ -351,13 +348,6 @@ def alike_rows(text: bytes, delimiter: str, names: Sequence[str]) -> pl.DataFram
     return None if rows.select(pl.all_horizontal(pl.all() == "").any()).item() else rows
 
 
-def ends_whole(path: Path) -> bool:
-    """Whether the last line of a text has its break."""
-    with path.open("rb") as file:
-        file.seek(-min(64, path.stat().st_size), 2)
-        return file.read().rstrip(b" \t\0\x1a")[-1:] in (b"\n", b"\r")  # also in UTF-16
-
-
 def is_last_whole(cells: Sequence[str]) -> bool:
     """Whether the last cell of a column at the end of a file, without a line break, was not cut within its number: it
     has as many decimals as all others. Nothing tells of whole numbers."""
@@ -376,10 +366,8 @@ def table_of(lines: TextLines, layout: CsvLayout, is_unit: IsUnit, ends: bool = 
         else:
             comments.append((line, text.strip()[len(sign) :].strip()))
     if content and (stated := re.fullmatch(r"sep=(.)", content[0][1].strip())):  # as Excel reads it
-        layout, content = (
-            replace(layout, delimiter=stated[1] if layout.delimiter == "auto" else layout.delimiter),
-            content[1:],
-        )
+        content = content[1:]
+        layout = replace(layout, delimiter=stated[1] if layout.delimiter == "auto" else layout.delimiter)
     delimiter = delimiter_of(content, layout.delimiter)
     return table_of_rows(split_rows(content, delimiter), comments, layout, is_unit, delimiter, ends)
 

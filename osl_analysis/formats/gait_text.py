@@ -30,12 +30,10 @@ def column_of(
         raise InputError(f"{what}; {'export it as scalars' if text.count(',') > 1 else remedy}") from error
 
 
-def check_last_line(path: Path, rows: csv_table.Rows) -> None:
-    """Refuse a file of which nothing tells that its last number is whole."""
+def check_last_line(ends: bool, rows: csv_table.Rows) -> None:
+    """Refuse a file of which nothing tells that its last number is whole, as that the last line `ends` with a break."""
     last = [cells[-1] for _, cells in rows]
-    if (
-        any(last) and not csv_table.ends_whole(path) and not csv_table.is_last_whole(last)
-    ):  # where all are empty, a tab ends every line
+    if any(last) and not ends and not csv_table.is_last_whole(last):  # where all are empty, a tab ends every line
         said = f"line {rows[-1][0]}, the last one, has no line break and may be cut off within its last number"
         raise InputError(f"{said}; export it again, or end the line where it is whole")
 
@@ -49,9 +47,7 @@ class NexusSection:
     names: list[str]  # name of every column: `Anna:LTOE`, `EMG2000 - Voltage`
     components: list[str]  # component of every column: X, Y, Z, Fx ..
     units: list[str]  # unit of every column, as Nexus spells it
-    rows: (
-        csv_table.Rows
-    )  # number of the line in the file, and its cells; the first two are the numbers of frame and sub frame
+    rows: csv_table.Rows  # number of the line, and its cells; the first two are the numbers of frame and sub frame
     decimal: str
 
     def column(self, name: str, component: str) -> tuple[Array, str]:
@@ -92,7 +88,7 @@ def without_subject(name: str) -> str:
 
 def read_sections(path: Path, delimiter: str = "auto", decimal: str = ".") -> dict[str, NexusSection]:
     """Sections by title; InputError if there is none, one has no samples, or stands twice."""
-    lines = csv_table.read_lines(path)
+    lines, ends = csv_table.read_lines(path)
     header = [(n, text) for n, text in lines if text.lstrip('"').casefold().startswith("frame")]
     rows = csv_table.split_rows(lines, csv_table.delimiter_of(header[:1], delimiter))
     starts = []
@@ -103,7 +99,7 @@ def read_sections(path: Path, delimiter: str = "auto", decimal: str = ".") -> di
     if not starts:
         raise InputError("no section of a Nexus export (Devices, Trajectories, ...); check the source's format")
     found: dict[str, NexusSection] = {}
-    check_last_line(path, rows[starts[-1] + 5 :] or rows[-1:])
+    check_last_line(ends, rows[starts[-1] + 5 :] or rows[-1:])
     for start, end in zip(starts, [*starts[1:], len(rows)], strict=True):
         (line, (title, *_)), (_, rates), (_, names), (_, components) = rows[start : start + 4]
         samples, width = rows[start + 5 : end], len(csv_table.unpadded(components, 0))
@@ -135,14 +131,13 @@ class TrcFile:
 
 
 def is_trc(begin: bytes) -> bool:
-    return csv_table.is_text(begin) and csv_table.decoded_text(begin[:200]).lstrip().casefold().startswith(
-        "pathfiletype"
-    )
+    start = csv_table.decoded_text(begin[:200]).lstrip().casefold()
+    return csv_table.is_text(begin) and start.startswith("pathfiletype")
 
 
 def read_trc(path: Path) -> TrcFile:
     """The markers of a file; InputError if its header is not that of TRC, or contradicts the rows."""
-    lines, export = csv_table.read_lines(path), "export it again, or correct the header"
+    (lines, ends), export = csv_table.read_lines(path), "export it again, or correct the header"
     if not lines or not lines[0][1].lstrip().casefold().startswith("pathfiletype"):
         raise InputError("no TRC file: its first line does not begin with PathFileType; check the source's format")
     if len(lines) < 6:
@@ -161,12 +156,11 @@ def read_trc(path: Path) -> TrcFile:
     if len(rows) != frames:
         cut = ": the end is missing" if len(rows) < frames else ""
         raise InputError(f"NumFrames is {frames}, the file holds {len(rows)} rows{cut}; {export}")
-    check_last_line(path, rows)
+    check_last_line(ends, rows)
     names = ["frame", "time", *(f"column {place + 3}" for place in range(3 * markers))]
     unseen = ("", "nan", "NaN", "NAN")  # cells of a marker that was not seen
-    frame, time, *columns = [
-        column_of(rows, k, unseen if k > 1 else (), name, "export it again") for k, name in enumerate(names)
-    ]
+    own = [column_of(rows, k, unseen * (k > 1), name, "export it again") for k, name in enumerate(names)]
+    (frame, time), columns = own[:2], own[2:]
     for line, padded in rows:
         count = len(csv_table.unpadded(padded, 0))
         if count > len(names) or (count - 2) % 3:

@@ -215,13 +215,8 @@ def read_channels(file: MessageFile, wanted: Mapping[str, Sequence[str]] | None 
                 continue
             if number not in logs:
                 schema = file.schemas.get(channel.schema_id)
-                reader = (
-                    message_fields.Reader(
-                        [*dict.fromkeys(wanted[channel.topic])], message_fields.type_of(channel, schema)
-                    )
-                    if wanted
-                    else None
-                )
+                paths = [*dict.fromkeys(wanted[channel.topic])] if wanted else []
+                reader = message_fields.Reader(paths, message_fields.type_of(channel, schema)) if wanted else None
                 logs[number] = ChannelLog(channel, schema, reader)
             one, mine = logs[number], block.only(block.channel == number)
             if one.first is None:

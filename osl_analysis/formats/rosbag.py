@@ -49,10 +49,8 @@ def read_rosbag1(path: Path) -> MessageFile:
                 bag.declare(Channel(number, one.topic, "ros1", {}, number + 1))
                 for entry in reader.indexes[one.id]:
                     index[entry.chunk_pos].append((entry.offset, number, entry.time))
-            counts = {
-                one.pos: Counter({number_of[k]: n for k, n in one.connection_counts.items()})
-                for one in reader.chunk_infos
-            }
+            every = [(one.pos, one.connection_counts.items()) for one in reader.chunk_infos]
+            counts = {at: Counter({number_of[k]: n for k, n in own}) for at, own in every}
             chunks = sorted((at, *one) for at, one in reader.chunks.items())
     except MemoryError:
         raise

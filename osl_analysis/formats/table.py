@@ -265,10 +265,8 @@ def copied_runs(words: NDArray[Any], least: int, proves: Callable[[slice, int], 
             break
     else:
         return []
-    at, again = (
-        (keys & places).astype(np.int64),
-        [groups[:-1][counts == 3] + 1, groups[:-1][(counts > 1) & (counts < 4)]],
-    )
+    at = (keys & places).astype(np.int64)
+    again = [groups[:-1][counts == 3] + 1, groups[:-1][(counts > 1) & (counts < 4)]]
     lags, votes = np.unique(np.concatenate([at[one + 1] - at[one] for one in again]), return_counts=True)
     many = votes >= max(2, 0.75 * (least - size))
     if not many.any():

@@ -353,14 +353,11 @@ def read_nexus_capture(path: Path, source: sources.NexusSource) -> sources.Recor
         positions = np.column_stack([values for values, _ in columns])
         positions[(positions == 0).all(axis=1)] = np.nan
         markers.append((label, without_subject(label), positions, columns[0][1]))
-    outputs = {
-        column: section_of(sections, "Model Outputs").column(output.label, output.component)[0]
-        for column, output in source.outputs.items()
-    }
-    analogs = {
-        column: section_of(sections, "Devices").column(analog.device, analog.component)
-        for column, analog in source.analogs.items()
-    }
+    outputs, analogs = dict[str, Array](), dict[str, tuple[Array, str]]()
+    for column, output in source.outputs.items():
+        outputs[column] = section_of(sections, "Model Outputs").column(output.label, output.component)[0]
+    for column, analog in source.analogs.items():
+        analogs[column] = section_of(sections, "Devices").column(analog.device, analog.component)
     plates, millimetre = [], 1e-3
     for number, plate in source.plates.items():  # force and moment about the centre of the plate, on the foot
         devices, exported, names = section_of(sections, "Devices"), [], []

@@ -75,14 +75,9 @@ def read_table_log(path: Path, source: sources.TableSource) -> sources.Recording
             raise InputError(f"{twice}; write `repeated: drop` under {source.place('time')}, to read each once")
     if repeated:
         said.append(f"{repeated} of {fresh.size} {table.noun}s repeat the stamp of the {table.noun} before and {did}")
-    facts = {
-        "time": {**source.time.model_dump(exclude_none=True), "start": start},
-        "rates_hz": {path.name: rate_of(time[kept])},
-        "repeated_stamps": repeated,
-        "missing": missing,
-        **({"clocks_apart": apart} if apart else {}),
-        **table.facts,
-    }
+    facts: dict[str, Any] = {"time": {**source.time.model_dump(exclude_none=True), "start": start}}
+    facts |= {"rates_hz": {path.name: rate_of(time[kept])}, "repeated_stamps": repeated, "missing": missing}
+    facts |= ({"clocks_apart": apart} if apart else {}) | {**table.facts}
     recording = sources.Recording(samples.filter(pl.Series(kept)), origins, facts, said, table.damage)
     if isinstance(source, sources.OpenSimSource) and source.plates:
         return exported_plates(table, recording, source)
@@ -694,14 +689,8 @@ def opensim_log(path: Path, source: sources.OpenSimSource) -> Table:
     return replace(table, facts={"header": header, "clock": source.clock})
 
 
-TABLES: Mapping[str, Callable[[Path, Any], Table]] = {
-    "csv": csv_log,
-    "table": csv_log,
-    "json_lines": json_log,
-    "mat": mat_log,
-    "tdms": tdms_log,
-    "opensim": opensim_log,
-}
+TABLES: dict[str, Callable[[Path, Any], Table]] = {"csv": csv_log, "table": csv_log, "json_lines": json_log}
+TABLES |= {"mat": mat_log, "tdms": tdms_log, "opensim": opensim_log}
 OPENERS = {"mcap": read_mcap, "rosbag1": read_rosbag1, "rosbag2": read_rosbag2}
 
 
@@ -727,13 +716,8 @@ def read_message_log(path: Path, source: sources.MessageSource) -> sources.Recor
     missing = {column: int(joined[column].is_nan().sum()) for column in source.channels}
     start, stamp = int(joined["stamp"][0]), str(source.time.field if source.time.source == "header" else "log")
     time = ((joined.drop_in_place("stamp") - start) / SECOND).alias("time")
-    facts = {
-        "time": {"source": stamp, "stamps": source.time.stamps, "start_ns": start},
-        "rates_hz": rates,
-        "decoding": how,
-        "stamps": orders,
-        "missing": missing,
-    }
+    facts: dict[str, Any] = {"time": {"source": stamp, "stamps": source.time.stamps, "start_ns": start}}
+    facts |= {"rates_hz": rates, "decoding": how, "stamps": orders, "missing": missing}
     columns = {column: channel.origin(column) for column, channel in source.channels.items()}
     remarks, topics = list[str](), {topic: file.channels_of(topic) for topic in by_topic}
     for topic, order in orders.items():

@@ -219,9 +219,7 @@ def inspect_table(name: str, path: Path) -> Overview:
         if cells.dtype == pl.String and stamps is None:
             words = Counter(cells.filter(pl.Series(np.isnan(numbers))).drop_nulls().to_list())
         few = (word for word, count in words.items() if count < len(cells) / 100)
-        failed |= dict.fromkeys(
-            word for word in few if word != title and not OTHER_NUMBER.match(word)
-        )  # of failed readings
+        failed |= dict.fromkeys(word for word in few if word != title and not OTHER_NUMBER.match(word))
         is_anew |= title in words
         also = "".join(f", {count} x '{word}'" for word, count in words.most_common(5))
         address = {"column": lasting_address(title, place, table.names)}
@@ -340,9 +338,8 @@ def inspect_mat(path: Path) -> Overview:
     file, most = open_mat(path), 500
     content = file.read(file.names)
     variables = [one for name, value in content.items() for one in variables_in("", name, value)]
-    others = [
-        (at, one) for *_, at, one in variables if one.numbers is None and one.kind not in ("char", "struct", "cell")
-    ]
+    readable = ("char", "struct", "cell")
+    others = [(at, one) for *_, at, one in variables if one.numbers is None and one.kind not in readable]
     remarks = [f"{at} is a {one.described()}, which is not read; {one.remedy()}" for at, one in others]
     remarks += [f"and {len(variables) - most} more variables"] * (len(variables) > most)
     by_part: dict[str, dict[str, Value]] = {}
@@ -560,13 +557,10 @@ def inspect_c3d(path: Path) -> Overview:
         channels.append(RecordedChannel("analog", {"channel": label}, own, values.size, rate, note))
     plates = plate_count(header)
     channels += [plate_channel(recording, number) for number in range(1, plates + 1)]
-    facts = {
-        "frames": f"{header.frames}, from {header.first_frame} on, at {header.rate:g} Hz",
-        "unit of length": unit or "none",
-        "force plates": str(plates),
-        "vertical on screen": "".join(header.texts("POINT:Y_SCREEN")[:1]) or "not said",
-        "software": " ".join(header.texts("MANUFACTURER:SOFTWARE")) or "not said",
-    }
+    facts = {"frames": f"{header.frames}, from {header.first_frame} on, at {header.rate:g} Hz"}
+    facts |= {"unit of length": unit or "none", "force plates": str(plates)}
+    facts["vertical on screen"] = "".join(header.texts("POINT:Y_SCREEN")[:1]) or "not said"
+    facts["software"] = " ".join(header.texts("MANUFACTURER:SOFTWARE")) or "not said"
     return Overview("c3d", facts, channels, settings={"plates": "all" if plates else "none"})
 
 
@@ -615,12 +609,9 @@ def inspect_trc(path: Path) -> Overview:
     """Markers with the share of frames in which they were seen."""
     file = read_trc(path)
     upward, positions = vertical_axis(file.positions), file.positions.transpose(1, 0, 2)
-    facts = {
-        "frames": f"{len(file.positions)}, from {file.first_frame} on, at {file.rate:g} Hz",
-        "unit of length": file.unit or "none",
-        "time of the first frame": f"{file.start:g} s",
-        "vertical axis": upward or "not told by the markers",
-    }
+    facts = {"frames": f"{len(file.positions)}, from {file.first_frame} on, at {file.rate:g} Hz"}
+    facts |= {"unit of length": file.unit or "none", "time of the first frame": f"{file.start:g} s"}
+    facts["vertical axis"] = upward or "not told by the markers"
     markers = zip(file.labels, positions, strict=True)
     channels = [marker_channel(label, one, file.rate, "marker", file.unit) for label, one in markers]
     return Overview("trc", facts, channels, file.damage.remarks, {"axes": ["x", "-z", "y"]} if upward == "y" else {})

@@ -376,15 +376,12 @@ def tell_leaps_of_markers(recording: sources.Recording) -> None:
         if not finite.all():
             bends = sources.bends_of(x := x[finite])
         if bends.max() > FAR_OF_MARKER:
-            far = [
-                a
-                for a, b in sources.leaps_of(x, bends, FAR_OF_MARKER)
-                if a < b and bends[a : b + 2].max() > FAR_OF_MARKER
-            ]
+            leaps = [(a, b) for a, b in sources.leaps_of(x, bends, FAR_OF_MARKER) if a < b]
+            far = [a for a, b in leaps if bends[a : b + 2].max() > FAR_OF_MARKER]
             said = f"{name} leaves its curve and comes back {len(far)} times, first at"
             told += [f"{said} {at:.3f} s: bytes may be lost" for at in time[finite][far[:1]]]
-    if leaps := run_edges(leaping / len(markers) >= 0.8).tolist():
-        first = f"{len(leaps)} times all markers leap in one frame, first at {time[leaps[0][0] + 1]:.3f} s"
+    if frames := run_edges(leaping / len(markers) >= 0.8).tolist():
+        first = f"{len(frames)} times all markers leap in one frame, first at {time[frames[0][0] + 1]:.3f} s"
         told.insert(0, f"{first}: frames are missing there, or a part of the file was moved")
     recording.damage.remarks += told
     recording.damage.is_doubted |= bool(told)

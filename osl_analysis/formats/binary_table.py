@@ -335,17 +335,14 @@ def table_of_frame(
 
 FIRST_BYTES = 1 << 16  # bytes of a file that `refuse_others` needs
 AS_C3D = "export the trial as C3D"
+AS_CSV = "open it in a spreadsheet, also where it is called `.xls`, and save its table as CSV"
 HTML = r"\A\s*<(!doctype html|html|head|table|meta|\?xml[^>]*>\s*<(\?mso|workbook))"
 JSON = r"\A\s*(\{\s*[\"'}]|\[\s*\{|\[[^\[\]]*\d\s*\]\s*$)"  # or a dictionary as Python prints it
 PACKED = r"\A(PK\x03\x04|\x1f\x8b|BZh|\xfd7zXZ\0|\x28\xb5\x2f\xfd|7z\xbc\xaf\x27\x1c|Rar!)"
 OTHERS = (
     ("an export of Qualisys Track Manager in TSV", r"\A\s*NO_OF_(FRAMES|SAMPLES|CAMERAS)\b", AS_C3D),
     ("an export of OptiTrack Motive in CSV", r'\A"?Format Version"?,"?\d', AS_C3D),
-    (
-        "a page of HTML or XML",
-        HTML,
-        "open it in a spreadsheet, also one that is called `.xls`, and save its table as CSV",
-    ),
+    ("a page of HTML or XML", HTML, AS_CSV),
     ("a document of JSON", JSON, "write JSON lines, an object per line and sample"),
     ("nothing but zero bytes", r"\A\0+\Z", "copy or record it again"),
     ("a PNG image", r"\A\x89PNG", "name the recording itself"),

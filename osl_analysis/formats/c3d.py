@@ -84,8 +84,6 @@ CONTINUATIONS = ("", *map(str, range(2, 10)))  # a parameter holds 255 values; m
 
 @dataclass(frozen=True)
 class C3DHeader:
-    """What a file declares."""
-
     processor: str  # number format of the file: Intel, DEC or MIPS
     points: int  # points per frame, model outputs included
     first_frame: int  # number of the first frame, as the laboratory counts

@@ -374,8 +374,6 @@ def table_of(lines: TextLines, layout: CsvLayout, is_unit: IsUnit, ends: bool = 
 
 @dataclass
 class Head:
-    """What stands above the rows of data."""
-
     names: list[str]
     units: list[str]
     first: int  # place of the first row of data

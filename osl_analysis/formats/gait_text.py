@@ -40,8 +40,6 @@ def check_last_line(ends: bool, rows: csv_table.Rows) -> None:
 
 @dataclass(frozen=True)
 class NexusSection:
-    """One section of an export."""
-
     title: str  # Devices, Trajectories or Model Outputs
     rate: float  # rows per second [Hz]
     names: list[str]  # name of every column: `Anna:LTOE`, `EMG2000 - Voltage`
@@ -119,8 +117,6 @@ def read_sections(path: Path, delimiter: str = "auto", decimal: str = ".") -> di
 
 @dataclass(frozen=True)
 class TrcFile:
-    """The markers of one file."""
-
     labels: list[str]
     positions: Array  # (frames, markers, 3) in `unit`; NaN where a marker was not seen
     rate: float  # frames per second [Hz]

@@ -39,8 +39,6 @@ FEWEST_SAMPLES = 10  # structs of single numbers that are taken for the samples 
 
 @dataclass(frozen=True)
 class Value:
-    """One value of a MATLAB file."""
-
     kind: str  # its class in MATLAB, such as `double`, `struct`, `cell`, `nldat`; `sparse` for a sparse matrix
     shape: tuple[int, ...] = (1, 1)
     numbers: Array | None = None  # of its shape, masked where never written; None for anything but real numbers
@@ -176,7 +174,6 @@ def names5(path: Path) -> list[str]:
 
 
 def read5(path: Path, names: Sequence[str]) -> dict[str, Value]:
-    """Some variables of a file of version 5."""
     from scipy.io import loadmat
 
     found, streams = dict[str, Value](), streams5(path)
@@ -334,7 +331,6 @@ def names73(path: Path) -> list[str]:
 
 
 def read73(path: Path, names: Sequence[str]) -> dict[str, Value]:
-    """Some variables of a file of version 7.3."""
     found = dict[str, Value]()
     with told_as_damage(), h5py().File(path, "r") as file:
         for name in names:
@@ -345,7 +341,6 @@ def read73(path: Path, names: Sequence[str]) -> dict[str, Value]:
 
 
 def value73(item: Any) -> Value:
-    """A dataset or a group of a file of version 7.3."""
     kind = item.attrs.get("MATLAB_class", "")
     kind = kind.decode("latin-1") if isinstance(kind, bytes) else str(kind)
     if "MATLAB_object_decode" in item.attrs or (hasattr(item, "dtype") and not hasattr(item, "shape")):
@@ -366,7 +361,6 @@ def group73(item: Any) -> Value:
 
 
 def dataset73(item: Any, kind: str) -> Value:
-    """An array by its class in MATLAB."""
     if item.shape is None:
         return Value(kind or "double", (0, 0), np.zeros((0, 0)))
     shape = tuple(reversed(item.shape)) or (1, 1)

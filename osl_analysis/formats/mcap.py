@@ -53,8 +53,6 @@ Runs = Mapping[int, tuple[Indices, int]]
 
 
 class ChunkHead(NamedTuple):
-    """What a chunk declares of itself."""
-
     size: int  # bytes that it holds
     crc: int  # checksum of these; 0 if there is none
     name: bytes  # its compression; empty for none
@@ -197,7 +195,6 @@ class McapFile(MessageFile):
         return resume
 
     def holds_chunk(self, position: int) -> bool:
-        """Whether a whole chunk stands at a position."""
         start = position + RECORD.size
         head = chunk_head(self.data, start, start + RECORD.unpack_from(self.data, position)[1])
         with suppress(DamagedChunkError):
@@ -333,7 +330,6 @@ def two_logs(place: int) -> RefusedFileError:
 
 
 def message_heads(buffer: bytes, places: Indices) -> NDArray[np.void]:
-    """The heads of messages (n,) at these places (n,)."""
     return numbers_at(buffer, places, np.dtype(f"V{MESSAGE.itemsize}")).view(MESSAGE)  # bytes are taken fastest
 
 

@@ -72,7 +72,6 @@ class FieldDescription(NamedTuple):
     elements: Sequence[str] = ()  # of an array: all as `name=ankle` where an array of text beside it tells, else `0`
 
     def addresses(self) -> list[str]:
-        """The paths of single numbers."""
         return [self.path] if self.length is None else [f"{self.path}[{element}]" for element in self.elements]
 
 
@@ -338,8 +337,6 @@ MessageField = tuple[str, str, int | None]
 
 
 class MessageType(NamedTuple):
-    """The type of a channel's messages."""
-
     name: str  # `package/Name`
     definitions: dict[str, list[MessageField]]  # fields of it and of all types in it
     ros1: bool  # little-endian, not aligned, no zero at the end of strings (wiki.ros.org/msg)
@@ -560,7 +557,6 @@ def is_array(value: Any) -> bool:
 
 
 def all_are(kind: Any, values: Sequence[Any]) -> bool:
-    """Whether there are values, all of a kind."""
     return len(values) > 0 and all(isinstance(one, kind) for one in values)
 
 

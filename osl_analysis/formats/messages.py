@@ -195,7 +195,6 @@ class ChannelLog:
         return WrongFieldError(f"{said}; name a number, or one element of an array, as `field` in the source file")
 
     def names_of_fields(self) -> str:
-        """The fields of the first message."""
         words: list[str] = []
         with suppress(ValueError, RecursionError):
             for one in message_fields.describe_message(self.channel, self.schema, self.first):

@@ -178,7 +178,6 @@ def opened(path: Path) -> Iterator[sqlite3.Connection]:
 
 
 def read_database(path: Path) -> MessageFile:
-    """Open a bag in a database of sqlite3 (.db3)."""
     if (begin := beginning(path)) != SQLITE:
         said = f"{path}: not a bag in sqlite3 (it begins with {quoted(begin[:8])})"
         raise InputError(f"{said}; check the source's format")

@@ -146,7 +146,6 @@ class Ledger:
         self.indexed_lost.update(messages or {})
 
     def miss_end(self, remark: str) -> None:
-        """Note that the file was cut off."""
         self.end_missing = True
         self.remarks.append(remark)
 

@@ -21,8 +21,6 @@ SAVE_AGAIN = "copy it again, or open it in LabVIEW or DIAdem and save it under a
 
 @dataclass(frozen=True)
 class TdmsChannel:
-    """One channel."""
-
     group: str
     name: str
     count: int
@@ -46,8 +44,6 @@ class TdmsChannel:
 
 @dataclass(frozen=True)
 class TdmsFile:
-    """The channels of one file."""
-
     data: bytes
     channels: list[TdmsChannel]  # its channels, in the order of the file
     properties: Mapping[str, str]  # what the file says about itself
@@ -137,7 +133,6 @@ def read_tdms(path: Path) -> TdmsFile:
 
 
 def channel_of(one: Any) -> TdmsChannel:
-    """A channel as npTDMS gives it."""
     about, step = one.properties, one.properties.get("wf_increment")
     is_timed = isinstance(step, float | int) and np.isfinite(step) and step > 0
     kind = np.dtype("V" if one.dtype is None else one.dtype)

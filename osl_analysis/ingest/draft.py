@@ -172,7 +172,6 @@ class DraftedLog(NamedTuple):
 
 @np.errstate(all="ignore")
 def drafted_log(overview: Overview) -> DraftedLog:
-    """What a log is drafted as."""
     time: Any = overview.settings.get("time", {})
     of_time = next((time[key] for key in ("column", "variable", "field", "channel") if key in time), "")
     listed = overview.channels if overview.drafted is None else overview.drafted
@@ -426,7 +425,6 @@ def draft_walking(overviews: Sequence[Overview]) -> list[str]:
 
 
 def markers_of(segment: str, found: Sequence[str]) -> str:
-    """The markers of a segment in a draft, and what is to be decided."""
     names, said = [json.dumps(name) for name in found], "named so" if found else "none is known"
     if not segment.startswith("ankle"):
         said += "; a cluster has 3 or more" * (len(names) < 3)

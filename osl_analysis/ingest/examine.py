@@ -43,8 +43,6 @@ class Commanded:
 
 @dataclass(frozen=True)
 class Examined:
-    """A trial under examination."""
-
     trial: Trial
     experiment: Experiment
     commanded: Commanded
@@ -62,8 +60,6 @@ class Examined:
 
 @dataclass(frozen=True)
 class CheckResult:
-    """What a check measured on one trial."""
-
     value: float | None  # in the check's unit; None where the check does not apply
     remark: str = ""  # which channel it was, or why the check does not apply
 

@@ -295,7 +295,6 @@ def may_be_clock(name: str, unit: str, values: NDArray[Any]) -> bool:
 
 
 def tells_time(name: str, unit: str) -> bool:
-    """Whether name or unit of a column say that it is time."""
     return is_like_clock(name) or is_of_time(unit or likely_unit(csv_table.name_and_unit(name)[0]))
 
 

@@ -32,8 +32,6 @@ from osl_analysis.trial import Array, plate_columns
 
 @dataclass(frozen=True)
 class RecordedChannel:
-    """One thing that the file recorded."""
-
     kind: str  # What it is: marker, model output, analog, plate, device, column, or the type of a topic's messages.
     address: Mapping[str, str]  # How a source file names it: `topic` and `field`, `column`, `channel`, `label` ...
     unit: str = ""  # unit of the numbers, as the file spells it; empty where it gives none
@@ -54,8 +52,6 @@ class RecordedChannel:
 
 @dataclass(frozen=True)
 class Overview:
-    """What one file holds."""
-
     format: str  # the format's name in source files
     facts: Mapping[str, str]  # facts about the whole file
     channels: Sequence[RecordedChannel]  # what it recorded, in the order of the file

@@ -44,8 +44,6 @@ FileLister = Callable[[Path], Overview]  # lists what a file holds, without a so
 
 @dataclass(frozen=True)
 class KnownFormat:
-    """One format of logs or captures."""
-
     source: type[sources.Source]  # the model of its source files
     begins: Callable[[bytes], bool]  # whether a file that begins with these bytes is of this format
     suffixes: tuple[str, ...]

@@ -155,7 +155,6 @@ def base_units(spelling: str) -> tuple[float, str] | None:
 
 
 def is_unit(text: str) -> bool:
-    """Whether a text is a unit that is known."""
     return base_units(normalised(text)) is not None
 
 

@@ -225,10 +225,8 @@ def draft_campaign(folder: Path) -> Draft:
     for source in {source for source, _ in rows.values()}:
         alike = {file: count for file, (of, count) in rows.items() if of == source}
         is_short, usual = shorter_than_usual(np.array([*alike.values()]))
-        draft.open += [
-            (file, f"{alike[file]} rows, {usual:.0f} in most like it: was its end cut off?")
-            for file in compress(alike, is_short)
-        ]
+        said = f"{usual:.0f} in most like it: was its end cut off?"
+        draft.open += [(file, f"{alike[file]} rows, {said}") for file in compress(alike, is_short)]
     if not recordings:
         why = f", as {draft.refused[0]}" if draft.refused else f" ({', '.join(sorted(raw_files.SUFFIXES))})"
         raise InputError(f"{folder}: no recording in it that can be read{why}; name the folder of the recordings")

@@ -211,9 +211,8 @@ def hdf5_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
         pickled = [bytes(item.attrs[key]) for key in item.attrs if re.fullmatch(r"values_block_\d+_kind", key)]
         with suppress(ValueError):  # how pandas writes titles: read without running what a pickle may hold
             texts += [[arg for op, arg, _ in genops(one) if "UNICODE" in op.name] for one in pickled]
-        texts.append(
-            item.asstr()[()] if h5py.check_string_dtype(item.dtype) and item.size <= csv_table.MOST_COLUMNS else None
-        )
+        is_text = h5py.check_string_dtype(item.dtype) and item.size <= csv_table.MOST_COLUMNS
+        texts.append(item.asstr()[()] if is_text else None)
         for number, one in enumerate(texts):
             if one is not None and np.ndim(one) == 1:
                 arrays[f"{name} {number} of titles"] = np.array([str(text) for text in one])

@@ -460,12 +460,9 @@ def head_of(
         return Head([str(place + 1) for place in range(width)], [""] * width, 0)
     if first_value is None:
         line, cells = rows[len(rows) // 2]
-        raise InputError(
-            f"no table of numbers: most of its {len(rows)} rows hold none, such as line {line}, "
-            f"'{' '.join(cells)[:40]}'; name a recording, or write a header and a row per sample"
-            if len(rows) > 1
-            else "no rows of data; record it again, or exclude the trial"
-        )
+        said = f"no table of numbers: most of its {len(rows)} rows hold none, such as line {line}, "
+        said += f"'{' '.join(cells)[:40]}'; name a recording, or write a header and a row per sample"
+        raise InputError(said if len(rows) > 1 else "no rows of data; record it again, or exclude the trial")
     data = partial(is_data, width=width, first_value=first_value)
     first = next((place for place, (_, cells) in enumerate(rows) if data(cells)), len(rows))
     if layout.ragged == "dropped_variable":  # such a logger writes its header first

@@ -185,10 +185,8 @@ def read_trc(path: Path) -> TrcFile:
 
 
 def is_opensim(begin: bytes) -> bool:
-    return (
-        csv_table.is_text(begin)
-        and re.search(r"(?im)^[ \t]*endheader[ \t\r]*$", csv_table.decoded_text(begin)) is not None
-    )
+    end = r"(?im)^[ \t]*endheader[ \t\r]*$"
+    return csv_table.is_text(begin) and re.search(end, csv_table.decoded_text(begin)) is not None
 
 
 def read_opensim(

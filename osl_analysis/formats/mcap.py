@@ -325,8 +325,8 @@ def read_mcap(path: Path) -> McapFile:
 
 def two_logs(place: int) -> RefusedFileError:
     """The number of a channel means one topic in the first log and may mean another in the second."""
-    said = f"holds two logs, the second from byte {place} on: split them into two files there (`head -c`"
-    return RefusedFileError(f"{said}, `tail -c`) and give each a trial of its own")
+    remedy = "split them into two files there (`head -c`, `tail -c`) and give each a trial of its own"
+    return RefusedFileError(f"holds two logs, the second from byte {place} on: {remedy}")
 
 
 def message_heads(buffer: bytes, places: Indices) -> NDArray[np.void]:

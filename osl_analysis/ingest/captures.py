@@ -176,10 +176,8 @@ def read_c3d_capture(path: Path, source: sources.C3dSource) -> sources.Recording
     for column, one in source.analogs.items():
         place = place_of_label(one.channel, recording.analog_labels, "analog channel")
         analogs[column] = recording.analogs[:, place], recording.analog_unit(place)
-    facts = {
-        "plate_zero_frames": baseline_frames(recording, source) if plates else None,
-        "body_mass_kg": next(iter(header.numbers("PROCESSING:BODYMASS").tolist()), None),
-    }
+    facts: dict[str, Any] = {"plate_zero_frames": baseline_frames(recording, source) if plates else None}
+    facts["body_mass_kg"] = next(iter(header.numbers("PROCESSING:BODYMASS").tolist()), None)
     said = list[str]()
     upward = "".join(header.texts("POINT:Y_SCREEN")[:1]).upper()
     if source.axes == ("x", "y", "z") and upward not in ("", "+Z", "-Z", "Z"):

@@ -454,15 +454,11 @@ def assemble(
     facts = {role: dict(recordings[role].facts) for role in ("log", "mocap") if role in recordings}
     columns = {of: {"file": role, **origin} for role in facts for of, origin in recordings[role].columns.items()}
     damage = {role: losses for role in facts if (losses := recordings[role].losses)}
-    provenance: dict[str, Any] = {
-        "software": {"name": "osl-analysis", "version": own_version("osl-analysis")},
-        "files": dict(files),
-        "columns": columns,
-        "plates": [plate for one in facts.values() for plate in one.pop("plates", [])],
-        "warnings": [printable(warning) for role in facts for warning in recordings[role].warnings],
-        **({"damage": damage} if damage else {}),
-        **facts,
-    }
+    software = {"name": "osl-analysis", "version": own_version("osl-analysis")}
+    provenance: dict[str, Any] = {"software": software, "files": dict(files), "columns": columns}
+    provenance["plates"] = [plate for one in facts.values() for plate in one.pop("plates", [])]
+    provenance["warnings"] = [printable(warning) for role in facts for warning in recordings[role].warnings]
+    provenance |= ({"damage": damage} if damage else {}) | facts
     if len(recordings) == 1:
         return Trial(name, recordings[next(iter(facts))].samples, provenance)
     log, mocap = recordings["log"], recordings["mocap"]

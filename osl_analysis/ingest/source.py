@@ -175,7 +175,6 @@ class LogChannel(Channel):
 
 class FieldChannel(LogChannel):
     ADDRESS = "field"
-
     field: Name
     """Dotted path of the number, with an index or a name where it passes an array: `wrench.force.x`, `position[0]`,
     `position[name=ankle]`; in JSON a name with a dot in it in quotes, `functions["loadcell.mz"]`."""
@@ -184,13 +183,11 @@ class FieldChannel(LogChannel):
 
 class MessageChannel(FieldChannel):
     BESIDE = ("topic",)
-
     topic: Name  # Name of the topic.
 
 
 class ColumnChannel(LogChannel):
     ADDRESS = "column"
-
     column: ColumnName
     """Name in the header, with or without its unit (`torque` finds `torque [Nm]`); a pattern in which `*` stands for
     any text, which must fit one column (`"*.output_position"`); or the column's number, counted from 1."""
@@ -202,7 +199,6 @@ class OpenSimChannel(ColumnChannel):
 
 class VariableChannel(LogChannel):
     ADDRESS = "variable"
-
     variable: AddressText
     """Its address in MATLAB's notation: `torque`, `Test.run(2).torque`, `data(:,3)`, `runs{2}.torque`. It is within
     `log_part`, unless it begins with `/`."""
@@ -212,19 +208,16 @@ class VariableChannel(LogChannel):
 
 class TdmsChannel(LogChannel):
     ADDRESS = "channel"
-
     channel: Name  # Group and name, as `Measured Data/Torque`, or the name where one group has it.
 
 
 class C3dChannel(Channel):
     ADDRESS = "channel"
-
     channel: Name  # Its label.
 
 
 class DeviceChannel(Channel):
     ADDRESS, BESIDE = "device", ("component",)
-
     device: Name  # Name of the device's output, such as `EMG2000 - Voltage`.
     component: Name  # Name of the column under it.
 
@@ -241,7 +234,6 @@ class Time(Addressed):
 
 class MessageTime(Time):
     ADDRESS = "field"
-
     source: Literal["header", "log"]  # `header`: the stamp in the message. `log`: when the recorder logged it.
     field: str = "header.stamp"  # Path of a stamp of seconds and nanoseconds.
 
@@ -269,7 +261,6 @@ class RowTime(Time):
 
 class ColumnTime(RowTime):
     ADDRESS, COUNTS = "column", True
-
     column: ColumnName | None = None  # Name of the column that holds time, or beside `rate` counts the samples.
 
 
@@ -280,19 +271,16 @@ class OpenSimTime(ColumnTime):
 
 class FieldTime(RowTime):
     ADDRESS = "field"
-
     field: str | None = None  # Path of the number that is time, or of a stamp of seconds and nanoseconds (no `unit`).
 
 
 class VariableTime(RowTime):
     ADDRESS = "variable"
-
     variable: AddressText | None = None  # Address of the variable that holds time, as in `channels`.
 
 
 class TdmsTime(RowTime):
     ADDRESS, IN_FILE = "channel", True
-
     channel: str | None = None  # That of time; LabVIEW's stamps need no unit. Without it: the channels' own timing.
 
 
@@ -448,7 +436,6 @@ class LogSource(Source):
 
 class MessageSource(LogSource):
     OF = " of messages"
-
     channels: Annotated[Mapping[str, MessageChannel], Field(min_length=1)]
     time: MessageTime
     largest_loss: SampleShare = 0.01  # Largest share of a topic's messages that may be lost, or the log is refused.
@@ -464,7 +451,6 @@ class SheetSource(TableSource):
     """That of a table of cells with a header, of any program."""
 
     OF = " of format table"
-
     channels: Annotated[Mapping[str, ColumnChannel], Field(min_length=1)]
     time: ColumnTime
     comment: str = "auto"  # Sign at the beginning of comment lines, of `auto` #, % or //; empty if there are none.
@@ -486,7 +472,6 @@ class SheetSource(TableSource):
 
 class CsvSource(SheetSource):
     OF = " of format csv"
-
     delimiter: Literal["auto", ",", ";", "tab", "space", "|"] = "auto"
     """Sign between cells; `auto` takes that of tab, `;`, `|`, `,` and blank by which most cells are numbers."""
     decimal: Literal["auto", ".", ","] = "auto"  # Decimal sign; `auto` takes the one that the numbers have.
@@ -494,14 +479,12 @@ class CsvSource(SheetSource):
 
 class JsonSource(TableSource):
     OF = " of format json_lines"
-
     channels: Annotated[Mapping[str, FieldChannel], Field(min_length=1)]
     time: FieldTime
 
 
 class MatSource(TableSource):
     OF = " of format mat"
-
     channels: Annotated[Mapping[str, VariableChannel], Field(min_length=1)]
     time: VariableTime
     log_part: Annotated[str, AfterValidator(lambda text: checked_address(text, inside=False) if text else text)] = ""
@@ -513,14 +496,12 @@ class MatSource(TableSource):
 
 class TdmsSource(TableSource):
     OF = " of format tdms"
-
     channels: Annotated[Mapping[str, TdmsChannel], Field(min_length=1)]
     time: TdmsTime = Field(default_factory=TdmsTime)
 
 
 class OpenSimSource(SheetSource, InAxes):
     OF = " of format opensim"
-
     clock: Literal["master", "sync", "shared", "common"] = "master"  # type: ignore[assignment]
     """How the log's clock is aligned to motion capture's. `common`: its times are those of the TRC beside it."""
     channels: Mapping[str, OpenSimChannel] = Field(default={})
@@ -547,7 +528,6 @@ class MarkerSource(InAxes):
 
 class TrcSource(MarkerSource):
     OF = " of format trc"
-
     point_unit: LengthUnit | None = None  # Unit of length, where the file's own is absent or wrong.
 
 
@@ -565,7 +545,6 @@ class LaboratorySource(MarkerSource):
 
 class C3dSource(LaboratorySource):
     OF = " of format c3d"
-
     analogs: Mapping[str, C3dChannel] = Field(default={})
     point_unit: LengthUnit | None = None  # Unit of length, where the file's own is absent or wrong.
     plates: Annotated[Literal["all"] | tuple[PositiveInt, ...], BeforeValidator(all_none_or_list)] = "all"
@@ -583,7 +562,6 @@ class C3dSource(LaboratorySource):
 
 class NexusSource(LaboratorySource):
     OF = " of format nexus_csv"
-
     analogs: Mapping[str, DeviceChannel] = Field(default={})
     plates: Mapping[PositiveInt, NexusPlate] = Field(default={})  # Force plates by number, from 1.
     delimiter: Literal["auto", ",", ";", "tab", "space", "|"] = "auto"  # Sign between cells.

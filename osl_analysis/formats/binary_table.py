@@ -76,8 +76,7 @@ def read_binary_table(
             optional_module("h5py", "an HDF5 file")  # before the fork: it takes a fifth of a second
             arrays, units = isolated(partial(hdf5_arrays, path))
             frame = frame_of(arrays, damage, notes)
-            if (behind := bytes_behind(path, 0)) > 0:
-                damage.lose(f"{behind} bytes stand behind its end, and are not read", 0, None, 0)
+            tell_bytes_behind(path, 0, damage)
         else:
             try:
                 if kind == "npy":
@@ -233,12 +232,13 @@ def hdf5_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
     return arrays, units
 
 
-def bytes_behind(path: Path, begin: int) -> int:
-    """How many bytes stand behind the end that the superblock, at a byte, states: where some were inserted."""
+def tell_bytes_behind(path: Path, begin: int, damage: Ledger) -> None:
+    """Note bytes behind the end that the superblock, at a byte, states: some were inserted."""
     with path.open("rb") as file:
         start = file.read(begin + 128)[begin:].ljust(128, b"\0")
     (stated,) = struct.unpack_from("<Q", start, 40 if start[8] < 2 else 28)
-    return path.stat().st_size - int(stated)
+    if (behind := path.stat().st_size - int(stated)) > 0:
+        damage.lose(f"{behind} bytes stand behind its end, and are not read", 0, None, 0)
 
 
 def never_written(item: Any) -> NDArray[np.bool_] | None:
@@ -263,8 +263,8 @@ def never_written(item: Any) -> NDArray[np.bool_] | None:
 
 def frame_of(arrays: Mapping[str, NDArray[Any]], damage: Ledger, notes: list[str]) -> pl.DataFrame:
     """The columns of arrays that have the length that most have: an array (n,), each column of one (n, m), each field
-    of records. Rows are what there is more of. Texts are the titles of a matrix with as many columns, the only one.
-    Single numbers, as a rate, become `notes`."""
+    of records. Rows are what there is more of. Texts are titles of the only matrix that is as wide. Single numbers, as
+    a rate, become `notes`."""
     titles = titles_in(arrays)
     columns = {own: values for name, array in arrays.items() for own, values in columns_in(name, array, titles).items()}
     numbers = {name: values for name, values in columns.items() if values.dtype.kind in "biufmM"}

@@ -160,8 +160,7 @@ class C3DRecording:
     damage: Ledger = field(default_factory=Ledger)
 
     def without_end(self, plate_channels: list[int]) -> "C3DRecording":
-        """The frames before those at the end in which some channels, counted from 0, are no numbers: the recorder of
-        the forces stopped before the cameras."""
+        """The frames before the last ones, in which channels, from 0, are no numbers: forces stopped before cameras."""
         ratio, finite = self.header.samples_per_frame, np.isfinite(self.analogs[:, plate_channels]).all(axis=1)
         frames = int(np.argmin(finite)) // ratio
         if not frames or finite.reshape(-1, ratio)[frames:].all(axis=1).any():

@@ -204,8 +204,7 @@ def is_value(cell: str) -> bool:
 
 def cell_stamps(cells: pl.Series) -> NDArray[np.int64] | None:
     """Times of day (n,) [ns] of cells such as `10:12:13.002`, `2024-05-01T10:12:13Z`, `0 days 00:00:00.002` and
-    `12:13.5` (minutes and seconds), which go on at midnight; None if a cell is none of these. The date tells nothing
-    that the order of the rows does not tell."""
+    `12:13.5` (minutes and seconds), which go on at midnight; None if a cell is none. Dates tell no more than rows."""
     if cells.dtype.is_temporal():
         whole = cells.cast((pl.Datetime if cells.dtype in (pl.Date, pl.Datetime) else pl.Duration)("ns"))
         return None if whole.null_count() else whole.cast(pl.Int64).to_numpy()
@@ -489,8 +488,7 @@ def head_of(
 
 
 def joined_heads(above: Rows) -> Rows:
-    """Rows above the data, the last two as one where either has cells only where the other has none: pandas writes the
-    name of an index below those of the columns."""
+    """Rows above the data, the last two as one where they have cells in other columns: pandas writes an index below."""
     (line, upper), (_, last) = above[-2:] if len(above) > 1 else [(0, [""]), (0, ["", ""])]
     if len(upper) != len(last) or any(map(all, zip(upper, last, strict=True))) or not any(last):
         return above

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from osl_analysis.errors import EXTRAS, InputError, listing, nearest, optional_module
-from osl_analysis.formats.binary_table import bytes_behind, never_written
+from osl_analysis.formats.binary_table import never_written, tell_bytes_behind
 from osl_analysis.formats.table import Ledger, check_memory, in_one_sentence, isolated
 from osl_analysis.trial import Array
 
@@ -141,8 +141,7 @@ def open_mat(path: Path) -> MatFile:
         if begin.startswith(b"MATLAB 7.") or 2 in begin[124:126]:
             h5py()  # once for all forks
             names = isolated(partial(names73, path))
-            if (behind := bytes_behind(path, 512)) > 0:
-                damage.lose(f"{behind} bytes stand behind its end, and are not read", 0, None, 0)
+            tell_bytes_behind(path, 512, damage)
             return MatFile(path, "7.3", header, names, damage)
         data, end = path.read_bytes(), 128
         while end + 8 <= len(data):  # each element tells its length; scipy is silent about what lies beyond the end

@@ -63,8 +63,7 @@ class TdmsFile:
         return found[0]
 
     def values(self, wanted: Sequence[TdmsChannel], most: int | None = None) -> dict[str, NDArray[Any]]:
-        """The numbers of some channels, at `most` so many, scaled as the file says, by address; time stamps as seconds
-        since the first."""
+        """The numbers of some channels, at `most` so many, by address, as the file scales them; stamps in s."""
         for one in wanted:
             if not one.count:
                 raise InputError(f"channel '{one.address}' is empty; take another one, or record again")

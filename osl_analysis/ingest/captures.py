@@ -2,8 +2,7 @@
 
 Force plates of types 1 to 4 become force and moment on the foot (C3D manual, Kistler), about the centre of the plate's
 surface, without a centre of pressure, so that they are valid for an unloaded plate. The baseline FORCE_PLATFORM:ZERO is
-applied only where the source file asks: most files name their first ten frames, whether the plates were empty or not.
-"""
+applied only where the source file asks: most files name their first ten frames, of empty plates or not."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -38,9 +37,8 @@ def plate_record(
     """Columns of one plate in our axes, (samples,) each, where they come from, and what the provenance says of it.
     plate: number, type (2 where forces and moments were exported) and corners, (4, 3) [m]. wrench: force [N] on the
     foot and moment [N*m] about the corners' centre, (samples, 3) each, in the file's axes. channels: names, samples
-    (samples, channels) in the file's units, and rate [Hz] of the raw ones. As the rotation hides a clipped or dead
-    sensor, each raw channel's longest run at an extreme (`clipped_...`) and of one value while the force changes
-    (`stands_...`) is told."""
+    (samples, channels) in the file's units, and rate [Hz] of the raw ones, of each of which the longest run at an
+    extreme (`clipped_...`) and of one value while the force changes (`stands_...`) is told: the rotation hides it."""
     columns, origins, facts = dict[str, Array](), Origins(), []
     for quantity, values in zip(("force", "moment"), wrench, strict=True):
         for axis, column in enumerate(plate_columns(plate["plate"], quantity)):
@@ -137,10 +135,8 @@ def place_of_label(label: str, labels: Sequence[str], what: str) -> int:
     """Index of a label that must occur exactly once."""
     count = Counter(labels)[label]
     if count == 0:
-        raise InputError(
-            f"no {what} '{label}'; the file has {listing(sorted(set(labels)))}"
-            f"{nearest(label, labels) or '; correct the name in the source file'}"
-        )
+        near = nearest(label, labels) or "; correct the name in the source file"
+        raise InputError(f"no {what} '{label}'; the file has {listing(sorted(set(labels)))}{near}")
     if count > 1:
         raise InputError(f"{what} '{label}' occurs {count} times; rename them, or list others in the source file")
     return labels.index(label)
@@ -168,10 +164,10 @@ def read_c3d_capture(path: Path, source: sources.C3dSource) -> sources.Recording
         names = tuple(label for label in labels if is_labelled(label) and label not in recording.model_outputs)
     length = checked_length(recording.point_unit(), "unit of length", source) if names else ""
     markers = [(one, one, points[:, place_of_label(one, labels, "marker")], length) for one in names]
-    outputs = {
-        column: points[:, place_of_label(one.label, labels, "model output"), AXES.index(one.component)]
-        for column, one in source.outputs.items()
-    }
+    outputs = dict[str, Array]()
+    for column, output in source.outputs.items():
+        place = place_of_label(output.label, labels, "model output")
+        outputs[column] = points[:, place, AXES.index(output.component)]
     analogs = {}
     for column, one in source.analogs.items():
         place = place_of_label(one.channel, recording.analog_labels, "analog channel")

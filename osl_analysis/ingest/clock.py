@@ -37,9 +37,8 @@ Edges = tuple[Array, NDArray[np.bool_], float]
 
 
 def find_edges(time: Array, level: Array) -> Edges:
-    """Edges of a two-level signal: where it crosses its mid-level, interpolated between two samples. A rising edge
-    counts only if the signal then passes three quarters of its range, a falling one if it passes one quarter, so that
-    noise at the mid-level makes no edges."""
+    """Edges of a two-level signal: where it crosses its mid-level, between samples, if it then passes three quarters
+    of its range, or falling one quarter: noise at the mid-level makes no edges."""
     low, swing = float(level.min()), float(np.ptp(level))
     step, middle = float(np.median(np.diff(time))) if time.size > 1 else 0.0, low + 0.5 * swing
     certain = np.flatnonzero(abs(level - middle) > 0.25 * swing)

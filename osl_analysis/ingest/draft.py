@@ -70,8 +70,7 @@ def parted_name(name: str) -> str:
 @np.errstate(all="ignore")  # what a damaged file holds may be of any size
 def draft_source(overview: Overview, name: str, walking: bool = True, log: "DraftedLog | None" = None) -> str:
     """A source file for the file `name`. Channels that are the only one like a canonical column, and whose unit is
-    known, have its name; the user names the others. walking: with the section for captures as comments; log: what is
-    guessed already."""
+    known, have its name. walking: with the section for captures as comments; log: what is guessed already."""
     lines = [f"format: {overview.format}", f"description: {json.dumps(f'Drafted from {name}; complete it.')}"]
     lines += [f"{key}: {json.dumps(value)}" for key, value in overview.settings.items()]
     if not FORMATS[overview.format].is_capture:
@@ -326,8 +325,7 @@ and Qualisys' (CAST). A marker called `ankle` and no more is the lateral one in 
 
 
 def segment_of(label: str) -> tuple[str, str]:
-    """Side, R or L, and segment of `SEGMENT_WORDS` that a marker's name tells; empty where it tells none. The name of
-    the subject before a colon does not count."""
+    """Side, R or L, and segment of `SEGMENT_WORDS` that a marker's name tells behind the subject's; empty for none."""
     name = re.sub(r"[^A-Z0-9]+", "_", label.rpartition(":")[2].upper()).strip("_")
     forms = re.findall(r"^(RIGHT|LEFT|R|L)_?(.+)$", name)
     forms += [(side, rest) for rest, side in re.findall(r"^(.+)_(RIGHT|LEFT|R|L)$", name)]

@@ -398,8 +398,7 @@ def check_begin(
 def check_other_clocks(table: Table, source: sources.TableSource, time: Array) -> dict[str, float]:
     """Other clocks of a table that go on at another rate than its time [s], by half a percent or more in whatever unit,
     with the RMS [s] by which they come apart. Refused is a stated rate that one contradicts by 5 %, or that differs
-    from the rate that the file states; and another clock of the same name that begins at another time, which is that of
-    the columns beside it."""
+    from the rate that the file states; and another clock of the same name that begins elsewhere (`check_begin`)."""
     rate, apart = source.time.rate, dict[str, float]()
     of_time = csv_table.name_and_unit(source.time.name)[0]
     for name, unit, every in table.clocks:
@@ -602,8 +601,7 @@ def on_instants_of_all(
 def on_union(
     values: Mapping[str, NDArray[Any]], stamps: Mapping[str, NDArray[np.int64]]
 ) -> tuple[NDArray[np.int64], dict[str, NDArray[Any]]]:
-    """The instants (n,) of all channels, each with whole stamps that rise, and their values there, masked where one has
-    none. InputError if they do not overlap."""
+    """The instants (n,) of all channels, of rising whole stamps, and values there, masked if none; they overlap."""
     if max(one[0] for one in stamps.values()) > min(one[-1] for one in stamps.values()):
         raise InputError(f"its channels do not overlap in time; name those of one recording, or {RATE}")
     union = np.unique(np.concatenate([*{id(one): one for one in stamps.values()}.values()]))
@@ -767,8 +765,7 @@ def decode_wanted(
 def read_topic(
     channels: Mapping[str, sources.MessageChannel], decoded: Decoded, source: sources.MessageSource, damage: Ledger
 ) -> tuple[pl.DataFrame, dict[str, int], list[str]]:
-    """Stamps [ns] and columns of one topic in the order of the stamps, counts of the sorting (`sorted_by_stamp`), and a
-    sentence for each field that messages lack."""
+    """Stamps [ns] and columns of a topic in their order, counts of the sorting, a sentence for each lacking field."""
     logged, number, from_header = decoded.log_time, decoded.channel, source.time.source == "header"
     table = Table(logged.size, decoded.values, noun="message")
     stamp: NDArray[Any] = logged

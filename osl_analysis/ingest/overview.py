@@ -64,8 +64,7 @@ class Overview:
 def likely_clock(readings: Mapping[str, NDArray[Any]], what: str = "columns") -> tuple[str | None, list[str]]:
     """The clock that a draft names, and what the user has to decide, from the readings (n,) of all that are called so.
     The first of several, if they span the same time in s, ms, us or ns: within 0.5 %, which puts I wrong by 1 %. None
-    if they contradict each other, as then B and I depend on the choice. What does not run, as the duration of each
-    loop, is no clock beside one that does."""
+    if they contradict each other, as then B and I depend on the choice. What does not run is no clock beside others."""
     clocks = {name: values.astype(np.float64) for name, values in readings.items()}
     spans = {name: span_of(values) for name, values in clocks.items()}
     running = [name for name, span in spans.items() if span > 0] or list(readings)
@@ -171,8 +170,7 @@ def overview_of(
     clock: str | None = None,
 ) -> Overview:
     """What a table holds, the same for every format: its channels, the likely clock among those that a draft has, what
-    is guessed. `called`: whether a column is called like a clock; `timing`: the field `time` where the file tells it;
-    `clock`: the column of time where it does."""
+    is guessed. `called`: whether a column is called like a clock; `timing`, `clock`: `time` and its column if known."""
     offered, questions = columns if drafted is None else drafted, list(left_open)
     if timing is None or clock is not None:
         own = {one.key: one for one in offered if one.numbers is not None and one.numbers.size}

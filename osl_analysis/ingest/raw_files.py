@@ -323,8 +323,7 @@ def tell_copies(recording: sources.Recording) -> None:
 
 
 def tell_no_sensor(recording: sources.Recording) -> None:
-    """Say where a channel has values that no sensor gives: nobody knows how many were lost. A recorder may wait for its
-    trigger, and hold all channels until then."""
+    """Say where a channel has values of no sensor, but for those that all hold until the trigger: some may be lost."""
     times, each = recording.samples["time"].to_numpy(), dict[str, tuple[Array, Array]]()
     for column in (one for one in recording.columns if one in sources.SELDOM_REPEAT):
         rows, x = read_values(recording, column)

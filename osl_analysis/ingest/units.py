@@ -109,8 +109,7 @@ AT_END_IN_ANY_CASE = {one.casefold(): unit for one, unit in AT_END.items() if le
 
 def name_and_ending(name: str) -> tuple[str, str]:
     """A column's name without the unit that its end spells, and that unit, as of `ankle_deg`, `torque_N_cm` and
-    `MomentLbfFt`; empty if none. A prefix is never apart from its unit: `torque_m_Nm` is the motor's. `torquemNm` may
-    be either, and tells none."""
+    `MomentLbfFt`; empty if none. A prefix is never apart from its unit: `torque_m_Nm` is the motor's."""
     pair = re.fullmatch(r"([^\W\d_]\w*)/(\S+)", name)  # `M/Nm`, but not `deg/s`
     if pair and ending_spelled(pair[2]) and not ending_spelled(pair[1]):
         return pair[1], ending_spelled(pair[2])

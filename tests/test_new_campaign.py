@@ -251,8 +251,7 @@ def test_a_walking_laboratory_is_drafted_from_captures_whose_names_say_nothing(t
     assert not [line for line in left_to_decide(tmp_path / "mine", draft) if "to be edited" in line]
     analogs = {name: yaml.safe_load(text)["analogs"] for name, text in draft.sources.items()}
     assert analogs["c3d"] == {
-        "sync": {"channel": PULSES[0], "unit": "V"},
-        "trigger": {"channel": PULSES[1], "unit": "V"},
+        n: {"channel": one, "unit": "V"} for n, one in zip(("sync", "trigger"), PULSES, strict=True)
     }
     assert [*analogs["c3d_2"]] == ["sync"]  # a capture without a trigger has a source file of its own
     assert [cells["mocap_source"] for cells, _ in draft.trials if cells["trial"] == "a6"] == ["c3d_2"]

@@ -102,10 +102,10 @@ def test_a_certainly_negative_inertia_is_noted():
     ([30.0, 60.0], []), ([30.0, 60.0, 29.0, 60.0], []), ([60.0, 20.0, 60.0], ["b"]),
 ])  # fmt: skip
 def test_a_recording_that_is_shorter_than_most_of_its_motion_is_noted_where_these_are_alike(seconds, noted):
-    rows = {"trial": [*"abcd"][: len(seconds)], "fitted_s": seconds, "amplitude_deg": None, "excitation": "other"}
-    table = pl.DataFrame({**rows, "doubtful": ""}, schema_overrides={"amplitude_deg": pl.Float64})
-    brief = table[:1].with_columns(trial=pl.lit("e"), excitation=pl.lit("stepped sine"), fitted_s=5.0)
-    found = [one for one in known({"impedance": pl.concat([table, brief])}, {}) if one["cause"] == "shorter recording"]
+    motion = ["other"] * len(seconds) + ["stepped sine"]
+    rows = {"trial": [*"abcde"][: len(motion)], "fitted_s": [*seconds, 5.0], "excitation": motion, "doubtful": ""}
+    table = pl.DataFrame(rows).with_columns(amplitude_deg=pl.lit(None, pl.Float64))
+    found = [one for one in known({"impedance": table}, {}) if one["cause"] == "shorter recording"]
     assert [(one["verdict"], one["trials"]) for one in found] == [("remark", noted)] * bool(noted)
     assert all(f"{min(seconds):g} s are fitted, and 60 s of most" in one["line"] for one in found)
 

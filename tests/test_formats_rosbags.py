@@ -93,11 +93,8 @@ def write_split(folder: Path, storage: str = "SQLITE3") -> Path:
     return whole
 
 
-CHANNELS = {
-    "theta": {"topic": "/lab", "field": "angle", "unit": "deg"},
-    "torque": {"topic": "/lab", "field": "torque[0]", "unit": "N*m", "sign": -1},
-    "sync": {"topic": "/lab", "field": "sync", "unit": "V"},
-}
+MAPPED = {"theta": ("angle", "deg", 1), "torque": ("torque[0]", "N*m", -1), "sync": ("sync", "V", 1)}
+CHANNELS = {name: {"topic": "/lab", "field": at, "unit": unit, "sign": s} for name, (at, unit, s) in MAPPED.items()}
 read = partial(read_recognised, time={"source": "header"}, channels=CHANNELS)
 refused = partial(refusal_of, time={"source": "header"}, channels=CHANNELS)
 

@@ -357,10 +357,9 @@ def test_outside_of_a_campaign_nobody_stated_a_protocol_or_a_device(tmp_path, mo
 
 def test_the_stated_source_file_decides(tmp_path):
     write_joint(tmp_path / "in/k120_b2.csv", sign=-1.0)
-    (tmp_path / "mine.yaml").write_text(
-        "format: csv\ntime: {column: time_s, unit: s}\nchannels:\n  theta: {column: ankle_angle_deg, unit: deg}\n"
-        "  torque: {column: loadcell_torque_Nm, unit: N*m, sign: -1}\n"
-    )
+    theta, torque = "{column: ankle_angle_deg, unit: deg}", "{column: loadcell_torque_Nm, unit: N*m, sign: -1}"
+    source = f"format: csv\ntime: {{column: time_s, unit: s}}\nchannels:\n  theta: {theta}\n  torque: {torque}\n"
+    (tmp_path / "mine.yaml").write_text(source)
     bench = watching.WatchedBench(Path("config/config.yaml"), tmp_path / "mine.yaml", tmp_path / "pictures")
     said = watching.recording_line(tmp_path / "in/k120_b2.csv", tmp_path / "in", bench)[0]
     assert "guessed" not in said
@@ -411,14 +410,12 @@ def test_a_recording_is_held_against_its_siblings_of_which_a_wrong_gain_is_told(
         row = {"experiment": "impedance", "K_d": 300.0, "B_d": 5.0} if kind[3] else {"experiment": "impedance"}
         samples = pl.DataFrame({"time": [0.0, 1.0, 2.0], "theta": [0.0, 0.1, 0.2]})
         provenance = {"columns": {"torque": {"sign": sign}}}
-        numbers = watching.comparable(
-            Trial(name, samples, provenance), row, {"K": K, "K_se": 1.0, "B": 5.0, "B_se": 0.1}
-        )
+        estimates = {"K": K, "K_se": 1.0, "B": 5.0, "B_se": 0.1}
+        numbers = watching.comparable(Trial(name, samples, provenance), row, estimates)
         return list(watching.beside_siblings(name, kind, numbers, tmp_path / "measured.json"))
 
-    assert [said(name, K) for name, K in zip("abc", (299.0, 301.0, 303.0), strict=True)] == [
-        [f"{k} siblings to compare with, 3 are needed"] for k in range(3)
-    ]
+    for k, (name, K) in enumerate((("a", 299.0), ("b", 301.0), ("c", 303.0))):
+        assert said(name, K) == [f"{k} siblings to compare with, 3 are needed"]
     assert said("d", 300.0) == ["like its 3 siblings"]
     (differs,) = said("e", 340.0)
     assert differs.startswith("DIFFERS from its 4 siblings: K is 340, theirs 300 ± 3: look")
@@ -428,7 +425,5 @@ def test_a_recording_is_held_against_its_siblings_of_which_a_wrong_gain_is_told(
     none = ["0 siblings to compare with, 3 are needed"]
     assert said("k", 190.0, ("impedance", "ankle", "", "pd", "200")) == none, "another K_d has siblings of its own"
     assert said("f", 340.0, ("impedance", "knee", "", "pd", "300")) == none, "another joint has siblings of its own"
-    unstated = [
-        said(name, K, ("impedance", "ankle", "", "")) for name, K in zip("ghij", (300, 301, 300, 200), strict=True)
-    ]
-    assert unstated == [["no siblings: no K_d is stated"]] * 4, "nobody said that the same K was asked for"
+    for name, K in zip("ghij", (300, 301, 300, 200), strict=True):  # nobody said that the same K was asked for
+        assert said(name, K, ("impedance", "ankle", "", "")) == ["no siblings: no K_d is stated"]

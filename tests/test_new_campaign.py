@@ -214,10 +214,8 @@ def capture(path, of_leg, turn_deg=0.0, force=0.0, still=False, platform=("PLAT1
     analogs = np.zeros((480, 8))
     analogs[:, 2], analogs[::50, 6:] = -force * np.repeat(STEP, 2), 5.0
     corners = np.array([[300.0, 250, 0], [-300, 250, 0], [-300, -250, 0], [300, -250, 0]])
-    plates = {
-        "USED": np.array([1]), "TYPE": np.array([2]), "ORIGIN": np.zeros((3, 1)), "CORNERS": corners.T[:, :, None],
-        "CHANNEL": np.arange(1, 7)[:, None],
-    }  # fmt: skip
+    plates = {"USED": np.array([1]), "TYPE": np.array([2]), "ORIGIN": np.zeros((3, 1))}
+    plates |= {"CORNERS": corners.T[:, :, None], "CHANNEL": np.arange(1, 7)[:, None]}
     named = {"POINT__LABELS": [*tracks], "ANALOG__LABELS": ["Fx", "Fy", "Fz", "Mx", "My", "Mz", *labels]}
     named |= {f"FORCE_PLATFORM__{name}": value for name, value in plates.items()}
     return write_c3d(path, points, analogs, **named, ANALOG__UNITS=["N"] * 3 + ["Nmm"] * 3 + ["V"] * 2)

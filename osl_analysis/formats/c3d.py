@@ -215,8 +215,7 @@ def check_end(data: bytes, start: int, frames: int, frame: int, damage: Ledger) 
 
 def read_c3d(path: Path) -> C3DRecording:
     """Decode a C3D file; InputError if it is no C3D, damaged or truncated, or contradicts itself. Analog values are
-    (raw - OFFSET) * SCALE * GEN_SCALE, raw without these parameters; NaN where SCALE holds values for some channels
-    only, and everywhere where GEN_SCALE is 0."""
+    (raw - OFFSET) * SCALE * GEN_SCALE, raw without these; NaN where SCALE is of other channels, or GEN_SCALE 0."""
     data = path.read_bytes()
     header = parse_header(data)
     for group, count in (("POINT", header.points), ("ANALOG", header.channels)):

@@ -247,8 +247,7 @@ def copied_runs(words: NDArray[Any], least: int, proves: Callable[[slice, int], 
     """Runs of `least` words (n,) or more that are those of another place, one by one, as where a block of a file was
     written over another or twice: first word, word after the last one, and first word there. Words that occur more than
     three times prove nothing: where most do, as those of a coarse converter, several in a row are one word. Nor do runs
-    that `proves` does not take, by their place and how far on they stand again, nor copies of nearly all: that is a
-    motion which repeats itself."""
+    that `proves` does not take, by their place and lag, nor copies of nearly all: that motion repeats itself."""
     bits = words.view(f"u{words.dtype.itemsize}") if words.dtype.kind == "f" else words
     if words.size < max(32, 2 * least):
         return []

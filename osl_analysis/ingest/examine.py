@@ -286,8 +286,7 @@ def longest_clipped_angle(time: Array, theta: Array, torque: tuple[Array, Array]
     """Longest run [samples] of an angle (n,) at its lowest or highest value while the torque changes. `torque` are
     times [s] and values. The angle must come to the extreme, and leave it, with a corner; and the torque must change in
     the middle of the run too, as of a joint that turns on, not at its ends alone, as of one that comes to rest. One
-    that is held near an extreme, behind coarse steps, is as often at the value beside it, and one behind play stands at
-    other turns, too."""
+    that is held, behind coarse steps, is as often at the value beside it; one behind play stands at other turns too."""
     when, values = torque
     if not theta.size or not np.ptp(theta) or not when.size or not np.isfinite(values).all() or not np.ptp(values):
         return 0
@@ -416,8 +415,7 @@ def measure_stuck(examined: Examined) -> CheckResult:
 
 
 def without_start(time: Array, values: Array, angle: tuple[Array, Array]) -> Array:
-    """A channel (n,), NaN where it stands from the beginning on and changes before the `angle`, times and values, has
-    moved: a motor that is not driven yet."""
+    """A channel (n,), NaN where it stands from the beginning on, but not until the `angle` moves: no drive is on."""
     changed = np.flatnonzero(values != values[0])
     if not changed.size or angle[0].size < 2:
         return values
@@ -450,8 +448,7 @@ def held(
 ) -> float:
     """Longest time [s] that a channel (n,) repeats one value while its reference, times and values, changes by more
     than `least`. Where the channel is one that `rests` (n,), it must go to and fro by more in the later half of the
-    repetition: a motor behind a joint that rests after a sine creeps, or rings for a while. At both ends of the
-    repetition `apart` [s] do not count."""
+    repetition: a motor behind a joint that rests creeps, or rings. At both of its ends `apart` [s] do not count."""
     edges = run_edges(np.diff(values) == 0)
     when, what = reference or (time, values)
     ends = np.searchsorted(when, time[edges[:, 0]] + apart), np.searchsorted(when, time[edges[:, 1]] - apart, "right")
@@ -621,8 +618,7 @@ def check_own_torque(trial: Trial, torque: str = "torque") -> None:
 
 def check_recording(trial: Trial, limits: Any, torque: str = "torque", angle: str | None = "theta") -> None:
     """Refuse an angle beyond `largest_angle` [rad] of the settings `limits`, a torque beyond `load_cell_range` [N*m],
-    one that never changes while the joint turns or is the motor's own (`check_own_torque`), and samples so close that
-    the unit of time must be wrong."""
+    one that stands while the joint turns or is the motor's own (`check_own_torque`), and samples that are too close."""
     who, time = f"trial {trial.name}:", trial.arrays()[0]
     # stamps of a late host come in clusters, most of them microseconds apart, of which the mean step knows nothing
     step = float(np.ptp(time)) / (len(time) - 1) if len(time) > 1 else 0.0

@@ -189,8 +189,7 @@ def time_of(table: Table, source: sources.TableSource) -> tuple[Array, float]:
     check_time(what, time)
     _, first, counts = np.unique(time, return_index=True, return_counts=True)
     most, row = int(counts.max()), int(first[counts.argmax()])
-    is_coarse = most > 20 and len(first) > 3 and median(np.diff(time[first])) > 0.4  # s, as of a clock of whole ones
-    is_coarse |= most > max(20, 0.1 * time.size)  # which no rounding is
+    is_coarse = most > 20 and (most > 0.1 * time.size or (len(first) > 3 and median(np.diff(time[first])) > 0.4))  # s
     if most == time.size or (is_coarse and stated.repeated != "drop"):
         which = f"at {raw[row]:.15g} in {most} of {time.size} {table.noun}s, from {table.place(row)} on"
         if len(first) > 3:  # stamps of whole seconds: how many rows stand between the first change and the last

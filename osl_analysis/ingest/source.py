@@ -653,9 +653,8 @@ def values_of_no_sensor(column: str, time: Array, x: Array, origin: Mapping[str,
         lost[:] = False  # it decays there, as in a simulation
     lost |= by_leaps(column, time, x, bends) | moved
     zeros = jumped_into(x, stands, bends, may_rest=not column.startswith(("theta", "torque")))
-    if column in ("theta", "torque"):  # where it crosses zero, one side alone: no drive is off that goes on there
-        leaps = {a for a, _ in leaps_of(x, bends, 4.0)}
-        zeros += [(a, b) for a, b in run_edges(stands).tolist() if a and {a, b + 1} & leaps]
+    leaps = {a for a, _ in leaps_of(x, bends, 4.0) if column in ("theta", "torque")}  # one alone, as at a zero crossing
+    zeros += [(a, b) for a, b in run_edges(stands).tolist() if a and {a, b + 1} & leaps]
     most = 0.5 * time.size / (np.ptp(time) or np.inf) if time.size else 0.0  # what is held for longer is stuck
     if "torque" in column and np.mean(stays) < 0.1:  # else a sensor of few levels, which may rest at each
         zeros += [(a, b) for a, b in jumped_into(x, stays, bends, True, (10, most)) if np.sum(x == x[a]) <= b - a + 3]

@@ -186,8 +186,8 @@ def test_names_tell_clocks_and_units_and_stamps_tell_rate_span_and_gaps():
     units |= {f"x_{angle}_{per}s": f"{angle}/s" for angle in ("deg", "rad") for per in ("", "per_")} | {"t_sec": "s"}
     units |= {"M/Nm": "Nm", **dict.fromkeys(("theta_m", "deg", "deg/s"), "")}
     assert {name: logs.likely_unit(name) for name in units} == units
-    clocks = "time __time T timestamp stamp state_time loop_time pi_time sys_time ROS_time elapsed_time elapsed clock seconds"
-    clocks += " time_since_start t_us t_ns time_ms Time_sec t_s stance_time t0 time_to_peak times theta t_m"
+    clocks = "time T timestamp stamp state_time loop_time pi_time sys_time ROS_time elapsed_time elapsed clock seconds"
+    clocks += " __time time_since_start t_us t_ns time_ms Time_sec t_s stance_time t0 time_to_peak times theta t_m"
     assert [is_clock(name) for name in re.split(" ", clocks)] == [True] * 20 + [False] * 6
     for time, said, rate in (
         ([0, 1, 2, 3.4, 5, 5.5], "1 gaps, the longest 1.600 s", 1), ([0, 1, 2, 2, 2, 3, 4], "2 stamps twice", 1),

@@ -13,7 +13,7 @@ limit: a wrong or a missing value that nothing in the file tells: rows behind th
     say how long it is; values that leave their curve by less than `OWN` times what their channel does elsewhere, as
     those of sound recordings may; a stamp that is off by less than a tenth of a step; up to six zeros at the beginning
     of a channel, which a recorder writes before the sensor answers;
-silent: any other wrong or missing value;
+silent: any other wrong or missing value, with what it does to a fit;
 wrong count: a stated number of lost rows is another one, by more than the two halves at the ends of a stretch.
 
 Then the same of two blocks of one channel that changed places, by the motion of a joint. Any other error than
@@ -247,6 +247,15 @@ def off_curve(values: np.ndarray) -> np.ndarray:
     return np.max([np.pad(bends, (k, 3 - k)) for k in range(4)], axis=0)
 
 
+def fitted(recording: Recording) -> np.ndarray:
+    """K [N*m/rad] and VAF [%] by least squares on angle, velocity, acceleration and an offset."""
+    time, theta, torque = (recording.samples[name].to_numpy() for name in ("time", "theta", "torque"))
+    omega = np.gradient(theta, time)
+    columns = np.column_stack([theta, omega, np.gradient(omega, time), np.ones_like(theta)])
+    found, *_ = np.linalg.lstsq(columns, torque, rcond=None)
+    return np.array([found[0], 100 - 100 * np.var(torque - columns @ found) / np.var(torque)])
+
+
 def judge(recording: Recording, whole: Recording, runs: tuple[Samples, Samples]) -> str:
     """What became of a damaged file that is read, by `whole`, as it was read before, and both runs' samples."""
     time, values = samples_of(recording)
@@ -282,7 +291,11 @@ def judge(recording: Recording, whole: Recording, runs: tuple[Samples, Samples])
             if rows[6:].any() or read[rows].any():
                 far[name] = float(off_curve(read)[rows].max() / (off_curve(written).max() or 1e-9))
     is_limit = all(one <= OWN.get(name, OF_MARKERS) for name, one in far.items()) and time.size == runs[0][0].size
-    return "limit" if is_limit else f"silent: {far}, {(~right).sum()} wrong and {absent} absent"
+    if is_limit:
+        return "limit"
+    (K, VAF), (K_whole, VAF_whole) = fitted(recording), fitted(whole)
+    said = f"K {K:.1f} for {K_whole:.1f}, VAF {VAF:.2f} for {VAF_whole:.2f}"
+    return f"silent: {far}, {(~right).sum()} wrong and {absent} absent; {said}"
 
 
 def cases(count: int, seed: int, folder: Path) -> Iterator[tuple[str, str, str]]:

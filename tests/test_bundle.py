@@ -96,10 +96,8 @@ def test_another_library_finds_its_tables_as_the_data_package_describes_them(unp
     frictionless = pytest.importorskip("frictionless")
     report = frictionless.validate(str(unpacked / "datapackage.json"))
     assert report.valid, report.flatten(["rowNumber", "fieldName", "message"])[:3]
-    tables = {
-        one["path"]: one["schema"]["fields"]
-        for one in json.loads((unpacked / "datapackage.json").read_text())["resources"]
-    }
+    resources = json.loads((unpacked / "datapackage.json").read_text())["resources"]
+    tables = {one["path"]: one["schema"]["fields"] for one in resources}
     assert {"results/tables/impedance.csv", "results/tables/findings.csv"} <= set(tables)
     stiffness = next(one for one in tables["results/tables/impedance.csv"] if one["name"] == "K")
     assert (stiffness["type"], stiffness["unit"]) == ("number", "N*m/rad")

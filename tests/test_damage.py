@@ -176,6 +176,18 @@ def test_one_wrong_number_is_told_by_what_all_others_leave_and_corners_and_impac
         assert all(a == b for a, b in leaps_of(sound, bends_of(sound), 0.0))
 
 
+def test_zeros_into_which_a_channel_leaps_where_it_crosses_zero_are_told_and_a_joint_that_rests_is_not() -> None:
+    k, noise = np.arange(2000), np.random.default_rng(3).normal(size=2000)
+    torque = 30 * np.sin(k / 25) + 0.1 * noise
+    for first, stop, told in (
+        (703, 707, True),
+        (705, 707, False),
+        (0, 628, False),
+    ):  # by 2 N*m; as noise; before it moves
+        found = values_of_no_sensor("torque", k / 100, np.where((k >= first) & (k < stop), 0.0, torque), {})
+        assert (found is not None, np.any(found)) == (True, told)
+
+
 def test_an_angle_that_moves_faster_than_a_joint_can_is_no_sensors(tmp_path: Path) -> None:
     """At 100 Hz, where a torque may leap: half a radian in one row."""
     k, noise = np.arange(2000), np.random.default_rng(3).normal(size=2000)

@@ -93,14 +93,8 @@ def referred(file: h5py.File, values: Iterable[object]) -> np.ndarray:
 
 
 RISING = np.arange(12.0)
-CONTENT = {
-    "Test": {
-        "slow": {"note": "left", "torque": RISING},
-        "data": np.column_stack([RISING, RISING**2]),
-        "truth": RISING.astype(np.int16),
-    },
-    "row": RISING[np.newaxis],
-}
+INSIDE = {"data": np.column_stack([RISING, RISING**2]), "truth": RISING.astype(np.int16)}
+CONTENT = {"Test": {"slow": {"note": "left", "torque": RISING}, **INSIDE}, "row": RISING[np.newaxis]}
 RUNS = [{"name": "slow", "torque": RISING}, {"name": "fast", "torque": 2 * RISING}]
 
 

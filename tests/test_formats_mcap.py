@@ -174,9 +174,8 @@ def test_a_chunk_that_unpacks_to_more_than_any_recorder_writes_is_lost_unread(tm
 def test_a_chunk_whose_head_was_zeroed_is_lost_and_told_where_no_count_and_no_index_tells(tmp_path, packing):
     one = chunk(TWENTY, packing)
     for begin, end in ((9, 50), (25, 33), (0, 9), (9, len(one))):
-        content = log(
-            LAB, chunk(TEN, packing), one[:begin] + bytes(end - begin) + one[end:], chunk(messages(1, range(20, 30)))
-        )
+        zeroed, last = one[:begin] + bytes(end - begin) + one[end:], chunk(messages(1, range(20, 30)))
+        content = log(LAB, chunk(TEN, packing), zeroed, last)
         count, damage = read(tmp_path, content)
         assert (count, damage["complete"], damage["lost"]) == (20, False, None)
 

@@ -81,10 +81,8 @@ def write_bag2(folder: Path, rows: Iterable[float] = range(50), storage: str = "
 
 def write_split(folder: Path, storage: str = "SQLITE3") -> Path:
     """A recording of 50 messages in two parts, as `ros2 bag record --max-bag-size` leaves it."""
-    whole, other = (
-        write_bag2(folder.with_name(f"{folder.name}_{number}"), rows, storage)
-        for number, rows in enumerate((range(30), range(30, 50)))
-    )
+    whole, other = (folder.with_name(f"{folder.name}_{number}") for number in range(2))
+    write_bag2(whole, range(30), storage), write_bag2(other, range(30, 50), storage)
     part = next(other.glob("*_1.*"))
     names = [f"{whole.name}{part.suffix}", part.name]
     part.rename(whole / part.name)
@@ -95,11 +93,8 @@ def write_split(folder: Path, storage: str = "SQLITE3") -> Path:
     return whole
 
 
-CHANNELS = {
-    "theta": {"topic": "/lab", "field": "angle", "unit": "deg"},
-    "torque": {"topic": "/lab", "field": "torque[0]", "unit": "N*m", "sign": -1},
-    "sync": {"topic": "/lab", "field": "sync", "unit": "V"},
-}
+MAPPED = {"theta": ("angle", "deg", 1), "torque": ("torque[0]", "N*m", -1), "sync": ("sync", "V", 1)}
+CHANNELS = {name: {"topic": "/lab", "field": at, "unit": unit, "sign": s} for name, (at, unit, s) in MAPPED.items()}
 read = partial(read_recognised, time={"source": "header"}, channels=CHANNELS)
 refused = partial(refusal_of, time={"source": "header"}, channels=CHANNELS)
 
@@ -356,13 +351,8 @@ def test_a_ros_1_message_has_the_length_of_its_definition() -> None:
     kind = message_type(Schema(1, (own + header).encode(), "ros1msg", "lab/Odd"), ros1=True)
     payload = (7).to_bytes(4, "little") + bytes(8) + bytes(4) + b"\xff\xfe" + b"\xff" * 24
     shape = shape_of(kind, payload, ["header.seq", "level", "letter", "at.secs", "took[1].secs"])
-    assert [values[0] for values in shape.read(np.array([payload], f"V{len(payload)}")).values()] == [
-        7,
-        -1,
-        254,
-        2**32 - 1,
-        -1,
-    ]
+    values = [one[0] for one in shape.read(np.array([payload], f"V{len(payload)}")).values()]
+    assert values == [7, -1, 254, 2**32 - 1, -1]
     assert "took[1].nsecs" in shape.leaves
     for wrong in (payload + b"\0", payload[:-1]):
         with pytest.raises(InputError):

@@ -59,6 +59,13 @@ TEXTS = {
     "savetxt": text(" ", ["# time_s", *PLAIN[1:]]), "rostopic": text(",", ["%time [s]", *HEAD[1:]]),
     "units below": text(",", ["Time", "Angle", "Torque"], t=["[s]", *T], a=["(deg)", *A], m=["N-m", *M]),
     "DIN": text(";", ["Zeit / s", "Winkel / deg", "Moment / Nm"], decimal=","),
+    "DIN without blanks": text(";", ["t/s", "phi/deg", "M/Nm"], decimal=","),
+    "samples a second": text(",", head=[*HEAD[1:], ""], above="Sample rate: 0.5 kS/s\n", t=A, a=M, m=[""] * 700),
+    "fs in JSON": text(",", head=[*HEAD[1:], ""], above='# {"fs": 500, "rig": 3}\n', t=A, a=M, m=[""] * 700),
+    "dt": text(",", head=[*HEAD[1:], ""], above="dt = 2 ms\n", t=A, a=M, m=[""] * 700),
+    "statistics in a column of words": text(head=["", *HEAD], t=[f",{x}" for x in T], below="Mean,0.7,0.1,0.2\n"),
+    "dates before times": text(head=["Date", *HEAD], t=[f"01.05.2024,{x}" for x in since("%H:%M:%S.%f")]),
+    "of PlotJuggler": text(head=["__time", *PLAIN[1:]], t=[f"{1.7e9 + x:.3f}" for x in TIME]),
     "groups above": text(above="Motion,,Load\n"),
     "preamble": text(above="Subject,7\nRate [Hz],500\nAll good, really\n"),
     "footer": text(below="\nMean,0.1,0.2\nEnd of file\n"), "Ctrl-Z": text() + "\x1a", "LabVIEW": text(
@@ -319,9 +326,22 @@ def test_channels_of_several_rates_beside_one_another_are_refused_unless_all_tha
     np.testing.assert_allclose(samples["theta"], np.radians(ANGLE[:350]), atol=1e-8)
 
 
+def test_another_clock_of_one_name_that_begins_at_another_time_is_that_of_what_stands_beside_it(tmp_path):
+    """Tables side by side, or LabVIEW's columns `X_Value`: the torque was 4 ms early, and B 1.2 of 5 off."""
+    for late, name in ((0.1, "daq_s"), (0.0, HEAD[0]), (0.004, HEAD[0])):
+        rows = zip(T, A, [f"{x + late:.6f}" for x in TIME], M, strict=True)
+        (tmp_path / "a.csv").write_text("\n".join(map(",".join, [[*HEAD[:2], name, HEAD[2]], *rows])) + "\n")
+        if late != 0.004:
+            assert_recording(trial := read_by_draft(tmp_path / "a.csv"))
+            assert len(trial.provenance["warnings"]) == (late > 0)
+    with pytest.raises(InputError, match=r"begins 0.004 s after time: what stands beside it"):
+        read_by_draft(tmp_path / "a.csv")
+
+
 @pytest.mark.parametrize("above", [
     "Sampling rate: 2000 Hz\nDecimation: 4\n", "# Sample rate 2000 Hz, downsampled by 4\n",
-    "Sample rate: 2000 Hz\nOutput rate: 500 Hz\n",
+    "Sample rate: 2000 Hz\nOutput rate: 500 Hz\n", "Sample rate: 2000 Hz\nAveraging: 4 samples\n",
+    "Sample rate: 2000 Hz\nSave every: 4\n",
 ])  # fmt: skip
 def test_a_rate_beside_a_decimation_or_another_rate_is_a_question_and_not_the_time(tmp_path, above):
     """Read at 2000 Hz, rows of 500 Hz gave B = 1.25 for 5."""
@@ -361,9 +381,8 @@ def test_a_column_beside_a_rate_counts_samples_so_that_lost_ones_are_a_gap(tmp_p
     trial = trial_from_files({"trial": "a", "log": "a.csv", "log_source": "s"}, tmp_path, tmp_path)
     np.testing.assert_allclose(trial.samples["time"], TIME[kept])
     (tmp_path / "s.yaml").write_text(source.replace("column: n, ", ""))
-    with pytest.raises(
-        InputError, match=r"'n' counts 2 rows that are missing, .* write `time: {column: n, rate: 500}`"
-    ):
+    told = r"'n' counts 2 rows that are missing, .* write `time: {column: n, rate: 500}`"
+    with pytest.raises(InputError, match=told):
         trial_from_files({"trial": "a", "log": "a.csv", "log_source": "s"}, tmp_path, tmp_path)
 
 

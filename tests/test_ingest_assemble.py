@@ -53,10 +53,8 @@ def laboratory(tmp_path: Path) -> Path:
     """Raw files of one trial, `leg.mcap` at 500 Hz and `vicon.c3d` at 300 and 1500 Hz, and their source files."""
     leg_time = np.arange(np.ceil((LEG_OFFSET - 1) * 500), (LEG_OFFSET + DURATION + 1) * 500) / 500
     mocap_time = (leg_time - LEG_OFFSET) / (1 + LEG_DRIFT)
-    log = [
-        stamped(round(t * 1e9), angle=a, torque=0.0, sync=s > 0)
-        for t, a, s in zip(leg_time.tolist(), angle(mocap_time).tolist(), level(mocap_time).tolist(), strict=True)
-    ]
+    every = zip(leg_time.tolist(), angle(mocap_time).tolist(), level(mocap_time).tolist(), strict=True)
+    log = [stamped(round(t * 1e9), angle=a, torque=0.0, sync=s > 0) for t, a, s in every]
     write_log(tmp_path / "leg.mcap", log, SAMPLE.replace("float32 angle", "float64 angle"))
     frames = int(DURATION * 300)
     time = np.arange(frames)[:, None] / 300
@@ -109,10 +107,8 @@ def test_without_sync_edges_the_joints_angle_aligns_the_log_and_the_trial_says_s
     knots = np.arange(-5.0, 40.0, 0.2)
     course = make_interp_spline(knots, 0.3 * np.random.default_rng(4).standard_normal(knots.size))
     leg_time, time = np.arange(0, 30, 1 / 500), np.arange(0, 25, 1 / 300)
-    log = [
-        stamped(round(t * 1e9), angle=a, torque=0.0, sync=False)
-        for t, a in zip(leg_time.tolist(), np.degrees(course(leg_time - 2.5)).tolist(), strict=True)
-    ]
+    every = zip(leg_time.tolist(), np.degrees(course(leg_time - 2.5)).tolist(), strict=True)
+    log = [stamped(round(t * 1e9), angle=a, torque=0.0, sync=False) for t, a in every]
     write_log(tmp_path / "leg.mcap", log, SAMPLE.replace("float32 angle", "float64 angle"))
     bent = np.pi / 2 + course(time)
     toe = 200 * np.stack([np.sin(bent), 0 * bent, np.cos(bent)], axis=1)
@@ -377,10 +373,8 @@ def test_what_cannot_be_a_log_is_refused_in_every_format(tmp_path, what, changes
 def test_a_draft_becomes_a_source_file_by_naming_two_signals_and_a_unit(tmp_path, what):
     columns = {"time": TIME, "ankle_deg": np.rad2deg(ANGLE), "moment": TORQUE}
     path = WRITERS[what][2](tmp_path / f"log.{WRITERS[what][0]}", columns)
-    (tmp_path / "s.yaml").write_text(
-        draft_source(inspect_file(path), path.name).replace("NAME_1", "theta").replace("NAME_2", "torque")
-        .replace("UNKNOWN", "N*m")
-    )  # fmt: skip
+    draft = draft_source(inspect_file(path), path.name).replace("NAME_1", "theta").replace("NAME_2", "torque")
+    (tmp_path / "s.yaml").write_text(draft.replace("UNKNOWN", "N*m"))
     samples = FORMATS[WRITERS[what][0]].read(path, read_source(tmp_path / "s.yaml")).samples
     for column, expected in (("time", TIME), ("theta", ANGLE), ("torque", TORQUE)):
         np.testing.assert_allclose(samples[column], expected, atol=1e-12)
@@ -449,10 +443,9 @@ def test_two_devices_in_one_file_are_read_by_the_vector_of_time_of_each(write, i
     drive, cell = {"t_s": TIME, "angle": ANGLE}, {"t_cell_ms": 1e3 * late, "moment": TORQUE[:-7]}
     path = write(tmp_path / "a.mat", **({"drive": drive, "cell": cell} if in_structs else drive | cell))
     at, of_cell = ("drive.", "/cell.") if in_structs else ("", "")
-    (tmp_path / "s.yaml").write_text(
-        f"format: mat\nclock: master\ntime: {{variable: {at}t_s, unit: s}}\nchannels:\n"
-        f'  theta: {{variable: {at}angle, unit: rad}}\n  torque: {{variable: "{of_cell}moment", unit: "N*m"}}\n'
-    )
+    source = f"format: mat\nclock: master\ntime: {{variable: {at}t_s, unit: s}}\nchannels:\n"
+    source += f'  theta: {{variable: {at}angle, unit: rad}}\n  torque: {{variable: "{of_cell}moment", unit: "N*m"}}\n'
+    (tmp_path / "s.yaml").write_text(source)
     read = FORMATS["mat"].read(path, read_source(tmp_path / "s.yaml"))
     own = read.samples.drop_nulls("torque")
     np.testing.assert_allclose(own["time"], late - TIME[0], atol=1e-9)

@@ -19,10 +19,8 @@ from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.raw_files import FORMATS, read_source
 
 ROWS = 200
-CHANNELS = {
-    "theta": {"field": "variables.ankle_angle", "unit": "deg"},
-    "torque": {"field": "functions.torque", "unit": "N*m", "sign": -1},
-}
+TORQUE = {"field": "functions.torque", "unit": "N*m", "sign": -1}
+CHANNELS = {"theta": {"field": "variables.ankle_angle", "unit": "deg"}, "torque": TORQUE}
 SOURCE = {"format": "json_lines", "time": {"field": "variables.time", "unit": "ms"}, "channels": CHANNELS}
 
 
@@ -47,9 +45,8 @@ def test_a_name_with_a_dot_is_quoted_and_never_taken_for_a_level(tmp_path: Path)
     lines = [{"t_s": n / 100, "f": one} for n, one in enumerate(fields)]
     path = write(tmp_path / "a", lines)
     draft = yaml.safe_load(draft_source(inspect_file(path), "a"))
-    assert {one["field"]: one["unit"] for one in draft["channels"].values()} == {
-        'f["cell.mz_Nm"]': "Nm", "f.cell.mz_Nm": "Nm",
-    }  # fmt: skip
+    units = {one["field"]: one["unit"] for one in draft["channels"].values()}
+    assert units == {'f["cell.mz_Nm"]': "Nm", "f.cell.mz_Nm": "Nm"}
     expected = {
         "torque": ('f["cell.mz_Nm"]', "N*m", k + 0.5), "torque_m": ("f.cell.mz_Nm", "N*m", -k),
         "theta": ('f["a\\"[b]"][1]', "rad", 3 * k),

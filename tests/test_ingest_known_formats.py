@@ -174,8 +174,3 @@ def test_a_row_is_read_or_refused_by_its_line_however_far_below(tmp_path: Path) 
     ):
         with pytest.raises(InputError, match=told):
             ingested(tmp_path, "a.csv", "\n".join(["t,angle", *rows[:351], odd, *rows[352:], ""]).encode())
-
-
-def test_a_full_stop_is_no_decimal_sign_beside_a_decimal_comma(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"line 3, column 'angle': '1.234' is not a number; write `decimal: "):
-        ingested(tmp_path, "a.csv", b"t;angle\n0;1,5\n0,01;1.234\n", SOURCE.replace("csv\n", 'csv\ndecimal: ","\n'))

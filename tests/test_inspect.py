@@ -184,10 +184,11 @@ def test_clocks_agree_within_half_a_percent_in_any_unit_of_seconds(factor, taken
 def test_names_tell_clocks_and_units_and_stamps_tell_rate_span_and_gaps():
     units = {f"x_{unit}": unit for unit in re.split(" ", "deg rad rev rpm Nm N A mA V mV s ms us ns Hz mm")}
     units |= {f"x_{angle}_{per}s": f"{angle}/s" for angle in ("deg", "rad") for per in ("", "per_")} | {"t_sec": "s"}
-    assert {name: logs.likely_unit(name) for name in [*units, "theta_m", "deg"]} == units | {"theta_m": "", "deg": ""}
+    units |= {"M/Nm": "Nm", **dict.fromkeys(("theta_m", "deg", "deg/s"), "")}
+    assert {name: logs.likely_unit(name) for name in units} == units
     clocks = "time T timestamp stamp state_time loop_time pi_time sys_time ROS_time elapsed_time elapsed clock seconds"
-    clocks += " time_since_start t_us t_ns time_ms Time_sec t_s stance_time t0 time_to_peak times theta t_m"
-    assert [is_clock(name) for name in re.split(" ", clocks)] == [True] * 19 + [False] * 6
+    clocks += " __time time_since_start t_us t_ns time_ms Time_sec t_s stance_time t0 time_to_peak times theta t_m"
+    assert [is_clock(name) for name in re.split(" ", clocks)] == [True] * 20 + [False] * 6
     for time, said, rate in (
         ([0, 1, 2, 3.4, 5, 5.5], "1 gaps, the longest 1.600 s", 1), ([0, 1, 2, 2, 2, 3, 4], "2 stamps twice", 1),
         ([0, 0.5, 1, 0.75, 1.5, 2], "1 stamps out of order", 2), ([4], "", None), ([0, 2, 2, 2], "2 stamps twice", 0.5),
@@ -357,10 +358,9 @@ def test_outside_of_a_campaign_nobody_stated_a_protocol_or_a_device(tmp_path, mo
 
 def test_the_stated_source_file_decides(tmp_path):
     write_joint(tmp_path / "in/k120_b2.csv", sign=-1.0)
-    (tmp_path / "mine.yaml").write_text(
-        "format: csv\ntime: {column: time_s, unit: s}\nchannels:\n  theta: {column: ankle_angle_deg, unit: deg}\n"
-        "  torque: {column: loadcell_torque_Nm, unit: N*m, sign: -1}\n"
-    )
+    theta, torque = "{column: ankle_angle_deg, unit: deg}", "{column: loadcell_torque_Nm, unit: N*m, sign: -1}"
+    source = f"format: csv\ntime: {{column: time_s, unit: s}}\nchannels:\n  theta: {theta}\n  torque: {torque}\n"
+    (tmp_path / "mine.yaml").write_text(source)
     bench = watching.WatchedBench(Path("config/config.yaml"), tmp_path / "mine.yaml", tmp_path / "pictures")
     said = watching.recording_line(tmp_path / "in/k120_b2.csv", tmp_path / "in", bench)[0]
     assert "guessed" not in said
@@ -411,14 +411,12 @@ def test_a_recording_is_held_against_its_siblings_of_which_a_wrong_gain_is_told(
         row = {"experiment": "impedance", "K_d": 300.0, "B_d": 5.0} if kind[3] else {"experiment": "impedance"}
         samples = pl.DataFrame({"time": [0.0, 1.0, 2.0], "theta": [0.0, 0.1, 0.2]})
         provenance = {"columns": {"torque": {"sign": sign}}}
-        numbers = watching.comparable(
-            Trial(name, samples, provenance), row, {"K": K, "K_se": 1.0, "B": 5.0, "B_se": 0.1}
-        )
+        estimates = {"K": K, "K_se": 1.0, "B": 5.0, "B_se": 0.1}
+        numbers = watching.comparable(Trial(name, samples, provenance), row, estimates)
         return list(watching.beside_siblings(name, kind, numbers, tmp_path / "measured.json"))
 
-    assert [said(name, K) for name, K in zip("abc", (299.0, 301.0, 303.0), strict=True)] == [
-        [f"{k} siblings to compare with, 3 are needed"] for k in range(3)
-    ]
+    for k, (name, K) in enumerate((("a", 299.0), ("b", 301.0), ("c", 303.0))):
+        assert said(name, K) == [f"{k} siblings to compare with, 3 are needed"]
     assert said("d", 300.0) == ["like its 3 siblings"]
     (differs,) = said("e", 340.0)
     assert differs.startswith("DIFFERS from its 4 siblings: K is 340, theirs 300 ± 3: look")
@@ -428,7 +426,5 @@ def test_a_recording_is_held_against_its_siblings_of_which_a_wrong_gain_is_told(
     none = ["0 siblings to compare with, 3 are needed"]
     assert said("k", 190.0, ("impedance", "ankle", "", "pd", "200")) == none, "another K_d has siblings of its own"
     assert said("f", 340.0, ("impedance", "knee", "", "pd", "300")) == none, "another joint has siblings of its own"
-    unstated = [
-        said(name, K, ("impedance", "ankle", "", "")) for name, K in zip("ghij", (300, 301, 300, 200), strict=True)
-    ]
-    assert unstated == [["no siblings: no K_d is stated"]] * 4, "nobody said that the same K was asked for"
+    for name, K in zip("ghij", (300, 301, 300, 200), strict=True):  # nobody said that the same K was asked for
+        assert said(name, K, ("impedance", "ankle", "", "")) == ["no siblings: no K_d is stated"]

@@ -214,10 +214,8 @@ def capture(path, of_leg, turn_deg=0.0, force=0.0, still=False, platform=("PLAT1
     analogs = np.zeros((480, 8))
     analogs[:, 2], analogs[::50, 6:] = -force * np.repeat(STEP, 2), 5.0
     corners = np.array([[300.0, 250, 0], [-300, 250, 0], [-300, -250, 0], [300, -250, 0]])
-    plates = {
-        "USED": np.array([1]), "TYPE": np.array([2]), "ORIGIN": np.zeros((3, 1)), "CORNERS": corners.T[:, :, None],
-        "CHANNEL": np.arange(1, 7)[:, None],
-    }  # fmt: skip
+    plates = {"USED": np.array([1]), "TYPE": np.array([2]), "ORIGIN": np.zeros((3, 1))}
+    plates |= {"CORNERS": corners.T[:, :, None], "CHANNEL": np.arange(1, 7)[:, None]}
     named = {"POINT__LABELS": [*tracks], "ANALOG__LABELS": ["Fx", "Fy", "Fz", "Mx", "My", "Mz", *labels]}
     named |= {f"FORCE_PLATFORM__{name}": value for name, value in plates.items()}
     return write_c3d(path, points, analogs, **named, ANALOG__UNITS=["N"] * 3 + ["Nmm"] * 3 + ["V"] * 2)
@@ -251,8 +249,7 @@ def test_a_walking_laboratory_is_drafted_from_captures_whose_names_say_nothing(t
     assert not [line for line in left_to_decide(tmp_path / "mine", draft) if "to be edited" in line]
     analogs = {name: yaml.safe_load(text)["analogs"] for name, text in draft.sources.items()}
     assert analogs["c3d"] == {
-        "sync": {"channel": PULSES[0], "unit": "V"},
-        "trigger": {"channel": PULSES[1], "unit": "V"},
+        n: {"channel": one, "unit": "V"} for n, one in zip(("sync", "trigger"), PULSES, strict=True)
     }
     assert [*analogs["c3d_2"]] == ["sync"]  # a capture without a trigger has a source file of its own
     assert [cells["mocap_source"] for cells, _ in draft.trials if cells["trial"] == "a6"] == ["c3d_2"]
@@ -320,7 +317,7 @@ def test_a_slow_triangle_is_torque_over_angle_and_its_counts_are_to_be_given_a_u
         pl.DataFrame(columns, ["time_s", "encoder [counts]", "torque_Nm"]).write_csv(tmp_path / f"rec/{name}.csv")
     draft = new_campaign(tmp_path / "mine", recordings=tmp_path / "rec")
     assert [cells["experiment"] for cells, _ in draft.trials] == ["torque_angle", *["impedance"] * 3]
-    assert [str(file) for file, said in draft.open if "2000 rows, 4000 or more" in said] == ["d.csv"]
+    assert [str(file) for file, said in draft.open if "2000 rows, 4000 in most" in said] == ["d.csv"]
     assert 'theta: {column: "encoder", unit: "UNKNOWN", wraps_at: 4096.0}' in draft.sources["csv"]
 
 

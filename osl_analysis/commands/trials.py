@@ -9,9 +9,12 @@ import shutil
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import compress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
+
+import numpy as np
 
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError, listing, nearest, printable
@@ -23,7 +26,7 @@ from osl_analysis.ingest.overview import Overview
 from osl_analysis.ingest.source import UNKNOWN
 from osl_analysis.signals.grid import with_stamp_evidence
 from osl_analysis.table import write_table
-from osl_analysis.trial import Trial, write_trial
+from osl_analysis.trial import Trial, shorter_than_usual, write_trial
 from osl_analysis.yaml_settings import read_mapping
 
 
@@ -219,10 +222,11 @@ def draft_campaign(folder: Path) -> Draft:
         slow |= {file} if log and drafts.turns_slowly(log) else set()
         if "end" in overview.facts:  # as of a text, half of which looks whole
             rows[file] = source, max(one.count for one in overview.channels)
-    for file, (source, count) in rows.items():
-        least = min((n for other, (of, n) in rows.items() if of == source and other != file), default=0)
-        if count < 0.9 * least and [of for of, _ in rows.values()].count(source) > 3:
-            draft.open.append((file, f"{count} rows, {least} or more in others like it: was its end cut off?"))
+    for source in {source for source, _ in rows.values()}:
+        alike = {file: count for file, (of, count) in rows.items() if of == source}
+        is_short, usual = shorter_than_usual(np.array([*alike.values()]))
+        said = f"{usual:.0f} in most like it: was its end cut off?"
+        draft.open += [(file, f"{alike[file]} rows, {said}") for file in compress(alike, is_short)]
     if not recordings:
         why = f", as {draft.refused[0]}" if draft.refused else f" ({', '.join(sorted(raw_files.SUFFIXES))})"
         raise InputError(f"{folder}: no recording in it that can be read{why}; name the folder of the recordings")

@@ -12,6 +12,7 @@ import zipfile
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from pickletools import genops
@@ -22,19 +23,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, listing, optional_module
-from osl_analysis.formats.csv_table import (
-    COMMENTS,
-    CONTROL,
-    MOST_COLUMNS,
-    UTF_16,
-    CsvLayout,
-    CsvTable,
-    IsUnit,
-    TextLines,
-    decoded_text,
-    name_and_unit,
-    table_of_rows,
-)
+from osl_analysis.formats import csv_table
 from osl_analysis.formats.json_lines import is_json_lines
 from osl_analysis.formats.table import Ledger, check_memory, in_one_sentence, isolated
 
@@ -58,7 +47,9 @@ def is_table_file(begin: bytes) -> bool:
     return bool(kind_of(begin))
 
 
-def read_binary_table(path: Path, layout: CsvLayout, is_unit: IsUnit, most_rows: int | None = None) -> CsvTable:
+def read_binary_table(
+    path: Path, layout: csv_table.CsvLayout, is_unit: csv_table.IsUnit, most_rows: int | None = None
+) -> csv_table.CsvTable:
     """The rows of a table in a program's own format, of a long one the first `most_rows`."""
     with path.open("rb") as file:
         kind = kind_of(file.read(1 << 16))
@@ -85,8 +76,7 @@ def read_binary_table(path: Path, layout: CsvLayout, is_unit: IsUnit, most_rows:
             optional_module("h5py", "an HDF5 file")  # before the fork: it takes a fifth of a second
             arrays, units = isolated(partial(hdf5_arrays, path))
             frame = frame_of(arrays, damage, notes)
-            if (behind := bytes_behind(path, 0)) > 0:
-                damage.lose(f"{behind} bytes stand behind its end, and are not read", 0, None, 0)
+            tell_bytes_behind(path, 0, damage)
         else:
             try:
                 if kind == "npy":
@@ -97,7 +87,7 @@ def read_binary_table(path: Path, layout: CsvLayout, is_unit: IsUnit, most_rows:
                     with path.open("rb") as file:  # numpy leaves that of a damaged archive open
                         frame = frame_of(dict(np.load(file, allow_pickle=False)), damage, notes)
             except ValueError as error:
-                if not holds_objects(path):
+                if not re.search("Object arrays|Python objects", str(error)):
                     raise
                 said = "holds objects of Python, which may run a program and are not read"
                 raise InputError(f"{said}; save arrays of numbers, as `numpy.savez(PATH, theta=theta, ...)`") from error
@@ -117,7 +107,7 @@ def without_trace() -> Iterator[None]:
         os.close(nowhere)
 
 
-def read_workbook(path: Path, layout: CsvLayout, is_unit: IsUnit) -> CsvTable:
+def read_workbook(path: Path, layout: csv_table.CsvLayout, is_unit: csv_table.IsUnit) -> csv_table.CsvTable:
     """The largest sheet of a workbook, by the rules of a table of text."""
     optional_module("fastexcel", "a workbook")
     with path.open("rb") as file:
@@ -126,14 +116,12 @@ def read_workbook(path: Path, layout: CsvLayout, is_unit: IsUnit) -> CsvTable:
     name, others, content = isolated(partial(largest_sheet, path))  # a damaged one may ask for all memory
     cells = content.select(pl.all().cast(pl.String).fill_null("").str.strip_chars())
     rows = [(number, list(row)) for number, row in enumerate(cells.iter_rows(), start=1) if any(row)]
-    signs = COMMENTS if layout.comment == "auto" else tuple(filter(None, [layout.comment]))
-    notes: TextLines = [(n, " ".join(filter(None, row))) for n, row in rows if row[0].startswith(signs)]
+    signs = csv_table.COMMENTS if layout.comment == "auto" else tuple(filter(None, [layout.comment]))
+    notes: csv_table.TextLines = [(n, " ".join(filter(None, row))) for n, row in rows if row[0].startswith(signs)]
     noted = {number for number, _ in notes}
-    table = table_of_rows([row for row in rows if row[0] not in noted], notes, layout, is_unit)
+    table = csv_table.table_of_rows([row for row in rows if row[0] not in noted], notes, layout, is_unit)
     table.damage.remarks.extend([f"sheet '{name}' is read, the largest; not read: {listing(others, 5)}"] * bool(others))
-    return CsvTable(
-        table.names, table.units, table.lines, table.body, table.comments, table.damage, "", table.decimal, "row"
-    )
+    return replace(table, noun="row")
 
 
 def check_xls(path: Path) -> None:
@@ -210,15 +198,6 @@ def check_archive(path: Path) -> None:
             raise InputError(f"its part {damaged} does not match its checksum; copy it again, or export it anew")
 
 
-def holds_objects(path: Path) -> bool:
-    """Whether an array in a file of numpy holds objects of Python, by the types in its header."""
-    if not zipfile.is_zipfile(path):
-        return b"'|O'" in np.fromfile(path, np.uint8, FIRST_BYTES).tobytes().partition(b"\n")[0]
-    with zipfile.ZipFile(path) as archive:
-        begins = [archive.open(name).read(FIRST_BYTES) for name in archive.namelist()]
-    return any(b"'|O'" in begin.partition(b"\n")[0] for begin in begins)
-
-
 def hdf5_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
     """Data sets of numbers by path, and the units that their attributes state. Unwritten blocks are no values."""
     h5py = optional_module("h5py", "an HDF5 file")
@@ -231,7 +210,8 @@ def hdf5_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
         pickled = [bytes(item.attrs[key]) for key in item.attrs if re.fullmatch(r"values_block_\d+_kind", key)]
         with suppress(ValueError):  # how pandas writes titles: read without running what a pickle may hold
             texts += [[arg for op, arg, _ in genops(one) if "UNICODE" in op.name] for one in pickled]
-        texts.append(item.asstr()[()] if h5py.check_string_dtype(item.dtype) and item.size <= MOST_COLUMNS else None)
+        is_text = h5py.check_string_dtype(item.dtype) and item.size <= csv_table.MOST_COLUMNS
+        texts.append(item.asstr()[()] if is_text else None)
         for number, one in enumerate(texts):
             if one is not None and np.ndim(one) == 1:
                 arrays[f"{name} {number} of titles"] = np.array([str(text) for text in one])
@@ -252,12 +232,13 @@ def hdf5_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
     return arrays, units
 
 
-def bytes_behind(path: Path, begin: int) -> int:
-    """How many bytes stand behind the end that the superblock, at a byte, states: where some were inserted."""
+def tell_bytes_behind(path: Path, begin: int, damage: Ledger) -> None:
+    """Note bytes behind the end that the superblock, at a byte, states: some were inserted."""
     with path.open("rb") as file:
         start = file.read(begin + 128)[begin:].ljust(128, b"\0")
     (stated,) = struct.unpack_from("<Q", start, 40 if start[8] < 2 else 28)
-    return path.stat().st_size - int(stated)
+    if (behind := path.stat().st_size - int(stated)) > 0:
+        damage.lose(f"{behind} bytes stand behind its end, and are not read", 0, None, 0)
 
 
 def never_written(item: Any) -> NDArray[np.bool_] | None:
@@ -282,8 +263,8 @@ def never_written(item: Any) -> NDArray[np.bool_] | None:
 
 def frame_of(arrays: Mapping[str, NDArray[Any]], damage: Ledger, notes: list[str]) -> pl.DataFrame:
     """The columns of arrays that have the length that most have: an array (n,), each column of one (n, m), each field
-    of records. Rows are what there is more of. Texts are the titles of a matrix with as many columns, the only one.
-    Single numbers, as a rate, become `notes`."""
+    of records. Rows are what there is more of. Texts are titles of the only matrix that is as wide. Single numbers, as
+    a rate, become `notes`."""
     titles = titles_in(arrays)
     columns = {own: values for name, array in arrays.items() for own, values in columns_in(name, array, titles).items()}
     numbers = {name: values for name, values in columns.items() if values.dtype.kind in "biufmM"}
@@ -323,47 +304,44 @@ def columns_in(name: str, array: NDArray[Any], titles: Mapping[int, Sequence[str
     if array.ndim < 2 or 1 in array.shape:
         return {name or "1": np.ravel(array)}
     lines = array if array.shape[0] < array.shape[1] else array.T
-    if lines.ndim > 2 or len(lines) > MOST_COLUMNS:
+    if lines.ndim > 2 or len(lines) > csv_table.MOST_COLUMNS:
         return {}
     names = titles.get(len(lines), [f"{name} {place}".strip() for place in range(1, len(lines) + 1)])
     return {own: np.ascontiguousarray(line) for own, line in zip(names, lines, strict=True)}
 
 
-def table_of_frame(frame: pl.DataFrame, units: Mapping[str, str], damage: Ledger, notes: list[str]) -> CsvTable:
+def table_of_frame(
+    frame: pl.DataFrame, units: Mapping[str, str], damage: Ledger, notes: list[str]
+) -> csv_table.CsvTable:
     """The columns of numbers, times and text of a frame."""
-    if frame.width > MOST_COLUMNS:
-        raise InputError(f"has {frame.width} columns, at most {MOST_COLUMNS} are read; write a row per sample")
+    if frame.width > csv_table.MOST_COLUMNS:
+        said = f"has {frame.width} columns, at most {csv_table.MOST_COLUMNS} are read"
+        raise InputError(f"{said}; write a row per sample")
     texts = frame.select(pl.col(pl.Categorical, pl.Enum).cast(pl.String), pl.col(pl.Decimal).cast(pl.Float64))
     frame = frame.with_columns(texts)
-    known = [
-        name
-        for name, kind in frame.schema.items()
-        if kind.is_numeric() or kind.is_temporal() or kind in (pl.String, pl.Boolean)
-    ]
+    kinds = frame.schema.items()
+    known = [name for name, kind in kinds if kind.is_numeric() or kind.is_temporal() or kind in (pl.String, pl.Boolean)]
     if others := [name for name in frame.columns if name not in known]:
         damage.remarks.append(f"columns that hold no numbers are not read: {listing(others, 8)}")
     if not known or not frame.height:
         raise InputError("holds no column of numbers; name a recording")
     body = frame.select(known)
     names = [name or str(place) for place, name in enumerate(known, start=1)]
-    stated = [units.get(name) or name_and_unit(name)[1] for name in names]
+    stated = [units.get(name) or csv_table.name_and_unit(name)[1] for name in names]
     body.columns = [str(place) for place in range(body.width)]
-    return CsvTable(names, stated, np.arange(1, frame.height + 1), body, notes, damage, noun="row")
+    return csv_table.CsvTable(names, stated, np.arange(1, frame.height + 1), body, notes, damage, noun="row")
 
 
 FIRST_BYTES = 1 << 16  # bytes of a file that `refuse_others` needs
 AS_C3D = "export the trial as C3D"
+AS_CSV = "open it in a spreadsheet, also where it is called `.xls`, and save its table as CSV"
 HTML = r"\A\s*<(!doctype html|html|head|table|meta|\?xml[^>]*>\s*<(\?mso|workbook))"
 JSON = r"\A\s*(\{\s*[\"'}]|\[\s*\{|\[[^\[\]]*\d\s*\]\s*$)"  # or a dictionary as Python prints it
 PACKED = r"\A(PK\x03\x04|\x1f\x8b|BZh|\xfd7zXZ\0|\x28\xb5\x2f\xfd|7z\xbc\xaf\x27\x1c|Rar!)"
 OTHERS = (
     ("an export of Qualisys Track Manager in TSV", r"\A\s*NO_OF_(FRAMES|SAMPLES|CAMERAS)\b", AS_C3D),
     ("an export of OptiTrack Motive in CSV", r'\A"?Format Version"?,"?\d', AS_C3D),
-    (
-        "a page of HTML or XML",
-        HTML,
-        "open it in a spreadsheet, also where it is called `.xls`, and save its table as CSV",
-    ),
+    ("a page of HTML or XML", HTML, AS_CSV),
     ("a document of JSON", JSON, "write JSON lines, an object per line and sample"),
     ("nothing but zero bytes", r"\A\0+\Z", "copy or record it again"),
     ("a PNG image", r"\A\x89PNG", "name the recording itself"),
@@ -377,8 +355,8 @@ def refuse_others(path: Path, begin: bytes) -> None:
     begin = begin[:FIRST_BYTES]
     if is_table_file(begin):
         return
-    is_text = UTF_16.match(begin) is not None or not CONTROL.search(begin)
-    text = decoded_text(begin) if is_text else begin.decode("latin-1")
+    is_text = csv_table.UTF_16.match(begin) is not None or not csv_table.CONTROL.search(begin)
+    text = csv_table.decoded_text(begin) if is_text else begin.decode("latin-1")
     for name, pattern, remedy in OTHERS:
         if re.search(pattern, text, re.MULTILINE | re.IGNORECASE) and not is_json_lines(begin):
             raise InputError(f"{path}: {name}, which is not read; {remedy}")

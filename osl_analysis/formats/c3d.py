@@ -84,8 +84,6 @@ CONTINUATIONS = ("", *map(str, range(2, 10)))  # a parameter holds 255 values; m
 
 @dataclass(frozen=True)
 class C3DHeader:
-    """What a file declares."""
-
     processor: str  # number format of the file: Intel, DEC or MIPS
     points: int  # points per frame, model outputs included
     first_frame: int  # number of the first frame, as the laboratory counts
@@ -162,8 +160,7 @@ class C3DRecording:
     damage: Ledger = field(default_factory=Ledger)
 
     def without_end(self, plate_channels: list[int]) -> "C3DRecording":
-        """The frames before those at the end in which some channels, counted from 0, are no numbers: the recorder of
-        the forces stopped before the cameras."""
+        """The frames before the last ones, in which channels, from 0, are no numbers: forces stopped before cameras."""
         ratio, finite = self.header.samples_per_frame, np.isfinite(self.analogs[:, plate_channels]).all(axis=1)
         frames = int(np.argmin(finite)) // ratio
         if not frames or finite.reshape(-1, ratio)[frames:].all(axis=1).any():
@@ -218,8 +215,7 @@ def check_end(data: bytes, start: int, frames: int, frame: int, damage: Ledger) 
 
 def read_c3d(path: Path) -> C3DRecording:
     """Decode a C3D file; InputError if it is no C3D, damaged or truncated, or contradicts itself. Analog values are
-    (raw - OFFSET) * SCALE * GEN_SCALE, raw without these parameters; NaN where SCALE holds values for some channels
-    only, and everywhere where GEN_SCALE is 0."""
+    (raw - OFFSET) * SCALE * GEN_SCALE, raw without these; NaN where SCALE is of other channels, or GEN_SCALE 0."""
     data = path.read_bytes()
     header = parse_header(data)
     for group, count in (("POINT", header.points), ("ANALOG", header.channels)):

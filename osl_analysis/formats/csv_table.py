@@ -53,21 +53,15 @@ IsUnit = Callable[[str], bool]
 
 def read_text(path: Path) -> tuple[bytes, bool]:
     """A text in UTF-8 with plain line breaks, and whether its last line has one; refused where it has zero bytes."""
-    data = utf8_of(path.read_bytes())
-    try:
-        data.decode()
-    except UnicodeDecodeError:
-        data = decoded_text(data).encode()
+    data = decoded_text(path.read_bytes()).encode()
     data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n").replace("\u2212".encode(), b"-")  # a minus sign
     if any(sign.encode() in data for sign in BETWEEN_THOUSANDS):  # between thousands, as in Switzerland and France
         data = re.sub(rf"(?<=\d)[{BETWEEN_THOUSANDS}](?=\d{{3}}(?!\d))", "", data.decode()).encode()
     data = data[: len(data.rstrip(b"\x1a"))]
     if (zero := data.find(b"\0")) >= 0:
         line = data.count(b"\n", 0, zero) + 1
-        raise InputError(
-            f"line {line} holds zero bytes, as a loss of power leaves them; delete the file from there on, or "
-            "name a text file"
-        )
+        said = f"line {line} holds zero bytes, as a loss of power leaves them"
+        raise InputError(f"{said}; delete the file from there on, or name a text file")
     return data, data.rstrip(b" \t").endswith(b"\n")
 
 
@@ -77,9 +71,10 @@ def numbered(data: bytes, first: int = 1) -> TextLines:
     return [(number, line) for number, line in enumerate(lines, start=first) if line and not line.isspace()]
 
 
-def read_lines(path: Path) -> TextLines:
-    """The lines of a file without blank ones; refused where zero bytes show that it is not text."""
-    return numbered(read_text(path)[0])
+def read_lines(path: Path) -> tuple[TextLines, bool]:
+    """The lines of a file without blank ones, and whether the last one has its break, as `read_text` has them."""
+    data, ends = read_text(path)
+    return numbered(data), ends
 
 
 def decoded_text(data: bytes) -> str:
@@ -209,8 +204,7 @@ def is_value(cell: str) -> bool:
 
 def cell_stamps(cells: pl.Series) -> NDArray[np.int64] | None:
     """Times of day (n,) [ns] of cells such as `10:12:13.002`, `2024-05-01T10:12:13Z`, `0 days 00:00:00.002` and
-    `12:13.5` (minutes and seconds), which go on at midnight; None if a cell is none of these. The date tells nothing
-    that the order of the rows does not tell."""
+    `12:13.5` (minutes and seconds), which go on at midnight; None if a cell is none. Dates tell no more than rows."""
     if cells.dtype.is_temporal():
         whole = cells.cast((pl.Datetime if cells.dtype in (pl.Date, pl.Datetime) else pl.Duration)("ns"))
         return None if whole.null_count() else whole.cast(pl.Int64).to_numpy()
@@ -297,7 +291,7 @@ def is_clock(title: str) -> bool:
     name = re.sub(r"\s+", "_", name_and_unit(title)[0].strip())
     words = "time|t|timestamp|stamp|(state|loop|pi|sys|ros|elapsed)_time|elapsed|clock|seconds|time_since_start|x_value"
     words += "|millis|micros|[mu]s|(date_?)?time|datetime|date_and_time|time_of_day|(uhr)?zeit|tijd|temps|tiempo|tempo"
-    return re.fullmatch(f"({words})(_(s|sec|ms|us|ns))?", name, re.IGNORECASE) is not None
+    return re.fullmatch(f"_*({words})(_(s|sec|ms|us|ns))?", name, re.IGNORECASE) is not None
 
 
 def read_csv_table(path: Path, layout: CsvLayout, is_unit: IsUnit, most_rows: int | None = None) -> CsvTable:
@@ -353,13 +347,6 @@ def alike_rows(text: bytes, delimiter: str, names: Sequence[str]) -> pl.DataFram
     return None if rows.select(pl.all_horizontal(pl.all() == "").any()).item() else rows
 
 
-def ends_whole(path: Path) -> bool:
-    """Whether the last line of a text has its break."""
-    with path.open("rb") as file:
-        file.seek(-min(64, path.stat().st_size), 2)
-        return file.read().rstrip(b" \t\0\x1a")[-1:] in (b"\n", b"\r")  # also in UTF-16
-
-
 def is_last_whole(cells: Sequence[str]) -> bool:
     """Whether the last cell of a column at the end of a file, without a line break, was not cut within its number: it
     has as many decimals as all others. Nothing tells of whole numbers."""
@@ -378,18 +365,14 @@ def table_of(lines: TextLines, layout: CsvLayout, is_unit: IsUnit, ends: bool = 
         else:
             comments.append((line, text.strip()[len(sign) :].strip()))
     if content and (stated := re.fullmatch(r"sep=(.)", content[0][1].strip())):  # as Excel reads it
-        layout, content = (
-            replace(layout, delimiter=stated[1] if layout.delimiter == "auto" else layout.delimiter),
-            content[1:],
-        )
+        content = content[1:]
+        layout = replace(layout, delimiter=stated[1] if layout.delimiter == "auto" else layout.delimiter)
     delimiter = delimiter_of(content, layout.delimiter)
     return table_of_rows(split_rows(content, delimiter), comments, layout, is_unit, delimiter, ends)
 
 
 @dataclass
 class Head:
-    """What stands above the rows of data."""
-
     names: list[str]
     units: list[str]
     first: int  # place of the first row of data
@@ -476,12 +459,9 @@ def head_of(
         return Head([str(place + 1) for place in range(width)], [""] * width, 0)
     if first_value is None:
         line, cells = rows[len(rows) // 2]
-        raise InputError(
-            f"no table of numbers: most of its {len(rows)} rows hold none, such as line {line}, "
-            f"'{' '.join(cells)[:40]}'; name a recording, or write a header and a row per sample"
-            if len(rows) > 1
-            else "no rows of data; record it again, or exclude the trial"
-        )
+        said = f"no table of numbers: most of its {len(rows)} rows hold none, such as line {line}, "
+        said += f"'{' '.join(cells)[:40]}'; name a recording, or write a header and a row per sample"
+        raise InputError(said if len(rows) > 1 else "no rows of data; record it again, or exclude the trial")
     data = partial(is_data, width=width, first_value=first_value)
     first = next((place for place, (_, cells) in enumerate(rows) if data(cells)), len(rows))
     if layout.ragged == "dropped_variable":  # such a logger writes its header first
@@ -497,9 +477,8 @@ def head_of(
         units = []
     names, line = named_by(heads, above, comments, width, delimiter), heads[-1][0] if heads else 0
     if not names and layout.header == "row":
-        raise InputError(
-            f"line {rows[0][0]} holds numbers, not the columns' names; write `header: none` and the columns' numbers"
-        )
+        said = f"line {rows[0][0]} holds numbers, not the columns' names"
+        raise InputError(f"{said}; write `header: none` and the columns' numbers")
     labelled = iter(next((cells[1:] for _, cells in every if cells[0] == "Y_Unit_Label"), []))  # LabVIEW's, but of time
     units = units or ["" if is_clock(name) else next(labelled, "") for name in names]
     stated = [name_and_unit(name)[1] for name in names] or [""] * width
@@ -509,8 +488,7 @@ def head_of(
 
 
 def joined_heads(above: Rows) -> Rows:
-    """Rows above the data, the last two as one where either has cells only where the other has none: pandas writes the
-    name of an index below those of the columns."""
+    """Rows above the data, the last two as one where they have cells in other columns: pandas writes an index below."""
     (line, upper), (_, last) = above[-2:] if len(above) > 1 else [(0, [""]), (0, ["", ""])]
     if len(upper) != len(last) or any(map(all, zip(upper, last, strict=True))) or not any(last):
         return above
@@ -560,11 +538,14 @@ def named_by(heads: Rows, above: Rows, comments: TextLines, width: int, delimite
 
 
 def without_footer(rows: Rows, first_value: int | None, layout: CsvLayout) -> tuple[Rows, Rows]:
-    """Rows, and the last ones that have a word where most have the first number: what a program writes below them."""
+    """Rows, and the last ones with a word where most have the first number or before it, as a program writes there."""
     end, place = len(rows), first_value or 0
     while end and layout.header in ("auto", "row") and len(rows) - end < LAST_LINES:
         cells = rows[end - 1][1]
-        if len(cells) <= place or is_value(cells[place]) or is_value(cells[place].split(" ")[0]):
+        beside = [cell for cell, first in zip(cells[:place], rows[0][1], strict=False) if not first]  # of no cells else
+        if len(cells) <= place or all(
+            is_value(cell) or is_value(cell.split(" ")[0]) for cell in [*beside, cells[place]]
+        ):
             break
         end -= 1
     return (rows[:end], rows[end:]) if end else (rows, [])

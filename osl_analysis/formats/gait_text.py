@@ -12,60 +12,40 @@ from pathlib import Path
 import numpy as np
 
 from osl_analysis.errors import InputError, listing
-from osl_analysis.formats.csv_table import (
-    CsvLayout,
-    CsvTable,
-    IsUnit,
-    Rows,
-    UnreadableCellError,
-    cell_numbers,
-    decoded_text,
-    delimiter_of,
-    ends_whole,
-    is_last_whole,
-    is_number_cell,
-    is_text,
-    read_lines,
-    read_text,
-    split_rows,
-    table_of_text,
-    unpadded,
-)
+from osl_analysis.formats import csv_table
 from osl_analysis.formats.table import Ledger
 from osl_analysis.trial import Array
 
 
-def column_of(rows: Rows, place: int, missing: tuple[str, ...], what: str, remedy: str, decimal: str = ".") -> Array:
+def column_of(
+    rows: csv_table.Rows, place: int, missing: tuple[str, ...], what: str, remedy: str, decimal: str = "."
+) -> Array:
     """One column of rows, (rows,), NaN where a cell is one of the words in `missing` or the row is too short."""
     cells = [cells[place] if place < len(cells) else "" for _, cells in rows]
     try:
-        return cell_numbers(cells, missing, decimal)
-    except UnreadableCellError as error:
+        return csv_table.cell_numbers(cells, missing, decimal)
+    except csv_table.UnreadableCellError as error:
         text = cells[error.place]
         what = f"line {rows[error.place][0]}, {what}: '{text[:40]}' is not a number"
         raise InputError(f"{what}; {'export it as scalars' if text.count(',') > 1 else remedy}") from error
 
 
-def check_last_line(path: Path, rows: Rows) -> None:
-    """Refuse a file of which nothing tells that its last number is whole."""
+def check_last_line(ends: bool, rows: csv_table.Rows) -> None:
+    """Refuse a file of which nothing tells that its last number is whole, as that the last line `ends` with a break."""
     last = [cells[-1] for _, cells in rows]
-    if any(last) and not ends_whole(path) and not is_last_whole(last):  # where all are empty, a tab ends every line
-        raise InputError(
-            f"line {rows[-1][0]}, the last one, has no line break and may be cut off within its last number; export "
-            "it again, or end the line where it is whole"
-        )
+    if any(last) and not ends and not csv_table.is_last_whole(last):  # where all are empty, a tab ends every line
+        said = f"line {rows[-1][0]}, the last one, has no line break and may be cut off within its last number"
+        raise InputError(f"{said}; export it again, or end the line where it is whole")
 
 
 @dataclass(frozen=True)
 class NexusSection:
-    """One section of an export."""
-
     title: str  # Devices, Trajectories or Model Outputs
     rate: float  # rows per second [Hz]
     names: list[str]  # name of every column: `Anna:LTOE`, `EMG2000 - Voltage`
     components: list[str]  # component of every column: X, Y, Z, Fx ..
     units: list[str]  # unit of every column, as Nexus spells it
-    rows: Rows  # number of the line in the file, and its cells; the first two are the numbers of frame and sub frame
+    rows: csv_table.Rows  # number of the line, and its cells; the first two are the numbers of frame and sub frame
     decimal: str
 
     def column(self, name: str, component: str) -> tuple[Array, str]:
@@ -89,16 +69,14 @@ class NexusSection:
         frame, sub = (self.values(place) for place in (0, 1))
         per_frame = float(np.nanmax(sub, initial=0.0)) + 1
         for place in np.flatnonzero((frame - frame[0]) * per_frame + sub != np.arange(frame.size)).tolist():
-            raise InputError(
-                f"line {self.rows[place][0]}: frame {frame[place]:g}, sub frame {sub[place]:g} does not follow the "
-                "line before; export the trial again with all its frames"
-            )
+            said = f"line {self.rows[place][0]}: frame {frame[place]:g}, sub frame {sub[place]:g} does not"
+            raise InputError(f"{said} follow the line before; export the trial again with all its frames")
         return int(frame[0]), int(per_frame)
 
 
 def is_nexus(begin: bytes) -> bool:
     """Whether a file that begins with these bytes is an export of Nexus: it has the header of a section."""
-    lines = decoded_text(begin).casefold().replace('"', "").splitlines() if is_text(begin) else []
+    lines = csv_table.decoded_text(begin).casefold().replace('"', "").splitlines() if csv_table.is_text(begin) else []
     return any(line.startswith("frame") and "sub frame" in line for line in lines)
 
 
@@ -108,9 +86,9 @@ def without_subject(name: str) -> str:
 
 def read_sections(path: Path, delimiter: str = "auto", decimal: str = ".") -> dict[str, NexusSection]:
     """Sections by title; InputError if there is none, one has no samples, or stands twice."""
-    lines = read_lines(path)
+    lines, ends = csv_table.read_lines(path)
     header = [(n, text) for n, text in lines if text.lstrip('"').casefold().startswith("frame")]
-    rows = split_rows(lines, delimiter_of(header[:1], delimiter))
+    rows = csv_table.split_rows(lines, csv_table.delimiter_of(header[:1], delimiter))
     starts = []
     for i in range(len(rows) - 3):  # a title alone, a rate alone, names, and the header
         first, second, above = (rows[i + k][1] for k in (0, 1, 3))
@@ -119,11 +97,11 @@ def read_sections(path: Path, delimiter: str = "auto", decimal: str = ".") -> di
     if not starts:
         raise InputError("no section of a Nexus export (Devices, Trajectories, ...); check the source's format")
     found: dict[str, NexusSection] = {}
-    check_last_line(path, rows[starts[-1] + 5 :] or rows[-1:])
+    check_last_line(ends, rows[starts[-1] + 5 :] or rows[-1:])
     for start, end in zip(starts, [*starts[1:], len(rows)], strict=True):
         (line, (title, *_)), (_, rates), (_, names), (_, components) = rows[start : start + 4]
-        samples, width = rows[start + 5 : end], len(unpadded(components, 0))
-        if not is_number_cell(rate := rates[0].replace(",", ".")):
+        samples, width = rows[start + 5 : end], len(csv_table.unpadded(components, 0))
+        if not csv_table.is_number_cell(rate := rates[0].replace(",", ".")):
             raise InputError(f"line {line + 1}: '{rate[:40]}' is not a rate; export the trial again")
         if not samples or not (hertz := float(rate)) > 0:
             raise InputError(f"section {title[:40]} at {float(rate):g} Hz has no samples; export without it")
@@ -139,8 +117,6 @@ def read_sections(path: Path, delimiter: str = "auto", decimal: str = ".") -> di
 
 @dataclass(frozen=True)
 class TrcFile:
-    """The markers of one file."""
-
     labels: list[str]
     positions: Array  # (frames, markers, 3) in `unit`; NaN where a marker was not seen
     rate: float  # frames per second [Hz]
@@ -151,12 +127,13 @@ class TrcFile:
 
 
 def is_trc(begin: bytes) -> bool:
-    return is_text(begin) and decoded_text(begin[:200]).lstrip().casefold().startswith("pathfiletype")
+    start = csv_table.decoded_text(begin[:200]).lstrip().casefold()
+    return csv_table.is_text(begin) and start.startswith("pathfiletype")
 
 
 def read_trc(path: Path) -> TrcFile:
     """The markers of a file; InputError if its header is not that of TRC, or contradicts the rows."""
-    lines, export = read_lines(path), "export it again, or correct the header"
+    (lines, ends), export = csv_table.read_lines(path), "export it again, or correct the header"
     if not lines or not lines[0][1].lstrip().casefold().startswith("pathfiletype"):
         raise InputError("no TRC file: its first line does not begin with PathFileType; check the source's format")
     if len(lines) < 6:
@@ -175,35 +152,31 @@ def read_trc(path: Path) -> TrcFile:
     if len(rows) != frames:
         cut = ": the end is missing" if len(rows) < frames else ""
         raise InputError(f"NumFrames is {frames}, the file holds {len(rows)} rows{cut}; {export}")
-    check_last_line(path, rows)
+    check_last_line(ends, rows)
     names = ["frame", "time", *(f"column {place + 3}" for place in range(3 * markers))]
     unseen = ("", "nan", "NaN", "NAN")  # cells of a marker that was not seen
-    frame, time, *columns = [
-        column_of(rows, k, unseen if k > 1 else (), name, "export it again") for k, name in enumerate(names)
-    ]
+    own = [column_of(rows, k, unseen * (k > 1), name, "export it again") for k, name in enumerate(names)]
+    (frame, time), columns = own[:2], own[2:]
     for line, padded in rows:
-        count = len(unpadded(padded, 0))
+        count = len(csv_table.unpadded(padded, 0))
         if count > len(names) or (count - 2) % 3:
             raise InputError(f"line {line} has {count - 2} coordinates, its header names {markers} markers; {export}")
     text = said.get("datarate", "")
-    rate = float(text) if is_number_cell(text) else 0.0
+    rate = float(text) if csv_table.is_number_cell(text) else 0.0
     if rate <= 0:
         raise InputError(f"line {place}: DataRate is {text[:40]!r} and no rate in Hz; {export}")
     count_up = np.arange(frames)
     for row in np.flatnonzero((frame != frame[0] + count_up) | (frame[0] != np.rint(frame[0]))).tolist():
-        raise InputError(
-            f"line {rows[row][0]}: frame {frame[row]:g} does not follow the line before; export all frames"
-        )
+        what = f"line {rows[row][0]}: frame {frame[row]:g} does not follow the line before"
+        raise InputError(f"{what}; export all frames")
     printed = [row[1].partition(".")[2] for _, row in rows]  # OpenSim prints more decimals than its times have
     has, fine = (max(map(len, cells)) for cells in (printed, [cell.rstrip("0") for cell in printed]))
     decimals = min(has, max(fine, math.ceil(math.log10(rate))))  # with fewer, no frame is told from the next
     rounding = 0.6 * 10.0**-decimals  # half of the last decimal, and a little for sums in single precision
     wrong = np.abs(time - time[0] - count_up / rate) > 2 * rounding + (1e-3 + 1e-4 * count_up) / rate
     for row in np.flatnonzero(wrong).tolist():
-        raise InputError(
-            f"line {rows[row][0]}: time {time[row]:g} s does not fit DataRate {rate:g} Hz from {time[0]:g} s on; "
-            "correct DataRate or the times"
-        )
+        what = f"line {rows[row][0]}: time {time[row]:g} s does not fit DataRate {rate:g} Hz from {time[0]:g} s on"
+        raise InputError(f"{what}; correct DataRate or the times")
     positions = np.column_stack(columns).reshape(frames, markers, 3)
     positions[(positions == 0).all(axis=2)] = np.nan
     empty = f"{len(labels) - markers} names after the {markers} markers have no positions, such as {labels[-1][:40]}"
@@ -212,12 +185,15 @@ def read_trc(path: Path) -> TrcFile:
 
 
 def is_opensim(begin: bytes) -> bool:
-    return is_text(begin) and re.search(r"(?im)^[ \t]*endheader[ \t\r]*$", decoded_text(begin)) is not None
+    end = r"(?im)^[ \t]*endheader[ \t\r]*$"
+    return csv_table.is_text(begin) and re.search(end, csv_table.decoded_text(begin)) is not None
 
 
-def read_opensim(path: Path, layout: CsvLayout, is_unit: IsUnit, most_rows: int | None = None) -> CsvTable:
+def read_opensim(
+    path: Path, layout: csv_table.CsvLayout, is_unit: csv_table.IsUnit, most_rows: int | None = None
+) -> csv_table.CsvTable:
     """A table, with its header as comments; InputError if the header has no end, or contradicts the rows."""
-    data, ends = read_text(path)
+    data, ends = csv_table.read_text(path)
     end = re.search(rb"(?im)^[ \t]*endheader[ \t]*\n", data)
     if end is None:
         raise InputError("no line `endheader`: no table of OpenSim; check the source's format")
@@ -225,7 +201,7 @@ def read_opensim(path: Path, layout: CsvLayout, is_unit: IsUnit, most_rows: int 
     by_tabs = re.match(rb"\s*\S[^\n]*\t[ \t]*\S", below) is not None
     layout = replace(layout, delimiter="tab" if by_tabs else "space", decimal=".")
     blank = b"\n" * data.count(b"\n", 0, end.end())  # the lines keep their numbers
-    table = table_of_text(blank + below, ends, layout, is_unit, most_rows)
+    table = csv_table.table_of_text(blank + below, ends, layout, is_unit, most_rows)
     header = opensim_header(said := [text.strip() for text in above if text.strip()])
     is_part = most_rows is not None and len(table.lines) >= most_rows
     counts = {"rows": len(table.lines), "columns": len(table.names)}
@@ -233,10 +209,8 @@ def read_opensim(path: Path, layout: CsvLayout, is_unit: IsUnit, most_rows: int 
         stated = next((header[key] for key in (f"n{what}", f"data{what}") if key in header), "")  # or of older versions
         if stated and stated != str(found) and not (is_part and what == "rows"):
             cut = ": the end is missing, or some are damaged" if stated.isdigit() and int(stated) > found else ""
-            raise InputError(
-                f"its header states {stated[:20]} {what}, the file holds {found} whole ones{cut}; export it again, or "
-                "correct the header"
-            )
+            told = f"its header states {stated[:20]} {what}, the file holds {found} whole ones{cut}"
+            raise InputError(f"{told}; export it again, or correct the header")
         table.damage.end_unknown |= what == "rows" and not stated
     return replace(table, comments=[*said, *table.comments])
 

@@ -19,8 +19,6 @@ MOST_ELEMENTS = 64  # of an array that are listed: longer ones are images or who
 
 @dataclass(frozen=True)
 class JsonLines:
-    """The lines of one file that are not blank."""
-
     texts: list[bytes]  # in UTF-8, without line breaks
     numbers: Indices  # number of each in the file, counted from 1
     damage: Ledger  # what was left out

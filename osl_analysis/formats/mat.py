@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from osl_analysis.errors import EXTRAS, InputError, listing, nearest, optional_module
-from osl_analysis.formats.binary_table import bytes_behind, never_written
+from osl_analysis.formats.binary_table import never_written, tell_bytes_behind
 from osl_analysis.formats.table import Ledger, check_memory, in_one_sentence, isolated
 from osl_analysis.trial import Array
 
@@ -39,8 +39,6 @@ FEWEST_SAMPLES = 10  # structs of single numbers that are taken for the samples 
 
 @dataclass(frozen=True)
 class Value:
-    """One value of a MATLAB file."""
-
     kind: str  # its class in MATLAB, such as `double`, `struct`, `cell`, `nldat`; `sparse` for a sparse matrix
     shape: tuple[int, ...] = (1, 1)
     numbers: Array | None = None  # of its shape, masked where never written; None for anything but real numbers
@@ -143,8 +141,7 @@ def open_mat(path: Path) -> MatFile:
         if begin.startswith(b"MATLAB 7.") or 2 in begin[124:126]:
             h5py()  # once for all forks
             names = isolated(partial(names73, path))
-            if (behind := bytes_behind(path, 512)) > 0:
-                damage.lose(f"{behind} bytes stand behind its end, and are not read", 0, None, 0)
+            tell_bytes_behind(path, 512, damage)
             return MatFile(path, "7.3", header, names, damage)
         data, end = path.read_bytes(), 128
         while end + 8 <= len(data):  # each element tells its length; scipy is silent about what lies beyond the end
@@ -176,7 +173,6 @@ def names5(path: Path) -> list[str]:
 
 
 def read5(path: Path, names: Sequence[str]) -> dict[str, Value]:
-    """Some variables of a file of version 5."""
     from scipy.io import loadmat
 
     found, streams = dict[str, Value](), streams5(path)
@@ -334,7 +330,6 @@ def names73(path: Path) -> list[str]:
 
 
 def read73(path: Path, names: Sequence[str]) -> dict[str, Value]:
-    """Some variables of a file of version 7.3."""
     found = dict[str, Value]()
     with told_as_damage(), h5py().File(path, "r") as file:
         for name in names:
@@ -345,7 +340,6 @@ def read73(path: Path, names: Sequence[str]) -> dict[str, Value]:
 
 
 def value73(item: Any) -> Value:
-    """A dataset or a group of a file of version 7.3."""
     kind = item.attrs.get("MATLAB_class", "")
     kind = kind.decode("latin-1") if isinstance(kind, bytes) else str(kind)
     if "MATLAB_object_decode" in item.attrs or (hasattr(item, "dtype") and not hasattr(item, "shape")):
@@ -366,7 +360,6 @@ def group73(item: Any) -> Value:
 
 
 def dataset73(item: Any, kind: str) -> Value:
-    """An array by its class in MATLAB."""
     if item.shape is None:
         return Value(kind or "double", (0, 0), np.zeros((0, 0)))
     shape = tuple(reversed(item.shape)) or (1, 1)
@@ -412,10 +405,8 @@ def steps_in(text: str, inside: bool = False) -> tuple[str, ...]:
     steps = tuple(step.removeprefix(".") for step in STEP.findall(plain))
     is_whole = steps and reduce(address_with, steps, "") == plain
     if not is_whole or not (inside or steps[0][0] not in "({"):
-        raise InputError(
-            f"'{text}' is no address in a MATLAB file; write it as in MATLAB, such as `Test.run(2).torque`, "
-            "`Test.data(:,3)` or `runs{2}.torque`"
-        )
+        said = f"'{text}' is no address in a MATLAB file; write it as in MATLAB"
+        raise InputError(f"{said}, such as `Test.run(2).torque`, `Test.data(:,3)` or `runs{{2}}.torque`")
     return steps
 
 

@@ -53,8 +53,6 @@ Runs = Mapping[int, tuple[Indices, int]]
 
 
 class ChunkHead(NamedTuple):
-    """What a chunk declares of itself."""
-
     size: int  # bytes that it holds
     crc: int  # checksum of these; 0 if there is none
     name: bytes  # its compression; empty for none
@@ -197,7 +195,6 @@ class McapFile(MessageFile):
         return resume
 
     def holds_chunk(self, position: int) -> bool:
-        """Whether a whole chunk stands at a position."""
         start = position + RECORD.size
         head = chunk_head(self.data, start, start + RECORD.unpack_from(self.data, position)[1])
         with suppress(DamagedChunkError):
@@ -316,9 +313,8 @@ def read_mcap(path: Path) -> McapFile:
     """Scan a file. InputError if it is empty or no MCAP file."""
     data = path.read_bytes()
     if data[:8] != MAGIC and (len(data) < 64 or data[-8:] != MAGIC):
-        raise InputError(
-            f"{path}: not an MCAP file (it begins with {quoted(data[:8])}); check the path and the source's format"
-        )
+        said = f"{path}: not an MCAP file (it begins with {quoted(data[:8])})"
+        raise InputError(f"{said}; check the path and the source's format")
     opened = McapFile(path, len(data), "MCAP", data=data)
     opened.blocks = opened.intact_blocks()
     opened.damage.remarks += ["the magic at the beginning is damaged"] * (data[:8] != MAGIC)
@@ -329,14 +325,11 @@ def read_mcap(path: Path) -> McapFile:
 
 def two_logs(place: int) -> RefusedFileError:
     """The number of a channel means one topic in the first log and may mean another in the second."""
-    return RefusedFileError(
-        f"holds two logs, the second from byte {place} on: split them into two files there (`head -c`, `tail -c`) and "
-        "give each a trial of its own"
-    )
+    remedy = "split them into two files there (`head -c`, `tail -c`) and give each a trial of its own"
+    return RefusedFileError(f"holds two logs, the second from byte {place} on: {remedy}")
 
 
 def message_heads(buffer: bytes, places: Indices) -> NDArray[np.void]:
-    """The heads of messages (n,) at these places (n,)."""
     return numbers_at(buffer, places, np.dtype(f"V{MESSAGE.itemsize}")).view(MESSAGE)  # bytes are taken fastest
 
 

@@ -72,7 +72,6 @@ class FieldDescription(NamedTuple):
     elements: Sequence[str] = ()  # of an array: all as `name=ankle` where an array of text beside it tells, else `0`
 
     def addresses(self) -> list[str]:
-        """The paths of single numbers."""
         return [self.path] if self.length is None else [f"{self.path}[{element}]" for element in self.elements]
 
 
@@ -296,18 +295,14 @@ def type_of(channel: Channel, schema: Schema | None) -> "MessageType | Callable[
     if encoding[0] == "json":
         return json_object
     if schema is None or encoding not in (("cdr", "ros2msg"), ("ros1", "ros1msg"), ("protobuf", "protobuf")):
-        raise InputError(
-            f"topic '{channel.topic}' is encoded as {encoding[0]} ({encoding[1]}); read are cdr (ros2msg), ros1 "
-            "(ros1msg), protobuf (protobuf) and json: convert the log"
-        )
+        said = f"topic '{channel.topic}' is encoded as {encoding[0]} ({encoding[1]}); read are cdr (ros2msg)"
+        raise InputError(f"{said}, ros1 (ros1msg), protobuf (protobuf) and json: convert the log")
     try:
         is_ros = encoding[0] != "protobuf"
         return message_type(schema, ros1=encoding[0] == "ros1") if is_ros else protobuf_decoder(schema)
     except InputError as error:
-        raise InputError(
-            f"topic '{channel.topic}': {str(error).replace('; ', ', ')}; record again with the definitions that its "
-            "publisher was built with, or map another topic"
-        ) from error
+        said = f"topic '{channel.topic}': {str(error).replace('; ', ', ')}; record again with the definitions"
+        raise InputError(f"{said} that its publisher was built with, or map another topic") from error
 
 
 def describe_message(channel: Channel, schema: Schema | None, payload: bytes | None) -> list[FieldDescription]:
@@ -342,8 +337,6 @@ MessageField = tuple[str, str, int | None]
 
 
 class MessageType(NamedTuple):
-    """The type of a channel's messages."""
-
     name: str  # `package/Name`
     definitions: dict[str, list[MessageField]]  # fields of it and of all types in it
     ros1: bool  # little-endian, not aligned, no zero at the end of strings (wiki.ros.org/msg)
@@ -500,10 +493,8 @@ def shape_of(kind: MessageType, payload: bytes | None, paths: Sequence[str] = ()
     left = data[position:]
     most = 0 if kind.ros1 else 3 if left.strip(b"\0") else 7  # DDS pads to four bytes of any content (RTPS 2.5, 9.4.1)
     if len(left) > most:
-        raise InputError(
-            f"a message of {len(data)} bytes has {len(left)} more than its schema describes; the schema is not its "
-            "own: record the log again with the definitions that its publisher was built with"
-        )
+        said = f"a message of {len(data)} bytes has {len(left)} more than its schema describes; the schema is not its"
+        raise InputError(f"{said} own: record the log again with the definitions that its publisher was built with")
     if len(left) > 3:  # to eight bytes, of zeros
         shape.guards.append((position, left))
     shape.wanted = {path: leaf for path in paths if (leaf := shape.leaf_at(path))}
@@ -566,7 +557,6 @@ def is_array(value: Any) -> bool:
 
 
 def all_are(kind: Any, values: Sequence[Any]) -> bool:
-    """Whether there are values, all of a kind."""
     return len(values) > 0 and all(isinstance(one, kind) for one in values)
 
 

@@ -15,16 +15,7 @@ from mcap.records import Channel, Schema
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, listing
-from osl_analysis.formats.message_fields import (
-    Columns,
-    Indices,
-    NoNumberError,
-    Reader,
-    Values,
-    describe_message,
-    joined_masked,
-    type_of,
-)
+from osl_analysis.formats import message_fields
 from osl_analysis.formats.table import Ledger
 
 
@@ -43,9 +34,9 @@ class MessageBlock:
     buffer: bytes
     channel: NDArray[np.uint16]
     sequence: NDArray[np.uint32]  # number that the recorder or the publisher gave to each message; often 0
-    log_time: Indices  # when each message was logged [ns]
-    starts: Indices  # where each payload begins in the buffer [bytes]
-    lengths: Indices  # length of each payload [bytes]
+    log_time: message_fields.Indices  # when each message was logged [ns]
+    starts: message_fields.Indices  # where each payload begins in the buffer [bytes]
+    lengths: message_fields.Indices  # length of each payload [bytes]
 
     @cached_property
     def counts(self) -> Counter[int]:
@@ -135,17 +126,17 @@ class ChannelLog:
 
     channel: Channel
     schema: Schema | None  # of its messages; None for JSON
-    reader: Reader | None = None  # of the wanted fields, if there are such
+    reader: message_fields.Reader | None = None  # of the wanted fields, if there are such
     first: bytes | None = None  # the first message
-    stamps: list[Indices] = field(default_factory=list)  # log times of the messages of each block [ns]
+    stamps: list[message_fields.Indices] = field(default_factory=list)  # log times of the messages of each block [ns]
     sequence: list[NDArray[np.uint32]] = field(default_factory=list)  # their sequence numbers
 
     @property
-    def log_time(self) -> Indices:
+    def log_time(self) -> message_fields.Indices:
         """Log times of the messages [ns], in the order of the file."""
         return np.concatenate([np.empty(0, np.int64), *self.stamps])
 
-    def columns(self, damage: Ledger) -> Columns:
+    def columns(self, damage: Ledger) -> message_fields.Columns:
         """The wanted fields in the order of recording; counts what does not fit, and remarks on what is missing."""
         assert self.reader is not None  # it was made with the fields
         numbers = np.concatenate(self.sequence).astype(np.int64)
@@ -180,7 +171,7 @@ class ChannelLog:
             damage.remarks.append(f"{copies} of {numbers.size} messages of {topic} {said}")
         return found
 
-    def copies_among(self, found: Columns) -> int:
+    def copies_among(self, found: message_fields.Columns) -> int:
         """How many messages stand twice, logged at one time with the same numbers, as where a part of the file is a
         copy of another; of a few a driver may have sent each twice."""
         logged = self.log_time[found.rows]
@@ -193,23 +184,20 @@ class ChannelLog:
             same &= (known[1:] == known[:-1]) | (np.isnan(known[1:]) & np.isnan(known[:-1]))
         return int(same.sum())
 
-    def decoding(self, columns: Columns) -> dict[str, Any]:
+    def decoding(self, columns: message_fields.Columns) -> dict[str, Any]:
         """How its messages were decoded, for the provenance."""
         found = {"channel": self.channel.id, "encoding": self.channel.message_encoding, "messages": self.log_time.size}
         return found | {"one_by_one": len(self.reader.found) if self.reader else 0, "misfits": columns.misfits}
 
     def wrong_field(self, what: str) -> WrongFieldError:
         """The error for a field that is no number in any message; it names those that are."""
-        return WrongFieldError(
-            f"topic '{self.channel.topic}': {what} (it has {self.names_of_fields()}); name a number, or one element "
-            "of an array, as `field` in the source file"
-        )
+        said = f"topic '{self.channel.topic}': {what} (it has {self.names_of_fields()})"
+        return WrongFieldError(f"{said}; name a number, or one element of an array, as `field` in the source file")
 
     def names_of_fields(self) -> str:
-        """The fields of the first message."""
         words: list[str] = []
         with suppress(ValueError, RecursionError):
-            for one in describe_message(self.channel, self.schema, self.first):
+            for one in message_fields.describe_message(self.channel, self.schema, self.first):
                 is_named = one.length is None or not one.elements[0].isdigit()
                 as_whole = [f"{one.path}[0..{one.length - 1}]"] if one.length else []
                 words += one.addresses() if is_named else as_whole
@@ -226,7 +214,8 @@ def read_channels(file: MessageFile, wanted: Mapping[str, Sequence[str]] | None 
                 continue
             if number not in logs:
                 schema = file.schemas.get(channel.schema_id)
-                reader = Reader([*dict.fromkeys(wanted[channel.topic])], type_of(channel, schema)) if wanted else None
+                paths = [*dict.fromkeys(wanted[channel.topic])] if wanted else []
+                reader = message_fields.Reader(paths, message_fields.type_of(channel, schema)) if wanted else None
                 logs[number] = ChannelLog(channel, schema, reader)
             one, mine = logs[number], block.only(block.channel == number)
             if one.first is None:
@@ -236,7 +225,7 @@ def read_channels(file: MessageFile, wanted: Mapping[str, Sequence[str]] | None 
             try:
                 if one.reader:
                     one.reader.read(mine.buffer, mine.starts, mine.lengths)
-            except NoNumberError as error:
+            except message_fields.NoNumberError as error:
                 raise one.wrong_field(str(error)) from error
     empty = {n: ChannelLog(one, file.schemas.get(one.schema_id)) for n, one in file.channels.items()}
     return [*logs.values()] if wanted is not None else [one for _, one in sorted((empty | logs).items())]
@@ -245,13 +234,13 @@ def read_channels(file: MessageFile, wanted: Mapping[str, Sequence[str]] | None 
 class Decoded(NamedTuple):
     """The messages of one topic, channel by channel in the order of recording; every array has shape (n,)."""
 
-    log_time: Indices  # when each message was logged [ns]
+    log_time: message_fields.Indices  # when each message was logged [ns]
     channel: NDArray[np.uint16]  # number of each message's channel
-    values: Values  # numbers by path of the field
+    values: message_fields.Values  # numbers by path of the field
     how: list[dict[str, Any]]  # how the messages of each channel were decoded, for the provenance
 
 
-def unusable(topic: str, own: Sequence[tuple[ChannelLog, Columns]]) -> InputError:
+def unusable(topic: str, own: Sequence[tuple[ChannelLog, message_fields.Columns]]) -> InputError:
     """The error for a topic without a message that can be used."""
     for one, columns in own:
         if one.reader and columns.misfits == one.reader.no_numbers:
@@ -269,10 +258,8 @@ def decode_topics(
     for topic, paths in wanted.items():
         own = [(one, columns) for one, columns in logs if one.channel.topic == topic]
         if topic not in topics:
-            raise InputError(
-                f"no topic '{topic}' (the file has {listing(topics)}); correct `topic` in the source file, or exclude "
-                "the trial if its log is not the right one"
-            )
+            said = f"no topic '{topic}' (the file has {listing(topics)}); correct `topic` in the source file"
+            raise InputError(f"{said}, or exclude the trial if its log is not the right one")
         if not own:
             raise InputError(f"topic '{topic}' has no messages; check that its sensor was running")
         used = [(one, columns) for one, columns in own if columns.rows.size]
@@ -280,12 +267,10 @@ def decode_topics(
             raise unusable(topic, own)
         values = {}
         for path in paths:
-            values[path] = joined_masked([columns.values[path] for _, columns in used])
+            values[path] = message_fields.joined_masked([columns.values[path] for _, columns in used])
             if path not in optional and np.ma.getmaskarray(values[path]).all():
-                raise InputError(
-                    f"topic '{topic}' has no field '{path}' (it has {own[0][0].names_of_fields()}); correct `field` in "
-                    "the source file, or exclude the trial if its log is not the right one"
-                )
+                said = f"topic '{topic}' has no field '{path}' (it has {own[0][0].names_of_fields()}); correct `field`"
+                raise InputError(f"{said} in the source file, or exclude the trial if its log is not the right one")
         log_time = np.concatenate([one.log_time[columns.rows] for one, columns in used])
         channel = [np.full(columns.rows.size, one.channel.id, np.uint16) for one, columns in used]
         how = [one.decoding(columns) for one, columns in own]

@@ -49,19 +49,15 @@ def read_rosbag1(path: Path) -> MessageFile:
                 bag.declare(Channel(number, one.topic, "ros1", {}, number + 1))
                 for entry in reader.indexes[one.id]:
                     index[entry.chunk_pos].append((entry.offset, number, entry.time))
-            counts = {
-                one.pos: Counter({number_of[k]: n for k, n in one.connection_counts.items()})
-                for one in reader.chunk_infos
-            }
+            every = [(one.pos, one.connection_counts.items()) for one in reader.chunk_infos]
+            counts = {at: Counter({number_of[k]: n for k, n in own}) for at, own in every}
             chunks = sorted((at, *one) for at, one in reader.chunks.items())
     except MemoryError:
         raise
     except Exception as error:  # on a damaged file the library raises whatever its parser comes across
         remedy = "run `rosbag decrypt` first" if "encryption" in str(error) else "run `rosbag reindex` on a copy"
-        raise InputError(
-            f"{path}: no bag with a whole index: the recorder did not finish, or the bag is damaged; {remedy}, or "
-            "record again"
-        ) from error
+        said = f"{path}: no bag with a whole index: the recorder did not finish, or the bag is damaged"
+        raise InputError(f"{said}; {remedy}, or record again") from error
     damage = bag.damage
     damage.bytes, damage.declared_chunks = len(data) - len(BAG1), len(chunks)
     damage.declared = sum(counts.values(), Counter())
@@ -99,10 +95,8 @@ def read_description(folder: Path, *, whole: bool = True) -> tuple[list[Path], C
     description says; InputError if it has none, or one not of a `whole` recording that can be read."""
     path = folder / DESCRIPTION
     if not path.is_file():
-        raise InputError(
-            f"{folder}: a folder without {DESCRIPTION}, which lists the files of a ROS 2 bag; name the recording "
-            f"in it, or {REINDEX}"
-        )
+        what = f"{folder}: a folder without {DESCRIPTION}, which lists the files of a ROS 2 bag"
+        raise InputError(f"{what}; name the recording in it, or {REINDEX}")
     try:
         text = path.read_bytes()
         if any(isinstance(one, yaml.AliasToken) for one in yaml.scan(text, Loader=yaml.CSafeLoader)):
@@ -178,18 +172,15 @@ def opened(path: Path) -> Iterator[sqlite3.Connection]:
     except (sqlite3.Error, OverflowError, TypeError, UnicodeDecodeError) as error:
         said = "a number is missing" if isinstance(error, TypeError) else " ".join(str(error).split())[:120]
         if "no such" in said:
-            raise InputError(
-                f"{path}: a database of something else ({said}): no bag of ROS 2; name the bag itself"
-            ) from error
+            what = f"{path}: a database of something else ({said}): no bag of ROS 2"
+            raise InputError(f"{what}; name the bag itself") from error
         raise InputError(f"{path}: the database is damaged or cut off ({said}); {RECOVER}") from error
 
 
 def read_database(path: Path) -> MessageFile:
-    """Open a bag in a database of sqlite3 (.db3)."""
     if (begin := beginning(path)) != SQLITE:
-        raise InputError(
-            f"{path}: not a bag in sqlite3 (it begins with {quoted(begin[:8])}); check the source's format"
-        )
+        said = f"{path}: not a bag in sqlite3 (it begins with {quoted(begin[:8])})"
+        raise InputError(f"{said}; check the source's format")
     for ending, what in (("-wal", "a write-ahead log"), ("-journal", "a journal")):
         beside = path.with_name(path.name + ending)
         if beside.is_file() and beside.stat().st_size:

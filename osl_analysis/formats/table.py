@@ -108,10 +108,8 @@ def answer(work: Callable[[], object], writer: int) -> None:
 def check_memory(size: int, what: str = "its values") -> None:
     """Refuse values that take more memory [bytes] than a recording may."""
     if size > MOST_BYTES:
-        raise InputError(
-            f"{what} take {size / 1e9:.3g} GB of memory, at most {MOST_BYTES / 1e9:g} GB are read: damaged, or no "
-            "recording; save the signals of one trial in a file of their own"
-        )
+        said = f"{what} take {size / 1e9:.3g} GB of memory, at most {MOST_BYTES / 1e9:g} GB are read"
+        raise InputError(f"{said}: damaged, or no recording; save the signals of one trial in a file of their own")
 
 
 @dataclass
@@ -148,7 +146,6 @@ class Ledger:
         self.indexed_lost.update(messages or {})
 
     def miss_end(self, remark: str) -> None:
-        """Note that the file was cut off."""
         self.end_missing = True
         self.remarks.append(remark)
 
@@ -250,8 +247,7 @@ def copied_runs(words: NDArray[Any], least: int, proves: Callable[[slice, int], 
     """Runs of `least` words (n,) or more that are those of another place, one by one, as where a block of a file was
     written over another or twice: first word, word after the last one, and first word there. Words that occur more than
     three times prove nothing: where most do, as those of a coarse converter, several in a row are one word. Nor do runs
-    that `proves` does not take, by their place and how far on they stand again, nor copies of nearly all: that is a
-    motion which repeats itself."""
+    that `proves` does not take, by their place and lag, nor copies of nearly all: that motion repeats itself."""
     bits = words.view(f"u{words.dtype.itemsize}") if words.dtype.kind == "f" else words
     if words.size < max(32, 2 * least):
         return []
@@ -267,10 +263,8 @@ def copied_runs(words: NDArray[Any], least: int, proves: Callable[[slice, int], 
             break
     else:
         return []
-    at, again = (
-        (keys & places).astype(np.int64),
-        [groups[:-1][counts == 3] + 1, groups[:-1][(counts > 1) & (counts < 4)]],
-    )
+    at = (keys & places).astype(np.int64)
+    again = [groups[:-1][counts == 3] + 1, groups[:-1][(counts > 1) & (counts < 4)]]
     lags, votes = np.unique(np.concatenate([at[one + 1] - at[one] for one in again]), return_counts=True)
     many = votes >= max(2, 0.75 * (least - size))
     if not many.any():

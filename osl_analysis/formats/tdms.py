@@ -21,8 +21,6 @@ SAVE_AGAIN = "copy it again, or open it in LabVIEW or DIAdem and save it under a
 
 @dataclass(frozen=True)
 class TdmsChannel:
-    """One channel."""
-
     group: str
     name: str
     count: int
@@ -46,8 +44,6 @@ class TdmsChannel:
 
 @dataclass(frozen=True)
 class TdmsFile:
-    """The channels of one file."""
-
     data: bytes
     channels: list[TdmsChannel]  # its channels, in the order of the file
     properties: Mapping[str, str]  # what the file says about itself
@@ -67,8 +63,7 @@ class TdmsFile:
         return found[0]
 
     def values(self, wanted: Sequence[TdmsChannel], most: int | None = None) -> dict[str, NDArray[Any]]:
-        """The numbers of some channels, at `most` so many, scaled as the file says, by address; time stamps as seconds
-        since the first."""
+        """The numbers of some channels, at `most` so many, by address, as the file scales them; stamps in s."""
         for one in wanted:
             if not one.count:
                 raise InputError(f"channel '{one.address}' is empty; take another one, or record again")
@@ -137,7 +132,6 @@ def read_tdms(path: Path) -> TdmsFile:
 
 
 def channel_of(one: Any) -> TdmsChannel:
-    """A channel as npTDMS gives it."""
     about, step = one.properties, one.properties.get("wf_increment")
     is_timed = isinstance(step, float | int) and np.isfinite(step) and step > 0
     kind = np.dtype("V" if one.dtype is None else one.dtype)

@@ -2,8 +2,7 @@
 
 Force plates of types 1 to 4 become force and moment on the foot (C3D manual, Kistler), about the centre of the plate's
 surface, without a centre of pressure, so that they are valid for an unloaded plate. The baseline FORCE_PLATFORM:ZERO is
-applied only where the source file asks: most files name their first ten frames, whether the plates were empty or not.
-"""
+applied only where the source file asks: most files name their first ten frames, of empty plates or not."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -19,17 +18,7 @@ from osl_analysis.errors import InputError, listing, naming, nearest, printable
 from osl_analysis.formats.c3d import C3DHeader, C3DRecording, read_c3d
 from osl_analysis.formats.gait_text import NexusSection, read_sections, read_trc, without_subject
 from osl_analysis.formats.table import Ledger, Table
-from osl_analysis.ingest.source import (
-    C3dSource,
-    LaboratorySource,
-    MarkerSource,
-    NexusSource,
-    OpenSimPlate,
-    OpenSimSource,
-    Recording,
-    TrcSource,
-    check_values,
-)
+from osl_analysis.ingest import source as sources
 from osl_analysis.ingest.units import si_factor
 from osl_analysis.signals import run_at_extreme, runs
 from osl_analysis.trial import AXES, Array, marker_columns, own_axes, plate_columns, unit_of
@@ -48,9 +37,8 @@ def plate_record(
     """Columns of one plate in our axes, (samples,) each, where they come from, and what the provenance says of it.
     plate: number, type (2 where forces and moments were exported) and corners, (4, 3) [m]. wrench: force [N] on the
     foot and moment [N*m] about the corners' centre, (samples, 3) each, in the file's axes. channels: names, samples
-    (samples, channels) in the file's units, and rate [Hz] of the raw ones. As the rotation hides a clipped or dead
-    sensor, each raw channel's longest run at an extreme (`clipped_...`) and of one value while the force changes
-    (`stands_...`) is told."""
+    (samples, channels) in the file's units, and rate [Hz] of the raw ones, of each of which the longest run at an
+    extreme (`clipped_...`) and of one value while the force changes (`stands_...`) is told: the rotation hides it."""
     columns, origins, facts = dict[str, Array](), Origins(), []
     for quantity, values in zip(("force", "moment"), wrench, strict=True):
         for axis, column in enumerate(plate_columns(plate["plate"], quantity)):
@@ -76,7 +64,7 @@ def plate_record(
 
 
 def captured(
-    source: MarkerSource,
+    source: sources.MarkerSource,
     timing: tuple[int, float, int, int],
     markers: Sequence[tuple[str, str, Array, str]] = (),
     outputs: Mapping[str, Array] | None = None,
@@ -85,7 +73,7 @@ def captured(
     facts: Mapping[str, Any] | None = None,
     warnings: Sequence[str] = (),
     damage: Ledger | None = None,
-) -> Recording:
+) -> sources.Recording:
     """The columns that the source file asks for, in SI units and our axes: a row per analog sample, null where a frame
     has none; a marker that was not seen is NaN. timing: number of frames (frame 0 and analog sample 0 are at 0 s),
     frame rate [Hz], samples per frame, and the laboratory's number of the first frame. markers: label, name in the
@@ -101,7 +89,7 @@ def captured(
             slow[column] = factor * positions @ source.rotation[axis]
             origin = {"label": label, "component": source.axes[axis], "unit": unit}
             origins[column] = {**origin, "factor": factor, "si_unit": unit_of(column)}
-    named = source if isinstance(source, LaboratorySource) else LaboratorySource(format=source.format)
+    named = source if isinstance(source, sources.LaboratorySource) else sources.LaboratorySource(format=source.format)
     for column, values in (outputs or {}).items():  # in the unit of the source file, never in that of the file
         slow[column] = named.outputs[column].to_si(values, unit_of(column))
         origins[column] = named.outputs[column].origin(column)
@@ -114,14 +102,12 @@ def captured(
             fast[column] = named.analogs[column].to_si(values, unit_of(column), unit)
         origins[column] = named.analogs[column].origin(column, unit)
     if not fast and not slow:
-        raise InputError(
-            "the source file names nothing that the file has: no marker, plate, analog channel or model output; name "
-            "what to read in the source file, or export the trial again with it"
-        )
+        what = "the source file names nothing that the file has: no marker, plate, analog channel or model output"
+        raise InputError(f"{what}; name what to read in the source file, or export the trial again with it")
     ratio = samples_per_frame if fast else 1
     time = np.arange(frames * ratio) / (rate * ratio)
     for column, values in fast.items():
-        check_values(column, values, time)
+        sources.check_values(column, values, time)
     said: dict[str, Any] = {"frame_rate_hz": rate, "samples_per_frame": samples_per_frame, "first_frame": first_frame}
     said |= {"axes": source.axes, "plates": [fact for _, _, fact in plates], **(facts or {})}
     hidden = f"none of the {len(markers)} markers was seen in any of the {frames} frames"
@@ -129,7 +115,7 @@ def captured(
     rows, index = pl.DataFrame({"time": time, **fast}), pl.Series("index", np.arange(time.size))
     of_frames = pl.DataFrame([index.gather_every(ratio), *(pl.Series(name, values) for name, values in slow.items())])
     samples = rows.with_columns(index).join(of_frames, on="index", how="left", maintain_order="left").drop("index")
-    return Recording(samples, origins, said, [*warnings, *[hidden] * (not seen)], damage or Ledger())
+    return sources.Recording(samples, origins, said, [*warnings, *[hidden] * (not seen)], damage or Ledger())
 
 
 def is_labelled(name: str) -> bool:
@@ -137,7 +123,7 @@ def is_labelled(name: str) -> bool:
     return bool(name) and not name.startswith("*")
 
 
-def checked_length(unit: str, what: str, source: C3dSource | TrcSource) -> str:
+def checked_length(unit: str, what: str, source: sources.C3dSource | sources.TrcSource) -> str:
     """The source file's unit of length, or else the recording's."""
     unit = source.point_unit or unit
     with naming(what, f", as {source.place('point_unit')}"):
@@ -149,16 +135,14 @@ def place_of_label(label: str, labels: Sequence[str], what: str) -> int:
     """Index of a label that must occur exactly once."""
     count = Counter(labels)[label]
     if count == 0:
-        raise InputError(
-            f"no {what} '{label}'; the file has {listing(sorted(set(labels)))}"
-            f"{nearest(label, labels) or '; correct the name in the source file'}"
-        )
+        near = nearest(label, labels) or "; correct the name in the source file"
+        raise InputError(f"no {what} '{label}'; the file has {listing(sorted(set(labels)))}{near}")
     if count > 1:
         raise InputError(f"{what} '{label}' occurs {count} times; rename them, or list others in the source file")
     return labels.index(label)
 
 
-def read_c3d_capture(path: Path, source: C3dSource) -> Recording:
+def read_c3d_capture(path: Path, source: sources.C3dSource) -> sources.Recording:
     """The columns that the source file asks for, in SI units; frame 0 and analog sample 0 are at 0 s."""
     recording = read_c3d(path)
     count = plate_count(recording.header)
@@ -180,18 +164,16 @@ def read_c3d_capture(path: Path, source: C3dSource) -> Recording:
         names = tuple(label for label in labels if is_labelled(label) and label not in recording.model_outputs)
     length = checked_length(recording.point_unit(), "unit of length", source) if names else ""
     markers = [(one, one, points[:, place_of_label(one, labels, "marker")], length) for one in names]
-    outputs = {
-        column: points[:, place_of_label(one.label, labels, "model output"), AXES.index(one.component)]
-        for column, one in source.outputs.items()
-    }
+    outputs = dict[str, Array]()
+    for column, output in source.outputs.items():
+        place = place_of_label(output.label, labels, "model output")
+        outputs[column] = points[:, place, AXES.index(output.component)]
     analogs = {}
     for column, one in source.analogs.items():
         place = place_of_label(one.channel, recording.analog_labels, "analog channel")
         analogs[column] = recording.analogs[:, place], recording.analog_unit(place)
-    facts = {
-        "plate_zero_frames": baseline_frames(recording, source) if plates else None,
-        "body_mass_kg": next(iter(header.numbers("PROCESSING:BODYMASS").tolist()), None),
-    }
+    facts: dict[str, Any] = {"plate_zero_frames": baseline_frames(recording, source) if plates else None}
+    facts["body_mass_kg"] = next(iter(header.numbers("PROCESSING:BODYMASS").tolist()), None)
     said = list[str]()
     upward = "".join(header.texts("POINT:Y_SCREEN")[:1]).upper()
     if source.axes == ("x", "y", "z") and upward not in ("", "+Z", "-Z", "Z"):
@@ -241,14 +223,13 @@ def plate_count(header: C3DHeader) -> int:
     return int(used[0]) if used.size else 0
 
 
-def plate_loads(recording: C3DRecording, source: C3dSource) -> list[PlateRecord]:
+def plate_loads(recording: C3DRecording, source: sources.C3dSource) -> list[PlateRecord]:
     """What the plates that the source file asks for recorded."""
     count, loads = plate_count(recording.header), []
     for number in range(1, count + 1) if source.plates == "all" else source.plates:
         if not 1 <= number <= count:
-            raise InputError(
-                f"no force plate {number}; the file has {count}, counted from 1; correct `plates` in the source file"
-            )
+            said = f"no force plate {number}; the file has {count}, counted from 1"
+            raise InputError(f"{said}; correct `plates` in the source file")
         try:
             loads.append(plate_load(recording, source, number))
         except InputError as error:
@@ -257,7 +238,7 @@ def plate_loads(recording: C3DRecording, source: C3dSource) -> list[PlateRecord]
     return loads
 
 
-def plate_load(recording: C3DRecording, source: C3dSource, number: int) -> PlateRecord:
+def plate_load(recording: C3DRecording, source: sources.C3dSource, number: int) -> PlateRecord:
     """What one plate recorded, and from which channels. A matrix of type 4 has N times the file's unit of length."""
     header, labels = recording.header, recording.analog_labels
     length = checked_length(recording.point_unit(), "unit of length", source)
@@ -276,17 +257,13 @@ def plate_load(recording: C3DRecording, source: C3dSource, number: int) -> Plate
     if not np.isfinite(own_axes(corners)).all():
         raise InputError(f"plate {number}: its corners span no plane; correct FORCE_PLATFORM:CORNERS")
     if kind == 3 and not origin[:2].all():
-        raise InputError(
-            f"plate {number} of type 3 has ORIGIN {origin.tolist()}; without its sensors' distances "
-            "there is no moment: correct FORCE_PLATFORM:ORIGIN"
-        )
+        said = f"plate {number} of type 3 has ORIGIN {origin.tolist()}"
+        raise InputError(f"{said}; without its sensors' distances there is no moment: correct FORCE_PLATFORM:ORIGIN")
     needed = len(MEASURED_BY_TYPE[kind])
     stated = plate_parameter(recording, "CHANNEL", number, (0,)).astype(int)[:needed]
     if stated.size < needed or (stated < 1).any() or (stated > header.channels).any():
-        raise InputError(
-            f"plate {number} of type {kind} needs {needed} channels, FORCE_PLATFORM:CHANNEL gives "
-            f"{stated.tolist()} of the file's {header.channels}; correct it"
-        )
+        said = f"plate {number} of type {kind} needs {needed} channels, FORCE_PLATFORM:CHANNEL gives"
+        raise InputError(f"{said} {stated.tolist()} of the file's {header.channels}; correct it")
     numbers = [int(one) - 1 for one in stated]
     on_foot = wrench(kind, corners, origin, channels_in_si(recording, source, number, kind, numbers), matrix)
     units = [recording.analog_unit(n) for n in numbers]
@@ -297,15 +274,15 @@ def plate_load(recording: C3DRecording, source: C3dSource, number: int) -> Plate
     return plate_record(plate, on_foot, provenance, raw, source.rotation)
 
 
-def channels_in_si(recording: C3DRecording, source: C3dSource, number: int, kind: int, numbers: list[int]) -> Array:
+def channels_in_si(
+    recording: C3DRecording, source: sources.C3dSource, number: int, kind: int, numbers: list[int]
+) -> Array:
     """The samples (samples, channels) of a plate's channels, counted from 0, in SI units; for type 4 as they are."""
     values = recording.analogs[:, numbers]
     if not np.isfinite(values).all():
         row, column = np.argwhere(~np.isfinite(values))[0]
-        raise InputError(
-            f"plate {number}: {values[row, column]} in sample {row + 1} of analog channel {numbers[column] + 1}; "
-            "correct ANALOG:SCALE and GEN_SCALE, or export the trial again"
-        )
+        said = f"plate {number}: {values[row, column]} in sample {row + 1} of analog channel {numbers[column] + 1}"
+        raise InputError(f"{said}; correct ANALOG:SCALE and GEN_SCALE, or export the trial again")
     frames = baseline_frames(recording, source)
     if frames is not None:
         ratio = recording.header.samples_per_frame
@@ -331,17 +308,15 @@ def channels_in_si(recording: C3DRecording, source: C3dSource, number: int, kind
     return np.asarray(values * np.array(factors))
 
 
-def baseline_frames(recording: C3DRecording, source: C3dSource) -> tuple[int, int] | None:
+def baseline_frames(recording: C3DRecording, source: sources.C3dSource) -> tuple[int, int] | None:
     """First and last frame, counted from 1, in which the plates are assumed to be unloaded; None without a baseline."""
     if source.plate_zero == "none":
         return None
     given = recording.header.numbers("FORCE_PLATFORM:ZERO") if source.plate_zero == "file" else source.plate_zero
     first, last = (int(given[0]), int(given[1])) if len(given) >= 2 and np.isfinite(given[:2]).all() else (0, 0)
     if not 1 <= first <= last <= recording.header.frames:
-        raise InputError(
-            f"the baseline of the plates is frames {first} to {last} of {recording.header.frames}; state two frames "
-            "in which the plates are unloaded as `plate_zero`, or none"
-        )
+        said = f"the baseline of the plates is frames {first} to {last} of {recording.header.frames}"
+        raise InputError(f"{said}; state two frames in which the plates are unloaded as `plate_zero`, or none")
     return first, last
 
 
@@ -359,7 +334,7 @@ def plate_parameter(recording: C3DRecording, name: str, number: int, shape: tupl
     return np.asarray(whole[..., number - 1])
 
 
-def read_nexus_capture(path: Path, source: NexusSource) -> Recording:
+def read_nexus_capture(path: Path, source: sources.NexusSource) -> sources.Recording:
     """The columns that the source file asks for, in SI units; the first frame is at 0 s."""
     sections = read_sections(path, source.delimiter, source.decimal)
     labels = source.markers
@@ -372,14 +347,11 @@ def read_nexus_capture(path: Path, source: NexusSource) -> Recording:
         positions = np.column_stack([values for values, _ in columns])
         positions[(positions == 0).all(axis=1)] = np.nan
         markers.append((label, without_subject(label), positions, columns[0][1]))
-    outputs = {
-        column: section_of(sections, "Model Outputs").column(output.label, output.component)[0]
-        for column, output in source.outputs.items()
-    }
-    analogs = {
-        column: section_of(sections, "Devices").column(analog.device, analog.component)
-        for column, analog in source.analogs.items()
-    }
+    outputs, analogs = dict[str, Array](), dict[str, tuple[Array, str]]()
+    for column, output in source.outputs.items():
+        outputs[column] = section_of(sections, "Model Outputs").column(output.label, output.component)[0]
+    for column, analog in source.analogs.items():
+        analogs[column] = section_of(sections, "Devices").column(analog.device, analog.component)
     plates, millimetre = [], 1e-3
     for number, plate in source.plates.items():  # force and moment about the centre of the plate, on the foot
         devices, exported, names = section_of(sections, "Devices"), [], []
@@ -403,10 +375,8 @@ def read_nexus_capture(path: Path, source: NexusSource) -> Recording:
         first, ratio = section.counts()
         spans.add((first, len(section.rows) / ratio, round(section.rate / ratio, 6)))
     if len(spans) != 1:
-        raise InputError(
-            f"its sections differ in first frame, number of frames or frame rate: {sorted(spans)}; export all "
-            "of the same frames"
-        )
+        said = f"its sections differ in first frame, number of frames or frame rate: {sorted(spans)}"
+        raise InputError(f"{said}; export all of the same frames")
     first, frames, rate = spans.pop()
     if frames != int(frames):
         raise InputError("the last frame lacks sub frames; export the trial again")
@@ -422,7 +392,7 @@ def section_of(sections: Mapping[str, NexusSection], title: str) -> NexusSection
     return sections[title]
 
 
-def read_trc_capture(path: Path, source: TrcSource) -> Recording:
+def read_trc_capture(path: Path, source: sources.TrcSource) -> sources.Recording:
     """The markers that the source file asks for [m]; the first frame is at 0 s."""
     file = read_trc(path)
     unit = checked_length(file.unit, "Units", source)
@@ -447,22 +417,20 @@ def vertical_axis(positions: Array) -> str:
     return "xyz"[candidates[0]] if candidates.size and moved.max() > moved[candidates[0]] else ""
 
 
-def exported_plates(table: Table, recording: Recording, source: OpenSimSource) -> Recording:
+def exported_plates(table: Table, recording: sources.Recording, source: sources.OpenSimSource) -> sources.Recording:
     """A recording of a table of OpenSim with the plates that the source file names. OpenSim's files of ground reactions
     have, per plate, the force on the foot, the point at which it acts, and the moment about this point."""
     time = recording.samples["time"].to_numpy()
     if time.size != table.rows:
-        raise InputError(
-            "rows that repeat a stamp were left out, but the plates need all; remove `repeated: drop`, as "
-            f"{source.place('time', 'repeated')}"
-        )
+        what = "rows that repeat a stamp were left out, but the plates need all"
+        raise InputError(f"{what}; remove `repeated: drop`, as {source.place('time', 'repeated')}")
     columns, facts = dict(recording.columns), []
     samples, rate = recording.samples, float(1 / np.median(np.diff(time))) if time.size > 1 else 1.0
     for number, plate in source.plates.items():
         names = exported_columns(plate)
         values = np.column_stack([table.columns[name] for name in names])
         for name, one in zip(names, values.T, strict=True):
-            check_values(f"column '{name}'", one, time)
+            sources.check_values(f"column '{name}'", one, time)
         force, point, moment = plate.sign * values[:, :3], values[:, 3:6], plate.sign * values[:, 6:]
         about = moment + np.cross(point - np.mean(plate.corners, axis=0), force)
         origin, own = plate.model_dump(include={"force", "point", "moment", "sign"}), [0, 1, 2, 6, 7, 8]
@@ -475,6 +443,6 @@ def exported_plates(table: Table, recording: Recording, source: OpenSimSource) -
     return replace(recording, samples=samples, columns=columns, facts={**recording.facts, "plates": facts})
 
 
-def exported_columns(plate: OpenSimPlate) -> list[str]:
+def exported_columns(plate: sources.OpenSimPlate) -> list[str]:
     """Names of the columns of a plate in a table of OpenSim: force, point of application and moment."""
     return [f"{begin}{axis}" for begin in (plate.force, plate.point, plate.moment) for axis in AXES]

@@ -37,9 +37,8 @@ Edges = tuple[Array, NDArray[np.bool_], float]
 
 
 def find_edges(time: Array, level: Array) -> Edges:
-    """Edges of a two-level signal: where it crosses its mid-level, interpolated between two samples. A rising edge
-    counts only if the signal then passes three quarters of its range, a falling one if it passes one quarter, so that
-    noise at the mid-level makes no edges."""
+    """Edges of a two-level signal: where it crosses its mid-level, between samples, if it then passes three quarters
+    of its range, or falling one quarter: noise at the mid-level makes no edges."""
     low, swing = float(level.min()), float(np.ptp(level))
     step, middle = float(np.median(np.diff(time))) if time.size > 1 else 0.0, low + 0.5 * swing
     certain = np.flatnonzero(abs(level - middle) > 0.25 * swing)
@@ -56,10 +55,8 @@ def fit_clock(slave: Edges, master: Edges) -> ClockFit:
     edge is that of sampling, uniform within one interval."""
     for (times, _, _), who in ((slave, "the log"), (master, "motion capture")):
         if times.size < MINIMUM_EDGES:
-            raise InputError(
-                f"{times.size} sync edges in {who}, at least {MINIMUM_EDGES} are needed; check the sync cable, or "
-                "record longer"
-            )
+            said = f"{times.size} sync edges in {who}, at least {MINIMUM_EDGES} are needed"
+            raise InputError(f"{said}; check the sync cable, or record longer")
     (ours, rising, step), (theirs, theirs_rising, their_step) = slave, master
     noise, limit = float(np.hypot(step, their_step)) / np.sqrt(12), max(step, their_step)
     first, second = first_pairs(slave, master)
@@ -80,10 +77,8 @@ def fit_clock(slave: Edges, master: Edges) -> ClockFit:
         first, second = (np.concatenate(column) for column in zip(*pairs, strict=True))
     line, used = robust_line(first, second, noise)
     if line.residual > limit:
-        raise InputError(
-            f"the sync edges fit with a residual of {1e3 * line.residual:.2f} ms over {used.sum()} edges, within "
-            f"{1e3 * limit:.2f} ms is needed; check the sync cable and both sync channels"
-        )
+        said = f"the sync edges fit with a residual of {1e3 * line.residual:.2f} ms over {used.sum()} edges"
+        raise InputError(f"{said}, within {1e3 * limit:.2f} ms is needed; check the sync cable and both sync channels")
     expected = line.to_master(ours)
     common = (expected >= theirs[0] - limit) & (expected <= theirs[-1] + limit)
     return replace(line, excluded_edges=max(int(common.sum() - used.sum()), 0))
@@ -159,19 +154,15 @@ def correlate_clocks(slave: tuple[Array, Array], master: tuple[Array, Array]) ->
         raise InputError("the shared signal of one recorder is constant; check the channel and its sensor")
     first, second = section_lags(ours, theirs, whole_lag(ours, theirs))
     if first.size < MINIMUM_EDGES:
-        raise InputError(
-            f"the shared signal moves in {first.size} of {SECTIONS} sections of the recording, at least "
-            f"{MINIMUM_EDGES} are needed; move the joint throughout"
-        )
+        said = f"the shared signal moves in {first.size} of {SECTIONS} sections of the recording"
+        raise InputError(f"{said}, at least {MINIMUM_EDGES} are needed; move the joint throughout")
     first, second, noise = slave[0][0] + step * first, master[0][0] + step * second, step
     for _ in range(3):  # the residual of the fit before is the noise of the next
         line, _ = robust_line(first, second, max(noise, 0.01 * step))
         noise = line.residual
     if noise > limit:
-        raise InputError(
-            f"the lags of the shared signal scatter by {1e3 * noise:.2f} ms, within {1e3 * limit:.2f} ms is needed; "
-            "check that both channels show the same thing"
-        )
+        said = f"the lags of the shared signal scatter by {1e3 * noise:.2f} ms, within {1e3 * limit:.2f} ms is needed"
+        raise InputError(f"{said}; check that both channels show the same thing")
     return replace(line, excluded_edges=SECTIONS - line.edges, method="correlation")
 
 
@@ -194,18 +185,14 @@ def whole_lag(ours: Array, theirs: Array) -> int:
     score = (abs(covariance) / np.sqrt(scatter_ours * scatter_theirs))[enough]
     best = int(np.argmax(score))
     if not score[best] >= ONE_SIGNAL:
-        raise InputError(
-            f"the shared signal of both recorders correlates by {score[best]:.2f} at best, {ONE_SIGNAL} is needed; "
-            "check that both channels show the same thing"
-        )
+        said = f"the shared signal of both recorders correlates by {score[best]:.2f} at best, {ONE_SIGNAL} is needed"
+        raise InputError(f"{said}; check that both channels show the same thing")
     low = np.flatnonzero(score < 0.5 * score[best])
     before, after = low[low < best].max(initial=-1), low[low > best].min(initial=score.size)
     rival = max(score[: before + 1].max(initial=0.0), score[after:].max(initial=0.0))
     if rival > 0.8 * score[best]:
-        raise InputError(
-            f"the shared signal fits in two places (correlation {score[best]:.2f} and {rival:.2f}): it repeats "
-            "itself; add one movement that does not, such as a single stamp at the beginning"
-        )
+        said = f"the shared signal fits in two places (correlation {score[best]:.2f} and {rival:.2f}): it repeats"
+        raise InputError(f"{said} itself; add one movement that does not, such as a single stamp at the beginning")
     return int(np.flatnonzero(enough)[best]) - (ours.size - 1)
 
 

@@ -27,28 +27,18 @@ ANGLE = r"(angle|position|pos|theta|encoder|winkel|hoek)"
 SPEED = r"(velocity|vel|speed|omega|geschwindigkeit|snelheid)"
 EFFORT = r"(torque|moment|tau|effort|drehmoment|koppel)"
 PATTERNS = {
-    "sync": (r"\b(sync|ttl)", "", "sync"),
-    "trigger": (r"\btrig(ger)?\b", "", "trigger trig"),
+    "sync": (r"\b(sync|ttl)", "", "sync"), "trigger": (r"\btrig(ger)?\b", "", "trigger trig"),
     "theta_command": (COMMAND, rf"\b({EFFORT}|{SPEED}|current|stiffness|damping)\b", ""),
-    "theta_m": (
-        rf"{MOTOR}.*\b{ANGLE}\b|\b{ANGLE} (m\b|{MOTOR})",
-        COMMAND,
-        "actuator motor output angle position pos theta m encoder measured meas",
-    ),
+    "theta_m": (rf"{MOTOR}.*\b{ANGLE}\b|\b{ANGLE} (m\b|{MOTOR})", COMMAND,
+                "actuator motor output angle position pos theta m encoder measured meas"),
     "omega_m": (rf"{MOTOR}.*\b{SPEED}\b|\bomega m\b", COMMAND, ""),
     "torque_m": (rf"{MOTOR}.*\b{EFFORT}\b|\b{EFFORT} m\b", COMMAND, ""),
     "current": (r"\b(current|amps|iq|i q)\b", COMMAND, "motor actuator current iq i q amps measured meas"),
-    "torque": (
-        rf"\b({EFFORT}|load ?cell)\b",
-        rf"{COMMAND}|{MOTOR}|ground",
-        "ankle foot joint torque moment tau load cell loadcell reaction mz drehmoment koppel measured meas sensor",
-    ),
-    "theta": (
-        rf"\b({ANGLE}|ankle|knee|hip|joint)\b",
-        rf"{COMMAND}|{MOTOR}|\b{SPEED}\b",
-        "ankle foot joint shaft angle position pos theta encoder flexion winkel hoek measured meas name",
-    ),
-}
+    "torque": (rf"\b({EFFORT}|load ?cell)\b", rf"{COMMAND}|{MOTOR}|ground",
+        "ankle foot joint torque moment tau load cell loadcell reaction mz drehmoment koppel measured meas sensor"),
+    "theta": (rf"\b({ANGLE}|ankle|knee|hip|joint)\b", rf"{COMMAND}|{MOTOR}|\b{SPEED}\b",
+              "ankle foot joint shaft angle position pos theta encoder flexion winkel hoek measured meas name"),
+}  # fmt: skip
 """By column: what the words of a name contain, and what they do not; and the words of a name that leave no doubt:
 `theta_d` may be a command, `knee_angle` another joint's (`named_joint`). The first that fits is the guess."""
 
@@ -80,13 +70,9 @@ def parted_name(name: str) -> str:
 @np.errstate(all="ignore")  # what a damaged file holds may be of any size
 def draft_source(overview: Overview, name: str, walking: bool = True, log: "DraftedLog | None" = None) -> str:
     """A source file for the file `name`. Channels that are the only one like a canonical column, and whose unit is
-    known, have its name; the user names the others. walking: with the section for captures as comments; log: what is
-    guessed already."""
-    lines = [
-        f"format: {overview.format}",
-        f"description: {json.dumps(f'Drafted from {name}; complete it.')}",
-        *(f"{key}: {json.dumps(value)}" for key, value in overview.settings.items()),
-    ]
+    known, have its name. walking: with the section for captures as comments; log: what is guessed already."""
+    lines = [f"format: {overview.format}", f"description: {json.dumps(f'Drafted from {name}; complete it.')}"]
+    lines += [f"{key}: {json.dumps(value)}" for key, value in overview.settings.items()]
     if not FORMATS[overview.format].is_capture:
         return "\n".join([*lines, *log_lines(overview, log or drafted_log(overview))]) + "\n"
     # all markers; analog channels and model outputs as comments, for the user to name; so is a walking section
@@ -172,7 +158,6 @@ class DraftedLog(NamedTuple):
 
 @np.errstate(all="ignore")
 def drafted_log(overview: Overview) -> DraftedLog:
-    """What a log is drafted as."""
     time: Any = overview.settings.get("time", {})
     of_time = next((time[key] for key in ("column", "variable", "field", "channel") if key in time), "")
     listed = overview.channels if overview.drafted is None else overview.drafted
@@ -340,8 +325,7 @@ and Qualisys' (CAST). A marker called `ankle` and no more is the lateral one in 
 
 
 def segment_of(label: str) -> tuple[str, str]:
-    """Side, R or L, and segment of `SEGMENT_WORDS` that a marker's name tells; empty where it tells none. The name of
-    the subject before a colon does not count."""
+    """Side, R or L, and segment of `SEGMENT_WORDS` that a marker's name tells behind the subject's; empty for none."""
     name = re.sub(r"[^A-Z0-9]+", "_", label.rpartition(":")[2].upper()).strip("_")
     forms = re.findall(r"^(RIGHT|LEFT|R|L)_?(.+)$", name)
     forms += [(side, rest) for rest, side in re.findall(r"^(.+)_(RIGHT|LEFT|R|L)$", name)]
@@ -426,7 +410,6 @@ def draft_walking(overviews: Sequence[Overview]) -> list[str]:
 
 
 def markers_of(segment: str, found: Sequence[str]) -> str:
-    """The markers of a segment in a draft, and what is to be decided."""
     names, said = [json.dumps(name) for name in found], "named so" if found else "none is known"
     if not segment.startswith("ankle"):
         said += "; a cluster has 3 or more" * (len(names) < 3)

@@ -43,8 +43,6 @@ class Commanded:
 
 @dataclass(frozen=True)
 class Examined:
-    """A trial under examination."""
-
     trial: Trial
     experiment: Experiment
     commanded: Commanded
@@ -62,8 +60,6 @@ class Examined:
 
 @dataclass(frozen=True)
 class CheckResult:
-    """What a check measured on one trial."""
-
     value: float | None  # in the check's unit; None where the check does not apply
     remark: str = ""  # which channel it was, or why the check does not apply
 
@@ -290,8 +286,7 @@ def longest_clipped_angle(time: Array, theta: Array, torque: tuple[Array, Array]
     """Longest run [samples] of an angle (n,) at its lowest or highest value while the torque changes. `torque` are
     times [s] and values. The angle must come to the extreme, and leave it, with a corner; and the torque must change in
     the middle of the run too, as of a joint that turns on, not at its ends alone, as of one that comes to rest. One
-    that is held near an extreme, behind coarse steps, is as often at the value beside it, and one behind play stands at
-    other turns, too."""
+    that is held, behind coarse steps, is as often at the value beside it; one behind play stands at other turns too."""
     when, values = torque
     if not theta.size or not np.ptp(theta) or not when.size or not np.isfinite(values).all() or not np.ptp(values):
         return 0
@@ -420,8 +415,7 @@ def measure_stuck(examined: Examined) -> CheckResult:
 
 
 def without_start(time: Array, values: Array, angle: tuple[Array, Array]) -> Array:
-    """A channel (n,), NaN where it stands from the beginning on and changes before the `angle`, times and values, has
-    moved: a motor that is not driven yet."""
+    """A channel (n,), NaN where it stands from the beginning on, but not until the `angle` moves: no drive is on."""
     changed = np.flatnonzero(values != values[0])
     if not changed.size or angle[0].size < 2:
         return values
@@ -454,8 +448,7 @@ def held(
 ) -> float:
     """Longest time [s] that a channel (n,) repeats one value while its reference, times and values, changes by more
     than `least`. Where the channel is one that `rests` (n,), it must go to and fro by more in the later half of the
-    repetition: a motor behind a joint that rests after a sine creeps, or rings for a while. At both ends of the
-    repetition `apart` [s] do not count."""
+    repetition: a motor behind a joint that rests creeps, or rings. At both of its ends `apart` [s] do not count."""
     edges = run_edges(np.diff(values) == 0)
     when, what = reference or (time, values)
     ends = np.searchsorted(when, time[edges[:, 0]] + apart), np.searchsorted(when, time[edges[:, 1]] - apart, "right")
@@ -625,24 +618,19 @@ def check_own_torque(trial: Trial, torque: str = "torque") -> None:
 
 def check_recording(trial: Trial, limits: Any, torque: str = "torque", angle: str | None = "theta") -> None:
     """Refuse an angle beyond `largest_angle` [rad] of the settings `limits`, a torque beyond `load_cell_range` [N*m],
-    one that never changes while the joint turns or is the motor's own (`check_own_torque`), and samples so close that
-    the unit of time must be wrong."""
+    one that stands while the joint turns or is the motor's own (`check_own_torque`), and samples that are too close."""
     who, time = f"trial {trial.name}:", trial.arrays()[0]
     # stamps of a late host come in clusters, most of them microseconds apart, of which the mean step knows nothing
     step = float(np.ptp(time)) / (len(time) - 1) if len(time) > 1 else 0.0
     if 0 < step < 1e-5:  # no recorder of a joint is faster than 100 kHz
-        raise InputError(
-            f"{who} its samples are {step:.2g} s apart, {1 / step:.3g} in a second: is its time recorded in another "
-            "unit than it is declared in? Correct the unit of `time` in the source file"
-        )
+        said = f"{who} its samples are {step:.2g} s apart, {1 / step:.3g} in a second: is its time recorded in"
+        raise InputError(f"{said} another unit than it is declared in? Correct the unit of `time` in the source file")
     check_own_torque(trial, torque)
     turned, measured = (x[np.isfinite(x)] for x in (recorded(trial, angle)[1], recorded(trial, torque)[1]))
     turn, change = (float(np.ptp(x)) if x.size else 0.0 for x in (turned, measured))
     if turn and measured.size > 1 and not change:
-        raise InputError(
-            f"{who} {torque} is {measured[0]:.4g} N*m in all samples while {angle} turns by {turn:.2g} rad; is this "
-            "the channel of the load cell? Correct it in the source file"
-        )
+        said = f"{who} {torque} is {measured[0]:.4g} N*m in all samples while {angle} turns by {turn:.2g} rad"
+        raise InputError(f"{said}; is this the channel of the load cell? Correct it in the source file")
     if turn / 2 > limits.largest_angle:
         cause = "is it recorded in deg and declared as rad? Correct its `unit` in the source file"
         if origin(trial, angle or "").get("factor", 1) != 1:
@@ -654,10 +642,8 @@ def check_recording(trial: Trial, limits: Any, torque: str = "torque", angle: st
                 "it jumps so far from a row to the next, as where an encoder begins anew; state after how much of its "
             )
             cause += "own unit, as `wraps_at: 360` or 65536, in the source file"
-        raise InputError(
-            f"{who} {angle} turns by +-{turn / 2:.3g} rad ({math.degrees(turn / 2):.0f} deg), more than the "
-            f"{limits.largest_angle:g} rad of `largest_angle` in the configuration: {cause}"
-        )
+        said = f"{who} {angle} turns by +-{turn / 2:.3g} rad ({math.degrees(turn / 2):.0f} deg), more than the"
+        raise InputError(f"{said} {limits.largest_angle:g} rad of `largest_angle` in the configuration: {cause}")
     largest = float(np.abs(measured).max(initial=0.0))
     if limits.load_cell_range is not None and largest > limits.load_cell_range:
         raise InputError(

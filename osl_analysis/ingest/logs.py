@@ -26,23 +26,8 @@ from osl_analysis.formats.messages import Decoded, MessageFile, RefusedFileError
 from osl_analysis.formats.rosbag import read_rosbag1, read_rosbag2, siblings
 from osl_analysis.formats.table import Ledger, Table
 from osl_analysis.formats.tdms import TdmsChannel, read_tdms
+from osl_analysis.ingest import source as sources
 from osl_analysis.ingest.captures import exported_columns, exported_plates
-from osl_analysis.ingest.source import (
-    LEVEL_UNIT,
-    JsonSource,
-    LogChannel,
-    LogSource,
-    MatSource,
-    MessageChannel,
-    MessageSource,
-    OpenSimSource,
-    Recording,
-    RowTime,
-    SheetSource,
-    TableSource,
-    TdmsSource,
-    check_values,
-)
 from osl_analysis.ingest.units import is_unit, name_and_ending, normalised, si_factor
 from osl_analysis.signals import runs
 from osl_analysis.trial import Array, check_time, counter_column, median, unit_of
@@ -53,7 +38,7 @@ TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}  # [s], of clocks
 MOST_TRIED = 1000  # rows of a column by which it is told whether it may be a clock
 
 
-def read_table_log(path: Path, source: TableSource) -> Recording:
+def read_table_log(path: Path, source: sources.TableSource) -> sources.Recording:
     """The columns that the source file maps, in SI units; time [s] counts from the first row. Raises InputError."""
     table = TABLES[source.format](path, source)
     table.damage.read[0] = table.rows
@@ -64,7 +49,7 @@ def read_table_log(path: Path, source: TableSource) -> Recording:
     first_by: dict[int, str] = {}
     for column, channel in source.channels.items():  # one column under two names, as its own and by its number
         other = first_by.setdefault(id(table.columns[channel.name]), column)
-        if other != column and LEVEL_UNIT not in (unit_of(other), unit_of(column)):
+        if other != column and sources.LEVEL_UNIT not in (unit_of(other), unit_of(column)):
             where = source.place("channels", column, channel.ADDRESS)
             raise InputError(f"{channel.title} is {other} and {column} in the source file; correct {where}")
     table = with_own_rows(table, [one.name for one in source.channels.values()])
@@ -90,24 +75,19 @@ def read_table_log(path: Path, source: TableSource) -> Recording:
             raise InputError(f"{twice}; write `repeated: drop` under {source.place('time')}, to read each once")
     if repeated:
         said.append(f"{repeated} of {fresh.size} {table.noun}s repeat the stamp of the {table.noun} before and {did}")
-    facts = {
-        "time": {**source.time.model_dump(exclude_none=True), "start": start},
-        "rates_hz": {path.name: rate_of(time[kept])},
-        "repeated_stamps": repeated,
-        "missing": missing,
-        **({"clocks_apart": apart} if apart else {}),
-        **table.facts,
-    }
-    recording = Recording(samples.filter(pl.Series(kept)), origins, facts, said, table.damage)
-    if isinstance(source, OpenSimSource) and source.plates:
+    facts: dict[str, Any] = {"time": {**source.time.model_dump(exclude_none=True), "start": start}}
+    facts |= {"rates_hz": {path.name: rate_of(time[kept])}, "repeated_stamps": repeated, "missing": missing}
+    facts |= ({"clocks_apart": apart} if apart else {}) | {**table.facts}
+    recording = sources.Recording(samples.filter(pl.Series(kept)), origins, facts, said, table.damage)
+    if isinstance(source, sources.OpenSimSource) and source.plates:
         return exported_plates(table, recording, source)
     return recording
 
 
-def wanted(source: TableSource) -> list[str]:
+def wanted(source: sources.TableSource) -> list[str]:
     """The addresses of all columns that a source file names, each once: time, signals, counters."""
     named = [name for one in source.channels.values() for name in (one.name, one.counter)]
-    plates = source.plates.values() if isinstance(source, OpenSimSource) else ()
+    plates = source.plates.values() if isinstance(source, sources.OpenSimSource) else ()
     named += [name for plate in plates for name in exported_columns(plate)]
     return [*dict.fromkeys(name for name in [source.time.name, *named] if name)]
 
@@ -123,7 +103,7 @@ def with_own_rows(table: Table, names: Sequence[str]) -> Table:
 
 
 def canonical_columns(
-    table: Table, channels: Mapping[str, LogChannel], time: Array, source: LogSource
+    table: Table, channels: Mapping[str, sources.LogChannel], time: Array, source: sources.LogSource
 ) -> tuple[list[pl.Series], list[str]]:
     """The channels of a table with times (rows,) [s] as canonical columns, each with its counter if it has one, and a
     sentence for each that lacks values. Refused is a counter that is missing or not whole."""
@@ -144,38 +124,32 @@ def canonical_columns(
         if wrong.any():
             row = int(np.argmax(wrong))
             shown = "nothing" if np.ma.getmaskarray(found)[row] else raw[row]
-            raise InputError(
-                f"{channel.ADDRESS} '{channel.counter}': {shown} in {table.place(row)}, at "
-                f"{time[row]:.3f} s, is no count of samples, a whole number below {largest:.3g}; correct `counter` in "
-                f"the source file or leave it out, or remove the {table.noun} from the log"
-            )
+            said = f"{channel.ADDRESS} '{channel.counter}': {shown} in {table.place(row)}, at {time[row]:.3f} s"
+            said += f", is no count of samples, a whole number below {largest:.3g}; correct `counter` in"
+            raise InputError(f"{said} the source file or leave it out, or remove the {table.noun} from the log")
         columns.append(pl.Series(counter_column(column), raw.astype(np.int64)))
     return columns, list(absent)
 
 
-def canonical_column(column: str, table: Table, time: Array, source: LogSource) -> pl.Series:
+def canonical_column(column: str, table: Table, time: Array, source: sources.LogSource) -> pl.Series:
     """A channel of a table in SI units: NaN where a reading failed, null where it has no value. Refused are truth
     values that are no level, infinity, and more failed readings than `most_missing`."""
     channel, what = source.channels[column], source.channels[column].title
     raw, lacking = table.columns[channel.name], np.ma.getmaskarray(table.columns[channel.name])
-    if raw.dtype == bool and unit_of(column) != LEVEL_UNIT:
+    if raw.dtype == bool and unit_of(column) != sources.LEVEL_UNIT:
         row = int(np.argmin(lacking))
-        raise InputError(
-            f"{what} is {str(bool(np.ma.getdata(raw)[row])).lower()} in {table.place(row)}, a truth value and no "
-            f"number in {unit_of(column)}; name a number as `{channel.ADDRESS}` in the source file"
-        )
+        said = f"{what} is {str(bool(np.ma.getdata(raw)[row])).lower()} in {table.place(row)}, a truth value and no"
+        raise InputError(f"{said} number in {unit_of(column)}; name a number as `{channel.ADDRESS}` in the source file")
     with np.errstate(invalid="ignore"):  # a signalling NaN is one, too
         values = np.where(lacking, 0.0, np.ma.getdata(raw).astype(np.float64))
     missing = np.isnan(values)
-    check_values(what, np.where(missing, 0.0, values), time)
+    sources.check_values(what, np.where(missing, 0.0, values), time)
     if (count := int(missing.sum())) > source.most_missing * values.size:
         row = int(np.argmax(missing))
         first = f"at {time[row]:.3f} s" if table.lines is None else f"in {table.place(row)}"
-        raise InputError(
-            f"{what}: {table.failed} in {count} of {values.size} {table.noun}s, first {first}; at most "
-            f"{source.most_missing:.1%} may be: repair the recording, or write `most_missing: "
-            f"{csv_table.share_above(count, values.size):g}` in the source file"
-        )
+        said = f"{what}: {table.failed} in {count} of {values.size} {table.noun}s, first {first}"
+        said += f"; at most {source.most_missing:.1%} may be: repair the recording, or write `most_missing"
+        raise InputError(f"{said}: {csv_table.share_above(count, values.size):g}` in the source file")
     if channel.wraps_at is not None:
         known = ~(missing | lacking)
         values[known] = np.unwrap(values[known], period=channel.wraps_at)
@@ -184,7 +158,7 @@ def canonical_column(column: str, table: Table, time: Array, source: LogSource) 
     return series.set(pl.Series(lacking), None) if lacking.any() else series
 
 
-def time_of(table: Table, source: TableSource) -> tuple[Array, float]:
+def time_of(table: Table, source: sources.TableSource) -> tuple[Array, float]:
     """Time [s] of every row since the first one, and the reading of the clock in the first row."""
     stated = source.time
     if not stated.name:
@@ -215,7 +189,8 @@ def time_of(table: Table, source: TableSource) -> tuple[Array, float]:
     check_time(what, time)
     _, first, counts = np.unique(time, return_index=True, return_counts=True)
     most, row = int(counts.max()), int(first[counts.argmax()])
-    if most == time.size or (most > max(20, 0.1 * time.size) and stated.repeated != "drop"):  # no rounding does that
+    is_coarse = most > 20 and (most > 0.1 * time.size or (len(first) > 3 and median(np.diff(time[first])) > 0.4))  # s
+    if most == time.size or (is_coarse and stated.repeated != "drop"):
         which = f"at {raw[row]:.15g} in {most} of {time.size} {table.noun}s, from {table.place(row)} on"
         if len(first) > 3:  # stamps of whole seconds: how many rows stand between the first change and the last
             other += f": its stamps tell {(first[-1] - first[1]) / (time[first[-1]] - time[first[1]]):.4g}"
@@ -251,12 +226,12 @@ def read_any_table(
     return of_text.get(name, read_binary_table)(path, layout, is_unit, most_rows)
 
 
-def csv_log(path: Path, source: SheetSource) -> Table:
+def csv_log(path: Path, source: sources.SheetSource) -> Table:
     chosen = {one.name for one in fields(csv_table.CsvLayout)} & {*type(source).model_fields}
     layout = csv_table.CsvLayout(**{name: getattr(source, name) for name in chosen})
     text = read_any_table(source.format, path, layout)
     places = {name: csv_table.place_of(name, text.names) for name in wanted(source)}
-    levels = {places[one.name] for column, one in source.channels.items() if unit_of(column) == LEVEL_UNIT}
+    levels = {places[one.name] for column, one in source.channels.items() if unit_of(column) == sources.LEVEL_UNIT}
     clock = places.get(source.time.name)
     stamps = None if clock is None else csv_table.cell_stamps(text.body.to_series(clock))
     values = {place: cells_of(text, place, source, place in levels) for place in {*places.values()} - {clock}}
@@ -282,7 +257,7 @@ def csv_log(path: Path, source: SheetSource) -> Table:
 
 
 def clock_columns(
-    text: csv_table.CsvTable, source: SheetSource, asked: Collection[int]
+    text: csv_table.CsvTable, source: sources.SheetSource, asked: Collection[int]
 ) -> Iterator[tuple[str, str, NDArray[Any]]]:
     """The columns of a table that may tell its time, with their units, but for signals that are asked for."""
     for place, (name, unit) in enumerate(zip(text.names, text.units, strict=True)):
@@ -299,14 +274,12 @@ def clock_columns(
                     check_count(name, csv_table.cell_numbers(cells, source.missing, text.decimal), source.time)
 
 
-def check_count(name: str, values: Array, time: RowTime) -> None:
+def check_count(name: str, values: Array, time: sources.RowTime) -> None:
     """Refuse a stated rate of rows beside a column (n,) that counts them and tells that some are missing."""
     steps = np.diff(unwrapped(values, name)[0])
     if (steps > 0).all() and (absent := int(steps.sum()) - steps.size):
-        raise InputError(
-            f"{time.ADDRESS} '{name}' counts {absent} rows that are missing, and those behind would be early; write "
-            f"`time: {{{time.ADDRESS}: {name}, rate: {time.rate:g}}}`"
-        )
+        said = f"{time.ADDRESS} '{name}' counts {absent} rows that are missing, and those behind would be early"
+        raise InputError(f"{said}; write `time: {{{time.ADDRESS}: {name}, rate: {time.rate:g}}}`")
 
 
 def is_like_clock(name: str) -> bool:
@@ -321,7 +294,6 @@ def may_be_clock(name: str, unit: str, values: NDArray[Any]) -> bool:
 
 
 def tells_time(name: str, unit: str) -> bool:
-    """Whether name or unit of a column say that it is time."""
     return is_like_clock(name) or is_of_time(unit or likely_unit(csv_table.name_and_unit(name)[0]))
 
 
@@ -365,14 +337,15 @@ def time_unit(clock: Array) -> str:
 
 WRITTEN = r"(\d+(?:[.,]\d+)*(?:e[+-]?\d+)?)"
 OF_ROWS = r"(?:sampl\w*|scan|acquisition|recording|data|output)[ _]*(?:rate|frequency|freq)|fs\b|^(?:rate|frequency)\b"
-INTERVAL = rf"(?i)\b(?:delta_x|(?:sampl\w*[ _]*)?(?:interval|period))\b\D*?{WRITTEN}(?:\s*([mu]?)s\b)?"
-THINNED = r"(?i)decimat|down-?sampl|sub-?sampl"
+INTERVAL = rf"(?i)\b(?:delta_x|dt|(?:sampl\w*[ _]*)?(?:interval|period))\b\D*?{WRITTEN}(?:\s*([mu]?)s\b)?"
+THINNED = r"(?i)decimat|(down|sub|over)-?sampl|\bevery\W+(\d|other|second|n)|averag(ing|ed)|\bthinn"
 
 
 def stated_rate(comments: Sequence[str]) -> float | None:
     """The rate of the rows [Hz] that text beside the table states, as `Sample rate: 500 Hz` or LabVIEW's `Delta_X`.
     None where it states several, or names a decimation: that rate may be the device's, and not that of the rows."""
-    rates, in_words = set[float](), rf"(?i)\b(?:{OF_ROWS})(?:\D*?{WRITTEN}\s*(k?)hz|[\s:=[]*(\d{{2,5}}(?:\.\d*)?)]?$)"
+    alone = r"[\s:=\x22[]*(\d{2,5}(?:\.\d*)?)(?:$|[\]};]|, )"
+    rates, in_words = set[float](), rf"(?i)\b(?:{OF_ROWS})(?:\D*?{WRITTEN}\s*(k?)(?:hz|s/s|sps)|{alone})"
     for text in comments:
         if re.search(THINNED, text):
             return None
@@ -399,10 +372,32 @@ def span_ratio(span: float, other: float, more: Sequence[float] = (60.0, 3600.0,
     return float(ratios[np.argmin(np.abs(np.log(ratios)))])
 
 
-def check_other_clocks(table: Table, source: TableSource, time: Array) -> dict[str, float]:
+def began(clock: Array, span: float) -> float:
+    """When a clock began [s], by its readings (n,), in whatever unit of time, that span so many seconds."""
+    units = np.array([*TIME_UNITS.values(), 60.0, 3600.0, 86_400.0])
+    return float(clock[0] * units[np.argmin(np.abs(np.log(units * np.ptp(clock) / span)))])
+
+
+def check_begin(
+    table: Table, time: sources.RowTime, name: str, begin: float, own: Array, known: NDArray[np.bool_]
+) -> None:
+    """Tell a clock that begins [s] at another time than that of the table, `own` (n,) [s] where it is `known` (rows,);
+    refused if both have one name, as in tables side by side, where it is the time of the columns beside it."""
+    if not time.name:
+        return
+    readings = unwrapped(np.ma.getdata(table.columns[time.name]), name)[0][known].astype(np.float64)
+    late = begin - began(readings, float(np.ptp(own)))
+    if 0.5 * median(np.diff(own)) < abs(late) < np.ptp(own):
+        other = f"another {time.ADDRESS} '{name}' begins {late:.4g} s after time"
+        if name == table.found.get(time.name, {}).get("found", time.name):
+            raise InputError(f"{other}: what stands beside it is of its time; export each with the time of all")
+        table.damage.remarks.append(f"{other}: what it stamps, if anything, is early by that")
+
+
+def check_other_clocks(table: Table, source: sources.TableSource, time: Array) -> dict[str, float]:
     """Other clocks of a table that go on at another rate than its time [s], by half a percent or more in whatever unit,
     with the RMS [s] by which they come apart. Refused is a stated rate that one contradicts by 5 %, or that differs
-    from the rate that the file states."""
+    from the rate that the file states; and another clock of the same name that begins elsewhere (`check_begin`)."""
     rate, apart = source.time.rate, dict[str, float]()
     of_time = csv_table.name_and_unit(source.time.name)[0]
     for name, unit, every in table.clocks:
@@ -423,23 +418,23 @@ def check_other_clocks(table: Table, source: TableSource, time: Array) -> dict[s
                 "another time for what stands beside it; export the channels of each rate on their own"
             )
         if rate is not None and abs(ratio - 1) > 0.05:
-            raise InputError(
-                f"`rate: {rate:g}` of time, but {source.time.ADDRESS} '{name}' rises by {step:.4g} a row; "
-                f"write `time: {{{source.time.ADDRESS}: {name}}}` with its unit, or correct the rate"
-            )
+            what = f"`rate: {rate:g}` of time, but {source.time.ADDRESS} '{name}' rises by {step:.4g} a row; write"
+            raise InputError(f"{what} `time: {{{source.time.ADDRESS}: {name}}}` with its unit, or correct the rate")
         if abs(ratio - 1) > 0.005 + most / steps.sum():
             apart[name] = abs(ratio - 1) * span / 12**0.5
             said = f"{source.time.ADDRESS} '{name}' goes on {ratio:.4g} times as fast as time"
-            beside = f" ({source.time.title})" if source.time.name else ""
+            beside = f" ({source.time.title})" * bool(source.time.name)
             table.damage.remarks.append(f"{said}{beside}: B and I depend on which of them is right")
+        elif rate is None:
+            check_begin(table, source.time, name, began(values, span), own, known)
     for name, stated in table.rates:
-        if rate is not None and abs(rate / stated - 1) > 0.01:
+        if abs((rate or stated) / stated - 1) > 0.01:
             raise InputError(f"`rate: {rate:g}` of time, but the file says {stated:.6g} Hz ({name}); correct the rate")
     return apart
 
 
 def cells_of(
-    text: csv_table.CsvTable, place: int, source: SheetSource, level: bool, is_time: bool = False
+    text: csv_table.CsvTable, place: int, source: sources.SheetSource, level: bool, is_time: bool = False
 ) -> NDArray[Any]:
     """Numbers of one column, (rows,), NaN where they are missing. In a `level` the words `True` and `False`, in any
     capitals, are 1 and 0, as Python's loggers write them."""
@@ -456,10 +451,8 @@ def cells_of(
         return csv_table.cell_numbers(cells, source.missing, text.decimal)
     except csv_table.UnreadableCellError as error:
         cell = str(cells[error.place])
-        raise InputError(
-            f"{text.noun} {text.lines[error.place]}, column '{text.names[place]}': '{cell[:40]}' is not a number; "
-            f"{remedy_for(cell, text.names[place], text.decimal, is_time)}"
-        ) from error
+        said = f"{text.noun} {text.lines[error.place]}, column '{text.names[place]}': '{cell[:40]}' is not a number"
+        raise InputError(f"{said}; {remedy_for(cell, text.names[place], text.decimal, is_time)}") from error
 
 
 def remedy_for(text: str, name: str, decimal: str, is_time: bool) -> str:
@@ -479,7 +472,7 @@ def remedy_for(text: str, name: str, decimal: str, is_time: bool) -> str:
     return f"correct the cell, or add {json.dumps(text[:40], ensure_ascii=False)} to `missing` in the source file"
 
 
-def json_log(path: Path, source: JsonSource) -> Table:
+def json_log(path: Path, source: sources.JsonSource) -> Table:
     """A line that lacks a field has no sample of it. `null` is no value, `NaN` a reading that failed."""
     lines, field = read_json_lines(path), source.time.field
     names, (found, _) = wanted(source), addresses_of(lines)
@@ -492,9 +485,8 @@ def json_log(path: Path, source: JsonSource) -> Table:
     count, total, by_rate = decoded.misfits, len(lines.texts), source.time.rate is not None
     if count > (0 if by_rate else source.most_missing * total):  # with a rate, a line that is left out moves the rest
         advice = f", or write `most_missing: {csv_table.share_above(count, total):g}` in the source file"
-        raise InputError(
-            f"{count} of {total} lines cannot be used: {decoded.misfit}; repair the log{advice * (not by_rate)}"
-        )
+        what = f"{count} of {total} lines cannot be used: {decoded.misfit}"
+        raise InputError(f"{what}; repair the log{advice * (not by_rate)}")
     kept = ~np.all([np.ma.getmaskarray(decoded.values[name]) for name in names], axis=0)
     if field and not kept.all():  # lines without any of the fields, such as a header; with a rate, every line counts
         left_out, first = int((~kept).sum()), lines.numbers[decoded.rows[int(np.argmin(kept))]]
@@ -536,15 +528,13 @@ def whole_stamps(table: Table, parts: Sequence[str], remedy: str) -> NDArray[Any
         wrong = (number < 0) | (number > most) | (number != np.rint(number)) | (values.dtype == bool)
         if wrong.any():
             row = int(np.argmax(wrong))
-            raise InputError(
-                f"field '{name}' is {values[row]} in {table.place(row)}, which is no whole number from 0 to {most}; "
-                f"{remedy}"
-            )
+            said = f"field '{name}' is {values[row]} in {table.place(row)}, which is no whole number from 0 to {most}"
+            raise InputError(f"{said}; {remedy}")
         whole.append(np.ma.array(values.astype(np.int64), mask=np.ma.getmaskarray(table.columns[name])))
     return np.ma.asarray(whole[0] * SECOND + whole[1])
 
 
-def mat_log(path: Path, source: MatSource) -> Table:
+def mat_log(path: Path, source: sources.MatSource) -> Table:
     file, every = open_mat(path), list[tuple[str, Array]]()
     with suppress(InputError):  # what nobody asks for may be too large, or of another kind
         every = [*vectors_in(file.read(file.names))]
@@ -580,7 +570,7 @@ def mat_log(path: Path, source: MatSource) -> Table:
 
 
 def on_instants_of_all(
-    signals: Mapping[str, tuple[str, Array, str]], source: MatSource, every: Sequence[tuple[str, Array]]
+    signals: Mapping[str, tuple[str, Array, str]], source: sources.MatSource, every: Sequence[tuple[str, Array]]
 ) -> dict[str, Array]:
     """The numbers of two devices or more, each with the one vector of time of its own length beside it, on the instants
     of all, (instants,): masked where a device has none. Time is these instants, in its own unit. The vectors are taken
@@ -596,11 +586,9 @@ def on_instants_of_all(
         clocks = [one for one in beside if may_be_clock(one[0], "", one[1])]
         own = [(reference, first)] if values.size == first.size else clocks
         if not time or len(own) != 1 or np.ma.is_masked(values) or not (np.diff(own[0][1]) > 0).all():
-            raise InputError(
-                f"{text} has {values.size} numbers and {reference} has {first.size}, and no one vector of time of its "
-                "length is beside it; interpolate in MATLAB, as `torque = interp1(t_torque, torque, t_angle)`, and "
-                "never cut to one length"
-            )
+            said = f"{text} has {values.size} numbers and {reference} has {first.size}"
+            said += ", and no one vector of time of its length is beside it; interpolate in MATLAB"
+            raise InputError(f"{said}, as `torque = interp1(t_torque, torque, t_angle)`, and never cut to one length")
         name, clock = own[0]
         told = name_and_ending(name)[1]
         factor = si_factor(told if told in TIME_UNITS and name != time else unit, "s")
@@ -612,8 +600,7 @@ def on_instants_of_all(
 def on_union(
     values: Mapping[str, NDArray[Any]], stamps: Mapping[str, NDArray[np.int64]]
 ) -> tuple[NDArray[np.int64], dict[str, NDArray[Any]]]:
-    """The instants (n,) of all channels, each with whole stamps that rise, and their values there, masked where one has
-    none. InputError if they do not overlap."""
+    """The instants (n,) of all channels, of rising whole stamps, and values there, masked if none; they overlap."""
     if max(one[0] for one in stamps.values()) > min(one[-1] for one in stamps.values()):
         raise InputError(f"its channels do not overlap in time; name those of one recording, or {RATE}")
     union = np.unique(np.concatenate([*{id(one): one for one in stamps.values()}.values()]))
@@ -634,7 +621,7 @@ def vectors_in(values: Mapping[str, Value], place: str = "") -> Iterator[tuple[s
             yield from vectors_in(element, address)
 
 
-def tdms_log(path: Path, source: TdmsSource) -> Table:
+def tdms_log(path: Path, source: sources.TdmsSource) -> Table:
     """Channels by a channel of time, the rate, or their own timing: where it differs, each has rows of its own."""
     file = read_tdms(path)
     channels = {name: file.channel(name) for name in wanted(source)}
@@ -648,10 +635,8 @@ def tdms_log(path: Path, source: TdmsSource) -> Table:
     stamps, facts = {address: rows[each.size] for address, each in values.items()}, dict[str, Any]()
     for other in by_address.values():
         if by_properties and other.step is None:
-            raise InputError(
-                f"channel '{other.address}' has no timing (`wf_increment` among its properties); name the "
-                f"channel of time, as `time: {{channel: GROUP/NAME, unit: s}}`, or {RATE}"
-            )
+            said = f"channel '{other.address}' has no timing (`wf_increment` among its properties); name the"
+            raise InputError(f"{said} channel of time, as `time: {{channel: GROUP/NAME, unit: s}}`, or {RATE}")
     if not (by_properties and file.damage.end_missing):
         check_alike(by_address, values, by_properties)
     if by_properties and len({(other.begin, other.step) for other in by_address.values()}) > 1:
@@ -682,14 +667,12 @@ def check_alike(channels: Mapping[str, TdmsChannel], values: Mapping[str, NDArra
     for address, channel in channels.items():
         other = first.setdefault((channel.begin, channel.step) if by_properties else None, address)
         if values[other].size != values[address].size:
-            raise InputError(
-                f"channel '{address}' has {values[address].size} values and '{other}' has {values[other].size} for one "
-                "time: a segment has lost some, nothing tells where, or they are of two recordings; copy the file "
-                "again, or name channels of one length"
-            )
+            said = f"channel '{address}' has {values[address].size} values and '{other}' has {values[other].size}"
+            said += " for one time: a segment has lost some, nothing tells where, or they are of two recordings"
+            raise InputError(f"{said}; copy the file again, or name channels of one length")
 
 
-def opensim_log(path: Path, source: OpenSimSource) -> Table:
+def opensim_log(path: Path, source: sources.OpenSimSource) -> Table:
     table = csv_log(path, source)
     header = opensim_header(table.facts["comments"])
     angles = {"rad": {"yes": "deg", "no": "rad"}, "rad/s": {"yes": "deg/s", "no": "rad/s"}}
@@ -697,32 +680,24 @@ def opensim_log(path: Path, source: OpenSimSource) -> Table:
         canonical, said = unit_of(column), header.get("indegrees", "").casefold()
         own = angles.get(canonical, {}).get(said)
         if own is not None and not np.isclose(si_factor(str(channel.unit), canonical), si_factor(own, canonical)):
-            raise InputError(
-                f"its header says inDegrees={said}, and column '{channel.column}' is read in {channel.unit}; write "
-                f"{own}, as {source.place('channels', column, 'unit')}"
-            )
+            what = f"its header says inDegrees={said}, and column '{channel.column}' is read in {channel.unit}"
+            raise InputError(f"{what}; write {own}, as {source.place('channels', column, 'unit')}")
     return replace(table, facts={"header": header, "clock": source.clock})
 
 
-TABLES: Mapping[str, Callable[[Path, Any], Table]] = {
-    "csv": csv_log,
-    "table": csv_log,
-    "json_lines": json_log,
-    "mat": mat_log,
-    "tdms": tdms_log,
-    "opensim": opensim_log,
-}
+TABLES: dict[str, Callable[[Path, Any], Table]] = {"csv": csv_log, "table": csv_log, "json_lines": json_log}
+TABLES |= {"mat": mat_log, "tdms": tdms_log, "opensim": opensim_log}
 OPENERS = {"mcap": read_mcap, "rosbag1": read_rosbag1, "rosbag2": read_rosbag2}
 
 
-def read_message_log(path: Path, source: MessageSource) -> Recording:
+def read_message_log(path: Path, source: sources.MessageSource) -> sources.Recording:
     """The columns that the source file maps, in SI units; time [s] counts from the first stamp. Topics with different
     stamps have rows of their own, null in the columns of the others. The losses of the file are in the facts under
     `damage`. Refused is what cannot be decoded, a loss above `largest_loss`, and stamps that contradict each other."""
     file = OPENERS[source.format](path)
     if source.format == "mcap" and (remark := siblings(path)[-1]):
         file.damage.remarks.append(remark)
-    by_topic: dict[str, dict[str, MessageChannel]] = defaultdict(dict)
+    by_topic: dict[str, dict[str, sources.MessageChannel]] = defaultdict(dict)
     for column, channel in source.channels.items():
         by_topic[channel.topic][column] = channel
     decoded = decode_wanted(file, by_topic, source)
@@ -737,13 +712,8 @@ def read_message_log(path: Path, source: MessageSource) -> Recording:
     missing = {column: int(joined[column].is_nan().sum()) for column in source.channels}
     start, stamp = int(joined["stamp"][0]), str(source.time.field if source.time.source == "header" else "log")
     time = ((joined.drop_in_place("stamp") - start) / SECOND).alias("time")
-    facts = {
-        "time": {"source": stamp, "stamps": source.time.stamps, "start_ns": start},
-        "rates_hz": rates,
-        "decoding": how,
-        "stamps": orders,
-        "missing": missing,
-    }
+    facts: dict[str, Any] = {"time": {"source": stamp, "stamps": source.time.stamps, "start_ns": start}}
+    facts |= {"rates_hz": rates, "decoding": how, "stamps": orders, "missing": missing}
     columns = {column: channel.origin(column) for column, channel in source.channels.items()}
     remarks, topics = list[str](), {topic: file.channels_of(topic) for topic in by_topic}
     for topic, order in orders.items():
@@ -754,11 +724,11 @@ def read_message_log(path: Path, source: MessageSource) -> Recording:
         }
         remarks += [f"topic '{topic}': {count} messages {what}" for what, count in counts.items() if count]
     remarks += [*absent, *(f"{column} is NaN in {n} of {len(joined)} rows" for column, n in missing.items() if n)]
-    return Recording(pl.DataFrame([time, *joined]), columns, facts, remarks, file.damage, topics)
+    return sources.Recording(pl.DataFrame([time, *joined]), columns, facts, remarks, file.damage, topics)
 
 
 def decode_wanted(
-    file: MessageFile, by_topic: Mapping[str, Mapping[str, MessageChannel]], source: MessageSource
+    file: MessageFile, by_topic: Mapping[str, Mapping[str, sources.MessageChannel]], source: sources.MessageSource
 ) -> dict[str, Decoded]:
     """The fields of each topic and of its stamp; refused is a file that has lost a larger share of a topic than
     `largest_loss`, also where this is why it cannot be decoded."""
@@ -780,11 +750,9 @@ def decode_wanted(
             misfits = sum(file.damage.misfits[number] for number in numbers)
             are_all = misfits == file.damage.lost(numbers)
             what = "messages that cannot be used" if are_all else f"damaged or incomplete {file.kind}"
-            raise InputError(
-                f"{what}: {100 * share:.3g} % of topic '{topic}' is lost, at most {100 * source.largest_loss:.3g} % "
-                f"may be (largest_loss in the source file): {'; '.join(file.damage.all_remarks())}; record again"
-                f"{', or map another field' * are_all}"
-            ) from failed
+            said = f"{what}: {100 * share:.3g} % of topic '{topic}' is lost, at most {100 * source.largest_loss:.3g}"
+            said += f" % may be (largest_loss in the source file): {'; '.join(file.damage.all_remarks())}"
+            raise InputError(f"{said}; record again{', or map another field' * are_all}") from failed
     if failed is None:
         return decoded
     if not file.damage.remarks:
@@ -794,10 +762,9 @@ def decode_wanted(
 
 
 def read_topic(
-    channels: Mapping[str, MessageChannel], decoded: Decoded, source: MessageSource, damage: Ledger
+    channels: Mapping[str, sources.MessageChannel], decoded: Decoded, source: sources.MessageSource, damage: Ledger
 ) -> tuple[pl.DataFrame, dict[str, int], list[str]]:
-    """Stamps [ns] and columns of one topic in the order of the stamps, counts of the sorting (`sorted_by_stamp`), and a
-    sentence for each field that messages lack."""
+    """Stamps [ns] and columns of a topic in their order, counts of the sorting, a sentence for each lacking field."""
     logged, number, from_header = decoded.log_time, decoded.channel, source.time.source == "header"
     table = Table(logged.size, decoded.values, noun="message")
     stamp: NDArray[Any] = logged
@@ -805,20 +772,16 @@ def read_topic(
         field = str(source.time.field)
         named = [pair for pair in stamp_fields(field) if all(np.ma.count(decoded.values[path]) for path in pair)]
         if not named:
-            raise InputError(
-                f"it has no field '{field}' with seconds and nanoseconds; correct time.field in the source file, or "
-                "write source: log"
-            )
+            said = f"it has no field '{field}' with seconds and nanoseconds"
+            raise InputError(f"{said}; correct time.field in the source file, or write source: log")
         stamp = whole_stamps(table, named[0], "write source: log")
         if lacking := int(np.ma.getmaskarray(stamp).sum()):
             raise InputError(f"{lacking} of {logged.size} messages have no '{field}'; write source: log")
         stamp = np.ma.getdata(stamp)
     elif (logged < 0).any():
         row = int(np.argmax(logged < 0))
-        raise InputError(
-            f"message {row + 1} was logged at {int(logged[row]) + 2**64} ns, which is not a time; write source: "
-            "header, or record again"
-        )
+        said = f"message {row + 1} was logged at {int(logged[row]) + 2**64} ns, which is not a time"
+        raise InputError(f"{said}; write source: header, or record again")
     columns, absent = canonical_columns(table, channels, (stamp - stamp[0]) / SECOND, source)
     logged_in_order = ((logged[1:] >= logged[:-1]) | (number[1:] != number[:-1])).all()
     advice = "its times cannot be used: record again, or exclude the trial"
@@ -869,10 +832,8 @@ def sorted_by_stamp(
         (contradicted, " and other values", " or the time source in the source file"),
     ):
         if count > most:
-            raise InputError(
-                f"{count} of {stamp.size} messages have the stamp of an earlier one{also}; stamps must "
-                f"be their own: check the recorder's clock{remedy}"
-            )
+            said = f"{count} of {stamp.size} messages have the stamp of an earlier one{also}"
+            raise InputError(f"{said}; stamps must be their own: check the recorder's clock{remedy}")
     return once, ordering | {"repeated": stamp.size - once.height, "contradicted": contradicted}
 
 
@@ -884,21 +845,17 @@ def check_not_set(table: pl.DataFrame, advice: str) -> int:
     by = np.maximum.accumulate(stamp) - stamp
     if (by > SECOND).any():
         row = int(np.argmax(by > SECOND))
-        raise InputError(
-            f"time goes back by {by[row] / SECOND:.6f} s at message {row + 1} of {stamp.size}; the "
-            f"clock was set while recording: {advice}"
-        )
+        said = f"time goes back by {by[row] / SECOND:.6f} s at message {row + 1} of {stamp.size}"
+        raise InputError(f"{said}; the clock was set while recording: {advice}")
     late = by > 0
     if not late.any():
         return 0
     for run in (one for one in runs(late & ~table.is_duplicated().to_numpy()) if one.stop - one.start >= many):
         before, inside = stamp[: run.start], stamp[run]
         if ((before >= inside[0]) & (before <= inside[-1])).sum() >= many:
-            raise InputError(
-                f"time goes back from {before.max() / SECOND:.6f} s to {inside[0] / SECOND:.6f} s at "
-                f"message {run.start + 1} of {stamp.size}, and {len(inside)} messages fall among those before; the "
-                f"clock was set while recording: {advice}"
-            )
+            said = f"time goes back from {before.max() / SECOND:.6f} s to {inside[0] / SECOND:.6f}"
+            said += f" s at message {run.start + 1} of {stamp.size}, and {len(inside)} messages fall among those before"
+            raise InputError(f"{said}; the clock was set while recording: {advice}")
     return int(late.sum())
 
 

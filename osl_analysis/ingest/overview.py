@@ -32,8 +32,6 @@ from osl_analysis.trial import Array, plate_columns
 
 @dataclass(frozen=True)
 class RecordedChannel:
-    """One thing that the file recorded."""
-
     kind: str  # What it is: marker, model output, analog, plate, device, column, or the type of a topic's messages.
     address: Mapping[str, str]  # How a source file names it: `topic` and `field`, `column`, `channel`, `label` ...
     unit: str = ""  # unit of the numbers, as the file spells it; empty where it gives none
@@ -54,8 +52,6 @@ class RecordedChannel:
 
 @dataclass(frozen=True)
 class Overview:
-    """What one file holds."""
-
     format: str  # the format's name in source files
     facts: Mapping[str, str]  # facts about the whole file
     channels: Sequence[RecordedChannel]  # what it recorded, in the order of the file
@@ -68,8 +64,7 @@ class Overview:
 def likely_clock(readings: Mapping[str, NDArray[Any]], what: str = "columns") -> tuple[str | None, list[str]]:
     """The clock that a draft names, and what the user has to decide, from the readings (n,) of all that are called so.
     The first of several, if they span the same time in s, ms, us or ns: within 0.5 %, which puts I wrong by 1 %. None
-    if they contradict each other, as then B and I depend on the choice. What does not run, as the duration of each
-    loop, is no clock beside one that does."""
+    if they contradict each other, as then B and I depend on the choice. What does not run is no clock beside others."""
     clocks = {name: values.astype(np.float64) for name, values in readings.items()}
     spans = {name: span_of(values) for name, values in clocks.items()}
     running = [name for name, span in spans.items() if span > 0] or list(readings)
@@ -175,8 +170,7 @@ def overview_of(
     clock: str | None = None,
 ) -> Overview:
     """What a table holds, the same for every format: its channels, the likely clock among those that a draft has, what
-    is guessed. `called`: whether a column is called like a clock; `timing`: the field `time` where the file tells it;
-    `clock`: the column of time where it does."""
+    is guessed. `called`: whether a column is called like a clock; `timing`, `clock`: `time` and its column if known."""
     offered, questions = columns if drafted is None else drafted, list(left_open)
     if timing is None or clock is not None:
         own = {one.key: one for one in offered if one.numbers is not None and one.numbers.size}
@@ -219,9 +213,7 @@ def inspect_table(name: str, path: Path) -> Overview:
         if cells.dtype == pl.String and stamps is None:
             words = Counter(cells.filter(pl.Series(np.isnan(numbers))).drop_nulls().to_list())
         few = (word for word, count in words.items() if count < len(cells) / 100)
-        failed |= dict.fromkeys(
-            word for word in few if word != title and not OTHER_NUMBER.match(word)
-        )  # of failed readings
+        failed |= dict.fromkeys(word for word in few if word != title and not OTHER_NUMBER.match(word))
         is_anew |= title in words
         also = "".join(f", {count} x '{word}'" for word, count in words.most_common(5))
         address = {"column": lasting_address(title, place, table.names)}
@@ -340,9 +332,8 @@ def inspect_mat(path: Path) -> Overview:
     file, most = open_mat(path), 500
     content = file.read(file.names)
     variables = [one for name, value in content.items() for one in variables_in("", name, value)]
-    others = [
-        (at, one) for *_, at, one in variables if one.numbers is None and one.kind not in ("char", "struct", "cell")
-    ]
+    readable = ("char", "struct", "cell")
+    others = [(at, one) for *_, at, one in variables if one.numbers is None and one.kind not in readable]
     remarks = [f"{at} is a {one.described()}, which is not read; {one.remedy()}" for at, one in others]
     remarks += [f"and {len(variables) - most} more variables"] * (len(variables) > most)
     by_part: dict[str, dict[str, Value]] = {}
@@ -560,13 +551,10 @@ def inspect_c3d(path: Path) -> Overview:
         channels.append(RecordedChannel("analog", {"channel": label}, own, values.size, rate, note))
     plates = plate_count(header)
     channels += [plate_channel(recording, number) for number in range(1, plates + 1)]
-    facts = {
-        "frames": f"{header.frames}, from {header.first_frame} on, at {header.rate:g} Hz",
-        "unit of length": unit or "none",
-        "force plates": str(plates),
-        "vertical on screen": "".join(header.texts("POINT:Y_SCREEN")[:1]) or "not said",
-        "software": " ".join(header.texts("MANUFACTURER:SOFTWARE")) or "not said",
-    }
+    facts = {"frames": f"{header.frames}, from {header.first_frame} on, at {header.rate:g} Hz"}
+    facts |= {"unit of length": unit or "none", "force plates": str(plates)}
+    facts["vertical on screen"] = "".join(header.texts("POINT:Y_SCREEN")[:1]) or "not said"
+    facts["software"] = " ".join(header.texts("MANUFACTURER:SOFTWARE")) or "not said"
     return Overview("c3d", facts, channels, settings={"plates": "all" if plates else "none"})
 
 
@@ -615,12 +603,9 @@ def inspect_trc(path: Path) -> Overview:
     """Markers with the share of frames in which they were seen."""
     file = read_trc(path)
     upward, positions = vertical_axis(file.positions), file.positions.transpose(1, 0, 2)
-    facts = {
-        "frames": f"{len(file.positions)}, from {file.first_frame} on, at {file.rate:g} Hz",
-        "unit of length": file.unit or "none",
-        "time of the first frame": f"{file.start:g} s",
-        "vertical axis": upward or "not told by the markers",
-    }
+    facts = {"frames": f"{len(file.positions)}, from {file.first_frame} on, at {file.rate:g} Hz"}
+    facts |= {"unit of length": file.unit or "none", "time of the first frame": f"{file.start:g} s"}
+    facts["vertical axis"] = upward or "not told by the markers"
     markers = zip(file.labels, positions, strict=True)
     channels = [marker_channel(label, one, file.rate, "marker", file.unit) for label, one in markers]
     return Overview("trc", facts, channels, file.damage.remarks, {"axes": ["x", "-z", "y"]} if upward == "y" else {})

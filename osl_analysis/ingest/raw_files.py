@@ -28,38 +28,23 @@ from osl_analysis.formats.rosbag import ANY_BAG1, DESCRIPTION, SQLITE, files_in
 from osl_analysis.formats.table import copied_runs, noise_in, noise_of_pieces
 from osl_analysis.formats.tdms import is_tdms
 from osl_analysis.ingest import overview
+from osl_analysis.ingest import source as sources
 from osl_analysis.ingest.captures import plate_count, read_c3d_capture, read_nexus_capture, read_trc_capture
 from osl_analysis.ingest.clock import ClockFit, aligned_clock
 from osl_analysis.ingest.logs import read_message_log, read_table_log
 from osl_analysis.ingest.overview import Overview, inspect_messages
-from osl_analysis.ingest.source import (
-    SELDOM_REPEAT,
-    SOURCES,
-    UNKNOWN,
-    LogSource,
-    Recording,
-    SharedAngle,
-    Source,
-    bends_of,
-    check_sizes,
-    leaps_of,
-    open_places,
-    values_of_no_sensor,
-)
 from osl_analysis.refusal import check_not_refused
 from osl_analysis.signals import run_edges
 from osl_analysis.trial import COLUMNS, Array, Trial, median, unit_of
 from osl_analysis.yaml_settings import dotted, field_line, read_mapping, read_yaml
 
-FileReader = Callable[[Path, Any], Recording]  # reads a file by its source file, of the format's class
+FileReader = Callable[[Path, Any], sources.Recording]  # reads a file by its source file, of the format's class
 FileLister = Callable[[Path], Overview]  # lists what a file holds, without a source file
 
 
 @dataclass(frozen=True)
 class KnownFormat:
-    """One format of logs or captures."""
-
-    source: type[Source]  # the model of its source files
+    source: type[sources.Source]  # the model of its source files
     begins: Callable[[bytes], bool]  # whether a file that begins with these bytes is of this format
     suffixes: tuple[str, ...]
     """Endings of files of this format, for files that are not recognised by their first bytes."""
@@ -69,10 +54,10 @@ class KnownFormat:
     @property
     def is_capture(self) -> bool:
         """Whether its files come from a motion-capture laboratory."""
-        return not issubclass(self.source, LogSource)
+        return not issubclass(self.source, sources.LogSource)
 
     @np.errstate(all="ignore")  # values of damaged files may be of any size: our checks tell them, not numpy
-    def read(self, path: Path, source: Source) -> Recording:
+    def read(self, path: Path, source: sources.Source) -> sources.Recording:
         """A file as canonical columns in SI units, by its source file. Raises InputError, which names the file."""
         with naming(path):
             recording = self.reader(path, source)
@@ -110,7 +95,7 @@ KNOWN: Mapping[str, tuple[Callable[[bytes], bool], tuple[str, ...], FileReader, 
     "table": (is_table_file, BINARY, read_table_log, partial(overview.inspect_table, "table")),
     "csv": (is_text, TEXT_SUFFIXES, read_table_log, partial(overview.inspect_table, "csv")),
 }
-FORMATS = {name: KnownFormat(SOURCES[name], *facts) for name, facts in KNOWN.items()}
+FORMATS = {name: KnownFormat(sources.SOURCES[name], *facts) for name, facts in KNOWN.items()}
 SUFFIXES = tuple(suffix for known in FORMATS.values() for suffix in known.suffixes)  # of recordings that are read
 
 
@@ -121,41 +106,37 @@ def recordings_in(folder: Path) -> list[Path]:
     return sorted([*bags, *(path for path in files if not bags & {*path.parents})])
 
 
-def read_source(path: Path) -> Source:
+def read_source(path: Path) -> sources.Source:
     """A source file, checked: columns are canonical, every unit converts to its column's."""
     content = read_mapping(path)
-    name, places = str(content.get("format", "")), list(open_places(content))
+    name, places = str(content.get("format", "")), list(sources.open_places(content))
     if name not in FORMATS:
         said = f"line {field_line(path, ('format',))}: format: '{name}' is not allowed" if name else "format is missing"
         raise InputError(f"{path}: {said}: write one of {', '.join(FORMATS)}{nearest(name, FORMATS)}")
     if places:
         where = listing([f"`{dotted(place)}` in line {field_line(path, place)}" for place in places], 6)
         are = "place is" if len(places) == 1 else "places are"
-        raise InputError(
-            f"{path}: a draft of `osl-analysis inspect` in which {len(places)} {are} to be edited: {where}; give "
-            f"each signal that you need its canonical name ({', '.join(c for c in COLUMNS if c != 'time')}), state "
-            f"each {UNKNOWN}, and delete the other lines of `channels`"
-        )
+        what = f"{path}: a draft of `osl-analysis inspect` in which {len(places)} {are} to be edited: {where}"
+        what += f"; give each signal that you need its canonical name ({', '.join(c for c in COLUMNS if c != 'time')})"
+        raise InputError(f"{what}, state each {sources.UNKNOWN}, and delete the other lines of `channels`")
     source = read_yaml(path, FORMATS[name].source)
     source.written_in(path)
     return source
 
 
-def check_clocks(log: Source, mocap: Source) -> None:
+def check_clocks(log: sources.Source, mocap: sources.Source) -> None:
     """Refuse source files of a log and of motion capture that do not tell how the log's clock is aligned."""
-    clocks = {one.clock for one in (log, mocap) if isinstance(one, LogSource)}
+    clocks = {one.clock for one in (log, mocap) if isinstance(one, sources.LogSource)}
     shared, maps = getattr(mocap, "shared", None), getattr(log, "channels", {})
     angle, edges = shared is not None and shared.column in maps, "sync" in getattr(mocap, "analogs", clocks)
     aligns = {"sync": edges or angle, "shared": angle, "common": mocap.format == "trc", "master": False}
     if not all(aligns[one] for one in clocks):
-        raise InputError(
-            f"{log.place('clock')}: '{', '.join(clocks)}' does not align the log with motion capture of this trial; "
-            "write clock: sync and map the column sync in both source files, or clock: shared and name an angle of the "
-            "log under `shared` in that of motion capture"
-        )
+        said = f"{log.place('clock')}: '{', '.join(clocks)}' does not align the log with motion capture of this trial"
+        said += "; write clock: sync and map the column sync in both source files, or clock"
+        raise InputError(f"{said}: shared and name an angle of the log under `shared` in that of motion capture")
 
 
-def check_plates(source: Source, captures: Sequence[Path], of_walking: int) -> None:
+def check_plates(source: sources.Source, captures: Sequence[Path], of_walking: int) -> None:
     """Refuse a force plate, of a source file or of the walking analysis (0: none), that none of some captures in C3D
     has by their headers. What one of many lacks, or cannot be read, its ingest tells."""
     counts, stated = dict[int, Path](), getattr(source, "plates", ())
@@ -176,9 +157,8 @@ def recognise(path: Path) -> str:
     found += [name for name in known if name != "table" or not is_text(begin)]  # text is often called `.xls`
     found += ["csv"] * is_text(begin)
     if not found:
-        raise InputError(
-            f"{path}: neither MCAP, C3D nor text (it begins with {quoted(begin[:8])}); export it as one of these"
-        )
+        said = f"{path}: neither MCAP, C3D nor text (it begins with {quoted(begin[:8])})"
+        raise InputError(f"{said}; export it as one of these")
     return found[0]
 
 
@@ -202,7 +182,7 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
     name, files = said.get("trial", ""), {role: said[role] for role in ("log", "mocap") if said.get(role)}
     if not files:
         raise InputError(f"trial {name}: the sheet names no file; fill in log or mocap, or exclude the trial")
-    recordings, identities, sources = {}, {}, dict[str, Source]()
+    recordings, identities, by_role = {}, {}, dict[str, sources.Source]()
     for role, given in files.items():
         path, source = raw_folder / given, said.get(f"{role}_source", "")
         if not source:
@@ -212,9 +192,9 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
         before = [written_at(part) for part in parts]
         every, described = [identity_of(part) for part in parts], read_source(sources_folder / f"{source}.yaml")
         check_copies(path, every)
-        known, sources[role] = FORMATS[described.format], described
-        if len(sources) == 2:
-            check_clocks(sources["log"], sources["mocap"])
+        known, by_role[role] = FORMATS[described.format], described
+        if len(by_role) == 2:
+            check_clocks(by_role["log"], by_role["mocap"])
         if not known.is_capture:
             described = described.of_part(said.get("log_part", ""))
         begin, found = formats_of(path, described.format)
@@ -228,7 +208,7 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
         try:
             recordings[role] = known.read(path, described)
             with naming(path):
-                check_sizes(recordings[role])
+                sources.check_sizes(recordings[role])
         finally:  # also where it cannot be read: it may have changed in between
             for part, then in zip(parts, before, strict=True):
                 if not part.is_file() or written_at(part) != then:
@@ -239,7 +219,7 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
             every = [{"bytes": sum(one["bytes"] for one in every), "sha256": together, "parts": every}]
         identities[role] = {**every[0], "path": given, "source": source}
     with naming(f"trial {name} ({', '.join(files.values())})"):
-        trial = assemble(name, recordings, identities, getattr(sources.get("mocap"), "shared", None))
+        trial = assemble(name, recordings, identities, getattr(by_role.get("mocap"), "shared", None))
     fixture = {column.removeprefix("fixture_"): x for column, x in row.items() if column.startswith("fixture_")}
     if any(fixture.values()) and "torque" in trial.columns:  # the time base takes its torque off
         trial.provenance["columns"]["torque"]["fixture"] = {name: x for name, x in fixture.items() if x is not None}
@@ -258,14 +238,14 @@ def surprise(scatter: float, level: float) -> float:
     return math.log(2 * math.pi**0.5 * scatter / max(level, 1e-300)) if scatter else 0.0
 
 
-def read_values(recording: Recording, column: str) -> tuple[NDArray[np.intp], Array]:
+def read_values(recording: sources.Recording, column: str) -> tuple[NDArray[np.intp], Array]:
     """The rows (n,) in which a column has a reading, and the readings (n,)."""
     values = recording.samples[column].to_numpy()
     rows = np.flatnonzero(np.isfinite(values))
     return rows, values if rows.size == values.size else values[rows]
 
 
-def channels_with_noise(recording: Recording) -> list[tuple[str, NDArray[np.intp], Array, float]]:
+def channels_with_noise(recording: sources.Recording) -> list[tuple[str, NDArray[np.intp], Array, float]]:
     """The measured channels with noise: name, rows (n,), readings (n,), without those that its recorder held; and how
     unlikely the quietest piece of each makes a reading equal to another."""
     parts = list[tuple[str, NDArray[np.intp], Array, float]]()
@@ -289,7 +269,7 @@ def channels_with_noise(recording: Recording) -> list[tuple[str, NDArray[np.intp
     return parts
 
 
-def tell_copies(recording: Recording) -> None:
+def tell_copies(recording: sources.Recording) -> None:
     """Count as lost what the samples of a channel in a place are those of another place, or channel, more of them than
     noise repeats in one of a million channels. Commands repeat themselves, pulses, and a motion without noise."""
     lost, found = np.zeros(recording.samples.height, bool), dict[tuple[int, int, int, str], list[str]]()
@@ -342,18 +322,17 @@ def tell_copies(recording: Recording) -> None:
         damage.misfits[number] += int(lost.sum())
 
 
-def tell_no_sensor(recording: Recording) -> None:
-    """Say where a channel has values that no sensor gives: nobody knows how many were lost. A recorder may wait for its
-    trigger, and hold all channels until then."""
+def tell_no_sensor(recording: sources.Recording) -> None:
+    """Say where a channel has values of no sensor, but for those that all hold until the trigger: some may be lost."""
     times, each = recording.samples["time"].to_numpy(), dict[str, tuple[Array, Array]]()
-    for column in (one for one in recording.columns if one in SELDOM_REPEAT):
+    for column in (one for one in recording.columns if one in sources.SELDOM_REPEAT):
         rows, x = read_values(recording, column)
         each[column] = times if rows.size == times.size else times[rows], x
     held = [(time, int(np.argmax(x != x[0]))) for time, x in each.values() if (x != x[:1]).any()]
     begin = min((float(time[count * (count > 1)]) for time, count in held), default=0.0)
     for column, (time, x) in each.items():
         x, time = x[(first := np.searchsorted(time, begin)) :], time[first:]
-        wrong = values_of_no_sensor(column, time, x, recording.columns[column])
+        wrong = sources.values_of_no_sensor(column, time, x, recording.columns[column])
         recording.columns[column]["no_sensor"] = None if wrong is None else int(wrong.sum())
         if wrong is not None and wrong.any():
             what = f"{np.count_nonzero(wrong)} samples of {column} are values that no sensor gives, the first at"
@@ -361,7 +340,7 @@ def tell_no_sensor(recording: Recording) -> None:
             recording.damage.is_doubted = True
 
 
-def tell_odd_steps(recording: Recording) -> None:
+def tell_odd_steps(recording: sources.Recording) -> None:
     """Say where time, also that of one channel, goes on by another step than in 99 of 100 rows, which are alike."""
     alike = defaultdict[bytes, list[str]](list)
     for column in recording.samples.select(pl.exclude("time").is_not_null()):
@@ -379,7 +358,7 @@ def tell_odd_steps(recording: Recording) -> None:
             recording.damage.is_doubted |= not recording.damage.lost()
 
 
-def tell_leaps_of_markers(recording: Recording) -> None:
+def tell_leaps_of_markers(recording: sources.Recording) -> None:
     """Say where four in five coordinates of markers, which are masses, leave their curves in a frame, or one does so
     and comes back, farther than cameras that take another marker for it let it."""
     share = recording.samples.select(pl.col("^marker_.*$").is_finite().mean())  # of its frames
@@ -389,16 +368,17 @@ def tell_leaps_of_markers(recording: Recording) -> None:
     seen = recording.samples.select("time", *markers).filter(pl.any_horizontal(pl.col(markers).is_not_null()))
     time, told, leaping = seen["time"].to_numpy(), list[str](), np.zeros(seen.height)
     for name in markers:
-        bends, finite = bends_of(x := seen[name].to_numpy()), np.isfinite(x)
+        bends, finite = sources.bends_of(x := seen[name].to_numpy()), np.isfinite(x)
         leaping += bends > 25
         if not finite.all():
-            bends = bends_of(x := x[finite])
+            bends = sources.bends_of(x := x[finite])
         if bends.max() > FAR_OF_MARKER:
-            far = [a for a, b in leaps_of(x, bends, FAR_OF_MARKER) if a < b and bends[a : b + 2].max() > FAR_OF_MARKER]
+            leaps = [(a, b) for a, b in sources.leaps_of(x, bends, FAR_OF_MARKER) if a < b]
+            far = [a for a, b in leaps if bends[a : b + 2].max() > FAR_OF_MARKER]
             said = f"{name} leaves its curve and comes back {len(far)} times, first at"
             told += [f"{said} {at:.3f} s: bytes may be lost" for at in time[finite][far[:1]]]
-    if leaps := run_edges(leaping / len(markers) >= 0.8).tolist():
-        first = f"{len(leaps)} times all markers leap in one frame, first at {time[leaps[0][0] + 1]:.3f} s"
+    if frames := run_edges(leaping / len(markers) >= 0.8).tolist():
+        first = f"{len(frames)} times all markers leap in one frame, first at {time[frames[0][0] + 1]:.3f} s"
         told.insert(0, f"{first}: frames are missing there, or a part of the file was moved")
     recording.damage.remarks += told
     recording.damage.is_doubted |= bool(told)
@@ -420,10 +400,8 @@ def check_markers(trial: Trial, experiment: str | None) -> None:
     if any(trial.samples[column].is_finite().any() for column in markers):
         return
     seen = f"none of its {len(markers) // 3} markers was ever seen" if markers else "no markers"
-    raise InputError(
-        f"trial {trial.name}: {seen}, and a trial of experiment '{experiment}' needs them; label them in the "
-        "capture and export it again, or exclude the trial in the sheet"
-    )
+    said = f"trial {trial.name}: {seen}, and a trial of experiment '{experiment}' needs them"
+    raise InputError(f"{said}; label them in the capture and export it again, or exclude the trial in the sheet")
 
 
 def check_file(path: Path) -> None:
@@ -445,10 +423,8 @@ def check_copies(path: Path, parts: Sequence[Mapping[str, Any]]) -> None:
     first: dict[str, str] = {}
     for part in parts:
         if (other := first.setdefault(part["sha256"], part["path"])) != part["path"]:
-            raise InputError(
-                f"{path}: its file {part['path']} is a copy of {other}, so that what it should hold is missing; copy "
-                "the recording again"
-            )
+            said = f"{path}: its file {part['path']} is a copy of {other}, so that what it should hold is missing"
+            raise InputError(f"{said}; copy the recording again")
 
 
 def written_at(path: Path) -> tuple[int, ...]:
@@ -467,9 +443,9 @@ def identity_of(path: Path) -> dict[str, Any]:
 
 def assemble(
     name: str,
-    recordings: Mapping[str, Recording],
+    recordings: Mapping[str, sources.Recording],
     files: Mapping[str, Mapping[str, Any]],
-    shared: SharedAngle | None = None,
+    shared: sources.SharedAngle | None = None,
 ) -> Trial:
     """A trial of the recordings `log`, `mocap` or both; with both, the log's clock is fitted to motion capture's.
     `files` identifies the file of each recording, `shared` an angle that aligns the clocks without sync edges. The
@@ -477,15 +453,11 @@ def assemble(
     facts = {role: dict(recordings[role].facts) for role in ("log", "mocap") if role in recordings}
     columns = {of: {"file": role, **origin} for role in facts for of, origin in recordings[role].columns.items()}
     damage = {role: losses for role in facts if (losses := recordings[role].losses)}
-    provenance: dict[str, Any] = {
-        "software": {"name": "osl-analysis", "version": own_version("osl-analysis")},
-        "files": dict(files),
-        "columns": columns,
-        "plates": [plate for one in facts.values() for plate in one.pop("plates", [])],
-        "warnings": [printable(warning) for role in facts for warning in recordings[role].warnings],
-        **({"damage": damage} if damage else {}),
-        **facts,
-    }
+    software = {"name": "osl-analysis", "version": own_version("osl-analysis")}
+    provenance: dict[str, Any] = {"software": software, "files": dict(files), "columns": columns}
+    provenance["plates"] = [plate for one in facts.values() for plate in one.pop("plates", [])]
+    provenance["warnings"] = [printable(warning) for role in facts for warning in recordings[role].warnings]
+    provenance |= ({"damage": damage} if damage else {}) | facts
     if len(recordings) == 1:
         return Trial(name, recordings[next(iter(facts))].samples, provenance)
     log, mocap = recordings["log"], recordings["mocap"]
@@ -499,7 +471,7 @@ def assemble(
     return Trial(name, merged(log, mocap, fit), {**provenance, "warnings": warnings, "clock": clock})
 
 
-def merged(log: Recording, mocap: Recording, fit: ClockFit) -> pl.DataFrame:
+def merged(log: sources.Recording, mocap: sources.Recording, fit: ClockFit) -> pl.DataFrame:
     """The rows of both in the order of motion capture's time [s]; rows of the same nanosecond become one row."""
     log_time = pl.Series("log_time", fit.to_master(log.samples["time"].to_numpy()))
     own = log.samples.drop("time", "sync", strict=False).insert_column(0, log_time)

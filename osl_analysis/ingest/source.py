@@ -87,9 +87,8 @@ class Conversion(Settings):
     @classmethod
     def _possible(cls, value: Any) -> Any:
         if isinstance(value, str) and not 0 <= quantity(value, "s") <= LONGEST_DELAY:
-            raise ValueError(
-                f"a delay is the age of a sample, from 0 to {LONGEST_DELAY:g} s; correct its sign or its unit"
-            )
+            said = f"a delay is the age of a sample, from 0 to {LONGEST_DELAY:g} s"
+            raise ValueError(f"{said}; correct its sign or its unit")
         if value == 0:
             raise ValueError("a scale of zero makes every number zero; write the size of one count")
         return value
@@ -125,9 +124,8 @@ class Conversion(Settings):
         ends = [quantity(text, si_unit) for text in texts]
         low, high = (-ends[0], ends[0]) if len(ends) == 1 else ends
         if low >= high:
-            raise InputError(
-                f"a range from {low:g} to {high:g} {si_unit} is empty; write the lower end first, or one number"
-            )
+            said = f"a range from {low:g} to {high:g} {si_unit} is empty"
+            raise InputError(f"{said}; write the lower end first, or one number")
         return low, high
 
     def step(self, si_unit: str) -> float:
@@ -177,7 +175,6 @@ class LogChannel(Channel):
 
 class FieldChannel(LogChannel):
     ADDRESS = "field"
-
     field: Name
     """Dotted path of the number, with an index or a name where it passes an array: `wrench.force.x`, `position[0]`,
     `position[name=ankle]`; in JSON a name with a dot in it in quotes, `functions["loadcell.mz"]`."""
@@ -186,13 +183,11 @@ class FieldChannel(LogChannel):
 
 class MessageChannel(FieldChannel):
     BESIDE = ("topic",)
-
     topic: Name  # Name of the topic.
 
 
 class ColumnChannel(LogChannel):
     ADDRESS = "column"
-
     column: ColumnName
     """Name in the header, with or without its unit (`torque` finds `torque [Nm]`); a pattern in which `*` stands for
     any text, which must fit one column (`"*.output_position"`); or the column's number, counted from 1."""
@@ -204,7 +199,6 @@ class OpenSimChannel(ColumnChannel):
 
 class VariableChannel(LogChannel):
     ADDRESS = "variable"
-
     variable: AddressText
     """Its address in MATLAB's notation: `torque`, `Test.run(2).torque`, `data(:,3)`, `runs{2}.torque`. It is within
     `log_part`, unless it begins with `/`."""
@@ -214,19 +208,16 @@ class VariableChannel(LogChannel):
 
 class TdmsChannel(LogChannel):
     ADDRESS = "channel"
-
     channel: Name  # Group and name, as `Measured Data/Torque`, or the name where one group has it.
 
 
 class C3dChannel(Channel):
     ADDRESS = "channel"
-
     channel: Name  # Its label.
 
 
 class DeviceChannel(Channel):
     ADDRESS, BESIDE = "device", ("component",)
-
     device: Name  # Name of the device's output, such as `EMG2000 - Voltage`.
     component: Name  # Name of the column under it.
 
@@ -243,7 +234,6 @@ class Time(Addressed):
 
 class MessageTime(Time):
     ADDRESS = "field"
-
     source: Literal["header", "log"]  # `header`: the stamp in the message. `log`: when the recorder logged it.
     field: str = "header.stamp"  # Path of a stamp of seconds and nanoseconds.
 
@@ -271,7 +261,6 @@ class RowTime(Time):
 
 class ColumnTime(RowTime):
     ADDRESS, COUNTS = "column", True
-
     column: ColumnName | None = None  # Name of the column that holds time, or beside `rate` counts the samples.
 
 
@@ -282,19 +271,16 @@ class OpenSimTime(ColumnTime):
 
 class FieldTime(RowTime):
     ADDRESS = "field"
-
     field: str | None = None  # Path of the number that is time, or of a stamp of seconds and nanoseconds (no `unit`).
 
 
 class VariableTime(RowTime):
     ADDRESS = "variable"
-
     variable: AddressText | None = None  # Address of the variable that holds time, as in `channels`.
 
 
 class TdmsTime(RowTime):
     ADDRESS, IN_FILE = "channel", True
-
     channel: str | None = None  # That of time; LabVIEW's stamps need no unit. Without it: the channels' own timing.
 
 
@@ -450,7 +436,6 @@ class LogSource(Source):
 
 class MessageSource(LogSource):
     OF = " of messages"
-
     channels: Annotated[Mapping[str, MessageChannel], Field(min_length=1)]
     time: MessageTime
     largest_loss: SampleShare = 0.01  # Largest share of a topic's messages that may be lost, or the log is refused.
@@ -466,7 +451,6 @@ class SheetSource(TableSource):
     """That of a table of cells with a header, of any program."""
 
     OF = " of format table"
-
     channels: Annotated[Mapping[str, ColumnChannel], Field(min_length=1)]
     time: ColumnTime
     comment: str = "auto"  # Sign at the beginning of comment lines, of `auto` #, % or //; empty if there are none.
@@ -488,7 +472,6 @@ class SheetSource(TableSource):
 
 class CsvSource(SheetSource):
     OF = " of format csv"
-
     delimiter: Literal["auto", ",", ";", "tab", "space", "|"] = "auto"
     """Sign between cells; `auto` takes that of tab, `;`, `|`, `,` and blank by which most cells are numbers."""
     decimal: Literal["auto", ".", ","] = "auto"  # Decimal sign; `auto` takes the one that the numbers have.
@@ -496,14 +479,12 @@ class CsvSource(SheetSource):
 
 class JsonSource(TableSource):
     OF = " of format json_lines"
-
     channels: Annotated[Mapping[str, FieldChannel], Field(min_length=1)]
     time: FieldTime
 
 
 class MatSource(TableSource):
     OF = " of format mat"
-
     channels: Annotated[Mapping[str, VariableChannel], Field(min_length=1)]
     time: VariableTime
     log_part: Annotated[str, AfterValidator(lambda text: checked_address(text, inside=False) if text else text)] = ""
@@ -515,14 +496,12 @@ class MatSource(TableSource):
 
 class TdmsSource(TableSource):
     OF = " of format tdms"
-
     channels: Annotated[Mapping[str, TdmsChannel], Field(min_length=1)]
     time: TdmsTime = Field(default_factory=TdmsTime)
 
 
 class OpenSimSource(SheetSource, InAxes):
     OF = " of format opensim"
-
     clock: Literal["master", "sync", "shared", "common"] = "master"  # type: ignore[assignment]
     """How the log's clock is aligned to motion capture's. `common`: its times are those of the TRC beside it."""
     channels: Mapping[str, OpenSimChannel] = Field(default={})
@@ -549,7 +528,6 @@ class MarkerSource(InAxes):
 
 class TrcSource(MarkerSource):
     OF = " of format trc"
-
     point_unit: LengthUnit | None = None  # Unit of length, where the file's own is absent or wrong.
 
 
@@ -567,7 +545,6 @@ class LaboratorySource(MarkerSource):
 
 class C3dSource(LaboratorySource):
     OF = " of format c3d"
-
     analogs: Mapping[str, C3dChannel] = Field(default={})
     point_unit: LengthUnit | None = None  # Unit of length, where the file's own is absent or wrong.
     plates: Annotated[Literal["all"] | tuple[PositiveInt, ...], BeforeValidator(all_none_or_list)] = "all"
@@ -585,7 +562,6 @@ class C3dSource(LaboratorySource):
 
 class NexusSource(LaboratorySource):
     OF = " of format nexus_csv"
-
     analogs: Mapping[str, DeviceChannel] = Field(default={})
     plates: Mapping[PositiveInt, NexusPlate] = Field(default={})  # Force plates by number, from 1.
     delimiter: Literal["auto", ",", ";", "tab", "space", "|"] = "auto"  # Sign between cells.
@@ -636,10 +612,8 @@ def check_values(what: str, values: Array, time: Array) -> None:
     finite = np.isfinite(values)
     if not finite.all():
         row = int(np.argmin(finite))
-        raise InputError(
-            f"{what}: {values[row]} in sample {row + 1} of {values.size}, at {time[row]:.3f} s; repair the recording "
-            "or exclude the trial in the sheet"
-        )
+        said = f"{what}: {values[row]} in sample {row + 1} of {values.size}, at {time[row]:.3f} s"
+        raise InputError(f"{said}; repair the recording or exclude the trial in the sheet")
 
 
 LARGEST_MEASURED = {  # largest size of a value in its SI unit, by kind of quantity
@@ -648,14 +622,10 @@ LARGEST_MEASURED = {  # largest size of a value in its SI unit, by kind of quant
     "rad/s": 1e5,  # a million turns per minute
     "N": 1e6,  # the weight of a hundred tonnes
     "N*m": 1e7,  # N*mm called N*m on a plate stays below, which the centre of pressure tells better
-    "A": 1e5,
     "V": 1e6,  # counts of a converter of 16 bits called V stay below
-    "N*m/rad": 1e8,
-    "N*m*s/rad": 1e8,
-    "N*m/kg": 1e6,
     "1": 1e9,  # counts of a converter
 }
-
+LARGEST_MEASURED |= {"A": 1e5, "N*m/rad": 1e8, "N*m*s/rad": 1e8, "N*m/kg": 1e6}
 
 AMID = 5000  # samples in which a channel shows its noise
 NEXT_TO_ZERO = 1e-30  # of a signal in SI units, which no sensor resolves
@@ -683,6 +653,8 @@ def values_of_no_sensor(column: str, time: Array, x: Array, origin: Mapping[str,
         lost[:] = False  # it decays there, as in a simulation
     lost |= by_leaps(column, time, x, bends) | moved
     zeros = jumped_into(x, stands, bends, may_rest=not column.startswith(("theta", "torque")))
+    leaps = {a for a, _ in leaps_of(x, bends, 4.0) if column in ("theta", "torque")}  # one alone, as at a zero crossing
+    zeros += [(a, b) for a, b in run_edges(stands).tolist() if a and {a, b + 1} & leaps]
     most = 0.5 * time.size / (np.ptp(time) or np.inf) if time.size else 0.0  # what is held for longer is stuck
     if "torque" in column and np.mean(stays) < 0.1:  # else a sensor of few levels, which may rest at each
         zeros += [(a, b) for a, b in jumped_into(x, stays, bends, True, (10, most)) if np.sum(x == x[a]) <= b - a + 3]

@@ -57,9 +57,8 @@ def si_factor(unit: str, expected: str) -> float:
         raise InputError(f"the unit is empty; write one of {advice}")
     for name in re.split(r"[*/]", spelling):
         if name.lower() in GON:
-            raise InputError(
-                f"{quoted}: '{name}' is gon (a 400th of a turn) to some and degree to others: write `deg`, or `gon`"
-            )
+            said = f"{quoted}: '{name}' is gon (a 400th of a turn) to some and degree to others"
+            raise InputError(f"{said}: write `deg`, or `gon`")
     found = base_units(spelling)
     if found is None:
         raise InputError(f"{quoted} is unknown; write one of {advice}")
@@ -80,10 +79,8 @@ def quantity(text: str, expected: str) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise InputError(
-            f"'{text[:40]}{'...' * (len(text) > 40)}' is not a number with a unit; write it as in `2 "
-            f"{next(iter(EXAMPLES[expected]))}`"
-        )
+        said = f"'{text[:40]}{'...' * (len(text) > 40)}' is not a number with a unit"
+        raise InputError(f"{said}; write it as in `2 {next(iter(EXAMPLES[expected]))}`")
     return value * si_factor(unit, expected)
 
 
@@ -112,8 +109,10 @@ AT_END_IN_ANY_CASE = {one.casefold(): unit for one, unit in AT_END.items() if le
 
 def name_and_ending(name: str) -> tuple[str, str]:
     """A column's name without the unit that its end spells, and that unit, as of `ankle_deg`, `torque_N_cm` and
-    `MomentLbfFt`; empty if none. A prefix is never apart from its unit: `torque_m_Nm` is the motor's. `torquemNm` may
-    be either, and tells none."""
+    `MomentLbfFt`; empty if none. A prefix is never apart from its unit: `torque_m_Nm` is the motor's."""
+    pair = re.fullmatch(r"([^\W\d_]\w*)/(\S+)", name)  # `M/Nm`, but not `deg/s`
+    if pair and ending_spelled(pair[2]) and not ending_spelled(pair[1]):
+        return pair[1], ending_spelled(pair[2])
     for start in (found.end() for found in re.finditer(r"[\s_.,:-]|(?<=[a-z0-9])(?=[A-Z])", name)):
         unit, in_camel_case = ending_spelled(name[start:]), name[start - 1].isalnum()
         if unit and not (in_camel_case and (len(name) - start == 1 or ending_spelled(name[start - 1 :]))):
@@ -155,7 +154,6 @@ def base_units(spelling: str) -> tuple[float, str] | None:
 
 
 def is_unit(text: str) -> bool:
-    """Whether a text is a unit that is known."""
     return base_units(normalised(text)) is not None
 
 

@@ -69,8 +69,8 @@ class NexusSection:
         frame, sub = (self.values(place) for place in (0, 1))
         per_frame = float(np.nanmax(sub, initial=0.0)) + 1
         for place in np.flatnonzero((frame - frame[0]) * per_frame + sub != np.arange(frame.size)).tolist():
-            said = f"line {self.rows[place][0]}: frame {frame[place]:g}, sub frame {sub[place]:g} does not"
-            raise InputError(f"{said} follow the line before; export the trial again with all its frames")
+            said = f"line {self.rows[place][0]}: frame {frame[place]:g}, sub frame {sub[place]:g} does not follow"
+            raise InputError(f"{said} the line before; export the trial again with all its frames")
         return int(frame[0]), int(per_frame)
 
 

@@ -295,14 +295,17 @@ def type_of(channel: Channel, schema: Schema | None) -> "MessageType | Callable[
     if encoding[0] == "json":
         return json_object
     if schema is None or encoding not in (("cdr", "ros2msg"), ("ros1", "ros1msg"), ("protobuf", "protobuf")):
-        said = f"topic '{channel.topic}' is encoded as {encoding[0]} ({encoding[1]}); read are cdr (ros2msg)"
-        raise InputError(f"{said}, ros1 (ros1msg), protobuf (protobuf) and json: convert the log")
+        said = f"topic '{channel.topic}' is encoded as {encoding[0]} ({encoding[1]})"
+        raise InputError(
+            f"{said}; read are cdr (ros2msg), ros1 (ros1msg), protobuf (protobuf) and json: convert the log"
+        )
     try:
         is_ros = encoding[0] != "protobuf"
         return message_type(schema, ros1=encoding[0] == "ros1") if is_ros else protobuf_decoder(schema)
     except InputError as error:
-        said = f"topic '{channel.topic}': {str(error).replace('; ', ', ')}; record again with the definitions"
-        raise InputError(f"{said} that its publisher was built with, or map another topic") from error
+        said = f"topic '{channel.topic}': {str(error).replace('; ', ', ')}"
+        remedy = "record again with the definitions that its publisher was built with, or map another topic"
+        raise InputError(f"{said}; {remedy}") from error
 
 
 def describe_message(channel: Channel, schema: Schema | None, payload: bytes | None) -> list[FieldDescription]:
@@ -493,8 +496,9 @@ def shape_of(kind: MessageType, payload: bytes | None, paths: Sequence[str] = ()
     left = data[position:]
     most = 0 if kind.ros1 else 3 if left.strip(b"\0") else 7  # DDS pads to four bytes of any content (RTPS 2.5, 9.4.1)
     if len(left) > most:
-        said = f"a message of {len(data)} bytes has {len(left)} more than its schema describes; the schema is not its"
-        raise InputError(f"{said} own: record the log again with the definitions that its publisher was built with")
+        said = f"a message of {len(data)} bytes has {len(left)} more than its schema describes"
+        remedy = "record the log again with the definitions that its publisher was built with"
+        raise InputError(f"{said}; the schema is not its own: {remedy}")
     if len(left) > 3:  # to eight bytes, of zeros
         shape.guards.append((position, left))
     shape.wanted = {path: leaf for path in paths if (leaf := shape.leaf_at(path))}

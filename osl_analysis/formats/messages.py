@@ -269,8 +269,9 @@ def decode_topics(
         for path in paths:
             values[path] = message_fields.joined_masked([columns.values[path] for _, columns in used])
             if path not in optional and np.ma.getmaskarray(values[path]).all():
-                said = f"topic '{topic}' has no field '{path}' (it has {own[0][0].names_of_fields()}); correct `field`"
-                raise InputError(f"{said} in the source file, or exclude the trial if its log is not the right one")
+                said = f"topic '{topic}' has no field '{path}' (it has {own[0][0].names_of_fields()})"
+                remedy = "correct `field` in the source file, or exclude the trial if its log is not the right one"
+                raise InputError(f"{said}; {remedy}")
         log_time = np.concatenate([one.log_time[columns.rows] for one, columns in used])
         channel = [np.full(columns.rows.size, one.channel.id, np.uint16) for one, columns in used]
         how = [one.decoding(columns) for one, columns in own]

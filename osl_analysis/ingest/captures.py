@@ -262,8 +262,9 @@ def plate_load(recording: C3DRecording, source: sources.C3dSource, number: int) 
     needed = len(MEASURED_BY_TYPE[kind])
     stated = plate_parameter(recording, "CHANNEL", number, (0,)).astype(int)[:needed]
     if stated.size < needed or (stated < 1).any() or (stated > header.channels).any():
-        said = f"plate {number} of type {kind} needs {needed} channels, FORCE_PLATFORM:CHANNEL gives"
-        raise InputError(f"{said} {stated.tolist()} of the file's {header.channels}; correct it")
+        said = f"plate {number} of type {kind} needs {needed} channels"
+        given = f"FORCE_PLATFORM:CHANNEL gives {stated.tolist()} of the file's {header.channels}"
+        raise InputError(f"{said}, {given}; correct it")
     numbers = [int(one) - 1 for one in stated]
     on_foot = wrench(kind, corners, origin, channels_in_si(recording, source, number, kind, numbers), matrix)
     units = [recording.analog_unit(n) for n in numbers]

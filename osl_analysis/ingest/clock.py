@@ -191,8 +191,10 @@ def whole_lag(ours: Array, theirs: Array) -> int:
     before, after = low[low < best].max(initial=-1), low[low > best].min(initial=score.size)
     rival = max(score[: before + 1].max(initial=0.0), score[after:].max(initial=0.0))
     if rival > 0.8 * score[best]:
-        said = f"the shared signal fits in two places (correlation {score[best]:.2f} and {rival:.2f}): it repeats"
-        raise InputError(f"{said} itself; add one movement that does not, such as a single stamp at the beginning")
+        said = f"the shared signal fits in two places (correlation {score[best]:.2f} and {rival:.2f})"
+        raise InputError(
+            f"{said}: it repeats itself; add one movement that does not, such as a single stamp at the beginning"
+        )
     return int(np.flatnonzero(enough)[best]) - (ours.size - 1)
 
 

@@ -623,8 +623,11 @@ def check_recording(trial: Trial, limits: Any, torque: str = "torque", angle: st
     # stamps of a late host come in clusters, most of them microseconds apart, of which the mean step knows nothing
     step = float(np.ptp(time)) / (len(time) - 1) if len(time) > 1 else 0.0
     if 0 < step < 1e-5:  # no recorder of a joint is faster than 100 kHz
-        said = f"{who} its samples are {step:.2g} s apart, {1 / step:.3g} in a second: is its time recorded in"
-        raise InputError(f"{said} another unit than it is declared in? Correct the unit of `time` in the source file")
+        said = f"{who} its samples are {step:.2g} s apart, {1 / step:.3g} in a second"
+        remedy = (
+            "is its time recorded in another unit than it is declared in? Correct the unit of `time` in the source file"
+        )
+        raise InputError(f"{said}: {remedy}")
     check_own_torque(trial, torque)
     turned, measured = (x[np.isfinite(x)] for x in (recorded(trial, angle)[1], recorded(trial, torque)[1]))
     turn, change = (float(np.ptp(x)) if x.size else 0.0 for x in (turned, measured))
@@ -642,8 +645,9 @@ def check_recording(trial: Trial, limits: Any, torque: str = "torque", angle: st
                 "it jumps so far from a row to the next, as where an encoder begins anew; state after how much of its "
             )
             cause += "own unit, as `wraps_at: 360` or 65536, in the source file"
-        said = f"{who} {angle} turns by +-{turn / 2:.3g} rad ({math.degrees(turn / 2):.0f} deg), more than the"
-        raise InputError(f"{said} {limits.largest_angle:g} rad of `largest_angle` in the configuration: {cause}")
+        said = f"{who} {angle} turns by +-{turn / 2:.3g} rad ({math.degrees(turn / 2):.0f} deg)"
+        limit = f"more than the {limits.largest_angle:g} rad of `largest_angle` in the configuration"
+        raise InputError(f"{said}, {limit}: {cause}")
     largest = float(np.abs(measured).max(initial=0.0))
     if limits.load_cell_range is not None and largest > limits.load_cell_range:
         raise InputError(

@@ -125,8 +125,9 @@ def canonical_columns(
             row = int(np.argmax(wrong))
             shown = "nothing" if np.ma.getmaskarray(found)[row] else raw[row]
             said = f"{channel.ADDRESS} '{channel.counter}': {shown} in {table.place(row)}, at {time[row]:.3f} s"
-            said += f", is no count of samples, a whole number below {largest:.3g}; correct `counter` in"
-            raise InputError(f"{said} the source file or leave it out, or remove the {table.noun} from the log")
+            said += f", is no count of samples, a whole number below {largest:.3g}"
+            remedy = f"correct `counter` in the source file or leave it out, or remove the {table.noun} from the log"
+            raise InputError(f"{said}; {remedy}")
         columns.append(pl.Series(counter_column(column), raw.astype(np.int64)))
     return columns, list(absent)
 
@@ -138,8 +139,10 @@ def canonical_column(column: str, table: Table, time: Array, source: sources.Log
     raw, lacking = table.columns[channel.name], np.ma.getmaskarray(table.columns[channel.name])
     if raw.dtype == bool and unit_of(column) != sources.LEVEL_UNIT:
         row = int(np.argmin(lacking))
-        said = f"{what} is {str(bool(np.ma.getdata(raw)[row])).lower()} in {table.place(row)}, a truth value and no"
-        raise InputError(f"{said} number in {unit_of(column)}; name a number as `{channel.ADDRESS}` in the source file")
+        said = f"{what} is {str(bool(np.ma.getdata(raw)[row])).lower()} in {table.place(row)}, a truth value"
+        raise InputError(
+            f"{said} and no number in {unit_of(column)}; name a number as `{channel.ADDRESS}` in the source file"
+        )
     with np.errstate(invalid="ignore"):  # a signalling NaN is one, too
         values = np.where(lacking, 0.0, np.ma.getdata(raw).astype(np.float64))
     missing = np.isnan(values)
@@ -418,8 +421,10 @@ def check_other_clocks(table: Table, source: sources.TableSource, time: Array) -
                 "another time for what stands beside it; export the channels of each rate on their own"
             )
         if rate is not None and abs(ratio - 1) > 0.05:
-            what = f"`rate: {rate:g}` of time, but {source.time.ADDRESS} '{name}' rises by {step:.4g} a row; write"
-            raise InputError(f"{what} `time: {{{source.time.ADDRESS}: {name}}}` with its unit, or correct the rate")
+            what = f"`rate: {rate:g}` of time, but {source.time.ADDRESS} '{name}' rises by {step:.4g} a row"
+            raise InputError(
+                f"{what}; write `time: {{{source.time.ADDRESS}: {name}}}` with its unit, or correct the rate"
+            )
         if abs(ratio - 1) > 0.005 + most / steps.sum():
             apart[name] = abs(ratio - 1) * span / 12**0.5
             said = f"{source.time.ADDRESS} '{name}' goes on {ratio:.4g} times as fast as time"
@@ -635,8 +640,10 @@ def tdms_log(path: Path, source: sources.TdmsSource) -> Table:
     stamps, facts = {address: rows[each.size] for address, each in values.items()}, dict[str, Any]()
     for other in by_address.values():
         if by_properties and other.step is None:
-            said = f"channel '{other.address}' has no timing (`wf_increment` among its properties); name the"
-            raise InputError(f"{said} channel of time, as `time: {{channel: GROUP/NAME, unit: s}}`, or {RATE}")
+            said = f"channel '{other.address}' has no timing (`wf_increment` among its properties)"
+            raise InputError(
+                f"{said}; name the channel of time, as `time: {{channel: GROUP/NAME, unit: s}}`, or {RATE}"
+            )
     if not (by_properties and file.damage.end_missing):
         check_alike(by_address, values, by_properties)
     if by_properties and len({(other.begin, other.step) for other in by_address.values()}) > 1:

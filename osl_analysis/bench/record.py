@@ -45,7 +45,7 @@ from osl_analysis.trial import Array, Trial, stretches, visible_step
 Label = float | str | None
 """What a fit of its own is made for: an amplitude [deg], a branch of a belt; None: all of a record."""
 STRETCH_S = 1.0  # duration [s] of a stretch: 30 correlation times of a 15 Hz low-pass
-QUICK = 4.0  # cut-offs of the low-pass behind which the velocity's sign is read
+QUICK = 4.0  # cut-offs of the low-pass behind which the velocity's sign is read, and the rounding of steps is drawn
 COMES = 3.0  # times the last step of a rounded signal in which it comes to a level: exponentially 2, of least jerk 2.3
 BEYOND = 1.1  # cut-offs, from which on it is more of the motion than the tail of a step that is faster
 STANDS = 0.1  # of the SD of the speed, below which a joint stands
@@ -217,8 +217,9 @@ class Record:
         """Errors (n,) of angle [rad] (0) or torque [N*m] (1) in some rows that rounding makes, each with another zero
         of the sensor; none where noise hides it. Of levels and sines, which return to the same places, the size is
         another one too: of levels, whose errors are independent, by what the share of power at each makes of all.
-        Between few levels the signal is what it was before the encoder (`before_rounding`): behind a filter levels ring
-        by some steps, and how the joint comes to a level makes the errors, which every step repeats."""
+        Between few levels how the joint comes to a level makes the errors, which every step repeats, and is not known:
+        the draws are in turn of the signal behind a filter that is quicker by `QUICK`, whose levels ring by some steps
+        (alone they accuse sound steps), and of what it was before the encoder (alone they make I too certain)."""
         (step, left), raw = self.repeated_steps[channel], (self.theta, self.torque)[channel]
         if not left:
             return
@@ -227,12 +228,14 @@ class Record:
         place = signal - signal.mean()
         _, level = np.unique(np.rint(place[stands] / step), return_inverse=True)
         larger = float(np.linalg.norm(np.bincount(level, place[stands] ** 2))) / max(float(place @ place), step**2)
+        signals = [signal]
         if larger > AT_LEVELS:
-            signal = before_rounding(raw[rows], step)
-        steps = (signal - signal.mean()) / step
-        more = max(larger, OF_SINE * self.is_stepped_sine) * DRAWS[5 * np.arange(17) % 17] / float(np.abs(steps).max())
-        for zero, share in zip(DRAWS, more, strict=True):
-            read = steps * (1 + share) + zero
+            quick = replace(self.low_pass, cutoff_hz=QUICK * self.low_pass.cutoff_hz)
+            signals = [quick(raw[rows], self.rate_hz), before_rounding(raw[rows], step)]
+        every = [(one - one.mean()) / step for one in signals]
+        more = max(larger, OF_SINE * self.is_stepped_sine) * DRAWS[5 * np.arange(17) % 17]
+        for k, (zero, share) in enumerate(zip(DRAWS, more / float(np.abs(every).max()), strict=True)):
+            read = every[k % len(every)] * (1 + share) + zero
             yield left * step * (read - np.rint(read))
 
     def coarse_roundings(self, channel: int) -> Iterator[Array]:

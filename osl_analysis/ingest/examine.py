@@ -329,9 +329,11 @@ def comes_to_rest(theta: Array, run: slice, step: float) -> bool:
     count = run.stop - run.start
     sides = theta[max(run.start - count, 0) : run.start + 1], theta[run.stop - 1 : run.stop + count][::-1]
     for side in sides:
-        apart = next((k for k in range(4, len(side)) if np.abs(side[k:] - side[:-k]).max() > 16 * step), None)
-        if apart is not None and abs(side[-1] - side[-1 - apart]) > 0.25 * np.abs(side[apart:] - side[:-apart]).max():
-            return False
+        apart = next((k for k in range(4, len(side) // 2) if np.abs(side[k:] - side[:-k]).max() > 16 * step), None)
+        if apart is not None:
+            near, then = np.abs(np.diff(side[[-1, -1 - apart, -1 - 2 * apart]]))
+            if near > 0.25 * np.abs(side[apart:] - side[:-apart]).max() and then < 1.5 * near:  # from rest it is thrice
+                return False
     return True
 
 

@@ -361,12 +361,12 @@ def median(values: Array) -> float:
 SHORT = 0.8  # of the usual length of recordings
 
 
-def shorter_than_usual(lengths: Array) -> tuple[NDArray[np.bool_], float]:
-    """Which of some recordings are shorter than `SHORT` times the median of their lengths (n,), and the median; none
-    of two, or unless two in three are within a tenth of it."""
+def unusual(lengths: Array) -> tuple[NDArray[np.bool_], float]:
+    """Which of some recordings are shorter than `SHORT` times the median of their lengths (n,), or longer by as much,
+    and the median; none of two, or unless two in three are within a tenth of it."""
     usual = median(lengths)
     are_alike = lengths.size > 2 and np.mean(np.abs(lengths / usual - 1) < 0.1) > 0.6
-    return (lengths < SHORT * usual) & are_alike, usual
+    return ((lengths < SHORT * usual) | (SHORT * lengths > usual)) & are_alike, usual
 
 
 def usual_size(values: Array) -> float:

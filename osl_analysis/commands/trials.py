@@ -26,7 +26,7 @@ from osl_analysis.ingest.overview import Overview
 from osl_analysis.ingest.source import UNKNOWN
 from osl_analysis.signals.grid import with_stamp_evidence
 from osl_analysis.table import write_table
-from osl_analysis.trial import Trial, shorter_than_usual, write_trial
+from osl_analysis.trial import Trial, unusual, write_trial
 from osl_analysis.yaml_settings import read_mapping
 
 
@@ -222,11 +222,13 @@ def draft_campaign(folder: Path) -> Draft:
         slow |= {file} if log and drafts.turns_slowly(log) else set()
         if "end" in overview.facts:  # as of a text, half of which looks whole
             rows[file] = source, max(one.count for one in overview.channels)
-    for source in {source for source, _ in rows.values()}:
+    for source in overviews:
         alike = {file: count for file, (of, count) in rows.items() if of == source}
-        is_short, usual = shorter_than_usual(np.array([*alike.values()]))
-        said = f"{usual:.0f} in most like it: was its end cut off?"
-        draft.open += [(file, f"{alike[file]} rows, {said}") for file in compress(alike, is_short)]
+        is_unusual, usual = unusual(np.array([*alike.values()])) if alike else ((), 0.0)
+        short = [file for file in compress(alike, is_unusual) if alike[file] < usual]
+        draft.open += [
+            (file, f"{alike[file]} rows, {usual:.0f} in most like it: was its end cut off?") for file in short
+        ]
     if not recordings:
         why = f", as {draft.refused[0]}" if draft.refused else f" ({', '.join(sorted(raw_files.SUFFIXES))})"
         raise InputError(f"{folder}: no recording in it that can be read{why}; name the folder of the recordings")

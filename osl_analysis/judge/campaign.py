@@ -21,7 +21,7 @@ from osl_analysis.judge.words import Words, as_if_said, capital, check_words, mi
 from osl_analysis.refusal import is_refused
 from osl_analysis.stats.repeats import DOUBTFUL
 from osl_analysis.table import read_table
-from osl_analysis.trial import SHORT, shorter_than_usual, significant
+from osl_analysis.trial import SHORT, significant, unusual
 
 LARGEST_MISFIT = 1.0  # percent of the torque that a prediction may leave along angle, velocity and acceleration
 MOST_NAMED = 3  # trials that a line names
@@ -48,7 +48,7 @@ def campaign_findings(tables: Mapping[str, pl.DataFrame], verdicts: pl.DataFrame
                     found.append((finding, Words("", "", "")))
     for row in tables.get(PREDICTION_TABLE, pl.DataFrame()).iter_rows(named=True):
         found += [(finding, words_of(finding, row)) for finding in unchecked_in(PREDICTION_TABLE, row)]
-    found += [*causes_of_misfit(tables), *shorter_recordings(fits.get("impedance", pl.DataFrame()))]
+    found += [*causes_of_misfit(tables), *recordings_of_another_length(fits.get("impedance", pl.DataFrame()))]
     return findings_frame(found)
 
 
@@ -92,16 +92,18 @@ def causes_of_misfit(tables: Mapping[str, pl.DataFrame]) -> Iterator[tuple[Findi
                 yield Finding(PREDICTION_TABLE, trial, cause, evidence=numbers), words
 
 
-def shorter_recordings(impedance: pl.DataFrame) -> Iterator[tuple[Finding, Words]]:
-    """Trials that are shorter than most with their kind of motion: half of a text looks whole."""
-    has_lengths = {"fitted_s", "excitation"} <= {*impedance.columns}
-    whole = impedance.filter(pl.col("amplitude_deg").is_null(), pl.col("fitted_s") > 0) if has_lengths else impedance
-    for rows in whole.partition_by("excitation") if has_lengths and whole.height else ():
-        is_short, usual = shorter_than_usual(rows["fitted_s"].to_numpy())
-        for trial, seconds in rows.filter(is_short).select("trial", "fitted_s").iter_rows():
-            evidence = (Beyond("fitted_s", seconds, SHORT * usual, "below"),)
-            words = misfit_words("shorter recording", seconds=seconds, usual=usual)
-            yield Finding("impedance", trial, "shorter recording", Grade.NOTES, evidence), words
+def recordings_of_another_length(impedance: pl.DataFrame) -> Iterator[tuple[Finding, Words]]:
+    """Trials that are shorter or longer than most with their kind of motion: half of a text looks whole, and a rate
+    that is stated wrong makes another length."""
+    cause = "recording of another length"
+    if not {"fitted_s", "excitation"} <= {*impedance.columns}:
+        return
+    for rows in impedance.filter(pl.col("amplitude_deg").is_null(), pl.col("fitted_s") > 0).partition_by("excitation"):
+        is_unusual, usual = unusual(rows["fitted_s"].to_numpy())
+        for trial, seconds in rows.filter(is_unusual).select("trial", "fitted_s").iter_rows():
+            limit = (SHORT * usual, "below") if seconds < usual else (usual / SHORT, "above")
+            words = misfit_words(cause, seconds=seconds, usual=usual)
+            yield Finding("impedance", trial, cause, Grade.NOTES, (Beyond("fitted_s", seconds, *limit),)), words
 
 
 Entry = dict[str, Any]

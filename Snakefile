@@ -14,7 +14,7 @@ from contextlib import suppress
 from operator import attrgetter
 from pathlib import Path
 
-from osl_analysis.jobs.run import at_end_of_run, begin, end_timers, run_job, running_server
+from osl_analysis.jobs.run import at_end_of_run, begin, end_timers, run_job
 
 gc.set_threshold(50_000)  # what planning makes stays: looking through it at every 700th object took a sixth of it
 atexit.register(gc.freeze)  # nor does the end of Python look through it, which took 0.5 s
@@ -22,7 +22,6 @@ os.environ["TMPDIR"] = str(workflow.snakemake_tmp_dir)  # for jobs: what a kille
 if workflow.is_main_process and not any(one.startswith(("-n", "--dry")) for one in sys.argv):
     with suppress(OSError):  # a folder that cannot be written to is refused below
         begin(workflow.snakemake_tmp_dir)
-        running_server()  # it imports on another core while this one plans
 
 from osl_analysis.commands.run import check_start, unnamed_recordings, with_shipped_profile
 from osl_analysis.campaign.campaign import about, matching, open_campaign

@@ -13,7 +13,7 @@ from typing import Any
 from osl_analysis.files import PACKAGE, digest, file_state, root, write_text
 from osl_analysis.jobs.code import Sources
 from osl_analysis.jobs.job_log import plain
-from osl_analysis.jobs.run import begin, planned_folder, remove_half_written
+from osl_analysis.jobs.run import begin, planned_folder, remove_half_written, running_server
 from osl_analysis.judge.used import Judge, exclusions
 from osl_analysis.refusal import TRIED_AGAIN, is_refused, read_refusals
 from osl_analysis.yaml_settings import content_digest
@@ -104,6 +104,8 @@ class Requests:
 
     def known_code(self, *roots: str) -> str:
         """`Sources.code`. What is parsed for it is kept, where jobs are run."""
+        if self.elsewhere is None and not self.sources.known:
+            running_server()  # which imports while all modules are parsed
         code = self.sources.code(*roots)
         if self.elsewhere is None:
             self.sources.write()
@@ -173,5 +175,7 @@ class Requests:
             return path
         if self.elsewhere is not None:
             path = self.elsewhere / path.relative_to(self.folder)
+        else:
+            running_server()  # whose imports take another core while this one plans
         write_text(path, text)
         return path

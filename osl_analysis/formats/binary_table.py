@@ -87,7 +87,7 @@ def read_binary_table(
                     with path.open("rb") as file:  # numpy leaves that of a damaged archive open
                         frame = frame_of(dict(np.load(file, allow_pickle=False)), damage, notes)
             except ValueError as error:
-                if not re.search("Object arrays|Python objects", str(error)):
+                if not holds_objects(path):
                     raise
                 said = "holds objects of Python, which may run a program and are not read"
                 raise InputError(f"{said}; save arrays of numbers, as `numpy.savez(PATH, theta=theta, ...)`") from error
@@ -196,6 +196,15 @@ def check_archive(path: Path) -> None:
             raise InputError(f"{before} bytes stand before its first part, as of another file; split them there")
         if damaged := archive.testzip():
             raise InputError(f"its part {damaged} does not match its checksum; copy it again, or export it anew")
+
+
+def holds_objects(path: Path) -> bool:
+    """Whether an array in a file of numpy holds objects of Python, by the types in its header."""
+    if not zipfile.is_zipfile(path):
+        return b"'|O'" in np.fromfile(path, np.uint8, FIRST_BYTES).tobytes().partition(b"\n")[0]
+    with zipfile.ZipFile(path) as archive:
+        begins = [archive.open(name).read(FIRST_BYTES) for name in archive.namelist()]
+    return any(b"'|O'" in begin.partition(b"\n")[0] for begin in begins)
 
 
 def hdf5_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:

@@ -217,14 +217,14 @@ def test_changed_settings_give_the_bytes_of_a_fresh_run_and_redo_what_uses_them_
     fits -= {"fit_impedance_trial"}  # it predicts by the components, of which a trial is excluded
     assert not (fits | {"ingest"}) & set(planned)
     names = ("belt_summary", "impedance", "transmission", "transmission_summary")
-    targets = [f"results/tables/{name}.csv" for name in names]
+    targets = [f"results/tables/{name}.csv" for name in (*names, "quality")]
     for space in (again, fresh):
         space.configure(changes | {"dynamometer": DYNAMOMETER | {"cutoff_hz": 18}})
         assert space.run(*targets).returncode == 0
-    assert again.planned(*targets) == {}
+        assert space.planned(*targets) == {}
     made = (path for path in (fresh.folder / "results").rglob("*") if path.suffix in (".csv", ".zip"))
     files = [path.relative_to(fresh.folder) for path in made]
-    assert len(files) > 25
+    assert len(files) > 40
     assert [file for file in files if (again.folder / file).read_bytes() != (fresh.folder / file).read_bytes()] == []
     for kept in ("results/trials/belt_01.parquet", "results/fits/walking", "results/crossings"):
         assert (again.folder / kept).stat().st_mtime == (workspace.folder / kept).stat().st_mtime
@@ -447,7 +447,9 @@ def test_statements_of_the_same_names_in_the_same_order_have_fingerprints_of_the
     assert one != other
 
 
-@pytest.mark.parametrize("command", ["trials.ingest_and_check", "bench.fit_impedance_trial", "tables.judge"])
+@pytest.mark.parametrize(
+    "command", ["trials.ingest_and_check", "bench.fit_impedance_trial", "walking.analyse", "tables.judge"]
+)
 def test_every_function_of_ours_that_a_job_calls_is_in_its_fingerprint(workspace, tmp_path, monkeypatch, command):
     """But for those of the machinery of jobs."""
     space, called, machinery = Workspace(tmp_path, workspace), set(), ("jobs.", "judge.used", "refusal")

@@ -222,9 +222,9 @@ def draft_campaign(folder: Path) -> Draft:
         slow |= {file} if log and drafts.turns_slowly(log) else set()
         if "end" in overview.facts:  # as of a text, half of which looks whole
             rows[file] = source, max(one.count for one in overview.channels)
-    for source in overviews:
+    for source in dict.fromkeys(of for of, _ in rows.values()):
         alike = {file: count for file, (of, count) in rows.items() if of == source}
-        is_unusual, usual = unusual(np.array([*alike.values()])) if alike else ((), 0.0)
+        is_unusual, usual = unusual(np.array([*alike.values()]))
         short = [file for file in compress(alike, is_unusual) if alike[file] < usual]
         draft.open += [
             (file, f"{alike[file]} rows, {usual:.0f} in most like it: was its end cut off?") for file in short

@@ -151,8 +151,9 @@ def canonical_column(column: str, table: Table, time: Array, source: sources.Log
         row = int(np.argmax(missing))
         first = f"at {time[row]:.3f} s" if table.lines is None else f"in {table.place(row)}"
         said = f"{what}: {table.failed} in {count} of {values.size} {table.noun}s, first {first}"
-        said += f"; at most {source.most_missing:.1%} may be: repair the recording, or write `most_missing"
-        raise InputError(f"{said}: {csv_table.share_above(count, values.size):g}` in the source file")
+        most = f"`most_missing: {csv_table.share_above(count, values.size):g}`"
+        remedy = f"repair the recording, or write {most} in the source file"
+        raise InputError(f"{said}; at most {source.most_missing:.1%} may be: {remedy}")
     if channel.wraps_at is not None:
         known = ~(missing | lacking)
         values[known] = np.unwrap(values[known], period=channel.wraps_at)

@@ -622,10 +622,14 @@ LARGEST_MEASURED = {  # largest size of a value in its SI unit, by kind of quant
     "rad/s": 1e5,  # a million turns per minute
     "N": 1e6,  # the weight of a hundred tonnes
     "N*m": 1e7,  # N*mm called N*m on a plate stays below, which the centre of pressure tells better
+    "A": 1e5,
     "V": 1e6,  # counts of a converter of 16 bits called V stay below
+    "N*m/rad": 1e8,
+    "N*m*s/rad": 1e8,
+    "N*m/kg": 1e6,
     "1": 1e9,  # counts of a converter
 }
-LARGEST_MEASURED |= {"A": 1e5, "N*m/rad": 1e8, "N*m*s/rad": 1e8, "N*m/kg": 1e6}
+
 
 AMID = 5000  # samples in which a channel shows its noise
 NEXT_TO_ZERO = 1e-30  # of a signal in SI units, which no sensor resolves

@@ -16,7 +16,8 @@ from pathlib import Path
 
 from osl_analysis.jobs.run import at_end_of_run, begin, end_timers, run_job
 
-gc.set_threshold(50_000)  # what planning makes stays: looking through it at every 700th object took a sixth of it
+gc.freeze()  # what Snakemake has imported stays
+gc.set_threshold(50_000)  # and what planning makes: looking through it at every 700th object took a sixth of it
 atexit.register(gc.freeze)  # nor does the end of Python look through it, which took 0.5 s
 os.environ["TMPDIR"] = str(workflow.snakemake_tmp_dir)  # for jobs: what a killed one leaves goes with the run's own
 if workflow.is_main_process and not any(one.startswith(("-n", "--dry")) for one in sys.argv):

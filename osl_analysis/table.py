@@ -59,7 +59,10 @@ def write_table(frame: pl.DataFrame, path: Path) -> None:
     """Write a table as CSV that reads back to the same numbers; null becomes an empty field, NaN stays `NaN`. Samples,
     in a file `.parquet`, are written as such."""
     with atomic_path(path) as temporary:
-        frame.write_parquet(temporary) if path.suffix == ".parquet" else marked_data(frame).write_csv(temporary)
+        if path.suffix == ".parquet":
+            frame.write_parquet(temporary, compression="lz4")
+        else:
+            marked_data(frame).write_csv(temporary)
 
 
 def write_tables(tables: Mapping[Path, pl.DataFrame]) -> None:

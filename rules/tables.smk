@@ -78,11 +78,8 @@ DRIVETRAIN["settings"] = CONFIG.dynamometer.part("FilterSettings")
 
 
 MEASURED = {part: tabled(part) for part in PARTS} if PREDICTED else {}
-PREDICTIONS = {
-    "input": {"table": tabled("impedance"), "law": tabled("law"), "records": rows("record", PREDICTED)},
-    **PARAMETERS,
-}
-PREDICTIONS |= {"after": [*MEASURED.values()], "read": {"components": MEASURED}}
+PREDICTIONS = {"input": {"table": tabled("impedance"), "law": tabled("law")}, **PARAMETERS}
+PREDICTIONS |= {"after": [*MEASURED.values()], "read": {"components": MEASURED, "records": rows("record", PREDICTED)}}
 PREDICTIONS |= {"settings": DRIVETRAIN | {"unpredicted": UNPREDICTED}}
 GATHERED = {"output": tabled("prediction"), "causes": tabled("prediction_causes")}
 GATHERED |= {"frequencies": tabled("prediction_frequencies")}

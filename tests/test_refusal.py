@@ -31,11 +31,11 @@ from osl_analysis.errors import InputError, WriteError
 from osl_analysis.files import digest, file_state, temporary_path
 from osl_analysis.ingest.examine import Commanded, examine, measured_table
 from osl_analysis.jobs import progress
+from osl_analysis.jobs import request as jobs_request
 from osl_analysis.jobs import run as jobs_run
 from osl_analysis.jobs.job import died, perform, refusal
 from osl_analysis.jobs.job_log import read_log, write_log
 from osl_analysis.jobs.progress import LogHandler
-from osl_analysis.jobs.request import request_text
 from osl_analysis.jobs.run import job_server, run_job
 from osl_analysis.judge.campaign import campaign_findings, exclusion_report
 from osl_analysis.judge.limits import DoubtfulFits, QualityRules
@@ -154,7 +154,9 @@ def written(tmp_path, **more):
     content = {"command": "bench.fit", "data": "", "log": str(tmp_path / "b_7.log"), "files": made, "needs": []}
     content |= {"input": {"trial": "results/trials/b_7.parquet"}, "output": {}, "settings": {}, "recorded": {}}
     path.parent.mkdir(exist_ok=True)
-    if (text := request_text(path, content | {"judge": ""} | more)) != (path.is_file() and path.read_text()):
+    if (text := jobs_request.request_text(path, content | {"judge": ""} | more, digest)) != (
+        path.is_file() and path.read_text()
+    ):
         path.write_text(text)
     return path, json.loads(path.read_text())["tried"]
 
@@ -290,6 +292,18 @@ def test_a_recording_of_another_date_with_the_same_bytes_is_the_same_and_other_b
     log.write_bytes(b"another one")
     os.utime(log, (10**9, 10**9))
     assert written(tmp_path, recorded={str(log): [*file_state(log)[:2], 0]}, **of_log)[0].read_text() != before
+
+
+def test_a_copied_recording_is_read_once_for_each_of_its_states_whatever_the_number_of_runs(tmp_path, monkeypatch):
+    read, log = [], tmp_path / "b_7.mcap"
+    monkeypatch.setattr(jobs_request, "digest", lambda path: read.append(path) or digest(path))
+    for content in (b"a recording", b"another one, which is longer"):
+        log.write_bytes(content)
+        for _ in range(2):
+            run = jobs_request.Requests(tmp_path, "", None, None)
+            assert run.digest_in_state(log) == digest(log)
+            run.sources.write()
+    assert read == [log, log]
 
 
 @pytest.mark.parametrize(("reason", "remedy"), [

@@ -35,8 +35,8 @@ class Module(NamedTuple):
 
 
 class Sources:
-    """The modules of the package as they are now, by their dotted names. What is read from a module's text is kept in a
-    file: parsing all of them takes a second."""
+    """The modules of the package as they are now, by their dotted names. What is read from a text is kept in a file:
+    parsing all modules takes a second."""
 
     def __init__(self, kept: Path | None = None) -> None:
         self.kept, self.used = kept, set[str]()
@@ -47,12 +47,12 @@ class Sources:
         self.before = {*self.known}
 
     def write(self) -> None:
-        """Keep what was parsed, of the texts that are there now."""
+        """Keep what was read from the texts that are there now."""
         if self.kept is not None and self.used - self.before:
             write_text(self.kept, json.dumps({key: self.known[key] for key in sorted(self.used)}))
 
     def of_text(self, text: str, parse: Callable[[], Any]) -> Any:
-        """What was parsed from a text, now or before."""
+        """What is read from a text, now or before."""
         self.used.add(key := fingerprint(text))
         if key not in self.known:
             self.known[key] = parse()

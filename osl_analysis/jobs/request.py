@@ -4,8 +4,9 @@ A request is written while Snakemake plans, and only if its content differs. So 
 recording is a changed input of the jobs that use it, and of no others. Snakemake compares inputs by content where it
 has notes of its own (`.snakemake`), else by date."""
 
+import atexit
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
@@ -32,7 +33,7 @@ def read_request(path: Path) -> dict[str, Any]:
     return {**json.loads(text), "path": path}
 
 
-def request_text(path: Path, content: Mapping[str, Any]) -> str:
+def request_text(path: Path, content: Mapping[str, Any], digest_in_state: Callable[[Path], str | None]) -> str:
     """The text of a request, where another one may be in its place. A failed or killed job is tried again, and so is
     one whose results were deleted: its request counts how often. What has not changed gives the text that is there."""
     now = plain(content)
@@ -48,7 +49,7 @@ def request_text(path: Path, content: Mapping[str, Any]) -> str:
         else:
             failed = (f for f in files if is_refused(f) and any(r.outcome in TRIED_AGAIN for r in read_refusals(f)))
             now["tried"] += any(file.stat().st_mtime_ns >= path.stat().st_mtime_ns for file in failed)
-        if before["recorded"] != now["recorded"] and same_recordings(now["recorded"], files[0]):
+        if before["recorded"] != now["recorded"] and same_recordings(now["recorded"], files[0], digest_in_state):
             now["recorded"] = before["recorded"]
     text = json.dumps(now, indent=1) + "\n"
     for name, place in PLACES.items():
@@ -56,7 +57,7 @@ def request_text(path: Path, content: Mapping[str, Any]) -> str:
     return text
 
 
-def same_recordings(recorded: Iterable[str], trial: Path) -> bool:
+def same_recordings(recorded: Iterable[str], trial: Path, digest_in_state: Callable[[Path], str | None]) -> bool:
     """Whether recordings of other dates are those that a trial was made of, by the SHA-256 in its provenance."""
     from osl_analysis.errors import InputError
     from osl_analysis.trial import metadata_of
@@ -66,7 +67,7 @@ def same_recordings(recorded: Iterable[str], trial: Path) -> bool:
     except (InputError, KeyError):
         return False  # as of a refusal record, which has none
     parts = [part for one in made_of for part in one.get("parts", [one])]
-    return [digest(Path(file)) for file in recorded] == [part["sha256"] for part in parts]
+    return [digest_in_state(Path(file)) for file in recorded] == [part["sha256"] for part in parts]
 
 
 digest_of = cache(content_digest)  # many jobs use the same file
@@ -100,16 +101,18 @@ class Requests:
             if begin(self.workflow.snakemake_tmp_dir)[1]:
                 remove_half_written(self.written)
             self.judge.write(self.folder / "judge.json")
+            atexit.register(self.sources.write)
         return None
 
     def known_code(self, *roots: str) -> str:
-        """`Sources.code`. What is parsed for it is kept, where jobs are run."""
         if self.elsewhere is None and not self.sources.known:
             running_server()  # which imports while all modules are parsed
-        code = self.sources.code(*roots)
-        if self.elsewhere is None:
-            self.sources.write()
-        return code
+        return self.sources.code(*roots)
+
+    def digest_in_state(self, recording: Path) -> str | None:
+        """Its SHA-256, computed once for each of its states: one that was copied is not read again in every run."""
+        found: str | None = self.sources.of_text(f"{recording} {file_state(recording)}", lambda: digest(recording))
+        return found
 
     def job(
         self,
@@ -166,7 +169,7 @@ class Requests:
                 # as inputs, Snakemake would ignore an older date of a recording, and stop where it cannot read one
                 "recorded": {str(file): file_state(file) for file in recordings},
             }
-            path = self.placed(path, request_text(path, content))
+            path = self.placed(path, request_text(path, content, self.digest_in_state))
         return {"request": str(path), **plain({**input, "after": after, "needs": needs})}
 
     def placed(self, path: Path, text: str) -> Path:

@@ -83,7 +83,8 @@ def turned_belt(theta_s: float, z: float, turned_to: float, per_rad: float) -> f
     if x > 1 / 16:
         return z + (z - math.copysign(1.0, change)) * math.expm1(-x)
     squared = x * x
-    low, high = 1.0 - x / 2 + (1 / 6 - x / 24) * squared, 1 / 120 - x / 720 + (1 / 5040 - x / 40320) * squared
+    low = 1.0 - x / 2 + (1 / 6 - (1 / 24) * x) * squared
+    high = 1 / 120 - (1 / 720) * x + (1 / 5040 - (1 / 40320) * x) * squared
     return z + (change - z * x) * (low + squared * squared * high)
 
 

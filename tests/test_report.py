@@ -55,17 +55,7 @@ from osl_analysis.report.page import (
     template,
     written_page,
 )
-from osl_analysis.report.trial_page import (
-    Pictures,
-    ReportedTrial,
-    crossing_pictures,
-    isolated_pictures,
-    methods_content,
-    phasor_pictures,
-    recorded_of,
-    trial_content,
-    trials_content,
-)
+from osl_analysis.report.trial_page import Pictures, ReportedTrial
 from osl_analysis.table import write_table
 
 DRAWN = ("torque", "torque_model", "residual_low", "residual_high", "theta_deg")
@@ -126,11 +116,11 @@ def trial(name="t", *findings, **facts):
 def page_of(trials):
     facts = {"verdict": "doubtful", "cause": HOSTILE, "says": "x", "size": "y", "remedy": "", "of": "trials", "n": 2}
     summary = {"findings": [{**facts, "trials": [one.name for one in trials]}]}
-    content = {"about": ABOUT, "made_of": sentence(ABOUT), **trials_content(trials)}
+    content = {"about": ABOUT, "made_of": sentence(ABOUT), **trial_page.trials_content(trials)}
     content |= {**overview(trials, summary, [], ABOUT), "intervals": "", "not_made": [], "sensitivity": []}
-    content["methods"] = methods_content(SETTINGS, {}, trials)
+    content["methods"] = trial_page.methods_content(SETTINGS, {}, trials)
     content |= {"absent_figures": {"Response": "No trial has one."}, **STATED}
-    packed = {one.name: (trial_content(one), {}) for one in trials}
+    packed = {one.name: (trial_page.trial_content(one), {}) for one in trials}
     return written_page(content, packed)
 
 
@@ -177,8 +167,8 @@ def test_names_from_files_are_text_and_no_script_runs_but_the_two_of_the_page():
 
 def methods_of(trials, tables, settings, **about):
     """The text of the methods paragraph, and its BibTeX, as they are copied."""
-    content = trials_content(trials) | {"about": ABOUT | about, "findings": [FINDING]}
-    page = template("methods.html.j2").render(content, methods=methods_content(settings, tables, trials))
+    content = trial_page.trials_content(trials) | {"about": ABOUT | about, "findings": [FINDING]}
+    page = template("methods.html.j2").render(content, methods=trial_page.methods_content(settings, tables, trials))
     found = re.findall(r'(?s)class="copied">(.*?)</(?:div|pre)>', page)
     return [html.unescape(re.sub(r"\s+", " ", re.sub("<[^>]+>", "", part))) for part in found]
 
@@ -259,7 +249,7 @@ def test_verdicts_and_counts_sorting_by_the_unrounded_value_and_conditions_that_
         trial("a"), trial("e", gap), trial("b", doubt(), gap),
         trial("c", left_out=["gap 1 s"]), trial("d", left_out=["x"], refused=True),
     ]  # fmt: skip
-    content = trials_content(trials)
+    content = trial_page.trials_content(trials)
     kinds = ["clear", "flagged", "doubtful", "excluded", "refused"]
     assert content["counts"] == dict.fromkeys(kinds, 1) | {"doubtful in part": 0}
     assert [row["verdict"] for row in content["trials"]] == kinds[::-1], "the worst first"
@@ -271,7 +261,7 @@ def test_verdicts_and_counts_sorting_by_the_unrounded_value_and_conditions_that_
     assert (trials[2].condition(), doubtful["condition"]) == (f"controller {HOSTILE}, K_d 300", "")
     assert replace(trials[0], row={"perturbed": False, "part": 2}).condition() == "unperturbed, part 2"
     two = [replace(trials[0], row=trials[0].row | {"K_d": K_d}) for K_d in (1.0, 2.0)]
-    assert [row["condition"] for row in trials_content(two)["trials"]] == ["K_d 1", "K_d 2"]
+    assert [row["condition"] for row in trial_page.trials_content(two)["trials"]] == ["K_d 1", "K_d 2"]
 
 
 def test_the_page_begins_with_what_was_done_its_verdict_and_the_figure_that_matters():
@@ -560,7 +550,7 @@ def test_two_devices_are_told_with_their_rates_and_how_they_were_joined():
     base = pl.DataFrame({"signals": ["theta", "torque"], "rate_hz": [1000.0, 800.0], "grid_rate_hz": [1000.0] * 2})
     row = {"trial": "t", "experiment": "impedance"}
     one = ReportedTrial("t", row, {"impedance": fitted_rows(), "timebase": base})
-    found = recorded_of([one])["impedance"]
+    found = trial_page.recorded_of([one])["impedance"]
     assert (found["streams"], found["grids"]) == ({"theta": [1000.0], "torque": [800.0]}, [1000.0] * 2)
     said, _ = methods_of([one], {}, SETTINGS)
     assert "What was recorded apart was sampled at 1000 Hz (theta) and 800 Hz (torque)." in said
@@ -589,10 +579,10 @@ def test_each_stated_condition_has_its_own_numbers_and_macros():
 def test_crossings_are_drawn_in_degrees_the_residual_is_measured_minus_model_and_raw_signals_are_thinned_out():
     angles = {"theta": [0.0, np.pi], "platform": [np.pi / 2, 0.0]}
     crossing = pl.DataFrame({"time": [5.0, 5.1], **angles, "torque": [1.0, 2.0]})
-    table = crossing_pictures(crossing).tables["crossing"].select("time", "theta_deg", "platform_deg")
+    table = trial_page.crossing_pictures(crossing).tables["crossing"].select("time", "theta_deg", "platform_deg")
     assert_allclose(table.to_numpy(), [[0, 0, 90], [0.1, 180, 0]], atol=1e-9)
     response = pl.DataFrame({"time": [0.01], "theta_deg": [1.0], "torque": [5.0], "torque_model": [3.0]})
-    row = isolated_pictures(response).tables["isolated"].drop("time").row(0, named=True)
+    row = trial_page.isolated_pictures(response).tables["isolated"].drop("time").row(0, named=True)
     assert row == {"theta_deg": 1.0, "torque": 5.0, "torque_model": 3.0, "time_ms": 10.0, "residual": 2.0}
     samples = pl.DataFrame({"time": 5 + np.arange(6001.0)}).with_columns(pl.lit(1.0).alias(name) for name in "abcde")
     raw = trial_page.recorded_pictures(samples, dict.fromkeys("abcde", "N")).tables["N"]
@@ -602,7 +592,7 @@ def test_crossings_are_drawn_in_degrees_the_residual_is_measured_minus_model_and
 def test_the_fitted_line_of_phasors_is_the_admittance_of_a_second_order_system():
     w = np.sqrt(200 / 0.05)  # the natural frequency, where the admittance is 1/(B w), 90 degrees late
     phasors = pl.DataFrame({"amplitude_deg": [2.0, 2.0], "frequency_hz": [w / 2 / np.pi, 100.0]})
-    pictures = phasor_pictures(phasors, {"K": 200.0, "B": 4.0, "I": 0.05})
+    pictures = trial_page.phasor_pictures(phasors, {"K": 200.0, "B": 4.0, "I": 0.05})
     assert pictures.tables["model"].row(0) == pytest.approx((w / 2 / np.pi, 1 / (4 * w), -90))
     found = [(one["log_y"], *(one["drawn"][0][end] for end in ("low", "high"))) for one in pictures.panels]
     ends = [[f"{name}_low{unit}", f"{name}_high{unit}"] for name, unit in (("Y_magnitude", ""), ("Y_phase", "_deg"))]
@@ -620,10 +610,10 @@ def test_a_claim_stands_with_its_limit_and_a_long_caption_is_folded_behind_two_s
     figure = {"name": "fig5", "title": "Fig. 5", "drawing": ""}
     figure |= {"caption": Markup("By Eq. 15 this. That. " + 99 * "Long. ")}
     found = overview([trial()], {}, [figure], ABOUT)
-    content = {"about": ABOUT, "made_of": "", **trials_content([trial()]), **found, "intervals": ""}
+    content = {"about": ABOUT, "made_of": "", **trial_page.trials_content([trial()]), **found, "intervals": ""}
     content |= {"not_made": [], "sensitivity": [], "absent_figures": {}, **STATED}
     content["claims"] = claims_said(pl.DataFrame([number, near, own]))
-    content["methods"] = methods_content(SETTINGS, {}, [trial()])
+    content["methods"] = trial_page.methods_content(SETTINGS, {}, [trial()])
     said = " ".join(Page(written_page(content, {})).text.split())
     assert [(one["claim"], one["where"], one["limit"]) for one in content["claims"]] == [
         ("it is negligible", "knee", "below 10 %"), ("z is 9", "knee", "9 ± 2 %"),

@@ -23,7 +23,7 @@ from osl_analysis.model.compensator import (
     uncompensated_gains,
 )
 from osl_analysis.model.drivetrain import joint_admittance, read_parameters
-from osl_analysis.simulator.drivetrain import IDEAL, belt_path, constants, simulate_drivetrain
+from osl_analysis.simulator.drivetrain import IDEAL, belt_path, constants, simulate_drivetrain, turned_belt
 
 FREQUENCIES, RATE = np.array([0.0, 0.3, 1.0, 5.0, 40.0]), 1000.0
 WIDTH = 0.05  # velocity [rad/s] over which the sign is smoothed
@@ -133,6 +133,7 @@ def test_a_controller_that_cancels_friction_accelerates_the_bare_inertia():
 def test_a_belt_has_the_torque_of_the_model_and_hysteresis_costs_the_area_of_its_loop_whatever_the_speed():
     p, theta_s = replace(P, K_s2=14913.0), np.linspace(-0.05, 0.08, 50)
     assert belt_path(theta_s, constants(IDEAL, p)) == pytest.approx(drivetrain.belt_torque(theta_s, p), rel=1e-14)
+    assert turned_belt(0.0, 0.3, 0.06, 1.0) == pytest.approx(0.3 - 0.7 * np.expm1(-0.06), rel=1e-14, abs=0)  # a series
     effects, up = IDEAL | {"hysteresis_torque": 2.0, "hysteresis_width": 0.002}, np.linspace(-0.05, 0.05, 20001)
     for cycle in (np.concatenate([up, up[-2::-1]]), np.concatenate([up[::100], up[-2::-1]])):
         path = np.concatenate([cycle, cycle[1:]])

@@ -390,8 +390,7 @@ def test_a_killed_job_is_tried_again_an_older_copy_of_a_log_is_the_same_and_a_re
     said = "excluded by the sample sheet: belt_01 (lost)\nnot in the sample sheet, and in no table or figure: gone;"
     assert said in result.stdout
     assert [is_refused(laboratory.folder / path) for path in trials] == [True, False]
-    kept = json.loads((laboratory.folder / "results/requests/code.json").read_text())
-    assert digest(raw / "dynamometer/belt_02.mcap") in kept.values(), "the next run need not read the copy"
+    assert digest(raw / "dynamometer/belt_02.mcap") in (laboratory.folder / "results/requests/code.json").read_text()
 
 
 def test_another_recording_is_seen_where_snakemake_has_no_notes_even_with_an_older_date(laboratory):

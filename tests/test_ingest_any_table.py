@@ -53,14 +53,17 @@ FORTRAN = [[f"{x:.10E}".replace("E", "D") for x in column] for column in (TIME, 
 THOUSANDS = [*HEAD[:2], "Torque [Nmm]"], [f"{1e3 * x:,.3f}" for x in TORQUE]  # both signs tell which is which
 LVM = "LabVIEW Measurement\t\nX_Columns\tOne\n***End_of_Header***\t\nChannels\t2\t\t\nDelta_X\t0.002\t0.002\n"
 TEXTS = {
-    "semicolons and commas": text(";", decimal=","), "tabs": text("\t"), "blanks": text("   ", PLAIN),
+    "semicolons and commas": text(";", ["Tijd [s]", "Hoek [graden]", "Koppel [Nm]"], decimal=","),
+    "tabs": text("\t"), "blanks": text("   ", PLAIN),
+    "whole seconds beside": text(
+        head=["Time", *HEAD], t=[f"{at},{x}" for at, x in zip(since("%H:%M:%S"), T, strict=True)]),
     "blanks and commas": text(" ", PLAIN, decimal=","), "names with blanks": text("    ", ["Time (s)", *HEAD[1:]]),
     "for Excel": "sep=;\n" + text(";"), "of Matlab": text("\t", above="% rig B\n"),
     "savetxt": text(" ", ["# time_s", *PLAIN[1:]]), "rostopic": text(",", ["%time [s]", *HEAD[1:]]),
     "units below": text(",", ["Time", "Angle", "Torque"], t=["[s]", *T], a=["(deg)", *A], m=["N-m", *M]),
     "DIN": text(";", ["Zeit / s", "Winkel / deg", "Moment / Nm"], decimal=","),
     "DIN without blanks": text(";", ["t/s", "phi/deg", "M/Nm"], decimal=","),
-    "samples a second": text(",", head=[*HEAD[1:], ""], above="Sample rate: 0.5 kS/s\n", t=A, a=M, m=[""] * 700),
+    "samples a second": text(",", head=[*HEAD[1:], ""], above="Abtastrate: 0.5 kS/s\n", t=A, a=M, m=[""] * 700),
     "fs in JSON": text(",", head=[*HEAD[1:], ""], above='# {"fs": 500, "rig": 3}\n', t=A, a=M, m=[""] * 700),
     "dt": text(",", head=[*HEAD[1:], ""], above="dt = 2 ms\n", t=A, a=M, m=[""] * 700),
     "statistics in a column of words": text(head=["", *HEAD], t=[f",{x}" for x in T], below="Mean,0.7,0.1,0.2\n"),
@@ -82,10 +85,12 @@ TEXTS = {
     "Excel's days": text(head=["Time", *HEAD[1:]], t=[f"{45413.5 + x / 86400:.12f}" for x in TIME]),
     "counter of 16 bits": text(head=["time_ms", *HEAD[1:]], t=[str(round(65000 + 1e3 * x) % 2**16) for x in TIME]),
     "counter of 32 bits": text(head=["t_us", *HEAD[1:]], t=[str(round(2**32 - 9e5 + 1e6 * x) % 2**32) for x in TIME]),
-    "stated rate": text(",", head=[*HEAD[1:], ""], above="# Sampling frequency = 0.5 kHz\n", t=A, a=M, m=[""] * 700),
+    "stated rate": text(
+        ",", head=[*HEAD[1:], ""], above="# Fréquence d'échantillonnage = 0.5 kHz\n", t=A, a=M, m=[""] * 700),
     "fs without Hz": text(",", head=[*HEAD[1:], ""], above="# fs = 500\n", t=A, a=M, m=[""] * 700),
     "LabVIEW without times": text(
-        "\t", ["X_Value", *HEAD[1:], "Comment"], LVM[:-1] + "\t\n***End_of_Header***\t\n", t=[""] * 700),
+        "\t", ["X_Value", *HEAD[1:], "Comment"], LVM[:-1] + "\t\n***End_of_Header***\t\n", t=[""] * 700,
+        m=[f"{x}\t" for x in M]),
     "counter of no known name": text(head=["tick", *HEAD[1:]], t=[str(round(65000 + 1e3 * x) % 2**16) for x in TIME]),
     "quoted, with decimal commas": text(",", ['"t [s]"', '"angle [deg]"', '"torque [Nm]"'], **{
         name: [f'"{x}"'.replace(".", ",") for x in column] for name, column in zip("tam", (T, A, M), strict=True)}),
@@ -114,7 +119,7 @@ TEXTS = {
     "LabVIEW's units": text("\t", ["X_Value", "Angle", "Torque", "Comment"], LVM.replace(
         "Delta_X", "Y_Unit_Label\tDeg\tNm\nDelta_X") + "***End_of_Header***\t\n"),
     "LabVIEW's with two X": text("\t", ["X_Value", "Angle", "X_Value", "Torque"], LVM.replace(
-        "Delta_X", "Y_Unit_Label\tDeg\tNm\nDelta_X") + "***End_of_Header***\t\n",
+        "Delta_X", "Y_Unit_Label\tDeg\t\tNm\nDelta_X") + "***End_of_Header***\t\n",
         a=[f"{x}\t{t}" for t, x in zip(T, A, strict=True)]),
     "MATLAB's timetable": text(head=["Time", *PLAIN[1:]], t=[f"{x:.9g} sec" for x in TIME]),
     "levels of pandas": text(head=["time_s", "", ""], above=",ankle,cell\n,angle_deg,torque_Nm\n"),
@@ -142,6 +147,9 @@ def made(path: Path, kind: str) -> Path:
         np.save(path, nested)
     elif kind == "npz":
         np.savez(path, **{name: frame[name].to_numpy() for name in frame.columns})
+    elif kind == "rate.h5":
+        with h5py.File(path, "w") as file:
+            file.attrs["fs"], file["angle_deg"], file["torque_Nm"] = 500, ANGLE, TORQUE
     elif kind == "rate.npz":
         np.savez(path, fs=500, **{name: frame[name].to_numpy() for name in frame.columns[1:]})
     elif kind == "h5":
@@ -219,7 +227,8 @@ def test_a_table_of_text_is_read_by_the_draft_of_its_own_overview(tmp_path, dial
 
 @pytest.mark.parametrize("kind", [
     "parquet", "feather", "arrows", "npy", "nested.npy", "npz", "rate.npz", "h5", "xlsx", "Simulink", "structs",
-    "matrix.npz", "matrix.h5", "pandas.h5", "matrix.mat", "rate.mat", "Simulink, two with several", "ControlDesk",
+    "matrix.npz", "matrix.h5", "pandas.h5", "matrix.mat", "rate.mat", "rate.h5", "Simulink, two with several",
+    "ControlDesk",
 ])  # fmt: skip
 def test_a_table_of_a_program_is_read_by_the_draft_of_its_own_overview(tmp_path, kind):
     assert_recording(read_by_draft(made(tmp_path / (f"a.{kind}" if kind[0].islower() else "a.mat"), kind)))

@@ -179,7 +179,9 @@ def test_a_recording_that_no_row_names_is_told_once(tmp_path):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("x")
     row = {"log": "a.csv", "mocap": None}
-    assert f" 1 recording in {tmp_path}: b.csv; " in unnamed_recordings(Campaign(config, {"a": row}, {}))
+    told = unnamed_recordings(Campaign(config, {"a": row}, {}))
+    assert f" 1 recording in {tmp_path}: b.csv; " in told
+    assert f"; not readable: {tmp_path / 'b.csv'}: " in told
     assert unnamed_recordings(Campaign(config, {"a": row}, {"b": row | {"log": "b.csv"}})) == ""
 
 

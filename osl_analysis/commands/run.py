@@ -15,10 +15,11 @@ from osl_analysis.campaign.configuration import read_config
 from osl_analysis.errors import EXTRAS, InputError, OslAnalysisError, listing, naming, nearest, not_installed
 from osl_analysis.files import CAMPAIGN, check_working_folder, root, shipped
 from osl_analysis.formats.rosbag import recorded_files
-from osl_analysis.ingest.raw_files import check_clocks, check_plates, read_source, recordings_in
+from osl_analysis.ingest.raw_files import FORMATS, check_clocks, check_plates, read_source, recognise, recordings_in
 from osl_analysis.yaml_settings import read_mapping
 
 CONFIGURED_BY = ("--configfile", "--configfiles")  # options of Snakemake that name a configuration
+LONG_TO_READ = 50_000_000  # bytes of a recording, which take more than a second to look at
 
 
 def snakemake_arguments(arguments: Sequence[str]) -> list[str]:
@@ -125,7 +126,8 @@ def captures(opened: Campaign, trials: Sequence[str]) -> list[Path]:
 
 
 def unnamed_recordings(opened: Campaign) -> str:
-    """The recordings in the campaign's folder that no row of the sheet names, and what to do; empty without one."""
+    """The recordings in the campaign's folder that no row of the sheet names, of some why they cannot be read, and what
+    to do; empty without one. `init --from` gives a recording that cannot be read no row."""
     config, rows = opened.config, [*opened.rows.values(), *opened.unused.values()]
     if config.simulation is not None:
         return ""
@@ -134,9 +136,17 @@ def unnamed_recordings(opened: Campaign) -> str:
     found = [path for path in recordings_in(config.raw_data) if path.resolve() not in known]
     others = config.results.resolve(), (config.raw_data / "truth").resolve()  # the latter is the simulator's own
     ours = (one for one in found if not any(one.resolve().is_relative_to(other) for other in others))
-    left = [str(one.relative_to(config.raw_data)) for one in ours]
-    what = f"{len(left)} recording{'s' * (len(left) > 1)} in {config.raw_data}: {listing(left, 5)}"
-    return f"named by no row of {config.sheet}, and left out: {what}; add a row for each" if left else ""
+    left = [*ours]
+    names = [str(one.relative_to(config.raw_data)) for one in left]
+    what = f"{len(left)} recording{'s' * (len(left) > 1)} in {config.raw_data}: {listing(names, 5)}"
+    said = [f"named by no row of {config.sheet}, and left out: {what}; add a row for each"] * bool(left)
+    for path in left[:5]:
+        try:
+            if path.is_dir() or path.stat().st_size < LONG_TO_READ:
+                FORMATS[recognise(path)].inspect(path)
+        except InputError as error:
+            said.append(f"not readable: {error}")
+    return "; ".join(said)
 
 
 def campaign(path: Path) -> tuple[str, str]:

@@ -238,6 +238,7 @@ def hdf5_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
 
     with h5py.File(path, "r") as file:
         file.visititems(visit)
+        arrays |= {name: np.ravel(one) for name, one in file.attrs.items() if np.size(one) == 1 and name not in arrays}
     return arrays, units
 
 

@@ -427,10 +427,12 @@ def first_column_of_values(rows: Rows) -> int | None:
     return None
 
 
-def is_data(cells: Sequence[str], width: int, first_value: int) -> bool:
-    """Whether a row may be one of data: as wide as most, with a number or time where most rows have the first one."""
+def is_data(cells: Sequence[str], width: int, first_value: int, begins_blank: bool) -> bool:
+    """Whether a row may be one of data: as wide as most, with a number or time where most rows have the first one, and
+    nothing before it where they `begins_blank`."""
     named = [cell for cell in cells if cell]
     is_head = not any(map(is_value, named)) or STATED_ROWS.match(" ".join(named)) is not None
+    is_head |= begins_blank and any(cells[:first_value])
     if is_head or len(cells) != width or not is_value(cells[first_value]):
         return False
     counts = [str(k) for k in range(len(named))], [str(k + 1) for k in range(len(named))]
@@ -462,7 +464,8 @@ def head_of(
         said = f"no table of numbers: most of its {len(rows)} rows hold none, such as line {line}, "
         said += f"'{' '.join(cells)[:40]}'; name a recording, or write a header and a row per sample"
         raise InputError(said if len(rows) > 1 else "no rows of data; record it again, or exclude the trial")
-    data = partial(is_data, width=width, first_value=first_value)
+    begins_blank = not any(rows[len(rows) // 2][1][:first_value])
+    data = partial(is_data, width=width, first_value=first_value, begins_blank=begins_blank)
     first = next((place for place, (_, cells) in enumerate(rows) if data(cells)), len(rows))
     if layout.ragged == "dropped_variable":  # such a logger writes its header first
         first = 1
@@ -479,8 +482,11 @@ def head_of(
     if not names and layout.header == "row":
         said = f"line {rows[0][0]} holds numbers, not the columns' names"
         raise InputError(f"{said}; write `header: none` and the columns' numbers")
-    labelled = iter(next((cells[1:] for _, cells in every if cells[0] == "Y_Unit_Label"), []))  # LabVIEW's, but of time
-    units = units or ["" if is_clock(name) else next(labelled, "") for name in names]
+    labelled = next((cells[1:] for _, cells in every if cells[0] == "Y_Unit_Label"), [])  # LabVIEW's, but of time
+    signals = [name for name in names if not is_clock(name) and name != "Comment"]
+    stated_all = [cell for cell in labelled if cell]  # with a time each, they stand in every second column
+    labels = iter(stated_all if len(stated_all) == len(signals) else labelled)
+    units = units or ["" if is_clock(name) else next(labels, "") for name in names]
     stated = [name_and_unit(name)[1] for name in names] or [""] * width
     units = [unit or own for unit, own in zip([*units, *[""] * len(stated)], stated, strict=False)]
     notes = [" ".join(filter(None, cells)) for number, cells in every if number != line]

@@ -195,7 +195,8 @@ def time_of(table: Table, source: sources.TableSource) -> tuple[Array, float]:
     most, row = int(counts.max()), int(first[counts.argmax()])
     is_coarse = most > 20 and (most > 0.1 * time.size or (len(first) > 3 and median(np.diff(time[first])) > 0.4))  # s
     if most == time.size or (is_coarse and stated.repeated != "drop"):
-        which = f"at {raw[row]:.15g} in {most} of {time.size} {table.noun}s, from {table.place(row)} on"
+        at = f"{raw[row] * factor if table.has_stamps else raw[row]:.15g}{' s' * table.has_stamps}"
+        which = f"at {at} in {most} of {time.size} {table.noun}s, from {table.place(row)} on"
         if len(first) > 3:  # stamps of whole seconds: how many rows stand between the first change and the last
             other += f": its stamps tell {(first[-1] - first[1]) / (time[first[-1]] - time[first[1]]):.4g}"
         raise InputError(f"{what}: time stands still {which}: it stopped, or tells no less; cut the log, {other}")
@@ -341,6 +342,7 @@ def time_unit(clock: Array) -> str:
 
 WRITTEN = r"(\d+(?:[.,]\d+)*(?:e[+-]?\d+)?)"
 OF_ROWS = r"(?:sampl\w*|scan|acquisition|recording|data|output)[ _]*(?:rate|frequency|freq)|fs\b|^(?:rate|frequency)\b"
+OF_ROWS += r"|abtast(?:rate|frequenz)|fr\w+ d.\w*chantillonnage"
 INTERVAL = rf"(?i)\b(?:delta_x|dt|(?:sampl\w*[ _]*)?(?:interval|period))\b\D*?{WRITTEN}(?:\s*([mu]?)s\b)?"
 THINNED = r"(?i)decimat|(down|sub|over)-?sampl|\bevery\W+(\d|other|second|n)|averag(ing|ed)|\bthinn"
 

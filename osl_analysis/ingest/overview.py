@@ -63,22 +63,26 @@ class Overview:
 
 def likely_clock(readings: Mapping[str, NDArray[Any]], what: str = "columns") -> tuple[str | None, list[str]]:
     """The clock that a draft names, and what the user has to decide, from the readings (n,) of all that are called so.
-    The first of several, if they span the same time in s, ms, us or ns: within 0.5 %, which puts I wrong by 1 %. None
-    if they contradict each other, as then B and I depend on the choice. What does not run is no clock beside others."""
+    The first of several that is not coarse, if they span the same time in s, ms, us or ns: within 0.5 %, which puts I
+    wrong by 1 %, and their own steps. None if they contradict each other, as then B and I depend on the choice. What
+    does not run is no clock beside others."""
     clocks = {name: values.astype(np.float64) for name, values in readings.items()}
     spans = {name: span_of(values) for name, values in clocks.items()}
     running = [name for name, span in spans.items() if span > 0] or list(readings)
     if len(running) < 2:
         return next(iter(running), None), []
-    count, first, most = f"{len(running)} {what} may be the clock", running[0], 6
+    risen = {name: np.diff(clocks[name])[np.diff(clocks[name]) > 0] for name in running}
+    fine = [name for name in running if 2 * risen[name].size > clocks[name].size]  # one of whole seconds stands still
+    count, first, most = f"{len(running)} {what} may be the clock", (fine or running)[0], 6
     agree = True
-    for name in running[1:]:
+    for name in (one for one in running if one != first):
         pair = clocks[name], clocks[first]
         if pair[0].shape == pair[1].shape:  # compared where both have readings
             known = np.isfinite(pair[0]) & np.isfinite(pair[1])
             pair = pair[0][known], pair[1][known]
         one, other = map(span_of, pair)
-        agree &= abs(logs.span_ratio(one, other, ()) - 1) <= 0.005 if min(one, other) > 0 else one == other
+        within = 0.005 if name in fine or not fine else 0.005 + float(np.median(risen[name])) / spans[name]
+        agree &= abs(logs.span_ratio(one, other, ()) - 1) <= within if min(one, other) > 0 else one == other
     if agree:
         named = listing([printable(name) for name in running], most)
         return first, [f"{count}, to be checked: {named}; {printable(first)} is taken"]
@@ -176,8 +180,9 @@ def overview_of(
         own = {one.key: one for one in offered if one.numbers is not None and one.numbers.size}
         named = [key for key, one in own.items() if (called(one.name) if clock is None else key == clock)]
         units = {key: one.unit for key, one in own.items()}
+        given = clock
         clock, asked = clock_of(what, {key: np.asarray(one.numbers) for key, one in own.items()}, named, units)
-        timing = timing if clock is not None else None
+        timing = timing if clock == given else None
         questions += asked
     shown = [as_clock(one) if one.key == clock else one for one in columns]
     signals = None if drafted is None else [as_clock(one) if one.key == clock else one for one in drafted]
@@ -335,6 +340,7 @@ def inspect_mat(path: Path) -> Overview:
     readable = ("char", "struct", "cell")
     others = [(at, one) for *_, at, one in variables if one.numbers is None and one.kind not in readable]
     remarks = [f"{at} is a {one.described()}, which is not read; {one.remedy()}" for at, one in others]
+    remarks += file.damage.remarks
     remarks += [f"and {len(variables) - most} more variables"] * (len(variables) > most)
     by_part: dict[str, dict[str, Value]] = {}
     for part, name, _, value in variables:

@@ -30,7 +30,7 @@ ALIASES = {
     "Nm": "N*m", "Nmm": "N*mm", "Ncm": "N*cm", "mNm": "mN*m", "kNm": "kN*m", "Nms": "N*m*s", "Nmms": "N*mm*s",
     "nt": "N", "ntm": "N*m", "ntmm": "N*mm", "volts": "V", "amps": "A", "rads": "radian", "°": "deg",
     "dps": "deg/s", "oz": "force_ounce", "ozf": "force_ounce", "rev": "revolution", "%": "percent",
-    "1": "dimensionless",
+    "1": "dimensionless", **dict.fromkeys(("graden", "grados", "gradi", "degrés"), "deg"),
 }  # fmt: skip
 # in any spelling: `N_cm`, `lbf-ft`, `ftlbs`; a pound and an ounce in a torque are forces
 TORQUE = re.compile(

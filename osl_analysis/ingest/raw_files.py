@@ -227,7 +227,7 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
 
 
 own_version = cache(version)  # which takes 4 ms
-FAR_OF_MARKER = 40.0  # times as far as elsewhere; in captures of eleven laboratories markers came to 27
+MOST_HELD = 6  # samples that a sensor may take to answer
 LEAST_COPIED = 4  # samples in a row that are those of another place
 AROUND = 1000  # samples before and behind such a run, which tell whether a motion comes again there
 NO_SENSOR = ("V", "N*m/rad", "N*m*s/rad")  # units of pulses and of gains, which repeat themselves
@@ -295,7 +295,10 @@ def tell_copies(recording: sources.Recording) -> None:
         end = max(run.stop, min(ends[own + 1] - 1, ends[other + 1] - 1 - lag, run.stop + AROUND))
         scatter, level = noise_in(parts[own][2], slice(run.start - ends[own], run.stop - ends[own]))
         at = np.r_[begin : run.start, run.stop : end]
-        alike = (np.count_nonzero(np.abs(every[at + lag] - every[at]) < 1.5 * level) + 1) / (at.size + 1)
+        apart = np.abs(every[at + lag] - every[at])
+        alike = (np.count_nonzero(apart < 1.5 * level) + 1) / (at.size + 1)
+        if at.size > 100:  # of readings of many digits the density near 0 tells what no count does
+            alike *= min(1.0, 1.5 * level / max(float(np.partition(apart, 9)[9]), 1e-300))
         each = [-math.log(alike), *[parts[own][3], surprise(scatter, level)] * (own == other)]
         return changes * min(each) > enough
 
@@ -305,8 +308,11 @@ def tell_copies(recording: sources.Recording) -> None:
         name, there = (parts[part_of(place)][0] for place in (start, other))
         key = (int(rows[start]), int(rows[stop - 1]) + 1, int(rows[other]), there * (there != name))
         found.setdefault(key, []).append(name)
+        bends, at = sources.bends_of(parts[part_of(start)][2]), start - ends[part_of(start)]
+        beside = [*bends[max(at - 5, 0) : max(at - 1, 0)], *bends[at + stop - start + 2 : at + stop - start + 5]]
         is_at_end = not {start, other, stop + 1, other + stop - start + 1}.isdisjoint(ends)
-        recording.damage.uncounted |= is_at_end or name != there  # what was copied beside may prove nothing
+        is_at_end |= max(beside, default=0.0) > 10.0  # what was copied beside may prove nothing
+        recording.damage.uncounted |= is_at_end or name != there
     for (start, stop, other, of), names in found.items():
         if not lost[start:stop].all():
             at, there = (f"{time[row]:.3f} s" for row in (start, other))
@@ -330,6 +336,10 @@ def tell_no_sensor(recording: sources.Recording) -> None:
         each[column] = times if rows.size == times.size else times[rows], x
     held = [(time, int(np.argmax(x != x[0]))) for time, x in each.values() if (x != x[:1]).any()]
     begin = min((float(time[count * (count > 1)]) for time, count in held), default=0.0)
+    if min((count for _, count in held), default=0) > MOST_HELD:
+        said = f"all channels hold one value up to {begin:.3f} s, as before a trigger, or where bytes are lost"
+        recording.damage.remarks.append(said)
+        recording.damage.uncounted = True
     for column, (time, x) in each.items():
         x, time = x[(first := np.searchsorted(time, begin)) :], time[first:]
         wrong = sources.values_of_no_sensor(column, time, x, recording.columns[column])
@@ -372,9 +382,9 @@ def tell_leaps_of_markers(recording: sources.Recording) -> None:
         leaping += bends > 25
         if not finite.all():
             bends = sources.bends_of(x := x[finite])
-        if bends.max() > FAR_OF_MARKER:
-            leaps = [(a, b) for a, b in sources.leaps_of(x, bends, FAR_OF_MARKER) if a < b]
-            far = [a for a, b in leaps if bends[a : b + 2].max() > FAR_OF_MARKER]
+        if bends.max() > sources.FAR:
+            leaps = [(a, b) for a, b in sources.leaps_of(x, bends, sources.FAR) if a < b]
+            far = [a for a, b in leaps if bends[a : b + 2].max() > sources.FAR]
             said = f"{name} leaves its curve and comes back {len(far)} times, first at"
             told += [f"{said} {at:.3f} s: bytes may be lost" for at in time[finite][far[:1]]]
     if frames := run_edges(leaping / len(markers) >= 0.8).tolist():

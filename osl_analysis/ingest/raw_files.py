@@ -309,9 +309,9 @@ def tell_copies(recording: sources.Recording) -> None:
         key = (int(rows[start]), int(rows[stop - 1]) + 1, int(rows[other]), there * (there != name))
         found.setdefault(key, []).append(name)
         bends, at = sources.bends_of(parts[part_of(start)][2]), start - ends[part_of(start)]
-        beside = [*bends[max(at - 5, 0) : max(at - 1, 0)], *bends[at + stop - start + 2 : at + stop - start + 5]]
+        around = [*bends[max(at - 5, 0) : max(at - 1, 0)], *bends[at + stop - start + 2 : at + stop - start + 5]]
         is_at_end = not {start, other, stop + 1, other + stop - start + 1}.isdisjoint(ends)
-        is_at_end |= max(beside, default=0.0) > 10.0  # what was copied beside may prove nothing
+        is_at_end |= max(around, default=0.0) > 10.0  # what was copied beside may prove nothing
         recording.damage.uncounted |= is_at_end or name != there
     for (start, stop, other, of), names in found.items():
         if not lost[start:stop].all():

@@ -152,15 +152,19 @@ def test_a_block_of_one_channel_over_another_is_lost_and_a_channel_that_follows_
     angle, torque = 20 * np.sin(k / 27) + 0.05 * noise[:, 0], 30 * np.cos(k / 25) + 0.1 * noise[:, 1]
     levels = np.repeat([0.0, 5.0, 0.0, 5.0, 0.0], 120) + 0.05 * noise[:, 0]
     over, ramp = (np.r_[torque[:300], x[100:106], torque[306:]] for x in (angle, t))
+    few, beside = np.r_[angle[:300], angle[100:104], angle[304:]], np.r_[torque[:300], torque[100:130], torque[330:]]
+    beside[297:300] -= 9  # of another place, too few to prove it
     for a, f, told in (
         (angle, torque, ""), (angle, levels, ""), (angle, over, "6 samples of torque from 3.000 s on are those of th"),
         (angle, ramp, "6 samples of torque are values that no sensor gives"),
+        (few, torque, "4 samples of theta from 3.000 s on are those"), (angle, beside, "30 samples of torque from 3.000"),
         (angle, np.r_[torque[:1], 0.0, torque[2:]], "1 samples of torque are values that no sensor gives"),
         (steps, np.r_[steps[:1], steps[:-1]], ""),
     ):  # fmt: skip
         pl.DataFrame({"t": t, "a": a, "f": f}).write_csv(tmp_path / "a.csv")
         recording = FORMATS["csv"].read(tmp_path / "a.csv", OF_CSV)
         assert (not recording.warnings, any(told in said for said in recording.warnings)) == (not told, bool(told))
+        assert f is not beside or recording.damage.lost() is None
 
 
 def test_one_wrong_number_is_told_by_what_all_others_leave_and_corners_and_impacts_are_not() -> None:
@@ -192,9 +196,14 @@ def test_an_angle_that_moves_faster_than_a_joint_can_is_no_sensors(tmp_path: Pat
     """At 100 Hz, where a torque may leap: half a radian in one row."""
     k, noise = np.arange(2000), np.random.default_rng(3).normal(size=2000)
     angle = 0.35 * np.sin(k / 27) + 1e-3 * noise
-    moved = np.r_[angle[:700], angle[100:130], angle[730:]]
-    for column, expected in (("theta", [*range(700, 730)]), ("torque", [])):
-        found = values_of_no_sensor(column, k / 100, moved, {})
+    moved, last = np.r_[angle[:700], angle[100:130], angle[730:]], np.r_[angle[:-1], angle[-1] + 0.5]
+    back = [np.interp(k, [640, 707, 708, 709], [0, size, size, 0], 0, 0) for size in (0.02, 0.012)]  # in 4 ms
+    quiet = 0.05 * np.sin(k / 27) + 1e-5 * noise
+    for column, rate, x, expected in (
+        ("theta", 100, moved, [*range(700, 730)]), ("torque", 100, moved, []), ("theta", 100, last, [1999]),
+        ("theta", 250, quiet + back[0], [709]), ("theta", 250, quiet + back[1], []),
+    ):  # fmt: skip
+        found = values_of_no_sensor(column, k / rate, x, {})
         assert found is not None
         assert np.flatnonzero(found).tolist() == expected
 
@@ -220,7 +229,9 @@ def test_two_blocks_that_changed_places_are_told_and_a_pulse_a_decay_and_what_wa
         a, f = (np.where(k < waits, 0.0, one + 20) for one in (torque, torque[::-1]))
         for angle, told in ((a, False), (torque, waits > 6)):
             pl.DataFrame({"t": k / 1000, "a": angle, "f": f}).write_csv(tmp_path / "a.csv")
-            assert FORMATS["csv"].read(tmp_path / "a.csv", OF_CSV).damage.is_doubted == told
+            recording, held = FORMATS["csv"].read(tmp_path / "a.csv", OF_CSV), angle is a and waits > 6
+            assert recording.damage.is_doubted == told
+            assert any("all channels hold one value up to 0.3" in said for said in recording.warnings) == held
 
 
 def test_markers_that_all_leap_in_one_frame_are_told_and_one_marker_that_does_is_not(tmp_path: Path) -> None:

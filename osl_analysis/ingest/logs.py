@@ -800,6 +800,7 @@ def read_topic(
     samples = pl.DataFrame([pl.Series("stamp", stamp), *columns])
     in_order, ordering = sorted_by_stamp(samples, number, source.largest_loss, advice)
     damage.misfits[number[0]] += ordering["contradicted"]
+    damage.is_doubted |= damage.gaps and ordering["repeated"] > 0  # they may be copies, over others
     if from_header and ordering["repeated"]:  # not those logged at one time, which are told when they are decoded
         at, logs = [*samples.columns, "channel"], [*samples.columns, "channel", "logged"]
         whole = samples.with_columns(channel=number, logged=logged)

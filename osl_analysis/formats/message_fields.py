@@ -15,7 +15,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache
-from operator import attrgetter, itemgetter, methodcaller
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -116,7 +115,6 @@ def fields_in(
             yield from fields_in(one, most, cut, own, beside)
 
 
-AT_ONCE = 1000  # messages that become objects at a time
 ROWS_AT_ONCE = 1 << 16  # messages of one shape that are copied to rows at a time
 
 
@@ -189,30 +187,22 @@ class Reader:
             mine, rows, tried = mine[~same], rows[~same], tried + 1
 
     def take(self, payloads: Sequence[bytes]) -> None:
-        """Take in messages that become objects, many at once where all have a number at every path."""
+        """Take in messages that become objects."""
         self.numbers = self.numbers or [[] for _ in self.paths]
-        for some in (payloads[begin : begin + AT_ONCE] for begin in range(0, len(payloads), AT_ONCE)):
-            alike = numbers_of_all(self.kind, some, self.paths)
-            if alike:
-                self.found += range(self.count, self.count + len(some))
-                for column, more in zip(self.numbers, alike, strict=True):
-                    column += more
-                self.count += len(some)
-                continue
-            for payload in some:
-                self.count += 1
-                try:
-                    message = self.kind(payload)
-                    own = [number_at(message, path) for path in self.paths]
-                except NoNumberError as error:
-                    self.no_numbers += 1
-                    self.misfit = self.misfit or f"{error}, in {self.place(self.count - 1)}"
-                except (ValueError, RecursionError) as error:
-                    self.misfit = self.misfit or str(error)
-                else:
-                    self.found.append(self.count - 1)
-                    for column, number in zip(self.numbers, own, strict=True):
-                        column.append(number)
+        for place, payload in enumerate(payloads, start=self.count):
+            try:
+                message = self.kind(payload)
+                own = [number_at(message, path) for path in self.paths]
+            except NoNumberError as error:
+                self.no_numbers += 1
+                self.misfit = self.misfit or f"{error}, in {self.place(place)}"
+            except (ValueError, RecursionError) as error:
+                self.misfit = self.misfit or str(error)
+            else:
+                self.found.append(place)
+                for column, number in zip(self.numbers, own, strict=True):
+                    column.append(number)
+        self.count += len(payloads)
 
     def columns(self, rank: Indices | None = None) -> Columns:
         """What was read, in the order of `rank`, which all messages have, (count,); without it as it was read."""
@@ -230,46 +220,6 @@ class Reader:
             whole = joined_masked([none, *pieces]) if is_there else absent
             values[path] = whole if in_order else whole[order]  # of an hour at 1 kHz a copy is 30 MB
         return Columns(rows[order], values, self.count - rows.size, self.misfit)
-
-
-def numbers_of_all(kind: Any, payloads: Sequence[bytes], paths: Sequence[str]) -> list[list[Any]]:
-    """The numbers at each path in all of some messages that become objects, None where none has the field; nothing
-    where messages are unlike, or one is none: they are then read one by one."""
-    with suppress(ValueError, RecursionError, LookupError, TypeError, AttributeError):
-        whole = json.loads(b"[%b]" % b",".join(payloads)) if kind is json_object else [*map(kind, payloads)]
-        known: dict[tuple[PathKey, ...], list[Any]] = {(): whole}
-        if len(whole) == len(payloads):
-            return [numbers_of_alike(known, tuple(key for key, _ in steps_of(path))) for path in paths]
-    return []
-
-
-def numbers_of_alike(known: dict[tuple[PathKey, ...], list[Any]], way: tuple[PathKey, ...]) -> list[Any]:
-    """The numbers at the end of a way into objects; raises what Python does where they are unlike. `known` takes what
-    stands on the way, since several fields share it."""
-    none = [None] * len(known[()])
-    for length, key in enumerate(way, start=1):
-        objects, here = known[way[: length - 1]], way[:length]
-        first = objects[0]
-        if here in known:
-            continue
-        if isinstance(key, str) and first.__class__ is dict:
-            if key not in first and not any(key in one for one in objects):
-                return none
-            known[here] = [*map(itemgetter(key), objects)]
-        elif isinstance(key, str):
-            item = first.DESCRIPTOR.fields_by_name.get(key)
-            if item is None:
-                return none
-            if item.has_presence and not all(map(methodcaller("HasField", key), objects)):
-                raise KeyError(key)
-            known[here] = [*map(attrgetter(key), objects)]
-        elif isinstance(key, int) and is_array(first):
-            known[here] = [*map(itemgetter(key), objects)]
-        else:
-            raise TypeError(key)
-    if not {*map(type, known[way])} <= {int, float, bool}:
-        raise TypeError(way)
-    return known[way]
 
 
 def masked_numbers(path: str, column: Sequence[float | bool | None]) -> NDArray[Any]:

@@ -473,7 +473,7 @@ def number_at(message: Any, path: str) -> float | bool | None:
         if value is None:
             return None
         if isinstance(key, str):
-            parent, value = value, value.get(key) if value.__class__ is dict else member(value, key, way)
+            parent, value = value, member(value, key, way)
             continue
         if not is_array(value):
             raise no_number(value, way, "an array")

@@ -157,7 +157,7 @@ def test_a_block_of_one_channel_over_another_is_lost_and_a_channel_that_follows_
     for a, f, told in (
         (angle, torque, ""), (angle, levels, ""), (angle, over, "6 samples of torque from 3.000 s on are those of th"),
         (angle, ramp, "6 samples of torque are values that no sensor gives"),
-        (few, torque, "4 samples of theta from 3.000 s on are those"), (angle, beside, "30 samples of torque from 3.000"),
+        (few, torque, "4 samples of theta from 3.000 s on are"), (angle, beside, "30 samples of torque from 3.000"),
         (angle, np.r_[torque[:1], 0.0, torque[2:]], "1 samples of torque are values that no sensor gives"),
         (steps, np.r_[steps[:1], steps[:-1]], ""),
     ):  # fmt: skip

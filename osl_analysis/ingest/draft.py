@@ -27,18 +27,28 @@ ANGLE = r"(angle|position|pos|theta|encoder|winkel|hoek)"
 SPEED = r"(velocity|vel|speed|omega|geschwindigkeit|snelheid)"
 EFFORT = r"(torque|moment|tau|effort|drehmoment|koppel)"
 PATTERNS = {
-    "sync": (r"\b(sync|ttl)", "", "sync"), "trigger": (r"\btrig(ger)?\b", "", "trigger trig"),
+    "sync": (r"\b(sync|ttl)", "", "sync"),
+    "trigger": (r"\btrig(ger)?\b", "", "trigger trig"),
     "theta_command": (COMMAND, rf"\b({EFFORT}|{SPEED}|current|stiffness|damping)\b", ""),
-    "theta_m": (rf"{MOTOR}.*\b{ANGLE}\b|\b{ANGLE} (m\b|{MOTOR})", COMMAND,
-                "actuator motor output angle position pos theta m encoder measured meas"),
+    "theta_m": (
+        rf"{MOTOR}.*\b{ANGLE}\b|\b{ANGLE} (m\b|{MOTOR})",
+        COMMAND,
+        "actuator motor output angle position pos theta m encoder measured meas",
+    ),
     "omega_m": (rf"{MOTOR}.*\b{SPEED}\b|\bomega m\b", COMMAND, ""),
     "torque_m": (rf"{MOTOR}.*\b{EFFORT}\b|\b{EFFORT} m\b", COMMAND, ""),
     "current": (r"\b(current|amps|iq|i q)\b", COMMAND, "motor actuator current iq i q amps measured meas"),
-    "torque": (rf"\b({EFFORT}|load ?cell)\b", rf"{COMMAND}|{MOTOR}|ground",
-        "ankle foot joint torque moment tau load cell loadcell reaction mz drehmoment koppel measured meas sensor"),
-    "theta": (rf"\b({ANGLE}|ankle|knee|hip|joint)\b", rf"{COMMAND}|{MOTOR}|\b{SPEED}\b",
-              "ankle foot joint shaft angle position pos theta encoder flexion winkel hoek measured meas name"),
-}  # fmt: skip
+    "torque": (
+        rf"\b({EFFORT}|load ?cell)\b",
+        rf"{COMMAND}|{MOTOR}|ground",
+        "ankle foot joint torque moment tau load cell loadcell reaction mz drehmoment koppel measured meas sensor",
+    ),
+    "theta": (
+        rf"\b({ANGLE}|ankle|knee|hip|joint)\b",
+        rf"{COMMAND}|{MOTOR}|\b{SPEED}\b",
+        "ankle foot joint shaft angle position pos theta encoder flexion winkel hoek measured meas name",
+    ),
+}
 """By column: what the words of a name contain, and what they do not; and the words of a name that leave no doubt:
 `theta_d` may be a command, `knee_angle` another joint's (`named_joint`). The first that fits is the guess."""
 

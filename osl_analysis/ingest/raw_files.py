@@ -298,7 +298,7 @@ def tell_copies(recording: sources.Recording) -> None:
         apart = np.abs(every[at + lag] - every[at])
         alike = (np.count_nonzero(apart < 1.5 * level) + 1) / (at.size + 1)
         if at.size > 100:  # of readings of many digits the density near 0 tells what no count does
-            alike *= min(1.0, 1.5 * level / max(float(np.partition(apart, 9)[9]), 1e-300))
+            alike *= np.clip(1.5 * level / max(float(np.partition(apart, 9)[9]), 1e-300), 1e-300, 1.0)
         each = [-math.log(alike), *[parts[own][3], surprise(scatter, level)] * (own == other)]
         return changes * min(each) > enough
 

@@ -404,7 +404,7 @@ def check_other_clocks(table: Table, source: sources.TableSource, time: Array) -
     """Other clocks of a table that go on at another rate than its time [s], by half a percent or more in whatever unit,
     with the RMS [s] by which they come apart. Refused is a stated rate that one contradicts by 5 %, or that differs
     from the rate that the file states; and another clock of the same name that begins elsewhere (`check_begin`)."""
-    rate, apart, is_held = source.time.rate, dict[str, float](), bool(table.rates)
+    rate, apart, is_held = source.time.rate, dict[str, float](), False
     of_time = csv_table.name_and_unit(source.time.name)[0]
     for name, unit, every in table.clocks:
         known = np.isfinite(every.astype(np.float64))
@@ -436,13 +436,19 @@ def check_other_clocks(table: Table, source: sources.TableSource, time: Array) -
             table.damage.remarks.append(f"{said}{beside}: B and I depend on which of them is right")
         elif rate is None:
             check_begin(table, source.time, name, began(values, span), own, known)
-    if rate is not None and not is_held:
+    if rate is not None:
+        check_rate(rate, table, is_held)
+    return apart
+
+
+def check_rate(rate: float, table: Table, is_held: bool) -> None:
+    """Refuse a stated rate [Hz] that the file states otherwise, and say so where nothing in the file holds it."""
+    for name, stated in table.rates:
+        if abs(rate / stated - 1) > 0.01:
+            raise InputError(f"`rate: {rate:g}` of time, but the file says {stated:.6g} Hz ({name}); correct the rate")
+    if not (is_held or table.rates):
         said = f"`rate: {rate:g}` of time is held against nothing: no clock and no rate stand in the file"
         table.damage.remarks.append(f"{said}; by one that is 10 % wrong B is 10 % and I 21 % wrong")
-    for name, stated in table.rates:
-        if abs((rate or stated) / stated - 1) > 0.01:
-            raise InputError(f"`rate: {rate:g}` of time, but the file says {stated:.6g} Hz ({name}); correct the rate")
-    return apart
 
 
 def cells_of(

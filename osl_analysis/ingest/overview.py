@@ -71,23 +71,24 @@ def likely_clock(readings: Mapping[str, NDArray[Any]], what: str = "columns") ->
     running = [name for name, span in spans.items() if span > 0] or list(readings)
     if len(running) < 2:
         return next(iter(running), None), []
-    risen = {name: np.diff(clocks[name])[np.diff(clocks[name]) > 0] for name in running}
-    fine = [name for name in running if 2 * risen[name].size > clocks[name].size]  # one of whole seconds stands still
+    steps = {name: np.diff(clocks[name]) for name in running}
+    fine = [name for name in running if np.mean(steps[name] > 0) > 0.5]  # one of whole seconds stands still
     count, first, most = f"{len(running)} {what} may be the clock", (fine or running)[0], 6
-    agree = True
-    for name in (one for one in running if one != first):
-        pair = clocks[name], clocks[first]
-        if pair[0].shape == pair[1].shape:  # compared where both have readings
-            known = np.isfinite(pair[0]) & np.isfinite(pair[1])
-            pair = pair[0][known], pair[1][known]
-        one, other = map(span_of, pair)
-        within = 0.005 if name in fine or not fine else 0.005 + float(np.median(risen[name])) / spans[name]
-        agree &= abs(logs.span_ratio(one, other, ()) - 1) <= within if min(one, other) > 0 else one == other
-    if agree:
+    coarse = {name: float(steps[name].max(initial=0.0)) / spans[name] for name in running if fine and name not in fine}
+    if all(span_alike(clocks[name], clocks[first], 0.005 + coarse.get(name, 0.0)) for name in running):
         named = listing([printable(name) for name in running], most)
         return first, [f"{count}, to be checked: {named}; {printable(first)} is taken"]
     named = listing([f"{printable(name)} spans {spans[name]:.6g}" for name in running], most)
     return None, [f"{count}, and they contradict each other: {named}; name the one by which the signals were sampled"]
+
+
+def span_alike(clock: Array, other: Array, within: float) -> bool:
+    """Whether two clocks (n,) span the same time, where both have readings, in s, ms, us or ns."""
+    if clock.shape == other.shape:
+        known = np.isfinite(clock) & np.isfinite(other)
+        clock, other = clock[known], other[known]
+    one, two = span_of(clock), span_of(other)
+    return abs(logs.span_ratio(one, two, ()) - 1) <= within if min(one, two) > 0 else one == two
 
 
 def clock_of(

@@ -124,23 +124,16 @@ def test_a_part_that_is_that_of_another_place_is_lost_and_motion_without_noise_i
     command[400:500] = command[50:150]
     rests = np.where(clock[:600] % 4 < 2, 0, sine + 0.3)
     for a, f, lost in (
-        (command, torque, 0),
-        (angle, rests, 0),
+        (command, torque, 0), (angle, rests, 0), (angle, torque, 0), (sine, sine, 0), (period, period, 0),
+        (ramp, torque, 0), (coarse, every[:, 1], 0), (np.r_[every[:3100, 3], coarse[3100:]], every[:, 1], 0),
+        (copied[0], torque, 40), (copied[0], copied[1], 40),
+        (np.r_[angle[:300], angle[100:110], angle[310:]], torque, 10),
         (np.r_[angle[:200], angle[:400]], np.r_[torque[:200], torque[:400]], None),  # behind a part that stands twice
-        (angle, torque, 0),
         (angle, np.r_[torque[:300], angle[590:], torque[:30], torque[340:]], None),  # from the end of one into the next
-        (copied[0], torque, 40),
-        (copied[0], copied[1], 40),
         (np.round(2 * copied[0]), torque, 40),  # of a coarse converter values repeat, many in a row seldom
         (np.round(copied[0] / 2), torque, 0),  # whose noise is too small to tell
         (np.repeat(np.round(angle[:150]), 4), torque, 0),  # held
-        (np.r_[angle[:300], angle[100:110], angle[310:]], torque, 10),
-        (sine, sine, 0),
-        (period, period, 0),
-        (ramp, torque, 0),
-        (coarse, every[:, 1], 0),
-        (np.r_[every[:3100, 3], coarse[3100:]], every[:, 1], 0),
-    ):
+    ):  # fmt: skip
         pl.DataFrame({"t": clock[: a.size], "a": a, "f": f}).write_csv(tmp_path / "a.csv")
         assert FORMATS["csv"].read(tmp_path / "a.csv", OF_CSV).damage.lost() == lost
 
@@ -183,11 +176,7 @@ def test_one_wrong_number_is_told_by_what_all_others_leave_and_corners_and_impac
 def test_zeros_into_which_a_channel_leaps_where_it_crosses_zero_are_told_and_a_joint_that_rests_is_not() -> None:
     k, noise = np.arange(2000), np.random.default_rng(3).normal(size=2000)
     torque = 30 * np.sin(k / 25) + 0.1 * noise
-    for first, stop, told in (
-        (703, 707, True),
-        (705, 707, False),
-        (0, 628, False),
-    ):  # by 2 N*m; as noise; before it moves
+    for first, stop, told in ((703, 707, True), (705, 707, False), (0, 628, False)):  # by 2 N*m; noise; before it moves
         found = values_of_no_sensor("torque", k / 100, np.where((k >= first) & (k < stop), 0.0, torque), {})
         assert (found is not None, np.any(found)) == (True, told)
 

@@ -104,7 +104,7 @@ def test_one_log_in_any_dress_is_one_log(tmp_path: Path, text: str | bytes, fiel
     ("t,angle,load\n1,2\n", {"ragged": "skip", "most_missing": 1.0}, "no table of numbers"),
     (LOG, {"header": "comment"}, "no line begins with '#'"),
     ("t,angle,load\n0,1,5\n1,2,6\n2,3\n3,4\n", {"ragged": "dropped_variable"}, "and 0 were missing in the line before"),
-    (LOG.replace("\n", ",0\n").replace("load,0", "load"), {}, "every row has 1 more cells than the header has"),
+    (LOG.replace("\n", ",0\n").replace("load,0", "load"), {}, "do not fit; write a name for each"),
 ])  # fmt: skip
 def test_what_cannot_be_read_is_refused_by_line_or_column(tmp_path, text, fields, problem):
     assert problem in refused(tmp_path, text, **fields)

@@ -397,7 +397,6 @@ def table_of_rows(
         damage.remarks.append(f"{len(below)} lines below the table, from {below[0][0]} on, are no rows: '{said}'")
     names = [name or str(place) for place, name in enumerate(head.names, start=1)]
     rows = [(line, unpadded(cells, len(names))) for line, cells in rows]
-    check_width(rows, names)
     if not rows:
         raise InputError("no rows of data; record it again, or exclude the trial")
     rows = without_cut_row(rows, len(names), damage, whole=ends or bool(below))
@@ -557,17 +556,6 @@ def without_footer(rows: Rows, first_value: int | None, layout: CsvLayout) -> tu
     return (rows[:end], rows[end:]) if end else (rows, [])
 
 
-def check_width(rows: Rows, names: Sequence[str]) -> None:
-    """Refuse rows that all have more cells than there are names."""
-    lengths = {len(cells) for _, cells in rows}
-    if len(lengths) == 1 and (extra := lengths.pop() - len(names)) > 0:
-        line, cells = rows[0]
-        raise InputError(
-            f"every row has {extra} more cells than the header has names: line {line} begins with '{cells[0][:40]}' "
-            f"and ends with '{cells[-1][:40]}'; write a name for each, and the same sign between names as between cells"
-        )
-
-
 def without_cut_row(rows: Rows, width: int, damage: Ledger, whole: bool) -> Rows:
     """Rows without a last one that was cut off, or may be, as by an interrupted recorder; `whole`: it has its break."""
     line, cells = rows[-1]
@@ -616,10 +604,11 @@ def fitting_rows(rows: Rows, width: int, layout: CsvLayout) -> tuple[list[tuple[
     if odd and (layout.ragged == "refuse" or len(odd) > layout.most_missing * len(rows)):
         share = share_above(len(odd), len(rows))
         more = f" and `most_missing: {share:g}`" if share > layout.most_missing else ""
-        raise InputError(
-            f"line {odd[0][0]} has {odd[0][1]} cells under {width} names, and {len(odd)} of {len(rows)} rows "
-            f"do not fit; repair these lines, or write `ragged: skip`{more} in the source file to leave them out"
-        )
+        remedy = f"repair these lines, or write `ragged: skip`{more} in the source file to leave them out"
+        if len({count for _, count in odd}) == 1 and len(odd) == len(rows):
+            remedy = "write a name for each, and the same sign between names as between cells"
+        said = f"line {odd[0][0]} has {odd[0][1]} cells under {width} names, and {len(odd)} of {len(rows)} rows"
+        raise InputError(f"{said} do not fit; {remedy}")
     note = f"{len(odd)} of {len(rows)} rows do not fit the header and were skipped"
     return [(line, list(cells)) for line, cells in rows if len(cells) == width], [note] * bool(odd)
 

@@ -63,32 +63,31 @@ class Overview:
 
 def likely_clock(readings: Mapping[str, NDArray[Any]], what: str = "columns") -> tuple[str | None, list[str]]:
     """The clock that a draft names, and what the user has to decide, from the readings (n,) of all that are called so.
-    The first of several that is not coarse, if they span the same time in s, ms, us or ns: within 0.5 %, which puts I
-    wrong by 1 %, and their own steps. None if they contradict each other, as then B and I depend on the choice. What
-    does not run is no clock beside others."""
+    The first of several, if they span the same time in s, ms, us or ns: within 0.5 %, which puts I wrong by 1 %. None
+    if they contradict each other, as then B and I depend on the choice. What does not run, or stands still in most
+    rows, is no clock beside others."""
     clocks = {name: values.astype(np.float64) for name, values in readings.items()}
     spans = {name: span_of(values) for name, values in clocks.items()}
     running = [name for name, span in spans.items() if span > 0] or list(readings)
+    risen = {name: np.count_nonzero(np.diff(clocks[name]) > 0) for name in running}  # in how many rows
+    running = [name for name in running if 2 * risen[name] > clocks[name].size] or running  # else of whole seconds
     if len(running) < 2:
         return next(iter(running), None), []
-    steps = {name: np.diff(clocks[name]) for name in running}
-    fine = [name for name in running if np.mean(steps[name] > 0) > 0.5]  # one of whole seconds stands still
-    count, first, most = f"{len(running)} {what} may be the clock", (fine or running)[0], 6
-    coarse = {name: float(steps[name].max(initial=0.0)) / spans[name] for name in running if fine and name not in fine}
-    if all(span_alike(clocks[name], clocks[first], 0.005 + coarse.get(name, 0.0)) for name in running):
+    count, first, most = f"{len(running)} {what} may be the clock", running[0], 6
+    if all(span_alike(clocks[name], clocks[first]) for name in running):
         named = listing([printable(name) for name in running], most)
         return first, [f"{count}, to be checked: {named}; {printable(first)} is taken"]
     named = listing([f"{printable(name)} spans {spans[name]:.6g}" for name in running], most)
     return None, [f"{count}, and they contradict each other: {named}; name the one by which the signals were sampled"]
 
 
-def span_alike(clock: Array, other: Array, within: float) -> bool:
-    """Whether two clocks (n,) span the same time, where both have readings, in s, ms, us or ns."""
+def span_alike(clock: Array, other: Array) -> bool:
+    """Whether two clocks (n,) span the same time, where both have readings, in s, ms, us or ns: within 0.5 %."""
     if clock.shape == other.shape:
         known = np.isfinite(clock) & np.isfinite(other)
         clock, other = clock[known], other[known]
     one, two = span_of(clock), span_of(other)
-    return abs(logs.span_ratio(one, two, ()) - 1) <= within if min(one, two) > 0 else one == two
+    return abs(logs.span_ratio(one, two, ()) - 1) <= 0.005 if min(one, two) > 0 else one == two
 
 
 def clock_of(

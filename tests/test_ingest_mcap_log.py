@@ -175,6 +175,10 @@ def test_a_message_that_is_repeated_counts_once(tmp_path: Path) -> None:
     assert found.facts["stamps"]["/lab"] == {"late": 0, "repeated": 2, "contradicted": 0}
     sent_twice = of_stamps(tmp_path, [*range(100), *range(80, 92), *range(100, COUNT)], loss=0.2)  # no clock set back
     assert sent_twice.facts["stamps"]["/lab"] == {"late": 12, "repeated": 12, "contradicted": 0}
+    path = write_log(tmp_path / "b.mcap", messages(sorted([*range(COUNT), 5])), use_chunking=False)
+    content = path.read_bytes()  # of a damaged log nobody knows whether it is a copy over another message
+    path.write_bytes(content[:4000].ljust(4020, b"\xff") + content[4020:])
+    assert FORMATS["mcap"].read(path, source(loss=1.0)).damage.lost() is None
 
 
 def test_stamps_that_stand_still_are_refused_and_are_not_taken_for_rounded(tmp_path: Path) -> None:

@@ -49,6 +49,7 @@ QUICK = 4.0  # cut-offs of the low-pass behind which the velocity's sign is read
 COMES = 3.0  # times the last step of a rounded signal in which it comes to a level: exponentially 2, of least jerk 2.3
 BEYOND = 1.1  # cut-offs, from which on it is more of the motion than the tail of a step that is faster
 STANDS = 0.1  # of the SD of the speed, below which a joint stands
+QUIET = 0.3  # share of the parts of 50 samples, in which what is faster than the motion is noise alone
 AT_LEVELS = 0.15  # share of the power at a few levels, from which on a motion is between these (sines 0.05, steps 0.2)
 OF_SINE = 0.5  # steps by which the size of a sine is drawn: less where samples keep step with it covers too little
 DRAWS = (np.arange(17) + 0.5) / 17 - 0.5  # parts of a step of an encoder by which zeros and sizes differ
@@ -204,10 +205,12 @@ class Record:
         """Steps of angle [rad] and torque [N*m], and how much of what rounding makes alike in all cycles noise leaves:
         noise of s steps before it exp(-(2 pi s)^2/2) (Widrow and Kollar, Quantization Noise, 2008, ch. 5)."""
         found = list[tuple[float, float]]()
-        rest = self.theta - self.motion.theta, self.torque - self.filtered_torque
-        for step, density, fast in zip(self.steps, self.noise, rest, strict=True):
-            # rounding of slow motion is no white noise, and of motion beyond the cut-off not all is noise
-            variance = min(density * self.rate_hz / 2, float(np.var(self.part(fast))))
+        for step, density, raw in zip(self.steps, self.noise, (self.theta, self.torque), strict=True):
+            # rounding of slow motion is no white noise; of motion beyond the cut-off what is slower than some samples,
+            # or stands still at a level, is none
+            jumps = np.diff(self.part(raw), 3) ** 2 / 20
+            quiet = np.quantile(np.add.reduceat(jumps, np.arange(0, len(jumps) - 1, 50)) / 50, QUIET)
+            variance = min(density * self.rate_hz / 2, float(quiet))
             noise = max(variance / step**2 - 1 / 12, 0.0) if step and step**2 else np.inf  # [steps^2]
             # beyond 0.1 steps^2 a fiftieth of the variance of what cycles repeat is left
             found.append((step or 0.0, float(np.exp(-2 * np.pi**2 * noise)) if noise < 0.1 else 0.0))
@@ -225,7 +228,7 @@ class Record:
             return
         speed, signal = np.abs(self.motion.omega[rows]), (self.motion.theta, self.filtered_torque)[channel][rows]
         stands = speed < STANDS * float(np.std(self.motion.omega[rows]))
-        place = signal - signal.mean()
+        place = raw[rows] - raw[rows].mean()  # the filtered signal's levels ring by many steps of 18 bits
         _, level = np.unique(np.rint(place[stands] / step), return_inverse=True)
         larger = float(np.linalg.norm(np.bincount(level, place[stands] ** 2))) / max(float(place @ place), step**2)
         signals = [signal]

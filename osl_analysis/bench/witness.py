@@ -245,9 +245,8 @@ class Court:
             "time": [view.column(x * view.time) for x in view.motion[view.first : 3]],
             "moment": [view.column(view.motion[view.first] * (view.time > at)) for at in view.moments],
             "speed": [view.column(omega * np.abs(omega))],
-            "size": view.curved * elastic,
-            "direction": [view.column(np.abs(x)) for x in view.motion[view.first : 2]]
-            + [view.column(theta * view.sign)] * elastic,
+            "size": [view.curved[-1], view.column(np.abs(theta))] * elastic,
+            "direction": [view.column(np.abs(omega)), *[view.column(theta * view.sign)] * elastic],
         }
         places = dict[str, range]()
         for name, added in lacking.items():
@@ -285,10 +284,8 @@ class Court:
         columns: Sequence[Array],
         slopes: Sequence[Array] = (),
         parameters: int = 0,
-        gain: float = 1.0,
     ) -> None:
-        """A rival by its columns, those of the model first; `slopes`, (m,) each: of the fit by what is its own;
-        `gain` is what it makes of the torque's noise."""
+        """A rival by its columns, those of the model first; `slopes`, (m,) each: of the fit by what is its own."""
         estimates, left = self.fitted(columns)
         of_model, Z = slice(len(self.view.base)), np.array([*columns, *slopes, *self.beside])
         variance = np.diag(scattered(self.view.sums([*Z]))[1])
@@ -296,21 +293,27 @@ class Court:
             variance = variance + np.mean((np.array(self.draws) @ Z.T @ np.linalg.pinv(Z @ Z.T)) ** 2, axis=0)
         half = scipy.stats.t.ppf(0.975, CHUNKS - 1) * np.sqrt(variance[of_model])
         known, beside = len(columns) + parameters, tuple(columns[of_model.stop :])
-        self.rivals.append(Rival(family, name, estimates[of_model], half, left / gain**0.5, known, beside))
+        self.rivals.append(Rival(family, name, estimates[of_model], half, left, known, beside))
 
-    def add_by(
-        self, family: str, name: str, made: Callable[[float], list[Array]], size: float, gain: float = 1
-    ) -> None:
-        """A rival by its columns as a function of its size."""
-        columns, step = made(size), 1e-3 * size
-        further = [(beyond - at) / step for beyond, at in zip(made(size + step), columns, strict=True)]
-        slope = np.einsum("k,km->m", self.fitted(columns)[0][: len(columns)], further)
-        self.add(family, name, columns, [slope], 1, gain)
+    def add_by(self, family: str, name: str, made: Callable[[float], list[Array]], grid: Array) -> None:
+        """Rivals by their columns as a function of a size, where they leave least, and at an image."""
+        for size in minima(lambda size: self.left(made(size)), grid):
+            columns, step = made(size), 1e-3 * size
+            further = [(beyond - at) / step for beyond, at in zip(made(size + step), columns, strict=True)]
+            slope = np.einsum("k,km->m", self.fitted(columns)[0][: len(columns)], further)
+            self.add(family, name, columns, [slope], 1)
 
     def hear_path(self) -> None:
-        """A path that filters the torque filters the columns; a spring in series winds up by the torque."""
+        """A path that filters the torque filters the columns; of a spring in series the filter is the joint's, which is
+        fitted to the angle less what the torque winds up."""
         view, f = self.view, self.view.f
-        s = 2j * np.pi * f
+        s, torques = 2j * np.pi * f, [self.view.column(x) for x in self.view.torques]
+
+        def in_series(c: float) -> NDArray[np.complex128]:
+            wound = [view.columns[k] - c * torque for k, torque in enumerate(torques)]
+            K, B, I = self.fitted(wound)[0][:3]
+            return 1 / (1 + c * (K + B * s + I * s**2))
+
         responses: dict[str, tuple[Array, Callable[[float], NDArray[Any]]]] = {
             "delay": (np.linspace(-0.02, 0.03, 26), lambda p: np.exp(-s * p)),
             "low-pass": (np.geomspace(3e-4, 0.04, 10), lambda p: 1 / (1 + s * p)),
@@ -321,27 +324,15 @@ class Court:
             "mean": (np.geomspace(1e-3, 0.06, 12), lambda p: np.exp(-s * p / 2) * np.sinc(f * p)),
             "resonance that rings": (np.geomspace(5e-3, 0.06, 10), lambda p: 1 / (1 + 0.02 * s * p + (s * p) ** 2)),
             "resonance": (np.geomspace(5e-3, 0.06, 10), lambda p: 1 / (1 + 0.2 * s * p + (s * p) ** 2)),
+            "spring in series": (np.geomspace(2e-5, 3e-3, 10), in_series),
         }
         for name, (grid, response) in responses.items():
 
             def filtered(p: float, response: Callable[[float], NDArray[Any]] = response) -> list[Array]:
                 return [view.passed(view.motion[k], response(p)) for k in range(view.first, 3)]
 
-            for p in minima(lambda p, made=filtered: self.left(made(p)), grid):  # type: ignore[misc]
-                self.add_by("path", name, filtered, p)
-
-        torques = [view.column(x) for x in view.torques]
-
-        def wound(c: float) -> list[Array]:
-            return [view.columns[k] - c * torque for k, torque in enumerate(torques)]
-
-        def gain(c: float) -> float:
-            return float(1 + c * max(self.fitted(wound(c))[0][0], 0.0)) ** 2
-
-        if view.first == 0:
-            for c in minima(lambda c: self.left(wound(c)) / gain(c), np.geomspace(2e-5, 3e-3, 10)):
-                if self.fitted(wound(c))[0][0] * self.fitted(view.base)[0][0] > 0:  # else it is softer than the joint
-                    self.add_by("path", "spring in series", wound, c, gain(c))
+            if view.first == 0 or name != "spring in series":
+                self.add_by("path", name, filtered, grid)
 
     def late(self, *shapes: Array) -> tuple[list[Array], list[Array], Array, Array]:
         """Columns of a torque that is late by a sum of shapes (n,), the slopes of the fit by their sizes [s], which
@@ -410,21 +401,22 @@ class Court:
 
         widths = max(3 * view.step, np.deg2rad(0.03)) * np.geomspace(1, 20, 6)
         for behind in (followed, partial(followed, damped=True)) if view.first == 0 else ():
-            for width in minima(lambda width, made=behind: self.left(made(width)), widths):  # type: ignore[misc]
-                self.add_by("speed", "play", behind, width)
+            self.add_by("speed", "play", behind, widths)
 
     def hear_size(self) -> None:
-        self.add("size", "stiffness that changes with the angle", [*self.view.base, *self.view.curved])
+        """A curve of the angle, and K of either side of its zero."""
+        view = self.view
+        self.add("size", "stiffness that changes with the angle", [*view.base, *view.curved])
+        for side in (1.0, -1.0):
+            self.add("size", "stiffness by side", [*view.base, view.column(np.maximum(side * view.motion[0], 0.0))])
 
     def hear_direction(self) -> None:
-        """K, or B, of either sign, or of both."""
-        view, names = self.view, ("stiffness", "damping")
-        for k in range(view.first, 2):
-            for side in (1.0, -1.0):
-                column = view.column(np.maximum(side * view.motion[k], 0.0))
-                self.add("direction", f"{names[k]} by direction", [*view.base, column])
-        if view.first == 0:
-            for side in (1.0, -1.0):
+        """B, or K, of either direction of motion."""
+        view = self.view
+        for side in (1.0, -1.0):
+            column = view.column(np.maximum(side * view.motion[1], 0.0))
+            self.add("direction", "damping by direction", [*view.base, column])
+            if view.first == 0:
                 column = view.column(view.motion[0] * (side * view.sign + 1) / 2)
                 self.add("direction", "stiffness by direction of motion", [*view.base, column])
 
@@ -606,7 +598,7 @@ def witness_row(
     useless = USELESS * np.hypot(none.estimates, [HARM[name][1] for name in list(HARM)[-len(names) :]])
     for k, name in enumerate(names):
         is_told = high[k] - low[k] < useless[k] or alike[0].family == "friction"  # whose range is the fit's interval
-        ends = (float(low[k]), float(high[k])) if is_told else (None, None)
-        row |= {f"{name}_without": float(every[0, k]) if apart[k] <= 1 and alike[-1].family != "friction" else None}
+        ends, is_one = (float(low[k]), float(high[k])) if is_told else (None, None), alike[-1].family != "friction"
+        row |= {f"{name}_without": float(every[0, k]) if is_told and is_one and apart[k] <= 1 else None}
         row |= dict(zip((f"{name}_without_low", f"{name}_without_high"), ends, strict=True))
     return row

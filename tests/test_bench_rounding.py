@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import polars as pl
 import pytest
+from any_motion import TRUE, made_trial
 from bench_synthetic import second_order, sine_settings, stepped_sine
 from scipy.interpolate import make_interp_spline
 from scipy.ndimage import gaussian_filter1d
@@ -50,6 +51,31 @@ def test_what_an_encoder_read_of_steps_is_told_to_a_part_of_its_step_also_where_
     angle = np.where(np.arange(2000) // 500 % 2, 1 - came, came) * 90.3 * step
     off = np.abs(before_rounding(step * np.rint(angle / step), step) - angle) / step
     assert (off.max() < 0.6, np.median(off[t < 0.1]) < 0.1) == (True, True)
+
+
+def through_two_lags(t):
+    x = np.maximum(t, 0) / 6e-3
+    return 1 - np.exp(-x) * (1 + x), x * np.exp(-x) / 6e-3, (1 - x) * np.exp(-x) / 6e-3**2 * (t > 0)
+
+
+def of_least_jerk(t):
+    u = np.clip(t / 0.09, 0, 1)
+    return u**3 * (10 - 15 * u + 6 * u**2), 30 * (u - u**2) ** 2 / 0.09, 60 * u * (1 - u) * (1 - 2 * u) / 0.09**2
+
+
+@pytest.mark.parametrize(("way", "gap"), [(through_two_lags, (0.25, 0.6)), (of_least_jerk, (0.2, 0.25))])
+def test_rounding_of_18_bits_is_in_the_interval_of_steps_between_two_levels(way, gap):
+    """Steps beyond the cut-off passed for noise that hides it, and levels that ring behind the filter for no levels: K
+    was off by up to four half-widths."""
+    off = []
+    for seed in range(3, 8):
+        rng, time, motion = np.random.default_rng(seed), np.arange(25_000) / 500, np.zeros((3, 25_000))
+        for k, at in enumerate(np.cumsum(rng.uniform(*gap, 100))):
+            motion += 0.07 * (-1) ** k * np.array(way(time - at))
+        record = record_of_trial(made_trial(rng, (time, motion), torque_noise=0.005), SETTINGS)
+        fit = with_effects(plain_sums(record, IMPEDANCE), IMPEDANCE)
+        off += [(fit["K"] - TRUE["K"]) / (fit.interval("K")[1] - fit["K"])]
+    assert 0.3 < np.sqrt(np.mean(np.square(off))) < 1.2
 
 
 NUMERICS = {"marks": pytest.mark.numerics}

@@ -56,6 +56,7 @@ def test_nothing_is_heard_of_a_sound_joint_whatever_its_size_beside_drift_and_fr
 FAULTS = {
     "delay": ("path", "delay", {"late": 2e-3}),
     "step of K": ("time", "K that changes at once", {"more": lambda t, x, *_: -45 * (t > 0.6 * t[-1]) * x}),
+    "clocks": ("time", "clocks", {"more": lambda t, x, v, a: -3e-5 * t * (300 * v + 5 * a)}),
     "ramp of K": ("time", "K that drifts", {"more": lambda t, x, *_: -30 * (t / t[-1]) * x}),
     "square of speed": ("speed", "damping that changes with the speed", {"more": lambda t, x, v, a: 1.5 * v * abs(v)}),
     "hardening": ("size", "stiffness that changes with the angle", {"more": lambda t, x, *_: 4000 * x**3}),
@@ -65,7 +66,7 @@ FAULTS = {
         {"more": lambda t, x, *_: 4000 * (x**3 + 0.15 * x**2)},
     ),
     "flexing": ("direction", "stiffness by direction of motion", {"more": lambda t, x, v, a: 60 * x * (v > 0)}),
-    "stiffer one way": ("direction", "stiffness by direction", {"more": lambda t, x, *_: 60 * np.maximum(x, 0)}),
+    "stiffer on one side": ("size", "stiffness by side", {"more": lambda t, x, *_: 60 * np.maximum(x, 0)}),
 }
 
 
@@ -290,7 +291,7 @@ def test_between_two_levels_a_damping_that_passes_for_a_path_is_told_beside_it()
     assert row["speed_shift"]
 
 
-@pytest.mark.parametrize("seed", [1, 3])
+@pytest.mark.parametrize("seed", [0, 3])
 def test_friction_between_two_levels_is_no_path_and_the_range_holds_the_joint(seed):
     """It was named `torque path` or `play or speed`, with K 307.6 to 308.3 beside it."""
     time, motion = between_two_levels(rng := np.random.default_rng(seed), corner=12.8)

@@ -234,6 +234,11 @@ def test_one_row_a_clock_that_stops_and_one_too_coarse_are_no_log(tmp_path):
         assert told in refused(tmp_path, text)
     whole = "t,angle,load\n" + "".join(f"{t},{k},{k % 7}\n" for k, t in enumerate((time // 0.05).tolist()))
     assert ingested(tmp_path, whole).samples.height == 200  # rounded to twelve or thirteen samples
+    seconds, thirds = (  # 25 of 300 rows are a twelfth of them
+        "t,angle,load\n" + "".join(f"{k // 25 * step},{k},{k % 7}\n" for k in range(300)) for step in (1.0, 0.3)
+    )
+    assert "time stands still at 0 in 25 of 300 rows" in refused(tmp_path, seconds)
+    assert ingested(tmp_path, thirds).samples.height == 300
     picture = b"\x89PNG\r\n\x1a\n" + bytes(range(256))
     assert "a PNG image, which is not read; name the recording itself" in refused(tmp_path, picture)
 

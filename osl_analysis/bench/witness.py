@@ -10,7 +10,7 @@ Angle and torque are those of the motion's own band, so that drift and slow dist
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
@@ -37,15 +37,13 @@ HEARD = -3.5  # log10 of the chance of a family's columns below which it is hear
 FRICTION = -4.0  # the same of Coulomb friction, which then is part of the joint
 ALIKE = 3.0  # standard errors, paired by chunks, up to which rivals leave as much
 CHANCE = 10.0  # parameters of noise by which a rival may be better by chance, where many are tried
-JUMPS = 0.4  # share of what a lag leaves, below which a lag that changes at once is heard whatever scatters
 UNEXPLAINED = 0.7  # share of what the best rival explains, by which one that is as good may explain less
 EXPLAINS = 0.1  # share of the misfit that is left, below which a rival is told also where friction leaves K, or B, open
 RUBBING = 0.5  # the same that friction explains, from which on it may be the cause; of an early torque by sines 0.3
 NEAR_PATH = 0.15  # the same of paths, whose error is that of their models: a low-pass and a mean are hard to tell apart
 MOMENTS = np.arange(6, 19) / CHUNKS  # shares of what is fitted at whose ends K, or a lag, may change
-MUSCLE_HZ = 6.0  # of a muscle's answer to a reflex
+MUSCLE_HZ, REFLEX_S = 6.0, 0.04  # of a muscle's answer to a reflex, and its delay
 SLOW = 0.02  # share of the velocity's SD at which friction has turned its sign
-MOST_LEFT = 0.05  # share of the torque's variance that an explanation may leave, to be named with its estimates
 HIDDEN = 0.1  # share of the inertia that a delay that is not heard may make
 HIDDEN_OF_B = 0.03  # the same of the damping
 LEAST_INERTIA, LEAST_DAMPING = 1e-3, 0.1  # kg*m^2 and N*m*s/rad, added in quadrature to what these are shares of
@@ -262,9 +260,6 @@ class Court:
         at_once = [chance([at]) for at in moments]
         if len(view.rows) > CHUNKS * RATE_HZ:  # of shorter chunks chance explains a moment
             self.chance["time"] = min(self.chance["time"], *(chance + np.log10(len(at_once)) for chance in at_once))
-        _, changes, late = self.later()
-        if changes < JUMPS * late:  # such a misfit scatters as its own size does
-            self.chance["time"] = min(self.chance["time"], 2 * HEARD)
         if size < 0:  # friction that drives: play, or damping that falls with speed
             self.chance["speed"] = min(self.chance["speed"], by_friction - FRICTION)
 
@@ -312,7 +307,7 @@ class Court:
         def in_series(c: float) -> NDArray[np.complex128]:
             wound = [view.columns[k] - c * torque for k, torque in enumerate(torques)]
             K, B, I = self.fitted(wound)[0][:3]
-            return 1 / (1 + c * (K + B * s + I * s**2))
+            return np.asarray(1 / (1 + c * (K + B * s + I * s**2)))
 
         responses: dict[str, tuple[Array, Callable[[float], NDArray[Any]]]] = {
             "delay": (np.linspace(-0.02, 0.03, 26), lambda p: np.exp(-s * p)),
@@ -352,15 +347,6 @@ class Court:
             sizes = sizes + min(0.5 * LONGEST_LAG / longest, 1.0) * more[:number]
         return columns, slopes, sizes, np.sqrt(np.diag(covariance))[:number]
 
-    def later(self) -> tuple[Array, float, float]:
-        """The shape (n,) of a lag that changes at once, where it explains most beside a lag, what it leaves, and what
-        the lag alone does."""
-        view, base = self.view, self.view.base
-        slope = self.fitted(base)[0][: 3 - view.first] @ np.array(view.motion[view.first + 1 : 4])
-        late, moments = view.column(slope), [np.where(view.time > at, 1.0, 0.0) for at in view.moments]
-        left = [self.left([*base, late, view.column(then * slope)]) for then in moments]
-        return moments[int(np.argmin(left))], min(left), self.left([*base, late])
-
     def hides_delay(self) -> bool:
         """Whether nothing tells a path, or the torque may be late by so much that I changes by `HIDDEN`, or B by
         `HIDDEN_OF_B`."""
@@ -374,34 +360,32 @@ class Court:
         return bool(moves_inertia or of_damping > HIDDEN_OF_B * float(np.hypot(damping, LEAST_DAMPING)))
 
     def hear_time(self) -> None:
-        """Clocks that drift apart, K that changes, or the lag, in a straight line or at a moment."""
-        view, base = self.view, self.view.base
-        self.add("time", "clocks", *self.late(np.ones(view.n), view.time)[:2], 2)
-        self.add("time", "clocks", *self.late(view.time - view.time[0])[:2], 1)
-        moments = [np.where(view.time > at, 1.0, 0.0) for at in view.moments]
-        for shapes in ([lag := self.later()[0]], [np.ones(view.n), lag]):
-            self.add("time", "lag that changes at once", *self.late(*shapes)[:2], len(shapes) + 1)
-        changing = view.motion[view.first]
-        change = min(moments, key=lambda then: self.left([*base, view.column(then * changing)]))
+        """Clocks that drift apart, K that changes, or a lag, in a straight line or at a moment."""
+        view, base, changing = self.view, self.view.base, self.view.motion[self.view.first]
+
+        def at_once(torque: Array) -> Array:
+            """From which moment on more of a torque (n,) explains most."""
+            moments = [np.where(view.time > at, 1.0, 0.0) for at in view.moments]
+            return min(moments, key=lambda then: self.left([*base, view.column(then * torque)]))
+
+        slope = self.fitted(base)[0][: len(base)] @ np.array(view.motion[view.first + 1 : 4])
+        for name, shape in (("clocks", view.time - view.time[0]), ("lag that changes at once", at_once(slope))):
+            self.add("time", name, *self.late(shape)[:2], 1)
         what = "K" if view.first == 0 else "B_j"
-        for shape, name in ((view.time, f"{what} that drifts"), (change, f"{what} that changes at once")):
+        for name, shape in (("drifts", view.time), ("changes at once", at_once(changing))):
             for end in (shape.min(), shape.max()):  # the estimate before, and after it
-                self.add("time", name, [*base, view.column(changing * (shape - end))], parameters=1)
+                self.add("time", f"{what} that {name}", [*base, view.column(changing * (shape - end))], parameters=1)
 
     def hear_speed(self) -> None:
-        """Damping by speed, and play before the spring, and before the damping or not."""
-        view, omega = self.view, self.view.motion[1]
+        """Damping by speed, and play before the spring."""
+        view, (theta, omega, *_) = self.view, self.view.motion
         self.add("speed", "damping that changes with the speed", [*view.base, view.column(omega * np.abs(omega))])
 
-        def followed(width: float, damped: bool = False) -> list[Array]:
-            theta = view.motion[0]
-            x = theta - width / 2 * spring_that_slips(theta, width / 2)
-            omega = view.column(np.gradient(x, 1 / view.rate_hz)) if damped else view.base[1]
-            return [view.column(x), omega, view.base[2]]
+        def followed(width: float) -> list[Array]:
+            return [view.column(theta - width / 2 * spring_that_slips(theta, width / 2)), *view.base[1:]]
 
-        widths = max(3 * view.step, np.deg2rad(0.03)) * np.geomspace(1, 20, 6)
-        for behind in (followed, partial(followed, damped=True)) if view.first == 0 else ():
-            self.add_by("speed", "play", behind, widths)
+        if view.first == 0:
+            self.add_by("speed", "play", followed, max(3 * view.step, np.deg2rad(0.03)) * np.geomspace(1, 20, 6))
 
     def hear_size(self) -> None:
         """A curve of the angle, and K of either side of its zero."""
@@ -426,9 +410,8 @@ class Court:
         view, speed = self.view, np.abs(self.view.motion[1])
         s = 2j * np.pi * view.f
         muscle = 1 / (1 + s / (2 * np.pi * MUSCLE_HZ)) ** 2
-        for delay in (0.02, 0.04, 0.06, 0.1):
-            answer = view.passed(speed, muscle * np.exp(-s * delay))
-            self.add("reflex", "reflex", [*view.base, answer], parameters=1)
+        answer = view.passed(speed, muscle * np.exp(-s * REFLEX_S))
+        self.add("reflex", "reflex", [*view.base, answer], parameters=1)
 
     def hear_friction(self) -> tuple[Rival, Rival]:
         """A joint that rubs in some shapes about rest at once, none of which drives it: no family hears it, but between
@@ -591,8 +574,6 @@ def witness_row(
     # what is heard more clearly than the path that it passes for is told, too
     clearer = [one.family for one in alike if chance.get(one.family, 0.0) < chance.get(first, 0.0)]
     row |= {f"{family}_shift": float(harm.max()) for family in {first, *(clearer if first == "path" else ())}}
-    if square(alike[0].left) > MOST_LEFT * square(court.view.y):
-        return row
     row |= {"rivals": ", ".join(dict.fromkeys(one.name for one in alike))}
     apart = harm_of(np.ptp(every, axis=0), every[0])
     useless = USELESS * np.hypot(none.estimates, [HARM[name][1] for name in list(HARM)[-len(names) :]])

@@ -37,6 +37,7 @@ HEARD = -3.5  # log10 of the chance of a family's columns below which it is hear
 FRICTION = -4.0  # the same of Coulomb friction, which then is part of the joint
 ALIKE = 3.0  # standard errors, paired by chunks, up to which rivals leave as much
 CHANCE = 10.0  # parameters of noise by which a rival may be better by chance, where many are tried
+JUMPS = 0.4  # share of what a lag leaves, below which a lag that changes at once is heard whatever scatters
 UNEXPLAINED = 0.7  # share of what the best rival explains, by which one that is as good may explain less
 EXPLAINS = 0.1  # share of the misfit that is left, below which a rival is told also where friction leaves K, or B, open
 RUBBING = 0.5  # the same that friction explains, from which on it may be the cause; of an early torque by sines 0.3
@@ -260,6 +261,8 @@ class Court:
         at_once = [chance([at]) for at in moments]
         if len(view.rows) > CHUNKS * RATE_HZ:  # of shorter chunks chance explains a moment
             self.chance["time"] = min(self.chance["time"], *(chance + np.log10(len(at_once)) for chance in at_once))
+        if self.at_once(self.slope())[1] < JUMPS * self.left([*view.base, view.column(self.slope())]):
+            self.chance["time"] = min(self.chance["time"], 2 * HEARD)  # such a misfit scatters as its own size does
         if size < 0:  # friction that drives: play, or damping that falls with speed
             self.chance["speed"] = min(self.chance["speed"], by_friction - FRICTION)
 
@@ -347,6 +350,17 @@ class Court:
             sizes = sizes + min(0.5 * LONGEST_LAG / longest, 1.0) * more[:number]
         return columns, slopes, sizes, np.sqrt(np.diag(covariance))[:number]
 
+    def slope(self) -> Array:
+        """That of the torque (n,) [N*m/s] by the model."""
+        view = self.view
+        return np.asarray(self.fitted(view.base)[0][: len(view.base)] @ np.array(view.motion[view.first + 1 : 4]))
+
+    def at_once(self, torque: Array) -> tuple[Array, float]:
+        """The shape (n,) from whose moment on more of a torque (n,) explains most, and what it leaves."""
+        moments = [np.where(self.view.time > at, 1.0, 0.0) for at in self.view.moments]
+        left = [self.left([*self.view.base, self.view.column(then * torque)]) for then in moments]
+        return moments[int(np.argmin(left))], min(left)
+
     def hides_delay(self) -> bool:
         """Whether nothing tells a path, or the torque may be late by so much that I changes by `HIDDEN`, or B by
         `HIDDEN_OF_B`."""
@@ -361,20 +375,16 @@ class Court:
 
     def hear_time(self) -> None:
         """Clocks that drift apart, K that changes, or a lag, in a straight line or at a moment."""
-        view, base, changing = self.view, self.view.base, self.view.motion[self.view.first]
-
-        def at_once(torque: Array) -> Array:
-            """From which moment on more of a torque (n,) explains most."""
-            moments = [np.where(view.time > at, 1.0, 0.0) for at in view.moments]
-            return min(moments, key=lambda then: self.left([*base, view.column(then * torque)]))
-
-        slope = self.fitted(base)[0][: len(base)] @ np.array(view.motion[view.first + 1 : 4])
-        for name, shape in (("clocks", view.time - view.time[0]), ("lag that changes at once", at_once(slope))):
+        view, changing = self.view, self.view.motion[self.view.first]
+        shapes = {"clocks": view.time - view.time[0], "lag that changes at once": self.at_once(self.slope())[0]}
+        for name, shape in shapes.items():
             self.add("time", name, *self.late(shape)[:2], 1)
         what = "K" if view.first == 0 else "B_j"
-        for name, shape in (("drifts", view.time), ("changes at once", at_once(changing))):
+        for name, shape in (("drifts", view.time), ("changes at once", self.at_once(changing)[0])):
             for end in (shape.min(), shape.max()):  # the estimate before, and after it
-                self.add("time", f"{what} that {name}", [*base, view.column(changing * (shape - end))], parameters=1)
+                self.add(
+                    "time", f"{what} that {name}", [*view.base, view.column(changing * (shape - end))], parameters=1
+                )
 
     def hear_speed(self) -> None:
         """Damping by speed, and play before the spring."""

@@ -232,20 +232,15 @@ def test_friction_is_told_from_damping_whatever_the_velocity_over_which_it_turns
     assert row["f_C_high"] - row["f_C_low"] < 0.05
 
 
-@pytest.mark.parametrize("made", ["multisine", "sines"])
-def test_clocks_of_one_file_that_drift_apart_are_the_only_cause(made):
+def test_clocks_of_one_file_that_drift_apart_are_the_only_cause():
     """They were a stiffness that changes, too, or friction by the amplitudes, or a path by I."""
-    if made == "multisine":
-        time, motion = multisine(rng := np.random.default_rng(5), periods=10)
-        row = row_of(made_trial(rng, (time, motion), late=2e-4 * time))
-    else:
 
-        def late(motion):
-            torque = second_order(motion)
-            time = np.arange(len(torque)) / 500
-            return make_interp_spline(time, torque, 5)(time * (1 - 2e-4))
+    def late(motion):
+        torque = second_order(motion)
+        time = np.arange(len(torque)) / 500
+        return make_interp_spline(time, torque, 5)(time * (1 - 2e-4))
 
-        row = table_of(stepped_sine(late, noise=0.02)).row(-1, named=True)
+    row = table_of(stepped_sine(late, noise=0.02)).row(-1, named=True)
     columns = ("time_shift", "path_shift", "K_change", "B_change", "K_drift")
     limits = Limits(above={one: LIMITS.above[one] for one in columns}, below={"I_bound": 0.0})
     doubts = {one.cause for one in findings_of(row, limits, "impedance") if one.grade is Grade.DOUBTS}

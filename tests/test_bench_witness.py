@@ -53,12 +53,14 @@ def test_nothing_is_heard_of_a_sound_joint_whatever_its_size_beside_drift_and_fr
     assert (row["rivals"], [row[f"{family}_shift"] or 0.0 for family in FAMILIES]) == (None, [0.0] * len(FAMILIES))
 
 
+WIDTH = np.deg2rad(0.075)  # of play, half
 FAULTS = {
     "delay": ("path", "delay", {"late": 2e-3}),
     "step of K": ("time", "K that changes at once", {"more": lambda t, x, *_: -45 * (t > 0.6 * t[-1]) * x}),
     "clocks": ("time", "clocks", {"more": lambda t, x, v, a: -3e-5 * t * (300 * v + 5 * a)}),
     "ramp of K": ("time", "K that drifts", {"more": lambda t, x, *_: -30 * (t / t[-1]) * x}),
     "square of speed": ("speed", "damping that changes with the speed", {"more": lambda t, x, v, a: 1.5 * v * abs(v)}),
+    "play": ("speed", "play", {"more": lambda t, x, *_: -300 * WIDTH * spring_that_slips(x, WIDTH)}),
     "hardening": ("size", "stiffness that changes with the angle", {"more": lambda t, x, *_: 4000 * x**3}),
     "hardening about another angle": (
         "size",
@@ -71,7 +73,7 @@ FAULTS = {
 
 
 @pytest.mark.parametrize(("made", "fault"), [
-    *(("noise", fault) for fault in FAULTS), ("multisine", "delay"), ("multisine", "step of K"),
+    *(("noise", fault) for fault in FAULTS), ("multisine", "delay"), ("multisine", "step of K"), ("multisine", "play"),
 ])  # fmt: skip
 def test_a_fault_is_heard_by_its_family_and_its_rival_leaves_the_joint_as_it_is(made, fault):
     """Also in torque noise that is no white noise."""
@@ -159,15 +161,6 @@ def test_a_load_cell_that_drifts_beside_two_sines_is_no_change_over_time(joint):
     trial = made_trial(rng := np.random.default_rng(1), made := two_sines(rng), more=drifting(made[0]), **joint)
     row = witness_row(record_of_trial(trial, SETTINGS.model_copy(update={"excitation": "any"})))
     assert (row["heard"], row["VAF_in_band"] > 99.95) == (None, True)
-
-
-@pytest.mark.parametrize("made", ["noise", "multisine"])
-def test_play_before_the_spring_alone_leaves_the_inertia_of_the_joint(made):
-    half = np.deg2rad(0.15) / 2
-    row = told(made, more=lambda t, x, v, a: -TRUE["K"] * half * spring_that_slips(x, half))
-    assert "play" in row["rivals"].split(", ")
-    for name in ("K", "B", "I"):
-        assert row[f"{name}_without"] == pytest.approx(TRUE[name], rel=2e-3 if name != "I" else 0.03)
 
 
 @pytest.mark.parametrize("bits", [18, 40])

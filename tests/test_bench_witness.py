@@ -53,14 +53,13 @@ def test_nothing_is_heard_of_a_sound_joint_whatever_its_size_beside_drift_and_fr
     assert (row["rivals"], [row[f"{family}_shift"] or 0.0 for family in FAMILIES]) == (None, [0.0] * len(FAMILIES))
 
 
-WIDTH = np.deg2rad(0.075)  # of play, half
 FAULTS = {
     "delay": ("path", "delay", {"late": 2e-3}),
     "step of K": ("time", "K that changes at once", {"more": lambda t, x, *_: -45 * (t > 0.6 * t[-1]) * x}),
     "clocks": ("time", "clocks", {"more": lambda t, x, v, a: -3e-5 * t * (300 * v + 5 * a)}),
     "ramp of K": ("time", "K that drifts", {"more": lambda t, x, *_: -30 * (t / t[-1]) * x}),
     "square of speed": ("speed", "damping that changes with the speed", {"more": lambda t, x, v, a: 1.5 * v * abs(v)}),
-    "play": ("speed", "play", {"more": lambda t, x, *_: -300 * WIDTH * spring_that_slips(x, WIDTH)}),
+    "play": ("speed", "play", {"more": lambda t, x, *_: -0.39 * spring_that_slips(x, 1.3e-3)}),
     "hardening": ("size", "stiffness that changes with the angle", {"more": lambda t, x, *_: 4000 * x**3}),
     "hardening about another angle": (
         "size",

@@ -45,6 +45,7 @@ NEAR_PATH = 0.15  # the same of paths, whose error is that of their models: a lo
 MOMENTS = np.arange(6, 19) / CHUNKS  # shares of what is fitted at whose ends K, or a lag, may change
 MUSCLE_HZ, REFLEX_S = 6.0, 0.04  # of a muscle's answer to a reflex, and its delay
 SLOW = 0.02  # share of the velocity's SD at which friction has turned its sign
+MOST_LEFT = 0.05  # share of the torque's variance that an explanation may leave, to be named with its estimates
 HIDDEN = 0.1  # share of the inertia that a delay that is not heard may make
 HIDDEN_OF_B = 0.03  # the same of the damping
 LEAST_INERTIA, LEAST_DAMPING = 1e-3, 0.1  # kg*m^2 and N*m*s/rad, added in quadrature to what these are shares of
@@ -584,6 +585,8 @@ def witness_row(
     # what is heard more clearly than the path that it passes for is told, too
     clearer = [one.family for one in alike if chance.get(one.family, 0.0) < chance.get(first, 0.0)]
     row |= {f"{family}_shift": float(harm.max()) for family in {first, *(clearer if first == "path" else ())}}
+    if square(alike[0].left) > MOST_LEFT * square(court.view.y):
+        return row
     row |= {"rivals": ", ".join(dict.fromkeys(one.name for one in alike))}
     apart = harm_of(np.ptp(every, axis=0), every[0])
     useless = USELESS * np.hypot(none.estimates, [HARM[name][1] for name in list(HARM)[-len(names) :]])

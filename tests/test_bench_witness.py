@@ -53,19 +53,17 @@ def test_nothing_is_heard_of_a_sound_joint_whatever_its_size_beside_drift_and_fr
     assert (row["rivals"], [row[f"{family}_shift"] or 0.0 for family in FAMILIES]) == (None, [0.0] * len(FAMILIES))
 
 
+CURVED, ONCE = "stiffness that changes with the angle", "lag that changes at once"
 FAULTS = {
     "delay": ("path", "delay", {"late": 2e-3}),
     "step of K": ("time", "K that changes at once", {"more": lambda t, x, *_: -45 * (t > 0.6 * t[-1]) * x}),
     "clocks": ("time", "clocks", {"more": lambda t, x, v, a: -3e-5 * t * (300 * v + 5 * a)}),
+    "late from half on": ("time", ONCE, {"more": lambda t, x, v, a: -1e-3 * (t > t[-1] / 2) * (300 * v + 5 * a)}),
     "ramp of K": ("time", "K that drifts", {"more": lambda t, x, *_: -30 * (t / t[-1]) * x}),
     "square of speed": ("speed", "damping that changes with the speed", {"more": lambda t, x, v, a: 1.5 * v * abs(v)}),
     "play": ("speed", "play", {"more": lambda t, x, *_: -0.39 * spring_that_slips(x, 1.3e-3)}),
-    "hardening": ("size", "stiffness that changes with the angle", {"more": lambda t, x, *_: 4000 * x**3}),
-    "hardening about another angle": (
-        "size",
-        "stiffness that changes with the angle",
-        {"more": lambda t, x, *_: 4000 * (x**3 + 0.15 * x**2)},
-    ),
+    "hardening": ("size", CURVED, {"more": lambda t, x, *_: 4000 * x**3}),
+    "hardening about another angle": ("size", CURVED, {"more": lambda t, x, *_: 4000 * (x**3 + 0.15 * x**2)}),
     "flexing": ("direction", "stiffness by direction of motion", {"more": lambda t, x, v, a: 60 * x * (v > 0)}),
     "stiffer on one side": ("size", "stiffness by side", {"more": lambda t, x, *_: 60 * np.maximum(x, 0)}),
 }

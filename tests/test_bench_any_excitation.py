@@ -447,7 +447,7 @@ def test_a_person_s_joint_whose_damping_or_inertia_is_certainly_negative_is_doub
 @pytest.mark.parametrize(("delay", "order", "second"), [(0.034, 1, 0), (0.054, 2, 0), (0.044, 3, 0), (0.04, 2, 0.6)])
 def test_the_intervals_of_a_person_with_little_noise_hold_what_is_true_of_any_reflex(delay, order, second):
     """Cosines after delays 5 ms apart had B 1.3 % off with an interval of 0.1 %, of first order all 20 % off; muscle
-    with four cosines missed K and B beside a second burst by three half-widths."""
+    with four cosines missed K and B beside a second burst by three half-widths. What tells it costs width."""
     made = {"delay": delay, "band": (0.3, 15.0), "order": order, "second": second, "seconds": 45.0}
     row = person(reflexive(np.random.default_rng(0), 6.0, 0.03, **made))[1]
     if order > 1 and not second:
@@ -457,7 +457,20 @@ def test_the_intervals_of_a_person_with_little_noise_hold_what_is_true_of_any_re
     true |= {} if second else {"reflex_delay": 1e3 * delay}
     row |= {f"reflex_delay{end}": row[f"reflex_delay{end}_ms"] for end in ("_low", "_high")}
     assert not [name for name, x in true.items() if not row[f"{name}_low"] < x < row[f"{name}_high"]]
-    assert max(row["reflex_gain_up_se"], row["K_se"] / 5, row["B_se"] * 10) < 0.1
+    assert max(row["reflex_gain_up_se"], row["K_se"] / 5, row["B_se"] * 10) < 0.1 + 0.3 * second
+
+
+def test_what_a_persons_model_misses_in_every_period_is_not_made_certain_by_their_number():
+    """A reflex from 0.15 rad/s on, which is not of the model: with twice the periods K had 0.7 of its interval."""
+    w, widths = 2 * np.pi * np.arange(1, 80, 2) / 10, list[float]()
+    for periods in (3, 6):
+        time = np.arange(periods * 5000) / RATE
+        turns = np.exp(1j * (np.outer(time, w) + np.random.default_rng(3).uniform(0, 6, len(w)))) / 150
+        motion = [np.imag(turns @ (1j * w) ** k) for k in range(3)]
+        late = np.concatenate([np.zeros(22), np.maximum(motion[1] - 0.15, 0)])[: len(time)]
+        trial = made_trial(np.random.default_rng(1), (time, motion), more=6 * lfilter(*butter(2, 3 / (RATE / 2)), late))
+        widths.append(person(trial)[1]["K_se"])
+    assert widths[1] > 0.85 * widths[0]
 
 
 @pytest.mark.parametrize(("gain", "cubic", "doubt"), [(0, 0, ""), (0, 4e3, "spring that is not linear"), (6, 4e3, "")])

@@ -53,6 +53,7 @@ QUIET = 0.3  # share of the parts of 50 samples, in which what is faster than th
 AT_LEVELS = 0.15  # share of the power at a few levels, from which on a motion is between these (sines 0.05, steps 0.2)
 OF_SINE = 0.5  # steps by which the size of a sine is drawn: less where samples keep step with it covers too little
 DRAWS = (np.arange(17) + 0.5) / 17 - 0.5  # parts of a step of an encoder by which zeros and sizes differ
+ALIKE_S = 0.25  # time [s] over which what a model misses is alike
 SHORTEST_S = 1.0  # shortest stretch [s] that is fitted
 NOT_MOVED = "the joint does not move; check the channel of theta in the source file"
 
@@ -395,10 +396,12 @@ def cycles_of(
     return Groups("cycles", first, np.minimum(stop, len(usable)), number, tuple(strata))
 
 
-def periods_of(motion: PeriodicMotion, rate_hz: float, usable: NDArray[np.bool_]) -> Groups | None:
-    """The same part of each period of a realisation is a stratum; None where fewer than two periods are usable. What a
-    model misses is alike over less than a quarter of a second, noise over much less."""
-    parts = max(round(motion.period / 0.25), 1)
+def periods_of(
+    motion: PeriodicMotion, rate_hz: float, usable: NDArray[np.bool_], seconds: float = ALIKE_S
+) -> Groups | None:
+    """The same part of some seconds of each period of a realisation is a stratum; None where fewer than two periods are
+    usable. Noise is alike over much less than `ALIKE_S`."""
+    parts = max(round(motion.period / seconds), 1)
     first, number, strata = [], [], list[Stratum]()
     for one in motion.realisations:
         starts = rate_hz * (one.start + one.period * np.arange(one.periods))

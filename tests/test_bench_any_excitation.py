@@ -520,7 +520,7 @@ def test_a_reflex_is_a_doubt_of_a_device_and_columns_of_a_person():
 
 @pytest.mark.parametrize("late", [0.0, 5e-3])
 def test_a_late_torque_of_a_person_is_told_from_the_reflex_and_doubted_with_k_and_b_without_it(late):
-    """Friction, which damps as an early torque does, is none."""
+    """Friction, which damps as an early torque does, is none, but a doubt of its own."""
     motion = noise(rng := np.random.default_rng(5), (0.3, 20.0), 1.2, 30.0, 500.0)
     past = np.maximum(np.roll(motion[1][1], 22), 0)
     more = 3 * sosfilt(butter(2, 3, fs=500.0, output="sos"), past) + 0.2 * np.tanh(motion[1][1] / 0.02)
@@ -529,7 +529,8 @@ def test_a_late_torque_of_a_person_is_told_from_the_reflex_and_doubted_with_k_an
     assert (row["lag_s"], row["cutoff_hz"]) == (pytest.approx(late, abs=2.5e-4), 40.0)
     assert LATENESS not in row["not_checked"].split("; ")
     if not late:
-        assert (row["doubtful"], row["lag_shift"], row["K_without_lag"]) == ("", 0.0, None)
+        assert (row["doubtful"], row["lag_shift"], row["K_without_lag"]) == ("friction", 0.0, None)
+        assert row["B"] - 0.1 > row["B_without"] == pytest.approx(1, abs=0.02)
         behind = lfilter([0.2], [1, -0.8], trial.samples["torque"].to_numpy())  # lag and reflex make up for a low-pass
         row = person(Trial("behind", trial.samples.with_columns(torque=behind)), cutoff_hz=40.0)[1]
         assert (row["lag_shift"] > 1, row["K_without_lag"], row["B_without_lag_low"]) == (True, None, None)

@@ -28,7 +28,7 @@ from osl_analysis.bench.effects import IMPEDANCE, Model, columns_of
 from osl_analysis.bench.gram import GroupFit, Sums, held_out_vaf
 from osl_analysis.bench.record import QUICK, Groups, Record, logged, periods_of, record_of_trial, stretches_of
 from osl_analysis.bench.settings import HumanJoint, HumanJointAnalysis
-from osl_analysis.bench.witness import ALIKE, HIDDEN, no_witness, wald, witness_row
+from osl_analysis.bench.witness import ALIKE, HIDDEN, harm_of, no_witness, wald, witness_row
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass, Motion, sampling_rate, seven_point_motion
 from osl_analysis.signals.grid import uniform_signals
@@ -48,6 +48,7 @@ OWN_SHARE = 0.95  # of the power of the angle's speed, which lies below the cut-
 DELAYED = 0.8, 1.15  # of what a low-pass leaves, and of the lag, below which the torque is late; low-passes: 0.86, 1.22
 REFLEX_ERROR = 60e-6  # s by which a reflex that is not made of the columns shifts a lag (SD)
 LEAST_REFLEX = 0.5  # % of the variance, below which there is no reflex: of 20 joints without one to 0.23, of ankles 0.7
+RUBS = 0.2, 1e-6  # share of what is left, and chance, from which on friction explains it; sound joints 0.14, or 7e-6
 USUAL_DELAY_S = 0.04  # of a stretch reflex of the ankle [s]
 SIGN_WIDTHS = (0.005, 0.02, 0.1)  # speeds [rad/s] over which friction turns its sign
 BEFORE_OVER_AFTER = 1.7  # how much more past speed must explain than the speed to come; sound joints: 1.5
@@ -107,6 +108,19 @@ class Reflexive:
         return low_pass(np.column_stack([np.maximum(omega, 0), np.minimum(omega, 0)]), rate)
 
     @property
+    def coarse(self) -> dict[str, Array]:
+        """The columns `beside` in the rows of the coarse record."""
+        step = round(self.raw.rate_hz / self.record.coarse.rate_hz)
+        return {name: column[::step] for name, column in self.beside.items()}
+
+    @cached_property
+    def rubs(self) -> dict[str, Array]:
+        """The columns of friction and play in the rows of the coarse record."""
+        shapes = effects.shapes_of_friction(self.raw)
+        quick = without_slow(self.raw.coarse, np.transpose([*shapes.values()]), self.human.slow_hz)
+        return dict(zip(shapes, quick.T, strict=True))
+
+    @property
     def model(self) -> Model:
         """Eq. 15, with what is fitted beside it."""
         return {**IMPEDANCE, **{name: name for name in self.beside}}
@@ -115,10 +129,9 @@ class Reflexive:
     def sums(self) -> Sums:
         return sums_beside(self.record, self.beside)
 
-    def fit_with(self, *further: Array) -> GroupFit:
-        """The fit with further columns (n,) beside it, as `gain_0`."""
-        both = replace(self, beside={**self.beside, **{f"gain_{k}": column for k, column in enumerate(further)}})
-        return gram.fit_groups(both.sums, both.model, limit=np.inf)
+    @property
+    def fit(self) -> GroupFit:
+        return gram.fit_groups(self.sums, self.model, limit=np.inf)
 
 
 Tried = tuple[Muscle, Array]  # and what the fit to the others leaves of each stretch (m,)
@@ -211,7 +224,7 @@ def muscles_like(person: Reflexive, late: bool) -> list[Tried]:
     raw, few, human, found = person.raw, person.record.coarse, person.human, list[Tried]()
     step = round(raw.rate_hz / few.rate_hz)
     waves, slow = person.half_waves[::step], None if person.slow is None else person.slow[::step]
-    beside = {name: column[::step] for name, column in person.beside.items()}
+    beside = person.coarse
     if late:
         higher = seven_point_motion(few.time, few.motion.alpha, few.rate_hz)
         beside |= {"jerk": higher.omega, "snap": higher.alpha}
@@ -243,13 +256,15 @@ def muscles_like(person: Reflexive, late: bool) -> list[Tried]:
         for number in FURTHER:
             muscle = Muscle(order, values, bool(at), half, number)
             columns = quick(muscle.columns(waves, few.rate_hz, human.memory_s))
-            found.append((muscle, predicted(few, {**beside, **{f"reflex_{k}": x for k, x in enumerate(columns.T)}})))
+            found.append(
+                (muscle, predicted(sums_beside(few, beside | {f"reflex_{k}": x for k, x in enumerate(columns.T)})))
+            )
     return sorted(found, key=lambda one: float(one[1].sum()))
 
 
-def predicted(record: Record, beside: Mapping[str, Array]) -> Array:
-    """What the fit to the other stretches leaves of each, (m,), with columns beside Eq. 15."""
-    of_each = of_units(record.groups, sums_beside(record, beside).gram[:, :-1, :-1])
+def predicted(sums: Sums) -> Array:
+    """What the fit to the other stretches leaves of each, (m,)."""
+    of_each = of_units(sums.groups, sums.gram[:, :-1, :-1])
     rest = of_each.sum(axis=0) - of_each
     error = np.hstack([gram.solved(rest[:, :-1, :-1], rest[:, :-1, -1])[0], -np.ones((len(rest), 1))])
     return np.asarray(np.einsum("mp,mpq,mq->m", error, of_each, error))
@@ -299,7 +314,7 @@ def friction_columns(record: Record, *cutoffs_hz: float) -> Array:
 def unstated_reflex_row(record: Record, is_device: bool) -> Row:
     """Whether the torque of a joint has a reflex, and K, B and I with one in the model; null where it is a device."""
     p = None if is_device else reflex_test(record, HumanJoint())
-    fit = with_reflex(record, HumanJoint()).fit_with() if p is not None and p < 1e-2 else None
+    fit = with_reflex(record, HumanJoint()).fit if p is not None and p < 1e-2 else None
     return {"reflex_p": p, **without_row(fit, "with_reflex")}
 
 
@@ -378,10 +393,7 @@ def lag_of_person(person: Reflexive) -> tuple[GroupFit, effects.Fault, bool] | N
     and whether no low-pass of first order may be what is heard; None where the motion does not tell. The reflex is
     asked for anew: that of a fit without a lag makes up for it."""
     late = with_reflex(person.raw, person.human, person.slow, late=True)
-    raw, few = person.raw, late.record.coarse
-    friction = without_slow(raw.coarse, friction_columns(raw, 160.0), person.human.slow_hz)
-    beside = {name: column[:: round(raw.rate_hz / few.rate_hz)] for name, column in late.beside.items()}
-    beside |= {f"friction_{k}": column for k, column in enumerate(friction.T)}
+    few, beside = late.record.coarse, late.coarse | person.rubs
     columns, centre = columns_of(few)
     model = {**effects.IMPEDANCE, **{name: name for name in beside}}
     columns |= beside | {"jerk": seven_point_motion(few.time, few.motion.alpha, few.rate_hz).omega}
@@ -419,6 +431,24 @@ def lag_of_person_row(fit: PersonFit) -> Row:
     return row | (without_lag if lag.found and told and told[2] else dict.fromkeys(without_lag))
 
 
+def friction_row(fit: PersonFit, lag: Row) -> Row:
+    """What friction, or play, which is friction that drives, explain of the torque: their harm where other stretches
+    predict each one far better with them than chance, or a reflex of another shape, would make it, and K, B and I then.
+    They are not asked of a torque with a `lag`."""
+    person, whole, few, row = fit[0], fit[1].whole, fit[0].record.coarse, no_witness()
+    beside = person.coarse | person.rubs
+    sums, left = sums_beside(few, beside), person.muscles[0][1]
+    gained = left - predicted(sums)
+    t = float(gained.mean() / max(gained.std(ddof=1), 1e-300)) * len(gained) ** 0.5
+    if lag["lag_shift"] or gained.sum() < RUBS[0] * left.sum() or scipy.special.stdtr(len(gained) - 1, -t) > RUBS[1]:
+        return row
+    found = gram.fit_groups(sums, {**IMPEDANCE, **{name: name for name in beside}}, limit=np.inf)
+    moved, own = (np.array([one[name] for name in "KBI"]) for one in (found, whole))
+    family, name = ("friction", "friction") if found["slides"] > 0 else ("speed", "play")
+    harm = float(harm_of(moved - own, own).max())
+    return row | {f"{family}_shift": harm, "rivals": name, **without_row(found, "without")}
+
+
 def reflex_gains(person: Reflexive, whole: gram.GroupFit) -> Row:
     """Torque per speed [N*m*s/rad] that a lasting speed of either direction would end in by the reflex."""
     row, (muscle, _) = Row(), person.muscles[0]
@@ -447,7 +477,7 @@ def reflex_row(fit: PersonFit) -> Row:
     K_sooner, least = None, min(human.delays_ms) - SOONER_MS
     if delay < least + SOONER_MS + 1e-6 and least > 0:
         other = with_reflex(raw, human.model_copy(update={"delays_ms": (least,)}), person.slow)
-        K_sooner = other.fit_with()["K"] if other.muscles[0][1].sum() < person.muscles[0][1].sum() else None
+        K_sooner = other.fit["K"] if other.muscles[0][1].sum() < person.muscles[0][1].sum() else None
     return {
         **reflex_gains(person, whole),
         "reflex_share": 100 * float(np.var(reflex) / np.var(record.part(record.filtered_torque))),
@@ -468,7 +498,7 @@ def human_joint_table(fit: PersonFit) -> pl.DataFrame:
         del row[name]  # of sines and repeats
     reflex: dict[str, Any] = reflex_row(fit)
     row |= lag_of_person_row(fit) | reflex
-    row |= no_witness() if reflex["reflex_share"] > LEAST_REFLEX else witness_row(person.raw, answers=False)
+    row |= witness_row(person.raw, answers=False) if reflex["reflex_share"] <= LEAST_REFLEX else friction_row(fit, row)
     row |= {
         "VAF_held_out": held_out_vaf(analysis.sums, analysis.model, interleaved=True),
         **analysis.time_base_row(None, QUANTITIES),

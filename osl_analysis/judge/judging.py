@@ -78,7 +78,8 @@ def of_others(table: str, row: AnyRow) -> Iterator[str]:
         K = [x for end in ("low", "sooner", "high") if (x := cell_number(row, f"K_{end}")) is not None]
         if len(K) == 3 and K != sorted(K):
             yield "whether the reflex is sooner than the delays tried"
-        yield "whether the fixture rubs, or has play"
+        if lacks(row, "friction_shift") and lacks(row, "speed_shift"):
+            yield "whether the fixture rubs, or has play"
         yield "whether a linear response is one of K, B and I"
     if table == "torque_angle":
         if row.get("smaller_cycles"):

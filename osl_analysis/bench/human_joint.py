@@ -113,13 +113,6 @@ class Reflexive:
         step = round(self.raw.rate_hz / self.record.coarse.rate_hz)
         return {name: column[::step] for name, column in self.beside.items()}
 
-    @cached_property
-    def rubs(self) -> dict[str, Array]:
-        """The columns of friction and play in the rows of the coarse record."""
-        shapes = effects.shapes_of_friction(self.raw)
-        quick = without_slow(self.raw.coarse, np.transpose([*shapes.values()]), self.human.slow_hz)
-        return dict(zip(shapes, quick.T, strict=True))
-
     @property
     def model(self) -> Model:
         """Eq. 15, with what is fitted beside it."""
@@ -393,7 +386,8 @@ def lag_of_person(person: Reflexive) -> tuple[GroupFit, effects.Fault, bool] | N
     and whether no low-pass of first order may be what is heard; None where the motion does not tell. The reflex is
     asked for anew: that of a fit without a lag makes up for it."""
     late = with_reflex(person.raw, person.human, person.slow, late=True)
-    few, beside = late.record.coarse, late.coarse | person.rubs
+    friction = without_slow(person.raw.coarse, friction_columns(person.raw, 160.0), person.human.slow_hz)
+    few, beside = late.record.coarse, late.coarse | {f"friction_{k}": column for k, column in enumerate(friction.T)}
     columns, centre = columns_of(few)
     model = {**effects.IMPEDANCE, **{name: name for name in beside}}
     columns |= beside | {"jerk": seven_point_motion(few.time, few.motion.alpha, few.rate_hz).omega}
@@ -436,7 +430,9 @@ def friction_row(fit: PersonFit, lag: Row) -> Row:
     predict each one far better with them than chance, or a reflex of another shape, would make it, and K, B and I then.
     They are not asked of a torque with a `lag`."""
     person, whole, few, row = fit[0], fit[1].whole, fit[0].record.coarse, no_witness()
-    beside = person.coarse | person.rubs
+    shapes = effects.shapes_of_friction(person.raw)
+    quick = without_slow(person.raw.coarse, np.transpose([*shapes.values()]), person.human.slow_hz)
+    beside = person.coarse | dict(zip(shapes, quick.T, strict=True))
     sums, left = sums_beside(few, beside), person.muscles[0][1]
     gained = left - predicted(sums)
     t = float(gained.mean() / max(gained.std(ddof=1), 1e-300)) * len(gained) ** 0.5

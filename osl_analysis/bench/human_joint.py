@@ -33,7 +33,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass, Motion, sampling_rate, seven_point_motion
 from osl_analysis.signals.grid import uniform_signals
 from osl_analysis.spectral.stepped_sine import Likeness
-from osl_analysis.stats.regression import Row, products_between
+from osl_analysis.stats.regression import ROUNDED, Row, products_between
 from osl_analysis.trial import Array, Trial
 
 COSINES = 8  # in which the impulse response of what may be a reflex is described; each next one is broader
@@ -42,6 +42,7 @@ BLOCKS, SHORTEST_BLOCK_S = 30, 2.0  # stretches whose scores make the intervals:
 TESTED_BLOCKS, SHORTEST_TESTED_S, FEWEST_TESTED = 48, 1.0, 20  # the same of the test for a reflex, and parts of periods
 SOONER_MS, AT_END_S = 10.0, 2e-4  # beyond the delays that are allowed one is asked for; s from an end where it is taken
 ORDERS, FURTHER = (2, 3), (0, 4, 8, 12)  # of muscle that is tried, and numbers of cosines beside it
+TOLD = 0.5 * ROUNDED  # scaled condition number up to which cosines are tried: beyond, what is fitted is refused
 LAG_S, DAMPED = (0.01, 0.1, 0.25), (0.4, 3.0, 10.0)  # least, first and largest; muscle of damping 10 is of first order
 MOVES = np.array([5e-4, 0.03, 0.03])  # of delay [s], log lag and log damping, by which their effect is told
 OWN_SHARE = 0.95  # of the power of the angle's speed, which lies below the cut-off where none is stated
@@ -249,9 +250,10 @@ def muscles_like(person: Reflexive, late: bool) -> list[Tried]:
         for number in FURTHER:
             muscle = Muscle(order, values, bool(at), half, number)
             columns = quick(muscle.columns(waves, few.rate_hz, human.memory_s))
-            found.append(
-                (muscle, predicted(sums_beside(few, beside | {f"reflex_{k}": x for k, x in enumerate(columns.T)})))
-            )
+            sums = sums_beside(few, beside | {f"reflex_{k}": x for k, x in enumerate(columns.T)})
+            size = np.sqrt(np.maximum(np.diag(sums.total)[:-2], np.finfo(float).tiny))
+            if not number or np.linalg.cond(sums.total[:-2, :-2] / np.outer(size, size)) < TOLD**2:
+                found.append((muscle, predicted(sums)))
     return sorted(found, key=lambda one: float(one[1].sum()))
 
 

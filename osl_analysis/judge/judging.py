@@ -69,18 +69,22 @@ def of_impedance(row: AnyRow) -> Iterator[str]:
         yield "whether a fixture's weight is in K"
 
 
+def of_person(row: AnyRow) -> Iterator[str]:
+    if lacks(row, "lag_s"):
+        yield LATENESS
+    K = [x for end in ("low", "sooner", "high") if (x := cell_number(row, f"K_{end}")) is not None]
+    if len(K) == 3 and K != sorted(K):
+        yield "whether the reflex is sooner than the delays tried"
+    if lacks(row, "friction_shift") and lacks(row, "speed_shift"):
+        yield "whether the fixture rubs, or has play"
+    yield "whether a linear response is one of K, B and I"
+
+
 def of_others(table: str, row: AnyRow) -> Iterator[str]:
     if table == "transmission" and lacks(row, "path_shift"):
         yield LATENESS
     if table == "human_joint":
-        if lacks(row, "lag_s"):
-            yield LATENESS
-        K = [x for end in ("low", "sooner", "high") if (x := cell_number(row, f"K_{end}")) is not None]
-        if len(K) == 3 and K != sorted(K):
-            yield "whether the reflex is sooner than the delays tried"
-        if lacks(row, "friction_shift") and lacks(row, "speed_shift"):
-            yield "whether the fixture rubs, or has play"
-        yield "whether a linear response is one of K, B and I"
+        yield from of_person(row)
     if table == "torque_angle":
         if row.get("smaller_cycles"):
             yield "cycles that are smaller than the largest"

@@ -43,7 +43,7 @@ EXPLAINS = 0.1  # share of the misfit that is left, below which a rival is told 
 RUBBING = 0.5  # the same that friction explains, from which on it may be the cause; of an early torque by sines 0.3
 NEAR_PATH = 0.15  # the same of paths, whose error is that of their models: a low-pass and a mean are hard to tell apart
 MOMENTS = np.arange(6, 19) / CHUNKS  # shares of what is fitted at whose ends K, or a lag, may change
-MUSCLE_HZ, REFLEX_S = 6.0, 0.04  # of a muscle's answer to a reflex, and its delay
+MUSCLE_HZ, REFLEX_S = 6.0, (0.02, 0.04, 0.06, 0.1)  # of a muscle's answer to a reflex; its delays, as a real ankle asks
 SLOW = 0.02  # share of the velocity's SD at which friction has turned its sign
 MOST_LEFT = 0.05  # share of the torque's variance that an explanation may leave, to be named with its estimates
 HIDDEN = 0.1  # share of the inertia that a delay that is not heard may make
@@ -421,8 +421,9 @@ class Court:
         view, speed = self.view, np.abs(self.view.motion[1])
         s = 2j * np.pi * view.f
         muscle = 1 / (1 + s / (2 * np.pi * MUSCLE_HZ)) ** 2
-        answer = view.passed(speed, muscle * np.exp(-s * REFLEX_S))
-        self.add("reflex", "reflex", [*view.base, answer], parameters=1)
+        for delay in REFLEX_S:
+            answer = view.passed(speed, muscle * np.exp(-s * delay))
+            self.add("reflex", "reflex", [*view.base, answer], parameters=1)
 
     def hear_friction(self) -> tuple[Rival, Rival]:
         """A joint that rubs in some shapes about rest at once, none of which drives it: no family hears it, but between

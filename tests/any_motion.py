@@ -25,10 +25,12 @@ def sines(rng, frequencies_hz, rms_deg=2.0, duration=30.0, rate=RATE):
     """A sum of sines of equal size and random phase: a multisine, or noise where they are many at any frequency."""
     time = np.arange(round((duration + 2 * LEAD) * rate)) / rate
     w = 2 * np.pi * np.asarray(frequencies_hz)[:, None]
-    phase = w * time + rng.uniform(0, 2 * np.pi, len(w))[:, None]
-    size = np.deg2rad(rms_deg) * np.sqrt(2 / len(w))
-    motion = (size * np.sin(phase)).sum(0), (size * w * np.cos(phase)).sum(0), (-size * w**2 * np.sin(phase)).sum(0)
-    return time, faded(time, duration, motion)
+    turning = np.deg2rad(rms_deg) * np.sqrt(2 / len(w)) * np.exp(1j * rng.uniform(0, 2 * np.pi, len(w)))[:, None]
+    # of a time that is a whole number of seconds and a rest, each sine is a product of two, which sums as of matrices
+    rows = round(rate)
+    whole, rest = (np.exp(1j * w * t) for t in (time[::rows], time[:rows]))
+    motion = (((turning * (1j * w) ** k * whole).T @ rest).imag.ravel()[: len(time)] for k in range(3))
+    return time, faded(time, duration, tuple(motion))
 
 
 def multisine(rng, period=6.0, periods=5, band=(0.5, 6.0), rms_deg=2.0, rate=RATE):

@@ -2,11 +2,13 @@
 
 import gc
 import os
+import sys
 from fnmatch import fnmatch
 from pathlib import Path
 
 # One thread per process, as in the jobs of a campaign, before numpy is imported: the tests themselves take all cores.
 os.environ.update({f"{one}_THREADS": "1" for one in ("OMP_NUM", "OPENBLAS_NUM", "MKL_NUM", "NUMBA_NUM", "POLARS_MAX")})
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # else each process compiles what it imports anew
 
 import numpy as np
 import polars as pl
@@ -23,6 +25,8 @@ from osl_analysis.model.drivetrain import DrivetrainParameters, read_parameters
 from osl_analysis.signals import LowPass, Motion
 from osl_analysis.trial import Array
 
+sys.dont_write_bytecode = False
+gc.disable()  # until all is imported
 ROOT = Path(__file__).parents[1]
 RUNNING = ("test_workflow", "test_bundle", "test_report", "test_walking_perturbed_by")
 """Modules that run campaigns: on one core, for `snakemake_runs.py` has a process with all imports for each."""
@@ -59,6 +63,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(pytest.mark.numerics)
     gc.freeze()  # what collecting has made stays, and looking through it again and again takes a tenth of a run
     gc.set_threshold(20_000)
+    gc.enable()
 
 
 @pytest.fixture

@@ -220,10 +220,11 @@ def between_two_levels(rng, seconds=60, corner=8.0):
     motion = np.array([np.full_like(time, -0.035), 0 * time, 0 * time])
     starts = np.cumsum(rng.choice([0.1, 0.2, 0.3, 0.4, 0.6], 180)) + 1
     for start in starts[starts < seconds - 2]:
-        x = w * np.maximum(time - start, 0)
+        first = int(500 * start)  # no row before it moves
+        x = w * np.maximum(time[first:] - start, 0)
         left = np.exp(-x)
         step = 1 - left * (1 + x + x**2 / 2 + x**3 / 6), left * x**3 / 6 * w, left * (x**2 / 2 - x**3 / 6) * w**2
-        motion += 0.07 * side * np.array(step)
+        motion[:, first:] += 0.07 * side * np.array(step)
         side = -side
     return time, motion
 

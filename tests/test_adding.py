@@ -76,7 +76,8 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("project")
     shutil.copy(ROOT / "Snakefile", folder)
     for part in ("osl_analysis", "snakemake_logger_plugin_osl", "rules", "profiles", "config"):
-        shutil.copytree(ROOT / part, folder / part)  # with the compiled bytecode, which the same dates keep valid
+        # with the compiled modules, which the same dates keep valid, and not those that another process just writes
+        shutil.copytree(ROOT / part, folder / part, ignore=shutil.ignore_patterns("*.pyc.*"))
     (folder / "osl_analysis/bench/holding.py").write_text(FIT)
     for name, (place, text) in ADDITIONS.items():
         before = (folder / name).read_text()

@@ -10,7 +10,7 @@ from scipy.interpolate import make_interp_spline
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import butter, cont2discrete, lfilter, lsim, sosfilt, sosfiltfilt
 
-from osl_analysis.bench.analysis import analysed, angle_noise_bias, angle_noise_share, timebase_table
+from osl_analysis.bench.analysis import analysed, angle_noise_bias, angle_noise_share, timebase_table, without_row
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums, with_effects
 from osl_analysis.bench.human_joint import fit_person, human_joint_table, over_table
 from osl_analysis.bench.impedance import (
@@ -67,6 +67,13 @@ def person(trial, human=None, **settings):
     fit = fit_person(trial, SETTINGS.model_copy(update={"human": human, "own_cutoff": not settings, **settings}))
     table = human_joint_table(fit).with_columns(saturated(trial))
     return fit, marked(table, LIMITS_OF_PERSON, "human_joint").row(0, named=True)
+
+
+@pytest.fixture
+def lag_unasked(monkeypatch):
+    """Of a test of other columns of a person: whether the torque is late takes more than the fit."""
+    row = dict.fromkeys(("lag_s", "lag_se_s", "lag_shift")) | without_row(None, "without_lag")
+    monkeypatch.setattr("osl_analysis.bench.human_joint.lag_of_person_row", lambda _: row)
 
 
 def fit_of(record):
@@ -298,6 +305,7 @@ def test_a_spring_behind_a_damper_is_not_taken_for_friction_and_friction_beside_
     assert rubbing["B_viscous"] == pytest.approx(sound["B"], abs=0.02)
 
 
+@pytest.mark.usefixtures("without_witness")
 def test_of_two_answers_on_the_share_of_friction_the_smaller_one_is_held_against_a_trial():
     """A jerk, as of a drivetrain, takes friction off a fit without higher derivatives."""
     time, motion = chirp(np.random.default_rng(5))
@@ -372,6 +380,7 @@ def test_an_angle_of_constant_acceleration_without_noise_has_no_period_and_is_no
 HUMAN = ROOT.parent / "shared/real_data/human/human_ankles.npz"  # REKLAB, McGill University: binary steps, 1 kHz
 
 
+@pytest.mark.usefixtures("lag_unasked")
 @pytest.mark.skipif(not HUMAN.is_file(), reason="real data are not here")
 def test_a_human_ankle_gives_a_stiffness_and_what_its_reflex_leaves_of_it():
     with np.load(HUMAN) as records:
@@ -404,6 +413,7 @@ def reflexive(
     return made_trial(rng, (time, motion), more=more, **{"K": 90.0, "B": 1.0, "I": 0.016} | impedance)
 
 
+@pytest.mark.usefixtures("lag_unasked")
 def test_a_person_s_cut_off_is_that_of_the_recording_unless_one_is_stated_and_a_sooner_reflex_is_told():
     """White noise up to 30 Hz has 95 % of its speed's power below 29.5 Hz; below 8 Hz it needs no more than 15."""
     fast = reflexive(np.random.default_rng(1), 6.0, band=(0.3, 30.0))
@@ -420,6 +430,7 @@ def test_a_person_s_cut_off_is_that_of_the_recording_unless_one_is_stated_and_a_
         assert (sooner in [finding.cause for finding in found]) == is_told
 
 
+@pytest.mark.usefixtures("lag_unasked")
 def test_a_person_s_recording_is_explained_to_its_ends_and_to_its_gaps():
     """Derivatives are wrong beside what is fitted; the slow filter took that in for a second (half an interval of K was
     60 % of it). The reflex has a past, too, which was not recorded."""
@@ -436,6 +447,7 @@ def test_a_person_s_recording_is_explained_to_its_ends_and_to_its_gaps():
     assert np.ptp(gaps.whole.interval("K")) < 1.3 * np.ptp(whole.whole.interval("K"))
 
 
+@pytest.mark.usefixtures("lag_unasked")
 def test_a_person_s_joint_whose_damping_or_inertia_is_certainly_negative_is_doubtful():
     """A torque late by d takes K d off B, and B d off I. Through a mean of 15 ms a device was clear, too."""
     for name, made in {"I": {"B": 4.0, "I": 5e-3, "late": 6e-3}, "B": {"B": 0.5, "late": 0.02}}.items():
@@ -486,6 +498,7 @@ def test_friction_that_is_heard_of_a_joint_without_a_reflex_is_a_doubt():
     assert person(rubs)[1]["doubtful"] == "friction"
 
 
+@pytest.mark.usefixtures("lag_unasked")
 def test_a_joint_that_is_turned_has_the_gain_of_its_reflex_the_other_way():
     trial = reflexive(np.random.default_rng(0), 6.0, 0.03)
     turned = Trial("turned", trial.samples.with_columns(-pl.col("theta", "torque")))
@@ -568,6 +581,7 @@ def test_a_stepped_sine_of_a_persons_joint_is_refused_by_this_name():
         person(trial)
 
 
+@pytest.mark.usefixtures("lag_unasked")
 def test_stiffness_that_a_logged_signal_schedules_is_found_over_it():
     """K of 40 to 140 N*m/rad over a slow sine; the splines' bands hold it, and a signal that is not there is named. The
     angle is as slow in part: without noise the band is narrow and right. A reflex may rise with the signal, too."""

@@ -45,6 +45,7 @@ def test_a_sound_joint_is_not_doubtful_and_shows_no_cause():
     assert whole["rivals"] is None
 
 
+@pytest.mark.usefixtures("without_witness")
 @pytest.mark.parametrize("fall", [0.01, -0.02])
 def test_a_stiffness_that_changes_while_it_is_recorded_is_named_and_has_its_size(fall):
     """It makes I wrong by four times as much, forty standard errors, and nothing else of the fit shows it."""
@@ -109,6 +110,7 @@ def test_a_spring_that_stiffens_or_softens_is_named_and_not_called_friction(cubi
     assert whole["doubtful"] == "spring that is not linear"
 
 
+@pytest.mark.usefixtures("without_witness")
 def test_a_change_of_a_small_damping_is_a_share_of_two_newton_metres_per_rad_per_second_too():
     """B is 0.8 at the small amplitude and 0.4 at the large one, in the second half."""
     *_, whole = rows(

@@ -29,6 +29,7 @@ from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Trial, write_trial
 
 
+@pytest.mark.usefixtures("without_witness")
 def test_the_row_over_all_amplitudes_says_from_where_to_where_the_single_ones_read():
     """K falls from the small amplitude to the large one as Coulomb friction's share does in K theta^3."""
     record = stepped_sine(lambda m: second_order(m) + 2e3 * m.theta**3)
@@ -44,6 +45,7 @@ def test_the_row_over_all_amplitudes_says_from_where_to_where_the_single_ones_re
     assert estimates_text(table).count("single amplitudes") == 3
 
 
+@pytest.mark.usefixtures("without_witness")
 def test_the_model_of_fig4_is_the_fit_to_the_settled_cycles_and_has_no_torque_beyond_them():
     """Before the settled cycles the torque is three times as large, which a fit to all rows would take up."""
 
@@ -99,6 +101,7 @@ def test_an_amplitude_of_one_frequency_has_no_row_and_refuses_no_trial_that_tell
     assert 1 - (shown["torque"] - shown["torque_model"]).var() / shown["torque"].var() > 0.999
 
 
+@pytest.mark.usefixtures("without_witness")
 def test_where_amplitudes_nest_inside_frequencies_fig4_uses_one_amplitude_only(tmp_path):
     """A fit to both amplitudes leaves several percent: the small one has half of the stiffness of the large one."""
     sines = [a * unit_sines([(f, 9)], RATE) for f in PROTOCOL.frequencies_hz for a in PROTOCOL.amplitudes]
@@ -194,6 +197,7 @@ def test_a_lag_that_begins_after_a_third_is_heard_in_sines_whose_misfit_scatters
     assert row["B_without_low"] < 4.0 < row["B_without_high"]
 
 
+@pytest.mark.usefixtures("without_witness")
 @pytest.mark.parametrize(("share", "clipped"), [(1.0, False), (0.7, True)])
 def test_sines_whose_torque_is_clipped_before_the_noise_are_doubted_for_it(share, clipped):
     def cut(motion):

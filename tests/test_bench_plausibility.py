@@ -192,6 +192,7 @@ def test_a_shaft_that_yields_against_the_joint_has_the_wrong_sign_and_one_that_y
         assert row["doubtful"].partition(";")[0] == cause
 
 
+@pytest.mark.usefixtures("without_witness")
 def test_a_stiffness_far_from_what_the_gains_should_give_is_doubtful():
     for factor, side in ((0.113, "below"), (0.8, "below"), (1.356, "above")):
         row = judged("impedance", changed("impedance", torque=factor), asked=KNOWN)

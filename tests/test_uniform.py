@@ -67,6 +67,7 @@ def assert_right(row):
     assert (abs(errors(row)) < [0.1, 0.5, 3.0]).all(), row
 
 
+@pytest.mark.usefixtures("without_witness")
 @pytest.mark.parametrize("stamps", ["even", "exact"])
 def test_a_stated_delay_is_taken_out_of_the_stamps_of_its_channel(stamps):
     late = trial_of(motion(times())[0], torque(times() - 2e-3), stamps_are=stamps)
@@ -94,6 +95,7 @@ def test_a_stated_use_of_the_stamps_stands(stamps, taken):
     assert (stream["stamps"], stream["why"].startswith("stated")) == (taken, stamps != "auto")
 
 
+@pytest.mark.usefixtures("without_witness")
 def test_the_bench_s_yielding_is_taken_off_the_angle_and_its_error_is_in_the_intervals():
     """The bench's encoder sees the joint's angle and the frame's, wound up by the resisting torque."""
     frame = {"value": "3000 N*m/rad", "standard_error": "100 N*m/rad"}

@@ -1,6 +1,7 @@
 """A stepped-sine record whose torque is a function of its motion, for the tests of the bench."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import polars as pl
@@ -35,18 +36,25 @@ def true_motion(time, theta):
     return Motion(*(spline(time, order) for order in range(3)))
 
 
-def stepped_sine(torque_of, noise=0.0, protocol=PROTOCOL, seed=1):
-    """A stepped-sine record whose torque [N*m] is a function of its motion, with white noise."""
+@cache
+def moved_by(protocol):
+    """Times, angle, its derivatives and the segments of a protocol between rests."""
     rest = np.zeros(round(2 * RATE))
     theta = np.concatenate([rest, *(x for a in protocol.amplitudes for x in (a * unit_block(protocol, RATE), rest))])
     time = np.arange(len(theta)) / RATE
-    torque = torque_of(true_motion(time, theta)) + noise * np.random.default_rng(seed).standard_normal(len(time))
-    return record_of_sines(time, theta, torque, protocol)
+    return time, theta, true_motion(time, theta), find_segments(Likeness(time, theta, protocol))
 
 
-def record_of_sines(time, theta, torque, protocol=PROTOCOL):
+def stepped_sine(torque_of, noise=0.0, protocol=PROTOCOL, seed=1):
+    """A stepped-sine record whose torque [N*m] is a function of its motion, with white noise."""
+    time, theta, motion, segments = moved_by(protocol)
+    torque = torque_of(motion) + noise * np.random.default_rng(seed).standard_normal(len(time))
+    return record_of_sines(time, theta, torque, protocol, segments)
+
+
+def record_of_sines(time, theta, torque, protocol=PROTOCOL, segments=None):
     """The record of raw signals that follow a protocol."""
-    segments = find_segments(Likeness(time, theta, protocol))
+    segments = segments or find_segments(Likeness(time, theta, protocol))
     made = record_of("made", time, theta, torque, LOW_PASS, cycles_of(segments, 2, np.ones(len(time), dtype=bool)))
     return replace(made, band_hz=(min(protocol.frequencies_hz), max(protocol.frequencies_hz)))
 

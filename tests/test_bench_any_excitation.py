@@ -27,14 +27,7 @@ from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands.bench import fit_impedance_trial
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.ingest.examine import (
-    Commanded,
-    Examined,
-    check_recording,
-    measure_protocol,
-    samples_at_rail,
-    saturated,
-)
+from osl_analysis.ingest import examine
 from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.judging import LATENESS, unchecked_in
 from osl_analysis.judge.limits import DoubtfulFits, Limits
@@ -65,7 +58,7 @@ def row_of(trial, windows=None, **settings):
 def person(trial, human=None, **settings):
     """The fit of a person's joint, and its judged row."""
     fit = fit_person(trial, SETTINGS.model_copy(update={"human": human, "own_cutoff": not settings, **settings}))
-    table = human_joint_table(fit).with_columns(saturated(trial))
+    table = human_joint_table(fit).with_columns(examine.saturated(trial))
     return fit, marked(table, LIMITS_OF_PERSON, "human_joint").row(0, named=True)
 
 
@@ -204,7 +197,7 @@ def test_what_the_gains_should_give_is_what_the_torque_of_the_linear_model_gives
     s[0] = 1e-9j
     torque, late = (np.fft.irfft(spectrum / expected(s) * np.exp(-s * d), len(theta)) for d in (0.0, 3e-4))
     record = moving_record(trial := made_trial(rng, motion, K=0.0, B=0.0, I=0.0, more=late))
-    table = judged_impedance(record, saturated(trial), p, asked, asked.gains(p, PAPER_WEIGHT))[1]
+    table = judged_impedance(record, examine.saturated(trial), p, asked, asked.gains(p, PAPER_WEIGHT))[1]
     on_time = row_of(made_trial(rng, motion, K=0.0, B=0.0, I=0.0, more=torque))
     assert table.select("K_predicted", "B_predicted").row(0) == pytest.approx((on_time["K"], on_time["B"]), rel=3e-3)
     assert table["I_predicted"][0] == pytest.approx(on_time["I"], abs=2e-3)
@@ -222,7 +215,7 @@ def test_the_b_of_a_compensated_leg_is_held_against_that_of_its_gains(late):
     spectrum = np.fft.rfft(theta) / joint_admittance(gains.K_1, gains.B_1, p, p.J_j)(s) * np.exp(-s * late)
     torque = np.fft.irfft(spectrum * (np.abs(s) < 2 * np.pi * 45), len(theta))
     record = moving_record(trial := made_trial(np.random.default_rng(3), motion, K=0.0, B=0.0, I=0.0, more=torque))
-    table = judged_impedance(record, saturated(trial), p, asked, asked.gains(p, PAPER_WEIGHT))[1]
+    table = judged_impedance(record, examine.saturated(trial), p, asked, asked.gains(p, PAPER_WEIGHT))[1]
     size = np.std(torque) / np.std(theta)
     assert table["B_gap_s"][0] == pytest.approx(late * table["K"][0] / size, rel=0.1, abs=2e-4)
     assert table["B_predicted"][0] == pytest.approx(5.46, rel=0.05)
@@ -510,7 +503,7 @@ def test_a_joint_that_is_turned_has_the_gain_of_its_reflex_the_other_way():
 def test_a_reflex_is_a_doubt_of_a_device_and_columns_of_a_person():
     """Eq. 15 alone takes the reflex for stiffness; what it says of K with the reflex is what a person's fit finds."""
     trial = reflexive(np.random.default_rng(3), 6.0, seconds=45.0)
-    (fit, row), (_, table) = person(trial), judged_impedance(moving_record(trial), saturated(trial), None, None)
+    (fit, row), (_, table) = person(trial), judged_impedance(moving_record(trial), examine.saturated(trial), None, None)
     alone = marked(table, LIMITS, "impedance").row(0, named=True)
     assert row["K"] == pytest.approx(90, rel=0.06)
     assert abs(alone["K"] - 90) > 2 * abs(row["K"] - 90) + 3
@@ -782,12 +775,12 @@ def test_the_time_base_bridges_gaps_by_the_band_of_this_motion(band, lost, left_
 
 
 def test_quality_control_says_that_another_motion_is_not_compared_with_the_protocol():
-    rng, commanded = np.random.default_rng(7), Commanded((2.0, 4.0, 6.0), (1.0, 2.0, 3.0, 4.0, 5.0), 20)
+    rng, commanded = np.random.default_rng(7), examine.Commanded((2.0, 4.0, 6.0), (1.0, 2.0, 3.0, 4.0, 5.0), 20)
     experiments = (EXPERIMENTS[x] for x in ("impedance", "transmission"))
-    other, sines = (Examined(made_trial(rng, noise(rng)), one, commanded) for one in experiments)
-    said = measure_protocol(other)
+    other, sines = (examine.Examined(made_trial(rng, noise(rng)), one, commanded) for one in experiments)
+    said = examine.measure_protocol(other)
     assert (said.value, said.remark) == (0, "no stepped sine but another motion, which is fitted as such")
-    assert measure_protocol(sines).value == 15
+    assert examine.measure_protocol(sines).value == 15
 
 
 def up_and_down(time, within_s):
@@ -842,7 +835,7 @@ def test_an_angle_beyond_a_joint_beside_a_torque_of_an_angle_s_size_is_said_to_b
     trial = made_trial(rng := np.random.default_rng(3), noise(rng))
     swapped = Trial("made", trial.samples.rename({"theta": "torque", "torque": "theta"}))
     with pytest.raises(InputError, match=r"theta turns by \+-\d+.*torque has \+-0\.\d+ N\*m only, are the two swapped"):
-        check_recording(swapped, SETTINGS)
+        examine.check_recording(swapped, SETTINGS)
 
 
 def changing(motion, share):
@@ -896,7 +889,7 @@ def test_a_torque_clipped_by_an_amplifier_before_the_noise_is_doubtful_and_frict
     clipped = trial.samples["torque"].clip(-clip, clip if sides == "both" else None)
     noisy = clipped + pl.Series(0.05 * rng.standard_normal(len(clipped)))
     trial = Trial("made", trial.samples.with_columns(torque=noisy))
-    assert samples_at_rail(trial, "torque") < 5
+    assert examine.samples_at_rail(trial, "torque") < 5
     lowest = LIMITS.below["torque_at_peaks"]
     row = row_of(trial, excitation="any")
     found = findings_of(row, Limits(below={"torque_at_peaks": lowest}), "phasors")

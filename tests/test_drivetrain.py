@@ -14,14 +14,6 @@ from scipy.integrate import quad
 from osl_analysis.commands.gains import gain_table
 from osl_analysis.errors import InputError, UnreachableImpedanceError
 from osl_analysis.model import compensator, drivetrain
-from osl_analysis.model.compensator import (
-    PAPER_WEIGHT,
-    Controller,
-    Weight,
-    belt_responses,
-    compensated_gains,
-    uncompensated_gains,
-)
 from osl_analysis.model.drivetrain import joint_admittance, read_parameters
 from osl_analysis.simulator.drivetrain import IDEAL, belt_path, constants, simulate_drivetrain, turned_belt
 
@@ -59,7 +51,7 @@ def test_admittance_solves_the_equations_of_motion(parameters, K_1, B_1, J_j):
 
 
 @pytest.mark.parametrize("K_s2", [0.0, 14913.0])
-@pytest.mark.parametrize("controller", [compensated_gains, uncompensated_gains])
+@pytest.mark.parametrize("controller", [compensator.compensated_gains, compensator.uncompensated_gains])
 def test_two_integrators_that_share_nothing_agree(parameters, controller, K_s2):
     """The simulator's fine explicit steps against exact linear steps of a sample: 1 % of the torque."""
     gains, t, w = controller(300, 5, p := replace(parameters, K_s2=K_s2)), np.arange(6000) / RATE, 2 * np.pi * 2.0
@@ -67,13 +59,13 @@ def test_two_integrators_that_share_nothing_agree(parameters, controller, K_s2):
     commands = np.array([[gains.K_1], [gains.B_1], [0.0]])
     own = {"cancels_friction": gains.cancels_friction, "sign_width": 0.05, "control_updates": 20}
     expected = simulate_drivetrain(RATE, theta, omega, commands, IDEAL | {"friction": True} | own, p)["belt_torque"]
-    (found,) = belt_responses(theta, RATE, [(Controller(gains, p, WIDTH), p)])
+    (found,) = compensator.belt_responses(theta, RATE, [(compensator.Controller(gains, p, WIDTH), p)])
     assert np.std(found - expected) < 0.01 * np.std(expected)
 
 
 def test_a_joint_that_rests_in_equilibrium_from_the_first_sample_on_resists_with_the_desired_stiffness():
-    law = Controller(compensated_gains(300, 5, P), P, WIDTH)
-    np.testing.assert_allclose(belt_responses(np.full(50, 0.2), RATE, [(law, P)])[0], 60.0)
+    law = compensator.Controller(compensator.compensated_gains(300, 5, P), P, WIDTH)
+    np.testing.assert_allclose(compensator.belt_responses(np.full(50, 0.2), RATE, [(law, P)])[0], 60.0)
 
 
 def joint_stiffness_at(frequency_hz, gains, effects):
@@ -99,7 +91,7 @@ def sampled_data_stiffness(frequency_hz, gains, delay, cutoff_hz, updates):
 @pytest.mark.parametrize(("delay", "updates"), [(0, 1), (1, 1), (4, 1), (0, 5), (6, 5)])
 @pytest.mark.parametrize("frequency_hz", [1, 5])
 def test_hold_delay_and_velocity_filter_shift_the_phase_as_sampled_data_theory_says(delay, updates, frequency_hz):
-    gains = uncompensated_gains(300, 5, P)
+    gains = compensator.uncompensated_gains(300, 5, P)
     effects = IDEAL | {"control_delay": delay, "velocity_cutoff_hz": 40.0, "control_updates": updates}
     found = joint_stiffness_at(frequency_hz, gains, effects)
     assert found == pytest.approx(sampled_data_stiffness(frequency_hz, gains, delay, 40.0, updates), rel=5e-4)
@@ -152,22 +144,22 @@ PAIRS = [(300, 5), (100, 0), (400, 7.5), (20, 2.5), (31.4159265358979, 5.0), (34
 
 
 def weight_of(cutoff_hz, order):
-    return Weight(cutoff_hz=cutoff_hz, order=order)
+    return compensator.Weight(cutoff_hz=cutoff_hz, order=order)
 
 
-WEIGHTS = [PAPER_WEIGHT, weight_of(0.1, 5), weight_of(50, 1), weight_of(7, 3), weight_of(1, 1)]
+WEIGHTS = [compensator.PAPER_WEIGHT, weight_of(0.1, 5), weight_of(50, 1), weight_of(7, 3), weight_of(1, 1)]
 PROVED = [
-    (300, 5, PAPER_WEIGHT, False, [0.664686846657257]),
-    (31.4159265358979, 5.0, PAPER_WEIGHT, True, [0.2336021263447045]),
+    (300, 5, compensator.PAPER_WEIGHT, False, [0.664686846657257]),
+    (31.4159265358979, 5.0, compensator.PAPER_WEIGHT, True, [0.2336021263447045]),
     (250, 1e-7, weight_of(7, 3), False, [0.7027444066679175]), (1, 0, weight_of(50, 1), False, [16.83962680009294]),
-    (0.99 * 685.6, 20, weight_of(0.1, 5), True, [4699.7192679253]),
-    (641, 7.4, weight_of(1, 1), True, [2.5755454822996087, 11.0603951499571]), (600, 0, PAPER_WEIGHT, False, []),
+    (0.99 * 685.6, 20, weight_of(0.1, 5), True, [4699.7192679253]), (600, 0, compensator.PAPER_WEIGHT, False, []),
+    (641, 7.4, weight_of(1, 1), True, [2.5755454822996087, 11.0603951499571]),
 ]  # fmt: skip
 """All minima B_1 of the default device by Sturm's theorem in rational arithmetic (release 0.2.0): K_d, B_d, W, whether
 J_j counts."""
 
 
-def norm(K_d, B_d, B_1, p, weight=PAPER_WEIGHT, J_j=0.0):
+def norm(K_d, B_d, B_1, p, weight=compensator.PAPER_WEIGHT, J_j=0.0):
     """By the product's own recursion."""
     polynomials = compensator.admittance_error(np.array([K_d], float), np.array([B_d], float), p, weight, J_j)
     return float(np.sqrt(compensator.squared_norm(np.array([p.B_m + B_1]), *polynomials)[0][0]))
@@ -209,7 +201,7 @@ def test_the_minima_are_those_that_were_proved_in_rational_arithmetic(parameters
 
 def test_a_locked_motor_is_refused_by_name_and_leaves_other_rows_as_they_are_alone(parameters):
     with pytest.raises(UnreachableImpedanceError, match=r"no finite B_1 minimises .* the motor is locked"):
-        compensated_gains(600.0, 0.0, parameters, weight_of(50, 3))
+        compensator.compensated_gains(600.0, 0.0, parameters, weight_of(50, 3))
     both = gain_table([600.0, 300.0], [0.0, 5.0], parameters, weight_of(50, 3), (1.0, 5.0))
     assert (both["unbounded"].to_list(), both["K_predicted"][0]) == ([True, False], None)
     assert both.row(1) == pytest.approx(gain_table([300.0], [5.0], parameters, weight_of(50, 3), (1.0, 5.0)).row(0))
@@ -229,7 +221,7 @@ def stiffness_at(f, gains, p, J_j=0.0):
 @given(K_d=st.floats(5, 650), B_d=st.just(0) | st.floats(1e-9, 20))
 def test_every_selected_impedance_is_stable_and_passive(parameters, K_d, B_d):
     """Im Z >= w B_j at every frequency: the claim of `rendering`, by the admittance itself."""
-    w, gains = np.geomspace(1e-3, 1e5, 400), compensated_gains(K_d, B_d, parameters)
+    w, gains = np.geomspace(1e-3, 1e5, 400), compensator.compensated_gains(K_d, B_d, parameters)
     Z = stiffness_at(w / (2 * np.pi), gains, parameters, parameters.J_j)
     assert (Z.imag >= parameters.B_j * w * (1 - 1e-6)).all()
     assert parameters.B_m + gains.B_1 > 0
@@ -238,7 +230,7 @@ def test_every_selected_impedance_is_stable_and_passive(parameters, K_d, B_d):
 
 @pytest.mark.parametrize(("K_d", "B_d"), [(300.0, 5.0), (100.0, 0.5)])  # it leaves the range once, or several times
 def test_fidelity_ends_where_the_stiffness_is_ten_percent_off(parameters, K_d, B_d):
-    gains = compensated_gains(K_d, B_d, parameters)
+    gains = compensator.compensated_gains(K_d, B_d, parameters)
     found = compensator.rendering(gains.K_1, gains.B_1, [K_d], [B_d], parameters)
     f, poles = float(found["faithful_to_hz"][0]), joint_admittance(gains.K_1, gains.B_1, parameters).poles()
     assert found["decay_rate"][0] == pytest.approx(np.min(-poles.real))
@@ -252,14 +244,14 @@ def test_positive_real_is_decided_as_a_dense_grid_does(parameters):
     f = np.geomspace(1e-3, 1e3, 4000)
     K_d, B_d = (v.ravel() for v in np.meshgrid([50.0, 200.0, 400.0, 600.0], [0.0, 2.5, 7.5], indexing="ij"))
     for k, b in zip(K_d, B_d, strict=True):
-        gains = compensated_gains(k, b, parameters)
+        gains = compensator.compensated_gains(k, b, parameters)
         decided = compensator.rendering(gains.K_1, gains.B_1, [k], [b], parameters)["positive_real"][0]
         assert decided == (stiffness_at(f, gains, parameters).real >= 0).all()
 
 
 def test_delay_margin_is_where_a_pole_reaches_the_axis(parameters):
     """At the margin 1 + L(jw) exp(-jw delay) = 0 for some w, and for no w at a shorter delay."""
-    p, gains = parameters, compensated_gains(300, 5, parameters)
+    p, gains = parameters, compensator.compensated_gains(300, 5, parameters)
     delay = float(compensator.rendering(gains.K_1, gains.B_1, [300.0], [5.0], p)["delay_margin"][0])
     w = np.linspace(0.1, 500, 500_000)
     loop = (gains.K_1 + 1j * w * gains.B_1) / (p.K_s / p.n_T**2 - p.J_m * w**2 + 1j * w * p.B_m)
@@ -276,15 +268,15 @@ def test_delay_margin_is_where_a_pole_reaches_the_axis(parameters):
 ])  # fmt: skip
 def test_an_impossible_request_is_refused_with_the_reason(parameters, K_d, B_d, message):
     with pytest.raises(UnreachableImpedanceError, match=message):
-        compensated_gains(K_d, B_d, parameters)
+        compensator.compensated_gains(K_d, B_d, parameters)
 
 
 def test_uncompensated_gains_are_reflected_through_the_belt_and_other_controllers_have_none(parameters):
-    gains, n2 = uncompensated_gains(300, 5, parameters), parameters.n_T**2
+    gains, n2 = compensator.uncompensated_gains(300, 5, parameters), parameters.n_T**2
     assert (gains.K_1 * n2, gains.B_1 * n2, gains.cancels_friction) == pytest.approx((300, 5, False))
     for pair in ((float("nan"), 5), (300, float("inf")), (-1, 5)):
         with pytest.raises(UnreachableImpedanceError, match="cannot be asked for"):
-            uncompensated_gains(*pair, parameters)
+            compensator.uncompensated_gains(*pair, parameters)
     with pytest.raises(InputError, match=r"'compensatd' are not known.*compensated"):
         compensator.select_gains("compensatd", 300.0, 5.0, P)
 

@@ -61,12 +61,9 @@ def test_a_method_of_one_file_and_one_function_is_compared(tmp_path, monkeypatch
     counted = ("answered", "silent", "announced", "false_alarms")
     counts = {case: [row[n] for n in counted] for case, row in found.items()}
     assert counts == {
-        "all": [4, 1, 0, 1],
-        "14 bits": [1, 0, 0, 1],
-        "exact joint": [2, 0, 0, 0],
-        "human ankle": [0, 0, 0, 0],
+        "all": [4, 1, 0, 1], "14 bits": [1, 0, 0, 1], "exact joint": [2, 0, 0, 0], "human ankle": [0, 0, 0, 0],
         "late torque": [1, 1, 0, 0],
-    }
+    }  # fmt: skip
     exact = found["exact joint"]
     assert (exact["bias_K"], exact["bias_B"]) == (pytest.approx(0, abs=0.1), pytest.approx(0, abs=0.5))
     assert exact["coverage"] == 100

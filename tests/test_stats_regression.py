@@ -18,20 +18,7 @@ from osl_analysis.bench.gram import noise_of_scores
 from osl_analysis.bench.phasors import complex_mean, complex_quotient, fit_sinusoids, polar_row
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.signals import LowPass
-from osl_analysis.stats import repeats
-from osl_analysis.stats.regression import (
-    between_cycles,
-    diagnostics_row,
-    lag_damping_row,
-    linear_fit,
-    moving_sums,
-    products_between,
-    thinned_rows,
-    variance_accounted_for,
-    welch_satterthwaite,
-    whiteness_row,
-    with_shared_error,
-)
+from osl_analysis.stats import regression, repeats
 from osl_analysis.walking.response import impedance_columns
 
 T, NUMBERS = np.linspace(0, 10, 2000, endpoint=False), st.integers(-1000, 1000).map(lambda tenths: tenths / 10)
@@ -44,29 +31,29 @@ def correlated_noise(rng, n, rho):
 
 @given(NUMBERS, NUMBERS, NUMBERS)
 def test_recovers_the_coefficients_that_made_the_data(a, b, offset):
-    fit = linear_fit(a * COLUMNS["a"] + b * COLUMNS["b"] + offset, COLUMNS)
+    fit = regression.linear_fit(a * COLUMNS["a"] + b * COLUMNS["b"] + offset, COLUMNS)
     assert fit.estimates == pytest.approx([a, b, offset], rel=1e-8, abs=1e-10)
     motion = multisine(0.7, 2.3, 5.9)
     torque = a * motion.theta + b * motion.omega + 0.1 * motion.alpha + offset
-    second_order = linear_fit(torque, impedance_columns(motion) | {"offset": np.ones_like(torque)})
+    second_order = regression.linear_fit(torque, impedance_columns(motion) | {"offset": np.ones_like(torque)})
     assert tuple(second_order.estimates) == pytest.approx((a, b, 0.1, offset), rel=1e-8, abs=1e-9)
 
 
 def test_a_lag_costs_damping_and_counts_where_it_is_certain():
-    assert lag_damping_row(2e-3, 0.9e-3, 300.0)["certain_lag_damping"] == pytest.approx(-0.6)
-    row = lag_damping_row(2e-3, 1.1e-3, 300.0)
+    assert regression.lag_damping_row(2e-3, 0.9e-3, 300.0)["certain_lag_damping"] == pytest.approx(-0.6)
+    row = regression.lag_damping_row(2e-3, 1.1e-3, 300.0)
     assert (row["lag_damping"], row["certain_lag_damping"]) == (pytest.approx(-0.6), 0.0)
-    assert set(lag_damping_row(None, None, 300.0).values()) == {None}
+    assert set(regression.lag_damping_row(None, None, 300.0).values()) == {None}
 
 
 def test_vaf_and_r_squared_read_what_they_should_when_the_fit_is_not_perfect():
     y = 2 * np.cos(20 * np.pi * T) + np.cos(40 * np.pi * T) + 10
-    fit = linear_fit(y, {"c": np.cos(20 * np.pi * T), "offset": np.ones_like(T)})
+    fit = regression.linear_fit(y, {"c": np.cos(20 * np.pi * T), "offset": np.ones_like(T)})
     assert (fit.vaf, fit.r_squared) == pytest.approx((80, 1 - 0.5 / (2 + 0.5 + 100)))
-    assert diagnostics_row(fit, 500.0, {})["correlation_s"] == fit.correlation_samples / 500
+    assert regression.diagnostics_row(fit, 500.0, {})["correlation_s"] == fit.correlation_samples / 500
     assert replace(fit, covariance=0 * fit.covariance).correlation("c", "offset") == 0, "an exact fit"
     pairs = ((y, 0 * y + 3), (0 * y, 0 * y), (0 * y, y))  # blind to an offset; a y of zeros by zeros, and by others
-    assert [variance_accounted_for(*pair) for pair in pairs] == pytest.approx([100, 100, 0])
+    assert [regression.variance_accounted_for(*pair) for pair in pairs] == pytest.approx([100, 100, 0])
 
 
 def fit_of_statsmodels(y, columns, **covariance):
@@ -75,11 +62,11 @@ def fit_of_statsmodels(y, columns, **covariance):
 
 def test_covariance_is_statsmodels_hac_at_the_same_bandwidth():
     y = COLUMNS["a"] + correlated_noise(np.random.default_rng(20), len(T), 0.9)
-    fit = linear_fit(y, COLUMNS)
+    fit = regression.linear_fit(y, COLUMNS)
     lags = {"maxlags": fit.correlation_samples - 1, "use_correction": True}
     other = fit_of_statsmodels(y, COLUMNS, cov_type="HAC", cov_kwds=lags)
     assert fit.correlation_samples == pytest.approx(1.1447 * (4 * 0.9**2 / 0.19**2 * len(T)) ** (1 / 3), rel=0.1)
-    assert linear_fit(y + T**3, COLUMNS).correlation_samples == len(T) // 8
+    assert regression.linear_fit(y + T**3, COLUMNS).correlation_samples == len(T) // 8
     assert fit.covariance == pytest.approx(other.cov_params(), rel=1e-8)
 
 
@@ -92,19 +79,21 @@ def test_covariance_is_statsmodels_hac_at_the_same_bandwidth():
 ])  # fmt: skip
 def test_columns_that_determine_nothing_are_named(y, columns, message):
     with pytest.raises((InputError, IdentifiabilityError), match=message):
-        linear_fit(y, columns)
+        regression.linear_fit(y, columns)
 
 
 def test_the_correlation_of_estimates_is_that_of_the_columns_and_not_of_the_scatter_of_a_few_noisy_rows():
     """Noise that shares the sign of both columns would correlate the estimates, which the columns do not."""
     a, b, noise = np.random.default_rng(3).standard_normal((3, 4000))
     columns, y = {"a": a, "b": b}, 2 * a + b + 3 * noise * np.abs(a + b)
-    assert abs(linear_fit(y, columns).correlation("a", "b")) > 0.3
-    assert linear_fit(y, columns).largest_correlation < 0.05
+    assert abs(regression.linear_fit(y, columns).correlation("a", "b")) > 0.3
+    assert regression.linear_fit(y, columns).largest_correlation < 0.05
     leaning = columns | {"b": a + 0.1 * b}
-    assert linear_fit(y, leaning).largest_correlation > 0.95
+    assert regression.linear_fit(y, leaning).largest_correlation > 0.95
     scaled = {name: column * scale for (name, column), scale in zip(leaning.items(), (1e6, 1e-6), strict=True)}
-    assert linear_fit(y, leaning).condition_number == pytest.approx(linear_fit(y, scaled).condition_number)
+    assert regression.linear_fit(y, leaning).condition_number == pytest.approx(
+        regression.linear_fit(y, scaled).condition_number
+    )
 
 
 RATE, LOW_PASS = 500.0, LowPass(15)
@@ -112,14 +101,14 @@ RATE, LOW_PASS = 500.0, LowPass(15)
 
 def whiteness(residual):
     """Autocorrelation after one sample, Ljung and Box's statistic per lag, and its p, of a residual at `RATE`."""
-    return tuple(whiteness_row(residual[thinned_rows(len(residual), RATE, LOW_PASS)]).values())
+    return tuple(regression.whiteness_row(residual[regression.thinned_rows(len(residual), RATE, LOW_PASS)]).values())
 
 
 @pytest.mark.parametrize(("samples", "lags"), [(400, 10), (20, 4)])
 def test_ljung_box_is_statsmodels(samples, lags):
     theirs = importlib.import_module("statsmodels.stats.diagnostic").acorr_ljungbox
     residual = np.random.default_rng(3).standard_normal(400).cumsum()[:samples]
-    autocorrelation, per_lag, p = whiteness_row(residual - residual.mean()).values()
+    autocorrelation, per_lag, p = regression.whiteness_row(residual - residual.mean()).values()
     assert (lags * per_lag, p) == pytest.approx(tuple(theirs(residual - residual.mean(), lags=lags).iloc[-1]))
     assert autocorrelation > 0.5
 
@@ -141,7 +130,7 @@ def test_a_slow_residual_is_not_white_and_too_short_a_one_is_not_judged():
     autocorrelation, per_lag, p = whiteness(white + np.sin(t))
     assert (autocorrelation > 0.7, per_lag > 100, p < 1e-6) == (True, True, True)
     assert whiteness(white[:300]) == whiteness(np.zeros(5000)) == (None, None, None)
-    assert set(whiteness_row(white[:19]).values()) == {None}
+    assert set(regression.whiteness_row(white[:19]).values()) == {None}
 
 
 def test_a_phasor_is_that_of_the_cycles_it_is_given_and_its_distortion_the_share_of_the_harmonics():
@@ -206,29 +195,31 @@ def repeated(rng, noise=0.3):
 
 def with_spread(y, columns, stratum):
     """The fit with the covariance of the spread of cycles."""
-    fit, X, first = linear_fit(y, columns), np.column_stack(list(columns.values())), np.arange(COUNT) * CYCLE
-    scores = products_between(X, fit.residual[:, None], first, first + CYCLE)[..., 0] @ np.linalg.inv(X.T @ X)
-    covariance, freedom = between_cycles(scores, stratum)
+    fit, X, first = regression.linear_fit(y, columns), np.column_stack(list(columns.values())), np.arange(COUNT) * CYCLE
+    scores = regression.products_between(X, fit.residual[:, None], first, first + CYCLE)[..., 0] @ np.linalg.inv(
+        X.T @ X
+    )
+    covariance, freedom = regression.between_cycles(scores, stratum)
     return replace(fit, covariance=covariance, degrees_of_freedom=freedom)
 
 
 def test_the_spread_of_cycles_covers_where_friction_fools_hac():
     """95 % of 600 seeded records; HAC takes the friction for noise and is several times too wide."""
     rng, covered = np.random.default_rng(4), 0
-    truth = linear_fit(*repeated(rng, noise=0.0))["b"]
+    truth = regression.linear_fit(*repeated(rng, noise=0.0))["b"]
     for _ in range(600):
         y, columns = repeated(rng)
         fit = with_spread(y, columns, np.repeat([0, 1], COUNT // 2))
         low, high = fit.interval("b")
         covered += low <= truth <= high
     assert 0.93 < covered / 600 < 0.97
-    assert linear_fit(y, columns).se("b") > 3 * fit.se("b")
+    assert regression.linear_fit(y, columns).se("b") > 3 * fit.se("b")
 
 
 def test_cycles_that_are_no_whole_rows_have_the_sums_that_their_integrals_have():
     turn, edges = 2 * np.pi * np.arange(800) / (250 / 3), 250 / 3 * np.arange(1, 9)
     X = np.column_stack([np.cos(turn), np.sin(turn), np.ones(800)])
-    found = products_between(X, X, edges[:-1], edges[1:])
+    found = regression.products_between(X, X, edges[:-1], edges[1:])
     assert found == pytest.approx(np.broadcast_to(np.diag([0.5, 0.5, 1.0]) * 250 / 3, found.shape), abs=2e-3)
 
 
@@ -242,12 +233,12 @@ def test_one_stratum_is_statsmodels_cluster_covariance():
 
 def test_equal_strata_are_worth_the_sum_of_their_degrees_of_freedom_and_one_noisy_stratum_its_own():
     sums, stratum = np.random.default_rng(6).standard_normal((4000, 1)), np.repeat(np.arange(2), 2000)
-    assert between_cycles(sums, stratum)[1][0] == pytest.approx(3998, rel=0.01)
+    assert regression.between_cycles(sums, stratum)[1][0] == pytest.approx(3998, rel=0.01)
     sums[:2000] *= 1e-6
-    assert between_cycles(sums, stratum)[1][0] == pytest.approx(1999, rel=0.01)
+    assert regression.between_cycles(sums, stratum)[1][0] == pytest.approx(1999, rel=0.01)
 
 
-@pytest.mark.parametrize(("estimator", "n", "size"), [(moving_sums, 600, 60), (noise_of_scores, 100, 0)])
+@pytest.mark.parametrize(("estimator", "n", "size"), [(regression.moving_sums, 600, 60), (noise_of_scores, 100, 0)])
 def test_a_variance_of_white_scores_is_right_and_worth_as_many_degrees_of_freedom_as_it_says(estimator, n, size):
     """The scatter of a variance is 2/freedom of its square. In blocks of 60 scores, and by groups and neighbours."""
     rng = np.random.default_rng(7)
@@ -258,15 +249,15 @@ def test_a_variance_of_white_scores_is_right_and_worth_as_many_degrees_of_freedo
 
 
 def test_degrees_of_freedom_of_a_sum_are_those_of_welch_and_satterthwaite():
-    assert welch_satterthwaite([1.0, 1.0], [5, 5]) == pytest.approx(10)
-    assert welch_satterthwaite([1.0, 2.0], [5, 10]) == pytest.approx(9 / (1 / 5 + 4 / 10))
-    np.testing.assert_allclose(welch_satterthwaite([[1.0, 0.0], [0.0, 3.0]], [5, 90]), [5, 90])
-    np.testing.assert_array_equal(welch_satterthwaite([[2.0, 0.0]], [5]), [5, np.inf])
-    assert welch_satterthwaite([1e-40, 1.0], [5, np.inf]) == np.inf  # a scatter that is rounding of a sum
-    assert welch_satterthwaite([1e-4, 1.0], [5, np.inf]) == pytest.approx(5e8, rel=1e-3)
+    assert regression.welch_satterthwaite([1.0, 1.0], [5, 5]) == pytest.approx(10)
+    assert regression.welch_satterthwaite([1.0, 2.0], [5, 10]) == pytest.approx(9 / (1 / 5 + 4 / 10))
+    np.testing.assert_allclose(regression.welch_satterthwaite([[1.0, 0.0], [0.0, 3.0]], [5, 90]), [5, 90])
+    np.testing.assert_array_equal(regression.welch_satterthwaite([[2.0, 0.0]], [5]), [5, np.inf])
+    assert regression.welch_satterthwaite([1e-40, 1.0], [5, np.inf]) == np.inf  # a scatter that is rounding of a sum
+    assert regression.welch_satterthwaite([1e-4, 1.0], [5, np.inf]) == pytest.approx(5e8, rel=1e-3)
     x = np.arange(12.0)
-    fit = linear_fit(x + np.cos(x), {"a": x})
-    shared = with_shared_error(fit, np.array([fit.se("a")]))  # as large as the error by chance
+    fit = regression.linear_fit(x + np.cos(x), {"a": x})
+    shared = regression.with_shared_error(fit, np.array([fit.se("a")]))  # as large as the error by chance
     assert shared.se("a") == pytest.approx(np.sqrt(2) * fit.se("a"))
     assert shared.degrees_of_freedom[0] == pytest.approx(4 * fit.degrees_of_freedom[0])
 

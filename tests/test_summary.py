@@ -348,16 +348,11 @@ def test_trials_of_no_stated_condition_have_their_own_numbers():
     assert "amplitude" not in found["VAF_mean_no_controller"].meaning
 
 
-@pytest.mark.parametrize(
-    ("value", "low", "high", "said"),
-    [
-        (2.0, 1.9991, 2.0003, ("2.000", "1.9991 to 2.0003")),
-        (120.04, 120.01, 120.07, ("120.04", "120.01 to 120.07")),
-        (119.99, 119.97, 120.02, ("120.0", "119.97 to 120.02")),
-        (5.0123, 4.8, 5.2, ("5.01", "4.80 to 5.20")),
-        (3.0, 3.0, 3.4, ("3.00", "3.00 to 3.40")),
-    ],
-)
+@pytest.mark.parametrize(("value", "low", "high", "said"), [
+    (2.0, 1.9991, 2.0003, ("2.000", "1.9991 to 2.0003")), (120.04, 120.01, 120.07, ("120.04", "120.01 to 120.07")),
+    (119.99, 119.97, 120.02, ("120.0", "119.97 to 120.02")), (5.0123, 4.8, 5.2, ("5.01", "4.80 to 5.20")),
+    (3.0, 3.0, 3.4, ("3.00", "3.00 to 3.40")),
+])  # fmt: skip
 def test_no_number_reads_as_an_end_of_its_interval_or_as_beyond_it(value, low, high, said):
     number = NOTHING | {"value": value, "low": low, "high": high, "interval": STUDENT}
     assert headlines.numbers_said(number)[:2] == said

@@ -29,17 +29,10 @@ from osl_analysis.commands.walking import tabulate_over_stance, write_crossing
 from osl_analysis.errors import InputError
 from osl_analysis.judge.finding import Limits
 from osl_analysis.table import read_table
+from osl_analysis.walking import response
 from osl_analysis.walking.crossing import Crossing, platform_turn
 from osl_analysis.walking.groups import crossing_features, places, selection_rows, split_keys, timings
 from osl_analysis.walking.plate import Stance
-from osl_analysis.walking.response import (
-    PlannedTurn,
-    fit_response,
-    group_headline,
-    half_widths,
-    scatter_of_one,
-    unperturbed_gait,
-)
 from osl_analysis.walking.tables import (
     PARTING,
     fitted_time,
@@ -60,8 +53,8 @@ def crossings(walks):
 
 
 def headline(walks, count=8, **choices):
-    gait = unperturbed_gait(crossings(several("u", count, Walk())), 3)
-    return group_headline(crossings(walks), gait, settings(**choices))
+    gait = response.unperturbed_gait(crossings(several("u", count, Walk())), 3)
+    return response.group_headline(crossings(walks), gait, settings(**choices))
 
 
 def test_half_the_difference_of_directions_is_free_of_what_follows_either_turn(tmp_path):
@@ -116,12 +109,12 @@ def test_the_degrees_of_freedom_of_two_directions_are_those_of_a_difference():
 
 def test_the_bootstrap_draws_within_directions():
     """Only responses up scatter: half the difference has half their error; 400 draws of 9 leave it a few per cent."""
-    gait = unperturbed_gait(crossings(several("u", 4, Walk(noise=0.0))), 3)
+    gait = response.unperturbed_gait(crossings(several("u", 4, Walk(noise=0.0))), 3)
     walks = several("a", 9, MIDSTANCE) | several("d", 9, MIDSTANCE, sign=-1, noise=0.0)
-    result = group_headline(crossings(walks), gait, settings(bootstrap_samples=400))
+    result = response.group_headline(crossings(walks), gait, settings(bootstrap_samples=400))
     assert [n for _, _, n in result.directions.values()] == [9, 9, 18]
     assert result.resampled.se("K") == pytest.approx(result.directions["up"][1].se("K") / 2, rel=0.1)
-    fits = [fit_response(r)["K"] for r in result.responses if r.sign > 0]
+    fits = [response.fit_response(r)["K"] for r in result.responses if r.sign > 0]
     assert result.directions["up"][1].se("K") == pytest.approx(np.std(fits, ddof=1) / 3, rel=0.15)
 
 
@@ -466,29 +459,29 @@ def test_a_slope_of_k_between_timings_tells_the_damping_without_it() -> None:
 def test_unperturbed_crossings_tell_the_intervals_that_perturbed_ones_will_have(tmp_path: Path) -> None:
     """Six pilots: half-widths of K, B and I are those of the ensemble's bootstrap, on average to a tenth, each within
     twice, as a scatter of eight is known; both directions are free of the unperturbed crossings' error."""
-    chosen, planned = settings(perturbed_stance="own"), PlannedTurn(TURN, 0.08, 0.4, (340.0, 5.0, 0.03))
+    chosen, planned = settings(perturbed_stance="own"), response.PlannedTurn(TURN, 0.08, 0.4, (340.0, 5.0, 0.03))
     ratios = []
     for k in range(6):
         flat = [walked(f"f{k}_{n}", Walk()) for n in range(16)]
         turned = [planned.added_to(crossing, chosen) for crossing in flat[:8]]
-        headline = group_headline(turned, unperturbed_gait(flat[8:], 3), chosen)
-        table = half_widths(scatter_of_one(flat[8:], planned, chosen), [8], 8, both=False)
+        headline = response.group_headline(turned, response.unperturbed_gait(flat[8:], 3), chosen)
+        table = response.half_widths(response.scatter_of_one(flat[8:], planned, chosen), [8], 8, both=False)
         ratios.append([np.ptp(headline.resampled.interval(name)) / 2 / table[name][0] for name in "KBI"])
     assert np.median(ratios, axis=0) == pytest.approx([1, 1, 1], rel=0.3)
-    one, both = (half_widths(np.ones(3), [4, 16], 16, way)["K"].to_list() for way in (False, True))
+    one, both = (response.half_widths(np.ones(3), [4, 16], 16, way)["K"].to_list() for way in (False, True))
     assert one[1] == pytest.approx(stdtrit(15, 0.975) * np.sqrt(1 / 8))
     assert both == pytest.approx([stdtrit(2, 0.975) / 2, stdtrit(14, 0.975) / 4])
     with pytest.raises(InputError, match="3 unperturbed crossings can be used, expected 4 or more"):
-        scatter_of_one(flat[:3], planned, chosen)
+        response.scatter_of_one(flat[:3], planned, chosen)
     with pytest.raises(InputError, match=r"an onset at 0\.4 % of stance leaves no room .* expected 1[45] % or more"):
-        scatter_of_one(flat, replace(planned, phase=0.004), chosen)
+        response.scatter_of_one(flat, replace(planned, phase=0.004), chosen)
 
 
 def test_a_pilot_who_moves_against_the_turn_once_does_not_widen_the_plan() -> None:
     """Nine tenths of the turn cancel in one crossing, with the joint's torque: fitted alone its K scattered tenfold."""
-    chosen, planned = settings(perturbed_stance="own"), PlannedTurn(TURN, 0.08, 0.4, (340.0, 5.0, 0.03))
+    chosen, planned = settings(perturbed_stance="own"), response.PlannedTurn(TURN, 0.08, 0.4, (340.0, 5.0, 0.03))
     flat = [walked(f"f{n}", Walk()) for n in range(8)]
     against = replace(planned, turn=-0.9 * TURN).added_to(flat[0], chosen)
     unlike = [replace(against, onset=None, turn=None), *flat[1:]]
-    usual, found = (scatter_of_one(pilots, planned, chosen) for pilots in (flat, unlike))
+    usual, found = (response.scatter_of_one(pilots, planned, chosen) for pilots in (flat, unlike))
     assert found == pytest.approx(usual, rel=0.3)

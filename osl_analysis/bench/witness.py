@@ -140,15 +140,15 @@ class View:
         return found
 
     def spectrum(self, x: Array) -> NDArray[np.complex128]:
-        """That of what is fitted of a signal (n,), without the straight line between its ends. What holds for signals
-        sample by sample holds for their spectra, and derivatives are those in time: that of a spectrum would ring at
-        ends where the joint moves."""
-        within = between_ends(x[self.inside], self.rate_hz)
-        return np.asarray(np.fft.rfft(np.pad(within, (self.inside.start, self.padded - self.inside.stop))))
+        """That of what is fitted of a signal (n,), without the line between its ends: what holds sample by sample holds
+        for it. Derivatives are those in time: that of a spectrum would ring at ends where the joint moves."""
+        within = np.zeros(self.padded)
+        within[self.inside] = between_ends(x[self.inside], self.rate_hz)
+        return np.asarray(np.fft.rfft(within))
 
-    def passed(self, x: Array, response: NDArray[Any]) -> Array:
-        """The column of a signal (n,) behind a response; of what is fitted the signal before it is a part."""
-        return self.column(np.fft.irfft(np.fft.rfft(x, self.padded) * response, self.padded)[: self.n])
+    def passed(self, spectrum: NDArray[Any]) -> Array:
+        """The column of a signal of this spectrum; of what is fitted the signal before it is a part."""
+        return self.column(np.fft.irfft(spectrum, self.padded)[: self.n])
 
     def column(self, x: Array) -> Array:
         """The fitted rows (m,) of a signal (n,), in the band."""
@@ -306,7 +306,8 @@ class Court:
         """A path that filters the torque filters the columns; of a spring in series the filter is the joint's, which is
         fitted to the angle less what the torque winds up."""
         view, f = self.view, self.view.f
-        s, torques = 2j * np.pi * f, [self.view.column(x) for x in self.view.torques]
+        s, torques = 2j * np.pi * f, [view.column(x) for x in view.torques]
+        spectra = np.fft.rfft(view.motion[view.first : 3], view.padded)
 
         def in_series(c: float) -> NDArray[np.complex128]:
             wound = [view.columns[k] - c * torque for k, torque in enumerate(torques)]
@@ -328,7 +329,7 @@ class Court:
         for name, (grid, response) in responses.items():
 
             def filtered(p: float, response: Callable[[float], NDArray[Any]] = response) -> list[Array]:
-                return [view.passed(view.motion[k], response(p)) for k in range(view.first, 3)]
+                return [view.passed(spectrum) for spectrum in spectra * response(p)]
 
             if view.first == 0 or name != "spring in series":
                 self.add_by("path", name, filtered, grid)
@@ -418,12 +419,10 @@ class Court:
     def hear_reflex(self) -> None:
         """Speed in either direction, some time ago, through a muscle: no family hears it, but it may be what makes
         another speak."""
-        view, speed = self.view, np.abs(self.view.motion[1])
-        s = 2j * np.pi * view.f
-        muscle = 1 / (1 + s / (2 * np.pi * MUSCLE_HZ)) ** 2
+        view, s = self.view, 2j * np.pi * self.view.f
+        answered = np.fft.rfft(np.abs(view.motion[1]), view.padded) / (1 + s / (2 * np.pi * MUSCLE_HZ)) ** 2
         for delay in REFLEX_S:
-            answer = view.passed(speed, muscle * np.exp(-s * delay))
-            self.add("reflex", "reflex", [*view.base, answer], parameters=1)
+            self.add("reflex", "reflex", [*view.base, view.passed(answered * np.exp(-s * delay))], parameters=1)
 
     def hear_friction(self) -> tuple[Rival, Rival]:
         """A joint that rubs in some shapes about rest at once, none of which drives it: no family hears it, but between

@@ -753,7 +753,7 @@ def leaps_of(x: Array, bends: Array, times: float) -> list[tuple[int, int]]:
             places = (begin + 1 + large).tolist()
             found += [(places[0], places[-1])] if is_back else [(one, one) for one in places]
             others[max(int(group[0]) - 2, 0) : int(group[-1]) + 3] = 0
-    return [(a, b) for a, b in found if bends[a - 1 : b + 2].max() > times * others.max()]
+    return [(a, b) for a, b in found if bends[a : b + 2].max() > times * others.max()]
 
 
 def jumped_into(

@@ -210,7 +210,10 @@ def check_time(name: str, time: Array) -> None:
     if (step < 0).any():
         row, in_order = int(np.argmax(step < 0)), np.diff(np.sort(time))
         why = "the recorder's clock was set back: cut the log there, or take another time source in the source file"
-        if in_order.min() > 0.5 * in_order.max():
+        late = time[row + 1 :][time[row + 1 :] <= time[row]]
+        if np.isin(late, time[: row + 1]).all():
+            why = "its stamps stand there already: delete rows that stand twice; where their values are others, " + why
+        elif in_order.min() > 0.5 * in_order.max():
             why = "no stamp is missing, so that rows changed places: sort them by time, or copy the file again"
         raise InputError(f"{name}: time goes from {time[row]:.6f} s to {time[row + 1]:.6f} s at row {row + 1}; {why}")
 

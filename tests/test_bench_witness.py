@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 from itertools import product
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import polars as pl
@@ -13,8 +15,9 @@ from scipy.interpolate import make_interp_spline
 from scipy.ndimage import gaussian_filter1d
 
 from osl_analysis.bench.effects import spring_that_slips
+from osl_analysis.bench.gram import GroupFit
 from osl_analysis.bench.human_joint import reflex_test
-from osl_analysis.bench.impedance import WITHOUT_FRICTION, impedance_table, rendered_impedance
+from osl_analysis.bench.impedance import WITHOUT_FRICTION, impedance_table, rendered_impedance, untold_row
 from osl_analysis.bench.record import record_of_trial
 from osl_analysis.bench.settings import DynamometerAnalysis, HumanJoint
 from osl_analysis.bench.witness import FAMILIES, HARM, HEARD, Court, witness_row
@@ -294,6 +297,30 @@ def test_friction_between_two_levels_is_no_path_and_the_range_holds_the_joint(se
     for name, beside in WITHOUT_FRICTION.items():
         assert row[beside] is None
         assert row[f"{beside}_low"] == row[f"{name}_low"] < TRUE[name] < row[f"{beside}_high"] == row[f"{name}_high"]
+
+
+def test_an_interval_that_the_range_beside_friction_excludes_holds_the_range():
+    """Of bristles between two levels K was 331.11 +- 0.08 for 327, beside a range of 325.5 to 328.4."""
+    row = dict.fromkeys(
+        ["heard", "B_viscous", "rivals", *(f"{one}_without_{end}" for one in "KBI" for end in ("low", "high"))]
+    )
+    row |= {"friction_shift": 0.0, "path_shift": 0.0}
+    ranges = {"K_without_friction": (325.5, 328.4), "B_viscous": (3.0, 3.2), "I_without_friction": (0.03, 0.04)}
+    row |= {f"{name}_{end}": x for name, pair in ranges.items() for end, x in zip(("low", "high"), pair, strict=True)}
+    whole = SimpleNamespace(interval={"K": (331.0, 331.2), "B": (3.1, 3.15), "I": (0.05, 0.06)}.get)
+    wider = {"K_low": 325.5, "K_high": 331.2, "I_low": 0.03, "I_high": 0.06}
+    assert untold_row(cast(GroupFit, whole), row) == wider
+
+
+def test_what_differs_by_direction_leaves_the_damping_as_it_is_where_the_motion_ends_at_another_angle():
+    """A line between the ends was taken off the angle before its products: B was up to 26 % off."""
+    time, motion = cut_sines([0.41, 1.13, 1.93, 2.87, 3.71], 0.026)
+    more = 30 * (motion[0] - motion[0].mean()) * np.tanh(motion[1] / 0.02)
+    trial = made_trial(np.random.default_rng(2), (time, motion), more=more)
+    row = witness_row(record_of_trial(trial, SETTINGS))
+    assert (row["rivals"], row["direction_shift"] > 1) == ("stiffness by direction of motion", True)
+    assert row["B_without_low"] < TRUE["B"] < row["B_without_high"]
+    assert row["B_without_high"] - row["B_without_low"] < 0.02 * TRUE["B"]
 
 
 def test_a_spring_in_series_is_among_the_rivals_of_a_motion_that_repeats_from_end_to_end():

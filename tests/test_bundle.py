@@ -57,6 +57,7 @@ def unpacked(campaign: Path) -> Path:
     assert said.exit_code == 0, said.output
     with zipfile.ZipFile(campaign / "b.zip") as archive:
         archive.extractall(campaign.parent / "elsewhere")
+        assert archive.getinfo("raw/sines.csv").date_time[0] > 1980, "results say by it when was recorded"
     old.unlink()
     return campaign.parent / "elsewhere"
 

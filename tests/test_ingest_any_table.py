@@ -157,7 +157,7 @@ def made(path: Path, kind: str) -> Path:
             for name, values in (("run/time_s", TIME), ("run/angle", ANGLE), ("run/torque", TORQUE)):
                 file[name] = values
             file["run/angle"].attrs["units"], file["run/torque"].attrs["units"] = "deg", "Nm"
-    elif kind == "xlsx":
+    elif kind in ("xlsx", "named.xls"):
         with xlsxwriter.Workbook(path) as book:
             sheet, style = book.add_worksheet(), book.add_format({"num_format": "hh:mm:ss.000"})
             for place, row in enumerate([["Bench 3"], ["Time", "Angle", "Torque"], ["", "deg", "Nm"]]):
@@ -226,7 +226,7 @@ def test_a_table_of_text_is_read_by_the_draft_of_its_own_overview(tmp_path, dial
 
 
 @pytest.mark.parametrize("kind", [
-    "parquet", "feather", "arrows", "npy", "nested.npy", "npz", "rate.npz", "h5", "xlsx", "Simulink", "structs",
+    "parquet", "feather", "arrows", "npy", "nested.npy", "npz", "rate.npz", "h5", "xlsx", "named.xls", "Simulink", "structs",
     "matrix.npz", "matrix.h5", "pandas.h5", "matrix.mat", "rate.mat", "rate.h5", "Simulink, two with several",
     "ControlDesk",
 ])  # fmt: skip

@@ -345,7 +345,7 @@ def test_nanoseconds_since_1970_keep_their_last_digit(tmp_path: Path) -> None:
     ("Nms/deg", "N*m*s/rad", 180 / math.pi), ("µs", "s", 1e-6), ("Milliseconds", "s", 1e-3), ("μV", "V", 1e-6),
     (" mA ", "A", 1e-3), ("Amps", "A", 1.0), ("kNm", "N*m", 1e3), ("Ncm", "N*m", 1e-2), ("nt", "N", 1.0),
     ("ntmm", "N*m", 1e-3), ("volts", "V", 1.0), ("Nmms/rad", "N*m*s/rad", 1e-3), ("rads", "rad", 1.0),
-    ("N.m.", "N*m", 1.0),
+    ("N.m.", "N*m", 1.0), ("S", "s", 1.0), ("MS", "s", 1e-3),
 ])  # fmt: skip
 def test_a_laboratorys_spelling_has_its_factor(unit: str, expected: str, factor: float) -> None:
     assert si_factor(unit, expected) == pytest.approx(factor, rel=1e-15)

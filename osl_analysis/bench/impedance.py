@@ -160,23 +160,27 @@ def untold_row(whole: GroupFit, row: Row) -> Row:
     """Ranges of K, B and I where friction is not told. Where it may be what the witness hears, they are in place of
     numbers and of the intervals of the fit, and hold these, the ranges beside friction of any shape and those of what
     cannot be told from it. What else is heard has its own, which hold those beside friction; beside that, or a path
-    that nothing tells, friction alone leaves no range of what these move."""
+    that nothing tells, friction alone leaves no range of what these move. An interval that a range excludes holds it.
+    """
     untold, heard = row["friction_shift"], row["heard"] is not None
     if not untold and (row["B_viscous"] is not None or row["B_viscous_low"] is None):
         return {}
     found = Row()
     for name, own in WITHOUT_FRICTION.items():
         pairs = [[row[f"{one}_{end}"] for end in ("low", "high")] for one in (own, f"{name}_without")]
-        ends = [*whole.interval(name)] * bool(untold) + [one for pair in pairs for one in pair if one is not None]
-        low, high = min(ends), max(ends)
+        fit, beside = whole.interval(name), [float(one) for pair in pairs for one in pair if one is not None]
+        low, high = min(beside, default=fit[0]), max(beside, default=fit[1])
+        both = {f"{name}_low": min(low, fit[0]), f"{name}_high": max(high, fit[1])}
         if untold:
-            found |= {own: None, f"{own}_se": None, f"{own}_low": low, f"{own}_high": high}
-            found |= {f"{name}_low": low, f"{name}_high": high}
+            ends = [f"{own}_low", f"{own}_high"]
+            found |= {own: None, f"{own}_se": None, **both, **dict(zip(ends, both.values(), strict=True))}
             continue
         if row["rivals"] and row[f"{name}_without"] is None and None not in pairs[1]:
             found |= {f"{name}_without_low": low, f"{name}_without_high": high}
         if heard or (row["path_shift"] is None and name != "K"):
             found |= {f"{own}_low": None, f"{own}_high": None}
+        elif fit[1] < low or high < fit[0]:  # more of it is friction's than noise tells
+            found |= both
     return found | dict.fromkeys((f"f_C{end}" for end in INTERVAL_ENDS) if untold else ())
 
 

@@ -90,6 +90,7 @@ class View:
         fitted[:edge] = fitted[self.n - edge :] = False
         first_row, last = np.flatnonzero(fitted)[[0, -1]].tolist()
         self.inside = slice(first_row, last + 1)
+        self.away = few.motion.theta - few.motion.theta[self.inside].mean()  # of products: a line in it is in them
         theta, torque = few.motion.theta, few.filtered_torque
         if not few.usable.all():  # a bridged torque is of no joint, and in the band seconds around the gap
             Z = np.column_stack([few.motion.columns, np.ones(self.n)])
@@ -163,8 +164,7 @@ class View:
     @cached_property
     def curved(self) -> list[Array]:
         """Columns of a spring that stiffens with the angle, about any other than the middle of the motion, too."""
-        x = self.motion[0] - self.motion[0][self.inside].mean()
-        return [self.column(x**2), self.column(x**3)]
+        return [self.column(self.away**2), self.column(self.away**3)]
 
     def sign_errors(self) -> list[Array]:
         """What rounding of the angle makes of the sign of the velocity."""
@@ -225,7 +225,7 @@ class Court:
         self.by_reflex = -np.inf  # share that a reflex explains of what the best rival does; no reflex: none
         self.answers = answers and view.first == 0
         self.beside = [*view.slow, *[view.columns[0]] * (view.first == 1), *taken]
-        theta, omega, elastic = *view.motion[:2], view.first == 0
+        omega, elastic = view.motion[1], view.first == 0
         columns, draws = [*view.base, *self.beside, view.column(view.sign)], view.rounded
         sign = len(columns) - 1
         models = [range(sign)]
@@ -245,8 +245,8 @@ class Court:
             "time": [view.column(x * view.time) for x in view.motion[view.first : 3]],
             "moment": [view.column(view.motion[view.first] * (view.time > at)) for at in view.moments],
             "speed": [view.column(omega * np.abs(omega))],
-            "size": [view.curved[-1], view.column(np.abs(theta))] * elastic,
-            "direction": [view.column(np.abs(omega)), *[view.column(theta * view.sign)] * elastic],
+            "size": [view.curved[-1], view.column(np.abs(view.away))] * elastic,
+            "direction": [view.column(np.abs(omega)), *[view.column(view.away * view.sign)] * elastic],
         }
         places = dict[str, range]()
         for name, added in lacking.items():
@@ -390,7 +390,7 @@ class Court:
 
     def hear_speed(self) -> None:
         """Damping by speed, and play before the spring."""
-        view, (theta, omega, *_) = self.view, self.view.motion
+        view, theta, omega = self.view, self.view.away, self.view.motion[1]
         self.add("speed", "damping that changes with the speed", [*view.base, view.column(omega * np.abs(omega))])
 
         def followed(width: float) -> list[Array]:
@@ -400,11 +400,11 @@ class Court:
             self.add_by("speed", "play", followed, max(3 * view.step, np.deg2rad(0.03)) * np.geomspace(1, 20, 6))
 
     def hear_size(self) -> None:
-        """A curve of the angle, and K of either side of its zero."""
+        """A curve of the angle, and K of either side of the middle of the motion."""
         view = self.view
         self.add("size", "stiffness that changes with the angle", [*view.base, *view.curved])
         for side in (1.0, -1.0):
-            self.add("size", "stiffness by side", [*view.base, view.column(np.maximum(side * view.motion[0], 0.0))])
+            self.add("size", "stiffness by side", [*view.base, view.column(np.maximum(side * view.away, 0.0))])
 
     def hear_direction(self) -> None:
         """B, or K, of either direction of motion."""
@@ -413,8 +413,9 @@ class Court:
             column = view.column(np.maximum(side * view.motion[1], 0.0))
             self.add("direction", "damping by direction", [*view.base, column])
             if view.first == 0:
-                column = view.column(view.motion[0] * (side * view.sign + 1) / 2)
-                self.add("direction", "stiffness by direction of motion", [*view.base, column])
+                column = view.column(view.away * (side * view.sign + 1) / 2)  # about any angle
+                switch = [column, view.column(view.sign)]
+                self.add("direction", "stiffness by direction of motion", [*view.base, *switch])
 
     def hear_reflex(self) -> None:
         """Speed in either direction, some time ago, through a muscle: no family hears it, but it may be what makes

@@ -11,6 +11,7 @@ from importlib.metadata import distributions, version
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
+from zipfile import ZIP_DEFLATED, ZipFile
 
 import polars as pl
 from ruamel.yaml import YAML
@@ -38,7 +39,7 @@ README = """# {title}
 
 Run again what `results` has, with Python {python} and the wheel of osl-analysis {version}, which its release has:
 
-    python -m pip install osl_analysis-{version}-py3-none-any.whl -r requirements.txt
+    python -m pip install --no-deps osl_analysis-{version}-py3-none-any.whl -r requirements.txt
     osl-analysis run
 
 {recordings}`datapackage.json` says what each column of each table is, `ro-crate-metadata.json` what was made of what.
@@ -86,7 +87,10 @@ def write_bundle(folder: Path, output: Path, licence: str, raw: bool) -> int:
         whole = library.ROCrate(version="1.1")  # as the profiles ask
         whole.name, whole.description, whole.license = title, about, {"@id": licence}
         describe(whole, crate, given, made)
-        whole.write_zip(path)
+        whole.metadata.write(crate)
+        with ZipFile(path, "w", ZIP_DEFLATED, strict_timestamps=False) as archive:  # with dates, by which results go
+            for file in sorted(crate.rglob("*")):
+                archive.write(file, file.relative_to(crate))
         return sum(file.is_file() for file in crate.rglob("*"))
 
 

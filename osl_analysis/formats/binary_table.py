@@ -163,7 +163,7 @@ def check_xls(path: Path) -> None:
 
 def largest_sheet(path: Path) -> tuple[str, list[str], pl.DataFrame]:
     """Name and cells of the largest sheet, and the names of the others that hold something."""
-    book = optional_module("fastexcel", "a workbook").read_excel(path)
+    book = optional_module("fastexcel", "a workbook").read_excel(path.read_bytes())  # else by its suffix
     sheets = {name: book.load_sheet(name, header_row=None, dtypes="string") for name in book.sheet_names}
     name = max(sheets, key=lambda one: sheets[one].height * sheets[one].width)
     return name, [one for one, sheet in sheets.items() if one != name and sheet.height], sheets[name].to_polars()

@@ -535,7 +535,8 @@ def topic_channels(survey: ChannelLog, fields: Sequence[FieldDescription]) -> It
     # every message of ROS has a header, and no signal is in it
     numbers = [(path, one) for one in fields if not one.path.startswith("header.") for path in one.addresses()]
     for path, one in numbers:
-        unit = next((unit for begin, unit in units.items() if path.startswith(begin)), "")
+        own = logs.likely_unit(re.split(r"[./]", path)[-1])
+        unit = next((unit for begin, unit in units.items() if path.startswith(begin)), own)
         of_type, at = one.type if one.length is None else f"{one.type}[{one.length}]", {"topic": topic, "field": path}
         timed = (0, None) if one.length == 0 else (count, rate)
         yield RecordedChannel(kind, at, "", *timed, timing, of_type, unit)

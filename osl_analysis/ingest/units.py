@@ -50,7 +50,7 @@ def si_factor(unit: str, expected: str) -> float:
     """Factor from `unit` to the SI unit `expected`, a key of `EXAMPLES`. A middle dot, a full stop or a blank is read
     as the multiplication sign, both micro signs as `u`. An angle is a dimension: N*m/rad is not N*m."""
     advice, spelling = ", ".join(EXAMPLES[expected]), normalised(unit)
-    if known := EXAMPLES[expected].get(spelling):
+    if known := EXAMPLES[expected].get(spelling.lower() if expected == "s" else spelling):  # no siemens: `TIME(S)`
         return known
     quoted = f"unit '{unit[:40]}{'...' * (len(unit) > 40)}'"
     if not spelling:

@@ -179,7 +179,7 @@ def untold_row(whole: GroupFit, row: Row) -> Row:
             found |= {f"{name}_without_low": low, f"{name}_without_high": high}
         if heard or (row["path_shift"] is None and name != "K"):
             found |= {f"{own}_low": None, f"{own}_high": None}
-        elif fit[1] < low or high < fit[0]:  # more of it is friction's than noise tells
+        elif max(low, fit[0]) > min(high, fit[1]):  # more of it is friction's than noise tells
             found |= both
     return found | dict.fromkeys((f"f_C{end}" for end in INTERVAL_ENDS) if untold else ())
 

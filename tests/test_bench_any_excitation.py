@@ -31,6 +31,7 @@ from osl_analysis.ingest import examine
 from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.judging import LATENESS, unchecked_in
 from osl_analysis.judge.limits import DoubtfulFits, Limits
+from osl_analysis.judge.words import finding_said
 from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.model.drivetrain import joint_admittance, read_parameters
 from osl_analysis.spectral.periods import periodic_motion
@@ -550,6 +551,9 @@ def test_a_late_torque_of_a_person_is_told_from_the_reflex_and_doubted_with_k_an
     if not late:
         assert (row["doubtful"], row["lag_shift"], row["K_without_lag"]) == ("friction", 0.0, None)
         assert row["B"] - 0.1 > row["B_without"] == pytest.approx(1, abs=0.02)
+        friction = findings_of(row, LIMITS_OF_PERSON, "human_joint")[0]
+        assert (friction.cause, friction.without["B"]) == ("friction", row["B_without"])
+        assert "With it in the fit K 89.99 ± 0.13, B 1.001 ± 0.0016" in finding_said(friction, row)
         behind = lfilter([0.2], [1, -0.8], trial.samples["torque"].to_numpy())  # lag and reflex make up for a low-pass
         row = person(Trial("behind", trial.samples.with_columns(torque=behind)), cutoff_hz=40.0)[1]
         assert (row["lag_shift"] > 1, row["K_without_lag"], row["B_without_lag_low"]) == (True, None, None)

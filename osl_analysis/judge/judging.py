@@ -191,7 +191,8 @@ def doubt(table: str, row: AnyRow, cause: Cause, evidence: Sequence[Beyond], rem
             sizes[symbol] = max(sizes.get(symbol, 0.0), abs(one.value * estimate))
     without = {
         f"{symbol}{end}": value
-        for symbol, column in cause.without.items()
+        for symbol, own in cause.without.items()
+        for column in [own if own in row else f"{symbol}_without"]  # a person's friction, as any other cause
         for end in ("", "_low", "_high")
         if (value := cell_number(row, f"{column}{end}")) is not None
     }

@@ -39,9 +39,9 @@ def words_of(finding: Finding, row: AnyRow) -> Words:
     if known is None:  # a limit on a column of which nothing else is known
         return Words(", ".join(map(beyond_said, finding.evidence)), "", "")
     own = [one for one in finding.evidence if cause_of(one.column, one.value, row).name == finding.cause]
-    details = [friction_said(row)] * (finding.cause == "friction")
+    details = [by_friction := friction_said(row) if finding.cause == "friction" else ""]
     details += [filled(WORDS["columns"].get(one.column, ""), Facts(row, one)) for one in own]
-    details += [without_said(finding, row)] * (finding.cause != "friction")  # which says it in its own words
+    details += [without_said(finding, row)] * (not by_friction)  # which says it in its own words
     remedy = known.get(finding.remedy.value) or known[Remedy.WHOLE.value]
     first, *others = dict.fromkeys(filter(None, details)) or [""]
     return Words(known["says"], ". ".join([first, *map(capital, others)]), capital(remedy))

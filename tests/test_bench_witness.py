@@ -308,7 +308,7 @@ def test_an_interval_that_the_range_beside_friction_excludes_holds_the_range():
     ranges = {"K_without_friction": (325.5, 328.4), "B_viscous": (3.0, 3.2), "I_without_friction": (0.03, 0.04)}
     row |= {f"{name}_{end}": x for name, pair in ranges.items() for end, x in zip(("low", "high"), pair, strict=True)}
     whole = SimpleNamespace(interval={"K": (331.0, 331.2), "B": (3.1, 3.15), "I": (0.05, 0.06)}.get)
-    wider = {"K_low": 325.5, "K_high": 331.2, "I_low": 0.03, "I_high": 0.06}
+    wider = {"K_low": 325.5, "K_high": 331.2, "B_low": 3.0, "B_high": 3.2, "I_low": 0.03, "I_high": 0.06}
     assert untold_row(cast(GroupFit, whole), row) == wider
 
 

@@ -160,15 +160,15 @@ def untold_row(whole: GroupFit, row: Row) -> Row:
     """Ranges of K, B and I where friction is not told. Where it may be what the witness hears, they are in place of
     numbers and of the intervals of the fit, and hold these, the ranges beside friction of any shape and those of what
     cannot be told from it. What else is heard has its own, which hold those beside friction; beside that, or a path
-    that nothing tells, friction alone leaves no range of what these move. An interval that a range excludes holds it.
-    """
+    that nothing tells, friction alone leaves no range of what these move. Where a range excludes the interval of K,
+    the intervals hold the ranges."""
     untold, heard = row["friction_shift"], row["heard"] is not None
     if not untold and (row["B_viscous"] is not None or row["B_viscous_low"] is None):
         return {}
-    found = Row()
+    found, apart = Row(), False  # whether more is friction's than noise tells, from K on
     for name, own in WITHOUT_FRICTION.items():
         pairs = [[row[f"{one}_{end}"] for end in ("low", "high")] for one in (own, f"{name}_without")]
-        fit, beside = whole.interval(name), [float(one) for pair in pairs for one in pair if one is not None]
+        fit, beside = whole.interval(name), [float(one) for one in [*pairs[0], *pairs[1]] if one is not None]
         low, high = min(beside, default=fit[0]), max(beside, default=fit[1])
         both = {f"{name}_low": min(low, fit[0]), f"{name}_high": max(high, fit[1])}
         if untold:
@@ -177,10 +177,10 @@ def untold_row(whole: GroupFit, row: Row) -> Row:
             continue
         if row["rivals"] and row[f"{name}_without"] is None and None not in pairs[1]:
             found |= {f"{name}_without_low": low, f"{name}_without_high": high}
+        apart |= not heard and max(low, fit[0]) > min(high, fit[1])
+        found |= both if apart else {}
         if heard or (row["path_shift"] is None and name != "K"):
             found |= {f"{own}_low": None, f"{own}_high": None}
-        elif max(low, fit[0]) > min(high, fit[1]):  # more of it is friction's than noise tells
-            found |= both
     return found | dict.fromkeys((f"f_C{end}" for end in INTERVAL_ENDS) if untold else ())
 
 

@@ -165,7 +165,7 @@ def untold_row(whole: GroupFit, row: Row) -> Row:
     untold, heard = row["friction_shift"], row["heard"] is not None
     if not untold and (row["B_viscous"] is not None or row["B_viscous_low"] is None):
         return {}
-    found, apart = Row(), False  # whether more is friction's than noise tells, from K on
+    found, apart = Row(), False  # whether more of K is friction's than noise tells
     for name, own in WITHOUT_FRICTION.items():
         pairs = [[row[f"{one}_{end}"] for end in ("low", "high")] for one in (own, f"{name}_without")]
         fit, beside = whole.interval(name), [float(one) for one in [*pairs[0], *pairs[1]] if one is not None]
@@ -177,8 +177,8 @@ def untold_row(whole: GroupFit, row: Row) -> Row:
             continue
         if row["rivals"] and row[f"{name}_without"] is None and None not in pairs[1]:
             found |= {f"{name}_without_low": low, f"{name}_without_high": high}
-        apart |= not heard and max(low, fit[0]) > min(high, fit[1])
-        found |= both if apart else {}
+        apart |= name == "K" and not heard and max(low, fit[0]) > min(high, fit[1])
+        found |= dict([*both.items()] * apart)
         if heard or (row["path_shift"] is None and name != "K"):
             found |= {f"{own}_low": None, f"{own}_high": None}
     return found | dict.fromkeys((f"f_C{end}" for end in INTERVAL_ENDS) if untold else ())

@@ -52,6 +52,7 @@ class ByModule(LoadScopeScheduling):
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> ByModule:
+    gc.enable()  # this process collects no tests
     return ByModule(config, log)
 
 

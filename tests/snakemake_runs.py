@@ -85,6 +85,7 @@ def forking() -> subprocess.Popen[str]:
     pipes = dict.fromkeys(("stdin", "stdout"), subprocess.PIPE)
     path = {"PYTHONPATH": f"{Path(__file__).with_name('unlucky')}:{os.environ.get('PYTHONPATH', ROOT)}"}
     started = subprocess.Popen([sys.executable, "-c", FORKING], cwd=ROOT, env=os.environ | path, text=True, **pipes)
+    atexit.register(started.communicate)  # closes its pipes, once it is killed
     atexit.register(started.kill)
     return started
 

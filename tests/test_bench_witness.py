@@ -310,6 +310,8 @@ def test_an_interval_that_the_range_beside_friction_excludes_holds_the_range():
     whole = SimpleNamespace(interval={"K": (331.0, 331.2), "B": (3.1, 3.15), "I": (0.05, 0.06)}.get)
     wider = {"K_low": 325.5, "K_high": 331.2, "B_low": 3.0, "B_high": 3.2, "I_low": 0.03, "I_high": 0.06}
     assert untold_row(cast(GroupFit, whole), row) == wider
+    whole.interval = {"K": (328.0, 328.2), "B": (3.1, 3.15), "I": (0.05, 0.06)}.get
+    assert untold_row(cast(GroupFit, whole), row) == {}, "friction between two levels moves K first"
 
 
 def test_what_differs_by_direction_leaves_the_damping_as_it_is_where_the_motion_ends_at_another_angle():

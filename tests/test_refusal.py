@@ -154,9 +154,8 @@ def written(tmp_path, **more):
     content = {"command": "bench.fit", "data": "", "log": str(tmp_path / "b_7.log"), "files": made, "needs": []}
     content |= {"input": {"trial": "results/trials/b_7.parquet"}, "output": {}, "settings": {}, "recorded": {}}
     path.parent.mkdir(exist_ok=True)
-    if (text := jobs_request.request_text(path, content | {"judge": ""} | more, digest)) != (
-        path.is_file() and path.read_text()
-    ):
+    text = jobs_request.request_text(path, content | {"judge": ""} | more, digest)
+    if text != (path.is_file() and path.read_text()):
         path.write_text(text)
     return path, json.loads(path.read_text())["tried"]
 

@@ -156,6 +156,12 @@ def believed_reflex(whole: GroupFit, facts: Row, is_leg: bool) -> Row:
     return {**without_row(None, "with_reflex"), "reflex_p": 1.0}
 
 
+def beside_friction(row: Row, name: str) -> list[float]:
+    """Ends of the ranges of K, B or I beside friction, and beside what cannot be told from it; empty if it has none."""
+    ends = [row[f"{one}_{end}"] for one in (WITHOUT_FRICTION[name], f"{name}_without") for end in ("low", "high")]
+    return [float(end) for end in ends if end is not None]
+
+
 def untold_row(whole: GroupFit, row: Row) -> Row:
     """Ranges of K, B and I where friction is not told. Where it may be what the witness hears, they are in place of
     numbers and of the intervals of the fit, and hold these, the ranges beside friction of any shape and those of what
@@ -165,20 +171,18 @@ def untold_row(whole: GroupFit, row: Row) -> Row:
     untold, heard = row["friction_shift"], row["heard"] is not None
     if not untold and (row["B_viscous"] is not None or row["B_viscous_low"] is None):
         return {}
-    found, apart = Row(), False  # whether more of K is friction's than noise tells
+    found, K, of_K = Row(), whole.interval("K"), beside_friction(row, "K")
+    apart = not heard and max(min(of_K, default=K[0]), K[0]) > min(max(of_K, default=K[1]), K[1])
     for name, own in WITHOUT_FRICTION.items():
-        pairs = [[row[f"{one}_{end}"] for end in ("low", "high")] for one in (own, f"{name}_without")]
-        fit, beside = whole.interval(name), [float(one) for one in [*pairs[0], *pairs[1]] if one is not None]
-        low, high = min(beside, default=fit[0]), max(beside, default=fit[1])
-        both = {f"{name}_low": min(low, fit[0]), f"{name}_high": max(high, fit[1])}
+        fit, beside = whole.interval(name), beside_friction(row, name)
+        if untold or apart:
+            ends = [*fit, *beside]
+            found |= {f"{name}_low": min(ends), f"{name}_high": max(ends)}
         if untold:
-            ends = [f"{own}_low", f"{own}_high"]
-            found |= {own: None, f"{own}_se": None, **both, **dict(zip(ends, both.values(), strict=True))}
+            found |= {own: None, f"{own}_se": None, f"{own}_low": min(ends), f"{own}_high": max(ends)}
             continue
-        if row["rivals"] and row[f"{name}_without"] is None and None not in pairs[1]:
-            found |= {f"{name}_without_low": low, f"{name}_without_high": high}
-        apart |= name == "K" and not heard and max(low, fit[0]) > min(high, fit[1])
-        found |= dict([*both.items()] * apart)
+        if row["rivals"] and row[f"{name}_without"] is None and row[f"{name}_without_low"] is not None:
+            found |= {f"{name}_without_low": min(beside), f"{name}_without_high": max(beside)}
         if heard or (row["path_shift"] is None and name != "K"):
             found |= {f"{own}_low": None, f"{own}_high": None}
     return found | dict.fromkeys((f"f_C{end}" for end in INTERVAL_ENDS) if untold else ())

@@ -262,7 +262,7 @@ class Court:
         at_once = [chance([at]) for at in moments]
         if len(view.rows) > CHUNKS * RATE_HZ:  # of shorter chunks chance explains a moment
             self.chance["time"] = min(self.chance["time"], *(chance + np.log10(len(at_once)) for chance in at_once))
-        if self.at_once(self.slope())[1] < JUMPS * self.left([*view.base, view.column(self.slope())]):
+        if self.late_at_once[1] < JUMPS * self.left([*view.base, view.column(self.slope)]):
             self.chance["time"] = min(self.chance["time"], 2 * HEARD)  # such a misfit scatters as its own size does
         if size < 0:  # friction that drives: play, or damping that falls with speed
             self.chance["speed"] = min(self.chance["speed"], by_friction - FRICTION)
@@ -324,15 +324,15 @@ class Court:
             "mean": (np.geomspace(1e-3, 0.06, 12), lambda p: np.exp(-s * p / 2) * np.sinc(f * p)),
             "resonance that rings": (np.geomspace(5e-3, 0.06, 10), lambda p: 1 / (1 + 0.02 * s * p + (s * p) ** 2)),
             "resonance": (np.geomspace(5e-3, 0.06, 10), lambda p: 1 / (1 + 0.2 * s * p + (s * p) ** 2)),
-            "spring in series": (np.geomspace(2e-5, 3e-3, 10), in_series),
         }
+        if view.first == 0:
+            responses["spring in series"] = np.geomspace(2e-5, 3e-3, 10), in_series
         for name, (grid, response) in responses.items():
 
             def filtered(p: float, response: Callable[[float], NDArray[Any]] = response) -> list[Array]:
                 return [view.passed(spectrum) for spectrum in spectra * response(p)]
 
-            if view.first == 0 or name != "spring in series":
-                self.add_by("path", name, filtered, grid)
+            self.add_by("path", name, filtered, grid)
 
     def late(self, *shapes: Array) -> tuple[list[Array], list[Array], Array, Array]:
         """Columns of a torque that is late by a sum of shapes (n,), the slopes of the fit by their sizes [s], which
@@ -352,10 +352,16 @@ class Court:
             sizes = sizes + min(0.5 * LONGEST_LAG / longest, 1.0) * more[:number]
         return columns, slopes, sizes, np.sqrt(np.diag(covariance))[:number]
 
+    @cached_property
     def slope(self) -> Array:
         """That of the torque (n,) [N*m/s] by the model."""
         view = self.view
         return np.asarray(self.fitted(view.base)[0][: len(view.base)] @ np.array(view.motion[view.first + 1 : 4]))
+
+    @cached_property
+    def late_at_once(self) -> tuple[Array, float]:
+        """The shape (n,) of a lag that changes at once, and what it leaves."""
+        return self.at_once(self.slope)
 
     def at_once(self, torque: Array) -> tuple[Array, float]:
         """The shape (n,) from whose moment on more of a torque (n,) explains most, and what it leaves."""
@@ -378,7 +384,7 @@ class Court:
     def hear_time(self) -> None:
         """Clocks that drift apart, K that changes, or a lag, in a straight line or at a moment."""
         view, changing = self.view, self.view.motion[self.view.first]
-        shapes = {"clocks": view.time - view.time[0], "lag that changes at once": self.at_once(self.slope())[0]}
+        shapes = {"clocks": view.time - view.time[0], "lag that changes at once": self.late_at_once[0]}
         for name, shape in shapes.items():
             self.add("time", name, *self.late(shape)[:2], 1)
         what = "K" if view.first == 0 else "B_j"

@@ -322,6 +322,7 @@ def test_what_differs_by_direction_leaves_the_damping_as_it_is_where_the_motion_
     row = witness_row(record_of_trial(trial, SETTINGS))
     assert (row["rivals"], row["direction_shift"] > 1) == ("stiffness by direction of motion", True)
     assert row["B_without_low"] < TRUE["B"] < row["B_without_high"]
+    assert [row["K_without_low"], row["K_without_high"]] == pytest.approx([270, 330], abs=1)
     assert row["B_without_high"] - row["B_without_low"] < 0.02 * TRUE["B"]
 
 

@@ -8,6 +8,7 @@ linear approximation under the same kind of motion, the mean over all other tria
 """
 
 import sys
+from copy import deepcopy
 from pathlib import Path
 
 import numpy as np
@@ -41,7 +42,7 @@ MOTIONS = {
 
 def settings_of(motion: dict, exact: bool, bits: int = 18, noise: float = 0.05) -> SimulationSettings:
     """The shipped simulation with one motion of many trials, an encoder of some bits and torque noise [N*m]."""
-    content = read_mapping(SIMULATION)
+    content = deepcopy(read_mapping(SIMULATION))
     content["excitations"] = [{"name": "x", "rms_deg": 2, "trials": 1000} | motion]
     content["joint"] = TRUE if exact else None
     content["recorder"] = {}

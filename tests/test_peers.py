@@ -51,7 +51,8 @@ def test_a_method_of_one_file_and_one_function_is_compared(tmp_path, monkeypatch
 
     chosen = {"exact joint", "late torque", "14 bits", "human ankle"}
     cases = [case for case in generator.CASES if case.case in chosen and case.motion == "multisine"]
-    sines = [case for case in laboratory.CASES if case.case == "exact joint" and case.motion == "stepped sine"]
+    sines = {case.case: case for case in laboratory.CASES if case.motion == "stepped sine"}
+    sines = [sines["late torque"], sines["exact joint"]]  # what one case differs in is no part of the next
     recordings.write(tmp_path, [1], cases, sines, seconds=4.0)
     toy = tmp_path / "toy.py"
     toy.write_text(TOY)
@@ -61,8 +62,8 @@ def test_a_method_of_one_file_and_one_function_is_compared(tmp_path, monkeypatch
     counted = ("answered", "silent", "announced", "false_alarms")
     counts = {case: [row[n] for n in counted] for case, row in found.items()}
     assert counts == {
-        "all": [4, 1, 0, 1], "14 bits": [1, 0, 0, 1], "exact joint": [2, 0, 0, 0], "human ankle": [0, 0, 0, 0],
-        "late torque": [1, 1, 0, 0],
+        "all": [5, 2, 0, 1], "14 bits": [1, 0, 0, 1], "exact joint": [2, 0, 0, 0], "human ankle": [0, 0, 0, 0],
+        "late torque": [2, 2, 0, 0],
     }  # fmt: skip
     exact = found["exact joint"]
     assert (exact["bias_K"], exact["bias_B"]) == (pytest.approx(0, abs=0.1), pytest.approx(0, abs=0.5))

@@ -1,5 +1,6 @@
 """Recordings of joints whose truth is known, made by the project's own simulator of a bench."""
 
+from copy import deepcopy
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -45,7 +46,7 @@ CASES = [
 
 def settings_of(case, seed):
     """The shipped simulation, at 500 Hz, with one node and no friction in the drivetrain, which has no B of its own."""
-    content = read_mapping(shipped("config/simulation/excitations.yaml"))
+    content = deepcopy(read_mapping(shipped("config/simulation/excitations.yaml")))
     motion = {"name": "x", "kind": case.motion, "rms_deg": 2.5, "fade_s": 0.5, "rest_s": 0.5}
     motion |= {"period_s": 5.5, "periods": 4} if case.motion == "multisine" else {"duration_s": 22.0}
     content |= {"seed": seed, "joint": case.joint, "protocol": SINE, "recorder": {}}

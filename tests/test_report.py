@@ -38,23 +38,8 @@ from osl_analysis.judge.finding import Beyond, Finding, Grade, findings_frame
 from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.judge.words import WORDS, printed, words_of
 from osl_analysis.refusal import Refusal
-from osl_analysis.report import trial_page
+from osl_analysis.report import page, trial_page
 from osl_analysis.report.headlines import Example, headline_numbers
-from osl_analysis.report.page import (
-    caption_html,
-    captions_by_title,
-    check_map,
-    claims_said,
-    conditions,
-    every_kth,
-    inline_svg,
-    method_said,
-    overview,
-    packed_table,
-    state_of,
-    template,
-    written_page,
-)
 from osl_analysis.report.trial_page import Pictures, ReportedTrial
 from osl_analysis.table import write_table
 
@@ -75,12 +60,12 @@ def test_a_packed_signal_is_off_by_no_more_than_half_a_count_and_keeps_its_holes
     noisy = np.random.default_rng(1).normal(size=5000).cumsum()
     noisy[100:200] = np.nan
     table = pl.DataFrame({"time": 3 + np.arange(5000) / 66, "noisy": noisy, "flat": np.full(5000, 4.2)}).fill_nan(None)
-    found = unpack(json.loads(json.dumps(packed_table(table))))
+    found = unpack(json.loads(json.dumps(page.packed_table(table))))
     for name, values in {"time": table["time"].to_numpy(), "noisy": noisy}.items():
         assert_allclose(found[name], values, rtol=0, atol=2**-15 * (np.nanmax(values) - np.nanmin(values)))
     assert_allclose(found["flat"], 4.2, rtol=1e-8)
     short = pl.DataFrame({"a": [np.inf, -np.inf, np.nan, 1.25], "n": [1, 2, 3, 4], "none": [None] * 4})
-    read = unpack(packed_table(short))
+    read = unpack(page.packed_table(short))
     assert_allclose(read["a"], [np.nan, np.nan, np.nan, 1.25], rtol=1e-8)
     assert (read["n"].tolist(), np.isnan(read["none"]).all()) == ([1, 2, 3, 4], True)
 
@@ -117,11 +102,11 @@ def page_of(trials):
     facts = {"verdict": "doubtful", "cause": HOSTILE, "says": "x", "size": "y", "remedy": "", "of": "trials", "n": 2}
     summary = {"findings": [{**facts, "trials": [one.name for one in trials]}]}
     content = {"about": ABOUT, "made_of": sentence(ABOUT), **trial_page.trials_content(trials)}
-    content |= {**overview(trials, summary, [], ABOUT), "intervals": "", "not_made": [], "sensitivity": []}
+    content |= {**page.overview(trials, summary, [], ABOUT), "intervals": "", "not_made": [], "sensitivity": []}
     content["methods"] = trial_page.methods_content(SETTINGS, {}, trials)
     content |= {"absent_figures": {"Response": "No trial has one."}, **STATED}
     packed = {one.name: (trial_page.trial_content(one), {}) for one in trials}
-    return written_page(content, packed)
+    return page.written_page(content, packed)
 
 
 class Page(HTMLParser):
@@ -168,8 +153,10 @@ def test_names_from_files_are_text_and_no_script_runs_but_the_two_of_the_page():
 def methods_of(trials, tables, settings, **about):
     """The text of the methods paragraph, and its BibTeX, as they are copied."""
     content = trial_page.trials_content(trials) | {"about": ABOUT | about, "findings": [FINDING]}
-    page = template("methods.html.j2").render(content, methods=trial_page.methods_content(settings, tables, trials))
-    found = re.findall(r'(?s)class="copied">(.*?)</(?:div|pre)>', page)
+    text = page.template("methods.html.j2").render(
+        content, methods=trial_page.methods_content(settings, tables, trials)
+    )
+    found = re.findall(r'(?s)class="copied">(.*?)</(?:div|pre)>', text)
     return [html.unescape(re.sub(r"\s+", " ", re.sub("<[^>]+>", "", part))) for part in found]
 
 
@@ -231,10 +218,10 @@ def test_a_thinned_signal_keeps_the_ends_of_ranges():
     table = pl.DataFrame({"time": np.arange(4000.0), "residual_low": 0.0, "residual_high": 0.0})
     table[1237, "residual_high"] = 5.0
     table[2001, "residual_low"] = -5.0
-    thinned = every_kth(table, 10)
+    thinned = page.every_kth(table, 10)
     assert thinned["time"].to_list() == list(range(0, 4000, 10))
     assert (thinned["residual_low"].min(), thinned["residual_high"].max()) == (-5.0, 5.0)
-    assert every_kth(table.head(399), 10).height == 399, "200 rows are left"
+    assert page.every_kth(table.head(399), 10).height == 399, "200 rows are left"
 
 
 def test_units_symbols_powers_and_minus_signs_are_set_in_one_way_and_names_are_left():
@@ -272,7 +259,7 @@ def test_the_page_begins_with_what_was_done_its_verdict_and_the_figure_that_matt
     number = NUMBER | {"n": 4, "value": 2.0, "of": "", "meaning": "x", "begins": "It is"}
     line = {"cause": "friction", "says": "it does", "remedy": "use it", "trials": ["t", "all"]}
     line |= {"verdict": "doubtful", "of": "impedance trials"}
-    found = overview(trials, {"numbers": {"K": number}, "findings": [line]}, figures, ABOUT)
+    found = page.overview(trials, {"numbers": {"K": number}, "findings": [line]}, figures, ABOUT)
     assert found["done"].startswith("4 simulated trials of the knee: 2 walking (1 perturbed) and 2 impedance (MCAP and")
     assert found["state"] == "1 of 4 trials is doubtful: friction. 1 was refused."
     assert found["answers"] == ["It is 2.00\xa0% (n = 4)."]
@@ -281,7 +268,7 @@ def test_the_page_begins_with_what_was_done_its_verdict_and_the_figure_that_matt
     assert found["findings"][0]["named"] == [("t", "it is 30 % of the damping")]
     unsure = [{"verdict": "not checked", "of": "trials", "trials": ["t"], "cause": cause} for cause in "abcdd"]
     of_group = {"verdict": "doubtful", "of": "walking groups", "trials": ["all"], "cause": "person reacts"}
-    walking = overview(walks, {"findings": [of_group, *unsure]}, figures, ABOUT)
+    walking = page.overview(walks, {"findings": [of_group, *unsure]}, figures, ABOUT)
     assert walking["first"][0]["name"] == "walking_page", "nothing was desired"
     said = "The walking K is doubtful: person reacts. Not checked, and in no interval: a, b, c and 1 more."
     assert said in walking["state"]
@@ -293,7 +280,7 @@ def test_the_map_has_a_row_for_each_cause_that_a_trial_does_not_pass():
     of_phasors = doubt(table="phasors", frequency_hz=3.0)
     trials = [trial("b", of_phasors, gap), trial("a", doubt(), doubt(amplitude_deg=4.0), note)]
     trials[0] = replace(trials[0], row=trials[0].row | {"K_d": 400.0})
-    (group,) = check_map([*trials, trial("c", left_out=["x"])])
+    (group,) = page.check_map([*trials, trial("c", left_out=["x"])])
     assert group["trials"] == [("a", "doubtful"), ("c", "excluded"), ("b", "flagged")]
     assert {cause: [state for _, state in row] for cause, row in group["rows"]} == {
         "friction": ["doubtful", "passed", "doubtful in part"],
@@ -303,7 +290,7 @@ def test_the_map_has_a_row_for_each_cause_that_a_trial_does_not_pass():
     groups = {name: {"walking": pl.DataFrame({"group": [of]})} for name, of in zip("uv", "AB", strict=True)}
     walks = [replace(trial(name), tables=tables) for name, tables in groups.items()]
     known = [{"of": "walking groups", "verdict": "not checked", "cause": "x", "trials": ["B", "C"]}]
-    (group,) = check_map(walks, known)
+    (group,) = page.check_map(walks, known)
     assert group["rows"] == [("x", [("u", "passed"), ("v", "not checked")])]
 
 
@@ -346,21 +333,21 @@ def test_a_figure_keeps_to_its_own_identifiers_and_opens_trials():
         '<g clip-path="url(#c)"><use xlink:href="#p1"/></g>'
         '<a xlink:href="../report.html#trial=a%26b%3C" target="_blank"><path d="M0 0"/></a></svg>'
     )
-    found = inline_svg(svg, "fig5", "Fig. 5")
+    found = page.inline_svg(svg, "fig5", "Fig. 5")
     parts = ('id="fig5-p1"', 'xlink:href="#fig5-p1"', "url(#fig5-c)", 'xlink:href="#trial=a%26b%3C"', 'tabindex="-1"')
     assert [part for part in (*parts, "<title>a&amp;b&lt;</title>") if part not in found] == []
     assert ("target" in found, "metadata" in found, 'viewBox="0 0 252 100"' in found) == (False, False, True)
     assert [
-        f'class="{word}"' in inline_svg(svg.replace("252", pt), "x", "")
+        f'class="{word}"' in page.inline_svg(svg.replace("252", pt), "x", "")
         for pt, word in (("252", "narrow"), ("515", "wide"))
     ] == [True] * 2
 
 
 def test_a_caption_is_text_with_indices():
     said = "<i>K<sub>d</sub></i> of &lt;img&gt; a_1, <i>K\u0302</i> &amp; <i>10<sup>-3</sup></i>"
-    assert caption_html(r"$K_d$ of \<img\> a\_1, $\hat{K}$ & $10^{-3}$") == said
-    page = "# Captions\n\nx\n\n## Fig. 3\n\nOne.\n\n## Fig. 4\n\nTwo.\n"
-    assert captions_by_title(page) == {"Fig. 3": "One.", "Fig. 4": "Two."}
+    assert page.caption_html(r"$K_d$ of \<img\> a\_1, $\hat{K}$ & $10^{-3}$") == said
+    text = "# Captions\n\nx\n\n## Fig. 3\n\nOne.\n\n## Fig. 4\n\nTwo.\n"
+    assert page.captions_by_title(text) == {"Fig. 3": "One.", "Fig. 4": "Two."}
 
 
 def test_the_model_of_a_series_is_that_of_the_fit_in_the_samples_that_the_fit_uses():
@@ -443,18 +430,20 @@ def test_every_condition_has_K_B_and_I_with_intervals_and_what_is_doubted():
     tables = {"impedance": pl.DataFrame(rows, infer_schema_length=None), "walking_summary": pl.DataFrame(walking)}
     late = replace(doubt(), without={"K": 290.0, "B": 4.5, "I": 0.02})
     unsure = Finding("impedance", "t", "whether the torque is late", Grade.UNCHECKED)
-    walk, several, alone = conditions(tables, {"t": stored_findings(late, doubt(amplitude_deg=4.0), unsure, unsure)})
+    walk, several, alone = page.conditions(
+        tables, {"t": stored_findings(late, doubt(amplitude_deg=4.0), unsure, unsure)}
+    )
     assert [one["unchecked"] for one in (walk, several, alone)] == [0, 0, 1]
     for stated in (0.0, 0.1):
         bench = {"impedance": tables["impedance"].with_columns(K_se_bench=pl.lit(stated))}
-        assert ("trials of the bench share are not" in method_said(SETTINGS, bench)) == (stated == 0)
+        assert ("trials of the bench share are not" in page.method_said(SETTINGS, bench)) == (stated == 0)
     half = scipy.stats.t.ppf(0.975, 1) * 2**0.5 / 2**0.5
     assert (walk["of"], walk["K"]) == ("walking", ("340", "[330, 350]"))
     assert (several["of"], several["trials"], several["doubt"]) == ("K_d 100", ["a", "b"], "")
     assert several["K"] == ("100", f"[{100 - half:.0f}, {100 + half:.0f}]")
     assert (alone["B"][0], alone["doubt"]) == ("−5.00", "friction (with it in the fit K 290, B 4.5 and I 0.02)")
     both = {name: stored_findings(replace(doubt(), subject=name)) for name in "ab"}
-    assert conditions(tables, both | {"b": []})[1]["doubt"] == "friction (1 of 2)"
+    assert page.conditions(tables, both | {"b": []})[1]["doubt"] == "friction (1 of 2)"
 
 
 def test_friction_stands_beside_B_and_a_doubt_names_the_B_that_it_leaves():
@@ -465,10 +454,10 @@ def test_friction_stands_beside_B_and_a_doubt_names_the_B_that_it_leaves():
     )  # fmt: skip
     path, late = (replace(doubt(cause), without={"B": 1.91}) for cause in ("torque path", "late torque"))
     for finding, said in ((path, "B without friction 1.91"), (late, "B 1.91")):
-        (found,) = conditions({"impedance": rows}, {"t": stored_findings(finding)})
+        (found,) = page.conditions({"impedance": rows}, {"t": stored_findings(finding)})
         assert (found["B"][0], found["B_viscous"][0], found["f_C"][0]) == ("2.40", "1.900", "0.25")
         assert found["doubt"] == f"{finding.cause} (with it in the fit {said})"
-    (none,) = conditions(
+    (none,) = page.conditions(
         {"impedance": rows.with_columns(B_viscous=pl.lit(None, pl.Float64))}, {"t": stored_findings(path)}
     )
     assert ("B_viscous" in none, none["doubt"]) == (False, "torque path (with it in the fit B 1.91)")
@@ -486,7 +475,7 @@ def test_trials_of_no_stated_condition_are_one_only_where_they_repeat_each_other
     ]
     schema = {"amplitude_deg": pl.Float64, "controller": pl.String, "K_d": pl.Float64, "B_d": pl.Float64}
     table = pl.DataFrame([row | common for row in rows], schema_overrides=schema)
-    found = conditions({"impedance": table}, {})
+    found = page.conditions({"impedance": table}, {})
     if n > 8:
         assert [one["trials"] for one in found] == [[f"t{k}"] for k in range(n)], "each K is another one"
     else:
@@ -494,12 +483,12 @@ def test_trials_of_no_stated_condition_are_one_only_where_they_repeat_each_other
         assert [one["trials"] for one in found] == [["t0", "t2"], ["t1", "t3"]]
         assert (found[0]["K"][0], found[1]["K"][0]) == ("62.00", "148.0"), "a mean"
         other = table.with_columns(B=pl.when(trial="t2").then(90.0).otherwise("B"))
-        assert [one["trials"] for one in conditions({"impedance": other}, {})] == [["t0"], ["t1", "t3"], ["t2"]]
+        assert [one["trials"] for one in page.conditions({"impedance": other}, {})] == [["t0"], ["t1", "t3"], ["t2"]]
     repeats = repeated_trials_table(table).filter(quantity="K")
     assert repeats["mean", "n"].rows() == ([(62.0, 2), (148.0, 2)] if n < 8 else []), "what the page calls repeats"
     assert repeated_trials_table(table.with_columns(K_d=pl.lit(100.0)))["n"].to_list() == [n] * 3
     late = table.with_columns(doubtful=pl.when(trial="t2").then(pl.lit("late torque")).otherwise("doubtful"))
-    (first, *_) = conditions({"impedance": late}, {})
+    (first, *_) = page.conditions({"impedance": late}, {})
     expected = ("1 left out of the mean", ("62.0", "[61.0, 63.0]")) if n < 8 else ("", first["K"])
     assert (first["doubt"], first["K"]) == expected
     numbers = headline_numbers({"impedance": table}, Example(K_d=None, B_d=None))
@@ -517,7 +506,7 @@ def test_a_trial_with_certain_friction_repeats_none_without_and_gives_its_number
     rows = [row | {f"{x}{end}": row[x] for x in ("B_viscous", "f_C") for end in ("_low", "_high")} for row in rows]
     schema = {"amplitude_deg": pl.Float64, "controller": pl.String, "K_d": pl.Float64, "B_d": pl.Float64}
     table = pl.DataFrame(rows, schema_overrides=schema)
-    assert [one["trials"] for one in conditions({"impedance": table}, {})] == [["a", "c"], ["b"]]
+    assert [one["trials"] for one in page.conditions({"impedance": table}, {})] == [["a", "c"], ["b"]]
     assert repeated_trials_table(table).filter(quantity="B")["n"].to_list() == [2]
     numbers = headline_numbers({"impedance": table}, Example(K_d=None, B_d=None))
     said = {(one.of, one.n) for one in numbers if "_example" in one.name}
@@ -532,17 +521,17 @@ def test_a_cause_has_one_count_in_the_verdict_the_map_and_the_row_of_its_conditi
     """A trial that is flagged too is one of those that are doubtful in part."""
     part, flag = doubt("zero", amplitude_deg=2.0), doubt("frozen signal", "stuck", table="quality")
     trials = [trial("a", part), trial("b", part, flag), trial("c", part)]
-    assert state_of(trials, ()).startswith(
+    assert page.state_of(trials, ()).startswith(
         "3 of 3 trials are doubtful in part: zero. 1 of 3 trials is flagged: frozen signal."
     )
-    (cause, cells), *_ = check_map(trials)[0]["rows"]
+    (cause, cells), *_ = page.check_map(trials)[0]["rows"]
     assert (cause, [state for _, state in cells]) == ("zero", ["doubtful in part"] * 3)
     groups = {"estimator": ["ensemble"] * 3, "group": ["all"] * 3, "quantity": ["K", "B", "I"]}
     summary = pl.DataFrame(groups).with_columns(mean=300.0, low=290.0, high=310.0)
     names = {"a": "stance that changes", "b": "", "c": None}  # c has no fit
     walked = pl.DataFrame({"trial": [*names], "group": ["all"] * 3, "doubtful": [*names.values()]})
     known = {"a": stored_findings(doubt("stance that changes", "stance_change", table="walking"))}
-    (row,) = conditions({"walking_summary": summary, "walking": walked}, known)
+    (row,) = page.conditions({"walking_summary": summary, "walking": walked}, known)
     assert row["doubt"] == "of 2 perturbations stance that changes (1)"
 
 
@@ -609,12 +598,12 @@ def test_a_claim_stands_with_its_limit_and_a_long_caption_is_folded_behind_two_s
     own = {**number, "claim": "of a trial", "subject": "t"}
     figure = {"name": "fig5", "title": "Fig. 5", "drawing": ""}
     figure |= {"caption": Markup("By Eq. 15 this. That. " + 99 * "Long. ")}
-    found = overview([trial()], {}, [figure], ABOUT)
+    found = page.overview([trial()], {}, [figure], ABOUT)
     content = {"about": ABOUT, "made_of": "", **trial_page.trials_content([trial()]), **found, "intervals": ""}
     content |= {"not_made": [], "sensitivity": [], "absent_figures": {}, **STATED}
-    content["claims"] = claims_said(pl.DataFrame([number, near, own]))
+    content["claims"] = page.claims_said(pl.DataFrame([number, near, own]))
     content["methods"] = trial_page.methods_content(SETTINGS, {}, [trial()])
-    said = " ".join(Page(written_page(content, {})).text.split())
+    said = " ".join(Page(page.written_page(content, {})).text.split())
     assert [(one["claim"], one["where"], one["limit"]) for one in content["claims"]] == [
         ("it is negligible", "knee", "below 10 %"), ("z is 9", "knee", "9 ± 2 %"),
     ]  # fmt: skip

@@ -17,15 +17,7 @@ from osl_analysis.errors import InputError, OslAnalysisError
 from osl_analysis.spectral.periods import distinct
 from osl_analysis.spectral.response import local_response, periodic_response, record_spectrum
 from osl_analysis.spectral.stepped_sine import whole_rows
-from osl_analysis.stats.regression import (
-    FEWEST_CYCLES,
-    Row,
-    between_cycles,
-    hac,
-    less,
-    products_between,
-    welch_satterthwaite,
-)
+from osl_analysis.stats import regression
 from osl_analysis.trial import Array, check_finite, check_measured
 
 COMPLEX_PARTS = ("re", "im", "var_re", "cov", "var_im", "degrees_of_freedom")  # endings of the columns of an estimate
@@ -97,7 +89,7 @@ class ComplexEstimate:
 def with_errors(value: complex, errors: Sequence[tuple[Array, float]]) -> ComplexEstimate:
     """A number with independent errors: covariances (2, 2) with their degrees of freedom, which add up by the trace."""
     covariances, freedom = zip(*errors, strict=True)
-    total = float(welch_satterthwaite([np.trace(C) for C in covariances], freedom))
+    total = float(regression.welch_satterthwaite([np.trace(C) for C in covariances], freedom))
     return ComplexEstimate(value, np.sum(covariances, axis=0), total)
 
 
@@ -204,11 +196,11 @@ def fit_sinusoids(
         check_measured("the signal", signal)
         estimates = inverse @ (fitted.T @ signal[inside])
         residual = signal - X @ estimates
-        if len(cycles[0]) < FEWEST_CYCLES:
-            covariance, freedom, method, _ = hac(fitted, inverse, residual[inside])
+        if len(cycles[0]) < regression.FEWEST_CYCLES:
+            covariance, freedom, method, _ = regression.hac(fitted, inverse, residual[inside])
         else:
-            scores = products_between(X, residual[:, None], *cycles)[..., 0] @ inverse
-            covariance, freedom = between_cycles(scores, np.zeros(len(scores), dtype=np.intp))
+            scores = regression.products_between(X, residual[:, None], *cycles)[..., 0] @ inverse
+            covariance, freedom = regression.between_cycles(scores, np.zeros(len(scores), dtype=np.intp))
             method = "cycles"
         harmonics = estimates[1::2] - 1j * estimates[2::2]  # a cos(wt) + b sin(wt) = Re((a - j b) exp(j w t))
         if abs(harmonics[0]) <= 1e-12 * np.abs(signal).max():  # the fit's rounding error
@@ -230,12 +222,12 @@ def with_rounding(
         return phasor
     turn = np.exp(-2j * np.pi * frequency_hz * record.time[rows]) * 2 / float(np.sum(stop - first))
     edges = first - rows.start, stop - rows.start
-    made = products_between(np.column_stack([turn.real, turn.imag]), np.array(errors).T, *edges)
+    made = regression.products_between(np.column_stack([turn.real, turn.imag]), np.array(errors).T, *edges)
     change = made.sum(axis=0)
     known = change @ change.T / len(errors)
-    if len(first) >= FEWEST_CYCLES:
-        spread, _ = between_cycles(made.reshape(len(made), -1), np.zeros(len(made), dtype=np.intp))
-        known = less(known, np.diag(spread).reshape(change.shape).mean(axis=1))
+    if len(first) >= regression.FEWEST_CYCLES:
+        spread, _ = regression.between_cycles(made.reshape(len(made), -1), np.zeros(len(made), dtype=np.intp))
+        known = regression.less(known, np.diag(spread).reshape(change.shape).mean(axis=1))
     both = with_errors(phasor.value, [(phasor.covariance, phasor.degrees_of_freedom), (known, len(errors) - 1.0)])
     return replace(phasor, covariance=both.covariance, degrees_of_freedom=both.degrees_of_freedom)
 
@@ -282,7 +274,7 @@ def phasors_of_record(record: Record) -> list[SegmentPhasors]:
 
 def phasor_table(trial: str, phasors: Sequence[SegmentPhasors]) -> pl.DataFrame:
     """A row per amplitude and frequency; none where no sines moved the joint."""
-    rows = list[Row]()
+    rows = list[regression.Row]()
     for segment in phasors:
         Y = segment.admittance
         rows.append(
@@ -314,7 +306,7 @@ def frequency_response_table(phasors: pl.DataFrame) -> pl.DataFrame:
     types |= dict.fromkeys(("K_d", "B_d", "frequency_hz"), pl.Float64)
     # rows that agree in these differ in the amplitude only
     keys = [key for key in types if key in phasors.columns] if len(phasors) else list(types)
-    rows = list[Row]()
+    rows = list[regression.Row]()
     for values, amplitudes in phasors.group_by(keys, maintain_order=True) if len(phasors) else ():
         of_single = list(amplitudes.iter_rows(named=True))
         shared = [max(float(row[name]) for row in of_single) for name in SHARED]  # by all amplitudes
@@ -349,7 +341,7 @@ def frequency_response_table(phasors: pl.DataFrame) -> pl.DataFrame:
     return pl.DataFrame(rows, schema=schema)
 
 
-def damping_row(Y: ComplexEstimate, frequency_hz: float) -> Row:
+def damping_row(Y: ComplexEstimate, frequency_hz: float) -> regression.Row:
     """`damping` [N*m*s/rad], the real part of the impedance torque/velocity, 1/(j w Y), with its 95 % interval to first
     order: a joint that takes in energy at this frequency has a positive one."""
     w, Z = 2 * np.pi * frequency_hz, 1 / Y.value

@@ -87,8 +87,8 @@ RecordLines = tuple[Array, Spectrum, Spectrum]
 
 def record_spectrum(theta: Array, torque: Array, rate_hz: float, highest_hz: float) -> RecordLines:
     """Lines 1, 2 ... of angle [rad] and torque [N*m], shape (n,) each, over the whole stretch, up to `highest_hz`,
-    without a window. What the ends of the record and a drift of the torque add (`end_columns`) is fitted together with
-    a second-order joint and subtracted from the torque; what is left of it is smooth over frequency."""
+    without a window. What the ends of the record and a drift of the torque add is fitted together with a second-order
+    joint and subtracted from the torque; what is left of it is smooth over frequency."""
     n = len(theta)
     top = int(np.floor(min(highest_hz, rate_hz / 3) * n / rate_hz)) + 1
     for name, signal in (("the angle", theta), ("the torque", torque)):
@@ -101,18 +101,14 @@ def record_spectrum(theta: Array, torque: Array, rate_hz: float, highest_hz: flo
     angle, force = (np.fft.rfft(signal - np.mean(signal))[1:top] * (2 / n) for signal in (theta, torque))
     frequency = np.arange(1, top) * rate_hz / n
     s = np.asarray(2j * np.pi * frequency, dtype=np.complex128)
-    ends = end_columns(s)
+    # With real coefficients: the ends of Eq. 15 add a + b s, and some more powers because its samples are summed where
+    # it has integrals; the last is a drift's.
+    ends = np.array([*(s**power for power in range(5)), 1 / s])
     columns = np.concatenate([np.array([angle, s * angle, s**2 * angle]), ends])
     scale = np.linalg.norm(columns, axis=1)[:, None]
     stacked = np.hstack([(columns / scale).real, (columns / scale).imag]).T
     found = np.linalg.lstsq(stacked, np.concatenate([force.real, force.imag]), rcond=None)[0]
     return frequency, angle, np.asarray(force - found[3:] @ (ends / scale[3:]))
-
-
-def end_columns(s: Spectrum) -> Spectrum:
-    """What the ends of a record and a drift of the torque add to its lines, with real coefficients, (q, lines). The
-    ends of Eq. 15 add a + b s, and some more powers because its samples are summed where it has integrals."""
-    return np.array([*(s**power for power in range(5)), 1 / s])
 
 
 def local_fit(spectrum: RecordLines) -> tuple[Spectrum, Array, Array]:

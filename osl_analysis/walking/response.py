@@ -675,12 +675,10 @@ def scatter_of_one(crossings: Sequence[Crossing], planned: PlannedTurn, settings
 def half_widths(scatter: Array, counts: Sequence[int], unperturbed: int, both: bool) -> pl.DataFrame:
     """Halves of the 95 % intervals of K, B and I for each number of perturbed crossings and as many `unperturbed` ones:
     with turns in `both` directions of half their difference. The table has a row per number."""
-    from scipy.special import stdtrit
-
     rows = []
     for n in counts:
         freedom = min(n - 2 if both else n - 1, unperturbed - 1)
         share = 1 / n + (0.0 if both else 1 / unperturbed)
-        half = -stdtrit(freedom, 0.025) * scatter * np.sqrt(share) if freedom > 0 else np.full(3, np.nan)
+        half = -scipy.special.stdtrit(freedom, 0.025) * scatter * np.sqrt(share) if freedom > 0 else np.full(3, np.nan)
         rows.append({"n": n, "n_unperturbed": unperturbed} | dict(zip("KBI", half.tolist(), strict=True)))
     return pl.DataFrame(rows)

@@ -269,7 +269,7 @@ def test_sound_crossings_are_far_from_every_limit_and_faults_are_beyond() -> Non
     found = facts(perturbed())
     assert (found["residual_over_gait"], found["uncorrected_stance_change"]) == (None, None)
     limits = {"offset_share": 0.1, "estimator_difference": 0.5, "heterogeneity": 3, "K_se_share": 0.1}
-    limits |= {"stance_change": 0.015, "outside_interval": 1}
+    limits |= {"stance_change": 0.015}
     assert [name for name, limit in limits.items() if abs(found[name]) >= limit] == []
     assert [name for name, limit in (("coherence", 0.95), ("VAF", 99), ("B_high", 2)) if found[name] <= limit] == []
     headline = group_headline(perturbed(), USUAL, SETTINGS)  # the difference, over the sum of the halves of intervals

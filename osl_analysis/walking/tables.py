@@ -212,7 +212,6 @@ def group_facts(headline: GroupHeadline) -> dict[str, object]:
         "VAF": fit.vaf,
         "residual_over_gait": residual_over_gait(motion, torque, left),
         "offset_share": share if np.isfinite(share) else None,
-        "outside_interval": float(sum(not low <= fit[name] <= high for name, (low, high) in intervals.items())),
         "estimator_difference": max(distances),
         "heterogeneity": heterogeneity,
         "K": fit["K"],

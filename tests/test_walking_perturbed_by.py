@@ -292,7 +292,7 @@ def test_a_campaign_asks_for_what_its_perturbation_needs_and_for_nothing_else(tm
             checked(tmp_path, head + static + logs, perturbed_by=kind)
         with pytest.raises(InputError, match="0 trial of experiment 'static'"):
             checked(tmp_path, head + captures, perturbed_by=kind, plate_inertia="none")
-        with pytest.raises(InputError, match="0 trial of experiment 'plate'"):
+        with pytest.raises(InputError, match=r"0 trial of experiment 'plate'.*state `plate_inertia: none` under"):
             checked(tmp_path, head + static + captures, perturbed_by=kind)
         with pytest.raises(InputError, match="windows cut no capture"):
             checked(tmp_path, head + static + captures.replace("a,b,", "a,b,1-2"), perturbed_by=kind)

@@ -310,6 +310,7 @@ def test_each_crossing_has_the_static_trial_of_its_subject_and_session(tmp_path:
     sheet = campaign(tmp_path, rows + " wA2,walking,true,A,2,, m,plate,,,,,sB")
     assert [sheet.static(trial) for trial in ("wA", "wB", "wA2", "m")] == ["sA", "sB", "sA2", "sB"]
     assert sheet.statics == {"sA": ["wA"], "sB": ["wB"], "sA2": ["wA2"], "sC": []}
+    assert campaign(tmp_path, rows, plate_inertia="none").statics == {"sA": ["wA"], "sB": ["wB"]}
 
 
 @pytest.mark.parametrize(("cells", "statics", "found"), [
@@ -341,16 +342,6 @@ def test_the_side_of_the_sheet_goes_before_that_of_the_configuration_and_both_ar
     for own, crossings, more, trial in (("", "right,", third, "p3"), ("right", "left,s1", "", "p2")):
         with pytest.raises(InputError, match=rf"'s1' serves trials of the sides left, right \(trial '{trial}': left\)"):
             check_walking(campaign(tmp_path, rows.format(own, crossings) + more))
-
-
-def test_without_plate_trials_the_error_names_the_option_and_the_option_needs_none(tmp_path: Path) -> None:
-    rows = "s1,static,,,,, " + CROSSINGS.format(",,,")
-    with pytest.raises(InputError, match=r"0 trial of experiment 'plate'.*state `plate_inertia: none` under `walking`"):
-        check_walking(campaign(tmp_path, rows))
-    light = campaign(tmp_path, rows, plate_inertia="none")
-    check_walking(light)
-    assert light.plate_trials() == []
-    assert campaign(tmp_path, rows + " m,plate,,,,,", plate_inertia="none").plate_trials() == []
 
 
 def test_platform_markers_that_were_moved_between_sessions_are_read_with_their_own_cluster() -> None:

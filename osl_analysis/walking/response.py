@@ -19,7 +19,6 @@ For a plan each unperturbed crossing is taken for a perturbed one: the answer of
 is added to it, and it is analysed against the others. The scatter of K, B and I is what gait does to one of them. The
 mean of n has 1/n of its variance, and that of m unperturbed crossings adds 1/m, which cancels between directions."""
 
-import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -30,6 +29,7 @@ import polars as pl
 import scipy
 from numpy.typing import NDArray
 
+from osl_analysis import refusal
 from osl_analysis.errors import IdentifiabilityError, InputError, naming
 from osl_analysis.signals import Motion, differentiate, sampling_rate
 from osl_analysis.stats.regression import LinearFit, linear_fit, welch_satterthwaite
@@ -65,16 +65,16 @@ def unperturbed_gait(
                 "or exclude fewer in the sheet"
             )
         # The most frequent, in one trial's words. Reasons that differ in numbers and the trial's name are one.
-        said = {trial: why.removeprefix(f"trial {trial}: ") for trial, why in lost.items()}
-        kinds = {trial: re.sub(r"[-+]?\d+(\.\d+)?", "#", why) for trial, why in said.items()}
+        kinds = {trial: refusal.alike(why, trial) for trial, why in lost.items()}
         kind, count = Counter(kinds.values()).most_common(1)[0]
         alike = [trial for trial, of in kinds.items() if of == kind]
+        said = lost[alike[0]].removeprefix(f"trial {alike[0]}: ")
         named = f" ({', '.join(alike)})" if 1 < count <= 8 else ""
         others = f" beside {len(lost) - count} for other reasons, which walking_crossings.csv lists"
         raise InputError(
             f"{len(crossings)} of {len(crossings) + len(lost)} unperturbed crossings can be used"
             f"{f' ({used})' if used else ''}, expected {fewest} or more; {count} times"
-            f"{named}{others if count < len(lost) else ''}, as in {alike[0]}: {said[alike[0]]}"
+            f"{named}{others if count < len(lost) else ''}, as in {alike[0]}: {said}"
         )
     theta, torque, *errors = (
         np.stack([signal_at(c, getattr(c, signal), stance_times(c)) for c in crossings], axis=-2)

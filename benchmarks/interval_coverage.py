@@ -50,7 +50,7 @@ def held(kind: str, seeds: int, settings: DynamometerAnalysis) -> dict[str, list
             Y = 1 / (truth["K"] + truth["B"] * s + truth["I"] * s**2)
             row = polar_row(segment.admittance)
             found[f"abs Y, {hz} Hz"].append(row["magnitude_low"] <= abs(Y) <= row["magnitude_high"])
-            found[f"phase, {hz} Hz"].append(row["phase_low_deg"] <= np.rad2deg(np.angle(Y)) <= row["phase_high_deg"])
+            found[f"phase, {hz} Hz"].append(row["phase_deg_low"] <= np.rad2deg(np.angle(Y)) <= row["phase_deg_high"])
     return found
 
 

@@ -115,7 +115,7 @@ def test_nor_a_mean_over_amplitudes_of_the_response():
     said = {"controller": pl.lit("ours"), "K_d": pl.lit(200.0), "B_d": pl.lit(4.0), "doubtful": pl.lit("")}
     mean = frequency_response_table(table.with_columns(**said)).sort("frequency_hz").row(-1, named=True)
     assert mean["magnitude_se"] / mean["magnitude"] == pytest.approx(0.02, rel=0.01)
-    assert mean["phase_se_deg"] == pytest.approx(np.rad2deg(2 * np.pi * 5 * 2e-3), rel=0.01)
+    assert mean["phase_deg_se"] == pytest.approx(np.rad2deg(2 * np.pi * 5 * 2e-3), rel=0.01)
 
 
 def test_a_number_has_no_more_digits_than_its_trials_or_any_calibration_of_a_torque():

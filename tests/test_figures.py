@@ -148,8 +148,6 @@ def left_out():
     return time_series().with_columns(torque_model=pl.when(~outside).then("torque_model"))
 
 
-INTERVALS = ("magnitude", "magnitude_low", "magnitude_high", "magnitude_amplitudes_low", "magnitude_amplitudes_high")
-PHASES = ("phase_deg", "phase_low", "phase_high", "phase_amplitudes_low", "phase_amplitudes_high")
 HALF = 1.96 * pl.coalesce("total_sd", "noise_sd") / np.sqrt(2)  # of a condition's interval [N*m/rad]
 ENDS = {"magnitude": (pl.col("magnitude") - HALF, pl.col("magnitude") + HALF)}
 ENDS["phase_deg"] = tuple(pl.col("phase_deg") + sign * (HALF / pl.col("magnitude")).degrees() for sign in (-1, 1))
@@ -175,8 +173,8 @@ SHOWN = [
       for k, (q, drawn) in enumerate({"K": [one.format("K") for one in ESTIMATES], "B": WITHOUT_FRICTION}.items())),
     ("fig5", in_amplitudes, 2, True, None, ("B_viscous",)),
     ("fig6", None, 0, True, None, (100 - pl.col("VAF"), 100 - pl.col("VAF").median().over("controller"))),
-    ("fig7", response_table, 0, True, "frequency_hz", INTERVALS),
-    ("fig7", response_table, 1, True, "frequency_hz", PHASES),
+    *(("fig7", response_table, k, True, "frequency_hz", [one.format(q) for one in ESTIMATES[:5]])
+      for k, q in enumerate(("magnitude", "phase_deg"))),
     *(("fig8", None, k, True, "phase", (f"{q}_d", f"{q}_1_joint")) for k, q in enumerate("KB")),
     *(("fig9", None, k, pl.col("quantity") == q, None, OF_GROUP) for k, q in enumerate("KBI")),
     *(("fig9", None, k, pl.col("quantity") == q, None,

@@ -584,8 +584,7 @@ def test_the_fitted_line_of_phasors_is_the_admittance_of_a_second_order_system()
     pictures = trial_page.phasor_pictures(phasors, {"K": 200.0, "B": 4.0, "I": 0.05})
     assert pictures.tables["model"].row(0) == pytest.approx((w / 2 / np.pi, 1 / (4 * w), -90))
     found = [(one["log_y"], *(one["drawn"][0][end] for end in ("low", "high"))) for one in pictures.panels]
-    ends = [[f"{name}_low{unit}", f"{name}_high{unit}"] for name, unit in (("Y_magnitude", ""), ("Y_phase", "_deg"))]
-    assert found == [(True, *ends[0]), (False, *ends[1])]
+    assert found == [(log, f"{y}_low", f"{y}_high") for log, y in ((True, "Y_magnitude"), (False, "Y_phase_deg"))]
     drawn = [[one["y"] for one in each["drawn"]] for each in trial_page.response_pictures(phasors).panels]
     assert drawn == [[y, f"{y}_eq15"] for y in ("magnitude", "phase_deg")]
 

@@ -155,7 +155,7 @@ def test_intervals_of_a_response_and_of_its_mean_over_amplitudes_cover_with_few_
         rows = [polar_row(found) for found in (pair[1], complex_mean(pair))]
         covered.append([
             (row["magnitude_low"] <= abs(true) <= row["magnitude_high"])
-            + 1j * (row["phase_low_deg"] <= np.rad2deg(np.angle(true)) <= row["phase_high_deg"])
+            + 1j * (row["phase_deg_low"] <= np.rad2deg(np.angle(true)) <= row["phase_deg_high"])
             for row in rows
         ])  # fmt: skip
     share = np.mean(covered, axis=0)

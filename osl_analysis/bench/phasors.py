@@ -21,10 +21,7 @@ from osl_analysis.stats import regression
 from osl_analysis.trial import Array, check_finite, check_measured
 
 COMPLEX_PARTS = ("re", "im", "var_re", "cov", "var_im", "degrees_of_freedom")  # endings of the columns of an estimate
-POLAR = (
-    *("magnitude", "magnitude_se", "magnitude_low", "magnitude_high"),
-    *("phase_deg", "phase_se_deg", "phase_low_deg", "phase_high_deg"),
-)
+POLAR = [f"{name}{end}" for name in ("magnitude", "phase_deg") for end in ("", "_se", "_low", "_high")]
 """Magnitude and phase [deg] with standard errors and 95 % intervals (Student), to first order."""
 SHARED = ("Y_se_bench", "Y_gain_se_bench", "Y_phase_se_bench")
 DAMPING = ("damping", "damping_low", "damping_high")
@@ -300,7 +297,7 @@ def frequency_response_table(phasors: pl.DataFrame) -> pl.DataFrame:
     """Complex mean of Y over the amplitudes, a row per trial and frequency, from the gathered phasor tables: magnitude
     [rad/(N*m)] and phase [deg] with 95 % intervals.
 
-    The intervals contain the noise of the phasors only. `_min` and `_max` are the values of the single amplitudes.
+    The intervals contain the noise of the phasors only. `_amplitudes_low` and `_high` are of single amplitudes.
     Their phases are relative to that of the mean: none jumps at 180 degrees. `doubtful` lists causes of doubt."""
     types: dict[str, Any] = dict.fromkeys(("trial", "joint", "side", "controller"), pl.String)
     types |= dict.fromkeys(("K_d", "B_d", "frequency_hz"), pl.Float64)
@@ -325,15 +322,15 @@ def frequency_response_table(phasors: pl.DataFrame) -> pl.DataFrame:
                 **complex_row("Y", mean),
                 **damping_row(mean, of_single[0]["frequency_hz"]),
                 "interval_method": " and ".join(amplitudes["interval_method"].unique().sort()),
-                "magnitude_min": min(r.magnitude for r in responses),
-                "magnitude_max": max(r.magnitude for r in responses),
-                "phase_min_deg": float(min(phases)),
-                "phase_max_deg": float(max(phases)),
+                "magnitude_amplitudes_low": min(r.magnitude for r in responses),
+                "magnitude_amplitudes_high": max(r.magnitude for r in responses),
+                "phase_deg_amplitudes_low": float(min(phases)),
+                "phase_deg_amplitudes_high": float(max(phases)),
                 "n_amplitudes": len(responses),
                 "doubtful": "; ".join(reasons),
             }
         )
-    ranges = ("magnitude_min", "magnitude_max", "phase_min_deg", "phase_max_deg")
+    ranges = [f"{name}_amplitudes_{end}" for name in ("magnitude", "phase_deg") for end in ("low", "high")]
     schema = {key: phasors.schema.get(key, types[key]) for key in keys}
     numbers = (*POLAR, *(f"Y_{part}" for part in COMPLEX_PARTS), *DAMPING, "interval_method", *ranges)
     schema |= dict.fromkeys(numbers, pl.Float64)

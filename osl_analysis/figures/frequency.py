@@ -14,12 +14,6 @@ from osl_analysis.errors import InputError
 from osl_analysis.figures import columns_of, names, style
 from osl_analysis.trial import Array
 
-OLD_NAMES = {
-    "magnitude_amplitudes_low": "magnitude_min", "magnitude_amplitudes_high": "magnitude_max",
-    "phase_low": "phase_low_deg", "phase_high": "phase_high_deg",
-    "phase_amplitudes_low": "phase_min_deg", "phase_amplitudes_high": "phase_max_deg",
-}  # fmt: skip
-"""What columns are called in `frequency_response.csv`."""
 FIG7_COLUMNS = [name for name in columns_of("fig7") if name != "chosen"]
 OBSERVED, DESIRED, LINEAR_MODEL = "observed", "desired", "linear model"  # kinds of `curve`
 
@@ -33,7 +27,7 @@ def fig7_points(response: pl.DataFrame, curves: Sequence[pl.DataFrame]) -> pl.Da
     if "look" not in response.columns:
         response = response.with_columns(names.look_numbers(response["controller"]))
     numbers = response.select("controller", "look").unique()
-    observed = response.with_columns(curve=pl.lit(OBSERVED)).rename({old: new for new, old in OLD_NAMES.items()})
+    observed = response.with_columns(curve=pl.lit(OBSERVED))
     looked = (curve.join(numbers, on="controller", how="left", maintain_order="left") for curve in curves)
     every = [names.completed(observed, FIG7_COLUMNS, True), *looked]
     return pl.concat(every, how="diagonal_relaxed").select(FIG7_COLUMNS)
@@ -65,7 +59,7 @@ def shown_impedance(table: pl.DataFrame) -> str:
 @style.drawing(
     FIG7_COLUMNS,
     fig7_points,
-    needs=[OLD_NAMES.get(name, name) for name in FIG7_COLUMNS if name not in ("joint", "side", "curve", "look")],
+    needs=[name for name in FIG7_COLUMNS if name not in ("joint", "side", "curve", "look")],
     about=shown_impedance,
     nothing="no trial follows a stepped sine, whose phasors it shows",
 )
@@ -79,11 +73,11 @@ def draw_fig7(table: pl.DataFrame) -> Figure:
     figure, axes = style.panels(width, 3.7, rows=2, columns=across, names=titles)
     for magnitude, phase, (_, part) in zip(axes[:across], axes[across:], parts, strict=True):
         kinds = {kind: part.filter(pl.col("curve") == kind) for kind in (OBSERVED, DESIRED, LINEAR_MODEL)}
-        for ax, column, bounds in ((magnitude, "magnitude", "magnitude"), (phase, "phase_deg", "phase")):
+        for ax, column in ((magnitude, "magnitude"), (phase, "phase_deg")):
             for controller, look in looks.items():
                 observed, model = (names.of_controller(kinds[kind], controller) for kind in (OBSERVED, LINEAR_MODEL))
                 if len(observed):
-                    style.draw_estimates(ax, observed, "frequency_hz", column, bounds, look, zorder=2.5)
+                    style.draw_estimates(ax, observed, "frequency_hz", column, look, zorder=2.5)
                 if len(model):
                     line: dict[str, Any] = {"color": look.colour, "linewidth": 0.9, "linestyle": look.dash}
                     label = f"{look.label}, {LINEAR_MODEL}"
@@ -100,7 +94,7 @@ def draw_fig7(table: pl.DataFrame) -> Figure:
     axes[0].set_ylabel("Magnitude\n" r"(10$^{-3}$ rad/(N·m))")
     axes[across].set_ylabel("Phase (deg)")
     entries = style.legend_entries(axes)
-    ranges = (pl.col(f"{name}_amplitudes_high") > pl.col(f"{name}_amplitudes_low") for name in ("magnitude", "phase"))
+    ranges = (pl.col(f"{y}_amplitudes_high") > pl.col(f"{y}_amplitudes_low") for y in ("magnitude", "phase_deg"))
     if table.select(pl.any_horizontal(*ranges).any()).item():
         bar = {"marker": "|", "color": style.BLACK, "markersize": 8, "mew": style.THIN}
         entries["Range over amplitudes"] = style.key("", **bar)

@@ -167,7 +167,7 @@ def draw_quantity(ax: Axes, rows: pl.DataFrame, symbol: str, looks: dict[str | N
     share = float(np.clip(72 * ax.figure.figure.get_figwidth() / (last + 8) / 4.5, 0.3, 1.0))
     for controller, look in looks.items():
         fits = names.of_controller(rows, controller)
-        style.draw_estimates(ax, fits, "x", symbol, symbol, look, share, zorder=3)
+        style.draw_estimates(ax, fits, "x", symbol, look, share, zorder=3)
         ax.plot(fits["x"], fits[f"{symbol}_predicted"], "_", color=look.colour, markersize=7 * share, mew=0.7)
         if symbol == "B":
             ax.plot(fits["x"], fits["B_viscous"], "x", color=look.colour, markersize=3.2 * share, mew=0.9, zorder=4)

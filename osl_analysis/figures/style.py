@@ -148,13 +148,11 @@ def draw_fits(
     drawn.set_urls([place_in_report(trial) for trial in rows["trial"]])
 
 
-def draw_estimates(
-    ax: Axes, rows: pl.DataFrame, x: str, y: str, ends: str, look: Look, share: float = 1.0, **looks: Any
-) -> None:
+def draw_estimates(ax: Axes, rows: pl.DataFrame, x: str, y: str, look: Look, share: float = 1.0, **looks: Any) -> None:
     """The column `y` over `x` by `draw_fits`, on thin bars for the range over single amplitudes and thick ones for the
-    95 % interval, whose columns begin with `ends`."""
+    95 % interval of `y`."""
     for kind, width in (("_amplitudes", THIN), ("", THICK)):
-        low, high = f"{ends}{kind}_low", f"{ends}{kind}_high"
+        low, high = f"{y}{kind}_low", f"{y}{kind}_high"
         bars = rows.drop_nulls([low, high])
         ax.vlines(bars[x], bars[low], bars[high], color=look.colour, linewidth=width)
     draw_fits(ax, rows, rows[x], rows[y], look, share, **looks)

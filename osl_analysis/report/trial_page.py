@@ -88,8 +88,8 @@ def phasor_pictures(phasors: pl.DataFrame, fit: Mapping[str, Any]) -> Pictures:
     parts = phasors.partition_by("amplitude_deg", maintain_order=True, as_dict=True)
     tables = {f"{deg:g} deg": part for (deg,), part in parts.items()}
     drawn = []
-    for y, ends in (("Y_magnitude", "Y_magnitude_{}"), ("Y_phase_deg", "Y_phase_{}_deg")):
-        shape = {"kind": "points", "low": ends.format("low"), "high": ends.format("high")}
+    for y in ("Y_magnitude", "Y_phase_deg"):
+        shape = {"kind": "points", "low": f"{y}_low", "high": f"{y}_high"}
         looks = zip(tables, cycle(LINE_LOOKS), strict=False)
         points = [line(name, "frequency_hz", y, name, look, **shape) for name, look in looks]
         drawn.append([*points, line("model", "frequency_hz", y, "K, B and I, fit to all", "residual")])

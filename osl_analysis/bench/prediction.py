@@ -26,6 +26,7 @@ import polars as pl
 import scipy
 from numpy.typing import NDArray
 
+from osl_analysis.bench.analysis import LITTLE
 from osl_analysis.bench.components import ACTUATOR_PARAMETERS, LOSSES, PLACE
 from osl_analysis.bench.gram import solved
 from osl_analysis.bench.record import Record
@@ -194,7 +195,6 @@ NUMBERS = ("K_d", "B_d", "VAF", "rms", "VAF_fitted", *(f"{x}{end}" for x in QUAN
 ENDS = {"low": -1.0, "high": 1.0}
 LOWEST_VAF = 80.0  # [percent] of Eq. 15; below it K, B and I hardly describe a trial: it teaches nothing
 MISSES = {"trial": pl.String} | dict.fromkeys(("frequency_hz", "torque", "miss", "share"), pl.Float64)
-LITTLE = {"K": 0.0, "B": 2.0}  # sizes [N*m/rad, N*m*s/rad] below which what the equations lack is no share of K or B
 FEWEST_OTHERS = 4  # trials with the same controller from which on they alone teach what the equations lack
 DELAY_STEP = 2.5e-4  # [s] by which the delays are changed
 LEAST_SHARE, CERTAIN = 0.5, 4.0  # share of the misfit that a named cause explains; standard errors of its change
@@ -388,7 +388,7 @@ def prediction_table(
     for quantity in QUANTITIES:
         x = np.array([[of[term][quantity] for term in ("predicted", "left", *COMPONENTS)] for of in each])
         predicted, off = x[:, 0], x[:, 1]
-        size = np.hypot(predicted, LITTLE[quantity]) if quantity in LITTLE else np.ones(len(off))  # it errs by shares
+        size = np.hypot(predicted, LITTLE[quantity]) if quantity in "KB" else np.ones(len(off))  # it errs by shares
         own_se = np.array([fit.get(f"{quantity}_repeat_se") or fit.get(f"{quantity}_se") or 0.0 for fit in trials])
         by_part = np.array([[s @ components.covariance @ s for s in np.where(of_part, own, 0.0)] for own in x[:, 2:]])
         known = by_part.sum(axis=1) + own_se**2

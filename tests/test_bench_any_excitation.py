@@ -22,7 +22,14 @@ from osl_analysis.bench.impedance import (
 )
 from osl_analysis.bench.phasors import impedance_over_frequency
 from osl_analysis.bench.record import record_of_trial, stated_windows
-from osl_analysis.bench.settings import BenchStiffness, DynamometerAnalysis, HumanJoint, ModelComparison, TimeBase
+from osl_analysis.bench.settings import (
+    BenchStiffness,
+    Calibration,
+    DynamometerAnalysis,
+    HumanJoint,
+    ModelComparison,
+    TimeBase,
+)
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands.bench import fit_impedance_trial
 from osl_analysis.config.experiments import EXPERIMENTS
@@ -67,7 +74,7 @@ def person(trial, human=None, **settings):
 def lag_unasked(monkeypatch):
     """Of a test of other columns of a person: whether the torque is late takes more than the fit."""
     row = dict.fromkeys(("lag_s", "lag_se_s", "lag_shift")) | without_row(None, "without_lag")
-    monkeypatch.setattr("osl_analysis.bench.human_joint.lag_of_person_row", lambda _: row)
+    monkeypatch.setattr("osl_analysis.bench.human_joint.lag_of_person_row", lambda *_: row)
 
 
 def fit_of(record):
@@ -382,7 +389,6 @@ def test_a_human_ankle_gives_a_stiffness_and_what_its_reflex_leaves_of_it():
     trial = Trial("z_pf", pl.DataFrame({"time": np.arange(len(theta)) / 1e3, "theta": theta, "torque": -torque}))
     alone, (_, row) = row_of(trial), person(trial, cutoff_hz=40.0)
     assert 20 < row["K"] < 200
-    assert 30 <= row["reflex_delay_ms"] <= 60
     assert 0.5 < row["reflex_share"] < 60
     assert alone["reflex_p"] < 1e-9
     assert row["VAF_held_out"] > 87
@@ -456,9 +462,6 @@ def test_the_intervals_of_a_person_with_little_noise_hold_what_is_true_of_any_re
     with four cosines missed K and B beside a second burst by three half-widths. What tells it costs width."""
     made = {"delay": delay, "band": (0.3, 15.0), "order": order, "second": second, "seconds": 45.0}
     row = person(reflexive(np.random.default_rng(0), 6.0, 0.03, **made))[1]
-    if order > 1 and not second:
-        late = person(reflexive(np.random.default_rng(0), 6.0, 0.03, late=1e-3, **made))[1]
-        assert [late["lag_s"], late["K_without_lag"]] == pytest.approx([1e-3, 90], rel=0.1)
     true = {"K": 90, "B": 1, "I": 0.016, "reflex_gain_up": 6 * (1 + second), "reflex_gain_down": 0}
     true |= {} if second else {"reflex_delay": 1e3 * delay}
     row |= {f"reflex_delay{end}": row[f"reflex_delay{end}_ms"] for end in ("_low", "_high")}
@@ -492,17 +495,14 @@ def test_what_a_persons_model_misses_in_every_period_is_not_made_certain_by_thei
     assert widths[1] > 0.85 * widths[0]
 
 
-@pytest.mark.parametrize(("gain", "cubic", "doubt"), [(0, 0, ""), (0, 4e3, "spring that is not linear"), (6, 4e3, "")])
-def test_a_device_that_is_stated_to_be_a_person_keeps_its_doubts(gain, cubic, doubt):
+@pytest.mark.parametrize(("gain", "cubic", "rubs", "doubt"), [
+    (0, 0, 0, ""), (0, 4e3, 0, "spring that is not linear"), (6, 4e3, 0, ""), (0, 0, 0.3, "friction"),
+])  # fmt: skip
+def test_a_device_that_is_stated_to_be_a_person_keeps_its_doubts(gain, cubic, rubs, doubt):
     trial = reflexive(np.random.default_rng(4), gain, 0.03)
-    row = person(Trial("made", trial.samples.with_columns(pl.col("torque") + cubic * pl.col("theta") ** 3)))[1]
-    assert row["doubtful"] == doubt
-
-
-def test_friction_that_is_heard_of_a_joint_without_a_reflex_is_a_doubt():
-    motion = noise(rng := np.random.default_rng(5), (0.3, 15.0), 1.2, 30.0, 500.0)
-    rubs = made_trial(rng, motion, 0.02, more=np.tanh(motion[1][1] / 0.002), K=90.0, B=1.0, I=0.016)
-    assert person(rubs)[1]["doubtful"] == "friction"
+    theta = trial.samples["theta"].to_numpy()
+    more = cubic * theta**3 + rubs * np.tanh(np.gradient(theta, 1 / 500) / 0.01)
+    assert person(Trial("made", trial.samples.with_columns(pl.col("torque") + more)))[1]["doubtful"] == doubt
 
 
 @pytest.mark.usefixtures("lag_unasked")
@@ -525,13 +525,16 @@ def test_a_reflex_is_a_doubt_of_a_device_and_columns_of_a_person():
     assert alone["reflex_p"] < 3e-4
     causes = alone["doubtful"].split("; ")
     assert ("reflex" in causes, "model that does not fit" in causes, row["doubtful"]) == (True, False, "")
-    assert row["lag_s"] is None
     assert row["untold_share"] == pytest.approx(0.25, abs=0.2)
     assert over_table(fit).is_empty()
-    _, late = person(reflexive(np.random.default_rng(3), 6.0, seconds=45.0, late=1e-3))
-    assert LATENESS in row["not_checked"].split("; ")
-    assert row["K"] - row["K_without_lag"] == pytest.approx(late["K"] - row["K"], abs=0.3)
-    assert row["B"] - row["B_without_lag"] == pytest.approx(late["B"] - row["B"], abs=0.04)
+    pole = np.exp(-1 / 3)  # of 26 Hz, which nothing tells from a smaller B
+    behind = Trial(
+        "behind", trial.samples.with_columns(torque=lfilter([1 - pole], [1, -pole], trial.samples["torque"]))
+    )
+    held, stated = (person(behind, calibration=Calibration(delay=d), cutoff_hz=15.0)[1] for d in (0.0, 1e-4))
+    assert [LATENESS in one["not_checked"].split("; ") for one in (row, held, stated)] == [True, True, False]
+    assert held["B"] + 5 * held["B_se"] < 1 < held["B_high"] == held["B_without_lag_high"]
+    assert (stated["B_high"] < 1, held["lag_s"], held["B_without_lag"]) == (True, None, None)
     response = impedance_over_frequency(fit[0].raw)
     assert response["magnitude_eq15"].is_null().all()
     z = [(row[name] - value) / row[f"{name}_se"] for name, value in {"K": 90.0, "B": 1.0, "I": 0.016}.items()]
@@ -547,7 +550,6 @@ def test_a_late_torque_of_a_person_is_told_from_the_reflex_and_doubted_with_k_an
     trial = made_trial(rng, motion, late=late, more=more, K=90.0, B=1.0, I=0.016)
     _, row = person(trial, cutoff_hz=40.0)
     assert (row["lag_s"], row["cutoff_hz"]) == (pytest.approx(late, abs=2.5e-4), 40.0)
-    assert LATENESS not in row["not_checked"].split("; ")
     if not late:
         assert (row["doubtful"], row["lag_shift"], row["K_without_lag"]) == ("friction", 0.0, None)
         assert row["B"] - 0.1 > row["B_without"] == pytest.approx(1, abs=0.02)
@@ -556,15 +558,12 @@ def test_a_late_torque_of_a_person_is_told_from_the_reflex_and_doubted_with_k_an
         assert "With it in the fit K 89.99 ± 0.13, B 1.001 ± 0.0016" in finding_said(friction, row)
         behind = lfilter([0.2], [1, -0.8], trial.samples["torque"].to_numpy())  # lag and reflex make up for a low-pass
         row = person(Trial("behind", trial.samples.with_columns(torque=behind)), cutoff_hz=40.0)[1]
-        assert (row["lag_shift"] > 1, row["K_without_lag"], row["B_without_lag_low"]) == (True, None, None)
+        assert row["lag_shift"] > 1 > row["B_without_lag_high"] > row["B_without_lag_low"]  # no number, but a range
         return
-    assert row["lag_shift"] > 1
     assert row["doubtful"].split("; ")[0] == "late torque"
     assert row["K_without_lag"] == pytest.approx(90, rel=0.1)
     assert row["B"] - 0.1 > row["B_without_lag"] == pytest.approx(1, abs=0.03)
-    told = findings_of(row, LIMITS_OF_PERSON, "human_joint")[0].without
-    ends = [f"{name}{end}" for name in "KBI" for end in ("", "_low", "_high")]
-    assert told == {one: row[one.replace(one[0], f"{one[0]}_without_lag", 1)] for one in ends}
+    assert findings_of(row, LIMITS_OF_PERSON, "human_joint")[0].without["I_low"] == row["I_without_lag_low"]
 
 
 @pytest.mark.parametrize(("band", "clip", "doubt"), [

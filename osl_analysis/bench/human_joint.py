@@ -49,7 +49,7 @@ OWN_SHARE = 0.95  # of the power of the angle's speed, which lies below the cut-
 DELAYED = 0.8, 1.15  # of what a low-pass leaves, and of the lag, below which the torque is late; low-passes: 0.86, 1.22
 REFLEX_ERROR = 60e-6  # s by which a reflex that is not made of the columns shifts a lag (SD)
 LEAST_REFLEX = 0.5  # % of the variance, below which there is no reflex: of 20 joints without one to 0.23, of ankles 0.7
-RUBS = 0.2, 1e-6  # share of what is left, and chance, from which on friction explains it; sound joints to 0.14
+RUBS = 0.2, 1e-6, 1e-4  # share, and chance, from which on friction explains what is left; chance from which it may
 USUAL_DELAY_S = 0.04  # of a stretch reflex of the ankle [s]
 SIGN_WIDTHS = (0.005, 0.02, 0.1)  # speeds [rad/s] over which friction turns its sign
 BEFORE_OVER_AFTER = 1.7  # how much more past speed must explain than the speed to come; sound joints: 1.5
@@ -383,11 +383,22 @@ def fit_person(trial: Trial, settings: HumanJointAnalysis, windows: str | None =
     return person, fitted_motion(record, person.sums, person.model, again)
 
 
-def lag_of_person(person: Reflexive) -> tuple[GroupFit, effects.Fault, bool] | None:
-    """The fit of the torque of a person's joint that may lag the angle, by how much [s], beside reflex and friction,
-    and whether no low-pass of first order may be what is heard; None where the motion does not tell. The reflex is
-    asked for anew: that of a fit without a lag makes up for it."""
-    late = with_reflex(person.raw, person.human, person.slow, late=True)
+def holding(fits: Sequence[GroupFit], *own: Row) -> Row:
+    """The ends that hold the intervals of K, B and I of fits, and those of rows."""
+    found = Row()
+    for name in "KBI":
+        stated = [(row[f"{name}_low"], row[f"{name}_high"]) for row in own]
+        each = np.array([*(one.interval(name) for one in fits), *stated], dtype=float)
+        found |= {f"{name}_low": each.min(), f"{name}_high": each.max()}
+    return found
+
+
+def lag_of_person_row(fit: PersonFit, own: Row) -> Row:
+    """The lag of the torque, and K, B and I beside it: beside a delay, or beside either where a low-pass of first order
+    may be it. Where none is certain and a possible one makes a tenth of B or I, the intervals of its `own` row hold
+    these, unless a calibration states the delay. The reflex is that beside a lag, for which else it makes up."""
+    (person, analysis), row = fit, dict.fromkeys(("lag_s", "lag_se_s", "lag_shift")) | without_row(None, "without_lag")
+    late, whole = with_reflex(person.raw, person.human, person.slow, late=True), analysis.whole
     friction = without_slow(person.raw.coarse, friction_columns(person.raw, 160.0), person.human.slow_hz)
     few, beside = late.record.coarse, late.coarse | {f"friction_{k}": column for k, column in enumerate(friction.T)}
     columns, centre = columns_of(few)
@@ -395,42 +406,27 @@ def lag_of_person(person: Reflexive) -> tuple[GroupFit, effects.Fault, bool] | N
     columns |= beside | {"jerk": seven_point_motion(few.time, few.motion.alpha, few.rate_hz).omega}
     seek = partial(effects.late_fit, few, columns, model, centre, no_estimates=frozenset(beside))
     try:
-        fit, more = seek()
-        behind, _ = seek(low_pass=True)
+        (delay, more), (behind, _) = seek(), seek(low_pass=True)
     except effects.CANNOT_TELL:
-        return None
-    lag, se = fit["lag_s"], float(np.hypot(fit.se("lag_s"), REFLEX_ERROR))
-    told = fit.left < DELAYED[0] * behind.left or abs(behind["lag_s"]) < DELAYED[1] * abs(lag)
-    sure = abs(more) < se and effects.is_certain(lag, se, fit.freedom("lag_s"))
-    sure &= fit.certain("B", effects.FALSE_ALARM)  # beside friction steps between two levels tell neither
-    return fit, effects.Fault(lag, se, sure, abs(lag) + effects.POSSIBLE * se), told
+        return row
+    lag, se = delay["lag_s"], float(np.hypot(delay.se("lag_s"), REFLEX_ERROR))
+    found = abs(more) < se and effects.is_certain(lag, se, delay.freedom("lag_s"))
+    found &= delay.certain("B", effects.FALSE_ALARM)  # beside friction steps between two levels tell neither
+    per_s, possible = max(abs(whole["K"] / whole["B"]), abs(whole["B"] / whole["I"])), abs(lag) + effects.POSSIBLE * se
+    if not found and possible * per_s > HIDDEN and not person.raw.calibration.delay:
+        both = holding([delay, behind], own)
+        return row | both | {x.replace("_", "_without_lag_"): end for x, end in both.items()}
+    shift = np.max([2 * abs(delay[name] - whole[name]) / np.ptp(whole.interval(name)) for name in "KBI"])
+    row |= {"lag_s": lag, "lag_se_s": se, "lag_shift": float(shift) if found else 0.0}
+    if found and (delay.left < DELAYED[0] * behind.left or abs(behind["lag_s"]) < DELAYED[1] * abs(lag)):
+        return row | without_row(delay, "without_lag")
+    return row | {x.replace("_", "_without_lag_"): end for x, end in holding([delay, behind]).items() if found}
 
 
-def lag_of_person_row(fit: PersonFit) -> Row:
-    """The lag of the torque, and K, B and I without it, if it is no low-pass, or without 1 ms of lag where one might
-    matter."""
-    (person, analysis), told = fit, lag_of_person(fit[0])
-    raw, whole, lag = person.raw, analysis.whole, told[1] if told else None
-    without, taken = (told[0], told[1].size) if told and told[1].found else (None, 1e-3)
-    if without is None:
-        earlier = np.interp(raw.time + taken, raw.time, raw.filtered_torque)
-        made = with_reflex(replace(raw, filtered_torque=earlier), person.human, person.slow, person.muscles)
-        without = effects.with_effects(made.sums, made.model)
-    moved = {name: abs(without[name] - whole[name]) for name in "KBI"}
-    without_lag = without_row(without, "without_lag")
-    row: Row = dict.fromkeys(("lag_s", "lag_se_s", "lag_shift"))
-    share = max(by / abs(whole[name]) for name, by in moved.items())
-    if lag is None or (not lag.found and lag.possible / taken * share > HIDDEN):
-        return row | without_lag
-    shift = max(by / (whole.interval(name)[1] - whole[name]) for name, by in moved.items()) if lag.found else 0.0
-    row |= {"lag_s": lag.size, "lag_se_s": lag.se, "lag_shift": shift}
-    return row | (without_lag if lag.found and told and told[2] else dict.fromkeys(without_lag))
-
-
-def friction_row(fit: PersonFit, lag: Row) -> Row:
-    """What friction, or play, which is friction that drives, explain of the torque: their harm where other stretches
-    predict each one far better with them than chance, or a reflex of another shape, would make it, and K, B and I then.
-    They are not asked of a torque with a `lag`."""
+def friction_row(fit: PersonFit, own: Row) -> Row:
+    """What friction, or play, which is friction that drives, explain of a torque without a lag: their harm where other
+    stretches predict each one far better with them than chance, or a reflex of another shape, would make it, and K, B
+    and I then. Where they predict it better than chance alone would, the intervals of its `own` row hold these."""
     person, whole, few, row = fit[0], fit[1].whole, fit[0].record.coarse, no_witness()
     shapes = effects.shapes_of_friction(person.raw)
     quick = without_slow(person.raw.coarse, np.transpose([*shapes.values()]), person.human.slow_hz)
@@ -438,12 +434,15 @@ def friction_row(fit: PersonFit, lag: Row) -> Row:
     sums, left = sums_beside(few, beside), person.muscles[0][1]
     gained = left - predicted(sums)
     t = float(gained.mean() / max(gained.std(ddof=1), 1e-300)) * len(gained) ** 0.5
-    if lag["lag_shift"] or gained.sum() < RUBS[0] * left.sum() or scipy.special.stdtr(len(gained) - 1, -t) > RUBS[1]:
+    chance = scipy.special.stdtr(len(gained) - 1, -t)
+    if own["lag_shift"] or chance > RUBS[2]:
         return row
     found = gram.fit_groups(sums, {**IMPEDANCE, **{name: name for name in beside}}, limit=np.inf)
-    moved, own = (np.array([one[name] for name in "KBI"]) for one in (found, whole))
+    if gained.sum() < RUBS[0] * left.sum() or chance > RUBS[1]:
+        return row | holding([found], own)
+    moved, of_whole = (np.array([one[name] for name in "KBI"]) for one in (found, whole))
     family, name = ("friction", "friction") if found["slides"] > 0 else ("speed", "play")
-    harm = float(harm_of(moved - own, own).max())
+    harm = float(harm_of(moved - of_whole, of_whole).max())
     return row | {f"{family}_shift": harm, "rivals": name, **without_row(found, "without")}
 
 
@@ -495,7 +494,7 @@ def human_joint_table(fit: PersonFit) -> pl.DataFrame:
     for name in ("amplitude_deg", "commanded_deg", *(f"{name}_repeat_se" for name in QUANTITIES)):
         del row[name]  # of sines and repeats
     reflex: dict[str, Any] = reflex_row(fit)
-    row |= lag_of_person_row(fit) | reflex
+    row |= lag_of_person_row(fit, row) | reflex
     row |= witness_row(person.raw, answers=False) if reflex["reflex_share"] <= LEAST_REFLEX else friction_row(fit, row)
     row |= {
         "VAF_held_out": held_out_vaf(analysis.sums, analysis.model, interleaved=True),

@@ -809,8 +809,9 @@ def read_topic(
         advice = "write source: log in the source file, or exclude the trial"
     samples = pl.DataFrame([pl.Series("stamp", stamp), *columns])
     in_order, ordering = sorted_by_stamp(samples, number, source.largest_loss, advice)
+    counted = logged.size - sum(damage.read[one] - damage.misfits[one] for one in np.unique(number).tolist())
+    damage.is_doubted |= damage.gaps and ordering["repeated"] > counted  # they may be copies, over others
     damage.misfits[number[0]] += ordering["contradicted"]
-    damage.is_doubted |= damage.gaps and ordering["repeated"] > 0  # they may be copies, over others
     if from_header and ordering["repeated"]:  # not those logged at one time, which are told when they are decoded
         at, logs = [*samples.columns, "channel"], [*samples.columns, "channel", "logged"]
         whole = samples.with_columns(channel=number, logged=logged)
@@ -861,23 +862,25 @@ def sorted_by_stamp(
 def check_not_set(table: pl.DataFrame, advice: str) -> int:
     """Refuse a clock that was set back, in one channel's rows; returns how many of them are merely late. It was set
     back by more than a second, or many messages in a row fall among those before. Messages that are merely late fill
-    the gap that they left; those that repeat others do not count."""
+    the gap that they left; those that repeat others do not count: a part of the file is a copy of another."""
     stamp, many = table["stamp"].to_numpy(), 10
+    late = int((stamp < np.maximum.accumulate(stamp)).sum())
+    if not late:
+        return 0
+    rows = np.flatnonzero(~table.is_duplicated().to_numpy())
+    stamp = stamp[rows]
     by = np.maximum.accumulate(stamp) - stamp
     if (by > SECOND).any():
         row = int(np.argmax(by > SECOND))
-        said = f"time goes back by {by[row] / SECOND:.6f} s at message {row + 1} of {stamp.size}"
+        said = f"time goes back by {by[row] / SECOND:.6f} s at message {rows[row] + 1} of {table.height}"
         raise InputError(f"{said}; the clock was set while recording: {advice}")
-    late = by > 0
-    if not late.any():
-        return 0
-    for run in (one for one in runs(late & ~table.is_duplicated().to_numpy()) if one.stop - one.start >= many):
+    for run in (one for one in runs(by > 0) if one.stop - one.start >= many):
         before, inside = stamp[: run.start], stamp[run]
         if ((before >= inside[0]) & (before <= inside[-1])).sum() >= many:
-            said = f"time goes back from {before.max() / SECOND:.6f} s to {inside[0] / SECOND:.6f}"
-            said += f" s at message {run.start + 1} of {stamp.size}, and {len(inside)} messages fall among those before"
+            said = f"time goes back from {before.max() / SECOND:.6f} s to {inside[0] / SECOND:.6f} s"
+            said += f" at message {rows[run.start] + 1} of {table.height}, and {len(inside)} messages fall among those before"
             raise InputError(f"{said}; the clock was set while recording: {advice}")
-    return int(late.sum())
+    return late
 
 
 def joined_on_stamp(tables: list[pl.DataFrame]) -> pl.DataFrame:

@@ -61,8 +61,8 @@ class KnownFormat:
         """A file as canonical columns in SI units, by its source file. Raises InputError, which names the file."""
         with naming(path):
             recording = self.reader(path, source)
-            tell_copies(recording)
             tell_no_sensor(recording)
+            tell_copies(recording)
             tell_odd_steps(recording)
             tell_leaps_of_markers(recording)
         said = (*recording.damage.all_remarks(recording.topics is not None), *recording.warnings)
@@ -322,6 +322,9 @@ def tell_copies(recording: sources.Recording) -> None:
             recording.damage.lose(f"{what} {there} on: a part of the file was written {how}", 0, Counter(), 0)
             recording.damage.uncounted |= is_twice
             lost[start:stop] = True
+            for column in names:
+                facts = recording.columns[column]
+                facts["no_sensor"] = max(facts.get("no_sensor") or 0, stop - start)
     if found:
         damage, (number, *_) = recording.damage, next(iter((recording.topics or {"": [0]}).values()))
         damage.read = damage.read or Counter({0: lost.size})

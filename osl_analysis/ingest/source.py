@@ -6,7 +6,7 @@ import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from itertools import combinations, product
+from itertools import combinations, pairwise, product
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
@@ -649,14 +649,15 @@ def values_of_no_sensor(column: str, time: Array, x: Array, origin: Mapping[str,
     nought, stays = np.abs(x - zero) < NEXT_TO_ZERO, np.diff(x) == 0
     stands = nought[:-1] & nought[1:]
     sizes, bends = np.abs(x), bends_of(x)
-    moved = exchanged(x, bends)
-    if np.count_nonzero(~stays) <= 0.5 * np.sum(~stands):
-        moved |= by_leaps(column, time, x, bends) & (column == "theta")  # which is a mass's, also at rest
+    moved, is_coarse = exchanged(x, bends), np.count_nonzero(~stays) <= 0.5 * np.sum(~stands)
+    if not moved.any() and (column == "theta" or not is_coarse):  # an angle is a mass's, also at rest
+        moved = by_leaps(column, time, x, bends)
+    if is_coarse:
         return moved if moved.any() else None
     lost = (x != 0) & (sizes < NEXT_TO_ZERO)
     if lost.any() and np.sum((between := sizes[sizes >= NEXT_TO_ZERO]) < 1e-9 * np.median(between)) > 10:
         lost[:] = False  # it decays there, as in a simulation
-    lost |= by_leaps(column, time, x, bends) | moved
+    lost |= moved
     zeros = jumped_into(x, stands, bends, may_rest=not column.startswith(("theta", "torque")))
     leaps = {a for a, _ in leaps_of(x, bends, 4.0) if column in ("theta", "torque")}  # one alone, as at a zero crossing
     zeros += [(a, b) for a, b in run_edges(stands).tolist() if a and {a, b + 1} & leaps]
@@ -687,6 +688,8 @@ def by_leaps(column: str, time: Array, x: Array, bends: Array) -> NDArray[np.boo
         is_moved = a == b and size > most and not is_turn
         moved[a] = is_moved and time[a] - time[a - 1] <= 1.5 * usual
     lost |= moved if moved.sum() % 2 else np.logical_xor.accumulate(moved)  # it was elsewhere in between
+    for a, b in pairwise(sorted(farther)) if column == "theta" else ():  # rough in between: those of another channel
+        lost[a:b] |= b - a > 3 and median(bends[a + 2 : b - 1]) > 10
     edges = run_edges((bends[2:-1] < 0.02) & (np.mean(bends[2:-1] < 0.02) < 0.5))
     beside = np.array([any(-1 <= at - a <= 1 or 2 <= at - b <= 4 for at, _ in far) for a, b in edges], bool)
     usual_run = np.diff(edges)[~beside].max(initial=2)  # of a coarse encoder at an even speed

@@ -35,6 +35,7 @@ from osl_analysis.trial import Array, check_time, counter_column, median, unit_o
 RATE = "state the rate of the rows in Hz, as `time: {rate: HZ}`"
 SECOND = 1_000_000_000
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}  # [s], of clocks
+NAME_ALONE = r"[./]?[^./]*$"  # of an address in MATLAB or HDF5, behind the struct or group that it is in
 MOST_TRIED = 1000  # rows of a column by which it is told whether it may be a clock
 
 
@@ -236,12 +237,19 @@ def csv_log(path: Path, source: sources.SheetSource) -> Table:
     layout = csv_table.CsvLayout(**{name: getattr(source, name) for name in chosen})
     text = read_any_table(source.format, path, layout)
     places = {name: csv_table.place_of(name, text.names) for name in wanted(source)}
+    sizes = [one.len() - one.null_count() for one in text.body] if text.is_padded else [len(text.lines)] * len(text.names)
+    asked = {sizes[place] for place in places.values()}
+    if text.is_padded and len(asked) == 1:
+        own = [one if one.len() - one.null_count() in asked else one.clear(one.len()) for one in text.body]
+        text = replace(text, lines=text.lines[: max(asked)], body=pl.DataFrame(own)[: max(asked)])
     levels = {places[one.name] for column, one in source.channels.items() if unit_of(column) == sources.LEVEL_UNIT}
     clock = places.get(source.time.name)
     stamps = None if clock is None else csv_table.cell_stamps(text.body.to_series(clock))
     values = {place: cells_of(text, place, source, place in levels) for place in {*places.values()} - {clock}}
     if clock is not None:
         values[clock] = cells_of(text, clock, source, level=False, is_time=True) if stamps is None else stamps
+    if len(asked) > 1:
+        return log_of_devices(text, source, {name: (place, values[place][: sizes[place]]) for name, place in places.items()})
     clocks = list(clock_columns(text, source, {*places.values()}))
     end = len(text.lines)
     if clock is not None:  # up to the last value of any column: what is longer, as an EMG, has rows of its own
@@ -259,6 +267,18 @@ def csv_log(path: Path, source: sources.SheetSource) -> Table:
         lines=text.lines[:end] if text.noun == "line" else None, failed="missing", has_stamps=stamps is not None,
         clocks=[(name, unit, one[:end]) for name, unit, one in clocks],
     )  # fmt: skip
+
+
+def log_of_devices(
+    text: csv_table.CsvTable, source: sources.SheetSource, asked: Mapping[str, tuple[int, NDArray[Any]]]
+) -> Table:
+    """Columns of several lengths, by the names that ask for them with place and values, each on instants of its own."""
+    names, units = text.names, {name: text.units[place] for name, (place, _) in asked.items()}
+    signals = {name: (names[place], values, units[name]) for name, (place, values) in asked.items()}
+    kept = [(name, one.drop_nulls()) for name, one in zip(names, text.body, strict=True) if one.dtype.is_numeric()]
+    columns = on_instants_of_all(signals, source, [(name, one.cast(pl.Float64).to_numpy()) for name, one in kept])
+    rows = next(iter(columns.values())).size
+    return Table(rows, columns, units, damage=text.damage, facts={"comments": text.comments[:100]}, has_own_rows=True)
 
 
 def clock_columns(
@@ -588,7 +608,7 @@ def mat_log(path: Path, source: sources.MatSource) -> Table:
 
 
 def on_instants_of_all(
-    signals: Mapping[str, tuple[str, Array, str]], source: sources.MatSource, every: Sequence[tuple[str, Array]]
+    signals: Mapping[str, tuple[str, Array, str]], source: sources.TableSource, every: Sequence[tuple[str, Array]]
 ) -> dict[str, Array]:
     """The numbers of two devices or more, each with the one vector of time of its own length beside it, on the instants
     of all, (instants,): masked where a device has none. Time is these instants, in its own unit. The vectors are taken
@@ -599,13 +619,13 @@ def on_instants_of_all(
     first = signals[reference][1]
     unit = str(source.time.unit or (signals[time][2] if time else "s"))
     for text, (address, values, _) in signals.items():
-        place = address.removeprefix("/").rpartition(".")[0]
-        beside = [one for one in every if one[0].rpartition(".")[0] == place and one[1].size == values.size]
+        place = re.sub(NAME_ALONE, "", address.removeprefix("/"))
+        beside = [one for one in every if re.sub(NAME_ALONE, "", one[0]) == place and one[1].size == values.size]
         clocks = [one for one in beside if may_be_clock(one[0], "", one[1])]
         own = [(reference, first)] if values.size == first.size else clocks
         if not time or len(own) != 1 or np.ma.is_masked(values) or not (np.diff(own[0][1]) > 0).all():
             said = f"{text} has {values.size} numbers and {reference} has {first.size}"
-            said += ", and no one vector of time of its length is beside it; interpolate in MATLAB"
+            said += ", and no one vector of time of its length is beside it; interpolate it to the times of the others"
             raise InputError(f"{said}, as `torque = interp1(t_torque, torque, t_angle)`, and never cut to one length")
         name, clock = own[0]
         told = name_and_ending(name)[1]

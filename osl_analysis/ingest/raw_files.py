@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from osl_analysis.errors import InputError, listing, naming, nearest, printable, quoted
 from osl_analysis.formats.binary_table import FIRST_BYTES, is_table_file, refuse_others
 from osl_analysis.formats.c3d import BLOCK, is_c3d, parse_header
-from osl_analysis.formats.csv_table import is_text
+from osl_analysis.formats.csv_table import begins_with_rows, is_text
 from osl_analysis.formats.gait_text import is_nexus, is_opensim, is_trc
 from osl_analysis.formats.json_lines import is_json_lines
 from osl_analysis.formats.mat import is_mat
@@ -97,13 +97,26 @@ KNOWN: Mapping[str, tuple[Callable[[bytes], bool], tuple[str, ...], FileReader, 
 }
 FORMATS = {name: KnownFormat(sources.SOURCES[name], *facts) for name, facts in KNOWN.items()}
 SUFFIXES = tuple(suffix for known in FORMATS.values() for suffix in known.suffixes)  # of recordings that are read
+ENDINGS_OF_ANY = ("", ".log", ".json")  # of recordings, and of much else
 
 
 def recordings_in(folder: Path) -> list[Path]:
-    """Files and bag folders below a folder that may be recordings, by their endings."""
+    """Files and bag folders below a folder that may be recordings, by their endings, or of `ENDINGS_OF_ANY` by what
+    they begin with."""
     bags = {path.parent for path in folder.rglob(DESCRIPTION)}
-    files = (path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES and path.is_file())
+    files = (path for path in folder.rglob("*") if path.suffix.lower() in (*SUFFIXES, *ENDINGS_OF_ANY))
+    files = (path for path in files if path.is_file() and (path.suffix.lower() in SUFFIXES or begins_as_recording(path)))
     return sorted([*bags, *(path for path in files if not bags & {*path.parents})])
+
+
+def begins_as_recording(path: Path) -> bool:
+    try:
+        with path.open("rb") as file:
+            begin = file.read(FIRST_BYTES)
+    except OSError:
+        return False
+    named = any(one.begins(begin) for name, one in FORMATS.items() if name != "csv")
+    return named or (is_text(begin) and begins_with_rows(begin))
 
 
 def read_source(path: Path) -> sources.Source:

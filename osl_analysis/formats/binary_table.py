@@ -274,8 +274,8 @@ def never_written(item: Any) -> NDArray[np.bool_] | None:
 
 def frame_of(arrays: Mapping[str, NDArray[Any]], damage: Ledger, notes: list[str]) -> pl.DataFrame:
     """The columns of arrays that have the length that most have, or that of a clock: an array (n,), each column of one
-    (n, m), each field of records; null behind the last value of a shorter one. Rows are what there is more of. Texts are
-    titles of the only matrix that is as wide. Single numbers, as a rate, become `notes`."""
+    (n, m), each field of records; null behind the last value of a shorter one. Rows are what there is more of. Texts
+    are titles of the only matrix that is as wide. Single numbers, as a rate, become `notes`."""
     titles = titles_in(arrays)
     columns = {own: values for name, array in arrays.items() for own, values in columns_in(name, array, titles).items()}
     numbers = {name: values for name, values in columns.items() if values.dtype.kind in "biufmM"}

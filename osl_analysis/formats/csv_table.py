@@ -491,7 +491,7 @@ def head_of(
         units = []
     names, line = named_by(heads, above, comments, width, delimiter), heads[-1][0] if heads else 0
     upper = named_by([], [], comments[:-1], width, delimiter) if not (heads or above) else []
-    if are_units([(0, upper), (0, names)], is_unit):
+    if upper and are_units([(0, upper), (0, names)], is_unit):
         units, names = [*map(without_brackets, names)], upper
     if not names and layout.header == "row":
         said = f"line {rows[0][0]} holds numbers, not the columns' names"

@@ -251,8 +251,8 @@ def inspect_table(name: str, path: Path) -> Overview:
     facts |= end_of(table.damage)
     facts |= {f"comment {i + 1}": text for i, text in enumerate(table.comments[:20])}
     return overview_of(
-        name, columns, "columns", timing=timing, left_open=left_open, facts=facts, remarks=table.damage.remarks,
-        settings=settings, clock=clock,
+        name, columns, "columns", timing=timing, left_open=left_open, facts=facts,
+        remarks=[text for text in table.damage.remarks if text not in left_open], settings=settings, clock=clock,
     )  # fmt: skip
 
 

@@ -105,7 +105,9 @@ def recordings_in(folder: Path) -> list[Path]:
     they begin with."""
     bags = {path.parent for path in folder.rglob(DESCRIPTION)}
     files = (path for path in folder.rglob("*") if path.suffix.lower() in (*SUFFIXES, *ENDINGS_OF_ANY))
-    files = (path for path in files if path.is_file() and (path.suffix.lower() in SUFFIXES or begins_as_recording(path)))
+    files = (
+        path for path in files if path.is_file() and (path.suffix.lower() in SUFFIXES or begins_as_recording(path))
+    )
     return sorted([*bags, *(path for path in files if not bags & {*path.parents})])
 
 
@@ -358,7 +360,8 @@ def tell_no_sensor(recording: sources.Recording) -> None:
         recording.damage.uncounted = True
     for column, (time, x) in each.items():
         x, time = x[(first := np.searchsorted(time, begin)) :], time[first:]
-        wrong = sources.values_of_no_sensor(column, time, x, recording.columns[column])
+        angle = each["theta"][1][first:] if "theta" in each else None
+        wrong = sources.values_of_no_sensor(column, time, x, recording.columns[column], angle)
         recording.columns[column]["no_sensor"] = None if wrong is None else int(wrong.sum())
         if wrong is not None and wrong.any():
             what = f"{np.count_nonzero(wrong)} samples of {column} are values that no sensor gives, the first at"

@@ -639,19 +639,22 @@ SELDOM_REPEAT = ("theta", "theta_m", "omega_m", "torque", "torque_m", "current")
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def values_of_no_sensor(column: str, time: Array, x: Array, origin: Mapping[str, Any]) -> NDArray[np.bool_] | None:
+def values_of_no_sensor(
+    column: str, time: Array, x: Array, origin: Mapping[str, Any], angle: Array | None = None
+) -> NDArray[np.bool_] | None:
     """Which of the readings (n,) of a column are those of bytes that were lost or changed: two raw zeros or more in a
     row into which it jumps, and out of them; a value that a torque holds for less than half a second and has nowhere
     else; numbers next to zero; one to five readings off its curve, and an angle's leap that no mass does, four times as
-    far as anything else; and six or more beside a leap without the noise that the others have. None where it
-    often repeats a value. `origin` tells its raw zero."""
+    far as anything else, but of a torque where the joint's `angle` (n,), if known, leaves its curve too, as at a blow;
+    and six or more beside a leap without the noise that the others have. None where it often repeats a value. `origin`
+    tells its raw zero."""
     zero = math.prod(origin.get(key, 1) for key in ("sign", "scale", "factor")) * origin.get("offset", 0)
     nought, stays = np.abs(x - zero) < NEXT_TO_ZERO, np.diff(x) == 0
     stands = nought[:-1] & nought[1:]
     sizes, bends = np.abs(x), bends_of(x)
     moved, is_coarse = exchanged(x, bends), np.count_nonzero(~stays) <= 0.5 * np.sum(~stands)
     if not moved.any() and (column == "theta" or not is_coarse):  # an angle is a mass's, also at rest
-        moved = by_leaps(column, time, x, bends)
+        moved = by_leaps(column, time, x, bends, None if column == "theta" else angle)
     if is_coarse:
         return moved if moved.any() else None
     lost = (x != 0) & (sizes < NEXT_TO_ZERO)
@@ -672,17 +675,18 @@ def values_of_no_sensor(column: str, time: Array, x: Array, origin: Mapping[str,
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def by_leaps(column: str, time: Array, x: Array, bends: Array) -> NDArray[np.bool_]:
+def by_leaps(column: str, time: Array, x: Array, bends: Array, angle: Array | None) -> NDArray[np.bool_]:
     """Which readings (n,) of a column are no sensor's by its leaps (`values_of_no_sensor`)."""
     lost, moved, far = np.zeros(x.size, bool), np.zeros(x.size, bool), leaps_of(x, bends, 4.0)
     if not far:
         return lost
     stays, usual = np.diff(x) == 0, median(np.diff(time))
     farthest = {"theta": 2000.0 * usual**2 * (usual > 0.0025), "theta_m": math.inf if usual > 0.0025 else 0.0}  # rad
+    of_joint = bends_of(angle) if angle is not None and angle.shape == x.shape else np.zeros(x.shape)
     farther = {a for a, _ in leaps_of(x, bends, FAR)}  # half as much is enough, but of a drive with steps
     for a, b in far:
         size = abs(x[a] - x[a - 1])
-        lost[a:b] = True
+        lost[a:b] = of_joint[max(a - 3, 0) : b + 4].max() < 10
         is_turn = any(abs(size / turn - 1) < 0.1 for turn in (2 * np.pi, 360.0))
         most = farthest.get(column, math.inf) / (2 if a in farther and len(farther) < 5 else 1)
         is_moved = a == b and size > most and not is_turn

@@ -323,19 +323,12 @@ def tell_copies(recording: sources.Recording) -> None:
         name, there = (parts[part_of(place)][0] for place in (start, other))
         key = (int(rows[start]), int(rows[stop - 1]) + 1, int(rows[other]), there * (there != name))
         found.setdefault(key, []).append(name)
-        bends, at = sources.bends_of(parts[part_of(start)][2]), start - ends[part_of(start)]
-        around = [*bends[max(at - 5, 0) : max(at - 1, 0)], *bends[at + stop - start + 2 : at + stop - start + 5]]
-        is_at_end = not {start, other, stop + 1, other + stop - start + 1}.isdisjoint(ends)
-        is_at_end |= max(around, default=0.0) > 10.0  # what was copied beside may prove nothing
-        recording.damage.uncounted |= is_at_end or name != there
     for (start, stop, other, of), names in found.items():
         if not lost[start:stop].all():
             at, there = (f"{time[row]:.3f} s" for row in (start, other))
             what = f"{stop - start} samples of {listing(names, 4)} from {at} on are those{f' of {of}' * bool(of)} from"
-            is_twice = not of and start - other <= stop - start + 1  # rows behind are late, without recorded times
-            how = "twice" if is_twice else "over another, or twice"
-            recording.damage.lose(f"{what} {there} on: a part of the file was written {how}", 0, Counter(), 0)
-            recording.damage.uncounted |= is_twice
+            said = f"{what} {there} on: a part of the file was written over another, or twice"
+            recording.damage.lose(said, 0, None, 0)  # what was copied beside may prove nothing
             lost[start:stop] = True
             for column in names:
                 facts = recording.columns[column]

@@ -172,6 +172,20 @@ def test_one_wrong_number_is_told_by_what_all_others_leave_and_corners_and_impac
         assert all(a == b for a, b in leaps_of(sound, bends_of(sound), 0.0))
 
 
+def test_a_torque_off_its_curve_where_the_angle_is_too_is_no_damage_and_a_rough_angle_is_anothers() -> None:
+    """A step of 3 degrees in 16 ms at 250 Hz; and 20 samples of another channel, into which an angle leaps by little."""
+    k, noise, size = np.arange(2000), np.random.default_rng(3).normal(size=(2, 2000)), np.zeros(2000)
+    size[701:] = np.clip(np.arange(1299) / 4 + 0.25, 0, 1)
+    still = 0.02 * np.sin(k / 25) + 1e-5 * noise[0]
+    torque = 187 * (still + 0.05 * size) + 0.05 * noise[1] + 24 * (k == 702)  # by speed
+    for theta, told in ((still + 0.05 * size, False), (still, True)):
+        assert np.any(values_of_no_sensor("torque", k / 250, torque, {}, theta)) == told
+    rough = np.where((k >= 500) & (k < 520), 0.007 + 1e-3 * noise[1], still)
+    found = values_of_no_sensor("theta", k / 250, rough, {})
+    assert found is not None
+    assert np.flatnonzero(found).tolist() == [*range(500, 520)]
+
+
 def test_zeros_into_which_a_channel_leaps_where_it_crosses_zero_are_told_and_a_joint_that_rests_is_not() -> None:
     k, noise = np.arange(2000), np.random.default_rng(3).normal(size=2000)
     torque = 30 * np.sin(k / 25) + 0.1 * noise
@@ -205,9 +219,10 @@ def test_two_blocks_that_changed_places_are_told_and_a_pulse_a_decay_and_what_wa
         one, two = np.r_[first : first + size], np.r_[second : second + size]
         swapped = torque.copy()
         swapped[one], swapped[two] = torque[two], torque[one]
-        found = values_of_no_sensor("torque", k / 1000, swapped, {})
-        assert found is not None
-        assert np.flatnonzero(found).tolist() == [*one, *two]
+        for column, size_of in (("torque", 1.0), ("theta", 1e-3)):
+            found = values_of_no_sensor(column, k / 1000, size_of * swapped, {})
+            assert found is not None
+            assert np.flatnonzero(found).tolist() == [*one, *two]
     assert {exchanged("multisine", channel, k) for channel in ("theta", "torque") for k in (0, 1, 3, 4)} == {"told"}
     assert {exchanged("noise", "torque", k) for k in (5, 10, 11, 321, 331, 370)} == {"told"}
     assert [exchanged("steps", "theta", k) for k in range(20)].count("told") > 18

@@ -126,6 +126,8 @@ TEXTS = {
     "thousands": text(";", THOUSANDS[0], m=THOUSANDS[1]),
     "thousands and decimal commas": text(";", THOUSANDS[0], m=THOUSANDS[1]).translate(str.maketrans(",.", ".,")),
     "an angle within one turn": text(a=[f"{x % 360:.9f}" for x in ANGLE]),
+    "names and units in comments": text(";", [], "# time;angle;torque\n# s;deg;Nm\n"),
+    "Shift-JIS": text(head=["時間[s]", "角度[deg]", "Torque トルク[N・m]"]).encode("cp932"),
     "units behind commas": text(",", ['"time,s"', '"angle,deg"', '"Ankle torque,Nm"']),
     "feet and pounds": text(head=[*HEAD[:2], "Torque [ft-lb]"], m=[f"{x / 1.3558179483314:.9f}" for x in TORQUE]),
 }  # fmt: skip

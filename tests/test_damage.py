@@ -173,7 +173,7 @@ def test_one_wrong_number_is_told_by_what_all_others_leave_and_corners_and_impac
 
 
 def test_a_torque_off_its_curve_where_the_angle_is_too_is_no_damage_and_a_rough_angle_is_anothers() -> None:
-    """A step of 3 degrees in 16 ms at 250 Hz; and 20 samples of another channel, into which an angle leaps by little."""
+    """A step of 3 degrees in 16 ms at 250 Hz; and 20 samples of another channel, into which an angle leaps a little."""
     k, noise, size = np.arange(2000), np.random.default_rng(3).normal(size=(2, 2000)), np.zeros(2000)
     size[701:] = np.clip(np.arange(1299) / 4 + 0.25, 0, 1)
     still = 0.02 * np.sin(k / 25) + 1e-5 * noise[0]

@@ -363,7 +363,7 @@ def tell_no_sensor(recording: sources.Recording) -> None:
 
 
 def tell_odd_steps(recording: sources.Recording) -> None:
-    """Say where time, also that of one channel, goes on by another step than in 99 of 100 rows, which are alike."""
+    """Say where time, also that of one channel, goes on by another step than in nine of ten rows, which are alike."""
     alike = defaultdict[bytes, list[str]](list)
     for column in recording.samples.select(pl.exclude("time").is_not_null()):
         alike[column.to_numpy().tobytes()].append(column.name)
@@ -372,7 +372,7 @@ def tell_odd_steps(recording: sources.Recording) -> None:
         steps = np.diff(time)
         usual = median(steps) if steps.size else 0.0
         odd = np.abs(steps - usual) > 0.1 * usual
-        if 0 < (count := np.count_nonzero(odd)) <= 0.01 * odd.size and np.ptp(steps[~odd]) < 0.05 * usual:
+        if 0 < (count := np.count_nonzero(odd)) <= 0.1 * odd.size and np.ptp(steps[~odd]) < 0.05 * usual:
             at, of = int(np.argmax(odd)), f" of {listing(names, 4)}" * (len(alike) > 1)
             said = f"time{of} goes on by {steps[at]:.4g} s at {time[at]:.3f} s, where steps are {usual:.4g} s, {count} "
             said += "times so or otherwise: samples are missing there, or their stamps are wrong"

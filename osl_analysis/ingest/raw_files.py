@@ -372,7 +372,7 @@ def tell_odd_steps(recording: sources.Recording) -> None:
         steps = np.diff(time)
         usual = median(steps) if steps.size else 0.0
         odd = np.abs(steps - usual) > 0.1 * usual
-        if 0 < (count := np.count_nonzero(odd)) <= 0.1 * odd.size and np.ptp(steps[~odd]) < 0.05 * usual:
+        if 0 < (count := np.count_nonzero(odd)) <= 0.1 * odd.size > 10 and np.ptp(steps[~odd]) < 0.05 * usual:
             at, of = int(np.argmax(odd)), f" of {listing(names, 4)}" * (len(alike) > 1)
             said = f"time{of} goes on by {steps[at]:.4g} s at {time[at]:.3f} s, where steps are {usual:.4g} s, {count} "
             said += "times so or otherwise: samples are missing there, or their stamps are wrong"

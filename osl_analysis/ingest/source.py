@@ -652,9 +652,8 @@ def values_of_no_sensor(
     nought, stays = np.abs(x - zero) < NEXT_TO_ZERO, np.diff(x) == 0
     stands = nought[:-1] & nought[1:]
     sizes, bends = np.abs(x), bends_of(x)
-    moved, is_coarse = exchanged(x, bends), np.count_nonzero(~stays) <= 0.5 * np.sum(~stands)
-    if not moved.any() and (column == "theta" or not is_coarse):  # an angle is a mass's, also at rest
-        moved = by_leaps(column, time, x, bends, None if column == "theta" else angle)
+    is_coarse = bool(np.count_nonzero(~stays) <= 0.5 * np.sum(~stands))
+    moved = out_of_place(column, time, x, bends, angle, is_coarse)
     if is_coarse:
         return moved if moved.any() else None
     lost = (x != 0) & (sizes < NEXT_TO_ZERO)
@@ -674,15 +673,26 @@ def values_of_no_sensor(
     return np.asarray(lost)
 
 
+def out_of_place(
+    column: str, time: Array, x: Array, bends: Array, angle: Array | None, is_coarse: bool
+) -> NDArray[np.bool_]:
+    """Which readings (n,) of a column are of blocks that changed places, or else no sensor's by its leaps."""
+    moved, of_joint = exchanged(x, bends), np.zeros(x.shape)
+    if not moved.any() and (column == "theta" or not is_coarse):  # an angle is a mass's, also at rest
+        if column != "theta" and angle is not None and angle.shape == x.shape:
+            of_joint = bends_of(angle)
+        return by_leaps(column, time, x, bends, of_joint)
+    return moved
+
+
 @np.errstate(over="ignore", invalid="ignore")
-def by_leaps(column: str, time: Array, x: Array, bends: Array, angle: Array | None) -> NDArray[np.bool_]:
+def by_leaps(column: str, time: Array, x: Array, bends: Array, of_joint: Array) -> NDArray[np.bool_]:
     """Which readings (n,) of a column are no sensor's by its leaps (`values_of_no_sensor`)."""
     lost, moved, far = np.zeros(x.size, bool), np.zeros(x.size, bool), leaps_of(x, bends, 4.0)
     if not far:
         return lost
     stays, usual = np.diff(x) == 0, median(np.diff(time))
     farthest = {"theta": 2000.0 * usual**2 * (usual > 0.0025), "theta_m": math.inf if usual > 0.0025 else 0.0}  # rad
-    of_joint = bends_of(angle) if angle is not None and angle.shape == x.shape else np.zeros(x.shape)
     farther = {a for a, _ in leaps_of(x, bends, FAR)}  # half as much is enough, but of a drive with steps
     for a, b in far:
         size = abs(x[a] - x[a - 1])

@@ -237,23 +237,15 @@ def csv_log(path: Path, source: sources.SheetSource) -> Table:
     layout = csv_table.CsvLayout(**{name: getattr(source, name) for name in chosen})
     text = read_any_table(source.format, path, layout)
     places = {name: csv_table.place_of(name, text.names) for name in wanted(source)}
-    sizes = (
-        [one.len() - one.null_count() for one in text.body] if text.is_padded else [len(text.lines)] * len(text.names)
-    )
-    asked = {sizes[place] for place in places.values()}
-    if text.is_padded and len(asked) == 1:
-        own = [one if one.len() - one.null_count() in asked else one.clear(one.len()) for one in text.body]
-        text = replace(text, lines=text.lines[: max(asked)], body=pl.DataFrame(own)[: max(asked)])
-    levels = {places[one.name] for column, one in source.channels.items() if unit_of(column) == sources.LEVEL_UNIT}
+    text, sizes = of_asked_size(text, [*places.values()])
     clock = places.get(source.time.name)
     stamps = None if clock is None else csv_table.cell_stamps(text.body.to_series(clock))
+    levels = level_places(source, places)
     values = {place: cells_of(text, place, source, place in levels) for place in {*places.values()} - {clock}}
     if clock is not None:
         values[clock] = cells_of(text, clock, source, level=False, is_time=True) if stamps is None else stamps
-    if len(asked) > 1:
-        return log_of_devices(
-            text, source, {name: (place, values[place][: sizes[place]]) for name, place in places.items()}
-        )
+    if len({*sizes.values()}) > 1:
+        return log_of_devices(text, source, places, values, sizes)
     clocks = list(clock_columns(text, source, {*places.values()}))
     end = len(text.lines)
     if clock is not None:  # up to the last value of any column: what is longer, as an EMG, has rows of its own
@@ -273,12 +265,31 @@ def csv_log(path: Path, source: sources.SheetSource) -> Table:
     )  # fmt: skip
 
 
+def level_places(source: sources.SheetSource, places: Mapping[str, int]) -> set[int]:
+    return {places[one.name] for name, one in source.channels.items() if unit_of(name) == sources.LEVEL_UNIT}
+
+
+def of_asked_size(text: csv_table.CsvTable, asked: Sequence[int]) -> tuple[csv_table.CsvTable, dict[int, int]]:
+    """A table, of columns of one length if those at the asked places have one; and how many values these have."""
+    if not text.is_padded:
+        return text, dict.fromkeys(asked, len(text.lines))
+    sizes = [one.len() - one.null_count() for one in text.body]
+    if len(known := {sizes[place] for place in asked}) == 1:
+        own = [one if size in known else one.clear(one.len()) for one, size in zip(text.body, sizes, strict=True)]
+        text = replace(text, lines=text.lines[: max(known)], body=pl.DataFrame(own)[: max(known)])
+    return text, {place: sizes[place] for place in asked}
+
+
 def log_of_devices(
-    text: csv_table.CsvTable, source: sources.SheetSource, asked: Mapping[str, tuple[int, NDArray[Any]]]
+    text: csv_table.CsvTable,
+    source: sources.SheetSource,
+    places: Mapping[str, int],
+    values: Mapping[int, NDArray[Any]],
+    sizes: Mapping[int, int],
 ) -> Table:
-    """Columns of several lengths, by the names that ask for them with place and values, each on instants of its own."""
-    names, units = text.names, {name: text.units[place] for name, (place, _) in asked.items()}
-    signals = {name: (names[place], values, units[name]) for name, (place, values) in asked.items()}
+    """Columns of several sizes at places, by the names that ask for them, each on instants of its own."""
+    names, units = text.names, {name: text.units[place] for name, place in places.items()}
+    signals = {name: (names[place], values[place][: sizes[place]], units[name]) for name, place in places.items()}
     every = list[tuple[str, Array]]()
     for name, unit, one in zip(names, text.units, text.body, strict=True):
         if one.dtype.is_numeric():

@@ -13,11 +13,7 @@ limit: a wrong or a missing value that nothing in the file tells: rows behind th
     say how long it is; values that leave their curve by less than `OWN` times what their channel does elsewhere, as
     those of sound recordings may; a stamp that is off by less than a tenth of a step; up to six zeros at the beginning
     of a channel, which a recorder writes before the sensor answers;
-doubted: wrong values that no reader tells, in a container without a checksum, of which a fit is doubtful as it is: it
-    explains less than 95 % of the torque;
-blow: the same of three numbers at most of a torque, or of an angle that leaves its curve by less than `FAR` times what
-    it does elsewhere: sound ones do so at a blow, and would be accused. Each is printed, with what it does to a fit;
-silent: any other wrong or missing value, with what it does to a fit;
+silent: any other wrong or missing value, whatever a fit may doubt later. Each is printed, with what it does to a fit;
 wrong count: a stated number of lost rows is another one, by more than the two halves at the ends of a stretch.
 
 Then the same of two blocks of one channel that changed places, by the motion of a joint. Any other error than
@@ -48,7 +44,7 @@ from scipy.signal import butter, sosfiltfilt
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.raw_files import FORMATS, recognise
-from osl_analysis.ingest.source import FAR, Recording, values_of_no_sensor
+from osl_analysis.ingest.source import Recording, values_of_no_sensor
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "tests"))
 from c3d_builder import write_c3d
@@ -59,8 +55,6 @@ ROWS, SECOND_RUN = 600, 2000
 RATE = 250  # Hz
 OWN = {"theta": 4.0, "torque": 4.0, "time": 0.1}  # times as far as elsewhere: sound ones do at a blow; of time: steps
 OF_MARKERS = 40.0  # cameras take one marker for another
-LEAST_VAF = 95.0  # %: below, an impedance fit is doubtful (config/config.yaml)
-CHECKED = ("xlsx", "npz", "mat 5, packed", "mcap", "mcap, plain", "mcap, no chunks")  # have checksums of all samples
 LONGEST, MOST_MEMORY = 10.0, 300 << 20
 
 
@@ -262,9 +256,8 @@ def fitted(recording: Recording) -> np.ndarray:
     return np.array([found[0], 100 - 100 * np.var(torque - columns @ found) / np.var(torque)])
 
 
-def judge(recording: Recording, whole: Recording, runs: tuple[Samples, Samples], is_checked: bool = False) -> str:
-    """What became of a damaged file that is read, by `whole`, as it was read before, and both runs' samples; whether
-    its container `is_checked` by a checksum."""
+def judge(recording: Recording, whole: Recording, runs: tuple[Samples, Samples]) -> str:
+    """What became of a damaged file that is read, by `whole`, as it was read before, and both runs' samples."""
     time, values = samples_of(recording)
     right, channels = np.zeros(time.size, bool), {"time": (time, runs[0][0])}
     wrong = {"time": ~np.isin(time, np.concatenate([one for one, _ in runs]))}
@@ -302,10 +295,7 @@ def judge(recording: Recording, whole: Recording, runs: tuple[Samples, Samples],
         return "limit"
     (K, VAF), (K_whole, VAF_whole) = fitted(recording), fitted(whole)
     said = f"K {K:.1f} for {K_whole:.1f}, VAF {VAF:.2f} for {VAF_whole:.2f}"
-    is_angle = "theta" not in far or far["theta"] <= FAR
-    is_torque = far.get("torque", 0.0) <= OWN["torque"] or np.count_nonzero(wrong["torque"]) <= 3
-    kind = "doubted" if VAF < LEAST_VAF else "blow" if is_angle and is_torque and "time" not in far else "silent"
-    return f"{'silent' if is_checked else kind}: {far}, {(~right).sum()} wrong and {absent} absent; {said}"
+    return f"silent: {far}, {(~right).sum()} wrong and {absent} absent; {said}"
 
 
 def cases(count: int, seed: int, folder: Path) -> Iterator[tuple[str, str, str]]:
@@ -326,7 +316,7 @@ def cases(count: int, seed: int, folder: Path) -> Iterator[tuple[str, str, str]]
                 done[what] += 1
             part.write_bytes(bad)
             try:
-                became = judge(read(one), whole, runs, kind.name in CHECKED)
+                became = judge(read(one), whole, runs)
                 with suppress(InputError):
                     draft_source(known.inspect(one), one.name)
             except InputError as error:
@@ -338,7 +328,7 @@ def cases(count: int, seed: int, folder: Path) -> Iterator[tuple[str, str, str]]
             if time.process_time() - start > LONGEST or most_memory() > MOST_MEMORY + before:
                 became = "WRONG: too much time or memory"
             said = f" (case {case} of seed {seed}, {len(bad)} of {len(content)} bytes)" * (
-                became[:5] in ("WRONG", "silen", "wrong", "doubt", "blow:")
+                became[:5] in ("WRONG", "silen", "wrong")
             )
             yield kind.name, what if done.total() == 1 else "several", became + said
 
@@ -388,7 +378,7 @@ def exchanged(motion: str, channel: str, seed: int) -> str:
     return "limit" if off_curve(read).max() <= most else "silent"
 
 
-COLUMNS = ("told", "refused", "harmless", "limit", "doubted", "blow", "silent", "wrong count")
+COLUMNS = ("told", "refused", "harmless", "limit", "silent", "wrong count")
 
 
 def print_table(counts: Counter[tuple[str, str]]) -> None:

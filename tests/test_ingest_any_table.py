@@ -29,7 +29,7 @@ from osl_analysis.formats.table import MOST_BYTES, isolated
 from osl_analysis.ingest import logs
 from osl_analysis.ingest.draft import draft_source, to_be_edited
 from osl_analysis.ingest.examine import Commanded, Examined, measure_clock
-from osl_analysis.ingest.raw_files import check_copies, trial_from_files
+from osl_analysis.ingest.raw_files import FORMATS, check_copies, trial_from_files
 
 TIME = np.arange(700) / 500  # as long as the rows that are split by polars
 ANGLE, TORQUE = 5 * np.sin(9 * TIME), 30 * np.sin(9 * TIME + 0.3)
@@ -126,6 +126,8 @@ TEXTS = {
     "thousands": text(";", THOUSANDS[0], m=THOUSANDS[1]),
     "thousands and decimal commas": text(";", THOUSANDS[0], m=THOUSANDS[1]).translate(str.maketrans(",.", ".,")),
     "an angle within one turn": text(a=[f"{x % 360:.9f}" for x in ANGLE]),
+    "names and units in comments": text(";", [], "# time;angle;torque\n# s;deg;Nm\n"),
+    "Shift-JIS": text(head=["時間[s]", "角度[deg]", "Torque トルク[N・m]"]).encode("cp932"),
     "units behind commas": text(",", ['"time,s"', '"angle,deg"', '"Ankle torque,Nm"']),
     "feet and pounds": text(head=[*HEAD[:2], "Torque [ft-lb]"], m=[f"{x / 1.3558179483314:.9f}" for x in TORQUE]),
 }  # fmt: skip
@@ -334,6 +336,32 @@ def test_channels_of_several_rates_beside_one_another_are_refused_unless_all_tha
     (tmp_path / "s.yaml").write_text(source)
     samples = trial_from_files(row, tmp_path, tmp_path).samples
     np.testing.assert_allclose(samples["theta"], np.radians(ANGLE[:350]), atol=1e-8)
+
+
+@pytest.mark.parametrize("name", ["a.h5", "a.npz"])
+def test_devices_of_two_rates_in_groups_have_their_own_instants_each_in_its_unit(tmp_path, name):
+    """The torque of half the rate vanished from the draft. Where nothing tells its time the draft asks about it."""
+    held = {"enc/time": TIME, "enc/angle_deg": ANGLE, "cell/time_ms": 1e3 * TIME[::2], "cell/torque_Nm": TORQUE[::2]}
+    for is_timed in (True, False):
+        every = {key: one for key, one in held.items() if is_timed or key != "cell/time_ms"}
+        if name == "a.npz":
+            np.savez(tmp_path / name, **every)
+        else:
+            with h5py.File(tmp_path / name, "w") as file:
+                file.update(every)
+                if is_timed:
+                    file["cell/time"] = file.pop("cell/time_ms")[:]
+                    file["cell/time"].attrs["units"], file["enc/time"].attrs["units"] = "ms", "s"
+        overview = FORMATS["table"].inspect(tmp_path / name)
+        assert any("another length" in text for text in overview.open) == (not is_timed)
+        draft = draft_source(overview, name)
+        assert ("\n  torque: {" in draft) == is_timed
+        (tmp_path / "s.yaml").write_text(draft)
+        samples = trial_from_files({"trial": "a", "log": name, "log_source": "s"}, tmp_path, tmp_path).samples
+        for column, values, step in (("theta", np.radians(ANGLE), 1), ("torque", TORQUE, 2))[: 1 + is_timed]:
+            own = samples.filter(pl.col(column).is_not_null())
+            np.testing.assert_allclose(own["time"], TIME[::step], atol=1e-9)
+            np.testing.assert_allclose(own[column], values[::step], rtol=1e-12)
 
 
 def test_another_clock_of_one_name_that_begins_at_another_time_is_that_of_what_stands_beside_it(tmp_path):

@@ -19,7 +19,7 @@ from osl_analysis.commands.trials import draft_campaign, left_to_decide, new_cam
 from osl_analysis.errors import InputError
 from osl_analysis.files import shipped
 from osl_analysis.ingest.draft import draft_trials, segment_of
-from osl_analysis.ingest.raw_files import read_source
+from osl_analysis.ingest.raw_files import read_source, recordings_in
 from osl_analysis.ingest.source import open_places
 from osl_analysis.ingest.units import base_units, name_and_ending, normalised
 
@@ -319,6 +319,16 @@ def test_a_slow_triangle_is_torque_over_angle_and_its_counts_are_to_be_given_a_u
     assert [cells["experiment"] for cells, _ in draft.trials] == ["torque_angle", *["impedance"] * 3]
     assert [str(file) for file, said in draft.open if "2000 rows, 4000 in most" in said] == ["d.csv"]
     assert 'theta: {column: "encoder", unit: "UNKNOWN", wraps_at: 4096.0}' in draft.sources["csv"]
+
+
+def test_a_recording_without_an_ending_or_in_log_or_json_is_found_by_what_it_begins_with(tmp_path):
+    rows = "time_s,angle_deg,torque_Nm\n" + "".join(f"{k / 100},{k % 7},{k % 5}\n" for k in range(30))
+    lines = "".join(f'{{"time": {k / 100}, "angle_deg": {k % 7}}}\n' for k in range(30))
+    read = {"recording": rows, "a.log": rows, "a.json": lines}
+    others = {"README": "12 rows\n" * 30, "b.log": "2024-05-01 12:00:00 started\n" * 30, "b.json": '{"rate": 500}'}
+    for name, content in (read | others).items():
+        (tmp_path / name).write_text(content)
+    assert {path.name for path in recordings_in(tmp_path)} == {*read}
 
 
 def test_the_column_that_no_channel_is_like_is_named_among_what_is_to_be_edited(tmp_path):

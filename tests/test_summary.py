@@ -103,12 +103,12 @@ def test_a_certainly_negative_inertia_is_noted():
 ])  # fmt: skip
 def test_a_recording_of_another_length_than_most_of_its_motion_is_noted_where_these_are_alike(seconds, noted):
     motion = ["other"] * len(seconds) + ["stepped sine"]
-    rows = {"trial": [*"abcde"][: len(motion)], "fitted_s": [*seconds, 5.0], "excitation": motion, "doubtful": ""}
+    rows = {"trial": [*"abcde"][: len(motion)], "recorded_s": [*seconds, 5.0], "excitation": motion, "doubtful": ""}
     table = pl.DataFrame(rows).with_columns(amplitude_deg=pl.lit(None, pl.Float64))
     found = [one for one in known({"impedance": table}, {}) if one["cause"] == "recording of another length"]
     assert [(one["verdict"], one["trials"]) for one in found] == [("remark", noted)] * bool(noted)
     own = dict(zip("abcde", seconds, strict=False))
-    assert all(f"{own[noted[0]]:g} s are fitted, and 60 s of most" in one["line"] for one in found)
+    assert all(f"{own[noted[0]]:g} s are recorded, and 60 s of most" in one["line"] for one in found)
 
 
 def test_a_factor_between_units_is_named_within_eight_percent():

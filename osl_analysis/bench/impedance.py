@@ -118,6 +118,7 @@ def impedance_table(analysis: Analysis, s: Sums, p: DrivetrainParameters | None 
                 "I_bound": None if is_leg or facts["rivals"] else friction[label].get("I_high", fit.interval("I")[1]),
                 "theta_rms_deg": turn_deg(s, label),
                 "fitted_s": len(record.rows(label)) / record.rate_hz,
+                "recorded_s": float(np.ptp(record.time)),
                 "angle_noise_share": angle_noise_share(record, s, fit, label),
                 **without_lag(analysis, lag, label),
                 **facts,

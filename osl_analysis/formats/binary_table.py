@@ -91,7 +91,8 @@ def read_binary_table(
                     raise
                 said = "holds objects of Python, which may run a program and are not read"
                 raise InputError(f"{said}; save arrays of numbers, as `numpy.savez(PATH, theta=theta, ...)`") from error
-    return table_of_frame(frame[:most_rows] if most_rows else frame, units, damage, notes)
+    table = table_of_frame(frame[:most_rows] if most_rows else frame, units, damage, notes)
+    return replace(table, is_padded=kind in ("hdf5", "npz") and any(one.has_nulls() for one in table.body))
 
 
 @contextmanager
@@ -272,9 +273,9 @@ def never_written(item: Any) -> NDArray[np.bool_] | None:
 
 
 def frame_of(arrays: Mapping[str, NDArray[Any]], damage: Ledger, notes: list[str]) -> pl.DataFrame:
-    """The columns of arrays that have the length that most have: an array (n,), each column of one (n, m), each field
-    of records. Rows are what there is more of. Texts are titles of the only matrix that is as wide. Single numbers, as
-    a rate, become `notes`."""
+    """The columns of arrays that have the length that most have, or that of a clock: an array (n,), each column of one
+    (n, m), each field of records; null behind the last value of a shorter one. Rows are what there is more of. Texts
+    are titles of the only matrix that is as wide. Single numbers, as a rate, become `notes`."""
     titles = titles_in(arrays)
     columns = {own: values for name, array in arrays.items() for own, values in columns_in(name, array, titles).items()}
     numbers = {name: values for name, values in columns.items() if values.dtype.kind in "biufmM"}
@@ -283,10 +284,12 @@ def frame_of(arrays: Mapping[str, NDArray[Any]], damage: Ledger, notes: list[str
     if not lengths:
         raise InputError("holds no column of numbers; name a recording")
     length = max(lengths, key=lambda size: (lengths[size], size))
-    others = [name for name, values in numbers.items() if values.size not in (1, length)]
-    if others:
-        damage.remarks.append(f"columns of {length} values are read; of another length are {listing(others, 8)}")
-    return pl.DataFrame({name: values for name, values in numbers.items() if values.size == length})
+    kept = {length, *(one.size for name, one in numbers.items() if csv_table.is_clock(name.rpartition("/")[2]))} - {1}
+    if others := [name for name, values in numbers.items() if values.size not in (1, *kept)]:
+        damage.remarks.append(f"{OTHER_LENGTH} {listing([str(one) for one in sorted(kept)])}: {listing(others, 8)}")
+    signals = {name: pl.Series(one) for name, one in numbers.items() if one.size in kept}
+    check_memory(8 * max(kept) * len(signals))
+    return pl.DataFrame({name: one.extend_constant(None, max(kept) - len(one)) for name, one in signals.items()})
 
 
 def titles_of_columns(lists: Iterable[Sequence[str]]) -> dict[int, Sequence[str]]:
@@ -342,6 +345,7 @@ def table_of_frame(
     return csv_table.CsvTable(names, stated, np.arange(1, frame.height + 1), body, notes, damage, noun="row")
 
 
+OTHER_LENGTH = "not read are columns of another length than"
 FIRST_BYTES = 1 << 16  # bytes of a file that `refuse_others` needs
 AS_C3D = "export the trial as C3D"
 AS_CSV = "open it in a spreadsheet, also where it is called `.xls`, and save its table as CSV"

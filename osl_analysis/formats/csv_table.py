@@ -24,6 +24,7 @@ from osl_analysis.trial import Array
 DELIMITERS = {"tab": "\t", "space": " "}
 CONTROL = re.compile(rb"[\x00-\x08\x0e-\x19]")  # bytes that no text has; 26 ended files of CP/M and DOS
 UTF_16 = re.compile(rb"\xff\xfe|\xfe\xff|([\t\r\n -~]\0){8}|(\0[\t\r\n -~]){8}")  # by its mark, or in either order
+JAPANESE = re.compile("[\u3041-\u30fa\u30fc]{2}|[\u4e00-\u9fff]{2}")  # two in a row: `é` before a letter may be one
 COMMENTS = ("#", "%", "//")
 MISSING = (
     "", "nan", "NaN", "NAN", "NA", "N/A", "#N/A", "null", "NULL", "None", "<NA>", "NaT",
@@ -78,11 +79,13 @@ def read_lines(path: Path) -> tuple[TextLines, bool]:
 
 
 def decoded_text(data: bytes) -> str:
-    """Text in UTF-8, UTF-16 with its mark or as ASCII in it, or else Windows' western code page."""
-    try:
+    """Text in UTF-8, UTF-16 with its mark or as ASCII in it, in Japan's code page, or else Windows' western one."""
+    with suppress(UnicodeDecodeError):
         return utf8_of(data).decode()
-    except UnicodeDecodeError:
-        return data.decode("cp1252", errors="replace")
+    with suppress(UnicodeDecodeError):
+        if JAPANESE.search(text := data.decode("cp932")):
+            return text
+    return data.decode("cp1252", errors="replace")
 
 
 def utf8_of(data: bytes) -> bytes:
@@ -97,6 +100,14 @@ def is_text(begin: bytes) -> bool:
     if UTF_16.match(begin):
         return True
     return CONTROL.search(begin.partition(b"\n")[0]) is None
+
+
+def begins_with_rows(begin: bytes) -> bool:
+    """Whether the last lines of what a text begins with are rows of two numbers or more, or times."""
+    lines = numbered(decoded_text(begin).encode().rpartition(b"\n")[0])[-20:]
+    sign = delimiter_of(lines, "auto")
+    cells = [text.strip(' "').split(None if sign == " " else sign) for _, text in lines]
+    return sum(len(one) > 1 and all(map(is_value, one)) for one in cells) > 0.8 * len(cells) > 8
 
 
 def delimiter_of(lines: TextLines, given: str) -> str:
@@ -255,6 +266,7 @@ class CsvTable:
     delimiter: str = ""
     decimal: str = "."
     noun: str = "line"  # what `lines` count
+    is_padded: bool = False  # whether columns have several lengths, and nulls behind their last values
 
 
 def place_of(name: str, names: Sequence[str]) -> int:
@@ -288,7 +300,7 @@ def places_of(name: str, names: Sequence[str]) -> list[int]:
 
 def is_clock(title: str) -> bool:
     """Whether a column is called like a clock: `time`, `t_s`, `loop_time [ms]`."""
-    name = re.sub(r"\s+", "_", name_and_unit(title)[0].strip())
+    name = re.sub(r"\s+", "_", name_and_unit(title)[0].rpartition("/")[2].strip())  # in groups of HDF5
     words = "time|t|timestamp|stamp|(state|loop|pi|sys|ros|elapsed)_time|elapsed|clock|seconds|time_since_start|x_value"
     words += "|millis|micros|[mu]s|(date_?)?time|datetime|date_and_time|time_of_day|(uhr)?zeit|tijd|temps|tiempo|tempo"
     return re.fullmatch(f"_*({words})(_(s|sec|ms|us|ns))?", name, re.IGNORECASE) is not None
@@ -478,6 +490,9 @@ def head_of(
     if delimiter == " " and len(units) < width:  # nothing tells which column has none
         units = []
     names, line = named_by(heads, above, comments, width, delimiter), heads[-1][0] if heads else 0
+    upper = named_by([], [], comments[:-1], width, delimiter) if not (heads or above) else []
+    if upper and are_units([(0, upper), (0, names)], is_unit):
+        units, names = [*map(without_brackets, names)], upper
     if not names and layout.header == "row":
         said = f"line {rows[0][0]} holds numbers, not the columns' names"
         raise InputError(f"{said}; write `header: none` and the columns' numbers")

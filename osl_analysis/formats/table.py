@@ -52,9 +52,7 @@ def reason_of(error: BaseException) -> str:
 
 def isolated(work: Callable[[], Result]) -> Result:
     """What `work` returns in a fork of this process, or its refusal; InputError if the fork dies or needs more memory
-    than a recording may. Where there are no forks it is done here."""
-    if not hasattr(os, "fork"):
-        return work()
+    than a recording may."""
     reader, writer = os.pipe()
     with warnings.catch_warnings(action="ignore"):  # of threads, which the fork does not use
         child = os.fork()

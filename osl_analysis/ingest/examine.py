@@ -475,7 +475,8 @@ def measure_dropout(examined: Examined) -> CheckResult:
     for name in (one for one in SELDOM_REPEAT if one in examined.trial.columns):
         known = origin(examined.trial, name)  # where ingest counted them
         if "no_sensor" not in known:
-            lost = values_of_no_sensor(name, *recorded(examined.trial, name), known)
+            angle = recorded(examined.trial, "theta")[1]
+            lost = values_of_no_sensor(name, *recorded(examined.trial, name), known, angle)
             known["no_sensor"] = None if lost is None else lost.sum()
         if known["no_sensor"] is not None:
             counts[name] = float(known["no_sensor"])

@@ -35,6 +35,7 @@ from osl_analysis.trial import Array, check_time, counter_column, median, unit_o
 RATE = "state the rate of the rows in Hz, as `time: {rate: HZ}`"
 SECOND = 1_000_000_000
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}  # [s], of clocks
+NAME_ALONE = r"[./]?[^./]*$"  # of an address in MATLAB or HDF5, behind the struct or group that it is in
 MOST_TRIED = 1000  # rows of a column by which it is told whether it may be a clock
 
 
@@ -236,12 +237,15 @@ def csv_log(path: Path, source: sources.SheetSource) -> Table:
     layout = csv_table.CsvLayout(**{name: getattr(source, name) for name in chosen})
     text = read_any_table(source.format, path, layout)
     places = {name: csv_table.place_of(name, text.names) for name in wanted(source)}
-    levels = {places[one.name] for column, one in source.channels.items() if unit_of(column) == sources.LEVEL_UNIT}
+    text, sizes = of_asked_size(text, [*places.values()])
     clock = places.get(source.time.name)
     stamps = None if clock is None else csv_table.cell_stamps(text.body.to_series(clock))
+    levels = level_places(source, places)
     values = {place: cells_of(text, place, source, place in levels) for place in {*places.values()} - {clock}}
     if clock is not None:
         values[clock] = cells_of(text, clock, source, level=False, is_time=True) if stamps is None else stamps
+    if len({*sizes.values()}) > 1:
+        return log_of_devices(text, source, places, values, sizes)
     clocks = list(clock_columns(text, source, {*places.values()}))
     end = len(text.lines)
     if clock is not None:  # up to the last value of any column: what is longer, as an EMG, has rows of its own
@@ -259,6 +263,40 @@ def csv_log(path: Path, source: sources.SheetSource) -> Table:
         lines=text.lines[:end] if text.noun == "line" else None, failed="missing", has_stamps=stamps is not None,
         clocks=[(name, unit, one[:end]) for name, unit, one in clocks],
     )  # fmt: skip
+
+
+def level_places(source: sources.SheetSource, places: Mapping[str, int]) -> set[int]:
+    return {places[one.name] for name, one in source.channels.items() if unit_of(name) == sources.LEVEL_UNIT}
+
+
+def of_asked_size(text: csv_table.CsvTable, asked: Sequence[int]) -> tuple[csv_table.CsvTable, dict[int, int]]:
+    """A table, of columns of one length if those at the asked places have one; and how many values these have."""
+    if not text.is_padded:
+        return text, dict.fromkeys(asked, len(text.lines))
+    sizes = [one.len() - one.null_count() for one in text.body]
+    if len(known := {sizes[place] for place in asked}) == 1:
+        own = [one if size in known else one.clear(one.len()) for one, size in zip(text.body, sizes, strict=True)]
+        text = replace(text, lines=text.lines[: max(known)], body=pl.DataFrame(own)[: max(known)])
+    return text, {place: sizes[place] for place in asked}
+
+
+def log_of_devices(
+    text: csv_table.CsvTable,
+    source: sources.SheetSource,
+    places: Mapping[str, int],
+    values: Mapping[int, NDArray[Any]],
+    sizes: Mapping[int, int],
+) -> Table:
+    """Columns of several sizes at places, by the names that ask for them, each on instants of its own."""
+    names, units = text.names, {name: text.units[place] for name, place in places.items()}
+    signals = {name: (names[place], values[place][: sizes[place]], units[name]) for name, place in places.items()}
+    every = list[tuple[str, Array]]()
+    for name, unit, one in zip(names, text.units, text.body, strict=True):
+        if one.dtype.is_numeric():
+            every.append((f"{name}_{unit}" * is_of_time(unit) or name, one.drop_nulls().cast(pl.Float64).to_numpy()))
+    columns = on_instants_of_all(signals, source, every)
+    rows, facts = next(iter(columns.values())).size, {"comments": text.comments[:100]}
+    return Table(rows, columns, units, damage=text.damage, facts=facts, has_own_rows=True)
 
 
 def clock_columns(
@@ -588,7 +626,7 @@ def mat_log(path: Path, source: sources.MatSource) -> Table:
 
 
 def on_instants_of_all(
-    signals: Mapping[str, tuple[str, Array, str]], source: sources.MatSource, every: Sequence[tuple[str, Array]]
+    signals: Mapping[str, tuple[str, Array, str]], source: sources.TableSource, every: Sequence[tuple[str, Array]]
 ) -> dict[str, Array]:
     """The numbers of two devices or more, each with the one vector of time of its own length beside it, on the instants
     of all, (instants,): masked where a device has none. Time is these instants, in its own unit. The vectors are taken
@@ -599,13 +637,13 @@ def on_instants_of_all(
     first = signals[reference][1]
     unit = str(source.time.unit or (signals[time][2] if time else "s"))
     for text, (address, values, _) in signals.items():
-        place = address.removeprefix("/").rpartition(".")[0]
-        beside = [one for one in every if one[0].rpartition(".")[0] == place and one[1].size == values.size]
+        place = re.sub(NAME_ALONE, "", address.removeprefix("/"))
+        beside = [one for one in every if re.sub(NAME_ALONE, "", one[0]) == place and one[1].size == values.size]
         clocks = [one for one in beside if may_be_clock(one[0], "", one[1])]
         own = [(reference, first)] if values.size == first.size else clocks
         if not time or len(own) != 1 or np.ma.is_masked(values) or not (np.diff(own[0][1]) > 0).all():
             said = f"{text} has {values.size} numbers and {reference} has {first.size}"
-            said += ", and no one vector of time of its length is beside it; interpolate in MATLAB"
+            said += ", and no one vector of time of its length is beside it; interpolate it to the times of the others"
             raise InputError(f"{said}, as `torque = interp1(t_torque, torque, t_angle)`, and never cut to one length")
         name, clock = own[0]
         told = name_and_ending(name)[1]
@@ -809,8 +847,9 @@ def read_topic(
         advice = "write source: log in the source file, or exclude the trial"
     samples = pl.DataFrame([pl.Series("stamp", stamp), *columns])
     in_order, ordering = sorted_by_stamp(samples, number, source.largest_loss, advice)
+    counted = logged.size - sum(damage.read[one] - damage.misfits[one] for one in np.unique(number).tolist())
+    damage.is_doubted |= damage.gaps and ordering["repeated"] > counted  # they may be copies, over others
     damage.misfits[number[0]] += ordering["contradicted"]
-    damage.is_doubted |= damage.gaps and ordering["repeated"] > 0  # they may be copies, over others
     if from_header and ordering["repeated"]:  # not those logged at one time, which are told when they are decoded
         at, logs = [*samples.columns, "channel"], [*samples.columns, "channel", "logged"]
         whole = samples.with_columns(channel=number, logged=logged)
@@ -861,23 +900,25 @@ def sorted_by_stamp(
 def check_not_set(table: pl.DataFrame, advice: str) -> int:
     """Refuse a clock that was set back, in one channel's rows; returns how many of them are merely late. It was set
     back by more than a second, or many messages in a row fall among those before. Messages that are merely late fill
-    the gap that they left; those that repeat others do not count."""
+    the gap that they left; those that repeat others do not count: a part of the file is a copy of another."""
     stamp, many = table["stamp"].to_numpy(), 10
+    if (stamp[1:] >= stamp[:-1]).all():
+        return 0
+    rows = np.flatnonzero(~table.is_duplicated().to_numpy())
+    stamp = stamp[rows]
     by = np.maximum.accumulate(stamp) - stamp
     if (by > SECOND).any():
         row = int(np.argmax(by > SECOND))
-        said = f"time goes back by {by[row] / SECOND:.6f} s at message {row + 1} of {stamp.size}"
+        said = f"time goes back by {by[row] / SECOND:.6f} s at message {rows[row] + 1} of {table.height}"
         raise InputError(f"{said}; the clock was set while recording: {advice}")
-    late = by > 0
-    if not late.any():
-        return 0
-    for run in (one for one in runs(late & ~table.is_duplicated().to_numpy()) if one.stop - one.start >= many):
+    for run in (one for one in runs(by > 0) if one.stop - one.start >= many):
         before, inside = stamp[: run.start], stamp[run]
         if ((before >= inside[0]) & (before <= inside[-1])).sum() >= many:
-            said = f"time goes back from {before.max() / SECOND:.6f} s to {inside[0] / SECOND:.6f}"
-            said += f" s at message {run.start + 1} of {stamp.size}, and {len(inside)} messages fall among those before"
+            said = f"time goes back from {before.max() / SECOND:.6f} s to {inside[0] / SECOND:.6f} s"
+            said += f" at message {rows[run.start] + 1} of {table.height}"
+            said += f", and {len(inside)} messages fall among those before"
             raise InputError(f"{said}; the clock was set while recording: {advice}")
-    return int(late.sum())
+    return int((by > 0).sum())
 
 
 def joined_on_stamp(tables: list[pl.DataFrame]) -> pl.DataFrame:

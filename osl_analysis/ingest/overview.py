@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, listing, printable
 from osl_analysis.formats import csv_table
-from osl_analysis.formats.binary_table import titles_of_columns
+from osl_analysis.formats.binary_table import OTHER_LENGTH, titles_of_columns
 from osl_analysis.formats.c3d import C3DRecording, read_c3d
 from osl_analysis.formats.gait_text import opensim_header, read_sections, read_trc
 from osl_analysis.formats.json_lines import MOST_ELEMENTS, addresses_of, decode_lines, read_json_lines
@@ -212,6 +212,7 @@ def inspect_table(name: str, path: Path) -> Overview:
     tick = next((f"{told[1]} {told[2]}" for text in table.comments if (told := TICK.search(text))), "")
     for place, (title, unit) in enumerate(zip(table.names, table.units, strict=True)):
         cells = table.body.to_series(place)
+        cells = cells.drop_nulls() if table.is_padded else cells
         stamps = csv_table.cell_stamps(cells)
         numbers = readable_numbers(cells, table.decimal) if stamps is None else stamps
         words = Counter[str]()
@@ -232,9 +233,10 @@ def inspect_table(name: str, path: Path) -> Overview:
     named = [one.key for one in times if csv_table.is_clock(one.name)]
     clock = named[0] if named else times[0].key if len(times) == 1 else None
     timing: dict[str, object] | None = {"time": {"column": clock}} if clock else None
-    left_open = list[str]()
+    left_open = [text for text in table.damage.remarks if text.startswith(OTHER_LENGTH)]
     if not clock and not any(logs.ticks(np.asarray(one.numbers), one.unit) for one in columns if one.count):
-        timing, left_open = timing_by_words(table.comments, columns)
+        timing, asked = timing_by_words(table.comments, columns)
+        left_open += asked
     if is_anew:
         failed, anew = {}, "the header stands again among the rows, as where a recorder begins anew"
         left_open = [*left_open, f"{anew}: cut the file in two, a log each"]
@@ -249,8 +251,8 @@ def inspect_table(name: str, path: Path) -> Overview:
     facts |= end_of(table.damage)
     facts |= {f"comment {i + 1}": text for i, text in enumerate(table.comments[:20])}
     return overview_of(
-        name, columns, "columns", timing=timing, left_open=left_open, facts=facts, remarks=table.damage.remarks,
-        settings=settings, clock=clock,
+        name, columns, "columns", timing=timing, left_open=left_open, facts=facts,
+        remarks=[text for text in table.damage.remarks if text not in left_open], settings=settings, clock=clock,
     )  # fmt: skip
 
 

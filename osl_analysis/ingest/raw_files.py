@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from osl_analysis.errors import InputError, listing, naming, nearest, printable, quoted
 from osl_analysis.formats.binary_table import FIRST_BYTES, is_table_file, refuse_others
 from osl_analysis.formats.c3d import BLOCK, is_c3d, parse_header
-from osl_analysis.formats.csv_table import is_text
+from osl_analysis.formats.csv_table import begins_with_rows, is_text
 from osl_analysis.formats.gait_text import is_nexus, is_opensim, is_trc
 from osl_analysis.formats.json_lines import is_json_lines
 from osl_analysis.formats.mat import is_mat
@@ -61,8 +61,8 @@ class KnownFormat:
         """A file as canonical columns in SI units, by its source file. Raises InputError, which names the file."""
         with naming(path):
             recording = self.reader(path, source)
-            tell_copies(recording)
             tell_no_sensor(recording)
+            tell_copies(recording)
             tell_odd_steps(recording)
             tell_leaps_of_markers(recording)
         said = (*recording.damage.all_remarks(recording.topics is not None), *recording.warnings)
@@ -97,13 +97,28 @@ KNOWN: Mapping[str, tuple[Callable[[bytes], bool], tuple[str, ...], FileReader, 
 }
 FORMATS = {name: KnownFormat(sources.SOURCES[name], *facts) for name, facts in KNOWN.items()}
 SUFFIXES = tuple(suffix for known in FORMATS.values() for suffix in known.suffixes)  # of recordings that are read
+ENDINGS_OF_ANY = ("", ".log", ".json")  # of recordings, and of much else
 
 
 def recordings_in(folder: Path) -> list[Path]:
-    """Files and bag folders below a folder that may be recordings, by their endings."""
+    """Files and bag folders below a folder that may be recordings, by their endings, or of `ENDINGS_OF_ANY` by what
+    they begin with."""
     bags = {path.parent for path in folder.rglob(DESCRIPTION)}
-    files = (path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES and path.is_file())
+    files = (path for path in folder.rglob("*") if path.suffix.lower() in (*SUFFIXES, *ENDINGS_OF_ANY))
+    files = (
+        path for path in files if path.is_file() and (path.suffix.lower() in SUFFIXES or begins_as_recording(path))
+    )
     return sorted([*bags, *(path for path in files if not bags & {*path.parents})])
+
+
+def begins_as_recording(path: Path) -> bool:
+    try:
+        with path.open("rb") as file:
+            begin = file.read(FIRST_BYTES)
+    except OSError:
+        return False
+    named = any(one.begins(begin) for name, one in FORMATS.items() if name != "csv")
+    return named or (is_text(begin) and begins_with_rows(begin))
 
 
 def read_source(path: Path) -> sources.Source:
@@ -308,20 +323,16 @@ def tell_copies(recording: sources.Recording) -> None:
         name, there = (parts[part_of(place)][0] for place in (start, other))
         key = (int(rows[start]), int(rows[stop - 1]) + 1, int(rows[other]), there * (there != name))
         found.setdefault(key, []).append(name)
-        bends, at = sources.bends_of(parts[part_of(start)][2]), start - ends[part_of(start)]
-        around = [*bends[max(at - 5, 0) : max(at - 1, 0)], *bends[at + stop - start + 2 : at + stop - start + 5]]
-        is_at_end = not {start, other, stop + 1, other + stop - start + 1}.isdisjoint(ends)
-        is_at_end |= max(around, default=0.0) > 10.0  # what was copied beside may prove nothing
-        recording.damage.uncounted |= is_at_end or name != there
     for (start, stop, other, of), names in found.items():
         if not lost[start:stop].all():
             at, there = (f"{time[row]:.3f} s" for row in (start, other))
             what = f"{stop - start} samples of {listing(names, 4)} from {at} on are those{f' of {of}' * bool(of)} from"
-            is_twice = not of and start - other <= stop - start + 1  # rows behind are late, without recorded times
-            how = "twice" if is_twice else "over another, or twice"
-            recording.damage.lose(f"{what} {there} on: a part of the file was written {how}", 0, Counter(), 0)
-            recording.damage.uncounted |= is_twice
+            said = f"{what} {there} on: a part of the file was written over another, or twice"
+            recording.damage.lose(said, 0, None, 0)  # what was copied beside may prove nothing
             lost[start:stop] = True
+            for column in names:
+                facts = recording.columns[column]
+                facts["no_sensor"] = max(facts.get("no_sensor") or 0, stop - start)
     if found:
         damage, (number, *_) = recording.damage, next(iter((recording.topics or {"": [0]}).values()))
         damage.read = damage.read or Counter({0: lost.size})
@@ -342,7 +353,8 @@ def tell_no_sensor(recording: sources.Recording) -> None:
         recording.damage.uncounted = True
     for column, (time, x) in each.items():
         x, time = x[(first := np.searchsorted(time, begin)) :], time[first:]
-        wrong = sources.values_of_no_sensor(column, time, x, recording.columns[column])
+        angle = each["theta"][1][first:] if "theta" in each else None
+        wrong = sources.values_of_no_sensor(column, time, x, recording.columns[column], angle)
         recording.columns[column]["no_sensor"] = None if wrong is None else int(wrong.sum())
         if wrong is not None and wrong.any():
             what = f"{np.count_nonzero(wrong)} samples of {column} are values that no sensor gives, the first at"
@@ -351,7 +363,7 @@ def tell_no_sensor(recording: sources.Recording) -> None:
 
 
 def tell_odd_steps(recording: sources.Recording) -> None:
-    """Say where time, also that of one channel, goes on by another step than in 99 of 100 rows, which are alike."""
+    """Say where time, also that of one channel, goes on by another step than in nine of ten rows, which are alike."""
     alike = defaultdict[bytes, list[str]](list)
     for column in recording.samples.select(pl.exclude("time").is_not_null()):
         alike[column.to_numpy().tobytes()].append(column.name)
@@ -360,7 +372,7 @@ def tell_odd_steps(recording: sources.Recording) -> None:
         steps = np.diff(time)
         usual = median(steps) if steps.size else 0.0
         odd = np.abs(steps - usual) > 0.1 * usual
-        if 0 < (count := np.count_nonzero(odd)) <= 0.01 * odd.size and np.ptp(steps[~odd]) < 0.05 * usual:
+        if 0 < (count := np.count_nonzero(odd)) <= 0.1 * odd.size > 10 and np.ptp(steps[~odd]) < 0.05 * usual:
             at, of = int(np.argmax(odd)), f" of {listing(names, 4)}" * (len(alike) > 1)
             said = f"time{of} goes on by {steps[at]:.4g} s at {time[at]:.3f} s, where steps are {usual:.4g} s, {count} "
             said += "times so or otherwise: samples are missing there, or their stamps are wrong"

@@ -6,7 +6,7 @@ import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from itertools import combinations, product
+from itertools import combinations, pairwise, product
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
@@ -639,24 +639,27 @@ SELDOM_REPEAT = ("theta", "theta_m", "omega_m", "torque", "torque_m", "current")
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def values_of_no_sensor(column: str, time: Array, x: Array, origin: Mapping[str, Any]) -> NDArray[np.bool_] | None:
+def values_of_no_sensor(
+    column: str, time: Array, x: Array, origin: Mapping[str, Any], angle: Array | None = None
+) -> NDArray[np.bool_] | None:
     """Which of the readings (n,) of a column are those of bytes that were lost or changed: two raw zeros or more in a
     row into which it jumps, and out of them; a value that a torque holds for less than half a second and has nowhere
     else; numbers next to zero; one to five readings off its curve, and an angle's leap that no mass does, four times as
-    far as anything else; and six or more beside a leap without the noise that the others have. None where it
-    often repeats a value. `origin` tells its raw zero."""
+    far as anything else, but of a torque where the joint's `angle` (n,), if known, leaves its curve too, as at a blow;
+    and six or more beside a leap without the noise that the others have. None where it often repeats a value. `origin`
+    tells its raw zero."""
     zero = math.prod(origin.get(key, 1) for key in ("sign", "scale", "factor")) * origin.get("offset", 0)
     nought, stays = np.abs(x - zero) < NEXT_TO_ZERO, np.diff(x) == 0
     stands = nought[:-1] & nought[1:]
     sizes, bends = np.abs(x), bends_of(x)
-    moved = exchanged(x, bends)
-    if np.count_nonzero(~stays) <= 0.5 * np.sum(~stands):
-        moved |= by_leaps(column, time, x, bends) & (column == "theta")  # which is a mass's, also at rest
+    is_coarse = bool(np.count_nonzero(~stays) <= 0.5 * np.sum(~stands))
+    moved = out_of_place(column, time, x, bends, angle, is_coarse)
+    if is_coarse:
         return moved if moved.any() else None
     lost = (x != 0) & (sizes < NEXT_TO_ZERO)
     if lost.any() and np.sum((between := sizes[sizes >= NEXT_TO_ZERO]) < 1e-9 * np.median(between)) > 10:
         lost[:] = False  # it decays there, as in a simulation
-    lost |= by_leaps(column, time, x, bends) | moved
+    lost |= moved
     zeros = jumped_into(x, stands, bends, may_rest=not column.startswith(("theta", "torque")))
     leaps = {a for a, _ in leaps_of(x, bends, 4.0) if column in ("theta", "torque")}  # one alone, as at a zero crossing
     zeros += [(a, b) for a, b in run_edges(stands).tolist() if a and {a, b + 1} & leaps]
@@ -670,8 +673,20 @@ def values_of_no_sensor(column: str, time: Array, x: Array, origin: Mapping[str,
     return np.asarray(lost)
 
 
+def out_of_place(
+    column: str, time: Array, x: Array, bends: Array, angle: Array | None, is_coarse: bool
+) -> NDArray[np.bool_]:
+    """Which readings (n,) of a column are of blocks that changed places, or else no sensor's by its leaps."""
+    moved, of_joint = exchanged(x, bends), np.zeros(x.shape)
+    if not moved.any() and (column == "theta" or not is_coarse):  # an angle is a mass's, also at rest
+        if column != "theta" and angle is not None and angle.shape == x.shape:
+            of_joint = bends_of(angle)
+        return by_leaps(column, time, x, bends, of_joint)
+    return moved
+
+
 @np.errstate(over="ignore", invalid="ignore")
-def by_leaps(column: str, time: Array, x: Array, bends: Array) -> NDArray[np.bool_]:
+def by_leaps(column: str, time: Array, x: Array, bends: Array, of_joint: Array) -> NDArray[np.bool_]:
     """Which readings (n,) of a column are no sensor's by its leaps (`values_of_no_sensor`)."""
     lost, moved, far = np.zeros(x.size, bool), np.zeros(x.size, bool), leaps_of(x, bends, 4.0)
     if not far:
@@ -681,12 +696,14 @@ def by_leaps(column: str, time: Array, x: Array, bends: Array) -> NDArray[np.boo
     farther = {a for a, _ in leaps_of(x, bends, FAR)}  # half as much is enough, but of a drive with steps
     for a, b in far:
         size = abs(x[a] - x[a - 1])
-        lost[a:b] = True
+        lost[a:b] = of_joint[max(a - 3, 0) : b + 4].max() < 10
         is_turn = any(abs(size / turn - 1) < 0.1 for turn in (2 * np.pi, 360.0))
         most = farthest.get(column, math.inf) / (2 if a in farther and len(farther) < 5 else 1)
         is_moved = a == b and size > most and not is_turn
         moved[a] = is_moved and time[a] - time[a - 1] <= 1.5 * usual
     lost |= moved if moved.sum() % 2 else np.logical_xor.accumulate(moved)  # it was elsewhere in between
+    for a, b in pairwise(sorted(farther)) if column == "theta" else ():  # rough in between: those of another channel
+        lost[a:b] |= b - a > 3 and median(bends[a + 2 : b - 1]) > 10
     edges = run_edges((bends[2:-1] < 0.02) & (np.mean(bends[2:-1] < 0.02) < 0.5))
     beside = np.array([any(-1 <= at - a <= 1 or 2 <= at - b <= 4 for at, _ in far) for a, b in edges], bool)
     usual_run = np.diff(edges)[~beside].max(initial=2)  # of a coarse encoder at an even speed

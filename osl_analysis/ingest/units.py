@@ -86,7 +86,7 @@ def quantity(text: str, expected: str) -> float:
 
 def normalised(unit: str) -> str:
     """One spelling for a unit: `N·mm`, `N.mm` and `N mm` become `N*mm`."""
-    text = re.sub("[·⋅∙.×]", "*", "*".join(unit.strip().strip(".").replace(" x ", " ").split()))
+    text = re.sub("[·⋅∙・.×]", "*", "*".join(unit.strip().strip(".").replace(" x ", " ").split()))
     text = re.sub(r"(?<=[A-Za-z])-(?=[A-Za-z])", "*", text)  # `N-m`, `ft-lb`
     text = re.sub(r"\bN\*M\b", "N*m", text)  # in capitals, as a Biodex writes it
     text = TORQUE.sub(torque_spelled, text)

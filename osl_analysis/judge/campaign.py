@@ -96,14 +96,16 @@ def recordings_of_another_length(impedance: pl.DataFrame) -> Iterator[tuple[Find
     """Trials that are shorter or longer than most with their kind of motion: half of a text looks whole, and a rate
     that is stated wrong makes another length."""
     cause = "recording of another length"
-    if not {"fitted_s", "excitation"} <= {*impedance.columns}:
+    if not {"recorded_s", "excitation"} <= {*impedance.columns}:
         return
-    for rows in impedance.filter(pl.col("amplitude_deg").is_null(), pl.col("fitted_s") > 0).partition_by("excitation"):
-        is_unusual, usual = unusual(rows["fitted_s"].to_numpy())
-        for trial, seconds in rows.filter(is_unusual).select("trial", "fitted_s").iter_rows():
+    for rows in impedance.filter(pl.col("amplitude_deg").is_null(), pl.col("recorded_s") > 0).partition_by(
+        "excitation"
+    ):
+        is_unusual, usual = unusual(rows["recorded_s"].to_numpy())
+        for trial, seconds in rows.filter(is_unusual).select("trial", "recorded_s").iter_rows():
             limit = (SHORT * usual, "below") if seconds < usual else (usual / SHORT, "above")
             words = misfit_words(cause, seconds=seconds, usual=usual)
-            yield Finding("impedance", trial, cause, Grade.NOTES, (Beyond("fitted_s", seconds, *limit),)), words
+            yield Finding("impedance", trial, cause, Grade.NOTES, (Beyond("recorded_s", seconds, *limit),)), words
 
 
 Entry = dict[str, Any]

@@ -14,7 +14,7 @@ from osl_analysis.errors import InputError, naming
 from osl_analysis.signals import LowPass, differentiate
 from osl_analysis.signals.samples import Taken, take
 from osl_analysis.signals.stream import FEWEST_STAMPS, LONG_STEP, SensorLowPass, Stream
-from osl_analysis.spline import cubic_through
+from osl_analysis.spline import cubic_through, rows_before
 from osl_analysis.trial import Array, Trial, counter_column
 
 BRIDGE_MORE = (  # what the user may do where gaps leave nothing to fit
@@ -128,7 +128,7 @@ def on_one_grid(taken: Sequence[Taken], limits: GapLimits, trial: str = "") -> U
     signals, farthest = dict[str, Array](), 0.0
     low_passes = {name: one for part in taken for name, one in part.stream.low_passes.items()}
     for times, values, _ in (part.samples for part in taken):
-        behind = np.clip(np.searchsorted(times, time + ON_GRID * step, "right"), 1, len(times) - 1)
+        behind = rows_before(times, time + ON_GRID * step) + 1
         nearest = np.minimum(np.abs(time - times[behind - 1]), np.abs(times[behind] - time))
         farthest = max(farthest, float(nearest[usable].max()))
         for column, signal in resampled(times, values, time, step).items():

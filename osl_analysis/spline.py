@@ -20,16 +20,11 @@ def cubic_through(x: Array, y: Array, at: Array) -> Array:
     right[:, 0] = ((h[0] + 2 * first) * h[1] * rise[:, 0] + h[0] ** 2 * rise[:, 1]) / first
     right[:, -1] = (h[-1] ** 2 * rise[:, -2] + (2 * last + h[-1]) * h[-2] * rise[:, -1]) / last
     slope = scipy.linalg.solve_banded((1, 1), bands, right.T, overwrite_ab=True, overwrite_b=True, check_finite=False).T
-    bend = slope[:, :-1] + slope[:, 1:]  # of each piece what its cubes, and `rise` what its squares are times
-    bend -= 2 * rise
-    bend /= h
-    rise -= slope[:, :-1]
-    rise /= h
-    rise -= bend
-    bend /= h
+    bend = (slope[:, :-1] + slope[:, 1:] - 2 * rise) / h
+    curved, bend = (rise - slope[:, :-1]) / h - bend, bend / h  # of the squares, and of the cubes, in each piece
     past = at - x[rows := rows_before(x, at)]
     value, square = y.take(rows, axis=1), past * past
-    for part, power in ((slope, past), (rise, square), (bend, square * past)):
+    for part, power in ((slope, past), (curved, square), (bend, square * past)):
         value += part.take(rows, axis=1) * power
     return np.asarray(value)
 

@@ -206,9 +206,9 @@ def job_ended(workers: dict[socket.socket, Worker], channel: socket.socket) -> N
 def work(channel: socket.socket) -> NoReturn:
     """Do `MOST_JOBS`, as they arrive at a socket, in this process, which ends then, and say there how each ended."""
     gc.enable()
-    code, jobs = 0, MOST_JOBS
+    code = 0
     with suppress(OSError):  # of a server that was killed
-        while jobs:
+        for left in reversed(range(MOST_JOBS)):
             job, files, _, _ = socket.recv_fds(channel, 1 << 16, 2)
             if not job:
                 break
@@ -218,8 +218,7 @@ def work(channel: socket.socket) -> NoReturn:
             code = do(*job.decode().split("\0"))
             gc.collect()
             gc.freeze()  # what this job has imported stays: looking through numba takes 25 ms
-            jobs -= 1
-            if jobs:
+            if left:
                 channel.sendall(bytes([code]))
     os._exit(code)
 

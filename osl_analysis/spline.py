@@ -22,9 +22,8 @@ def cubic_through(x: Array, y: Array, at: Array) -> Array:
     slope = scipy.linalg.solve_banded((1, 1), bands, right.T, overwrite_ab=True, overwrite_b=True, check_finite=False).T
     bend = (slope[:, :-1] + slope[:, 1:] - 2 * rise) / h
     curved, bend = (rise - slope[:, :-1]) / h - bend, bend / h  # of the squares, and of the cubes, in each piece
-    past = at - x[rows := rows_before(x, at)]
-    value, square = y.take(rows, axis=1), past * past
-    for part, power in ((slope, past), (curved, square), (bend, square * past)):
+    value, past = y.take(rows := rows_before(x, at), axis=1), at - x[rows]
+    for part, power in ((slope, past), (curved, past * past), (bend, past * past * past)):
         value += part.take(rows, axis=1) * power
     return np.asarray(value)
 
@@ -37,6 +36,5 @@ def rows_before(x: Array, at: Array) -> NDArray[np.intp]:
     rows += x.take(rows + 1) <= at
     rows -= x.take(rows) > at
     np.clip(rows, 0, last, out=rows)
-    if np.all((x.take(rows) <= at) | (rows == 0)) and np.all((x.take(rows + 1) > at) | (rows == last)):
-        return rows
-    return np.clip(np.searchsorted(x, at, "right") - 1, 0, last)
+    is_right = np.all((x.take(rows) <= at) | (rows == 0)) and np.all((x.take(rows + 1) > at) | (rows == last))
+    return rows if is_right else np.clip(np.searchsorted(x, at, "right") - 1, 0, last)

@@ -38,8 +38,8 @@ STARTED = time.time()  # Start of this run [s]. Its report covers the logs that 
 KEPT_BY_PROCESS = {"MALLOC_MMAP_THRESHOLD_": "33554432", "MALLOC_TRIM_THRESHOLD_": "268435456"}  # bytes
 """A process of glibc keeps this much memory for its next arrays: the system clears each page that it hands out anew."""
 PRELOADED = frozenset(("trials", "bench", "tables"))
-"""Modules of commands that are imported while Snakemake plans. The jobs share them, and any other one from its first
-job on: a process that was forked before that ends, and to make the next one ready takes 0.1 s."""
+"""Modules of commands that are imported while Snakemake plans, others at their first job: a process that was forked
+before it ends then, and to make the next one ready takes 0.1 s."""
 COMPILING = ("simulate.", "bench.gather_predictions")
 """How commands begin whose jobs take numba, of 100 MB, which other jobs do without."""
 MOST_JOBS = 400  # of one process: what its libraries keep of the memory ends with it
@@ -126,9 +126,8 @@ def serve(number: int) -> NoReturn:
     preload("osl_analysis.jobs.job", "scipy.signal", *(f"osl_analysis.commands.{module}" for module in sorted(known)))
     while True:
         ready, _, _ = select.select([control, *workers], [], [])
-        for channel in ready:
-            if channel is not control:
-                job_ended(workers, channel)
+        for channel in {*ready} - {control}:
+            job_ended(workers, channel)
         if control not in ready:
             continue
         head, files, _, _ = socket.recv_fds(control, 1, 3)
@@ -299,10 +298,8 @@ def remove_half_written(folders: Sequence[Path]) -> None:
 def is_alive(pid: int) -> bool:
     try:
         os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:  # another user's
-        pass
+    except OSError as error:
+        return isinstance(error, PermissionError)  # another user's
     return True
 
 

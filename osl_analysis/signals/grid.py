@@ -217,15 +217,14 @@ def resampled(times: Array, values: Mapping[str, Array], grid: Array, step: floa
     # from 1e6 rows on the rounding of a step, which is known to 1e-13 of itself, adds up
     if len(there) == len(grid) and np.max(np.abs(there - grid)) < ON_GRID * step * max(len(grid) / 1e6, 1.0):
         return {name: one[row : row + len(grid)] for name, one in values.items()}
-    found = {name: np.empty(len(grid)) for name in values}
+    found = np.empty((len(values), len(grid)))
     for begin in range(0, len(grid), SPLINED):
         inside = np.clip(grid[begin : begin + SPLINED], times[0], times[-1])
         first, last = np.searchsorted(times, (inside[0], inside[-1]))
         rows = slice(max(first - REACH, 0), last + REACH)
         curves = cubic_through(times[rows], np.array([one[rows] for one in values.values()]), inside)
-        for own, curve in zip(found.values(), curves, strict=True):
-            own[begin : begin + SPLINED] = curve
-    return found
+        found[:, begin : begin + SPLINED] = curves
+    return dict(zip(values, found, strict=True))
 
 
 def uniform_signals(

@@ -60,14 +60,14 @@ class Sources:
 
     @cache  # noqa: B019 (there is one for each run)
     def module(self, name: str) -> Module:
-        text = (module_file(name) or PACKAGE).read_text(encoding="utf-8")
+        text = text_of(module_file(name))
         statements, imports = self.of_text(name + text, lambda: parsed(text, name))
         return Module([Statement(*one) for one in statements], imports)
 
     @cache  # noqa: B019
     def data(self, path: Path) -> str:
         """Fingerprint of a file beside a module; of YAML without comments."""
-        text, is_yaml = path.read_text(encoding="utf-8"), path.suffix == ".yaml"
+        text, is_yaml = text_of(path), path.suffix == ".yaml"
         said = self.of_text(text, lambda: fingerprint(repr(yaml.load(text, yaml.CSafeLoader)) if is_yaml else text))
         return str(said)
 
@@ -96,6 +96,11 @@ class Sources:
 
 def fingerprint(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def text_of(file: Path | None) -> str:
+    assert file is not None
+    return file.read_text(encoding="utf-8")
 
 
 def parsed(text: str, name: str) -> tuple[list[Statement], dict[str, str]]:
@@ -176,7 +181,8 @@ def module_file(name: str) -> Path | None:
 
 def data_of(module: str, statement: Statement) -> Iterator[Path]:
     """The files beside a module that a statement names, as `table.yaml`, or as `.yaml` for one of the module's name."""
-    file = module_file(module) or PACKAGE
+    file = module_file(module)
+    assert file is not None
     for text in statement.data:
         path = file.with_suffix(text) if re.fullmatch(r"\.\w+", text) else (file.parent / text).resolve()
         if path.suffix != ".py" and path.is_file():

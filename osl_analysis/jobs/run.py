@@ -38,11 +38,10 @@ STARTED = time.time()  # Start of this run [s]. Its report covers the logs that 
 KEPT_BY_PROCESS = {"MALLOC_MMAP_THRESHOLD_": "33554432", "MALLOC_TRIM_THRESHOLD_": "268435456"}  # bytes
 """A process of glibc keeps this much memory for its next arrays: the system clears each page that it hands out anew."""
 PRELOADED = frozenset(("trials", "bench", "tables"))
-"""Modules of commands that are imported while Snakemake plans, others at their first job: a process that was forked
-before it ends then, and to make the next one ready takes 0.1 s."""
-COMPILING = ("simulate.", "bench.gather_predictions")
-"""How commands begin whose jobs take numba, of 100 MB, which other jobs do without."""
+"""Modules of commands that are imported while Snakemake plans. A process that lacks one ends, which costs 0.1 s."""
+COMPILING = ("simulate.", "bench.gather_predictions")  # how commands begin whose jobs take numba, of 100 MB
 MOST_JOBS = 400  # of one process: what its libraries keep of the memory ends with it
+PLANNED = "osl_analysis_planned_"  # how the folder of requests that are planned alone begins
 MOST_SERVERS = 3  # that a job is sent to, before it counts as killed
 STARTING = threading.Lock()
 
@@ -324,9 +323,6 @@ def planned_folder() -> Path:
     return folder
 
 
-PLANNED = "osl_analysis_planned_"
-
-
 def at_end_of_run(workflow: Any, logs: Path, said: Callable[[Sequence[str]], str], accept: bool) -> None:
     """Let a run of Snakemake end with our report, and with exit code 1 if something that was asked for is refused,
     unless refusals are to `accept`. `said` writes the report, from the refusal records of the run; a dry run ends with
@@ -362,6 +358,5 @@ def at_end_of_run(workflow: Any, logs: Path, said: Callable[[Sequence[str]], str
 def end_timers() -> None:
     """End the timers by which Snakemake would look for further jobs (`max-jobs-per-timespan` of the profile). It looks
     at the end of every job anyway, each look would start a timer more, and a process waits for them at its end."""
-    for thread in threading.enumerate():
-        if isinstance(thread, threading.Timer):
-            thread.cancel()
+    for timer in (one for one in threading.enumerate() if isinstance(one, threading.Timer)):
+        timer.cancel()

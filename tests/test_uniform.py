@@ -139,11 +139,10 @@ def test_a_counter_in_the_log_tells_which_samples_a_late_host_lost(counted):
     assert_right(fitted(Trial("made", two.samples.join(count, on="time", how="left"), two.provenance)))
 
 
-@pytest.mark.parametrize("samples", [4, 5, 200])
-def test_the_spline_through_samples_is_that_of_scipy(samples):
-    random = np.random.default_rng(samples)
-    x, y = np.cumsum(random.uniform(0.2, 2.0, samples)), random.normal(size=(2, samples))
-    at = np.sort(random.uniform(x[0], x[-1], 500))
+@pytest.mark.parametrize(("samples", "way"), [(4, 1), (5, -1), (200, 1), (200, -1)])  # steps grow or shrink
+def test_the_spline_through_samples_is_that_of_scipy(samples, way):
+    x = np.cumsum(np.sort((random := np.random.default_rng(samples)).uniform(0.2, 2.0, samples))[::way])
+    y, at = random.normal(size=(2, samples)), np.sort(random.uniform(x[0], x[-1], 500))
     np.testing.assert_allclose(cubic_through(x, y, at), CubicSpline(x, y.T)(at).T, rtol=0, atol=1e-12)
 
 

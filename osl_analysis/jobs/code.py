@@ -181,8 +181,7 @@ def module_file(name: str) -> Path | None:
 
 def data_of(module: str, statement: Statement) -> Iterator[Path]:
     """The files beside a module that a statement names, as `table.yaml`, or as `.yaml` for one of the module's name."""
-    file = module_file(module)
-    assert file is not None
+    file = module_file(module) or PACKAGE
     for text in statement.data:
         path = file.with_suffix(text) if re.fullmatch(r"\.\w+", text) else (file.parent / text).resolve()
         if path.suffix != ".py" and path.is_file():

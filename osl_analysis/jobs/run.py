@@ -37,11 +37,11 @@ from osl_analysis.jobs.memory import SET_TO_ONE
 STARTED = time.time()  # Start of this run [s]. Its report covers the logs that were written after this time.
 KEPT_BY_PROCESS = {"MALLOC_MMAP_THRESHOLD_": "33554432", "MALLOC_TRIM_THRESHOLD_": "268435456"}  # bytes
 """A process of glibc keeps this much memory for its next arrays: the system clears each page that it hands out anew."""
-PRELOADED = ("osl_analysis.jobs.job", "scipy.signal")
-"""Imported while Snakemake plans: the jobs share it, and what the module of their command imports or preloads."""
-COMPILING = ("simulate",)
-"""Modules of commands whose jobs take numba, of 100 MB, which other jobs do without."""
-MOST_JOBS = 40  # of one process without numba: what its libraries keep of the memory ends with it
+PRELOADED = frozenset(("trials", "bench", "tables"))
+"""Modules of commands that are imported while Snakemake plans. A process that lacks one ends, which costs 0.1 s."""
+COMPILING = ("simulate.", "bench.gather_predictions")  # how commands begin whose jobs take numba, of 100 MB
+MOST_JOBS = 400  # of one process: what its libraries keep of the memory ends with it
+PLANNED = "osl_analysis_planned_"  # how the folder of requests that are planned alone begins
 MOST_SERVERS = 3  # that a job is sent to, before it counts as killed
 STARTING = threading.Lock()
 
@@ -119,15 +119,14 @@ class Worker:
 def serve(number: int) -> NoReturn:
     """Take jobs at the socket with this number until its other end is closed. Each is done by a process forked from
     this one, which has done others before; at the job's own socket it is said which it is, and how the job ended."""
-    control, workers, known = socket.socket(fileno=number), dict[socket.socket, Worker](), frozenset[str]()
+    control, workers, known = socket.socket(fileno=number), dict[socket.socket, Worker](), PRELOADED
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     gc.disable()
-    preload(*PRELOADED)
+    preload("osl_analysis.jobs.job", "scipy.signal", *(f"osl_analysis.commands.{module}" for module in sorted(known)))
     while True:
         ready, _, _ = select.select([control, *workers], [], [])
-        for channel in ready:
-            if channel is not control:
-                job_ended(workers, channel)
+        for channel in {*ready} - {control}:
+            job_ended(workers, channel)
         if control not in ready:
             continue
         head, files, _, _ = socket.recv_fds(control, 1, 3)
@@ -136,19 +135,19 @@ def serve(number: int) -> NoReturn:
         link = socket.socket(fileno=files.pop(0))
         with link.makefile("rb") as asked_for:
             job = asked_for.read()
-        if (module := module_of(job)) not in known:
+        if (module := (command := command_of(job)).partition(".")[0]) not in known:
             preload(f"osl_analysis.commands.{module}")
             known |= {module}
-        if (able := idle_worker(workers, module)) is None:
+        if (able := idle_worker(workers, command)) is None:
             able, theirs = socket.socketpair()
             if not (pid := fork()):
                 for other in (control, able, link, *workers, *(one.link for one in workers.values() if one.link)):
                     other.close()  # who listens there waits until nobody holds it
                 for file in files:
                     os.close(file)
-                work(theirs, sys.maxsize if module in COMPILING else MOST_JOBS)
+                work(theirs)
             theirs.close()
-            workers[able] = Worker(pid, module in COMPILING, known)
+            workers[able] = Worker(pid, command.startswith(COMPILING), known)
         worker = workers[able]
         worker.link = link
         with suppress(OSError):  # the end of a worker that was killed is seen below
@@ -158,9 +157,9 @@ def serve(number: int) -> NoReturn:
             os.close(file)
 
 
-def idle_worker(workers: dict[socket.socket, Worker], module: str) -> socket.socket | None:
-    """The channel of a waiting worker for a module; where there is none, those that wait are to end."""
-    compiles = module in COMPILING
+def idle_worker(workers: dict[socket.socket, Worker], command: str) -> socket.socket | None:
+    """The channel of a waiting worker for a command; where there is none, those that wait are to end."""
+    compiles, module = command.startswith(COMPILING), command.partition(".")[0]
     idle = [one for one, worker in workers.items() if not worker.link and worker.compiles == compiles]
     for one in idle:
         if compiles or module in workers[one].known:
@@ -180,11 +179,10 @@ def preload(*modules: str) -> None:
     gc.freeze()
 
 
-def module_of(job: bytes) -> str:
-    """The module of the command of a job, of which folder and request are told; empty if that cannot be read."""
+def command_of(job: bytes) -> str:
+    """The command of a job, of which folder and request are told; empty if that cannot be read."""
     with suppress(OSError, ValueError, KeyError):
-        request = json.loads(Path(*job.decode().split("\0")).read_text(encoding="utf-8"))
-        return str(request["command"]).partition(".")[0]
+        return str(json.loads(Path(*job.decode().split("\0")).read_text(encoding="utf-8"))["command"])
     return ""
 
 
@@ -203,12 +201,12 @@ def job_ended(workers: dict[socket.socket, Worker], channel: socket.socket) -> N
         worker.link = None
 
 
-def work(channel: socket.socket, jobs: int) -> NoReturn:
-    """Do so many jobs, as they arrive at a socket, in this process, which ends then, and say there how each ended."""
+def work(channel: socket.socket) -> NoReturn:
+    """Do `MOST_JOBS`, as they arrive at a socket, in this process, which ends then, and say there how each ended."""
     gc.enable()
     code = 0
     with suppress(OSError):  # of a server that was killed
-        while jobs:
+        for left in reversed(range(MOST_JOBS)):
             job, files, _, _ = socket.recv_fds(channel, 1 << 16, 2)
             if not job:
                 break
@@ -218,8 +216,7 @@ def work(channel: socket.socket, jobs: int) -> NoReturn:
             code = do(*job.decode().split("\0"))
             gc.collect()
             gc.freeze()  # what this job has imported stays: looking through numba takes 25 ms
-            jobs -= 1
-            if jobs:
+            if left:
                 channel.sendall(bytes([code]))
     os._exit(code)
 
@@ -300,10 +297,8 @@ def remove_half_written(folders: Sequence[Path]) -> None:
 def is_alive(pid: int) -> bool:
     try:
         os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:  # another user's
-        pass
+    except OSError as error:
+        return isinstance(error, PermissionError)  # another user's
     return True
 
 
@@ -326,9 +321,6 @@ def planned_folder() -> Path:
     folder = Path(mkdtemp(prefix=f"{PLANNED}{os.getpid()}_"))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     return folder
-
-
-PLANNED = "osl_analysis_planned_"
 
 
 def at_end_of_run(workflow: Any, logs: Path, said: Callable[[Sequence[str]], str], accept: bool) -> None:
@@ -366,6 +358,5 @@ def at_end_of_run(workflow: Any, logs: Path, said: Callable[[Sequence[str]], str
 def end_timers() -> None:
     """End the timers by which Snakemake would look for further jobs (`max-jobs-per-timespan` of the profile). It looks
     at the end of every job anyway, each look would start a timer more, and a process waits for them at its end."""
-    for thread in threading.enumerate():
-        if isinstance(thread, threading.Timer):
-            thread.cancel()
+    for timer in (one for one in threading.enumerate() if isinstance(one, threading.Timer)):
+        timer.cancel()

@@ -14,7 +14,7 @@ from osl_analysis.errors import InputError, naming
 from osl_analysis.signals import LowPass, differentiate
 from osl_analysis.signals.samples import Taken, take
 from osl_analysis.signals.stream import FEWEST_STAMPS, LONG_STEP, SensorLowPass, Stream
-from osl_analysis.spline import cubic_through
+from osl_analysis.spline import cubic_through, rows_before
 from osl_analysis.trial import Array, Trial, counter_column
 
 BRIDGE_MORE = (  # what the user may do where gaps leave nothing to fit
@@ -128,7 +128,7 @@ def on_one_grid(taken: Sequence[Taken], limits: GapLimits, trial: str = "") -> U
     signals, farthest = dict[str, Array](), 0.0
     low_passes = {name: one for part in taken for name, one in part.stream.low_passes.items()}
     for times, values, _ in (part.samples for part in taken):
-        behind = np.clip(np.searchsorted(times, time + ON_GRID * step, "right"), 1, len(times) - 1)
+        behind = rows_before(times, time + ON_GRID * step) + 1
         nearest = np.minimum(np.abs(time - times[behind - 1]), np.abs(times[behind] - time))
         farthest = max(farthest, float(nearest[usable].max()))
         for column, signal in resampled(times, values, time, step).items():
@@ -217,15 +217,14 @@ def resampled(times: Array, values: Mapping[str, Array], grid: Array, step: floa
     # from 1e6 rows on the rounding of a step, which is known to 1e-13 of itself, adds up
     if len(there) == len(grid) and np.max(np.abs(there - grid)) < ON_GRID * step * max(len(grid) / 1e6, 1.0):
         return {name: one[row : row + len(grid)] for name, one in values.items()}
-    found = {name: np.empty(len(grid)) for name in values}
+    found = np.empty((len(values), len(grid)))
     for begin in range(0, len(grid), SPLINED):
         inside = np.clip(grid[begin : begin + SPLINED], times[0], times[-1])
         first, last = np.searchsorted(times, (inside[0], inside[-1]))
         rows = slice(max(first - REACH, 0), last + REACH)
         curves = cubic_through(times[rows], np.array([one[rows] for one in values.values()]), inside)
-        for own, curve in zip(found.values(), curves, strict=True):
-            own[begin : begin + SPLINED] = curve
-    return found
+        found[:, begin : begin + SPLINED] = curves
+    return dict(zip(values, found, strict=True))
 
 
 def uniform_signals(

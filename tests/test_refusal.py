@@ -247,7 +247,7 @@ def test_one_process_does_several_jobs_and_another_one_takes_its_place_when_it_i
 def test_a_worker_ends_its_job_without_a_word_where_the_server_is_killed_meanwhile(tmp_path):
     request, _ = written(tmp_path)
     ours, theirs = socket.socketpair()
-    code = f"import socket; from osl_analysis.jobs.run import work; work(socket.socket(fileno={theirs.fileno()}), 2)"
+    code = f"import socket; from osl_analysis.jobs.run import work; work(socket.socket(fileno={theirs.fileno()}))"
     with (tmp_path / "said").open("w+") as said, ours, theirs:
         worker = subprocess.Popen([sys.executable, "-c", code], pass_fds=[theirs.fileno()])
         socket.send_fds(ours, [f"{tmp_path}\0{request}".encode()], [said.fileno(), said.fileno()])

@@ -189,7 +189,7 @@ class StudyBench:
             return
         for row in found["phasors"].iter_rows(named=True):
             hertz, units = f"{row['frequency_hz']:g} Hz", {"magnitude": "", "phase": "_deg"}
-            quantities = {f"{n}, {hertz}": [row[f"Y_{n}{end}{unit}"] for end in ends] for n, unit in units.items()}
+            quantities = {f"{n}, {hertz}": [row[f"Y_{n}{unit}{end}"] for end in ends] for n, unit in units.items()}
             yield f"sinusoid, {hertz}", row["interval_method"], quantities
 
     def bounds(self, ideal: FitTables) -> dict[str, float]:

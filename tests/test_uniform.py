@@ -119,9 +119,16 @@ def test_undecided_stamps_are_also_taken_the_other_way_and_the_change_is_stated(
     theta, load = motion(scattered)[0] + random.normal(0, 6e-3, n), torque(scattered) + random.normal(0, 3, n)
     undecided = Trial("made", pl.DataFrame({"time": scattered, "theta": theta, "torque": load}))
     record = sine_record(undecided, DynamometerAnalysis(**SETTINGS))
-    table = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE).time_base(("K", "B", "I"))
+    analysis = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE)
+    table = analysis.time_base(("K", "B", "I"))
     assert (table["firm"][0], table["other_hypothesis"][0][:2]) == (False, "K ")
-    assert 0 < table_of(record)["time_base_shift"][-1] < 3
+    row, other = table_of(record).row(-1, named=True), analysis.others[None]
+    assert 0 < row["time_base_shift"] < 3
+    for name in "KBI":
+        low, high = analysis.whole.interval(name)
+        moved = other[name] - row[name]
+        assert [row[f"{name}_low"], row[f"{name}_high"]] == pytest.approx([low + min(moved, 0), high + max(moved, 0)])
+        assert moved
     assert fitted(trial_of(motion(times())[0], torque(times())))["time_base_shift"] is None
 
 

@@ -105,6 +105,7 @@ def impedance_table(analysis: Analysis, s: Sums, p: DrivetrainParameters | None 
     facts |= witness_row(record, is_leg=is_leg, answers=facts["reflex_p"] != 1, rubs=rubs and not is_leg)
     facts |= believed_reflex(analysis.whole, facts, is_leg)
     friction[None] |= (untold := untold_row(analysis.whole, friction[None] | facts))
+    friction[None] |= either_reading(analysis, friction[None])
     facts |= {name: value for name, value in untold.items() if name in facts}
     if not (record.is_stepped_sine and (is_leg or rubs)):  # what sticks stands still at the peaks of a slow sine
         facts["torque_at_peaks"] = torque_at_peaks(analysis, record)
@@ -187,6 +188,19 @@ def untold_row(whole: GroupFit, row: Row) -> Row:
         if heard or (row["path_shift"] is None and name != "K"):
             found |= {f"{own}_low": None, f"{own}_high": None}
     return found | dict.fromkeys((f"f_C{end}" for end in INTERVAL_ENDS) if untold else ())
+
+
+def either_reading(analysis: Analysis, row: Row) -> Row:
+    """Intervals of K, B and I that hold both readings of undecided stamps; nothing where all are decided."""
+    fit, other, found = analysis.calibrated(analysis.whole), analysis.others.get(None), Row()
+    if other is None:
+        return found
+    for name in QUANTITIES:
+        moved = other[name] - fit[name]
+        for end, at, farther in zip(("low", "high"), fit.interval(name), (min, max), strict=True):
+            told = row.get(f"{name}_{end}")
+            found[f"{name}_{end}"] = (told if isinstance(told, float) else at) + farther(moved, 0.0)
+    return found
 
 
 def motion_row(record: Record) -> Row:

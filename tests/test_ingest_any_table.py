@@ -379,7 +379,7 @@ def test_another_clock_of_one_name_that_begins_at_another_time_is_that_of_what_s
 @pytest.mark.parametrize("above", [
     "Sampling rate: 2000 Hz\nDecimation: 4\n", "# Sample rate 2000 Hz, downsampled by 4\n",
     "Sample rate: 2000 Hz\nOutput rate: 500 Hz\n", "Sample rate: 2000 Hz\nAveraging: 4 samples\n",
-    "Sample rate: 2000 Hz\nSave every: 4\n",
+    "Sample rate: 2000 Hz\nSave every: 4\n", "# Device sampling frequency 2000 Hz\n",
 ])  # fmt: skip
 def test_a_rate_beside_a_decimation_or_another_rate_is_a_question_and_not_the_time(tmp_path, above):
     """Read at 2000 Hz, rows of 500 Hz gave B = 1.25 for 5."""

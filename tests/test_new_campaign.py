@@ -55,9 +55,10 @@ def test_a_channel_that_may_be_another_quantity_is_left_to_the_user(tmp_path, co
 def test_the_one_joint_that_a_recording_names_is_its_joint_and_units_are_told_as_written(tmp_path, names, sure):
     rows = (f"{k / 100},{k % 7},{k % 5}" for k in range(30))
     (tmp_path / "a.csv").write_text("\n".join([f"time (s),{names}", *rows]))
-    draft = new_campaign(tmp_path / "mine", recordings=tmp_path).sources["csv"]
+    draft = new_campaign(tmp_path / "0314", recordings=tmp_path).sources["csv"]
     assert ({"theta", "torque"} <= {*yaml.safe_load(draft)["channels"]}, "\\u00b7" in draft) == (sure, False)
-    sheet = pl.read_csv(tmp_path / "mine/trials.csv")
+    assert yaml.safe_load((tmp_path / "0314/config.yaml").read_text())["campaign"] == "0314", "YAML counts in eights"
+    sheet = pl.read_csv(tmp_path / "0314/trials.csv")
     assert sheet.get_column("joint", default=pl.Series([""]))[0] == (names[:4].rstrip("A ").lower() if sure else "")
 
 

@@ -418,32 +418,41 @@ def lag_of_person_row(fit: PersonFit, own: Row) -> Row:
         return row | both | {x.replace("_", "_without_lag_"): end for x, end in both.items()}
     shift = np.max([2 * abs(delay[name] - whole[name]) / np.ptp(whole.interval(name)) for name in "KBI"])
     row |= {"lag_s": lag, "lag_se_s": se, "lag_shift": float(shift) if found else 0.0}
+    found &= min(delay["B"], delay["I"]) > 0  # else the lag is found, and is an image of the true one
     if found and (delay.left < DELAYED[0] * behind.left or abs(behind["lag_s"]) < DELAYED[1] * abs(lag)):
         return row | without_row(delay, "without_lag")
     return row | {x.replace("_", "_without_lag_"): end for x, end in holding([delay, behind]).items() if found}
 
 
-def friction_row(fit: PersonFit, own: Row) -> Row:
-    """What friction, or play, which is friction that drives, explain of a torque without a lag: their harm where other
-    stretches predict each one far better with them than chance, or a reflex of another shape, would make it, and K, B
-    and I then. Where they predict it better than chance alone would, the intervals of its `own` row hold these."""
+def misfit_row(fit: PersonFit, own: Row) -> Row:
+    """What explains a torque without a lag beside the reflex: friction, or play, which is friction that drives; and a
+    spring that is not linear, as a dead zone makes it. Each is heard where other stretches predict each stretch better
+    with its columns than chance would make it; friction must explain more than a reflex of another shape might. It then
+    has its harm, friction also K, B and I beside it. Of a smaller gain the intervals of the `own` row hold these."""
     person, whole, few, row = fit[0], fit[1].whole, fit[0].record.coarse, no_witness()
-    shapes = effects.shapes_of_friction(person.raw)
-    quick = without_slow(person.raw.coarse, np.transpose([*shapes.values()]), person.human.slow_hz)
-    beside = person.coarse | dict(zip(shapes, quick.T, strict=True))
-    sums, left = sums_beside(few, beside), person.muscles[0][1]
-    gained = left - predicted(sums)
-    t = float(gained.mean() / max(gained.std(ddof=1), 1e-300)) * len(gained) ** 0.5
-    chance = scipy.special.stdtr(len(gained) - 1, -t)
-    if own["lag_shift"] or chance > RUBS[2]:
-        return row
-    found = gram.fit_groups(sums, {**IMPEDANCE, **{name: name for name in beside}}, limit=np.inf)
-    if gained.sum() < RUBS[0] * left.sum() or chance > RUBS[1]:
-        return row | holding([found], own)
-    moved, of_whole = (np.array([one[name] for name in "KBI"]) for one in (found, whole))
-    family, name = ("friction", "friction") if found["slides"] > 0 else ("speed", "play")
-    harm = float(harm_of(moved - of_whole, of_whole).max())
-    return row | {f"{family}_shift": harm, "rivals": name, **without_row(found, "without")}
+    theta, alone = person.raw.coarse.motion.theta, person.muscles[0][1]
+    away = theta - theta.mean()
+    tried = {"friction": effects.shapes_of_friction(person.raw), "size": {"square": away * abs(away), "cube": away**3}}
+    for family, shapes in tried.items():
+        quick = without_slow(person.raw.coarse, np.transpose([*shapes.values()]), person.human.slow_hz)
+        beside = person.coarse | dict(zip(shapes, quick.T, strict=True))
+        left = predicted(sums := sums_beside(few, beside))
+        gained = 1 - left / alone  # shares, which are alike where the joint moves little and far
+        t = float(gained.mean() / max(gained.std(ddof=1), 1e-300)) * len(gained) ** 0.5
+        chance = scipy.special.stdtr(len(gained) - 1, -t)
+        if own["lag_shift"] or chance > RUBS[2]:
+            continue
+        found = gram.fit_groups(sums, {**IMPEDANCE, **{name: name for name in beside}}, limit=np.inf)
+        moved, of_whole = (np.array([one[name] for name in "KBI"]) for one in (found, whole))
+        harm = float(harm_of(moved - of_whole, of_whole).max())
+        if chance > RUBS[1] or (family == "friction" and left.sum() > (1 - RUBS[0]) * alone.sum()):
+            row |= holding([found], own)
+        elif family == "size":
+            row |= {"size_shift": harm, "rivals": "stiffness that changes with the angle"}
+        else:
+            heard, name = ("friction", "friction") if found["slides"] > 0 else ("speed", "play")
+            row |= {f"{heard}_shift": harm, "rivals": name, **without_row(found, "without")}
+    return row
 
 
 def reflex_gains(person: Reflexive, whole: gram.GroupFit) -> Row:
@@ -480,7 +489,6 @@ def reflex_row(fit: PersonFit) -> Row:
         "reflex_share": 100 * float(np.var(reflex) / np.var(record.part(record.filtered_torque))),
         **delay_by_muscle(person),
         "K_sooner": K_sooner,
-        "untold_share": max((whole.interval(name)[1] - whole[name]) / abs(whole[name]) for name in "KBI"),
     }
 
 
@@ -495,8 +503,10 @@ def human_joint_table(fit: PersonFit) -> pl.DataFrame:
         del row[name]  # of sines and repeats
     reflex: dict[str, Any] = reflex_row(fit)
     row |= lag_of_person_row(fit, row) | reflex
-    row |= witness_row(person.raw, answers=False) if reflex["reflex_share"] <= LEAST_REFLEX else friction_row(fit, row)
+    row |= witness_row(person.raw, answers=False) if reflex["reflex_share"] <= LEAST_REFLEX else misfit_row(fit, row)
+    low, high, at = np.array([[row[f"{name}{end}"] for name in "KBI"] for end in ("_low", "_high", "")], dtype=float)
     row |= {
+        "untold_share": float(np.max((high - low) / 2 / abs(at))),
         "VAF_held_out": held_out_vaf(analysis.sums, analysis.model, interleaved=True),
         **analysis.time_base_row(None, QUANTITIES),
         "band_low_hz": person.raw.band_hz[0],

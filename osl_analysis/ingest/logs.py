@@ -383,11 +383,12 @@ OF_ROWS = r"(?:sampl\w*|scan|acquisition|recording|data|output)[ _]*(?:rate|freq
 OF_ROWS += r"|abtast(?:rate|frequenz)|fr\w+ d.\w*chantillonnage"
 INTERVAL = rf"(?i)\b(?:delta_x|dt|(?:sampl\w*[ _]*)?(?:interval|period))\b\D*?{WRITTEN}(?:\s*([mu]?)s\b)?"
 THINNED = r"(?i)decimat|(down|sub|over)-?sampl|\bevery\W+(\d|other|second|n)|averag(ing|ed)|\bthinn"
+THINNED += r"|\b(device|internal|sensor|adc|emg|hardware)\b.*(rate|freq)"
 
 
 def stated_rate(comments: Sequence[str]) -> float | None:
     """The rate of the rows [Hz] that text beside the table states, as `Sample rate: 500 Hz` or LabVIEW's `Delta_X`.
-    None where it states several, or names a decimation: that rate may be the device's, and not that of the rows."""
+    None where it states several, or names a device or a decimation: that rate may not be that of the rows."""
     alone = r"[\s:=\x22[]*(\d{2,5}(?:\.\d*)?)(?:$|[\]};]|, )"
     rates, in_words = set[float](), rf"(?i)\b(?:{OF_ROWS})(?:\D*?{WRITTEN}\s*(k?)(?:hz|s/s|sps)|{alone})"
     for text in comments:

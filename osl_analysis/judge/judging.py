@@ -192,7 +192,7 @@ def doubt(table: str, row: AnyRow, cause: Cause, evidence: Sequence[Beyond], rem
     without = {
         f"{symbol}{end}": value
         for symbol, own in cause.without.items()
-        for column in [own if own in row else f"{symbol}_without"]  # a person's friction, as any other cause
+        for column in [own if own in row else f"{symbol}_without"]  # a person's friction is like other causes
         for end in ("", "_low", "_high")
         if (value := cell_number(row, f"{column}{end}")) is not None
     }

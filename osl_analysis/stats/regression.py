@@ -3,7 +3,7 @@ result table. The bench fits groups of rows by the same rules (bench/gram.py).
 
 The covariance of estimates comes from their scores; a score is the part of the estimates' error due to one sample. It
 is computed from the spread between repeated cycles, whose edges may lie between two samples, or from the
-autocorrelation of the residuals, which underestimates it if few samples decide on an estimate."""
+autocorrelation of the residuals, with a correction for the degrees of freedom that the fit uses up."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -125,9 +125,8 @@ class LinearFit:
     degrees_of_freedom: Array  # degrees of freedom (p,) of the estimates' variances, for Student's quantile
     residual: Array  # y minus the fit (n,) [unit of y]
     largest_correlation: float
-    """Largest absolute correlation of two estimates under white noise, without an offset's. It comes from the columns,
-    so that a few noisy cycles do not change it; 0 if there is only one. Near 1 only a combination of the two is
-    known."""
+    """Largest absolute correlation of two estimates under white noise, without an offset's. It is computed from the
+    columns: a few noisy cycles do not change it. 0 if there is only one; near 1 only a combination is known."""
 
     def __getitem__(self, name: str) -> float:
         return float(self.estimates[self.names.index(name)])
@@ -234,8 +233,7 @@ def largest_correlation(covariance: Array) -> float:
 
 
 def without(fixed: Array) -> Callable[[Array], Array]:
-    """The residual of columns (n, ...) on fixed ones (n, p), as a function: beside these, a fit of the others is small
-    algebra."""
+    """A function: the residual of columns (n, ...) on fixed ones (n, p). Beside these, a fit is then small algebra."""
     Q = np.linalg.qr(fixed)[0]
     return lambda columns: np.asarray(columns - Q @ (Q.T @ columns))
 

@@ -182,8 +182,7 @@ def welch(a: Sequence[float] | Array, b: Sequence[float] | Array, method: str) -
 
 
 def with_bench(found: Difference, se: float) -> Difference:
-    """A difference with the calibration errors of the benches, of standard error `se`, which no scatter of trials
-    shows."""
+    """A difference with the benches' calibration error, of standard error `se`, which no scatter of trials shows."""
     estimate, low, high, method = found
     if estimate is None or low is None or high is None or not se:
         return found

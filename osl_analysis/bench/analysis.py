@@ -91,9 +91,9 @@ def plausible_impedance(
     """The rows of Eq. 15 with `saturated_samples`, `K_over_K_s`, and `K_ratio`, K over the K `predicted` by linear
     theory [N*m/rad]. If the gains are not known, `K_over_K_d` has K over the stated K_d [N*m/rad] instead. Both take K
     at the largest amplitude, where friction changes it least. If only the parameter file says that the joint
-    `is_this_leg`, `K_over_K_s` is null up to 1, since another device may be that soft. Above 1 a unit is wrong, or the
-    parameter file is of another device. Raises InputError: K and its interval are negative, or K of this leg is larger
-    than that of its belt."""
+    `is_this_leg`, `K_over_K_s` is null up to 1, since another device may be that soft. Above 1 a unit may be wrong, or
+    the file is of another device. Raises InputError: K and its interval are negative, or K of this leg is larger than
+    that of its belt."""
     last = table.row(-1, named=True)
     K = last["K"]
     if last["B_low"] < 0 or last["I_high"] < 0:  # with the right sign a joint may drive the motion by K alone

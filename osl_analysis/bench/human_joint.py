@@ -37,16 +37,16 @@ from osl_analysis.stats.regression import ROUNDED, Row, products_between
 from osl_analysis.trial import Array, Trial
 
 COSINES = 8  # basis functions of a reflex's impulse response; each next one is broader
-EARLY_S = 0.04  # lag [s] above which each doubling of it has equally many
+EARLY_S = 0.04  # above this lag [s] they are evenly spaced in its logarithm
 BLOCKS, SHORTEST_BLOCK_S = 30, 2.0  # stretches whose scores give the intervals: number, and least duration [s]
-TESTED_BLOCKS, SHORTEST_TESTED_S, FEWEST_TESTED = 48, 1.0, 20  # the same of the reflex test; fewest of them
-SOONER_MS, AT_END_S = 10.0, 2e-4  # an earlier delay that is tried, too; an allowed delay's end is hit within this [s]
+TESTED_BLOCKS, SHORTEST_TESTED_S, FEWEST_TESTED = 48, 1.0, 20  # the same for the reflex test, and their least number
+SOONER_MS, AT_END_S = 10.0, 2e-4  # how much sooner than allowed one is tried; delays this near [s] to an end are at it
 ORDERS, FURTHER = (2, 3), (0, 4, 8, 12)  # orders of muscle that are tried, and numbers of cosines beside it
 TOLD = 0.5 * ROUNDED  # largest scaled condition number with cosines: above it the fit is refused
 LAG_S, DAMPED = (0.01, 0.1, 0.25), (0.4, 3.0, 10.0)  # least, first and largest; muscle of damping 10 is of first order
 MOVES = np.array([5e-4, 0.03, 0.03])  # steps of delay [s], log lag and log damping, for the derivatives of the answer
 OWN_SHARE = 0.95  # of the power of the angle's speed that lies below the cut-off if none is stated
-DELAYED = 0.8, 1.15  # it is a delay if misfit and lag are below these shares of a low-pass's; for low-passes 0.86, 1.22
+DELAYED = 0.8, 1.15  # limits of misfit (delay/low-pass) and lag (low-pass/delay) for a delay; low-passes: 0.86, 1.22
 REFLEX_ERROR = 60e-6  # SD [s] of a lag due to a reflex that the columns do not describe
 LEAST_REFLEX = 0.5  # % of the variance below which there is no reflex: 20 joints without one had up to 0.23, ankles 0.7
 RUBS = 0.2, 1e-6, 1e-4  # share of the misfit and p-value at which friction is the cause; p-value at which it may be
@@ -160,8 +160,8 @@ def late_by(columns: Array, rate_hz: float, delay_s: float) -> Array:
 
 
 def long_pieces(record: Record, slow_hz: float) -> list[slice]:
-    """The pieces of a record, between ends and gaps, long enough for a filter of some cut-off [Hz]; at least the
-    longest."""
+    """The pieces of a record, between ends and gaps, long enough for a filter with a cut-off [Hz]; the longest
+    anyway."""
     lengths = [piece.stop - piece.start for piece in record.pieces]
     least = min(3 * record.rate_hz / slow_hz + 1, max(lengths))
     return [piece for piece, length in zip(record.pieces, lengths, strict=True) if length >= least]
@@ -177,8 +177,8 @@ def without_slow(record: Record, signals: Array, slow_hz: float) -> Array:
 
 
 def without_will(record: Record, slow_hz: float, memory_s: float = 0.0) -> Record:
-    """The record without the slow part of angle and torque, which keep their means, in stretches of a thirtieth. The
-    start of each piece goes, since the `memory_s` before it was not recorded."""
+    """The record without the slow part of angle and torque, which keep their means, divided into 30 stretches. The
+    start of each piece is dropped, since the `memory_s` before it was not recorded."""
     signals = record.motion.theta, record.motion.omega, record.motion.alpha, record.filtered_torque
     theta, omega, alpha, torque = (without_slow(record, one, slow_hz) for one in signals)
     angle, level = (float(record.part(signals[k]).mean()) for k in (0, 3))
@@ -279,7 +279,8 @@ def delay_by_muscle(person: Reflexive) -> Row:
 
 
 def changing_columns(raw: Record, human: HumanJoint, slow: Array, fitted: Array) -> dict[str, Array]:
-    """Columns (n,) by which K, B and the torque at rest change with a slow signal (n,), whose fitted rows are (m,)."""
+    """Columns (n,) by which K, B and the torque at rest change with a slow signal (n,), whose fitted rows are
+    `fitted`."""
     shares = over_basis(fitted, slow) - over_basis(fitted, fitted).mean(axis=0)
     moved = {"K": raw.motion.theta - raw.part(raw.motion.theta).mean(), "B": raw.motion.omega}
     if human.over != "time":
@@ -299,8 +300,8 @@ def over_basis(fitted: Array, values: Array) -> Array:
 
 
 def friction_columns(record: Record, *cutoffs_hz: float) -> Array:
-    """Friction (n, 3 k) in the rows of the coarse record, which changes sign over three widths of speed. The speed is
-    low-passed at each of k cut-offs, above the record's: it matters for a creeping joint, and for a coarse encoder."""
+    """Friction (n, 3 k) in the rows of the coarse record, which changes sign over three widths of speed. Its speed has
+    one of k cut-offs, before the record's filter: signs differ if the joint creeps or the encoder is coarse."""
     rate, theta = record.rate_hz, record.theta
     speeds = [np.gradient(LowPass(min(hz, 0.45 * rate), 2)(theta, rate), 1 / rate) for hz in cutoffs_hz]
     step, widths = round(rate / record.coarse.rate_hz), SIGN_WIDTHS
@@ -396,8 +397,8 @@ def holding(fits: Sequence[GroupFit], *own: Row) -> Row:
 
 def lag_of_person_row(fit: PersonFit, own: Row) -> Row:
     """The lag of the torque, and K, B and I beside it; where a first-order low-pass may be the lag, the range with
-    either. If no lag is certain, a possible one changes B or I by a tenth, and no calibration states the delay, the
-    intervals of the trial's `own` row hold these. The reflex is refitted beside a lag, for which it would make up."""
+    either. These ranges join the intervals of the trial's `own` row if no lag is certain, a possible one changes B or I
+    by a tenth, and no calibration states the delay. The reflex is refitted beside a lag, for which it would make up."""
     (person, analysis), row = fit, dict.fromkeys(("lag_s", "lag_se_s", "lag_shift")) | without_row(None, "without_lag")
     late, whole = with_reflex(person.raw, person.human, person.slow, late=True), analysis.whole
     friction = without_slow(person.raw.coarse, friction_columns(person.raw, 160.0), person.human.slow_hz)

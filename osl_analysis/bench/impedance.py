@@ -167,9 +167,8 @@ def beside_friction(row: Row, name: str) -> list[float]:
 def untold_row(whole: GroupFit, row: Row) -> Row:
     """Ranges of K, B and I where friction is uncertain. If the witness may hear friction, they replace estimates and
     intervals, and hold the fit's intervals, those beside friction of any shape, and those of its rivals. If it hears
-    something else, the ranges of those rivals hold the ones beside friction, which has none of its own. If no test
-    hears paths, friction has none for B and I. If nothing is heard and K's range excludes its interval, the intervals
-    hold the ranges."""
+    something else, the ranges of those rivals hold the ones beside friction, which has none of its own; nor has it for
+    B and I if no test hears paths. If nothing is heard and K's range excludes its interval, the intervals hold them."""
     untold, heard = row["friction_shift"], row["heard"] is not None
     if not untold and (row["B_viscous"] is not None or row["B_viscous_low"] is None):
         return {}
@@ -354,8 +353,8 @@ SPRING_LOSS = 1e-3
 
 
 def late_fits(record: Record, is_spring: bool) -> tuple[GroupFit, GroupFit]:
-    """Eq. 15 with friction and a late torque, twice: of a spring the second fit allows damping, the first if it is
-    certain."""
+    """Eq. 15 with friction and a late torque, as two fits. For a spring the second allows damping, and the first is the
+    same if this damping is certain, else without."""
     few, model = record.coarse, {**IMPEDANCE, "T_C": "T_C"}
     columns, centre = effects.effect_columns(record)
     seek = partial(effects.late_fit, few, columns, centre=centre, rounded=record.rounded)

@@ -10,7 +10,7 @@ drivetrain or torque of the bench.
 
 The controller of Eq. 5 asks for k_tau n_m I_q - s f_G |I_q| - s f_C = -K_1 theta_m - B_1 omega_m, in the numbers of its
 program; s is the smoothed sign of the velocity. A loop that acts d seconds late takes K_1 d off B_1. A velocity that is
-t seconds old adds B_1 t to the coefficient of the acceleration. Its sign is as old; it is read from a velocity behind
+t seconds old adds B_1 t to the coefficient of the acceleration. Its sign is as old; it is read from a velocity with
 `QUICK` times the cut-off, since a motor that sticks and slides turns faster than the joint. Its age is the one that
 explains most of the current.
 
@@ -198,8 +198,8 @@ MISSES = {"trial": pl.String} | dict.fromkeys(("frequency_hz", "torque", "miss",
 FEWEST_OTHERS = 4  # with as many trials of the same controller, only these show what the equations lack
 DELAY_STEP = 2.5e-4  # change [s] of the delays for the derivatives
 LEAST_SHARE, CERTAIN = 0.5, 4.0  # share of the misfit that a named cause explains; its change in standard errors
-AS_GOOD = 1.5  # a cause is named beside the best one if it leaves at most this multiple of the misfit
-LEAST_MISFIT = 5e-3  # share of the torque that the delays leave; sound legs up to 0.0035
+AS_GOOD = 1.5  # a cause is named beside the best one if it leaves at most this multiple of what that leaves
+LEAST_MISFIT = 5e-3  # share of the torque that the delays must leave; sound legs leave up to 0.0035
 LEAST_CHANGE = dict.fromkeys(COMPONENTS, 0.05) | {"torque_gain": 0.02, "angle_delay": 1.5e-3, "velocity_delay": 5e-3}
 """Smallest named change, relative to a component, or of a delay [s]. A sampled loop acts half a sample late or later (1
 ms at 500 Hz); a velocity from a filtered difference is older still."""
@@ -322,9 +322,9 @@ def miss_over_frequency(record: Record, predicted: Array) -> pl.DataFrame:
 
 
 def prediction_terms(record: Record, law: Controller, components: Components) -> tuple[pl.DataFrame, pl.DataFrame]:
-    """A row `predicted`, and one for each of `TERMS`, with K, B and I of its torque and its part of the RMS `torque`,
-    to first order. The prediction has its `VAF` [percent] and the `rms` [N*m] of its residual; the terms have `ALONG`.
-    The second table is `miss_over_frequency`. Raises as `predicted_torques`."""
+    """A row `predicted`, and one for each of `TERMS`, with K, B and I of its torque, its part of the RMS `torque` to
+    first order, and `ALONG`, without offset and drift. The prediction has its `VAF` [percent] and the `rms` [N*m] of
+    its residual. The second table is `miss_over_frequency`. Raises as `predicted_torques`."""
     exact = {"B_j": record.motion.omega, "J_j": record.motion.alpha}  # the torque is linear in them
     steps, legs = dict.fromkeys(DELAYS, DELAY_STEP), [(law, components.p)]
     legs += [(replace(law, **{name: DELAY_STEP}), components.p) for name in DELAYS]  # type: ignore[arg-type]

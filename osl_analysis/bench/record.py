@@ -203,9 +203,8 @@ class Record:
 
     @cached_property
     def repeated_steps(self) -> list[tuple[float, float]]:
-        """Steps of angle [rad] and torque [N*m], each with the share of its rounding error that all cycles repeat:
-        noise of s steps before rounding leaves exp(-(2 pi s)^2/2) (Widrow and Kollar, Quantization Noise, 2008, ch.
-        5)."""
+        """Steps of angle [rad] and torque [N*m], and the share of their rounding error that all cycles repeat: noise of
+        s steps before rounding leaves exp(-(2 pi s)^2/2) of it (Widrow and Kollar, Quantization Noise, 2008, ch. 5)."""
         found = list[tuple[float, float]]()
         for step, density, raw in zip(self.steps, self.noise, (self.theta, self.torque), strict=True):
             # rounding of slow motion is not white, and fast motion is no noise: third differences take off what is
@@ -315,7 +314,7 @@ class Record:
     @property
     def swift_omega(self) -> Array:
         """Velocity [rad/s] in the rows of `coarse`, for the sign of friction. If the motion exceeds the fit's cut-off,
-        it has a filter that passes the motion: the sign of a slower signal changes at other times."""
+        the filter is one that passes it: the sign of a slower signal changes at other times."""
         few, highest = self.coarse, self.band_hz[1]
         if not highest > BEYOND * self.low_pass.cutoff_hz:
             return few.motion.omega
@@ -337,8 +336,8 @@ class Record:
         return joined([one.rows for one in self.groups.strata if label is None or one.label == label], apart=1)
 
     def label_near(self, amplitude_deg: float | None) -> Label:
-        """The label near an amplitude [deg], commanded or measured; None: of the largest one. Raises InputError: none
-        is near."""
+        """The label near an amplitude [deg], commanded or measured; for None the largest. Raises InputError: none is
+        near."""
         of = {x: one.commanded_deg or x for one in self.groups.strata if isinstance(x := one.label, float)}
         if not of:
             return None

@@ -28,8 +28,8 @@ from osl_analysis.trial import Array, rms
 CHUNKS = 24  # parts of a recording; the covariance comes from the scatter of their scores
 HIGHEST_HZ = 8.0  # highest end of the witness's band: above it, rounding of the angle raises false alarms
 FAST_HZ = (2.0, 12.0)  # second band: it shows a late torque better if the motion is by hand or in steps
-TELLS = 100.0  # the band ends where the angle's power over its noise's falls below this: noise dominates a snap
-OWN = 3.0, 1e-4  # a higher derivative counts if the lower ones leave more than these shares of its noise and RMS
+TELLS = 100.0  # the band ends where the angle's power falls below this multiple of its noise: a snap would be noise
+OWN = 3.0, 1e-4  # a higher derivative counts if its own part exceeds these multiples of its noise and of its RMS
 TELLING = 4.0  # effective number of chunks that must hold this remainder: two steady sines give 1.4 to 3.4
 RATE_HZ = 50.0  # sampling rate of the columns whose products are summed
 HEARD = -3.5  # log10 of the p-value below which a family is heard
@@ -38,7 +38,7 @@ ALIKE = 3.0  # standard errors, paired by chunks, within which the misfits of tw
 CHANCE = 10.0  # one of many rivals may fit better by chance, by as much as this many parameters fitted to noise
 JUMPS = 0.4  # a lag that changes at once is heard if it leaves less than this share of what a constant lag leaves
 UNEXPLAINED = 0.7  # an equally good rival may miss at most this share of what the best one explains
-EXPLAINS = 0.1  # rivals that leave less of the misfit are told even if certain friction leaves K, or B, open
+EXPLAINS = 0.1  # share of the misfit: rivals that leave less are told even if certain friction leaves K, or B, open
 RUBBING = 0.5  # friction may be the cause if it explains this share of what the best rival does; early torque: 0.3
 NEAR_PATH = 0.15  # paths are alike if their misfits differ by less than this share: their models are approximate
 MOMENTS = np.arange(6, 19) / CHUNKS  # shares of the fitted rows after which K, or a lag, may change
@@ -262,7 +262,7 @@ class Court:
         if len(view.rows) > CHUNKS * RATE_HZ:  # in shorter chunks a change at some moment arises by chance
             self.chance["time"] = min(self.chance["time"], *(chance + np.log10(len(at_once)) for chance in at_once))
         if self.late_at_once[1] < JUMPS * self.left([*view.base, view.column(self.slope)]):
-            self.chance["time"] = min(self.chance["time"], 2 * HEARD)  # its chunks scatter by its own size
+            self.chance["time"] = min(self.chance["time"], 2 * HEARD)  # this misfit inflates the scatter of chunks
         if size < 0:  # negative friction: play, or damping that falls with speed
             self.chance["speed"] = min(self.chance["speed"], by_friction - FRICTION)
 
@@ -283,8 +283,7 @@ class Court:
         slopes: Sequence[Array] = (),
         parameters: int = 0,
     ) -> None:
-        """Add a rival by its columns, those of the model first; `slopes` (m,): derivatives of the fit by its own
-        parameters."""
+        """Add a rival by its columns, those of the model first; `slopes` (m,) are derivatives by its own parameters."""
         estimates, left = self.fitted(columns)
         of_model, Z = slice(len(self.view.base)), np.array([*columns, *slopes, *self.beside])
         variance = np.diag(scattered(self.view.sums([*Z]))[1])
@@ -558,8 +557,8 @@ def witness_row(
 ) -> Row:
     """The witness's evidence. `<family>_shift` is the largest change of an estimate by a rival in multiples of `HARM`;
     0: the family is not heard, or does not explain most. `rivals` cannot be told apart; `<name>_without` are the
-    estimates beside them; `VAF_in_band` is in percent. Two clocks have their drift if no repeats tell it. A leg is not
-    of second order and has its own friction: with `is_leg` the shifts are no evidence, and null.
+    estimates beside them; `VAF_in_band` is in percent. The row of two clocks has their drift, if repeats give none. A
+    leg is not of second order and has its own friction: with `is_leg` the shifts are no evidence, and null.
 
     Raises InputError: the clocks drift apart by more than the settings allow; the message names the trial."""
     view = View(record, 3 - len(names), rubs)
@@ -584,7 +583,7 @@ def witness_row(
     if not alike:
         return row
     every, half = (np.array([getattr(one, name) for one in alike]) for name in ("estimates", "half"))
-    half = np.minimum(half, np.maximum(np.abs(every), half[0]))  # a path without effect has an interval without end
+    half = np.minimum(half, np.maximum(np.abs(every), half[0]))  # a path without effect has an unbounded interval
     low, high = (every - half).min(axis=0), (every + half).max(axis=0)
     row |= {"path_shift": None} if alike[0].family == "friction" else {}
     harm, first, chance = harm_of(every - none.estimates, none.estimates), alike[0].family, court.chance

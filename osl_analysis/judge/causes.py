@@ -107,8 +107,7 @@ def explaining(row: AnyRow, found: Mapping[str, Beyond]) -> Cause | None:
 
 
 def causes_in(row: AnyRow, found: Mapping[str, Beyond], misfit_by: Cause | None) -> list[tuple[Cause, list[Beyond]]]:
-    """The evidence `found` in a row by cause: causes of others first, unknown ones last; `misfit_by` takes the
-    misfit."""
+    """The evidence `found` in a row by cause: causes of others first, unknown last; `misfit_by` takes the misfit."""
 
     def order(one: Beyond) -> int:
         known = EVIDENCE.get(one.column)

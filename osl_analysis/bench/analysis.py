@@ -54,8 +54,7 @@ def check_changes(column: str, values: Array) -> None:
 
 def check_resists(trial: str, symbol: str, value: float, high: float | None = None) -> None:
     """Refuse a negative estimate of what can only resist motion: a torque of the wrong sign changes the sign of every
-    estimate, and fits as well. If `high`, the upper end of the interval, is positive, the joint may have no
-    stiffness."""
+    estimate, and fits as well. If `high`, the interval's upper end, is positive, the joint may have no stiffness."""
     if value < 0 and (high is None or high < 0):
         raise InputError(
             f"trial {trial}: {symbol} = {value:.4g} is negative, so the torque drives the motion instead of resisting "
@@ -190,8 +189,8 @@ class Analysis:
         return self.fits[self.label]
 
     def row(self, label: Label, *names: str) -> Row:
-        """The first columns in the rows of every amplitude: estimates, covariances, repeatability (null if nothing
-        repeats), diagnostics."""
+        """The first columns of every amplitude's rows: estimates, covariances, repeatability (null: no repeats),
+        diagnostics."""
         fit = self.calibrated(self.fits[label], label)
         commanded = {one.label: one.commanded_deg for one in self.record.groups.strata}
         return {
@@ -408,8 +407,7 @@ def torque_errors(torque: Array, rate_hz: float, rows: NDArray[np.intp], stated:
 
 
 def at_zero(fit: GroupFit, centre: float) -> GroupFit:
-    """The fit with its offset at angle 0 instead of at the `centre` [rad] of the motion, or back with a negative
-    centre."""
+    """The fit with its offset at angle 0 instead of at the motion's `centre` [rad], or back with a negative centre."""
     if "K" not in fit.names:
         return fit
     turn = np.eye(len(fit.names))
@@ -453,8 +451,8 @@ def friction_rows(s: Sums, analysis: Analysis, is_leg: bool = False) -> dict[Lab
 def without_friction_row(
     s: Sums, shapes: Sums | None, analysis: Analysis, label: Label, certain: bool, moved: Sequence[str], own: list[str]
 ) -> Row:
-    """Estimates of `moved` and of friction under their `own` names, and K and I of a joint with friction of all
-    `shapes`."""
+    """Estimates of `moved` and of friction under their `own` names; with all `shapes` of friction K and I beside it,
+    too."""
     model, fit = analysis.model, analysis.fits[label]
     if shapes is None and not certain:
         return {}

@@ -385,7 +385,7 @@ def levels_of(current: Array, rate_hz: float, usable: NDArray[np.bool_]) -> list
 def stalled_of(signals: UniformSignals, settings: ActuatorAnalysis, levels: list[slice]) -> Analysis:
     """k_tau n_m of an actuator at rest with a stepped current. Its torque in the plateaus (`levels_of`), which are the
     interval's units, is k_tau n_m I_q - (T + T_G |I_q|) s + offset + drift. T and T_G are the friction that lags behind
-    steps up (s = 1) and down (s = -1); without them k_tau n_m would absorb it. The fit has neither if all steps go one
+    steps up (s = 1) and down (s = -1); without them k_tau n_m would absorb it. They are left out if all steps go one
     way."""
     low_pass, rate, current = settings.low_pass, signals.rate_hz, signals["current"]
     if len(levels) < FEWEST_LEVELS:

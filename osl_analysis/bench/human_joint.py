@@ -160,7 +160,7 @@ def late_by(columns: Array, rate_hz: float, delay_s: float) -> Array:
 
 
 def long_pieces(record: Record, slow_hz: float) -> list[slice]:
-    """The pieces of a record, between ends and gaps, long enough for a filter with a cut-off [Hz]; the longest
+    """The pieces of a record, between ends and gaps, that are long enough for a filter at `slow_hz`; the longest
     anyway."""
     lengths = [piece.stop - piece.start for piece in record.pieces]
     least = min(3 * record.rate_hz / slow_hz + 1, max(lengths))
@@ -279,8 +279,7 @@ def delay_by_muscle(person: Reflexive) -> Row:
 
 
 def changing_columns(raw: Record, human: HumanJoint, slow: Array, fitted: Array) -> dict[str, Array]:
-    """Columns (n,) by which K, B and the torque at rest change with a slow signal (n,), whose fitted rows are
-    `fitted`."""
+    """Columns (n,) by which K, B and torque at rest change with a `slow` signal (n,), whose `fitted` rows are (m,)."""
     shares = over_basis(fitted, slow) - over_basis(fitted, fitted).mean(axis=0)
     moved = {"K": raw.motion.theta - raw.part(raw.motion.theta).mean(), "B": raw.motion.omega}
     if human.over != "time":

@@ -219,7 +219,7 @@ def eq15(w: Array) -> Impedances:
 
 @dataclass(frozen=True)
 class PlannedFit:
-    """Least squares on filtered signals: the filter weights the sines. Offset and drift are orthogonal to whole
+    """Least squares on filtered signals: the filter weights the sines. Offset and drift are orthogonal to full
     cycles."""
 
     sines: PlannedSines

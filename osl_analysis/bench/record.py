@@ -336,7 +336,7 @@ class Record:
         return joined([one.rows for one in self.groups.strata if label is None or one.label == label], apart=1)
 
     def label_near(self, amplitude_deg: float | None) -> Label:
-        """The label near an amplitude [deg], commanded or measured; for None the largest. Raises InputError: none is
+        """The label near an amplitude [deg], commanded or measured; None: the largest. Raises InputError: none is
         near."""
         of = {x: one.commanded_deg or x for one in self.groups.strata if isinstance(x := one.label, float)}
         if not of:

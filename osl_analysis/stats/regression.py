@@ -82,7 +82,7 @@ def between_cycles(sums: Array, stratum: NDArray[np.intp]) -> tuple[Array, Array
 
 
 def less(covariance: Array, variances: Array) -> Array:
-    """A covariance (p, p) less some variances (p,), with its correlations."""
+    """A covariance (p, p) less some of its variances (p,); correlations are kept."""
     share = np.maximum(variances, 0.0) / np.maximum(np.diag(covariance), np.finfo(float).tiny)
     left = np.sqrt(np.maximum(1 - share, 0.0))
     return np.asarray(covariance * np.outer(left, left))

@@ -1,5 +1,5 @@
-"""What all fits of a trial on the dynamometer share: the fits by label, their rows of a table, the series for a report,
-the time base, and what an estimate cannot be."""
+"""What all fits of a trial on the dynamometer share: fits by label, table rows, series for a report, the time base, and
+limits of what an estimate can be."""
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -43,7 +43,7 @@ from osl_analysis.trial import Array, check_measured, known_factor, rms
 
 
 def check_changes(column: str, values: Array) -> None:
-    """Refuse a signal (n,) that never changes, as that of a dead sensor."""
+    """Refuse a signal (n,) that never changes, such as that of a dead sensor."""
     check_measured(column, values)
     if not np.ptp(values):
         raise InputError(
@@ -53,9 +53,8 @@ def check_changes(column: str, values: Array) -> None:
 
 
 def check_resists(trial: str, symbol: str, value: float, high: float | None = None) -> None:
-    """Refuse a negative estimate of what can only resist motion. A torque of the wrong sign changes the sign of every
-    estimate, and the fit is as good as before. Where `high`, the upper end of the interval, is positive, it may be the
-    estimate of a joint without stiffness."""
+    """Refuse a negative estimate of what can only resist motion: a torque of the wrong sign changes the sign of every
+    estimate, and fits as well. If `high`, the interval's upper end, is positive, the joint may have no stiffness."""
     if value < 0 and (high is None or high < 0):
         raise InputError(
             f"trial {trial}: {symbol} = {value:.4g} is negative, so the torque drives the motion instead of resisting "
@@ -64,8 +63,8 @@ def check_resists(trial: str, symbol: str, value: float, high: float | None = No
 
 
 def plausible(table: pl.DataFrame, rails: pl.Expr, p: DrivetrainParameters | None, *names: str) -> pl.DataFrame:
-    """Rows of belt, transmission or actuator with `saturated_samples`, each named estimate's ratio to the parameter
-    file's, null without one or where that is 0. Raises InputError: the first estimate is negative:
+    """Rows of belt, transmission or actuator with `saturated_samples`, and the ratio of each named estimate to the
+    parameter file's; null without a file, or if that is 0. Raises InputError: the first estimate is negative, because
     torque, angle or current has the wrong sign."""
     last = table.row(-1, named=True)
     if names[0] != "k_tau_n_m":
@@ -88,17 +87,17 @@ def plausible_impedance(
     predicted: float | None = None,
     K_d: float | None = None,
 ) -> pl.DataFrame:
-    """The rows of Eq. 15 with `saturated_samples`, `K_over_K_s` and `K_ratio`: K over `predicted`, by linear theory
-    [N*m/rad], if the gains are known, else `K_over_K_d`, over K_d [N*m/rad] if that is stated. Both are of the largest
-    amplitude in every row, since friction changes K least there. Where nothing but the parameter file says that the
-    joint `is_this_leg`, `K_over_K_s` is null up to 1: another device may be as soft as it likes; beyond that a unit
-    may be wrong, or the parameter file is of another device.
-    Raises InputError: K and its interval are negative, or K of this leg is larger than that of its belt."""
+    """The rows of Eq. 15 with `saturated_samples`, `K_over_K_s`, and `K_ratio`, K over the K `predicted` by linear
+    theory [N*m/rad]. If the gains are not known, `K_over_K_d` has K over the stated K_d [N*m/rad] instead. Both take K
+    at the largest amplitude, where friction changes it least. If only the parameter file says that the joint
+    `is_this_leg`, `K_over_K_s` is null up to 1, since another device may be that soft. Above 1 a unit may be wrong, or
+    the file is of another device. Raises InputError: K and its interval are negative, or K of this leg is larger than
+    that of its belt."""
     last = table.row(-1, named=True)
     K = last["K"]
-    if last["B_low"] < 0 or last["I_high"] < 0:  # of the right sign a joint may drive the motion by its K alone
+    if last["B_low"] < 0 or last["I_high"] < 0:  # with the right sign a joint may drive the motion by K alone
         check_resists(last["trial"], "K", K, last["K_high"])
-    if p is not None and is_this_leg and K > 1.1 * p.K_s:  # in series with a motor; a tenth for the belt at hand
+    if p is not None and is_this_leg and K > 1.1 * p.K_s:  # the belt is in series with a motor; 10 % for its tolerance
         ratio, reference = K / (predicted or p.K_s), "what the gains should give" if predicted else "K_s"
         name, size = known_factor(ratio)
         factor = name and f"{size:.3g} is the factor {name}"
@@ -117,8 +116,8 @@ def plausible_impedance(
     return table.with_columns(rails, of_belt.alias("K_over_K_s"), of_gains, of_sheet)
 
 
-OWN_ANGLE = 1.25  # RMS of the angle over that of its own part, below which K hardly depends on I
-FAR_TOO_LARGE = 10.0  # times the largest error of I, beyond which units are wrong
+OWN_ANGLE = 1.25  # RMS of the angle over that of its part orthogonal to omega and alpha; below, K hardly depends on I
+FAR_TOO_LARGE = 10.0  # multiples of the largest error of I above which units are wrong
 
 
 def check_told(
@@ -129,14 +128,14 @@ def check_told(
     stiffness: tuple[float, float],
     largest_inertia_error: float | None,
 ) -> float:
-    """The error of I [kg*m^2] that its interval must hold where the motion hardly tells it, else 0.
+    """The error of I [kg*m^2] that its interval must include if the motion hardly determines I, else 0.
 
-    Refuses a motion whose band [Hz] cannot tell K from I; the message begins with `what` and names the band that is
-    missing (IdentifiabilityError). It is judged by what an error of 0.1 % of the torque's RMS does, which calibrations
-    and models leave, in the shape of the part of a column that the others do not explain: a slow motion has little of
-    it. Where the angle is nearly all of it such a part, as of ramps between levels, K is told without I. `motion`:
-    angle [rad], velocity and acceleration, filtered, without means, (3, n), `torque_rms` [N*m] filtered, `stiffness` K
-    with its standard error."""
+    Refuses a motion whose band [Hz] cannot tell K from I (IdentifiabilityError); the message begins with `what` and
+    names the missing band. The criterion is an error of 0.1 % of the torque's RMS, as calibrations and models leave, in
+    the shape of the part of a column that is orthogonal to the others. Slow motion has little of it. If the angle is
+    nearly all such a part, as in ramps between levels, K is known without I. `motion`: angle [rad], velocity and
+    acceleration, filtered, without means, (3, n); `torque_rms` [N*m]: filtered; `stiffness`: K and its standard
+    error."""
     theta, omega, alpha = motion
 
     def own_part(column: Array, *others: Array) -> float:
@@ -156,8 +155,8 @@ def check_told(
             "missing, excite it as well, or take the stiffness alone by experiment 'torque_angle', or check the units "
             f"of theta and torque, by which K would be {K:.3g} N*m/rad"
         )
-    # K by a tenth, and three times what the error is of torque over angle: without stiffness there is no share of K. It
-    # is 1.6 from 0.5 to 6 Hz.
+    # Without stiffness a tenth of K is no limit: the angle's RMS must also exceed three times that of its own part.
+    # This ratio is 1.6 from 0.5 to 6 Hz.
     if of_K > max(0.1 * abs(K), K_se) and rms(theta) > 3 * own_part(theta, omega, alpha):
         raise IdentifiabilityError(
             f"{cannot} changes K by {of_K:.2g} N*m/rad; the band below {low:.2g} Hz is missing, excite it as well"
@@ -167,11 +166,11 @@ def check_told(
 
 QUANTITIES = ("K", "B", "I")  # parameters of Eq. 15
 LITTLE = {"K": 0.0, "B": 2.0, "I": 5e-3}
-"""Sizes of K, B [N*m*s/rad] and I [kg*m^2] below which shares say little; added in quadrature to what a share is of."""
+"""Sizes of K, B [N*m*s/rad] and I [kg*m^2], added in quadrature to the divisor of a relative change."""
 SumsOf = Callable[[Record, Model], Sums]
 PER_ANGLE = dict.fromkeys(("K", "B", "I", "K_s", "B_j", "J_j", "B_m", "J_m", "weight"), 1) | {"K_s2": 2}
-"""Powers of the angle by which estimates are torques."""
-ALSO = {"K_s2": "square", "weight": "theta"}  # columns of estimates beside a model
+"""Powers of the angle by which estimates are multiplied to give a torque."""
+ALSO = {"K_s2": "square", "weight": "theta"}  # columns of estimates that no model names
 
 
 @dataclass(frozen=True)
@@ -181,17 +180,17 @@ class Analysis:
     record: Record
     sums: Sums
     model: Model
-    fits: Mapping[Label, GroupFit]  # the intervals have the error of the bench's stiffness; offsets are at angle 0
-    others: Mapping[Label, LinearFit]  # the same if undecided stamps were taken the other way; empty: all are decided
-    label: Label = None  # whose fit stands for the trial
+    fits: Mapping[Label, GroupFit]  # the intervals include the error of the bench's stiffness; offsets are at angle 0
+    others: Mapping[Label, LinearFit]  # the same with the other reading of undecided stamps; empty: all are decided
+    label: Label = None  # of the fit that stands for the trial
 
     @property
     def whole(self) -> GroupFit:
         return self.fits[self.label]
 
     def row(self, label: Label, *names: str) -> Row:
-        """The columns that the rows of every amplitude begin with: estimates, covariances, repeatability (null where
-        nothing repeats), diagnostics."""
+        """The first columns of every amplitude's rows: estimates, covariances, repeatability (null: no repeats),
+        diagnostics."""
         fit = self.calibrated(self.fits[label], label)
         commanded = {one.label: one.commanded_deg for one in self.record.groups.strata}
         return {
@@ -206,8 +205,8 @@ class Analysis:
         }
 
     def calibrated(self, fit: GroupFit, label: Label = None) -> GroupFit:
-        """A fit to a label, of the model or with effects beside it, with the stated errors of the bench's calibration
-        in its intervals. Comparisons within a trial, or with what the fit expects, have no such error."""
+        """A fit to a label, of the model or with effects, whose intervals include the stated errors of the bench's
+        calibration. Comparisons within a trial do not include them."""
         record, rows, stated = self.record, self.record.rows(label), self.record.calibration
         if stated == NOT_STATED:
             return fit
@@ -230,13 +229,13 @@ class Analysis:
         return diagnostics_row(self.fits[label], record.rate_hz, white)
 
     def shared(self, label: Label, *names: str) -> Row:
-        """VAF on data held out, the drift that was subtracted [N*m/min], and the change by another time base."""
+        """VAF of held-out data, the subtracted drift [N*m/min], and the change by another time base."""
         told = {"VAF_held_out": held_out_vaf(self.sums, self.model, label), "load_cell_drift": 60 * self.record.drift}
         return told | self.time_base_row(label, names)
 
     def time_base_row(self, label: Label, names: Sequence[str]) -> Row:
-        """`time_base_shift`: the largest change of an estimate if undecided stamps were taken the other way. In
-        half-widths of its 95 % interval; null where the stamps are decided."""
+        """`time_base_shift`: the largest change of an estimate by the other reading of undecided stamps, in half-widths
+        of its 95 % interval; null if the stamps are decided."""
         fit, other = self.fits[label], self.others.get(label)
         if other is None:
             return {"time_base_shift": None}
@@ -252,21 +251,21 @@ class Analysis:
         return timebase_table(self.record.uniform, words, self.record.bench)
 
     def modelled(self, label: Label = None, rows: slice | NDArray[np.intp] = slice(None)) -> Array:
-        """Torque [N*m] of the fit to a label in some rows; of that to all where the label has none."""
+        """Torque [N*m] of the fit to a label in some rows; a label without a fit has that of the fit to all."""
         fit = at_zero(self.fits.get(label, self.whole), -self.sums.centre)
         parts = (fit[name] * self.sums.columns[column][rows] for name, column in self.model.items())
         return np.asarray(reduce(np.add, parts))
 
     def series(self) -> "Series":
-        """Measured torque and that of the fit that stands for the trial, over all of it."""
+        """Measured and modelled torque over the whole trial, by the fit that stands for it."""
         record = self.record
         fitted = np.zeros(len(record.time), dtype=bool)
         fitted[record.rows(self.label)] = True
         return Series(record.time, record.filtered_torque, self.modelled(self.label), record.motion.theta, fitted)
 
     def last_seconds(self, label: Label, duration_s: float) -> pl.DataFrame:
-        """The last seconds of the motion of a label, measured and by its fit (Fig. 4). Rests and other labels within
-        these seconds have no rows. Rows that are not fitted, such as first cycles, have no modelled torque (null)."""
+        """The last seconds of a label's motion, measured and modelled (Fig. 4). Rests and other labels within them have
+        no rows. Rows that are not fitted, such as first cycles, have no modelled torque (null)."""
         record = self.record
         moving = record.moving(label) if record.is_stepped_sine else record.pieces
         rows = np.concatenate([np.r_[piece] for piece in moving])
@@ -284,7 +283,7 @@ class Analysis:
 
 
 def fitted_motion(record: Record, sums: Sums, model: Model, again: SumsOf = plain_sums) -> Analysis:
-    """Eq. 15, with what the `model` has beside it, of any motion; the arguments are those of `analysed`.
+    """Eq. 15, with the other terms of the `model`, fitted to any motion; the arguments are those of `analysed`.
 
     Raises InputError: the joint hardly moves; IdentifiabilityError: as `check_told`."""
     of, (low, high), moving_s = record.groups, record.band_hz, np.inf
@@ -296,7 +295,7 @@ def fitted_motion(record: Record, sums: Sums, model: Model, again: SumsOf = plai
             raise IdentifiabilityError("K, B and I cannot be told from so little")
         analysis = analysed(record, sums, model, again)
     except IdentifiabilityError as error:
-        if record.is_stepped_sine:  # what it has, and which band is missing
+        if record.is_stepped_sine:  # name its frequencies, and the missing band
             hz, sizes = sorted({float(f"{one.frequency_hz:.3g}") for one in of.strata}), of.labels
             words = (
                 f"K and I cannot be told apart: the sines of {', '.join(f'{x:g}' for x in sizes)} deg are of "
@@ -321,12 +320,12 @@ def fitted_motion(record: Record, sums: Sums, model: Model, again: SumsOf = plai
 
 
 def check_moves(record: Record, sums: Sums) -> None:
-    """Refuse a record that hardly moves: the rounding of an angle of a few steps of the encoder is no noise but a part
-    of the motion. Or one that moves slowly: noise of the encoder makes its acceleration, by a tenth or more of the
-    power of the part of it that is not proportional to angle and velocity."""
+    """Refuse a record that moves too little or too slowly. With a few steps of the encoder rounding is no noise, but
+    part of the motion. In slow motion the encoder's noise is a tenth or more of the power of the acceleration's part
+    that is not proportional to angle and velocity."""
     measured, step, fewest, slow, most = record.part(record.bench_angle), record.steps[0], 20.0, 200, 0.1
     values = len(np.unique(measured))
-    levels = values if values <= slow else np.inf  # there are more where the motion is slow
+    levels = values if values <= slow else np.inf  # slow motion has more of them
     steps = float(np.inf if step is None else np.ptp(measured) / step)
     if min(steps, levels) < fewest:
         little = f"the joint hardly moves: theta turns by {steps:.0f} steps of its encoder", "move it by more"
@@ -343,7 +342,7 @@ def check_moves(record: Record, sums: Sums) -> None:
     if share <= most:
         return
     how, remedy = "hardly moves", "move it by more, or faster, and check the unit of theta in the source file"
-    if steps >= slow:  # no small motion
+    if steps >= slow:  # the motion is not small
         how = "moves too slowly"
         remedy = "move it faster, by 0.5 to 6 Hz, or take the stiffness alone by experiment 'torque_angle'"
     raise InputError(
@@ -368,18 +367,18 @@ def turn_deg(sums: Sums, label: Label = None) -> float:
 
 
 def analysed(record: Record, sums: Sums, model: Model, again: SumsOf = plain_sums) -> Analysis:
-    """Fit a model to each label of a record that tells it, with its sums, and to all of it; `again` gives those of the
-    same record on a softer bench or with other stamps. Raises InputError, IdentifiabilityError: as `fit_groups`."""
+    """Fit a model to all of a record and to each label that determines it, by its sums; `again` gives those of the same
+    record on a softer bench or with other stamps. Raises InputError, IdentifiabilityError: as `fit_groups`."""
 
     def fitted(own: Sums) -> dict[Label, GroupFit]:
         found = dict[Label, GroupFit]()
         for label in dict.fromkeys((*own.groups.labels, None)):
             hz = [one.frequency_hz for one in own.groups.strata if label in (None, one.label)]
             try:
-                if {"theta", "alpha"} <= {*model.values()} and max(hz) < 1.02 * min(hz):  # noise alone tells the rest
+                if {"theta", "alpha"} <= {*model.values()} and max(hz) < 1.02 * min(hz):  # noise would tell K from I
                     raise IdentifiabilityError(f"K and I cannot be told apart by sines of {hz[0]:.3g} Hz")
                 found[label] = at_zero(with_effects(own, model, (), label), own.centre)
-            except IdentifiabilityError:  # one amplitude need not tell all: a drive may reach less at high frequencies
+            except IdentifiabilityError:  # a drive may reach fewer frequencies at one amplitude
                 if label is None:
                     raise
         return found
@@ -394,21 +393,21 @@ def analysed(record: Record, sums: Sums, model: Model, again: SumsOf = plain_sum
 
 
 def widened(fit: GroupFit, change: Array, shared: bool = False) -> GroupFit:
-    """The fit with an error of type B in its intervals, one SD of which makes this change (p,) of the estimates;
-    `shared` by all trials on the bench."""
+    """The fit with an error of type B in its intervals, which changes the estimates by `change` (p,) per SD; `shared`
+    by all trials on the bench."""
     found, known = with_shared_error(fit, change), fit.shared + change**2 if shared else fit.shared
     return replace(fit, covariance=found.covariance, degrees_of_freedom=found.degrees_of_freedom, shared=known)
 
 
 def torque_errors(torque: Array, rate_hz: float, rows: NDArray[np.intp], stated: Calibration) -> Array:
-    """What one standard uncertainty of the load cell's hysteresis, and of its delay, adds to a torque (n,) [N*m] that
-    is smooth: (2, n). The loop is that of the range in some rows, as wide everywhere: a bound."""
+    """Errors of a smooth torque (n,) [N*m] by one standard uncertainty of the load cell's hysteresis and of its delay,
+    (2, n). The loop has the width for the range in `rows` everywhere, which is a bound."""
     rate = np.gradient(torque, 1 / rate_hz)
     return np.array([stated.slip * np.ptp(torque[rows]) * np.sign(rate), stated.delay * rate])
 
 
 def at_zero(fit: GroupFit, centre: float) -> GroupFit:
-    """The fit with its offset at angle 0 in place of the `centre` [rad] of the motion, or back with a negative one."""
+    """The fit with its offset at angle 0 instead of at the motion's `centre` [rad], or back with a negative centre."""
     if "K" not in fit.names:
         return fit
     turn = np.eye(len(fit.names))
@@ -418,12 +417,12 @@ def at_zero(fit: GroupFit, centre: float) -> GroupFit:
 
 
 def friction_rows(s: Sums, analysis: Analysis, is_leg: bool = False) -> dict[Label, Row]:
-    """Of each label Coulomb friction [N*m], and the share of the damping that it makes, 0 where all of the trial has
-    none for certain; where the label has, viscous damping, K and I without friction, and friction, with intervals.
+    """Coulomb friction [N*m] by label, and the share of the damping due to it, which is 0 if the whole trial has no
+    certain friction. If a label has it, also viscous damping, K, I and friction with intervals.
 
-    That of a leg, or of another joint of higher order, stands behind a spring: it is one column, of a sign. That of any
-    other joint has all shapes, and K and I of the row are those beside it. Where it is not certain, and may take K, B
-    or I beyond their intervals by more than `HARM`, the intervals beside it are given alone."""
+    A leg's friction, or that of another joint of higher order, acts behind a spring: its only column is a sign. Any
+    other joint has friction of all shapes, and the row's K and I are beside it. If friction is not certain but may move
+    K, B or I out of their intervals by more than `HARM`, only the intervals beside it are given."""
     model, fits = analysis.model, analysis.fits
     shapes = None if is_leg else sums_of_friction(analysis)
     damping = next(name for name, column in model.items() if column == "omega")
@@ -431,19 +430,19 @@ def friction_rows(s: Sums, analysis: Analysis, is_leg: bool = False) -> dict[Lab
     own = [f"{damping}_viscous", *(f"{name}_without_friction" for name in moved[1:]), "f_C" if "K" in model else "T_C"]
     names = [f"{name}{end}" for name in own for end in ("", "_se", "_low", "_high")]
     rows, whole_has = dict[Label, Row](), False
-    for label, fit in sorted(fits.items(), key=lambda item: item[0] is not None):  # first that of all of the trial
+    for label, fit in sorted(fits.items(), key=lambda item: item[0] is not None):  # the whole trial first
         rows[label] = dict.fromkeys(("coulomb_torque", "coulomb_damping", "coulomb_share", *names))
         try:
             beside, alone = with_friction(s, model, label), with_effects(s, model, ("T_C",), label)
         except IdentifiabilityError:
             continue
         torque = beside["T_C"]
-        made = (fit[damping] - alone[damping]) / alone["T_C"] * torque  # of the damping, by this friction
+        made = (fit[damping] - alone[damping]) / alone["T_C"] * torque  # damping due to this friction
         rows[label] |= {"coulomb_torque": torque, "coulomb_damping": made, "coulomb_share": 0.0}
         certain = torque > 0 and beside.certain("T_C", FALSE_ALARM)
         whole_has = certain if label is None else whole_has
         if whole_has:
-            # friction that a controller takes off is not Coulomb's: the smaller of two answers is held against a trial
+            # a controller may compensate friction that is not Coulomb's: the smaller of two answers counts as evidence
             rows[label]["coulomb_share"] = max(min(made, fit[damping] - alone[damping]), 0.0) / fit[damping]
         rows[label] |= without_friction_row(s, shapes, analysis, label, certain, moved, own)
     return rows
@@ -452,7 +451,8 @@ def friction_rows(s: Sums, analysis: Analysis, is_leg: bool = False) -> dict[Lab
 def without_friction_row(
     s: Sums, shapes: Sums | None, analysis: Analysis, label: Label, certain: bool, moved: Sequence[str], own: list[str]
 ) -> Row:
-    """What is `moved` and friction, by names of their `own`, and K and I of a joint whose friction has all `shapes`."""
+    """Estimates of `moved` and of friction under their `own` names; with all `shapes` of friction K and I beside it,
+    too."""
     model, fit = analysis.model, analysis.fits[label]
     if shapes is None and not certain:
         return {}
@@ -465,14 +465,14 @@ def without_friction_row(
     if certain:
         return found | ({**estimates_row(told, *moved[1:]), **covariance_row(told, *main)} if shapes else {})
     ends = np.reshape([[one.interval(x) for x in main] for one in (told, fit)], (2, -1, 2))
-    beyond = (ends[0] - ends[1]) * (-1, 1)  # the fit's interval
+    beyond = (ends[0] - ends[1]) * (-1, 1)  # excess over the fit's interval
     if main and harm_of(np.maximum(beyond, 0).max(axis=1), fit.estimates[:3]).max() > 1:
         return {name: x for name, x in found.items() if name.endswith(("_low", "_high"))}
     return {}
 
 
 def sums_of_friction(analysis: Analysis) -> Sums | None:
-    """The sums with friction of any shape; None of a joint that is of higher order beside it."""
+    """The sums with friction of any shape; None if the joint is of higher order beside it."""
     s = friction_sums(analysis.record, analysis.model)
     with suppress(IdentifiabilityError):
         every = with_effects(s, analysis.model, (*SHAPES, "jerk", "snap"))
@@ -481,9 +481,9 @@ def sums_of_friction(analysis: Analysis) -> Sums | None:
 
 
 def without_sign(s: Sums, model: Model, fit: GroupFit, names: Sequence[str], label: Label) -> GroupFit:
-    """Some estimates of a fit for the torque less a friction that has the velocity's sign, and this friction. No
-    recording shows over which velocity it turns: what a tenth of that of T_C makes of the numbers is the half-width of
-    a rectangular distribution (JCGM 100:2008, 4.3.7)."""
+    """Some estimates for the torque less a friction that has the velocity's sign, and this friction. No recording shows
+    over which velocity the sign changes: the effect of a tenth of the width is the half-width of a rectangular
+    distribution (JCGM 100:2008, 4.3.7)."""
     smooth, sharp = (
         without_friction(fit, with_effects(s, model, (T,), label), with_friction(s, model, label, T), names, T)
         for T in ("T_C", "T_C_sharp")
@@ -492,10 +492,9 @@ def without_sign(s: Sums, model: Model, fit: GroupFit, names: Sequence[str], lab
 
 
 def without_any_friction(s: Sums, analysis: Analysis, names: Sequence[str], label: Label) -> GroupFit:
-    """Some estimates beside friction of all `SHAPES`, and this friction [N*m], that of a joint that slides. No shape is
-    friction's own: what it changes to leave one out is the half-width of a rectangular distribution (JCGM 100:2008,
-    4.3.7). What the fit without friction has beside its data counts here, too. Where the motion does not tell shapes
-    and damping apart the intervals are wide."""
+    """Some estimates beside friction of all `SHAPES`, and the sliding friction [N*m]. No single shape is the true one:
+    the change by leaving one out is the half-width of a rectangular distribution (JCGM 100:2008, 4.3.7). Errors of type
+    B of the fit without friction are added. If the motion cannot tell shapes from damping the intervals are wide."""
     model, columns = {**analysis.model, **{x: x for x in SHAPES}}, [*analysis.model.values(), *SHAPES]
     fit, bare = fit_groups(s, model, label, limit=np.inf), with_effects(analysis.sums, analysis.model, (), label)
     at = [fit.names.index(name) for name in (*names, SHAPES[0])]
@@ -507,7 +506,7 @@ def without_any_friction(s: Sums, analysis: Analysis, names: Sequence[str], labe
         degrees_of_freedom=fit.degrees_of_freedom[at],
         repeat=None,
     )
-    for shape in SHAPES[1:]:  # the model's, and that of sliding, stay at their places
+    for shape in SHAPES[1:]:  # the model and sliding keep their places
         rest = [column for column in columns if column != shape]
         left = estimates_of(s.over(label), s.index(rest), s.torque)[at] - told.estimates
         told = widened(told, left / np.sqrt(3))
@@ -516,8 +515,8 @@ def without_any_friction(s: Sums, analysis: Analysis, names: Sequence[str], labe
 
 
 def with_friction(s: Sums, model: Model, label: Label, friction: str = "T_C") -> GroupFit:
-    """Fit with friction beside the higher derivatives of the angle, as far as the motion tells them: what a linear
-    drivetrain adds to Eq. 15 would pass for friction of 0.4 N*m. Raises IdentifiabilityError as `fit_groups`."""
+    """Fit with friction and the higher derivatives of the angle that the motion determines: without these a linear
+    drivetrain's deviation from Eq. 15 passes for friction of 0.4 N*m. Raises IdentifiabilityError as `fit_groups`."""
     for higher in (("jerk", "snap"), ("jerk",)):
         with suppress(IdentifiabilityError):
             return with_effects(s, model, (friction, *higher), label)
@@ -527,10 +526,10 @@ def with_friction(s: Sums, model: Model, label: Label, friction: str = "T_C") ->
 def without_friction(
     fit: LinearFit, alone: GroupFit, beside: GroupFit, names: Sequence[str], friction: str
 ) -> GroupFit:
-    """Some estimates of a fit for the torque less its friction, and this friction [N*m]: that of the fit that has it
-    `beside` higher derivatives, what it makes of the estimates by the one that has it `alone`."""
+    """Some estimates for the torque less its friction, and this friction [N*m]. The fit `beside` higher derivatives
+    gives the friction; the fit `alone`, without these, gives its effect on the estimates."""
     values = np.array([fit[name] for name in names])
-    each = (values - [alone[name] for name in names]) / alone[friction]  # of the estimates, by 1 N*m of friction
+    each = (values - [alone[name] for name in names]) / alone[friction]  # change of the estimates per N*m of friction
     at, own = [alone.names.index(name) for name in names], alone.names.index(friction)
     shared, variance = alone.covariance[at, own], beside.se(friction) ** 2
     known = alone.covariance[np.ix_(at, at)] - np.outer(shared, shared) / alone.covariance[own, own]
@@ -548,7 +547,7 @@ def without_friction(
 
 
 def without_lag(analysis: Analysis, lag: Fault | None, label: Label) -> Row:
-    """K, B and I of a label without a lag that was found, whose error is in the intervals; null without one."""
+    """K, B and I of a label after removal of a lag that was found, its error in the intervals; null without one."""
     if lag is None or not lag.found:
         return without_row(None, "without_lag")
     record, fit = analysis.record, analysis.fits[label]
@@ -560,8 +559,8 @@ def without_lag(analysis: Analysis, lag: Fault | None, label: Label) -> Row:
 
 
 def without_row(fit: LinearFit | None, end: str) -> Row:
-    """K, B and I of a fit that has a cause as a column, with their intervals, as `K_without_lag` for the `end`
-    `without_lag`: a finding gives them beside those without that column. Null without a fit."""
+    """K, B and I, with intervals, of a fit that has a cause as a column, named like `K_without_lag` for the `end`
+    `without_lag`. A finding states them beside those without the column. Null without a fit."""
     row: Row = {}
     for name in ("K", "B", "I"):
         values = (None, None, None) if fit is None else (fit[name], *fit.interval(name))
@@ -570,7 +569,7 @@ def without_row(fit: LinearFit | None, end: str) -> Row:
 
 
 def check_stiffer(trial: str, symbol: str, stiffness: float, bench: BenchStiffness | None) -> None:
-    """Refuse a stiffness [N*m/rad] that is not below that of the bench."""
+    """Refuse a stiffness [N*m/rad] that is not below the bench's."""
     if bench is not None and not 0 < stiffness * bench.compliance < 1:
         raise InputError(
             f"trial {trial}: {symbol} = {stiffness:.4g} N*m/rad is not between 0 and the bench's stiffness of "
@@ -582,8 +581,8 @@ def check_stiffer(trial: str, symbol: str, stiffness: float, bench: BenchStiffne
 def timebase_table(
     signals: UniformSignals, other_hypothesis: str | None, bench: BenchStiffness | None = None
 ) -> pl.DataFrame:
-    """The rows of `timebase.csv` for one trial, a row per stream. `other_hypothesis` says what estimates would become
-    if undecided stamps were taken the other way."""
+    """The trial's rows of `timebase.csv`, one per stream. `other_hypothesis` says how the estimates change with the
+    other reading of undecided stamps."""
     shared = {
         "grid_rate_hz": (len(signals.time) - 1) / float(signals.time[-1] - signals.time[0]),
         "first_s": float(signals.time[0]),
@@ -607,16 +606,15 @@ class Series:
 
     time: Array  # time [s]
     torque: Array  # measured torque, as it was fitted [N*m]
-    torque_model: Array  # torque of the fitted model [N*m]; NaN where the model says nothing
+    torque_model: Array  # torque of the fitted model [N*m]; NaN where it does not apply
     motion: Array  # angle [rad], or velocity [rad/s] where the bench has no angle
     fitted: NDArray[np.bool_]  # rows that are fitted
     is_velocity: bool = False  # whether `motion` is a velocity
 
     def table(self, most: int = 10_000) -> pl.DataFrame:
-        """Every k-th sample, `most` or fewer rows, and the range of the residual in the k samples from each on. Two
-        minutes of a stepped sine then have some fifteen rows for a period of its fastest one.
-        `theta_deg` or `omega`, `torque` and, where the fit uses the sample, `torque_model`; `residual_low` and
-        `residual_high` [N*m] are of all k samples that the fit uses, so that no outlier is lost."""
+        """Every k-th sample, at most `most` rows. Two minutes of a stepped sine then have some 15 rows per period of
+        the fastest sine. `torque_model` is null where the fit does not use the sample. `residual_low` and
+        `residual_high` [N*m] are the range over the next k samples that it uses, so that no outlier is lost."""
         k = max(-(-len(self.time) // most), 1)
         left = np.where(self.fitted, self.torque - self.torque_model, np.nan)
         whole = np.concatenate([left, np.full(-len(left) % k, np.nan)]).reshape(-1, k)
@@ -631,9 +629,8 @@ class Series:
 
 
 class FitTables(dict[str, pl.DataFrame]):
-    """The tables of a fit by name, and under `torque` the samples that it explains: time [s] from the start, measured
-    and modelled torque [N*m]. `further` computes, when the first of them is read, the tables that a single fit does not
-    show."""
+    """The tables of a fit by name; `torque` holds the fitted samples: time [s] from the start, measured and modelled
+    torque [N*m]. `further` computes the other tables when one of them is first read."""
 
     def __init__(self, series: Series, further: Callable[[], dict[str, pl.DataFrame]], **tables: pl.DataFrame) -> None:
         model = series.torque_model
@@ -649,22 +646,22 @@ class FitTables(dict[str, pl.DataFrame]):
 
 
 def share_of_inertia(fit: GroupFit) -> float:
-    """I [kg*m^2] of which a share is taken."""
+    """Divisor of relative changes of I [kg*m^2]."""
     return float(np.hypot(fit["I"], LITTLE["I"]))
 
 
 def angle_noise_share(record: Record, s: Sums, fit: GroupFit, label: Label = None) -> float:
-    """The share of I by which noise of the angle changes it; 0 within a standard error, which holds it."""
+    """Relative change of I by noise of the angle; 0 if it is within a standard error, which includes it."""
     bias = abs(angle_noise_bias(record, s, fit, label))
     return bias / share_of_inertia(fit) if bias > fit.se("I") else 0.0
 
 
 def angle_noise_bias(record: Record, s: Sums, fit: GroupFit, label: Label = None) -> float:
-    """By how much noise of the angle changes I [kg*m^2], to first order in its variance.
+    """Change of I [kg*m^2] by noise of the angle, to first order in its variance.
 
-    Least squares take the columns for exact. With the covariance S of their noise the estimates are off by
-    -(X'X/n)^-1 S times the estimates (Fuller, Measurement Error Models, 1987, ch. 2). The noise of angle and
-    acceleration is correlated, so that a stiff joint has too large an I, and a light one too small."""
+    Least squares treat columns as exact. If S is the covariance of their noise, the bias is -(X'X/n)^-1 S times the
+    estimates (Fuller, Measurement Error Models, 1987, ch. 2). The noises of angle and acceleration are correlated, so
+    that I is too large for a stiff joint, and too small for a light one."""
     still, moving, turning = noise_of_angle(record)
     S = np.array([[still, 0, -moving], [0, moving, 0], [-moving, 0, turning]])
     A = s.over(label)
@@ -674,12 +671,12 @@ def angle_noise_bias(record: Record, s: Sums, fit: GroupFit, label: Label = None
 
 
 def torque_at_peaks(analysis: Analysis, raw: Record) -> float | None:
-    """Smallest SD of the measured torque over that of the modelled one, where the latter is at its peaks.
+    """Smallest ratio of the SDs of measured and modelled torque, in rows at the peaks of the modelled one.
 
-    Both are filtered alike. The peaks are the highest and the lowest rows of the modelled torque, by shares from sharp
-    peaks of noise to sines. The ratio is 1 for a joint of Eq. 15; noise and distortion raise it, friction lowers it to
-    0.7. It is near 0 where the torque is clipped, however noisy the plateau is. None where no peak has the range for a
-    comparison: the top of a sine is flat and noisy. Of a person's joint the `raw` record has the slow part."""
+    Both are filtered alike. The peaks are the highest and the lowest rows of the modelled torque, in shares for sharp
+    peaks of noise up to sines. The ratio is 1 for a joint of Eq. 15; noise and distortion raise it, friction lowers it
+    to 0.7. It is near 0 if the torque is clipped, however noisy the plateau is. None if no peak has enough range: the
+    top of a sine is flat and noisy. For a person's joint the `raw` record has the slow part."""
     record = analysis.record
     rows = record.rows()[:: max(int(record.rate_hz / (8.0 * record.low_pass.cutoff_hz)), 1)]  # nothing is faster
     measured = raw.filtered_torque[rows]

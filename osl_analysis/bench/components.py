@@ -1,6 +1,6 @@
-"""The parts of the drivetrain, each alone on its bench: belt (Fig. 3), transmission (Eq. 4), actuator (Eqs. 1-2).
+"""The components of the drivetrain, each alone on its bench: belt (Fig. 3), transmission (Eq. 4), actuator (Eqs. 1-2).
 
-A part is the columns of its equation and the groups of rows in which it holds; the regression, the interval and the
+A component consists of its equation's columns and of the groups of rows where this holds. Regression, interval and
 diagnostics are those of every record (gram.py, analysis.py)."""
 
 from collections.abc import Mapping
@@ -43,12 +43,12 @@ SUMMARISED = {
     "transmission": (*LOSSES, "VAF", "T_C", "VAF_coulomb"),
     "actuator": (*ACTUATOR_PARAMETERS, "VAF"),
 }
-"""Columns of the table of a part of which a summary has mean, scatter and interval over the trials."""
+"""Columns of each part's table for which a summary has mean, scatter and interval over the trials."""
 
 
 def part_summary(part: str, table: pl.DataFrame) -> pl.DataFrame:
-    """The summary of the fits to all of a trial in `belt.csv`, `transmission.csv` or `actuator.csv`, of each joint and
-    side on its own, one below the other, with columns that name them."""
+    """Summary of the fits to whole trials in `belt.csv`, `transmission.csv` or `actuator.csv`, separately for each
+    joint and side, which have columns."""
     whole = table.filter(pl.col("amplitude_deg").is_null()) if "amplitude_deg" in table.columns else table
     parts = whole.partition_by(PLACE, maintain_order=True)
     found = [own.select(PLACE).head(1).join(summary_of_trials(own, SUMMARISED[part]), how="cross") for own in parts]
@@ -57,12 +57,12 @@ def part_summary(part: str, table: pl.DataFrame) -> pl.DataFrame:
 
 def belt_trial(trial: Trial, p: DrivetrainParameters | None, settings: BeltAnalysis) -> Analysis:
     """Filter and fit one canonical trial. Without parameters (None) the ratio n_T is not known: the shaft must rest.
-    Raises InputError, IdentifiabilityError: as `branches_of` and `fit_groups`, or the bench is softer."""
+    Raises InputError, IdentifiabilityError: as `branches_of` and `fit_groups`, or the bench is softer than the belt."""
     signals = uniform_signals(trial, ("theta", "theta_m", "torque"), settings.gap_limits)
     other, bench = signals.other(), settings.bench_stiffness
     with naming(f"trial {trial.name}"):
         belt = belt_of(signals, p, settings)
-        if bench is not None:  # the error of its stiffness is in the intervals, as type B
+        if bench is not None:  # the error of its stiffness enters the intervals as type B
             softer = belt_of(signals, p, settings, bench.compliance_error).fits
             fits = {x: widened(fit, softer[x].estimates - fit.estimates, shared=True) for x, fit in belt.fits.items()}
             belt = replace(belt, fits=fits)
@@ -91,20 +91,20 @@ def belt_of(
 
 def fit_branches(record: Record, drift: float = 0.0) -> Analysis:
     """Fit one load-unload cycle, whose groups are those of `branches_of` and whose angle is the belt's deflection.
-    `loading` stands for the trial: a straight line with the joint's damping, `K_s`, `offset`, and `B_j` where the
-    velocity varies. `unloading` is the same; `quadratic` has theta_s |theta_s| while loading, `K_s2` [N*m/rad^2].
+    `loading` stands for the trial: a straight line `K_s` and `offset`, with the joint's damping `B_j` if the velocity
+    varies. `unloading` is the same; `quadratic` adds `K_s2` [N*m/rad^2] times theta_s |theta_s| while loading.
 
-    The load cell's drift has a standard deviation of `drift` [N*m/s]. A straight line cannot tell it from stiffness, so
-    that no scatter shows it: it is added to the intervals as a component of type B (JCGM 100:2008, 4.3)."""
+    The load cell's drift has the standard deviation `drift` [N*m/s]. A line cannot tell drift from stiffness, and no
+    scatter shows it: it enters the intervals as type B (JCGM 100:2008, 4.3)."""
     motion = record.motion
     x = motion.theta - motion.theta[0]
     columns = {"theta": x, "omega": motion.omega, "one": np.ones_like(x), "square": x * np.abs(x)}
     columns["ramp"] = record.time - record.time.mean()
     s = gram_sums(record, columns, ["theta", "omega", "one", "square"])
-    # On a raised cosine damping and curvature look alike, so that the quadratic belt has no damping.
+    # On a raised cosine damping and curvature are collinear, so that the quadratic belt has no damping.
     quadratic: Model = {"K_s": "theta", "K_s2": "square", "offset": "one"}
     models: dict[str, tuple[Model, Label]] = {"quadratic": (quadratic, "loading")}
-    # Left in the slope, B_j omega shifts K_s by 0.12 N*m/rad on a raised cosine, because loading begins at a velocity
+    # Without its column B_j omega shifts K_s by 0.12 N*m/rad on a raised cosine, because loading begins at a velocity
     # and ends at rest. A constant velocity makes a constant torque, which the offset contains.
     for way in ("loading", "unloading"):
         velocity = motion.omega[record.rows(way)]
@@ -119,8 +119,8 @@ def fit_branches(record: Record, drift: float = 0.0) -> Analysis:
 
 
 def branches_of(theta_s: Array, rate_hz: float, usable: NDArray[np.bool_], cutoff_hz: float) -> Groups:
-    """Stretches of loading and unloading of a deflection theta_s (n,) [rad] in usable rows; some sixteen for each
-    branch, from whose scatter its interval comes. Raises InputError: as `loaded_rows`, or a branch is empty."""
+    """Stretches of loading and unloading of a deflection theta_s (n,) [rad] in usable rows: about sixteen per branch,
+    whose scatter gives its interval. Raises InputError: as `loaded_rows`, or a branch is empty."""
     onset, peak, release = loaded_rows(theta_s - theta_s[0])
     found = []
     for label, rows in (("loading", slice(onset, peak + 1)), ("unloading", slice(peak, release))):
@@ -136,9 +136,9 @@ def branches_of(theta_s: Array, rate_hz: float, usable: NDArray[np.bool_], cutof
 
 
 def loaded_rows(deflection: Array) -> tuple[int, int, int]:
-    """Rows of one load-unload cycle: the onset of loading, the peak, and the row after unloading. Loading begins at a
-    twentieth of the peak; below it the belt's hysteresis reverses. Raises InputError: the belt hardly deflects, is not
-    unloaded again, or is loaded more than once."""
+    """Rows of one load-unload cycle: onset of loading, peak, and the row after unloading. Loading begins at 5 % of the
+    peak, since the belt's hysteresis reverses below. Raises InputError: the belt hardly deflects, is not unloaded
+    again, or is loaded more than once."""
     peak = int(np.argmax(np.abs(deflection)))
     if abs(deflection[peak]) < np.deg2rad(0.5):
         raise InputError(
@@ -161,8 +161,8 @@ def loaded_rows(deflection: Array) -> tuple[int, int, int]:
 
 
 def check_locked(theta: Array, theta_m: Array) -> None:
-    """Refuse a shaft that turns where n_T is not known, and so its share of the deflection; angles (n,) [rad]. A turn
-    of 1 % of the joint's counts as rest: K_s is 1 % off at most."""
+    """Refuse a shaft that turns if n_T is not known: its share of the deflection is unknown. Angles are (n,) [rad]. A
+    turn below 1 % of the joint's counts as rest: K_s is off by 1 % at most."""
     turned, whole = float(np.ptp(theta_m)), float(np.ptp(theta))
     if turned > 0.01 * whole:
         raise InputError(
@@ -173,9 +173,9 @@ def check_locked(theta: Array, theta_m: Array) -> None:
 
 
 def belt_table(belt: Analysis) -> pl.DataFrame:
-    """The trial's row of `belt.csv`: loading and unloading slope, loop area [J], quadratic belt, what a line lacks.
-    `energy_lost` is the loop's area divided by the energy K_s theta_s^2/2 at the peak. `stiffening` is the share by
-    which the slope of the quadratic belt grows from rest to the peak."""
+    """The trial's row of `belt.csv`: slopes of loading and unloading, loop area [J], quadratic belt. `energy_lost` is
+    the loop's area over the energy K_s theta_s^2/2 at the peak. `stiffening` is the relative increase of the quadratic
+    belt's slope from rest to the peak."""
     ways = {"loading": "loading", "unloading": "unloading", "quadratic": "loading"}
     loading, unloading, quadratic = (belt.calibrated(belt.fits[name], way) for name, way in ways.items())
     record, theta, torque = belt.record, belt.record.motion.theta, belt.record.filtered_torque
@@ -217,7 +217,7 @@ def shaft_turn(record: Record) -> float | None:
 
 
 def belt_curve(belt: Analysis) -> pl.DataFrame:
-    """Deflection [deg] and torque [N*m] relative to rest, by branch, for Fig. 3: fifty points per second."""
+    """Deflection [deg] and torque [N*m] from rest, by branch, for Fig. 3: 50 points per second."""
     record = belt.record
     step = slice(None, None, max(round(record.rate_hz / 50.0), 1))
     theta_s, torque = record.motion.theta[step], record.filtered_torque[step]
@@ -228,9 +228,9 @@ def belt_curve(belt: Analysis) -> pl.DataFrame:
 
 
 def belt_figure_points(curves: pl.DataFrame, table: pl.DataFrame, summary: pl.DataFrame) -> pl.DataFrame:
-    """The numbers of Fig. 3, for each joint and side: the curves (`belt_curve`) with the `deviation` of torque [N*m]
-    from the mean slope and the reason why a fit is doubtful; this slope as two points, from 0 to the largest
-    deflection, with the mean area of the loops [J]. `table` is `belt.csv`, `summary` its summary."""
+    """The numbers of Fig. 3 for each joint and side: the curves (`belt_curve`) with their `deviation` of torque [N*m]
+    from the mean slope, and why a fit is doubtful; the mean slope as two points, from 0 to the largest deflection, with
+    the loops' mean area [J]. `table` is `belt.csv`, `summary` its summary."""
     found = []
     marked_curves = curves.join(table.select("trial", *PLACE, "doubtful"), "trial", how="left", maintain_order="left")
     bounds = {"": "mean", "_low": "low", "_high": "high"}
@@ -258,10 +258,10 @@ def transmission_of(record: Record) -> Analysis:
 def transmission_table(analysis: Analysis) -> pl.DataFrame:
     """The trial's rows of `transmission.csv`: one per amplitude [deg], and one for all of them (amplitude null).
 
-    A late torque takes B_j times the lag off J_j, and leaves a third derivative of the angle, by which it is heard."""
+    A late torque reduces J_j by B_j times the lag, and leaves a third derivative of the angle, which shows it."""
     record, s = analysis.record, effects.sums_of(analysis.record, TRANSMISSION)
     facts = {name: x for name, x in effects.repeats_row(record, s, TRANSMISSION).items() if name != "K_drift"}
-    rows, certain = list[Row](), friction_rows(s, analysis)  # its T_C counts friction's shape about rest
+    rows, certain = list[Row](), friction_rows(s, analysis)  # its T_C allows for friction's shape near rest
     facts |= witness_row(record, LOSSES, rubs=certain[analysis.label]["T_C"] is not None)
     for label, fit in analysis.fits.items():
         friction = analysis.calibrated(effects.with_effects(s, TRANSMISSION, ("T_C",), label), label)
@@ -288,14 +288,14 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
 
 ACTUATOR_ALONE: Model = {**{name: name for name in ACTUATOR_PARAMETERS}, "offset": "one", "drift": "drift"}
 """torque_m = k_tau n_m I_q - f - B_m omega_m - J_m alpha_m + offset + drift (Eqs. 1-2)"""
-FEWEST_MOVING_S = 1.0  # shortest duration [s] of the samples that are fitted
+FEWEST_MOVING_S = 1.0  # shortest total duration [s] of the fitted samples
 
 
 def actuator_trial(trial: Trial, settings: ActuatorAnalysis) -> Analysis:
-    """Filter one canonical trial, and fit Eqs. 1-2. Its motion is theta_m [rad] of the actuator's output, or omega_m
-    [rad/s] of a bench that logs no angle; its torque is torque_m [N*m], and its current I_q [A]. Raises InputError: a
-    signal is missing, or the actuator hardly moves; IdentifiabilityError: the schedule cannot tell two parameters
-    apart. The message names the trial."""
+    """Filter one canonical trial, and fit Eqs. 1-2. The motion is theta_m [rad] of the actuator's output, or omega_m
+    [rad/s] if the bench logs no angle; the torque is torque_m [N*m], the current I_q [A]. Raises InputError: a signal
+    is missing, or the actuator hardly moves; IdentifiabilityError: the motion cannot tell two parameters apart. The
+    message names the trial."""
     moved = [name for name in ("theta_m", "omega_m") if name in trial.samples.columns][:1]
     uniform = uniform_signals(trial, (*moved, "current", "torque_m"), settings.gap_limits)
     with naming(f"trial {trial.name}"):
@@ -304,10 +304,10 @@ def actuator_trial(trial: Trial, settings: ActuatorAnalysis) -> Analysis:
 
 
 def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis) -> Analysis:
-    """The fit to uniform signals. The sign of the velocity is tanh(omega_m/sign_width), taken before the filter, so
-    that friction's jumps are smeared in the column as they are in the torque. f_G can be told from k_tau n_m only if
-    the current both drives and brakes: else sign(omega_m) |I_q| equals I_q. The drift is that of the torque transducer;
-    left in the residual it would multiply the standard error of f_G by four."""
+    """The fit to uniform signals. The velocity's sign is tanh(omega_m/sign_width), taken before the filter, so that the
+    column smears friction's jumps as the torque does. f_G can be told from k_tau n_m only if the current both drives
+    and brakes: else sign(omega_m) |I_q| equals I_q. The drift is the torque transducer's; left in the residual, it
+    would quadruple the standard error of f_G."""
     check_changes("torque_m", signals["torque_m"])
     moved, usable, time = moved_by(signals), signals.usable, signals.time
     low_pass, rate, current = settings.low_pass, signals.rate_hz, signals["current"]
@@ -329,8 +329,8 @@ def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis) -> Analysis
         "one": np.ones_like(time),
         "drift": time - np.mean(time),
     }
-    # away from both ends, where the filter had to extrapolate, and faster than the settings' slowest velocity, because
-    # friction may have any value up to its limit below
+    # away from the ends, where the filter extrapolates, and above the settings' slowest velocity: below it friction may
+    # have any value up to its limit
     moving, edge = fast & usable, int(np.ceil(3 * rate / settings.cutoff_hz))
     moving[:edge] = moving[-edge:] = False
     if np.count_nonzero(moving) < FEWEST_MOVING_S * rate:
@@ -350,7 +350,7 @@ def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis) -> Analysis
 def check_prompt(
     columns: Mapping[str, Array], torque: Array, moving: NDArray[np.intp], rate_hz: float, k_tau_n_m: float
 ) -> None:
-    """Refuse a current that is late or early, which makes the torque per current small, or negative as a wrong sign."""
+    """Refuse a late or early current, which makes the torque per current too small, or negative like a wrong sign."""
     moving, lags = moving[:: max(len(moving) // 10_000, 1)], np.arange(-60, 61) / 200
     beside = without(np.stack([columns[name] for name in ("f_C", "B_m", "J_m", "one", "drift")], axis=1)[moving])
     y = beside(torque[moving])
@@ -366,15 +366,15 @@ def check_prompt(
         )
 
 
-INTERVAL_ENDS = ("", "_se", "_low", "_high")  # of a column with an interval
-FEWEST_LEVELS = 8  # plateaus of the current, each of which is left out once for the interval
-LEVEL_S = 0.05  # time [s] over which a current is averaged to see its plateaus
+INTERVAL_ENDS = ("", "_se", "_low", "_high")  # suffixes of the columns of an estimate
+FEWEST_LEVELS = 8  # fewest plateaus of the current, the interval's leave-one-out units
+LEVEL_S = 0.05  # averaging time [s] of the current in the search for plateaus
 
 
 def levels_of(current: Array, rate_hz: float, usable: NDArray[np.bool_]) -> list[slice]:
-    """Rows of the plateaus of a current (n,) [A] in steps: its means over `LEVEL_S` stay within 2 % of its range for
-    0.3 s or more, of which the first 0.15 s, in which the torque settles, and the last 0.1 s do not count, as the
-    filter spreads the steps."""
+    """Rows of the plateaus of a stepped current (n,) [A]: its means over `LEVEL_S` stay within 2 % of its range for 0.3
+    s or more. The first 0.15 s, where the torque settles, and the last 0.1 s, into which the filter spreads the steps,
+    are left out."""
     each = max(round(LEVEL_S * rate_hz), 1)
     means = current[: len(current) // each * each].reshape(-1, each).mean(axis=1)
     good = np.asarray(usable[: len(means) * each].reshape(-1, each).all(axis=1))
@@ -383,10 +383,10 @@ def levels_of(current: Array, rate_hz: float, usable: NDArray[np.bool_]) -> list
 
 
 def stalled_of(signals: UniformSignals, settings: ActuatorAnalysis, levels: list[slice]) -> Analysis:
-    """k_tau n_m of an actuator that stands, whose current goes in steps: k_tau n_m I_q - (T + T_G |I_q|) s + offset +
-    drift is its torque in the plateaus (`levels_of`), each of which is a unit of the interval. T and T_G are the
-    friction that lags behind the steps up and down, s = 1 and -1, which k_tau n_m would else share; they are left out
-    where all steps go one way."""
+    """k_tau n_m of an actuator at rest with a stepped current. Its torque in the plateaus (`levels_of`), which are the
+    interval's units, is k_tau n_m I_q - (T + T_G |I_q|) s + offset + drift. T and T_G are the friction that lags behind
+    steps up (s = 1) and down (s = -1); without them k_tau n_m would absorb it. They are left out if all steps go one
+    way."""
     low_pass, rate, current = settings.low_pass, signals.rate_hz, signals["current"]
     if len(levels) < FEWEST_LEVELS:
         raise InputError(
@@ -396,10 +396,10 @@ def stalled_of(signals: UniformSignals, settings: ActuatorAnalysis, levels: list
     means, torques = (np.array([x[rows].mean() for rows in levels]) for x in (current, signals["torque_m"]))
     steps, side = np.diff(means, prepend=0.0), np.zeros_like(current)
     way = np.where(np.abs(steps) > 0.02 * np.ptp(current), np.sign(steps), 0.0)  # a start at 0 has none
-    # behind a turn the torque stays until the friction has changed its side
+    # after a turn the torque stays constant until friction has reversed
     follows = np.diff(torques, prepend=torques[0]) * way / np.maximum(np.abs(steps), np.finfo(float).tiny)
     slid = (follows > 0.7 * np.median(follows)) | (way == 0)
-    enough = int(slid.sum()) >= 1.5 * FEWEST_LEVELS  # for T_G beside T; fewer levels are all taken
+    enough = int(slid.sum()) >= 1.5 * FEWEST_LEVELS  # to tell T_G beside T; with fewer, all levels are used
     slid |= not enough
     levels, means = [rows for rows, one in zip(levels, slid, strict=True) if one], means[slid]
     for rows, up in zip(levels, way[slid], strict=True):
@@ -423,7 +423,7 @@ def stalled_of(signals: UniformSignals, settings: ActuatorAnalysis, levels: list
 
 
 def moved_by(signals: UniformSignals) -> str | None:
-    """The column that the actuator's motion is from; None for a bench that logs none."""
+    """The column of the actuator's motion; None if the bench logs none."""
     return next((name for name in ("theta_m", "omega_m") if name in signals.signals), None)
 
 

@@ -1,10 +1,10 @@
-"""Every fault is a column: lag, clocks that drift apart, a stiffness that changes, beside the physics of the joint.
+"""Effects as columns beside the physics of the joint: lag, drifting clocks, friction, a changing stiffness.
 
-A model (Eq. 15, Eq. 4) names its columns; an effect is one more.
-All of it is algebra on the Gram matrices of groups (gram.py).
+A model (Eq. 15, Eq. 4) names its columns; an effect is one more. All of it is algebra on the Gram matrices of groups
+(gram.py).
 
-Friction passes for a lag and for a changing stiffness as long as it is left out. What a recording shows of faults is
-the general witness's (witness.py), or the belt's of a leg."""
+Friction that is left out passes for a lag and for a changing stiffness. Faults of a recording are found by the general
+witness (witness.py), or by the belt of a leg."""
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -26,24 +26,23 @@ from osl_analysis.trial import Array
 
 Admittance = Callable[[NDArray[np.complex128]], NDArray[np.complex128]]
 """theta/torque [rad/(N*m)] of a model, for complex s [rad/s]."""
-Model = Mapping[str, str]  # column of `sums_of`, by estimate
+Model = Mapping[str, str]  # estimate -> column of `sums_of`
 Keep = NDArray[np.bool_] | Label
-"""Groups: those to keep (m,), those of a label, or all (None)."""
+"""The groups to keep (m,), those of a label, or all (None)."""
 IMPEDANCE: Model = {"K": "theta", "B": "omega", "I": "alpha", "offset": "one", "drift": "ramp"}  # Eq. 15
 TRANSMISSION: Model = {"B_j": "omega", "J_j": "alpha", "offset": "one", "drift": "ramp"}  # Eq. 4 without a belt
 FALSE_ALARM = 1e-3  # probability of a false alarm for one effect
-LONGEST_LAG, LAG_FOUND = 0.02, 1e-6  # s up to which a lag is sought, and by which the last step changes a found one
-POSSIBLE = 2.0  # standard errors by which an effect may be larger than it is found
-WOUND_UP = (0.5e-3, 1.5e-3, 4e-3)  # half-widths [rad] of springs that slip, of which a belt's hysteresis is made
-BELT_ERROR = 80e-6  # s by which hysteresis that is not made of these shifts a lag (SD); of simulated legs 10 to 150
-OTHER_B_J = 3.0  # factor by which losses differ from those of the parameter file, from joint to joint
-CANNOT_TELL = (IdentifiabilityError, InputError, np.linalg.LinAlgError)  # a motion does not tell effects apart
-TURNS = (1e-3, 1e-2)  # rad/s over which friction turns its sign; the larger are ten times the velocity noise of 14 bits
-WINDS = (5e-5, 1.5e-4, 5e-4, 1.5e-3)  # rad over which friction winds up by half, about those of bristles
+LONGEST_LAG, LAG_FOUND = 0.02, 1e-6  # largest lag [s] that is sought; last step [s] of a search that has converged
+POSSIBLE = 2.0  # standard errors by which an effect may exceed its estimate
+WOUND_UP = (0.5e-3, 1.5e-3, 4e-3)  # half-widths [rad] of the slipping springs that model a belt's hysteresis
+BELT_ERROR = 80e-6  # SD [s] of a lag due to hysteresis that these do not model; simulated legs: 10 to 150
+OTHER_B_J = 3.0  # factor by which losses vary from joint to joint about the parameter file's
+CANNOT_TELL = (IdentifiabilityError, InputError, np.linalg.LinAlgError)  # the motion cannot tell effects apart
+TURNS = (1e-3, 1e-2)  # rad/s over which friction changes sign; the larger is ten times the velocity noise of 14 bits
+WINDS = (5e-5, 1.5e-4, 5e-4, 1.5e-3)  # rad over which friction builds up to half, near those of bristles
 SHAPES = ("slides", *(f"rests_{k}" for k in range(1, len(TURNS) + len(WINDS))))
-"""Columns of friction of 1 N*m that slides, and of what else it may be about rest, whose sum is near that of any
-joint."""
-HIGHER = 10.0  # standard errors of a jerk or snap beside friction, as a drivetrain has (100), and rounding has not (6)
+"""Columns of sliding friction of 1 N*m, and of its deviations near rest, whose sum is close to any joint's friction."""
+HIGHER = 10.0  # standard errors of a jerk or snap beside friction: a drivetrain has 100, rounding 6
 
 
 def plain_sums(record: Record, model: Model) -> Sums:
@@ -53,7 +52,7 @@ def plain_sums(record: Record, model: Model) -> Sums:
 
 
 def columns_of(record: Record) -> tuple[dict[str, Array], float]:
-    """The columns (n,) of the models by name, and the angle [rad] that `theta` is about."""
+    """The columns (n,) of the models by name, and the angle [rad] about which `theta` is centred."""
     motion, centre = record.motion, float(record.part(record.motion.theta).mean())
     columns = {"theta": motion.theta - centre, "omega": motion.omega, "alpha": motion.alpha}
     columns |= {"one": np.broadcast_to(1.0, motion.theta.shape), "ramp": record.time - record.time.mean()}
@@ -66,12 +65,12 @@ def sums_of(record: Record, model: Model, expected: Admittance | None = None) ->
     columns, centre = effect_columns(record, expected)
     rich = [*model.values(), "jerk", "snap", "T_C"]
     sums = gram.gram_sums(few, columns, rich, centre, rounded=record.rounded)
-    return replace(sums, columns={})  # which fill memory, and nobody asks for
+    return replace(sums, columns={})  # unused, and large
 
 
 def effect_columns(record: Record, expected: Admittance | None = None) -> tuple[dict[str, Array], float]:
-    """The columns (n,) of models and effects of a record when coarse, and the angle [rad] that `theta` is about.
-    `expected` is the admittance of the linear model, where the gains are known."""
+    """The columns (n,) of models and effects of a coarse record, and the centre [rad] of `theta`. `expected` is the
+    linear model's admittance, if the gains are known."""
     few = record.coarse
     columns, centre = columns_of(few)
     higher = seven_point_motion(few.time, columns["alpha"], few.rate_hz)
@@ -84,8 +83,8 @@ def effect_columns(record: Record, expected: Admittance | None = None) -> tuple[
 
 
 def shapes_of_friction(record: Record) -> dict[str, Array]:
-    """The columns `SHAPES` (n,) of a record when coarse. Friction turns its sign with the velocity and is 0 at rest, or
-    winds up before it slides and stays at rest, as a bristle (Dahl 1968; Canudas de Wit et al. 1995)."""
+    """The columns `SHAPES` (n,) of a coarse record. Friction either changes sign with the velocity and is 0 at rest, or
+    builds up before sliding and persists at rest, like a bristle (Dahl 1968; Canudas de Wit et al. 1995)."""
     few, rate = record.coarse, record.rate_hz
     quick = replace(record.low_pass, cutoff_hz=min(QUICK * record.low_pass.cutoff_hz, 0.2 * rate))(record.theta, rate)
     omega = np.gradient(quick, 1 / rate)
@@ -103,21 +102,21 @@ def friction_sums(record: Record, model: Model) -> Sums:
 
 
 def spring_that_slips(x: Array, width: float) -> Array:
-    """Torque (n,) of a spring that slips at +-1 (Prandtl's stop operator), wound up by x to its end over a `width`:
-    friction that winds something up before it slides. It starts slack."""
+    """Torque (n,) of a spring that slips at +-1 (Prandtl's stop operator), which x winds up from slack to its limit
+    over a `width`: friction that winds something up before it slides."""
     rising = np.diff(x) >= 0
     turns = np.concatenate([[0], np.flatnonzero(rising[1:] != rising[:-1]) + 1, [len(x) - 1]])
-    wound = [0.0]  # at the turns
+    wound = [0.0]  # at the turning points
     for way in (np.diff(x[turns]) / width).tolist():
         wound.append(min(max(wound[-1] + way, -1.0), 1.0))
-    last = np.repeat(np.arange(len(turns) - 1), np.diff(turns))  # the turn before each row
+    last = np.repeat(np.arange(len(turns) - 1), np.diff(turns))  # turning point before each row
     found = np.clip(np.array(wound)[last] + (x[:-1] - x[turns][last]) / width, -1.0, 1.0)
     return np.append(found, wound[-1])
 
 
 def linear_torque(record: Record, expected: Admittance) -> Array:
-    """Torque (n,) [N*m] of the linear model of admittance `expected` for the filtered motion, up to three cut-offs. The
-    record is continued by its mirror image, so that its ends fit together."""
+    """Torque (n,) [N*m] of the linear model with admittance `expected` for the filtered motion, up to three cut-offs.
+    The record is extended by its mirror image to make it periodic."""
     n, theta = len(record.time), record.motion.theta - record.motion.theta.mean()
     mirrored = np.fft.rfft(np.concatenate([theta, theta[::-1]]))
     s = np.asarray(2j * np.pi * np.fft.rfftfreq(2 * n, 1 / record.rate_hz), dtype=np.complex128)
@@ -128,7 +127,7 @@ def linear_torque(record: Record, expected: Admittance) -> Array:
 
 
 def noise_of_angle(record: Record) -> tuple[float, float, float]:
-    """Variances of the angle's noise behind the filter, and of its first and second derivative."""
+    """Variances of the noise of the filtered angle, and of its first and second derivative."""
     f = np.linspace(0, min(8 * record.low_pass.cutoff_hz, record.rate_hz / 2), 2000)
     passed = record.noise[0] * record.low_pass.gain(f) ** 2
     w = 2 * np.pi * f
@@ -137,7 +136,7 @@ def noise_of_angle(record: Record) -> tuple[float, float, float]:
 
 
 def with_effects(s: Sums, model: Model, effects: Sequence[str] = (), keep: Keep = None) -> GroupFit:
-    """Fit of a model with effects beside it, over some groups. Raises as `fit_groups`."""
+    """Fit of a model with effects, over some groups. Raises as `fit_groups`."""
     both = {**model, **{effect: {"weight": "theta"}.get(effect, effect) for effect in effects}}
     return gram.fit_groups(s, both, keep, limit=gram.EFFECTS_LIMIT if effects else CONDITION_LIMIT)
 
@@ -153,11 +152,11 @@ def late_fit(
     lag: float = 0.0,
     low_pass: bool = False,
 ) -> tuple[GroupFit, float]:
-    """Fit of a torque, less a `rest` that is not late, with its lag `lag_s`, sought from a `lag` on, beside a model,
-    and what the last step changed of it. The torque is taken earlier, or as it was before a `low_pass` of first order,
-    and its slope is a column, which tells how much is left (Gauss and Newton's steps). The slope is that of the model,
-    as far as derivatives are columns; that of a torque which is mostly noise would pull the lag to 0. Of a model
-    without any it is the torque's own. Raises as `fit_groups`."""
+    """Fit of a model to a torque with a lag `lag_s`, and the last step of the search, which starts at `lag`
+    (Gauss-Newton). A `rest` of the torque is not late and is subtracted. In each step the torque is advanced by the
+    lag, or the `low_pass` of first order with this time constant is inverted; the slope of the torque is a column that
+    gives the remaining lag. The slope is the model's, as far as its derivatives are columns: that of a noisy torque
+    would pull the lag to 0. A model without derivatives uses the torque's own slope. Raises as `fit_groups`."""
     torque, first, last = scipy.interpolate.make_interp_spline(few.time, few.filtered_torque, 5), *few.time[[0, -1]]
     slopes = {name: columns[gram.NEXT[c]] for name, c in model.items() if gram.NEXT.get(c) in columns}
     fit, slope = None, np.zeros_like(few.time)
@@ -176,7 +175,7 @@ def late_fit(
         fit = gram.fit_groups(sums, with_lag, limit=gram.EFFECTS_LIMIT)
         more = fit["lag_s"] if slope.any() else 0.0
         lag = float(np.clip(lag + more, -LONGEST_LAG, LONGEST_LAG))
-        if slope.any() and abs(more) < 1e-9:  # s; the next step would be a thousandth of it
+        if slope.any() and abs(more) < 1e-9:  # s; the next step would be a thousand times smaller
             break
     assert fit is not None
     return replace(fit, estimates=np.append(fit.estimates[:-1], lag)), more
@@ -184,36 +183,36 @@ def late_fit(
 
 @dataclass(frozen=True)
 class Fault:
-    """The size of a fault of a recording."""
+    """Size of a fault of a recording."""
 
     size: float  # in its unit
     se: float  # its standard error
     found: bool  # whether it is certain
-    possible: float  # size up to which there may be one that was not found
+    possible: float  # largest size that may be present without being found
 
 
 def is_certain(size: float, se: float, freedom: float) -> bool:
-    """Whether a size differs from 0 by more than chance does once in `FALSE_ALARM` (two-sided)."""
+    """Whether a size differs from 0 by a two-sided test at the level `FALSE_ALARM`."""
     return abs(size) > float(scipy.special.stdtrit(freedom, 1 - FALSE_ALARM / 2)) * se
 
 
 @dataclass(frozen=True)
 class Belt:
-    """What the belt between theta_m and the joint shows of a leg's recording."""
+    """The belt between theta_m and the joint, by a leg's recording."""
 
     K_s: float  # [N*m/rad]
-    torque: Fault | None = None  # lag [s] of the torque behind the joint's angle; None of another belt than the file's
+    torque: Fault | None = None  # lag [s] of the torque behind the joint's angle; None: the belt is not the file's
     theta_m: Fault | None = None  # the same of theta_m
 
 
 def belt_of_leg(record: Record, p: DrivetrainParameters | None) -> Belt | None:
-    """The belt of a leg; None without a parameter file or theta_m, or where it deflects, or theta_m turns, by less than
-    a twentieth of the joint's angle: encoders may be wrong by as much, and a joint beside an idle motor is no leg.
+    """The belt of a leg. None without a parameter file or theta_m, or if the belt's deflection or theta_m is below 5 %
+    of the joint's angle: errors of encoders reach that, and a joint beside an idle motor is no leg.
 
-    Whatever the controller and its friction do, torque - J_j alpha - B_j omega is the belt's torque (Eq. 4), a spring
-    with springs that slip over theta - theta_m/n_T. A late theta_m looks like a smaller B_j. So B_j is free as long as
-    it agrees with the file's: a B_j that is wrong then makes no lag. Else theta_m is late and B_j that of the file, or
-    B_j is another one and theta_m on time: where a joint may have it, a lag that hangs on it is not found."""
+    Whatever controller and friction do, torque - J_j alpha - B_j omega is the belt's torque (Eq. 4): a spring with
+    slipping springs over theta - theta_m/n_T. A late theta_m looks like a smaller B_j, so that B_j is free while it
+    agrees with the file's; a wrong B_j then makes no lag. Otherwise either theta_m is late and B_j the file's, or B_j
+    differs and theta_m is on time. If the joint may have that B_j, a lag that depends on this choice is not found."""
     if p is None or "theta_m" not in record.actuator:
         return None
     few = record.coarse
@@ -257,8 +256,8 @@ def belt_of_leg(record: Record, p: DrivetrainParameters | None) -> Belt | None:
 
 
 def changes_of_repeats(s: Sums, model: Model, effects: Mapping[str, Mapping[str, float]]) -> GroupFit | None:
-    """Sizes of effects that grow with time [1/s], by what repeats of one motion differ by: each stratum has a misfit
-    of its own, whatever the joint is. An effect is a combination of columns; None where no stratum has three repeats.
+    """Sizes of effects that grow with time [1/s], from differences between repeats of one motion: each stratum has its
+    own misfit, whatever the joint is. An effect is a combination of columns. None if no stratum has three repeats.
 
     Time is the group's. A score is the product of column and residual in a group, less the mean of its stratum."""
     middle, kind = (s.groups.first + s.groups.stop) / 2 / s.rate_hz, s.groups.stratum
@@ -283,7 +282,7 @@ def changes_of_repeats(s: Sums, model: Model, effects: Mapping[str, Mapping[str,
     weighted = products * (v**2)[:, None, None]
     estimates, inverse = gram.solved(weighted.sum(axis=0), v @ scores)
     rest = v[:, None] * (scores - np.einsum("mpq,q,m->mp", products, estimates, v)) @ inverse
-    taken = np.einsum("spq,qp->s", added(weighted), inverse)  # by the mean of a stratum 1, by the slopes their share
+    taken = np.einsum("spq,qp->s", added(weighted), inverse)  # degrees of freedom of the slopes
     free = members - 1 - taken
     rest *= np.sqrt(members / np.maximum(free, 0.5))[kind, None]
     noise, sums = rest.T @ rest, added(rest)
@@ -294,12 +293,12 @@ def changes_of_repeats(s: Sums, model: Model, effects: Mapping[str, Mapping[str,
 
 
 def repeats_row(record: Record, s: Sums, model: Model) -> Row:
-    """What repeats of one motion tell whatever the joint is: `K_drift`, the change of K from the first fitted row to
-    the last beyond noise, as a share of K, and the drift of the torque's clock against the angle's [ppm]. Null where
-    nothing repeats, and where one device recorded both.
+    """What repeats of one motion show for any joint: `K_drift`, the relative change of K from the first to the last
+    fitted row beyond noise, and the drift of the torque's clock against the angle's [ppm]. Null if nothing repeats; the
+    drift also if one device recorded both.
 
-    A torque whose clock gains is later and later: at time t it is that of t - ppm (t - mean t), which to first order
-    adds -ppm (t - mean t) dtorque/dt. A constant offset between clocks is not seen.
+    If the torque's clock gains, its torque gets later and later: at time t it is that of t - ppm (t - mean t), which to
+    first order adds -ppm (t - mean t) dtorque/dt. A constant offset between clocks is not seen.
 
     Raises InputError: the drift is certain and larger than the settings allow; the message names the trial."""
     row: Row = {"K_drift": None, **NO_DRIFT}

@@ -1,8 +1,8 @@
-"""A person's joint: Eq. 15 beside the columns of a reflex, its row of `human_joint.csv`, and K and B over a signal; and
-whether the torque of a device has a reflex.
+"""A person's joint: Eq. 15 with columns of a reflex, its row of `human_joint.csv`, and K and B over a signal; and a
+test whether the torque of a device has a reflex.
 
 The reflex is the parallel pathway of Kearney, Stein and Parameswaran (IEEE Trans. Biomed. Eng. 44, 1997): half-wave
-rectified velocity, some 40 ms late, through muscle; here of both directions. What is slow is his own will."""
+rectified velocity, delayed by some 40 ms, through muscle; here for both directions. Slow torque is voluntary."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -36,38 +36,38 @@ from osl_analysis.spectral.stepped_sine import Likeness
 from osl_analysis.stats.regression import ROUNDED, Row, products_between
 from osl_analysis.trial import Array, Trial
 
-COSINES = 8  # in which the impulse response of what may be a reflex is described; each next one is broader
-EARLY_S = 0.04  # lag [s] from which on there are equally many for each doubling of it
-BLOCKS, SHORTEST_BLOCK_S = 30, 2.0  # stretches whose scores make the intervals: number, and least duration [s]
-TESTED_BLOCKS, SHORTEST_TESTED_S, FEWEST_TESTED = 48, 1.0, 20  # the same of the test for a reflex, and parts of periods
-SOONER_MS, AT_END_S = 10.0, 2e-4  # beyond the delays that are allowed one is asked for; s from an end where it is taken
-ORDERS, FURTHER = (2, 3), (0, 4, 8, 12)  # of muscle that is tried, and numbers of cosines beside it
-TOLD = 0.5 * ROUNDED  # scaled condition number up to which cosines are tried: beyond, what is fitted is refused
+COSINES = 8  # basis functions of a reflex's impulse response; each next one is broader
+EARLY_S = 0.04  # above this lag [s] they are evenly spaced in its logarithm
+BLOCKS, SHORTEST_BLOCK_S = 30, 2.0  # stretches whose scores give the intervals: number, and least duration [s]
+TESTED_BLOCKS, SHORTEST_TESTED_S, FEWEST_TESTED = 48, 1.0, 20  # the same for the reflex test, and their least number
+SOONER_MS, AT_END_S = 10.0, 2e-4  # how much sooner than allowed one is tried; delays this near [s] to an end are at it
+ORDERS, FURTHER = (2, 3), (0, 4, 8, 12)  # orders of muscle that are tried, and numbers of cosines beside it
+TOLD = 0.5 * ROUNDED  # largest scaled condition number with cosines: above it the fit is refused
 LAG_S, DAMPED = (0.01, 0.1, 0.25), (0.4, 3.0, 10.0)  # least, first and largest; muscle of damping 10 is of first order
-MOVES = np.array([5e-4, 0.03, 0.03])  # of delay [s], log lag and log damping, by which their effect is told
-OWN_SHARE = 0.95  # of the power of the angle's speed, which lies below the cut-off where none is stated
-DELAYED = 0.8, 1.15  # of what a low-pass leaves, and of the lag, below which the torque is late; low-passes: 0.86, 1.22
-REFLEX_ERROR = 60e-6  # s by which a reflex that is not made of the columns shifts a lag (SD)
-LEAST_REFLEX = 0.5  # % of the variance, below which there is no reflex: of 20 joints without one to 0.23, of ankles 0.7
-RUBS = 0.2, 1e-6, 1e-4  # share, and chance, from which on friction explains what is left; chance from which it may
-USUAL_DELAY_S = 0.04  # of a stretch reflex of the ankle [s]
-SIGN_WIDTHS = (0.005, 0.02, 0.1)  # speeds [rad/s] over which friction turns its sign
-BEFORE_OVER_AFTER = 1.7  # how much more past speed must explain than the speed to come; sound joints: 1.5
+MOVES = np.array([5e-4, 0.03, 0.03])  # steps of delay [s], log lag and log damping, for the derivatives of the answer
+OWN_SHARE = 0.95  # of the power of the angle's speed that lies below the cut-off if none is stated
+DELAYED = 0.8, 1.15  # limits of misfit (delay/low-pass) and lag (low-pass/delay) for a delay; low-passes: 0.86, 1.22
+REFLEX_ERROR = 60e-6  # SD [s] of a lag due to a reflex that the columns do not describe
+LEAST_REFLEX = 0.5  # % of the variance below which there is no reflex: 20 joints without one had up to 0.23, ankles 0.7
+RUBS = 0.2, 1e-6, 1e-4  # share of the misfit and p-value at which friction is the cause; p-value at which it may be
+USUAL_DELAY_S = 0.04  # of the ankle's stretch reflex
+SIGN_WIDTHS = (0.005, 0.02, 0.1)  # speeds [rad/s] over which friction changes its sign
+BEFORE_OVER_AFTER = 1.7  # past speed must explain this much more than future speed; sound joints: up to 1.5
 
 
 @dataclass(frozen=True)
 class Muscle:
-    """What answers half-waves of the velocity: muscle of an order and of gain 1 behind a delay, what an error of its
-    `values` would add, and cosines for what else the answer may be."""
+    """The answer to half-waves of the velocity: a muscle of some order and of gain 1 behind a delay, its derivatives by
+    its `values`, and cosines for other shapes of the answer."""
 
     order: int
-    values: Array  # delay [s], and logs of the lag [s] that lasting speed has, and of the damping
-    known: bool = False  # whether the delay is one that is stated, or the end of those that are allowed
-    half_s: float = np.inf  # half-width of the delay's interval of 95 % [s]
+    values: Array  # delay [s], log of the lag [s] behind a lasting speed, log of the damping
+    known: bool = False  # whether the delay is stated, or at an end of those that are allowed
+    half_s: float = np.inf  # half-width of the delay's 95 % interval [s]
     cosines: int = 0  # number of them
 
     def answers(self, half_waves: Array, rate_hz: float, values: Array) -> Array:
-        """What muscle of some values makes of half-waves (n, k), by its transfer function."""
+        """The response of a muscle with some values to half-waves (n, k), by its transfer function."""
         n = scipy.fft.next_fast_len(len(half_waves) + round(4 * LAG_S[-1] * rate_hz), real=True)
         s = 2j * np.pi * np.fft.rfftfreq(n, 1 / rate_hz)
         lag, damping = np.exp(values[1:])
@@ -76,7 +76,7 @@ class Muscle:
         return np.fft.irfft(np.fft.rfft(half_waves, n, axis=0) * muscle[:, None], n, axis=0)[: len(half_waves)]
 
     def columns(self, half_waves: Array, rate_hz: float, memory_s: float) -> Array:
-        """Its columns (n, m) of half-waves (n, k), k of each kind after one another."""
+        """Its columns (n, m) for half-waves (n, k); the k columns of each kind follow one another."""
         found = [self.answers(half_waves, rate_hz, self.values)]
         for move in np.diag(MOVES)[self.known :]:
             ends = (self.answers(half_waves, rate_hz, self.values + end) for end in (move, -move))
@@ -95,14 +95,14 @@ class Reflexive:
     raw: Record  # with its slow part
     human: HumanJoint
     record: Record
-    beside: Mapping[str, Array]  # columns (n,), of the reflex and of what K and B change with
-    muscles: "Sequence[Tried]"  # that of the columns first
-    slow: Array | None = None  # signal (n,) that K and B change with; None: they do not
+    beside: Mapping[str, Array]  # columns (n,) of the reflex, and of the changes of K and B
+    muscles: "Sequence[Tried]"  # the first one made the columns
+    slow: Array | None = None  # signal (n,) with which K and B change; None: they do not
 
     @cached_property
     def half_waves(self) -> Array:
-        """The velocity where it is positive and where it is negative, else 0, (n, 2) [rad/s], behind the filter of the
-        torque. The sign is that of quicker motion: what the filter leaves of it turns at other times."""
+        """The positive and the negative part of the velocity (n, 2) [rad/s], filtered like the torque. The sign is that
+        of a velocity with a higher cut-off: the filtered one changes its sign at other times."""
         low_pass, rate = self.raw.low_pass, self.raw.rate_hz
         swift = replace(low_pass, cutoff_hz=min(QUICK * low_pass.cutoff_hz, 0.2 * rate))
         omega = np.gradient(swift(self.raw.theta, rate), 1 / rate)
@@ -128,12 +128,12 @@ class Reflexive:
         return gram.fit_groups(self.sums, self.model, limit=np.inf)
 
 
-Tried = tuple[Muscle, Array]  # and what the fit to the others leaves of each stretch (m,)
+Tried = tuple[Muscle, Array]  # and its prediction error in each stretch (m,), as `predicted`
 PersonFit = tuple[Reflexive, Analysis]  # Eq. 15 with a reflex, fitted to a trial
 
 
 def sums_beside(record: Record, beside: Mapping[str, Array]) -> Sums:
-    """The sums of a record with columns (n,) beside those of Eq. 15, which are like one another and no estimates."""
+    """The sums of a record with columns (n,) beside those of Eq. 15, which are collinear and no estimates."""
     columns, centre = columns_of(record)
     return gram.gram_sums(record, {**columns, **beside}, [*IMPEDANCE.values(), *beside], centre, frozenset(beside))
 
@@ -147,7 +147,7 @@ def cosines(rate_hz: float, memory_s: float, number: int = COSINES) -> Array:
 
 
 def turned(raw: Record, columns: Array, slow: Array | None) -> Array:
-    """Columns (n, k) of a reflex, and those of a gain that changes with a slow signal in a straight line."""
+    """Columns (n, k) of a reflex, and those of a gain that is linear in a slow signal."""
     if slow is None:
         return columns
     away = slow - raw.part(slow).mean()
@@ -155,20 +155,21 @@ def turned(raw: Record, columns: Array, slow: Array | None) -> Array:
 
 
 def late_by(columns: Array, rate_hz: float, delay_s: float) -> Array:
-    """Columns (n, k) late by a delay, with rest before them."""
+    """Columns (n, k) delayed, with zeros before them."""
     return np.pad(columns, ((round(delay_s * rate_hz), 0), (0, 0)))[: len(columns)]
 
 
 def long_pieces(record: Record, slow_hz: float) -> list[slice]:
-    """The pieces of a record between its ends and gaps that a filter of some cut-off [Hz] takes; the longest anyway."""
+    """The pieces of a record, between ends and gaps, that are long enough for a filter at `slow_hz`; the longest
+    anyway."""
     lengths = [piece.stop - piece.start for piece in record.pieces]
     least = min(3 * record.rate_hz / slow_hz + 1, max(lengths))
     return [piece for piece, length in zip(record.pieces, lengths, strict=True) if length >= least]
 
 
 def without_slow(record: Record, signals: Array, slow_hz: float) -> Array:
-    """Signals (n, ...) of a record without what is slower than some frequency [Hz], by a zero-phase filter in each of
-    its pieces: beside them derivatives are wrong, and would be so for a second within."""
+    """Signals (n, ...) of a record, high-passed at some frequency [Hz] by a zero-phase filter in each piece: across a
+    gap derivatives are wrong, and the filter would spread this error over a second."""
     quick = np.zeros_like(signals)
     for piece in long_pieces(record, slow_hz):
         quick[piece] = signals[piece] - LowPass(slow_hz, 2)(signals[piece], record.rate_hz)
@@ -176,8 +177,8 @@ def without_slow(record: Record, signals: Array, slow_hz: float) -> Array:
 
 
 def without_will(record: Record, slow_hz: float, memory_s: float = 0.0) -> Record:
-    """The record without the slow part of angle and torque, about their means, in stretches of a thirtieth, and without
-    the rows of each piece whose past of `memory_s` was not recorded."""
+    """The record without the slow part of angle and torque, which keep their means, divided into 30 stretches. The
+    start of each piece is dropped, since the `memory_s` before it was not recorded."""
     signals = record.motion.theta, record.motion.omega, record.motion.alpha, record.filtered_torque
     theta, omega, alpha, torque = (without_slow(record, one, slow_hz) for one in signals)
     angle, level = (float(record.part(signals[k]).mean()) for k in (0, 3))
@@ -192,7 +193,7 @@ def without_will(record: Record, slow_hz: float, memory_s: float = 0.0) -> Recor
 
 
 def of_units(groups: Groups, sums: Array) -> Array:
-    """Sums (m, ...) of groups, of those that repeat one another together, since what the model misses is alike."""
+    """Sums (m, ...) of groups, added up over repeats of one another, which share what the model misses."""
     begins = np.flatnonzero(np.diff(groups.stratum, prepend=-1)) if groups.repeat else np.arange(len(sums))
     return np.asarray(np.add.reduceat(sums, begins))
 
@@ -200,7 +201,7 @@ def of_units(groups: Groups, sums: Array) -> Array:
 def with_reflex(
     raw: Record, human: HumanJoint, slow: Array | None = None, muscles: Sequence[Tried] = (), late: bool = False
 ) -> Reflexive:
-    """A person's record, whose K and B may change with a `slow` signal (n,), with the columns of the best muscle."""
+    """A person's record with the columns of the best muscle; K and B may change with a `slow` signal (n,)."""
     record = without_will(raw, human.slow_hz, human.memory_s)
     changing = {} if slow is None else changing_columns(raw, human, slow, record.part(slow))
     person = Reflexive(raw, human, record, changing, muscles, slow)
@@ -211,10 +212,10 @@ def with_reflex(
 
 
 def muscles_like(person: Reflexive, late: bool) -> list[Tried]:
-    """Muscle of each order, of least squares, with cosines and without, first that by which the other stretches predict
-    each one best. (Of those that predict as well within chance, the one of fewest cosines misses a second burst: of 128
-    sound joints 114 intervals held B, now 122.) Where the torque may be `late`, it stands beside what a delay adds to
-    Eq. 15, which the reflex would make up for."""
+    """Least-squares muscle of each order, with and without cosines; first the one with the best leave-one-out
+    prediction of stretches. (Taking the fewest cosines among those that predict equally well misses a second burst: 114
+    of 128 intervals of sound joints held B, now 122.) If the torque may be `late`, the terms of Eq. 15 that a delay
+    adds are fitted, too, lest the reflex make up for them."""
     raw, few, human, found = person.raw, person.record.coarse, person.human, list[Tried]()
     step = round(raw.rate_hz / few.rate_hz)
     waves, slow = person.half_waves[::step], None if person.slow is None else person.slow[::step]
@@ -258,7 +259,7 @@ def muscles_like(person: Reflexive, late: bool) -> list[Tried]:
 
 
 def predicted(sums: Sums) -> Array:
-    """What the fit to the other stretches leaves of each, (m,)."""
+    """The residual sum of squares in each stretch (m,), of the fit to all others."""
     of_each = of_units(sums.groups, sums.gram[:, :-1, :-1])
     rest = of_each.sum(axis=0) - of_each
     error = np.hstack([gram.solved(rest[:, :-1, :-1], rest[:, :-1, -1])[0], -np.ones((len(rest), 1))])
@@ -266,8 +267,8 @@ def predicted(sums: Sums) -> Array:
 
 
 def delay_by_muscle(person: Reflexive) -> Row:
-    """The delay [ms] by the muscle of the columns, and from where to where the intervals of the delay reach by all that
-    predict as well within chance, by the scatter of what is left in stretches."""
+    """The delay [ms] of the columns' muscle, and the ends of the delay's intervals over all muscles that predict as
+    well within chance, by the scatter between stretches."""
     more = [(one, left - person.muscles[0][1]) for one, left in person.muscles]
     chance = scipy.special.stdtrit(len(more[0][1]) - 1, 0.975) * np.sqrt(len(more[0][1]))
     good = [one for one, left in more if left.sum() <= chance * left.std(ddof=1)]
@@ -278,7 +279,7 @@ def delay_by_muscle(person: Reflexive) -> Row:
 
 
 def changing_columns(raw: Record, human: HumanJoint, slow: Array, fitted: Array) -> dict[str, Array]:
-    """Columns (n,) by which K, B and the torque at rest change with a slow signal (n,), fitted in rows (m,)."""
+    """Columns (n,) by which K, B and torque at rest change with a `slow` signal (n,), whose `fitted` rows are (m,)."""
     shares = over_basis(fitted, slow) - over_basis(fitted, fitted).mean(axis=0)
     moved = {"K": raw.motion.theta - raw.part(raw.motion.theta).mean(), "B": raw.motion.omega}
     if human.over != "time":
@@ -298,8 +299,8 @@ def over_basis(fitted: Array, values: Array) -> Array:
 
 
 def friction_columns(record: Record, *cutoffs_hz: float) -> Array:
-    """Friction (n, 3 k) in the rows of the coarse record, which turns its sign over three speeds. It follows the speed
-    below each of k cut-offs, before the record's filter: of a creeping joint both differ, of a coarse encoder too."""
+    """Friction (n, 3 k) in the rows of the coarse record, which changes sign over three widths of speed. Its speed has
+    one of k cut-offs, before the record's filter: signs differ if the joint creeps or the encoder is coarse."""
     rate, theta = record.rate_hz, record.theta
     speeds = [np.gradient(LowPass(min(hz, 0.45 * rate), 2)(theta, rate), 1 / rate) for hz in cutoffs_hz]
     step, widths = round(rate / record.coarse.rate_hz), SIGN_WIDTHS
@@ -307,19 +308,19 @@ def friction_columns(record: Record, *cutoffs_hz: float) -> Array:
 
 
 def unstated_reflex_row(record: Record, is_device: bool) -> Row:
-    """Whether the torque of a joint has a reflex, and K, B and I with one in the model; null where it is a device."""
+    """Whether the torque of a joint has a reflex, and K, B and I with one in the model; null for a device."""
     p = None if is_device else reflex_test(record, HumanJoint())
     fit = with_reflex(record, HumanJoint()).fit if p is not None and p < 1e-2 else None
     return {"reflex_p": p, **without_row(fit, "with_reflex")}
 
 
 def reflex_test(raw: Record, human: HumanJoint) -> float | None:
-    """Probability of what the speed, late by 40 ms or more, explains of the torque, if it were chance (Wald's test by
-    the scores of stretches); None where a record, or the period after which its motion repeats itself, is too short.
+    """p-value of what the speed of 40 ms ago, or earlier, explains of the torque (Wald's test by the scores of
+    stretches). None if a record, or the period of its motion, is too short.
 
-    The speed is the even part of a half-wave: no linear dynamics makes it. Springs and stops that differ between the
-    directions do, and friction of a joint that creeps after stretches, but at once: their columns compete. It is 1
-    where the past speed explains little more than the one to come does, or than rounding, which steps repeat."""
+    The speed is the even part of a half-wave: no linear dynamics makes it. Friction of a creeping joint and springs and
+    stops that differ between directions make it, but without a delay: their columns compete. It is 1 if the past speed
+    explains little more than the future speed, or than rounding, which steps repeat."""
     few = raw.coarse
     groups = stretches_of(few.pieces, few.rate_hz, max(few.seconds / TESTED_BLOCKS, SHORTEST_TESTED_S))
     blocks = len(groups.first)
@@ -351,8 +352,8 @@ def reflex_test(raw: Record, human: HumanJoint) -> float | None:
 
 
 def own_cutoff_hz(trial: Trial, settings: HumanJointAnalysis) -> float:
-    """The frequency [Hz] below which 95 % of the power of a trial's speed lies, before any filter and without the floor
-    of noise; up to an eighth of the sampling rate, and `cutoff_hz` at least. Raises as `uniform_signals`."""
+    """The frequency [Hz] below which 95 % of the power of a trial's speed lies, unfiltered and less the floor of noise;
+    at least `cutoff_hz`, at most an eighth of the sampling rate. Raises as `uniform_signals`."""
     signals = uniform_signals(trial, ("theta",), settings.gap_limits)
     rate = sampling_rate(signals.time)
     f, power = scipy.signal.welch(signals["theta"], rate, nperseg=min(round(4 * rate), len(signals.time)))
@@ -384,7 +385,7 @@ def fit_person(trial: Trial, settings: HumanJointAnalysis, windows: str | None =
 
 
 def holding(fits: Sequence[GroupFit], *own: Row) -> Row:
-    """The ends that hold the intervals of K, B and I of fits, and those of rows."""
+    """The range that holds the intervals of K, B and I of some fits and rows."""
     found = Row()
     for name in "KBI":
         stated = [(row[f"{name}_low"], row[f"{name}_high"]) for row in own]
@@ -394,9 +395,9 @@ def holding(fits: Sequence[GroupFit], *own: Row) -> Row:
 
 
 def lag_of_person_row(fit: PersonFit, own: Row) -> Row:
-    """The lag of the torque, and K, B and I beside it: beside a delay, or beside either where a low-pass of first order
-    may be it. Where none is certain and a possible one makes a tenth of B or I, the intervals of its `own` row hold
-    these, unless a calibration states the delay. The reflex is that beside a lag, for which else it makes up."""
+    """The lag of the torque, and K, B and I beside it; where a first-order low-pass may be the lag, the range with
+    either. These ranges join the intervals of the trial's `own` row if no lag is certain, a possible one changes B or I
+    by a tenth, and no calibration states the delay. The reflex is refitted beside a lag, for which it would make up."""
     (person, analysis), row = fit, dict.fromkeys(("lag_s", "lag_se_s", "lag_shift")) | without_row(None, "without_lag")
     late, whole = with_reflex(person.raw, person.human, person.slow, late=True), analysis.whole
     friction = without_slow(person.raw.coarse, friction_columns(person.raw, 160.0), person.human.slow_hz)
@@ -411,7 +412,7 @@ def lag_of_person_row(fit: PersonFit, own: Row) -> Row:
         return row
     lag, se = delay["lag_s"], float(np.hypot(delay.se("lag_s"), REFLEX_ERROR))
     found = abs(more) < se and effects.is_certain(lag, se, delay.freedom("lag_s"))
-    found &= delay.certain("B", effects.FALSE_ALARM)  # beside friction steps between two levels tell neither
+    found &= delay.certain("B", effects.FALSE_ALARM)  # steps between two levels tell neither from friction
     per_s, possible = max(abs(whole["K"] / whole["B"]), abs(whole["B"] / whole["I"])), abs(lag) + effects.POSSIBLE * se
     if not found and possible * per_s > HIDDEN and not person.raw.calibration.delay:
         both = holding([delay, behind], own)
@@ -425,10 +426,10 @@ def lag_of_person_row(fit: PersonFit, own: Row) -> Row:
 
 
 def misfit_row(fit: PersonFit, own: Row) -> Row:
-    """What explains a torque without a lag beside the reflex: friction, or play, which is friction that drives; and a
-    spring that is not linear, as a dead zone makes it. Each is heard where other stretches predict each stretch better
-    with its columns than chance would make it; friction must explain more than a reflex of another shape might. It then
-    has its harm, friction also K, B and I beside it. Of a smaller gain the intervals of the `own` row hold these."""
+    """What explains a torque without a lag, beside the reflex: friction (play is friction that drives), and a spring
+    that is not linear, as a dead zone is. Leave-one-out prediction must gain by its columns: far more than by chance,
+    of friction also more than by a reflex of another shape. Then the row has its harm, of friction also K, B and I
+    beside it. If the gain is only more than by chance, the intervals of the trial's `own` row hold these."""
     person, whole, few, row = fit[0], fit[1].whole, fit[0].record.coarse, no_witness()
     theta, alone = person.raw.coarse.motion.theta, person.muscles[0][1]
     away = theta - theta.mean()
@@ -456,7 +457,7 @@ def misfit_row(fit: PersonFit, own: Row) -> Row:
 
 
 def reflex_gains(person: Reflexive, whole: gram.GroupFit) -> Row:
-    """Torque per speed [N*m*s/rad] that a lasting speed of either direction would end in by the reflex."""
+    """Torque per speed [N*m*s/rad] of the reflex after a lasting speed in either direction."""
     row, (muscle, _) = Row(), person.muscles[0]
     broad = cosines(person.raw.rate_hz, person.human.memory_s, muscle.cosines)
     gains = [1.0, *np.zeros(3 - muscle.known), *broad.sum(axis=0)]  # of each kind of column
@@ -467,7 +468,7 @@ def reflex_gains(person: Reflexive, whole: gram.GroupFit) -> Row:
 
 
 def weighted_sum(whole: gram.GroupFit, name: str, weights: Mapping[str, float]) -> Row:
-    """A sum of estimates with weights, by column: itself, its standard error, and the ends of its interval of 95 %."""
+    """A weighted sum of estimates: its value, standard error and 95 % interval."""
     turn = np.array([weights.get(one, 0.0) for one in whole.names])
     best, se = float(turn @ whole.estimates), float(np.sqrt(turn @ whole.covariance @ turn))
     half = float(scipy.special.stdtrit(min(map(whole.freedom, weights)), 0.975)) * se
@@ -475,7 +476,7 @@ def weighted_sum(whole: gram.GroupFit, name: str, weights: Mapping[str, float]) 
 
 
 def reflex_row(fit: PersonFit) -> Row:
-    """What the torque has of the reflex in the model."""
+    """The evidence on the reflex in the model."""
     person, whole = fit[0], fit[1].whole
     raw, record, human = person.raw, person.record, person.human
     reflex = sum(whole[name] * record.part(person.beside[name]) for name in person.beside if name[:6] == "reflex")
@@ -493,9 +494,8 @@ def reflex_row(fit: PersonFit) -> Row:
 
 
 def human_joint_table(fit: PersonFit) -> pl.DataFrame:
-    """The trial's row of `human_joint.csv`. What a person pushes as he likes is in the interval, and no doubt. A joint
-    that shows no reflex may be a device, of which the witness is asked. Raises InputError: K is negative, its interval
-    too."""
+    """The trial's row of `human_joint.csv`. Voluntary torque is in the interval, and no doubt. A joint without a reflex
+    may be a device, so that the witness examines it. Raises InputError: K and its interval are negative."""
     (person, analysis), whole = fit, fit[1].whole
     check_resists(person.raw.name, "K", whole["K"], whole.interval("K")[1])
     row = analysis.row(None, *QUANTITIES)
@@ -529,8 +529,8 @@ OVER |= {f"{name}{end}": pl.Float64 for name in "KB" for end in ("", "_se", "_lo
 
 
 def over_table(fit: PersonFit) -> pl.DataFrame:
-    """The trial's rows of `impedance_over.csv`: K and B at even values of the signal that they change with, from 5 to
-    95 % of its rows; none where nothing is asked for."""
+    """The trial's rows of `impedance_over.csv`: K and B at evenly spaced values of the signal with which they change,
+    from its 5 % to its 95 % quantile; none if no signal is stated."""
     person, whole, rows = fit[0], fit[1].whole, list[Row]()
     record, over = person.record, person.human.over
     if person.slow is None:

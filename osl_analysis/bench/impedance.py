@@ -1,5 +1,5 @@
-"""Rendered impedance on the dynamometer (Figs. 4-6): Eq. 15 of any motion, per amplitude and over all, what the gains
-should give, and what judges the estimates."""
+"""Rendered impedance on the dynamometer (Figs. 4-6): Eq. 15 fitted to any motion, per amplitude and over all, the
+impedance that the gains should render, and the evidence on which the estimates are judged."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -83,11 +83,11 @@ def rendered_impedance(record: Record, expected: effects.Admittance | None = Non
 
 
 def impedance_table(analysis: Analysis, s: Sums, p: DrivetrainParameters | None = None) -> pl.DataFrame:
-    """The trial's rows of `impedance.csv`: Eq. 15 fitted to each amplitude [deg] and to all of them (amplitude null);
-    of a motion that is no stepped sine one row. What moved the joint is the same in every row: estimates of a device
-    that is no second-order system depend on band and weights. With the parameters of the device and theta_m the belt
-    shows a lag, which what Eq. 15 misses of a drivetrain would hide. Where nobody states
-    them an actuator that turns tells a leg, whose drivetrain is no fault of the recording."""
+    """The trial's rows of `impedance.csv`: Eq. 15 fitted to each amplitude [deg] and to all of them (amplitude null). A
+    motion that is no stepped sine has one row. What describes the motion is the same in every row: the estimates of a
+    device that is not of second order depend on band and weights. The device's parameters and theta_m give the belt,
+    which shows a lag that Eq. 15 hides where it does not fit the drivetrain. Without parameters a joint whose actuator
+    turns is taken for a leg, since its drivetrain is no fault of the recording."""
     record = analysis.record
     belt, repeats = effects.belt_of_leg(record, p), effects.repeats_row(record, s, IMPEDANCE)
     turned = float(np.std(record.actuator.get("theta_m", 0.0)))
@@ -107,7 +107,7 @@ def impedance_table(analysis: Analysis, s: Sums, p: DrivetrainParameters | None 
     friction[None] |= (untold := untold_row(analysis.whole, friction[None] | facts))
     friction[None] |= either_reading(analysis, friction[None])
     facts |= {name: value for name, value in untold.items() if name in facts}
-    if not (record.is_stepped_sine and (is_leg or rubs)):  # what sticks stands still at the peaks of a slow sine
+    if not (record.is_stepped_sine and (is_leg or rubs)):  # a sticking joint stands still at the peaks of a slow sine
         facts["torque_at_peaks"] = torque_at_peaks(analysis, record)
     for label, fit in analysis.fits.items():
         rows.append(
@@ -136,20 +136,20 @@ WITHOUT_FRICTION = {"K": "K_without_friction", "B": "B_viscous", "I": "I_without
 """Columns of the estimates beside friction."""
 
 
-LITTLE_OF_IT = 0.3  # share of what the best rival explains, below which a reflex is not what is heard
+LITTLE_OF_IT = 0.3  # a reflex that explains less than this share of what the best rival does is not what is heard
 
 
 def believed_reflex(whole: GroupFit, facts: Row, is_leg: bool) -> Row:
-    """What the `facts` of a recording have of a reflex, as far as the witness leaves it: none where it hears nothing,
-    where a path, friction, or anything by far, explains more, or no estimate moves by more than its interval, or by
-    what harms."""
+    """The columns that withdraw the reflex in `facts`, where the witness does not support it; empty where it does. The
+    reflex is withdrawn if nothing is heard, if a path, friction, or any rival by far explains more, or if it moves no
+    estimate by more than the interval, or by more than does harm."""
     shifts, moved = [facts[f"{family}_shift"] for family in FAMILIES], False
     alone = not any(isinstance(shift, float) and shift > 1 for shift in shifts)
     for name, (share, size) in HARM.items():
         value, low_high = facts[f"{name}_with_reflex"], whole.interval(name)
         least = max(low_high[1] - whole[name], alone * share * float(np.hypot(whole[name], size)))
         moved |= isinstance(value, float) and abs(value - whole[name]) > least
-    harmless = not moved and bool(facts["rivals"] or facts["path_shift"] == 0)  # and no delay may hide behind it
+    harmless = not moved and bool(facts["rivals"] or facts["path_shift"] == 0)  # nor may a delay hide behind it
     explains = facts["reflex_explains"]
     little = not isinstance(explains, float) or explains < LITTLE_OF_IT  # null where nothing is heard
     known = little or facts["path_shift"] or facts["friction_shift"] or harmless
@@ -159,17 +159,16 @@ def believed_reflex(whole: GroupFit, facts: Row, is_leg: bool) -> Row:
 
 
 def beside_friction(row: Row, name: str) -> list[float]:
-    """Ends of the ranges of K, B or I beside friction, and beside what cannot be told from it; empty if it has none."""
+    """Ends of the ranges of K, B or I beside friction, and beside rivals that cannot be told from it; may be empty."""
     ends = [row[f"{one}_{end}"] for one in (WITHOUT_FRICTION[name], f"{name}_without") for end in ("low", "high")]
     return [float(end) for end in ends if end is not None]
 
 
 def untold_row(whole: GroupFit, row: Row) -> Row:
-    """Ranges of K, B and I where friction is not told. Where it may be what the witness hears, they are in place of
-    numbers and of the intervals of the fit, and hold these, the ranges beside friction of any shape and those of what
-    cannot be told from it. What else is heard has its own, which hold those beside friction; beside that, or a path
-    that nothing tells, friction alone leaves no range of what these move. Where a range excludes the interval of K,
-    the intervals hold the ranges."""
+    """Ranges of K, B and I where friction is uncertain. If the witness may hear friction, they replace estimates and
+    intervals, and hold the fit's intervals, those beside friction of any shape, and those of its rivals. If it hears
+    something else, the ranges of those rivals hold the ones beside friction, which has none of its own; nor has it for
+    B and I if no test hears paths. If nothing is heard and K's range excludes its interval, the intervals hold them."""
     untold, heard = row["friction_shift"], row["heard"] is not None
     if not untold and (row["B_viscous"] is not None or row["B_viscous_low"] is None):
         return {}
@@ -191,7 +190,7 @@ def untold_row(whole: GroupFit, row: Row) -> Row:
 
 
 def either_reading(analysis: Analysis, row: Row) -> Row:
-    """Intervals of K, B and I that hold both readings of undecided stamps; nothing where all are decided."""
+    """Intervals of K, B and I that hold both readings of undecided stamps; empty if all are decided."""
     fit, other, found = analysis.calibrated(analysis.whole), analysis.others.get(None), Row()
     if other is None:
         return found
@@ -221,8 +220,8 @@ def motion_row(record: Record) -> Row:
 
 
 def lag_row(lag: Fault | None, fit: GroupFit) -> Row:
-    """Lag of the torque behind the angle by the belt of a leg, the damping that it makes, and the shares of B and I of
-    one that was found: exp(-s d) takes K d off B, and d times the joint's own B off I."""
+    """Lag of a leg's torque behind the angle by its belt, the damping that this lag makes, and the shares of B and I
+    due to a lag that was found: exp(-s d) takes K d off B, and d times the joint's own B off I."""
     if lag is None:
         return {**lag_damping_row(None, None, fit["K"]), "lag_share": None, "lag_inertia_share": None}
     row: Row = {**lag_damping_row(lag.size, lag.se, fit["K"], 0.0 if lag.found else np.inf)}
@@ -234,13 +233,13 @@ def lag_row(lag: Fault | None, fit: GroupFit) -> Row:
 
 
 def over_amplitudes(analysis: Analysis) -> Row:
-    """What the row over all amplitudes says of the single ones, null for fewer than two: `K_change` and `B_change`, by
-    how much K and B change from the smallest to the largest one, as a share; the lowest and the highest estimates.
+    """Columns of the row over all amplitudes on the single ones, null for fewer than two: the relative changes
+    `K_change` and `B_change` from the smallest to the largest amplitude, and the lowest and the highest estimates.
 
-    A spring that stiffens, or play, changes K with the amplitude; friction changes both. A change is lowered in size by
-    the half-width of its 95 % interval, to 0 at most: noise is no change. What it is divided by is not less than
-    `LITTLE`. Where both amplitudes have the same frequencies, each is left out of both, so that what the model misses
-    at both alike is no error of the difference; else their intervals are independent."""
+    A stiffening spring, or play, changes K with the amplitude; friction changes K and B. A change is reduced by the
+    half-width of its 95 % interval, at most to 0: noise is no change. Its divisor has `LITTLE` added in quadrature. If
+    both amplitudes have the same frequencies, each frequency is left out of both in turn: what the model misses at both
+    alike then is no error of the difference. Else their intervals are independent."""
     bounds = [f"{name}_amplitudes_{end}" for name in QUANTITIES for end in ("low", "high")]
     row: Row = dict.fromkeys(("K_change", "B_change", *bounds))
     labels = sorted(label for label in analysis.fits if isinstance(label, float))
@@ -289,12 +288,12 @@ def judged_impedance(
     desired: DesiredImpedance | None,
     gains: Gains | None = None,
 ) -> tuple[Analysis, pl.DataFrame]:
-    """Eq. 15 of a record, and its rows with all that judges them. What should come of the `gains` is known only with a
+    """Eq. 15 of a record, and its rows with all that judges them. What the `gains` should render is known only with a
     parameter file (`p`). Raises as `plausible_impedance`."""
     expected = joint_admittance(gains.K_1, gains.B_1, p, p.J_j) if p and gains else None
     analysis, s = rendered_impedance(record, expected)
     predicted = None
-    if expected:  # by Eq. 15 of the torque of the linear model, moved as recorded: a drivetrain is of higher order
+    if expected:  # Eq. 15 fitted to the linear model's torque in the recorded motion: a drivetrain is of higher order
         at = s.index(list(IMPEDANCE.values()))
         predicted = estimates_of(s.total, at, s.names.index("linear"))[:3].tolist()
     K_given, K_d = predicted[0] if predicted else None, desired.K_d if desired else None
@@ -327,8 +326,8 @@ def judged_impedance(
 
 
 def torque_error(s: Sums, label: Label, desired: DesiredImpedance) -> float | None:
-    """RMS [N*m] of tau - (K_d theta + B_d omega) in the rows of a label: by how much the torque is not what was asked
-    for. Offset and drift are those of the load cell, and left out. None where K_d or B_d is not known."""
+    """RMS [N*m] of tau - (K_d theta + B_d omega) in the rows of a label: the error of the rendered torque. Offset and
+    drift are the load cell's, and left out. None where K_d or B_d is not known."""
     if desired.K_d is None or desired.B_d is None:
         return None
     total, (theta, omega, one, ramp) = s.over(label), s.index(["theta", "omega", "one", "ramp"])
@@ -346,15 +345,16 @@ class Known:
 
     stiffness: float | None  # [N*m/rad]
     inertia: float | None  # [kg*m^2]
-    share: float = 0.0  # relative standard uncertainty of these
+    share: float = 0.0  # their relative standard uncertainty
 
 
 SPRING_LOSS = 1e-3
-"""Half-width of what is known of a spring's loss factor, tan(phase), about 0: steel and clamps have 1e-4 to 1e-3."""
+"""Half-width of the loss factor of a spring, tan(phase), about 0: steel and clamps have 1e-4 to 1e-3."""
 
 
 def late_fits(record: Record, is_spring: bool) -> tuple[GroupFit, GroupFit]:
-    """Eq. 15 with friction and a late torque, and the same with a damping, if it is a spring's that has none."""
+    """Eq. 15 with friction and a late torque, as two fits. For a spring the second allows damping, and the first is the
+    same if this damping is certain, else without."""
     few, model = record.coarse, {**IMPEDANCE, "T_C": "T_C"}
     columns, centre = effects.effect_columns(record)
     seek = partial(effects.late_fit, few, columns, centre=centre, rounded=record.rounded)
@@ -362,18 +362,18 @@ def late_fits(record: Record, is_spring: bool) -> tuple[GroupFit, GroupFit]:
         return (seek(model=model)[0],) * 2
     bare, _ = seek(model={name: column for name, column in model.items() if name != "B"})
     each = [seek(model=model, lag=lag) for lag in (0.0, bare["lag_s"])]
-    # of a delay an image with a damping may be found in its place, or none
+    # beside a damping the search may end in the false minimum of a delay, or find none
     both, _ = min(each, key=lambda one: abs(one[1]) > effects.LAG_FOUND or one[0].interval("B")[1] < 0)
     return both if both["B"] > 0 and both.certain("B", effects.FALSE_ALARM) else bare, both
 
 
 def calibration_table(analysis: Analysis, known: Known) -> pl.DataFrame:
-    """The trial's row of `calibration.csv`, from Eq. 15 of a known spring or inertia with friction and a late torque,
-    and what else than a delay makes it late.
+    """The trial's row of `calibration.csv`: Eq. 15 of a known spring or inertia, with friction and a late torque, and
+    what else than a delay may make the torque late.
 
-    A spring has no damping but what `SPRING_LOSS` allows, unless the fit with both, of which `B` is, certainly has one:
-    what is in phase with the velocity beside friction is a delay. An inertia tells a delay from the damping of its
-    bearing by higher derivatives. `gain` is what torque over angle reads of what is known; the rest is the fixture's.
+    A spring has no damping beyond `SPRING_LOSS`, unless the fit that allows one, whose `B` is given, is certain of it:
+    torque in phase with the velocity, beside friction, is a delay. For an inertia, higher derivatives tell a delay from
+    the damping of its bearing. `gain` is the measured K or I over the known one; the rest is the fixture's.
 
     Raises InputError: nothing is known; IdentifiabilityError: as `fit_groups`."""
     record, of = analysis.record, known.stiffness or known.inertia
@@ -416,13 +416,13 @@ def calibration_table(analysis: Analysis, known: Known) -> pl.DataFrame:
 
 
 def repeated_trials_table(impedance: pl.DataFrame) -> pl.DataFrame:
-    """A row per condition and motion with two trials or more, and quantity, with Student's interval over the trials.
+    """A row per quantity and condition with two trials or more of like motion, with Student's interval over the trials.
     Motions are alike in band, period and size (`alike_sizes`).
 
-    Each trial counts with its fit to all of its motion. The interval contains everything that differs from trial to
-    trial, as the distortion that friction makes of another realisation of a random motion; the intervals of the single
-    trials may not. Doubtful fits are left out where half of the trials or more are sound. Of trials without a stated
-    K_d, each of which may have been asked for another, only `repeating_trials` are repeats."""
+    Each trial counts with its fit to all of its motion. The interval contains all that differs from trial to trial,
+    such as the distortion by friction of another realisation of a random motion, which the interval of a single trial
+    may not. Doubtful fits are left out if half of the trials or more are sound. Trials without a stated K_d may each
+    have been asked for another, so that only `repeating_trials` of them are repeats."""
     whole = impedance.filter(pl.col("amplitude_deg").is_null()) if "amplitude_deg" in impedance.columns else impedance
     same = ("joint", "side", "controller", "K_d", "B_d", "group", "excitation")
     keys, rows = [name for name in same if name in whole.columns], list[dict[str, object]]()
@@ -451,14 +451,14 @@ COMPARED: Mapping[str, tuple[str, pl.Expr]] = {
     "B_error": ("N*m*s/rad", (pl.col("B") - pl.col("B_d")).abs()),
     "VAF": ("%", pl.col("VAF")),
 }
-"""Unit and value of what is compared; of all but the VAF less is better."""
+"""Unit and value of each compared quantity; less is better, except for the VAF."""
 ASKED = (*PLACE, "K_d", "B_d")
 
 
 def compensation_table(impedance: pl.DataFrame) -> pl.DataFrame:
     """`compensation.csv` from the rows of `impedance.csv`. Repeats of a condition count as their mean. The interval of
-    a difference is Student's over pairs of trials: amplitudes of one trial are no independent pairs. Amplitudes are
-    those that were commanded; where none is stated, the measured ones, which are alike."""
+    a difference is Student's over pairs of trials: amplitudes of one trial are no independent pairs. Amplitudes are the
+    commanded ones; where none is stated, the measured ones that are alike."""
     size = "commanded_deg" if impedance["commanded_deg"].is_not_null().any() else "amplitude_deg"
     known = held_against_desired(impedance).with_columns(alike_sizes(impedance[size].cast(pl.Float64)))
     known = known.drop_nulls(["K_d", "B_d"]).filter(pl.col("K_d") != 0)
@@ -482,7 +482,7 @@ def compensation_table(impedance: pl.DataFrame) -> pl.DataFrame:
 
 
 def paired(pairs: pl.DataFrame, name: str) -> dict[str, Any]:
-    """One quantity in some pairs."""
+    """The comparison of one quantity over pairs."""
     difference = pairs[name] - pairs[f"{name}_right"]
     by_trial = pairs.select("K_d", "B_d", difference=difference).group_by("K_d", "B_d").agg(pl.col("difference").mean())
     better = int((difference > 0 if name == "VAF" else difference < 0).sum())

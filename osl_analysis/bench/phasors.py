@@ -1,5 +1,5 @@
-"""Frequency response of a trial: phasors of angle and torque in each segment of a stepped sine (Fig. 7) with their
-covariance, and harmonics; the impedance over frequency of any other motion."""
+"""Frequency response of a trial: phasors of angle and torque in each segment of a stepped sine (Fig. 7), with
+covariance and harmonics; for any other motion the impedance over frequency."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -20,7 +20,7 @@ from osl_analysis.spectral.stepped_sine import whole_rows
 from osl_analysis.stats import regression
 from osl_analysis.trial import Array, check_finite, check_measured
 
-COMPLEX_PARTS = ("re", "im", "var_re", "cov", "var_im", "degrees_of_freedom")  # endings of the columns of an estimate
+COMPLEX_PARTS = ("re", "im", "var_re", "cov", "var_im", "degrees_of_freedom")  # suffixes of the columns of an estimate
 POLAR = [f"{name}{end}" for name in ("magnitude", "phase_deg") for end in ("", "_se", "_low", "_high")]
 """Magnitude and phase [deg] with standard errors and 95 % intervals (Student), to first order."""
 SHARED = ("Y_se_bench", "Y_gain_se_bench", "Y_phase_se_bench")
@@ -48,11 +48,11 @@ RESPONSE_COLUMNS: dict[str, type[pl.DataType]] = {
 
 @dataclass(frozen=True)
 class ComplexEstimate:
-    """A complex number that was estimated. Raises InputError: value or covariance cannot be measured."""
+    """An estimate of a complex number. Raises InputError: value or covariance cannot be measured."""
 
     value: complex
     covariance: Array  # covariance (2, 2) of real and imaginary part
-    degrees_of_freedom: float  # degrees of freedom of its variances; infinite where these are 0
+    degrees_of_freedom: float  # of its variances; infinite if these are 0
 
     def __post_init__(self) -> None:
         check_finite("the estimate", [self.value.real, self.value.imag])
@@ -84,7 +84,7 @@ class ComplexEstimate:
 
 
 def with_errors(value: complex, errors: Sequence[tuple[Array, float]]) -> ComplexEstimate:
-    """A number with independent errors: covariances (2, 2) with their degrees of freedom, which add up by the trace."""
+    """A number with independent errors: sum of the covariances (2, 2); degrees of freedom, combined by the traces."""
     covariances, freedom = zip(*errors, strict=True)
     total = float(regression.welch_satterthwaite([np.trace(C) for C in covariances], freedom))
     return ComplexEstimate(value, np.sum(covariances, axis=0), total)
@@ -107,12 +107,12 @@ def complex_mean(numbers: Sequence[ComplexEstimate]) -> ComplexEstimate:
 
 
 SharedError = Sequence[float]
-"""Standard uncertainties of Y that all phasors on a bench share: of its real part by the stiffness of the bench, of its
-magnitude, relative, and of its phase [rad]."""
+"""Standard uncertainties of Y that all phasors on a bench share: of its real part, due to the bench's stiffness; of its
+magnitude, relative; and of its phase [rad]."""
 
 
 def shared_covariance(value: complex, error: SharedError) -> Array:
-    """Covariance (2, 2) that these make."""
+    """Covariance (2, 2) of a number with these uncertainties."""
     compliance, gain, turn = error
     along, across = np.array([value.real, value.imag]), np.array([-value.imag, value.real])
     of_calibration = gain**2 * np.outer(along, along) + turn**2 * np.outer(across, across)
@@ -120,7 +120,7 @@ def shared_covariance(value: complex, error: SharedError) -> Array:
 
 
 def with_bench_error(number: ComplexEstimate, error: SharedError) -> ComplexEstimate:
-    """The number with these errors, of type B."""
+    """The number with these uncertainties, of type B."""
     known = shared_covariance(number.value, error)
     return with_errors(number.value, [(number.covariance, number.degrees_of_freedom), (known, np.inf)])
 
@@ -159,12 +159,12 @@ class Phasor(ComplexEstimate):
 def fit_sinusoids(
     time: Array, frequency_hz: float, *signals: Array, cycles: tuple[Array, Array] | None = None
 ) -> Iterator[Phasor]:
-    """Phasors of settled signals (n,) at times (n,) [s], which set the zero of the phase, each with an offset and
-    harmonics 2 to 5, which friction makes. `cycles` are the rows, which need not be whole, at which each begins and
-    ends, and which are fitted; None: all rows, divided into cycles from the first one on.
+    """Phasors of settled signals (n,) at times (n,) [s], which define zero phase, each with an offset and harmonics 2
+    to 5, which friction makes. `cycles` holds the rows, which may be fractional, at which each fitted cycle begins and
+    ends; None: all rows, divided into cycles from the first one on.
 
-    The spread of cycles gives the covariance; of fewer than five it is that of the residual's autocorrelation. The
-    normal equations are well conditioned: over whole cycles the sines are at right angles.
+    The covariance comes from the spread of cycles; with fewer than five, from the autocorrelation of the residual. The
+    normal equations are well conditioned: sines are orthogonal over whole cycles.
 
     Raises InputError: less than one cycle, steps too long for harmonic 5, a value that cannot be measured, no sine."""
     check_finite("time", time)
@@ -200,7 +200,7 @@ def fit_sinusoids(
             covariance, freedom = regression.between_cycles(scores, np.zeros(len(scores), dtype=np.intp))
             method = "cycles"
         harmonics = estimates[1::2] - 1j * estimates[2::2]  # a cos(wt) + b sin(wt) = Re((a - j b) exp(j w t))
-        if abs(harmonics[0]) <= 1e-12 * np.abs(signal).max():  # the fit's rounding error
+        if abs(harmonics[0]) <= 1e-12 * np.abs(signal).max():  # rounding error of the fit
             raise InputError(
                 f"the signal has no sine of {frequency_hz:g} Hz, it stays at {signal[0]:g}; check its channel in the "
                 "source file, or exclude the trial"
@@ -212,7 +212,7 @@ def fit_sinusoids(
 def with_rounding(
     phasor: Phasor, record: Record, channel: int, frequency_hz: float, cycles: tuple[Array, Array]
 ) -> Phasor:
-    """A phasor of angle (0) or torque (1) with what rounding makes of it that is alike in its cycles."""
+    """A phasor of angle (0) or torque (1) with the rounding error that its cycles share."""
     first, stop = cycles
     rows = whole_rows(first.min(), stop.max())
     if not (errors := list(record.roundings(channel, rows))):
@@ -233,12 +233,12 @@ def with_rounding(
 class SegmentPhasors:
     """Phasors of raw angle and torque in one segment."""
 
-    amplitude_deg: float  # measured amplitude [deg] by which the fits to this and the other frequencies are named
+    amplitude_deg: float  # measured amplitude [deg] that names the fits to all its frequencies
     frequency_hz: float  # frequency [Hz]
     theta: Phasor  # of the joint angle [rad]
     torque: Phasor  # of the resisting torque [N*m]
     bench_error: SharedError = (0.0, 0.0, 0.0)
-    commanded_deg: float | None = None  # amplitude of the protocol that it follows [deg]
+    commanded_deg: float | None = None  # amplitude [deg] in the protocol
 
     @property
     def admittance(self) -> ComplexEstimate:
@@ -247,8 +247,8 @@ class SegmentPhasors:
 
 
 def phasors_of_record(record: Record) -> list[SegmentPhasors]:
-    """Phasors of the settled cycles of every segment of a stepped sine, amplitude by amplitude; none of another motion.
-    The last cycle is not used. Where the lag of the angle grows, it has the beginning of the next frequency.
+    """Phasors of the settled cycles in every segment of a stepped sine, amplitude by amplitude; none for other motions.
+    The last cycle is not used: if the lag of the angle grows, it contains the beginning of the next frequency.
 
     Raises InputError: as `fit_sinusoids`; the message names the trial."""
     if not record.is_stepped_sine:
@@ -270,7 +270,7 @@ def phasors_of_record(record: Record) -> list[SegmentPhasors]:
 
 
 def phasor_table(trial: str, phasors: Sequence[SegmentPhasors]) -> pl.DataFrame:
-    """A row per amplitude and frequency; none where no sines moved the joint."""
+    """A row per amplitude and frequency; none without sines."""
     rows = list[regression.Row]()
     for segment in phasors:
         Y = segment.admittance
@@ -294,19 +294,19 @@ def phasor_table(trial: str, phasors: Sequence[SegmentPhasors]) -> pl.DataFrame:
 
 
 def frequency_response_table(phasors: pl.DataFrame) -> pl.DataFrame:
-    """Complex mean of Y over the amplitudes, a row per trial and frequency, from the gathered phasor tables: magnitude
+    """Complex mean of Y over the amplitudes, one row per trial and frequency, from the phasor tables: magnitude
     [rad/(N*m)] and phase [deg] with 95 % intervals.
 
-    The intervals contain the noise of the phasors only. `_amplitudes_low` and `_high` are of single amplitudes.
-    Their phases are relative to that of the mean: none jumps at 180 degrees. `doubtful` lists causes of doubt."""
+    The intervals contain only the noise of the phasors. `_amplitudes_low` and `_high` are extremes over amplitudes;
+    their phases are relative to the mean's, so that none jumps at 180 degrees. `doubtful` lists causes of doubt."""
     types: dict[str, Any] = dict.fromkeys(("trial", "joint", "side", "controller"), pl.String)
     types |= dict.fromkeys(("K_d", "B_d", "frequency_hz"), pl.Float64)
-    # rows that agree in these differ in the amplitude only
+    # rows that agree in these differ only in amplitude
     keys = [key for key in types if key in phasors.columns] if len(phasors) else list(types)
     rows = list[regression.Row]()
     for values, amplitudes in phasors.group_by(keys, maintain_order=True) if len(phasors) else ():
         of_single = list(amplitudes.iter_rows(named=True))
-        shared = [max(float(row[name]) for row in of_single) for name in SHARED]  # by all amplitudes
+        shared = [max(float(row[name]) for row in of_single) for name in SHARED]  # common to all amplitudes
         responses = []
         for row in of_single:
             re, im, var_re, cov, var_im, freedom = (row[f"Y_{part}"] for part in COMPLEX_PARTS)
@@ -340,7 +340,7 @@ def frequency_response_table(phasors: pl.DataFrame) -> pl.DataFrame:
 
 def damping_row(Y: ComplexEstimate, frequency_hz: float) -> regression.Row:
     """`damping` [N*m*s/rad], the real part of the impedance torque/velocity, 1/(j w Y), with its 95 % interval to first
-    order: a joint that takes in energy at this frequency has a positive one."""
+    order. It is positive if the joint takes in energy at this frequency."""
     w, Z = 2 * np.pi * frequency_hz, 1 / Y.value
     turned = -(Z**2)  # dZ = turned dY
     along = np.array([turned.imag, turned.real]) / w
@@ -353,9 +353,9 @@ def damping_row(Y: ComplexEstimate, frequency_hz: float) -> regression.Row:
 def impedance_over_frequency(
     record: Record, fit: GroupFit | None = None, expected: Admittance | None = None
 ) -> pl.DataFrame:
-    """The trial's rows of `response.csv`; none of a stepped sine, whose response is in `phasors.csv`, and of a motion
-    that shows none. Lines are of unfiltered signals: of the periods up to the filter's cut-off, else of the longest
-    stretch. Beside them stands Eq. 15 with K, B and I of a `fit`, and what is `expected` of the gains (Eq. 9)."""
+    """The trial's rows of `response.csv`; none for a stepped sine, whose response is in `phasors.csv`, or for a motion
+    without one. Lines are of unfiltered signals: of the periods up to the filter's cut-off, else of the longest
+    stretch. Beside them stand Eq. 15 with K, B and I of a `fit`, and the response `expected` from the gains (Eq. 9)."""
     nothing = pl.DataFrame(schema=RESPONSE_COLUMNS)
     if record.is_stepped_sine:
         return nothing

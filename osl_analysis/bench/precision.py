@@ -1,12 +1,12 @@
-"""Protocols that are planned, and the 95 % intervals that they will give for K, B and I, by the Fisher information of
-the columns that the fits use. docs/design_of_experiments.md has the formulas and their sources.
+"""Planned protocols, and the 95 % intervals that they will give for K, B and I, by the Fisher information of the fits'
+columns. docs/design_of_experiments.md has the formulas and their sources.
 
-A plan says of which `sines` its motion consists, its `record_s` (length [s], without rests), its `peak` (largest angle
-[rad], velocity [rad/s], acceleration [rad/s^2]) and its `words`. K, B and I of the joint are an array (3,).
+A plan has the `sines` of its motion, its length `record_s` [s] without rests, its `peak` (largest angle [rad], velocity
+[rad/s], acceleration [rad/s^2]) and a description `words`. K, B and I of the joint are an array (3,).
 
-A sine of the torque that is fitted for a time T beside white noise of the one-sided density S [(N*m)^2/Hz] has an
-amplitude with the variance S/T in phase with the angle, and S/T a quarter of a turn off: (2, n) for n sines. An error e
-of the angle acts as an error -Z e of the torque."""
+A torque sine, fitted for a time T in white noise of one-sided density S [(N*m)^2/Hz], has an amplitude with the
+variance S/T in phase with the angle, and S/T in quadrature: (2, n) for n sines. An error e of the angle acts as an
+error -Z e of the torque."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -28,10 +28,10 @@ from osl_analysis.trial import Array
 
 KBI = ("K", "B", "I")
 Impedances = NDArray[np.complex128]
-LAST_CYCLES = 1  # cycles at the end of a segment that are not fitted: the filter smears the next frequency into them
-TRANSIENTS = 1  # periods before those of a realisation, in which the joint settles
-ENOUGH_REALISATIONS = 4  # number of realisations from which on an interval comes from their spread
-MOST_DRAWN = 20  # number of realisations whose largest angle is looked for
+LAST_CYCLES = 1  # last cycles of a segment, not fitted: the filter smears the next frequency into them
+TRANSIENTS = 1  # periods before those of a realisation, for the joint to settle
+ENOUGH_REALISATIONS = 4  # number of realisations whose spread gives an interval
+MOST_DRAWN = 20  # largest number of realisations in the search for the peak
 
 
 @dataclass(frozen=True)
@@ -40,10 +40,10 @@ class PlannedSines:
 
     frequency_hz: Array
     size: Array  # amplitude [rad]
-    duration_s: Array  # time [s] in which this sine is fitted
-    cycle_s: Array  # time [s] after which the whole motion repeats itself; `duration_s` where it does not
-    spacing_hz: float | None = None  # of the multiples on which they lie together; None: each is the whole motion
-    independent: float = 1.0  # number of independent values of a distortion at one of them
+    duration_s: Array  # fitted time [s] of this sine
+    cycle_s: Array  # period [s] of the whole motion; `duration_s` if it is not periodic
+    spacing_hz: float | None = None  # of simultaneous multiples; None: one sine at a time
+    independent: float = 1.0  # number of independent values of the distortion at a line
 
     @property
     def w(self) -> Array:
@@ -51,7 +51,7 @@ class PlannedSines:
 
     @property
     def velocity(self) -> Array:
-        """RMS velocity [rad/s] of the whole motion while a sine is there."""
+        """RMS velocity [rad/s] of the whole motion during each sine."""
         each = self.size * self.w / np.sqrt(2)
         return each if self.spacing_hz is None else np.full(len(each), np.sqrt(np.sum(each**2)))
 
@@ -62,12 +62,12 @@ class SteppedSine:
 
     amplitudes: tuple[float, ...]  # [rad]
     frequencies_hz: tuple[float, ...]
-    cycles: tuple[float, ...]  # at each frequency
-    settle_cycles: int  # cycles at the start of each that are not fitted
+    cycles: tuple[float, ...]  # number at each frequency
+    settle_cycles: int  # first cycles of each, not fitted
 
     @property
     def sines(self) -> PlannedSines:
-        """As many cycles are fitted as `spectral.stepped_sine.settled_cycles` leaves."""
+        """The fitted cycles are those that `spectral.stepped_sine.settled_cycles` leaves."""
         fitted = np.maximum(np.floor(self.cycles) - self.settle_cycles - LAST_CYCLES, 1)
         a, f = (x.ravel() for x in np.meshgrid(self.amplitudes, self.frequencies_hz, indexing="ij"))
         return PlannedSines(f, a, np.tile(fitted, len(self.amplitudes)) / f, 1 / f)
@@ -97,8 +97,8 @@ class PeriodicMultisine:
     period_s: float
     band_hz: tuple[float, float]
     rms: float  # root mean square of the angle [rad]
-    periods: int  # of each realisation that are fitted
-    realisations: int  # which differ in their phases
+    periods: int  # fitted periods of each realisation
+    realisations: int  # with different phases
     seed: int = 1
 
     def motion(self, realisation: int) -> Multisine:
@@ -139,12 +139,12 @@ class PeriodicMultisine:
 
 @dataclass(frozen=True)
 class Continuous:
-    """A motion with a flat spectrum over a band that does not repeat itself: a linear chirp, or band-limited noise."""
+    """A motion without repeats whose spectrum is flat over a band: a linear chirp, or band-limited noise."""
 
     band_hz: tuple[float, float]
     rms: float  # root mean square of the angle [rad]
     record_s: float
-    chirp: bool  # whether it is a chirp, which has one frequency at a time; else it is noise
+    chirp: bool  # whether it is a chirp, with one frequency at a time; else noise
 
     def __post_init__(self) -> None:
         low, high = self.band_hz
@@ -156,7 +156,7 @@ class Continuous:
 
     @property
     def sines(self) -> PlannedSines:
-        """200 sines that share its power: of a chirp one after the other, of noise all at a time."""
+        """200 sines that share its power: in a chirp successive, in noise simultaneous."""
         n, (low, high), T = 200, self.band_hz, self.record_s
         f, one, spacing = low + (high - low) * (np.arange(n) + 0.5) / n, np.ones(n), (high - low) / n
         if self.chirp:
@@ -165,7 +165,7 @@ class Continuous:
 
     @property
     def peak(self) -> tuple[float, float, float]:
-        """Of noise four times the RMS, which one sample in 16 000 exceeds."""
+        """For noise four times the RMS, which one sample in 16 000 exceeds."""
         w = 2 * np.pi * self.sines.frequency_hz
         if self.chirp:
             largest = np.sqrt(2) * self.rms * w[-1] ** np.arange(3)
@@ -183,13 +183,13 @@ Plan = SteppedSine | PeriodicMultisine | Continuous
 
 
 def long_enough(plan: Plan, enough: Callable[[Plan], bool]) -> tuple[Plan | None, Plan]:
-    """The shortest plan of the same kind that is `enough`, where every longer one is (None if no length that is tried
-    is), and the longest that is tried. Of a multisine, periods and realisations are chosen together."""
+    """The shortest plan of the same kind such that it and all longer ones are `enough` (None if none is), and the
+    longest that is tried. For a multisine, periods and realisations are chosen together."""
     found: list[Plan] = []
     tried, shortest, longest = [plan], 10, 7200  # s
     if isinstance(plan, SteppedSine):
         shortest, longest = plan.settle_cycles + LAST_CYCLES + FEWEST_CYCLES, 2000
-    elif isinstance(plan, PeriodicMultisine):  # fewer realisations do not show the distortion as it is
+    elif isinstance(plan, PeriodicMultisine):  # fewer realisations do not show the distortion
         tried = [replace(plan, periods=n) for n in (2, 3, 4, 6, 8, 12)]
         shortest, longest = ENOUGH_REALISATIONS, 200
     for one in tried:
@@ -204,42 +204,42 @@ def long_enough(plan: Plan, enough: Callable[[Plan], bool]) -> tuple[Plan | None
 
 
 def of_length(plan: Plan, n: int) -> Plan:
-    """The same plan with so many cycles, realisations or seconds."""
+    """The same plan with n cycles, realisations or seconds."""
     if isinstance(plan, SteppedSine):
         return replace(plan, cycles=(float(n),) * len(plan.frequencies_hz))
     return replace(plan, realisations=n) if isinstance(plan, PeriodicMultisine) else replace(plan, record_s=float(n))
 
 
 def eq15(w: Array) -> Impedances:
-    """The columns of the fits (`IMPEDANCE`) for an angle of 1 rad at angular frequencies (n,) [rad/s], (3, n): the real
-    part in phase with the angle, the imaginary one with the velocity. The impedance [N*m/rad] of a joint (K, B, I) is
-    the joint @ these."""
+    """The fits' columns (`IMPEDANCE`) for an angle of 1 rad at angular frequencies (n,) [rad/s], (3, n): real parts are
+    in phase with the angle, imaginary ones with the velocity. A joint (K, B, I) @ these is its impedance [N*m/rad]."""
     of_angle = {"theta": np.ones(len(w)), "omega": 1j * w, "alpha": -(w**2)}
     return np.array([of_angle[IMPEDANCE[name]] for name in KBI])
 
 
 @dataclass(frozen=True)
 class PlannedFit:
-    """Least squares on filtered signals, which weigh the sines. Offset and drift are orthogonal to whole cycles."""
+    """Least squares on filtered signals: the filter weights the sines. Offset and drift are orthogonal to full
+    cycles."""
 
     sines: PlannedSines
     weight: Array  # squared gain of the zero-phase filter at each sine, (n,)
-    columns: Impedances  # in the rows of the sines, (3, n)
-    change: Impedances  # by how much an amplitude of 1 N*m of the torque changes K, B and I, (3, n)
+    columns: Impedances  # columns at the sines, (3, n)
+    change: Impedances  # change of K, B and I per N*m of a torque amplitude, (3, n)
     correlation: float  # of K and I
     condition_number: float  # of the columns, each scaled to unit length
 
     def share(self, error: Array) -> Array:
-        """Part (3, n) of the variances of K, B, I that an error of each sine makes, of variance (2, n) [(N*m)^2]."""
+        """Parts (3, n) of the variances of K, B, I due to errors of the sines with variances (2, n) [(N*m)^2]."""
         return np.asarray(self.change.real**2 * error[0] + self.change.imag**2 * error[1])
 
     def fitted(self, impedance: Impedances) -> Array:
-        """K, B and I (3,) that are fitted to an impedance [N*m/rad] at the sines, shape (n,)."""
+        """K, B and I (3,) fitted to an impedance (n,) [N*m/rad] at the sines."""
         return np.asarray((self.change.conj() @ (self.sines.size * impedance)).real)
 
 
 def planned_fit(plan: Plan, low_pass: LowPass) -> PlannedFit:
-    """The fit of a plan. Raises IdentifiabilityError where its motion cannot tell K from I."""
+    """The fit of a plan. Raises IdentifiabilityError: its motion cannot tell K from I."""
     sines = plan.sines
     weight, X = low_pass.gain(sines.frequency_hz) ** 2, sines.size * eq15(sines.w)
     each = weight * sines.duration_s / 2
@@ -260,11 +260,11 @@ def planned_fit(plan: Plan, low_pass: LowPass) -> PlannedFit:
 
 @dataclass(frozen=True)
 class Sensors:
-    """Errors of load cell and encoder, as standard deviations where no step is said."""
+    """Errors of load cell and encoder: standard deviations, or steps where named so."""
 
     rate_hz: float  # sampling rate [Hz]
     torque_noise: float  # [N*m]
-    noise_band_hz: float | None = None  # bandwidth [Hz] of this noise; None: half the rate, as of independent samples
+    noise_band_hz: float | None = None  # bandwidth [Hz] of this noise; None: half the rate (independent samples)
     torque_step: float = 0.0  # step of the load cell's converter [N*m]
     encoder_step: float = 0.0  # step of the encoder [rad]
     angle_noise: float = 0.0  # [rad]
@@ -274,13 +274,13 @@ class Sensors:
         """Variances (2, n) [(N*m)^2] of the torque's amplitudes by cause, for impedances Z (n,) [N*m/rad]."""
 
         def through(angle: Array) -> Array:
-            """What errors of the angle's amplitudes are worth as errors of the torque's, as variances (2, n)."""
+            """Errors of the angle's amplitudes as equivalent errors of the torque's, as variances (2, n)."""
             return np.asarray(Z.real**2 * angle + Z.imag**2 * angle[::-1])
 
         both, nyquist, drift = np.ones((2, 1)), self.rate_hz / 2, 0.0
         band = self.noise_band_hz or nyquist
         slow, rounded = self.torque_noise**2 / band, self.torque_step**2 / 12 / nyquist
-        if self.drift and slow + rounded:  # the analysis takes off the slope that it finds, with an error of 6 S/T^3
+        if self.drift and slow + rounded:  # the analysis subtracts a fitted slope, whose variance is 6 S/T^3
             drift = 1 / (1 / self.drift**2 + record_s**3 / (6 * (slow + rounded)))
         density = slow * (sines.frequency_hz <= band) + rounded
         return {
@@ -291,22 +291,23 @@ class Sensors:
         }
 
     def rounding(self, sines: PlannedSines) -> tuple[Array, Array]:
-        """Variance (2, n) [rad^2] of the angle's amplitudes by rounding to steps q, independent from sine to sine, over
-        all zeros of the encoder; and that of the share (n,) by which it changes all amplitudes of one size alike.
+        """Variance (2, n) [rad^2] of the angle's amplitudes by rounding to steps q, independent between sines, over all
+        zeros of the encoder; and the variance (n,) of the relative error common to all amplitudes of one size.
 
-        Later cycles repeat the errors if motion and samples have one clock, which is assumed; noise s before the
-        rounding leaves exp(-(2 pi s/q)^2) of them (Widrow and Kollar, Quantization Noise, 2008, ch. 5). With many
-        samples per step, one at each step is by chance on one side or the other, a third of this in phase. The errors
-        between steps are alike: of a sine in phase with it (Bennett, 1948); of a random motion with the RMS velocity v
-        their density at low frequencies is zeta(3) q^3/(pi^2 (2 pi)^(1/2) v) (Woodward's theorem)."""
+        Later cycles repeat the errors if motion and samples share a clock, as assumed here; noise s before rounding
+        leaves exp(-(2 pi s/q)^2) of them (Widrow and Kollar, Quantization Noise, 2008, ch. 5). With many samples per
+        step, the sample at each step falls on either side at random, and a third of this error is in phase. Between
+        steps the errors are correlated: for a sine they are in phase with it (Bennett, 1948); for a random motion with
+        the RMS velocity v their density at low frequencies is zeta(3) q^3/(pi^2 (2 pi)^(1/2) v) (Woodward's
+        theorem)."""
         q, v, alone = self.encoder_step, sines.velocity, sines.spacing_hz is None
         if not q:
             return np.zeros((2, len(v))), np.zeros(len(v))
         repeating = np.exp(-((2 * np.pi * self.angle_noise / q) ** 2))
-        # places of the motion until the samples meet the same ones again; a denominator above 10 000 is no pattern
+        # samples until they meet the same places of the motion again; a denominator above 10 000 is no pattern
         places = [Fraction(float(c) * self.rate_hz).limit_denominator(10_000).numerator for c in sines.cycle_s]
         white, pattern_s = q**2 / 6 / self.rate_hz, np.minimum(np.array(places) / self.rate_hz, sines.duration_s)
-        # the mean of the velocity's size over its RMS is 0.90 of a sine, 0.80 of a random motion
+        # mean speed over RMS velocity: 0.90 for a sine, 0.80 for a random motion
         steps = 0.9 * v / (q * self.rate_hz) * (np.array([[2 / 3], [4 / 3]]) if alone else np.ones((2, 1)))
         found = repeating * white / pattern_s * np.minimum(1, steps) + (1 - repeating) * white / sines.duration_s
         if alone:
@@ -317,17 +318,17 @@ class Sensors:
 
 @dataclass(frozen=True)
 class Distortion:
-    """How far the joint is from linear, as far as it is stated."""
+    """Stated deviations of the joint from a linear one."""
 
     coulomb: float = 0.0  # Coulomb friction [N*m]
     pilot: tuple[float, ...] | None = None
-    """Variances of K, B and I in an earlier trial of this kind: what the joint itself adds to them, as a drivetrain
-    with friction behind a belt, does not fall with the length of a record."""
+    """Variances of K, B and I in an earlier trial of this kind: the joint's own contribution, such as that of a
+    drivetrain with friction behind a belt, does not fall with the length of a record."""
 
     def variances(self, plan: Plan, fit: PlannedFit) -> Array:
-        """Variances (3,) of K, B and I by the distortion. On a random motion friction scatters the estimates less than
-        the lines (0.65 of it for K, 0.4 for B and I), because at given amplitudes the velocity has a given RMS: from
-        four realisations on the analysis sees this scatter, which is drawn."""
+        """Variances (3,) of K, B and I by the distortion. In a random motion friction scatters the estimates less than
+        the lines (0.65 of it for K, 0.4 for B and I), since given amplitudes fix the RMS velocity. From four
+        realisations on the analysis sees this scatter, which is simulated."""
         found, sines, periodic = np.zeros(3), fit.sines, isinstance(plan, PeriodicMultisine)
         at_sines, few = self, periodic and sines.independent < ENOUGH_REALISATIONS
         if self.coulomb and sines.spacing_hz and not few:
@@ -339,18 +340,17 @@ class Distortion:
         return np.asarray(np.maximum(found, self.pilot or 0.0))
 
     def at_sines(self, fit: PlannedFit) -> Array:
-        """Variance (2, n) [(N*m)^2] of the amplitudes of the torque's sines by what the fit of Eq. 15 cannot follow.
-        Friction T sign(w) answers a sine of amplitude a by 4 T/pi in phase with the velocity: no scatter, it differs
-        from frequency to frequency, and every repetition has it. In a random motion what its damping (`added_damping`)
-        leaves has the autocorrelation T^2 (2/pi) (arcsin r - r), r being that of the velocity (Van Vleck and Middleton,
-        1966)."""
+        """Variance (2, n) [(N*m)^2] of the torque's amplitudes that Eq. 15 cannot fit. Friction T sign(w) responds to a
+        sine of amplitude a with 4 T/pi in phase with the velocity: no scatter, since it depends on frequency only and
+        every repetition has it. In a random motion, friction less its damping (`added_damping`) has the autocorrelation
+        T^2 (2/pi) (arcsin r - r), where r is that of the velocity (Van Vleck and Middleton, 1966)."""
         sines = fit.sines
         if sines.spacing_hz is None:
             left = 4 / np.pi * self.coulomb * np.ones(len(sines.w))
             left -= fit.fitted(np.asarray(1j * left / sines.size, dtype=np.complex128))[1] * sines.size * sines.w
             return np.array([np.zeros_like(left), left**2])
-        # the mean square of what sign(w) leaves beside its equivalent damping, with 64 or more samples in a period of
-        # the highest line: arcsin r has cusps
+        # mean square of sign(w) less its equivalent damping; 64 or more samples per period of the highest line, since
+        # arcsin r has cusps
         line = np.rint(sines.frequency_hz / sines.spacing_hz).astype(np.intp)
         n = 1 << int(np.ceil(np.log2(64 * line[-1])))
         lines = np.zeros(n // 2 + 1)
@@ -383,9 +383,9 @@ def scatter_of_friction(
     spacing_hz: float,
     periodic: bool,
 ) -> Array:
-    """Variances (3,) of K, B and I by Coulomb friction of 1 N*m over 400 sets of random phases (their scatter has a
-    standard error of 3.5 %), and of random amplitudes where sines of these amplitudes [rad] and squared filter gains
-    are noise, not `periodic`."""
+    """Variances (3,) of K, B and I by Coulomb friction of 1 N*m over 400 sets of random phases (standard error of their
+    scatter: 3.5 %), for sines of these amplitudes [rad] and squared filter gains. If they are noise, not `periodic`,
+    amplitudes are random, too."""
     number, rng, w = 400, np.random.default_rng(1), 2 * np.pi * np.asarray(frequency_hz)
     line = np.rint(np.asarray(frequency_hz) / spacing_hz).astype(np.intp)
     n = 1 << int(np.ceil(np.log2(64 * line[-1])))
@@ -406,17 +406,17 @@ def scatter_of_friction(
 
 @dataclass(frozen=True)
 class Precision:
-    """What a plan will give."""
+    """The precision that a plan will give."""
 
     fit: PlannedFit
     columns: Mapping[str, Array]
-    """Of K, B and I (3,) in SI units: `expected`, `half_width` of the 95 % interval, `half_width_of_noise` without
+    """For K, B and I (3,) in SI units: `expected`, `half_width` of the 95 % interval, `half_width_of_noise` without
     distortion, `se` and its `degrees_of_freedom`."""
-    variance: Mapping[str, Array]  # of K, B and I (3,) by its cause
-    method: str  # source of the interval that the analysis will give, as its column `interval_method` names it
+    variance: Mapping[str, Array]  # of K, B and I (3,) by cause
+    method: str  # `interval_method` of the analysis
 
     def reaches(self, within: Mapping[str, float]) -> bool:
-        """Whether the half widths are within these shares of K, B, I, as far as there are any."""
+        """Whether the half-widths are within these shares of K, B and I, as far as stated."""
         share = self.columns["half_width"] / np.maximum(np.abs(self.columns["expected"]), np.finfo(float).tiny)
         return all(share[KBI.index(name)] <= most for name, most in within.items())
 
@@ -424,13 +424,13 @@ class Precision:
 def precision(
     plan: Plan, joint: Array, sensors: Sensors, low_pass: LowPass, distortion: Distortion | None = None
 ) -> Precision:
-    """The intervals that a plan will give for a joint (K, B, I), by the means of the fit (`interval_method`). Raises as
-    `planned_fit`; InputError as `Distortion.variances`.
+    """The intervals that a plan will give for a joint (K, B, I), from the source that the fit will use
+    (`interval_method`). Raises as `planned_fit`; InputError as `Distortion.variances`.
 
-    Units are those of `bench.gram`, a frequency at an amplitude or a stretch. The noise has the freedom of cycles, or
-    of the stretches; the distortion, which is in the units' scatter, that of one less than there are; rounding and
-    drift count as known. Of a multisine the interval is by the spread of realisations, or of fewer than four by the
-    level at detection lines, each of which serves the excited lines around it."""
+    Units are those of `bench.gram`: a frequency at an amplitude, or a stretch. The noise has the degrees of freedom of
+    cycles, or of stretches; the distortion, as scatter of units, one fewer than units; rounding and drift count as
+    known. For a multisine the interval is from the spread of realisations; with fewer than four, from the level at
+    detection lines, each of which serves the excited lines around it."""
     fit, stated = planned_fit(plan, low_pass), distortion or Distortion()
     sines, Z = fit.sines, joint @ eq15(fit.sines.w)
     errors = sensors.variances(sines, Z, plan.record_s)
@@ -461,7 +461,7 @@ def precision(
         if cycles.min() > 1:
             each = fit.share(errors["torque noise"] + errors["angle noise"])
             of_seen = welch_satterthwaite(list(each.T), cycles - 1)
-        else:  # nothing repeats: neighbours overlap, and the five columns have taken up half a group each
+        else:  # nothing repeats: neighbours overlap, and each of five columns uses up half a group
             of_seen = np.full(3, max(groups / 1.5 - len(IMPEDANCE) / 2, 1.0))
         infinite = np.full(3, np.inf)
         of_noise = welch_satterthwaite([seen, known], [of_seen, infinite])

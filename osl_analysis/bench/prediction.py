@@ -1,21 +1,21 @@
-"""The torque that the leg's components predict for an impedance trial, beside the recorded one: nothing is fitted.
+"""The torque of an impedance trial as the leg's components predict it, beside the recorded one: nothing is fitted.
 
-Each component was measured alone (components.py). With the law of the controller they give the torque for the recorded
-angle (Eqs. 1-7). What is uncertain of the components is uncertain of the prediction too; what the equations lack shows
-in the other trials of the campaign, and a misfit that is alike in all names the component that is not as measured, or a
-late controller.
+Each component was measured alone (components.py). With the controller's law they give the torque for the recorded angle
+(Eqs. 1-7). The components' uncertainty carries over to the prediction. What the equations lack shows in the other
+trials of the campaign. A misfit that all trials share names a component that differs from its measurement, or a late
+controller.
 
-The law that a controller ran, from the logged current and the motor's angle: no component of the drivetrain, and no
-torque of the bench, has a part in it.
+The law that a controller ran comes from the logged current and the motor's angle, without any component of the
+drivetrain or torque of the bench.
 
-The controller of Eq. 5 asks for k_tau n_m I_q - s f_G |I_q| - s f_C = -K_1 theta_m - B_1 omega_m, in the numbers that
-it was programmed with; s is the smoothed sign of the velocity. A loop that acts d seconds late takes K_1 d off B_1, and
-of a velocity that is t seconds old the acceleration bears B_1 t. Its sign is as old: it is read from a velocity behind
-`QUICK` times the cut-off, for a motor that sticks and slides turns faster than the joint, so long ago as explains
-most of the current.
+The controller of Eq. 5 asks for k_tau n_m I_q - s f_G |I_q| - s f_C = -K_1 theta_m - B_1 omega_m, in the numbers of its
+program; s is the smoothed sign of the velocity. A loop that acts d seconds late takes K_1 d off B_1. A velocity that is
+t seconds old adds B_1 t to the coefficient of the acceleration. Its sign is as old; it is read from a velocity with
+`QUICK` times the cut-off, since a motor that sticks and slides turns faster than the joint. Its age is the one that
+explains most of the current.
 
-The next link is the motor: what torque the belt takes for a current. A current that reads too much makes all of the law
-larger and the motor weaker, by one factor."""
+The next link is the motor: the belt's torque per current. A current that reads too high scales the whole law up and the
+motor's constant down, by one factor."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -54,20 +54,20 @@ LAW_GAINS = ("K_1", "B_1", "f_C", "f_G")
 CONSTANT = "k_tau_n_m"
 GAIN_COLUMNS = tuple(f"{x}{end}" for x in (*LAW_GAINS, CONSTANT) for end in ("", "_se", "_low", "_high", "_programmed"))
 OTHER_LAW = {"K_1_error": 0.02, "B_1_gap_s": 3e-3, "feedforward_error": 0.2}
-"""How far gains are off, and from which size on another law ran than was programmed: a share of K_1, the lateness [s]
-that would explain B_1, a share of the friction that is cancelled."""
+"""Errors of the gains, each with the size from which on another law ran than was programmed: a share of K_1, the
+lateness [s] that would explain B_1, a share of the cancelled friction."""
 OTHER_LINK = ("loop_late_s", "current_error")
-"""What passes for another law: a loop that is late [s], and a current that reads too much, as a share."""
+"""What passes for another law: a late loop [s], and the relative error of the current."""
 LAW_COLUMNS = {"trial": pl.String} | dict.fromkeys((*GAIN_COLUMNS, "VAF", *OTHER_LAW, *OTHER_LINK), pl.Float64)
 LEAST_SE = {"K_1": 1e-3, "B_1": 2e-3, "f_C": 5e-3, "f_G": 2e-2, CONSTANT: 1e-2}
-"""Standard error, as a share, of what sampling and hold of the loop, and a belt that slips, leave in every chunk."""
+"""Relative standard errors due to sampling and hold of the loop, and to a slipping belt, which all chunks share."""
 
 
 def law_table(record: Record, p: DrivetrainParameters, programmed: Gains, sign_width: float) -> pl.DataFrame:
     """The row of a trial: its gains [N*m/rad, N*m*s/rad, N*m, 1] with 95 % intervals beside the `programmed` ones, the
-    motor's torque for a current [N*m/A], and by how much each is off for certain. `p` is what the controller was
-    programmed with, `sign_width` [rad/s] that of the sign of its velocity. No row of a trial without a current or an
-    angle of the motor that come to a time base with its torque, nor where the motion does not tell the gains apart."""
+    motor's torque per current [N*m/A], and by how much each is certainly off. `p` holds the numbers of the controller's
+    program, `sign_width` [rad/s] that of its velocity's sign. No row if the trial has no current or motor angle on a
+    time base with its torque, or if the motion cannot tell the gains apart."""
     nothing = pl.DataFrame(schema=LAW_COLUMNS)
     if "current" not in record.actuator:
         return nothing
@@ -95,12 +95,12 @@ def law_table(record: Record, p: DrivetrainParameters, programmed: Gains, sign_w
             beside = without(np.column_stack([x[rows] for x in moved.values()]))
             y = beside(commanded[rows])
 
-            def missed(age: float) -> float:  # a filtered column is that of a later sign, later
+            def missed(age: float) -> float:  # a filtered column of a later sign is the filtered column, later
                 signs = [np.interp(record.time[rows] - age, record.time, x) for x in of_now.values()]
                 late = beside(np.column_stack(signs))
                 return float(np.sum((y - late @ np.linalg.lstsq(late, y)[0]) ** 2))
 
-            ages = 0.0, 0.02  # s, of the sign
+            ages = 0.0, 0.02  # bounds of the sign's age [s]
             best = scipy.optimize.minimize_scalar(missed, bounds=ages, method="bounded", options={"xatol": 2e-4})
             fit = fitted(commanded, moved | friction(float(best.x)))
         against = {f"motor's {name}": -column for name, column in of_now.items()}
@@ -110,7 +110,7 @@ def law_table(record: Record, p: DrivetrainParameters, programmed: Gains, sign_w
         return nothing
     known = {"K_1": programmed.K_1, "B_1": programmed.B_1, "f_C": p.f_C, "f_G": p.f_G, CONSTANT: p.k_tau * p.n_m}
     least = np.array([LEAST_SE.get(name, 0.0) * known.get(name, 0.0) for name in fit.names])
-    # the age may be wrong by a tenth (SD) of what it moves
+    # the age has an error (SD) of a tenth of its effect
     fit = with_shared_error(fit, 0.1 * (fit.estimates - at_once.estimates))
     fit = replace(fit, covariance=fit.covariance + np.diag(least**2))
     motor = with_shared_error(motor, np.array([LEAST_SE[CONSTANT] * known[CONSTANT], *np.zeros(len(motor.names) - 1)]))
@@ -122,7 +122,7 @@ def law_table(record: Record, p: DrivetrainParameters, programmed: Gains, sign_w
 
 
 def by_chunks(X: Array, inverse: Array, residual: Array) -> Covariance:
-    """The covariance by the scatter of the scores of chunks: what a model lacks is another one in each."""
+    """The covariance from the scatter of scores of chunks: what a model lacks differs between them."""
     edges = np.arange(CHUNKS) * len(residual) // CHUNKS
     scores = np.add.reduceat(X * residual[:, None], edges) @ inverse
     freedom = np.full(X.shape[1], CHUNKS - 1.0)
@@ -132,11 +132,11 @@ def by_chunks(X: Array, inverse: Array, residual: Array) -> Covariance:
 def certain_errors(
     fit: LinearFit, reads: float, asked: Mapping[str, float], p: DrivetrainParameters, current: float
 ) -> dict[str, float | None]:
-    """What is certainly off, by the names of `OTHER_LAW` and `OTHER_LINK`. `reads` is the factor between the current of
-    the log and the motor's, by its torque, `current` [A] a usual one.
+    """The certain errors, by the names of `OTHER_LAW` and `OTHER_LINK`. `reads` is the ratio of the logged current to
+    the motor's, by its torque; `current` [A] is a typical one.
 
-    Where that factor explains K_1, the current is wrong and the law is what is left. A loop that is late has the right
-    K_1, too small a B_1, and an acceleration that bears B_1 times its lateness."""
+    If that ratio explains K_1, the current is wrong, and the law is what remains. A late loop has the right K_1, too
+    small a B_1, and a coefficient of the acceleration of B_1 times its lateness."""
 
     def off(value: float, known: float, se: float) -> float:
         return max(abs(value - known) - 2 * se, 0.0)
@@ -163,8 +163,8 @@ def certain_errors(
 
 
 def law_that_ran(table: pl.DataFrame, programmed: Gains, p: DrivetrainParameters) -> tuple[Gains, DrivetrainParameters]:
-    """The gains, and parameters with the friction that the controller cancels: what was programmed, or what `law_table`
-    has where it is certainly another. A loop that is late, and a current that reads wrong, leave the law as it was."""
+    """The gains, and parameters with the friction that the controller cancels: as programmed, or as in `law_table` if
+    another law certainly ran. A late loop and a current that reads wrong do not change the law."""
     if table.is_empty():
         return programmed, p
     row = table.row(0, named=True)
@@ -181,36 +181,36 @@ def law_that_ran(table: pl.DataFrame, programmed: Gains, p: DrivetrainParameters
 
 
 COMPONENTS = dict.fromkeys(ACTUATOR_PARAMETERS, "actuator") | {"K_s": "belt"} | dict.fromkeys(LOSSES, "transmission")
-"""The experiment that each component is measured by."""
+"""The experiment that measures each component."""
 PARTS = tuple(dict.fromkeys(COMPONENTS.values()))
-DELAYS = ("angle_delay", "velocity_delay")  # ages [s] of what the controller uses, which no component trial shows
+DELAYS = ("angle_delay", "velocity_delay")  # ages [s] of the controller's inputs, which no component trial shows
 TERMS = ("left", *COMPONENTS, "torque_gain", *DELAYS)
-"""Torques of a trial: what the prediction leaves, and what a unit of each component, gain or delay adds to it."""
+"""Torques of a trial: the prediction's residual, and the effect of one unit of each component, gain or delay."""
 QUANTITIES = ("K", "B", "I", "torque")  # of Eq. 15, and the RMS [N*m] of the torque
 ALONG = ("along_theta", "along_omega", "along_alpha")
-"""RMS of the parts of a torque that are proportional to the motion, over the RMS of the predicted torque: what K, B and
-I are made of, in numbers that are alike in size and independent."""
+"""RMS of the parts of a torque that are proportional to the motion, over the RMS of the predicted torque: they make up
+K, B and I, are similar in size, and independent."""
 NUMBERS = ("K_d", "B_d", "VAF", "rms", "VAF_fitted", *(f"{x}{end}" for x in QUANTITIES for end in ("", "_measured")))
-"""Columns of `prediction.csv` that it has without any prediction too."""
+"""Columns of `prediction.csv` that exist without a prediction, too."""
 ENDS = {"low": -1.0, "high": 1.0}
-LOWEST_VAF = 80.0  # [percent] of Eq. 15; below it K, B and I hardly describe a trial: it teaches nothing
+LOWEST_VAF = 80.0  # [percent] of Eq. 15; below, K, B and I hardly describe a trial, and others do not learn from it
 MISSES = {"trial": pl.String} | dict.fromkeys(("frequency_hz", "torque", "miss", "share"), pl.Float64)
-FEWEST_OTHERS = 4  # trials with the same controller from which on they alone teach what the equations lack
-DELAY_STEP = 2.5e-4  # [s] by which the delays are changed
-LEAST_SHARE, CERTAIN = 0.5, 4.0  # share of the misfit that a named cause explains; standard errors of its change
-AS_GOOD = 1.5  # times what the best explanation leaves that another may leave to be named beside it
-LEAST_MISFIT = 5e-3  # of the torque, that the delays leave; sound legs leave up to 0.0035
+FEWEST_OTHERS = 4  # with as many trials of the same controller, only these show what the equations lack
+DELAY_STEP = 2.5e-4  # change [s] of the delays for the derivatives
+LEAST_SHARE, CERTAIN = 0.5, 4.0  # least share of the misfit a named cause explains; its change in standard errors
+AS_GOOD = 1.5  # a cause is named beside the best one if it leaves at most this multiple of what that leaves
+LEAST_MISFIT = 5e-3  # share of the torque that the delays must leave; sound legs leave up to 0.0035
 LEAST_CHANGE = dict.fromkeys(COMPONENTS, 0.05) | {"torque_gain": 0.02, "angle_delay": 1.5e-3, "velocity_delay": 5e-3}
-"""Change, relative to a component, or of a delay [s], from which on it is named. A sampled loop acts half a sample late
-and later (1 ms at 500 Hz), a velocity that is a filtered difference is older still."""
+"""Smallest named change, relative to a component, or of a delay [s]. A sampled loop acts half a sample late or later (1
+ms at 500 Hz); a velocity from a filtered difference is older still."""
 
 
 @dataclass(frozen=True)
 class Components:
     """The drivetrain as its components were measured."""
 
-    p: DrivetrainParameters  # ratios n_T and n_m are those of the parameter file
-    values: Mapping[str, float]  # means over the trials of each component, in the order of `COMPONENTS`
+    p: DrivetrainParameters  # with the ratios n_T and n_m of the parameter file
+    values: Mapping[str, float]  # mean of each component over the trials, in the order of `COMPONENTS`
     covariance: Array  # of these means, (8, 8)
     freedom: Mapping[str, float]  # degrees of freedom of the variance of each
     trials: Mapping[str, tuple[str, ...]]  # names of the trials, by experiment
@@ -220,7 +220,7 @@ class Components:
         return float(np.sqrt(self.covariance[k, k]))
 
     def rows(self) -> list[dict[str, Any]]:
-        """For JSON, in SI units: each component with its 95 % interval and the trials that it is from."""
+        """For JSON, in SI units: each component with its 95 % interval and its trials."""
         found = []
         for name, value in self.values.items():
             freedom, part, se = self.freedom[name], COMPONENTS[name], self.se(name)
@@ -234,9 +234,9 @@ class Components:
 def components_of(
     tables: Mapping[str, pl.DataFrame], place: Sequence[str | None], file: DrivetrainParameters
 ) -> Components:
-    """The components of one joint and side from the campaign's tables `actuator`, `belt` and `transmission`, means of
-    the trials that count. The variance of a mean is that of the scatter of its trials, or of their fits where this is
-    larger; correlations are those of the fits. `file` has the ratios. Raises InputError: a table has no such trial; a
+    """The components of one joint and side: means over the trials that count in the campaign's tables `actuator`,
+    `belt` and `transmission`. The variance of a mean is from the scatter of trials, or from their fits if that is
+    larger; correlations are from the fits. `file` has the ratios. Raises InputError: a table has no such trial; a
     component is negative beyond its uncertainty."""
     rows = component_rows(tables, place)
     values, freedom, covariance = dict[str, float](), dict[str, float](), np.zeros((len(COMPONENTS),) * 2)
@@ -245,7 +245,7 @@ def components_of(
         k, n = [list(COMPONENTS).index(name) for name in names], len(own)
         within = np.array([[mean_covariance(own, a, b) for b in names] for a in names]) / n
         of_fits = np.sqrt(np.diag(within))
-        shared = np.array([rms(own[f"{name}_se_bench"].to_numpy()) for name in names])  # by all trials on the bench
+        shared = np.array([rms(own[f"{name}_se_bench"].to_numpy()) for name in names])  # of all trials on the bench
         alone = np.sqrt(np.maximum(of_fits**2 - shared**2 / n, 0.0))
         scatter = own.select(names).to_numpy().std(axis=0, ddof=1) / np.sqrt(n) if n > 1 else np.zeros(len(names))
         se = np.hypot(np.maximum(alone, scatter), shared)
@@ -265,8 +265,8 @@ def component_rows(tables: Mapping[str, pl.DataFrame], place: Sequence[str | Non
     at, rows = [pl.col(k).eq_missing(pl.lit(v, pl.String)) for k, v in zip(PLACE, place, strict=True)], {}
     for part in PARTS:
         own = tables.get(part, pl.DataFrame())
-        whole = [pl.col("amplitude_deg").is_null()] if "amplitude_deg" in own.columns else []  # the fit to all of each
-        names = [name for name, of in COMPONENTS.items() if of == part]  # which an actuator that stands has not all
+        whole = [pl.col("amplitude_deg").is_null()] if "amplitude_deg" in own.columns else []  # fits to whole trials
+        names = [name for name, of in COMPONENTS.items() if of == part]  # an actuator at rest lacks some
         rows[part] = counted(own.filter(*at, *whole).drop_nulls(names)) if len(own) else own
     if missing := [part for part, own in rows.items() if own.is_empty()]:
         stands = ", with a shaft that turns" if missing[0] == "actuator" and len(tables.get("actuator", ())) else ""
@@ -276,14 +276,14 @@ def component_rows(tables: Mapping[str, pl.DataFrame], place: Sequence[str | Non
 
 
 def mean_covariance(rows: pl.DataFrame, a: str, b: str) -> float:
-    """Mean over the trials of the covariance of two estimates."""
+    """Mean covariance of two estimates over the trials."""
     if a == b:
         return float((rows[f"{a}_se"].to_numpy() ** 2).mean())
     return float(np.mean(rows[f"cov_{a}_{b}" if f"cov_{a}_{b}" in rows.columns else f"cov_{b}_{a}"].to_numpy()))
 
 
 def drivetrain_of(values: Mapping[str, float], file: DrivetrainParameters) -> DrivetrainParameters:
-    """The drivetrain with these components; a loss that is negative by chance is none."""
+    """The drivetrain with these components; a loss that is negative by chance is set to 0."""
     named = {name: max(value, 0.0) for name, value in values.items() if name != "k_tau_n_m"}
     return replace(file, k_tau=values["k_tau_n_m"] / file.n_m, K_s2=0.0, **named)
 
@@ -300,9 +300,9 @@ def predicted_torques(record: Record, legs: Sequence[tuple[Controller, Drivetrai
 
 
 def miss_over_frequency(record: Record, predicted: Array) -> pl.DataFrame:
-    """RMS [N*m] of the recorded `torque` and of its `miss`, recorded less `predicted` (n,), and the `share` [percent]
-    of the one in the other: at each frequency of a stepped sine, with its harmonics, of another motion in the third
-    octaves that have a thousandth of the torque's power. What a stretch of rows has as its mean is no miss."""
+    """RMS [N*m] of the recorded `torque` and of its `miss`, recorded less `predicted` (n,), and their ratio `share`
+    [percent]: at each frequency of a stepped sine, with its harmonics; for another motion in those third octaves that
+    have 0.1 % or more of the torque's power. The mean of a stretch of rows is no miss."""
     signals, rows = np.array([record.filtered_torque, record.filtered_torque - predicted]), []
     of_sines = any(np.isfinite(one.frequency_hz) for one in record.groups.strata)
     for part in record.pieces:
@@ -322,10 +322,9 @@ def miss_over_frequency(record: Record, predicted: Array) -> pl.DataFrame:
 
 
 def prediction_terms(record: Record, law: Controller, components: Components) -> tuple[pl.DataFrame, pl.DataFrame]:
-    """A row `predicted`, and one for each of `TERMS`. They have the K, B and I of the torque, and its part of the RMS
-    `torque`, to first order; the prediction its `VAF` [percent] and the `rms` [N*m] of what it leaves; the terms their
-    products with each of the terms, without offset and drift. Beside them stands `miss_over_frequency`. Raises as
-    `predicted_torques`."""
+    """A row `predicted`, and one for each of `TERMS`, with K, B and I of its torque, its part of the RMS `torque` to
+    first order, and `ALONG`, without offset and drift. The prediction has its `VAF` [percent] and the `rms` [N*m] of
+    its residual. The second table is `miss_over_frequency`. Raises as `predicted_torques`."""
     exact = {"B_j": record.motion.omega, "J_j": record.motion.alpha}  # the torque is linear in them
     steps, legs = dict.fromkeys(DELAYS, DELAY_STEP), [(law, components.p)]
     legs += [(replace(law, **{name: DELAY_STEP}), components.p) for name in DELAYS]  # type: ignore[arg-type]
@@ -363,11 +362,11 @@ def prediction_terms(record: Record, law: Controller, components: Components) ->
 def prediction_table(
     terms: Mapping[str, pl.DataFrame], fits: pl.DataFrame, components: Components
 ) -> tuple[pl.DataFrame, pl.DataFrame]:
-    """`prediction.csv` and `prediction_causes.csv` of one joint and side. `terms` are those of `prediction_terms` by
-    trial, `fits` the rows of `impedance.csv` over all amplitudes of these trials.
+    """`prediction.csv` and `prediction_causes.csv` of one joint and side. `terms` holds `prediction_terms` by trial,
+    `fits` the rows of `impedance.csv` over all amplitudes of these trials.
 
-    The interval of a prediction is that of what the trial should measure: the components' uncertainty, the trial's own,
-    and what the equations lack, learnt from the *other* trials with the same controller."""
+    The interval of a prediction is for the trial's measured value. It contains the uncertainty of the components and of
+    the trial, and what the equations lack, learnt from the *other* trials with the same controller."""
     trials = [fits.row(by_predicate=pl.col("trial") == trial, named=True) for trial in terms]
     each = [{row["term"]: row for row in own.to_dicts()} for own in terms.values()]
     rows = [
@@ -377,7 +376,7 @@ def prediction_table(
         for fit, of in zip(trials, each, strict=True)
     ]
     of_part = np.array([[of == part for of in COMPONENTS.values()] for part in PARTS])
-    teachers = list[NDArray[np.bool_]]()  # of each trial those that a fit explains, with its controller if enough have
+    teachers = list[NDArray[np.bool_]]()  # for each trial: others that Eq. 15 fits, of its controller if enough
     for k, fit in enumerate(trials):
         others = np.array([one["VAF"] >= LOWEST_VAF for one in trials]) & (np.arange(len(trials)) != k)
         like = others & [one["controller"] == fit["controller"] for one in trials]
@@ -388,7 +387,7 @@ def prediction_table(
     for quantity in QUANTITIES:
         x = np.array([[of[term][quantity] for term in ("predicted", "left", *COMPONENTS)] for of in each])
         predicted, off = x[:, 0], x[:, 1]
-        size = np.hypot(predicted, LITTLE[quantity]) if quantity in "KB" else np.ones(len(off))  # it errs by shares
+        size = np.hypot(predicted, LITTLE[quantity]) if quantity in "KB" else np.ones(len(off))  # relative errors
         own_se = np.array([fit.get(f"{quantity}_repeat_se") or fit.get(f"{quantity}_se") or 0.0 for fit in trials])
         by_part = np.array([[s @ components.covariance @ s for s in np.where(of_part, own, 0.0)] for own in x[:, 2:]])
         known = by_part.sum(axis=1) + own_se**2
@@ -408,16 +407,16 @@ def prediction_table(
 
 
 def outside_of(trial: Mapping[str, Any], others: Sequence[Mapping[str, Any]]) -> str | None:
-    """Which of K_d and B_d of a trial is smaller, or larger, than in all others, from which its interval is learnt."""
+    """Which of a trial's K_d and B_d lie outside the range of the others, from which its interval is learnt."""
     asked = {name: [fit[name] for fit in others] for name in ("K_d", "B_d")}
     beyond = [name for name, of in asked.items() if of and not min(of) <= trial[name] <= max(of)]
     return " and ".join(beyond) or None
 
 
 def model_variance(off: Array, known: Array) -> float:
-    """Variance of what the equations lack, from differences (n,) between measurement and prediction whose `known`
-    variances are (n,): with it their mean square in standard deviations is one (Paule and Mandel, J. Res. Natl. Bur.
-    Stand. 87, 1982, with known mean 0); 0 where the known ones suffice."""
+    """Variance of what the equations lack, from differences (n,) between measurement and prediction and their `known`
+    variances (n,): it makes their standardised mean square 1 (Paule and Mandel, J. Res. Natl. Bur. Stand. 87, 1982,
+    with known mean 0); 0 if the known ones suffice."""
 
     def excess(v: float) -> float:
         return float(np.mean(off**2 / np.maximum(known + v, 1e-12 * most + 1e-300))) - 1
@@ -427,14 +426,13 @@ def model_variance(off: Array, known: Array) -> float:
 
 
 def causes_table(each: Sequence[Mapping[str, Any]], components: Components, place: Mapping[str, Any]) -> pl.DataFrame:
-    """A row per component, for the gain of the torque, and per delay: the `change` that explains most of what all
-    predictions leave, in the unit of the component, with its standard error, by leaving out a trial at a time and by
-    the component's own; what is `left` with it and `left_without` it [percent of the torque]; and whether the
-    recordings name it.
+    """A row per component, for the gain of the torque, and per delay: the `change`, in its unit, that explains most of
+    all residuals; its standard error, from leaving out one trial at a time and from the component; what is `left` with
+    it and `left_without` it [percent of the torque]; and whether the recordings name it.
 
-    No trial measures the delays of the controller, so that they explain first, and a component what they leave. The one
-    that explains most is named, with those that explain as much, where it explains `LEAST_SHARE` and its change is
-    certain and not small. Trials that ring do not outweigh the others: the regression is robust."""
+    No trial measures the controller's delays, so that they explain first, and a component explains their residual. The
+    component that explains most is named, with those that explain as much, if it explains `LEAST_SHARE` and its change
+    is certain and not small. The regression is robust, so that trials that ring do not dominate."""
     A = np.array([[[of[term][x] for x in ALONG] for term in TERMS] for of in each])
     n, values = len(A), {**components.values, "torque_gain": 1.0}
 
@@ -466,11 +464,11 @@ def causes_table(each: Sequence[Mapping[str, Any]], components: Components, plac
 
 
 Fitted = tuple[Mapping[str, Array], float]
-"""Coefficients of terms by name: first of all trials, then without each of three or more; what all leave."""
+"""Coefficients of terms by name, of all trials and then (from three on) without each; the residual of all."""
 
 
 def beside_delays(A: Array, *names: str) -> Fitted:
-    """As `robust_fit`, of terms beside the delays, of which none is negative: no controller knows the future."""
+    """As `robust_fit`, of terms and the delays, none of which may be negative: no controller knows the future."""
     n, names = len(A), (*names, *DELAYS)
     trials = np.vstack([np.ones(n), (1 - np.eye(n))[: n * (n > 2)]])
     used, early = np.ones((len(trials), len(names))), np.ones(len(trials), dtype=np.bool_)
@@ -484,9 +482,9 @@ def beside_delays(A: Array, *names: str) -> Fitted:
 
 
 def robust_fit(A: Array, names: Sequence[str], used: Array = ONE, trials: Array = ONE) -> tuple[Array, Array]:
-    """Coefficients (b, k) of k terms in what the predictions leave, and the mean absolute value (b,) of what then is
-    left; A is (trials, terms, 3), as shares of the torque. Of the b fits each has the terms (b, k) and the trials
-    (b, trials) that are 1, not 0. By Huber's M-estimator, with a scale by the median."""
+    """Coefficients (b, k) of k terms in the residuals of the predictions, and the mean absolute value (b,) of what is
+    then left; A is (trials, terms, 3), in shares of the torque. Each of the b fits uses the terms (b, k) and the trials
+    (b, trials) that are 1, not 0. Huber's M-estimator, with a scale by the median."""
     y, counts = A[:, 0].ravel(), np.repeat(np.broadcast_to(trials, (len(trials), len(A))), 3, axis=1)
     X = A[:, [TERMS.index(name) for name in names]].transpose(0, 2, 1).reshape(len(y), -1)
     X = X / (scale := np.maximum(np.abs(X).max(axis=0), np.finfo(float).tiny))
@@ -502,5 +500,5 @@ def robust_fit(A: Array, names: Sequence[str], used: Array = ONE, trials: Array 
         rising = np.sort(np.where(counts > 0, left, np.inf), axis=1)
         median = (rising[of_each, (middle - 1) // 2] + rising[of_each, middle // 2])[:, None] / 2
         huber = np.minimum(1, 1.5 * median / scipy.special.ndtri(0.75) / np.maximum(left, np.finfo(float).tiny))
-        weight = np.where(median > 0, huber * counts, weight)  # else half of the numbers are explained exactly
+        weight = np.where(median > 0, huber * counts, weight)  # at 0 half of the numbers are exact
     return x / scale, (left * counts).sum(axis=1) / middle

@@ -1,7 +1,7 @@
 """One record for every motion: uniform signals, the motion behind one low-pass, and groups of rows.
 
-What differs from one motion to another is here, in three makers of groups: the cycles of a stepped sine, parts of the
-periods of a motion that repeats itself, and stretches of any other one. What comes after knows groups only."""
+Only the three makers of groups differ between motions: cycles of a stepped sine, parts of the periods of a periodic
+motion, and stretches of any other. Later stages know groups only."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -43,29 +43,29 @@ from osl_analysis.stats.regression import FEWEST_CYCLES, products_between
 from osl_analysis.trial import Array, Trial, stretches, visible_step
 
 Label = float | str | None
-"""What a fit of its own is made for: an amplitude [deg], a branch of a belt; None: all of a record."""
+"""What has a fit of its own: an amplitude [deg], a branch of a belt; None: the whole record."""
 STRETCH_S = 1.0  # duration [s] of a stretch: 30 correlation times of a 15 Hz low-pass
-QUICK = 4.0  # cut-offs of the low-pass behind which the velocity's sign is read, and the rounding of steps is drawn
-COMES = 3.0  # times the last step of a rounded signal in which it comes to a level: exponentially 2, of least jerk 2.3
-BEYOND = 1.1  # cut-offs, from which on it is more of the motion than the tail of a step that is faster
-STANDS = 0.1  # of the SD of the speed, below which a joint stands
-QUIET = 0.3  # share of the parts of 50 samples, in which what is faster than the motion is noise alone
-AT_LEVELS = 0.15  # share of the power at a few levels, from which on a motion is between these (sines 0.05, steps 0.2)
-OF_SINE = 0.5  # steps by which the size of a sine is drawn: less where samples keep step with it covers too little
-DRAWS = (np.arange(17) + 0.5) / 17 - 0.5  # parts of a step of an encoder by which zeros and sizes differ
-ALIKE_S = 0.25  # time [s] over which what a model misses is alike
+QUICK = 4.0  # cut-offs of the low-pass for the velocity's sign, and for draws of the rounding of steps
+COMES = 3.0  # time to come to a level, in multiples of a rounded signal's last step: exponentially 2, least jerk 2.3
+BEYOND = 1.1  # cut-offs above which the band's end is motion, not the tail of a faster step
+STANDS = 0.1  # share of the SD of the speed below which a joint stands
+QUIET = 0.3  # share of the parts of 50 samples that hold noise alone above the motion's frequencies
+AT_LEVELS = 0.15  # share of the power at a few levels above which a motion steps between these (sines 0.05, steps 0.2)
+OF_SINE = 0.5  # range [steps] of the drawn sizes of a sine: less varies too little if samples keep step with it
+DRAWS = (np.arange(17) + 0.5) / 17 - 0.5  # shifts of an encoder's zero and of sizes, in steps
+ALIKE_S = 0.25  # time [s] over which a model's misfit is correlated
 SHORTEST_S = 1.0  # shortest stretch [s] that is fitted
 NOT_MOVED = "the joint does not move; check the channel of theta in the source file"
 
 
 @dataclass(frozen=True)
 class Stratum:
-    """What groups have in common that repeat one another, or of a motion that does not repeat, all groups."""
+    """A set of groups that repeat one another; if nothing repeats, the set of all groups."""
 
-    rows: slice  # rows of the motion that they are of, its transient included
+    rows: slice  # rows of their motion, with its transient
     label: Label = None
     frequency_hz: float = np.nan  # of a sine [Hz]
-    commanded_deg: float | None = None  # amplitude of the protocol that a sine follows [deg]
+    commanded_deg: float | None = None  # amplitude [deg] of the sine in the protocol
 
 
 @dataclass(frozen=True)
@@ -73,9 +73,9 @@ class Groups:
     """Groups of consecutive rows of a record; a group ends where the next one begins, or earlier."""
 
     kind: Literal["cycles", "periods", "stretches"]
-    first: Array  # row at which each group begins, which need not be whole, (m,)
+    first: Array  # row at which each group begins, may be fractional, (m,)
     stop: Array  # where it ends, (m,)
-    stratum: NDArray[np.intp]  # number of the stratum of each group, rising from 0, (m,)
+    stratum: NDArray[np.intp]  # index of each group's stratum, from 0, (m,)
     strata: tuple[Stratum, ...]
 
     @property
@@ -95,14 +95,14 @@ class Groups:
 
     @cached_property
     def pieces(self) -> Mapping[Label, list[slice]]:
-        """Rows of each label's groups in the order of time, adjacent ones together; of all for None."""
+        """Rows of each label's groups in order of time, with adjacent ones joined; None: of all groups."""
         edges = zip(self.first.tolist(), self.stop.tolist(), strict=True)
         rows = [whole_rows(first, stop) for first, stop in edges]
         return {label: joined(list(compress(rows, self.of(label)))) for label in (None, *self.labels)}
 
 
 def joined(parts: Sequence[slice], apart: int = 0) -> list[slice]:
-    """Parts of a recording in the order of time, those that touch, or are `apart` by some rows, as one."""
+    """Parts of a recording in order of time; parts that touch, or lie at most `apart` rows apart, are joined."""
     found: list[slice] = []
     for rows in sorted(parts, key=lambda rows: rows.start):
         if found and rows.start <= found[-1].stop + apart:
@@ -113,8 +113,8 @@ def joined(parts: Sequence[slice], apart: int = 0) -> list[slice]:
 
 
 def before_rounding(read: Array, step: float) -> Array:
-    """What a signal (n,) in steps was before: halfway where it goes from one step to the next. It comes to a level, and
-    leaves it, in `COMES` times what the step beside it took."""
+    """A signal (n,) before its rounding to steps: halfway between two steps where it goes from one to the next. It
+    comes to a level, and leaves it, in `COMES` times the time of the adjacent step."""
     at = np.flatnonzero(np.abs(np.diff(read)) > 0.3 * step)
     way, gap, level = np.diff(read)[at] > 0, np.diff(at), read[at + 1]
     turns = np.flatnonzero(way[1:] != way[:-1])
@@ -133,35 +133,35 @@ class Record:
 
     name: str  # name of the trial
     time: Array  # uniform times [s]
-    theta: Array  # angle of the joint [rad], the yielding of the bench taken off
-    torque: Array  # raw resisting torque [N*m] without the load cell's drift
+    theta: Array  # angle of the joint [rad], without the deflection of the bench
+    torque: Array  # raw resisting torque [N*m], less the load cell's drift
     motion: Motion  # filtered joint angle with its derivatives
     filtered_torque: Array  # the torque through the same filter [N*m]
-    low_pass: LowPass  # the filter of angle and torque
+    low_pass: LowPass  # filter of angle and torque
     usable: NDArray[np.bool_]  # rows that are not near a gap in the recording
     groups: Groups
     band_hz: tuple[float, float] = (np.nan, np.nan)  # lowest and highest frequency [Hz] of the motion
     drift: float = 0.0  # drift of the load cell [N*m/s] that was subtracted from the torque
     steps: tuple[float | None, float | None] = (None, None)
-    """Steps to which angle [rad] and torque [N*m] were rounded; None where they are not known."""
-    periodic: PeriodicMotion | None = None  # the periods of a motion that repeats itself
+    """Resolution of angle [rad] and torque [N*m]; None: not known."""
+    periodic: PeriodicMotion | None = None  # periods of a periodic motion
     uniform: UniformSignals | None = None
     """The signals on their time base, with what the recorders did; None for a record that no file holds."""
-    other: "Record | None" = None  # the same if undecided stamps were taken the other way; None: all are decided
-    softer: "Record | None" = None  # the same with a bench that is softer by one standard error; None: it is exact
-    settings: BenchAnalysis | None = None  # the bench, and limits of what a motion must tell
+    other: "Record | None" = None  # the same with the other reading of undecided stamps; None: all are decided
+    softer: "Record | None" = None  # the same on a bench softer by one standard error; None: its stiffness is exact
+    settings: BenchAnalysis | None = None  # the bench, and limits on the motion
     actuator: Mapping[str, Array] = field(default_factory=dict)
-    """Where they were asked for, angle `theta_m` [rad] and `current` [A] of the actuator behind the filter; `quick` is
-    the angle of which the sign of the velocity is read."""
+    """If requested, the actuator's filtered angle `theta_m` [rad] and `current` [A]; `quick` is the angle for the
+    velocity's sign."""
 
     @property
     def bench(self) -> BenchStiffness | None:
-        """Stiffness of the bench; None: it does not yield."""
+        """Stiffness of the bench; None: it is rigid."""
         return self.settings.bench_stiffness if self.settings else None
 
     @property
     def calibration(self) -> Calibration:
-        """What is not known of angle and torque."""
+        """Uncertainties of angle and torque."""
         return self.settings.calibration if self.settings else NOT_STATED
 
     @property
@@ -182,14 +182,14 @@ class Record:
 
     @property
     def bench_angle(self) -> Array:
-        """Raw angle of the bench (n,) [rad], which is that of the joint where nothing yields."""
+        """Raw angle of the bench (n,) [rad]; equals the joint's if the bench is rigid."""
         return self.theta if self.bench is None or self.uniform is None else self.uniform["theta"]
 
     @cached_property
     def noise(self) -> tuple[float, float]:
-        """Densities of the noise of angle [rad^2/Hz] and torque [N^2 m^2/Hz], as if it were white: their levels between
-        two and four cut-offs, of what the filter takes off the rows that are fitted. Where the motion itself reaches
-        there, that of the angle is its level at the highest frequencies."""
+        """Densities of the noise of angle [rad^2/Hz] and torque [N^2 m^2/Hz], taken as white: medians from two to four
+        cut-offs of what the filter removes in the fitted rows. If the motion itself reaches these frequencies, the
+        angle's density is its level at the highest frequencies."""
         welch = partial(scipy.signal.welch, fs=self.rate_hz, noverlap=0, detrend=False)
         length = min(round(self.rate_hz), self.samples)
         pairs = (self.theta, self.motion.theta), (self.torque, self.filtered_torque)
@@ -203,33 +203,33 @@ class Record:
 
     @cached_property
     def repeated_steps(self) -> list[tuple[float, float]]:
-        """Steps of angle [rad] and torque [N*m], and how much of what rounding makes alike in all cycles noise leaves:
-        noise of s steps before it exp(-(2 pi s)^2/2) (Widrow and Kollar, Quantization Noise, 2008, ch. 5)."""
+        """Steps of angle [rad] and torque [N*m], and the share of their rounding error that all cycles repeat: noise of
+        s steps before rounding leaves exp(-(2 pi s)^2/2) of it (Widrow and Kollar, Quantization Noise, 2008, ch. 5)."""
         found = list[tuple[float, float]]()
         for step, density, raw in zip(self.steps, self.noise, (self.theta, self.torque), strict=True):
-            # rounding of slow motion is no white noise; of motion beyond the cut-off what is slower than some samples,
-            # or stands still at a level, is none
+            # rounding of slow motion is not white, and fast motion is no noise: third differences take off what is
+            # slower than some samples, and in the quietest parts the motion is at a level
             jumps = np.diff(self.part(raw), 3) ** 2 / 20
             quiet = np.quantile(np.add.reduceat(jumps, np.arange(0, len(jumps) - 1, 50)) / 50, QUIET)
             variance = min(density * self.rate_hz / 2, float(quiet))
             noise = max(variance / step**2 - 1 / 12, 0.0) if step and step**2 else np.inf  # [steps^2]
-            # beyond 0.1 steps^2 a fiftieth of the variance of what cycles repeat is left
+            # above 0.1 steps^2 less than a fiftieth of the variance that cycles repeat is left
             found.append((step or 0.0, float(np.exp(-2 * np.pi**2 * noise)) if noise < 0.1 else 0.0))
         return found
 
     def roundings(self, channel: int, rows: slice = slice(None)) -> Iterator[Array]:
-        """Errors (n,) of angle [rad] (0) or torque [N*m] (1) in some rows that rounding makes, each with another zero
-        of the sensor; none where noise hides it. Of levels and sines, which return to the same places, the size is
-        another one too: of levels, whose errors are independent, by what the share of power at each makes of all.
-        Between few levels how the joint comes to a level makes the errors, which every step repeats, and is not known:
-        the draws are in turn of the signal behind a filter that is quicker by `QUICK`, whose levels ring by some steps
-        (alone they accuse sound steps), and of what it was before the encoder (alone they make I too certain)."""
+        """Rounding errors (n,) of angle [rad] (0) or torque [N*m] (1) in some rows, one per draw of the sensor's zero;
+        none if noise hides them. Motions that return to the same places, levels and sines, vary in size, too: levels,
+        whose errors are independent, by the concentration of power in single levels. In steps between few levels the
+        errors depend on how the joint reaches a level, which every step repeats and nobody knows. Draws then alternate
+        between two signals: the one behind a filter `QUICK` times as quick, whose levels ring by some steps (alone it
+        accuses sound steps), and the reconstruction before the encoder (alone it makes I too certain)."""
         (step, left), raw = self.repeated_steps[channel], (self.theta, self.torque)[channel]
         if not left:
             return
         speed, signal = np.abs(self.motion.omega[rows]), (self.motion.theta, self.filtered_torque)[channel][rows]
         stands = speed < STANDS * float(np.std(self.motion.omega[rows]))
-        place = raw[rows] - raw[rows].mean()  # the filtered signal's levels ring by many steps of 18 bits
+        place = raw[rows] - raw[rows].mean()  # raw, since levels of the filtered signal ring by many steps of 18 bits
         _, level = np.unique(np.rint(place[stands] / step), return_inverse=True)
         larger = float(np.linalg.norm(np.bincount(level, place[stands] ** 2))) / max(float(place @ place), step**2)
         signals = [signal]
@@ -243,21 +243,21 @@ class Record:
             yield left * step * (read - np.rint(read))
 
     def coarse_roundings(self, channel: int) -> Iterator[Array]:
-        """The `roundings` of all rows, behind the filter of the fit, in the rows of `coarse`."""
+        """The `roundings` of all rows, through the fit's filter, in the rows of `coarse`."""
         few, every = self.coarse, round(self.rate_hz / self.coarse.rate_hz)
         first = np.maximum(np.arange(len(few.time)) * every - every // 2, 0)
         return (few.low_pass(np.add.reduceat(x, first) / every, few.rate_hz) for x in self.roundings(channel))
 
     @cached_property
     def rounded(self) -> Array | None:
-        """Torques (k, n) [N*m] that the `roundings` make for Eq. 15 in the rows of `coarse`; None where noise
-        hides the rounding, or it is less than half of what is left, were that noise and all roundings alike."""
+        """Torques (k, n) [N*m] that the `roundings` cause in Eq. 15, in the rows of `coarse`. None if noise hides the
+        rounding, or if one equal in all samples is less than half of the residual's standard error."""
         few = self.coarse
         motion = np.array([few.part(x) for x in (few.motion.theta, few.motion.omega, few.motion.alpha)])
         motion -= motion.mean(axis=1, keepdims=True)
         K, B, I = np.linalg.lstsq(motion @ motion.T, motion @ few.part(few.filtered_torque), rcond=1e-13)[0]
         left = np.var(few.part(few.filtered_torque) - np.array([K, B, I]) @ motion)
-        samples = 2 * self.low_pass.noise_bandwidth_hz * self.seconds  # that are independent
+        samples = 2 * self.low_pass.noise_bandwidth_hz * self.seconds  # independent ones
         of_theta, of_torque = (step * share for step, share in self.repeated_steps)
         s = 2j * np.pi * self.band_hz[1]
         if left / samples >= 4 * ((max(abs(K), abs(K + B * s + I * s**2)) * of_theta) ** 2 + of_torque**2) / 12:
@@ -266,7 +266,7 @@ class Record:
         if not thetas:
             return np.array(torques) if torques else None
         made = np.empty((len(thetas), len(few.time)))
-        for row, theta in zip(made, thetas, strict=True):  # one at a time: all at once take 0.4 GB of an hour
+        for row, theta in zip(made, thetas, strict=True):  # one at a time: together they take 0.4 GB per hour
             omega = np.gradient(theta, 1 / few.rate_hz)
             row[:] = K * theta + B * omega + I * np.gradient(omega, 1 / few.rate_hz)
         for row, torque in zip(made, torques, strict=False):
@@ -275,7 +275,7 @@ class Record:
 
     @cached_property
     def pieces(self) -> tuple[slice, ...]:
-        """Rows that are fitted."""
+        """The fitted rows."""
         return tuple(self.groups.pieces[None])
 
     @cached_property
@@ -307,14 +307,14 @@ class Record:
 
     @cached_property
     def coarse(self) -> "Record":
-        """The record at 250 Hz, eight cut-offs or more: its filtered signals have nothing faster."""
+        """The record at 250 Hz, or eight cut-offs if more: its filtered signals contain nothing faster."""
         at_least = max(250.0, 8 * self.low_pass.cutoff_hz)
-        return self.thinned(max(int(self.rate_hz / at_least + 1e-6), 1))  # a rate is known to rounding
+        return self.thinned(max(int(self.rate_hz / at_least + 1e-6), 1))  # rates are known to within rounding
 
     @property
     def swift_omega(self) -> Array:
-        """Velocity [rad/s] in the rows of `coarse`, whose sign is friction's. Where the motion reaches beyond the
-        cut-off of the fit it is behind a filter that passes it, since what is left turns at other times."""
+        """Velocity [rad/s] in the rows of `coarse`, for the sign of friction. If the motion exceeds the fit's cut-off,
+        the filter is one that passes it: the sign of a slower signal changes at other times."""
         few, highest = self.coarse, self.band_hz[1]
         if not highest > BEYOND * self.low_pass.cutoff_hz:
             return few.motion.omega
@@ -323,21 +323,21 @@ class Record:
         return np.asarray(np.gradient(theta, 1 / few.rate_hz))
 
     def rows(self, label: Label = None) -> NDArray[np.intp]:
-        """The rows that are fitted (m,), of a label or of all, each once."""
+        """The fitted rows (m,) of a label or of all, each once."""
         return np.concatenate([np.r_[piece] for piece in self.groups.pieces[label]])
 
     def part(self, signal: Array) -> Array:
-        """A signal (n,) in the rows that are fitted (m,); a view where they follow one another."""
+        """A signal (n,) in the fitted rows (m,); a view if they are contiguous."""
         parts = [signal[piece] for piece in self.pieces]
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
     def moving(self, label: Label = None) -> list[slice]:
-        """Rows of the motion of a label, its transients included: stretches that touch are one."""
+        """Rows of a label's motion, with its transients; stretches that touch are joined."""
         return joined([one.rows for one in self.groups.strata if label is None or one.label == label], apart=1)
 
     def label_near(self, amplitude_deg: float | None) -> Label:
-        """The label of the amplitude [deg] that is meant, as commanded or as measured; None for the largest one.
-        Raises InputError: no amplitude is near it."""
+        """The label near an amplitude [deg], commanded or measured; None: the largest. Raises InputError: none is
+        near."""
         of = {x: one.commanded_deg or x for one in self.groups.strata if isinstance(x := one.label, float)}
         if not of:
             return None
@@ -353,8 +353,8 @@ class Record:
 
 
 def stored_record(record: Record) -> pl.DataFrame:
-    """What a model of the drivetrain is compared with, a row per sample: the angle of the joint, the filtered torque,
-    whether the row is fitted, and the frequency [Hz] of the sine that it then is of, else NaN."""
+    """Table for comparison with a drivetrain model, one row per sample: angle of the joint, filtered torque, whether
+    the row is fitted, and the frequency [Hz] of its sine if it is, else NaN."""
     fitted, hz = np.zeros(len(record.time), dtype=np.bool_), np.full(len(record.time), np.nan)
     fitted[record.rows()] = True
     for one in record.groups.strata:
@@ -364,7 +364,7 @@ def stored_record(record: Record) -> pl.DataFrame:
 
 
 def read_record(path: Path, low_pass: LowPass) -> Record:
-    """The record that was stored, whose torque is the filtered one; a stratum is a stretch of rows."""
+    """A stored record, whose torque is the filtered one; each stratum is a stretch of rows."""
     check_not_refused(path)
     table = pl.read_parquet(path)
     time, theta, torque, fitted, hz = (table[name].to_numpy() for name in table.columns)
@@ -377,15 +377,15 @@ def read_record(path: Path, low_pass: LowPass) -> Record:
 
 
 def joint_angle(theta: Array, torque: Array, compliance: float) -> Array:
-    """Angle of the joint (n,) [rad] from that of the bench, whose frame the resisting torque [N*m] winds up. The bench
-    turns the joint by its frame, of some `compliance` [rad/(N*m)]: theta_bench = theta + torque/k."""
+    """Angle of the joint (n,) [rad] from the bench's: the bench turns the joint through its frame of some `compliance`
+    [rad/(N*m)], which the resisting torque [N*m] deflects: theta_bench = theta + torque/k."""
     return theta - compliance * torque if compliance else theta
 
 
 def cycles_of(
     segments: Sequence[stepped_sine.Segment], settle_cycles: int, usable: NDArray[np.bool_], stated: bool = True
 ) -> Groups:
-    """The settled, usable cycles of segments; a stratum is a segment. None was commanded unless `stated`."""
+    """The settled, usable cycles of segments; a stratum is a segment. Commanded amplitudes count only if `stated`."""
     kept = [stepped_sine.settled_cycles(segment, settle_cycles, usable) for segment in segments]
     strata = []
     for whole, label in zip(segments, stepped_sine.labels_deg(segments), strict=True):
@@ -399,8 +399,8 @@ def cycles_of(
 def periods_of(
     motion: PeriodicMotion, rate_hz: float, usable: NDArray[np.bool_], seconds: float = ALIKE_S
 ) -> Groups | None:
-    """The same part of some seconds of each period of a realisation is a stratum; None where fewer than two periods are
-    usable. Noise is alike over much less than `ALIKE_S`."""
+    """Groups of about `seconds` within each period; the same part of each period of a realisation is one stratum. None
+    if fewer than two periods are usable. Noise is correlated for much less than `ALIKE_S`."""
     parts = max(round(motion.period / seconds), 1)
     first, number, strata = [], [], list[Stratum]()
     for one in motion.realisations:
@@ -425,7 +425,7 @@ def periods_of(
 
 
 def stretches_of(pieces: Sequence[slice], rate_hz: float, seconds: float = STRETCH_S, label: Label = None) -> Groups:
-    """Equal stretches of about some seconds of each piece: all are one stratum, of which nothing repeats."""
+    """Equal stretches of about `seconds` of each piece; all are one stratum, without repeats."""
     edges = [
         np.linspace(piece.start, piece.stop, max(round((piece.stop - piece.start) / (seconds * rate_hz)), 1) + 1)
         for piece in pieces
@@ -436,7 +436,7 @@ def stretches_of(pieces: Sequence[slice], rate_hz: float, seconds: float = STRET
 
 
 Parts = tuple[Groups, tuple[float, float], PeriodicMotion | None, UniformSignals]
-"""Groups, band [Hz] and periods of a motion, and the signals that they are of."""
+"""Groups, band [Hz] and periods of a motion, and its signals."""
 
 
 def sine_record(trial: Trial, settings: SteppedSineAnalysis) -> Record:
@@ -449,10 +449,10 @@ def record_of_trial(
 ) -> Record:
     """The record of a trial.
 
-    `excitation`, or else that of the settings, says what moved the joint; `auto` asks the recording. Half of the moving
-    time of a stepped sine is sines of one frequency each; another motion hardly has any, and not the commanded ones in
-    turn. Between the two a stepped sine may be damaged: it is refused with the setting by which it is taken for another
-    motion, or fitted as one. `windows` [s] state that it is another, and what of it is fitted.
+    `excitation`, by default from the settings, is the kind of motion; `auto` decides by the recording. In a stepped
+    sine half of the moving time or more is sines of one frequency; another motion has hardly any, and not in the
+    commanded order. In between, the stepped sine may be damaged: the error names the setting by which it is fitted as
+    another motion, or as a stepped sine. `windows` [s] state that it is another motion, and which part is fitted.
 
     Raises InputError: a signal is missing, has no time base, does not move, or follows a damaged protocol."""
     signals = uniform_signals(trial, ("theta", "torque"), settings.gap_limits, computed=("theta_command",))
@@ -493,7 +493,7 @@ def record_of_trial(
         )
     assert made.uniform is not None
     bare = []
-    for one in made.uniform.taken:  # all but the signal that tells their rows: 0.1 GB of an hour
+    for one in made.uniform.taken:  # keeps only the signal that tells the rows: saves 0.1 GB per hour
         first = {one.signals[0]: one.stream.signals[one.signals[0]]}
         bare.append(replace(one, stream=replace(one.stream, signals=first)))
     uniform = replace(made.uniform, taken=tuple(bare))
@@ -501,7 +501,7 @@ def record_of_trial(
 
 
 def another_motion(known: Likeness) -> str:
-    """What to state if a motion that is unlike a stepped sine was meant."""
+    """What to state if another motion than a stepped sine was meant."""
     return (
         f"{100 * known.sines:.0f} % of the moving time are sines of one frequency: if another motion was meant, "
         "state `excitation: any` under `dynamometer` in the configuration, or its windows in the sheet"
@@ -509,8 +509,8 @@ def another_motion(known: Likeness) -> str:
 
 
 def said_of_noise(known: Likeness, rate_hz: float) -> str:
-    """What is said of an angle whose rows hardly hang together, so that its motion does not count as such; nothing of
-    another one. Motion up to 6 Hz jumps by a tenth, and counts for half of the time, at 50 rows per second."""
+    """Words on an angle too noisy for its motion to count as such; empty for any other. Motion up to 6 Hz at 50 rows
+    per second jumps by a tenth, and counts for half of the time."""
     noise, size = np.rad2deg(stepped_sine.noise_of(known.theta)), np.rad2deg(known.theta.std())
     if size < 0.5 or noise < 0.1 * size or known.moving.mean() > 0.5:
         return ""
@@ -522,7 +522,7 @@ def said_of_noise(known: Likeness, rate_hz: float) -> str:
 
 
 def said_of_motion(words: str, known: Likeness, signals: UniformSignals) -> str:
-    """The words of an error in a motion that the recording itself was to tell, with its cause where it is known."""
+    """The words of an error of a motion whose kind was to be read from the recording, with the cause if it is known."""
     degrees = np.rad2deg(np.ptp(signals["theta"]))
     if known.moves:
         return f"{words}; {another_motion(known)}" if known.kind == "unclear" else words
@@ -540,7 +540,7 @@ def said_of_motion(words: str, known: Likeness, signals: UniformSignals) -> str:
 
 
 def with_actuator(record: Record, trial: Trial) -> Record:
-    """The record with what the trial has of the actuator, if that comes to a time base with angle and torque."""
+    """The record with the trial's actuator signals, if they come to a time base with angle and torque."""
     same, rate = record.low_pass, record.rate_hz
     quick = replace(same, cutoff_hz=min(QUICK * same.cutoff_hz, 0.2 * rate))
     wanted = {"theta_m": ("theta_m", same), "quick": ("theta_m", quick), "current": ("current", same)}
@@ -552,8 +552,8 @@ def with_actuator(record: Record, trial: Trial) -> Record:
 
 
 def logged(record: Record, trial: Trial, wanted: Mapping[str, tuple[str, LowPass]]) -> dict[str, Array]:
-    """Further columns of a trial at the times of the record: by the name that each is to have, column and filter.
-    Raises InputError: one is not there, or its device's stamps do not come to a time base."""
+    """Further columns of a trial at the times of the record, given as column and filter by new name. Raises InputError:
+    a column is missing, or its device's stamps do not come to a time base."""
     assert record.settings is not None
     columns, found = [column for column, _ in wanted.values()], dict[str, Array]()
     for device in devices_of(trial, list(dict.fromkeys(("theta", *columns, "torque")))):
@@ -565,8 +565,8 @@ def logged(record: Record, trial: Trial, wanted: Mapping[str, tuple[str, LowPass
 
 
 def motion_parts(signals: UniformSignals, settings: ImpedanceAnalysis, windows: str | None) -> Parts:
-    """Groups and band of a motion that is no stepped sine, and its periods. The time base bridges gaps up to a tenth of
-    a period of the fastest motion, which is found first: the signals with gaps that the motion bears."""
+    """Groups, band and periods of a motion that is no stepped sine, and its signals. The time base bridges gaps up to a
+    tenth of a period of the fastest motion. That is found first, from the signals as they are."""
     low_pass, rate = settings.low_pass, signals.rate_hz
     compliance = settings.bench_stiffness.compliance if settings.bench_stiffness else 0.0
     time = signals.time - signals.time[0]
@@ -575,7 +575,7 @@ def motion_parts(signals: UniformSignals, settings: ImpedanceAnalysis, windows: 
     pieces = fitted_pieces(signals, low_pass, stated)
     theta = joint_angle(signals["theta"], signals["torque"], compliance)
     motion = filtered_motion(signals.time, theta, signals["torque"], low_pass)[0]
-    stretches: list[slice] = []  # from the first to the last piece in each window, with the gaps between pieces
+    stretches: list[slice] = []  # first to last piece in each window, with gaps
     for piece in pieces:
         if stretches and inside[stretches[-1].stop : piece.start].all():
             stretches[-1] = slice(stretches[-1].start, piece.stop)
@@ -603,7 +603,7 @@ def motion_parts(signals: UniformSignals, settings: ImpedanceAnalysis, windows: 
 def conditioned(
     signals: UniformSignals, settings: SteppedSineAnalysis, groups: Groups, band: tuple[float, float]
 ) -> Record:
-    """The record of these groups, and the same with a bench that is softer by one standard error."""
+    """The record of these groups, and the same on a bench softer by one standard error."""
     bench = settings.bench_stiffness
 
     def on(compliance: float) -> Record:
@@ -624,9 +624,9 @@ def record_of(
     joint = joint_angle(theta, torque, compliance)
     motion, filtered = filtered_motion(time, joint, torque, low_pass)
     drift = drift_rate(time, motion, filtered, groups)
-    drifted = drift * (time - time.mean())  # the mean over all samples is kept
+    drifted = drift * (time - time.mean())  # keeps the mean over all samples
     torque, filtered = torque - drifted, filtered - drifted
-    if compliance and drift:  # what the drift turned the frame by is no angle of the joint
+    if compliance and drift:  # drift of the load cell does not turn the frame
         joint = joint_angle(theta, torque, compliance)
         motion = filtered_motion(time, joint, torque, low_pass)[0]
     everywhere = np.ones(len(time), dtype=np.bool_)
@@ -634,12 +634,12 @@ def record_of(
 
 
 def drift_rate(time: Array, motion: Motion, torque: Array, groups: Groups) -> float:
-    """Drift of the load cell [N*m/s]: the slope in time that the mean torques of groups have beside Eq. 15.
+    """Drift of the load cell [N*m/s]: the slope in time of the groups' mean torques beside Eq. 15.
 
-    A drift of 0.05 N*m/min that is not subtracted is a tenth of the error of K at 1 Hz. It is the same in every cycle,
-    so that the spread between cycles does not contain it. Each label has a mean torque of its own: that of an
-    asymmetric joint grows with the amplitude, and amplitudes may grow with time. Of a sine only the means of its cycles
-    count. The drift is 0 if no label has the five groups that an interval needs: transients could pass for drift."""
+    At 1 Hz a drift of 0.05 N*m/min would be a tenth of the error of K. All cycles share it, so that their spread does
+    not show it. Each label has its own mean torque: an asymmetric joint's grows with the amplitude, and amplitudes may
+    grow with time. For sines only the means of cycles count. The drift is 0 if no label has the five groups that an
+    interval needs: transients could pass for drift."""
     members = np.array([np.count_nonzero(groups.of(label)) for label in groups.labels])
     if members.max() < FEWEST_CYCLES:
         return 0.0
@@ -665,9 +665,9 @@ def drift_rate(time: Array, motion: Motion, torque: Array, groups: Groups) -> fl
 def fitted_pieces(
     signals: UniformSignals, low_pass: LowPass, stated: list[tuple[float, float]] | None
 ) -> tuple[slice, ...]:
-    """Rows of the stretches that are fitted: in stated windows [s], or from the first to the last motion, without two
-    periods of the cut-off at their ends, 130 ms at 15 Hz. The ends of a record, filtered with an invented continuation,
-    would change K by 0.05 % and I by 0.4 %. Raises InputError: nothing moves, or for long enough."""
+    """Rows of the fitted stretches: stated windows [s], or from the first to the last motion, less two periods of the
+    cut-off at each end (130 ms at 15 Hz). Near the ends the filter depends on padding, which would change K by 0.05 %
+    and I by 0.4 %. Raises InputError: nothing moves, or not for long enough."""
     time = signals.time - signals.time[0]
     if stated is None:
         moving = stepped_sine.moving_bins(time, signals["theta"])
@@ -699,8 +699,8 @@ def stated_windows(text: str, duration: float) -> list[tuple[float, float]]:
 
 
 def band_of(motion: Motion, rate_hz: float, stretches: Sequence[slice]) -> tuple[float, float]:
-    """Lowest and highest frequency [Hz] of a motion (n,): 1 % of the angle's power lies below, of the acceleration's
-    above. Its spectrum is the mean over the stretches, in which gaps are bridged, in pieces of 8 s or less."""
+    """Lowest and highest frequency [Hz] of a motion (n,): 1 % of the angle's power is below the first, 1 % of the
+    acceleration's above the second. Spectra are means over the stretches, gaps bridged, in pieces of up to 8 s."""
     length = min(round(8.0 * rate_hz), *(one.stop - one.start for one in stretches))
     f, low, high = np.empty(0), np.zeros(length // 2 + 1), np.zeros(length // 2 + 1)
     for one in stretches:

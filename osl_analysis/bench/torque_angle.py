@@ -1,8 +1,8 @@
 """Torque against angle, quasi-static, of passive feet, springs and series elastic elements: cycles, zero and curves.
 
-The torque's zero and the yielding of the bench itself are taken off first. A device with hysteresis that comes to rest
-on its way keeps a torque of up to half the width of its loop there. One recording cannot tell it from an offset; a rest
-before the motion, or the loop around it, says that it may be there."""
+The torque's zero and the deflection of the bench are subtracted first. A device with hysteresis that comes to rest on
+its way keeps a torque of up to half the width of its loop. One recording cannot tell this from an offset; a rest before
+the motion, or the loop around the rest, shows that it may be present."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -25,8 +25,8 @@ from osl_analysis.trial import Array, Trial
 
 Cycle = tuple[int, ...]
 """Rows at which a closed cycle begins, turns and ends."""
-CLOSED = 0.05  # largest distance of a cycle's ends, as a part of the range of motion
-RESTS = 0.01  # part of the range of motion within which the joint rests
+CLOSED = 0.05  # largest distance between the ends of a cycle, as a share of the range of motion
+RESTS = 0.01  # share of the range of motion within which the joint is at rest
 
 
 @dataclass(frozen=True)
@@ -35,21 +35,21 @@ class TorqueAngleTrial:
 
     uniform: UniformSignals  # the signals on their time base
     settings: TorqueAngleAnalysis  # the choices of the analysis
-    theta: Array  # angle of the joint [rad], without the bench's yielding
+    theta: Array  # angle of the joint [rad], without the deflection of the bench
     bench_theta: Array  # angle of the bench [rad]
     torque: Array  # resisting torque [N*m] from its zero
-    zero: float  # torque [N*m] that was taken for zero
-    facts: Row  # numbers of cycles that are left out, and the way of loading, as columns of the table
-    cycles: list[Cycle]  # those that are analysed
+    zero: float  # torque [N*m] taken as zero
+    facts: Row  # numbers of cycles left out, and direction of loading, as columns of the table
+    cycles: list[Cycle]  # the analysed ones
     branches: tuple[list[list[slice]], list[list[slice]]]  # rows of loading and unloading, by cycle and piece
     curves: tuple[pl.DataFrame, pl.DataFrame]  # loading and unloading, as `branch_curve`
 
     def series(self) -> Series:
-        """Torque beside its curve over angle, whose end pieces go on beyond its ends, in the rows of all cycles."""
+        """Torque and its curve over angle in the rows of all cycles; the curve's end pieces are extrapolated."""
         model = np.full(len(self.theta), np.nan)
         for cycles, curve in zip(self.branches, self.curves, strict=True):
             at, y = curve["angle_deg"].to_numpy(), curve["torque"].to_numpy()
-            # NaN where the curve does not reach
+            # the curve may contain NaN
             line = scipy.interpolate.make_interp_spline(at, y, k=1, check_finite=False)
             for pieces in cycles:
                 rows = np.r_[*pieces]
@@ -81,9 +81,9 @@ class TorqueAngleTrial:
 
 
 def torque_angle_trial(trial: Trial, settings: TorqueAngleAnalysis) -> TorqueAngleTrial:
-    """Filter one canonical trial, take torque's zero and the bench's yielding off, and find cycles and curves. Raises
-    InputError: The joint hardly moves, there is no whole cycle or no rest, cycles are too fast, torque does not follow
-    the angle or drives it, or the joint is stiffer than the bench; the message names the trial."""
+    """Filter one canonical trial, subtract the torque's zero and the bench's deflection, and find cycles and curves.
+    Raises InputError: the joint hardly moves, there is no whole cycle or no rest, cycles are too fast, torque does not
+    follow the angle or drives it, or the joint is stiffer than the bench; the message names the trial."""
     signals = uniform_signals(trial, ("theta", "torque"), settings.gap_limits)
     bench = settings.bench_stiffness
     with naming(f"trial {trial.name}"):
@@ -108,8 +108,8 @@ def torque_angle_of(signals: UniformSignals, settings: TorqueAngleAnalysis, comp
     theta = joint_angle(bench_theta, torque, compliance)
     cycles, facts = find_cycles(theta, settings.settle_cycles or 0)
     if settings.settle_cycles is None:
-        # A device with hysteresis that starts from rest begins within its loop: the first cycle counts only if its
-        # torque comes back to within three times as much as that of later cycles, or 0.5 % of the range of torque.
+        # A device with hysteresis that starts from rest begins within its loop. The first cycle counts only if its
+        # torque closes to within three times the gap of later cycles, or 0.5 % of the range of torque.
         first, *later = (abs(float(torque[cycle[-1]] - torque[cycle[0]])) for cycle in cycles)
         if later and first > max(3.0 * max(later), 0.005 * float(np.ptp(torque))):
             cycles, facts = cycles[1:], facts | {"settled_cycles": 1}
@@ -118,7 +118,7 @@ def torque_angle_of(signals: UniformSignals, settings: TorqueAngleAnalysis, comp
         [[slice(a, b + 1) for a, b in pairwise(cycle) if (theta[b] - theta[a]) * sign > 0] for cycle in cycles]
         for sign in (way, -way)
     )
-    # the angles of the grid, multiples of a step, that every branch of every cycle passes
+    # grid angles, multiples of a step, that every branch of every cycle passes
     rows = [np.r_[*pieces] for pieces in (*loading, *unloading)]
     low = np.rad2deg(max(float(theta[one].min()) for one in rows))
     high = np.rad2deg(min(float(theta[one].max()) for one in rows))
@@ -187,15 +187,15 @@ def torque_zero(theta: Array, torque: Array, rate_hz: float, settings: TorqueAng
 
 
 def find_cycles(theta: Array, settle: int = 0) -> tuple[list[Cycle], Row]:
-    """The cycles of an angle theta (n,) [rad], filtered, without the first `settle` ones, and how many were left out:
-    `settled_cycles`; `smaller_cycles`, of a smaller range; `partial_cycles`, further stretches that are no whole cycle.
+    """The cycles of a filtered angle theta (n,) [rad] without the first `settle` ones, and how many were left out:
+    `settled_cycles`; `smaller_cycles`, of a smaller range; `partial_cycles`, other stretches that are no whole cycle.
 
-    A cycle ends where the angle comes back to its begin in the same direction; if the motion starts at one of its ends,
-    where it comes back to this end. `loading` is the way, `rising` or `falling`, to the end that is farther from the
-    start. A whole cycle has nine tenths of the range of motion. Raises InputError: there is none to analyse."""
+    A cycle ends where the angle returns to its start in the same direction, or, if the motion starts at one of its
+    ends, where it returns to this end. `loading` is the direction, `rising` or `falling`, to the end farther from the
+    start. A whole cycle covers 90 % of the range of motion. Raises InputError: there is none to analyse."""
     low, high = float(theta.min()), float(theta.max())
     span = high - low
-    swing = 0.1 * span  # by which the angle must come back for a turning point
+    swing = 0.1 * span  # return that makes a turning point
     turns = turning_points(theta, swing)
     edges = cycle_edges(theta, turns, span)
     closed = [
@@ -227,9 +227,9 @@ def find_cycles(theta: Array, settle: int = 0) -> tuple[list[Cycle], Row]:
 
 
 def turning_points(theta: Array, swing: float) -> list[int]:
-    """Rows at which the angle (n,) turns, and comes back by `swing` or more before it goes on."""
+    """Rows at which the angle (n,) turns and then returns by `swing` or more."""
     x, turns = theta.tolist(), list[int]()
-    direction = top = bottom = 0  # the rows of the highest and the lowest angle since the last turn
+    direction = top = bottom = 0  # rows of the highest and lowest angle since the last turn
     for row, value in enumerate(x):
         top = row if value > x[top] else top
         bottom = row if value < x[bottom] else bottom
@@ -245,7 +245,7 @@ def turning_points(theta: Array, swing: float) -> list[int]:
 def cycle_edges(theta: Array, turns: Sequence[int], span: float) -> list[int]:
     """Rows at which cycles of an angle (n,) may begin or end."""
     start, last = float(theta[0]), len(theta) - 1
-    at_an_end = 0.1  # part of the range of motion within which a start counts as one end of the motion
+    at_an_end = 0.1  # share of the range of motion within which a start counts as an end of the motion
     if min(start - theta.min(), theta.max() - start) < at_an_end * span:
         same = [turn for turn in turns if abs(theta[turn] - start) < (at_an_end + CLOSED) * span]
         return [0, *same, last]
@@ -267,8 +267,8 @@ def between_rests(theta: Array) -> slice:
 
 
 def straight_line(theta: Array, torque: Array, pieces: Sequence[slice]) -> float:
-    """Slope [N*m/rad] of the straight line through a branch by least squares over angle. Each sample counts by the
-    angle that it covers, so that a rest on the way, or a slower end, does not weigh more."""
+    """Slope [N*m/rad] of a branch by least squares over angle. Each sample has the weight of the angle that it covers,
+    so that a rest on the way, or a slower end, does not count more."""
     weight = np.concatenate([np.abs(np.gradient(theta[piece])) for piece in pieces])
     angle, load = theta[np.r_[*pieces]], torque[np.r_[*pieces]]
     centred = angle - np.average(angle, weights=weight)
@@ -276,10 +276,10 @@ def straight_line(theta: Array, torque: Array, pieces: Sequence[slice]) -> float
 
 
 def local_parabola(theta: Array, torque: Array, at: float, window: float, independent: int) -> Array:
-    """What the samples (n,) of one branch within a window [rad] to each side of an angle say of it, by a parabola (6,):
-    torque [N*m] and slope [N*m/rad], their squared standard errors in noise of density 1 [(N*m)^2 per sample], the
-    density of what a cubic leaves, as an AR(1) at steps after which noise is `independent`, and its degrees of freedom.
-    NaN where samples are too few, and a slope where they do not reach as far as the window."""
+    """A parabola through the samples (n,) of a branch within a window [rad] to each side of an angle, (6,): torque
+    [N*m] and slope [N*m/rad]; their squared standard errors in noise of density 1 [(N*m)^2 per sample]; the density of
+    a cubic's residual, as an AR(1) at steps after which noise is `independent`; and its degrees of freedom. NaN with
+    too few samples; the slope also if they do not reach the ends of the window."""
     near = np.abs(theta - at) <= window
     x = (theta[near] - at) / window
     cubic = np.vander(x, 4, increasing=True)
@@ -299,12 +299,12 @@ def local_parabola(theta: Array, torque: Array, at: float, window: float, indepe
 def branch_curve(
     cycles: Sequence[tuple[Array, Array]], angle_deg: Array, window: float, independent: int
 ) -> pl.DataFrame:
-    """One branch at angles (m,) [deg], from its angle [rad] and torque in each cycle; NaN where it does not reach.
+    """One branch at angles (m,) [deg], from its angle [rad] and torque in each cycle; NaN out of its reach.
 
-    Torque [N*m], and stiffness, its slope over angle [N*m/rad], are means over the cycles; `change` is the torque of
-    the last cycle minus that of the first. 95 % intervals are those of the cycles' scatter (Student), of one cycle
-    those of its noise: the median density of its points, since at a kink what the cubic cannot describe would count.
-    The median of few degrees of freedom is below their mean by the factor of Wilson and Hilferty (1931)."""
+    Torque [N*m] and stiffness, its slope over angle [N*m/rad], are means over the cycles; `change` is the torque of the
+    last cycle minus the first. 95 % intervals are from the cycles' scatter (Student). With one cycle they are from its
+    noise: the median density of its points, since at a kink the misfit of the cubic would count as noise. With few
+    degrees of freedom the median is below the mean by the factor of Wilson and Hilferty (1931)."""
     at = np.deg2rad(angle_deg)
     points = np.array([[local_parabola(*one, angle, window, independent) for angle in at] for one in cycles])
     if len(cycles) > 1:
@@ -328,8 +328,8 @@ def cycle_table(trial: TorqueAngleTrial) -> pl.DataFrame:
         start, stop = cycle[0], cycle[-1]
         seconds = (min(stop, moves.stop - 1) - max(start, moves.start)) * float(time[1] - time[0])
         path = float(np.abs(np.diff(theta[[*cycle]])).sum())
-        # Energies taken up from the bench and given back: the integral of torque over angle, piece by piece. A piece
-        # ends where the angle turns or the torque changes its sign, so that noise is not counted as energy to and fro.
+        # Energies taken from the bench and returned: the integral of torque over angle, by pieces. A piece ends where
+        # the angle turns or the torque changes sign, so that noise does not count as energy in both directions.
         angle, load = theta[start : stop + 1], torque[start : stop + 1]
         work = np.concatenate([[0.0], np.cumsum((load[1:] + load[:-1]) / 2 * np.diff(angle))])
         signs = np.flatnonzero(np.diff(np.signbit(load))) + 1
@@ -360,24 +360,23 @@ def cycle_table(trial: TorqueAngleTrial) -> pl.DataFrame:
 
 
 def torque_angle_table(trial: TorqueAngleTrial, desired: str | None = None) -> pl.DataFrame:
-    """The trial's row of `torque_angle.csv`; `desired` is the name of the curve that it should follow.
+    """The trial's row of `torque_angle.csv`; `desired` names the curve that it should follow.
 
-    Intervals are those of the mean over cycles (Student), with the errors of the bench; null with one cycle.
-    `cycle_drift` is the change of torque at the same angles from the first cycle to the last, `rate_change` that of the
-    energy lost from the slowest cycle to the fastest (`change_with_speed`), `desired_rms` the distance [N*m] of the
-    mean of both branches from the desired curve, `desired_ratio` its slope over this curve. InputError: no such curve.
-    """
+    Intervals are of the mean over cycles (Student), with the errors of the bench; null with one cycle. `cycle_drift` is
+    the change of torque at equal angles from the first cycle to the last; `rate_change` the change of the energy lost
+    from the slowest to the fastest (`change_with_speed`); `desired_rms` the distance [N*m] of the branches' mean from
+    the desired curve; `desired_ratio` the ratio of their slopes. Raises InputError: no such curve."""
     cycles, bench, theta, torque = cycle_table(trial), trial.settings.bench_stiffness, trial.theta, trial.torque
     of = {name: cycles[name].to_numpy() for name in cycles.columns if name != "trial"}
     several = len(cycles) > 1
     stated, moved = trial.settings.calibration, np.r_[trial.cycles[0][0] : trial.cycles[-1][-1]]
     errors = torque_errors(torque, trial.uniform.rate_hz, moved, stated)
     others = [cycle_table(replace(trial, torque=torque + error)) for error in errors if error.any()]
-    if bench is not None and bench.compliance_error:  # a bench that is softer by one standard error
+    if bench is not None and bench.compliance_error:  # a bench softer by one standard error
         compliance = bench.compliance + bench.compliance_error
         others.append(cycle_table(torque_angle_of(trial.uniform, trial.settings, compliance)))
     step = 0.01 * float(np.ptp(torque))
-    higher, lower = (cycle_table(replace(trial, torque=torque + by)) for by in (-step, step))  # by a step of zero
+    higher, lower = (cycle_table(replace(trial, torque=torque + by)) for by in (-step, step))  # by a shift of the zero
     means: Row = {
         f"{name}_per_zero": float((higher[name] - lower[name]).to_numpy().mean() / (2 * step))
         for name in ("energy_stored", "energy_returned")
@@ -442,9 +441,9 @@ def torque_angle_table(trial: TorqueAngleTrial, desired: str | None = None) -> p
 
 
 def change_with_speed(speed: Array, lost: Array, per_ms: Array) -> tuple[float | None, float | None]:
-    """How the energy lost [J] of loops (n,) changes with their speed [deg/s]: from the slowest to the fastest, as a
-    share of its mean, and by how much the torque would have to be late [s] to make this change, where each ms takes
-    `per_ms` [J] off. Null where their speeds differ by less than 30 %."""
+    """Change of the energy lost [J] in loops (n,) with their speed [deg/s], from the slowest to the fastest, as a share
+    of its mean; and the lateness of the torque [s] that would make this change, if each ms takes off `per_ms` [J]. Null
+    if speeds differ by less than 30 %."""
     if speed.max() < 1.3 * speed.min():
         return None, None
     slope = np.polyfit(np.log(speed), lost, 1)[0]
@@ -453,8 +452,8 @@ def change_with_speed(speed: Array, lost: Array, per_ms: Array) -> tuple[float |
 
 
 def compared_with_repeats(table: pl.DataFrame, places: Places) -> pl.DataFrame:
-    """The rows of `torque_angle.csv` of a campaign, where trials of one speed have `rate_change` and `late_s` by those
-    that repeat them: of the same joint, side and desired curve, alike in K to 3 % and in their range to 2 %."""
+    """The rows of `torque_angle.csv` of a campaign. Trials of one speed have `rate_change` and `late_s` from trials
+    that repeat them: same joint, side and desired curve, K within 3 %, range within 2 %."""
     rows, ends = table.to_dicts(), ("angle_min_deg", "angle_max_deg")
     for row in (one for one in rows if one["rate_change"] is None):
         span = row["angle_max_deg"] - row["angle_min_deg"]
@@ -471,13 +470,13 @@ def compared_with_repeats(table: pl.DataFrame, places: Places) -> pl.DataFrame:
 
 
 def zero_row(trial: TorqueAngleTrial, widest: float) -> Row:
-    """The torque taken for zero, and what speaks against it; the loop is `widest` [N*m] at its widest.
+    """The torque taken as zero, and the evidence against it; `widest` [N*m] is the largest width of the loop.
 
-    The torque at rest may be what hysteresis leaves, or, where no zero is stated, the load under which the joint rests.
-    What hysteresis leaves lies on a branch of the loop and not in its middle, where friction lets go at rest. Where the
-    joint rests at an end of the motion the loop does not tell; a zero that is small against it is no matter there.
-    `rest_change` is the torque at rest at the end minus that at the start, as a share of its range; null where the zero
-    is not that of the end, or the joint does not rest at both at one angle."""
+    The torque at rest may be due to hysteresis, or, if no zero is stated, to a load at rest. A torque due to hysteresis
+    lies on a branch of the loop, not in its middle, to which friction relaxes at rest. If the joint rests at an end of
+    the motion, the loop cannot tell; then a zero that is small against the loop does not matter. `rest_change` is the
+    torque at rest at the end minus the start, as a share of its range; null if the zero is not the end's, or if the
+    joint does not rest at both, at one angle."""
     torque, settings, angle = trial.torque, trial.settings, trial.curves[0]["angle_deg"].to_numpy()
     zero = settings.zero or ASSUMED_ZERO
     rest = float(np.rad2deg(trial.theta[0 if zero == "start" else -1]))

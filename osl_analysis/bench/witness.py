@@ -1,12 +1,12 @@
 """A general witness: estimates must not depend on which part of a recording one looks at.
 
-Columns that a model lacks are tested in families: of higher order (a path that delays or filters the torque, or
-yields), of time, of speed, of size and of direction. A family is heard where chance would make its columns as large
-once in three thousand, by the scatter of chunks of the recording: whatever colour the noise has is in that, and what is
-left over says nothing. Where one is heard, rivals compete to explain the misfit, each with its own K, B and I; of those
-that cannot be told apart all are given.
+Terms that the model lacks are tested in families: higher derivatives (a path that delays or filters the torque, or
+yields), and terms in time, speed, size and direction. A family is heard if its test has a p-value below 1 in 3000. The
+test takes its covariance from the scatter between chunks of the recording, so that it holds for noise of any colour. If
+a family is heard, rival explanations of the misfit are fitted, each with its own K, B and I. All rivals that cannot be
+told apart are given.
 
-Angle and torque are those of the motion's own band, so that drift and slow disturbances are no evidence."""
+Angle and torque are band-passed to the motion's own band, so that drift and slow disturbances are no evidence."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -25,60 +25,59 @@ from osl_analysis.signals import seven_point_motion
 from osl_analysis.stats.regression import Row, less
 from osl_analysis.trial import Array, rms
 
-CHUNKS = 24  # of a recording, whose scores scatter
-HIGHEST_HZ = 8.0  # of the witness's band: beyond it the angle's rounding accuses
-FAST_HZ = (2.0, 12.0)  # band in which a late torque shows more, of a motion by hand or of steps
-TELLS = 100.0  # power of the angle over that of its noise, as its rounding, from which on a frequency is in the band:
-# below, the noise makes all of a snap
-OWN = 3.0, 1e-4  # times its noise, and share of its size (RMS), beyond which a derivative has a part of its own
-TELLING = 4.0  # chunks in which a derivative must have it, were it alike in these: of two steady sines 1.4 to 3.4 have
-RATE_HZ = 50.0  # at which columns are multiplied
-HEARD = -3.5  # log10 of the chance of a family's columns below which it is heard
-FRICTION = -4.0  # the same of Coulomb friction, which then is part of the joint
-ALIKE = 3.0  # standard errors, paired by chunks, up to which rivals leave as much
-CHANCE = 10.0  # parameters of noise by which a rival may be better by chance, where many are tried
-JUMPS = 0.4  # share of what a lag leaves, below which a lag that changes at once is heard whatever scatters
-UNEXPLAINED = 0.7  # share of what the best rival explains, by which one that is as good may explain less
-EXPLAINS = 0.1  # share of the misfit that is left, below which a rival is told also where friction leaves K, or B, open
-RUBBING = 0.5  # the same that friction explains, from which on it may be the cause; of an early torque by sines 0.3
-NEAR_PATH = 0.15  # the same of paths, whose error is that of their models: a low-pass and a mean are hard to tell apart
-MOMENTS = np.arange(6, 19) / CHUNKS  # shares of what is fitted at whose ends K, or a lag, may change
-MUSCLE_HZ, REFLEX_S = 6.0, (0.02, 0.04, 0.06, 0.1)  # of a muscle's answer to a reflex; its delays, as a real ankle asks
-SLOW = 0.02  # share of the velocity's SD at which friction has turned its sign
-MOST_LEFT = 0.05  # share of the torque's variance that an explanation may leave, to be named with its estimates
-HIDDEN = 0.1  # share of the inertia that a delay that is not heard may make
-HIDDEN_OF_B = 0.03  # the same of the damping
-LEAST_INERTIA, LEAST_DAMPING = 1e-3, 0.1  # kg*m^2 and N*m*s/rad, added in quadrature to what these are shares of
-USELESS = 3.0  # times an estimate, from which on a range of it says nothing
+CHUNKS = 24  # parts of a recording; the covariance comes from the scatter of their scores
+HIGHEST_HZ = 8.0  # highest end of the witness's band: above it, rounding of the angle raises false alarms
+FAST_HZ = (2.0, 12.0)  # second band: it shows a late torque better if the motion is by hand or in steps
+TELLS = 100.0  # the band ends where the angle's power falls below this multiple of its noise: a snap would be noise
+OWN = 3.0, 1e-4  # a higher derivative counts if its own part exceeds these multiples of its noise and of its RMS
+TELLING = 4.0  # effective number of chunks that must hold this remainder: two steady sines give 1.4 to 3.4
+RATE_HZ = 50.0  # sampling rate of the columns whose products are summed
+HEARD = -3.5  # log10 of the p-value below which a family is heard
+FRICTION = -4.0  # the same for Coulomb friction, which then joins the model
+ALIKE = 3.0  # standard errors, paired by chunks, within which the misfits of two rivals do not differ
+CHANCE = 10.0  # one of many rivals may fit better by chance, by as much as this many parameters fitted to noise
+JUMPS = 0.4  # a lag that changes at once is heard if it leaves less than this share of what a constant lag leaves
+UNEXPLAINED = 0.7  # an equally good rival may miss at most this share of what the best one explains
+EXPLAINS = 0.1  # share of the misfit: rivals that leave less are told even if certain friction leaves K, or B, open
+RUBBING = 0.5  # friction may be the cause if it explains this share of what the best rival does; early torque: 0.3
+NEAR_PATH = 0.15  # paths are alike if their misfits differ by less than this share: their models are approximate
+MOMENTS = np.arange(6, 19) / CHUNKS  # shares of the fitted rows after which K, or a lag, may change
+MUSCLE_HZ, REFLEX_S = 6.0, (0.02, 0.04, 0.06, 0.1)  # a muscle's low-pass; delays of reflexes, as an ankle's data need
+SLOW = 0.02  # share of the velocity's SD at which friction has changed its sign
+MOST_LEFT = 0.05  # rivals are named only if the best leaves no more than this share of the torque's variance
+HIDDEN = 0.1  # share of the inertia that an unheard delay may explain
+HIDDEN_OF_B = 0.03  # the same for the damping
+LEAST_INERTIA, LEAST_DAMPING = 1e-3, 0.1  # kg*m^2 and N*m*s/rad, added in quadrature before these shares are taken
+USELESS = 3.0  # a range wider than this multiple of the estimate says nothing
 HARM = {"K": (0.003, 2.0), "B": (0.01, 2.0), "I": (0.02, 5e-3)}
-"""Share of an estimate that is harm, and the size [SI] that is added in quadrature to what it is a share of."""
-UNHEARD = ("reflex", "friction")  # families that nothing hears, and that are no doubt by themselves
+"""Relative change of an estimate that does harm, and the size [SI] added in quadrature to the estimate beforehand."""
+UNHEARD = ("reflex", "friction")  # families that no test hears, and that raise no doubt by themselves
 FAMILIES = ("path", "time", "speed", "size", "direction", "friction")
 
 
 @dataclass(frozen=True)
 class Rival:
-    """What may have made a misfit."""
+    """A possible cause of a misfit."""
 
     family: str
     name: str
-    estimates: Array  # K, B, I beside it
-    half: Array  # half-widths of their 95 % intervals, by the scatter of chunks and rounding
-    left: Array  # what it leaves of the torque in each row
+    estimates: Array  # K, B and I of the fit with it
+    half: Array  # half-widths of their 95 % intervals, from the scatter of chunks and rounding
+    left: Array  # residual torque in each row
     parameters: int
-    beside: tuple[Array, ...] = ()  # its columns (m,) beside those of the model
+    beside: tuple[Array, ...] = ()  # its columns (m,) beyond those of the model
 
     @property
     def possible(self) -> bool:
-        """Whether neither damping nor inertia is negative: an image of a delay has such."""
+        """Whether neither damping nor inertia is negative; at the false minimum of a delay one of them is."""
         return bool(np.all(self.estimates[-2:] >= 0))
 
 
 class View:
-    """Angle and torque of a record in the band of its motion, and columns of them, in chunks."""
+    """Angle and torque of a record, band-passed to its motion, and columns of them, in chunks."""
 
     def __init__(self, record: Record, first: int = 0, rubs: bool = False, fast: bool = False) -> None:
-        """`first`: the lowest derivative of the angle in the model; `rubs`: friction is certain; `fast`: in the band
+        """`first`: lowest derivative of the angle in the model; `rubs`: friction is certain; `fast`: the band is
         `FAST_HZ`."""
         few, self.first = record.coarse, first
         self.n, self.rate_hz = len(few.time), few.rate_hz
@@ -86,13 +85,13 @@ class View:
         self.f = f = np.maximum(np.fft.rfftfreq(self.padded, 1 / few.rate_hz), 1e-9)
         fitted = np.zeros(self.n, dtype=np.bool_)
         fitted[few.rows()] = True
-        edge = int(2 * few.rate_hz / few.low_pass.cutoff_hz)  # rows that the filter makes of an invented continuation
+        edge = int(2 * few.rate_hz / few.low_pass.cutoff_hz)  # rows that depend on the filter's padding
         fitted[:edge] = fitted[self.n - edge :] = False
         first_row, last = np.flatnonzero(fitted)[[0, -1]].tolist()
         self.inside = slice(first_row, last + 1)
-        self.away = few.motion.theta - few.motion.theta[self.inside].mean()  # of products: a line in it is in them
+        self.away = few.motion.theta - few.motion.theta[self.inside].mean()  # for products: they contain its trend, too
         theta, torque = few.motion.theta, few.filtered_torque
-        if not few.usable.all():  # a bridged torque is of no joint, and in the band seconds around the gap
+        if not few.usable.all():  # an interpolated torque is not the joint's, and the band-pass spreads it over seconds
             Z = np.column_stack([few.motion.columns, np.ones(self.n)])
             torque = np.where(few.usable, torque, Z @ np.linalg.lstsq(Z[fitted], torque[fitted])[0])
         theta, torque = (between_ends(x, few.rate_hz) for x in (theta, torque))
@@ -120,7 +119,7 @@ class View:
         self.edges = -(-np.arange(CHUNKS + 1) * len(self.rows) // CHUNKS)  # of chunks
         self.y, self.columns = self.column(torque), [self.column(x) for x in self.motion[:5]]
         self.base = self.columns[first:3]
-        self.slow = [self.column(self.time**k) for k in (2, 3)]  # of a drift its slopes at the ends are in the band
+        self.slow = [self.column(self.time**k) for k in (2, 3)]  # the band-pass keeps the slopes of a drift at its ends
         self.noise = record.noise[0] * (few.low_pass.gain(f) * self.band) ** 2  # of the angle [rad**2/Hz]
         self.step, rounded = record.steps[0] or 0.0, record.rounded
         self.rounded = [self.column(x - x.mean()) for x in ([] if rounded is None else rounded)]
@@ -129,8 +128,8 @@ class View:
         self.sign = np.asarray(np.tanh(self.swift / self.turns))
 
     def higher(self) -> list[Array]:
-        """The third and fourth derivative, each if it is more than those of the model, and its noise, in enough chunks:
-        only the ends of two steady sines tell a fourth, and the scatter of few chunks is no measure."""
+        """The third and fourth derivative, each if it exceeds its noise and what lower ones explain, in enough chunks.
+        Two steady sines show a fourth one only at their ends, and the scatter of few chunks is no measure."""
         Z, found = np.array(self.columns[:3]), list[Array]()
         for k, x in enumerate(self.columns[3:], 3):
             own = x - solved(Z @ Z.T, Z @ x)[0] @ Z
@@ -141,33 +140,33 @@ class View:
         return found
 
     def spectrum(self, x: Array) -> NDArray[np.complex128]:
-        """That of what is fitted of a signal (n,), without the line between its ends: what holds sample by sample holds
-        for it. Derivatives are those in time: that of a spectrum would ring at ends where the joint moves."""
+        """Spectrum of the fitted part of a signal (n,), less the line between its ends; linear relations of samples
+        hold for it. Derivatives are taken in time: from a spectrum they would ring at ends where the joint moves."""
         within = np.zeros(self.padded)
         within[self.inside] = between_ends(x[self.inside], self.rate_hz)
         return np.asarray(np.fft.rfft(within))
 
     def passed(self, spectrum: NDArray[Any]) -> Array:
-        """The column of a signal of this spectrum; of what is fitted the signal before it is a part."""
+        """The column of the signal with this spectrum, which is of the whole signal: filters remember the past."""
         return self.column(np.fft.irfft(spectrum, self.padded)[: self.n])
 
     def column(self, x: Array) -> Array:
-        """The fitted rows (m,) of a signal (n,), in the band."""
+        """The fitted rows (m,) of a signal (n,), band-passed."""
         kept = (self.spectrum(x) * self.band)[: self.few // 2 + 1]
         return np.asarray(np.fft.irfft(kept, self.few)[self.rows]) * (self.few / self.padded)
 
     @cached_property
     def friction(self) -> list[Array]:
-        """Columns of friction, in all shapes about rest."""
+        """Columns of friction: sliding, and each shape of it about rest."""
         return [self.column(x) for x in shapes_of_friction(self.record).values()]
 
     @cached_property
     def curved(self) -> list[Array]:
-        """Columns of a spring that stiffens with the angle, about any other than the middle of the motion, too."""
+        """Columns of a spring that stiffens with the angle: with both its centre may lie anywhere."""
         return [self.column(self.away**2), self.column(self.away**3)]
 
     def sign_errors(self) -> list[Array]:
-        """What rounding of the angle makes of the sign of the velocity."""
+        """Errors of the velocity's sign due to rounding of the angle."""
         slower = (np.gradient(error, 1 / self.rate_hz) for error in self.record.coarse_roundings(0))
         return [self.column(np.tanh((self.swift + more) / self.turns) - self.sign) for more in slower]
 
@@ -178,7 +177,7 @@ class View:
 
 
 def between_ends(x: Array, rate_hz: float) -> Array:
-    """A signal without the straight line between its ends; of a straight line nothing is left."""
+    """A signal less the straight line between its ends; a straight line becomes zero."""
     edge = max(int(0.2 * rate_hz), 4)
     first, last = float(x[:edge].mean()), float(x[-edge:].mean())
     return np.asarray(x - first - (last - first) / (len(x) - edge) * (np.arange(len(x)) - (edge - 1) / 2))
@@ -189,7 +188,7 @@ def square(x: Array) -> float:
 
 
 def scattered(sums: Array) -> tuple[Array, Array]:
-    """Estimates (q,) of sums (chunks, q + 1, q + 1), and their covariance by the scatter of chunks."""
+    """Estimates (q,) of sums (chunks, q + 1, q + 1), and their covariance from the scatter of chunks."""
     A, b = sums[:, :-1, :-1], sums[:, :-1, -1]
     estimates, inverse = solved(A.sum(axis=0), b.sum(axis=0))
     scores = (b - A @ estimates) @ inverse
@@ -197,8 +196,8 @@ def scattered(sums: Array) -> tuple[Array, Array]:
 
 
 def wald(sums: Array, base: Sequence[int], added: Sequence[int], draws: int) -> tuple[float, Array]:
-    """Chance (log10) of added columns beside those of the base, and their estimates. Before the torque the sums have
-    `draws` torques that rounding may make: what it does alike in all chunks is no part of their scatter."""
+    """The p-value (log10) of added columns beside those of the base, and their estimates. Before the torque the sums
+    hold `draws` torques that rounding may cause: the scatter of chunks misses errors that all chunks share."""
     at, q, chunks = [*base, *added], len(added), len(sums)
     estimates, covariance = scattered(sums[np.ix_(range(chunks), [*at, -1], [*at, -1])])
     z = estimates[-q:]
@@ -217,12 +216,12 @@ def wald(sums: Array, base: Sequence[int], added: Sequence[int], draws: int) -> 
 
 
 class Court:
-    """Which families are heard about a view, if it `hears` any, and their rivals. Certain friction, and weight, are the
-    joint's, and what else is `taken` (m,) into the model; a reflex may be only if it `answers`."""
+    """The families that are heard in a view, if it `hears` any, and their rivals. Certain friction, weight and the
+    columns `taken` (m,) are part of the model. A reflex competes only if the joint `answers`."""
 
     def __init__(self, view: View, hears: bool = True, answers: bool = True, taken: Sequence[Array] = ()) -> None:
         self.view, self.rivals, self.chance = view, list[Rival](), dict[str, float]()
-        self.by_reflex = -np.inf  # share that a reflex explains of what the best rival does; no reflex: none
+        self.by_reflex = -np.inf  # share of what the best rival explains that a reflex explains; no reflex: none
         self.answers = answers and view.first == 0
         self.beside = [*view.slow, *[view.columns[0]] * (view.first == 1), *taken]
         omega, elastic = view.motion[1], view.first == 0
@@ -260,15 +259,15 @@ class Court:
         moments = places.pop("moment")
         self.chance = {name: chance(at) for name, at in places.items() if at}
         at_once = [chance([at]) for at in moments]
-        if len(view.rows) > CHUNKS * RATE_HZ:  # of shorter chunks chance explains a moment
+        if len(view.rows) > CHUNKS * RATE_HZ:  # in shorter chunks a change at some moment arises by chance
             self.chance["time"] = min(self.chance["time"], *(chance + np.log10(len(at_once)) for chance in at_once))
         if self.late_at_once[1] < JUMPS * self.left([*view.base, view.column(self.slope)]):
-            self.chance["time"] = min(self.chance["time"], 2 * HEARD)  # such a misfit scatters as its own size does
-        if size < 0:  # friction that drives: play, or damping that falls with speed
+            self.chance["time"] = min(self.chance["time"], 2 * HEARD)  # this misfit inflates the scatter of chunks
+        if size < 0:  # negative friction: play, or damping that falls with speed
             self.chance["speed"] = min(self.chance["speed"], by_friction - FRICTION)
 
     def fitted(self, columns: Sequence[Array]) -> tuple[Array, Array]:
-        """Estimates, and what is left of the torque in each row."""
+        """Estimates, and the residual torque in each row."""
         Z = np.array([*columns, *self.beside])
         estimates, _ = solved(Z @ Z.T, Z @ self.view.y)
         return estimates, self.view.y - estimates @ Z
@@ -284,18 +283,18 @@ class Court:
         slopes: Sequence[Array] = (),
         parameters: int = 0,
     ) -> None:
-        """A rival by its columns, those of the model first; `slopes`, (m,) each: of the fit by what is its own."""
+        """Add a rival by its columns, those of the model first; `slopes` (m,) are derivatives by its own parameters."""
         estimates, left = self.fitted(columns)
         of_model, Z = slice(len(self.view.base)), np.array([*columns, *slopes, *self.beside])
         variance = np.diag(scattered(self.view.sums([*Z]))[1])
-        if self.draws:  # what rounding makes alike in all chunks
+        if self.draws:  # rounding error that is alike in all chunks
             variance = variance + np.mean((np.array(self.draws) @ Z.T @ np.linalg.pinv(Z @ Z.T)) ** 2, axis=0)
         half = scipy.stats.t.ppf(0.975, CHUNKS - 1) * np.sqrt(variance[of_model])
         known, beside = len(columns) + parameters, tuple(columns[of_model.stop :])
         self.rivals.append(Rival(family, name, estimates[of_model], half, left, known, beside))
 
     def add_by(self, family: str, name: str, made: Callable[[float], list[Array]], grid: Array) -> None:
-        """Rivals by their columns as a function of a size, where they leave least, and at an image."""
+        """Add rivals whose columns depend on a parameter, at up to two minima: a delay has a false one."""
         for size in minima(lambda size: self.left(made(size)), grid):
             columns, step = made(size), 1e-3 * size
             further = [(beyond - at) / step for beyond, at in zip(made(size + step), columns, strict=True)]
@@ -303,8 +302,8 @@ class Court:
             self.add(family, name, columns, [slope], 1)
 
     def hear_path(self) -> None:
-        """A path that filters the torque filters the columns; of a spring in series the filter is the joint's, which is
-        fitted to the angle less what the torque winds up."""
+        """A path that filters the torque is fitted by filtering the columns. A spring in series is part of the joint:
+        the K, B and I of its filter are fitted to the angle less the deflection by the torque."""
         view, f = self.view, self.view.f
         s, torques = 2j * np.pi * f, [view.column(x) for x in view.torques]
         spectra = np.fft.rfft(view.motion[view.first : 3], view.padded)
@@ -335,8 +334,8 @@ class Court:
             self.add_by("path", name, filtered, grid)
 
     def late(self, *shapes: Array) -> tuple[list[Array], list[Array], Array, Array]:
-        """Columns of a torque that is late by a sum of shapes (n,), the slopes of the fit by their sizes [s], which
-        Gauss and Newton's steps find, these, and their standard errors."""
+        """A torque that is late by a weighted sum of shapes (n,): its columns, the derivatives of the fit by the
+        weights, the weights [s], which Gauss-Newton steps find, and their standard errors."""
         view, sizes, first = self.view, np.zeros(len(shapes)), self.view.first
         at, number = np.arange(view.n) / view.rate_hz, len(shapes)
         signals = scipy.interpolate.make_interp_spline(at, np.array(view.motion[:4]).T)
@@ -354,24 +353,23 @@ class Court:
 
     @cached_property
     def slope(self) -> Array:
-        """That of the torque (n,) [N*m/s] by the model."""
+        """Rate of the model's torque (n,) [N*m/s]."""
         view = self.view
         return np.asarray(self.fitted(view.base)[0][: len(view.base)] @ np.array(view.motion[view.first + 1 : 4]))
 
     @cached_property
     def late_at_once(self) -> tuple[Array, float]:
-        """The shape (n,) of a lag that changes at once, and what it leaves."""
+        """The shape (n,) of the best lag that changes at once, and its residual sum of squares."""
         return self.at_once(self.slope)
 
     def at_once(self, torque: Array) -> tuple[Array, float]:
-        """The shape (n,) from whose moment on more of a torque (n,) explains most, and what it leaves."""
+        """The step (n,) from whose moment on more of a torque (n,) explains most, and its residual sum of squares."""
         moments = [np.where(self.view.time > at, 1.0, 0.0) for at in self.view.moments]
         left = [self.left([*self.view.base, self.view.column(then * torque)]) for then in moments]
         return moments[int(np.argmin(left))], min(left)
 
     def hides_delay(self) -> bool:
-        """Whether nothing tells a path, or the torque may be late by so much that I changes by `HIDDEN`, or B by
-        `HIDDEN_OF_B`."""
+        """Whether no test can hear a path, or an unheard delay may change I by `HIDDEN`, or B by `HIDDEN_OF_B`."""
         if "path" not in self.chance:
             return True
         _, _, (size,), (error,) = self.late(np.ones(self.view.n))
@@ -382,20 +380,20 @@ class Court:
         return bool(moves_inertia or of_damping > HIDDEN_OF_B * float(np.hypot(damping, LEAST_DAMPING)))
 
     def hear_time(self) -> None:
-        """Clocks that drift apart, K that changes, or a lag, in a straight line or at a moment."""
+        """Clocks that drift apart, a lag that changes at once, and K that drifts or changes at once."""
         view, changing = self.view, self.view.motion[self.view.first]
         shapes = {"clocks": view.time - view.time[0], "lag that changes at once": self.late_at_once[0]}
         for name, shape in shapes.items():
             self.add("time", name, *self.late(shape)[:2], 1)
         what = "K" if view.first == 0 else "B_j"
         for name, shape in (("drifts", view.time), ("changes at once", self.at_once(changing)[0])):
-            for end in (shape.min(), shape.max()):  # the estimate before, and after it
+            for end in (shape.min(), shape.max()):  # the estimate is that before, or after the change
                 self.add(
                     "time", f"{what} that {name}", [*view.base, view.column(changing * (shape - end))], parameters=1
                 )
 
     def hear_speed(self) -> None:
-        """Damping by speed, and play before the spring."""
+        """Damping that depends on speed, and play before the spring."""
         view, theta, omega = self.view, self.view.away, self.view.motion[1]
         self.add("speed", "damping that changes with the speed", [*view.base, view.column(omega * np.abs(omega))])
 
@@ -406,14 +404,14 @@ class Court:
             self.add_by("speed", "play", followed, max(3 * view.step, np.deg2rad(0.03)) * np.geomspace(1, 20, 6))
 
     def hear_size(self) -> None:
-        """A curve of the angle, and K of either side of the middle of the motion."""
+        """Stiffness that curves with the angle, or differs on the two sides of the middle of the motion."""
         view = self.view
         self.add("size", "stiffness that changes with the angle", [*view.base, *view.curved])
         for side in (1.0, -1.0):
             self.add("size", "stiffness by side", [*view.base, view.column(np.maximum(side * view.away, 0.0))])
 
     def hear_direction(self) -> None:
-        """B, or K, of either direction of motion."""
+        """B, or K, that differs between the two directions of motion."""
         view = self.view
         for side in (1.0, -1.0):
             column = view.column(np.maximum(side * view.motion[1], 0.0))
@@ -424,16 +422,16 @@ class Court:
                 self.add("direction", "stiffness by direction of motion", [*view.base, *switch])
 
     def hear_reflex(self) -> None:
-        """Speed in either direction, some time ago, through a muscle: no family hears it, but it may be what makes
-        another speak."""
+        """A torque that follows the speed, delayed and low-passed by a muscle. No family hears it, but it may be why
+        another one is heard."""
         view, s = self.view, 2j * np.pi * self.view.f
         answered = np.fft.rfft(np.abs(view.motion[1]), view.padded) / (1 + s / (2 * np.pi * MUSCLE_HZ)) ** 2
         for delay in REFLEX_S:
             self.add("reflex", "reflex", [*view.base, view.passed(answered * np.exp(-s * delay))], parameters=1)
 
     def hear_friction(self) -> tuple[Rival, Rival]:
-        """A joint that rubs in some shapes about rest at once, none of which drives it: no family hears it, but between
-        two levels it makes others speak. And, outside of the contest, all shapes of either sign."""
+        """A rival with friction of several shapes, none of which drives the joint; and, outside of the contest, all
+        shapes of either sign. No test hears friction, but steps between two levels turn it into other families."""
         base, (sliding, *resting) = self.view.base, self.view.friction
         shapes = np.array([sliding, *(sliding + x for x in resting)])
         own = np.array([self.unexplained(x) for x in shapes])
@@ -444,7 +442,7 @@ class Court:
         return self.rivals[-1], of_either_sign
 
     def unexplained(self, torque: Array) -> Array:
-        """What the model leaves of a torque (m,)."""
+        """Residual (m,) of the model fitted to a torque (m,)."""
         Z = np.array([*self.view.base, *self.beside])
         return np.asarray(torque - solved(Z @ Z.T, Z @ torque)[0] @ Z)
 
@@ -473,9 +471,9 @@ class Court:
             return square(rival.left) + float(per_parameter * parameters)
 
         def as_good(best: Rival) -> list[Rival]:
-            """Which rivals cannot be told from the best one, the better ones first; before them are paths that rounding
-            may have made worse, since a torque is late more often than anything else is wrong, or that chance explains
-            least: what changes with time, too, may be late."""
+            """Rivals that cannot be told from the best one, better ones first. A path precedes them if it is worse only
+            within rounding or chance, or if its family has the lowest p-value: a late torque is the commonest fault,
+            and looks like a change with time, too."""
             explained, left = square(none.left) - square(best.left), square(best.left)
             found = list[tuple[bool, float, Rival]]()
             for rival in self.rivals:
@@ -506,7 +504,7 @@ class Court:
         explained = max(misfit - min(least, by_reflex), np.finfo(float).tiny)
         self.by_reflex = (misfit - by_reflex) / explained
         may_be = misfit - by_friction > RUBBING * (misfit - least)
-        if self.view.rubs and least > EXPLAINS * misfit:  # and K, or B, is open beside certain friction
+        if self.view.rubs and least > EXPLAINS * misfit:  # certain friction may leave K, or B, open
             may_be |= bool(harm_of(none.half, none.estimates)[:-1].max() > 1)
         if may_be and rubs.possible and min(by_friction, least) < by_reflex:
             return none, [rubs, shapes, *alike]
@@ -514,15 +512,15 @@ class Court:
 
 
 def harm_of(moved: Array, estimates: Array) -> Array:
-    """Multiples of `HARM` by which moves (..., p) change estimates (p,) of K, B and I, or of B and I."""
+    """Changes (..., p) of the estimates (p,) of K, B and I, or of B and I, in multiples of `HARM`."""
     shares, least = np.array(list(HARM.values())[-len(estimates) :]).T
     least = least * (len(estimates) == len(HARM))  # of losses any share counts
     return np.asarray(np.abs(moved) / (shares * np.hypot(estimates, least)))
 
 
 def beside_harmless(court: Court, none: Rival, alike: list[Rival]) -> list[Rival]:
-    """The rivals of what else is heard where the best ones do no harm, which then are a part of the model, lest they
-    hide another: rounding may make a stiffness by direction of steps between two levels, beside a delay."""
+    """Rivals of the other families that are heard, if the best rivals do no harm. The best one then joins the model,
+    lest it hide another: beside a delay, rounding in steps between two levels looks like a stiffness by direction."""
     others = [name for name in court.heard if alike and name != alike[0].family]
     moved = [one.estimates - none.estimates for one in alike]
     if not others or not alike[0].beside or harm_of(np.array(moved), none.estimates).max() > 1:
@@ -533,7 +531,7 @@ def beside_harmless(court: Court, none: Rival, alike: list[Rival]) -> list[Rival
 
 
 def minima(left: Callable[[float], float], grid: Array) -> list[float]:
-    """Where a function is least, and where it has other minima on a grid, refined: a delay has an image."""
+    """Up to two local minima of a function on a grid, refined, the lowest first: a delay has a false one."""
     over = np.array([left(x) for x in grid.tolist()])
     found = list[float]()
     for k in np.argsort(over).tolist():
@@ -546,7 +544,7 @@ def minima(left: Callable[[float], float], grid: Array) -> list[float]:
 
 
 def no_witness(names: Sequence[str] = tuple(HARM)) -> Row:
-    """The row of a model of whose misfit nothing is known."""
+    """The row of a model that no witness examined."""
     shifts: Row = {f"{name}_shift": None for name in FAMILIES if name != "size" or len(names) == len(HARM)}
     return shifts | {
         **dict.fromkeys(("heard", "rivals", "reflex_explains")),
@@ -557,12 +555,12 @@ def no_witness(names: Sequence[str] = tuple(HARM)) -> Row:
 def witness_row(
     record: Record, names: Sequence[str] = tuple(HARM), is_leg: bool = False, answers: bool = True, rubs: bool = False
 ) -> Row:
-    """What the witness says of a model: by family its harm, the multiple of `HARM` by which a rival moves an estimate
-    (0: not heard, or not the one that explains most); the rivals that cannot be told apart, and the estimates beside
-    them; the VAF [percent] in the band; of two clocks how they drift apart, where no repeats tell. A leg is no joint of
-    second order and rubs in its own way, so that of `is_leg` none of it is evidence, and null.
+    """The witness's evidence. `<family>_shift` is the largest change of an estimate by a rival in multiples of `HARM`;
+    0: the family is not heard, or does not explain most. `rivals` cannot be told apart; `<name>_without` are the
+    estimates beside them; `VAF_in_band` is in percent. The row of two clocks has their drift, if repeats give none. A
+    leg is not of second order and has its own friction: with `is_leg` the shifts are no evidence, and null.
 
-    Raises InputError: they do by more than the settings allow; the message names the trial."""
+    Raises InputError: the clocks drift apart by more than the settings allow; the message names the trial."""
     view = View(record, 3 - len(names), rubs)
     court = Court(view, not is_leg, answers)
     none, alike = court.verdict()
@@ -578,18 +576,18 @@ def witness_row(
         row |= {name: 0.0 for name in row if name.endswith("_shift")}
         row |= {"path_shift": None if court.hides_delay() else 0.0, "heard": ", ".join(court.heard) or None}
     row |= {"VAF_in_band": vaf, "reflex_explains": court.by_reflex if np.isfinite(court.by_reflex) else None}
-    told = not court.heard or any(one.name in ("clocks", "delay") for one in alike)  # what else passes for a drift
+    told = not court.heard or any(one.name in ("clocks", "delay") for one in alike)  # other misfits look like a drift
     if record.two_clocks and not is_leg and not record.groups.repeat and told:
         lag, error = (float(x[1]) / view.seconds for x in court.late(np.ones(view.n), view.time)[2:])
         row |= clocks_row(record, 1e6 * lag / (1 - lag), 1e6 * error, CHUNKS - 5.0)
     if not alike:
         return row
     every, half = (np.array([getattr(one, name) for one in alike]) for name in ("estimates", "half"))
-    half = np.minimum(half, np.maximum(np.abs(every), half[0]))  # a path of no effect has any
+    half = np.minimum(half, np.maximum(np.abs(every), half[0]))  # a path without effect has an unbounded interval
     low, high = (every - half).min(axis=0), (every + half).max(axis=0)
     row |= {"path_shift": None} if alike[0].family == "friction" else {}
     harm, first, chance = harm_of(every - none.estimates, none.estimates), alike[0].family, court.chance
-    # what is heard more clearly than the path that it passes for is told, too
+    # a family that is heard more clearly than the path that explains it is told, too
     clearer = [one.family for one in alike if chance.get(one.family, 0.0) < chance.get(first, 0.0)]
     row |= {f"{family}_shift": float(harm.max()) for family in {first, *(clearer if first == "path" else ())}}
     if square(alike[0].left) > MOST_LEFT * square(court.view.y):
@@ -598,7 +596,7 @@ def witness_row(
     apart = harm_of(np.ptp(every, axis=0), every[0])
     useless = USELESS * np.hypot(none.estimates, [HARM[name][1] for name in list(HARM)[-len(names) :]])
     for k, name in enumerate(names):
-        is_told = high[k] - low[k] < useless[k] or alike[0].family == "friction"  # whose range is the fit's interval
+        is_told = high[k] - low[k] < useless[k] or alike[0].family == "friction"  # friction: the fit's interval
         ends, is_one = (float(low[k]), float(high[k])) if is_told else (None, None), alike[-1].family != "friction"
         row |= {f"{name}_without": float(every[0, k]) if is_told and is_one and apart[k] <= 1 else None}
         row |= dict(zip((f"{name}_without_low", f"{name}_without_high"), ends, strict=True))

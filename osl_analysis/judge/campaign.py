@@ -1,5 +1,5 @@
 """The findings on all trials of a campaign as one table, `findings.csv`, and what a reader must know of them: causes
-with the trials that they concern, in the same words at the end of a run, by `results` and on the page."""
+with their trials, in the same words at the end of a run, by `results` and on the page."""
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -24,15 +24,15 @@ from osl_analysis.table import read_table
 from osl_analysis.trial import SHORT, significant, unusual
 
 LARGEST_MISFIT = 1.0  # percent of the torque that a prediction may leave along angle, velocity and acceleration
-MOST_NAMED = 3  # trials that a line names
+MOST_NAMED = 3  # number of trials that a line names
 QUALITY, PREDICTION_TABLE = "quality", "prediction"
 JUDGED_FURTHER = (PREDICTION_TABLE, "prediction_causes")
-"""Tables without limits of which there are findings."""
+"""Tables without limits that have findings."""
 
 
 def campaign_findings(tables: Mapping[str, pl.DataFrame], verdicts: pl.DataFrame, limits: DoubtfulFits) -> pl.DataFrame:
-    """`findings.csv` from the result tables by name and from `quality.csv`. What rows inherit from another table is
-    listed once for each trial and amplitude, without words: these stand with the finding that is inherited."""
+    """`findings.csv` from the result tables by name and from `quality.csv`. Findings that rows inherit from another
+    table are listed once per trial and amplitude, without words: the original finding has these."""
     found = list(failed_checks(verdicts))
     fits, seen = {name: table for name, table in tables.items() if name in judged_tables()}, set[object]()
     own = {name: judged(table, limits.of(name), name) for name, table in fits.items()}
@@ -53,7 +53,7 @@ def campaign_findings(tables: Mapping[str, pl.DataFrame], verdicts: pl.DataFrame
 
 
 def failed_checks(verdicts: pl.DataFrame) -> Iterator[tuple[Finding, Words]]:
-    """The checks of recordings that trials do not pass, which excludes them or not."""
+    """The failed checks of recordings, whether or not they exclude the trial."""
     grades = {"flag": Grade.DOUBTS, "exclude": Grade.EXCLUDES}
     for row in verdicts.filter(pl.col("verdict").is_in(list(grades))).to_dicts():
         check = CHECKS[row["check"]]
@@ -65,8 +65,8 @@ def failed_checks(verdicts: pl.DataFrame) -> Iterator[tuple[Finding, Words]]:
 
 
 def causes_of_misfit(tables: Mapping[str, pl.DataFrame]) -> Iterator[tuple[Finding, Words]]:
-    """The component, or the late controller, that `prediction_causes.csv` names; or that the components of a joint and
-    side do not predict the torque, and nothing alone explains it. One finding for each predicted trial."""
+    """The component, or the late controller, that `prediction_causes.csv` names; or else, that the components of a
+    joint and side do not predict the torque and no single cause explains it. One finding for each predicted trial."""
     causes = tables.get("prediction_causes", pl.DataFrame(schema=["joint", "side"]))
     for rows in causes.partition_by("joint", "side", maintain_order=True):
         at = [pl.col(key).eq_missing(pl.lit(rows[key][0], pl.String)) for key in ("joint", "side")]
@@ -93,8 +93,8 @@ def causes_of_misfit(tables: Mapping[str, pl.DataFrame]) -> Iterator[tuple[Findi
 
 
 def recordings_of_another_length(impedance: pl.DataFrame) -> Iterator[tuple[Finding, Words]]:
-    """Trials that are shorter or longer than most with their kind of motion: half of a text looks whole, and a rate
-    that is stated wrong makes another length."""
+    """Trials shorter or longer than most with their kind of motion: half of a file looks whole, and a wrongly stated
+    rate changes the length."""
     cause = "recording of another length"
     if not {"recorded_s", "excitation"} <= {*impedance.columns}:
         return
@@ -124,9 +124,9 @@ def entries(findings: pl.DataFrame) -> list[Entry]:
 
 
 def known_of(findings: pl.DataFrame, tables: Mapping[str, pl.DataFrame], verdicts: pl.DataFrame) -> list[Entry]:
-    """What a reader must know, as `summary.json` has it: each cause by experiment with the trials that it concerns;
-    doubts, then checks that trials do not pass though they are used, then what could not be checked; of each what most
-    trials have first. `tables` tell of how many."""
+    """What a reader must know, as `summary.json` has it: each cause by experiment with its trials. Doubts come first,
+    then failed checks of trials that are used, then what could not be checked; in each, the most frequent cause first.
+    `tables` give the numbers of trials."""
     there = {*subjects(verdicts), *chain(*map(subjects, tables.values()))}
     of = defaultdict[tuple[str, str], list[Entry]](list)  # by table and grade
     for entry in entries(findings):
@@ -159,8 +159,8 @@ def known_of(findings: pl.DataFrame, tables: Mapping[str, pl.DataFrame], verdict
 def doubts_by_cause(
     own: Sequence[Entry], of_other: Sequence[Entry], other: str, where: str, table: str, judged: Sequence[str]
 ) -> Iterator[Entry]:
-    """Doubts about the rows of a table that shares those of an `other` one, or of none: what is doubtful there is left
-    out; then what is doubtful at single amplitudes alone."""
+    """Doubts about the rows of a table. Doubts that an `other` table has about the same trials, if it is named, are
+    left out. Doubts at single amplitudes alone come last."""
     known = {(one["trial"], one["cause"]) for one in of_other} if other else set()
     left = [one for one in own if (one["trial"], one["cause"]) not in known]
     whole = {(one["trial"], one["cause"]) for one in left if not one["in_part"]}
@@ -179,8 +179,8 @@ def subjects(rows: pl.DataFrame) -> list[str]:
 
 
 def by_cause(some: Sequence[Entry], verdict: str, of: str, judged: Sequence[str]) -> Iterator[dict[str, Any]]:
-    """What a reader must know of each cause, or of what could not be checked, with its size in the worst trial; of a
-    trial its last row counts, which is that of all of it."""
+    """What a reader must know of each cause, or of each thing that could not be checked, with its size in the worst
+    trial. The last row of a trial counts, which is its fit to all."""
     causes: dict[str, dict[str, Entry]] = {}
     for one in some:
         causes.setdefault(one["cause"], {})[one["trial"]] = one
@@ -201,8 +201,8 @@ def by_cause(some: Sequence[Entry], verdict: str, of: str, judged: Sequence[str]
 def known_line(
     verdict: str, of: str, cause: str, entry: Entry, trials: Sequence[str], judged: Sequence[str], size: str
 ) -> dict[str, Any]:
-    """One cause as `summary.json` has it: what was judged, as `impedance trials`, the trials that it concerns and the
-    number of all that were `judged`, its `size` in the worst of them, and a `line` that says it."""
+    """One cause as `summary.json` has it: what was judged, such as `impedance trials`; its trials, and the number of
+    all that were `judged`; its `size` in the worst of them; and a `line` that says it."""
     others = [trial for trial in judged if trial not in trials]
     few = len(others) <= MOST_NAMED < len(trials)
     names = others if few else trials
@@ -221,7 +221,7 @@ def findings_report(findings: Path, tables: Iterable[Path], verdicts: pl.DataFra
 
 
 def exclusion_report(verdicts: pl.DataFrame, by_sheet: Mapping[str, str]) -> str:
-    """Excluded trials with reasons, for the end of a run; those that fail the same check are one line."""
+    """Excluded trials with reasons, for the end of a run; those that fail the same check share a line."""
     failed = verdicts.filter(pl.col("verdict") == "exclude").unique("trial", keep="first", maintain_order=True)
     reasons, lines = exclusions(verdicts), []
     for (check,), rows in failed.group_by("check", maintain_order=True):

@@ -1,4 +1,4 @@
-"""What a number beyond its limit is evidence of. Values decide here, no words: those stand in `words`."""
+"""Which cause a number beyond its limit is evidence of. Values decide here; words stand in `words`."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -15,17 +15,17 @@ TABLE: dict[str, dict[str, Any]] = own_yaml(Path(__file__).with_suffix(".yaml"))
 
 @dataclass(frozen=True)
 class Cause:
-    """Why numbers are beyond their limits."""
+    """A cause of numbers beyond their limits."""
 
-    name: str  # by which it is known everywhere
-    explains: bool = False  # whether it makes a fit worse: the misfit of the same trial is then no cause of its own
+    name: str  # its name everywhere
+    explains: bool = False  # it makes a fit worse, so that the misfit of the same trial is no cause of its own
     of_recording: bool = False
-    """A fault of the recording does not come and go with the amplitude: the fit to all of a trial must show it, too."""
-    first: bool = False  # whether it makes others, as a wrong unit or sign does
-    of: Sequence[str] = ()  # the results that it concerns, where others do not depend on it; empty: all
-    spoils: bool = False  # whether no estimate can be told beside it: what else makes the fit worse may be its image
+    """A fault of the recording does not depend on amplitude: the fit to all of a trial must show it, too."""
+    first: bool = False  # it causes others, as a wrong unit or sign does
+    of: Sequence[str] = ()  # results that it concerns; empty: all
+    spoils: bool = False  # no estimate can be told beside it: other causes of a worse fit may be its effect
     without: Mapping[str, str] = field(default_factory=dict)
-    """Columns with the estimates of the same fit with this cause as a column of the regression, by K, B and I."""
+    """Columns of the estimates by K, B and I, from the same fit with this cause as a column of the regression."""
 
 
 @dataclass(frozen=True)
@@ -34,26 +34,26 @@ class Evidence:
 
     column: str
     cause: str
-    misfit: bool = False  # whatever else explains the misfit of the trial is its cause
-    size: str = ""  # the estimate (K, B, I) of which the number is a share
-    of: Sequence[str] = ("torque", "angle")  # signals whose units scale a ratio to what is known
+    misfit: bool = False  # a cause that explains the trial's misfit takes this column, too
+    size: str = ""  # estimate (K, B, I) of which the number is a share
+    of: Sequence[str] = ("torque", "angle")  # signals whose units scale this ratio to a known value
     witness: str = ""  # column of another ratio that tells a unit from another device; its own name: none is needed
 
 
 BETWEEN = "; "  # names of causes in a cell
 CAUSES = {name: Cause(name, **facts) for name, facts in TABLE["causes"].items()}
 EVIDENCE = {name: Evidence(name, **facts) for name, facts in TABLE["columns"].items()}
-"""The evidence by column. Any other column may have a limit: its name is then all that is known of it."""
+"""The evidence by column. Any other column may have a limit, too: its cause is then its name."""
 
 
 def doubts_of_result(names: str, result: str) -> str:
-    """Of the causes in a cell of the column `DOUBTFUL` those that concern one result of the fit."""
+    """Those causes in a cell of the column `DOUBTFUL` that concern one result of the fit."""
     apart = [cause for cause in CAUSES.values() if cause.of and result not in cause.of]
     return BETWEEN.join(name for name in names.split(BETWEEN) if name not in {cause.name for cause in apart})
 
 
 def beyond(row: AnyRow, limits: Limits) -> dict[str, Beyond]:
-    """What of a row is beyond its limit or NaN, by column; a null is not checked."""
+    """The numbers of a row that are beyond their limits or NaN, by column; a null is not checked."""
     found: dict[str, Beyond] = {}
     for side, name, limit in limits.stated():
         value = cell_number(row, name)
@@ -71,9 +71,9 @@ def beyond(row: AnyRow, limits: Limits) -> dict[str, Beyond]:
 
 
 def suspected_unit(name: str, ratio: float, row: AnyRow) -> str:
-    """The factor between units, as `known_factor`, that a ratio is near, although a device may differ as much: within
-    4 %, as components differ from their file by 2 % (SD), of a desired curve within 1.5 %. Its witness tells which: a
-    wrong torque scales both alike, a wrong current the ratio alone, to a tenth each."""
+    """The factor between units (`known_factor`) near a ratio that a device may have as well: within 4 %, as components
+    differ from their file by 2 % (SD); of a desired curve within 1.5 %. The witness decides: a wrong torque scales both
+    ratios alike, a wrong current only this one, each within 10 %."""
     evidence, symbol = EVIDENCE.get(name), name.removesuffix("_ratio")
     witness = cell_number(row, evidence.witness) if evidence and evidence.witness else None
     value, high = cell_number(row, symbol), cell_number(row, f"{symbol}_high")
@@ -85,7 +85,7 @@ def suspected_unit(name: str, ratio: float, row: AnyRow) -> str:
 
 
 def cause_of(name: str, value: float, row: AnyRow) -> Cause:
-    """The cause of a number beyond its limit; of an unknown column its name."""
+    """The cause of a number beyond its limit; for an unknown column its name."""
     if name not in EVIDENCE:
         return Cause(name)
     if suspected_unit(name, value, row):
@@ -100,18 +100,18 @@ def cause_of(name: str, value: float, row: AnyRow) -> Cause:
 
 
 def explaining(row: AnyRow, found: Mapping[str, Beyond]) -> Cause | None:
-    """The cause in a row that makes its fit worse, if there is one; harmonics alone are friction's."""
+    """The first cause in a row that makes its fit worse; harmonics alone count as friction."""
     names = sorted((name for name in found if name in EVIDENCE), key=lambda name: EVIDENCE[name].misfit)
     causes = (cause_of(name, found[name].value, row) for name in names)
     return next((cause for cause in causes if cause.explains), None)
 
 
 def causes_in(row: AnyRow, found: Mapping[str, Beyond], misfit_by: Cause | None) -> list[tuple[Cause, list[Beyond]]]:
-    """What was `found` in a row by cause, the makers of others first, the unknown last; `misfit_by` causes a misfit."""
+    """The evidence `found` in a row by cause: causes of others first, unknown last; `misfit_by` takes the misfit."""
 
     def order(one: Beyond) -> int:
         known = EVIDENCE.get(one.column)
-        # what makes other causes is named before them where it is far beyond its limit
+        # a cause of others precedes them if it is far beyond its limit
         return 2 if known is None else 0 if CAUSES[known.cause].first and one.excess > 1.15 else 1
 
     by_cause: dict[str, tuple[Cause, list[Beyond]]] = {}

@@ -1,8 +1,8 @@
-"""What the paper's text claims, held against numbers of the campaign: a row for each, with number and verdict.
+"""The claims of the paper's text, held against numbers of the campaign: a row with number and verdict for each.
 
-`equivalent`, `different` and `undecided` are verdicts on a number and what it should be (`stats.repeats`). That a
-number is beyond a limit `holds` where the whole interval is, `fails` where none of it is, and is else `undecided`.
-Without an interval there is no verdict."""
+`equivalent`, `different` and `undecided` compare a number with its target (`stats.repeats`). That a number is beyond a
+limit `holds` if its whole interval is, `fails` if none of it is, and is `undecided` otherwise. Without an interval
+there is no verdict."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from math import pi
@@ -48,7 +48,7 @@ class Claims(Settings):
 
 
 def limit_verdict(low: float | None, high: float | None, limit: float, wanted: str) -> str | None:
-    """Whether a number with this 95 % interval is `above` a limit, or `below` it: `holds`, `fails` or `undecided`."""
+    """Whether a number with this 95 % interval is on the `wanted` side of a limit (`above`, `below`), as a verdict."""
     if low is None or high is None:
         return None
     if low > limit or high < limit:
@@ -60,14 +60,14 @@ Ends = tuple[float | None, float | None]
 
 
 def claim_of(name: str, claim: str, quantity: str, number: float, ends: Ends, **more: Any) -> Claim:
-    """A row: what is claimed, of which quantity, a number with the ends of its interval, and `more` columns. A number
-    that is `wanted` on one side of its `target` has its verdict by this."""
+    """A row: the claim, its quantity, a number with the ends of its interval, and `more` columns. Without a verdict
+    among these, a number `wanted` on one side of its `target` has its verdict by that."""
     row = {"name": name, "claim": claim, "quantity": quantity, "value": number, "low": ends[0], "high": ends[1], **more}
     return row if "verdict" in row else row | {"verdict": limit_verdict(*ends, row["target"], row["wanted"])}
 
 
 def share_claim(name: str, what: str, quantity: str, share: float, parts: Sequence[Claim], **judged: Any) -> Claim:
-    """A claim on a share of a whole [1], with its interval by the means of its `parts` (rows of a summary)."""
+    """A claim on a share of a whole [1], with an interval from the means of its `parts` (rows of a summary)."""
     ends: Ends = None, None
     share, freedom = 100 * share, min(part["n"] for part in parts) - 1
     if freedom > 0 and all(part["se"] is not None for part in parts):
@@ -82,8 +82,8 @@ def component_claims(
     means: Mapping[str, Claim], asked: pl.DataFrame, hz: Sequence[float], n_T: float | None, limit: float
 ) -> Iterator[Claim]:
     """Whether the joint's inertia is negligible beside its damping, at the lowest and the highest frequency [Hz], and
-    whether belt and load friction matter, at the lowest and the highest K_d; from the means of the components over
-    trials by quantity. `asked` are the rows of `impedance.csv` over all amplitudes."""
+    whether belt and load friction matter, at the lowest and the highest K_d. `means` are the components' means over
+    trials by quantity, `asked` the rows of `impedance.csv` over all amplitudes."""
     if hz and {"J_j", "B_j"} <= means.keys():
         J_j, B_j = means["J_j"], means["B_j"]
         for end, f in (("lowest", min(hz)), ("highest", max(hz))):
@@ -123,7 +123,7 @@ def compensation_claims(compensation: pl.DataFrame) -> Iterator[Claim]:
 
 
 def rendered_claims(asked: pl.DataFrame, settings: Claims) -> Iterator[Claim]:
-    """Whether each compensated trial renders K_d and B_d, and how many do, of rows `asked` over all amplitudes."""
+    """Whether each compensated trial renders K_d and B_d, and how many do; `asked` are the rows over all amplitudes."""
     trials = held_against_desired(asked.filter(pl.col("controller") == CONTROLLERS[0]))
     for symbol, unit in (("K", "N*m/rad"), ("B", "N*m*s/rad")):
         rows = []
@@ -185,8 +185,8 @@ def claims_table(
     midstance: float | None,
     ratios: Mapping[str, float],
 ) -> pl.DataFrame:
-    """`claims.csv` from those result tables that the campaign has, by name. `frequencies_hz` are those of the stepped
-    sine (empty: not stated), `midstance` the stiffness [N*m/rad] that is commanded there, `ratios` n_T by joint."""
+    """`claims.csv` from the campaign's result tables by name. `frequencies_hz` are those of the stepped sine (empty:
+    not stated), `midstance` the commanded stiffness [N*m/rad] there, `ratios` n_T by joint."""
     bench = {name: own for name, own in tables.items() if not name.startswith("walking")}
     rows = list[Claim]()
     for joint, side in dict.fromkeys(one for own in bench.values() for one in own.select("joint", "side").iter_rows()):

@@ -17,22 +17,22 @@ AnyRow = Mapping[str, object]  # a row of a result table
 
 
 class Grade(StrEnum):
-    """What a finding does to the trial or fit that it is about."""
+    """What a finding does to its trial or fit."""
 
     EXCLUDES = "excludes"  # it is in no other table and in no figure
     DOUBTS = "doubts"
     UNCHECKED = "not checked"
-    NOTES = "notes"  # it was checked, and is to be known
+    NOTES = "notes"  # checked, and worth knowing
 
 
 class Remedy(StrEnum):
-    """Which remedy helps, by what else of the trial is sound."""
+    """Which remedy helps, given what else of the trial is sound."""
 
     WHOLE = "remedy"
     ALONE = "otherwise"  # there are no rows of single amplitudes
     AMPLITUDE = "of_amplitude"  # the fit to all of the trial is sound, and that to one amplitude is not
     FREQUENCY = "of_frequency"  # a row of one frequency
-    DOUBTED = "doubted"  # of what was not checked, or is to be known, on a row that is doubtful
+    DOUBTED = "doubted"  # for what was not checked, or is noted, in a doubtful row
 
 
 class Limits(Settings):
@@ -50,7 +50,7 @@ class Limits(Settings):
 
 @dataclass(frozen=True)
 class Beyond:
-    """A number beyond its limit: evidence."""
+    """A number beyond its limit, as evidence."""
 
     column: str
     value: float
@@ -59,14 +59,14 @@ class Beyond:
 
     @property
     def excess(self) -> float:
-        """By which factor the number is beyond its limit."""
+        """Factor by which the number exceeds its limit."""
         product = self.value * self.limit
         return max(abs(self.value / self.limit), abs(self.limit / self.value)) if product else 0.0
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One cause, or one thing that could not be checked, of a row of a table."""
+    """One cause, or one thing that could not be checked, in a row of a table."""
 
     table: str
     subject: str  # the trial or the group
@@ -76,9 +76,9 @@ class Finding:
     amplitude_deg: float | None = None
     frequency_hz: float | None = None
     remedy: Remedy = Remedy.WHOLE
-    inherited: str = ""  # the table of the same trial from which it is; empty: of the row itself
+    inherited: str = ""  # table of the same trial that it comes from; empty: the row itself
     sizes: Mapping[str, float] = field(default_factory=dict)
-    """What it does to K [N*m/rad], B [N*m*s/rad] and I [kg*m^2], as far as the evidence tells."""
+    """Its effect on K [N*m/rad], B [N*m*s/rad] and I [kg*m^2], as far as the evidence gives it."""
     without: Mapping[str, float] = field(default_factory=dict)
     """The estimates with this cause as a column of the regression: K, B, I, with `_low` and `_high`."""
 
@@ -93,11 +93,11 @@ ORDER = (
 FINDING_COLUMNS: dict[str, type[pl.DataType]] = {
     name: pl.Int64 if name == "finding" else pl.String if name in TEXTS else pl.Float64 for name in ORDER
 }
-"""Of `findings.csv`: a row per number of evidence; rows with one number `finding` are one finding."""
+"""Columns of `findings.csv`: a row per number of evidence; rows of one finding share the number `finding`."""
 
 
 def findings_frame(found: Iterable[tuple[Finding, tuple[str, str, str]]] = ()) -> pl.DataFrame:
-    """`findings.csv` of findings with their words: what is wrong, how large in words, and what to do."""
+    """`findings.csv` from findings with their words: what is wrong, how large, and what to do."""
     rows = list[dict[str, object]]()
     for number, (one, words) in enumerate(found, start=1):
         row: dict[str, object] = {"finding": number, "table": one.table, "trial": one.subject, "cause": one.cause}
@@ -124,5 +124,5 @@ def cell_number(row: AnyRow, name: str) -> float | None:
 
 
 def subject_of(row: AnyRow) -> str:
-    """The trial, or the group, that a row is about."""
+    """The trial, or the group, of a row."""
     return next((str(row[key]) for key in ("trial", "group") if row.get(key) is not None), "")

@@ -1,7 +1,7 @@
 """Findings about the rows of result tables, from their columns and the configured limits, and the tables with them.
 
-What a known cause explains, as a low VAF under friction, is no finding of its own. What could not be checked on a
-row, and what was checked and is to be known, is told by the row's columns."""
+What a known cause explains, such as a low VAF due to friction, is no finding of its own. The row's columns also tell
+what could not be checked, and what was checked and is worth knowing."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -16,12 +16,12 @@ from osl_analysis.stats.repeats import DOUBTFUL
 
 LATENESS = "whether the torque is late"
 ZERO = "whether the torque at rest is the load cell's offset or what hysteresis leaves in the device"
-DOUBTED = {ZERO: "zero that nobody stated"}  # by what could not be checked the doubt that says it already
+DOUBTED = {ZERO: "zero that nobody stated"}  # by what could not be checked: the doubt that covers it
 HAVE_UNCHECKED = ("belt", "transmission", "actuator", "impedance", "human_joint", "torque_angle", "walking_groups")
-"""Judged tables of which something may not be checked."""
+"""Judged tables in which something may be unchecked."""
 MEASURED_BY = {"belt": "K_s", "transmission": "B_j", "actuator": "k_tau_n_m"}
-"""What a component trial measures. `NAME_ratio` is this over that of the parameter file."""
-WIDE, SEEN = 3.0, 0.5  # widths of the interval of K that a reflex leaves open, or may hide within it
+"""What a component trial measures. `NAME_ratio` is its ratio to the parameter file's value."""
+WIDE, SEEN = 3.0, 0.5  # effect of a seen, and of a hidden, reflex on K, in widths of K's interval
 
 
 def unchecked_in(table: str, row: AnyRow) -> Iterator[Finding]:
@@ -39,7 +39,7 @@ def unchecked_in(table: str, row: AnyRow) -> Iterator[Finding]:
         what = f"{quantity} is not that of the parameter file"
         yield Finding(table, subject, what, Grade.NOTES, amplitude_deg=amplitude)
     for name in ("I", "J_j") if table in ("impedance", "transmission", "walking_groups") else ():
-        doubted = cell_number(row, "I_bound") is not None or bool(row.get("heard"))  # as is all of such a fit
+        doubted = cell_number(row, "I_bound") is not None or bool(row.get("heard"))  # then the whole fit is doubtful
         if (cell_number(row, f"{name}_high") or 0.0) < 0 and not doubted:
             yield Finding(table, subject, f"{name} is certainly negative", Grade.NOTES, amplitude_deg=amplitude)
 
@@ -50,10 +50,10 @@ def lacks(row: AnyRow, name: str) -> bool:
 
 
 def of_impedance(row: AnyRow) -> Iterator[str]:
-    asked = "controller" in row  # a fit that knows a command
+    asked = "controller" in row  # a fit with a commanded impedance
     if (cell_number(row, "band_high_hz") or 0.0) > (cell_number(row, "cutoff_hz") or math.inf):
         yield "what moves faster than the cut-off"
-    if asked and lacks(row, "K_predicted") and not lacks(row, "K_over_K_s"):  # of a device that is stated
+    if asked and lacks(row, "K_predicted") and not lacks(row, "K_over_K_s"):  # the device is known
         yield "whether K is what the gains should give"
         yield "whether the bench's frame yields"
     if asked and lacks(row, "path_shift") and lacks(row, "lag_s"):
@@ -65,7 +65,7 @@ def of_impedance(row: AnyRow) -> Iterator[str]:
     if (cell_number(row, "clocks") or 1) > 1 and lacks(row, "clock_drift_ppm"):
         yield "whether the clocks of angle and torque drift apart"
     low, high = (cell_number(row, f"K_{end}") for end in ("low", "high"))
-    if low is not None and high is not None and high - low < 2:  # a weight that makes 1 N*m with its arm level is 1
+    if low is not None and high is not None and high - low < 2:  # a weight of 1 N*m with its arm level adds 1 to K
         yield "whether a fixture's weight is in K"
 
 
@@ -129,12 +129,12 @@ def of_walking(row: AnyRow) -> Iterator[str]:
         yield "whether a voluntary torque or a change of pace is in K"
 
 
-EXCLUDED = "excluded"  # column of some tables with the reason why a row has no fit; null in rows with a fit
-RowFindings = list[list[Finding]]  # those of each row of a table
+EXCLUDED = "excluded"  # column with the reason why a row has no fit; null in rows with a fit
+RowFindings = list[list[Finding]]  # for each row of a table
 
 
 def of_whole_trial(row: AnyRow) -> bool:
-    """Whether a row is of the fit to all of a trial, where others are of single amplitudes."""
+    """Whether a row is the fit to a whole trial, beside fits to single amplitudes."""
     return "amplitude_deg" in row and row["amplitude_deg"] is None
 
 
@@ -163,7 +163,7 @@ def judged(table: pl.DataFrame, limits: Limits, name: str) -> RowFindings:
     for trial, row, found in sorted(rows, key=lambda each: not of_whole_trial(each[1])):
         for column in [one for one in found if one in EVIDENCE and CAUSES[EVIDENCE[one].cause].of_recording]:
             if column not in whole.get(trial, found):
-                del found[column]  # at one amplitude friction passes for it
+                del found[column]  # at one amplitude friction looks the same
         of_trial[trial] = of_trial.get(trial) or explaining(row, found)
     every: RowFindings = []
     for (trial, row, found), is_fit in zip(rows, fitted, strict=True):
@@ -182,7 +182,7 @@ def judged(table: pl.DataFrame, limits: Limits, name: str) -> RowFindings:
 
 
 def doubt(table: str, row: AnyRow, cause: Cause, evidence: Sequence[Beyond], remedy: Remedy) -> Finding:
-    """A cause of doubt about a row, with what it does to the estimates as far as the row has it."""
+    """A cause of doubt about a row, with its effect on the estimates as far as the row has it."""
     sizes: dict[str, float] = {}
     for one in evidence:
         symbol = EVIDENCE[one.column].size if one.column in EVIDENCE else ""
@@ -192,7 +192,7 @@ def doubt(table: str, row: AnyRow, cause: Cause, evidence: Sequence[Beyond], rem
     without = {
         f"{symbol}{end}": value
         for symbol, own in cause.without.items()
-        for column in [own if own in row else f"{symbol}_without"]  # a person's friction, as any other cause
+        for column in [own if own in row else f"{symbol}_without"]  # a person's friction is like other causes
         for end in ("", "_low", "_high")
         if (value := cell_number(row, f"{column}{end}")) is not None
     }
@@ -202,8 +202,8 @@ def doubt(table: str, row: AnyRow, cause: Cause, evidence: Sequence[Beyond], rem
 
 
 def marked(table: pl.DataFrame, findings: RowFindings, name: str) -> pl.DataFrame:
-    """The table `name` with the column `DOUBTFUL`, which names the causes of doubt about each row (empty for none, null
-    in a row without a fit), and with `not_checked`, which names what could not be checked, of a table that says so."""
+    """The table `name` with the column `DOUBTFUL`, the causes of doubt about each row (empty: none; null: no fit), and
+    with `not_checked`, what could not be checked, if the table has it."""
     fitted = pl.col(EXCLUDED).is_null() if EXCLUDED in table.columns else pl.lit(True)
     doubts, others = (
         pl.Series(
@@ -222,8 +222,8 @@ def marked(table: pl.DataFrame, findings: RowFindings, name: str) -> pl.DataFram
 def with_inherited(
     name: str, table: pl.DataFrame, own: RowFindings, of: pl.DataFrame, findings: RowFindings
 ) -> RowFindings:
-    """The findings about each row of the table `name` with the doubts of another table `of` on the same trial and
-    amplitude, or over all of them: a clipped or late torque concerns everything that comes from the same samples."""
+    """The findings about each row of the table `name`, with the doubts of the table `of` about the same trial and
+    amplitude, or about the whole trial: a clipped or late torque concerns everything from the same samples."""
     keys, trials = (
         frame.select("trial", amplitude="amplitude_deg" if "amplitude_deg" in frame.columns else pl.lit(None)).rows()
         for frame in (of, table)

@@ -1,7 +1,7 @@
-"""The limits of the configuration: thresholds of checks of recordings, with the verdicts
-by them on what was measured (`ingest/examine.py`), and limits of columns of result tables.
+"""The limits of the configuration: thresholds of the checks of recordings, verdicts by them on the measured values
+(`ingest/examine.py`), and limits on columns of result tables.
 
-Measuring needs the samples and no limit, judging needs a few numbers and no samples: a changed limit judges again."""
+Measuring needs samples and no limits; judging needs a few numbers and no samples. A changed limit only judges again."""
 
 import math
 from collections.abc import Collection, Mapping
@@ -127,7 +127,7 @@ def validate_rules(rules: QualityRules, units: Mapping[str, str]) -> None:
 
 def judged_table(measured: pl.DataFrame, rules: QualityRules, accept: Mapping[str, Collection[str]]) -> pl.DataFrame:
     """`measured_table` of trials with thresholds and verdicts; `accept`: checks that the sheet accepts, by trial. Rows
-    of checks that an older release had are left out: their trials are ingested again."""
+    of checks of an older release are left out: their trials are ingested again."""
     judged = []
     for trial, name, value, unit, remark in measured.filter(pl.col("check").is_in([*rules.by_check])).iter_rows():
         rule = rules.by_check[name]

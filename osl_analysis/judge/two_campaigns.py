@@ -17,7 +17,7 @@ COMPARED_QUANTITIES = {
     "impedance": ("K", "B", "B_viscous", "I", "VAF", "torque_error"), "belt": ("K_s",), "transmission": ("B_j", "J_j"),
     "actuator": ("k_tau_n_m", "f_C", "f_G", "B_m", "J_m"), "walking_summary": ("K", "B", "I"),
 }  # fmt: skip
-"""What is compared, by table."""
+"""The compared quantities, by table."""
 SAME_PLACE = ("joint", "side", "group", "controller")
 DIFFERENCE = ("difference", "difference_low", "difference_high")  # B - A
 RATIO = ("relative_percent", "relative_percent_low", "relative_percent_high")  # B over A, less 1
@@ -32,12 +32,12 @@ COMPARISON_COLUMNS = {
 
 
 def compared(a: Mapping[str, pl.DataFrame], b: Mapping[str, pl.DataFrame], margin: float | None = None) -> pl.DataFrame:
-    """A row per quantity that A or B has, as in `comparison.csv`, from their result tables by name; of an impedance
-    also one per condition, where both have several.
+    """A row per quantity of A or B, as in `comparison.csv`, from their result tables by name; for an impedance also one
+    per condition, if both have several.
 
-    What is positive by nature is compared as a ratio, by differences of logarithms, because K goes from 100 to 400
-    N*m/rad: a ratio gives every desired impedance the same weight and needs no K_d. I and VAF have no ratio. `margin`
-    is that of all ratios, as 0.05; None: none is stated, and nothing is equivalent."""
+    Positive quantities are compared as ratios, by differences of logarithms: K goes from 100 to 400 N*m/rad, and a
+    ratio weights every desired impedance equally and needs no K_d. I and VAF have no ratio. `margin` applies to all
+    ratios, as 0.05; None: not stated, and nothing is equivalent."""
     rows, (a, b) = [], with_names_shared(*with_common_sizes(a, b))
     for table, quantities in COMPARED_QUANTITIES.items():
         parts = [by_place(one[table], table) if table in one else {} for one in (a, b)]
@@ -65,8 +65,8 @@ def with_common_sizes(*campaigns: Mapping[str, pl.DataFrame]) -> list[Mapping[st
 
 
 def with_names_shared(*campaigns: Mapping[str, pl.DataFrame]) -> list[Mapping[str, pl.DataFrame]]:
-    """The tables of campaigns, impedance trials without a stated K_d with the name by which they are paired, `named`,
-    where half of the names or more are in each campaign; else null, and they are paired by what was measured."""
+    """The tables of campaigns. Impedance trials without a stated K_d are paired by name (`named`) if each campaign has
+    half of the names or more; else `named` is null, and they are paired by measured values."""
     tables = [one.get("impedance", pl.DataFrame()) for one in campaigns]
     if not all({"trial", "K_d"} <= {*table.columns} for table in tables):
         return [*campaigns]
@@ -90,9 +90,9 @@ def by_place(table: pl.DataFrame, name: str) -> dict[tuple[Any, ...], pl.DataFra
 
 
 def estimates(rows: pl.DataFrame | None, quantity: str) -> tuple[dict[str, Any], repeats.Sample]:
-    """Counts of one campaign, and the fits that count by condition: all of a rendered impedance, as doubtful ones that
-    one campaign alone leaves out would make others of its conditions; of a component those that count in every mean.
-    An ensemble is one condition, what was commanded, with estimate, low and high."""
+    """Counts of one campaign, and its fits by condition. A rendered impedance counts doubtful fits, too: leaving them
+    out in one campaign would change its conditions. A component has the fits that count in every mean. An ensemble is
+    one condition, the command, with estimate, low and high."""
     if rows is None:
         return {"n": 0}, {}
     if "estimator" in rows.columns:
@@ -106,7 +106,7 @@ def estimates(rows: pl.DataFrame | None, quantity: str) -> tuple[dict[str, Any],
 
 
 def with_own_ends(rows: pl.DataFrame | None, quantity: str, sample: repeats.Sample) -> repeats.Sample:
-    """A sample of one trial with the ends of its own interval, as that of an ensemble; empty where there is none."""
+    """A sample of one trial with the ends of its own interval, like an ensemble's; empty if it has none."""
     ends = [f"{quantity}{end}" for end in ("", "_low", "_high")]
     if rows is None or not {*ends} <= {*rows.columns} or [len(of) for of in sample.values()] != [1]:
         return {}
@@ -118,7 +118,7 @@ def with_own_ends(rows: pl.DataFrame | None, quantity: str, sample: repeats.Samp
 def rows_of_conditions(
     parts: Sequence[pl.DataFrame | None], quantity: str, margin: float | None
 ) -> Iterator[dict[str, Any]]:
-    """A row for each of several conditions that both have, stated or by name: a change of one is lost in their mean."""
+    """A row for each of several conditions that both have, stated or by name: the mean hides a change of one."""
     by = [{} if one is None else one.partition_by(SAME_CONDITION, as_dict=True, maintain_order=True) for one in parts]
     shared = [key for key in by[0] if key in by[1] and (key[0], key[-1]) != (None, None)]
     if len(shared) < 2 or quantity not in (*ESTIMATES, "B_viscous"):
@@ -132,13 +132,13 @@ def rows_of_conditions(
 
 
 def row_of(parts: Sequence[pl.DataFrame | None], quantity: str, margin: float | None) -> dict[str, Any]:
-    """The numbers of a row. Where one campaign has none, there is no difference, and the remark says it."""
+    """The numbers of a row. If one campaign has none, there is no difference, and the remark says so."""
     (of_a, a), (of_b, b) = (estimates(part, quantity) for part in parts)
     row: dict[str, Any] = {f"{name}_{one}": v for one, of in (("A", of_a), ("B", of_b)) for name, v in of.items()}
     of_ensembles = any(part is not None and "estimator" in part.columns for part in parts)
     shared = {*a} & {*b}
     ends = [with_own_ends(part, quantity, one) for part, one in zip(parts, (a, b), strict=True)]
-    by_ends = all(ends) and bool(shared)  # of one trial each, which has no scatter
+    by_ends = all(ends) and bool(shared)  # one trial each, without scatter
     if by_ends:
         a, b = ends
     for name, sample in (("A", a), ("B", b)):
@@ -146,7 +146,7 @@ def row_of(parts: Sequence[pl.DataFrame | None], quantity: str, margin: float | 
     if not (a and b):
         return row | {"remark": f"only in {'A' if a else 'B'}"}
     between, remarks = repeats.of_intervals if of_ensembles or by_ends else repeats.difference, list[str]()
-    benches = [] if by_ends else parts  # the interval of a trial has what is stated of its bench
+    benches = [] if by_ends else parts  # a trial's interval includes its bench's errors
     if is_pooled(a, b):
         remarks.append("trials without K_d count as repeats of one condition; state K_d, or name like trials alike")
     if shared and {*a} != {*b}:
@@ -165,8 +165,8 @@ def row_of(parts: Sequence[pl.DataFrame | None], quantity: str, margin: float | 
 
 
 def bench_error(parts: Sequence[pl.DataFrame | None], quantity: str, as_share: bool = False) -> float:
-    """Standard error of the difference between two campaigns, or as a share of their estimates, by what is stated of
-    their benches: all trials of a campaign share it. 0 where nothing is."""
+    """Standard error, or relative standard error, of the difference between two campaigns due to the stated errors of
+    their benches, which all trials of a campaign share; 0 if none are stated."""
     known, errors = f"{quantity.removesuffix('_viscous')}_se_bench", list[float]()
     for part in parts:
         if part is not None and known in part.columns and len(used := part.drop_nulls([quantity, known])):
@@ -175,14 +175,14 @@ def bench_error(parts: Sequence[pl.DataFrame | None], quantity: str, as_share: b
 
 
 def mean_of(sample: repeats.Sample, shared: Collection[Any], of_ensembles: bool) -> float | None:
-    """Of the fits of the shared condition, of all where none is shared; None of several, a mean of which is that of no
-    trial. An ensemble has its estimate, which stands before the ends of its interval."""
+    """Mean of the fits of the shared condition, or of all if none is shared; None for several conditions. An ensemble
+    has its estimate, which precedes the ends of its interval."""
     own = [values[:1] if of_ensembles else values for key, values in sample.items() if key in shared or not shared]
     return float(np.mean(own[0])) if len(own) == 1 else None
 
 
 def is_pooled(*samples: repeats.Sample) -> bool:
-    """Whether impedance trials count as repeats that neither a stated K_d nor their names tell apart."""
+    """Whether impedance trials count as repeats although neither a stated K_d nor their names say so."""
     keys = [key for sample in samples for key, of in sample.items() if isinstance(key, tuple) and len(of) > 1]
     return any(K_d is named is None and amplitudes is not None for K_d, *_, amplitudes, named in keys)
 

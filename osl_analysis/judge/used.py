@@ -17,16 +17,16 @@ from osl_analysis.refusal import Refusal, distinct_causes, is_refused, read_refu
 
 HOW_TO_USE = "record again, give a reason under `exclude` in the sample sheet, or name the check under `accept`"
 JUDGES = ("quality", "fitted")
-"""Inputs that only tell which trials are used: what was measured of them, and other results of the same trials."""
+"""Inputs that only tell which trials are used: measured checks, and other results of the same trials."""
 
 
 def without_refused(
     inputs: Mapping[str, Any], unnamed: Sequence[str] = ()
 ) -> tuple[dict[str, Any], tuple[Refusal, ...], tuple[Refusal, ...]]:
-    """The named inputs of a job without refusal records, the causes of all that was removed, and those without which it
-    cannot run. A trial with a record in one list is removed from every list. The job cannot run if a record stands for
-    a single input or for one of the `unnamed` files, if the input `trial` is such a trial, or if nothing is left of a
-    list; beside an input `trial`, lists may become empty. Lists by name are handed over as they are."""
+    """The named inputs of a job without refusal records, the causes of all that was removed, and those that keep the
+    job from running. A trial with a record in one list is removed from every list. The job cannot run if a record
+    stands for a single input or one of the `unnamed` files, if the input `trial` is such a trial, or if a list loses
+    everything; beside an input `trial`, lists may become empty. Lists by name are passed on unchanged."""
     lists = {name: files for name, files in inputs.items() if isinstance(files, list)}
     alone = [file for file in inputs.values() if not isinstance(file, list | Mapping)]
     gone = {Path(file).stem: read_refusals(file) for file in chain(*lists.values()) if is_refused(file)}
@@ -45,8 +45,8 @@ def without_refused(
 
 @dataclass(frozen=True)
 class Judge:
-    """What decides which trials are used: the configured rules, and what the sheet accepts by trial. Jobs that measure
-    know neither, and a job over several trials reads it from a file, whose change alone runs no job again."""
+    """What decides which trials are used: the configured rules, and the checks that the sheet accepts by trial.
+    Measuring jobs know neither. A job over several trials reads them from a file, whose change alone reruns no job."""
 
     rules: QualityRules
     accept: Mapping[str, Collection[str]]
@@ -89,8 +89,8 @@ def exclusions(verdicts: pl.DataFrame) -> dict[str, str]:
 
 
 def without_excluded(inputs: Mapping[str, Any], reasons: Mapping[str, str]) -> dict[str, Any]:
-    """The named inputs of a job without the files of excluded trials (`exclusions`) among those in the input `quality`,
-    and without `JUDGES`. An excluded input `trial` is refused, and so are lists of excluded trials alone."""
+    """The named inputs of a job without `JUDGES` and without the files of excluded trials (`exclusions`), of those in
+    the input `quality`. An excluded input `trial` is refused, and so are lists of excluded trials alone."""
     judged = {Path(path).stem for path in inputs.get("quality", ())}
     lists = {name: files for name, files in inputs.items() if isinstance(files, list) and name not in JUDGES}
     needed = {Path(file).stem for files in lists.values() for file in files} & judged
@@ -103,7 +103,7 @@ def without_excluded(inputs: Mapping[str, Any], reasons: Mapping[str, str]) -> d
 
 
 def left_behind_report(stored: Iterable[Path], trials: Collection[str]) -> str:
-    """A line on trials whose files are `stored` though the sheet has them not, as after a renaming; empty without."""
+    """A line on trials with `stored` files that are not in the sheet, as after a renaming; empty if there are none."""
     unknown = sorted({path.stem for path in stored} - set(trials))
     said = f"not in the sample sheet, and in no table or figure: {listing(unknown, 12)}; files of theirs are left below"
     return f"{said} the results; delete them, or enter the trials again" if unknown else ""

@@ -23,7 +23,7 @@ class Words(NamedTuple):
     """What a finding says to a reader."""
 
     says: str  # what is wrong, and what it does to the results
-    size: str  # how large it is in this row; empty where it is not known
+    size: str  # how large it is in this row; empty if not known
     remedy: str  # what to do; empty for nothing
 
 
@@ -36,12 +36,12 @@ def words_of(finding: Finding, row: AnyRow) -> Words:
         remedy = entry.get(finding.remedy.value, entry.get("remedy", ""))
         return Words(filled(entry["says"], facts), "", capital(filled(remedy, facts)))
     known = WORDS["causes"].get(finding.cause)
-    if known is None:  # a limit on a column of which nothing else is known
+    if known is None:  # a limit on a column that is not in EVIDENCE
         return Words(", ".join(map(beyond_said, finding.evidence)), "", "")
     own = [one for one in finding.evidence if cause_of(one.column, one.value, row).name == finding.cause]
     details = [by_friction := friction_said(row) if finding.cause == "friction" else ""]
     details += [filled(WORDS["columns"].get(one.column, ""), Facts(row, one)) for one in own]
-    details += [without_said(finding, row)] * (not by_friction)  # which says it in its own words
+    details += [without_said(finding, row)] * (not by_friction)  # friction says it in its own words
     remedy = known.get(finding.remedy.value) or known[Remedy.WHOLE.value]
     first, *others = dict.fromkeys(filter(None, details)) or [""]
     return Words(known["says"], ". ".join([first, *map(capital, others)]), capital(remedy))
@@ -67,7 +67,7 @@ def beyond_said(one: Beyond) -> str:
 
 
 def without_names(cause: str, row: AnyRow) -> dict[str, str]:
-    """What the estimates without a cause are called: certain friction is a column of them too, and no part of B."""
+    """Names of the estimates without a cause: certain friction is a column beside it, and no part of B."""
     column = CAUSES[cause].without.get("B") if cause in CAUSES else None
     beside = column == "B_without" and row.get("B_viscous") is not None
     return {name: "B without friction" if name == "B" and beside else name for name in ESTIMATES}
@@ -84,7 +84,7 @@ def without_said(finding: Finding, row: AnyRow) -> str:
             continue
         if value is not None and abs(high + low - 2 * value) <= 1e-3 * (high - low):
             said.append(f"{symbol} {value:.4g} ± {significant(high - value)}")
-        else:  # the range of several that cannot be told apart
+        else:  # the range of rivals that cannot be told apart
             said.append(f"{symbol} {' to '.join(dict.fromkeys(significant(end, 3) for end in (low, high)))}")
     return f"with it in the fit {', '.join(said)}" if said else ""
 
@@ -95,7 +95,7 @@ def capital(text: str) -> str:
 
 @cache
 def printed(text: str) -> str:
-    """A text with its units, symbols, powers and minus signs as the page sets them; of the unit 1 nothing."""
+    """A text with units, symbols, powers and minus signs as the page sets them; empty for the unit 1."""
     for pattern, sign in WORDS["signs"].items():
         text = re.sub(pattern, sign, text)
     return "" if text == "1" else text
@@ -108,13 +108,13 @@ def check_words(cause: str) -> Words:
 
 
 def misfit_words(cause: str, **facts: Any) -> Words:
-    """What explains what the predictions of all trials leave."""
+    """What explains the residuals of all predictions."""
     entry = WORDS["misfits"][cause]
     return Words(entry["says"].format(**facts), "", entry["remedy"])
 
 
 def as_if_said(parts: Sequence[Mapping[str, Any]]) -> str:
-    """How far components are off, as `K_s were 9.8 % (± 0.4 % by the scatter of trials) less`, by their rows."""
+    """By how much components differ, as `K_s were 9.8 % (± 0.4 % by the scatter of trials) less`, from their rows."""
     said = []
     for row in parts:
         off, half = (100 * one / abs(row["value"]) for one in (row["change"], 2 * row["change_se"]))
@@ -124,7 +124,7 @@ def as_if_said(parts: Sequence[Mapping[str, Any]]) -> str:
 
 
 class Number(float):
-    """A number that a text shows with so many significant digits, times a factor: `~2*1e3`, `~+2` with its sign."""
+    """A number shown with some significant digits, times a factor: `~2*1e3`, `~+2` with its sign."""
 
     def __format__(self, spec: str) -> str:
         if not spec.startswith("~"):
@@ -135,7 +135,7 @@ class Number(float):
 
 
 class Facts(dict[str, Any]):
-    """The numbers of a row that it has, and what is computed from them for a reader, by the names of `COMPUTED`."""
+    """The numbers of a row, and by the names of `COMPUTED` what is computed from them for a reader."""
 
     def __init__(self, row: AnyRow, evidence: Beyond | None = None) -> None:
         known = ((name, cell) for name, cell in row.items() if cell is not None)
@@ -145,7 +145,7 @@ class Facts(dict[str, Any]):
     def __missing__(self, name: str) -> str:
         if name in OF_EVIDENCE and self.evidence is not None:
             return OF_EVIDENCE[name](self.evidence, self.row)
-        return COMPUTED[name](self)  # raises KeyError, also where it needs a number that the row has not
+        return COMPUTED[name](self)  # raises KeyError, also if the row lacks a number that it needs
 
 
 def filled(template: str, facts: Facts) -> str:
@@ -184,7 +184,7 @@ OF_EVIDENCE: dict[str, Callable[[Beyond, AnyRow], str]] = {
 
 
 def friction_said(row: AnyRow) -> str:
-    """What friction makes of the damping, in units of the result; empty where that is not known."""
+    """Friction's part of the damping, in units of the result; empty if not known."""
     B, f_C = ("B_j", "T_C") if "B_j_viscous" in row else ("B", "f_C")
     damping, viscous, friction, share = (cell_number(row, one) for one in (B, f"{B}_viscous", f_C, "coulomb_share"))
     if damping is not None and viscous is not None and friction is not None:
@@ -196,7 +196,7 @@ def friction_said(row: AnyRow) -> str:
 
 
 def late_said(facts: Facts) -> str:
-    """How late a signal is, or would have to be, and what that makes of the estimates."""
+    """How late a signal is, or would have to be, and its effect on the estimates."""
     row = facts.row
     lag, of_damping, of_inertia = (cell_number(row, name) for name in ("lag_s", "lag_share", "lag_inertia_share"))
     shares = [f"B by {percent(of_damping)}"] if of_damping is not None else []
@@ -235,14 +235,14 @@ def calibration_said(facts: Facts) -> str:
 
 
 def damping_gap_said(facts: Facts) -> str:
-    """How far B is from what the gains should give; a delay explains less, and never more."""
+    """How far B is from the gains' prediction; a delay explains less, and never more."""
     B, given, late = facts["B"], facts["B_predicted"], facts["B_gap_s"]
     off = f"B is {significant(B, 3)} N*m*s/rad and not {significant(given, 3)}"
     return f"{off}, which a delay of {significant(1e3 * late)} ms would explain" if 0 < late < 0.02 else off
 
 
 def reaction_said(facts: Facts) -> str:
-    """What sets in within the window of a perturbation, and what K would be without it."""
+    """What sets in within the window of a perturbation, and K without it."""
     said, with_reflex = f"it is like {facts['reaction']}", filled("{with_reflex}", facts)
     return ". ".join(filter(None, [said, capital(with_reflex)]))
 

@@ -156,7 +156,7 @@ def optimal_damping(
     sizes = np.cumsum([len(each) for each in own])[:-1]
 
     def slope_at(at: Array, *coefficients: Array) -> Array:
-        """The slope by pair; scipy leaves out the pairs that have converged."""
+        """The slope by pair; scipy passes only the pairs that have not converged."""
         parts = [[coefficients[i] for i in part] for part in np.split(np.arange(len(coefficients)), sizes)]
         return squared_norm(at, *parts)[1]
 
@@ -164,7 +164,7 @@ def optimal_damping(
     candidates[pair, k] = find_root(slope_at, (x[pair, k], x[pair, k + 1]), args=tuple(c for e in own for c in e)).x
     norms[pair, k] = squared_norm(candidates[pair, k], *own)[0]
     candidates[:, -2:], norms[:, -2:] = x[:, [0, -1]], J[:, [0, -1]]
-    best = np.argmin(norms, axis=1)  # of the minima, and the two ends of the search
+    best = np.argmin(norms, axis=1)  # among the minima and the two ends of the search
     lowest, unbounded = (np.arange(len(x)), best), best == points
     return {
         "B_1": np.where(unbounded, np.inf, candidates[lowest] - p.B_m),
@@ -285,8 +285,8 @@ def magnitude_squared(polynomial: Array) -> Array:
 def predicted_impedance(
     gains: Gains, p: DrivetrainParameters, frequencies_hz: Sequence[float]
 ) -> tuple[float, float, float]:
-    """K [N*m/rad], B [N*m*s/rad], I [kg*m^2] that least squares estimates from a stepped sine on the linear drivetrain,
-    without friction: with equally many cycles at each frequency f it spends 1/f of its samples there."""
+    """K [N*m/rad], B [N*m*s/rad], I [kg*m^2] that least squares give for a stepped sine on the linear drivetrain
+    without friction: with the same number of cycles at each frequency f, the number of samples goes with 1/f."""
     w = 2 * np.pi * np.asarray(frequencies_hz, dtype=float)
     Z = 1 / joint_admittance(gains.K_1, gains.B_1, p, p.J_j)(1j * w)
     weight = 1 / np.sqrt(w)
@@ -298,13 +298,13 @@ def predicted_impedance(
 
 @dataclass(frozen=True)
 class Controller:
-    """What the law of Eqs. 5-7 was programmed with, which may differ from the drivetrain that it controls."""
+    """The program's numbers in the law of Eqs. 5-7, which may differ from the drivetrain that it controls."""
 
     gains: Gains
-    p: DrivetrainParameters  # those of torque constant and friction in the feedforward of Eq. 5
-    sign_width: float  # velocity [rad/s] over which the sign of the velocity is smoothed
-    angle_delay: float = 0.0  # age [s] of theta_m where it is used
-    velocity_delay: float = 0.0  # age [s] of omega_m where it is used
+    p: DrivetrainParameters  # torque constant and friction in the feedforward of Eq. 5
+    sign_width: float  # velocity [rad/s] over which its sign is smoothed
+    angle_delay: float = 0.0  # age [s] of theta_m at its use
+    velocity_delay: float = 0.0  # age [s] of omega_m at its use
 
 
 def belt_responses(theta: Array, rate_hz: float, legs: Sequence[tuple[Controller, DrivetrainParameters]]) -> Array:
@@ -337,9 +337,9 @@ def belt_responses(theta: Array, rate_hz: float, legs: Sequence[tuple[Controller
 
 @compiled
 def actuator_paths(theta: Array, paths: Array, motions: Array, laws: Array, plants: Array) -> None:
-    """Fill `paths`, (k, 2, n), with angle [rad] and velocity [rad/s] of k actuators, from those of the first sample,
-    for theta (n,). A step waits for the one before it; those of the other actuators are done meanwhile. Eq. 5 is
-    written out for numbers; `motor_current` has it for arrays."""
+    """Fill `paths`, (k, 2, n), with angle [rad] and velocity [rad/s] of k actuators for theta (n,), from those of the
+    first sample. Each step depends on the one before it; the processor fills the wait with the other actuators. Eq. 5
+    is written out for scalars; `motor_current` has it for arrays."""
     for i in range(len(theta) - 1):
         now, then = theta[i], theta[i + 1]
         for of in range(len(paths)):
@@ -363,7 +363,7 @@ def actuator_paths(theta: Array, paths: Array, motions: Array, laws: Array, plan
 
 @compiled
 def aged(values: Array, i: int, age: float) -> float:
-    """A signal (n,) as it was `age` samples before sample i, on a line between samples; the first one before it."""
+    """A signal (n,) `age` samples before sample i, interpolated linearly; before the first sample, the first value."""
     whole = int(age)
     late = values[max(i - whole, 0)]
     return float(late + (age - whole) * (values[max(i - whole - 1, 0)] - late))

@@ -12,7 +12,7 @@ HAS_COMPILER = find_spec("numba") is not None
 P = ParamSpec("P")
 R = TypeVar("R")
 WAITING: dict[str, dict[str, tuple[Callable[..., Any], dict[str, Any]]]] = {}
-"""Functions by module and name, with their options, of the modules of which none was called yet: numba takes 0.3 s."""
+"""Functions with their options, by module and name, of modules without a call yet: numba takes 0.3 s."""
 
 
 def compiled(function: Callable[P, R], **options: Any) -> Callable[P, R]:

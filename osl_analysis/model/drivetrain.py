@@ -94,7 +94,7 @@ class ParameterFile(Settings):
 
 
 FileOrNone = Annotated[Path | None, BeforeValidator(lambda value: value or None)]
-"""A parameter file as a rule passes it on: an input without files is an empty list."""
+"""A parameter file as rules pass it on: an input without files is an empty list."""
 
 
 def joint_of(path: Path) -> str:

@@ -1,8 +1,8 @@
-"""An odd random-phase multisine: a periodic motion that shows noise, odd and even distortion apart.
+"""An odd random-phase multisine: a periodic motion that shows noise, odd and even distortion separately.
 
-Only odd lines (odd multiples of 1/period) are excited. A torque that is an even function of the motion answers at even
-lines only, one that is odd, such as friction, at odd ones. In every group of neighbouring odd lines one, drawn at
-random, is left out: it detects odd distortion. Pintelon and Schoukens, System Identification, 2012, ch. 4."""
+Only odd lines (odd multiples of 1/period) are excited. A torque that is an even function of the motion appears at even
+lines only; one that is odd, such as friction, at odd lines only. In every group of neighbouring odd lines one, drawn at
+random, is not excited: it detects odd distortion. Pintelon and Schoukens, System Identification, 2012, ch. 4."""
 
 from dataclasses import dataclass
 
@@ -12,18 +12,18 @@ from numpy.typing import NDArray
 from osl_analysis.errors import InputError
 from osl_analysis.trial import Array
 
-GROUP = 4  # number of neighbouring odd lines of which one is left out
+GROUP = 4  # number of neighbouring odd lines with one detection line
 
 
 @dataclass(frozen=True)
 class Multisine:
-    """An angle sum of size_k sin(2 pi line_k t/period + phase_k), lasting for ever."""
+    """A periodic angle: the sum of size_k sin(2 pi line_k t/period + phase_k)."""
 
     period_s: float  # period [s]
     lines: NDArray[np.intp]  # excited lines, odd multiples of 1/period, shape (n,)
     size: Array  # amplitudes [rad], shape (n,)
     phase: Array  # phases [rad], shape (n,)
-    detection: NDArray[np.intp]  # odd lines between the excited ones that are left out
+    detection: NDArray[np.intp]  # odd lines between the excited ones that are not excited
 
     @property
     def frequency_hz(self) -> Array:
@@ -45,9 +45,9 @@ class Multisine:
 def odd_multisine(
     period_s: float, band_hz: tuple[float, float], rms: float, seed: int, realisation: int = 0
 ) -> Multisine:
-    """An odd multisine with a flat spectrum of the angle, random phases and one odd line in `GROUP` left out, for a
-    band of lowest and highest frequency [Hz] and a root mean square of the angle [rad]. Realisations of one seed have
-    the same lines and other phases. Raises InputError: period or size is not positive, or odd lines too few."""
+    """An odd multisine with a flat spectrum of the angle, random phases and one odd line in `GROUP` not excited, for a
+    band from lowest to highest frequency [Hz] and an RMS angle [rad]. Realisations of one seed have the same lines and
+    different phases. Raises InputError: period or size is not positive, or odd lines are too few."""
     lines, detection = odd_lines(period_s, band_hz, seed)
     if not 0 < rms < np.inf:
         raise InputError(f"a multisine of {rms:g} rad rms does not move the joint; give an angle above 0")
@@ -57,8 +57,8 @@ def odd_multisine(
 
 
 def odd_lines(period_s: float, band_hz: tuple[float, float], seed: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """The odd lines within a band [Hz] that are excited, and those that are left out: one is drawn in each whole group,
-    but for the first and the last line of the band, so that each has a neighbour on either side."""
+    """The excited odd lines within a band [Hz], and the detection lines: one is drawn in each whole group, except the
+    first and the last line of the band, so that each has a neighbour on either side."""
     low, high = band_hz
     if not (0 < period_s < np.inf and 0 < low < high < np.inf):
         raise InputError(f"no multisine has a period of {period_s:g} s and a band of {low:g} to {high:g} Hz")
@@ -70,7 +70,7 @@ def odd_lines(period_s: float, band_hz: tuple[float, float], seed: int) -> tuple
         for start in range(0, len(odd) - GROUP + 1, GROUP)
     ]
     lines, detection = np.setdiff1d(odd, left_out), np.array(left_out, dtype=np.intp)
-    if len(lines) < 3:  # each gives two equations for K, B and I, and one alone leaves K and I together
+    if len(lines) < 3:  # each gives two equations for K, B and I, but one alone cannot tell K from I
         raise InputError(
             f"{len(lines)} odd lines of a period of {period_s:g} s lie within {low:g} to {high:g} Hz; "
             "take a longer period or a wider band"

@@ -1,6 +1,6 @@
-"""Motions that repeat themselves: the period, and the spectra of every whole period.
+"""Periodic motions: the period, and the spectra of every whole period.
 
-The period need not be a whole number of samples: the clocks of generator and recorder differ by up to 1e-4."""
+The period may be a fractional number of samples: the clocks of generator and recorder differ by up to 1e-4."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -15,9 +15,9 @@ from osl_analysis.signals import runs
 from osl_analysis.trial import Array, check_measured, varies
 
 Spectrum = NDArray[np.complex128]
-COARSE_HZ = 100.0  # rate [Hz] at which periods are looked for; neighbouring samples are averaged down to it
-FLOOR = 3e-4  # share of the motion's RMS below which a mismatch is none
-NEIGHBOURS = 8  # lines to each side of a line that count as its neighbourhood
+COARSE_HZ = 100.0  # rate [Hz], by averaging samples, at which periods are searched
+FLOOR = 3e-4  # share of the motion's RMS below which a mismatch counts as none
+NEIGHBOURS = 8  # lines to each side that count as neighbours
 
 Stretches = list[tuple[float, float]]
 """First and last time [s] from the first sample of each stretch in which a motion repeats itself."""
@@ -29,8 +29,8 @@ def find_repetition(
     """The shortest lag [s] after which an angle (n,) [rad], sampled at `rate_hz`, repeats itself, and its stretches of
     two periods or more; None if it does not. `usable` (n,) are the rows that are not near a gap.
 
-    At the lags that the autocorrelation proposes the motion is compared with itself in short windows: where a record
-    holds several motions of one period, with transients and rests, the comparison fails only where one of them ends. A
+    At the lags that the autocorrelation proposes, the motion is compared with itself in short windows. In a record of
+    several motions of one period, with transients and rests, the comparison then fails only where a motion ends. A
     stepped sine also repeats itself: look for its protocol first."""
     check_measured("the angle", theta)
     if not varies(theta):
@@ -45,15 +45,15 @@ def find_repetition(
     if not tried:
         return None
     best = min(mismatch for _, mismatch, _ in tried)
-    # of lags with mismatches within a factor of two the shortest one is the period, and not a multiple of it
+    # the shortest lag with a mismatch within a factor of two of the best is the period, not a multiple of it
     period, _, stretches = min(one for one in tried if one[1] <= 2 * best + FLOOR)
     return period, stretches
 
 
 def likely_lags(x: Array) -> Array:
-    """Lags at peaks of the autocorrelation of x (n,) behind its first negative value, between samples by a parabola. It
-    is divided by the size of both overlapping parts, so that it does not fall with the lag; with realisations of two
-    periods each it is a half."""
+    """Lags at peaks of the autocorrelation of x (n,) after its first negative value, interpolated by a parabola. The
+    autocorrelation is divided by the size of both overlapping parts, so that it does not fall with the lag; with
+    realisations of two periods each it is 0.5."""
     n, least = len(x), 0.3
     lags = np.arange(n // 2 + 1)
     products = np.fft.irfft(np.abs(np.fft.rfft(x, 2 * n)) ** 2, 2 * n)[lags]
@@ -77,15 +77,15 @@ def likely_lags(x: Array) -> Array:
 def repetition(
     x: Array, spline: Any, good: NDArray[np.bool_], lag: float, rate_hz: float
 ) -> tuple[float, float, Stretches] | None:
-    """The corrected lag [s], the mismatch, and where an angle x (n,) with a spline through it repeats itself after a
-    lag [samples]; None if it does not in most of its time. The mismatch is the RMS of the difference, median over time,
-    as a share of the angle's. Rows that are not `good` do not count."""
+    """The corrected lag [s], the mismatch, and the stretches in which an angle x (n,), with a spline through it,
+    repeats itself after a lag [samples]; None if it does not for most of the time. The mismatch is the RMS of the
+    difference, median over time, as a share of the angle's. Rows that are not `good` do not count."""
     power = scipy.ndimage.uniform_filter1d(x**2, max(round(lag), 1), mode="nearest")
     moving = np.asarray(power > 0.2**2 * np.max(power))  # elsewhere the joint rests
     scale = float(np.sqrt(np.mean(x[moving] ** 2))) if moving.any() else 0.0
 
     def alike_runs(alike: NDArray[np.bool_]) -> list[slice]:
-        """Runs of at least one lag in which the moving joint is `alike` (m,) itself a lag later, without gaps."""
+        """Runs of at least one lag, without gaps, in which the moving joint is `alike` (m,) itself a lag later."""
         m, whole, there = len(alike), round(lag), good & moving
         later = np.concatenate([there[whole:], np.repeat(there[-1:], whole)])[:m]
         shortest = 0.98 * lag - 1  # windows and averages blur the ends of a stretch of two periods
@@ -102,7 +102,7 @@ def repetition(
         rows = np.concatenate([np.r_[run] for run in found])
         slope = np.asarray(spline(np.arange(int(rows.max()) + 1) + lag, 1))[rows]
         lag -= float(slope @ difference[rows]) / max(float(slope @ slope), np.finfo(float).tiny)
-        if not 1 <= lag < len(x) - 1:  # an angle that stands where it is compared has no slope
+        if not 1 <= lag < len(x) - 1:  # an angle at rest has no slope
             return None
     middle = float(np.median(local[rows]))
     settled = alike_runs(local < max(5 * middle, FLOOR * scale))  # the transient has ended
@@ -114,12 +114,12 @@ def repetition(
 
 @dataclass(frozen=True)
 class Realisation:
-    """Whole periods of one periodic motion, which follow one another, without a filter. Line k is the sine
-    Re(X_k exp(2j pi k t/period)) of a signal, t from the first sample of each period; line 0 is its mean."""
+    """Consecutive whole periods of one periodic motion, unfiltered. Line k is the sine Re(X_k exp(2j pi k t/period)) of
+    a signal, t from the first sample of each period; line 0 is its mean."""
 
     period: float  # period [s]
     spectra: Spectrum  # lines of the angle [rad] and of the resisting torque [N*m], shape (2, periods, lines)
-    start: float  # when the first period begins [s], from the first sample of the record
+    start: float  # time [s] of the first period, from the first sample of the record
 
     @property
     def periods(self) -> int:
@@ -145,8 +145,8 @@ class PeriodicMotion:
 def periodic_motion(
     theta: Array, torque: Array, rate_hz: float, highest_hz: float, usable: NDArray[np.bool_] | None = None
 ) -> PeriodicMotion | None:
-    """The realisations in a record of angle [rad] and torque [N*m], not filtered, shape (n,) each; None if it does not
-    repeat itself. Lines go up to `highest_hz`. `usable` (n,) are the rows that are not near a gap. Raises InputError: A
+    """The realisations in a record of unfiltered angle [rad] and torque [N*m], shape (n,) each; None if it does not
+    repeat itself. Lines go up to `highest_hz`. `usable` (n,) are the rows that are not near a gap. Raises InputError: a
     value cannot be measured."""
     check_measured("the torque", torque)
     found = find_repetition(theta, rate_hz, usable)
@@ -162,7 +162,7 @@ def periodic_motion(
     for one in made:
         mean = one.mean_lines[0]
         apart = np.sum(scatter(one.spectra[0])[1:])
-        # a bench repeats the lines of a motion within 1 % of their size, a hand that tries to within 5 to 10
+        # a bench repeats the lines of a motion within 1 % of their size, a hand within 5 to 10 %
         if apart > 0.02**2 * np.sum(np.abs(mean[1:]) ** 2):
             return None
     return PeriodicMotion(period, tuple(made)) if made else None
@@ -171,8 +171,8 @@ def periodic_motion(
 def realisations_of(
     stretches: Stretches, period: float, signals: Sequence[Array], rate_hz: float, highest_hz: float
 ) -> list[Realisation]:
-    """The realisations in the stretches that were found, each from its last whole period backwards: what is over is
-    left out at the beginning, where a transient is. The signals are the angle (n,), and the torque."""
+    """The realisations in the stretches, each counted backwards from its last whole period: the incomplete rest is at
+    the beginning, where a transient is. The signals are the angle (n,), and the torque."""
     samples, last = period * rate_hz, len(signals[0])
     count = int(np.floor(min(highest_hz, rate_hz / 3) * period + 1e-9)) + 1
     made = []
@@ -190,11 +190,11 @@ def realisations_of(
 
 
 def period_spectra(signal: Array, first: float, samples: float, periods: int, count: int) -> Spectrum:
-    """The first lines of each period of `samples` samples from the place `first` of a signal (n,) on, (periods, count).
-    The drift that the means of the periods show is taken off: a ramp in every period, it adds 1/k to line k."""
+    """The first lines of each period of `samples` samples, from the place `first` of a signal (n,) on, (periods,
+    count). The drift of the periods' means is subtracted: as a ramp in every period it adds 1/k to line k."""
     places = int(np.ceil(samples))
     share = np.arange(places) / places
-    # errs by 3e-5 at a sixth of the rate
+    # its error is 3e-5 at a sixth of the rate
     spline = scipy.interpolate.make_interp_spline(np.arange(len(signal)), signal, k=5)
     found = np.fft.rfft(spline(first + samples * (np.arange(periods)[:, None] + share)), axis=1)[:, :count]
     number = np.arange(periods) - (periods - 1) / 2
@@ -207,8 +207,8 @@ def period_spectra(signal: Array, first: float, samples: float, periods: int, co
 
 
 def phase_drift(made: Sequence[Realisation]) -> float:
-    """By which share the period is too short, from the phases of strong lines over the periods. If the true period is
-    longer by a share d, line k of period p is late by 2 pi k p d."""
+    """The share by which the period is too short, from the phases of strong lines over the periods. If the true period
+    is longer by a share d, line k of period p is late by 2 pi k p d."""
     found = []
     for one in made:
         mean = one.mean_lines[0]
@@ -221,7 +221,7 @@ def phase_drift(made: Sequence[Realisation]) -> float:
 
 
 def distinct(made: Sequence[Realisation]) -> list[Realisation]:
-    """The realisations of one period; a motion that was recorded twice is one, as its distortion is the same."""
+    """The realisations of one period; a motion recorded twice counts once, since its distortion is the same."""
     merged: list[Realisation] = []
     for one in made:
         for place, other in enumerate(merged):
@@ -236,8 +236,8 @@ def distinct(made: Sequence[Realisation]) -> list[Realisation]:
 
 
 def shift_between(first: Realisation, second: Realisation) -> float | None:
-    """Share of a period by which the second must be turned on to be the first; None if it is another motion: at the
-    best shift the correlation of the mean periods is below 0.99."""
+    """The share of a period by which the second must be advanced to match the first; None for another motion: the best
+    correlation of the mean periods is below 0.99."""
     one, two = (r.mean_lines[0, 1:] for r in (first, second))
     cross = one * two.conj()
     count = 16 * (len(cross) + 1)

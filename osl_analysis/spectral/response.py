@@ -1,16 +1,16 @@
-"""Impedance over frequency, Z = torque/theta, with noise and distortion told apart.
+"""Impedance over frequency, Z = torque/theta, with noise and distortion separated.
 
-A nonlinear joint has a best linear approximation Z: what is left of the torque is not correlated with the motion, and
-behaves like noise when the phases of the lines change (Pintelon and Schoukens, System Identification, 2012, ch. 3-4).
-The same phases repeat it, so that periods show the noise alone.
+A nonlinear joint has a best linear approximation Z: the residual torque is uncorrelated with the motion, and behaves
+like noise when the phases of the lines change (Pintelon and Schoukens, System Identification, 2012, ch. 3-4). Equal
+phases repeat it, so that periods differ by the noise alone.
 
 *robust*: several realisations. The scatter of periods is the noise, that of realisations noise and distortion.
-*fast*: one realisation of an odd motion with detection lines. They show the odd distortion, even lines the even one.
-*local polynomial*: a motion that does not repeat itself. Near line k impedance and transient are smooth (ch. 7):
+*fast*: one realisation of an odd motion with detection lines. They show odd distortion; even lines show the even one.
+*local polynomial*: a motion without repeats. Near line k impedance and transient are smooth (ch. 7):
 
     T(k + r) = (Z_k + z_1 r + z_2 r^2) Theta(k + r) + t_0 + t_1 r + t_2 r^2 + noise,   |r| <= `HALF_WIDTH`
 
-What the least-squares fit leaves is the noise."""
+The residual of the least-squares fit is the noise."""
 
 from collections.abc import Mapping, Sequence
 
@@ -21,15 +21,15 @@ from osl_analysis.errors import InputError
 from osl_analysis.spectral.periods import Realisation, Spectrum, distinct, lines_of, scatter, smoothed_lines
 from osl_analysis.trial import Array, check_measured
 
-ResponseColumns = dict[str, Array]  # of `response.csv`, (m,) each; NaN where the motion does not show it
+ResponseColumns = dict[str, Array]  # columns of `response.csv`, (m,) each; NaN if not known
 
 
 def response_columns(
     frequency_hz: Array, Z: Spectrum, angle: Array, total_sd: Array, levels: Mapping[str, Array], count: int = 1
 ) -> ResponseColumns:
-    """Columns of Z = torque/theta [N*m/rad] of `count` realisations; amplitude of the angle [rad], RMS over these;
-    standard deviation of Z by noise and distortion. `levels` are what is added to Z that is measured in one realisation
-    as (E|.|^2)^1/2 [N*m/rad], averaged over neighbouring lines: `noise` in the mean over the periods; `odd` and `even`
+    """Columns of Z = torque/theta [N*m/rad] of `count` realisations, the RMS amplitude of the angle [rad] over these,
+    and the standard deviation of Z by noise and distortion. `levels` are the errors of Z in one realisation,
+    (E|.|^2)^1/2 [N*m/rad], averaged over neighbouring lines: `noise` of the mean over periods; `odd` and `even`
     distortion, from lines that are not excited; `total`, noise and distortion, from the scatter of realisations."""
     shown = {"frequency_hz": frequency_hz, "angle_deg": np.rad2deg(angle), "Z_re": Z.real, "Z_im": Z.imag}
     shown |= {"magnitude": np.abs(Z), "phase_deg": np.rad2deg(np.angle(Z))}
@@ -38,13 +38,13 @@ def response_columns(
 
 
 def periodic_response(realisations: Sequence[Realisation]) -> ResponseColumns:
-    """The best linear approximation of one or several realisations, at the excited lines, and what it leaves. Turned by
-    the phases of the angle, lines of realisations are averaged before they are divided: noise of the angle biases a
-    mean of quotients. What the angle's own noise and distortion do to Z is in what is left, torque - Z theta.
+    """The best linear approximation of one or several realisations at the excited lines, and its residual. Lines of
+    realisations are rotated by the phases of the angle and averaged before the division: noise of the angle biases a
+    mean of quotients. The residual, torque - Z theta, includes the effect of the angle's noise and distortion.
 
-    With one realisation the total is the level at lines without excitation, interpolated. Of several of an odd motion
-    the excited lines show the odd distortion too. Of another motion every line shows both, and counts as odd. Raises
-    InputError: As `lines_of`."""
+    With one realisation the total is the level at lines without excitation, interpolated. With several of an odd motion
+    the excited lines show the odd distortion, too. In another motion every line shows both, and counts as odd. Raises
+    InputError: as `lines_of`."""
     single = distinct(realisations)
     lines, count = lines_of(single), len(single)
     theta, torque = np.array([r.mean_lines for r in single]).swapaxes(0, 1)
@@ -57,13 +57,13 @@ def periodic_response(realisations: Sequence[Realisation]) -> ResponseColumns:
     of_mean = np.mean([scatter(r.spectra[1] - everywhere * r.spectra[0]) / r.periods for r in single], axis=0)
     noise = smoothed_lines(of_mean, (k > 0).astype(float))[at]
     square = np.mean(np.abs(torque - everywhere * theta) ** 2, axis=0)
-    # at excited lines, where Z was fitted, with one degree less
+    # excited lines have one degree of freedom less, because Z was fitted there
     square = np.asarray(np.where(lines.excited, square * count / max(count - 1, 1), square))
     several = lines.excited & (count > 1)
     odd, even = (lines.odd, lines.even) if lines.only_odd else (lines.odd | lines.even, np.zeros_like(lines.even))
 
     def distortion(kind: NDArray[np.bool_]) -> Array:
-        """E|distortion|^2 near each excited line, from lines of one kind (lines,), the noise in them taken off."""
+        """E|distortion|^2 near each excited line, from lines of one kind (lines,), less the noise in them."""
         if not kind.any():
             return np.full(len(at), np.nan)
         shown = np.flatnonzero(kind)
@@ -79,16 +79,16 @@ def periodic_response(realisations: Sequence[Realisation]) -> ResponseColumns:
     return response_columns(single[0].frequency_hz[at], Z, mean_angle, total_sd, levels, count)
 
 
-HALF_WIDTH = 8  # lines to each side of a line that are fitted together with it
-LOCAL_FREEDOM = 2 * HALF_WIDTH + 1 - 2 * 3  # complex degrees of freedom of the noise at a line, of two parabolas
+HALF_WIDTH = 8  # number of lines to each side that are fitted together with a line
+LOCAL_FREEDOM = 2 * HALF_WIDTH + 1 - 2 * 3  # complex degrees of freedom of the noise at a line, beside two parabolas
 RecordLines = tuple[Array, Spectrum, Spectrum]
 """Frequencies [Hz], lines of the angle [rad] and of the torque [N*m] of a whole stretch of a record, (lines,) each."""
 
 
 def record_spectrum(theta: Array, torque: Array, rate_hz: float, highest_hz: float) -> RecordLines:
     """Lines 1, 2 ... of angle [rad] and torque [N*m], shape (n,) each, over the whole stretch, up to `highest_hz`,
-    without a window. What the ends of the record and a drift of the torque add is fitted together with a second-order
-    joint and subtracted from the torque; what is left of it is smooth over frequency."""
+    without a window. The effects of the record's ends and of a drift of the torque are fitted together with a
+    second-order joint and subtracted from the torque; the remainder of these effects is smooth over frequency."""
     n = len(theta)
     top = int(np.floor(min(highest_hz, rate_hz / 3) * n / rate_hz)) + 1
     for name, signal in (("the angle", theta), ("the torque", torque)):
@@ -101,8 +101,8 @@ def record_spectrum(theta: Array, torque: Array, rate_hz: float, highest_hz: flo
     angle, force = (np.fft.rfft(signal - np.mean(signal))[1:top] * (2 / n) for signal in (theta, torque))
     frequency = np.arange(1, top) * rate_hz / n
     s = np.asarray(2j * np.pi * frequency, dtype=np.complex128)
-    # With real coefficients: the ends of Eq. 15 add a + b s, and some more powers because its samples are summed where
-    # it has integrals; the last is a drift's.
+    # Coefficients are real. The ends add a + b s to Eq. 15, and some more powers because samples are summed instead of
+    # integrated; the last column is a drift's.
     ends = np.array([*(s**power for power in range(5)), 1 / s])
     columns = np.concatenate([np.array([angle, s * angle, s**2 * angle]), ends])
     scale = np.linalg.norm(columns, axis=1)[:, None]
@@ -141,8 +141,8 @@ def nearby(theta: Spectrum) -> Array:
 
 
 def local_response(spectrum: RecordLines) -> ResponseColumns:
-    """The impedance of a record at every `HALF_WIDTH`-th line that moves, with its noise. Distortion of a motion that
-    does not repeat itself is noise: `total_sd` equals `noise_sd`, levels are not known."""
+    """The impedance of a record at every `HALF_WIDTH`-th line that moves, with its noise. Without repeats distortion
+    counts as noise: `total_sd` equals `noise_sd`, and levels are not known."""
     Z, variance, noise = local_fit(spectrum)
     at = np.arange(HALF_WIDTH // 2, len(noise), HALF_WIDTH)
     at = at[np.isfinite(variance[at])]

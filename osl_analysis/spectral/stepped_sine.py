@@ -1,7 +1,7 @@
-"""The stepped sine: what was commanded, what the joint did, the cycles that are fitted, and what is another motion.
+"""The stepped sine: what was commanded, what the joint did, the fitted cycles, and what is another motion.
 
 A run is a stretch of one frequency and amplitude. A segment is the whole cycles of a run that follows a commanded
-amplitude. Likeness says which share of a motion is sines, and which those commanded."""
+amplitude. Likeness gives the share of a motion that is sines, and of commanded ones."""
 
 import math
 from collections.abc import Sequence
@@ -21,15 +21,15 @@ from osl_analysis.stats.regression import FEWEST_CYCLES
 from osl_analysis.trial import Array, usual_size
 
 SAME_FREQUENCY, SAME_AMPLITUDE = 0.05, 0.15
-"""Relative differences of neighbouring cycles that belong to one run; what a bench loses of an amplitude at 5 Hz."""
+"""Largest relative differences between neighbouring cycles of a run; a bench loses as much amplitude at 5 Hz."""
 ONE_HEIGHT = 0.06
-"""Relative difference of a cycle's amplitude from the median of its run; cycles beyond, at its ends, are a ramp."""
+"""Largest relative difference of a cycle's amplitude from its run's median; beyond, cycles at its ends are a ramp."""
 
 
 @dataclass(frozen=True)
 class SteppedSineProtocol:
-    """A stepped sine: each amplitude at every frequency, in any order and with or without rests. What is empty was not
-    stated, and the recording's own counts."""
+    """A stepped sine: each amplitude at every frequency, in any order, with or without rests. An empty field was not
+    stated: the recording's own values count."""
 
     amplitudes: Sequence[float]  # amplitudes [rad]
     frequencies_hz: Sequence[float]  # frequencies [Hz]
@@ -37,16 +37,16 @@ class SteppedSineProtocol:
 
     @property
     def cycles_at(self) -> tuple[float, ...]:
-        """Number of cycles at each frequency; not whole where a time per frequency is commanded."""
+        """Number of cycles at each frequency; fractional if a time per frequency is commanded."""
         cycles = np.asarray(self.cycles, dtype=float)
         return tuple(np.broadcast_to(cycles, len(self.frequencies_hz) if cycles.size else 0).tolist())
 
     def amplitude_near(self, amplitude: float) -> float | None:
-        """The commanded amplitude [rad] within a quarter of a recorded one, as a dynamometer loses some; else None."""
+        """The commanded amplitude [rad] within 25 % of a recorded one, of which a dynamometer loses some; else None."""
         return followed(amplitude, self.amplitudes, 0.25)
 
     def frequency_near(self, frequency_hz: float) -> float | None:
-        """The commanded frequency [Hz] that a recorded one follows within 5 %: a clock is off by less; else None."""
+        """The commanded frequency [Hz] within 5 % of a recorded one, more than any clock is off; else None."""
         return followed(frequency_hz, self.frequencies_hz, 0.05)
 
 
@@ -56,7 +56,7 @@ def stated_protocol(
     cycles: float | Sequence[float] | None,
     seconds: float | None,
 ) -> SteppedSineProtocol:
-    """The protocol of what a configuration states, amplitudes [deg]; `seconds` at each frequency replace `cycles`."""
+    """The protocol that a configuration states, amplitudes in [deg]; `seconds` at each frequency replace `cycles`."""
     amplitudes, frequencies = tuple(np.deg2rad(amplitudes_deg or ()).tolist()), tuple(frequencies_hz or ())
     at_each = cycles if seconds is None else tuple(seconds * f for f in frequencies)
     return SteppedSineProtocol(amplitudes, frequencies, () if at_each is None else at_each)
@@ -74,9 +74,9 @@ def noise_of(theta: Array) -> float:
 
 
 def upward_crossings(time: Array, theta: Array) -> Array:
-    """Times [s] at which the angle rises through its centre, from below a dead band to above it, 2 % of the largest
-    angle, so that rests and noise stay within. The centre is the median angle where it changes measurably in 20 ms: it
-    may rest elsewhere, and for longer."""
+    """Times [s] at which the angle rises through its centre, from below a dead band to above it. The band is 2 % of the
+    largest angle, so that rests and noise stay within. The centre is the median angle while it changes measurably in 20
+    ms: it may rest elsewhere, and for longer."""
     apart = max(round(0.02 * (len(time) - 1) / float(time[-1] - time[0])), 1)
     change = np.abs(theta[apart:] - theta[:-apart])
     moving = change > 0.1 * np.quantile(change, 0.95) if change.size else change > 0
@@ -101,11 +101,11 @@ class Run:
     centre: float  # angle [rad] about which the sine goes
     start: float  # time [s] at which it begins
     stop: float  # time [s] at which it ends
-    misfit: float  # RMS distance [rad] of its angle from the sine: harmonics, a decay, rounding
+    misfit: float  # RMS deviation [rad] of its angle from the sine: harmonics, decay, rounding
 
     @property
     def cycles(self) -> float:
-        """Number of cycles, which need not be whole: the ends of a run are known to a few hundredths."""
+        """Number of cycles, not rounded: the ends of a run are known to a few hundredths."""
         return (self.stop - self.start) * self.frequency_hz
 
     def angle(self, time: Array) -> Array:
@@ -123,9 +123,9 @@ class Run:
 
 def find_runs(time: Array, theta: Array, crossings: Array, fewest: int) -> list[Run]:
     """The runs of `fewest` or more cycles of a joint angle theta [rad] at increasing times [s], shape (n,) each, which
-    rises through its centre at the `crossings` [s]. Consecutive cycles that are alike make a run, whose sine is fitted.
-    Two runs are one where the same sine goes on behind a cycle that was disturbed, two cycles later at most. A run
-    extends as far as the angle follows its sine. Rests, ramps and transients lie between the runs."""
+    rises through its centre at the `crossings` [s]. Consecutive similar cycles make a run, whose sine is fitted. Two
+    runs are joined if the same sine continues after a disturbed cycle, two cycles later at most. A run extends as far
+    as the angle follows its sine. Rests, ramps and transients lie between the runs."""
     whole: list[Run] = []
     for rows, rate in alike_cycles(time, theta, crossings):
         run = fit_run(time, theta, rows, rate)
@@ -151,7 +151,7 @@ def find_runs(time: Array, theta: Array, crossings: Array, fewest: int) -> list[
 
 def alike_cycles(time: Array, theta: Array, crossings: Array) -> list[tuple[slice, float]]:
     """Rows and frequency [Hz] of two or more consecutive cycles, each from one upward crossing [s] to the next, that
-    are alike in frequency and amplitude; a single one may be a ramp's, or a rest's."""
+    are similar in frequency and amplitude; a single one may belong to a ramp or a rest."""
     if len(crossings) < 2:
         return []
     rows = np.searchsorted(time, crossings)
@@ -177,8 +177,8 @@ def alike_cycles(time: Array, theta: Array, crossings: Array) -> list[tuple[slic
 
 
 def fit_run(time: Array, theta: Array, rows: slice, frequency: float) -> Run | None:
-    """The sine of about some frequency [Hz] through some rows; None where they follow no sine, whose misfit is 0.3 of
-    its RMS at most. The phasor may change linearly in time; the growth of its phase corrects the frequency."""
+    """The sine of about some frequency [Hz] through some rows; None if its misfit exceeds 0.3 of its RMS. The phasor
+    may change linearly in time; the growth of its phase corrects the frequency."""
     duration = float(time[rows.stop - 1] - time[rows.start])
     every = max(int((rows.stop - rows.start) / (duration * frequency) / 64), 1)  # 64 samples of a cycle tell all
     t, x = time[rows][::every], theta[rows][::every]
@@ -208,8 +208,8 @@ def prolonged_runs(time: Array, theta: Array, runs: Sequence[Run]) -> list[Run]:
     """The runs, each as far as the angle follows its sine."""
 
     def followed_until(run: Run, limit: float) -> float:
-        """Time [s] up to which the angle follows the sine, from the middle of its end cycle towards `limit` [s]. At 8 %
-        of the amplitude, and twice the misfit of its own cycles, it has left."""
+        """Time [s] up to which the angle follows the sine, from the middle of its end cycle towards `limit` [s]. It has
+        left the sine when it deviates by 8 % of the amplitude plus twice the misfit of its own cycles."""
         forwards = limit >= run.stop
         low, high = np.searchsorted(time, sorted((run.stop if forwards else run.start, limit)))
         rows = np.arange(low, min(high + 1, len(time)))
@@ -226,7 +226,7 @@ def prolonged_runs(time: Array, theta: Array, runs: Sequence[Run]) -> list[Run]:
         for run, before, after in zip(runs, befores, afters, strict=True)
     ]
     for k, (run, following) in enumerate(pairwise(longer)):
-        if run.stop > following.start:  # each sample belongs to the sine that is nearer
+        if run.stop > following.start:  # each sample belongs to the nearer sine
             low, high = np.searchsorted(time, [following.start, run.stop])
             t, x = time[low : high + 1], theta[low : high + 1]
             gain = (x - following.angle(t)) ** 2 - (x - run.angle(t)) ** 2
@@ -237,14 +237,14 @@ def prolonged_runs(time: Array, theta: Array, runs: Sequence[Run]) -> list[Run]:
 
 @dataclass(frozen=True)
 class Segment:
-    """Whole cycles of one amplitude at one frequency. Rows are counted in the record; they need not be whole."""
+    """Whole cycles of one amplitude at one frequency. Rows are those of the record, and may be fractional."""
 
     amplitude: float  # measured amplitude [rad]
-    frequency_hz: float  # frequency [Hz], the commanded one where the recorded one cannot be told from it
+    frequency_hz: float  # frequency [Hz]; the commanded one if the recorded one does not differ measurably
     start: float  # row at which the first cycle begins
     stop: float  # row at which the last one ends
     cycles: int  # number of cycles in between
-    commanded: float | None = None  # amplitude of the protocol that it follows [rad]
+    commanded: float | None = None  # amplitude [rad] in the protocol
 
     @property
     def rows(self) -> slice:
@@ -253,16 +253,16 @@ class Segment:
 
 
 def whole_rows(start: float, stop: float) -> slice:
-    """The rows that lie between two edges at least in part, but for errors of rounding."""
+    """The rows that lie at least partly between two edges, up to rounding errors."""
     return slice(math.floor(start + 1e-6), math.ceil(stop - 1e-6))
 
 
 def settled_cycles(segment: Segment, settle_cycles: int, usable: NDArray[np.bool_]) -> Array:
-    """Rows at which the cycles of a segment that are fitted begin and end, (k, 2): without the first `settle_cycles`,
-    which contain the transient, and the last one, into which the zero-phase filter smears the next frequency; one is
-    kept. Cycles with a row that is not `usable` (n,) are not used, nor are stretches between them with too few cycles
-    for an interval where there is a longer one. The first edge is a whole row. The others are not rounded: a cycle with
-    a fraction of a row too many has a mean that no other one has (at 250 and 3 Hz the error of B was 5.8 times too
+    """Rows at which the fitted cycles of a segment begin and end, (k, 2). The first `settle_cycles` contain the
+    transient, and into the last one the zero-phase filter smears the next frequency: they are left out, but one cycle
+    is kept. Cycles with a row that is not `usable` (n,) are left out. So are stretches between them with too few cycles
+    for an interval, if there is a longer one. The first edge is a whole row; the others are not rounded: a cycle with
+    an extra fraction of a row has another mean than the rest (at 250 and 3 Hz the error of B was 5.8 times too
     large)."""
     before = min(settle_cycles, segment.cycles - 1)
     after = min(1, segment.cycles - before - 1)
@@ -281,7 +281,7 @@ def settled_cycles(segment: Segment, settle_cycles: int, usable: NDArray[np.bool
 
 
 def labels_deg(segments: Sequence[Segment]) -> list[float]:
-    """The measured amplitude [deg] by which each segment is named, to three digits: the median of all that follow one
+    """The measured amplitude [deg] that names each segment, to three digits: the median of all that follow one
     commanded amplitude without a gap in size between them."""
     size, commanded = np.array([(one.amplitude, one.commanded or 0.0) for one in segments]).T
     order = np.lexsort((size, commanded))
@@ -292,13 +292,13 @@ def labels_deg(segments: Sequence[Segment]) -> list[float]:
 
 
 def find_segments(known: "Likeness") -> list[Segment]:
-    """The segments of a joint angle at uniform times, in the order of time. Frequencies, rests, ramps and numbers of
-    cycles are as recorded. The protocol says which amplitudes are meant."""
+    """The segments of a joint angle at uniform times, in order of time. Frequencies, rests, ramps and numbers of cycles
+    are as recorded; the protocol tells which amplitudes are meant."""
     theta, rate, meant = known.theta, sampling_rate(known.recorded), meant_runs(known)
     frequencies = common_frequencies([run for run, _ in meant], known.protocol)
     groups: list[list[tuple[Run, Segment]]] = []  # of one amplitude, without a rest of 0.3 cycles or more
     for (run, amplitude), frequency in zip(meant, frequencies, strict=True):
-        count = int(run.cycles + 0.25)  # whole ones, up to a quarter that its ends may lack
+        count = int(run.cycles + 0.25)  # whole ones; the ends may lack a quarter
         length = count / frequency
         start = max((run.start + run.stop - length) / 2, 0.0)  # the whole cycles, in the middle of the run
         segment = Segment(run.amplitude, frequency, start * rate, (start + length) * rate, count, amplitude)
@@ -327,9 +327,9 @@ def find_segments(known: "Likeness") -> list[Segment]:
 
 
 def meant_runs(known: "Likeness") -> list[tuple[Run, float]]:
-    """The runs that follow a commanded amplitude [rad], with it. Where not all of the commanded ones were recorded,
-    another protocol may have been: a run of another amplitude then counts, too, with its own to a tenth of a degree.
-    Refused is an angle without a sine, and an amplitude ten times as large or small as any that was commanded."""
+    """The runs that follow a commanded amplitude [rad], with it. If not all commanded amplitudes were recorded, the
+    protocol may have been another: other runs then count, too, with their own amplitude to a tenth of a degree. An
+    angle without a sine is refused, and so is an amplitude ten times larger or smaller than all commanded ones."""
     followed_by = [(run, known.protocol.amplitude_near(run.amplitude)) for run in known.runs]
     amplitudes, own = known.protocol.amplitudes, list[float]()
     commanded = ", ".join(f"{np.rad2deg(a):g}" for a in amplitudes)
@@ -355,9 +355,9 @@ def meant_runs(known: "Likeness") -> list[tuple[Run, float]]:
 
 
 def common_frequencies(found: Sequence[Run], protocol: SteppedSineProtocol) -> list[float]:
-    """The frequency [Hz] of each run, the same for all runs that are alike to 0.1 %: the commanded one, or a round one
-    of a protocol that was not stated, where none of them slips against it by 0.2 % of a cycle, else their mean, as
-    where the clock of the bench is off."""
+    """The frequency [Hz] of each run, one for all runs that agree to 0.1 %. It is the commanded one, or a round one if
+    no protocol is stated, provided that no run slips against it by 0.2 % of a cycle. Else it is their mean, as when the
+    clock of the bench is off."""
     frequencies = []
     for run in found:
         alike = [other for other in found if abs(other.frequency_hz / run.frequency_hz - 1) < 1e-3]
@@ -374,9 +374,9 @@ def unit_sines(sines: Sequence[tuple[float, float]], rate: float) -> Array:
     return np.concatenate(pieces)
 
 
-BIN_S = 0.25  # time [s] within which a joint that moves turns measurably
-MOVING_SHARE = 0.02  # share of its whole range that it turns in this time at least
-HARDLY = 0.25  # share of the moving time in sines below which a motion is no stepped sine; it is one above 0.5
+BIN_S = 0.25  # time [s] within which a moving joint turns measurably
+MOVING_SHARE = 0.02  # smallest share of its range by which it then turns
+HARDLY = 0.25  # share of sines in the moving time: below, no stepped sine; above 0.5, one
 
 
 @dataclass(frozen=True)
@@ -404,13 +404,13 @@ class Likeness:
 
     @cached_property
     def runs(self) -> list[Run]:
-        """Runs of three cycles, below which it may be a transient, or as few as were commanded."""
+        """Runs of three cycles, since fewer may be a transient, or of as few as were commanded."""
         return find_runs(self.time, self.theta, self.crossings, min(3, int(min(self.protocol.cycles_at, default=3))))
 
     @cached_property
     def sines(self) -> float:
-        """Share of the moving time in runs that were commanded, and in pure sines, whose misfit is 0.08 of their RMS at
-        most; that of a triangle is 0.12."""
+        """Share of the moving time in commanded runs, and in pure sines, whose misfit is at most 0.08 of their RMS; a
+        triangle's is 0.12."""
         inside = np.zeros_like(self.moving)
         for run in self.runs:
             commanded = self.protocol.frequency_near(run.frequency_hz) and self.protocol.amplitude_near(run.amplitude)
@@ -419,7 +419,7 @@ class Likeness:
         return float(np.count_nonzero(inside & self.moving) / max(int(np.count_nonzero(self.moving)), 1))
 
     def is_steady(self, run: Run) -> bool:
-        """Whether both halves of a run have one frequency to 1 %; those of a sweep differ by more."""
+        """Whether both halves of a run agree in frequency to 1 %; those of a sweep do not."""
         margin = 0.1 / run.frequency_hz
         own = self.crossings[(self.crossings > run.start - margin) & (self.crossings < run.stop + margin)]
         middle = len(own) // 2
@@ -430,7 +430,7 @@ class Likeness:
 
     def one_line(self) -> float:
         """Power at one commanded frequency at a time, as a share of that in their band: the mean over pieces of 4 s of
-        the largest share. 0 if fewer than 0.6 of the commanded frequencies prevail in a piece, by a share of 0.6."""
+        the largest share. 0 if fewer than 0.6 of the commanded frequencies have a share above 0.6 in some piece."""
         time, theta, commanded = self.time, self.theta, np.unique(self.protocol.frequencies_hz)
         if not commanded.size:
             return 0.0
@@ -451,17 +451,16 @@ class Likeness:
 
     @property
     def kind(self) -> Literal["stepped sine", "unclear", "other"]:
-        """`stepped sine`; `unclear` where sines or commanded frequencies are in a part of it, or where nothing moves;
-        else `other`. A stepped sine has 0.87 of one line and more beside spikes, hum and a wandering angle, a sweep
-        0.8."""
+        """`stepped sine`; `unclear` if a part has sines or commanded frequencies, or if nothing moves; else `other`. A
+        stepped sine has 0.87 or more of one line, even with spikes, hum and a wandering angle; a sweep has 0.8."""
         if self.sines > 0.5:
             return "stepped sine"
         return "unclear" if not self.moves or self.sines > HARDLY or self.one_line() > 0.85 else "other"
 
 
 def moving_bins(time: Array, theta: Array) -> NDArray[np.bool_]:
-    """Rows (n,) of a joint angle theta [rad] at times [s] in which the joint moves, in bins of `BIN_S`. A bin in which
-    a sensor at rest only rounds or makes noise does not count."""
+    """Rows (n,) of a joint angle theta [rad] at times [s] in which the joint moves, in bins of `BIN_S`. A bin with only
+    rounding or noise of a sensor at rest does not count."""
     bins = np.floor((time - time[0]) / BIN_S)
     first = np.flatnonzero(np.concatenate([[True], bins[1:] != bins[:-1]]))
     turn = np.maximum.reduceat(theta, first) - np.minimum.reduceat(theta, first)

@@ -1,9 +1,9 @@
 """Linear regression on rows: rank check, covariance for correlated residuals, diagnostics; and a fit as a row of a
 result table. The bench fits groups of rows by the same rules (bench/gram.py).
 
-A covariance of estimates comes from their scores: a score is the part of the estimates' error that one sample causes.
-It comes from the spread between cycles that an experiment repeats, whose edges may lie between two samples, or from the
-autocorrelation of the residuals, with what that falls short where few samples decide on an estimate."""
+The covariance of estimates comes from their scores; a score is the part of the estimates' error due to one sample. It
+is computed from the spread between repeated cycles, whose edges may lie between two samples, or from the
+autocorrelation of the residuals, with a correction for the degrees of freedom that the fit uses up."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -19,9 +19,9 @@ from osl_analysis.trial import LARGEST_VARIANCE, Array, check_finite, check_meas
 
 
 def products_between(X: Array, Y: Array, first: Array, stop: Array) -> Array:
-    """X'Y (m, p, q) of columns X (n, p) and Y (n, q) from each `first` (m,) to each `stop` (m,), which need not be
-    whole numbers. A fraction of a row is read from the cubic through the four cumulative sums around it, so that a
-    cycle of a fractional period has the sum that every other cycle has. Beyond the ends there is nothing to sum."""
+    """X'Y (m, p, q) of columns X (n, p) and Y (n, q) from each `first` (m,) to each `stop` (m,), which may be
+    fractional. A fraction of a row is read from the cubic through the four cumulative sums around it, so that all
+    cycles of a fractional period have equal sums. Beyond the ends there is nothing to sum."""
     edges = np.stack([first, stop], axis=1).ravel()
     row = np.clip(np.floor(edges + 1e-9).astype(np.intp), 0, len(Y))
     whole = np.array([X[a:b].T @ Y[a:b] for a, b in row.reshape(-1, 2)])
@@ -36,17 +36,17 @@ def products_between(X: Array, Y: Array, first: Array, stop: Array) -> Array:
 
 FEWEST_CYCLES = 5  # smallest number of cycles at one frequency whose spread gives an interval
 Covariance = tuple[Array, Array, str, int]
-"""Covariance (p, p) of estimates, its degrees of freedom (p,), where it comes from, as the tables name it, and the
-number of samples over which the residual may be correlated."""
+"""Covariance (p, p) of estimates, its degrees of freedom (p,), its source as named in tables, and the number of samples
+over which the residual may be correlated."""
 
 
 def hac(X: Array, inverse: Array, residual: Array) -> Covariance:
-    """The covariance by the autocorrelation of the residual (n,). X (n, p) times `inverse` (p, p) is by how much each
-    estimate changes with each sample of y.
+    """The covariance from the autocorrelation of the residual (n,). X (n, p) times `inverse` (p, p) is the change of
+    each estimate per sample of y.
 
     The window is Andrews' plug-in bandwidth for the Bartlett kernel from an AR(1) fit, at most an eighth of the
-    samples. Low-pass filtered noise is not an AR(1) at the sampling rate: 30 ms of it are taken for 2.5 s. Raises
-    InputError: A value is not finite or cannot be measured."""
+    samples. Low-pass filtered noise is no AR(1) at the sampling rate: 30 ms of correlation give a window of 2.5 s.
+    Raises InputError: a value is not finite or cannot be measured."""
     check_measured("the residual", residual)
     n, power = len(residual), float(residual[:-1] @ residual[:-1])
     rho = float(residual[1:] @ residual[:-1]) / power if power > 0 else 0.0
@@ -82,7 +82,7 @@ def between_cycles(sums: Array, stratum: NDArray[np.intp]) -> tuple[Array, Array
 
 
 def less(covariance: Array, variances: Array) -> Array:
-    """A covariance (p, p) without some of its variances (p,), its correlations kept."""
+    """A covariance (p, p) less some of its variances (p,); correlations are kept."""
     share = np.maximum(variances, 0.0) / np.maximum(np.diag(covariance), np.finfo(float).tiny)
     left = np.sqrt(np.maximum(1 - share, 0.0))
     return np.asarray(covariance * np.outer(left, left))
@@ -107,7 +107,7 @@ def welch_satterthwaite(variances: Sequence[ArrayLike] | Array, degrees_of_freed
 CONDITION_LIMIT = 1e3
 """Largest scaled condition number that is accepted. At this limit an error of 0.1 % in a column can cause an error of
 100 % in an estimate."""
-ROUNDED = 1e6  # condition number from which the inverse of the normal equations is lost in rounding
+ROUNDED = 1e6  # condition number above which rounding destroys the inverse of the normal equations
 
 
 @dataclass(frozen=True)
@@ -125,8 +125,8 @@ class LinearFit:
     degrees_of_freedom: Array  # degrees of freedom (p,) of the estimates' variances, for Student's quantile
     residual: Array  # y minus the fit (n,) [unit of y]
     largest_correlation: float
-    """Largest absolute correlation of two estimates under white noise, but for an offset's: from the columns, so that a
-    few noisy cycles do not change it; 0 if there is only one. Near 1 only a combination of the two is known."""
+    """Largest absolute correlation of two estimates under white noise, without an offset's. It is computed from the
+    columns: a few noisy cycles do not change it. 0 if there is only one; near 1 only a combination is known."""
 
     def __getitem__(self, name: str) -> float:
         return float(self.estimates[self.names.index(name)])
@@ -174,7 +174,7 @@ def linear_fit(
     condition, about_means = float(singular[0] / max(singular[-1], np.finfo(float).tiny)), np.empty((0, 0))
     if condition < ROUNDED:
         inverse = (Vt.T / singular**2) @ Vt / np.outer(scale, scale)
-        # beside an offset that of the columns about their means: where the angle has its zero does not matter
+        # beside an offset, of the columns about their means, so that the zero of the angle does not matter
         varying = [k for k, column in enumerate(X.T) if column[0] != column[-1] or np.ptp(column)]
         about_means = inverse[np.ix_(varying, varying)]
         condition = scaled_condition(about_means) if len(varying) > 1 else condition
@@ -233,14 +233,14 @@ def largest_correlation(covariance: Array) -> float:
 
 
 def without(fixed: Array) -> Callable[[Array], Array]:
-    """What fixed columns (n, p) leave of other ones (n, ...): beside these, a fit of the others is small algebra."""
+    """A function: the residual of columns (n, ...) on fixed ones (n, p). Beside these, a fit is then small algebra."""
     Q = np.linalg.qr(fixed)[0]
     return lambda columns: np.asarray(columns - Q @ (Q.T @ columns))
 
 
 def with_shared_error(fit: LinearFit, change: Array) -> LinearFit:
-    """The fit with an error that all its data share: `change` (p,) is what one standard error of a known quantity, such
-    as a calibration, does to the estimates; its degrees of freedom are infinite."""
+    """The fit with an error that all its data share: `change` (p,) is the effect on the estimates of one standard error
+    of a known quantity, such as a calibration, with infinite degrees of freedom."""
     random = np.diag(fit.covariance)
     covariance = fit.covariance + np.outer(change, change)
     share = np.divide(random, np.diag(covariance), out=np.ones_like(random), where=np.diag(covariance) > 0)
@@ -304,8 +304,8 @@ def covariance_row(fit: LinearFit, *names: str) -> dict[str, float]:
 
 
 def diagnostics_row(fit: LinearFit, rate_hz: float, white: Row) -> Row:
-    """What all tables say of a fit and of its interval; the fitted rows have the rate `rate_hz`, and the whiteness
-    `white`. VAF in percent, R2 about zero, the correlation time in seconds."""
+    """The diagnostics of a fit and its interval in all tables; `rate_hz` is the rate of the fitted rows, `white` their
+    whiteness. VAF in percent, R2 about zero, the correlation time in seconds."""
     return {
         "interval_method": fit.interval_method,
         "VAF": fit.vaf,

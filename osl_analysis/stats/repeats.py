@@ -26,18 +26,18 @@ class Repeats:
     mean: float
     sd: float  # standard deviation between trials
     se: float  # standard error of the mean
-    low: float  # lower bound of the 95 % interval of the mean (Student, or that of the trials' own errors)
+    low: float  # lower bound of the 95 % interval of the mean (Student, or from the trials' own errors)
     high: float  # upper bound
-    interval_method: str | None = None  # which of both it is; None without an interval
+    interval_method: str | None = None  # which of the two; None without an interval
 
 
 REPEATS_WITHIN = {"band_high_hz": 1.15, "period_s": 1.15, "theta_rms_deg": 1.15, "K": 1.03, "B": 1.15}
-"""Of two trials of one excitation, for which nothing is stated, the ratios up to which they repeat each other."""
+"""Largest ratios between two trials of one excitation, without stated conditions, that repeat each other."""
 
 
 def repeating_trials(table: pl.DataFrame) -> pl.Series:
-    """The name of the first trial that each of a table (n,) repeats, by all that was measured of them; of most trials
-    its own. One with certain friction (`B_viscous`) repeats none without."""
+    """The name of the first trial that each trial of a table (n,) repeats, by all measured values; most repeat only
+    themselves. A trial with certain friction (`B_viscous`) repeats none without."""
     known = {name: ratio for name, ratio in REPEATS_WITHIN.items() if name in table.columns}
     same = [alike_sizes(table[name].cast(pl.Float64), ratio).alias(name) for name, ratio in known.items()]
     same += [table[name].is_null() for name in ("B_viscous",) if name in table.columns]
@@ -46,8 +46,8 @@ def repeating_trials(table: pl.DataFrame) -> pl.Series:
 
 
 def alike_sizes(sizes: pl.Series, ratio: float = 1.15) -> pl.Series:
-    """By what measured amplitudes (n,) [deg] are paired: the median of those that follow one another by less than 15 %
-    in size, to three digits. Null stays null."""
+    """Labels by which measured amplitudes (n,) [deg] are paired: the median, to three digits, of each chain of sizes
+    that follow one another by less than 15 %. Null stays null."""
     order = sizes.unique().drop_nulls().sort()
     number = (order > ratio * order.shift(1)).fill_null(False).cum_sum()
     labels = pl.DataFrame({"size": order, "number": number}).select(pl.col("size").median().over("number"))["size"]
@@ -71,10 +71,10 @@ def over_repeats(
     values: ArrayLike, common: Sequence[CommonError] = (), kinds: ArrayLike | None = None, halves: ArrayLike = ()
 ) -> Repeats:
     """Summary of one estimate per trial, shape (n,). Standard error and interval include the `common` errors. Trials of
-    different `kinds` (n,) count as one mean per kind, so that what differs from kind to kind is no scatter; `sd` is the
-    scatter within kinds. Trials of one kind that agree by luck do not know their mean better than they know
-    themselves: `halves`, the half-widths (n,) of their own 95 % intervals. Raises InputError: Fewer than two trials of
-    a kind, or a value cannot be measured."""
+    different `kinds` (n,) count as one mean per kind, so that differences between kinds are no scatter; `sd` is the
+    scatter within kinds. `halves` are the half-widths (n,) of the trials' own 95 % intervals: trials that agree by luck
+    do not know their mean better than these allow. Raises InputError: fewer than two trials of a kind, or a value
+    cannot be measured."""
     values = np.asarray(values, dtype=float)
     check_measured("the estimate of a trial", values)
     labels = np.zeros(len(values)) if kinds is None else np.asarray(kinds)
@@ -98,8 +98,8 @@ def over_repeats(
 
 
 def summary_row(table: pl.DataFrame, name: str) -> dict[str, float | str | None]:
-    """n, mean, sd, se, low, high of one column, with the error that all rows share (`NAME_se_bench`, where there is
-    one), their own intervals (`NAME_low`, `NAME_high`), and its source. One trial gives n and mean."""
+    """n, mean, sd, se, low, high of one column, and the interval's source, with the shared error of all rows
+    (`NAME_se_bench`, if present) and their own intervals (`NAME_low`, `NAME_high`). One trial gives n and mean."""
     used = table.filter(pl.col(name).cast(pl.Float64).is_not_nan())
     numbers = used[name].cast(pl.Float64)
     if len(numbers) >= 2:
@@ -120,7 +120,7 @@ def doubtful_count(table: pl.DataFrame) -> tuple[int, int]:
 
 
 def counted(table: pl.DataFrame) -> pl.DataFrame:
-    """Rows, one per trial, that a mean counts: the sound ones if half or more, else all: the campaign is in doubt."""
+    """Rows, one per trial, that a mean counts: the sound ones if they are half or more, else all."""
     if DOUBTFUL not in table.columns:
         return table
     doubtful, n = doubtful_count(table)
@@ -141,7 +141,7 @@ def summary_of_trials(table: pl.DataFrame, quantities: Sequence[str]) -> pl.Data
 
 
 Sample = Mapping[Any, Sequence[float]]
-"""The estimates of a campaign's trials by condition, as (K_d, B_d), all in one unit; no condition without a trial."""
+"""The estimates of a campaign's trials by condition, such as (K_d, B_d), in one unit; no condition is empty."""
 
 
 class Difference(NamedTuple):
@@ -150,12 +150,12 @@ class Difference(NamedTuple):
     estimate: float | None
     low: float | None
     high: float | None
-    method: str  # where the interval comes from, or why there is none
+    method: str  # source of the interval, or why there is none
 
 
 def difference(a: Sample, b: Sample) -> Difference:
-    """B - A by condition: paired over the conditions that both have, Welch's t over trials where one is shared. The
-    trials of a condition count as their mean, so that what differs from condition to condition is scatter."""
+    """B - A by condition: paired over the shared conditions, or Welch's t over trials if only one is shared. Trials of
+    a condition count as their mean, so that the scatter is between conditions."""
     shared = [condition for condition in a if condition in b]
     x, y = (np.array([np.mean(one[condition]) for condition in shared]) for one in (a, b))
     if not shared:
@@ -182,7 +182,7 @@ def welch(a: Sequence[float] | Array, b: Sequence[float] | Array, method: str) -
 
 
 def with_bench(found: Difference, se: float) -> Difference:
-    """A difference with the benches' error of calibration, of standard error `se`, which no scatter of trials shows."""
+    """A difference with the benches' calibration error, of standard error `se`, which no scatter of trials shows."""
     estimate, low, high, method = found
     if estimate is None or low is None or high is None or not se:
         return found
@@ -193,19 +193,19 @@ def with_bench(found: Difference, se: float) -> Difference:
 
 def of_intervals(a: Sample, b: Sample) -> Difference:
     """B - A of two independent numbers, each a sample of one condition with estimate, low and high of its own interval,
-    which need not be symmetric: each end goes by the ends that it depends on (Zou and Donner, Stat. Med. 27, 2008)."""
+    which may be asymmetric: each end combines the ends that it depends on (Zou and Donner, Stat. Med. 27, 2008)."""
     ((x, x_low, x_high),), ((y, y_low, y_high),) = a.values(), b.values()
     low, high = y - x - math.hypot(y - y_low, x_high - x), y - x + math.hypot(y_high - y, x - x_low)
     return Difference(y - x, low, high, "intervals of both")
 
 
 def equivalence(low: float | None, high: float | None, target: float, margin: float | None) -> str | None:
-    """'equivalent', 'different' or 'undecided' that a number with this 95 % interval is target +- margin, all in one
-    unit; None without an interval or margin.
+    """'equivalent', 'different' or 'undecided': whether a number with this 95 % interval is target +- margin, all in
+    one unit; None without an interval or margin.
 
-    It is equivalent where the whole interval lies within target +- margin, different where the whole interval lies
-    beyond it on one side, and else undecided. Two one-sided tests at 5 % ask for the 90 % interval alone (Schuirmann,
-    J. Pharmacokinet. Biopharm. 15, 1987); the 95 % interval is conservative: each test is at 2.5 %."""
+    It is equivalent if the whole interval lies within target +- margin, different if the whole interval lies beyond it
+    on one side, else undecided. Two one-sided tests at 5 % need only the 90 % interval (Schuirmann, J. Pharmacokinet.
+    Biopharm. 15, 1987); the 95 % interval is conservative: each test is at 2.5 %."""
     if low is None or high is None or margin is None or not all(map(math.isfinite, (low, high, target, margin))):
         return None
     if margin and target - margin <= low and high <= target + margin:

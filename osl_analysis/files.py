@@ -14,9 +14,9 @@ from osl_analysis.errors import InputError, WriteError
 
 @contextmanager
 def atomic_path(path: Path) -> Iterator[Path]:
-    """Yield a path beside `path`, with the same suffix, that becomes `path` when the block succeeds, closed. When the
-    block raises, what it wrote is deleted and an older `path` stays. Raises as `check_target`, and WriteError where its
-    folder cannot be made, or the disk is full or fails."""
+    """Yield a temporary path beside `path`, with the same suffix. When the block succeeds, it is renamed to `path`; the
+    block must have closed it. When the block raises, it is deleted and an older `path` stays. Raises as `check_target`,
+    and WriteError: the folder cannot be made, or the disk is full or fails."""
     check_target(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -27,7 +27,7 @@ def atomic_path(path: Path) -> Iterator[Path]:
         yield temporary
         temporary.replace(path)
     except Exception as error:
-        # libraries raise theirs after the system's; Polars has an error of its own, with the number in its text
+        # The system's error may be the cause of a library's own. Polars only quotes its number in the text.
         cause: BaseException | None = error
         while cause is not None:
             reason, number = None, re.search(r"\(os error (\d+)\)", str(cause))
@@ -52,7 +52,7 @@ def write_text(path: Path, text: str) -> None:
 
 
 def check_working_folder(results: Path = Path(".snakemake")) -> None:
-    """Refuse folders in which a run cannot write results or Snakemake its notes: it would end with a traceback."""
+    """Refuse a folder in which the run or Snakemake cannot write: the run would end with a traceback."""
     for folder in (Path(), *(one for top in {Path(".snakemake"), results} for one in (top, *top.glob("*/")))):
         if folder.is_dir() and not os.access(folder, os.W_OK):
             raise InputError(f"{folder.absolute()}: cannot be written to; make it writable, or copy the campaign")
@@ -61,13 +61,13 @@ def check_working_folder(results: Path = Path(".snakemake")) -> None:
 
 
 def check_target(path: Path) -> None:
-    """Refuse to replace anything but a regular file: a renamed file would delete a device for all of the machine."""
+    """Refuse to replace anything but a regular file. Renaming onto `/dev/null` would delete it for everybody."""
     try:
         str(path).encode()
-    except UnicodeEncodeError as error:  # the libraries that write tables take text alone
+    except UnicodeEncodeError as error:  # the libraries that write tables take only names in UTF-8
         raise InputError(f"{path}: its name is not UTF-8; choose another name") from error
     kind = stat.S_IFREG
-    with suppress(OSError):  # it does not exist, or making it will say why not
+    with suppress(OSError):  # it does not exist, or writing it will say what is wrong
         kind = stat.S_IFMT(path.stat().st_mode)
     if kind != stat.S_IFREG:
         special = {stat.S_IFDIR: "a folder", stat.S_IFIFO: "a named pipe", stat.S_IFSOCK: "a socket"}
@@ -75,7 +75,7 @@ def check_target(path: Path) -> None:
 
 
 def check_output(path: Path) -> None:
-    """Refuse an output that cannot be written, before anything is computed for it. Nothing is left behind."""
+    """Refuse an output that cannot be written, before it is computed. Leaves no file behind."""
     check_target(path)
     folder = next(parent for parent in (*path.parents, Path()) if os.path.lexists(parent))
     try:
@@ -87,12 +87,12 @@ def check_output(path: Path) -> None:
 
 
 def temporary_path(path: Path, pid: int) -> Path:
-    """The file that process `pid` writes before it becomes `path`."""
+    """The temporary file that process `pid` writes and then renames to `path`."""
     return path.with_name(f".{path.stem}.{pid}{path.suffix}")
 
 
 def file_state(path: Path) -> list[int] | None:
-    """Size [bytes], date of the last change [ns] and whether it may be read (0 or 1); None if there is no such file."""
+    """Size [bytes], time of the last change [ns] and whether it is readable (0 or 1); None if there is no such file."""
     with suppress(OSError):
         found = path.stat()
         return [found.st_size, found.st_mtime_ns, int(os.access(path, os.R_OK))]
@@ -115,8 +115,8 @@ def root() -> Path:
 
 
 def shipped(path: Path | str) -> Path:
-    """A path as it is if it is there, seen from the working folder; else the shipped file or folder of this name. One
-    that is neither stays as it is, for the message that it is missing."""
+    """The path itself if it exists, seen from the working folder; else the shipped file or folder of this name. If
+    neither exists, the path itself: the message about the missing file then names it."""
     own, theirs = Path(path), root() / path
     return theirs if not own.exists() and theirs.exists() else own
 

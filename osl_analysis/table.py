@@ -1,4 +1,4 @@
-"""Tidy result tables as CSV, with full precision, written completely or not at all."""
+"""Tidy result tables as CSV, with full precision. A table is written completely or not at all."""
 
 import math
 import zipfile
@@ -27,7 +27,7 @@ TEXT_COLUMNS = (
     "chosen", "trajectory", "axis_from", "over", "missing_components", "table", "grade", "cause", "inherited",
     "evidence", "side", "says", "size", "remedy", "reaction", "rivals", "heard", "law",
 )  # fmt: skip
-"""Columns that are text even where every entry looks like a number (a trial named `01`)."""
+"""Columns that are text even if every entry looks like a number, such as a trial named `01`."""
 
 
 SIMULATED, MEASURED = "simulated", "measured"
@@ -36,7 +36,7 @@ OF_DATA: ContextVar[str] = ContextVar("of_data", default="")
 
 @contextmanager
 def tables_of(data: str) -> Iterator[None]:
-    """Within the block every table has the last column `data`: `SIMULATED` or `MEASURED`; none where it is empty."""
+    """Within the block, every table gets a last column `data`: `SIMULATED` or `MEASURED`; none if `data` is empty."""
     token = OF_DATA.set(data)
     try:
         yield
@@ -45,19 +45,19 @@ def tables_of(data: str) -> Iterator[None]:
 
 
 def marked_data(frame: pl.DataFrame) -> pl.DataFrame:
-    """A table with the column of `tables_of`, whose texts no spreadsheet takes for formulas, and `side` where known."""
+    """A table as it is written: with `data`, without a `side` that is all null, and safe from spreadsheet formulas."""
     data = OF_DATA.get()
     if {"joint", "side"} <= {*frame.columns} and frame["side"].null_count() == len(frame):
         frame = frame.drop("side")
     frame = frame.drop("data") if data and "data" in frame.columns else frame
     last = [pl.lit(data, pl.String).alias("data")] * bool(data)
-    # how a text begins that a spreadsheet runs; in a table it has a ' before it
+    # A spreadsheet runs a text that begins so; a ' before it prevents that.
     return frame.with_columns(pl.col(pl.String).str.replace(r"^(['=+@\t\r]|-[A-Za-z(])", "'$1"), *last)
 
 
 def write_table(frame: pl.DataFrame, path: Path) -> None:
-    """Write a table as CSV that reads back to the same numbers; null becomes an empty field, NaN stays `NaN`. Samples,
-    in a file `.parquet`, are written as such."""
+    """Write a table as CSV that reads back to the same numbers. null becomes an empty field, NaN is `NaN`. A path that
+    ends in `.parquet` is written as Parquet."""
     with atomic_path(path) as temporary:
         if path.suffix == ".parquet":
             frame.write_parquet(temporary, compression="lz4")
@@ -66,7 +66,7 @@ def write_table(frame: pl.DataFrame, path: Path) -> None:
 
 
 def write_tables(tables: Mapping[Path, pl.DataFrame]) -> None:
-    """Write tables. Those below an archive's path are its parts, of one date: the same tables make the same archive."""
+    """Write tables. A path below an archive is a part of it. A fixed date makes equal tables an equal archive."""
     archives: dict[Path, dict[str, str]] = {}
     for path, frame in tables.items():
         if path.parent.suffix == SUFFIX:
@@ -83,8 +83,8 @@ Places = Mapping[str, Mapping[str, str | None]]  # `joint` and `side` by the nam
 
 
 def with_places(table: pl.DataFrame, places: Places, by: str = "trial") -> pl.DataFrame:
-    """A table with the columns `joint` and `side` behind its column `by`; one without that column stays as it is. A
-    trial that is not in `places` has none. A side that the table has already stays."""
+    """A table with the columns `joint` and `side` behind its column `by`. They are null for a trial that is not in
+    `places`. A table without the column `by`, and a column that is there already, stay as they are."""
     if by not in table.columns:
         return table
     added = [name for name in ("joint", "side") if name not in table.columns]
@@ -97,9 +97,9 @@ def with_places(table: pl.DataFrame, places: Places, by: str = "trial") -> pl.Da
 def read_table(path: Path | str, required: Sequence[str] = (), of: str = "") -> pl.DataFrame:
     """A result table of a campaign, such as `results/tables/impedance.csv`; `osl-analysis describe-tables` explains it.
 
-    A column without any entry is read as Float64 null, `TEXT_COLUMNS` as text, a `side` that is not written as null.
-    Columns that are `required` must be there and, but for `TEXT_COLUMNS`, hold numbers. `of` is the table's name where
-    `path` is an archive of several. Raises InputError where it is missing, is no CSV, or was refused."""
+    Columns without entries are Float64 null, `TEXT_COLUMNS` are text, and a missing `side` is null. The `required`
+    columns must exist and hold numbers, except `TEXT_COLUMNS`. `of` is the table's name if `path` is an archive of
+    several. Raises InputError: the table is missing, is no CSV, or was refused."""
     path = Path(path)
     check_not_refused(path)
     if not path.is_file():
@@ -137,8 +137,8 @@ def read_table(path: Path | str, required: Sequence[str] = (), of: str = "") -> 
 
 
 def typed_csv(source: Path | bytes) -> pl.DataFrame:
-    """A table with the types of all its rows. The first ones tell them, in a third of the time, unless a later entry
-    does not fit, or is the first of its column."""
+    """A table with column types that fit all rows. Types are inferred from the first rows, which takes a third of the
+    time; from all rows if a later entry does not fit, or if a column is empty in the first ones."""
     read, first = partial(pl.read_csv, source, schema_overrides=dict.fromkeys(TEXT_COLUMNS, pl.String)), 1000
     with suppress(pl.exceptions.ComputeError):
         table: pl.DataFrame = read(infer_schema_length=first)
@@ -147,11 +147,11 @@ def typed_csv(source: Path | bytes) -> pl.DataFrame:
     return read(infer_schema_length=None)
 
 
-OF_ROW = ("trial", "joint", "side", "amplitude_deg")  # columns that say what a row of a table and of its evidence is
+OF_ROW = ("trial", "joint", "side", "amplitude_deg")  # columns that identify a row of a table and of its evidence
 
 
 def with_evidence(path: Path, required: Sequence[str] = ()) -> pl.DataFrame:
-    """As `read_table`, with the columns of the table's evidence, `NAME_evidence.csv`, which is made with it."""
+    """As `read_table`, joined with the table's evidence, `NAME_evidence.csv`, which the same step writes."""
     table, beside = read_table(path, required), path.with_stem(f"{path.stem}_evidence")
     if not beside.is_file():
         return table
@@ -162,8 +162,8 @@ def with_evidence(path: Path, required: Sequence[str] = ()) -> pl.DataFrame:
 
 
 def held_against_desired(fits: pl.DataFrame) -> pl.DataFrame:
-    """Fits whose B, with its interval, is what is held against B_d: `B_viscous` where friction is certain, as a gain
-    asks for none. The range over single amplitudes holds friction, and is null then."""
+    """Fits whose B and interval are those to compare with B_d. Where friction is certain, that is `B_viscous`: a
+    desired damping has no friction. The range over single amplitudes includes friction, so it is null there."""
     ends = ("", "_low", "_high", "_amplitudes_low", "_amplitudes_high")
     own = {f"B{end}": f"B_viscous{end}" for end in ends if f"B{end}" in fits.columns and "B_viscous" in fits.columns}
     without = {name: pl.col(other) if other in fits.columns else None for name, other in own.items()}
@@ -172,14 +172,14 @@ def held_against_desired(fits: pl.DataFrame) -> pl.DataFrame:
 
 
 def finite_or_null(row: Mapping[str, Any]) -> dict[str, Any]:
-    """A row of a table, or what is nested in it, for JSON: infinity and NaN, which JSON does not have, become null."""
+    """A row of a table, with nested mappings, for JSON. Infinity and NaN become null: JSON has neither."""
     lost = {key for key, value in row.items() if isinstance(value, float) and not math.isfinite(value)}
     finite = {key: None if key in lost else value for key, value in row.items()}
     return {key: finite_or_null(value) if isinstance(value, Mapping) else value for key, value in finite.items()}
 
 
 def to_pandas(table: pl.DataFrame) -> "pandas.DataFrame":
-    """A table as a pandas data frame, null as NaN or None. The method of polars needs pyarrow."""
-    import pandas as pd  # 0.3 s
+    """A table as a pandas data frame, null as NaN or None. Polars' own method would need pyarrow."""
+    import pandas as pd  # takes 0.3 s
 
     return pd.DataFrame({one.name: one.to_numpy() if one.dtype.is_numeric() else one.to_list() for one in table})

@@ -1,7 +1,7 @@
 """A trial: the canonical samples of one recording, checked at construction, and its file (Parquet).
 
-Which numbers can be a measurement, and the steps to which signals are rounded: a fit refuses what can be none before it
-overflows, vanishes or turns into NaN."""
+Also: which numbers can be a measurement, and the step to which a signal is rounded. A fit refuses a number that cannot
+be measured before it overflows, underflows or becomes NaN."""
 
 import json
 import math
@@ -29,30 +29,30 @@ COLUMNS: dict[str, str] = {
     "time": "s",  # [t] as stamped, never goes back
     "theta": "rad",  # [θ_j] joint angle from the bench's or the leg's joint encoder, dorsiflexion positive
     "theta_m": "rad",  # [θ_m] actuator output angle, after the gear and before the belt
-    "omega_m": "rad/s",  # [dθ_m/dt] actuator output velocity, for the actuator's own bench where that logs no theta_m
-    "theta_slow": "rad",  # slow angle that a person's stiffness changes with, where it was recorded beside theta
+    "omega_m": "rad/s",  # [dθ_m/dt] actuator output velocity, for an actuator bench that logs no theta_m
+    "theta_slow": "rad",  # slow joint angle recorded beside theta; a person's stiffness changes with it
     "theta_command": "rad",  # [θ_j*] joint angle that the dynamometer was told to follow
     "current": "A",  # [I_q] q-axis motor current
-    "torque": "N*m",  # [τ] resisting joint torque, minus the τ_j of Eq. 4; internal plantarflexion moment
-    "torque_m": "N*m",  # [τ_m] torque that the actuator exerts at its output, positive if it drives θ_m up (Eq. 1)
+    "torque": "N*m",  # [τ] resisting joint torque, -τ_j of Eq. 4; the internal plantarflexion moment
+    "torque_m": "N*m",  # [τ_m] torque of the actuator at its output, positive if it drives θ_m up (Eq. 1)
     "K_1": "N*m/rad",  # stiffness gain that the leg applied at the actuator output
     "B_1": "N*m*s/rad",  # damping gain that the leg applied at the actuator output
     "sync": "V",  # synchronisation pulse train, shared by the recorders
-    "trigger": "V",  # trigger of the perturbation platform, or command of what else perturbs, which else rests
+    "trigger": "V",  # trigger of the perturbation platform, or command of another perturbing device; rests otherwise
     "load": "N",  # vertical force of the ground on the foot, for heel strike and toe-off
 }
 
 AXES = ("x", "y", "z")
 Array = NDArray[np.float64]
-REFLEX_DELAYS_MS = (30, 35, 40, 45, 50, 55, 60)  # of a stretch reflex [ms], of which the one that fits best is taken
+REFLEX_DELAYS_MS = (30, 35, 40, 45, 50, 55, 60)  # delays of a stretch reflex [ms]; the one that fits best is taken
 
-# units of columns that exist once per marker, plate, side of the laboratory or further signal
+# units of columns that exist once per marker, per plate, per side or per additional signal
 FAMILIES = {
     re.compile(r"marker_.+_[xyz]", re.DOTALL): "m",  # a label is the laboratory's own
     re.compile(r"plate[1-9][0-9]*_force_[xyz]"): "N",
     re.compile(r"plate[1-9][0-9]*_moment_[xyz]"): "N*m",
     re.compile(r"reference_ankle_moment_(left|right)"): "N*m/kg",
-    re.compile(r"signal_\w+"): "1",  # any other that a person's stiffness may change with, as an EMG
+    re.compile(r"signal_\w+"): "1",  # another signal that a person's stiffness may change with, such as an EMG
 }
 
 
@@ -62,14 +62,14 @@ def marker_columns(label: str) -> tuple[str, str, str]:
 
 
 def plate_columns(plate: int, quantity: str) -> tuple[str, str, str]:
-    """Columns of one force plate, counted from 1: ground reaction `force` [N] or `moment` [N*m] on the foot, in the
-    laboratory axes of the plate's resting pose; the moment is about the centre of the surface."""
+    """Columns of one force plate, counted from 1: ground reaction `force` [N] or `moment` [N*m] on the foot, in
+    laboratory axes, for the plate at rest. The moment is about the centre of the plate's surface."""
     name = f"plate{plate}_{quantity}"
     return f"{name}_x", f"{name}_y", f"{name}_z"
 
 
 def counter_column(column: str) -> str:
-    """Column with the device's own count of the samples of a column, where the source file names its `counter`."""
+    """Column with the device's own sample count, for a column whose source file names a `counter`."""
     return f"{column}_counter"
 
 
@@ -78,8 +78,8 @@ def unit_of(column: str) -> str:
     return next(of_family, None) or COLUMNS[column]
 
 
-# The surface of a force plate. Its corners (4, 3) [m] go round it; the first lies in the quadrant of +x and +y of its
-# own axes, as in C3D files.
+# The surface of a force plate. Its corners (4, 3) [m] go round the edge. The first corner lies in the quadrant +x, +y
+# of the plate's own axes, as in C3D files.
 
 
 def own_axes(corners: Array) -> Array:
@@ -93,25 +93,25 @@ def own_axes(corners: Array) -> Array:
 
 
 def plate_axes(corners: Array) -> Array:
-    """The same with a normal that points up; the signs along the edges do not matter."""
+    """As `own_axes`, with a normal that points up. x and y may point either way along the edges."""
     axes = own_axes(corners)
     return axes if axes[2, 2] >= 0 else axes * [1.0, -1.0, -1.0]
 
 
 def beside(points: Array, corners: Array) -> Array:
-    """Distance (k,) [m] by which points (k, 2) [m], from the plate's centre along its axes, lie beside it; 0 on it."""
+    """Distance (k,) [m] from the plate to points (k, 2) [m] given in its axes, from its centre; 0 on the plate."""
     half = np.array([np.linalg.norm(corners[0] - corners[1]), np.linalg.norm(corners[0] - corners[3])]) / 2
     return np.asarray(np.hypot(*np.maximum(np.abs(points) - half, 0.0).T))
 
 
 def furthest_outside(points: Array, corners: Array) -> float:
-    """Largest distance [m] by which points (m, 3) [m] lie outside the plate with these corners (4, 3) [m], or 0."""
+    """Largest distance [m] of points (m, 3) [m] outside the plate with these corners (4, 3) [m]; 0 if all are on it."""
     away = (points - corners.mean(axis=0)) @ plate_axes(corners)[:, :2]
     return float(beside(away, corners).max(initial=0.0))
 
 
 def stretches(text: str) -> list[tuple[float, float]]:
-    """Stretches [s] of a recording, as `2-30 40-62`; InputError if they are not that, or not in the order of time."""
+    """Parts [s] of a recording, written as `2-30 40-62`. Raises InputError: not in this form, or not in time order."""
     parts = [re.fullmatch(r"(\d+\.?\d*)-(\d+\.?\d*)", word) for word in text.split()]
     found = [(float(part[1]), float(part[2])) for part in parts if part]
     if not found or len(found) < len(parts) or any(start >= stop for start, stop in found):
@@ -128,15 +128,15 @@ CHECKSUM_KEY = "osl_analysis.checksum"
 
 @dataclass(frozen=True)
 class Trial:
-    """Samples of one trial in canonical columns (`COLUMNS`), a row per time stamp. A *null* means that the column has
-    no sample at that time (another recorder's rate). A *NaN* means that it was sampled and nothing was seen (a hidden
-    marker). Raises InputError: No rows, no `time`, time that goes back or is not finite."""
+    """Samples of one trial in canonical columns (`COLUMNS`), a row per time stamp. *null*: the column has no sample at
+    that time, because its recorder has another rate. *NaN*: the column was sampled but has no reading, such as a hidden
+    marker. Raises InputError: no rows, no `time`, or a time that goes back or is not finite."""
 
     name: str
     samples: pl.DataFrame
     provenance: Mapping[str, Any] = field(default_factory=dict)
     clocks: dict[bytes, Any] = field(default_factory=dict, repr=False, compare=False)
-    """The clocks of its devices by their stamps, as `signals.samples.take` finds them, once."""
+    """Cache of the devices' clocks, by their stamps. `signals.samples.take` fills it."""
 
     def __post_init__(self) -> None:
         if "time" not in self.samples.columns:
@@ -150,7 +150,7 @@ class Trial:
         return self.samples.columns
 
     def present(self, column: str) -> NDArray[np.bool_]:
-        """Rows (n,) in which a column was sampled; NaN, a value that is missing there, counts."""
+        """Mask (n,) of the rows in which a column was sampled. NaN counts as sampled."""
         self.check_columns(column)
         return self._there[column].to_numpy()
 
@@ -161,11 +161,11 @@ class Trial:
         if not any(one.has_nulls() for one in rows):
             return rows
         there = reduce(lambda one, other: one & other, (self._there[name] for name in columns))
-        return pl.DataFrame([one.filter(there) for one in rows])  # a query takes longer, for each of fifty columns
+        return pl.DataFrame([one.filter(there) for one in rows])  # faster than a polars query for fifty columns
 
     @cached_property
     def _there(self) -> pl.DataFrame:
-        """Rows (n,) in which each column was sampled, as bits."""
+        """Masks (n,) of the rows in which each column was sampled."""
         return self.samples.select(pl.all().is_not_null())
 
     def arrays(self, *columns: str) -> list[Array]:
@@ -173,7 +173,7 @@ class Trial:
         return [rows.to_numpy() for rows in self.sampled(*columns).iter_columns()]
 
     def signals(self, *columns: str) -> tuple[Array, ...]:
-        """The columns of `sampled`, (n,) each; one with a NaN is refused."""
+        """The columns of `sampled`, (n,) each. Raises InputError: a column has a NaN."""
         time, *values = self.arrays(*columns)
         for column, found in zip(columns, values, strict=True):
             if np.isnan(found).any():
@@ -184,7 +184,7 @@ class Trial:
         return time, *values
 
     def check_columns(self, *columns: str) -> None:
-        """Refuse a column that the trial does not have, and name those that are like it, or the first ones."""
+        """Refuse a column that the trial does not have. The message names similar columns, or else the first ones."""
         for column in columns:
             if column not in self.columns:
                 near = get_close_matches(column, self.columns, n=6)
@@ -196,8 +196,8 @@ class Trial:
 
 
 def check_time(name: str, time: Array) -> None:
-    """Refuse stamps [s] that are not finite, go back, or span no time that a clock can tell. Equal stamps are allowed:
-    a logger printed few decimals or wrote a row twice. The time base handles them."""
+    """Refuse stamps [s] that are not finite, go back, or span a time that no log can have. Equal stamps pass: a logger
+    may print few decimals or write a row twice. The time base handles them."""
     if not np.isfinite(time).all():
         raise InputError(f"{name}: time is not finite at row {int(np.argmin(np.isfinite(time)))}; repair the log")
     span = float(np.max(np.abs(time), initial=0.0)), float(np.ptp(time)) if len(time) else 0.0
@@ -227,7 +227,7 @@ def write_trial(trial: Trial, path: Path) -> None:
 
 
 def checksum_of(samples: pl.DataFrame, *texts: str) -> str:
-    """CRC-32 of texts, and names and values of columns: Parquet does not tell that a value has changed."""
+    """CRC-32 of texts, column names and values. Parquet itself does not detect a changed value."""
     value = zlib.crc32("\n".join([*texts, *samples.columns]).encode())
     for column in samples.iter_columns():
         value = zlib.crc32(np.ascontiguousarray(column.to_numpy()).view(np.uint8).data, value)
@@ -264,7 +264,7 @@ def metadata_of(path: Path) -> tuple[str, dict[str, Any]]:
 
 @contextmanager
 def told_as_parquet(path: Path) -> Iterator[None]:
-    """What Polars says of a file that is not Parquet, in one line."""
+    """Turn Polars' error about a file that is not Parquet into an InputError of one line."""
     try:
         yield
     except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError, ValueError) as error:
@@ -297,12 +297,12 @@ UNIT_FACTORS: dict[str, dict[str, float]] = {
         "between mA and A": 1000.0,
     },
 }
-"""Between units, and between ways to state a current, that are taken for one another, by the signal that has them."""
+"""By signal: factors between units, or between ways to state a current, that are often confused."""
 
 
 def known_factor(ratio: float, signals: Sequence[str] = ("torque", "angle"), near: float = 0.08) -> tuple[str, float]:
-    """The factor between two units of some signals that may make a number `ratio` times too large, and its size; ("",
-    1) if none is `near`."""
+    """Name and size of the unit factor of these signals that explains a number `ratio` times too large or too small.
+    ("", 1) if none is within `near`, a relative difference."""
     size = max(abs(ratio), 1 / abs(ratio)) if ratio else math.inf
     factors: dict[str, float] = {name: x for signal in signals for name, x in UNIT_FACTORS[signal].items()}
     name = min(factors, key=lambda known: abs(math.log(size / factors[known])), default="")
@@ -311,18 +311,18 @@ def known_factor(ratio: float, signals: Sequence[str] = ("torque", "angle"), nea
 
 LARGEST_VARIANCE = 1e150  # its square is finite
 EXACT_FIT_SHARE = 1e-24
-"""Mean square of the rounding error of an exact fit, as a share of that of y. Whether an exact fit leaves 0 or 1e-16
-depends on the processor's kernels; nothing may depend on which."""
+"""Mean square of an exact fit's rounding error, as a share of the mean square of y. The processor decides whether an
+exact fit leaves 0 or 1e-16. No result may depend on it."""
 
 
 def significant(value: float, digits: int = 2) -> str:
-    """A number with so many significant digits for a sentence: -720 and 0.00012, never -7.2e+02."""
+    """A number with `digits` significant digits, for a sentence: -720 and 0.00012, never -7.2e+02."""
     return np.format_float_positional(value, digits, unique=False, fractional=False, trim="-")
 
 
 def check_finite(name: str, values: ArrayLike, limit: float = 1e30, least: float = 0.0) -> None:
-    """Refuse numbers, of any shape, of which one is not finite or beyond the limit, or all are below `least` without
-    being 0 throughout. `name` is for the message."""
+    """Refuse numbers, of any shape: one is not finite, one is larger than `limit` in size, or the largest is below
+    `least` in size but not 0. `name` is for the message."""
     array = np.asarray(values)
     largest = float(np.abs(array).max(initial=0.0))
     no_sensor = "no sensor gives that; check its channel and unit in the source file, and the bytes of the log"
@@ -336,37 +336,37 @@ def check_finite(name: str, values: ArrayLike, limit: float = 1e30, least: float
 
 
 def check_measured(name: str, values: ArrayLike) -> None:
-    """Refuse a signal, of any shape, that no sensor can have given. In SI units no signal of a laboratory comes near
-    1e30 or 1e-30, and within them a squared variance of a quotient of two signals, the largest power that any estimate
-    needs, neither overflows nor vanishes."""
+    """Refuse a signal, of any shape, that no sensor can give: its largest size is above 1e30 or below 1e-30 in SI
+    units. No laboratory signal comes near that. Within these limits no estimate overflows or underflows: the highest
+    power that one needs is the squared variance of a quotient of two signals."""
     check_finite(name, values, least=1e-30)
 
 
 def rounding_of(y: Array) -> float:
-    """Mean square of what rounding alone leaves of an exact fit to y (n,), in its squared unit; 0 for no samples."""
+    """Mean square of the residual that rounding leaves in an exact fit to y (n,), in y's unit squared; 0 if n is 0."""
     return EXACT_FIT_SHARE * float(y @ y) / len(y) if len(y) else 0.0
 
 
 def varies(y: Array) -> bool:
-    """Whether y (n,) varies by more than its rounding. A constant 0.1 has a variance of 2e-34, not of 0."""
+    """Whether y (n,) varies by more than its rounding. The computed variance of a constant 0.1 is 2e-34, not 0."""
     return bool(len(y)) and float(np.var(y)) > rounding_of(y)
 
 
 def median(values: Array) -> float:
-    """That of `numpy.median` for numbers (n,), n > 0, none of them NaN, in a third of its time: one place is selected,
-    and the largest number before it stands beside it."""
+    """The same as `numpy.median`, in a third of its time, for numbers (n,), n > 0, without NaN. It partitions at one
+    place only: for even n, the other middle number is the largest before that place."""
     middle, is_even = len(values) // 2, len(values) % 2 == 0
     selected = np.partition(values, middle)
     low = np.max(selected[:middle]) if is_even else selected[middle]
     return float(low + selected[middle]) / 2
 
 
-SHORT = 0.8  # of the usual length of recordings
+SHORT = 0.8  # share of the median length, below which a recording is unusually short
 
 
 def unusual(lengths: Array) -> tuple[NDArray[np.bool_], float]:
-    """Which of some recordings are shorter than `SHORT` times the median of their lengths (n,), or longer by as much,
-    and the median; none of two, or unless two in three are within a tenth of it."""
+    """Mask (n,) of recordings whose length is below `SHORT` times the median, or above the median / `SHORT`; and the
+    median. None is marked if there are only two, or if fewer than 60 % are within 10 % of the median."""
     usual = median(lengths)
     are_alike = lengths.size > 2 and np.mean(np.abs(lengths / usual - 1) < 0.1) > 0.6
     return ((lengths < SHORT * usual) | (SHORT * lengths > usual)) & are_alike, usual
@@ -382,12 +382,12 @@ def rms(values: Array) -> float:
 
 
 def factor_of(y: Array, x: Array) -> float | None:
-    """The factor by which y (n,) is another signal x (n,), but for an offset and the rounding of both, or a thousandth
-    of y; None if it is not. What two sensors measure differs by more, even if one follows the other closely."""
+    """The factor in y = factor * x + offset, for signals (n,); None if the residual is larger than the rounding of both
+    and than 0.1 % of y. Two sensors differ by more, even if one follows the other closely."""
     known = np.isfinite(y) & np.isfinite(x) if len(y) == len(x) else np.zeros(0, dtype=bool)
     if np.count_nonzero(known) < 10 or not (np.any(y[known]) and np.any(x[known])):
         return None
-    of_y, of_x = (float(np.max(np.abs(one[known]))) for one in (y, x))  # squares of any signal then are numbers
+    of_y, of_x = (float(np.max(np.abs(one[known]))) for one in (y, x))  # scaled to 1, squares cannot overflow
     y, x = y[known] / of_y, x[known] / of_x
     if not (varies(y) and varies(x)):
         return None
@@ -400,16 +400,16 @@ def factor_of(y: Array, x: Array) -> float | None:
 
 
 def visible_step(values: Array) -> float | None:
-    """The step to which a signal (n,) was rounded, in its unit, between distinct values. None if it is not seen (more
-    than half of the values are distinct, or less than 99 % of the differences are a whole number of steps), and for a
-    signal that is constant, empty or not finite."""
+    """The step to which a signal (n,) was rounded, in its unit. None if it cannot be seen: more than half of the values
+    are distinct, or less than 99 % of their differences are whole numbers of steps. None also for a signal that is
+    constant, empty or not finite."""
     if not len(values) or not np.isfinite(values).all():
         return None
     distinct = np.unique(values)
     if not 2 <= len(distinct) <= len(values) // 2:
         return None
     apart = np.diff(distinct)
-    apart = apart[apart > 1e-9 * np.ptp(values)]  # nearer ones are one, converted with another error
+    apart = apart[apart > 1e-9 * np.ptp(values)]  # closer values are one value with different rounding errors
     if len(apart) < 2:
         return None
     step = float(np.median(apart[apart < 1.5 * np.min(apart)]))

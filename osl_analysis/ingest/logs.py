@@ -1,5 +1,5 @@
-"""Logs as canonical columns: tables of rows, in CSV, JSON lines, MATLAB, TDMS and tables of OpenSim, and messages by
-topic, in MCAP or a bag of ROS, in the order of their stamps. Nothing is interpolated or held."""
+"""Logs as canonical columns. A log is a table of rows (CSV, JSON lines, MATLAB, TDMS, OpenSim) or a file of messages by
+topic (MCAP, ROS bags), which are put in the order of their stamps. Nothing is interpolated or held."""
 
 import json
 import re
@@ -35,12 +35,12 @@ from osl_analysis.trial import Array, check_time, counter_column, median, unit_o
 RATE = "state the rate of the rows in Hz, as `time: {rate: HZ}`"
 SECOND = 1_000_000_000
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}  # [s], of clocks
-NAME_ALONE = r"[./]?[^./]*$"  # of an address in MATLAB or HDF5, behind the struct or group that it is in
-MOST_TRIED = 1000  # rows of a column by which it is told whether it may be a clock
+NAME_ALONE = r"[./]?[^./]*$"  # last part of an address in MATLAB or HDF5, without its struct or group
+MOST_TRIED = 1000  # first rows of a column that decide whether it may be a clock
 
 
 def read_table_log(path: Path, source: sources.TableSource) -> sources.Recording:
-    """The columns that the source file maps, in SI units; time [s] counts from the first row. Raises InputError."""
+    """The columns that the source file maps, in SI units. Time [s] starts at 0 in the first row. Raises InputError."""
     table = TABLES[source.format](path, source)
     table.damage.read[0] = table.rows
     if table.rows < 2:
@@ -48,7 +48,7 @@ def read_table_log(path: Path, source: sources.TableSource) -> sources.Recording
     time, start = time_of(table, source)
     apart = check_other_clocks(table, source, time)
     first_by: dict[int, str] = {}
-    for column, channel in source.channels.items():  # one column under two names, as its own and by its number
+    for column, channel in source.channels.items():  # one column may be mapped twice, by its name and by its number
         other = first_by.setdefault(id(table.columns[channel.name]), column)
         if other != column and sources.LEVEL_UNIT not in (unit_of(other), unit_of(column)):
             where = source.place("channels", column, channel.ADDRESS)
@@ -63,12 +63,12 @@ def read_table_log(path: Path, source: sources.TableSource) -> sources.Recording
         origins[column] = {**channel.origin(column, unit), **table.found.get(channel.name, {})}
         if channel.unit and unit and channel.unit != unit:
             said.append(f"{column} is read in {channel.unit}; the file says {unit}")
-    fresh = np.concatenate([[True], np.diff(time) != 0])  # rows whose stamp is not that of the row before
+    fresh = np.concatenate([[True], np.diff(time) != 0])  # rows that do not repeat the stamp of the row before
     kept, did, repeated = fresh, "were left out", int((~fresh).sum())
     if source.time.repeated != "drop":
         kept, did = np.ones_like(fresh), "are taken for samples whose stamps were rounded; if the device was read "
         did += f"faster than it sampled, write `repeated: drop` under {source.place('time')}"
-        values = samples.drop("time")  # many rows, of one stamp, that are the row before once more
+        values = samples.drop("time")  # for rows that repeat the row before in stamp and values
         same = (values[1:] == values[:-1]).select(pl.all_horizontal(pl.all().fill_null(True))).to_series()
         copied = int((~fresh[1:] & same.to_numpy()).sum())
         if copied > max(20, 0.1 * fresh.size):
@@ -86,7 +86,7 @@ def read_table_log(path: Path, source: sources.TableSource) -> sources.Recording
 
 
 def wanted(source: sources.TableSource) -> list[str]:
-    """The addresses of all columns that a source file names, each once: time, signals, counters."""
+    """The addresses of all columns that a source file names (time, signals, counters), without repeats."""
     named = [name for one in source.channels.values() for name in (one.name, one.counter)]
     plates = source.plates.values() if isinstance(source, sources.OpenSimSource) else ()
     named += [name for plate in plates for name in exported_columns(plate)]
@@ -94,8 +94,8 @@ def wanted(source: sources.TableSource) -> list[str]:
 
 
 def with_own_rows(table: Table, names: Sequence[str]) -> Table:
-    """The table without values, in place of failed readings, where devices write rows of their own into one log: no row
-    then has readings of both, and each has instants of its own."""
+    """The table with failed readings masked where several devices write rows of their own into one log. Columns are of
+    two such devices if no row has readings of both. Each then keeps only its own rows."""
     real = {name: column for name in names if (column := table.columns[name]).dtype.kind == "f"}
     failed = {name: one for name, column in real.items() if (one := np.isnan(np.ma.getdata(column))).any()}
     apart = [a for a, of_a in failed.items() if any((of_a | of_b).all() and not of_b.all() for of_b in failed.values())]
@@ -106,8 +106,8 @@ def with_own_rows(table: Table, names: Sequence[str]) -> Table:
 def canonical_columns(
     table: Table, channels: Mapping[str, sources.LogChannel], time: Array, source: sources.LogSource
 ) -> tuple[list[pl.Series], list[str]]:
-    """The channels of a table with times (rows,) [s] as canonical columns, each with its counter if it has one, and a
-    sentence for each that lacks values. Refused is a counter that is missing or not whole."""
+    """The channels of a table with times (rows,) [s] as canonical columns, with their counters, and a sentence for each
+    channel that lacks values. Raises InputError: a count is missing or is no whole number."""
     columns, absent = list[pl.Series](), dict[str, None]()
     for column, channel in channels.items():
         what, lacking = channel.title, np.ma.getmaskarray(table.columns[channel.name])
@@ -119,7 +119,7 @@ def canonical_columns(
             continue
         found = table.columns[channel.counter]
         raw, wrong = np.ma.getdata(found), np.ma.getmaskarray(found) | (found.dtype == bool)
-        largest = 2.0**53 if raw.dtype.kind == "f" else 2**63  # below which a float counts exactly
+        largest = 2.0**53 if raw.dtype.kind == "f" else 2**63  # floats hold whole numbers exactly below 2**53
         if raw.dtype != bool:
             wrong = wrong | ~(np.abs(raw.astype(np.float64)) < largest) | (raw != np.rint(raw))
         if wrong.any():
@@ -134,8 +134,8 @@ def canonical_columns(
 
 
 def canonical_column(column: str, table: Table, time: Array, source: sources.LogSource) -> pl.Series:
-    """A channel of a table in SI units: NaN where a reading failed, null where it has no value. Refused are truth
-    values that are no level, infinity, and more failed readings than `most_missing`."""
+    """A channel of a table in SI units: NaN where a reading failed, null where there is no value. Raises InputError:
+    truth values in a column that is no level, infinity, or more failed readings than `most_missing`."""
     channel, what = source.channels[column], source.channels[column].title
     raw, lacking = table.columns[channel.name], np.ma.getmaskarray(table.columns[channel.name])
     if raw.dtype == bool and unit_of(column) != sources.LEVEL_UNIT:
@@ -144,7 +144,7 @@ def canonical_column(column: str, table: Table, time: Array, source: sources.Log
         raise InputError(
             f"{said} and no number in {unit_of(column)}; name a number as `{channel.ADDRESS}` in the source file"
         )
-    with np.errstate(invalid="ignore"):  # a signalling NaN is one, too
+    with np.errstate(invalid="ignore"):  # a signalling NaN is a missing value, too
         values = np.where(lacking, 0.0, np.ma.getdata(raw).astype(np.float64))
     missing = np.isnan(values)
     sources.check_values(what, np.where(missing, 0.0, values), time)
@@ -164,11 +164,11 @@ def canonical_column(column: str, table: Table, time: Array, source: sources.Log
 
 
 def time_of(table: Table, source: sources.TableSource) -> tuple[Array, float]:
-    """Time [s] of every row since the first one, and the reading of the clock in the first row."""
+    """Time (rows,) [s] since the first row, and the reading of the clock in that row."""
     stated = source.time
     if not stated.name:
         own = np.arange(table.rows) / stated.rate if stated.rate is not None else table.time
-        assert own is not None  # the model of the source file asks for a rate or a name where the file has no time
+        assert own is not None  # the source file must state a rate or a name if the format has no time
         return own - own[0], float(own[0])
     what, raw = stated.title, np.ma.getdata(table.columns[stated.name])
     other = f"take another {stated.ADDRESS}, or {RATE}"
@@ -187,7 +187,7 @@ def time_of(table: Table, source: sources.TableSource) -> tuple[Array, float]:
     else:
         with naming(what, f", as {source.place('time', 'unit')}"):
             factor = si_factor(table.units.get(stated.name, "") if stated.unit is None else stated.unit, "s")
-    raw = raw.astype(np.float64) if raw.dtype.kind == "f" else raw  # single precision would round what follows
+    raw = raw.astype(np.float64) if raw.dtype.kind == "f" else raw  # single precision would round the differences
     raw, remark = unwrapped(raw, what)
     table.damage.remarks.extend(remark)
     time = np.asarray((raw - raw[0]) * factor, dtype=np.float64)
@@ -198,15 +198,15 @@ def time_of(table: Table, source: sources.TableSource) -> tuple[Array, float]:
     if most == time.size or (is_coarse and stated.repeated != "drop"):
         at = f"{raw[row] * factor if table.has_stamps else raw[row]:.15g}{' s' * table.has_stamps}"
         which = f"at {at} in {most} of {time.size} {table.noun}s, from {table.place(row)} on"
-        if len(first) > 3:  # stamps of whole seconds: how many rows stand between the first change and the last
+        if len(first) > 3:  # stamps in whole seconds still tell the rate, from the first change to the last
             other += f": its stamps tell {(first[-1] - first[1]) / (time[first[-1]] - time[first[1]]):.4g}"
         raise InputError(f"{what}: time stands still {which}: it stopped, or tells no less; cut the log, {other}")
     return time, float(raw[0])
 
 
 def unwrapped(raw: NDArray[Any], what: str) -> tuple[NDArray[Any], list[str]]:
-    """The readings (n,) of a counter that begins anew at a power of two, as one that goes on; and a remark if it did.
-    It did if every step back, made up by that power, is as short as the others."""
+    """The readings (n,) of a counter that overflows at a power of two, unwrapped; and a remark if it overflowed. A step
+    back is an overflow if adding that power makes it about as short as the other steps."""
     steps = np.diff(raw.astype(np.float64))
     back = steps < 0
     if not back.any() or (raw != np.rint(raw)).any() or not (steps > 0).any():
@@ -227,7 +227,7 @@ TRUTHS = {"true": "1", "false": "0"}
 def read_any_table(
     name: str, path: Path, layout: csv_table.CsvLayout, most_rows: int | None = None
 ) -> csv_table.CsvTable:
-    """The rows of a table, of text or of a program's own format; of a long one the first `most_rows`."""
+    """The rows of a table, of text or in a binary format; at most about the first `most_rows`."""
     of_text = {"csv": csv_table.read_csv_table, "opensim": read_opensim}
     return of_text.get(name, read_binary_table)(path, layout, is_unit, most_rows)
 
@@ -248,7 +248,7 @@ def csv_log(path: Path, source: sources.SheetSource) -> Table:
         return log_of_devices(text, source, places, values, sizes)
     clocks = list(clock_columns(text, source, {*places.values()}))
     end = len(text.lines)
-    if clock is not None:  # up to the last value of any column: what is longer, as an EMG, has rows of its own
+    if clock is not None:  # rows end with the last value of any asked column; a longer column, as an EMG, is not asked
         end = max(int(np.flatnonzero(~np.isnan(one.astype(np.float64)))[-1:].sum()) + 1 for one in values.values())
     values = {place: one[:end] for place, one in values.items()}
     rates = [("in words", one)] if (one := stated_rate(text.comments)) else []
@@ -270,7 +270,7 @@ def level_places(source: sources.SheetSource, places: Mapping[str, int]) -> set[
 
 
 def of_asked_size(text: csv_table.CsvTable, asked: Sequence[int]) -> tuple[csv_table.CsvTable, dict[int, int]]:
-    """A table, of columns of one length if those at the asked places have one; and how many values these have."""
+    """The table, cut to the length of the asked columns if that is one; and the number of values in each of these."""
     if not text.is_padded:
         return text, dict.fromkeys(asked, len(text.lines))
     sizes = [one.len() - one.null_count() for one in text.body]
@@ -287,7 +287,7 @@ def log_of_devices(
     values: Mapping[int, NDArray[Any]],
     sizes: Mapping[int, int],
 ) -> Table:
-    """Columns of several sizes at places, by the names that ask for them, each on instants of its own."""
+    """The table of asked columns that differ in length. Each keeps its own instants (`on_instants_of_all`)."""
     names, units = text.names, {name: text.units[place] for name, place in places.items()}
     signals = {name: (names[place], values[place][: sizes[place]], units[name]) for name, place in places.items()}
     every = list[tuple[str, Array]]()
@@ -302,7 +302,7 @@ def log_of_devices(
 def clock_columns(
     text: csv_table.CsvTable, source: sources.SheetSource, asked: Collection[int]
 ) -> Iterator[tuple[str, str, NDArray[Any]]]:
-    """The columns of a table that may tell its time, with their units, but for signals that are asked for."""
+    """Name, unit and readings of columns that may be clocks. An asked signal may be one only by its name or stamps."""
     for place, (name, unit) in enumerate(zip(text.names, text.units, strict=True)):
         cells = text.body.to_series(place)
         if csv_table.cell_stamps(cells[:MOST_TRIED]) is not None:
@@ -318,7 +318,7 @@ def clock_columns(
 
 
 def check_count(name: str, values: Array, time: sources.RowTime) -> None:
-    """Refuse a stated rate of rows beside a column (n,) that counts them and tells that some are missing."""
+    """Refuse a stated rate of the rows if a column (n,) counts the rows and shows that some are missing."""
     steps = np.diff(unwrapped(values, name)[0])
     if (steps > 0).all() and (absent := int(steps.sum()) - steps.size):
         said = f"{time.ADDRESS} '{name}' counts {absent} rows that are missing, and those behind would be early"
@@ -326,13 +326,13 @@ def check_count(name: str, values: Array, time: sources.RowTime) -> None:
 
 
 def is_like_clock(name: str) -> bool:
-    """Whether a name may be that of a clock, as `LabVIEW time`, `Date` and `sec` may: readings tell the rest."""
+    """Whether a column may be a clock by its name, such as `LabVIEW time`, `Date` or `sec`. Its readings decide."""
     last = re.split(r"[./]", csv_table.name_and_unit(name)[0])[-1]
     return csv_table.is_clock(last) or re.search(r"(?i)time|date|clock|stamp|zeit|^[mu]?secs?$", last) is not None
 
 
 def may_be_clock(name: str, unit: str, values: NDArray[Any]) -> bool:
-    """Whether a column (n,) may tell the time of its table: it is called like a clock, or rises as one."""
+    """Whether a column (n,) may be a clock: by its name, or because it rises like one."""
     return is_like_clock(name) or ticks(values, unit)
 
 
@@ -341,18 +341,18 @@ def tells_time(name: str, unit: str) -> bool:
 
 
 def is_of_time(unit: str) -> bool:
-    """Whether a unit is one of clocks, or ticks of one, as `10 us`."""
+    """Whether a unit is a unit of time, or a multiple of one, such as `10 us`."""
     return re.sub(r"^\d+\*?", "", normalised(unit)) in TIME_UNITS
 
 
 def likely_unit(name: str) -> str:
-    """The unit that a column's name tells: by its end, as in `ankle_deg`, or as a clock's; empty if none."""
+    """The unit that a column's name implies: by its ending (`ankle_deg`), or as a clock (`millis`); else empty."""
     return name_and_ending(name)[1] or {"millis": "ms", "ms": "ms", "micros": "us", "us": "us"}.get(name, "")
 
 
 def ticks(values: NDArray[Any], unit: str) -> bool:
-    """Whether readings (n,) rise as those of a clock do: by steps, but where a counter begins anew, of which four
-    in five are within a fifth of their median, in a unit of time, or in none and as fast as recorders in one only."""
+    """Whether readings (n,) rise like a clock, apart from counter overflows: more than 80 % of the steps are within
+    20 % of their median, and the unit is one of time. Without a unit, `time_unit` must find one that fits."""
     steps = np.diff(unwrapped(values[np.isfinite(values)], "")[0])
     usual = float(np.median(steps)) if steps.size >= 20 and (steps >= 0).all() else 0.0
     even = usual > 0 and float(np.mean(np.abs(steps / usual - 1) < 0.2)) > 0.8
@@ -360,16 +360,16 @@ def ticks(values: NDArray[Any], unit: str) -> bool:
 
 
 def rate_of(time: NDArray[Any], second: float = 1.0) -> float | None:
-    """Median rate [Hz] of stamps (n,), of which `second` are a second; None where they tell none."""
+    """Median rate [Hz] of stamps (n,), with `second` units per second; None if no stamp is later than another."""
     steps = np.diff(time)
     steps = steps[steps > 0]
     return second / median(steps) if steps.size else None
 
 
 def time_unit(clock: Array) -> str:
-    """The unit of the readings (n,) of a clock, where one only is likely; else empty. Recorders of joints have rates
-    from 50 to 5000 Hz, less than a factor of 1000 apart: a reading fits them in one unit only. Readings that rise by
-    one may count rows, of which some may be lost, or be the whole seconds of stamps in two parts."""
+    """The likely unit of the readings (n,) of a clock; else empty. Recorders of joints run at 50 to 5000 Hz, a span of
+    less than 1000: only one unit gives such a rate. Readings that rise by one are left out: they may count rows, or be
+    the whole seconds of a stamp in two parts."""
     rate, steps = rate_of(clock), np.diff(clock)
     counts = np.isin(steps, (0, 1)).all() or (rate == 1 and (steps == np.rint(steps)).all())
     if rate is None or clock.size < 20 or counts:
@@ -387,8 +387,8 @@ THINNED += r"|\b(device|internal|sensor|adc|emg|hardware)\b.*(rate|freq)"
 
 
 def stated_rate(comments: Sequence[str]) -> float | None:
-    """The rate of the rows [Hz] that text beside the table states, as `Sample rate: 500 Hz` or LabVIEW's `Delta_X`.
-    None where it states several, or names a device or a decimation: that rate may not be that of the rows."""
+    """The rate of the rows [Hz] that comments state, such as `Sample rate: 500 Hz` or LabVIEW's `Delta_X`. None if they
+    state several, or mention a device or a decimation: the rate may then not be that of the rows."""
     alone = r"[\s:=\x22[]*(\d{2,5}(?:\.\d*)?)(?:$|[\]};]|, )"
     rates, in_words = set[float](), rf"(?i)\b(?:{OF_ROWS})(?:\D*?{WRITTEN}\s*(k?)(?:hz|s/s|sps)|{alone})"
     for text in comments:
@@ -402,7 +402,7 @@ def stated_rate(comments: Sequence[str]) -> float | None:
 
 
 def written_number(text: str) -> float:
-    """A number with either decimal sign, or with signs between its thousands, as `1,000`."""
+    """The number in a text with a decimal point or comma, or with thousands separators, as `1,000`; 0 if none."""
     if re.fullmatch(r"[1-9]\d{0,2}(,\d{3})+(\.\d*)?", text):
         text = text.replace(",", "")
     with suppress(ValueError):
@@ -411,14 +411,14 @@ def written_number(text: str) -> float:
 
 
 def span_ratio(span: float, other: float, more: Sequence[float] = (60.0, 3600.0, 86_400.0)) -> float:
-    """One span of time by another, each in any unit of time, also those of `more` [s]: the ratio nearest to one."""
+    """Ratio of two spans of time in unknown units: the one nearest to 1 over all units of time and those of `more`."""
     units = np.array([*TIME_UNITS.values(), *more])
     ratios = np.divide.outer(units, units).ravel() * span / other
     return float(ratios[np.argmin(np.abs(np.log(ratios)))])
 
 
 def began(clock: Array, span: float) -> float:
-    """When a clock began [s], by its readings (n,), in whatever unit of time, that span so many seconds."""
+    """First reading [s] of a clock (n,) in an unknown unit of time. Its known `span` [s] tells the unit."""
     units = np.array([*TIME_UNITS.values(), 60.0, 3600.0, 86_400.0])
     return float(clock[0] * units[np.argmin(np.abs(np.log(units * np.ptp(clock) / span)))])
 
@@ -426,8 +426,8 @@ def began(clock: Array, span: float) -> float:
 def check_begin(
     table: Table, time: sources.RowTime, name: str, begin: float, own: Array, known: NDArray[np.bool_]
 ) -> None:
-    """Tell a clock that begins [s] at another time than that of the table, `own` (n,) [s] where it is `known` (rows,);
-    refused if both have one name, as in tables side by side, where it is the time of the columns beside it."""
+    """Remark a clock that begins [s] at another time than the table's, `own` (n,) [s] in the `known` rows (rows,).
+    Refused if both have one name, as in tables side by side: it is then the time of the columns next to it."""
     if not time.name:
         return
     readings = unwrapped(np.ma.getdata(table.columns[time.name]), name)[0][known].astype(np.float64)
@@ -440,9 +440,9 @@ def check_begin(
 
 
 def check_other_clocks(table: Table, source: sources.TableSource, time: Array) -> dict[str, float]:
-    """Other clocks of a table that go on at another rate than its time [s], by half a percent or more in whatever unit,
-    with the RMS [s] by which they come apart. Refused is a stated rate that one contradicts by 5 %, or that differs
-    from the rate that the file states; and another clock of the same name that begins elsewhere (`check_begin`)."""
+    """Other clocks of a table whose rate differs from that of its time [s] by 0.5 % or more, in any unit, each with the
+    RMS [s] of the difference. Raises InputError: a stated rate that a clock contradicts by 5 %, or that differs from
+    the rate in the file; a clock of the same name that begins at another time (`check_begin`)."""
     rate, apart, is_held = source.time.rate, dict[str, float](), False
     of_time = csv_table.name_and_unit(source.time.name)[0]
     for name, unit, every in table.clocks:
@@ -481,7 +481,7 @@ def check_other_clocks(table: Table, source: sources.TableSource, time: Array) -
 
 
 def check_rate(rate: float, table: Table, is_held: bool) -> None:
-    """Refuse a stated rate [Hz] that the file states otherwise, and say so where nothing in the file holds it."""
+    """Refuse a stated rate [Hz] that the file contradicts. Remark it if nothing in the file confirms it."""
     for name, stated in table.rates:
         if abs(rate / stated - 1) > 0.01:
             raise InputError(f"`rate: {rate:g}` of time, but the file says {stated:.6g} Hz ({name}); correct the rate")
@@ -493,13 +493,13 @@ def check_rate(rate: float, table: Table, is_held: bool) -> None:
 def cells_of(
     text: csv_table.CsvTable, place: int, source: sources.SheetSource, level: bool, is_time: bool = False
 ) -> NDArray[Any]:
-    """Numbers of one column, (rows,), NaN where they are missing. In a `level` the words `True` and `False`, in any
-    capitals, are 1 and 0, as Python's loggers write them."""
+    """Numbers of one column, (rows,), NaN where they are missing. In a `level`, the words `True` and `False` (any case)
+    are 1 and 0: loggers in Python write them so."""
     cells: Any = text.body.to_series(place)
     if cells.dtype == pl.Boolean:
         return np.asarray(cells.to_numpy())
     if is_time and (cells.dtype == pl.String or cells.dtype.is_integer()):
-        whole = cells.cast(pl.Int64, strict=False)  # as nanoseconds since 1970, which floats would round
+        whole = cells.cast(pl.Int64, strict=False)  # floats would round nanoseconds since 1970
         if not whole.null_count():
             return np.asarray(whole.to_numpy())
     if level and cells.dtype == pl.String:
@@ -530,7 +530,7 @@ def remedy_for(text: str, name: str, decimal: str, is_time: bool) -> str:
 
 
 def json_log(path: Path, source: sources.JsonSource) -> Table:
-    """A line that lacks a field has no sample of it. `null` is no value, `NaN` a reading that failed."""
+    """The table of a log in JSON lines. A missing field or `null` is no sample; `NaN` is a failed reading."""
     lines, field = read_json_lines(path), source.time.field
     names, (found, _) = wanted(source), addresses_of(lines)
     parts = next((pair for pair in stamp_fields(field) if {*pair} <= {*found}), ()) if field else ()
@@ -540,12 +540,12 @@ def json_log(path: Path, source: sources.JsonSource) -> Table:
             raise InputError(f"field '{field}' is a stamp whose unit is known; remove {source.place('time', 'unit')}")
     decoded = decode_lines(lines, names)
     count, total, by_rate = decoded.misfits, len(lines.texts), source.time.rate is not None
-    if count > (0 if by_rate else source.most_missing * total):  # with a rate, a line that is left out moves the rest
+    if count > (0 if by_rate else source.most_missing * total):  # with a rate, a missing line shifts all later ones
         advice = f", or write `most_missing: {csv_table.share_above(count, total):g}` in the source file"
         what = f"{count} of {total} lines cannot be used: {decoded.misfit}"
         raise InputError(f"{what}; repair the log{advice * (not by_rate)}")
     kept = ~np.all([np.ma.getmaskarray(decoded.values[name]) for name in names], axis=0)
-    if field and not kept.all():  # lines without any of the fields, such as a header; with a rate, every line counts
+    if field and not kept.all():  # lines without any asked field, such as a header; with a rate, every line counts
         left_out, first = int((~kept).sum()), lines.numbers[decoded.rows[int(np.argmin(kept))]]
         said = f"{left_out} of {kept.size} lines have none of the fields and were left out, first line {first}"
         lines.damage.remarks.append(said)
@@ -562,7 +562,7 @@ def json_log(path: Path, source: sources.JsonSource) -> Table:
 
 
 def readings_of(lines: JsonLines, name: str) -> Array:
-    """The readings (n,) of a field that nobody asks for, in each of the lines; NaN where one has no number there."""
+    """The readings (n,) of a field that is not mapped, one per line; NaN where a line has no number there."""
     values = np.full(len(lines.texts), np.nan)
     with suppress(InputError):
         decoded = decode_lines(replace(lines, damage=Ledger()), [name])
@@ -571,7 +571,7 @@ def readings_of(lines: JsonLines, name: str) -> Array:
 
 
 def stamp_fields(field: str) -> list[tuple[str, str]]:
-    """Paths at which a stamp's seconds and nanoseconds may stand, as ROS 2, protobuf, Foxglove's JSON and ROS 1 do."""
+    """Paths of a stamp's seconds and nanoseconds, as ROS 2, protobuf, Foxglove's JSON and ROS 1 name them."""
     names = (("sec", "nanosec"), ("seconds", "nanos"), ("sec", "nsec"), ("secs", "nsecs"))
     return [(f"{field}.{seconds}", f"{field}.{nanoseconds}") for seconds, nanoseconds in names]
 
@@ -593,7 +593,7 @@ def whole_stamps(table: Table, parts: Sequence[str], remedy: str) -> NDArray[Any
 
 def mat_log(path: Path, source: sources.MatSource) -> Table:
     file, every = open_mat(path), list[tuple[str, Array]]()
-    with suppress(InputError):  # what nobody asks for may be too large, or of another kind
+    with suppress(InputError):  # variables that are not mapped may be too large, or of another kind
         every = [*vectors_in(file.read(file.names))]
     signals = file.signals(wanted(source), source.log_part)
     vectors = {text: values for text, (_, values, _) in signals.items()}
@@ -610,7 +610,7 @@ def mat_log(path: Path, source: sources.MatSource) -> Table:
     if lost := int(lacking.sum()):
         of = [text for text, values in vectors.items() if np.ma.getmaskarray(values).any()]
         said = f"{lost} of {lacking.size} samples of {listing(of)} were never written and are left out"
-        if lost == lacking.size or (not source.time.name and lacking[:-lost].any()):  # what is left has no time
+        if lost == lacking.size or (not source.time.name and lacking[:-lost].any()):  # the rest would have no time
             raise InputError(f"{said}; record the trial again, or name its time")
         file.damage.lose(said, 0, Counter({0: lost}), 0)
         vectors = {text: np.ma.getdata(values)[~lacking] for text, values in vectors.items()}
@@ -629,9 +629,9 @@ def mat_log(path: Path, source: sources.MatSource) -> Table:
 def on_instants_of_all(
     signals: Mapping[str, tuple[str, Array, str]], source: sources.TableSource, every: Sequence[tuple[str, Array]]
 ) -> dict[str, Array]:
-    """The numbers of two devices or more, each with the one vector of time of its own length beside it, on the instants
-    of all, (instants,): masked where a device has none. Time is these instants, in its own unit. The vectors are taken
-    to count from one origin, as those of TDMS do."""
+    """The signals of several devices at the instants of all, (instants,), masked where a device has no sample. Each
+    signal's time is the only clock of its length in its struct or group. All clocks are taken to count from one origin,
+    as in TDMS. The column of time holds the instants, in its own unit."""
     time = source.time.name if source.time.rate is None else None
     stamps = dict[str, NDArray[np.int64]]()
     reference = time or next(iter(signals))
@@ -657,7 +657,7 @@ def on_instants_of_all(
 def on_union(
     values: Mapping[str, NDArray[Any]], stamps: Mapping[str, NDArray[np.int64]]
 ) -> tuple[NDArray[np.int64], dict[str, NDArray[Any]]]:
-    """The instants (n,) of all channels, of rising whole stamps, and values there, masked if none; they overlap."""
+    """All instants (n,) of channels with rising whole stamps, and their values, masked where a channel has none."""
     if max(one[0] for one in stamps.values()) > min(one[-1] for one in stamps.values()):
         raise InputError(f"its channels do not overlap in time; name those of one recording, or {RATE}")
     union = np.unique(np.concatenate([*{id(one): one for one in stamps.values()}.values()]))
@@ -669,7 +669,7 @@ def on_union(
 
 
 def vectors_in(values: Mapping[str, Value], place: str = "") -> Iterator[tuple[str, Array]]:
-    """The numbers in the variables of a MATLAB file, with their addresses."""
+    """Address and numbers of each numeric variable of a MATLAB file."""
     for name, value in values.items():
         address = f"{place}.{name}".removeprefix(".")
         if value.numbers is not None:
@@ -679,13 +679,13 @@ def vectors_in(values: Mapping[str, Value], place: str = "") -> Iterator[tuple[s
 
 
 def tdms_log(path: Path, source: sources.TdmsSource) -> Table:
-    """Channels by a channel of time, the rate, or their own timing: where it differs, each has rows of its own."""
+    """TDMS channels, timed by a channel, a stated rate or their own timing. If timings differ, each has its own rows."""
     file = read_tdms(path)
     channels = {name: file.channel(name) for name in wanted(source)}
     by_address = {channel.address: channel for channel in channels.values()}
     values, one = file.values([*by_address.values()]), next(iter(by_address.values()))
     by_properties = not source.time.name and source.time.rate is None
-    if file.damage.end_missing and not by_properties:  # the last segment may have ended within a channel
+    if file.damage.end_missing and not by_properties:  # the last segment may be cut within a channel
         shortest = min(each.size for each in values.values())
         values = {address: each[:shortest] for address, each in values.items()}
     rows = {size: np.arange(size) for size in {each.size for each in values.values()}}
@@ -720,8 +720,8 @@ def tdms_log(path: Path, source: sources.TdmsSource) -> Table:
 
 
 def check_alike(channels: Mapping[str, TdmsChannel], values: Mapping[str, NDArray[Any]], by_properties: bool) -> None:
-    """Refuse channels that begin together at one rate, or have one time, and have unequal counts: some have lost values
-    nothing tells where, and what follows would be early against the others."""
+    """Refuse channels with one timing (begin and rate, or one time) but unequal counts. Some have lost values, nothing
+    tells where, and all later values would be early against the other channels."""
     first: dict[tuple[int, float | None] | None, str] = {}
     for address, channel in channels.items():
         other = first.setdefault((channel.begin, channel.step) if by_properties else None, address)
@@ -735,7 +735,7 @@ def opensim_log(path: Path, source: sources.OpenSimSource) -> Table:
     table = csv_log(path, source)
     header = opensim_header(table.facts["comments"])
     angles = {"rad": {"yes": "deg", "no": "rad"}, "rad/s": {"yes": "deg/s", "no": "rad/s"}}
-    for column, channel in source.channels.items():  # a unit of an angle that is not the one of the header's inDegrees
+    for column, channel in source.channels.items():  # the unit of an angle must agree with the header's inDegrees
         canonical, said = unit_of(column), header.get("indegrees", "").casefold()
         own = angles.get(canonical, {}).get(said)
         if own is not None and not np.isclose(si_factor(str(channel.unit), canonical), si_factor(own, canonical)):
@@ -750,9 +750,9 @@ OPENERS = {"mcap": read_mcap, "rosbag1": read_rosbag1, "rosbag2": read_rosbag2}
 
 
 def read_message_log(path: Path, source: sources.MessageSource) -> sources.Recording:
-    """The columns that the source file maps, in SI units; time [s] counts from the first stamp. Topics with different
-    stamps have rows of their own, null in the columns of the others. The losses of the file are in the facts under
-    `damage`. Refused is what cannot be decoded, a loss above `largest_loss`, and stamps that contradict each other."""
+    """The columns that the source file maps, in SI units. Time [s] counts from the first stamp. Topics with different
+    stamps have rows of their own, null in the columns of the others. The file's losses are in the recording's `damage`.
+    Raises InputError: messages cannot be decoded, a loss exceeds `largest_loss`, or stamps contradict each other."""
     file = OPENERS[source.format](path)
     if source.format == "mcap" and (remark := siblings(path)[-1]):
         file.damage.remarks.append(remark)
@@ -789,8 +789,8 @@ def read_message_log(path: Path, source: sources.MessageSource) -> sources.Recor
 def decode_wanted(
     file: MessageFile, by_topic: Mapping[str, Mapping[str, sources.MessageChannel]], source: sources.MessageSource
 ) -> dict[str, Decoded]:
-    """The fields of each topic and of its stamp; refused is a file that has lost a larger share of a topic than
-    `largest_loss`, also where this is why it cannot be decoded."""
+    """The mapped fields of each topic, and its stamp. Raises InputError: the file has lost a larger share of a topic
+    than `largest_loss`. This is also the message if the loss is why decoding fails."""
     stamps = [name for pair in stamp_fields(str(source.time.field)) for name in pair]
     first, wanted, failed = stamps if source.time.source == "header" else [], {}, None
     for topic, channels in by_topic.items():
@@ -823,7 +823,7 @@ def decode_wanted(
 def read_topic(
     channels: Mapping[str, sources.MessageChannel], decoded: Decoded, source: sources.MessageSource, damage: Ledger
 ) -> tuple[pl.DataFrame, dict[str, int], list[str]]:
-    """Stamps [ns] and columns of a topic in their order, counts of the sorting, a sentence for each lacking field."""
+    """Stamps [ns] and columns of a topic, sorted by stamp; counts of the sorting; a sentence per field with gaps."""
     logged, number, from_header = decoded.log_time, decoded.channel, source.time.source == "header"
     table = Table(logged.size, decoded.values, noun="message")
     stamp: NDArray[Any] = logged
@@ -849,9 +849,9 @@ def read_topic(
     samples = pl.DataFrame([pl.Series("stamp", stamp), *columns])
     in_order, ordering = sorted_by_stamp(samples, number, source.largest_loss, advice)
     counted = logged.size - sum(damage.read[one] - damage.misfits[one] for one in np.unique(number).tolist())
-    damage.is_doubted |= damage.gaps and ordering["repeated"] > counted  # they may be copies, over others
+    damage.is_doubted |= damage.gaps and ordering["repeated"] > counted  # they may be copies that overwrote others
     damage.misfits[number[0]] += ordering["contradicted"]
-    if from_header and ordering["repeated"]:  # not those logged at one time, which are told when they are decoded
+    if from_header and ordering["repeated"]:  # messages logged at one time are reported at decoding
         at, logs = [*samples.columns, "channel"], [*samples.columns, "channel", "logged"]
         whole = samples.with_columns(channel=number, logged=logged)
         first, own = (pl.struct(names).is_first_distinct() for names in (at, logs))
@@ -865,9 +865,9 @@ def read_topic(
 def sorted_by_stamp(
     table: pl.DataFrame, channel: NDArray[np.uint16], largest_loss: float, advice: str
 ) -> tuple[pl.DataFrame, dict[str, int]]:
-    """The topic's rows, given channel by channel in the order of recording, sorted by increasing `stamp` [ns]; and how
-    many messages came after one of a later stamp, have the stamp of an earlier one, and other values than that.
-    `channel` is the number of each row's channel, (n,); `advice` says what to do where the clock was set."""
+    """The topic's rows sorted by `stamp` [ns], and counts of messages: `late` ones came after one with a later stamp,
+    `repeated` ones have the stamp of an earlier one, `contradicted` ones have other values than that one. Rows are
+    given in the order of recording, with their channel (n,). `advice` is the remedy if the clock was set back."""
     ordering, channels = {"late": 0, "repeated": 0, "contradicted": 0}, np.unique(channel)
     for number in channels:
         ordering["late"] += check_not_set(table.filter(channel == number) if len(channels) > 1 else table, advice)
@@ -876,9 +876,9 @@ def sorted_by_stamp(
         return table, ordering
     ticks, messages = np.unique(stamp, return_counts=True)
     if len(channels) == 1 and ticks.size > 2 and not table.is_duplicated().any():
-        # Stamps may repeat because they are rounded to a step that is not shorter than the sampling step. Nearly every
-        # tick of the rounding then has a message, and none has two more than another. The messages are kept: the time
-        # base finds when they were sampled, as in a CSV log.
+        # Stamps may repeat because they are rounded to a step as long as the sampling step, or longer. Then nearly every
+        # tick of the rounding has a message, and no tick has two more than usual. The messages are kept: the time base
+        # finds when they were sampled, as in a CSV log.
         empty = (int(ticks[-1] - ticks[0]) // int(np.diff(ticks).min()) + 1) - ticks.size
         even = int(messages[1:-1].max()) - int(np.median(messages[1:-1])) <= 1
         if even and empty <= 0.5 * (stamp.size - ticks.size):
@@ -899,9 +899,9 @@ def sorted_by_stamp(
 
 
 def check_not_set(table: pl.DataFrame, advice: str) -> int:
-    """Refuse a clock that was set back, in one channel's rows; returns how many of them are merely late. It was set
-    back by more than a second, or many messages in a row fall among those before. Messages that are merely late fill
-    the gap that they left; those that repeat others do not count: a part of the file is a copy of another."""
+    """Refuse one channel's rows if the clock was set back; else return how many of them are late. The clock was set
+    back if time goes back by more than a second, or if many consecutive messages overlap with earlier ones. Late
+    messages, in contrast, fill a gap. Repeated messages do not count: a part of the file was copied."""
     stamp, many = table["stamp"].to_numpy(), 10
     if (stamp[1:] >= stamp[:-1]).all():
         return 0
@@ -923,12 +923,12 @@ def check_not_set(table: pl.DataFrame, advice: str) -> int:
 
 
 def joined_on_stamp(tables: list[pl.DataFrame]) -> pl.DataFrame:
-    """One table with a row per stamp of any, in their order; where equal stamps are rounded ones, all rows."""
+    """One table, sorted, with a row per stamp; if a table repeats stamps (they are rounded), all rows are kept."""
     each = [table["stamp"].to_numpy() for table in tables]
     *own, together = ((np.diff(np.sort(one, kind="stable")) == 0).any() for one in (*each, np.concatenate(each)))
     if any(own) or not together:
         whole = pl.concat(tables, how="diagonal")
         order = np.argsort(whole["stamp"].to_numpy(), kind="stable")
-        tables.clear()  # column by column: an hour's rows, sorted at once, take 0.5 GB more
+        tables.clear()  # sorting column by column saves 0.5 GB for an hour's rows
         return pl.DataFrame([whole.drop_in_place(name).gather(order) for name in whole.columns])
     return reduce(lambda one, other: one.join(other, on="stamp", how="full", coalesce=True), tables).sort("stamp")

@@ -1,5 +1,5 @@
-"""Tables of numbers as text, whatever program wrote them: encoding, delimiter, decimal sign, header, units, comments
-and footer are found from the content, and cells become numbers and times."""
+"""Tables of numbers in text files of any program. Encoding, delimiter, decimal sign, header, units, comments and footer
+are found from the content. Cells become numbers and times."""
 
 import csv
 import math
@@ -22,30 +22,30 @@ from osl_analysis.formats.table import Ledger
 from osl_analysis.trial import Array
 
 DELIMITERS = {"tab": "\t", "space": " "}
-CONTROL = re.compile(rb"[\x00-\x08\x0e-\x19]")  # bytes that no text has; 26 ended files of CP/M and DOS
-UTF_16 = re.compile(rb"\xff\xfe|\xfe\xff|([\t\r\n -~]\0){8}|(\0[\t\r\n -~]){8}")  # by its mark, or in either order
-JAPANESE = re.compile("[\u3041-\u30fa\u30fc]{2}|[\u4e00-\u9fff]{2}")  # two in a row: `é` before a letter may be one
+CONTROL = re.compile(rb"[\x00-\x08\x0e-\x19]")  # bytes that no text has; byte 26 is allowed, it ends files of DOS
+UTF_16 = re.compile(rb"\xff\xfe|\xfe\xff|([\t\r\n -~]\0){8}|(\0[\t\r\n -~]){8}")  # its mark, or ASCII in either order
+JAPANESE = re.compile("[\u3041-\u30fa\u30fc]{2}|[\u4e00-\u9fff]{2}")  # two in a row: cp1252 `é` may look like one
 COMMENTS = ("#", "%", "//")
 MISSING = (
     "", "nan", "NaN", "NAN", "NA", "N/A", "#N/A", "null", "NULL", "None", "<NA>", "NaT",
     "-nan", "nan(ind)", "-nan(ind)",
 )  # fmt: skip
-"""Cells of readings that failed, as programs write them."""
+"""Cells that programs write for a failed reading."""
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d{1,3})?", re.ASCII)
 THOUSANDS = {".": re.compile(r"([+-]?\d{1,3}(?:,\d{3})+)\.(\d+)"), ",": re.compile(r"([+-]?\d{1,3}(?:\.\d{3})+),(\d+)")}
-"""By the decimal sign: numbers whose thousands have the other one."""
+"""By decimal sign: numbers whose thousands are separated by the other sign."""
 WHOLE_THOUSANDS = {sign: re.compile(rf"[+-]?[1-9]\d{{0,2}}({re.escape(sign)}\d{{3}})+") for sign in ",."}
-BETWEEN_THOUSANDS = "'\u2019\u202f\u2009\u00a0"  # signs that part thousands and nothing else
+BETWEEN_THOUSANDS = "'\u2019\u202f\u2009\u00a0"  # signs that only separate thousands
 SMALL_WHOLE = re.compile(r"[+-]?\d{1,3}")
 STATED_ROWS = re.compile(
     r"(?i)\W*(?:total |(?:number|no\.?) of )?(?:samples|rows|frames|length|data points)[\s:=,;]+(\d+)\b(?![.,]\d)"
 )
-"""Text above a table that tells how many rows it has."""
+"""Text above a table that states its number of rows."""
 CLOCK = r"(?:(\d+) days?,? )?\+?(\d{1,3}):(\d{2})(?::(\d{1,2}))?(?:[.,:](\d{1,9}))?\d*(?: ?([AaPp])\.?[Mm]\.?)?"
 TIME = rf"^(?:\d{{1,4}}[-/.]\d{{1,2}}[-/.]\d{{1,4}}[T ]\s*)?{CLOCK}\s*(?:Z|UTC|([+-]\d{{2}}):?(\d{{2}}))?$"
-SECONDS = r"^(\d{1,12}(?:\.\d{1,15})?(?:[eE][+-]?\d{1,3})?) sec$"  # as MATLAB writes the times of a timetable
-MOST_COLUMNS = 10_000  # of a table; a file with more is transposed, or no recording
-FIRST_LINES, LAST_LINES = 300, 60  # of a long text, by which its dialect is found
+SECONDS = r"^(\d{1,12}(?:\.\d{1,15})?(?:[eE][+-]?\d{1,3})?) sec$"  # MATLAB writes the times of a timetable so
+MOST_COLUMNS = 10_000  # a table with more columns is transposed, or no recording
+FIRST_LINES, LAST_LINES = 300, 60  # lines of a long text from which its dialect is found
 LONGEST_CELL = 131_072  # characters
 TextLines = list[tuple[int, str]]  # number in the file, counted from 1, and text
 Rows = list[tuple[int, list[str]]]
@@ -53,10 +53,10 @@ IsUnit = Callable[[str], bool]
 
 
 def read_text(path: Path) -> tuple[bytes, bool]:
-    """A text in UTF-8 with plain line breaks, and whether its last line has one; refused where it has zero bytes."""
+    """The text of a file, in UTF-8 with Unix line breaks, and whether its last line has one. Refuses zero bytes."""
     data = decoded_text(path.read_bytes()).encode()
     data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n").replace("\u2212".encode(), b"-")  # a minus sign
-    if any(sign.encode() in data for sign in BETWEEN_THOUSANDS):  # between thousands, as in Switzerland and France
+    if any(sign.encode() in data for sign in BETWEEN_THOUSANDS):  # as in Switzerland and France
         data = re.sub(rf"(?<=\d)[{BETWEEN_THOUSANDS}](?=\d{{3}}(?!\d))", "", data.decode()).encode()
     data = data[: len(data.rstrip(b"\x1a"))]
     if (zero := data.find(b"\0")) >= 0:
@@ -67,19 +67,19 @@ def read_text(path: Path) -> tuple[bytes, bool]:
 
 
 def numbered(data: bytes, first: int = 1) -> TextLines:
-    """The lines of a text without blank ones; `first` is the number of its first one."""
+    """The lines of a text without blank ones, each with its number. `first` is the number of the first line."""
     lines = data.decode(errors="replace").split("\n")
     return [(number, line) for number, line in enumerate(lines, start=first) if line and not line.isspace()]
 
 
 def read_lines(path: Path) -> tuple[TextLines, bool]:
-    """The lines of a file without blank ones, and whether the last one has its break, as `read_text` has them."""
+    """The numbered lines of a file without blank ones, and whether the last line has a break. Raises as `read_text`."""
     data, ends = read_text(path)
     return numbered(data), ends
 
 
 def decoded_text(data: bytes) -> str:
-    """Text in UTF-8, UTF-16 with its mark or as ASCII in it, in Japan's code page, or else Windows' western one."""
+    """Text decoded from UTF-8, UTF-16, the Japanese code page, or else the western one of Windows."""
     with suppress(UnicodeDecodeError):
         return utf8_of(data).decode()
     with suppress(UnicodeDecodeError):
@@ -89,21 +89,21 @@ def decoded_text(data: bytes) -> str:
 
 
 def utf8_of(data: bytes) -> bytes:
-    """The bytes of a text, without a mark; those of UTF-16 in UTF-8."""
+    """The bytes of a text, without a byte order mark. UTF-16 becomes UTF-8."""
     if UTF_16.match(data):
         data = data.decode("utf-16-be" if data[:1] == b"\0" else "utf-16", errors="replace").encode()
     return data.removeprefix(b"\xef\xbb\xbf")
 
 
 def is_text(begin: bytes) -> bool:
-    """Whether a file that begins with these bytes is text, by its first line: a loss of power leaves zeros behind."""
+    """Whether a file that begins so is text, by its first line: later zero bytes may come from a loss of power."""
     if UTF_16.match(begin):
         return True
     return CONTROL.search(begin.partition(b"\n")[0]) is None
 
 
 def begins_with_rows(begin: bytes) -> bool:
-    """Whether the last lines of what a text begins with are rows of two numbers or more, or times."""
+    """Whether most of the last 20 lines in the begin of a text are rows of two or more numbers or times."""
     lines = numbered(decoded_text(begin).encode().rpartition(b"\n")[0])[-20:]
     sign = delimiter_of(lines, "auto")
     cells = [text.strip(' "').split(None if sign == " " else sign) for _, text in lines]
@@ -111,8 +111,8 @@ def begins_with_rows(begin: bytes) -> bool:
 
 
 def delimiter_of(lines: TextLines, given: str) -> str:
-    """The delimiter that is given, or for `auto` that of tab, `;`, `|`, `,` and blank by which most cells are numbers,
-    times or missing; of lines without a number the first that every line has, a blank where none has a comma."""
+    """The given delimiter. For `auto`: the one of tab, `;`, `|`, `,` and blank with which most cells are numbers, times
+    or missing. Without numbers: the first of tab, `;` and `|` that every line has; a blank if no line has a comma."""
     if given != "auto":
         return DELIMITERS.get(given, given)
     sample = [text for _, text in lines if text.strip()][:FIRST_LINES]
@@ -123,7 +123,7 @@ def delimiter_of(lines: TextLines, given: str) -> str:
         cells = [cell.strip(' "') for one in split if len(one) == width > 1 for cell in one]
         typical = sum(len(one) == width for one in split) / max(1, len(split))
         scores[sign] = typical * sum(map(is_value, filter(None, cells))) / max(1, sum(map(bool, cells)))
-    best = max(scores, key=lambda sign: scores[sign] * (1 if sign != " " else 0.98))  # which splits at tabs, too
+    best = max(scores, key=lambda sign: scores[sign] * (1 if sign != " " else 0.98))  # a blank also splits at tabs
     if scores[best] > 0:
         return best
     everywhere = [sign for sign in "\t;|" if sample and all(sign in text for text in sample)]
@@ -132,7 +132,7 @@ def delimiter_of(lines: TextLines, given: str) -> str:
 
 
 def split_rows(lines: TextLines, delimiter: str) -> Rows:
-    """Cells of every line, stripped, without lines of empty cells; refused where a quote is not closed on its line."""
+    """Stripped cells of every line, without lines of empty cells. Refuses a quote that is not closed on its line."""
     if delimiter == " ":
         lines = [(number, re.sub(r"\s+", " ", text.strip())) for number, text in lines]
     csv.field_size_limit(LONGEST_CELL)  # other packages change it
@@ -152,13 +152,13 @@ def split_rows(lines: TextLines, delimiter: str) -> Rows:
 
 
 def name_and_unit(title: str) -> tuple[str, str]:
-    """`torque [Nm]`, `torque (Nm)`, `torque {Nm}` or `torque / Nm` as name and unit, empty without one."""
+    """Name and unit of `torque [Nm]`, `torque (Nm)`, `torque {Nm}` or `torque / Nm`; the unit is empty if none."""
     match = re.fullmatch(r"(.*\S)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\)|\{([^{}]*)\})|(.*\S)\s+/\s+(\S.*)", title, re.DOTALL)
     return (match[1] or match[5], match[2] or match[3] or match[4] or match[6] or "") if match else (title, "")
 
 
 def without_brackets(unit: str) -> str:
-    """A unit below a header without the brackets around it: `[deg]` and `(deg)` are `deg`."""
+    """A unit from a row of units, without its brackets: `[deg]` and `(deg)` become `deg`."""
     return unit[1:-1].strip() if unit[:1] + unit[-1:] in ("[]", "()", "{}") else unit
 
 
@@ -176,7 +176,7 @@ def cell_numbers(cells: Sequence[str | None] | pl.Series, missing: Collection[st
     text = pl.Series(cells, dtype=pl.String)
     absent = (text.is_null() | text.is_in(list(missing))).to_numpy()
     plain = text
-    if decimal == ",":  # a full stop then separates thousands, or the decimal sign is stated wrongly: no number
+    if decimal == ",":  # a full stop then separates thousands, or `decimal` is wrong: the cell must not be a number
         plain = text.str.replace(".", "?", literal=True).str.replace(",", ".", literal=True)
     values = plain.cast(pl.Float64, strict=False).to_numpy().copy()
     values[absent] = np.nan
@@ -184,9 +184,9 @@ def cell_numbers(cells: Sequence[str | None] | pl.Series, missing: Collection[st
     is_grouped = bool(unread) and WHOLE_THOUSANDS[other].fullmatch(str(text[unread[0]])) is not None
     if is_grouped and are_whole_thousands(text.filter(~pl.Series(absent)).to_list(), other):
         return cell_numbers(text.str.replace_all(other, "", literal=True), missing, decimal)
-    for place in unread:  # `+1.5`, `1.0D-3`: polars does not read them
+    for place in unread:  # polars does not read `+1.5` and `1.0D-3`
         cell, thousands = str(plain[place]), THOUSANDS[decimal].fullmatch(str(text[place]))
-        if thousands:  # `12.681,27`: both signs tell which is which
+        if thousands:  # in `12.681,27` it is clear which sign is which
             cell = re.sub("[.,]", "", thousands[1]) + "." + thousands[2]
         if not is_number_cell(cell):
             raise UnreadableCellError(place)
@@ -195,8 +195,8 @@ def cell_numbers(cells: Sequence[str | None] | pl.Series, missing: Collection[st
 
 
 def are_whole_thousands(cells: Collection[str], sign: str) -> bool:
-    """Whether the numbers of a column are whole, with a sign between their thousands, as `998` and `1.000`: a number
-    with three decimals stands beside none without, and one without its zeros at the end never ends in a zero."""
+    """Whether `sign` separates thousands of whole numbers in a column, as in `998` and `1.000`. As a decimal sign it
+    would stand in every number if three decimals are written, and no number would end in 0 if zeros are left out."""
     grouped = [cell for cell in cells if not SMALL_WHOLE.fullmatch(cell)]
     ends = any(cell.endswith("0") for cell in grouped)
     return len(grouped) < len(cells) and ends and all(WHOLE_THOUSANDS[sign].fullmatch(cell) for cell in grouped)
@@ -207,7 +207,7 @@ def is_number_cell(cell: str) -> bool:
 
 
 def is_value(cell: str) -> bool:
-    """Whether a cell may stand in a column of numbers or times."""
+    """Whether a cell may be one of a column of numbers or times."""
     is_word = cell in MISSING or cell.casefold() in ("true", "false")
     is_number = is_number_cell(cell.replace(",", ".", 1)) or any(one.fullmatch(cell) for one in THOUSANDS.values())
     return is_word or is_number or any(re.match(one, cell) for one in (TIME, SECONDS))
@@ -215,7 +215,7 @@ def is_value(cell: str) -> bool:
 
 def cell_stamps(cells: pl.Series) -> NDArray[np.int64] | None:
     """Times of day (n,) [ns] of cells such as `10:12:13.002`, `2024-05-01T10:12:13Z`, `0 days 00:00:00.002` and
-    `12:13.5` (minutes and seconds), which go on at midnight; None if a cell is none. Dates tell no more than rows."""
+    `12:13.5` (minutes and seconds); None if a cell is no time. Dates are ignored: times just continue past midnight."""
     if cells.dtype.is_temporal():
         whole = cells.cast((pl.Datetime if cells.dtype in (pl.Date, pl.Datetime) else pl.Duration)("ns"))
         return None if whole.null_count() else whole.cast(pl.Int64).to_numpy()
@@ -241,7 +241,7 @@ def cell_stamps(cells: pl.Series) -> NDArray[np.int64] | None:
 
 @dataclass(frozen=True)
 class CsvLayout:
-    """How a logger writes its table: fields of the source file of a log in CSV, which tells their meaning."""
+    """How a logger writes its table: fields of `ingest.source.CsvSource`, which explains them."""
 
     delimiter: str = "auto"
     decimal: str = "auto"
@@ -257,20 +257,20 @@ class CsvLayout:
 class CsvTable:
     """The rows of a log, as text or, where its format has them, as numbers."""
 
-    names: list[str]  # names of the columns, as in the header; of one without a name its number
-    units: list[str]  # of the columns, from a row of units or from brackets behind the name; empty where there is none
+    names: list[str]  # names of the columns, as in the header; a column without a name has its number
+    units: list[str]  # units of the columns, from a row of units or from brackets behind the name; else empty
     lines: NDArray[np.int64]  # number of each row's line in the file, (rows,)
     body: pl.DataFrame  # the cells, a column each; null in rows in which the logger omitted the column
     comments: list[str]  # comments, and what stands above the header and below the rows
     damage: Ledger  # what was repaired or left out
     delimiter: str = ""
     decimal: str = "."
-    noun: str = "line"  # what `lines` count
-    is_padded: bool = False  # whether columns have several lengths, and nulls behind their last values
+    noun: str = "line"  # word for what `lines` count
+    is_padded: bool = False  # whether columns differ in length and are padded with nulls
 
 
 def place_of(name: str, names: Sequence[str]) -> int:
-    """Place of a column by its name, with or without its unit, by a pattern with `*`, or by its number from 1."""
+    """Place of the one column that a name, pattern or number means (`places_of`). Refuses none, and several."""
     places, where = places_of(name, names), f"column '{name[:80]}'"
     if len(places) > 1:
         which = listing([f"{place + 1} ('{names[place]}')" for place in places])
@@ -286,7 +286,7 @@ def place_of(name: str, names: Sequence[str]) -> int:
 
 
 def places_of(name: str, names: Sequence[str]) -> list[int]:
-    """Places of the columns that a name, a pattern with `*` for any text, or a number from 1 means."""
+    """Places of the columns with this name (with or without unit), pattern (`*`: any text) or number (from 1)."""
     plain = [name_and_unit(title)[0] for title in names]
     for titles in (names, plain):
         if name in titles:
@@ -299,15 +299,15 @@ def places_of(name: str, names: Sequence[str]) -> list[int]:
 
 
 def is_clock(title: str) -> bool:
-    """Whether a column is called like a clock: `time`, `t_s`, `loop_time [ms]`."""
-    name = re.sub(r"\s+", "_", name_and_unit(title)[0].rpartition("/")[2].strip())  # in groups of HDF5
+    """Whether a column is named like a clock: `time`, `t_s`, `loop_time [ms]`."""
+    name = re.sub(r"\s+", "_", name_and_unit(title)[0].rpartition("/")[2].strip())  # without groups of HDF5
     words = "time|t|timestamp|stamp|(state|loop|pi|sys|ros|elapsed)_time|elapsed|clock|seconds|time_since_start|x_value"
     words += "|millis|micros|[mu]s|(date_?)?time|datetime|date_and_time|time_of_day|(uhr)?zeit|tijd|temps|tiempo|tempo"
     return re.fullmatch(f"_*({words})(_(s|sec|ms|us|ns))?", name, re.IGNORECASE) is not None
 
 
 def read_csv_table(path: Path, layout: CsvLayout, is_unit: IsUnit, most_rows: int | None = None) -> CsvTable:
-    """The rows of a log as text, of a long one the first `most_rows`; InputError: the layout does not allow a row."""
+    """The rows of a log as text; of a long log about the first `most_rows`. Raises InputError: a row does not fit."""
     data, ends = read_text(path)
     table = table_of_text(data, ends, layout, is_unit, most_rows)
     stated = [int(found[1]) for text in table.comments if (found := STATED_ROWS.match(text))]
@@ -319,7 +319,7 @@ def read_csv_table(path: Path, layout: CsvLayout, is_unit: IsUnit, most_rows: in
 
 
 def table_of_text(data: bytes, ends: bool, layout: CsvLayout, is_unit: IsUnit, most_rows: int | None) -> CsvTable:
-    """The rows of a text, of a long one the first `most_rows`."""
+    """The rows of a text; of a long text about the first `most_rows`."""
     first, last, count = 0, len(data), data.count(b"\n")
     if count < 2 * (FIRST_LINES + LAST_LINES):
         return table_of(numbered(data), layout, is_unit, ends)
@@ -327,10 +327,10 @@ def table_of_text(data: bytes, ends: bool, layout: CsvLayout, is_unit: IsUnit, m
         first = data.index(b"\n", first) + 1
     for _ in range(LAST_LINES):
         last = data.rindex(b"\n", 0, last)
-    middle, behind = data[first : last + 1], count - LAST_LINES + 1  # lines that are alike are split by polars
+    middle, behind = data[first : last + 1], count - LAST_LINES + 1  # polars splits the middle, if all lines are alike
     if most_rows is not None and count > most_rows:
         middle = middle[: middle.rfind(b"\n", 0, most_rows * len(middle) // count) + 1]
-    with suppress(InputError):  # the whole file tells what is wrong
+    with suppress(InputError):  # reading the whole file then says what is wrong
         begin, end = numbered(data[:first]), numbered(data[last + 1 :], behind + 1)
         table = table_of([*begin, *end], layout, is_unit, ends)
         rest = alike_rows(middle, table.delimiter, table.body.columns)
@@ -344,7 +344,7 @@ def table_of_text(data: bytes, ends: bool, layout: CsvLayout, is_unit: IsUnit, m
 
 
 def alike_rows(text: bytes, delimiter: str, names: Sequence[str]) -> pl.DataFrame | None:
-    """The cells of lines with a cell per name each, in an eighth of time and memory; None where a line is another."""
+    """The cells of lines that all have a cell per name, in an eighth of time and memory; None if a line differs."""
     if b'"' in text or b"\n\n" in text or any(sign.encode() in text for sign in COMMENTS):
         return None
     if delimiter == " ":
@@ -360,14 +360,14 @@ def alike_rows(text: bytes, delimiter: str, names: Sequence[str]) -> pl.DataFram
 
 
 def is_last_whole(cells: Sequence[str]) -> bool:
-    """Whether the last cell of a column at the end of a file, without a line break, was not cut within its number: it
-    has as many decimals as all others. Nothing tells of whole numbers."""
+    """Whether the last cell of a file without a final line break is complete: it has as many decimals as all others in
+    its column. Whole numbers do not tell: False."""
     decimals = {len(re.split("[.,]", cell, maxsplit=1)[-1]) * bool(re.search("[.,]", cell)) for cell in cells}
     return len(cells) > 1 and len(decimals) == 1 and 0 not in decimals
 
 
 def table_of(lines: TextLines, layout: CsvLayout, is_unit: IsUnit, ends: bool = True) -> CsvTable:
-    """The table in lines of text; `ends`: the last one has its break."""
+    """The table in lines of text. `ends`: the last line has a break."""
     signs = COMMENTS if layout.comment == "auto" else tuple(filter(None, [layout.comment]))
     comments, content = TextLines(), TextLines()
     for line, text in lines:
@@ -426,11 +426,11 @@ def table_of_rows(
 
 
 def first_column_of_values(rows: Rows) -> int | None:
-    """Place of the first column whose cells are numbers, times or missing in most rows; None if there is none."""
+    """Place of the first column in which at least half of the cells are numbers, times or missing; None if none."""
     sample = rows[: 2 * FIRST_LINES]
     (width, _), *_ = Counter(len(cells) for _, cells in sample).most_common(1) or [(0, 0)]
     typical = [cells for _, cells in sample if len(cells) == width]
-    typical = typical[len(typical) // 2 :]  # the first ones may be a header
+    typical = typical[len(typical) // 2 :]  # the first rows may be a header
     for place in range(width):
         cells = [cells[place] for cells in typical if cells[place]]
         if cells and sum(map(is_value, cells)) >= 0.5 * len(cells):
@@ -439,8 +439,8 @@ def first_column_of_values(rows: Rows) -> int | None:
 
 
 def is_data(cells: Sequence[str], width: int, first_value: int, begins_blank: bool) -> bool:
-    """Whether a row may be one of data: as wide as most, with a number or time where most rows have the first one, and
-    nothing before it where they `begins_blank`."""
+    """Whether a row may be data: as wide as most, with a number or time in the first column that has them, and, if data
+    `begins_blank`, nothing before it."""
     named = [cell for cell in cells if cell]
     is_head = not any(map(is_value, named)) or STATED_ROWS.match(" ".join(named)) is not None
     is_head |= begins_blank and any(cells[:first_value])
@@ -451,7 +451,7 @@ def is_data(cells: Sequence[str], width: int, first_value: int, begins_blank: bo
 
 
 def is_odd_data(cells: Sequence[str], width: int) -> bool:
-    """Whether a row above the data is one of them that lacks cells, or has a word: more than half of it are numbers."""
+    """Whether a row above the data is data that lacks cells or has a word: more than half of its cells are numbers."""
     named = [cell for cell in cells if cell]
     is_count = (not cells[0] and named[:1] in (["0"], ["1"])) or STATED_ROWS.match(" ".join(cells)) is not None
     return len(cells) > max(1, width / 2) and sum(map(is_number_cell, named)) > len(named) / 2 and not is_count
@@ -460,7 +460,7 @@ def is_odd_data(cells: Sequence[str], width: int) -> bool:
 def head_of(
     rows: Rows, comments: TextLines, layout: CsvLayout, is_unit: IsUnit, delimiter: str, first_value: int | None
 ) -> Head:
-    """Names and units of the columns, and where the rows of data begin."""
+    """Names and units of the columns, and the place of the first row of data."""
     if layout.header == "comment":
         named = split_rows(comments[-1:], delimiter)
         if not named:
@@ -487,7 +487,7 @@ def head_of(
     heads = above[len(above) - headers_above(above, width) :]
     units_row = layout.units_row is True or (layout.units_row == "auto" and are_units(heads, is_unit))
     units = [*map(without_brackets, heads.pop()[1])] if units_row and len(heads) > 1 else []
-    if delimiter == " " and len(units) < width:  # nothing tells which column has none
+    if delimiter == " " and len(units) < width:  # it is unknown which column has no unit
         units = []
     names, line = named_by(heads, above, comments, width, delimiter), heads[-1][0] if heads else 0
     upper = named_by([], [], comments[:-1], width, delimiter) if not (heads or above) else []
@@ -496,9 +496,9 @@ def head_of(
     if not names and layout.header == "row":
         said = f"line {rows[0][0]} holds numbers, not the columns' names"
         raise InputError(f"{said}; write `header: none` and the columns' numbers")
-    labelled = next((cells[1:] for _, cells in every if cells[0] == "Y_Unit_Label"), [])  # LabVIEW's, but of time
+    labelled = next((cells[1:] for _, cells in every if cells[0] == "Y_Unit_Label"), [])  # LabVIEW's, without time's
     signals = [name for name in names if not is_clock(name) and name != "Comment"]
-    stated_all = [cell for cell in labelled if cell]  # with a time each, they stand in every second column
+    stated_all = [cell for cell in labelled if cell]  # if each signal has its time, in every second column
     labels = iter(stated_all if len(stated_all) == len(signals) else labelled)
     units = units or ["" if is_clock(name) else next(labels, "") for name in names]
     stated = [name_and_unit(name)[1] for name in names] or [""] * width
@@ -508,7 +508,7 @@ def head_of(
 
 
 def joined_heads(above: Rows) -> Rows:
-    """Rows above the data, the last two as one where they have cells in other columns: pandas writes an index below."""
+    """Rows above the data. The last two are joined if they fill different columns: pandas writes an index so."""
     (line, upper), (_, last) = above[-2:] if len(above) > 1 else [(0, [""]), (0, ["", ""])]
     if len(upper) != len(last) or any(map(all, zip(upper, last, strict=True))) or not any(last):
         return above
@@ -516,7 +516,7 @@ def joined_heads(above: Rows) -> Rows:
 
 
 def headers_above(above: Rows, width: int) -> int:
-    """How many of the rows right above the data, three at most, name columns: they have cells for most of them."""
+    """Number of header rows right above the data, at most three. Each has cells for at least half of the columns."""
     count = 0
     for _, cells in reversed(above[-3:]):
         filled = sum(map(bool, cells))
@@ -534,13 +534,13 @@ def are_units(heads: Rows, is_unit: IsUnit) -> bool:
 
 
 def named_by(heads: Rows, above: Rows, comments: TextLines, width: int, delimiter: str) -> list[str]:
-    """Names of the columns: of the header row nearest to the data, with those above it where names stand there twice;
-    or of a line with other signs between its cells, or a comment. Empty if there are none."""
+    """Names of the columns, from the header row nearest to the data; if names repeat there, joined with the row above.
+    Without a header: from a line with another delimiter, or a comment. Empty if there are none."""
     if heads:
         names = unpadded(heads[-1][1], 0)
-        if delimiter == " " and len(names) > width:  # `POS (ANAT)` is one
+        if delimiter == " " and len(names) > width:  # `POS (ANAT)` is one name
             names = re.findall(r"\S+(?: [(\[]\S+)*", " ".join(names))
-        if len(names) == width + 1 and names[-1].casefold() == "comment":  # LabVIEW's last column, which is empty
+        if len(names) == width + 1 and names[-1].casefold() == "comment":  # LabVIEW's last column is empty
             names = names[:width]
         if len(heads) > 1 and len({*filter(None, names)}) < len([*filter(None, names)]):
             upper = [""]
@@ -558,11 +558,11 @@ def named_by(heads: Rows, above: Rows, comments: TextLines, width: int, delimite
 
 
 def without_footer(rows: Rows, first_value: int | None, layout: CsvLayout) -> tuple[Rows, Rows]:
-    """Rows, and the last ones with a word where most have the first number or before it, as a program writes there."""
+    """Rows of data, and the footer: the last rows with a word in or before the first column of numbers."""
     end, place = len(rows), first_value or 0
     while end and layout.header in ("auto", "row") and len(rows) - end < LAST_LINES:
         cells = rows[end - 1][1]
-        beside = [cell for cell, first in zip(cells[:place], rows[0][1], strict=False) if not first]  # of no cells else
+        beside = [cell for cell, first in zip(cells[:place], rows[0][1], strict=False) if not first]  # blank elsewhere
         if len(cells) <= place or all(
             is_value(cell) or is_value(cell.split(" ")[0]) for cell in [*beside, cells[place]]
         ):
@@ -572,7 +572,7 @@ def without_footer(rows: Rows, first_value: int | None, layout: CsvLayout) -> tu
 
 
 def without_cut_row(rows: Rows, width: int, damage: Ledger, whole: bool) -> Rows:
-    """Rows without a last one that was cut off, or may be, as by an interrupted recorder; `whole`: it has its break."""
+    """Rows without a last row that is, or may be, cut off by an interrupted recorder. `whole`: it has a line break."""
     line, cells = rows[-1]
     if len(rows) > 1 and len(cells) < min(width, len(rows[-2][1])):
         damage.miss_end(f"the last line, {line}, is cut off and was skipped")
@@ -585,7 +585,7 @@ def without_cut_row(rows: Rows, width: int, damage: Ledger, whole: bool) -> Rows
 
 
 def decimal_of(rows: Sequence[tuple[int, Sequence[str | None]]]) -> str:
-    """The decimal sign of the cells: a comma where numbers have one, none a stop, and not all may part thousands."""
+    """The decimal sign of the cells. A comma if numbers have commas and no stops, unless all may separate thousands."""
     columns = zip_longest(*(row for _, row in (*rows[:FIRST_LINES], *rows[-LAST_LINES:])))
     numbers = [[*filter(is_value, {cell or "" for cell in column} - {*MISSING})] for column in columns]
     others = [column for column in numbers if not are_whole_thousands(column, ".")]
@@ -601,18 +601,18 @@ def decimal_of(rows: Sequence[tuple[int, Sequence[str | None]]]) -> str:
 
 
 def share_above(count: int, total: int) -> float:
-    """A share of three decimals that is at least count / total, for the user to write."""
+    """count / total rounded up to three decimals, for the user to write."""
     return math.ceil(1000 * count / total) / 1000
 
 
 def unpadded(cells: list[str], width: int) -> list[str]:
-    """Cells without the empty ones beyond `width`, with which some writers pad lines."""
+    """Cells without the empty ones beyond `width`: some programs pad lines with them."""
     last = max((place for place, cell in enumerate(cells, start=1) if cell), default=0)
     return cells[: max(last, width)]
 
 
 def fitting_rows(rows: Rows, width: int, layout: CsvLayout) -> tuple[list[tuple[int, list[str | None]]], list[str]]:
-    """The rows that fit, with None for omitted columns, and what was repaired."""
+    """The rows that fit, with None for omitted columns, and a note on each repair."""
     if layout.ragged == "dropped_variable":
         return dropped_variables(rows, width, layout.missing)
     odd = [(line, len(cells)) for line, cells in rows if len(cells) != width]
@@ -631,9 +631,9 @@ def fitting_rows(rows: Rows, width: int, layout: CsvLayout) -> tuple[list[tuple[
 def dropped_variables(
     rows: Rows, width: int, missing: Collection[str]
 ) -> tuple[list[tuple[int, list[str | None]]], list[str]]:
-    """The rows of a logger that omits failed variables, with None from there on: those missing in the row before. The
-    logger of `opensourceleg` writes the header with the first thousand rows: variables that failed before have no name
-    there, and their cells, those missing in the last row that has them, are left out."""
+    """The rows of a logger that omits failed variables; None from there on. The omitted columns are those missing in
+    the row before. The logger of `opensourceleg` writes its header late, with the first thousand rows. Variables that
+    failed before have no name in it: their cells, those missing in the last row that has them, are left out."""
     notes, columns, filled = list[str](), list(range(width)), list[tuple[int, list[str | None]]]()
     first = next((place for place, (_, cells) in enumerate(rows) if len(cells) == width), 0)
     lengths = {len(cells) for _, cells in rows[:first]}

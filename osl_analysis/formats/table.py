@@ -1,4 +1,4 @@
-"""One table for every format: columns as the file has them, before any conversion; and one ledger of its losses."""
+"""The table that every format is read into, with columns as in the file, unconverted; and the ledger of its losses."""
 
 import errno
 import os
@@ -19,28 +19,28 @@ from numpy.typing import NDArray
 from osl_analysis.errors import InputError, printable
 from osl_analysis.trial import Array
 
-MOST_BYTES = 4_000_000_000  # of memory that the values of a recording may take
-MOST_SECONDS = 600  # of processor time that a decoder may take
+MOST_BYTES = 4_000_000_000  # largest memory for the values of a recording
+MOST_SECONDS = 600  # largest processor time of a decoder
 
 Result = TypeVar("Result")
-MIX = np.uint64(0x9E3779B97F4A7C15)  # of words, to tell them by fewer bits
+MIX = np.uint64(0x9E3779B97F4A7C15)  # multiplier of a hash: spreads a word over its high bits
 LIBRARY_REMEDY = "copy the file again, or export it anew"
 
 
 @contextmanager
 def in_one_sentence(what: str = "", remedy: str = LIBRARY_REMEDY) -> Iterator[None]:
-    """Whatever a library comes across in a damaged file, as one refusal."""
+    """Turn any error of a library about a damaged file into one InputError."""
     try:
         yield
     except (InputError, MemoryError, KeyboardInterrupt, SystemExit, GeneratorExit):
         raise
-    except BaseException as error:  # also what Rust calls a panic
+    except BaseException as error:  # also a panic of Rust
         raise InputError(f"{what}cannot be read ({reason_of(error)}); {remedy}") from error
 
 
 def reason_of(error: BaseException) -> str:
-    """What a library's words about a damaged file mean; those of the system, as of a full disk, stay."""
-    if isinstance(error, OSError) and error.strerror and error.errno != errno.EINVAL:  # of a wrong place in the file
+    """The meaning of a library's error about a damaged file. An error of the system, such as a full disk, stays."""
+    if isinstance(error, OSError) and error.strerror and error.errno != errno.EINVAL:  # EINVAL: a wrong file offset
         return error.strerror
     said = str(error)
     if re.search(r"(?i)truncated|past end|must end|whole buffer|not enough bytes|could not read|EOCD|no end", said):
@@ -51,10 +51,10 @@ def reason_of(error: BaseException) -> str:
 
 
 def isolated(work: Callable[[], Result]) -> Result:
-    """What `work` returns in a fork of this process, or its refusal; InputError if the fork dies or needs more memory
-    than a recording may."""
+    """The result of `work`, done in a fork of this process. Raises InputError: that of `work`, or the fork dies or
+    needs more memory than a recording may take."""
     reader, writer = os.pipe()
-    with warnings.catch_warnings(action="ignore"):  # of threads, which the fork does not use
+    with warnings.catch_warnings(action="ignore"):  # warnings about threads, which the fork does not use
         child = os.fork()
     if child == 0:
         answer(work, writer)
@@ -65,7 +65,7 @@ def isolated(work: Callable[[], Result]) -> Result:
     if os.WIFSIGNALED(status) or not said:
         name = signal.Signals(os.WTERMSIG(status)).name if os.WIFSIGNALED(status) else "no answer"
         raise InputError(f"its decoder broke down ({name}): the file is damaged; {LIBRARY_REMEDY}")
-    is_whole, result = pickle.loads(said)  # by our own fork
+    is_whole, result = pickle.loads(said)  # safe: our own fork wrote it
     if is_whole is None:
         raise MemoryError
     if not is_whole:
@@ -74,8 +74,8 @@ def isolated(work: Callable[[], Result]) -> Result:
 
 
 def answer(work: Callable[[], object], writer: int) -> None:
-    """In the fork: do the work within the limit of memory, write its result, and end as if nothing had been."""
-    is_lower = False  # whether this process may have less than a recording
+    """In the fork: do the work within the memory limit, write its result to the pipe, and exit without clean-up."""
+    is_lower = False  # whether this process has a lower limit than MOST_BYTES
     try:
         with suppress(OSError, ValueError, ImportError, AttributeError):
             import resource
@@ -86,7 +86,7 @@ def answer(work: Callable[[], object], writer: int) -> None:
             is_lower = 0 <= resource.getrlimit(resource.RLIMIT_DATA)[0] < MOST_BYTES
             resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
             resource.setrlimit(resource.RLIMIT_CPU, (MOST_SECONDS, MOST_SECONDS))
-            os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # a decoder that breaks down need not say so at length
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # hides the long messages of a crashing decoder
         try:
             said = pickle.dumps((True, work()))
         except MemoryError:
@@ -112,30 +112,30 @@ def check_memory(size: int, what: str = "its values") -> None:
 
 @dataclass
 class Ledger:
-    """What a file of any format should hold, what was read of it, and what is lost, counted while it is read: messages
-    of each channel, or the rows of a table under 0. What is not known is None, never 0."""
+    """Counts of what a file should hold, what was read and what is lost. They are made while it is read, of messages of
+    each channel, or of the rows of a table under channel 0. An unknown count is None, never 0."""
 
-    end_missing: bool = False  # the recorder did not finish, or the file was cut off: nobody knows what followed
-    end_unknown: bool = False  # nothing tells where it ends, as of lines of text: a part of it looks as the whole does
-    gaps: bool = False  # some part of the file cannot be read or is missing; the summary counts as a part
-    expected: int | None = None  # messages in it as it says; None if it does not, or is not trusted
+    end_missing: bool = False  # the recorder did not finish, or the file was cut off: what followed is unknown
+    end_unknown: bool = False  # the format does not mark its end, as in text: a cut file looks whole
+    gaps: bool = False  # some part of the file, perhaps its summary, is missing or cannot be read
+    expected: int | None = None  # number of messages that the file declares; None if it does not, or is not trusted
     declared: Counter[int] | None = None  # the same for each channel
-    declared_chunks: int | None = None  # chunks in the file as it says itself
+    declared_chunks: int | None = None  # number of chunks that the file declares
     read: Counter[int] = field(default_factory=Counter)  # messages of each channel
-    verified: int = 0  # messages that were read and are covered by a checksum that was right
-    misfits: Counter[int] = field(default_factory=Counter)  # of `read`, what does not fit its own schema and is lost
+    verified: int = 0  # messages that were read and are covered by a correct checksum
+    misfits: Counter[int] = field(default_factory=Counter)  # messages of `read` that do not fit their schema: lost
     chunks: int = 0
-    chunks_lost: int = 0  # chunks that were found and could not be read
+    chunks_lost: int = 0  # chunks that were found but could not be read
     indexed_lost: Counter[int] = field(default_factory=Counter)  # lost messages of each channel whose number is known
-    skipped: Counter[int] = field(default_factory=Counter)  # of each channel, by its sequence numbers
-    uncounted: bool = False  # something is lost or may be, and nothing tells how many messages it held
-    is_doubted: bool = False  # some values are those of no sensor: bytes of what was read may be lost
-    bytes: int = 0  # bytes of the file's data section
-    bytes_lost: int = 0  # bytes of it that could not be read, without those at the end of a file that was cut off
-    remarks: list[str] = field(default_factory=list)  # what is missing or was repaired or left out, a sentence each
+    skipped: Counter[int] = field(default_factory=Counter)  # gaps in the sequence numbers of each channel
+    uncounted: bool = False  # something is or may be lost, and its number of messages is unknown
+    is_doubted: bool = False  # some values are no sensor's: bytes of what was read may be lost
+    bytes: int = 0  # size of the file's data section
+    bytes_lost: int = 0  # bytes of it that could not be read, without those beyond a cut-off end
+    remarks: list[str] = field(default_factory=list)  # what is missing, was repaired or left out, a sentence each
 
     def lose(self, remark: str, size: int, messages: Counter[int] | None, chunks: int) -> None:
-        """Count a lost stretch: bytes, messages of each channel (None if their number is not known), chunks."""
+        """Count a lost part: `size` bytes, messages of each channel (None: number unknown), chunks."""
         self.remarks.append(remark)
         self.chunks_lost += chunks
         self.bytes_lost += size
@@ -152,7 +152,7 @@ class Ledger:
         return self.read.total()
 
     def lost(self, channels: Collection[int] | None = None) -> int | None:
-        """Lost messages of some channels, else of all; None where the file does not tell, as one without its end."""
+        """Number of lost messages of some channels, else of all; None if unknown, as in a file without its end."""
         if self.is_doubted or (self.end_missing if self.expected is None else self.expected < self.messages):
             return None
         if self.expected is not None and channels is None:
@@ -164,14 +164,14 @@ class Ledger:
 
     @property
     def certain(self) -> Counter[int]:
-        """Lost messages of each channel that are known, whatever else may be lost. What sequence numbers skip, in a
-        lost chunk too, counts in a file that does not say how many it has: else the recorder itself dropped them."""
+        """Messages of each channel that are certainly lost; more may be. Skipped sequence numbers count only if the
+        file does not declare its messages. If it does, the recorder itself dropped the others."""
         return self.misfits + (self.indexed_lost | (self.skipped if self.declared is None else Counter()))
 
     def share_lost(self, channels: Collection[int] | None = None) -> float:
-        """Lost share of the messages of some channels, of all if none are named. Where the file does not tell how many,
-        that of all messages or of the bytes stands for it, if it is larger. What may be missing at the end of a file
-        that was cut off counts for nothing: no byte of it is there."""
+        """Lost share of the messages of some channels, else of all. If their number is unknown, the share of certain
+        losses, of all messages or of bytes is taken, whichever is largest. A missing end counts nothing: nobody knows
+        what it held."""
         lost = self.lost(channels)
         certain = total_of(self.certain, channels) if lost is None else lost
         sound = self.read - self.misfits
@@ -182,13 +182,13 @@ class Ledger:
         return min(1.0, max(share, total / max(1, sound.total() + total), self.bytes_lost / max(1, self.bytes)))
 
     def crc(self) -> str:
-        """Whether checksums cover what was read."""
+        """Whether checksums cover the messages that were read: `checked`, `mixed` or `absent`."""
         if self.verified == self.messages and self.messages:
             return "checked"
         return "mixed" if self.verified else "absent"
 
     def report(self, topics: Mapping[str, Collection[int]] | None = None) -> dict[str, Any]:
-        """The provenance's `damage`: null is what nobody knows. Of messages also by topic, its channels."""
+        """The provenance's `damage`; null: unknown. With `topics` (channels by topic), also the losses of each."""
         lost, sound = self.lost(), self.messages - self.misfits.total()
         chunks = None if self.end_missing else max(self.chunks_lost, (self.declared_chunks or 0) - self.chunks)
         wrong = self.gaps or chunks != 0 or self.expected not in (None, self.messages)
@@ -208,7 +208,7 @@ class Ledger:
         return found | {"crc": self.crc(), "chunks_lost": chunks, "topics": by_topic}
 
     def all_remarks(self, of_messages: bool = True) -> list[str]:
-        """The remarks, with those that follow from the counts of the whole file."""
+        """The remarks, followed by those from the counts of the whole file."""
         remarks, more = self.remarks[:20], len(self.remarks) - 20
         remarks += [f"and {more} more remarks"] * (more > 0)
         if self.expected not in (None, self.messages):
@@ -220,39 +220,39 @@ class Ledger:
 
 
 def noise_in(x: NDArray[Any], run: slice) -> tuple[float, float]:
-    """The `noise_of_pieces` in a run of readings (n,), or in those around a short one."""
+    """The `noise_of_pieces` in a run of readings (n,); a short run is widened to 64 readings."""
     wide = max(0, 64 - (run.stop - run.start)) // 2
     return noise_of_pieces(x[None, max(0, run.start - wide) : run.stop + wide])[0]
 
 
 @np.errstate(over="ignore", invalid="ignore")
 def noise_of_pieces(pieces: NDArray[Any]) -> list[tuple[float, float]]:
-    """SD of the noise in each of some pieces of a channel (k, n) and the step of its values, 1/1000 of the smallest one
-    where others are no multiples of that; 0 without noise of its own, unlike a command, a simulation, or a motion that
-    is only rounded, which may come again: by the median of fourth differences, to which a motion gives little."""
+    """SD of the noise in each of k pieces of a channel (k, n), and the step of its values. The SD comes from the median
+    of fourth differences, to which a motion adds little. It is 0 for a channel without noise: a command, a simulation
+    or a motion that is only rounded. The step is 1/1000 of the smallest one if others are no multiples of that."""
     if pieces.shape[1] < 5:
         return [(0.0, 0.0)] * len(pieces)
     apart, (steps, scatter) = np.diff(np.sort(pieces)), (np.abs(np.diff(pieces, order)) for order in (1, 4))
     level, scatter = np.where(apart > 0, apart, np.inf).min(axis=1), np.median(scatter, axis=1) / (0.6745 * 70**0.5)
     is_noise = scatter > np.maximum(0.6 * level, 0.01 * np.median(steps, axis=1))
     parts = apart / level[:, None]
-    is_step = np.mean(np.abs(parts - np.rint(parts)) < 0.05, axis=1) > 0.5  # else a chance: numbers of all their digits
+    is_step = np.mean(np.abs(parts - np.rint(parts)) < 0.05, axis=1) > 0.5  # else the values are not rounded
     level = np.where(is_step | (scatter == 0), level, 1e-3 * level)
     return [*zip(np.where(is_noise, scatter, 0.0).tolist(), level.tolist(), strict=True)]
 
 
 def copied_runs(words: NDArray[Any], least: int, proves: Callable[[slice, int], bool]) -> list[tuple[int, int, int]]:
-    """Runs of `least` words (n,) or more that are those of another place, one by one, as where a block of a file was
-    written over another or twice: first word, word after the last one, and first word there. Words that occur more than
-    three times prove nothing: where most do, as those of a coarse converter, several in a row are one word. Nor do runs
-    that `proves` does not take, by their place and lag, nor copies of nearly all: that motion repeats itself."""
+    """Runs of `least` words (n,) or more that repeat an earlier run exactly, as if a block of a file was written twice:
+    first word, word after the last, and first word of the earlier run. Words that occur more than three times prove
+    nothing; if most do (a coarse converter), 4 or 16 in a row are compared as one. Runs that `proves` rejects, by place
+    and lag, do not count. If nearly everything is a copy, the motion repeats itself: none counts."""
     bits = words.view(f"u{words.dtype.itemsize}") if words.dtype.kind == "f" else words
     if words.size < max(32, 2 * least):
         return []
     bits, places = bits.astype(np.uint64), np.uint64((1 << words.size.bit_length()) - 1)
     mixed = bits * MIX
     for size in (1, 4, 16):
-        for step in (size // 4, size // 2) if size > 1 else ():  # two words in a row, then two of these, are one
+        for step in (size // 4, size // 2) if size > 1 else ():  # joins two neighbours, then two of these
             mixed = (mixed[:-step] ^ (mixed[:-step] >> np.uint64(29))) * MIX + mixed[step:]
         keys = np.sort((mixed * MIX & ~places) | np.arange(mixed.size, dtype=np.uint64))
         groups = np.flatnonzero(np.concatenate([[True], (keys[1:] ^ keys[:-1]) > places, [True]]))
@@ -269,7 +269,7 @@ def copied_runs(words: NDArray[Any], least: int, proves: Callable[[slice, int], 
         return []
     found, copies, seldom = list[tuple[int, int, int]](), np.zeros(bits.size, bool), np.zeros(bits.size, bool)
     seldom[at[np.repeat(counts <= 3, counts)]] = True
-    before = np.concatenate([[0], np.cumsum(seldom)])  # how many there are
+    before = np.concatenate([[0], np.cumsum(seldom)])  # number of rare words before each place
     for lag in lags[many][np.argsort(-votes[many], kind="stable")][:20].tolist():
         equal = np.zeros(bits.size - lag + 2, bool)
         equal[1:-1] = bits[lag:] == bits[:-lag]
@@ -290,24 +290,24 @@ def total_of(counts: Counter[int], channels: Collection[int] | None) -> int:
 
 @dataclass(frozen=True)
 class Table:
-    """A recording, or a part of one, that has one time."""
+    """A recording, or a part of one, with one column of time."""
 
     rows: int
-    # by the address that asked for it: (rows,) in the type of the file, NaN where a reading failed, masked without one
+    # by the address in the source file: (rows,), in the file's type; NaN: a failed reading; masked: no reading
     columns: Mapping[str, NDArray[Any]]
     units: Mapping[str, str] = field(default_factory=dict)  # units that the file states, by address
-    time: Array | None = None  # time [s] of each row, (rows,), where the format itself tells it
+    time: Array | None = None  # time [s] of each row, (rows,), if the format itself tells it
     damage: Ledger = field(default_factory=Ledger)
-    facts: Mapping[str, Any] = field(default_factory=dict)  # what else the provenance says of the file
-    found: Mapping[str, Mapping[str, str]] = field(default_factory=dict)  # what it says of a column, as its full name
+    facts: Mapping[str, Any] = field(default_factory=dict)  # further provenance of the file
+    found: Mapping[str, Mapping[str, str]] = field(default_factory=dict)  # provenance of a column, as its full name
     lines: NDArray[np.int64] | None = None  # line of each row in a file of text, counted from 1
-    has_stamps: bool = False  # its column of time held times of day, and holds ns
-    # what else may tell the time in the file, by name, with its unit, (rows,) each, and rates that it states [Hz]
+    has_stamps: bool = False  # the column of time had times of day, and holds them in ns
+    # further clocks in the file (name, unit, (rows,) readings), and the rates that it states (name, [Hz])
     clocks: Sequence[tuple[str, str, NDArray[Any]]] = ()
     rates: Sequence[tuple[str, float]] = ()
-    noun: str = "row"  # what messages call a row
-    has_own_rows: bool = False  # whether devices of several rates have rows of their own, masked in those of the others
-    failed: str = "NaN"  # what messages call a reading that failed
+    noun: str = "row"  # word for a row in messages
+    has_own_rows: bool = False  # whether each device has rows of its own, in which the others are masked
+    failed: str = "NaN"  # word for a failed reading in messages
 
     def place(self, row: int) -> str:
         """A row, for messages."""

@@ -1,5 +1,5 @@
-"""What is measured on a recording: its sampling, its clocks, damage to its log, the motion that was commanded, sensors
-at the end of their range, that stand or wrap, force plates. Numbers without limits and verdicts."""
+"""The measures of a recording's quality: sampling, clocks, damage to the log, the commanded motion, sensors that
+saturate, stand still or wrap, force plates. They are numbers; limits and verdicts come later (`judge`)."""
 
 import math
 import re
@@ -28,12 +28,12 @@ from osl_analysis.trial import Array, Trial, beside, factor_of, median, plate_ax
 class Commanded:
     """The stepped sine that the configuration commands: each amplitude at every frequency."""
 
-    amplitudes_deg: Sequence[float] | None  # None, also below: not stated
+    amplitudes_deg: Sequence[float] | None  # None, in any field: not stated
     frequencies_hz: Sequence[float] | None
     cycles: int | Sequence[int] | None  # one number for all frequencies, or one for each
     seconds_per_frequency: float | None = None  # in place of `cycles`
     excitation: str = "auto"
-    """What moves the joint in impedance trials: `stepped_sine`, `any` other motion, or `auto`, what they show."""
+    """What moves the joint in impedance trials: `stepped_sine`, `any` other motion, or `auto`: the recording tells."""
 
     @property
     def protocol(self) -> SteppedSineProtocol:
@@ -49,7 +49,7 @@ class Examined:
 
     @cached_property
     def steps(self) -> dict[str, tuple[float, float, float]]:
-        """Median, mean and largest sampling step [s]. Channels of the same times stand under the first."""
+        """Median, mean and largest sampling step [s] of each device, by the name of its first channel."""
         found = dict[str, tuple[float, float, float]]()
         for first, *_ in devices_of(self.trial, [one for one in self.trial.columns if one != "time"]):
             steps = np.diff(self.trial.arrays(first)[0])
@@ -61,7 +61,7 @@ class Examined:
 @dataclass(frozen=True)
 class CheckResult:
     value: float | None  # in the check's unit; None where the check does not apply
-    remark: str = ""  # which channel it was, or why the check does not apply
+    remark: str = ""  # the worst channel, or why the check does not apply
 
 
 def not_applicable(reason: str) -> CheckResult:
@@ -69,7 +69,7 @@ def not_applicable(reason: str) -> CheckResult:
 
 
 def worst(values: Mapping[str, float], reason: str) -> CheckResult:
-    """The largest of the channels' values, with its channel; `reason`: why there are no channels, if there are none."""
+    """The largest of the channels' values, with its channel; without channels, not applicable for this `reason`."""
     if not values:
         return not_applicable(reason)
     name = max(values, key=lambda channel: values[channel])
@@ -86,17 +86,17 @@ def recorded(trial: Trial, column: str | None) -> tuple[Array, Array]:
 
 
 def median_step(time: Array) -> float:
-    """Median step [s], or the mean one where most stamps are repeated; 0 for a single sample."""
+    """Median step [s], or the mean step if most stamps are repeated; 0 for a single sample."""
     return median(np.diff(time)) or float(np.ptp(time)) / (time.size - 1) if time.size > 1 else 0.0
 
 
 def consecutive(time: Array, values: Array, seconds: float) -> Array:
-    """Consecutive stretches (..., k, m) of values (..., n), of so many seconds each."""
+    """Values (..., n) cut into consecutive pieces (..., k, m) of `seconds` each; the rest is dropped."""
     length = max(round(seconds / median_step(time)), 1) if time.size > 1 else 1
     return values[..., : time.size // length * length].reshape(*values.shape[:-1], -1, length)
 
 
-# Sampling, clocks and damage. What each check measures is said by `judge/words.yaml`.
+# Sampling, clocks and damage. `judge/words.yaml` says what each check measures.
 
 
 def measure_rate(examined: Examined) -> CheckResult:
@@ -106,8 +106,8 @@ def measure_rate(examined: Examined) -> CheckResult:
 
 
 def measure_jitter(examined: Examined) -> CheckResult:
-    """Largest slow wander [%] of a recorder's stamps about their line, in steps; 0 where signals or the source file
-    decide what it is (docs/time_base.md): scatter of any size then costs nothing."""
+    """Largest slow wander of a recorder's stamps about their line, in percent of a step. 0 if the signals or the source
+    file decide how stamps are read (docs/time_base.md): scatter of any size then costs nothing."""
     wander, remarks = {}, []
     columns = [column for column in examined.experiment.needed_columns if column in examined.trial.columns]
     try:
@@ -161,9 +161,9 @@ def measure_truncation(examined: Examined) -> CheckResult:
 
 
 def measure_protocol(examined: Examined) -> CheckResult:
-    """Number of commanded pairs of amplitude and frequency that are missing or have other numbers of cycles, of runs
-    that were not commanded, and of amplitudes of another size. A protocol may have a pair more than once. Another
-    motion than the stepped sine is said and does not count."""
+    """Number of differences from the protocol: commanded pairs of amplitude and frequency that are missing or have
+    other numbers of cycles, runs that were not commanded, and amplitudes of another size. A protocol may repeat a pair.
+    A motion that is no stepped sine is remarked and counts 0."""
     if not examined.experiment.stepped_sine or "theta" not in examined.trial.columns:
         return not_applicable("no stepped sine")
     commanded = examined.commanded.protocol
@@ -189,7 +189,7 @@ def measure_protocol(examined: Examined) -> CheckResult:
     remarks = other_sizes(alike.runs, commanded)
     for (amplitude, frequency), wanted in cycles.items():
         own = [run for run, pair in zip(alike.runs, followed, strict=True) if pair == (amplitude, frequency)]
-        # the same within 5 %, or half a cycle of each run: a ramp has no sharp end; cycles of a soft start count too
+        # Equal within 5 %, or half a cycle per run: a ramp has no sharp end. Cycles of a soft start may count too.
         slack, least = max(0.05 * wanted, 0.5 * len(own)), sum(run.cycles for run in own)
         if not own:
             remarks.append(f"missing {np.rad2deg(amplitude):g} deg at {frequency:g} Hz")
@@ -203,8 +203,8 @@ def measure_protocol(examined: Examined) -> CheckResult:
 
 
 def cycles_with_ramps(run: Run, alike: Likeness) -> float:
-    """The cycles of a run with those of a soft start or end beside it, of its period and another amplitude, of which
-    the outermost ones are too small to be seen: two more where there are any."""
+    """The cycles of a run, with those of a soft start or end beside it: the same period at another amplitude. If there
+    are any, two more are added, because the outermost ones are too small to be seen."""
     others = [one for one in alike.runs if one is not run]
     start = max((one.stop for one in others if one.stop <= run.start), default=-np.inf)
     stop = min((one.start for one in others if one.start >= run.stop), default=np.inf)
@@ -216,12 +216,12 @@ def cycles_with_ramps(run: Run, alike: Likeness) -> float:
 
 
 def other_sizes(found: Sequence[Run], commanded: SteppedSineProtocol) -> list[str]:
-    """Amplitudes of the slowest frequency, of which a bench loses least, that are not commanded ones within 3 %."""
+    """A sentence per amplitude more than 3 % off its command, at the slowest frequency: a bench loses least there."""
     slowest, said = min(commanded.frequencies_hz), []
     sizes = sorted(run.amplitude for run in found if commanded.frequency_near(run.frequency_hz) == slowest)
     near = [commanded.amplitude_near(size) for size in sizes]
     if len(sizes) == len(commanded.amplitudes) and None not in near:
-        near = [*sorted(commanded.amplitudes)]  # all of them, by one factor perhaps
+        near = [*sorted(commanded.amplitudes)]  # all amplitudes may be off by one factor: matched by order
     for size, meant in zip(sizes, near, strict=True):
         if meant is not None and abs(size / meant - 1) > 0.03:
             said.append(
@@ -231,7 +231,7 @@ def other_sizes(found: Sequence[Run], commanded: SteppedSineProtocol) -> list[st
     return said
 
 
-# Sensors at the end of their range: load cells, currents and encoders that stand at a rail.
+# Saturation: load cells, currents and encoders that stand at an end of their range.
 
 
 def stated_range(trial: Trial, column: str) -> tuple[float, float] | None:
@@ -241,7 +241,7 @@ def stated_range(trial: Trial, column: str) -> tuple[float, float] | None:
 
 
 def check_ranges(trial: Trial) -> None:
-    """Refuse values that no sensor of the range that the source file states can measure (InputError)."""
+    """Refuse values beyond the sensor's range as the source file states it (InputError)."""
     for column in trial.columns:
         if (ends := stated_range(trial, column)) is None or not (values := recorded(trial, column)[1]).size:
             continue
@@ -255,9 +255,9 @@ def check_ranges(trial: Trial) -> None:
 
 
 def samples_at_rail(trial: Trial, column: str, torque: str | None = None) -> int:
-    """Longest run [samples] of a channel at an end of its range, stated or seen, where it repeats its lowest or highest
-    value; 0 for a command, which has levels. An angle that a bench drives also rests at an extreme: it is clipped only
-    where `torque` changes meanwhile. A motor behind a belt may stand by its own friction then."""
+    """Longest run [samples] of a channel at an end of its stated range, or at its lowest or highest value. 0 for a
+    command, which has levels. A driven angle may rest at an extreme: it is clipped only if `torque` changes meanwhile.
+    Do not ask this of a motor behind a belt: its own friction may hold it."""
     time, values = recorded(trial, column)
     if not values.size or not np.isfinite(values).all():  # the fit refuses it
         return 0
@@ -265,7 +265,7 @@ def samples_at_rail(trial: Trial, column: str, torque: str | None = None) -> int
         seen = 0 if torque is None else longest_clipped_angle(time, values, recorded(trial, torque))
     else:
         rail, changes = run_at_extreme(values), np.flatnonzero(np.diff(values, prepend=np.nan)).astype(float)
-        # rows, of a source that is slower; the median of whole numbers that are equal takes ten times as long
+        # rows per value, if the source is slower than the log (as floats: a median of equal integers is slow)
         held_for = int(np.median(np.diff(changes))) if len(changes) > 1 else 1
         seen = 0 if column == "current" and is_command(values) else (rail.stop - rail.start) // held_for
     if ends := stated_range(trial, column):
@@ -276,17 +276,17 @@ def samples_at_rail(trial: Trial, column: str, torque: str | None = None) -> int
 
 
 def is_command(values: Array) -> bool:
-    """Whether a channel (n,) has levels without noise: beside the longest run, three in ten samples repeat the last."""
+    """Whether a channel (n,) has levels without noise: beside its longest run, over 30 % of samples repeat the last."""
     repeated = np.diff(values) == 0
     longest = longest_run(repeated)
     return bool(repeated.sum() - (longest.stop - longest.start) > 0.3 * repeated.size)
 
 
 def longest_clipped_angle(time: Array, theta: Array, torque: tuple[Array, Array]) -> int:
-    """Longest run [samples] of an angle (n,) at its lowest or highest value while the torque changes. `torque` are
-    times [s] and values. The angle must come to the extreme, and leave it, with a corner; and the torque must change in
-    the middle of the run too, as of a joint that turns on, not at its ends alone, as of one that comes to rest. One
-    that is held, behind coarse steps, is as often at the value beside it; one behind play stands at other turns too."""
+    """Longest run [samples] of an angle (n,) at its lowest or highest value while the torque changes. `torque` is times
+    [s] and values. The angle must reach and leave the extreme with a corner. The torque must also change in the middle
+    of the run: the joint turns on. For a joint that comes to rest it changes only at the ends. A held joint with coarse
+    steps takes the next value as often. Behind play, an angle stands at other turning points too."""
     when, values = torque
     if not theta.size or not np.ptp(theta) or not when.size or not np.isfinite(values).all() or not np.ptp(values):
         return 0
@@ -303,7 +303,7 @@ def longest_clipped_angle(time: Array, theta: Array, torque: tuple[Array, Array]
                     noise = usual_size(np.diff(values, 3)) / 3.016 if values.size > 3 else np.inf  # of white noise
                     changes = max(changes, 10 * noise)
                     step = smallest_step(theta)
-                # within half of its standing time a sine that is rounded to steps moves by four of them at most
+                # A sine that is rounded to steps moves by four steps at most within half of its standing time.
                 corner = moved and min(moved) > 8 * step
                 turns_on = np.ptp(within[within.size // 4 : -(within.size // 4) or None]) > max(changes / 4, 10 * noise)
                 beside = theta[np.abs(theta - end) > 0.5 * step]
@@ -318,27 +318,27 @@ def longest_clipped_angle(time: Array, theta: Array, torque: tuple[Array, Array]
 
 
 def smallest_step(values: Array) -> float:
-    """Between two values of a signal (n,), but for rounding."""
+    """Smallest difference between two values of a signal (n,), apart from rounding errors."""
     apart = np.diff(np.unique(values))
     return float(np.min(apart[apart > 1e-9 * np.ptp(values)], initial=np.ptp(values)))
 
 
 def comes_to_rest(theta: Array, run: slice, step: float) -> bool:
-    """Whether an angle (n,), in steps, slows down before it stands in a run of samples, and starts slowly after it, as
-    a joint that is moved from level to level does; one that is clipped runs into the end of its range at speed."""
+    """Whether an angle (n,) with this resolution slows down before the run in which it stands, and starts slowly after
+    it, as a joint that is moved from level to level. A clipped angle runs into the end of its range at speed."""
     count = run.stop - run.start
     sides = theta[max(run.start - count, 0) : run.start + 1], theta[run.stop - 1 : run.stop + count][::-1]
     for side in sides:
         apart = next((k for k in range(4, len(side) // 2) if np.abs(side[k:] - side[:-k]).max() > 16 * step), None)
         if apart is not None:
             near, then = np.abs(np.diff(side[[-1, -1 - apart, -1 - 2 * apart]]))
-            if near > 0.25 * np.abs(side[apart:] - side[:-apart]).max() and then < 1.5 * near:  # from rest it is thrice
+            if near > 0.25 * np.abs(side[apart:] - side[:-apart]).max() and then < 1.5 * near:  # 3 * near if from rest
                 return False
     return True
 
 
 def raw_channels(trial: Trial) -> dict[str, Mapping[str, Any]]:
-    """Facts of every raw channel of the trial's plates by name, as ingest found them."""
+    """Facts on every raw channel of the trial's plates, by name, as ingest recorded them."""
     return {
         f"plate{plate['plate']} channel {facts['label']}": facts
         for plate in trial.provenance.get("plates", [])
@@ -347,8 +347,8 @@ def raw_channels(trial: Trial) -> dict[str, Mapping[str, Any]]:
 
 
 def noisy_channels(trial: Trial) -> dict[str, tuple[Array, Array]]:
-    """Time [s] and values of the channels with samples that a sensor's noise keeps changing: torques, current, and
-    force and moment of plates whose raw channels are not known."""
+    """Time [s] and values of channels that noise keeps changing: torques, current, and the forces and moments of plates
+    whose raw channels are not known."""
     noisy = {"current"} | {facts.torque for facts in EXPERIMENTS.values()}
     plates = {name.partition(" ")[0] for name in raw_channels(trial)}
     columns = [c for c in trial.samples.columns if c in noisy or c.startswith("plate")]
@@ -357,7 +357,7 @@ def noisy_channels(trial: Trial) -> dict[str, tuple[Array, Array]]:
 
 
 def measure_saturation(examined: Examined) -> CheckResult:
-    trial, driven = examined.trial, examined.experiment.motion  # what nobody drives may stand by friction
+    trial, driven = examined.trial, examined.experiment.motion  # an angle that is not driven may stand by friction
     names = [*noisy_channels(trial), *(c for c in trial.samples.columns if c == driven or stated_range(trial, c))]
     lengths = {name: samples_at_rail(trial, name, examined.experiment.torque) for name in names}
     lengths |= {name: facts["clipped_samples"] for name, facts in raw_channels(trial).items()}
@@ -365,28 +365,28 @@ def measure_saturation(examined: Examined) -> CheckResult:
 
 
 def saturated(trial: Trial, torque: str = "torque", *others: str) -> pl.Expr:
-    """The column `saturated_samples`: how long torque, or one of the other columns, stood at an end of its sensor."""
+    """The column `saturated_samples`: the longest `samples_at_rail` of the torque and the other columns."""
     longest = max(samples_at_rail(trial, column, torque) for column in (torque, *others))
     return pl.lit(longest, pl.Int64).alias("saturated_samples")
 
 
-# Noisy channels, of torque, current and plates, and angles that stand.
+# Channels that stand still: torque, current, plates and angles.
 
 AT_REST = 0.02  # share of the angle's range by which a joint at rest may creep
 
 
 def measure_stuck(examined: Examined) -> CheckResult:
-    """Longest time [s] that a noisy channel repeats one value, or that an angle stands while its command, or else the
-    averaged torque, changes. A load cell whose steps are larger than its noise repeats a value while the joint rests,
-    and Nexus writes 0 without load. In static and plate trials the joint may rest. A channel that the experiment does
-    not use, as of a motor that is locked or detached, and a current before the motion starts may stand."""
+    """Longest time [s] that a noisy channel repeats one value, or that an angle stands while its command (or else the
+    averaged torque) changes. These do not count: a load cell with coarse steps while the joint rests; a plate at 0,
+    which Nexus writes without load; a joint at rest in static and plate trials; a channel that the experiment does not
+    use, such as a locked motor; a current before the motion starts."""
     trial, columns = examined.trial, examined.trial.samples.columns
     moving = examined.experiment.motion or ("theta" if examined.experiment.tables else "")
     angle = recorded(trial, moving if moving in columns else "theta")
     times, channels = {}, noisy_channels(trial)
     used = {name.partition("_")[0] for name, (_, x) in channels.items() if x.any()}
     for name, (time, x) in channels.items():
-        if name.startswith("plate"):  # one that is 0 throughout is dead if another of its plate is not
+        if name.startswith("plate"):  # a channel that is always 0 is dead if another channel of its plate is not
             dead = not x.any() and name.partition("_")[0] in used
             times[name] = float(np.ptp(time)) if dead else held(time, np.where(x == 0, np.nan, x))
         elif not examined.experiment.uses(name):
@@ -417,7 +417,7 @@ def measure_stuck(examined: Examined) -> CheckResult:
 
 
 def without_start(time: Array, values: Array, angle: tuple[Array, Array]) -> Array:
-    """A channel (n,), NaN where it stands from the beginning on, but not until the `angle` moves: no drive is on."""
+    """A channel (n,), NaN while it stands at the beginning, before the `angle` moves: the drive is still off."""
     changed = np.flatnonzero(values != values[0])
     if not changed.size or angle[0].size < 2:
         return values
@@ -427,9 +427,9 @@ def without_start(time: Array, values: Array, angle: tuple[Array, Array]) -> Arr
 
 
 def without_rests(time: Array, theta: Array) -> Array:
-    """An angle (n,), NaN where it stands for a while after it came to rest, and before it starts anew: a joint that is
-    held there, whatever its torque does, is no frozen channel. At the end of a recording it may be one, unless it rests
-    for less than three times as long as elsewhere."""
+    """An angle (n,), NaN while it stands at rest (`comes_to_rest`). A joint that is held is no frozen channel, whatever
+    its torque does. A stand at the end of a recording may be a frozen channel: it stays if it is longer than three
+    times the longest rest before."""
     kept, least, longest = theta.copy(), 0.2 / max(median_step(time), 1e-9), 0.0  # samples
     step = smallest_step(theta) if theta.size else 0.0
     for first, stop in run_edges(np.diff(theta) == 0).tolist():
@@ -448,9 +448,9 @@ def held(
     apart: float = 0.0,
     rests: NDArray[np.bool_] | None = None,
 ) -> float:
-    """Longest time [s] that a channel (n,) repeats one value while its reference, times and values, changes by more
-    than `least`. Where the channel is one that `rests` (n,), it must go to and fro by more in the later half of the
-    repetition: a motor behind a joint that rests creeps, or rings. At both of its ends `apart` [s] do not count."""
+    """Longest time [s] that a channel (n,) repeats one value while its reference (times, values) changes by more than
+    `least`. `apart` [s] at both ends do not count. Where the channel `rests` (n,), the reference must go to and fro by
+    more than `least` in the later half: a motor behind a resting joint creeps or rings."""
     edges = run_edges(np.diff(values) == 0)
     when, what = reference or (time, values)
     ends = np.searchsorted(when, time[edges[:, 0]] + apart), np.searchsorted(when, time[edges[:, 1]] - apart, "right")
@@ -470,10 +470,10 @@ def held(
 
 
 def measure_dropout(examined: Examined) -> CheckResult:
-    """Number of samples that no sensor gives, of a channel that seldom repeats a value. Of a plate `dropped_loads`."""
+    """Number of samples that no sensor gives, in channels that seldom repeat a value; for plates, `dropped_loads`."""
     counts = dict[str, float]()
     for name in (one for one in SELDOM_REPEAT if one in examined.trial.columns):
-        known = origin(examined.trial, name)  # where ingest counted them
+        known = origin(examined.trial, name)  # ingest may have counted them
         if "no_sensor" not in known:
             angle = recorded(examined.trial, "theta")[1]
             lost = values_of_no_sensor(name, *recorded(examined.trial, name), known, angle)
@@ -486,8 +486,8 @@ def measure_dropout(examined: Examined) -> CheckResult:
 
 
 def dropped_loads(force: Array) -> float:
-    """Number of samples of a plate's force (n,) [N] in levels into which it jumps, and out of them, by more than a step
-    of a person does between two samples; or in zeros among the noise of the bare plate."""
+    """Number of samples of a plate's force (n,) [N] in constant levels between two jumps larger than a person's step
+    causes, or in runs of zeros among the noise of the bare plate."""
     steps, bare = np.abs(np.diff(force)), np.abs(force) < 20.0  # N
     is_noisy = np.mean(force[bare] == 0) < 0.5 if bare.any() else False  # else 0 is written without load
     levels = [(a, b, *steps[:a][-1:], *steps[b : b + 1]) for a, b in run_edges(steps == 0).tolist()]
@@ -501,8 +501,8 @@ def dropped_loads(force: Array) -> float:
 
 
 def measure_unzeroed_plate(examined: Examined) -> CheckResult:
-    """Largest level [N] of a bare plate, the mean of its quiet fifth of a second that is nearest to zero. A positive
-    one may be a load, unless it is small, or every plate is bare at some time."""
+    """Largest level [N] of a bare plate: the mean over 0.2 s at rest that is nearest to zero. A larger positive level
+    may be a load, unless the experiment leaves every plate bare at some time."""
     at_rest = 20.0  # N, largest standard deviation of a plate at rest
     counted, loaded, remarks = [], [], []
     for column in examined.trial.samples.columns:
@@ -527,7 +527,7 @@ def measure_unzeroed_plate(examined: Examined) -> CheckResult:
 
 
 def measure_encoder_wrap(examined: Examined) -> CheckResult:
-    """Number of steps of an angle by a turn, within a tenth, also by a turn in degrees that is called radians."""
+    """Number of steps of an angle by one turn, within 10 %, or by 360 (degrees declared as radians)."""
     jumps: dict[str, float] = {}
     for column in ("theta", "theta_m", "theta_command"):
         if column in examined.trial.columns:
@@ -537,7 +537,7 @@ def measure_encoder_wrap(examined: Examined) -> CheckResult:
 
 
 def measure_marker_gap(examined: Examined) -> CheckResult:
-    """Longest time [s] that a marker was hidden between two sightings, beyond one step; all the time if it was never
+    """Longest time [s] that a marker was hidden between two sightings, minus one step; the whole time if it was never
     seen. The remark counts the markers with gaps."""
     gaps = {}
     for column in examined.trial.samples.columns:
@@ -552,12 +552,12 @@ def measure_marker_gap(examined: Examined) -> CheckResult:
     return CheckResult(result.value, f"{result.remark}; {with_gaps} of {len(gaps)} markers") if with_gaps else result
 
 
-# Force plates: the centre of pressure lies on the plate, and moves, while somebody walks over it.
+# Force plates: while somebody walks over a plate, the centre of pressure lies on it and moves.
 
 
 def pressed_plates(trial: Trial) -> Iterator[tuple[int, Array, Array]]:
-    """Of every plate that somebody stands on, as far as corners and columns are known: its number, corners (4, 3) [m],
-    and centre of pressure (k, 2) [m] from its centre along its edges, in the samples under load."""
+    """For every loaded plate with known corners and columns: its number, corners (4, 3) [m], and the centre of pressure
+    (k, 2) [m] in the loaded samples, from the plate's centre along its edges."""
     for plate in trial.provenance.get("plates", []):
         number, corners = int(plate["plate"]), np.array(plate["corners"], dtype=float)
         columns = [*plate_columns(number, "force"), *plate_columns(number, "moment")]
@@ -571,15 +571,15 @@ def pressed_plates(trial: Trial) -> Iterator[tuple[int, Array, Array]]:
 
 
 def travel(points: Array) -> float:
-    """Way [m] of points (k, 2) from their 5th to their 95th percentile."""
+    """Distance [m] between the 5th and 95th percentiles of points (k, 2) [m]."""
     low, high = np.percentile(points, [5, 95], axis=0)
     return float(np.hypot(*(high - low)))
 
 
 def measure_pressure_centre(examined: Examined) -> CheckResult:
-    """Largest distance [m] by which a centre of pressure lies outside its plate under load, in 80 % of the samples: the
-    first and last ones of a stance are inexact, and while it is turned a heavy plate's own inertia, which the analysis
-    takes away, throws it far out. The remark says why."""
+    """Largest distance [m] of a centre of pressure outside its plate under load: the 80th percentile over samples. The
+    first and last samples of a stance are inexact. While a plate is turned, its own inertia, which the analysis takes
+    away, moves the point far out. The remark gives the likely cause."""
     if not examined.experiment.walker:
         return not_applicable("nobody stands on a plate")
     distances, remarks = [], []
@@ -605,11 +605,11 @@ def measure_pressure_travel(examined: Examined) -> CheckResult:
     return CheckResult(way, f"plate{number}: if it stands still, the moments are dead or a thousand times too small")
 
 
-# What a recording of a bench cannot be is refused, before a fit.
+# Recordings of a bench that are refused before a fit.
 
 
 def check_own_torque(trial: Trial, torque: str = "torque") -> None:
-    """Refuse a torque that is the motor's current times a constant, of which a fit would be circular."""
+    """Refuse a torque that is the motor's current times a constant: a fit to it would be circular."""
     both = trial.arrays(torque, "current")[1:] if {torque, "current"} <= set(trial.columns) else ()
     if both and (factor := factor_of(*both)) is not None:
         raise InputError(
@@ -620,10 +620,10 @@ def check_own_torque(trial: Trial, torque: str = "torque") -> None:
 
 
 def check_recording(trial: Trial, limits: Any, torque: str = "torque", angle: str | None = "theta") -> None:
-    """Refuse an angle beyond `largest_angle` [rad] of the settings `limits`, a torque beyond `load_cell_range` [N*m],
-    one that stands while the joint turns or is the motor's own (`check_own_torque`), and samples that are too close."""
+    """Refuse an angle beyond `limits.largest_angle` [rad]; a torque beyond `limits.load_cell_range` [N*m], constant
+    while the joint turns, or computed from the current (`check_own_torque`); and samples less than 10 us apart."""
     who, time = f"trial {trial.name}:", trial.arrays()[0]
-    # stamps of a late host come in clusters, most of them microseconds apart, of which the mean step knows nothing
+    # The mean step: stamps of a late host come in clusters, and the steps within one are microseconds.
     step = float(np.ptp(time)) / (len(time) - 1) if len(time) > 1 else 0.0
     if 0 < step < 1e-5:  # no recorder of a joint is faster than 100 kHz
         said = f"{who} its samples are {step:.2g} s apart, {1 / step:.3g} in a second"
@@ -669,13 +669,13 @@ MEASURES: dict[str, tuple[Callable[[Examined], CheckResult], str]] = {
     "clock_residual": (measure_clock, "s"), "damage": (measure_damage, "%"), "truncated": (measure_truncation, "logs"),
     "protocol": (measure_protocol, "segments"),
 }  # fmt: skip
-"""Every check by name, with the unit of its value. A new one is its function, named here, its cause in
-`judge/causes.yaml`, its words, its rule under `quality` in config/config.yaml, and its test."""
+"""Every check by name: its function and the unit of its value. A new check also needs its cause in `judge/causes.yaml`,
+its words, its rule under `quality` in config/config.yaml, and a test."""
 UNITS = {name: unit for name, (_, unit) in MEASURES.items()}
 
 
 def examine(trial: Trial, experiment: str, commanded: Commanded) -> dict[str, CheckResult]:
-    """The result of every check on a trial, by name; `commanded` is the protocol of stepped-sine experiments."""
+    """The result of every check on a trial, by name. `commanded` is the protocol of stepped-sine experiments."""
     examined = Examined(trial, EXPERIMENTS[experiment], commanded)
     return {name: measure(examined) for name, (measure, _) in MEASURES.items()}
 

@@ -679,7 +679,7 @@ def vectors_in(values: Mapping[str, Value], place: str = "") -> Iterator[tuple[s
 
 
 def tdms_log(path: Path, source: sources.TdmsSource) -> Table:
-    """TDMS channels, timed by a channel, a stated rate or their own timing. If timings differ, each has its own rows."""
+    """TDMS channels, timed by a channel, a stated rate or their own timing. If timings differ, each has own rows."""
     file = read_tdms(path)
     channels = {name: file.channel(name) for name in wanted(source)}
     by_address = {channel.address: channel for channel in channels.values()}
@@ -876,7 +876,7 @@ def sorted_by_stamp(
         return table, ordering
     ticks, messages = np.unique(stamp, return_counts=True)
     if len(channels) == 1 and ticks.size > 2 and not table.is_duplicated().any():
-        # Stamps may repeat because they are rounded to a step as long as the sampling step, or longer. Then nearly every
+        # Stamps may repeat because they are rounded to a step as long as the sampling step or longer. Then nearly every
         # tick of the rounding has a message, and no tick has two more than usual. The messages are kept: the time base
         # finds when they were sampled, as in a CSV log.
         empty = (int(ticks[-1] - ticks[0]) // int(np.diff(ticks).min()) + 1) - ticks.size

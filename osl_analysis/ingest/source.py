@@ -1,5 +1,5 @@
-"""The models of source files, which describe recordings of one recorder: a class per format, with the keys that files
-of this format have, so that another's key is refused by name. A file as read by it is a `Recording`."""
+"""The models of source files. A source file describes the recordings of one recorder. Each format has a class with its
+own keys, so that a key of another format is refused by name. What is read by a source file is a `Recording`."""
 
 import math
 import re
@@ -34,9 +34,9 @@ from osl_analysis.trial import AXES, COLUMNS, Array, median, unit_of
 from osl_analysis.yaml_settings import Settings, distinct, field_line, misplaced, one_of
 
 SampleShare = Annotated[float, Field(ge=0, le=1)]
-LONGEST_DELAY = 0.2  # [s] of a sensor, its amplifier and a bus; K, B and I of a joint would be those of another motion
-LEVEL_UNIT = "V"  # of the columns that may be read from truth values: levels of `sync` and `trigger`
-NoSlip = Annotated[float, Field(ge=-1e12, le=1e12)]  # a scale or an offset: what is larger is a slip
+LONGEST_DELAY = 0.2  # [s] of sensor, amplifier and bus; beyond it, K, B and I would be fitted to another motion
+LEVEL_UNIT = "V"  # unit of the columns that may be read from truth values: `sync` and `trigger`
+NoSlip = Annotated[float, Field(ge=-1e12, le=1e12)]  # a scale or an offset; a larger number is a typing error
 Name = Annotated[str, Field(min_length=1)]
 
 
@@ -68,7 +68,7 @@ class SensorFilter(Settings):
 
 
 class Conversion(Settings):
-    """How recorded numbers become SI units, sign * scale * factor * (raw + offset), and what is known of the sensor."""
+    """Conversion of recorded numbers to SI units, sign * scale * factor * (raw + offset), and facts on the sensor."""
 
     SENSOR: ClassVar[set[str]] = {"delay", "low_pass", "resolution", "bits", "range"}
 
@@ -94,14 +94,14 @@ class Conversion(Settings):
         return value
 
     def to_si(self, raw: Array, si_unit: str, unit_of_file: str = "") -> Array:
-        """Recorded numbers, of any shape, in the SI unit, from the source file's unit or else the recording's."""
+        """Recorded numbers, of any shape, in the SI unit. `unit_of_file` counts if the source file states no unit."""
         factor = si_factor(unit_of_file if self.unit is None else self.unit, si_unit)
-        with np.errstate(over="ignore"):  # what overflows is refused with what is too large
+        with np.errstate(over="ignore"):  # `check_sizes` refuses infinite values later
             return np.asarray(self.sign * self.scale * factor * (raw + self.offset))
 
     def origin(self, column: str, unit_of_file: str = "") -> dict[str, Any]:
-        """Where a canonical column comes from, how it was converted, and what is stated of its sensor in SI units. For
-        the trial's provenance. `range` is what the column can reach, after `sign` and `offset`."""
+        """Source and conversion of a canonical column, and the stated facts on its sensor in SI units, for the trial's
+        provenance. `range` is that of the column, after `sign` and `offset`."""
         unit, si_unit = unit_of_file if self.unit is None else self.unit, unit_of(column)
         found = {**self.model_dump(exclude=self.SENSOR), "unit": unit, "factor": si_factor(unit, si_unit)}
         found["si_unit"] = si_unit
@@ -118,7 +118,7 @@ class Conversion(Settings):
         return found
 
     def ends(self, si_unit: str) -> tuple[float, float]:
-        """Both ends of the stated range [si_unit]; raises InputError if there is nothing between them."""
+        """Both ends of the stated range [si_unit]. Raises InputError: the range is empty."""
         assert self.range is not None
         texts = (self.range,) if isinstance(self.range, str) else self.range
         ends = [quantity(text, si_unit) for text in texts]
@@ -129,7 +129,7 @@ class Conversion(Settings):
         return low, high
 
     def step(self, si_unit: str) -> float:
-        """Smallest step of the recorded values [si_unit]; raises InputError if that cannot be."""
+        """Smallest step of the recorded values [si_unit]. Raises InputError: the statement contradicts itself."""
         if self.resolution is not None and self.bits is not None:
             raise InputError("state `resolution` or `bits`, not both")
         if self.resolution is None and si_unit != "rad":
@@ -141,7 +141,7 @@ class Conversion(Settings):
 
 
 class Addressed(Settings):
-    """What names one channel of a recording."""
+    """The keys that name one channel of a recording."""
 
     ADDRESS: ClassVar[str] = ""  # The key that names it: `column`, `field`, `channel`, `variable` or `component`.
     BESIDE: ClassVar[tuple[str, ...]] = ()  # Other keys that it takes to find it.
@@ -158,16 +158,16 @@ class Addressed(Settings):
 
 
 class Channel(Conversion, Addressed):
-    """Where a recording has a canonical column, and the conversion."""
+    """The recorded channel of a canonical column, and its conversion."""
 
     @property
     def address(self) -> tuple[str, ...]:
-        """What only one column may be read from."""
+        """The full address of the channel. Only one column may be read from it."""
         return self.name, *(getattr(self, key) for key in self.BESIDE)
 
 
 class LogChannel(Channel):
-    """That of a log."""
+    """A channel of a log."""
 
     counter: ColumnName | None = None  # Where the device counts its samples, which tells the missing ones.
     wraps_at: PositiveFloat | None = None  # After how much the raw numbers begin anew: 360, or 65536 for 16 bits.
@@ -239,7 +239,7 @@ class MessageTime(Time):
 
 
 class RowTime(Time):
-    """That of a table of rows."""
+    """The time of a table of rows."""
 
     COUNTS: ClassVar[bool] = False  # Whether it may count samples.
 
@@ -313,7 +313,7 @@ class PlateUnits(Settings):
 
 
 class SharedAngle(Settings):
-    """An angle that log and motion capture both recorded, which aligns their clocks where no sync edges do."""
+    """An angle recorded by both log and motion capture. It aligns their clocks if there are no sync edges."""
 
     column: Annotated[str, AfterValidator(partial(one_of, COLUMNS, "canonical column of a log"))]
     """Column of the log with the angle. Its scale, sign and offset do not matter."""
@@ -330,7 +330,7 @@ class ModelOutput(Conversion):
 
 
 def all_none_or_list(value: Any) -> Any:
-    """A choice among a file's things: `none` is the empty list."""
+    """A choice among the parts of a file; `none` becomes the empty list."""
     if value not in ("all", "none") and not isinstance(value, list | tuple):
         raise ValueError("write all, none or a list")
     return () if value == "none" else value if value == "all" else distinct(tuple(value))
@@ -357,14 +357,14 @@ def canonical(channels: Mapping[str, Conversion]) -> None:
 
 
 def each_once(key: str, channels: Mapping[str, Channel], named: dict[tuple[str, ...], str]) -> None:
-    """Refuse a channel that is two columns, unless it is a level; `named` are the columns of channels so far."""
+    """Refuse a channel that is mapped to two columns, unless they are levels. `named`: column by channel, so far."""
     for column, channel in channels.items():
         if unit_of(column) != LEVEL_UNIT and (other := named.setdefault(channel.address, column)) != column:
             raise misplaced(f"{channel.title} is {other} already; correct one", key, column, channel.ADDRESS)
 
 
 class Source(Settings):
-    """A source file: what a recorder's files hold, of a log (with a clock of its own) or of motion capture."""
+    """A source file: what the files of a recorder hold. A recorder writes a log, with its own clock, or a capture."""
 
     format: str  # Format of the file.
     description: str = ""  # For readers; nothing is computed from it.
@@ -395,13 +395,13 @@ class Source(Settings):
 
 
 class InAxes(Source):
-    """That of a file with positions."""
+    """The source file of files with positions."""
 
-    axes: Axes = ("x", "y", "z")  # The file's that point forward, left and up: `[x, -z, y]` where y is up.
+    axes: Axes = ("x", "y", "z")  # The file's axes that point forward, left and up: `[x, -z, y]` where y is up.
 
     @property
     def rotation(self) -> Array:
-        """From the file's axes to ours, (3, 3): our coordinates are `rotation @ (x, y, z)`."""
+        """Rotation (3, 3) from the file's axes to ours: our coordinates are `rotation @ (x, y, z)`."""
         signs = [-1.0 if name[0] == "-" else 1.0 for name in self.axes]
         return np.array([[s * (name[-1] == axis) for axis in AXES] for s, name in zip(signs, self.axes, strict=True)])
 
@@ -414,7 +414,7 @@ class InAxes(Source):
 
 
 class LogSource(Source):
-    """That of a log."""
+    """The source file of a log."""
 
     clock: Literal["master", "sync", "shared"] = "master"
     """How the log's clock is aligned to motion capture's. `master`: not; the log is the only file. `sync`: by the edges
@@ -442,13 +442,13 @@ class MessageSource(LogSource):
 
 
 class TableSource(LogSource):
-    """That of a log that is a table of rows."""
+    """The source file of a log that is a table of rows."""
 
     time: RowTime
 
 
 class SheetSource(TableSource):
-    """That of a table of cells with a header, of any program."""
+    """The source file of a table of cells with a header, from any program."""
 
     OF = " of format table"
     channels: Annotated[Mapping[str, ColumnChannel], Field(min_length=1)]
@@ -519,7 +519,7 @@ class OpenSimSource(SheetSource, InAxes):
 
 
 class MarkerSource(InAxes):
-    """That of a capture."""
+    """The source file of a motion capture."""
 
     markers: Annotated[Literal["all"] | tuple[str, ...], BeforeValidator(all_none_or_list)] = "all"
     """The markers to read: all (every labelled point except model outputs), none or a list of labels."""
@@ -532,7 +532,7 @@ class TrcSource(MarkerSource):
 
 
 class LaboratorySource(MarkerSource):
-    """That of a capture with devices."""
+    """The source file of a motion capture with devices."""
 
     analogs: Mapping[str, Channel] = Field(default={})  # The recorded channel of each canonical column.
     outputs: Mapping[str, ModelOutput] = Field(default={})  # The model output of each canonical column.
@@ -574,12 +574,12 @@ SOURCES: Mapping[str, type[Source]] = {
     "opensim": OpenSimSource, "c3d": C3dSource, "nexus_csv": NexusSource, "trc": TrcSource,
 }  # fmt: skip
 
-UNKNOWN = "UNKNOWN"  # stands in a draft where the file does not tell a value
-NAME_OF_TIME = "NAME_OF_TIME"  # stands for the column of time where no column is called like a clock
+UNKNOWN = "UNKNOWN"  # in a draft: a value that the file does not tell
+NAME_OF_TIME = "NAME_OF_TIME"  # in a draft: the column of time, if no column is named like a clock
 
 
 def open_places(content: Any, above: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
-    """The places of a draft that are not edited yet: channels without a name, and what is UNKNOWN."""
+    """The places of a draft that the user must still edit: placeholder names and UNKNOWN values."""
     for key, value in content.items() if isinstance(content, dict) else ():
         place, is_open = (*above, str(key)), value == UNKNOWN and key in ("unit", "rate")
         if re.fullmatch(r"NAME_\d+", str(key)) or is_open or value == NAME_OF_TIME:
@@ -590,25 +590,25 @@ def open_places(content: Any, above: tuple[str, ...] = ()) -> Iterator[tuple[str
 
 @dataclass(frozen=True)
 class Recording:
-    """The raw files of one recorder, as read. All but the samples is JSON."""
+    """The raw files of one recorder, as read. Everything but the samples can be written as JSON."""
 
     samples: pl.DataFrame
     """`time` [s] on the recorder's own clock, and canonical columns in SI units; null where a column has no sample."""
     columns: Mapping[str, dict[str, Any]]  # source channel and conversion of each column
     facts: Mapping[str, Any] = field(default_factory=dict)  # Further facts: rates, source of time, plates.
-    warnings: Sequence[str] = ()  # warnings, a sentence each
-    damage: Ledger = field(default_factory=Ledger)  # of messages, or of rows
-    topics: Mapping[str, Collection[int]] | None = None  # of messages, the channels of each topic
+    warnings: Sequence[str] = ()  # a sentence each
+    damage: Ledger = field(default_factory=Ledger)  # lost messages or rows
+    topics: Mapping[str, Collection[int]] | None = None  # channel numbers of each topic; None for a table
 
     @property
     def losses(self) -> dict[str, Any]:
-        """What the provenance says of them; empty of a table that is complete."""
+        """The report on losses for the provenance; empty for a complete table."""
         report = self.damage.report(self.topics)
         return report if self.topics is not None or not report["complete"] else {}
 
 
 def check_values(what: str, values: Array, time: Array) -> None:
-    """Refuse NaN and infinity in a channel, (n,), naming the first with its time [s]."""
+    """Refuse NaN and infinity in a channel (n,). The message gives the time [s] of the first."""
     finite = np.isfinite(values)
     if not finite.all():
         row = int(np.argmin(finite))
@@ -616,14 +616,14 @@ def check_values(what: str, values: Array, time: Array) -> None:
         raise InputError(f"{said}; repair the recording or exclude the trial in the sheet")
 
 
-LARGEST_MEASURED = {  # largest size of a value in its SI unit, by kind of quantity
+LARGEST_MEASURED = {  # largest possible size of a value, by its SI unit
     "m": 1e3,  # no laboratory is a kilometre long
     "rad": 1e6,  # 160 000 turns
     "rad/s": 1e5,  # a million turns per minute
     "N": 1e6,  # the weight of a hundred tonnes
-    "N*m": 1e7,  # N*mm called N*m on a plate stays below, which the centre of pressure tells better
+    "N*m": 1e7,  # moments of a plate in N*mm declared as N*m pass; the centre of pressure shows that error better
     "A": 1e5,
-    "V": 1e6,  # counts of a converter of 16 bits called V stay below
+    "V": 1e6,  # counts of a 16-bit converter declared as V pass
     "N*m/rad": 1e8,
     "N*m*s/rad": 1e8,
     "N*m/kg": 1e6,
@@ -631,23 +631,22 @@ LARGEST_MEASURED = {  # largest size of a value in its SI unit, by kind of quant
 }
 
 
-AMID = 5000  # samples in which a channel shows its noise
-NEXT_TO_ZERO = 1e-30  # of a signal in SI units, which no sensor resolves
-MOST_BENDS = 100  # bends of a channel at which leaps are looked for
-FAR = 40.0  # times as far as elsewhere; markers of eleven laboratories, one taken for another, came to 27
-SELDOM_REPEAT = ("theta", "theta_m", "omega_m", "torque", "torque_m", "current")  # whose noise seldom repeats a value
+AMID = 5000  # number of samples from which the noise of a channel is estimated
+NEXT_TO_ZERO = 1e-30  # size, in SI units, below which a value is no sensor's unless it is exactly 0
+MOST_BENDS = 100  # largest number of bends at which leaps are searched for
+FAR = 40.0  # ratio of a leap to all other bends; swapped markers of eleven laboratories reached 27
+SELDOM_REPEAT = ("theta", "theta_m", "omega_m", "torque", "torque_m", "current")  # noisy: seldom two equal values
 
 
 @np.errstate(over="ignore", invalid="ignore")
 def values_of_no_sensor(
     column: str, time: Array, x: Array, origin: Mapping[str, Any], angle: Array | None = None
 ) -> NDArray[np.bool_] | None:
-    """Which of the readings (n,) of a column are those of bytes that were lost or changed: two raw zeros or more in a
-    row into which it jumps, and out of them; a value that a torque holds for less than half a second and has nowhere
-    else; numbers next to zero; one to five readings off its curve, and an angle's leap that no mass does, four times as
-    far as anything else, but of a torque where the joint's `angle` (n,), if known, leaves its curve too, as at a blow;
-    and six or more beside a leap without the noise that the others have. None where it often repeats a value. `origin`
-    tells its raw zero."""
+    """Mask (n,) of readings that come from lost or changed bytes; None if the column often repeats a value. They are:
+    two or more raw zeros in a row (`origin` tells the raw zero), with a jump on both sides; a value that a torque holds
+    for less than 0.5 s and takes nowhere else; numbers next to zero; one to five readings off the curve, or an angle's
+    leap that no mass can do, four times as far as any other bend; six or more readings without noise beside a leap.
+    A torque may leave its curve where the joint's `angle` (n,), if known, does too, as at a blow."""
     zero = math.prod(origin.get(key, 1) for key in ("sign", "scale", "factor")) * origin.get("offset", 0)
     nought, stays = np.abs(x - zero) < NEXT_TO_ZERO, np.diff(x) == 0
     stands = nought[:-1] & nought[1:]
@@ -661,10 +660,10 @@ def values_of_no_sensor(
         lost[:] = False  # it decays there, as in a simulation
     lost |= moved
     zeros = jumped_into(x, stands, bends, may_rest=not column.startswith(("theta", "torque")))
-    leaps = {a for a, _ in leaps_of(x, bends, 4.0) if column in ("theta", "torque")}  # one alone, as at a zero crossing
+    leaps = {a for a, _ in leaps_of(x, bends, 4.0) if column in ("theta", "torque")}  # near a zero crossing, one jump
     zeros += [(a, b) for a, b in run_edges(stands).tolist() if a and {a, b + 1} & leaps]
-    most = 0.5 * time.size / (np.ptp(time) or np.inf) if time.size else 0.0  # what is held for longer is stuck
-    if "torque" in column and np.mean(stays) < 0.1:  # else a sensor of few levels, which may rest at each
+    most = 0.5 * time.size / (np.ptp(time) or np.inf) if time.size else 0.0  # longer: `measure_stuck` reports it
+    if "torque" in column and np.mean(stays) < 0.1:  # else the sensor has few levels and may rest at each
         zeros += [(a, b) for a, b in jumped_into(x, stays, bends, True, (10, most)) if np.sum(x == x[a]) <= b - a + 3]
     if zeros and not noise_in(elsewhere := x[~nought], slice(elsewhere.size // 4, elsewhere.size // 4 + AMID))[0]:
         zeros = []  # a quiet sensor, or a simulation, that rests
@@ -676,9 +675,9 @@ def values_of_no_sensor(
 def out_of_place(
     column: str, time: Array, x: Array, bends: Array, angle: Array | None, is_coarse: bool
 ) -> NDArray[np.bool_]:
-    """Which readings (n,) of a column are of blocks that changed places, or else no sensor's by its leaps."""
+    """Mask (n,) of readings in blocks that changed places; if there are none, those found `by_leaps`."""
     moved, of_joint = exchanged(x, bends), np.zeros(x.shape)
-    if not moved.any() and (column == "theta" or not is_coarse):  # an angle is a mass's, also at rest
+    if not moved.any() and (column == "theta" or not is_coarse):  # a joint's angle cannot leap, even a coarse one
         if column != "theta" and angle is not None and angle.shape == x.shape:
             of_joint = bends_of(angle)
         return by_leaps(column, time, x, bends, of_joint)
@@ -687,13 +686,13 @@ def out_of_place(
 
 @np.errstate(over="ignore", invalid="ignore")
 def by_leaps(column: str, time: Array, x: Array, bends: Array, of_joint: Array) -> NDArray[np.bool_]:
-    """Which readings (n,) of a column are no sensor's by its leaps (`values_of_no_sensor`)."""
+    """Mask (n,) of readings that leaps show to be no sensor's (`values_of_no_sensor`)."""
     lost, moved, far = np.zeros(x.size, bool), np.zeros(x.size, bool), leaps_of(x, bends, 4.0)
     if not far:
         return lost
     stays, usual = np.diff(x) == 0, median(np.diff(time))
     farthest = {"theta": 2000.0 * usual**2 * (usual > 0.0025), "theta_m": math.inf if usual > 0.0025 else 0.0}  # rad
-    farther = {a for a, _ in leaps_of(x, bends, FAR)}  # half as much is enough, but of a drive with steps
+    farther = {a for a, _ in leaps_of(x, bends, FAR)}  # half the size is enough, unless there are many, as of a stepper
     for a, b in far:
         size = abs(x[a] - x[a - 1])
         lost[a:b] = of_joint[max(a - 3, 0) : b + 4].max() < 10
@@ -702,11 +701,11 @@ def by_leaps(column: str, time: Array, x: Array, bends: Array, of_joint: Array) 
         is_moved = a == b and size > most and not is_turn
         moved[a] = is_moved and time[a] - time[a - 1] <= 1.5 * usual
     lost |= moved if moved.sum() % 2 else np.logical_xor.accumulate(moved)  # it was elsewhere in between
-    for a, b in pairwise(sorted(farther)) if column == "theta" else ():  # rough in between: those of another channel
+    for a, b in pairwise(sorted(farther)) if column == "theta" else ():  # rough in between: another channel's readings
         lost[a:b] |= b - a > 3 and median(bends[a + 2 : b - 1]) > 10
     edges = run_edges((bends[2:-1] < 0.02) & (np.mean(bends[2:-1] < 0.02) < 0.5))
     beside = np.array([any(-1 <= at - a <= 1 or 2 <= at - b <= 4 for at, _ in far) for a, b in edges], bool)
-    usual_run = np.diff(edges)[~beside].max(initial=2)  # of a coarse encoder at an even speed
+    usual_run = np.diff(edges)[~beside].max(initial=2)  # a coarse encoder at constant speed also has such runs
     for a, b in edges[beside].tolist():
         lost[a : b + 3] |= b - a > usual_run and not stays[a : b + 2].any()
     return lost
@@ -714,8 +713,8 @@ def by_leaps(column: str, time: Array, x: Array, bends: Array, of_joint: Array) 
 
 @np.errstate(over="ignore", invalid="ignore")
 def exchanged(x: Array, bends: Array) -> NDArray[np.bool_]:
-    """Which readings (n,) are of two blocks of one length that changed places: of four leaps two stand out, and
-    with a third one, which may be no farther than noise, tell the length; all are gone once the blocks are put back."""
+    """Mask (n,) of readings in two blocks of equal length that changed places. Two of their four leaps stand out; a
+    third, perhaps no larger than noise, gives the length. With the blocks put back, all leaps must vanish."""
     at, left, lost = list[int](), bends.copy(), np.zeros(x.size, bool)
     for _ in range(9 if x.size > 9 and bends.max() > 10.0 else 0):
         at.append(int(np.argmax(left)))
@@ -723,7 +722,7 @@ def exchanged(x: Array, bends: Array) -> NDArray[np.bool_]:
     if not at or bends[at[1]] <= max(10.0, 1.5 * (rest := bends[at[4]])):
         return lost
     most = max(8.0, 1.25 * rest) * np.abs(np.diff(x, 3)).max() / bends[at[0]]
-    near = range(-2, 3) if bends[at[1]] > 3 * rest else range(1)  # noise moves a leap; of few samples the next hides it
+    near = range(-2, 3) if bends[at[1]] > 3 * rest else range(1)  # noise may shift a leap by a few samples
     for (p, q), k in product(combinations(sorted(at[:4]), 2), at[:8]):
         for size in {one + by for one in (k - p, k - q, 4) for by in near}:
             (a, b), (c, d) = sorted((p, p + size)), sorted((q, q + size))
@@ -737,8 +736,8 @@ def exchanged(x: Array, bends: Array) -> NDArray[np.bool_]:
 
 @np.errstate(over="ignore", invalid="ignore")
 def bends_of(x: Array) -> Array:
-    """By how much readings (n,) leave the curve of those beside them, by what is usual: their third differences, of
-    which the largest stands at the row into which a channel leaps; 0 at the ends, and where they are no numbers."""
+    """Distance (n,) of readings (n,) from the curve of their neighbours, in units of its median: the third differences,
+    placed so that the largest is at the row after a leap. 0 at the ends, and where a difference is NaN."""
     bends = np.zeros(x.shape)
     np.fmin(np.fmax(np.abs(np.diff(x, 3)), 0), 1e300, out=bends[2:-1])
     usual = median(counted) if (counted := bends[bends > 0]).size else 0.0
@@ -749,9 +748,9 @@ def bends_of(x: Array) -> Array:
 
 @np.errstate(over="ignore", invalid="ignore")
 def leaps_of(x: Array, bends: Array, times: float) -> list[tuple[int, int]]:
-    """The rows into which a channel (n,) leaps, each with that from which on it is back, after five at most, or itself.
-    A leap is ten times as far as usual, `times` as far as anything else, 4 or more, and twice as far as the steps
-    beside it, unlike a corner, or the fall and rise after a blow."""
+    """Rows into which a channel (n,) leaps, each with the row at which it is back (within five rows), or else the same
+    row. A leap is ten times the median bend, `times` (4 or more) any other bend, and twice the steps beside it. A
+    corner, or the fall and rise after a blow, is not."""
     found, others, far = list[tuple[int, int]](), bends.copy(), np.flatnonzero(bends > 10.0)
     if far.size >= MOST_BENDS:
         far = far[bends[far] > np.partition(bends[far], -MOST_BENDS)[-MOST_BENDS]]
@@ -776,9 +775,9 @@ def leaps_of(x: Array, bends: Array, times: float) -> list[tuple[int, int]]:
 def jumped_into(
     x: Array, stands: NDArray[np.bool_], bends: Array, may_rest: bool, held: tuple[float, float] = (0, math.inf)
 ) -> list[tuple[int, int]]:
-    """First and last sample of the runs in which readings (n,) stand, between two each (n - 1,), and beside which they
-    jump by `bends_of` them and 2 % of their range, on both sides or, of eight that are no rest, on one. `may_rest`: at
-    the ends a drive is off. Of runs that are `held`, longer and shorter than that, one jump is enough for all."""
+    """First and last sample of the runs in which readings (n,) stand still (`stands`, (n - 1,), between two each), with
+    a jump on both sides, by their `bends_of` and by 2 % of the range. One side is enough for eight samples or more that
+    are no rest, and if `held` limits the length of runs (exclusive). `may_rest`: runs at the ends do not count."""
     edges = run_edges(stands)
     edges = edges[np.all(np.sign(np.diff(edges) - held) == [1, -1], axis=1)]
     found = list[tuple[int, int]]()
@@ -787,7 +786,7 @@ def jumped_into(
         inside, at = a and b < x.size - 1, [one for one in (a, b + 1) if 0 < one < x.size]
         jumps = [far[one - 1 : one + 2].max() * bends[one - 1 : one + 2].max() for one in at]
         on_one_side = held[0] > 0 or (b - a > 6 and not may_rest)
-        # of a few zeros it may stand while it turns
+        # a few equal samples may be the turning point of the signal
         turns = b - a <= 3 and b < x.size - 1 and not (inside and np.sign(x[a - 1]) == np.sign(x[b + 1]) != 0)
         if (inside or not may_rest) and not turns and (max if on_one_side else min)(jumps, default=0.0) > 6:
             found.append((a, b))
@@ -795,10 +794,10 @@ def jumped_into(
 
 
 def check_sizes(recording: Recording) -> None:
-    """Refuse values beyond `LARGEST_MEASURED`, and infinite ones. NaN, which is a value that was not seen, passes."""
+    """Refuse values beyond `LARGEST_MEASURED`, and infinite ones. NaN passes: it marks a value that was not seen."""
     time = recording.samples["time"].to_numpy()
     sizes = recording.samples.select(pl.col(*recording.columns).abs().max())
-    for column, largest in sizes.row(0, named=True).items():  # of those that are numbers
+    for column, largest in sizes.row(0, named=True).items():
         bound = LARGEST_MEASURED[unit_of(column)]
         if (largest or 0.0) > bound:
             values = recording.samples[column].to_numpy()

@@ -1,4 +1,4 @@
-"""One zero-phase filter for every signal of a trial, then derivatives: never filter angle and torque differently."""
+"""One zero-phase filter for every signal of a trial, then derivatives. Never filter angle and torque differently."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -12,10 +12,10 @@ from osl_analysis.trial import Array, check_finite, median
 
 SLOPE = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / 60
 CURVATURE = np.array([2.0, -27.0, 270.0, -490.0, 270.0, -27.0, 2.0]) / 180
-"""First and second derivative per step and per squared step, of the polynomial of degree 6 through seven samples
-(Fornberg, Math. Comput. 51, 1988, table 1). Of a sine of w rad per sample they lose w^6/140 and w^6/560."""
+"""First derivative per step and second per squared step, of the polynomial of degree 6 through seven samples (Fornberg,
+Math. Comput. 51, 1988, table 1). For a sine of w rad per sample, they are too small by w^6/140 and w^6/560."""
 ENDS = 40
-"""Samples at either end through which the spline gives what seven samples cannot; its other end is forgotten there."""
+"""Samples at either end for a spline, which gives the derivatives of the outermost three: enough to forget its end."""
 
 
 @dataclass(frozen=True)
@@ -27,13 +27,13 @@ class LowPass:
 
     @property
     def noise_bandwidth_hz(self) -> float:
-        """Width [Hz] of the ideal low-pass that passes the same power of white noise: 0.90 of the cut-off for order 4.
-        It is the cut-off times the integral of (1 + x^2m)^-2 over x = frequency/cut-off, for both runs and order m."""
+        """Width [Hz] of the ideal low-pass that passes the same power of white noise, after both runs: 0.90 of the
+        cut-off for order 4. For order m: the cut-off times the integral of (1 + x^2m)^-2 over x = frequency/cut-off."""
         angle = np.pi / (2 * self.order)
         return float(self.cutoff_hz * angle / np.sin(angle) * (1 - 1 / (2 * self.order)))
 
     def gain(self, frequency_hz: Array) -> Array:
-        """Gain (n,) at some frequencies [Hz], well below half the sampling rate: both runs together, without phase."""
+        """Gain (n,) of both runs together, at frequencies (n,) [Hz] well below half the sampling rate. No phase."""
         return np.asarray(1 / (1 + (frequency_hz / self.cutoff_hz) ** (2 * self.order)))
 
     def __call__(self, signal: Array, rate_hz: float) -> Array:
@@ -49,7 +49,7 @@ class LowPass:
             raise InputError(
                 f"{len(signal)} samples cannot be filtered at {self.cutoff_hz:g} Hz; record over {edge / rate_hz:.3g} s"
             )
-        sections, settled = sections_of(self, rate_hz)  # as `scipy.signal.sosfiltfilt`, which settles anew each time
+        sections, settled = sections_of(self, rate_hz)  # `scipy.signal.sosfiltfilt` would compute this state each time
         before, after = 2 * signal[:1] - signal[edge:0:-1], 2 * signal[-1:] - signal[-2 : -edge - 2 : -1]
         found = np.concatenate([before, signal, after])
         for _ in range(2):
@@ -63,7 +63,7 @@ class LowPass:
 
 @lru_cache(32)
 def sections_of(low_pass: LowPass, rate_hz: float) -> tuple[Array, Array]:
-    """The second-order sections of one run, and their state behind ones; they take as long as filtering a trial."""
+    """Second-order sections of one run, and their steady state for an input of 1; as slow as filtering a trial."""
     sections = np.asarray(scipy.signal.butter(low_pass.order, low_pass.cutoff_hz, fs=rate_hz, output="sos"))
     return sections, np.asarray(scipy.signal.sosfilt_zi(sections))
 
@@ -91,7 +91,7 @@ def runs(true: NDArray[np.bool_]) -> list[slice]:
 
 
 def run_edges(true: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """First row of each run of consecutive true samples, shape (n,), and the row after its last one, (k, 2)."""
+    """First row and row after the last, (k, 2), of each run of consecutive true samples, shape (n,)."""
     ends = np.zeros(len(true) + 2, dtype=bool)
     ends[1:-1] = true
     return np.flatnonzero(ends[1:] != ends[:-1]).reshape(-1, 2)
@@ -104,8 +104,8 @@ def longest_run(true: NDArray[np.bool_]) -> slice:
 
 
 def sampling_rate(time: Array) -> float:
-    """Rate [Hz] of uniform stamps [s]. Refused are steps that deviate from their mean by more than 20 %, fewer than two
-    stamps, and stamps that are equal or not finite."""
+    """Rate [Hz] of uniform stamps [s]. Raises InputError: a step deviates from the mean by more than 20 %, stamps are
+    equal or not finite, or there are fewer than two."""
     check_finite("time", time)
     step = np.diff(time)
     mean = float(np.mean(step)) if len(step) else 0.0
@@ -121,8 +121,8 @@ def sampling_rate(time: Array) -> float:
 
 
 def differentiate(time: Array, theta: Array) -> Motion:
-    """Angle [rad] at times [s] with its derivatives, from the quintic spline through the (already filtered) samples.
-    Of a velocity at 20 Hz sampled at 300 Hz it loses less than 0.1 %, central differences 3 %. Raises InputError."""
+    """Angle [rad] at times [s] with its derivatives, from a quintic spline through the (already filtered) samples. It
+    loses less than 0.1 % of a velocity at 20 Hz sampled at 300 Hz; central differences lose 3 %. Raises InputError."""
     check_finite("time", time)
     check_finite("the angle", theta)
     if len(time) < 6 or not (np.diff(time) > 0).all():
@@ -136,8 +136,8 @@ def differentiate(time: Array, theta: Array) -> Motion:
 
 def filtered_motion(time: Array, theta: Array, torque: Array, low_pass: LowPass) -> tuple[Motion, Array]:
     """Motion from the filtered angle [rad], and the torque [N*m] through the *same* filter; shape (n,) each. The times
-    [s] are uniform. The spline, which takes fifty times as long as seven samples, is left to rates below some 60 times
-    the cut-off, where these would lose more than 1e-8 of a velocity at the cut-off."""
+    [s] are uniform. The spline is used below some 60 samples per period of the cut-off, where seven samples would lose
+    more than 1e-8 of a velocity at the cut-off. It takes fifty times as long."""
     rate = sampling_rate(time)
     smooth = low_pass(theta, rate)
     coarse = (2 * np.pi * low_pass.cutoff_hz / rate) ** 6 / 140 > 1e-8 or len(time) < 2 * ENDS
@@ -146,8 +146,8 @@ def filtered_motion(time: Array, theta: Array, torque: Array, low_pass: LowPass)
 
 
 def seven_point_motion(time: Array, theta: Array, rate_hz: float) -> Motion:
-    """An angle (n,) [rad], evenly sampled at `rate_hz`, slow beside it, with its derivatives from seven samples each.
-    The three rows at either end are those of the spline."""
+    """Motion from an angle (n,) [rad] sampled evenly at `rate_hz`, and slow compared to it. Derivatives are from seven
+    samples each; in the three rows at either end, from the spline."""
     omega, alpha = np.empty(len(theta)), np.empty(len(theta))
     omega[3:-3] = np.correlate(theta, SLOPE, "valid") * rate_hz
     alpha[3:-3] = np.correlate(theta, CURVATURE, "valid") * rate_hz**2
@@ -158,10 +158,9 @@ def seven_point_motion(time: Array, theta: Array, rate_hz: float) -> Motion:
 
 
 def run_at_extreme(values: Array) -> slice:
-    """Longest run of a noisy channel (n,) at its lowest or highest value, away from zero, where a sensor is unloaded,
-    and from the median, where the channel mostly is: one sample, or many in a row of a clipped channel. The peak of a
-    slow signal repeats a value too, as long as it stays within one step of its converter. It is not clipped: the
-    parabola that has the slopes at the ends of the plateau rises by less than 2.5 steps."""
+    """Longest run of a noisy channel (n,) at its lowest or highest value: one sample, or many if it is clipped. Extremes
+    near zero (an unloaded sensor) or near the median do not count. Nor does the peak of a slow signal, which repeats a
+    value too: a parabola with the slopes at the ends of such a plateau rises by less than 2.5 steps."""
     if not values.size or not np.isfinite(values).all():
         return slice(0, 0)
     low, high, middle = float(values.min()), float(values.max()), median(values)
@@ -172,7 +171,7 @@ def run_at_extreme(values: Array) -> slice:
             continue
         run = longest_run(values == end)
         length = run.stop - run.start
-        near = max(5, length // 2)  # beside a long plateau values stay one step away for a while
+        near = max(5, length // 2)  # beside a long plateau, values stay one step away for a while
         sides = values[max(run.start - near, 0) : run.start], values[run.stop : run.stop + near]
         slope = min((float(np.abs(side - end).max()) / side.size for side in sides if side.size), default=0.0)
         if length > longest.stop - longest.start and (length == 1 or slope * length / 4 > 2.5 * step):

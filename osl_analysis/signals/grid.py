@@ -1,6 +1,6 @@
-"""The one door from a trial to uniform signals: its columns on one grid, with what the source file says of its sensors,
-and the report of what was done. Filter, differentiate and fit only what stands on the grid. Short gaps are bridged,
-longer ones marked so that fits leave their rows out, long ones refused."""
+"""The only way from a trial to uniform signals: its columns on one grid, corrected for their sensors as the source file
+states, with a report. Filter, differentiate and fit only signals on the grid. Short gaps are bridged. Longer gaps are
+marked, and fits leave their rows out. Too long gaps are refused."""
 
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
@@ -17,19 +17,19 @@ from osl_analysis.signals.stream import FEWEST_STAMPS, LONG_STEP, SensorLowPass,
 from osl_analysis.spline import cubic_through, rows_before
 from osl_analysis.trial import Array, Trial, counter_column
 
-BRIDGE_MORE = (  # what the user may do where gaps leave nothing to fit
+BRIDGE_MORE = (  # remedy if gaps leave nothing to fit
     "record again with fewer lost samples, or lower time_base.highest_hz, which bridges gaps up to 0.1/highest_hz: "
     "50 ms bridged in every cycle change I by about 1 %"
 )
 
 
 MOVED = ("theta", "theta_m", "torque", "torque_m", "current")
-"""Columns whose stamps the fits of a joint or of an actuator ask for."""
+"""Columns whose stamps matter to the fits of a joint or an actuator."""
 
 
 @dataclass(frozen=True)
 class GapLimits:
-    """Which gaps do what. 20 missing samples at 1 kHz are a gap of 20 ms, between samples 21 ms apart."""
+    """Limits of gaps. 20 missing samples at 1 kHz are a gap of 20 ms, between samples that are 21 ms apart."""
 
     highest_hz: float = 5.0  # [Hz] fastest motion that the fits use
     cutoff_hz: float = 15.0  # [Hz] of the filter that the signals pass afterwards
@@ -37,22 +37,22 @@ class GapLimits:
 
     @property
     def bridged_s(self) -> float:
-        """Longest gap [s] that counts as data: a tenth of a period, of which the cubic loses 5e-4."""
+        """Longest gap [s] that is bridged: a tenth of a period of `highest_hz`; a cubic is wrong by 5e-4 there."""
         return 0.1 / self.highest_hz
 
     @property
     def margin_s(self) -> float:
-        """Rows [s] to either side of a marked gap that the filter fills from it."""
+        """Time [s] to either side of a marked gap into which the filter spreads its values."""
         return 3 / self.cutoff_hz
 
 
 def fixture_torque(
     time: Array, theta: Array, cutoff_hz: float, inertia: float = 0.0, weight: float = 0.0, rest_deg: float = 0.0
 ) -> Array:
-    """Resisting torque (n,) [N*m] at angles (n,) [rad] of what turns with the joint and is not the joint, as a clamp:
-    its inertia [kg*m^2], and its weight m g r [N*m], whose centre is straight below the axis at `rest_deg` [deg]. It is
-    behind a low-pass of twice the cut-off of the fit's filter: of an acceleration at a third of that it loses 1e-6, and
-    no noise grows."""
+    """Resisting torque (n,) [N*m], at angles (n,) [rad], of a fixture that turns with the joint, such as a clamp. It
+    has an inertia [kg*m^2] and a weight m g r [N*m]. Its centre of mass is straight below the axis at `rest_deg`. The
+    angle is low-passed at twice the fit's `cutoff_hz`, so that noise does not grow. An acceleration at a third of this
+    cut-off loses 1e-6."""
     rate = (len(time) - 1) / float(time[-1] - time[0])
     smooth = LowPass(min(2 * cutoff_hz, 0.45 * rate))(theta, rate)
     inertial = inertia * differentiate(time, smooth).alpha if inertia else 0.0
@@ -66,11 +66,11 @@ class UniformSignals:
     time: Array  # (m,) [s]
     rate_hz: float
     signals: Mapping[str, Array]
-    """By name (m,), in the units of the streams, without the silent ones, after the low-pass filters that the others'
-    sensors have and its own has not; the torque without that of a fixture."""
+    """(m,) by name, in the streams' units, without silent ones. Each has passed the low-pass filters of the other
+    signals' sensors that its own sensor lacks. A fixture's torque is taken off the torque."""
     usable: NDArray[np.bool_]
-    """(m,) false where a row lies in or near a marked gap. Filter and differentiate all rows, then drop these."""
-    farthest_s: float  # largest distance [s] of a usable row to the nearest sample of any stream
+    """(m,) false in and near a marked gap. Filter and differentiate all rows, then drop these."""
+    farthest_s: float  # largest distance [s] from a usable row to the nearest sample, over all streams
     streams: Sequence[Mapping[str, Any]]
     """What was found and done in each stream, by the names of `timebase.csv`; all of it is JSON."""
     taken: tuple[Taken, ...]
@@ -84,8 +84,8 @@ class UniformSignals:
         return next(one for one in self.taken if column in one.signals)
 
     def other(self) -> "UniformSignals | None":
-        """The same with every undecided stream taken the other way: true stamps as even, even ones as true. None where
-        no stream is undecided. The difference of the two fits is what the missing decision costs."""
+        """The same with the other reading of every undecided stream: true stamps as even, even ones as true. None if no
+        stream is undecided. The difference of the two fits is the cost of the missing decision."""
         turned = [taken.matters and not taken.firm for taken in self.taken]
         if not any(turned):
             return None
@@ -94,7 +94,7 @@ class UniformSignals:
 
 
 def why_unusable(stamps: Array, time: Array, limits: GapLimits) -> str:
-    """Why no row of a grid (m,) [s] is usable, and what to do."""
+    """The message if no row of a grid (m,) [s] is usable: why, and what to do."""
     if np.mean(np.diff(stamps) == 0) > 0.5:
         shared = f"its stamps are rounded, {stamps.size / np.unique(stamps).size:.0f} rows share one"
         return f"{shared}; state the rate of the rows in place of its time, as `time: {{rate: HZ}}`"
@@ -103,13 +103,13 @@ def why_unusable(stamps: Array, time: Array, limits: GapLimits) -> str:
 
 
 def on_one_grid(taken: Sequence[Taken], limits: GapLimits, trial: str = "") -> UniformSignals:
-    """All signals of a trial on one uniform grid at the fastest stream's rate, over what all streams cover, by a cubic
-    spline through the samples at true stamps or at the times of an even device's own clock. Raises InputError: The
-    streams do not overlap; a gap is too long; no row is usable."""
+    """All signals of a trial on one uniform grid, at the fastest stream's rate, over the time that all streams cover. A
+    cubic spline passes through the samples, at true stamps or at the times of an even device's clock. Raises
+    InputError: the streams do not overlap, a gap is too long, or no row is usable."""
     late = max(taken, key=lambda part: part.samples[0][0])
     early = min(taken, key=lambda part: part.samples[0][-1])
     first, last, step = float(late.samples[0][0]), float(early.samples[0][-1]), min(part.step for part in taken)
-    rows = int(np.floor((last - first) / step + ON_GRID)) + 1  # a last row that rounding shortened counts
+    rows = int(np.floor((last - first) / step + ON_GRID)) + 1  # keeps a last row that rounding would cut off
     if rows < FEWEST_STAMPS:
         raise InputError(
             f"{late.stream.name} begins at {first:.4f} s and {early.stream.name} ends at {last:.4f} s: they "
@@ -133,7 +133,7 @@ def on_one_grid(taken: Sequence[Taken], limits: GapLimits, trial: str = "") -> U
         farthest = max(farthest, float(nearest[usable].max()))
         for column, signal in resampled(times, values, time, step).items():
             signals[column] = signal
-            # a signal that is not filtered as the others are would have another phase
+            # signals must have equal phase: each passes every sensor's filter, except the one it has already passed
             for low_pass in dict.fromkeys(low_passes.values()):
                 if low_pass != low_passes.get(column):
                     signals[column] = low_pass(signals[column], rate)
@@ -142,14 +142,14 @@ def on_one_grid(taken: Sequence[Taken], limits: GapLimits, trial: str = "") -> U
         load = fixture_torque(time, signals["theta"], limits.cutoff_hz, **fixture)
         signals["torque"] = signals["torque"] - load
     streams = [stream_row(part, *found, time, limits) for part, found in zip(taken, gaps, strict=True)]
-    # without what samples and clocks have found: 0.4 GB of an hour
+    # copies without cached properties: these take 0.4 GB for an hour
     kept = tuple(replace(part, clock=replace(part.clock)) for part in taken)
     return UniformSignals(time, rate, signals, usable, farthest, streams, kept, limits, trial)
 
 
 def gaps_of(part: Taken, first: float, last: float, limits: GapLimits) -> tuple[Array, Array]:
-    """Gaps between two times [s], bridged and marked ones: begin and end of each, (gaps, 2) [s]; refused if too long.
-    Jitter may lengthen a gap that is still bridged by a tenth of a step."""
+    """Bridged and marked gaps between two times [s]: begin and end of each, (gaps, 2) [s]. Raises InputError: a gap is
+    too long. A gap may be longer by a tenth of a step, because of jitter."""
     times = part.samples[0]
     row = np.flatnonzero(np.diff(times) > LONG_STEP * part.step)
     ends = np.stack([times[row], times[row + 1]], axis=1)
@@ -166,18 +166,18 @@ def gaps_of(part: Taken, first: float, last: float, limits: GapLimits) -> tuple[
 
 
 def stream_row(part: Taken, bridged: Array, marked: Array, time: Array, limits: GapLimits) -> dict[str, Any]:
-    """What was found and done in one stream, beside times (m,) [s] of a grid; g is of the signal that knows it best."""
+    """The report on one stream resampled to times (m,) [s]. g is from the signal with the smallest standard error."""
     clock, rate = part.clock, 1 / part.clock.step
     ratio = rate / ((len(time) - 1) / float(time[-1] - time[0])) - 1
     best = min(part.evidence.values(), key=lambda said: said.se, default=None)
     gap = float(np.max(bridged[:, 1] - bridged[:, 0], initial=0.0))
-    # largest error of a cubic through a sine, as a share of its amplitude, sampled at steps or across a single gap
+    # largest error of a cubic through a sine, as a share of its amplitude: sampled at steps, and across a gap
     error, bridge_error = ((2 * np.pi * limits.highest_hz * h) ** 4 / 384 for h in (part.step, gap))
     stated = [(name, one) for name, one in part.stream.low_passes.items() if name in part.signals]
     return {
         "signals": ", ".join(part.signals),
         "rate_hz": rate,
-        # against the fastest stream, where it is the clocks that differ and not the devices' intention
+        # against the fastest stream; a larger difference is intended, not one of the clocks
         "ppm": 1e6 * ratio if abs(ratio) < 1e-3 else None,
         "firm": part.firm,
         "why": part.why,
@@ -204,17 +204,17 @@ def stream_row(part: Taken, bridged: Array, marked: Array, time: Array, limits: 
 
 
 SPLINED, REACH = 1 << 14, 64
-"""Samples that one spline gives, so few that a processor holds them near, and those beyond its ends that it passes: of
-what it is there, 0.27^64 is left inside. The coefficients of a whole hour would take 0.7 GB."""
-ON_GRID = 1e-6  # distance, in steps, at which a sample counts as lying on the grid
+"""Grid rows per spline, which fit into a processor's cache, and samples beyond its ends: the effect of an end falls by
+0.27 per sample. One spline for an hour would take 0.7 GB."""
+ON_GRID = 1e-6  # distance, in steps, up to which a sample lies on the grid
 
 
 def resampled(times: Array, values: Mapping[str, Array], grid: Array, step: float) -> dict[str, Array]:
-    """Values (m,) of each signal at the grid's times (m,) [s]: the samples where they lie on it, else a cubic spline.
-    Nothing is extrapolated: a last row that rounding put behind the last sample has its value."""
+    """Values (m,) of each signal at the grid's times (m,) [s]: the samples if they lie on it, else a cubic spline.
+    Nothing is extrapolated: a last row that lies behind the last sample by rounding has its value."""
     row = int(np.searchsorted(times, grid[0] - ON_GRID * step))
     there = times[row : row + len(grid)]
-    # from 1e6 rows on the rounding of a step, which is known to 1e-13 of itself, adds up
+    # the rounding of a step, 1e-13 of it, adds up over more than 1e6 rows
     if len(there) == len(grid) and np.max(np.abs(there - grid)) < ON_GRID * step * max(len(grid) / 1e6, 1.0):
         return {name: one[row : row + len(grid)] for name, one in values.items()}
     found = np.empty((len(values), len(grid)))
@@ -234,10 +234,10 @@ def uniform_signals(
     computed: Sequence[str] = (),
     wanted: Collection[str] | None = None,
 ) -> UniformSignals:
-    """The columns of a trial on one uniform grid: stated delays taken out, sensors' low-pass filters made alike.
-    `computed` are columns without a sensor, such as a command, which say nothing about the stamps that they share. Of
-    all that decide on the stamps those that are `wanted` are made uniform; None: all.
-    Raises InputError: A column is missing, or its stamps cannot be brought on a grid; the message names the trial."""
+    """The columns of a trial on one uniform grid, without stated delays, and with equal low-pass filters of sensors.
+    `computed` columns have no sensor, such as a command, and do not help to decide on the stamps that they share. All
+    `columns` help to decide; those `wanted` (None: all) are made uniform.
+    Raises InputError: a column is missing, or its stamps cannot be brought on a grid; the message names the trial."""
     devices = devices_of(trial, columns, computed)
     with naming(f"trial {trial.name}"):
         taken = take(streams(trial, devices, frozenset(computed)))
@@ -247,7 +247,7 @@ def uniform_signals(
 
 
 def devices_of(trial: Trial, columns: Sequence[str], computed: Sequence[str] = ()) -> list[list[str]]:
-    """The columns of each device, which have samples in the same rows. A `computed` one is named beside others only."""
+    """The columns of each device: those sampled in the same rows. A `computed` column only joins a device of others."""
     found: dict[bytes, list[str]] = {}
     for column in columns:
         found.setdefault(trial.present(column).tobytes(), []).append(column)
@@ -278,8 +278,8 @@ def streams(trial: Trial, devices: Sequence[Sequence[str]], silent: frozenset[st
 
 
 def with_stamp_evidence(trial: Trial) -> Trial:
-    """The trial with what its signals say about their stamps in its provenance, `stamps`, where every later step that
-    makes them uniform finds it: by column the response and the covariance of `StampEvidence`, or null."""
+    """The trial with the evidence of its signals on their stamps in its provenance, under `stamps`: response and
+    covariance of `StampEvidence` by column, or null. Later steps read it there instead of computing it again."""
     columns = [column for column in MOVED if column in trial.columns and trial.present(column).any()]
     found: dict[str, Any] = {}
     with suppress(InputError):  # whoever needs these signals will say so
@@ -290,5 +290,5 @@ def with_stamp_evidence(trial: Trial) -> Trial:
 
 
 def origin(trial: Trial, column: str) -> dict[str, Any]:
-    """What the provenance has on a column; nothing for a trial that was not ingested."""
+    """The provenance of a column; empty for a trial that was not ingested."""
     return dict(trial.provenance.get("columns", {}).get(column, {}))

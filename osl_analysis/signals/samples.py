@@ -1,12 +1,12 @@
-"""The samples of a stream at the times that its decision gives them: true stamps, the even clock of the device, or the
-clock of a source whose values a faster log repeats; and by how much the clocks of two devices drift apart.
+"""When the samples of a stream were taken: at true stamps, on the even clock of the device, or on the clock of a slower
+source whose values the log repeats; and the drift between the clocks of two devices.
 
-The signal itself decides among three hypotheses. The device samples evenly and latency is in the stamps; the stamps are
-true; the values were taken `age` loops before their stamp, as where a bus answers a loop later. The slow part of the
-stamps (`stream.slow_part`) is set apart. If the sampling times move with g_k of the fast part f of the stamp k rows
-earlier, a signal moves by the sum of g_k x' f_k: all g_k are 0, g_0 is 1, or two neighbours share 1 as the age lies
-between them. How one-sided the scatter is does not decide: a loop with absolute targets is late, never early, and its
-stamps true."""
+The signal itself decides among three hypotheses. Even: the device samples evenly, and the stamps scatter by latency.
+True: the stamps are right. Aged: the values were taken `age` loops before their stamps, as if a bus answers a loop
+later. The slow part of the stamps (`stream.slow_part`) is removed first. If the sampling time moves with a share g_k of
+the fast part f_k of the stamp k rows earlier, the signal x moves by the sum of g_k x' f_k. All g_k are 0 for even
+stamps, g_0 is 1 for true ones, and two neighbours share 1 for an age between them. One-sided scatter does not decide: a
+loop with absolute deadlines is late, never early, and its stamps are true."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -34,12 +34,12 @@ from osl_analysis.trial import Array
 
 @dataclass(frozen=True)
 class Batches:
-    """Samples that a host stamps together."""
+    """Batches of samples that a host stamps together."""
 
-    begins: SampleCount  # first row of each (k,)
-    seconds: float  # [s] usual time from the first to the last sample of one
-    shared: bool  # whether the samples of one have one stamp; else each has that at which its row was written
-    prompt: bool  # whether their sizes tell that each waits for its last sample: they are as long as the time before
+    begins: SampleCount  # (k,) first row of each batch
+    seconds: float  # [s] usual time from the first to the last sample of a batch
+    shared: bool  # whether the samples of a batch share one stamp; else each has the time at which its row was written
+    prompt: bool  # whether a batch waits for its last sample only: its size matches the wait before its stamp
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class DeviceClock:
 
     stamps: Array  # (n,) [s]
     count: SampleCount  # (n,) place of every sample in the device's count
-    counted: bool = False  # by the device itself
+    counted: bool = False  # whether the device itself counted them
 
     @cached_property
     def step(self) -> float:
@@ -72,23 +72,23 @@ class DeviceClock:
 
     @cached_property
     def usual(self) -> float:
-        """Standard deviation [s] of the residual by quantiles, but for a handful of late ones."""
+        """Robust standard deviation [s] of the residual, from quantiles: a few late stamps do not count."""
         return float(np.diff(np.quantile(self.residual, (0.05, 0.95)))[0]) / 3.29
 
     @cached_property
     def wander(self) -> float:
-        """Standard deviation [s] of the residual averaged over 50 samples, in which jitter averages out."""
+        """Standard deviation [s] of the residual averaged over 50 samples. Jitter averages out."""
         blocks = len(self.stamps) // 50
         return float(np.std(self.residual[: blocks * 50].reshape(-1, 50).mean(axis=1))) if blocks > 1 else self.sd
 
     @cached_property
     def slow(self) -> tuple[Array, int]:
-        """The slow part (n,) [s] of the stamps, and at how many places their rate changes for good."""
+        """The slow part (n,) [s] of the stamps, and the number of places at which their rate changes for good."""
         return slow_part(self.stamps, self.count, self.step)
 
     @cached_property
     def decimal(self) -> float:
-        """Last decimal [s] with which the stamps were printed, down to 10 ns; 0 where none is seen."""
+        """Decimal [s] to which the stamps were printed, 10 ms to 10 ns; 0 if none is seen."""
         after = self.stamps - self.stamps[0]
         for decimal in 10.0 ** -np.arange(2, 9):
             if all(np.max(np.abs(x / decimal - np.rint(x / decimal))) < 1e-3 for x in (after[:99], after)):
@@ -97,8 +97,9 @@ class DeviceClock:
 
     @cached_property
     def batches(self) -> Batches | None:
-        """Those that a host stamps: two in five rows are within 0.4 step of the one before. None where none are, as
-        with printed decimals, or ticks of a slow clock, which are alike, their samples not."""
+        """The batches in which a host stamps; None if it does not. At least 40 % of the rows follow within 0.4 steps.
+        Stamps rounded to decimals, or to ticks of a slow clock, are no batches: these waits are alike, whatever their
+        numbers of samples."""
         steps = np.diff(self.stamps)
         begins = np.flatnonzero(np.append(True, steps > 0.4 * self.step))
         if not 3 < len(begins) <= 0.6 * len(self.stamps) or self.decimal > 0.5 * self.step:
@@ -112,7 +113,7 @@ class DeviceClock:
 
     @cached_property
     def scatter(self) -> float:
-        """RMS [s] of the stamps about what is smooth over 25 samples, but for where their rate changes."""
+        """RMS [s] of the stamps about a curve that is smooth over 25 samples, without places where the rate changes."""
         (slow, kinks), length = self.slow, max(len(self.stamps) // 400, 25)
         power = (fast := self.stamps - slow) - savitzky_golay(fast, np.arange(len(fast)), 25, 0)
         blocks = (power[: len(power) // length * length] ** 2).reshape(-1, length).mean(axis=1)
@@ -120,7 +121,7 @@ class DeviceClock:
 
     @cached_property
     def settles(self) -> bool:
-        """Whether the stamps come back to their line, or to that of each rate, within two seconds. Latency does."""
+        """Whether the stamps come back to their line, or to the line of each rate, within 2 s, as with latency."""
         length = int(np.clip(2 / self.step, 51, max(len(self.stamps) // 4, 1)))
         above = self.stamps - self.slow[0] if self.slow[1] else self.residual
         sums = np.cumsum(np.append(0.0, above))
@@ -129,7 +130,7 @@ class DeviceClock:
 
     @property
     def block(self) -> int:
-        """Samples of 80 ms, 9 to 24, in which a signal tells whether it follows the fast part of the stamps."""
+        """Samples per block in `evidence_of`: those of 80 ms, but 9 to 24."""
         return int(np.clip(round(0.08 / self.step), 9, 24))
 
     @cached_property
@@ -139,18 +140,18 @@ class DeviceClock:
 
     @property
     def missing(self) -> int:
-        """Samples that the count leaves free."""
+        """Number of missing samples: places that the count leaves free."""
         return int(self.count[-1] - self.count[0] + 1 - len(self.count))
 
     def skew(self, residual: Array) -> float:
-        """Skewness of a residual; 0 where it does not scatter."""
+        """Skewness of a residual; 0 if it does not scatter."""
         apart, sd = residual - residual.mean(), float(np.std(residual))
         return float(apart @ (apart * apart)) / len(apart) / sd**3 if sd > 1e-6 * self.step else 0.0
 
     def times(self) -> Array:
-        """When the samples were taken, (n,) [s], if the device samples evenly: the least-squares line through all but
-        the few samples that lie far off, or along their lower edge where they are still one-sided, since a host's stamp
-        is late by what the message waited, or in batches. A device whose rate changes has a line for each."""
+        """When the samples were taken, (n,) [s], if the device samples evenly: on the least-squares line, without the
+        few stamps that lie far off. If the rest is one-sided or in batches, the line is its lower edge instead, because
+        a host's stamp is late by the message's wait. A device whose rate changes has a line for each rate."""
         base, x = self.stamps - self.residual, self.count
         if np.ptp(self.residual) > self.step and self.slow[1]:
             apart, fast = np.abs(self.slow[0] - base).max(), float(np.std(self.stamps - self.slow[0]))
@@ -166,8 +167,8 @@ class DeviceClock:
         step = line_through(place, late)[0]
         start = float(np.mean(late) - step * np.mean(place))
         if self.batches is not None or self.skew(late) > 0.5:
-            # the highest line below all points: one point is held on each side of the mean count; the lowest point
-            # below the line through them replaces the one on its side, until none lies below
+            # The highest line below all points goes through one point on each side of the mean count. The lowest point
+            # below the line replaces the point on its side, until none lies below.
             left, right, middle = 0, len(place) - 1, float(np.mean(place))
             for _ in range(len(place)):
                 step = float((late[right] - late[left]) / (place[right] - place[left]))
@@ -180,8 +181,8 @@ class DeviceClock:
         return np.asarray(base + step * x + start, dtype=np.float64)
 
     def aged(self, age: float) -> Array:
-        """When values that are `age` loops older than their stamps were taken, (n,) [s]: at the stamps of rows before.
-        Behind a gap, and where a loop took far longer, these say nothing; the age is then that of usual loops."""
+        """When values `age` loops older than their stamps were taken, (n,) [s]: interpolated between earlier stamps.
+        Behind a gap or a very long loop these do not tell; there, `age` usual steps are taken off."""
         rows, whole = np.arange(len(self.stamps)), int(np.floor(age))
         near, far = (self.stamps[np.clip(rows - k, 0, len(rows) - 1)] for k in (whole, whole + 1))
         times = (1 - (age - whole)) * near + (age - whole) * far
@@ -192,25 +193,25 @@ class DeviceClock:
 
 
 LAGS = np.arange(-1, 3)
-"""Rows before a value whose stamps its sampling time may follow."""
+"""Lags k, in rows, of the stamps that the sampling time of a value may follow."""
 AGES = np.linspace(0, 2, 21)
 HYPOTHESES = np.vstack([np.zeros(4), np.maximum(1 - np.abs(AGES[:, None] - LAGS), 0)])
-"""Responses (22, 4) to the stamps `LAGS` before: of an even device, and of values of the `AGES`."""
-NOT_LINEAR = 0.05  # standard error of each response beside its noise, by what a first-order response leaves out
-NO_MATTER = 0.001  # scatter, in steps, below which all hypotheses are the same samples: the device counts as even
+"""Expected responses g_k (22, 4) at `LAGS`: of an even device, then of values of each of the `AGES`."""
+NOT_LINEAR = 0.05  # standard error of a response, beside its noise, because the model is linear in the stamps
+NO_MATTER = 0.001  # scatter, in steps, below which all hypotheses give the same samples: taken as even
 
 
 @dataclass(frozen=True)
 class StampEvidence:
-    """What one signal says: by how much its sampling times move with the fast part of the stamps `LAGS` before, (4,),
-    and the covariance (4, 4)."""
+    """The evidence of one signal: the responses g_k (4,) of its sampling times to the fast part of the stamps, at
+    `LAGS`, and their covariance (4, 4)."""
 
     response: Array
     covariance: Array
 
     @property
     def g(self) -> float:
-        """Share of the stamps' scatter that is in the samples: 1 of true stamps, whatever their age, 0 if even."""
+        """Share of the stamps' scatter that the sampling times have: 1 for true stamps of any age, 0 for even ones."""
         return float(self.response.sum())
 
     @property
@@ -229,13 +230,13 @@ class StampEvidence:
 
 
 def evidence_of(values: Array, clock: DeviceClock) -> StampEvidence | None:
-    """The response of one signal (n,), by least squares in blocks of 9 to 24 consecutive samples of 80 ms, from which
-    polynomials of degree 5 take the smooth motion. The slope x' is that of a polynomial over 40 ms. What rounding of
-    printed stamps adds to the normal matrix, q^2/12, is taken off. The covariance is from the scatter of 20 chunks.
-    None where the signal does not tell: too few blocks, stamps without scatter of their own, or more than a fifth of
-    the mean square of x' is noise, which would pull the response towards 0."""
+    """The response of one signal (n,), by least squares in blocks of 80 ms, 9 to 24 samples. Polynomials of degree 5
+    take the smooth motion out of each block. The slope x' is that of a polynomial over 40 ms. The variance q^2/12 of
+    stamps rounded to q is taken off the normal matrix. The covariance comes from the scatter of 20 chunks.
+    None if the signal does not tell: too few blocks, stamps that hardly scatter, or noise in more than a fifth of the
+    mean square of x', which would pull the response towards 0."""
     there, step = ~np.isnan(values), clock.step
-    found = slice(None) if there.all() else there  # a copy of each is 0.1 GB of an hour
+    found = slice(None) if there.all() else there  # avoids copies, 0.1 GB for an hour
     x, stamps, count, slow = values[found], clock.stamps[found], clock.count[found], clock.slow[0][found]
     size, window = clock.block, max(2 * round(0.02 / step) + 1, 7)
     if len(x) < 60 * size:
@@ -252,11 +253,11 @@ def evidence_of(values: Array, clock: DeviceClock) -> StampEvidence | None:
         return np.asarray(np.lib.stride_tricks.sliding_window_view(values, size)[first - lag])
 
     steps, long = np.diff(stamps) / step / np.minimum(np.maximum(rate[1:], 0.2), 3), np.zeros(len(x), dtype=bool)
-    long[1:-1] = (steps[:-1] > 1.6) & (steps[1:] > 0.6)  # a pause that no short step makes good
+    long[1:-1] = (steps[:-1] > 1.6) & (steps[1:] > 0.6)  # a pause that no short step makes up for
     pauses = np.cumsum(long) if np.mean(long) < 0.03 else np.zeros(len(x))
     whole = (count[ends[1]] - count[ends[0]] == ends[1] - ends[0]) & (pauses[ends[1]] == pauses[ends[0]])
     first = first[whole & (np.abs(blocks(fast)).max(axis=1) < 20 * np.sqrt(np.mean(fast**2)) + 1e-12)]
-    # where a signal stands, it is the same whenever it is taken
+    # a signal that stands does not tell when it was sampled
     first = first[np.mean(blocks(slope) ** 2, axis=1) > 0.01 * np.mean(slope**2)]
     if len(first) < 60:
         return None
@@ -268,7 +269,7 @@ def evidence_of(values: Array, clock: DeviceClock) -> StampEvidence | None:
     seen, first = seen[kept], first[kept]
     slopes = blocks(slope)
     push = np.empty((len(LAGS), *slopes.shape))
-    for own, lag in zip(push, LAGS.tolist(), strict=True):  # one at a time: 0.1 GB of an hour
+    for own, lag in zip(push, LAGS.tolist(), strict=True):  # one at a time: each takes 0.1 GB for an hour
         np.matmul(slopes * blocks(fast, lag), rest, out=own)
     columns = push.reshape(len(LAGS), -1)
     plain = columns @ columns.T
@@ -295,13 +296,13 @@ def evidence_of(values: Array, clock: DeviceClock) -> StampEvidence | None:
 
 
 def without_smooth(late: Array, count: SampleCount, size: int) -> Array:
-    """What stamps (n,) [s] are late by without what is smooth over four blocks of `size` samples."""
+    """Lateness (n,) [s] of stamps, minus its curve that is smooth over four blocks of `size` samples."""
     return late - savitzky_golay(late, count, 4 * size + 1, 0)
 
 
 def savitzky_golay(values: Array, count: SampleCount, window: int, order: int, degree: int = 3) -> Array:
-    """Value (order 0) or slope per step (order 1), (n,), of a polynomial through each `window` of counted samples,
-    missing ones bridged linearly. A gap is shortened to two windows, lest a clock that jumps by years fill memory."""
+    """Value (order 0) or slope per step (order 1), (n,), of a polynomial through each `window` of samples by count.
+    Missing samples are bridged linearly. A gap is shortened to two windows: a clock may jump by years."""
     place: SampleCount | slice = slice(None)
     if count[-1] - count[0] != len(values) - 1:
         place = np.concatenate([[0], np.cumsum(np.minimum(np.diff(count), 2 * window))])
@@ -315,8 +316,8 @@ def savitzky_golay(values: Array, count: SampleCount, window: int, order: int, d
 
 @lru_cache(16)
 def polynomial_rows(window: int, degree: int, order: int) -> Array:
-    """What gives value (order 0) or slope per step (order 1) of the polynomial through a window, an odd number, of
-    samples at each of them, (window, window)."""
+    """Matrix (window, window) from an odd number of samples to the values (order 0) or slopes per step (order 1) of
+    the polynomial through them."""
     half = max(window // 2, 1)
     powers = np.vander((np.arange(window) - window // 2) / half, degree + 1, increasing=True)
     slopes = np.roll(powers, 1, axis=1) * np.arange(degree + 1) / half
@@ -329,18 +330,18 @@ class Taken:
 
     stream: Stream
     clock: DeviceClock
-    signals: tuple[str, ...]  # their names; they lack values in the same rows
-    even: bool  # the device samples evenly; else the stamps are true
-    firm: bool  # stated, or seen in the signals; else the other hypothesis may be right
-    matters: bool  # the two hypotheses differ
-    why: str  # one sentence for provenance
-    evidence: Mapping[str, StampEvidence] = field(default_factory=dict)  # per signal; empty where none was sought
-    repeated: int = 0  # rows that were written twice
-    delay: float = 0.0  # [s] by which the samples are older than their stamps
-    age: float = 0.0  # [loops] by which they are older than true stamps, by what the signals say
+    signals: tuple[str, ...]  # names; they lack values in the same rows
+    even: bool  # whether the device samples evenly; else the stamps are true
+    firm: bool  # whether this is stated, or seen in the signals; else the other hypothesis may be right
+    matters: bool  # whether the two hypotheses differ
+    why: str  # one sentence for the provenance
+    evidence: Mapping[str, StampEvidence] = field(default_factory=dict)  # per signal; empty if none was needed
+    repeated: int = 0  # number of rows that were written twice
+    delay: float = 0.0  # [s] by which the samples are older than their times
+    age: float = 0.0  # [loops] by which samples are older than their true stamps, by the signals' evidence
 
-    held: float | None = None  # rows of a faster log for which each value stands; None: every row has its own
-    unsure: float = 0.0  # [s] by which held values, or stamped batches, may be older than they are taken to be
+    held: float | None = None  # rows per value if the log repeats each; None: every row has its own value
+    unsure: float = 0.0  # [s] by which held values or batches may be older than assumed
 
     def other(self) -> "Taken":
         """The same samples under the other hypothesis."""
@@ -350,7 +351,7 @@ class Taken:
 
     @property
     def times(self) -> Array:
-        """When the rows were sampled, (n,) [s], before the delay is taken out."""
+        """When the rows were sampled, (n,) [s], without the delay."""
         return self.clock.times() if self.even else self.clock.aged(self.age)
 
     @cached_property
@@ -360,7 +361,7 @@ class Taken:
 
     @cached_property
     def stride(self) -> int:
-        """Rows from one value to the next: 1, or more where signals of a lower rate share the rows of a faster one."""
+        """Rows from one value to the next: more than 1 if signals of a lower rate share the rows of a faster one."""
         return int(np.median(np.diff(self.clock.count[self.present])))
 
     @property
@@ -370,8 +371,8 @@ class Taken:
 
     @cached_property
     def samples(self) -> tuple[Array, dict[str, Array], int]:
-        """Rising times (k,) [s] of the samples, the delay taken out; their values (k,) by signal, without the silent
-        ones; and how many true stamps lay so close that they were averaged: close knots of a spline amplify noise."""
+        """Rising times (k,) [s] of the samples, minus the delay; their values (k,) by signal, without silent ones; and
+        the number of samples merged because their true stamps are so close: close knots of a spline amplify noise."""
         names = [name for name in self.signals if name in self.stream.signals and name not in self.stream.silent]
         values = [self.stream.signals[name][self.present] for name in names]
         times, merged = self.times[self.present], 0
@@ -388,8 +389,8 @@ class Taken:
 
 
 def take(streams: Sequence[Stream]) -> list[Taken]:
-    """The decision for every stream; a stream of two minds becomes two, as one for each delay and for each set of
-    missing values. Raises InputError: As `places_of_samples` and `check_countable`."""
+    """The decision for every stream. A stream is split by decision, by delay and by rows with missing values. Raises
+    InputError as `places_of_samples` and `check_countable`."""
     taken: list[Taken] = []
     for stream in streams:
         fresh = stream.without_repeats()
@@ -397,7 +398,7 @@ def take(streams: Sequence[Stream]) -> list[Taken]:
         if (clock := fresh.clocks.get(known)) is None:
             clock = DeviceClock(fresh.stamps, places_of_samples(fresh), fresh.counter is not None)
             fresh.clocks[known] = clock
-        held, groups = dict[str, HeldValues](), []  # of sources that are slower than the rows
+        held, groups = dict[str, HeldValues](), []  # values of sources that are slower than the rows
         for name, values in fresh.signals.items():
             if name not in fresh.silent and not np.isnan(values).any() and (one := held_values(values, clock.step)):
                 held[name] = one
@@ -413,7 +414,7 @@ def take(streams: Sequence[Stream]) -> list[Taken]:
             row_times = decided[0].times if decided else fresh.stamps
             taken += [held_taken(fresh, name, of, row_times, clock.step) for name, of in held.items()]
         for part in groups:
-            if len(groups) + len(held) > 1:  # a stream whose name says which signals it has
+            if len(groups) + len(held) > 1:  # the stream's name must say which signals it has
                 own = {name: fresh.signals[name] for name in part.signals}
                 part = replace(part, stream=replace(fresh, name=f"{fresh.name} [{', '.join(own)}]", signals=own))
             taken.append(part)
@@ -425,10 +426,9 @@ def take(streams: Sequence[Stream]) -> list[Taken]:
 
 
 def held_taken(stream: Stream, name: str, held: HeldValues, row_times: Array, step: float) -> Taken:
-    """A held signal at its own rate. Where its source samples evenly, its clock lies at or below the first rows of all
-    values, and above what is one step of the log earlier: the beat of the two rates leaves one place for it. Where they
-    keep step, the first rows are taken, and only a stated delay behind these is firm. Of an uneven source each value is
-    half a step older."""
+    """A held signal at its own rate. If its source samples evenly, each value was taken at its first row or less than
+    one step of the log earlier. The beat of the two rates narrows this to one clock. If the rates keep step, the first
+    rows are taken, and only a stated delay makes this firm. Values of an uneven source are taken half a step older."""
     stamps = np.interp(held.rows, np.arange(len(row_times)), row_times)
     own = replace(stream, name=f"{stream.name} [{name}]", stamps=stamps, signals={name: held.values}, counter=None)
     clock = DeviceClock(stamps, np.arange(len(stamps)))
@@ -447,7 +447,7 @@ def held_taken(stream: Stream, name: str, held: HeldValues, row_times: Array, st
 
 
 class Reading(NamedTuple):
-    """How stamps are read: even, or true at an age [loops]; whether that is firm; and why."""
+    """How stamps are read: even, or true with an age [loops]; whether that is firm; and why."""
 
     even: bool
     age: float
@@ -456,10 +456,10 @@ class Reading(NamedTuple):
 
 
 def reading_of(clock: DeviceClock, evidence: Mapping[str, StampEvidence]) -> Reading:
-    """The hypothesis that fits the evidence of some signals. It is firm where its chi-square is usual, and smaller by
-    30 than that of the other kind. Else the stamps are kept if the signals fit none, or if the stamps wander slowly or
-    scatter by more than a step: nothing is then moved far. Of a device that seems even, and whose stamps do not come
-    back to its line, they are kept too."""
+    """The hypothesis that fits the evidence of some signals. It is firm if its chi-square is not too large, and smaller
+    than that of the other kind by 30. Otherwise the stamps are kept as true if the signals fit no hypothesis, or if the
+    stamps wander slowly or scatter by more than a step: so nothing is moved far. They are also kept if the device seems
+    even but its stamps do not come back to the line."""
     seen = ", ".join(f"{name} g = {round(e.g, 3) + 0.0:.3f} +- {e.se:.3f}" for name, e in evidence.items())
     if clock.batches is not None and clock.settles and not clock.missing:
         why = "even: stamps of batches, in each of which the last sample waited least"
@@ -491,8 +491,8 @@ def reading_of(clock: DeviceClock, evidence: Mapping[str, StampEvidence]) -> Rea
 
 
 def decide(stream: Stream, clock: DeviceClock) -> list[Taken]:
-    """One decision for all signals of a stream; several where no decision fits all, and single signals are firm on
-    different ones: all others then take the stamps. A stated choice stands."""
+    """One decision for all signals of a stream. It is split only if no decision fits all and single signals are firm on
+    different ones; the others then follow the signal that finds its stamps true. A stated choice stands."""
     names = tuple(stream.signals)
     if stream.choice != "auto":
         return [Taken(stream, clock, names, stream.choice == "even", True, True, f"stated: {stream.choice}")]
@@ -521,19 +521,19 @@ def decide(stream: Stream, clock: DeviceClock) -> list[Taken]:
         group = tuple(name for name, one in readings.items() if (one.even, one.age) == (even, age))
         said = {name: evidence[name] for name in group if name in evidence}
         _, _, firm, why = reading_of(clock, said)
-        # the stamp of a batch may be that of its first sample
+        # the stamp of a batch may belong to its first sample
         unsure = -clock.batches.seconds if clock.batches is not None and even and not firm else 0.0
         decisions.append(Taken(stream, clock, group, even, firm, True, why, said, age=age, unsure=unsure))
     return decisions
 
 
 def check_countable(taken: Taken, fastest_hz: float) -> None:
-    """Refuse one of several devices behind a host that is late and loses samples, where no counter says which. Where
-    waits hide the rhythm of the stamps, it is refused if steps seem to be missing, or if it is slower than the fastest
-    one by a share that is too large for clocks and too small to be meant; beyond three steps (SD) in any case: hardly
-    a sample is then prompt, and the time of all is late by an unknown wait."""
+    """Refuse one of several devices if its host is late and loses samples, and no counter tells which. If waits hide
+    the rhythm of the stamps, it is refused if samples seem to be missing, or if its rate is below the fastest one by a
+    share too large for clocks and too small to be intended. If even stamps are late by more than three steps (SD), it
+    is always refused: hardly a sample is prompt, and all times are late by an unknown wait."""
     clock, stream = taken.clock, taken.stream
-    # a tenth of a step: from there on a missing sample may be taken for a late one
+    # beyond a tenth of a step, a missing sample may be taken for a late one
     best = min(taken.evidence.values(), key=lambda said: said.se, default=None)
     even = taken.even or not (taken.firm or best is None or best.g > 0.5)
     if not even or taken.held or stream.counter is not None or clock.usual <= 0.1 * clock.step:
@@ -561,9 +561,9 @@ NO_DRIFT = dict.fromkeys(("clock_drift_ppm", "clock_drift_se_ppm", "certain_cloc
 
 
 def drift_row(ppm: float, se: float, freedom: float, largest_ppm: float) -> dict[str, float]:
-    """How much faster the torque's clock runs than the angle's [ppm], its standard error of some degrees of freedom,
-    and the drift if it is certain, else 0: beyond as many standard errors as are as rare (Student) as 4 that are known
-    exactly. Raises InputError: a drift beyond what B and I bear."""
+    """How much faster the torque's clock runs than the angle's [ppm], its standard error, and the drift if it is
+    certain, else 0. Certain is as improbable by Student's t, with these degrees of freedom, as 4 exact standard errors.
+    Raises InputError: a certain drift beyond `largest_ppm`, which would make B and I wrong."""
     enough = 4.0 if np.isinf(freedom) else float(-scipy.special.stdtrit(freedom, float(scipy.special.ndtr(-4.0))))
     certain = ppm if abs(ppm) > enough * se else 0.0
     if abs(certain) > largest_ppm:

@@ -1,9 +1,9 @@
 """A stream: the signals that one device or topic recorded at the same stamps, and which of its samples are missing.
 
-Where no counter tells, the place of a sample comes from its stamp. A late sample and a missing one both leave a long
-step; after a late sample the next ones return to the old level of (stamp - count * step), after a missing one they stay
-a step higher. Where a host is late and loses samples regularly, counting by steps fails: then the spectrum of the
-stamps, |mean exp(2 pi i f t)|, has a line at the device's own rate, and none at that of the samples that are left."""
+Without a counter, the place of a sample in the count comes from its stamp. A late sample and a missing one both leave a
+long step. After a late sample, the level (stamp - count * step) returns to its old value. After a missing one, it stays
+a step higher. Counting by steps fails if a host is late and loses samples regularly. Then the spectrum of the stamps,
+|mean exp(2 pi i f t)|, shows the device's rate: it has a line there, and none at the rate of the samples left."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from osl_analysis.errors import InputError
 from osl_analysis.trial import Array
 
-FEWEST_STAMPS = 20  # samples below which neither a line through the stamps nor a spline through them means anything
+FEWEST_STAMPS = 20  # fewest samples for a meaningful line through the stamps, or a spline through the values
 SampleCount = NDArray[np.int64]
 
 
@@ -28,8 +28,8 @@ class SensorLowPass:
     order: int
 
     def __call__(self, values: Array, rate_hz: float) -> Array:
-        """Samples (n,), taken at `rate_hz`, after the filter, which starts at rest. The bilinear transform without
-        prewarping, since the cut-off may lie above half the rate: 8e-5 too high a frequency for 5 Hz at 1 kHz."""
+        """Samples (n,), taken at `rate_hz`, after the filter, which starts in steady state. The bilinear transform is
+        not prewarped, since the cut-off may lie above half the rate: 5 Hz at 1 kHz are taken for 8e-5 more."""
         unwarped = rate_hz / np.pi * np.arctan(np.pi * self.cutoff_hz / rate_hz)
         sections = scipy.signal.butter(self.order, unwarped, fs=rate_hz, output="sos")
         filtered, _ = scipy.signal.sosfilt(sections, values, zi=scipy.signal.sosfilt_zi(sections) * values[0])
@@ -41,23 +41,23 @@ class SensorLowPass:
 
 @dataclass(frozen=True)
 class Stream:
-    """Signals sampled at shared stamps, as recorded. Raises InputError: Too few samples, a stamp that is not finite, an
-    infinite value, stamps that run backwards or stand still."""
+    """Signals sampled at shared stamps, as recorded. Raises InputError: too few samples or values, an infinite value,
+    or stamps that do not advance."""
 
     name: str  # device, topic or column, for messages
     stamps: Array  # (n,) [s], on the clock that all streams of the trial share
-    signals: Mapping[str, Array]  # (n,) samples each; NaN where the device sampled and the log lacks the value
+    signals: Mapping[str, Array]  # (n,) samples each; NaN where the device sampled but the log lacks the value
     choice: Literal["auto", "even", "exact"] = "auto"
     """`exact`, the stamps are true; `even`, the device samples evenly; `auto`, the stamps and signals decide."""
     counter: SampleCount | None = None  # (n,) the device's own count of its samples, where it writes one
-    silent: frozenset[str] = frozenset()  # signals that say nothing about the stamps, as a command: it is computed
+    silent: frozenset[str] = frozenset()  # signals that do not help to decide on the stamps, such as a command
     delays: Mapping[str, float] = field(default_factory=dict)
-    """By signal the time [s] by which its samples are older than their stamps; none for a signal that is not there."""
+    """Stated delays [s] by signal: its samples are older than their stamps by that. 0 for a signal without one."""
     low_passes: Mapping[str, SensorLowPass] = field(default_factory=dict)
-    """By signal its sensor's own, where the source file states one."""
+    """Stated low-pass filters of the sensors, by signal."""
     measured: Mapping[str, tuple[Array, Array] | None] = field(default_factory=dict)
-    """By signal the `StampEvidence` that was found before, response and covariance; None: it says nothing."""
-    fixture: Mapping[str, float] | None = None  # whose torque the load cell measures too, as the sheet states it
+    """Known `StampEvidence` by signal: response and covariance, or None if the signal does not tell."""
+    fixture: Mapping[str, float] | None = None  # arguments of `fixture_torque`, as the sheet states them
     clocks: dict[bytes, Any] = field(default_factory=dict, repr=False, compare=False)  # `Trial.clocks`
 
     def __post_init__(self) -> None:
@@ -101,21 +101,21 @@ class Stream:
 
 @dataclass(frozen=True)
 class HeldValues:
-    """The values of a source that is slower than the log, which repeats each of them. A value's own time is that of the
-    first row on which it stands, or up to one step of the log before."""
+    """The values of a source that is slower than the log, which repeats each of them. A value was taken at its first
+    row, or up to one step of the log before."""
 
-    rows: Array  # (k,) row of each value's first appearance; between two where values that are equal follow each other
+    rows: Array  # (k,) first row of each value; interpolated if it equals the value before
     values: Array  # (k,)
     period: float  # usual rows per value
 
 
 def held_values(signal: Array, step: float) -> HeldValues | None:
-    """The values that a signal (n,), without NaN, repeats at a pace of its own, up to 0.1 s of `step` [s]; None if it
-    does not. A slow signal of coarse resolution, at rest too, repeats values but hardly right after it went on by
-    three of its smallest steps: the rows after such changes tell."""
+    """The values that a signal (n,), without NaN, repeats at a pace of its own, for up to 0.1 s; None if it does not.
+    `step` [s] is that of the log. A slow signal of coarse resolution also repeats values, but hardly right after a
+    change by three of its smallest steps. So the repetitions after such changes decide."""
     first = np.flatnonzero(signal[1:] != signal[:-1]) + 1
     if FEWEST_STAMPS < len(signal) - len(first) < 0.5 * len(signal):
-        # a source that is hardly slower: all values lie on a straight line to within a row, which is no chance
+        # a source that is hardly slower: all values are evenly spaced to within a row, which is no chance
         period, _ = line_through(np.arange(len(first)), first.astype(np.float64))
         is_even = np.ptp(first - period * np.arange(len(first))) < 1.2 and len(first) * period > len(signal) - 3
         return HeldValues(first.astype(np.float64), signal[first], period) if is_even else None
@@ -141,13 +141,13 @@ def held_values(signal: Array, step: float) -> HeldValues | None:
     return HeldValues(rows, values, period)
 
 
-LONG_STEP = 1.5  # step, in usual steps, from which it counts as a gap
-BESIDE = 100  # samples on either side of a long step whose levels are compared; three times the step if that is longer
+LONG_STEP = 1.5  # a longer step, in usual steps, is a gap
+BESIDE = 100  # samples on either side of a long step whose levels are compared, or three times the step if longer
 
 
 def places_of_samples(stream: Stream) -> SampleCount:
-    """Count of every sample, (n,), from 0, with what is missing left free; the device's counter where there is one.
-    Raises InputError: The counter does not rise, or the clock jumps while it runs on."""
+    """Place of every sample, (n,), in the device's count from 0, by its counter if there is one. Missing samples leave
+    places free. Raises InputError: the counter does not rise, or the clock jumps while it runs on."""
     counter, stamps = stream.counter, stream.stamps
     if counter is None:
         return count_from_stamps(stamps)
@@ -172,10 +172,10 @@ def places_of_samples(stream: Stream) -> SampleCount:
 
 
 def count_from_stamps(stamps: Array) -> SampleCount:
-    """Count of every sample, (n,), from its stamp (n,) [s]. A sample is missing where the level of the stamps changes
-    by a step for good, and only if that lowers the residual of the line through all of them, or of that of each rate.
-    A rate that is found without the missing samples is wrong by some steps over the record: it is found again with
-    those that nine samples on either side show."""
+    """Place of every sample, (n,), in the count, from its stamp (n,) [s]. A sample is missing where the level of the
+    stamps changes by a step for good. This must lower the residual of the line through all stamps, or of the lines of
+    each rate. Missing samples make the first estimate of a changing rate wrong, so it is repeated with those that a
+    median over nine samples shows."""
     place, steps, recorded = np.arange(len(stamps)), np.diff(stamps), stamps
 
     def left(count: SampleCount) -> float:
@@ -193,7 +193,7 @@ def count_from_stamps(stamps: Array) -> SampleCount:
         slow, kinks = slow_part(recorded, count, float(recorded[-1] - recorded[0]) / count[-1])
         if not kinks or np.ptp(rate := np.diff(slow) / np.diff(count)) < 0.01 * float(np.mean(rate)):
             break
-        # as if it did not change
+        # stamps as if the rate did not change
         steps = np.diff(recorded) / np.maximum(rate, 0.1 * float(np.mean(rate))) * float(np.min(rate))
         stamps, usual = np.concatenate([[0.0], np.cumsum(steps)]), max(float(np.median(steps)), 1e-9)
         level = np.pad(scipy.ndimage.median_filter(stamps / usual - place, 9), (4, 5), mode="edge")
@@ -204,26 +204,26 @@ def count_from_stamps(stamps: Array) -> SampleCount:
     rows = np.flatnonzero(steps > 1.3 * step) + 1
     if not len(rows):
         return place
-    # The most that may be missing in each: before a burst one may have been late by 0.8 steps. A burst of held samples
-    # fills a third of the window at most.
+    # Most samples that may be missing in each step: the sample before a burst may have been late by 0.8 steps. A burst
+    # of delayed samples fills a third of the window at most.
     length = steps[rows - 1] / step
     most = np.maximum(np.where(length > 10, np.floor(length - 0.2), np.rint(length) - 1).astype(np.int64), 1)
     windows = np.maximum(BESIDE, 3 * most)
-    # The longest first, lest a late sample takes what is missing a few samples further; a quarter of a step tells
-    # lengths apart, up to two steps.
+    # The longest steps first: else a late sample takes the place of one that is missing a few samples later. Lengths
+    # are compared in quarters of a step, up to two steps.
     order = np.argsort(-np.minimum(np.rint(4 * length), 8), kind="stable")
     level, missing = (stamps - stamps[0]) / step - place, np.zeros_like(rows)
-    few = 20  # samples of a block, and below which the level of an end of the record needs tidy stamps
+    few = 20  # samples of a block; fewer at an end of the record give a level only if the stamps are tidy
     blocks = level[: len(level) // few * few].reshape(-1, few)
     middle = np.median(blocks, axis=1)
     late_only = np.median(middle - np.min(blocks, axis=1)) < 0.7 * np.median(np.max(blocks, axis=1) - middle)
-    # the level is that of the promptest few where stamps are late, never early; else of the lowest fifth
+    # the level is that of the promptest few samples if stamps are only late, never early; else of the lowest fifth
     share = 0.03 if late_only else 0.2
     rough = scipy.ndimage.minimum_filter1d if late_only else scipy.ndimage.uniform_filter1d
     half, last = BESIDE // 2, len(level) - 1
     after, before = np.minimum(rows + half, last), np.maximum(rows - half, 0)
     always = (3 * most > BESIDE) | (rows < BESIDE) | (rows > last - BESIDE)
-    for _ in range(4):  # every change moves the levels behind it
+    for _ in range(4):  # a change moves the levels of all later samples
         smooth, changed = rough(level, BESIDE, mode="nearest"), False
         closer = (np.abs(smooth[after] - smooth[before]) > 0.3) | always
         for k in order[closer[order]]:
@@ -245,10 +245,10 @@ def count_from_stamps(stamps: Array) -> SampleCount:
 
 
 def slow_part(stamps: Array, count: SampleCount, step: float) -> tuple[Array, int]:
-    """The slow part (n,) [s] of stamps (n,) over their count: a straight line, or one for each of up to seven rates
-    that meet at kinks, and how many kinks. There is one only where the stamps do not come back to the line, seen by
-    medians of 400 blocks. `step` [s] is that of the line."""
-    least_s, most = 2.0, 6  # between kinks [s], and how many
+    """The slow part (n,) [s] of stamps (n,) over their count, and its number of kinks. It is a straight line, or up to
+    seven lines of different rates that meet at kinks. A kink is set only if the stamps do not come back to the line, by
+    the medians of 400 blocks. `step` [s] is that of the line."""
+    least_s, most = 2.0, 6  # shortest time between kinks [s], and most kinks
     size = max(len(stamps) // 400, 1)
     blocks = len(stamps) // size * size
     place = count[:blocks].reshape(-1, size).mean(axis=1)
@@ -259,7 +259,7 @@ def slow_part(stamps: Array, count: SampleCount, step: float) -> tuple[Array, in
     def line(knots: Sequence[float]) -> tuple[Array, Array]:
         columns = np.stack([np.interp(place, knots, one) for one in np.eye(len(knots))], axis=1)
         weights = np.ones(len(place))
-        for _ in range(5):  # Huber's
+        for _ in range(5):  # Huber's weights
             levels = np.linalg.lstsq(columns * weights[:, None], level * weights, rcond=None)[0]
             left = np.abs(level - columns @ levels)
             weights = np.sqrt(1 / np.maximum(1, left / (2.96 * float(np.median(left)) + 1e-12)))
@@ -285,37 +285,37 @@ def slow_part(stamps: Array, count: SampleCount, step: float) -> tuple[Array, in
 
 
 def usual_step(stamps: Array) -> float:
-    """Step [s] of a device from its stamps (n,). The promptest sample of each block is hardly late; from block to block
-    its level changes by the error of the step, and by whole steps where samples are missing, which are left out."""
+    """Step [s] of a device from its stamps (n,). The promptest sample of each block is hardly late. From block to block
+    its level changes by the error of the step. Blocks with missing samples change by whole steps and are left out."""
     n = len(stamps)
     mean, median = float(stamps[-1] - stamps[0]) / (n - 1), float(np.median(np.diff(stamps)))
     step = min(mean, median) if median > 0.8 * mean else mean  # the shorter of the two: steps are found too long
-    # blocks first so short that most miss no sample
+    # the first blocks are so short that most miss no sample
     for k, block in enumerate(min(size, n // 4) for size in (25, 25, 25, 100, 100)):
         late = (stamps - step * np.arange(n))[: n // block * block]
         change = np.diff(late.reshape(-1, block).min(axis=1))
         usual = 0.0 if k else float(np.quantile(change, 0.25))
         whole = np.abs(change - usual) <= 0.5 * step
         step += float(np.mean(change[whole])) / block if np.mean(whole) > 0.05 else 0.0
-    # waits of many steps leave clusters, in which steps are far too short: it is that of a tenth of the record
+    # after waits of many steps, stamps come in clusters of far too short steps: a tenth of the record averages these
     far = max(n // 10, 1)
     usual = float(np.median(stamps[far:] - stamps[:-far])) / far
     return step if step > 0.5 * usual else usual
 
 
 def line_through(count: SampleCount, stamps: Array) -> tuple[float, float]:
-    """Step [s] of the least-squares line through stamps (n,) over their count, and the squares [s^2] that it leaves."""
+    """Step [s] of the least-squares line through stamps (n,) over their count, and its squared residual [s^2]."""
     x, y = count - count.mean(), stamps - stamps.mean()
     along, across = float(x @ x), float(x @ y)
     return across / along, float(y @ y) - across**2 / along
 
 
 def missing_by_rhythm(stamps: Array) -> int | None:
-    """Samples missing between the ends of a record, by its stamps (n,) [s]; None where no line stands out. Steps of the
-    device between the promptest samples at both ends, less the samples between them."""
+    """Number of missing samples in a record, by the spectrum of its stamps (n,) [s]; None if no line stands out. It is
+    the device's steps between the promptest samples at both ends, minus the samples between them."""
     n, duration, bins = len(stamps), float(stamps[-1] - stamps[0]), 6  # bins per step, for the spectrum
     rate = (n - 1) / duration
-    for block in (16, 128):  # of each only the promptest sample is used: it waited least; 128 for waits of many steps
+    for block in (16, 128):  # only the promptest sample of each is used; 128 is for waits of many steps
         blocks = n // block
         above = stamps[: blocks * block] - (stamps[-1] - stamps[0]) / (n - 1) * np.arange(blocks * block)
         prompt = stamps[np.arange(blocks) * block + above.reshape(blocks, block).argmin(axis=1)] - stamps[0]
@@ -326,12 +326,12 @@ def missing_by_rhythm(stamps: Array) -> int | None:
         frequency = np.arange(size // 2 + 1) * bins * rate / size
         near = (frequency > 0.998 * rate) & (frequency < 1.1 * rate)  # up to one sample in ten is lost
         height = np.abs(scipy.fft.rfft(histogram.astype(np.float64)))[near]
-        if height.max() < 6 * float(np.median(height)):  # of 100 000 frequencies of noise the highest reaches 4
+        if height.max() < 6 * float(np.median(height)):  # noise reaches 4 at the highest of 100 000 frequencies
             continue
         line = float(frequency[near][np.argmax(height)])
         for width in (0.5, 0.1, 0.02):  # refined from the stamps themselves, in cycles over the record
             tried = line + width / duration * np.linspace(-1, 1, 11)
             line = float(tried[np.argmax([abs(np.exp(2j * np.pi * f * prompt).sum()) for f in tried])])
-        late, ends = stamps * line - np.arange(n), min(200, n // 4)  # whose promptest shows how many ticks have passed
+        late, ends = stamps * line - np.arange(n), min(200, n // 4)  # samples at either end; the promptest counts
         return max(round(float(late[-ends:].min() - late[:ends].min())), 0)
     return None

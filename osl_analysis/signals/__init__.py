@@ -158,7 +158,7 @@ def seven_point_motion(time: Array, theta: Array, rate_hz: float) -> Motion:
 
 
 def run_at_extreme(values: Array) -> slice:
-    """Longest run of a noisy channel (n,) at its lowest or highest value: one sample, or many if it is clipped. Extremes
+    """Longest run of a noisy channel (n,) at its lowest or highest value: one sample, or many if it is clipped. Values
     near zero (an unloaded sensor) or near the median do not count. Nor does the peak of a slow signal, which repeats a
     value too: a parabola with the slopes at the ends of such a plateau rises by less than 2.5 steps."""
     if not values.size or not np.isfinite(values).all():

@@ -1,5 +1,5 @@
-"""One crossing of the walkway: from markers and plate to ankle angle and torque, with events and quality; and what a
-laboratory's set-up must have right for it: axes and side, encoder, direction, shift of the platform, body mass."""
+"""One crossing of the walkway: from markers and plate to ankle angle and torque, with events and quality; and checks of
+the laboratory's set-up: axes, side, encoder, direction and shift of the platform, body mass."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -40,9 +40,9 @@ LABORATORY_ERRORS = {
     "shoe": ("foot that yields in the shoe", 60.0, "N*m/deg"),
 }
 LOG_ERRORS = {"torque_lag": ("torque later than the angle", 1.0, "ms"), "torque": ("torque too large", 1.0, "%")}
-"""What a laboratory, or a log of boot or leg, can have wrong without a sign of it, by the name of its stated
-uncertainty, with size and unit: each row of `Crossing.lab_errors` in their order. The last two of the laboratory change
-no torque: they follow from the fit."""
+"""Errors of a laboratory, or of a boot's or leg's log, that the data do not show: the name of the stated uncertainty,
+with size and unit. Rows of `Crossing.lab_errors` have their order. The last two of the laboratory change no torque:
+their effect follows from the fit."""
 
 
 @dataclass(frozen=True)
@@ -62,9 +62,9 @@ class Crossing:
     lab_errors: Kept = field(default_factory=lambda: np.zeros((0, 0)))
     """The same (e, n) [N*m] by each of `LABORATORY_ERRORS`, or of `LOG_ERRORS`."""
     quality: dict[str, float | None] = field(default_factory=dict)  # of `QUALITY_COLUMNS`, those that are known
-    load: Kept | None = None  # as of `load_on_foot` (3, n); None if it is not known
-    turn: float | None = None  # largest [rad] of the platform about the ankle in the window, toes up; None: unknown;
-    # without a turning platform its sign, and the range of the ankle's angle
+    load: Kept | None = None  # `load_on_foot` (3, n); None if it is not known
+    turn: float | None = None  # largest turn [rad] of the platform about the ankle in the window, toes up; None: unknown.
+    # Without a turning platform: the range of the ankle's angle, with the sign of the perturbation.
     body_mass: float | None = None  # [kg]; None if nobody states it
 
     def __post_init__(self) -> None:
@@ -73,7 +73,7 @@ class Crossing:
                 object.__setattr__(self, errors, np.zeros((0, len(self.time))))
         for signal in ("time", "theta", "torque", "plate_errors"):
             check_measured(f"trial {self.name}: {signal}", getattr(self, signal))
-        if len(self.time) < 6 or not (np.diff(self.time) > 0).all():  # a spline of fifth degree needs as many
+        if len(self.time) < 6 or not (np.diff(self.time) > 0).all():  # a quintic spline needs six samples
             raise InputError(
                 f"trial {self.name}: {len(self.time)} samples, expected 6 or more, each later than the one before; "
                 "exclude the trial"
@@ -102,8 +102,8 @@ class RefusedCrossing:
 
 @dataclass(frozen=True)
 class Passage:
-    """What markers and plate recorded of a crossing: of all frames, and of the n of `rows`, stance and up to 0.1 s
-    before and after it, for the low-pass."""
+    """The recording of a crossing by markers and plate, in all frames and in the n `rows`: stance, and up to 0.1 s
+    before and after it for the low-pass."""
 
     frames: Array  # time (k,) [s] of all frames
     recorded: dict[str, Poses]  # of foot, shank and platform in all frames, not filtered
@@ -133,7 +133,7 @@ def recorded_passage(
     settings: CrossingSettings,
     shared: PlatformModel,
 ) -> Passage:
-    """Poses, stance and onset of a crossing, whose plate is late by a lag [s]."""
+    """Poses, stance and onset of a crossing; its plate lags behind the markers by `lag` [s]."""
     reference, recorded = {}, {}
     for segment, labels in followed_segments(settings).items():
         frames, recorded[segment] = bodies.segment_poses(trial, labels, calibration, settings)
@@ -202,9 +202,9 @@ def ankle_torques(
     calibration: StaticCalibration,
     settings: CrossingSettings,
 ) -> tuple[Array, Array, Array, Array, Array]:
-    """Ground reaction (n, 6) on the foot in laboratory axes, without the plate's own, about the plate's centre (n, 3);
-    the torque (n,) [N*m] of the ankle; its changes (m, n) without each plate trial, and without each group of crossings
-    in the shape that crossings share, as rows of one jackknife; and (7, n) by the first of `LABORATORY_ERRORS`."""
+    """Ground reaction (n, 6) on the foot, in laboratory axes, minus the plate's own wrench; the plate's centre (n, 3),
+    about which it is; the ankle's torque (n,) [N*m]; its changes (m, n) without each plate trial, and without each
+    group of crossings in the shared shape, as rows of one jackknife; and (7, n) by the first `LABORATORY_ERRORS`."""
     time, plates, follows = passage.time, passage.poses["platform"], shared.followed(name)
     middle, track = passage.corners.mean(axis=0), None
     if settings.markers.platform:
@@ -213,7 +213,7 @@ def ankle_torques(
     turned, centre = plates.rotation, plates.point(middle)
 
     def motion(template: PlatformTemplate | None) -> BodyMotion:
-        """Motion of the plate's centre, by a shape that crossings share if this one follows it."""
+        """Motion of the plate's centre, by the shared shape if this crossing follows it."""
         if track is None:
             return bodies.body_motion(time, plates, middle)
         first = int(np.searchsorted(track.time, time[0] - 1e-9))
@@ -234,7 +234,7 @@ def ankle_torques(
     on_foot = reaction(unloaded, moving)
     torque = plate.ankle_torque(on_foot, centre, ankle.centre, ankle.axis)
     without_trials = [of_plate(other, moving) - torque for other in unloaded.leave_one_out]
-    without_crossings = [  # the shape changes the motion of those alone that follow it
+    without_crossings = [  # the shape only changes crossings that follow it
         torque * 0 if follows is None else of_plate(unloaded, motion(other)) - torque for other in shared.leave_out
     ]
     jackknife = np.reshape(platform.jackknife_rows(without_trials, without_crossings), (-1, len(torque)))
@@ -264,9 +264,9 @@ def quality_of(
     calibration: StaticCalibration,
     settings: CrossingSettings,
 ) -> dict[str, float | None]:
-    """Columns of `QUALITY_COLUMNS` but the encoder's, from the load (3, n) on the foot. Of filled markers the share of
-    frames in stance, and of those from baseline to the end of the window, in which a marker of some cluster was filled
-    before the export, and so is hidden; of the latter those alone whose pose rests on a bridge; None where no cluster
+    """Columns of `QUALITY_COLUMNS` but the encoder's, from the load (3, n) on the foot. Filled markers are given as two
+    shares of frames in which a cluster's marker was filled before the export, which hides the gap: in stance, and from
+    baseline to the end of the window. The latter counts only poses that rest on the filling. None if no cluster
     tells."""
     phase, segments = passage.stance.phase(passage.time), followed_segments(settings)
     flat = (phase >= 0.15) & (phase <= 0.35)  # before a perturbation
@@ -320,8 +320,8 @@ def analyse_crossing(
     settings: CrossingSettings,
     shared: PlatformModel = ALONE,
 ) -> Crossing:
-    """Angle and torque of a crossing, through one low-pass at one rate. `perturbed` is the sheet's. `shared` is what
-    the platform's motions share; without it a crossing has its own motion and onset."""
+    """Angle and torque of a crossing, through one low-pass at one rate. `perturbed` is stated in the sheet. `shared` is
+    the model of the platform's motions; without it, motion and onset are the crossing's own."""
     passage = recorded_passage(trial, calibration, unloaded.lag or 0.0, perturbed, settings, shared)
     time, rows, onset, stance = passage.time, passage.rows, passage.onset, passage.stance
     foot, shank, plates = (passage.poses[segment] for segment in SEGMENTS)
@@ -367,7 +367,7 @@ def analyse_crossing(
 
 
 def only_stance(time: Array, force: Array, settings: CrossingSettings, where: str, remedy: str) -> Stance:
-    """The stance in a vertical force (n,) [N]; refused if there are none or several."""
+    """The only stance in a vertical force (n,) [N]. Raises InputError: none or several."""
     limits = settings.load_on_n, settings.load_off_n, settings.shortest_stance_s
     stances = plate.find_stances(time, force, *limits)
     if len(stances) != 1:
@@ -377,8 +377,8 @@ def only_stance(time: Array, force: Array, settings: CrossingSettings, where: st
 
 
 def crossing_of_log(trial: Trial, perturbed: bool, settings: CrossingSettings) -> Crossing:
-    """A crossing that a boot or the leg perturbs, of which the log has `theta` [rad], `torque` [N*m], the command's
-    `trigger`, and `load` [N], or else a plate the vertical force. The side to which the command goes is its sign."""
+    """A crossing that a boot or the leg perturbs. Its log has `theta` [rad], `torque` [N*m], the command `trigger`, and
+    `load` [N]; without `load`, a plate gives the vertical force. The command's direction is the perturbation's sign."""
     found = uniform_signals(trial, ("theta", "torque"), GapLimits(cutoff_hz=settings.cutoff_hz))
     load = next((c for c in ("load", plate_columns(settings.plate, "force")[2]) if c in trial.columns), None)
     if load is None:
@@ -399,7 +399,7 @@ def crossing_of_log(trial: Trial, perturbed: bool, settings: CrossingSettings) -
     onset, sign = commanded_onset(trial, stance)
     check_onset(onset, perturbed, stance, settings)
     first, last = max(stance.heel_strike - 0.1, found.time[0]), min(stance.toe_off + 0.1, found.time[-1])
-    rate_hz = 300.0  # for all logs, whose own rates differ a little; a low-pass of 20 Hz leaves no more
+    rate_hz = 300.0  # one for all logs, whose rates differ a little; enough after a low-pass of 20 Hz
     time = first + np.arange(int((last - first) * rate_hz) + 1) / rate_hz
     both = np.column_stack([settings.low_pass(found[name], found.rate_hz) for name in ("theta", "torque")])
     theta, torque = scipy.interpolate.make_interp_spline(found.time, both, k=3)(time).T
@@ -410,8 +410,8 @@ def crossing_of_log(trial: Trial, perturbed: bool, settings: CrossingSettings) -
 
 
 def commanded_onset(trial: Trial, stance: Stance) -> tuple[float | None, int]:
-    """Time [s] in stance at which the column `trigger` leaves its rest, by 0.5 or more, None if it does not or there is
-    none; and to which side, 1 or -1."""
+    """Time [s] in stance at which the column `trigger` leaves its rest by 0.5 or more, and to which side, 1 or -1. None
+    if it does not, or is not there."""
     time, level = trial.signals("trigger") if "trigger" in trial.columns else np.zeros((2, 0))
     rows = (time >= stance.heel_strike - 0.25) & (time <= stance.toe_off)
     if not rows.any():
@@ -422,7 +422,7 @@ def commanded_onset(trial: Trial, stance: Stance) -> tuple[float | None, int]:
 
 
 def check_onset(onset: float | None, perturbed: bool, stance: Stance, settings: CrossingSettings) -> None:
-    """Refuse an onset [s] that the sheet contradicts, or whose baseline or window leaves stance."""
+    """Refuse an onset [s] that the sheet contradicts, or whose baseline or window extends beyond stance."""
     if (onset is not None) != perturbed:
         turns = settings.perturbed_by == "platform"
         verb, limit = ("turn", "perturbation_deg") if turns else ("shift", "largest_shift_mm")
@@ -468,7 +468,7 @@ def onset_of(
     inside = seen & (time >= stance.heel_strike) & (time <= stance.toe_off)
     if onset is not None:
         onset = shared.onset(trial.name, onset)
-    elif settings.perturbed_by == "platform" and inside.any():  # from its mean place before, or, hidden, at its start
+    elif settings.perturbed_by == "platform" and inside.any():  # from its mean before, or if hidden, from its start
         before = seen & (time >= stance.heel_strike - 0.1) & (time < stance.heel_strike)
         rest = centre[before].mean(axis=0) if before.any() else centre[inside][0]
         shift = 1e3 * float(np.linalg.norm(centre[inside] - rest, axis=1).max())
@@ -525,10 +525,10 @@ def check_side(phase: Array, shank_from_ankle: Array, axis: Array) -> None:
 
 
 def check_roll(phase: Array, load: Array, shear: Array, torque: Array | None) -> None:
-    """Refuse a load (3, n), as of `load_on_foot`, that does not roll forward over the foot, or a torque (n,) [N*m] that
-    no platform disturbs and that pulls the toes up in late stance, where every foot pushes. Who walks brakes and then
-    pushes: if the `shear` (2, n) [N], to the left and forward, changes in another direction, the plate is turned; if
-    not, another foot has stepped on it."""
+    """Refuse a load (3, n) (`load_on_foot`) that does not roll forward over the foot, and an undisturbed torque (n,)
+    [N*m] that pulls the toes up in late stance, where every foot pushes. The `shear` (2, n) [N], to the left and
+    forward, tells the cause. A walker brakes and then pushes. If the shear changes in another direction, the plate's
+    axes are turned; if not, another foot has stepped on it."""
     flat, late = ((phase >= first) & (phase <= last) for first, last in ((0.15, 0.35), (0.6, 0.85)))
     (left, forward), (to_left, ahead) = (c[:, late].mean(axis=1) - c[:, flat].mean(axis=1) for c in (load[1:], shear))
     way, turned = (float(np.rad2deg(np.arctan2(*one))) for one in ((left, forward), (to_left, ahead)))
@@ -561,10 +561,10 @@ def platform_turn(time: Array, turned: Poses, axis: Array, window: tuple[float, 
 
 
 def encoder_check(trial: Trial, time: Array, theta: Array, torque: Array, low_pass: LowPass) -> dict[str, float | None]:
-    """The joint encoder's angle, a column of the trial, with that of the markers (n,) [rad], through one low-pass:
-    theta_encoder(t + delay) = theta(t) + offset, and the RMS of what remains; of that the part that follows the torque
-    (n,) [N*m], by which the foot yields in its shoe [rad/(N*m)]; empty if 30 samples do not overlap."""
-    fewest, longest = 30, 0.05  # [s] of delay between the clocks; beyond it they are not aligned
+    """The joint encoder's angle, a column of the trial, compared with the markers' (n,) [rad], through one low-pass:
+    theta_encoder(t + delay) = theta(t) + offset. Also the RMS residual, and its part that follows the torque (n,)
+    [N*m]: the compliance of the foot in its shoe [rad/(N*m)]. Empty if fewer than 30 samples overlap."""
+    fewest, longest = 30, 0.05  # samples; delay [s], beyond which the clocks are not aligned
     if "theta" not in trial.columns or trial.samples["theta"].count() < fewest:
         return {}
     own = uniform_signals(trial, ["theta"], GapLimits(cutoff_hz=low_pass.cutoff_hz))

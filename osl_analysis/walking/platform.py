@@ -1,11 +1,11 @@
-"""The platform's motion: in one trial, in its few directions; and what crossings share: shape, onset and trigger.
+"""The platform's motion: in one trial, along its few directions; and what crossings share: shape, onset and trigger.
 
-A pose has six coordinates: the screw (logarithm in SE(3)) that carries the cluster from its place in the static trial.
-A rotation about a fixed axis, however large, is a straight line in them. They are scaled so that marker noise is the
-same in each direction: their length is the root of the sum of squared displacements of the markers [m].
+A pose has six coordinates: the screw (logarithm in SE(3)) from the cluster's pose in the static trial. A rotation about
+a fixed axis, however large, is a straight line in them. They are scaled so that marker noise is equal in all
+directions: their norm is the root of the sum of squared displacements of the markers [m].
 
-A platform repeats its command. The markers' noise in one crossing shakes a heavy plate by more than a newton metre; the
-mean over crossings has little of it, and shows when each started to a fraction of a millisecond."""
+A platform repeats its command. Marker noise in one crossing reads as more than 1 N*m of inertial moment of a heavy
+plate. The mean over crossings has little noise, and gives each start to a fraction of a millisecond."""
 
 import warnings
 from collections.abc import Mapping, Sequence
@@ -24,13 +24,13 @@ from osl_analysis.walking import bodies
 from osl_analysis.walking.bodies import BodyMotion, Kept, Mask, Poses, StaticCalibration
 from osl_analysis.walking.settings import CrossingSettings, PlatformSettings
 
-FEWEST_FRAMES = 10  # Fewest frames from which a position at rest is read
-STILL = 7.0  # A platform moves where its speed is above this multiple of its noise: 1 in 10^7 frames of a resting one
+FEWEST_FRAMES = 10  # fewest frames for a position at rest
+STILL = 7.0  # speed over its noise above which a platform moves; at rest, 1 frame in 10^7 is above
 
 
 def rotation_from_rest(platform: Poses) -> Array:
-    """Angle (n,) [rad] by which the platform is turned from its pose in the static trial, about the axis of the largest
-    rotation, which counts as positive; NaN where not seen. It is signed, so that marker noise has zero mean."""
+    """Angle (n,) [rad] of the platform from its pose in the static trial, about the axis of the largest rotation, which
+    is positive; NaN where not seen. It has a sign, so that marker noise has zero mean."""
     seen = platform.seen()
     angle = np.full(len(seen), np.nan)
     if seen.any():
@@ -41,8 +41,8 @@ def rotation_from_rest(platform: Poses) -> Array:
 
 
 def moved_from_rest(platform: Poses, settings: PlatformSettings) -> tuple[Array, float]:
-    """How far (n,) a platform is moved, NaN where not seen, and from where on that perturbs: its turn [rad]; of a belt
-    its shift [m] from the first frame, along the largest one."""
+    """Displacement (n,) of a platform, NaN where not seen, and the threshold above which it perturbs. It is the turn
+    [rad]; for a belt, the shift [m] from the first frame along the largest shift."""
     if settings.perturbed_by == "platform":
         return rotation_from_rest(platform), float(np.deg2rad(settings.perturbation_deg))
     away = platform.position - platform.position[np.argmax(platform.seen())]
@@ -51,8 +51,8 @@ def moved_from_rest(platform: Poses, settings: PlatformSettings) -> tuple[Array,
 
 
 def screw_scale(reference: Array) -> Array:
-    """Scale (6, 6) [m/rad, 1] of rotation vector and translation from the centroid of markers at the reference
-    positions (m, 3) [m]: noise of s [m] in each marker's coordinate is s in each of the six, to first order."""
+    """Scale (6, 6) [m/rad, 1] of rotation vector and translation about the centroid of markers at reference positions
+    (m, 3) [m]. To first order, noise of s [m] in each marker's coordinates is s in each of the six."""
     local = reference - reference.mean(axis=0)
     size, axes = np.linalg.eigh(np.sum(local**2) * np.eye(3) - local.T @ local)
     return scipy.linalg.block_diag((axes * np.sqrt(size)) @ axes.T, np.sqrt(len(reference)) * np.eye(3))
@@ -65,8 +65,8 @@ def noise_gain(low_pass: LowPass, rate: float, derivative: int = 0) -> float:
 
 
 def directions(coordinates: Sequence[Array], noise: float, low_pass: LowPass, rate: float) -> Array:
-    """Orthonormal directions (r, 6) of filtered motions (n, 6) [m] from rest: one, and all whose mean square is above
-    the largest that noise, of `noise` [m] in one frame before the low-pass, would show (Marchenko and Pastur)."""
+    """Orthonormal directions (r, 6) of filtered motions (n, 6) [m] from rest: at least one, and all whose mean square
+    exceeds the largest that noise would show (Marchenko and Pastur). `noise` [m] is that of a frame, unfiltered."""
     stacked, gain = np.concatenate(list(coordinates)), noise_gain(low_pass, rate)
     _, size, axes = np.linalg.svd(stacked, full_matrices=False)
     largest = noise**2 * gain * (1 + np.sqrt(6 / max(len(stacked) * gain, 1.0))) ** 2
@@ -103,8 +103,8 @@ class PlatformTrack:
         return np.asarray(np.gradient(self.filtered, self.time, axis=0))
 
     def moves(self, axes: Array) -> Mask:
-        """Frames (n,) in which the platform's speed along some of the directions (r, 6) stands out of the noise. The
-        ends of a recording do not count: a low-pass passes more noise there."""
+        """Frames (n,) in which the platform's speed along any of the directions (r, 6) exceeds the noise. The ends of a
+        recording do not count: a low-pass passes more noise there."""
         inside = (self.time > self.time[0] + self.spread) & (self.time < self.time[-1] - self.spread)
         noise = self.noise * np.sqrt(noise_gain(self.low_pass, self.rate, 1))
         return np.asarray(inside & (np.linalg.norm(self.velocity @ axes.T, axis=1) > STILL * noise))
@@ -115,8 +115,8 @@ class PlatformTrack:
         return self.moves(np.eye(6))
 
     def gate(self, moves: Mask) -> Array:
-        """Weights (n,) of inertial forces: 1 where the platform moves and up to twice `spread` beside it, 0 one
-        `spread` later: a slow ramp accelerates most while noise hides its speed. Once makes a mass 0.1 % wrong."""
+        """Weights (n,) of inertial forces: 1 while the platform moves and within 2 `spread` of that, 0 beyond 3. A slow
+        ramp accelerates most while noise hides its speed: with 1 `spread`, a mass would be 0.1 % wrong."""
         if not moves.any():
             return np.zeros(len(moves))
         nearest = scipy.ndimage.distance_transform_edt(~moves) / self.rate
@@ -124,7 +124,7 @@ class PlatformTrack:
 
     @cached_property
     def rest(self) -> Array:
-        """Coordinates (6,) [m] at rest: their mean while the platform rests, until it moves fastest."""
+        """Coordinates (6,) [m] at rest: their mean while the platform rests before its fastest motion."""
         fastest = self.time[int(np.argmax(np.linalg.norm(self.velocity, axis=1)))]
         before = (self.gate(self.moving) == 0) & (self.time < fastest)
         if before.sum() < FEWEST_FRAMES:
@@ -132,13 +132,13 @@ class PlatformTrack:
         return np.asarray(self.measured[before].mean(axis=0))
 
     def own_motion(self, axes: Array, centre: Array, rows: slice = slice(None)) -> tuple[BodyMotion, Array]:
-        """In `rows`, measured motion along directions (r, 6) of the point at `centre` (3,) [m], weights 0 at rest."""
+        """Measured motion in `rows`, along directions (r, 6), of the point at `centre` (3,) [m]; and its `gate`."""
         motion = self.motion_of(self.rest + (self.measured - self.rest) @ axes.T @ axes, centre, rows)
         return motion, self.gate(self.moves(axes))[rows]
 
     def motion_of(self, coordinates: Array, centre: Array, rows: slice) -> BodyMotion:
-        """Motion in `rows` of the point that rests at `centre` (3,) [m] for other coordinates (n, 6) [m], not filtered:
-        the markers of that pose pass the low-pass, as the wrench does. Its spline forgets frames 60 beside `rows`."""
+        """Motion in `rows` of the point that rests at `centre` (3,) [m], for other unfiltered coordinates (n, 6) [m].
+        Markers at these poses pass the low-pass, as the wrench does. The spline needs 60 frames beside `rows`."""
         first, last, _ = rows.indices(len(self.time))
         start, stop = max(first - 60, 0), min(last + 60, len(self.time))
         screw: Array = np.linalg.solve(screw_scale(self.reference), coordinates.T).T.astype(float)
@@ -152,9 +152,9 @@ class PlatformTrack:
 def platform_track(
     trial: str, time: Array, poses: Poses, calibration: StaticCalibration, settings: PlatformSettings
 ) -> PlatformTrack:
-    """The track of a platform's poses (n,), none NaN. Over gaps of 15 ms and more, in which a turn is never hidden, it
-    is a straight line: a cubic carries the noise beside them to several times its size, a motion that never was. The
-    noise is the median of second differences."""
+    """The track of a platform's poses (n,), none NaN. Gaps of 15 ms and more, which never hide a turn, are straight
+    lines: a cubic would amplify the noise beside them into a motion. The noise is from the median of second
+    differences."""
     reference, rate = calibration.positions(settings.markers.platform, trial), sampling_rate(time)
     turned = scipy.spatial.transform.Rotation.from_matrix(poses.rotation)
     pose = scipy.spatial.transform.RigidTransform.from_components(poses.position - reference.mean(axis=0), turned)
@@ -185,8 +185,8 @@ def track_about(
 
 
 def shared_directions(tracks: Sequence[PlatformTrack]) -> list[Array]:
-    """Directions (r, 6) of the motion in each trial: those of all together, where these are no more than each has
-    alone. A platform that turns in one trial and shifts in another has others in each."""
+    """Directions (r, 6) of the motion in each trial: those of all trials together, if no trial has fewer alone. Else
+    each has its own: a platform may turn in one trial and shift in another."""
 
     def of(some: Sequence[PlatformTrack]) -> Array:
         moved = [(t.filtered - t.rest)[t.gate(t.moving) > 0] for t in some]
@@ -200,9 +200,9 @@ def shared_directions(tracks: Sequence[PlatformTrack]) -> list[Array]:
 
 def find_onset(time: Array, rotation: Array, threshold: float, moves: str = "the platform turns") -> float | None:
     """Time [s] at which a platform starts to rotate; None if it never rotates by `threshold` [rad]. `rotation` (n,)
-    [rad] is positive in the direction of the perturbation, and not low-passed, which would spread the start. The first
-    part is fitted as c (t - onset)^p: a straight line through a smooth start is too late by a fifth of the ramp. It may
-    be another curve that rests and `moves`, in any unit."""
+    [rad] is positive in the direction of the perturbation. It must not be low-passed, which would spread the start. Its
+    first part is fitted by c (t - onset)^p: a straight line through a smooth start is late by a fifth of the ramp. Any
+    other curve that rests and then `moves` may be given, in any unit."""
     seen = np.isfinite(rotation)
     time, rotation = time[seen], rotation[seen]
     above = np.flatnonzero(rotation > threshold)
@@ -216,8 +216,8 @@ def find_onset(time: Array, rotation: Array, threshold: float, moves: str = "the
             "record earlier, or exclude the trial"
         )
     turned, noise = rotation - float(np.mean(rotation[resting])), float(np.std(rotation[resting]))
-    # Up to 25 times the noise: a smaller part of the rotation follows a power of time more closely, a larger one is
-    # less affected by noise. Four frames at least determine the power.
+    # Fitted up to 25 times the noise. A smaller part follows a power of time more closely; a larger part is less
+    # affected by noise. At least four frames determine the power.
     height = float(np.max(turned))
     level = height * np.clip(25 * noise / height, 0.03, 0.25)
     visible = max(0.2 * level, 3 * noise)
@@ -234,10 +234,10 @@ def find_onset(time: Array, rotation: Array, threshold: float, moves: str = "the
     return float(time[end] + starts[np.argmin(misfits) % len(starts)])
 
 
-LEAD_S = 0.15  # Time [s] before the middle of the rise at which the shape begins
-GRID_S = 0.002  # Step [s] of the shape as it is stored
-ROUNDS = 6  # Alternations of shape and alignment. A start that is 5 ms off is right to 1e-5 s after four.
-IMPROBABLE = 1e-3  # A duration is free, and a latency not constant, if noise scatters it as much with less probability
+LEAD_S = 0.15  # time [s] from the begin of the shape to the middle of its rise
+GRID_S = 0.002  # step [s] of the stored shape
+ROUNDS = 6  # alternations of shape and alignment; four reduce an error of 5 ms in the start to 1e-5 s
+IMPROBABLE = 1e-3  # p-value below which scatter is not noise: a duration is then free, a latency not constant
 
 
 @dataclass(frozen=True)
@@ -248,11 +248,11 @@ class Alignment:
     start: float  # when the motion starts [s]
     amplitude: float  # size of the motion, 1 on average, negative in the other direction
     offset: Kept  # coordinates (r,) [m] at rest
-    duration: float = 1.0  # time scale of the motion, 1 on average, and for all where it does not scatter
-    start_se: float = 0.0  # by this crossing's marker noise [s]
+    duration: float = 1.0  # time scale of the motion, 1 on average; 1 for all if durations do not scatter
+    start_se: float = 0.0  # standard error [s] of the start by this crossing's marker noise
     duration_se: float = 0.0
     misfit: float = 0.0  # mean square of the filtered difference between motion and shape, over that of noise
-    follows: bool = True  # whether the misfit is noise's
+    follows: bool = True  # whether noise explains the misfit
 
 
 @dataclass(frozen=True)
@@ -289,8 +289,8 @@ def mean_shape(
     scaled: bool,
     unit: bool = True,
 ) -> PlatformTemplate:
-    """The least-squares spline through all aligned motions, between two `ends` [s] from their start. The mean size and
-    duration of its crossings are 1, or, if not `unit`, those of the alignments."""
+    """The least-squares spline through all aligned motions, between two `ends` [s] from their start. Mean amplitude and
+    duration of the crossings are normalised to 1 if `unit`; else they stay those of the alignments."""
     size = float(np.mean([abs(a.amplitude) for _, a in pairs])) if unit else 1.0
     duration = float(np.exp(np.mean([np.log(a.duration) for _, a in pairs]))) if unit else 1.0
     time, values, weights = [], [], []
@@ -313,8 +313,8 @@ def mean_shape(
 
 
 def shape_fit(track: PlatformTrack, guess: Alignment, template: PlatformTemplate, scaled: bool) -> Alignment:
-    """The start, amplitude and, if `scaled`, duration with which a motion follows a shape, by Gauss and Newton. It
-    follows it if the mean square of their filtered difference is that of noise, by no more than four SDs above."""
+    """The start, amplitude and, if `scaled`, duration with which a motion follows a shape, by Gauss-Newton. It follows
+    the shape if the mean square of their filtered difference is at most four SDs above that of noise."""
     measured, a = track.measured @ template.axes.T, guess if scaled else replace(guess, duration=1.0)
     r = measured.shape[1]
     for _ in range(ROUNDS):
@@ -348,13 +348,13 @@ def shape_fit(track: PlatformTrack, guess: Alignment, template: PlatformTemplate
 
 
 def start_of_rise(time: Array, coordinates: Array, noise: float) -> tuple[float, float]:
-    """The start [s] of a mean motion (n, r) [m] from rest, along its largest displacement: of the smooth step that fits
-    0.7 of the rise, as the end may overshoot. Then its largest change [s] by another step that fits as well, else 0.
+    """The start [s] of a mean motion (n, r) [m] from rest, along its largest displacement, from a smooth step fitted to
+    0.7 of the rise (the end may overshoot); and its largest change [s] by another step that fits as well, else 0.
     `noise` [m] is that of each sample.
 
-    Steps are I(x; p, p): a straight ramp for p = 1, a cubic for 2, minimum jerk for 3, of seventh degree for 4. It is
-    minimum jerk, unless another lowers chi-square by more than 30: the starts of two steps that fit alike differ by 6
-    to 10 % of the rise, and a choice by less would scatter the onset by several ms."""
+    Steps are I(x; p, p): a straight ramp for p = 1, a cubic for 2, minimum jerk for 3, degree seven for 4. Minimum jerk
+    is taken unless another lowers chi-square by more than 30. Starts of two steps that fit alike differ by 6 to 10 % of
+    the rise: a smaller margin would scatter the onset by several ms."""
     size = np.linalg.norm(coordinates, axis=1)
     largest = int(np.argmax(size))
     turned = coordinates @ coordinates[largest] / size[largest]
@@ -380,8 +380,8 @@ def start_of_rise(time: Array, coordinates: Array, noise: float) -> tuple[float,
 
 
 def platform_template(tracks: Sequence[PlatformTrack], window: float) -> tuple[PlatformTemplate, list[Alignment]]:
-    """The shape of the motions in two or more crossings, and how each follows it; one that does not has no part in it.
-    It ends 50 ms after a `window` [s] that begins in the middle of its rise; its zero of time is its own start."""
+    """The shape of the motions in two or more crossings, and how each follows it. Crossings that do not are left out of
+    it. Time 0 is the start of the shape. It ends 50 ms after a `window` [s] from the middle of its rise."""
     if len(tracks) < 2:
         raise InputError(f"{len(tracks)} motions of the platform, expected 2 or more to find what they share")
     ends, middles, moved = (-LEAD_S, window + 0.05), [], []
@@ -399,7 +399,7 @@ def platform_template(tracks: Sequence[PlatformTrack], window: float) -> tuple[P
     def alternated(
         pairs: Sequence[tuple[PlatformTrack, Alignment]], scaled: bool
     ) -> tuple[PlatformTemplate, list[Alignment]]:
-        """Shape and alignments in turn, until both stand."""
+        """Shape and alignments, fitted in turn."""
         for _ in range(ROUNDS):
             template = mean_shape(pairs, axes, ends, noise, scaled)
             pairs = [(track, shape_fit(track, a, template, scaled)) for track, a in pairs]
@@ -433,14 +433,14 @@ def platform_template(tracks: Sequence[PlatformTrack], window: float) -> tuple[P
     of_shape = float(template.noise / np.sqrt(template.crossings * tracks[0].rate * GRID_S))
     zero, start_shape = start_of_rise(template.time, template.shape, of_shape)
     template = replace(template, time=template.time - zero, start_shape=start_shape)
-    # Fitted again: where durations are uncertain, a start that is another point of the shape has another error
+    # Fitted again: if durations are uncertain, the error of a start depends on the point of the shape that it is.
     begun = [replace(a, start=a.start + zero * a.duration) for a in alignments]
     return template, aligned(begun, template, template.scaled)
 
 
 def jackknife_rows(plate: Sequence[Array], platform: Sequence[Array]) -> Array:
-    """Rows (m, n) [N*m] whose jackknife, (k - 1)/k times the squares of k rows about their mean, is the sum of the
-    variances of two sources: the changes without each plate trial, and without each group of crossings in the shape."""
+    """Rows (m, n) [N*m] whose jackknife variance, (k - 1)/k times the squares of k rows about their mean, is the sum of
+    two: of the changes without each plate trial, and of those without each group of crossings in the shape."""
     sources = [np.array(rows) for rows in (plate, platform) if len(rows) > 1]
     if not len(platform) or not sources:
         return np.array(plate)
@@ -474,13 +474,13 @@ class PlatformModel:
     alignments: dict[str, Alignment]  # how each perturbed crossing follows it, by trial
     triggers: dict[str, float]  # time [s] of the trigger's edge, by trial, where it is recorded
     latency: dict[str, float] | None
-    """Behind its trigger: `mean` [s] over crossings; `used`, whether it scatters as errors and sampling do, so
-    that the trigger tells the onset; `finer`, whether better than the shape. None with fewer than three, or no shape"""
+    """Latency behind the trigger: `mean` [s] over crossings; `used`, whether errors and sampling explain its scatter, so
+    that the trigger tells the onset; `finer`, whether better than the shape. None below three crossings or no shape."""
     leave_out: tuple[PlatformTemplate, ...] = ()  # the shape without each of up to ten groups of crossings
 
     def onset(self, trial: str, own: float) -> float:
-        """Onset [s] of a trial's perturbation, `own` [s] if it shows it alone: by the trigger, if its latency is
-        constant and it is finer than the shape or the trial does not follow the shape; else by the shape."""
+        """Onset [s] of a trial's perturbation. By the trigger, if its latency is constant and it is finer than the shape
+        or the trial does not follow the shape; else by the shape; else `own` [s], from the trial alone."""
         a, late = self.followed(trial), self.latency
         if late and late["used"] and trial in self.triggers and (not a or late["finer"]):
             return self.triggers[trial] + late["mean"]
@@ -496,8 +496,8 @@ ALONE = PlatformModel(None, "each crossing is analysed alone", {}, {}, None)  # 
 
 
 def moved_cluster(statics: Sequence[StaticCalibration], settings: CrossingSettings) -> str | None:
-    """Why motions by these static trials are not compared: the coordinates of a motion are those of its cluster, of the
-    place of each platform marker among the others. None if all clusters are the same."""
+    """Why motions with these static trials cannot be compared: their platform markers are placed differently, and a
+    motion's coordinates depend on that. None if all clusters are the same."""
     labels, limit = settings.markers.platform, settings.largest_residual_mm
     clusters = [static.positions(labels, "static") for static in statics]
     local = [cluster - cluster.mean(axis=0) for cluster in clusters]
@@ -513,8 +513,8 @@ def moved_cluster(statics: Sequence[StaticCalibration], settings: CrossingSettin
 def trigger_latency(
     alignments: Sequence[Alignment], edges: Mapping[str, tuple[float, float]]
 ) -> dict[str, float] | None:
-    """The latency of `PlatformModel`, of crossings that follow the shape, behind the edges of their triggers [s], each
-    with the step [s] of its samples."""
+    """The latency of `PlatformModel`, from crossings that follow the shape and the edges of their triggers: time [s]
+    and sampling step [s] of each."""
     both = [(a.start - edges[a.name][0], a.start_se) for a in alignments if a.name in edges]
     if len(both) < 3:
         return None
@@ -578,8 +578,8 @@ def identify_platform(pairs: Sequence[tuple[Trial, StaticCalibration]], settings
 def inertial_motion(
     track: PlatformTrack, centre: Array, template: PlatformTemplate | None, follows: Alignment | None, rows: slice
 ) -> BodyMotion:
-    """Motion in `rows` of the plate's centre, at rest at `centre` (3,) [m], without accelerations where the platform
-    rests: by the shape that a crossing `follows`, until it ends; otherwise as measured, along its own directions."""
+    """Motion in `rows` of the plate's centre, which rests at `centre` (3,) [m]. It is that of the shape that the crossing
+    `follows`, until the shape ends; else as measured, along its own directions. At rest, accelerations are 0."""
     if template is None or follows is None:
         motion, weights = track.own_motion(shared_directions([track])[0], centre, rows)
         return motion.weighted(weights)

@@ -1,23 +1,22 @@
-"""Unperturbed gait on a common grid of stance phase, and the phase of a perturbed crossing on it (docs/walking.md);
-the isolated response to a perturbation, the perturbed crossing minus the mean unperturbed gait at the same phase;
-and the result of a group of crossings: their mean response, its fit and bootstrap, both directions;
-and the intervals that n crossings will have, from the unperturbed crossings of a pilot alone.
+"""The response to a perturbation in walking: the perturbed crossing minus unperturbed gait at the same phase of stance
+(docs/walking.md); the result of a group of crossings: mean response, its fit, bootstrap and both directions; and a
+plan: the intervals that n crossings will have, from the unperturbed crossings of a pilot.
 
-A perturbation may change the duration of stance. What the person did before the onset tells the one to be expected.
-Size and drift of a motion differ from step to step and look like pace, but cannot imitate the ankle's sharp turn after
-heel strike. So both are fitted too; the drift has the order with which unperturbed scales scatter least. Torque and
-load misread a slower crossing: low-pass and heel's impact act in time and not in phase.
+A perturbation may change the duration of stance. The duration to be expected comes from the ankle's angle before the
+onset. The size and drift of a motion differ from step to step and look like pace, but they cannot imitate the ankle's
+sharp turn after heel strike. So size and drift are fitted too, with the order of drift for which the unperturbed scales
+scatter least. Torque and load would misread a slower crossing: low-pass and heel impact act in time, not in phase.
 
-Responses to turns in both directions are joined by half their difference, mean up minus mean down over 2. What a person
-does after either turn, whichever its direction, and the error of the mean unperturbed gait cancel in it.
+Responses to turns in both directions are joined by half their difference, mean up minus mean down over 2. A reaction
+that does not depend on the direction, and the error of the mean unperturbed gait, cancel in it.
 
 The draft subtracts the mean unperturbed gait. A crossing that is unlike the mean before the onset stays so for a while.
-The unperturbed crossings tell how: their deviations in the window are regressed on their level and slope of angle and
-torque before the onset. Which of these count, or none, is decided by cross-validation over unperturbed crossings.
+The unperturbed crossings tell how: their deviations in the window are regressed on level and slope of angle and torque
+before the onset. Cross-validation over unperturbed crossings decides which of these predictors count, or none.
 
-For a plan each unperturbed crossing is taken for a perturbed one: the answer of the expected joint to the planned turn
-is added to it, and it is analysed against the others. The scatter of K, B and I is what gait does to one of them. The
-mean of n has 1/n of its variance, and that of m unperturbed crossings adds 1/m, which cancels between directions."""
+For a plan, the expected joint's response to the planned turn is added to each unperturbed crossing, which is analysed
+against the others. The scatter of K, B and I is then the effect of gait on one crossing. The mean over n has 1/n of
+this variance. The mean of m unperturbed crossings adds 1/m of it, which cancels between directions."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -56,7 +55,7 @@ class UnperturbedGait:
 def unperturbed_gait(
     crossings: Sequence[Crossing], fewest: int, lost: Mapping[str, str] | None = None
 ) -> UnperturbedGait:
-    """Crossings on the common grid of stance phase. `lost` has the reasons of those that are not used, by trial."""
+    """Crossings on the common grid of stance phase. `lost`: why other crossings are not used, by trial."""
     if len(crossings) < fewest:
         used = ", ".join(c.name for c in crossings)
         if not lost:
@@ -64,7 +63,7 @@ def unperturbed_gait(
                 f"{len(crossings)} unperturbed crossings ({used or 'none'}), expected {fewest} or more; record more, "
                 "or exclude fewer in the sheet"
             )
-        # The most frequent, in one trial's words. Reasons that differ in numbers and the trial's name are one.
+        # The most frequent reason, in one trial's words. Reasons that differ only in numbers or trial name are one.
         kinds = {trial: refusal.alike(why, trial) for trial, why in lost.items()}
         kind, count = Counter(kinds.values()).most_common(1)[0]
         alike = [trial for trial, of in kinds.items() if of == kind]
@@ -99,8 +98,8 @@ SMALLEST, LARGEST = 0.75, 1.33  # Bounds of a scale
 
 
 def matched_scales(phase: Array, curves: Array, mean: Array) -> Array:
-    """The scales r (8, m) at which curves (m, k) at phases p (k,) are most like a multiple of the mean curve (n,) at r
-    p, plus a polynomial of order 1 to 8; NaN if the search by Gauss and Newton from 1 on does not end within bounds."""
+    """Scales r (8, m) of curves (m, k) at phases p (k,). The model is a multiple of the mean curve (n,) at phases r p,
+    plus a drift, a polynomial of order 1 to 8. NaN if Gauss-Newton from 1 does not converge within bounds."""
     spline = scipy.interpolate.make_interp_spline(np.linspace(0.0, 1.0, len(mean)), mean, k=3)
     slope = spline.derivative()
     orders = np.arange(1, 9)
@@ -108,7 +107,7 @@ def matched_scales(phase: Array, curves: Array, mean: Array) -> Array:
     used = (np.arange(drift.shape[1]) <= orders[:, None])[:, None].astype(float)
 
     def beside(curves: Array) -> Array:
-        """What the drift of each order leaves of curves (orders, m, k)."""
+        """Curves (orders, m, k) without the drift of each order."""
         return np.asarray(curves - ((curves @ drift) * used) @ drift.T)
 
     nothing = len(phase) * rounding_of(mean)
@@ -119,7 +118,7 @@ def matched_scales(phase: Array, curves: Array, mean: Array) -> Array:
         there = np.clip(scales[..., None] * phase, 0.0, 1.0)
         expected = spline(there)
         size, change, left = (beside(v) for v in (expected, phase * slope(there), curves - expected))
-        # the coefficient of `change` in the regression of `left` on `size` and `change`, where both have one
+        # the coefficient of `change` in the regression of `left` on `size` and `change`, if it is determined
         ff, fs, ss = (np.sum(a * b, axis=-1) for a, b in ((size, size), (size, change), (change, change)))
         alone = ss * ff - fs**2
         some = (ff > nothing) & (ss > nothing) & (alone > nothing * ff)
@@ -132,16 +131,16 @@ def matched_scales(phase: Array, curves: Array, mean: Array) -> Array:
     return np.where(settled, scales, np.nan)
 
 
-BEFORE_ONSET_S = 0.03  # Time [s] before the onset at which the matching ends: the filter spreads the response into it
+BEFORE_ONSET_S = 0.03  # [s] before the onset that matching leaves out: the filter spreads the response into it
 
 
 @dataclass(frozen=True)
 class AlignedGait:
-    """How a perturbed crossing and the unperturbed ones lie on the mean gait."""
+    """The phases of a perturbed crossing and of the unperturbed ones on the mean gait."""
 
-    stance: float  # duration of stance [s] of the perturbed crossing that converts time to phase
-    scales: Array  # phase of the mean gait over own phase (crossings,), of each unperturbed crossing
-    expected: float  # stance [s] that the gait before the onset leads to expect; NaN: it is like the mean at no pace
+    stance: float  # duration of stance [s] that converts the perturbed crossing's time to phase
+    scales: Array  # (crossings,) phase on the mean gait over own phase, of each unperturbed crossing
+    expected: float  # duration of stance [s] expected from the gait before the onset; NaN: no pace fits
 
     def curves(self, unperturbed: Array, phase: Array) -> Array:
         """The unperturbed curves (crossings, `PHASES`) at phases (k,) of the mean gait: (crossings, k)."""
@@ -156,11 +155,11 @@ def aligned_gait(crossing: Crossing, gait: UnperturbedGait, source: StanceSource
     onset, scale, others = crossing.onset, np.nan, np.full(len(gait.names), np.nan)
     last = crossing.stance.toe_off if onset is None else onset
     phase = PHASES[(last - BEFORE_ONSET_S - crossing.stance.heel_strike) / own >= PHASES]
-    if len(phase) >= 20:  # from heel strike to before the onset: 5 % of stance, from which a pace can be read
+    if len(phase) >= 20:  # 5 % of stance between heel strike and onset: a pace can be read
         theta = signal_at(crossing, crossing.theta, stance_times(crossing, phase))
-        both = np.vstack([theta, gait.theta[:, : len(phase)]])[:, ::4]  # a low-pass of 20 Hz leaves no more
+        both = np.vstack([theta, gait.theta[:, : len(phase)]])[:, ::4]  # enough after a low-pass of 20 Hz
         found = matched_scales(phase[::4], both, gait.theta.mean(axis=0))
-        # The drift has the order at which the unperturbed scales scatter least, where every curve has a scale
+        # The order of drift is the one at which all curves have a scale and the unperturbed scales scatter least.
         scatters = np.where(np.isfinite(found).all(axis=1), np.std(found[:, 1:], axis=1), np.inf)
         best = int(np.argmin(scatters))
         if np.isfinite(scatters[best]):
@@ -178,14 +177,14 @@ def aligned_gait(crossing: Crossing, gait: UnperturbedGait, source: StanceSource
 
 
 MARGIN = 8  # Additional samples at both ends of a response. A spline's derivatives are less accurate at its ends.
-BEHAVIOUR = ("angle", "torque", "angle_slope", "torque_slope")  # mean and slope of curves until the response begins
-Predictors = tuple[str, ...]  # Of `BEHAVIOUR`; with none the prediction is the mean unperturbed gait
+BEHAVIOUR = ("angle", "torque", "angle_slope", "torque_slope")  # mean and slope of curves before the response begins
+Predictors = tuple[str, ...]  # some of `BEHAVIOUR`; if empty, the prediction is the mean unperturbed gait
 
 
 @dataclass(frozen=True)
 class PerturbationResponse:
     """Isolated response to one perturbation, k samples, zero on average over the baseline. Row i of `thetas` and
-    `torques` has the i-th unperturbed crossing subtracted. The response is their mean; their scatter that of gait."""
+    `torques` is the crossing minus the i-th unperturbed one. The response is the mean row; the rows scatter by gait."""
 
     name: str
     time: Array  # time (k,) [s] from the onset
@@ -193,12 +192,12 @@ class PerturbationResponse:
     torques: Array  # (crossings, k) [N*m]
     plate_errors: Array  # changes (m, k) [N*m] of the torque without each of m plate trials in the plate's model
     lab_errors: Array  # changes (6, k) [N*m] of the torque by each of `crossing.LABORATORY_ERRORS`
-    behaviour: Array  # (4, crossings), `BEHAVIOUR` before the onset, minus that of the i-th unperturbed crossing
-    window: slice  # samples from the onset to the end of the fitted window, without that end: 30 for 0.1 s at 300 Hz
+    behaviour: Array  # (4, crossings): `BEHAVIOUR` before the onset minus that of each unperturbed crossing
+    window: slice  # samples of the fitted window, from the onset, without its end: 30 for 0.1 s at 300 Hz
     sign: int = 1  # -1 if the platform turned the toes down, else 1
     stance: float = float("nan")  # duration of stance [s] that converts time to phase
-    stance_change: float = 0.0  # own stance over the one that the gait before the onset leads to expect, minus 1
-    stance_error: float = 0.0  # the same of `stance`; 0 if it is the expected one
+    stance_change: float = 0.0  # own duration of stance over the expected one, minus 1
+    stance_error: float = 0.0  # `stance` over the expected duration, minus 1; 0 if it is the expected one
 
     @cached_property
     def motion(self) -> Motion:
@@ -222,8 +221,8 @@ class PerturbationResponse:
 def isolate_response(
     crossing: Crossing, gait: UnperturbedGait, timing: TimingSettings, perturbed_stance: StanceSource = "own"
 ) -> PerturbationResponse:
-    """The crossing's response to its perturbation, at a phase as of `aligned_gait`. The baseline ends before the onset,
-    because the filter spreads the response: zeroed at the onset it gives K = 321 N*m/rad for a true 340."""
+    """The crossing's response to its perturbation, at phases from `aligned_gait`. The baseline ends before the onset,
+    because the filter spreads the response. A response zeroed at the onset gives K = 321 N*m/rad for a true 340."""
     if crossing.onset is None:
         raise InputError(
             f"trial {crossing.name}: no onset, expected a perturbed crossing; mark it as unperturbed in the sheet"
@@ -270,10 +269,10 @@ def isolate_response(
 
 
 def fit_response(response: PerturbationResponse) -> LinearFit:
-    """Fit Eq. 15 without an offset in the window: an offset would absorb what is not of second order (on the exact
-    response of the simulated drivetrain, K = 321 N*m/rad instead of 334). The covariance comes from gait (the perturbed
-    crossing deviates as each unperturbed one does, the mean of n with 1/n of their variance) and from the plate trials,
-    if there are several; the residual, a few correlated samples, shows neither."""
+    """Fit Eq. 15 in the window, without an offset. An offset would absorb torque that is not of second order: K = 321
+    N*m/rad instead of 334 on the exact response of the simulated drivetrain. The covariance comes from gait (the
+    perturbed crossing deviates like an unperturbed one, and the mean of n adds 1/n of the variance) and from the plate
+    trials, if there are several. The residual has a few correlated samples and shows neither."""
     with naming(f"trial {response.name}"):
         fit = fit_without_offset(response.fitted_motion, response.fitted_torque)
     gait, plate = estimate_changes(response, fit)
@@ -288,8 +287,8 @@ def fit_response(response: PerturbationResponse) -> LinearFit:
 
 
 def impedance_columns(motion: Motion) -> dict[str, Array]:
-    """Columns of Eq. 15, torque = K theta + B omega + I alpha, of a motion (n,). Both must have passed the same filter:
-    if only the angle is filtered at 15 Hz, B is 3.43 instead of 3."""
+    """Columns of Eq. 15, torque = K theta + B omega + I alpha, of a motion (n,). Angle and torque must have passed the
+    same filter: if only the angle is filtered at 15 Hz, B is 3.43 instead of 3."""
     return {"K": motion.theta, "B": motion.omega, "I": motion.alpha}
 
 
@@ -306,7 +305,7 @@ def gait_torque(response: PerturbationResponse, fit: LinearFit) -> Array:
 
 
 def estimate_changes(response: PerturbationResponse, fit: LinearFit) -> tuple[Array, Array]:
-    """First-order changes (crossings, 3) of K, B, I by each unperturbed crossing, (m, 3) without each plate trial."""
+    """First-order changes of K, B, I: (crossings, 3) by each unperturbed crossing, (m, 3) without each plate trial."""
     columns, rows = response.fitted_motion.columns, response.window
     gait, plate = (
         np.asarray(np.linalg.lstsq(columns, torques.T[rows])[0].T, float)
@@ -322,8 +321,8 @@ def jackknife_covariance(changes: Array) -> Array:
 
 
 def offset_comparison(motion: Motion, torque: Array, K: float) -> tuple[float, float]:
-    """Offset [N*m] of a fit to a motion and torque (n,) that has one, and the relative decrease of K [N*m/rad] with it,
-    which is large if the response is not of second order; NaN if impossible."""
+    """Offset [N*m] of a fit with an offset to a motion and torque (n,), and by how much it lowers `K`, as a share. The
+    decrease is large if the response is not of second order. NaN if the fit is impossible."""
     try:
         free = linear_fit(torque, impedance_columns(motion) | {"offset": np.ones_like(torque)})
     except IdentifiabilityError:
@@ -346,8 +345,8 @@ class EnsembleResponse:
 
 @dataclass(frozen=True)
 class Bootstrap:
-    """Estimates of resampled ensembles: of K, B, I and VAF [percent] one for each sample, and the degrees of freedom,
-    the smaller of those of the perturbations and of the unperturbed crossings; `reactions`, unless of one direction."""
+    """Estimates of resampled ensembles: K, B, I and VAF [percent] of each sample; the degrees of freedom, the smaller
+    of those of perturbations and unperturbed crossings; and `reactions`, unless it is of one direction."""
 
     draws: Mapping[str, Array]
     degrees_of_freedom: float
@@ -358,7 +357,7 @@ class Bootstrap:
         return float(np.std(self.draws[name], ddof=1))
 
     def interval(self, name: str) -> tuple[float, float]:
-        """Bounds of the 95 % interval of a quantity: percentiles, widened as Student's quantiles (Hesterberg, 2015)."""
+        """Bounds of the 95 % interval of a quantity: percentiles, widened for Student's t (Hesterberg, 2015)."""
         tail = float(scipy.special.ndtr(scipy.special.stdtrit(self.degrees_of_freedom, 0.025)))
         low, high = np.quantile(self.draws[name], [tail, 1 - tail])
         return float(low), float(high)
@@ -377,8 +376,8 @@ def joining_weights(signs: NDArray[np.int_]) -> Array:
 
 
 def resampling_weights(random: np.random.Generator, samples: int, n: int) -> Array:
-    """Weights (samples, n) of n items in the mean of n - 1 items drawn with replacement: the mean of n draws has a
-    variance that is too small by (n - 1)/n (Hesterberg, The American Statistician 69, 2015). A single item has 1."""
+    """Weights (samples, n) of n items in the mean of n - 1 draws with replacement. The mean of n draws would have a
+    variance too small by (n - 1)/n (Hesterberg, The American Statistician 69, 2015). A single item has weight 1."""
     if n < 2:
         return np.ones((samples, n))
     return random.multinomial(n - 1, np.full(n, 1 / n), size=samples) / (n - 1)
@@ -386,23 +385,23 @@ def resampling_weights(random: np.random.Generator, samples: int, n: int) -> Arr
 
 SLOPING, RAMP = "a stiffness that changes with stance", "a voluntary torque or another pace"
 REFLEX, STIFFER = "a reflex", "co-contraction"
-REACTIONS = (REFLEX, STIFFER, RAMP, SLOPING)  # the first from its delay on, two from half the window on, one at once
+REACTIONS = (REFLEX, STIFFER, RAMP, SLOPING)  # they begin after the delay; at half the window (two); at the onset
 
 
 def reflex_column(time: Array, window: slice, motion: Motion, delay_s: float) -> Array:
-    """Velocity (k, samples) [rad/s] a delay [s] ago with which the turn stretches a muscle: the half-wave of its
-    direction. The muscle feels that of gait too, so that what turns back is cut off beyond a share of the largest."""
+    """Velocity (k, samples) [rad/s] a delay [s] ago with which the turn stretches a muscle: the half-wave in the turn's
+    direction. The muscle also feels the velocity of gait. So a return counts up to a share of the largest velocity."""
     way = np.sign(motion.theta[window.stop - 1, 0])
     before = np.maximum(time - delay_s, time[0])
     past = way * np.asarray(scipy.interpolate.make_interp_spline(time, motion.omega, k=3)(before))
-    returns = 0.2  # of the largest velocity, which the gait's own has, and below which the low-pass swings back
+    returns = 0.2  # share of the largest velocity that gait itself has; the low-pass swings back by less
     return np.asarray(way * np.maximum(past, -returns * past.max(axis=0)))
 
 
 def reaction_columns(time: Array, window: slice, motion: Motion, delay_s: float) -> list[Array]:
-    """What each of `REACTIONS` adds to the torque, (k, samples) each, per unit: `reflex_column` [N*m*s/rad], the angle
-    from half the window on [N*m/rad], a ramp from then on [N*m/s], and the angle times time [N*m/rad/s]. Steps and
-    ramps are as smooth as a low-pass leaves them."""
+    """Regression columns (k, samples) of `REACTIONS`, with the units of their coefficients: `reflex_column`
+    [N*m*s/rad], the angle from half the window on [N*m/rad], a ramp from then on [N*m/s], and angle times time
+    [N*m/rad/s]. Steps and ramps are smoothed as by the low-pass."""
     half = 0.5 * (window.stop - window.start) * float(time[1] - time[0])
     width, since, now = 0.2 * half, (time - half)[:, None], np.maximum(time, 0.0)[:, None]
     step, density = scipy.special.ndtr(since / width), np.exp(-0.5 * (since / width) ** 2) / np.sqrt(2 * np.pi)
@@ -412,16 +411,15 @@ def reaction_columns(time: Array, window: slice, motion: Motion, delay_s: float)
 
 
 def reactions(time: Array, window: slice, theta: Array, torque: Array) -> dict[str, tuple[float, float]]:
-    """What sets in beside Eq. 15, with standard errors, from a mean response, the first column of theta and torque (k,
-    1 + samples), and its resamples: the size of each of `REACTIONS` as a column, `and jerk` with that column of a leg's
-    drivetrain, which is of third order.
+    """Sizes of `REACTIONS` beside Eq. 15, each with its standard error. Theta and torque (k, 1 + samples) are the mean
+    response, in the first column, and its resamples. Each reaction but the reflex is added to Eq. 15 alone, and `and
+    jerk` together with the jerk, which the third-order drivetrain of a leg causes.
 
-    A reflex stands beside the jerk: `REFLEX` by each of `REFLEX_DELAYS_MS`, and by the `delay` [ms] that fits best, of
-    those with which it resists unless it certainly yields; K with it by each delay that fits nearly as well.
-
-    By generalised least squares from 0.6 windows before the onset on: residuals are weighed by their covariance over
-    the resamples, so that what gait did before the onset tells what it does after it (Aitken). The covariance of few
-    crossings is singular: 3 % of its mean variance is added."""
+    The reflex is always fitted with the jerk: `REFLEX` for each of `REFLEX_DELAYS_MS`, and for the best `delay` [ms]. A
+    reflex that yields must fit certainly better than one that resists. K is given for each delay that fits nearly as
+    well. The fit is generalised least squares from 0.6 windows before the onset on. Residuals are weighed by their
+    covariance over the resamples: deviations before the onset tell those after it (Aitken). Few crossings have a
+    singular covariance, so 3 % of its mean variance is added."""
     motion, window_s = differentiate(time, theta), (window.stop - window.start) * float(time[1] - time[0])
     rows = slice(max(MARGIN, int(np.searchsorted(time, -0.6 * window_s - 1e-9))), window.stop)
     sound = [motion.theta, motion.omega, motion.alpha]
@@ -430,7 +428,7 @@ def reactions(time: Array, window: slice, theta: Array, torque: Array) -> dict[s
     noise = np.cov((torque - np.tensordot(plain, sound, 1))[:, 1:])
 
     def fitted(columns: Sequence[Array]) -> tuple[Array, float]:
-        """Estimates (1 + samples, columns) of the fit, and the mean's misfit, squares that the covariance weighs."""
+        """Estimates (1 + samples, columns) of the fit, and chi-square of the mean's fit."""
         own, least = noise[rows, rows], 1e-12 * float(np.mean(torque[rows, 0] ** 2)) + 1e-24  # [(N*m)^2]
         root = np.linalg.cholesky(own + (0.03 * np.trace(own) / len(own) + least) * np.eye(len(own)))
         X = np.linalg.solve(root, np.stack(columns)[:, rows]).transpose(2, 1, 0)
@@ -449,11 +447,11 @@ def reactions(time: Array, window: slice, theta: Array, torque: Array) -> dict[s
     for delay in REFLEX_DELAYS_MS:
         late, left = fitted([*sound, jerk, reflex_column(time, window, motion, 1e-3 * delay)])
         found |= {f"{REFLEX} {delay}": told(late[:, -1]), f"K with {REFLEX} {delay}": told(late[:, 0])}
-        # what yields must fit better by four standard deviations
+        # a reflex that yields must fit better by four standard deviations
         misfits[delay] = left if late[0, -1] > 0 else left + 16.0
     best = min(misfits, key=lambda delay: misfits[delay])
     found |= {REFLEX: found[f"{REFLEX} {best}"], "delay": (float(best), 0.0)}
-    for delay in misfits:  # the interval of K includes those that fit nearly as well, by two standard deviations
+    for delay in misfits:  # the interval of K includes delays that fit nearly as well, within two standard deviations
         if misfits[delay] > misfits[best] + 4.0:
             del found[f"K with {REFLEX} {delay}"]
     columns = reaction_columns(time, window, motion, 1e-3 * best)
@@ -464,8 +462,8 @@ def reactions(time: Array, window: slice, theta: Array, torque: Array) -> dict[s
 
 
 class Ensemble:
-    """The n responses of a group to c unperturbed crossings, k samples, stacked: theta and torque (n, c, k), behaviour
-    (n, 4, c), directions (n,), and the influence (n, m, k) of each of m plate trials on the torque."""
+    """The n responses of a group against c unperturbed crossings, k samples, stacked: theta and torque (n, c, k),
+    behaviour (n, 4, c), directions (n,), and the influence (n, m, k) of each of m plate trials on the torque."""
 
     def __init__(self, responses: Sequence[PerturbationResponse]) -> None:
         if len(responses) < 2:
@@ -495,8 +493,8 @@ class Ensemble:
         self.influence = -(trials - 1) * (plate - plate.mean(axis=1, keepdims=True)) if trials > 1 else plate
 
     def joined(self, weights: Array, unperturbed: Array, predictors: Predictors = ()) -> tuple[Array, Array]:
-        """Angle and torque (k,) each, of the responses joined with `weights` (n,), whose baseline is the mean of the
-        unperturbed crossings with weights (c,), or what the predictors tell for each direction."""
+        """Angle and torque (k,) of the responses joined with `weights` (n,). Unperturbed gait is the mean of the
+        crossings with weights `unperturbed` (c,), or its prediction for each direction."""
         if not predictors:
             theta, torque = (np.tensordot(weights, curves, 1) for curves in (self.theta, self.torque))
             return unperturbed @ theta, unperturbed @ torque
@@ -504,8 +502,8 @@ class Ensemble:
         for sign in np.unique(self.signs[weights != 0]):
             own, baseline = np.where(self.signs == sign, weights, 0.0), unperturbed
             if used.sum() >= len(chosen) + 2:
-                # What the perturbed one would have done: at 0 of the weighted regression of the unperturbed curves on
-                # their behaviour, which is the perturbed one's minus theirs
+                # The prediction is the weighted regression of the curves at behaviour 0: behaviour is the perturbed
+                # crossing's minus the unperturbed one's.
                 behaviour = np.tensordot(own, self.behaviour, 1)[chosen]
                 sizes = np.sqrt(np.mean(behaviour**2, axis=1, keepdims=True))
                 columns = np.column_stack([np.ones_like(unperturbed), (behaviour / np.where(sizes > 0, sizes, 1.0)).T])
@@ -516,7 +514,7 @@ class Ensemble:
         return theta, torque
 
     def fitted(self, predictors: Predictors = (), sign: int = 0) -> EnsembleResponse:
-        """Mean response, or half the difference of two directions, or that of one `sign`, and its fit in the window."""
+        """Mean response (or half the difference of two directions, or the mean of one `sign`), with its fit."""
         crossings, own = self.theta.shape[1], self.signs == sign
         weights = own / own.sum() if sign else joining_weights(self.signs)
         theta, torque = self.joined(weights, np.full(crossings, 1 / crossings), predictors)
@@ -525,9 +523,9 @@ class Ensemble:
         return EnsembleResponse(int(own.sum()) if sign else len(own), motion, torque, fit)
 
     def resampled(self, samples: int, predictors: Predictors = (), sign: int = 0) -> Bootstrap:
-        """The ensemble refitted with perturbations, within their direction, unperturbed crossings and plate trials (to
-        first order) resampled: errors of mean gait and plate are common to all responses and do not show in their
-        scatter. With a `sign` the mean of that direction alone, from the same draws."""
+        """The ensemble, refitted to resamples of perturbations (within their direction), unperturbed crossings and, to
+        first order, plate trials. Errors of mean gait and plate are common to all responses: the responses' scatter
+        does not show them. With a `sign`, the mean of that direction alone, from the same draws."""
         random, signs = np.random.default_rng(20), self.signs  # the same data give the same interval
         perturbed = np.empty((samples, len(signs)))
         for each in np.unique(signs)[::-1]:
@@ -539,11 +537,11 @@ class Ensemble:
         for i, (w, unperturbed, unloaded) in enumerate(zip(weights, of_gait, of_plate, strict=True)):
             angles[:, i], torques[:, i] = self.joined(w, unperturbed, predictors)
             torques[:, i] += unloaded @ np.tensordot(w, self.influence, 1)
-        # of a mean, or of a difference of two means (Welch, equal variances)
+        # degrees of freedom of a mean, or of a difference of two means (Welch, equal variances)
         counts = np.unique(signs[signs == sign] if sign else signs, return_counts=True)[1].tolist()
         own = float(welch_satterthwaite([1 / n for n in counts], [n - 1 for n in counts]))
         freedom = min(own, self.theta.shape[1] - 1 - len(predictors))
-        # `fit_without_offset` of all samples at once, and their VAF as `variance_accounted_for`
+        # as `fit_without_offset` and `variance_accounted_for`, for all samples at once
         motion, y = differentiate(self.time, angles)[self.window], torques[self.window].T
         columns = np.stack([motion.theta.T, motion.omega.T, motion.alpha.T], axis=-1)
         sizes = np.linalg.norm(columns, axis=1, keepdims=True)
@@ -560,27 +558,27 @@ class Ensemble:
 
 
 def cross_validated(responses: Sequence[PerturbationResponse], fit: LinearFit) -> tuple[Predictors, float]:
-    """The predictors that predict best what each unperturbed crossing adds to the residual, from the others; none: the
-    mean is at least as good. And the share of that torque's mean square that they predict, with the mean's fit."""
+    """The predictors that best predict, from the others, the torque that each unperturbed crossing adds to the residual
+    of the mean's fit; and the share of its mean square that they predict. None: the mean is at least as good."""
     curves = np.mean([gait_torque(r, fit)[:, responses[0].window] for r in responses], axis=0)
     behaviour, missed = np.mean([r.behaviour for r in responses], axis=0), dict[Predictors, float]()
     for predictors in ((), ("angle_slope",), ("angle", "torque"), BEHAVIOUR):
-        if predictors and len(curves) < 3 * len(predictors) + 4:  # the bootstrap's regressions were undetermined
+        if predictors and len(curves) < 3 * len(predictors) + 4:  # too few for the bootstrap's regressions
             continue
         some = behaviour[[BEHAVIOUR.index(name) for name in predictors]]
         columns = np.column_stack([np.ones(len(curves)), (some - some.mean(axis=1, keepdims=True)).T])
         sizes = np.sqrt(np.mean(columns**2, axis=0))
         columns = columns / np.where(sizes > 0, sizes, 1.0)
         hat = columns @ np.linalg.pinv(columns)
-        alone = np.maximum(1 - np.diag(hat), 1e-9)  # a curve that alone determines a coefficient cannot be predicted
+        alone = np.maximum(1 - np.diag(hat), 1e-9)  # 0 for a curve that determines a coefficient alone
         missed[predictors] = float(np.mean(((curves - hat @ curves) / alone[:, None]) ** 2))
     best = min(missed, key=lambda predictors: missed[predictors])
     return best, 1 - missed[best] / missed[()] if best else 0.0
 
 
 def common_errors(responses: Sequence[PerturbationResponse]) -> tuple[dict[str, list[CommonError]], dict[str, float]]:
-    """Variances of errors of K, B and I that all perturbations share, of mean gait and of the plate; and those of one
-    perturbation as unperturbed crossings scatter, with the degrees of freedom of mean gait."""
+    """Variances of the errors of K, B and I that all perturbations share (mean gait, plate), with their degrees of
+    freedom; and the variances of one perturbation by the scatter of unperturbed crossings."""
     shares = np.abs(joining_weights(signs_of(responses)))
     changes = [estimate_changes(r, fit_without_offset(r.fitted_motion, r.fitted_torque)) for r in responses]
     of_one = np.mean([np.var(gait, axis=0, ddof=1) for gait, _ in changes], axis=0)
@@ -599,11 +597,11 @@ class GroupHeadline:
     common: Mapping[str, Sequence[CommonError]]  # errors that all single fits share, by quantity
     of_one: Mapping[str, float]  # variance of one perturbation as unperturbed crossings scatter, by quantity
     directions: Mapping[str, tuple[Mapping[str, float], Bootstrap, int]]
-    """Of `up`, `down` and `up minus down` the estimates, resampled ones, perturbations; empty if there is one only."""
-    share: float  # of the unperturbed crossings' deviations that their behaviour before the onset predicts
+    """For `up`, `down` and `up minus down`: estimates, resamples, number of perturbations. Empty for one direction."""
+    share: float  # share of the unperturbed crossings' deviations that their behaviour before the onset predicts
     ensemble: EnsembleResponse  # with the baseline that the settings name
     resampled: Bootstrap
-    other: tuple[str, EnsembleResponse, Bootstrap]  # the name of its estimator, and with the other baseline
+    other: tuple[str, EnsembleResponse, Bootstrap]  # with the other baseline, and the name of that estimator
 
 
 def group_headline(perturbed: Sequence[Crossing], gait: UnperturbedGait, settings: EnsembleSettings) -> GroupHeadline:
@@ -621,7 +619,7 @@ def group_headline(perturbed: Sequence[Crossing], gait: UnperturbedGait, setting
     for name, sign in ((UP, 1), (DOWN, -1)) if len(np.unique(ensemble.signs)) > 1 else ():
         mean = ensemble.fitted(sign=sign)
         directions[name] = mean.estimates(), ensemble.resampled(samples, sign=sign), mean.n
-    if directions:  # resampled together: the error of the mean unperturbed gait does not cancel in the difference
+    if directions:  # the same draws: the error of mean gait does not cancel in the difference
         (up, ups, n_up), (down, downs, n_down) = directions.values()
         draws = {name: ups.draws[name] - downs.draws[name] for name in up}
         difference = Bootstrap(draws, min(ups.degrees_of_freedom, downs.degrees_of_freedom))
@@ -631,7 +629,7 @@ def group_headline(perturbed: Sequence[Crossing], gait: UnperturbedGait, setting
 
 @dataclass(frozen=True)
 class PlannedTurn:
-    """A perturbation that is planned, and the joint [N*m/rad, N*m*s/rad, kg*m^2] that will answer it."""
+    """A planned perturbation, and the expected joint (K, B, I) [N*m/rad, N*m*s/rad, kg*m^2]."""
 
     turn: float  # [rad]
     ramp_s: float  # of a minimum-jerk ramp
@@ -639,7 +637,7 @@ class PlannedTurn:
     joint: tuple[float, float, float]
 
     def added_to(self, crossing: Crossing, settings: ResponseSettings) -> Crossing:
-        """The unperturbed crossing with the turn and the joint's answer, through the crossings' low-pass."""
+        """The unperturbed crossing plus the turn and the joint's torque, both through the crossings' low-pass."""
         onset = crossing.stance.heel_strike + self.phase * crossing.stance.duration
         since = np.clip((crossing.time - onset) / self.ramp_s, 0, 1)
         ramp = self.turn * since**3 * (10 - 15 * since + 6 * since**2)
@@ -667,14 +665,14 @@ def scatter_of_one(crossings: Sequence[Crossing], planned: PlannedTurn, settings
         response = isolate_response(planned.added_to(crossing, settings), others, settings, settings.perturbed_stance)
         motions.append(response.fitted_motion.columns)
         left.append(response.fitted_torque - motions[-1] @ planned.joint)
-    # to first order, as errors of a mean: the fit to a single one also has the square of its gait's deviation
+    # first order, as for a mean of many: the fit to one crossing also has the square of its gait's deviation
     estimates = np.linalg.lstsq(np.mean(motions, axis=0), np.transpose(left))[0].T
     return np.asarray(np.std(estimates, axis=0, ddof=1) / np.sqrt(1 + 1 / (count - 1)))
 
 
 def half_widths(scatter: Array, counts: Sequence[int], unperturbed: int, both: bool) -> pl.DataFrame:
-    """Halves of the 95 % intervals of K, B and I for each number of perturbed crossings and as many `unperturbed` ones:
-    with turns in `both` directions of half their difference. The table has a row per number."""
+    """Half-widths of the 95 % intervals of K, B and I: a row per number of perturbed crossings, with this number of
+    `unperturbed` ones. With turns in `both` directions, of half their difference."""
     rows = []
     for n in counts:
         freedom = min(n - 2 if both else n - 1, unperturbed - 1)

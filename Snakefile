@@ -17,8 +17,8 @@ from pathlib import Path
 from osl_analysis.jobs.run import at_end_of_run, begin, end_timers, run_job
 
 gc.freeze()  # what Snakemake has imported stays
-gc.set_threshold(50_000)  # and what planning makes: looking through it at every 700th object took a sixth of it
-atexit.register(gc.freeze)  # nor does the end of Python look through it, which took 0.5 s
+gc.set_threshold(50_000)  # garbage collection at every 700th object took a sixth of the planning
+atexit.register(gc.freeze)  # garbage collection at the end of Python took 0.5 s
 os.environ["TMPDIR"] = str(workflow.snakemake_tmp_dir)  # for jobs: what a killed one leaves goes with the run's own
 if workflow.is_main_process and not any(one.startswith(("-n", "--dry")) for one in sys.argv):
     with suppress(OSError):  # a folder that cannot be written to is refused below

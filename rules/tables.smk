@@ -3,20 +3,20 @@
 KNOWN_GAINS, PARTS = CAMPAIGN.predicted(), ("actuator", "belt", "transmission")
 MEASURED_AT = {part: [PLACES[trial] for trial in CAMPAIGN.trials(part)] for part in PARTS}
 COMPONENTS = {trial: [part for part in PARTS if PLACES[trial] in MEASURED_AT[part]] for trial in KNOWN_GAINS}
-"""Of each impedance trial with known gains, the experiments that measured components of its joint and side."""
+"""By impedance trial with known gains: the experiments that measured components of its joint and side."""
 PREDICTED = [trial for trial, found in COMPONENTS.items() if len(found) == len(PARTS)]
 MISSING = {trial: [part for part in PARTS if part not in found] for trial, found in COMPONENTS.items() if found}
 UNPREDICTED = {trial: " and ".join(parts) for trial, parts in MISSING.items() if parts}
-"""Of other trials the components that were not measured; not said where none was."""
+"""By other trial: the components that were not measured; without trials for which none was."""
 TABLES = [(name, table) for name in EXPERIMENTS for table in EXPERIMENTS[name].tables]
 PER_TRIAL = {
     table.name: [trial for name, one in TABLES if one.name == table.name for trial in CAMPAIGN.rows_of(name, one)]
     for _, table in TABLES
 }
 PER_TRIAL["quality"] = CAMPAIGN.trials()
-"""Per table, the trials that have rows in it."""
+"""By table: the trials that have rows in it."""
 DERIVED = {new: (table.name, job) for name, table in TABLES for new, job in table.derived.items()}
-"""Per table that is computed from one other table: that table, and the job."""
+"""By table that is computed from another one: that other table, and the job."""
 
 
 def row_file(table: str, trial: str) -> Path:
@@ -33,7 +33,7 @@ def rows(table: str, trials=None) -> list[Path]:
 
 
 def behind(table: str) -> list[Path]:
-    """What was made when all results behind a table were: the lists of its experiments, or the results themselves."""
+    """The files that exist once all results behind a table do: lists of its experiments, or the results themselves."""
     lists = fitted(*(name for name, one in TABLES if one.name == table))
     return lists or rows(table)
 
@@ -66,7 +66,7 @@ def limits_of(table: str):
 
 
 def rows_behind(table: str) -> list[Path]:
-    """The results of single trials that a table, which may be derived from others, is made of."""
+    """The results of single trials behind a table, also behind a derived one."""
     if table in EXPERIMENTS["walking"].further_tables:
         return [*crossings(WALKED), *rows("walking")]
     source = DERIVED.get(table, (table,))[0]
@@ -95,7 +95,7 @@ def check_claims(_):
 
 
 def gathered(of: str):
-    """The parts of the job that makes a table of those of single trials."""
+    """The parts of the job that joins the tables of single trials."""
     judged = next((one.doubts_of for name, one in TABLES if one.name == of and CAMPAIGN.trials(name)), "")
     settings = {"limits": limits_of(of), "limits_of_fits": limits_of(judged)}
     settings["places"] = {trial: place for trial, place in PLACES.items() if trial in PER_TRIAL[of]}
@@ -150,7 +150,7 @@ def findings(_):
 
 @step("tables.write_summary", {"summary_json": "summary.json", "numbers_tex": "numbers.tex"})
 def headline_numbers(_):
-    """Those of the desired impedance of Fig. 4 are among them."""
+    """Headline numbers, also of the desired impedance of Fig. 4."""
     row = CAMPAIGN.row(TIME_SERIES["trial"]) if TIME_SERIES else {}
     example = {"K_d": row["K_d"], "B_d": row["B_d"], "chosen": TIME_SERIES["chosen"]} if row else None
     trials = {name: CAMPAIGN.trials(name) for name in EXPERIMENTS if CAMPAIGN.trials(name)}

@@ -11,7 +11,7 @@ def trial_file(trial: str) -> Path:
 
 
 def checked(trials) -> list[Path]:
-    """What was measured on these trials, without verdicts: in a job the input `quality` leaves the excluded ones out."""
+    """The quality measures of these trials, without verdicts. The job's input `quality` leaves excluded ones out."""
     return [RESULTS / f"quality/{trial}.csv" for trial in trials]
 
 

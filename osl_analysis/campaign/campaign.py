@@ -1,4 +1,4 @@
-"""A campaign: its sample sheet, the trials that are analysed, and what its results are made of."""
+"""A campaign: its sample sheet, the trials that are analysed, and the origin of its results."""
 
 import filecmp
 import hashlib
@@ -35,8 +35,8 @@ class Campaign:
     """The trials of a configuration."""
 
     config: Config
-    rows: SheetRows  # of the sample sheet that are not excluded
-    unused: SheetRows  # that are excluded, with the reasons in the column `exclude`
+    rows: SheetRows  # rows of the sample sheet that are not excluded
+    unused: SheetRows  # excluded rows, with the reasons in the column `exclude`
 
     @property
     def excluded(self) -> dict[str, str]:
@@ -93,7 +93,7 @@ class Campaign:
 
     @cached_property
     def places(self) -> dict[str, dict[str, Any]]:
-        """Joint and side of every trial in the sheet, by trial. A side on the walkway is the one that is analysed."""
+        """Joint and side of every trial in the sheet, by trial. On the walkway, the side that is analysed."""
         walking, sides = self.trials("walking"), dict[str, str]()
         for static, crossings in (self.statics if walking else {}).items():
             sides |= dict.fromkeys((static, *crossings), self.calibration_settings(static)["side"])
@@ -103,24 +103,24 @@ class Campaign:
 
     @property
     def data(self) -> str:
-        """`simulated` or `measured`, as the configuration says, or where the simulator's truth lies beside the data."""
+        """`simulated` or `measured`: as the configuration says, else simulated if the simulator's truth is beside."""
         made = self.config.simulation is not None or (self.config.raw_data / "truth").is_dir()
         return self.config.data or (SIMULATED if made else MEASURED)
 
     @property
     def beside_draft(self) -> bool:
-        """Whether the numbers of the paper's draft stand beside the campaign's, as `report` of the configuration says;
-        by default only where its device is simulated: recordings of others are held against them if that is asked."""
+        """Whether results are compared with the paper's draft, as `report` of the configuration says. By default, only
+        if the draft's device is simulated."""
         asked, of_draft = self.config.report.beside_draft, shipped("config/parameters/default.yaml")
         return self.config.simulation is not None and self.config.parameters == of_draft if asked is None else asked
 
     def device(self, trial: str) -> Path | None:
-        """The parameter file of a trial's device; None where there is none for its joint."""
+        """The parameter file of a trial's device; None if there is none for its joint."""
         known = self.config.parameters
         return known if known and joint_of(known) == self.row(trial)["joint"] else None
 
     def predicted(self) -> list[str]:
-        """The impedance trials whose gains are known: by a parameter file, a controller of the draft, K_d and B_d."""
+        """The impedance trials with known gains: with a parameter file, a controller of the draft, K_d and B_d."""
         rows = {trial: self.row(trial) for trial in self.trials("impedance") if self.device(trial)}
         known = {trial for trial, row in rows.items() if row["controller"] in CONTROLLERS}
         return [trial for trial, row in rows.items() if trial in known and None not in (row["K_d"], row["B_d"])]
@@ -162,9 +162,9 @@ class Campaign:
 
 
 def open_campaign(config: Config, planned: SheetRows | None) -> Campaign:
-    """The campaign of a configuration; `planned` is the sheet of a simulation that has not been written yet."""
+    """The campaign of a configuration. `planned` is the sheet of a simulation that is not written yet."""
     sheet = read_sheet(config.sheet) if planned is None else planned
-    if config.parameters is not None and config.parameters.is_file():  # of what joint nobody named: that of the device
+    if config.parameters is not None and config.parameters.is_file():  # a trial without a joint has the device's
         with naming("parameters"):
             joint = joint_of(config.parameters)
         sheet = {trial: row | {"joint": row["joint"] or joint} for trial, row in sheet.items()}
@@ -178,7 +178,7 @@ def open_campaign(config: Config, planned: SheetRows | None) -> Campaign:
 
 
 def check_campaign(campaign: Campaign) -> None:
-    """Refuse a configuration that names a missing file, quality rules and names under `accept` that match no checks,
+    """Refuse a configuration that names a missing file; quality rules, or names under `accept`, that match no check;
     and walking trials whose analysis lacks other trials."""
     check_files(campaign.config)
     validate_rules(campaign.config.quality, UNITS)
@@ -205,13 +205,13 @@ def check_campaign(campaign: Campaign) -> None:
 
 
 def check_no_copies(campaign: Campaign) -> None:
-    """Refuse a recording that another trial of the same experiment has under another name: it would count twice."""
+    """Refuse a recording that another trial of the experiment has under another name: it would count twice."""
     alike: dict[tuple[object, ...], list[tuple[str, Path]]] = {}
     for trial in campaign.rows:
         row = campaign.row(trial)
         files = (one for one in campaign.logs(trial) if one.is_file() and one.name != DESCRIPTION)
         for file in (one for one in files if (size := one.stat().st_size)):
-            with suppress(OSError), file.open("rb") as content:  # the middle tells most files of one size apart
+            with suppress(OSError), file.open("rb") as content:  # the middle differs for most files of equal size
                 content.seek(size // 2)
                 key = row["experiment"], row["log_part"], row["windows"], size, content.read(4096)
                 for other, known in alike.setdefault(key, []):
@@ -223,7 +223,7 @@ def check_no_copies(campaign: Campaign) -> None:
 
 
 def check_files(config: Config) -> None:
-    """Refuse a missing file, or a file for the results' folder. Raw files are checked when they are ingested."""
+    """Refuse a missing file, and a results' folder that is a file. Ingest checks raw files."""
     if config.results == Path():
         raise InputError("configuration: results is empty, or this very folder; name a folder, as `results: results`")
     for field in ("results", "raw_data", "sources", "sheet"):
@@ -245,7 +245,7 @@ def check_files(config: Config) -> None:
 
 
 def check_walking(campaign: Campaign) -> None:
-    """Refuse walking trials without the files, and the static, plate and other trials, that their analysis needs."""
+    """Refuse walking trials whose analysis lacks files, or static, plate or other trials."""
     walking, add = campaign.config.walking, "add them, or exclude the walking trials"
     if campaign.config.simulation is not None:
         add += ", or correct experiments.walking or perturbed_share of the simulation"
@@ -277,8 +277,8 @@ def check_walking(campaign: Campaign) -> None:
 
 
 def time_series_example(campaign: Campaign) -> dict[str, Any] | None:
-    """The trial that Fig. 4 shows: its name, joint and side, the amplitude [deg] that is drawn (None: the largest), how
-    much of it [s], and in `chosen` why this trial, if the configuration does not name it. None without impedance
+    """The trial that Fig. 4 shows: its name, joint and side; the amplitude [deg] that is drawn (None: the largest); the
+    duration [s]; and `chosen`, why this trial, if the configuration does not name it. None without impedance
     trials."""
     stated, trials = campaign.config.figures.time_series, campaign.trials("impedance")
     if not trials:
@@ -300,7 +300,7 @@ def time_series_example(campaign: Campaign) -> dict[str, Any] | None:
 
 
 def response_example(campaign: Campaign) -> FrequencyResponseFigure | None:
-    """The desired impedance that Fig. 7 shows; None: the one with the most trials. Raises as `time_series_example`."""
+    """The desired impedance of Fig. 7; None: the one with the most trials. Raises as `time_series_example`."""
     stated = campaign.config.figures.frequency_response
     if stated is None or not campaign.trials("impedance"):
         return None
@@ -308,8 +308,8 @@ def response_example(campaign: Campaign) -> FrequencyResponseFigure | None:
 
 
 def matching(campaign: Campaign, asked: dict[str, Any], figure: str = "") -> list[str]:
-    """The impedance trials whose cells are these; None matches an empty cell. An example of a `figure` that is not in
-    the campaign is refused, but for that of the default configuration."""
+    """The impedance trials with these cells; None matches an empty cell. Raises InputError: the `figure` asks for an
+    example that the campaign does not have, unless the default configuration does."""
     trials = campaign.trials("impedance")
     found = [name for name in trials if all(campaign.row(name)[cell] == value for cell, value in asked.items())]
     default = read_mapping(default_config())["figures"].get(figure) or {}
@@ -329,12 +329,12 @@ ABOUT_MEANING = {
     "configuration": "first digits of the SHA-256 of the configuration and of the files that it names",
     "recorded": "date of the data, or what is known in its place",
 }
-"""What results are made of."""
+"""Facts on the origin of results."""
 ABOUT_MACROS = {name: name.capitalize() for name in ABOUT_MEANING}  # The LaTeX macros, without prefix.
 
 
 def sentence(about: Mapping[str, str], below_figure: bool = False) -> str:
-    """What results are made of. A figure's numbers are left out: what it does not use does not draw it anew."""
+    """The origin of results in a sentence. Below a figure, without the hash of settings that it may not even use."""
     of = {name: about.get(name, "") for name in ABOUT_MEANING}
     configuration = "" if below_figure else f", configuration {of['configuration']}"
     made_by = f"osl-analysis {of['version']}{configuration}"
@@ -342,12 +342,11 @@ def sentence(about: Mapping[str, str], below_figure: bool = False) -> str:
 
 
 def about(campaign: Campaign, simulation: list[Path]) -> dict[str, str]:
-    """What the results of a campaign are made of, by `ABOUT_MEANING`. `simulation` are the files of its simulation's
-    settings. The data have the date of the configuration, else the seed of the simulation, else the dates of the
-    recordings (UTC)."""
+    """The origin of a campaign's results, by `ABOUT_MEANING`. `simulation` are the files of its simulation's settings.
+    The data are dated by the configuration, else by the seed of the simulation, else by the recordings (UTC)."""
     config = campaign.config
     files = {path for path in (config.parameters, config.impedance_trajectory, *simulation) if path is not None}
-    # these say where files are, how a run ends, or what stands beside the hash: others give the same results
+    # not in the hash: these settings do not change results, or stand beside the hash
     places = {"raw_data", "sheet", "results", "sources", "failed_trials", "data", "recorded"}
     settings = config.model_dump(mode="json", exclude=places)  # with the defaults
     text = json.dumps([settings, sorted(str(content_digest(path)) for path in files)], sort_keys=True)

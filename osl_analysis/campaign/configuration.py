@@ -1,4 +1,4 @@
-"""The configuration of a campaign: choices with their units, validated when they are read."""
+"""The configuration of a campaign: choices with units, validated when they are read."""
 
 import json
 from collections.abc import Collection, Mapping, Sequence
@@ -32,7 +32,7 @@ from osl_analysis.yaml_settings import (
 
 
 def dates(value: date | str) -> date | str:
-    """One date, or the first and the last one, as `2026-03-14 to 2026-03-16`."""
+    """One date, or the first and the last, as `2026-03-14 to 2026-03-16`."""
     try:
         said = value if isinstance(value, str) else value.isoformat()
         rising((date(1989, 12, 31), *map(date.fromisoformat, said.split(" to ")), date.today() + timedelta(2)))
@@ -125,7 +125,7 @@ class Config(Settings):
     )
 
     def shared(self, experiment: str | None = None) -> SharedChoices:
-        """What the simulator follows in the trials of one experiment, or in all (None)."""
+        """The choices that the simulator follows in the trials of one experiment, or in all (None)."""
         bench, seconds = self.dynamometer, self.dynamometer.seconds_per_frequency
         sines = {
             "amplitudes_deg": bench.amplitudes_deg,
@@ -144,7 +144,7 @@ class Config(Settings):
 
 
 def overriding(base: Any, override: Any) -> Any:
-    """A nested mapping with the fields of another in place of its own, as `snakemake --configfile` merges them."""
+    """A nested mapping with its fields replaced by those of another, as `snakemake --configfile` merges them."""
     if not isinstance(base, dict) or not isinstance(override, dict):
         return override
     return base | {name: overriding(base.get(name), value) for name, value in override.items()}
@@ -155,12 +155,12 @@ FACTS = (
     "dynamometer.cycles", "figures.time_series.amplitude_deg", "figures.midstance_stiffness",
     "claims.K_percent", "torque_angle.zero",
 )  # fmt: skip
-"""What the default configuration states of its own bench, device and text: facts on nobody else's."""
+"""Settings in which the default configuration states facts on its own bench, device and text, and on no other."""
 
 
 OF_BENCH = ("belt", "transmission", "impedance", "human_joint", "calibration")
 FOUND = {"dynamometer.amplitudes_deg": "amplitude_deg", "dynamometer.frequencies_hz": "frequency_hz"}
-"""Settings of a stepped sine that was not stated, and the columns of `phasors.csv` that have the recordings' own."""
+"""Settings of the stepped sine, and the columns of `phasors.csv` with the recorded values, used if none is stated."""
 JUDGING = {
     "dynamometer.cutoff_hz": OF_BENCH, "actuator.cutoff_hz": ("actuator",), "torque_angle.cutoff_hz": ("torque_angle",),
     "parameters": ("belt", "transmission", "actuator", "impedance"), "gain_weight": ("impedance",),
@@ -175,21 +175,21 @@ JUDGING = {
     "walking.markers": ("walking",), "walking.cutoff_hz": ("walking",), "walking.window_s": ("walking",),
     "walking.baseline_s": ("walking",), "walking.guard_s": ("walking",),
 }  # fmt: skip
-"""Every setting that is a fact on a bench, a device, a laboratory or a text, and the experiments that it judges, labels
-or is computed with, and its filters and windows. All others are choices of the analysis."""
-ASSUMED = {"torque_angle.zero": "end"}  # what is computed with where null is no value
+"""Settings that are facts on a bench, device, laboratory or text, and filters and windows; each with the experiments
+that it judges, labels or enters. All others are choices of the analysis."""
+ASSUMED = {"torque_angle.zero": "end"}  # values used for null
 RESTS_ON = dict.fromkeys(("gain_weight", "model_comparison.sign_width"), "parameters")
-RESTS_ON |= {"figures.stance_share": "impedance_trajectory"}  # without these files nothing is computed with them
+RESTS_ON |= {"figures.stance_share": "impedance_trajectory"}  # settings that are not used without these files
 
 
 def named_in(settings: Any, name: str) -> Any:
-    """A setting of nested mappings by its dotted name; None where there is none."""
+    """A setting of nested mappings by its dotted name; None if there is none."""
     return reduce(lambda at, one: (at or {}).get(one), name.split("."), settings)
 
 
 def states_of(config: Config, own: Mapping[str, Any], experiments: Collection[str]) -> list[dict[str, Any]]:
-    """Of every setting that judges or labels these experiments its value and state: stated (by the configuration, or by
-    the simulation that follows it), measured (that of each recording counts), assumed (the default's), or none."""
+    """Value and state of every setting that judges or labels these experiments. States: stated (by the configuration or
+    its simulation), measured (each recording has its own), assumed (the default), or none."""
     rows, settings = list[dict[str, Any]](), config.model_dump(mode="json")
     for name in (name for name, of in JUDGING.items() if {*of} & {*experiments}):
         value, said = named_in(settings, name), named_in(own, name)
@@ -199,16 +199,16 @@ def states_of(config: Config, own: Mapping[str, Any], experiments: Collection[st
             state = "measured" if name in FOUND else "assumed" if name in ASSUMED else "none"
         value = ASSUMED.get(name, value) if none else value
         shown = None if value is None or state == "none" or (none and name not in ASSUMED) else json.dumps(value)
-        shown = shown and shown.strip('"').removeprefix(f"{root()}/")  # a shipped file, wherever it is installed
+        shown = shown and shown.strip('"').removeprefix(f"{root()}/")  # a shipped file, without its folder
         rows.append({"setting": name, "value": shown, "state": state})
     return rows
 
 
 def over_default(own: Mapping[str, Any]) -> Any:
-    """The default configuration with the fields of another in place of its own. Real recordings are not of the bench
-    that the default campaign simulates: of its `FACTS` they have those alone that are stated, others are null."""
+    """The default configuration with its fields replaced by those of another. Real recordings are not from the bench of
+    the default campaign: for them, `FACTS` that are not stated are null."""
     default = read_mapping(default_config())
-    is_unstated = own == default or named_in(own, "dynamometer.cutoff_hz") is None  # of nobody's joint by the default
+    is_unstated = own == default or named_in(own, "dynamometer.cutoff_hz") is None  # the default is for no real joint
     default = overriding(default, {"dynamometer": {"own_cutoff": is_unstated}})
     if default["simulation"] is None or own.get("simulation", default["simulation"]) is not None:
         return overriding(default, own)
@@ -217,19 +217,19 @@ def over_default(own: Mapping[str, Any]) -> Any:
         for key in reversed(name.split(".")):
             fact = {key: fact}
         default = overriding(default, fact)
-    if own.get("gain_weight") is None:  # the damping that gains should give rests on it
+    if own.get("gain_weight") is None:  # the damping that gains should give depends on it
         default = overriding(default, {"doubtful": {"impedance": {"above": {"B_gap_s": None}}}})
     return overriding(default, own)
 
 
 def own_fields(path: Path) -> Mapping[str, Any]:
-    """What a configuration file states. The shipped default states nothing of recordings outside its own campaign."""
+    """The fields that a configuration file states; the shipped default states none for recordings of others."""
     is_shipped = path == default_config() and not Path("config/config.yaml").is_file()
     return {"simulation": None} if is_shipped else read_mapping(path, by_snakemake=True)
 
 
 def read_section(path: Path, section: str, model: type[AnySettings]) -> AnySettings:
-    """One section of a campaign's configuration, whose file overrides fields of the default configuration."""
+    """One section of a campaign's configuration. Its file overrides fields of the default configuration."""
     content = over_default(own_fields(path))
     unknown = [name for name in content if name not in Config.model_fields]
     if unknown:
@@ -238,14 +238,14 @@ def read_section(path: Path, section: str, model: type[AnySettings]) -> AnySetti
 
 
 def read_config(path: Path, of_any: bool = False) -> Config:
-    """A whole configuration from a file that may override fields of the default only. Recordings `of_any` bench are
-    held against nothing that the shipped default states."""
+    """A whole configuration, from a file that overrides some fields of the default. Recordings `of_any` bench are not
+    compared with what the shipped default states."""
     own = own_fields(path) if of_any else read_mapping(path, by_snakemake=True)
     return validated(over_default(own), Config, path)
 
 
 def campaign_config(content: Any, files: Sequence[Path]) -> Config:
-    """Validate a configuration that Snakemake merged from files, of which a later one overrides the earlier."""
+    """Validate a configuration that Snakemake merged from files. Later files override earlier ones."""
     for file in files:
         read_mapping(file, by_snakemake=True)
     return validated(content, Config, Path(" overridden by ".join(map(str, files))), files)

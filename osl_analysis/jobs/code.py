@@ -1,8 +1,8 @@
-"""Fingerprints of the code of jobs: of the command that a step names, and of what that uses, name by name.
+"""Fingerprints of the code of jobs: of a step's command and of everything of the package that it uses, name by name.
 
-A module is a list of statements, each with the names that it binds and the names that it uses, its own and imported
-ones. From the command on, what is used is reached, in all modules of the package. So a job runs again where a function
-changes that it may call, and neither for one beside it nor for a comment, a docstring or an empty line."""
+A module is a list of statements, each with the names that it binds and the names that it uses, own and imported. From
+the command, all used statements are followed through the modules of the package. So a job runs again if a function
+changes that it may call. Another function, a comment, a docstring or an empty line does not matter."""
 
 import ast
 import hashlib
@@ -24,19 +24,19 @@ class Statement(NamedTuple):
     """A statement of a module, without docstrings and comments."""
 
     code: str  # first digits of its SHA-256
-    binds: Sequence[str]  # names; none of one that runs whoever uses the module
+    binds: Sequence[str]  # names; empty for a statement that runs whenever the module is imported
     uses: Sequence[str]  # dotted names below `osl_analysis.`
-    data: Sequence[str]  # texts that may be names of files beside the module
+    data: Sequence[str]  # texts that may name files beside the module
 
 
 class Module(NamedTuple):
     statements: Sequence[Statement]
-    imports: Mapping[str, str]  # dotted names below `osl_analysis.`, by the names that they have in the module
+    imports: Mapping[str, str]  # dotted names below `osl_analysis.`, by their names in the module
 
 
 class Sources:
-    """The modules of the package as they are now, by their dotted names. What is read from a text is kept in a file:
-    parsing all modules takes a second."""
+    """The modules of the package as they are now, by dotted name. Results of parsing are cached in a file: parsing all
+    modules takes a second."""
 
     def __init__(self, kept: Path | None = None) -> None:
         self.kept, self.used = kept, set[str]()
@@ -47,12 +47,12 @@ class Sources:
         self.before = {*self.known}
 
     def write(self) -> None:
-        """Keep what was read from the texts that are there now."""
+        """Write the cache, with the results for present texts only."""
         if self.kept is not None and self.used - self.before:
             write_text(self.kept, json.dumps({key: self.known[key] for key in sorted(self.used)}))
 
     def of_text(self, text: str, parse: Callable[[], Any]) -> Any:
-        """What is read from a text, now or before."""
+        """The result of parsing a text, from the cache if it is there."""
         self.used.add(key := fingerprint(text))
         if key not in self.known:
             self.known[key] = parse()
@@ -72,7 +72,7 @@ class Sources:
         return str(said)
 
     def code(self, *roots: str) -> str:
-        """Fingerprint of commands or modules, named below `osl_analysis`, and of all of ours that they use."""
+        """Fingerprint of commands or modules, named below `osl_analysis`, and of all code of the package they use."""
         found, seen, new = set[str](), set[str](), [*roots]
         while new:
             if (dotted := new.pop()) in seen:
@@ -122,8 +122,8 @@ def parsed(text: str, name: str) -> tuple[list[Statement], dict[str, str]]:
 
 
 def content_of(statement: ast.stmt) -> tuple[str, set[str], set[str], dict[str, str]]:
-    """What a statement says, without docstrings, comments and layout; the names that it uses, with their attributes, as
-    `components.belt_trial`; its texts; what it imports of ours."""
+    """The code of a statement without docstrings, comments and layout; the names that it uses, with attributes, as
+    `components.belt_trial`; its texts; its imports from the package."""
     said, names, texts, imports, left = list[str](), set[str](), set[str](), dict[str, str](), list[Any]([statement])
     while left:
         node, attributes = left.pop(), ""
@@ -155,7 +155,7 @@ def is_docstring(node: ast.stmt) -> bool:
 
 
 def imported(node: ast.AST) -> Iterator[tuple[str, str]]:
-    """What an import of ours binds, and its dotted name below `osl_analysis.`."""
+    """The names that an import from the package binds, and their dotted names below `osl_analysis.`."""
     if isinstance(node, ast.ImportFrom) and f"{node.module}.".startswith("osl_analysis."):
         above = f"{node.module}.".removeprefix("osl_analysis.")
         yield from ((one.asname or one.name, above + one.name) for one in node.names)
@@ -165,7 +165,7 @@ def imported(node: ast.AST) -> Iterator[tuple[str, str]]:
 
 
 def names_bound(node: ast.stmt) -> Iterator[str]:
-    """The names by which the rest of a module knows a statement; none of one that acts, as a loop or a call."""
+    """The names that a statement binds in its module; none for one that acts, such as a loop or a call."""
     if isinstance(node, TEXT):
         yield node.name
     elif isinstance(node, ast.Assign | ast.AnnAssign | ast.If | ast.Try):
@@ -180,7 +180,7 @@ def module_file(name: str) -> Path | None:
 
 
 def data_of(module: str, statement: Statement) -> Iterator[Path]:
-    """The files beside a module that a statement names, as `table.yaml`, or as `.yaml` for one of the module's name."""
+    """The files beside a module that a statement names: `table.yaml`, or `.yaml` for a file with the module's name."""
     file = module_file(module) or PACKAGE
     for text in statement.data:
         path = file.with_suffix(text) if re.fullmatch(r"\.\w+", text) else (file.parent / text).resolve()

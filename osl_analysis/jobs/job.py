@@ -1,4 +1,4 @@
-"""A job of the workflow, in its own process: it calls the command, and leaves records where there is no result."""
+"""A job of the workflow, in its own process: it calls the command, and leaves records if there is no result."""
 
 import importlib
 import inspect
@@ -24,7 +24,7 @@ from osl_analysis.refusal import Refusal, write_refusals
 from osl_analysis.table import tables_of, write_tables
 from osl_analysis.trial import read_trial
 
-Job = Mapping[str, Any]  # what a request says, and its own `path`
+Job = Mapping[str, Any]  # the content of a request, and its `path`
 CONVERTING: Any = cache(validate_call(config=ConfigDict(arbitrary_types_allowed=True)))
 
 WHAT_TO_DO = {
@@ -35,14 +35,14 @@ WHAT_TO_DO = {
     "failed, of the system": "make the file or its folder accessible, or room on the disk; the next run tries it again",
     "died": "run again; if memory was short, with fewer jobs at once (`--cores 1`)",
 }
-"""After each outcome of a job, where its message does not say; `log` is the path of its log."""
+"""Remedy by outcome, if the job's message has none; `log` is the path of its log."""
 CRASHES = ("SIGSEGV", "SIGBUS", "SIGABRT", "SIGILL", "SIGFPE")
-"""Signals by which a library dies of what it reads, or of a fault of its own: the same input ends in the same way."""
+"""Signals of a crash by damaged input or a library's fault: the same input would crash again."""
 
 
 def perform(job: Job) -> None:
-    """Call the command, and write log and, where there is no result, records: also after an error. One of the input
-    refuses; any other is a failure, so that the job is tried again."""
+    """Call the command and write the log, also after an error; without a result, write records. An error of the input
+    is a refusal. Any other is a failure, and the job is tried again."""
     Path(job["log"]).unlink(missing_ok=True)
     start = time.perf_counter()
     causes: Sequence[Refusal] = ()
@@ -67,15 +67,15 @@ def perform(job: Job) -> None:
 
 def call(job: Job) -> Sequence[Refusal]:
     """Call the command with the named values of its rule, each converted to the type that the command declares.
-    What was refused is told to a command that has an argument `refused`; another one that needs it cannot run: its
-    causes are returned. A fit takes the trial itself and gives its tables, which are written here."""
+    A command with an argument `refused` gets the refusals of its inputs. Any other does not run if a needed input was
+    refused: the causes are returned. A fit takes a trial and returns tables, which are written here."""
     module, _, name = job["command"].partition(".")
     function = getattr(importlib.import_module(f"osl_analysis.commands.{module}"), name)
     reasons: dict[str, str] = {}
     if job["judge"]:
         reasons = exclusions(Judge.read(Path(job["judge"])).verdicts(map(Path, job["input"]["quality"])))
         if job["excluded"] != list(reasons):
-            # Some were not measured yet when the request was written: the next run would take it for changed.
+            # Some were not measured when the request was written. Without this, the next run would find it changed.
             said = json.loads(job["path"].read_text(encoding="utf-8")) | {"excluded": list(reasons)}
             write_text(job["path"], json.dumps(said, indent=1) + "\n")
     usable, refused, missing = without_refused(job["input"], job["needs"])
@@ -96,8 +96,8 @@ def call(job: Job) -> Sequence[Refusal]:
 
 
 def end(job: Job, ended: Mapping[str, Any], causes: Sequence[Refusal] = ()) -> None:
-    """Write the log of a job, and unless it is done a record in place of each of its files. `causes` are those of a job
-    that lacks an input; otherwise the job itself is the cause."""
+    """Write the log of a job and, unless it is done, a record in place of each of its files. `causes` are the refusals
+    of missing inputs; without these, the job itself is the cause."""
     if ended["outcome"] != "done":
         for path in job["files"]:
             write_refusals(causes or [refusal(job, ended)], Path(path))
@@ -110,11 +110,11 @@ def refusal(job: Job, ended: Mapping[str, Any]) -> Refusal:
     trial = settings.get("trial") or (settings.get("row") or {}).get("trial")
     trial = str(trial or Path(str(inputs.get("trial") or inputs.get("crossing") or "")).stem)
     if any(Path(file).parent.name == "figures" for file in job["files"]):
-        trial = ""  # a trial that could not be drawn is analysed all the same
+        trial = ""  # a trial without its drawing is still analysed
     outcome, reason, is_fault = ended["outcome"], ended["error"], bool(ended.get("traceback"))
     kind = {"refused": "" if trial else ", of several", "failed": "" if is_fault else ", of the system"}
     remedy = ended.get("remedy") or WHAT_TO_DO[outcome + kind.get(outcome, "")].format(log=job["log"])
-    files = [*files_read(job), *job["files"]]  # the first is to blame, unless the reason names another one
+    files = [*files_read(job), *job["files"]]  # the first is the cause, unless the reason names another
     file = next((file for file in files if file in reason), files[0] if files else "")
     return Refusal(trial, file, job["command"], outcome, reason, remedy)
 
@@ -127,14 +127,14 @@ def files_read(job: Job) -> list[str]:
 
 
 def died(request: Path, pid: int, number: int) -> None:
-    """End a job whose process was killed by a signal: leave records, so that other jobs go on, and nothing half."""
+    """End a job whose process a signal killed: leave records, so that other jobs go on, and no half-written file."""
     job = read_request(request)
     for path in map(Path, job["files"]):
         temporary_path(path, pid).unlink(missing_ok=True)
     known = {int(one): one.name for one in signal.Signals}
     name, file = known.get(number, ""), next(iter(files_read(job)), "")
     ended = {"job": job["command"], "outcome": "died"}
-    if file and name in CRASHES:  # the next run would do the same
+    if file and name in CRASHES:  # the next run would crash again
         said = f"{file}: a library that reads it crashed (signal {number}, {name})"
         ended |= {
             "outcome": "refused",

@@ -1,5 +1,5 @@
-"""The log of a job: its request, outcome, warnings and duration. The report at the end of a run is read from the logs:
-so it is complete on a cluster too, where every job is a process apart."""
+"""The log of a job: its request, outcome, warnings and duration. The report at the end of a run is read from the logs.
+So it is also complete on a cluster, where every job is a separate process."""
 
 import json
 from collections import Counter
@@ -19,7 +19,7 @@ def write_log(path: Path, ended: Mapping[str, Any], request: Mapping[str, Any]) 
 
     `ended` has the command `job`, its `outcome`, wall time `seconds`, what was wrong in the line `error`, the `remedy`,
     `warnings`, and the `traceback` of an error of the program. Outcomes: done; refused, for an input that the user can
-    correct; failed, by an error of the program; died, ended from outside; skipped, for want of a result."""
+    correct; failed, by an error of the program; died, ended from outside; skipped, because an input is missing."""
     entries = {**ended, **{name: request.get(name) for name in REQUEST}}
     said = plain({name: value for name, value in entries.items() if value not in ("", (), [], {}, None)})
     with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8") as file:
@@ -39,12 +39,12 @@ def read_log(path: Path) -> dict[str, Any] | None:
 
 
 def plain(value: Any) -> Any:
-    """A value of mappings, lists, numbers, truth values and text alone; a path becomes text, a number of numpy ours."""
+    """A value of mappings, lists, numbers, truth values and text only. Paths become text, numpy's numbers Python's."""
     return json.loads(json.dumps(value, default=lambda one: one.item() if hasattr(one, "item") else str(one)))
 
 
 def run_report(folder: Path, since: float) -> str:
-    """Each warning in logs below a folder, written after `since` [s, as `time.time`], with its number of jobs."""
+    """Each warning, with its number of jobs, in the logs below a folder written after `since` [s, as `time.time`]."""
     paths = [path for path in sorted(folder.rglob("*.log")) if path.stat().st_mtime >= since]
     warned = (path for path in paths if b"\nwarnings:" in path.read_bytes())
     logs = [log for log in map(read_log, warned) if log is not None]

@@ -1,4 +1,4 @@
-"""Memory and cores that one job may have: a file that needs more memory ends in one line, not by the OOM killer."""
+"""Limits of memory and cores of a job. A file that needs more memory ends in an error, not by the OOM killer."""
 
 import os
 import sys
@@ -10,15 +10,15 @@ from osl_analysis.errors import InputError, MemoryLimitError
 
 VARIABLE = "OSL_MEMORY_MB"  # memory that one job, or one call of the command line, may have [MB]
 SET_TO_ONE = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "PYDANTIC_DISABLE_PLUGINS")
-"""Threads of the matrix libraries, whose products are small here: on a busy machine, two that wait for each other take
-three times as long, and Snakemake counts one core per job. A search for plugins takes 15 ms of each process."""
+"""Matrix libraries get one thread: products are small, two threads take three times as long on a busy machine, and
+Snakemake counts one core per job. A search for plugins would take 15 ms per process."""
 
 
 @contextmanager
 def limited_memory(files: Sequence[Path | str]) -> Iterator[None]:
-    """Within the block this process gets no more memory than `OSL_MEMORY_MB` says, else 0.8 of that of the machine or
-    of its batch job (the rest is others'), or ends with MemoryLimitError; `files` are what it reads. A lower limit of
-    before stays. Only Linux has such a limit."""
+    """Within the block, this process gets no more memory than `OSL_MEMORY_MB`, else 0.8 of that of the machine or batch
+    job. Beyond it, raises MemoryLimitError, which names `files`, those that are read. A lower limit set before stays.
+    Linux only."""
     if sys.platform != "linux":
         yield
         return

@@ -1,6 +1,6 @@
-"""The progress of a run: a line per stage with count, rate and time left, and what was refused as soon as it is.
+"""The progress of a run: a line per stage with count, rate and time left, and each refusal as soon as it happens.
 
-It is a logger of Snakemake (`snakemake_logger_plugin_osl`), whose own lines, five per job, come with `--verbose` only.
+This is a logger of Snakemake (`snakemake_logger_plugin_osl`). Snakemake's own five lines per job need `--verbose`.
 """
 
 import re
@@ -24,12 +24,12 @@ STAGES = {
     "figures": r"plot_numbers|draw_figure|captions",
     "tables and page": r"",
 }
-"""By stage: what the names of its rules begin with, behind the prefix of a module. The first that fits counts."""
+"""Begin of rule names by stage, without the prefix of a module. The first that fits counts."""
 NOT_TOLD = re.compile(
     r"Building DAG|Assuming unrestricted|Using |Provided cores|Rules claiming|Select jobs|Execute \d|Complete log|"
     r"Elapsed time|host: |Finished job|SNAKEMAKE|RuleException:\s+OslAnalysisError|\s*$"
 )
-"""What lines of Snakemake begin with that tell a user nothing, or what a job has told."""
+"""Begin of lines of Snakemake that are left out: they are of no use, or repeat what a job has said."""
 CANNOT_GO_ON = {
     r"LockException.*directory:\n(.+?)\n.*": r"\1: another run is at work here: wait for it; or one that was killed "
     "left its lock: `osl-analysis run` takes it over on the same machine, else `--unlock` removes it",
@@ -38,7 +38,7 @@ CANNOT_GO_ON = {
     r".*(?:Write|Input)Error(?: in file [^\n]+)?:\s+([^\n]+).*": r"\1",
     r".*Error: \[Errno (?:5|13|2[78]|30|122)\] ([^\n]+).*": r"\1; make room, or make it writable, and run again",
 }
-"""By many lines with which a run of Snakemake ends: what our line says. The numbers are those of a disk's errors."""
+"""One line in place of the many with which Snakemake ends on such an error. The numbers are errors of a disk."""
 
 
 def stage_of(rule: str) -> str:
@@ -54,9 +54,9 @@ def in_our_words(text: str) -> str:
 class LogHandler(LogHandlerBase):
     """Snakemake's records as the lines of a run. With `--verbose`, or in a dry run, Snakemake writes its own."""
 
-    writes_to_file = False  # Snakemake's log file stays as it is
-    has_filter = True  # it chooses by itself
-    has_formatter = False  # errors look as those of Snakemake
+    writes_to_file = False  # Snakemake writes its log file itself
+    has_filter = True
+    has_formatter = False  # errors look like Snakemake's
     needs_rulegraph = False
 
     def __post_init__(self) -> None:
@@ -69,7 +69,7 @@ class LogHandler(LogHandlerBase):
 
     @property
     def writes_to_stream(self) -> bool:
-        """It takes the place of Snakemake's own lines."""
+        """Whether this replaces Snakemake's own lines."""
         return self.is_quiet
 
     def emit(self, record: LogRecord) -> None:
@@ -100,7 +100,7 @@ class LogHandler(LogHandlerBase):
             self.handleError(record)
 
     def finish(self, name: str, logs: list[str]) -> None:
-        """A job has ended: say at once what it refused, and now and then, and at its end, where its stage stands."""
+        """Report an ended job: at once what it refused; from time to time, and at its end, the state of its stage."""
         if name not in self.total:
             return
         self.done[name] += 1

@@ -1,8 +1,8 @@
-"""The requests of jobs: what each is to do, with all that its results are made of, as a small file that is its input.
+"""The requests of jobs. A request is a small file, an input of its job: the task, and all that affects the result.
 
-A request is written while Snakemake plans, and only if its content differs. So a changed setting, sheet, program or
-recording is a changed input of the jobs that use it, and of no others. Snakemake compares inputs by content where it
-has notes of its own (`.snakemake`), else by date."""
+Requests are written while Snakemake plans, if their content differs. So a changed setting, sheet, program or recording
+is a changed input of the jobs that use it, and of no others. Snakemake compares inputs by content if it has its notes
+(`.snakemake`), else by date."""
 
 import atexit
 import json
@@ -20,9 +20,9 @@ from osl_analysis.refusal import TRIED_AGAIN, is_refused, read_refusals
 from osl_analysis.yaml_settings import content_digest
 
 PLACES = {"<package>": str(PACKAGE), "<shipped>": str(root())}
-"""What stands in requests for folders of the program, so that results hold in another environment with the same."""
+"""Placeholders in requests for the program's folders: results then also hold in another environment."""
 NOTHING: Mapping[str, Any] = {}
-FITS = ("table.write_tables", "trial.read_trial")  # what a fit uses that takes a trial and gives tables (`jobs.job`)
+FITS = ("table.write_tables", "trial.read_trial")  # code with which `jobs.job` reads and writes for a fit
 
 
 def read_request(path: Path) -> dict[str, Any]:
@@ -34,8 +34,8 @@ def read_request(path: Path) -> dict[str, Any]:
 
 
 def request_text(path: Path, content: Mapping[str, Any], digest_in_state: Callable[[Path], str | None]) -> str:
-    """The text of a request, where another one may be in its place. A failed or killed job is tried again, and so is
-    one whose results were deleted: its request counts how often. What has not changed gives the text that is there."""
+    """The text of a request that may replace an older one. A job that failed, was killed, or lost its results is tried
+    again: its request counts the tries. If nothing has changed, the text is the old one."""
     now = plain(content)
     try:
         before = json.loads(path.read_text(encoding="utf-8"))
@@ -58,7 +58,7 @@ def request_text(path: Path, content: Mapping[str, Any], digest_in_state: Callab
 
 
 def same_recordings(recorded: Iterable[str], trial: Path, digest_in_state: Callable[[Path], str | None]) -> bool:
-    """Whether recordings of other dates are those that a trial was made of, by the SHA-256 in its provenance."""
+    """Whether recordings with other dates are still those that the trial was made of, by SHA-256 in its provenance."""
     from osl_analysis.errors import InputError
     from osl_analysis.trial import metadata_of
 
@@ -74,16 +74,16 @@ digest_of = cache(content_digest)  # many jobs use the same file
 
 
 def filled(rule: Any, wildcards: Mapping[str, str]) -> tuple[list[str], dict[str, str], str]:
-    """The outputs of a rule's job, those that have a name by it, and its log."""
+    """The outputs of a rule's job, the named ones by name, and its log."""
     made = [str(pattern).format(**wildcards) for pattern in rule.output]
     named = {name: str(pattern).format(**wildcards) for name, pattern in rule.output.items()}
     return made, named, str(rule.log[0]).format(**wildcards)
 
 
 class Requests:
-    """The requests of a workflow, among its results; `judge` decides which trials are used. In the process of a single
-    job, as on a cluster, they stay as they are. Where jobs are planned and none is run, as by `-n`, those that differ
-    are written elsewhere. `recordings` is the folder of simulated ones."""
+    """The requests of a workflow, in a folder of its results. `judge` decides which trials are used. The process of a
+    single job, as on a cluster, does not change them. A dry run (`-n`) writes requests that differ elsewhere.
+    `recordings` is the folder of simulated recordings."""
 
     def __init__(self, results: Path, data: str, judge: Judge, workflow: Any, recordings: Sequence[Path] = ()) -> None:
         self.folder, self.logs, self.data, self.judge = results / "requests", results / "logs", data, judge
@@ -94,7 +94,7 @@ class Requests:
 
     @cached_property
     def elsewhere(self) -> Path | None:
-        """The folder of requests that differ, where no job is run; None in a run, which begins here."""
+        """The folder for requests that differ, in a dry run. None in a run, which is begun here."""
         if self.workflow.executor_plugin is None or self.workflow.dryrun:
             return planned_folder()
         if self.workflow.is_main_process:
@@ -106,11 +106,11 @@ class Requests:
 
     def known_code(self, *roots: str) -> str:
         if self.elsewhere is None and not self.sources.known:
-            running_server()  # which imports while all modules are parsed
+            running_server()  # it imports while all modules are parsed
         return self.sources.code(*roots)
 
     def digest_in_state(self, recording: Path) -> str | None:
-        """Its SHA-256, computed once for each of its states: one that was copied is not read again in every run."""
+        """SHA-256 of a recording, computed once per state of the file, not in every run."""
         found: str | None = self.sources.of_text(f"{recording} {file_state(recording)}", lambda: digest(recording))
         return found
 
@@ -150,7 +150,7 @@ class Requests:
         small = [*made_of, *(one for file in given.values() for one in ([file] if isinstance(file, str) else file))]
         inputs = {**input, **read, **given}
         measured = [str(file) for file in inputs.get("quality", ())]
-        # Each in a folder of its own: what is written beside a file that it has looked for, Snakemake does not see.
+        # Each has its own folder: Snakemake does not see files that appear later beside one it has looked for.
         path = self.folder / Path(log).relative_to(self.logs).with_suffix("") / "job.json"
         if self.workflow.is_main_process or not path.is_file():
             content = {
@@ -166,19 +166,19 @@ class Requests:
                 "output": output,
                 "settings": settings,
                 "made_of": {str(file): digest_of(Path(file)) for file in small},
-                # as inputs, Snakemake would ignore an older date of a recording, and stop where it cannot read one
+                # not as inputs: Snakemake would ignore an older date of a recording, and stop if it cannot read one
                 "recorded": {str(file): file_state(file) for file in recordings},
             }
             path = self.placed(path, request_text(path, content, self.digest_in_state))
         return {"request": str(path), **plain({**input, "after": after, "needs": needs})}
 
     def placed(self, path: Path, text: str) -> Path:
-        """The file of a request: its own, which is written if it differs, or, where no job is run, one elsewhere."""
+        """The file of a request: its own, written if it differs; in a dry run, one elsewhere."""
         if path.is_file() and path.read_text(encoding="utf-8") == text:
             return path
         if self.elsewhere is not None:
             path = self.elsewhere / path.relative_to(self.folder)
         else:
-            running_server()  # whose imports take another core while this one plans
+            running_server()  # it imports on another core while this one plans
         write_text(path, text)
         return path

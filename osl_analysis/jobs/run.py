@@ -1,8 +1,8 @@
-"""A run of the workflow: the warm server of its jobs, each job, and what is said at the end.
+"""A run of the workflow: the server of its jobs, each job, and the report at the end.
 
-The server starts where it is known that a job will run. It imports once and forks processes that do the jobs, which so
-begin 0.8 s earlier than in a Python of their own. A thread of Snakemake hands it a request and waits for the end of the
-job. The server ends with Snakemake, however that ends, and on Linux its jobs with it; elsewhere they go on."""
+The server starts as soon as it is known that a job will run. It imports once and forks processes for the jobs, which
+saves 0.8 s of start per job. A thread of Snakemake hands it a request and waits for the end of the job. The server ends
+with Snakemake, however that ends. On Linux its jobs end too; elsewhere they go on."""
 
 import atexit
 import ctypes
@@ -36,20 +36,20 @@ from osl_analysis.jobs.memory import SET_TO_ONE
 
 STARTED = time.time()  # Start of this run [s]. Its report covers the logs that were written after this time.
 KEPT_BY_PROCESS = {"MALLOC_MMAP_THRESHOLD_": "33554432", "MALLOC_TRIM_THRESHOLD_": "268435456"}  # bytes
-"""A process of glibc keeps this much memory for its next arrays: the system clears each page that it hands out anew."""
+"""glibc keeps this much freed memory for the next arrays: new pages cost time, because the system clears them."""
 PRELOADED = frozenset(("trials", "bench", "tables"))
-"""Modules of commands that are imported while Snakemake plans. A process that lacks one ends, which costs 0.1 s."""
-COMPILING = ("simulate.", "bench.gather_predictions")  # how commands begin whose jobs take numba, of 100 MB
-MOST_JOBS = 400  # of one process: what its libraries keep of the memory ends with it
-PLANNED = "osl_analysis_planned_"  # how the folder of requests that are planned alone begins
-MOST_SERVERS = 3  # that a job is sent to, before it counts as killed
+"""Modules of commands that are imported while Snakemake plans. A process that lacks one is replaced, in 0.1 s."""
+COMPILING = ("simulate.", "bench.gather_predictions")  # begin of commands that use numba, which takes 100 MB
+MOST_JOBS = 400  # jobs per process, because libraries keep memory until it ends
+PLANNED = "osl_analysis_planned_"  # begin of the name of a dry run's folder of requests
+MOST_SERVERS = 3  # servers that may be killed under a job before the job counts as killed
 STARTING = threading.Lock()
 
 
 @cache
 def job_server() -> tuple[socket.socket, subprocess.Popen[bytes]]:
-    """Start the server of this run, and the socket that jobs are sent to, whose end is that of the server. It has a
-    session of its own: Ctrl-C in a terminal is for Snakemake, which lets begun jobs end."""
+    """Start the server of this run and the socket for its jobs; the server ends when the socket is closed. It has its
+    own session: Ctrl-C in a terminal only reaches Snakemake, which lets begun jobs end."""
     ours, theirs = socket.socketpair()
     code = f"import sys; sys.path.insert(0, {str(PACKAGE.parent)!r}); from osl_analysis.jobs.run import serve"
     server = subprocess.Popen(
@@ -64,9 +64,9 @@ def job_server() -> tuple[socket.socket, subprocess.Popen[bytes]]:
 
 
 def run_job(request: str) -> None:
-    """Have the job of a request done. A killed one leaves records, as one does that refuses its input; one that the
-    server had not begun when it was killed is done by a new server. Raises where there is neither a result nor a
-    record, as on a full disk; the job itself has said why."""
+    """Have the job of a request done. A killed job leaves records, like one that refuses its input. A job that a killed
+    server had not begun is done by a new server. Raises if there is neither a result nor a record, as on a full disk;
+    the job itself has said why."""
     said = b""
     for _ in range(MOST_SERVERS):
         link, server = running_server()
@@ -76,7 +76,7 @@ def run_job(request: str) -> None:
             server.wait(10)
     end_timers()
     pid, _, ended = said.decode().partition(" ")
-    code = int(ended or -signal.SIGKILL)  # a server that was killed says no end: its jobs die with it
+    code = int(ended or -signal.SIGKILL)  # a killed server sends no exit code: its jobs die with it
     if code < 0:
         from osl_analysis.jobs.job import died
 
@@ -86,7 +86,7 @@ def run_job(request: str) -> None:
 
 
 def running_server() -> tuple[socket.socket, subprocess.Popen[bytes]]:
-    """The server of this run; a new one where it has ended."""
+    """The server of this run; a new one if it has ended."""
     with STARTING:
         if job_server()[1].poll() is not None:
             job_server.cache_clear()
@@ -94,7 +94,7 @@ def running_server() -> tuple[socket.socket, subprocess.Popen[bytes]]:
 
 
 def answer_to(server: socket.socket, request: str) -> bytes:
-    """What the server says of a job: `pid exit_code`, only the first if it was killed meanwhile, or nothing."""
+    """The server's answer about a job: `pid exit_code`; only `pid` if it was killed meanwhile; or nothing."""
     ours, theirs = socket.socketpair()
     with ours, suppress(OSError):
         with theirs:
@@ -111,14 +111,14 @@ class Worker:
     """A process that does one job after another."""
 
     pid: int
-    compiles: bool  # its jobs, and no others, are of `COMPILING`
-    known: frozenset[str]  # modules of commands that it shares; none of one that is to end
-    link: socket.socket | None = None  # of who waits for the end of the job that it does
+    compiles: bool  # whether its jobs are of `COMPILING`: it does only these, or none of these
+    known: frozenset[str]  # modules of commands that it has imported; empty if it is to end
+    link: socket.socket | None = None  # socket of the thread that waits for the end of its job
 
 
 def serve(number: int) -> NoReturn:
-    """Take jobs at the socket with this number until its other end is closed. Each is done by a process forked from
-    this one, which has done others before; at the job's own socket it is said which it is, and how the job ended."""
+    """Take jobs from the socket with this number until its other end is closed. Forked processes do the jobs, one after
+    another. The process and the job's exit code are sent to the job's own socket."""
     control, workers, known = socket.socket(fileno=number), dict[socket.socket, Worker](), PRELOADED
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     gc.disable()
@@ -142,7 +142,7 @@ def serve(number: int) -> NoReturn:
             able, theirs = socket.socketpair()
             if not (pid := fork()):
                 for other in (control, able, link, *workers, *(one.link for one in workers.values() if one.link)):
-                    other.close()  # who listens there waits until nobody holds it
+                    other.close()  # the listener waits until no process holds it
                 for file in files:
                     os.close(file)
                 work(theirs)
@@ -150,7 +150,7 @@ def serve(number: int) -> NoReturn:
             workers[able] = Worker(pid, command.startswith(COMPILING), known)
         worker = workers[able]
         worker.link = link
-        with suppress(OSError):  # the end of a worker that was killed is seen below
+        with suppress(OSError):  # the end of a killed worker is handled below
             link.sendall(f"{worker.pid} ".encode())
             socket.send_fds(able, [job], files)
         for file in files:
@@ -158,7 +158,7 @@ def serve(number: int) -> NoReturn:
 
 
 def idle_worker(workers: dict[socket.socket, Worker], command: str) -> socket.socket | None:
-    """The channel of a waiting worker for a command; where there is none, those that wait are to end."""
+    """The channel of a waiting worker for a command. If none fits, those that wait are ended."""
     compiles, module = command.startswith(COMPILING), command.partition(".")[0]
     idle = [one for one, worker in workers.items() if not worker.link and worker.compiles == compiles]
     for one in idle:

@@ -1,7 +1,7 @@
 """The report of a run: one page that shows every trial behind the figures, from result tables and thinned signals.
 
-`trial_page` says what the page shows of trials and campaign, `page` writes it. The page draws a trial when the reader
-asks for it (`templates/report.js`), with the JavaScript that the package Bokeh has."""
+`trial_page` selects the content on trials and campaign, `page` writes it. The page draws a trial when the reader asks
+for it (`templates/report.js`), with the JavaScript of the package Bokeh."""
 
 from pathlib import Path
 

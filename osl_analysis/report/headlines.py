@@ -1,5 +1,5 @@
-"""Headline numbers of a campaign, computed from its result tables, each with its label and its interval; and how they
-are written, as JSON, as LaTeX macros and as tables."""
+"""Headline numbers of a campaign, computed from its result tables, each with label and interval; and their output as
+JSON, as LaTeX macros and as tables."""
 
 import json
 import math
@@ -26,12 +26,12 @@ from osl_analysis.trial import Array
 from osl_analysis.yaml_settings import read_mapping
 
 DRAFT_JOINT = "ankle"  # the joint whose numbers the draft prints
-MOST_UNSTATED = 8  # trials of no stated condition that are told one by one
+MOST_UNSTATED = 8  # largest number of trials without a stated condition that are listed one by one
 
 
 @dataclass(frozen=True)
 class Headline:
-    """A number with its label; in `LABELS` the label alone."""
+    """A number with its label; in `LABELS` only the label."""
 
     name: str  # its key in the summary
     unit: str
@@ -42,16 +42,16 @@ class Headline:
     low: float | None = None
     high: float | None = None
     interval: str | None = None  # kind of the interval; None if there is none
-    n: int = 0  # number of trials or fits that the number is computed from
-    sd: float | None = None  # standard deviation between the trials; None where it is not known
-    n_doubtful: int = 0  # number of doubtful trials or fits among those that could be in the number
-    n_left_out: int = 0  # number of these that are not in it
+    n: int = 0  # number of trials or fits behind the number
+    sd: float | None = None  # standard deviation between the trials; None if unknown
+    n_doubtful: int = 0  # number of doubtful trials or fits among the candidates
+    n_left_out: int = 0  # number of doubtful ones that are left out
     doubt: str | None = None  # why the number itself is doubtful; None if it is not, or not judged
-    verdict: str | None = None  # on what the paper's text claims; None if it claims nothing of this number
+    verdict: str | None = None  # verdict on the paper's claim about this number; None without a claim
     amplitudes_low: float | None = None  # lowest result of the fits to single amplitudes; None if there are none
     amplitudes_high: float | None = None  # highest result of the fits to single amplitudes; None if there are none
-    of: str = ""  # the controller, group or joint that it is of, with which `meaning` ends; empty: of all
-    begins: str = ""  # how the sentence begins that says this number first on the page; empty: none does
+    of: str = ""  # controller, group or joint, with which `meaning` ends; empty: all
+    begins: str = ""  # begin of the page's first sentence with this number; empty: there is none
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class Example:
 
     K_d: float | None = 300.0  # desired stiffness [N*m/rad]; None: not stated
     B_d: float | None = 5.0  # desired damping [N*m*s/rad]; None: not stated
-    chosen: str = ""  # why this one, where the configuration does not name it
+    chosen: str = ""  # why this one, if the configuration does not name it
 
     def meaning(self) -> str:
         stated = [f"{name} = {value:g}" for name, value in (("K_d", self.K_d), ("B_d", self.B_d)) if value is not None]
@@ -76,7 +76,7 @@ LABELS = {table: {name: Headline(**one) for name, one in labels.items()} for tab
 
 
 def with_controller(label: Headline, controller: str | None, example: Example, alone: bool = False) -> Headline:
-    """The label of one controller; where no trial states one (`alone`) it is not named."""
+    """The label of one controller, which is not named if no trial states one (`alone`)."""
     known, meaning = controller or "no controller", label.meaning.format(example=example.meaning())
     name, macro = f"{label.name}_{known.replace(' ', '_')}", letters(known)[:32] + label.macro
     of = controller or "controller not stated" * (not alone)
@@ -84,7 +84,7 @@ def with_controller(label: Headline, controller: str | None, example: Example, a
 
 
 def of_group(number: Headline, group: str) -> Headline:
-    """The number of one group, as of crossings; that of a campaign of one group, as the draft's, is unchanged."""
+    """The number with the name of its group, such as of crossings; unchanged if the campaign has one group only."""
     if group == "all":
         return number
     named = replace(number, name=f"{number.name} ({group})", draft=None, macro=number.macro + letters(group))
@@ -137,9 +137,9 @@ def over_fits(
     candidates: pl.DataFrame | None = None,
     used: pl.DataFrame | None = None,
 ) -> list[Headline]:
-    """Mean or median of the finite values, with their range if there are several, and with the count of doubtful rows
-    among their candidates, and of those that are not in `used`. A VAF uses all rows: to leave out fits that are
-    doubtful for a low VAF would raise it. Empty without finite values."""
+    """Mean or median of the finite values, with their range if there are several. Doubtful rows are counted among the
+    `candidates`, and those not in `used`. A VAF uses all rows: it would rise if fits that are doubtful for a low VAF
+    were left out. Empty without finite values."""
     finite = values.drop_nulls().filter(values.drop_nulls().is_finite()).to_numpy()
     if not len(finite):
         return []
@@ -150,7 +150,7 @@ def over_fits(
 
 
 def summary_means(table: pl.DataFrame, labels: Mapping[str, Headline], interval: str = STUDENT) -> list[Headline]:
-    """The labelled quantities of which a summary table has a mean, with their intervals."""
+    """The means of a summary table with their intervals, for the labelled quantities."""
     rows = {row["quantity"]: row for row in table.drop_nulls("mean").iter_rows(named=True)}
     numbers = []
     for quantity, label in labels.items():
@@ -168,8 +168,8 @@ def summary_means(table: pl.DataFrame, labels: Mapping[str, Headline], interval:
 
 
 def impedance_headlines(impedance: pl.DataFrame, example: Example) -> Iterator[Headline]:
-    """The numbers of the rendered impedance with each controller, those of the draft first; None: without one. Those of
-    each condition are means over its trials, if there are several; that of the trial in Fig. 4 is the first."""
+    """The numbers of the rendered impedance by controller (None: without one), those of the draft first. For each
+    condition they are means over its trials; the condition of Fig. 4 comes first."""
     found = set(impedance["controller"])
     others = sorted(found - {*CONTROLLERS, None})
     for controller in (one for one in (*CONTROLLERS, *others, None) if one in found):
@@ -190,18 +190,18 @@ def impedance_headlines(impedance: pl.DataFrame, example: Example) -> Iterator[H
             yield from over_fits(labels["torque_error"], trials["torque_error"], np.mean, trials)
         pairs = trials.drop_nulls("K_d").select("K_d", "B_d").unique().sort("K_d", "B_d").rows()
         others = [Example(*pair) for pair in pairs if pair != (example.K_d, example.B_d)]
-        for one in (example, *(others if len(others) < MOST_UNSTATED else ())):  # of one more a table tells
+        for one in (example, *(others if len(others) < MOST_UNSTATED else ())):  # more are only in a table
             yield from numbers_of_condition(trials, one, controller, len(found) == 1, one is not example)
 
 
 def numbers_of_condition(
     trials: pl.DataFrame, example: Example, controller: str | None, alone: bool, is_other: bool
 ) -> Iterator[Headline]:
-    """K, B, I and friction of the trials of one desired impedance, which is named if it `is_other` than that of Fig. 4;
-    those of no stated one are told one by one."""
+    """K, B, I and friction of the trials of one desired impedance. It is named if it `is_other` than that of Fig. 4.
+    Without a desired impedance, trials are listed one by one."""
     asked = {"K_d": example.K_d, "B_d": example.B_d}
     shown = trials.filter(pl.col(name).eq_missing(pl.lit(value, pl.Float64)) for name, value in asked.items())
-    # a mean of trials that nobody stated to be alike is that of no joint, unless they repeat one another
+    # trials that nobody stated to be alike have no common mean, unless they repeat one another
     unstated = example.K_d is None and len(shown) > 1
     repeated = repeating_trials(shown) if unstated else pl.lit("all")
     parts = shown.with_columns(repeated=repeated).partition_by("repeated", maintain_order=True)
@@ -223,7 +223,7 @@ def numbers_of_condition(
         yield headline(label, row[symbol], 1, row[f"{symbol}_low"], row[f"{symbol}_high"], kind, **more)
 
 
-HEADLINE_ESTIMATOR = "ensemble"  # its bias decreases with the number of crossings, that of the mean over them does not
+HEADLINE_ESTIMATOR = "ensemble"  # its bias decreases with the number of crossings, unlike that of the mean of fits
 
 
 def numbers_of(name: str, table: pl.DataFrame, example: Example) -> Iterator[Headline]:
@@ -270,7 +270,7 @@ def numbers_of(name: str, table: pl.DataFrame, example: Example) -> Iterator[Hea
 
 
 def placed_numbers(name: str, table: pl.DataFrame, example: Example) -> Iterator[Headline]:
-    """The numbers of one table: of the bench by joint and side where these differ; the draft's are of an ankle."""
+    """The numbers of one table; on the bench by joint and side, if these differ. The draft's joint is an ankle."""
     places = ("joint", "side")
     if name == "claims" or name.startswith("walking") or not set(places) <= set(table.columns):
         yield from numbers_of(name, table, example)
@@ -288,10 +288,9 @@ def placed_numbers(name: str, table: pl.DataFrame, example: Example) -> Iterator
 def headline_numbers(
     tables: Mapping[str, pl.DataFrame], example: Example | None = None, beside_draft: bool = True
 ) -> list[Headline]:
-    """Headline numbers of the experiments that the campaign has; `tables` by name, and the `example` of Fig. 4; those
-    of the draft are None unless the campaign is held against it. No two have the same name or macro: the second `PD 1`
-    and `PD-1` becomes `PDOneB`, as macros have letters alone. Raises InputError: a summary table has no finite mean for
-    a quantity that it lists."""
+    """Headline numbers of a campaign, from its `tables` by name and the `example` of Fig. 4. Those of the draft are
+    None unless `beside_draft`. Names and macros are unique: macros have only letters, so of `PD 1` and `PD-1` the
+    second becomes `PDOneB`. Raises InputError: a summary table has no finite mean for a quantity that it lists."""
     own = (placed_numbers(name, tables[name], example or Example()) for name in LABELS if name in tables)
     names, macros, found = set[str](), set[str](ABOUT_MACROS.values()), []
     for number in chain.from_iterable(own):
@@ -305,13 +304,13 @@ def headline_numbers(
 
 
 def hold_bench_errors(tables: Mapping[str, pl.DataFrame]) -> bool | None:
-    """Whether the intervals of the result tables hold what is stated of the bench's errors; None without a bench."""
+    """Whether the intervals of the result tables include the stated errors of the bench; None without a bench."""
     shared = [table[name].max() for table in tables.values() for name in table.columns if name.endswith("_se_bench")]
     return any(shared) if shared else None
 
 
 def intervals_said(tables: Mapping[str, pl.DataFrame]) -> str:
-    """What the intervals of the result tables of a bench contain of its calibration; empty without a bench."""
+    """A text on which errors of calibration the intervals of a bench's tables include; empty without a bench."""
     if (held := hold_bench_errors(tables)) is None:
         return ""
     if held:
@@ -323,14 +322,14 @@ def intervals_said(tables: Mapping[str, pl.DataFrame]) -> str:
     )
 
 
-ENDINGS = ("", "Low", "High", "AmplitudesLow", "AmplitudesHigh", "Verdict")  # of the macros of a number and its bounds
+ENDINGS = ("", "Low", "High", "AmplitudesLow", "AmplitudesHigh", "Verdict")  # endings of the macros of a number
 
 
 # The trials behind the numbers.
 
 
 def used_and_missing(trials: Mapping[str, Sequence[str]], excluded: pl.DataFrame) -> dict[str, dict[str, Any]]:
-    """By experiment how many `of` its trials are `used`, why others are `missing`, but for what the sheet excludes."""
+    """By experiment: number `of` trials, number `used`, and why others are `missing`, unless excluded in the sheet."""
     reasons: dict[str, str] = {}
     for row in excluded.filter(pl.col("check") != "sample sheet").iter_rows(named=True):
         reasons.setdefault(row["trial"], exclusion_said(row))
@@ -356,12 +355,12 @@ def missing_lines(content: Mapping[str, Any], reasons: bool) -> list[str]:
 SPECIAL = {sign: f"\\{sign}" for sign in "#$%&_{}"} | {
     "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"
 }  # fmt: skip
-"""Letters with a meaning of their own in LaTeX, and what sets them."""
+"""Special characters of LaTeX, and their commands."""
 
 
 def to_json(about: Mapping[str, str], headlines: Sequence[Headline], missing: Mapping[str, Any] | None = None) -> str:
-    """What the numbers are made of, which trials and results are `missing`, and an object per number in full precision.
-    Null where there is no interval, or the draft has no value."""
+    """The numbers' origin, the `missing` trials and results, and an object per number in full precision. Null if there
+    is no interval, or no value of the draft."""
     numbers = {h.name: asdict(h) for h in headlines}
     for number in numbers.values():
         del number["name"], number["macro"]
@@ -403,8 +402,8 @@ def to_tex(about: Mapping[str, str], headlines: Sequence[Headline], remarks: Seq
 
 
 def to_table(numbers: Mapping[str, Mapping[str, Any]], markdown: bool) -> str:
-    """The numbers of a summary, in the form that `to_json` writes, as Markdown or in aligned columns: what each is,
-    value, interval, trials, the draft's value."""
+    """The numbers of a summary, as `to_json` writes them, in Markdown or aligned columns: meaning, value, interval,
+    trials, the draft's value."""
     rows: list[tuple[str, ...]] = [("quantity", "value", "interval", "n", "draft")]
     beside_draft = any(number["draft"] is not None for number in numbers.values())
     for number in numbers.values():
@@ -418,7 +417,7 @@ def to_table(numbers: Mapping[str, Mapping[str, Any]], markdown: bool) -> str:
 
 
 def markdown_table(rows: Sequence[Sequence[str]]) -> str:
-    """Rows, of which the first is the head, as a table in Markdown."""
+    """Rows as a table in Markdown; the first row is the head."""
     lines = [rows[0], ["---"] * len(rows[0]), *rows[1:]]
     return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |\n" for line in lines)
 
@@ -443,7 +442,7 @@ def numbers_said(number: Mapping[str, Any]) -> tuple[str, str, str]:
 
 
 def first_said(numbers: Sequence[Mapping[str, Any]], most: int = 3) -> list[str]:
-    """A sentence for each beginning that numbers have, with what each is of; of more than `most` the two extremes."""
+    """A sentence per `begins`, with each number and its `of`; of more than `most` numbers, only the two extremes."""
     found = dict[str, list[dict[str, Any]]]()
     for number in numbers:
         if number["begins"]:
@@ -462,7 +461,7 @@ def first_said(numbers: Sequence[Mapping[str, Any]], most: int = 3) -> list[str]
 
 
 def said_number(number: Mapping[str, Any]) -> dict[str, str]:
-    """`text` and `ends` of a number for a reader, and the trials `behind` it; no digits where 0 is in the interval."""
+    """`text` and `ends` of a number for a reader, and the trials `behind` it. No digits if 0 is in the interval."""
     value, ends, single = numbers_said(number)
     low, high, known = number["low"], number["high"], number["interval"] not in (None, RANGE, COUNT)
     value = "≈ 0" if known and low is not None and low <= 0 <= high else value
@@ -473,7 +472,7 @@ def said_number(number: Mapping[str, Any]) -> dict[str, str]:
 
 
 def trials_text(number: Mapping[str, Any]) -> str:
-    """Number of trials or fits behind a number, how many doubtful ones it has or leaves out, or why it is doubtful."""
+    """Number of trials or fits behind a number, doubtful ones in it or left out, and why it is doubtful itself."""
     if number.get("doubt"):
         return f"{number['n']}, DOUBTFUL: {number['doubt']}"
     n, doubtful, left_out = (int(number.get(key) or 0) for key in ("n", "n_doubtful", "n_left_out"))
@@ -483,23 +482,23 @@ def trials_text(number: Mapping[str, Any]) -> str:
 
 
 def rounded_by(number: Mapping[str, Any]) -> tuple[float | None, float | None, str | None, float | None]:
-    """Bounds that decide to how many digits a number is rounded, their kind, and its scatter. The bounds are the range
-    over single amplitudes if there is one and it is the wider one, otherwise the interval."""
+    """Bounds by which a number is rounded, their kind, and its scatter. The bounds are the range over single amplitudes
+    if it is wider than the interval, else the interval."""
     low, high = (number.get(f"amplitudes_{end}") for end in ("low", "high"))
     if low is None or high is None or (number["low"] is not None and number["high"] - number["low"] > high - low):
         return number["low"], number["high"], number["interval"], number.get("sd")
     return low, high, None, number.get("sd")
 
 
-NO_WIDTH = 1e-9  # relative width of an interval that counts as rounding
+NO_WIDTH = 1e-9  # relative width below which an interval is only rounding
 
 
 def decimals(
     value: float, low: float | None, high: float | None, interval: str | None, scatter: float | None = None
 ) -> int:
-    """Decimal places with which a number is written: half its interval keeps two digits, without one it has three, and
-    what trials `scatter` by, or a thousandth of it, keeps one. With a range, which does not show the precision, it has
-    three, no more than one beyond the two of the range, or more until the ends differ; a count has none."""
+    """Decimal places of a written number. Half its interval keeps two digits; without an interval it has three digits.
+    The trials' `scatter`, or a thousandth of the number, keeps one. With a range, which does not show the precision, it
+    has three digits, at most one beyond the range's two, or more until the ends differ. A count has no decimals."""
     if interval == COUNT:
         return 0
     half = 0.0 if low is None or high is None else abs(high - low) / 2
@@ -507,16 +506,16 @@ def decimals(
         finest = 2 - exponent_of(half)
         return told_apart(low, high, max(min(2 - exponent_of(value) if value else 0, finest), 0))
     if half > NO_WIDTH * abs(value):
-        # no calibration of a torque is better than a thousandth, whatever an interval of noise says
+        # no torque is calibrated better than to a thousandth, whatever the interval by noise is
         coarsest = max(1e-3 * abs(value), scatter or 0.0, np.finfo(float).tiny)
         return max(min(1 - exponent_of(half), -exponent_of(coarsest)), 0)
     return max(2 - exponent_of(value), 0) if value else 0
 
 
 def digits_of(value: float, low: float | None, high: float | None, *by: Any) -> tuple[int, int]:
-    """Decimal places of a number and of its ends, with which it reads as what lies between two different ends: by
-    `decimals`, and up to two more where rounding would put it on or beyond an end. `by` as for `decimals`; of nothing,
-    the ends are those of its interval."""
+    """Decimal places of a number and of its ends, so that it reads as lying between two different ends: `decimals`, and
+    up to two more if rounding would put it on or beyond an end. `by` as for `decimals`; without it, the ends are those
+    of the interval."""
     digits = decimals(value, *(by or (low, high, None)))
     finer = told_apart(low, high, digits)
     if low is not None and high is not None and RANGE in by and high - low > NO_WIDTH * abs(value):
@@ -532,7 +531,7 @@ def digits_of(value: float, low: float | None, high: float | None, *by: Any) -> 
 
 
 def told_apart(low: float | None, high: float | None, digits: int) -> int:
-    """Decimal places, `digits` or more, with which two different bounds read differently."""
+    """Decimal places, at least `digits`, with which two different bounds read differently."""
     if low is None or high is None or abs(high - low) <= NO_WIDTH * max(abs(low), abs(high)):
         return digits
     while fixed(low, digits) == fixed(high, digits):
@@ -546,7 +545,7 @@ def exponent_of(number: float) -> int:
 
 
 def fixed(number: float, digits: int) -> str:
-    """The number with that many decimal places, up to 0.0001 with a power of ten; never a minus before zero."""
+    """The number with `digits` decimal places; with a power of ten up to 0.0001; never a minus before zero."""
     text = f"{number:.{digits}f}"
     if float(text) == 0:
         return text.removeprefix("-")

@@ -1,4 +1,4 @@
-"""The page itself: one HTML file that needs no other file and no network, with packed signals, figures and captions."""
+"""The page itself: one HTML file with packed signals, figures and captions. It needs no other file and no network."""
 
 import hashlib
 import json
@@ -32,20 +32,20 @@ from osl_analysis.report.trial_page import STATES, ReportedTrial, response_said,
 from osl_analysis.stats.repeats import DOUBTFUL, counted, repeating_trials, summary_row
 
 FIRST_FIGURES = ("fig5", "walking_page", "torque_angle", "response", "fig3")
-"""Of these the first one that the campaign has stands on the first screen; Fig. 5 where something was desired."""
+"""The first of these figures that the campaign has is on the first screen; Fig. 5 only if an impedance was desired."""
 
 
 def written_page(
     content: Mapping[str, Any], trials: Mapping[str, tuple[Mapping[str, Any], Mapping[str, pl.DataFrame]]]
 ) -> str:
-    """The HTML of the report, of the names in `report.html.j2`, and of what it says and draws of each trial."""
+    """The HTML of the report, from the names in `report.html.j2` and each trial's content and tables."""
     around = template("report.html.j2")
     bokeh_js = "\n".join(Resources(mode="inline", log_level="warn", components=["bokeh", "bokeh-api"]).js_raw)
     report_js, style = ((TEMPLATES / f"report.{kind}").read_text(encoding="utf-8") for kind in ("js", "css"))
     hashes = (hashlib.sha256(script.encode()).digest() for script in (bokeh_js, report_js))
     scripts = " ".join(f"'sha256-{b64encode(digest).decode()}'" for digest in hashes)
 
-    packed, every = {}, -(-len(trials) // 250) or 1  # of 250 trials all samples that a series has are some 15 MB
+    packed, every = {}, -(-len(trials) // 250) or 1  # all samples of the series of 250 trials take some 15 MB
     for name, (told, tables) in trials.items():
         text = json.dumps(told, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
         drawn = {table: packed_table(every_kth(rows, every)) for table, rows in tables.items()}
@@ -66,7 +66,7 @@ def written_page(
 
 
 def what_was_done(trials: Sequence[ReportedTrial], about: Mapping[str, str]) -> str:
-    """The campaign in a sentence: how many trials of which joints and experiments."""
+    """The campaign in a sentence: numbers of trials by joint and experiment."""
     rows = [trial.row for trial in trials]
     numbers = Counter(row["experiment"] for row in rows)
     perturbed = sum(row["experiment"] == "walking" and bool(row.get("perturbed")) for row in rows)
@@ -93,8 +93,8 @@ def in_words(parts: Sequence[str]) -> str:
 
 
 def state_of(trials: Sequence[ReportedTrial], known: Sequence[Mapping[str, Any]]) -> str:
-    """How many trials are doubtful or not used, and why, and what could not be checked, in few sentences. `known` are
-    the findings of a summary, of trials and of walking groups."""
+    """A few sentences: how many trials are doubtful or not used, and why, and what could not be checked. `known`: the
+    findings of a summary on trials and walking groups."""
     used, said = [trial for trial in trials if not trial.left_out], []
     for verdict in ("doubtful", "doubtful in part", "flagged"):
         own = [*filter(None, (trial.causes_of(verdict) for trial in used))]
@@ -115,9 +115,9 @@ def state_of(trials: Sequence[ReportedTrial], known: Sequence[Mapping[str, Any]]
 
 
 def conditions(tables: Mapping[str, pl.DataFrame], findings: Mapping[str, Sequence[Entry]]) -> list[dict[str, Any]]:
-    """K, B and I of each condition, what was commanded of which joint, or walking group, with the trials that carry it
-    and what is doubted. Of several trials their mean (`summary_row`); those without a stated K_d have a row for each
-    that others repeat (`repeating_trials`). `findings` are those on each trial."""
+    """K, B and I of each condition (commanded impedance and joint) or walking group, with its trials and doubts. It is
+    the mean of several trials (`summary_row`). Trials without a stated K_d are grouped by repetition
+    (`repeating_trials`). `findings` are those on each trial."""
     found = of_groups(tables, findings)
     for name in ("impedance", "human_joint"):
         table = tables.get(name, pl.DataFrame(schema=["trial", "amplitude_deg"]))
@@ -135,7 +135,7 @@ def conditions(tables: Mapping[str, pl.DataFrame], findings: Mapping[str, Sequen
 def condition(
     rows: pl.DataFrame, table: str, keys: Sequence[str], findings: Mapping[str, Sequence[Entry]]
 ) -> dict[str, Any]:
-    """What the table of `conditions` says of the fits of one, which have the `keys` in common."""
+    """A row of `conditions`, from the fits of one condition, which agree in the columns `keys`."""
     used, trials = counted(rows), rows["trial"].to_list()
     row = used.row(0, named=True)
     friction = ("B_viscous", "f_C")  # which B holds: said where every trial has them
@@ -183,11 +183,11 @@ def of_groups(tables: Mapping[str, pl.DataFrame], findings: Mapping[str, Sequenc
     return found
 
 
-IN_SUMMARY = {"": "mean", "_low": "low", "_high": "high"}  # of a quantity in a summary
+IN_SUMMARY = {"": "mean", "_low": "low", "_high": "high"}  # ending of a fit's column, and column in a summary
 
 
 def doubts_said(entries: Sequence[Entry], table: str, row: Mapping[str, Any], n: int = 1) -> dict[str, Any]:
-    """The `doubt` about fits to all of n trials in this table, of one by its `row`; how many things are `unchecked`."""
+    """The `doubt` about the fits of n trials in this table (of one trial by its `row`); the number of `unchecked`."""
     own = [one for one in entries if one["table"] == table and not one["in_part"]]
     doubts = [one for one in own if one["grade"] == Grade.DOUBTS]
     by_cause = Counter(cause for _, cause in {(one["trial"], one["cause"]) for one in doubts})
@@ -198,7 +198,7 @@ def doubts_said(entries: Sequence[Entry], table: str, row: Mapping[str, Any], n:
 
 
 def doubted(entry: Entry, row: Mapping[str, Any]) -> str:
-    """A cause of doubt about a row, with the estimates of the fit that has it, in their units."""
+    """A cause of doubt about a row, with the estimates of its fit and their units."""
     left = []
     for name, symbol in without_names(entry["cause"], row).items():
         value, *ends = (entry.get(f"{name}_without{end}") for end in ("", "_low", "_high"))
@@ -222,8 +222,8 @@ def method_said(settings: Mapping[str, Any], tables: Mapping[str, pl.DataFrame])
 
 
 def assumed_said(states: pl.DataFrame) -> str:
-    """What of `settings.csv` nobody stated and is computed with, and that no device is stated; empty if all is."""
-    states = states.cast(dict.fromkeys(("setting", "state", "value"), pl.String))  # of numbers, or none, it is no text
+    """The settings of `settings.csv` that are used but not stated, and whether no device is; empty if all are."""
+    states = states.cast(dict.fromkeys(("setting", "state", "value"), pl.String))  # numbers and nulls become text
     rows = states.filter(state="assumed")
     has_none = any(states["state"].eq("none") & states["setting"].eq("parameters"))
     without = "Without a parameter file nothing is held against a device's gains or belt." * has_none
@@ -236,13 +236,13 @@ def assumed_said(states: pl.DataFrame) -> str:
     return " ".join(filter(None, [f"Assumed, since nobody stated it: {in_words(said)}." if said else "", without]))
 
 
-WALKING_GROUPS = "walking groups"  # what a finding of a summary is of, where it is of no trial
+WALKING_GROUPS = "walking groups"  # subject of a finding in a summary that is not on a trial
 
 
 def check_map(trials: Sequence[ReportedTrial], known: Sequence[Mapping[str, Any]] = ()) -> list[dict[str, Any]]:
-    """By experiment its `trials` with their verdicts, those of one condition beside one another, and `rows`: each cause
-    that one of them does not pass, or that could not be checked on it, with the state of every trial. Of the findings
-    `known` from a summary those on a walking group are of each of its trials."""
+    """By experiment: `trials` with their verdicts, sorted by condition; and `rows`, one per cause that a trial does not
+    pass or that could not be checked on it, with the state of every trial. A finding on a walking group, `known` from a
+    summary, counts for each of its trials."""
     of_groups = [one for one in known if one["of"] == WALKING_GROUPS]
     groups: dict[str, list[ReportedTrial]] = {}
     for trial in trials:
@@ -284,7 +284,7 @@ def overview(
     figures: Sequence[Mapping[str, Any]],
     about: Mapping[str, str],
 ) -> dict[str, Any]:
-    """What the first screen says: the figure that matters most, the numbers of a `summary`, its findings by trial."""
+    """The content of the first screen: the main figure, the numbers of a `summary`, its findings by trial."""
     told = summary.get("findings", ())
     findings = sorted((one for trial in trials for one in trial.findings), key=lambda one: not one["in_part"])
     known = {trial.name for trial in trials}
@@ -319,7 +319,7 @@ def template(name: str) -> Template:
 
 
 def every_kth(table: pl.DataFrame, k: int) -> pl.DataFrame:
-    """Every k-th row of a table, 200 or more; of the ends of a range, `_low` and `_high`, the outermost."""
+    """Every k-th row of a table, at least 200. Ends of a range, `_low` and `_high`, are the outermost in between."""
     if (k := min(k, len(table) // 200)) <= 1:
         return table
     low, high = (pl.col(f"^.*{end}$") for end in ("_low", "_high"))
@@ -329,9 +329,9 @@ def every_kth(table: pl.DataFrame, k: int) -> pl.DataFrame:
 
 
 def packed_table(table: pl.DataFrame) -> dict[str, Any]:
-    """A table of numbers for the page: `rows`, the `units` of its columns, a power of two below 2^-14 of their range,
-    and as `data`, one column after the other, the differences of the counts of these modulo 2^32, byte by byte: those
-    of smooth signals deflate well. What is not finite has the count -2^31."""
+    """A table of numbers for the page. `units`: the step of each column, a power of two below 2^-14 of its range.
+    `data`: column by column, the differences modulo 2^32 of the counts of steps, byte by byte, which deflate well for
+    smooth signals. A number that is not finite has the count -2^31."""
     units, data = dict[str, float](), list[bytes]()
     for name in table.columns:
         values = table[name].cast(pl.Float64).to_numpy()
@@ -349,8 +349,8 @@ def deflated(content: bytes) -> str:
 
 
 def inline_svg(text: str, name: str, label: str) -> Markup:
-    """The SVG of a figure for the page: identifiers begin with `name`, links lead to trials, `label` says what it is.
-    Links are not stops of the keyboard: the table of trials has the same, and a figure hundreds."""
+    """The SVG of a figure for the page, described by `label`. Identifiers begin with `name`, links lead to trials. The
+    tab key skips the links: a figure has hundreds, and the table of trials has the same ones."""
     SVG, XLINK = "{http://www.w3.org/2000/svg}", "{http://www.w3.org/1999/xlink}"
     for prefix, space in (("", SVG), ("xlink", XLINK)):
         ElementTree.register_namespace(prefix, space.strip("{}"))
@@ -386,7 +386,7 @@ def captions_by_title(text: str) -> dict[str, Markup]:
 
 
 def caption_html(text: str) -> Markup:
-    """A caption as HTML: signs that Markdown escapes are themselves, mathematics has its indices, all else is text."""
+    """A caption as HTML: escapes of Markdown are undone, mathematics gets its indices, all else is text."""
     parts = re.finditer(r"\\(?P<sign>[^A-Za-z0-9\s])|\$(?P<symbol>[^$]+)\$|(?P<text>[^\\$]+|[\\$])", text)
     letters, found = {"theta": "θ", "tau": "τ", "pm": "±"}, []
     for part in parts:

@@ -1,4 +1,4 @@
-"""What the page shows of each trial (conditions, verdict, estimates, doubts, provenance, panels) and of a campaign."""
+"""The page's content on each trial (conditions, verdict, estimates, doubts, provenance, panels) and on the campaign."""
 
 import math
 from collections import Counter, defaultdict
@@ -35,8 +35,8 @@ class Pictures(NamedTuple):
 
 
 def line(table: str, x: str, y: str, name: str, look: str = "measured", **more: str) -> Content:
-    """Columns of one table as a line, or with `kind`="points" as points with an interval from `low` to `high`, or with
-    "range" from `y` to `high`, where `where` has a value. The `look` is one of `LINE_LOOKS` or "residual"."""
+    """Columns of one table as a line. `kind`="points": points with an interval from `low` to `high`; "range": from `y`
+    to `high`. Drawn where the column `where` has a value. The `look` is one of `LINE_LOOKS` or "residual"."""
     own = {"table": table, "x": x, "y": y, "name": name, "look": look}
     return own | {"kind": "line", "low": "", "high": "", "where": ""} | more
 
@@ -61,8 +61,8 @@ def over_frequency(what: str, magnitude: str, lines: Sequence[Iterable[Content]]
 
 
 def bench_pictures(series: pl.DataFrame, motion: str, whole_loop: bool = False) -> Pictures:
-    """Torque, residual and motion over time, and torque against angle, of a fitted trial on the bench. `series` as
-    `bench.analysis.Series.table` writes it, `motion` what moves. The loop is of the fitted samples, or whole."""
+    """Torque, residual and motion over time, and torque against angle, of a fitted trial on the bench. `series` is a
+    `bench.analysis.Series.table`, `motion` the moving angle. The loop has the fitted samples, or all (`whole_loop`)."""
     x, unit = ("omega", "rad/s") if "omega" in series.columns else ("theta_deg", "deg")
     label, of = f"{motion} ({unit})", partial(line, "series")
     both = of("time", "torque", "measured"), of("time", "torque_model", "model", "model")
@@ -83,8 +83,8 @@ def bench_pictures(series: pl.DataFrame, motion: str, whole_loop: bool = False) 
 
 
 def phasor_pictures(phasors: pl.DataFrame, fit: Mapping[str, Any]) -> Pictures:
-    """Magnitude and phase of the measured admittance over frequency, points per amplitude with their intervals. The
-    line is that of Eq. 15 with `K`, `B` and `I` of the `fit` to all amplitudes."""
+    """Magnitude and phase of the measured admittance over frequency, with intervals, points per amplitude. The line is
+    Eq. 15 with `K`, `B` and `I` of the `fit` to all amplitudes."""
     parts = phasors.partition_by("amplitude_deg", maintain_order=True, as_dict=True)
     tables = {f"{deg:g} deg": part for (deg,), part in parts.items()}
     drawn = []
@@ -139,7 +139,7 @@ def isolated_pictures(response: pl.DataFrame) -> Pictures:
 
 
 def recorded_pictures(samples: pl.DataFrame, units: dict[str, str]) -> Pictures:
-    """What a trial recorded, a panel per quantity with four lines at most: of one that no fit belongs to."""
+    """The recorded signals of a trial without a fit: a panel per quantity, with four lines at most."""
     most = 3000  # rows
     tables, panels = {}, []
     for unit in dict.fromkeys(units.values()):
@@ -154,7 +154,7 @@ def recorded_pictures(samples: pl.DataFrame, units: dict[str, str]) -> Pictures:
 
 
 def together(*pictures: Pictures) -> Pictures:
-    """The panels of several in one, with the drawn columns of their tables."""
+    """Several pictures joined: all panels, and the drawn columns of their tables."""
     panels = [one for each in pictures for one in each.panels]
     tables = {name: table for each in pictures for name, table in each.tables.items()}
     used: dict[str, dict[str, None]] = {}
@@ -167,16 +167,16 @@ def together(*pictures: Pictures) -> Pictures:
 
 NO_VALUE = "–"
 VERDICTS = ("clear", "doubtful in part", "flagged", "doubtful", "excluded", "refused")
-"""Of a trial: `doubtful` by its fit to all of it, `doubtful in part` by other rows. All but the last two are used."""
+"""Verdicts on a trial: `doubtful`: the fit to all of it is; `doubtful in part`: others are. The last two are unused."""
 STATES = {"all": "doubtful", "recording": "flagged", "part": "doubtful in part", "other": "doubtful in part"}
-"""The verdict that a doubt makes, by what it is of, the worst one first."""
+"""The verdict that follows from a doubt, by its subject; the worst first."""
 
 
 def left_out_trials(
     excluded: pl.DataFrame, tables: Mapping[str, pl.DataFrame], refused: Mapping[str, str]
 ) -> dict[str, tuple[bool, list[str]]]:
-    """The trials that are left out, by name: whether because a job refused or failed, not because they are excluded,
-    and why. `refused` has the reason of each refused trial."""
+    """The trials that are left out, by name: whether a job refused or failed (False: excluded), and the reasons.
+    `refused` has the reason of each refused trial."""
     said = []
     for row in excluded.iter_rows(named=True):
         by_job = row["check"] in ("refused", "failed", "died")  # outcomes of a job, which are no checks
@@ -194,13 +194,13 @@ def left_out_trials(
 
 @dataclass(frozen=True)
 class ReportedTrial:
-    """One trial, as far as the campaign's results know it."""
+    """One trial with its results."""
 
     name: str
     row: Mapping[str, Any]  # of the sample sheet
-    tables: Mapping[str, pl.DataFrame] = field(default_factory=dict)  # its rows of each, those of its fit first
-    findings: Sequence[Entry] = ()  # those on it, of `findings.csv`
-    quality: pl.DataFrame | None = None  # the verdicts on it; None if it was never examined
+    tables: Mapping[str, pl.DataFrame] = field(default_factory=dict)  # its rows of each table, that of its fit first
+    findings: Sequence[Entry] = ()  # findings on it, from `findings.csv`
+    quality: pl.DataFrame | None = None  # verdicts on it; None if it was never examined
     provenance: Mapping[str, Any] = field(default_factory=dict)
     left_out: Sequence[str] = ()  # why it has no result, or is excluded
     refused: bool = False  # whether it is missing because a job refused or failed
@@ -218,15 +218,15 @@ class ReportedTrial:
 
     @property
     def unchecked(self) -> list[Entry]:
-        """What could not be checked on the fit to all of it, and what is to be known."""
+        """Findings on the fit to all of it that could not be checked, and remarks."""
         whole = (one for one in self.findings if one["table"] == self.main_table and not one["in_part"])
         return [one for one in whole if one["grade"] in (Grade.UNCHECKED, Grade.NOTES)]
 
     @cached_property
     def doubts(self) -> list[dict[str, Any]]:
-        """Each doubt about it: `where` in it, `of` all of its fit, a part, its recording, or an other table, `cause`,
-        what that `says`, its `size` and `remedy`, and the `numbers` behind it: column, value, limit, meaning. What
-        other tables only repeat is left out."""
+        """Each doubt about it: `where`; `of`: all of its fit, a part, its recording or another table; `cause`, with
+        what it `says`, its `size` and `remedy`; and `numbers`: column, value, limit, meaning. Doubts that other tables
+        only repeat are left out."""
         found = list[dict[str, Any]]()
         for entry in self.findings:
             if entry["grade"] != Grade.DOUBTS or entry["inherited"]:
@@ -258,12 +258,12 @@ class ReportedTrial:
         return next((verdict for verdict in STATES.values() if verdict in made), "clear")
 
     def causes_of(self, verdict: str) -> set[str]:
-        """The causes that make it so, of a cause its worst doubt alone, as the map of trials and causes has it."""
+        """The causes of a verdict. Only the worst doubt of each cause counts, as in the map of trials and causes."""
         worst = {one["cause"]: one["of"] for one in sorted(self.doubts, key=lambda one: -[*STATES].index(one["of"]))}
         return {cause for cause, of in worst.items() if STATES[of] == verdict}
 
     def condition(self, columns: Collection[str] | None = None) -> str:
-        """Its conditions in one line, or those of them in these columns of the sheet."""
+        """Its conditions in one line; with `columns`, only those in these columns of the sheet."""
         others = ["trial", "experiment", "log", "log_source", "mocap", "mocap_source", "log_part", "exclude", "accept"]
         words = {True: "perturbed", False: "unperturbed"}
         return ", ".join(
@@ -278,7 +278,7 @@ def trial_content(trial: ReportedTrial) -> dict[str, Any]:
     name = next(iter(tables), "")
     last = tables[name].row(-1, named=True) if tables else {}  # the fit to all of it
     experiment = trial.row["experiment"]
-    time_base: list[list[str]] = []  # what the time base did to each group of signals: column, its values, its meaning
+    time_base: list[list[str]] = []  # report of the time base on each group of signals: column, values, meaning
     for column in trial.tables.get("timebase", pl.DataFrame()):
         if column.name == "signals" or (column.name not in ("trial", "joint", "side", "data") and column.count()):
             said = unit_and_meaning(column.name, "timebase")["meaning"]
@@ -349,7 +349,7 @@ def value_and_interval(row: Mapping[str, Any], column: str) -> tuple[str, str]:
 
 
 def estimate_rows(table: pl.DataFrame, of: str) -> dict[str, Any]:
-    """The estimates of one trial in its table `of` this name: `columns` with unit and meaning, and texts per fit."""
+    """The estimates of one trial from the table named `of`: `columns` with unit and meaning, and texts per fit."""
     there = set(table.columns)
     names = [name for name in table.columns if {f"{name}_low", f"{name}_high"} <= there and table[name].count()]
     names += [name for name in ("VAF", "R2") if name in there]  # numbers of a fit without an interval
@@ -362,8 +362,8 @@ def estimate_rows(table: pl.DataFrame, of: str) -> dict[str, Any]:
 
 
 def provenance_content(provenance: Mapping[str, Any]) -> dict[str, Any]:
-    """What ingest wrote about a trial (`Trial.provenance`), as `files`, `signals` (file, channel, conversion; the
-    axes of a marker or plate are one) and further `facts`."""
+    """The provenance of a trial as `files`, `signals` (file, channel, conversion; the axes of a marker or plate are one
+    signal) and further `facts`."""
     files, signals = [], dict[str, list[str]]()
     for role, one in provenance.get("files", {}).items():
         files.append([role, *(cell_text(one.get(key)) for key in ("path", "bytes", "sha256", "source"))])
@@ -384,7 +384,7 @@ def fact_said(value: Any) -> str:
 
 
 def facts(content: Mapping[str, Any], place: str = "") -> list[list[str]]:
-    """Every other fact with its place: clocks, stamps, rates, damage, versions, warnings."""
+    """Every other fact with its path: clocks, stamps, rates, damage, versions, warnings."""
     found: list[list[str]] = []
     for name, value in content.items():
         if isinstance(value, Mapping):
@@ -395,7 +395,7 @@ def facts(content: Mapping[str, Any], place: str = "") -> list[list[str]]:
 
 
 def trials_content(trials: Sequence[ReportedTrial]) -> dict[str, Any]:
-    """What the template shows of all trials; of their conditions those that differ."""
+    """The template's content on all trials; only conditions that differ."""
     differing = {name for trial in trials for name in trial.row if trial.row[name] != trials[0].row.get(name)}
     found = Counter(trial.verdict for trial in trials)
     worst_first = sorted(trials, key=lambda trial: -VERDICTS.index(trial.verdict))
@@ -414,8 +414,8 @@ def trials_content(trials: Sequence[ReportedTrial]) -> dict[str, Any]:
 def methods_content(
     config: Mapping[str, Any], tables: Mapping[str, pl.DataFrame], trials: Sequence[ReportedTrial]
 ) -> dict[str, Any]:
-    """What `methods.html.j2` says of how results were made: settings, values of tables, what was recorded, and by kind
-    of motion the number of impedance trials with columns of their fits to all amplitudes."""
+    """The content of `methods.html.j2`: settings, values of tables, facts on the recordings, and, by kind of motion,
+    the number of impedance trials with columns of their fits to all amplitudes."""
     columns = """excitation commanded_deg frequency_hz band_low_hz band_high_hz controller group plate_inertia K_d B_d
         B_viscous direction onset_phase interval_method theta_rms_deg fitted_s n_up n_down"""
     said: defaultdict[str, defaultdict[str, list[Any]]] = defaultdict(lambda: defaultdict(list))
@@ -441,8 +441,8 @@ def methods_content(
 
 
 def recorded_of(trials: Sequence[ReportedTrial]) -> dict[str, dict[str, Any]]:
-    """By experiment the numbers of trials recorded and used, their lowest rates [Hz], those of each of their `streams`
-    and of the `grids` that these came to, files, rates of plates, turns."""
+    """By experiment: numbers of trials recorded and used, lowest rates [Hz] of all, of each of their `streams` and of
+    the `grids` of these, files, rates of plates, turns."""
     recorded = dict[str, dict[str, Any]]()
     for trial in trials:
         none: dict[str, Any] = {"rates": [], "files": [], "plates": [], "turns": [], "streams": {}, "grids": []}
@@ -468,7 +468,7 @@ def recorded_of(trials: Sequence[ReportedTrial]) -> dict[str, dict[str, Any]]:
 
 
 def response_said(groups: pl.DataFrame) -> str:
-    """What is fitted of the perturbations of each of `walking_groups`."""
+    """A text on which response is fitted in the `walking_groups`."""
     columns = {"n_up", "n_down"} <= {*groups.columns}
     both = groups.select((pl.col("n_up") > 0) & (pl.col("n_down") > 0)).to_series() if columns else pl.Series([False])
     ways = ["the mean response"] * (not both.all()) + ["half the difference of both directions"] * bool(both.any())
@@ -476,7 +476,7 @@ def response_said(groups: pl.DataFrame) -> str:
 
 
 def turn_of(crossing: pl.DataFrame) -> tuple[float, float]:
-    """Size [deg] of the platform's turn in a perturbed crossing, and the time [ms] from a tenth of it to nine."""
+    """Size [deg] of the platform's turn in a perturbed crossing, and its rise time [ms] from 10 to 90 %."""
     time, turned = crossing["time"].to_numpy(), crossing["platform_deg"].fill_nan(None).fill_null(0.0).abs().to_numpy()
     size = float(np.median(turned[turned >= 0.9 * turned.max()]))  # beside the noise of markers
     end = int(np.argmax(turned > 0.9 * size))

@@ -63,7 +63,7 @@ class Crossing:
     """The same (e, n) [N*m] by each of `LABORATORY_ERRORS`, or of `LOG_ERRORS`."""
     quality: dict[str, float | None] = field(default_factory=dict)  # of `QUALITY_COLUMNS`, those that are known
     load: Kept | None = None  # `load_on_foot` (3, n); None if it is not known
-    turn: float | None = None  # largest turn [rad] of the platform about the ankle in the window, toes up; None: unknown.
+    turn: float | None = None  # largest turn [rad] of the platform about the ankle in the window, toes up; None: unseen
     # Without a turning platform: the range of the ankle's angle, with the sign of the perturbation.
     body_mass: float | None = None  # [kg]; None if nobody states it
 

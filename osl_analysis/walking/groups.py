@@ -23,8 +23,8 @@ Sheet = Mapping[str, Cells]  # Cells of crossings, by trial
 
 
 def split_keys(sheet: Sheet, settings: SelectionSettings) -> list[str]:
-    """Columns of the sheet by which a campaign is split, in the order of `STATED`: those of `group_by`, and any other
-    in which crossings differ and that `pool` does not name. Refused if empty in a crossing, or everywhere."""
+    """Columns of the sheet that split a campaign, in the order of `STATED`: those of `group_by`, and any other in which
+    crossings differ, unless `pool` names it. Raises InputError: a column is empty in a crossing, or everywhere."""
     keys = []
     for key in STATED:
         # An unperturbed crossing has a person and a pace too. In the others, its empty cell serves every value
@@ -68,8 +68,8 @@ def label(parts: Mapping[str, object]) -> str:
 
 
 def static_of(trial: str, cells: Cells, statics: Mapping[str, Cells]) -> str:
-    """Name of the static trial, of `statics` (name to row), of a trial whose row is `cells`: the one in its column
-    `static`; else, of those that contradict no stated subject, session or side, the one that agrees in the most."""
+    """Name of the static trial of a trial with the row `cells`: the one in its column `static`; else, of `statics`
+    (name to row) that contradict no stated subject, session or side, the one that agrees in most of them."""
     named = cells.get("static")
     if named is not None:
         if named not in statics:
@@ -96,7 +96,7 @@ def static_of(trial: str, cells: Cells, statics: Mapping[str, Cells]) -> str:
 
 
 def side_of(static: str, cells: Cells, served: Mapping[str, Cells], otherwise: str) -> str:
-    """Side of the leg that a static trial calibrates: of its own row, of the trials that it serves, or `otherwise`."""
+    """Side of the leg that a static trial calibrates: of its row, else of the trials that it serves, or `otherwise`."""
     sides = {row["side"]: name for name, row in served.items() if row.get("side") is not None}
     own = cells.get("side")
     wrong = [(side, name) for side, name in sides.items() if own is not None and side != own]
@@ -127,8 +127,8 @@ class Feature:
 
 
 def crossing_features(crossings: Sequence[Crossing], timing: SelectionSettings, rule: OutlierRule) -> list[Feature]:
-    """Features by which crossings are compared; what differs before the onset, or is beyond the limit, does not count
-    later: four bad ones of twelve widen the scatter so that none stands out. Loads are shares of the median one."""
+    """Features by which crossings are compared; loads as shares of the median load. A crossing beyond a limit does not
+    count for later features: four bad ones of twelve would widen the scatter until none stands out."""
     ends = [c.stance.phase(np.array(c.onset - timing.guard_s)) for c in crossings if c.onset is not None]
     before = PHASES[min(ends, default=1.0) >= PHASES]
     middle = PHASES[(PHASES >= SINGLE_SUPPORT[0]) & (PHASES <= SINGLE_SUPPORT[1])]
@@ -164,10 +164,10 @@ def crossing_features(crossings: Sequence[Crossing], timing: SelectionSettings, 
 def among_sound(
     measures: Sequence[tuple[str, str, Array, float]], kinds: NDArray[np.int_], sound: Mask, limit: float
 ) -> tuple[list[Feature], Mask]:
-    """Features of n crossings, and which are within the `limit`: until no further one is beyond; at least half stay:
-    fewer would be a selection. A measure has name, unit, the values (n,), or curves (n, k) whose RMS deviations from
-    their medians are the values, and the smallest scatter. Each crossing is compared with those of its kind (n,) that
-    are `sound` (n,), or with all if none is."""
+    """Features of n crossings, and which are within the `limit`. Repeated until no further one is beyond; at least half
+    stay, because fewer would be a selection. A measure has name, unit, values (n,) or curves (n, k), of which the RMS
+    deviations from their medians are the values, and the smallest scatter. A crossing is compared with the `sound` (n,)
+    ones of its kind (n,), or with all if none is."""
 
     def medians(values: Array) -> Array:
         found = np.empty_like(values)
@@ -235,8 +235,8 @@ def onset_phases(crossings: Sequence[Crossing]) -> dict[str, float]:
 
 
 def timings(phases: Array, scatter: float) -> NDArray[np.intp]:
-    """The timing (n,) of each onset phase (n,), counted from 0 in the order of phase: parts between clear gaps. A part
-    whose SD is still above `scatter` is cut into equal bins."""
+    """The timing (n,) of each onset phase (n,), counted from 0 in the order of phase. Timings are separated by clear
+    gaps. One with an SD above `scatter` is cut into equal bins."""
     check_finite("the phase of an onset", phases)
     numbers, count = np.empty(len(phases), dtype=np.intp), 0
 

@@ -1,16 +1,16 @@
 """The force plate on the moving platform: stances, wrench, zero and range; and its own inertia and lag.
 
 A wrench (n, 6) is force [N] and moment [N*m] about the centre of the plate's surface, in axes that are the laboratory's
-at rest and turn with the plate. The one that the plate itself causes in its sensors is linear in its inertial
-parameters, and is identified from trials of the unloaded, moving platform. After the zero has removed the weight,
+at rest and turn with the plate. The plate's own inertia causes a wrench in its sensors, which is linear in its inertial
+parameters. These are identified from trials of the unloaded, moving platform. After the zero has removed the weight,
 
     F = m a' + z x mc + w x (w x mc),    M = mc x a' + I z + w x I w,    a' = R^T (a - g) + g,
 
 where m is the mass, mc mass times centre of mass, I the inertia about the plate's centre, a the acceleration of that
 centre, w the angular velocity and z the angular acceleration.
 
-A lag d of the torque behind the angle changes the damping by -K d. It does not change the VAF, so that walking data do
-not show it. The unloaded plate shows it: its inertial force and its acceleration must peak at the same time."""
+A lag d of the torque behind the angle changes the damping by -K d. Walking data do not show it, because the VAF does
+not change. The unloaded plate shows it: its inertial force and its acceleration must peak at the same time."""
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -73,8 +73,8 @@ def recorded_wrench(trial: Trial, plate: int) -> tuple[Array, Array]:
 
 
 def wrench_reader(time: Array, wrench: Array, frames: Array) -> Callable[[float], Array]:
-    """The wrench (n, 6) at marker frames (n,) [s] as a function of the plate's lag [s]: it is read that much later. A
-    low-pass at a third of the marker rate prevents aliasing, and takes less than 1e-5 of 20 Hz at 300 Hz."""
+    """The wrench (n, 6) at marker frames (n,) [s], as a function of the plate's lag [s]: it is read later by the lag. A
+    low-pass at a third of the marker rate prevents aliasing. It attenuates 20 Hz by less than 1e-5 at 300 Hz."""
     anti_alias = LowPass(sampling_rate(frames) / 3)
     spline = scipy.interpolate.make_interp_spline(time, anti_alias(wrench, sampling_rate(time)), k=3)
     return lambda lag: np.asarray(spline(np.clip(frames + lag, time[0], time[-1])))
@@ -83,8 +83,8 @@ def wrench_reader(time: Array, wrench: Array, frames: Array) -> Callable[[float]
 def zeroed_wrench(
     trial: Trial, frames: Array, settings: CrossingSettings
 ) -> tuple[Callable[[float], Array], float | None]:
-    """The `wrench_reader` of the plate minus its zero, and the zero's vertical force [N]; None if none is removed. It
-    is read before the largest force, where force varies least: a later plate may be tilted."""
+    """The `wrench_reader` of the plate minus its zero, and the zero's vertical force [N]; None if no zero is removed.
+    The zero is read where the force varies least before its maximum: after that, the plate may be tilted."""
     (time, wrench), removed = recorded_wrench(trial, settings.plate), None
     if settings.unloaded_s is not None:
         length, vertical = round(settings.unloaded_s * sampling_rate(time)), wrench[:, 2]
@@ -108,7 +108,7 @@ def zeroed_wrench(
     return wrench_reader(time, wrench, frames), removed
 
 
-CLIPPED_S = 0.02  # A force that keeps its largest value for this time [s], as gait never does, is at the plate's limit
+CLIPPED_S = 0.02  # time [s] at its largest value from which a force is at the plate's limit; gait is never so constant
 
 
 def check_range(time: Array, force: Array, axes: Array, load: float) -> None:
@@ -128,7 +128,7 @@ def check_range(time: Array, force: Array, axes: Array, load: float) -> None:
 
 
 def recorded_plate(trial: Trial, plate: int) -> Mapping[str, Any]:
-    """What the recording states of a plate; empty where it describes no such plate."""
+    """The recording's facts on a plate; empty if it describes no such plate."""
     return next((facts for facts in trial.provenance.get("plates", []) if facts["plate"] == plate), {})
 
 
@@ -289,9 +289,9 @@ def inertial_columns(motion: BodyMotion) -> Array:
 
 
 def excited_directions(squares: Array, noise: Array, within: Array) -> Array:
-    """Directions (10, r) of the parameters, in the span of those `within` (10, q), whose wrench the motion shows, from
-    the squares (10, 10) of the columns and of marker noise in them: eigenvectors of the Gram matrix of the columns of a
-    typical plate above a share of the largest, and of these the ones of which noise is at most half."""
+    """Directions (10, r) of the parameters, in the span of `within` (10, q), whose wrench the motion shows. `squares`
+    and `noise` (10, 10) are the Gram matrices of the columns and of the marker noise in them. The directions are
+    eigenvectors, scaled for a typical plate, above a share of the largest, with at most half of noise."""
     typical = np.array([[1.0]] + [[0.3]] * 3 + [[0.3**2]] * 6)  # of a plate of 1 kg whose half is 0.3 m long
     basis = np.linalg.qr(within / typical)[0] * typical  # orthonormal in units of a typical plate
     power, vectors = np.linalg.eigh(basis.T @ squares @ basis)
@@ -314,11 +314,11 @@ def identify_plate_inertia(
 ) -> PlateModel:
     """Parameters from unloaded recordings: motion of the plate's centre, and wrench (n, 6), each with its own zero.
 
-    `smooth` is the low-pass that the wrench passed. It is applied to the columns, which are products of motions: with
-    filtered motions, 8 Hz would make the lag 0.05 ms too small. Only directions of the parameters that the motion shows
-    are identified (`excited_directions`), of those `within` (10, q), all if None; the rest is as in `known` (10,), 0 if
-    None. So a plate may turn about any axis: its wrench is known where it moves in the crossings as here, whether or
-    not single parameters are. `noise` (10, 10) are the squares N of the columns by marker noise alone: estimates are
+    `smooth` is the low-pass that the wrench passed. It is applied to the columns, which are products of motions; with
+    filtered motions instead, 8 Hz would make the lag 0.05 ms too small. Only directions that the motion shows are
+    identified (`excited_directions`), of those `within` (10, q) (None: all). The others stay as in `known` (10,) (None:
+    0). So a plate may turn about any axis: its wrench is known for motions in crossings like those here, even if single
+    parameters are not. `noise` (10, 10) is the Gram matrix N of marker noise alone, G that of the columns. Estimates are
     corrected by (G - N)^-1 G (Fuller, Measurement Error Models, 1987, 1.4)."""
     columns = np.concatenate([without_mean(smooth(inertial_columns(motion))) for motion, _ in recordings])
     wrench = np.concatenate([without_mean(w) for _, w in recordings])
@@ -376,8 +376,8 @@ def with_height(model: PlateModel, parts: Sequence[tuple[Array, Array]]) -> Plat
     (n, 6, 10) and wrench (n, 6), where its standard error, by leaving out each, is less than 5 mm."""
 
     def moments_below(pairs: Sequence[tuple[Array, Array]]) -> float:
-        """Along the directions of the parameters forces show the centre of mass from the corners' centre, moments from
-        their own point. NaN where only moments show it, as where the plate does not turn, or without a mass."""
+        """Height [m] from the two centres of mass: forces show that from the corners' centre, moments that from their
+        own point. NaN if only moments show one, as if the plate does not turn, or without a mass."""
         columns, wrench = (np.concatenate([without_mean(pair[k]) for pair in pairs]) for k in (0, 1))
         apart = stacked_columns(columns[:, :, 1:4] * (np.arange(6) > 2)[:, None])
         stacked = np.column_stack([stacked_columns(columns) @ model.directions, apart])

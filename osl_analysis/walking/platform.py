@@ -474,13 +474,13 @@ class PlatformModel:
     alignments: dict[str, Alignment]  # how each perturbed crossing follows it, by trial
     triggers: dict[str, float]  # time [s] of the trigger's edge, by trial, where it is recorded
     latency: dict[str, float] | None
-    """Latency behind the trigger: `mean` [s] over crossings; `used`, whether errors and sampling explain its scatter, so
-    that the trigger tells the onset; `finer`, whether better than the shape. None below three crossings or no shape."""
+    """Latency behind the trigger: `mean` [s] over crossings; `used`, whether errors and sampling explain its scatter,
+    so that the trigger tells the onset; `finer`, whether better than the shape. None below three, or without shape."""
     leave_out: tuple[PlatformTemplate, ...] = ()  # the shape without each of up to ten groups of crossings
 
     def onset(self, trial: str, own: float) -> float:
-        """Onset [s] of a trial's perturbation. By the trigger, if its latency is constant and it is finer than the shape
-        or the trial does not follow the shape; else by the shape; else `own` [s], from the trial alone."""
+        """Onset [s] of a trial's perturbation. By the trigger, if its latency is constant, and if it is finer than the
+        shape or the trial does not follow the shape; else by the shape; else `own` [s], from the trial alone."""
         a, late = self.followed(trial), self.latency
         if late and late["used"] and trial in self.triggers and (not a or late["finer"]):
             return self.triggers[trial] + late["mean"]
@@ -578,8 +578,8 @@ def identify_platform(pairs: Sequence[tuple[Trial, StaticCalibration]], settings
 def inertial_motion(
     track: PlatformTrack, centre: Array, template: PlatformTemplate | None, follows: Alignment | None, rows: slice
 ) -> BodyMotion:
-    """Motion in `rows` of the plate's centre, which rests at `centre` (3,) [m]. It is that of the shape that the crossing
-    `follows`, until the shape ends; else as measured, along its own directions. At rest, accelerations are 0."""
+    """Motion in `rows` of the plate's centre, which rests at `centre` (3,) [m], without accelerations at rest. It is
+    the shape's if the crossing `follows` it, until the shape ends; else as measured, along its own directions."""
     if template is None or follows is None:
         motion, weights = track.own_motion(shared_directions([track])[0], centre, rows)
         return motion.weighted(weights)

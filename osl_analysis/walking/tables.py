@@ -31,8 +31,8 @@ Numbers = dict[str, float | None]
 def group_rows(
     selection: pl.DataFrame, sheet: Sheet, gaits: Mapping[str, UnperturbedGait], window: float
 ) -> list[dict[str, Any]]:
-    """Rows of `walking_groups.csv` before any fit, in the order of the conditions that a group shares, numbers as
-    numbers, then of direction and phase. A gait none of whose perturbed crossings is used is a group without any."""
+    """Rows of `walking_groups.csv` before any fit, sorted by shared conditions (numbers as numbers), direction, phase.
+    A gait without a used perturbed crossing is a group without crossings."""
     perturbed, found = selection.filter(pl.col("perturbed")), list[tuple[tuple[object, ...], dict[str, Any]]]()
     parts = [(own["group"][0], own) for own in perturbed.drop_nulls("group").partition_by("group", maintain_order=True)]
     known = {members["gait"][0] for _, members in parts}
@@ -60,7 +60,7 @@ def group_rows(
 
 
 def shared_cells(rows: Sequence[Cells]) -> tuple[dict[str, object], str | None]:
-    """The cells in which all rows of the sheet agree, else None, and in words those in which they state several."""
+    """The cells in which all rows of the sheet agree (others are None), and a text on those with several values."""
     stated = {key: {row.get(key) for row in rows} for key in STATED}
     several = (f"{key} {cells_said(values)}" for key, values in stated.items() if len(values - {None}) > 1)
     cells = {key: next(iter(values)) if len(values) == 1 else None for key, values in stated.items()}
@@ -90,7 +90,7 @@ PARTING = {
     "stance_s": 0.01, "load_of_weight": 0.03, "foot_forward_m": 0.01, "foot_left_m": 0.01, "gait_deviation_deg": 0.5,
     "torque_deviation": 2.0,
 }  # fmt: skip
-"""Columns of `walking_crossings.csv` that may part used crossings from those left out, and the least between them."""
+"""Columns of `walking_crossings.csv` that may separate used from left-out crossings, with the least difference."""
 
 
 def parted_by(used: pl.DataFrame, lost: pl.DataFrame, sheet: Sheet) -> str:
@@ -113,9 +113,9 @@ def parted_by(used: pl.DataFrame, lost: pl.DataFrame, sheet: Sheet) -> str:
 
 
 def moment_error(crossings: pl.DataFrame) -> dict[str, float | None]:
-    """How much too large the plate's moments are, certainly (beyond 4 standard errors) and at most (half a 95 %
-    interval), as shares: the foot stands elsewhere in each crossing, and the centre of pressure must move with it. Null
-    without six crossings that no turn has changed until 38 % of stance."""
+    """By what share the plate's moments are too large: certainly (beyond 4 standard errors) and at most (half a 95 %
+    interval). The foot stands elsewhere in each crossing, and the centre of pressure must move with it. Null without
+    six crossings undisturbed until 38 % of stance."""
     columns = ["foot_forward_m", "foot_left_m", "pressure_ahead_m", "pressure_beside_m"]
     none: dict[str, float | None] = {"certain_moment_error": None, "moment_error_half": None}
     if not {*columns, "onset_phase"} <= set(crossings.columns):
@@ -133,8 +133,8 @@ def moment_error(crossings: pl.DataFrame) -> dict[str, float | None]:
 
 
 def fitted_time(headline: GroupHeadline) -> float:
-    """Time [s] after the onset at which the fit reads a stiffness that changes linearly within the window: K is a sum
-    of torques with weights w, w . theta = 1, so that it is K(t) at t = sum of w theta t, later than the middle."""
+    """Time [s] after the onset at which the fit reads a stiffness that changes linearly within the window. The fit's K
+    is a sum of torques with weights w, where w . theta = 1. So it is K(t) at t = sum of w theta t, after the middle."""
     response, motion = headline.responses[0], headline.ensemble.motion[headline.responses[0].window]
     return float(np.linalg.pinv(motion.columns)[0] @ (motion.theta * response.time[response.window]))
 
@@ -160,8 +160,8 @@ def perturbation_row(crossing: Crossing, gait: UnperturbedGait, settings: Respon
 
 
 def single_facts(response: PerturbationResponse, fit: LinearFit) -> Numbers:
-    """Columns of `walking.csv`: residual and offset of one fit, over those that ordinary gait causes, change of stance.
-    Null where the residual is a small share of the torque, the offset hardly changes K, or no stance is expected."""
+    """Columns of `walking.csv`: residual and offset of one fit over those that ordinary gait causes, and the change of
+    stance. Null if the residual is a small share of the torque, the offset hardly changes K, or no stance is known."""
     motion, torque = response.fitted_motion, response.fitted_torque
     left = isolation.gait_torque(response, fit)[:, response.window]
     offset, share = isolation.offset_comparison(motion, torque, fit["K"])
@@ -226,9 +226,9 @@ def group_facts(headline: GroupHeadline) -> dict[str, object]:
 
 
 def reaction_facts(headline: GroupHeadline) -> dict[str, object]:
-    """Columns of `walking_groups.csv` on what Eq. 15 does not know: the person reacts within the window, or K changes
-    with stance. Certain is what is beyond Student's t at 0.1 %, as several are tried, likeliest first. What yields does
-    not count, as a leg's drivetrain reads as that, nor does co-contraction that its jerk explains."""
+    """Columns of `walking_groups.csv` on effects beyond Eq. 15: the person reacts within the window, or K changes with
+    stance. An effect is certain beyond Student's t at 0.1 %, because several are tried, the likeliest first. An effect
+    that yields does not count: a leg's drivetrain looks like that. Nor does co-contraction that the jerk explains."""
     first, drawn = headline.responses[0], headline.resampled
     rows, found = first.window, drawn.reactions
     motion, torque = headline.ensemble.motion, headline.ensemble.torque
@@ -264,8 +264,8 @@ def reaction_facts(headline: GroupHeadline) -> dict[str, object]:
 
 
 def reflex_facts(headline: GroupHeadline, certain: bool) -> Numbers:
-    """Columns of `walking_groups.csv` on a certain reflex, with K with it in the model, null of another one; on the
-    strongest reflex that the window may hide, null beside a certain one; and how many intervals of K wide either is."""
+    """Columns of `walking_groups.csv`: a certain reflex and K with it in the model, else null; without one, the
+    strongest reflex that the window may hide; and the change of K by either, in widths of its interval."""
     first, drawn = headline.responses[0], headline.resampled
     rows, found, names = first.window, drawn.reactions, [f"K_with_reflex{end}" for end in ("", "_low", "_high")]
     half, (low, high) = float(scipy.special.stdtrit(drawn.degrees_of_freedom, 0.975)), drawn.interval("K")

@@ -32,11 +32,11 @@ __all__ = [
 ]  # fmt: skip
 
 HOMES = {**dict.fromkeys(("Trial", "read_trial"), "trial"), **dict.fromkeys(("read_table", "to_pandas"), "table")}
-"""Modules of names that do without the fits."""
+"""Modules of public names that can be imported without the fits."""
 
 
 def __getattr__(name: str) -> Any:
-    """A public name, imported when it is first used: the command line imports this package, and begins at once."""
+    """A public name, imported at its first use: so the command line, which imports this package, starts at once."""
     if name not in __all__:
         raise AttributeError(f"module 'osl_analysis' has no attribute '{name}'")
     home = "errors" if name.endswith("Error") else HOMES.get(name, "notebook")

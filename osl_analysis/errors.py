@@ -30,7 +30,7 @@ def quoted(data: bytes) -> str:
 
 
 def nearest(name: str, known: Iterable[str], cutoff: float = 0.6) -> str:
-    """The end of a message about an unknown name: a question with the most similar known name; empty without one."""
+    """The end of a message about an unknown name: a question with the most similar known name, or empty."""
     folded = {one[:80].casefold(): one for one in known}
     near = get_close_matches(name[:80].casefold(), folded, n=1, cutoff=cutoff)
     return f"; did you mean '{folded[near[0]]}'?" if near and folded[near[0]] != name else ""
@@ -42,8 +42,8 @@ def unexpected(fault: BaseException) -> str:
 
 
 class OslAnalysisError(ValueError):
-    """A mistake or a limit that the user can correct. The message is made printable. It is what is wrong, the `reason`,
-    and behind the first semicolon outside brackets what is known, and what to do, the `remedy`; empty without one."""
+    """A mistake or a limit that the user can correct. The message is made printable. Up to the first semicolon outside
+    brackets it is the `reason`, what is wrong. Behind that is the `remedy`, what to do; it may be empty."""
 
     def __init__(self, message: str) -> None:
         super().__init__(printable(message))
@@ -57,8 +57,8 @@ class OslAnalysisError(ValueError):
 
 @contextmanager
 def naming(what: object, behind: str = "") -> Iterator[None]:
-    """Within the block an error of the user begins with the file or setting that is at fault, but for a file that it
-    names already, and ends with what is to stand `behind`."""
+    """Within the block, a user's error gets the file or setting at fault before its message, and `behind` after it. An
+    error that names the file already stays as it is."""
     try:
         yield
     except OslAnalysisError as error:
@@ -72,11 +72,11 @@ class InputError(OslAnalysisError):
 
 
 class WriteError(InputError):
-    """A file cannot be written, as on a full disk: the input is not at fault, so the next run tries again."""
+    """A file cannot be written, as on a full disk. The input is not at fault, so the next run tries again."""
 
 
 class MemoryLimitError(WriteError):
-    """A file needs more memory than the job may have: as with a full disk, the next run tries again."""
+    """A file needs more memory than the job may have. As with a full disk, the next run tries again."""
 
 
 EXTRAS = {
@@ -87,7 +87,7 @@ EXTRAS = {
 
 
 def optional_module(name: str, what: str) -> Any:
-    """The module `name` of a library in `EXTRAS`. Raises InputError where `what` needs it and it is not installed."""
+    """The module `name` of a library in `EXTRAS`. Raises InputError: it is not installed, and `what` needs it."""
     library = name.partition(".")[0]
     try:
         return import_module(name)

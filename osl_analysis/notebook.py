@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from osl_analysis.figures.style import NotebookFigure
 
 File = str | Path
-OF_CONFIG = "of the configuration"  # in place of a parameter file: the one that the configuration names
+OF_CONFIG = "of the configuration"  # stands for the parameter file that the configuration names
 
 
 def as_trial(trial: Trial | File) -> Trial:

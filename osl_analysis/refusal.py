@@ -1,7 +1,7 @@
-"""Refusal records: what stands in place of a result that a refused recording, or a failed job, did not give.
+"""Refusal records: files in place of results that are missing because a recording was refused or a job failed.
 
-A record is a small CSV file under the name of the result. Jobs over several trials go on without it, and jobs that need
-it leave the same record. The run ends with a list of them."""
+A record is a small CSV file under the name of the result. Jobs over several trials go on without that result. Jobs that
+need it leave the same record. The run ends with a list of the records."""
 
 import csv
 import os
@@ -15,7 +15,7 @@ from osl_analysis.files import atomic_path
 
 RECORD_MARK = "osl_analysis_refused"  # First column of a record. No other file begins with it.
 TRIED_AGAIN = ("died", "failed")  # outcomes after which the next run tries; `refused` stays until inputs change
-MOST_TOLD = 12  # trials, or results, that are named in one line
+MOST_TOLD = 12  # largest number of trials or results named in one line
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class Refusal:
     """Why there is no result."""
 
     trial: str  # empty for a result over several trials
-    file: str  # the file that is to blame
+    file: str  # the file at fault
     job: str  # the command that refused it, `module.function`
     outcome: str  # as in a job's log: `refused`, `failed` or `died`
     reason: str  # what was wrong, on one line
@@ -39,7 +39,7 @@ def write_refusals(refusals: Iterable[Refusal], path: Path) -> None:
 
 
 def is_refused(path: Path | str) -> bool:
-    """Whether a file is a refusal record, by its first bytes. One above 1 MB, missing or unreadable is none."""
+    """Whether a file is a refusal record, by its first bytes. A file above 1 MB, missing or unreadable is none."""
     try:
         with open(path, "rb") as file:
             return file.read(len(RECORD_MARK)) == RECORD_MARK.encode() and os.fstat(file.fileno()).st_size < 1 << 20
@@ -56,7 +56,7 @@ def read_refusals(path: Path | str) -> tuple[Refusal, ...]:
 
 
 def check_not_refused(path: Path) -> None:
-    """Raise the reason, as an `InputError`, if a file is a refusal record."""
+    """If a file is a refusal record, raise its reason as an InputError."""
     for refusal in read_refusals(path):
         who = f"trial {refusal.trial}: " if refusal.trial else ""
         raise InputError(f"{path}: there is no result: {who}{refusal.reason}; {refusal.remedy}")
@@ -71,7 +71,7 @@ def distinct_causes(refusals: Iterable[Refusal]) -> tuple[Refusal, ...]:
 
 
 def alike(text: str, trial: str) -> str:
-    """A message without its numbers and the trial's name, as it is for other trials of the same cause."""
+    """A message without numbers and the trial's name: equal for all trials with this cause."""
     own = re.sub(rf"(^|[/'(]|trial ){re.escape(trial)}(?![A-Za-z0-9_])", r"\1TRIAL", text) if trial else text
     return re.sub(r"[-+]?\d[\d.,]*(e[-+]?\d+)?", "#", own)
 
@@ -82,8 +82,8 @@ def refused_trials(refusals: Sequence[Refusal]) -> dict[str, Refusal]:
 
 
 def refusal_report(records: Collection[Path | str], recordings: Mapping[str, Sequence[str]], accept: bool) -> str:
-    """A line per cause in refusal records with trial, file, reason and remedy, what else has no result, and what to do;
-    empty without records. `recordings` has the raw files of every trial of the campaign."""
+    """A report on refusal records: a line per cause with trial, file, reason and remedy; further missing results; and
+    what to do. Empty without records. `recordings` has the raw files of every trial of the campaign."""
     causes = distinct_causes(refusal for record in records for refusal in read_refusals(record))
     if not causes:
         return ""
@@ -111,7 +111,7 @@ def refusal_report(records: Collection[Path | str], recordings: Mapping[str, Seq
 
 
 def cause_lines(causes: Iterable[Refusal], recordings: Mapping[str, Sequence[str]]) -> Iterator[str]:
-    """A line per cause, that of several trials once; what the user can correct is a trial's recording."""
+    """A line per cause, one for all its trials. The file named is a trial's recording, which the user can correct."""
     groups: dict[tuple[str, ...], list[tuple[str, str, str]]] = {}  # trial, file and what is said, by cause
     for cause in sorted(causes, key=lambda cause: (not cause.trial, cause.trial)):
         raw, reason = recordings.get(cause.trial, ()), cause.reason

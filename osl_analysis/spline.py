@@ -1,4 +1,4 @@
-"""The cubic spline by which samples of one clock are brought to the times of another."""
+"""The cubic spline that resamples the samples of one clock to the times of another."""
 
 import numpy as np
 import scipy
@@ -8,8 +8,8 @@ from osl_analysis.trial import Array
 
 
 def cubic_through(x: Array, y: Array, at: Array) -> Array:
-    """Values (k, m) at some places (m,) of the cubic splines through samples y (k, n) at rising x (n,), not-a-knot at
-    the ends, n >= 4: those of `scipy.interpolate.CubicSpline` to the last digit, in half of its time."""
+    """Values (k, m) at places (m,) of the cubic splines through samples y (k, n) at rising x (n,), n >= 4, with
+    not-a-knot ends. Equal to `scipy.interpolate.CubicSpline` to the last digit, in half of the time."""
     h = np.diff(x)
     rise = np.diff(y) / h
     bands, right = np.empty((3, len(x))), np.empty(y.shape)  # equations of the slopes at the samples
@@ -29,8 +29,8 @@ def cubic_through(x: Array, y: Array, at: Array) -> Array:
 
 
 def rows_before(x: Array, at: Array) -> NDArray[np.intp]:
-    """The row (m,), 0 to n - 2, of the last of rising x (n,) that is not beyond each place (m,). Of nearly even steps
-    it is guessed; where a guess is wrong by more than a row, all are searched, which takes twice as long."""
+    """Row (m,), 0 to n - 2, of the last of rising x (n,) that is not beyond each place (m,). It is guessed from nearly
+    even steps. If a guess is wrong by more than a row, all are searched, which takes twice as long."""
     last = len(x) - 2
     rows: NDArray[np.intp] = np.clip((at - x[0]) * ((len(x) - 1) / (x[-1] - x[0])), 0, last).astype(np.intp)
     rows += x.take(rows + 1) <= at

@@ -19,14 +19,14 @@ from osl_analysis.files import digest, shipped
 
 Positive = Annotated[float, Field(gt=0)]  # A number above zero.
 NotNegative = Annotated[float, Field(ge=0)]  # A number of zero or more.
-Degrees = Annotated[float, Field(gt=0, le=180)]  # An angle above zero, of half a turn at most.
-JointDegrees = Annotated[float, Field(gt=0, le=60)]  # One by which an ankle can be turned.
-Seconds = Annotated[float, Field(gt=0, le=10)]  # A time of a crossing, or a gap; what is longer is in ms.
-Metres = Annotated[float, Field(gt=0, le=10)]  # A length in a laboratory; what is longer is in mm.
-Newtons = Annotated[float, Field(gt=0, le=1000)]  # A vertical force that begins a contact, or is none.
-Stiffness = Annotated[float, Field(gt=0, le=10_000)]  # That of a joint; what is larger is per 1000 rad, or in N*mm.
+Degrees = Annotated[float, Field(gt=0, le=180)]  # An angle above zero, at most half a turn.
+JointDegrees = Annotated[float, Field(gt=0, le=60)]  # An angle by which an ankle can be turned.
+Seconds = Annotated[float, Field(gt=0, le=10)]  # A time within a crossing, or a gap; a larger number is in ms.
+Metres = Annotated[float, Field(gt=0, le=10)]  # A length in a laboratory; a larger number is in mm.
+Newtons = Annotated[float, Field(gt=0, le=1000)]  # A threshold of vertical force at which a contact begins or ends.
+Stiffness = Annotated[float, Field(gt=0, le=10_000)]  # Stiffness of a joint; a larger number has another unit.
 ShippedPath = Annotated[Path, AfterValidator(shipped)]
-"""A path of the campaign's folder or, where that has none, of a shipped file such as `config/config.yaml`."""
+"""A path in the campaign's folder or, if that has none, of a shipped file such as `config/config.yaml`."""
 Place = tuple[int | str, ...]  # Keys and numbers of list entries that lead to a field, from the outermost.
 
 
@@ -34,8 +34,8 @@ class Settings(BaseModel):
     """Base of every validated file. The settings are immutable, and an unknown field is an error."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
-    REMOVED: ClassVar[Mapping[str, str]] = {}  # fields that are gone, each with a sentence on what to write or do now
-    OF: ClassVar[str] = ""  # of what its known fields are, for messages, as ` of format csv`
+    REMOVED: ClassVar[Mapping[str, str]] = {}  # removed fields, each with a sentence on what to write or do now
+    OF: ClassVar[str] = ""  # words behind "the known ones" in messages, as ` of format csv`
 
     @model_validator(mode="before")
     @classmethod
@@ -55,7 +55,7 @@ class Settings(BaseModel):
     @field_validator("*", mode="before")
     @classmethod
     def _truth_values_are_words(cls, value: Any) -> Any:
-        """Pydantic makes 1 of true, of which the word `true` is no number."""
+        """Refuse `true` as a number: pydantic would make 1 of it."""
         if isinstance(value, bool):
             return str(value).lower()
         if isinstance(value, dict):
@@ -78,8 +78,8 @@ def read_yaml(path: Path, model: type[AnySettings]) -> AnySettings:
 
 
 def read_mapping(path: Path, by_snakemake: bool = False) -> dict[str, Any]:
-    """The top level of a YAML file, shared by all who read the file: do not change it. Raises InputError where it is
-    missing, is not YAML, or is not a mapping; `by_snakemake`, which reads YAML 1.1, also where numbers differ there."""
+    """The top level of a YAML file. It is cached and shared: do not change it. Raises InputError: the file is missing,
+    is not YAML, or is no mapping; `by_snakemake`: a number differs in YAML 1.1, which Snakemake reads."""
     if not path.is_file():
         said = "no such file; check the path, which is relative to the working directory"
         like = nearest(path.stem, (one.stem for one in path.parent.glob(f"*{path.suffix}")))
@@ -154,7 +154,7 @@ Loader.add_constructor("tag:yaml.org,2002:int", Loader.whole_number)
 def parsed_yaml(text: str) -> tuple[yaml.Node | None, Any]:
     """The nodes of a YAML text, with their lines, and its content."""
     depth = 0
-    for event in yaml.parse(text, yaml.CSafeLoader):  # that of nodes ends the process where they are nested deeply
+    for event in yaml.parse(text, yaml.CSafeLoader):  # the parser of nodes would crash on deeply nested ones
         depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
         if depth > 100:
             raise RecursionError
@@ -179,8 +179,8 @@ def nodes_of(node: yaml.Node | None) -> list[yaml.Node]:
 
 
 def content_digest(path: Path) -> str | None:
-    """SHA-256 of what a file says: of YAML without comments and its own `description`, from which nothing is computed,
-    and in any order of its keys; of another file, or a YAML file that cannot be read, of its bytes. None without it."""
+    """SHA-256 of a file's content. For YAML: without comments, order of keys, and `description`, from which nothing is
+    computed. For another file, or an unreadable YAML file: of its bytes. None if there is no such file."""
     if path.suffix != ".yaml" or not path.is_file():
         return digest(path)
     try:
@@ -200,7 +200,7 @@ def in_order(content: Any) -> Any:
 
 
 def field_line(path: Path, place: Place) -> int | None:
-    """Line, counted from 1, of a field or of the innermost field above it in the file; None where there is none."""
+    """Line, counted from 1, of a field, or of the innermost field above it in the file; None if there is none."""
     try:
         node, _ = parsed_yaml(path.read_text(encoding="utf-8-sig"))
     except (OSError, ValueError, RecursionError, yaml.YAMLError):
@@ -245,7 +245,7 @@ def validated(
 def explain(error: ValidationError, content: Any, above: Place) -> tuple[str, Place]:
     """The first problem of a validation error as one sentence with field, value and remedy, and the field's place.
     `above` are the keys that lead to `content` in its file. An unknown field comes before all other problems."""
-    # by place; where a field may have several kinds of values, pydantic finds a problem for each
+    # by place: pydantic finds a problem for each kind of value that a field may have
     found: dict[Place, list[Mapping[str, Any]]] = {}
     for one in error.errors():
         found.setdefault(problem_place(one, content), []).append(one)
@@ -269,8 +269,8 @@ def explain(error: ValidationError, content: Any, above: Place) -> tuple[str, Pl
 
 
 def problem_place(problem: Mapping[str, Any], content: Any) -> Place:
-    """The field of a problem. A check of several fields states the one that it means as `place` in its context. What
-    pydantic adds for itself, as the kind of value that it tried, is not in the content."""
+    """The field of a problem. A check of several fields gives the wrong one as `place` in its context. Parts that are
+    not in the content, such as the kind of value that was tried, are pydantic's and are left out."""
     place: list[int | str] = []
     here = content
     for name in problem["loc"]:
@@ -329,7 +329,7 @@ def plain_reason(problem: Mapping[str, Any]) -> str:
     return f"write {ADVICE[kind]}" if kind in ADVICE else text
 
 
-# Relations between settings. Each is a line of its model, a breach a wrong field.
+# Relations between settings. Each is one line of its model. A violation is reported as a wrong field.
 
 
 def misplaced(reason: str, *place: str) -> PydanticCustomError:
@@ -338,8 +338,8 @@ def misplaced(reason: str, *place: str) -> PydanticCustomError:
 
 
 def refused(wrong: Callable[[Any], Any], reason: str, field: str = "") -> Any:
-    """A check of settings, which are refused for a reason, whose `{s.field}` are theirs, where they are wrong. `field`
-    is the one to be corrected, if there is one, by its dotted name."""
+    """A check that refuses settings if `wrong` holds for them. `{s.field}` in the `reason` is replaced by their value.
+    `field` is the dotted name of the field to be corrected, if there is one."""
 
     def check(settings: Any) -> Any:
         if wrong(settings):
@@ -350,7 +350,7 @@ def refused(wrong: Callable[[Any], Any], reason: str, field: str = "") -> Any:
 
 
 def below(low: str, high: str, why: str, or_equal: bool = False) -> Any:
-    """A check that a field, or a sum as `guard_s + window_s`, is below another, or equal; `why` says what else were."""
+    """A check that a field, or a sum as `guard_s + window_s`, is below another, or equal; `why` is for the message."""
 
     def check(settings: Any) -> Any:
         least, most = (sum(attrgetter(one)(settings) for one in side.split(" + ")) for side in (low, high))
@@ -363,7 +363,7 @@ def below(low: str, high: str, why: str, or_equal: bool = False) -> Any:
 
 
 def rising(values: tuple[Any, ...]) -> tuple[Any, ...]:
-    """A check of a list, as of two bounds, each of which is below the next."""
+    """A check that each value of a list, such as of two bounds, is below the next."""
     if fallen := [(one, other) for one, other in pairwise(values) if one >= other]:
         raise ValueError(f"{fallen[0][1]} stands behind {fallen[0][0]}; write each once, from low to high")
     return values
@@ -377,7 +377,7 @@ def distinct(values: tuple[Any, ...]) -> tuple[Any, ...]:
 
 
 def one_of(known: Collection[str], what: str, name: str) -> str:
-    """A check of a name, which is one of the known ones; `what` says of what."""
+    """A check that a name is among the known ones; `what` describes them in the message."""
     if name in known:
         return name
     raise InputError(f"'{name}' is no {what}; write one of {listing([*known], 14)}{nearest(name, known)}")

@@ -1,6 +1,6 @@
-"""One recorder's clock fitted to another's, t_master = offset + (1 + drift) * t_slave, by the edges of a pulse train
-that both recorded, or where these cannot be used by the correlation of a joint's encoder with the angle between
-markers, whose scale, offset and sign may differ."""
+"""One recorder's clock fitted to another's, t_master = offset + (1 + drift) * t_slave: by the edges of a pulse train
+that both recorded; or else by the correlation of a joint's encoder with an angle between markers, whose scale, offset
+and sign may differ."""
 
 from dataclasses import dataclass, replace
 
@@ -12,7 +12,7 @@ from osl_analysis.ingest.source import Recording, SharedAngle
 from osl_analysis.trial import Array, marker_columns
 
 MINIMUM_EDGES = 6
-LARGEST_DRIFT = 500e-6  # of two crystal clocks
+LARGEST_DRIFT = 500e-6  # between two crystal clocks
 
 
 @dataclass(frozen=True)
@@ -25,20 +25,20 @@ class ClockFit:
     residual: float = 0.0  # RMS of the residuals [s]
     edges: int = 0  # pairs of edges that were used; by correlation, sections of the recording
     excluded_edges: int = 0  # Edges of the slave, during the time that both recorded, that match no edge of the master.
-    method: str = "edges"  # what was matched: edges, by `correlation` a signal; nothing where files have `common` times
+    method: str = "edges"  # `edges`, `correlation` of a signal, or `common`: the files share one time
 
     def to_master(self, time: Array) -> Array:
         """Times [s] of the slave on the master's clock [s]."""
         return self.offset + (1.0 + self.drift) * time
 
 
-# of a pulse train: times [s], (n,), whether the level rises, (n,), and the sampling interval of the recorder [s]
+# edges of a pulse train: times (n,) [s], whether the level rises (n,), and the recorder's sampling interval [s]
 Edges = tuple[Array, NDArray[np.bool_], float]
 
 
 def find_edges(time: Array, level: Array) -> Edges:
-    """Edges of a two-level signal: where it crosses its mid-level, between samples, if it then passes three quarters
-    of its range, or falling one quarter: noise at the mid-level makes no edges."""
+    """Edges of a two-level signal: times, interpolated, at which it crosses its mid-level. It must then pass three
+    quarters of its range, or falling one quarter, so that noise at the mid-level makes no edges."""
     low, swing = float(level.min()), float(np.ptp(level))
     step, middle = float(np.median(np.diff(time))) if time.size > 1 else 0.0, low + 0.5 * swing
     certain = np.flatnonzero(abs(level - middle) > 0.25 * swing)
@@ -51,8 +51,8 @@ def find_edges(time: Array, level: Array) -> Edges:
 
 
 def fit_clock(slave: Edges, master: Edges) -> ClockFit:
-    """Match the edges by the pattern of their intervals, and fit offset and drift without outliers. The error of an
-    edge is that of sampling, uniform within one interval."""
+    """Match the edges by the pattern of their intervals, and fit offset and drift without outliers. An edge has the
+    error of sampling, uniform within one interval."""
     for (times, _, _), who in ((slave, "the log"), (master, "motion capture")):
         if times.size < MINIMUM_EDGES:
             said = f"{times.size} sync edges in {who}, at least {MINIMUM_EDGES} are needed"
@@ -61,7 +61,7 @@ def fit_clock(slave: Edges, master: Edges) -> ClockFit:
     noise, limit = float(np.hypot(step, their_step)) / np.sqrt(12), max(step, their_step)
     first, second = first_pairs(slave, master)
     reach = max(np.ptp(first), step)
-    while reach <= 2 * np.ptp(ours):  # fit a line to the pairs known, reach twice as far, repeat
+    while reach <= 2 * np.ptp(ours):  # fit a line to the known pairs, reach twice as far, repeat
         line, used = robust_line(first, second, noise)
         reach *= 2
         near = abs(ours - first[used].mean()) <= reach
@@ -109,9 +109,9 @@ def first_pairs(slave: Edges, master: Edges) -> tuple[Array, Array]:
 
 def robust_line(first: Array, second: Array, noise: float) -> tuple[ClockFit, NDArray[np.bool_]]:
     """Line through pairs of times (n,), and which of them were used, (n,). `noise` [s] is the standard deviation of one
-    pair. A prior of that of two crystal clocks, 100 ppm, keeps the drift plausible in a short recording; in a long one
-    the pairs outweigh it. The differences of the times are fitted, so that large times lose no digits. Outliers, beyond
-    3.5 standard deviations, are found by their distance from the median."""
+    pair. A prior of 100 ppm, as between two crystal clocks, keeps the drift plausible in a short recording. In a long
+    one the pairs outweigh it. The differences of the times are fitted, so that large times lose no digits. Pairs more
+    than 3.5 standard deviations from the median are outliers."""
     if first.size < MINIMUM_EDGES:
         raise InputError(f"{first.size} sync edges fit together, at least {MINIMUM_EDGES} are needed; record longer")
     difference = second - first
@@ -133,15 +133,15 @@ def robust_line(first: Array, second: Array, noise: float) -> tuple[ClockFit, ND
     return replace(line, residual=residual, edges=int(used.sum())), used
 
 
-SECTIONS = 12  # parts of the recording, whose lags give the drift
-ONE_SIGNAL = 0.5  # smallest correlation that counts as one signal
-QUIET_SHARE = 0.05  # of the variance of the recording: a section with less is not used
+SECTIONS = 12  # sections of the recording; their lags give the drift
+ONE_SIGNAL = 0.5  # smallest correlation of two recordings of one signal
+QUIET_SHARE = 0.05  # share of the recording's variance below which a section is not used
 
 
 def correlate_clocks(slave: tuple[Array, Array], master: tuple[Array, Array]) -> ClockFit:
-    """Offset from the highest peak of the correlation of a signal, given by its rising times [s] and its values, (n,)
-    each; drift from the lags of twelve sections of the recording. In the result `edges` counts the sections that were
-    used, `excluded_edges` those that were quiet or did not fit."""
+    """Offset from the highest peak of the correlation of a signal (rising times [s] and values, (n,) each); drift from
+    the lags of twelve sections of the recording. In the result, `edges` counts the used sections, `excluded_edges`
+    those that were quiet or did not fit."""
     if min(slave[0].size, master[0].size) < 4 * SECTIONS:
         raise InputError(f"fewer than {4 * SECTIONS} samples of the shared signal; record longer")
     step, limit = sorted(float(np.median(np.diff(time))) for time, _ in (slave, master))
@@ -167,7 +167,7 @@ def correlate_clocks(slave: tuple[Array, Array], master: tuple[Array, Array]) ->
 
 
 def whole_lag(ours: Array, theirs: Array) -> int:
-    """Samples by which `theirs` (m,) is behind `ours` (n,): highest absolute correlation over a long enough overlap."""
+    """Samples by which `theirs` (m,) lags `ours` (n,): at the highest absolute correlation with enough overlap."""
     from scipy.signal import fftconvolve  # half a second, which other trials need not wait for
 
     def over_overlap(x: Array, y: Array) -> Array:
@@ -178,7 +178,7 @@ def whole_lag(ours: Array, theirs: Array) -> int:
     overlap = np.maximum(np.rint(over_overlap(one, other)), 1)
     sum_ours, sum_theirs = over_overlap(ours, other), over_overlap(one, theirs)
     covariance = over_overlap(ours, theirs) - sum_ours * sum_theirs / overlap
-    # over a quiet overlap the coefficient would be noise: its scatter counts as at least QUIET_SHARE of the whole
+    # over a quiet overlap the coefficient would be noise: so its variance is taken as at least QUIET_SHARE of the whole
     scatter_ours = np.maximum(over_overlap(ours**2, other) - sum_ours**2 / overlap, QUIET_SHARE * ours @ ours)
     scatter_theirs = np.maximum(over_overlap(one, theirs**2) - sum_theirs**2 / overlap, QUIET_SHARE * theirs @ theirs)
     enough = overlap >= 0.5 * min(ours.size, theirs.size)
@@ -223,8 +223,8 @@ def section_lags(ours: Array, theirs: Array, lag: int) -> tuple[Array, Array]:
 
 
 def aligned_clock(log: Recording, mocap: Recording, shared: SharedAngle | None) -> tuple[ClockFit, list[str]]:
-    """The clock fit by the sync edges; where they cannot be used, with a warning, by the correlation of the angle that
-    motion capture's source file names under `shared`. A log that says `clock: common` has the capture's times."""
+    """The clock fit by sync edges; if they cannot be used, with a warning, by the correlation of the angle that motion
+    capture's source file names under `shared`. A log with `clock: common` has the capture's times."""
     pair = (log, "log"), (mocap, "motion capture")
     if log.facts.get("clock") == "common":
         return ClockFit(log.facts["time"]["start"] - mocap.facts["time"]["start"], method="common"), []
@@ -254,7 +254,7 @@ def aligned_clock(log: Recording, mocap: Recording, shared: SharedAngle | None) 
 
 
 def values_of(recording: Recording, column: str, advice: str) -> tuple[Array, Array]:
-    """Times [s] and values of a column, where it has any; the `advice` of a refusal begins with whose it is."""
+    """Times [s] and values of a column where it was sampled. Raises InputError, with `advice`: there is no column."""
     if column not in recording.samples.columns:
         raise InputError(f"no column '{column}' from {advice}")
     rows = recording.samples.select("time", column).drop_nulls()

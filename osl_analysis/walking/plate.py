@@ -318,8 +318,8 @@ def identify_plate_inertia(
     filtered motions instead, 8 Hz would make the lag 0.05 ms too small. Only directions that the motion shows are
     identified (`excited_directions`), of those `within` (10, q) (None: all). The others stay as in `known` (10,) (None:
     0). So a plate may turn about any axis: its wrench is known for motions in crossings like those here, even if single
-    parameters are not. `noise` (10, 10) is the Gram matrix N of marker noise alone, G that of the columns. Estimates are
-    corrected by (G - N)^-1 G (Fuller, Measurement Error Models, 1987, 1.4)."""
+    parameters are not. `noise` (10, 10) is the Gram matrix N of marker noise alone, G that of the columns: estimates
+    are corrected by (G - N)^-1 G (Fuller, Measurement Error Models, 1987, 1.4)."""
     columns = np.concatenate([without_mean(smooth(inertial_columns(motion))) for motion, _ in recordings])
     wrench = np.concatenate([without_mean(w) for _, w in recordings])
     stacked, held = stacked_columns(columns), np.zeros(10) if known is None else known

@@ -1,8 +1,8 @@
 """Tables in formats of programs: sheets of Excel and OpenDocument by fastexcel, Parquet and Arrow by polars, arrays of
 numpy, and HDF5 by h5py. A sheet follows the rules of a table of text; others have names and types of their own.
 
-Formats that are not read are told by their content: those that pass for a log, or that laboratories often have. The
-ending of a name proves nothing. Without this table a marker file in TSV passes for a CSV log with nonsense columns."""
+Formats that are not read are recognised by their content, if laboratories often have them or if they look like a log.
+The ending of a name proves nothing. Else a marker file in TSV would pass for a CSV log with nonsense columns."""
 
 import mmap
 import os
@@ -32,7 +32,7 @@ SHEET = re.compile(rb"xl/|\[Content_Types\]\.xml|mimetypeapplication/vnd\.oasis\
 
 
 def kind_of(begin: bytes) -> str:
-    """The kind of table that a file is by what it begins with; empty if it is none."""
+    """The kind of table in a file, by its first bytes; empty if it is none."""
     if begin.startswith(OLE) or (begin.startswith(ZIP) and SHEET.search(begin)):
         return "sheet"
     if begin.startswith(ZIP) and b".npy" in begin[:400]:
@@ -97,7 +97,7 @@ def read_binary_table(
 
 @contextmanager
 def without_trace() -> Iterator[None]:
-    """Without what Rust prints where it panics on a damaged file."""
+    """Within the block, hide what Rust prints when it panics on a damaged file."""
     kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 2)
     try:
@@ -126,8 +126,8 @@ def read_workbook(path: Path, layout: csv_table.CsvLayout, is_unit: csv_table.Is
 
 
 def check_xls(path: Path) -> None:
-    """Refuse an old workbook of which a sheet does not go on to its end, record by record (type, length, content): its
-    decoder takes the rows up to there for all of them ([MS-XLS] 2.1.4; the stream's sectors: [MS-CFB] 2)."""
+    """Refuse an old workbook with a sheet whose records (type, length, content) break off before its end: the decoder
+    would take the rows up to there for all ([MS-XLS] 2.1.4; the stream's sectors: [MS-CFB] 2)."""
     data = path.read_bytes()
     size = 1 << min(16, struct.unpack_from("<H", data, 30)[0])
 
@@ -171,9 +171,9 @@ def largest_sheet(path: Path) -> tuple[str, list[str], pl.DataFrame]:
 
 
 def check_arrow(path: Path) -> None:
-    """Refuse an Arrow file whose parts do not follow one another up to its footer: where bytes were inserted or lost,
-    values behind them are those of other rows. The footer, a flatbuffer, lists in its third and fourth field where
-    parts begin, and how long their head and body are."""
+    """Refuse an Arrow file whose parts do not follow one another up to its footer: behind inserted or lost bytes,
+    values are in wrong rows. The footer, a flatbuffer, lists in its third and fourth fields the begin of each part, and
+    the lengths of its head and body."""
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data, suppress(struct.error):
         begin = len(data) - 10 - struct.unpack_from("<i", data, len(data) - 10)[0]
         root = begin + struct.unpack_from("<I", data, begin)[0]
@@ -253,8 +253,8 @@ def tell_bytes_behind(path: Path, begin: int, damage: Ledger) -> None:
 
 
 def never_written(item: Any) -> NDArray[np.bool_] | None:
-    """Which values of a data set of HDF5 were never written, as by a recorder that was killed: HDF5 gives its fill
-    value there. None if all were. InputError if two parts of it stand at one place."""
+    """Mask of the values of an HDF5 data set that were never written, as by a killed recorder: HDF5 gives a fill value
+    there. None if all were written. Raises InputError: two parts of the data set are at one place."""
     if item.size and not item.is_virtual and not item.id.get_storage_size():
         return np.ones(item.shape, bool)
     size = item.chunks
@@ -273,9 +273,9 @@ def never_written(item: Any) -> NDArray[np.bool_] | None:
 
 
 def frame_of(arrays: Mapping[str, NDArray[Any]], damage: Ledger, notes: list[str]) -> pl.DataFrame:
-    """The columns of arrays that have the length that most have, or that of a clock: an array (n,), each column of one
-    (n, m), each field of records; null behind the last value of a shorter one. Rows are what there is more of. Texts
-    are titles of the only matrix that is as wide. Single numbers, as a rate, become `notes`."""
+    """The columns of arrays with the most frequent length, or that of a clock: an array (n,), each column of a matrix
+    (n, m), each field of records; null behind the last value of a shorter one. The longer axis is the rows. Lists of
+    text are titles of the only matrix of this width. Single numbers, such as a rate, become `notes`."""
     titles = titles_in(arrays)
     columns = {own: values for name, array in arrays.items() for own, values in columns_in(name, array, titles).items()}
     numbers = {name: values for name, values in columns.items() if values.dtype.kind in "biufmM"}

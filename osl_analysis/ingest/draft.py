@@ -1,5 +1,5 @@
 """Drafts of source files, of the section `walking`, and of a sample sheet, from files and their names. Texts from
-files are quoted as JSON, which is valid YAML. Nothing is taken as told that is not."""
+files are quoted as JSON, which is valid YAML. What files do not tell is left to the user."""
 
 import json
 import re
@@ -57,8 +57,8 @@ COUNTS = ("", "dimensionless", "count")  # what may be of any quantity measures 
 
 
 def likely_column(channel: RecordedChannel) -> str:
-    """The canonical column that a channel may be; empty where name and unit tell none. A stated or likely unit must be
-    one of the column's; where the name tells nothing, what the unit measures is the guess."""
+    """The canonical column that a channel may be; empty if name and unit tell none. A stated or likely unit must fit
+    the column. If the name tells nothing, the unit's quantity is the guess."""
     words, stated = parted_name(name_and_ending(name_of(channel))[0]), normalised(channel.unit or channel.likely_unit)
     _, measured = base_units(stated) or (1.0, "")
     for column, (wanted, unwanted, _) in PATTERNS.items():
@@ -122,11 +122,11 @@ def to_be_edited(path: Path) -> list[str]:
 
 
 def log_lines(overview: Overview, log: "DraftedLog") -> Iterator[str]:
-    """An entry for every channel but the clock, for the user to name; topics without messages and empty arrays are left
-    out, and what is no signal is a comment. Where a channel is like a canonical column, so are those that are like
-    none. An entry has its column's name where only this channel is like it and its name leaves no doubt. One that may
-    be another quantity, as a command or another joint's angle, is left to the user; where angle and torque are known,
-    as a comment; so is then another one whose unit nothing states."""
+    """An entry for every channel but the clock. Topics without messages and empty arrays are left out. An entry has a
+    column's name if only this channel is like the column and its name leaves no doubt. The user names the others, such
+    as those that may be a command or another joint's angle. A channel that is no signal is a comment; so is one like no
+    column, if another channel is like one; and, once angle and torque are known, also a doubtful one, and one without a
+    stated unit."""
     yield from (f"# {text}" for text in overview.open)
     time: Any = overview.settings.get("time", {})
     if NAME_OF_TIME in time.values():
@@ -148,14 +148,14 @@ def log_lines(overview: Overview, log: "DraftedLog") -> Iterator[str]:
 
 @dataclass(frozen=True)
 class Guess:
-    """What a channel may be, and why."""
+    """A guess at what a channel is, and why."""
 
-    column: str = ""  # canonical column; empty where nothing tells one
-    sure: bool = False  # whether no other channel is like it, and its name leaves no doubt
+    column: str = ""  # canonical column; empty if nothing tells one
+    sure: bool = False  # whether no other channel is like the column, and the name leaves no doubt
     said: str = ""  # the evidence, in words
-    sign: int = 1  # by which it would be turned
+    sign: int = 1  # `sign` of the channel in the source file
     no_signal: bool = False  # whether it stands still, is noise, or is computed from another
-    wraps_at: float = 0.0  # after how much it begins anew; 0 if it does not
+    wraps_at: float = 0.0  # range after which it wraps; 0 if it does not
 
 
 class DraftedLog(NamedTuple):
@@ -176,7 +176,7 @@ def drafted_log(overview: Overview) -> DraftedLog:
     return DraftedLog(signals, guessed_columns(signals), clock)
 
 
-FEWEST_READINGS, LARGEST_READING = 100, 1e30  # how many tell how a channel moves; beyond the other, none is one
+FEWEST_READINGS, LARGEST_READING = 100, 1e30  # fewest readings that show how a channel moves; largest valid reading
 
 
 def name_of(channel: RecordedChannel) -> str:
@@ -192,7 +192,7 @@ def readings(channel: RecordedChannel) -> Array:
 
 
 def wraps_at(channel: RecordedChannel) -> float:
-    """By how much, a turn or a power of two, a channel leaps where it begins anew; 0 if it does not."""
+    """The range, a turn or a power of two, at which a channel wraps; 0 if it does not."""
     steps, span = np.abs(np.diff(known := readings(channel))), float(np.ptp(known)) if known.size else 0.0
     leaps = steps[steps > 0.5 * span]
     for at in (2 * np.pi, 360.0, *2.0 ** np.arange(10, 25)) if 0 < leaps.size < 0.2 * steps.size else ():
@@ -202,7 +202,7 @@ def wraps_at(channel: RecordedChannel) -> float:
 
 
 def gone_on(channel: RecordedChannel, at: float) -> RecordedChannel:
-    """A channel as one that goes on where it begins anew."""
+    """The channel, unwrapped."""
     return replace(channel, numbers=np.unwrap(readings(channel), period=at)) if at else channel
 
 
@@ -219,7 +219,7 @@ def no_signal(channel: RecordedChannel) -> str:
 
 
 def named_joint(channels: Sequence[RecordedChannel]) -> set[str]:
-    """The joint that the names of channels tell, where they tell one alone."""
+    """The joint in the names of channels, if they name only one."""
     words = {word for one in channels for word in parted_name(name_of(one)).split()} & {"ankle", "knee", "hip"}
     return words if len(words) == 1 else set()
 
@@ -249,8 +249,8 @@ def guessed_columns(channels: Sequence[RecordedChannel]) -> list[Guess]:
 
 
 def with_spring(channels: Sequence[RecordedChannel], guesses: list[Guess]) -> list[Guess]:
-    """The same where one torque alone follows one angle as a spring's does: these are what they are like, and a torque
-    that falls as the angle rises has the other sign, by which a joint resists."""
+    """The guesses, confirmed if exactly one torque follows one angle like a spring. A torque that falls as the angle
+    rises gets the other sign, because a joint resists."""
     likely = {
         column: [n for n, one in enumerate(guesses) if one.column == column and (one.sure or not sure)]
         for column, sure in ((name, any(g.sure and g.column == name for g in guesses)) for name in ("theta", "torque"))
@@ -271,7 +271,7 @@ def with_spring(channels: Sequence[RecordedChannel], guesses: list[Guess]) -> li
 
 
 def correlation(theta: RecordedChannel, torque: RecordedChannel) -> float:
-    """Of the readings of two channels, by their times where they have such; 0 where they cannot be compared."""
+    """Correlation of the readings of two channels, by their times if they have any; 0 if they cannot be compared."""
     if torque.numbers is None or theta.numbers is None:
         return 0.0
     x, y = (np.nan_to_num(one, posinf=0.0, neginf=0.0) for one in (theta.numbers, torque.numbers))
@@ -295,7 +295,7 @@ def turns_slowly(log: DraftedLog) -> bool:
 
 
 def made_of(channel: RecordedChannel, currents: Sequence[RecordedChannel]) -> str:
-    """Of which current a torque is a constant times, in words; empty of none: that is no torque that was measured."""
+    """A text that names the current to which a torque is proportional, so that it was not measured; empty if none."""
     for current in currents:
         none = np.empty(0)
         y, x = (none if one.numbers is None else one.numbers for one in (channel, current))
@@ -358,7 +358,7 @@ def tracks_of(overview: Overview) -> dict[str, Array]:
 
 
 def longest_way(track: Array) -> float:
-    """The longest way of a track (frames, n) along an axis but for its outer 2 %; infinite if it was hardly seen."""
+    """The longest range of a track (frames, n) along an axis, without its outer 2 %; infinite if it was hardly seen."""
     seen = track[np.isfinite(track).all(axis=1)]
     ends = np.quantile(seen, [0.02, 0.98], axis=0) if 2 * len(seen) > len(track) else [[0.0], [np.inf]]
     return float(np.ptp(ends, axis=0).max())
@@ -441,7 +441,7 @@ WORDS_OF_EXPERIMENTS = {
     "actuator": r"\b(actuator|motor)\b",
     "impedance": r"\b(impedance|imp|stiffness|multisine|chirp|sines?)\b",
 }
-"""By experiment: what the words of a file's name contain. A name that tells several tells none."""
+"""By experiment: words in a file's name. A name with words of several experiments tells none."""
 UNNAMED = "ingest_only"  # the experiment of a trial whose name tells none
 
 

@@ -1,4 +1,4 @@
-"""The raw files of one trial: recognised, read by their source files, and put together to canonical samples."""
+"""The raw files of one trial: recognised, read by their source files, and joined to canonical samples."""
 
 import hashlib
 import math
@@ -140,7 +140,7 @@ def read_source(path: Path) -> sources.Source:
 
 
 def check_clocks(log: sources.Source, mocap: sources.Source) -> None:
-    """Refuse source files of a log and of motion capture that do not tell how the log's clock is aligned."""
+    """Refuse source files of a log and of motion capture that do not state how the log's clock is aligned."""
     clocks = {one.clock for one in (log, mocap) if isinstance(one, sources.LogSource)}
     shared, maps = getattr(mocap, "shared", None), getattr(log, "channels", {})
     angle, edges = shared is not None and shared.column in maps, "sync" in getattr(mocap, "analogs", clocks)
@@ -166,7 +166,7 @@ def check_plates(source: sources.Source, captures: Sequence[Path], of_walking: i
 
 
 def recognise(path: Path) -> str:
-    """Name of a file's format, by what it begins with, or else by its ending; other text is CSV."""
+    """Name of a file's format, by its first bytes, or else by its ending; other text is CSV."""
     begin, found = formats_of(path)
     known = [name for name, one in FORMATS.items() if path.suffix.lower() in one.suffixes]
     found += [name for name in known if name != "table" or not is_text(begin)]  # text is often called `.xls`
@@ -241,15 +241,15 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
     return trial
 
 
-own_version = cache(version)  # which takes 4 ms
-MOST_HELD = 6  # samples that a sensor may take to answer
-LEAST_COPIED = 4  # samples in a row that are those of another place
-AROUND = 1000  # samples before and behind such a run, which tell whether a motion comes again there
-NO_SENSOR = ("V", "N*m/rad", "N*m*s/rad")  # units of pulses and of gains, which repeat themselves
+own_version = cache(version)  # `version` takes 4 ms
+MOST_HELD = 6  # most samples for which a sensor may hold a value
+LEAST_COPIED = 4  # fewest consecutive samples that count as a copy of another place
+AROUND = 1000  # samples before and behind such a run that tell whether the motion itself repeats
+NO_SENSOR = ("V", "N*m/rad", "N*m*s/rad")  # units of pulses and gains, which repeat themselves
 
 
 def surprise(scatter: float, level: float) -> float:
-    """How unlikely noise of an SD makes it that a reading of a smallest step is equal to another, -ln of the chance."""
+    """-ln of the probability that two readings with noise of this SD (`scatter`) and step (`level`) are equal."""
     return math.log(2 * math.pi**0.5 * scatter / max(level, 1e-300)) if scatter else 0.0
 
 
@@ -261,8 +261,8 @@ def read_values(recording: sources.Recording, column: str) -> tuple[NDArray[np.i
 
 
 def channels_with_noise(recording: sources.Recording) -> list[tuple[str, NDArray[np.intp], Array, float]]:
-    """The measured channels with noise: name, rows (n,), readings (n,), without those that its recorder held; and how
-    unlikely the quietest piece of each makes a reading equal to another."""
+    """The measured channels with noise: name, rows (n,), readings (n,) without held ones, and the `surprise` of two
+    equal readings in the channel's quietest piece."""
     parts = list[tuple[str, NDArray[np.intp], Array, float]]()
     alike: dict[int, list[tuple[str, NDArray[np.intp], Array, Array]]] = {}  # by the length of their pieces
     for column in recording.columns:
@@ -285,8 +285,8 @@ def channels_with_noise(recording: sources.Recording) -> list[tuple[str, NDArray
 
 
 def tell_copies(recording: sources.Recording) -> None:
-    """Count as lost what the samples of a channel in a place are those of another place, or channel, more of them than
-    noise repeats in one of a million channels. Commands repeat themselves, pulses, and a motion without noise."""
+    """Count as lost the samples of a channel that are copies of another place, or of another channel: more of them than
+    noise repeats in one of a million channels. Commands, pulses, and motions without noise may repeat themselves."""
     lost, found = np.zeros(recording.samples.height, bool), dict[tuple[int, int, int, str], list[str]]()
     time, parts = recording.samples["time"], channels_with_noise(recording)
     ends = np.cumsum([0, *(x.size + 1 for _, _, x, _ in parts)]).tolist()
@@ -340,7 +340,7 @@ def tell_copies(recording: sources.Recording) -> None:
 
 
 def tell_no_sensor(recording: sources.Recording) -> None:
-    """Say where a channel has values of no sensor, but for those that all hold until the trigger: some may be lost."""
+    """Remark where a channel has values that no sensor gives, except those that all channels hold until the trigger."""
     times, each = recording.samples["time"].to_numpy(), dict[str, tuple[Array, Array]]()
     for column in (one for one in recording.columns if one in sources.SELDOM_REPEAT):
         rows, x = read_values(recording, column)
@@ -363,7 +363,7 @@ def tell_no_sensor(recording: sources.Recording) -> None:
 
 
 def tell_odd_steps(recording: sources.Recording) -> None:
-    """Say where time, also that of one channel, goes on by another step than in nine of ten rows, which are alike."""
+    """Remark where the time of all or of one channel has an odd step, if nine of ten steps are alike."""
     alike = defaultdict[bytes, list[str]](list)
     for column in recording.samples.select(pl.exclude("time").is_not_null()):
         alike[column.to_numpy().tobytes()].append(column.name)
@@ -381,8 +381,8 @@ def tell_odd_steps(recording: sources.Recording) -> None:
 
 
 def tell_leaps_of_markers(recording: sources.Recording) -> None:
-    """Say where four in five coordinates of markers, which are masses, leave their curves in a frame, or one does so
-    and comes back, farther than cameras that take another marker for it let it."""
+    """Remark where four in five coordinates of markers leave their curves in one frame, which masses cannot do, or
+    where one does so and comes back, farther than if cameras confuse two markers."""
     share = recording.samples.select(pl.col("^marker_.*$").is_finite().mean())  # of its frames
     markers = [one for one in share.columns if (share[one][0] or 0) > 0.5]
     if not markers:
@@ -450,8 +450,8 @@ def check_copies(path: Path, parts: Sequence[Mapping[str, Any]]) -> None:
 
 
 def written_at(path: Path) -> tuple[int, ...]:
-    """What changes where a file is written to, or replaced, while it is read."""
-    with path.open("rb") as file:  # a file system of another machine is asked anew
+    """Facts on a file that change if it is written to, or replaced, while it is read."""
+    with path.open("rb") as file:  # opening makes a network file system ask its server again
         known = os.fstat(file.fileno())
     return known.st_ino, known.st_size, known.st_mtime_ns, known.st_ctime_ns
 

@@ -48,7 +48,7 @@ def true_signals(
     row: Mapping[str, Any], settings: SimulationSettings, p: DrivetrainParameters, gains: Gains | None = None
 ) -> tuple[JointMotion, dict[str, recorder.TrueSignal]]:
     """The true motion of a trial, and its true signals by channel. The load cell has the torque of the joint on the
-    bench, the paper's tau_j: *minus* the canonical torque. So has the actuator's own transducer its imperfections."""
+    bench, the paper's tau_j: *minus* the canonical torque. The actuator's own transducer has imperfections, too."""
     experiment, bench, bandwidth = row["experiment"], settings.dynamometer, settings.effects.dynamometer_bandwidth
     rate, own = bench.rate_hz, np.zeros(0)
     if experiment == "actuator" and settings.actuator is not None:

@@ -75,9 +75,9 @@ def simulate_drivetrain(
 
 @fused
 def turned_belt(theta_s: float, z: float, turned_to: float, per_rad: float) -> float:
-    """State z in [-1, 1] of the belt's hysteresis after its deflection went from theta_s to another one [rad]: it tends
-    to the sign of this change. Exact for a monotone change. Most of the time goes here: for the short steps of an
-    integration the series of (1 - exp(-x))/x, whose rest is then below 1e-16, takes a third of it."""
+    """State z in [-1, 1] of the belt's hysteresis after its deflection went from theta_s to `turned_to` [rad]: z tends
+    to the sign of this change. Exact for a monotone change. Most of the simulation's time is spent here. For short
+    steps, the series of (1 - exp(-x))/x is exact to 1e-16 and takes a third of the time."""
     change = (turned_to - theta_s) * per_rad
     x = abs(change)
     if x > 1 / 16:

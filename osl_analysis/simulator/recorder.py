@@ -1,8 +1,8 @@
-"""What recorders do to true signals: when each channel is sampled, what its sensor makes of it, what stamps it gets;
-with everything off the even instants of the simulation.
+"""The effects of recorders on true signals: sampling instants, sensors and stamps. With all effects off, samples are
+at the even instants of the simulation.
 
 The file is MCAP like those of laboratories: ROS 2 messages in CDR, zstd chunks with CRCs. All messages are known
-beforehand, so that it is made chunk by chunk. It equals the one that `mcap.writer.Writer` writes."""
+beforehand, so it is made chunk by chunk. It equals the file that `mcap.writer.Writer` writes."""
 
 import json
 import struct
@@ -35,8 +35,8 @@ SENSORS = {
 }
 """Effects with the white noise and with the resolution of each channel."""
 TrueSignal = Array | Callable[[Array], Array]
-"""A true signal, (n,) at the even instants of the simulation; or one that jumps, as friction does, by its values at any
-instants [s]: a curve through its samples is not what it is in between."""
+"""A true signal: (n,) at the even instants of the simulation; or, for a signal that jumps, as friction does, a function
+of instants [s], because a curve through its samples would be wrong in between."""
 
 
 def recording_of(

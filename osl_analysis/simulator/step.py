@@ -1,5 +1,5 @@
-"""One step on the platform: the nominal curves of gait, all that is random in it, and the motion of the platform;
-with poses, wrenches and Newton-Euler for the bodies of a crossing, on a regular time grid, in laboratory axes.
+"""One step on the platform: the nominal curves of gait, their random variations, and the motion of the platform; with
+poses, wrenches and Newton-Euler for the bodies of a crossing, on a regular time grid, in laboratory axes.
 
 The nominal curves resemble published ones of level walking with a prosthetic ankle, and have three or more continuous
 derivatives. Cycle phase c: 0 at heel strike, 1 at the next one; stance phase p: 0 at heel strike, 1 at toe-off."""
@@ -159,7 +159,7 @@ def foot_path(c: Array, stride: float) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class GaitTrial:
-    """A trial of the gait laboratory. All that is random in it follows from its name and the seed."""
+    """A trial of the gait laboratory. Its name and the seed determine everything random."""
 
     name: str
     seed: int

@@ -431,6 +431,8 @@ def misfit_row(fit: PersonFit, own: Row) -> Row:
     of friction also more than by a reflex of another shape. Then the row has its harm, of friction also K, B and I
     beside it. If the gain is only more than by chance, the intervals of the trial's `own` row hold these."""
     person, whole, few, row = fit[0], fit[1].whole, fit[0].record.coarse, no_witness()
+    if own["lag_shift"]:
+        return row
     theta, alone = person.raw.coarse.motion.theta, person.muscles[0][1]
     away = theta - theta.mean()
     tried = {"friction": effects.shapes_of_friction(person.raw), "size": {"square": away * abs(away), "cube": away**3}}
@@ -441,7 +443,7 @@ def misfit_row(fit: PersonFit, own: Row) -> Row:
         gained = 1 - left / alone  # shares, which are alike where the joint moves little and far
         t = float(gained.mean() / max(gained.std(ddof=1), 1e-300)) * len(gained) ** 0.5
         chance = scipy.special.stdtr(len(gained) - 1, -t)
-        if own["lag_shift"] or chance > RUBS[2]:
+        if chance > RUBS[2]:
             continue
         found = gram.fit_groups(sums, {**IMPEDANCE, **{name: name for name in beside}}, limit=np.inf)
         moved, of_whole = (np.array([one[name] for name in "KBI"]) for one in (found, whole))

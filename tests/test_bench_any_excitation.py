@@ -488,7 +488,7 @@ def test_what_a_persons_model_misses_in_every_period_is_not_made_certain_by_thei
 
 @pytest.mark.parametrize(("gain", "cubic", "rubs", "doubt"), [
     (0, 0, 0, ""), (0, 4e3, 0, "spring that is not linear; motion that tells too little"), (6, 0, 0, ""),
-    (6, 4e3, 0, "spring that is not linear"), (0, 0, 0.3, "friction"),
+    (6, 4e3, 0, "spring that is not linear"), (0, 0, 0.3, "friction"), (6, 8e3, 0.3, "friction"),
 ])  # fmt: skip
 def test_a_device_that_is_stated_to_be_a_person_keeps_its_doubts(gain, cubic, rubs, doubt):
     trial = reflexive(np.random.default_rng(4), gain, 0.03)

@@ -7,6 +7,7 @@ rectified velocity, delayed by some 40 ms, through muscle; here for both directi
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -428,9 +429,10 @@ def lag_of_person_row(fit: PersonFit, own: Row) -> Row:
 def misfit_row(fit: PersonFit, own: Row) -> Row:
     """What explains a torque without a lag, beside the reflex: friction (play is friction that drives), and a spring
     that is not linear, as a dead zone is. Leave-one-out prediction must gain by its columns: far more than by chance,
-    of friction also more than by a reflex of another shape. Then the row has its harm, of friction also K, B and I
-    beside it. If the gain is only more than by chance, the intervals of the trial's `own` row hold these."""
+    of friction also more than by a reflex of another shape. The row has the harm of what gains most, of friction also
+    K, B and I beside it. If the gain is only more than by chance, the intervals of the trial's `own` row hold these."""
     person, whole, few, row = fit[0], fit[1].whole, fit[0].record.coarse, no_witness()
+    heard = list[tuple[float, str, gram.GroupFit]]()
     if own["lag_shift"]:
         return row
     theta, alone = person.raw.coarse.motion.theta, person.muscles[0][1]
@@ -446,16 +448,19 @@ def misfit_row(fit: PersonFit, own: Row) -> Row:
         if chance > RUBS[2]:
             continue
         found = gram.fit_groups(sums, {**IMPEDANCE, **{name: name for name in beside}}, limit=np.inf)
-        moved, of_whole = (np.array([one[name] for name in "KBI"]) for one in (found, whole))
-        harm = float(harm_of(moved - of_whole, of_whole).max())
         if chance > RUBS[1] or (family == "friction" and left.sum() > (1 - RUBS[0]) * alone.sum()):
             row |= holding([found], own)
-        elif family == "size":
-            row |= {"size_shift": harm, "rivals": "stiffness that changes with the angle"}
         else:
-            heard, name = ("friction", "friction") if found["slides"] > 0 else ("speed", "play")
-            row |= {f"{heard}_shift": harm, "rivals": name, **without_row(found, "without")}
-    return row
+            heard.append((float(left.sum()), family, found))
+    if not heard:
+        return row
+    _, family, found = min(heard, key=itemgetter(0))
+    moved, of_whole = (np.array([one[name] for name in "KBI"]) for one in (found, whole))
+    harm = float(harm_of(moved - of_whole, of_whole).max())
+    if family == "size":
+        return row | {"size_shift": harm, "rivals": "stiffness that changes with the angle"}
+    family, name = ("friction", "friction") if found["slides"] > 0 else ("speed", "play")
+    return row | {f"{family}_shift": harm, "rivals": name, **without_row(found, "without")}
 
 
 def reflex_gains(person: Reflexive, whole: gram.GroupFit) -> Row:

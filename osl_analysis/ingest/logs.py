@@ -382,8 +382,8 @@ WRITTEN = r"(\d+(?:[.,]\d+)*(?:e[+-]?\d+)?)"
 OF_ROWS = r"(?:sampl\w*|scan|acquisition|recording|data|output)[ _]*(?:rate|frequency|freq)|fs\b|^(?:rate|frequency)\b"
 OF_ROWS += r"|abtast(?:rate|frequenz)|fr\w+ d.\w*chantillonnage"
 INTERVAL = rf"(?i)\b(?:delta_x|dt|(?:sampl\w*[ _]*)?(?:interval|period))\b\D*?{WRITTEN}(?:\s*([mu]?)s\b)?"
-THINNED = r"(?i)decimat|(down|sub|over)-?sampl|\bevery\W+(\d|other|second|n)|averag(ing|ed)|\bthinn"
-THINNED += r"|\b(device|internal|sensor|adc|emg|hardware)\b.*(rate|freq)"
+NOT_OF_ROWS = r"(?i)decimat|(down|sub|over)-?sampl|\bevery\W+(\d|other|second|n)|averag(ing|ed)|\bthinn"
+NOT_OF_ROWS += r"|\b(device|internal|sensor|adc|emg|hardware)\b.*(rate|freq)"
 
 
 def stated_rate(comments: Sequence[str]) -> float | None:
@@ -392,7 +392,7 @@ def stated_rate(comments: Sequence[str]) -> float | None:
     alone = r"[\s:=\x22[]*(\d{2,5}(?:\.\d*)?)(?:$|[\]};]|, )"
     rates, in_words = set[float](), rf"(?i)\b(?:{OF_ROWS})(?:\D*?{WRITTEN}\s*(k?)(?:hz|s/s|sps)|{alone})"
     for text in comments:
-        if re.search(THINNED, text):
+        if re.search(NOT_OF_ROWS, text):
             return None
         if (found := re.search(INTERVAL, text)) and (step := written_number(found[1])) > 0:
             rates.add(float(f"{1 / (step * TIME_UNITS[(found[2] or '') + 's']):.9g}"))

@@ -289,7 +289,7 @@ def timing_by_words(
         return None, []
     if rate := logs.stated_rate(texts):
         return {"time": {"rate": rate}}, [f"time by the file's own words: {rate} rows a second"]
-    told = [text for text in texts if re.search(rf"{logs.THINNED}|{logs.OF_ROWS}", text)]
+    told = [text for text in texts if re.search(rf"{logs.NOT_OF_ROWS}|{logs.OF_ROWS}", text)]
     said = f"which rate is that of the rows? State it, as `time: {{rate: HZ}}`: {printable(listing(told, 4))}"
     return None, [said] * bool(told)
 

@@ -1,5 +1,7 @@
 """Impedance from motions that are no stepped sine, against joints whose torque is a formula."""
 
+from dataclasses import replace
+
 import numpy as np
 import polars as pl
 import pytest
@@ -11,8 +13,8 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.signal import butter, cont2discrete, lfilter, lsim, sosfilt, sosfiltfilt
 
 from osl_analysis.bench.analysis import analysed, angle_noise_bias, angle_noise_share, timebase_table, without_row
-from osl_analysis.bench.effects import IMPEDANCE, plain_sums, with_effects
-from osl_analysis.bench.human_joint import fit_person, human_joint_table, over_table
+from osl_analysis.bench.effects import IMPEDANCE, late_fit, plain_sums, with_effects
+from osl_analysis.bench.human_joint import fit_person, human_joint_table, lag_of_person_row, over_table
 from osl_analysis.bench.impedance import (
     DesiredImpedance,
     impedance_table,
@@ -542,13 +544,13 @@ def test_a_reflex_is_a_doubt_of_a_device_and_columns_of_a_person():
 
 
 @pytest.mark.parametrize("late", [0.0, 5e-3])
-def test_a_late_torque_of_a_person_is_told_from_the_reflex_and_doubted_with_k_and_b_without_it(late):
+def test_a_late_torque_of_a_person_is_told_from_the_reflex_and_doubted_with_k_and_b_without_it(late, monkeypatch):
     """Friction, which damps as an early torque does, is none, but a doubt of its own."""
     motion = noise(rng := np.random.default_rng(5), (0.3, 20.0), 1.2, 30.0, 500.0)
     past = np.maximum(np.roll(motion[1][1], 22), 0)
     more = 3 * sosfilt(butter(2, 3, fs=500.0, output="sos"), past) + 0.2 * np.tanh(motion[1][1] / 0.02)
     trial = made_trial(rng, motion, late=late, more=more, K=90.0, B=1.0, I=0.016)
-    _, row = person(trial, cutoff_hz=40.0)
+    fit, row = person(trial, cutoff_hz=40.0)
     assert (row["lag_s"], row["cutoff_hz"]) == (pytest.approx(late, abs=2.5e-4), 40.0)
     if not late:
         assert (row["doubtful"], row["lag_shift"], row["K_without_lag"]) == ("friction", 0.0, None)
@@ -564,6 +566,14 @@ def test_a_late_torque_of_a_person_is_told_from_the_reflex_and_doubted_with_k_an
     assert row["K_without_lag"] == pytest.approx(90, rel=0.1)
     assert row["B"] - 0.1 > row["B_without_lag"] == pytest.approx(1, abs=0.03)
     assert findings_of(row, LIMITS_OF_PERSON, "human_joint")[0].without["I_low"] == row["I_without_lag_low"]
+
+    def image(*given, **how):
+        found, more = late_fit(*given, **how)
+        return replace(found, estimates=found.estimates * [-1 if name == "I" else 1 for name in found.names]), more
+
+    monkeypatch.setattr("osl_analysis.bench.effects.late_fit", image)
+    row = lag_of_person_row(fit, row)
+    assert (row["lag_shift"] > 1, row["K_without_lag"], row["K_without_lag_low"]) == (True, None, None), "I is negative"
 
 
 @pytest.mark.parametrize(("band", "clip", "doubt"), [

@@ -60,7 +60,7 @@ def read_binary_table(
             check_archive(path)
         if kind == "sheet":
             return read_workbook(path, layout, is_unit)
-        damage, units, notes = Ledger(), dict[str, str](), list[str]()
+        damage, units, notes, not_read = Ledger(), dict[str, str](), list[str](), list[str]()
         if kind == "stream":
             check_memory(path.stat().st_size)
             frame = pl.read_ipc_stream(path)
@@ -75,24 +75,25 @@ def read_binary_table(
         elif kind == "hdf5":
             optional_module("h5py", "an HDF5 file")  # before the fork: it takes a fifth of a second
             arrays, units = isolated(partial(hdf5_arrays, path))
-            frame = frame_of(arrays, damage, notes)
+            frame = frame_of(arrays, not_read, notes)
             tell_bytes_behind(path, 0, damage)
         else:
             try:
                 if kind == "npy":
                     values = np.load(path, mmap_mode="r", allow_pickle=False)
                     check_memory(values.nbytes)
-                    frame = frame_of({"": np.asarray(values)}, damage, notes)
+                    frame = frame_of({"": np.asarray(values)}, not_read, notes)
                 else:
                     with path.open("rb") as file:  # numpy leaves that of a damaged archive open
-                        frame = frame_of(dict(np.load(file, allow_pickle=False)), damage, notes)
+                        frame = frame_of(dict(np.load(file, allow_pickle=False)), not_read, notes)
             except ValueError as error:
                 if not holds_objects(path):
                     raise
                 said = "holds objects of Python, which may run a program and are not read"
                 raise InputError(f"{said}; save arrays of numbers, as `numpy.savez(PATH, theta=theta, ...)`") from error
     table = table_of_frame(frame[:most_rows] if most_rows else frame, units, damage, notes)
-    return replace(table, is_padded=kind in ("hdf5", "npz") and any(one.has_nulls() for one in table.body))
+    is_padded = kind in ("hdf5", "npz") and any(one.has_nulls() for one in table.body)
+    return replace(table, is_padded=is_padded, not_read=not_read)
 
 
 @contextmanager
@@ -272,10 +273,11 @@ def never_written(item: Any) -> NDArray[np.bool_] | None:
     return lacking
 
 
-def frame_of(arrays: Mapping[str, NDArray[Any]], damage: Ledger, notes: list[str]) -> pl.DataFrame:
+def frame_of(arrays: Mapping[str, NDArray[Any]], not_read: list[str], notes: list[str]) -> pl.DataFrame:
     """The columns of arrays with the most frequent length, or that of a clock: an array (n,), each column of a matrix
     (n, m), each field of records; null behind the last value of a shorter one. The longer axis is the rows. Lists of
-    text are titles of the only matrix of this width. Single numbers, such as a rate, become `notes`."""
+    text are titles of the only matrix of this width. Single numbers, such as a rate, become `notes`; `not_read` says
+    which columns are of another length."""
     titles = titles_in(arrays)
     columns = {own: values for name, array in arrays.items() for own, values in columns_in(name, array, titles).items()}
     numbers = {name: values for name, values in columns.items() if values.dtype.kind in "biufmM"}
@@ -286,7 +288,8 @@ def frame_of(arrays: Mapping[str, NDArray[Any]], damage: Ledger, notes: list[str
     length = max(lengths, key=lambda size: (lengths[size], size))
     kept = {length, *(one.size for name, one in numbers.items() if csv_table.is_clock(name.rpartition("/")[2]))} - {1}
     if others := [name for name, values in numbers.items() if values.size not in (1, *kept)]:
-        damage.remarks.append(f"{OTHER_LENGTH} {listing([str(one) for one in sorted(kept)])}: {listing(others, 8)}")
+        lengths_read = listing([str(one) for one in sorted(kept)])
+        not_read.append(f"not read are columns of another length than {lengths_read}: {listing(others, 8)}")
     signals = {name: pl.Series(one) for name, one in numbers.items() if one.size in kept}
     check_memory(8 * max(kept) * len(signals))
     return pl.DataFrame({name: one.extend_constant(None, max(kept) - len(one)) for name, one in signals.items()})
@@ -345,7 +348,6 @@ def table_of_frame(
     return csv_table.CsvTable(names, stated, np.arange(1, frame.height + 1), body, notes, damage, noun="row")
 
 
-OTHER_LENGTH = "not read are columns of another length than"
 FIRST_BYTES = 1 << 16  # bytes of a file that `refuse_others` needs
 AS_C3D = "export the trial as C3D"
 AS_CSV = "open it in a spreadsheet, also where it is called `.xls`, and save its table as CSV"

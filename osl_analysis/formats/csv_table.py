@@ -267,6 +267,7 @@ class CsvTable:
     decimal: str = "."
     noun: str = "line"  # word for what `lines` count
     is_padded: bool = False  # whether columns differ in length and are padded with nulls
+    not_read: list[str] = field(default_factory=list)  # which columns are not, in words: nothing tells their time
 
 
 def place_of(name: str, names: Sequence[str]) -> int:

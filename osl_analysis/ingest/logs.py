@@ -236,6 +236,7 @@ def csv_log(path: Path, source: sources.SheetSource) -> Table:
     chosen = {one.name for one in fields(csv_table.CsvLayout)} & {*type(source).model_fields}
     layout = csv_table.CsvLayout(**{name: getattr(source, name) for name in chosen})
     text = read_any_table(source.format, path, layout)
+    text.damage.remarks.extend(text.not_read)
     places = {name: csv_table.place_of(name, text.names) for name in wanted(source)}
     text, sizes = of_asked_size(text, [*places.values()])
     clock = places.get(source.time.name)

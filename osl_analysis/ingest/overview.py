@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, listing, printable
 from osl_analysis.formats import csv_table
-from osl_analysis.formats.binary_table import OTHER_LENGTH, titles_of_columns
+from osl_analysis.formats.binary_table import titles_of_columns
 from osl_analysis.formats.c3d import C3DRecording, read_c3d
 from osl_analysis.formats.gait_text import opensim_header, read_sections, read_trc
 from osl_analysis.formats.json_lines import MOST_ELEMENTS, addresses_of, decode_lines, read_json_lines
@@ -233,7 +233,7 @@ def inspect_table(name: str, path: Path) -> Overview:
     named = [one.key for one in times if csv_table.is_clock(one.name)]
     clock = named[0] if named else times[0].key if len(times) == 1 else None
     timing: dict[str, object] | None = {"time": {"column": clock}} if clock else None
-    left_open = [text for text in table.damage.remarks if text.startswith(OTHER_LENGTH)]
+    left_open = [*table.not_read]
     if not clock and not any(logs.ticks(np.asarray(one.numbers), one.unit) for one in columns if one.count):
         timing, asked = timing_by_words(table.comments, columns)
         left_open += asked
@@ -252,7 +252,7 @@ def inspect_table(name: str, path: Path) -> Overview:
     facts |= {f"comment {i + 1}": text for i, text in enumerate(table.comments[:20])}
     return overview_of(
         name, columns, "columns", timing=timing, left_open=left_open, facts=facts,
-        remarks=[text for text in table.damage.remarks if text not in left_open], settings=settings, clock=clock,
+        remarks=table.damage.remarks, settings=settings, clock=clock,
     )  # fmt: skip
 
 

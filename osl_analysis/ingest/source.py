@@ -677,19 +677,20 @@ def out_of_place(
 ) -> NDArray[np.bool_]:
     """Mask (n,) of readings in blocks that changed places; if there are none, those found `by_leaps`."""
     moved, of_joint = exchanged(x, bends), np.zeros(x.shape)
-    if not moved.any() and (column == "theta" or not is_coarse):  # a joint's angle cannot leap, even a coarse one
-        if column != "theta" and angle is not None and angle.shape == x.shape:
-            of_joint = bends_of(angle)
-        return by_leaps(column, time, x, bends, of_joint)
-    return moved
+    coarse = is_coarse and column != "theta"  # a joint's angle cannot leap, even a coarse one
+    if moved.any() or coarse or not (far := leaps_of(x, bends, 4.0)):
+        return moved
+    if column != "theta" and angle is not None and angle.shape == x.shape:
+        of_joint = bends_of(angle)
+    return by_leaps(column, time, x, bends, far, of_joint)
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def by_leaps(column: str, time: Array, x: Array, bends: Array, of_joint: Array) -> NDArray[np.bool_]:
-    """Mask (n,) of readings that leaps show to be no sensor's (`values_of_no_sensor`)."""
-    lost, moved, far = np.zeros(x.size, bool), np.zeros(x.size, bool), leaps_of(x, bends, 4.0)
-    if not far:
-        return lost
+def by_leaps(
+    column: str, time: Array, x: Array, bends: Array, far: Sequence[tuple[int, int]], of_joint: Array
+) -> NDArray[np.bool_]:
+    """Mask (n,) of readings that leaps (`leaps_of`) show to be no sensor's (`values_of_no_sensor`)."""
+    lost, moved = np.zeros(x.size, bool), np.zeros(x.size, bool)
     stays, usual = np.diff(x) == 0, median(np.diff(time))
     farthest = {"theta": 2000.0 * usual**2 * (usual > 0.0025), "theta_m": math.inf if usual > 0.0025 else 0.0}  # rad
     farther = {a for a, _ in leaps_of(x, bends, FAR)}  # half the size is enough, unless there are many, as of a stepper

@@ -19,7 +19,9 @@ from osl_analysis.jobs.run import at_end_of_run, begin, end_timers, run_job
 gc.freeze()  # what Snakemake has imported stays
 gc.set_threshold(50_000)  # garbage collection at every 700th object took a sixth of the planning
 atexit.register(gc.freeze)  # garbage collection at the end of Python took 0.5 s
-os.environ["TMPDIR"] = str(workflow.snakemake_tmp_dir)  # for jobs: what a killed one leaves goes with the run's own
+os.environ["TMPDIR"] = str(
+    workflow.snakemake_tmp_dir
+)  # for jobs: what a killed one leaves goes with the run's own
 if workflow.is_main_process and not any(one.startswith(("-n", "--dry")) for one in sys.argv):
     with suppress(OSError):  # a folder that cannot be written to is refused below
         begin(workflow.snakemake_tmp_dir)
@@ -46,14 +48,23 @@ try:
     FILES = [DEFAULT, *(Path(os.path.relpath(file)) for file in reversed(workflow.configfiles))]
     CONFIG = campaign_config(over_default(config), FILES)
     if CONFIG.simulation:
-        from osl_analysis.commands.simulate import planned_sheet, settings_files  # it loads the simulator
-    CAMPAIGN = open_campaign(CONFIG, planned_sheet(CONFIG.simulation, CONFIG.sheet) if CONFIG.simulation else None)
+        from osl_analysis.commands.simulate import (
+            planned_sheet,
+            settings_files,
+        )  # it loads the simulator
+    CAMPAIGN = open_campaign(
+        CONFIG, planned_sheet(CONFIG.simulation, CONFIG.sheet) if CONFIG.simulation else None
+    )
     check_working_folder(CONFIG.results)
     check_start(CAMPAIGN)
     TIME_SERIES, RESPONSE = time_series_example(CAMPAIGN), response_example(CAMPAIGN)
-    SIMULATION_FILES = settings_files(CONFIG.simulation, CONFIG.shared()) if CONFIG.simulation else []
+    SIMULATION_FILES = (
+        settings_files(CONFIG.simulation, CONFIG.shared()) if CONFIG.simulation else []
+    )
 except OslAnalysisError as error:
-    sys.exit(f"error: {error}")  # an exception would be printed with the line of this file and a traceback
+    sys.exit(
+        f"error: {error}"
+    )  # an exception would be printed with the line of this file and a traceback
 
 ABOUT = about(CAMPAIGN, SIMULATION_FILES)
 UNNAMED = unnamed_recordings(CAMPAIGN)
@@ -83,7 +94,11 @@ def step(command: str, output, log: str = "", name: str = "", **constraints):
     """
     placed = lambda file: RESULTS / file if isinstance(file, str) else file
     named = {key: placed(file) for key, file in output.items()} if isinstance(output, dict) else {}
-    files = [] if named else [placed(file) for file in (output if isinstance(output, list) else [output])]
+    files = (
+        []
+        if named
+        else [placed(file) for file in (output if isinstance(output, list) else [output])]
+    )
     place = log or [*files, *named.values()][0].relative_to(RESULTS).with_suffix("")
 
     def made(parts) -> None:
@@ -93,7 +108,11 @@ def step(command: str, output, log: str = "", name: str = "", **constraints):
             name:
                 rule_name
             input:
-                unpack(lambda one: REQUESTS.job(getattr(rules, rule_name), one, **{"command": command, **parts(one)})),
+                unpack(
+                    lambda one: REQUESTS.job(
+                        getattr(rules, rule_name), one, **{"command": command, **parts(one)}
+                    )
+                ),
             output:
                 *files,
                 **named,
@@ -128,7 +147,8 @@ rule:
         "reproduce-all"
     default_target: True
     input:
-        [CONFIG.sheet, *(log for trial in CAMPAIGN.trials() for log in CAMPAIGN.logs(trial))] * bool(CONFIG.simulation),
+        [CONFIG.sheet, *(log for trial in CAMPAIGN.trials() for log in CAMPAIGN.logs(trial))]
+        * bool(CONFIG.simulation),
         result_tables(),
         drawn_files(),
         [tabled("quality"), tabled("excluded"), tabled("findings"), tabled("settings")],
@@ -137,14 +157,22 @@ rule:
 
 def end_of_run(records) -> str:
     """What a user must know at the end of a run; what was refused stands last. `records`: the refusal records in it."""
-    recordings = {trial: [str(path) for path in CAMPAIGN.logs(trial)] for trial in CAMPAIGN.trials()}
+    recordings = {
+        trial: [str(path) for path in CAMPAIGN.logs(trial)] for trial in CAMPAIGN.trials()
+    }
     page, verdicts = RESULTS / "report.html", JUDGE.verdicts(checked(CAMPAIGN.trials()))
     said = [
-        f"open {page} in a browser: every number, figure and trial" if page.is_file() and not is_refused(page) else "",
+        (
+            f"open {page} in a browser: every number, figure and trial"
+            if page.is_file() and not is_refused(page)
+            else ""
+        ),
         findings_report(tabled("findings"), result_tables(), verdicts),
         exclusion_report(verdicts, CAMPAIGN.excluded),
         UNNAMED,
-        left_behind_report((RESULTS / "trials").glob("*.parquet"), {*CAMPAIGN.trials(), *CAMPAIGN.excluded}),
+        left_behind_report(
+            (RESULTS / "trials").glob("*.parquet"), {*CAMPAIGN.trials(), *CAMPAIGN.excluded}
+        ),
         refusal_report(records, recordings, ACCEPT),
     ]
     return "\n".join(filter(None, said))

@@ -1,12 +1,14 @@
-"""This checkout against another revision, alternately: ratios of wall time, core-seconds and peak memory.
+"""This checkout against another revision, alternately: ratios of wall time, core-seconds and peak
+memory.
 
-`python benchmarks/against.py REV [--rounds N]` runs the default campaign of each in a copy of its own: from empty
-folders, with nothing left to do, and after one recording has changed. `--short` runs a campaign of 17 trials from empty
-folders alone, and `--most RATIO` ends with exit code 1 where this checkout takes more core-seconds there than that. A
-revision runs in this environment where that has what the revision's lock asks for, else in one that is made for it; of
-one that a shallow clone has not, it says so.
-Core-seconds are of all processes, peak memory is of the largest one. Last stand the kinds of jobs that take longest,
-and what Snakemake takes for as many empty jobs, which is the limit. Nothing else may run meanwhile.
+`python benchmarks/against.py REV [--rounds N]` runs the default campaign of each in a copy of its
+own: from empty folders, with nothing left to do, and after one recording has changed. `--short`
+runs a campaign of 17 trials from empty folders alone, and `--most RATIO` ends with exit code 1
+where this checkout takes more core-seconds there than that. A revision runs in this environment
+where that has what the revision's lock asks for, else in one that is made for it; of one that a
+shallow clone has not, it says so. Core-seconds are of all processes, peak memory is of the largest
+one. Last stand the kinds of jobs that take longest, and what Snakemake takes for as many empty
+jobs, which is the limit. Nothing else may run meanwhile.
 """
 
 import argparse
@@ -34,7 +36,15 @@ ADOPT_ORPHANS = 36
 WARM = "impedance_K300_B5.0_compensated"
 LOG = Path(f"dynamometer/{WARM}.mcap")
 SIMULATION = "config/simulation/default.yaml"
-SHORT = {"K_d": [300], "B_d": [5.0], "belt": 1, "transmission": 1, "actuator": 1, "plate": 3, "walking": 8}
+SHORT = {
+    "K_d": [300],
+    "B_d": [5.0],
+    "belt": 1,
+    "transmission": 1,
+    "actuator": 1,
+    "plate": 3,
+    "walking": 8,
+}
 COMMANDS = ("from empty folders", "nothing to do", "one changed recording")
 NOT_COPIED = shutil.ignore_patterns(
     ".git", ".venv*", ".snakemake", "results", "build", "__pycache__", "*.mcap", "*.c3d"
@@ -52,23 +62,34 @@ Spent = tuple[float, float, float]  # wall time [s], core-seconds, peak memory o
 
 def checked_out(revision: str, folder: Path) -> str:
     """Copy a revision to a folder; its full name."""
-    name = subprocess.check_output(["git", "rev-parse", f"{revision}^{{commit}}"], cwd=ROOT, text=True).strip()
+    name = subprocess.check_output(
+        ["git", "rev-parse", f"{revision}^{{commit}}"], cwd=ROOT, text=True
+    ).strip()
     folder.mkdir()
-    archive = subprocess.run(["git", "archive", name], cwd=ROOT, stdout=subprocess.PIPE, check=True).stdout
+    archive = subprocess.run(
+        ["git", "archive", name], cwd=ROOT, stdout=subprocess.PIPE, check=True
+    ).stdout
     subprocess.run(["tar", "-x", "-C", folder], input=archive, check=True)
     return name
 
 
 def pinned(tree: Path) -> set[str]:
     """What the lock of a tree asks for, as name==version."""
-    return set(re.findall(r"^([\w.-]+==[\w.]+)", (tree / "requirements.lock").read_text(), re.MULTILINE))
+    return set(
+        re.findall(r"^([\w.-]+==[\w.]+)", (tree / "requirements.lock").read_text(), re.MULTILINE)
+    )
 
 
 def interpreter(tree: Path) -> str:
     """The Python that runs a tree: this one where it has all that the tree's lock asks for."""
     if pinned(tree) <= pinned(ROOT):
         return sys.executable
-    subprocess.run(["make", "setup", f"PYTHON={sys.executable}"], cwd=tree, check=True, stdout=subprocess.DEVNULL)
+    subprocess.run(
+        ["make", "setup", f"PYTHON={sys.executable}"],
+        cwd=tree,
+        check=True,
+        stdout=subprocess.DEVNULL,
+    )
     return str(tree / ".venv/bin/python")
 
 
@@ -76,7 +97,9 @@ def shorten(tree: Path) -> None:
     """Let the default campaign of a tree have a few short trials."""
     file = tree / SIMULATION
     settings = yaml.safe_load(file.read_text(encoding="utf-8"))
-    settings["experiments"] |= {key: SHORT[key] for key in SHORT.keys() & settings["experiments"].keys()}
+    settings["experiments"] |= {
+        key: SHORT[key] for key in SHORT.keys() & settings["experiments"].keys()
+    }
     file.write_text(yaml.safe_dump(settings), encoding="utf-8")
 
 
@@ -85,19 +108,29 @@ def simulate_anew(python: str, tree: Path) -> None:
     file = tree / SIMULATION
     settings = file.read_text(encoding="utf-8")
     file.write_text(re.sub(r"(?m)^seed: ", "seed: 1", settings), encoding="utf-8")
-    simulate = [python, "-c", "from osl_analysis.cli import main; main()", "simulate", "--trial", WARM, ".again"]
+    simulate = [
+        python,
+        "-c",
+        "from osl_analysis.cli import main; main()",
+        "simulate",
+        "--trial",
+        WARM,
+        ".again",
+    ]
     subprocess.run(simulate, cwd=tree, env=environment(tree), check=True, stdout=subprocess.DEVNULL)
     file.write_text(settings, encoding="utf-8")
 
 
 def environment(tree: Path) -> dict[str, str]:
-    """Variables with which the package of a tree is imported, and what numba compiles of it kept."""
+    """Variables with which the package of a tree is imported, and what numba compiles of it
+    kept."""
     kept = {key: value for key, value in os.environ.items() if key != "PYTHONDONTWRITEBYTECODE"}
     return kept | {"PYTHONPATH": str(tree), "NUMBA_CACHE_DIR": str(tree / ".numba")}
 
 
 def spent(python: str, tree: Path, *arguments: str) -> Spent:
-    """What Snakemake takes in a tree, in a process that adopts all that it starts and adds up what they took."""
+    """What Snakemake takes in a tree, in a process that adopts all that it starts and adds up what
+    they took."""
     command = [sys.executable, __file__, "--measure", python, *arguments]
     measured = subprocess.run(command, cwd=tree, capture_output=True, text=True, check=False)
     if measured.returncode:
@@ -122,8 +155,9 @@ def measure(python: str, arguments: list[str]) -> None:
 
 
 def measured(python: str, tree: Path, short: bool) -> list[Spent]:
-    """What each of `COMMANDS`, or the first one alone, takes in a tree without recordings and results. A recording
-    changes by another one of the same trial in its place; of it follow a trial, its fit and a table."""
+    """What each of `COMMANDS`, or the first one alone, takes in a tree without recordings and
+    results. A recording changes by another one of the same trial in its place; of it follow a
+    trial, its fit and a table."""
     for made in ("raw_data/default", "results", ".snakemake"):
         shutil.rmtree(tree / made, ignore_errors=True)
     found = [spent(python, tree, "reproduce-all")]
@@ -138,8 +172,8 @@ def measured(python: str, tree: Path, short: bool) -> list[Spent]:
 
 
 def jobs_said(tree: Path, folder: Path) -> list[str]:
-    """The kinds of jobs of a tree that took longest, with their number and mean wall time; and what Snakemake takes, in
-    an empty folder, for as many jobs that do nothing."""
+    """The kinds of jobs of a tree that took longest, with their number and mean wall time; and what
+    Snakemake takes, in an empty folder, for as many jobs that do nothing."""
     logs = [log for path in (tree / "results/logs").rglob("*.log") if (log := read_log(path))]
     kinds: dict[str, list[float]] = {}
     for log in logs:
@@ -157,7 +191,9 @@ def main() -> None:
     parser.add_argument("revision")
     parser.add_argument("--rounds", type=int, default=2)
     parser.add_argument("--short", action="store_true", help="a campaign of seventeen trials")
-    parser.add_argument("--most", type=float, default=float("inf"), help="largest ratio of core-seconds")
+    parser.add_argument(
+        "--most", type=float, default=float("inf"), help="largest ratio of core-seconds"
+    )
     if sys.argv[1:2] == ["--measure"]:
         measure(sys.argv[2], sys.argv[3:])
         return
@@ -184,20 +220,31 @@ def main() -> None:
                 taken.setdefault(tree.name, []).append(measured(python, tree, asked.short))
         said_of_jobs = jobs_said(now, Path(name, "empty"))
     print(
-        f"this checkout against {revision[:12]}, {asked.rounds} rounds; {os.cpu_count()} cores ({platform.machine()}),"
+        f"this checkout against {revision[:12]}, {asked.rounds} rounds; {os.cpu_count()} cores"
+        f" ({platform.machine()}),"
     )
-    print(f"Python {platform.python_version()}; medians of wall time, core-seconds, memory of the largest process")
+    print(
+        f"Python {platform.python_version()}; medians of wall time, core-seconds, memory of the"
+        " largest process"
+    )
     worst = 0.0
     for k, what in enumerate(COMMANDS[:1] if asked.short else COMMANDS):
         old, new = (
-            [statistics.median(column) for column in zip(*(r[k] for r in taken[t]), strict=True)] for t in taken
+            [statistics.median(column) for column in zip(*(r[k] for r in taken[t]), strict=True)]
+            for t in taken
         )
-        said = [f"{x:.{d}f} {unit} / {y:.{d}f} = {x / y:.2f}" for x, y, d, unit in zip(new, old, *SAID, strict=True)]
+        said = [
+            f"{x:.{d}f} {unit} / {y:.{d}f} = {x / y:.2f}"
+            for x, y, d, unit in zip(new, old, *SAID, strict=True)
+        ]
         print(f"{what}: {'; '.join(said)}")
         worst = worst or new[1] / old[1]
     print(*said_of_jobs, sep="\n")
     if worst > asked.most:
-        raise SystemExit(f"{worst:.2f} times the core-seconds of {asked.revision}; at most {asked.most:g} are allowed")
+        raise SystemExit(
+            f"{worst:.2f} times the core-seconds of {asked.revision}; at most {asked.most:g} are"
+            " allowed"
+        )
 
 
 if __name__ == "__main__":

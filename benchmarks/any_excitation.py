@@ -1,10 +1,12 @@
-"""Impedance from motions that are no stepped sine: bias, spread over the bound, coverage (docs/any_excitation.md).
+"""Impedance from motions that are no stepped sine: bias, spread over the bound, coverage
+(docs/any_excitation.md).
 
 python benchmarks/any_excitation.py > page.md     tables of the page; about five minutes of one core
 
-The exact joint is judged against its K, B and I, and the spread by the bound of Cramer and Rao for the white noise of
-the torque in the whole motion. The drivetrain with friction has no K, B and I of its own: it is judged against its best
-linear approximation under the same kind of motion, the mean over all other trials.
+The exact joint is judged against its K, B and I, and the spread by the bound of Cramer and Rao for
+the white noise of the torque in the whole motion. The drivetrain with friction has no K, B and I of
+its own: it is judged against its best linear approximation under the same kind of motion, the mean
+over all other trials.
 """
 
 import sys
@@ -31,7 +33,8 @@ ANALYSIS = read_section(default_config(), "dynamometer", DynamometerAnalysis)
 SIMULATION = Path("config/simulation/excitations.yaml")
 TRUE = {"K": 300.0, "B": 5.0, "I": 0.02}
 EXACT, DRIVETRAIN, GROUP = 80, 20, 4
-"""Trials of each motion with the exact joint and with the drivetrain, and trials whose mean is taken."""
+"""Trials of each motion with the exact joint and with the drivetrain, and trials whose mean is
+taken."""
 MOTIONS = {
     "multisine, 7 periods of 8 s": {"kind": "multisine", "periods": 7},
     "sweep, 56 s": {"kind": "chirp", "duration_s": 56},
@@ -40,26 +43,42 @@ MOTIONS = {
 }
 
 
-def settings_of(motion: dict, exact: bool, bits: int = 18, noise: float = 0.05) -> SimulationSettings:
-    """The shipped simulation with one motion of many trials, an encoder of some bits and torque noise [N*m]."""
+def settings_of(
+    motion: dict, exact: bool, bits: int = 18, noise: float = 0.05
+) -> SimulationSettings:
+    """The shipped simulation with one motion of many trials, an encoder of some bits and torque
+    noise [N*m]."""
     content = deepcopy(read_mapping(SIMULATION))
     content["excitations"] = [{"name": "x", "rms_deg": 2, "trials": 1000} | motion]
     content["joint"] = TRUE if exact else None
     content["recorder"] = {}
-    content["effects"]["joint_encoder"] = {"enabled": True, "size": 2 * np.pi / 2**bits, "unit": "rad"}
+    content["effects"]["joint_encoder"] = {
+        "enabled": True,
+        "size": 2 * np.pi / 2**bits,
+        "unit": "rad",
+    }
     content["effects"]["encoder_zero"] = {"enabled": True, "size": 1, "unit": "step"}
     content["effects"]["load_cell_noise"]["size"] = noise
     content["effects"]["load_cell_quantisation"]["enabled"] = False
     return SimulationSettings.model_validate(content)
 
 
-def recorded(settings: SimulationSettings, number: int, controller: str = "compensated") -> tuple[Trial, Array]:
+def recorded(
+    settings: SimulationSettings, number: int, controller: str = "compensated"
+) -> tuple[Trial, Array]:
     """One trial, and the bound of K, B and I for it, (3,)."""
     p = read_parameters(settings.parameters)
-    row = {"trial": f"t_x_{number + 1}", "experiment": "impedance", "controller": controller, "K_d": 300, "B_d": 5}
+    row = {
+        "trial": f"t_x_{number + 1}",
+        "experiment": "impedance",
+        "controller": controller,
+        "K_d": 300,
+        "B_d": 5,
+    }
     log, _ = simulate_bench_trial(row, settings, p)
     samples = {"time": log["time"], "theta": log["joint_angle"], "torque": -log["load_cell_torque"]}
-    motion, _ = true_signals(row | {"experiment": "transmission"}, settings, p)  # the same on every bench
+    # the same on every bench
+    motion, _ = true_signals(row | {"experiment": "transmission"}, settings, p)
     slope = np.linspace(-1, 1, len(motion.theta))
     X = np.column_stack([motion.theta, motion.omega, motion.alpha, np.ones_like(slope), slope])
     bound = settings.effects.load_cell_noise.size * np.sqrt(np.diag(np.linalg.inv(X.T @ X)))[:3]
@@ -67,7 +86,8 @@ def recorded(settings: SimulationSettings, number: int, controller: str = "compe
 
 
 def exact_row(label: str, settings: SimulationSettings) -> str:
-    """Bias [%], RMS error over the bound, and coverage of K, B and I over the trials of one motion."""
+    """Bias [%], RMS error over the bound, and coverage of K, B and I over the trials of one
+    motion."""
     errors, bounds, inside, alone = [], [], [], []
     for number in range(EXACT):
         trial, bound = recorded(settings, number)
@@ -96,7 +116,8 @@ def covers(fit: GroupFit, name: str, true: float) -> bool:
 
 
 def repeats(fit: GroupFit, name: str, true: float) -> bool:
-    """Whether two standard errors of repeats alone hold a value; where nothing repeats, the interval."""
+    """Whether two standard errors of repeats alone hold a value; where nothing repeats, the
+    interval."""
     se = fit.repeat_se(name)
     return covers(fit, name, true) if se is None else abs(fit[name] - true) < 2 * se
 
@@ -107,15 +128,20 @@ def listed(values: Array, form: str) -> str:
 
 
 def drivetrain_row(label: str, motion: dict, controller: str) -> str:
-    """Mean and spread of K, B and I over trials, and coverage of the intervals of one, by noise alone, and of four."""
+    """Mean and spread of K, B and I over trials, and coverage of the intervals of one, by noise
+    alone, and of four."""
     settings = settings_of(motion, exact=False)
     fits = []
     for number in range(DRIVETRAIN):
         fits.append(fit_of(recorded(settings, number, controller)[0]))
     values = np.array([[fit[name] for name in TRUE] for fit in fits])
     others = (values.sum(axis=0) - values) / (DRIVETRAIN - 1)
-    single = [[covers(fit, n, others[i, k]) for k, n in enumerate(TRUE)] for i, fit in enumerate(fits)]
-    noise = [[repeats(fit, n, others[i, k]) for k, n in enumerate(TRUE)] for i, fit in enumerate(fits)]
+    single = [
+        [covers(fit, n, others[i, k]) for k, n in enumerate(TRUE)] for i, fit in enumerate(fits)
+    ]
+    noise = [
+        [repeats(fit, n, others[i, k]) for k, n in enumerate(TRUE)] for i, fit in enumerate(fits)
+    ]
     means = []
     for first in range(0, DRIVETRAIN, GROUP):
         own = np.arange(DRIVETRAIN) // GROUP == first // GROUP
@@ -131,12 +157,20 @@ def drivetrain_row(label: str, motion: dict, controller: str) -> str:
 def page() -> None:
     """Print the tables."""
     print(f"## Exact joint, {EXACT} trials of each motion\n")
-    print("| motion | bias of K, B, I, % | SD, % | RMS error over bound | coverage, % | coverage by repeats alone, % |")
+    print(
+        "| motion | bias of K, B, I, % | SD, % | RMS error over bound | coverage, % | coverage by"
+        " repeats alone, % |"
+    )
     print("| --- | --- | --- | --- | --- | --- |")
     for label, motion in MOTIONS.items():
         print(exact_row(label, settings_of(motion, exact=True)), flush=True)
     first = next(iter(MOTIONS.values()))
-    print(exact_row("multisine, 14 bits, 0.01 N·m", settings_of(first, exact=True, bits=14, noise=0.01)), flush=True)
+    print(
+        exact_row(
+            "multisine, 14 bits, 0.01 N·m", settings_of(first, exact=True, bits=14, noise=0.01)
+        ),
+        flush=True,
+    )
     print(f"\n## Drivetrain with friction, {DRIVETRAIN} trials of each motion\n")
     print("| motion | mean K, B, I | SD | coverage, % | by repeats alone, % | mean of four, % |")
     print("| --- | --- | --- | --- | --- | --- |")

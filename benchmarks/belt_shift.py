@@ -1,9 +1,10 @@
-"""Whether Eq. 15 is recovered where the support shifts in place of a turn (`walking.perturbed_by: belt`).
+"""Whether Eq. 15 is recovered where the support shifts in place of a turn (`walking.perturbed_by:
+belt`).
 
-Run from the repository: `python benchmarks/belt_shift.py [campaigns]` prints the table of `docs/walking.md`: bias and
-coverage of K, B and I of ten perturbed and ten unperturbed crossings, recorded by markers and plate. A campaign takes
-about 15 s. The truth is what the leg rendered (K, B, I of its drivetrain), and the same estimator's for the
-perturbations alone.
+Run from the repository: `python benchmarks/belt_shift.py [campaigns]` prints the table of
+`docs/walking.md`: bias and coverage of K, B and I of ten perturbed and ten unperturbed crossings,
+recorded by markers and plate. A campaign takes about 15 s. The truth is what the leg rendered (K,
+B, I of its drivetrain), and the same estimator's for the perturbations alone.
 """
 
 import sys
@@ -30,12 +31,17 @@ def shifting(mm: float | None, rise_s: float) -> StudyLaboratory:
     one = laboratory()
     ramp = one.gait.perturbation.model_copy(update={"shift_mm": mm, "rise_s": rise_s})
     gait = one.gait.model_copy(update={"perturbation": ramp})
-    analysis = one.analysis.model_copy(update={"perturbed_by": "platform" if mm is None else "belt"})
+    analysis = one.analysis.model_copy(
+        update={"perturbed_by": "platform" if mm is None else "belt"}
+    )
     return StudyLaboratory(one.settings, gait, one.p, analysis)
 
 
 def main(campaigns: int) -> None:
-    print("| perturbation | quantity | truth of the leg | bias to it | bias to the estimator's | covered of both |")
+    print(
+        "| perturbation | quantity | truth of the leg | bias to it | bias to the estimator's |"
+        " covered of both |"
+    )
     print("|---|---|---|---|---|---|")
     for said, mm, rise_s in CASES:
         found: dict[str, list[tuple[float, ...]]] = {name: [] for name in "KBI"}
@@ -55,9 +61,13 @@ def main(campaigns: int) -> None:
         for name, rows in found.items():
             value, rendered, exact, low, high = np.array(rows).T
             held = [int(((low <= truth) & (truth <= high)).sum()) for truth in (rendered, exact)]
-            to = [f"{(value - truth).mean():.4g} ± {(value - truth).std(ddof=1):.2g}" for truth in (rendered, exact)]
+            to = [
+                f"{(value - truth).mean():.4g} ± {(value - truth).std(ddof=1):.2g}"
+                for truth in (rendered, exact)
+            ]
             print(
-                f"| {said} | {name} | {rendered.mean():.4g} | {to[0]} | {to[1]} | {held[0]}, {held[1]} of {len(rows)} |"
+                f"| {said} | {name} | {rendered.mean():.4g} | {to[0]} | {to[1]} | {held[0]},"
+                f" {held[1]} of {len(rows)} |"
             )
 
 

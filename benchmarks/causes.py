@@ -1,12 +1,14 @@
 """The confusion matrix of the bench: which cause is planted, and which is named first.
 
-Run from the repository: `python benchmarks/causes.py`. The recordings are those of `planted.py`, an exact joint with
-one cause of error, at sizes that move K, B or I by 1, 3, 10 and 100 half-widths of their interval in a sound recording
-and at the size at which it was reported. Each is fitted by `osl.fit_impedance`, with and without gains. Writes the
-tables into `docs/bench_validation.md` and a row per recording into `benchmarks/causes.csv`; half an hour on one core.
+Run from the repository: `python benchmarks/causes.py`. The recordings are those of `planted.py`, an
+exact joint with one cause of error, at sizes that move K, B or I by 1, 3, 10 and 100 half-widths of
+their interval in a sound recording and at the size at which it was reported. Each is fitted by
+`osl.fit_impedance`, with and without gains. Writes the tables into `docs/bench_validation.md` and a
+row per recording into `benchmarks/causes.csv`; half an hour on one core.
 
-`--quick` makes a part of it in three minutes and writes nothing, `--only WORD` the causes that have the word in their
-name. `--against FILE` says which cells are worse than those of another file of rows.
+`--quick` makes a part of it in three minutes and writes nothing, `--only WORD` the causes that have
+the word in their name. `--against FILE` says which cells are worse than those of another file of
+rows.
 """
 
 import argparse
@@ -30,31 +32,50 @@ from osl_analysis.judge.finding import Grade
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE, ROWS = ROOT / "docs/bench_validation.md", ROOT / "benchmarks/causes.csv"
-notebook.fit_settings = cache(notebook.fit_settings)  # reading the configuration takes as long as a fit
+# reading the configuration takes as long as a fit
+notebook.fit_settings = cache(notebook.fit_settings)
 GAINS = osl.DesiredImpedance("compensated", K_d=300.9, B_d=4.56)  # by linear theory K 300, B 5
 LEG_K_S = 685.6  # N*m/rad, of the belt in the parameter file that the configuration names
 HALF_WIDTHS = (1.0, 3.0, 10.0, 100.0)
 REPORTED = "reported"
 SIZES = (*(f"{k:g}" for k in HALF_WIDTHS), REPORTED)
-ROW = {"cause": pl.String, "at": pl.String, "size": pl.Float64, "motion": pl.String, "gains": pl.Boolean}
-ROW |= {"seed": pl.Int64, "outcome": pl.String, "named": pl.String, "worst": pl.String, "miss": pl.Float64}
+ROW = {
+    "cause": pl.String,
+    "at": pl.String,
+    "size": pl.Float64,
+    "motion": pl.String,
+    "gains": pl.Boolean,
+}
+ROW |= {
+    "seed": pl.Int64,
+    "outcome": pl.String,
+    "named": pl.String,
+    "worst": pl.String,
+    "miss": pl.Float64,
+}
 KEY = ("cause", "at", "motion", "gains", "seed")
 LARGEST = 3.0  # times the size that was met; larger ones are no recording of a laboratory
-OFF = 1.5  # half-widths of a 95 % interval; one of K, B, I is off by more in 1 of 110 sound recordings
+# half-widths of a 95 % interval; one of K, B, I is off by more in 1 of 110 sound recordings
+OFF = 1.5
 BAD = ("silent", "not checked", "refused")
 
 
 def findings_of(fit: Any, *grades: Grade) -> list[str]:
-    """The causes of the findings of some grades about the fit to all of a recording, the first one first."""
+    """The causes of the findings of some grades about the fit to all of a recording, the first one
+    first."""
     return [finding.cause for finding in fit.findings[-1] if finding.grade in grades]
 
 
 def worst_miss(row: dict[str, Any], joint: planted.Joint) -> tuple[str, float]:
-    """Which of K, B and I misses its truth by most of its half-widths. Where friction is certain, B is B_viscous; where
-    it may be what is heard, a range is told."""
+    """Which of K, B and I misses its truth by most of its half-widths. Where friction is certain, B
+    is B_viscous; where it may be what is heard, a range is told."""
     misses = {}
     for name, beside in WITHOUT_FRICTION.items():
-        own = beside if row["friction_shift"] or (name == "B" and row["B_viscous"] is not None) else name
+        own = (
+            beside
+            if row["friction_shift"] or (name == "B" and row["B_viscous"] is not None)
+            else name
+        )
         low, high = row[f"{own}_low"], row[f"{own}_high"]
         value = (low + high) / 2 if row[own] is None else row[own]
         misses[name] = (value - getattr(joint, name)) / ((high - low) / 2)
@@ -65,10 +86,13 @@ def worst_miss(row: dict[str, Any], joint: planted.Joint) -> tuple[str, float]:
 def fitted(cause: Cause, size: float, motion: str, seed: int, gains: bool) -> Any:
     """The fit of a recording, or its refusal."""
     trial = osl.Trial("planted", pl.DataFrame(recording(cause, size, motion, seed)))
-    # a device that the leg's belt cannot render is another one, which a drafted campaign states by `parameters: null`
+    # a device that the leg's belt cannot render is another one, which a drafted campaign states by
+    # `parameters: null`
     device = notebook.OF_CONFIG if cause.joint.K < LEG_K_S else None
     try:
-        return osl.fit_impedance(trial, GAINS if gains else None, config=ROOT / "config/config.yaml", parameters=device)
+        return osl.fit_impedance(
+            trial, GAINS if gains else None, config=ROOT / "config/config.yaml", parameters=device
+        )
     except osl.OslAnalysisError as error:
         return error
 
@@ -84,14 +108,28 @@ def sound_half_widths(motion: str) -> planted.Array:
 def usually_unchecked(motion: str, gains: bool) -> frozenset[str]:
     """What a sound recording of a motion is not checked for."""
     found = fitted(SOUND[0], 0.0, motion, 1, gains)
-    return frozenset() if isinstance(found, Exception) else frozenset(findings_of(found, Grade.UNCHECKED, Grade.NOTES))
+    return (
+        frozenset()
+        if isinstance(found, Exception)
+        else frozenset(findings_of(found, Grade.UNCHECKED, Grade.NOTES))
+    )
 
 
-def judged(cause: Cause, at: str, size: float, motion: str, seed: int, gains: bool) -> dict[str, Any]:
-    """The row of one recording. Its outcome is `right` or `other`, by the first cause that is named; `refused`; and
-    where nothing is doubtful `silent` or `not checked` if an estimate is off, else `within`."""
+def judged(
+    cause: Cause, at: str, size: float, motion: str, seed: int, gains: bool
+) -> dict[str, Any]:
+    """The row of one recording. Its outcome is `right` or `other`, by the first cause that is
+    named; `refused`; and where nothing is doubtful `silent` or `not checked` if an estimate is off,
+    else `within`."""
     fit = fitted(cause, size, motion, seed, gains)
-    of = {"cause": cause.name, "at": at, "size": float(f"{size:.3g}"), "motion": motion, "gains": gains, "seed": seed}
+    of = {
+        "cause": cause.name,
+        "at": at,
+        "size": float(f"{size:.3g}"),
+        "motion": motion,
+        "gains": gains,
+        "seed": seed,
+    }
     if isinstance(fit, Exception):
         outcome = "right" if "refused" in cause.right else "refused"
         return {**of, "outcome": outcome, "named": "refused", "worst": None, "miss": None}
@@ -109,14 +147,22 @@ def judged(cause: Cause, at: str, size: float, motion: str, seed: int, gains: bo
     return {**of, "outcome": outcome, "named": named, "worst": worst, "miss": float(f"{miss:.3g}")}
 
 
-def cases(cause: Cause, motion: str, quick: bool, large: bool) -> Iterable[tuple[str, float, int, bool]]:
-    """Size in words, size, seed and whether the gains are stated, of each recording of a cause and a motion, of the
-    large sizes or of the small ones. Gains are stated at the size that was met, of which there are two seeds."""
+def cases(
+    cause: Cause, motion: str, quick: bool, large: bool
+) -> Iterable[tuple[str, float, int, bool]]:
+    """Size in words, size, seed and whether the gains are stated, of each recording of a cause and
+    a motion, of the large sizes or of the small ones. Gains are stated at the size that was met, of
+    which there are two seeds."""
     sound = cause in SOUND
     sizes: dict[str, float | None] = {"–" if sound else REPORTED: cause.reported} if large else {}
     if cause.sized and not sound:
-        half, wanted = sound_half_widths(motion), HALF_WIDTHS[3:] if large else () if quick else HALF_WIDTHS[:3]
-        sizes = {f"{times:g}": size_that_moves(cause, motion, half, times) for times in wanted} | sizes
+        half, wanted = (
+            sound_half_widths(motion),
+            HALF_WIDTHS[3:] if large else () if quick else HALF_WIDTHS[:3],
+        )
+        sizes = {
+            f"{times:g}": size_that_moves(cause, motion, half, times) for times in wanted
+        } | sizes
     exact = cause.joint == planted.Joint()  # the joint that these gains render
     for at, size in sizes.items():
         if size is None or (at != "–" and size > LARGEST * cause.reported):
@@ -129,9 +175,11 @@ def cases(cause: Cause, motion: str, quick: bool, large: bool) -> Iterable[tuple
                 yield at, size, seed, True
 
 
-def study(only: Sequence[str], quick: bool, done: pl.DataFrame, rows_file: Path | None) -> pl.DataFrame:
-    """A row per recording; those that are `done` are taken as they are. The sizes that were met come first, the small
-    ones last; the rows are written after each cause."""
+def study(
+    only: Sequence[str], quick: bool, done: pl.DataFrame, rows_file: Path | None
+) -> pl.DataFrame:
+    """A row per recording; those that are `done` are taken as they are. The sizes that were met
+    come first, the small ones last; the rows are written after each cause."""
     known = {tuple(row[name] for name in KEY) for row in done.iter_rows(named=True)}
     rows = done.to_dicts()
     for large in (True, False):
@@ -145,8 +193,14 @@ def study(only: Sequence[str], quick: bool, done: pl.DataFrame, rows_file: Path 
                         mine.append(judged(cause, at, size, motion, seed, gains))
             if not mine:
                 continue
-            counts = ", ".join(f"{n} {name}" for name, n in Counter(row["outcome"] for row in mine).most_common())
-            print(f"{cause.name}: {counts} ({time.monotonic() - began:.0f} s)", file=sys.stderr, flush=True)
+            counts = ", ".join(
+                f"{n} {name}" for name, n in Counter(row["outcome"] for row in mine).most_common()
+            )
+            print(
+                f"{cause.name}: {counts} ({time.monotonic() - began:.0f} s)",
+                file=sys.stderr,
+                flush=True,
+            )
             rows += mine
             if rows_file is not None:
                 in_order(rows).write_csv(rows_file)
@@ -186,7 +240,8 @@ def markdown(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 
 def matrix(rows: pl.DataFrame) -> str:
-    """A row per planted cause, sizes and motions together; one half-width is in none but its own column."""
+    """A row per planted cause, sizes and motions together; one half-width is in none but its own
+    column."""
     header = ("planted", "n", "named", "first cause named", "not checked", "refused", "within")
     header += tuple(f"silent, {at}" for at in SIZES)
     lines = []
@@ -199,13 +254,15 @@ def matrix(rows: pl.DataFrame) -> str:
             own = mine.filter(pl.col("at") == at)
             silent.append(f"{count_of(own, 'silent')} of {len(own)}" if len(own) else "–")
         counts = [count_of(large, outcome) for outcome in ("not checked", "refused", "within")]
-        lines.append((cause, len(large), count_of(large, "right"), named_in(large), *counts, *silent))
+        lines.append(
+            (cause, len(large), count_of(large, "right"), named_in(large), *counts, *silent)
+        )
     return markdown(header, lines)
 
 
 def by_motion(rows: pl.DataFrame) -> str:
-    """Per planted cause and motion: how many are named, and how many off without a doubt (silent or not checked), of
-    how many; with stated gains after the stroke."""
+    """Per planted cause and motion: how many are named, and how many off without a doubt (silent or
+    not checked), of how many; with stated gains after the stroke."""
     lines = []
     for (cause,), mine in rows.filter(pl.col("at") != "1").group_by("cause", maintain_order=True):
         if cause in {one.name for one in SOUND}:
@@ -235,7 +292,9 @@ def sound_table(rows: pl.DataFrame) -> str:
         total.update(n=len(mine), accused=accused, refused=refused, off=off)
         lines.append((cause, len(mine), accused, named_in(mine), refused, off))
     lines.append(("all", total["n"], total["accused"], "", total["refused"], total["off"]))
-    return markdown(("sound recording", "n", "accused", "of", "refused", "off, nothing said"), lines)
+    return markdown(
+        ("sound recording", "n", "accused", "of", "refused", "off, nothing said"), lines
+    )
 
 
 def write_between(page: Path, tables: dict[str, str]) -> None:
@@ -250,18 +309,22 @@ def write_between(page: Path, tables: dict[str, str]) -> None:
 
 
 def worse(now: pl.DataFrame, before: pl.DataFrame) -> list[str]:
-    """Cells (cause, size, motion, gains) with more silent, more unchecked, more refused or fewer rightly named
-    recordings than before; of sound ones, more that are accused. Cells of both tables with the same seeds count."""
+    """Cells (cause, size, motion, gains) with more silent, more unchecked, more refused or fewer
+    rightly named recordings than before; of sound ones, more that are accused. Cells of both tables
+    with the same seeds count."""
     both = now.join(before.select(*KEY, was="outcome", was_named="named"), on=KEY, how="inner")
     sound, lines = {one.name for one in SOUND}, []
     rank = {"silent": 3, "not checked": 2, "refused": 2, "other": 1, "right": 0, "within": 0}
     of_sound = {"within": 0, "silent": 1, "not checked": 1, "other": 2, "right": 2, "refused": 2}
     for cell, mine in both.group_by(KEY[:-1], maintain_order=True):
         order = of_sound if cell[0] in sound else rank
-        was, is_now = (sum(order[one] for one in mine[column].to_list()) for column in ("was", "outcome"))
+        was, is_now = (
+            sum(order[one] for one in mine[column].to_list()) for column in ("was", "outcome")
+        )
         if is_now > was:
             told = [
-                f"{row['was']} ({row['was_named'] or '–'}) -> {row['outcome']} ({row['named'] or '–'}, {row['miss']})"
+                f"{row['was']} ({row['was_named'] or '–'}) -> {row['outcome']}"
+                f" ({row['named'] or '–'}, {row['miss']})"
                 for row in mine.iter_rows(named=True)
                 if order[row["outcome"]] > order[row["was"]]
             ]
@@ -270,20 +333,34 @@ def worse(now: pl.DataFrame, before: pl.DataFrame) -> list[str]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="one seed, three motions, nothing written")
-    parser.add_argument("--only", nargs="*", default=(), metavar="WORD", help="causes with a word in their name")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--quick", action="store_true", help="one seed, three motions, nothing written"
+    )
+    parser.add_argument(
+        "--only", nargs="*", default=(), metavar="WORD", help="causes with a word in their name"
+    )
     parser.add_argument("--against", type=Path, metavar="FILE", help="rows to compare with")
     parser.add_argument("--rows", type=Path, metavar="FILE", help="write the rows here")
-    parser.add_argument("--resume", action="store_true", help="keep what the file of rows has already")
-    parser.add_argument("--table", action="store_true", help="with --resume: the tables of these rows, no recording")
+    parser.add_argument(
+        "--resume", action="store_true", help="keep what the file of rows has already"
+    )
+    parser.add_argument(
+        "--table", action="store_true", help="with --resume: the tables of these rows, no recording"
+    )
     options = parser.parse_args()
     before = pl.read_csv(options.against, schema=ROW) if options.against else None
     rows_file = options.rows or (None if options.quick or options.only else ROWS)
     keep = options.resume and rows_file is not None and rows_file.exists()
     done = pl.read_csv(rows_file, schema=ROW) if keep else pl.DataFrame(schema=ROW)
     rows = study(options.only, options.quick, done, rows_file) if not options.table else done
-    tables = {"causes": matrix(rows), "causes by motion": by_motion(rows), "sound": sound_table(rows)}
+    tables = {
+        "causes": matrix(rows),
+        "causes by motion": by_motion(rows),
+        "sound": sound_table(rows),
+    }
     print("\n\n".join(tables.values()))
     if not (options.quick or options.only):
         write_between(PAGE, tables)

@@ -11,7 +11,8 @@ from osl_analysis.table import read_table
 
 TABLE = Path("results/desr/tables/torque_angle.csv")
 HEAD = (
-    "trial", "angle, deg", "torque, N·m", "K, N·m/rad", "K by the bench's angle", "slope of the curve, N·m/rad",
+    "trial", "angle, deg", "torque, N·m", "K, N·m/rad", "K by the bench's angle",
+    "slope of the curve, N·m/rad",
     "stored, J", "returned, J", "lost, J", "returned", "hysteresis, N·m", "desired, RMS N·m",
 )  # fmt: skip
 

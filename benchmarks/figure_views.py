@@ -1,8 +1,11 @@
-"""Contact sheets of figures as others see them: in grey and with deuteranopia, at the width of one and two columns.
+"""Contact sheets of figures as others see them: in grey and with deuteranopia, at the width of one
+and two columns.
 
-    python benchmarks/figure_views.py results/figures/fig7.png results/figures/fig3.svg --output /tmp/views
+    python benchmarks/figure_views.py results/figures/fig7.png results/figures/fig3.svg --output
+    /tmp/views
 
-Writes `NAME_views.png` for each figure: as drawn, its luminance, and as seen without the medium-wavelength cones, once
+Writes `NAME_views.png` for each figure: as drawn, its luminance, and as seen without the
+medium-wavelength cones, once
 3.5 in and once 7.16 in wide at 150 dpi. An SVG is rendered by Chromium.
 """
 
@@ -30,7 +33,8 @@ DEUTERANOPIA = np.array([
     [0.280085, 0.672501, 0.047413],
     [-0.011820, 0.042940, 0.968881],
 ])  # fmt: skip
-"""Machado, Oliveira and Fernandes, IEEE TVCG 15(6), 2009, Table 1: deuteranomaly of severity 1.0, for linear sRGB."""
+"""Machado, Oliveira and Fernandes, IEEE TVCG 15(6), 2009, Table 1: deuteranomaly of severity 1.0,
+for linear sRGB."""
 XYZ = np.array([
     [0.4123908, 0.3575843, 0.1804808],
     [0.2126390, 0.7151687, 0.0721923],
@@ -64,10 +68,16 @@ VIEWS = {"as drawn": lambda rgb: rgb, "grey": in_grey, "deuteranopia": with_deut
 
 
 def lab(rgb: Array) -> Array:
-    """CIE L*a*b* (..., 3), white D65, of sRGB values (..., 3) in 0 to 1; the distance of two is Delta E (CIE 1976)."""
+    """CIE L*a*b* (..., 3), white D65, of sRGB values (..., 3) in 0 to 1; the distance of two is
+    Delta E (CIE 1976)."""
     relative = linear(rgb) @ XYZ.T / XYZ.sum(axis=1)
-    f = np.where(relative > (6 / 29) ** 3, np.cbrt(relative), relative / (3 * (6 / 29) ** 2) + 4 / 29)
-    return np.stack([116 * f[..., 1] - 16, 500 * (f[..., 0] - f[..., 1]), 200 * (f[..., 1] - f[..., 2])], axis=-1)
+    f = np.where(
+        relative > (6 / 29) ** 3, np.cbrt(relative), relative / (3 * (6 / 29) ** 2) + 4 / 29
+    )
+    return np.stack(
+        [116 * f[..., 1] - 16, 500 * (f[..., 0] - f[..., 1]), 200 * (f[..., 1] - f[..., 2])],
+        axis=-1,
+    )
 
 
 def lightness(colour: str) -> float:
@@ -95,14 +105,23 @@ def picture(path: Path) -> Image.Image:
         raise InputError(f"{path}: figures are seen as .png or .svg; give one of these")
     chromium = shutil.which("chromium") or shutil.which("chromium-browser")
     if chromium is None:
-        raise InputError(f"{path}: there is no chromium to render an SVG; install it, or give the PNG beside it")
+        raise InputError(
+            f"{path}: there is no chromium to render an SVG; install it, or give the PNG beside it"
+        )
     with tempfile.TemporaryDirectory() as folder:
         page, shot = Path(folder) / "page.html", Path(folder) / "shot.png"
         width = round(2 * DOUBLE_COLUMN * DPI)
         page.write_text(
-            f'<body style="margin:0"><img src="{path.resolve().as_uri()}" style="width:{width}px">', "utf-8"
+            f'<body style="margin:0"><img src="{path.resolve().as_uri()}" style="width:{width}px">',
+            "utf-8",
         )
-        flags = ("--headless", "--no-sandbox", "--disable-gpu", "--allow-file-access-from-files", "--hide-scrollbars")
+        flags = (
+            "--headless",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--allow-file-access-from-files",
+            "--hide-scrollbars",
+        )
         size = f"--window-size={width},{3 * width}"
         command = [chromium, *flags, size, f"--screenshot={shot}", page.as_uri()]
         subprocess.run(command, check=True, capture_output=True, cwd=folder, timeout=60)

@@ -1,8 +1,10 @@
-"""Time of the gain selection for 10 000 pairs at once, compared with a bounded search of one pair after the other.
+"""Time of the gain selection for 10 000 pairs at once, compared with a bounded search of one pair
+after the other.
 
     python benchmarks/gain_selection.py
 
-One core, times of the processor; the ratio is the claim. The difference is that of B_m + B_1, relative.
+One core, times of the processor; the ratio is the claim. The difference is that of B_m + B_1,
+relative.
 """
 
 import time
@@ -23,7 +25,8 @@ MANY, FEW = 10_000, 20
 
 
 def lyapunov_norm(K_d: float, B_d: float, B_1: float, p: DrivetrainParameters) -> float:
-    """The norm of Eq. 14 as a control engineer's script computes it: a realisation and its Gramian."""
+    """The norm of Eq. 14 as a control engineer's script computes it: a realisation and its
+    Gramian."""
     Y = joint_admittance(float(stiffness_gain(K_d, p)), B_1, p)
     b, a = butter(PAPER_WEIGHT.order, 2 * np.pi * PAPER_WEIGHT.cutoff_hz, analog=True)
     Q = [B_d, K_d]
@@ -37,7 +40,9 @@ def lyapunov_norm(K_d: float, B_d: float, B_1: float, p: DrivetrainParameters) -
 def bounded_search(K_d: float, B_d: float, p: DrivetrainParameters) -> float:
     """B_1 by Brent's bounded search over log(B_m + B_1)."""
     found = minimize_scalar(
-        lambda u: lyapunov_norm(K_d, B_d, np.exp(u) - p.B_m, p), bounds=np.log([1e-4, 1e4]), method="bounded"
+        lambda u: lyapunov_norm(K_d, B_d, np.exp(u) - p.B_m, p),
+        bounds=np.log([1e-4, 1e4]),
+        method="bounded",
     )
     return float(np.exp(found.x) - p.B_m)
 
@@ -59,7 +64,10 @@ def main() -> None:
     theirs, searched = timed(lambda: np.array([bounded_search(k, b, p) for k, b in few]))
     difference = np.max(np.abs((searched + p.B_m) / (found[:FEW] + p.B_m) - 1))
     print(f"10 000 pairs at once: {ours:.2f} s, {MANY / ours:,.0f} pairs per second")
-    print(f"bounded search, Lyapunov: {FEW / theirs:,.0f} pairs per second, ratio {theirs / FEW / ours * MANY:.0f}")
+    print(
+        f"bounded search, Lyapunov: {FEW / theirs:,.0f} pairs per second, ratio"
+        f" {theirs / FEW / ours * MANY:.0f}"
+    )
     print(f"largest difference of B_m + B_1: {difference:.1e}")
 
 

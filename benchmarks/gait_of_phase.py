@@ -1,8 +1,10 @@
-"""A second gait for studies of phase: a function of stance phase whose size, load and timing differ from step to step.
+"""A second gait for studies of phase: a function of stance phase whose size, load and timing differ
+from step to step.
 
-The simulator's own gait varies in time: its angle wanders, and the leg's torque follows. Here a crossing is a function
-of phase with a longer or shorter step, another load, another second hump and another timing within stance, and only the
-rest wanders in time. The perturbation adds exactly Eq. 15. Nothing of the simulator is used.
+The simulator's own gait varies in time: its angle wanders, and the leg's torque follows. Here a
+crossing is a function of phase with a longer or shorter step, another load, another second hump and
+another timing within stance, and only the rest wanders in time. The perturbation adds exactly Eq.
+15. Nothing of the simulator is used.
 """
 
 from dataclasses import dataclass
@@ -24,7 +26,8 @@ LATER = 0.11
 
 @dataclass(frozen=True)
 class Change:
-    """What the perturbed crossings do: factor of their whole duration, and of stance by what follows the window."""
+    """What the perturbed crossings do: factor of their whole duration, and of stance by what
+    follows the window."""
 
     slower: float = 1.0
     after_window: float = 1.0
@@ -37,9 +40,12 @@ def smooth(x: Array) -> Array:
 
 
 def waves(random: np.random.Generator, time: Array, highest: float, size: float) -> Array:
-    """A deviation (n,) of standard deviation `size`: six waves between 0.3 Hz and the highest frequency [Hz]."""
+    """A deviation (n,) of standard deviation `size`: six waves between 0.3 Hz and the highest
+    frequency [Hz]."""
     pitch, start = random.uniform(0.3, highest, 6), random.uniform(0, 2 * np.pi, 6)
-    return np.asarray(size / np.sqrt(3) * np.sin(2 * np.pi * np.outer(time, pitch) + start).sum(axis=1))
+    return np.asarray(
+        size / np.sqrt(3) * np.sin(2 * np.pi * np.outer(time, pitch) + start).sum(axis=1)
+    )
 
 
 def ramp(time: Array) -> Motion:
@@ -49,8 +55,11 @@ def ramp(time: Array) -> Motion:
     return Motion(TURN * smooth(x), TURN * speed / RAMP, TURN * change / RAMP**2)
 
 
-def crossing(key: tuple[int, ...], low_pass: LowPass, perturbed: bool, change: Change = Change()) -> Crossing:
-    """A crossing as the analysis sees it. Its key determines all that is random, also what sensors add."""
+def crossing(
+    key: tuple[int, ...], low_pass: LowPass, perturbed: bool, change: Change = Change()
+) -> Crossing:
+    """A crossing as the analysis sees it. Its key determines all that is random, also what sensors
+    add."""
     random = np.random.default_rng(key)
     step, load, pace, hump, warp = random.standard_normal(5) * (0.03, 0.018, 0.018, 0.018, 0.005)
     duration = STANCE * change.slower * (1 + pace)
@@ -65,11 +74,19 @@ def crossing(key: tuple[int, ...], low_pass: LowPass, perturbed: bool, change: C
     phase = phase + warp * np.sin(np.pi * inside) ** 2 * np.sin(2 * np.pi * inside + 0.7)
     inside = np.clip(phase, 0.0, 1.0)
     on = smooth(inside / 0.08) * smooth((1 - inside) / 0.08)
-    force = (1 + load) * WEIGHT * 1.15 * (np.sin(np.pi * inside) + (0.35 + hump) * np.sin(3 * np.pi * inside)) * on
+    force = (
+        (1 + load)
+        * WEIGHT
+        * 1.15
+        * (np.sin(np.pi * inside) + (0.35 + hump) * np.sin(3 * np.pi * inside))
+        * on
+    )
     lever = -0.04 + 0.17 * smooth((inside + 0.05) / 1.1) * (1 + step / 2)
     shear = -0.13 * WEIGHT * (1 + step) * (1 + load) * np.sin(2 * np.pi * inside) * on
     foot = np.deg2rad(18 * (1 - smooth((phase + 0.05) / 0.2)) - 40 * smooth((phase - 0.62) / 0.45))
-    shank = np.deg2rad(-18 + 48 * (1 + step) * smooth((phase + 0.3) / 1.6) + waves(random, time, 2.0, 0.24))
+    shank = np.deg2rad(
+        -18 + 48 * (1 + step) * smooth((phase + 0.3) / 1.6) + waves(random, time, 2.0, 0.24)
+    )
     theta, torque = foot + shank, force * lever + 0.08 * shear + waves(random, time, 2.5, 0.9) * on
     if perturbed:
         turn = ramp(time - onset)
@@ -79,6 +96,7 @@ def crossing(key: tuple[int, ...], low_pass: LowPass, perturbed: bool, change: C
     torque = low_pass(torque + 0.1 * random.standard_normal(len(time)), RATE)
     name, still = f"phase_{'_'.join(map(str, key))}", np.zeros((0, len(time)))
     return Crossing(
-        name, time, theta, torque, 0 * time, Stance(STRIKE, STRIKE + stance), onset if perturbed else None, 0.0,
+        name, time, theta, torque, 0 * time, Stance(STRIKE, STRIKE + stance),
+        onset if perturbed else None, 0.0,
         still,
     )  # fmt: skip

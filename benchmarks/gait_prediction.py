@@ -1,8 +1,9 @@
-"""What a crossing would have done: the mean unperturbed gait, or its own behaviour before the onset.
+"""What a crossing would have done: the mean unperturbed gait, or its own behaviour before the
+onset.
 
 Run from the repository: `python benchmarks/gait_prediction.py [campaigns]` prints the last table of
-`docs/walking.md`: error and interval of K with either baseline. Campaigns of ten perturbed and ten unperturbed
-crossings; the same seeds give the same. About two seconds a campaign and row.
+`docs/walking.md`: error and interval of K with either baseline. Campaigns of ten perturbed and ten
+unperturbed crossings; the same seeds give the same. About two seconds a campaign and row.
 """
 
 import sys
@@ -25,10 +26,17 @@ def at(timing: float) -> Callable[[int, StudyLaboratory], Walked]:
     """Campaigns of the simulator's gait whose platform turns at a phase of stance."""
 
     def campaign(number: int, shipped: StudyLaboratory) -> Walked:
-        names, here = [f"predicted_{number:04d}_{k}" for k in range(CROSSINGS)], at_timing(shipped, timing)
+        names, here = (
+            [f"predicted_{number:04d}_{k}" for k in range(CROSSINGS)],
+            at_timing(shipped, timing),
+        )
         walked = [here.perturbed(f"{name}_p") for name in names]
         truth = float(np.mean([exact["K"] for _, exact, _ in walked]))
-        return [here.unperturbed(f"{name}_u") for name in names], [crossing for crossing, *_ in walked], truth
+        return (
+            [here.unperturbed(f"{name}_u") for name in names],
+            [crossing for crossing, *_ in walked],
+            truth,
+        )
 
     return campaign
 
@@ -52,7 +60,10 @@ def main(number: int) -> None:
     """Print the table."""
     shipped = laboratory()
     settings = shipped.analysis.model_copy(update={"bootstrap_samples": RESAMPLES})
-    print("| gait | baseline | error of K, N·m/rad | half the interval | covered, % | deviations predicted |")
+    print(
+        "| gait | baseline | error of K, N·m/rad | half the interval | covered, % | deviations"
+        " predicted |"
+    )
     print("| --- | --- | --- | --- | --- | --- |")
     for label, make in GAITS.items():
         found: dict[str, list[tuple[float, ...]]] = {"mean": [], "predicted": []}
@@ -64,11 +75,16 @@ def main(number: int) -> None:
             of_both = (headline.ensemble, headline.resampled), headline.other[1:]
             for name, (ensemble, draws) in zip(found, of_both, strict=True):
                 low, high = draws.interval("K")
-                found[name].append((ensemble.fit["K"] - truth, (high - low) / 2, float(low <= truth <= high)))
+                found[name].append(
+                    (ensemble.fit["K"] - truth, (high - low) / 2, float(low <= truth <= high))
+                )
         for name, rows in found.items():
             error, width, covered = np.array(rows).T
             share = f"{100 * np.mean(shares):.0f} %" if name == "predicted" else "–"
-            cells = f"{error.mean():.1f} ± {error.std(ddof=1):.1f} | {width.mean():.1f} | {100 * covered.mean():.0f}"
+            cells = (
+                f"{error.mean():.1f} ± {error.std(ddof=1):.1f} | {width.mean():.1f} |"
+                f" {100 * covered.mean():.0f}"
+            )
             print(f"| {label} | {name} | {cells} | {share} |", flush=True)
 
 

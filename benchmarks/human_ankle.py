@@ -1,10 +1,12 @@
-"""Recordings of human ankles (REKLAB, GPL-2), after `snakemake` has made both campaigns (docs/human_joint.md).
+"""Recordings of human ankles (REKLAB, GPL-2), after `snakemake` has made both campaigns
+(docs/human_joint.md).
 
-python benchmarks/human_ankle.py                the fits as a table, and K over the slow angle of the pilot
-python benchmarks/human_ankle.py delays         the fits with one delay of the reflex after another
-python benchmarks/human_ankle.py joints SEED    60 known joints, moved by the recorded angles (a minute of a core)
-python benchmarks/human_ankle.py bands SEED     20 known joints whose K changes with the slow angle of the pilot
-python benchmarks/human_ankle.py muscle SEED    48 known joints, muscle of second or third order, moved by made angles
+python benchmarks/human_ankle.py                the fits as a table, and K over the slow angle of
+the pilot python benchmarks/human_ankle.py delays         the fits with one delay of the reflex
+after another python benchmarks/human_ankle.py joints SEED    60 known joints, moved by the recorded
+angles (a minute of a core) python benchmarks/human_ankle.py bands SEED     20 known joints whose K
+changes with the slow angle of the pilot python benchmarks/human_ankle.py muscle SEED    48 known
+joints, muscle of second or third order, moved by made angles
 """
 
 import sys
@@ -30,19 +32,36 @@ def recorded(campaign=CAMPAIGNS[0]):
 
 
 def table():
-    head = ["trial", "K, N·m/rad", "B, N·m·s/rad", "I, kg·m²", "reflex, % of variance", "delay, ms", "VAF, %"]
+    head = [
+        "trial",
+        "K, N·m/rad",
+        "B, N·m·s/rad",
+        "I, kg·m²",
+        "reflex, % of variance",
+        "delay, ms",
+        "VAF, %",
+    ]
     head += ["held out, %", "late, ms", "K, B without it", "doubtful"]
     print(f"| {' | '.join(head)} |\n{'|---' * len(head)}|")
     tables = [campaign / "tables" for campaign in CAMPAIGNS]
     fits = [pl.read_csv(tables[0] / "human_joint.csv"), pl.read_csv(tables[1] / "human_joint.csv")]
     fits[1] = fits[1].with_columns(trial=pl.col("trial") + ", K over its slow angle")
     for row in pl.concat(fits, how="diagonal_relaxed").iter_rows(named=True):
-        cells = [f"{row[k]:.{d}f} ± {row[f'{k}_high'] - row[k]:.{d}f}" for k, d in (("K", 0), ("B", 2), ("I", 4))]
+        cells = [
+            f"{row[k]:.{d}f} ± {row[f'{k}_high'] - row[k]:.{d}f}"
+            for k, d in (("K", 0), ("B", 2), ("I", 4))
+        ]
         ends = [f"{row[f'reflex_delay_{end}ms']:.0f}" for end in ("", "low_", "high_")]
         cells += [f"{row['reflex_share']:.1f}", f"{ends[0]} ({ends[1]} to {ends[2]})"]
         cells += [f"{row[k]:.1f}" for k in ("VAF", "VAF_held_out")]
-        cells.append("" if row["lag_s"] is None else f"{1e3 * row['lag_s']:.2f} ± {1e3 * row['lag_se_s']:.2f}")
-        cells.append(f"{row['K_without_lag']:.0f}, {row['B_without_lag']:.2f}" if row["lag_shift"] else "")
+        cells.append(
+            ""
+            if row["lag_s"] is None
+            else f"{1e3 * row['lag_s']:.2f} ± {1e3 * row['lag_se_s']:.2f}"
+        )
+        cells.append(
+            f"{row['K_without_lag']:.0f}, {row['B_without_lag']:.2f}" if row["lag_shift"] else ""
+        )
         doubts = [one.partition(":")[0] for one in (row["doubtful"] or "").split("; ") if one]
         print(f"| {row['trial']} | {' | '.join(cells)} | {', '.join(doubts) or 'no'} |")
     print()
@@ -51,12 +70,14 @@ def table():
 
 
 def known_joint(rng, theta, change=1.0, order=2, **further):
-    """What is true of a joint moved by an angle (n,): K, B, I, and the delay of its reflex [ms]; its trials without and
-    with this reflex, whose muscle is of second or third order. K changes by a factor (n,)."""
+    """What is true of a joint moved by an angle (n,): K, B, I, and the delay of its reflex [ms];
+    its trials without and with this reflex, whose muscle is of second or third order. K changes by
+    a factor (n,)."""
     time = np.arange(len(theta)) / RATE_HZ
     omega, alpha = (make_interp_spline(time, theta, 5)(time, order) for order in (1, 2))
     true = {"K": rng.uniform(40, 160), "B": rng.uniform(0.6, 1.4), "I": 0.016}
-    delay, w = rng.uniform(0.04, 0.055), rng.uniform(15, 25)  # s; rad/s of a low-pass of second order
+    # s; rad/s of a low-pass of second order
+    delay, w = rng.uniform(0.04, 0.055), rng.uniform(15, 25)
     late = np.maximum(np.concatenate([np.zeros(round(delay * RATE_HZ)), omega])[: len(omega)], 0)
     lag = np.polymul([1 / w**2, 1.8 / w, 1], [1 / w, 1][3 - order :])
     reflex = rng.uniform(2, 8) * signal.lfilter(*signal.bilinear([1.0], lag, RATE_HZ), late)
@@ -64,7 +85,10 @@ def known_joint(rng, theta, change=1.0, order=2, **further):
     torque = true["K"] * change * theta + true["B"] * omega + true["I"] * alpha
     torque += 0.5 * will / will.std() + 0.1 * rng.standard_normal(len(theta))
     samples = {"time": time, "theta": theta, **further}
-    trials = [osl.Trial("joint", pl.DataFrame({**samples, "torque": one})) for one in (torque, torque + reflex)]
+    trials = [
+        osl.Trial("joint", pl.DataFrame({**samples, "torque": one}))
+        for one in (torque, torque + reflex)
+    ]
     return true | {"delay": 1e3 * delay}, *trials
 
 
@@ -86,7 +110,8 @@ def bands(seed):
             wide.append((found["K_high"] - found["K"]).to_numpy() / K)
     each = 100 * np.mean(held, axis=0)
     print(
-        f"{100 * np.mean(held):.1f} % of the intervals hold K, at single angles {each.min():.0f} to {each.max():.0f} %"
+        f"{100 * np.mean(held):.1f} % of the intervals hold K, at single angles {each.min():.0f} to"
+        f" {each.max():.0f} %"
     )
     print(f"half an interval is {100 * np.median(wide):.0f} % of K")
 
@@ -122,13 +147,24 @@ def joints(seed):
             holds = row["reflex_delay_low_ms"] <= delay <= row["reflex_delay_high_ms"]
             delays.append([row["reflex_delay_ms"] - delay, holds])
     for name, found in fits.items():
-        print(f"{name}: {sum('reflex:' in fit.doubtful for _, fit in found)} of {len(found)} are doubted for a reflex")
+        print(
+            f"{name}: {sum('reflex:' in fit.doubtful for _, fit in found)} of {len(found)} are"
+            " doubted for a reflex"
+        )
         for one in "KBI":
             off = np.array([100 * abs(fit.row[one] / true[one] - 1) for true, fit in found])
-            held = sum(fit.row[f"{one}_low"] < true[one] < fit.row[f"{one}_high"] for true, fit in found)
-            print(f"  {one} errs by {np.median(off):.1f} % (worst {off.max():.1f} %), {held} intervals hold it")
+            held = sum(
+                fit.row[f"{one}_low"] < true[one] < fit.row[f"{one}_high"] for true, fit in found
+            )
+            print(
+                f"  {one} errs by {np.median(off):.1f} % (worst {off.max():.1f} %), {held}"
+                " intervals hold it"
+            )
     off, held = np.array(delays).T
-    print(f"the delay errs by {np.median(off):+.0f} ms ({off.min():+.0f} to {off.max():+.0f}), ", end="")
+    print(
+        f"the delay errs by {np.median(off):+.0f} ms ({off.min():+.0f} to {off.max():+.0f}), ",
+        end="",
+    )
     print(f"{held.sum():.0f} ranges of delays hold it")
 
 
@@ -142,16 +178,22 @@ def muscle(seed):
             held, wide, K = [], [], []
             for number in range(24):
                 steps = signal.sosfilt(
-                    signal.butter(2, 20, fs=RATE_HZ, output="sos"), 0.04 * rng.integers(0, 2, 600).repeat(150)
+                    signal.butter(2, 20, fs=RATE_HZ, output="sos"),
+                    0.04 * rng.integers(0, 2, 600).repeat(150),
                 )
                 noise = signal.sosfilt(random, rng.standard_normal(len(time)))
-                true, _, trial = known_joint(rng, steps if number % 2 else 0.03 * noise / noise.std(), order=order)
+                true, _, trial = known_joint(
+                    rng, steps if number % 2 else 0.03 * noise / noise.std(), order=order
+                )
                 row = osl.fit_impedance(trial, config=config).row
                 low, high = row["reflex_delay_low_ms"], row["reflex_delay_high_ms"]
                 held.append(low <= true["delay"] <= high)
                 wide.append(high - low)
                 K.append(row["K_low"] < true["K"] < row["K_high"])
-            print(f"muscle of order {order}, of {len(held)}: {sum(held)} ranges hold the delay, ", end="")
+            print(
+                f"muscle of order {order}, of {len(held)}: {sum(held)} ranges hold the delay, ",
+                end="",
+            )
             print(f"{np.median(wide):.0f} ms wide; {sum(K)} intervals hold K")
 
 

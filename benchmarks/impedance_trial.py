@@ -2,15 +2,18 @@
 
     python benchmarks/impedance_trial.py
 
-One run, one thread, 142 s at 1 kHz, which the simulator makes into a temporary folder; the ratio is the claim. The
-script does what a reader would write with pandas and SciPy: filter, differentiate, fit Eq. 15 to each amplitude and to
-all of them with `curve_fit`, and fit a sine with harmonics to angle and torque of each segment. It is told where the
-segments are, takes both signals for samples of one clock, and has no interval.
+One run, one thread, 142 s at 1 kHz, which the simulator makes into a temporary folder; the ratio is
+the claim. The script does what a reader would write with pandas and SciPy: filter, differentiate,
+fit Eq. 15 to each amplitude and to all of them with `curve_fit`, and fit a sine with harmonics to
+angle and torque of each segment. It is told where the segments are, takes both signals for samples
+of one clock, and has no interval.
 """
 
 import os
 
-os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "POLARS_MAX_THREADS"), "1"))
+os.environ.update(
+    dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "POLARS_MAX_THREADS"), "1")
+)
 
 import tempfile
 import time
@@ -69,27 +72,39 @@ def recorded_trial(folder: Path) -> Path:
 
 
 def script(table: pd.DataFrame, starts: Starts, cycles: int) -> list[Any]:
-    """What a reader would write: K, B, I, offset of each amplitude and of all, and the phasors of each segment."""
+    """What a reader would write: K, B, I, offset of each amplitude and of all, and the phasors of
+    each segment."""
     rate = 1 / table["time"].diff().median()
     b, a = butter(4, 15, fs=rate)
     theta, torque = (filtfilt(b, a, table[name]) for name in ("theta", "torque"))
     omega = np.gradient(theta, 1 / rate)
-    signals = pd.DataFrame({"theta": theta, "omega": omega, "alpha": np.gradient(omega, 1 / rate), "torque": torque})
+    signals = pd.DataFrame(
+        {"theta": theta, "omega": omega, "alpha": np.gradient(omega, 1 / rate), "torque": torque}
+    )
     amplitude, found = np.zeros(len(table)), []
     for (size, frequency), start in starts.items():
-        rows = slice(start + round(2 * rate / frequency), start + round((cycles - 1) * rate / frequency))
+        rows = slice(
+            start + round(2 * rate / frequency), start + round((cycles - 1) * rate / frequency)
+        )
         amplitude[rows] = size
         turn = 2 * np.pi * frequency * table["time"].to_numpy()[rows]
         harmonics = [f(k * turn) for k in range(1, 6) for f in (np.cos, np.sin)]
         columns = np.column_stack([np.ones_like(turn), *harmonics])
-        found += [np.linalg.lstsq(columns, table[name].to_numpy()[rows])[0] for name in ("theta", "torque")]
+        found += [
+            np.linalg.lstsq(columns, table[name].to_numpy()[rows])[0]
+            for name in ("theta", "torque")
+        ]
 
     def eq15(x: Any, K: float, B: float, I: float, offset: float) -> Any:
         return K * x[0] + B * x[1] + I * x[2] + offset
 
     for size in (*np.unique(amplitude[amplitude > 0]), None):
         part = signals[amplitude > 0 if size is None else amplitude == size]
-        found.append(curve_fit(eq15, part[["theta", "omega", "alpha"]].to_numpy().T, part["torque"].to_numpy()))
+        found.append(
+            curve_fit(
+                eq15, part[["theta", "omega", "alpha"]].to_numpy().T, part["torque"].to_numpy()
+            )
+        )
     return found
 
 
@@ -107,7 +122,9 @@ def job(path: Path, s: DynamometerAnalysis, p: DrivetrainParameters) -> None:
     check_recording(read, s)
     rails = saturated(read, "torque", "theta")
     record = with_actuator(record_of_trial(read, s), read)
-    analysis, table = judged_impedance(record, rails, p, CONDITION, CONDITION.gains(p, PAPER_WEIGHT))
+    analysis, table = judged_impedance(
+        record, rails, p, CONDITION, CONDITION.gains(p, PAPER_WEIGHT)
+    )
     tables = [table, phasor_table(NAME, phasors_of_record(record)), analysis.time_base(QUANTITIES)]
     tables.append(analysis.series().table())
     for table in tables:
@@ -121,12 +138,19 @@ def main() -> None:
         path = recorded_trial(Path(folder))
         trial = read_trial(path)
         table = pandas_table(trial)
-        found = find_segments(Likeness(table["time"].to_numpy(), table["theta"].to_numpy(), settings.protocol))
+        found = find_segments(
+            Likeness(table["time"].to_numpy(), table["theta"].to_numpy(), settings.protocol)
+        )
         starts = {(one.commanded, one.frequency_hz): round(one.start) for one in found}
         cycles = int(found[0].cycles)
-        whole, short = cpu_ms(lambda: job(path, settings, p)), cpu_ms(lambda: script(table, starts, cycles))
+        whole, short = (
+            cpu_ms(lambda: job(path, settings, p)),
+            cpu_ms(lambda: script(table, starts, cycles)),
+        )
     print(f"{NAME}, {len(table)} samples, CPU of one thread:")
-    print(f"the job: {whole:.0f} ms; pandas and curve_fit: {short:.0f} ms; ratio {whole / short:.2f}")
+    print(
+        f"the job: {whole:.0f} ms; pandas and curve_fit: {short:.0f} ms; ratio {whole / short:.2f}"
+    )
 
 
 if __name__ == "__main__":

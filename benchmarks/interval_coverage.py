@@ -1,8 +1,10 @@
-"""How often 95 % intervals hold the truth: K, B and I of an exact joint whose angle and torque are rounded.
+"""How often 95 % intervals hold the truth: K, B and I of an exact joint whose angle and torque are
+rounded.
 
-Run from the repository: `python benchmarks/interval_coverage.py [seeds]`. The recordings are those of `planted.py`,
-none of them by the project; of each kind 150 with another zero of the encoder, other noise, and where the motion is
-random another motion. Writes the table into `docs/bench_validation.md`; six minutes on one core.
+Run from the repository: `python benchmarks/interval_coverage.py [seeds]`. The recordings are those
+of `planted.py`, none of them by the project; of each kind 150 with another zero of the encoder,
+other noise, and where the motion is random another motion. Writes the table into
+`docs/bench_validation.md`; six minutes on one core.
 """
 
 import sys
@@ -26,13 +28,18 @@ TORQUE_STEP = 0.02  # N*m
 KINDS = {f"{motion}, 14 bits": (motion, {}, 1) for motion in MOTIONS}
 KINDS |= {"stepped sine, 14 bits, 250 Hz": ("stepped sine", {}, 4)}
 KINDS |= {"stepped sine, 14 bits, 300 µs of true jitter": ("stepped sine", {"jitter": 300e-6}, 1)}
-KINDS |= {f"{motion}, 18 bits": (motion, {"bits": 18}, 1) for motion in ("stepped sine", "binary steps")}
+KINDS |= {
+    f"{motion}, 18 bits": (motion, {"bits": 18}, 1) for motion in ("stepped sine", "binary steps")
+}
 
 
 def held(kind: str, seeds: int, settings: DynamometerAnalysis) -> dict[str, list[bool]]:
     """Whether the interval of each number holds the truth, by its name."""
     motion, recorder, every = KINDS[kind]
-    cause, found = Cause(kind, NOTHING, 0.0, (), recorder=recorder), defaultdict[str, list[bool]](list)
+    cause, found = (
+        Cause(kind, NOTHING, 0.0, (), recorder=recorder),
+        defaultdict[str, list[bool]](list),
+    )
     truth = {name: getattr(cause.joint, name) for name in "KBI"}
     for seed in range(seeds):
         planted.moved.cache_clear()
@@ -50,7 +57,9 @@ def held(kind: str, seeds: int, settings: DynamometerAnalysis) -> dict[str, list
             Y = 1 / (truth["K"] + truth["B"] * s + truth["I"] * s**2)
             row = polar_row(segment.admittance)
             found[f"abs Y, {hz} Hz"].append(row["magnitude_low"] <= abs(Y) <= row["magnitude_high"])
-            found[f"phase, {hz} Hz"].append(row["phase_deg_low"] <= np.rad2deg(np.angle(Y)) <= row["phase_deg_high"])
+            found[f"phase, {hz} Hz"].append(
+                row["phase_deg_low"] <= np.rad2deg(np.angle(Y)) <= row["phase_deg_high"]
+            )
     return found
 
 
@@ -61,12 +70,27 @@ def main() -> None:
     for kind in KINDS:
         if any(word not in kind for word in sys.argv[2:]):
             continue
-        found = {name: f"{100 * np.mean(values):.0f}" for name, values in held(kind, seeds, settings).items()}
-        fits = [" ".join(found.get(f"{name}, {rows}", "–") for name in "KBI") for rows in ("all", "one amplitude")]
-        phasors = [" ".join(found.get(f"{of}, {hz} Hz", "–") for hz in range(1, 6)) for of in ("abs Y", "phase")]
+        found = {
+            name: f"{100 * np.mean(values):.0f}"
+            for name, values in held(kind, seeds, settings).items()
+        }
+        fits = [
+            " ".join(found.get(f"{name}, {rows}", "–") for name in "KBI")
+            for rows in ("all", "one amplitude")
+        ]
+        phasors = [
+            " ".join(found.get(f"{of}, {hz} Hz", "–") for hz in range(1, 6))
+            for of in ("abs Y", "phase")
+        ]
         lines.append((kind, *fits, *phasors))
         print(*lines[-1], sep=" | ", flush=True)
-    header = ("recording", "K B I, all", "K B I, one amplitude", "size of Y, 1 to 5 Hz", "phase of Y, 1 to 5 Hz")
+    header = (
+        "recording",
+        "K B I, all",
+        "K B I, one amplitude",
+        "size of Y, 1 to 5 Hz",
+        "phase of Y, 1 to 5 Hz",
+    )
     if len(sys.argv) < 2:
         write_between(ROOT / "docs/bench_validation.md", {"coverage": markdown(header, lines)})
 

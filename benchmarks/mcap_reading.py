@@ -1,11 +1,13 @@
-"""Speed of the MCAP reader relative to the `mcap` packages and to the lower limit of the reading time.
+"""Speed of the MCAP reader relative to the `mcap` packages and to the lower limit of the reading
+time.
 
-Run from the repository: `python benchmarks/mcap_reading.py [seconds] [--against FOLDER]`, with the folder of an earlier
-release. One run writes a synthetic trial of 140 s (or as many as are asked for) at 1 kHz in three topics, once in each
-encoding, to a temporary folder; reads it as ingest does, as the earlier release did, and with the packages'
-own readers, to the same columns; and prints the times' ratios. The limit is the time that every checking reader needs:
-decompress every chunk, compute its CRC, copy its bytes twice. Times are those of the processor, on one thread as in the
-workflow's jobs: they do not depend on what else is running.
+Run from the repository: `python benchmarks/mcap_reading.py [seconds] [--against FOLDER]`, with the
+folder of an earlier release. One run writes a synthetic trial of 140 s (or as many as are asked
+for) at 1 kHz in three topics, once in each encoding, to a temporary folder; reads it as ingest
+does, as the earlier release did, and with the packages' own readers, to the same columns; and
+prints the times' ratios. The limit is the time that every checking reader needs: decompress every
+chunk, compute its CRC, copy its bytes twice. Times are those of the processor, on one thread as in
+the workflow's jobs: they do not depend on what else is running.
 """
 
 import argparse
@@ -27,7 +29,11 @@ os.environ["POLARS_MAX_THREADS"] = "1"  # before polars is imported
 
 import numpy as np
 import zstandard
-from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet
+from google.protobuf.descriptor_pb2 import (
+    FieldDescriptorProto,
+    FileDescriptorProto,
+    FileDescriptorSet,
+)
 from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message_factory import GetMessageClass
 from mcap.decoder import DecoderFactory
@@ -43,7 +49,11 @@ from osl_analysis.ingest.source import Source
 RATE = 1000
 START = 1_700_000_000 * 10**9
 FIELDS = ("position", "velocity", "effort", "current")
-COLUMNS = {"/leg": ("theta", "theta_m"), "/motor": ("current", "theta_command"), "/cell": ("torque", "K_1")}
+COLUMNS = {
+    "/leg": ("theta", "theta_m"),
+    "/motor": ("current", "theta_command"),
+    "/cell": ("torque", "K_1"),
+}
 ROS2 = """\
 std_msgs/Header header
 float64 position
@@ -107,7 +117,9 @@ def descriptors() -> FileDescriptorSet:
     for name, fields in messages.items():
         message = file.message_type.add(name=name)
         for number, (field, kind, type_name) in enumerate(fields, 1):
-            message.field.add(name=field, number=number, type=kind, type_name=type_name or None, label=1)
+            message.field.add(
+                name=field, number=number, type=kind, type_name=type_name or None, label=1
+            )
     return FileDescriptorSet(file=[file])
 
 
@@ -125,7 +137,13 @@ def protobuf() -> Callable[[Row], bytes]:
     return encode
 
 
-def write(path: Path, encoding: str, schema: tuple[str, str, bytes], encode: Callable[[Row], bytes], n: int) -> None:
+def write(
+    path: Path,
+    encoding: str,
+    schema: tuple[str, str, bytes],
+    encode: Callable[[Row], bytes],
+    n: int,
+) -> None:
     with path.open("wb") as file:
         writer = Writer(file)
         writer.start()
@@ -134,7 +152,8 @@ def write(path: Path, encoding: str, schema: tuple[str, str, bytes], encode: Cal
         for i, row in enumerate(rows(n)):
             stamp = row[0] * 10**9 + row[1]
             for k, channel in enumerate(channels):
-                own: Row = (*row[:2], *row[2 + k :], *row[2 : 2 + k])  # topics do not hold the same numbers
+                # topics do not hold the same numbers
+                own: Row = (*row[:2], *row[2 + k :], *row[2 : 2 + k])
                 writer.add_message(channel, stamp + 150_000, encode(own), stamp, i)
         writer.finish()
 
@@ -145,10 +164,19 @@ def source() -> Source:
         for topic, columns in COLUMNS.items()
         for column, field in zip(columns, FIELDS, strict=False)
     }
-    return FORMATS["mcap"].source.model_validate({"format": "mcap", "time": {"source": "header"}, "channels": channels})
+    return FORMATS["mcap"].source.model_validate(
+        {"format": "mcap", "time": {"source": "header"}, "channels": channels}
+    )
 
 
-UNITS = {"theta": "rad", "theta_m": "rad", "current": "A", "theta_command": "rad", "torque": "N*m", "K_1": "N*m/rad"}
+UNITS = {
+    "theta": "rad",
+    "theta_m": "rad",
+    "current": "A",
+    "theta_command": "rad",
+    "torque": "N*m",
+    "K_1": "N*m/rad",
+}
 
 
 class JsonDecoderFactory(DecoderFactory):
@@ -162,7 +190,9 @@ def by_mcap(path: Path, factory: DecoderFactory) -> dict[str, np.ndarray[Any, An
     """The same columns, through `mcap` and its decoders."""
     columns: dict[str, list[tuple[float, ...]]] = defaultdict(list)
     with path.open("rb") as file:
-        for _, channel, _, message in make_reader(file, decoder_factories=[factory]).iter_decoded_messages():
+        for _, channel, _, message in make_reader(
+            file, decoder_factories=[factory]
+        ).iter_decoded_messages():
             if isinstance(message, dict):
                 stamp = message["header"]["stamp"]
                 value = (stamp["sec"], stamp["nanosec"], message[FIELDS[0]], message[FIELDS[1]])
@@ -199,9 +229,20 @@ def seconds_of(run: Callable[[], Any], repeats: int) -> float:
 
 def seconds_of_earlier(folder: Path, path: Path) -> float:
     """Time [s] of the processor in which an earlier release reads a file."""
-    code = [sys.executable, "-c", EARLIER, str(path), source().model_dump_json(exclude_unset=True), str(REPEATS)]
+    code = [
+        sys.executable,
+        "-c",
+        EARLIER,
+        str(path),
+        source().model_dump_json(exclude_unset=True),
+        str(REPEATS),
+    ]
     environment = os.environ | {"PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
-    return float(subprocess.run(code, cwd=folder, env=environment, capture_output=True, text=True, check=True).stdout)
+    return float(
+        subprocess.run(
+            code, cwd=folder, env=environment, capture_output=True, text=True, check=True
+        ).stdout
+    )
 
 
 def main() -> None:
@@ -227,11 +268,17 @@ def main() -> None:
             ours = seconds_of(lambda path=path: FORMATS["mcap"].read(path, source()), REPEATS)
             theirs = seconds_of(lambda path=path, factory=factory: by_mcap(path, factory), 1)
             floor = seconds_of(lambda path=path: limit(path), REPEATS)
-            before = "" if asked.against is None else seconds_of_earlier(asked.against.resolve(), path)
+            before = (
+                "" if asked.against is None else seconds_of_earlier(asked.against.resolve(), path)
+            )
             print(
-                f"{encoding:9} {ours:.3f} s, the mcap packages {theirs:.2f} s: {theirs / ours:.2g} x as fast; "
-                f"{ours / floor:.2f} x the limit of {floor:.3f} s"
-                + (f"; the earlier release {before:.3f} s: {before / ours:.2f} x as fast" if before else "")
+                f"{encoding:9} {ours:.3f} s, the mcap packages {theirs:.2f} s: {theirs / ours:.2g}"
+                f" x as fast; {ours / floor:.2f} x the limit of {floor:.3f} s"
+                + (
+                    f"; the earlier release {before:.3f} s: {before / ours:.2f} x as fast"
+                    if before
+                    else ""
+                )
             )
 
 

@@ -1,14 +1,16 @@
-"""Time to plan large campaigns, beside a bare Snakefile of as many jobs, and the files that a trial leaves.
+"""Time to plan large campaigns, beside a bare Snakefile of as many jobs, and the files that a trial
+leaves.
 
-Run from the repository: `python benchmarks/planning.py`, or with other numbers of trials, as `python
-benchmarks/planning.py 100 1000`. A campaign of N measured impedance trials, whose recordings are not looked into, is
-planned by `snakemake --dry-run --quiet all reproduce-all` in a process of its own. The bare Snakefile has a chain of
-three jobs for each trial, as the campaign has (ingest, fit, comparison), and one target that needs the ends of all
-chains. CPU and wall time [s], their ratio, and the exponents p of the times, time ~ N^p, from one N to the next, of the
-campaign and of the bare Snakefile. Campaigns of N crossings have exponents too. Then two campaigns, and two bare
-Snakefiles, of 6 and 60 trials, whose recordings are cut off at different ends, are run and planned again: with nothing
-to do, and after a change of one log. The difference of the numbers of their files below `results/` gives files per
-trial.
+Run from the repository: `python benchmarks/planning.py`, or with other numbers of trials, as
+`python benchmarks/planning.py 100 1000`. A campaign of N measured impedance trials, whose
+recordings are not looked into, is planned by `snakemake --dry-run --quiet all reproduce-all` in a
+process of its own. The bare Snakefile has a chain of three jobs for each trial, as the campaign has
+(ingest, fit, comparison), and one target that needs the ends of all chains. CPU and wall time [s],
+their ratio, and the exponents p of the times, time ~ N^p, from one N to the next, of the campaign
+and of the bare Snakefile. Campaigns of N crossings have exponents too. Then two campaigns, and two
+bare Snakefiles, of 6 and 60 trials, whose recordings are cut off at different ends, are run and
+planned again: with nothing to do, and after a change of one log. The difference of the numbers of
+their files below `results/` gives files per trial.
 """
 
 import math
@@ -33,7 +35,12 @@ RUN = (6, 60)
 """Numbers of trials of the campaigns that are run."""
 SETTINGS, TRIAL = ROOT / "tests/tiny_simulation.yaml", "impedance_K300_B5.0_compensated"
 RECORDED: dict[str, dict[str, Any]] = {
-    "dynamometer": {"amplitudes_deg": [2, 4], "frequencies_hz": [2, 5], "cycles": 3, "settle_cycles": 1},
+    "dynamometer": {
+        "amplitudes_deg": [2, 4],
+        "frequencies_hz": [2, 5],
+        "cycles": 3,
+        "settle_cycles": 1,
+    },
     "figures": {"time_series": None, "frequency_response": None},
 }
 """What the configuration says of the recording."""
@@ -64,8 +71,8 @@ rule compare:
 
 
 def write_campaign(folder: Path, number: int, recording: bytes) -> list[str]:
-    """Write sheet, configuration and recordings of a campaign; the arguments of Snakemake for it. No recording is a
-    copy of another: each has a byte less."""
+    """Write sheet, configuration and recordings of a campaign; the arguments of Snakemake for it.
+    No recording is a copy of another: each has a byte less."""
     raw = folder / "raw_data/dynamometer"
     raw.mkdir(parents=True)
     lines = ["trial,experiment,controller,K_d,B_d,log,log_source"]
@@ -77,12 +84,20 @@ def write_campaign(folder: Path, number: int, recording: bytes) -> list[str]:
     sheet.write_text("\n".join(lines) + "\n", encoding="utf-8")
     own = {"simulation": None, "sheet": "raw_data/trials.csv", "raw_data": "raw_data", **RECORDED}
     config.write_text(yaml.safe_dump(own), encoding="utf-8")
-    return ["--snakefile", str(ROOT / "Snakefile"), "--configfile", str(config), "--cores", "2", "reproduce-all"]
+    return [
+        "--snakefile",
+        str(ROOT / "Snakefile"),
+        "--configfile",
+        str(config),
+        "--cores",
+        "2",
+        "reproduce-all",
+    ]
 
 
 def write_crossings(folder: Path, number: int) -> list[str]:
-    """Write sheet and configuration of crossings, 20 of each subject with a static trial; their recordings need not be
-    there. The arguments of Snakemake for it."""
+    """Write sheet and configuration of crossings, 20 of each subject with a static trial; their
+    recordings need not be there. The arguments of Snakemake for it."""
     (folder / "raw_data").mkdir(parents=True)
     lines = ["trial,experiment,perturbed,log,log_source,mocap,mocap_source,subject"]
     lines.append("plate_1,plate,,plate_1.mcap,leg,plate_1.c3d,vicon,0")
@@ -91,12 +106,22 @@ def write_crossings(folder: Path, number: int) -> list[str]:
             name = f"static_{trial // PER_SUBJECT}"
             lines.append(f"{name},static,,,,{name}.c3d,vicon,{trial // PER_SUBJECT}")
         name, perturbed = f"walking_{trial:05d}", "true" if trial % 3 else "false"
-        lines.append(f"{name},walking,{perturbed},{name}.mcap,leg,{name}.c3d,vicon,{trial // PER_SUBJECT}")
+        lines.append(
+            f"{name},walking,{perturbed},{name}.mcap,leg,{name}.c3d,vicon,{trial // PER_SUBJECT}"
+        )
     sheet, config = folder / "raw_data/trials.csv", folder / "own.yaml"
     sheet.write_text("\n".join(lines) + "\n", encoding="utf-8")
     own = {"simulation": None, "sheet": "raw_data/trials.csv", "raw_data": "raw_data"}
     config.write_text(yaml.safe_dump(own | {"figures": RECORDED["figures"]}), encoding="utf-8")
-    return ["--snakefile", str(ROOT / "Snakefile"), "--configfile", str(config), "--cores", "2", "reproduce-all"]
+    return [
+        "--snakefile",
+        str(ROOT / "Snakefile"),
+        "--configfile",
+        str(config),
+        "--cores",
+        "2",
+        "reproduce-all",
+    ]
 
 
 def write_bare(folder: Path, number: int) -> list[str]:
@@ -121,17 +146,28 @@ def snakemake(arguments: list[str], folder: Path, *options: str) -> tuple[float,
 def plan(numbers: list[int], folder: Path) -> None:
     """Plan campaigns and bare Snakefiles of these numbers of trials, and print their times."""
     print(f"{'':>6}{'campaign':>18}{'bare Snakefile':>18}{'ratio':>14}{'exponents':>16}")
-    print(f"{'N':>6}" + f"{'CPU':>9}{'wall':>9}" * 2 + f"{'CPU':>7}{'wall':>7}{'campaign':>10}{'bare':>6}")
+    print(
+        f"{'N':>6}"
+        + f"{'CPU':>9}{'wall':>9}" * 2
+        + f"{'CPU':>7}{'wall':>7}{'campaign':>10}{'bare':>6}"
+    )
     before: tuple[int, float, float] | None = None
     for number in numbers:
         place = folder / str(number)
         campaign = write_campaign(place / "campaign", number, bytes(2 * number))
         cpu, wall = snakemake(campaign, place / "campaign", "--dry-run")
-        bare_cpu, bare_wall = snakemake(write_bare(place / "bare", number), place / "bare", "--dry-run")
-        grown = [exponent(before[0], number, *of) for of in ((before[1], cpu), (before[2], bare_cpu))] if before else []
+        bare_cpu, bare_wall = snakemake(
+            write_bare(place / "bare", number), place / "bare", "--dry-run"
+        )
+        grown = (
+            [exponent(before[0], number, *of) for of in ((before[1], cpu), (before[2], bare_cpu))]
+            if before
+            else []
+        )
         print(
             f"{number:>6}{cpu:>9.2f}{wall:>9.2f}{bare_cpu:>9.2f}{bare_wall:>9.2f}{cpu / bare_cpu:>7.2f}"
-            f"{wall / bare_wall:>7.2f}" + "".join(f"{p:>{width}.2f}" for p, width in zip(grown, (10, 6), strict=False)),
+            f"{wall / bare_wall:>7.2f}"
+            + "".join(f"{p:>{width}.2f}" for p, width in zip(grown, (10, 6), strict=False)),
             flush=True,
         )
         before = number, cpu, bare_cpu
@@ -139,7 +175,9 @@ def plan(numbers: list[int], folder: Path) -> None:
 
 def plan_crossings(numbers: list[int], folder: Path) -> None:
     """Plan campaigns of these numbers of crossings, and print their times."""
-    print(f"crossings, {PER_SUBJECT} of each subject:\n{'N':>6}{'CPU':>9}{'wall':>9}{'exponent':>10}")
+    print(
+        f"crossings, {PER_SUBJECT} of each subject:\n{'N':>6}{'CPU':>9}{'wall':>9}{'exponent':>10}"
+    )
     before: tuple[int, float] | None = None
     for number in numbers:
         place = folder / f"crossings_{number}"
@@ -155,8 +193,12 @@ def exponent(few: int, many: int, time_of_few: float, time_of_many: float) -> fl
 
 
 def run_and_plan_again(number: int, folder: Path, recording: bytes) -> int:
-    """Run a campaign and a bare Snakefile, plan them again, print the times; the number of files in `results`."""
-    campaign, bare = write_campaign(folder / "campaign", number, recording), write_bare(folder / "bare", number)
+    """Run a campaign and a bare Snakefile, plan them again, print the times; the number of files in
+    `results`."""
+    campaign, bare = (
+        write_campaign(folder / "campaign", number, recording),
+        write_bare(folder / "bare", number),
+    )
     snakemake(campaign, folder / "campaign")
     snakemake(bare, folder / "bare")
     nothing, _ = snakemake(campaign, folder / "campaign", "--dry-run")
@@ -165,7 +207,10 @@ def run_and_plan_again(number: int, folder: Path, recording: bytes) -> int:
     log = next((folder / "campaign/raw_data").rglob("*.mcap"))
     log.write_bytes(log.read_bytes()[: -2 * number])
     changed, _ = snakemake(campaign, folder / "campaign", "--dry-run")
-    print(f"{number:>6}{nothing:>12.2f}{nothing_bare:>18.2f}{nothing / nothing_bare:>9.2f}{changed:>18.2f}", flush=True)
+    print(
+        f"{number:>6}{nothing:>12.2f}{nothing_bare:>18.2f}{nothing / nothing_bare:>9.2f}{changed:>18.2f}",
+        flush=True,
+    )
     return files
 
 
@@ -183,8 +228,12 @@ def main() -> None:
         plan(numbers, folder)
         plan_crossings(numbers, folder)
         print("planned again, CPU:")
-        print(f"{'N':>6}{'nothing to do':>15}{'bare Snakefile':>15}{'ratio':>9}{'one log changed':>18}")
-        few, many = (run_and_plan_again(number, folder / f"run_{number}", recording) for number in RUN)
+        print(
+            f"{'N':>6}{'nothing to do':>15}{'bare Snakefile':>15}{'ratio':>9}{'one log changed':>18}"
+        )
+        few, many = (
+            run_and_plan_again(number, folder / f"run_{number}", recording) for number in RUN
+        )
         print(f"files below results/ per trial: {(many - few) / (RUN[1] - RUN[0]):.2f}")
 
 

@@ -1,8 +1,9 @@
-"""Recordings of a joint whose K, B and I are known, with one cause of error planted: numpy and splines, nothing of the
-project, neither its simulator nor its fits.
+"""Recordings of a joint whose K, B and I are known, with one cause of error planted: numpy and
+splines, nothing of the project, neither its simulator nor its fits.
 
-A motion is smooth samples at 1 kHz; the quintic spline through them is what moved the joint, so that velocity and
-acceleration are exact. A cause changes what the torque is, or what the recorder makes of angle, torque and stamps.
+A motion is smooth samples at 1 kHz; the quintic spline through them is what moved the joint, so
+that velocity and acceleration are exact. A cause changes what the torque is, or what the recorder
+makes of angle, torque and stamps.
 """
 
 from collections.abc import Callable, Mapping
@@ -33,7 +34,8 @@ class Joint:
 
 @dataclass(frozen=True)
 class Moved:
-    """A motion (n,): time [s], angle [rad], velocity and acceleration; what jumps is known at the samples alone."""
+    """A motion (n,): time [s], angle [rad], velocity and acceleration; what jumps is known at the
+    samples alone."""
 
     time: Array
     theta: Array
@@ -52,7 +54,9 @@ def smooth(theta: Array) -> Moved:
     return Moved(time, theta, spline(time, 1), spline(time, 2))
 
 
-def stepped_sine(rng: np.random.Generator, hz: tuple[float, ...] = (1, 2, 3, 4, 5), cycles: int = 12) -> Moved:
+def stepped_sine(
+    rng: np.random.Generator, hz: tuple[float, ...] = (1, 2, 3, 4, 5), cycles: int = 12
+) -> Moved:
     """2, 4 and 6 deg at each frequency, with half a second of rest at both ends."""
     parts = [np.zeros(500)]
     for size in (2.0, 4.0, 6.0):
@@ -64,7 +68,10 @@ def stepped_sine(rng: np.random.Generator, hz: tuple[float, ...] = (1, 2, 3, 4, 
 
 def slow_sine(rng: np.random.Generator) -> Moved:
     """One amplitude from 0.1 to 0.5 Hz."""
-    parts = [np.sin(2 * np.pi * f * np.arange(round(3 * RATE / f)) / RATE) for f in (0.1, 0.2, 0.3, 0.4, 0.5)]
+    parts = [
+        np.sin(2 * np.pi * f * np.arange(round(3 * RATE / f)) / RATE)
+        for f in (0.1, 0.2, 0.3, 0.4, 0.5)
+    ]
     return smooth(gaussian_filter1d(10 * DEG * np.concatenate(parts), 8.0, mode="nearest"))
 
 
@@ -79,14 +86,21 @@ def chirp(rng: np.random.Generator, seconds: float = 60.0) -> Moved:
     t = np.arange(round(seconds * RATE)) / RATE
     f = 0.4 + 6.6 * (t / seconds) ** 1.5
     fade = np.minimum(1, np.minimum(t, seconds - t))
-    return smooth(5 * DEG * fade * np.sin(2 * np.pi * np.cumsum(f) / RATE) / np.sqrt(1 + (f / 2.5) ** 2))
+    return smooth(
+        5 * DEG * fade * np.sin(2 * np.pi * np.cumsum(f) / RATE) / np.sqrt(1 + (f / 2.5) ** 2)
+    )
 
 
 def noise(rng: np.random.Generator, seconds: float = 60.0, highest: float = 6.0) -> Moved:
     """Noise of 0.3 to 6 Hz, 2.5 deg RMS."""
     n = 2 * round(seconds * RATE)
     f = np.fft.rfftfreq(n, 1 / RATE)
-    shape = 1 / (1 + (f / highest) ** 12) / (1 + (0.3 / np.maximum(f, 1e-9)) ** 8) / np.sqrt(1 + (f / 2) ** 2)
+    shape = (
+        1
+        / (1 + (f / highest) ** 12)
+        / (1 + (0.3 / np.maximum(f, 1e-9)) ** 8)
+        / np.sqrt(1 + (f / 2) ** 2)
+    )
     x = np.fft.irfft(np.fft.rfft(rng.normal(size=n)) * shape, n)[: n // 2]
     return smooth(2.5 * DEG * x / x.std())
 
@@ -94,7 +108,10 @@ def noise(rng: np.random.Generator, seconds: float = 60.0, highest: float = 6.0)
 def multisine(rng: np.random.Generator) -> Moved:
     """Eight periods of 8 s, odd lines to 6 Hz with random phases, 2.5 deg RMS."""
     t, lines = np.arange(round(64 * RATE)) / RATE, np.arange(3, 49, 2)
-    x = sum(np.sin(2 * np.pi * k / 8 * t + p) / k**0.4 for k, p in zip(lines, rng.uniform(0, 7, 99), strict=False))
+    x = sum(
+        np.sin(2 * np.pi * k / 8 * t + p) / k**0.4
+        for k, p in zip(lines, rng.uniform(0, 7, 99), strict=False)
+    )
     return smooth(2.5 * DEG * x / np.std(x))
 
 
@@ -117,12 +134,18 @@ def ramps(rng: np.random.Generator, seconds: float = 60.0) -> Moved:
         knots += [(start + rng.uniform(0.15, 0.5), at)]
         knots += [(knots[-1][0] + rng.uniform(0.05, 0.3), at)]
     t, x = np.array(knots).T
-    return smooth(gaussian_filter1d(np.interp(np.arange(round(seconds * RATE)) / RATE, t, x), 10.0, mode="nearest"))
+    return smooth(
+        gaussian_filter1d(
+            np.interp(np.arange(round(seconds * RATE)) / RATE, t, x), 10.0, mode="nearest"
+        )
+    )
 
 
-def binary(rng: np.random.Generator, order: int = 4, corner: float = 8.0, seconds: float = 60.0) -> Moved:
-    """Random steps between -2.5 and 2.5 deg through equal lags, exact at the samples. Behind two lags the acceleration
-    jumps; behind four it is smooth."""
+def binary(
+    rng: np.random.Generator, order: int = 4, corner: float = 8.0, seconds: float = 60.0
+) -> Moved:
+    """Random steps between -2.5 and 2.5 deg through equal lags, exact at the samples. Behind two
+    lags the acceleration jumps; behind four it is smooth."""
     n, w = round(seconds * RATE), 2 * np.pi * corner * (1.0 if order == 2 else 1.6)
     holds = rng.integers(125, 500, n // 125)
     u = np.repeat(2.5 * DEG * np.where(rng.random(len(holds)) < 0.5, -1.0, 1.0), holds)[:n]
@@ -161,7 +184,8 @@ def moved(motion: str, seed: int) -> Moved:
 
 @dataclass(frozen=True)
 class Taken:
-    """What the recorder is given, at the samples: true angle and torque, and what it makes of them."""
+    """What the recorder is given, at the samples: true angle and torque, and what it makes of
+    them."""
 
     theta: Array
     torque: Array
@@ -184,7 +208,8 @@ def slipping(x: Array, width: float) -> Array:
 
 
 def bristle(x: Array, width: float = 1e-4) -> Array:
-    """Friction of 1 N*m that a bristle winds up over a width [rad] before it slides, and that stays at rest (Dahl)."""
+    """Friction of 1 N*m that a bristle winds up over a width [rad] before it slides, and that stays
+    at rest (Dahl)."""
     torque = [0.0]
     for step in np.diff(x).tolist():
         slides = float(np.sign(step))
@@ -192,8 +217,11 @@ def bristle(x: Array, width: float = 1e-4) -> Array:
     return np.array(torque)
 
 
-def through(torque: Array, response: Callable[[NDArray[np.complex128]], NDArray[np.complex128]]) -> Array:
-    """Torque behind a filter of the path, of which the response at s [rad/s] is given; the ends are mirrored."""
+def through(
+    torque: Array, response: Callable[[NDArray[np.complex128]], NDArray[np.complex128]]
+) -> Array:
+    """Torque behind a filter of the path, of which the response at s [rad/s] is given; the ends are
+    mirrored."""
     around = np.pad(torque, 3000, mode="reflect")
     s = 2j * np.pi * np.fft.rfftfreq(len(around), 1 / RATE)
     return np.asarray(np.fft.irfft(np.fft.rfft(around) * response(s), len(around))[3000:-3000])
@@ -205,12 +233,16 @@ def first_order(m: Moved, torque: Array, seconds: float) -> Array:
 
 def averaged(m: Moved, torque: Array, seconds: float) -> Array:
     """The mean of the last seconds."""
-    return through(torque, lambda s: np.exp(-seconds * s / 2) * np.sinc(seconds * s.imag / (2 * np.pi)))
+    return through(
+        torque, lambda s: np.exp(-seconds * s / 2) * np.sinc(seconds * s.imag / (2 * np.pi))
+    )
 
 
 def resonating(m: Moved, torque: Array, period: float, damping: float = 0.1) -> Array:
     """A path that resonates with some period [s]."""
-    return through(torque, lambda s: 1 / (1 + damping / np.pi * period * s + (period * s / (2 * np.pi)) ** 2))
+    return through(
+        torque, lambda s: 1 / (1 + damping / np.pi * period * s + (period * s / (2 * np.pi)) ** 2)
+    )
 
 
 def held(m: Moved, torque: Array, hz: float) -> Array:
@@ -267,7 +299,8 @@ def growing(m: Moved) -> Array:
 
 @dataclass(frozen=True)
 class Cause:
-    """A planted cause: what it does for a size, the size at which it was reported, and the names that are right."""
+    """A planted cause: what it does for a size, the size at which it was reported, and the names
+    that are right."""
 
     name: str
     plant: Plant
@@ -286,7 +319,12 @@ def stretched(m: Moved, torque: Array, share: float) -> Array:
     return torque * (1 + share)
 
 
-LATE = ("late torque", "late torque or yielding bench", "late torque or drivetrain", "yielding bench")
+LATE = (
+    "late torque",
+    "late torque or yielding bench",
+    "late torque or drivetrain",
+    "yielding bench",
+)
 PATH = (*LATE, "torque path", "response of higher order")
 TIME = ("stiffness that changes", "clocks that drift apart", "change over time")
 SLOW = {"slow_noise": 0.03}
@@ -296,7 +334,9 @@ UNTOLD = "how much of B is friction"
 CAUSES = [
     Cause("late torque", on_torque(late), 2e-3, PATH, "s", told=LATENESS),
     Cause("late angle", on_torque(lambda m, y, x: late(m, y, -x)), 2e-3, PATH, "s", told=LATENESS),
-    Cause("late torque, slow noise", on_torque(late), 5e-3, PATH, "s", recorder=SLOW, told=LATENESS),
+    Cause(
+        "late torque, slow noise", on_torque(late), 5e-3, PATH, "s", recorder=SLOW, told=LATENESS
+    ),
     Cause(
         "low-pass, first order",
         on_torque(first_order),
@@ -326,8 +366,21 @@ CAUSES = [
     ),
     Cause("K warms up", with_stiffness(lambda m: -growing(m)), 0.05, TIME, "of K"),
     Cause("K steps", with_stiffness(lambda m: -after(m, 0.6)), 0.15, TIME, "of K"),
-    Cause("late from half on", on_torque(lambda m, y, x: late(m, y, x * after(m, 0.5))), 2e-3, (*TIME, *LATE), "s"),
-    Cause("Coulomb friction", beside(lambda m, x: x * np.tanh(m.omega / 2e-3)), 0.5, FRICTION, "N*m", told=UNTOLD),
+    Cause(
+        "late from half on",
+        on_torque(lambda m, y, x: late(m, y, x * after(m, 0.5))),
+        2e-3,
+        (*TIME, *LATE),
+        "s",
+    ),
+    Cause(
+        "Coulomb friction",
+        beside(lambda m, x: x * np.tanh(m.omega / 2e-3)),
+        0.5,
+        FRICTION,
+        "N*m",
+        told=UNTOLD,
+    ),
     Cause(
         "bristle friction",
         beside(lambda m, x: x * bristle(m.theta)),
@@ -340,7 +393,8 @@ CAUSES = [
     Cause(
         "play, no hysteresis",
         lambda m, joint, x: Taken(
-            m.theta, m.torque(replace(joint, K=0.0)) + joint.K * (m.theta - np.clip(m.theta, -x / 2, x / 2))
+            m.theta,
+            m.torque(replace(joint, K=0.0)) + joint.K * (m.theta - np.clip(m.theta, -x / 2, x / 2)),
         ),
         0.1 * DEG,
         ("backlash", "spring that is not linear", *FRICTION),
@@ -348,21 +402,31 @@ CAUSES = [
     ),
     Cause(
         "play with hysteresis",
-        lambda m, joint, x: Taken(m.theta, m.torque(replace(joint, K=0.0)) + joint.K * slipping(m.theta, x)),
+        lambda m, joint, x: Taken(
+            m.theta, m.torque(replace(joint, K=0.0)) + joint.K * slipping(m.theta, x)
+        ),
         0.15 * DEG,
         ("backlash", "play or speed", *FRICTION),
         "rad",
     ),
     Cause(
         "play with hysteresis, slow noise",
-        lambda m, joint, x: Taken(m.theta, m.torque(replace(joint, K=0.0)) + joint.K * slipping(m.theta, x)),
+        lambda m, joint, x: Taken(
+            m.theta, m.torque(replace(joint, K=0.0)) + joint.K * slipping(m.theta, x)
+        ),
         6e-3,
         ("backlash", "play or speed", *FRICTION),
         "rad",
         sized=False,
         recorder=SLOW,
     ),
-    Cause("hardening spring", beside(lambda m, x: x * m.theta**3), 2200.0, ("spring that is not linear",), "N*m/rad^3"),
+    Cause(
+        "hardening spring",
+        beside(lambda m, x: x * m.theta**3),
+        2200.0,
+        ("spring that is not linear",),
+        "N*m/rad^3",
+    ),
     Cause(
         "hardening spring, slow noise",
         beside(lambda m, x: x * m.theta**3),
@@ -371,7 +435,13 @@ CAUSES = [
         "N*m/rad^3",
         recorder=SLOW,
     ),
-    Cause("clipped torque", clipped, 0.3, ("clipped signal", "spring that is not linear"), "of the range"),
+    Cause(
+        "clipped torque",
+        clipped,
+        0.3,
+        ("clipped signal", "spring that is not linear"),
+        "of the range",
+    ),
     Cause(
         "quadratic damping",
         beside(lambda m, x: x * m.omega * np.abs(m.omega)),
@@ -386,10 +456,23 @@ CAUSES = [
         ("asymmetric torque", "spring that is not linear"),
         "of K",
     ),
-    Cause("B by direction", beside(lambda m, x: 5.0 * x / 2 * np.abs(m.omega)), 0.3, ("asymmetric torque",), "of B"),
+    Cause(
+        "B by direction",
+        beside(lambda m, x: 5.0 * x / 2 * np.abs(m.omega)),
+        0.3,
+        ("asymmetric torque",),
+        "of B",
+    ),
     Cause("torque held at 50 Hz", on_torque(held), 50.0, PATH, "Hz", sized=False),
     Cause("torque held at 333 Hz", on_torque(held), 333.0, PATH, "Hz", sized=False),
-    Cause("torque × 1.1", on_torque(stretched), 0.1, ("unlikely size", "another unit"), "of 1", needs_gains=True),
+    Cause(
+        "torque × 1.1",
+        on_torque(stretched),
+        0.1,
+        ("unlikely size", "another unit"),
+        "of 1",
+        needs_gains=True,
+    ),
     Cause(
         "torque × 1.3558",
         on_torque(stretched),
@@ -399,7 +482,9 @@ CAUSES = [
         sized=False,
         needs_gains=True,
     ),
-    Cause("torque of the wrong sign", on_torque(lambda m, y, x: -y), 1.0, ("refused",), sized=False),
+    Cause(
+        "torque of the wrong sign", on_torque(lambda m, y, x: -y), 1.0, ("refused",), sized=False
+    ),
     Cause(
         "gravity of a fixture",
         beside(lambda m, x: x * np.sin(m.theta)),
@@ -434,15 +519,29 @@ SOUND = [
     Cause("sound, 50 µs of true jitter", NOTHING, 0.0, (), recorder={"jitter": 50e-6}),
     Cause("sound, 300 µs of true jitter", NOTHING, 0.0, (), recorder={"jitter": 300e-6}),
     Cause("sound, slow noise of the torque", NOTHING, 0.0, (), recorder=SLOW),
-    Cause("sound, begins and ends in motion", NOTHING, 0.0, (), recorder={"bits": 18, "kept_s": 20.0}),
-    Cause("sound, load cell drifts by 3 N·m", beside(lambda m, x: 3 * np.exp(-m.time / 20)), 0.0, ()),
+    Cause(
+        "sound, begins and ends in motion", NOTHING, 0.0, (), recorder={"bits": 18, "kept_s": 20.0}
+    ),
+    Cause(
+        "sound, load cell drifts by 3 N·m", beside(lambda m, x: 3 * np.exp(-m.time / 20)), 0.0, ()
+    ),
     Cause(
         "sound, a person leans on the bench",
-        beside(lambda m, x: 2.0 * gaussian_filter1d(np.sign(np.sin(2 * np.pi * m.time / 23)) * (m.time > 12), 600.0)),
+        beside(
+            lambda m, x: (
+                2.0
+                * gaussian_filter1d(np.sign(np.sin(2 * np.pi * m.time / 23)) * (m.time > 12), 600.0)
+            )
+        ),
         0.0,
         (),
     ),
-    Cause("sound, Coulomb friction of 0.15 N·m", beside(lambda m, x: 0.15 * np.tanh(m.omega / 2e-3)), 0.0, ()),
+    Cause(
+        "sound, Coulomb friction of 0.15 N·m",
+        beside(lambda m, x: 0.15 * np.tanh(m.omega / 2e-3)),
+        0.0,
+        (),
+    ),
     Cause("sound, pure damper", NOTHING, 0.0, (), joint=Joint(0.0, 5.0, 0.02)),
     Cause("sound, K = -50", NOTHING, 0.0, (), joint=Joint(-50.0, 5.0, 0.02)),
     Cause("sound, K = 2000", NOTHING, 0.0, (), joint=Joint(2000.0, 10.0, 0.02)),
@@ -453,7 +552,8 @@ SOUND = [
 
 
 def recording(cause: Cause, size: float, motion: str, seed: int) -> dict[str, Any]:
-    """Columns of a recording: `time` [s], `theta` [rad] and `torque` [N*m], each with a null where it has no sample."""
+    """Columns of a recording: `time` [s], `theta` [rad] and `torque` [N*m], each with a null where
+    it has no sample."""
     m, rng = moved(motion, seed), np.random.default_rng([seed, 11])
     taken, of = (
         cause.plant(m, cause.joint, size),
@@ -479,16 +579,26 @@ def recording(cause: Cause, size: float, motion: str, seed: int) -> dict[str, An
     stamps = np.concatenate([time, taken.torque_time])
     order, empty = np.argsort(stamps, kind="stable"), [None] * len(time)
     columns = {"theta": [*theta.tolist(), *empty], "torque": [*empty, *torque.tolist()]}
-    return {"time": stamps[order], **{name: [values[k] for k in order] for name, values in columns.items()}}
+    return {
+        "time": stamps[order],
+        **{name: [values[k] for k in order] for name, values in columns.items()},
+    }
 
 
 def plain_fit(theta: Array, torque: Array) -> Array:
-    """K, B and I of the textbook: one low-pass of 15 Hz on both, central differences, least squares."""
+    """K, B and I of the textbook: one low-pass of 15 Hz on both, central differences, least
+    squares."""
     low_pass = butter(4, 15.0, fs=RATE, output="sos")
     theta, torque = sosfiltfilt(low_pass, theta), sosfiltfilt(low_pass, torque)
     omega = np.gradient(theta, 1 / RATE)
     X = np.column_stack(
-        [theta, omega, np.gradient(omega, 1 / RATE), np.ones(len(theta)), np.linspace(-1, 1, len(theta))]
+        [
+            theta,
+            omega,
+            np.gradient(omega, 1 / RATE),
+            np.ones(len(theta)),
+            np.linspace(-1, 1, len(theta)),
+        ]
     )
     return np.asarray(np.linalg.lstsq(X[200:-200:4], torque[200:-200:4], rcond=None)[0][:3])
 
@@ -500,7 +610,9 @@ def moves(cause: Cause, size: float, motion: str, half: Array) -> float:
     torque = np.clip(taken.torque, -taken.clip, taken.clip)
     if taken.torque_time is not None:
         torque = np.interp(m.time, taken.torque_time, torque)
-    return float(np.abs((plain_fit(taken.theta, torque) - clean_fit(motion, cause.joint)) / half).max())
+    return float(
+        np.abs((plain_fit(taken.theta, torque) - clean_fit(motion, cause.joint)) / half).max()
+    )
 
 
 @cache
@@ -510,7 +622,8 @@ def clean_fit(motion: str, joint: Joint) -> Array:
 
 
 def size_that_moves(cause: Cause, motion: str, half: Array, times: float) -> float | None:
-    """The size of a cause that moves an estimate by some half-widths, to a fifth of that; None where none does."""
+    """The size of a cause that moves an estimate by some half-widths, to a fifth of that; None
+    where none does."""
     size, power = cause.reported, 1.0
     at = moves(cause, size, motion, half)
     for _ in range(10):

@@ -1,13 +1,14 @@
 """Time to write the page of a large campaign, and to open it in a browser.
 
-Run from the repository after `make reproduce-all`: `python benchmarks/report_page.py`, or with the folder of another
-campaign and numbers of trials, as `python benchmarks/report_page.py FOLDER 117 1000`. The trials of the campaign, its
-findings and the marks of its figures are repeated under other names up to each number, and each finding under other
-causes up to as many as `FINDINGS`. Of each page: trials, findings, size [MB], processor time [s] of writing it,
-milliseconds of it for a trial against those of the first number, elements, and, of three openings in headless Chromium
-(Debian: chromium, chromium-driver), the median time [s] to the first paint, to the load event, and until the first
-table is seen, by the browser's own clock, and the processor time [s] of all threads of the page's process, which a busy
-machine changes little.
+Run from the repository after `make reproduce-all`: `python benchmarks/report_page.py`, or with the
+folder of another campaign and numbers of trials, as `python benchmarks/report_page.py FOLDER 117
+1000`. The trials of the campaign, its findings and the marks of its figures are repeated under
+other names up to each number, and each finding under other causes up to as many as `FINDINGS`. Of
+each page: trials, findings, size [MB], processor time [s] of writing it, milliseconds of it for a
+trial against those of the first number, elements, and, of three openings in headless Chromium
+(Debian: chromium, chromium-driver), the median time [s] to the first paint, to the load event, and
+until the first table is seen, by the browser's own clock, and the processor time [s] of all threads
+of the page's process, which a busy machine changes little.
 """
 
 import json
@@ -34,7 +35,13 @@ ROOT = Path(__file__).resolve().parents[1]
 REQUEST = "results/requests/report/job.json"
 NUMBERS, FINDINGS = (117, 1000), 10_000
 OPENINGS = 3
-FLAGS = ("headless=new", "no-sandbox", "disable-gpu", "disable-background-networking", "window-size=1300,1000")
+FLAGS = (
+    "headless=new",
+    "no-sandbox",
+    "disable-gpu",
+    "disable-background-networking",
+    "window-size=1300,1000",
+)
 SEEN = """
 const done = arguments[0], seen = () => {
   const box = document.querySelector("main table")?.getBoundingClientRect();
@@ -45,33 +52,49 @@ const done = arguments[0], seen = () => {
 };
 seen();
 """
-"""What the browser says of an opening, once a table is painted: times [ms] from its start, and number of elements."""
+"""What the browser says of an opening, once a table is painted: times [ms] from its start, and
+number of elements."""
 
 
 def repeated(table: pl.DataFrame, names: Mapping[str, str]) -> pl.DataFrame:
-    """The rows of each trial under each of the new `names`, which have its name; all other rows once."""
+    """The rows of each trial under each of the new `names`, which have its name; all other rows
+    once."""
     if "trial" not in table.columns:
         return table
     of = pl.DataFrame({"trial": [*names.values()], "named": [*names]})
-    rows = of.join(table, on="trial", maintain_order="left").drop("trial").rename({"named": "trial"})
+    rows = (
+        of.join(table, on="trial", maintain_order="left").drop("trial").rename({"named": "trial"})
+    )
     others = table.filter(pl.col("trial").is_in([*names.values()]).not_().fill_null(True))
     return pl.concat([others, rows.select(table.columns)])
 
 
 def findings_of(table: pl.DataFrame, names: Mapping[str, str], most: int) -> pl.DataFrame:
-    """The findings of the repeated trials, each several times under other causes, `most` of them or more."""
+    """The findings of the repeated trials, each several times under other causes, `most` of them or
+    more."""
     once = repeated(table, names)
     there = once.select("finding", "trial").n_unique()
-    several = [once.with_columns(pl.col("cause") + f" {k}" * bool(k)) for k in range(max(-(-most // there), 1))]
+    several = [
+        once.with_columns(pl.col("cause") + f" {k}" * bool(k))
+        for k in range(max(-(-most // there), 1))
+    ]
     number = pl.struct("finding", "trial", "cause").rank("dense").alias("finding")
     return pl.concat(several).with_columns(number).sort("finding", maintain_order=True)
 
 
 def larger(request: Mapping[str, Any], n: int, folder: Path) -> dict[str, Any]:
-    """The arguments of `write_report` for a campaign of n trials that are those of a request, again and again."""
-    given, settings, sheet = request["input"], dict(request["settings"]), request["settings"]["sheet"]
+    """The arguments of `write_report` for a campaign of n trials that are those of a request, again
+    and again."""
+    given, settings, sheet = (
+        request["input"],
+        dict(request["settings"]),
+        request["settings"]["sheet"],
+    )
     own = [*sheet]
-    names = {own[k % len(own)] + f"_{k // len(own)}" * (k >= len(own)): own[k % len(own)] for k in range(n)}
+    names = {
+        own[k % len(own)] + f"_{k // len(own)}" * (k >= len(own)): own[k % len(own)]
+        for k in range(n)
+    }
     settings["sheet"] = {name: sheet[of] | {"trial": name} for name, of in names.items()}
     files = {key: {name: Path(given[key][of]) for name, of in names.items() if of in given[key]}
              for key in ("trials", "series", "crossings")}  # fmt: skip
@@ -96,7 +119,8 @@ def larger(request: Mapping[str, Any], n: int, folder: Path) -> dict[str, Any]:
     (folder / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
     outputs = {name: folder / Path(path).name for name, path in request["output"].items()}
     return files | made | ends | settings | outputs | {
-        "summary": folder / "summary.json", "captions": Path(given["captions"]) if "captions" in given else None,
+        "summary": folder / "summary.json",
+        "captions": Path(given["captions"]) if "captions" in given else None,
     }  # fmt: skip
 
 
@@ -120,7 +144,10 @@ def opened(page: Path) -> list[float]:
 def main(folder: Path, numbers: list[int]) -> None:
     os.chdir(folder)
     request = json.loads(Path(REQUEST).read_text(encoding="utf-8"))
-    print("trials findings   MB  write [s]  per trial  elements  paint [s]  load [s]  table [s]  cpu [s]")
+    print(
+        "trials findings   MB  write [s]  per trial  elements  paint [s]  load [s]  table [s] "
+        " cpu [s]"
+    )
     first = None
     for n in numbers:
         with tempfile.TemporaryDirectory() as made:
@@ -135,8 +162,18 @@ def main(folder: Path, numbers: list[int]) -> None:
             openings = [opened(page) for _ in range(OPENINGS)]
             paint, load, seen, elements, cpu = (median(one) for one in zip(*openings, strict=True))
             first = first or spent / n
-            cells = (f"{n:6}", f"{findings:8}", f"{page.stat().st_size / 1e6:4.1f}", f"{spent:10.2f}")
-            cells += (f"{spent / n / first:10.2f}", f"{elements:9.0f}", f"{paint / 1e3:10.2f}", f"{load / 1e3:9.2f}")
+            cells = (
+                f"{n:6}",
+                f"{findings:8}",
+                f"{page.stat().st_size / 1e6:4.1f}",
+                f"{spent:10.2f}",
+            )
+            cells += (
+                f"{spent / n / first:10.2f}",
+                f"{elements:9.0f}",
+                f"{paint / 1e3:10.2f}",
+                f"{load / 1e3:9.2f}",
+            )
             print(*cells, f"{seen / 1e3:10.2f}", f"{cpu:8.2f}", flush=True)
 
 

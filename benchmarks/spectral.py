@@ -1,7 +1,7 @@
 """Periods and levels of distortion of the frequency response, on joints that are known.
 
-Run from the repository: `python benchmarks/spectral.py [seeds]` prints the tables of `docs/frequency_response.md`.
-Forty seeds take two minutes. The same seeds give the same.
+Run from the repository: `python benchmarks/spectral.py [seeds]` prints the tables of
+`docs/frequency_response.md`. Forty seeds take two minutes. The same seeds give the same.
 """
 
 import sys
@@ -25,8 +25,11 @@ P = read_parameters(Path(__file__).parents[1] / "config/parameters/default.yaml"
 GAINS = select_gains("compensated", 300.0, 5.0, P, PAPER_WEIGHT)
 
 
-def motion(seed: int, realisations: int, periods: int, rms_deg: float = 2.0, ppm: float = 30.0) -> Array:
-    """theta, omega, alpha (3, n) of realisations one after another, each with a transient period that is ramped."""
+def motion(
+    seed: int, realisations: int, periods: int, rms_deg: float = 2.0, ppm: float = 30.0
+) -> Array:
+    """theta, omega, alpha (3, n) of realisations one after another, each with a transient period
+    that is ramped."""
     parts = []
     t = np.arange(round((periods + 1) * PERIOD * RATE)) / RATE * (1 + 1e-6 * ppm)
     for number in range(realisations):
@@ -71,10 +74,15 @@ def odd_level(realisations: Sequence[Realisation]) -> float:
 
 
 def levels(seeds: int) -> None:
-    """Rows: the odd level in decibel about that of all seeds together, from so many realisations."""
-    of_all = odd_level([r for s in range(8) for r in found(with_friction(500 + s, 8, 2)).realisations])
+    """Rows: the odd level in decibel about that of all seeds together, from so many
+    realisations."""
+    of_all = odd_level(
+        [r for s in range(8) for r in found(with_friction(500 + s, 8, 2)).realisations]
+    )
     for count in (1, 4, 8):
-        made = [odd_level(found(with_friction(seed, count, 2)).realisations) for seed in range(seeds)]
+        made = [
+            odd_level(found(with_friction(seed, count, 2)).realisations) for seed in range(seeds)
+        ]
         odd = 20 * np.log10(np.array(made) / of_all)
         print(f"| {count} | {odd.mean():+.1f} ± {odd.std():.1f} |")
 
@@ -84,7 +92,9 @@ def periods(seeds: int) -> None:
     for bits in (18, 14):
         for ppm in (0.0, 100.0):
             true = PERIOD / (1 + 1e-6 * ppm)
-            errors = [abs(found(exact(seed, 1, 4, bits, ppm)).period / true - 1) for seed in range(seeds)]
+            errors = [
+                abs(found(exact(seed, 1, 4, bits, ppm)).period / true - 1) for seed in range(seeds)
+            ]
             print(f"| {bits} | {ppm:g} | {1e6 * max(errors):.2f} |")
 
 

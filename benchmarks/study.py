@@ -1,8 +1,10 @@
-"""The Monte Carlo study: bias, error and coverage of the estimators on simulated trials, for `docs/study.md`.
+"""The Monte Carlo study: bias, error and coverage of the estimators on simulated trials, for
+`docs/study.md`.
 
-Run from the repository: `python benchmarks/study.py [trials] [campaigns] [recorded]`, 100, 80 and 80 by default. Writes
-the table of the page. Each trial's name decides its noise. Jobs share all cores; a hundred trials take half an hour on
-two. What is simulated, and what the truth is, stands on the page.
+Run from the repository: `python benchmarks/study.py [trials] [campaigns] [recorded]`, 100, 80 and
+80 by default. Writes the table of the page. Each trial's name decides its noise. Jobs share all
+cores; a hundred trials take half an hour on two. What is simulated, and what the truth is, stands
+on the page.
 """
 
 import os
@@ -63,7 +65,8 @@ Made = TypeVar("Made")
 Row = dict[str, Any]
 CONFIG, PAGE = ROOT / "config/config.yaml", ROOT / "docs/study.md"
 SEED, CROSSINGS = 1, 10
-SHORT = {"amplitudes_deg": (4.0,), "cycles": 12}  # of the stepped sine, at the frequencies of the configuration
+# of the stepped sine, at the frequencies of the configuration
+SHORT = {"amplitudes_deg": (4.0,), "cycles": 12}
 JOINT = {"K": 300.0, "B": 5.0, "I": 0.02}  # of the exact joint; the leg is asked for its K and B
 
 
@@ -80,18 +83,25 @@ RECORDINGS: Mapping[str, tuple[Mapping[str, Any], float, int | None]] = {
     "four decimals at 1024 Hz": ({"node": {"decimals": on(4, "decimal")}}, 1024, None),
     "missing samples": ({"node": {"dropped": on(1e-3, "1")}}, 1000, None),
     "two nodes": ({"node": {}, "torque_node": {"phase": LATER}}, 1000, None),
-    "333 Hz and 1 kHz": ({"node": {"rate": on(333, "Hz")}, "torque_node": {"phase": LATER}}, 1000, None),
+    "333 Hz and 1 kHz": (
+        {"node": {"rate": on(333, "Hz")}, "torque_node": {"phase": LATER}},
+        1000,
+        None,
+    ),
     "14 bits": ({}, 1000, 14),
     "14 bits and 50 us": ({"node": {"jitter": on(50e-6, "s")}}, 1000, 14),
     "250 Hz": ({}, 250, None),
 }
-"""Recordings of the exact joint: the recorder's nodes, the bench's rate [Hz], the bits of the joint's encoder."""
+"""Recordings of the exact joint: the recorder's nodes, the bench's rate [Hz], the bits of the
+joint's encoder."""
 BENCHES = (
-    "second order", *(f"second order, {name}" for name in RECORDINGS), "drivetrain", "frequency response",
+    "second order", *(f"second order, {name}" for name in RECORDINGS), "drivetrain",
+    "frequency response",
     "transmission", "belt", "actuator",
 )  # fmt: skip
 CANONICAL = {
-    "joint_angle": "theta", "actuator_angle": "theta_m", "commanded_angle": "theta_command", "motor_current": "current",
+    "joint_angle": "theta", "actuator_angle": "theta_m", "commanded_angle": "theta_command",
+    "motor_current": "current",
     "load_cell_torque": "torque", "output_torque": "torque_m",
 }  # fmt: skip
 """Canonical column of each channel. The load cell's torque has the other sign."""
@@ -100,14 +110,21 @@ CANONICAL = {
 @cache
 def laboratory() -> tuple[SimulationSettings, DrivetrainParameters]:
     """The shipped simulation with the seed of the study, and the device that it simulates."""
-    settings = read_yaml(ROOT / "config/simulation/default.yaml", SimulationSettings).model_copy(update={"seed": SEED})
+    settings = read_yaml(ROOT / "config/simulation/default.yaml", SimulationSettings).model_copy(
+        update={"seed": SEED}
+    )
     return settings, read_parameters(ROOT / "config/parameters/default.yaml")
 
 
 def recorded_trial(name: str, log: Mapping[str, Array]) -> Trial:
-    """The trial of a log, with one or two recordings that have stamps [s] of their own, as ingest would give it."""
+    """The trial of a log, with one or two recordings that have stamps [s] of their own, as ingest
+    would give it."""
     time, later = log["time"], log["torque_time"]
-    columns = {CANONICAL[n]: -values if "load_cell" in n else values for n, values in log.items() if n in CANONICAL}
+    columns = {
+        CANONICAL[n]: -values if "load_cell" in n else values
+        for n, values in log.items()
+        if n in CANONICAL
+    }
     torque = {column: columns.pop(column) for column in ("torque", "torque_m") if column in columns}
     samples = pl.DataFrame({"time": time - time[0], **columns})
     if np.array_equal(time, later):
@@ -116,11 +133,14 @@ def recorded_trial(name: str, log: Mapping[str, Array]) -> Trial:
     return Trial(name, samples.join(other, on="time", how="full", coalesce=True).sort("time"))
 
 
-def regression_bound(columns: Mapping[str, Array], noise: float, drift: Array | None = None) -> dict[str, float]:
-    """Smallest standard error of any unbiased estimate of y = X b + e, for exactly known columns (n,), where e
-    is Gaussian: white of standard deviation `noise`, plus a random multiple of `drift` (n,). cov(b) >= (X' V^-1 X)^-1
-    with V = noise^2 1 + drift drift' (Cramer and Rao), whose inverse is Sherman and Morrison's. A filter that passes
-    the columns does not change the bound."""
+def regression_bound(
+    columns: Mapping[str, Array], noise: float, drift: Array | None = None
+) -> dict[str, float]:
+    """Smallest standard error of any unbiased estimate of y = X b + e, for exactly known columns
+    (n,), where e is Gaussian: white of standard deviation `noise`, plus a random multiple of
+    `drift` (n,). cov(b) >= (X' V^-1 X)^-1 with V = noise^2 1 + drift drift' (Cramer and Rao), whose
+    inverse is Sherman and Morrison's. A filter that passes the columns does not change the
+    bound."""
     X = np.column_stack(list(columns.values()))
     drift = np.zeros(len(X)) if drift is None else drift
     seen = X.T @ drift
@@ -138,32 +158,44 @@ class StudyBench:
     experiment: str  # of a campaign, whose fit it has
     signals: Mapping[str, TrueSignal]  # by channel, (n,) each
     columns: Mapping[str, Array]  # true columns (n,) of the regression, an offset among them
-    quantities: Mapping[str, float | None]  # what is estimated, with the parameter that made the torque if there is one
+    # what is estimated, with the parameter that made the torque if there is one
+    quantities: Mapping[str, float | None]
     response: bool = False
-    """Whether Y = theta/torque at each frequency is estimated. Its quantities have the frequency in their names:
-    `magnitude, 2 Hz` [rad/(N*m)] and `phase, 2 Hz` [deg]."""
+    """Whether Y = theta/torque at each frequency is estimated. Its quantities have the frequency in
+    their names: `magnitude, 2 Hz` [rad/(N*m)] and `phase, 2 Hz` [deg]."""
 
     def trial(self, name: str, ideal: bool = False) -> Trial:
-        """One trial, through noisy or ideal sensors, as ingest would give it. Every trial repeats the motion; so that
-        the rounding of an encoder does not, recorders start anywhere between two instants of it, and the encoder's zero
-        lies anywhere between two steps."""
+        """One trial, through noisy or ideal sensors, as ingest would give it. Every trial repeats
+        the motion; so that the rounding of an encoder does not, recorders start anywhere between
+        two instants of it, and the encoder's zero lies anywhere between two steps."""
         settings, signals = self.simulation, dict(self.signals)
-        if ideal:  # the controller sees the actuator's encoder too, but its motion has been simulated before
+        # the controller sees the actuator's encoder too, but its motion has been simulated before
+        if ideal:
             starts = ("load_cell", "current", "encoder")
             sensors = [n for n in type(settings.effects).model_fields if n.startswith(starts)]
             effects = settings.effects.without(*sensors, "joint_encoder", "actuator_encoder")
-            settings = settings.model_copy(update={"effects": effects, "recorder": RecorderSettings()})
+            settings = settings.model_copy(
+                update={"effects": effects, "recorder": RecorderSettings()}
+            )
         else:
-            later = float(stream(SEED, name, "sampling_phase").random()) / settings.dynamometer.rate_hz
+            later = (
+                float(stream(SEED, name, "sampling_phase").random()) / settings.dynamometer.rate_hz
+            )
             nodes = {
-                key: node.model_copy(update={"phase": Effect(enabled=True, size=node.phase.value + later, unit="s")})
+                key: node.model_copy(
+                    update={"phase": Effect(enabled=True, size=node.phase.value + later, unit="s")}
+                )
                 for key in ("node", "torque_node")
                 if (node := getattr(settings.recorder, key)) is not None
             }
             angle = "joint_angle" if "joint_angle" in signals else "actuator_angle"
             step = getattr(settings.effects, angle.replace("angle", "encoder")).value
-            signals[angle] = signals[angle] + step * float(stream(SEED, name, "encoder_zero").random())
-            settings = settings.model_copy(update={"recorder": settings.recorder.model_copy(update=nodes)})
+            signals[angle] = signals[angle] + step * float(
+                stream(SEED, name, "encoder_zero").random()
+            )
+            settings = settings.model_copy(
+                update={"recorder": settings.recorder.model_copy(update=nodes)}
+            )
         return recorded_trial(name, recording_of(name, signals, settings)[0])
 
     def fitted(self, name: str, ideal: bool = False) -> FitTables:
@@ -174,31 +206,49 @@ class StudyBench:
             "gain_weight": self.simulation.gain_weight,
             "model_comparison": ModelComparison(sign_width=self.simulation.drivetrain.sign_width),
         }
-        settings = {name: sections[section] for name, (section, _) in job_of(self.experiment).settings.items()}
-        found = fit_tables(self.experiment, self.trial(name, ideal), self.simulation.parameters, settings)
+        settings = {
+            name: sections[section]
+            for name, (section, _) in job_of(self.experiment).settings.items()
+        }
+        found = fit_tables(
+            self.experiment, self.trial(name, ideal), self.simulation.parameters, settings
+        )
         assert isinstance(found, FitTables)
         return found
 
-    def estimated(self, found: FitTables) -> Iterator[tuple[str, str, Mapping[str, Sequence[float]]]]:
-        """Estimator, kind of interval, and by quantity value, standard error and 95 % interval of a fit, from the table
-        of a campaign: each frequency of a response is like an estimator."""
+    def estimated(
+        self, found: FitTables
+    ) -> Iterator[tuple[str, str, Mapping[str, Sequence[float]]]]:
+        """Estimator, kind of interval, and by quantity value, standard error and 95 % interval of a
+        fit, from the table of a campaign: each frequency of a response is like an estimator."""
         ends = ("", "_se", "_low", "_high")
         if not self.response:
             row = found[self.experiment].row(-1, named=True)
-            yield "filtered", row["interval_method"], {n: [row[f"{n}{end}"] for end in ends] for n in self.quantities}
+            yield (
+                "filtered",
+                row["interval_method"],
+                {n: [row[f"{n}{end}"] for end in ends] for n in self.quantities},
+            )
             return
         for row in found["phasors"].iter_rows(named=True):
             hertz, units = f"{row['frequency_hz']:g} Hz", {"magnitude": "", "phase": "_deg"}
-            quantities = {f"{n}, {hertz}": [row[f"Y_{n}{unit}{end}"] for end in ends] for n, unit in units.items()}
+            quantities = {
+                f"{n}, {hertz}": [row[f"Y_{n}{unit}{end}"] for end in ends]
+                for n, unit in units.items()
+            }
             yield f"sinusoid, {hertz}", row["interval_method"], quantities
 
     def bounds(self, ideal: FitTables) -> dict[str, float]:
-        """Cramer-Rao bounds of the torque sensor's noise, with its rounding, and drift, for the true motion in the rows
-        that are fitted. That of a phasor in white noise is 2 sigma^2/N per quadrature (Rife and Boorstyn, IEEE Trans.
-        Inf. Theory 20, 1974): relative to the torque's amplitude the bound of the magnitude, and in radian that of the
-        phase."""
+        """Cramer-Rao bounds of the torque sensor's noise, with its rounding, and drift, for the
+        true motion in the rows that are fitted. That of a phasor in white noise is 2 sigma^2/N per
+        quadrature (Rife and Boorstyn, IEEE Trans. Inf. Theory 20, 1974): relative to the torque's
+        amplitude the bound of the magnitude, and in radian that of the phase."""
         effects, rate = self.simulation.effects, self.simulation.dynamometer.rate_hz
-        white = float(np.hypot(effects.load_cell_noise.value, effects.load_cell_quantisation.value / np.sqrt(12)))
+        white = float(
+            np.hypot(
+                effects.load_cell_noise.value, effects.load_cell_quantisation.value / np.sqrt(12)
+            )
+        )
         fitted, bounds = ideal.measured.fitted, {}
         if self.response:
             segments = ideal["phasors"].iter_rows(named=True)
@@ -210,26 +260,38 @@ class StudyBench:
             return bounds
         rows = np.flatnonzero(fitted)
         columns = {name: column[rows] for name, column in self.columns.items()}
-        return regression_bound(columns, white, np.asarray(effects.load_cell_drift.value / 60 * rows / rate))
+        return regression_bound(
+            columns, white, np.asarray(effects.load_cell_drift.value / 60 * rows / rate)
+        )
 
     def rows(self, trials: Iterable[str]) -> Iterator[Row]:
-        """Value, truth, interval and bound for every trial, estimator and quantity. The truth is the parameter that
-        made the torque, else the estimate of the same estimator with ideal sensors."""
+        """Value, truth, interval and bound for every trial, estimator and quantity. The truth is
+        the parameter that made the torque, else the estimate of the same estimator with ideal
+        sensors."""
         ideal = self.fitted("ideal", ideal=True)
-        true, bounds = {name: estimates for name, _, estimates in self.estimated(ideal)}, self.bounds(ideal)
+        true, bounds = (
+            {name: estimates for name, _, estimates in self.estimated(ideal)},
+            self.bounds(ideal),
+        )
         for trial in trials:
             for name, method, estimates in self.estimated(self.fitted(trial)):
                 for quantity, (value, se, low, high) in estimates.items():
                     made = self.quantities.get(quantity)
-                    row: Row = {"estimator": name, "interval_method": method, "quantity": quantity, "value": value}
+                    row: Row = {
+                        "estimator": name,
+                        "interval_method": method,
+                        "quantity": quantity,
+                        "value": value,
+                    }
                     row |= {"se": se, "low": low, "high": high, "bound": bounds[quantity]}
                     yield row | {"truth": true[name][quantity][0] if made is None else made}
 
 
 def studied(experiment: str) -> StudyBench:
-    """An experiment on a bench, ready to be repeated, with the short protocol, simulated and expected, and the
-    recorder, rate and encoder of its name. `second order` is a joint that is exactly Eq. 15, `drivetrain` that of a
-    compensated controller with every effect of the simulation settings, `frequency response` its angle and torque."""
+    """An experiment on a bench, ready to be repeated, with the short protocol, simulated and
+    expected, and the recorder, rate and encoder of its name. `second order` is a joint that is
+    exactly Eq. 15, `drivetrain` that of a compensated controller with every effect of the
+    simulation settings, `frequency response` its angle and torque."""
     kind, _, recording = experiment.partition(", ")
     (settings, p), analysis = laboratory(), read_section(CONFIG, "dynamometer", DynamometerAnalysis)
     short = SHORT | {"frequencies_hz": analysis.frequencies_hz}
@@ -246,7 +308,11 @@ def studied(experiment: str) -> StudyBench:
         of_campaign, quantities = "impedance", {**JOINT}
         changes["joint"] = SecondOrderJoint.model_validate(JOINT)
     elif kind in ("drivetrain", "frequency response"):
-        of_campaign, quantities, gains = "impedance", dict.fromkeys(JOINT), compensated_gains(JOINT["K"], JOINT["B"], p)
+        of_campaign, quantities, gains = (
+            "impedance",
+            dict.fromkeys(JOINT),
+            compensated_gains(JOINT["K"], JOINT["B"], p),
+        )
     elif kind == "transmission":
         quantities = {"B_j": p.B_j, "J_j": p.J_j}
     elif kind == "belt":
@@ -254,9 +320,17 @@ def studied(experiment: str) -> StudyBench:
     elif kind == "actuator":
         friction = settings.effects.friction.value
         p = replace(p, f_C=friction * p.f_C, f_G=friction * p.f_G)
-        quantities = {"k_tau_n_m": p.k_tau * p.n_m, "f_C": p.f_C, "f_G": p.f_G, "B_m": p.B_m, "J_m": p.J_m}
+        quantities = {
+            "k_tau_n_m": p.k_tau * p.n_m,
+            "f_C": p.f_C,
+            "f_G": p.f_G,
+            "B_m": p.B_m,
+            "J_m": p.J_m,
+        }
     settings = settings.model_copy(update=changes)
-    motion, signals = true_signals({"trial": "study", "experiment": of_campaign}, settings, p, gains)
+    motion, signals = true_signals(
+        {"trial": "study", "experiment": of_campaign}, settings, p, gains
+    )
     columns = {"K": motion.theta, "B": motion.omega, "I": motion.alpha}
     if kind == "belt":
         columns = {"K_s": motion.theta}
@@ -283,43 +357,58 @@ class StudyLaboratory:
     p: DrivetrainParameters
     analysis: WalkingAnalysis
     recorded: Callable[[str, simulated.SimulatedCrossing], Crossing] | None = None
-    """How a crossing that was recorded by markers and plate is analysed; None: angle and torque themselves are seen."""
+    """How a crossing that was recorded by markers and plate is analysed; None: angle and torque
+    themselves are seen."""
 
     def unperturbed(self, name: str) -> Crossing:
         """An unperturbed crossing through the sensors."""
         return self.seen(name, self.walk(name, False), noisy=True)
 
     def perturbed(self, name: str) -> tuple[Crossing, LinearFit, Mapping[str, float]]:
-        """A perturbed crossing through the sensors; the same estimator's fit to the perturbation alone, through ideal
-        sensors; and the impedance that the leg rendered, by name. The same crossing is also simulated without the
-        perturbation, whose effect is the difference."""
+        """A perturbed crossing through the sensors; the same estimator's fit to the perturbation
+        alone, through ideal sensors; and the impedance that the leg rendered, by name. The same
+        crossing is also simulated without the perturbation, whose effect is the difference."""
         unperturbed, walked = self.walk(name, False), self.walk(name, True)
         alone = unperturbed_gait([self.seen(name, unperturbed, noisy=False)], 1)
         walked_ideally, analysis = self.seen(name, walked, noisy=False), self.analysis
         # the same crossing's stance without the perturbation, whatever the perturbation does to it
         ideal = isolate_response(walked_ideally, alone, analysis, "unperturbed")
         exact = fit_without_offset(ideal.fitted_motion, ideal.fitted_torque)
-        return self.seen(name, walked, noisy=True), exact, simulated.impedance_of_leg(walked, unperturbed)
+        return (
+            self.seen(name, walked, noisy=True),
+            exact,
+            simulated.impedance_of_leg(walked, unperturbed),
+        )
 
     def walk(self, name: str, perturbed: bool) -> simulated.SimulatedCrossing:
-        """One crossing. Its name determines its random quantities, which are the same with and without the
-        perturbation."""
+        """One crossing. Its name determines its random quantities, which are the same with and
+        without the perturbation."""
         step = draw_step(GaitTrial(name, self.settings.seed, self.gait))
         effects = drivetrain_effects(self.settings) | {"cancels_friction": True}
         return simulated.simulate_crossing(step, perturbed, effects, self.p)
 
     def seen(self, name: str, walked: simulated.SimulatedCrossing, noisy: bool) -> Crossing:
-        """Filtered angle and torque of a crossing at the markers' rate. Noise of markers and forces acts on a lever of
+        """Filtered angle and torque of a crossing at the markers' rate. Noise of markers and forces
+        acts on a lever of
         0.1 m: from the middle of a cluster to its markers, and from the plate to the ankle."""
         if noisy and self.recorded is not None:
             return self.recorded(name, walked)
-        every, rate = self.gait.rates.motion_hz // self.gait.rates.points_hz, float(self.gait.rates.points_hz)
+        every, rate = (
+            self.gait.rates.motion_hz // self.gait.rates.points_hz,
+            float(self.gait.rates.points_hz),
+        )
         effects, lever_m, found = self.gait.effects, 0.1, []
         for effect, size, signal in (
             ("angle_noise", 1e-3 * effects.marker_noise.value / lever_m, walked.motion.theta),
-            ("torque_noise", np.hypot(effects.moment_noise.value, lever_m * effects.force_noise.value), walked.torque),
+            (
+                "torque_noise",
+                np.hypot(effects.moment_noise.value, lever_m * effects.force_noise.value),
+                walked.torque,
+            ),
         ):
-            noise = float(size) * stream(self.settings.seed, name, effect).standard_normal(len(signal[::every]))
+            noise = float(size) * stream(self.settings.seed, name, effect).standard_normal(
+                len(signal[::every])
+            )
             found.append(self.analysis.low_pass(signal[::every] + noisy * noise, rate))
         step, platform = walked.step, walked.platform
         seen = walked.time[::every], found[0], found[1], platform.angle[::every]
@@ -330,14 +419,17 @@ class StudyLaboratory:
 def gait_laboratory() -> StudyLaboratory:
     """The shipped gait laboratory, and the analysis of the shipped configuration."""
     gait = read_yaml(ROOT / "config/simulation/walking.yaml", WalkingSettings)
-    return StudyLaboratory(laboratory()[0], gait, laboratory()[1], read_section(CONFIG, "walking", WalkingAnalysis))
+    return StudyLaboratory(
+        laboratory()[0], gait, laboratory()[1], read_section(CONFIG, "walking", WalkingAnalysis)
+    )
 
 
 def recording(of: StudyLaboratory, folder: Path, perturbed: Sequence[str]) -> StudyLaboratory:
-    """A laboratory whose noisy crossings are recorded by markers and plate, written as C3D in `folder`, ingested and
-    analysed, after its static trial and six trials of the unloaded plate. The foot's inertial parameters are known:
-    otherwise its inertia would be part of the ankle's. What the platform's motions share is known from the `perturbed`
-    crossings; one that cannot be read has no part."""
+    """A laboratory whose noisy crossings are recorded by markers and plate, written as C3D in
+    `folder`, ingested and analysed, after its static trial and six trials of the unloaded plate.
+    The foot's inertial parameters are known: otherwise its inertia would be part of the ankle's.
+    What the platform's motions share is known from the `perturbed` crossings; one that cannot be
+    read has no part."""
     mass, body = of.gait.effects.foot_inertia.value, of.gait.foot
     inertia = mass * body.gyration_m[1] ** 2
     foot = FootSettings(mass_kg=mass, centre_of_mass_m=body.centre_of_mass_m, inertia_kg_m2=inertia)
@@ -372,14 +464,22 @@ def recording(of: StudyLaboratory, folder: Path, perturbed: Sequence[str]) -> St
 
 
 def campaign_rows(names: Sequence[str], of: StudyLaboratory) -> Iterator[Row]:
-    """Estimates of a campaign of crossings, every second one of which is perturbed: of the first perturbation, the mean
-    of all, and the ensemble. The truth is the estimate of the same estimator for the same perturbations without gait,
-    with ideal sensors. `model_error` is the truth minus the impedance that the leg rendered."""
+    """Estimates of a campaign of crossings, every second one of which is perturbed: of the first
+    perturbation, the mean of all, and the ensemble. The truth is the estimate of the same estimator
+    for the same perturbations without gait, with ideal sensors. `model_error` is the truth minus
+    the impedance that the leg rendered."""
     gait = unperturbed_gait(usable(of.unperturbed, names[::2]), of.analysis.fewest_unperturbed)
     perturbed = usable(of.perturbed, names[1::2])
-    responses = [isolate_response(one, gait, of.analysis, of.analysis.perturbed_stance) for one, *_ in perturbed]
+    responses = [
+        isolate_response(one, gait, of.analysis, of.analysis.perturbed_stance)
+        for one, *_ in perturbed
+    ]
     fits, joined = [fit_response(response) for response in responses], Ensemble(responses)
-    resampled, ensemble, (common, _) = joined.resampled(300), joined.fitted().fit, common_errors(responses)
+    resampled, ensemble, (common, _) = (
+        joined.resampled(300),
+        joined.fitted().fit,
+        common_errors(responses),
+    )
     for quantity in JOINT:
         truths = np.array([exact[quantity] for _, exact, _ in perturbed])
         rendered = np.array([leg[f"{quantity}_rendered"] for *_, leg in perturbed])
@@ -387,19 +487,26 @@ def campaign_rows(names: Sequence[str], of: StudyLaboratory) -> Iterator[Row]:
         made: list[tuple[str, str, int, Sequence[float]]] = [
             ("single perturbation", single.interval_method, 1,
              (single[quantity], single.se(quantity), *single.interval(quantity))),
-            ("mean of perturbations", "Student", len(fits), (mean.mean, mean.se, mean.low, mean.high)),
+            ("mean of perturbations", "Student", len(fits),
+             (mean.mean, mean.se, mean.low, mean.high)),
             ("ensemble", "bootstrap", len(fits),
              (ensemble[quantity], resampled.se(quantity), *resampled.interval(quantity))),
         ]  # fmt: skip
         for estimator, method, first, numbers in made:
             truth = float(np.mean(truths[:first]))
-            row: Row = {"estimator": estimator, "interval_method": method, "quantity": quantity, "bound": None}
+            row: Row = {
+                "estimator": estimator,
+                "interval_method": method,
+                "quantity": quantity,
+                "bound": None,
+            }
             row |= {"truth": truth, "model_error": truth - float(np.mean(rendered[:first]))}
             yield row | dict(zip(("value", "se", "low", "high"), numbers, strict=True))
 
 
 def usable(make: Callable[[str], Made], names: Iterable[str]) -> list[Made]:
-    """Result of `make` for each name. Crossings that the analysis refuses are excluded, as in a recorded campaign."""
+    """Result of `make` for each name. Crossings that the analysis refuses are excluded, as in a
+    recorded campaign."""
     made = []
     for name in names:
         with suppress(OslAnalysisError):
@@ -408,33 +515,43 @@ def usable(make: Callable[[str], Made], names: Iterable[str]) -> list[Made]:
 
 
 def walking_rows(number: int, recorded: bool, crossings: int = CROSSINGS) -> Iterator[Row]:
-    """Estimates of one campaign. The signals of `recorded` campaigns go through files and ingest."""
+    """Estimates of one campaign. The signals of `recorded` campaigns go through files and
+    ingest."""
     shipped, names = gait_laboratory(), [f"study_{number:05d}_{i}" for i in range(2 * crossings)]
     if not recorded:
         yield from campaign_rows(names, shipped)
         return
     own = shipped.settings.model_copy(update={"seed": SEED + 1 + number})
     with TemporaryDirectory() as folder:
-        yield from campaign_rows(names, recording(replace(shipped, settings=own), Path(folder), names[1::2]))
+        yield from campaign_rows(
+            names, recording(replace(shipped, settings=own), Path(folder), names[1::2])
+        )
 
 
 def rows_of(experiment: str, numbers: Iterable[int]) -> list[Row]:
     """Estimates of trials, or of campaigns of walking, by their numbers."""
     if experiment.startswith("walking"):
-        rows = [row for number in numbers for row in walking_rows(number, experiment == "walking recorded")]
+        rows = [
+            row
+            for number in numbers
+            for row in walking_rows(number, experiment == "walking recorded")
+        ]
     else:
         rows = list(studied(experiment).rows(f"{experiment}_{number:05d}" for number in numbers))
     return [{"experiment": experiment} | row for row in rows]
 
 
 def performance(rows: pl.DataFrame) -> dict[str, float]:
-    """Performance of an estimator over n trials: the bias and the stated standard error (root mean square) over the
-    standard deviation of the estimates, the root mean square error over the bound, and the share of intervals with the
-    truth. Names in `_mc` are Monte Carlo standard errors."""
-    columns = rows.select(pl.col("value", "truth", "se", "low", "high", "bound").cast(pl.Float64).fill_null(np.nan))
+    """Performance of an estimator over n trials: the bias and the stated standard error (root mean
+    square) over the standard deviation of the estimates, the root mean square error over the bound,
+    and the share of intervals with the truth. Names in `_mc` are Monte Carlo standard errors."""
+    columns = rows.select(
+        pl.col("value", "truth", "se", "low", "high", "bound").cast(pl.Float64).fill_null(np.nan)
+    )
     value, truth, se, low, high, bound = columns.to_numpy().T
     n, error, covered = len(rows), value - truth, (low <= truth) & (truth <= high)
-    sd, share = float(np.std(error, ddof=1)), (covered.sum() + 2) / (n + 4)  # Agresti and Coull: never 0
+    # Agresti and Coull: never 0
+    sd, share = float(np.std(error, ddof=1)), (covered.sum() + 2) / (n + 4)
     return {
         "bias": float(np.mean(error)) / sd,
         "bias_mc": 1 / float(np.sqrt(n)),
@@ -448,31 +565,63 @@ def performance(rows: pl.DataFrame) -> dict[str, float]:
 def page_rows(estimates: pl.DataFrame) -> Iterator[Sequence[str]]:
     """A line for each experiment, estimator and interval."""
     signs = {"k_tau_n_m": "k_τ n_m", "magnitude": "\\|Y\\|", "phase": "arg Y"}
-    for key, rows in estimates.group_by("experiment", "estimator", "interval_method", maintain_order=True):
-        groups = {str(name): group for (name,), group in rows.group_by("quantity", maintain_order=True)}
+    for key, rows in estimates.group_by(
+        "experiment", "estimator", "interval_method", maintain_order=True
+    ):
+        groups = {
+            str(name): group for (name,), group in rows.group_by("quantity", maintain_order=True)
+        }
         found = [performance(group) for group in groups.values()]
         each = {
             name: ", ".join("–" if np.isnan(one[name]) else f"{scale * one[name]:{form}}" for one in found)
             for name, form, scale in (
-                ("bias", ".2f", 1), ("rmse_over_bound", ".2f", 1), ("se_over_sd", ".2f", 1), ("coverage", ".1f", 100)
+                ("bias", ".2f", 1), ("rmse_over_bound", ".2f", 1), ("se_over_sd", ".2f", 1),
+                ("coverage", ".1f", 100)
             )
         }  # fmt: skip
-        bias_mc, coverage_mc = (max(one[name] for one in found) for name in ("bias_mc", "coverage_mc"))
-        names = ", ".join(signs.get(one, one) for one in (name.partition(",")[0] for name in groups))
+        bias_mc, coverage_mc = (
+            max(one[name] for one in found) for name in ("bias_mc", "coverage_mc")
+        )
+        names = ", ".join(
+            signs.get(one, one) for one in (name.partition(",")[0] for name in groups)
+        )
         numbers = f"{each['bias']} ± {bias_mc:.2f}", each["rmse_over_bound"], each["se_over_sd"]
         covered = f"{each['coverage']} ± {100 * coverage_mc:.1f}"
-        yield str(key[0]), f"{key[1]}, {key[2]}", names, str(len(rows) // len(groups)), *numbers, covered
+        yield (
+            str(key[0]),
+            f"{key[1]}, {key[2]}",
+            names,
+            str(len(rows) // len(groups)),
+            *numbers,
+            covered,
+        )
 
 
-HEAD = ("experiment", "estimator, interval", "quantities", "n", "bias / SD", "RMSE / bound", "SE / SD", "coverage, %")
+HEAD = (
+    "experiment",
+    "estimator, interval",
+    "quantities",
+    "n",
+    "bias / SD",
+    "RMSE / bound",
+    "SE / SD",
+    "coverage, %",
+)
 
 
 def main(trials: int = 100, campaigns: int = 80, recorded: int = 80) -> None:
     numbers = dict.fromkeys(BENCHES, trials) | {"walking": campaigns, "walking recorded": recorded}
-    jobs = [(name, range(first, min(first + 10, n))) for name, n in numbers.items() for first in range(0, n, 10)]
+    jobs = [
+        (name, range(first, min(first + 10, n)))
+        for name, n in numbers.items()
+        for first in range(0, n, 10)
+    ]
     with ProcessPoolExecutor(os.cpu_count()) as pool:
         made = [row for rows in pool.map(rows_of, *zip(*jobs, strict=True)) for row in rows]
-    write_between(PAGE, {"study": markdown(HEAD, list(page_rows(pl.DataFrame(made, infer_schema_length=None))))})
+    write_between(
+        PAGE,
+        {"study": markdown(HEAD, list(page_rows(pl.DataFrame(made, infer_schema_length=None))))},
+    )
 
 
 if __name__ == "__main__":

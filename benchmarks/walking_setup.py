@@ -1,4 +1,5 @@
-"""Draw the walking laboratory of docs/walking.md: side view and top view, with markers, axes and signs.
+"""Draw the walking laboratory of docs/walking.md: side view and top view, with markers, axes and
+signs.
 
 python benchmarks/walking_setup.py [docs/walking_setup.png]
 """
@@ -11,7 +12,16 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
-from osl_analysis.figures.style import BLACK, DOUBLE_COLUMN, GREY, MAGENTA, ORANGE, PAPER, PURPLE, WHITE
+from osl_analysis.figures.style import (
+    BLACK,
+    DOUBLE_COLUMN,
+    GREY,
+    MAGENTA,
+    ORANGE,
+    PAPER,
+    PURPLE,
+    WHITE,
+)
 
 PLATFORM, FOOT, SHANK, ANKLE = GREY, ORANGE, PURPLE, MAGENTA
 """Colours of the clusters and of the malleoli."""
@@ -27,7 +37,17 @@ def markers(ax: Axes, points: list[Point], colour: str, hollow: bool = False) ->
 def say(ax: Axes, text: str, at: Point, point: Point | None = None, colour: str = BLACK) -> None:
     """Text at a place, with a thin line to the point that it names."""
     line = {"arrowstyle": "-", "color": colour, "lw": 0.6, "shrinkB": 4} if point else None
-    ax.annotate(text, point or at, at, color=colour, fontsize=9.5, ha="left", va="center", arrowprops=line, zorder=6)
+    ax.annotate(
+        text,
+        point or at,
+        at,
+        color=colour,
+        fontsize=9.5,
+        ha="left",
+        va="center",
+        arrowprops=line,
+        zorder=6,
+    )
 
 
 def arrow(ax: Axes, start: Point, end: Point, colour: str = BLACK, bend: float = 0.0) -> None:
@@ -49,12 +69,37 @@ def axes_at(ax: Axes, origin: Point, names: tuple[str, str], out: str) -> None:
 
 def side_view(ax: Axes) -> None:
     """The sagittal plane, the person walking to the right; x to the right, z up [m]."""
-    ax.add_patch(Polygon([(-0.62, -0.07), (-0.33, -0.07), (-0.33, 0), (-0.62, 0)], fc="#E4E4E4", ec=GREY, lw=0.8))
-    ax.add_patch(Polygon([(0.33, -0.07), (0.62, -0.07), (0.62, 0), (0.33, 0)], fc="#E4E4E4", ec=GREY, lw=0.8))
-    ax.add_patch(Polygon([(-0.29, -0.05), (0.29, -0.05), (0.29, 0), (-0.29, 0)], fc="#C9C9C9", ec=BLACK, lw=0.9))
+    ax.add_patch(
+        Polygon(
+            [(-0.62, -0.07), (-0.33, -0.07), (-0.33, 0), (-0.62, 0)], fc="#E4E4E4", ec=GREY, lw=0.8
+        )
+    )
+    ax.add_patch(
+        Polygon([(0.33, -0.07), (0.62, -0.07), (0.62, 0), (0.33, 0)], fc="#E4E4E4", ec=GREY, lw=0.8)
+    )
+    ax.add_patch(
+        Polygon(
+            [(-0.29, -0.05), (0.29, -0.05), (0.29, 0), (-0.29, 0)], fc="#C9C9C9", ec=BLACK, lw=0.9
+        )
+    )
     ax.plot([0, 0], [-0.16, -0.05], color=GREY, lw=3, zorder=1)
-    ax.add_patch(Polygon([(-0.13, -0.2), (0.13, -0.2), (0.06, -0.14), (-0.06, -0.14)], fc="#C9C9C9", ec=GREY, lw=0.8))
-    foot = [(-0.13, 0.0), (0.14, 0.0), (0.14, 0.03), (0.02, 0.075), (-0.04, 0.12), (-0.1, 0.12), (-0.13, 0.05)]
+    ax.add_patch(
+        Polygon(
+            [(-0.13, -0.2), (0.13, -0.2), (0.06, -0.14), (-0.06, -0.14)],
+            fc="#C9C9C9",
+            ec=GREY,
+            lw=0.8,
+        )
+    )
+    foot = [
+        (-0.13, 0.0),
+        (0.14, 0.0),
+        (0.14, 0.03),
+        (0.02, 0.075),
+        (-0.04, 0.12),
+        (-0.1, 0.12),
+        (-0.13, 0.05),
+    ]
     ax.add_patch(Polygon(foot, fc="#FBE3D2", ec=ORANGE, lw=1.0, joinstyle="round"))
     shank = [(-0.105, 0.1), (-0.035, 0.1), (0.075, 0.52), (-0.025, 0.52)]
     ax.add_patch(Polygon(shank, fc="#E2DAF0", ec=PURPLE, lw=1.0, joinstyle="round", zorder=2))
@@ -63,9 +108,19 @@ def side_view(ax: Axes) -> None:
     markers(ax, [(-0.005, 0.25), (0.045, 0.33), (-0.015, 0.37), (0.05, 0.45)], SHANK)
     markers(ax, [(-0.065, 0.11)], ANKLE, hollow=True)
     say(
-        ax, "shank cluster: 3 or more markers,\nnot on a line, on the pylon or shell", (0.15, 0.42), (0.05, 0.45), SHANK
+        ax,
+        "shank cluster: 3 or more markers,\nnot on a line, on the pylon or shell",
+        (0.15, 0.42),
+        (0.05, 0.45),
+        SHANK,
     )
-    say(ax, "foot cluster: on the shoe or keel,\nwhere it does not bend", (0.2, 0.23), (0.12, 0.05), FOOT)
+    say(
+        ax,
+        "foot cluster: on the shoe or keel,\nwhere it does not bend",
+        (0.2, 0.23),
+        (0.12, 0.05),
+        FOOT,
+    )
     say(
         ax,
         "malleoli, medial and lateral:\non the joint's axis,\nstatic trial only",
@@ -73,7 +128,13 @@ def side_view(ax: Axes) -> None:
         (-0.065, 0.11),
         ANKLE,
     )
-    say(ax, "platform cluster: on what turns\nwith the plate", (0.33, 0.085), (0.27, 0.015), "#4A4A4A")
+    say(
+        ax,
+        "platform cluster: on what turns\nwith the plate",
+        (0.33, 0.085),
+        (0.27, 0.015),
+        "#4A4A4A",
+    )
     say(ax, "force plate, bolted to\nthe moving platform", (-0.62, -0.14), (-0.2, -0.03))
     say(ax, "hexapod or hinge", (-0.5, -0.22), (-0.1, -0.18), "#4A4A4A")
     arrow(ax, (0.205, -0.085), (0.235, -0.005), BLACK, 0.25)
@@ -85,11 +146,38 @@ def side_view(ax: Axes) -> None:
 
 
 def top_view(ax: Axes) -> None:
-    """The ground plane; x to the right, y up [m]. The corners of the plate in the order of the C3D file."""
-    ax.add_patch(Polygon([(-0.48, -0.35), (0.42, -0.35), (0.42, 0.35), (-0.48, 0.35)], fc="#F1F1F1", ec=GREY, lw=0.8))
-    ax.add_patch(Polygon([(-0.3, -0.26), (0.3, -0.26), (0.3, 0.26), (-0.3, 0.26)], fc="#DADADA", ec=GREY, lw=0.9))
-    ax.add_patch(Polygon([(-0.25, -0.22), (0.25, -0.22), (0.25, 0.22), (-0.25, 0.22)], fc="#C2C2C2", ec=BLACK, lw=0.9))
-    foot = [(-0.14, -0.03), (-0.1, -0.05), (0.05, -0.06), (0.13, -0.035), (0.14, 0.02), (0.05, 0.045), (-0.11, 0.035)]
+    """The ground plane; x to the right, y up [m]. The corners of the plate in the order of the C3D
+    file."""
+    ax.add_patch(
+        Polygon(
+            [(-0.48, -0.35), (0.42, -0.35), (0.42, 0.35), (-0.48, 0.35)],
+            fc="#F1F1F1",
+            ec=GREY,
+            lw=0.8,
+        )
+    )
+    ax.add_patch(
+        Polygon(
+            [(-0.3, -0.26), (0.3, -0.26), (0.3, 0.26), (-0.3, 0.26)], fc="#DADADA", ec=GREY, lw=0.9
+        )
+    )
+    ax.add_patch(
+        Polygon(
+            [(-0.25, -0.22), (0.25, -0.22), (0.25, 0.22), (-0.25, 0.22)],
+            fc="#C2C2C2",
+            ec=BLACK,
+            lw=0.9,
+        )
+    )
+    foot = [
+        (-0.14, -0.03),
+        (-0.1, -0.05),
+        (0.05, -0.06),
+        (0.13, -0.035),
+        (0.14, 0.02),
+        (0.05, 0.045),
+        (-0.11, 0.035),
+    ]
     ax.add_patch(Polygon(foot, fc="#FBE3D2", ec=ORANGE, lw=1.0))
     markers(ax, [(-0.275, 0.24), (0.275, 0.24), (0.275, -0.24), (-0.275, -0.24)], PLATFORM)
     markers(ax, [(-0.12, 0.0), (0.11, 0.015), (0.07, -0.045), (0.03, 0.0)], FOOT)

@@ -1,7 +1,8 @@
-"""Take the pictures that README.md opens with, from the results of the default campaign: `make pictures`.
+"""Take the pictures that README.md opens with, from the results of the default campaign: `make
+pictures`.
 
-Each says in its text `Source` what it shows: version, configuration, and what draws it. A test compares.
-Debian: chromium.
+Each says in its text `Source` what it shows: version, configuration, and what draws it. A test
+compares. Debian: chromium.
 """
 
 import hashlib
@@ -30,7 +31,9 @@ def sources() -> dict[str, str]:
     """What each picture shows if it is taken now."""
     config = read_config(default_config())
     if config.simulation is None:
-        sys.exit(f"{default_config()}: names no simulation; the pictures are of a simulated campaign")
+        sys.exit(
+            f"{default_config()}: names no simulation; the pictures are of a simulated campaign"
+        )
     campaign = open_campaign(config, planned_sheet(config.simulation, config.sheet))
     of = about(campaign, settings_files(config.simulation, config.shared()))
     said = f"osl-analysis {of['version']}, configuration {of['configuration']}"
@@ -38,7 +41,10 @@ def sources() -> dict[str, str]:
         "report.png": [TEMPLATES / f"report.{kind}" for kind in ("html.j2", "css", "js")],
         "fig5.png": [PACKAGE / f"figures/{FIGURES['fig5'].module}.py"],
     }
-    code = {name: hashlib.sha256(b"".join(map(Path.read_bytes, files))) for name, files in made_by.items()}
+    code = {
+        name: hashlib.sha256(b"".join(map(Path.read_bytes, files)))
+        for name, files in made_by.items()
+    }
     return {name: f"{said}, drawn by {digest.hexdigest()[:8]}" for name, digest in code.items()}
 
 
@@ -53,19 +59,38 @@ def photographed(page: Path, picture: Path) -> None:
     browser = next(filter(None, map(shutil.which, BROWSERS)), None)
     if browser is None:
         sys.exit(f"none of {', '.join(BROWSERS)} is installed; Debian: apt-get install chromium")
-    quiet = ("--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--virtual-time-budget=20000")
+    quiet = (
+        "--headless=new",
+        "--no-sandbox",
+        "--disable-gpu",
+        "--hide-scrollbars",
+        "--virtual-time-budget=20000",
+    )
     size = f"--window-size={SIZE[0]},{SIZE[1]}"
     with TemporaryDirectory() as profile:
         own = f"--user-data-dir={profile}"
-        command = [browser, *quiet, own, size, f"--screenshot={picture.resolve()}", page.resolve().as_uri()]
+        command = [
+            browser,
+            *quiet,
+            own,
+            size,
+            f"--screenshot={picture.resolve()}",
+            page.resolve().as_uri(),
+        ]
         subprocess.run(command, check=True, capture_output=True, timeout=300)
 
 
 def main() -> None:
     summary, now = RESULTS / "summary.json", sources()
     of = json.loads(summary.read_text(encoding="utf-8")) if summary.is_file() else {}
-    if f"osl-analysis {of.get('version')}, configuration {of.get('configuration')}" not in now["fig5.png"]:
-        sys.exit(f"{summary}: is not of the default campaign as it is configured now; run `make reproduce-all`")
+    if (
+        f"osl-analysis {of.get('version')}, configuration {of.get('configuration')}"
+        not in now["fig5.png"]
+    ):
+        sys.exit(
+            f"{summary}: is not of the default campaign as it is configured now; run `make"
+            " reproduce-all`"
+        )
     with TemporaryDirectory() as folder:
         page = Path(folder, "report.png")
         photographed(RESULTS / "report.html", page)

@@ -1,4 +1,5 @@
-"""Complete dist/ to a release and say how it is attached: `make release`, which builds all that is collected here."""
+"""Complete dist/ to a release and say how it is attached: `make release`, which builds all that is
+collected here."""
 
 import hashlib
 import shutil
@@ -21,13 +22,21 @@ def missing(version: str) -> list[str]:
         found.append("there are changes that are not committed; commit them and run again")
     at = said("git", "rev-list", "-1", tag)
     if not at or at != said("git", "rev-parse", "HEAD"):
-        found.append(f"{'the tag is of another commit' if at else 'there is no tag'}; git tag --annotate {tag}")
+        found.append(
+            f"{'the tag is of another commit' if at else 'there is no tag'}; git tag --annotate"
+            f" {tag}"
+        )
     if not said("git", "remote"):
         found.append("there is no remote; git remote add origin ADDRESS, and git push --tags")
     if "\n[project.urls]\n" not in Path("pyproject.toml").read_text(encoding="utf-8"):
-        found.append("pyproject.toml has no [project.urls]; add the addresses of the project, once it has some")
+        found.append(
+            "pyproject.toml has no [project.urls]; add the addresses of the project, once it has"
+            " some"
+        )
     if shutil.which("gh") is None:
-        found.append("gh is not installed, the command line of GitHub; install it, or attach dist/* by hand")
+        found.append(
+            "gh is not installed, the command line of GitHub; install it, or attach dist/* by hand"
+        )
     return found
 
 
@@ -44,7 +53,10 @@ def main() -> None:
         print(f"{file}: {file.stat().st_size / 1e6:.1f} MB")
     for one in missing(version):
         print(f"to do: {one}")
-    print(f"then: gh release create v{version} --verify-tag --title 'osl-analysis {version}' --notes-from-tag dist/*")
+    print(
+        f"then: gh release create v{version} --verify-tag --title 'osl-analysis {version}'"
+        " --notes-from-tag dist/*"
+    )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,5 @@
-"""The command line `osl-analysis`: one trial, or one pair of gains, at a time; `snakemake` runs whole campaigns."""
+"""The command line `osl-analysis`: one trial, or one pair of gains, at a time; `snakemake` runs
+whole campaigns."""
 
 import errno
 import io
@@ -35,7 +36,9 @@ def numbers(value: str) -> list[float]:
         return found
     first, last, step = found if len(found) == 3 else (math.inf, 0.0, 0.0)
     if not (math.isfinite(last - first + step) and last >= first and step > 0):
-        raise click.BadParameter(f"'{value}' is not a range; write first:last:step, upwards, with a step above 0")
+        raise click.BadParameter(
+            f"'{value}' is not a range; write first:last:step, upwards, with a step above 0"
+        )
     if (last - first) / step > 300:
         raise click.BadParameter(f"'{value}' is more than 300 numbers; take a longer step")
     return [first + step * k for k in range(int((last - first) / step + 1e-9) + 1)]
@@ -50,7 +53,13 @@ def percent(value: str) -> float:
 
 
 FILE, FOLDER = click.Path(path_type=Path), click.Path(path_type=Path, file_okay=False)
-WRITTEN_SUFFIXES = {"ingest": ".parquet", "samples": ".md", "describe-tables": ".md", "gains": ".csv", "design": ".csv"}
+WRITTEN_SUFFIXES = {
+    "ingest": ".parquet",
+    "samples": ".md",
+    "describe-tables": ".md",
+    "gains": ".csv",
+    "design": ".csv",
+}
 """Suffix of what a command writes, where it writes one kind of file."""
 POSITIVE, NOT_NEGATIVE = click.FloatRange(0, min_open=True), click.FloatRange(0)
 file_option = partial(option, type=FILE)
@@ -61,22 +70,30 @@ CONFIG = file_option(
     show_default="config.yaml here, else the shipped one",
     help="Configuration with the filter [Hz] and the stepped-sine protocol [deg, Hz].",
 )
-AS_JSON = option("--json", "as_json", is_flag=True, help="Print JSON in SI units instead of a table.")
+AS_JSON = option(
+    "--json", "as_json", is_flag=True, help="Print JSON in SI units instead of a table."
+)
 
 
 def say(text: str, err: bool = False) -> None:
-    """Print lines to the terminal. Control characters, which names in files may have, are written as escapes."""
+    """Print lines to the terminal. Control characters, which names in files may have, are written
+    as escapes."""
     click.echo(printable_lines(text), err=err)
 
 
 def options_given() -> set[str]:
     """The parameters of the command that is called that are not left at their defaults."""
     context = click.get_current_context()
-    return {name for name in context.params if context.get_parameter_source(name) is ParameterSource.COMMANDLINE}
+    return {
+        name
+        for name in context.params
+        if context.get_parameter_source(name) is ParameterSource.COMMANDLINE
+    }
 
 
 def check_there(path: Path, kind: str = "file") -> None:
-    """Refuse a file or folder that is missing, before what reads it is imported, which takes a second."""
+    """Refuse a file or folder that is missing, before what reads it is imported, which takes a
+    second."""
     if not path.exists():
         raise InputError(f"{path}: no such {kind}; correct its name, or copy the {kind} there")
 
@@ -90,37 +107,54 @@ def print_or_write(text: str, output: Path | None) -> None:
 
 
 class KeepsItsInput(click.Command):
-    """A command that never writes to a file that it reads, no two results to one file, and only to regular files."""
+    """A command that never writes to a file that it reads, no two results to one file, and only to
+    regular files."""
 
     def invoke(self, ctx: click.Context) -> Any:
         files = {name: path for name, path in ctx.params.items() if isinstance(path, Path)}
         for name in files.keys() & {"output", "plot", "draft_path"}:
             path = files[name]
-            if any(realpath(path) == realpath(other) for others, other in files.items() if others != name):
-                raise click.UsageError(f"{path} would be overwritten while it is used; name another file")
+            if any(
+                realpath(path) == realpath(other)
+                for others, other in files.items()
+                if others != name
+            ):
+                raise click.UsageError(
+                    f"{path} would be overwritten while it is used; name another file"
+                )
             suffix = WRITTEN_SUFFIXES.get(str(ctx.info_name), path.suffix)
-            if name != "plot" and path.suffix != suffix:  # it may be a source file, a log or a configuration
-                raise click.UsageError(f"{path}: `{ctx.info_name}` writes {suffix} files; choose this suffix")
+            # it may be a source file, a log or a configuration
+            if name != "plot" and path.suffix != suffix:
+                raise click.UsageError(
+                    f"{path}: `{ctx.info_name}` writes {suffix} files; choose this suffix"
+                )
             check_output(path)
-        with limited_memory([files[name] for name in ("log", "mocap", "file", "trial") if name in files]):
+        with limited_memory(
+            [files[name] for name in ("log", "mocap", "file", "trial") if name in files]
+        ):
             return super().invoke(ctx)
 
 
 class OneLineErrors(click.Group):
-    """Shows a user's mistake as one line on standard error, exit code 1, and a warning as one line. Ctrl-C ends with
-    code 130, and SIGTERM in the same way, so that no half-written file stays behind."""
+    """Shows a user's mistake as one line on standard error, exit code 1, and a warning as one line.
+    Ctrl-C ends with code 130, and SIGTERM in the same way, so that no half-written file stays
+    behind."""
 
     command_class = KeepsItsInput
 
     def invoke(self, ctx: click.Context) -> Any:
-        warnings.showwarning = lambda message, *_, **__: click.echo(f"warning: {printable(str(message))}", err=True)
-        os.environ.update({name: os.environ.get(name, "1") for name in SET_TO_ONE})  # before numpy is imported
+        warnings.showwarning = lambda message, *_, **__: click.echo(
+            f"warning: {printable(str(message))}", err=True
+        )
+        # before numpy is imported
+        os.environ.update({name: os.environ.get(name, "1") for name in SET_TO_ONE})
         before = signal.signal(signal.SIGTERM, signal.default_int_handler)
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt:
             click.echo("interrupted", err=True)
-            sys.stderr = io.StringIO()  # for coroutines of Snakemake, which say that nobody has waited for them
+            # for coroutines of Snakemake, which say that nobody has waited for them
+            sys.stderr = io.StringIO()
             sys.exit(130)
         except click.UsageError as error:
             raise click.UsageError(printable(error.format_message()), error.ctx) from error
@@ -136,16 +170,22 @@ class OneLineErrors(click.Group):
         sys.exit(1)
 
 
-@click.group(cls=OneLineErrors, context_settings={"help_option_names": ["-h", "--help"], "show_default": True})
+@click.group(
+    cls=OneLineErrors,
+    context_settings={"help_option_names": ["-h", "--help"], "show_default": True},
+)
 @click.version_option(package_name="osl-analysis")
 def main() -> None:
-    """From the logs of a powered prosthesis to stiffness [N·m/rad], damping [N·m·s/rad] and inertia [kg·m²].
+    """From the logs of a powered prosthesis to stiffness [N·m/rad], damping [N·m·s/rad] and inertia
+    [kg·m²].
 
-    `init` makes a campaign and `run` analyses it; in a clone of the project, `snakemake reproduce-all` does the same.
-    The other commands do one thing at a time."""
+    `init` makes a campaign and `run` analyses it; in a clone of the project, `snakemake
+    reproduce-all` does the same. The other commands do one thing at a time."""
 
 
-@main.command(epilog="Example: osl-analysis simulate --trial impedance_K300_B5.0_compensated /tmp/campaign")
+@main.command(
+    epilog="Example: osl-analysis simulate --trial impedance_K300_B5.0_compensated /tmp/campaign"
+)
 @argument("folder", type=FOLDER)
 @file_option(
     "--settings",
@@ -156,10 +196,14 @@ def main() -> None:
 @file_option(
     "--config",
     "config_path",
-    help="Take parameters, protocol, gain weight and desired impedance from this configuration, as snakemake does.",
+    help=(
+        "Take parameters, protocol, gain weight and desired impedance from this configuration, as"
+        " snakemake does."
+    ),
 )
 def simulate(folder: Path, settings: Path, trial: str | None, config_path: Path | None) -> None:
-    """Simulate a campaign into FOLDER: sample sheet, MCAP and C3D logs, and the truth beside them."""
+    """Simulate a campaign into FOLDER: sample sheet, MCAP and C3D logs, and the truth beside
+    them."""
     from osl_analysis.campaign.configuration import read_config
     from osl_analysis.commands.simulate import UNFOLLOWED, simulate_campaign, simulate_trial
 
@@ -170,13 +214,25 @@ def simulate(folder: Path, settings: Path, trial: str | None, config_path: Path 
         simulate_trial(settings, folder, trial, followed)
 
 
-@main.command(epilog="Example: osl-analysis ingest --log dyno.mcap --log-source dynamometer --output dyno.parquet")
+@main.command(
+    epilog=(
+        "Example: osl-analysis ingest --log dyno.mcap --log-source dynamometer --output"
+        " dyno.parquet"
+    )
+)
 @file_option("--log", help="Log of the dynamometer or the leg (MCAP, CSV or MATLAB).")
 @option("--log-source", help="Name of the file in the sources folder that describes the log.")
-@option("--log-part", help="Part of a log that holds several trials: in a MATLAB file a struct, as Test.run(2).")
+@option(
+    "--log-part",
+    help="Part of a log that holds several trials: in a MATLAB file a struct, as Test.run(2).",
+)
 @file_option("--mocap", help="File of the motion-capture system (C3D, or a CSV export of Nexus).")
 @option("--mocap-source", help="Name of the file in the sources folder that describes it.")
-@file_option("--sources", default=shipped("config/sources"), help="Folder of source files, which say what is what.")
+@file_option(
+    "--sources",
+    default=shipped("config/sources"),
+    help="Folder of source files, which say what is what.",
+)
 @file_option("--output", required=True, help="Parquet file to write, in SI units.")
 def ingest(sources: Path, output: Path, **given: Any) -> None:
     """Convert the raw logs of one trial into one canonical Parquet file, with provenance inside."""
@@ -199,9 +255,12 @@ def ingest(sources: Path, output: Path, **given: Any) -> None:
 
 @main.command(epilog="Example: osl-analysis inspect unknown.mcap --draft config/sources/mine.yaml")
 @argument("file", type=FILE)
-@file_option("--draft", "draft_path", help="Write the draft of a source file here instead of printing it.")
+@file_option(
+    "--draft", "draft_path", help="Write the draft of a source file here instead of printing it."
+)
 def inspect(file: Path, draft_path: Path | None) -> None:
-    """List what an MCAP, C3D, CSV or MATLAB file holds: rates [Hz], units, gaps, damage. Draft a source file for it."""
+    """List what an MCAP, C3D, CSV or MATLAB file holds: rates [Hz], units, gaps, damage. Draft a
+    source file for it."""
     check_there(file)
     from osl_analysis.commands import trials as command
     from osl_analysis.ingest.draft import draft_source
@@ -214,30 +273,54 @@ def inspect(file: Path, draft_path: Path | None) -> None:
     print_or_write(text if draft_path else f"\nA source file to start from:\n\n{text}", draft_path)
 
 
-@main.command(epilog="Example: osl-analysis fit results/trials/belt_01.parquet --model belt --plot belt.png")
+@main.command(
+    epilog="Example: osl-analysis fit results/trials/belt_01.parquet --model belt --plot belt.png"
+)
 @argument("trial", type=FILE)
 @option(
     "--model",
     type=click.Choice([name for name, facts in EXPERIMENTS.items() if facts.place == "bench"]),
     default="impedance",
-    help="K, B, I of Eq. 15; B_j, J_j of Eq. 4; belt stiffness K_s; the actuator of Eqs. 1-2; torque-angle curve.",
+    help=(
+        "K, B, I of Eq. 15; B_j, J_j of Eq. 4; belt stiffness K_s; the actuator of Eqs. 1-2;"
+        " torque-angle curve."
+    ),
 )
-@option("--stiffness", "K_d", type=float, help="Desired K_d [N·m/rad] of the trial, for --model impedance.")
-@option("--damping", "B_d", type=float, help="Desired B_d [N·m·s/rad] of the trial, for --model impedance.")
+@option(
+    "--stiffness",
+    "K_d",
+    type=float,
+    help="Desired K_d [N·m/rad] of the trial, for --model impedance.",
+)
+@option(
+    "--damping",
+    "B_d",
+    type=float,
+    help="Desired B_d [N·m·s/rad] of the trial, for --model impedance.",
+)
 @option(
     "--controller",
     default="compensated",
-    help="Controller of the trial, any name. The gains of compensated and uncompensated are known (Eqs. 13 and 14).",
+    help=(
+        "Controller of the trial, any name. The gains of compensated and uncompensated are known"
+        " (Eqs. 13 and 14)."
+    ),
 )
-@file_option("--parameters", help="Parameter file of the device, or `none`. Default: that of the configuration.")
+@file_option(
+    "--parameters",
+    help="Parameter file of the device, or `none`. Default: that of the configuration.",
+)
 @CONFIG
 @AS_JSON
 @file_option("--plot", help="Draw measured and modelled torque [N·m] to this file.")
-def fit(trial: Path, model: str, config_path: Path, as_json: bool, plot: Path | None, **of_trial: Any) -> None:
+def fit(
+    trial: Path, model: str, config_path: Path, as_json: bool, plot: Path | None, **of_trial: Any
+) -> None:
     """Fit one ingested TRIAL (Parquet) and print the estimates in SI units with 95 % intervals.
 
-    The configuration may be a campaign's own, which overrides fields of the default. With --stiffness and --damping an
-    impedance trial is judged as in a campaign: whether the torque is late, and whether K is plausible."""
+    The configuration may be a campaign's own, which overrides fields of the default. With
+    --stiffness and --damping an impedance trial is judged as in a campaign: whether the torque is
+    late, and whether K is plausible."""
     from osl_analysis.bench.impedance import DesiredImpedance
     from osl_analysis.commands import bench as command
     from osl_analysis.trial import read_trial
@@ -246,14 +329,22 @@ def fit(trial: Path, model: str, config_path: Path, as_json: bool, plot: Path | 
     if {"K_d", "B_d", "controller"} & options_given():
         desired = DesiredImpedance(**of_trial)
         if model != "impedance":
-            said = "--stiffness, --damping and --controller are those of an impedance trial: give --model impedance"
+            said = (
+                "--stiffness, --damping and --controller are those of an impedance trial: give"
+                " --model impedance"
+            )
             raise click.UsageError(said)
     device = parameters or command.campaign_parameters(config_path)
     device = None if device == Path("none") else device
     model = command.experiment_of(model, config_path)
-    fitted = command.fit_trial(model, read_trial(trial), device, *command.fit_settings(model, config_path), desired)
+    fitted = command.fit_trial(
+        model, read_trial(trial), device, *command.fit_settings(model, config_path), desired
+    )
     if model == "impedance" and desired is None:
-        said = "whether the torque is late or the bench's frame yields, and whether K is what the gains should give"
+        said = (
+            "whether the torque is late or the bench's frame yields, and whether K is what the"
+            " gains should give"
+        )
         say(f"not checked without --stiffness and --damping: {said}", err=True)
     if fitted.not_checked:
         say(fitted.not_checked, err=True)
@@ -261,17 +352,22 @@ def fit(trial: Path, model: str, config_path: Path, as_json: bool, plot: Path | 
         from osl_analysis.commands.figure import draw_table
 
         if fitted.series.is_empty():
-            raise click.UsageError(f"a fit of {model} has no modelled torque to draw; leave out --plot")
+            raise click.UsageError(
+                f"a fit of {model} has no modelled torque to draw; leave out --plot"
+            )
         draw_table("torque", fitted.series, [plot])
     told = command.rows_json if as_json else command.estimates_text
     say(told(fitted.table, fitted.findings))
 
 
-@main.command(epilog="Example: osl-analysis samples ../shared/real_data --output docs/real_samples.md")
+@main.command(
+    epilog="Example: osl-analysis samples ../shared/real_data --output docs/real_samples.md"
+)
 @argument("folder", type=FOLDER)
 @file_option("--output", help="Write a Markdown page to this file instead of printing the table.")
 def samples(folder: Path, output: Path | None) -> None:
-    """List the content of every recording below FOLDER, without a source file; a refused one with the reason."""
+    """List the content of every recording below FOLDER, without a source file; a refused one with
+    the reason."""
     check_there(folder, "folder")
     from osl_analysis.commands.trials import samples_table
 
@@ -280,13 +376,19 @@ def samples(folder: Path, output: Path | None) -> None:
     print_or_write(table if output is None else page, output)
 
 
-@main.command("describe-tables", epilog="Example: osl-analysis describe-tables --output docs/tables.md")
+@main.command(
+    "describe-tables", epilog="Example: osl-analysis describe-tables --output docs/tables.md"
+)
 @file_option("--output", help="Write the page to this file instead of printing it.")
 def describe_tables(output: Path | None) -> None:
-    """Print meaning and unit of every column of every result table and every entry of the summary, as Markdown."""
+    """Print meaning and unit of every column of every result table and every entry of the summary,
+    as Markdown."""
     from osl_analysis.commands.reference import tables_page
 
-    print_or_write(tables_page("osl-analysis describe-tables" + f" --output {output}" * (output is not None)), output)
+    print_or_write(
+        tables_page("osl-analysis describe-tables" + f" --output {output}" * (output is not None)),
+        output,
+    )
 
 
 @main.command(epilog="Example: osl-analysis results results/mine --markdown")
@@ -294,7 +396,8 @@ def describe_tables(output: Path | None) -> None:
 @option("--markdown", is_flag=True, help="A Markdown table in place of aligned columns.")
 @option("--methods", is_flag=True, help="The text of a methods section in place of the numbers.")
 def results(folder: Path, markdown: bool, methods: bool) -> None:
-    """Print the headline numbers of the results in FOLDER, with units, intervals and the draft's values."""
+    """Print the headline numbers of the results in FOLDER, with units, intervals and the draft's
+    values."""
     from osl_analysis.commands.tables import format_results_table, later_failures, read_summary
 
     if methods:
@@ -307,13 +410,21 @@ def results(folder: Path, markdown: bool, methods: bool) -> None:
         say(failed, err=True)
 
 
-@main.command(epilog="Example: osl-analysis bundle . campaign.zip --license https://spdx.org/licenses/CC-BY-4.0 --raw")
+@main.command(
+    epilog=(
+        "Example: osl-analysis bundle . campaign.zip --license https://spdx.org/licenses/CC-BY-4.0"
+        " --raw"
+    )
+)
 @argument("folder", type=FOLDER)
 @argument("output", type=FILE)
-@option("--license", "licence", required=True, help="Address of the licence under which you deposit it.")
+@option(
+    "--license", "licence", required=True, help="Address of the licence under which you deposit it."
+)
 @option("--raw", is_flag=True, help="With the recordings, in place of their hashes alone.")
 def bundle(folder: Path, output: Path, licence: str, raw: bool) -> None:
-    """Write the campaign in FOLDER with its results to the ZIP file OUTPUT, to be deposited, checked and run again.
+    """Write the campaign in FOLDER with its results to the ZIP file OUTPUT, to be deposited,
+    checked and run again.
 
     It is a Workflow Run RO-Crate, and its tables are a Frictionless data package."""
     from osl_analysis.commands.bundle import write_bundle
@@ -325,27 +436,38 @@ def bundle(folder: Path, output: Path, licence: str, raw: bool) -> None:
 @argument("answers", type=FILE)
 @file_option("--truth", help="Table of the truth; default: truth.csv beside ANSWERS.")
 def score(answers: Path, truth: Path | None) -> None:
-    """Score the ANSWERS of any method (CSV) against the truth of the recordings that benchmarks/peers makes."""
+    """Score the ANSWERS of any method (CSV) against the truth of the recordings that
+    benchmarks/peers makes."""
     from osl_analysis.commands.report import score_answers, score_text
 
     say(score_text(score_answers(answers, truth or answers.with_name("truth.csv"))))
 
 
-@main.command(cls=click.Command, epilog="Example: osl-analysis compare results/left results/right --margin 5%")
+@main.command(
+    cls=click.Command, epilog="Example: osl-analysis compare results/left results/right --margin 5%"
+)
 @argument("a", type=FOLDER)
 @argument("b", type=FOLDER)
-@option("--margin", type=percent, help="Of every ratio [percent]; without one nothing is equivalent.")
-@option("--output", type=FOLDER, default=Path("comparison"), help="Folder of the table and the figure.")
+@option(
+    "--margin", type=percent, help="Of every ratio [percent]; without one nothing is equivalent."
+)
+@option(
+    "--output", type=FOLDER, default=Path("comparison"), help="Folder of the table and the figure."
+)
 def compare(a: Path, b: Path, margin: float | None, output: Path) -> None:
-    """Compare the results in folders A and B: two devices, controllers or days, with 95 % intervals and verdicts.
+    """Compare the results in folders A and B: two devices, controllers or days, with 95 % intervals
+    and verdicts.
 
-    Equivalent: the interval of B over A lies within the margin. Different: it lies beyond it on one side."""
+    Equivalent: the interval of B over A lies within the margin. Different: it lies beyond it on one
+    side."""
     from osl_analysis.commands.report import compare_campaigns
 
     say(compare_campaigns((a, b), output, margin))
 
 
-@main.command(cls=click.Command, epilog="Example: osl-analysis init my_campaign --from /data/2026-03-14")
+@main.command(
+    cls=click.Command, epilog="Example: osl-analysis init my_campaign --from /data/2026-03-14"
+)
 @argument("folder", type=FILE)
 @option(
     "--recorder",
@@ -357,24 +479,38 @@ def compare(a: Path, b: Path, margin: float | None, output: Path) -> None:
 @file_option(
     "--from",
     "recordings",
-    help="Draft sample sheet and source files for the recordings in this folder, which stay there, and try the first.",
+    help=(
+        "Draft sample sheet and source files for the recordings in this folder, which stay there,"
+        " and try the first."
+    ),
 )
 @option("--example", is_flag=True, help="A small simulated campaign, which runs in about a minute.")
 def init(folder: Path, recorders: tuple[str, ...], recordings: Path | None, example: bool) -> None:
-    """Make the folder of a new campaign: configuration, sample sheet, source files and their JSON schemas."""
+    """Make the folder of a new campaign: configuration, sample sheet, source files and their JSON
+    schemas."""
     from osl_analysis.commands.trials import drafted_text, left_to_decide, new_campaign
 
     if example and (recorders or recordings):
         raise click.UsageError("--example has recordings of its own; leave --recorder and --from")
     draft = new_campaign(folder, recorders, recordings, example)
-    say(f"made {folder} with config.yaml, {'simulation.yaml' if example else 'trials.csv'}, sources/ and schemas/")
+    say(
+        f"made {folder} with config.yaml, {'simulation.yaml' if example else 'trials.csv'},"
+        " sources/ and schemas/"
+    )
     if recordings is not None:
         say(drafted_text(draft))
         decisions = left_to_decide(folder, draft)
-        say("\n".join(["left to decide:", *(f"  {line}" for line in decisions)]) if decisions else "")
+        say(
+            "\n".join(["left to decide:", *(f"  {line}" for line in decisions)])
+            if decisions
+            else ""
+        )
         print_first_look(folder, is_new=True)
     elif not example:
-        say("next: recordings into recordings/, a row for each into trials.csv, their channels into sources/")
+        say(
+            "next: recordings into recordings/, a row for each into trials.csv, their channels into"
+            " sources/"
+        )
         say("      `osl-analysis inspect FILE --draft sources/NAME.yaml` drafts a source file")
     say(f"then: cd {shlex.quote(str(folder))} && osl-analysis run")
 
@@ -387,7 +523,8 @@ def init(folder: Path, recorders: tuple[str, ...], recordings: Path | None, exam
 )
 @argument("arguments", nargs=-1, type=click.UNPROCESSED)
 def run_campaign(arguments: tuple[str, ...]) -> None:
-    """Analyse the campaign in this folder: everything, or the files that are named. Takes all options of Snakemake.
+    """Analyse the campaign in this folder: everything, or the files that are named. Takes all
+    options of Snakemake.
 
     The same as `snakemake --snakefile ... --configfile config.yaml`. Write files before options."""
     from snakemake.cli import main as snakemake
@@ -402,7 +539,9 @@ def run_campaign(arguments: tuple[str, ...]) -> None:
 
 
 @main.command(cls=click.Command, epilog="Example: osl-analysis doctor --look")
-@option("--look", is_flag=True, help="Also ingest and fit the first bench trial of each source file.")
+@option(
+    "--look", is_flag=True, help="Also ingest and fit the first bench trial of each source file."
+)
 def doctor(look: bool) -> None:
     """Say whether this machine, and the campaign in this folder, can run, and what is missing."""
     try:
@@ -419,19 +558,30 @@ def doctor(look: bool) -> None:
     sys.exit(int(any(remedy for _, _, remedy in seen)))
 
 
-@main.command("watch", cls=click.Command, epilog="Example: osl-analysis watch /data/today --source my_bench.yaml")
+@main.command(
+    "watch",
+    cls=click.Command,
+    epilog="Example: osl-analysis watch /data/today --source my_bench.yaml",
+)
 @argument("folder", type=FOLDER)
-@option("--source", type=FILE, help="Source file of the recordings. Default: what the campaign has, or a guess.")
+@option(
+    "--source",
+    type=FILE,
+    help="Source file of the recordings. Default: what the campaign has, or a guess.",
+)
 @option("--output", type=FOLDER, default=Path("watched"), help="Folder of the pictures.")
 @CONFIG
 def watch(folder: Path, source: Path | None, output: Path, config_path: Path) -> None:
-    """Examine every recording in FOLDER as soon as it is complete: a line with quality, K, B, I, doubts, and a picture.
+    """Examine every recording in FOLDER as soon as it is complete: a line with quality, K, B, I,
+    doubts, and a picture.
 
-    From the fourth of a kind on (experiment, joint, side, controller; K and B of the same K_d and B_d) the line says
-    whether it is like those before it: by their median, within four standard deviations (from the median absolute
-    deviation, at least 1 % of an estimate and 5 % of duration, rate and range of the angle).
+    From the fourth of a kind on (experiment, joint, side, controller; K and B of the same K_d and
+    B_d) the line says whether it is like those before it: by their median, within four standard
+    deviations (from the median absolute deviation, at least 1 % of an estimate and 5 % of duration,
+    rate and range of the angle).
 
-    Ctrl-C ends it. A recording is examined again when it changes; one that was refused, when watch is started again."""
+    Ctrl-C ends it. A recording is examined again when it changes; one that was refused, when watch
+    is started again."""
     from osl_analysis.commands.watch import WatchedBench, watched_lines
 
     bench = WatchedBench(config_path, source, output)
@@ -461,23 +611,45 @@ OPTIONS = {
 """Options that one kind of excitation has, by its name."""
 
 
-@main.command("gains", epilog="Example: osl-analysis gains --stiffness 300 --damping 5 (a grid: 100:400:50 and 0,5)")
-@option("--stiffness", type=numbers, help="Desired joint stiffness K_d [N·m/rad]: 300, 100,200 or 100:400:50.")
-@option("--damping", type=numbers, help="Desired joint damping B_d [N·m·s/rad]: 5, 0,2.5,5 or 0:7.5:2.5.")
-@file_option("--trajectory", help="CSV file with phase (0 to 1), K_d [N·m/rad] and B_d [N·m·s/rad] instead.")
+@main.command(
+    "gains",
+    epilog="Example: osl-analysis gains --stiffness 300 --damping 5 (a grid: 100:400:50 and 0,5)",
+)
+@option(
+    "--stiffness",
+    type=numbers,
+    help="Desired joint stiffness K_d [N·m/rad]: 300, 100,200 or 100:400:50.",
+)
+@option(
+    "--damping",
+    type=numbers,
+    help="Desired joint damping B_d [N·m·s/rad]: 5, 0,2.5,5 or 0:7.5:2.5.",
+)
+@file_option(
+    "--trajectory", help="CSV file with phase (0 to 1), K_d [N·m/rad] and B_d [N·m·s/rad] instead."
+)
 @option("--weight-hz", type=float, default=1.0, help="Cut-off of W in Eq. 14 [Hz].")
 @option("--weight-order", type=int, default=3, help="Order of W in Eq. 14.")
-@file_option("--parameters", default=shipped("config/parameters/default.yaml"), help="Parameter file of the device.")
+@file_option(
+    "--parameters",
+    default=shipped("config/parameters/default.yaml"),
+    help="Parameter file of the device.",
+)
 @AS_JSON
 @file_option("--output", help="Write the table to this CSV file.")
 @file_option("--plot", help="Draw response, gains or trajectory to this file (.pdf, .svg or .png).")
 def select_gains(
-    trajectory: Path | None, parameters: Path, as_json: bool, output: Path | None, plot: Path | None, **asked: Any
+    trajectory: Path | None,
+    parameters: Path,
+    as_json: bool,
+    output: Path | None,
+    plot: Path | None,
+    **asked: Any,
 ) -> None:
     """Select the control gains K_1 and B_1 that render a desired impedance best (Eqs. 13 and 14).
 
-    For one pair, a grid or a trajectory. The table also has the impedance that a fit will estimate, stability,
-    passivity and the frequency up to which the desired impedance is rendered."""
+    For one pair, a grid or a trajectory. The table also has the impedance that a fit will estimate,
+    stability, passivity and the frequency up to which the desired impedance is rendered."""
     from osl_analysis.commands import gains as command
     from osl_analysis.commands.bench import rows_json
     from osl_analysis.model.compensator import Weight
@@ -486,7 +658,9 @@ def select_gains(
 
     stated = {"stiffness", "damping"} & options_given()
     if trajectory is not None and stated:
-        raise click.UsageError("--trajectory has K_d and B_d of its own: leave out --stiffness and --damping, or it")
+        raise click.UsageError(
+            "--trajectory has K_d and B_d of its own: leave out --stiffness and --damping, or it"
+        )
     if trajectory is None and len(stated) < 2:
         raise click.UsageError("give --stiffness and --damping, or --trajectory")
     stated_weight = {"cutoff_hz": asked["weight_hz"], "order": asked["weight_order"]}
@@ -502,30 +676,50 @@ def select_gains(
 
 @main.command(epilog="Example: osl-analysis export results --to mjcf --output leg.xml")
 @argument("folder", type=FOLDER, default=Path("results"))
-@option("--to", "kind", type=click.Choice(["mjcf", "json"]), required=True, help="MuJoCo's model format, or numbers.")
+@option(
+    "--to",
+    "kind",
+    type=click.Choice(["mjcf", "json"]),
+    required=True,
+    help="MuJoCo's model format, or numbers.",
+)
 @file_option("--output", required=True, help="File to write (.xml or .json).")
-@option("--trials", default="*", help="Impedance trials of the round trip, names or patterns, separated by commas.")
+@option(
+    "--trials",
+    default="*",
+    help="Impedance trials of the round trip, names or patterns, separated by commas.",
+)
 @CONFIG
 def export(folder: Path, kind: str, output: Path, trials: str, config_path: Path) -> None:
-    """Write the leg that the component trials of the results in FOLDER identify, for MuJoCo and other programs.
+    """Write the leg that the component trials of the results in FOLDER identify, for MuJoCo and
+    other programs.
 
-    With 95 % intervals, sources and what the format cannot say. As proof MuJoCo (pip install 'osl-analysis[mujoco]')
-    turns its joint as in the recorded impedance trials, and its torque [N·m] is compared with the recorded one."""
+    With 95 % intervals, sources and what the format cannot say. As proof MuJoCo (pip install
+    'osl-analysis[mujoco]') turns its joint as in the recorded impedance trials, and its torque
+    [N·m] is compared with the recorded one."""
     from osl_analysis.campaign.configuration import read_config
     from osl_analysis.commands.gains import export_leg
 
-    said = export_leg(folder, kind, [one.strip() for one in trials.split(",")], read_config(config_path), output)
+    said = export_leg(
+        folder, kind, [one.strip() for one in trials.split(",")], read_config(config_path), output
+    )
     say(f"wrote {output}; {said}")
 
 
 @main.command(
-    epilog="Example: osl-analysis design --excitation multisine --friction 0.3 --stiffness-within 1% "
-    "--damping-within 3% --write multisine.csv"
+    epilog=(
+        "Example: osl-analysis design --excitation multisine --friction 0.3 --stiffness-within 1% "
+        "--damping-within 3% --write multisine.csv"
+    )
 )
 @option("--excitation", type=click.Choice(list(OPTIONS)), default="stepped-sine")
 @option("--frequencies", type=numbers, help="Of a stepped sine [Hz]; default: the configuration's.")
 @option("--amplitudes", type=numbers, help="Of a stepped sine [deg]; default: the configuration's.")
-@option("--cycles", type=click.IntRange(1, 10_000), help="At each frequency; default: the configuration's.")
+@option(
+    "--cycles",
+    type=click.IntRange(1, 10_000),
+    help="At each frequency; default: the configuration's.",
+)
 @option("--band", type=numbers, help="Lowest and highest frequency [Hz]; default: 0.5,6.")
 @option("--rms", type=POSITIVE, help="Root mean square of the angle [deg]; default: 2.")
 @option("--peak", type=POSITIVE, help="Largest angle [deg], instead of --rms.")
@@ -533,7 +727,9 @@ def export(folder: Path, kind: str, output: Path, trials: str, config_path: Path
 @option("--periods", type=click.IntRange(2, 1000), default=4, help="Fitted, per realisation.")
 @option("--realisations", type=click.IntRange(1, 200), default=4, help="Of a multisine.")
 @option("--seed", type=click.IntRange(0), default=1, help="Of the multisine's phases.")
-@option("--duration", type=click.FloatRange(1, 100_000), default=60.0, help="Of a chirp or noise [s].")
+@option(
+    "--duration", type=click.FloatRange(1, 100_000), default=60.0, help="Of a chirp or noise [s]."
+)
 @option("--stiffness", type=POSITIVE, default=300.0, help="Expected K [N·m/rad].")
 @option("--damping", type=NOT_NEGATIVE, default=5.0, help="Expected B [N·m·s/rad].")
 @option("--inertia", type=NOT_NEGATIVE, default=0.02, help="Expected I [kg·m²].")
@@ -544,30 +740,67 @@ def export(folder: Path, kind: str, output: Path, trials: str, config_path: Path
 @option("--encoder-bits", type=click.IntRange(4, 32), default=18, help="Bits per turn.")
 @option("--encoder-step", type=NOT_NEGATIVE, help="Step [deg] instead of bits; 0: not rounded.")
 @option("--angle-noise", type=NOT_NEGATIVE, default=0.0, help="SD before rounding [deg].")
-@option("--drift", type=NOT_NEGATIVE, help="Of the load cell [N·m/min]; default: dynamometer.load_cell_drift.")
+@option(
+    "--drift",
+    type=NOT_NEGATIVE,
+    help="Of the load cell [N·m/min]; default: dynamometer.load_cell_drift.",
+)
 @option("--friction", type=NOT_NEGATIVE, help="Coulomb friction of the joint [N·m].")
 @option("--trial", help="The trial of the pilot.")
 @option("--lag", type=float, default=0.1, help="Lag of the torque whose effect is said [ms].")
-@option("--stiffness-within", type=percent, help="Half width of the interval that is asked for, of K [percent].")
+@option(
+    "--stiffness-within",
+    type=percent,
+    help="Half width of the interval that is asked for, of K [percent].",
+)
 @option("--damping-within", type=percent, help="The same of B.")
 @option("--inertia-within", type=percent, help="The same of I.")
-@option("--walking", is_flag=True, help="Instead: how many crossings of the walkway, from a pilot's unperturbed ones.")
-@option("--from", "folder", type=FOLDER, default=Path("results"), help="A pilot's results: friction, or walking.")
-@option("--crossings", type=numbers, help="Of --walking: numbers of perturbed ones; default: 4 to 40.")
-@option("--turn", type=POSITIVE, help="Of --walking: size of the turn [deg]; default: the pilot's, or 5.")
-@option("--ramp", type=click.FloatRange(10, 1000), help="Of --walking: its duration [ms]; default: the pilot's, or 80.")
-@option("--phase", type=percent, help="Of --walking: its onset [percent of stance]; default: the pilot's, or 40.")
-@option("--both", is_flag=True, help="Of --walking: turns in both directions, of half their difference.")
+@option(
+    "--walking",
+    is_flag=True,
+    help="Instead: how many crossings of the walkway, from a pilot's unperturbed ones.",
+)
+@option(
+    "--from",
+    "folder",
+    type=FOLDER,
+    default=Path("results"),
+    help="A pilot's results: friction, or walking.",
+)
+@option(
+    "--crossings", type=numbers, help="Of --walking: numbers of perturbed ones; default: 4 to 40."
+)
+@option(
+    "--turn",
+    type=POSITIVE,
+    help="Of --walking: size of the turn [deg]; default: the pilot's, or 5.",
+)
+@option(
+    "--ramp",
+    type=click.FloatRange(10, 1000),
+    help="Of --walking: its duration [ms]; default: the pilot's, or 80.",
+)
+@option(
+    "--phase",
+    type=percent,
+    help="Of --walking: its onset [percent of stance]; default: the pilot's, or 40.",
+)
+@option(
+    "--both", is_flag=True, help="Of --walking: turns in both directions, of half their difference."
+)
 @file_option("--plot", help="Of --walking: draw the half-widths to this file (.pdf, .svg or .png).")
-@file_option("--write", "output", help="Write the multisine (the recommended one) to this CSV file.")
+@file_option(
+    "--write", "output", help="Write the multisine (the recommended one) to this CSV file."
+)
 @CONFIG
 @AS_JSON
 def design(config_path: Path, output: Path | None, as_json: bool, **chosen: Any) -> None:
     """Say what 95 % intervals of K, B and I to expect from a protocol, and how long to record.
 
-    For a stepped sine, an odd random-phase multisine, a chirp or band-limited noise, with the noise of the load cell,
-    the rounding of the encoder, and the distortion of a joint that is not linear. With --walking for perturbed
-    crossings of the walkway, from the scatter of a pilot's unperturbed ones."""
+    For a stepped sine, an odd random-phase multisine, a chirp or band-limited noise, with the noise
+    of the load cell, the rounding of the encoder, and the distortion of a joint that is not linear.
+    With --walking for perturbed crossings of the walkway, from the scatter of a pilot's unperturbed
+    ones."""
     if chosen["walking"]:
         design_walking(config_path, as_json, **chosen)
         return
@@ -580,7 +813,9 @@ def design(config_path: Path, output: Path | None, as_json: bool, **chosen: Any)
         raise click.UsageError(f"a {kind} has no --{unused[0].replace('_', '-')}")
     for one, other in (("rms", "peak"), ("encoder_bits", "encoder_step")):
         if {one, other} <= given:
-            raise click.UsageError(f"give --{one.replace('_', '-')} or --{other.replace('_', '-')}, not both")
+            raise click.UsageError(
+                f"give --{one.replace('_', '-')} or --{other.replace('_', '-')}, not both"
+            )
     if "trial" in given and "folder" not in given:
         raise click.UsageError("--trial is that of a pilot: give its results by --from too")
     if chosen["band"] is not None and len(chosen["band"]) != 2:
@@ -592,7 +827,9 @@ def design(config_path: Path, output: Path | None, as_json: bool, **chosen: Any)
         raise click.UsageError(f"--{of_walking[0]} is of --walking: give that too")
     made = designed(chosen, read_config(config_path))
     if output is not None:
-        write_command(made.recommended[0] if made.recommended else made.plan, made.sensors.rate_hz, output)
+        write_command(
+            made.recommended[0] if made.recommended else made.plan, made.sensors.rate_hz, output
+        )
         say(f"wrote {output}", err=True)
     say(design_json(made) if as_json else design_text(made))
 
@@ -606,17 +843,26 @@ def design_walking(config_path: Path, as_json: bool, **chosen: Any) -> None:
     from osl_analysis.figures.walking import draw_half_widths
     from osl_analysis.walking.response import PlannedTurn
 
-    config, counts = read_config(config_path), [round(n) for n in chosen["crossings"] or (4, 6, 8, 12, 16, 20, 30, 40)]
+    config, counts = (
+        read_config(config_path),
+        [round(n) for n in chosen["crossings"] or (4, 6, 8, 12, 16, 20, 30, 40)],
+    )
     joint = (chosen["stiffness"], chosen["damping"], chosen["inertia"])
-    turned = chosen["turn"] and float(np.deg2rad(chosen["turn"])), chosen["ramp"] and 1e-3 * chosen["ramp"]
+    turned = (
+        chosen["turn"] and float(np.deg2rad(chosen["turn"])),
+        chosen["ramp"] and 1e-3 * chosen["ramp"],
+    )
     stated = (*turned, chosen["phase"])
     usual = pilot_turn(chosen["folder"]) if None in stated else stated
-    size, ramp_s, phase = (other if own is None else own for own, other in zip(stated, usual, strict=True))
+    size, ramp_s, phase = (
+        other if own is None else own for own, other in zip(stated, usual, strict=True)
+    )
     turn = PlannedTurn(size, ramp_s, phase, joint)
     K, B, I = joint
     say(
-        f"assumed: a turn of {np.rad2deg(size):.3g} deg in {1e3 * ramp_s:.3g} ms at {100 * phase:.3g} % of stance, a "
-        f"joint of K {K:g} N·m/rad, B {B:g} N·m·s/rad, I {I:g} kg·m²",
+        f"assumed: a turn of {np.rad2deg(size):.3g} deg in {1e3 * ramp_s:.3g} ms at"
+        f" {100 * phase:.3g} % of stance, a joint of K {K:g} N·m/rad, B {B:g} N·m·s/rad, I {I:g}"
+        " kg·m²",
         err=as_json,
     )
     table = planned_crossings(chosen["folder"], counts, turn, chosen["both"], config.walking)

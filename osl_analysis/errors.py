@@ -11,7 +11,9 @@ from typing import Any
 
 def printable(text: str) -> str:
     """Text for a terminal or a log: control characters and line breaks are written as escapes."""
-    return "".join(sign if sign.isprintable() else sign.encode("unicode_escape").decode() for sign in text)
+    return "".join(
+        sign if sign.isprintable() else sign.encode("unicode_escape").decode() for sign in text
+    )
 
 
 def printable_lines(text: str) -> str:
@@ -21,7 +23,9 @@ def printable_lines(text: str) -> str:
 def listing(names: Sequence[str], most: int = 40) -> str:
     """Names for a message to the user, at most `most` of them, each of at most 80 characters."""
     more = f", ... ({len(names)} in all)" if len(names) > most else ""
-    return (", ".join(one if len(one) <= 80 else f"{one[:80]}..." for one in names[:most]) or "none") + more
+    return (
+        ", ".join(one if len(one) <= 80 else f"{one[:80]}..." for one in names[:most]) or "none"
+    ) + more
 
 
 def quoted(data: bytes) -> str:
@@ -30,7 +34,8 @@ def quoted(data: bytes) -> str:
 
 
 def nearest(name: str, known: Iterable[str], cutoff: float = 0.6) -> str:
-    """The end of a message about an unknown name: a question with the most similar known name, or empty."""
+    """The end of a message about an unknown name: a question with the most similar known name, or
+    empty."""
     folded = {one[:80].casefold(): one for one in known}
     near = get_close_matches(name[:80].casefold(), folded, n=1, cutoff=cutoff)
     return f"; did you mean '{folded[near[0]]}'?" if near and folded[near[0]] != name else ""
@@ -42,8 +47,9 @@ def unexpected(fault: BaseException) -> str:
 
 
 class OslAnalysisError(ValueError):
-    """A mistake or a limit that the user can correct. The message is made printable. Up to the first semicolon outside
-    brackets it is the `reason`, what is wrong. Behind that is the `remedy`, what to do; it may be empty."""
+    """A mistake or a limit that the user can correct. The message is made printable. Up to the
+    first semicolon outside brackets it is the `reason`, what is wrong. Behind that is the `remedy`,
+    what to do; it may be empty."""
 
     def __init__(self, message: str) -> None:
         super().__init__(printable(message))
@@ -57,8 +63,8 @@ class OslAnalysisError(ValueError):
 
 @contextmanager
 def naming(what: object, behind: str = "") -> Iterator[None]:
-    """Within the block, a user's error gets the file or setting at fault before its message, and `behind` after it. An
-    error that names the file already stays as it is."""
+    """Within the block, a user's error gets the file or setting at fault before its message, and
+    `behind` after it. An error that names the file already stays as it is."""
     try:
         yield
     except OslAnalysisError as error:
@@ -72,22 +78,26 @@ class InputError(OslAnalysisError):
 
 
 class WriteError(InputError):
-    """A file cannot be written, as on a full disk. The input is not at fault, so the next run tries again."""
+    """A file cannot be written, as on a full disk. The input is not at fault, so the next run tries
+    again."""
 
 
 class MemoryLimitError(WriteError):
-    """A file needs more memory than the job may have. As with a full disk, the next run tries again."""
+    """A file needs more memory than the job may have. As with a full disk, the next run tries
+    again."""
 
 
 EXTRAS = {
-    "ezc3d": "simulator", "fastexcel": "excel", "h5py": "mat73", "mat-io": "matlab", "mujoco": "mujoco",
+    "ezc3d": "simulator", "fastexcel": "excel", "h5py": "mat73", "mat-io": "matlab",
+    "mujoco": "mujoco",
     "nptdms": "tdms", "numba": "simulator", "rocrate": "bundle", "rosbags": "ros",
 }  # fmt: skip
 """The extra of the package that installs a library which most campaigns do not need."""
 
 
 def optional_module(name: str, what: str) -> Any:
-    """The module `name` of a library in `EXTRAS`. Raises InputError: it is not installed, and `what` needs it."""
+    """The module `name` of a library in `EXTRAS`. Raises InputError: it is not installed, and
+    `what` needs it."""
     library = name.partition(".")[0]
     try:
         return import_module(name)
@@ -98,7 +108,10 @@ def optional_module(name: str, what: str) -> Any:
 
 
 def not_installed(what: str, library: str) -> InputError:
-    return InputError(f"{what} needs {library}, which is not installed; pip install 'osl-analysis[{EXTRAS[library]}]'")
+    return InputError(
+        f"{what} needs {library}, which is not installed; pip install"
+        f" 'osl-analysis[{EXTRAS[library]}]'"
+    )
 
 
 class IdentifiabilityError(OslAnalysisError):

@@ -1,4 +1,5 @@
-"""Results are written completely or not at all: write to a temporary file beside the target, then rename it."""
+"""Results are written completely or not at all: write to a temporary file beside the target, then
+rename it."""
 
 import hashlib
 import os
@@ -14,20 +15,24 @@ from osl_analysis.errors import InputError, WriteError
 
 @contextmanager
 def atomic_path(path: Path) -> Iterator[Path]:
-    """Yield a temporary path beside `path`, with the same suffix. When the block succeeds, it is renamed to `path`; the
-    block must have closed it. When the block raises, it is deleted and an older `path` stays. Raises as `check_target`,
-    and WriteError: the folder cannot be made, or the disk is full or fails."""
+    """Yield a temporary path beside `path`, with the same suffix. When the block succeeds, it is
+    renamed to `path`; the block must have closed it. When the block raises, it is deleted and an
+    older `path` stays. Raises as `check_target`, and WriteError: the folder cannot be made, or the
+    disk is full or fails."""
     check_target(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise WriteError(f"{path}: cannot be written ({error.strerror}); choose another place") from error
+        raise WriteError(
+            f"{path}: cannot be written ({error.strerror}); choose another place"
+        ) from error
     temporary = temporary_path(path, os.getpid())
     try:
         yield temporary
         temporary.replace(path)
     except Exception as error:
-        # The system's error may be the cause of a library's own. Polars only quotes its number in the text.
+        # The system's error may be the cause of a library's own. Polars only quotes its number in
+        # the text.
         cause: BaseException | None = error
         while cause is not None:
             reason, number = None, re.search(r"\(os error (\d+)\)", str(cause))
@@ -52,16 +57,28 @@ def write_text(path: Path, text: str) -> None:
 
 
 def check_working_folder(results: Path = Path(".snakemake")) -> None:
-    """Refuse a folder in which the run or Snakemake cannot write: the run would end with a traceback."""
-    for folder in (Path(), *(one for top in {Path(".snakemake"), results} for one in (top, *top.glob("*/")))):
+    """Refuse a folder in which the run or Snakemake cannot write: the run would end with a
+    traceback."""
+    for folder in (
+        Path(),
+        *(one for top in {Path(".snakemake"), results} for one in (top, *top.glob("*/"))),
+    ):
         if folder.is_dir() and not os.access(folder, os.W_OK):
-            raise InputError(f"{folder.absolute()}: cannot be written to; make it writable, or copy the campaign")
-    if (disk := os.statvfs(results if results.is_dir() else Path())).f_blocks and disk.f_bavail * disk.f_frsize < 10e6:
-        raise InputError(f"{results.absolute()}: less than 10 MB free on its disk; make room, or work on another one")
+            raise InputError(
+                f"{folder.absolute()}: cannot be written to; make it writable, or copy the campaign"
+            )
+    if (
+        disk := os.statvfs(results if results.is_dir() else Path())
+    ).f_blocks and disk.f_bavail * disk.f_frsize < 10e6:
+        raise InputError(
+            f"{results.absolute()}: less than 10 MB free on its disk; make room, or work on"
+            " another one"
+        )
 
 
 def check_target(path: Path) -> None:
-    """Refuse to replace anything but a regular file. Renaming onto `/dev/null` would delete it for everybody."""
+    """Refuse to replace anything but a regular file. Renaming onto `/dev/null` would delete it for
+    everybody."""
     try:
         str(path).encode()
     except UnicodeEncodeError as error:  # the libraries that write tables take only names in UTF-8
@@ -70,7 +87,11 @@ def check_target(path: Path) -> None:
     with suppress(OSError):  # it does not exist, or writing it will say what is wrong
         kind = stat.S_IFMT(path.stat().st_mode)
     if kind != stat.S_IFREG:
-        special = {stat.S_IFDIR: "a folder", stat.S_IFIFO: "a named pipe", stat.S_IFSOCK: "a socket"}
+        special = {
+            stat.S_IFDIR: "a folder",
+            stat.S_IFIFO: "a named pipe",
+            stat.S_IFSOCK: "a socket",
+        }
         raise InputError(f"{path}: is {special.get(kind, 'a device')}; name a file")
 
 
@@ -83,7 +104,9 @@ def check_output(path: Path) -> None:
             pass
     except OSError as error:
         reason = f"no file can be made in {folder} ({error.strerror})"
-        raise InputError(f"{path}: cannot be written, because {reason}; choose another place") from error
+        raise InputError(
+            f"{path}: cannot be written, because {reason}; choose another place"
+        ) from error
 
 
 def temporary_path(path: Path, pid: int) -> Path:
@@ -92,7 +115,8 @@ def temporary_path(path: Path, pid: int) -> Path:
 
 
 def file_state(path: Path) -> list[int] | None:
-    """Size [bytes], time of the last change [ns] and whether it is readable (0 or 1); None if there is no such file."""
+    """Size [bytes], time of the last change [ns] and whether it is readable (0 or 1); None if there
+    is no such file."""
     with suppress(OSError):
         found = path.stat()
         return [found.st_size, found.st_mtime_ns, int(os.access(path, os.R_OK))]
@@ -115,17 +139,20 @@ def root() -> Path:
 
 
 def shipped(path: Path | str) -> Path:
-    """The path itself if it exists, seen from the working folder; else the shipped file or folder of this name. If
-    neither exists, the path itself: the message about the missing file then names it."""
+    """The path itself if it exists, seen from the working folder; else the shipped file or folder
+    of this name. If neither exists, the path itself: the message about the missing file then names
+    it."""
     own, theirs = Path(path), root() / path
     return theirs if not own.exists() and theirs.exists() else own
 
 
-CAMPAIGN = Path("config.yaml")  # The configuration in the folder of a campaign, as `osl-analysis init` writes it.
+# The configuration in the folder of a campaign, as `osl-analysis init` writes it.
+CAMPAIGN = Path("config.yaml")
 
 
 def config_here() -> Path:
-    """The configuration of the campaign in the working folder; the default one where there is none."""
+    """The configuration of the campaign in the working folder; the default one where there is
+    none."""
     return CAMPAIGN if CAMPAIGN.is_file() else default_config()
 
 

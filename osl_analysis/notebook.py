@@ -1,5 +1,5 @@
-"""The functions of `import osl_analysis as osl`, for notebooks and scripts that need no workflow. They call what the
-jobs of a campaign call: their numbers are those of its tables."""
+"""The functions of `import osl_analysis as osl`, for notebooks and scripts that need no workflow.
+They call what the jobs of a campaign call: their numbers are those of its tables."""
 
 from base64 import b64encode
 from dataclasses import dataclass
@@ -14,7 +14,14 @@ from osl_analysis.bench.phasors import frequency_response_table
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands import tables as tables_of_campaign
-from osl_analysis.commands.bench import Fit, campaign_parameters, experiment_of, fit_settings, fit_tables, fit_trial
+from osl_analysis.commands.bench import (
+    Fit,
+    campaign_parameters,
+    experiment_of,
+    fit_settings,
+    fit_tables,
+    fit_trial,
+)
 from osl_analysis.commands.trials import checked_trial
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.errors import InputError, listing, nearest
@@ -42,12 +49,16 @@ def as_trial(trial: Trial | File) -> Trial:
         return read_trial(trial)
     if not isinstance(trial, Trial):
         raise InputError(
-            f"a trial is needed, not {type(trial).__name__}; give what `read_trial` or `read_recording` returned, a "
-            "path, or `Trial(name, samples)` with a data frame in SI units"
+            f"a trial is needed, not {type(trial).__name__}; give what `read_trial` or"
+            " `read_recording` returned, a path, or `Trial(name, samples)` with a data frame in SI"
+            " units"
         )
     for name, dtype in trial.samples.schema.items():
         if not (dtype.is_numeric() or dtype.is_(bool)):
-            raise InputError(f"trial {trial.name}: column '{name}' holds {dtype}, expected numbers; convert or drop it")
+            raise InputError(
+                f"trial {trial.name}: column '{name}' holds {dtype}, expected numbers; convert or"
+                " drop it"
+            )
     return trial
 
 
@@ -55,7 +66,10 @@ def asked(
     experiment: str, trial: Trial | File, config: File | None, parameters: File | None
 ) -> tuple[str, Trial, Path | None, dict[str, Any], DoubtfulFits]:
     """The arguments of `fit_trial`, from those of the functions below."""
-    file, device = Path(config or config_here()), None if parameters is None else shipped(parameters)
+    file, device = (
+        Path(config or config_here()),
+        None if parameters is None else shipped(parameters),
+    )
     device = campaign_parameters(file) if parameters == OF_CONFIG else device
     experiment = experiment_of(experiment, file)
     return experiment, as_trial(trial), device, *fit_settings(experiment, file)
@@ -63,19 +77,25 @@ def asked(
 
 def known(desired: DesiredImpedance | None) -> DesiredImpedance:
     if not isinstance(desired, DesiredImpedance | None):
-        raise InputError(f"desired: {desired!r} is none; write DesiredImpedance(controller, K_d, B_d)")
+        raise InputError(
+            f"desired: {desired!r} is none; write DesiredImpedance(controller, K_d, B_d)"
+        )
     return desired or DesiredImpedance(None, None, None)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ShownFit(Fit):
-    """A `Fit` that a notebook shows: its text, which is escaped, and the picture of measured and modelled torque."""
+    """A `Fit` that a notebook shows: its text, which is escaped, and the picture of measured and
+    modelled torque."""
 
     def _repr_html_(self) -> str:
         shown = f"<pre>{escape(repr(self))}</pre>"
         if not self.series.is_empty():
             picture = b64encode(plot_torque(self)._repr_png_(100)).decode()
-            shown += f'<img alt="Torque over time" style="max-width: 100%" src="data:image/png;base64,{picture}">'
+            shown += (
+                '<img alt="Torque over time" style="max-width: 100%"'
+                f' src="data:image/png;base64,{picture}">'
+            )
         return shown
 
 
@@ -91,46 +111,62 @@ def fit_impedance(
     config: File | None = None,
     parameters: File | None = OF_CONFIG,
 ) -> Fit:
-    """K [N*m/rad], B [N*m*s/rad] and I [kg*m^2] of Eq. 15, torque = K theta + B omega + I alpha + offset.
+    """K [N*m/rad], B [N*m*s/rad] and I [kg*m^2] of Eq. 15, torque = K theta + B omega + I alpha +
+    offset.
 
-    The rows are those of `impedance.csv`: one per amplitude of a stepped sine, and one over all of them.
+    The rows are those of `impedance.csv`: one per amplitude of a stepped sine, and one over all of
+    them.
 
     * `trial`: a trial with `theta` [rad] and the resisting `torque` [N*m], or its file.
-    * `desired`: what the leg was asked to render, `DesiredImpedance("compensated", K_d=300, B_d=5)`. With it the fit is
-      judged by what the gains should give. Without it `not_checked` says what is not judged.
-    * `windows`: what of the trial is fitted [s], as in the column `windows` of a sample sheet; default: all that moves.
-    * `config`: a configuration file, which states what differs from the default; default: `config.yaml` in the working
-      folder, else the shipped one.
-    * `parameters`: the parameter file of the device; default: that of the configuration; None: a device without one.
+    * `desired`: what the leg was asked to render, `DesiredImpedance("compensated", K_d=300,
+      B_d=5)`. With it the fit is judged by what the gains should give. Without it `not_checked`
+      says what is not judged.
+    * `windows`: what of the trial is fitted [s], as in the column `windows` of a sample sheet;
+      default: all that moves.
+    * `config`: a configuration file, which states what differs from the default; default:
+      `config.yaml` in the working folder, else the shipped one.
+    * `parameters`: the parameter file of the device; default: that of the configuration; None: a
+      device without one.
 
-    Raises InputError: the trial lacks a signal, does not move, or follows a damaged stepped sine; or a file is not
-    valid. IdentifiabilityError: the motion cannot tell K, B and I apart. UnreachableImpedanceError: no gains."""
+    Raises InputError: the trial lacks a signal, does not move, or follows a damaged stepped sine;
+    or a file is not valid. IdentifiabilityError: the motion cannot tell K, B and I apart.
+    UnreachableImpedanceError: no gains."""
     return fitted(*asked("impedance", trial, config, parameters), known(desired), windows)
 
 
-def fit_belt(trial: Trial | File, config: File | None = None, parameters: File | None = OF_CONFIG) -> Fit:
-    """The belt's stiffness K_s [N*m/rad] (Fig. 3) from `theta`, `theta_m` [rad] and `torque` [N*m]: the row of
-    `belt.csv`. The rest as in `fit_impedance`; it needs a parameter file, for n_T."""
+def fit_belt(
+    trial: Trial | File, config: File | None = None, parameters: File | None = OF_CONFIG
+) -> Fit:
+    """The belt's stiffness K_s [N*m/rad] (Fig. 3) from `theta`, `theta_m` [rad] and `torque` [N*m]:
+    the row of `belt.csv`. The rest as in `fit_impedance`; it needs a parameter file, for n_T."""
     return fitted(*asked("belt", trial, config, parameters))
 
 
-def fit_transmission(trial: Trial | File, config: File | None = None, parameters: File | None = OF_CONFIG) -> Fit:
-    """The transmission's damping B_j [N*m*s/rad] and inertia J_j [kg*m^2] (Eq. 4) from `theta` [rad] and `torque` [N*m]
-    of a trial without motor: the rows of `transmission.csv`. The rest as in `fit_belt`."""
+def fit_transmission(
+    trial: Trial | File, config: File | None = None, parameters: File | None = OF_CONFIG
+) -> Fit:
+    """The transmission's damping B_j [N*m*s/rad] and inertia J_j [kg*m^2] (Eq. 4) from `theta`
+    [rad] and `torque` [N*m] of a trial without motor: the rows of `transmission.csv`. The rest as
+    in `fit_belt`."""
     return fitted(*asked("transmission", trial, config, parameters))
 
 
-def fit_actuator(trial: Trial | File, config: File | None = None, parameters: File | None = OF_CONFIG) -> Fit:
-    """The actuator (Eqs. 1-2) alone: k_tau n_m and f_G [N*m/A], f_C [N*m], B_m [N*m*s/rad], J_m [kg*m^2] from `current`
-    [A], `torque_m` [N*m], and `theta_m` [rad] or `omega_m` [rad/s]: the row of `actuator.csv`. The rest as in
-    `fit_belt`."""
+def fit_actuator(
+    trial: Trial | File, config: File | None = None, parameters: File | None = OF_CONFIG
+) -> Fit:
+    """The actuator (Eqs. 1-2) alone: k_tau n_m and f_G [N*m/A], f_C [N*m], B_m [N*m*s/rad], J_m
+    [kg*m^2] from `current` [A], `torque_m` [N*m], and `theta_m` [rad] or `omega_m` [rad/s]: the row
+    of `actuator.csv`. The rest as in `fit_belt`."""
     return fitted(*asked("actuator", trial, config, parameters))
 
 
-def fit_torque_angle(trial: Trial | File, curve: str | None = None, config: File | None = None) -> Fit:
-    """Torque over angle of a passive foot or a spring in slow cycles, K [N*m/rad], energies [J] and hysteresis, from
-    `theta` [rad] and `torque` [N*m]: the row of `torque_angle.csv`, and in `curves` those of `torque_angle_curves.csv`.
-    `curve` names that of the configuration that the device was designed for."""
+def fit_torque_angle(
+    trial: Trial | File, curve: str | None = None, config: File | None = None
+) -> Fit:
+    """Torque over angle of a passive foot or a spring in slow cycles, K [N*m/rad], energies [J] and
+    hysteresis, from `theta` [rad] and `torque` [N*m]: the row of `torque_angle.csv`, and in
+    `curves` those of `torque_angle_curves.csv`. `curve` names that of the configuration that the
+    device was designed for."""
     return fitted(*asked("torque_angle", trial, config, None), {"desired": curve})
 
 
@@ -138,9 +174,10 @@ def fit_torque_angle(trial: Trial | File, curve: str | None = None, config: File
 class Response:
     """The frequency response of one trial.
 
-    * `table`: a row per frequency. Of a stepped sine those of `frequency_response.csv`, the admittance Y, angle over
-      torque [rad/(N*m)], averaged over amplitudes. Of any other motion those of `response.csv`, the impedance Z, torque
-      over angle [N*m/rad], with noise and distortion.
+    * `table`: a row per frequency. Of a stepped sine those of `frequency_response.csv`, the
+      admittance Y, angle over torque [rad/(N*m)], averaged over amplitudes. Of any other motion
+      those of `response.csv`, the impedance Z, torque over angle [N*m/rad], with noise and
+      distortion.
     * `plotted`: the numbers that `plot_frequency_response` draws"""
 
     trial: str
@@ -156,9 +193,10 @@ def frequency_response(
     config: File | None = None,
     parameters: File | None = OF_CONFIG,
 ) -> Response:
-    """The frequency response of an impedance trial, with 95 % intervals of noise; arguments and errors as in
-    `fit_impedance`. With `desired` the desired response (Eq. 11), and with the gains of a controller of the draft that
-    of the drivetrain without friction (Eq. 9), are plotted too."""
+    """The frequency response of an impedance trial, with 95 % intervals of noise; arguments and
+    errors as in `fit_impedance`. With `desired` the desired response (Eq. 11), and with the gains
+    of a controller of the draft that of the drivetrain without friction (Eq. 9), are plotted
+    too."""
     from osl_analysis.commands.figure import beside_theory
     from osl_analysis.figures.names import JOINT_SIDE, completed
 
@@ -168,18 +206,25 @@ def frequency_response(
     of_fits = judged(fits, limits.of(experiment), experiment)
     for name in {table.name for table in EXPERIMENTS[experiment].tables} & {"phasors", "response"}:
         own = judged(tables[name], limits.of(name), name)
-        found[name] = marked(tables[name], with_inherited(name, tables[name], own, fits, of_fits), name)
+        found[name] = marked(
+            tables[name], with_inherited(name, tables[name], own, fits, of_fits), name
+        )
     if "phasors" not in found or found["phasors"].is_empty():  # the motion is no stepped sine
         plotted = drawing_of("response").points(found["response"])
         return Response(read.name, "response", found["response"], plotted)
     table = frequency_response_table(found["phasors"])
     joint = pl.lit(joint_of(device) if device else None, pl.String)
-    plotted = beside_theory(completed(table.with_columns(joint=joint), JOINT_SIDE), device, settings["weight"])
+    plotted = beside_theory(
+        completed(table.with_columns(joint=joint), JOINT_SIDE), device, settings["weight"]
+    )
     return Response(read.name, "fig7", table, plotted)
 
 
-def read_recording(path: File, source: File, part: str | None = None, name: str | None = None) -> Trial:
-    """A trial from the raw log, or the capture, of one recorder, converted to SI units by its source file.
+def read_recording(
+    path: File, source: File, part: str | None = None, name: str | None = None
+) -> Trial:
+    """A trial from the raw log, or the capture, of one recorder, converted to SI units by its
+    source file.
 
     path: the recording, or the folder of a split ROS 2 bag.
     source: the source file (YAML), or the name of a shipped one, such as "opensourceleg".
@@ -193,26 +238,37 @@ def read_recording(path: File, source: File, part: str | None = None, name: str 
     if not described.is_file():
         known = sorted(one.stem for one in shipped("config/sources").glob("*.yaml"))
         raise InputError(
-            f"{source}: no such source file; give the path of a file that ends in .yaml, or one of {', '.join(known)}"
-            f"{nearest(Path(source).stem, known)}"
+            f"{source}: no such source file; give the path of a file that ends in .yaml, or one of"
+            f" {', '.join(known)}{nearest(Path(source).stem, known)}"
         )
     role = "mocap" if FORMATS[read_source(described).format].is_capture else "log"
     if part is not None and role == "mocap":
         raise InputError(f"{file}: a capture has no part '{part}'; leave out `part`")
     if not file.exists():
-        raise InputError(f"{file}: no such file; name the recording as seen from the folder {Path.cwd()}")
-    row = {"trial": file.stem if name is None else name, role: file.name, f"{role}_source": described.stem}
+        raise InputError(
+            f"{file}: no such file; name the recording as seen from the folder {Path.cwd()}"
+        )
+    row = {
+        "trial": file.stem if name is None else name,
+        role: file.name,
+        f"{role}_source": described.stem,
+    }
     return checked_trial({**row, "log_part": part}, file.parent, described.parent)
 
 
-def check(trial: Trial | File, experiment: str = "impedance", config: File | None = None) -> pl.DataFrame:
-    """The quality of a trial, and whether it has what `experiment` needs: a row per check, as in `quality.csv`.
+def check(
+    trial: Trial | File, experiment: str = "impedance", config: File | None = None
+) -> pl.DataFrame:
+    """The quality of a trial, and whether it has what `experiment` needs: a row per check, as in
+    `quality.csv`.
 
-    The section `quality` of `config` has the thresholds. Raises InputError: as `read_trial`; no such experiment; or the
-    configuration is not valid."""
+    The section `quality` of `config` has the thresholds. Raises InputError: as `read_trial`; no
+    such experiment; or the configuration is not valid."""
     if experiment not in EXPERIMENTS:
         known = ", ".join(EXPERIMENTS)
-        raise InputError(f"no experiment '{experiment}'; it is one of {known}{nearest(experiment, EXPERIMENTS)}")
+        raise InputError(
+            f"no experiment '{experiment}'; it is one of {known}{nearest(experiment, EXPERIMENTS)}"
+        )
     read, path = as_trial(trial), Path(config or config_here())
     rules = read_section(path, "quality", QualityRules)
     validate_rules(rules, UNITS)
@@ -221,29 +277,37 @@ def check(trial: Trial | File, experiment: str = "impedance", config: File | Non
     return judged_table(measured_table(read.name, examine(read, experiment, commanded)), rules, {})
 
 
-def simulate_trial(folder: File, trial: str, settings: File = "config/simulation/default.yaml") -> tuple[Path, str]:
+def simulate_trial(
+    folder: File, trial: str, settings: File = "config/simulation/default.yaml"
+) -> tuple[Path, str]:
     """Simulate one bench trial into a folder: its log, and the name of its source file.
 
-    `trial` is a name of the plan, such as "impedance_K300_B5.0_compensated", and `settings` a file of the simulator.
-    `read_recording(*simulate_trial(...))` is the trial. What is true of it is in `truth/TRIAL.json`. Raises InputError:
-    the settings plan no such trial, it is not of a bench, or the folder has recordings that the simulator did not make.
+    `trial` is a name of the plan, such as "impedance_K300_B5.0_compensated", and `settings` a file
+    of the simulator. `read_recording(*simulate_trial(...))` is the trial. What is true of it is in
+    `truth/TRIAL.json`. Raises InputError: the settings plan no such trial, it is not of a bench, or
+    the folder has recordings that the simulator did not make.
     """
     from osl_analysis.commands import simulate  # half a second, which only this needs
 
     path, place = shipped(settings), Path(folder)
     row = simulate.row_of_trial(simulate.read_simulation(path, simulate.UNFOLLOWED), path, trial)
     if EXPERIMENTS[row["experiment"]].place != "bench":
-        raise InputError(f"trial {trial}: is of the walkway; simulate a campaign (`osl-analysis simulate`) and run it")
+        raise InputError(
+            f"trial {trial}: is of the walkway; simulate a campaign (`osl-analysis simulate`) and"
+            " run it"
+        )
     simulate.simulate_trial(path, place, trial)
     return place / str(row["log"]), str(row["log_source"])
 
 
 def read_summary(folder: File = "results") -> pl.DataFrame:
-    """The headline numbers of a campaign from the folder of its results, walking among them: a row per number with
-    its `unit`, 95 % interval `low` to `high`, and what else `summary.json` says of it. Raises InputError where there is
-    no summary, or it is damaged."""
+    """The headline numbers of a campaign from the folder of its results, walking among them: a row
+    per number with its `unit`, 95 % interval `low` to `high`, and what else `summary.json` says of
+    it. Raises InputError where there is no summary, or it is damaged."""
     numbers = tables_of_campaign.read_summary(Path(folder, "summary.json"))["numbers"]
-    return pl.DataFrame([{"quantity": name, **entry} for name, entry in numbers.items()], infer_schema_length=None)
+    return pl.DataFrame(
+        [{"quantity": name, **entry} for name, entry in numbers.items()], infer_schema_length=None
+    )
 
 
 def drawn(name: str, table: pl.DataFrame) -> "NotebookFigure":
@@ -255,28 +319,38 @@ def drawn(name: str, table: pl.DataFrame) -> "NotebookFigure":
 
 
 def plot_torque(fit: Fit) -> "NotebookFigure":
-    """Measured and modelled torque [N*m] of a fit over time [s], and below the residual: a matplotlib `Figure`."""
+    """Measured and modelled torque [N*m] of a fit over time [s], and below the residual: a
+    matplotlib `Figure`."""
     return drawn("torque", fit.series)
 
 
 def plot_frequency_response(response: Response) -> "NotebookFigure":
-    """Magnitude and phase over frequency [Hz] with 95 % intervals: Fig. 7, or the figure `response`, with noise and
-    distortion, of any other motion than a stepped sine."""
+    """Magnitude and phase over frequency [Hz] with 95 % intervals: Fig. 7, or the figure
+    `response`, with noise and distortion, of any other motion than a stepped sine."""
     if response.plotted.is_empty():
         raise InputError(
-            f"trial {response.trial}: no frequency response to draw; move the joint further, or for longer"
+            f"trial {response.trial}: no frequency response to draw; move the joint further, or for"
+            " longer"
         )
     return drawn(response.figure, response.plotted)
 
 
 def plot_torque_angle(*fits: Fit) -> "NotebookFigure":
-    """Torque [N*m] over angle [deg], loading and unloading, and stiffness [N*m/rad] over angle, of several trials."""
-    curves = [fit.curves for fit in fits if fit.experiment == "torque_angle" and fit.curves is not None]
+    """Torque [N*m] over angle [deg], loading and unloading, and stiffness [N*m/rad] over angle, of
+    several trials."""
+    curves = [
+        fit.curves for fit in fits if fit.experiment == "torque_angle" and fit.curves is not None
+    ]
     if len(curves) < len(fits) or not fits:
         given = ", ".join(fit.experiment for fit in fits) or "no fit"
         raise InputError(f"torque over angle needs what `fit_torque_angle` returns, not {given}")
     names = [fit.trial for fit in fits]
     if len(set(names)) < len(names):
-        raise InputError(f"two fits are of trials of one name, {listing(names)}; name each trial differently")
-    both = (pl.concat(frames, how="diagonal_relaxed") for frames in (curves, [fit.table for fit in fits]))
+        raise InputError(
+            f"two fits are of trials of one name, {listing(names)}; name each trial differently"
+        )
+    both = (
+        pl.concat(frames, how="diagonal_relaxed")
+        for frames in (curves, [fit.table for fit in fits])
+    )
     return drawn("torque_angle", drawing_of("torque_angle").points(*both))

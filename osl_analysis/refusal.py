@@ -1,7 +1,8 @@
-"""Refusal records: files in place of results that are missing because a recording was refused or a job failed.
+"""Refusal records: files in place of results that are missing because a recording was refused or a
+job failed.
 
-A record is a small CSV file under the name of the result. Jobs over several trials go on without that result. Jobs that
-need it leave the same record. The run ends with a list of the records."""
+A record is a small CSV file under the name of the result. Jobs over several trials go on without
+that result. Jobs that need it leave the same record. The run ends with a list of the records."""
 
 import csv
 import os
@@ -14,7 +15,8 @@ from osl_analysis.errors import InputError, listing
 from osl_analysis.files import atomic_path
 
 RECORD_MARK = "osl_analysis_refused"  # First column of a record. No other file begins with it.
-TRIED_AGAIN = ("died", "failed")  # outcomes after which the next run tries; `refused` stays until inputs change
+# outcomes after which the next run tries; `refused` stays until inputs change
+TRIED_AGAIN = ("died", "failed")
 MOST_TOLD = 12  # largest number of trials or results named in one line
 
 
@@ -39,10 +41,14 @@ def write_refusals(refusals: Iterable[Refusal], path: Path) -> None:
 
 
 def is_refused(path: Path | str) -> bool:
-    """Whether a file is a refusal record, by its first bytes. A file above 1 MB, missing or unreadable is none."""
+    """Whether a file is a refusal record, by its first bytes. A file above 1 MB, missing or
+    unreadable is none."""
     try:
         with open(path, "rb") as file:
-            return file.read(len(RECORD_MARK)) == RECORD_MARK.encode() and os.fstat(file.fileno()).st_size < 1 << 20
+            return (
+                file.read(len(RECORD_MARK)) == RECORD_MARK.encode()
+                and os.fstat(file.fileno()).st_size < 1 << 20
+            )
     except OSError:
         return False
 
@@ -63,7 +69,8 @@ def check_not_refused(path: Path) -> None:
 
 
 def distinct_causes(refusals: Iterable[Refusal]) -> tuple[Refusal, ...]:
-    """Every cause once, in the order given: jobs that refuse the same trial for the same reason count once."""
+    """Every cause once, in the order given: jobs that refuse the same trial for the same reason
+    count once."""
     found: dict[tuple[str, str], Refusal] = {}
     for one in refusals:
         found.setdefault((one.trial, one.reason), one)
@@ -72,7 +79,11 @@ def distinct_causes(refusals: Iterable[Refusal]) -> tuple[Refusal, ...]:
 
 def alike(text: str, trial: str) -> str:
     """A message without numbers and the trial's name: equal for all trials with this cause."""
-    own = re.sub(rf"(^|[/'(]|trial ){re.escape(trial)}(?![A-Za-z0-9_])", r"\1TRIAL", text) if trial else text
+    own = (
+        re.sub(rf"(^|[/'(]|trial ){re.escape(trial)}(?![A-Za-z0-9_])", r"\1TRIAL", text)
+        if trial
+        else text
+    )
     return re.sub(r"[-+]?\d[\d.,]*(e[-+]?\d+)?", "#", own)
 
 
@@ -81,38 +92,55 @@ def refused_trials(refusals: Sequence[Refusal]) -> dict[str, Refusal]:
     return {one.trial: one for one in reversed(refusals) if one.trial}
 
 
-def refusal_report(records: Collection[Path | str], recordings: Mapping[str, Sequence[str]], accept: bool) -> str:
-    """A report on refusal records: a line per cause with trial, file, reason and remedy; further missing results; and
-    what to do. Empty without records. `recordings` has the raw files of every trial of the campaign."""
+def refusal_report(
+    records: Collection[Path | str], recordings: Mapping[str, Sequence[str]], accept: bool
+) -> str:
+    """A report on refusal records: a line per cause with trial, file, reason and remedy; further
+    missing results; and what to do. Empty without records. `recordings` has the raw files of every
+    trial of the campaign."""
     causes = distinct_causes(refusal for record in records for refusal in read_refusals(record))
     if not causes:
         return ""
     missing = {cause.trial for cause in causes if cause.trial}
     files = [Path(record) for record in records]
     others = [file for file in files if file.stem not in recordings]
-    named = {file.name for file in others if file.parent.name == "tables" or file.suffix in (".json", ".tex")}
-    drawn = {f"figure {file.stem}" for file in others if file.parent.name == "figures"}  # in several formats
+    named = {
+        file.name
+        for file in others
+        if file.parent.name == "tables" or file.suffix in (".json", ".tex")
+    }
+    # in several formats
+    drawn = {f"figure {file.stem}" for file in others if file.parent.name == "figures"}
     trials = sorted({file.stem for file in files} & set(recordings) - missing)
     first = f"{len(missing)} of {len(recordings)} trials" if missing else "some results"
     first += f", and for want of them {len(trials)} more" * bool(trials)
     others_left = 0 < len(missing) + len(trials) < len(recordings)
     lines = ["", f"NOT ANALYSED: {first}{'; results are of the others' * others_left}."]
     lines += cause_lines(causes, recordings)
-    for what, lacking in (("without a result", trials), ("not made", sorted(named) + sorted(drawn))):
+    for what, lacking in (
+        ("without a result", trials),
+        ("not made", sorted(named) + sorted(drawn)),
+    ):
         lines += [f"  therefore {what}: {listing(lacking, MOST_TOLD)}"] * bool(lacking)
     if accept:
         return "\n".join([*lines, "accepted: `failed_trials: accept` in the configuration"])
     if all(cause.outcome == "died" for cause in causes):
         return "\n".join([*lines, "Nothing is to be corrected: run again."])
-    return "\n".join(lines) + (
-        "\nCorrect these and run again. To go on without a trial, give a reason under `exclude` in the sample sheet; "
-        "without all of these, write `failed_trials: accept` in the configuration."
+    return (
+        "\n".join(lines)
+        + "\nCorrect these and run again. To go on without a trial, give a reason under `exclude`"
+        " in the sample sheet; without all of these, write `failed_trials: accept` in the"
+        " configuration."
     )
 
 
-def cause_lines(causes: Iterable[Refusal], recordings: Mapping[str, Sequence[str]]) -> Iterator[str]:
-    """A line per cause, one for all its trials. The file named is a trial's recording, which the user can correct."""
-    groups: dict[tuple[str, ...], list[tuple[str, str, str]]] = {}  # trial, file and what is said, by cause
+def cause_lines(
+    causes: Iterable[Refusal], recordings: Mapping[str, Sequence[str]]
+) -> Iterator[str]:
+    """A line per cause, one for all its trials. The file named is a trial's recording, which the
+    user can correct."""
+    # trial, file and what is said, by cause
+    groups: dict[tuple[str, ...], list[tuple[str, str, str]]] = {}
     for cause in sorted(causes, key=lambda cause: (not cause.trial, cause.trial)):
         raw, reason = recordings.get(cause.trial, ()), cause.reason
         known = cause.file if cause.file in raw or not raw else raw[0]
@@ -120,9 +148,16 @@ def cause_lines(causes: Iterable[Refusal], recordings: Mapping[str, Sequence[str
         for begin in (f"{file}: ", f"trial {cause.trial}: ", f"{cause.trial}: "):
             reason = reason.removeprefix(begin)
         said = f"{reason}; remedy: {cause.remedy}"
-        kind = (alike(said.replace(file, "FILE"), cause.trial), cause.outcome) if cause.trial else (file, said)
+        kind = (
+            (alike(said.replace(file, "FILE"), cause.trial), cause.outcome)
+            if cause.trial
+            else (file, said)
+        )
         groups.setdefault(kind, []).append((cause.trial, file, said))
     for (trial, file, said), *same in groups.values():
         who = f"trial {trial}, file {file}" if trial else f"result {file}"
-        also = f", and {len(same)} more trials with the same cause, {listing([one for one, *_ in same], MOST_TOLD)}"
+        also = (
+            f", and {len(same)} more trials with the same cause,"
+            f" {listing([one for one, *_ in same], MOST_TOLD)}"
+        )
         yield f"  {who}{also * bool(same)}: {said}"

@@ -1,4 +1,5 @@
-"""Validated YAML files (YAML 1.2): a wrong field becomes one line that names file, line, field, value and remedy."""
+"""Validated YAML files (YAML 1.2): a wrong field becomes one line that names file, line, field,
+value and remedy."""
 
 import hashlib
 import re
@@ -11,7 +12,15 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, TypeVar
 
 import yaml
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
 from pydantic_core import PydanticCustomError
 
 from osl_analysis.errors import InputError, listing, nearest
@@ -21,20 +30,27 @@ Positive = Annotated[float, Field(gt=0)]  # A number above zero.
 NotNegative = Annotated[float, Field(ge=0)]  # A number of zero or more.
 Degrees = Annotated[float, Field(gt=0, le=180)]  # An angle above zero, at most half a turn.
 JointDegrees = Annotated[float, Field(gt=0, le=60)]  # An angle by which an ankle can be turned.
-Seconds = Annotated[float, Field(gt=0, le=10)]  # A time within a crossing, or a gap; a larger number is in ms.
+# A time within a crossing, or a gap; a larger number is in ms.
+Seconds = Annotated[float, Field(gt=0, le=10)]
 Metres = Annotated[float, Field(gt=0, le=10)]  # A length in a laboratory; a larger number is in mm.
-Newtons = Annotated[float, Field(gt=0, le=1000)]  # A threshold of vertical force at which a contact begins or ends.
-Stiffness = Annotated[float, Field(gt=0, le=10_000)]  # Stiffness of a joint; a larger number has another unit.
+# A threshold of vertical force at which a contact begins or ends.
+Newtons = Annotated[float, Field(gt=0, le=1000)]
+# Stiffness of a joint; a larger number has another unit.
+Stiffness = Annotated[float, Field(gt=0, le=10_000)]
 ShippedPath = Annotated[Path, AfterValidator(shipped)]
-"""A path in the campaign's folder or, if that has none, of a shipped file such as `config/config.yaml`."""
-Place = tuple[int | str, ...]  # Keys and numbers of list entries that lead to a field, from the outermost.
+"""A path in the campaign's folder or, if that has none, of a shipped file such as
+`config/config.yaml`."""
+# Keys and numbers of list entries that lead to a field, from the outermost.
+Place = tuple[int | str, ...]
 
 
 class Settings(BaseModel):
-    """Base of every validated file. The settings are immutable, and an unknown field is an error."""
+    """Base of every validated file. The settings are immutable, and an unknown field is an
+    error."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
-    REMOVED: ClassVar[Mapping[str, str]] = {}  # removed fields, each with a sentence on what to write or do now
+    # removed fields, each with a sentence on what to write or do now
+    REMOVED: ClassVar[Mapping[str, str]] = {}
     OF: ClassVar[str] = ""  # words behind "the known ones" in messages, as ` of format csv`
 
     @model_validator(mode="before")
@@ -42,14 +58,20 @@ class Settings(BaseModel):
     def _has_known_fields_alone(cls, content: Any) -> Any:
         known = ", ".join(cls.model_fields) or "those of the shipped files in config/"
         if not isinstance(content, dict | BaseModel):
-            raise ValueError(f"write its fields below it, as `name: value`; the known ones are {known}")
+            raise ValueError(
+                f"write its fields below it, as `name: value`; the known ones are {known}"
+            )
         allowed = cls.model_fields if cls.model_config.get("extra") == "forbid" else content
-        for name in (name for name in content if name not in allowed) if isinstance(content, dict) else ():
+        for name in (
+            (name for name in content if name not in allowed) if isinstance(content, dict) else ()
+        ):
             like = nearest(str(name), cls.model_fields)
             said = f"unknown field '{{field}}'; the known ones{cls.OF} are {known}{like}"
             if name in cls.REMOVED:
                 said = f"field '{{field}}' is gone: {cls.REMOVED[name]}"
-            raise PydanticCustomError("unknown_field", "{reason}", {"reason": said, "place": (name,)})
+            raise PydanticCustomError(
+                "unknown_field", "{reason}", {"reason": said, "place": (name,)}
+            )
         return content
 
     @field_validator("*", mode="before")
@@ -60,10 +82,15 @@ class Settings(BaseModel):
             return str(value).lower()
         if isinstance(value, dict):
             return {key: cls._truth_values_are_words(inner) for key, inner in value.items()}
-        return [cls._truth_values_are_words(inner) for inner in value] if isinstance(value, list) else value
+        return (
+            [cls._truth_values_are_words(inner) for inner in value]
+            if isinstance(value, list)
+            else value
+        )
 
     def part(self, base: str) -> dict[str, Any]:
-        """The fields of one of this model's base classes, as JSON, for a job that uses only these."""
+        """The fields of one of this model's base classes, as JSON, for a job that uses only
+        these."""
         bases = (model for model in type(self).__mro__ if issubclass(model, Settings))
         (model,) = (model for model in bases if model.__name__ == base)
         return self.model_dump(mode="json", include=set(model.model_fields))
@@ -73,13 +100,15 @@ AnySettings = TypeVar("AnySettings", bound=Settings)
 
 
 def read_yaml(path: Path, model: type[AnySettings]) -> AnySettings:
-    """A YAML file as a model. InputError: as `read_mapping`; a field is unknown, absent or of a wrong value."""
+    """A YAML file as a model. InputError: as `read_mapping`; a field is unknown, absent or of a
+    wrong value."""
     return validated(read_mapping(path), model, path)
 
 
 def read_mapping(path: Path, by_snakemake: bool = False) -> dict[str, Any]:
-    """The top level of a YAML file. It is cached and shared: do not change it. Raises InputError: the file is missing,
-    is not YAML, or is no mapping; `by_snakemake`: a number differs in YAML 1.1, which Snakemake reads."""
+    """The top level of a YAML file. It is cached and shared: do not change it. Raises InputError:
+    the file is missing, is not YAML, or is no mapping; `by_snakemake`: a number differs in YAML
+    1.1, which Snakemake reads."""
     if not path.is_file():
         said = "no such file; check the path, which is relative to the working directory"
         like = nearest(path.stem, (one.stem for one in path.parent.glob(f"*{path.suffix}")))
@@ -88,17 +117,29 @@ def read_mapping(path: Path, by_snakemake: bool = False) -> dict[str, Any]:
         text = path.read_text(encoding="utf-8-sig")
         node, content = parsed_yaml(text)
     except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); check its permissions") from error
+        raise InputError(
+            f"{path}: cannot be read ({error.strerror}); check its permissions"
+        ) from error
     except UnicodeDecodeError as error:
         line = error.object[: error.start].count(b"\n") + 1
         raise InputError(f"{path}: line {line} is not UTF-8; save the file as UTF-8") from error
     except RecursionError as error:
         said = "its fields are nested too deeply, or its aliases (`*name`) stand for too many"
         raise InputError(f"{path}: {said}; write them out as in the shipped files") from error
-    except (yaml.YAMLError, ValueError, AttributeError, KeyError, TypeError, OverflowError) as error:  # of a wrong tag
+    # of a wrong tag
+    except (
+        yaml.YAMLError,
+        ValueError,
+        AttributeError,
+        KeyError,
+        TypeError,
+        OverflowError,
+    ) as error:
         raise InputError(f"{path}: not YAML: {yaml_problem(error, text)} in quotes") from error
     if not isinstance(content, dict):
-        raise InputError(f"{path}: has no fields; write `name: value` lines as in the shipped files")
+        raise InputError(
+            f"{path}: has no fields; write `name: value` lines as in the shipped files"
+        )
     for one in nodes_of(node):
         line, keys = one.start_mark.line + 1, set[str]()
         for key in (pair[0] for pair in one.value) if isinstance(one, yaml.MappingNode) else ():
@@ -107,10 +148,15 @@ def read_mapping(path: Path, by_snakemake: bool = False) -> dict[str, Any]:
                 raise InputError(f"{path}: line {line}: key '{key.value}' stands twice; remove one")
             keys.add(str(key.value))
         plain = by_snakemake and isinstance(one, yaml.ScalarNode) and not one.style
-        in_sixties_or_eights = r"(?P<sixties>[-+]?[0-9][0-9_]*(:[0-5]?[0-9])+(\.[0-9_]*)?)|[-+]?0[0-7_]+"
-        if plain and (counted := re.fullmatch(in_sixties_or_eights, one.value)):  # 1:30 is 90, 010 is 8
+        in_sixties_or_eights = (
+            r"(?P<sixties>[-+]?[0-9][0-9_]*(:[0-5]?[0-9])+(\.[0-9_]*)?)|[-+]?0[0-7_]+"
+        )
+        # 1:30 is 90, 010 is 8
+        if plain and (counted := re.fullmatch(in_sixties_or_eights, one.value)):
             said = f"YAML counts {one.value} in {'sixties' if counted['sixties'] else 'eights'}"
-            raise InputError(f"{path}: line {line}: {said}; write a plain decimal number, or text in quotes")
+            raise InputError(
+                f"{path}: line {line}: {said}; write a plain decimal number, or text in quotes"
+            )
     return content
 
 
@@ -118,12 +164,19 @@ def yaml_problem(error: Exception, text: str) -> str:
     said = " ".join(str(error).split())
     if isinstance(error, yaml.MarkedYAMLError):
         marks = ((error.context, error.context_mark), (error.problem, error.problem_mark))
-        at = [(what, f" in line {it.line + 1}, column {it.column + 1}" if it else "") for what, it in marks if what]
+        at = [
+            (what, f" in line {it.line + 1}, column {it.column + 1}" if it else "")
+            for what, it in marks
+            if what
+        ]
         said = " ".join(what + place for what, place in at)
     if re.search(r"(?m)^\s*//", text):
         return f"{said}; begin comments with #, not with //, and put text with such signs"
     if "cannot start any token" in said or "tab character" in said:
-        return f"{said}; indent with blanks, not with tabs, and put text that begins with a sign such as % or @"
+        return (
+            f"{said}; indent with blanks, not with tabs, and put text that begins with a sign such"
+            " as % or @"
+        )
     return f"{said}; compare with the shipped files, and put text with signs such as : # *"
 
 
@@ -139,10 +192,12 @@ class Loader(yaml.CSafeLoader):
 for kind, first, form in (
     ("bool", "tTfF", "true|True|TRUE|false|False|FALSE"),
     ("int", "-+0123456789", r"[-+]?[0-9][0-9_]*|[-+]?0o[0-7_]+|[-+]?0x[0-9a-fA-F_]+"),
-    ("float", "-+.0123456789", r"[-+]?(\.[0-9]+|[0-9][0-9_]*(\.[0-9_]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)"
+    ("float", "-+.0123456789",
+     r"[-+]?(\.[0-9]+|[0-9][0-9_]*(\.[0-9_]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)"
      r"|\.(nan|NaN|NAN)"),
     ("null", ["~", "n", "N", ""], "~|null|Null|NULL|"),
-    ("timestamp", "0123456789", r"[0-9]{4}-[0-9]{2}-[0-9]{2}|[0-9]{4}-[0-9]{1,2}-[0-9]{1,2}([Tt]|[ \t]+)[0-9]{1,2}"
+    ("timestamp", "0123456789",
+     r"[0-9]{4}-[0-9]{2}-[0-9]{2}|[0-9]{4}-[0-9]{1,2}-[0-9]{1,2}([Tt]|[ \t]+)[0-9]{1,2}"
      r":[0-9]{2}:[0-9]{2}(\.[0-9]*)?([ \t]*(Z|[-+][0-9]{1,2}(:[0-9]{2})?))?"),
     ("merge", "<", "<<"),
 ):  # fmt: skip
@@ -154,8 +209,11 @@ Loader.add_constructor("tag:yaml.org,2002:int", Loader.whole_number)
 def parsed_yaml(text: str) -> tuple[yaml.Node | None, Any]:
     """The nodes of a YAML text, with their lines, and its content."""
     depth = 0
-    for event in yaml.parse(text, yaml.CSafeLoader):  # the parser of nodes would crash on deeply nested ones
-        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+    # the parser of nodes would crash on deeply nested ones
+    for event in yaml.parse(text, yaml.CSafeLoader):
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(
+            event, yaml.CollectionEndEvent
+        )
         if depth > 100:
             raise RecursionError
     loader = Loader(text)
@@ -168,10 +226,15 @@ def parsed_yaml(text: str) -> tuple[yaml.Node | None, Any]:
 
 
 def nodes_of(node: yaml.Node | None) -> list[yaml.Node]:
-    """A node and all below it. Aliases may stand for millions; one of itself raises RecursionError."""
+    """A node and all below it. Aliases may stand for millions; one of itself raises
+    RecursionError."""
     found = [] if node is None else [node]
     for one in found:
-        found += [each for pair in one.value for each in pair] if isinstance(one, yaml.MappingNode) else []
+        found += (
+            [each for pair in one.value for each in pair]
+            if isinstance(one, yaml.MappingNode)
+            else []
+        )
         found += one.value if isinstance(one, yaml.SequenceNode) else []
         if len(found) > 200_000:  # of a file with its aliases written out
             raise RecursionError
@@ -179,13 +242,22 @@ def nodes_of(node: yaml.Node | None) -> list[yaml.Node]:
 
 
 def content_digest(path: Path) -> str | None:
-    """SHA-256 of a file's content. For YAML: without comments, order of keys, and `description`, from which nothing is
-    computed. For another file, or an unreadable YAML file: of its bytes. None if there is no such file."""
+    """SHA-256 of a file's content. For YAML: without comments, order of keys, and `description`,
+    from which nothing is computed. For another file, or an unreadable YAML file: of its bytes. None
+    if there is no such file."""
     if path.suffix != ".yaml" or not path.is_file():
         return digest(path)
     try:
         content = parsed_yaml(path.read_text(encoding="utf-8-sig"))[1]
-    except (OSError, ValueError, AttributeError, KeyError, TypeError, RecursionError, yaml.YAMLError):
+    except (
+        OSError,
+        ValueError,
+        AttributeError,
+        KeyError,
+        TypeError,
+        RecursionError,
+        yaml.YAMLError,
+    ):
         return digest(path)
     if isinstance(content, dict):
         content = {key: value for key, value in content.items() if key != "description"}
@@ -200,7 +272,8 @@ def in_order(content: Any) -> Any:
 
 
 def field_line(path: Path, place: Place) -> int | None:
-    """Line, counted from 1, of a field, or of the innermost field above it in the file; None if there is none."""
+    """Line, counted from 1, of a field, or of the innermost field above it in the file; None if
+    there is none."""
     try:
         node, _ = parsed_yaml(path.read_text(encoding="utf-8-sig"))
     except (OSError, ValueError, RecursionError, yaml.YAMLError):
@@ -209,8 +282,12 @@ def field_line(path: Path, place: Place) -> int | None:
     for name in place:
         key = None
         if isinstance(node, yaml.MappingNode):
-            key, node = next((pair for pair in node.value if pair[0].value == str(name)), (None, None))
-        elif isinstance(node, yaml.SequenceNode) and isinstance(name, int) and name < len(node.value):
+            key, node = next(
+                (pair for pair in node.value if pair[0].value == str(name)), (None, None)
+            )
+        elif (
+            isinstance(node, yaml.SequenceNode) and isinstance(name, int) and name < len(node.value)
+        ):
             key = node = node.value[name]
         if key is None:
             break
@@ -219,9 +296,14 @@ def field_line(path: Path, place: Place) -> int | None:
 
 
 def located(files: Sequence[Path], place: Place) -> str:
-    """`line 12: ` in the last of the files that has the field, with its name if there are several; empty if none."""
+    """`line 12: ` in the last of the files that has the field, with its name if there are several;
+    empty if none."""
     lines = ((file, field_line(file, place)) for file in reversed(files))
-    found = (f"line {line}{f' of {file.name}' * (len(files) > 1)}: " for file, line in lines if line is not None)
+    found = (
+        f"line {line}{f' of {file.name}' * (len(files) > 1)}: "
+        for file, line in lines
+        if line is not None
+    )
     return next(found, "")
 
 
@@ -231,9 +313,14 @@ def dotted(place: Place) -> str:
 
 
 def validated(
-    content: Any, model: type[AnySettings], path: Path, files: Sequence[Path] | None = None, above: Place = ()
+    content: Any,
+    model: type[AnySettings],
+    path: Path,
+    files: Sequence[Path] | None = None,
+    above: Place = (),
 ) -> AnySettings:
-    """The content of a configuration file as a model; for messages `path`, `files` with lines, and keys `above` it."""
+    """The content of a configuration file as a model; for messages `path`, `files` with lines, and
+    keys `above` it."""
     try:
         return model.model_validate(content)
     except ValidationError as error:
@@ -243,8 +330,9 @@ def validated(
 
 
 def explain(error: ValidationError, content: Any, above: Place) -> tuple[str, Place]:
-    """The first problem of a validation error as one sentence with field, value and remedy, and the field's place.
-    `above` are the keys that lead to `content` in its file. An unknown field comes before all other problems."""
+    """The first problem of a validation error as one sentence with field, value and remedy, and the
+    field's place. `above` are the keys that lead to `content` in its file. An unknown field comes
+    before all other problems."""
     # by place: pydantic finds a problem for each kind of value that a field may have
     found: dict[Place, list[Mapping[str, Any]]] = {}
     for one in error.errors():
@@ -258,7 +346,8 @@ def explain(error: ValidationError, content: Any, above: Place) -> tuple[str, Pl
     elif kind == "missing":
         text = f"field '{field}' is missing; add it"
     else:
-        reason, *others = sorted(dict.fromkeys(map(plain_reason, each)), key=lambda one: ";" in one)  # questions last
+        # questions last
+        reason, *others = sorted(dict.fromkeys(map(plain_reason, each)), key=lambda one: ";" in one)
         reason = ", or ".join([reason, *(other.removeprefix("write ") for other in others)])
         shown = "null" if value is None else str(value) if isinstance(value, date) else repr(value)
         wrong = f" {shown if len(shown) <= 60 else f'{shown[:60]}...'} is not allowed:"
@@ -269,8 +358,9 @@ def explain(error: ValidationError, content: Any, above: Place) -> tuple[str, Pl
 
 
 def problem_place(problem: Mapping[str, Any], content: Any) -> Place:
-    """The field of a problem. A check of several fields gives the wrong one as `place` in its context. Parts that are
-    not in the content, such as the kind of value that was tried, are pydantic's and are left out."""
+    """The field of a problem. A check of several fields gives the wrong one as `place` in its
+    context. Parts that are not in the content, such as the kind of value that was tried, are
+    pydantic's and are left out."""
     place: list[int | str] = []
     here = content
     for name in problem["loc"]:
@@ -281,7 +371,9 @@ def problem_place(problem: Mapping[str, Any], content: Any) -> Place:
         elif isinstance(here, dict) and name in here:
             place.append(name)
             here = here[name]
-        elif isinstance(here, BaseModel) or (problem["type"] == "missing" and name == problem["loc"][-1]):
+        elif isinstance(here, BaseModel) or (
+            problem["type"] == "missing" and name == problem["loc"][-1]
+        ):
             place.append(name)
             here = getattr(here, str(name), None)
     return (*place, *problem.get("ctx", {}).get("place", ()))
@@ -303,14 +395,22 @@ ADVICE = {
 
 
 def plain_reason(problem: Mapping[str, Any]) -> str:
-    kind, text = problem["type"], str(problem["msg"]).removeprefix("Value error, ").replace("Input should be", "write")
+    kind, text = (
+        problem["type"],
+        str(problem["msg"]).removeprefix("Value error, ").replace("Input should be", "write"),
+    )
     if kind == "literal_error":
         return text + nearest(str(problem["input"]), re.findall(r"'([^']+)'", text))
     with_unit = {
-        "delay": "2 ms", "cutoff": "100 Hz", "resolution": "0.02 deg", "range": "60 N*m", "threshold": "0.05 s",
+        "delay": "2 ms", "cutoff": "100 Hz", "resolution": "0.02 deg", "range": "60 N*m",
+        "threshold": "0.05 s",
         "value": "12500 N*m/rad", "standard_error": "100 N*m/rad",
     }  # fmt: skip
-    if kind == "string_type" and (example := with_unit.get(str(problem["loc"][-1]))) and problem["input"] is not None:
+    if (
+        kind == "string_type"
+        and (example := with_unit.get(str(problem["loc"][-1])))
+        and problem["input"] is not None
+    ):
         return f"write a number with its unit, as `{example}`"
     if kind == "string_pattern_mismatch":
         return (
@@ -320,26 +420,45 @@ def plain_reason(problem: Mapping[str, Any]) -> str:
         )
     if kind.startswith(("greater_than", "less_than")):
         name = next((str(one) for one in reversed(problem["loc"]) if isinstance(one, str)), "")
-        ends = {"_deg": "deg", "_hz": "Hz", "_s": "s", "_m": "m", "_mm": "mm", "_kg": "kg", "_n": "N", "K_d": "N*m/rad"}
+        ends = {
+            "_deg": "deg",
+            "_hz": "Hz",
+            "_s": "s",
+            "_m": "m",
+            "_mm": "mm",
+            "_kg": "kg",
+            "_n": "N",
+            "K_d": "N*m/rad",
+        }
         ends["largest_angle"] = "rad"
-        unit = next((f" {unit}" for end, unit in ends.items() if name.endswith(end) and text.split()[-1] != "0"), "")
+        unit = next(
+            (
+                f" {unit}"
+                for end, unit in ends.items()
+                if name.endswith(end) and text.split()[-1] != "0"
+            ),
+            "",
+        )
         return text.replace("write", "write a number") + unit
     if kind == "too_short":
         return "name at least one"
     return f"write {ADVICE[kind]}" if kind in ADVICE else text
 
 
-# Relations between settings. Each is one line of its model. A violation is reported as a wrong field.
+# Relations between settings. Each is one line of its model. A violation is reported as a wrong
+# field.
 
 
 def misplaced(reason: str, *place: str) -> PydanticCustomError:
-    """An error of a check that sees several fields; `place` is the field below them that is wrong."""
+    """An error of a check that sees several fields; `place` is the field below them that is
+    wrong."""
     return PydanticCustomError("misplaced", "{reason}", {"reason": reason, "place": place})
 
 
 def refused(wrong: Callable[[Any], Any], reason: str, field: str = "") -> Any:
-    """A check that refuses settings if `wrong` holds for them. `{s.field}` in the `reason` is replaced by their value.
-    `field` is the dotted name of the field to be corrected, if there is one."""
+    """A check that refuses settings if `wrong` holds for them. `{s.field}` in the `reason` is
+    replaced by their value. `field` is the dotted name of the field to be corrected, if there is
+    one."""
 
     def check(settings: Any) -> Any:
         if wrong(settings):
@@ -350,12 +469,18 @@ def refused(wrong: Callable[[Any], Any], reason: str, field: str = "") -> Any:
 
 
 def below(low: str, high: str, why: str, or_equal: bool = False) -> Any:
-    """A check that a field, or a sum as `guard_s + window_s`, is below another, or equal; `why` is for the message."""
+    """A check that a field, or a sum as `guard_s + window_s`, is below another, or equal; `why` is
+    for the message."""
 
     def check(settings: Any) -> Any:
-        least, most = (sum(attrgetter(one)(settings) for one in side.split(" + ")) for side in (low, high))
+        least, most = (
+            sum(attrgetter(one)(settings) for one in side.split(" + ")) for side in (low, high)
+        )
         if least - most > (1e-9 if or_equal else -1e-9):
-            said = f"{low} = {least:g} is not below {high} = {most:g}, {why}; lower {low}, or raise {high}"
+            said = (
+                f"{low} = {least:g} is not below {high} = {most:g}, {why}; lower {low}, or raise"
+                f" {high}"
+            )
             raise misplaced(said, *low.split(" + ")[0].split("."))
         return settings
 
@@ -365,7 +490,9 @@ def below(low: str, high: str, why: str, or_equal: bool = False) -> Any:
 def rising(values: tuple[Any, ...]) -> tuple[Any, ...]:
     """A check that each value of a list, such as of two bounds, is below the next."""
     if fallen := [(one, other) for one, other in pairwise(values) if one >= other]:
-        raise ValueError(f"{fallen[0][1]} stands behind {fallen[0][0]}; write each once, from low to high")
+        raise ValueError(
+            f"{fallen[0][1]} stands behind {fallen[0][0]}; write each once, from low to high"
+        )
     return values
 
 
@@ -380,4 +507,6 @@ def one_of(known: Collection[str], what: str, name: str) -> str:
     """A check that a name is among the known ones; `what` describes them in the message."""
     if name in known:
         return name
-    raise InputError(f"'{name}' is no {what}; write one of {listing([*known], 14)}{nearest(name, known)}")
+    raise InputError(
+        f"'{name}' is no {what}; write one of {listing([*known], 14)}{nearest(name, known)}"
+    )

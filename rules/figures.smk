@@ -11,7 +11,11 @@ def drawn_names() -> list[str]:
 
 def drawn_files() -> list[Path]:
     """Every figure of the campaign, in each format, and its numbers; the captions, if there is any."""
-    files = [RESULTS / f"figures/{name}.{suffix}" for name in drawn_names() for suffix in ("csv", *SUFFIXES)]
+    files = [
+        RESULTS / f"figures/{name}.{suffix}"
+        for name in drawn_names()
+        for suffix in ("csv", *SUFFIXES)
+    ]
     return [*files, RESULTS / "figures/captions.md"] if files else []
 
 
@@ -36,15 +40,32 @@ def plot_numbers(wildcards):
             parts["read"] = {"curves": rows("belt_curves"), "quality": verdicts_on("belt_curves")}
         case "fig4":
             trial = TIME_SERIES["trial"]
-            inputs = {"trial": trial_file(trial), "quality": checked([trial]), "fit": rows("impedance", [trial])[0]}
-            settings = {"settings": CONFIG.dynamometer.part("ImpedanceAnalysis"), "choice": TIME_SERIES}
-            settings |= {"limits": limits_of("impedance"), "windows": CAMPAIGN.row(trial)["windows"]}
+            inputs = {
+                "trial": trial_file(trial),
+                "quality": checked([trial]),
+                "fit": rows("impedance", [trial])[0],
+            }
+            settings = {
+                "settings": CONFIG.dynamometer.part("ImpedanceAnalysis"),
+                "choice": TIME_SERIES,
+            }
+            settings |= {
+                "limits": limits_of("impedance"),
+                "windows": CAMPAIGN.row(trial)["windows"],
+            }
         case "fig7":
             parts = PARAMETERS
-            settings = {"weight": setting("gain_weight"), "choice": RESPONSE and RESPONSE.model_dump(mode="json")}
+            settings = {
+                "weight": setting("gain_weight"),
+                "choice": RESPONSE and RESPONSE.model_dump(mode="json"),
+            }
         case "walking_page":
             own, parts["read"] = "figure.plot_walking_page", crossed(perturbed=True)
-            inputs = {"selection": SELECTION, "unperturbed": UNPERTURBED, "table": tabled("walking")}
+            inputs = {
+                "selection": SELECTION,
+                "unperturbed": UNPERTURBED,
+                "table": tabled("walking"),
+            }
             inputs["responses"] = tabled("walking_responses")
             settings = {"settings": CONFIG.walking.part("TimingSettings")}
         case "impedance_over_stance":
@@ -58,9 +79,15 @@ def plot_numbers(wildcards):
 
 @step("figure.draw_figure", [f"figures/{{figure}}.{suffix}" for suffix in SUFFIXES])
 def draw_figure(wildcards):
-    name, settings = wildcards.figure, {"name": wildcards.figure, "footer": sentence(ABOUT, below_figure=True)}
+    name, settings = wildcards.figure, {
+        "name": wildcards.figure,
+        "footer": sentence(ABOUT, below_figure=True),
+    }
     modules = [f"figures.{module}" for module in ("names", "others", FIGURES[name].module)]
-    inputs = {"input": {"table_csv": RESULTS / f"figures/{name}.csv"}, "read": {"fitted": shown_rows(name)}}
+    inputs = {
+        "input": {"table_csv": RESULTS / f"figures/{name}.csv"},
+        "read": {"fitted": shown_rows(name)},
+    }
     return {"modules": modules, **inputs, "settings": settings}
 
 
@@ -70,7 +97,12 @@ def captions(_):
     modules = ("figures.names", *sorted({f"figures.{FIGURES[name].module}" for name in tables}))
     settings = {"tables": tables, "footer": sentence(ABOUT)}
     read = {"shown": {name: shown_rows(name) for name in tables}}
-    return {"input": {"fitted": list(tables.values())}, "read": read, "modules": modules, "settings": settings}
+    return {
+        "input": {"fitted": list(tables.values())},
+        "read": read,
+        "modules": modules,
+        "settings": settings,
+    }
 
 
 PAGE = {"output": "report.html", "methods_md": "methods.md", "methods_tex": "methods.tex"}
@@ -80,14 +112,32 @@ PAGE = {"output": "report.html", "methods_md": "methods.md", "methods_tex": "met
 def report_page(_):
     tables = [*result_tables(), *[tabled("walking_responses")] * bool(WALKED)]
     drawn = [RESULTS / f"figures/{name}.svg" for name in drawn_names()]
-    ends = {"verdicts": tabled("quality"), **{name: tabled(name) for name in ("excluded", "findings")}}
+    ends = {
+        "verdicts": tabled("quality"),
+        **{name: tabled(name) for name in ("excluded", "findings")},
+    }
     ends |= {"states": tabled("settings")}
     ends |= {"summary": RESULTS / "summary.json"}
     ends |= {"captions": RESULTS / "figures/captions.md"} if drawn else {}
-    shown = {"tables": tables, "figures": drawn, "series": rows("series"), "crossings": crossings(WALKED)}
+    shown = {
+        "tables": tables,
+        "figures": drawn,
+        "series": rows("series"),
+        "crossings": crossings(WALKED),
+    }
     shown["trials"] = [trial_file(trial) for trial in CAMPAIGN.trials()]
-    told = {name: setting(name) for name in ("dynamometer", "actuator", "torque_angle", "walking", "overground")}
+    told = {
+        name: setting(name)
+        for name in ("dynamometer", "actuator", "torque_angle", "walking", "overground")
+    }
     settings = {"about": ABOUT, "settings": told}
     settings |= {"sheet": CAMPAIGN.rows | CAMPAIGN.unused, "unnamed": UNNAMED}
-    inputs = {"input": {"tables": tables, "figures": drawn, **ends}, "made_of": sorted(TEMPLATES.iterdir())}
-    return {**inputs, "read": {name: by_stem(files) for name, files in shown.items()}, "settings": settings}
+    inputs = {
+        "input": {"tables": tables, "figures": drawn, **ends},
+        "made_of": sorted(TEMPLATES.iterdir()),
+    }
+    return {
+        **inputs,
+        "read": {name: by_stem(files) for name, files in shown.items()},
+        "settings": settings,
+    }

@@ -2,15 +2,26 @@
 
 KNOWN_GAINS, PARTS = CAMPAIGN.predicted(), ("actuator", "belt", "transmission")
 MEASURED_AT = {part: [PLACES[trial] for trial in CAMPAIGN.trials(part)] for part in PARTS}
-COMPONENTS = {trial: [part for part in PARTS if PLACES[trial] in MEASURED_AT[part]] for trial in KNOWN_GAINS}
+COMPONENTS = {
+    trial: [part for part in PARTS if PLACES[trial] in MEASURED_AT[part]] for trial in KNOWN_GAINS
+}
 """By impedance trial with known gains: the experiments that measured components of its joint and side."""
 PREDICTED = [trial for trial, found in COMPONENTS.items() if len(found) == len(PARTS)]
-MISSING = {trial: [part for part in PARTS if part not in found] for trial, found in COMPONENTS.items() if found}
+MISSING = {
+    trial: [part for part in PARTS if part not in found]
+    for trial, found in COMPONENTS.items()
+    if found
+}
 UNPREDICTED = {trial: " and ".join(parts) for trial, parts in MISSING.items() if parts}
 """By other trial: the components that were not measured; without trials for which none was."""
 TABLES = [(name, table) for name in EXPERIMENTS for table in EXPERIMENTS[name].tables]
 PER_TRIAL = {
-    table.name: [trial for name, one in TABLES if one.name == table.name for trial in CAMPAIGN.rows_of(name, one)]
+    table.name: [
+        trial
+        for name, one in TABLES
+        if one.name == table.name
+        for trial in CAMPAIGN.rows_of(name, one)
+    ]
     for _, table in TABLES
 }
 PER_TRIAL["quality"] = CAMPAIGN.trials()
@@ -40,7 +51,9 @@ def behind(table: str) -> list[Path]:
 
 def verdicts_on(table: str) -> list[Path]:
     """The verdicts on the trials of a table; the table of the verdicts itself has all trials."""
-    return checked(name for name in PER_TRIAL[table] if name in CAMPAIGN.rows and table != "quality")
+    return checked(
+        name for name in PER_TRIAL[table] if name in CAMPAIGN.rows and table != "quality"
+    )
 
 
 def by_stem(files) -> dict[str, str]:
@@ -55,7 +68,9 @@ def result_tables() -> list[Path]:
     tables += [table for table, (source, _) in DERIVED.items() if source in tables]
     tables += CAMPAIGN.further_tables() + ["impedance_evidence"] * ("impedance" in tables)
     tables += ["gains"] * bool(CONFIG.impedance_trajectory)
-    tables += ["prediction", "prediction_causes", "prediction_frequencies"] * bool(PREDICTED or UNPREDICTED)
+    tables += ["prediction", "prediction_causes", "prediction_frequencies"] * bool(
+        PREDICTED or UNPREDICTED
+    )
     tables += ["claims"] * any(table in tables for table in CLAIMED)
     return [tabled(table) for table in tables]
 
@@ -79,7 +94,10 @@ DRIVETRAIN["settings"] = CONFIG.dynamometer.part("FilterSettings")
 
 MEASURED = {part: tabled(part) for part in PARTS} if PREDICTED else {}
 PREDICTIONS = {"input": {"table": tabled("impedance"), "law": tabled("law")}, **PARAMETERS}
-PREDICTIONS |= {"after": [*MEASURED.values()], "read": {"components": MEASURED, "records": rows("record", PREDICTED)}}
+PREDICTIONS |= {
+    "after": [*MEASURED.values()],
+    "read": {"components": MEASURED, "records": rows("record", PREDICTED)},
+}
 PREDICTIONS |= {"settings": DRIVETRAIN | {"unpredicted": UNPREDICTED}}
 GATHERED = {"output": tabled("prediction"), "causes": tabled("prediction_causes")}
 GATHERED |= {"frequencies": tabled("prediction_frequencies")}
@@ -89,37 +107,63 @@ single("bench.gather_predictions", GATHERED, "tables/prediction", PREDICTIONS)
 @step("tables.check_claims", tabled("claims"))
 def check_claims(_):
     tables = [path for path in result_tables() if path.stem in CLAIMED]
-    settings = {"settings": setting("claims"), "frequencies_hz": CONFIG.dynamometer.frequencies_hz or ()}
+    settings = {
+        "settings": setting("claims"),
+        "frequencies_hz": CONFIG.dynamometer.frequencies_hz or (),
+    }
     settings |= {"midstance": CONFIG.figures.midstance_stiffness}
-    return {"after": tables, "read": {"tables": by_stem(tables)}, "settings": settings, **PARAMETERS}
+    return {
+        "after": tables,
+        "read": {"tables": by_stem(tables)},
+        "settings": settings,
+        **PARAMETERS,
+    }
 
 
 def gathered(of: str):
     """The parts of the job that joins the tables of single trials."""
-    judged = next((one.doubts_of for name, one in TABLES if one.name == of and CAMPAIGN.trials(name)), "")
+    judged = next(
+        (one.doubts_of for name, one in TABLES if one.name == of and CAMPAIGN.trials(name)), ""
+    )
     settings = {"limits": limits_of(of), "limits_of_fits": limits_of(judged)}
     settings["places"] = {trial: place for trial, place in PLACES.items() if trial in PER_TRIAL[of]}
-    read = {"rows": rows(of), "quality": verdicts_on(of)} | ({"fits": rows(judged)} if judged else {})
+    read = {"rows": rows(of), "quality": verdicts_on(of)} | (
+        {"fits": rows(judged)} if judged else {}
+    )
     return {"after": behind(of), "read": read, "settings": settings}
 
 
-@step("tables.gather", tabled("{table}"), table="|".join(PER_TRIAL.keys() - {"quality", "impedance"}))
+@step(
+    "tables.gather", tabled("{table}"), table="|".join(PER_TRIAL.keys() - {"quality", "impedance"})
+)
 def table(wildcards):
     return gathered(wildcards.table)
 
 
-@step("tables.gather", {"output": tabled("impedance"), "evidence": tabled("impedance_evidence")}, "tables/impedance")
+@step(
+    "tables.gather",
+    {"output": tabled("impedance"), "evidence": tabled("impedance_evidence")},
+    "tables/impedance",
+)
 def impedance_tables(_):
     parts, columns = gathered("impedance"), described_tables_by_name()["impedance_evidence"].columns
     return {**parts, "settings": parts["settings"] | {"evidence_columns": [*columns]}}
 
 
 step("", tabled("{derived}"), name="derived_table", derived="|".join(DERIVED))(
-    lambda one: {"command": DERIVED[one.derived][1], "input": {"table": tabled(DERIVED[one.derived][0])}}
+    lambda one: {
+        "command": DERIVED[one.derived][1],
+        "input": {"table": tabled(DERIVED[one.derived][0])},
+    }
 )
 
 
-OF_GAINS = {"files": {"trajectory": CONFIG.impedance_trajectory or [], "parameters": CONFIG.parameters or []}}
+OF_GAINS = {
+    "files": {
+        "trajectory": CONFIG.impedance_trajectory or [],
+        "parameters": CONFIG.parameters or [],
+    }
+}
 OF_GAINS["settings"] = {"weight": setting("gain_weight")}
 single("gains.select_trajectory", tabled("gains"), "tables/gains", OF_GAINS, "gains_table")
 
@@ -136,15 +180,30 @@ def excluded_trials(_):
     """It waits for the results of single trials of every kind, and names those that have none."""
     waits = [*fitted(*EXPERIMENTS), *[SELECTION] * bool(WALKED)]
     calibrations = map(calibration, CAMPAIGN.statics if WALKED else ())
-    read = {"fitted": [*crossings(WALKED), *calibrations, *(path for table in PER_TRIAL for path in rows(table))]}
+    read = {
+        "fitted": [
+            *crossings(WALKED),
+            *calibrations,
+            *(path for table in PER_TRIAL for path in rows(table)),
+        ]
+    }
     settings = {"by_sheet": dict(CAMPAIGN.excluded), "places": PLACES}
-    return {"input": {"verdicts": tabled("quality")}, "after": waits, "read": read, "settings": settings}
+    return {
+        "input": {"verdicts": tabled("quality")},
+        "after": waits,
+        "read": read,
+        "settings": settings,
+    }
 
 
 @step("tables.write_findings", tabled("findings"))
 def findings(_):
     tables = [path for path in result_tables() if path.stem in (*judged_tables(), *JUDGED_FURTHER)]
-    inputs = {"input": {"verdicts": tabled("quality")}, "after": tables, "read": {"tables": by_stem(tables)}}
+    inputs = {
+        "input": {"verdicts": tabled("quality")},
+        "after": tables,
+        "read": {"tables": by_stem(tables)},
+    }
     return {**inputs, "settings": {"limits": setting("doubtful"), "places": PLACES}}
 
 
@@ -152,9 +211,19 @@ def findings(_):
 def headline_numbers(_):
     """Headline numbers, also of the desired impedance of Fig. 4."""
     row = CAMPAIGN.row(TIME_SERIES["trial"]) if TIME_SERIES else {}
-    example = {"K_d": row["K_d"], "B_d": row["B_d"], "chosen": TIME_SERIES["chosen"]} if row else None
+    example = (
+        {"K_d": row["K_d"], "B_d": row["B_d"], "chosen": TIME_SERIES["chosen"]} if row else None
+    )
     trials = {name: CAMPAIGN.trials(name) for name in EXPERIMENTS if CAMPAIGN.trials(name)}
-    settings = {"about": ABOUT, "example": example, "trials": trials, "beside_draft": CAMPAIGN.beside_draft}
-    inputs = {"input": {name: tabled(name) for name in ("excluded", "findings")} | {"verdicts": tabled("quality")}}
+    settings = {
+        "about": ABOUT,
+        "example": example,
+        "trials": trials,
+        "beside_draft": CAMPAIGN.beside_draft,
+    }
+    inputs = {
+        "input": {name: tabled(name) for name in ("excluded", "findings")}
+        | {"verdicts": tabled("quality")}
+    }
     tables = {"after": result_tables(), "read": {"table_paths": by_stem(result_tables())}}
     return {**inputs, **tables, "settings": settings}

@@ -3,7 +3,9 @@
 WALKED = {trial: PLACES[trial] for trial in CAMPAIGN.trials("walking")}
 """Joint and side of every crossing."""
 SELECTION = tabled("walking_crossings")
-PLATE, PLATFORM, UNPERTURBED = (RESULTS / f"fits/{n}" for n in ("plate.json", "platform.json", "unperturbed.parquet"))
+PLATE, PLATFORM, UNPERTURBED = (
+    RESULTS / f"fits/{n}" for n in ("plate.json", "platform.json", "unperturbed.parquet")
+)
 
 
 def calibration(static: str) -> Path:
@@ -27,31 +29,60 @@ def of_crossings(trials, **settings) -> dict[str, dict[str, object]]:
     statics = {trial: CAMPAIGN.static(trial) for trial in trials if CAMPAIGN.statics}
     calibrations = [calibration(static) for static in dict.fromkeys(statics.values())]
     inputs = {"trials": [trial_file(trial) for trial in trials], "calibrations": calibrations}
-    return {"input": inputs, "read": {"quality": checked(trials)}, "settings": {**settings, "statics": statics}}
+    return {
+        "input": inputs,
+        "read": {"quality": checked(trials)},
+        "settings": {**settings, "statics": statics},
+    }
 
 
-@step("walking.calibrate", calibration("{static}"), "calibration/{static}", static=CAMPAIGN.pattern("static"))
+@step(
+    "walking.calibrate",
+    calibration("{static}"),
+    "calibration/{static}",
+    static=CAMPAIGN.pattern("static"),
+)
 def calibrate_markers(wildcards):
     static = wildcards.static
-    inputs, settings = {"trial": trial_file(static)}, {"settings": CAMPAIGN.calibration_settings(static)}
+    inputs, settings = {"trial": trial_file(static)}, {
+        "settings": CAMPAIGN.calibration_settings(static)
+    }
     return {"input": inputs, "read": {"quality": checked([static])}, "settings": settings}
 
 
 UNLOADED = of_crossings(CAMPAIGN.plate_trials(), settings=CONFIG.walking.part("PlateModelSettings"))
-single("walking.identify_plate", {"output": PLATE, "comparison": tabled("plate")}, "walking/plate", UNLOADED)
+single(
+    "walking.identify_plate",
+    {"output": PLATE, "comparison": tabled("plate")},
+    "walking/plate",
+    UNLOADED,
+)
 TURNING = {"settings": CONFIG.walking.part("CrossingSettings"), "places": WALKED}
 TURNING = of_crossings(CAMPAIGN.crossings(perturbed=True), **TURNING)
-single("walking.measure_platform", {"output": PLATFORM, "comparison": tabled("platform")}, "walking/platform", TURNING)
+single(
+    "walking.measure_platform",
+    {"output": PLATFORM, "comparison": tabled("platform")},
+    "walking/platform",
+    TURNING,
+)
 
 
 @step("walking.analyse", "crossings/{trial}.parquet")
 def analyse_crossing(wildcards):
     trial, row, by_log = wildcards.trial, CAMPAIGN.row(wildcards.trial), CONFIG.walking.by_log
-    stated = {column: row[column] for column in ("perturbed", "direction", "body_mass_kg", "windows")}
+    stated = {
+        column: row[column] for column in ("perturbed", "direction", "body_mass_kg", "windows")
+    }
     stated |= {"calibration": None, "plate": None} if by_log else {}
-    inputs = {"trial": trial_file(trial), **({} if by_log else {"plate": PLATE, "platform": PLATFORM})}
+    inputs = {
+        "trial": trial_file(trial),
+        **({} if by_log else {"plate": PLATE, "platform": PLATFORM}),
+    }
     inputs |= {} if by_log else {"calibration": calibration(CAMPAIGN.static(trial))}
-    return {"input": inputs, "settings": {"settings": CONFIG.walking.part("CrossingSettings"), **stated}}
+    return {
+        "input": inputs,
+        "settings": {"settings": CONFIG.walking.part("CrossingSettings"), **stated},
+    }
 
 
 IN_SHEET = {"sheet": CAMPAIGN.conditions(), "places": WALKED}
@@ -70,7 +101,9 @@ def fit_perturbation(wildcards):
     return {"input": inputs, "read": {"selection": SELECTION}, "settings": settings}
 
 
-SUMMARIES = {name: tabled(f"walking_{name}") for name in ("responses", "excluded", "groups", "sensitivity")}
+SUMMARIES = {
+    name: tabled(f"walking_{name}") for name in ("responses", "excluded", "groups", "sensitivity")
+}
 SUMMARIES["output"] = tabled("walking_summary")
 
 
@@ -89,6 +122,11 @@ def over_stance() -> dict[str, dict[str, object]]:
     return {"files": {"trajectory": trajectory}, "settings": settings}
 
 
-STANCE = {"input": {"summary": tabled("walking_summary"), "groups": tabled("walking_groups")}, **over_stance()}
+STANCE = {
+    "input": {"summary": tabled("walking_summary"), "groups": tabled("walking_groups")},
+    **over_stance(),
+}
 OVER_STANCE = "impedance_over_stance"
-single("walking.tabulate_over_stance", tabled(OVER_STANCE), "walking/over_stance", STANCE, OVER_STANCE)
+single(
+    "walking.tabulate_over_stance", tabled(OVER_STANCE), "walking/over_stance", STANCE, OVER_STANCE
+)

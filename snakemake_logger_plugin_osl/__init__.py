@@ -1,4 +1,5 @@
-"""The progress of a run, as a logger of Snakemake: it finds loggers by the name of their package."""
+"""The progress of a run, as a logger of Snakemake: it finds loggers by the name of their
+package."""
 
 from osl_analysis.jobs.progress import LogHandler
 

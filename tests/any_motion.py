@@ -1,4 +1,5 @@
-"""Motions of a joint that are no stepped sine, with derivatives written by hand, and trials made of them."""
+"""Motions of a joint that are no stepped sine, with derivatives written by hand, and trials made of
+them."""
 
 import numpy as np
 import polars as pl
@@ -11,25 +12,41 @@ RATE, LEAD, FADE, TRUE = 250.0, 1.5, 1.0, {"K": 300.0, "B": 5.0, "I": 0.02}
 
 
 def faded(time, duration, motion):
-    """A motion (angle, velocity, acceleration) between two rests, that fades in and out as a cosine."""
+    """A motion (angle, velocity, acceleration) between two rests, that fades in and out as a
+    cosine."""
     t = time - LEAD
     inside = np.clip(np.minimum(t, duration - t) / FADE, 0, 1)
-    turns, side, w = (inside > 0) & (inside < 1), np.where(t < duration / 2, 1.0, -1.0), np.pi / FADE
+    turns, side, w = (
+        (inside > 0) & (inside < 1),
+        np.where(t < duration / 2, 1.0, -1.0),
+        np.pi / FADE,
+    )
     size = 0.5 * (1 - np.cos(np.pi * inside))
-    rate, curve = 0.5 * w * np.sin(np.pi * inside) * side * turns, 0.5 * w**2 * np.cos(np.pi * inside) * turns
+    rate, curve = (
+        0.5 * w * np.sin(np.pi * inside) * side * turns,
+        0.5 * w**2 * np.cos(np.pi * inside) * turns,
+    )
     x, v, a = motion
     return size * x, rate * x + size * v, curve * x + 2 * rate * v + size * a
 
 
 def sines(rng, frequencies_hz, rms_deg=2.0, duration=30.0, rate=RATE):
-    """A sum of sines of equal size and random phase: a multisine, or noise where they are many at any frequency."""
+    """A sum of sines of equal size and random phase: a multisine, or noise where they are many at
+    any frequency."""
     time = np.arange(round((duration + 2 * LEAD) * rate)) / rate
     w = 2 * np.pi * np.asarray(frequencies_hz)[:, None]
-    turning = np.deg2rad(rms_deg) * np.sqrt(2 / len(w)) * np.exp(1j * rng.uniform(0, 2 * np.pi, len(w)))[:, None]
-    # of a time that is a whole number of seconds and a rest, each sine is a product of two, which sums as of matrices
+    turning = (
+        np.deg2rad(rms_deg)
+        * np.sqrt(2 / len(w))
+        * np.exp(1j * rng.uniform(0, 2 * np.pi, len(w)))[:, None]
+    )
+    # of a time that is a whole number of seconds and a rest, each sine is a product of two, which
+    # sums as of matrices
     rows = round(rate)
     whole, rest = (np.exp(1j * w * t) for t in (time[::rows], time[:rows]))
-    motion = (((turning * (1j * w) ** k * whole).T @ rest).imag.ravel()[: len(time)] for k in range(3))
+    motion = (
+        ((turning * (1j * w) ** k * whole).T @ rest).imag.ravel()[: len(time)] for k in range(3)
+    )
     return time, faded(time, duration, tuple(motion))
 
 
@@ -49,8 +66,15 @@ def chirp(rng, band=(0.5, 6.0), rms_deg=2.0, duration=30.0, rate=RATE):
     """A linear sweep."""
     time = np.arange(round((duration + 2 * LEAD) * rate)) / rate
     t, slope = np.clip(time - LEAD, 0, duration), (band[1] - band[0]) / duration
-    phase, w = 2 * np.pi * (band[0] * t + slope * t**2 / 2) + rng.uniform(0, 6), 2 * np.pi * (band[0] + slope * t)
-    motion = np.sin(phase), w * np.cos(phase), 2 * np.pi * slope * np.cos(phase) - w**2 * np.sin(phase)
+    phase, w = (
+        2 * np.pi * (band[0] * t + slope * t**2 / 2) + rng.uniform(0, 6),
+        2 * np.pi * (band[0] + slope * t),
+    )
+    motion = (
+        np.sin(phase),
+        w * np.cos(phase),
+        2 * np.pi * slope * np.cos(phase) - w**2 * np.sin(phase),
+    )
     return time, faded(time, duration, tuple(np.deg2rad(rms_deg) * np.sqrt(2) * x for x in motion))
 
 
@@ -72,8 +96,11 @@ MOTIONS_60 = {
 """A minute of each."""
 
 
-def made_trial(rng, motion, torque_noise=0.05, angle_noise=0.0, bits=18, late=0.0, more=0.0, **impedance):
-    """A trial of a `TRUE` or another joint, noisy and rounded; `late` [s] lags its torque, `more` [N*m] adds to it."""
+def made_trial(
+    rng, motion, torque_noise=0.05, angle_noise=0.0, bits=18, late=0.0, more=0.0, **impedance
+):
+    """A trial of a `TRUE` or another joint, noisy and rounded; `late` [s] lags its torque, `more`
+    [N*m] adds to it."""
     true = {**TRUE, **impedance}
     time, (theta, omega, alpha) = motion
     torque = true["K"] * theta + true["B"] * omega + true["I"] * alpha + more
@@ -82,5 +109,9 @@ def made_trial(rng, motion, torque_noise=0.05, angle_noise=0.0, bits=18, late=0.
     torque = torque + 0.4 + 1e-3 * time + torque_noise * rng.standard_normal(len(time))
     step = 2 * np.pi / 2**bits
     theta = theta + (angle_noise * rng.standard_normal(len(time)) if angle_noise else 0.0)
-    samples = {"time": time + 7.0, "theta": np.rint(theta / step + rng.uniform()) * step, "torque": torque}
+    samples = {
+        "time": time + 7.0,
+        "theta": np.rint(theta / step + rng.uniform()) * step,
+        "torque": torque,
+    }
     return Trial("made", pl.DataFrame(samples))

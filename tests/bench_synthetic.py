@@ -14,7 +14,12 @@ from osl_analysis.bench.prediction import COMPONENTS, PARTS
 from osl_analysis.bench.record import Record, cycles_of, record_of
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.signals import LowPass, Motion
-from osl_analysis.spectral.stepped_sine import Likeness, SteppedSineProtocol, find_segments, unit_sines
+from osl_analysis.spectral.stepped_sine import (
+    Likeness,
+    SteppedSineProtocol,
+    find_segments,
+    unit_sines,
+)
 
 RATE, LOW_PASS, PROTOCOL = 500.0, LowPass(15), SteppedSineProtocol((0.05, 0.1), (1.0, 3.0, 5.0), 9)
 FIVE = SteppedSineProtocol((0.05, 0.1), (1.0, 2.0, 3.0, 4.0, 5.0), 9)
@@ -31,8 +36,11 @@ def unit_block(protocol, rate):
 
 
 def true_motion(time, theta):
-    """An angle without what is faster than 100 Hz and its derivatives, none of it by the package."""
-    spline = make_interp_spline(time, sosfiltfilt(butter(4, 100, fs=RATE, output="sos"), theta), k=5)
+    """An angle without what is faster than 100 Hz and its derivatives, none of it by the
+    package."""
+    spline = make_interp_spline(
+        time, sosfiltfilt(butter(4, 100, fs=RATE, output="sos"), theta), k=5
+    )
     return Motion(*(spline(time, order) for order in range(3)))
 
 
@@ -40,7 +48,9 @@ def true_motion(time, theta):
 def moved_by(protocol):
     """Times, angle, its derivatives and the segments of a protocol between rests."""
     rest = np.zeros(round(2 * RATE))
-    theta = np.concatenate([rest, *(x for a in protocol.amplitudes for x in (a * unit_block(protocol, RATE), rest))])
+    theta = np.concatenate(
+        [rest, *(x for a in protocol.amplitudes for x in (a * unit_block(protocol, RATE), rest))]
+    )
     time = np.arange(len(theta)) / RATE
     return time, theta, true_motion(time, theta), find_segments(Likeness(time, theta, protocol))
 
@@ -55,7 +65,14 @@ def stepped_sine(torque_of, noise=0.0, protocol=PROTOCOL, seed=1):
 def record_of_sines(time, theta, torque, protocol=PROTOCOL, segments=None):
     """The record of raw signals that follow a protocol."""
     segments = segments or find_segments(Likeness(time, theta, protocol))
-    made = record_of("made", time, theta, torque, LOW_PASS, cycles_of(segments, 2, np.ones(len(time), dtype=bool)))
+    made = record_of(
+        "made",
+        time,
+        theta,
+        torque,
+        LOW_PASS,
+        cycles_of(segments, 2, np.ones(len(time), dtype=bool)),
+    )
     return replace(made, band_hz=(min(protocol.frequencies_hz), max(protocol.frequencies_hz)))
 
 
@@ -63,7 +80,10 @@ def belt_record(theta_s, torque, rate=RATE, unusable=()):
     """The record of a belt's deflection [rad] and torque [N*m], as if they were filtered."""
     time, usable = np.arange(len(theta_s)) / rate, ~np.isin(np.arange(len(theta_s)), unusable)
     omega = np.gradient(theta_s) * rate
-    motion, groups = Motion(theta_s, omega, np.gradient(omega) * rate), branches_of(theta_s, rate, usable, 15.0)
+    motion, groups = (
+        Motion(theta_s, omega, np.gradient(omega) * rate),
+        branches_of(theta_s, rate, usable, 15.0),
+    )
     return Record("b", time, theta_s, torque, motion, torque, LOW_PASS, usable, groups)
 
 
@@ -78,15 +98,23 @@ def second_order(motion: Motion):
 
 
 def component_tables(true, error=1e-3):
-    """Tables of three component trials each, which scatter by a relative error, of a leg with `true` components."""
+    """Tables of three component trials each, which scatter by a relative error, of a leg with
+    `true` components."""
     rng, tables = np.random.default_rng(4), {}
     for part in PARTS:
         size = {name: true[name] for name, of in COMPONENTS.items() if of == part}
-        table = {"trial": [f"{part}_{k}" for k in range(3)], "joint": "ankle", "side": None, "doubtful": ""}
+        table = {
+            "trial": [f"{part}_{k}" for k in range(3)],
+            "joint": "ankle",
+            "side": None,
+            "doubtful": "",
+        }
         table |= {name: one * rng.normal(1, error, 3) for name, one in size.items()}
         table |= {f"{name}_se": one * error for name, one in size.items()}
         table |= {f"{name}_se_bench": 0.0 for name in size}
-        table |= {f"cov_{a}_{b}": 0.5 * error**2 * size[a] * size[b] for a in size for b in size if a < b}
+        table |= {
+            f"cov_{a}_{b}": 0.5 * error**2 * size[a] * size[b] for a in size for b in size if a < b
+        }
         table |= {"amplitude_deg": None} if part == "transmission" else {}
         tables[part] = pl.DataFrame(table, schema_overrides={"side": pl.String})
     return tables

@@ -1,4 +1,5 @@
-"""C3D files byte by byte, independent of every reader: Intel, DEC or MIPS, floats or integers, any parameters."""
+"""C3D files byte by byte, independent of every reader: Intel, DEC or MIPS, floats or integers, any
+parameters."""
 
 import struct
 from pathlib import Path
@@ -9,19 +10,24 @@ REAL_DATA = Path(__file__).parents[2] / "shared" / "real_data"
 
 
 def write_c3d(
-    path: Path, points: np.ndarray, analogs: np.ndarray | None = None, rate: float = 100.0, integers: bool = False,
+    path: Path, points: np.ndarray, analogs: np.ndarray | None = None, rate: float = 100.0,
+    integers: bool = False,
     processor: int = 84, **parameters: object,
 ) -> Path:  # fmt: skip
-    """Write raw points (frames, points, xyz and residual) and analogs (samples, channels); parameters `GROUP__NAME`."""
+    """Write raw points (frames, points, xyz and residual) and analogs (samples, channels);
+    parameters `GROUP__NAME`."""
     analogs = np.zeros((len(points), 0)) if analogs is None else analogs
     ratio = len(analogs) // len(points)
     known: dict[str, object] = {
         "POINT__USED": np.array([points.shape[1]]), "POINT__FRAMES": np.array([len(points)]),
-        "POINT__SCALE": np.array([0.1 if integers else -0.1]), "POINT__RATE": np.array([rate]), "POINT__UNITS": ["mm"],
-        "POINT__LABELS": [f"M{i + 1}" for i in range(points.shape[1])], "ANALOG__USED": np.array([analogs.shape[1]]),
+        "POINT__SCALE": np.array([0.1 if integers else -0.1]), "POINT__RATE": np.array([rate]),
+        "POINT__UNITS": ["mm"],
+        "POINT__LABELS": [f"M{i + 1}" for i in range(points.shape[1])],
+        "ANALOG__USED": np.array([analogs.shape[1]]),
         "ANALOG__RATE": np.array([rate * ratio]), "ANALOG__SCALE": np.ones(analogs.shape[1]),
         "ANALOG__GEN_SCALE": np.array([1.0]), "ANALOG__OFFSET": np.zeros(analogs.shape[1], int),
-        "ANALOG__LABELS": [f"A{i + 1}" for i in range(analogs.shape[1])], "ANALOG__UNITS": ["V"] * analogs.shape[1],
+        "ANALOG__LABELS": [f"A{i + 1}" for i in range(analogs.shape[1])],
+        "ANALOG__UNITS": ["V"] * analogs.shape[1],
         "FORCE_PLATFORM__USED": np.array([0]),
     }  # fmt: skip
     known["POINT__DATA_START"] = np.array([0])
@@ -29,8 +35,14 @@ def write_c3d(
     known["POINT__DATA_START"] = np.array([data_start])
     section = parameter_section({**known, **parameters}, processor)
     counts = np.array([points.shape[1], analogs.shape[1] * ratio, 1, min(len(points), 65535), 0])
-    header = bytes([2, 0x50]) + integers_of(counts, processor) + reals_of(known["POINT__SCALE"], processor)
-    header += integers_of(np.array([data_start, ratio]), processor) + reals_of(np.array([rate]), processor)
+    header = (
+        bytes([2, 0x50])
+        + integers_of(counts, processor)
+        + reals_of(known["POINT__SCALE"], processor)
+    )
+    header += integers_of(np.array([data_start, ratio]), processor) + reals_of(
+        np.array([rate]), processor
+    )
     frames = np.hstack([points.reshape(len(points), -1), analogs.reshape(len(points), -1)])
     data = integers_of(frames, processor) if integers else reals_of(frames, processor)
     content = header.ljust(512, b"\0") + section + data
@@ -41,10 +53,14 @@ def write_c3d(
 def parameter_section(parameters: dict[str, object], processor: int) -> bytes:
     """Groups first, then their parameters, padded to blocks of 512 bytes."""
     groups = list(dict.fromkeys(name.split("__")[0] for name in parameters))
-    records = [record(-number, group, b"\0", processor) for number, group in enumerate(groups, start=1)]
+    records = [
+        record(-number, group, b"\0", processor) for number, group in enumerate(groups, start=1)
+    ]
     for name, value in parameters.items():
         group, own = name.split("__")
-        records.append(record(groups.index(group) + 1, own, content(value, processor) + b"\0", processor))
+        records.append(
+            record(groups.index(group) + 1, own, content(value, processor) + b"\0", processor)
+        )
     body = b"".join(records) + b"\0\0"
     blocks = -(-(len(body) + 4) // 512)
     return (bytes([1, 0x50, blocks, processor]) + body).ljust(blocks * 512, b"\0")
@@ -52,11 +68,16 @@ def parameter_section(parameters: dict[str, object], processor: int) -> bytes:
 
 def integers_of(values: np.ndarray, processor: int) -> bytes:
     """16-bit integers, signed or not, as the processor stores them."""
-    return (np.asarray(values).astype(np.int64) % 65536).astype(">u2" if processor == 86 else "<u2").tobytes()
+    return (
+        (np.asarray(values).astype(np.int64) % 65536)
+        .astype(">u2" if processor == 86 else "<u2")
+        .tobytes()
+    )
 
 
 def reals_of(values: np.ndarray, processor: int) -> bytes:
-    """32-bit reals as the processor stores them; DEC's have the halves swapped and an exponent larger by two."""
+    """32-bit reals as the processor stores them; DEC's have the halves swapped and an exponent
+    larger by two."""
     if processor != 85:
         return np.asarray(values).astype(">f4" if processor == 86 else "<f4").tobytes()
     return np.asarray(values * 4.0).astype("<f4").view("<u2").reshape(-1, 2)[:, ::-1].tobytes()

@@ -1,4 +1,5 @@
-"""What several tests share: the shipped parameters, and motions with derivatives written by hand."""
+"""What several tests share: the shipped parameters, and motions with derivatives written by
+hand."""
 
 import gc
 import os
@@ -6,8 +7,14 @@ import sys
 from fnmatch import fnmatch
 from pathlib import Path
 
-# One thread per process, as in the jobs of a campaign, before numpy is imported: the tests themselves take all cores.
-os.environ.update({f"{one}_THREADS": "1" for one in ("OMP_NUM", "OPENBLAS_NUM", "MKL_NUM", "NUMBA_NUM", "POLARS_MAX")})
+# One thread per process, as in the jobs of a campaign, before numpy is imported: the tests
+# themselves take all cores.
+os.environ.update(
+    {
+        f"{one}_THREADS": "1"
+        for one in ("OMP_NUM", "OPENBLAS_NUM", "MKL_NUM", "NUMBA_NUM", "POLARS_MAX")
+    }
+)
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # else each process compiles what it imports anew
 
 import numpy as np
@@ -29,15 +36,19 @@ sys.dont_write_bytecode = False
 gc.disable()  # until all is imported
 ROOT = Path(__file__).parents[1]
 RUNNING = ("test_workflow", "test_bundle", "test_report", "test_walking_perturbed_by")
-"""Modules that run campaigns: on one core, for `snakemake_runs.py` has a process with all imports for each."""
+"""Modules that run campaigns: on one core, for `snakemake_runs.py` has a process with all imports
+for each."""
 LONGEST = (
-    *RUNNING, "test_bench_any_excitation", "test_bench_witness", "test_study", "test_figures", "test_walking_commands",
-    "test_timebase", "test_walking_platform", "test_bench_rounding", "test_walking_groups", "test_damage", "test_cli",
+    *RUNNING, "test_bench_any_excitation", "test_bench_witness", "test_study", "test_figures",
+    "test_walking_commands",
+    "test_timebase", "test_walking_platform", "test_bench_rounding", "test_walking_groups",
+    "test_damage", "test_cli",
     "test_adding",
 )  # fmt: skip
 """Modules that take more than 5 s of a core, the longest first."""
 
-# without a deadline: a busy machine is no fault of the code; other seeds: pytest --hypothesis-profile default
+# without a deadline: a busy machine is no fault of the code; other seeds: pytest
+# --hypothesis-profile default
 settings.register_profile("seeded", derandomize=True, database=None, deadline=None)
 settings.load_profile("seeded")
 
@@ -57,12 +68,18 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> ByModul
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark tests of numerical modules `numerics`; long modules first, so that no process is busy alone at the end."""
-    items.sort(key=lambda item: LONGEST.index(item.path.stem) if item.path.stem in LONGEST else len(LONGEST))
+    """Mark tests of numerical modules `numerics`; long modules first, so that no process is busy
+    alone at the end."""
+    items.sort(
+        key=lambda item: (
+            LONGEST.index(item.path.stem) if item.path.stem in LONGEST else len(LONGEST)
+        )
+    )
     for item in items:
         if any(fnmatch(item.path.stem, pattern) for pattern in NUMERICAL):
             item.add_marker(pytest.mark.numerics)
-    gc.freeze()  # what collecting has made stays, and looking through it again and again takes a tenth of a run
+    # what collecting has made stays, and looking through it again and again takes a tenth of a run
+    gc.freeze()
     gc.set_threshold(20_000)
     gc.enable()
 
@@ -79,7 +96,8 @@ def parameters() -> DrivetrainParameters:
 
 @pytest.fixture
 def without_witness(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of a test that asks for estimates alone: hearing what a model lacks takes nine tenths of a fit."""
+    """Of a test that asks for estimates alone: hearing what a model lacks takes nine tenths of a
+    fit."""
     unheard = no_witness() | {"VAF_in_band": None}
     monkeypatch.setattr("osl_analysis.bench.impedance.witness_row", lambda *_, **__: unheard)
 
@@ -91,8 +109,11 @@ def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(f"osl_analysis.formats.{module}.isolated", lambda work: work())
 
 
-def multisine(*frequencies_hz: float, amplitude: float = 0.1, duration: float = 10.0, rate: float = 500.0) -> Motion:
-    """A sum of sines with phases 0, 1, 2 ... rad; every derivative is the formula's, none is computed from data."""
+def multisine(
+    *frequencies_hz: float, amplitude: float = 0.1, duration: float = 10.0, rate: float = 500.0
+) -> Motion:
+    """A sum of sines with phases 0, 1, 2 ... rad; every derivative is the formula's, none is
+    computed from data."""
     t, w = np.arange(round(duration * rate)) / rate, 2 * np.pi * np.asarray(frequencies_hz)[:, None]
     phase = w * t + np.arange(len(frequencies_hz))[:, None]
     theta, omega, alpha = np.sin(phase), w * np.cos(phase), -(w**2) * np.sin(phase)
@@ -100,12 +121,14 @@ def multisine(*frequencies_hz: float, amplitude: float = 0.1, duration: float = 
 
 
 def filtered_noise(rng: np.random.Generator, n: int = 3000, size: float = 0.05) -> Array:
-    """White noise of standard deviation `size` at 1000 Hz through the 15 Hz low-pass, shape (n,), without its edges."""
+    """White noise of standard deviation `size` at 1000 Hz through the 15 Hz low-pass, shape (n,),
+    without its edges."""
     return LowPass(15)(size * rng.standard_normal(n + 1000), 1000.0)[500:-500]
 
 
 def marked(table: pl.DataFrame, limits: Limits, name: str) -> pl.DataFrame:
-    """A table with the names of the causes of doubt about its rows, and of what could not be checked."""
+    """A table with the names of the causes of doubt about its rows, and of what could not be
+    checked."""
     return judging.marked(table, judging.judged(table, limits, name), name)
 
 

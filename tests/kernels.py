@@ -1,5 +1,6 @@
-"""Kernels of OpenBLAS differ by processor in rounding: an exact fit leaves 1e-16 with one and may leave 0 with another.
-`make test-kernels` runs the tests of `NUMERICAL` with those of two other processors, which run on any recent x86."""
+"""Kernels of OpenBLAS differ by processor in rounding: an exact fit leaves 1e-16 with one and may
+leave 0 with another. `make test-kernels` runs the tests of `NUMERICAL` with those of two other
+processors, which run on any recent x86."""
 
 import ctypes
 import re
@@ -14,15 +15,18 @@ NUMERICAL = (
     "test_walking_bodies", "test_walking_response",
     "test_walking_plate*", "test_walking_response",
 )  # fmt: skip
-"""Modules of tests, as patterns, whose results are floating-point numbers of fits. They have the marker `numerics`.
+"""Modules of tests, as patterns, whose results are floating-point numbers of fits. They have the
+marker `numerics`.
 
 Long simulations of coverage are not among them: two more runs take three minutes at most."""
 NAMES = ("scipy_openblas_get_corename64_", "scipy_openblas_get_corename", "openblas_get_corename")
 
 
 def loaded_kernels() -> dict[str, str]:
-    """The kernel that each OpenBLAS in this process has taken, by library; empty where another library is used."""
-    product = scipy.linalg.blas.dgemm(1.0, np.eye(2), np.eye(2)) @ np.eye(2)  # both libraries are loaded now
+    """The kernel that each OpenBLAS in this process has taken, by library; empty where another
+    library is used."""
+    # both libraries are loaded now
+    product = scipy.linalg.blas.dgemm(1.0, np.eye(2), np.eye(2)) @ np.eye(2)
     assert product.shape == (2, 2)
     maps = Path("/proc/self/maps")
     found = re.findall(r"/\S*openblas\S*", maps.read_text()) if maps.is_file() else []
@@ -41,4 +45,7 @@ def kernel_of(path: str) -> str | None:
 
 
 if __name__ == "__main__":
-    print("kernels:", loaded_kernels() or "not OpenBLAS, or it does not say; OPENBLAS_CORETYPE does nothing here")
+    print(
+        "kernels:",
+        loaded_kernels() or "not OpenBLAS, or it does not say; OPENBLAS_CORETYPE does nothing here",
+    )

@@ -1,4 +1,5 @@
-"""Small ROS 2 logs in MCAP, encoded by mcap_ros2's own writer, independent of the decoder under test."""
+"""Small ROS 2 logs in MCAP, encoded by mcap_ros2's own writer, independent of the decoder under
+test."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -27,12 +28,17 @@ def stamped(nanoseconds: int, **fields: Any) -> tuple[int, dict[str, Any]]:
     return nanoseconds + 1_000_000, {"header": {"stamp": stamp, "frame_id": "lab"}, **fields}
 
 
-def write_payloads(path: Path, payloads: Iterable[bytes], encoding: str, *schema: Any, **options: Any) -> Path:
-    """The topic `/lab` of encoded messages, one per millisecond; `schema` is its name, encoding and bytes, if any."""
+def write_payloads(
+    path: Path, payloads: Iterable[bytes], encoding: str, *schema: Any, **options: Any
+) -> Path:
+    """The topic `/lab` of encoded messages, one per millisecond; `schema` is its name, encoding and
+    bytes, if any."""
     with path.open("wb") as file:
         writer = Writer(file, **options)
         writer.start()
-        channel = writer.register_channel("/lab", encoding, writer.register_schema(*schema) if schema else 0)
+        channel = writer.register_channel(
+            "/lab", encoding, writer.register_schema(*schema) if schema else 0
+        )
         for i, payload in enumerate(payloads):
             writer.add_message(channel, i * 1_000_000, payload, i * 1_000_000, i)
         writer.finish()
@@ -40,16 +46,25 @@ def write_payloads(path: Path, payloads: Iterable[bytes], encoding: str, *schema
 
 
 def write_log(
-    path: Path, messages: Messages, schema: str = SAMPLE, name: str = SAMPLE_NAME, topic: str = "/lab", **options: Any
+    path: Path,
+    messages: Messages,
+    schema: str = SAMPLE,
+    name: str = SAMPLE_NAME,
+    topic: str = "/lab",
+    **options: Any,
 ) -> Path:
     """One topic; messages are (log time [ns], fields), in file order."""
     return write_topics(path, {topic: (name, schema, messages)}, **options)
 
 
 def write_topics(
-    path: Path, topics: dict[str, tuple[str, str, Messages]], sequences: list[int] | None = None, **options: Any
+    path: Path,
+    topics: dict[str, tuple[str, str, Messages]],
+    sequences: list[int] | None = None,
+    **options: Any,
 ) -> Path:
-    """Topics one after the other; `#2` ends the name of a topic's second channel; `sequences` number the messages."""
+    """Topics one after the other; `#2` ends the name of a topic's second channel; `sequences`
+    number the messages."""
     with path.open("wb") as file:
         writer = Writer(file, **{"compression": CompressionType.ZSTD, **options})
         writer.start(profile="ros2")
@@ -58,6 +73,12 @@ def write_topics(
             number = writer.register_schema(name, "ros2msg", schema.encode())
             channel = writer.register_channel(topic.removesuffix("#2"), "cdr", number)
             for row, (log_time, fields) in enumerate(messages):
-                writer.add_message(channel, log_time, encode(fields), log_time, sequences[row] if sequences else row)
+                writer.add_message(
+                    channel,
+                    log_time,
+                    encode(fields),
+                    log_time,
+                    sequences[row] if sequences else row,
+                )
         writer.finish()
     return path

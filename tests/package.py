@@ -1,5 +1,6 @@
-"""The package as a stranger installs it: wheel, then sdist in a new environment, in folders with blanks and umlauts.
-`make test-package` runs it in some two minutes, with `uv` and `build` of the project's environment."""
+"""The package as a stranger installs it: wheel, then sdist in a new environment, in folders with
+blanks and umlauts. `make test-package` runs it in some two minutes, with `uv` and `build` of the
+project's environment."""
 
 import hashlib
 import os
@@ -22,23 +23,35 @@ use rule * from osl as osl_*
 
 
 def call(*arguments: object, folder: Path = ROOT, exit_code: int = 0) -> str:
-    """Run a command as a stranger does, without a trace of this project's environment; its output."""
-    clean = {name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "VIRTUAL_ENV"))}
-    done = subprocess.run([*map(str, arguments)], cwd=folder, env=clean, text=True, capture_output=True, check=False)
+    """Run a command as a stranger does, without a trace of this project's environment; its
+    output."""
+    clean = {
+        name: value
+        for name, value in os.environ.items()
+        if not name.startswith(("PYTHON", "VIRTUAL_ENV"))
+    }
+    done = subprocess.run(
+        [*map(str, arguments)], cwd=folder, env=clean, text=True, capture_output=True, check=False
+    )
     if done.returncode != exit_code:
-        sys.exit(f"{' '.join(map(str, arguments))}: exit code {done.returncode}\n{done.stdout}\n{done.stderr}")
+        sys.exit(
+            f"{' '.join(map(str, arguments))}: exit code"
+            f" {done.returncode}\n{done.stdout}\n{done.stderr}"
+        )
     return done.stdout + done.stderr
 
 
 def installed(python: Path, package: Path) -> set[Path]:
-    """The modules of a package that is installed in an environment, in place of the one that was there."""
+    """The modules of a package that is installed in an environment, in place of the one that was
+    there."""
     call(*INSTALL, python, "--no-build-isolation", "--reinstall", package)
     folder = python.parents[1]
     return {path.relative_to(folder) for path in folder.rglob("osl_analysis/**/*.py")}
 
 
 def check_campaigns(commands: Path, folder: Path) -> None:
-    """Make, run and read the example campaign, run it as a module too, and call what must be refused."""
+    """Make, run and read the example campaign, run it as a module too, and call what must be
+    refused."""
     osl = commands / "osl-analysis"
     call(osl, "doctor", folder=folder)
     call(osl, "init", "Übungs Kampagne", "--example", folder=folder)
@@ -52,9 +65,13 @@ def check_campaigns(commands: Path, folder: Path) -> None:
     snakefile = call(commands / "python", "-c", code, folder=folder)
     (made / "Snakefile").write_text(MODULE.format(snakefile=snakefile.strip()), encoding="utf-8")
     again = ("--cores", "1", "--dry-run", "--forcerun", "osl_ingest")
-    assert "osl_ingest" in call(commands / "snakemake", "results/figures/fig3.pdf", *again, folder=made)
+    assert "osl_ingest" in call(
+        commands / "snakemake", "results/figures/fig3.pdf", *again, folder=made
+    )
     assert "no campaign here" in call(osl, "run", folder=folder, exit_code=1)
-    assert "nothing is overwritten" in call(osl, "init", "Übungs Kampagne", folder=folder, exit_code=1)
+    assert "nothing is overwritten" in call(
+        osl, "init", "Übungs Kampagne", folder=folder, exit_code=1
+    )
 
 
 def main() -> None:
@@ -64,7 +81,9 @@ def main() -> None:
         for built in (folder / "first", folder / "second"):
             call(BIN / "python", "-m", "build", "--no-isolation", "--outdir", built)
             wheel, sdist = sorted(built.iterdir(), key=lambda file: file.suffix != ".whl")
-            digests.append([hashlib.sha256(file.read_bytes()).hexdigest() for file in (wheel, sdist)])
+            digests.append(
+                [hashlib.sha256(file.read_bytes()).hexdigest() for file in (wheel, sdist)]
+            )
         assert digests[0] == digests[1], f"two builds differ: {digests}"
         (folder / "Ein Ordner").mkdir()
         call(BIN / "uv", "venv", "--quiet", "--python", sys.executable, folder / "an environment")
@@ -73,8 +92,17 @@ def main() -> None:
         files = installed(python, wheel)
         check_campaigns(python.parent, folder / "Ein Ordner")
         assert files == installed(python, sdist)
-        call(python.parent / "osl-analysis", "init", "aus sdist", "--recorder", "opensourceleg", folder=folder)
-    print("wheel and sdist: the same twice, installed, and used in a folder with blanks and umlauts")
+        call(
+            python.parent / "osl-analysis",
+            "init",
+            "aus sdist",
+            "--recorder",
+            "opensourceleg",
+            folder=folder,
+        )
+    print(
+        "wheel and sdist: the same twice, installed, and used in a folder with blanks and umlauts"
+    )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,5 @@
-"""A file of any format, read as a user's is: its content says the format, a source file says the rest."""
+"""A file of any format, read as a user's is: its content says the format, a source file says the
+rest."""
 
 from collections.abc import Callable
 from functools import partial
@@ -19,7 +20,8 @@ def read_recognised(path: Path, **described: Any) -> Recording:
 
 
 def refusal_by(read: Callable[..., object], path: Path, *given: object, **stated: object) -> str:
-    """What is said to a file that is refused: one line that begins with the file, of a length that can be read."""
+    """What is said to a file that is refused: one line that begins with the file, of a length that
+    can be read."""
     with pytest.raises(InputError) as caught:
         read(path, *given, **stated)
     message = str(caught.value)

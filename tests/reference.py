@@ -1,6 +1,7 @@
-"""What the last commit left, right or not, so that nothing changes unnoticed. reference_numbers.csv has a row for each
-headline, table, figure and text of two small campaigns; reference_requests.csv one for each rule of planned campaigns:
-what its jobs are given and wait for. `python tests/reference.py` writes both anew; the commit shows what changed."""
+"""What the last commit left, right or not, so that nothing changes unnoticed. reference_numbers.csv
+has a row for each headline, table, figure and text of two small campaigns; reference_requests.csv
+one for each rule of planned campaigns: what its jobs are given and wait for. `python
+tests/reference.py` writes both anew; the commit shows what changed."""
 
 import json
 import re
@@ -23,27 +24,36 @@ TABLES = ("tables/*.csv", "figures/*.csv", "trials/*.parquet", "crossings/*.parq
 TEXTS = ("figures/*.svg", "figures/captions.md", "report.html", "numbers.tex")
 NUMBER = re.compile(r"(?<![\d.])-?\d+\.\d+(?![\d.])")
 NOT_COMPARED = re.compile(
-    r"<(script|style|defs)\b.*?</\1>|<metadata>.*?</metadata>|base64,[^\"']*|<(?:use|g) [^>]*>", re.DOTALL
+    r"<(script|style|defs)\b.*?</\1>|<metadata>.*?</metadata>|base64,[^\"']*|<(?:use|g) [^>]*>",
+    re.DOTALL,
 )
-"""What comes from other packages, or depends on the hash of the configuration, which pictures show letter by letter."""
+"""What comes from other packages, or depends on the hash of the configuration, which pictures show
+letter by letter."""
 UNDETERMINED = re.compile("lag_|noise_share")
 """Columns of what a recording does not determine, where other matrix kernels give other numbers."""
 HEADLINE, SUMS = ("value", "low", "high", "n"), ("size", "mean", "trend")
 NEAR = 2e-6
-"""How far a number may be off, as a part of it, and a sum over columns as it is: other matrix kernels give 4e-8."""
+"""How far a number may be off, as a part of it, and a sum over columns as it is: other matrix
+kernels give 4e-8."""
 
 
 def as_number(cell) -> float:
-    """A name has a number of its own, a sentence 1: new wording changes nothing, a verdict gained or lost does."""
+    """A name has a number of its own, a sentence 1: new wording changes nothing, a verdict gained
+    or lost does."""
     if not isinstance(cell, str):
         return float(cell)
     return 1.0 if " " in cell else crc32(cell.encode()) / 2**32
 
 
 def row_of(columns: dict[str, list]) -> dict[str, float]:
-    """The numbers of a table, each the sum over its columns with weights of 1 to 2 by name: `size` of the decimal
-    logarithm of the largest (a factor, a unit), `mean` and `trend` (sign, order) of the values over the largest."""
-    row = {"columns": len(columns), "cells": sum(map(len, columns.values())), **dict.fromkeys(SUMS, 0.0)}
+    """The numbers of a table, each the sum over its columns with weights of 1 to 2 by name: `size`
+    of the decimal logarithm of the largest (a factor, a unit), `mean` and `trend` (sign, order) of
+    the values over the largest."""
+    row = {
+        "columns": len(columns),
+        "cells": sum(map(len, columns.values())),
+        **dict.fromkeys(SUMS, 0.0),
+    }
     for name, cells in columns.items():
         x = np.array([as_number(cell) for cell in cells])
         x = x[np.isfinite(x)]
@@ -56,14 +66,19 @@ def row_of(columns: dict[str, list]) -> dict[str, float]:
 
 
 def numbers_of(results: Path) -> dict[str, dict[str, float]]:
-    """Those of every headline, table, figure and text of a campaign, by place. The trials of an experiment are one."""
+    """Those of every headline, table, figure and text of a campaign, by place. The trials of an
+    experiment are one."""
     columns: dict[str, dict[str, list]] = {}
     for path in sorted(path for pattern in TABLES for path in results.glob(pattern)):
         is_table = path.suffix == ".csv"
         table = pl.read_csv(path, infer_schema_length=None) if is_table else pl.read_parquet(path)
         place = f"{path.parent.name}/{path.name if is_table else re.match('[a-z]+', path.name)[0]}"
-        for column in (column.drop_nulls() for column in table if not UNDETERMINED.search(column.name)):
-            columns.setdefault(place, {}).setdefault(column.name, []).extend(column.to_numpy().ravel())
+        for column in (
+            column.drop_nulls() for column in table if not UNDETERMINED.search(column.name)
+        ):
+            columns.setdefault(place, {}).setdefault(column.name, []).extend(
+                column.to_numpy().ravel()
+            )
     for path in sorted(path for pattern in TEXTS for path in results.glob(pattern)):
         text = NOT_COMPARED.sub("", path.read_text(encoding="utf-8"))
         columns[str(path.relative_to(results))] = {"numbers": [*map(float, NUMBER.findall(text))]}
@@ -89,13 +104,20 @@ def changed(campaign: str, results: Path) -> list[str]:
         place
         for place in kept.keys() & now.keys()
         if kept[place].keys() == now[place].keys()
-        and all(abs(now[place][k] - x) <= NEAR * (1 if k in SUMS else abs(x)) for k, x in kept[place].items())
+        and all(
+            abs(now[place][k] - x) <= NEAR * (1 if k in SUMS else abs(x))
+            for k, x in kept[place].items()
+        )
     }
-    return sorted(f"{place}: {kept.get(place)} -> {now.get(place)}" for place in (kept.keys() | now.keys()) - near)
+    return sorted(
+        f"{place}: {kept.get(place)} -> {now.get(place)}"
+        for place in (kept.keys() | now.keys()) - near
+    )
 
 
 def requests_of(space, campaign: str) -> set[tuple[str, ...]]:
-    """Campaign, rule, how many jobs, and the first digits of the SHA-256 of what they wait for, are given, and set."""
+    """Campaign, rule, how many jobs, and the first digits of the SHA-256 of what they wait for, are
+    given, and set."""
     changes, trials = PLANNED[campaign].values()
     (space.folder / "trials.csv").write_text("".join(row for row in SHEET if re.match(trials, row)))
     (space.folder / "raw").mkdir(exist_ok=True)
@@ -103,16 +125,24 @@ def requests_of(space, campaign: str) -> set[tuple[str, ...]]:
     jobs: dict[str, list[tuple[str, ...]]] = {}
     planned = space.run("-n", "reproduce-all", "--quiet", "host").stdout
     for rule, waits in re.findall(r"^rule (\S+):\n    input: (.*)$", planned, re.MULTILINE):
-        request = next((Path(file) for file in waits.split(", ") if file.endswith("job.json")), None)
+        request = next(
+            (Path(file) for file in waits.split(", ") if file.endswith("job.json")), None
+        )
         waits = waits.replace(f"{space.folder}/planned/", "results/requests/")
         given = json.loads(request.read_text()) if request else {}
         settings, _ = given.pop("settings", {}), given.pop("code", "")
         given |= {name: sorted(given[name]) for name in ("made_of", "recorded") if name in given}
-        parts = (json.dumps(part).replace(version("osl-analysis"), "") for part in (waits, given, settings))
+        parts = (
+            json.dumps(part).replace(version("osl-analysis"), "")
+            for part in (waits, given, settings)
+        )
         jobs.setdefault(rule, []).append(tuple(parts))
     assert jobs, planned
     digests = {
-        rule: (sha256("".join(sorted(part)).encode()).hexdigest()[:8] for part in zip(*each, strict=True))
+        rule: (
+            sha256("".join(sorted(part)).encode()).hexdigest()[:8]
+            for part in zip(*each, strict=True)
+        )
         for rule, each in jobs.items()
     }
     return {(campaign, rule, str(len(jobs[rule])), *digest) for rule, digest in digests.items()}
@@ -128,10 +158,15 @@ if __name__ == "__main__":
             space = Workspace(Path(folder), settings)
             assert space.run(*MADE[campaign]).returncode == 0
             every = numbers_of(space.folder / "results")
-        texts = {place: " ".join(f"{k} {x:.10g}" for k, x in each.items()) for place, each in every.items()}
+        texts = {
+            place: " ".join(f"{k} {x:.10g}" for k, x in each.items())
+            for place, each in every.items()
+        }
         rows += [(campaign, *item) for item in texts.items()]
     for campaign in PLANNED:
         with TemporaryDirectory() as folder:
             jobs += sorted(requests_of(Workspace(Path(folder)), campaign))
     pl.DataFrame(rows, ["campaign", "place", "numbers"], orient="row").write_csv(NUMBERS)
-    pl.DataFrame(jobs, ["campaign", "rule", "jobs", "waits_for", "given", "settings"], orient="row").write_csv(REQUESTS)
+    pl.DataFrame(
+        jobs, ["campaign", "rule", "jobs", "waits_for", "given", "settings"], orient="row"
+    ).write_csv(REQUESTS)

@@ -1,4 +1,5 @@
-"""A small campaign, and runs in forks of one process with all imports and a server of jobs, which takes 4 s less."""
+"""A small campaign, and runs in forks of one process with all imports and a server of jobs, which
+takes 4 s less."""
 
 import atexit
 import json
@@ -19,9 +20,11 @@ OVERRIDES = {
     "campaign": "small", "raw_data": "raw_data/small", "sheet": "raw_data/small/trials.csv",
     "simulation": "config/simulation/small.yaml", "dynamometer": PROTOCOL,
     "walking": {"bootstrap_samples": 100, "perturbed_stance": "own"},
-    "figures": {"time_series": {"amplitude_deg": 4, "duration_s": 2}, "frequency_response": {"K_d": 300, "B_d": 5}},
+    "figures": {"time_series": {"amplitude_deg": 4, "duration_s": 2},
+    "frequency_response": {"K_d": 300, "B_d": 5}},
 }  # fmt: skip
-"""Its configuration. No perturbation changes the stance, and the pace of a few crossings is too little to match to."""
+"""Its configuration. No perturbation changes the stance, and the pace of a few crossings is too
+little to match to."""
 
 FORKING = """
 import gc, json, os, sys, time
@@ -63,7 +66,8 @@ for line in sys.stdin:
 PLANNED_IN = "planned"  # where a dry run of these tests keeps the requests that differ
 
 SMALL = {
-    "experiments": {"K_d": [200, 300], "B_d": [5.0], "belt": 2, "transmission": 2, "actuator": 2, "plate": 3,
+    "experiments": {"K_d": [200, 300], "B_d": [5.0], "belt": 2, "transmission": 2, "actuator": 2,
+    "plate": 3,
                     "walking": 8},
     "actuator": {"duration_s": 10}, "protocol": PROTOCOL | {"rest_s": 0.5, "lead_s": 0.5},
 }  # fmt: skip
@@ -71,11 +75,14 @@ SMALL = {
 
 
 def write_small(folder: Path, changes: dict) -> None:
-    """Write the shipped configuration to a folder, with a small simulation, and these changes to it or its gait."""
+    """Write the shipped configuration to a folder, with a small simulation, and these changes to it
+    or its gait."""
     shutil.copytree(ROOT / "config", folder / "config")
     for part, name, to in (("simulation", "default", "small"), ("gait", "walking", "walking")):
         settings = yaml.safe_load((ROOT / f"config/simulation/{name}.yaml").read_text())
-        settings = overriding(overriding(settings, SMALL if to == "small" else {}), changes.get(part, {}))
+        settings = overriding(
+            overriding(settings, SMALL if to == "small" else {}), changes.get(part, {})
+        )
         (folder / f"config/simulation/{to}.yaml").write_text(yaml.safe_dump(settings))
 
 
@@ -83,8 +90,12 @@ def write_small(folder: Path, changes: dict) -> None:
 def forking() -> subprocess.Popen[str]:
     """The process from which the runs are forked."""
     pipes = dict.fromkeys(("stdin", "stdout"), subprocess.PIPE)
-    path = {"PYTHONPATH": f"{Path(__file__).with_name('unlucky')}:{os.environ.get('PYTHONPATH', ROOT)}"}
-    started = subprocess.Popen([sys.executable, "-c", FORKING], cwd=ROOT, env=os.environ | path, text=True, **pipes)
+    path = {
+        "PYTHONPATH": f"{Path(__file__).with_name('unlucky')}:{os.environ.get('PYTHONPATH', ROOT)}"
+    }
+    started = subprocess.Popen(
+        [sys.executable, "-c", FORKING], cwd=ROOT, env=os.environ | path, text=True, **pipes
+    )
     atexit.register(started.communicate)  # closes its pipes, once it is killed
     atexit.register(started.kill)
     return started
@@ -98,4 +109,6 @@ def run_forked(arguments: list[str], folder: Path) -> subprocess.CompletedProces
     assert server.stdout is not None
     server.stdin.write(json.dumps([arguments, str(folder), str(said)]) + "\n")
     server.stdin.flush()
-    return subprocess.CompletedProcess(arguments, int(server.stdout.readline()), said.read_text(), "")
+    return subprocess.CompletedProcess(
+        arguments, int(server.stdout.readline()), said.read_text(), ""
+    )

@@ -1,4 +1,5 @@
-"""A new experiment: a toy of one file of its own and four entries goes through all of a copy of the project."""
+"""A new experiment: a toy of one file of its own and four entries goes through all of a copy of the
+project."""
 
 import json
 import os
@@ -67,16 +68,21 @@ def summarise_holding(table: Path, output: Path) -> None:
     ),
 }
 TORQUES = {"holding_1": 2.0, "holding_2": 6.0}
-OURS = "{campaign: holding, raw_data: ., sheet: trials.csv, simulation: null, impedance_trajectory: null}"
+OURS = (
+    "{campaign: holding, raw_data: ., sheet: trials.csv, simulation: null, impedance_trajectory:"
+    " null}"
+)
 
 
 @pytest.fixture(scope="module")
 def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A copy of the project with the toy experiment, and a campaign of two of its trials, as CSV logs of 2 s."""
+    """A copy of the project with the toy experiment, and a campaign of two of its trials, as CSV
+    logs of 2 s."""
     folder = tmp_path_factory.mktemp("project")
     shutil.copy(ROOT / "Snakefile", folder)
     for part in ("osl_analysis", "snakemake_logger_plugin_osl", "rules", "profiles", "config"):
-        # with the compiled modules, which the same dates keep valid, and not those that another process just writes
+        # with the compiled modules, which the same dates keep valid, and not those that another
+        # process just writes
         shutil.copytree(ROOT / part, folder / part, ignore=shutil.ignore_patterns("*.pyc.*"))
     (folder / "osl_analysis/bench/holding.py").write_text(FIT)
     for name, (place, text) in ADDITIONS.items():
@@ -86,8 +92,15 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
     time, noise = np.arange(1000) / 500, np.random.default_rng(1).standard_normal((2, 1000))
     rows = ["trial,experiment,log,log_source"]
     for name, torque in TORQUES.items():
-        columns = {"time [s]": time, "joint angle [deg]": 1e-3 * noise[0], "actuator angle [deg]": 1e-3 * noise[0]}
-        columns |= {"load cell torque [N*m]": -torque + 0.01 * noise[1], "motor current [A]": noise[1]}
+        columns = {
+            "time [s]": time,
+            "joint angle [deg]": 1e-3 * noise[0],
+            "actuator angle [deg]": 1e-3 * noise[0],
+        }
+        columns |= {
+            "load cell torque [N*m]": -torque + 0.01 * noise[1],
+            "motor current [A]": noise[1],
+        }
         pl.DataFrame(columns).write_csv(folder / f"{name}.csv")
         rows.append(f"{name},holding,{name}.csv,bench_csv")
     (folder / "trials.csv").write_text("\n".join(rows) + "\n")
@@ -98,7 +111,9 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def python(project: Path, *arguments: str) -> str:
     """What a Python of the copy says."""
     environment, command = os.environ | {"PYTHONPATH": str(project)}, [sys.executable, *arguments]
-    return subprocess.run(command, cwd=project, env=environment, stdout=subprocess.PIPE, text=True, check=True).stdout
+    return subprocess.run(
+        command, cwd=project, env=environment, stdout=subprocess.PIPE, text=True, check=True
+    ).stdout
 
 
 DOORS = """
@@ -129,7 +144,9 @@ def test_sheet_rules_tables_quality_control_and_every_door_know_it(project: Path
     assert (checks["value"].null_count(), set(checks["trial"])) == (0, set(TORQUES))
     row = table.row(-1, named=True)
     first, text, as_json, *others = json.loads(python(project, "-c", DOORS))
-    assert re.search(rf"holding_1: ok\n.*\n +mean_torque +{table['mean_torque'][0]:.5g}", first), first
+    assert re.search(rf"holding_1: ok\n.*\n +mean_torque +{table['mean_torque'][0]:.5g}", first), (
+        first
+    )
     assert json.loads(as_json)[0]["mean_torque"] == row["mean_torque"]
     for said in (text, *others):
         assert re.search(rf"mean_torque +{row['mean_torque']:.4g}", said), said

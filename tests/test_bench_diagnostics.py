@@ -1,4 +1,5 @@
-"""What makes a bench fit doubtful, by its right name: a late torque, friction, a spring that stiffens, play."""
+"""What makes a bench fit doubtful, by its right name: a late torque, friction, a spring that
+stiffens, play."""
 
 from dataclasses import replace
 
@@ -10,9 +11,19 @@ from bench_synthetic import FIVE, second_order, stepped_sine, table_of
 from conftest import ROOT, findings_of, marked
 from scipy.interpolate import CubicSpline
 
-from osl_analysis.bench.analysis import fitted_motion, friction_rows, with_friction, without_friction
+from osl_analysis.bench.analysis import (
+    fitted_motion,
+    friction_rows,
+    with_friction,
+    without_friction,
+)
 from osl_analysis.bench.effects import IMPEDANCE, belt_of_leg, plain_sums, with_effects
-from osl_analysis.bench.impedance import DesiredImpedance, impedance_table, judged_impedance, rendered_impedance
+from osl_analysis.bench.impedance import (
+    DesiredImpedance,
+    impedance_table,
+    judged_impedance,
+    rendered_impedance,
+)
 from osl_analysis.bench.record import record_of_trial, with_actuator
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.campaign.configuration import read_section
@@ -33,7 +44,10 @@ SETTINGS = read_section(ROOT / "config/config.yaml", "dynamometer", DynamometerA
 def rows(torque_of, noise=0.03, protocol=FIVE, seed=1):
     """Rows of a joint, judged by what they tell without gains and belt."""
     table = table_of(stepped_sine(torque_of, noise, protocol, seed))
-    limits = {end: {k: v for k, v in getattr(LIMITS, end).items() if k in table.columns} for end in ("above", "below")}
+    limits = {
+        end: {k: v for k, v in getattr(LIMITS, end).items() if k in table.columns}
+        for end in ("above", "below")
+    }
     return marked(table, LIMITS.model_copy(update=limits), "phasors").to_dicts()
 
 
@@ -48,7 +62,8 @@ def test_a_sound_joint_is_not_doubtful_and_shows_no_cause():
 @pytest.mark.usefixtures("without_witness")
 @pytest.mark.parametrize("fall", [0.01, -0.02])
 def test_a_stiffness_that_changes_while_it_is_recorded_is_named_and_has_its_size(fall):
-    """It makes I wrong by four times as much, forty standard errors, and nothing else of the fit shows it."""
+    """It makes I wrong by four times as much, forty standard errors, and nothing else of the fit
+    shows it."""
     protocol = SteppedSineProtocol((np.deg2rad(4.0),), (1.0, 2.0, 3.0, 4.0, 5.0), 8)
 
     def torque(m):
@@ -66,9 +81,12 @@ def test_a_stiffness_that_changes_while_it_is_recorded_is_named_and_has_its_size
 
 @pytest.mark.parametrize("noise", [0.002, 2.0])
 def test_a_stiffness_that_eq_15_misses_at_some_frequencies_is_no_change_over_time(noise):
-    """Frequencies follow one another: K of the joint seems to change over time, too. Noisy cycles cannot deny it."""
+    """Frequencies follow one another: K of the joint seems to change over time, too. Noisy cycles
+    cannot deny it."""
     protocol = SteppedSineProtocol((0.1,), (1.0, 2.0, 3.0, 4.0, 5.0), 8)
-    *_, whole = rows(lambda m: second_order(m) + 0.03 * m.alpha * np.abs(m.alpha) / 100, noise, protocol)
+    *_, whole = rows(
+        lambda m: second_order(m) + 0.03 * m.alpha * np.abs(m.alpha) / 100, noise, protocol
+    )
     assert whole["K_drift"] == 0
 
 
@@ -77,20 +95,29 @@ def test_coulomb_friction_is_named_and_has_its_size():
     for row in (*single, whole):
         assert row["coulomb_torque"] == pytest.approx(0.8, rel=0.05)
         assert row["coulomb_damping"] == pytest.approx(row["B"] - 4, rel=0.1)
-        assert (row["f_C"], row["B_viscous"]) == (pytest.approx(0.8, rel=0.01), pytest.approx(4, abs=0.05))
+        assert (row["f_C"], row["B_viscous"]) == (
+            pytest.approx(0.8, rel=0.01),
+            pytest.approx(4, abs=0.05),
+        )
     assert whole["B_viscous_low"] < 4 < whole["B_viscous_high"]
     assert whole["f_C_low"] < 0.8 < whole["f_C_high"]
     assert whole["K_without_friction_low"] < 200 < whole["K_without_friction_high"]
     assert whole["I_without_friction_low"] < 0.05 < whole["I_without_friction_high"]
     (finding,) = findings_of(whole, Limits(above={"coulomb_share": 0.01}), "impedance")[:1]
-    assert (finding.cause, [*finding.without]) == ("friction", [f"{x}{end}" for x in "KBI" for end in ENDS])
+    assert (finding.cause, [*finding.without]) == (
+        "friction",
+        [f"{x}{end}" for x in "KBI" for end in ENDS],
+    )
     assert finding.without["B_high"] == whole["B_viscous_high"]
     rubbing = stepped_sine(lambda m: second_order(m) + 0.8 * np.sign(m.omega), 0.03, FIVE)
     analysis, s = rendered_impedance(rubbing)
     of_leg = friction_rows(s, analysis, is_leg=True)[None]
     smooth, sharp = (
         without_friction(
-            *(with_effects(s, IMPEDANCE, x) for x in ((), (T,))), with_friction(s, IMPEDANCE, None, T), ["B"], T
+            *(with_effects(s, IMPEDANCE, x) for x in ((), (T,))),
+            with_friction(s, IMPEDANCE, None, T),
+            ["B"],
+            T,
         )
         for T in ("T_C", "T_C_sharp")
     )
@@ -106,7 +133,9 @@ def test_a_spring_that_stiffens_or_softens_is_named_and_not_called_friction(cubi
     *_, whole = rows(lambda m: second_order(m) + cubic * m.theta**3)
     assert whole["K_without"] == pytest.approx(200, rel=2e-3)
     assert abs(whole["coulomb_torque"]) < 0.03
-    assert whole["K_change"] == pytest.approx(0.75 * cubic * (0.1**2 - 0.05**2) / whole["K"], rel=0.05)
+    assert whole["K_change"] == pytest.approx(
+        0.75 * cubic * (0.1**2 - 0.05**2) / whole["K"], rel=0.05
+    )
     assert whole["doubtful"] == "spring that is not linear"
 
 
@@ -114,21 +143,32 @@ def test_a_spring_that_stiffens_or_softens_is_named_and_not_called_friction(cubi
 def test_a_change_of_a_small_damping_is_a_share_of_two_newton_metres_per_rad_per_second_too():
     """B is 0.8 at the small amplitude and 0.4 at the large one, in the second half."""
     *_, whole = rows(
-        lambda m: second_order(m) - np.where(np.arange(len(m.theta)) < len(m.theta) / 2, 3.2, 3.6) * m.omega, 1e-6
+        lambda m: (
+            second_order(m)
+            - np.where(np.arange(len(m.theta)) < len(m.theta) / 2, 3.2, 3.6) * m.omega
+        ),
+        1e-6,
     )
     assert whole["B_change"] == pytest.approx(-0.4 / np.hypot(whole["B"], 2), rel=0.02)
     assert whole["K_change"] == pytest.approx(0, abs=1e-4)
 
 
 def leg(torque_late=0.0, theta_m_late=0.0, theta_late=0.0, B_j=P.B_j, move=multisine):
-    """A drivetrain's trial from Eqs. 3-4 and a belt with hysteresis; the actuator moves as no second-order joint."""
+    """A drivetrain's trial from Eqs. 3-4 and a belt with hysteresis; the actuator moves as no
+    second-order joint."""
     rng = np.random.default_rng(8)
     time, (theta, omega, alpha) = move(rng, rate=500.0)
     wound = 0.45 * theta + 6e-3 * omega + 4e-3 * np.tanh(omega / 0.05)
     slips = np.zeros_like(wound)
     for k, step in enumerate(np.diff(wound), 1):
         slips[k] = np.clip(slips[k - 1] + step / 1e-3, -1, 1)
-    torque = P.J_j * alpha + B_j * omega + P.K_s * wound + 0.5 * slips + 0.03 * rng.standard_normal(len(time))
+    torque = (
+        P.J_j * alpha
+        + B_j * omega
+        + P.K_s * wound
+        + 0.5 * slips
+        + 0.03 * rng.standard_normal(len(time))
+    )
     late = {"theta": theta_late, "theta_m": theta_m_late, "torque": torque_late}
     signals = {"theta": theta, "theta_m": P.n_T * (theta - wound), "torque": torque}
     columns = {name: CubicSpline(time, signals[name])(time - late[name]) for name in signals}
@@ -139,40 +179,62 @@ def leg(torque_late=0.0, theta_m_late=0.0, theta_late=0.0, B_j=P.B_j, move=multi
 
 def test_a_leg_whose_belt_shows_is_asked_for_no_stretch_reflex():
     record = with_actuator(record_of_trial(trial := leg(move=noise), SETTINGS), trial)
-    asked = [impedance_table(*rendered_impedance(record), p)["reflex_p"][0] is not None for p in (P, None)]
+    asked = [
+        impedance_table(*rendered_impedance(record), p)["reflex_p"][0] is not None
+        for p in (P, None)
+    ]
     assert asked == [False, True]
 
 
 def test_another_b_j_than_that_of_the_file_makes_no_lag_certain():
     """It looks like an angle that is late by the difference over K_s: 0.36 ms."""
     trial = leg(B_j=1.6 * P.B_j)
-    row = impedance_table(*rendered_impedance(with_actuator(record_of_trial(trial, SETTINGS), trial)), P)
-    assert (row["certain_theta_m_lag_s"][0] < 0, row["lag_inertia_share"][0], row["lag_share"][0]) == (True, 0, 0)
+    row = impedance_table(
+        *rendered_impedance(with_actuator(record_of_trial(trial, SETTINGS), trial)), P
+    )
+    assert (
+        row["certain_theta_m_lag_s"][0] < 0,
+        row["lag_inertia_share"][0],
+        row["lag_share"][0],
+    ) == (True, 0, 0)
 
 
 @pytest.mark.parametrize(("fault", "lag", "of_theta_m"), [
-    ({}, 0, 0), ({"torque_late": 1e-3}, 1e-3, 0), ({"torque_late": -4e-3}, -4e-3, 0), ({"B_j": 1.1 * P.B_j}, 0, 0),
+    ({}, 0, 0), ({"torque_late": 1e-3}, 1e-3, 0), ({"torque_late": -4e-3}, -4e-3, 0),
+    ({"B_j": 1.1 * P.B_j}, 0, 0),
     ({"theta_m_late": 1e-3}, 0, 1e-3), ({"theta_late": 2e-3}, -2e-3, -2e-3),
 ])  # fmt: skip
 def test_the_belt_shows_which_channel_of_a_leg_is_late(fault, lag, of_theta_m):
     """Eq. 15 misses so much of a leg that it passes for a delay of 10 ms; a belt stays a spring."""
     trial = leg(**fault)
     record = with_actuator(record_of_trial(trial, SETTINGS), trial)
-    row = judged_impedance(record, saturated(trial, "torque", "theta"), P, UNKNOWN)[1].row(0, named=True)
-    in_time = record_of_trial(leg(**fault | dict.fromkeys(("torque_late", "theta_late"), 0.0)), SETTINGS)
+    row = judged_impedance(record, saturated(trial, "torque", "theta"), P, UNKNOWN)[1].row(
+        0, named=True
+    )
+    in_time = record_of_trial(
+        leg(**fault | dict.fromkeys(("torque_late", "theta_late"), 0.0)), SETTINGS
+    )
     sound = fitted_motion(in_time, plain_sums(in_time, IMPEDANCE), IMPEDANCE).whole
     for name in "KBI":
         told = [row[f"{name}_without_lag{end}"] for end in ENDS]
         assert (told == [None] * 3) if not lag else (told[1] < sound[name] < told[2]), name
     assert row["lag_s"] == pytest.approx(lag, abs=1.5e-4)
-    assert row["certain_theta_m_lag_s"] == pytest.approx(of_theta_m, abs=1.5e-4 if of_theta_m else 0)
+    assert row["certain_theta_m_lag_s"] == pytest.approx(
+        of_theta_m, abs=1.5e-4 if of_theta_m else 0
+    )
     assert row["lag_share"] == pytest.approx(abs(row["K"] * row["lag_s"] / row["B"]) if lag else 0)
     causes = [finding.cause for finding in findings_of(row, LIMITS, "impedance")]
     assert ("late torque" in causes) == bool(lag)
     assert ("whether theta_m or B_j is wrong" in causes) == bool(of_theta_m)
     assert LATENESS not in causes
-    idle = replace(trial, samples=trial.samples.with_columns(theta_m=0.3 + 1e-3 * pl.col("theta_m")))
-    assert belt_of_leg(record, None) is belt_of_leg(with_actuator(record_of_trial(idle, SETTINGS), idle), P) is None
+    idle = replace(
+        trial, samples=trial.samples.with_columns(theta_m=0.3 + 1e-3 * pl.col("theta_m"))
+    )
+    assert (
+        belt_of_leg(record, None)
+        is belt_of_leg(with_actuator(record_of_trial(idle, SETTINGS), idle), P)
+        is None
+    )
     turned = replace(trial, samples=trial.samples.with_columns(theta_m=-pl.col("theta_m")))
     belt = belt_of_leg(with_actuator(record_of_trial(turned, SETTINGS), turned), P)
     assert (belt.torque, belt.K_s / P.K_s < 0.7) == (None, True)

@@ -31,12 +31,15 @@ from osl_analysis.trial import Trial, write_trial
 
 @pytest.mark.usefixtures("without_witness")
 def test_the_row_over_all_amplitudes_says_from_where_to_where_the_single_ones_read():
-    """K falls from the small amplitude to the large one as Coulomb friction's share does in K theta^3."""
+    """K falls from the small amplitude to the large one as Coulomb friction's share does in K
+    theta^3."""
     record = stepped_sine(lambda m: second_order(m) + 2e3 * m.theta**3)
     table = bench_synthetic.table_of(record)
     small, large, both = table.to_dicts()
     assert small["K"] + 3 < both["K"] < large["K"]
-    assert phasors_of_record(record)[3].torque.distortion == pytest.approx(2e3 * 0.1**3 / 4 / 21.45, rel=0.02)
+    assert phasors_of_record(record)[3].torque.distortion == pytest.approx(
+        2e3 * 0.1**3 / 4 / 21.45, rel=0.02
+    )
     for name in "KBI":
         low, high = sorted((small[name], large[name]))
         assert (both[f"{name}_amplitudes_low"], both[f"{name}_amplitudes_high"]) == (low, high)
@@ -47,11 +50,13 @@ def test_the_row_over_all_amplitudes_says_from_where_to_where_the_single_ones_re
 
 @pytest.mark.usefixtures("without_witness")
 def test_the_model_of_fig4_is_the_fit_to_the_settled_cycles_and_has_no_torque_beyond_them():
-    """Before the settled cycles the torque is three times as large, which a fit to all rows would take up."""
+    """Before the settled cycles the torque is three times as large, which a fit to all rows would
+    take up."""
 
     def disturbed(motion):
         joint, fast = second_order(motion), np.abs(motion.theta) > 0
-        ends = np.flatnonzero(np.diff(fast.astype(int), prepend=0) == 1)  # each block begins with the 1 Hz
+        # each block begins with the 1 Hz
+        ends = np.flatnonzero(np.diff(fast.astype(int), prepend=0) == 1)
         for start in ends[np.diff(ends, prepend=-RATE * 5) > RATE * 5]:
             joint[start : start + round(0.8 * RATE)] *= 3
         return joint
@@ -59,14 +64,18 @@ def test_the_model_of_fig4_is_the_fit_to_the_settled_cycles_and_has_no_torque_be
     record = stepped_sine(disturbed)
     large = record.label_near(None)
     assert [record.label_near(3), large] == list(record.groups.labels)
-    with pytest.raises(InputError, match=r"amplitude_deg = 4\.2 is not in the protocol"):  # 2.86 and 5.73 deg
+    # 2.86 and 5.73 deg
+    with pytest.raises(InputError, match=r"amplitude_deg = 4\.2 is not in the protocol"):
         record.label_near(4.2)
     shown = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE).last_seconds(large, 1000.0)
     row = bench_synthetic.table_of(record).row(1, named=True)
     motion = record.motion[np.r_[record.moving(large)[0]]]
-    expected = row["K"] * motion.theta + row["B"] * motion.omega + row["I"] * motion.alpha + row["offset"]
+    expected = (
+        row["K"] * motion.theta + row["B"] * motion.omega + row["I"] * motion.alpha + row["offset"]
+    )
     fitted = shown["torque_model"].is_not_null().to_numpy()
-    left = shown["torque_model"].to_numpy()[fitted] - expected[fitted]  # the drift of 5e-8 N*m that is fitted too
+    # the drift of 5e-8 N*m that is fitted too
+    left = shown["torque_model"].to_numpy()[fitted] - expected[fitted]
     np.testing.assert_allclose(left, 0, atol=2e-7)
     assert row["K"] == pytest.approx(200, rel=1e-3)
     # of nine cycles at 1, 3 and 5 Hz the first two and the last one
@@ -74,20 +83,29 @@ def test_the_model_of_fig4_is_the_fit_to_the_settled_cycles_and_has_no_torque_be
 
 
 @pytest.mark.parametrize(("steps", "sizes"), [
-    (((0.14, 0.5), (0.14, 1), (0.09, 2), (0.035, 4)), [8.02]), (((0.14, 0.5), (0.09, 2), (0.035, 4)), []),
+    (((0.14, 0.5), (0.14, 1), (0.09, 2), (0.035, 4)), [8.02]), (((0.14, 0.5), (0.09, 2),
+     (0.035, 4)), []),
     (((0.14, 2), (0.09, 2)), None),
 ])  # fmt: skip
-def test_an_amplitude_of_one_frequency_has_no_row_and_refuses_no_trial_that_tells(steps, sizes, tmp_path):
+def test_an_amplitude_of_one_frequency_has_no_row_and_refuses_no_trial_that_tells(
+    steps, sizes, tmp_path
+):
     """A drive with a limit of speed reaches less at high frequencies."""
-    rest, step = np.zeros(round(2 * RATE)), 2 * np.pi / 2**16  # whose rounding would pass for other frequencies
-    theta = np.concatenate([rest, *(x for a, f in steps for x in (a * unit_sines([(f, 9)], RATE), rest))])
+    # whose rounding would pass for other frequencies
+    rest, step = np.zeros(round(2 * RATE)), 2 * np.pi / 2**16
+    theta = np.concatenate(
+        [rest, *(x for a, f in steps for x in (a * unit_sines([(f, 9)], RATE), rest))]
+    )
     time, read = np.arange(len(theta)) / RATE, step * np.round(theta / step)
     torque = second_order(bench_synthetic.true_motion(time, theta))
     torque += 0.02 * np.random.default_rng(1).standard_normal(len(theta))
     trial = Trial("made", pl.DataFrame({"time": time, "theta": read, "torque": torque}))
     record = record_of_trial(trial, settings := bench_synthetic.sine_settings(None, None))
     if sizes is None:
-        with pytest.raises(IdentifiabilityError, match=r"sines of 8\.02, 5\.16 deg are of 2 Hz alone.*below 1 Hz or"):
+        with pytest.raises(
+            IdentifiabilityError,
+            match=r"sines of 8\.02, 5\.16 deg are of 2 Hz alone.*below 1 Hz or",
+        ):
             judged_impedance(record, UNSATURATED, None, None)
         return
     table = judged_impedance(record, UNSATURATED, None, None)[1]
@@ -95,56 +113,89 @@ def test_an_amplitude_of_one_frequency_has_no_row_and_refuses_no_trial_that_tell
     assert table.row(-1, named=True)["K"] == pytest.approx(200, rel=1e-3)
     write_trial(trial, path := tmp_path / "made.parquet")
     write_table(table, tmp_path / "fit.csv")
-    choice = {"trial": "made", "joint": None, "side": None, "chosen": "", "amplitude_deg": 2.0, "duration_s": 10}
-    plotted_numbers.fig4(path, tmp_path / "fit.csv", settings, choice, Limits(), tmp_path / "fig4.csv")
+    choice = {
+        "trial": "made",
+        "joint": None,
+        "side": None,
+        "chosen": "",
+        "amplitude_deg": 2.0,
+        "duration_s": 10,
+    }
+    plotted_numbers.fig4(
+        path, tmp_path / "fit.csv", settings, choice, Limits(), tmp_path / "fig4.csv"
+    )
     shown = read_table(tmp_path / "fig4.csv")
     assert 1 - (shown["torque"] - shown["torque_model"]).var() / shown["torque"].var() > 0.999
 
 
 @pytest.mark.usefixtures("without_witness")
 def test_where_amplitudes_nest_inside_frequencies_fig4_uses_one_amplitude_only(tmp_path):
-    """A fit to both amplitudes leaves several percent: the small one has half of the stiffness of the large one."""
-    sines = [a * unit_sines([(f, 9)], RATE) for f in PROTOCOL.frequencies_hz for a in PROTOCOL.amplitudes]
+    """A fit to both amplitudes leaves several percent: the small one has half of the stiffness of
+    the large one."""
+    sines = [
+        a * unit_sines([(f, 9)], RATE) for f in PROTOCOL.frequencies_hz for a in PROTOCOL.amplitudes
+    ]
     rest = np.zeros(round(2 * RATE))
     theta = np.concatenate([rest, *(x for sine in sines for x in (sine, rest))])
-    large = np.concatenate([rest, *(np.full(len(s) + len(rest), np.max(s) > 0.08) for s in sines)]).astype(bool)
-    time, noise = np.arange(len(theta)) / RATE, 1e-3 * np.random.default_rng(1).standard_normal(len(theta))
-    torque = second_order(bench_synthetic.true_motion(time, theta)) * np.where(large, 1.0, 0.5) + noise
+    large = np.concatenate(
+        [rest, *(np.full(len(s) + len(rest), np.max(s) > 0.08) for s in sines)]
+    ).astype(bool)
+    time, noise = (
+        np.arange(len(theta)) / RATE,
+        1e-3 * np.random.default_rng(1).standard_normal(len(theta)),
+    )
+    torque = (
+        second_order(bench_synthetic.true_motion(time, theta)) * np.where(large, 1.0, 0.5) + noise
+    )
     trial = Trial("made", pl.DataFrame({"time": time, "theta": theta, "torque": torque}))
     path = tmp_path / "made.parquet"
     write_trial(trial, path)
     degrees = [round(float(np.rad2deg(a)), 9) for a in PROTOCOL.amplitudes]
-    record = record_of_trial(trial, settings := bench_synthetic.sine_settings(degrees, (1, 3, 5), 9))
+    record = record_of_trial(
+        trial, settings := bench_synthetic.sine_settings(degrees, (1, 3, 5), 9)
+    )
     table, limits = judged_impedance(record, UNSATURATED, None, None)[1], Limits(below={"K": 150})
     assert table["K"].to_list()[:2] == pytest.approx([100, 200], rel=1e-3)
     write_table(table, tmp_path / "fit.csv")
     for amplitude, cause in zip(degrees, ("impossible estimate", ""), strict=True):
         choice = {"trial": "made", "joint": "ankle", "side": None, "chosen": ""}
         choice |= {"amplitude_deg": amplitude, "duration_s": 10}
-        plotted_numbers.fig4(path, tmp_path / "fit.csv", settings, choice, limits, tmp_path / "fig4.csv")
+        plotted_numbers.fig4(
+            path, tmp_path / "fit.csv", settings, choice, limits, tmp_path / "fig4.csv"
+        )
         shown = read_table(tmp_path / "fig4.csv")
         assert set(shown["doubtful"].fill_null("")) == {cause}
         assert amplitude == pytest.approx(shown["theta_deg"].abs().max(), rel=0.02)
         assert 1 - (shown["torque"] - shown["torque_model"]).var() / shown["torque"].var() > 0.9995
-        assert len(draw_fig4.draw(shown).axes[1].lines[0].get_ydata()) > len(shown)  # broken between the frequencies
+        # broken between the frequencies
+        assert len(draw_fig4.draw(shown).axes[1].lines[0].get_ydata()) > len(shown)
 
 
-def test_phasors_keep_their_covariance_and_the_response_over_amplitudes_its_interval_and_its_doubts(tmp_path):
+def test_phasors_keep_their_covariance_and_the_response_over_amplitudes_its_interval_and_its_doubts(
+    tmp_path,
+):
     condition = {"controller": pl.lit("compensated"), "K_d": pl.lit(200.0), "B_d": pl.lit(4.0)}
-    table = phasor_table("made", phasors_of_record(stepped_sine(second_order, noise=0.5))).with_columns(**condition)
+    table = phasor_table(
+        "made", phasors_of_record(stepped_sine(second_order, noise=0.5))
+    ).with_columns(**condition)
     assert set(table["interval_method"]) == {"cycles"}
     assert (table["torque_var_re"] > 100 * table["theta_var_re"]).all()
     np.testing.assert_allclose(table["torque_degrees_of_freedom"], 5)
     first = table.row(0, named=True)
-    half = 2.5706 * first["Y_magnitude_se"]  # Student's quantile for the five degrees of freedom of six cycles
+    # Student's quantile for the five degrees of freedom of six cycles
+    half = 2.5706 * first["Y_magnitude_se"]
     assert first["Y_magnitude_high"] - first["Y_magnitude"] == pytest.approx(half, rel=1e-3)
-    write_table(marked(table, Limits(above={"amplitude_deg": 4}), "phasors"), tmp_path / "phasors.csv")
+    write_table(
+        marked(table, Limits(above={"amplitude_deg": 4}), "phasors"), tmp_path / "phasors.csv"
+    )
     summarise(tmp_path / "phasors.csv", tmp_path / "response.csv")
     mean = read_table(tmp_path / "response.csv").row(0, named=True)
     both = table.filter(pl.col("frequency_hz") == 1)
     for name in ("magnitude", "phase_deg"):
         ends = both[f"Y_{name}"].min(), both[f"Y_{name}"].max()
-        assert (mean[f"{name}_amplitudes_low"], mean[f"{name}_amplitudes_high"]) == pytest.approx(ends)
+        assert (mean[f"{name}_amplitudes_low"], mean[f"{name}_amplitudes_high"]) == pytest.approx(
+            ends
+        )
         assert mean[f"{name}_low"] < mean[name] < mean[f"{name}_high"]
     assert mean["Y_var_re"] == pytest.approx(both["Y_var_re"].sum() / 4)
     assert 4.99 <= mean["Y_degrees_of_freedom"] <= 10.5
@@ -152,14 +203,20 @@ def test_phasors_keep_their_covariance_and_the_response_over_amplitudes_its_inte
 
 
 def test_an_error_of_the_bench_s_stiffness_is_in_the_admittance_and_is_not_averaged_away():
-    """theta = theta_bench - torque/k: an error of 1/k is an error of Y, real and the same at every amplitude."""
+    """theta = theta_bench - torque/k: an error of 1/k is an error of Y, real and the same at every
+    amplitude."""
     bench = BenchStiffness(value="3000 N*m/rad", standard_error="300 N*m/rad")
     stated = sine_settings([2], [1]).model_copy(update={"bench_stiffness": bench})
     record = replace(stepped_sine(second_order, noise=0.01), settings=stated)
     table = phasor_table("made", phasors_of_record(record))
     assert table["Y_se_bench"].unique().to_list() == pytest.approx([300 / 3000**2])
     assert (table["Y_var_re"] > (300 / 3000**2) ** 2).all()
-    condition = {"controller": pl.lit("compensated"), "K_d": pl.lit(200.0), "B_d": pl.lit(4.0), "doubtful": pl.lit("")}
+    condition = {
+        "controller": pl.lit("compensated"),
+        "K_d": pl.lit(200.0),
+        "B_d": pl.lit(4.0),
+        "doubtful": pl.lit(""),
+    }
     mean = frequency_response_table(table.with_columns(**condition)).row(0, named=True)
     assert np.sqrt(mean["Y_var_re"]) == pytest.approx(300 / 3000**2, rel=0.01)
 
@@ -217,15 +274,24 @@ def test_a_lag_by_the_belt_makes_shares_of_b_and_i_if_it_is_certain():
 
 
 def test_whether_the_torque_is_late_is_said_in_the_rows_that_cannot_tell_and_in_no_other():
-    told = {"path_shift": 0.0, "lag_s": None, "K_drift": 0.0, "clock_drift_ppm": None, "controller": "compensated"}
+    told = {
+        "path_shift": 0.0,
+        "lag_s": None,
+        "K_drift": 0.0,
+        "clock_drift_ppm": None,
+        "controller": "compensated",
+    }
     told |= {"K_over_K_s": 0.4, "K_predicted": 300.0}
     gains = ["whether K is what the gains should give", "whether the bench's frame yields"]
     for changes, expected in (
         ({}, []), ({"path_shift": None}, [LATENESS]), ({"K_predicted": None}, gains),
-        ({"K_predicted": None, "path_shift": None}, [*gains, LATENESS]), ({"path_shift": None, "lag_s": 0.0}, []),
+        ({"K_predicted": None, "path_shift": None}, [*gains, LATENESS]),
+        ({"path_shift": None, "lag_s": 0.0}, []),
         ({"K_over_K_s": None}, []), ({"K_over_K_s": None, "K_predicted": None}, []),
         ({"band_high_hz": 16.0, "cutoff_hz": 15.0}, ["what moves faster than the cut-off"]),
-        ({"K_predicted": None, "K_low": 299.9, "K_high": 300.1}, [*gains, "whether a fixture's weight is in K"]),
-        ({"K_low": 299.9, "K_high": 300.1}, ["whether a fixture's weight is in K"]),  # gains are not as exact
+        ({"K_predicted": None, "K_low": 299.9, "K_high": 300.1},
+         [*gains, "whether a fixture's weight is in K"]),
+        # gains are not as exact
+        ({"K_low": 299.9, "K_high": 300.1}, ["whether a fixture's weight is in K"]),
     ):  # fmt: skip
         assert [one.cause for one in unchecked_in("impedance", told | changes)] == expected

@@ -1,5 +1,5 @@
-"""The law that ran is read from current and angle of the motor alone: by a law that is written here anew, sampled at
-500 Hz and late, whatever the joint does."""
+"""The law that ran is read from current and angle of the motor alone: by a law that is written here
+anew, sampled at 500 Hz and late, whatever the joint does."""
 
 from dataclasses import replace
 
@@ -23,8 +23,9 @@ RATE, WIDTH = 1000.0, 0.05
 
 
 def logged(gains, late=0.0, reads=1.0, feedforward=P):
-    """Forty seconds of five sines; the motor's angle lags behind the joint's and bears a motion of its own. The law
-    sees it each 2 ms, and its velocity by a low-pass of 2 ms, and both `late`. The log `reads` another current."""
+    """Forty seconds of five sines; the motor's angle lags behind the joint's and bears a motion of
+    its own. The law sees it each 2 ms, and its velocity by a low-pass of 2 ms, and both `late`. The
+    log `reads` another current."""
     time = np.arange(0, 40, 1 / RATE)
     rng = np.random.default_rng(7)
     frequencies, phases = np.array([0.4, 1.1, 1.9, 3.1, 4.7]), rng.uniform(0, 2 * np.pi, 5)
@@ -32,16 +33,29 @@ def logged(gains, late=0.0, reads=1.0, feedforward=P):
     def motion(at):
         return 0.03 * np.sin(2 * np.pi * np.outer(at, frequencies) + phases).sum(axis=1)
 
-    theta, theta_m = motion(time), 2.4 * motion(time - 3e-3) + 0.02 * np.sin(2 * np.pi * 0.23 * time)
+    theta, theta_m = (
+        motion(time),
+        2.4 * motion(time - 3e-3) + 0.02 * np.sin(2 * np.pi * 0.23 * time),
+    )
     omega, kept = np.gradient(theta_m, time), np.exp(-1 / (RATE * 2e-3))
     filtered = lfilter([1 - kept], [1, -kept], omega)
     seen = np.maximum(np.arange(time.size) // 2 * 2 - round(late * RATE), 0)
     u, sign = (-gains.K_1 * theta_m - gains.B_1 * filtered)[seen], np.tanh(filtered / WIDTH)[seen]
     current = motor_current(u, sign * gains.cancels_friction, feedforward)
-    rubs = np.sign(omega) * (P.f_C + P.f_G * np.abs(current)) + P.B_m * omega + P.J_m * np.gradient(omega, time)
+    rubs = (
+        np.sign(omega) * (P.f_C + P.f_G * np.abs(current))
+        + P.B_m * omega
+        + P.J_m * np.gradient(omega, time)
+    )
     torque = P.B_j * np.gradient(theta, time) - P.n_T * (P.k_tau * P.n_m * current - rubs)
     torque, current = (x + rng.normal(0, 0.02, time.size) for x in (torque, reads * current))
-    columns = {"time": time, "theta": theta, "theta_m": theta_m, "current": current, "torque": torque}
+    columns = {
+        "time": time,
+        "theta": theta,
+        "theta_m": theta_m,
+        "current": current,
+        "torque": torque,
+    }
     return Trial("t", pl.DataFrame(columns), {})
 
 
@@ -60,12 +74,19 @@ def beyond(row):
 
 @pytest.mark.parametrize("cancels", [False, True])
 @pytest.mark.parametrize(("stiffer", "damped"), [(1.0, 1.0), (0.92, 0.92), (1.42, 1.0), (1.0, 2.0)])
-def test_the_gains_that_ran_are_measured_and_are_others_where_other_ones_were_programmed(stiffer, damped, cancels):
+def test_the_gains_that_ran_are_measured_and_are_others_where_other_ones_were_programmed(
+    stiffer, damped, cancels
+):
     programmed = Gains(20.0, 0.3, cancels)
     ran = replace(programmed, K_1=stiffer * 20.0, B_1=damped * 0.3)
     table = told(ran, programmed)
     row = table.row(0, named=True)
-    true = {"K_1": ran.K_1, "B_1": ran.B_1 - 5e-4 * ran.K_1, "f_C": cancels * P.f_C, "f_G": cancels * P.f_G}
+    true = {
+        "K_1": ran.K_1,
+        "B_1": ran.B_1 - 5e-4 * ran.K_1,
+        "f_C": cancels * P.f_C,
+        "f_G": cancels * P.f_G,
+    }
     true["k_tau_n_m"] = P.k_tau * P.n_m  # a sample of the log is 0 or 1 ms late
     for name, value in true.items():
         assert row[f"{name}_low"] < value < row[f"{name}_high"], name
@@ -77,7 +98,7 @@ def test_the_gains_that_ran_are_measured_and_are_others_where_other_ones_were_pr
 
 
 @pytest.mark.parametrize(("f_C", "f_G"), [(0.0, 0.0), (0.5, 1.0), (1.0, 0.0)])
-def test_a_feedforward_of_friction_that_is_not_the_programmed_one_is_told_and_the_rest_of_the_law_stays(f_C, f_G):
+def test_a_feedforward_of_friction_that_is_not_the_programmed_one_is_told(f_C, f_G):
     programmed = Gains(20.0, 0.3, True)
     table = told(programmed, programmed, feedforward=replace(P, f_C=f_C * P.f_C, f_G=f_G * P.f_G))
     assert beyond(table.row(0, named=True)) == {"feedforward_error"}
@@ -89,7 +110,10 @@ def test_a_feedforward_of_friction_that_is_not_the_programmed_one_is_told_and_th
 def test_a_loop_that_is_late_and_a_current_that_reads_too_much_leave_the_law_as_it_was_programmed():
     for cancels in (False, True):
         programmed = Gains(20.0, 0.3, cancels)
-        for planted, column, size in (({"late": 6e-3}, "loop_late_s", 6e-3), ({"reads": 1.1}, "current_error", 0.1)):
+        for planted, column, size in (
+            ({"late": 6e-3}, "loop_late_s", 6e-3),
+            ({"reads": 1.1}, "current_error", 0.1),
+        ):
             table = told(programmed, programmed, **planted)
             assert beyond(table.row(0, named=True)) == {column}
             assert table[column][0] == pytest.approx(size, rel=0.2)
@@ -97,7 +121,9 @@ def test_a_loop_that_is_late_and_a_current_that_reads_too_much_leave_the_law_as_
 
 
 @pytest.mark.parametrize("keep", [("theta", "theta_m", "torque"), ("theta", "current", "torque")])
-def test_without_current_or_angle_of_the_motor_no_law_is_measured_and_the_programmed_one_counts(keep):
+def test_without_current_or_angle_of_the_motor_no_law_is_measured_and_the_programmed_one_counts(
+    keep,
+):
     programmed = Gains(20.0, 0.3, True)
     table = told(programmed, programmed, keep)
     assert (table.is_empty(), law_that_ran(table, programmed, P)) == (True, (programmed, P))

@@ -1,4 +1,5 @@
-"""Intervals of fits to a record: edges of cycles that are no whole rows, rounding that cycles repeat, misfit."""
+"""Intervals of fits to a record: edges of cycles that are no whole rows, rounding that cycles
+repeat, misfit."""
 
 from dataclasses import replace
 
@@ -11,19 +12,30 @@ from bench_synthetic import second_order, sine_settings, stepped_sine
 from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums, sums_of, with_effects
 from osl_analysis.bench.gram import combined, jackknife
-from osl_analysis.bench.record import Record, before_rounding, record_of_trial, sine_record, stretches_of
+from osl_analysis.bench.record import (
+    Record,
+    before_rounding,
+    record_of_trial,
+    sine_record,
+    stretches_of,
+)
 from osl_analysis.bench.settings import BenchStiffness
 from osl_analysis.spectral.stepped_sine import SteppedSineProtocol
 from osl_analysis.trial import Trial, median, visible_step
 
 TRUTH = {"K": 300.0, "B": 5.0, "I": 0.02}
-FIVE, FOURTEEN_BITS, SETTINGS = (1.0, 2.0, 3.0, 4.0, 5.0), 2 * np.pi / 2**14, sine_settings([4], [2, 3, 5])
+FIVE, FOURTEEN_BITS, SETTINGS = (
+    (1.0, 2.0, 3.0, 4.0, 5.0),
+    2 * np.pi / 2**14,
+    sine_settings([4], [2, 3, 5]),
+)
 WIDE = SETTINGS.model_copy(update={"frequencies_hz": FIVE, "amplitudes_deg": (2.0, 4.0, 6.0)})
 SHORT = WIDE.model_copy(update={"amplitudes_deg": (4.0,), "cycles": 4})  # of which one is left
 
 
 def trial(seed, rate, step=0.0, settings=SETTINGS, friction=0.0):
-    """An exact joint by formula, perhaps with friction: the cycles of each frequency lie between rests."""
+    """An exact joint by formula, perhaps with friction: the cycles of each frequency lie between
+    rests."""
     rng, now, parts = np.random.default_rng(seed), 0.0, [(0.5, 0.0, 1.0)]
     for size in np.deg2rad(settings.amplitudes_deg):
         for f in settings.frequencies_hz:
@@ -43,7 +55,8 @@ def trial(seed, rate, step=0.0, settings=SETTINGS, friction=0.0):
 
 
 def test_what_an_encoder_read_of_steps_is_told_to_a_part_of_its_step_also_where_they_come_to_rest():
-    """Behind a filter levels ring by some steps, and how a step comes to rest makes what every one repeats."""
+    """Behind a filter levels ring by some steps, and how a step comes to rest makes what every one
+    repeats."""
     t, step = np.tile(np.arange(500) / 1000, 4), 1e-3
     came, *_ = through_two_lags(0.3 * t)
     angle = np.where(np.arange(2000) // 500 % 2, 1 - came, came) * 90.3 * step
@@ -58,7 +71,11 @@ def through_two_lags(t):
 
 def of_least_jerk(t):
     u = np.clip(t / 0.09, 0, 1)
-    return u**3 * (10 - 15 * u + 6 * u**2), 30 * (u - u**2) ** 2 / 0.09, 60 * u * (1 - u) * (1 - 2 * u) / 0.09**2
+    return (
+        u**3 * (10 - 15 * u + 6 * u**2),
+        30 * (u - u**2) ** 2 / 0.09,
+        60 * u * (1 - u) * (1 - 2 * u) / 0.09**2,
+    )
 
 
 NUMERICS = {"marks": pytest.mark.numerics}
@@ -70,21 +87,28 @@ NUMERICS = {"marks": pytest.mark.numerics}
     pytest.param(500.0, FOURTEEN_BITS, WIDE, 0.0, 20, 0.89, 1.0, **NUMERICS),
     pytest.param(500.0, FOURTEEN_BITS, WIDE, 0.3, 20, 0.88, 1.0, **NUMERICS),
 ])  # fmt: skip
-def test_intervals_cover_the_truth_and_are_as_wide_as_errors(rate, step, settings, friction, seeds, lowest, highest):
-    """Whether a period, as at 3 Hz, is whole rows or not; where every cycle repeats the rounding of 14 bits, without
-    which K, B, I were covered in 66, 90 and 76 of 100 cases; and with friction, which the model then has."""
+def test_intervals_cover_the_truth_and_are_as_wide_as_errors(
+    rate, step, settings, friction, seeds, lowest, highest
+):
+    """Whether a period, as at 3 Hz, is whole rows or not; where every cycle repeats the rounding of
+    14 bits, without which K, B, I were covered in 66, 90 and 76 of 100 cases; and with friction,
+    which the model then has."""
     fits = []
     for seed in range(seeds):
         record = sine_record(trial(seed, rate, step, settings, friction), settings)
         s = sums_of(record, IMPEDANCE) if settings is WIDE else plain_sums(record, IMPEDANCE)
         fits.append(with_effects(s, IMPEDANCE, ("T_C",) if friction else ()))
-    covered = [[low <= TRUTH[k] <= high for k in TRUTH for low, high in [fit.interval(k)]] for fit in fits]
+    covered = [
+        [low <= TRUTH[k] <= high for k in TRUTH for low, high in [fit.interval(k)]] for fit in fits
+    ]
     assert lowest <= np.mean(covered) <= highest
     assert np.mean(covered, axis=0).min() >= 0.85
     assert settings is not SETTINGS or {fit.interval_method for fit in fits} == {"repeats"}
     for name in TRUTH if not step and settings is SETTINGS else ():
         error = np.mean([(fit[name] - TRUTH[name]) ** 2 for fit in fits])
-        assert np.sqrt(np.mean([fit.se(name) ** 2 for fit in fits]) / error) == pytest.approx(1, abs=0.4), name
+        assert np.sqrt(np.mean([fit.se(name) ** 2 for fit in fits]) / error) == pytest.approx(
+            1, abs=0.4
+        ), name
 
 
 def test_both_kinds_of_groups_read_a_joint_alike_that_the_model_misses():
@@ -92,7 +116,9 @@ def test_both_kinds_of_groups_read_a_joint_alike_that_the_model_misses():
     protocol = SteppedSineProtocol((0.05, 0.1), FIVE, 20)
     record = stepped_sine(lambda m: second_order(m) + 0.8 * np.sign(m.omega), 0.03, protocol)
     other = replace(record, groups=stretches_of(record.pieces, record.rate_hz))
-    cycles, stretches = (with_effects(plain_sums(one, IMPEDANCE), IMPEDANCE) for one in (record, other))
+    cycles, stretches = (
+        with_effects(plain_sums(one, IMPEDANCE), IMPEDANCE) for one in (record, other)
+    )
     for name in TRUTH:
         assert cycles[name] == pytest.approx(stretches[name], abs=0.3 * cycles.se(name))
         assert 0.3 < cycles.se(name) / stretches.se(name) < 3
@@ -103,14 +129,22 @@ def test_a_step_is_stated_or_seen():
     values = (rng := np.random.default_rng(1)).normal(0, 0.1, 20_000)
     assert visible_step(0.003 * np.rint(values / 0.003) + 0.0007) == pytest.approx(0.003, rel=1e-6)
     assert [visible_step(values), median(values)] == [None, np.median(values)]
-    for few in (np.zeros(100), np.empty(0), np.tile([0.0, np.nan, 1.0, 2.0], 9), np.tile([0.0, 1.0], 9)):
+    for few in (
+        np.zeros(100),
+        np.empty(0),
+        np.tile([0.0, np.nan, 1.0, 2.0], 9),
+        np.tile([0.0, 1.0], 9),
+    ):
         assert visible_step(few) is None
     irregular = 29 + np.cumsum(rng.uniform(1.6, 1.9, 20))  # some levels are no whole steps apart
     assert visible_step(np.repeat(np.arange(50.0), 10)) == 1
     assert visible_step(np.repeat(np.append(np.arange(30.0), irregular), 10)) is None
     made = trial(2, 500.0)
     stated = Trial("made", made.samples, {"columns": {"theta": {"resolution": 1e-3}}})
-    assert (sine_record(stated, SETTINGS).steps, sine_record(made, SETTINGS).steps) == ((1e-3, None), (None, None))
+    assert (sine_record(stated, SETTINGS).steps, sine_record(made, SETTINGS).steps) == (
+        (1e-3, None),
+        (None, None),
+    )
 
 
 def swept(seed, compliance):
@@ -119,17 +153,25 @@ def swept(seed, compliance):
     w, phase = 2 * np.pi * (6 - 5.5 * t / 20), 2 * np.pi * (6 * t - 5.5 * t**2 / 40)
     theta, omega = 0.05 * np.sin(phase), 0.05 * w * np.cos(phase)
     alpha = -0.05 * w**2 * np.sin(phase) - 0.05 * 2 * np.pi * 5.5 / 20 * np.cos(phase)
-    torque = [*TRUTH.values()] @ np.array([theta, omega, alpha]) + 0.02 * rng.standard_normal(len(t))
-    rounded = FOURTEEN_BITS * np.rint((theta + compliance * torque + FOURTEEN_BITS * rng.random()) / FOURTEEN_BITS)
+    torque = [*TRUTH.values()] @ np.array([theta, omega, alpha]) + 0.02 * rng.standard_normal(
+        len(t)
+    )
+    rounded = FOURTEEN_BITS * np.rint(
+        (theta + compliance * torque + FOURTEEN_BITS * rng.random()) / FOURTEEN_BITS
+    )
     return Trial("made", pl.DataFrame({"time": t, "theta": rounded, "torque": torque}))
 
 
 @pytest.mark.parametrize("compliance", [0.0, 1 / 2000])
 def test_rounding_is_in_the_interval_of_a_sweep(compliance):
-    """The errors of K, B and I of 24 zeros of the encoder, also where the bench yields by ten steps below it."""
+    """The errors of K, B and I of 24 zeros of the encoder, also where the bench yields by ten steps
+    below it."""
     bench = BenchStiffness(value="2000 N*m/rad") if compliance else None
     sweep = {"amplitudes_deg": (4.0,), "frequencies_hz": (1.0,), "bench_stiffness": bench}
-    records = [record_of_trial(swept(seed, compliance), SETTINGS.model_copy(update=sweep)) for seed in range(24)]
+    records = [
+        record_of_trial(swept(seed, compliance), SETTINGS.model_copy(update=sweep))
+        for seed in range(24)
+    ]
     fits = [analysed(one, plain_sums(one, IMPEDANCE), IMPEDANCE).whole for one in records]
     true = np.sqrt(np.mean([(fit.estimates[:3] - [*TRUTH.values()]) ** 2 for fit in fits], axis=0))
     stated = np.sqrt(np.mean([np.diag(fit.covariance)[:3] for fit in fits], axis=0)) / true
@@ -139,18 +181,23 @@ def test_rounding_is_in_the_interval_of_a_sweep(compliance):
 
 
 def test_the_jackknife_is_that_of_fits_without_a_unit_and_its_freedom_that_of_the_units():
-    """(m - 1)/m times the squares about the mean of the m fits, each without a unit (Efron and Stein, 1981)."""
+    """(m - 1)/m times the squares about the mean of the m fits, each without a unit (Efron and
+    Stein, 1981)."""
     rng, unit = np.random.default_rng(3), np.repeat(np.arange(5), [1, 2, 1, 3, 1])
     X, y = rng.standard_normal((8, 20, 2)), rng.standard_normal((8, 20))
     A_g, b_g = np.einsum("gni,gnj->gij", X, X), np.einsum("gni,gn->gi", X, y)
-    left_out = [np.linalg.lstsq(X[unit != k].reshape(-1, 2), y[unit != k].ravel(), rcond=None)[0] for k in range(5)]
+    left_out = [
+        np.linalg.lstsq(X[unit != k].reshape(-1, 2), y[unit != k].ravel(), rcond=None)[0]
+        for k in range(5)
+    ]
     apart = np.array(left_out) - np.mean(left_out, axis=0)
     covariance = jackknife(A_g, b_g, A_g.sum(axis=0), b_g.sum(axis=0), unit)
     np.testing.assert_allclose(covariance, 4 / 5 * apart.T @ apart, rtol=1e-9)
     found, freedom = combined(np.zeros((2, 2)), np.full(2, np.inf), covariance, 5)
     np.testing.assert_allclose(found, covariance)
     np.testing.assert_allclose(freedom, 4)
-    scatter = np.diag(np.diag(covariance)) / 4  # noise that is a quarter of it: the excess alone has four
+    # noise that is a quarter of it: the excess alone has four
+    scatter = np.diag(np.diag(covariance)) / 4
     _, freedom = combined(scatter, np.full(2, 100.0), covariance, 5)
     np.testing.assert_allclose(freedom, 1 / (0.25**2 / 100 + 0.75**2 / 4))
 
@@ -159,17 +206,24 @@ def test_effects_are_asked_of_rows_that_a_filter_of_a_high_cut_off_needs():
     """The columns of effects pass the filter again; 250 Hz would be too few for one of 130 Hz."""
     wide = SETTINGS.model_copy(update={"cutoff_hz": 130.0})
     assert sums_of(sine_record(trial(1, 1000.0), wide), IMPEDANCE).rate_hz == pytest.approx(1000.0)
-    assert sums_of(sine_record(trial(1, 1000.0), SETTINGS), IMPEDANCE).rate_hz == pytest.approx(250.0, rel=1e-3)
+    assert sums_of(sine_record(trial(1, 1000.0), SETTINGS), IMPEDANCE).rate_hz == pytest.approx(
+        250.0, rel=1e-3
+    )
 
 
 def test_a_fit_to_one_amplitude_is_least_squares_with_time_about_the_middle_of_its_rows():
     """Against numpy on the rows themselves."""
     record = stepped_sine(lambda m: second_order(m) + np.linspace(0, 3, len(m.theta)) ** 2, 0.03)
     for label in record.groups.labels:
-        fit, rows = with_effects(plain_sums(record, IMPEDANCE), IMPEDANCE, (), label), record.rows(label)
+        fit, rows = (
+            with_effects(plain_sums(record, IMPEDANCE), IMPEDANCE, (), label),
+            record.rows(label),
+        )
         motion, time = record.motion[rows], record.time[rows]
         theta = motion.theta - record.part(record.motion.theta).mean()
-        X = np.column_stack([theta, motion.omega, motion.alpha, np.ones(len(rows)), time - time.mean()])
+        X = np.column_stack(
+            [theta, motion.omega, motion.alpha, np.ones(len(rows)), time - time.mean()]
+        )
         expected = np.linalg.lstsq(X, record.filtered_torque[rows], rcond=None)[0]
         np.testing.assert_allclose(fit.estimates, expected, rtol=2e-3, atol=2e-4)
 
@@ -179,34 +233,53 @@ def test_rounding_changes_the_size_of_a_sine_by_as_much_as_its_interval_says(ste
     """Sizes about 4 deg, zeros at random, against the fits to as many encoders."""
     settings, K = SETTINGS.model_copy(update={"frequencies_hz": (2.0, 5.0)}), list[float]()
     for seed in range(30):
-        record = sine_record(trial(seed, 500.0, np.deg2rad(4.0) / (steps + seed / 30), settings), settings)
+        record = sine_record(
+            trial(seed, 500.0, np.deg2rad(4.0) / (steps + seed / 30), settings), settings
+        )
         fit = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE).whole
         K.append((fit["K"] - 300) / fit.se("K"))
     assert np.sqrt(np.mean(np.square(K))) == pytest.approx(1, abs=0.4)
 
 
 @pytest.mark.parametrize(("bits", "way", "gap"), [
-    (14, of_least_jerk, (0.25, 0.6)), (18, of_least_jerk, (0.2, 0.25)), (18, through_two_lags, (0.25, 0.6)),
+    (14, of_least_jerk, (0.25, 0.6)), (18, of_least_jerk, (0.2, 0.25)), (18, through_two_lags,
+     (0.25, 0.6)),
 ])  # fmt: skip
 def test_steps_between_two_levels_are_read_as_well_as_their_levels(bits, way, gap):
-    """A level that stands is wrong by up to half a step however long it is recorded, and so is K. Of 18 bits steps
-    beyond the cut-off passed for noise that hides it, and what rings behind the filter for no level."""
+    """A level that stands is wrong by up to half a step however long it is recorded, and so is K.
+    Of 18 bits steps beyond the cut-off passed for noise that hides it, and what rings behind the
+    filter for no level."""
     off = []
     for seed in range(3, 8):
-        rng, time, motion = np.random.default_rng(seed), np.arange(25_000) / 500, np.zeros((3, 25_000))
+        rng, time, motion = (
+            np.random.default_rng(seed),
+            np.arange(25_000) / 500,
+            np.zeros((3, 25_000)),
+        )
         for k, at in enumerate(np.cumsum(rng.uniform(*gap, 100))):
             motion += 0.07 * (-1) ** k * np.array(way(time - at))
-        record = record_of_trial(made_trial(rng, (time, motion), torque_noise=0.005, bits=bits), SETTINGS)
+        record = record_of_trial(
+            made_trial(rng, (time, motion), torque_noise=0.005, bits=bits), SETTINGS
+        )
         fit = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE).whole
         off.append((fit["K"] - TRUE["K"]) / (fit.interval("K")[1] - fit["K"]))
     assert 0.2 < np.sqrt(np.mean(np.square(off))) < 1.2
 
 
-def test_what_rounding_makes_of_both_signals_is_that_of_the_angle_less_that_of_the_torque(monkeypatch):
-    record, angle, torque, none = sine_record(trial(1, 500.0), SETTINGS), (0.01, 1.0), (5.0, 1.0), (0.0, 0.0)
+def test_what_rounding_makes_of_both_signals_is_that_of_the_angle_less_that_of_the_torque(
+    monkeypatch,
+):
+    record, angle, torque, none = (
+        sine_record(trial(1, 500.0), SETTINGS),
+        (0.01, 1.0),
+        (5.0, 1.0),
+        (0.0, 0.0),
+    )
 
     def made(*steps):
         monkeypatch.setattr(Record, "repeated_steps", steps)
         return replace(record).rounded
 
-    np.testing.assert_allclose(made(angle, torque), made(angle, none) - made(none, torque), atol=1e-9)
+    np.testing.assert_allclose(
+        made(angle, torque), made(angle, none) - made(none, torque), atol=1e-9
+    )

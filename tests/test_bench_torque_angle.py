@@ -1,4 +1,5 @@
-"""Torque against angle: loops whose area, slopes and energies are known in closed form, and what is no such trial."""
+"""Torque against angle: loops whose area, slopes and energies are known in closed form, and what is
+no such trial."""
 
 import csv
 import re
@@ -45,8 +46,8 @@ def fitted(theta, torque, **changes):
 
 
 def row_of(theta, torque, **changes):
-    """The row of the table, with causes of doubt and what is not checked by name; that one speed does not tell a delay,
-    as in most of them, has a test of its own."""
+    """The row of the table, with causes of doubt and what is not checked by name; that one speed
+    does not tell a delay, as in most of them, has a test of its own."""
     rails = saturated(trial_of(theta, torque), "torque", "theta")
     table = torque_angle_table(fitted(theta, torque, **changes)).with_columns(rails)
     row = marked(table, CONFIG.doubtful.of("torque_angle"), "torque_angle").row(0, named=True)
@@ -78,48 +79,75 @@ def test_an_elliptic_loop_has_the_energies_of_a_spring_with_damping():
     time = clock(3 * PERIOD)
     theta, torque = A * np.sin(W * time), K * A * np.sin(W * time) + B * A * W * np.cos(W * time)
     row, single = row_of(theta, torque, **PLAIN), row_of(theta[:2001], torque[:2001], **PLAIN)
-    assert [single[name] for name in ("cycles", "interval_method", "K_low", "cycle_drift")] == [1, None, None, None]
+    assert [single[name] for name in ("cycles", "interval_method", "K_low", "cycle_drift")] == [
+        1,
+        None,
+        None,
+        None,
+    ]
     size, lag = A * np.hypot(K, B * W), np.arctan2(B * W, K)
     assert (row["cycles"], row["energy_lost"]) == (3, pytest.approx(np.pi * B * W * A**2, rel=1e-4))
     stored = size * A / 2 * (2 * np.cos(lag) + (np.pi + 2 * lag) * np.sin(lag))
     returned = size * A / 2 * (2 * np.cos(lag) - (np.pi - 2 * lag) * np.sin(lag))
-    assert (row["energy_stored"], row["energy_returned"]) == pytest.approx((stored, returned), rel=1e-3)
+    assert (row["energy_stored"], row["energy_returned"]) == pytest.approx(
+        (stored, returned), rel=1e-3
+    )
     assert row["returned_share"] == pytest.approx(returned / stored, rel=1e-3)
     assert (row["K"], row["K_unloading"]) == pytest.approx((K, K), rel=1e-3)
     assert row["hysteresis_torque"] == pytest.approx(2 * B * A * W, rel=0.01)
-    assert (row["shortest_cycle_s"], row["speed_deg_s"]) == pytest.approx((PERIOD, 40 / PERIOD), rel=0.01)
+    assert (row["shortest_cycle_s"], row["speed_deg_s"]) == pytest.approx(
+        (PERIOD, 40 / PERIOD), rel=0.01
+    )
 
 
 def test_a_spring_with_a_slipping_one_beside_it_loses_four_times_force_by_slip():
     theta = path(-10, *(10, -10) * 3)
     slip, limit = 400.0, 10.0
-    torque = K * theta + jenkins(theta, slip, limit, start=-limit)  # begins where every later cycle does
+    # begins where every later cycle does
+    torque = K * theta + jenkins(theta, slip, limit, start=-limit)
     row = row_of(theta, torque, **PLAIN)
-    assert (row["cycles"], row["energy_lost"]) == (3, pytest.approx(4 * limit * (A - limit / slip), rel=2e-3))
-    assert (row["K_secant"], row["K_lowest"]) == (pytest.approx(K + limit / A, rel=2e-3), pytest.approx(K, rel=1e-3))
+    assert (row["cycles"], row["energy_lost"]) == (
+        3,
+        pytest.approx(4 * limit * (A - limit / slip), rel=2e-3),
+    )
+    assert (row["K_secant"], row["K_lowest"]) == (
+        pytest.approx(K + limit / A, rel=2e-3),
+        pytest.approx(K, rel=1e-3),
+    )
 
 
 def test_the_curve_of_a_cubic_spring_and_its_slope_are_found_at_every_angle():
     time = clock(2 * PERIOD)  # without corners, which the filter would round
-    stiffening, theta = 3000.0, np.deg2rad(6) * np.concatenate([1 - np.cos(W * time), np.zeros(250)])
+    stiffening, theta = (
+        3000.0,
+        np.deg2rad(6) * np.concatenate([1 - np.cos(W * time), np.zeros(250)]),
+    )
     found = fitted(theta, K * theta + stiffening * theta**3 + 3.0)
     row = torque_angle_table(found).row(0, named=True)
     assert (row["cycles"], row["loading"]) == (2, "rising")
-    assert (row["torque_zero"], row["energy_lost"]) == (pytest.approx(3, abs=1e-6), pytest.approx(0, abs=1e-3))
+    assert (row["torque_zero"], row["energy_lost"]) == (
+        pytest.approx(3, abs=1e-6),
+        pytest.approx(0, abs=1e-3),
+    )
     end = np.deg2rad(12)
-    assert row["K"] == pytest.approx(K + 0.9 * stiffening * end**2, rel=1e-3)  # a line over angle, whatever the speed
+    # a line over angle, whatever the speed
+    assert row["K"] == pytest.approx(K + 0.9 * stiffening * end**2, rel=1e-3)
     assert row["energy_stored"] == pytest.approx(K * end**2 / 2 + stiffening * end**4 / 4, rel=1e-3)
     curve, tables = curve_table(found), {one.place: one.columns for one in described_tables()}
     assert set(row) <= set(tables["tables/torque_angle"]), "described in the dictionary"
     assert set(curve.columns) <= set(tables["tables/torque_angle_curves"])
     loading = curve.filter(pl.col("branch") == "loading")
     assert loading["angle_deg"].to_list()[-23:] == list(np.arange(0.5, 12, 0.5))
-    assert (row["K_lowest"], row["K_highest"]) == (loading["stiffness"].min(), loading["stiffness"].max())
+    assert (row["K_lowest"], row["K_highest"]) == (
+        loading["stiffness"].min(),
+        loading["stiffness"].max(),
+    )
     angle, window = np.deg2rad(curve["angle_deg"].to_numpy()), 0.05 * end
     inside = (angle > 1.2 * window) & (angle < end - 1.2 * window)
     expected = (K * angle + stiffening * angle**3)[inside]
     np.testing.assert_allclose(curve["torque"].to_numpy()[inside], expected, rtol=2e-3)
-    slope = K + 3 * stiffening * angle**2 + 0.6 * stiffening * window**2  # of a parabola through a cubic
+    # of a parabola through a cubic
+    slope = K + 3 * stiffening * angle**2 + 0.6 * stiffening * window**2
     np.testing.assert_allclose(curve["stiffness"].to_numpy()[inside], slope[inside], rtol=2e-3)
 
 
@@ -128,22 +156,37 @@ def test_a_trial_the_other_way_round_has_the_same_stiffness_and_energies():
     torque = K * theta + jenkins(theta, 300, 5)
     ours, mirrored = row_of(theta, torque), row_of(-theta, -torque)
     assert (ours["loading"], mirrored["loading"]) == ("rising", "falling")
-    for name in ("K", "K_secant", "K_unloading", "energy_stored", "energy_returned", "energy_lost", "VAF"):
+    for name in (
+        "K",
+        "K_secant",
+        "K_unloading",
+        "energy_stored",
+        "energy_returned",
+        "energy_lost",
+        "VAF",
+    ):
         assert ours[name] == pytest.approx(mirrored[name], rel=1e-9), name
     assert ours["angle_max_deg"] == pytest.approx(-mirrored["angle_min_deg"])
 
 
 def test_the_yielding_of_the_bench_is_taken_off_the_angle_and_its_error_widens_the_interval_of_k():
     theta, bench = FULL, 12490.0
-    row = row_of(theta + K * theta / bench, K * theta, bench_stiffness={"value": f"{np.deg2rad(bench)} N*m/deg"})
+    row = row_of(
+        theta + K * theta / bench,
+        K * theta,
+        bench_stiffness={"value": f"{np.deg2rad(bench)} N*m/deg"},
+    )
     assert row["K"] == pytest.approx(K, rel=1e-6)
     assert row["K_uncorrected"] == pytest.approx(K / (1 + K / bench), rel=1e-6)
-    assert row["bench_angle_max_deg"] / row["angle_max_deg"] == pytest.approx(1 + K / bench, rel=1e-3)
+    assert row["bench_angle_max_deg"] / row["angle_max_deg"] == pytest.approx(
+        1 + K / bench, rel=1e-3
+    )
     theta, known = path(0, 10, 0, 10, 0, 10, 0), {"value": f"{np.deg2rad(4000)} Nm/deg"}
     torque = K * theta + 0.2 * np.random.default_rng(1).standard_normal(theta.size)
     errors = {}, {"standard_error": "200 N*m/rad"}
     narrow, wide = (row_of(theta, torque, bench_stiffness=known | error) for error in errors)
-    change = wide["K"] ** 2 * (1 / 3800 - 1 / 4000)  # of K by one standard error of 1/k: dK = K^2 d(1/k)
+    # of K by one standard error of 1/k: dK = K^2 d(1/k)
+    change = wide["K"] ** 2 * (1 / 3800 - 1 / 4000)
     assert wide["K_se"] == pytest.approx(np.hypot(narrow["K_se"], change), rel=0.1)
     assert wide["K_se"] > 3 * narrow["K_se"]
 
@@ -153,7 +196,9 @@ def test_intervals_of_the_slope_cover_it_with_one_cycle_and_with_several(cycles)
     theta, covered = A * np.sin(W * clock(cycles * PERIOD)), []
     for seed in range(20):
         noise = 0.2 * np.random.default_rng(seed).standard_normal(theta.size)
-        curve = curve_table(fitted(theta, K * theta + noise, **PLAIN, angle_step_deg=4)).drop_nulls("stiffness")
+        curve = curve_table(fitted(theta, K * theta + noise, **PLAIN, angle_step_deg=4)).drop_nulls(
+            "stiffness"
+        )
         covered.append(((curve["stiffness_low"] < K) & (curve["stiffness_high"] > K)).to_numpy())
     assert 0.9 < np.mean(covered) < 1  # of 200 intervals, whose share has a standard error of 0.015
 
@@ -164,7 +209,8 @@ SMALLER = (*(x for a in (6, 8, 10, 6, 8, 10) for x in (0, a, -a)), 0)
 @pytest.mark.parametrize(("angles", "counts"), [
     ((0, -10, 12, 0), (1, 0, 0)),  # as the tests of the DESR foot
     ((0, 10, 0, 10, 0, 10, 0), (3, 0, 0)), ((0, -10, 10, -10, 10, -10, 10, 0), (3, 0, 0)),
-    ((6, 10, -10, 10, -10, 6), (2, 0, 0)), ((0, 10, 0, 10, 0, 5), (2, 0, 1)), ((0, -10, 10, -10, 10, 5), (1, 0, 1)),
+    ((6, 10, -10, 10, -10, 6), (2, 0, 0)), ((0, 10, 0, 10, 0, 5), (2, 0, 1)),
+    ((0, -10, 10, -10, 10, 5), (1, 0, 1)),
     ((0, 10, 1, 10, 1, 10, 0), (1, 0, 2)),  # from a preload
     ((0, 10, 0, 4, 0, 10, 0), (2, 1, 0)), (SMALLER, (2, 4, 0)),
 ])  # fmt: skip
@@ -175,18 +221,22 @@ def test_cycles_begin_and_end_where_the_angle_comes_back(angles, counts):
 
 
 def test_what_init_prints_of_cycles_is_what_the_fit_keeps_with_those_that_are_left_out_and_why():
-    """Six loadings from a preload: the first and the last one do not come back to where they began."""
+    """Six loadings from a preload: the first and the last one do not come back to where they
+    began."""
     theta = path(0, *(10, 0.7) * 5, 10, 0)
     table = torque_angle_table(fitted(theta, K * theta, zero="start"))
     row = table.row(0, named=True)
     assert (row["cycles"], row["partial_cycles"]) == (4, 2)
     assert "mean of cycles: 4 (left out: 2 not whole)" in estimates_text(table)
     whole = path(0, *(10, 0) * 3)
-    assert "mean of cycles: 3:" in estimates_text(torque_angle_table(fitted(whole, K * whole, zero="start")))
+    assert "mean of cycles: 3:" in estimates_text(
+        torque_angle_table(fitted(whole, K * whole, zero="start"))
+    )
 
 
 def test_a_device_that_starts_from_rest_within_its_loop_is_judged_from_the_second_cycle_on():
-    """Cycles of +-A lose 4 limit (A - limit/slip); on its way out the first one has not the torque of the others."""
+    """Cycles of +-A lose 4 limit (A - limit/slip); on its way out the first one has not the torque
+    of the others."""
     slip, limit, theta = 400.0, 4.0, path(0, *(10, -10) * 4, 0)
     torque = K * theta + jenkins(theta, slip, limit)
     row = row_of(theta, torque, zero="start")
@@ -197,18 +247,25 @@ def test_a_device_that_starts_from_rest_within_its_loop_is_judged_from_the_secon
     whole = row_of(theta, torque, zero="start", settle_cycles=0)
     assert (whole["cycles"], whole["K_lowest"] < 0.9 * K) == (4, True)
     assert whole["doubtful"] == "loop that does not close"
-    single = row_of(theta := path(0, -10, 10, 0), K * theta + jenkins(theta, slip, limit), zero="start")
+    single = row_of(
+        theta := path(0, -10, 10, 0), K * theta + jenkins(theta, slip, limit), zero="start"
+    )
     assert (single["cycles"], single["settled_cycles"]) == (1, 0)
 
 
 def test_a_zero_that_nobody_stated_says_what_it_may_do_to_the_energies():
-    """A foot that rests under 5 N*m at its middle, which its end takes for the load cell's offset."""
+    """A foot that rests under 5 N*m at its middle, which its end takes for the load cell's
+    offset."""
     theta = path(0, *(10, -10) * 3, 0)
     torque = K * theta + 5.0
     assumed, stated = row_of(theta, torque, zero=None), row_of(theta, torque, zero="none")
-    assert (assumed["not_checked"], assumed["zero_unsure"]) == ("", pytest.approx(5.0, rel=1e-3)), "it is doubted"
+    assert (assumed["not_checked"], assumed["zero_unsure"]) == (
+        "",
+        pytest.approx(5.0, rel=1e-3),
+    ), "it is doubted"
     assert (stated["zero_unsure"], stated["assumed_zero_share"]) == (None, None)
-    assert assumed["assumed_zero_share"] == pytest.approx((5 / (K * A)) ** 2, rel=0.03)  # of K (A^2 + (5/K)^2)
+    # of K (A^2 + (5/K)^2)
+    assert assumed["assumed_zero_share"] == pytest.approx((5 / (K * A)) ** 2, rel=0.03)
     assert assumed["doubtful"] == "zero that nobody stated"
     assert assumed["K"] == pytest.approx(stated["K"], rel=1e-9), "a slope has no zero"
     numbers = headline_numbers({"torque_angle": pl.DataFrame([assumed])})
@@ -216,19 +273,30 @@ def test_a_zero_that_nobody_stated_says_what_it_may_do_to_the_energies():
     of_energies = [doubted[name] for name in ("energy_stored", "energy_returned")]
     assert of_energies == ["zero that nobody stated"] * 2
     assert (doubted["torque_angle_K"], doubted["energy_lost"]) == (None, None)
-    tables, verdicts = {"torque_angle": pl.DataFrame([assumed])}, pl.DataFrame(schema=["check", "trial", "verdict"])
+    tables, verdicts = (
+        {"torque_angle": pl.DataFrame([assumed])},
+        pl.DataFrame(schema=["check", "trial", "verdict"]),
+    )
     found = campaign_findings(tables, verdicts, CONFIG.doubtful)
-    told = [(one["verdict"], one["of"]) for one in known_of(found, tables, verdicts) if one["verdict"] != "not checked"]
+    told = [
+        (one["verdict"], one["of"])
+        for one in known_of(found, tables, verdicts)
+        if one["verdict"] != "not checked"
+    ]
     assert told == [("doubtful in part", "torque angle trials")]
-    assert [one["in_part"] for one in entries(found)][:1] == [True], "K of the trial is clear on the page"
-    for name in ("energy_stored", "energy_returned"):  # trapezoids of K theta + 5 and K theta, from its zero
+    assert [one["in_part"] for one in entries(found)][:1] == [True], (
+        "K of the trial is clear on the page"
+    )
+    # trapezoids of K theta + 5 and K theta, from its zero
+    for name in ("energy_stored", "energy_returned"):
         about = (assumed[f"{name}_per_zero"] + stated[f"{name}_per_zero"]) / 2
         assert assumed[name] - stated[name] == pytest.approx(5.0 * about, rel=0.01)
     assert row_of(theta, torque, zero="end")["zero_unsure"] is None
 
 
 def test_a_torque_that_hysteresis_leaves_at_rest_is_not_taken_for_an_offset_without_a_word():
-    """A spring that slips keeps its limit at the end, half the width of the loop; before the motion it has none."""
+    """A spring that slips keeps its limit at the end, half the width of the loop; before the motion
+    it has none."""
     limit, theta = 4.0, path(0, *(10, -10) * 3, 0)
     torque = K * theta + jenkins(theta, 400, limit)
     wrong, right = row_of(theta, torque), row_of(theta, torque, zero="start")
@@ -237,12 +305,15 @@ def test_a_torque_that_hysteresis_leaves_at_rest_is_not_taken_for_an_offset_with
     assert "torque at rest that changes" in wrong["doubtful"].split("; ")
     assert (wrong["not_checked"], wrong["zero_unsure"]) == (OFFSET, pytest.approx(limit, rel=1e-3))
     assert right["zero_off_middle"] == pytest.approx(0, abs=0.01)
-    assert right["torque_max"] == pytest.approx(K * A + limit, abs=0.2)  # the filter cuts 0.05 deg off the tip
+    # the filter cuts 0.05 deg off the tip
+    assert right["torque_max"] == pytest.approx(K * A + limit, abs=0.2)
     assert (right["rest_change"], right["doubtful"], right["not_checked"]) == (None, "", "")
     assert row_of(theta, torque, **PLAIN)["zero_off_middle"] is None
 
 
-OFFSET = "whether the torque at rest is the load cell's offset or what hysteresis leaves in the device"
+OFFSET = (
+    "whether the torque at rest is the load cell's offset or what hysteresis leaves in the device"
+)
 FULL, OPEN = path(0, 10, 0, 10, 0), path(0, 10, 0.7)
 NOISE = np.random.default_rng(3).standard_normal(FULL.size)
 
@@ -250,15 +321,22 @@ NOISE = np.random.default_rng(3).standard_normal(FULL.size)
 @pytest.mark.parametrize(("theta", "torque", "changes", "message"), [
     (FULL / 100, K * FULL, {}, "the angle moves by 0.0997 deg in all, expected 0.5 deg or more"),
     (OPEN, K * OPEN, {}, "begins at 0.00 deg, goes to 0.00 and 9.97 deg, and ends at 0.70 deg"),
-    (path(0, 10, 0, speed=20), K * path(0, 10, 0, speed=20), {}, "a cycle takes 1 s, which is not quasi-static"),
-    (FULL, K * FULL + 50 * NOISE, {}, "torque does not follow the angle: its curve over angle accounts for"),
-    (FULL, 0 * FULL + 2, {}, "torque stays at 2 throughout"), (0 * FULL, K * FULL, {}, "theta stays at 0 throughout"),
+    (path(0, 10, 0, speed=20), K * path(0, 10, 0, speed=20),
+     {}, "a cycle takes 1 s, which is not quasi-static"),
+    (FULL, K * FULL + 50 * NOISE,
+     {}, "torque does not follow the angle: its curve over angle accounts for"),
+    (FULL, 0 * FULL + 2, {}, "torque stays at 2 throughout"), (0 * FULL, K * FULL,
+     {}, "theta stays at 0 throughout"),
     (FULL, -K * FULL, {}, "K = -200 N*m/rad is negative, so the torque drives the motion"),
-    (path(0, 10, 0, rest=0.2), K * path(0, 10, 0, rest=0.2), {}, "does not rest at the end of the recording"),
-    (FULL, K * FULL, {"angle_step_deg": 5}, "expected 5 or more; lower angle_step_deg from 5 deg to 0.99 deg"),
+    (path(0, 10, 0, rest=0.2), K * path(0, 10, 0, rest=0.2),
+     {}, "does not rest at the end of the recording"),
+    (FULL, K * FULL,
+     {"angle_step_deg": 5}, "expected 5 or more; lower angle_step_deg from 5 deg to 0.99 deg"),
     (FULL, K * FULL, {"bench_stiffness": {"value": "150 N*m/rad"}}, "the torque drives the motion"),
-    (FULL, K * FULL, {"bench_stiffness": {"value": "350 N*m/rad"}}, "K = 466.7 N*m/rad is not between 0 and the b"),
-    (FULL, K * FULL, {"settle_cycles": 2}, "the first 2 of 2 whole cycles are not analysed; record more, or lower"),
+    (FULL, K * FULL,
+     {"bench_stiffness": {"value": "350 N*m/rad"}}, "K = 466.7 N*m/rad is not between 0 and the b"),
+    (FULL, K * FULL,
+     {"settle_cycles": 2}, "the first 2 of 2 whole cycles are not analysed; record more, or lower"),
 ])  # fmt: skip
 def test_what_is_no_trial_of_torque_against_angle_is_refused(theta, torque, changes, message):
     with pytest.raises(InputError, match=rf"^trial foot: .*{re.escape(message)}") as caught:
@@ -267,7 +345,10 @@ def test_what_is_no_trial_of_torque_against_angle_is_refused(theta, torque, chan
 
 
 BOTH_WAYS, FAR = path(0, *(10, -10) * 2, 0), path(0, *(10, -10) * 2, 4)
-LIFT, MIXED = np.linspace(0, 1, FULL.size), np.concatenate([path(0, 10, 0, speed=2), path(0, 10, 0, speed=8)])
+LIFT, MIXED = (
+    np.linspace(0, 1, FULL.size),
+    np.concatenate([path(0, 10, 0, speed=2), path(0, 10, 0, speed=8)]),
+)
 
 
 @pytest.mark.parametrize(("theta", "torque", "changes", "column", "cause"), [
@@ -276,32 +357,45 @@ LIFT, MIXED = np.linspace(0, 1, FULL.size), np.concatenate([path(0, 10, 0, speed
     (FULL, K * FULL + 6 * LIFT, PLAIN, "doubtful", "loop that does not close"),
     (FULL, K * FULL + 8 * LIFT, PLAIN, "doubtful", "loop that does not close"),
     (FULL, np.minimum(K * FULL + 0.01 * NOISE, 25), {}, "doubtful", "clipped signal"),
-    (FULL, 1e3 * K * FULL, {}, "doubtful", "unlikely size"), (FULL, 1e-3 * K * FULL, {}, "doubtful", "unlikely size"),
+    (FULL, 1e3 * K * FULL, {}, "doubtful", "unlikely size"), (FULL, 1e-3 * K * FULL,
+     {}, "doubtful", "unlikely size"),
     (path(0, 10, 0.3), K * path(0, 10, 0.3), {}, "doubtful", "loop that does not close"),
     (MIXED, K * MIXED + 20 * np.gradient(MIXED) * RATE, {}, "doubtful", "speed that matters"),
     (FULL, np.roll(K * FULL, 30) + 0.01 * NOISE, {}, "doubtful", "energy from nothing"),
-    (path(*SMALLER), K * path(*SMALLER), {}, "not_checked", "cycles that are smaller than the largest"),
-    (FULL, K * FULL + jenkins(FULL, 400, 4), {"zero": "start"}, "not_checked", ""),  # no offset beside a wide loop
-    (BOTH_WAYS, K * BOTH_WAYS + 5, PLAIN, "not_checked", ""), (FAR, K * FAR, {"zero": "start"}, "not_checked", ""),
+    (path(*SMALLER), K * path(*SMALLER),
+     {}, "not_checked", "cycles that are smaller than the largest"),
+    # no offset beside a wide loop
+    (FULL, K * FULL + jenkins(FULL, 400, 4), {"zero": "start"}, "not_checked", ""),
+    (BOTH_WAYS, K * BOTH_WAYS + 5, PLAIN, "not_checked", ""), (FAR, K * FAR,
+     {"zero": "start"}, "not_checked", ""),
 ])  # fmt: skip
-def test_drift_creep_clipping_speed_and_energy_from_nothing_are_doubtful(theta, torque, changes, column, cause):
+def test_drift_creep_clipping_speed_and_energy_from_nothing_are_doubtful(
+    theta, torque, changes, column, cause
+):
     assert cause in row_of(theta, torque, **changes)[column].split("; ")
 
 
-def test_a_gap_at_the_tip_of_a_cycle_is_doubtful_and_drift_and_closure_are_shares_of_the_range_of_the_torque():
-    row = row_of(FULL, torque := K * FULL + 6 * LIFT - 20, **PLAIN)  # 5 s from loading to loading, cycles of 6 s
+def test_a_gap_at_the_tip_of_a_cycle_is_doubtful():
+    # 5 s from loading to loading, cycles of 6 s
+    row = row_of(FULL, torque := K * FULL + 6 * LIFT - 20, **PLAIN)
     shares = np.array([6 * 5 / 12, 6 * 6 / 12]) / np.ptp(torque)
     assert (row["cycle_drift"], row["closure_torque"]) == pytest.approx(shares, rel=0.05)
     whole, tip = trial_of(FULL, K * FULL + 0.01 * NOISE).samples, int(np.argmax(FULL))
     cut = Trial("foot", pl.concat([whole[: tip - 40], whole[tip + 40 :]]))
-    table = torque_angle_table(torque_angle_trial(cut, CONFIG.torque_angle)).with_columns(saturated_samples=0)
-    assert "gaps in the recording" in marked(table, CONFIG.doubtful.of("torque_angle"), "torque_angle")["doubtful"][0]
+    table = torque_angle_table(torque_angle_trial(cut, CONFIG.torque_angle)).with_columns(
+        saturated_samples=0
+    )
+    assert (
+        "gaps in the recording"
+        in marked(table, CONFIG.doubtful.of("torque_angle"), "torque_angle")["doubtful"][0]
+    )
     with pytest.raises(InputError, match=r"theta turns by .*recorded in deg and declared as rad"):
         fit_torque_angle_trial(trial_of(57.3 * FULL, torque), CONFIG.torque_angle)
 
 
 def test_the_change_of_the_energy_with_speed_is_that_from_the_slowest_cycle_to_the_fastest():
-    """Damping loses energy in proportion to the speed: 1, 2, 4 times, so that a line over log speed gives 3 / (7/3)."""
+    """Damping loses energy in proportion to the speed: 1, 2, 4 times, so that a line over log speed
+    gives 3 / (7/3)."""
     theta = np.concatenate([path(0, 10, 0, speed=speed) for speed in (2, 4, 8)])
     row = row_of(theta, K * theta + 20 * np.gradient(theta) * RATE)
     assert row["rate_change"] == pytest.approx(9 / 7, rel=0.02)
@@ -310,8 +404,9 @@ def test_the_change_of_the_energy_with_speed_is_that_from_the_slowest_cycle_to_t
         assert row_of(like, K * like, rest_s=0.4)["rate_change"] is None
 
 
-def test_loops_of_several_speeds_show_a_late_torque_also_those_of_repeats_and_one_speed_does_not_tell():
-    """A torque that is late by 20 ms takes 20 ms times the integral of its rate times the velocity off the loop."""
+def test_loops_of_several_speeds_show_a_late_torque_also_those_of_repeats():
+    """A torque that is late by 20 ms takes 20 ms times the integral of its rate times the velocity
+    off the loop."""
 
     def table_of(name, speeds, late, amplitude=10, stiffness=K):
         theta = np.concatenate([path(0, amplitude, 0, speed=speed) for speed in speeds])
@@ -321,7 +416,9 @@ def test_loops_of_several_speeds_show_a_late_torque_also_those_of_repeats_and_on
         return torque_angle_table(fitted(theta, torque, **changed)).with_columns(trial=pl.lit(name))
 
     limits, late = CONFIG.doubtful.of("torque_angle"), round(0.02 * RATE)
-    sound, slow, fast = (table_of(*one) for one in (("a", (4, 8, 16), 0), ("b", (4, 4), late), ("c", (12, 12), late)))
+    sound, slow, fast = (
+        table_of(*one) for one in (("a", (4, 8, 16), 0), ("b", (4, 4), late), ("c", (12, 12), late))
+    )
     single = table_of("d", (4, 8, 16), late)
     assert abs(sound["rate_change"][0]) < 0.01
     assert single["late_s"][0] == pytest.approx(0.02, rel=0.03)
@@ -342,7 +439,9 @@ def test_the_weight_of_a_fixture_is_taken_off_the_torque():
         return torque_angle_table(torque_angle_trial(trial, CONFIG.torque_angle)).row(0, named=True)
 
     torque, weight = K * FULL + jenkins(FULL, 400, 2), 2 * np.sin(FULL - np.deg2rad(30))
-    stated = trial_of(FULL, torque + weight, columns={"torque": {"fixture": {"weight": 2.0, "rest_deg": 30.0}}})
+    stated = trial_of(
+        FULL, torque + weight, columns={"torque": {"fixture": {"weight": 2.0, "rest_deg": 30.0}}}
+    )
     alone, found = of(trial_of(FULL, torque)), of(stated)
     assert of(trial_of(FULL, torque + weight))["K"] - alone["K"] > 1.7
     for name in ("K", "energy_stored", "energy_lost", "torque_zero"):
@@ -357,27 +456,48 @@ def test_a_desired_curve_stands_beside_the_measured_one():
     assert (wanted[2.5], wanted[8.0], wanted[8.5]) == (5.0, 12.0, None)
     angle = np.array([a for a, w in wanted.items() if w is not None])
     limits = CONFIG.doubtful.of("torque_angle")
-    for times, cause in ((1.0, ""), (0.75, ""), (1.3558, "another unit"), (10.1972, "another unit")):
-        straight = {"design": {"angle_deg": [0.0, 10.0], "torque": [0.0, K * np.deg2rad(10) / times]}}
-        row = torque_angle_table(fitted(FULL, K * FULL, desired=straight), "design").with_columns(saturated_samples=0)
+    for times, cause in (
+        (1.0, ""),
+        (0.75, ""),
+        (1.3558, "another unit"),
+        (10.1972, "another unit"),
+    ):
+        straight = {
+            "design": {"angle_deg": [0.0, 10.0], "torque": [0.0, K * np.deg2rad(10) / times]}
+        }
+        row = torque_angle_table(fitted(FULL, K * FULL, desired=straight), "design").with_columns(
+            saturated_samples=0
+        )
         assert row["desired_ratio"][0] == pytest.approx(times, rel=1e-3)
         assert marked(row, limits, "torque_angle")["doubtful"][0] == cause
     distance = K * np.deg2rad(angle) - np.interp(angle, curve["angle_deg"], curve["torque"])
     rms = torque_angle_table(found, "design")["desired_rms"][0]
     assert rms == pytest.approx(np.sqrt(np.mean(distance**2)), rel=0.01)
-    with pytest.raises(InputError, match=r"no desired curve 'other'; torque_angle\.desired in the config.* has design"):
+    with pytest.raises(
+        InputError,
+        match=r"no desired curve 'other'; torque_angle\.desired in the config.* has design",
+    ):
         torque_angle_table(found, "other")
-    for curve, message in (([0, 1], "angle_deg and torque differ in length"), ([0, 0, 0], "0 stands behind 0")):
+    for curve, message in (
+        ([0, 1], "angle_deg and torque differ in length"),
+        ([0, 0, 0], "0 stands behind 0"),
+    ):
         with pytest.raises(ValueError, match=message):
             fitted(FULL, K * FULL, desired={"design": {"angle_deg": curve, "torque": [0, 1, 2]}})
     with pytest.raises(ValueError, match="not below the value"):
-        fitted(FULL, K * FULL, bench_stiffness={"value": "4000 N*m/rad", "standard_error": "4000 N*m/rad"})
+        fitted(
+            FULL,
+            K * FULL,
+            bench_stiffness={"value": "4000 N*m/rad", "standard_error": "4000 N*m/rad"},
+        )
 
 
 REFERENCE = {
     "bench_angle_min_deg": "bench_angle_min_deg", "bench_angle_max_deg": "bench_angle_max_deg",
-    "angle_min_deg": "ankle_angle_min_deg", "angle_max_deg": "ankle_angle_max_deg", "torque_min": "torque_min_Nm",
-    "torque_max": "torque_max_Nm", "torque_zero": "torque_at_rest_Nm", "energy_lost": "energy_absorbed_J",
+    "angle_min_deg": "ankle_angle_min_deg", "angle_max_deg": "ankle_angle_max_deg",
+    "torque_min": "torque_min_Nm",
+    "torque_max": "torque_max_Nm", "torque_zero": "torque_at_rest_Nm",
+    "energy_lost": "energy_absorbed_J",
     "K": "slope_loading_Nm_per_rad", "K_uncorrected": "slope_loading_uncorrected_Nm_per_rad",
 }  # fmt: skip
 
@@ -389,7 +509,9 @@ def test_the_tests_of_a_real_foot_give_what_an_independent_computation_finds_wit
     expected = {row["test"]: row for row in csv.DictReader(reference.read_text().splitlines())}
     for row in read_sheet(campaign.sheet).values():
         trial = trial_from_files(row, REAL_DATA / "mat", campaign.sources)
-        found = torque_angle_table(torque_angle_trial(trial, campaign.torque_angle), row["desired"]).row(0, named=True)
+        found = torque_angle_table(
+            torque_angle_trial(trial, campaign.torque_angle), row["desired"]
+        ).row(0, named=True)
         theirs = expected.pop(row["log_part"])
         for ours, name in REFERENCE.items():
             assert found[ours] == pytest.approx(float(theirs[name]), rel=0.01), (row["trial"], ours)

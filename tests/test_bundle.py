@@ -1,4 +1,5 @@
-"""A bundle is what others' tools say that it is, and a stranger who has nothing else gets its tables again."""
+"""A bundle is what others' tools say that it is, and a stranger who has nothing else gets its
+tables again."""
 
 import json
 import re
@@ -24,7 +25,9 @@ from osl_analysis.files import CAMPAIGN
 rocrate = pytest.importorskip("rocrate")
 LICENCE, PROFILE = "https://spdx.org/licenses/CC-BY-4.0", "workflow-run-crate-0.5"
 RUN, ONE_CORE = ("osl-analysis", "run"), ("--cores", "1", "--quiet")
-TABLES = [f"results/{name}" for name in ("summary.json", "tables/findings.csv", "tables/settings.csv")]
+TABLES = [
+    f"results/{name}" for name in ("summary.json", "tables/findings.csv", "tables/settings.csv")
+]
 
 
 def tables_of(folder: Path) -> dict[str, str]:
@@ -37,14 +40,21 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
     top, t = tmp_path_factory.mktemp("bundle"), np.arange(2000) / 250
     (top / "day").mkdir()
     angle = sum(size * np.sin(2 * np.pi * f * t) for size, f in ((3, 0.75), (2, 1.5), (1, 3)))
-    torque = 5 * angle + np.gradient(angle, t) / 20 + 0.05 * np.random.default_rng(2).standard_normal(t.size)
+    torque = (
+        5 * angle
+        + np.gradient(angle, t) / 20
+        + 0.05 * np.random.default_rng(2).standard_normal(t.size)
+    )
     rows = [f"{x:.4f},{y:.6f},{z:.5f}" for x, y, z in zip(t, angle, torque, strict=True)]
     (top / "day/sines.csv").write_text("\n".join(["time [s],angle [deg],torque [Nm]", *rows, ""]))
     new_campaign(top / "mine", (), top / "day", example=False)
     with pytest.raises(InputError, match="no such summary"):
         write_bundle(top / "mine", top / "early.zip", LICENCE, raw=True)
     assert not (top / "early.zip").exists()
-    assert run_forked([*RUN, *TABLES, "results/figures/fig5.pdf", *ONE_CORE], top / "mine").returncode == 0
+    assert (
+        run_forked([*RUN, *TABLES, "results/figures/fig5.pdf", *ONE_CORE], top / "mine").returncode
+        == 0
+    )
     return top / "mine"
 
 
@@ -53,11 +63,15 @@ def unpacked(campaign: Path) -> Path:
     """Its bundle, without what an older release left among the results."""
     old = campaign / "results/tables/model_comparison.csv"
     old.write_text("trial\n")
-    said = CliRunner().invoke(main, ["bundle", str(campaign), str(campaign / "b.zip"), "--license", LICENCE, "--raw"])
+    said = CliRunner().invoke(
+        main, ["bundle", str(campaign), str(campaign / "b.zip"), "--license", LICENCE, "--raw"]
+    )
     assert said.exit_code == 0, said.output
     with zipfile.ZipFile(campaign / "b.zip") as archive:
         archive.extractall(campaign.parent / "elsewhere")
-        assert archive.getinfo("raw/sines.csv").date_time[0] > 1980, "results say by it when was recorded"
+        assert archive.getinfo("raw/sines.csv").date_time[0] > 1980, (
+            "results say by it when was recorded"
+        )
     old.unlink()
     return campaign.parent / "elsewhere"
 
@@ -89,11 +103,15 @@ def test_a_validator_of_others_finds_a_workflow_run_crate(unpacked: Path) -> Non
     command = [sys.executable, "-c", VALIDATED, str(unpacked), PROFILE]
     said = subprocess.run(command, check=True, capture_output=True, text=True).stdout
     of_network = ("ro-crate-1.1_3.1", "ro-crate-1.1_3.2")  # that the context can be loaded
-    assert [message for check, message in json.loads(said.splitlines()[-1]) if check not in of_network] == []
+    assert [
+        message for check, message in json.loads(said.splitlines()[-1]) if check not in of_network
+    ] == []
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_another_library_finds_its_tables_as_the_data_package_describes_them(unpacked: Path) -> None:
+def test_another_library_finds_its_tables_as_the_data_package_describes_them(
+    unpacked: Path,
+) -> None:
     frictionless = pytest.importorskip("frictionless")
     report = frictionless.validate(str(unpacked / "datapackage.json"))
     assert report.valid, report.flatten(["rowNumber", "fieldName", "message"])[:3]
@@ -118,10 +136,14 @@ def test_without_the_recordings_it_has_their_hashes(campaign: Path, tmp_path: Pa
     with zipfile.ZipFile(tmp_path / "b.zip") as archive:
         archive.extractall(tmp_path)
     assert not (tmp_path / "raw").exists()
-    assert not re.search(r"recorded: *\d", (tmp_path / "config.yaml").read_text()), "dates of files are not stated ones"
+    assert not re.search(r"recorded: *\d", (tmp_path / "config.yaml").read_text()), (
+        "dates of files are not stated ones"
+    )
     (tmp_path / "raw").mkdir()
     (tmp_path / "raw/sines.csv").write_bytes((campaign.parent / "day/sines.csv").read_bytes())
-    said = subprocess.run(["sha256sum", "-c", "recordings.sha256"], cwd=tmp_path, check=True, capture_output=True)
+    said = subprocess.run(
+        ["sha256sum", "-c", "recordings.sha256"], cwd=tmp_path, check=True, capture_output=True
+    )
     assert b"raw/sines.csv: OK" in said.stdout
 
 
@@ -134,9 +156,15 @@ def test_a_simulated_campaign_stays_one_that_the_simulator_made(
     Path("recordings/truth").mkdir()
     for name in ("truth/b.json", "b.mcap"):
         Path("recordings", name).write_text("x")
-    Path("recordings/trials.csv").write_text("trial,experiment,log,log_source\nb,belt,b.mcap,dynamometer_bench\n")
+    Path("recordings/trials.csv").write_text(
+        "trial,experiment,log,log_source\nb,belt,b.mcap,dynamometer_bench\n"
+    )
     copy_inputs(open_campaign(read_config(CAMPAIGN), None), tmp_path / "crate", raw=raw)
     monkeypatch.chdir(tmp_path / "crate")
     config = read_config(CAMPAIGN)
     check_folder(config.sheet.parent)
-    assert (config.simulation.is_file(), config.sheet.parent, config.sheet.is_file()) == (True, config.raw_data, raw)
+    assert (config.simulation.is_file(), config.sheet.parent, config.sheet.is_file()) == (
+        True,
+        config.raw_data,
+        raw,
+    )

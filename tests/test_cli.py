@@ -1,4 +1,5 @@
-"""The command line from simulation to fit, and what a machine does to it: one line each, nothing lost, nothing half."""
+"""The command line from simulation to fit, and what a machine does to it: one line each, nothing
+lost, nothing half."""
 
 import json
 import os
@@ -51,15 +52,26 @@ def one_line(result, code=1):
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A configuration whose protocol is the tiny campaign's, and two of its trials, simulated and ingested."""
+    """A configuration whose protocol is the tiny campaign's, and two of its trials, simulated and
+    ingested."""
     folder = tmp_path_factory.mktemp("cli")
     config = yaml.safe_load((ROOT / "config/config.yaml").read_text())
-    config["dynamometer"] |= {"amplitudes_deg": [3], "frequencies_hz": [2, 5], "cycles": 3, "settle_cycles": 1}
+    config["dynamometer"] |= {
+        "amplitudes_deg": [3],
+        "frequencies_hz": [2, 5],
+        "cycles": 3,
+        "settle_cycles": 1,
+    }
     (folder / "config.yaml").write_text(yaml.safe_dump(config))
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(ROOT)
         for trial in (TRIAL, "belt_01"):
-            settings = ("--settings", "tests/tiny_simulation.yaml", "--config", folder / "config.yaml")
+            settings = (
+                "--settings",
+                "tests/tiny_simulation.yaml",
+                "--config",
+                folder / "config.yaml",
+            )
             assert call("simulate", *settings, "--trial", trial, folder).exit_code == 0
             log, output = folder / f"dynamometer/{trial}.mcap", folder / f"{trial}.parquet"
             result = call("ingest", "--log", log, "--log-source", "dynamometer", "--output", output)
@@ -68,12 +80,22 @@ def folder(tmp_path_factory):
 
 
 def test_fit_prints_the_impedance_of_linear_theory_and_draws_it(folder, tmp_path):
-    arguments = (folder / f"{TRIAL}.parquet", "--config", folder / "config.yaml", "--plot", tmp_path / "fit.png")
+    arguments = (
+        folder / f"{TRIAL}.parquet",
+        "--config",
+        folder / "config.yaml",
+        "--plot",
+        tmp_path / "fit.png",
+    )
     result = call("fit", *arguments)
     assert result.exit_code == 0, result.stderr
     assert re.search(r"K +\d{3}\.?\d* ± [\d.]+ +N·m/rad", result.stdout)
     assert (tmp_path / "fit.png").stat().st_size > 10_000
-    (whole,) = (row for row in json.loads(call("fit", *arguments[:3], "--json").stdout) if row["amplitude_deg"] is None)
+    (whole,) = (
+        row
+        for row in json.loads(call("fit", *arguments[:3], "--json").stdout)
+        if row["amplitude_deg"] is None
+    )
     assert (whole["K"], whole["B"]) == (pytest.approx(299, rel=0.03), pytest.approx(5.46, rel=0.15))
 
 
@@ -86,26 +108,36 @@ def test_the_interval_of_a_belt_counts_the_drift_that_the_configuration_names(fo
         options = ("--model", "belt", "--config", tmp_path / "config.yaml", "--json")
         (row,) = json.loads(call("fit", folder / "belt_01.parquet", *options).stdout)
         widths.append(row["K_s_se"])
-    # slope of time on deflection beside a constant and the velocity: a raised cosine of 1 s and 5 deg, from 5 % on
+    # slope of time on deflection beside a constant and the velocity: a raised cosine of 1 s and 5
+    # deg, from 5 % on
     t = np.linspace(np.arccos(0.9) / np.pi, 1, 1000)
-    columns = np.column_stack([np.deg2rad(5) * (1 - np.cos(np.pi * t)) / 2, np.ones_like(t), np.sin(np.pi * t)])
+    columns = np.column_stack(
+        [np.deg2rad(5) * (1 - np.cos(np.pi * t)) / 2, np.ones_like(t), np.sin(np.pi * t)]
+    )
     slope = np.linalg.lstsq(columns, t, rcond=None)[0][0]
     assert np.sqrt(widths[1] ** 2 - widths[0] ** 2) == pytest.approx(100 / 60 * slope, rel=0.06)
 
 
 def test_fit_says_what_it_cannot_check_and_takes_a_campaign_s_overriding_file(folder, tmp_path):
     own = yaml.safe_load((folder / "config.yaml").read_text())
-    (tmp_path / "own.yaml").write_text(yaml.safe_dump({"campaign": "mine", "dynamometer": own["dynamometer"]}))
+    (tmp_path / "own.yaml").write_text(
+        yaml.safe_dump({"campaign": "mine", "dynamometer": own["dynamometer"]})
+    )
 
     def fitted(*arguments, config=tmp_path / "own.yaml"):
         said = call("fit", folder / f"{TRIAL}.parquet", *arguments, "--config", config, "--json")
         return json.loads(said.stdout), said.stderr
 
     asked = ("--stiffness", "300", "--damping", "5")
-    (whole, _), (over, lacks), (known, unchecked) = fitted(config=folder / "config.yaml"), fitted(), fitted(*asked)
+    (whole, _), (over, lacks), (known, unchecked) = (
+        fitted(config=folder / "config.yaml"),
+        fitted(),
+        fitted(*asked),
+    )
     assert [row["K"] for row in over] == [row["K"] for row in whole] == [row["K"] for row in known]
     assert "not checked without --stiffness and --damping" in lacks
-    assert "whether K changes while it is recorded" in unchecked  # three cycles at each frequency do not tell
+    # three cycles at each frequency do not tell
+    assert "whether K changes while it is recorded" in unchecked
     assert known[-1]["K_ratio"] == pytest.approx(1, abs=0.1)
     assert fitted(*asked, "--parameters", "none")[0][-1]["K_predicted"] is None
     rows, said = fitted(*asked, "--controller", "compensatd")
@@ -113,7 +145,9 @@ def test_fit_says_what_it_cannot_check_and_takes_a_campaign_s_overriding_file(fo
     assert [rows[-1][name] for name in ("K_d", "K_ratio", "K_predicted")] == [300, None, None]
 
 
-def test_ingest_says_that_a_log_has_lost_its_end_and_the_simulator_never_writes_over_recordings(folder, tmp_path):
+def test_ingest_says_that_a_log_has_lost_its_end_and_the_simulator_never_writes_over_recordings(
+    folder, tmp_path
+):
     log, output = tmp_path / "cut.mcap", tmp_path / "cut.parquet"
     log.write_bytes((folder / f"dynamometer/{TRIAL}.mcap").read_bytes()[:-20])
     result = call("ingest", "--log", log, "--log-source", "dynamometer", "--output", output)
@@ -122,7 +156,9 @@ def test_ingest_says_that_a_log_has_lost_its_end_and_the_simulator_never_writes_
     (tmp_path / "dynamometer").mkdir()
     log = tmp_path / "dynamometer/belt_01.mcap"
     log.write_bytes(b"a laboratory's own")
-    said = one_line(call("simulate", "--settings", "tests/tiny_simulation.yaml", "--trial", "belt_01", tmp_path))
+    said = one_line(
+        call("simulate", "--settings", "tests/tiny_simulation.yaml", "--trial", "belt_01", tmp_path)
+    )
     assert "the simulator did not make it" in said
     assert log.read_bytes() == b"a laboratory's own"
 
@@ -130,8 +166,14 @@ def test_ingest_says_that_a_log_has_lost_its_end_and_the_simulator_never_writes_
 def test_gains_of_a_pair_a_grid_and_a_trajectory_are_those_of_the_paper_and_are_drawn(tmp_path):
     drawn, table = tmp_path / "gains.svg", tmp_path / "gains.csv"
     said = call(*GAINS, "--plot", drawn).stdout
-    assert all(gain in said for gain in ("K_1 = 25.0867 N·m/rad (533.4", "B_1 = 0.664687 N·m·s/rad (14.13"))
-    rows = json.loads(call(*of_gains("100:400:100", "0:0.3:0.1", "--output", table, "--plot", drawn, "--json")).stdout)
+    assert all(
+        gain in said for gain in ("K_1 = 25.0867 N·m/rad (533.4", "B_1 = 0.664687 N·m·s/rad (14.13")
+    )
+    rows = json.loads(
+        call(
+            *of_gains("100:400:100", "0:0.3:0.1", "--output", table, "--plot", drawn, "--json")
+        ).stdout
+    )
     pairs = [(r["K_d"], round(r["B_d"], 9)) for r in rows]
     assert pairs == [(k, b) for k in (100, 200, 300, 400) for b in (0, 0.1, 0.2, 0.3)]
     assert pl.read_csv(table)["B_1"].to_list() == pytest.approx([r["B_1"] for r in rows], rel=1e-12)
@@ -140,7 +182,10 @@ def test_gains_of_a_pair_a_grid_and_a_trajectory_are_those_of_the_paper_and_are_
     assert {r["trajectory"] for r in rows} == {"synthetic"}
     (tmp_path / "t.csv").write_text("phase,K_d,B_d\n0,300,5\n1,200,5\n")
     rows = json.loads(call("gains", "--trajectory", tmp_path / "t.csv", "--json").stdout)
-    assert [(r["phase"], r["K_d"], r["trajectory"]) for r in rows] == [(0, 300, None), (1, 200, None)]
+    assert [(r["phase"], r["K_d"], r["trajectory"]) for r in rows] == [
+        (0, 300, None),
+        (1, 200, None),
+    ]
     (tmp_path / "far.csv").write_text("phase,K_d,B_d\n0,300,5\n1,700,5\n")
     assert "far.csv: K_d = 700 " in one_line(call("gains", "--trajectory", tmp_path / "far.csv"))
     assert "smallest stable gain" in call(*of_gains(600, 0)).stdout
@@ -152,26 +197,34 @@ def of_gains(stiffness, damping, *more):
 
 
 MISTAKES = {
-    "K_d = 0 .* ask for more than 0": of_gains(0, 5), r"B_d = 1e\+300 .* ask for 1e-09 to 1e\+06": of_gains(300, 1e300),
+    "K_d = 0 .* ask for more than 0": of_gains(0, 5),
+        r"B_d = 1e\+300 .* ask for 1e-09 to 1e\+06": of_gains(300, 1e300),
     r"K_d = 700 .* ask for less than 685\.6 \(99 % of it: 678\.7\)": of_gains(700, 5),
-    r"cutoff_hz: 1e\+300 is not allowed: write a number less than or equal to 10000": (*GAINS, "--weight-hz", 1e300),
-    "order: 0 is not allowed: write a number greater than or equal to 1": (*GAINS, "--weight-order", 0),
+    r"cutoff_hz: 1e\+300 is not allowed: write a number less than or equal to 10000": (*GAINS,
+    "--weight-hz", 1e300),
+    "order: 0 is not allowed: write a number greater than or equal to 1": (*GAINS, "--weight-order",
+    0),
     r"no\.yaml: no such file": (*GAINS, "--parameters", "no.yaml"),
     r"osl-analysis init FOLDER --from \.`": ("fit", "README.md"),
     "did you mean 'profiles/slurm'": ("run", "--workflow-profile", "profiles/slrm"),
     "nowhere: no such folder": ("describe-tables", "--output", "nowhere/page.md"),
     r"no\.csv: no such file; correct its name": ("inspect", "no.csv"),
-    r"no\.mcap: no such file; corr": ("ingest", "--log", "no.mcap", "--log-source", "leg", "--output", "no.parquet"),
+    r"no\.mcap: no such file; corr": ("ingest", "--log", "no.mcap", "--log-source", "leg",
+    "--output", "no.parquet"),
     "nowhere: no such folder; correct its name": ("samples", "nowhere"),
     r"\\x1b\[31mred: no such trial": ("fit", "\x1b[31mred"),
-    r"o\\udcff\.csv: its name is not UTF-8; choose another name": (*GAINS, "--output", os.fsdecode(b"o\xff.csv")),
+    r"o\\udcff\.csv: its name is not UTF-8; choose another name": (*GAINS, "--output",
+    os.fsdecode(b"o\xff.csv")),
 }  # fmt: skip
 UNFIT = {
-    "give --stiffness and --damping": ("gains", "--damping", "5"), "--damping, or --trajectory": ("gains",),
+    "give --stiffness and --damping": ("gains", "--damping", "5"),
+    "--damping, or --trajectory": ("gains",),
     "--trajectory has K_d and B_d of its own": (*GAINS, "--trajectory", SYNTHETIC),
     "leave out --stiffness": ("gains", "--damping", "5", "--trajectory", SYNTHETIC),
-    "give --model impedance": ("fit", "x.parquet", "--controller", "uncompensated", "--model", "belt"),
-    "neither a number": of_gains("stiff", 5), "write first:last:step, upwards": of_gains("400:100:50", 5),
+    "give --model impedance": ("fit", "x.parquet", "--controller", "uncompensated", "--model",
+    "belt"),
+    "neither a number": of_gains("stiff", 5),
+    "write first:last:step, upwards": of_gains("400:100:50", 5),
     "more than 300 numbers": of_gains("1:600:0.0001", 5),
     "--log and --log-source go": ("ingest", "--log", "x.mcap", "--output", "x.parquet"),
     "--mocap and --mocap-source go": ("ingest", "--mocap-source", "vicon", "--output", "x.parquet"),
@@ -179,10 +232,12 @@ UNFIT = {
     "Missing option '--output'": ("ingest", "--log", "x.csv"),
     "both.csv would be overwritten": (*GAINS, "--output", "both.csv", "--plot", "both.csv"),
     "a.csv would be overwritten": (*GAINS, "--output", "a.csv", "--parameters", "a.csv"),
-    "`ingest` writes .parquet files": ("ingest", "--log", "a.csv", "--log-source", "s", "--output", "s.yaml"),
+    "`ingest` writes .parquet files": ("ingest", "--log", "a.csv", "--log-source", "s", "--output",
+    "s.yaml"),
     "`samples` writes .md files": ("samples", ".", "--output", "s.csv"),
     "`describe-tables` writes .md files": ("describe-tables", "--output", "t.txt"),
-    "`design` writes .csv": ("design", "--write", "m.txt"), "`gains` writes .csv": (*GAINS, "--output", "x.txt"),
+    "`design` writes .csv": ("design", "--write", "m.txt"), "`gains` writes .csv": (*GAINS,
+    "--output", "x.txt"),
     "a.csv would be overwritten while": ("fit", "a.csv", "--plot", "../{}/a.csv"),
     "--example has recordings of its own": ("init", "new", "--example", "--from", "."),
     "'5:1:0' is not a range": of_gains("5:1:0", 5), "'1:2' is not a range": of_gains("1:2", 5),
@@ -195,13 +250,20 @@ def test_a_mistake_is_one_line_with_exit_code_1(message):
 
 
 def test_a_missing_file_is_told_before_anything_is_imported_that_could_read_it():
-    code = "import sys, atexit, osl_analysis.cli as c; atexit.register(lambda: print('numpy' in sys.modules)); c.main()"
-    ran = subprocess.run([sys.executable, "-c", code, "inspect", "no.csv"], capture_output=True, text=True)
+    code = (
+        "import sys, atexit, osl_analysis.cli as c; atexit.register(lambda: print('numpy' in"
+        " sys.modules)); c.main()"
+    )
+    ran = subprocess.run(
+        [sys.executable, "-c", code, "inspect", "no.csv"], capture_output=True, text=True
+    )
     assert (ran.returncode, ran.stdout) == (1, "False\n")
 
 
 @pytest.mark.parametrize(("stated", "threads"), [(None, "1"), ("3", "3")])
-def test_the_matrix_library_has_one_thread_unless_the_user_states_more(monkeypatch, stated, threads):
+def test_the_matrix_library_has_one_thread_unless_the_user_states_more(
+    monkeypatch, stated, threads
+):
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", stated or "")
     if stated is None:
         monkeypatch.delenv("OPENBLAS_NUM_THREADS")
@@ -210,28 +272,42 @@ def test_the_matrix_library_has_one_thread_unless_the_user_states_more(monkeypat
 
 
 @pytest.mark.parametrize("message", UNFIT)
-def test_a_call_that_does_not_fit_or_would_write_over_what_it_reads_is_refused_with_2(message, tmp_path, monkeypatch):
+def test_a_call_that_does_not_fit_or_would_write_over_what_it_reads_is_refused_with_2(
+    message, tmp_path, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a.csv").write_text("precious")
-    assert message in one_line(call(*(str(one).format(tmp_path.name) for one in UNFIT[message])), code=2)
-    assert ((tmp_path / "a.csv").read_text(), [path.name for path in tmp_path.iterdir()]) == ("precious", ["a.csv"])
+    assert message in one_line(
+        call(*(str(one).format(tmp_path.name) for one in UNFIT[message])), code=2
+    )
+    assert ((tmp_path / "a.csv").read_text(), [path.name for path in tmp_path.iterdir()]) == (
+        "precious",
+        ["a.csv"],
+    )
 
 
 PRINTED = {
-    "B_1 = 0.63439": (*GAINS, "--weight-hz", "2", "--weight-order", "2"), "no first look: config": ("doctor", "--look"),
-    r"^ +phase +K_d(.*\n){6}": ("gains", "--trajectory", SYNTHETIC), r"K_d .*\n +100 .*\n +2": of_gains("100,200", 5),
+    "B_1 = 0.63439": (*GAINS, "--weight-hz", "2", "--weight-order", "2"),
+        "no first look: config": ("doctor", "--look"),
+    r"^ +phase +K_d(.*\n){6}": ("gains", "--trajectory", SYNTHETIC),
+    r"K_d .*\n +100 .*\n +2": of_gains("100,200", 5),
     r"^\| file \| format (.*\n){2}\| desr/trials.csv \|": ("samples", "config/campaigns"),
 }  # fmt: skip
 
 
-def test_a_command_prints_or_writes_what_it_is_asked_for_with_what_its_options_say(folder, tmp_path, monkeypatch):
+def test_a_command_prints_or_writes_what_it_is_asked_for_with_what_its_options_say(
+    folder, tmp_path, monkeypatch
+):
     config, page, seen = folder / "config.yaml", tmp_path / "page.md", []
     for said, command in PRINTED.items():
         assert re.search(said, call(*command).stdout), command
     for command in (("describe-tables",), ("samples", "config/campaigns")):
         assert call(*command, "--output", page).stdout == f"wrote {page}\n"
         assert f"`osl-analysis {' '.join(command)} --output {page}`" in page.read_text()
-    assert "with config.yaml, simulation.yaml, sources/" in call("init", tmp_path / "example", "--example").stdout
+    assert (
+        "with config.yaml, simulation.yaml, sources/"
+        in call("init", tmp_path / "example", "--example").stdout
+    )
     monkeypatch.setattr(simulate_command, "simulate_campaign", lambda *given: seen.append(given))
     assert call("simulate", "--settings", "s.yaml", "--config", config, tmp_path).exit_code == 0
     assert seen == [(Path("s.yaml"), tmp_path, read_config(config).shared())]
@@ -239,7 +315,8 @@ def test_a_command_prints_or_writes_what_it_is_asked_for_with_what_its_options_s
 
 @contextmanager
 def full_disk(room=1000):
-    """No file may grow beyond `room` bytes: the system's error is EFBIG, as ENOSPC on a full disk."""
+    """No file may grow beyond `room` bytes: the system's error is EFBIG, as ENOSPC on a full
+    disk."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (room, hard))
     try:
@@ -252,23 +329,31 @@ PAIRS = {"K_d": [float(k // 30) for k in range(900)], "B_d": [k % 30 / 2 for k i
 TABLE = pl.DataFrame(PAIRS).with_columns(B_1_joint=pl.col("K_d") * 1.1 + pl.col("B_d"))
 WRITERS = {
     "csv": write_table,
-    "parquet": lambda table, path: write_trial(Trial("made", pl.DataFrame({"time": range(9000)}).cast(float)), path),
+    "parquet": lambda table, path: write_trial(
+        Trial("made", pl.DataFrame({"time": range(9000)}).cast(float)), path
+    ),
     "pdf": lambda table, path: draw_table("gain_grid", table, [path]),
 }
 
 
 @pytest.mark.parametrize("suffix", WRITERS)
 def test_a_full_disk_is_one_line_and_leaves_the_older_file_as_it_was(tmp_path, suffix):
-    path, said = tmp_path / f"results.{suffix}", rf"results\.{suffix}: cannot be written .*too large.*; make room"
+    path, said = (
+        tmp_path / f"results.{suffix}",
+        rf"results\.{suffix}: cannot be written .*too large.*; make room",
+    )
     path.write_text("older")
     with pytest.raises(InputError, match=said), full_disk():
         WRITERS[suffix](TABLE, path)
     assert (path.read_text(), list(tmp_path.iterdir())) == ("older", [path])
-    with pytest.raises(FileNotFoundError, match="lost"), atomic_path(path):  # that of another file is none of this one
+    # that of another file is none of this one
+    with pytest.raises(FileNotFoundError, match="lost"), atomic_path(path):
         Path("lost").stat()
 
 
-def test_nothing_but_a_regular_file_is_replaced_and_what_cannot_be_written_is_refused_before_anything_is_read(tmp_path):
+def test_nothing_but_a_regular_file_is_replaced(
+    tmp_path,
+):
     """The device is a link, so that a fault here deletes none."""
     os.mkfifo(tmp_path / "pipe.csv")
     os.mknod(tmp_path / "socket.csv", stat.S_IFSOCK | 0o600)
@@ -277,8 +362,16 @@ def test_nothing_but_a_regular_file_is_replaced_and_what_cannot_be_written_is_re
     (tmp_path / "mine.yaml").write_text("precious")
     (tmp_path / "link.csv").symlink_to(tmp_path / "mine.yaml")
     write_table(TABLE, tmp_path / "link.csv")
-    assert ((tmp_path / "mine.yaml").read_text(), (tmp_path / "link.csv").is_symlink()) == ("precious", False)
-    for name, kind in (("pipe", "a named pipe"), ("socket", "a socket"), ("folder", "a folder"), ("null", "a device")):
+    assert ((tmp_path / "mine.yaml").read_text(), (tmp_path / "link.csv").is_symlink()) == (
+        "precious",
+        False,
+    )
+    for name, kind in (
+        ("pipe", "a named pipe"),
+        ("socket", "a socket"),
+        ("folder", "a folder"),
+        ("null", "a device"),
+    ):
         path = tmp_path / f"{name}.csv"
         before, said = path.lstat()[:2], rf"{name}\.csv: is {kind}; name a file"
         with pytest.raises(InputError, match=said):
@@ -289,7 +382,9 @@ def test_nothing_but_a_regular_file_is_replaced_and_what_cannot_be_written_is_re
     assert "/proc/x.csv: cannot be written, because no file can be made in /proc" in said
 
 
-def test_an_odd_name_never_reaches_the_terminal_as_it_is_and_one_that_takes_no_output_is_one_line(tmp_path):
+def test_an_odd_name_never_reaches_the_terminal_as_it_is_and_one_that_takes_no_output_is_one_line(
+    tmp_path,
+):
     log = tmp_path / "two\nlines ü\x1b[31m.csv"
     log.write_text("time,\x1b[31mred\x07\n0,1\n0.01,2\n0.02,1\n")
     seen = call("inspect", log)
@@ -300,7 +395,9 @@ def test_an_odd_name_never_reaches_the_terminal_as_it_is_and_one_that_takes_no_o
         ended = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
     assert (ended.returncode, ended.stderr.count("\n")) == (1, 1)
     assert ended.stderr.startswith("error: the output: No space left on device; check")
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as reader:
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as reader:
         reader.stdout.close()  # as `head` does
         assert (reader.stderr.read(), reader.wait()) == ("", 1)
 
@@ -316,7 +413,8 @@ def test_ctrl_c_ends_a_command_quietly_and_leaves_nothing_half(tmp_path, monkeyp
             time.sleep(10)
 
     monkeypatch.setattr("osl_analysis.table.write_table", interrupted)
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # a process in the background ignores it
+    # a process in the background ignores it
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     assert one_line(call(*GAINS, "--output", tmp_path / "gains.csv"), code=130) == "interrupted"
     assert (list(tmp_path.iterdir()), signal.getsignal(signal.SIGTERM)) == ([], signal.SIG_DFL)
@@ -325,7 +423,10 @@ def test_ctrl_c_ends_a_command_quietly_and_leaves_nothing_half(tmp_path, monkeyp
 @pytest.mark.skipif(sys.platform != "linux", reason="the limit is Linux's")
 def test_a_job_may_have_four_fifths_of_the_least_of_machine_and_batch_job(monkeypatch, tmp_path):
     """A machine of 4 GB whose batch job, a folder above, has 2 GB."""
-    for name, text in (("proc/self/cgroup", "0::/job/step\n"), ("sys/fs/cgroup/job/memory.max", "2000000000\n")):
+    for name, text in (
+        ("proc/self/cgroup", "0::/job/step\n"),
+        ("sys/fs/cgroup/job/memory.max", "2000000000\n"),
+    ):
         (tmp_path / name).parent.mkdir(parents=True)
         (tmp_path / name).write_text(text)
     monkeypatch.setattr(memory, "Path", lambda *parts: tmp_path / "/".join(parts).lstrip("/"))
@@ -334,31 +435,44 @@ def test_a_job_may_have_four_fifths_of_the_least_of_machine_and_batch_job(monkey
         assert resource.getrlimit(resource.RLIMIT_DATA)[0] == 1.6e9
         monkeypatch.setenv("OSL_MEMORY_MB", "9000")
         with limited_memory([]):
-            assert resource.getrlimit(resource.RLIMIT_DATA)[0] == 1.6e9, "a lower limit of before stays"
+            assert resource.getrlimit(resource.RLIMIT_DATA)[0] == 1.6e9, (
+                "a lower limit of before stays"
+            )
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the limit is Linux's")
-def test_what_needs_more_memory_than_a_job_may_have_is_refused_with_file_limit_and_remedy(monkeypatch, tmp_path):
+def test_what_needs_more_memory_than_a_job_may_have_is_refused_with_file_limit_and_remedy(
+    monkeypatch, tmp_path
+):
     """Eight times the limit at once; then a file of 2 kB with two variables of 8 GB."""
     said = "not enough memory, a job may have 1{}00 MB here; cut"
     monkeypatch.setenv("OSL_MEMORY_MB", "1000")
-    too_long = pytest.raises(MemoryLimitError, match=f"long.mcap: {said.format(0)}.* allow more by OSL_MEMORY_MB")
+    too_long = pytest.raises(
+        MemoryLimitError, match=f"long.mcap: {said.format(0)}.* allow more by OSL_MEMORY_MB"
+    )
     before = resource.getrlimit(resource.RLIMIT_DATA)
     with too_long, limited_memory(["long.mcap"]):
         np.ones(10**9)
     assert resource.getrlimit(resource.RLIMIT_DATA) == before
     monkeypatch.setenv("OSL_MEMORY_MB", "4 GB")
-    with pytest.raises(InputError, match="OSL_MEMORY_MB=4 GB: write a number of megabytes"), limited_memory([]):
+    with (
+        pytest.raises(InputError, match="OSL_MEMORY_MB=4 GB: write a number of megabytes"),
+        limited_memory([]),
+    ):
         pass
     path = tmp_path / "bomb.mat"
     with h5py.File(path, "w", userblock_size=512) as file:
         for name in "ta":
-            stored = file.create_dataset(name, (1, 3 * 10**8), "f8", chunks=(1, 10**5), compression="gzip")
+            stored = file.create_dataset(
+                name, (1, 3 * 10**8), "f8", chunks=(1, 10**5), compression="gzip"
+            )
             stored[0, 0] = 1.0
             stored.attrs["MATLAB_class"] = np.bytes_("double")
     with path.open("r+b") as file:
         file.write(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM")
     monkeypatch.setenv("OSL_MEMORY_MB", "1500")
-    ended = subprocess.run([*IN_A_PROCESS, "inspect", str(path)], capture_output=True, text=True, check=False)
+    ended = subprocess.run(
+        [*IN_A_PROCESS, "inspect", str(path)], capture_output=True, text=True, check=False
+    )
     assert (ended.returncode, ended.stdout, ended.stderr.count("\n")) == (1, "", 1)
     assert ended.stderr.startswith(f"error: {path}: {said.format(5)}")

@@ -17,9 +17,19 @@ from pydantic import Field
 
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.campaign.campaign import check_files, open_campaign, time_series_example
-from osl_analysis.campaign.configuration import campaign_config, overriding, read_config, read_section
+from osl_analysis.campaign.configuration import (
+    campaign_config,
+    overriding,
+    read_config,
+    read_section,
+)
 from osl_analysis.commands.run import check_start, source_problems
-from osl_analysis.commands.simulate import laboratory_of, read_simulation, settings_files, simulate_trial
+from osl_analysis.commands.simulate import (
+    laboratory_of,
+    read_simulation,
+    settings_files,
+    simulate_trial,
+)
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.config.sheet import read_sheet
 from osl_analysis.errors import InputError
@@ -60,40 +70,57 @@ NUMBER = "write a number, without a unit, with a full stop as decimal sign"
 
 
 @pytest.mark.parametrize(("text", "said"), [
-    ("inner: {gone: true}", "line 2: field 'inner.gone' is gone: no recording needed it; delete the line"),
-    ("inner: {rate: a}\nseveral: [{nam: a}]", "line 3: unknown field 'several.0.nam'; the known ones are rate, "
+    ("inner: {gone: true}",
+     "line 2: field 'inner.gone' is gone: no recording needed it; delete the line"),
+    ("inner: {rate: a}\nseveral: [{nam: a}]",
+     "line 3: unknown field 'several.0.nam'; the known ones are rate, "
      "name, sign, cycles, vector, limits, either, plates; did you mean 'name'? (and 1 more problem)"),
     ("inner:\n  rate: off", f"line 3: inner.rate: 'off' is not allowed: {NUMBER}"),
     # pydantic makes numbers of truth values
     ("inner:\n  rate: true", f"line 3: inner.rate: 'true' is not allowed: {NUMBER}"),
     ("inner: {sign: true}", "line 2: inner.sign: 'true' is not allowed: write 1 or -1"),
-    ("inner:\n  vector:\n  - 1\n  - false", f"line 5: inner.vector.1: 'false' is not allowed: {NUMBER}"),
-    ("inner:\n  limits:\n    K: 1\n    B: true", f"line 5: inner.limits.B: 'true' is not allowed: {NUMBER}"),
-    ("several:\n- rate: 1\n- rate: true", f"line 4: several.1.rate: 'true' is not allowed: {NUMBER}"),
-    ("inner: {cycles: 2.5}", "line 2: inner.cycles: 2.5 is not allowed: write a whole number, or a list, as ["),
-    ("inner: {cycles: [1, 200]}", "line 2: inner.cycles.1: 200 is not allowed: write a number less than or equal "
+    ("inner:\n  vector:\n  - 1\n  - false",
+     f"line 5: inner.vector.1: 'false' is not allowed: {NUMBER}"),
+    ("inner:\n  limits:\n    K: 1\n    B: true",
+     f"line 5: inner.limits.B: 'true' is not allowed: {NUMBER}"),
+    ("several:\n- rate: 1\n- rate: true",
+     f"line 4: several.1.rate: 'true' is not allowed: {NUMBER}"),
+    ("inner: {cycles: 2.5}",
+     "line 2: inner.cycles: 2.5 is not allowed: write a whole number, or a list, as ["),
+    ("inner: {cycles: [1, 200]}",
+     "line 2: inner.cycles.1: 200 is not allowed: write a number less than or equal "
      "to 100"),
     ("inner: {plates: [a]}", "line 2: inner.plates.0: 'a' is not allowed: write a whole number"),
-    ("inner: 7", "line 2: inner: 7 is not allowed: write its fields below it, as `name: value`; the known ones are "
+    ("inner: 7",
+     "line 2: inner: 7 is not allowed: write its fields below it, as `name: value`; the known ones are "
      "rate, "),
-    ("inner: {rate: a, name: 1, sign: 3}", f"line 2: inner.rate: 'a' is not allowed: {NUMBER} (and 2 more prob"),
+    ("inner: {rate: a, name: 1, sign: 3}",
+     f"line 2: inner.rate: 'a' is not allowed: {NUMBER} (and 2 more prob"),
     ("a: {b: 1}\nb:\n- {b: 2, b: 3}\n", "line 4: key 'b' stands twice; remove one"),
     ("name: M\xfcnchen", "line 2 is not UTF-8; save the file as UTF-8"),
     ("inner: {rate: 1e999}", "line 2: inner.rate: inf is not allowed: write a finite number"),
     ("inner: {rate: " + "9" * 6000 + "}", "not YAML: Exceeds the limit"),
-    ("inner: {cycles: " + "9" * 400 + "}", "line 2: inner.cycles: " + "9" * 60 + "... is not allowed: write a n"),
+    ("inner: {cycles: " + "9" * 400 + "}",
+     "line 2: inner.cycles: " + "9" * 60 + "... is not allowed: write a n"),
     ("a: " + "[" * 700 + "]" * 700, NESTED),
-    ("inner: &a {rate: 1, inner: *a}", f"{NESTED}, or its aliases (`*name`) stand for too many; write them out"),
-    ("a: &a0 [1]\n" + "".join(f"a{k}: &a{k + 1} [{', '.join([f'*a{k}'] * 9)}]\n" for k in range(7)), NESTED),
+    ("inner: &a {rate: 1, inner: *a}",
+     f"{NESTED}, or its aliases (`*name`) stand for too many; write them out"),
+    ("a: &a0 [1]\n" + "".join(f"a{k}: &a{k + 1} [{', '.join([f'*a{k}'] * 9)}]\n" for k in range(7)),
+     NESTED),
     ("a: !!python/object:os.system x", "not YAML: "), ("a: !!timestamp x", "not YAML: "),
-    ("// own\ninner: 1", "not YAML: while scanning a simple key in line 2, column 1 could not find expected ':' in "
+    ("// own\ninner: 1",
+     "not YAML: while scanning a simple key in line 2, column 1 could not find expected ':' in "
      "line 3, column 1; begin comments with #, not with //"),
-    ("\tinner: 1", "not YAML: while scanning a plain scalar in line 1, column 8 found a tab character that violates "
+    ("\tinner: 1",
+     "not YAML: while scanning a plain scalar in line 1, column 8 found a tab character that violates "
      "indentation in line 2, column 1; indent with blanks, not with tabs, and put text that begins with"),
-    ("inner: {name: 1}", "line 2: inner.name: 1 is not allowed: write text, in quotes if it looks like a number, a"),
+    ("inner: {name: 1}",
+     "line 2: inner.name: 1 is not allowed: write text, in quotes if it looks like a number, a"),
     ("a: 2026-13-45", "not YAML: "), ('"\\e31mkey": 3', "line 2: unknown field '\\x1b31mkey'"),
 ])  # fmt: skip
-def test_what_is_wrong_in_a_file_is_one_line_with_line_field_value_and_remedy_in_our_words(tmp_path, text, said):
+def test_what_is_wrong_in_a_file_is_one_line_with_line_field_value_and_remedy_in_our_words(
+    tmp_path, text, said
+):
     (tmp_path / "a.yaml").write_bytes(f"first: 1\n{text}".encode("latin-1"))
     with pytest.raises(InputError) as refusal:
         read_yaml(tmp_path / "a.yaml", Outer)
@@ -108,97 +135,148 @@ def test_a_file_without_fields_or_that_cannot_be_read_is_one_line(tmp_path, monk
     denied = PermissionError(13, "Permission denied")
     for name, read in (("read_text", read_mapping), ("read_bytes", read_sheet)):
         monkeypatch.setattr(Path, name, Mock(side_effect=denied))
-        with pytest.raises(InputError, match=r"a\.yaml: cannot be read \(Permission denied\); check .* ?permissions$"):
+        with pytest.raises(
+            InputError,
+            match=r"a\.yaml: cannot be read \(Permission denied\); check .* ?permissions$",
+        ):
             read(path)
 
 
-def test_truth_values_are_kept_where_they_are_allowed_and_keys_of_two_mappings_may_be_equal(tmp_path):
+def test_truth_values_are_kept_where_they_are_allowed_and_keys_of_two_mappings_may_be_equal(
+    tmp_path,
+):
     text = "first: 1\ninner: {either: true, limits: {K: null}}\nseveral: [{either: false}]"
     (tmp_path / "a.yaml").write_text(text, "utf-8-sig")
     read = read_yaml(tmp_path / "a.yaml", Outer)
-    assert (read.inner.either, read.inner.limits, read.several[0].either) == (True, {"K": None}, False)
+    assert (read.inner.either, read.inner.limits, read.several[0].either) == (
+        True,
+        {"K": None},
+        False,
+    )
 
 
 @pytest.mark.parametrize(("section", "change", "message"), [
-    ("dynamometer", BENCH | {"compare_estimators": True}, "field .*compare_estimators' is gone: so are the est"),
-    ("dynamometer", BENCH | {"cutoff_hz": 0}, "cutoff_hz: 0 is not allowed: write a number greater than 0"),
-    ("dynamometer", BENCH | {"amplitudes_deg": [181]}, "amplitudes_deg.0: 181 .* less than or equal to 180"),
+    ("dynamometer", BENCH | {"compare_estimators": True},
+     "field .*compare_estimators' is gone: so are the est"),
+    ("dynamometer", BENCH | {"cutoff_hz": 0},
+     "cutoff_hz: 0 is not allowed: write a number greater than 0"),
+    ("dynamometer", BENCH | {"amplitudes_deg": [181]},
+     "amplitudes_deg.0: 181 .* less than or equal to 180"),
     ("dynamometer", BENCH | {"cycles": [10, 20]}, "cycles has 2 numbers for 5 frequencies"),
-    ("dynamometer", BENCH | {"cycles": [10, 20, 30, 2, 20]}, "settle_cycles = 2 and the last leave none of 2 cyc"),
-    ("dynamometer", BENCH | {"seconds_per_frequency": 1.5}, r"settle_cycles = 2 .* none of 1\.5 cycles"),
-    ("dynamometer", BENCH | {"settle_cycles": 19}, "19 and the last leave none of 20 cycles; lower it, at most to 18"),
-    ("dynamometer", BENCH | {"bench_stiffness": {"value": 9}}, "value: 9 .* write a number with its unit, as `12500 N"),
-    ("results", "README.md/below", "README.md: is a file; name a folder"), ("results", "", "results is empty"),
-    ("impedance_trajectory", "no.csv", "no.csv: no such file; correct impedance_trajectory in .*, or write null"),
+    ("dynamometer", BENCH | {"cycles": [10, 20, 30, 2, 20]},
+     "settle_cycles = 2 and the last leave none of 2 cyc"),
+    ("dynamometer", BENCH | {"seconds_per_frequency": 1.5},
+     r"settle_cycles = 2 .* none of 1\.5 cycles"),
+    ("dynamometer", BENCH | {"settle_cycles": 19},
+     "19 and the last leave none of 20 cycles; lower it, at most to 18"),
+    ("dynamometer", BENCH | {"bench_stiffness": {"value": 9}},
+     "value: 9 .* write a number with its unit, as `12500 N"),
+    ("results", "README.md/below", "README.md: is a file; name a folder"),
+    ("results", "", "results is empty"),
+    ("impedance_trajectory", "no.csv",
+     "no.csv: no such file; correct impedance_trajectory in .*, or write null"),
     ("campaign", "a b", r"campaign: 'a b' is not allowed: write letters, digits, _ and - alone"),
     ("figures", {}, "field 'figures.midstance_stiffness' is missing; add it"),
-    ("study", {"trials": 5}, "field 'study' is gone: .* a script, benchmarks/study.py; remove the section"),
+    ("study",
+     {"trials": 5}, "field 'study' is gone: .* a script, benchmarks/study.py; remove the section"),
 ])  # fmt: skip
-def test_a_configuration_that_cannot_be_run_is_one_line_before_any_job(in_root, section, change, message):
+def test_a_configuration_that_cannot_be_run_is_one_line_before_any_job(
+    in_root, section, change, message
+):
     with pytest.raises(InputError, match=message):
         check_files(campaign_config(SHIPPED | {section: change}, [SHIPPED_FILE]))
 
 
 @pytest.mark.parametrize(("place", "value", "said"), [
-    ("walking.load_off_n", 30, "load_off_n = 30 is not below load_on_n = 30, .*; lower load_off_n, or raise load_on_n"),
-    ("walking.window_s", 0.21, "window_s .* = 0.31 is not below shortest_stance_s = 0.3, which must hold"),
-    ("walking.longest_fitted_gap_s", 0.3, "longest_fitted_gap_s = 0.3 is not below longest_gap_s = 0.2"),
+    ("walking.load_off_n", 30,
+     "load_off_n = 30 is not below load_on_n = 30, .*; lower load_off_n, or raise load_on_n"),
+    ("walking.window_s", 0.21,
+     "window_s .* = 0.31 is not below shortest_stance_s = 0.3, which must hold"),
+    ("walking.longest_fitted_gap_s", 0.3,
+     "longest_fitted_gap_s = 0.3 is not below longest_gap_s = 0.2"),
     ("walking.load_of_weight", [1.25, 0.7], "load_of_weight: 0.7 stands behind 1.25"),
     ("walking.markers.foot", ["A", "B", "A"], "foot: 'A' stands twice"),
     ("walking.plate", 99, "one force plate; write 1"),
     ("walking.markers.foot", ["A", "B", "PLAT1"], "markers: 'PLAT1' stands twice"),
-    ("walking", {"group_by": ["side"], "pool": ["side"]}, "group_by: group_by and pool share a condition"),
+    ("walking",
+     {"group_by": ["side"], "pool": ["side"]}, "group_by: group_by and pool share a condition"),
     ("dynamometer.cutoff_hz", 5, "cutoff_hz = 5 takes out some of frequencies_hz"),
-    *(("dynamometer.human", {"delays_ms": ms}, "from 1 ms to below memory_s = 0.5 s") for ms in ([30, 500], [0.03])),
-    *(("dynamometer.human", {"over": x}, f"over = {x} is what K is of; write angle") for x in ("theta", "torque")),
+    *(("dynamometer.human", {"delays_ms": ms},
+    "from 1 ms to below memory_s = 0.5 s") for ms in ([30, 500], [0.03])),
+    *(("dynamometer.human", {"over": x},
+    f"over = {x} is what K is of; write angle") for x in ("theta", "torque")),
     ("dynamometer.human", {"slow_hz": 5}, "human.slow_hz = 5 is above a quarter of cutoff_hz = 15"),
     ("dynamometer.amplitudes_deg", [70], "amplitudes_deg goes beyond largest_angle = 1.2 rad"),
     ("dynamometer.windows", "2-30 20-40", "windows: .* overlap, or are not in the order of time"),
     ("dynamometer.windows", "30-2", "windows: .* are not from-to in s"),
-    ("doubtful.belt.above", {"condition_nunber": 1}, "no number of this name; .*mean 'condition_number'"),
-    ("doubtful.belt.above", {"trial": 1}, "no number of this name"), ("doubtful.belts", {}, "did you mean 'belt'"),
-    ("doubtful.belt.above", {"K_s_ratio": 0.5}, "below.K_s_ratio: 0.67 is above the upper limit 0.5, and every fit"),
+    ("doubtful.belt.above",
+     {"condition_nunber": 1}, "no number of this name; .*mean 'condition_number'"),
+    ("doubtful.belt.above", {"trial": 1}, "no number of this name"), ("doubtful.belts",
+     {}, "did you mean 'belt'"),
+    ("doubtful.belt.above",
+     {"K_s_ratio": 0.5}, "below.K_s_ratio: 0.67 is above the upper limit 0.5, and every fit"),
     ("doubtful.belt.above", {"VAF": -1}, "above.VAF: -1 is not allowed"),
     *(("recorded", day, "write a date, 1990 to today, as") for day in (
         2026,
-        "2026-02-30", "2026-03-14 to 2026-03-01", "0026-03-14", "2999-01-01", "1989-12-31 to 2020-01-01")),
+        "2026-02-30", "2026-03-14 to 2026-03-01", "0026-03-14", "2999-01-01",
+        "1989-12-31 to 2020-01-01")),
     ("figures.time_series.controller", "compensatd", "did you mean 'compensated'"),
-    ("impedance_trajectory", "README.md", "no column 'phase'"), ("parameters", "config/config.yaml", "unknown field"),
+    ("impedance_trajectory", "README.md", "no column 'phase'"),
+    ("parameters", "config/config.yaml", "unknown field"),
     ("quality.jiter", {"threshold": "1 s", "on_failure": "flag"}, "did you mean 'jitter'"),
     # in ms, mm, deg, percent, N*mm
     ("dynamometer.cutoff_hz", 15000, "cutoff_hz: 15000 is not allowed: .* 1000 Hz$"),
     ("dynamometer.largest_angle", 69, "equal to 3.2 rad$"),
-    ("dynamometer.time_base.longest_gap_s", 500, "equal to 10 s$"), ("walking.largest_outside_m", 20, "to 1 m$"),
-    ("walking.foot", {"mass_kg": 1, "centre_of_mass_m": [0, -45, 0], "inertia_kg_m2": 0.01}, "to -1 m$"),
-    ("walking.foot", {"mass_kg": 1000, "centre_of_mass_m": [0, 0, 0], "inertia_kg_m2": 0.01}, "to 20 kg$"),
-    ("overground.body_mass_kg", 80000, "than 500 kg$"), ("overground.load_on_n", 2e5, "equal to 1000 N$"),
+    ("dynamometer.time_base.longest_gap_s", 500, "equal to 10 s$"),
+    ("walking.largest_outside_m", 20, "to 1 m$"),
+    ("walking.foot",
+     {"mass_kg": 1, "centre_of_mass_m": [0, -45, 0], "inertia_kg_m2": 0.01}, "to -1 m$"),
+    ("walking.foot",
+     {"mass_kg": 1000, "centre_of_mass_m": [0, 0, 0], "inertia_kg_m2": 0.01}, "to 20 kg$"),
+    ("overground.body_mass_kg", 80000, "than 500 kg$"),
+    ("overground.load_on_n", 2e5, "equal to 1000 N$"),
     ("torque_angle.angle_step_deg", 90, "equal to 10 deg$"),
-    ("torque_angle.desired", {"a": {"angle_deg": [0, 1e4], "torque": [0, 1]}}, "angle_deg.1: .* to 180 deg$"),
+    ("torque_angle.desired",
+     {"a": {"angle_deg": [0, 1e4], "torque": [0, 1]}}, "angle_deg.1: .* to 180 deg$"),
     ("walking.perturbation_deg", 100, "to 60 deg$"), ("walking.cutoff_hz", 500, "to 200 Hz$"),
     ("walking.timing_scatter", 5, "timing_scatter: 5 is not allowed"),
-    ("walking.load_of_weight", [70, 125], "equal to 10 "), ("figures.time_series.duration_s", 1e4, "to 3600 s$"),
-    ("doubtful.impedance.below", {"VAF": 0.9}, "below.VAF: 0.9 is no limit of a percentage.* write one as 90$"),
+    ("walking.load_of_weight", [70, 125], "equal to 10 "),
+    ("figures.time_series.duration_s", 1e4, "to 3600 s$"),
+    ("doubtful.impedance.below",
+     {"VAF": 0.9}, "below.VAF: 0.9 is no limit of a percentage.* write one as 90$"),
     ("doubtful.belt.below", {"VAF": 101}, "101 is no limit of a percentage, which is at most 100"),
-    ("doubtful.impedance.above", {"largest_correlation": 95}, "95 is no limit of a share.* at most 1; .* 0.9$"),
+    ("doubtful.impedance.above",
+     {"largest_correlation": 95}, "95 is no limit of a share.* at most 1; .* 0.9$"),
     # of two settings
-    ("dynamometer.time_base.longest_gap_s", 0.01, "highest_hz = 5 bridges 0.1/highest_hz s, beyond longest_gap_s"),
+    ("dynamometer.time_base.longest_gap_s", 0.01,
+     "highest_hz = 5 bridges 0.1/highest_hz s, beyond longest_gap_s"),
     ("dynamometer.time_base.highest_hz", 50, "highest_hz = 50 is not below cutoff_hz = 15"),
-    ("dynamometer.seconds_per_frequency", 0.5, "settle_cycles = 2 .* none of 0.5 .* or seconds_per_frequency$"),
+    ("dynamometer.seconds_per_frequency", 0.5,
+     "settle_cycles = 2 .* none of 0.5 .* or seconds_per_frequency$"),
     ("actuator.slowest", 0.001, "slowest = 0.001 is not above sign_width = 0.002"),
     ("torque_angle.cutoff_hz", 0.5, "cutoff_hz = 0.5 takes out cycles of shortest_cycle_s = 2"),
-    ("torque_angle.time_base.longest_gap_s", 3, "longest_gap_s = 3 is not below shortest_cycle_s = 2"),
+    ("torque_angle.time_base.longest_gap_s", 3,
+     "longest_gap_s = 3 is not below shortest_cycle_s = 2"),
     ("walking.markers.ankle_medial", "ANKLE_LAT", "walking.markers: 'ANKLE_LAT' stands twice"),
-    ("walking.markers.ankle_lateral", "", "ankle_lateral: '' is not allowed"), ("data", "measured", "data: data = mea"),
-    ("walking.fewest_unperturbed", 900, "crossings, walking needs 900 or more; .*or lower walking.fewest_unperturbed"),
-    ("figures.time_series.amplitude_deg", 5, "amplitude_deg = 5 is none of dynamometer.amplitudes_deg \\(2, 4, 6"),
+    ("walking.markers.ankle_lateral", "", "ankle_lateral: '' is not allowed"),
+    ("data", "measured", "data: data = mea"),
+    ("walking.fewest_unperturbed", 900,
+     "crossings, walking needs 900 or more; .*or lower walking.fewest_unperturbed"),
+    ("figures.time_series.amplitude_deg", 5,
+     "amplitude_deg = 5 is none of dynamometer.amplitudes_deg \\(2, 4, 6"),
     # of files and folders
-    ("results", "raw_data", "results = raw_data is or holds raw_data = raw_data/default; name another"),
-    ("results", "config/sources", "is or holds sources"), ("sheet", "results/trials.csv", "is or holds sheet"),
+    ("results", "raw_data",
+     "results = raw_data is or holds raw_data = raw_data/default; name another"),
+    ("results", "config/sources", "is or holds sources"),
+    ("sheet", "results/trials.csv", "is or holds sheet"),
     ("sources", "config/config.yaml", "config.yaml: is a file; name a folder under `sources`"),
     ("impedance_trajectory", "README.md", "^impedance_trajectory: README.md: no column"),
-    ("parameters", "Makefile", "^parameters: Makefile: "), ("sources", "source", "^source: no such folder; correct `s"),
+    ("parameters", "Makefile", "^parameters: Makefile: "),
+    ("sources", "source", "^source: no such folder; correct `s"),
 ])  # fmt: skip
-def test_settings_that_contradict_each_other_are_a_line_with_the_remedy(in_root, place, value, said):
+def test_settings_that_contradict_each_other_are_a_line_with_the_remedy(
+    in_root, place, value, said
+):
     override = value
     for key in reversed(place.split(".")):
         override = {key: override}
@@ -210,17 +288,26 @@ def test_settings_that_contradict_each_other_are_a_line_with_the_remedy(in_root,
 @pytest.mark.parametrize(("change", "said"), [
     ({"perturbation": {"stance_phase": [0.87, 0.88]}}, "rise_s: .* behind toe-off; lower one of"),
     ({"perturbation": {"latency_s": 0.35}}, "rise_s ends a ramp, after stance_phase and latency_s"),
-    ({"perturbation": {"hold_s": 350}}, "hold_s: 350 is not"), ({"perturbation": {"angle_deg": 61}}, "angle_deg: 61"),
-    ({"gait": {"heel_strike_s": 0.09}}, "heel_strike_s: 0.09"), ({"gait": {"stride_m": 11}}, "stride_m: 11"),
+    ({"perturbation": {"hold_s": 350}}, "hold_s: 350 is not"),
+    ({"perturbation": {"angle_deg": 61}}, "angle_deg: 61"),
+    ({"gait": {"heel_strike_s": 0.09}}, "heel_strike_s: 0.09"),
+    ({"gait": {"stride_m": 11}}, "stride_m: 11"),
     ({"rates": {"controller_hz": 1001}}, "controller_hz: .* least common multiple 1501500;"),
-    ({"plate": {"size_m": [600, 500]}}, "size_m.0: 600"), ({"plate": {"nominal_ankle_m": [0.31, 0]}}, "beyond half of"),
+    ({"plate": {"size_m": [600, 500]}}, "size_m.0: 600"),
+    ({"plate": {"nominal_ankle_m": [0.31, 0]}}, "beyond half of"),
     ({"plate": {"sensor_offset_m": [0, -0.26]}}, r"beyond half of size_m = \(0\.6, 0\.5\)"),
     ({"impedance": "no.csv"}, r"line \d+: impedance: no\.csv: no such impedance"),
 ])  # fmt: skip
-def test_a_simulated_laboratory_that_cannot_be_is_a_line_with_the_remedy(in_root, tmp_path, change, said):
-    simulation, gait = (read_mapping(ROOT / f"config/simulation/{name}.yaml") for name in ("default", "walking"))
+def test_a_simulated_laboratory_that_cannot_be_is_a_line_with_the_remedy(
+    in_root, tmp_path, change, said
+):
+    simulation, gait = (
+        read_mapping(ROOT / f"config/simulation/{name}.yaml") for name in ("default", "walking")
+    )
     (tmp_path / "gait.yaml").write_text(yaml.safe_dump(overriding(gait, change)))
-    (tmp_path / "own.yaml").write_text(yaml.safe_dump(simulation | {"walking": str(tmp_path / "gait.yaml")}))
+    (tmp_path / "own.yaml").write_text(
+        yaml.safe_dump(simulation | {"walking": str(tmp_path / "gait.yaml")})
+    )
     with pytest.raises(InputError, match=rf"gait\.yaml: .*{said}") as refusal:
         settings_files(tmp_path / "own.yaml")
     assert "\n" not in str(refusal.value)
@@ -228,7 +315,8 @@ def test_a_simulated_laboratory_that_cannot_be_is_a_line_with_the_remedy(in_root
 
 def test_a_simulated_laboratory_at_its_bounds_is_allowed(in_root, tmp_path):
     gait = read_mapping(ROOT / "config/simulation/walking.yaml")
-    ends = {"stance_phase": [0.86, 0.87], "hold_s": 10, "angle_deg": 60}  # 0.87 x 0.72 + 0.089 = 0.715 s
+    # 0.87 x 0.72 + 0.089 = 0.715 s
+    ends = {"stance_phase": [0.86, 0.87], "hold_s": 10, "angle_deg": 60}
     own = {"perturbation": ends, "gait": {"heel_strike_s": 0.1}}
     own |= {"plate": {"nominal_ankle_m": [0.3, -0.25]}, "rates": {"controller_hz": 700}}
     read = validated(overriding(gait, own), WalkingSettings, tmp_path)
@@ -242,34 +330,52 @@ BY_ANGLE = {"shared": {"column": "torque", "markers": ["A", "B", "C"]}}
 
 
 @pytest.mark.parametrize(("log", "mocap", "plate", "said"), [
-    ({}, {}, 2, "log.yaml, line 8: 'master' does not align the log with motion capture of this trial; write"),
+    ({}, {}, 2,
+     "log.yaml, line 8: 'master' does not align the log with motion capture of this trial; write"),
     ({"clock": "sync"}, {"analogs": {}}, 2, "line 8: 'sync' does not align"),
-    ({"clock": "sync"}, BY_ANGLE | {"analogs": {}}, 2, "line 8: 'sync' does not align"),  # the log has no torque
-    ({"clock": "sync"}, {}, 3, r"`walking\.plate` in the configuration: no force plate 3; .*/b\.c3d has 2, counted"),
-    ({"clock": "sync", "part": "b"}, {}, 2, r"csv: trial 'w0': log_part 'b': a log in csv holds one"),
-    ({"clock": "sync"}, {"plates": [1, 99]}, 2, r"`plates` in .*mocap\.yaml, line 5: no force plate 99; .* has 2, co"),
+    # the log has no torque
+    ({"clock": "sync"}, BY_ANGLE | {"analogs": {}}, 2, "line 8: 'sync' does not align"),
+    ({"clock": "sync"},
+     {}, 3, r"`walking\.plate` in the configuration: no force plate 3; .*/b\.c3d has 2, counted"),
+    ({"clock": "sync", "part": "b"},
+     {}, 2, r"csv: trial 'w0': log_part 'b': a log in csv holds one"),
+    ({"clock": "sync"},
+     {"plates": [1, 99]}, 2, r"`plates` in .*mocap\.yaml, line 5: no force plate 99; .* has 2, co"),
     ({"clock": "sync"}, {}, 2, ""),
 ])  # fmt: skip
-def test_a_wrong_source_file_concerns_its_trials_a_plate_of_no_capture_all(in_root, tmp_path, log, mocap, plate, said):
-    """The first capture has no plate, the second has two: what one lacks alone is for its job to tell."""
+def test_a_wrong_source_file_concerns_its_trials_a_plate_of_no_capture_all(
+    in_root, tmp_path, log, mocap, plate, said
+):
+    """The first capture has no plate, the second has two: what one lacks alone is for its job to
+    tell."""
     log, part = dict(log), log.get("part", "")
     log.pop("part", None)
-    own = {"raw_data": str(tmp_path), "sheet": str(tmp_path / "trials.csv"), "sources": str(tmp_path)}
+    own = {
+        "raw_data": str(tmp_path),
+        "sheet": str(tmp_path / "trials.csv"),
+        "sources": str(tmp_path),
+    }
     own |= {"simulation": None, "walking": {"plate": plate, "plate_inertia": "none"}}
     for name, described in (("log", CSV | log), ("mocap", C3D | mocap), ("bench", CSV)):
         (tmp_path / f"{name}.yaml").write_text(yaml.safe_dump(described))
     write_c3d(tmp_path / "a.c3d", np.ones((2, 1, 4)))
     write_c3d(tmp_path / "b.c3d", np.ones((2, 1, 4)), FORCE_PLATFORM__USED=np.array([2]))
     (tmp_path / "c.c3d").write_bytes(b"no capture")
-    rows = [f"w{n},walking,{str(n > 5).lower()},{n}.csv,log,{'abc'[n % 3]}.c3d,mocap,{part}" for n in range(9)]
-    rows += ["s,static,,,bench,a.c3d,mocap,"]  # whose cell of the log's source is filled in, but has no log
+    rows = [
+        f"w{n},walking,{str(n > 5).lower()},{n}.csv,log,{'abc'[n % 3]}.c3d,mocap,{part}"
+        for n in range(9)
+    ]
+    # whose cell of the log's source is filled in, but has no log
+    rows += ["s,static,,,bench,a.c3d,mocap,"]
     head = "trial,experiment,perturbed,log,log_source,mocap,mocap_source,log_part"
     (tmp_path / "trials.csv").write_text("\n".join([head, *rows]))
     opened = open_campaign(campaign_config(overriding(SHIPPED, own), [SHIPPED_FILE]), None)
     if not said:
         check_start(opened)
         gone = opened.config.model_copy(update={"raw_data": Path("gone")})
-        with pytest.raises(InputError, match=r"^gone: no such folder; correct `raw_data` in the configuration$"):
+        with pytest.raises(
+            InputError, match=r"^gone: no such folder; correct `raw_data` in the configuration$"
+        ):
             check_start(replace(opened, config=gone))
         return
     if "walking" in said:
@@ -277,7 +383,9 @@ def test_a_wrong_source_file_concerns_its_trials_a_plate_of_no_capture_all(in_ro
             check_start(opened)
         return
     problems = source_problems(opened)
-    assert ("s" in problems) == ("plates" in said), "the static trial goes on, but for plates that it lacks as well"
+    assert ("s" in problems) == ("plates" in said), (
+        "the static trial goes on, but for plates that it lacks as well"
+    )
     assert all(re.search(said, problems[f"w{n}"]) for n in range(9))
     check_start(opened)
     alone = {trial: row for trial, row in opened.rows.items() if trial in ("w0", "w3", "w6")}
@@ -287,15 +395,22 @@ def test_a_wrong_source_file_concerns_its_trials_a_plate_of_no_capture_all(in_ro
 def test_settings_at_their_bounds_and_two_dates_are_allowed(in_root):
     own = {"walking": {"window_s": 0.2}, "recorded": "2026-03-14 to 2026-03-16"}
     own |= {"actuator": {"slowest": 0}}  # which fits all samples
-    own |= {"dynamometer": {"frequencies_hz": [1, 3, 5, 3, 1], "time_base": {"longest_gap_s": 0.02}}}  # up and down
+    # up and down
+    own |= {
+        "dynamometer": {"frequencies_hz": [1, 3, 5, 3, 1], "time_base": {"longest_gap_s": 0.02}}
+    }
     own |= {"figures": {"time_series": {"amplitude_deg": None}}, "raw_data": "results_of_others"}
     started(overriding(SHIPPED, own | {"doubtful": {"belt": {"above": {"VAF": None}}}}))
 
 
-def test_a_simulation_without_its_libraries_is_refused_before_any_job_but_where_all_is_recorded(monkeypatch, in_root):
+def test_a_simulation_without_its_libraries_is_refused_before_any_job_but_where_all_is_recorded(
+    monkeypatch, in_root
+):
     monkeypatch.setitem(sys.modules, "ezc3d", None)
     monkeypatch.setattr(Path, "exists", lambda path: path.suffix != ".c3d")
-    with pytest.raises(InputError, match=r"the simulator needs ezc3d, .*; pip install 'osl-analysis\[simulator\]'$"):
+    with pytest.raises(
+        InputError, match=r"the simulator needs ezc3d, .*; pip install 'osl-analysis\[simulator\]'$"
+    ):
         started(SHIPPED)
     monkeypatch.setattr(Path, "exists", lambda _: True)
     started(SHIPPED)
@@ -311,32 +426,46 @@ def started(content):
 
 def test_seconds_per_frequency_replace_the_cycles():
     timed = {"dynamometer": BENCH | {"seconds_per_frequency": 10}}
-    protocols = [campaign_config(SHIPPED | one, [SHIPPED_FILE]).dynamometer.protocol for one in ({}, timed)]
+    protocols = [
+        campaign_config(SHIPPED | one, [SHIPPED_FILE]).dynamometer.protocol for one in ({}, timed)
+    ]
     assert [one.cycles_at for one in protocols] == [(20,) * 5, (10, 20, 30, 40, 50)]
 
 
 @pytest.mark.parametrize(("number", "way"), [("1:30", "sixties"), ("010", "eights")])
-def test_a_number_that_yaml_1_1_counts_is_text_or_plain_and_refused_where_snakemake_reads_it(tmp_path, number, way):
+def test_a_number_that_yaml_1_1_counts_is_text_or_plain_and_refused_where_snakemake_reads_it(
+    tmp_path, number, way
+):
     """Snakemake hands over 90 and 8. YAML 1.2 has a text and 10."""
     path = tmp_path / "a.yaml"
     path.write_text(f"a:\n  b: [1, 2]\n  rate: [{number}]\n")
-    with pytest.raises(InputError, match=rf"a\.yaml: line 3: YAML counts {number} in {way}; write a plain"):
+    with pytest.raises(
+        InputError, match=rf"a\.yaml: line 3: YAML counts {number} in {way}; write a plain"
+    ):
         read_mapping(path, by_snakemake=True)
     assert read_mapping(path)["a"]["rate"] == [number if ":" in number else 10]
     for door in (read_config, lambda path: campaign_config(SHIPPED, [SHIPPED_FILE, path])):
         with pytest.raises(InputError, match="line 3: YAML counts"):
             door(path)
-    path.write_text(text := f"a: '{number}'\nb: [0, 0.5, 00.5, -0, 1.0e+3, 100]\nc: 2026-11-20 10:30:00\n")
+    path.write_text(
+        text := f"a: '{number}'\nb: [0, 0.5, 00.5, -0, 1.0e+3, 100]\nc: 2026-11-20 10:30:00\n"
+    )
     assert read_mapping(path, by_snakemake=True) == yaml.safe_load(text)
 
 
-def test_a_section_that_is_wrong_is_named_with_its_key_and_line_where_it_alone_is_read(tmp_path, in_root):
+def test_a_section_that_is_wrong_is_named_with_its_key_and_line_where_it_alone_is_read(
+    tmp_path, in_root
+):
     path = tmp_path / "own.yaml"
     path.write_text("campaign: own\ndynamometer:\n  cutoff_hz: .nan\n")
-    with pytest.raises(InputError, match=r"line 3 of own\.yaml: dynamometer\.cutoff_hz: nan is not "):
+    with pytest.raises(
+        InputError, match=r"line 3 of own\.yaml: dynamometer\.cutoff_hz: nan is not "
+    ):
         read_section(path, "dynamometer", DynamometerAnalysis)
     path.write_text("dynamometr: {}\n")
-    with pytest.raises(InputError, match=r"own\.yaml: unknown field 'dynamometr'; give a configuration, or fields"):
+    with pytest.raises(
+        InputError, match=r"own\.yaml: unknown field 'dynamometr'; give a configuration, or fields"
+    ):
         read_section(path, "dynamometer", DynamometerAnalysis)
 
 
@@ -356,9 +485,14 @@ def edited(tmp_path, **changes):
 
 
 def test_the_shipped_files_have_the_numbers_of_hardware_text_table_and_later_publication():
-    default, later = (read_parameters(PARAMETERS / f"{name}.yaml") for name in ("default", "osl-v2-published"))
-    assert (default.n_T, default.n_m * default.n_T, default.K_s) == pytest.approx((83 / 18, 41.5, 685.6))
-    assert default.n_T**2 * default.J_m == pytest.approx(0.196, abs=5e-4)  # reflected, as the design states
+    default, later = (
+        read_parameters(PARAMETERS / f"{name}.yaml") for name in ("default", "osl-v2-published")
+    )
+    assert (default.n_T, default.n_m * default.n_T, default.K_s) == pytest.approx(
+        (83 / 18, 41.5, 685.6)
+    )
+    # reflected, as the design states
+    assert default.n_T**2 * default.J_m == pytest.approx(0.196, abs=5e-4)
     with pytest.warns(UserWarning, match="83/11 contradicts the hardware"):
         printed = read_parameters(PARAMETERS / "table1-as-printed.yaml")
     assert printed.n_T**2 * printed.J_m == pytest.approx(0.52, abs=5e-3)
@@ -367,10 +501,13 @@ def test_the_shipped_files_have_the_numbers_of_hardware_text_table_and_later_pub
 
 @pytest.mark.parametrize(("changes", "message"), [
     ({"K_s": None}, "K_s .* is missing"),
-    ({"K_s": {"source": ""}}, r"parameters\.K_s\.source: '' is not allowed: write at least one character"),
-    ({"K_s": {"unit": "N*mm/rad"}}, r"line \d+: parameters\.K_s\.unit: K_s has unit 'N\*mm/rad', expected 'N\*m/r"),
+    ({"K_s": {"source": ""}},
+     r"parameters\.K_s\.source: '' is not allowed: write at least one character"),
+    ({"K_s": {"unit": "N*mm/rad"}},
+     r"line \d+: parameters\.K_s\.unit: K_s has unit 'N\*mm/rad', expected 'N\*m/r"),
     ({"B_j": {"value": -0.1}}, "B_j = -0.1 .* zero or positive"),
-    ({"J_m": {"value": 1e-300}}, r"J_m = 1e-300 kg\*m\^2 must be positive, 1e-09 to 1e\+09; correct"),
+    ({"J_m": {"value": 1e-300}},
+     r"J_m = 1e-300 kg\*m\^2 must be positive, 1e-09 to 1e\+09; correct"),
     ({"n_T": {"value": "83/0"}}, "ratio such as 83/18"),
     ({"mass": {"value": 1.0}}, r"line \d+: parameters\.mass: unknown parameter mass.*; remove it"),
     ({"f_G": {"value": 2}}, "f_G = 2.0 N\\*m/A is not below k_tau n_m"),
@@ -381,7 +518,8 @@ def test_a_wrong_quantity_is_named_with_its_file(tmp_path, changes, message):
     assert "\n" not in str(caught.value)
 
 
-# The simulator follows the configuration in what both use: device, gains, protocol, desired impedance.
+# The simulator follows the configuration in what both use: device, gains, protocol, desired
+# impedance.
 
 TINY, TRIAL = Path("tests/tiny_simulation.yaml"), "impedance_K300_B5.0_compensated"
 OTHER = "config/parameters/osl-v2-published.yaml"
@@ -394,23 +532,48 @@ def configured(tmp_path, **changes):
 
 
 def test_the_simulated_leg_has_the_gains_that_the_configuration_says(tmp_path, in_root):
-    """The truth beside the log, against the gains of Eq. 14 for the other weight and the other device."""
+    """The truth beside the log, against the gains of Eq. 14 for the other weight and the other
+    device."""
     protocol = {"amplitudes_deg": [3], "frequencies_hz": [4], "cycles": 3, "settle_cycles": 1}
-    changes = {"gain_weight": {"cutoff_hz": 4, "order": 2}, "parameters": OTHER, "dynamometer": protocol}
-    simulate_trial(TINY, tmp_path / "raw", TRIAL, configured(tmp_path, **changes).shared("impedance"))
+    changes = {
+        "gain_weight": {"cutoff_hz": 4, "order": 2},
+        "parameters": OTHER,
+        "dynamometer": protocol,
+    }
+    simulate_trial(
+        TINY, tmp_path / "raw", TRIAL, configured(tmp_path, **changes).shared("impedance")
+    )
     truth = json.loads((tmp_path / f"raw/truth/{TRIAL}.json").read_text())["gains"]
-    expected = select_gains("compensated", 300, 5, read_parameters(Path(OTHER)), Weight(cutoff_hz=4, order=2))
+    expected = select_gains(
+        "compensated", 300, 5, read_parameters(Path(OTHER)), Weight(cutoff_hz=4, order=2)
+    )
     assert (truth["K_1"], truth["B_1"]) == pytest.approx((expected.K_1, expected.B_1))
 
 
 def test_the_simulated_protocol_and_walk_are_those_of_the_configuration(tmp_path, in_root):
-    other, default = Path("config/impedance/synthetic_rising.csv"), Path("config/simulation/default.yaml")
-    protocol = {"amplitudes_deg": [3, 1], "frequencies_hz": [4, 2.5], "cycles": 7, "seconds_per_frequency": 2}
-    changes = {"dynamometer": protocol, "gain_weight": {"cutoff_hz": 3, "order": 1}, "impedance_trajectory": str(other)}
+    other, default = (
+        Path("config/impedance/synthetic_rising.csv"),
+        Path("config/simulation/default.yaml"),
+    )
+    protocol = {
+        "amplitudes_deg": [3, 1],
+        "frequencies_hz": [4, 2.5],
+        "cycles": 7,
+        "seconds_per_frequency": 2,
+    }
+    changes = {
+        "dynamometer": protocol,
+        "gain_weight": {"cutoff_hz": 3, "order": 1},
+        "impedance_trajectory": str(other),
+    }
     followed = configured(tmp_path, **changes).shared()
     settings = read_simulation(default, followed)
     stepped = settings.protocol
-    assert (stepped.amplitudes_deg, stepped.frequencies_hz, stepped.cycles) == ((3, 1), (4, 2.5), None)
+    assert (stepped.amplitudes_deg, stepped.frequencies_hz, stepped.cycles) == (
+        (3, 1),
+        (4, 2.5),
+        None,
+    )
     assert (stepped.seconds, stepped.lead_s) == (2, 1)
     walking = laboratory_of(settings, followed)
     assert (walking.impedance, walking.gain_weight) == (other, Weight(cutoff_hz=3, order=1))
@@ -421,12 +584,15 @@ def test_each_experiment_follows_what_it_uses_and_no_more(tmp_path, in_root):
     """A belt has no controller: another weight does not simulate it anew."""
     own = configured(tmp_path)
     for change, following in (
-        ({"gain_weight": {"cutoff_hz": 2}}, "impedance walking"), ({"impedance_trajectory": None}, "walking"),
+        ({"gain_weight": {"cutoff_hz": 2}}, "impedance walking"),
+        ({"impedance_trajectory": None}, "walking"),
         ({"parameters": OTHER}, "belt transmission actuator impedance walking"),
         ({"dynamometer": {"cycles": 7}}, "transmission impedance"),
     ):  # fmt: skip
         other = configured(tmp_path, **change)
-        assert [name for name in EXPERIMENTS if own.shared(name) != other.shared(name)] == following.split()
+        assert [
+            name for name in EXPERIMENTS if own.shared(name) != other.shared(name)
+        ] == following.split()
 
 
 def test_what_a_file_says_is_not_its_comments_order_of_keys_or_description(tmp_path):
@@ -437,4 +603,6 @@ def test_what_a_file_says_is_not_its_comments_order_of_keys_or_description(tmp_p
         (tmp_path / "a.yaml").write_text(text)
         digests.add(content_digest(tmp_path / "a.yaml"))
     assert len(digests) == 2
-    assert read_mapping(tmp_path / "a.yaml")["description"] == "the old bench", "it is not lost to who reads it"
+    assert read_mapping(tmp_path / "a.yaml")["description"] == "the old bench", (
+        "it is not lost to who reads it"
+    )

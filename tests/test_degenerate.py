@@ -1,4 +1,5 @@
-"""Degenerate input to every fit gives numbers or an `OslAnalysisError`; never a warning, or a NaN not in `STATED`."""
+"""Degenerate input to every fit gives numbers or an `OslAnalysisError`; never a warning, or a NaN
+not in `STATED`."""
 
 import math
 from collections.abc import Mapping
@@ -32,14 +33,16 @@ from osl_analysis.walking.response import unperturbed_gait
 STATED = {
     "degrees_of_freedom": math.isinf,  # where a variance is 0
     "stance_change": math.isnan,  # where gait is like the mean at no pace
-    "sd": math.isnan, "se": math.isnan, "low": math.isnan, "high": math.isnan,  # of fewer than two trials
+    # of fewer than two trials
+    "sd": math.isnan, "se": math.isnan, "low": math.isnan, "high": math.isnan,
     "mean": math.isnan,  # of none
 }  # fmt: skip
 N, RATE = 400, 100.0
 
 
 def not_promised(value, name=""):
-    """The places in a result that hold a number which is not finite, and which no docstring allows."""
+    """The places in a result that hold a number which is not finite, and which no docstring
+    allows."""
     if is_dataclass(value):
         return [bad for f in fields(value) for bad in not_promised(getattr(value, f.name), f.name)]
     if isinstance(value, pl.DataFrame):
@@ -48,9 +51,17 @@ def not_promised(value, name=""):
         return [bad for key, one in value.items() for bad in not_promised(one, str(key))]
     if isinstance(value, list | tuple):
         return [bad for one in value for bad in not_promised(one, name)]
-    numbers = np.ravel(np.asarray(value)) if isinstance(value, np.ndarray | float | complex) else np.empty(0)
+    numbers = (
+        np.ravel(np.asarray(value))
+        if isinstance(value, np.ndarray | float | complex)
+        else np.empty(0)
+    )
     found = [x for x in numbers.tolist() if isinstance(x, float | complex) and not np.isfinite(x)]
-    return [f"{name} = {x}" for x in found if not (isinstance(x, float) and name in STATED and STATED[name](x))][:1]
+    return [
+        f"{name} = {x}"
+        for x in found
+        if not (isinstance(x, float) and name in STATED and STATED[name](x))
+    ][:1]
 
 
 def defined_or_refused(fit, cases):
@@ -58,7 +69,9 @@ def defined_or_refused(fit, cases):
     wrong = []
     for name, case in cases.items():
         try:
-            wrong += [f"{name}: {bad}" for bad in not_promised(fit(*(case() if callable(case) else case)))]
+            wrong += [
+                f"{name}: {bad}" for bad in not_promised(fit(*(case() if callable(case) else case)))
+            ]
         except OslAnalysisError as error:
             wrong += [f"{name}: {error}"] * (not str(error).isprintable())
         except Exception as error:
@@ -67,13 +80,17 @@ def defined_or_refused(fit, cases):
 
 
 def spoiled(time, x, y):
-    """Time [s] and two signals (n,) each, as they should be and degenerate in every way of the issue."""
+    """Time [s] and two signals (n,) each, as they should be and degenerate in every way of the
+    issue."""
     zero, constant, row = np.zeros_like(x), np.full_like(x, 0.3), len(x) // 3
     at = np.arange(len(x)) == row
     pairs = {
-        "sound": (x, y), "exact": (x, 3 * x), "zero residual": (np.rint(40 * x), 2 * np.rint(40 * x)),
-        "zero y": (x, zero), "constant y": (x, constant), "zero x": (zero, y), "constant x": (constant, y),
-        "both zero": (zero, zero), "both constant": (constant, constant), "one outlier": (x, np.where(at, 1e12, y)),
+        "sound": (x, y), "exact": (x, 3 * x), "zero residual": (np.rint(40 * x),
+        2 * np.rint(40 * x)),
+        "zero y": (x, zero), "constant y": (x, constant), "zero x": (zero, y),
+        "constant x": (constant, y),
+        "both zero": (zero, zero), "both constant": (constant, constant), "one outlier": (x,
+        np.where(at, 1e12, y)),
         "nan in y": (x, np.where(at, np.nan, y)), "nan in x": (np.where(at, np.nan, x), y),
         "inf in y": (x, np.where(at, np.inf, y)), "inf in x": (np.where(at, -np.inf, x), y),
         "all nan": (zero * np.nan, zero * np.nan), "all inf": (zero + np.inf, zero + np.inf),
@@ -102,9 +119,11 @@ def asked(y, x):
 
 
 FITS_OF_SIGNALS = {
-    "linear_fit": lambda t, x, y: asked(y, x), "fit_sinusoid": lambda t, x, y: next(fit_sinusoids(t, 2.0, y)),
+    "linear_fit": lambda t, x, y: asked(y, x), "fit_sinusoid": lambda t, x, y: next(fit_sinusoids(t,
+    2.0, y)),
     "fit_sinusoid of one cycle": lambda t, x, y: next(fit_sinusoids(t[:50], 2.0, y[:50])),
-    "fit_impedance": lambda t, x, y: response.fit_without_offset(Motion(x, np.roll(x, 3), np.roll(x, 11)), y),
+    "fit_impedance": lambda t, x, y: response.fit_without_offset(Motion(x, np.roll(x, 3), np.roll(x,
+    11)), y),
     "over_repeats": lambda t, x, y: repeats.over_repeats(y, [(0.0, np.inf)]),
     "summary_row": lambda t, x, y: repeats.summary_row(pl.DataFrame({"y": y}), "y"),
     "whiteness_row": lambda t, x, y: whiteness_row(y),
@@ -121,7 +140,12 @@ def test_a_fit_of_degenerate_signals_is_defined_or_refused_in_one_sentence(name)
     defined_or_refused(FITS_OF_SIGNALS[name], signals())
 
 
-BENCH_RATE, FREQUENCIES, CYCLES, DEVICE = 200.0, (2.0, 5.0), 8, ROOT / "config/parameters/default.yaml"
+BENCH_RATE, FREQUENCIES, CYCLES, DEVICE = (
+    200.0,
+    (2.0, 5.0),
+    8,
+    ROOT / "config/parameters/default.yaml",
+)
 
 
 @cache
@@ -132,13 +156,17 @@ def bench_angle(experiment):
         return np.deg2rad(5) * (np.clip((time - 1.5) / 3.5, 0, 1) - np.clip((time - 5) / 3.5, 0, 1))
     if experiment == "actuator":
         return np.cumsum(8 * np.sin(0.6 * np.pi * time)) / BENCH_RATE
-    protocol, rest = SteppedSineProtocol((np.deg2rad(4),), FREQUENCIES, CYCLES), np.zeros(round(BENCH_RATE))
+    protocol, rest = (
+        SteppedSineProtocol((np.deg2rad(4),), FREQUENCIES, CYCLES),
+        np.zeros(round(BENCH_RATE)),
+    )
     return np.concatenate([rest, np.deg2rad(4) * unit_block(protocol, BENCH_RATE), rest])
 
 
 @cache
 def asked_of(experiment):
-    """Settings of the shipped configuration with a short protocol, limits, and the desired impedance."""
+    """Settings of the shipped configuration with a short protocol, limits, and the desired
+    impedance."""
     desired = DesiredImpedance("compensated", 300.0, 5.0) if experiment == "impedance" else None
     settings, limits = fit_settings(experiment, ROOT / "config/config.yaml")
     if experiment not in ("belt", "actuator", "torque_angle"):
@@ -153,7 +181,9 @@ def bench_fit(experiment, t, angle, torque):
     moved, exerted = ("theta_m", "torque_m") if experiment == "actuator" else ("theta", "torque")
     current = 4 * np.sin(0.34 * np.pi * np.arange(len(t)) / BENCH_RATE)
     samples = {"time": t, "theta_m": 0 * t, moved: angle, exerted: torque, "current": current}
-    table = fit_trial(experiment, Trial("made", pl.DataFrame(samples)), DEVICE, *asked_of(experiment)).table
+    table = fit_trial(
+        experiment, Trial("made", pl.DataFrame(samples)), DEVICE, *asked_of(experiment)
+    ).table
     described = described_tables_by_name()[EXPERIMENTS[experiment].tables[0].name].columns
     unknown = {*table.columns} - {*described}
     assert not unknown, f"{unknown} have no line in the dictionary"
@@ -169,7 +199,10 @@ def test_a_degenerate_bench_trial_is_fitted_or_refused_in_one_sentence(experimen
     time = np.arange(len(x)) / BENCH_RATE
     y = 300 * x + 0.05 * np.random.default_rng(1).standard_normal(len(x))
     cases = spoiled(time, x, y) | {"tiny time": (1e-300 * time, x, y)}
-    cases |= {f"{k} cycles": tuple(s[: round((1 + k / 2) * BENCH_RATE)] for s in (time, x, y)) for k in (1, 2, 3)}
+    cases |= {
+        f"{k} cycles": tuple(s[: round((1 + k / 2) * BENCH_RATE)] for s in (time, x, y))
+        for k in (1, 2, 3)
+    }
 
     defined_or_refused(partial(bench_fit, experiment), cases)
 
@@ -178,7 +211,9 @@ def test_a_degenerate_bench_trial_is_fitted_or_refused_in_one_sentence(experimen
 @pytest.mark.parametrize("experiment", BENCH)
 def test_a_dead_load_cell_is_named(experiment, level, in_root):
     x = bench_angle(experiment)
-    with pytest.raises(OslAnalysisError, match=rf"made.*torque.* (stays at|is) {level}\b.*([Cc]heck|source file)"):
+    with pytest.raises(
+        OslAnalysisError, match=rf"made.*torque.* (stays at|is) {level}\b.*([Cc]heck|source file)"
+    ):
         bench_fit(experiment, np.arange(len(x)) / BENCH_RATE, x, np.full_like(x, level))
 
 
@@ -187,14 +222,20 @@ CHOICES = settings(bootstrap_samples=100)
 
 @cache
 def walks():
-    return [walked(f"u{i}", Walk()) for i in range(4)], [walked(f"p{i}", Walk(phase=0.4)) for i in range(3)]
+    return [walked(f"u{i}", Walk()) for i in range(4)], [
+        walked(f"p{i}", Walk(phase=0.4)) for i in range(3)
+    ]
 
 
 def spoil(crossings, how):
     found = []
     for one in crossings:
         time, theta, torque = spoiled(one.time, one.theta, one.torque)[how]
-        found.append(replace(one, time=time, theta=theta, torque=torque, plate_errors=np.zeros((0, len(time)))))
+        found.append(
+            replace(
+                one, time=time, theta=theta, torque=torque, plate_errors=np.zeros((0, len(time)))
+            )
+        )
     return found
 
 
@@ -204,9 +245,12 @@ def crossings():
     gait, perturbed = walks()
     same = replace(gait[0], onset=perturbed[0].onset, turn=0.08)
     cases = {
-        "no response": ([gait[0]] * 4, [same] * 3), "equal crossings": ([gait[0]] * 4, [perturbed[0]] * 3),
-        "exact": ([walked("u0", Walk(noise=0.0))] * 4, [walked("u0", Walk(phase=0.4, noise=0.0))] * 3),
-        "no gait": ([], perturbed), "two unperturbed": (gait[:2], perturbed), "one perturbed": (gait, perturbed[:1]),
+        "no response": ([gait[0]] * 4, [same] * 3), "equal crossings": ([gait[0]] * 4,
+        [perturbed[0]] * 3),
+        "exact": ([walked("u0", Walk(noise=0.0))] * 4, [walked("u0", Walk(phase=0.4,
+        noise=0.0))] * 3),
+        "no gait": ([], perturbed), "two unperturbed": (gait[:2], perturbed),
+        "one perturbed": (gait, perturbed[:1]),
         "no stance": lambda: ([replace(c, stance=Stance(0.3, 0.3)) for c in gait], perturbed),
     }  # fmt: skip
     for how in spoiled(gait[0].time, gait[0].theta, gait[0].torque):
@@ -227,7 +271,10 @@ def headline(gait, perturbed):
     """A group's rows and doubts."""
     found = response.group_headline(perturbed, unperturbed_gait(gait, 2), CHOICES)
     singles = [response.fit_response(one) for one in found.responses]
-    vaf, sizes = [one.vaf for one in singles], {name: [one[name] for one in singles] for name in "KBI"}
+    vaf, sizes = (
+        [one.vaf for one in singles],
+        {name: [one[name] for one in singles] for name in "KBI"},
+    )
     fits = pl.DataFrame({"VAF": vaf, **sizes})
     return tables.headline_rows(found, fits, {}, {}), tables.group_facts(found)
 
@@ -242,5 +289,7 @@ def test_degenerate_crossings_are_fitted_or_refused_in_one_sentence(fit):
 
 
 def test_an_interval_without_width_measures_a_change_by_a_finite_number():
-    changes = [tables.in_widths(change, width) for change, width in ((-360.0, 0.0), (0.0, 0.0), (3.0, 2.0))]
+    changes = [
+        tables.in_widths(change, width) for change, width in ((-360.0, 0.0), (0.0, 0.0), (3.0, 2.0))
+    ]
     assert changes == pytest.approx([-1e9, 0.0, 1.5])

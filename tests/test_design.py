@@ -1,4 +1,5 @@
-"""Predicted errors of K, B, I against closed forms, another formula and simulated trials; `osl-analysis design`."""
+"""Predicted errors of K, B, I against closed forms, another formula and simulated trials;
+`osl-analysis design`."""
 
 import json
 import re
@@ -11,7 +12,14 @@ from click.testing import CliRunner
 from scipy.stats import t as student
 
 from osl_analysis.bench import precision as planning
-from osl_analysis.bench.precision import Continuous, Distortion, PeriodicMultisine, Sensors, SteppedSine, precision
+from osl_analysis.bench.precision import (
+    Continuous,
+    Distortion,
+    PeriodicMultisine,
+    Sensors,
+    SteppedSine,
+    precision,
+)
 from osl_analysis.cli import main
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
@@ -29,8 +37,9 @@ def se(sensors, joint=JOINT, plan=DRAFT, stated=None):
 
 
 def test_two_sines_have_the_errors_that_one_computes_by_hand():
-    """(X'X)^-1 of the columns a sin, a w cos, -a w^2 sin: with e = N a^2/2, var K = sigma^2 (e w1^4 + e w2^4)/
-    (e^2 (w1^2 - w2^2)^2), var I = sigma^2 2 e/(...), var B = sigma^2/(e w1^2 + e w2^2)."""
+    """(X'X)^-1 of the columns a sin, a w cos, -a w^2 sin: with e = N a^2/2, var K = sigma^2 (e w1^4
+    + e w2^4)/ (e^2 (w1^2 - w2^2)^2), var I = sigma^2 2 e/(...), var B = sigma^2/(e w1^2 + e
+    w2^2)."""
     a, sigma, rate, seconds = 0.05, 0.3, 500.0, 10.0
     plan = SteppedSine((a,), (1.0, 2.0), (10.0 + 1, 20.0 + 1), 0)
     e, (w1, w2) = rate * seconds * a**2 / 2, (2 * np.pi, 4 * np.pi)
@@ -41,15 +50,23 @@ def test_two_sines_have_the_errors_that_one_computes_by_hand():
     assert found.fit.correlation == pytest.approx((w1**2 + w2**2) / np.sqrt(2 * (w1**4 + w2**4)))
     assert found.method == "repeats"  # of two frequencies
     alone = precision(plan, JOINT, Sensors(rate, 1e-6), OPEN, Distortion(coulomb=1.0))
-    assert alone.columns["degrees_of_freedom"][1] == pytest.approx(29), "of 30 cycles, which are the units"
-    # Welch and Satterthwaite: of B both frequencies weigh a^2 w^2 T; each has 9 of 10 cycles' freedom
-    found = precision(replace(plan, amplitudes=(a, a), cycles=(11.0, 11.0)), JOINT, Sensors(rate, sigma), OPEN)
+    assert alone.columns["degrees_of_freedom"][1] == pytest.approx(29), (
+        "of 30 cycles, which are the units"
+    )
+    # Welch and Satterthwaite: of B both frequencies weigh a^2 w^2 T; each has 9 of 10 cycles'
+    # freedom
+    found = precision(
+        replace(plan, amplitudes=(a, a), cycles=(11.0, 11.0)), JOINT, Sensors(rate, sigma), OPEN
+    )
     share = np.array([10 * 1.0, 5 * 4.0]) / 2
-    assert found.columns["degrees_of_freedom"][1] == pytest.approx(9 * (2 * share.sum()) ** 2 / (2 * np.sum(share**2)))
+    assert found.columns["degrees_of_freedom"][1] == pytest.approx(
+        9 * (2 * share.sum()) ** 2 / (2 * np.sum(share**2))
+    )
 
 
 def test_a_narrow_filter_costs_what_weighted_least_squares_cost():
-    """Two sines, of which the filter halves the faster: (X'WX)^-1 X'W^2X (X'WX)^-1 with W = 1 and 1/4."""
+    """Two sines, of which the filter halves the faster: (X'WX)^-1 X'W^2X (X'WX)^-1 with W = 1 and
+    1/4."""
     plan, low_pass = SteppedSine((0.05,), (1.0, 4.0), (11.0, 41.0), 0), LowPass(4.0, 4)
     w, W = 2 * np.pi * np.array([1.0, 4.0]), (1 / (1 + (np.array([1.0, 4.0]) / 4) ** 8)) ** 2
     assert W[1] == pytest.approx(0.25)
@@ -63,17 +80,28 @@ def test_a_narrow_filter_costs_what_weighted_least_squares_cost():
 
 
 def test_realisations_scatter_by_friction_as_predicted_and_shift_b_by_its_equivalent_damping():
-    """200 realisations and 400 draws: 6 % in a ratio of standard deviations; B within 4 of its standard errors."""
+    """200 realisations and 400 draws: 6 % in a ratio of standard deviations; B within 4 of its
+    standard errors."""
     time, found, friction = 8.0 * np.arange(1000) / 1000, [], Distortion(coulomb=1.0)
     for r in range(200):
         motion = [MULTISINE.motion(1000 + r).angle(time, k) for k in range(3)]
-        found.append(np.linalg.lstsq(np.column_stack([*motion, np.ones(1000)]), np.sign(motion[1]), rcond=None)[0][:3])
-    found, predicted = np.array(found), precision(MULTISINE, JOINT, Sensors(1000.0, 0.0), OPEN, friction)
+        found.append(
+            np.linalg.lstsq(
+                np.column_stack([*motion, np.ones(1000)]), np.sign(motion[1]), rcond=None
+            )[0][:3]
+        )
+    found, predicted = (
+        np.array(found),
+        precision(MULTISINE, JOINT, Sensors(1000.0, 0.0), OPEN, friction),
+    )
     np.testing.assert_allclose(found.std(axis=0, ddof=1) / 2 / predicted.columns["se"], 1, atol=0.2)
     error = found[:, 1].std(ddof=1) / np.sqrt(200)
-    assert found[:, 1].mean() == pytest.approx(friction.added_damping(MULTISINE)["in all"], abs=4 * error + 0.005)
+    assert found[:, 1].mean() == pytest.approx(
+        friction.added_damping(MULTISINE)["in all"], abs=4 * error + 0.005
+    )
     assert predicted.method == "realisations"
-    np.testing.assert_allclose(predicted.columns["half_width"], 3.1824463 * predicted.columns["se"])  # Student's t
+    # Student's t
+    np.testing.assert_allclose(predicted.columns["half_width"], 3.1824463 * predicted.columns["se"])
 
 
 def test_longer_records_do_not_average_friction_out_but_realisations_do():
@@ -81,9 +109,12 @@ def test_longer_records_do_not_average_friction_out_but_realisations_do():
     changes = ({}, {"periods": 16}, {"realisations": 16}, {"realisations": 1})
     plans = (replace(MULTISINE, **change) for change in changes)
     one, *others = (precision(plan, JOINT, sensors, OPEN, stated).variance for plan in plans)
-    shares = [[one[cause] / other[cause] for cause in ("distortion", "torque noise")] for other in others]
+    shares = [
+        [one[cause] / other[cause] for cause in ("distortion", "torque noise")] for other in others
+    ]
     np.testing.assert_allclose(shares[:2], [[[1] * 3, [4] * 3], [[4] * 3, [4] * 3]])
-    # fewer than four have the level at detection lines, of which the scatter of K, B and I is 0.65, 0.4 and 0.4
+    # fewer than four have the level at detection lines, of which the scatter of K, B and I is 0.65,
+    # 0.4 and 0.4
     np.testing.assert_allclose(np.sqrt(4 * shares[2][0]), [0.65, 0.4, 0.4], rtol=0.15)
 
 
@@ -92,7 +123,8 @@ def test_one_realisation_has_the_interval_of_its_detection_lines():
     by_level = precision(plan, JOINT, Sensors(1000.0, 0.0), OPEN, stated)
     assert by_level.method == "detection lines"
     lines, freedom = len(plan.motion(0).detection), by_level.columns["degrees_of_freedom"]
-    assert lines < freedom[0] <= 2 * lines  # of the two at each line; the stiffness is told by most of them
+    # of the two at each line; the stiffness is told by most of them
+    assert lines < freedom[0] <= 2 * lines
     two = precision(replace(plan, realisations=2), JOINT, Sensors(1000.0, 0.0), OPEN, stated)
     np.testing.assert_allclose(two.columns["degrees_of_freedom"], 2 * freedom)
     np.testing.assert_allclose(two.columns["se"], by_level.columns["se"] / np.sqrt(2))
@@ -100,9 +132,13 @@ def test_one_realisation_has_the_interval_of_its_detection_lines():
 
 @pytest.mark.parametrize("rate", [50.0, 2000.0])
 def test_rounding_of_a_multisine_has_the_predicted_power_whatever_the_samples_per_step(rate):
-    """Mean over lines, both quadratures, 40 realisations and their zeros: 4 % by chance, 20 % for a normal velocity."""
+    """Mean over lines, both quadratures, 40 realisations and their zeros: 4 % by chance, 20 % for a
+    normal velocity."""
     q, rng, found = np.deg2rad(0.5), np.random.default_rng(4), []
-    plan, time = PeriodicMultisine(4.0, (0.5, 6.0), float(np.deg2rad(2)), 5, 1), np.arange(round(4 * rate)) / rate
+    plan, time = (
+        PeriodicMultisine(4.0, (0.5, 6.0), float(np.deg2rad(2)), 5, 1),
+        np.arange(round(4 * rate)) / rate,
+    )
     for number in range(40):
         motion, zero = plan.motion(number), rng.uniform(0, q)
         theta = motion.angle(time + rng.random() / rate)
@@ -113,11 +149,14 @@ def test_rounding_of_a_multisine_has_the_predicted_power_whatever_the_samples_pe
 
 
 def test_rounding_changes_k_at_all_frequencies_alike_and_cycles_repeat_it():
-    """100 zeros at each of eight amplitudes, by numpy: 8 % in the ratio, twice; one second stands for all."""
-    sensors, w = Sensors(1e5, 0.0, encoder_step=1e-2), DRAFT.sines.w  # many samples per step: a third is in phase
+    """100 zeros at each of eight amplitudes, by numpy: 8 % in the ratio, twice; one second stands
+    for all."""
+    # many samples per step: a third is in phase
+    sensors, w = Sensors(1e5, 0.0, encoder_step=1e-2), DRAFT.sines.w
     of_angle = sensors.rounding(DRAFT.sines)[0]
     np.testing.assert_allclose(of_angle[1], 2 * of_angle[0])
-    of_torque = sensors.variances(DRAFT.sines, 5j * w, 100.0)["encoder rounding"]  # a damper turns it by a quarter
+    # a damper turns it by a quarter
+    of_torque = sensors.variances(DRAFT.sines, 5j * w, 100.0)["encoder rounding"]
     np.testing.assert_allclose(of_torque, (5 * w) ** 2 * of_angle[::-1])
     rate, q, rng, ratios = 1000.0, np.deg2rad(0.5), np.random.default_rng(4), []
     w, time = 2 * np.pi * np.repeat([1.0, 2.0], 1000), np.tile(np.arange(1000) / rate, 2)
@@ -126,10 +165,14 @@ def test_rounding_changes_k_at_all_frequencies_alike_and_cycles_repeat_it():
         theta, zero = amplitude * np.sin(w * time), rng.uniform(0, q, 100)
         error = theta - (q * np.rint((theta[:, None] + zero) / q).T - zero[:, None])
         X = np.column_stack([theta, amplitude * w * np.cos(w * time), -(w**2) * theta])
-        found = np.linalg.lstsq(root[:, None] * X, (root * (300 - 0.02 * w**2) * error).T, rcond=None)[0]
+        found = np.linalg.lstsq(
+            root[:, None] * X, (root * (300 - 0.02 * w**2) * error).T, rcond=None
+        )[0]
         for cycles in (8.0, 80.0):
             plan = SteppedSine((amplitude,), (1.0, 2.0), (cycles, cycles), 2)
-            predicted = precision(plan, np.array([300.0, 0.0, 0.02]), Sensors(rate, 0.0, encoder_step=q), OPEN)
+            predicted = precision(
+                plan, np.array([300.0, 0.0, 0.02]), Sensors(rate, 0.0, encoder_step=q), OPEN
+            )
             ratios.append((found[0].std() / predicted.columns["se"][0]) ** 2)
     assert np.sqrt(np.mean(ratios)) == pytest.approx(1, rel=0.16)
 
@@ -138,24 +181,33 @@ def test_noise_of_half_a_step_cures_rounding():
     q = 2 * np.pi / 2**12
     steps = ({"encoder_step": q}, {"encoder_step": q, "angle_noise": q / 2})
     repeated, cured = (se(Sensors(1000.0, 0.0, **one)) for one in steps)
-    np.testing.assert_allclose(cured, se(Sensors(1000.0, 0.0, angle_noise=np.hypot(q / 2, q / 12**0.5))), rtol=0.02)
+    np.testing.assert_allclose(
+        cured, se(Sensors(1000.0, 0.0, angle_noise=np.hypot(q / 2, q / 12**0.5))), rtol=0.02
+    )
     assert np.all(cured < 0.7 * repeated)
 
 
 @pytest.mark.parametrize(("errors", "torque_noise"), [
-    ({"torque_noise": 0.1, "noise_band_hz": 12.5}, 0.1 * np.sqrt(500 / 12.5)),  # all of it where the joint moves
+    # all of it where the joint moves
+    ({"torque_noise": 0.1, "noise_band_hz": 12.5}, 0.1 * np.sqrt(500 / 12.5)),
     ({"torque_noise": 0.0, "noise_band_hz": 12.5, "angle_noise": 1e-4}, 0.03),  # through Z = 300
     ({"torque_noise": 0.03, "torque_step": 0.1}, np.hypot(0.03, 0.1 / np.sqrt(12))),
 ])  # fmt: skip
 def test_each_error_of_a_sensor_counts_as_so_much_torque_noise(errors, torque_noise):
     joint = np.array([300.0, 0.0, 0.0])
-    np.testing.assert_allclose(se(Sensors(1000.0, **errors), joint), se(Sensors(1000.0, torque_noise), joint))
+    np.testing.assert_allclose(
+        se(Sensors(1000.0, **errors), joint), se(Sensors(1000.0, torque_noise), joint)
+    )
 
 
 def test_noise_of_the_torque_counts_in_its_own_band_alone():
-    """Noise of 0.5 N*m up to 2.5 Hz, drawn by its spectrum, in fits of a stepped sine of 1 to 5 Hz by numpy."""
+    """Noise of 0.5 N*m up to 2.5 Hz, drawn by its spectrum, in fits of a stepped sine of 1 to 5 Hz
+    by numpy."""
     rng, rate, seconds = np.random.default_rng(4), 100.0, 20.0
-    plan, noise = SteppedSine((0.1,), (1.0, 2.0, 3.0, 4.0, 5.0), (20.0, 40.0, 60.0, 80.0, 100.0), 0), []
+    plan, noise = (
+        SteppedSine((0.1,), (1.0, 2.0, 3.0, 4.0, 5.0), (20.0, 40.0, 60.0, 80.0, 100.0), 0),
+        [],
+    )
     time, f = np.arange(0, seconds, 1 / rate), np.fft.rfftfreq(int(rate * seconds), 1 / rate)
     theta = np.array([0.1 * np.sin(2 * np.pi * one * time) for one in plan.frequencies_hz])
     w = 2 * np.pi * np.array(plan.frequencies_hz)[:, None]
@@ -173,13 +225,16 @@ def test_drift_that_is_not_seen_changes_a_sine_by_two_slopes_over_its_frequency(
     """The integral of t sin wt over whole cycles; in a record the slope is known to 6 S/T^3."""
     sines, density = DRAFT.sines, 2 * 0.05**2 / 1000
     for seconds, slope in ((1e-3, 1e-4), (100.0, np.sqrt(6 * density / 100**3))):
-        drift = Sensors(1000.0, 0.05, drift=1e-4 if seconds < 1 else 1.0).variances(sines, 0j * sines.w, seconds)
+        drift = Sensors(1000.0, 0.05, drift=1e-4 if seconds < 1 else 1.0).variances(
+            sines, 0j * sines.w, seconds
+        )
         by_hand = (2 * slope / (2 * np.pi * sines.frequency_hz)) ** 2 / 2
         np.testing.assert_allclose(drift["load cell drift"][0], by_hand, rtol=1e-3)
 
 
 def test_friction_shifts_the_damping_of_a_stepped_sine_and_leaves_a_misfit_that_no_cycles_cure():
-    """The describing function 4 T/pi in quadrature, fitted by numpy over amplitudes and frequencies."""
+    """The describing function 4 T/pi in quadrature, fitted by numpy over amplitudes and
+    frequencies."""
     friction, sines = Distortion(coulomb=0.3), DRAFT.sines
     columns, root = sines.size * sines.w, np.sqrt(sines.duration_s)
     torque = np.full(len(columns), 4 * 0.3 / np.pi)
@@ -187,14 +242,19 @@ def test_friction_shifts_the_damping_of_a_stepped_sine_and_leaves_a_misfit_that_
     left = (torque - damping * columns) * sines.duration_s * columns
     by_hand = np.sqrt(np.sum(left**2)) / np.sum(sines.duration_s * columns**2)
     for cycles in (20.0, 200.0):
-        found = precision(replace(DRAFT, cycles=(cycles,) * 5), JOINT, Sensors(1000.0, 0.05), OPEN, friction)
+        found = precision(
+            replace(DRAFT, cycles=(cycles,) * 5), JOINT, Sensors(1000.0, 0.05), OPEN, friction
+        )
         assert np.sqrt(found.variance["distortion"][1]) == pytest.approx(by_hand, rel=1e-9)
         np.testing.assert_allclose(found.variance["distortion"][[0, 2]], 0, atol=1e-15)
-        assert found.columns["degrees_of_freedom"][1] == pytest.approx(14, rel=0.01)  # of 15 units, whose scatter it is
+        # of 15 units, whose scatter it is
+        assert found.columns["degrees_of_freedom"][1] == pytest.approx(14, rel=0.01)
     added = friction.added_damping(DRAFT)
     assert list(added) == ["2 deg", "4 deg", "6 deg"]
     w, a = 2 * np.pi * np.array(DRAFT.frequencies_hz), DRAFT.amplitudes[1]
-    assert added["4 deg"] == pytest.approx(4 * 0.3 / np.pi * np.sum(1 / w * w) / np.sum(a * w), rel=1e-9)
+    assert added["4 deg"] == pytest.approx(
+        4 * 0.3 / np.pi * np.sum(1 / w * w) / np.sum(a * w), rel=1e-9
+    )
 
 
 def test_a_record_that_is_long_enough_is_the_shortest_one():
@@ -202,33 +262,60 @@ def test_a_record_that_is_long_enough_is_the_shortest_one():
         sensors, within = Sensors(1000.0, 0.5), {"K": 5e-4, "B": 1e-3}
         return precision(plan, JOINT, sensors, LowPass(15.0, 4)).reaches(within)
 
-    stepped, multisine = (planning.long_enough(plan, enough)[0] for plan in (DRAFT, replace(MULTISINE, rms=0.01)))
+    stepped, multisine = (
+        planning.long_enough(plan, enough)[0] for plan in (DRAFT, replace(MULTISINE, rms=0.01))
+    )
     assert [enough(stepped), enough(multisine)] == [True, True]
-    assert planning.long_enough(DRAFT, lambda _: True)[0].cycles == (8.0,) * 5  # of which five are fitted
+    # of which five are fitted
+    assert planning.long_enough(DRAFT, lambda _: True)[0].cycles == (8.0,) * 5
     for fewest, any_length in ((2, lambda _: True), (3, lambda plan: plan.periods > 2)):
         assert planning.long_enough(MULTISINE, any_length)[0] == replace(MULTISINE, periods=fewest)
     assert not enough(replace(stepped, cycles=tuple(n - 1 for n in stepped.cycles)))
-    assert not enough(replace(multisine, realisations=multisine.realisations - 1)) or multisine.realisations == 4
+    assert (
+        not enough(replace(multisine, realisations=multisine.realisations - 1))
+        or multisine.realisations == 4
+    )
 
 
 def test_a_chirp_and_noise_carry_what_their_bands_carry():
-    """Moments of a flat spectrum from f1 to f2, integrated by hand: w^2, w^4 as (f2^3 - f1^3)/3, (f2^5 - f1^5)/5."""
+    """Moments of a flat spectrum from f1 to f2, integrated by hand: w^2, w^4 as (f2^3 - f1^3)/3,
+    (f2^5 - f1^5)/5."""
     f1, f2, rms, seconds = 0.5, 6.0, 0.03, 60.0
-    m2, m4 = ((2 * np.pi) ** k * (f2 ** (k + 1) - f1 ** (k + 1)) / (k + 1) / (f2 - f1) for k in (2, 4))
-    by_hand = np.sqrt(0.05**2 / (1000 * seconds * rms**2) * np.array([m4 / (m4 - m2**2), 1 / m2, 1 / (m4 - m2**2)]))
+    m2, m4 = (
+        (2 * np.pi) ** k * (f2 ** (k + 1) - f1 ** (k + 1)) / (k + 1) / (f2 - f1) for k in (2, 4)
+    )
+    by_hand = np.sqrt(
+        0.05**2
+        / (1000 * seconds * rms**2)
+        * np.array([m4 / (m4 - m2**2), 1 / m2, 1 / (m4 - m2**2)])
+    )
     for chirp in (True, False):
-        plan, largest = Continuous((f1, f2), rms, seconds, chirp), np.sqrt(2) * (2 * np.pi * f2) ** np.arange(3)
-        assert plan.peak == pytest.approx(rms * (largest if chirp else 4 * np.sqrt([1, m2, m4])), rel=0.01)
+        plan, largest = (
+            Continuous((f1, f2), rms, seconds, chirp),
+            np.sqrt(2) * (2 * np.pi * f2) ** np.arange(3),
+        )
+        assert plan.peak == pytest.approx(
+            rms * (largest if chirp else 4 * np.sqrt([1, m2, m4])), rel=0.01
+        )
         found = precision(plan, JOINT, Sensors(1000.0, 0.05), OPEN)
         np.testing.assert_allclose(found.columns["se"], by_hand, rtol=1e-3)
         assert found.method == "units"
         freedom = found.columns["degrees_of_freedom"]
         np.testing.assert_allclose(freedom, 60 / 1.5 - 2.5)  # stretches of a second, five columns
     plans, stated = (replace(plan, record_s=T) for T in (60.0, 120.0)), Distortion(coulomb=1.0)
-    once, twice = (precision(plan, JOINT, Sensors(1000.0, 0.05), OPEN, stated).variance["distortion"] for plan in plans)
+    once, twice = (
+        precision(plan, JOINT, Sensors(1000.0, 0.05), OPEN, stated).variance["distortion"]
+        for plan in plans
+    )
     np.testing.assert_allclose(once / twice, 2, rtol=0.01)
     assert DRAFT.peak == pytest.approx(np.deg2rad(6) * (10 * np.pi) ** np.arange(3))
-    for band, rms, seconds in (((0, 2), 1, 1), ((2, 2), 1, 1), ((1, np.inf), 1, 1), ((1, 2), 0, 1), ((1, 2), 1, 0)):
+    for band, rms, seconds in (
+        ((0, 2), 1, 1),
+        ((2, 2), 1, 1),
+        ((1, np.inf), 1, 1),
+        ((1, 2), 0, 1),
+        ((1, 2), 1, 0),
+    ):
         with pytest.raises(InputError, match="no motion has a band"):
             Continuous(band, rms, seconds, True)
 
@@ -245,27 +332,47 @@ def as_json(*arguments):
 
 def test_the_configuration_s_protocol_is_the_default():
     said = as_json()
-    assert said["protocol"] == "stepped sine: 2, 4, 6 deg at 1, 2, 3, 4, 5 Hz, 20 cycles at each (17 fitted)"
+    assert (
+        said["protocol"]
+        == "stepped sine: 2, 4, 6 deg at 1, 2, 3, 4, 5 Hz, 20 cycles at each (17 fitted)"
+    )
     assert said["record_s"] == pytest.approx(3 * 20 * (1 + 1 / 2 + 1 / 3 + 1 / 4 + 1 / 5))
-    assert {name: one["expected"] for name, one in said["estimates"].items()} == {"K": 300, "B": 5, "I": 0.02}
+    assert {name: one["expected"] for name, one in said["estimates"].items()} == {
+        "K": 300,
+        "B": 5,
+        "I": 0.02,
+    }
     assert said["interval_method"] == "units"  # as impedance.csv names it
     for name, cause in (("B", 300), ("I", 5)):  # to first order -K lag and -B lag
         assert said["lag_errors"][name] == pytest.approx(-cause * 1e-4, rel=0.1)
 
 
-def test_the_configuration_that_is_named_has_cycles_for_its_own_frequencies_and_the_range_of_the_load_cell(tmp_path):
+def test_the_configuration_that_is_named_has_cycles_for_its_own_frequencies(
+    tmp_path,
+):
     own = ("--config", tmp_path / "c.yaml")
-    own[1].write_text("dynamometer: {frequencies_hz: [2, 4], cycles: [10, 20], load_cell_range: 25}")
+    own[1].write_text(
+        "dynamometer: {frequencies_hz: [2, 4], cycles: [10, 20], load_cell_range: 25}"
+    )
     said = as_json(*own)
     assert said["record_s"] == pytest.approx(3 * (10 / 2 + 20 / 4))
     assert "above dynamometer.load_cell_range = 25" in said["warnings"][-1]
-    assert "cycles for its own frequencies; give --cycles" in call(*own, "--frequencies", "2,3,4").stderr
+    assert (
+        "cycles for its own frequencies; give --cycles"
+        in call(*own, "--frequencies", "2,3,4").stderr
+    )
 
 
 def test_every_error_that_is_stated_is_handed_on_in_si_units(monkeypatch):
     seen, of = [], planning.precision
     monkeypatch.setattr(planning, "precision", lambda *given: seen.append(given) or of(*given))
-    options = {"torque-noise": 0.2, "noise-band": 50, "torque-step": 0.1, "encoder-step": 0.01, "angle-noise": 0.02}
+    options = {
+        "torque-noise": 0.2,
+        "noise-band": 50,
+        "torque-step": 0.1,
+        "encoder-step": 0.01,
+        "angle-noise": 0.02,
+    }
     options |= {"rate": 500, "drift": 30, "friction": 0.3, "stiffness": 200, "lag": 2}
     said = as_json(*(word for name, value in options.items() for word in (f"--{name}", value)))
     _, joint, sensors, _, stated = seen[0]
@@ -281,7 +388,9 @@ def test_text_and_json_say_the_same_intervals():
         share = 100 * one["half_width"] / one["expected"]
         assert line[1:4] == [f"{one['expected']:.4g}", f"{one['half_width']:.3g}", f"{share:.3g}"]
         assert sum(one["variance"].values()) == pytest.approx(one["se"] ** 2)
-        assert one["half_width"] == pytest.approx(student.ppf(0.975, one["degrees_of_freedom"]) * one["se"])
+        assert one["half_width"] == pytest.approx(
+            student.ppf(0.975, one["degrees_of_freedom"]) * one["se"]
+        )
         assert one["half_width"] > 10 * one["half_width_of_noise"]
     assert f"adds to B {said['friction_damping']['in all']:.3g}" in text
     certain = as_json("--torque-noise", "0", "--encoder-step", "0")["estimates"]["K"]
@@ -294,13 +403,24 @@ def test_the_torque_to_expect_is_that_of_the_largest_sine_or_of_all_together():
     largest = abs(300 - 0.02 * w**2 + 5j * w) * np.deg2rad(6)
     assert f"torque about {largest:.3g} N·m" in call().stdout
     assert f"torque about {largest + 4:.3g} N·m" in call("--friction", "4").stdout
-    said = call("--excitation", "noise", "--band", "0.2,5", "--damping", "0", "--inertia", "0").stdout
+    said = call(
+        "--excitation", "noise", "--band", "0.2,5", "--damping", "0", "--inertia", "0"
+    ).stdout
     assert f"torque about {4 * 300 * np.deg2rad(2):.3g} N·m" in said
 
 
 def test_what_is_asked_for_is_reached_and_the_recommended_multisine_is_written(tmp_path):
     output = tmp_path / "multisine.csv"
-    asked = ("--friction", "0.5", "--stiffness-within", "0.5%", "--damping-within", "1", "--rate", "200")
+    asked = (
+        "--friction",
+        "0.5",
+        "--stiffness-within",
+        "0.5%",
+        "--damping-within",
+        "1",
+        "--rate",
+        "200",
+    )
     said = as_json("--excitation", "multisine", "--peak", "6", *asked, "--write", output)
     best, shares = said["recommended"], {"K": 0.005, "B": 0.01}
     for name, share in shares.items():
@@ -310,7 +430,8 @@ def test_what_is_asked_for_is_reached_and_the_recommended_multisine_is_written(t
     np.testing.assert_allclose(np.diff(time), 1 / 200)
     assert angle[0] == angle[-1] == 0
     assert 5 < np.rad2deg(np.abs(angle).max()) <= 6.0001  # no realisation goes beyond the peak
-    assert np.max(np.abs(np.diff(angle))) * 200 < 1.3 * 3.3  # rad/s: no jump at the ends of realisations
+    # rad/s: no jump at the ends of realisations
+    assert np.max(np.abs(np.diff(angle))) * 200 < 1.3 * 3.3
     found = periodic_motion(angle, 300 * angle, 200.0, 10.0)
     assert found.period == pytest.approx(8, rel=1e-4)
     assert f"{len(found.realisations)} realisations" in best["protocol"]
@@ -318,7 +439,8 @@ def test_what_is_asked_for_is_reached_and_the_recommended_multisine_is_written(t
 
 
 def test_a_pilot_states_friction_and_what_no_longer_record_cures(tmp_path):
-    """0.8 N*m of a drivetrain's friction: ± 2.6 N*m/rad and ± 0.25 N*m*s/rad on a leg, not 0.011 and 0.0005."""
+    """0.8 N*m of a drivetrain's friction: ± 2.6 N*m/rad and ± 0.25 N*m*s/rad on a leg, not 0.011
+    and 0.0005."""
     rows = {"trial": ["a", "a", "b"], "amplitude_deg": [2.0, None, None], "f_C": [0.1, 0.8, 0.2]}
     rows |= {name: [300.0, 300.0, 300.0] for name in "KBI"}
     rows |= {f"{name}_se": [9.0, se, 9.0] for name, se in zip("KBI", (1.2, 0.1, 2e-3), strict=True)}
@@ -338,21 +460,27 @@ def test_a_pilot_states_friction_and_what_no_longer_record_cures(tmp_path):
 
 @pytest.mark.parametrize(("arguments", "message"), [
     (("--rms", "3"), "a stepped-sine has no --rms"), (("--rate", "25"), "twice the cut-off"),
-    (("--trial", "a"), "give its results by --from too"), (("--stiffness-within", "0"), "no percentage"),
-    (("--damping-within", "100%"), "no percentage"), (("--frequencies", "1,nan"), "give a finite number"),
-    (("--inertia", "0", "--inertia-within", "5%"), "--inertia-within is a share of an expected I of 0; give --inertia"),
+    (("--trial", "a"), "give its results by --from too"),
+    (("--stiffness-within", "0"), "no percentage"),
+    (("--damping-within", "100%"), "no percentage"),
+    (("--frequencies", "1,nan"), "give a finite number"),
+    (("--inertia", "0", "--inertia-within", "5%"),
+     "--inertia-within is a share of an expected I of 0; give --inertia"),
     (("--amplitudes", "2,0"), "frequencies and amplitudes of sines are above 0"),
     (("--excitation", "chirp", "--band", "1"), "--band has the lowest and the highest frequency"),
     (("--excitation", "noise", "--rms", "3", "--peak", "4"), "give --rms or --peak, not both"),
-    (("--encoder-bits", "12", "--encoder-step", "0.01"), "give --encoder-bits or --encoder-step, not both"),
+    (("--encoder-bits", "12", "--encoder-step", "0.01"),
+     "give --encoder-bits or --encoder-step, not both"),
     (("--excitation", "chirp", "--band", "3,2"), "lower frequency first"),
     (("--excitation", "multisine", "--band", "1,1.2"), "longer period or a wider band"),
     (("--excitation", "multisine", "--band", "0.5,1.5"), "the analysis would refuse this protocol"),
     (("--excitation", "chirp", "--band", "0.2,1"), "the band from 1 to about 2.3 Hz is missing"),
-    (("--write", "/tmp/x.csv"), "only a multisine is written"), (("--cycles", "2"), "leaves none of 2 cycles"),
+    (("--write", "/tmp/x.csv"), "only a multisine is written"),
+    (("--cycles", "2"), "leaves none of 2 cycles"),
     (("--stiffness", "nan"), "--stiffness is nan; give a finite number"),
     (("--stiffness", "0"), "'--stiffness': 0.0 is not in the range x>0"),
-    (("--frequencies", "2"), "told apart by 2 Hz alone, where K - I w^2 is one number; excite down to 1 Hz"),
+    (("--frequencies", "2"),
+     "told apart by 2 Hz alone, where K - I w^2 is one number; excite down to 1 Hz"),
     (("--frequencies", "1,20"), "20 Hz is above the filter's cut-off of 15 Hz"),
 ])  # fmt: skip
 def test_a_mistake_is_one_line(arguments, message):
@@ -376,23 +504,33 @@ def test_warnings_name_what_no_length_cures(arguments, said):
 
 
 def test_a_band_is_refused_as_the_analysis_refuses_it():
-    """0.1 % of the torque over what of the acceleration angle and velocity do not explain; moments of a flat band."""
+    """0.1 % of the torque over what of the acceleration angle and velocity do not explain; moments
+    of a flat band."""
     w = 2 * np.pi * np.linspace(0.5, 1.5, 2001)
     own = np.sqrt(np.mean(w**4) - np.mean(w**2) ** 2)
     change = 1e-3 * np.sqrt(np.mean(np.abs(300 - 0.02 * w**2 + 5j * w) ** 2)) / own
     for kind in ("noise", "chirp"):
-        assert f"changes I by {change:.2g} kg*m^2" in call("--excitation", kind, "--band", "0.5,1.5").stderr
+        assert (
+            f"changes I by {change:.2g} kg*m^2"
+            in call("--excitation", kind, "--band", "0.5,1.5").stderr
+        )
 
 
 def test_what_only_a_longer_record_reaches_is_not_called_out_of_reach():
-    """White noise averages out: the interval shrinks by the root of the time, down to the longest that is searched."""
+    """White noise averages out: the interval shrinks by the root of the time, down to the longest
+    that is searched."""
     asked = ("--excitation", "noise", "--encoder-step", "0", "--drift", "0")
     one = as_json(*asked, "--duration", "7200")["estimates"]["K"]
     share = 100 * one["half_width"] / one["expected"]
     said = call(*asked, "--stiffness-within", share / 2).stdout
-    assert f"the longest record that is searched, 2 h, which gives K ± {share:.2g} % (variance by torque noise" in said
+    assert (
+        f"the longest record that is searched, 2 h, which gives K ± {share:.2g} % (variance by"
+        " torque noise" in said
+    )
     best = as_json(*asked, "--stiffness-within", 1.01 * share)["recommended"]
     assert best["record_s"] == pytest.approx(7200, rel=0.03)
     never = as_json("--encoder-bits", "10", "--stiffness-within", "0.01%")
     assert never["recommended"] is None
-    assert re.search("beyond the longest record that is searched.*encoder rounding", never["warnings"][-1])
+    assert re.search(
+        "beyond the longest record that is searched.*encoder rounding", never["warnings"][-1]
+    )

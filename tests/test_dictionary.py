@@ -1,4 +1,5 @@
-"""Tables read back as they were written, and every column has a unit and a meaning in the data dictionary."""
+"""Tables read back as they were written, and every column has a unit and a meaning in the data
+dictionary."""
 
 import csv
 from contextlib import nullcontext
@@ -16,7 +17,14 @@ from osl_analysis.commands.walking import compare_ankle_moment
 from osl_analysis.dictionary import HERE, described_tables, own_yaml
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path, check_working_folder, digest, file_state
-from osl_analysis.table import OF_ROW, TEXT_COLUMNS, finite_or_null, read_table, with_places, write_table
+from osl_analysis.table import (
+    OF_ROW,
+    TEXT_COLUMNS,
+    finite_or_null,
+    read_table,
+    with_places,
+    write_table,
+)
 from osl_analysis.walking.settings import OvergroundAnalysis
 from osl_analysis.yaml_settings import read_mapping
 
@@ -52,17 +60,26 @@ def test_endings_covariances_and_shared_columns_are_written_out():
 def test_a_table_and_its_evidence_share_what_a_row_is_alone():
     both = (set(described(f"tables/impedance{end}")) for end in ("", "_evidence"))
     assert set.intersection(*both) == {*OF_ROW, "data"}
-    assert len(described("tables/impedance")) <= 40, "describe it under impedance_evidence, or move one there"
+    assert len(described("tables/impedance")) <= 40, (
+        "describe it under impedance_evidence, or move one there"
+    )
 
 
 def test_the_tables_of_overground_trials_are_described():
     found = compare_ankle_moment(gait_trial(), OvergroundAnalysis(load_on_n=50, body_mass_kg=70))
     for name, table in found.items():
-        assert set(described(f"tables/{name}")) - {"joint", "data", "doubtful"} == set(table.columns)
+        assert set(described(f"tables/{name}")) - {"joint", "data", "doubtful"} == set(
+            table.columns
+        )
 
 
-def test_columns_that_are_read_as_text_are_described_as_text_and_tables_of_trials_by_those_that_gather_them():
-    text = {column.name for table in described_tables() for column in table.columns.values() if column.unit == "text"}
+def test_columns_that_are_read_as_text_are_described_as_text():
+    text = {
+        column.name
+        for table in described_tables()
+        for column in table.columns.values()
+        if column.unit == "text"
+    }
     assert set(TEXT_COLUMNS) <= text
     assert pl.Series([t.place for t in described_tables()]).is_unique().all()
 
@@ -78,7 +95,9 @@ def test_every_number_null_and_nan_reads_back_to_the_last_bit(tmp_path_factory, 
 
 
 @pytest.mark.parametrize("late", [["1"] * 4999 + ["1.5"], [None] * 4999 + [1.5]])
-def test_names_of_digits_are_text_numbers_may_come_late_and_an_empty_column_holds_numbers(tmp_path, late):
+def test_names_of_digits_are_text_numbers_may_come_late_and_an_empty_column_holds_numbers(
+    tmp_path, late
+):
     table = pl.DataFrame({"trial": ["01"] * 5000, "amplitude_deg": [None] * 5000, "K": late})
     write_table(table, tmp_path / "a/b/t.csv")
     read = read_table(tmp_path / "a/b/t.csv")
@@ -105,15 +124,21 @@ def test_a_failure_while_writing_leaves_the_old_file_and_nothing_else(tmp_path, 
     for name in (".snakemake/log", "results/tables"):
         (tmp_path / name).mkdir(parents=True)
         check_working_folder(Path("results"))
-        monkeypatch.setattr("os.access", lambda path, mode, name=name: str(path) not in (name, "raw_data"))
-        with pytest.raises(InputError, match=f"{tmp_path}/{name}: cannot be written to; make it writable, or copy"):
+        monkeypatch.setattr(
+            "os.access", lambda path, mode, name=name: str(path) not in (name, "raw_data")
+        )
+        with pytest.raises(
+            InputError, match=f"{tmp_path}/{name}: cannot be written to; make it writable, or copy"
+        ):
             check_working_folder(Path("results"))
         monkeypatch.undo()
         monkeypatch.chdir(tmp_path)
     for free in (9, 10):  # MB
         room = SimpleNamespace(f_blocks=1, f_frsize=10**6, f_bavail=free)
         monkeypatch.setattr("os.statvfs", lambda path, room=room: room)
-        with pytest.raises(InputError, match="less than 10 MB free") if free < 10 else nullcontext():
+        with (
+            pytest.raises(InputError, match="less than 10 MB free") if free < 10 else nullcontext()
+        ):
             check_working_folder()
 
 
@@ -136,7 +161,10 @@ def test_a_side_is_written_where_one_is_known_and_read_in_any_case(tmp_path, kno
     places = pl.DataFrame(placed, schema_overrides={"side": pl.String})
     write_table(places, path := tmp_path / "t.csv")
     assert ("side" in path.read_text().splitlines()[0]) == (known is not None)
-    assert (read_table(path).columns, read_table(path)["side"].to_list()) == (places.columns, [known, None])
+    assert (read_table(path).columns, read_table(path)["side"].to_list()) == (
+        places.columns,
+        [known, None],
+    )
 
 
 def test_no_cell_of_a_table_is_a_formula_and_every_text_is_read_as_it_was_written(tmp_path):

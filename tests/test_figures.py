@@ -1,4 +1,5 @@
-"""Figures show the numbers of their tables, with ticks within their limits and looks that are told apart in grey."""
+"""Figures show the numbers of their tables, with ticks within their limits and looks that are told
+apart in grey."""
 
 import os
 import re
@@ -14,7 +15,13 @@ import pytest
 from conftest import ROOT
 from matplotlib.figure import Figure
 
-from osl_analysis.commands.figure import caption_of, draw_figure, draw_table, plot_numbers, write_captions
+from osl_analysis.commands.figure import (
+    caption_of,
+    draw_figure,
+    draw_table,
+    plot_numbers,
+    write_captions,
+)
 from osl_analysis.errors import InputError
 from osl_analysis.figures import FIGURES, drawing_of, names, others, style
 from osl_analysis.figures.frequency import DESIRED, LINEAR_MODEL, response_curve
@@ -38,37 +45,58 @@ def stored(name):
 def time_series():
     time = np.arange(0, 10, 0.01)
     torque = 30 * np.sin(8 * time)
-    table = pl.DataFrame({"time": time, "theta_deg": torque / 5, "torque": torque, "torque_model": 0.99 * torque})
+    table = pl.DataFrame(
+        {"time": time, "theta_deg": torque / 5, "torque": torque, "torque_model": 0.99 * torque}
+    )
     none, model = pl.lit(None, pl.String), pl.lit("second-order system")
     table = table.with_columns(doubtful=pl.lit(""), trial=pl.lit("k300"), model=model)
     return table.with_columns(chosen=none, joint=pl.lit("ankle"), side=none)
 
 
 def response_table():
-    curves, f, Y = [(DESIRED, None), *((LINEAR_MODEL, name) for name in LOOKS)], np.arange(1.0, 6.0), 3.5e-3 - 2e-3j
-    return fig7.points(stored("frequency_response"), [response_curve(*one, f, np.full(5, Y), PLACE) for one in curves])
+    curves, f, Y = (
+        [(DESIRED, None), *((LINEAR_MODEL, name) for name in LOOKS)],
+        np.arange(1.0, 6.0),
+        3.5e-3 - 2e-3j,
+    )
+    return fig7.points(
+        stored("frequency_response"),
+        [response_curve(*one, f, np.full(5, Y), PLACE) for one in curves],
+    )
 
 
 def torque_angle_table():
     table = stored("torque_angle")
-    return torque_angle.points(table.drop("joint", "side", "doubtful"), table.unique("trial", maintain_order=True))
+    return torque_angle.points(
+        table.drop("joint", "side", "doubtful"), table.unique("trial", maintain_order=True)
+    )
 
 
 def over_angle():
     """Two ankles whose stiffness rises with the angle, the second is doubtful."""
     at = np.linspace(-15, 10, 19)
-    rows = [{"K": 60 + 2 * at + 10 * k, "B": 1 + 0 * at, "at": at, "trial": f"walker_{k}"} for k in range(2)]
-    table = pl.concat([pl.DataFrame(row) for row in rows]).with_columns(over=pl.lit("angle"), share=0.5)
-    ends = {f"{q}_{end}": pl.col(q) + sign for q in "KB" for end, sign in (("low", -0.5), ("high", 0.5))}
+    rows = [
+        {"K": 60 + 2 * at + 10 * k, "B": 1 + 0 * at, "at": at, "trial": f"walker_{k}"}
+        for k in range(2)
+    ]
+    table = pl.concat([pl.DataFrame(row) for row in rows]).with_columns(
+        over=pl.lit("angle"), share=0.5
+    )
+    ends = {
+        f"{q}_{end}": pl.col(q) + sign for q in "KB" for end, sign in (("low", -0.5), ("high", 0.5))
+    }
     doubtful = pl.when(trial="walker_1").then(pl.lit("reflex: it has one")).otherwise(pl.lit(""))
     return drawing_of("impedance_over").points(table.with_columns(**ends, doubtful=doubtful))
 
 
 PLACE, CAMS = (None, None), [f"both_cams_{5 * number:02d}mm" for number in range(11)]
 PLOTTED = {
-    "fig4": time_series, "torque": time_series, "fig7": response_table, "torque_angle": torque_angle_table,
-    "fig5": lambda: fig5.points(stored("impedance")), "fig6": lambda: fig6.points(stored("impedance")),
-    "fig8": lambda: fig8.points(stored("gains")), "fig9": lambda: fig9_points(340.0, commanded_B=4.5),
+    "fig4": time_series, "torque": time_series, "fig7": response_table,
+    "torque_angle": torque_angle_table,
+    "fig5": lambda: fig5.points(stored("impedance")),
+    "fig6": lambda: fig6.points(stored("impedance")),
+    "fig8": lambda: fig8.points(stored("gains")), "fig9": lambda: fig9_points(340.0,
+    commanded_B=4.5),
     "gain_grid": lambda: stored("impedance").select("K_d", "B_d", B_1_joint=pl.col("K") / 9),
     "impedance_over": over_angle, "response": lambda: response.points(stored("response")),
 }  # fmt: skip
@@ -95,14 +123,20 @@ def links_to(trials):
 def conditions_of(number):
     """The numbers of the figure `response` of that many trials."""
     chirp, periodic = (stored("response").filter(trial=name).head(4) for name in ("C1", "M1"))
-    rows = [(chirp if k % 2 else periodic).with_columns(trial=pl.lit(f"t{k}")) for k in range(number)]
+    rows = [
+        (chirp if k % 2 else periodic).with_columns(trial=pl.lit(f"t{k}")) for k in range(number)
+    ]
     return response.points(pl.concat(rows, how="diagonal_relaxed"))
 
 
 def walking_fits(n=31, group="all"):
     """Perturbations `walk_1` ... of a group: K from 300 on, each 2 more; the second is doubtful."""
     number = np.arange(n)
-    rows = {"trial": [f"walk_{k + 1}" for k in number], "K": 300 + 2.0 * number, "B": 4 + 0.02 * number}
+    rows = {
+        "trial": [f"walk_{k + 1}" for k in number],
+        "K": 300 + 2.0 * number,
+        "B": 4 + 0.02 * number,
+    }
     doubtful = ["VAF 80" if k == 1 else "" for k in number]
     return pl.DataFrame(rows | {"I": 1e-3 * number, "group": group, "doubtful": doubtful})
 
@@ -118,28 +152,44 @@ def fig9_points(commanded_K=None, summary=None, commanded_B=None):
 
 
 def in_amplitudes():
-    """Fig. 5 with ranges over amplitudes, viscous damping, and doubts of the two trials of one condition."""
-    ends = {f"{q}_amplitudes_{end}": pl.col(q) + step for q in "KB" for end, step in (("low", -7.0), ("high", 5.0))}
+    """Fig. 5 with ranges over amplitudes, viscous damping, and doubts of the two trials of one
+    condition."""
+    ends = {
+        f"{q}_amplitudes_{end}": pl.col(q) + step
+        for q in "KB"
+        for end, step in (("low", -7.0), ("high", 5.0))
+    }
     reason = pl.when(K_d=100, B_d=0).then(pl.lit("VAF 80 is below 90"))
-    rubs = {f"B_viscous{end}": pl.col("B") + step for end, step in (("", -0.4), ("_low", -0.5), ("_high", -0.35))}
+    rubs = {
+        f"B_viscous{end}": pl.col("B") + step
+        for end, step in (("", -0.4), ("_low", -0.5), ("_high", -0.35))
+    }
     return fig5.points(stored("impedance").with_columns(**ends, **rubs, doubtful=reason))
 
 
 def both_branches():
     table, back = stored("fig3"), pl.col("trial") != MEAN_SLOPE
-    returned = table.filter(back).with_columns(branch=pl.lit("unloading"), deviation=pl.col("deviation") - 0.5)
+    returned = table.filter(back).with_columns(
+        branch=pl.lit("unloading"), deviation=pl.col("deviation") - 0.5
+    )
     return pl.concat([table.filter(back), returned, table.filter(~back)])
 
 
 def strays(name="belt_05"):
     """Fig. 3 with one belt whose loop leaves the others."""
-    away = pl.when(trial=name).then(pl.col("deviation") - 20 * pl.col("theta_s_deg")).otherwise("deviation")
+    away = (
+        pl.when(trial=name)
+        .then(pl.col("deviation") - 20 * pl.col("theta_s_deg"))
+        .otherwise("deviation")
+    )
     return both_branches().with_columns(deviation=away)
 
 
 def twice(table):
     """A table, and its trials under other names."""
-    other = pl.col("trial") + pl.when(pl.col("trial") != MEAN_SLOPE).then(pl.lit("2")).otherwise(pl.lit(""))
+    other = pl.col("trial") + pl.when(pl.col("trial") != MEAN_SLOPE).then(pl.lit("2")).otherwise(
+        pl.lit("")
+    )
     return pl.concat([table, table.with_columns(trial=other)])
 
 
@@ -148,49 +198,71 @@ def left_out():
     return time_series().with_columns(torque_model=pl.when(~outside).then("torque_model"))
 
 
-HALF = 1.96 * pl.coalesce("total_sd", "noise_sd") / np.sqrt(2)  # of a condition's interval [N*m/rad]
+# of a condition's interval [N*m/rad]
+HALF = 1.96 * pl.coalesce("total_sd", "noise_sd") / np.sqrt(2)
 ENDS = {"magnitude": (pl.col("magnitude") - HALF, pl.col("magnitude") + HALF)}
-ENDS["phase_deg"] = tuple(pl.col("phase_deg") + sign * (HALF / pl.col("magnitude")).degrees() for sign in (-1, 1))
+ENDS["phase_deg"] = tuple(
+    pl.col("phase_deg") + sign * (HALF / pl.col("magnitude")).degrees() for sign in (-1, 1)
+)
 APART = [  # the structures' distance from the measured impedance, by the law of cosines
     (pl.col("magnitude") ** 2 + pl.col(f"magnitude_{m}") ** 2 - 2 * pl.col("magnitude") * pl.col(f"magnitude_{m}")
-     * (pl.col(f"phase_deg_{m}") - pl.col("phase_deg")).radians().cos()).sqrt() for m in ("eq15", "eq9")
+     * (pl.col(f"phase_deg_{m}") - pl.col("phase_deg")).radians().cos()).sqrt() for m in ("eq15",
+     "eq9")
 ]  # fmt: skip
-ESTIMATES = ("{}", "{}_low", "{}_high", "{}_amplitudes_low", "{}_amplitudes_high", "{}_d", "{}_predicted")
-WITHOUT_FRICTION = ("B_viscous", "B_viscous_low", "B_viscous_high", "B_d", "B_predicted")  # held against B_d
+ESTIMATES = (
+    "{}",
+    "{}_low",
+    "{}_high",
+    "{}_amplitudes_low",
+    "{}_amplitudes_high",
+    "{}_d",
+    "{}_predicted",
+)
+# held against B_d
+WITHOUT_FRICTION = ("B_viscous", "B_viscous_low", "B_viscous_high", "B_d", "B_predicted")
 OF_GROUP = ("estimate", "ensemble", "ensemble_low", "ensemble_high", "mean", "commanded")
 SHOWN = [
-    # figure, table (None: as stored), panel, its rows, horizontal axis (None: no numbers of the table), vertical axis
-    ("gain_grid", None, 0, True, "K_d", ("B_1_joint",)), ("torque", None, 0, True, "time", ("torque", "torque_model")),
+    # figure, table (None: as stored), panel, its rows, horizontal axis (None: no numbers of the
+    # table), vertical axis
+    ("gain_grid", None, 0, True, "K_d", ("B_1_joint",)), ("torque", None, 0, True, "time",
+     ("torque", "torque_model")),
     ("torque", None, 1, True, "time", (pl.col("torque") - pl.col("torque_model"),)),
     ("fig3", both_branches, 0, True, "theta_s_deg", ("torque",)),
     ("fig3", both_branches, 1, pl.col("trial") != MEAN_SLOPE, "theta_s_deg", ("deviation",)),
     ("fig4", left_out, 0, True, "time", ("theta_deg",)),
     ("fig4", left_out, 1, True, "time", ("torque", "torque_model")),
     ("fig4", left_out, 2, True, "time", (pl.col("torque") - pl.col("torque_model"),)),
-    *(("fig5", in_amplitudes, 2 * k, True, None, [one.format(q) for one in ESTIMATES]) for k, q in enumerate("KB")),
+    *(("fig5", in_amplitudes, 2 * k, True, None, [one.format(q) for one in ESTIMATES]) for k,
+    q in enumerate("KB")),
     *(("fig5", in_amplitudes, 2 * k + 1, pl.col(f"{q}_d") > 0, None,
        [100 * (pl.col(one) / pl.col(f"{q}_d") - 1) for one in drawn])
-      for k, (q, drawn) in enumerate({"K": [one.format("K") for one in ESTIMATES], "B": WITHOUT_FRICTION}.items())),
+      for k, (q, drawn) in enumerate({"K": [one.format("K") for one in ESTIMATES],
+      "B": WITHOUT_FRICTION}.items())),
     ("fig5", in_amplitudes, 2, True, None, ("B_viscous",)),
-    ("fig6", None, 0, True, None, (100 - pl.col("VAF"), 100 - pl.col("VAF").median().over("controller"))),
+    ("fig6", None, 0, True, None,
+     (100 - pl.col("VAF"), 100 - pl.col("VAF").median().over("controller"))),
     *(("fig7", response_table, k, True, "frequency_hz", [one.format(q) for one in ESTIMATES[:5]])
       for k, q in enumerate(("magnitude", "phase_deg"))),
     *(("fig8", None, k, True, "phase", (f"{q}_d", f"{q}_1_joint")) for k, q in enumerate("KB")),
     *(("fig9", None, k, pl.col("quantity") == q, None, OF_GROUP) for k, q in enumerate("KBI")),
     *(("fig9", None, k, pl.col("quantity") == q, None,
-       (pl.col("mean") - pl.col("sd"), pl.col("mean") + pl.col("sd"))) for k, q in enumerate("KBI")),
+       (pl.col("mean") - pl.col("sd"), pl.col("mean") + pl.col("sd"))) for k,
+       q in enumerate("KBI")),
     *(("impedance_over_stance", None, k, pl.col("quantity") == q,
-       100 * pl.col("phase"), ("estimate", "low", "high", "commanded")) for k, q in enumerate("KBI")),
+       100 * pl.col("phase"), ("estimate", "low", "high", "commanded")) for k,
+       q in enumerate("KBI")),
     *(("impedance_over_stance", None, 0, pl.col("quantity") == "K",
        100 * pl.col(end), ("estimate",)) for end in ("onset_phase", "end_phase")),
-    *(("impedance_over", None, k, True, "at", (q, f"{q}_low", f"{q}_high")) for k, q in enumerate("KB")),
+    *(("impedance_over", None, k, True, "at", (q, f"{q}_low", f"{q}_high")) for k,
+    q in enumerate("KB")),
     ("torque_angle", torque_angle_table, 0, True, "angle_deg", ("torque", "desired_torque")),
     ("torque_angle", torque_angle_table, 1, pl.col("branch") == "loading", "angle_deg",
      ("stiffness", "stiffness_low", "stiffness_high")),
     *(("walking_page", None, k, pl.col("panel") == panel, "x", ("mean",))
       for k, panel in enumerate(("angle", "torque", "response angle", "response torque"))),
     *(("walking_page", None, k, pl.col("panel") == panel, "x",
-       (pl.col("mean") - pl.col("sd"), pl.col("mean") + pl.col("sd"))) for k, panel in enumerate(("angle", "torque"))),
+       (pl.col("mean") - pl.col("sd"), pl.col("mean") + pl.col("sd"))) for k,
+       panel in enumerate(("angle", "torque"))),
     *(("response", None, 2 * row + k, pl.col("trial") == ("M1", "C1")[k], "frequency_hz", columns)
       for k in range(2) for row, columns in enumerate((
           ("magnitude", "magnitude_eq15", "magnitude_eq9", *ENDS["magnitude"]),
@@ -206,20 +278,32 @@ def drawn_once(name, table):
 
 
 @pytest.mark.parametrize(("name", "table", "panel", "rows", "x", "columns"), SHOWN)
-def test_every_number_of_a_figure_stands_in_its_panel_at_its_place(name, table, panel, rows, x, columns):
+def test_every_number_of_a_figure_stands_in_its_panel_at_its_place(
+    name, table, panel, rows, x, columns
+):
     numbers, axes = drawn_once(name, table)
     shown, some = numbers.filter(rows), axes[panel].collections
-    # every place (x, y) at which something is drawn in a panel: of lines, points, bars and edges of areas
-    parts = [path.vertices for one in some if not np.size(one.get_offsets()) > 2 for path in one.get_paths()]
+    # every place (x, y) at which something is drawn in a panel: of lines, points, bars and edges of
+    # areas
+    parts = [
+        path.vertices
+        for one in some
+        if not np.size(one.get_offsets()) > 2
+        for path in one.get_paths()
+    ]
     lines = [line.get_xydata() for line in axes[panel].lines]
     drawn = np.concatenate([*lines, *(np.asarray(one.get_offsets()) for one in some), *parts])
     drawn = drawn[~np.isnan(drawn).any(axis=1)]  # what is not drawn is no place
     for column in columns:
         wanted = shown.select(x=pl.lit(0.0) if x is None else x, y=column).drop_nulls().to_numpy()
         assert len(wanted) or column is not columns[0]
-        apart = np.abs(drawn[None, :, 1] - wanted[:, None, 1]) > 1e-9 * (1 + np.abs(wanted[:, None, 1]))
+        apart = np.abs(drawn[None, :, 1] - wanted[:, None, 1]) > 1e-9 * (
+            1 + np.abs(wanted[:, None, 1])
+        )
         if x is not None:
-            apart |= np.abs(drawn[None, :, 0] - wanted[:, None, 0]) > 1e-9 * (1 + np.abs(wanted[:, None, 0]))
+            apart |= np.abs(drawn[None, :, 0] - wanted[:, None, 0]) > 1e-9 * (
+                1 + np.abs(wanted[:, None, 0])
+            )
         assert not apart.all(axis=1).any(), f"{column}: some of it is not drawn"
 
 
@@ -227,9 +311,11 @@ def test_of_every_figure_a_row_says_what_it_shows_but_of_those_that_have_a_test_
     assert {*FIGURES} - {name for name, *_ in SHOWN} == {"prediction", "chain"}
 
 
-def test_a_stiffness_is_drawn_as_doubtful_where_the_doubt_concerns_it_and_not_for_a_zero_that_nobody_stated():
+def test_a_stiffness_is_drawn_as_doubtful_where_the_doubt_concerns_it():
     def dashes(doubt):
-        table = torque_angle_table().with_columns(doubtful=pl.lit(doubt), desired=pl.lit(None, pl.String))
+        table = torque_angle_table().with_columns(
+            doubtful=pl.lit(doubt), desired=pl.lit(None, pl.String)
+        )
         return [
             {line.get_linestyle() for line in ax.lines if len(line.get_xdata()) > 2}
             for ax in torque_angle.draw(table).axes
@@ -244,27 +330,38 @@ def test_a_stiffness_is_drawn_as_doubtful_where_the_doubt_concerns_it_and_not_fo
 def test_levels_within_a_decade_have_numbers_on_their_axis():
     few = conditions_of(1).with_columns(
         noise_level=pl.Series(np.linspace(0.02, 0.03, 4)),
-        **dict.fromkeys(("odd_level", "even_level", "magnitude_eq15", "magnitude_eq9"), pl.lit(None, pl.Float64)),
+        **dict.fromkeys(
+            ("odd_level", "even_level", "magnitude_eq15", "magnitude_eq9"), pl.lit(None, pl.Float64)
+        ),
     )
     (level,) = (ax for ax in response.draw(few).axes if "level" in ax.get_ylabel())
     low, high = level.get_ylim()
-    named = [tick for tick, label in zip(level.get_yticks(), level.get_yticklabels(), strict=True) if label.get_text()]
+    named = [
+        tick
+        for tick, label in zip(level.get_yticks(), level.get_yticklabels(), strict=True)
+        if label.get_text()
+    ]
     assert (high / low < 10, sum(low <= tick <= high for tick in named) >= 2) == (True, True)
 
 
 NONE, NOTE = pl.lit(None, pl.Float64), pl.lit("x")
-DOUBT = pl.when(pl.col("trial").is_in(["belt_02", "belt_07", "w2"])).then(pl.lit("VAF 80 is below 90"))
+DOUBT = pl.when(pl.col("trial").is_in(["belt_02", "belt_07", "w2"])).then(
+    pl.lit("VAF 80 is below 90")
+)
 SAID = [
     # figure, table, what changes, and which numbers and marks stand in the figure, and which do not
     ("fig3", strays, {}, ["belt_05"], ["belt_07"]),
-    ("fig3", both_branches, {}, ["95 % interval 682.9 to 688.3 N·m/rad", "loop area 0.0451 J"], ["Doubtful"]),
+    ("fig3", both_branches, {}, ["95 % interval 682.9 to 688.3 N·m/rad", "loop area 0.0451 J"],
+     ["Doubtful"]),
     ("fig3", both_branches, {"K_s_low": NONE, "K_s_high": NONE, "doubtful": DOUBT},
      ["685.6$ N·m/rad", "Doubtful fit ($n$ = 2)"], ["95 % interval 6"]),
     ("fig4", left_out, {}, ["trial k300", "Not fitted"], ["(doubtful)"]),
     ("fig4", time_series, {"doubtful": NOTE}, ["(doubtful)"], ["Not fitted"]),
-    ("fig5", lambda: plotted("fig5").head(4), {"K_d": NONE, "B_d": NONE, "trial": pl.format("w{}", pl.col("K").rank())},
+    ("fig5", lambda: plotted("fig5").head(4),
+     {"K_d": NONE, "B_d": NONE, "trial": pl.format("w{}", pl.col("K").rank())},
      ["w1.0", "w4.0"], ["Desired", "not stated"]),
-    ("fig6", None, {"doubtful": NOTE}, ["48 fits of 16 trials", "Open"], []), ("fig6", None, {}, [], ["Open"]),
+    ("fig6", None, {"doubtful": NOTE}, ["48 fits of 16 trials", "Open"], []), ("fig6", None, {}, [],
+     ["Open"]),
     ("walking_page", None, {}, ["Unperturbed ($n$ = 7)", "Averaged"], ["Doubtful fit", "Toes"]),
     ("walking_page", None, {"curve": pl.col("curve").replace("perturbed", "perturbed down")},
      ["Toes down", "Half of up minus down"], ["Perturbed", "Averaged"]),
@@ -276,21 +373,34 @@ SAID = [
 
 @pytest.mark.parametrize(("name", "table", "changes", "said", "unsaid"), SAID)
 def test_a_figure_has_the_numbers_and_marks_of_what_is_drawn(name, table, changes, said, unsaid):
-    found = texts(drawing_of(name).draw((table() if table else plotted(name)).with_columns(**changes)))
-    assert ([part for part in said if part not in found], [part for part in unsaid if part in found]) == ([], [])
+    found = texts(
+        drawing_of(name).draw((table() if table else plotted(name)).with_columns(**changes))
+    )
+    assert (
+        [part for part in said if part not in found],
+        [part for part in unsaid if part in found],
+    ) == ([], [])
 
 
 def test_trials_are_told_apart_where_they_end_and_doubtful_ones_and_the_mean_by_their_lines():
-    belts, loops = fig3.draw(both_branches().with_columns(-pl.col("theta_s_deg"), doubtful=DOUBT)).axes
+    belts, loops = fig3.draw(
+        both_branches().with_columns(-pl.col("theta_s_deg"), doubtful=DOUBT)
+    ).axes
     assert (belts.lines[-1].get_color(), belts.lines[-1].is_dashed()) == (MAGENTA, True)
-    assert [a.get_ydata()[0] for a in belts.lines if a.is_dashed() and a.get_color() != MAGENTA] == [2, 7]
+    assert [
+        a.get_ydata()[0] for a in belts.lines if a.is_dashed() and a.get_color() != MAGENTA
+    ] == [2, 7]
     branches = [a for a in loops.lines if len(a.get_xdata())][1::2]
     assert [a.is_dashed() for a in branches] == [name in ("belt_02", "belt_07") for name in BELTS]
     assert [a.get_url() for a in branches] == links_to(BELTS)
     loops = fig3.draw(strays()).axes[1]
     (stray,) = [a for a in loops.lines if a.get_color() == ORANGE and not a.is_dashed()]
     (name,) = [a for a in loops.texts if "belt" in a.get_text()]
-    assert (name.get_text(), stray.get_url(), name.xy[1]) == ("belt_05", *links_to(["belt_05"]), stray.get_ydata()[-1])
+    assert (name.get_text(), stray.get_url(), name.xy[1]) == (
+        "belt_05",
+        *links_to(["belt_05"]),
+        stray.get_ydata()[-1],
+    )
     other = pl.when(trial=CAMS[9]).then(pl.lit("other")).otherwise("desired")
     left, right = torque_angle.draw(torque_angle_table().with_columns(desired=other)).axes
     colours = {name: left.lines[2 * number].get_color() for number, name in enumerate(CAMS)}
@@ -324,12 +434,20 @@ def test_fig5_gives_each_desired_impedance_a_place_beside_its_desired_value():
         for controller, look in LOOKS.items():
             points, *_ = scattered(ax, look.label)
             beside = [one[0][1] for x, _ in points for one in lines if one[0][0] < x < one[1][0]]
-            assert beside == table.filter(controller=controller).sort("K_d", "B_d")[f"{symbol}_d"].to_list()
+            assert (
+                beside
+                == table.filter(controller=controller).sort("K_d", "B_d")[f"{symbol}_d"].to_list()
+            )
             places += list(points[:, 0])
         assert {*np.diff(sorted(places)).round(9)} == {1, 1.7, 2.6}
-        upright = [c for c in ax.collections if hasattr(c, "get_segments") and len(c.get_segments())]
+        upright = [
+            c for c in ax.collections if hasattr(c, "get_segments") and len(c.get_segments())
+        ]
         bars = {c.get_linewidth()[0]: np.ptp(c.get_segments()[0][:, 1]) for c in upright}
-        assert (bars[0.7], bars[1.8] < 2) == (pytest.approx(12), True), "the range is thin, the interval thick"
+        assert (bars[0.7], bars[1.8] < 2) == (
+            pytest.approx(12),
+            True,
+        ), "the range is thin, the interval thick"
 
 
 def test_fig6_of_perfect_fits_has_no_tick_beyond_the_line_on_which_they_stand():
@@ -346,20 +464,28 @@ def test_fig6_has_points_that_touch_no_other_and_a_perfect_fit_at_the_end_of_its
         distance = np.hypot(*(printed[:, None, :] - printed[None, :, :]).transpose(2, 0, 1))
         assert 4.8 < distance[np.triu_indices(48, 1)].min() < 6, "the largest and a small gap"
     vaf = pl.Series([float("nan"), 99.99999999, 99.0, 97.0])
-    single = fig6.points(stored("impedance").filter(pl.col("amplitude_deg").is_null()))  # as without a stepped sine
+    # as without a stepped sine
+    single = fig6.points(stored("impedance").filter(pl.col("amplitude_deg").is_null()))
     assert (len(single), len(fig6.draw(single.head(1)).axes[0].get_yticks()) > 1) == (32, True)
     table = fig6.points(stored("impedance").filter(amplitude_deg=2).head(4).with_columns(VAF=vaf))
     ax = fig6.draw(table).axes[0]
     np.testing.assert_allclose(scattered(ax, "Compensated")[0][:, 1], [1e-4, 1, 3], rtol=1e-6)
     assert ax.get_ylim()[0] > 3 > 1e-4 > ax.get_ylim()[1]
-    assert [label.get_text() for label in ax.get_yticklabels()] == ["≥ 99.9999", "99.999", "99.99", "99.9", "99"]
+    assert [label.get_text() for label in ax.get_yticklabels()] == [
+        "≥ 99.9999",
+        "99.999",
+        "99.99",
+        "99.9",
+        "99",
+    ]
 
 
 @pytest.mark.parametrize(("name", "table", "message"), [
     ("fig5", stored("impedance").drop_nulls("amplitude_deg"), "no fit over all amplitudes"),
     ("fig6", stored("impedance").with_columns(VAF=float("nan")), "no VAF of one amplitude"),
     ("fig7", pl.DataFrame({"K_d": [100.0, 200.0], "B_d": 0.0}), "2 desired impedances"),
-    ("fig9", stored("walking_summary").with_columns(mean=pl.lit(None, pl.Float64)), "no perturbation has a fit"),
+    ("fig9", stored("walking_summary").with_columns(mean=pl.lit(None, pl.Float64)),
+     "no perturbation has a fit"),
 ])  # fmt: skip
 def test_a_table_without_what_a_figure_shows_is_refused(name, table, message):
     beside = {"fig7": [[]], "fig9": [walking_fits(0), over_stance()]}.get(name, [])
@@ -373,40 +499,72 @@ def test_axes_are_logarithmic_in_round_numbers_percent_or_from_zero_where_the_si
     assert numbers.select("magnitude", "phase_deg").row(-1) == pytest.approx(polar)
     assert magnitude.get_yscale() == magnitude.get_xscale() == phase.get_xscale() == "log"
     assert [tick.get_text() for tick in phase.get_xticklabels()] == ["1", "2", "5"]
-    assert [tick.get_text() for tick in magnitude.get_yticklabels()] == ["3.5", "4", "4.5", "5"], "in thousandths"
+    assert [tick.get_text() for tick in magnitude.get_yticklabels()] == [
+        "3.5",
+        "4",
+        "4.5",
+        "5",
+    ], "in thousandths"
     np.testing.assert_allclose(magnitude.get_yticks(), [3.5e-3, 4e-3, 4.5e-3, 5e-3])
-    assert [line.is_dashed() for line in magnitude.lines] == [True, True, False], "the desired one alone is whole"
+    assert [line.is_dashed() for line in magnitude.lines] == [
+        True,
+        True,
+        False,
+    ], "the desired one alone is whole"
     stiffness, damping = fig8.draw(plotted("fig8")).axes
     assert (damping.xaxis.get_major_formatter()(0.4), stiffness.get_ylim()[0] <= 0) == ("40", True)
     lowest = [ax.get_ylim()[0] for ax in fig9.draw(fig9_points(340.0)).axes]
-    assert (lowest[0] > 250, lowest[1] > 2, lowest[2] <= 0) == (True, True, True), "inertia alone is drawn from zero"
+    assert (lowest[0] > 250, lowest[1] > 2, lowest[2] <= 0) == (
+        True,
+        True,
+        True,
+    ), "inertia alone is drawn from zero"
     gap = fig4.draw(time_series().filter(~pl.col("time").is_between(2, 3))).axes
-    assert [np.isnan(ax.lines[-1].get_ydata()).sum() for ax in gap] == [1, 1, 1], "no line crosses a gap"
+    assert [np.isnan(ax.lines[-1].get_ydata()).sum() for ax in gap] == [
+        1,
+        1,
+        1,
+    ], "no line crosses a gap"
     for ax in fig4.draw(left_out()).axes:
         spans = [(patch.get_x(), patch.get_x() + patch.get_width()) for patch in ax.patches]
         np.testing.assert_allclose(spans, [(2, 3), (9.01, 9.99)], atol=1e-9)
 
 
 def test_fig9_shows_every_group_with_a_result_and_its_command_and_fig8_stance_alone():
-    """K of the second group is twice that of the first, the third has no result; crossings may have no fit or group."""
+    """K of the second group is twice that of the first, the third has no result; crossings may have
+    no fit or group."""
     one = stored("walking_summary").with_columns(group=pl.lit("K_d 200"), commanded=pl.lit(200.0))
-    two = one.with_columns(pl.col("mean", "low", "high") * 2, group=pl.lit("K_d 400"), commanded=pl.lit(400.0))
+    two = one.with_columns(
+        pl.col("mean", "low", "high") * 2, group=pl.lit("K_d 400"), commanded=pl.lit(400.0)
+    )
     none = one.with_columns(mean=None, low=None, high=None, group=pl.lit("K_d 600"))
     summary = pl.concat([one, two, none], how="diagonal_relaxed")
-    lost = walking_fits(3).with_columns(K=pl.Series([None, np.nan, 310.0]), group=pl.Series(2 * ["K_d 400"] + [None]))
+    lost = walking_fits(3).with_columns(
+        K=pl.Series([None, np.nan, 310.0]), group=pl.Series(2 * ["K_d 400"] + [None])
+    )
     fits = pl.concat([walking_fits(31, "K_d 200"), walking_fits(31, "K_d 400"), lost])
     table = fig9.points(summary, fits, over_stance(), 340.0)
     assert table["estimate"].count() == table["estimate"].is_finite().sum() == 3 * 62
     panel, _, lowest = fig9.draw(table).axes
     assert [a.get_ydata()[0] for a in panel.lines if a.get_marker() == "s"] == [338.0, 676.0]
-    assert [label.get_text() for label in lowest.get_xticklabels()] == ["$K_d$ 200 (31)", "$K_d$ 400 (31)"]
+    assert [label.get_text() for label in lowest.get_xticklabels()] == [
+        "$K_d$ 200 (31)",
+        "$K_d$ 400 (31)",
+    ]
     assert [a.get_ydata()[0] for a in panel.lines if a.get_label() == "Commanded"] == [200.0, 400.0]
     trajectory = pl.DataFrame({"group": ["K_d 400"], "quantity": ["K"], "commanded": [390.0]})
     unstated = summary.with_columns(commanded=pl.lit(None, pl.Float64))
-    stated = fig9.points(unstated, fits, trajectory, 340.0).filter(pl.col("trial").is_null(), quantity="K")
+    stated = fig9.points(unstated, fits, trajectory, 340.0).filter(
+        pl.col("trial").is_null(), quantity="K"
+    )
     assert stated["commanded"].to_list() == [None, 390.0]
-    for sheet, expected in ((None, 340.0), (stored("walking_summary").with_columns(commanded=pl.lit(200.0)), 200.0)):
-        assert set(fig9_points(340.0, sheet).filter(quantity="K")["commanded"].drop_nulls()) == {expected}
+    for sheet, expected in (
+        (None, 340.0),
+        (stored("walking_summary").with_columns(commanded=pl.lit(200.0)), 200.0),
+    ):
+        assert set(fig9_points(340.0, sheet).filter(quantity="K")["commanded"].drop_nulls()) == {
+            expected
+        }
     swing = stored("gains").tail(1).with_columns(phase=pl.lit(0.63), K_d=pl.lit(1e6))
     assert fig8.points(pl.concat([stored("gains"), swing])).equals(fig8.points(stored("gains")))
     assert fig8.points(stored("gains"), 0.3)["phase"].max() == pytest.approx(0.3)
@@ -415,38 +573,79 @@ def test_fig9_shows_every_group_with_a_result_and_its_command_and_fig8_stance_al
 
 def test_groups_have_a_page_each():
     page = stored("walking_page")
-    axes = walking_page.draw(pl.concat([page, page.with_columns(group=pl.lit("slow"), mean=2 * pl.col("mean"))])).axes
-    (one,), (two,) = ([a.get_ydata() for a in ax.lines if a.get_label() == "Averaged"] for ax in (axes[2], axes[6]))
+    axes = walking_page.draw(
+        pl.concat([page, page.with_columns(group=pl.lit("slow"), mean=2 * pl.col("mean"))])
+    ).axes
+    (one,), (two,) = (
+        [a.get_ydata() for a in ax.lines if a.get_label() == "Averaged"]
+        for ax in (axes[2], axes[6])
+    )
     np.testing.assert_allclose(two, 2 * one)
     windows = [[(p.get_x(), p.get_x() + p.get_width()) for p in ax.patches] for ax in axes[:4:2]]
     assert windows == [[(26, 34), (40, 54)], [(-100, -40), (0, 100)]]
-    assert response.draw(conditions_of(12)).get_figheight() < 9.5, "the text block of an IEEE page is 9.6 in high"
+    assert response.draw(conditions_of(12)).get_figheight() < 9.5, (
+        "the text block of an IEEE page is 9.6 in high"
+    )
 
 
 def test_the_chain_shows_by_how_much_each_link_is_off_and_nothing_where_one_is_missing():
-    chain, gains = drawing_of("chain"), {"K_1": (9.2, 9.1, 9.3, 10.0), "k_tau_n_m": (1.1, 1.0, 1.2, 1.0)}
+    chain, gains = (
+        drawing_of("chain"),
+        {"K_1": (9.2, 9.1, 9.3, 10.0), "k_tau_n_m": (1.1, 1.0, 1.2, 1.0)},
+    )
     ends = ("", "_low", "_high", "_programmed")
-    law = {f"{name}{end}": [value] for name, values in gains.items() for end, value in zip(ends, values, strict=True)}
-    law |= {"trial": ["a"], "joint": ["ankle"], "controller": ["compensated"], "K_d": [300.0], "doubtful": [""]}
+    law = {
+        f"{name}{end}": [value]
+        for name, values in gains.items()
+        for end, value in zip(ends, values, strict=True)
+    }
+    law |= {
+        "trial": ["a"],
+        "joint": ["ankle"],
+        "controller": ["compensated"],
+        "K_d": [300.0],
+        "doubtful": [""],
+    }
     amplitude = pl.Series([2.0, None])
-    fits = pl.DataFrame({"trial": "a", "amplitude_deg": amplitude, "K": [1.0, 303.0], "K_predicted": 300.0})
+    fits = pl.DataFrame(
+        {"trial": "a", "amplitude_deg": amplitude, "K": [1.0, 303.0], "K_predicted": 300.0}
+    )
     belt = pl.DataFrame({"trial": ["a", "a"], "amplitude_deg": amplitude, "K_s_ratio": [None, 0.5]})
     table = chain.points(pl.DataFrame(law), fits, belt)
     row = table.row(0, named=True)
-    assert [row[link] for link in ("command", "motor", "belt", "rendered")] == pytest.approx([-8, 10, -50, 1])
-    assert (row["command_low"], row["motor_high"], len(table)) == (pytest.approx(-9), pytest.approx(20), 1)
+    assert [row[link] for link in ("command", "motor", "belt", "rendered")] == pytest.approx(
+        [-8, 10, -50, 1]
+    )
+    assert (row["command_low"], row["motor_high"], len(table)) == (
+        pytest.approx(-9),
+        pytest.approx(20),
+        1,
+    )
     assert chain.points(pl.DataFrame(law), fits, belt.clear())["belt"].to_list() == [None]
     assert len(chain.draw(table).axes) == 4
 
 
 def test_a_prediction_shows_each_trial_and_the_median_over_frequency_of_what_is_missed():
-    prediction, table = drawing_of("prediction"), stored("prediction").filter(pl.col("share").is_not_null())
+    prediction, table = (
+        drawing_of("prediction"),
+        stored("prediction").filter(pl.col("share").is_not_null()),
+    )
     trend = prediction.draw(stored("prediction")).axes[-1]
     assert len(trend.lines) == table["trial"].n_unique() + table["controller"].n_unique()
-    medians = table.filter(controller="compensated").group_by("frequency_hz").agg(pl.col("share").median())
-    (drawn,) = [line for line in trend.lines if line.get_linewidth() == style.THICK and line.get_color() == ORANGE]
+    medians = (
+        table.filter(controller="compensated")
+        .group_by("frequency_hz")
+        .agg(pl.col("share").median())
+    )
+    (drawn,) = [
+        line
+        for line in trend.lines
+        if line.get_linewidth() == style.THICK and line.get_color() == ORANGE
+    ]
     np.testing.assert_allclose(drawn.get_xydata(), medians.sort("frequency_hz").to_numpy())
-    both = pl.concat([stored("prediction").with_columns(side=pl.lit(side)) for side in ("left", "right")])
+    both = pl.concat(
+        [stored("prediction").with_columns(side=pl.lit(side)) for side in ("left", "right")]
+    )
     assert prediction.draw(both).get_figheight() < 9.6, "the text block of an IEEE page"
 
 
@@ -460,16 +659,24 @@ def test_every_figure_fits_the_page_and_reads_at_8_points(name, tmp_path, monkey
     assert b"/Type3" not in (tmp_path / "t.pdf").read_bytes()
     figure: Figure = drawn[0]
     assert figure.get_figwidth() in (SINGLE_COLUMN, 7.16)
-    assert {t.get_fontsize() for t in figure.findobj(lambda a: hasattr(a, "get_fontsize")) if t.get_text()} == {8.0}
+    assert {
+        t.get_fontsize()
+        for t in figure.findobj(lambda a: hasattr(a, "get_fontsize"))
+        if t.get_text()
+    } == {8.0}
     with paper_style():
         inked, (width, height) = figure.get_tightbbox(), figure.get_size_inches()
-    assert min(inked.x0, inked.y0, width - inked.x1, height - inked.y1) > -0.01, "no lettering is cut off"
+    assert min(inked.x0, inked.y0, width - inked.x1, height - inked.y1) > -0.01, (
+        "no lettering is cut off"
+    )
 
 
 def test_a_figure_is_the_same_in_another_process_whatever_the_users_matplotlib_settings(tmp_path):
     write_table(plotted("fig5"), tmp_path / "t.csv")
     (tmp_path / "users").write_text("font.size: 20\npdf.fonttype: 3\nsavefig.bbox: tight\n")
-    here, there = ([tmp_path / f"{place}.{suffix}" for suffix in ("pdf", "svg")] for place in ("here", "there"))
+    here, there = (
+        [tmp_path / f"{place}.{suffix}" for suffix in ("pdf", "svg")] for place in ("here", "there")
+    )
     draw_figure("fig5", tmp_path / "t.csv", here)
     code = (
         "from pathlib import Path; from osl_analysis.commands.figure import draw_figure; "
@@ -481,7 +688,9 @@ def test_a_figure_is_the_same_in_another_process_whatever_the_users_matplotlib_s
 
 
 def test_a_figure_without_numbers_says_so_with_trial_and_reason_and_equal_files_each_time(tmp_path):
-    lost = Refusal("i_1", "raw/i_1.mcap", "ingest", "refused", "raw/i_1.mcap: $no$ such_file^", "copy it")
+    lost = Refusal(
+        "i_1", "raw/i_1.mcap", "ingest", "refused", "raw/i_1.mcap: $no$ such_file^", "copy it"
+    )
     write_refusals([lost], tmp_path / "fig4.csv")
     outputs, found = [tmp_path / f"fig4.{suffix}" for suffix in ("pdf", "svg", "png")], []
     for _ in range(2):
@@ -489,30 +698,52 @@ def test_a_figure_without_numbers_says_so_with_trial_and_reason_and_equal_files_
         found.append([path.read_bytes() for path in outputs])
     assert found[0] == found[1]
     rows = [("fig4", "i_1", "x", lost.reason), ("fig4", "", "t.csv", "empty")]
-    said = others.draw_not_drawn.draw(pl.DataFrame(rows, ["figure", "trial", "file", "reason"], orient="row"))
+    said = others.draw_not_drawn.draw(
+        pl.DataFrame(rows, ["figure", "trial", "file", "reason"], orient="row")
+    )
     title, reason = (text.get_text() for text in said.texts)
-    assert (title, reason) == ("Fig. 4 is not drawn", "trial i_1: raw/i_1.mcap: $no$ such_file^\nt.csv: empty")
+    assert (title, reason) == (
+        "Fig. 4 is not drawn",
+        "trial i_1: raw/i_1.mcap: $no$ such_file^\nt.csv: empty",
+    )
 
 
-def test_a_figure_names_below_it_and_in_its_metadata_its_data_and_the_trials_that_it_lacks(tmp_path):
+def test_a_figure_names_below_it_and_in_its_metadata_its_data_and_the_trials_that_it_lacks(
+    tmp_path,
+):
     outputs = [tmp_path / f"f.{suffix}" for suffix in ("pdf", "svg", "png")]
-    draw_table("fig8", plotted("fig8"), outputs, [f"trial_{i}" for i in range(6)], "Simulated data: campaign a")
-    said = "Simulated data: campaign a. Without 6 refused: trial_0, trial_1, trial_2, trial_3 and 2 more"
+    draw_table(
+        "fig8",
+        plotted("fig8"),
+        outputs,
+        [f"trial_{i}" for i in range(6)],
+        "Simulated data: campaign a",
+    )
+    said = (
+        "Simulated data: campaign a. Without 6 refused: trial_0, trial_1, trial_2, trial_3 and 2"
+        " more"
+    )
     assert [path.suffix for path in outputs if said.encode() not in path.read_bytes()] == []
     figure = fig8.draw(plotted("fig8"))
     box = write_footer(figure, 3 * said)
     figure.draw_without_rendering()
-    assert figure.texts[-1].get_window_extent().y1 < 0, "below the page: nothing of the figure is covered or moved"
+    assert figure.texts[-1].get_window_extent().y1 < 0, (
+        "below the page: nothing of the figure is covered or moved"
+    )
     assert (box.y0 < 0, figure.texts[-1].get_window_extent().x0 >= 0) == (True, True)
 
 
-def test_unknown_figures_and_formats_and_tables_without_a_column_that_a_figure_needs_are_refused(tmp_path):
+def test_unknown_figures_and_formats_and_tables_without_a_column_that_a_figure_needs_are_refused(
+    tmp_path,
+):
     with pytest.raises(InputError, match=r"no figure 'fig2'; there are fig3"):
         draw_figure("fig2", tmp_path / "t.csv", [])
     with pytest.raises(InputError, match=r"f\.jpg: figures are written as \.pdf, \.svg, \.png"):
         draw_table("fig8", plotted("fig8"), [tmp_path / "f.jpg"])
     for name in ("fig5", "fig7", "fig8", "torque_angle"):
-        write_table(pl.DataFrame(dict.fromkeys(drawing_of(name).needs[:-1], 1.0)), tmp_path / "t.csv")
+        write_table(
+            pl.DataFrame(dict.fromkeys(drawing_of(name).needs[:-1], 1.0)), tmp_path / "t.csv"
+        )
         with pytest.raises(InputError, match=rf"t\.csv: no column '{drawing_of(name).needs[-1]}'"):
             plot_numbers(name, tmp_path / "t.csv", tmp_path / "f.csv")
 
@@ -535,41 +766,62 @@ def test_a_name_in_markdown_is_text_sign_by_sign(name, markdown):
      r"10 of 11 (t\_0, t\_1, t\_2, t\_3, t\_4, t\_5 and 4 more), for VAF 80."),
     ({"trial": ["a", None, "a"], "group": "all", "doubtful": ["", "lag", ""]},
      "1 of 2 (mean response of all), for lag."),
-    ({"trial": ["a", None, "b"], "group": "all", "doubtful": ["", "", "lag"]}, "1 of 2 (b), for lag."),
-    ({"trials": ["a, b", "c"], "doubtful": ["", ""]}, None), ({"trial": ["a"], "doubtful": [None]}, ""),
-    ({"trial": ["a", "b", "c"], "doubtful": ["lag", "friction; lag", ""]}, "2 of 3 (a, b), for lag, friction."),
+    ({"trial": ["a", None, "b"], "group": "all", "doubtful": ["", "", "lag"]},
+     "1 of 2 (b), for lag."),
+    ({"trials": ["a, b", "c"], "doubtful": ["", ""]}, None),
+    ({"trial": ["a"], "doubtful": [None]}, ""),
+    ({"trial": ["a", "b", "c"], "doubtful": ["lag", "friction; lag", ""]},
+     "2 of 3 (a, b), for lag, friction."),
 ])  # fmt: skip
 def test_a_caption_names_the_doubtful_trials_and_groups_and_each_cause_once(of, said):
     expected = "No fit is doubtful." if said is None else said and f"Doubtful: {said}"
     assert doubtful_said(pl.DataFrame(of, schema_overrides={"doubtful": pl.String})) == expected
 
 
-def test_each_figure_has_a_section_a_missing_one_its_reason_and_the_kind_of_data_stands_there_once(tmp_path):
-    lost = Refusal("<b>i_1", "raw/i_1.mcap", "ingest", "refused", "raw/i_1.mcap: no such file", "copy it")
+def test_each_figure_has_a_section_a_missing_one_its_reason_and_the_kind_of_data_stands_there_once(
+    tmp_path,
+):
+    lost = Refusal(
+        "<b>i_1", "raw/i_1.mcap", "ingest", "refused", "raw/i_1.mcap: no such file", "copy it"
+    )
     tables = {name: tmp_path / f"{name}.csv" for name in ("fig4", "fig5", "fig7")}
     for name in ("fig4", "row"):
         write_refusals([lost], tmp_path / f"{name}.csv")
     write_table(plotted("fig7").clear(), tables["fig7"])
     write_table(plotted("fig5"), tables["fig5"])
     shown = {"fig5": [tmp_path / "row.csv"]}
-    write_captions(tables=tables, shown=shown, footer="Simulated data: campaign a_b", output=tmp_path / "c.md")
+    write_captions(
+        tables=tables, shown=shown, footer="Simulated data: campaign a_b", output=tmp_path / "c.md"
+    )
     page = (tmp_path / "c.md").read_text(encoding="utf-8")
     assert page.count(r"Simulated data: campaign a\_b.") == page.count("Simulated") == 1
     sections = {part.split("\n")[0]: part for part in page.split("\n## ")[1:]}
     assert list(sections) == ["Fig. 4", "Fig. 5", "Fig. 7"]
     assert r"not drawn. \<b\>i\_1: raw/i\_1.mcap: no such file." in sections["Fig. 4"]
     assert "not drawn. No trial follows a stepped sine" in sections["Fig. 7"]
-    assert sections["Fig. 5"].endswith("Without 1 trial whose recordings or fits were refused: \\<b\\>i\\_1.\n")
+    assert sections["Fig. 5"].endswith(
+        "Without 1 trial whose recordings or fits were refused: \\<b\\>i\\_1.\n"
+    )
 
 
 @pytest.mark.parametrize("name", FIGURES)
 def test_a_caption_is_one_paragraph_in_which_no_name_of_a_file_is_markup(name, tmp_path):
     table, hostile = plotted(name), pl.lit("<img src=x onerror=alert(1)> *")
-    columns = [column for column in ("joint", "controller", "group", "trajectory") if column in table.columns]
-    trials = pl.when(pl.col("trial").is_in([MEAN_SLOPE, "ensemble"])).then("trial").otherwise(hostile + pl.col("trial"))
+    columns = [
+        column
+        for column in ("joint", "controller", "group", "trajectory")
+        if column in table.columns
+    ]
+    trials = (
+        pl.when(pl.col("trial").is_in([MEAN_SLOPE, "ensemble"]))
+        .then("trial")
+        .otherwise(hostile + pl.col("trial"))
+    )
     if "trial" in table.columns:
         table = table.with_columns(trial=trials)
-    table = table.with_columns(pl.when(pl.col(c).is_not_null()).then(hostile + pl.col(c)).alias(c) for c in columns)
+    table = table.with_columns(
+        pl.when(pl.col(c).is_not_null()).then(hostile + pl.col(c)).alias(c) for c in columns
+    )
     write_table(table, tmp_path / "t.csv")
     said = caption_of(name, tmp_path / "t.csv")
     assert re.findall(r"(?<!\\)[<>*]|\n|[^.]$", said) == [], said
@@ -603,7 +855,14 @@ def test_no_two_controllers_look_alike_and_one_has_the_same_look_in_every_figure
     controllers = ["compensated", "uncompensated", *(f"c{number}" for number in range(12)), None]
     numbers = pl.Series("look", [None, None, *range(12), None], dtype=pl.Int64)
     looks = names.looks_in(pl.DataFrame({"controller": controllers}).with_columns(numbers))
-    assert len({(look.colour, look.marker) for look in looks.values()}) == 15, "more controllers than colours"
+    assert len({(look.colour, look.marker) for look in looks.values()}) == 15, (
+        "more controllers than colours"
+    )
     assert names.looks_in(pl.DataFrame({"controller": ["c1"], "look": [1]}))["c1"] == looks["c1"]
-    assert names.look_numbers(pl.Series(["pd", "compensated", "a", None])).to_list() == [1, None, 0, None]
+    assert names.look_numbers(pl.Series(["pd", "compensated", "a", None])).to_list() == [
+        1,
+        None,
+        0,
+        None,
+    ]
     assert names.drawn_name(20 * "a" + 20 * "b") == 18 * "a" + "…" + 9 * "b"

@@ -22,8 +22,10 @@ HOUSE = {
     "config": {"formats", "model"}, "spectral": {"model", "signals", "stats"},
     "ingest": {"config", "formats", "signals", "spectral"}, "walking": {"signals", "stats"},
     "bench": {"model", "signals", "spectral", "stats"}, "simulator": {"config", "model"},
-    "judge": {"config", "dictionary", "model", "stats"}, "figures": {"dictionary", "judge", "stats"},
-    "jobs": {"judge"}, "campaign": {"bench", "config", "formats", "ingest", "judge", "model", "walking"},
+    "judge": {"config", "dictionary", "model", "stats"}, "figures": {"dictionary", "judge",
+    "stats"},
+    "jobs": {"judge"}, "campaign": {"bench", "config", "formats", "ingest", "judge", "model",
+    "walking"},
     "report": {"campaign", "config", "dictionary", "judge", "model", "stats"},
 }  # fmt: skip
 """What a package imports beside itself and the ground, from the lowest floor up."""
@@ -31,7 +33,8 @@ HOUSE = {
 
 @cache
 def imports(folder: str) -> set[tuple[str, str]]:
-    """(module, package or module of the ground that it imports) for every module of ours in a folder."""
+    """(module, package or module of the ground that it imports) for every module of ours in a
+    folder."""
     return {
         (str(path.relative_to(PACKAGE)), name.split(".")[0])
         for path in (PACKAGE / folder).rglob("*.py")
@@ -42,17 +45,22 @@ def imports(folder: str) -> set[tuple[str, str]]:
 
 @pytest.mark.parametrize("package", HOUSE)
 def test_a_package_imports_only_what_lies_below_it(package):
-    assert {(m, s) for m, s in imports(package) if s not in HOUSE[package] | GROUND | {package}} == set()
+    assert {
+        (m, s) for m, s in imports(package) if s not in HOUSE[package] | GROUND | {package}
+    } == set()
 
 
 def test_no_module_of_the_ground_imports_a_package():
-    assert {(m, s) for m, s in imports(".") if m.removesuffix(".py") in GROUND and s not in GROUND} == set()
+    assert {
+        (m, s) for m, s in imports(".") if m.removesuffix(".py") in GROUND and s not in GROUND
+    } == set()
 
 
 def test_the_house_has_nine_floors_and_no_stair_back():
     floors: dict[str, int] = {}
     for package, below in HOUSE.items():
-        floors[package] = 2 + max((floors[one] - 1 for one in below), default=0)  # a KeyError is a stair back
+        # a KeyError is a stair back
+        floors[package] = 2 + max((floors[one] - 1 for one in below), default=0)
     assert {path.parent.name for path in PACKAGE.glob("*/__init__.py")} == {*floors, "commands"}
     assert max(floors.values()) + 1 <= 9  # the commands and the doors to them
 
@@ -72,7 +80,11 @@ def test_simulator_commands_and_notebook_are_known_to_few(name, known_to):
 ])  # fmt: skip
 def test_matplotlib_stays_in_the_figures_and_snakemake_where_it_is_run(library, users):
     named = re.compile(rf"^\s*(?:import|from) {library}", re.MULTILINE)
-    found = {path.relative_to(PACKAGE).parts[0] for path in PACKAGE.rglob("*.py") if named.search(path.read_text())}
+    found = {
+        path.relative_to(PACKAGE).parts[0]
+        for path in PACKAGE.rglob("*.py")
+        if named.search(path.read_text())
+    }
     assert found == users
 
 
@@ -81,13 +93,28 @@ def test_a_library_of_an_extra_is_imported_where_one_line_says_what_to_install()
     of_extra = defaultdict(set)
     for library, extra in EXTRAS.items():
         of_extra[extra].add(library)
-    named = {extra: {re.match(r"[\w-]+", one)[0].lower() for one in needs} for extra, needs in asked.items()}
-    assert {extra: named[extra] for extra in named.keys() - {"cluster", "dev", "docs", "peers"}} == of_extra
+    named = {
+        extra: {re.match(r"[\w-]+", one)[0].lower() for one in needs}
+        for extra, needs in asked.items()
+    }
+    assert {
+        extra: named[extra] for extra in named.keys() - {"cluster", "dev", "docs", "peers"}
+    } == of_extra
     plain = re.compile(rf"^\s*(?:import|from) (?:{'|'.join(EXTRAS)})\b", re.MULTILINE)
     assert [path for path in PACKAGE.rglob("*.py") if plain.search(path.read_text())] == []
 
 
-SLOW = ("scipy.special", "scipy.signal", "scipy.stats", "matplotlib", "numba", "pint", "pandas", "bokeh", "snakemake")
+SLOW = (
+    "scipy.special",
+    "scipy.signal",
+    "scipy.stats",
+    "matplotlib",
+    "numba",
+    "pint",
+    "pandas",
+    "bokeh",
+    "snakemake",
+)
 
 
 @pytest.mark.parametrize(("modules", "more"), [
@@ -98,5 +125,7 @@ def test_a_door_opens_without_what_only_some_of_its_rooms_need(modules, more):
     """What takes tenths of a second to import is imported where it is used."""
     code = "; ".join(f"import osl_analysis.{name}" for name in modules.split())
     code += f"; import sys; print([name for name in {[*SLOW, *more]} if name in sys.modules])"
-    told = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    told = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
+    )
     assert told.stdout.strip() == "[]"

@@ -1,4 +1,5 @@
-"""Any table of a laboratory: one recording in many dialects is read by the draft that its own overview makes."""
+"""Any table of a laboratory: one recording in many dialects is read by the draft that its own
+overview makes."""
 
 import datetime as dt
 import os
@@ -50,28 +51,39 @@ def since(form, cut=0):
 
 PLAIN = ["time_s", "ankle_angle_deg", "torque_Nm"]
 FORTRAN = [[f"{x:.10E}".replace("E", "D") for x in column] for column in (TIME, ANGLE, TORQUE)]
-THOUSANDS = [*HEAD[:2], "Torque [Nmm]"], [f"{1e3 * x:,.3f}" for x in TORQUE]  # both signs tell which is which
-LVM = "LabVIEW Measurement\t\nX_Columns\tOne\n***End_of_Header***\t\nChannels\t2\t\t\nDelta_X\t0.002\t0.002\n"
+# both signs tell which is which
+THOUSANDS = [*HEAD[:2], "Torque [Nmm]"], [f"{1e3 * x:,.3f}" for x in TORQUE]
+LVM = (
+    "LabVIEW"
+    " Measurement\t\nX_Columns\tOne\n***End_of_Header***\t\nChannels\t2\t\t\nDelta_X\t0.002\t0.002\n"
+)
 TEXTS = {
     "semicolons and commas": text(";", ["Tijd [s]", "Hoek [graden]", "Koppel [Nm]"], decimal=","),
     "tabs": text("\t"), "blanks": text("   ", PLAIN),
     "whole seconds beside": text(
         head=["Time", *HEAD], t=[f"{at},{x}" for at, x in zip(since("%H:%M:%S"), T, strict=True)]),
-    "blanks and commas": text(" ", PLAIN, decimal=","), "names with blanks": text("    ", ["Time (s)", *HEAD[1:]]),
+    "blanks and commas": text(" ", PLAIN, decimal=","), "names with blanks": text("    ",
+    ["Time (s)", *HEAD[1:]]),
     "for Excel": "sep=;\n" + text(";"), "of Matlab": text("\t", above="% rig B\n"),
     "savetxt": text(" ", ["# time_s", *PLAIN[1:]]), "rostopic": text(",", ["%time [s]", *HEAD[1:]]),
-    "units below": text(",", ["Time", "Angle", "Torque"], t=["[s]", *T], a=["(deg)", *A], m=["N-m", *M]),
+    "units below": text(",", ["Time", "Angle", "Torque"], t=["[s]", *T], a=["(deg)", *A], m=["N-m",
+    *M]),
     "DIN": text(";", ["Zeit / s", "Winkel / deg", "Moment / Nm"], decimal=","),
     "DIN without blanks": text(";", ["t/s", "phi/deg", "M/Nm"], decimal=","),
-    "samples a second": text(",", head=[*HEAD[1:], ""], above="Abtastrate: 0.5 kS/s\n", t=A, a=M, m=[""] * 700),
-    "fs in JSON": text(",", head=[*HEAD[1:], ""], above='# {"fs": 500, "rig": 3}\n', t=A, a=M, m=[""] * 700),
+    "samples a second": text(",", head=[*HEAD[1:], ""], above="Abtastrate: 0.5 kS/s\n", t=A, a=M,
+    m=[""] * 700),
+    "fs in JSON": text(",", head=[*HEAD[1:], ""], above='# {"fs": 500, "rig": 3}\n', t=A, a=M,
+    m=[""] * 700),
     "dt": text(",", head=[*HEAD[1:], ""], above="dt = 2 ms\n", t=A, a=M, m=[""] * 700),
-    "statistics in a column of words": text(head=["", *HEAD], t=[f",{x}" for x in T], below="Mean,0.7,0.1,0.2\n"),
-    "dates before times": text(head=["Date", *HEAD], t=[f"01.05.2024,{x}" for x in since("%H:%M:%S.%f")]),
+    "statistics in a column of words": text(head=["", *HEAD], t=[f",{x}" for x in T],
+    below="Mean,0.7,0.1,0.2\n"),
+    "dates before times": text(head=["Date", *HEAD],
+    t=[f"01.05.2024,{x}" for x in since("%H:%M:%S.%f")]),
     "of PlotJuggler": text(head=["__time", *PLAIN[1:]], t=[f"{1.7e9 + x:.3f}" for x in TIME]),
     "groups above": text(above="Motion,,Load\n"),
     "preamble": text(above="Subject,7\nRate [Hz],500\nAll good, really\n"),
-    "footer": text(below="\nMean,0.1,0.2\nEnd of file\n"), "Ctrl-Z": text() + "\x1a", "LabVIEW": text(
+    "footer": text(below="\nMean,0.1,0.2\nEnd of file\n"), "Ctrl-Z": text() + "\x1a",
+    "LabVIEW": text(
         "\t", ["X_Value", *HEAD[1:], "Comment"], LVM + "***End_of_Header***\t\n"),
     "Fortran": text("  ", PLAIN, t=FORTRAN[0], a=FORTRAN[1], m=FORTRAN[2]),
     "Windows": text(";", ["Zeit [s]", "Winkel [°]", "Moment [N·m]"]).encode("cp1252"),
@@ -81,40 +93,56 @@ TEXTS = {
     "clock": text(";", ["Uhrzeit", *HEAD[1:]], t=since("%H:%M:%S.%f"), decimal=","),
     "AM and PM": text(head=["Time", *HEAD[1:]], t=since("%m/%d/%Y %I:%M:%S.%f %p")),
     "minutes": text(head=["Time", *HEAD[1:]], t=since("%M:%S.%f", 3)),
-    "timedelta without a name": text(head=["", *HEAD[1:]], t=[f"0 days 00:00:{x:09.6f}" for x in TIME]),
+    "timedelta without a name": text(head=["", *HEAD[1:]],
+    t=[f"0 days 00:00:{x:09.6f}" for x in TIME]),
     "Excel's days": text(head=["Time", *HEAD[1:]], t=[f"{45413.5 + x / 86400:.12f}" for x in TIME]),
-    "counter of 16 bits": text(head=["time_ms", *HEAD[1:]], t=[str(round(65000 + 1e3 * x) % 2**16) for x in TIME]),
-    "counter of 32 bits": text(head=["t_us", *HEAD[1:]], t=[str(round(2**32 - 9e5 + 1e6 * x) % 2**32) for x in TIME]),
+    "counter of 16 bits": text(head=["time_ms", *HEAD[1:]],
+    t=[str(round(65000 + 1e3 * x) % 2**16) for x in TIME]),
+    "counter of 32 bits": text(head=["t_us", *HEAD[1:]],
+    t=[str(round(2**32 - 9e5 + 1e6 * x) % 2**32) for x in TIME]),
     "stated rate": text(
-        ",", head=[*HEAD[1:], ""], above="# Fréquence d'échantillonnage = 0.5 kHz\n", t=A, a=M, m=[""] * 700),
+        ",", head=[*HEAD[1:], ""], above="# Fréquence d'échantillonnage = 0.5 kHz\n", t=A, a=M,
+        m=[""] * 700),
     "fs without Hz": text(",", head=[*HEAD[1:], ""], above="# fs = 500\n", t=A, a=M, m=[""] * 700),
     "LabVIEW without times": text(
-        "\t", ["X_Value", *HEAD[1:], "Comment"], LVM[:-1] + "\t\n***End_of_Header***\t\n", t=[""] * 700,
+        "\t", ["X_Value", *HEAD[1:], "Comment"], LVM[:-1] + "\t\n***End_of_Header***\t\n",
+        t=[""] * 700,
         m=[f"{x}\t" for x in M]),
-    "counter of no known name": text(head=["tick", *HEAD[1:]], t=[str(round(65000 + 1e3 * x) % 2**16) for x in TIME]),
+    "counter of no known name": text(head=["tick", *HEAD[1:]],
+    t=[str(round(65000 + 1e3 * x) % 2**16) for x in TIME]),
     "quoted, with decimal commas": text(",", ['"t [s]"', '"angle [deg]"', '"torque [Nm]"'], **{
-        name: [f'"{x}"'.replace(".", ",") for x in column] for name, column in zip("tam", (T, A, M), strict=True)}),
+        name: [f'"{x}"'.replace(".", ",") for x in column] for name, column in zip("tam", (T, A, M),
+        strict=True)}),
     "minus signs of a text processor": text().replace("-", "\u2212"),
-    "micros of an Arduino": text(head=["micros", *HEAD[1:]], t=[f"{round(1e6 * x - 9e5) % 2**32}" for x in TIME]),
-    "Fs above samples": text(head=["Sample", *HEAD[1:]], above="Fs: 500 Hz\n", t=[str(k) for k in range(700)]),
-    "interval in ms": text(",", head=[*HEAD[1:], ""], above="# Sampling interval: 2 ms\n", t=A, a=M, m=[""] * 700),
+    "micros of an Arduino": text(head=["micros", *HEAD[1:]],
+    t=[f"{round(1e6 * x - 9e5) % 2**32}" for x in TIME]),
+    "Fs above samples": text(head=["Sample", *HEAD[1:]], above="Fs: 500 Hz\n",
+    t=[str(k) for k in range(700)]),
+    "interval in ms": text(",", head=[*HEAD[1:], ""], above="# Sampling interval: 2 ms\n", t=A, a=M,
+    m=[""] * 700),
     "LabVIEW without times, with decimal commas": text("\t", HEAD[1:], LVM.replace(
         "0.002", "2,000000E-3") + "***End_of_Header***\t\n", t=A, a=M, m=[""] * 700, decimal=","),
     "Biodex": text("   ", ["   TIME", "POS (ANAT)", "TORQUE"], "Session : ankle\n\n", t=["mSec", *(
         f"{1e3 * x:.0f}" for x in TIME)], a=["DEGREES", *A], m=["N-M", *M]),
-    "DIAdem": text(";", ["Time", "Angle", "Torque"], t=["s", "700", *T], a=["deg", "700", *A], m=["Nm", "700", *M])
-        .replace("s;", "Unit;s;", 1).replace("700;700;700", "Length;700;700;700").replace("Time;", "Name;Time;", 1)
+    "DIAdem": text(";", ["Time", "Angle", "Torque"], t=["s", "700", *T], a=["deg", "700", *A],
+    m=["Nm", "700", *M])
+        .replace("s;", "Unit;s;", 1).replace("700;700;700", "Length;700;700;700").replace("Time;",
+        "Name;Time;", 1)
         .replace("\n0", "\n;0").replace("\n1", "\n;1"),
     "names of two rows": text(",", ["time_s", "angle_deg", "torque_Nm"], "time,ankle,ankle\n"),
-    "ounces and inches": text(head=[*HEAD[:2], "Torque [oz-in]"], m=[f"{x / 0.007061551814226:.9f}" for x in TORQUE]),
-    "thousands of Switzerland": text(";", ["Zeit [ms]", *HEAD[1:]], t=[f"{1e3 * x + 900:,.1f}".replace(
+    "ounces and inches": text(head=[*HEAD[:2], "Torque [oz-in]"],
+    m=[f"{x / 0.007061551814226:.9f}" for x in TORQUE]),
+    "thousands of Switzerland": text(";", ["Zeit [ms]", *HEAD[1:]],
+    t=[f"{1e3 * x + 900:,.1f}".replace(
         ",", "'") for x in TIME]),
     "thousands of France": text(";", ["Temps (ms)", *HEAD[1:]], t=[f"{1e3 * x + 900:,.1f}".replace(
         ",", "\u202f") for x in TIME], decimal=","),
     "ticks of 10 us": text(head=["time [10 µs]", *HEAD[1:]], t=[f"{1e5 * x:.0f}" for x in TIME]),
     "ticks in a comment": text(
-        above="# timestamp in ticks of 10 us\n", head=["ticks", *HEAD[1:]], t=[f"{1e5 * x:.0f}" for x in TIME]),
-    "ticks in a name": text(head=["t_100us", "angle:deg", "Torque_mNm"], t=[f"{1e4 * x:.0f}" for x in TIME], m=[
+        above="# timestamp in ticks of 10 us\n", head=["ticks", *HEAD[1:]],
+        t=[f"{1e5 * x:.0f}" for x in TIME]),
+    "ticks in a name": text(head=["t_100us", "angle:deg", "Torque_mNm"],
+    t=[f"{1e4 * x:.0f}" for x in TIME], m=[
         f"{1e3 * x:.6f}" for x in TORQUE]),
     "LabVIEW's units": text("\t", ["X_Value", "Angle", "Torque", "Comment"], LVM.replace(
         "Delta_X", "Y_Unit_Label\tDeg\tNm\nDelta_X") + "***End_of_Header***\t\n"),
@@ -124,12 +152,14 @@ TEXTS = {
     "MATLAB's timetable": text(head=["Time", *PLAIN[1:]], t=[f"{x:.9g} sec" for x in TIME]),
     "levels of pandas": text(head=["time_s", "", ""], above=",ankle,cell\n,angle_deg,torque_Nm\n"),
     "thousands": text(";", THOUSANDS[0], m=THOUSANDS[1]),
-    "thousands and decimal commas": text(";", THOUSANDS[0], m=THOUSANDS[1]).translate(str.maketrans(",.", ".,")),
+    "thousands and decimal commas": text(";", THOUSANDS[0],
+    m=THOUSANDS[1]).translate(str.maketrans(",.", ".,")),
     "an angle within one turn": text(a=[f"{x % 360:.9f}" for x in ANGLE]),
     "names and units in comments": text(";", [], "# time;angle;torque\n# s;deg;Nm\n"),
     "Shift-JIS": text(head=["時間[s]", "角度[deg]", "Torque トルク[N・m]"]).encode("cp932"),
     "units behind commas": text(",", ['"time,s"', '"angle,deg"', '"Ankle torque,Nm"']),
-    "feet and pounds": text(head=[*HEAD[:2], "Torque [ft-lb]"], m=[f"{x / 1.3558179483314:.9f}" for x in TORQUE]),
+    "feet and pounds": text(head=[*HEAD[:2], "Torque [ft-lb]"],
+    m=[f"{x / 1.3558179483314:.9f}" for x in TORQUE]),
 }  # fmt: skip
 
 
@@ -144,8 +174,14 @@ def made(path: Path, kind: str) -> Path:
     elif kind == "npy":
         np.save(path, frame.to_numpy(structured=True))
     elif kind == "nested.npy":
-        nested = np.zeros(TIME.size, [("t", "f8"), ("ankle", [("angle_deg", "f8"), ("torque_Nm", "f8")])])
-        nested["t"], nested["ankle"]["angle_deg"], nested["ankle"]["torque_Nm"] = TIME, ANGLE, TORQUE
+        nested = np.zeros(
+            TIME.size, [("t", "f8"), ("ankle", [("angle_deg", "f8"), ("torque_Nm", "f8")])]
+        )
+        nested["t"], nested["ankle"]["angle_deg"], nested["ankle"]["torque_Nm"] = (
+            TIME,
+            ANGLE,
+            TORQUE,
+        )
         np.save(path, nested)
     elif kind == "npz":
         np.savez(path, **{name: frame[name].to_numpy() for name in frame.columns})
@@ -156,18 +192,25 @@ def made(path: Path, kind: str) -> Path:
         np.savez(path, fs=500, **{name: frame[name].to_numpy() for name in frame.columns[1:]})
     elif kind == "h5":
         with h5py.File(path, "w") as file:
-            for name, values in (("run/time_s", TIME), ("run/angle", ANGLE), ("run/torque", TORQUE)):
+            for name, values in (
+                ("run/time_s", TIME),
+                ("run/angle", ANGLE),
+                ("run/torque", TORQUE),
+            ):
                 file[name] = values
             file["run/angle"].attrs["units"], file["run/torque"].attrs["units"] = "deg", "Nm"
     elif kind in ("xlsx", "named.xls"):
         with xlsxwriter.Workbook(path) as book:
             sheet, style = book.add_worksheet(), book.add_format({"num_format": "hh:mm:ss.000"})
-            for place, row in enumerate([["Bench 3"], ["Time", "Angle", "Torque"], ["", "deg", "Nm"]]):
+            for place, row in enumerate(
+                [["Bench 3"], ["Time", "Angle", "Torque"], ["", "deg", "Nm"]]
+            ):
                 sheet.write_row(place, 0, row)
             for place, row in enumerate(zip(CLOCK, ANGLE, TORQUE, strict=True), start=3):
                 sheet.write_datetime(place, 0, row[0], style)
                 sheet.write_row(place, 1, row[1:])
-    elif kind in ("matrix.npz", "matrix.h5", "pandas.h5", "matrix.mat"):  # its titles stand beside a matrix
+    # its titles stand beside a matrix
+    elif kind in ("matrix.npz", "matrix.h5", "pandas.h5", "matrix.mat"):
         matrix, names = frame.to_numpy(), np.array(frame.columns)
         if kind == "matrix.npz":
             np.savez(path, data=matrix, columns=names)
@@ -186,17 +229,28 @@ def made(path: Path, kind: str) -> Path:
         logged = {}
         for name, values in (("angle_deg", ANGLE), ("torque_Nm", TORQUE)):
             signals = np.zeros((1, 2), [("values", "O"), ("label", "O")])
-            signals[0, 0], signals[0, 1] = (values[:, None], name), (np.sin(TIME)[:, None], f"other_{name[0]}")
+            signals[0, 0], signals[0, 1] = (
+                (values[:, None], name),
+                (np.sin(TIME)[:, None], f"other_{name[0]}"),
+            )
             logged[name[0]] = {"time": TIME[:, None], "signals": signals}
         scipy.io.savemat(path, logged)
     elif kind == "rate.mat":
-        scipy.io.savemat(path, {"Fs": 500.0, "angle_deg": ANGLE[:, None], "torque_Nm": TORQUE[:, None]})
+        scipy.io.savemat(
+            path, {"Fs": 500.0, "angle_deg": ANGLE[:, None], "torque_Nm": TORQUE[:, None]}
+        )
     elif kind == "Simulink":
-        both = {"values": np.column_stack([ANGLE, TORQUE]), "dimensions": 2.0, "label": "angle_deg, torque_Nm"}
+        both = {
+            "values": np.column_stack([ANGLE, TORQUE]),
+            "dimensions": 2.0,
+            "label": "angle_deg, torque_Nm",
+        }
         scipy.io.savemat(path, {"out": {"time": TIME[:, None], "signals": both}})
     elif kind == "ControlDesk":
         y = np.zeros((1, 3), [(name, "O") for name in ("Name", "Data", "Unit")])
-        for place, one in enumerate((("m/time", TIME, "s"), ("m/Angle", ANGLE, "deg"), ("m/Torque", TORQUE, "Nm"))):
+        for place, one in enumerate(
+            (("m/time", TIME, "s"), ("m/Angle", ANGLE, "deg"), ("m/Torque", TORQUE, "Nm"))
+        ):
             y[0, place] = one
         scipy.io.savemat(path, {"exp": {"X": y[:, :1], "Y": y[:, 1:]}})
     else:  # a struct per sample
@@ -210,7 +264,9 @@ def made(path: Path, kind: str) -> Path:
 def read_by_draft(path: Path):
     """The trial of a file, by the draft of its overview as it is."""
     (path.parent / "draft.yaml").write_text(draft_source(inspect_file(path), path.name))
-    return trial_from_files({"trial": "a", "log": path.name, "log_source": "draft"}, path.parent, path.parent)
+    return trial_from_files(
+        {"trial": "a", "log": path.name, "log_source": "draft"}, path.parent, path.parent
+    )
 
 
 def assert_recording(trial):
@@ -228,17 +284,25 @@ def test_a_table_of_text_is_read_by_the_draft_of_its_own_overview(tmp_path, dial
 
 
 @pytest.mark.parametrize("kind", [
-    "parquet", "feather", "arrows", "npy", "nested.npy", "npz", "rate.npz", "h5", "xlsx", "named.xls", "Simulink",
-    "structs", "matrix.npz", "matrix.h5", "pandas.h5", "matrix.mat", "rate.mat", "rate.h5", "ControlDesk",
+    "parquet", "feather", "arrows", "npy", "nested.npy", "npz", "rate.npz", "h5", "xlsx",
+    "named.xls", "Simulink",
+    "structs", "matrix.npz", "matrix.h5", "pandas.h5", "matrix.mat", "rate.mat", "rate.h5",
+    "ControlDesk",
     "Simulink, two with several",
 ])  # fmt: skip
 def test_a_table_of_a_program_is_read_by_the_draft_of_its_own_overview(tmp_path, kind):
-    assert_recording(read_by_draft(made(tmp_path / (f"a.{kind}" if kind[0].islower() else "a.mat"), kind)))
+    assert_recording(
+        read_by_draft(made(tmp_path / (f"a.{kind}" if kind[0].islower() else "a.mat"), kind))
+    )
 
 
 def test_an_array_of_objects_is_refused_with_what_to_save(tmp_path):
-    np.save(tmp_path / "a.npy", np.array({"t": TIME, "angle": ANGLE}, dtype=object), allow_pickle=True)
-    with pytest.raises(InputError, match="objects of Python, which may run a program and are not read; save arrays"):
+    np.save(
+        tmp_path / "a.npy", np.array({"t": TIME, "angle": ANGLE}, dtype=object), allow_pickle=True
+    )
+    with pytest.raises(
+        InputError, match="objects of Python, which may run a program and are not read; save arrays"
+    ):
         inspect_file(tmp_path / "a.npy")
 
 
@@ -252,11 +316,14 @@ def test_numbers_in_another_writing_are_no_failed_readings(tmp_path):
 
 def test_units_of_which_one_is_missing_tell_none_and_what_is_no_log_yet_is_asked(tmp_path):
     path, draft = tmp_path / "a.dat", tmp_path / "s.yaml"
-    path.write_text(text("  ", ["mSec", "TORQUE", "POSITION"]).replace("POSITION", "POSITION\nNm deg"))
+    path.write_text(
+        text("  ", ["mSec", "TORQUE", "POSITION"]).replace("POSITION", "POSITION\nNm deg")
+    )
     assert [one.unit for one in inspect_file(path).channels] == ["", "", ""]
     path.write_text(text() * 2)
     assert "the header stands again" in inspect_file(path).open[0]
-    path.write_text(text(head=["t_s", "Winkel [Grad]", "Torque [Nm]"]))  # a 400th of a turn, or degrees
+    # a 400th of a turn, or degrees
+    path.write_text(text(head=["t_s", "Winkel [Grad]", "Torque [Nm]"]))
     draft.write_text(draft_source(inspect_file(path), path.name))
     assert to_be_edited(draft) == ["theta.unit"]
     draft.write_text("format: csv\nchannels:\n")
@@ -272,9 +339,14 @@ def test_a_stated_rate_that_a_clock_of_the_file_contradicts_is_refused(tmp_path,
     row = {"trial": "a", "log": "a.csv", "log_source": "s"}
     (tmp_path / "s.yaml").write_text(source % 500)
     trial = trial_from_files(row, tmp_path, tmp_path)
-    assert (trial.samples["time"][-1], trial.provenance["warnings"]) == (pytest.approx(TIME[-1]), [])
+    assert (trial.samples["time"][-1], trial.provenance["warnings"]) == (
+        pytest.approx(TIME[-1]),
+        [],
+    )
     (tmp_path / "s.yaml").write_text(source % 1000)
-    with pytest.raises(InputError, match=r"`rate: 1000` of time, but column '.*' rises by 0.002 a row"):
+    with pytest.raises(
+        InputError, match=r"`rate: 1000` of time, but column '.*' rises by 0.002 a row"
+    ):
         trial_from_files(row, tmp_path, tmp_path)
 
 
@@ -283,10 +355,13 @@ ISO = since("%Y-%m-%dT%H:%M:%S.%fZ")
 
 
 @pytest.mark.parametrize(("first", "second"), [
-    (("time_s", T), ("host_time", FAST)), (("stamp", ISO), ("daq_s", FAST)), (("Time", T), ("recorded at", [
+    (("time_s", T), ("host_time", FAST)), (("stamp", ISO), ("daq_s", FAST)), (("Time", T),
+    ("recorded at", [
         (START + dt.timedelta(seconds=1.1 * x)).isoformat() for x in TIME])),
 ])  # fmt: skip
-def test_two_clocks_of_a_table_that_disagree_are_a_question_and_the_named_one_is_doubted(tmp_path, first, second):
+def test_two_clocks_of_a_table_that_disagree_are_a_question_and_the_named_one_is_doubted(
+    tmp_path, first, second
+):
     """By the column called `time` B was 10 % and I 21 % off, and nothing was said."""
     rows = zip(first[1], second[1], A, M, strict=True)
     head = [first[0], second[0], *HEAD[1:]]
@@ -296,31 +371,57 @@ def test_two_clocks_of_a_table_that_disagree_are_a_question_and_the_named_one_is
     assert first[0] in asked
     assert second[0] in asked
     draft = draft_source(inspect_file(tmp_path / "a.csv"), "a.csv")
-    known = draft.replace('{"column": "NAME_OF_TIME", "unit": "UNKNOWN"}', f"{{column: {first[0]}, unit: s}}")
-    (tmp_path / "s.yaml").write_text(known.replace(", unit: s", "") if first[0] == "stamp" else known)
+    known = draft.replace(
+        '{"column": "NAME_OF_TIME", "unit": "UNKNOWN"}', f"{{column: {first[0]}, unit: s}}"
+    )
+    (tmp_path / "s.yaml").write_text(
+        known.replace(", unit: s", "") if first[0] == "stamp" else known
+    )
     trial = trial_from_files({"trial": "a", "log": "a.csv", "log_source": "s"}, tmp_path, tmp_path)
     assert_recording(trial)
     (said,) = trial.provenance["warnings"]
     assert f"column '{second[0]}' goes on 1.1 times as fast as time (column '{first[0]}')" in said
-    value = measure_clock(Examined(trial, EXPERIMENTS["impedance"], Commanded(None, None, None))).value
+    value = measure_clock(
+        Examined(trial, EXPERIMENTS["impedance"], Commanded(None, None, None))
+    ).value
     assert value == pytest.approx(0.1 * TIME[-1] / 12**0.5, rel=1e-3)
 
 
 def test_clocks_that_agree_and_signals_that_rise_evenly_are_no_contradiction(tmp_path):
-    """Days of Excel, minutes, and stamps of whole seconds tell no more than time does; a ramp is no clock."""
+    """Days of Excel, minutes, and stamps of whole seconds tell no more than time does; a ramp is no
+    clock."""
     minutes, days, ramp = (TIME / 60, 45413.5 + TIME / 86400, 0.003 * np.arange(TIME.size))
-    frame = {"time_s": TIME, "Date": days, "time of the PC [min]": minutes, "turns": ramp, "secs": np.floor(TIME)}
-    pl.DataFrame({**frame, "ankle_angle_deg": ANGLE, "torque_Nm": TORQUE}).write_parquet(tmp_path / "a.parquet")
-    pl.DataFrame({**frame, "ankle_angle_deg": ANGLE, "torque_Nm": TORQUE}).write_ndjson(tmp_path / "a.jsonl")
-    source = "format: %s\ntime: {%s: time_s, unit: s}\nchannels:\n  theta: {%s: ankle_angle_deg, unit: deg}\n"
-    for name, words in (("a.parquet", ("table", "column", "column")), ("a.jsonl", ("json_lines", "field", "field"))):
+    frame = {
+        "time_s": TIME,
+        "Date": days,
+        "time of the PC [min]": minutes,
+        "turns": ramp,
+        "secs": np.floor(TIME),
+    }
+    pl.DataFrame({**frame, "ankle_angle_deg": ANGLE, "torque_Nm": TORQUE}).write_parquet(
+        tmp_path / "a.parquet"
+    )
+    pl.DataFrame({**frame, "ankle_angle_deg": ANGLE, "torque_Nm": TORQUE}).write_ndjson(
+        tmp_path / "a.jsonl"
+    )
+    source = (
+        "format: %s\ntime: {%s: time_s, unit: s}\nchannels:\n  theta: {%s: ankle_angle_deg, unit:"
+        " deg}\n"
+    )
+    for name, words in (
+        ("a.parquet", ("table", "column", "column")),
+        ("a.jsonl", ("json_lines", "field", "field")),
+    ):
         (tmp_path / "s.yaml").write_text(source % words)
         trial = trial_from_files({"trial": "a", "log": name, "log_source": "s"}, tmp_path, tmp_path)
         assert not trial.provenance["warnings"]
 
 
-def test_channels_of_several_rates_beside_one_another_are_refused_unless_all_that_are_read_have_one(tmp_path):
-    """With `most_missing: 0.5`, as the refusal proposed, every second torque stood at half its time."""
+def test_channels_of_several_rates_beside_one_another_are_refused_unless_all_that_are_read_have_one(
+    tmp_path,
+):
+    """With `most_missing: 0.5`, as the refusal proposed, every second torque stood at half its
+    time."""
     half, head = [""] * 350, "X [s],Angle,X [s],Torque\n"
     source = "format: csv\nmost_missing: 0.6\ntime: {column: '1', unit: s}\nchannels:\n"
     source += "  theta: {column: '2', unit: deg}\n"
@@ -340,8 +441,14 @@ def test_channels_of_several_rates_beside_one_another_are_refused_unless_all_tha
 
 @pytest.mark.parametrize("name", ["a.h5", "a.npz"])
 def test_devices_of_two_rates_in_groups_have_their_own_instants_each_in_its_unit(tmp_path, name):
-    """The torque of half the rate vanished from the draft. Where nothing tells its time the draft asks about it."""
-    held = {"enc/time": TIME, "enc/angle_deg": ANGLE, "cell/time_ms": 1e3 * TIME[::2], "cell/torque_Nm": TORQUE[::2]}
+    """The torque of half the rate vanished from the draft. Where nothing tells its time the draft
+    asks about it."""
+    held = {
+        "enc/time": TIME,
+        "enc/angle_deg": ANGLE,
+        "cell/time_ms": 1e3 * TIME[::2],
+        "cell/torque_Nm": TORQUE[::2],
+    }
     for is_timed in (True, False):
         every = {key: one for key, one in held.items() if is_timed or key != "cell/time_ms"}
         if name == "a.npz":
@@ -357,18 +464,27 @@ def test_devices_of_two_rates_in_groups_have_their_own_instants_each_in_its_unit
         draft = draft_source(overview, name)
         assert ("\n  torque: {" in draft) == is_timed
         (tmp_path / "s.yaml").write_text(draft)
-        samples = trial_from_files({"trial": "a", "log": name, "log_source": "s"}, tmp_path, tmp_path).samples
-        for column, values, step in (("theta", np.radians(ANGLE), 1), ("torque", TORQUE, 2))[: 1 + is_timed]:
+        samples = trial_from_files(
+            {"trial": "a", "log": name, "log_source": "s"}, tmp_path, tmp_path
+        ).samples
+        for column, values, step in (("theta", np.radians(ANGLE), 1), ("torque", TORQUE, 2))[
+            : 1 + is_timed
+        ]:
             own = samples.filter(pl.col(column).is_not_null())
             np.testing.assert_allclose(own["time"], TIME[::step], atol=1e-9)
             np.testing.assert_allclose(own[column], values[::step], rtol=1e-12)
 
 
-def test_another_clock_of_one_name_that_begins_at_another_time_is_that_of_what_stands_beside_it(tmp_path):
-    """Tables side by side, or LabVIEW's columns `X_Value`: the torque was 4 ms early, and B 1.2 of 5 off."""
+def test_another_clock_of_one_name_that_begins_at_another_time_is_that_of_what_stands_beside_it(
+    tmp_path,
+):
+    """Tables side by side, or LabVIEW's columns `X_Value`: the torque was 4 ms early, and B 1.2 of
+    5 off."""
     for late, name in ((0.1, "daq_s"), (0.0, HEAD[0]), (0.004, HEAD[0])):
         rows = zip(T, A, [f"{x + late:.6f}" for x in TIME], M, strict=True)
-        (tmp_path / "a.csv").write_text("\n".join(map(",".join, [[*HEAD[:2], name, HEAD[2]], *rows])) + "\n")
+        (tmp_path / "a.csv").write_text(
+            "\n".join(map(",".join, [[*HEAD[:2], name, HEAD[2]], *rows])) + "\n"
+        )
         if late != 0.004:
             assert_recording(trial := read_by_draft(tmp_path / "a.csv"))
             assert len(trial.provenance["warnings"]) == (late > 0)
@@ -387,34 +503,51 @@ def test_a_rate_beside_a_decimation_or_another_rate_is_a_question_and_not_the_ti
     overview = inspect_file(tmp_path / "a.csv")
     assert "2000 Hz" in overview.open[0]
     assert "State it, as `time: {rate: HZ}`" in overview.open[0]
-    draft = draft_source(overview, "a.csv").replace('{"column": "NAME_OF_TIME", "unit": "UNKNOWN"}', "{rate: 500}")
+    draft = draft_source(overview, "a.csv").replace(
+        '{"column": "NAME_OF_TIME", "unit": "UNKNOWN"}', "{rate: 500}"
+    )
     (tmp_path / "s.yaml").write_text(draft)
-    assert_recording(trial_from_files({"trial": "a", "log": "a.csv", "log_source": "s"}, tmp_path, tmp_path))
+    assert_recording(
+        trial_from_files({"trial": "a", "log": "a.csv", "log_source": "s"}, tmp_path, tmp_path)
+    )
 
 
 @pytest.mark.parametrize(("sign", "decimal", "of_thousands"), [(";", ",", "."), (";", ".", ",")])
-def test_whole_numbers_with_signs_between_their_thousands_are_read(tmp_path, sign, decimal, of_thousands):
-    """The torque of `10.133` N*mm beside `1,7` degrees was refused, with a remedy that did not work."""
+def test_whole_numbers_with_signs_between_their_thousands_are_read(
+    tmp_path, sign, decimal, of_thousands
+):
+    """The torque of `10.133` N*mm beside `1,7` degrees was refused, with a remedy that did not
+    work."""
     whole = [f"{round(1e3 * x):,}".replace(",", of_thousands) for x in TORQUE]
     ms = [f"{round(1e3 * x + 990):,}".replace(",", of_thousands) for x in TIME]
     angle = [x.replace(".", decimal) for x in A]
-    for angles in (angle, [str(round(1e3 * x)) for x in ANGLE]):  # also where no number has a decimal
-        (tmp_path / "a.csv").write_text(text(sign, ["Time [ms]", HEAD[1], "Torque [Nmm]"], t=ms, a=angles, m=whole))
+    # also where no number has a decimal
+    for angles in (angle, [str(round(1e3 * x)) for x in ANGLE]):
+        (tmp_path / "a.csv").write_text(
+            text(sign, ["Time [ms]", HEAD[1], "Torque [Nmm]"], t=ms, a=angles, m=whole)
+        )
         samples = read_by_draft(tmp_path / "a.csv").samples
         np.testing.assert_allclose(samples["time"], TIME, atol=1e-3)
         np.testing.assert_allclose(samples["torque"], TORQUE, atol=5.1e-4)
 
 
-@pytest.mark.parametrize("cells", [["0.998", "1.000"], ["1.746", "2.001"], ["998", "1.002", "1.5"], ["5", "1.746"]])
+@pytest.mark.parametrize(
+    "cells", [["0.998", "1.000"], ["1.746", "2.001"], ["998", "1.002", "1.5"], ["5", "1.746"]]
+)
 def test_decimals_are_not_taken_for_thousands(cells):
     assert not are_whole_thousands(cells, ".")
 
 
 def test_a_column_beside_a_rate_counts_samples_so_that_lost_ones_are_a_gap(tmp_path):
     kept = np.delete(np.arange(700), [100, 101])
-    count, angle, torque = ([column[k] for k in kept] for column in ([str(k) for k in range(700)], A, M))
+    count, angle, torque = (
+        [column[k] for k in kept] for column in ([str(k) for k in range(700)], A, M)
+    )
     (tmp_path / "a.csv").write_text(text(head=["n", *HEAD[1:]], t=count, a=angle, m=torque))
-    source = "format: csv\ntime: {column: n, rate: 500}\nchannels:\n  theta: {column: Ankle angle, unit: deg}\n"
+    source = (
+        "format: csv\ntime: {column: n, rate: 500}\nchannels:\n  theta: {column: Ankle angle, unit:"
+        " deg}\n"
+    )
     (tmp_path / "s.yaml").write_text(source)
     trial = trial_from_files({"trial": "a", "log": "a.csv", "log_source": "s"}, tmp_path, tmp_path)
     np.testing.assert_allclose(trial.samples["time"], TIME[kept])
@@ -426,7 +559,10 @@ def test_a_column_beside_a_rate_counts_samples_so_that_lost_ones_are_a_gap(tmp_p
 
 def test_without_a_header_a_title_above_the_rows_does_not_tell_their_width(tmp_path):
     (tmp_path / "a.csv").write_text(text(" ", [], above="Bench\n"))
-    source = "format: csv\nheader: none\nragged: skip\ntime: {column: '1', unit: s}\nchannels:\n  torque: "
+    source = (
+        "format: csv\nheader: none\nragged: skip\ntime: {column: '1', unit: s}\nchannels:\n "
+        " torque: "
+    )
     (tmp_path / "s.yaml").write_text(source + "{column: '3', unit: Nm}\n")
     trial = trial_from_files({"trial": "a", "log": "a.csv", "log_source": "s"}, tmp_path, tmp_path)
     np.testing.assert_allclose(trial.samples["torque"], TORQUE, atol=1e-8)
@@ -444,9 +580,14 @@ def test_the_line_of_every_row_is_told_however_far_below(tmp_path):
     """Lines between the first 300 and the last 60 are split as a whole."""
     for place in (5, 299, 300, 500, 638, 639, 640):
         (tmp_path / "a.csv").write_text(text(t=[*T[:place], "?", *T[place + 1 :]]))
-        source = "format: csv\ntime: {column: Time, unit: s}\nchannels:\n  theta: {column: Ankle angle, unit: deg}\n"
+        source = (
+            "format: csv\ntime: {column: Time, unit: s}\nchannels:\n  theta: {column: Ankle angle,"
+            " unit: deg}\n"
+        )
         (tmp_path / "s.yaml").write_text(source)
-        with pytest.raises(InputError, match=rf"line {place + 2}, column 'Time \[s\]': '\?' is not a number"):
+        with pytest.raises(
+            InputError, match=rf"line {place + 2}, column 'Time \[s\]': '\?' is not a number"
+        ):
             trial_from_files({"trial": "a", "log": "a.csv", "log_source": "s"}, tmp_path, tmp_path)
 
 
@@ -467,7 +608,8 @@ def fall():
     (partial(len, None), r"cannot be read \(its parts contradict each other\)"),
     (partial(zlib.decompress, b"x" * 9), r"cannot be read \(a packed part of it is damaged\)"),
     (partial(os.open, "/no such", 0), r"cannot be read \(No such file or directory\)"),
-    (partial(os.lseek, os.open(__file__, os.O_RDONLY), -9, 0), r"cannot be read \(its parts contradict each other\)"),
+    (partial(os.lseek, os.open(__file__, os.O_RDONLY), -9, 0),
+     r"cannot be read \(its parts contradict each other\)"),
 ])  # fmt: skip
 def test_a_decoder_that_crashes_or_asks_for_all_memory_is_a_refusal(work, told):
     assert isolated(partial(sum, [1, 2])) == 3
@@ -476,7 +618,9 @@ def test_a_decoder_that_crashes_or_asks_for_all_memory_is_a_refusal(work, told):
 
 
 def test_a_damaged_parquet_file_is_one_refusal_and_no_trace_of_rust(tmp_path, capfd):
-    pl.DataFrame({"t": TIME, "a": TIME}).write_parquet(path := tmp_path / "a.parquet", compression="uncompressed")
+    pl.DataFrame({"t": TIME, "a": TIME}).write_parquet(
+        path := tmp_path / "a.parquet", compression="uncompressed"
+    )
     path.write_bytes(path.read_bytes()[:4] + path.read_bytes()[2000:])
     with pytest.raises(InputError, match=r"cannot be read \([a-z, ]*\); copy the file again"):
         inspect_file(path)
@@ -489,7 +633,9 @@ def test_hdf5_that_crashes_its_library_is_a_refusal(tmp_path, monkeypatch, begin
         file["x"] = TIME
     with (tmp_path / "a.h5").open("r+b") as file:
         file.write(begin)
-    monkeypatch.setattr(h5py.Dataset, "__getitem__", lambda *_: os.kill(os.getpid(), signal.SIGKILL))
+    monkeypatch.setattr(
+        h5py.Dataset, "__getitem__", lambda *_: os.kill(os.getpid(), signal.SIGKILL)
+    )
     with pytest.raises(InputError, match="its decoder broke down"):
         inspect_file(tmp_path / "a.h5")
 
@@ -504,19 +650,30 @@ def test_a_block_of_hdf5_whose_address_is_lost_is_no_values(tmp_path):
     assert content.count(lost) == 1
     (tmp_path / "a.h5").write_bytes(content.replace(lost, b"\xff" * 8))
     arrays, _ = hdf5_arrays(tmp_path / "a.h5")
-    np.testing.assert_array_equal(np.flatnonzero(np.isnan(arrays["torque_Nm"])), np.arange(300, 400))
+    np.testing.assert_array_equal(
+        np.flatnonzero(np.isnan(arrays["torque_Nm"])), np.arange(300, 400)
+    )
 
 
 def old_workbook(*records: tuple[int, int]) -> bytes:
-    """A workbook of Excel 97: its stream of records (type, length) of zeros in sectors of a compound file."""
+    """A workbook of Excel 97: its stream of records (type, length) of zeros in sectors of a
+    compound file."""
     stream = b"".join(struct.pack("<HH", *one) + bytes(one[1]) for one in records)
     sectors = -(-len(stream) // 512)
     table = [0xFFFFFFFD, 0xFFFFFFFE, *range(3, 2 + sectors), 0xFFFFFFFE]
-    head = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1".ljust(30, b"\0") + struct.pack("<H16xI16xII", 9, 1, 0xFFFFFFFE, 0)
+    head = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1".ljust(30, b"\0") + struct.pack(
+        "<H16xI16xII", 9, 1, 0xFFFFFFFE, 0
+    )
     entry = "Workbook".encode("utf-16-le").ljust(116, b"\0") + struct.pack("<II4x", 2, len(stream))
     free = struct.pack("<128I", *table, *[0xFFFFFFFF] * (128 - len(table)))
     listed = struct.pack("<109I", 0, *[0xFFFFFFFF] * 108)
-    return head.ljust(76, b"\0") + listed + free + entry.ljust(512, b"\0") + stream.ljust(512 * sectors, b"\0")
+    return (
+        head.ljust(76, b"\0")
+        + listed
+        + free
+        + entry.ljust(512, b"\0")
+        + stream.ljust(512 * sectors, b"\0")
+    )
 
 
 def test_an_old_workbook_of_which_a_sheet_breaks_off_is_refused(tmp_path):
@@ -525,16 +682,24 @@ def test_an_old_workbook_of_which_a_sheet_breaks_off_is_refused(tmp_path):
     path = tmp_path / "a.xls"
     path.write_bytes(old_workbook(*book, *sheet))
     check_xls(path)
-    for broken in ([*sheet[:90], (0, 0), *sheet[90:]], sheet[:-1], [*sheet[:90], (0x5A3F, 14), *sheet[90:]]):
+    for broken in (
+        [*sheet[:90], (0, 0), *sheet[90:]],
+        sheet[:-1],
+        [*sheet[:90], (0x5A3F, 14), *sheet[90:]],
+    ):
         path.write_bytes(old_workbook(*book, *broken))
         with pytest.raises(InputError, match="rows behind are lost"):
             check_xls(path)
 
 
-def test_a_zip_that_unpacks_to_more_than_a_recording_may_is_refused_by_the_stated_limit(tmp_path, monkeypatch):
+def test_a_zip_that_unpacks_to_more_than_a_recording_may_is_refused_by_the_stated_limit(
+    tmp_path, monkeypatch
+):
     np.savez_compressed(tmp_path / "a.npz", t=np.zeros(10**6))
     monkeypatch.setattr("osl_analysis.formats.table.MOST_BYTES", 10**6)
-    with pytest.raises(InputError, match=re.escape("take 0.008 GB of memory, at most 0.001 GB are read")):
+    with pytest.raises(
+        InputError, match=re.escape("take 0.008 GB of memory, at most 0.001 GB are read")
+    ):
         inspect_file(tmp_path / "a.npz")
 
 
@@ -542,11 +707,15 @@ def test_a_zip_that_unpacks_to_more_than_a_recording_may_is_refused_by_the_state
 def test_a_c3d_file_whose_frames_are_shifted_is_refused_or_its_loss_is_told(tmp_path, change):
     points = np.random.default_rng(1).normal(0, 500, (50, 3, 4))
     points[:, :, 3] = 0.0
-    whole = write_c3d(tmp_path / "a.c3d", points, np.random.default_rng(2).normal(0, 1, (100, 4))).read_bytes()
+    whole = write_c3d(
+        tmp_path / "a.c3d", points, np.random.default_rng(2).normal(0, 1, (100, 4))
+    ).read_bytes()
     middle, by = len(whole) - 3000, 8
     behind = whole[middle + by :] if change.startswith("lost") else whole[middle - by :]
     content = whole[:middle] + behind
-    (tmp_path / "a.c3d").write_bytes(content + bytes(-len(content) % 512) * change.endswith("padded"))
+    (tmp_path / "a.c3d").write_bytes(
+        content + bytes(-len(content) % 512) * change.endswith("padded")
+    )
     if change == "doubled and padded":
         assert read_c3d(tmp_path / "a.c3d").damage.uncounted
         return
@@ -560,7 +729,9 @@ def test_a_c3d_file_that_lost_a_block_ends_in_frames_of_padding_and_is_refused(t
     whole = write_c3d(tmp_path / "a.c3d", points).read_bytes()
     points[-7:] = 0.0
     write_c3d(tmp_path / "unseen.c3d", points)
-    assert read_c3d(tmp_path / "unseen.c3d").damage.report()["complete"], "nothing was seen in the last frames"
+    assert read_c3d(tmp_path / "unseen.c3d").damage.report()["complete"], (
+        "nothing was seen in the last frames"
+    )
     (tmp_path / "a.c3d").write_bytes(whole[:1536] + whole[2048:] + bytes(512))
     with pytest.raises(InputError, match="are shifted"):
         read_c3d(tmp_path / "a.c3d")
@@ -596,7 +767,10 @@ def test_tdms_channels_of_one_clock_and_unequal_counts_are_refused(tmp_path):
     timing = {"wf_increment": 0.002, "wf_start_offset": 0.0}
     channels = {"Angle": (ANGLE[:650], "deg"), "Torque": (TORQUE, "Nm")}
     with TdmsWriter(tmp_path / "a.tdms") as writer:
-        every = [ChannelObject("Run", name, one, {**timing, "unit_string": u}) for name, (one, u) in channels.items()]
+        every = [
+            ChannelObject("Run", name, one, {**timing, "unit_string": u})
+            for name, (one, u) in channels.items()
+        ]
         writer.write_segment(every)
     said = "channel 'Run/Torque' has 700 values and 'Run/Angle' has 650 for one time"
     with pytest.raises(InputError, match=said):

@@ -1,4 +1,5 @@
-"""From the sheet's row to the trial's file, and one log in every format of rows: the same columns and refusals."""
+"""From the sheet's row to the trial's file, and one log in every format of rows: the same columns
+and refusals."""
 
 import hashlib
 import json
@@ -28,12 +29,28 @@ from osl_analysis.ingest.clock import ClockFit, aligned_clock
 from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.raw_files import FORMATS, merged, read_source
 from osl_analysis.ingest.source import LARGEST_MEASURED, Recording, SharedAngle
-from osl_analysis.trial import COLUMNS, FAMILIES, Trial, plate_columns, read_trial, unit_of, write_trial
+from osl_analysis.trial import (
+    COLUMNS,
+    FAMILIES,
+    Trial,
+    plate_columns,
+    read_trial,
+    unit_of,
+    write_trial,
+)
 
 pytestmark = pytest.mark.usefixtures("in_process")
 SOURCES = Path(__file__).parents[1] / "config" / "sources"
-THETA, SYNC = ({"topic": "/lab", "field": name, "unit": unit} for name, unit in (("angle", "deg"), ("sync", "V")))
-LEG = {"format": "mcap", "clock": "sync", "time": {"source": "header"}, "channels": {"theta": THETA, "sync": SYNC}}
+THETA, SYNC = (
+    {"topic": "/lab", "field": name, "unit": unit}
+    for name, unit in (("angle", "deg"), ("sync", "V"))
+)
+LEG = {
+    "format": "mcap",
+    "clock": "sync",
+    "time": {"source": "header"},
+    "channels": {"theta": THETA, "sync": SYNC},
+}
 CAPTURE = {"format": "c3d", "analogs": {"sync": {"channel": "A1"}}}
 LEG_OFFSET, LEG_DRIFT = 4.321, 40e-6  # leg time = offset + (1 + drift) * motion capture's
 CHANGES, DURATION = np.cumsum(np.random.default_rng(0).uniform(0.06, 0.25, 40)), 5.0
@@ -50,16 +67,24 @@ def angle(time: np.ndarray) -> np.ndarray:
 
 @pytest.fixture
 def laboratory(tmp_path: Path) -> Path:
-    """Raw files of one trial, `leg.mcap` at 500 Hz and `vicon.c3d` at 300 and 1500 Hz, and their source files."""
+    """Raw files of one trial, `leg.mcap` at 500 Hz and `vicon.c3d` at 300 and 1500 Hz, and their
+    source files."""
     leg_time = np.arange(np.ceil((LEG_OFFSET - 1) * 500), (LEG_OFFSET + DURATION + 1) * 500) / 500
     mocap_time = (leg_time - LEG_OFFSET) / (1 + LEG_DRIFT)
-    every = zip(leg_time.tolist(), angle(mocap_time).tolist(), level(mocap_time).tolist(), strict=True)
+    every = zip(
+        leg_time.tolist(), angle(mocap_time).tolist(), level(mocap_time).tolist(), strict=True
+    )
     log = [stamped(round(t * 1e9), angle=a, torque=0.0, sync=s > 0) for t, a, s in every]
     write_log(tmp_path / "leg.mcap", log, SAMPLE.replace("float32 angle", "float64 angle"))
     frames = int(DURATION * 300)
     time = np.arange(frames)[:, None] / 300
     positions = np.concatenate([100 + time, 200 - time, 1 + 0 * time, 0 * time], axis=1)[:, None, :]
-    write_c3d(tmp_path / "vicon.c3d", positions, 5.0 * level(np.arange(frames * 5) / 1500)[:, None], rate=300.0)
+    write_c3d(
+        tmp_path / "vicon.c3d",
+        positions,
+        5.0 * level(np.arange(frames * 5) / 1500)[:, None],
+        rate=300.0,
+    )
     (tmp_path / "leg.yaml").write_text(yaml.safe_dump(LEG))
     (tmp_path / "vicon.yaml").write_text(yaml.safe_dump(CAPTURE))
     return tmp_path
@@ -85,25 +110,49 @@ def refused(folder: Path, **fields: object) -> str:
     return str(caught.value)
 
 
-def test_the_leg_and_motion_capture_share_one_clock_and_the_provenance_names_every_file_and_channel(laboratory):
+def test_the_leg_and_motion_capture_share_one_clock_and_the_provenance_names_every_file_and_channel(
+    laboratory,
+):
     trial, speed = ingested(laboratory), np.radians(10 * 2 * np.pi * 0.7)
     time, theta = trial.signals("theta")
-    np.testing.assert_allclose(theta, np.radians(angle(time)), atol=speed * 0.5e-3)  # half a millisecond
+    # half a millisecond
+    np.testing.assert_allclose(theta, np.radians(angle(time)), atol=speed * 0.5e-3)
     assert 0 <= time[0] < time[-1] <= DURATION  # rows beyond motion capture's are not used
     clock = trial.provenance["clock"]
-    found = clock["residual"] < 1e-3, clock["edges"] >= 25, clock["rows_before"], clock["rows_after"]
-    assert found == (True, True, pytest.approx(500, abs=1), pytest.approx(500, abs=2))  # a second more at each end
+    found = (
+        clock["residual"] < 1e-3,
+        clock["edges"] >= 25,
+        clock["rows_before"],
+        clock["rows_after"],
+    )
+    # a second more at each end
+    assert found == (True, True, pytest.approx(500, abs=1), pytest.approx(500, abs=2))
     files, columns = trial.provenance["files"], trial.provenance["columns"]
     for role, name in (("log", "leg.mcap"), ("mocap", "vicon.c3d")):
         assert files[role]["path"] == name
         assert files[role]["sha256"] == hashlib.sha256((laboratory / name).read_bytes()).hexdigest()
-    assert (set(columns), columns["theta"]["topic"]) == (set(trial.samples.columns) - {"time"}, "/lab")
-    assert (columns["theta"]["factor"], columns["sync"]["file"]) == (pytest.approx(np.pi / 180), "mocap")
-    marker = {"file": "mocap", "label": "M1", "component": "y", "unit": "mm", "factor": 0.001, "si_unit": "m"}
+    assert (set(columns), columns["theta"]["topic"]) == (
+        set(trial.samples.columns) - {"time"},
+        "/lab",
+    )
+    assert (columns["theta"]["factor"], columns["sync"]["file"]) == (
+        pytest.approx(np.pi / 180),
+        "mocap",
+    )
+    marker = {
+        "file": "mocap",
+        "label": "M1",
+        "component": "y",
+        "unit": "mm",
+        "factor": 0.001,
+        "si_unit": "m",
+    }
     assert columns["marker_M1_y"] == marker
 
 
-def test_without_sync_edges_the_joints_angle_aligns_the_log_and_the_trial_says_so(tmp_path: Path) -> None:
+def test_without_sync_edges_the_joints_angle_aligns_the_log_and_the_trial_says_so(
+    tmp_path: Path,
+) -> None:
     knots = np.arange(-5.0, 40.0, 0.2)
     course = make_interp_spline(knots, 0.3 * np.random.default_rng(4).standard_normal(knots.size))
     leg_time, time = np.arange(0, 30, 1 / 500), np.arange(0, 25, 1 / 300)
@@ -112,24 +161,35 @@ def test_without_sync_edges_the_joints_angle_aligns_the_log_and_the_trial_says_s
     write_log(tmp_path / "leg.mcap", log, SAMPLE.replace("float32 angle", "float64 angle"))
     bent = np.pi / 2 + course(time)
     toe = 200 * np.stack([np.sin(bent), 0 * bent, np.cos(bent)], axis=1)
-    points = np.stack([np.tile([0, 0, 400.0], (time.size, 1)), np.full((time.size, 3), 1e-6), toe], axis=1)
+    points = np.stack(
+        [np.tile([0, 0, 400.0], (time.size, 1)), np.full((time.size, 3), 1e-6), toe], axis=1
+    )
     seen = np.concatenate([points, np.zeros((time.size, 3, 1))], axis=2)
     seen[40:50, 0, 3] = -1.0  # a marker that was hidden for a moment
     write_c3d(tmp_path / "vicon.c3d", seen, rate=300.0)
     shared, no_sync = {"column": "theta", "markers": ["M1", "M2", "M3"]}, {"theta": THETA}
-    (tmp_path / "leg.yaml").write_text(yaml.safe_dump(LEG | {"clock": "shared", "channels": no_sync}))
+    (tmp_path / "leg.yaml").write_text(
+        yaml.safe_dump(LEG | {"clock": "shared", "channels": no_sync})
+    )
     (tmp_path / "vicon.yaml").write_text(yaml.safe_dump({"format": "c3d", "shared": shared}))
     trial = ingested(tmp_path)
     found, theta = trial.signals("theta")
     np.testing.assert_allclose(theta, course(found), atol=2e-3)
     assert trial.provenance["clock"]["method"] == "correlation"
-    assert "aligned by cross-correlation of 'theta' and the angle at marker M2" in trial.provenance["warnings"][0]
+    assert (
+        "aligned by cross-correlation of 'theta' and the angle at marker M2"
+        in trial.provenance["warnings"][0]
+    )
 
 
 def test_rows_within_a_nanosecond_become_one() -> None:
-    mocap = pl.DataFrame({"time": [0.0, 2 / 3, 0.9], "sync": [0.0, 1.0, 0.0], "trigger": [1.0, 2.0, 3.0]})
+    mocap = pl.DataFrame(
+        {"time": [0.0, 2 / 3, 0.9], "sync": [0.0, 1.0, 0.0], "trigger": [1.0, 2.0, 3.0]}
+    )
     times = [0.05, 2 / 3 + 3e-10, 0.7, 0.9 - 3e-10]
-    log = pl.DataFrame({"time": times, "sync": [0.0, 1.0, 0.0, 1.0], "theta": [7.0, 8.0, 9.0, 10.0]})
+    log = pl.DataFrame(
+        {"time": times, "sync": [0.0, 1.0, 0.0, 1.0], "theta": [7.0, 8.0, 9.0, 10.0]}
+    )
     joined = merged(Recording(log, {}), Recording(mocap, {}), ClockFit(0.0, 0.0, 0.0, 0.0, 6, 0))
     assert joined["time"].to_list() == [0.0, 0.05, 2 / 3, 0.7, 0.9]
     assert joined["theta"].to_list() == [None, 7.0, 8.0, 9.0, 10.0]
@@ -159,11 +219,19 @@ def test_a_file_that_changes_while_it_is_read_is_refused(laboratory, monkeypatch
 
     monkeypatch.setitem(FORMATS, "mcap", replace(FORMATS["mcap"], reader=read_and_change))
     message = refused(laboratory, mocap=None, mocap_source=None)
-    assert "leg.mcap: the file changed while it was read; wait until it is recorded or copied" in message
+    assert (
+        "leg.mcap: the file changed while it was read; wait until it is recorded or copied"
+        in message
+    )
 
 
-BOTH = {**CAPTURE, "analogs": {"sync": {"channel": "A1"}, "theta": {"channel": "A1", "unit": "deg"}}}
-PERIODIC = [stamped(i * 2_000_000, angle=0.0, torque=0.0, sync=(i // 29) % 2 > 0) for i in range(2500)]
+BOTH = {
+    **CAPTURE,
+    "analogs": {"sync": {"channel": "A1"}, "theta": {"channel": "A1", "unit": "deg"}},
+}
+PERIODIC = [
+    stamped(i * 2_000_000, angle=0.0, torque=0.0, sync=(i // 29) % 2 > 0) for i in range(2500)
+]
 
 
 def stating(name: str, content: dict[str, Any]) -> Callable[[Path], object]:
@@ -173,16 +241,23 @@ def stating(name: str, content: dict[str, Any]) -> Callable[[Path], object]:
 MISTAKES: dict[str, tuple[Callable[[Path], object] | None, dict[str, object], str]] = {
     "one column of both": (stating("vicon.yaml", BOTH), {},
      "trial walk_1 (leg.mcap, vicon.c3d): column 'theta' is mapped in log and motion capture"),
-    "no sync": (stating("vicon.yaml", {"format": "c3d"}), {}, "'sync' does not align the log with motion capture of"),
-    "a clock of its own": (stating("leg.yaml", {**LEG, "clock": "master"}), {}, "write clock: sync"),
-    "two trials": (lambda folder: write_log(folder / "leg.mcap", PERIODIC), {}, "trial walk_1 (leg.mcap, vicon.c3d): "),
-    "no such log": (None, {"log": "elsewhere/none.bin"}, "elsewhere/none.bin: no such file; correct the sample sheet"),
-    "empty": (lambda folder: (folder / "leg.mcap").write_bytes(b""), {}, "leg.mcap: the file is empty"),
-    "c3d as log": (None, {"log": "vicon.c3d", "mocap": ""}, "is c3d, its source file says mcap; write `format: c3d`"),
+    "no sync": (stating("vicon.yaml", {"format": "c3d"}), {},
+    "'sync' does not align the log with motion capture of"),
+    "a clock of its own": (stating("leg.yaml", {**LEG, "clock": "master"}), {},
+    "write clock: sync"),
+    "two trials": (lambda folder: write_log(folder / "leg.mcap", PERIODIC), {},
+    "trial walk_1 (leg.mcap, vicon.c3d): "),
+    "no such log": (None, {"log": "elsewhere/none.bin"},
+    "elsewhere/none.bin: no such file; correct the sample sheet"),
+    "empty": (lambda folder: (folder / "leg.mcap").write_bytes(b""), {},
+    "leg.mcap: the file is empty"),
+    "c3d as log": (None, {"log": "vicon.c3d", "mocap": ""},
+    "is c3d, its source file says mcap; write `format: c3d`"),
     "a device": (None, {"log": "/dev/null"}, "/dev/null: a device or a pipe, not a recording"),
     "no such source file": (None, {"log_source": "none"}, "none.yaml: no such file"),
     "no source file": (None, {"log_source": None}, "log_source is empty"),
-    "no file": (None, {"log": None, "mocap": float("nan")}, "trial walk_1: the sheet names no file"),
+    "no file": (None, {"log": None, "mocap": float("nan")},
+    "trial walk_1: the sheet names no file"),
 }  # fmt: skip
 
 
@@ -194,7 +269,9 @@ def test_a_mistake_is_told_and_leaves_nothing_behind(laboratory: Path, mistake: 
     assert told in refused(laboratory, **fields)
 
 
-def test_a_trial_file_keeps_null_and_nan_apart_and_every_bit_and_what_is_none_is_refused(tmp_path: Path) -> None:
+def test_a_trial_file_keeps_null_and_nan_apart_and_every_bit_and_what_is_none_is_refused(
+    tmp_path: Path,
+) -> None:
     path = tmp_path / "t.parquet"
     samples = pl.DataFrame({"time": [0.1, 0.2, 0.3], "theta": [None, float("nan"), 1 / 3]})
     with pytest.raises(InputError, match="no such trial; ingest it first"):
@@ -203,24 +280,40 @@ def test_a_trial_file_keeps_null_and_nan_apart_and_every_bit_and_what_is_none_is
     write_trial(trial, path)
     read = read_trial(path)
     assert read.samples["theta"].is_nan().to_list() == [None, True, False]
-    assert (read.samples.equals(samples), read.name, read.provenance) == (True, trial.name, trial.provenance)
+    assert (read.samples.equals(samples), read.name, read.provenance) == (
+        True,
+        trial.name,
+        trial.provenance,
+    )
     whole = path.read_bytes()
     number = struct.pack("<d", 1 / 3)  # it stands also in the statistics, which nobody reads
     at = whole.index(number, whole.index(number, whole.index(number) + 1) + 1)
-    changed = (whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :], whole.replace(b'{"plates', b'["plates'))
+    changed = (
+        whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :],
+        whole.replace(b'{"plates', b'["plates'),
+    )
     for content in (b"", b"time,theta\n", b"PAR1" + bytes(50) + b"PAR1", *changed):
         path.write_bytes(content)
-        with pytest.raises(InputError, match=r"t.parquet: not what `ingest` wrote .*; ingest the trial again"):
+        with pytest.raises(
+            InputError, match=r"t.parquet: not what `ingest` wrote .*; ingest the trial again"
+        ):
             read_trial(path)
     pl.DataFrame({"time": [0.0]}).write_parquet(path)
     with pytest.raises(InputError, match="Parquet without provenance"):
         read_trial(path)
 
 
-def test_a_trial_without_a_column_that_its_experiment_needs_is_refused_by_name(laboratory: Path) -> None:
+def test_a_trial_without_a_column_that_its_experiment_needs_is_refused_by_name(
+    laboratory: Path,
+) -> None:
     needed = EXPERIMENTS["belt"].needed_columns
-    with pytest.raises(InputError, match=r"trial walk_1: no column torque, theta_m, .* experiment 'belt' needs; map"):
-        ingest_trial(row(experiment="belt"), laboratory, laboratory, laboratory / "out.parquet", needed)
+    with pytest.raises(
+        InputError,
+        match=r"trial walk_1: no column torque, theta_m, .* experiment 'belt' needs; map",
+    ):
+        ingest_trial(
+            row(experiment="belt"), laboratory, laboratory, laboratory / "out.parquet", needed
+        )
     assert not (laboratory / "out.parquet").exists()
 
 
@@ -236,7 +329,9 @@ def log_of(folder: Path, angle: float, torque: float, unit: str = "rad") -> Tria
     return trial_of(folder, log="log.csv", log_source="s")
 
 
-def capture_of(folder: Path, points: np.ndarray, experiment: str = "ingest_only", **parameters: object) -> Trial:
+def capture_of(
+    folder: Path, points: np.ndarray, experiment: str = "ingest_only", **parameters: object
+) -> Trial:
     """A capture without plates, trial_of."""
     write_c3d(folder / "a.c3d", points, **parameters)  # type: ignore[arg-type]
     (folder / "s.yaml").write_text("format: c3d\nmarkers: all\nplates: none\n")
@@ -244,36 +339,52 @@ def capture_of(folder: Path, points: np.ndarray, experiment: str = "ingest_only"
 
 
 def trial_of(folder: Path, experiment: str = "ingest_only", **files: str) -> Trial:
-    ingest_trial({"trial": "a", "experiment": experiment, **files}, folder, folder, folder / "a.parquet")
+    ingest_trial(
+        {"trial": "a", "experiment": experiment, **files}, folder, folder, folder / "a.parquet"
+    )
     return read_trial(folder / "a.parquet")
 
 
 def seen(frames: int = 6) -> np.ndarray:
     """Two points that are seen, in mm."""
-    return np.concatenate([np.arange(1.0, 1 + frames * 6).reshape(frames, 2, 3), np.zeros((frames, 2, 1))], axis=2)
+    return np.concatenate(
+        [np.arange(1.0, 1 + frames * 6).reshape(frames, 2, 3), np.zeros((frames, 2, 1))], axis=2
+    )
 
 
 def test_every_unit_of_a_column_has_a_largest_value() -> None:
-    assert {unit for name, unit in COLUMNS.items() if name != "time"} | set(FAMILIES.values()) == set(LARGEST_MEASURED)
-    assert [unit_of(plate_columns(10, of)[2]) for of in ("force", "moment")] == ["N", "N*m"]  # however many there are
+    assert {unit for name, unit in COLUMNS.items() if name != "time"} | set(
+        FAMILIES.values()
+    ) == set(LARGEST_MEASURED)
+    # however many there are
+    assert [unit_of(plate_columns(10, of)[2]) for of in ("force", "moment")] == ["N", "N*m"]
 
 
 @pytest.mark.parametrize(("angle", "torque", "unit", "told"), [
-    (-1.1e6, 0.0, "rad", r"theta is -1\.1e\+06 rad at 0\.020 s, and beyond ±1e\+06 in 1 of 4 samples"),
+    (-1.1e6, 0.0, "rad",
+     r"theta is -1\.1e\+06 rad at 0\.020 s, and beyond ±1e\+06 in 1 of 4 samples"),
     (0.0, 1e200, "rad", r"torque is 1e\+200 N\*m at 0\.020 s"),
     (1.7e308, 0.0, "rev", r"theta is inf rad at 0\.020 s"),  # overflows in the conversion
 ])  # fmt: skip
-def test_values_that_nothing_can_reach_are_refused_by_file_column_value_and_remedy(tmp_path, angle, torque, unit, told):
-    with pytest.raises(InputError, match=rf"log\.csv: {told}.*; correct its unit or scale in the source file, or"):
+def test_values_that_nothing_can_reach_are_refused_by_file_column_value_and_remedy(
+    tmp_path, angle, torque, unit, told
+):
+    with pytest.raises(
+        InputError, match=rf"log\.csv: {told}.*; correct its unit or scale in the source file, or"
+    ):
         log_of(tmp_path, angle, torque, unit)
     assert not (tmp_path / "a.parquet").exists()
 
 
-def test_markers_that_were_never_seen_are_refused_where_they_are_needed_and_told_elsewhere(tmp_path: Path) -> None:
+def test_markers_that_were_never_seen_are_refused_where_they_are_needed_and_told_elsewhere(
+    tmp_path: Path,
+) -> None:
     hidden = seen()
     hidden[:, :, 3] = -1.0
     for experiment in (name for name, facts in EXPERIMENTS.items() if facts.place == "walkway"):
-        with pytest.raises(InputError, match=rf"none of its 2 markers .* experiment '{experiment}' needs them; "):
+        with pytest.raises(
+            InputError, match=rf"none of its 2 markers .* experiment '{experiment}' needs them; "
+        ):
             capture_of(tmp_path, hidden, experiment)
     (said,) = capture_of(tmp_path, hidden).provenance["warnings"]
     assert said == "a.c3d: none of the 2 markers was seen in any of the 6 frames"
@@ -288,7 +399,9 @@ LOG = {"t": 1e3 * TIME + 7, "angle": np.rad2deg(ANGLE), "torque": -1e3 * TORQUE}
 
 def write_text(path, columns, sign=",", head=""):
     rows = zip(*columns.values(), strict=True)
-    path.write_text(head + "\n".join([sign.join(columns), *(sign.join(map(str, row)) for row in rows)]) + "\n")
+    path.write_text(
+        head + "\n".join([sign.join(columns), *(sign.join(map(str, row)) for row in rows)]) + "\n"
+    )
     return path
 
 
@@ -298,7 +411,9 @@ def write_table(path, columns):
 
 def write_json(path, columns):
     rows = zip(*(np.asarray(column).tolist() for column in columns.values()), strict=True)
-    path.write_text("".join(json.dumps(dict(zip(columns, row, strict=True))) + "\n" for row in rows))
+    path.write_text(
+        "".join(json.dumps(dict(zip(columns, row, strict=True))) + "\n" for row in rows)
+    )
     return path
 
 
@@ -306,7 +421,8 @@ WRITERS = {
     "csv": ("csv", "column", write_text), "json_lines": ("json_lines", "field", write_json),
     "mat": ("mat", "variable", lambda path, columns: write_mat(path, **columns)),
     "mat 7.3": ("mat", "variable", lambda path, columns: write_mat73(path, **columns)),
-    "tdms": ("tdms", "channel", lambda path, columns: write_tdms(path, [(*one, {}) for one in columns.items()])),
+    "tdms": ("tdms", "channel", lambda path, columns: write_tdms(path, [(*one,
+    {}) for one in columns.items()])),
     "opensim": ("opensim", "column", write_table),
 }  # fmt: skip
 NO_TIME = {"opensim": {"column": None, "unit": None}}  # where a source file has a time of its own
@@ -316,8 +432,15 @@ EVERY = pytest.mark.parametrize("what", WRITERS)
 def described(what, counter=None, **fields):
     """The source file of a log in a format, with other fields than the usual."""
     name, key, _ = WRITERS[what]
-    theta, torque = {key: "angle", "unit": "deg", "counter": counter}, {key: "torque", "unit": "Nmm", "sign": -1}
-    content = {"format": name, "time": {key: "t", "unit": "ms"}, "channels": {"theta": theta, "torque": torque}}
+    theta, torque = (
+        {key: "angle", "unit": "deg", "counter": counter},
+        {key: "torque", "unit": "Nmm", "sign": -1},
+    )
+    content = {
+        "format": name,
+        "time": {key: "t", "unit": "ms"},
+        "channels": {"theta": theta, "torque": torque},
+    }
     return FORMATS[name].source.model_validate({**content, **fields})
 
 
@@ -328,7 +451,9 @@ def test_a_log_gives_the_same_columns_in_every_format(tmp_path, what):
     for column, expected in (("time", TIME), ("theta", ANGLE), ("torque", TORQUE)):
         np.testing.assert_allclose(recording.samples[column], expected, atol=1e-12)
     assert recording.samples["theta_counter"].to_list() == list(range(7, 47))
-    by_rate = FORMATS[WRITERS[what][0]].read(path, described(what, time={**NO_TIME.get(what, {}), "rate": 520}))
+    by_rate = FORMATS[WRITERS[what][0]].read(
+        path, described(what, time={**NO_TIME.get(what, {}), "rate": 520})
+    )
     np.testing.assert_allclose(by_rate.samples["time"], TIME * 500 / 520, atol=1e-12)
     assert (recording.columns["torque"]["unit"], recording.facts["time"]["start"]) == ("Nmm", 7)
     assert recording.facts["rates_hz"]["log"] == pytest.approx(500)
@@ -339,11 +464,15 @@ def test_a_log_gives_the_same_columns_in_every_format(tmp_path, what):
     ("t", TIME), ("Date", 45_000 + TIME / 86_400), ("LabVIEW time", 3.8e9 + TIME),
     ("count_time", (1e3 * TIME + 65_500) % 2**16),
 ])  # fmt: skip
-def test_a_rate_that_a_clock_of_the_file_contradicts_is_refused_in_every_format(tmp_path, what, name, clock):
+def test_a_rate_that_a_clock_of_the_file_contradicts_is_refused_in_every_format(
+    tmp_path, what, name, clock
+):
     """A rate of 1000 for a file of 500 Hz halves B, and no check objects."""
     if what.startswith("mat") and " " in name:
         name = name.replace(" ", "_")
-    path = WRITERS[what][2](tmp_path / "log", {"angle": LOG["angle"], "torque": LOG["torque"], name: clock})
+    path = WRITERS[what][2](
+        tmp_path / "log", {"angle": LOG["angle"], "torque": LOG["torque"], name: clock}
+    )
     read, other = FORMATS[WRITERS[what][0]].read, NO_TIME.get(what, {})
     assert "but " in (said := refusal_by(read, path, described(what, time={**other, "rate": 1000})))
     assert f"{name}' rises by" in said
@@ -357,12 +486,15 @@ LATE = TIME > 0.039
 @pytest.mark.parametrize(("changes", "counted", "told"), [
     ({"torque": np.where(LATE, np.nan, TORQUE)}, {}, "in 20 of 40 "),
     ({"torque": np.where(LATE, np.inf, TORQUE)}, {}, "inf"),
-    ({"t": np.full(40, 3.0)}, {}, "time stands still at 3 in 40 of 40 "), ({"t": -TIME}, {}, "sort them by time"),
+    ({"t": np.full(40, 3.0)}, {}, "time stands still at 3 in 40 of 40 "), ({"t": -TIME},
+     {}, "sort them by time"),
     ({"t": np.r_[TIME[:30], TIME[20:30]]}, {}, "stand there already: delete rows that stand twice"),
     ({"t": np.r_[TIME[:30], TIME[20:30] + 1e-3]}, {}, "the recorder's clock was set back: cut"),
-    ({"t": np.where(LATE, np.nan, TIME)}, {}, "no time in "), ({"angle": None, "angel": ANGLE}, {}, "angel"),
+    ({"t": np.where(LATE, np.nan, TIME)}, {}, "no time in "), ({"angle": None, "angel": ANGLE},
+     {}, "angel"),
     ({}, {"counter": "angle"}, "is no count of samples, a whole number below"),
-    ({"big": np.full(40, 2.0**53)}, {"counter": "big"}, "is no count of samples, a whole number below 9.01e+15"),
+    ({"big": np.full(40, 2.0**53)},
+     {"counter": "big"}, "is no count of samples, a whole number below 9.01e+15"),
 ])  # fmt: skip
 def test_what_cannot_be_a_log_is_refused_in_every_format(tmp_path, what, changes, counted, told):
     columns = {name: one for name, one in {**LOG, **changes}.items() if one is not None}
@@ -374,7 +506,11 @@ def test_what_cannot_be_a_log_is_refused_in_every_format(tmp_path, what, changes
 def test_a_draft_becomes_a_source_file_by_naming_two_signals_and_a_unit(tmp_path, what):
     columns = {"time": TIME, "ankle_deg": np.rad2deg(ANGLE), "moment": TORQUE}
     path = WRITERS[what][2](tmp_path / f"log.{WRITERS[what][0]}", columns)
-    draft = draft_source(inspect_file(path), path.name).replace("NAME_1", "theta").replace("NAME_2", "torque")
+    draft = (
+        draft_source(inspect_file(path), path.name)
+        .replace("NAME_1", "theta")
+        .replace("NAME_2", "torque")
+    )
     (tmp_path / "s.yaml").write_text(draft.replace("UNKNOWN", "N*m"))
     samples = FORMATS[WRITERS[what][0]].read(path, read_source(tmp_path / "s.yaml")).samples
     for column, expected in (("time", TIME), ("theta", ANGLE), ("torque", TORQUE)):
@@ -390,38 +526,59 @@ MATLAB = pytest.mark.parametrize("write", [write_mat, write_mat73])
 
 @MATLAB
 def test_a_part_of_a_matlab_file_is_a_trial_of_its_own(write, tmp_path):
-    path = write(tmp_path / "a.mat", Slow=LOG, Fast={**LOG, "torque": -2e3 * TORQUE}, clock=1e3 * TIME)
+    path = write(
+        tmp_path / "a.mat", Slow=LOG, Fast={**LOG, "torque": -2e3 * TORQUE}, clock=1e3 * TIME
+    )
     for part, factor in (("Slow", 1), ("Fast", 2)):
         recording = FORMATS["mat"].read(path, described("mat").of_part(part))
         np.testing.assert_allclose(recording.samples["torque"], factor * TORQUE, atol=1e-12)
     shared = described("mat", time={"variable": "/clock", "unit": "ms"}).of_part("Fast")
     assert FORMATS["mat"].read(path, shared).columns["torque"]["variable"] == "Fast.torque"
     assert "no variable 't'; it has" in (said := refused_mat(path))
-    assert "state the rate if it is that of time, as `time: {rate: HZ}`, or if one of these holds it, name this" in said
+    assert (
+        "state the rate if it is that of time, as `time: {rate: HZ}`, or if one of these holds it,"
+        " name this" in said
+    )
 
 
 def test_a_matrix_is_a_part_whose_columns_are_signals(tmp_path):
     path = write_mat(tmp_path / "a.mat", D={"run1": np.column_stack([TIME, ANGLE])})
     columns = {"theta": {"variable": "(:,2)", "unit": "rad"}}
-    source = described("mat", time={"variable": "(:,1)", "unit": "s"}, channels=columns).of_part("D.run1")
+    source = described("mat", time={"variable": "(:,1)", "unit": "s"}, channels=columns).of_part(
+        "D.run1"
+    )
     np.testing.assert_allclose(FORMATS["mat"].read(path, source).samples["theta"], ANGLE)
 
 
-@pytest.mark.filterwarnings("ignore:duration_to_mat", "ignore:The 'future.infer_string' option")  # of its import
+# of its import
+@pytest.mark.filterwarnings("ignore:duration_to_mat", "ignore:The 'future.infer_string' option")
 def test_the_human_ankles_are_objects_and_a_timetable_tells_its_time_and_units(tmp_path):
     from matio import save_to_mat
     from matio.utils.matclass import MatlabOpaque
     from matio.utils.matconvert import convert_py_to_mat
 
-    log = pd.DataFrame({"angle": np.rad2deg(ANGLE), "torque": -1e3 * TORQUE}, index=pd.to_timedelta(TIME, unit="s"))
+    log = pd.DataFrame(
+        {"angle": np.rad2deg(ANGLE), "torque": -1e3 * TORQUE}, index=pd.to_timedelta(TIME, unit="s")
+    )
     log = convert_py_to_mat(log, "timetable")
     log.properties["any"][0, 0]["varUnits"] = np.array([["deg", "kNm"]], dtype=object)
     both, slow = np.column_stack([ANGLE, TORQUE]), (2 * ANGLE).reshape(-1, 1)
-    objects = {name: MatlabOpaque({"dataSet": values}, "nldat") for name, values in (("io", both), ("sv", slow))}
+    objects = {
+        name: MatlabOpaque({"dataSet": values}, "nldat")
+        for name, values in (("io", both), ("sv", slow))
+    }
     save_to_mat(tmp_path / "a.mat", {**objects, "log": log}, version="v7")
-    ankle = FORMATS["mat"].read(tmp_path / "a.mat", read_source(SOURCES / "human_ankle_pilot.yaml").of_part("io"))
-    table = FORMATS["mat"].read(tmp_path / "a.mat", described("mat", time={"variable": "Time"}).of_part("log"))
-    for column, first, second in (("theta", ANGLE, ANGLE), ("torque", -TORQUE, TORQUE), ("time", TIME / 2, TIME)):
+    ankle = FORMATS["mat"].read(
+        tmp_path / "a.mat", read_source(SOURCES / "human_ankle_pilot.yaml").of_part("io")
+    )
+    table = FORMATS["mat"].read(
+        tmp_path / "a.mat", described("mat", time={"variable": "Time"}).of_part("log")
+    )
+    for column, first, second in (
+        ("theta", ANGLE, ANGLE),
+        ("torque", -TORQUE, TORQUE),
+        ("time", TIME / 2, TIME),
+    ):
         np.testing.assert_allclose(ankle.samples[column], first, atol=1e-12)
         np.testing.assert_allclose(table.samples[column], second, atol=1e-12)
     np.testing.assert_allclose(ankle.samples["theta_slow"], 2 * ANGLE)
@@ -431,7 +588,8 @@ def test_the_human_ankles_are_objects_and_a_timetable_tells_its_time_and_units(t
 @MATLAB
 def test_what_cannot_be_a_log_is_refused_by_its_variable(write, tmp_path):
     for torque, message in (
-        (TORQUE[1:], "torque has 39 numbers and t has 40, and no one vector of time of its length is beside it; "),
+        (TORQUE[1:],
+         "torque has 39 numbers and t has 40, and no one vector of time of its length is beside it; "),
         ("broken", "torque is a 1x6 char, not real numbers"), (TORQUE + 1j, "torque is a "),
     ):  # fmt: skip
         assert message in refused_mat(write(tmp_path / "a.mat", **{**LOG, "torque": torque}))
@@ -439,13 +597,20 @@ def test_what_cannot_be_a_log_is_refused_by_its_variable(write, tmp_path):
 
 @MATLAB
 @pytest.mark.parametrize("in_structs", [True, False])
-def test_two_devices_in_one_file_are_read_by_the_vector_of_time_of_each(write, in_structs, tmp_path):
+def test_two_devices_in_one_file_are_read_by_the_vector_of_time_of_each(
+    write, in_structs, tmp_path
+):
     late = TIME[:-7] + 0.0013  # of the torque's device, in ms
     drive, cell = {"t_s": TIME, "angle": ANGLE}, {"t_cell_ms": 1e3 * late, "moment": TORQUE[:-7]}
-    path = write(tmp_path / "a.mat", **({"drive": drive, "cell": cell} if in_structs else drive | cell))
+    path = write(
+        tmp_path / "a.mat", **({"drive": drive, "cell": cell} if in_structs else drive | cell)
+    )
     at, of_cell = ("drive.", "/cell.") if in_structs else ("", "")
     source = f"format: mat\nclock: master\ntime: {{variable: {at}t_s, unit: s}}\nchannels:\n"
-    source += f'  theta: {{variable: {at}angle, unit: rad}}\n  torque: {{variable: "{of_cell}moment", unit: "N*m"}}\n'
+    source += (
+        f'  theta: {{variable: {at}angle, unit: rad}}\n  torque: {{variable: "{of_cell}moment",'
+        ' unit: "N*m"}\n'
+    )
     (tmp_path / "s.yaml").write_text(source)
     read = FORMATS["mat"].read(path, read_source(tmp_path / "s.yaml"))
     own = read.samples.drop_nulls("torque")
@@ -459,12 +624,24 @@ def test_two_devices_in_one_file_are_read_by_the_vector_of_time_of_each(write, i
 def test_the_draft_of_several_trials_is_of_one_and_fits_the_other(write, tmp_path):
     named = {"time_ms": 1e3 * TIME, "ankle_deg": np.rad2deg(ANGLE)}
     path = write(tmp_path / "a.mat", Slow=named, Fast=named, note="left foot")
-    own = {"single": np.float32(TIME), "int16": np.int16(TIME), "uint8": np.uint8(TIME), "double": TIME}
-    assert [one.type for one in inspect_file(write_mat(tmp_path / "b", **own)).channels] == [f"1x40 {k}" for k in own]
+    own = {
+        "single": np.float32(TIME),
+        "int16": np.int16(TIME),
+        "uint8": np.uint8(TIME),
+        "double": TIME,
+    }
+    assert [one.type for one in inspect_file(write_mat(tmp_path / "b", **own)).channels] == [
+        f"1x40 {k}" for k in own
+    ]
     overview = inspect_file(path)
     assert "variable       Slow.ankle_deg  40 samples; from" in overview_text(overview)
-    assert "2 parts hold the same variables: name one per trial in the column `log_part`" in overview_text(overview)
-    (tmp_path / "mine.yaml").write_text(draft_source(overview, path.name).replace("NAME_1", "theta"))
+    assert (
+        "2 parts hold the same variables: name one per trial in the column `log_part`"
+        in overview_text(overview)
+    )
+    (tmp_path / "mine.yaml").write_text(
+        draft_source(overview, path.name).replace("NAME_1", "theta")
+    )
     read = FORMATS["mat"].read(path, read_source(tmp_path / "mine.yaml").of_part("Fast"))
     np.testing.assert_allclose(read.samples["theta"], ANGLE)
     np.testing.assert_allclose(read.samples["time"], TIME, atol=1e-12)
@@ -472,14 +649,18 @@ def test_the_draft_of_several_trials_is_of_one_and_fits_the_other(write, tmp_pat
 
 @MATLAB
 @pytest.mark.parametrize("timed", [True, False])
-def test_signals_that_simulink_logged_one_by_one_are_one_recording_in_the_draft(write, timed, tmp_path):
+def test_signals_that_simulink_logged_one_by_one_are_one_recording_in_the_draft(
+    write, timed, tmp_path
+):
     def logged(values, time):
         own = {"values": values.reshape(-1, 1), "label": ""}
         return {"time": time.reshape(-1, 1) if timed else np.zeros((0, 0)), "signals": own}
 
     time = {} if timed else {"tout": TIME.reshape(-1, 1)}
     variables = {"angle": logged(ANGLE, TIME), "torque": logged(TORQUE, TIME)}
-    text = draft_source(inspect_file(write(path := tmp_path / "a.mat", **time, **variables)), path.name)
+    text = draft_source(
+        inspect_file(write(path := tmp_path / "a.mat", **time, **variables)), path.name
+    )
     assert all(f'"{name}.signal_1_1"' in text for name in variables)
     assert 'time: {"variable": "' + ("angle.time" if timed else "tout") in text
     assert "log_part" not in text

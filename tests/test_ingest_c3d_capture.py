@@ -1,4 +1,5 @@
-"""C3D, of others too, and exports of Nexus: what the file means comes out; what cannot be trusted is refused."""
+"""C3D, of others too, and exports of Nexus: what the file means comes out; what cannot be trusted
+is refused."""
 
 import re
 import struct
@@ -45,13 +46,24 @@ def refused(path: Path, **fields: object) -> str:
 
 
 def test_points_analogs_and_time_are_those_of_the_file(tmp_path: Path) -> None:
-    path = write_c3d(tmp_path / "a.c3d", points(), analogs(), rate=100.0, PROCESSING__BODYMASS=np.array([72.5]))
+    path = write_c3d(
+        tmp_path / "a.c3d", points(), analogs(), rate=100.0, PROCESSING__BODYMASS=np.array([72.5])
+    )
     path.write_bytes(path.read_bytes()[:6] + b"\5\0\n\0" + path.read_bytes()[10:])  # frames 5 to 10
-    samples, facts = (recording := read(path, analogs={"sync": {"channel": "A2"}})).samples, recording.facts
-    assert [facts[name] for name in ("body_mass_kg", "first_frame", "samples_per_frame")] == [72.5, 5, 4]
+    samples, facts = (
+        (recording := read(path, analogs={"sync": {"channel": "A2"}})).samples,
+        recording.facts,
+    )
+    assert [facts[name] for name in ("body_mass_kg", "first_frame", "samples_per_frame")] == [
+        72.5,
+        5,
+        4,
+    ]
     markers = samples.select("time", pl.col("^marker_.*$")).drop_nulls()
     np.testing.assert_allclose(markers["time"], np.arange(6) / 100, rtol=1e-15)
-    np.testing.assert_allclose(markers.drop("time").to_numpy().reshape(6, 3, 3), points()[:, :, :3] / 1000, rtol=1e-15)
+    np.testing.assert_allclose(
+        markers.drop("time").to_numpy().reshape(6, 3, 3), points()[:, :, :3] / 1000, rtol=1e-15
+    )
     np.testing.assert_allclose(samples["time"], np.arange(24) / 400, rtol=1e-15)
     np.testing.assert_array_equal(samples["sync"], analogs()[:, 1])
     assert FORMATS["c3d"].inspect(path).channels[-1].note == "from -6 to 40"
@@ -67,23 +79,35 @@ def test_a_point_with_negative_residual_or_at_the_exact_origin_was_not_seen(tmp_
     assert not samples["marker_M2_x"].is_nan().any()
 
 
-def test_a_unit_that_is_unknown_or_missing_is_refused_unless_the_source_states_it(tmp_path: Path) -> None:
+def test_a_unit_that_is_unknown_or_missing_is_refused_unless_the_source_states_it(
+    tmp_path: Path,
+) -> None:
     for unit, problem in (("mmm", "unit 'mmm' is unknown"), ("", "the unit is empty")):
         path = write_c3d(tmp_path / "a.c3d", points(), POINT__UNITS=[unit])
         assert problem in refused(path)
-        np.testing.assert_allclose(read(path, point_unit="cm").samples["marker_M1_x"], points()[:, 0, 0] / 100)
+        np.testing.assert_allclose(
+            read(path, point_unit="cm").samples["marker_M1_x"], points()[:, 0, 0] / 100
+        )
     path = write_c3d(tmp_path / "a.c3d", points(), analogs(), ANALOG__UNITS=["mV", "volt?"])
     assert "unit 'volt?' is unknown" in refused(path, analogs={"sync": {"channel": "A2"}})
     stated = {"channel": "A2", "unit": "V", "sign": -1}
-    for channel, expected in (({"channel": "A1"}, analogs()[:, 0] / 1000), (stated, -analogs()[:, 1])):
-        np.testing.assert_allclose(read(path, analogs={"sync": channel}).samples["sync"], expected, rtol=1e-15)
+    for channel, expected in (
+        ({"channel": "A1"}, analogs()[:, 0] / 1000),
+        (stated, -analogs()[:, 1]),
+    ):
+        np.testing.assert_allclose(
+            read(path, analogs={"sync": channel}).samples["sync"], expected, rtol=1e-15
+        )
 
 
-def test_a_name_that_the_file_lacks_has_twice_or_a_unit_that_cannot_be_is_refused(tmp_path: Path) -> None:
+def test_a_name_that_the_file_lacks_has_twice_or_a_unit_that_cannot_be_is_refused(
+    tmp_path: Path,
+) -> None:
     path = write_c3d(tmp_path / "a.c3d", points(), analogs(), ANALOG__UNITS=["N", "N"])
     for stated, told in (
         ({"markers": ["M1", "TOE"]}, "no marker 'TOE'; the file has M1, M2, M3"),
-        ({"analogs": {"sync": {"channel": "Sync"}}}, "no analog channel 'Sync'; the file has A1, A2"),
+        ({"analogs": {"sync": {"channel": "Sync"}}},
+         "no analog channel 'Sync'; the file has A1, A2"),
         ({"analogs": {"sync": {"channel": "a1"}}}, "; did you mean 'A1'?"),
         ({"analogs": {"sync": {"channel": "A1"}}}, "sync: unit 'N' measures [N]"),
     ):  # fmt: skip
@@ -96,25 +120,44 @@ def test_a_name_that_the_file_lacks_has_twice_or_a_unit_that_cannot_be_is_refuse
 
 
 @pytest.mark.parametrize("integers", [True, False])
-@pytest.mark.parametrize(("form", "offsets"), [("SIGNED", (0, 2048, -300)), ("unsigned", (0, 32768, 40000))])
+@pytest.mark.parametrize(
+    ("form", "offsets"), [("SIGNED", (0, 2048, -300)), ("unsigned", (0, 32768, 40000))]
+)
 def test_samples_are_raw_minus_offset_times_both_scales(tmp_path, form, offsets, integers):
     raw = analogs() if form == "SIGNED" else np.linspace(0, 65535, 48).round().reshape(24, 2)
-    scales = {"ANALOG__SCALE": np.array([0.5, 2.0]), "ANALOG__GEN_SCALE": np.array([0.25]), "ANALOG__FORMAT": [form]}
+    scales = {
+        "ANALOG__SCALE": np.array([0.5, 2.0]),
+        "ANALOG__GEN_SCALE": np.array([0.25]),
+        "ANALOG__FORMAT": [form],
+    }
     for offset in offsets:
         scales["ANALOG__OFFSET"] = np.array([offset, 0])
         path = write_c3d(tmp_path / "a.c3d", points(), raw, integers=integers, **scales)
-        np.testing.assert_allclose(read_c3d(path).analogs, (raw - [offset, 0]) * [0.125, 0.5], rtol=1e-12, atol=1e-9)
+        np.testing.assert_allclose(
+            read_c3d(path).analogs, (raw - [offset, 0]) * [0.125, 0.5], rtol=1e-12, atol=1e-9
+        )
 
 
 def test_model_outputs_take_unit_and_sign_from_the_source_file(tmp_path: Path) -> None:
-    groups = {"POINT__TYPE_GROUPS": ["POWERS", "POWER", "Moments", "MOMENT"], "POINT__MOMENTS": ["LAnkleMoment"]}
-    path = write_c3d(tmp_path / "a.c3d", points(), POINT__LABELS=["LTOE", "LAnkleMoment", "*3"], **groups)
+    groups = {
+        "POINT__TYPE_GROUPS": ["POWERS", "POWER", "Moments", "MOMENT"],
+        "POINT__MOMENTS": ["LAnkleMoment"],
+    }
+    path = write_c3d(
+        tmp_path / "a.c3d", points(), POINT__LABELS=["LTOE", "LAnkleMoment", "*3"], **groups
+    )
     output = {"label": "LAnkleMoment", "component": "y", "unit": "N*mm/kg", "sign": -1}
     recording = read(path, outputs={"reference_ankle_moment_left": output})
-    np.testing.assert_allclose(recording.samples["reference_ankle_moment_left"], -points()[:, 1, 1] / 1000, rtol=1e-15)
+    np.testing.assert_allclose(
+        recording.samples["reference_ankle_moment_left"], -points()[:, 1, 1] / 1000, rtol=1e-15
+    )
     markers = {name for name in recording.samples.columns if name.startswith("marker")}
     assert markers == {"marker_LTOE_x", "marker_LTOE_y", "marker_LTOE_z"}
-    assert [one.kind for one in FORMATS["c3d"].inspect(path).channels] == ["marker", "model output", "marker"]
+    assert [one.kind for one in FORMATS["c3d"].inspect(path).channels] == [
+        "marker",
+        "model output",
+        "marker",
+    ]
 
 
 @pytest.mark.parametrize("integers", [True, False])
@@ -122,34 +165,59 @@ def test_model_outputs_take_unit_and_sign_from_the_source_file(tmp_path: Path) -
 def test_every_processors_numbers_are_read(tmp_path: Path, processor: int, integers: bool) -> None:
     raw = points()
     raw[2, 1, 3] = -1.0
-    path = write_c3d(tmp_path / "a.c3d", raw, analogs(), 120.0, integers, processor, ANALOG__OFFSET=np.array([-5, 300]))
+    path = write_c3d(
+        tmp_path / "a.c3d",
+        raw,
+        analogs(),
+        120.0,
+        integers,
+        processor,
+        ANALOG__OFFSET=np.array([-5, 300]),
+    )
     recording, expected = read_c3d(path), raw[:, :, :3] * (0.1 if integers else 1.0)
     expected[2, 1] = np.nan
     np.testing.assert_allclose(recording.points, expected, rtol=1e-7)
     np.testing.assert_allclose(recording.analogs, analogs() - [-5, 300], rtol=1e-7)
     assert (recording.header.rate, recording.header.samples_per_frame) == (120.0, 4)
-    write_c3d(path, raw, None, 120.0, integers, processor, POINT__RATE=np.array([0.0]))  # that of the header stands
+    # that of the header stands
+    write_c3d(path, raw, None, 120.0, integers, processor, POINT__RATE=np.array([0.0]))
     assert read_c3d(path).header.rate == 120.0
-    assert "at 0.0 Hz, in the byte order of Intel: nothing to read;" in refused(write_c3d(path, raw, rate=0.0))
-    content, other = write_c3d(path, raw, None, 120.0, integers, processor).read_bytes(), {84: 85, 85: 84}
+    assert "at 0.0 Hz, in the byte order of Intel: nothing to read;" in refused(
+        write_c3d(path, raw, rate=0.0)
+    )
+    content, other = (
+        write_c3d(path, raw, None, 120.0, integers, processor).read_bytes(),
+        {84: 85, 85: 84},
+    )
     if processor in other:  # whole numbers are alike, real ones are not
         path.write_bytes(content[:515] + bytes([other[processor]]) + content[516:])
-        assert re.search("at [^ ]*e[^ ]* Hz, in the byte order of (DEC|Intel): nothing to read", refused(path))
+        assert re.search(
+            "at [^ ]*e[^ ]* Hz, in the byte order of (DEC|Intel): nothing to read", refused(path)
+        )
 
 
-def test_an_absurd_header_a_pointer_past_a_record_or_other_counts_are_refused(tmp_path: Path) -> None:
+def test_an_absurd_header_a_pointer_past_a_record_or_other_counts_are_refused(
+    tmp_path: Path,
+) -> None:
     """A parameter's pointer stands behind its name."""
-    path = write_c3d(tmp_path / "a.c3d", points(), analogs(), LAST__WORD=["XXXX"], LAST__MORE=["YYYY"])
+    path = write_c3d(
+        tmp_path / "a.c3d", points(), analogs(), LAST__WORD=["XXXX"], LAST__MORE=["YYYY"]
+    )
     at = (whole := path.read_bytes()).index(b"RATE", 512)
     for place, value, problem in (
         (16, b"\0\0", "the data begin at byte -512, within the header"),
         (12, b"\0\0\0\0", "the scale of the points is 0"), (8, b"\0\0", "declares 0 frames"),
         (0, b"\0", "processor of an unknown type"), (0, b"\x89MCAP0\r\n", "not a C3D file"),
-        (at + 4, b"\1\0", "damaged C3D file"), (at + 4, (20000).to_bytes(2, "little"), "damaged C3D file"),
-        (whole.index(b"WORD", 512) + 4, (20000).to_bytes(2, "little"), "the parameter section is damaged after 'WORD'"),
-        (at + 4, b"\xff\xff", "section is damaged after 'RATE'"), (at - 1, b"\0", "section is damaged after 'RATE'"),
-        (at + 6, b"\3", "'RATE' has type 3 and 1 dimens"), (at + 7, b"\x08", "'RATE' has type 4 and 8 dimensions"),
-        (at + 7, b"\3\xff\xff\xff", "damaged C3D file: the parameter 'RATE' reaches beyond the end of the file"),
+        (at + 4, b"\1\0", "damaged C3D file"), (at + 4,
+         (20000).to_bytes(2, "little"), "damaged C3D file"),
+        (whole.index(b"WORD", 512) + 4,
+         (20000).to_bytes(2, "little"), "the parameter section is damaged after 'WORD'"),
+        (at + 4, b"\xff\xff", "section is damaged after 'RATE'"),
+        (at - 1, b"\0", "section is damaged after 'RATE'"),
+        (at + 6, b"\3", "'RATE' has type 3 and 1 dimens"),
+        (at + 7, b"\x08", "'RATE' has type 4 and 8 dimensions"),
+        (at + 7, b"\3\xff\xff\xff",
+         "damaged C3D file: the parameter 'RATE' reaches beyond the end of the file"),
     ):  # fmt: skip
         path.write_bytes(whole[:place] + value + whole[place + len(value) :])
         assert problem in refused(path)
@@ -158,28 +226,41 @@ def test_an_absurd_header_a_pointer_past_a_record_or_other_counts_are_refused(tm
         assert f"the header counts {count}, {name.replace('__', ':')} is 9" in refused(path)
     whole = write_c3d(path, points(200), analogs(800)).read_bytes()
     path.write_bytes(whole[:12] + struct.pack("<f", 1.0) + whole[16:])
-    assert "the scale is 1 in the header, -0.1 in POINT:SCALE (above 0: integers), and its" in refused(path)
-    write_c3d(path, points(200), analogs(800), POINT__SCALE=np.array([-1.0]))  # another size of reals says nothing
+    assert (
+        "the scale is 1 in the header, -0.1 in POINT:SCALE (above 0: integers), and its"
+        in refused(path)
+    )
+    # another size of reals says nothing
+    write_c3d(path, points(200), analogs(800), POINT__SCALE=np.array([-1.0]))
     assert read_c3d(path).damage.report()["complete"]
 
 
 PLATES_THAT_CANNOT_BE: list[tuple[dict[str, Any], dict[str, Any], str]] = [
-    ({"ANALOG__SCALE": [1, 1, np.nan, 1, 1, 1.0]}, {}, "plate 1: nan in sample 1 of analog channel 3"),
+    ({"ANALOG__SCALE": [1, 1, np.nan, 1, 1, 1.0]},
+     {}, "plate 1: nan in sample 1 of analog channel 3"),
     ({"ANALOG__SCALE": [1, 1, 1.0]}, {}, "plate 1: nan in sample 1 of analog channel 4"),
     ({"ANALOG__GEN_SCALE": [0.0]}, {}, "plate 1: nan in sample 1 of analog channel 1"),
     ({"ANALOG__UNITS": ["N"]}, {}, "analog channel 2: the unit is empty"),
-    *(({"FORCE_PLATFORM__USED": [n]}, {}, f"FORCE_PLATFORM:USED is {n:g}") for n in (-1.0, 500.0, np.nan)),
-    ({"FORCE_PLATFORM__ZERO": [1, 7]}, {"plate_zero": "file"}, "of the plates is frames 1 to 7 of 6"),
-    *(({"FORCE_PLATFORM__ZERO": zero}, {"plate_zero": "file"}, "frames 0 to 0 of 6") for zero in ([2], [np.nan, 7])),
-    ({"FORCE_PLATFORM__CHANNEL": np.arange(6)[:, None]}, {}, "FORCE_PLATFORM:CHANNEL gives [0, 1, 2, 3, 4, 5] of"),
+    *(({"FORCE_PLATFORM__USED": [n]}, {}, f"FORCE_PLATFORM:USED is {n:g}") for n in (-1.0, 500.0,
+    np.nan)),
+    ({"FORCE_PLATFORM__ZERO": [1, 7]},
+     {"plate_zero": "file"}, "of the plates is frames 1 to 7 of 6"),
+    *(({"FORCE_PLATFORM__ZERO": zero}, {"plate_zero": "file"},
+    "frames 0 to 0 of 6") for zero in ([2], [np.nan, 7])),
+    ({"FORCE_PLATFORM__CHANNEL": np.arange(6)[:, None]},
+     {}, "FORCE_PLATFORM:CHANNEL gives [0, 1, 2, 3, 4, 5] of"),
     ({}, {"plate_zero": [3, 7]}, "of the plates is frames 3 to 7 of 6"),
     ({}, {"plates": [2]}, "no force plate 2; the file has 1, counted from 1"),
     ({"FORCE_PLATFORM__TYPE": [5]}, {}, "plate 1 is of type 5; types 1 to 4 are read"),
     ({"FORCE_PLATFORM__CORNERS": np.zeros((3, 4, 1))}, {}, "plate 1: its corners span no plane"),
-    ({"FORCE_PLATFORM__TYPE": [3], "FORCE_PLATFORM__ORIGIN": np.zeros((3, 1))}, {}, "type 3 has ORIGIN [0"),
-    ({"FORCE_PLATFORM__CORNERS": np.zeros((3, 3, 1))}, {}, "FORCE_PLATFORM:CORNERS has dimensions (3, 3, 1)"),
-    ({"FORCE_PLATFORM__ORIGIN": np.array([[0], [np.nan], [0]])}, {}, "plate 1: FORCE_PLATFORM:ORIGIN holds a value"),
-    ({"FORCE_PLATFORM__CHANNEL": np.arange(3, 9)[:, None]}, {}, "leave this plate out: `plates: none`"),
+    ({"FORCE_PLATFORM__TYPE": [3], "FORCE_PLATFORM__ORIGIN": np.zeros((3, 1))},
+     {}, "type 3 has ORIGIN [0"),
+    ({"FORCE_PLATFORM__CORNERS": np.zeros((3, 3, 1))},
+     {}, "FORCE_PLATFORM:CORNERS has dimensions (3, 3, 1)"),
+    ({"FORCE_PLATFORM__ORIGIN": np.array([[0], [np.nan], [0]])},
+     {}, "plate 1: FORCE_PLATFORM:ORIGIN holds a value"),
+    ({"FORCE_PLATFORM__CHANNEL": np.arange(3, 9)[:, None]},
+     {}, "leave this plate out: `plates: none`"),
 ]  # fmt: skip
 
 
@@ -194,16 +275,23 @@ def test_a_laboratory_with_y_up_is_turned_to_z_up(tmp_path: Path) -> None:
     upright = [write_c3d(tmp_path / up, points(), POINT__Y_SCREEN=[up]) for up in ("+Z", "-Z", "z")]
     recording = read(path, axes=["z", "x", "y"])
     for column, axis in zip(("x", "y", "z"), (2, 0, 1), strict=True):
-        np.testing.assert_allclose(recording.samples[f"marker_M2_{column}"], points()[:, 1, axis] / 1000, rtol=1e-12)
-    assert [*recording.warnings, *(text for other in upright for text in read(other).warnings)] == []
+        np.testing.assert_allclose(
+            recording.samples[f"marker_M2_{column}"], points()[:, 1, axis] / 1000, rtol=1e-12
+        )
+    assert [
+        *recording.warnings,
+        *(text for other in upright for text in read(other).warnings),
+    ] == []
     assert "its vertical axis seems to be +Y; state `axes`" in read(path).warnings[0]
 
 
 CORNERS_MM = np.array([[200, 300, 0], [-200, 300, 0], [-200, -300, 0], [200, -300, 0]], float)
 PLATE = {
     "FORCE_PLATFORM__USED": np.array([1]), "FORCE_PLATFORM__TYPE": np.array([2]),
-    "FORCE_PLATFORM__CHANNEL": np.arange(1, 7)[:, None], "FORCE_PLATFORM__CORNERS": CORNERS_MM.T[:, :, None],
-    "FORCE_PLATFORM__ORIGIN": np.array([[0.0], [0.0], [-40.0]]), "ANALOG__UNITS": ["N", "N", "N", "Nmm", "Nmm", "Nmm"],
+    "FORCE_PLATFORM__CHANNEL": np.arange(1, 7)[:, None], "FORCE_PLATFORM__CORNERS": CORNERS_MM.T[:,
+    :, None],
+    "FORCE_PLATFORM__ORIGIN": np.array([[0.0], [0.0], [-40.0]]), "ANALOG__UNITS": ["N", "N", "N",
+    "Nmm", "Nmm", "Nmm"],
 }  # fmt: skip
 
 
@@ -215,21 +303,32 @@ def plate_file(folder: Path, **parameters: object) -> Path:
 @pytest.mark.parametrize("zero", ["file", [2, 3]])
 def test_the_baseline_that_is_asked_for_is_subtracted(tmp_path: Path, zero: object) -> None:
     path = plate_file(tmp_path, FORCE_PLATFORM__ZERO=np.array([2, 3]))
-    as_is, zeroed, told = read(path).samples, (recording := read(path, plate_zero=zero)).samples, recording.facts
+    as_is, zeroed, told = (
+        read(path).samples,
+        (recording := read(path, plate_zero=zero)).samples,
+        recording.facts,
+    )
     assert told["plate_zero_frames"] == (2, 3)
     for column in ("plate1_force_z", "plate1_moment_x"):
         baseline = as_is[column][4:12].mean()  # frames 2 and 3 of 4 samples each
         np.testing.assert_allclose(zeroed[column], as_is[column] - baseline, atol=1e-9)
 
 
-def test_frames_at_the_end_in_which_a_plate_has_no_numbers_are_left_out_and_counted(tmp_path: Path) -> None:
+def test_frames_at_the_end_in_which_a_plate_has_no_numbers_are_left_out_and_counted(
+    tmp_path: Path,
+) -> None:
     path, whole = plate_file(tmp_path), read(plate_file(tmp_path), plates="all")
     recorded = read_c3d(path)
     ratio, end = recorded.header.samples_per_frame, recorded.header.data_start
     size = 4 * (4 * recorded.header.points + recorded.header.channels * ratio)
     content = bytearray(path.read_bytes())
     for frame in (-1, -2):
-        at = end + (recorded.header.frames + frame) * size + size - 4 * recorded.header.channels * ratio
+        at = (
+            end
+            + (recorded.header.frames + frame) * size
+            + size
+            - 4 * recorded.header.channels * ratio
+        )
         content[at : at + 4] = np.float32(np.nan).tobytes()
     path.write_bytes(content)
     cut = read(path, plates="all")
@@ -251,23 +350,33 @@ def test_a_truncated_file_is_refused_with_both_counts(tmp_path: Path) -> None:
 
 REFERENCE = REAL_DATA / "reference" / "force_plate.csv"
 ROWS = pl.read_csv(REFERENCE) if REFERENCE.exists() else pl.DataFrame({"file": [], "plate": []})
-PLATES, RANDOM = sorted(set(zip(ROWS["file"], ROWS["plate"], strict=True))), np.random.default_rng(3)
+PLATES, RANDOM = (
+    sorted(set(zip(ROWS["file"], ROWS["plate"], strict=True))),
+    np.random.default_rng(3),
+)
 FORCE, MOMENT = RANDOM.normal(0, 300, (20, 3)), RANDOM.normal(0, 40, (20, 3))
 AXES = Rotation.from_euler("ZYX", [0.7, 0.2, np.pi - 0.1]).as_matrix()  # z down, tilted and turned
 CENTRE = np.array([1.0, -2.0, 0.3])
-CORNERS = CENTRE + np.array([[0.3, 0.2, 0], [-0.3, 0.2, 0], [-0.3, -0.2, 0], [0.3, -0.2, 0]]) @ AXES.T
+CORNERS = (
+    CENTRE + np.array([[0.3, 0.2, 0], [-0.3, 0.2, 0], [-0.3, -0.2, 0], [0.3, -0.2, 0]]) @ AXES.T
+)
 IN_PLATE = FORCE @ AXES, MOMENT @ AXES
-SURFACE = np.array([0.004, -0.007, -0.045])  # from the plate's origin to the centre of its surface, plate axes
+# from the plate's origin to the centre of its surface, plate axes
+SURFACE = np.array([0.004, -0.007, -0.045])
 
 
 @pytest.mark.parametrize("stored", [1, -1])
-def test_type_2_and_type_4_with_its_calibration_give_the_wrench_back_whichever_way_origin_points(stored: int) -> None:
+def test_type_2_and_type_4_with_its_calibration_give_the_wrench_back_whichever_way_origin_points(
+    stored: int,
+) -> None:
     force, moment = IN_PLATE
-    channels = np.hstack([force, moment + np.cross(SURFACE, force)])  # moments about the plate's origin: M + r x F
+    # moments about the plate's origin: M + r x F
+    channels = np.hstack([force, moment + np.cross(SURFACE, force)])
     calibration = RANDOM.normal(size=(6, 6)) + 5 * np.eye(6)
     raw = np.linalg.solve(calibration, channels.T).T
     for found in (
-        wrench(2, CORNERS, stored * SURFACE, channels), wrench(4, CORNERS, stored * SURFACE, raw, calibration),
+        wrench(2, CORNERS, stored * SURFACE, channels), wrench(4, CORNERS, stored * SURFACE, raw,
+        calibration),
     ):  # fmt: skip
         np.testing.assert_allclose(found[0], FORCE, rtol=1e-9, atol=1e-9)
         np.testing.assert_allclose(found[1], MOMENT, rtol=1e-9, atol=1e-9)
@@ -276,7 +385,8 @@ def test_type_2_and_type_4_with_its_calibration_give_the_wrench_back_whichever_w
 @pytest.mark.parametrize("depth_sign", [1, -1])
 def test_type_3_gives_the_wrench_of_its_four_sensors_back(depth_sign: int) -> None:
     a, b, depth = 0.12, 0.2, 0.054
-    sensors = np.array([[a, b, depth], [-a, b, depth], [-a, -b, depth], [a, -b, depth]])  # z down: under the surface
+    # z down: under the surface
+    sensors = np.array([[a, b, depth], [-a, b, depth], [-a, -b, depth], [a, -b, depth]])
     forces = RANDOM.normal(0, 100, (20, 4, 3))
     total, moment = forces.sum(axis=1), np.cross(sensors, forces).sum(axis=1)
     x, y, z = forces.transpose(2, 1, 0)
@@ -288,7 +398,9 @@ def test_type_3_gives_the_wrench_of_its_four_sensors_back(depth_sign: int) -> No
 
 def test_type_1_gives_force_pressure_point_and_free_moment_back() -> None:
     pressure, free = RANDOM.normal(0, 0.1, (20, 2)), RANDOM.normal(0, 5, 20)
-    moment = np.cross(np.column_stack([pressure, np.zeros(20)]), IN_PLATE[0]) + np.outer(free, [0, 0, 1])
+    moment = np.cross(np.column_stack([pressure, np.zeros(20)]), IN_PLATE[0]) + np.outer(
+        free, [0, 0, 1]
+    )
     found = wrench(1, CORNERS, np.zeros(3), np.column_stack([IN_PLATE[0], pressure, free]))
     np.testing.assert_allclose(found[0], FORCE, atol=1e-9)
     np.testing.assert_allclose(found[1], moment @ AXES.T, atol=1e-9)
@@ -299,18 +411,26 @@ def test_type_1_gives_force_pressure_point_and_free_moment_back() -> None:
 def test_real_plates_give_the_reference_wrench(file: str, plate: int) -> None:
     columns, _, _ = plate_loads(read_c3d(REAL_DATA / "c3d" / file), source(plates=[plate + 1]))[0]
     force, moment = (np.column_stack([*columns.values()][at : at + 3]) for at in (0, 3))
-    for row in ROWS.filter((pl.col("file") == file) & (pl.col("plate") == plate)).iter_rows(named=True):
+    for row in ROWS.filter((pl.col("file") == file) & (pl.col("plate") == plate)).iter_rows(
+        named=True
+    ):
         sample = row["analog_sample"]
         np.testing.assert_allclose(force[sample], [row["Fx"], row["Fy"], row["Fz"]], rtol=1e-5)
         expected = np.array([row[f"M_centre_{axis}"] for axis in "xyz"]) / 1000  # N*mm
         np.testing.assert_allclose(moment[sample], expected, rtol=1e-5)
 
 
-def level_plate(path: Path, last: tuple[float, ...] = (1, 2, 3, 4000, 5000, 6000), **parameters: object) -> Path:
-    """Six channels N, N, N, Nmm, Nmm, Nmm on one level type 2 plate, z down; forces 1 to 3, moments 4000 to 6000."""
+def level_plate(
+    path: Path, last: tuple[float, ...] = (1, 2, 3, 4000, 5000, 6000), **parameters: object
+) -> Path:
+    """Six channels N, N, N, Nmm, Nmm, Nmm on one level type 2 plate, z down; forces 1 to 3, moments
+    4000 to 6000."""
     raw = np.array([[1.0, 2, 3, 4000, 5000, 6000]] * 4 + [list(last)] * 4)
     corners = np.array([[600.0, 0, 0], [0, 0, 0], [0, 400, 0], [600, 400, 0]])
-    level = {"FORCE_PLATFORM__CORNERS": corners.T[:, :, None], "FORCE_PLATFORM__ORIGIN": np.zeros((3, 1))}
+    level = {
+        "FORCE_PLATFORM__CORNERS": corners.T[:, :, None],
+        "FORCE_PLATFORM__ORIGIN": np.zeros((3, 1)),
+    }
     return write_c3d(path, np.ones((2, 1, 4)), raw, **{**PLATE, **level, **parameters})
 
 
@@ -319,12 +439,20 @@ def wrench_of(path: Path, row: int = 3, **fields: object) -> list[float]:
     return [samples[f"plate1_{q}_{axis}"][row] for q in ("force", "moment") for axis in "xyz"]
 
 
-def test_columns_and_geometry_of_a_plate_are_in_si_units_and_laboratory_axes(tmp_path: Path) -> None:
+def test_columns_and_geometry_of_a_plate_are_in_si_units_and_laboratory_axes(
+    tmp_path: Path,
+) -> None:
     path = level_plate(tmp_path / "a.c3d")
     assert wrench_of(path) == pytest.approx([1, -2, -3, 4, -5, -6], rel=1e-12)
-    flat = {"CORNERS": read_c3d(path).header.table("FORCE_PLATFORM:CORNERS")[..., 0], "ORIGIN": np.zeros(3)}
-    flat["CHANNEL"] = np.array([1, 2, 3, 4, 5, 6, 0, 0])  # of a single plate, without its dimension; and unused ones
-    other = level_plate(tmp_path / "b.c3d", **{f"FORCE_PLATFORM__{name}": one for name, one in flat.items()})
+    flat = {
+        "CORNERS": read_c3d(path).header.table("FORCE_PLATFORM:CORNERS")[..., 0],
+        "ORIGIN": np.zeros(3),
+    }
+    # of a single plate, without its dimension; and unused ones
+    flat["CHANNEL"] = np.array([1, 2, 3, 4, 5, 6, 0, 0])
+    other = level_plate(
+        tmp_path / "b.c3d", **{f"FORCE_PLATFORM__{name}": one for name, one in flat.items()}
+    )
     assert wrench_of(other) == wrench_of(path)
     for axes, corners in {
         "xyz": [[0.6, 0, 0], [0, 0, 0], [0, 0.4, 0], [0.6, 0.4, 0]],
@@ -336,23 +464,38 @@ def test_columns_and_geometry_of_a_plate_are_in_si_units_and_laboratory_axes(tmp
 
 
 @pytest.mark.parametrize("unit", ["V", "N"])
-def test_a_type_1_plate_is_read_with_the_units_that_its_refusal_says(tmp_path: Path, unit: str) -> None:
-    path = level_plate(tmp_path / "a.c3d", ANALOG__UNITS=[unit] * 6, FORCE_PLATFORM__TYPE=np.array([1]))
+def test_a_type_1_plate_is_read_with_the_units_that_its_refusal_says(
+    tmp_path: Path, unit: str
+) -> None:
+    path = level_plate(
+        tmp_path / "a.c3d", ANALOG__UNITS=[unit] * 6, FORCE_PLATFORM__TYPE=np.array([1])
+    )
     with pytest.raises(InputError) as caught:
         wrench_of(path)
     advised = re.findall(r"`plate_units: (\{.*\})`", str(caught.value))
     stated = wrench_of(path, plate_units=yaml.safe_load(advised[0]))
-    moment = np.add(np.cross([4, 5, 0], [1, 2, 3]), [0, 0, 6])  # pressure 4000, 5000 mm, torque 6000 N*mm
+    # pressure 4000, 5000 mm, torque 6000 N*mm
+    moment = np.add(np.cross([4, 5, 0], [1, 2, 3]), [0, 0, 6])
     assert stated == pytest.approx([1, -2, -3, moment[0], -moment[1], -moment[2]])
-    twice = (2.0, 4, 6, 4000, 5000, 12000)  # less the first frame: an unloaded plate has no centre of pressure
-    path = level_plate(tmp_path / "b.c3d", twice, ANALOG__UNITS=[unit] * 6, FORCE_PLATFORM__TYPE=np.array([1]))
-    assert wrench_of(path, -1, plate_units=yaml.safe_load(advised[0]), plate_zero=(1, 1)) == pytest.approx(stated)
-    level_plate(path, ANALOG__UNITS=[*"VVV", "cm", "cm", "V"], FORCE_PLATFORM__TYPE=np.array([1]))  # and the file's
-    assert wrench_of(path, plate_units={"force": "N", "moment": "N*mm"}) == pytest.approx([1, -2, -3, 150, 120, -36])
+    # less the first frame: an unloaded plate has no centre of pressure
+    twice = (2.0, 4, 6, 4000, 5000, 12000)
+    path = level_plate(
+        tmp_path / "b.c3d", twice, ANALOG__UNITS=[unit] * 6, FORCE_PLATFORM__TYPE=np.array([1])
+    )
+    assert wrench_of(
+        path, -1, plate_units=yaml.safe_load(advised[0]), plate_zero=(1, 1)
+    ) == pytest.approx(stated)
+    # and the file's
+    level_plate(path, ANALOG__UNITS=[*"VVV", "cm", "cm", "V"], FORCE_PLATFORM__TYPE=np.array([1]))
+    assert wrench_of(path, plate_units={"force": "N", "moment": "N*mm"}) == pytest.approx(
+        [1, -2, -3, 150, 120, -36]
+    )
 
 
 @pytest.mark.parametrize("store", ["BYCOLUMN", "BYROW"])
-def test_a_calibration_matrix_is_read_in_the_order_that_the_file_names(tmp_path: Path, store: str) -> None:
+def test_a_calibration_matrix_is_read_in_the_order_that_the_file_names(
+    tmp_path: Path, store: str
+) -> None:
     matrix = np.eye(6)
     matrix[0, 1] = 10.0  # Fx = c1 + 10 c2
     stored = (matrix.T if store == "BYROW" else matrix)[:, :, None]
@@ -365,7 +508,10 @@ def test_a_calibration_matrix_is_read_in_the_order_that_the_file_names(tmp_path:
     assert wrench_of(path) == pytest.approx([21, -2, -3, 4e3, -5e3, -6e3], rel=1e-6)
 
 
-SOURCES, NEXUS_FILES = Path(__file__).parents[1] / "config" / "sources", sorted((REAL_DATA / "nexus_csv").glob("*.csv"))
+SOURCES, NEXUS_FILES = (
+    Path(__file__).parents[1] / "config" / "sources",
+    sorted((REAL_DATA / "nexus_csv").glob("*.csv")),
+)
 DEVICES = """Devices
 200
 ,,AMTI #1 - Force,,,AMTI #1 - Moment,,,AMTI #1 - CoP,,,Sync - Voltage
@@ -398,7 +544,8 @@ FLOOR = [[500, 600, 0], [0, 600, 0], [0, 0, 0], [500, 0, 0]]
 def nexus_source(**fields: object) -> Source:
     usual = {
         "format": "nexus_csv", "analogs": {"sync": {"device": "Sync - Voltage", "component": "1"}},
-        "outputs": {"reference_ankle_moment_left": {"label": "LAnkleMoment", "component": "x", "unit": "N*mm/kg"}},
+        "outputs": {"reference_ankle_moment_left": {"label": "LAnkleMoment", "component": "x",
+        "unit": "N*mm/kg"}},
         "plates": {1: {"device": "AMTI #1", "corners": FLOOR, "sign": -1}},
     }  # fmt: skip
     return FORMATS["nexus_csv"].source.model_validate({**usual, **fields})
@@ -421,12 +568,15 @@ DRESSES: dict[str, tuple[str, dict[str, object]]] = {
     "semicolons": (EXPORT.replace(",", ";").replace("0.", "0,"), {"decimal": ","}),
     "crlf": (EXPORT.replace("\n", "\r\n"), {}),
     "capitals": (EXPORT.replace("Frame,Sub Frame,", "FRAME,SUB FRAME,"), {}),
-    "at the origin": (EXPORT.replace("3,,,,", "3,0,0,0,"), {}), "no blank lines": (DEVICES + TRAJECTORIES + MODEL, {}),
+    "at the origin": (EXPORT.replace("3,,,,", "3,0,0,0,"), {}),
+    "no blank lines": (DEVICES + TRAJECTORIES + MODEL, {}),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize(("text", "fields"), DRESSES.values(), ids=DRESSES)
-def test_one_export_in_any_dress_is_one_recording(tmp_path: Path, text: str, fields: dict[str, object]) -> None:
+def test_one_export_in_any_dress_is_one_recording(
+    tmp_path: Path, text: str, fields: dict[str, object]
+) -> None:
     samples = exported(tmp_path, text, **fields)
     np.testing.assert_allclose(samples["time"], [0, 0.005, 0.01, 0.015], rtol=1e-12)
     np.testing.assert_allclose(samples["sync"], [0.5, 0.6, 0.7, 0.8])
@@ -440,27 +590,40 @@ def test_one_export_in_any_dress_is_one_recording(tmp_path: Path, text: str, fie
 def test_a_plates_moment_is_about_its_centre_wherever_the_file_takes_it(tmp_path: Path) -> None:
     """A force F at p turns with (p - c) x F about c: here p is the laboratory's origin."""
     plate = {"device": "AMTI #1", "corners": FLOOR, "sign": -1, "moment_about": [0, 0, 0]}
-    at_origin = exported(tmp_path, DEVICES.replace("1000,2000,3000", "0,0,0"), plates={1: plate}, outputs={})
+    at_origin = exported(
+        tmp_path, DEVICES.replace("1000,2000,3000", "0,0,0"), plates={1: plate}, outputs={}
+    )
     expected = np.cross([-0.25, -0.3, 0], at_origin.select(pl.col("^plate1_force_.$")).to_numpy())
-    np.testing.assert_allclose(at_origin.select(pl.col("^plate1_moment_.$")).to_numpy(), expected, rtol=1e-12)
+    np.testing.assert_allclose(
+        at_origin.select(pl.col("^plate1_moment_.$")).to_numpy(), expected, rtol=1e-12
+    )
 
 
 @pytest.mark.parametrize(("text", "fields", "problem"), [
     (DEVICES + TRAJECTORIES, {}, "no section Model Outputs; the file has Devices, Trajectories"),
     (DEVICES + DEVICES + TRAJECTORIES + MODEL, {}, "line 10: section Devices stands twice"),
     (DEVICES.replace("200", "fast") + TRAJECTORIES + MODEL, {}, "line 2: 'fast' is not a rate"),
-    (DEVICES.replace("5,1,", "5,2,") + TRAJECTORIES + MODEL, {}, "frame 5, sub frame 2 does not follow"),
-    (DEVICES + TRAJECTORIES.replace("\n6,", "\n7,") + MODEL, {}, "line 16: frame 7, sub frame 0 does not follow"),
-    (DEVICES.replace("200", "210") + TRAJECTORIES + MODEL, {}, "its sections differ in first frame"),
+    (DEVICES.replace("5,1,", "5,2,") + TRAJECTORIES + MODEL,
+     {}, "frame 5, sub frame 2 does not follow"),
+    (DEVICES + TRAJECTORIES.replace("\n6,", "\n7,") + MODEL,
+     {}, "line 16: frame 7, sub frame 0 does not follow"),
+    (DEVICES.replace("200", "210") + TRAJECTORIES + MODEL,
+     {}, "its sections differ in first frame"),
     (DEVICES.replace("0.6", "") + TRAJECTORIES + MODEL, {}, "sync: nan in sample 2 of 4"),
-    (DEVICES.replace("0.6", "?") + TRAJECTORIES + MODEL, {}, "line 7, Sync - Voltage 1: '?' is not a number"),
+    (DEVICES.replace("0.6", "?") + TRAJECTORIES + MODEL,
+     {}, "line 7, Sync - Voltage 1: '?' is not a number"),
     (DEVICES + TRAJECTORIES.replace("HEEL", "TOE") + MODEL, {}, "'Anna:TOE' x occurs 2 times"),
-    (DEVICES + TRAJECTORIES.replace("Anna:HEEL", "Ben:TOE") + MODEL, {}, "marker 'TOE' occurs twice"),
-    (DEVICES + TRAJECTORIES + MODEL, {"markers": ["KNEE"]}, "'KNEE' x is missing under Trajectories"),
+    (DEVICES + TRAJECTORIES.replace("Anna:HEEL", "Ben:TOE") + MODEL,
+     {}, "marker 'TOE' occurs twice"),
+    (DEVICES + TRAJECTORIES + MODEL,
+     {"markers": ["KNEE"]}, "'KNEE' x is missing under Trajectories"),
     (DEVICES + TRAJECTORIES.replace("mm", "parsnip") + MODEL, {}, "unit 'parsnip' is unknown"),
-    (DEVICES[:DEVICES.index("6,1")], {"outputs": {}, "markers": "none"}, "the last frame lacks sub frames; export"),
-    (EXPORT, {"analogs": {}, "outputs": {}, "plates": {}, "markers": "none"}, "nothing to read; name markers, outputs"),
-    (DEVICES + TRAJECTORIES.replace("100", "0") + MODEL, {}, "section Trajectories at 0 Hz has no samples; export wit"),
+    (DEVICES[:DEVICES.index("6,1")],
+     {"outputs": {}, "markers": "none"}, "the last frame lacks sub frames; export"),
+    (EXPORT, {"analogs": {}, "outputs": {}, "plates": {}, "markers": "none"},
+     "nothing to read; name markers, outputs"),
+    (DEVICES + TRAJECTORIES.replace("100", "0") + MODEL,
+     {}, "section Trajectories at 0 Hz has no samples; export wit"),
     (DEVICES.replace("N.mm", "N"), {"outputs": {}}, "unit 'N' measures [N], expected one of N*m"),
 ])  # fmt: skip
 def test_what_does_not_fit_is_refused_with_the_reason(tmp_path, text, fields, problem):
@@ -469,14 +632,34 @@ def test_what_does_not_fit_is_refused_with_the_reason(tmp_path, text, fields, pr
     assert problem in refusal_by(FORMATS["nexus_csv"].read, path, nexus_source(**fields))
 
 
-def test_an_export_keeps_its_first_frame_and_is_listed_by_sections_with_what_is_missing(tmp_path: Path) -> None:
+def test_an_export_keeps_its_first_frame_and_is_listed_by_sections_with_what_is_missing(
+    tmp_path: Path,
+) -> None:
     (path := tmp_path / "trial.csv").write_text(EXPORT)
-    facts, overview = FORMATS["nexus_csv"].read(path, nexus_source()).facts, FORMATS["nexus_csv"].inspect(path)
-    assert [facts[name] for name in ("frame_rate_hz", "first_frame", "samples_per_frame")] == [100, 5, 2]
-    assert [*overview.facts.values()] == ["4 rows at 200 Hz", "2 rows at 100 Hz", "2 rows at 100 Hz"]
-    assert [one.kind for one in overview.channels] == ["device"] * 10 + ["marker"] * 3 + ["model output"] * 3
+    facts, overview = (
+        FORMATS["nexus_csv"].read(path, nexus_source()).facts,
+        FORMATS["nexus_csv"].inspect(path),
+    )
+    assert [facts[name] for name in ("frame_rate_hz", "first_frame", "samples_per_frame")] == [
+        100,
+        5,
+        2,
+    ]
+    assert [*overview.facts.values()] == [
+        "4 rows at 200 Hz",
+        "2 rows at 100 Hz",
+        "2 rows at 100 Hz",
+    ]
+    assert [one.kind for one in overview.channels] == ["device"] * 10 + ["marker"] * 3 + [
+        "model output"
+    ] * 3
     heel = next(one for one in overview.channels if one.address == {"label": "Anna:HEEL"})
-    assert (heel.count, heel.rate, heel.unit, heel.note) == (1, 100, "mm", "missing in 50.0% of the rows")
+    assert (heel.count, heel.rate, heel.unit, heel.note) == (
+        1,
+        100,
+        "mm",
+        "missing in 50.0% of the rows",
+    )
 
 
 @pytest.mark.parametrize("path", NEXUS_FILES, ids=lambda path: path.stem)
@@ -501,10 +684,15 @@ def test_points_analogs_and_parameters_of_real_files_equal_ezc3ds(path: Path) ->
     unseen = (theirs["data"]["meta_points"]["residuals"][0].T < 0) | (points == 0).all(axis=2)
     np.testing.assert_array_equal(recording.points, np.where(unseen[:, :, None], np.nan, points))
     if recording.header.channels and "UNSIGNED" not in recording.header.texts("ANALOG:FORMAT"):
-        np.testing.assert_allclose(recording.analogs, theirs["data"]["analogs"][0].T, rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(
+            recording.analogs, theirs["data"]["analogs"][0].T, rtol=1e-12, atol=1e-12
+        )
     for group, values in theirs["parameters"].items():
         for name in values.keys() - {"__METADATA__"} if group else ():
-            value, other = recording.header.parameters.get(f"{group}:{name}".upper()), values[name]["value"]
+            value, other = (
+                recording.header.parameters.get(f"{group}:{name}".upper()),
+                values[name]["value"],
+            )
             if isinstance(value, list):
                 known = [one.encode("latin-1", "surrogateescape") for one in other]
                 assert [one.encode("latin-1", "replace") for one in value] == known
@@ -516,20 +704,35 @@ def test_points_analogs_and_parameters_of_real_files_equal_ezc3ds(path: Path) ->
 
 @needs_real_data
 def test_markers_move_like_a_body_where_the_rate_of_the_analogs_contradicts_the_header() -> None:
-    step = np.linalg.norm(np.diff(read_c3d(C3D / "mac_s11_evart_types3344.c3d").points, axis=0), axis=2)
+    step = np.linalg.norm(
+        np.diff(read_c3d(C3D / "mac_s11_evart_types3344.c3d").points, axis=0), axis=2
+    )
     assert np.nanquantile(step, 0.99) < 150.0  # mm in a frame; misplaced frames jump by metres
 
 
-def test_a_byte_of_a_parameter_has_no_sign_and_a_second_parameter_goes_on_with_its_labels(tmp_path: Path) -> None:
-    path = write_c3d(tmp_path / "a.c3d", np.ones((4, 2, 4)), OWN__KIND=bytes([1, 255]), POINT__LABELS2=["A\0"])
+def test_a_byte_of_a_parameter_has_no_sign_and_a_second_parameter_goes_on_with_its_labels(
+    tmp_path: Path,
+) -> None:
+    path = write_c3d(
+        tmp_path / "a.c3d", np.ones((4, 2, 4)), OWN__KIND=bytes([1, 255]), POINT__LABELS2=["A\0"]
+    )
     assert read_c3d(path).header.texts("POINT:LABELS") == ["M1", "M2", "A"]
     assert read_c3d(path).header.numbers("OWN:KIND").tolist() == [1, 255]
 
 
 def test_frames_beyond_those_that_the_header_can_count_are_all_read(tmp_path: Path) -> None:
-    words = {"TRIAL__ACTUAL_START_FIELD": np.array([32767, 0]), "TRIAL__ACTUAL_END_FIELD": np.array([32770, 1])}
-    long, many = {"POINT__LONG_FRAMES": np.array([65540.0])}, {"POINT__LABELS": ["A"]}  # beyond a signed word
+    words = {
+        "TRIAL__ACTUAL_START_FIELD": np.array([32767, 0]),
+        "TRIAL__ACTUAL_END_FIELD": np.array([32770, 1]),
+    }
+    # beyond a signed word
+    long, many = {"POINT__LONG_FRAMES": np.array([65540.0])}, {"POINT__LABELS": ["A"]}
     for shape, more in (((65540, 1), words), ((65540, 1), long), ((1, 40000), many)):
-        assert read_c3d(write_c3d(tmp_path / "a.c3d", np.ones((*shape, 4)), **more)).points.shape == (*shape, 3)
+        assert read_c3d(
+            write_c3d(tmp_path / "a.c3d", np.ones((*shape, 4)), **more)
+        ).points.shape == (*shape, 3)
     path = write_c3d(tmp_path / "a.c3d", np.ones((65600, 1, 4)))  # nothing says how many
-    assert "holds 65600 frames, more than the 65535 that a C3D header counts; export it in parts" in refused(path)
+    assert (
+        "holds 65600 frames, more than the 65535 that a C3D header counts; export it in parts"
+        in refused(path)
+    )

@@ -1,4 +1,5 @@
-"""CSV logs and units: what others' loggers write is read, repaired by a stated rule, or refused by its line."""
+"""CSV logs and units: what others' loggers write is read, repaired by a stated rule, or refused by
+its line."""
 
 import contextlib
 import math
@@ -25,7 +26,8 @@ from osl_analysis.trial import Trial
 
 SOURCE: dict[str, Any] = {
     "format": "csv", "time": {"column": "t", "unit": "s"},
-    "channels": {"theta": {"column": "angle", "unit": "rad"}, "torque": {"column": "load", "unit": "Nm"}},
+    "channels": {"theta": {"column": "angle", "unit": "rad"}, "torque": {"column": "load",
+    "unit": "Nm"}},
 }  # fmt: skip
 
 
@@ -33,12 +35,22 @@ def ingested(folder: Path, text: str | bytes, **fields: object) -> Trial:
     """The trial of a log, by a source file with other fields than the usual."""
     (folder / "log.csv").write_bytes(text if isinstance(text, bytes) else text.encode())
     (folder / "source.yaml").write_text(yaml.safe_dump({**SOURCE, **fields}, sort_keys=False))
-    return trial_from_files({"trial": "a", "log": "log.csv", "log_source": "source"}, folder, folder)
+    return trial_from_files(
+        {"trial": "a", "log": "log.csv", "log_source": "source"}, folder, folder
+    )
 
 
-def test_a_fixture_of_the_sheet_is_said_in_the_provenance_and_the_torque_stays_as_recorded(tmp_path: Path) -> None:
+def test_a_fixture_of_the_sheet_is_said_in_the_provenance_and_the_torque_stays_as_recorded(
+    tmp_path: Path,
+) -> None:
     ingested(tmp_path, LOG)
-    row = {"trial": "a", "log": "log.csv", "log_source": "source", "fixture_weight": 0.5, "fixture_rest_deg": None}
+    row = {
+        "trial": "a",
+        "log": "log.csv",
+        "log_source": "source",
+        "fixture_weight": 0.5,
+        "fixture_rest_deg": None,
+    }
     trial = trial_from_files(row, tmp_path, tmp_path)
     assert trial.provenance["columns"]["torque"]["fixture"] == {"weight": 0.5}
     assert trial.samples["torque"].to_list() == ingested(tmp_path, LOG).samples["torque"].to_list()
@@ -50,7 +62,8 @@ def refused(folder: Path, text: str | bytes, **fields: object) -> str:
 
 
 UNITLESS: dict[str, object] = {
-    "channels": {"theta": {"column": "angle"}, "torque": {"column": "load"}}, "time": {"column": "t"},
+    "channels": {"theta": {"column": "angle"}, "torque": {"column": "load"}},
+    "time": {"column": "t"},
 }  # fmt: skip
 NUMBERED = {"theta": {"column": 2, "unit": "rad"}, "torque": {"column": 3, "unit": "Nm"}}
 PATTERNS = {"theta": {"column": "ang*e"}, "torque": {"column": "load"}}
@@ -65,22 +78,30 @@ def assert_log(trial: Trial) -> None:
 
 
 @pytest.mark.parametrize(("text", "fields"), [
-    (LOG.replace(",", "\t"), {"delimiter": "tab"}), (LOG.replace(",", "|").replace(".", ","), {"decimal": ","}),
-    (LOG, {}), (LOG.replace("\n", "\r\n"), {}), (LOG.replace("\n", ",,,\n"), {}), (LOG.replace(",", " , "), {}),
-    (LOG.encode("utf-16"), {}), (b"\xfe\xff" + LOG.encode("utf-16-be"), {}), (b"\xef\xbb\xbf" + LOG.encode(), {}),
-    ("\n\n" + LOG + "\n\n", {}), ("# Bench 3, calibrated\n#\n" + LOG.replace("10.5", "  # pause\n10.5"), {}),
+    (LOG.replace(",", "\t"), {"delimiter": "tab"}), (LOG.replace(",", "|").replace(".", ","),
+     {"decimal": ","}),
+    (LOG, {}), (LOG.replace("\n", "\r\n"), {}), (LOG.replace("\n", ",,,\n"), {}),
+    (LOG.replace(",", " , "), {}),
+    (LOG.encode("utf-16"), {}), (b"\xfe\xff" + LOG.encode("utf-16-be"), {}),
+    (b"\xef\xbb\xbf" + LOG.encode(), {}),
+    ("\n\n" + LOG + "\n\n", {}),
+    ("# Bench 3, calibrated\n#\n" + LOG.replace("10.5", "  # pause\n10.5"), {}),
     ("% rig B\n" + LOG.replace("10.5", "% pause\n10.5"), {"comment": "%", "channels": NUMBERED}),
-    (LOG.partition("\n")[2], {"header": "none", "time": {"column": 1, "unit": "s"}, "channels": NUMBERED}),
+    (LOG.partition("\n")[2],
+     {"header": "none", "time": {"column": 1, "unit": "s"}, "channels": NUMBERED}),
     ("t,angle,load,angle [V]\n10.0,0,1,7\n10.5,90,2,7\n11.0,-180,+3.5,7\n", {}),
     ("t [s],angle (rad),load[N.m]\n" + LOG.partition("\n")[2], UNITLESS | {"channels": PATTERNS}),
     ("# rig B\n# " + LOG, {"header": "comment"}),
     (LOG.replace("t,angle,load", "load,t,angle").replace("10.0,0,1", "1,10.0,0").replace(
         "10.5,90,2", "2,10.5,90").replace("11.0,-180,+3.5", "3.5,11.0,-180"), {}),
-    (LOG, {"time": {"rate": 2.0}}), (LOG.replace("t,angle,load", "t [s],angle (rad),load[N.m]"), UNITLESS),
+    (LOG, {"time": {"rate": 2.0}}),
+    (LOG.replace("t,angle,load", "t [s],angle (rad),load[N.m]"), UNITLESS),
     (LOG.replace("load\n", "load\ns,rad,Nm\n"), UNITLESS | {"units_row": True}),
     ('"t","angle","load"\n"10.0","0","1"\n"10.5","90","2"\n"11.0","-180","+3.5"\n', {}),
 ])  # fmt: skip
-def test_one_log_in_any_dress_is_one_log(tmp_path: Path, text: str | bytes, fields: dict[str, object]) -> None:
+def test_one_log_in_any_dress_is_one_log(
+    tmp_path: Path, text: str | bytes, fields: dict[str, object]
+) -> None:
     assert_log(ingested(tmp_path, text, **fields))
 
 
@@ -88,35 +109,50 @@ def test_one_log_in_any_dress_is_one_log(tmp_path: Path, text: str | bytes, fiel
     ("\n", {}, "holds no rows"), ("t,angle,load\n", {}, "no rows of data"),
     (LOG, {"time": {"rate": 4.0}}, "`rate: 4` of time, but column 't' rises by 0.5 a row; write"),
     (LOG.partition("\n")[2], {}, "column 't' is missing; the file has 1, 2, 3"),
-    (LOG.partition("\n")[2], {"header": "row"}, "line 1 holds numbers, not the columns' names; write `header: none`"),
+    (LOG.partition("\n")[2],
+     {"header": "row"}, "line 1 holds numbers, not the columns' names; write `header: none`"),
     (LOG.replace("load", "angle"), {}, "column 'angle' occurs 2 times"),
-    (LOG, {"channels": {"theta": {"column": 4, "unit": "rad"}}}, "column '4' is missing; the file has t, angle"),
-    (LOG.replace("90", "deg"), {}, "line 3, column 'angle': 'deg' is not a number; correct the cell, or add"),
+    (LOG, {"channels": {"theta": {"column": 4, "unit": "rad"}}},
+     "column '4' is missing; the file has t, angle"),
+    (LOG.replace("90", "deg"),
+     {}, "line 3, column 'angle': 'deg' is not a number; correct the cell, or add"),
     (LOG.replace("90", "9_0"), {}, "line 3, column 'angle': '9_0' is not a number"),
-    ("t;angle;load\n0;1,5;2\n0,1;1.234;3\n", {"decimal": ","}, "'angle': '1.234' is not a number; write `decimal: "),
+    ("t;angle;load\n0;1,5;2\n0,1;1.234;3\n",
+     {"decimal": ","}, "'angle': '1.234' is not a number; write `decimal: "),
     (LOG.replace("90", "1e999"), {}, "line 3, column 'angle': '1e999' is not a number"),
-    (LOG + "\0" * 9, {}, "line 5 holds zero bytes, as a loss of power leaves them; delete the file from there on"),
-    (LOG + LOG, {}, "line 5, column 'angle': 'angle' is not a number; the header stands here again"),
+    (LOG + "\0" * 9,
+     {}, "line 5 holds zero bytes, as a loss of power leaves them; delete the file from there on"),
+    (LOG + LOG,
+     {}, "line 5, column 'angle': 'angle' is not a number; the header stands here again"),
     (LOG, {"channels": TWICE}, "column '2' is theta and torque in the source file; correct"),
     (LOG.replace("90", '"90'), {}, "line 3: a quote is not closed"),
-    (LOG.replace("90", "9" * 200_000), {}, "line 3 has a cell of more than 131072 characters; repair it"),
-    (LOG, {"channels": {"theta": {"column": "angle"}}}, "column 'angle': the unit is empty; write one of rad"),
+    (LOG.replace("90", "9" * 200_000),
+     {}, "line 3 has a cell of more than 131072 characters; repair it"),
+    (LOG, {"channels": {"theta": {"column": "angle"}}},
+     "column 'angle': the unit is empty; write one of rad"),
     ("t,angle,load\n1,2\n", {"ragged": "skip", "most_missing": 1.0}, "no table of numbers"),
     (LOG, {"header": "comment"}, "no line begins with '#'"),
-    ("t,angle,load\n0,1,5\n1,2,6\n2,3\n3,4\n", {"ragged": "dropped_variable"}, "and 0 were missing in the line before"),
+    ("t,angle,load\n0,1,5\n1,2,6\n2,3\n3,4\n",
+     {"ragged": "dropped_variable"}, "and 0 were missing in the line before"),
     (LOG.replace("\n", ",0\n").replace("load,0", "load"), {}, "do not fit; write a name for each"),
 ])  # fmt: skip
 def test_what_cannot_be_read_is_refused_by_line_or_column(tmp_path, text, fields, problem):
     assert problem in refused(tmp_path, text, **fields)
 
 
-def test_a_variable_that_the_logger_dropped_is_missing_from_there_on_and_the_others_keep_their_columns(tmp_path):
-    text, fields = "t,angle,load\n0,1,5\n1,ERROR,6\n2,ERROR,7\n3,8\n4,9\n", {"missing": ["ERROR"], "most_missing": 0.8}
+def test_a_variable_that_the_logger_dropped_is_missing_from_there_on(
+    tmp_path,
+):
+    text, fields = (
+        "t,angle,load\n0,1,5\n1,ERROR,6\n2,ERROR,7\n3,8\n4,9\n",
+        {"missing": ["ERROR"], "most_missing": 0.8},
+    )
     trial = ingested(tmp_path, text, **fields, ragged="dropped_variable")
     np.testing.assert_allclose(trial.samples["torque"], [5, 6, 7, 8, 9])
     assert trial.samples["theta"].is_nan().to_list() == [False, True, True, True, True]
     assert trial.provenance["warnings"][0] == "log.csv: from line 5 on, columns 2 are missing"
-    text = text.replace("angle,", "").replace("0,1,", "0,ERROR,")  # dropped before the header, with the first rows
+    # dropped before the header, with the first rows
+    text = text.replace("angle,", "").replace("0,1,", "0,ERROR,")
     fields["channels"] = {"torque": SOURCE["channels"]["torque"]}
     trial = ingested(tmp_path, text, **fields, ragged="dropped_variable")
     np.testing.assert_allclose(trial.samples["torque"], [5, 6, 7, 8, 9])
@@ -124,15 +160,20 @@ def test_a_variable_that_the_logger_dropped_is_missing_from_there_on_and_the_oth
     assert trial.provenance["warnings"] == [said]
 
 
-def test_the_shipped_source_file_reads_what_the_logger_of_opensourceleg_wrote(tmp_path: Path) -> None:
+def test_the_shipped_source_file_reads_what_the_logger_of_opensourceleg_wrote(
+    tmp_path: Path,
+) -> None:
     """Recorded with the package's own logger, row k at k ms."""
-    osl_logging = pytest.importorskip("opensourceleg.logging", reason="the package opensourceleg is not installed")
+    osl_logging = pytest.importorskip(
+        "opensourceleg.logging", reason="the package opensourceleg is not installed"
+    )
     logger, k, rows = osl_logging.LOGGER, 0, np.arange(400)  # there is one in a process
     logger._log_path = str(tmp_path)  # its constructor would take the folder of the call before
     logger.set_file_name("trial")
     logger.set_stream_level(osl_logging.LogLevel.CRITICAL)
     functions = {
-        "time": lambda: k * 1e-3, "joint_position": lambda: np.cos(k / 50), "output_position": lambda: np.sin(k / 50),
+        "time": lambda: k * 1e-3, "joint_position": lambda: np.cos(k / 50),
+        "output_position": lambda: np.sin(k / 50),
         "motor_current": lambda: 100.0 * k, "sync": lambda: k % 100 < 50,
     }  # fmt: skip
     logger.track_function(list(functions.values()), list(functions))
@@ -143,7 +184,12 @@ def test_the_shipped_source_file_reads_what_the_logger_of_opensourceleg_wrote(tm
     shipped = read_source(Path(__file__).parents[1] / "config/sources/opensourceleg.yaml")
     assert recognise(tmp_path / "trial.csv") == "csv"
     recording = FORMATS["csv"].read(tmp_path / "trial.csv", shipped)
-    expected = {"time": rows * 1e-3, "theta": np.cos(rows / 50), "theta_m": np.sin(rows / 50), "current": 0.1 * rows}
+    expected = {
+        "time": rows * 1e-3,
+        "theta": np.cos(rows / 50),
+        "theta_m": np.sin(rows / 50),
+        "current": 0.1 * rows,
+    }
     for column, values in {**expected, "sync": rows % 100 < 50}.items():
         np.testing.assert_allclose(recording.samples[column], values, atol=1e-12)
     assert recording.warnings == []
@@ -151,32 +197,56 @@ def test_the_shipped_source_file_reads_what_the_logger_of_opensourceleg_wrote(tm
 
 @pytest.mark.parametrize(("text", "warning"), [
     (LOG + "11.5,17", "log.csv: the last line, 5, is cut off and was skipped"),
-    (LOG + "11.5,17,12", "log.csv: the last line, 5, has no line break, may be cut in a number and was skipped"),
-    (LOG.replace("angle,load", "angle [deg],load [Nm]"), "log.csv: theta is read in rad; the file says deg"),
+    (LOG + "11.5,17,12",
+     "log.csv: the last line, 5, has no line break, may be cut in a number and was skipped"),
+    (LOG.replace("angle,load", "angle [deg],load [Nm]"),
+     "log.csv: theta is read in rad; the file says deg"),
 ])  # fmt: skip
-def test_a_last_line_that_is_cut_off_and_a_unit_that_the_source_file_overrules_are_said(tmp_path, text, warning):
+def test_a_last_line_that_is_cut_off_and_a_unit_that_the_source_file_overrules_are_said(
+    tmp_path, text, warning
+):
     trial = ingested(tmp_path, text)
     assert_log(trial)
     assert trial.provenance["warnings"] == [warning]
     damage = trial.provenance.get("damage", {}).get("log", {})
     told = ["cut off" in warning, 3, None]
     assert [damage.get(one) for one in ("end_missing", "read", "lost")] == told
-    # above the table a program of Xsens, below it no line break, but decimals that tell that the number is whole
-    assert_log(ingested(tmp_path, "// Xsens\nt,angle,load\n10.0,0,1.00\n10.5,90,2.00\n11.0,-180,3.50"))
+    # above the table a program of Xsens, below it no line break, but decimals that tell that the
+    # number is whole
+    assert_log(
+        ingested(tmp_path, "// Xsens\nt,angle,load\n10.0,0,1.00\n10.5,90,2.00\n11.0,-180,3.50")
+    )
 
 
-def test_what_a_source_file_states_of_a_sensor_stands_in_si_units_in_the_provenance(tmp_path: Path) -> None:
-    stated = {"delay": "2 ms", "low_pass": {"cutoff": "0.1 kHz", "order": 2}, "resolution": "10 N*mm"}
+def test_what_a_source_file_states_of_a_sensor_stands_in_si_units_in_the_provenance(
+    tmp_path: Path,
+) -> None:
+    stated = {
+        "delay": "2 ms",
+        "low_pass": {"cutoff": "0.1 kHz", "order": 2},
+        "resolution": "10 N*mm",
+    }
     stated |= {"range": ["-20 N*m", "60 N*m"], "sign": -1, "scale": 2, "offset": 5}
     torque = SOURCE["channels"]["torque"] | stated
-    channels = {"theta": {"column": "angle", "unit": "deg", "bits": 14, "range": "180 deg"}, "torque": torque}
-    trial = ingested(tmp_path, "# rig: B\n" + LOG, channels=channels, time={**SOURCE["time"], "stamps": "even"})
+    channels = {
+        "theta": {"column": "angle", "unit": "deg", "bits": 14, "range": "180 deg"},
+        "torque": torque,
+    }
+    trial = ingested(
+        tmp_path, "# rig: B\n" + LOG, channels=channels, time={**SOURCE["time"], "stamps": "even"}
+    )
     provenance = trial.provenance
-    assert (provenance["log"]["comments"], provenance["log"]["time"]["stamps"]) == (["rig: B"], "even")
+    assert (provenance["log"]["comments"], provenance["log"]["time"]["stamps"]) == (
+        ["rig: B"],
+        "even",
+    )
     theta, torque = provenance["columns"]["theta"], provenance["columns"]["torque"]
     assert torque["low_pass"] == {"cutoff_hz": 100.0, "order": 2}
     assert (torque["delay"], torque["resolution"]) == (0.002, pytest.approx(0.01))
-    assert (theta["resolution"], theta["range"]) == (pytest.approx(np.pi / 2**13), pytest.approx([-np.pi, np.pi]))
+    assert (theta["resolution"], theta["range"]) == (
+        pytest.approx(np.pi / 2**13),
+        pytest.approx([-np.pi, np.pi]),
+    )
     assert (trial.samples["torque"].to_list(), torque["range"]) == ([-12, -14, -17], [-70, 10])
 
 
@@ -186,7 +256,10 @@ def advised(message: str) -> dict[str, object]:
     return {key: value for text in written for key, value in yaml.safe_load(text).items()}
 
 
-TABLE, SAMPLES = "t,angle,load\n0,1,5\n0.01,2,6\n0.02,3,7\n0.03,4,8\n", {"theta": [1, 2, 3, 4], "torque": [5, 6, 7, 8]}
+TABLE, SAMPLES = (
+    "t,angle,load\n0,1,5\n0.01,2,6\n0.02,3,7\n0.03,4,8\n",
+    {"theta": [1, 2, 3, 4], "torque": [5, 6, 7, 8]},
+)
 
 
 def assert_samples(trial: Trial, **columns: list[float]) -> None:
@@ -195,13 +268,17 @@ def assert_samples(trial: Trial, **columns: list[float]) -> None:
 
 
 def test_devices_that_write_rows_of_their_own_into_one_table_keep_instants_of_their_own(tmp_path):
-    """As one device at twice the rate their samples were moved to even steps, which took 1 % off B."""
-    text = "t,angle,load\n" + "".join(f"{k / 100},{k},\n{k / 100 + 0.0031},,{2 * k}\n" for k in range(50))
+    """As one device at twice the rate their samples were moved to even steps, which took 1 % off
+    B."""
+    text = "t,angle,load\n" + "".join(
+        f"{k / 100},{k},\n{k / 100 + 0.0031},,{2 * k}\n" for k in range(50)
+    )
     trial = ingested(tmp_path, text)
     for column, late in (("theta", 0.0), ("torque", 0.0031)):
         assert trial.arrays(column)[0] == pytest.approx(np.arange(50) / 100 + late, abs=1e-12)
     assert [len(names) for names in devices_of(trial, ("theta", "torque"))] == [1, 1]
-    lost = ingested(tmp_path, text.replace("0.05,5,", "0.05,5,9"), most_missing=0.6)  # one row of both: one device
+    # one row of both: one device
+    lost = ingested(tmp_path, text.replace("0.05,5,", "0.05,5,9"), most_missing=0.6)
     assert [len(names) for names in devices_of(lost, ("theta", "torque"))] == [2]
 
 
@@ -209,31 +286,44 @@ def test_devices_that_write_rows_of_their_own_into_one_table_keep_instants_of_th
     (TABLE.replace("0.02,", "0.015,9\n0.02,"), {}, "line 4 has", SAMPLES),
     (TABLE.replace("0.02,", "0.015,9,9,9\n0.02,"), {}, "line 4 has", SAMPLES),
     (TABLE.replace("0.02,3,7", "0.02,3"), {"ragged": "skip"}, "line 4 has", {"theta": [1, 2, 4]}),
-    (TABLE.replace("0,1,5", "0,1").replace("0.03,4,8\n", ""), {"ragged": "skip"}, "line 2 has", {"theta": [2, 3]}),
-    *((TABLE.replace("2,6", f"{n},6"), {}, "missing in 1", {"theta": [1, np.nan, 3, 4]}) for n in ("NaN", "nan(ind)")),
+    (TABLE.replace("0,1,5", "0,1").replace("0.03,4,8\n", ""), {"ragged": "skip"}, "line 2 has",
+     {"theta": [2, 3]}),
+    *((TABLE.replace("2,6", f"{n},6"), {}, "missing in 1", {"theta": [1, np.nan, 3,
+    4]}) for n in ("NaN", "nan(ind)")),
     (TABLE.replace("2,6", ",6"), {}, "missing in 1 of 4 rows", {"theta": [1, np.nan, 3, 4]}),
-    (TABLE.replace(",", ";").replace(".", ","), {"decimal": "."}, "if the comma is the decimal sign", SAMPLES),
-    (TABLE.replace("load\n", "load\n[s],[rad],(Nm)\n"), {"units_row": False}, "'t' is missing; the file has [s]", {}),
-    (re.sub(r"^0\.0\d", "0", TABLE, flags=re.M), {}, "time stands still at 0 in 4 of 4 rows, from line 2 on", SAMPLES),
+    (TABLE.replace(",", ";").replace(".", ","),
+     {"decimal": "."}, "if the comma is the decimal sign", SAMPLES),
+    (TABLE.replace("load\n", "load\n[s],[rad],(Nm)\n"),
+     {"units_row": False}, "'t' is missing; the file has [s]", {}),
+    (re.sub(r"^0\.0\d", "0", TABLE, flags=re.M),
+     {}, "time stands still at 0 in 4 of 4 rows, from line 2 on", SAMPLES),
 ])  # fmt: skip
 def test_the_log_is_read_as_the_refusal_says(tmp_path, text, stated, told, samples):
     message = refused(tmp_path, text, **stated)
     assert told in message
     if samples:
-        assert_samples(ingested(tmp_path, text, **stated | advised(message.replace("HZ", "100"))), **samples)
+        assert_samples(
+            ingested(tmp_path, text, **stated | advised(message.replace("HZ", "100"))), **samples
+        )
 
 
 def test_one_row_a_clock_that_stops_and_one_too_coarse_are_no_log(tmp_path):
     time = np.arange(200) * 0.004
     for stamps, told in (
         (time[:1], "holds one row of data"),
-        (np.minimum(time, time[150]), "stands still at 0.6 in 50 of 200 rows, from line 152 on: it stopped, or"),
+        (
+            np.minimum(time, time[150]),
+            "stands still at 0.6 in 50 of 200 rows, from line 152 on: it stopped, or",
+        ),
         (1.773e9 + 128 * (time > 0.5), "time stands still at 1773000000 in 126 of 200 rows"),
     ):
-        text = "t,angle,load\n" + "".join(f"{t},{k},{k % 7}\n" for k, t in enumerate(stamps.tolist()))
+        text = "t,angle,load\n" + "".join(
+            f"{t},{k},{k % 7}\n" for k, t in enumerate(stamps.tolist())
+        )
         assert told in refused(tmp_path, text)
     seconds, thirds = (  # 25 of 300 rows are a twelfth of them
-        "t,angle,load\n" + "".join(f"{k // 25 * step},{k},{k % 7}\n" for k in range(300)) for step in (1.0, 0.3)
+        "t,angle,load\n" + "".join(f"{k // 25 * step},{k},{k % 7}\n" for k in range(300))
+        for step in (1.0, 0.3)
     )
     assert "time stands still at 0 in 25 of 300 rows" in refused(tmp_path, seconds)
     assert ingested(tmp_path, thirds).samples.height == 300
@@ -241,24 +331,43 @@ def test_one_row_a_clock_that_stops_and_one_too_coarse_are_no_log(tmp_path):
     assert "a PNG image, which is not read; name the recording itself" in refused(tmp_path, picture)
 
 
-LOGGER = "time,<__main__.Joint object at 0x7fe6c0>.output_position,<__main__.Joint object at 0x7fe6c0>.current\n0,1,5\n"
+LOGGER = (
+    "time,<__main__.Joint object at 0x7fe6c0>.output_position,<__main__.Joint object at"
+    " 0x7fe6c0>.current\n0,1,5\n"
+)
 ROWS = "0.01,2,6\n0.02,3,7\n0.03,4,8\n"
 
 
-def test_a_pattern_finds_the_column_whose_name_changes_from_run_to_run_and_is_what_the_draft_says(tmp_path):
-    theta, torque = {"column": "*.output_position", "unit": "rad"}, {"column": "<*>.current", "unit": "Nm"}
+def test_a_pattern_finds_the_column_whose_name_changes_from_run_to_run_and_is_what_the_draft_says(
+    tmp_path,
+):
+    theta, torque = (
+        {"column": "*.output_position", "unit": "rad"},
+        {"column": "<*>.current", "unit": "Nm"},
+    )
     for address in ("0x7fe6c0", "0x55d1a2b3"):
-        text, channels = (LOGGER + ROWS).replace("0x7fe6c0", address), {"theta": theta, "torque": torque}
+        text, channels = (
+            (LOGGER + ROWS).replace("0x7fe6c0", address),
+            {"theta": theta, "torque": torque},
+        )
         trial = ingested(tmp_path, text, channels=channels, time={"column": "ti*", "unit": "s"})
         assert_samples(trial)
-        origin, found = trial.provenance["columns"]["theta"], f"<__main__.Joint object at {address}>.output_position"
+        origin, found = (
+            trial.provenance["columns"]["theta"],
+            f"<__main__.Joint object at {address}>.output_position",
+        )
         assert (origin["column"], origin["found"]) == ("*.output_position", found)
     for joint, drafted in (
         ("0>.current", ["*.output_position", "*.current"]),
-        ("1>.output_position", [f"<__main__.Joint object at 0x7fe6c{n}>.output_position" for n in "01"]),
+        (
+            "1>.output_position",
+            [f"<__main__.Joint object at 0x7fe6c{n}>.output_position" for n in "01"],
+        ),
     ):
         (tmp_path / "a.csv").write_text((LOGGER + ROWS).replace("0>.current", joint))
-        found = yaml.safe_load(draft_source(inspect_file(tmp_path / "a.csv"), "a.csv"))["channels"].values()
+        found = yaml.safe_load(draft_source(inspect_file(tmp_path / "a.csv"), "a.csv"))[
+            "channels"
+        ].values()
         assert [channel["column"] for channel in found] == drafted
 
 
@@ -266,19 +375,28 @@ def test_repeated_stamps_are_kept_with_a_warning_and_dropped_as_it_says(tmp_path
     text = TABLE.replace("0.02,3,7", "0.01,2,6.5\n0.02,3,7")
     kept = ingested(tmp_path, text)
     (warning,) = kept.provenance["warnings"]
-    assert warning.startswith("log.csv: 1 of 5 rows repeat the stamp of the row before and are taken for samples")
-    assert (f"`time` in {tmp_path / 'source.yaml'}, line 2" in warning, len(kept.samples)) == (True, 5)
+    assert warning.startswith(
+        "log.csv: 1 of 5 rows repeat the stamp of the row before and are taken for samples"
+    )
+    assert (f"`time` in {tmp_path / 'source.yaml'}, line 2" in warning, len(kept.samples)) == (
+        True,
+        5,
+    )
     dropped = ingested(tmp_path, text, time=SOURCE["time"] | advised(warning))
     assert_samples(dropped)
     (said,) = dropped.provenance["warnings"]
     assert said.endswith("1 of 5 rows repeat the stamp of the row before and were left out")
 
 
-def test_rows_that_stand_twice_are_read_once_as_the_refusal_says_and_rounded_stamps_are_no_such(tmp_path: Path) -> None:
+def test_rows_that_stand_twice_are_read_once_as_the_refusal_says_and_rounded_stamps_are_no_such(
+    tmp_path: Path,
+) -> None:
     rows = [f"{k / 500},{k % 7},{k % 5}\n" for k in range(100)]
     twice = "t,angle,load\n" + "".join(2 * row for row in rows)
     message = refused(tmp_path, twice)
-    assert message.startswith(f"{tmp_path / 'log.csv'}: 100 of 200 rows have time and values of the row before")
+    assert message.startswith(
+        f"{tmp_path / 'log.csv'}: 100 of 200 rows have time and values of the row before"
+    )
     read = ingested(tmp_path, twice, time=SOURCE["time"] | advised(message))
     np.testing.assert_allclose(read.samples["time"], np.arange(100) / 500)
     rounded = "t,angle,load\n" + "".join(f"{k // 2 / 500},{k % 7},{k % 5}\n" for k in range(200))
@@ -291,18 +409,25 @@ def load(**stated: object) -> dict[str, object]:
 
 
 @pytest.mark.parametrize(("fields", "told"), [
-    ({"time": {"column": "t", "unit": "s", "rate": 9}}, "state either the column that holds time or the rate"),
+    ({"time": {"column": "t", "unit": "s", "rate": 9}},
+     "state either the column that holds time or the rate"),
     ({"time": {}}, "state either the column that holds time or the rate"),
-    ({"units_row": True, "header": "none"}, "needs a header row"), ({"clock": "sync"}, "needs the column sync"),
+    ({"units_row": True, "header": "none"}, "needs a header row"),
+    ({"clock": "sync"}, "needs the column sync"),
     ({"channels": {"plate": {"column": "a", "unit": "N"}}}, "'plate' is not a canonical column"),
-    ({"channels": dict.fromkeys(("theta", "theta_m"), TWICE["theta"])}, "theta_m.column: column 'angle' is theta al"),
-    (load(column="t"), "column 't' is time already"), (load(column=""), "torque.column: '' is not allowed: write at"),
-    (load(scale=0), "scale of zero"), (load(sign=True), "sign: 'true' is not allowed: write 1 or -1"),
+    ({"channels": dict.fromkeys(("theta", "theta_m"), TWICE["theta"])},
+     "theta_m.column: column 'angle' is theta al"),
+    (load(column="t"), "column 't' is time already"),
+    (load(column=""), "torque.column: '' is not allowed: write at"),
+    (load(scale=0), "scale of zero"),
+    (load(sign=True), "sign: 'true' is not allowed: write 1 or -1"),
     (load(delay="soon"), "'soon' is not a number with a unit; write it as in `2 s`"),
-    *((load(delay=text), "a delay is the age of a sample, from 0 to 0.2 s") for text in ("-2 ms", "1 s")),
+    *((load(delay=text), "a delay is the age of a sample, from 0 to 0.2 s") for text in ("-2 ms",
+    "1 s")),
     *((load(column=number), "columns are counted from 1") for number in (0, -1)),
     (load(delay="2"), "the unit is empty; write one of s, ms"),
-    *((load(low_pass={"cutoff": f"{cutoff} Hz"}), "a cut-off below 0.5 Hz would") for cutoff in (0, -5, 0.4)),
+    *((load(low_pass={"cutoff": f"{cutoff} Hz"}), "a cut-off below 0.5 Hz would") for cutoff in (0,
+    -5, 0.4)),
     (load(resolution="0.1 deg"), "'0.1 deg' is not allowed: unit 'deg' measures [rad]"),
     (load(resolution="1 N*m", bits=14), "state `resolution` or `bits`, not both"),
     (load(range=["5 N*m", "5 N*m"]), "a range from 5 to 5 N*m is empty"),
@@ -315,19 +440,38 @@ def test_a_mistake_in_a_source_file_is_answered_with_what_to_write(tmp_path, fie
 BENCH = "loop_time,ankle_deg,load_Nm,motor_mA,phase\n0,1,5,7,0\n10,2,6,7,0\n20,3,7,7,0\n"
 
 
-def test_a_draft_that_was_not_edited_is_refused_with_the_places_and_reads_the_log_once_they_are(tmp_path: Path) -> None:
-    (tmp_path / "log.csv").write_text(re.sub("ankle_deg|load_Nm|motor_mA", "u", BENCH).replace("u,u,u", "u,v,w"))
+def test_a_draft_that_was_not_edited_is_refused_with_the_places_and_reads_the_log_once_they_are(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "log.csv").write_text(
+        re.sub("ankle_deg|load_Nm|motor_mA", "u", BENCH).replace("u,u,u", "u,v,w")
+    )
     path, row = tmp_path / "source.yaml", {"trial": "a", "log": "log.csv", "log_source": "source"}
-    assert CliRunner().invoke(main, ["inspect", str(tmp_path / "log.csv"), "--draft", str(path)]).exit_code == 0
-    with pytest.raises(InputError, match="a draft of `osl-analysis inspect` in which 5 places are to be ed") as caught:
+    assert (
+        CliRunner()
+        .invoke(main, ["inspect", str(tmp_path / "log.csv"), "--draft", str(path)])
+        .exit_code
+        == 0
+    )
+    with pytest.raises(
+        InputError, match="a draft of `osl-analysis inspect` in which 5 places are to be ed"
+    ) as caught:
         trial_from_files(row, tmp_path, tmp_path)
-    places, lines = re.findall(r"`([\w.]+)` in line (\d+)", str(caught.value)), path.read_text().splitlines()
-    assert [name for name, _ in places] == ["time.unit", *(f"channels.NAME_{n}" for n in range(1, 5))]
+    places, lines = (
+        re.findall(r"`([\w.]+)` in line (\d+)", str(caught.value)),
+        path.read_text().splitlines(),
+    )
+    assert [name for name, _ in places] == [
+        "time.unit",
+        *(f"channels.NAME_{n}" for n in range(1, 5)),
+    ]
     assert all(name.rpartition(".")[2] in lines[int(number) - 1] for name, number in places)
     edited = "\n".join(line for line in lines if not re.search("NAME_[234]", line))
     edited = re.sub('NAME_1(.*)"UNKNOWN"', r'theta\1"rad"', edited).replace("UNKNOWN", "ms")
     path.write_text(edited)
-    np.testing.assert_allclose(trial_from_files(row, tmp_path, tmp_path).samples["time"], [0, 0.01, 0.02])
+    np.testing.assert_allclose(
+        trial_from_files(row, tmp_path, tmp_path).samples["time"], [0, 0.01, 0.02]
+    )
 
 
 def test_nanoseconds_since_1970_keep_their_last_digit(tmp_path: Path) -> None:
@@ -339,19 +483,24 @@ def test_nanoseconds_since_1970_keep_their_last_digit(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("unit", "expected", "factor"), [
     ("deg", "rad", math.pi / 180), ("Degrees", "rad", math.pi / 180), ("º", "rad", math.pi / 180),
-    ("rev", "rad", 2 * math.pi), ("rpm", "rad/s", 2 * math.pi / 60), ("%", "1", 0.01), ("mm", "m", 1e-3),
-    ("N·mm", "N*m", 1e-3), ("N mm", "N*m", 1e-3), ("Nmm", "N*m", 1e-3), ("mNm", "N*m", 1e-3), ("kN", "N", 1e3),
+    ("rev", "rad", 2 * math.pi), ("rpm", "rad/s", 2 * math.pi / 60), ("%", "1", 0.01),
+    ("mm", "m", 1e-3),
+    ("N·mm", "N*m", 1e-3), ("N mm", "N*m", 1e-3), ("Nmm", "N*m", 1e-3), ("mNm", "N*m", 1e-3),
+    ("kN", "N", 1e3),
     ("N*mm/kg", "N*m/kg", 1e-3), ("Nm/kg", "N*m/kg", 1.0), ("N*m/deg", "N*m/rad", 180 / math.pi),
-    ("Nms/deg", "N*m*s/rad", 180 / math.pi), ("µs", "s", 1e-6), ("Milliseconds", "s", 1e-3), ("μV", "V", 1e-6),
-    (" mA ", "A", 1e-3), ("Amps", "A", 1.0), ("kNm", "N*m", 1e3), ("Ncm", "N*m", 1e-2), ("nt", "N", 1.0),
-    ("ntmm", "N*m", 1e-3), ("volts", "V", 1.0), ("Nmms/rad", "N*m*s/rad", 1e-3), ("rads", "rad", 1.0),
+    ("Nms/deg", "N*m*s/rad", 180 / math.pi), ("µs", "s", 1e-6), ("Milliseconds", "s", 1e-3),
+    ("μV", "V", 1e-6),
+    (" mA ", "A", 1e-3), ("Amps", "A", 1.0), ("kNm", "N*m", 1e3), ("Ncm", "N*m", 1e-2),
+    ("nt", "N", 1.0),
+    ("ntmm", "N*m", 1e-3), ("volts", "V", 1.0), ("Nmms/rad", "N*m*s/rad", 1e-3),
+    ("rads", "rad", 1.0),
     ("N.m.", "N*m", 1.0), ("S", "s", 1.0), ("MS", "s", 1e-3),
 ])  # fmt: skip
 def test_a_laboratorys_spelling_has_its_factor(unit: str, expected: str, factor: float) -> None:
     assert si_factor(unit, expected) == pytest.approx(factor, rel=1e-15)
 
 
-def test_every_canonical_unit_is_its_own_si_unit_and_all_that_messages_offer_have_the_factors_of_pint() -> None:
+def test_every_canonical_unit_is_its_own_si_unit() -> None:
     assert all(units[unit] == 1.0 for unit, units in EXAMPLES.items())
     for expected, units in EXAMPLES.items():
         found = {unit: base_units(normalised(unit)) for unit in units}
@@ -360,18 +509,25 @@ def test_every_canonical_unit_is_its_own_si_unit_and_all_that_messages_offer_hav
 
 @pytest.mark.parametrize(("unit", "expected", "told"), [
     ("mmm", "m", r"unit 'mmm' is unknown; write one of m, cm, mm"),
-    ("Nm", "N*m/rad", r"unit 'Nm' measures \[N\*m\], expected one of N\*m/rad"),  # torque and stiffness differ
-    ("deg", "N", r"unit 'deg' measures \[rad\], expected one of N, "), (" ", "N", "the unit is empty"),
-    ("Mm", "m", r"is 1e\+06 ., an implausible size"), ("MN", "N", r"is 1e\+06 ., an implausible size"),
+    # torque and stiffness differ
+    ("Nm", "N*m/rad", r"unit 'Nm' measures \[N\*m\], expected one of N\*m/rad"),
+    ("deg", "N", r"unit 'deg' measures \[rad\], expected one of N, "),
+    (" ", "N", "the unit is empty"),
+    ("Mm", "m", r"is 1e\+06 ., an implausible size"),
+    ("MN", "N", r"is 1e\+06 ., an implausible size"),
     ("pN", "N", r"is 1e-12 ., an implausible size"),
     ("grad", "rad", "gon.*degree.*write `deg`, or `gon`"), ("N*m/grad", "N*m/rad", "gon.*degree"),
 ])  # fmt: skip
-def test_a_unit_that_cannot_be_is_refused_with_what_would_do(unit: str, expected: str, told: str) -> None:
+def test_a_unit_that_cannot_be_is_refused_with_what_would_do(
+    unit: str, expected: str, told: str
+) -> None:
     with pytest.raises(InputError, match=told):
         si_factor(unit, expected)
 
 
-@pytest.mark.parametrize("unit", ["9**9**9**9", "[1]*999", "(m)", "m;n", "m**2", "1e3*m", "m" * 5000, "m*" * 5000])
+@pytest.mark.parametrize(
+    "unit", ["9**9**9**9", "[1]*999", "(m)", "m;n", "m**2", "1e3*m", "m" * 5000, "m*" * 5000]
+)
 def test_text_of_a_file_is_never_evaluated(unit: str) -> None:
     with pytest.raises(InputError, match="is unknown"):
         si_factor(unit, "m")

@@ -1,4 +1,5 @@
-"""Logs in JSON lines and TDMS: numbers at any depth and of any timing, and nothing is lost without a word."""
+"""Logs in JSON lines and TDMS: numbers at any depth and of any timing, and nothing is lost without
+a word."""
 
 import json
 import math
@@ -21,17 +22,26 @@ from osl_analysis.ingest.raw_files import FORMATS, read_source
 ROWS = 200
 TORQUE = {"field": "functions.torque", "unit": "N*m", "sign": -1}
 CHANNELS = {"theta": {"field": "variables.ankle_angle", "unit": "deg"}, "torque": TORQUE}
-SOURCE = {"format": "json_lines", "time": {"field": "variables.time", "unit": "ms"}, "channels": CHANNELS}
+SOURCE = {
+    "format": "json_lines",
+    "time": {"field": "variables.time", "unit": "ms"},
+    "channels": CHANNELS,
+}
 
 
 def rust_lines(rows: int = ROWS) -> list[dict[str, Any]]:
-    """Objects as the recorder of the Open-Source Leg in Rust writes them: an angle of k degrees, a torque of -k / 2."""
-    variables = [{"time": 2.0 * k + 17, "ankle_angle": float(k), "on": k % 2 == 0} for k in range(rows)]
+    """Objects as the recorder of the Open-Source Leg in Rust writes them: an angle of k degrees, a
+    torque of -k / 2."""
+    variables = [
+        {"time": 2.0 * k + 17, "ankle_angle": float(k), "on": k % 2 == 0} for k in range(rows)
+    ]
     return [{"variables": one, "functions": {"torque": -k / 2}} for k, one in enumerate(variables)]
 
 
 def write(path: Path, lines: list[Any], end: str = "\n") -> Path:
-    path.write_text("\n".join(one if isinstance(one, str) else json.dumps(one) for one in lines) + end)
+    path.write_text(
+        "\n".join(one if isinstance(one, str) else json.dumps(one) for one in lines) + end
+    )
     return path
 
 
@@ -41,7 +51,9 @@ refused = partial(refusal_of, **SOURCE)
 
 def test_a_name_with_a_dot_is_quoted_and_never_taken_for_a_level(tmp_path: Path) -> None:
     k = np.arange(20)
-    fields = [{"cell.mz_Nm": n + 0.5, "cell": {"mz_Nm": -n}, 'a"[b]': [0, 3 * n]} for n in range(20)]
+    fields = [
+        {"cell.mz_Nm": n + 0.5, "cell": {"mz_Nm": -n}, 'a"[b]': [0, 3 * n]} for n in range(20)
+    ]
     lines = [{"t_s": n / 100, "f": one} for n, one in enumerate(fields)]
     path = write(tmp_path / "a", lines)
     draft = yaml.safe_load(draft_source(inspect_file(path), "a"))
@@ -52,19 +64,28 @@ def test_a_name_with_a_dot_is_quoted_and_never_taken_for_a_level(tmp_path: Path)
         "theta": ('f["a\\"[b]"][1]', "rad", 3 * k),
     }  # fmt: skip
     asked = {"time": {"field": "t_s", "unit": "s"}}
-    asked["channels"] = {name: {"field": field, "unit": unit} for name, (field, unit, _) in expected.items()}  # type: ignore[dict-item]
+    asked["channels"] = {
+        name: {"field": field, "unit": unit} for name, (field, unit, _) in expected.items()
+    }  # type: ignore[dict-item]
     samples = read(path, **asked).samples
     for column, (_, _, values) in expected.items():
         np.testing.assert_array_equal(samples[column], values)
     for one in lines:
         del one["f"]["cell"]  # type: ignore[index]
-    assert refused(write(tmp_path / "b", lines), **asked).endswith("""did you mean 'f["cell.mz_Nm"]'?""")
+    assert refused(write(tmp_path / "b", lines), **asked).endswith(
+        """did you mean 'f["cell.mz_Nm"]'?"""
+    )
 
 
 def test_a_name_that_two_elements_have_chooses_none(tmp_path: Path) -> None:
     path = write(tmp_path / "a", [{"t": k, "name": ["a", "a"], "q": [k, 2 * k]} for k in range(9)])
-    asked = {"time": {"field": "t", "unit": "s"}, "channels": {"theta": {"field": "q[name=a]", "unit": "rad"}}}
-    assert "2 elements are named 'a' in 'name': write an index in its place" in refused(path, **asked)
+    asked = {
+        "time": {"field": "t", "unit": "s"},
+        "channels": {"theta": {"field": "q[name=a]", "unit": "rad"}},
+    }
+    assert "2 elements are named 'a' in 'name': write an index in its place" in refused(
+        path, **asked
+    )
 
 
 def test_every_element_of_a_list_is_listed_up_to_a_limit(tmp_path: Path) -> None:
@@ -76,12 +97,30 @@ def test_every_element_of_a_list_is_listed_up_to_a_limit(tmp_path: Path) -> None
     overview = inspect_file(write(tmp_path / "a", lines * 5))
     matrix, long = ["m[0][0]", "m[0][1]", "m[1][0]", "m[1][1]"], [f"long[{i}]" for i in range(64)]
     listed = [channel.address["field"] for channel in overview.channels]
-    assert listed == ["j[0].q", "k.q[0]", "k.q[1]", *matrix, *long, "p[name=hip]", "f[0]", "f[2]", "j[1].q"]
+    assert listed == [
+        "j[0].q",
+        "k.q[0]",
+        "k.q[1]",
+        *matrix,
+        *long,
+        "p[name=hip]",
+        "f[0]",
+        "f[2]",
+        "j[1].q",
+    ]
     assert "long has 70 elements; only the first 64 are listed" in overview.remarks
 
 
 def test_the_unit_of_a_clock_is_guessed_from_its_rate_and_never_for_a_count(tmp_path: Path) -> None:
-    steps = {1: "UNKNOWN", 1.5e-4: "UNKNOWN", 2e-4: "s", 0.001: "s", 0.02: "s", 0.1: "UNKNOWN", 2.0: "ms"}
+    steps = {
+        1: "UNKNOWN",
+        1.5e-4: "UNKNOWN",
+        2e-4: "s",
+        0.001: "s",
+        0.02: "s",
+        0.1: "UNKNOWN",
+        2.0: "ms",
+    }
     for step, unit in (steps | {500: "us", 1e6: "ns"}).items():
         path = write(tmp_path / "a", [{"time": 7 + step * k, "q": 0.5} for k in range(30)])
         drafted = draft_source(inspect_file(path), "a")
@@ -93,26 +132,45 @@ def stamped_lines(seconds: str, nanoseconds: str) -> list[Any]:
     """Lines behind a header, with stamps that count up by 20.000001 ms across whole seconds."""
     ns = [1_700_000_000_990_000_000 + 20_000_001 * k for k in range(50)]
     stamps = [{seconds: one // 10**9, nanoseconds: one % 10**9} for one in ns]
-    return [{"meta": {"rate": 50}}, *({"h": {"stamp": one}, "q": 0.5 * k} for k, one in enumerate(stamps))]
+    return [
+        {"meta": {"rate": 50}},
+        *({"h": {"stamp": one}, "q": 0.5 * k} for k, one in enumerate(stamps)),
+    ]
 
 
 BY_STAMP = {"time": {"field": "h.stamp"}, "channels": {"theta": {"field": "q", "unit": "rad"}}}
 
 
-@pytest.mark.parametrize("parts", [("sec", "nanosec"), ("secs", "nsecs"), ("seconds", "nanos"), ("sec", "nsec")])
-def test_a_stamp_of_seconds_and_nanoseconds_is_time_and_exact(tmp_path: Path, parts: tuple[str, str]) -> None:
+@pytest.mark.parametrize(
+    "parts", [("sec", "nanosec"), ("secs", "nsecs"), ("seconds", "nanos"), ("sec", "nsec")]
+)
+def test_a_stamp_of_seconds_and_nanoseconds_is_time_and_exact(
+    tmp_path: Path, parts: tuple[str, str]
+) -> None:
     path = write(tmp_path / "a", stamped_lines(*parts))
     recording = read(path, **BY_STAMP)
-    np.testing.assert_allclose(recording.samples["time"], 20.000001e-3 * np.arange(50), rtol=0, atol=1e-15)
-    assert "a: 1 of 51 lines have none of the fields and were left out, first line 1" in recording.warnings
-    assert "known; remove `time.unit`" in refused(path, **BY_STAMP | {"time": {"field": "h.stamp", "unit": "s"}})
-    assert len(read(path, **BY_STAMP | {"time": {"rate": 50}}).samples) == 51  # by a rate, a line is a time step
+    np.testing.assert_allclose(
+        recording.samples["time"], 20.000001e-3 * np.arange(50), rtol=0, atol=1e-15
+    )
+    assert (
+        "a: 1 of 51 lines have none of the fields and were left out, first line 1"
+        in recording.warnings
+    )
+    assert "known; remove `time.unit`" in refused(
+        path, **BY_STAMP | {"time": {"field": "h.stamp", "unit": "s"}}
+    )
+    # by a rate, a line is a time step
+    assert len(read(path, **BY_STAMP | {"time": {"rate": 50}}).samples) == 51
     draft = yaml.safe_load(draft_source(inspect_file(path), "a"))
     named = [one["field"] for one in draft["channels"].values()]
     assert (draft["time"], named) == ({"field": "h.stamp"}, ["meta.rate", "q"])
     for name, wrong, told in (
         (parts[0], 1.5, f"field 'h.stamp.{parts[0]}' is 1.5 in line 8, which is no whole number"),
-        (parts[1], 2_000_000_000, f"field 'h.stamp.{parts[1]}' is 2000000000 in line 8, which is no whole number"),
+        (
+            parts[1],
+            2_000_000_000,
+            f"field 'h.stamp.{parts[1]}' is 2000000000 in line 8, which is no whole number",
+        ),
         (parts[1], -7, f"field 'h.stamp.{parts[1]}' is -7 in line 8, which is no whole number"),
         (parts[1], None, "field 'h.stamp': no time in line 8"),
     ):
@@ -138,20 +196,31 @@ def test_a_last_line_that_breaks_off_is_left_out_with_a_warning(tmp_path: Path) 
      'is "1.5", not a number, in line 12'),
     ('{"variables": 4, "functions": {"torque": 1}}', "is 4, not an object"),
 ])  # fmt: skip
-def test_a_line_that_cannot_be_used_is_skipped_within_a_share_and_else_refused(tmp_path, line, reason):
+def test_a_line_that_cannot_be_used_is_skipped_within_a_share_and_else_refused(
+    tmp_path, line, reason
+):
     lines: list[Any] = rust_lines()
     lines[11] = line
     path = write(tmp_path / "a", lines)
     recording = read(path)
     assert len(recording.samples) == ROWS - 1
-    assert any(f"1 of {ROWS} lines cannot be used and were skipped" in t and reason in t for t in recording.warnings)
-    told = {name: recording.losses[name] for name in ("end_missing", "expected", "read", "lost", "share_lost")}
+    assert any(
+        f"1 of {ROWS} lines cannot be used and were skipped" in t and reason in t
+        for t in recording.warnings
+    )
+    told = {
+        name: recording.losses[name]
+        for name in ("end_missing", "expected", "read", "lost", "share_lost")
+    }
     number = {"expected": None, "lost": None if "JSON" in reason else 1}  # the rest of several?
     assert told == {"end_missing": False, "read": ROWS - 1, "share_lost": 1 / ROWS, **number}
     assert "cannot be used" in refused(path, time={"rate": 500})
     lines[12] = lines[13] = line
     said = refused(write(path, lines))
-    assert all(text in said for text in (f"3 of {ROWS} lines cannot be used", reason, "`most_missing: 0.015`"))
+    assert all(
+        text in said
+        for text in (f"3 of {ROWS} lines cannot be used", reason, "`most_missing: 0.015`")
+    )
 
 
 def test_null_is_no_value_and_what_is_no_number_or_missing_is_refused(tmp_path: Path) -> None:
@@ -177,7 +246,9 @@ def test_the_draft_names_the_clock_and_all_numbers_also_late_ones(tmp_path: Path
     lines = rust_lines()
     lines[150]["variables"]["late_deg"] = 3.0
     overview = inspect_file(write(tmp_path / "a", lines))
-    assert "variables.late_deg  1 samples; from 3 to 3, in 1 of 200 lines" in overview_text(overview)
+    assert "variables.late_deg  1 samples; from 3 to 3, in 1 of 200 lines" in overview_text(
+        overview
+    )
     draft = yaml.safe_load(draft_source(overview, "a"))
     assert draft["time"] == {"field": "variables.time", "unit": "ms"}
     fields = [one["field"] for one in draft["channels"].values()]
@@ -187,10 +258,17 @@ def test_the_draft_names_the_clock_and_all_numbers_also_late_ones(tmp_path: Path
 
 def test_the_shipped_source_file_for_the_recorder_in_rust_fits_its_lines(tmp_path: Path) -> None:
     names = {"joint_position": 0.25, "output_position": 0.5, "motor_current": 1500}
-    lines = [{"variables": {"time": k / 500, "sync": k % 50 < 25, **names}, "functions": {}} for k in range(100)]
+    lines = [
+        {"variables": {"time": k / 500, "sync": k % 50 < 25, **names}, "functions": {}}
+        for k in range(100)
+    ]
     source = read_source(Path(__file__).parents[1] / "config" / "sources" / "osl_rust.yaml")
     samples = FORMATS["json_lines"].read(write(tmp_path / "a", lines), source).samples
-    assert samples.drop("time", "sync").row(7, named=True) == {"theta": 0.25, "theta_m": 0.5, "current": 1.5}
+    assert samples.drop("time", "sync").row(7, named=True) == {
+        "theta": 0.25,
+        "theta_m": 0.5,
+        "current": 1.5,
+    }
     np.testing.assert_array_equal(samples["sync"], np.arange(100) % 50 < 25)
 
 
@@ -203,28 +281,44 @@ BENCH = {"format": "tdms", "channels": {"theta": {"channel": "Bench/Angle"}, **B
 
 
 def timing(step: float = 1e-3, offset: float = 0.0, **more: Any) -> dict[str, Any]:
-    return {"wf_increment": step, "wf_start_offset": offset, "wf_start_time": START, "wf_samples": 1, **more}
+    return {
+        "wf_increment": step,
+        "wf_start_offset": offset,
+        "wf_start_time": START,
+        "wf_samples": 1,
+        **more,
+    }
 
 
-def write_tdms(path: Path, channels: list[tuple[str, Any, dict[str, Any]]], segments: int = 1) -> Path:
+def write_tdms(
+    path: Path, channels: list[tuple[str, Any, dict[str, Any]]], segments: int = 1
+) -> Path:
     """Channels of the group Bench, in as many segments."""
     with TdmsWriter(path) as writer:
         for part in range(segments):
             cut = [np.array_split(np.asarray(values), segments)[part] for _, values, _ in channels]
             named = zip(channels, cut, strict=True)
-            objects = [ChannelObject(*f"Bench/{one[0]}".rsplit("/", 1), values, one[2]) for one, values in named]
+            objects = [
+                ChannelObject(*f"Bench/{one[0]}".rsplit("/", 1), values, one[2])
+                for one, values in named
+            ]
             writer.write_segment([RootObject({"author": "lab"}), *objects])
     return path
 
 
 def bench(path: Path, segments: int = 1, **options: Any) -> Path:
     angle = ("Angle", ANGLE, timing(unit_string="Degrees", **options))
-    return write_tdms(path, [angle, ("Torque", np.float32(TORQUE), timing(unit_string="Volts"))], segments)
+    return write_tdms(
+        path, [angle, ("Torque", np.float32(TORQUE), timing(unit_string="Volts"))], segments
+    )
 
 
 def test_a_channel_of_time_stamps_that_is_called_so_is_drafted_as_the_time(tmp_path):
     stamps = START + np.arange(SAMPLES) * np.timedelta64(1000, "us")
-    path = write_tdms(tmp_path / "a.tdms", [("Time [s]", stamps, {}), ("Angle", ANGLE, {}), ("Torque", TORQUE, {})])
+    path = write_tdms(
+        tmp_path / "a.tdms",
+        [("Time [s]", stamps, {}), ("Angle", ANGLE, {}), ("Torque", TORQUE, {})],
+    )
     assert inspect_file(path).settings["time"] == {"channel": "Bench/Time [s]", "unit": "s"}
 
 
@@ -237,7 +331,11 @@ def test_channels_with_timing_give_canonical_columns(tmp_path: Path, segments: i
     recording = read_tdms(path := bench(tmp_path / "a.tdms", segments))
     newton_metres = 4.4482216152605 * 0.0254  # lbf and in by definition
     torque = -np.float32(TORQUE).astype(float) * newton_metres
-    for column, expected in (("time", np.arange(SAMPLES) * 1e-3), ("theta", np.radians(ANGLE)), ("torque", torque)):
+    for column, expected in (
+        ("time", np.arange(SAMPLES) * 1e-3),
+        ("theta", np.radians(ANGLE)),
+        ("torque", torque),
+    ):
         np.testing.assert_allclose(recording.samples[column], expected, rtol=1e-12, atol=1e-12)
     assert recording.columns["theta"]["unit"] == "Degrees"
     index = tmp_path / "a.tdms_index"
@@ -251,9 +349,13 @@ def test_channels_of_other_rates_have_rows_of_their_own(tmp_path: Path) -> None:
     later["wf_start_time"] = START + np.timedelta64(1500, "us")
     recording = read_tdms(write_tdms(tmp_path / "a.tdms", [angle, ("Torque", TORQUE[:20], later)]))
     torque = recording.samples.drop_nulls("torque")
-    np.testing.assert_allclose(recording.samples.drop_nulls("theta")["time"], np.arange(SAMPLES) * 1e-3, atol=1e-12)
+    np.testing.assert_allclose(
+        recording.samples.drop_nulls("theta")["time"], np.arange(SAMPLES) * 1e-3, atol=1e-12
+    )
     np.testing.assert_allclose(torque["time"], 0.0025 + np.arange(20) * 5e-3, atol=1e-12)
-    np.testing.assert_allclose(torque["torque"] / torque["torque"][1], TORQUE[:20] / TORQUE[1], atol=1e-12)
+    np.testing.assert_allclose(
+        torque["torque"] / torque["torque"][1], TORQUE[:20] / TORQUE[1], atol=1e-12
+    )
     assert len(recording.samples) == 120
     assert recording.facts["rates_hz"] == pytest.approx({"Bench/Angle": 1000, "Bench/Torque": 200})
     late = write_tdms(tmp_path / "b.tdms", [angle, ("Torque", TORQUE, timing(1e-3, 60.0))])
@@ -261,32 +363,60 @@ def test_channels_of_other_rates_have_rows_of_their_own(tmp_path: Path) -> None:
 
 
 def test_without_timing_the_file_is_refused_until_the_source_file_tells_it(tmp_path: Path) -> None:
-    k, signals = np.arange(SAMPLES), [("Angle", ANGLE, {"NI_UnitDescription": "deg"}), ("Torque", TORQUE, {})]
+    k, signals = (
+        np.arange(SAMPLES),
+        [("Angle", ANGLE, {"NI_UnitDescription": "deg"}), ("Torque", TORQUE, {})],
+    )
     stamped = START + k * np.timedelta64(2, "ms")
     path = write_tdms(tmp_path / "a.tdms", [*signals, ("t", k * 5.0, {}), ("Stamp", stamped, {})])
-    told = "channel 'Bench/Angle' has no timing (`wf_increment` among its properties); name the channel of time"
+    told = (
+        "channel 'Bench/Angle' has no timing (`wf_increment` among its properties); name the"
+        " channel of time"
+    )
     assert told in refused_tdms(path)
     for time, step in (({"channel": "t", "unit": "ms"}, 5e-3), ({"channel": "Stamp"}, 2e-3)):
         np.testing.assert_allclose(read_tdms(path, time=time).samples["time"], k * step, atol=1e-9)
     alone = write_tdms(tmp_path / "b.tdms", signals)
-    np.testing.assert_allclose(read_tdms(alone, time={"rate": 400}).samples["time"], k * 2.5e-3, atol=1e-9)
+    np.testing.assert_allclose(
+        read_tdms(alone, time={"rate": 400}).samples["time"], k * 2.5e-3, atol=1e-9
+    )
     assert "the unit is empty" in refused_tdms(path, time={"channel": "t"})
-    assert "has no timing" in refused_tdms(write_tdms(path, [("Angle", ANGLE, timing(0.0)), signals[1]]))
-    about = struct.pack(">2I16s3IQI", 1, 16, b"/'Bench'/'Angle'", 20, 10, 1, SAMPLES, 0)  # big-endian; 10: a double
-    head = b"TDSm" + struct.pack("<I", 0b1001110) + struct.pack(">IQQ", 4713, len(about) + 8 * SAMPLES, len(about))
+    assert "has no timing" in refused_tdms(
+        write_tdms(path, [("Angle", ANGLE, timing(0.0)), signals[1]])
+    )
+    # big-endian; 10: a double
+    about = struct.pack(">2I16s3IQI", 1, 16, b"/'Bench'/'Angle'", 20, 10, 1, SAMPLES, 0)
+    head = (
+        b"TDSm"
+        + struct.pack("<I", 0b1001110)
+        + struct.pack(">IQQ", 4713, len(about) + 8 * SAMPLES, len(about))
+    )
     path.write_bytes(head + about + ANGLE.astype(">f8").tobytes())
-    big = read_tdms(path, time={"rate": 400}, channels={"theta": {"channel": "Angle", "unit": "rad"}})
+    big = read_tdms(
+        path, time={"rate": 400}, channels={"theta": {"channel": "Angle", "unit": "rad"}}
+    )
     assert big.samples["theta"].to_list() == ANGLE.tolist()
-    assert ["`rate: 400` of time is held against nothing" in said for said in big.warnings] == [True]
+    assert ["`rate: 400` of time is held against nothing" in said for said in big.warnings] == [
+        True
+    ]
 
 
 def test_a_channel_that_cannot_be_a_signal_is_refused(tmp_path: Path) -> None:
     angle, torque = ("Angle", ANGLE, timing(unit_string="deg")), ("Torque", TORQUE, timing())
     for channels, reason in (
         ([angle, ("Torque", np.empty(0), timing())], "'Bench/Torque' is empty"),
-        ([("Angle", ANGLE, {}), ("Torque", TORQUE[:50], {})], "'Bench/Torque' has 50 values and 'Bench/Angle' has 100"),
-        ([angle, ("Torque", ["a"] * SAMPLES, timing())], "'Bench/Torque' holds text and no numbers"),
-        ([angle, torque, ("B/Torque", TORQUE, timing())], "'Torque' is in 2 groups; name it as group/channel"),
+        (
+            [("Angle", ANGLE, {}), ("Torque", TORQUE[:50], {})],
+            "'Bench/Torque' has 50 values and 'Bench/Angle' has 100",
+        ),
+        (
+            [angle, ("Torque", ["a"] * SAMPLES, timing())],
+            "'Bench/Torque' holds text and no numbers",
+        ),
+        (
+            [angle, torque, ("B/Torque", TORQUE, timing())],
+            "'Torque' is in 2 groups; name it as group/channel",
+        ),
         ([angle, ("Torqe", TORQUE, timing())], "did you mean 'Torqe'?"),
         ([("Angle", ANGLE, timing(unit_string="furlongs")), torque], "measures [m]"),
     ):
@@ -294,28 +424,46 @@ def test_a_channel_that_cannot_be_a_signal_is_refused(tmp_path: Path) -> None:
         assert reason in refused_tdms(write_tdms(tmp_path / "a.tdms", channels), **time)
 
 
-def test_a_file_that_is_cut_off_is_read_up_to_there_with_a_warning_or_refused(tmp_path: Path) -> None:
+def test_a_file_that_is_cut_off_is_read_up_to_there_with_a_warning_or_refused(
+    tmp_path: Path,
+) -> None:
     path = bench(tmp_path / "a.tdms", 4)
     whole = path.read_bytes()
     path.write_bytes(whole[:-100])
     assert len(read_tdms(path, channels={"theta": {"channel": "Angle"}}).samples) == SAMPLES
     recording = read_tdms(path)
-    assert recording.samples.null_count().row(0, named=True) == {"time": 0, "theta": 0, "torque": 25}
+    assert recording.samples.null_count().row(0, named=True) == {
+        "time": 0,
+        "theta": 0,
+        "torque": 25,
+    }
     assert any("the last segment is not complete" in text for text in recording.warnings)
     damage = recording.losses
     assert (damage["complete"], damage["lost"]) == (False, None)
     time, angle = ("Time", np.float32(1e6 + np.arange(SAMPLES)), {}), ("Angle", ANGLE, {})
-    stated = {"time": {"channel": "Time", "unit": "ms"}, "channels": {"theta": {"channel": "Angle", "unit": "deg"}}}
+    stated = {
+        "time": {"channel": "Time", "unit": "ms"},
+        "channels": {"theta": {"channel": "Angle", "unit": "deg"}},
+    }
     write_tdms(path, [time, angle])
-    np.testing.assert_allclose(read_tdms(path, **stated).samples["time"], np.arange(SAMPLES) * 1e-3, atol=1e-12)
+    np.testing.assert_allclose(
+        read_tdms(path, **stated).samples["time"], np.arange(SAMPLES) * 1e-3, atol=1e-12
+    )
     path.write_bytes(path.read_bytes()[:-80])  # the last ten angles
     cut = read_tdms(path, **stated)
     assert (len(cut.samples), cut.losses["end_missing"]) == (SAMPLES - 10, True)
-    path.write_bytes(whole + bench(tmp_path / "b.tdms", 4, wf_start_time=START + np.timedelta64(60, "s")).read_bytes())
-    assert f"byte {len(whole)}: channel 'Angle' starts anew there: two recordings" in refused_tdms(path)
+    path.write_bytes(
+        whole
+        + bench(tmp_path / "b.tdms", 4, wf_start_time=START + np.timedelta64(60, "s")).read_bytes()
+    )
+    assert f"byte {len(whole)}: channel 'Angle' starts anew there: two recordings" in refused_tdms(
+        path
+    )
     path.write_bytes(whole[: whole.rindex(b"TDSm") + 20])  # within the head of a segment
     assert any("how much is not known" in text for text in read_tdms(path).warnings)
-    declared = bench(path).read_bytes().replace(np.uint64(SAMPLES).tobytes(), np.uint64(1 << 40).tobytes())
+    declared = (
+        bench(path).read_bytes().replace(np.uint64(SAMPLES).tobytes(), np.uint64(1 << 40).tobytes())
+    )
     for content, reason in (
         (whole[:40], "holds no channels, or is cut off before them"),
         (whole[:28] + b"\xff" * 40 + whole[68:], "damaged or of a kind that is not read"),
@@ -327,7 +475,10 @@ def test_a_file_that_is_cut_off_is_read_up_to_there_with_a_warning_or_refused(tm
 
 def test_the_draft_has_units_and_no_clock_where_channels_have_timing(tmp_path: Path) -> None:
     overview = inspect_file(bench(tmp_path / "a.tdms"))
-    assert "Bench/Angle [Degrees]  100 samples at 1000 Hz; from -10 to 10; float64" in overview_text(overview)
+    assert (
+        "Bench/Angle [Degrees]  100 samples at 1000 Hz; from -10 to 10; float64"
+        in overview_text(overview)
+    )
     draft = yaml.safe_load(draft_source(overview, "a.tdms"))
     assert "time" not in draft
     assert draft["channels"]["theta"] == {"channel": "Bench/Angle", "unit": "Degrees"}
@@ -335,9 +486,15 @@ def test_the_draft_has_units_and_no_clock_where_channels_have_timing(tmp_path: P
 
 @pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no recordings made by others here")
 def test_a_real_file_of_daqmx_is_scaled_as_its_properties_say() -> None:
-    """Rows of seven 16-bit integers stand before its last segment; they are decoded here by hand."""
+    """Rows of seven 16-bit integers stand before its last segment; they are decoded here by
+    hand."""
     path = REAL_DATA / "tdms" / "raw1.tdms"
-    recording, content = read_tdms(path, channels={"sync": {"channel": "Third Chan", "unit": "V"}}), path.read_bytes()
+    recording, content = (
+        read_tdms(path, channels={"sync": {"channel": "Third Chan", "unit": "V"}}),
+        path.read_bytes(),
+    )
     end = content.rindex(b"TDSm")
     counts = np.frombuffer(content[end - 2000 * 7 * 2 : end], "<i2").reshape(2000, 7)[:, 2]
-    np.testing.assert_allclose(recording.samples["sync"], counts * 0.0003051850947599719, rtol=1e-12)
+    np.testing.assert_allclose(
+        recording.samples["sync"], counts * 0.0003051850947599719, rtol=1e-12
+    )

@@ -1,4 +1,5 @@
-"""MCAP logs: canonical columns out, whatever the file's build; damage and mistakes are one-line errors."""
+"""MCAP logs: canonical columns out, whatever the file's build; damage and mistakes are one-line
+errors."""
 
 import math
 from collections.abc import Iterable
@@ -17,7 +18,11 @@ from osl_analysis.errors import InputError
 from osl_analysis.ingest.raw_files import FORMATS
 from osl_analysis.ingest.source import Recording, Source
 
-REAL_DATA, DEGREE, MILLISECOND = Path(__file__).parents[2] / "shared" / "real_data", math.pi / 180, 1_000_000
+REAL_DATA, DEGREE, MILLISECOND = (
+    Path(__file__).parents[2] / "shared" / "real_data",
+    math.pi / 180,
+    1_000_000,
+)
 START, RADIANS = 1_700_000_000 * 10**9, {"theta": {"field": "angle", "unit": "rad"}}
 CHUNK, STATISTICS = 0x06, 0x0B  # kinds of records
 OTHER, COUNT = {"field": "angle", "unit": "rad", "topic": "/other"}, 200
@@ -27,18 +32,27 @@ def source(time: str = "header", loss: float = 0.01, **channels: dict[str, Any])
     """Channels on `/lab`; without any, theta from `angle` in degrees."""
     channels = channels or {"theta": {"field": "angle", "unit": "deg"}}
     full = {column: {"topic": "/lab", **channel} for column, channel in channels.items()}
-    return FORMATS["mcap"].source(format="mcap", time={"source": time}, channels=full, largest_loss=loss)
+    return FORMATS["mcap"].source(
+        format="mcap", time={"source": time}, channels=full, largest_loss=loss
+    )
 
 
 def samples(count: int = 50) -> list[tuple[int, dict[str, Any]]]:
     """Angle i deg, torque i^2 / 8, one message per millisecond."""
-    return [stamped(START + i * MILLISECOND, angle=float(i), torque=i * i / 8, sync=i % 7 == 0) for i in range(count)]
+    return [
+        stamped(START + i * MILLISECOND, angle=float(i), torque=i * i / 8, sync=i % 7 == 0)
+        for i in range(count)
+    ]
 
 
 def messages(stamps: Iterable[int], count: bool = False) -> list[tuple[int, dict[str, Any]]]:
-    """Logged a millisecond apart, stamped as given [ms]; the angle is the stamp, or counts the messages."""
+    """Logged a millisecond apart, stamped as given [ms]; the angle is the stamp, or counts the
+    messages."""
     made = [(s, stamped(s * MILLISECOND, torque=0.0, sync=False)[1]) for s in stamps]
-    return [(i * MILLISECOND, {**one, "angle": float(i if count else s)}) for i, (s, one) in enumerate(made)]
+    return [
+        (i * MILLISECOND, {**one, "angle": float(i if count else s)})
+        for i, (s, one) in enumerate(made)
+    ]
 
 
 read = FORMATS["mcap"].read
@@ -50,80 +64,134 @@ def of_stamps(folder: Path, stamps: Iterable[int], loss: float = 0.01) -> Record
 
 
 def of_topics(folder: Path, topics: dict[str, Any], **channels: dict[str, Any]) -> pl.DataFrame:
-    """The samples of topics, written as (type, schema, messages) or as messages of the usual type."""
-    full = {name: (SAMPLE_NAME, SAMPLE, one) if isinstance(one, list) else one for name, one in topics.items()}
+    """The samples of topics, written as (type, schema, messages) or as messages of the usual
+    type."""
+    full = {
+        name: (SAMPLE_NAME, SAMPLE, one) if isinstance(one, list) else one
+        for name, one in topics.items()
+    }
     return read(write_topics(folder / "log.mcap", full), source(**(channels or RADIANS))).samples
 
 
 def test_time_is_the_header_stamp_from_its_first_exact_to_the_nanosecond(tmp_path: Path) -> None:
     stamps = [0, 1, 2_000_000, 999_999_999, 1_000_000_001]
-    recording = read(write_log(tmp_path / "log.mcap", [stamped(START + s, angle=0.0) for s in stamps]), source())
-    np.testing.assert_allclose(recording.samples["time"], np.array(stamps) / 1e9, rtol=1e-15, atol=0)
-    assert recording.facts["time"] == {"source": "header.stamp", "stamps": "auto", "start_ns": START}
+    recording = read(
+        write_log(tmp_path / "log.mcap", [stamped(START + s, angle=0.0) for s in stamps]), source()
+    )
+    np.testing.assert_allclose(
+        recording.samples["time"], np.array(stamps) / 1e9, rtol=1e-15, atol=0
+    )
+    assert recording.facts["time"] == {
+        "source": "header.stamp",
+        "stamps": "auto",
+        "start_ns": START,
+    }
 
 
 @pytest.mark.parametrize("time", ["header", "log"])
-@pytest.mark.parametrize("order", [np.random.default_rng(0).permutation(50), np.roll(np.arange(50), 20)])
-def test_messages_in_any_file_order_come_in_the_order_of_their_sequence_numbers(tmp_path, order, time):
-    log = [stamped(START + 100 * i * MILLISECOND, angle=float(i), torque=0.0, sync=False) for i in range(50)]
-    path = write_log(tmp_path / "log.mcap", [log[i] for i in order], chunk_size=300, sequences=order.tolist())
+@pytest.mark.parametrize(
+    "order", [np.random.default_rng(0).permutation(50), np.roll(np.arange(50), 20)]
+)
+def test_messages_in_any_file_order_come_in_the_order_of_their_sequence_numbers(
+    tmp_path, order, time
+):
+    log = [
+        stamped(START + 100 * i * MILLISECOND, angle=float(i), torque=0.0, sync=False)
+        for i in range(50)
+    ]
+    path = write_log(
+        tmp_path / "log.mcap", [log[i] for i in order], chunk_size=300, sequences=order.tolist()
+    )
     recording = read(path, source(time))
     np.testing.assert_allclose(recording.samples["theta"], np.arange(50) * DEGREE)
-    assert (recording.facts["stamps"]["/lab"]["late"], recording.facts["rates_hz"]["/lab"]) == (0, 10)
+    assert (recording.facts["stamps"]["/lab"]["late"], recording.facts["rates_hz"]["/lab"]) == (
+        0,
+        10,
+    )
 
 
 @pytest.mark.parametrize("by", [0.5, 5.0, 3600.0])
 @pytest.mark.parametrize("time", ["header", "log"])
 @pytest.mark.parametrize("numbered", [False, True])
 @pytest.mark.parametrize("is_sorted", [False, True])
-def test_a_clock_that_is_set_back_while_recording_is_refused(tmp_path, by, time, numbered, is_sorted):
+def test_a_clock_that_is_set_back_while_recording_is_refused(
+    tmp_path, by, time, numbered, is_sorted
+):
     if is_sorted and not (numbered and by < 1):
-        pytest.skip("sorted since, without numbers: nothing tells; by more: a gap, which a fit refuses")
+        pytest.skip(
+            "sorted since, without numbers: nothing tells; by more: a gap, which a fit refuses"
+        )
     back = [START + i * 10 * MILLISECOND - (round(by * 1e9) if i >= 100 else 0) for i in range(200)]
     log = [stamped(stamp, angle=float(i), torque=0.0, sync=False) for i, stamp in enumerate(back)]
     order = np.argsort([t for t, _ in log], kind="stable") if is_sorted else np.arange(200)
     numbers = order.tolist() if numbered else [0] * 200
-    path = write_log(tmp_path / "log.mcap", [log[i] for i in order], chunk_size=900, sequences=numbers)
+    path = write_log(
+        tmp_path / "log.mcap", [log[i] for i in order], chunk_size=900, sequences=numbers
+    )
     message = refused(path, source(time))
     assert "at message 101 of 200" in message
-    assert "the clock was set while recording: its times cannot be used: record again, or exclude the trial" in message
+    assert (
+        "the clock was set while recording: its times cannot be used: record again, or exclude the"
+        " trial" in message
+    )
 
 
 @pytest.mark.parametrize("time", ["header", "log"])
 @pytest.mark.parametrize(("of", "over"), [(4, 15), (15, 4)])
 def test_messages_copied_over_others_are_lost_and_no_clock_was_set(tmp_path, time, of, over):
-    """A tenth of 200 messages, over others that stand 1.1 s away: 20 are lost, and counted by their numbers."""
+    """A tenth of 200 messages, over others that stand 1.1 s away: 20 are lost, and counted by their
+    numbers."""
     angles = enumerate(np.random.default_rng(0).normal(size=200))
-    log = [stamped(START + i * 10 * MILLISECOND, angle=angle, torque=0.0, sync=False) for i, angle in angles]
+    log = [
+        stamped(START + i * 10 * MILLISECOND, angle=angle, torque=0.0, sync=False)
+        for i, angle in angles
+    ]
     order = [*range(200)]
     order[10 * over : 10 * over + 20] = order[10 * of : 10 * of + 20]
     path = write_log(tmp_path / "log.mcap", [log[i] for i in order], sequences=order)
     recording = read(path, source(time, 0.2))
-    assert (recording.losses["lost"], recording.facts["stamps"]["/lab"]["late"], recording.samples.height) == (
+    assert (
+        recording.losses["lost"],
+        recording.facts["stamps"]["/lab"]["late"],
+        recording.samples.height,
+    ) == (
         20,
         0,
         180,
     )
-    assert any("20 of 200 messages of topic '/lab' stand twice" in text for text in recording.warnings)
+    assert any(
+        "20 of 200 messages of topic '/lab' stand twice" in text for text in recording.warnings
+    )
 
 
 @pytest.mark.parametrize("time", ["header", "log"])
-@pytest.mark.parametrize("numbers", [[*range(100, 130), *range(20)], [i // 2 + i % 2 * 9 for i in range(50)]])
-def test_sequence_numbers_of_a_restarted_publisher_or_of_two_move_no_message(tmp_path, numbers, time):
+@pytest.mark.parametrize(
+    "numbers", [[*range(100, 130), *range(20)], [i // 2 + i % 2 * 9 for i in range(50)]]
+)
+def test_sequence_numbers_of_a_restarted_publisher_or_of_two_move_no_message(
+    tmp_path, numbers, time
+):
     recording = read(write_log(tmp_path / "log.mcap", samples(), sequences=numbers), source(time))
     np.testing.assert_allclose(recording.samples["theta"], np.arange(50) * DEGREE)
     assert recording.facts["stamps"]["/lab"]["late"] == 0
 
 
-def test_missing_sequence_numbers_and_messages_that_no_checksum_covers_are_remarked(tmp_path: Path) -> None:
+def test_missing_sequence_numbers_and_messages_that_no_checksum_covers_are_remarked(
+    tmp_path: Path,
+) -> None:
     log, path = samples(), tmp_path / "log.mcap"
-    missing = "the sequence numbers of topic '/lab' say that 3 messages beside its 47 are not in the file"
+    missing = (
+        "the sequence numbers of topic '/lab' say that 3 messages beside its 47 are not in the file"
+    )
     unseen = "not verifiable: no checksum covers 50 of 50 messages"
     for messages, options, remarks in (
         ([*log[:20], *log[23:]], {"sequences": [*range(20), *range(23, 50)]}, [missing]),
         (log, {"sequences": list(range(0, 100, 2))}, []),
         *((log, one, [unseen]) for one in ({"enable_crcs": False}, {"use_chunking": False})),
-        *((log, {**one, "enable_data_crcs": True}, []) for one in ({"enable_crcs": False}, {"use_chunking": False})),
+        *(
+            (log, {**one, "enable_data_crcs": True}, [])
+            for one in ({"enable_crcs": False}, {"use_chunking": False})
+        ),
     ):
         recording = read(write_log(path, messages, **options), source())
         assert recording.warnings == [f"log.mcap: {remark}" for remark in remarks]
@@ -137,14 +205,23 @@ def test_a_topic_that_gives_no_samples_is_refused(tmp_path: Path) -> None:
     infinite[17][1]["angle"] = math.inf
     for log, schema, told in (
         ([], SAMPLE, "topic '/lab' has no messages"),
-        ([(0, {"angle": 1.0})], "float64 angle", "has no field 'header.stamp' with seconds and nanoseconds"),
+        (
+            [(0, {"angle": 1.0})],
+            "float64 angle",
+            "has no field 'header.stamp' with seconds and nanoseconds",
+        ),
         (infinite, SAMPLE, "inf in sample 18 of 50, at 0.017 s"),
     ):
         assert told in refused(write_log(path, log, schema, "lab_msgs/msg/Other"), source())
-    for counter, told in (("torque", "0.125 in message 2 of 50, at 0.001 s"), ("sync", "True in message 1 of 50")):
+    for counter, told in (
+        ("torque", "0.125 in message 2 of 50, at 0.001 s"),
+        ("sync", "True in message 1 of 50"),
+    ):
         counted = source(theta={**RADIANS["theta"], "counter": counter})
         assert f"field '{counter}': {told}" in refused(write_log(path, samples()), counted)
-    assert "is not a time; write source: header" in refused(write_log(path, [(2**63, samples()[0][1])]), source("log"))
+    assert "is not a time; write source: header" in refused(
+        write_log(path, [(2**63, samples()[0][1])]), source("log")
+    )
     leg = {"topic": "/leg", "field": "angle", "unit": "deg"}
     assert "no topic '/leg' (the file has /lab)" in refused(path, source(theta=leg))
 
@@ -156,21 +233,35 @@ def test_a_message_that_comes_late_is_put_in_the_order_of_the_stamps(tmp_path: P
     found = of_stamps(tmp_path, stamps)
     np.testing.assert_array_equal(found.samples["theta"], np.arange(COUNT))
     assert found.facts["stamps"]["/lab"] == {"late": 2, "repeated": 0, "contradicted": 0}
-    assert found.warnings == ["log.mcap: topic '/lab': 2 messages came late and were put in the order of their stamps"]
-    together = of_stamps(tmp_path, [*range(100), *range(150, COUNT), *range(100, 150)])  # they fill the gap they left
-    assert (together.samples["time"].is_sorted(), together.facts["stamps"]["/lab"]["late"]) == (True, 50)
+    assert found.warnings == [
+        "log.mcap: topic '/lab': 2 messages came late and were put in the order of their stamps"
+    ]
+    # they fill the gap they left
+    together = of_stamps(tmp_path, [*range(100), *range(150, COUNT), *range(100, 150)])
+    assert (together.samples["time"].is_sorted(), together.facts["stamps"]["/lab"]["late"]) == (
+        True,
+        50,
+    )
 
 
-@pytest.mark.parametrize("broken", ["copied", "cut", "cut, no statistics", "damaged, no statistics", "no end"])
-def test_what_sequence_numbers_skip_is_lost_where_a_part_is_a_copy_or_nothing_else_tells(tmp_path, broken):
-    """One chunk of many: it was read as `lost: 0`, but of a file that says how many messages it had."""
-    whole = write_log(tmp_path / "log.mcap", samples(60), chunk_size=400, compression=CompressionType.NONE).read_bytes()
+@pytest.mark.parametrize(
+    "broken", ["copied", "cut", "cut, no statistics", "damaged, no statistics", "no end"]
+)
+def test_what_sequence_numbers_skip_is_lost_where_a_part_is_a_copy_or_nothing_else_tells(
+    tmp_path, broken
+):
+    """One chunk of many: it was read as `lost: 0`, but of a file that says how many messages it
+    had."""
+    whole = write_log(
+        tmp_path / "log.mcap", samples(60), chunk_size=400, compression=CompressionType.NONE
+    ).read_bytes()
     records, at = list[tuple[int, int, int]](), 8
     while at < len(whole) - 8:
         end = at + 9 + int.from_bytes(whole[at + 1 : at + 9], "little")
         records.append((whole[at], at, end))
         at = end
-    places = [k for k, (kind, _, _) in enumerate(records) if kind == CHUNK]  # behind each its index, 16 bytes a message
+    # behind each its index, 16 bytes a message
+    places = [k for k, (kind, _, _) in enumerate(records) if kind == CHUNK]
     chunks = [(records[k][1], records[k + 1][2]) for k in places]
     gone = (records[places[2] + 1][2] - records[places[2] + 1][1] - 15) // 16
     part = [whole[start:end] for start, end in chunks]
@@ -178,7 +269,8 @@ def test_what_sequence_numbers_skip_is_lost_where_a_part_is_a_copy_or_nothing_el
     if "statistics" in broken:
         (start,) = (start - chunks[-1][1] for kind, start, _ in records if kind == STATISTICS)
         tail = tail[:start] + bytes([0x7F]) + tail[start + 1 :]
-    wrong = part[2][:60] + bytes([part[2][60] ^ 1]) + part[2][61:]  # told by its index and by the numbers, once
+    # told by its index and by the numbers, once
+    wrong = part[2][:60] + bytes([part[2][60] ^ 1]) + part[2][61:]
     part[2] = {"copied": part[1], "damaged, no statistics": wrong}.get(broken, b"")
     (tmp_path / "log.mcap").write_bytes(head + b"".join(part) + tail * (broken != "no end"))
     message = refused(tmp_path / "log.mcap", source())
@@ -191,10 +283,12 @@ def test_a_message_that_is_repeated_counts_once(tmp_path: Path) -> None:
     found = of_stamps(tmp_path, sorted([*range(COUNT), 5, 20]))
     np.testing.assert_array_equal(found.samples["theta"], np.arange(COUNT))
     assert found.facts["stamps"]["/lab"] == {"late": 0, "repeated": 2, "contradicted": 0}
-    sent_twice = of_stamps(tmp_path, [*range(100), *range(80, 92), *range(100, COUNT)], loss=0.2)  # no clock set back
+    # no clock set back
+    sent_twice = of_stamps(tmp_path, [*range(100), *range(80, 92), *range(100, COUNT)], loss=0.2)
     assert sent_twice.facts["stamps"]["/lab"] == {"late": 0, "repeated": 12, "contradicted": 0}
     path = write_log(tmp_path / "b.mcap", messages(sorted([*range(COUNT), 5])), use_chunking=False)
-    content = path.read_bytes()  # of a damaged log nobody knows whether it is a copy over another message
+    # of a damaged log nobody knows whether it is a copy over another message
+    content = path.read_bytes()
     path.write_bytes(content[:4000].ljust(4020, b"\xff") + content[4020:])
     assert FORMATS["mcap"].read(path, source(loss=1.0)).damage.lost() is None
 
@@ -203,32 +297,57 @@ def test_stamps_that_stand_still_are_refused_and_are_not_taken_for_rounded(tmp_p
     path = tmp_path / "log.mcap"
     for stamps, told in (
         ([0] * COUNT, "199 of 200 messages have the stamp of an earlier one; stamps must be their"),
-        ([*range(100), *[100] * 10, *range(110, COUNT)], "9 of 200 messages have the stamp of an earlier one"),
+        (
+            [*range(100), *[100] * 10, *range(110, COUNT)],
+            "9 of 200 messages have the stamp of an earlier one",
+        ),
         ([*range(100), *[100] * 10, *range(101, COUNT)], "9 of 209 messages have the"),
     ):
-        assert told in refused(write_log(path, messages(stamps, count=len({*stamps}) > 1)), source(**RADIANS))
+        assert told in refused(
+            write_log(path, messages(stamps, count=len({*stamps}) > 1)), source(**RADIANS)
+        )
 
 
-def test_of_messages_that_contradict_each_other_the_first_holds_as_long_as_they_are_few(tmp_path: Path) -> None:
-    path = write_log(tmp_path / "log.mcap", messages([*range(17), 16, *range(18, COUNT)], count=True))
+def test_of_messages_that_contradict_each_other_the_first_holds_as_long_as_they_are_few(
+    tmp_path: Path,
+) -> None:
+    path = write_log(
+        tmp_path / "log.mcap", messages([*range(17), 16, *range(18, COUNT)], count=True)
+    )
     found = read(path, source(**RADIANS))
     assert found.samples["theta"].to_list() == [float(i) for i in range(COUNT) if i != 17]
     assert found.facts["stamps"]["/lab"]["contradicted"] == 1
-    assert "1 of 200 messages have the stamp of an earlier one" in refused(path, source(loss=0.0, **RADIANS))
+    assert "1 of 200 messages have the stamp of an earlier one" in refused(
+        path, source(loss=0.0, **RADIANS)
+    )
 
 
 def test_two_channels_of_a_topic_are_one_and_each_message_needs_a_stamp(tmp_path: Path) -> None:
     log, both = messages(range(20)), {"theta_m": {"field": "other", "unit": "rad"}, **RADIANS}
-    assert of_topics(tmp_path, {"/lab": log[::2], "/lab#2": log[1::2]})["theta"].to_list() == list(range(20))
+    assert of_topics(tmp_path, {"/lab": log[::2], "/lab#2": log[1::2]})["theta"].to_list() == list(
+        range(20)
+    )
     other = ("lab_msgs/msg/Other", SAMPLE.replace("float32 angle", "float64 other"))
-    found = of_topics(tmp_path, {"/lab": (*other, [(t, {**m, "other": 1.0}) for t, m in log]), "/lab#2": log}, **both)
+    found = of_topics(
+        tmp_path,
+        {"/lab": (*other, [(t, {**m, "other": 1.0}) for t, m in log]), "/lab#2": log},
+        **both,
+    )
     assert (found["theta"].to_list(), found["theta_m"].to_list()) == (list(range(20)), [1.0] * 20)
-    bare = ("lab_msgs/msg/Bare", "float32 angle\nfloat64 torque", [(9, {"angle": 1.0, "torque": 0.0})])
-    with pytest.raises(InputError, match=r"1 of 6 messages have no 'header.stamp'; write source: log"):
+    bare = (
+        "lab_msgs/msg/Bare",
+        "float32 angle\nfloat64 torque",
+        [(9, {"angle": 1.0, "torque": 0.0})],
+    )
+    with pytest.raises(
+        InputError, match=r"1 of 6 messages have no 'header.stamp'; write source: log"
+    ):
         of_topics(tmp_path, {"/lab": messages(range(5)), "/lab#2": bare})
 
 
-def test_topics_of_different_rates_keep_their_own_rows_and_nothing_is_invented(tmp_path: Path) -> None:
+def test_topics_of_different_rates_keep_their_own_rows_and_nothing_is_invented(
+    tmp_path: Path,
+) -> None:
     topics = {"/lab": messages(range(0, 60, 2)), "/other": messages([*range(1, 60, 10), 58])}
     found = of_topics(tmp_path, topics, **RADIANS, theta_m=OTHER)
     assert found["theta"].drop_nulls().to_list() == list(range(0, 60, 2))
@@ -236,7 +355,9 @@ def test_topics_of_different_rates_keep_their_own_rows_and_nothing_is_invented(t
     assert found.drop_nulls()["theta"].to_list() == [58]
 
 
-def test_stamps_rounded_to_more_than_a_sampling_step_are_kept_for_the_time_base(tmp_path: Path) -> None:
+def test_stamps_rounded_to_more_than_a_sampling_step_are_kept_for_the_time_base(
+    tmp_path: Path,
+) -> None:
     stamps = [round(1000 * i / 1024) for i in range(COUNT)]
     logs = [messages(some, count=True) for some in (stamps, stamps[:-1], sorted({*stamps}))]
     found = read(write_log(tmp_path / "log.mcap", logs[0]), source(loss=0.0, **RADIANS))

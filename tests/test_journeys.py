@@ -1,6 +1,6 @@
-"""Five people with recordings of their own, written by plain writers: `init --from`, at most two edited lines and the
-units that no name or header states give the numbers that the files were made of. What a draft guesses it says, with its
-evidence, beside the guess."""
+"""Five people with recordings of their own, written by plain writers: `init --from`, at most two
+edited lines and the units that no name or header states give the numbers that the files were made
+of. What a draft guesses it says, with its evidence, beside the guess."""
 
 import difflib
 import re
@@ -34,10 +34,13 @@ NOISE = np.random.default_rng(5).standard_normal((6, 20_000))
 
 
 def joint(rate, motion):
-    """Time [s], angle, velocity and torque of a joint, with 0.05 N*m of noise, by its motion and two derivatives."""
+    """Time [s], angle, velocity and torque of a joint, with 0.05 N*m of noise, by its motion and
+    two derivatives."""
     theta, omega, alpha = motion
     time = np.arange(len(theta)) / rate
-    torque = TRUE["K"] * theta + TRUE["B"] * omega + TRUE["I"] * alpha + 0.05 * NOISE[0, : len(theta)]
+    torque = (
+        TRUE["K"] * theta + TRUE["B"] * omega + TRUE["I"] * alpha + 0.05 * NOISE[0, : len(theta)]
+    )
     return time, theta, omega, torque
 
 
@@ -45,13 +48,23 @@ def sines(runs, amplitude_deg, rate=250):
     """A joint that is moved by runs of (Hz, cycles), with rests of 1 s."""
     pieces = [np.zeros((3, rate))]
     for hz, cycles in runs:
-        t, w, a = np.arange(round(cycles / hz * rate)) / rate, 2 * np.pi * hz, np.radians(amplitude_deg)
-        pieces += [[a * np.sin(w * t), a * w * np.cos(w * t), -a * w * w * np.sin(w * t)], np.zeros((3, rate))]
+        t, w, a = (
+            np.arange(round(cycles / hz * rate)) / rate,
+            2 * np.pi * hz,
+            np.radians(amplitude_deg),
+        )
+        pieces += [
+            [a * np.sin(w * t), a * w * np.cos(w * t), -a * w * w * np.sin(w * t)],
+            np.zeros((3, rate)),
+        ]
     return joint(rate, np.hstack(pieces))
 
 
 def write_csv(path, columns, sign=",", decimal="."):
-    rows = [sign.join(f"{x:.6f}".replace(".", decimal) for x in row) for row in zip(*columns.values(), strict=True)]
+    rows = [
+        sign.join(f"{x:.6f}".replace(".", decimal) for x in row)
+        for row in zip(*columns.values(), strict=True)
+    ]
     path.write_text("\n".join([sign.join(columns), *rows]) + "\n", encoding="utf-8")
 
 
@@ -79,7 +92,11 @@ class Journey:
         path.write_text(text)
 
     def texts(self):
-        files = [self.made / "config.yaml", self.made / "trials.csv", *(self.made / "sources").glob("*.yaml")]
+        files = [
+            self.made / "config.yaml",
+            self.made / "trials.csv",
+            *(self.made / "sources").glob("*.yaml"),
+        ]
         return [line for path in files for line in path.read_text().splitlines()]
 
     def edited(self):
@@ -90,13 +107,22 @@ class Journey:
         config = read_config(Path("config.yaml"))
         campaign = open_campaign(config, None)
         for name, row in campaign.rows.items():
-            yield name, row, checked_trial(campaign.recording(name), config.raw_data, config.sources), config
+            yield (
+                name,
+                row,
+                checked_trial(campaign.recording(name), config.raw_data, config.sources),
+                config,
+            )
 
     def fits(self, monkeypatch):
         """The fit to all amplitudes of each trial, and what the checks say of it."""
         for name, row, trial, config in self.opened(monkeypatch):
             fitted = fit_of_row(trial, row, None, Path("config.yaml"))
-            yield name, fitted.table.row(-1, named=True), quality_text(trial, row["experiment"], config, ())
+            yield (
+                name,
+                fitted.table.row(-1, named=True),
+                quality_text(trial, row["experiment"], config, ()),
+            )
 
 
 def is_right(fit):
@@ -104,8 +130,8 @@ def is_right(fit):
 
 
 def test_a_bench_log_with_names_of_another_language(tmp_path, monkeypatch):
-    """A clock in ms, decimal commas, a load cell that counts the other way, a channel that is not connected and one of
-    noise. The first recording is of a bench at rest."""
+    """A clock in ms, decimal commas, a load cell that counts the other way, a channel that is not
+    connected and one of noise. The first recording is of a bench at rest."""
     journey = Journey(tmp_path)
     time, theta, omega, torque = sines([(1, 8), (2, 10), (4, 16)], 4)
     for name, moves in (("meting 1", 0), ("meting 2", 1), ("meting 3", 1)):
@@ -126,32 +152,51 @@ def test_a_bench_log_with_names_of_another_language(tmp_path, monkeypatch):
         assert re.search(line, said)
     sheet = journey.made / "trials.csv"
     sheet.write_text(sheet.read_text().replace("meting_1,", "# meting_1,"))
-    assert "to be confirmed, guessed from angle and torque: experiment impedance (meting_1, meting_2, meting_3)" in said
+    assert (
+        "to be confirmed, guessed from angle and torque: experiment impedance (meting_1, meting_2,"
+        " meting_3)" in said
+    )
     assert [is_right(fit) for _, fit, _ in journey.fits(monkeypatch)] == [True, True]
     assert journey.edited() == 1
 
 
-VECTORS = "geometry_msgs/Vector3 force\ngeometry_msgs/Vector3 torque\n", "float64 x\nfloat64 y\nfloat64 z\n"
-JOINTS = f"std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort\n{HEADER}"
+VECTORS = (
+    "geometry_msgs/Vector3 force\ngeometry_msgs/Vector3 torque\n",
+    "float64 x\nfloat64 y\nfloat64 z\n",
+)
+JOINTS = (
+    "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[]"
+    f" effort\n{HEADER}"
+)
 WRENCH = f"std_msgs/Header header\ngeometry_msgs/Wrench wrench\n{HEADER}"
 for kind, own in zip(("Wrench", "Vector3"), VECTORS, strict=True):
     WRENCH += f"{'=' * 80}\nMSG: geometry_msgs/{kind}\n{own}"
 
 
 def test_a_bench_that_logs_joint_states_and_a_wrench(tmp_path, monkeypatch):
-    """Of the motor's and the load cell's torques, which leaks from z into x; two rates, any motion."""
+    """Of the motor's and the load cell's torques, which leaks from z into x; two rates, any
+    motion."""
     journey = Journey(tmp_path)
     _, sweep = chirp(np.random.default_rng(1), (0.5, 5.5), 5 / np.sqrt(2), 20.0, 200)
     time, theta, omega, torque = joint(200, sweep)
     late = CubicSpline(time, torque)(time + 0.001)
     drive, noise = 9 * (theta + torque / 2000), 0.3 * NOISE[1:, : time.size].T
     joints = [
-        stamped(round(t * 1e9), name=["ankle", "motor"], position=[a, m], velocity=[v, 9 * v], effort=[0.0, e])
-        for t, a, m, v, e in zip(*(x.tolist() for x in (time, theta, drive, omega, torque / 9)), strict=True)
+        stamped(
+            round(t * 1e9),
+            name=["ankle", "motor"],
+            position=[a, m],
+            velocity=[v, 9 * v],
+            effort=[0.0, e],
+        )
+        for t, a, m, v, e in zip(
+            *(x.tolist() for x in (time, theta, drive, omega, torque / 9)), strict=True
+        )
     ]
     wrench = [
         stamped(round(t * 1e9) + 1_000_000, wrench={
-            "force": dict(zip("xyz", n[:3], strict=True)), "torque": {"x": 0.06 * m + 0.01 * n[3], "y": n[4], "z": m}})
+            "force": dict(zip("xyz", n[:3], strict=True)), "torque": {"x": 0.06 * m + 0.01 * n[3],
+            "y": n[4], "z": m}})
         for t, m, n in zip(*(x[::2].tolist() for x in (time, late, noise)), strict=True)
     ]  # fmt: skip
     topics = {"/joint_states": ("sensor_msgs/msg/JointState", JOINTS, joints)}
@@ -172,15 +217,17 @@ def test_a_bench_that_logs_joint_states_and_a_wrench(tmp_path, monkeypatch):
 
 def leg_columns(amps, theta, torque, time):
     return {
-        "loop_time": time + 17.0, "<__main__.Leg object at 0x7fe6>.output_position": theta + torque / 2000,
+        "loop_time": time + 17.0,
+        "<__main__.Leg object at 0x7fe6>.output_position": theta + torque / 2000,
         "output_velocity": np.gradient(theta + torque / 2000, time), "joint_position": theta,
-        "motor_current": 1e3 * amps, "joint_torque": 0.11 * amps, "loadcell_mz": torque, "genvar_0": 0 * time,
+        "motor_current": 1e3 * amps, "joint_torque": 0.11 * amps, "loadcell_mz": torque,
+        "genvar_0": 0 * time,
     }  # fmt: skip
 
 
 def test_a_log_of_the_leg_with_a_load_cell(tmp_path, monkeypatch):
-    """opensourceleg's logger states no units, names an object, fails at times, and writes the drive's own torque beside
-    the load cell's."""
+    """opensourceleg's logger states no units, names an object, fails at times, and writes the
+    drive's own torque beside the load cell's."""
     journey = Journey(tmp_path)
     time, theta, _, torque = sines([(0.5, 4), (1.5, 10), (3, 20)], 5)
     amps = (-torque / 0.9 + 0.3 * NOISE[1, : time.size]).round(2)
@@ -188,13 +235,17 @@ def test_a_log_of_the_leg_with_a_load_cell(tmp_path, monkeypatch):
     write_csv(path, leg_columns(amps, theta, torque, time))
     lines = path.read_text().splitlines()
     cells = lines[700].split(",")
-    path.write_text("\n".join([*lines[:700], ",".join([*cells[:6], "ERROR", cells[7]]), *lines[701:]]))
-    write_csv(journey.recordings / "leg_2.csv", leg_columns(amps, theta, torque, time))  # none failed: the same file
+    path.write_text(
+        "\n".join([*lines[:700], ",".join([*cells[:6], "ERROR", cells[7]]), *lines[701:]])
+    )
+    # none failed: the same file
+    write_csv(journey.recordings / "leg_2.csv", leg_columns(amps, theta, torque, time))
     said, source = journey.drafted()
     assert "sources/csv.yaml: 2 recordings" in said
     for line in (
         r'#   theta_m: {column: "\*.output_position", unit: "UNKNOWN"}  # guessed .*; no unit is stated',
-        '  theta: {column: "joint_position", unit: "UNKNOWN"}', '#   current: {column: "motor_current", unit: "UNK',
+        '  theta: {column: "joint_position", unit: "UNKNOWN"}',
+        '#   current: {column: "motor_current", unit: "UNK',
         '#   .*"joint_torque".* # left out: "motor_current" times 0.00011, .*no measured torque',
         '  torque: {column: "loadcell_mz", unit: "UNKNOWN"}  # guessed from its name; no unit is stated',
     ):  # fmt: skip
@@ -205,15 +256,24 @@ def test_a_log_of_the_leg_with_a_load_cell(tmp_path, monkeypatch):
 
 
 def test_a_log_of_an_actuator_that_is_known_and_a_load_cell(tmp_path, monkeypatch):
-    """Dephy's names and counts are those of the shipped source file, which is completed by what follows its angle."""
+    """Dephy's names and counts are those of the shipped source file, which is completed by what
+    follows its angle."""
     journey = Journey(tmp_path)
     time, theta, _, torque = sines([(0.5, 4), (1.5, 10), (3, 20)], 5)
-    columns = {"state_time": 1e3 * time, "mot_ang": 16384 * 9 / (2 * np.pi) * (theta + torque / 2000)}
-    columns |= {"ank_ang": 100 * np.degrees(theta), "mot_cur": 1e3 * torque + 300 * NOISE[1, : time.size]}
+    columns = {
+        "state_time": 1e3 * time,
+        "mot_ang": 16384 * 9 / (2 * np.pi) * (theta + torque / 2000),
+    }
+    columns |= {
+        "ank_ang": 100 * np.degrees(theta),
+        "mot_cur": 1e3 * torque + 300 * NOISE[1, : time.size],
+    }
     write_csv(journey.recordings / "act_1.csv", {**columns, "loadcell": torque})
     said, source = journey.drafted()
     assert "sources/dephy_actpack.yaml: 1 recordings" in said
-    assert re.search(r'scale: 0.01}\n(.*\n)*  torque: {column: "loadcell", unit: "UNKNOWN"}  # guessed', source)
+    assert re.search(
+        r'scale: 0.01}\n(.*\n)*  torque: {column: "loadcell", unit: "UNKNOWN"}  # guessed', source
+    )
     journey.states(torque="N*m")
     ((_, fit, _),) = journey.fits(monkeypatch)
     assert (is_right(fit), journey.edited()) == (True, 1)
@@ -221,19 +281,26 @@ def test_a_log_of_an_actuator_that_is_known_and_a_load_cell(tmp_path, monkeypatc
 
 def test_a_walkway_of_vicon(tmp_path, monkeypatch):
     journey, rig, ramp = Journey(tmp_path), walk.Rig(), walk.Ramp()
-    names = dict(zip((f"FOOT{k}" for k in (1, 2, 3, 4)), ("RHEE", "RTOE", "R_FM1", "R_FM5"), strict=True))
-    names |= dict(zip((f"SHANK{k}" for k in (1, 2, 3, 4)), ("RTIB", "R_SK1", "R_SK2", "R_SK3"), strict=True))
+    names = dict(
+        zip((f"FOOT{k}" for k in (1, 2, 3, 4)), ("RHEE", "RTOE", "R_FM1", "R_FM5"), strict=True)
+    )
+    names |= dict(
+        zip((f"SHANK{k}" for k in (1, 2, 3, 4)), ("RTIB", "R_SK1", "R_SK2", "R_SK3"), strict=True)
+    )
     names |= {"ANKLE_MED": "RMMA", "ANKLE_LAT": "RANK"}
 
     def record(name, trial):
         columns = [c for c in trial.columns if c.startswith("marker_")]
         labels = list(dict.fromkeys(c[7:-2] for c in columns))
         frame = trial.samples.select(columns).drop_nulls().to_numpy() * 1e3
-        points = np.concatenate([frame.reshape(len(frame), -1, 3), np.zeros((len(frame), len(labels), 1))], axis=2)
+        points = np.concatenate(
+            [frame.reshape(len(frame), -1, 3), np.zeros((len(frame), len(labels), 1))], axis=2
+        )
         wrench = trial.samples.select("^plate1_.*$").to_numpy() * np.repeat([1.0, 1e3], 3)
         corners = 250.0 * np.array([[1.0, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]])
         plate = {
-            "USED": np.array([1]), "TYPE": np.array([2]), "ORIGIN": np.zeros((3, 1)), "CORNERS": corners.T[:, :, None],
+            "USED": np.array([1]), "TYPE": np.array([2]), "ORIGIN": np.zeros((3, 1)),
+            "CORNERS": corners.T[:, :, None],
             "CHANNEL": np.arange(1, 7)[:, None],
         }  # fmt: skip
         parameters = {f"FORCE_PLATFORM__{key}": value for key, value in plate.items()}
@@ -248,9 +315,12 @@ def test_a_walkway_of_vicon(tmp_path, monkeypatch):
         record(f"Trial{k:02d}.c3d", walk.walked_over("x", ramp if k < 3 else None, rig, 40 + k))
     said, _ = journey.drafted()
     assert said.count("to be confirmed, guessed from the motion of markers and plates") == 4
-    # before the platform turns, the ankle of these steps is still: a refusal of their pace asks for this line
+    # before the platform turns, the ankle of these steps is still: a refusal of their pace asks for
+    # this line
     config = journey.made / "config.yaml"
-    config.write_text(config.read_text().replace("  side: right", "  perturbed_stance: own\n  side: right"))
+    config.write_text(
+        config.read_text().replace("  side: right", "  perturbed_stance: own\n  side: right")
+    )
     of, chosen = {}, None
     for _, row, trial, campaign in journey.opened(monkeypatch):
         of.setdefault((row["experiment"], row["perturbed"]), []).append(trial)
@@ -265,7 +335,10 @@ def test_a_walkway_of_vicon(tmp_path, monkeypatch):
     crossings = [analyse_crossing(trial, static, plate, p, chosen, platform) for trial, p in walks]
     found = group_headline(crossings[:3], unperturbed_gait(crossings[3:], 3), chosen)
     low, high = found.resampled.interval("K")
-    assert (low < 340 < high, found.ensemble.estimates()["K"]) == (True, pytest.approx(340, rel=0.1))
+    assert (low < 340 < high, found.ensemble.estimates()["K"]) == (
+        True,
+        pytest.approx(340, rel=0.1),
+    )
     assert journey.edited() == 1
 
 
@@ -275,12 +348,20 @@ def test_a_dynamometer_with_a_protocol_of_its_own(tmp_path, monkeypatch, kind):
     journey = Journey(tmp_path)
     time, theta, _, torque = sines([(0.5, 6), (1.5, 12), (3.5, 12)], 3)
     if kind == "mat":
-        write_mat(journey.recordings / "proef3.mat", x=time, theta=theta, tau=1e3 * torque, aux=np.zeros_like(time))
+        write_mat(
+            journey.recordings / "proef3.mat",
+            x=time,
+            theta=theta,
+            tau=1e3 * torque,
+            aux=np.zeros_like(time),
+        )
     else:
         with TdmsWriter(journey.recordings / "proef3.tdms") as writer:
             named = {"Hoek": np.degrees(theta), "Koppel": 1e3 * torque, "Aux": np.zeros_like(time)}
             timing = {"wf_increment": 1 / 250, "wf_start_offset": 0.0}
-            writer.write_segment([ChannelObject("Meting", name, one, timing) for name, one in named.items()])
+            writer.write_segment(
+                [ChannelObject("Meting", name, one, timing) for name, one in named.items()]
+            )
     _, source = journey.drafted()
     assert re.search('  torque: {[^}]*, unit: "UNKNOWN"}  # guessed .*; no unit is stated', source)
     journey.states(theta="deg" if kind == "tdms" else "rad", torque="N*mm")
@@ -289,14 +370,23 @@ def test_a_dynamometer_with_a_protocol_of_its_own(tmp_path, monkeypatch, kind):
     assert quality == "quality ok", "no protocol is stated"
 
 
-def test_a_torque_has_the_sign_by_which_a_joint_resists_and_an_actuator_alone_has_its_own_torque(tmp_path):
+def test_a_torque_has_the_sign_by_which_a_joint_resists_and_an_actuator_alone_has_its_own_torque(
+    tmp_path,
+):
     time, theta, _, torque = sines([(1, 8), (3, 20)], 4)
     noise, drafted = 1e-3 * NOISE[1, : time.size], {}
     for name, columns in (
         ("spring", {"theta [rad]": theta, "torque [Nm]": torque}),
         ("turned", {"theta [rad]": theta, "torque [Nm]": -torque}),
         ("damper", {"theta [rad]": theta, "torque [Nm]": -np.gradient(theta, time)}),
-        ("actuator", {"theta_m [rad]": theta, "current [A]": np.cos(3 * time) + noise, "torque [Nm]": np.sin(time)}),
+        (
+            "actuator",
+            {
+                "theta_m [rad]": theta,
+                "current [A]": np.cos(3 * time) + noise,
+                "torque [Nm]": np.sin(time),
+            },
+        ),
     ):
         write_csv(tmp_path / f"{name}.csv", {"time_s": time, **columns})
         drafted[name] = draft_source(module.inspect_file(tmp_path / f"{name}.csv"), "")
@@ -309,7 +399,12 @@ def test_channels_of_tdms_that_begin_apart_are_compared_at_their_own_instants(tm
     with TdmsWriter(tmp_path / "a.tdms") as writer:
         for name, unit, one, start in (("x", "rad", theta, 0), ("y", "Nm", torque[75:], 300)):
             begin = np.datetime64("2026-01-01T00:00:00") + np.timedelta64(start, "ms")
-            named = {"wf_increment": 1 / 250, "wf_start_time": begin, "wf_start_offset": 0.0, "unit_string": unit}
+            named = {
+                "wf_increment": 1 / 250,
+                "wf_start_time": begin,
+                "wf_start_offset": 0.0,
+                "unit_string": unit,
+            }
             writer.write_segment([ChannelObject("Log", name, one, named)])
     drafted = draft_source(module.inspect_file(tmp_path / "a.tdms"), "")
     assert '\n  theta: {channel: "Log/x"' in drafted

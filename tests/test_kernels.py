@@ -1,4 +1,5 @@
-"""The kernel that a run asks for is taken: else `make test-kernels` would test one kernel three times."""
+"""The kernel that a run asks for is taken: else `make test-kernels` would test one kernel three
+times."""
 
 import os
 

@@ -1,4 +1,5 @@
-"""Any controller, joint and side: told apart in figures, means, headlines and macros, and written as they are."""
+"""Any controller, joint and side: told apart in figures, means, headlines and macros, and written
+as they are."""
 
 import os
 from io import BytesIO
@@ -10,7 +11,13 @@ import pytest
 from test_figures import stored, texts
 
 from osl_analysis.bench.components import belt_figure_points, check_locked, part_summary
-from osl_analysis.campaign.campaign import about, open_campaign, response_example, sentence, time_series_example
+from osl_analysis.campaign.campaign import (
+    about,
+    open_campaign,
+    response_example,
+    sentence,
+    time_series_example,
+)
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands import figure as plotted_numbers
 from osl_analysis.config.sheet import CONDITIONS, read_impedance_trajectory
@@ -22,20 +29,37 @@ from osl_analysis.report.headlines import ENDINGS, Example, headline_numbers
 from osl_analysis.table import read_table, tables_of, with_places, write_table
 
 fig5, fig6, fig8 = map(drawing_of, ("fig5", "fig6", "fig8"))
-HOSTILE = ("$x_1$ 50 %", "_hidden", "a" * 90 + "1", "a" * 90 + "2", "Ünï 脚 \\alpha {", "compensated", None)
+HOSTILE = (
+    "$x_1$ 50 %",
+    "_hidden",
+    "a" * 90 + "1",
+    "a" * 90 + "2",
+    "Ünï 脚 \\alpha {",
+    "compensated",
+    None,
+)
 
 
 def of_controllers(*names, **place):
-    """The table of the figures' tests with these controllers in place of its two, and a joint and side."""
+    """The table of the figures' tests with these controllers in place of its two, and a joint and
+    side."""
     parts = [stored("impedance").filter(pl.col("controller") == "compensated")] * len(names)
-    named = [part.with_columns(controller=pl.lit(name, pl.String)) for part, name in zip(parts, names, strict=True)]
-    return pl.concat(named).with_columns(pl.lit(value, pl.String).alias(key) for key, value in place.items())
+    named = [
+        part.with_columns(controller=pl.lit(name, pl.String))
+        for part, name in zip(parts, names, strict=True)
+    ]
+    return pl.concat(named).with_columns(
+        pl.lit(value, pl.String).alias(key) for key, value in place.items()
+    )
 
 
 @pytest.mark.parametrize("module", [fig5, fig6])
 def test_hostile_names_are_drawn_letter_by_letter_without_a_warning(module):
-    """Mathematics, hidden labels, letters that no font has, and two long names that are shortened alike."""
-    table = of_controllers(*HOSTILE, joint="exo $K_d$ & more", side="left").filter(pl.col("K_d") == 100)
+    """Mathematics, hidden labels, letters that no font has, and two long names that are shortened
+    alike."""
+    table = of_controllers(*HOSTILE, joint="exo $K_d$ & more", side="left").filter(
+        pl.col("K_d") == 100
+    )
     figure = module.draw(module.points(table))
     figure.savefig(BytesIO(), format="png")
     written = texts(figure).replace("\\$", "$").replace("\n", " ")
@@ -52,7 +76,10 @@ def test_trials_of_two_joints_share_neither_a_panel_nor_a_swarm():
     each = [of_controllers("pd", joint=joint, side=side).filter(K_d=100) for joint, side in places]
     both = pl.concat(table.with_columns(pl.col("K") + 1000 * k) for k, table in enumerate(each))
     axes = fig5.draw(fig5.points(both)).axes
-    shown = [[y for c in ax.collections if c.get_label() == "pd" for _, y in c.get_offsets()] for ax in axes[::4]]
+    shown = [
+        [y for c in ax.collections if c.get_label() == "pd" for _, y in c.get_offsets()]
+        for ax in axes[::4]
+    ]
     assert [{int(y // 1000) for y in values} for values in shown] == [{0}, {1}, {2}]
     titles = [ax.get_title(loc="left").removesuffix(": Stiffness") for ax in axes[::4]]
     assert titles == ["(a) Knee, left", "(e) Ankle, left", "(i) Ankle, right"]
@@ -60,32 +87,60 @@ def test_trials_of_two_joints_share_neither_a_panel_nor_a_swarm():
 
 
 def test_a_trial_without_k_d_stands_at_the_end_of_the_axis_without_a_line_at_a_desired_value():
-    table = of_controllers("pd").with_columns(K_d=pl.col("K_d").replace_strict({100: 1, 200: 2, 300: 500, 400: None}))
+    table = of_controllers("pd").with_columns(
+        K_d=pl.col("K_d").replace_strict({100: 1, 200: 2, 300: 500, 400: None})
+    )
     stiffness, *_, errors = fig5.draw(fig5.points(table)).axes
     letters = [label.get_text() for label in errors.get_xticklabels(minor=True)]
     assert letters == ["$K_d$ = 1", "$K_d$ = 2", "$K_d$ = 500", "$K_d$ not stated"]
-    lines = [s for c in stiffness.collections if hasattr(c, "get_segments") for s in c.get_segments() if len(s) == 2]
+    lines = [
+        s
+        for c in stiffness.collections
+        if hasattr(c, "get_segments")
+        for s in c.get_segments()
+        if len(s) == 2
+    ]
     assert {one[0][1] for one in lines if one[0][1] == one[1][1]} == {1, 2, 500}
 
 
-def test_means_are_of_one_joint_and_so_are_their_headlines_of_which_the_ankle_s_has_the_draft_s_value():
-    belts = pl.DataFrame({"trial": ["a_1", "a_2", "k_1"], "K_s": [600.0, 700.0, 1000.0], "doubtful": ""})
+def test_means_are_of_one_joint_and_so_are_their_headlines():
+    belts = pl.DataFrame(
+        {"trial": ["a_1", "a_2", "k_1"], "K_s": [600.0, 700.0, 1000.0], "doubtful": ""}
+    )
     belts = belts.with_columns(unloading=0.0, hysteresis_area=0.0, quadratic_K_s2=0.0)
-    places = {trial: {"joint": "knee" if trial == "k_1" else "ankle", "side": None} for trial in belts["trial"]}
+    places = {
+        trial: {"joint": "knee" if trial == "k_1" else "ankle", "side": None}
+        for trial in belts["trial"]
+    }
     belts = with_places(belts, places)
     summary = part_summary("belt", belts)
-    found = {h.name: (h.value, h.n, h.draft, h.macro) for h in headline_numbers({"belt_summary": summary})}
+    found = {
+        h.name: (h.value, h.n, h.draft, h.macro)
+        for h in headline_numbers({"belt_summary": summary})
+    }
     assert found["K_s (ankle)"] == (650, 2, 685.6, "BeltStiffnessAnkle")
     assert found["K_s (knee)"] == (1000, 1, None, "BeltStiffnessKnee")
-    alone = [headline_numbers({"belt_summary": summary.filter(joint=name)})[0] for name in ("ankle", "knee")]
-    assert [(one.meaning.endswith(", knee"), one.draft) for one in alone] == [(False, 685.6), (True, None)]
-    curves = belts.select("trial", theta_s_deg=pl.lit(5.0), torque=pl.lit(1.0), branch=pl.lit("loading"))
+    alone = [
+        headline_numbers({"belt_summary": summary.filter(joint=name)})[0]
+        for name in ("ankle", "knee")
+    ]
+    assert [(one.meaning.endswith(", knee"), one.draft) for one in alone] == [
+        (False, 685.6),
+        (True, None),
+    ]
+    curves = belts.select(
+        "trial", theta_s_deg=pl.lit(5.0), torque=pl.lit(1.0), branch=pl.lit("loading")
+    )
     drawn = belt_figure_points(curves, belts, summary).filter(pl.col("trial") == "mean slope")
-    assert drawn.select("joint", "K_s").unique(maintain_order=True).rows() == [("ankle", 650), ("knee", 1000)]
+    assert drawn.select("joint", "K_s").unique(maintain_order=True).rows() == [
+        ("ankle", 650),
+        ("knee", 1000),
+    ]
 
 
 def test_names_and_macros_of_any_controllers_are_letters_and_no_two_are_alike():
-    """`PD 1` and `PD-1` have the same letters; a controller `xLow` has the letters of the lower bound of `x`."""
+    """`PD 1` and `PD-1` have the same letters; a controller `xLow` has the letters of the lower
+    bound of `x`."""
     names = ("PD 1", "PD-1", "α", "a_", "A", "脚", "no controller", None)
     rows = of_controllers(*names, joint="knee", side=None).with_columns(doubtful=pl.lit(""))
     ends = {f"{q}_amplitudes_{e}": pl.col(q) for q in "KB" for e in ("low", "high")}
@@ -100,8 +155,13 @@ def test_names_and_macros_of_any_controllers_are_letters_and_no_two_are_alike():
 
 def campaign(tmp_path: Path, rows: str, **settings):
     """A campaign of these trials and settings."""
-    (tmp_path / "trials.csv").write_text("trial,experiment,controller,K_d,B_d,joint,log,log_source\n" + rows)
-    lines = [f"{name}: {value}" for name, value in ({"sheet": tmp_path / "trials.csv"} | settings).items()]
+    (tmp_path / "trials.csv").write_text(
+        "trial,experiment,controller,K_d,B_d,joint,log,log_source\n" + rows
+    )
+    lines = [
+        f"{name}: {value}"
+        for name, value in ({"sheet": tmp_path / "trials.csv"} | settings).items()
+    ]
     (tmp_path / "c.yaml").write_text("\n".join(lines))
     return open_campaign(read_config(tmp_path / "c.yaml"), None)
 
@@ -114,30 +174,51 @@ TWO_JOINTS = (
 
 
 def test_a_parameter_file_is_used_for_its_own_joint_only(tmp_path):
-    """The default file is of the ankle: predictions of a knee by it would be wrong without a word."""
+    """The default file is of the ankle: predictions of a knee by it would be wrong without a
+    word."""
     made = campaign(tmp_path, TWO_JOINTS)
     assert (made.predicted(), made.device("k")) == (["a"], None)
     assert campaign(tmp_path, TWO_JOINTS, parameters="null").predicted() == []
 
 
 def test_examples_are_those_of_the_configuration_or_chosen_and_said(tmp_path):
-    """Where the default's example is not in the campaign one is chosen; another one that is not there is refused."""
-    shown = time_series_example(campaign(tmp_path, TWO_JOINTS, figures="{time_series: {duration_s: 3}}"))
+    """Where the default's example is not in the campaign one is chosen; another one that is not
+    there is refused."""
+    shown = time_series_example(
+        campaign(tmp_path, TWO_JOINTS, figures="{time_series: {duration_s: 3}}")
+    )
     assert [*shown.values()] == ["a", "ankle", None, 6, 3, ""], "the first of two"
-    knee, belt = "k,impedance,pd,,,knee,k.csv,bench_csv\n", campaign(tmp_path, "b,belt,,,,,b.csv,bench_csv\n")
+    knee, belt = (
+        "k,impedance,pd,,,knee,k.csv,bench_csv\n",
+        campaign(tmp_path, "b,belt,,,,,b.csv,bench_csv\n"),
+    )
     assert (time_series_example(belt), response_example(belt)) == (None, None)
     found = time_series_example(campaign(tmp_path, knee))
-    assert (found["trial"], found["amplitude_deg"], "not in this campaign" in found["chosen"]) == ("k", None, True)
+    assert (found["trial"], found["amplitude_deg"], "not in this campaign" in found["chosen"]) == (
+        "k",
+        None,
+        True,
+    )
     assert response_example(campaign(tmp_path, knee)) is None
-    assert time_series_example(campaign(tmp_path, knee, figures="{time_series: null}"))["duration_s"] == 10
-    wrong = "{time_series: {K_d: 250, B_d: 5, controller: compensated}, frequency_response: {K_d: 1, B_d: 1}}"
-    with pytest.raises(InputError, match="no impedance trial with controller = compensated, K_d = 250, B_d = 5; "):
+    assert (
+        time_series_example(campaign(tmp_path, knee, figures="{time_series: null}"))["duration_s"]
+        == 10
+    )
+    wrong = (
+        "{time_series: {K_d: 250, B_d: 5, controller: compensated}, frequency_response: {K_d: 1,"
+        " B_d: 1}}"
+    )
+    with pytest.raises(
+        InputError, match="no impedance trial with controller = compensated, K_d = 250, B_d = 5; "
+    ):
         time_series_example(campaign(tmp_path, knee, figures=wrong))
     with pytest.raises(InputError, match="no impedance trial with K_d = 1, B_d = 1"):
         response_example(campaign(tmp_path, knee, figures=wrong))
 
 
-def test_the_hash_is_of_the_settings_and_the_files_that_they_name_and_not_of_where_results_are(tmp_path):
+def test_the_hash_is_of_the_settings_and_the_files_that_they_name_and_not_of_where_results_are(
+    tmp_path,
+):
     parameters = tmp_path / "p.yaml"
     parameters.write_text(Path("config/parameters/default.yaml").read_text())
     real = {"simulation": "null", "raw_data": tmp_path, "parameters": parameters}
@@ -154,7 +235,9 @@ def test_the_hash_is_of_the_settings_and_the_files_that_they_name_and_not_of_whe
     parameters.write_text(parameters.read_text().replace("685.6", "700.1"))
     again = made(data="measured", recorded="2026-03-14")  # which stand beside the hash
     assert again["configuration"] == made()["configuration"] != first["configuration"]
-    said = f"Measured data: campaign default, osl-analysis {again['version']}{{}}, recorded 2026-03-14"
+    said = (
+        f"Measured data: campaign default, osl-analysis {again['version']}{{}}, recorded 2026-03-14"
+    )
     ends = said.format(f", configuration {again['configuration']}"), said.format("")
     assert (sentence(again), sentence(again, below_figure=True)) == ends
     for name, day in (("k", 2), ("a", 1), ("p", 3)):
@@ -162,49 +245,74 @@ def test_the_hash_is_of_the_settings_and_the_files_that_they_name_and_not_of_whe
         os.utime(tmp_path / f"{name}.csv", (86400 * day,) * 2)
     simulated = campaign(tmp_path, TWO_JOINTS, raw_data=tmp_path)
     found = [about(simulated, files) for files in ([], [tmp_path / "trials.csv"])]
-    assert [(one["data"], one["recorded"]) for one in found] == [("simulated", "made with seed 1")] * 2
+    assert [(one["data"], one["recorded"]) for one in found] == [
+        ("simulated", "made with seed 1")
+    ] * 2
     assert found[0]["configuration"] != found[1]["configuration"]
     (tmp_path / "truth").mkdir()
     assert {*made().values()} > {"files of 1970-01-02 to 1970-01-04", "simulated"}
 
 
 @pytest.mark.parametrize(("joint", "predicted"), [("ankle", True), ("knee", False)])
-def test_responses_are_predicted_by_a_parameter_file_of_their_joint_alone(tmp_path, joint, predicted):
+def test_responses_are_predicted_by_a_parameter_file_of_their_joint_alone(
+    tmp_path, joint, predicted
+):
     """Fig. 7: Eq. 9 with the belt and motor of another joint would be wrong without a word."""
     device = Path("config/parameters/default.yaml")
     write_table(stored("frequency_response").with_columns(joint=pl.lit(joint)), tmp_path / "t.csv")
     plotted_numbers.fig7(tmp_path / "t.csv", device, None, PAPER_WEIGHT, tmp_path / "fig7.csv")
     drawn = read_table(tmp_path / "fig7.csv")
-    assert set(drawn["curve"]) == {"observed", "desired"} | ({"linear model"} if predicted else set())
+    assert set(drawn["curve"]) == {"observed", "desired"} | (
+        {"linear model"} if predicted else set()
+    )
 
 
 def test_fig_7_shows_the_desired_impedance_with_the_most_trials_where_none_is_chosen(tmp_path):
     table = stored("frequency_response")
-    lone = table.filter(trial=table["trial"][0]).with_columns(trial=pl.lit("lone"), K_d=pl.lit(77.0))
-    more = (lone.with_columns(pl.col("frequency_hz") + k / 100) for k in range(4))  # rows than all others together
+    lone = table.filter(trial=table["trial"][0]).with_columns(
+        trial=pl.lit("lone"), K_d=pl.lit(77.0)
+    )
+    # rows than all others together
+    more = (lone.with_columns(pl.col("frequency_hz") + k / 100) for k in range(4))
     write_table(pl.concat([*more, table]), tmp_path / "t.csv")
     plotted_numbers.fig7(tmp_path / "t.csv", None, None, PAPER_WEIGHT, tmp_path / "fig7.csv")
-    assert set(read_table(tmp_path / "fig7.csv").filter(curve="observed")["K_d"]) == set(table["K_d"])
+    assert set(read_table(tmp_path / "fig7.csv").filter(curve="observed")["K_d"]) == set(
+        table["K_d"]
+    )
 
 
-def test_a_belt_without_parameters_needs_a_shaft_that_rests_and_a_table_says_last_what_its_data_are(tmp_path):
+def test_a_belt_without_parameters_needs_a_shaft_that_rests_and_a_table_says_last_what_its_data_are(
+    tmp_path,
+):
     theta = np.linspace(0, 0.1, 50)
     check_locked(theta, 0.0009 * np.sin(np.arange(50)) / 2)
-    with pytest.raises(InputError, match=r"theta_m turns by 0\.02 rad while theta turns by 0\.1 rad, and without"):
+    with pytest.raises(
+        InputError, match=r"theta_m turns by 0\.02 rad while theta turns by 0\.1 rad, and without"
+    ):
         check_locked(theta, 0.2 * theta)
     with tables_of("measured"):
         write_table(pl.DataFrame({"data": ["x"], "a": [1.5]}), tmp_path / "t.csv")
     assert (tmp_path / "t.csv").read_text() == "a,data\n1.5,measured\n"
-    write_table(pl.DataFrame({name: ["01"] for name in ("trial", "joint", *CONDITIONS)}), tmp_path / "t.csv")
+    write_table(
+        pl.DataFrame({name: ["01"] for name in ("trial", "joint", *CONDITIONS)}), tmp_path / "t.csv"
+    )
     assert {*read_table(tmp_path / "t.csv").row(0)} == {"01"}, "a name of digits stays text"
-    groups = pl.DataFrame({"group": ["a"], "side": ["left"], "n": [1]})  # a side that is there stays
-    assert with_places(groups, {"a": {"joint": "knee", "side": "right"}}, "group").row(0) == ("a", "knee", "left", 1)
+    # a side that is there stays
+    groups = pl.DataFrame({"group": ["a"], "side": ["left"], "n": [1]})
+    assert with_places(groups, {"a": {"joint": "knee", "side": "right"}}, "group").row(0) == (
+        "a",
+        "knee",
+        "left",
+        1,
+    )
 
 
 def test_a_trajectory_says_of_itself_that_it_is_synthetic():
     found = read_impedance_trajectory(Path("config/impedance/synthetic_walking.csv"))
     at = found.at(found.phase, np.array([0.25, 1.5, -0.25])).tolist()
     assert (found.kind, at) == ("synthetic", [0.25, 0.5, 0.75])
-    table = fig8.points(stored("gains").with_columns(pl.lit(None, pl.Float64).alias(f"{q}_1_joint") for q in "KB"))
+    table = fig8.points(
+        stored("gains").with_columns(pl.lit(None, pl.Float64).alias(f"{q}_1_joint") for q in "KB")
+    )
     drawn = texts(fig8.draw(table))
     assert ("(a) Trajectory: synthetic" in drawn, "Gain" in drawn) == (True, False)

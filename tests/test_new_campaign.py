@@ -1,4 +1,5 @@
-"""A new campaign: what is drafted from recordings, what is not overwritten, and how editors check its files."""
+"""A new campaign: what is drafted from recordings, what is not overwritten, and how editors check
+its files."""
 
 import json
 from pathlib import Path
@@ -37,12 +38,15 @@ def call(*arguments):
 
 
 @pytest.mark.parametrize(
-    ("column", "name"), [("theta", "AnkleAngleSoll_deg"), ("torque", "tau_ff_Nm"), ("torque", "u_Nm")]
+    ("column", "name"),
+    [("theta", "AnkleAngleSoll_deg"), ("torque", "tau_ff_Nm"), ("torque", "u_Nm")],
 )
 def test_a_channel_that_may_be_another_quantity_is_left_to_the_user(tmp_path, column, name):
     names = {"theta": "ankle_angle_deg", "torque": "loadcell_torque_Nm"} | {column: name}
     rows = [f"{k / 100},{k % 7},{k % 5}" for k in range(30)]
-    (tmp_path / "a.csv").write_text("\n".join([f"time_s,{names['theta']},{names['torque']}", *rows]))
+    (tmp_path / "a.csv").write_text(
+        "\n".join([f"time_s,{names['theta']},{names['torque']}", *rows])
+    )
     content = yaml.safe_load(draft_campaign(tmp_path).sources["csv"])
     (open_place,) = open_places(content)
     assert content["channels"][open_place[-1]]["column"] == name
@@ -52,26 +56,41 @@ def test_a_channel_that_may_be_another_quantity_is_left_to_the_user(tmp_path, co
     ("HipAngle (deg),HipTorque (Nm)", True), ("knee angle (deg),torque (N·m)", True),
     ("knee angle (deg),hip torque (Nm)", False),
 ])  # fmt: skip
-def test_the_one_joint_that_a_recording_names_is_its_joint_and_units_are_told_as_written(tmp_path, names, sure):
+def test_the_one_joint_that_a_recording_names_is_its_joint_and_units_are_told_as_written(
+    tmp_path, names, sure
+):
     rows = (f"{k / 100},{k % 7},{k % 5}" for k in range(30))
     (tmp_path / "a.csv").write_text("\n".join([f"time (s),{names}", *rows]))
     draft = new_campaign(tmp_path / "0314", recordings=tmp_path).sources["csv"]
-    assert ({"theta", "torque"} <= {*yaml.safe_load(draft)["channels"]}, "\\u00b7" in draft) == (sure, False)
-    assert yaml.safe_load((tmp_path / "0314/config.yaml").read_text())["campaign"] == "0314", "YAML counts in eights"
+    assert ({"theta", "torque"} <= {*yaml.safe_load(draft)["channels"]}, "\\u00b7" in draft) == (
+        sure,
+        False,
+    )
+    assert yaml.safe_load((tmp_path / "0314/config.yaml").read_text())["campaign"] == "0314", (
+        "YAML counts in eights"
+    )
     sheet = pl.read_csv(tmp_path / "0314/trials.csv")
-    assert sheet.get_column("joint", default=pl.Series([""]))[0] == (names[:4].rstrip("A ").lower() if sure else "")
+    assert sheet.get_column("joint", default=pl.Series([""]))[0] == (
+        names[:4].rstrip("A ").lower() if sure else ""
+    )
 
 
 @pytest.mark.parametrize(("name", "experiment", "told"), [
     ("belt 01", "belt", {}),
-    ("impedance_K300_B5.0_uncompensated", "impedance", {"K_d": "300", "B_d": "5.0", "controller": "uncompensated"}),
-    ("walk_pert_03", "walking", {"perturbed": "true"}), ("gait_unperturbed_1", "walking", {"perturbed": "false"}),
-    ("k300b5_comp", "impedance", {"K_d": "300", "B_d": "5", "controller": "compensated"}), ("k9_sine", "impedance", {}),
+    ("impedance_K300_B5.0_uncompensated", "impedance",
+     {"K_d": "300", "B_d": "5.0", "controller": "uncompensated"}),
+    ("walk_pert_03", "walking", {"perturbed": "true"}), ("gait_unperturbed_1", "walking",
+     {"perturbed": "false"}),
+    ("k300b5_comp", "impedance", {"K_d": "300", "B_d": "5", "controller": "compensated"}),
+    ("k9_sine", "impedance", {}),
     ("k300b5", "impedance", {"K_d": "300", "B_d": "5"}), ("k9_sines", "impedance", {}),
     ("sines_K100_K300", "impedance", {}), ("gait_K300_unpert", "walking", {"perturbed": "false"}),
-    ("2026-11-21_K300_B7.5_uncomp", "impedance", {"K_d": "300", "B_d": "7.5", "controller": "uncompensated"}),
-    ("imp_K300_B5_non-comp", "impedance", {"K_d": "300", "B_d": "5", "controller": "uncompensated"}),
-    ("quasi-static 2", "torque_angle", {}), ("belt_motor", "ingest_only", {}), ("drivetrain", "transmission", {}),
+    ("2026-11-21_K300_B7.5_uncomp", "impedance",
+     {"K_d": "300", "B_d": "7.5", "controller": "uncompensated"}),
+    ("imp_K300_B5_non-comp", "impedance",
+     {"K_d": "300", "B_d": "5", "controller": "uncompensated"}),
+    ("quasi-static 2", "torque_angle", {}), ("belt_motor", "ingest_only", {}),
+    ("drivetrain", "transmission", {}),
     ("gait_baseline", "walking", {"perturbed": "false"}), ("calib", "static", {}),
     ("calibration", "ingest_only", {}), ("static 2", "ingest_only", {}),
     ("unloaded", "plate", {}),
@@ -81,24 +100,39 @@ def test_the_name_of_a_file_tells_its_trial_and_nothing_more(name, experiment, t
     is_capture = experiment in ("static", "plate")
     ((cells, still_open),) = draft_trials([(Path(f"{name}.csv"), "csv", is_capture)])
     assert (cells["experiment"], cells["trial"][0] in "_-.") == (experiment, False)
-    assert {k: v for k, v in cells.items() if k in ("K_d", "B_d", "controller", "perturbed")} == told
+    assert {
+        k: v for k, v in cells.items() if k in ("K_d", "B_d", "controller", "perturbed")
+    } == told
     assert ("write calibration" in "".join(still_open)) == (name == "calibration")
     assert ("belt or actuator, write which" in "".join(still_open)) == (name == "belt_motor")
-    assert bool(still_open) != (experiment not in ("ingest_only", "impedance") or {"K_d", "B_d"} <= told.keys())
+    assert bool(still_open) != (
+        experiment not in ("ingest_only", "impedance") or {"K_d", "B_d"} <= told.keys()
+    )
 
 
-def test_what_moves_tells_a_log_whose_name_tells_nothing_and_a_capture_that_is_a_trial_with_its_log():
-    moved = {Path(name): {"experiment": "impedance"} for name in ("a.csv", "walk 3.csv", "belt_motor.csv", "b.csv")}
+def test_what_moves_tells_a_log_whose_name_tells_nothing():
+    moved = {
+        Path(name): {"experiment": "impedance"}
+        for name in ("a.csv", "walk 3.csv", "belt_motor.csv", "b.csv")
+    }
     files = [(path, "s", False) for path in moved] + [(Path("b.c3d"), "c", True)]
     told = draft_trials(files, moved | {Path("b.c3d"): {"experiment": "static"}})
-    assert [cells["experiment"] for cells, _ in told] == ["impedance", "static", "ingest_only", "ingest_only"]
+    assert [cells["experiment"] for cells, _ in told] == [
+        "impedance",
+        "static",
+        "ingest_only",
+        "ingest_only",
+    ]
 
 
 def test_a_log_and_a_capture_of_one_name_are_one_trial_and_two_logs_are_two():
     files = [("a/walk_1.mcap", False), ("b/walk_1.c3d", True), ("c/walk_1.mcap", False)]
     trials = draft_trials([(Path(path), "s", is_capture) for path, is_capture in files])
     found = [(cells["trial"], cells["log"], cells.get("mocap")) for cells, _ in trials]
-    assert found == [("walk_1", "a/walk_1.mcap", "b/walk_1.c3d"), ("walk_1_2", "c/walk_1.mcap", None)]
+    assert found == [
+        ("walk_1", "a/walk_1.mcap", "b/walk_1.c3d"),
+        ("walk_1_2", "c/walk_1.mcap", None),
+    ]
 
 
 def test_nothing_is_overwritten_and_nothing_stays_behind(tmp_path):
@@ -108,14 +142,19 @@ def test_nothing_is_overwritten_and_nothing_stays_behind(tmp_path):
     (tmp_path / "prose/a.csv").write_text("this is\nno table\nat all\n")
     before = sorted(tmp_path.rglob("*"))
     for arguments, said in (
-        ((tmp_path / "mine",), "not empty"), ((tmp_path / "new", "--from", tmp_path / "empty"), "no recording"),
+        ((tmp_path / "mine",), "not empty"),
+        ((tmp_path / "new", "--from", tmp_path / "empty"), "no recording"),
         ((tmp_path / "new", "--from", tmp_path / "prose"), "no table of numbers"),
         ((tmp_path / "new", "--from", tmp_path / "none"), "no such folder"),
         ((tmp_path / "new", "--recorder", "opensourcelegg"), "did you mean 'opensourceleg'"),
         ((tmp_path / "mine/notes.txt/new",), "choose another place"),
     ):  # fmt: skip
         result = call("init", *arguments)
-        assert (result.exit_code, said in result.stderr, len(result.stderr.splitlines())) == (1, True, 1)
+        assert (result.exit_code, said in result.stderr, len(result.stderr.splitlines())) == (
+            1,
+            True,
+            1,
+        )
     assert sorted(tmp_path.rglob("*")) == before
 
 
@@ -137,18 +176,34 @@ def test_an_empty_campaign_names_what_is_to_be_done(tmp_path, monkeypatch):
     assert [*looked_at(Path())][-1] == ("campaign", "mine, 1 trials", lacks)
 
 
-def test_snakemake_is_given_the_campaign_of_the_folder_or_a_broken_one_is_refused_in_one_line(tmp_path, monkeypatch):
+def test_snakemake_is_given_the_campaign_of_the_folder_or_a_broken_one_is_refused_in_one_line(
+    tmp_path, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match="no campaign here"):
         snakemake_arguments([])
     (tmp_path / "config.yaml").write_text("campaign: mine\n")
     snakefile = str(ROOT / "Snakefile")
-    assert snakemake_arguments(["-n"]) == ["-n", "--snakefile", snakefile, "--configfile", "config.yaml"]
+    assert snakemake_arguments(["-n"]) == [
+        "-n",
+        "--snakefile",
+        snakefile,
+        "--configfile",
+        "config.yaml",
+    ]
     assert snakemake_arguments(["--configfile", "config.yaml"])[-1] == snakefile
     assert snakemake_arguments(["--workflow-profile", "none"])[:2] == ["--workflow-profile", "none"]
-    for arguments in (["--workflow-profile", "profiles/slurm"], ["--workflow-profile=profiles/slurm"]):
-        assert Path(snakemake_arguments(arguments)[len(arguments) - 1].removeprefix("--workflow-profile=")).is_dir()
-    for arguments in (["--configfile", "config.yaml", "b.yaml", "-n"], ["-n", "--configfile=b.yaml"]):
+    for arguments in (
+        ["--workflow-profile", "profiles/slurm"],
+        ["--workflow-profile=profiles/slurm"],
+    ):
+        assert Path(
+            snakemake_arguments(arguments)[len(arguments) - 1].removeprefix("--workflow-profile=")
+        ).is_dir()
+    for arguments in (
+        ["--configfile", "config.yaml", "b.yaml", "-n"],
+        ["-n", "--configfile=b.yaml"],
+    ):
         assert "error: b.yaml: no such file" in call("run", *arguments).output
     (tmp_path / "config.yaml").write_text("campaign: x\n  more: [1\n")
     said = call("run")
@@ -160,13 +215,18 @@ def test_a_file_of_the_campaign_goes_before_the_shipped_one(tmp_path, monkeypatc
     monkeypatch.chdir(tmp_path)
     assert shipped("Snakefile") == ROOT / "Snakefile"
     (tmp_path / "Snakefile").write_text("mine")
-    assert [shipped(one) for one in ("Snakefile", "none.yaml")] == [Path("Snakefile"), Path("none.yaml")]
+    assert [shipped(one) for one in ("Snakefile", "none.yaml")] == [
+        Path("Snakefile"),
+        Path("none.yaml"),
+    ]
 
 
 def test_every_shipped_file_is_valid_by_its_schema_which_refuses_an_unknown_field():
     made = schemas()
     validators = {name: Draft202012Validator(schema) for name, schema in made.items()}
-    for pattern, kind in ((pattern, kind) for kind, patterns in KINDS.items() for pattern in patterns.split()):
+    for pattern, kind in (
+        (pattern, kind) for kind, patterns in KINDS.items() for pattern in patterns.split()
+    ):
         files = sorted(ROOT.glob(pattern))
         assert files, pattern
         for file in files:
@@ -181,10 +241,14 @@ def test_every_shipped_file_is_valid_by_its_schema_which_refuses_an_unknown_fiel
 
 @pytest.mark.parametrize(("names", "segment"), [
     ("RHEE RTOE R.Heel R.Toe.Tip R.Toe.Med R.MT5 R_FCC R_FM1 Sub:RHEE RFT1 HEEL_R Right.Foot.1 RCAL", "R foot"),
-    ("LTIB R_SK1 L.Shank.Front R_TTC R.TT RSHA RS1 R.HF left_leg_2", "RL shank"), ("FOOT1 S01:HEEL Shoe3", " foot"),
-    ("RMED RMMA R_TAM RMMAL R.Ankle.Medial RAM R_med_mall", "R ankle_medial"), ("ANKLE_MED", " ankle_medial"),
-    ("LANK R_FAL RLMA L.Ankle.Lat R.Ankle RLMAL r_mall", "RL ankle_lateral"), ("SHANK1 TIB_M Pylon2 LEG1", " shank"),
-    ("RASI LTHI RKNE R.Knee.Med LFHD R_FTC R.Thigh.1 L_UPPER_LEG C7 RTIO LELB REARVIEW RLFC R.MT", " "),
+    ("LTIB R_SK1 L.Shank.Front R_TTC R.TT RSHA RS1 R.HF left_leg_2", "RL shank"),
+    ("FOOT1 S01:HEEL Shoe3", " foot"),
+    ("RMED RMMA R_TAM RMMAL R.Ankle.Medial RAM R_med_mall", "R ankle_medial"),
+    ("ANKLE_MED", " ankle_medial"),
+    ("LANK R_FAL RLMA L.Ankle.Lat R.Ankle RLMAL r_mall", "RL ankle_lateral"),
+    ("SHANK1 TIB_M Pylon2 LEG1", " shank"),
+    ("RASI LTHI RKNE R.Knee.Med LFHD R_FTC R.Thigh.1 L_UPPER_LEG C7 RTIO LELB REARVIEW RLFC R.MT",
+     " "),
     ("PLAT1 HEXAPOD_3 Lab:Plate2", " platform"),
 ])  # fmt: skip
 def test_the_names_of_three_marker_sets_tell_side_and_segment(names, segment):
@@ -196,15 +260,30 @@ def test_the_names_of_three_marker_sets_tell_side_and_segment(names, segment):
 
 FRAMES = np.arange(240)  # at 100 Hz
 WALK = np.stack([20.0 * FRAMES - 2400, 0 * FRAMES, 60 + 40 * np.sin(FRAMES / 9)], axis=1)  # [mm]
-LEG = {"R_FCC": (-60, 0, 0), "R_FM1": (90, 20, 0), "R_FM5": (70, -30, 0), "R_SK1": (0, 0, 200), "R_SK2": (0, 40, 250)}
+LEG = {
+    "R_FCC": (-60, 0, 0),
+    "R_FM1": (90, 20, 0),
+    "R_FM5": (70, -30, 0),
+    "R_SK1": (0, 0, 200),
+    "R_SK2": (0, 40, 250),
+}
 LEG |= {"R_SK3": (30, 0, 300)}
 MALLEOLI = {"R_TAM": (0, 40, 80), "R_FAL": (0, -40, 70)}
 STEP = (FRAMES > 90) & (FRAMES < 160)
 PULSES = ["Sync.1", "Voltage.Trigger"]
 
 
-def capture(path, of_leg, turn_deg=0.0, force=0.0, still=False, platform=("PLAT1", "PLAT2", "PLAT3"), labels=PULSES):
-    """A capture whose leg walks past, or stands still, on or beside a plate that turns while it is loaded."""
+def capture(
+    path,
+    of_leg,
+    turn_deg=0.0,
+    force=0.0,
+    still=False,
+    platform=("PLAT1", "PLAT2", "PLAT3"),
+    labels=PULSES,
+):
+    """A capture whose leg walks past, or stands still, on or beside a plate that turns while it is
+    loaded."""
     turn = np.radians(turn_deg) * np.clip((FRAMES - 100) / 10, 0, 1) * (FRAMES < 170)
     tracks = {name: np.add(place, WALK[120] if still else WALK) for name, place in of_leg.items()}
     tracks |= {name: np.add(place, 0 * WALK) for name, place in of_leg.items() if still}
@@ -217,9 +296,14 @@ def capture(path, of_leg, turn_deg=0.0, force=0.0, still=False, platform=("PLAT1
     corners = np.array([[300.0, 250, 0], [-300, 250, 0], [-300, -250, 0], [300, -250, 0]])
     plates = {"USED": np.array([1]), "TYPE": np.array([2]), "ORIGIN": np.zeros((3, 1))}
     plates |= {"CORNERS": corners.T[:, :, None], "CHANNEL": np.arange(1, 7)[:, None]}
-    named = {"POINT__LABELS": [*tracks], "ANALOG__LABELS": ["Fx", "Fy", "Fz", "Mx", "My", "Mz", *labels]}
+    named = {
+        "POINT__LABELS": [*tracks],
+        "ANALOG__LABELS": ["Fx", "Fy", "Fz", "Mx", "My", "Mz", *labels],
+    }
     named |= {f"FORCE_PLATFORM__{name}": value for name, value in plates.items()}
-    return write_c3d(path, points, analogs, **named, ANALOG__UNITS=["N"] * 3 + ["Nmm"] * 3 + ["V"] * 2)
+    return write_c3d(
+        path, points, analogs, **named, ANALOG__UNITS=["N"] * 3 + ["Nmm"] * 3 + ["V"] * 2
+    )
 
 
 def test_a_walking_laboratory_is_drafted_from_captures_whose_names_say_nothing(tmp_path):
@@ -233,10 +317,14 @@ def test_a_walking_laboratory_is_drafted_from_captures_whose_names_say_nothing(t
     capture(rec / "a6.c3d", LEG, turn_deg=0.5, force=800, labels=["TTL", "EMG1"])
     capture(rec / "walk_unpert_7.c3d", LEG, turn_deg=3, force=800)  # a name goes before the motion
     draft = new_campaign(tmp_path / "mine", recordings=rec)
-    told = {cells["trial"]: (cells["experiment"], cells.get("perturbed")) for cells, _ in draft.trials}
+    told = {
+        cells["trial"]: (cells["experiment"], cells.get("perturbed")) for cells, _ in draft.trials
+    }
     assert told == {
-        "a1": ("static", None), "a2": ("plate", None), "a3": ("walking", "true"), "a4": ("walking", "false"),
-        "a5": ("overground", None), "a6": ("walking", "false"), "walk_unpert_7": ("walking", "false"),
+        "a1": ("static", None), "a2": ("plate", None), "a3": ("walking", "true"), "a4": ("walking",
+        "false"),
+        "a5": ("overground", None), "a6": ("walking", "false"), "walk_unpert_7": ("walking",
+        "false"),
     }  # fmt: skip
     others = [said[0] for cells, said in draft.trials if cells["trial"] != "walk_unpert_7"]
     assert all("guessed from the motion" in said for said in others)
@@ -252,17 +340,27 @@ def test_a_walking_laboratory_is_drafted_from_captures_whose_names_say_nothing(t
     assert analogs["c3d"] == {
         n: {"channel": one, "unit": "V"} for n, one in zip(("sync", "trigger"), PULSES, strict=True)
     }
-    assert [*analogs["c3d_2"]] == ["sync"]  # a capture without a trigger has a source file of its own
-    assert [cells["mocap_source"] for cells, _ in draft.trials if cells["trial"] == "a6"] == ["c3d_2"]
+    # a capture without a trigger has a source file of its own
+    assert [*analogs["c3d_2"]] == ["sync"]
+    assert [cells["mocap_source"] for cells, _ in draft.trials if cells["trial"] == "a6"] == [
+        "c3d_2"
+    ]
     for name in draft.sources:
         read_source(tmp_path / f"mine/sources/{name}.yaml")
 
 
 def test_what_the_captures_of_walking_do_not_tell_is_unknown_and_to_be_edited(tmp_path):
     (tmp_path / "rec").mkdir()
-    capture(tmp_path / "rec/a.c3d", {"RHEE": (0, 0, 0), "LTIB": (0, 0, 200)}, force=800, platform=("PL", "PLAT1"))
+    capture(
+        tmp_path / "rec/a.c3d",
+        {"RHEE": (0, 0, 0), "LTIB": (0, 0, 200)},
+        force=800,
+        platform=("PL", "PLAT1"),
+    )
     draft = new_campaign(tmp_path / "mine", recordings=tmp_path / "rec")
-    said = "config.yaml: 5 places are to be edited: platform, ankle_medial, ankle_lateral, foot, shank"
+    said = (
+        "config.yaml: 5 places are to be edited: platform, ankle_medial, ankle_lateral, foot, shank"
+    )
     assert left_to_decide(tmp_path / "mine", draft)[0] == f"{tmp_path}/mine/{said}"
     assert 'foot: ["RHEE", UNKNOWN]  # named so; a cluster has 3 or more' in draft.walking
 
@@ -270,29 +368,52 @@ def test_what_the_captures_of_walking_do_not_tell_is_unknown_and_to_be_edited(tm
 def test_a_log_of_a_known_recorder_has_the_shipped_source_file_of_it(tmp_path):
     source = shipped("config/sources/opensourceleg.yaml").read_text()
     content = yaml.safe_load(source)
-    columns = [content["time"]["column"], *(one["column"] for one in content["channels"].values()), "other"]
+    columns = [
+        content["time"]["column"],
+        *(one["column"] for one in content["channels"].values()),
+        "other",
+    ]
     rows = [",".join(str(k * 0.01 + n) for n in range(len(columns))) for k in range(30)]
     (tmp_path / "a.csv").write_text("\n".join([",".join(columns), *rows]))
-    (tmp_path / "b.csv").write_text("\n".join([",".join(columns[:2]), *(f"{k / 100},{k}" for k in range(30))]))
+    (tmp_path / "b.csv").write_text(
+        "\n".join([",".join(columns[:2]), *(f"{k / 100},{k}" for k in range(30))])
+    )
     assert draft_campaign(tmp_path).sources["opensourceleg"] == source
     assert len(draft_campaign(tmp_path).sources) == 2  # not that of less than all of its channels
 
 
 UNITS_IN_NAMES = {
-    "Nm": "torque_Nm torqueNm torque_N_m TORQUE_NM torque_m_Nm", "N*cm": "torque_Ncm torque_N_cm torque_N-cm torqueNcm",
-    "N*mm": "torque_Nmm torque_mNm", "kN*m": "torque_kNm", "lbf*in": "torque_inlb torque_in_lb torque_lbfin",
+    "Nm": "torque_Nm torqueNm torque_N_m TORQUE_NM torque_m_Nm",
+    "N*cm": "torque_Ncm torque_N_cm torque_N-cm torqueNcm",
+    "N*mm": "torque_Nmm torque_mNm", "kN*m": "torque_kNm",
+    "lbf*in": "torque_inlb torque_in_lb torque_lbfin",
     "lbf*ft": "torque_lbf_ft torque_lbfft torque_lbft torque_ftlb torque_ft-lbs MomentLbfFt",
-    "ozf*in": "torque_ozin torque_oz_in", "kgf*cm": "torque_kgfcm", "deg": "a_deg aDeg a_degrees a_m_deg",
-    "rad": "a_rad", "mrad": "a_mrad", "rev": "a_rev", "rpm": "w_rpm", "deg/s": "w_deg_s w_dps w_deg_per_s",
-    "s": "t_s t_sec", "ms": "t_ms tMs", "us": "t_us", "A": "i_A", "mA": "i_mA", "V": "u_V", "N*m/rad": "K_Nm_rad",
+    "ozf*in": "torque_ozin torque_oz_in", "kgf*cm": "torque_kgfcm",
+    "deg": "a_deg aDeg a_degrees a_m_deg",
+    "rad": "a_rad", "mrad": "a_mrad", "rev": "a_rev", "rpm": "w_rpm",
+    "deg/s": "w_deg_s w_dps w_deg_per_s",
+    "s": "t_s t_sec", "ms": "t_ms tMs", "us": "t_us", "A": "i_A", "mA": "i_mA", "V": "u_V",
+    "N*m/rad": "K_Nm_rad",
 }  # fmt: skip
 
 
 def test_the_end_of_a_name_states_its_unit_in_any_spelling_and_a_prefix_is_never_lost():
     for unit, names in UNITS_IN_NAMES.items():
         for name in names.split():
-            assert base_units(normalised(name_and_ending(name)[1])) == base_units(normalised(unit)), name
-    for name in ["theta_m", "mSec", "phaseA", "currentmA", "torquemNm", "torque_raw", "position", "deg", "torque_kgm"]:
+            assert base_units(normalised(name_and_ending(name)[1])) == base_units(
+                normalised(unit)
+            ), name
+    for name in [
+        "theta_m",
+        "mSec",
+        "phaseA",
+        "currentmA",
+        "torquemNm",
+        "torque_raw",
+        "position",
+        "deg",
+        "torque_kgm",
+    ]:
         assert name_and_ending(name) == (name, "")
 
 
@@ -304,29 +425,47 @@ def test_a_unit_that_nothing_but_the_size_of_readings_tells_is_to_be_stated(tmp_
     (tmp_path / "rec/a.csv").write_text("\n".join([f"time_s,ankle_angle_deg,{name}", *rows]))
     draft = new_campaign(tmp_path / "mine", recordings=tmp_path / "rec")
     assert draft.sources["csv"].partition('unit: "UNKNOWN"}')[2].endswith("no unit is stated\n")
-    assert left_to_decide(tmp_path / "mine", draft)[0].endswith("1 place is to be edited: torque.unit")
+    assert left_to_decide(tmp_path / "mine", draft)[0].endswith(
+        "1 place is to be edited: torque.unit"
+    )
 
 
-def test_a_slow_triangle_is_torque_over_angle_and_its_counts_are_to_be_given_a_unit_and_begin_anew(tmp_path):
+def test_a_slow_triangle_is_torque_over_angle_and_its_counts_are_to_be_given_a_unit_and_begin_anew(
+    tmp_path,
+):
     """At 0.1 Hz; a triangle of 0.3 Hz and a slow sine are of an impedance trial."""
     (tmp_path / "rec").mkdir()
     time = np.arange(4000) / 100
     triangle, sine = (1 - 2 * np.abs(2 * (0.1 * time % 1) - 1)), np.sin(0.2 * np.pi * time)
     quick = 1 - 2 * np.abs(2 * (0.3 * time % 1) - 1)
-    for name, angle in (("a", triangle), ("b", sine), ("c", quick), ("d", sine[:2000])):  # the last one is a half
+    # the last one is a half
+    for name, angle in (("a", triangle), ("b", sine), ("c", quick), ("d", sine[:2000])):
         columns = np.column_stack([time[: angle.size], np.rint(100 * angle) % 4096, 2 * angle])
-        pl.DataFrame(columns, ["time_s", "encoder [counts]", "torque_Nm"]).write_csv(tmp_path / f"rec/{name}.csv")
+        pl.DataFrame(columns, ["time_s", "encoder [counts]", "torque_Nm"]).write_csv(
+            tmp_path / f"rec/{name}.csv"
+        )
     draft = new_campaign(tmp_path / "mine", recordings=tmp_path / "rec")
-    assert [cells["experiment"] for cells, _ in draft.trials] == ["torque_angle", *["impedance"] * 3]
-    assert [str(file) for file, said in draft.open if "2000 rows, 4000 in most" in said] == ["d.csv"]
+    assert [cells["experiment"] for cells, _ in draft.trials] == [
+        "torque_angle",
+        *["impedance"] * 3,
+    ]
+    assert [str(file) for file, said in draft.open if "2000 rows, 4000 in most" in said] == [
+        "d.csv"
+    ]
     assert 'theta: {column: "encoder", unit: "UNKNOWN", wraps_at: 4096.0}' in draft.sources["csv"]
 
 
 def test_a_recording_without_an_ending_or_in_log_or_json_is_found_by_what_it_begins_with(tmp_path):
-    rows = "time_s,angle_deg,torque_Nm\n" + "".join(f"{k / 100},{k % 7},{k % 5}\n" for k in range(30))
+    rows = "time_s,angle_deg,torque_Nm\n" + "".join(
+        f"{k / 100},{k % 7},{k % 5}\n" for k in range(30)
+    )
     lines = "".join(f'{{"time": {k / 100}, "angle_deg": {k % 7}}}\n' for k in range(30))
     read = {"recording": rows, "a.log": rows, "a.json": lines}
-    others = {"README": "12 rows\n" * 30, "b.log": "2024-05-01 12:00:00 started\n" * 30, "b.json": '{"rate": 500}'}
+    others = {
+        "README": "12 rows\n" * 30,
+        "b.log": "2024-05-01 12:00:00 started\n" * 30,
+        "b.json": '{"rate": 500}',
+    }
     for name, content in (read | others).items():
         (tmp_path / name).write_text(content)
     assert {path.name for path in recordings_in(tmp_path)} == {*read}
@@ -335,15 +474,28 @@ def test_a_recording_without_an_ending_or_in_log_or_json_is_found_by_what_it_beg
 def test_the_column_that_no_channel_is_like_is_named_among_what_is_to_be_edited(tmp_path):
     (tmp_path / "rec").mkdir()
     rows = [f"{k / 100},{k % 7},{k % 5},{k % 3}" for k in range(30)]
-    (tmp_path / "rec/a.csv").write_text("\n".join(["time_s,ankle_angle_deg,knee_angle_deg,reaction", *rows]))
-    said = left_to_decide(tmp_path / "mine", new_campaign(tmp_path / "mine", recordings=tmp_path / "rec"))[0]
+    (tmp_path / "rec/a.csv").write_text(
+        "\n".join(["time_s,ankle_angle_deg,knee_angle_deg,reaction", *rows])
+    )
+    said = left_to_decide(
+        tmp_path / "mine", new_campaign(tmp_path / "mine", recordings=tmp_path / "rec")
+    )[0]
     assert "torque (no channel is like it" in said
 
 
-def test_captures_whose_markers_tell_no_segment_say_once_what_a_walking_analysis_needs_of_them(tmp_path):
+def test_captures_whose_markers_tell_no_segment_say_once_what_a_walking_analysis_needs_of_them(
+    tmp_path,
+):
     (tmp_path / "rec").mkdir()
     for name in ("a", "b"):
-        capture(tmp_path / f"rec/{name}.c3d", {"Ft_a": (0, 0, 0), "Sh_a": (0, 0, 200)}, force=800, platform=("Base1",))
-    told = left_to_decide(tmp_path / "mine", new_campaign(tmp_path / "mine", recordings=tmp_path / "rec"))
+        capture(
+            tmp_path / f"rec/{name}.c3d",
+            {"Ft_a": (0, 0, 0), "Sh_a": (0, 0, 200)},
+            force=800,
+            platform=("Base1",),
+        )
+    told = left_to_decide(
+        tmp_path / "mine", new_campaign(tmp_path / "mine", recordings=tmp_path / "rec")
+    )
     (said,) = [line for line in told if "`walking.markers`" in line]
     assert "of Base1, Ft_a, Sh_a (a.c3d, b.c3d)" in said

@@ -1,4 +1,5 @@
-"""`import osl_analysis as osl`: the numbers of a campaign's tables, results that cannot change, errors of one line."""
+"""`import osl_analysis as osl`: the numbers of a campaign's tables, results that cannot change,
+errors of one line."""
 
 import base64
 import importlib.util
@@ -29,7 +30,10 @@ from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import write_trial
 
 pytestmark = pytest.mark.usefixtures("in_root")
-DEVICE, DESIRED = ROOT / "config/parameters/default.yaml", osl.DesiredImpedance("compensated", 300.0, 5.0)
+DEVICE, DESIRED = (
+    ROOT / "config/parameters/default.yaml",
+    osl.DesiredImpedance("compensated", 300.0, 5.0),
+)
 AMPLITUDES = [float(np.rad2deg(amplitude)) for amplitude in SINES.amplitudes]
 SHORT = f"dynamometer: {{amplitudes_deg: {AMPLITUDES}, frequencies_hz: [1, 3, 5], cycles: 9}}\n"
 SHORT += "quality: {rate: {threshold: 123 Hz}}\n"
@@ -49,7 +53,9 @@ def bench_trial(experiment):
     rng = np.random.default_rng(3)
     if experiment in ("any motion", "friction"):
         motion = multisine(rng)
-        return made_trial(rng, motion, more=10 * np.tanh(50 * motion[1][1]) * (experiment == "friction"))
+        return made_trial(
+            rng, motion, more=10 * np.tanh(50 * motion[1][1]) * (experiment == "friction")
+        )
     if experiment in RECORDINGS:
         return osl.Trial("made", pl.DataFrame(RECORDINGS[experiment]))
     time = np.arange(round(40 * RATE)) / RATE
@@ -59,8 +65,12 @@ def bench_trial(experiment):
 
 
 def of_campaign(experiment, folder, config_path):
-    """The tables of one trial as the job of a campaign writes them, by name; `fits/NAME/made.csv`."""
-    config, name = read_config(config_path), "impedance" if experiment in ("any motion", "friction") else experiment
+    """The tables of one trial as the job of a campaign writes them, by name;
+    `fits/NAME/made.csv`."""
+    config, name = (
+        read_config(config_path),
+        "impedance" if experiment in ("any motion", "friction") else experiment,
+    )
     write_trial(bench_trial(experiment), folder / "made.parquet")
     fit = EXPERIMENTS[name].fit
     given = {argument: getattr(config, section) for argument, (section, _) in fit.settings.items()}
@@ -69,18 +79,25 @@ def of_campaign(experiment, folder, config_path):
         given |= {"condition": DESIRED, "weight": config.gain_weight}
     if name == "torque_angle":
         given |= {"condition": {"desired": "line"}}
-    found = getattr(bench, fit.job.removeprefix("bench."))(osl.read_trial(folder / "made.parquet"), **given)
-    files = {table.name: folder / f"fits/{table.name}/made.csv" for table in EXPERIMENTS[name].tables}
+    found = getattr(bench, fit.job.removeprefix("bench."))(
+        osl.read_trial(folder / "made.parquet"), **given
+    )
+    files = {
+        table.name: folder / f"fits/{table.name}/made.csv" for table in EXPERIMENTS[name].tables
+    }
     for table, path in files.items():
         write_table(found[table], path)
     return files
 
 
 def assert_same(table, path, folder):
-    """A table in memory and a file of a campaign are the same to the last digit, but for what the sheet alone has."""
+    """A table in memory and a file of a campaign are the same to the last digit, but for what the
+    sheet alone has."""
     write_table(table, folder / "mine.csv")
     theirs = read_table(path)
-    theirs = theirs.drop([name for name in ("joint", "side") if name not in table.columns and name in theirs.columns])
+    theirs = theirs.drop(
+        [name for name in ("joint", "side") if name not in table.columns and name in theirs.columns]
+    )
     assert_frame_equal(read_table(folder / "mine.csv"), theirs, check_exact=True)
     assert table.height
 
@@ -96,22 +113,34 @@ FITS = {
 
 
 @pytest.mark.parametrize("experiment", FITS)
-def test_the_fit_of_a_trial_is_the_row_of_the_campaign_to_the_last_digit(experiment, tmp_path, short):
-    files, fit = of_campaign(experiment, tmp_path, short), FITS[experiment](bench_trial(experiment), short)
+def test_the_fit_of_a_trial_is_the_row_of_the_campaign_to_the_last_digit(
+    experiment, tmp_path, short
+):
+    files, fit = (
+        of_campaign(experiment, tmp_path, short),
+        FITS[experiment](bench_trial(experiment), short),
+    )
     made = tmp_path / f"tables/{fit.experiment}.csv"
     tables.gather([files[fit.experiment]], made, read_config(short).doubtful.of(fit.experiment))
     assert_same(fit.table, made, tmp_path)
     if fit.curves is not None:
-        assert_same(fit.curves, next(path for name, path in files.items() if name.endswith("curves")), tmp_path)
+        assert_same(
+            fit.curves,
+            next(path for name, path in files.items() if name.endswith("curves")),
+            tmp_path,
+        )
     from_file = FITS[experiment](str(tmp_path / "made.parquet"), str(short))
     assert_frame_equal(pickle.loads(pickle.dumps(from_file)).table, fit.table, check_exact=True)
-    last = fit.table.drop("doubtful", "not_checked", strict=False).to_dicts()[-1]  # over all amplitudes
+    # over all amplitudes
+    last = fit.table.drop("doubtful", "not_checked", strict=False).to_dicts()[-1]
     assert {name: getattr(fit, name) for name in last} == last
     for name in (one for one in last if f"{one}_low" in last):
         assert getattr(fit, f"{name}_interval") == (last[f"{name}_low"], last[f"{name}_high"])
 
 
-def test_the_frequency_response_of_a_stepped_sine_is_that_of_the_campaign_and_of_fig_7(tmp_path, short):
+def test_the_frequency_response_of_a_stepped_sine_is_that_of_the_campaign_and_of_fig_7(
+    tmp_path, short
+):
     files, config = of_campaign("impedance", tmp_path, short), read_config(short)
     phasors, response = tmp_path / "tables/phasors.csv", tmp_path / "tables/frequency_response.csv"
     limits = config.doubtful.of("phasors"), [files["impedance"]], config.doubtful.of("impedance")
@@ -123,7 +152,9 @@ def test_the_frequency_response_of_a_stepped_sine_is_that_of_the_campaign_and_of
             choice = FrequencyResponseFigure(K_d=300.0, B_d=5.0)
             figure.fig7(response, DEVICE, choice, config.gain_weight, tmp_path / "fig7.csv")
     assert_same(found.table, response, tmp_path)
-    assert_same(found.plotted.with_columns(chosen=pl.lit(None, pl.String)), tmp_path / "fig7.csv", tmp_path)
+    assert_same(
+        found.plotted.with_columns(chosen=pl.lit(None, pl.String)), tmp_path / "fig7.csv", tmp_path
+    )
     assert set(found.plotted["curve"]) == {"observed", "desired", "linear model"}
     assert isinstance(osl.plot_frequency_response(found), Figure)
 
@@ -134,10 +165,20 @@ def test_the_frequency_response_of_any_motion_is_that_of_the_campaign(experiment
     found = osl.frequency_response(bench_trial(experiment), DESIRED, config=short)
     assert ("friction" in found.table["doubtful"][0]) == (experiment == "friction")
     path = tmp_path / "tables/response.csv"
-    tables.gather([files["response"]], path, limits.of("response"), [files["impedance"]], limits.of("impedance"))
+    tables.gather(
+        [files["response"]],
+        path,
+        limits.of("response"),
+        [files["impedance"]],
+        limits.of("impedance"),
+    )
     assert_same(found.table, path, tmp_path)
-    assert not osl.frequency_response(bench_trial(experiment), DESIRED, "10-25", short).table.equals(found.table)
-    assert osl.fit_impedance(bench_trial(experiment), DESIRED, "10-25", short).fitted_s == pytest.approx(15, abs=0.8)
+    assert not osl.frequency_response(
+        bench_trial(experiment), DESIRED, "10-25", short
+    ).table.equals(found.table)
+    assert osl.fit_impedance(
+        bench_trial(experiment), DESIRED, "10-25", short
+    ).fitted_s == pytest.approx(15, abs=0.8)
     lines = osl.plot_frequency_response(found).axes[0].lines
     assert any(line.get_ydata() == pytest.approx(found.plotted["magnitude"]) for line in lines)
     with pytest.raises(osl.InputError, match="trial made: no frequency response to draw"):
@@ -148,7 +189,9 @@ def test_the_check_of_a_trial_has_the_rows_of_the_campaign_and_accepts_nothing(t
     config, trial = read_config(short), bench_trial("actuator")
     slow = replace(trial, samples=trial.samples.with_columns(pl.col("time") * 50))
     commanded = Commanded(**{name: getattr(config.dynamometer, name) for name in PROTOCOL})
-    write_table(measured_table("made", examine(slow, "actuator", commanded)), tmp_path / "measured.csv")
+    write_table(
+        measured_table("made", examine(slow, "actuator", commanded)), tmp_path / "measured.csv"
+    )
     tables.judge([tmp_path / "measured.csv"], config.quality, {}, tmp_path / "quality.csv")
     found = osl.check(slow, "actuator", config=short)
     assert_same(found, tmp_path / "quality.csv", tmp_path)
@@ -162,7 +205,9 @@ def test_a_recording_is_read_as_ingest_reads_it(tmp_path):
         "format: csv\nclock: master\ntime: {column: t, unit: s}\nchannels:\n"
         "  theta: {column: angle, unit: deg}\n  torque: {column: moment, unit: 'N*m', sign: -1}\n"
     )
-    (tmp_path / "a.csv").write_text("t,angle,moment\n" + "".join(f"{k / 100},{k % 7},{k}\n" for k in range(200)))
+    (tmp_path / "a.csv").write_text(
+        "t,angle,moment\n" + "".join(f"{k / 100},{k % 7},{k}\n" for k in range(200))
+    )
     row = {"trial": "a", "log": "a.csv", "log_source": "mine"}
     expected = ingest_trial(row, tmp_path, tmp_path, tmp_path / "a.parquet")
     read = osl.read_recording(tmp_path / "a.csv", tmp_path / "mine.yaml")
@@ -174,10 +219,16 @@ def test_a_recording_is_read_as_ingest_reads_it(tmp_path):
         osl.read_recording(tmp_path / "a.csv", tmp_path / "mine.yaml", part="2")
 
 
-def test_a_fit_prints_and_shows_its_doubts_and_nothing_of_a_name_that_a_terminal_or_a_page_runs(short):
+def test_a_fit_prints_and_shows_its_doubts_and_nothing_of_a_name_that_a_terminal_or_a_page_runs(
+    short,
+):
     doubtful = osl.fit_impedance(bench_trial("friction"), config=short)
     assert "friction" in [one.cause for one in doubtful.findings[-1]]
-    said = [finding_said(one, doubtful.row) for one in doubtful.findings[-1] if one.grade is Grade.DOUBTS]
+    said = [
+        finding_said(one, doubtful.row)
+        for one in doubtful.findings[-1]
+        if one.grade is Grade.DOUBTS
+    ]
     assert doubtful.doubtful.splitlines() == said
     assert all(f"doubtful: {doubt}" in repr(doubtful) for doubt in said)
     shown = doubtful._repr_html_()
@@ -185,7 +236,12 @@ def test_a_fit_prints_and_shows_its_doubts_and_nothing_of_a_name_that_a_terminal
     assert base64.b64decode(shown.partition("base64,")[2].partition('"')[0])[:4] == b"\x89PNG"
     fit = osl.fit_transmission(replace(bench_trial("transmission"), name="<script>a\x1b[2J"), short)
     page = fit._repr_html_()
-    assert ("oubtful" in page, "\x1b" in page, "<script" in page, fit.not_checked) == (False, False, False, "")
+    assert ("oubtful" in page, "\x1b" in page, "<script" in page, fit.not_checked) == (
+        False,
+        False,
+        False,
+        "",
+    )
     assert "<img" not in replace(fit, series=fit.series.clear())._repr_html_()
 
 
@@ -193,13 +249,19 @@ def test_a_table_is_one_of_pandas_without_pyarrow():
     table = pl.DataFrame({"a": [1, None], "b": ["x", None], "c": [True, False], "d": [None, None]})
     made = osl.to_pandas(table.cast({"d": pl.Float64}))
     assert [str(made.dtypes[name]) for name in ("a", "c", "d")] == ["float64", "bool", "float64"]
-    assert (made["a"].isna().to_list(), made["b"].isna().to_list()) == ([False, True], [False, True])
+    assert (made["a"].isna().to_list(), made["b"].isna().to_list()) == (
+        [False, True],
+        [False, True],
+    )
 
 
 def test_a_figure_shows_itself_in_the_style_of_the_paper_and_a_result_cannot_be_changed(short):
     fit = osl.fit_belt(bench_trial("belt"), short)
     drawn = osl.plot_torque(fit)
-    assert (drawn._repr_png_()[:4], int.from_bytes(drawn._repr_png_()[16:20])) == (b"\x89PNG", 1074), "150 per inch"
+    assert (drawn._repr_png_()[:4], int.from_bytes(drawn._repr_png_()[16:20])) == (
+        b"\x89PNG",
+        1074,
+    ), "150 per inch"
     for line, name in zip(drawn.axes[0].lines, ("torque", "torque_model"), strict=True):
         assert list(line.get_ydata()) == fit.series[name].to_list()
     with pytest.raises(FrozenInstanceError):
@@ -207,7 +269,9 @@ def test_a_figure_shows_itself_in_the_style_of_the_paper_and_a_result_cannot_be_
     with pytest.raises(AttributeError, match="did you mean 'K_s'"):
         _ = fit.K_S
     one = bench_trial("torque_angle")
-    fits = [osl.fit_torque_angle(replace(one, name=name), config=short) for name in ("first", "second")]
+    fits = [
+        osl.fit_torque_angle(replace(one, name=name), config=short) for name in ("first", "second")
+    ]
     drawn = osl.plot_torque_angle(*fits)
     assert {text.get_text() for text in drawn.legends[0].get_texts()} >= {"first", "second"}
     with pytest.raises(osl.InputError, match="two fits are of trials of one name, first, first"):
@@ -215,22 +279,28 @@ def test_a_figure_shows_itself_in_the_style_of_the_paper_and_a_result_cannot_be_
 
 
 REFUSED = {
-    "a trial is needed, not int": lambda t: osl.fit_impedance(3), "not no fit": lambda t: osl.plot_torque_angle(),
+    "a trial is needed, not int": lambda t: osl.fit_impedance(3),
+    "not no fit": lambda t: osl.plot_torque_angle(),
     "none.parquet: no such trial": lambda t: osl.fit_belt("none.parquet"),
-    "column 'theta' holds String": lambda t: osl.check(osl.Trial("a", t.samples.cast({"theta": pl.String}))),
-    "trial a: no column 'time'; map one in the source": lambda t: osl.Trial("a", t.samples.drop("time")),
+    "column 'theta' holds String": lambda t: osl.check(osl.Trial("a",
+    t.samples.cast({"theta": pl.String}))),
+    "trial a: no column 'time'; map one in the source": lambda t: osl.Trial("a",
+    t.samples.drop("time")),
     "did you mean 'impedance'": lambda t: osl.check(t, "impedence"),
     "write DesiredImpedance": lambda t: osl.fit_impedance(t, "compensated"),
     "did you mean 'opensourceleg'": lambda t: osl.read_recording("README.md", "opensourcelegs"),
     "has no part '2'": lambda t: osl.read_recording("README.md", "vicon", part="2"),
-    r"no\.csv: no such file; name the recording": lambda t: osl.read_recording("no.csv", "opensourceleg"),
+    r"no\.csv: no such file; name the recording": lambda t: osl.read_recording("no.csv",
+    "opensourceleg"),
     "place/summary.json: no such summary": lambda t: osl.read_summary("place"),
     "not belt": lambda t: osl.plot_torque_angle(osl.fit_belt(bench_trial("belt"))),
     "is of the walkway": lambda t: osl.simulate_trial("x", "walking_01"),
     "plans no trial 'impedance_1'": lambda t: osl.simulate_trial("x", "impedance_1"),
 }  # fmt: skip
 OF_DEVICE = ("fit_impedance", "frequency_response", "fit_belt", "fit_transmission", "fit_actuator")
-REFUSED |= {f"{f}.yaml: no": lambda t, f=f: getattr(osl, f)(t, parameters=f"{f}.yaml") for f in OF_DEVICE}
+REFUSED |= {
+    f"{f}.yaml: no": lambda t, f=f: getattr(osl, f)(t, parameters=f"{f}.yaml") for f in OF_DEVICE
+}
 
 
 @pytest.mark.parametrize("said", REFUSED)
@@ -241,11 +311,20 @@ def test_a_mistake_is_told_in_one_line(said):
 
 
 def test_the_page_is_what_its_code_gives_and_names_every_public_name():
-    spec = importlib.util.spec_from_file_location("make_notebook_page", ROOT / "docs/make_notebook_page.py")
+    spec = importlib.util.spec_from_file_location(
+        "make_notebook_page", ROOT / "docs/make_notebook_page.py"
+    )
     maker = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(maker)
     pictures, page = {}, (ROOT / "docs/notebook.md").read_text()
-    assert maker.made_page(page.replace("```text\n", "```text\nold ", 1), pictures.__setitem__) == page
+    assert (
+        maker.made_page(page.replace("```text\n", "```text\nold ", 1), pictures.__setitem__) == page
+    )
     assert [*pictures] == ["notebook_1.png", "notebook_2.png", "notebook_3.png"]
-    assert all(isinstance(figure, Figure) and (ROOT / "docs" / name).is_file() for name, figure in pictures.items())
-    assert [name for name in osl.__all__ if f"`{name}`" not in page and f"`{name}(" not in page] == []
+    assert all(
+        isinstance(figure, Figure) and (ROOT / "docs" / name).is_file()
+        for name, figure in pictures.items()
+    )
+    assert [
+        name for name in osl.__all__ if f"`{name}`" not in page and f"`{name}(" not in page
+    ] == []

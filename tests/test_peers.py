@@ -1,4 +1,5 @@
-"""The comparison with peers: a method of ten lines goes through the whole, and its answers are scored as they are."""
+"""The comparison with peers: a method of ten lines goes through the whole, and its answers are
+scored as they are."""
 
 import subprocess
 import sys
@@ -52,48 +53,67 @@ def test_a_method_of_one_file_and_one_function_is_compared(tmp_path, monkeypatch
     chosen = {"exact joint", "late torque", "14 bits", "human ankle"}
     cases = [case for case in generator.CASES if case.case in chosen and case.motion == "multisine"]
     sines = {case.case: case for case in laboratory.CASES if case.motion == "stepped sine"}
-    sines = [sines["late torque"], sines["exact joint"]]  # what one case differs in is no part of the next
+    # what one case differs in is no part of the next
+    sines = [sines["late torque"], sines["exact joint"]]
     recordings.write(tmp_path, [1], cases, sines, seconds=4.0)
     toy = tmp_path / "toy.py"
     toy.write_text(TOY)
-    subprocess.run([sys.executable, PEERS / "answers.py", tmp_path, toy], check=True, capture_output=True)
+    subprocess.run(
+        [sys.executable, PEERS / "answers.py", tmp_path, toy], check=True, capture_output=True
+    )
     table = score_answers(tmp_path / "answers.csv", tmp_path / "truth.csv")
     found = {row["group"]: row for row in table.iter_rows(named=True)}
     counted = ("answered", "silent", "announced", "false_alarms")
     counts = {case: [row[n] for n in counted] for case, row in found.items()}
     assert counts == {
-        "all": [5, 2, 0, 1], "14 bits": [1, 0, 0, 1], "exact joint": [2, 0, 0, 0], "human ankle": [0, 0, 0, 0],
+        "all": [5, 2, 0, 1], "14 bits": [1, 0, 0, 1], "exact joint": [2, 0, 0, 0],
+        "human ankle": [0, 0, 0, 0],
         "late torque": [2, 2, 0, 0],
     }  # fmt: skip
     exact = found["exact joint"]
-    assert (exact["bias_K"], exact["bias_B"]) == (pytest.approx(0, abs=0.1), pytest.approx(0, abs=0.5))
+    assert (exact["bias_K"], exact["bias_B"]) == (
+        pytest.approx(0, abs=0.1),
+        pytest.approx(0, abs=0.5),
+    )
     assert exact["coverage"] == 100
-    assert found["late torque"]["bias_B"] == pytest.approx(-100 * 300 * 2e-3 / 5, rel=0.06)  # -K times the delay
+    # -K times the delay
+    assert found["late torque"]["bias_B"] == pytest.approx(-100 * 300 * 2e-3 / 5, rel=0.06)
     answers = read_table(tmp_path / "answers.csv")
-    assert answers.filter(pl.col("K").is_null())["doubtful"].to_list() == ["not applicable: a person's joint"]
+    assert answers.filter(pl.col("K").is_null())["doubtful"].to_list() == [
+        "not applicable: a person's joint"
+    ]
     assert answers["megabytes"].min() > 10
 
 
 @pytest.mark.parametrize(("line", "expected"), [
     (f"m,a,{RIGHT},,,", {"silent": 0, "announced": 0, "false_alarms": 0, "coverage": 100}),
-    (f"m,a,{OFF},,,", {"silent": 1, "announced": 0, "bias_B": pytest.approx(20), "coverage": pytest.approx(200 / 3)}),
+    (f"m,a,{OFF},,,",
+     {"silent": 1, "announced": 0, "bias_B": pytest.approx(20),
+     "coverage": pytest.approx(200 / 3)}),
     (f"m,a,{OFF},late,,", {"silent": 0, "announced": 1, "false_alarms": 0}),
     (f"m,a,{RIGHT},late,,", {"silent": 0, "announced": 0, "false_alarms": 1}),
     (f"m,b,{RIGHT},friction,,", {"false_alarms": 0}),
     ("m,a,,,,,,,,,,refused,,", {"answered": 0, "silent": 0, "false_alarms": 0, "coverage": None}),
-    (f"m,a,{RIGHT},,,\nm,b,330,,,5,,,0.02,,,,,", {"answered": 2, "silent": 1, "bias_K": pytest.approx(5)}),
-    ("m,a,300,,,5.05,,,0.02,,,,,", {"answered": 1, "silent": 0, "coverage": None}),  # 1 % of B is no miss
-    ("m,a,300,,,NaN,NaN,NaN,0.03,,,,,", {"answered": 1, "silent": 1, "bias_B": None}),  # as MATLAB writes no number
-    ("m,a,300,,,6,4,8,0.02,,,,,", {"silent": 0, "coverage": 100}),  # its interval says that B may be 5
+    (f"m,a,{RIGHT},,,\nm,b,330,,,5,,,0.02,,,,,",
+     {"answered": 2, "silent": 1, "bias_K": pytest.approx(5)}),
+    # 1 % of B is no miss
+    ("m,a,300,,,5.05,,,0.02,,,,,", {"answered": 1, "silent": 0, "coverage": None}),
+    # as MATLAB writes no number
+    ("m,a,300,,,NaN,NaN,NaN,0.03,,,,,", {"answered": 1, "silent": 1, "bias_B": None}),
+    # its interval says that B may be 5
+    ("m,a,300,,,6,4,8,0.02,,,,,", {"silent": 0, "coverage": 100}),
 ])  # fmt: skip
 def test_a_miss_is_off_beyond_the_interval_and_silent_without_a_doubt(scored, line, expected):
     assert {name: scored(line)[name] for name in expected} == expected
 
 
 @pytest.mark.parametrize(("lines", "said"), [
-    ([f"m,a,{RIGHT},,,", f"m,c,{RIGHT},,,"], r"answers\.csv: line 3: column 'trial' holds 'c', which is not in "),
-    ([f"m,a,{RIGHT},,,"] * 2, "line 3: column 'trial' holds 'a', which m has answered before; delete a line"),
-    ([f"m,a,{RIGHT},,,", "m,b,fast,,,5,,,0.02,,,,,"], "line 3: column 'K' holds 'fast', expected numbers; correct"),
+    ([f"m,a,{RIGHT},,,", f"m,c,{RIGHT},,,"],
+     r"answers\.csv: line 3: column 'trial' holds 'c', which is not in "),
+    ([f"m,a,{RIGHT},,,"] * 2,
+     "line 3: column 'trial' holds 'a', which m has answered before; delete a line"),
+    ([f"m,a,{RIGHT},,,", "m,b,fast,,,5,,,0.02,,,,,"],
+     "line 3: column 'K' holds 'fast', expected numbers; correct"),
 ])  # fmt: skip
 def test_an_answer_that_cannot_be_judged_is_refused_with_its_line(scored, lines, said):
     with pytest.raises(InputError, match=said):

@@ -1,5 +1,6 @@
-"""What components predict of a leg that obeys Eqs. 1-7 and of legs that differ in one component; torque accuracy in
-pairs; claims and their verdicts. The truth is the simulator's integrator, a formula, or a planted fault."""
+"""What components predict of a leg that obeys Eqs. 1-7 and of legs that differ in one component;
+torque accuracy in pairs; claims and their verdicts. The truth is the simulator's integrator, a
+formula, or a planted fault."""
 
 import importlib  # statsmodels takes half a second of each process that collects tests
 from dataclasses import replace
@@ -15,7 +16,12 @@ from scipy import stats
 from scipy.signal import butter, sosfiltfilt
 
 from osl_analysis.bench import prediction
-from osl_analysis.bench.impedance import DesiredImpedance, compensation_table, rendered_impedance, torque_error
+from osl_analysis.bench.impedance import (
+    DesiredImpedance,
+    compensation_table,
+    rendered_impedance,
+    torque_error,
+)
 from osl_analysis.bench.phasors import ComplexEstimate, damping_row
 from osl_analysis.bench.prediction import (
     COMPONENTS,
@@ -42,7 +48,10 @@ from osl_analysis.table import read_table, write_table
 P = read_parameters(ROOT / "config/parameters/default.yaml")
 TRUE = {"k_tau_n_m": P.k_tau * P.n_m, **vars(P)}
 HERE = {"joint": "ankle", "side": None}
-PAIR, NONE = ("compensated", "uncompensated"), pl.DataFrame(schema={"check": pl.String, "verdict": pl.String})
+PAIR, NONE = (
+    ("compensated", "uncompensated"),
+    pl.DataFrame(schema={"check": pl.String, "verdict": pl.String}),
+)
 ASKED = [(K, B, name) for name in PAIR for K, B in ((100, 5), (200, 2.5), (300, 5), (400, 7.5))]
 FAULTS = {"K_s": 0.85, "f_C": 2.0, "k_tau_n_m": 0.92, "J_m": 1.3, "B_j": 1.5, "torque_gain": 1.05}
 LINEAR = {"f_C": 0.25}  # relative error of a change that is taken for linear, where it is not
@@ -54,17 +63,21 @@ def law_of(K_d, B_d, controller, **delays):
 
 
 def recording(K_d, B_d, controller, p=P, seed=0, gain=1.0, **delays):
-    """A stepped sine against a leg with parameters p, with noise of 0.05 N*m, by a load cell with this gain."""
+    """A stepped sine against a leg with parameters p, with noise of 0.05 N*m, by a load cell with
+    this gain."""
     law = law_of(K_d, B_d, controller, **delays)
 
     def torque(m):
-        return gain * (belt_responses(m.theta, RATE, [(law, p)])[0] + p.B_j * m.omega + p.J_j * m.alpha)
+        return gain * (
+            belt_responses(m.theta, RATE, [(law, p)])[0] + p.B_j * m.omega + p.J_j * m.alpha
+        )
 
     return stepped_sine(torque, 0.05, FIVE, seed)
 
 
 def fitted(record, **asked):
-    """Its row of `impedance.csv` over all amplitudes, as far as a prediction reads it: no witness, which takes long."""
+    """Its row of `impedance.csv` over all amplitudes, as far as a prediction reads it: no witness,
+    which takes long."""
     return rendered_impedance(record)[0].row(None, "K", "B", "I") | asked | {"doubtful": ""}
 
 
@@ -73,16 +86,33 @@ def predictions(tables, p=P, **delays):
     components, terms, fits = components_of(tables, ("ankle", None), P), {}, []
     for seed, (K_d, B_d, controller) in enumerate(ASKED):
         name, record = f"K{K_d}_{controller}", recording(K_d, B_d, controller, p, seed, **delays)
-        terms[name], _ = prediction_terms(replace(record, name=name), law_of(K_d, B_d, controller), components)
-        fits.append(fitted(record, trial=name, **HERE, controller=controller, K_d=float(K_d), B_d=float(B_d)))
+        terms[name], _ = prediction_terms(
+            replace(record, name=name), law_of(K_d, B_d, controller), components
+        )
+        fits.append(
+            fitted(
+                record, trial=name, **HERE, controller=controller, K_d=float(K_d), B_d=float(B_d)
+            )
+        )
     return *prediction_table(terms, pl.DataFrame(fits, infer_schema_length=None), components), fits
 
 
-def test_a_record_that_was_kept_is_predicted_as_that_of_the_fit_and_without_components_it_is_said(tmp_path):
-    record, kept = replace(recording(300, 5, "compensated", P, 0), name="t_1"), tmp_path / "t_1.parquet"
+def test_a_record_that_was_kept_is_predicted_as_that_of_the_fit_and_without_components_it_is_said(
+    tmp_path,
+):
+    record, kept = (
+        replace(recording(300, 5, "compensated", P, 0), name="t_1"),
+        tmp_path / "t_1.parquet",
+    )
     write_table(stored_record(record), kept)
-    law, components = law_of(300, 5, "compensated"), components_of(component_tables(TRUE), ("ankle", None), P)
-    made = (prediction_terms(one, law, components) for one in (record, read_record(kept, record.low_pass)))
+    law, components = (
+        law_of(300, 5, "compensated"),
+        components_of(component_tables(TRUE), ("ankle", None), P),
+    )
+    made = (
+        prediction_terms(one, law, components)
+        for one in (record, read_record(kept, record.low_pass))
+    )
     for of_record, of_kept in zip(*made, strict=True):
         assert_frame_equal(of_record, of_kept, rel_tol=1e-9)
     row = fitted(record, trial="t_1", **HERE, controller="compensated", K_d=300.0, B_d=5.0)
@@ -91,27 +121,51 @@ def test_a_record_that_was_kept_is_predicted_as_that_of_the_fit_and_without_comp
     causes, frequencies = tmp_path / "c.csv", tmp_path / "f.csv"
     device = ROOT / "config/parameters/default.yaml"
     write_table(pl.DataFrame(schema=LAW_COLUMNS), law := tmp_path / "law.csv")
-    gather_predictions([kept], table, law, {}, {}, PAPER_WEIGHT, 0.05, settings, output, causes, frequencies, device)
+    gather_predictions(
+        [kept],
+        table,
+        law,
+        {},
+        {},
+        PAPER_WEIGHT,
+        0.05,
+        settings,
+        output,
+        causes,
+        frequencies,
+        device,
+    )
     assert "no actuator and no belt" in read_table(output)["missing_components"].item()
     assert read_table(causes).is_empty()
     assert {*MISSES} < {*read_table(frequencies).columns}
 
 
 def test_what_a_prediction_misses_stands_at_the_frequency_at_which_it_misses_it():
-    """Of an inertia more than predicted, I w^2 times the RMS of a sine; of a gain, an equal share at each frequency."""
+    """Of an inertia more than predicted, I w^2 times the RMS of a sine; of a gain, an equal share
+    at each frequency."""
     law, more = law_of(300, 5, "compensated"), 0.05
     components = components_of(component_tables(TRUE, 1e-6), ("ankle", None), P)
-    _, found = prediction_terms(recording(300, 5, "compensated", replace(P, J_j=P.J_j + more)), law, components)
+    _, found = prediction_terms(
+        recording(300, 5, "compensated", replace(P, J_j=P.J_j + more)), law, components
+    )
     assert found["frequency_hz"].to_list() == [1, 2, 3, 4, 5]
     size, w = np.sqrt(np.mean(np.square(FIVE.amplitudes)) / 2), 2 * np.pi * found["frequency_hz"]
     np.testing.assert_allclose(found["miss"], more * w**2 * size, rtol=0.01, atol=0.02)
     np.testing.assert_allclose(found["share"], 100 * found["miss"] / found["torque"])
     rng = np.random.default_rng(3)
-    theta = sosfiltfilt(butter(4, (0.5, 6), "band", fs=RATE, output="sos"), rng.standard_normal(round(60 * RATE)))
+    theta = sosfiltfilt(
+        butter(4, (0.5, 6), "band", fs=RATE, output="sos"), rng.standard_normal(round(60 * RATE))
+    )
     motion = true_motion(time := np.arange(len(theta)) / RATE, 0.05 * theta / theta.std())
-    torque = 1.25 * (belt_responses(motion.theta, RATE, [(law, P)])[0] + P.B_j * motion.omega + P.J_j * motion.alpha)
+    torque = 1.25 * (
+        belt_responses(motion.theta, RATE, [(law, P)])[0]
+        + P.B_j * motion.omega
+        + P.J_j * motion.alpha
+    )
     rows = stretches_of([slice(500, len(time) - 500)], RATE)
-    _, found = prediction_terms(record_of("noise", time, motion.theta, torque, LOW_PASS, rows), law, components)
+    _, found = prediction_terms(
+        record_of("noise", time, motion.theta, torque, LOW_PASS, rows), law, components
+    )
     assert found["frequency_hz"].is_between(0.4, 8.5).all()
     assert len(found) > 10
     np.testing.assert_allclose(found["share"], 20, atol=0.3)
@@ -119,11 +173,25 @@ def test_what_a_prediction_misses_stands_at_the_frequency_at_which_it_misses_it(
 
 def test_a_controller_that_acts_late_is_that_of_the_simulator_with_its_delay():
     t, w = np.arange(4000) / 1000.0, 2 * np.pi * 3.0
-    theta, omega, gains = 0.05 * (1 - np.cos(w * t)), 0.05 * w * np.sin(w * t), select_gains("compensated", 300, 5, P)
-    law = IDEAL | {"friction": True, "cancels_friction": True, "sign_width": 0.05, "control_updates": 20}
+    theta, omega, gains = (
+        0.05 * (1 - np.cos(w * t)),
+        0.05 * w * np.sin(w * t),
+        select_gains("compensated", 300, 5, P),
+    )
+    law = IDEAL | {
+        "friction": True,
+        "cancels_friction": True,
+        "sign_width": 0.05,
+        "control_updates": 20,
+    }
     commands = np.array([[gains.K_1], [gains.B_1], [0.0]])
-    truth = simulate_drivetrain(1000.0, theta, omega, commands, law | {"control_delay": 80}, P)["belt_torque"]  # 4 ms
-    legs = [(law_of(300, 5, "compensated", angle_delay=one, velocity_delay=one), P) for one in (4e-3, 0)]
+    # 4 ms
+    truth = simulate_drivetrain(1000.0, theta, omega, commands, law | {"control_delay": 80}, P)[
+        "belt_torque"
+    ]
+    legs = [
+        (law_of(300, 5, "compensated", angle_delay=one, velocity_delay=one), P) for one in (4e-3, 0)
+    ]
     late, sharp = belt_responses(theta, 1000.0, legs)
     assert np.std(late - truth) < 0.25 * np.std(sharp - truth)
 
@@ -135,13 +203,19 @@ def test_components_are_means_with_the_scatter_of_their_trials_and_the_correlati
     of_fits = np.sqrt(np.mean(tables["actuator"]["f_C_se"].to_numpy() ** 2))
     assert found.se("f_C") == pytest.approx(max(f_C.std(ddof=1), of_fits) / 3**0.5)
     of = list(COMPONENTS).index
-    assert found.covariance[of("f_C"), of("J_m")] == pytest.approx(0.5 * found.se("f_C") * found.se("J_m"), rel=2e-3)
+    assert found.covariance[of("f_C"), of("J_m")] == pytest.approx(
+        0.5 * found.se("f_C") * found.se("J_m"), rel=2e-3
+    )
     assert (found.covariance[of("f_C"), of("K_s")], found.freedom["K_s"]) == (0, 2)
     assert (found.p.k_tau * P.n_m, found.p.n_T) == (pytest.approx(found.values["k_tau_n_m"]), P.n_T)
     for wrong, side, said in (
         ({"actuator": tables["actuator"]}, None, "no belt and no transmission trials"),
         (tables, "left", "no actuator and no belt and no transmission"),
-        (component_tables(TRUE | {"K_s": -TRUE["K_s"]}), None, r"belt.csv: K_s = -68\d.* is negative"),
+        (
+            component_tables(TRUE | {"K_s": -TRUE["K_s"]}),
+            None,
+            r"belt.csv: K_s = -68\d.* is negative",
+        ),
     ):
         with pytest.raises(InputError, match=said):
             components_of(wrong, ("ankle", side), P)
@@ -153,11 +227,20 @@ def test_the_components_of_a_leg_predict_its_torque_and_nothing_is_named():
     table, causes, fits = predictions(component_tables(TRUE))
     assert table["VAF"].min() > 99.9
     for symbol in "KB":
-        assert table[f"{symbol}_measured"].to_list() == pytest.approx([fit[symbol] for fit in fits], rel=2e-3)
-        inside = table[f"{symbol}_measured"].is_between(table[f"{symbol}_low"], table[f"{symbol}_high"])
+        assert table[f"{symbol}_measured"].to_list() == pytest.approx(
+            [fit[symbol] for fit in fits], rel=2e-3
+        )
+        inside = table[f"{symbol}_measured"].is_between(
+            table[f"{symbol}_low"], table[f"{symbol}_high"]
+        )
         assert inside.sum() >= 7
     assert (table["K_high"] - table["K_low"]).max() < 0.02 * 400
-    for K_d, B_d, outside in ((150, 0, "K_d"), (200, 9, "B_d"), (150, 9, "K_d and B_d"), (300, 5, None)):
+    for K_d, B_d, outside in (
+        (150, 0, "K_d"),
+        (200, 9, "B_d"),
+        (150, 9, "K_d and B_d"),
+        (300, 5, None),
+    ):
         trial = {"K_d": K_d, "B_d": B_d}
         others = [{"K_d": 200, "B_d": 0}, {"K_d": 400, "B_d": 5}]
         assert prediction.outside_of(trial, others) == outside
@@ -166,13 +249,22 @@ def test_the_components_of_a_leg_predict_its_torque_and_nothing_is_named():
 
 def doubts_about(table, causes):
     tables = {"prediction": table, "prediction_causes": causes}
-    return campaign_findings(tables, NONE, DoubtfulFits()).filter(grade="doubts").select("cause", "evidence").rows()
+    return (
+        campaign_findings(tables, NONE, DoubtfulFits())
+        .filter(grade="doubts")
+        .select("cause", "evidence")
+        .rows()
+    )
 
 
 @pytest.mark.parametrize(("name", "factor"), FAULTS.items())
 def test_a_component_that_is_not_as_its_trials_say_is_named_with_its_size(name, factor):
     changed = "k_tau" if name == "k_tau_n_m" else name
-    of_leg = {} if name == "torque_gain" else {"p": replace(P, **{changed: getattr(P, changed) * factor})}
+    of_leg = (
+        {}
+        if name == "torque_gain"
+        else {"p": replace(P, **{changed: getattr(P, changed) * factor})}
+    )
     table, causes, _ = predictions(component_tables(TRUE), **(of_leg or {"gain": factor}))
     assert causes.filter(pl.col("named"))["component"].to_list() == [name]
     row = causes.row(by_predicate=pl.col("component") == name, named=True)
@@ -189,11 +281,16 @@ def test_the_robust_regression_is_that_of_statsmodels():
     y, X = A[:, 0].ravel(), A[:, 1:4].transpose(0, 2, 1).reshape(-1, 3)
     expected = theirs.RLM(y, 1e2 * X, theirs.norms.HuberT(1.5)).fit().params * 1e2
     (found,), (left,) = prediction.robust_fit(A, prediction.TERMS[1:4])
-    assert (found, left) == (pytest.approx(expected, rel=1e-9), pytest.approx(np.mean(np.abs(y - X @ expected))))
+    assert (found, left) == (
+        pytest.approx(expected, rel=1e-9),
+        pytest.approx(np.mean(np.abs(y - X @ expected))),
+    )
 
 
 def test_two_faults_at_once_are_said_and_none_of_them_is_named():
-    table, causes, _ = predictions(component_tables(TRUE), replace(P, K_s=0.8 * P.K_s, f_C=1.6 * P.f_C))
+    table, causes, _ = predictions(
+        component_tables(TRUE), replace(P, K_s=0.8 * P.K_s, f_C=1.6 * P.f_C)
+    )
     assert not causes["named"].any()
     assert doubts_about(table, causes) == [("components that do not predict", "left")] * 8
 
@@ -203,17 +300,28 @@ def test_a_late_controller_is_named_with_its_delay_and_no_component_is():
     assert causes.filter(pl.col("named"))["component"].to_list() == ["angle_delay"]
     assert causes["change"][-2:].to_list() == pytest.approx([2e-3, 2e-3], abs=3e-4)
     delays = ("angle_delay", "velocity_delay")
-    assert doubts_about(table, causes) == [("late controller", name) for _ in range(8) for name in delays]
+    assert doubts_about(table, causes) == [
+        ("late controller", name) for _ in range(8) for name in delays
+    ]
 
 
 def test_an_interval_is_learnt_from_the_other_trials():
-    """What a trial itself measured does not change its own interval, and changes that of the others."""
+    """What a trial itself measured does not change its own interval, and changes that of the
+    others."""
     tables = component_tables(TRUE)
     components, record = components_of(tables, ("ankle", None), P), recording(300, 5, "compensated")
-    terms = {f"t{k}": prediction_terms(record, law_of(300, 5, "compensated"), components)[0] for k in range(6)}
+    terms = {
+        f"t{k}": prediction_terms(record, law_of(300, 5, "compensated"), components)[0]
+        for k in range(6)
+    }
     fit = fitted(record, **HERE, controller="c", K_d=1.0, B_d=1.0)
     fits = pl.DataFrame([fit | {"trial": trial} for trial in terms])
-    wide = {**terms, "t0": terms["t0"].with_columns(K=pl.when(pl.col("term") == "left").then(30.0).otherwise("K"))}
+    wide = {
+        **terms,
+        "t0": (
+            terms["t0"].with_columns(K=pl.when(pl.col("term") == "left").then(30.0).otherwise("K"))
+        ),
+    }
     before, after = (prediction_table(one, fits, components)[0] for one in (terms, wide))
     width = [(one["K_high"] - one["K_low"]).to_numpy() for one in (before, after)]
     assert width[0][0] == width[1][0]
@@ -225,7 +333,9 @@ def test_an_interval_is_learnt_from_the_other_trials():
 def test_what_the_equations_lack_has_the_variance_that_scatters_beyond_what_is_known():
     rng = np.random.default_rng(2)
     known = rng.uniform(0.5, 2.0, 40_000)
-    assert model_variance(rng.standard_normal(40_000) * np.sqrt(known + 3.0), known) == pytest.approx(3.0, rel=0.05)
+    assert model_variance(
+        rng.standard_normal(40_000) * np.sqrt(known + 3.0), known
+    ) == pytest.approx(3.0, rel=0.05)
     assert model_variance(np.array([3.0, -1.0]), np.zeros(2)) == pytest.approx(5.0)
     assert model_variance(np.array([0.1, -0.1]), np.ones(2)) == 0
 
@@ -238,17 +348,37 @@ def test_the_torque_error_is_what_an_offset_and_a_drift_leave_of_the_difference_
     left = (record.filtered_torque - 310 * motion.theta - 4 * motion.omega)[rows]
     X = np.column_stack([np.ones(len(rows)), record.time[rows]])
     left -= X @ np.linalg.lstsq(X, left, rcond=None)[0]
-    assert torque_error(s, None, DesiredImpedance("x", 310, 4)) == pytest.approx(np.sqrt(np.mean(left**2)), rel=2e-3)
+    assert torque_error(s, None, DesiredImpedance("x", 310, 4)) == pytest.approx(
+        np.sqrt(np.mean(left**2)), rel=2e-3
+    )
     assert torque_error(s, None, DesiredImpedance("x", None, 4)) is None
 
 
 def test_compensation_is_compared_in_pairs_and_its_interval_counts_trials(tmp_path):
     rng, rows = np.random.default_rng(3), []
     for K, B, name, deg in product((100.0, 200.0), (0.0, 5.0), PAIR, (2.0, 4.0, None)):
-        row = {**HERE, "controller": name, "K_d": K, "B_d": B, "commanded_deg": deg, "K": K * rng.uniform(0.7, 1.3)}
-        rows.append(row | {"B": B + rng.normal(), "VAF": rng.uniform(90, 99), "torque_error": rng.uniform(1, 2)})
+        row = {
+            **HERE,
+            "controller": name,
+            "K_d": K,
+            "B_d": B,
+            "commanded_deg": deg,
+            "K": K * rng.uniform(0.7, 1.3),
+        }
+        rows.append(
+            row
+            | {
+                "B": B + rng.normal(),
+                "VAF": rng.uniform(90, 99),
+                "torque_error": rng.uniform(1, 2),
+            }
+        )
     table = pl.DataFrame(rows, schema_overrides={"side": pl.String})
-    found, whole, condition = compensation_table(table), pl.col("commanded_deg").is_null(), ["K_d", "B_d"]
+    found, whole, condition = (
+        compensation_table(table),
+        pl.col("commanded_deg").is_null(),
+        ["K_d", "B_d"],
+    )
     wide = table.filter(whole).pivot("controller", index=condition, values=["K", "VAF"])
     off = [100 * (wide[f"K_{name}"] / wide["K_d"] - 1).abs().to_numpy() for name in PAIR]
     row = found.filter(by="trials", quantity="K_error").row(0, named=True)
@@ -259,14 +389,25 @@ def test_compensation_is_compared_in_pairs_and_its_interval_counts_trials(tmp_pa
     (better,) = found.filter(by="trials", quantity="VAF")["better"]
     assert better == (wide["VAF_compensated"] > wide["VAF_uncompensated"]).sum()
     single = found.filter(by="amplitudes", quantity="VAF").row(0, named=True)
-    by_trial = table.filter(~whole).pivot("controller", index=condition, values="VAF", aggregate_function="mean")
-    interval = stats.ttest_1samp(by_trial["compensated"] - by_trial["uncompensated"], 0).confidence_interval(0.95)
+    by_trial = table.filter(~whole).pivot(
+        "controller", index=condition, values="VAF", aggregate_function="mean"
+    )
+    interval = stats.ttest_1samp(
+        by_trial["compensated"] - by_trial["uncompensated"], 0
+    ).confidence_interval(0.95)
     assert (single["pairs"], single["difference_low"]) == (8, pytest.approx(interval.low))
-    assert found.filter(pl.col("by") == "commanded_deg")["at"].unique().sort().to_list() == [2.0, 4.0]
+    assert found.filter(pl.col("by") == "commanded_deg")["at"].unique().sort().to_list() == [
+        2.0,
+        4.0,
+    ]
     rubs = table.with_columns(B=pl.col("B") + 3, B_viscous="B")
     assert compensation_table(rubs).equals(found), "friction is no damping that a gain asks for"
-    write_table(compensation_table(table.filter(controller="compensated")), tmp_path / "compensation.csv")
-    assert claimed({"compensation": read_table(tmp_path / "compensation.csv")})[0].is_empty(), "no pair, no claim"
+    write_table(
+        compensation_table(table.filter(controller="compensated")), tmp_path / "compensation.csv"
+    )
+    assert claimed({"compensation": read_table(tmp_path / "compensation.csv")})[0].is_empty(), (
+        "no pair, no claim"
+    )
 
 
 def test_the_damping_of_a_response_is_the_real_part_of_the_impedance_with_its_scatter():
@@ -275,7 +416,9 @@ def test_the_damping_of_a_response_is_the_real_part_of_the_impedance_with_its_sc
     row = damping_row(ComplexEstimate(1 / Z, C, np.inf), 2.0)
     assert row["damping"] == pytest.approx(5.0)
     drawn = (1 / (1 / Z + rng.multivariate_normal([0, 0], C, 20_000) @ [1, 1j])).imag / w
-    assert (row["damping_high"] - row["damping_low"]) / 2 == pytest.approx(1.96 * drawn.std(), rel=0.03)
+    assert (row["damping_high"] - row["damping_low"]) / 2 == pytest.approx(
+        1.96 * drawn.std(), rel=0.03
+    )
 
 
 def claimed(tables, **settings):
@@ -289,10 +432,28 @@ def summary(se=0.01, **means):
 
 
 def test_claims_hold_fail_or_are_undecided_by_their_interval():
-    tables = {"transmission_summary": summary(B_j=0.452, J_j=0.005), "belt_summary": summary(K_s=685.6)}
+    tables = {
+        "transmission_summary": summary(B_j=0.452, J_j=0.005),
+        "belt_summary": summary(K_s=685.6),
+    }
     tables |= {"actuator_summary": summary(k_tau_n_m=1.02, f_C=0.377, f_G=0.0896)}
-    row = {**HERE, "trial": "k", "controller": "compensated", "amplitude_deg": None, "K_d": 300.0, "B_d": 5.0}
-    row |= {"K": 300.0, "K_low": 291.0, "K_high": 309.0, "B": 5.0, "B_low": -4.0, "B_high": 14.0, "theta_rms_deg": 3.0}
+    row = {
+        **HERE,
+        "trial": "k",
+        "controller": "compensated",
+        "amplitude_deg": None,
+        "K_d": 300.0,
+        "B_d": 5.0,
+    }
+    row |= {
+        "K": 300.0,
+        "K_low": 291.0,
+        "K_high": 309.0,
+        "B": 5.0,
+        "B_low": -4.0,
+        "B_high": 14.0,
+        "theta_rms_deg": 3.0,
+    }
     tables["impedance"] = pl.DataFrame([row], schema_overrides=TYPES)
     table, by = claimed(tables, B=1.0)
     slow, fast = by["inertia_at_lowest_frequency", None], by["inertia_at_highest_frequency", None]
@@ -302,35 +463,84 @@ def test_claims_hold_fail_or_are_undecided_by_their_interval():
     half = slow["value"] * 0.01 * 2**0.5 * stats.t.ppf(0.975, 4)
     assert slow["high"] - slow["value"] == pytest.approx(half)
     load = 0.0896 * 300 * np.deg2rad(3) / (P.n_T * 1.02)
-    assert by["load_friction_at_highest_K_d", None]["value"] == pytest.approx(100 * load / (0.377 + load))
+    assert by["load_friction_at_highest_K_d", None]["value"] == pytest.approx(
+        100 * load / (0.377 + load)
+    )
     assert by["belt_at_highest_K_d", None]["value"] == pytest.approx(100 * 300 / 685.6)
     assert (by["K", "k"]["verdict"], by["B", "k"]["verdict"]) == ("equivalent", "undecided")
-    assert [by[f"{x}_equivalent", None][k] for x in "KB" for k in ("value", "verdict")] == [1, "holds", 0, "undecided"]
-    rubs = {"B": 9.0, "B_low": 8.9, "B_high": 9.1, "B_viscous": 5.1, "B_viscous_low": 5.0, "B_viscous_high": 5.2}
+    assert [by[f"{x}_equivalent", None][k] for x in "KB" for k in ("value", "verdict")] == [
+        1,
+        "holds",
+        0,
+        "undecided",
+    ]
+    rubs = {
+        "B": 9.0,
+        "B_low": 8.9,
+        "B_high": 9.1,
+        "B_viscous": 5.1,
+        "B_viscous_low": 5.0,
+        "B_viscous_high": 5.2,
+    }
     without = claimed({"impedance": tables["impedance"].with_columns(**rubs)}, B=1.0)[1]["B", "k"]
-    assert (without["quantity"], without["value"], without["verdict"]) == ("B without friction", 5.1, "equivalent")
+    assert (without["quantity"], without["value"], without["verdict"]) == (
+        "B without friction",
+        5.1,
+        "equivalent",
+    )
     numbers = headline_numbers({"claims": table})
     assert {"inertia_at_lowest_frequency", "K_equivalent"} <= {one.name for one in numbers}
-    assert r"\newcommand{\oslInertiaAtHighestFrequencyVerdict}{fails}% verdict" in to_tex({}, numbers)
-    scatterless = tables | {"transmission_summary": tables["transmission_summary"].with_columns(se=None)}
+    assert r"\newcommand{\oslInertiaAtHighestFrequencyVerdict}{fails}% verdict" in to_tex(
+        {}, numbers
+    )
+    scatterless = tables | {
+        "transmission_summary": tables["transmission_summary"].with_columns(se=None)
+    }
     assert claimed(scatterless)[1]["inertia_at_lowest_frequency", None]["verdict"] is None
-    verdicts = [limit_verdict(*ends, 10, "above") for ends in ((11, 12), (8, 9), (9, 11), (None, 1))]
+    verdicts = [
+        limit_verdict(*ends, 10, "above") for ends in ((11, 12), (8, 9), (9, 11), (None, 1))
+    ]
     assert verdicts == ["holds", "fails", "undecided", None]
 
 
 @pytest.mark.parametrize(("high", "verdict"), [(0.5, "undecided"), (-0.01, "fails")])
-def test_a_joint_is_passive_where_the_real_part_of_its_impedance_is_for_certain_not_negative(high, verdict):
-    row = {**HERE, "trial": "k", "controller": "compensated", "frequency_hz": [1.0, 5.0], "damping": [0.5, -0.05]}
+def test_a_joint_is_passive_where_the_real_part_of_its_impedance_is_for_certain_not_negative(
+    high, verdict
+):
+    row = {
+        **HERE,
+        "trial": "k",
+        "controller": "compensated",
+        "frequency_hz": [1.0, 5.0],
+        "damping": [0.5, -0.05],
+    }
     row |= {"damping_low": [0.4, -0.1], "damping_high": [0.6, high]}
     _, by = claimed({"frequency_response": pl.DataFrame(row, schema_overrides={"side": pl.String})})
     least = by["passive_compensated", None]
     assert (least["value"], least["verdict"], least["n"]) == (-0.05, verdict, 2)
 
 
-@pytest.mark.parametrize(("commanded", "verdict"), [(None, "equivalent"), (300.0, "different"), (320.0, "undecided")])
+@pytest.mark.parametrize(
+    ("commanded", "verdict"), [(None, "equivalent"), (300.0, "different"), (320.0, "undecided")]
+)
 def test_the_stiffness_while_walking_is_held_against_what_was_commanded(commanded, verdict):
-    row = {"joint": "ankle", "side": "left", "group": "all", "quantity": "K", "estimator": "ensemble"}
-    row |= {"commanded": commanded, "mean": 337.0, "low": 324.0, "high": 348.0, "n": 30, "interval_method": "bootstrap"}
-    _, by = claimed({"walking_summary": pl.DataFrame([row], schema_overrides={"commanded": pl.Float64})})
+    row = {
+        "joint": "ankle",
+        "side": "left",
+        "group": "all",
+        "quantity": "K",
+        "estimator": "ensemble",
+    }
+    row |= {
+        "commanded": commanded,
+        "mean": 337.0,
+        "low": 324.0,
+        "high": 348.0,
+        "n": 30,
+        "interval_method": "bootstrap",
+    }
+    _, by = claimed(
+        {"walking_summary": pl.DataFrame([row], schema_overrides={"commanded": pl.Float64})}
+    )
     assert by["walking_K_equivalent", None]["verdict"] == verdict
     assert claimed({"walking_summary": pl.DataFrame([row])}, K_percent=None)[0].is_empty()

@@ -1,5 +1,5 @@
-"""Quality control: every check sees the fault it is for, and nothing in a sound recording; raw channels of force plates
-before any rotation, and the centre of pressure under load."""
+"""Quality control: every check sees the fault it is for, and nothing in a sound recording; raw
+channels of force plates before any rotation, and the centre of pressure under load."""
 
 import re
 from contextlib import nullcontext
@@ -47,12 +47,15 @@ RULES, RATE = read_section(CONFIG, "quality", QualityRules), 1000.0
 
 
 def stepped_sine(commanded=COMMANDED):
-    """The joint's angle [rad]: half a second of rest, then each amplitude at every frequency, rests between."""
+    """The joint's angle [rad]: half a second of rest, then each amplitude at every frequency, rests
+    between."""
     rest = np.zeros(500)
     pieces = [rest]
     for a in commanded.amplitudes_deg:
         for f, cycles in zip(commanded.frequencies_hz, commanded.protocol.cycles_at, strict=True):
-            pieces.append(np.radians(a) * np.sin(2 * np.pi * f * np.arange(round(cycles / f * RATE)) / RATE))
+            pieces.append(
+                np.radians(a) * np.sin(2 * np.pi * f * np.arange(round(cycles / f * RATE)) / RATE)
+            )
         pieces.append(rest)
     return np.concatenate(pieces)
 
@@ -77,23 +80,30 @@ def laboratory(**changed):
     time, rng = np.arange(2000) / RATE, np.random.default_rng(6)
     load = 800 * np.clip(np.minimum(time - 0.7, 1.4 - time) / 0.02, 0, 1)
     plate = {"plate1_force_z": load + 2 + rng.standard_normal(2000)}
-    return pl.DataFrame({"time": time, **plate, "marker_A_x": every_fifth(0.1 * time[::5]), **changed})
+    return pl.DataFrame(
+        {"time": time, **plate, "marker_A_x": every_fifth(0.1 * time[::5]), **changed}
+    )
 
 
 def every_fifth(values):
     """A marker's column beside one that is sampled five times as often."""
-    return pl.Series("marker_A_x", [None] * (5 * values.size), pl.Float64).scatter(np.arange(values.size) * 5, values)
+    return pl.Series("marker_A_x", [None] * (5 * values.size), pl.Float64).scatter(
+        np.arange(values.size) * 5, values
+    )
 
 
 def actuator_bench(**changed):
     """A sound recording of the actuator's own bench: two seconds of a slow sine."""
     time, noise = np.arange(2000) / RATE, np.random.default_rng(8).standard_normal((2, 2000))
     columns = {"theta_m": np.sin(3 * time), "current": 5 * np.sin(3 * time) + 0.01 * noise[0]}
-    return pl.DataFrame({"time": time, **columns, "torque_m": 5 * np.sin(3 * time) + 0.01 * noise[1], **changed})
+    return pl.DataFrame(
+        {"time": time, **columns, "torque_m": 5 * np.sin(3 * time) + 0.01 * noise[1], **changed}
+    )
 
 
 def with_piece(values, first, last, new=None):
-    """The values with one value from `first` to `last`, that which they have there or another one."""
+    """The values with one value from `first` to `last`, that which they have there or another
+    one."""
     made = values.copy()
     made[first:last] = made[first] if new is None else new
     return made
@@ -110,7 +120,11 @@ def judged(found, *accepted):
 
 def failed(found):
     """Names of the checks that the shipped thresholds do not pass."""
-    return {name for name, result in found.items() if CHECKS[name].failed(result.value, RULES.by_check[name].limit)}
+    return {
+        name
+        for name, result in found.items()
+        if CHECKS[name].failed(result.value, RULES.by_check[name].limit)
+    }
 
 
 def test_a_sound_recording_passes_every_check():
@@ -119,14 +133,25 @@ def test_a_sound_recording_passes_every_check():
     assert judged_table(of_older, RULES, {}).is_empty(), "a check that an older release had"
 
 
-AWAY, BEYOND = (np.arange(ANGLE.size) > 2000) & (np.arange(ANGLE.size) < 2500), longest_run(TORQUE > 15)
+AWAY, BEYOND = (
+    (np.arange(ANGLE.size) > 2000) & (np.arange(ANGLE.size) < 2500),
+    longest_run(TORQUE > 15),
+)
 ABOVE = BEYOND.stop - BEYOND.start
 NUMBERS, LEVELS = np.arange(1000), np.repeat([1.0, 4.0, -2.0, 0.0], 1000)[:2000]
-SEEN = with_piece(with_piece(with_piece(np.linspace(0, 0.1, 400), 0, 40, np.nan), 100, 160, np.nan), 200, 210, np.nan)
+SEEN = with_piece(
+    with_piece(with_piece(np.linspace(0, 0.1, 400), 0, 40, np.nan), 100, 160, np.nan),
+    200,
+    210,
+    np.nan,
+)
 LARGE = np.flatnonzero(TORQUE > 10)
 STEPS = 150 + 700 * np.abs(np.sin(np.arange(2000) / 300))
 STILL = pl.DataFrame({"time": np.arange(2000) / RATE, "theta": 0.1})
-BARE, STOOD_ON = laboratory()["plate1_force_z"].to_numpy(), 800 + np.random.default_rng(1).standard_normal(2000)
+BARE, STOOD_ON = (
+    laboratory()["plate1_force_z"].to_numpy(),
+    800 + np.random.default_rng(1).standard_normal(2000),
+)
 
 
 @pytest.mark.parametrize(("check", "samples", "experiment", "value", "remark"), [
@@ -134,78 +159,120 @@ BARE, STOOD_ON = laboratory()["plate1_force_z"].to_numpy(), 800 + np.random.defa
     ("rate", bench()[:2], "belt", None, "not applicable: no channel has three samples"),
     ("rate", laboratory(), "walking", 200.0, "plate1_force_z 1000 Hz, marker_A_x 200 Hz"),
     # a load cell at either rail, by its samples
-    *(("saturation", bench(torque=s * np.minimum(TORQUE, 15.0)), "impedance", ABOVE, "torque") for s in (1, -1)),
+    *(("saturation", bench(torque=s * np.minimum(TORQUE, 15.0)), "impedance", ABOVE,
+    "torque") for s in (1, -1)),
     ("saturation", bench(torque=with_piece(TORQUE, 1000, 1009, 40.0)), "impedance", 9, "torque"),
-    ("dropout", bench(torque=with_piece(TORQUE, BEYOND.start, BEYOND.start + 20, 0.0)), "impedance", 20, "torque"),
-    ("dropout", bench(torque=with_piece(TORQUE, 9270, 9900, 0.0))[:9350], "impedance", 80, "torque"),
+    ("dropout", bench(torque=with_piece(TORQUE, BEYOND.start, BEYOND.start + 20, 0.0)), "impedance",
+     20, "torque"),
+    ("dropout", bench(torque=with_piece(TORQUE, 9270, 9900, 0.0))[:9350], "impedance", 80,
+     "torque"),
     ("dropout", bench(torque=with_piece(TORQUE, 1000, 1001, 1e-310)), "impedance", 1, "torque"),
     ("dropout", bench(torque=with_piece(TORQUE, 1000, 1020, 1e-307)), "impedance", 20, "torque"),
     ("dropout", bench(torque=with_piece(TORQUE, 0, 1200, 0.0))[1100:], "impedance", 100, "torque"),
-    ("dropout", bench(current=with_piece(TORQUE, LARGE[1], LARGE[-1], 0.0)), "actuator", np.ptp(LARGE[1:]), "current"),
-    ("dropout", laboratory(plate1_force_z=with_piece(BARE, 900, 920, 2.0)), "walking", 20, "plate1_force_z"),
-    ("dropout", laboratory(plate1_force_z=with_piece(BARE, 100, 120, 0.0)), "walking", 20, "plate1_force_z"),
-    ("dropout", laboratory(plate1_force_z=with_piece(STEPS, 500, 900, 0.0)), "walking", 0, ""),  # without load
-    ("dropout", bench(torque=with_piece(TORQUE, BEYOND.start, BEYOND.start + 20, 0.3)), "impedance", 20, "torque"),
-    ("dropout", bench(torque=with_piece(np.round(TORQUE), LARGE[1], LARGE[21], 3.0)), "impedance", 0, ""),  # a level
-    ("dropout", bench(torque=with_piece(TORQUE, 1000, 1020, 0.0)), "impedance", 20, "torque"),  # it jumps out alone
+    ("dropout", bench(current=with_piece(TORQUE, LARGE[1], LARGE[-1], 0.0)), "actuator",
+     np.ptp(LARGE[1:]), "current"),
+    ("dropout", laboratory(plate1_force_z=with_piece(BARE, 900, 920, 2.0)), "walking", 20,
+     "plate1_force_z"),
+    ("dropout", laboratory(plate1_force_z=with_piece(BARE, 100, 120, 0.0)), "walking", 20,
+     "plate1_force_z"),
+    # without load
+    ("dropout", laboratory(plate1_force_z=with_piece(STEPS, 500, 900, 0.0)), "walking", 0, ""),
+    ("dropout", bench(torque=with_piece(TORQUE, BEYOND.start, BEYOND.start + 20, 0.3)), "impedance",
+     20, "torque"),
+    # a level
+    ("dropout", bench(torque=with_piece(np.round(TORQUE), LARGE[1], LARGE[21], 3.0)), "impedance",
+     0, ""),
+    # it jumps out alone
+    ("dropout", bench(torque=with_piece(TORQUE, 1000, 1020, 0.0)), "impedance", 20, "torque"),
     ("dropout", bench(torque=with_piece(TORQUE, 1000, 1001, 2e6)), "impedance", 1, "torque"),
-    ("dropout", bench(torque=with_piece(TORQUE, 1000, 1002, TORQUE[1000] + 10)), "impedance", 2, "torque"),  # and back
-    *(("dropout", bench(ANGLE + k * AWAY), "impedance", 499, "theta") for k in (7.5, 0.02)),  # rows of another place
+    # and back
+    ("dropout", bench(torque=with_piece(TORQUE, 1000, 1002, TORQUE[1000] + 10)), "impedance", 2,
+     "torque"),
+    # rows of another place
+    *(("dropout", bench(ANGLE + k * AWAY), "impedance", 499, "theta") for k in (7.5, 0.02)),
     ("dropout", bench(torque=TORQUE + 9 * AWAY), "impedance", 0, ""),  # friction, which turns
-    ("dropout", bench(torque=with_piece(TORQUE, 0, 50, 0.0)), "impedance", 0, ""),  # before a recorder begins
+    # before a recorder begins
+    ("dropout", bench(torque=with_piece(TORQUE, 0, 50, 0.0)), "impedance", 0, ""),
     ("dropout", actuator_bench(current=LEVELS), "actuator", 0, ""),  # a command has levels
     ("stuck", bench(torque=with_piece(TORQUE, 2000, 2800)), "impedance", 0.799, "torque"),
-    ("stuck", bench(with_piece(ANGLE, 1000, 2000), theta_command=ANGLE), "impedance", 0.999, "theta"),
+    ("stuck", bench(with_piece(ANGLE, 1000, 2000), theta_command=ANGLE), "impedance", 0.999,
+     "theta"),
     ("stuck", actuator_bench(current=LEVELS), "actuator", 0.0, ""),  # a command has levels
-    ("stuck", actuator_bench(current=with_piece(LEVELS + TORQUE[:2000], 500, 1500)), "actuator", 0.999, "current"),
+    ("stuck", actuator_bench(current=with_piece(LEVELS + TORQUE[:2000], 500, 1500)), "actuator",
+     0.999, "current"),
     *(("stuck", bench(**{c: np.full(ANGLE.size, x)}), "impedance", (ANGLE.size - 1) / RATE, c)
       for c in ("torque", "current") for x in (0.0, 3.0)),
-    *(("stuck", bench(current=np.zeros(ANGLE.size), theta_m=np.zeros(ANGLE.size)), experiment, 0.0, "")
+    *(("stuck", bench(current=np.zeros(ANGLE.size), theta_m=np.zeros(ANGLE.size)), experiment, 0.0,
+    "")
       for experiment in ("belt", "transmission")),  # the motor is locked, or detached
-    ("stuck", bench(current=np.zeros(ANGLE.size)), "ingest_only", (ANGLE.size - 1) / RATE, "current"),
-    ("stuck", bench(with_piece(ANGLE, 0, 1000, 0.0), current=with_piece(TORQUE, 0, 1000, 0.0)), "impedance", 0.0, ""),
-    ("stuck", bench(current=with_piece(TORQUE, 0, 1000, 0.0)), "impedance", 0.999, "current"),  # it moves from 0.5 s on
-    *(("stuck", STILL, experiment, 1.999, "theta") for experiment in ("belt", "impedance", "walking")),
+    ("stuck", bench(current=np.zeros(ANGLE.size)), "ingest_only",
+     (ANGLE.size - 1) / RATE, "current"),
+    ("stuck", bench(with_piece(ANGLE, 0, 1000, 0.0), current=with_piece(TORQUE, 0, 1000, 0.0)),
+     "impedance", 0.0, ""),
+    # it moves from 0.5 s on
+    ("stuck", bench(current=with_piece(TORQUE, 0, 1000, 0.0)), "impedance", 0.999, "current"),
+    *(("stuck", STILL, experiment, 1.999, "theta") for experiment in ("belt", "impedance",
+    "walking")),
     ("stuck", STILL, "static", None, None),
-    ("stuck", bench().with_columns(theta_m=pl.lit(0.2)), "belt", 0.0, ""),  # the input shaft is locked
+    # the input shaft is locked
+    ("stuck", bench().with_columns(theta_m=pl.lit(0.2)), "belt", 0.0, ""),
     ("stuck", laboratory(plate1_force_x=np.zeros(2000)), "walking", 1.999, "plate1_force_x"),
     ("stuck", laboratory(plate2_force_z=np.zeros(2000)), "walking", 0.0, ""),
-    *(("encoder_wrap", bench(ANGLE + k * AWAY), "impedance", 2.0, "theta") for k in (2 * np.pi, -2 * np.pi, 360.0)),
-    *(("encoder_wrap", bench(**{c: ANGLE + 2 * np.pi * AWAY}), "belt", 2.0, c) for c in ("theta_m", "theta_command")),
+    *(("encoder_wrap", bench(ANGLE + k * AWAY), "impedance", 2.0, "theta") for k in (2 * np.pi,
+    -2 * np.pi, 360.0)),
+    *(("encoder_wrap", bench(**{c: ANGLE + 2 * np.pi * AWAY}), "belt", 2.0, c) for c in ("theta_m",
+    "theta_command")),
     ("gap", bench().filter(pl.col("time") != 1.0), "impedance", 0.001, None),  # of one sample
     ("unzeroed_plate", laboratory(plate1_force_z=BARE - 100), "walking", 98.0, None),
     *(("unzeroed_plate", laboratory(plate1_force_z=BARE + 60), experiment, 62.0, None)
       for experiment in ("walking", "overground", "plate")),
-    ("unzeroed_plate", laboratory(plate1_force_z=BARE - 50.0 * (np.arange(2000) >= 1600)), "walking", 2.0, None),
+    ("unzeroed_plate", laboratory(plate1_force_z=BARE - 50.0 * (np.arange(2000) >= 1600)),
+     "walking", 2.0, None),
     ("unzeroed_plate", laboratory(plate1_force_z=100 * (STOOD_ON - 800)), "walking", None,
      "not applicable: the plates are never at rest, or loaded throughout"),
-    ("unzeroed_plate", laboratory(plate1_force_z=STOOD_ON), "static", None, None),  # somebody stands there
+    # somebody stands there
+    ("unzeroed_plate", laboratory(plate1_force_z=STOOD_ON), "static", None, None),
     ("unzeroed_plate", laboratory(plate1_force_z=STOOD_ON), "walking", 800.0, None),
     ("unzeroed_plate", laboratory(plate1_force_z=-STOOD_ON), "static", 800.0, None),
-    ("marker_gap", laboratory(marker_A_x=every_fifth(SEEN)), "walking", 60 / 200, "A; 1 of 1 markers"),
-    ("marker_gap", laboratory(marker_A_x=every_fifth(with_piece(NUMBERS[:400] / 1.0, 9, 11, np.nan))), "walking", 0.01,
+    ("marker_gap", laboratory(marker_A_x=every_fifth(SEEN)), "walking", 60 / 200,
      "A; 1 of 1 markers"),
-    ("marker_gap", laboratory(marker_A_x=every_fifth(np.full(400, np.nan))), "walking", 1.995, None),  # never seen
+    ("marker_gap", laboratory(marker_A_x=every_fifth(with_piece(NUMBERS[:400] / 1.0, 9, 11,
+     np.nan))), "walking", 0.01,
+     "A; 1 of 1 markers"),
+    # never seen
+    ("marker_gap", laboratory(marker_A_x=every_fifth(np.full(400, np.nan))), "walking", 1.995,
+     None),
     ("damage", bench(), "impedance", None, "not applicable: no damage report"),
 ])  # fmt: skip
-def test_a_fault_is_measured_where_it_is_and_fails_its_own_check_alone(check, samples, experiment, value, remark):
+def test_a_fault_is_measured_where_it_is_and_fails_its_own_check_alone(
+    check, samples, experiment, value, remark
+):
     found = results(samples, experiment)
     slack = 0.5 if check == "unzeroed_plate" else 1e-9
     assert found[check].value == pytest.approx(value, abs=slack)
     assert remark is None or found[check].remark == remark
     limit = RULES.by_check[check].limit
-    fails = value is not None and (value < limit if CHECKS[check].fails == "below" else value > limit)
+    fails = value is not None and (
+        value < limit if CHECKS[check].fails == "below" else value > limit
+    )
     if experiment in ("impedance", "static") and samples is not STILL:
         assert failed(found) - {"protocol"} == ({check} if fails else set())
 
 
 def test_jitter_passes_where_the_signals_decide_and_a_gap_is_not_jitter():
     samples = bench()
-    noise = np.sort(samples["time"].to_numpy() + 0.3 / RATE * np.random.default_rng(2).standard_normal(samples.height))
+    noise = np.sort(
+        samples["time"].to_numpy()
+        + 0.3 / RATE * np.random.default_rng(2).standard_normal(samples.height)
+    )
     found = results(samples.with_columns(time=pl.Series(noise)))
     assert (found["jitter"].value, failed(found)) == (0, set())
     assert " % of scatter, even: theta g = 0.00" in found["jitter"].remark
-    late = results(samples.with_columns(time=pl.col("time") + pl.when(pl.col("time") > 3).then(0.2).otherwise(0)))
+    late = results(
+        samples.with_columns(
+            time=pl.col("time") + pl.when(pl.col("time") > 3).then(0.2).otherwise(0)
+        )
+    )
     assert (late["gap"].value, late["jitter"].value) == pytest.approx((0.2, 0), abs=1e-6)
     assert failed(late) >= {"gap"}
 
@@ -222,70 +289,128 @@ def test_jitter_is_the_wander_of_stamps_about_which_nothing_decides():
 LOADED = np.where(NUMBERS < 800, 700 + np.sin(NUMBERS), 0.0)
 PEAKS = np.maximum(np.ceil(500 - (NUMBERS % 200 - 100.0) ** 2 / 12), 440.0)  # seven samples long
 STEEP = np.where(NUMBERS % 200 > 103, 440.0, PEAKS)  # steep behind its peaks alone
-COARSE = np.where(NUMBERS < 800, -80.0, 700 + np.sin(NUMBERS))  # an unzeroed plate whose noise is below its resolution
+# an unzeroed plate whose noise is below its resolution
+COARSE = np.where(NUMBERS < 800, -80.0, 700 + np.sin(NUMBERS))
 
 
-@pytest.mark.parametrize("values", [LOADED + 5, COARSE, 300 - COARSE, np.minimum(LOADED, 700.5), PEAKS, STEEP])
-def test_an_extreme_at_zero_or_where_the_channel_mostly_is_or_a_slow_peak_of_one_step_is_no_rail(values):
-    assert [run_at_extreme(none) for none in (np.empty(0), np.array([5.0, np.nan, 5.0, 0.0]))] == [slice(0, 0)] * 2
-    run, rail = run_at_extreme(values), run_at_extreme(np.where(NUMBERS % 100 < 20, 900.0, np.sin(NUMBERS)))
+@pytest.mark.parametrize(
+    "values", [LOADED + 5, COARSE, 300 - COARSE, np.minimum(LOADED, 700.5), PEAKS, STEEP]
+)
+def test_an_extreme_at_zero_or_where_the_channel_mostly_is_or_a_slow_peak_of_one_step_is_no_rail(
+    values,
+):
+    assert [run_at_extreme(none) for none in (np.empty(0), np.array([5.0, np.nan, 5.0, 0.0]))] == [
+        slice(0, 0)
+    ] * 2
+    run, rail = (
+        run_at_extreme(values),
+        run_at_extreme(np.where(NUMBERS % 100 < 20, 900.0, np.sin(NUMBERS))),
+    )
     assert run.stop - run.start < 5
-    assert (rail, run_at_extreme(np.abs(NUMBERS % 200 - 100.0) + 50)) == (slice(0, 20), slice(100, 101)), "the first"
+    assert (rail, run_at_extreme(np.abs(NUMBERS % 200 - 100.0) + 50)) == (
+        slice(0, 20),
+        slice(100, 101),
+    ), "the first"
 
 
 def test_a_joint_at_rest_is_not_stuck_though_nothing_is_commanded():
     for moved, K, noise, step in (
-        (np.round(ANGLE / 2.4e-5) * 2.4e-5, 2, 0.03, 0),  # at rest the noise is a part of the torque's range
-        (0.07 * np.cos(2 * np.pi * np.arange(4000) / RATE), 300, 0.01, 0),  # the first moment of motion is no reference
+        # at rest the noise is a part of the torque's range
+        (np.round(ANGLE / 2.4e-5) * 2.4e-5, 2, 0.03, 0),
+        # the first moment of motion is no reference
+        (0.07 * np.cos(2 * np.pi * np.arange(4000) / RATE), 300, 0.01, 0),
         (ANGLE, 300, 0, 0.5),  # a coarse load cell
     ):
         theta = np.concatenate([np.zeros(2000), moved])
         torque = K * theta + noise * np.random.default_rng(3).standard_normal(theta.size)
         torque = np.round(torque / step) * step if step else torque
-        samples = pl.DataFrame({"time": np.arange(theta.size) / RATE, "theta": theta, "torque": torque})
+        samples = pl.DataFrame(
+            {"time": np.arange(theta.size) / RATE, "theta": theta, "torque": torque}
+        )
         assert results(samples)["stuck"].value < 0.1
     assert results(samples.drop("theta"))["stuck"].value > 1.9  # nothing says that the joint rests
     sines = 0.1 * np.sin(np.pi * np.arange(4500) / 100) * (abs(np.arange(4500) - 2250) > 250)
     ringing = np.zeros(4500)
     ringing[2000:2500] = 30 * np.cos(np.pi * np.arange(500) / 37) * np.exp(-np.arange(500) / 60)
-    rests = pl.DataFrame({"time": np.arange(4500) / RATE, "theta": sines, "torque": 300 * sines + ringing})
-    assert results(rests)["stuck"].value < 0.1, "a motor behind a joint that stands between two sines rings"
+    rests = pl.DataFrame(
+        {"time": np.arange(4500) / RATE, "theta": sines, "torque": 300 * sines + ringing}
+    )
+    assert results(rests)["stuck"].value < 0.1, (
+        "a motor behind a joint that stands between two sines rings"
+    )
     for first, last in ((500, 1750), (2100, 4500)):  # away from its rest, and from a rest on
         frozen = rests.with_columns(theta=pl.Series(with_piece(sines, first + 25, last)))
-        assert results(frozen)["stuck"].value == pytest.approx((last - first) / RATE, abs=100 / RATE)
+        assert results(frozen)["stuck"].value == pytest.approx(
+            (last - first) / RATE, abs=100 / RATE
+        )
     loose = bench(torque=TORQUE + 40 * (np.arange(ANGLE.size) // 20 == 24)).drop("theta_command")
     assert results(loose)["stuck"].value < 0.1, "the torque jumps before a joint that breaks loose"
 
 
-@pytest.mark.parametrize("experiment", [name for name, facts in EXPERIMENTS.items() if facts.torque])
+@pytest.mark.parametrize(
+    "experiment", [name for name, facts in EXPERIMENTS.items() if facts.torque]
+)
 def test_the_torque_of_every_experiment_is_checked_for_rails_and_for_standing_still(experiment):
     torque = str(EXPERIMENTS[experiment].torque)
     sound = actuator_bench() if experiment == "actuator" else bench()
-    changed = (sound.with_columns(x.alias(torque)) for x in (pl.lit(0.0), pl.col(torque).clip(None, 4.0)))
+    changed = (
+        sound.with_columns(x.alias(torque)) for x in (pl.lit(0.0), pl.col(torque).clip(None, 4.0))
+    )
     dead, railed = (results(samples, experiment) for samples in changed)
     assert (dead["stuck"].remark, railed["saturation"].remark) == (torque, torque)
     if experiment == "actuator":
-        assert [failed(f) for f in (results(sound, "actuator"), railed, dead)] == [set(), {"saturation"}, {"stuck"}]
+        assert [failed(f) for f in (results(sound, "actuator"), railed, dead)] == [
+            set(),
+            {"saturation"},
+            {"stuck"},
+        ]
 
 
-@pytest.mark.parametrize(("level", "what", "told"), [(-736, "static", 1), (-150, "static", 0), (-736, "plate", 0)])
-def test_a_persons_weight_with_the_wrong_sign_is_told_from_an_offset_and_where_nobody_stands(level, what, told):
+@pytest.mark.parametrize(
+    ("level", "what", "told"), [(-736, "static", 1), (-150, "static", 0), (-736, "plate", 0)]
+)
+def test_a_persons_weight_with_the_wrong_sign_is_told_from_an_offset_and_where_nobody_stands(
+    level, what, told
+):
     force = level + np.random.default_rng(1).standard_normal(2000)
     remark = results(laboratory(plate1_force_z=force), what)["unzeroed_plate"].remark
-    assert ("N, a person's weight with the wrong sign: correct the plate's `sign` or" in remark) == told
+    assert (
+        "N, a person's weight with the wrong sign: correct the plate's `sign` or" in remark
+    ) == told
 
 
 def test_clocks_that_fit_badly_and_a_damaged_log_are_told_from_the_provenance():
-    clock = {"drift": 5e-5, "drift_error": 1e-6, "residual": 2.5e-3, "edges": 20, "excluded_edges": 1, "rows_before": 3}
-    damage = {"complete": False, "end_missing": True, "crc": "checked", "lost": 130, "share_lost": 0.04}
+    clock = {
+        "drift": 5e-5,
+        "drift_error": 1e-6,
+        "residual": 2.5e-3,
+        "edges": 20,
+        "excluded_edges": 1,
+        "rows_before": 3,
+    }
+    damage = {
+        "complete": False,
+        "end_missing": True,
+        "crc": "checked",
+        "lost": 130,
+        "share_lost": 0.04,
+    }
     damage |= {"remarks": ["chunk 3"], "chunks_lost": 2}
     found = results(bench(), clock=clock, damage={"log": damage})
     assert failed(found) == {"clock_residual", "damage", "truncated"}
     drifts = "drift 50.0 +- 1.0 ppm; 20 matched and 1 excluded by edges; 3 and 0 rows"
     assert found["clock_residual"].remark.startswith(drifts)
-    said = CheckResult(4.0, "2 chunks lost; 130 lost; the file is not complete; CRC checked; chunk 3")
+    said = CheckResult(
+        4.0, "2 chunks lost; 130 lost; the file is not complete; CRC checked; chunk 3"
+    )
     assert found["damage"] == said
-    frames = {"complete": False, "end_missing": False, "lost": 3, "share_lost": 0.05, "remarks": ["no numbers"]}
+    frames = {
+        "complete": False,
+        "end_missing": False,
+        "lost": 3,
+        "share_lost": 0.05,
+        "remarks": ["no numbers"],
+    }
     both = results(bench(), damage={"log": damage, "mocap": frames})
     told = f"log: {said.remark}; mocap: 3 lost; the file is not complete; no numbers"
     assert (both["damage"], both["truncated"].value) == (CheckResult(5.0, told), 1.0)
@@ -294,10 +419,13 @@ def test_clocks_that_fit_badly_and_a_damaged_log_are_told_from_the_provenance():
 @pytest.mark.parametrize(("really", "missing", "remark"), [
     (Commanded((2.0, 4.0), (2.0, 5.0), 6), 0, "4 commanded pairs of amplitude and frequency found"),
     (Commanded((2.0, 4.0), (2.0,), 6), 2, "missing 2 deg at 5 Hz; missing 4 deg at 5 Hz"),
-    (Commanded((2.0, 6.0), (2.0, 5.0), 6), 4, "missing 4 deg at 5 Hz; besides 6 deg at 2 Hz (6.0 cycles); besides"),
+    (Commanded((2.0, 6.0),
+     (2.0, 5.0), 6), 4, "missing 4 deg at 5 Hz; besides 6 deg at 2 Hz (6.0 cycles); besides"),
     (Commanded((1.65, 3.3), (2.0, 5.0), 6), 2, "3.3 deg at 2 Hz, commanded are 4 deg (if the"),
-    (Commanded((1.2 * 2, 1.2 * 4), (2.0, 5.0), 6), 2, "theta is 1.2 times its angle, and K 0.833 times its own"),
-    (Commanded((1.02 * 2, 1.02 * 4), (2.0, 5.0), 6), 0, "4 commanded pairs of amplitude and frequency found"),
+    (Commanded((1.2 * 2, 1.2 * 4),
+     (2.0, 5.0), 6), 2, "theta is 1.2 times its angle, and K 0.833 times its own"),
+    (Commanded((1.02 * 2, 1.02 * 4),
+     (2.0, 5.0), 6), 0, "4 commanded pairs of amplitude and frequency found"),
     (Commanded((2.0, 4.0), (2.0, 5.0), 3), 4, "2 deg at 2 Hz (3.0 cycles), commanded are 6"),
     (Commanded((2.0, 4.0), (2.0, 5.0), (6, 7)), 2, "4 deg at 5 Hz (7.0 cycles), commanded are 6"),
 ])  # fmt: skip
@@ -309,22 +437,41 @@ def test_the_protocol_in_the_log_is_held_against_the_configured_one(really, miss
 
 def test_a_time_per_frequency_may_be_commanded_in_place_of_cycles_or_any_motion():
     theta = stepped_sine(Commanded((2.0, 4.0), (2.0, 5.0), (6, 15)))
-    timed, free = replace(COMMANDED, seconds_per_frequency=3.0), replace(COMMANDED, excitation="any")
-    other = sum(np.sin(2 * np.pi * f * np.arange(theta.size) / RATE + f * f) for f in np.arange(1, 6, 0.37)) / 50
+    timed, free = (
+        replace(COMMANDED, seconds_per_frequency=3.0),
+        replace(COMMANDED, excitation="any"),
+    )
+    other = (
+        sum(
+            np.sin(2 * np.pi * f * np.arange(theta.size) / RATE + f * f)
+            for f in np.arange(1, 6, 0.37)
+        )
+        / 50
+    )
     for experiment, motion, commanded, value in (
-        ("impedance", theta, timed, 0), ("impedance", 0 * theta, COMMANDED, 4), ("impedance", 0 * theta, free, 0),
-        ("impedance", other, COMMANDED, 0), ("impedance", other, replace(COMMANDED, excitation="stepped_sine"), 4),
+        ("impedance", theta, timed, 0), ("impedance", 0 * theta, COMMANDED, 4),
+        ("impedance", 0 * theta, free, 0),
+        ("impedance", other, COMMANDED, 0),
+        ("impedance", other, replace(COMMANDED, excitation="stepped_sine"), 4),
         ("transmission", 0 * theta, free, 4),
     ):  # fmt: skip
         assert examine(Trial("a", bench(motion)), experiment, commanded)["protocol"].value == value
     nearly, whole = (Commanded((4.0,), (5.0,), cycles) for cycles in (39, 40))
-    assert examine(Trial("a", bench(stepped_sine(nearly))), "impedance", whole)["protocol"].value == 0
-    again = Commanded((2.0, 4.0), (2.0, 5.0, 2.0), 6)  # a frequency that returns has the cycles of both
-    assert examine(Trial("a", bench(stepped_sine(again))), "impedance", again)["protocol"].value == 0
+    assert (
+        examine(Trial("a", bench(stepped_sine(nearly))), "impedance", whole)["protocol"].value == 0
+    )
+    # a frequency that returns has the cycles of both
+    again = Commanded((2.0, 4.0), (2.0, 5.0, 2.0), 6)
+    assert (
+        examine(Trial("a", bench(stepped_sine(again))), "impedance", again)["protocol"].value == 0
+    )
 
 
 def test_a_failure_flags_or_excludes_by_its_rule_and_the_sheet_accepts_it_by_name():
-    found = {"gap": CheckResult(0.2, "theta"), "unzeroed_plate": CheckResult(700.0, "plate1 -700 N")}
+    found = {
+        "gap": CheckResult(0.2, "theta"),
+        "unzeroed_plate": CheckResult(700.0, "plate1 -700 N"),
+    }
     table = judged(found | {"rate": CheckResult(None)})
     assert table["verdict"].to_list() == ["flag", "exclude", "not applicable"]
     assert table.row(1) == ("t", "unzeroed_plate", 700.0, "N", 20.0, "exclude", "plate1 -700 N")
@@ -338,14 +485,18 @@ def test_a_failure_flags_or_excludes_by_its_rule_and_the_sheet_accepts_it_by_nam
 def test_a_trial_of_few_rows_or_empty_columns_is_judged_without_an_error(rows, experiment):
     nothing = pl.lit(None, pl.Float64)
     samples = bench()[:rows].with_columns(plate1_force_z=nothing, marker_A_x=pl.lit(np.nan))
-    for changed in (samples, samples.with_columns(theta=nothing, torque=nothing, marker_A_x=nothing)):
+    for changed in (
+        samples,
+        samples.with_columns(theta=nothing, torque=nothing, marker_A_x=nothing),
+    ):
         found = results(changed, experiment)
         assert all(f.value is None or np.isfinite(f.value) for f in found.values())
         assert judged(found)["check"].to_list() == list(CHECKS)
 
 
 @pytest.mark.parametrize(("name", "value", "fails"), [
-    ("rate", 99, True), ("rate", 100 - 1e-8, False), ("gap", 0.05, False), ("gap", 0.051, True), ("gap", np.nan, True),
+    ("rate", 99, True), ("rate", 100 - 1e-8, False), ("gap", 0.05, False), ("gap", 0.051, True),
+    ("gap", np.nan, True),
 ])  # fmt: skip
 def test_a_value_at_its_threshold_passes_and_no_number_fails(name, value, fails):
     assert CHECKS[name].failed(value, RULES.by_check[name].limit) is fails
@@ -359,7 +510,9 @@ def test_a_value_at_its_threshold_passes_and_no_number_fails(name, value, fails)
     ({"gaps": {"on_failure": "flag"}}, "'gaps' is no quality check; the checks are rate,"),
     ({1: {"on_failure": "flag"}}, "quality.1: '1' is no quality check; the checks are rate,"),
 ])  # fmt: skip
-def test_rules_and_checks_are_the_same_list_and_a_threshold_has_the_unit_of_its_check(changed, message):
+def test_rules_and_checks_are_the_same_list_and_a_threshold_has_the_unit_of_its_check(
+    changed, message
+):
     validate_rules(RULES, UNITS)
     content = yaml.safe_load(CONFIG.read_text())["quality"] | changed
     there = {name: rule for name, rule in content.items() if rule}
@@ -368,10 +521,15 @@ def test_rules_and_checks_are_the_same_list_and_a_threshold_has_the_unit_of_its_
 
 
 def test_the_sheet_may_accept_only_checks_that_there_are(tmp_path):
-    (tmp_path / "trials.csv").write_text("trial,experiment,log,log_source,accept\nb,belt,b.mcap,dynamometer,gap gaps\n")
+    (tmp_path / "trials.csv").write_text(
+        "trial,experiment,log,log_source,accept\nb,belt,b.mcap,dynamometer,gap gaps\n"
+    )
     changes = {"sheet": tmp_path / "trials.csv", "simulation": None}
     config = campaign_config(yaml.safe_load(CONFIG.read_text()) | changes, [CONFIG])
-    with pytest.raises(InputError, match="trial 'b', accept: 'gaps' is no quality check; the checks are rate, jitter"):
+    with pytest.raises(
+        InputError,
+        match="trial 'b', accept: 'gaps' is no quality check; the checks are rate, jitter",
+    ):
         check_campaign(open_campaign(config, None))
 
 
@@ -384,26 +542,33 @@ def test_a_rounded_sine_is_not_clipped_and_one_that_sticks_at_an_end_is(bits):
     for end in (np.inf, 0.09, 0.07):
         theta = np.rint(np.minimum(record.theta, end) / step) * step
         clipped = longest_clipped_angle(record.time, theta, (record.time, record.torque))
-        flat = 0 if end > 1 else 2 * np.arccos(end / 0.1) / (2 * np.pi) * 500  # of the slowest sine, 1 Hz
+        # of the slowest sine, 1 Hz
+        flat = 0 if end > 1 else 2 * np.arccos(end / 0.1) / (2 * np.pi) * 500
         assert clipped == pytest.approx(flat, rel=0.02, abs=2 if flat else 0)
 
 
 def test_an_angle_behind_play_stands_at_every_turn_and_is_not_clipped():
     """Multisines of 18 bits behind 0.1 deg of play were called clipped."""
     time, step, half = np.arange(20_000) / 1000, 2 * np.pi / 2**18, np.deg2rad(0.05)
-    theta = np.array([0.04, 0.03, 0.03]) @ np.sin(np.array([2.0, 7.3, 14.1])[:, None] * time + [[0], [1], [2]])
+    theta = np.array([0.04, 0.03, 0.03]) @ np.sin(
+        np.array([2.0, 7.3, 14.1])[:, None] * time + [[0], [1], [2]]
+    )
     read = [0.0]
     for x in theta.tolist():
         read.append(min(max(read[-1], x - half), x + half))
     torque = time, 300 * theta + 8 * np.gradient(theta, time)
-    behind, clipped = (step * np.rint(x / step) for x in (np.array(read[1:]), np.minimum(theta, 0.08)))
+    behind, clipped = (
+        step * np.rint(x / step) for x in (np.array(read[1:]), np.minimum(theta, 0.08))
+    )
     assert longest_clipped_angle(time, behind, torque) == 0
     assert longest_clipped_angle(time, clipped, torque) > 100
 
 
-def test_a_joint_that_goes_from_level_to_level_is_neither_clipped_nor_frozen_but_one_that_stops_at_speed_is():
+def test_a_joint_that_goes_from_level_to_level_is_neither_clipped_nor_frozen():
     time, step = np.arange(6000) / 1000, 2.4e-5
-    moved = np.convolve(np.tile(np.repeat([1.0, 0.0], 500), 6), np.hanning(80) / np.hanning(80).sum(), "same")
+    moved = np.convolve(
+        np.tile(np.repeat([1.0, 0.0], 500), 6), np.hanning(80) / np.hanning(80).sum(), "same"
+    )
     theta, torque = np.rint(0.0175 * moved / step) * step, (time, 3 * np.sin(2 * time))
     assert longest_clipped_angle(time, theta, torque) == 0
     assert longest_clipped_angle(time, np.minimum(theta, 0.012), torque) > 400
@@ -411,26 +576,37 @@ def test_a_joint_that_goes_from_level_to_level_is_neither_clipped_nor_frozen_but
     frozen[2000:2700] = theta[2000]  # in the midst of a step
     rested = np.isnan(without_rests(time, frozen))
     assert (rested.mean() > 0.5, rested[2000:2700].any()) == (True, False)
-    assert not np.isnan(without_rests(time, np.r_[theta[:2400], np.full(3600, theta[2400])]))[2400:].any(), "to the end"
+    assert not np.isnan(without_rests(time, np.r_[theta[:2400], np.full(3600, theta[2400])]))[
+        2400:
+    ].any(), "to the end"
 
 
 def test_a_channel_is_held_while_its_reference_changes_but_for_the_ends_of_the_repetition():
     """`apart` is taken off at either end: a reference that changes there alone tells nothing."""
     time = np.arange(100) / 100
     values = np.where((time >= 0.2) & (time < 0.8), 1.0, time + 2)
-    for first, last, seconds in ((0.2, 0.28, 0.0), (0.72, 0.8, 0.0), (0.2, 0.4, 0.59), (0.6, 0.8, 0.59)):
+    for first, last, seconds in (
+        (0.2, 0.28, 0.0),
+        (0.72, 0.8, 0.0),
+        (0.2, 0.4, 0.59),
+        (0.6, 0.8, 0.59),
+    ):
         reference = (time, np.where((time >= first) & (time < last), np.sin(1000 * time), 0.0))
         assert held(time, values, reference, 0.1, 0.1) == pytest.approx(seconds), (first, last)
 
 
 def test_a_joint_that_comes_to_rest_at_its_ends_is_not_clipped_though_its_torque_settles_there():
-    """Two levels behind a low-pass: the angle stands within a step of its encoder while the torque still changes."""
+    """Two levels behind a low-pass: the angle stands within a step of its encoder while the torque
+    still changes."""
     time, step = np.arange(20_000) / 1000, 2 * np.pi / 2**14
     command = np.deg2rad(2.0) * np.sign(np.random.default_rng(3).standard_normal(100))
     smooth = signal.sosfilt(signal.butter(2, 60, fs=1000, output="sos"), np.repeat(command, 200))
     omega = np.gradient(smooth, time)
     torque = 300 * smooth + 5 * omega + 0.02 * np.gradient(omega, time)
-    columns = {"time": time, "theta": step * np.rint(np.clip(smooth, -np.deg2rad(2), np.deg2rad(2)) / step)}
+    columns = {
+        "time": time,
+        "theta": step * np.rint(np.clip(smooth, -np.deg2rad(2), np.deg2rad(2)) / step),
+    }
     trial = Trial("a", pl.DataFrame(columns | {"torque": torque}))
     assert samples_at_rail(trial, "theta", "torque") == 0
 
@@ -447,11 +623,12 @@ def test_a_person_whose_reflex_answers_while_the_joint_stands_at_a_level_is_not_
     assert longest_clipped_angle(time, theta, (time, torque)) == 0
 
 
-def test_a_person_who_pushes_while_the_joint_is_held_at_coarse_steps_is_not_clipped_and_a_cut_motion_is():
+def test_a_person_who_pushes_while_the_joint_is_held_at_coarse_steps_is_not_clipped():
     time, step = np.arange(20_000) / 1000, 2 * np.pi / 2**13
     rng = np.random.default_rng(3)
     way = np.sign(rng.standard_normal(80))
-    held = np.deg2rad(1.5) * way - step * way * (rng.uniform(size=80) > 0.3)  # at the value beside the extreme, mostly
+    # at the value beside the extreme, mostly
+    held = np.deg2rad(1.5) * way - step * way * (rng.uniform(size=80) > 0.3)
     theta = signal.sosfilt(signal.butter(1, 20, fs=1000, output="sos"), np.repeat(held, 250))
     torque = 100 * theta + 2 * np.sin(9 * time) + 0.01 * rng.standard_normal(20_000)
     found = []
@@ -463,16 +640,20 @@ def test_a_person_who_pushes_while_the_joint_is_held_at_coarse_steps_is_not_clip
 
 def test_a_command_at_its_level_is_no_rail_a_clipped_current_and_a_stated_end_are():
     time, levels = np.arange(2000) / 500.0, np.repeat([3.0, -2.0, 3.0, 1.0], 500)
-    measured = np.minimum(4 * np.sin(7 * time) + 0.02 * np.random.default_rng(1).standard_normal(2000), 3.0)
+    measured = np.minimum(
+        4 * np.sin(7 * time) + 0.02 * np.random.default_rng(1).standard_normal(2000), 3.0
+    )
     torque = np.concatenate([time[:997], np.full(3, 59.7), np.full(7, 59.97), time[:993]])
     origin = {"columns": {"torque": {"range": [-60.0, 60.0]}}}
     for column, values, least, most in (
         ("current", levels, 0, 0), ("current", measured, 51, 999), ("torque", torque, 7, 7),
-        ("torque", np.repeat(measured[::20], 20), 5, 8), ("torque", np.repeat(4 * np.sin(7 * time[::20]), 20), 0, 2),
+        ("torque", np.repeat(measured[::20], 20), 5, 8),
+        ("torque", np.repeat(4 * np.sin(7 * time[::20]), 20), 0, 2),
     ):  # fmt: skip
         trial = Trial("a", pl.DataFrame({"time": time, column: values}), origin)
         assert least <= samples_at_rail(trial, column) <= most
-    for low, high in ((-61.1, 61.1), (-61.3, 0.0), (0.0, 61.3)):  # electronics reach a hundredth of the range further
+    # electronics reach a hundredth of the range further
+    for low, high in ((-61.1, 61.1), (-61.3, 0.0), (0.0, 61.3)):
         trial = Trial("a", pl.DataFrame({"time": [0.0, 1.0], "torque": [low, high]}), origin)
         with pytest.raises(InputError, match="beyond") if low + high else nullcontext():
             check_ranges(trial)
@@ -497,7 +678,9 @@ def test_a_log_with_values_beyond_the_stated_range_is_not_ingested(tmp_path):
     source = {"format": "csv", "time": {"column": "t", "unit": "s"}, "channels": {"torque": torque}}
     (tmp_path / "cell.yaml").write_text(yaml.safe_dump(source))
     row = {"trial": "a", "experiment": "ingest_only", "log": "log.csv", "log_source": "cell"}
-    beyond = r"trial a: torque goes from -21 to 21 N\*m, beyond the `range` of its sensor, -20.5 to 20.5"
+    beyond = (
+        r"trial a: torque goes from -21 to 21 N\*m, beyond the `range` of its sensor, -20.5 to 20.5"
+    )
     with pytest.raises(InputError, match=beyond):
         ingest_trial(row, tmp_path, tmp_path, tmp_path / "a.parquet")
     assert not (tmp_path / "a.parquet").exists()
@@ -510,7 +693,8 @@ ROLL = np.interp(TIME, [0.2, 0.8], [-0.08, 0.14])  # centre of pressure along x 
 
 
 def force_and_moment(roll: Array = ROLL, seed: int = 1) -> tuple[Array, Array]:
-    """Force and moment (n, 3) on the plate in its axes (z down): 700 N that rolls along x, with noise."""
+    """Force and moment (n, 3) on the plate in its axes (z down): 700 N that rolls along x, with
+    noise."""
     rng, vertical = np.random.default_rng(seed), -700 * STANCE * (1 + 0.1 * np.sin(10 * TIME))
     force = np.column_stack([60 * STANCE * np.sin(10 * (TIME - 0.5)), 20 * STANCE, vertical])
     moment = np.column_stack([0.02 * vertical, -roll * vertical, 0.0 * TIME])
@@ -519,10 +703,19 @@ def force_and_moment(roll: Array = ROLL, seed: int = 1) -> tuple[Array, Array]:
 
 def plate_trial(path: Path, channels: Array, **source: Any) -> Trial:
     """The C3D of one level plate of 0.6 m by 0.4 m, as ingest reads it."""
-    corners = np.array([[300.0, -200, 0], [-300, -200, 0], [-300, 200, 0], [300, 200, 0]])  # z down: y to the right
-    plate = {"USED": np.array([1]), "TYPE": np.array([2]), "CORNERS": corners.T[:, :, None], "ORIGIN": np.zeros((3, 1))}
+    # z down: y to the right
+    corners = np.array([[300.0, -200, 0], [-300, -200, 0], [-300, 200, 0], [300, 200, 0]])
+    plate = {
+        "USED": np.array([1]),
+        "TYPE": np.array([2]),
+        "CORNERS": corners.T[:, :, None],
+        "ORIGIN": np.zeros((3, 1)),
+    }
     facts = {f"FORCE_PLATFORM__{name}": fact for name, fact in plate.items()}
-    facts |= {"FORCE_PLATFORM__CHANNEL": np.arange(1, 7)[:, None], "ANALOG__UNITS": ["N"] * 3 + ["Nm"] * 3}
+    facts |= {
+        "FORCE_PLATFORM__CHANNEL": np.arange(1, 7)[:, None],
+        "ANALOG__UNITS": ["N"] * 3 + ["Nm"] * 3,
+    }
     write_c3d(path, np.ones((FRAMES, 1, 4)), channels, **facts)
     recording = FORMATS["c3d"].read(path, FORMATS["c3d"].source(format="c3d", **source))
     return Trial("walk", recording.samples, recording.facts)
@@ -532,13 +725,22 @@ def checked(trial: Trial, experiment: str = "walking") -> dict[str, CheckResult]
     return examine(trial, experiment, Commanded((2,), (1,), 3))
 
 
-def test_a_sound_plate_passes_and_a_clipped_raw_channel_is_named_with_its_time(tmp_path: Path) -> None:
+def test_a_sound_plate_passes_and_a_clipped_raw_channel_is_named_with_its_time(
+    tmp_path: Path,
+) -> None:
     channels = np.hstack(force_and_moment())
     found = checked(plate_trial(tmp_path / "a.c3d", channels))
-    assert ((found["saturation"].value or 0) < 5, (found["stuck"].value or 0) < 0.05) == (True, True)
+    assert ((found["saturation"].value or 0) < 5, (found["stuck"].value or 0) < 0.05) == (
+        True,
+        True,
+    )
     assert found["pressure_centre"] == CheckResult(0.0, "")
-    far = channels + 1e3 * np.outer(np.isin(np.arange(TIME.size), (150, 250, 350)) * 3, [0, 0, 0, 0, 1, 0])
-    assert checked(plate_trial(tmp_path / "a.c3d", far))["pressure_centre"].value == 0.0, "of 300, 3 do not count"
+    far = channels + 1e3 * np.outer(
+        np.isin(np.arange(TIME.size), (150, 250, 350)) * 3, [0, 0, 0, 0, 1, 0]
+    )
+    assert checked(plate_trial(tmp_path / "a.c3d", far))["pressure_centre"].value == 0.0, (
+        "of 300, 3 do not count"
+    )
     # 5th to 95th percentile of a steady roll of 0.22 m
     assert found["pressure_travel"].value == pytest.approx(0.9 * 0.22, rel=0.08)
     channels[:, 4] = np.clip(channels[:, 4], -60.0, 60.0)
@@ -548,26 +750,43 @@ def test_a_sound_plate_passes_and_a_clipped_raw_channel_is_named_with_its_time(t
     facts = trial.provenance["plates"][0]["channels"][4]
     assert abs(facts["clipped_at"]) == 60.0
     assert 0.2 < facts["clipped_from_s"] < facts["clipped_to_s"] < 0.8
-    assert facts["clipped_to_s"] - facts["clipped_from_s"] == pytest.approx((facts["clipped_samples"] - 1) / PLATE_RATE)
+    assert facts["clipped_to_s"] - facts["clipped_from_s"] == pytest.approx(
+        (facts["clipped_samples"] - 1) / PLATE_RATE
+    )
 
 
 def test_a_raw_channel_that_stands_while_the_plate_is_loaded_is_stuck(tmp_path: Path) -> None:
     channels = np.hstack(force_and_moment())
     channels[:, 4] = 37.5
     found = checked(plate_trial(tmp_path / "a.c3d", channels))
-    assert (found["stuck"].value, found["stuck"].remark) == (pytest.approx(TIME[-1], abs=1e-9), "plate1 channel A5")
-    for top, change, told in ((1000, 150, 0), (1000, 250, 250), (100, 40, 0), (100, 60, 600)):  # a fifth, and 50 N
+    assert (found["stuck"].value, found["stuck"].remark) == (
+        pytest.approx(TIME[-1], abs=1e-9),
+        "plate1 channel A5",
+    )
+    # a fifth, and 50 N
+    for top, change, told in ((1000, 150, 0), (1000, 250, 250), (100, 40, 0), (100, 60, 600)):
         channels = np.outer(np.linspace(0, top, TIME.size), [1e-4, 1e-4, -1, 1e-4, 1e-4, 1e-4])
         channels[: TIME.size * change // top, 4] = 5.0
         facts = plate_trial(tmp_path / "b.c3d", channels).provenance["plates"][0]["channels"][4]
-        assert (facts["stands_samples"], facts["stands_to_s"]) == (told, (told - 1) / PLATE_RATE if told else None)
+        assert (facts["stands_samples"], facts["stands_to_s"]) == (
+            told,
+            (told - 1) / PLATE_RATE if told else None,
+        )
 
 
-def test_a_plate_whose_moments_stand_still_has_a_centre_of_pressure_outside_or_at_rest(tmp_path: Path) -> None:
+def test_a_plate_whose_moments_stand_still_has_a_centre_of_pressure_outside_or_at_rest(
+    tmp_path: Path,
+) -> None:
     force, moment = force_and_moment()
     moments = {"a": 0 * moment + [0, 840.0, 0], "b": 0 * moment, "c": moment}
-    outside, dead, sound = (plate_trial(tmp_path / f"{one}.c3d", np.hstack((force, x))) for one, x in moments.items())
-    second = {name: name.replace("plate1", "plate2") for name in sound.samples.columns if name.startswith("plate1")}
+    outside, dead, sound = (
+        plate_trial(tmp_path / f"{one}.c3d", np.hstack((force, x))) for one, x in moments.items()
+    )
+    second = {
+        name: name.replace("plate1", "plate2")
+        for name in sound.samples.columns
+        if name.startswith("plate1")
+    }
 
     def beside_a_sound_one(trial: Trial) -> Trial:
         both = trial.samples.hstack(sound.samples.select(*second).rename(second))
@@ -584,11 +803,16 @@ def test_a_plate_whose_moments_stand_still_has_a_centre_of_pressure_outside_or_a
 def test_moments_a_thousand_times_too_large_or_too_small_are_named(tmp_path: Path) -> None:
     force, moment = force_and_moment()
     large = plate_trial(tmp_path / "a.c3d", np.hstack((force, 1e3 * moment)))
-    assert "moments look a thousand times too large; state `plate_units`" in checked(large)["pressure_centre"].remark
+    assert (
+        "moments look a thousand times too large; state `plate_units`"
+        in checked(large)["pressure_centre"].remark
+    )
     units = {"force": "N", "moment": "N*mm"}
     mended = plate_trial(tmp_path / "a.c3d", np.hstack((force, 1e3 * moment)), plate_units=units)
     assert checked(mended)["pressure_centre"].value == 0
-    small = checked(plate_trial(tmp_path / "b.c3d", np.hstack((force, 1e-3 * moment))))["pressure_travel"]
+    small = checked(plate_trial(tmp_path / "b.c3d", np.hstack((force, 1e-3 * moment))))[
+        "pressure_travel"
+    ]
     assert "a thousand times too small" in small.remark
     assert travel(np.array([[0.0, 0.0], [3.0, 4.0]])) == pytest.approx(0.9 * 5)
 
@@ -596,14 +820,21 @@ def test_moments_a_thousand_times_too_large_or_too_small_are_named(tmp_path: Pat
 def test_a_plate_on_which_nobody_stands_is_not_judged(tmp_path: Path) -> None:
     force, moment = force_and_moment()
     trial = plate_trial(tmp_path / "a.c3d", 0.05 * np.hstack((force, moment)))
-    assert checked(trial)["pressure_centre"] == CheckResult(None, "not applicable: no plate is stood on")
-    assert checked(trial, "plate")["pressure_centre"].remark == "not applicable: nobody stands on a plate"
+    assert checked(trial)["pressure_centre"] == CheckResult(
+        None, "not applicable: no plate is stood on"
+    )
+    assert (
+        checked(trial, "plate")["pressure_centre"].remark
+        == "not applicable: nobody stands on a plate"
+    )
 
 
 @pytest.mark.skipif(not (REAL_DATA / "c3d").is_dir(), reason="real data are not here")
 def test_real_plates_pass() -> None:
     for name in ("btk_PiG_Motion3_FF.c3d", "opensim_jogging_300_1500.c3d", "c3dorg_s10_TYPE-4.C3D"):
-        recording = FORMATS["c3d"].read(REAL_DATA / "c3d" / name, FORMATS["c3d"].source(format="c3d", markers=()))
+        recording = FORMATS["c3d"].read(
+            REAL_DATA / "c3d" / name, FORMATS["c3d"].source(format="c3d", markers=())
+        )
         found = checked(Trial(name, recording.samples, recording.facts), "overground")
         assert found["pressure_centre"].value == pytest.approx(0, abs=0.01), name
         assert (found["saturation"].value or 0) < 5, name
@@ -613,6 +844,8 @@ def test_stamps_of_which_most_are_repeated_are_examined_by_their_mean_step():
     """Whole ms at 2 kHz ended in a division by zero."""
     time = np.arange(4000) // 2 / 1000
     checks = examine(
-        Trial("made", pl.DataFrame({"time": time, "theta": np.sin(6 * time), "torque": time})), "impedance", COMMANDED
+        Trial("made", pl.DataFrame({"time": time, "theta": np.sin(6 * time), "torque": time})),
+        "impedance",
+        COMMANDED,
     )
     assert {"stuck", "rate"} <= checks.keys()

@@ -1,4 +1,5 @@
-"""The report, whose signals survive packing and which says what the tables say, and the pages of the documentation."""
+"""The report, whose signals survive packing and which says what the tables say, and the pages of
+the documentation."""
 
 import base64
 import hashlib
@@ -26,7 +27,12 @@ from test_bench_belt import belt_cycle
 from tutorial_page import DOCS, FIGURE, LEFT_OUT, said_by_page
 
 from osl_analysis.bench.analysis import Series
-from osl_analysis.bench.components import belt_table, fit_branches, transmission_of, transmission_table
+from osl_analysis.bench.components import (
+    belt_table,
+    fit_branches,
+    transmission_of,
+    transmission_table,
+)
 from osl_analysis.bench.impedance import impedance_table, rendered_impedance, repeated_trials_table
 from osl_analysis.campaign.campaign import ABOUT_MEANING, sentence
 from osl_analysis.campaign.configuration import read_config
@@ -51,41 +57,70 @@ IMPEDANCE = described_tables_by_name()["impedance"]
 def unpack(packed):
     """The columns of a packed table, read by the description of the format alone."""
     planes = np.frombuffer(zlib.decompress(base64.b64decode(packed["data"])), np.uint8)
-    counts = np.cumsum(2 ** (8 * np.arange(4)) @ planes.reshape(-1, 4, packed["rows"]), axis=1).astype(np.int32)
+    counts = np.cumsum(
+        2 ** (8 * np.arange(4)) @ planes.reshape(-1, 4, packed["rows"]), axis=1
+    ).astype(np.int32)
     units = np.array([*packed["units"].values()])[:, None]
-    return dict(zip(packed["units"], np.where(counts == -(2**31), np.nan, counts * units), strict=True))
+    return dict(
+        zip(packed["units"], np.where(counts == -(2**31), np.nan, counts * units), strict=True)
+    )
 
 
 def test_a_packed_signal_is_off_by_no_more_than_half_a_count_and_keeps_its_holes():
     noisy = np.random.default_rng(1).normal(size=5000).cumsum()
     noisy[100:200] = np.nan
-    table = pl.DataFrame({"time": 3 + np.arange(5000) / 66, "noisy": noisy, "flat": np.full(5000, 4.2)}).fill_nan(None)
+    table = pl.DataFrame(
+        {"time": 3 + np.arange(5000) / 66, "noisy": noisy, "flat": np.full(5000, 4.2)}
+    ).fill_nan(None)
     found = unpack(json.loads(json.dumps(page.packed_table(table))))
     for name, values in {"time": table["time"].to_numpy(), "noisy": noisy}.items():
-        assert_allclose(found[name], values, rtol=0, atol=2**-15 * (np.nanmax(values) - np.nanmin(values)))
+        assert_allclose(
+            found[name], values, rtol=0, atol=2**-15 * (np.nanmax(values) - np.nanmin(values))
+        )
     assert_allclose(found["flat"], 4.2, rtol=1e-8)
-    short = pl.DataFrame({"a": [np.inf, -np.inf, np.nan, 1.25], "n": [1, 2, 3, 4], "none": [None] * 4})
+    short = pl.DataFrame(
+        {"a": [np.inf, -np.inf, np.nan, 1.25], "n": [1, 2, 3, 4], "none": [None] * 4}
+    )
     read = unpack(page.packed_table(short))
     assert_allclose(read["a"], [np.nan, np.nan, np.nan, 1.25], rtol=1e-8)
     assert (read["n"].tolist(), np.isnan(read["none"]).all()) == ([1, 2, 3, 4], True)
 
 
-ABOUT = dict(zip(ABOUT_MEANING, (HOSTILE, "simulated", "1.2", "abc", "made with seed 1"), strict=True))
+ABOUT = dict(
+    zip(ABOUT_MEANING, (HOSTILE, "simulated", "1.2", "abc", "made with seed 1"), strict=True)
+)
 
 
 STATED = {"unnamed": "", "assumed": "", "conditions": [], "method": "", "claims": []}
 NUMBER = dict.fromkeys(("low", "high", "interval", "draft", "doubt")) | {"unit": "%"}
-FINDING = {"verdict": "doubtful", "trials": ["a"], "n": 2, "of": "impedance trials", "cause": HOSTILE}
+FINDING = {
+    "verdict": "doubtful",
+    "trials": ["a"],
+    "n": 2,
+    "of": "impedance trials",
+    "cause": HOSTILE,
+}
 SETTINGS = read_config(ROOT / "config/config.yaml").model_dump(mode="json")
 
 
 def fitted_rows():
-    rows = {"amplitude_deg": [4.0, None], "K": [301.26, 299.5123], "K_low": [300.9, 299.2], "K_high": [301.6, 299.8]}
-    return pl.DataFrame({"trial": ["t", "t"], **rows, "VAF": [99.0, 98.0], "R2": [0.5, None], "doubtful": ["", ""]})
+    rows = {
+        "amplitude_deg": [4.0, None],
+        "K": [301.26, 299.5123],
+        "K_low": [300.9, 299.2],
+        "K_high": [301.6, 299.8],
+    }
+    return pl.DataFrame(
+        {"trial": ["t", "t"], **rows, "VAF": [99.0, 98.0], "R2": [0.5, None], "doubtful": ["", ""]}
+    )
 
 
-def doubt(cause="friction", column="coulomb_share", value=0.3, limit=0.25, table="impedance", **place):
-    return Finding(table, "t", cause, Grade.DOUBTS, (Beyond(column, value, limit, "above"),), **place)
+def doubt(
+    cause="friction", column="coulomb_share", value=0.3, limit=0.25, table="impedance", **place
+):
+    return Finding(
+        table, "t", cause, Grade.DOUBTS, (Beyond(column, value, limit, "above"),), **place
+    )
 
 
 def stored_findings(*findings):
@@ -94,15 +129,36 @@ def stored_findings(*findings):
 
 
 def trial(name="t", *findings, **facts):
-    row = {"trial": name, "experiment": "impedance", "controller": HOSTILE, "K_d": 300.0, "accept": "gap"}
-    return ReportedTrial(name, row, {"impedance": fitted_rows()}, stored_findings(*findings), **facts)
+    row = {
+        "trial": name,
+        "experiment": "impedance",
+        "controller": HOSTILE,
+        "K_d": 300.0,
+        "accept": "gap",
+    }
+    return ReportedTrial(
+        name, row, {"impedance": fitted_rows()}, stored_findings(*findings), **facts
+    )
 
 
 def page_of(trials):
-    facts = {"verdict": "doubtful", "cause": HOSTILE, "says": "x", "size": "y", "remedy": "", "of": "trials", "n": 2}
+    facts = {
+        "verdict": "doubtful",
+        "cause": HOSTILE,
+        "says": "x",
+        "size": "y",
+        "remedy": "",
+        "of": "trials",
+        "n": 2,
+    }
     summary = {"findings": [{**facts, "trials": [one.name for one in trials]}]}
     content = {"about": ABOUT, "made_of": sentence(ABOUT), **trial_page.trials_content(trials)}
-    content |= {**page.overview(trials, summary, [], ABOUT), "intervals": "", "not_made": [], "sensitivity": []}
+    content |= {
+        **page.overview(trials, summary, [], ABOUT),
+        "intervals": "",
+        "not_made": [],
+        "sensitivity": [],
+    }
     content["methods"] = trial_page.methods_content(SETTINGS, {}, trials)
     content |= {"absent_figures": {"Response": "No trial has one."}, **STATED}
     packed = {one.name: (trial_page.trial_content(one), {}) for one in trials}
@@ -133,21 +189,40 @@ def test_names_from_files_are_text_and_no_script_runs_but_the_two_of_the_page():
     page = Page(page_of([trial(HOSTILE, doubt(HOSTILE, HOSTILE), left_out=[HOSTILE])]))
     tags = [tag for tag, _ in page.elements]
     assert ("img" in tags, tags.count("script")) == (False, 3)
-    assert not [name for _, attributes in page.elements for name in attributes if name.startswith("on")]
+    assert not [
+        name for _, attributes in page.elements for name in attributes if name.startswith("on")
+    ]
     assert page.text.count(HOSTILE) >= 4
-    policy = next(a["content"] for _, a in page.elements if a.get("http-equiv") == "Content-Security-Policy")
-    found = [base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in page.scripts[-2:]]
+    policy = next(
+        a["content"] for _, a in page.elements if a.get("http-equiv") == "Content-Security-Policy"
+    )
+    found = [
+        base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+        for text in page.scripts[-2:]
+    ]
     assert re.findall(r"'sha256-([^']+)'", policy) == found
     assert policy.startswith("default-src 'none'; script-src 'sha256-")
-    assert not [a for _, a in page.elements if a.get("src") or a.get("href", "#")[0] != "#"], "nothing is loaded"
+    assert not [a for _, a in page.elements if a.get("src") or a.get("href", "#")[0] != "#"], (
+        "nothing is loaded"
+    )
     # a packed trial reads back with its name
     content = json.loads(zlib.decompress(base64.b64decode(json.loads(page.scripts[0])["content"])))
-    assert [a["data-name"] for _, a in page.elements if a.get("class") == "packed"] == [content["name"]] == [HOSTILE]
+    assert (
+        [a["data-name"] for _, a in page.elements if a.get("class") == "packed"]
+        == [content["name"]]
+        == [HOSTILE]
+    )
     shown = content["estimates"]
     rows = [["4", "301.3 [300.9, 301.6]", "99", "0.5"], ["all", "299.5 [299.2, 299.8]", "98", "–"]]
     named = ["amplitude_deg deg", "K N·m/rad", "VAF %", "R2 "]
-    assert (shown["rows"], [f"{one['name']} {one['unit']}" for one in shown["columns"]]) == (rows, named)
-    assert [" ".join(cells[:3]) for cells in content["columns"]][:2] == ["trial t text", "K 299.512 N·m/rad"]
+    assert (shown["rows"], [f"{one['name']} {one['unit']}" for one in shown["columns"]]) == (
+        rows,
+        named,
+    )
+    assert [" ".join(cells[:3]) for cells in content["columns"]][:2] == [
+        "trial t text",
+        "K 299.512 N·m/rad",
+    ]
 
 
 def methods_of(trials, tables, settings, **about):
@@ -168,39 +243,63 @@ def sentences(said):
 def test_the_methods_have_the_numbers_of_settings_sheet_and_tables_and_nothing_that_was_not_done():
     checks = pl.DataFrame({"check": ["rate", "gap"], "value": [249.96, 0.0], "verdict": "pass"})
     origin = {"files": {"log": {"path": "a/b.mcap", "source": "my_bench"}}}
-    bench = [trial("a", quality=checks, provenance=origin), trial("b", left_out=["gap 1 s; torque"])]
-    table = {"excitation": ["stepped sine"] * 2, "commanded_deg": [2.0, 7.0], "interval_method": ["units"] * 2}
+    bench = [
+        trial("a", quality=checks, provenance=origin),
+        trial("b", left_out=["gap 1 s; torque"]),
+    ]
+    table = {
+        "excitation": ["stepped sine"] * 2,
+        "commanded_deg": [2.0, 7.0],
+        "interval_method": ["units"] * 2,
+    }
     table["amplitude_deg"] = [None] * 2
-    tables = {"impedance": pl.DataFrame(table), "phasors": pl.DataFrame({"frequency_hz": [1.0, 4.0]})}
+    tables = {
+        "impedance": pl.DataFrame(table),
+        "phasors": pl.DataFrame({"frequency_hz": [1.0, 4.0]}),
+    }
     other = json.loads(json.dumps(SETTINGS))
     other["dynamometer"] |= {"cutoff_hz": 12.5, "bench_stiffness": {"value": "218 N*m/deg"}}
     other["walking"] |= {"window_s": 0.08, "guard_s": 0.03, "bootstrap_samples": 200}
     rows = [{"experiment": "walking", "perturbed": k < 3} for k in range(7)]
-    crossings = [ReportedTrial(f"w{k}", row, left_out=["far"] * (k == 0)) for k, row in enumerate(rows)]
+    crossings = [
+        ReportedTrial(f"w{k}", row, left_out=["far"] * (k == 0)) for k, row in enumerate(rows)
+    ]
     walked = {"walking": pl.DataFrame({"interval_method": ["unperturbed crossings"]})}
     walked["walking_groups"] = pl.DataFrame({"group": ["a", "b"], "n_up": [1, 1], "n_down": [1, 1]})
-    time = np.arange(300) / 300  # a turn of 80 ms, whose middle eight tenths take 64 ms, beside noise of markers
-    turned = 2.5 * np.clip((time - 0.5) / 0.08, 0, 1) + 0.02 * np.random.default_rng(1).standard_normal(300)
+    # a turn of 80 ms, whose middle eight tenths take 64 ms, beside noise of markers
+    time = np.arange(300) / 300
+    turned = 2.5 * np.clip((time - 0.5) / 0.08, 0, 1) + 0.02 * np.random.default_rng(
+        1
+    ).standard_normal(300)
     crossings = [
-        replace(one, pictures=Pictures([], {"crossing": pl.DataFrame({"time": time, "platform_deg": -turned})}),
-                provenance={"plates": [{}], "mocap": {"frame_rate_hz": 300.0, "samples_per_frame": 4}},
+        replace(one, pictures=Pictures([], {"crossing": pl.DataFrame({"time": time,
+        "platform_deg": -turned})}),
+                provenance={"plates": [{}], "mocap": {"frame_rate_hz": 300.0,
+                "samples_per_frame": 4}},
                 quality=checks.with_columns(value=300.0))
         for one in crossings
     ]  # fmt: skip
-    sines = pl.DataFrame({"excitation": ["periodic", "other", "other"], "theta_rms_deg": [2.0, 2.1, 2.4],
-                          "band_low_hz": [0.5, 0.9, 0.9], "band_high_hz": [8.0, 7.2, 7.2], "fitted_s": [60.0] * 3,
-                          "interval_method": ["units"] * 3, "amplitude_deg": [None] * 3})  # fmt: skip
+    sines = pl.DataFrame({"excitation": ["periodic", "other", "other"], "theta_rms_deg": [2.0, 2.1,
+        2.4],
+                          "band_low_hz": [0.5, 0.9, 0.9], "band_high_hz": [8.0, 7.2, 7.2],
+                          "fitted_s": [60.0] * 3,
+                          "interval_method": ["units"] * 3,
+                          "amplitude_deg": [None] * 3})  # fmt: skip
     for trials, made, chosen, shown, absent in (
         (bench, tables | {"belt": pl.DataFrame(schema=["group"])}, SETTINGS,
-         ("2 trials", "250 Hz", "MCAP", "2 and 7°", "1 and 4 Hz", "15 Hz", "gap 1 s, torque", HOSTILE),
+         ("2 trials", "250 Hz", "MCAP", "2 and 7°", "1 and 4 Hz", "15 Hz", "gap 1 s, torque",
+          HOSTILE),
          "belt|transmission|actuator|walkway|platform|crossing|bootstrap|predicted|seven samples|my_bench|rendered|"
          "of this campaign|part of the period"),
         (bench, tables, other, ("12.5 Hz", "218 N·m"), "assumed to be rigid"),
         (bench, {"impedance": sines}, SETTINGS,
-         ("(1 trial, 0.5 to 8 Hz, 2° RMS, 60 s fitted)", "(2 trials, 0.9 to 7.2 Hz, 2.1 to 2.4° RMS, 60 s fitted)"),
+         ("(1 trial, 0.5 to 8 Hz, 2° RMS, 60 s fitted)",
+          "(2 trials, 0.9 to 7.2 Hz, 2.1 to 2.4° RMS, 60 s fitted)"),
          "stepped"),
-        (crossings, walked, other, ("7 times", "3 times", "2 perturbed", "2 groups", "80 ms", "30 ms", "200 samples",
-         "by 2.5°, from a tenth to nine tenths of it in 63 ms (2 with toes up, 2 down)", "markers at 300 Hz and",
+        (crossings, walked, other,
+         ("7 times", "3 times", "2 perturbed", "2 groups", "80 ms", "30 ms", "200 samples",
+         "by 2.5°, from a tenth to nine tenths of it in 63 ms (2 with toes up, 2 down)",
+         "markers at 300 Hz and",
          "plates at 1200 Hz", "half the difference of both directions"),
          "bench|belt|load cell|plate trials|Student|mean response"),
     ):  # fmt: skip
@@ -208,9 +307,15 @@ def test_the_methods_have_the_numbers_of_settings_sheet_and_tables_and_nothing_t
         assert [words for words in shown if words not in said] == []
         assert not re.search(absent, said), "this campaign has none"
         assert [one for one in sentences(said) if len(re.findall(r"\S*\w\S*", one)) > 30] == []
-        assert len(re.findall(r"@\w+{(\w+),", sources)) == int(re.findall(r"\n? ?\[(\d+)\] [A-Z]", said)[-1])
+        assert len(re.findall(r"@\w+{(\w+),", sources)) == int(
+            re.findall(r"\n? ?\[(\d+)\] [A-Z]", said)[-1]
+        )
     cff = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
-    own = ("author", f"{{{cff['authors'][0]['name']}}}"), ("title", cff["title"]), ("year", cff["date-released"].year)
+    own = (
+        ("author", f"{{{cff['authors'][0]['name']}}}"),
+        ("title", cff["title"]),
+        ("year", cff["date-released"].year),
+    )
     assert ", ".join(f"{field} = {{{value}}}" for field, value in own) in sources
 
 
@@ -225,9 +330,15 @@ def test_a_thinned_signal_keeps_the_ends_of_ranges():
 
 
 def test_units_symbols_powers_and_minus_signs_are_set_in_one_way_and_names_are_left():
-    said = printed("-0.2 N*m*s/rad, [-720, +1e-07] kg*m^2, `delay`, K_d theta + B_d omega, a-1, theta_m")
+    said = printed(
+        "-0.2 N*m*s/rad, [-720, +1e-07] kg*m^2, `delay`, K_d theta + B_d omega, a-1, theta_m"
+    )
     assert said == "−0.2 N·m·s/rad, [−720, +1·10⁻⁷] kg·m², “delay”, K_d θ + B_d ω, a-1, theta_m"
-    assert [printed(one) for one in ("1", "N*m/deg", "torque - model")] == ["", "N·m/deg", "torque − model"]
+    assert [printed(one) for one in ("1", "N*m/deg", "torque - model")] == [
+        "",
+        "N·m/deg",
+        "torque − model",
+    ]
 
 
 def test_verdicts_and_counts_sorting_by_the_unrounded_value_and_conditions_that_differ():
@@ -242,13 +353,23 @@ def test_verdicts_and_counts_sorting_by_the_unrounded_value_and_conditions_that_
     assert [row["verdict"] for row in content["trials"]] == kinds[::-1], "the worst first"
     *_, doubtful, flagged, _ = content["trials"]
     assert (flagged["causes"], doubtful["causes"]) == (["gap in the recording"], ["friction"])
-    assert trials[1].doubts[0]["numbers"] == [["gap", "0.095", "above 0.05", WORDS["checks"]["gap"]]]
+    assert trials[1].doubts[0]["numbers"] == [
+        ["gap", "0.095", "above 0.05", WORDS["checks"]["gap"]]
+    ]
     number = {"sort": "299.5123", "text": "299.5", "interval": "[299.2, 299.8]", "column": "K"}
-    assert (doubtful["numbers"][1], [one["name"] for one in content["left_out"]]) == (number, ["c", "d"])
+    assert (doubtful["numbers"][1], [one["name"] for one in content["left_out"]]) == (
+        number,
+        ["c", "d"],
+    )
     assert (trials[2].condition(), doubtful["condition"]) == (f"controller {HOSTILE}, K_d 300", "")
-    assert replace(trials[0], row={"perturbed": False, "part": 2}).condition() == "unperturbed, part 2"
+    assert (
+        replace(trials[0], row={"perturbed": False, "part": 2}).condition() == "unperturbed, part 2"
+    )
     two = [replace(trials[0], row=trials[0].row | {"K_d": K_d}) for K_d in (1.0, 2.0)]
-    assert [row["condition"] for row in trial_page.trials_content(two)["trials"]] == ["K_d 1", "K_d 2"]
+    assert [row["condition"] for row in trial_page.trials_content(two)["trials"]] == [
+        "K_d 1",
+        "K_d 2",
+    ]
 
 
 def test_the_page_begins_with_what_was_done_its_verdict_and_the_figure_that_matters():
@@ -260,17 +381,30 @@ def test_the_page_begins_with_what_was_done_its_verdict_and_the_figure_that_matt
     line = {"cause": "friction", "says": "it does", "remedy": "use it", "trials": ["t", "all"]}
     line |= {"verdict": "doubtful", "of": "impedance trials"}
     found = page.overview(trials, {"numbers": {"K": number}, "findings": [line]}, figures, ABOUT)
-    assert found["done"].startswith("4 simulated trials of the knee: 2 walking (1 perturbed) and 2 impedance (MCAP and")
+    assert found["done"].startswith(
+        "4 simulated trials of the knee: 2 walking (1 perturbed) and 2 impedance (MCAP and"
+    )
     assert found["state"] == "1 of 4 trials is doubtful: friction. 1 was refused."
     assert found["answers"] == ["It is 2.00\xa0% (n = 4)."]
     drawn = [[one["name"] for one in found[key]] for key in ("first", "figures")]
     assert drawn == [["fig5"], ["fig3", "walking_page"]]
     assert found["findings"][0]["named"] == [("t", "it is 30 % of the damping")]
-    unsure = [{"verdict": "not checked", "of": "trials", "trials": ["t"], "cause": cause} for cause in "abcdd"]
-    of_group = {"verdict": "doubtful", "of": "walking groups", "trials": ["all"], "cause": "person reacts"}
+    unsure = [
+        {"verdict": "not checked", "of": "trials", "trials": ["t"], "cause": cause}
+        for cause in "abcdd"
+    ]
+    of_group = {
+        "verdict": "doubtful",
+        "of": "walking groups",
+        "trials": ["all"],
+        "cause": "person reacts",
+    }
     walking = page.overview(walks, {"findings": [of_group, *unsure]}, figures, ABOUT)
     assert walking["first"][0]["name"] == "walking_page", "nothing was desired"
-    said = "The walking K is doubtful: person reacts. Not checked, and in no interval: a, b, c and 1 more."
+    said = (
+        "The walking K is doubtful: person reacts. Not checked, and in no interval: a, b, c and 1"
+        " more."
+    )
     assert said in walking["state"]
 
 
@@ -287,7 +421,10 @@ def test_the_map_has_a_row_for_each_cause_that_a_trial_does_not_pass():
         "gap in the recording": ["passed", "passed", "flagged"],
         "I is certainly negative": ["remark", "passed", "passed"],
     }
-    groups = {name: {"walking": pl.DataFrame({"group": [of]})} for name, of in zip("uv", "AB", strict=True)}
+    groups = {
+        name: {"walking": pl.DataFrame({"group": [of]})}
+        for name, of in zip("uv", "AB", strict=True)
+    }
     walks = [replace(trial(name), tables=tables) for name, tables in groups.items()]
     known = [{"of": "walking groups", "verdict": "not checked", "cause": "x", "trials": ["B", "C"]}]
     (group,) = page.check_map(walks, known)
@@ -297,7 +434,10 @@ def test_the_map_has_a_row_for_each_cause_that_a_trial_does_not_pass():
 def test_doubts_say_whether_they_are_about_the_whole_trial_and_with_which_numbers():
     part = doubt("model that does not fit", "R2", 0.1, 0.9, amplitude_deg=4.0)
     numbers = Beyond("B_change", 0.291, 0.25, "above"), Beyond("coulomb_share", 1.03, 0.5, "above")
-    own, inherited = doubt("x", "x", 2, 1, "phasors", amplitude_deg=2.0, frequency_hz=3.0), replace(part, inherited="y")
+    own, inherited = (
+        doubt("x", "x", 2, 1, "phasors", amplitude_deg=2.0, frequency_hz=3.0),
+        replace(part, inherited="y"),
+    )
     findings = stored_findings(part, replace(doubt(), evidence=numbers), own, inherited)
     found = replace(trial(), findings=findings).doubts
     assert [(one["where"], one["of"], one["cause"]) for one in found] == [
@@ -307,36 +447,61 @@ def test_doubts_say_whether_they_are_about_the_whole_trial_and_with_which_number
     assert found[1]["says"] == WORDS["causes"]["friction"]["says"]
     meanings = [IMPEDANCE.columns[name].meaning for name in ("B_change", "coulomb_share")]
     limits = ("B_change", "0.291", "above 0.25"), ("coulomb_share", "1.03", "above 0.5")
-    assert found[1]["numbers"] == [[*limit, meaning] for limit, meaning in zip(limits, meanings, strict=True)]
+    assert found[1]["numbers"] == [
+        [*limit, meaning] for limit, meaning in zip(limits, meanings, strict=True)
+    ]
 
 
 def test_provenance_says_file_hash_channel_and_conversion():
-    origin = {"file": "log", "topic": "/wrench", "field": "torque.z", "unit": "Nm", "si_unit": "N*m"}
+    origin = {
+        "file": "log",
+        "topic": "/wrench",
+        "field": "torque.z",
+        "unit": "Nm",
+        "si_unit": "N*m",
+    }
     marker = {"label": "A", "file": "mocap", "unit": "mm", "si_unit": "m"}
-    columns = {"torque": origin | {"sign": -1, "scale": 2.00001, "offset": 0.5, "resolution": "16 bit"}}
+    columns = {
+        "torque": origin | {"sign": -1, "scale": 2.00001, "offset": 0.5, "resolution": "16 bit"}
+    }
     columns |= {f"marker_A_{axis}": marker | {"component": axis} for axis in "xyz"}
     files = {"log": {"path": "a.mcap", "bytes": 12, "sha256": "ff", "source": "mine"}}
     clock = {"offset": 0.5, "edges": 18, "nothing": None, "parts": [{"a": 1, "b": 2}, {"a": 3}]}
     found = trial_page.provenance_content({"files": files, "columns": columns, "clock": clock})
     assert found["files"] == [["log", "a.mcap", "12", "ff", "mine"]]
     assert found["signals"] == [
-        ["torque", "log", "topic /wrench, field torque.z, unit Nm, si_unit N*m, sign -1, scale 2.00001, offset 0.5, "
+        ["torque", "log",
+         "topic /wrench, field torque.z, unit Nm, si_unit N*m, sign -1, scale 2.00001, offset 0.5, "
          "resolution 16 bit"], ["marker_A", "mocap", "label A, unit mm, si_unit m"],
     ]  # fmt: skip
-    assert found["facts"] == [["clock offset", "0.5"], ["clock edges", "18"], ["clock parts", "a 1, b 2; a 3"]]
+    assert found["facts"] == [
+        ["clock offset", "0.5"],
+        ["clock edges", "18"],
+        ["clock parts", "a 1, b 2; a 3"],
+    ]
 
 
 def test_a_figure_keeps_to_its_own_identifiers_and_opens_trials():
     spaces = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
     svg = (
-        f'<svg {spaces} width="252pt" height="100pt"><metadata/><defs><path id="p1"/><clipPath id="c"/></defs>'
-        '<g clip-path="url(#c)"><use xlink:href="#p1"/></g>'
-        '<a xlink:href="../report.html#trial=a%26b%3C" target="_blank"><path d="M0 0"/></a></svg>'
+        f'<svg {spaces} width="252pt" height="100pt"><metadata/><defs><path id="p1"/><clipPath'
+        ' id="c"/></defs><g clip-path="url(#c)"><use xlink:href="#p1"/></g><a'
+        ' xlink:href="../report.html#trial=a%26b%3C" target="_blank"><path d="M0 0"/></a></svg>'
     )
     found = page.inline_svg(svg, "fig5", "Fig. 5")
-    parts = ('id="fig5-p1"', 'xlink:href="#fig5-p1"', "url(#fig5-c)", 'xlink:href="#trial=a%26b%3C"', 'tabindex="-1"')
+    parts = (
+        'id="fig5-p1"',
+        'xlink:href="#fig5-p1"',
+        "url(#fig5-c)",
+        'xlink:href="#trial=a%26b%3C"',
+        'tabindex="-1"',
+    )
     assert [part for part in (*parts, "<title>a&amp;b&lt;</title>") if part not in found] == []
-    assert ("target" in found, "metadata" in found, 'viewBox="0 0 252 100"' in found) == (False, False, True)
+    assert ("target" in found, "metadata" in found, 'viewBox="0 0 252 100"' in found) == (
+        False,
+        False,
+        True,
+    )
     assert [
         f'class="{word}"' in page.inline_svg(svg.replace("252", pt), "x", "")
         for pt, word in (("252", "narrow"), ("515", "wide"))
@@ -355,7 +520,11 @@ def test_the_model_of_a_series_is_that_of_the_fit_in_the_samples_that_the_fit_us
     stepped = stepped_sine(second_order, noise=0.3)
     theta_s, torque = belt_cycle(K_s2=3000, coulomb=0.3)
     rng = np.random.default_rng(4)
-    belt = fit_branches(belt_record(theta_s, torque + 30 * np.gradient(theta_s) + 0.02 * rng.normal(size=len(torque))))
+    belt = fit_branches(
+        belt_record(
+            theta_s, torque + 30 * np.gradient(theta_s) + 0.02 * rng.normal(size=len(torque))
+        )
+    )
     any_motion = moving_record(made_trial(rng, noise(rng, duration=20.0)))
     moving, sines = (rendered_impedance(one) for one in (any_motion, stepped))
     losses = transmission_of(stepped)
@@ -363,23 +532,49 @@ def test_the_model_of_a_series_is_that_of_the_fit_in_the_samples_that_the_fit_us
         (sines[0].series(), impedance_table(*sines)), (losses.series(), transmission_table(losses)),
         (belt.series(), belt_table(belt)), (moving[0].series(), impedance_table(*moving)),
     ):  # fmt: skip
-        rest, torque = (series.torque - series.torque_model)[series.fitted], series.torque[series.fitted]
-        assert 100 * (1 - np.var(rest) / np.var(torque)) == pytest.approx(table["VAF"][-1], abs=1e-6)
+        rest, torque = (
+            (series.torque - series.torque_model)[series.fitted],
+            series.torque[series.fitted],
+        )
+        assert 100 * (1 - np.var(rest) / np.var(torque)) == pytest.approx(
+            table["VAF"][-1], abs=1e-6
+        )
         assert 0.1 < series.fitted.mean() < 0.95
 
 
 def test_a_report_says_of_each_trial_what_became_of_it(tmp_path, monkeypatch):
-    """One is flagged, one refused, one has no result though a fit belongs to it, as one has no crossing; one stood."""
+    """One is flagged, one refused, one has no result though a fit belongs to it, as one has no
+    crossing; one stood."""
     (tmp_path / "summary.csv").write_text(json.dumps({"numbers": {}}))
-    lost = dict.fromkeys(("value", "unit", "threshold")) | {"trial": "b_2", "check": "refused", "remark": "no footer"}
-    gap = {"trial": "b_1", "check": "gap", "value": 1.0, "unit": "s", "threshold": 0.5, "remark": "", "verdict": "flag"}
+    lost = dict.fromkeys(("value", "unit", "threshold")) | {
+        "trial": "b_2",
+        "check": "refused",
+        "remark": "no footer",
+    }
+    gap = {
+        "trial": "b_1",
+        "check": "gap",
+        "value": 1.0,
+        "unit": "s",
+        "threshold": 0.5,
+        "remark": "",
+        "verdict": "flag",
+    }
     belt, refused = {"trial": "b_1", "K_s": 9.0}, lost | {"verdict": "refused"}
     made = {"verdicts": [gap, refused], "excluded": [lost], "belt": [belt]}
-    for name, rows in (made | {"series": [dict.fromkeys(DRAWN, 1.0) | {"time": k / 5} for k in range(11)]}).items():
+    for name, rows in (
+        made | {"series": [dict.fromkeys(DRAWN, 1.0) | {"time": k / 5} for k in range(11)]}
+    ).items():
         write_table(pl.DataFrame(rows), tmp_path / f"{name}.csv")
-    given = {name: tmp_path / f"{name}.csv" for name in (*made, "series", "summary", "output", "findings", "states")}
+    given = {
+        name: tmp_path / f"{name}.csv"
+        for name in (*made, "series", "summary", "output", "findings", "states")
+    }
     given |= {f"methods_{form}": tmp_path / f"methods.{form}" for form in ("md", "tex")}
-    write_table(pl.DataFrame({"setting": ["walking.side"], "value": ["right"], "state": ["assumed"]}), given["states"])
+    write_table(
+        pl.DataFrame({"setting": ["walking.side"], "value": ["right"], "state": ["assumed"]}),
+        given["states"],
+    )
     given |= {"series": {"b_1": given["series"]}, "tables": {"belt": given.pop("belt")}}
     found = campaign_findings({}, pl.DataFrame([gap]), DoubtfulFits())
     write_table(found, given["findings"])
@@ -388,18 +583,28 @@ def test_a_report_says_of_each_trial_what_became_of_it(tmp_path, monkeypatch):
     given["refused"] = [of_table, replace(of_table, trial="b_2")]
     monkeypatch.setattr(report, "written_page", lambda *content: seen.extend(content) or "")
     kinds = {"b_1": "belt", "b_2": "belt", "b_3": "belt", "w": "walking", "s": "static"}
-    report.write_report(sheet={name: {"trial": name, "experiment": kind} for name, kind in kinds.items()}, **given)
+    report.write_report(
+        sheet={name: {"trial": name, "experiment": kind} for name, kind in kinds.items()}, **given
+    )
     said = {row["name"]: (row["verdict"], row["doubt"][:40]) for row in seen[0]["trials"]}
     none = ("refused", "it has no result, because b_2 was refuse")
-    assert said.pop("b_1") == ("flagged", "its recording: gap in the recording: samples are missing"[:40])
+    assert said.pop("b_1") == (
+        "flagged",
+        "its recording: gap in the recording: samples are missing"[:40],
+    )
     assert seen[0]["methods"]["recorded"]["belt"] | {"rates": 0, "files": 0} == {
-        "n": 3, "used": 1, "perturbed": 0, "perturbed_used": 0, "rates": 0, "files": 0, "plates": [], "turns": [],
+        "n": 3, "used": 1, "perturbed": 0, "perturbed_used": 0, "rates": 0, "files": 0,
+        "plates": [], "turns": [],
         "streams": {}, "grids": [],
     }  # fmt: skip
     assert said == {"b_2": ("refused", "no footer"), "b_3": none, "w": none, "s": ("clear", "")}
     assert (seen[0]["claims"], seen[0]["not_made"]) == ([], [of_table])
     in_md, in_tex = (given[f"methods_{form}"].read_text() for form in ("md", "tex"))
-    assert ("3 trials of belt" in in_md, "3 trials of belt" in in_tex, "transmission" in in_md) == (True, True, False)
+    assert ("3 trials of belt" in in_md, "3 trials of belt" in in_tex, "transmission" in in_md) == (
+        True,
+        True,
+        False,
+    )
     assert "tables/impedance.csv" not in in_md, "a table that is not there"
     assert re.findall(r"(?<!\\)[%&_#]|[θτ·²°−–]", in_tex) == []
     assert seen[0]["assumed"] == "Assumed, since nobody stated it: the right leg."
@@ -411,7 +616,8 @@ def test_a_report_says_of_each_trial_what_became_of_it(tmp_path, monkeypatch):
 
 
 def test_every_condition_has_K_B_and_I_with_intervals_and_what_is_doubted():
-    """Trials of one condition are one row with Student's interval; a group of walking is one of its own."""
+    """Trials of one condition are one row with Student's interval; a group of walking is one of its
+    own."""
     ends = {"_low": -0.5, "_high": 0.5}
     rows = [
         {"trial": name, "amplitude_deg": size, "controller": "c", "K_d": K_d, "B_d": None}
@@ -424,10 +630,20 @@ def test_every_condition_has_K_B_and_I_with_intervals_and_what_is_doubted():
         for size in (4.0, None)
     ]
     walking = [
-        {"group": "all", "quantity": x, "estimator": "ensemble", "mean": 340.0, "low": 330.0, "high": 350.0}
+        {
+            "group": "all",
+            "quantity": x,
+            "estimator": "ensemble",
+            "mean": 340.0,
+            "low": 330.0,
+            "high": 350.0,
+        }
         for x in "KBI"
     ]
-    tables = {"impedance": pl.DataFrame(rows, infer_schema_length=None), "walking_summary": pl.DataFrame(walking)}
+    tables = {
+        "impedance": pl.DataFrame(rows, infer_schema_length=None),
+        "walking_summary": pl.DataFrame(walking),
+    }
     late = replace(doubt(), without={"K": 290.0, "B": 4.5, "I": 0.02})
     unsure = Finding("impedance", "t", "whether the torque is late", Grade.UNCHECKED)
     walk, several, alone = page.conditions(
@@ -436,85 +652,165 @@ def test_every_condition_has_K_B_and_I_with_intervals_and_what_is_doubted():
     assert [one["unchecked"] for one in (walk, several, alone)] == [0, 0, 1]
     for stated in (0.0, 0.1):
         bench = {"impedance": tables["impedance"].with_columns(K_se_bench=pl.lit(stated))}
-        assert ("trials of the bench share are not" in page.method_said(SETTINGS, bench)) == (stated == 0)
+        assert ("trials of the bench share are not" in page.method_said(SETTINGS, bench)) == (
+            stated == 0
+        )
     half = scipy.stats.t.ppf(0.975, 1) * 2**0.5 / 2**0.5
     assert (walk["of"], walk["K"]) == ("walking", ("340", "[330, 350]"))
     assert (several["of"], several["trials"], several["doubt"]) == ("K_d 100", ["a", "b"], "")
     assert several["K"] == ("100", f"[{100 - half:.0f}, {100 + half:.0f}]")
-    assert (alone["B"][0], alone["doubt"]) == ("−5.00", "friction (with it in the fit K 290, B 4.5 and I 0.02)")
+    assert (alone["B"][0], alone["doubt"]) == (
+        "−5.00",
+        "friction (with it in the fit K 290, B 4.5 and I 0.02)",
+    )
     both = {name: stored_findings(replace(doubt(), subject=name)) for name in "ab"}
     assert page.conditions(tables, both | {"b": []})[1]["doubt"] == "friction (1 of 2)"
 
 
 def test_friction_stands_beside_B_and_a_doubt_names_the_B_that_it_leaves():
-    """What explains a misfit beside certain friction leaves the B without it; a late torque the B that holds it."""
+    """What explains a misfit beside certain friction leaves the B without it; a late torque the B
+    that holds it."""
     rows = fitted_rows().with_columns(
-        *(pl.lit(x).alias(f"{name}{end}") for name in "BI" for end, x in (("", 2.4), ("_low", 1.8), ("_high", 3.0))),
-        B_viscous=pl.lit(1.9), B_viscous_low=pl.lit(1.88), B_viscous_high=pl.lit(1.92), f_C=pl.lit(0.25),
+        *(pl.lit(x).alias(f"{name}{end}") for name in "BI" for end, x in (("", 2.4), ("_low", 1.8),
+        ("_high", 3.0))),
+        B_viscous=pl.lit(1.9), B_viscous_low=pl.lit(1.88), B_viscous_high=pl.lit(1.92),
+        f_C=pl.lit(0.25),
     )  # fmt: skip
-    path, late = (replace(doubt(cause), without={"B": 1.91}) for cause in ("torque path", "late torque"))
+    path, late = (
+        replace(doubt(cause), without={"B": 1.91}) for cause in ("torque path", "late torque")
+    )
     for finding, said in ((path, "B without friction 1.91"), (late, "B 1.91")):
         (found,) = page.conditions({"impedance": rows}, {"t": stored_findings(finding)})
         assert (found["B"][0], found["B_viscous"][0], found["f_C"][0]) == ("2.40", "1.900", "0.25")
         assert found["doubt"] == f"{finding.cause} (with it in the fit {said})"
     (none,) = page.conditions(
-        {"impedance": rows.with_columns(B_viscous=pl.lit(None, pl.Float64))}, {"t": stored_findings(path)}
+        {"impedance": rows.with_columns(B_viscous=pl.lit(None, pl.Float64))},
+        {"t": stored_findings(path)},
     )
-    assert ("B_viscous" in none, none["doubt"]) == (False, "torque path (with it in the fit B 1.91)")
+    assert ("B_viscous" in none, none["doubt"]) == (
+        False,
+        "torque path (with it in the fit B 1.91)",
+    )
 
 
 @pytest.mark.parametrize("n", [4, 20])
-def test_trials_of_no_stated_condition_are_one_only_where_they_repeat_each_other_by_all_that_was_measured(n):
-    """Else neither a row of the first screen nor a headline number may be their mean, which no joint has."""
-    common = {"amplitude_deg": None, "controller": None, "K_d": None, "B_d": None, "excitation": "multisine"}
-    common |= {"band_low_hz": 0.1, "band_high_hz": 5.0, "VAF": 99.0, "interval_method": "units", "doubtful": ""}
+def test_trials_of_no_stated_condition_are_one_only_where_they_repeat_each_other(
+    n,
+):
+    """Else neither a row of the first screen nor a headline number may be their mean, which no
+    joint has."""
+    common = {
+        "amplitude_deg": None,
+        "controller": None,
+        "K_d": None,
+        "B_d": None,
+        "excitation": "multisine",
+    }
+    common |= {
+        "band_low_hz": 0.1,
+        "band_high_hz": 5.0,
+        "VAF": 99.0,
+        "interval_method": "units",
+        "doubtful": "",
+    }
     common |= {"B_viscous": None, "f_C": None}
     rows = [
-        {"trial": f"t{k}"} | {f"{x}{end}": K + by for x in "KBI" for end, by in (("", 0), ("_low", -1), ("_high", 1))}
+        {"trial": f"t{k}"}
+        | {f"{x}{end}": K + by for x in "KBI" for end, by in (("", 0), ("_low", -1), ("_high", 1))}
         for k, K in enumerate(np.resize([62.0, 148.0], n) if n < 8 else np.linspace(62, 148, n))
     ]
-    schema = {"amplitude_deg": pl.Float64, "controller": pl.String, "K_d": pl.Float64, "B_d": pl.Float64}
+    schema = {
+        "amplitude_deg": pl.Float64,
+        "controller": pl.String,
+        "K_d": pl.Float64,
+        "B_d": pl.Float64,
+    }
     table = pl.DataFrame([row | common for row in rows], schema_overrides=schema)
     found = page.conditions({"impedance": table}, {})
     if n > 8:
-        assert [one["trials"] for one in found] == [[f"t{k}"] for k in range(n)], "each K is another one"
+        assert [one["trials"] for one in found] == [[f"t{k}"] for k in range(n)], (
+            "each K is another one"
+        )
     else:
-        assert [one["of"] for one in found] == [f"trials {of}, multisine, 0.1 to 5 Hz" for of in ("t0, t2", "t1, t3")]
+        assert [one["of"] for one in found] == [
+            f"trials {of}, multisine, 0.1 to 5 Hz" for of in ("t0, t2", "t1, t3")
+        ]
         assert [one["trials"] for one in found] == [["t0", "t2"], ["t1", "t3"]]
         assert (found[0]["K"][0], found[1]["K"][0]) == ("62.00", "148.0"), "a mean"
         other = table.with_columns(B=pl.when(trial="t2").then(90.0).otherwise("B"))
-        assert [one["trials"] for one in page.conditions({"impedance": other}, {})] == [["t0"], ["t1", "t3"], ["t2"]]
+        assert [one["trials"] for one in page.conditions({"impedance": other}, {})] == [
+            ["t0"],
+            ["t1", "t3"],
+            ["t2"],
+        ]
     repeats = repeated_trials_table(table).filter(quantity="K")
-    assert repeats["mean", "n"].rows() == ([(62.0, 2), (148.0, 2)] if n < 8 else []), "what the page calls repeats"
+    assert repeats["mean", "n"].rows() == ([(62.0, 2), (148.0, 2)] if n < 8 else []), (
+        "what the page calls repeats"
+    )
     assert repeated_trials_table(table.with_columns(K_d=pl.lit(100.0)))["n"].to_list() == [n] * 3
-    late = table.with_columns(doubtful=pl.when(trial="t2").then(pl.lit("late torque")).otherwise("doubtful"))
-    (first, *_) = page.conditions({"impedance": late}, {})
+    late = table.with_columns(
+        doubtful=pl.when(trial="t2").then(pl.lit("late torque")).otherwise("doubtful")
+    )
+    first, *_ = page.conditions({"impedance": late}, {})
     expected = ("1 left out of the mean", ("62.0", "[61.0, 63.0]")) if n < 8 else ("", first["K"])
     assert (first["doubt"], first["K"]) == expected
     numbers = headline_numbers({"impedance": table}, Example(K_d=None, B_d=None))
     own = [(one.value, one.of) for one in numbers if one.name.startswith("K_example")]
-    assert own == [(62.0, "t0, mean with 1 that repeat it"), (148.0, "t1, mean with 1 that repeat it")] * (n <= 8)
+    assert own == [
+        (62.0, "t0, mean with 1 that repeat it"),
+        (148.0, "t1, mean with 1 that repeat it"),
+    ] * (n <= 8)
 
 
 def test_a_trial_with_certain_friction_repeats_none_without_and_gives_its_numbers_to_no_other():
     """Their B is another quantity, and the mean of one trial's friction is no mean."""
-    common = {"amplitude_deg": None, "controller": None, "K_d": None, "B_d": None, "excitation": "multisine"}
-    common |= {"band_low_hz": 0.1, "band_high_hz": 5.0, "VAF": 99.0, "interval_method": "units", "doubtful": ""}
-    common |= {f"{x}{end}": 140.0 + k for x in "KBI" for k, end in ((0, ""), (-1, "_low"), (1, "_high"))}
+    common = {
+        "amplitude_deg": None,
+        "controller": None,
+        "K_d": None,
+        "B_d": None,
+        "excitation": "multisine",
+    }
+    common |= {
+        "band_low_hz": 0.1,
+        "band_high_hz": 5.0,
+        "VAF": 99.0,
+        "interval_method": "units",
+        "doubtful": "",
+    }
+    common |= {
+        f"{x}{end}": 140.0 + k for x in "KBI" for k, end in ((0, ""), (-1, "_low"), (1, "_high"))
+    }
     f_C = {"a": None, "b": 0.35, "c": None}
     rows = [{"trial": name, "B_viscous": x and 130.0, "f_C": x} | common for name, x in f_C.items()]
-    rows = [row | {f"{x}{end}": row[x] for x in ("B_viscous", "f_C") for end in ("_low", "_high")} for row in rows]
-    schema = {"amplitude_deg": pl.Float64, "controller": pl.String, "K_d": pl.Float64, "B_d": pl.Float64}
+    rows = [
+        row | {f"{x}{end}": row[x] for x in ("B_viscous", "f_C") for end in ("_low", "_high")}
+        for row in rows
+    ]
+    schema = {
+        "amplitude_deg": pl.Float64,
+        "controller": pl.String,
+        "K_d": pl.Float64,
+        "B_d": pl.Float64,
+    }
     table = pl.DataFrame(rows, schema_overrides=schema)
-    assert [one["trials"] for one in page.conditions({"impedance": table}, {})] == [["a", "c"], ["b"]]
+    assert [one["trials"] for one in page.conditions({"impedance": table}, {})] == [
+        ["a", "c"],
+        ["b"],
+    ]
     assert repeated_trials_table(table).filter(quantity="B")["n"].to_list() == [2]
     numbers = headline_numbers({"impedance": table}, Example(K_d=None, B_d=None))
     said = {(one.of, one.n) for one in numbers if "_example" in one.name}
     assert said == {("a, mean with 1 that repeat it", 2), ("b", 1)}
     assert [(one.value, one.of) for one in numbers if one.name.startswith("f_C")] == [(0.35, "b")]
-    late = table.with_columns(doubtful=pl.when(trial="a").then(pl.lit("late torque")).otherwise("doubtful"))
+    late = table.with_columns(
+        doubtful=pl.when(trial="a").then(pl.lit("late torque")).otherwise("doubtful")
+    )
     numbers = headline_numbers({"impedance": late}, Example(K_d=None, B_d=None))
-    assert [one.of for one in numbers if one.name.startswith("K_example")] == ["c", "b"], "a is left out"
+    assert [one.of for one in numbers if one.name.startswith("K_example")] == [
+        "c",
+        "b",
+    ], "a is left out"
 
 
 def test_a_cause_has_one_count_in_the_verdict_the_map_and_the_row_of_its_condition():
@@ -536,23 +832,42 @@ def test_a_cause_has_one_count_in_the_verdict_the_map_and_the_row_of_its_conditi
 
 
 def test_two_devices_are_told_with_their_rates_and_how_they_were_joined():
-    base = pl.DataFrame({"signals": ["theta", "torque"], "rate_hz": [1000.0, 800.0], "grid_rate_hz": [1000.0] * 2})
+    base = pl.DataFrame(
+        {"signals": ["theta", "torque"], "rate_hz": [1000.0, 800.0], "grid_rate_hz": [1000.0] * 2}
+    )
     row = {"trial": "t", "experiment": "impedance"}
     one = ReportedTrial("t", row, {"impedance": fitted_rows(), "timebase": base})
     found = trial_page.recorded_of([one])["impedance"]
-    assert (found["streams"], found["grids"]) == ({"theta": [1000.0], "torque": [800.0]}, [1000.0] * 2)
+    assert (found["streams"], found["grids"]) == (
+        {"theta": [1000.0], "torque": [800.0]},
+        [1000.0] * 2,
+    )
     said, _ = methods_of([one], {}, SETTINGS)
     assert "What was recorded apart was sampled at 1000 Hz (theta) and 800 Hz (torque)." in said
     assert "Cubic splines brought it to one grid of 1000 Hz." in said
-    alike = ReportedTrial("t", row, {"impedance": fitted_rows(), "timebase": base.with_columns(rate_hz=800.0)})
+    alike = ReportedTrial(
+        "t", row, {"impedance": fitted_rows(), "timebase": base.with_columns(rate_hz=800.0)}
+    )
     said, _ = methods_of([alike], {}, SETTINGS)
     assert "recorded apart" not in said
 
 
 def test_each_stated_condition_has_its_own_numbers_and_macros():
-    rows = [{"trial": f"{K_d}", "K_d": K_d, "B_d": 2.0, "K": K} for K_d, K in ((200.0, 190.0), (350.0, 332.0))]
-    ends = {f"{x}{end}": pl.col("K") for x in ("B", "I", "B_viscous", "f_C", "K") for end in ("_low", "_high", "")}
-    more = {"controller": pl.lit("c"), "interval_method": pl.lit("units"), "doubtful": pl.lit(""), "VAF": 99.0}
+    rows = [
+        {"trial": f"{K_d}", "K_d": K_d, "B_d": 2.0, "K": K}
+        for K_d, K in ((200.0, 190.0), (350.0, 332.0))
+    ]
+    ends = {
+        f"{x}{end}": pl.col("K")
+        for x in ("B", "I", "B_viscous", "f_C", "K")
+        for end in ("_low", "_high", "")
+    }
+    more = {
+        "controller": pl.lit("c"),
+        "interval_method": pl.lit("units"),
+        "doubtful": pl.lit(""),
+        "VAF": 99.0,
+    }
     table = pl.DataFrame(rows).with_columns(**ends, **more, amplitude_deg=pl.lit(None, pl.Float64))
     numbers = headline_numbers({"impedance": table}, Example(200.0, 2.0, "the first"))
     K = {one.meaning: (one.value, one.macro) for one in numbers if one.name.startswith("K_example")}
@@ -562,43 +877,86 @@ def test_each_stated_condition_has_its_own_numbers_and_macros():
     }
     many = pl.concat([table.with_columns(B_d=pl.lit(float(k))) for k in range(9)])
     said = headline_numbers({"impedance": many}, Example(200.0, 2.0))
-    assert len([one for one in said if one.name.startswith("K_example")]) == 1, "a table tells of more"
+    assert len([one for one in said if one.name.startswith("K_example")]) == 1, (
+        "a table tells of more"
+    )
 
 
-def test_crossings_are_drawn_in_degrees_the_residual_is_measured_minus_model_and_raw_signals_are_thinned_out():
+def test_crossings_are_drawn_in_degrees_the_residual_is_measured_minus_model():
     angles = {"theta": [0.0, np.pi], "platform": [np.pi / 2, 0.0]}
     crossing = pl.DataFrame({"time": [5.0, 5.1], **angles, "torque": [1.0, 2.0]})
-    table = trial_page.crossing_pictures(crossing).tables["crossing"].select("time", "theta_deg", "platform_deg")
+    table = (
+        trial_page.crossing_pictures(crossing)
+        .tables["crossing"]
+        .select("time", "theta_deg", "platform_deg")
+    )
     assert_allclose(table.to_numpy(), [[0, 0, 90], [0.1, 180, 0]], atol=1e-9)
-    response = pl.DataFrame({"time": [0.01], "theta_deg": [1.0], "torque": [5.0], "torque_model": [3.0]})
+    response = pl.DataFrame(
+        {"time": [0.01], "theta_deg": [1.0], "torque": [5.0], "torque_model": [3.0]}
+    )
     row = trial_page.isolated_pictures(response).tables["isolated"].drop("time").row(0, named=True)
-    assert row == {"theta_deg": 1.0, "torque": 5.0, "torque_model": 3.0, "time_ms": 10.0, "residual": 2.0}
-    samples = pl.DataFrame({"time": 5 + np.arange(6001.0)}).with_columns(pl.lit(1.0).alias(name) for name in "abcde")
+    assert row == {
+        "theta_deg": 1.0,
+        "torque": 5.0,
+        "torque_model": 3.0,
+        "time_ms": 10.0,
+        "residual": 2.0,
+    }
+    samples = pl.DataFrame({"time": 5 + np.arange(6001.0)}).with_columns(
+        pl.lit(1.0).alias(name) for name in "abcde"
+    )
     raw = trial_page.recorded_pictures(samples, dict.fromkeys("abcde", "N")).tables["N"]
     assert (raw.shape, raw["time"][0]) == ((2001, 5), 0), "3000 rows and four lines at most"
 
 
 def test_the_fitted_line_of_phasors_is_the_admittance_of_a_second_order_system():
-    w = np.sqrt(200 / 0.05)  # the natural frequency, where the admittance is 1/(B w), 90 degrees late
+    # the natural frequency, where the admittance is 1/(B w), 90 degrees late
+    w = np.sqrt(200 / 0.05)
     phasors = pl.DataFrame({"amplitude_deg": [2.0, 2.0], "frequency_hz": [w / 2 / np.pi, 100.0]})
     pictures = trial_page.phasor_pictures(phasors, {"K": 200.0, "B": 4.0, "I": 0.05})
     assert pictures.tables["model"].row(0) == pytest.approx((w / 2 / np.pi, 1 / (4 * w), -90))
-    found = [(one["log_y"], *(one["drawn"][0][end] for end in ("low", "high"))) for one in pictures.panels]
-    assert found == [(log, f"{y}_low", f"{y}_high") for log, y in ((True, "Y_magnitude"), (False, "Y_phase_deg"))]
-    drawn = [[one["y"] for one in each["drawn"]] for each in trial_page.response_pictures(phasors).panels]
+    found = [
+        (one["log_y"], *(one["drawn"][0][end] for end in ("low", "high")))
+        for one in pictures.panels
+    ]
+    assert found == [
+        (log, f"{y}_low", f"{y}_high") for log, y in ((True, "Y_magnitude"), (False, "Y_phase_deg"))
+    ]
+    drawn = [
+        [one["y"] for one in each["drawn"]] for each in trial_page.response_pictures(phasors).panels
+    ]
     assert drawn == [[y, f"{y}_eq15"] for y in ("magnitude", "phase_deg")]
 
 
 def test_a_claim_stands_with_its_limit_and_a_long_caption_is_folded_behind_two_sentences():
     number = NUMBER | {"n": 5, "low": 6.0, "high": 7.0, "interval": "95 %", "value": 6.5}
-    number |= {"claim": "it is negligible", "quantity": "x/y", "wanted": "below", "target": 10.0, "margin": None}
+    number |= {
+        "claim": "it is negligible",
+        "quantity": "x/y",
+        "wanted": "below",
+        "target": 10.0,
+        "margin": None,
+    }
     number |= {"verdict": "holds", "subject": None, "joint": "knee", "side": None, "unit": "%"}
-    near = {**number, "claim": "z is 9", "quantity": "z", "wanted": None, "target": 9.0, "margin": 2.0}
+    near = {
+        **number,
+        "claim": "z is 9",
+        "quantity": "z",
+        "wanted": None,
+        "target": 9.0,
+        "margin": 2.0,
+    }
     own = {**number, "claim": "of a trial", "subject": "t"}
     figure = {"name": "fig5", "title": "Fig. 5", "drawing": ""}
     figure |= {"caption": Markup("By Eq. 15 this. That. " + 99 * "Long. ")}
     found = page.overview([trial()], {}, [figure], ABOUT)
-    content = {"about": ABOUT, "made_of": "", **trial_page.trials_content([trial()]), **found, "intervals": ""}
+    content = {
+        "about": ABOUT,
+        "made_of": "",
+        **trial_page.trials_content([trial()]),
+        **found,
+        "intervals": "",
+    }
     content |= {"not_made": [], "sensitivity": [], "absent_figures": {}, **STATED}
     content["claims"] = page.claims_said(pl.DataFrame([number, near, own]))
     content["methods"] = trial_page.methods_content(SETTINGS, {}, [trial()])
@@ -606,26 +964,50 @@ def test_a_claim_stands_with_its_limit_and_a_long_caption_is_folded_behind_two_s
     assert [(one["claim"], one["where"], one["limit"]) for one in content["claims"]] == [
         ("it is negligible", "knee", "below 10 %"), ("z is 9", "knee", "9 ± 2 %"),
     ]  # fmt: skip
-    assert re.search(r"It is negligible \(knee\) ?x/y 6.50 %.{,40} ?below 10 % ?holds ?Z is 9", said)
-    assert "By Eq. 15 this. That. How to read it, and its numbersLong. Long." in said.replace("\xa0", " ")
+    assert re.search(
+        r"It is negligible \(knee\) ?x/y 6.50 %.{,40} ?below 10 % ?holds ?Z is 9", said
+    )
+    assert "By Eq. 15 this. That. How to read it, and its numbersLong. Long." in said.replace(
+        "\xa0", " "
+    )
 
 
 def test_a_trial_is_left_out_by_what_became_of_it():
-    late = {"trial": "late", "check": "gap", "value": 1.0, "unit": "s", "threshold": 0.5, "remark": "theta"}
+    late = {
+        "trial": "late",
+        "check": "gap",
+        "value": 1.0,
+        "unit": "s",
+        "threshold": 0.5,
+        "remark": "theta",
+    }
     cut = dict.fromkeys(late) | {"trial": "cut", "check": "refused", "remark": "no footer"}
-    rows = pl.DataFrame([cut, late, late, cut | {"trial": "hung", "check": "died"}], infer_schema_length=None)
+    rows = pl.DataFrame(
+        [cut, late, late, cut | {"trial": "hung", "check": "died"}], infer_schema_length=None
+    )
     crossings = pl.DataFrame({"trial": ["walk"], "reason": ["no step"]})
     tables = {"walking": crossings.rename({"reason": "excluded"}), "walking_excluded": crossings}
     found = trial_page.left_out_trials(rows, tables, {"late": "again", "new": "why"})
-    assert (found.pop("late"), found.pop("hung")) == ((False, ["gap 1 s, threshold 0.5: theta"]), (True, ["no footer"]))
-    assert found == {"cut": (True, ["no footer"]), "new": (True, ["why"]), "walk": (False, ["no step"])}
+    assert (found.pop("late"), found.pop("hung")) == (
+        (False, ["gap 1 s, threshold 0.5: theta"]),
+        (True, ["no footer"]),
+    )
+    assert found == {
+        "cut": (True, ["no footer"]),
+        "new": (True, ["why"]),
+        "walk": (False, ["no step"]),
+    }
     assert list(found) == ["cut", "new", "walk"]
 
 
 @pytest.mark.parametrize("most", [7, 10_000])
 def test_no_outlier_of_a_long_residual_is_lost_and_no_model_drawn_where_nothing_is_fitted(most):
     random, n = np.random.default_rng(4), 40_003
-    torque, modelled, fitted = random.standard_normal(n), random.standard_normal(n), random.random(n) < 0.7
+    torque, modelled, fitted = (
+        random.standard_normal(n),
+        random.standard_normal(n),
+        random.random(n) < 0.7,
+    )
     table = Series(5 + np.arange(n) / 1000, torque, modelled, np.full(n, np.pi), fitted).table(most)
     step = -(-n // most)
     assert_allclose(table["time"].to_numpy(), np.arange(0, n, step) / 1000, atol=1e-9)
@@ -634,7 +1016,10 @@ def test_no_outlier_of_a_long_residual_is_lost_and_no_model_drawn_where_nothing_
     own = [(torque - modelled)[k : k + step][fitted[k : k + step]] for k in range(0, n, step)]
     low, high = ([f(part) if part.size else None for part in own] for f in (np.min, np.max))
     for name, expected in (("residual_low", low), ("residual_high", high)):
-        assert table[name].to_list() == pl.Series(expected, dtype=pl.Float64).round_sig_figs(7).to_list()
+        assert (
+            table[name].to_list()
+            == pl.Series(expected, dtype=pl.Float64).round_sig_figs(7).to_list()
+        )
 
 
 @pytest.fixture
@@ -648,12 +1033,19 @@ def test_the_page_of_the_command_line_has_every_command_and_option(site):
     page = site["commands"].commands_page()
     for name, command in main.commands.items():
         part = page.split(f"\n## {name}\n")[1].split("\n## ")[0]
-        options = [option for one in command.params for option in one.opts if option.startswith("--")]
+        options = [
+            option for one in command.params for option in one.opts if option.startswith("--")
+        ]
         assert [option for option in options if option not in part] == [], name
     assert str(ROOT) not in page
 
 
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [
+    ROOT / "README.md",
+    ROOT / "CONTRIBUTING.md",
+    ROOT / "CHANGELOG.md",
+    *sorted((ROOT / "docs").glob("*.md")),
+]
 LINK = re.compile(r"\]\((?!https?:|#)([^)#]+)(?:#[^)]*)?\)")
 
 
@@ -668,7 +1060,9 @@ def test_codemeta_says_what_the_citation_says():
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_every_link_leads_to_a_file(page):
-    assert [link for link in LINK.findall(page.read_text()) if not (page.parent / link).exists()] == []
+    assert [
+        link for link in LINK.findall(page.read_text()) if not (page.parent / link).exists()
+    ] == []
 
 
 EQUATION = re.compile(r"^\| [0-9–]+ \|.*\| `([\w.]+)` \|$", re.MULTILINE)
@@ -684,15 +1078,23 @@ def test_every_equation_of_the_method_leads_to_its_function():
 
 def test_the_page_of_functions_finds_every_function_that_it_names(site):
     names = re.findall(r":: ([\w.]+)", site["pages"].functions_page())
-    assert {f"osl_analysis.{name}" for part in site["pages"].FUNCTIONS.values() for name in part} <= set(names)
+    assert {
+        f"osl_analysis.{name}" for part in site["pages"].FUNCTIONS.values() for name in part
+    } <= set(names)
 
 
-def test_the_pictures_of_the_readme_are_of_this_version_and_configuration_and_of_this_page(in_root, monkeypatch):
+def test_the_pictures_of_the_readme_are_of_this_version_and_configuration_and_of_this_page(
+    in_root, monkeypatch
+):
     monkeypatch.syspath_prepend(ROOT / "docs")
     pictures = import_module("make_pictures")
     of_now = pictures.sources()
-    assert {name: pictures.taken(ROOT / "docs" / name) for name in of_now} == of_now, "run `make pictures`"
-    monkeypatch.setattr(pictures, "default_config", lambda: ROOT / "config/campaigns/excitations/config.yaml")
+    assert {name: pictures.taken(ROOT / "docs" / name) for name in of_now} == of_now, (
+        "run `make pictures`"
+    )
+    monkeypatch.setattr(
+        pictures, "default_config", lambda: ROOT / "config/campaigns/excitations/config.yaml"
+    )
     assert not pictures.sources().items() & of_now.items(), "another configuration"
     readme = (ROOT / "README.md").read_text()
     assert f"osl_analysis-{version('osl-analysis')}-py3-none-any.whl" in readme
@@ -705,11 +1107,20 @@ def lines_of(text):
     return [re.sub(r" in \d+ s$", " in N s", line.rstrip()) for line in text]
 
 
-def test_the_commands_of_the_tutorial_print_what_it_shows_and_end_with_its_figure_without_a_flag(tmp_path):
+def test_the_commands_of_the_tutorial_print_what_it_shows_and_end_with_its_figure_without_a_flag(
+    tmp_path,
+):
     folder = tmp_path / "a place with blanks"
     folder.mkdir()
     said = list(said_by_page(folder))
-    assert [command.split()[1] for command, _, _ in said] == ["record.py", "init", "ingest", "fit", "run", "results"]
+    assert [command.split()[1] for command, _, _ in said] == [
+        "record.py",
+        "init",
+        "ingest",
+        "fit",
+        "run",
+        "results",
+    ]
     for command, shown, seen in said:
         shown, seen = lines_of(shown), lines_of(seen)
         if LEFT_OUT in shown:

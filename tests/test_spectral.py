@@ -1,4 +1,5 @@
-"""The period of a motion that repeats itself, its realisations, and the frequency response of any motion."""
+"""The period of a motion that repeats itself, its realisations, and the frequency response of any
+motion."""
 
 from dataclasses import replace
 
@@ -10,23 +11,41 @@ from osl_analysis.bench.phasors import RESPONSE_COLUMNS, impedance_over_frequenc
 from osl_analysis.bench.record import record_of, stretches_of
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.signals import LowPass
-from osl_analysis.spectral.periods import Realisation, distinct, lines_of, period_spectra, periodic_motion
-from osl_analysis.spectral.response import local_fit, local_response, periodic_response, record_spectrum
+from osl_analysis.spectral.periods import (
+    Realisation,
+    distinct,
+    lines_of,
+    period_spectra,
+    periodic_motion,
+)
+from osl_analysis.spectral.response import (
+    local_fit,
+    local_response,
+    periodic_response,
+    record_spectrum,
+)
 
 RATE, PERIOD, LOW_PASS = 250.0, 4.0, LowPass(15)
 LINES, K, B, I = np.array([3, 5, 9, 11, 13, 17, 21, 23, 27, 29]), 200.0, 4.0, 0.05
 
 
 def multisine(seed: int, periods: float = 5, ppm: float = 0.0, lines=LINES):
-    """theta, omega, alpha (n,) of a random-phase multisine on a clock that is fast by ppm; derivatives by hand."""
+    """theta, omega, alpha (n,) of a random-phase multisine on a clock that is fast by ppm;
+    derivatives by hand."""
     t = np.arange(round(periods * PERIOD * RATE)) / RATE * (1 + 1e-6 * ppm)
-    w, phase = 2 * np.pi * lines / PERIOD, np.random.default_rng(seed).uniform(0, 2 * np.pi, len(lines))
+    w, phase = (
+        2 * np.pi * lines / PERIOD,
+        np.random.default_rng(seed).uniform(0, 2 * np.pi, len(lines)),
+    )
     turn, size = np.outer(t, w) + phase, 0.05 / np.sqrt(len(lines))
-    return np.array([size * np.cos(turn).sum(1), -size * np.sin(turn) @ w, -size * np.cos(turn) @ w**2])
+    return np.array(
+        [size * np.cos(turn).sum(1), -size * np.sin(turn) @ w, -size * np.cos(turn) @ w**2]
+    )
 
 
 def record(seed: int, *motions, noise: float = 0.0):
-    """Angle and torque (n,) of motions one after another, each after a second of rest and a ramp of a second."""
+    """Angle and torque (n,) of motions one after another, each after a second of rest and a ramp of
+    a second."""
     rest, parts = np.zeros((3, round(RATE))), []
     for motion in motions:
         parts += [rest, np.minimum(np.arange(motion.shape[1]) / RATE, 1.0) * motion]
@@ -38,19 +57,23 @@ def record(seed: int, *motions, noise: float = 0.0):
 
 @pytest.mark.parametrize("ppm", [0.0, 100.0, -100.0])
 def test_the_period_is_found_on_a_clock_that_is_off_to_less_than_a_millionth(ppm):
-    found = [periodic_motion(*record(seed, multisine(seed, 6, ppm)), RATE, 10.0) for seed in range(1, 9)]
+    found = [
+        periodic_motion(*record(seed, multisine(seed, 6, ppm)), RATE, 10.0) for seed in range(1, 9)
+    ]
     assert [r.periods for r in found[0].realisations] == [5]
     errors = [1e6 * (one.period / PERIOD * (1 + 1e-6 * ppm) - 1) for one in found]
     assert np.abs(errors).max() < 0.4
 
 
-def test_a_record_of_several_motions_with_one_period_has_as_many_realisations_and_one_of_a_motion_that_is_repeated():
+def test_a_record_of_several_motions_with_one_period_has_as_many_realisations():
     once, other = multisine(1), multisine(2)
     found = periodic_motion(*record(3, once, other, np.roll(once, 300, axis=1)), RATE, 10.0)
     assert [r.periods for r in found.realisations] == [4, 4, 4]
-    starts = [r.start for r in found.realisations]  # after a second of rest, and a ramp within the first period
+    # after a second of rest, and a ramp within the first period
+    starts = [r.start for r in found.realisations]
     assert np.diff(starts) == pytest.approx([21, 21], abs=0.2)
-    assert [start + 4 * PERIOD for start in starts] == pytest.approx([21, 42, 63], abs=0.3)  # what is over is left out
+    # what is over is left out
+    assert [start + 4 * PERIOD for start in starts] == pytest.approx([21, 42, 63], abs=0.3)
     assert 2 < starts[0] < 1 + PERIOD + 0.1
     joined = distinct(found.realisations)
     assert [r.periods for r in joined] == [8, 4]
@@ -62,14 +85,23 @@ def test_a_record_of_several_motions_with_one_period_has_as_many_realisations_an
 def test_what_does_not_repeat_itself_has_no_period(motion):
     t, rng = np.arange(round(40 * RATE)) / RATE, np.random.default_rng(4)
     walk = np.convolve(rng.standard_normal(len(t)), np.hanning(60), "same")
-    made = {"chirp": np.sin(np.pi * 0.1 * t**2), "noise": walk, "rest": np.zeros(len(t)), "once": multisine(5, 1.5)[0]}
-    made["by hand"] = np.sin(2 * np.pi * 1.2 * t + 2e-2 * np.cumsum(walk) / RATE)  # a sine whose period changes by 5 %
+    made = {
+        "chirp": np.sin(np.pi * 0.1 * t**2),
+        "noise": walk,
+        "rest": np.zeros(len(t)),
+        "once": multisine(5, 1.5)[0],
+    }
+    # a sine whose period changes by 5 %
+    made["by hand"] = np.sin(2 * np.pi * 1.2 * t + 2e-2 * np.cumsum(walk) / RATE)
     assert periodic_motion(made[motion], made[motion], RATE, 10.0) is None
 
 
 def test_lines_are_those_that_were_excited_and_the_others_odd_and_even():
     lines = lines_of(periodic_motion(*record(6, multisine(1)), RATE, 10.0).realisations)
-    assert (list(np.flatnonzero(lines.excited)), list(np.flatnonzero(lines.odd))) == (list(LINES), [7, 15, 19, 25])
+    assert (list(np.flatnonzero(lines.excited)), list(np.flatnonzero(lines.odd))) == (
+        list(LINES),
+        [7, 15, 19, 25],
+    )
     assert lines.only_odd
     assert list(np.flatnonzero(lines.even)) == list(range(2, 29, 2))
 
@@ -77,7 +109,11 @@ def test_lines_are_those_that_were_excited_and_the_others_odd_and_even():
 def test_spectra_of_a_period_that_is_no_whole_number_of_samples_leak_nothing():
     samples, k = 333.37, np.array([2, 7])
     t = np.arange(2000)
-    y = 3 + 0.5 * np.cos(2 * np.pi * 2 * t / samples + 0.3) + 0.1 * np.sin(2 * np.pi * 7 * t / samples)
+    y = (
+        3
+        + 0.5 * np.cos(2 * np.pi * 2 * t / samples + 0.3)
+        + 0.1 * np.sin(2 * np.pi * 7 * t / samples)
+    )
     X = period_spectra(y, 100.6, samples, 4, 20)
     expected = np.array([0.5 * np.exp(0.3j), -0.1j]) * np.exp(2j * np.pi * k * 100.6 / samples)
     assert (X[0, k], X[:, 0]) == (pytest.approx(expected, abs=1e-6), pytest.approx(3, abs=1e-6))
@@ -96,11 +132,15 @@ def test_drift_of_the_load_cell_does_not_reach_the_lines():
 def recorded(name, theta, torque):
     groups = stretches_of([slice(0, len(theta))], RATE)
     made = record_of(name, np.arange(len(theta)) / RATE, theta, torque, LOW_PASS, groups)
-    return replace(made, torque=torque, periodic=periodic_motion(theta, torque, RATE, LOW_PASS.cutoff_hz))
+    return replace(
+        made, torque=torque, periodic=periodic_motion(theta, torque, RATE, LOW_PASS.cutoff_hz)
+    )
 
 
 def periodic(name, *seeds, size=1.0):
-    return recorded(name, *record(sum(seeds), *(size * multisine(seed) for seed in seeds), noise=0.02))
+    return recorded(
+        name, *record(sum(seeds), *(size * multisine(seed) for seed in seeds), noise=0.02)
+    )
 
 
 def eq15(frequency_hz):
@@ -110,7 +150,9 @@ def eq15(frequency_hz):
 
 def test_the_response_of_a_periodic_trial_has_a_row_per_line_beside_the_models_of_it(parameters):
     fit = {"K": K, "B": B, "I": I}
-    table = impedance_over_frequency(periodic("M", 1, 2), fit, joint_admittance(20.0, 0.5, parameters, parameters.J_j))
+    table = impedance_over_frequency(
+        periodic("M", 1, 2), fit, joint_admittance(20.0, 0.5, parameters, parameters.J_j)
+    )
     assert dict(table.schema) == RESPONSE_COLUMNS
     Z = eq15(table["frequency_hz"])
     for end, at_most in (("", 2.0), ("_eq15", 1e-6)):
@@ -126,16 +168,25 @@ def test_the_response_of_a_periodic_trial_has_a_row_per_line_beside_the_models_o
 
 def test_a_motion_that_does_not_repeat_itself_has_the_local_polynomial_method():
     t = np.arange(round(30 * RATE)) / RATE
-    turn, rate = 2 * np.pi * (0.4 * t + 0.1 * t**2), 2 * np.pi * (0.4 + 0.2 * t)  # a chirp to 6.4 Hz
+    # a chirp to 6.4 Hz
+    turn, rate = 2 * np.pi * (0.4 * t + 0.1 * t**2), 2 * np.pi * (0.4 + 0.2 * t)
     theta, omega = 0.05 * np.sin(turn), 0.05 * rate * np.cos(turn)
     alpha = -(rate**2) * theta + 0.4 * np.pi * omega / rate
     noise = 0.02 * np.random.default_rng(1).standard_normal(len(t))
-    response = impedance_over_frequency(recorded("C", theta, K * theta + B * omega + I * alpha + noise))
+    response = impedance_over_frequency(
+        recorded("C", theta, K * theta + B * omega + I * alpha + noise)
+    )
     assert response.select("method", "odd_level").unique().rows() == [("local polynomial", None)]
     assert len(response) > 5
-    assert response["magnitude"].to_numpy() == pytest.approx(np.abs(eq15(response["frequency_hz"])), rel=0.05)
-    assert impedance_over_frequency(recorded("S", *(x[:250] for x in (theta, omega)))).is_empty(), "too short"
-    assert impedance_over_frequency(recorded("N", theta, 50 * noise)).is_empty(), "a torque that is noise alone"
+    assert response["magnitude"].to_numpy() == pytest.approx(
+        np.abs(eq15(response["frequency_hz"])), rel=0.05
+    )
+    assert impedance_over_frequency(recorded("S", *(x[:250] for x in (theta, omega)))).is_empty(), (
+        "too short"
+    )
+    assert impedance_over_frequency(recorded("N", theta, 50 * noise)).is_empty(), (
+        "a torque that is noise alone"
+    )
 
 
 COUNT, SAMPLES, SIZE = 60, 1024, 0.01
@@ -147,12 +198,19 @@ def in_time(X):
 
 
 def made(seed, noise=0.0, distortion=0.0, extra=None):
-    """Lines of random phases, noise at all lines, distortion that repeats at odd ones, and torque `extra`(angle)."""
+    """Lines of random phases, noise at all lines, distortion that repeats at odd ones, and torque
+    `extra`(angle)."""
     rng, X, periods = np.random.default_rng(seed), np.zeros(COUNT, dtype=complex), 4
     X[ODD] = SIZE * np.exp(2j * np.pi * rng.uniform(size=len(ODD)))
     random = rng.standard_normal((2, periods, COUNT)) * noise / np.sqrt(2)
     repeated = rng.standard_normal((2, COUNT)) * distortion / np.sqrt(2) * (np.arange(COUNT) % 2)
-    torque = (200 + 4j * np.arange(COUNT)) * X + random[0] + 1j * random[1] + repeated[0] + 1j * repeated[1]
+    torque = (
+        (200 + 4j * np.arange(COUNT)) * X
+        + random[0]
+        + 1j * random[1]
+        + repeated[0]
+        + 1j * repeated[1]
+    )
     if extra is not None:
         torque += np.fft.rfft(extra(in_time(X)))[:COUNT] * 2 / SAMPLES
     torque[:, 0] = torque[:, 0].real
@@ -175,21 +233,29 @@ def test_noise_is_taken_off_the_levels():
 
 def test_levels_of_a_cube_are_odd_and_those_of_a_square_are_even():
     for power, seen, absent in ((3, "odd", "even"), (2, "even", "odd")):
-        response = periodic_response([made(k, extra=lambda theta, n=power: 1e4 * theta**n) for k in range(8)])
+        response = periodic_response(
+            [made(k, extra=lambda theta, n=power: 1e4 * theta**n) for k in range(8)]
+        )
         assert rms(response[f"{absent}_level"]) < 1e-6 * rms(response[f"{seen}_level"])
 
 
 def test_one_realisation_tells_the_distortion_by_its_detection_lines():
-    of_one = [periodic_response([made(seed, extra=lambda theta: 1e5 * theta**3)]) for seed in range(12)]
-    several = periodic_response([made(seed, extra=lambda theta: 1e5 * theta**3) for seed in range(12)])
-    assert rms([one["odd_level"] for one in of_one]) == pytest.approx(rms(several["odd_level"]), rel=0.25)
+    of_one = [
+        periodic_response([made(seed, extra=lambda theta: 1e5 * theta**3)]) for seed in range(12)
+    ]
+    several = periodic_response(
+        [made(seed, extra=lambda theta: 1e5 * theta**3) for seed in range(12)]
+    )
+    assert rms([one["odd_level"] for one in of_one]) == pytest.approx(
+        rms(several["odd_level"]), rel=0.25
+    )
     assert np.isnan(of_one[3]["total_level"]).all()
     assert rms(of_one[3]["total_sd"]) == pytest.approx(rms(of_one[3]["odd_level"]))
 
 
 def test_the_local_polynomial_method_finds_the_response_of_a_simulated_system_within_its_noise():
-    """30 s of noise below 8 Hz, by a second library's simulation of a damped system. It takes the torque for linear
-    between its samples, four to one of the record: at 8 Hz that is 2e-4 of it."""
+    """30 s of noise below 8 Hz, by a second library's simulation of a damped system. It takes the
+    torque for linear between its samples, four to one of the record: at 8 Hz that is 2e-4 of it."""
     squares, noise, finer, rate = [], [], 4, 256.0
     keep = slice(round(rate) * finer, round(31 * rate) * finer, finer)
     for seed in (1, 2, 3, 4):

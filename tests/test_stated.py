@@ -41,15 +41,18 @@ OTHERS = {
 
 @pytest.fixture
 def with_default(tmp_path, monkeypatch):
-    """A campaign that states nothing, beside a default configuration with other values of settings."""
+    """A campaign that states nothing, beside a default configuration with other values of
+    settings."""
 
     def made(values):
         (tmp_path / "own.yaml").write_text("{campaign: own, simulation: null}")
         nested = (
-            reduce(lambda inner, key: {key: inner}, reversed(name.split(".")), one) for name, one in values.items()
+            reduce(lambda inner, key: {key: inner}, reversed(name.split(".")), one)
+            for name, one in values.items()
         )
         default = overriding(read_mapping(default_config()), own := reduce(overriding, nested))
-        monkeypatch.setattr(configuration, "read_mapping", lambda path, **_: default if path == default_config() else
+        monkeypatch.setattr(configuration, "read_mapping", lambda path,
+        **_: default if path == default_config() else
                             read_mapping(path))  # fmt: skip
         return tmp_path / "own.yaml", own
 
@@ -57,7 +60,9 @@ def with_default(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("name", FACTS)
-def test_what_the_default_campaign_states_is_no_fact_on_recordings_of_others(name, tmp_path, with_default):
+def test_what_the_default_campaign_states_is_no_fact_on_recordings_of_others(
+    name, tmp_path, with_default
+):
     (tmp_path / "plain.yaml").write_text("{campaign: own, simulation: null}")
     alike, stated = read_config(tmp_path / "plain.yaml"), tmp_path / "stated.yaml"
     unstated, own = with_default({name: OTHERS[name]})
@@ -69,7 +74,8 @@ def test_what_the_default_campaign_states_is_no_fact_on_recordings_of_others(nam
 ASSUMED = {
     "gain_weight": {"cutoff_hz": 30, "order": 1}, "model_comparison.sign_width": 0.5,
     "dynamometer.load_cell_drift": 40, "figures.stance_share": 0.4,
-    "walking.perturbed_by": "boot", "walking.side": "left", "walking.plate": 2, "walking.markers": {},
+    "walking.perturbed_by": "boot", "walking.side": "left", "walking.plate": 2,
+    "walking.markers": {},
     "dynamometer.cutoff_hz": 12, "torque_angle.cutoff_hz": 9,
 }  # fmt: skip
 """Other values of settings of the default, with which what nobody stated is computed."""
@@ -83,43 +89,69 @@ RECORDED = {"torque_angle": None, "impedance": DesiredImpedance("compensated", 3
 def test_a_setting_that_nobody_stated_makes_no_finding_on_a_sound_recording(name, with_default):
     """Whatever the default says of it: of a slow spring and of sines of a joint with a command."""
     own, _ = with_default({name: ASSUMED[name]})
-    config, slow = read_config(own), np.deg2rad(5) * (1 - np.cos(np.pi * np.clip(np.arange(-300, 8300) / 1000, 0, 8)))
+    config, slow = (
+        read_config(own),
+        np.deg2rad(5) * (1 - np.cos(np.pi * np.clip(np.arange(-300, 8300) / 1000, 0, 8))),
+    )
     noise = 0.02 * np.random.default_rng(2).standard_normal(slow.size)
     samples = {"time": np.arange(slow.size) / 250, "theta": slow, "torque": 300 * slow + noise}
     recorded = {"impedance": sines(1.3, 4.97), "torque_angle": Trial("s", pl.DataFrame(samples))}
     for experiment, condition in RECORDED.items():
         trial = recorded[experiment]
-        fit = fit_trial(experiment, trial, config.parameters, *fit_settings(experiment, own), condition)
+        fit = fit_trial(
+            experiment, trial, config.parameters, *fit_settings(experiment, own), condition
+        )
         assert [one.cause for row in fit.findings for one in row if one.grade is Grade.DOUBTS] == []
         commanded = Commanded(**{key: getattr(config.dynamometer, key) for key in PROTOCOL})
-        judged = judged_table(measured_table("t", examine(trial, experiment, commanded)), config.quality, {})
+        judged = judged_table(
+            measured_table("t", examine(trial, experiment, commanded)), config.quality, {}
+        )
         assert {*judged["verdict"]} == {"pass", "not applicable"}
     states = {row["setting"]: row["state"] for row in states_of(config, {}, EXPERIMENTS)}
     assert states[name] in ("assumed", "measured", "none")
 
 
-NUMBERS = {f"walking.{name}": 0.04 for name in ("cutoff_hz", "baseline_s", "guard_s")} | {"walking.window_s": 0.05}
-OF_GAIT = {name: ASSUMED[name] for name, of in JUDGING.items() if "walking" in of and name in ASSUMED}
+NUMBERS = {f"walking.{name}": 0.04 for name in ("cutoff_hz", "baseline_s", "guard_s")} | {
+    "walking.window_s": 0.05
+}
+OF_GAIT = {
+    name: ASSUMED[name] for name, of in JUDGING.items() if "walking" in of and name in ASSUMED
+}
 
 
 @pytest.mark.parametrize("values", [OF_GAIT, *({name: value} for name, value in NUMBERS.items())])
-def test_a_setting_that_nobody_stated_makes_no_finding_on_sound_gait(values, tmp_path, with_default):
+def test_a_setting_that_nobody_stated_makes_no_finding_on_sound_gait(
+    values, tmp_path, with_default
+):
     own, _ = with_default(values)
     config, turned = read_config(own), Walk(0.4)
     walks = several("u", 8, Walk()) | several("up", 4, turned) | several("down", 4, turned, sign=-1)
     (tmp_path / "crossings").mkdir()
     for trial, walk in walks.items():
         write_crossing(walked(trial, walk), tmp_path / f"crossings/{trial}.parquet")
-    kinds = ([trial for trial, walk in walks.items() if (walk.phase is None) == still] for still in (False, True))
+    kinds = (
+        [trial for trial, walk in walks.items() if (walk.phase is None) == still]
+        for still in (False, True)
+    )
     limits = (config.doubtful.of(table) for table in ("walking", "walking_groups"))
-    tables = run_jobs(tmp_path, *kinds, config.walking.model_copy(update={"bootstrap_samples": 100}), None, *limits)
+    tables = run_jobs(
+        tmp_path,
+        *kinds,
+        config.walking.model_copy(update={"bootstrap_samples": 100}),
+        None,
+        *limits,
+    )
     for table in ("walking", "groups"):
-        doubts = tables[table].get_column("doubtful", default=pl.Series(dtype=pl.String)).drop_nulls()
+        doubts = (
+            tables[table].get_column("doubtful", default=pl.Series(dtype=pl.String)).drop_nulls()
+        )
         assert {*doubts} <= {""}
     assert tables["groups"]["n"].to_list() == [8]
 
 
-@pytest.mark.parametrize(("weight", "judges"), [("", False), (", gain_weight: {cutoff_hz: 1, order: 3}", True)])
+@pytest.mark.parametrize(
+    ("weight", "judges"), [("", False), (", gain_weight: {cutoff_hz: 1, order: 3}", True)]
+)
 def test_a_weight_that_is_assumed_does_not_judge_the_damping_of_the_gains(weight, judges, tmp_path):
     (tmp_path / "own.yaml").write_text("{campaign: own, simulation: null" + weight + "}")
     limit = read_config(tmp_path / "own.yaml").doubtful.of("impedance").above["B_gap_s"]
@@ -129,16 +161,21 @@ def test_a_weight_that_is_assumed_does_not_judge_the_damping_of_the_gains(weight
 CHOICES = (
     "campaign", "raw_data", "sheet", "results", "simulation", "data", "recorded", "sources",
     "dynamometer.order", "dynamometer.seconds_per_frequency", "dynamometer.excitation",
-    "dynamometer.rated_torque", "dynamometer.human", "dynamometer.largest_", "dynamometer.settle_cycles",
+    "dynamometer.rated_torque", "dynamometer.human", "dynamometer.largest_",
+    "dynamometer.settle_cycles",
     "dynamometer.load_cell_range", "dynamometer.time_base", "actuator.order",
     "actuator.sign_width", "actuator.slowest", "actuator.time_base",
-    "torque_angle.order", "torque_angle.rest_s", "torque_angle.angle_step_deg", "torque_angle.window_share",
-    "torque_angle.smallest_motion_deg", "torque_angle.settle_cycles", "torque_angle.shortest_cycle_s",
+    "torque_angle.order", "torque_angle.rest_s", "torque_angle.angle_step_deg",
+    "torque_angle.window_share",
+    "torque_angle.smallest_motion_deg", "torque_angle.settle_cycles",
+    "torque_angle.shortest_cycle_s",
     "torque_angle.largest_angle", "torque_angle.load_cell_range", "torque_angle.time_base",
     "torque_angle.desired", "doubtful", "claims.B", "claims.negligible_percent", "walking.order",
     "walking.plate_", "walking.load_",
-    "walking.unloaded_s", "walking.largest_", "walking.shortest_stance_s", "walking.perturbation_deg",
-    "walking.longest_", "walking.outliers", "walking.group_by", "walking.pool", "walking.timing_scatter",
+    "walking.unloaded_s", "walking.largest_", "walking.shortest_stance_s",
+    "walking.perturbation_deg",
+    "walking.longest_", "walking.outliers", "walking.group_by", "walking.pool",
+    "walking.timing_scatter",
     "walking.fewest_unperturbed", "walking.perturbed_stance", "walking.correct_plate_lag",
     "walking.bootstrap_samples", "overground", "failed_trials", "quality", "report",
     "figures.time_series", "figures.frequency_response",
@@ -146,35 +183,54 @@ CHOICES = (
 
 
 def test_every_setting_is_a_choice_or_a_fact_whose_state_is_told(tmp_path):
-    """Who adds a setting decides which; facts that nobody stated are measured, none, or assumed, and said to be so."""
+    """Who adds a setting decides which; facts that nobody stated are measured, none, or assumed,
+    and said to be so."""
     leaves = [
         f"{name}.{field}" if isinstance(value, dict) else name
         for name, value in read_mapping(default_config()).items()
         for field in (value if isinstance(value, dict) and name != "gain_weight" else [""])
     ]
-    facts = [one.removesuffix(".") for one in leaves if not one.startswith(CHOICES) and one != "walking.baseline"]
+    facts = [
+        one.removesuffix(".")
+        for one in leaves
+        if not one.startswith(CHOICES) and one != "walking.baseline"
+    ]
     assert {*facts} == {*JUDGING}
-    (tmp_path / "own.yaml").write_text("{campaign: own, simulation: null, dynamometer: {amplitudes_deg: [3]}}")
+    (tmp_path / "own.yaml").write_text(
+        "{campaign: own, simulation: null, dynamometer: {amplitudes_deg: [3]}}"
+    )
     own, default = read_config(tmp_path / "own.yaml"), read_config(default_config())
     assert {row["state"] for row in states_of(default, {}, EXPERIMENTS)} == {"stated"}
-    states = {one["setting"]: one for one in states_of(own, read_mapping(tmp_path / "own.yaml"), EXPERIMENTS)}
-    assert [name for name, one in states.items() if one["state"] == "stated"] == ["dynamometer.amplitudes_deg"]
+    states = {
+        one["setting"]: one
+        for one in states_of(own, read_mapping(tmp_path / "own.yaml"), EXPERIMENTS)
+    }
+    assert [name for name, one in states.items() if one["state"] == "stated"] == [
+        "dynamometer.amplitudes_deg"
+    ]
     known = {name for name, one in states.items() if one["state"] != "assumed"}
     assert known >= {*FACTS} & {*JUDGING} - {"torque_angle.zero"}
     assert states["torque_angle.zero"]["value"] == "end"
     said = assumed_said(pl.DataFrame([*states.values()], infer_schema_length=None))
-    assert all(words in said for words in ("at rest at the end", "a low-pass of 15 Hz", "0.1 s that are fitted"))
+    assert all(
+        words in said
+        for words in ("at rest at the end", "a low-pass of 15 Hz", "0.1 s that are fitted")
+    )
     number = {"setting": ["walking.cutoff_hz"], "value": [12.0], "state": ["assumed"]}
     assert "12 Hz" in assumed_said(pl.DataFrame(number)), "a column of numbers alone"
-    nothing = pl.DataFrame(schema=dict.fromkeys(("setting", "value", "state"), pl.Float64))  # as a header alone is read
+    # as a header alone is read
+    nothing = pl.DataFrame(schema=dict.fromkeys(("setting", "value", "state"), pl.Float64))
     assert assumed_said(nothing) == "", "no setting judges what is read alone"
-    assert states["figures.stance_share"]["state"] == "none"  # nothing is commanded over the gait cycle
+    # nothing is commanded over the gait cycle
+    assert states["figures.stance_share"]["state"] == "none"
     assert "walking.side" not in {one["setting"] for one in states_of(own, {}, ["belt"])}
 
 
 def test_a_recording_that_no_row_names_is_told_once(tmp_path):
     places = {"raw_data": tmp_path, "sheet": tmp_path / "trials.csv", "results": tmp_path / "r"}
-    config = read_config(ROOT / "config/config.yaml").model_copy(update={"simulation": None, **places})
+    config = read_config(ROOT / "config/config.yaml").model_copy(
+        update={"simulation": None, **places}
+    )
     for name in ("a.csv", "b.csv", "trials.csv", "r/tables/belt.csv"):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("x")
@@ -189,10 +245,18 @@ def sines(*amplitudes_deg, hz=(0.5, 1, 2, 4), cycles=8, rate=500.0):
     rest = np.zeros(round(rate))
     parts = [rest]
     for size in np.deg2rad(amplitudes_deg):
-        parts += [*(size * np.sin(2 * np.pi * f * np.arange(round(cycles / f * rate)) / rate) for f in hz), rest]
+        parts += [
+            *(
+                size * np.sin(2 * np.pi * f * np.arange(round(cycles / f * rate)) / rate)
+                for f in hz
+            ),
+            rest,
+        ]
     theta = np.concatenate(parts)
     torque = 300 * theta + 0.02 * np.random.default_rng(1).standard_normal(len(theta))
-    return Trial("t", pl.DataFrame({"time": np.arange(len(theta)) / rate, "theta": theta, "torque": torque}))
+    return Trial(
+        "t", pl.DataFrame({"time": np.arange(len(theta)) / rate, "theta": theta, "torque": torque})
+    )
 
 
 def test_without_a_stated_protocol_the_recording_is_its_own_label_and_no_check_exists():
@@ -205,12 +269,14 @@ def test_without_a_stated_protocol_the_recording_is_its_own_label_and_no_check_e
     assert {one.commanded_deg for one in asked} == {5}
     unstated, stated = Commanded(**none), Commanded((5,), (1, 2), None)
     assert examine(trial, "impedance", unstated)["protocol"].value is None
-    assert examine(trial, "impedance", stated)["protocol"].value == 6  # what was not asked for; cycles are not stated
+    # what was not asked for; cycles are not stated
+    assert examine(trial, "impedance", stated)["protocol"].value == 6
     assert examine(trial, "impedance", replace(stated, cycles=9))["protocol"].value == 8
 
 
 def test_what_was_measured_is_said_with_its_spread():
-    """Amplitudes that fall with the frequency are no single one; those that differ by rounding are."""
+    """Amplitudes that fall with the frequency are no single one; those that differ by rounding
+    are."""
     assert sizes_said(pl.Series([2.0, 6.0, None, 5.89, 5.59, 1.995])) == ["2", "5.59 to 6"]
     assert sizes_said(pl.Series([], dtype=pl.Float64)) == []
 
@@ -221,18 +287,27 @@ def test_cycles_of_a_soft_start_were_commanded_too():
     envelope = np.interp(time, [0, 2, 10, 12], [0, 1, 1, 0])
     theta = np.concatenate([rest, np.deg2rad(4) * envelope * np.sin(2 * np.pi * time), rest])
     samples = {"time": np.arange(len(theta)) / 500, "theta": theta, "torque": 100 * theta}
-    found = [examine(Trial("t", pl.DataFrame(samples)), "impedance", Commanded((4,), (1,), n)) for n in (8, 12, 15, 5)]
+    found = [
+        examine(Trial("t", pl.DataFrame(samples)), "impedance", Commanded((4,), (1,), n))
+        for n in (8, 12, 15, 5)
+    ]
     assert [one["protocol"].value for one in found] == [0, 0, 1, 1]
 
 
 def test_campaigns_without_a_stated_condition_are_paired_by_the_names_of_trials():
-    """A day that is 3 % stiffer is told though its joints are not alike; with names of its own it is not paired."""
+    """A day that is 3 % stiffer is told though its joints are not alike; with names of its own it
+    is not paired."""
     none = [pl.lit(None, pl.Float64).alias(name) for name in ("K_d", "B_d")]
-    a, b = ({"impedance": tables(K=K, seed=seed)["impedance"].with_columns(none)} for K, seed in ((1, 1), (1.03, 2)))
+    a, b = (
+        {"impedance": tables(K=K, seed=seed)["impedance"].with_columns(none)}
+        for K, seed in ((1, 1), (1.03, 2))
+    )
     named = pl.concat_str(pl.lit("tue"), pl.col("trial"))
     renamed = {"impedance": b["impedance"].with_columns(trial=named)}
     one_less = {"impedance": b["impedance"].filter(pl.col("trial") != "7")}
-    paired, fewer, other = (compared(a, one, 0.02).filter(quantity="K").to_dicts()[0] for one in (b, one_less, renamed))
+    paired, fewer, other = (
+        compared(a, one, 0.02).filter(quantity="K").to_dicts()[0] for one in (b, one_less, renamed)
+    )
     for row in (paired, fewer):
         assert row["method"] == "paired, Student"
         assert 2 < row["relative_percent_low"] < 3 < row["relative_percent_high"] < 4

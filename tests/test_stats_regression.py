@@ -21,7 +21,10 @@ from osl_analysis.signals import LowPass
 from osl_analysis.stats import regression, repeats
 from osl_analysis.walking.response import impedance_columns
 
-T, NUMBERS = np.linspace(0, 10, 2000, endpoint=False), st.integers(-1000, 1000).map(lambda tenths: tenths / 10)
+T, NUMBERS = (
+    np.linspace(0, 10, 2000, endpoint=False),
+    st.integers(-1000, 1000).map(lambda tenths: tenths / 10),
+)
 COLUMNS = {"a": np.sin(T), "b": np.cos(3 * T), "offset": np.ones_like(T)}
 
 
@@ -35,12 +38,16 @@ def test_recovers_the_coefficients_that_made_the_data(a, b, offset):
     assert fit.estimates == pytest.approx([a, b, offset], rel=1e-8, abs=1e-10)
     motion = multisine(0.7, 2.3, 5.9)
     torque = a * motion.theta + b * motion.omega + 0.1 * motion.alpha + offset
-    second_order = regression.linear_fit(torque, impedance_columns(motion) | {"offset": np.ones_like(torque)})
+    second_order = regression.linear_fit(
+        torque, impedance_columns(motion) | {"offset": np.ones_like(torque)}
+    )
     assert tuple(second_order.estimates) == pytest.approx((a, b, 0.1, offset), rel=1e-8, abs=1e-9)
 
 
 def test_a_lag_costs_damping_and_counts_where_it_is_certain():
-    assert regression.lag_damping_row(2e-3, 0.9e-3, 300.0)["certain_lag_damping"] == pytest.approx(-0.6)
+    assert regression.lag_damping_row(2e-3, 0.9e-3, 300.0)["certain_lag_damping"] == pytest.approx(
+        -0.6
+    )
     row = regression.lag_damping_row(2e-3, 1.1e-3, 300.0)
     assert (row["lag_damping"], row["certain_lag_damping"]) == (pytest.approx(-0.6), 0.0)
     assert set(regression.lag_damping_row(None, None, 300.0).values()) == {None}
@@ -50,14 +57,25 @@ def test_vaf_and_r_squared_read_what_they_should_when_the_fit_is_not_perfect():
     y = 2 * np.cos(20 * np.pi * T) + np.cos(40 * np.pi * T) + 10
     fit = regression.linear_fit(y, {"c": np.cos(20 * np.pi * T), "offset": np.ones_like(T)})
     assert (fit.vaf, fit.r_squared) == pytest.approx((80, 1 - 0.5 / (2 + 0.5 + 100)))
-    assert regression.diagnostics_row(fit, 500.0, {})["correlation_s"] == fit.correlation_samples / 500
-    assert replace(fit, covariance=0 * fit.covariance).correlation("c", "offset") == 0, "an exact fit"
-    pairs = ((y, 0 * y + 3), (0 * y, 0 * y), (0 * y, y))  # blind to an offset; a y of zeros by zeros, and by others
-    assert [regression.variance_accounted_for(*pair) for pair in pairs] == pytest.approx([100, 100, 0])
+    assert (
+        regression.diagnostics_row(fit, 500.0, {})["correlation_s"] == fit.correlation_samples / 500
+    )
+    assert replace(fit, covariance=0 * fit.covariance).correlation("c", "offset") == 0, (
+        "an exact fit"
+    )
+    # blind to an offset; a y of zeros by zeros, and by others
+    pairs = ((y, 0 * y + 3), (0 * y, 0 * y), (0 * y, y))
+    assert [regression.variance_accounted_for(*pair) for pair in pairs] == pytest.approx(
+        [100, 100, 0]
+    )
 
 
 def fit_of_statsmodels(y, columns, **covariance):
-    return importlib.import_module("statsmodels.api").OLS(y, np.column_stack([*columns.values()])).fit(**covariance)
+    return (
+        importlib.import_module("statsmodels.api")
+        .OLS(y, np.column_stack([*columns.values()]))
+        .fit(**covariance)
+    )
 
 
 def test_covariance_is_statsmodels_hac_at_the_same_bandwidth():
@@ -65,7 +83,9 @@ def test_covariance_is_statsmodels_hac_at_the_same_bandwidth():
     fit = regression.linear_fit(y, COLUMNS)
     lags = {"maxlags": fit.correlation_samples - 1, "use_correction": True}
     other = fit_of_statsmodels(y, COLUMNS, cov_type="HAC", cov_kwds=lags)
-    assert fit.correlation_samples == pytest.approx(1.1447 * (4 * 0.9**2 / 0.19**2 * len(T)) ** (1 / 3), rel=0.1)
+    assert fit.correlation_samples == pytest.approx(
+        1.1447 * (4 * 0.9**2 / 0.19**2 * len(T)) ** (1 / 3), rel=0.1
+    )
     assert regression.linear_fit(y + T**3, COLUMNS).correlation_samples == len(T) // 8
     assert fit.covariance == pytest.approx(other.cov_params(), rel=1e-8)
 
@@ -74,7 +94,8 @@ def test_covariance_is_statsmodels_hac_at_the_same_bandwidth():
     (np.ones(5), {"a": np.ones(4)}, "column 'a' has shape"),
     (np.array([1, np.nan, 3]), {"a": np.ones(3)}, "column 'y' is not finite at sample 1"),
     (np.ones(2), {"a": np.ones(2), "b": np.arange(2.0)}, "2 samples cannot determine 2 parameters"),
-    (np.sin(T), {"K": np.sin(T), "B": np.cos(T), "I": -4 * np.sin(T)}, "K and I cannot be told apart"),
+    (np.sin(T),
+     {"K": np.sin(T), "B": np.cos(T), "I": -4 * np.sin(T)}, "K and I cannot be told apart"),
     (np.sin(T), {"a": np.sin(T), "b": np.zeros_like(T)}, "'b' cannot be estimated"),
 ])  # fmt: skip
 def test_columns_that_determine_nothing_are_named(y, columns, message):
@@ -82,15 +103,19 @@ def test_columns_that_determine_nothing_are_named(y, columns, message):
         regression.linear_fit(y, columns)
 
 
-def test_the_correlation_of_estimates_is_that_of_the_columns_and_not_of_the_scatter_of_a_few_noisy_rows():
-    """Noise that shares the sign of both columns would correlate the estimates, which the columns do not."""
+def test_the_correlation_of_estimates_is_that_of_the_columns():
+    """Noise that shares the sign of both columns would correlate the estimates, which the columns
+    do not."""
     a, b, noise = np.random.default_rng(3).standard_normal((3, 4000))
     columns, y = {"a": a, "b": b}, 2 * a + b + 3 * noise * np.abs(a + b)
     assert abs(regression.linear_fit(y, columns).correlation("a", "b")) > 0.3
     assert regression.linear_fit(y, columns).largest_correlation < 0.05
     leaning = columns | {"b": a + 0.1 * b}
     assert regression.linear_fit(y, leaning).largest_correlation > 0.95
-    scaled = {name: column * scale for (name, column), scale in zip(leaning.items(), (1e6, 1e-6), strict=True)}
+    scaled = {
+        name: column * scale
+        for (name, column), scale in zip(leaning.items(), (1e6, 1e-6), strict=True)
+    }
     assert regression.linear_fit(y, leaning).condition_number == pytest.approx(
         regression.linear_fit(y, scaled).condition_number
     )
@@ -100,8 +125,13 @@ RATE, LOW_PASS = 500.0, LowPass(15)
 
 
 def whiteness(residual):
-    """Autocorrelation after one sample, Ljung and Box's statistic per lag, and its p, of a residual at `RATE`."""
-    return tuple(regression.whiteness_row(residual[regression.thinned_rows(len(residual), RATE, LOW_PASS)]).values())
+    """Autocorrelation after one sample, Ljung and Box's statistic per lag, and its p, of a residual
+    at `RATE`."""
+    return tuple(
+        regression.whiteness_row(
+            residual[regression.thinned_rows(len(residual), RATE, LOW_PASS)]
+        ).values()
+    )
 
 
 @pytest.mark.parametrize(("samples", "lags"), [(400, 10), (20, 4)])
@@ -109,12 +139,15 @@ def test_ljung_box_is_statsmodels(samples, lags):
     theirs = importlib.import_module("statsmodels.stats.diagnostic").acorr_ljungbox
     residual = np.random.default_rng(3).standard_normal(400).cumsum()[:samples]
     autocorrelation, per_lag, p = regression.whiteness_row(residual - residual.mean()).values()
-    assert (lags * per_lag, p) == pytest.approx(tuple(theirs(residual - residual.mean(), lags=lags).iloc[-1]))
+    assert (lags * per_lag, p) == pytest.approx(
+        tuple(theirs(residual - residual.mean(), lags=lags).iloc[-1])
+    )
     assert autocorrelation > 0.5
 
 
 def test_white_noise_through_the_filter_passes_as_white_five_times_in_hundred_it_does_not():
-    """95 % of 300 seeded records of 60 s, 1600 samples each: a rate of twice the cut-off itself would refuse all."""
+    """95 % of 300 seeded records of 60 s, 1600 samples each: a rate of twice the cut-off itself
+    would refuse all."""
     rng, ps = np.random.default_rng(4), []
     for _ in range(300):
         autocorrelation, _, p = whiteness(LOW_PASS(rng.standard_normal(round(60 * RATE)), RATE))
@@ -138,19 +171,32 @@ def test_a_phasor_is_that_of_the_cycles_it_is_given_and_its_distortion_the_share
     y = np.cos(2 * np.pi * t + 0.3) + np.where((t > 2) & (t < 3), 5.0, 0.0)
     first = np.array([0.0, 1000, 3000, 4000, 5000])
     (phasor,) = fit_sinusoids(t, 1.0, y, cycles=(first, first + 1000))
-    assert (phasor.magnitude, phasor.phase, phasor.interval_method) == (pytest.approx(1), pytest.approx(0.3), "cycles")
+    assert (phasor.magnitude, phasor.phase, phasor.interval_method) == (
+        pytest.approx(1),
+        pytest.approx(0.3),
+        "cycles",
+    )
     y = np.cos(2 * np.pi * t) + 0.03 * np.cos(6 * np.pi * t) + 0.04 * np.sin(10 * np.pi * t)
     assert next(fit_sinusoids(t, 1.0, y)).distortion == pytest.approx(0.05)
 
 
 def test_intervals_of_a_response_and_of_its_mean_over_amplitudes_cover_with_few_cycles():
-    """95 % of 500 seeded records of six cycles, amplitudes of unequal noise; a normal quantile would reach 90 %."""
-    t, w, rng, true, covered = np.arange(0, 6, 1e-2), 2 * np.pi, np.random.default_rng(6), 1 / (200 + 40j), []
+    """95 % of 500 seeded records of six cycles, amplitudes of unequal noise; a normal quantile
+    would reach 90 %."""
+    t, w, rng, true, covered = (
+        np.arange(0, 6, 1e-2),
+        2 * np.pi,
+        np.random.default_rng(6),
+        1 / (200 + 40j),
+        [],
+    )
     for _ in range(500):
         pair = []
         for noise in (0.5, 2.0):
             theta = 0.05 * np.sin(w * t)
-            torque = 0.05 * np.abs(1 / true) * np.sin(w * t - np.angle(true)) + rng.normal(0, noise, len(t))
+            torque = 0.05 * np.abs(1 / true) * np.sin(w * t - np.angle(true)) + rng.normal(
+                0, noise, len(t)
+            )
             pair.append(complex_quotient(*fit_sinusoids(t, 1.0, theta, torque)))
         rows = [polar_row(found) for found in (pair[1], complex_mean(pair))]
         covered.append([
@@ -164,7 +210,8 @@ def test_intervals_of_a_response_and_of_its_mean_over_amplitudes_cover_with_few_
 
 
 @pytest.mark.parametrize(("rate", "frequency", "message"), [
-    (1e3, 0.5, r"less than one cycle at 0\.5 Hz"), (500.0, 60.0, "too long for harmonic 5 of 60 Hz"),
+    (1e3, 0.5, r"less than one cycle at 0\.5 Hz"),
+    (500.0, 60.0, "too long for harmonic 5 of 60 Hz"),
 ])  # fmt: skip
 def test_sinusoid_refuses_too_short_a_record_and_too_slow_a_sampling(rate, frequency, message):
     t = np.arange(0, 1, 1 / rate)
@@ -173,7 +220,8 @@ def test_sinusoid_refuses_too_short_a_record_and_too_slow_a_sampling(rate, frequ
 
 
 def test_amplitudes_that_differ_from_cycle_to_cycle_leave_the_phase_certain():
-    """A phasor at 40 degrees then scatters along itself: errors of its real and imaginary part have the same sign."""
+    """A phasor at 40 degrees then scatters along itself: errors of its real and imaginary part have
+    the same sign."""
     rng, t = np.random.default_rng(9), np.arange(0, 40, 1e-2)
     y = (1 + 0.1 * np.repeat(rng.standard_normal(40), 100)) * np.cos(2 * np.pi * t + np.deg2rad(40))
     (phasor,) = fit_sinusoids(t, 1.0, y + 1e-3 * rng.standard_normal(len(t)))
@@ -185,7 +233,8 @@ CYCLE, COUNT = 50, 24
 
 
 def repeated(rng, noise=0.3):
-    """A friction-like residual that every cycle repeats, different in the two strata, and white noise."""
+    """A friction-like residual that every cycle repeats, different in the two strata, and white
+    noise."""
     n = CYCLE * COUNT
     t = np.arange(n) / CYCLE
     columns = {"a": np.sin(2 * np.pi * t), "b": np.cos(2 * np.pi * t), "offset": np.ones(n)}
@@ -195,16 +244,21 @@ def repeated(rng, noise=0.3):
 
 def with_spread(y, columns, stratum):
     """The fit with the covariance of the spread of cycles."""
-    fit, X, first = regression.linear_fit(y, columns), np.column_stack(list(columns.values())), np.arange(COUNT) * CYCLE
-    scores = regression.products_between(X, fit.residual[:, None], first, first + CYCLE)[..., 0] @ np.linalg.inv(
-        X.T @ X
+    fit, X, first = (
+        regression.linear_fit(y, columns),
+        np.column_stack(list(columns.values())),
+        np.arange(COUNT) * CYCLE,
     )
+    scores = regression.products_between(X, fit.residual[:, None], first, first + CYCLE)[
+        ..., 0
+    ] @ np.linalg.inv(X.T @ X)
     covariance, freedom = regression.between_cycles(scores, stratum)
     return replace(fit, covariance=covariance, degrees_of_freedom=freedom)
 
 
 def test_the_spread_of_cycles_covers_where_friction_fools_hac():
-    """95 % of 600 seeded records; HAC takes the friction for noise and is several times too wide."""
+    """95 % of 600 seeded records; HAC takes the friction for noise and is several times too
+    wide."""
     rng, covered = np.random.default_rng(4), 0
     truth = regression.linear_fit(*repeated(rng, noise=0.0))["b"]
     for _ in range(600):
@@ -220,7 +274,9 @@ def test_cycles_that_are_no_whole_rows_have_the_sums_that_their_integrals_have()
     turn, edges = 2 * np.pi * np.arange(800) / (250 / 3), 250 / 3 * np.arange(1, 9)
     X = np.column_stack([np.cos(turn), np.sin(turn), np.ones(800)])
     found = regression.products_between(X, X, edges[:-1], edges[1:])
-    assert found == pytest.approx(np.broadcast_to(np.diag([0.5, 0.5, 1.0]) * 250 / 3, found.shape), abs=2e-3)
+    assert found == pytest.approx(
+        np.broadcast_to(np.diag([0.5, 0.5, 1.0]) * 250 / 3, found.shape), abs=2e-3
+    )
 
 
 def test_one_stratum_is_statsmodels_cluster_covariance():
@@ -228,19 +284,29 @@ def test_one_stratum_is_statsmodels_cluster_covariance():
     groups = {"groups": np.repeat(np.arange(COUNT), CYCLE), "use_correction": False}
     fit = with_spread(y, columns, np.zeros(COUNT, dtype=np.intp))
     other = fit_of_statsmodels(y, columns, cov_type="cluster", cov_kwds=groups)
-    assert fit.covariance == pytest.approx(other.cov_params() * COUNT / (COUNT - 1), rel=1e-8, abs=1e-15)
+    assert fit.covariance == pytest.approx(
+        other.cov_params() * COUNT / (COUNT - 1), rel=1e-8, abs=1e-15
+    )
 
 
 def test_equal_strata_are_worth_the_sum_of_their_degrees_of_freedom_and_one_noisy_stratum_its_own():
-    sums, stratum = np.random.default_rng(6).standard_normal((4000, 1)), np.repeat(np.arange(2), 2000)
+    sums, stratum = (
+        np.random.default_rng(6).standard_normal((4000, 1)),
+        np.repeat(np.arange(2), 2000),
+    )
     assert regression.between_cycles(sums, stratum)[1][0] == pytest.approx(3998, rel=0.01)
     sums[:2000] *= 1e-6
     assert regression.between_cycles(sums, stratum)[1][0] == pytest.approx(1999, rel=0.01)
 
 
-@pytest.mark.parametrize(("estimator", "n", "size"), [(regression.moving_sums, 600, 60), (noise_of_scores, 100, 0)])
-def test_a_variance_of_white_scores_is_right_and_worth_as_many_degrees_of_freedom_as_it_says(estimator, n, size):
-    """The scatter of a variance is 2/freedom of its square. In blocks of 60 scores, and by groups and neighbours."""
+@pytest.mark.parametrize(
+    ("estimator", "n", "size"), [(regression.moving_sums, 600, 60), (noise_of_scores, 100, 0)]
+)
+def test_a_variance_of_white_scores_is_right_and_worth_as_many_degrees_of_freedom_as_it_says(
+    estimator, n, size
+):
+    """The scatter of a variance is 2/freedom of its square. In blocks of 60 scores, and by groups
+    and neighbours."""
     rng = np.random.default_rng(7)
     found = [estimator(rng.standard_normal((n, 1)), size) for _ in range(3000)]
     variances, freedom = np.array([variance[0, 0] for variance, _ in found]), found[0][1][0]
@@ -250,14 +316,20 @@ def test_a_variance_of_white_scores_is_right_and_worth_as_many_degrees_of_freedo
 
 def test_degrees_of_freedom_of_a_sum_are_those_of_welch_and_satterthwaite():
     assert regression.welch_satterthwaite([1.0, 1.0], [5, 5]) == pytest.approx(10)
-    assert regression.welch_satterthwaite([1.0, 2.0], [5, 10]) == pytest.approx(9 / (1 / 5 + 4 / 10))
-    np.testing.assert_allclose(regression.welch_satterthwaite([[1.0, 0.0], [0.0, 3.0]], [5, 90]), [5, 90])
+    assert regression.welch_satterthwaite([1.0, 2.0], [5, 10]) == pytest.approx(
+        9 / (1 / 5 + 4 / 10)
+    )
+    np.testing.assert_allclose(
+        regression.welch_satterthwaite([[1.0, 0.0], [0.0, 3.0]], [5, 90]), [5, 90]
+    )
     np.testing.assert_array_equal(regression.welch_satterthwaite([[2.0, 0.0]], [5]), [5, np.inf])
-    assert regression.welch_satterthwaite([1e-40, 1.0], [5, np.inf]) == np.inf  # a scatter that is rounding of a sum
+    # a scatter that is rounding of a sum
+    assert regression.welch_satterthwaite([1e-40, 1.0], [5, np.inf]) == np.inf
     assert regression.welch_satterthwaite([1e-4, 1.0], [5, np.inf]) == pytest.approx(5e8, rel=1e-3)
     x = np.arange(12.0)
     fit = regression.linear_fit(x + np.cos(x), {"a": x})
-    shared = regression.with_shared_error(fit, np.array([fit.se("a")]))  # as large as the error by chance
+    # as large as the error by chance
+    shared = regression.with_shared_error(fit, np.array([fit.se("a")]))
     assert shared.se("a") == pytest.approx(np.sqrt(2) * fit.se("a"))
     assert shared.degrees_of_freedom[0] == pytest.approx(4 * fit.degrees_of_freedom[0])
 
@@ -272,8 +344,8 @@ def test_what_repeats_have_in_common_widens_the_interval_of_their_mean():
 
 @pytest.mark.parametrize("between", [0.0, 3.0])
 def test_two_trials_that_agree_by_luck_have_an_interval_that_covers_as_often_as_others(between):
-    """Trials with own errors of 2 and scatter between them: mean and difference are independent, so that of those that
-    agree Student's interval alone covers next to none."""
+    """Trials with own errors of 2 and scatter between them: mean and difference are independent, so
+    that of those that agree Student's interval alone covers next to none."""
     draws = np.random.default_rng(5).standard_normal((4000, 2)) * np.hypot(2.0, between)
     found = [repeats.over_repeats(pair, halves=[1.96 * 2.0] * 2) for pair in draws]
     covers = np.array([one.low < 0 < one.high for one in found])
@@ -286,14 +358,19 @@ def test_two_trials_that_agree_by_luck_have_an_interval_that_covers_as_often_as_
 
 
 def test_kinds_of_trials_count_as_one_mean_each_and_their_difference_is_no_scatter():
-    """The mean of two means has the error sqrt(s1^2/n1 + s2^2/n2)/2; Welch's degrees of freedom, by SciPy's test."""
+    """The mean of two means has the error sqrt(s1^2/n1 + s2^2/n2)/2; Welch's degrees of freedom, by
+    SciPy's test."""
     first, second = [1.0, 2.0, 3.0, 6.0], [101.0, 103.0, 107.0]
     summary = repeats.over_repeats([*first, *second], kinds=[1] * 4 + [-1] * 3)
     assert summary.mean == pytest.approx((3.0 + 311 / 3) / 2)
-    assert summary.se == pytest.approx(np.sqrt(np.var(first, ddof=1) / 4 + np.var(second, ddof=1) / 3) / 2)
+    assert summary.se == pytest.approx(
+        np.sqrt(np.var(first, ddof=1) / 4 + np.var(second, ddof=1) / 3) / 2
+    )
     interval = ttest_ind(first, second, equal_var=False).confidence_interval()
     assert summary.high - summary.low == pytest.approx((interval.high - interval.low) / 2)
-    assert summary.sd == pytest.approx(np.sqrt((3 * np.var(first, ddof=1) + 2 * np.var(second, ddof=1)) / 5))
+    assert summary.sd == pytest.approx(
+        np.sqrt((3 * np.var(first, ddof=1) + 2 * np.var(second, ddof=1)) / 5)
+    )
 
 
 def test_intervals_over_trials_are_students():
@@ -301,8 +378,15 @@ def test_intervals_over_trials_are_students():
     own = repeats.over_repeats(values)
     assert own.high - own.mean == pytest.approx(student.ppf(0.975, 3) * np.std(values, ddof=1) / 2)
     assert own.mean == 3.5
-    rows = [repeats.summary_row(pl.DataFrame({"x": one}), "x") for one in ([1.0, None, 3.0, np.nan], [4.0], [])]
+    rows = [
+        repeats.summary_row(pl.DataFrame({"x": one}), "x")
+        for one in ([1.0, None, 3.0, np.nan], [4.0], [])
+    ]
     found = [(row["n"], row["mean"], row["sd"], row["interval_method"]) for row in rows]
-    assert found == [(2, 2.0, pytest.approx(np.sqrt(2)), "Student"), (1, 4.0, None, None), (0, None, None, None)]
+    assert found == [
+        (2, 2.0, pytest.approx(np.sqrt(2)), "Student"),
+        (1, 4.0, None, None),
+        (0, None, None, None),
+    ]
     with pytest.raises(InputError, match="repeat the experiment"):
         repeats.over_repeats([1.0])

@@ -18,7 +18,9 @@ def study():
 
 
 def table_of(rows):
-    return pl.DataFrame(rows, infer_schema_length=None).with_columns(error=pl.col("value") - pl.col("truth"))
+    return pl.DataFrame(rows, infer_schema_length=None).with_columns(
+        error=pl.col("value") - pl.col("truth")
+    )
 
 
 def covered(table):
@@ -26,25 +28,36 @@ def covered(table):
 
 
 def ratio(table, size):
-    """Root mean square of the error over that of a stated size, over quantities with units of their own."""
-    each = [(one["error"] ** 2).mean() / (one[size] ** 2).mean() for _, one in table.group_by("quantity")]
+    """Root mean square of the error over that of a stated size, over quantities with units of their
+    own."""
+    each = [
+        (one["error"] ** 2).mean() / (one[size] ** 2).mean()
+        for _, one in table.group_by("quantity")
+    ]
     return float(np.sqrt(np.mean(each)))
 
 
 @pytest.mark.parametrize(("experiment", "trials", "methods", "near", "each", "coverage"), [
     ("belt", 20, {"units + drift"}, 0.335, 0.335, 0.104),
     ("actuator", 8, {"units"}, 0.27, 0.612, 0.084),  # of five nearly independent estimates
-    ("frequency response", 8, {"cycles"}, 0.335, 0.612, 0.095),  # the last cycle at a frequency is the next one's
+    # the last cycle at a frequency is the next one's
+    ("frequency response", 8, {"cycles"}, 0.335, 0.612, 0.095),
 ])  # fmt: skip
-def test_estimates_are_as_precise_as_they_say_and_can_be(study, experiment, trials, methods, near, each, coverage):
-    """Half of the seeded trials for which these bounds are three Monte Carlo errors of a ratio and of a coverage."""
+def test_estimates_are_as_precise_as_they_say_and_can_be(
+    study, experiment, trials, methods, near, each, coverage
+):
+    """Half of the seeded trials for which these bounds are three Monte Carlo errors of a ratio and
+    of a coverage."""
     table = table_of(study.rows_of(experiment, range(trials)))
     assert set(table["interval_method"]) == methods
     for size in ("bound", "se"):
         assert ratio(table, size) == pytest.approx(1, abs=near), size
         for _, group in table.group_by("quantity"):
             assert ratio(group, size) == pytest.approx(1, abs=each), size
-    assert (covered(table), len(table["value"].unique())) == (pytest.approx(0.95, abs=coverage), len(table))
+    assert (covered(table), len(table["value"].unique())) == (
+        pytest.approx(0.95, abs=coverage),
+        len(table),
+    )
 
 
 @pytest.mark.usefixtures("without_witness")
@@ -58,7 +71,8 @@ def test_intervals_hold_the_truth_of_an_exact_joint_as_recorders_write_it(study,
 
 @pytest.mark.parametrize("recorded", [False, True])
 def test_walking_is_measured_against_the_perturbation_alone(study, recorded):
-    """K rendered is 334 of the commanded 340, and the filtered estimate of it within 1 N*m/rad: a third-order leg."""
+    """K rendered is 334 of the commanded 340, and the filtered estimate of it within 1 N*m/rad: a
+    third-order leg."""
     K = table_of(study.walking_rows(7, recorded, crossings=4)).filter(pl.col("quantity") == "K")
     assert K["estimator"].to_list() == ["single perturbation", "mean of perturbations", "ensemble"]
     assert K["truth"].to_list() == pytest.approx([334, 334, 334], abs=1.5)
@@ -67,15 +81,24 @@ def test_walking_is_measured_against_the_perturbation_alone(study, recorded):
 
 
 def test_bound_of_a_sinusoid_is_the_published_one(study):
-    """Rife and Boorstyn, IEEE Trans. Inf. Theory 20, 1974: var(A) >= 2 s^2/N and var(phase) >= 2 s^2/(A^2 N)."""
+    """Rife and Boorstyn, IEEE Trans. Inf. Theory 20, 1974: var(A) >= 2 s^2/N and var(phase) >= 2
+    s^2/(A^2 N)."""
     N, noise, phase = 1000, 0.3, 2 * np.pi * np.arange(1000) / 50
-    bound = study.regression_bound({"cos": np.cos(phase), "sin": np.sin(phase), "offset": np.ones(N)}, noise)
+    bound = study.regression_bound(
+        {"cos": np.cos(phase), "sin": np.sin(phase), "offset": np.ones(N)}, noise
+    )
     expected = {"cos": np.sqrt(2 / N), "sin": np.sqrt(2 / N), "offset": 1 / np.sqrt(N)}
     assert bound == pytest.approx({name: noise * each for name, each in expected.items()})
 
 
 def test_the_study_measures_bias_in_standard_deviations_and_coverage_as_a_share(study):
-    rows = {"value": [1.0, 2.0, 3.0], "truth": [0.0] * 3, "se": [2.0] * 3, "low": [-1.0, 1.0, 1.0], "high": [4.0] * 3}
+    rows = {
+        "value": [1.0, 2.0, 3.0],
+        "truth": [0.0] * 3,
+        "se": [2.0] * 3,
+        "low": [-1.0, 1.0, 1.0],
+        "high": [4.0] * 3,
+    }
     found = study.performance(pl.DataFrame(rows | {"bound": [2.0] * 3}))
     expected = {"bias": 2.0, "coverage": 1 / 3, "bias_mc": 1 / np.sqrt(3), "se_over_sd": 2.0}
     expected |= {"rmse_over_bound": np.sqrt(14 / 12), "coverage_mc": np.sqrt(3 / 7 * 4 / 7 / 7)}

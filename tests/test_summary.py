@@ -1,4 +1,5 @@
-"""Doubts and headline numbers: limits on any column, the mark on its way to the reader, JSON, LaTeX and Markdown."""
+"""Doubts and headline numbers: limits on any column, the mark on its way to the reader, JSON, LaTeX
+and Markdown."""
 
 import json
 import os
@@ -23,7 +24,14 @@ from osl_analysis.judge.judging import judged, unchecked_in
 from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.refusal import Refusal
 from osl_analysis.report import headlines
-from osl_analysis.report.headlines import BOOTSTRAP, FOR_MOTION, RANGE, STUDENT, headline_numbers, to_tex
+from osl_analysis.report.headlines import (
+    BOOTSTRAP,
+    FOR_MOTION,
+    RANGE,
+    STUDENT,
+    headline_numbers,
+    to_tex,
+)
 from osl_analysis.stats.repeats import counted, doubtful_count, summary_of_trials
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import known_factor
@@ -54,38 +62,66 @@ def test_a_fit_is_doubtful_for_every_limit_that_it_passes():
     row = {"fit": 80.0, "lag": -0.7, "condition": 5.0, "held_out": None, "n": 3}
     found = doubts(row, {"lag": 0.5, "condition": 10, "n": 2}, {"fit": 90, "held_out": 80})
     assert [one.evidence for one in found] == [
-        (Beyond("lag", -0.7, -0.5, "below"),), (Beyond("n", 3.0, 2, "above"),), (Beyond("fit", 80.0, 90, "below"),)
+        (Beyond("lag", -0.7, -0.5, "below"),), (Beyond("n", 3.0, 2, "above"),),
+        (Beyond("fit", 80.0, 90, "below"),)
     ]  # fmt: skip
     assert doubts(row, {"lag": 0.7, "condition": None}, {"fit": 80}) == []
     assert beyond_in(doubts({"fit": float("nan")}, {}, {"fit": 90})) == {"fit": "nan"}
     both = doubts({"held_out": -95.0, "lag": -95.0}, {"lag": 90}, {"held_out": 90})
-    assert [one.evidence[0].limit for one in both] == [-90, 90], "a lower limit is on the value, an upper on its size"
+    assert [one.evidence[0].limit for one in both] == [
+        -90,
+        90,
+    ], "a lower limit is on the value, an upper on its size"
 
 
 def test_a_misfit_that_a_cause_explains_is_no_doubt_of_its_own_and_where_the_remedy_is():
-    row = {"coulomb_share": 0.6, "VAF": 80.0, "torque_distortion": 0.3, "B": 2.264, "B_viscous": 1.0465}
+    row = {
+        "coulomb_share": 0.6,
+        "VAF": 80.0,
+        "torque_distortion": 0.3,
+        "B": 2.264,
+        "B_viscous": 1.0465,
+    }
     (friction,) = doubts(row, {"coulomb_share": 0.5, "torque_distortion": 0.25}, {"VAF": 90})
-    assert (friction.cause, [*beyond_in([friction])]) == ("friction", ["coulomb_share", "torque_distortion", "VAF"])
+    assert (friction.cause, [*beyond_in([friction])]) == (
+        "friction",
+        ["coulomb_share", "torque_distortion", "VAF"],
+    )
     assert (friction.sizes, friction.without) == ({"B": pytest.approx(0.6 * 2.264)}, {"B": 1.0465})
     assert friction.remedy == Remedy.ALONE, "there are no rows of single amplitudes"
     assert [one.cause for one in doubts(row, {}, {"VAF": 90})] == ["model that does not fit"]
-    rows = pl.DataFrame({"trial": "a", "amplitude_deg": [2.0, None], "coulomb_share": [0.1, 0.6], "VAF": [80.0, 95.0]})
+    rows = pl.DataFrame(
+        {
+            "trial": "a",
+            "amplitude_deg": [2.0, None],
+            "coulomb_share": [0.1, 0.6],
+            "VAF": [80.0, 95.0],
+        }
+    )
     limits = Limits(above={"coulomb_share": 0.5}, below={"VAF": 90})
     both = [one for row in judged(rows, limits, "phasors") for one in row]
     assert [(one.cause, one.remedy) for one in both] == [("friction", Remedy.WHOLE)] * 2
     sound = rows.with_columns(coulomb_share=pl.Series([0.6, 0.1]))
     (alone,), none = judged(sound, limits, "phasors")
     assert (alone.remedy, alone.amplitude_deg is not None, none) == (Remedy.AMPLITUDE, True, [])
-    assert judged(sound.with_columns(frequency_hz=5.0), limits, "phasors")[0][0].remedy == Remedy.FREQUENCY
+    assert (
+        judged(sound.with_columns(frequency_hz=5.0), limits, "phasors")[0][0].remedy
+        == Remedy.FREQUENCY
+    )
 
 
 def test_a_fault_of_the_recording_that_one_amplitude_alone_shows_accuses_nobody():
-    """Friction passes for a late torque or a changing K at one amplitude; both would be there at all of them."""
+    """Friction passes for a late torque or a changing K at one amplitude; both would be there at
+    all of them."""
     amplitudes = {"trial": ["a"] * 3, "amplitude_deg": [2.0, 4.0, None]}
     limits = Limits(above={"lag_share": 0.05, "K_drift": 0.003}, below={"VAF": 90})
-    alone = pl.DataFrame({**amplitudes, "lag_share": [0.0, 0.3, 0.0], "K_drift": [0.1, 0.0, None], "VAF": 95.0})
+    alone = pl.DataFrame(
+        {**amplitudes, "lag_share": [0.0, 0.3, 0.0], "K_drift": [0.1, 0.0, None], "VAF": 95.0}
+    )
     assert causes_of(alone, limits) == [[], [], []]
-    everywhere = alone.with_columns(lag_share=pl.Series([0.1, 0.3, 0.1]), VAF=pl.Series([95.0, 95.0, 80.0]))
+    everywhere = alone.with_columns(
+        lag_share=pl.Series([0.1, 0.3, 0.1]), VAF=pl.Series([95.0, 95.0, 80.0])
+    )
     assert causes_of(everywhere, limits) == [["late torque"]] * 3
 
 
@@ -93,22 +129,39 @@ def test_a_certainly_negative_inertia_is_noted():
     for table, name in (("impedance", "I"), ("transmission", "J_j")):
         row = {"K_over_K_s": 0.4, "B_j_ratio": 1.0, "path_shift": 0.0, "K_drift": 0.0}
         for high, noted in ((-0.01, True), (0.01, False)):
-            notes = [(one.cause, one.grade) for one in unchecked_in(table, row | {f"{name}_high": high})]
+            notes = [
+                (one.cause, one.grade) for one in unchecked_in(table, row | {f"{name}_high": high})
+            ]
             assert notes == [(f"{name} is certainly negative", Grade.NOTES)] * noted
 
 
 @pytest.mark.parametrize(("seconds", "noted"), [
-    ([30.0, 60.0, 61.0, 60.0], ["a"]), ([30.0, 60.0, 90.0, 120.0], []), ([50.0, 60.0, 60.0, 60.0], []),
-    ([30.0, 60.0], []), ([30.0, 60.0, 29.0, 60.0], []), ([60.0, 20.0, 60.0], ["b"]), ([60.0, 60.0, 120.0, 60.0], ["c"]),
+    ([30.0, 60.0, 61.0, 60.0], ["a"]), ([30.0, 60.0, 90.0, 120.0], []), ([50.0, 60.0, 60.0, 60.0],
+     []),
+    ([30.0, 60.0], []), ([30.0, 60.0, 29.0, 60.0], []), ([60.0, 20.0, 60.0], ["b"]),
+    ([60.0, 60.0, 120.0, 60.0], ["c"]),
 ])  # fmt: skip
-def test_a_recording_of_another_length_than_most_of_its_motion_is_noted_where_these_are_alike(seconds, noted):
+def test_a_recording_of_another_length_than_most_of_its_motion_is_noted_where_these_are_alike(
+    seconds, noted
+):
     motion = ["other"] * len(seconds) + ["stepped sine"]
-    rows = {"trial": [*"abcde"][: len(motion)], "recorded_s": [*seconds, 5.0], "excitation": motion, "doubtful": ""}
+    rows = {
+        "trial": [*"abcde"][: len(motion)],
+        "recorded_s": [*seconds, 5.0],
+        "excitation": motion,
+        "doubtful": "",
+    }
     table = pl.DataFrame(rows).with_columns(amplitude_deg=pl.lit(None, pl.Float64))
-    found = [one for one in known({"impedance": table}, {}) if one["cause"] == "recording of another length"]
+    found = [
+        one
+        for one in known({"impedance": table}, {})
+        if one["cause"] == "recording of another length"
+    ]
     assert [(one["verdict"], one["trials"]) for one in found] == [("remark", noted)] * bool(noted)
     own = dict(zip("abcde", seconds, strict=False))
-    assert all(f"{own[noted[0]]:g} s are recorded, and 60 s of most" in one["line"] for one in found)
+    assert all(
+        f"{own[noted[0]]:g} s are recorded, and 60 s of most" in one["line"] for one in found
+    )
 
 
 def test_a_factor_between_units_is_named_within_eight_percent():
@@ -118,16 +171,23 @@ def test_a_factor_between_units_is_named_within_eight_percent():
 
 def test_a_limit_on_what_is_no_column_of_numbers_or_no_table_is_one_line_that_names_it(tmp_path):
     for column in ("VFA", "trial"):
-        message = rf"doubtful\.belt: the table has no column '{column}' of numbers; put the limit on one of VAF"
+        message = (
+            rf"doubtful\.belt: the table has no column '{column}' of numbers; put the limit on one"
+            r" of VAF"
+        )
         with pytest.raises(InputError, match=message):
             marked(fits(VAF=[80.0, 99.0]), Limits(below={column: 1}), "belt")
     (tmp_path / "c.yaml").write_text(yaml.safe_dump({"doubtful": {"belts": {"below": {"VAF": 1}}}}))
-    with pytest.raises(InputError, match=r"belts: .*unknown table; limits may stand on belt, transmission"):
+    with pytest.raises(
+        InputError, match=r"belts: .*unknown table; limits may stand on belt, transmission"
+    ):
         read_section(tmp_path / "c.yaml", "doubtful", DoubtfulFits)
 
 
 def test_a_crossing_without_a_fit_is_neither_doubtful_nor_not():
-    table = marked(fits(vaf=[None, 80.0], excluded=["no markers", None]), Limits(below={"vaf": 90}), "walking")
+    table = marked(
+        fits(vaf=[None, 80.0], excluded=["no markers", None]), Limits(below={"vaf": 90}), "walking"
+    )
     assert (table["doubtful"].to_list(), doubtful_count(table)) == ([None, "vaf"], (1, 1))
 
 
@@ -143,7 +203,12 @@ def test_gathered_tables_carry_the_mark_and_the_end_of_the_run_says_so(tmp_path)
     assert read_table(tmp_path / "belt.csv")["doubtful"].to_list() == [misfit, "", misfit]
     assert "doubtful" not in read_table(tmp_path / "quality.csv").columns
     write_table(NO_CHECKS, tmp_path / "verdicts.csv")
-    tables.write_findings({"belt": tmp_path / "belt.csv"}, tmp_path / "verdicts.csv", limits, tmp_path / "findings.csv")
+    tables.write_findings(
+        {"belt": tmp_path / "belt.csv"},
+        tmp_path / "verdicts.csv",
+        limits,
+        tmp_path / "findings.csv",
+    )
     there = [tmp_path / "belt.csv", tmp_path / "no.csv"]
     (line,) = findings_report(tmp_path / "findings.csv", there, NO_CHECKS).split("\n")
     assert line.startswith(f"doubtful, 2 of 3 belt trials: {misfit}: ")
@@ -151,28 +216,46 @@ def test_gathered_tables_carry_the_mark_and_the_end_of_the_run_says_so(tmp_path)
 
 
 def test_causes_and_trials_are_counted_and_not_the_rows_that_inherit_them():
-    """Two of three trials have friction, one of them in four rows of two tables; one has a doubt of its own beside."""
+    """Two of three trials have friction, one of them in four rows of two tables; one has a doubt of
+    its own beside."""
     fit = {"trial": ["a", "a", "b", "c"], "amplitude_deg": [2.0, None, None, None]}
     fit |= {"coulomb_share": [0.7, 0.6, 0.7, 0.1]}
     fit |= {"VAF": [80.0, 80.0, 80.0, 95.0], "path_shift": [0.0, 0.0, 0.1, 0.0]}
     tables = {"impedance": pl.DataFrame(fit).with_columns(K_over_K_s=0.5, K_drift=0.0)}
-    shared = {"trial": ["a", "a", "c"], "amplitude_deg": [2.0, None, None], "theta_distortion": [0.0, 0.0, 0.1]}
+    shared = {
+        "trial": ["a", "a", "c"],
+        "amplitude_deg": [2.0, None, None],
+        "theta_distortion": [0.0, 0.0, 0.1],
+    }
     tables["phasors"] = pl.DataFrame(shared)
-    limits = {"impedance": {"above": {"coulomb_share": 0.5, "path_shift": 0.02}, "below": {"VAF": 90}}}
+    limits = {
+        "impedance": {"above": {"coulomb_share": 0.5, "path_shift": 0.02}, "below": {"VAF": 90}}
+    }
     found = known(tables, limits | {"phasors": {"above": {"theta_distortion": 0.02}}})
     counts = [(one["cause"], one["trials"], one["n"], one["of"]) for one in found]
     assert counts == [
-        ("friction", ["a", "b"], 3, "impedance trials"), ("torque path", ["b"], 3, "impedance trials"),
+        ("friction", ["a", "b"], 3, "impedance trials"), ("torque path",
+         ["b"], 3, "impedance trials"),
         ("distorted motion", ["c"], 2, "impedance trials, in phasors alone"),
     ]  # fmt: skip
     said = found[0]["worst"], found[0]["measure"], found[0]["limit"]
     assert said == ("b", "coulomb_share, VAF", "above 0.5, below 90")
-    inherited = campaign_findings(tables, NO_CHECKS, DoubtfulFits.model_validate(limits)).filter(table="phasors")
-    assert inherited.select("trial", "cause", "inherited").unique().rows() == [("a", "friction", "impedance")]
+    inherited = campaign_findings(tables, NO_CHECKS, DoubtfulFits.model_validate(limits)).filter(
+        table="phasors"
+    )
+    assert inherited.select("trial", "cause", "inherited").unique().rows() == [
+        ("a", "friction", "impedance")
+    ]
 
 
 def test_a_check_that_flags_trials_has_its_cause_and_its_value():
-    checks = {"trial": ["a", "b"], "check": ["gap"] * 2, "value": [0.0, 0.095], "unit": ["s"] * 2, "threshold": 0.05}
+    checks = {
+        "trial": ["a", "b"],
+        "check": ["gap"] * 2,
+        "value": [0.0, 0.095],
+        "unit": ["s"] * 2,
+        "threshold": 0.05,
+    }
     table = pl.DataFrame(checks | {"verdict": ["pass", "flag"], "remark": ["", "torque"]})
     belt = fits(VAF=[95.0, 80.0], K_s_ratio=1.0)
     found = known({"belt": belt}, {"belt": {"below": {"VAF": 90}}}, table)
@@ -183,14 +266,27 @@ def test_a_check_that_flags_trials_has_its_cause_and_its_value():
 
 
 def test_a_finding_names_three_trials_or_those_that_it_spares():
-    for n, of, said in ((4, 7, " [all but t4, t5, t6]"), (4, 8, " [t0, t1, t2, ...]"), (1, 4, " [t0]"), (2, 2, "")):
-        table = pl.DataFrame({"trial": [f"t{k}" for k in range(of)], "path_shift": [None] * n + [0.0] * (of - n)})
+    for n, of, said in (
+        (4, 7, " [all but t4, t5, t6]"),
+        (4, 8, " [t0, t1, t2, ...]"),
+        (1, 4, " [t0]"),
+        (2, 2, ""),
+    ):
+        table = pl.DataFrame(
+            {"trial": [f"t{k}" for k in range(of)], "path_shift": [None] * n + [0.0] * (of - n)}
+        )
         (found,) = known({"transmission": table.cast({"path_shift": pl.Float64})}, {})
         assert found["line"].endswith(f"of this bench{said}")
-        assert (found["trials"], found["n"], found["verdict"]) == ([f"t{k}" for k in range(n)], of, "not checked")
+        assert (found["trials"], found["n"], found["verdict"]) == (
+            [f"t{k}" for k in range(n)],
+            of,
+            "not checked",
+        )
 
 
-def test_the_limit_of_every_finding_reaches_table_and_summary_also_of_what_is_only_close_to_a_unit(tmp_path):
+def test_the_limit_of_every_finding_reaches_table_and_summary_also_of_what_is_only_close_to_a_unit(
+    tmp_path,
+):
     belt = fits(K_s_ratio=[1.3558, 1.0], VAF=[99.0, 80.0], offset=[1.0, 9.0])
     limits = DoubtfulFits.model_validate({
         "belt": {"above": {"K_s_ratio": 1.5, "offset": 5}, "below": {"K_s_ratio": 0.5, "VAF": 90}}
@@ -199,13 +295,21 @@ def test_the_limit_of_every_finding_reaches_table_and_summary_also_of_what_is_on
     write_table(marked(belt, limits.of("belt"), "belt"), paths["belt"])
     write_table(NO_CHECKS, paths["quality"])
     tables.write_findings({"belt": paths["belt"]}, paths["quality"], limits, paths["findings"])
-    rows = read_table(paths["findings"]).select("trial", "cause", "evidence", "value", "limit", "side").rows()
+    rows = (
+        read_table(paths["findings"])
+        .select("trial", "cause", "evidence", "value", "limit", "side")
+        .rows()
+    )
     assert rows == [
         ("a", "another unit", "K_s_ratio", 1.3558, 1.5, "near"),
         ("b", "model that does not fit", "VAF", 80.0, 90.0, "below"),
         ("b", "offset", "offset", 9.0, 5.0, "above"),
     ]  # fmt: skip
-    files = {"summary_json": tmp_path / "s.json", "numbers_tex": tmp_path / "n.tex", "findings": paths["findings"]}
+    files = {
+        "summary_json": tmp_path / "s.json",
+        "numbers_tex": tmp_path / "n.tex",
+        "findings": paths["findings"],
+    }
     write_summary(about=MADE, table_paths={"belt": paths["belt"]}, **files)
     summary = read_summary(tmp_path / "s.json")
     assert [(one["cause"], one["measure"], one["limit"]) for one in summary["findings"]] == [
@@ -217,8 +321,13 @@ def test_the_limit_of_every_finding_reaches_table_and_summary_also_of_what_is_on
 
 def test_a_mean_over_trials_leaves_out_doubtful_ones_while_half_are_sound_and_says_how_many():
     two = fits(K_s=[700.0, 690.0], doubtful=["", "clipped"])
-    for table, said in ((two, (700.0, 1, 1, 1)), (pl.concat([two, two.tail(1)]), (pytest.approx(2080 / 3), 3, 2, 0))):
-        (summary,) = summary_of_trials(table, ["K_s"]).select("mean", "n", "n_doubtful", "n_left_out").rows()
+    for table, said in (
+        (two, (700.0, 1, 1, 1)),
+        (pl.concat([two, two.tail(1)]), (pytest.approx(2080 / 3), 3, 2, 0)),
+    ):
+        (summary,) = (
+            summary_of_trials(table, ["K_s"]).select("mean", "n", "n_doubtful", "n_left_out").rows()
+        )
         assert summary == said
     assert len(counted(two.drop("doubtful"))) == 2
 
@@ -230,15 +339,34 @@ def test_phasors_share_the_doubts_of_the_fit_of_their_trial_and_amplitude(tmp_pa
     for name, columns in (("impedance", fit), ("phasors", phasors)):
         write_table(pl.DataFrame({"trial": ["a"] * 3, **columns}), tmp_path / name / "a.csv")
     of, strict = [tmp_path / "impedance/a.csv"], Limits(below={"vaf": 90})
-    gather([tmp_path / "phasors/a.csv"], tmp_path / "phasors.csv", Limits(above={"distortion": 1}), of, strict)
-    assert read_table(tmp_path / "phasors.csv")["doubtful"].to_list() == ["vaf", "distortion; vaf", ""]
+    gather(
+        [tmp_path / "phasors/a.csv"],
+        tmp_path / "phasors.csv",
+        Limits(above={"distortion": 1}),
+        of,
+        strict,
+    )
+    assert read_table(tmp_path / "phasors.csv")["doubtful"].to_list() == [
+        "vaf",
+        "distortion; vaf",
+        "",
+    ]
 
 
-MADE = {"campaign": "made", "data": "simulated", "version": "1.2.3", "configuration": "0a1b2c3d", "recorded": "seed 1"}
+MADE = {
+    "campaign": "made",
+    "data": "simulated",
+    "version": "1.2.3",
+    "configuration": "0a1b2c3d",
+    "recorded": "seed 1",
+}
 
 
 def summary_rows(**means):
-    rows = ({"quantity": q, "n": 10, "mean": x, "low": 0.99 * x, "high": 1.01 * x} for q, x in means.items())
+    rows = (
+        {"quantity": q, "n": 10, "mean": x, "low": 0.99 * x, "high": 1.01 * x}
+        for q, x in means.items()
+    )
     return pl.DataFrame(list(rows))
 
 
@@ -248,7 +376,19 @@ def walked(estimator=headlines.HEADLINE_ESTIMATOR, **means):
 
 def impedance():
     """Compensated K off by +1 % and -3 %, B by 0.5 and 0.1; VAF of single amplitudes 90, 98, 99."""
-    columns = ("controller", "K_d", "B_d", "amplitude_deg", "K", "K_low", "K_high", "B", "B_low", "B_high", "VAF")
+    columns = (
+        "controller",
+        "K_d",
+        "B_d",
+        "amplitude_deg",
+        "K",
+        "K_low",
+        "K_high",
+        "B",
+        "B_low",
+        "B_high",
+        "VAF",
+    )
     single = ((2, 90.0), (4, 98.0), (6, 99.0))
     rows = [("compensated", 300.0, 5.0, a, 1.0, 0.0, 2.0, 1.0, 0.0, 2.0, v) for a, v in single]
     rows += [
@@ -256,14 +396,31 @@ def impedance():
         ("compensated", 100.0, 0.0, None, 97.0, 95.0, 99.0, 0.1, 0.0, 0.2, 10.0),
         ("uncompensated", 300.0, 5.0, None, 210.0, 208.0, 212.0, 3.6, 3.5, 3.7, 10.0),
     ]
-    table = pl.DataFrame(rows, schema=columns, orient="row").with_columns(interval_method=pl.lit("units"))
+    table = pl.DataFrame(rows, schema=columns, orient="row").with_columns(
+        interval_method=pl.lit("units")
+    )
     whole, steps = pl.col("amplitude_deg").is_null(), {"low": -2.04, "high": 1.06}
-    ends = {f"{q}_amplitudes_{end}": pl.when(whole).then(pl.col(q) + step) for q in "KB" for end, step in steps.items()}
+    ends = {
+        f"{q}_amplitudes_{end}": pl.when(whole).then(pl.col(q) + step)
+        for q in "KB"
+        for end, step in steps.items()
+    }
     sizes = {"I": 0.02, "I_low": 0.01, "I_high": 0.03}
     ends |= {name: pl.when(whole).then(pl.lit(size)) for name, size in sizes.items()}
-    rubs = {"f_C": 0.3, "f_C_low": 0.2, "f_C_high": 0.4, "B_viscous": 5.2, "B_viscous_low": 5.1, "B_viscous_high": 5.3}
-    ends |= {name: pl.when(pl.col("K") == 303.0).then(pl.lit(value)) for name, value in rubs.items()}
-    return table.with_columns(**ends, doubtful=pl.Series(["", "model that does not fit", "", "", "", "x"]))
+    rubs = {
+        "f_C": 0.3,
+        "f_C_low": 0.2,
+        "f_C_high": 0.4,
+        "B_viscous": 5.2,
+        "B_viscous_low": 5.1,
+        "B_viscous_high": 5.3,
+    }
+    ends |= {
+        name: pl.when(pl.col("K") == 303.0).then(pl.lit(value)) for name, value in rubs.items()
+    }
+    return table.with_columns(
+        **ends, doubtful=pl.Series(["", "model that does not fit", "", "", "", "x"])
+    )
 
 
 def all_tables():
@@ -271,9 +428,13 @@ def all_tables():
     return {
         "belt_summary": summary_rows(K_s=686.2, unloading=640.0),
         "transmission_summary": summary_rows(B_j=0.45, J_j=0.0051, VAF=99.2),
-        "transmission": pl.DataFrame({"amplitude_deg": [None, None, None, 2.0], "VAF": vaf, "doubtful": [""] * 4}),
+        "transmission": pl.DataFrame(
+            {"amplitude_deg": [None, None, None, 2.0], "VAF": vaf, "doubtful": [""] * 4}
+        ),
         "impedance": impedance(),
-        "walking_summary": pl.concat([walked(K=338.0, I=-0.012), walked("mean of perturbations", K=1.0), turns]),
+        "walking_summary": pl.concat(
+            [walked(K=338.0, I=-0.012), walked("mean of perturbations", K=1.0), turns]
+        ),
         "walking": pl.DataFrame({"VAF": [96.0, 98.0, float("nan")], "doubtful": ["", "", None]}),
     }
 
@@ -307,10 +468,14 @@ HEADLINES = [
 
 
 @pytest.mark.parametrize(("name", "value", "low", "high", "n", "draft", "interval"), HEADLINES)
-def test_a_headline_has_value_interval_number_and_the_draft_s_value(name, value, low, high, n, draft, interval):
+def test_a_headline_has_value_interval_number_and_the_draft_s_value(
+    name, value, low, high, n, draft, interval
+):
     found = by_name(all_tables())
     row = written(found.values())["numbers"][name]
-    assert [row[key] for key in ("value", "low", "high", "draft")] == pytest.approx([value, low, high, draft])
+    assert [row[key] for key in ("value", "low", "high", "draft")] == pytest.approx(
+        [value, low, high, draft]
+    )
     assert (row["n"], row["interval"], row["unit"]) == (n, interval, found[name].unit)
     assert not {"VAF_median_uncompensated", "f_C_example_uncompensated"} & {*found}
 
@@ -321,22 +486,40 @@ def test_the_example_says_how_far_the_single_amplitudes_spread_and_is_rounded_to
     assert (K["amplitudes_low"], K["amplitudes_high"]) == pytest.approx((300.96, 304.06))
     for end, number in (("", "303.0"), ("AmplitudesLow", "301.0"), ("AmplitudesHigh", "304.1")):
         assert rf"\oslCompensatedExampleStiffness{end}}}{{{number}}}" in to_tex(MADE, numbers)
-    assert f"299.0 to 307.5, {FOR_MOTION}; single amplitudes 301.0 to 304.1" in format_results_table(written(numbers))
-    again = pl.concat([impedance(), impedance().filter(pl.col("K") == 303.0).with_columns(K=pl.lit(297.0))])
+    assert (
+        f"299.0 to 307.5, {FOR_MOTION}; single amplitudes 301.0 to 304.1"
+        in format_results_table(written(numbers))
+    )
+    again = pl.concat(
+        [impedance(), impedance().filter(pl.col("K") == 303.0).with_columns(K=pl.lit(297.0))]
+    )
     repeated = by_name({"impedance": again})["K_example_compensated"]
-    assert (repeated.value, repeated.low, repeated.high, repeated.n, repeated.interval) == (300, 297, 303, 2, RANGE)
+    assert (repeated.value, repeated.low, repeated.high, repeated.n, repeated.interval) == (
+        300,
+        297,
+        303,
+        2,
+        RANGE,
+    )
     for same in ({"K_d": 300.0}, {"B_d": 5.0}):  # the example has both
-        one = by_name({"impedance": impedance().with_columns(**{k: pl.lit(v) for k, v in same.items()})})
+        one = by_name(
+            {"impedance": impedance().with_columns(**{k: pl.lit(v) for k, v in same.items()})}
+        )
         assert (one["K_example_compensated"].value, one["K_example_compensated"].n) == (303, 1)
-    few = impedance().with_columns(interval_method=pl.lit("repeats"), K_amplitudes_high=pl.lit(301.1))
+    few = impedance().with_columns(
+        interval_method=pl.lit("repeats"), K_amplitudes_high=pl.lit(301.1)
+    )
     K = written(headline_numbers({"impedance": few}))["numbers"]["K_example_compensated"]
-    assert (K["interval"], headlines.numbers_said(K)[0]) == (headlines.FEW, "303.0")  # not 303.00, as by the range
+    # not 303.00, as by the range
+    assert (K["interval"], headlines.numbers_said(K)[0]) == (headlines.FEW, "303.0")
 
 
 def test_trials_of_no_stated_condition_have_their_own_numbers():
     """Where none has amplitudes, no label names them."""
     whole = impedance().filter(pl.col("amplitude_deg").is_null())
-    none = {name: pl.lit(None, pl.Float64) for name in ("K_d", "B_d")} | {"controller": pl.lit(None, pl.String)}
+    none = {name: pl.lit(None, pl.Float64) for name in ("K_d", "B_d")} | {
+        "controller": pl.lit(None, pl.String)
+    }
     unstated = whole.with_columns(**none, trial=pl.Series(["a", "b", "c"]))
     found = by_name({"impedance": unstated}, headlines.Example(None, None))
     K = {name: (one.value, one.low) for name, one in found.items() if name.startswith("K_example")}
@@ -349,8 +532,10 @@ def test_trials_of_no_stated_condition_have_their_own_numbers():
 
 
 @pytest.mark.parametrize(("value", "low", "high", "said"), [
-    (2.0, 1.9991, 2.0003, ("2.000", "1.9991 to 2.0003")), (120.04, 120.01, 120.07, ("120.04", "120.01 to 120.07")),
-    (119.99, 119.97, 120.02, ("120.0", "119.97 to 120.02")), (5.0123, 4.8, 5.2, ("5.01", "4.80 to 5.20")),
+    (2.0, 1.9991, 2.0003, ("2.000", "1.9991 to 2.0003")), (120.04, 120.01, 120.07,
+     ("120.04", "120.01 to 120.07")),
+    (119.99, 119.97, 120.02, ("120.0", "119.97 to 120.02")), (5.0123, 4.8, 5.2,
+     ("5.01", "4.80 to 5.20")),
     (3.0, 3.0, 3.4, ("3.00", "3.00 to 3.40")),
 ])  # fmt: skip
 def test_no_number_reads_as_an_end_of_its_interval_or_as_beyond_it(value, low, high, said):
@@ -375,53 +560,92 @@ def test_the_first_numbers_are_said_with_a_true_minus_and_none_that_its_interval
     said = headlines.first_said([*numbers.values()])
     of_both = "compensated; lowest to highest −3.0 to 1.0; n = 2", "uncompensated; n = 1, doubtful"
     assert [part in said[0] for part in of_both] == [True, True]
-    assert [part in said[0].replace("\xa0", " ") for part in ("−1.00 % (", "−30.0 % (")] == [True, True]
+    assert [part in said[0].replace("\xa0", " ") for part in ("−1.00 % (", "−30.0 % (")] == [
+        True,
+        True,
+    ]
     assert said[1].replace("\xa0", " ").endswith(" 338.0 N·m/rad (334.6 to 341.4; n = 10).")
     assert headlines.said_number(numbers["walking_I"])["text"] == "−2.000·10⁻⁶"
-    nothing = NOTHING | {"value": 1e-4, "low": -1e-5, "high": 2e-4, "interval": STUDENT, "doubt": "late"}
+    nothing = NOTHING | {
+        "value": 1e-4,
+        "low": -1e-5,
+        "high": 2e-4,
+        "interval": STUDENT,
+        "doubt": "late",
+    }
     assert list(headlines.said_number(nothing).values()) == [
         "≈ 0", "−1·10⁻⁵ to 0.00020", STUDENT, "", "3, doubtful: late",
     ]  # fmt: skip
-    assert headlines.said_number(nothing | {"interval": RANGE})["text"] == "1.00·10⁻⁴", "a range has it by chance"
+    assert headlines.said_number(nothing | {"interval": RANGE})["text"] == "1.00·10⁻⁴", (
+        "a range has it by chance"
+    )
     foot = headlines.LABELS["torque_angle"]["K"]
     stiffness = {"a": 5.0, "b": 4.0, "c": 9.0, "d": 6.0}
     one = [headlines.of_group(replace(foot, value=K, n=3), trial) for trial, K in stiffness.items()]
     (found,) = headlines.first_said([*written(one)["numbers"].values()])
-    assert found.replace("\xa0", " ").endswith(" 4.00 N·m/rad (b; n = 3) to 9.00 N·m/rad (c; n = 3).")
+    assert found.replace("\xa0", " ").endswith(
+        " 4.00 N·m/rad (b; n = 3) to 9.00 N·m/rad (c; n = 3)."
+    )
 
 
-def test_only_a_campaign_that_simulates_the_draft_s_device_or_asks_for_it_is_held_against_the_draft():
+def test_only_a_campaign_of_the_draft_s_device_is_held_against_the_draft():
     assert {one.draft for one in headline_numbers(all_tables(), beside_draft=False)} == {None}
     config = read_config(ROOT / "config/config.yaml")
-    for changes, expected in (({}, True), ({"simulation": None}, False), ({"parameters": None}, False)):
+    for changes, expected in (
+        ({}, True),
+        ({"simulation": None}, False),
+        ({"parameters": None}, False),
+    ):
         campaign = Campaign(config.model_copy(update=changes), {}, {})
         assert campaign.beside_draft is expected, changes
         for asked in (True, False):
             report = config.report.model_copy(update={"beside_draft": asked})
-            assert Campaign(campaign.config.model_copy(update={"report": report}), {}, {}).beside_draft is asked
+            assert (
+                Campaign(campaign.config.model_copy(update={"report": report}), {}, {}).beside_draft
+                is asked
+            )
 
 
-def test_torque_against_angle_has_numbers_of_every_trial_with_an_interval_over_cycles_where_there_is_one():
-    rows = {"trial": ["slow_1", "fast"], "cycles": [1, 4], "doubtful": ["", "loop that does not close"]}
+def test_torque_against_angle_has_numbers_of_every_trial():
+    rows = {
+        "trial": ["slow_1", "fast"],
+        "cycles": [1, 4],
+        "doubtful": ["", "loop that does not close"],
+    }
     for name in ("K", "energy_stored", "energy_returned", "energy_lost"):
         rows |= {name: [90.0, 95.0], f"{name}_low": [None, 94.0], f"{name}_high": [None, 96.0]}
     found = by_name({"torque_angle": pl.DataFrame(rows)})
     slow, fast = found["torque_angle_K (slow_1)"], found["energy_lost (fast)"]
     assert (slow.value, slow.low, slow.interval, slow.n, slow.doubt) == (90, None, None, 1, None)
-    assert (fast.value, fast.low, fast.high, fast.n, fast.doubt is None, fast.unit) == (95, 94, 96, 4, False, "J")
+    assert (fast.value, fast.low, fast.high, fast.n, fast.doubt is None, fast.unit) == (
+        95,
+        94,
+        96,
+        4,
+        False,
+        "J",
+    )
     assert (slow.macro, fast.macro) == ("TorqueAngleStiffnessSlowOne", "EnergyLostFast")
     assert ", n = 4, DOUBTFUL: loop that does not close\n" in to_tex(MADE, [fast])
     person = {f"{name}{end}": [1.0, 2.0] for name in "KBI" for end in ("", "_low", "_high")}
-    found = by_name({"human_joint": pl.DataFrame({"trial": ["a", "b"], "doubtful": ["", ""], **person})})
+    found = by_name(
+        {"human_joint": pl.DataFrame({"trial": ["a", "b"], "doubtful": ["", ""], **person})}
+    )
     assert [found[f"human_joint_{one}"].value for one in ("K (b)", "I (a)")] == [2.0, 1.0]
 
 
 def test_every_line_of_the_macros_is_a_comment_or_one_definition_that_latex_accepts():
     number = r"-?\d+(\.\d+)?(\\times 10\^\{-\d+\})?"
-    definition = rf"\\newcommand\{{\\[A-Za-z]+\}}\{{({number}|\\ensuremath\{{{number}\}})\}}% [ -~]*"
+    definition = (
+        rf"\\newcommand\{{\\[A-Za-z]+\}}\{{({number}|\\ensuremath\{{{number}\}})\}}% [ -~]*"
+    )
     lines = to_tex(MADE, headline_numbers(all_tables())).splitlines()
     assert len(lines) > 40
-    facts = [line for line in lines if re.match(rf"\\newcommand{{\\osl({'|'.join(ABOUT_MACROS.values())})}}", line)]
+    facts = [
+        line
+        for line in lines
+        if re.match(rf"\\newcommand{{\\osl({'|'.join(ABOUT_MACROS.values())})}}", line)
+    ]
     assert len(facts) == len(ABOUT_MACROS)
     assert all(re.fullmatch(rf"%.*|{definition}", line) for line in lines if line not in facts)
     names = re.findall(r"newcommand\{\\(\w+)\}", "".join(lines))
@@ -432,13 +656,17 @@ def test_every_line_of_the_macros_is_a_comment_or_one_definition_that_latex_acce
 
 @pytest.mark.parametrize(("value", "low", "high", "interval", "text"), [
     (685.6432, 682.9, 688.4, STUDENT, "685.6"), (0.45213, 0.4480, 0.4562, STUDENT, "0.4521"),
-    (-0.01234, -0.0223, -0.0024, STUDENT, r"\ensuremath{-0.0123}"), (-0.0004, -1.0, 1.0, STUDENT, "0.0"),
-    (5.04e-5, 4.9e-5, 5.2e-5, STUDENT, r"\ensuremath{5.04\times 10^{-5}}"), (0.0, None, None, STUDENT, "0"),
+    (-0.01234, -0.0223, -0.0024, STUDENT, r"\ensuremath{-0.0123}"),
+    (-0.0004, -1.0, 1.0, STUDENT, "0.0"),
+    (5.04e-5, 4.9e-5, 5.2e-5, STUDENT, r"\ensuremath{5.04\times 10^{-5}}"),
+    (0.0, None, None, STUDENT, "0"),
     (95.84, 74.0, 99.2, RANGE, "95.8"),  # a range over trials does not blunt the mean
     (99.961, 99.951, 99.968, RANGE, "99.96"),  # its ends read differently
     (340.0, 340.0, 340.0 + 1e-13, STUDENT, "340"),  # rounding errors are no interval
 ])  # fmt: skip
-def test_values_are_rounded_to_two_digits_of_half_the_interval_or_to_three_digits(value, low, high, interval, text):
+def test_values_are_rounded_to_two_digits_of_half_the_interval_or_to_three_digits(
+    value, low, high, interval, text
+):
     headline = headlines.Headline("x", "1", None, "X", "a number", value, low, high, interval, 1)
     assert rf"\oslX}}{{{text}}}%" in to_tex(MADE, [headline])
 
@@ -447,45 +675,83 @@ def test_files_are_written_from_the_tables_that_exist_and_read_back(tmp_path):
     paths = {name: tmp_path / f"{name}.csv" for name in (*all_tables(), "gains")}
     for name, table in all_tables().items():
         write_table(table, paths[name])
-    write_summary(about=MADE, table_paths=paths, summary_json=tmp_path / "s.json", numbers_tex=tmp_path / "n.tex")
+    write_summary(
+        about=MADE,
+        table_paths=paths,
+        summary_json=tmp_path / "s.json",
+        numbers_tex=tmp_path / "n.tex",
+    )
     summary, numbers = read_summary(tmp_path / "s.json"), headline_numbers(all_tables())
-    assert summary == written(numbers) | {"trials": {}, "missing_results": {}, "intervals": "", "findings": []}
+    assert summary == written(numbers) | {
+        "trials": {},
+        "missing_results": {},
+        "intervals": "",
+        "findings": [],
+    }
     assert (tmp_path / "n.tex").read_text() == to_tex(MADE, numbers)
     (tmp_path / "s.json").rename(tmp_path / "summary.json")
     table, entries = osl_analysis.read_summary(tmp_path), summary["numbers"]
-    assert table.to_dicts() == [dict.fromkeys(table.columns) | {"quantity": name} | entries[name] for name in entries]
+    assert table.to_dicts() == [
+        dict.fromkeys(table.columns) | {"quantity": name} | entries[name] for name in entries
+    ]
 
 
 def test_missing_trials_are_counted_with_the_reason_in_the_summary(tmp_path):
-    """A belt trial is refused, an impedance trial excluded by a check, another by the sheet: that is not missing."""
-    lost = Refusal("b_1", "raw/b_1.mcap", "ingest", "refused", "raw/b_1.mcap: no such file", "copy it there")
-    walking = Refusal("", "t/walking.csv", "j", "refused", "t/walking.csv: 1 perturbation", "record more")
-    verdict = {"trial": "i_2", "check": "gap", "value": 0.071, "unit": "s", "threshold": 0.05, "verdict": "exclude"}
-    rows = [verdict | {"remark": "theta; late"}, verdict | {"check": "rate", "remark": "slow"}]  # the first is said
+    """A belt trial is refused, an impedance trial excluded by a check, another by the sheet: that
+    is not missing."""
+    lost = Refusal(
+        "b_1", "raw/b_1.mcap", "ingest", "refused", "raw/b_1.mcap: no such file", "copy it there"
+    )
+    walking = Refusal(
+        "", "t/walking.csv", "j", "refused", "t/walking.csv: 1 perturbation", "record more"
+    )
+    verdict = {
+        "trial": "i_2",
+        "check": "gap",
+        "value": 0.071,
+        "unit": "s",
+        "threshold": 0.05,
+        "verdict": "exclude",
+    }
+    # the first is said
+    rows = [verdict | {"remark": "theta; late"}, verdict | {"check": "rate", "remark": "slow"}]
     write_table(pl.DataFrame(rows), tmp_path / "quality.csv")
-    tables.list_excluded(tmp_path / "quality.csv", {"i_9": "stumbled"}, tmp_path / "excluded.csv", [lost, walking])
+    tables.list_excluded(
+        tmp_path / "quality.csv", {"i_9": "stumbled"}, tmp_path / "excluded.csv", [lost, walking]
+    )
     ends = {"summary_json": "s.json", "numbers_tex": "n.tex", "excluded": "excluded.csv"}
     files = {name: tmp_path / file for name, file in ends.items()}
     trials = {"belt": ["b_1", "b_2"], "impedance": ["i_1", "i_2", "i_3"], "static": ["s"]}
     write_summary(about=MADE, table_paths={}, trials=trials, refused=[lost, walking], **files)
     summary = read_summary(tmp_path / "s.json")
-    counts = {name: (one["used"], one["of"], [*one["missing"]]) for name, one in summary["trials"].items()}
+    counts = {
+        name: (one["used"], one["of"], [*one["missing"]]) for name, one in summary["trials"].items()
+    }
     assert counts == {"belt": (1, 2, ["b_1"]), "impedance": (2, 3, ["i_2"]), "static": (1, 1, [])}
-    assert summary["trials"]["impedance"]["missing"]["i_2"] == "gap 0.071 s, threshold 0.05: theta, late"
+    assert (
+        summary["trials"]["impedance"]["missing"]["i_2"]
+        == "gap 0.071 s, threshold 0.05: theta, late"
+    )
     assert summary["missing_results"] == {"t/walking.csv": "1 perturbation"}
     said = format_results_table(summary)
     assert [one for one in ("b_1", "no t/walking.csv: 1 perturbation") if one not in said] == []
 
 
-NOTHING = dict.fromkeys(("low", "high", "interval", "draft", "doubt")) | {"unit": "", "n": 3, "meaning": "x"}
+NOTHING = dict.fromkeys(("low", "high", "interval", "draft", "doubt")) | {
+    "unit": "",
+    "n": 3,
+    "meaning": "x",
+}
 NUMBER = json.dumps({"campaign": "made", "numbers": {"K_s": {"value": 1.5} | NOTHING}})
 
 
 @pytest.mark.parametrize(("content", "message"), [
     (None, "no such summary"),
-    ('{"campaign": "made", "numbers": {"K_s": {"value": 3}}}', r"field 'numbers\.K_s\.unit' is missing"),
+    ('{"campaign": "made", "numbers": {"K_s": {"value": 3}}}',
+     r"field 'numbers\.K_s\.unit' is missing"),
     (NUMBER.replace("1.5", '"much"'), r"numbers\.K_s\.value: 'much' is not allowed"),
-    (NUMBER.replace("1.5", "NaN"), r"numbers\.K_s\.value: nan is not allowed"), ("[" * 100_000, "not a summary"),
+    (NUMBER.replace("1.5", "NaN"), r"numbers\.K_s\.value: nan is not allowed"),
+    ("[" * 100_000, "not a summary"),
 ])  # fmt: skip
 def test_a_missing_or_broken_summary_is_refused(tmp_path, content, message):
     if content is not None:
@@ -494,36 +760,58 @@ def test_a_missing_or_broken_summary_is_refused(tmp_path, content, message):
         read_summary(tmp_path / "summary.json")
 
 
-def test_the_error_of_the_damping_is_without_friction_where_this_is_certain_and_says_so_only_there():
+def test_the_error_of_the_damping_is_without_friction_where_this_is_certain():
     rubs, whole = impedance(), pl.col("amplitude_deg").is_null()
     error = by_name({"impedance": rubs.filter(whole)})["B_error_compensated"]
-    assert (error.value, "without friction" in error.meaning) == (pytest.approx((0.2 + 0.1) / 2), True)
+    assert (error.value, "without friction" in error.meaning) == (
+        pytest.approx((0.2 + 0.1) / 2),
+        True,
+    )
     none = rubs.filter(whole).with_columns(B_viscous=pl.lit(None, pl.Float64))
     recorded = by_name({"impedance": none})["B_error_compensated"]
-    assert (recorded.value, "friction" in recorded.meaning) == (pytest.approx((0.5 + 0.1) / 2), False)
-    assert by_name({"impedance": rubs})["B_example_compensated"].value == 5.5, "as recorded, beside it"
+    assert (recorded.value, "friction" in recorded.meaning) == (
+        pytest.approx((0.5 + 0.1) / 2),
+        False,
+    )
+    assert by_name({"impedance": rubs})["B_example_compensated"].value == 5.5, (
+        "as recorded, beside it"
+    )
 
 
 def test_headline_means_say_how_many_doubtful_trials_they_leave_out_or_contain():
     made = impedance()
     whole = made.filter(pl.col("amplitude_deg").is_null() & (pl.col("controller") == "compensated"))
-    far = whole.head(1).with_columns(K=pl.lit(600.0), B=pl.lit(60.0), K_d=pl.lit(200.0), doubtful=pl.lit("K_ratio 3"))
+    far = whole.head(1).with_columns(
+        K=pl.lit(600.0), B=pl.lit(60.0), K_d=pl.lit(200.0), doubtful=pl.lit("K_ratio 3")
+    )
     found = by_name({"impedance": pl.concat([made, far])})
     counts = {name: (h.n, h.n_doubtful, h.n_left_out) for name, h in found.items()}
-    assert by_name({"impedance": made.with_columns(doubtful=pl.lit("x"))})["K_example_compensated"].n_doubtful == 1
+    assert (
+        by_name({"impedance": made.with_columns(doubtful=pl.lit("x"))})[
+            "K_example_compensated"
+        ].n_doubtful
+        == 1
+    )
     assert found["K_bias_compensated"].value == pytest.approx(-1.0)
     without_friction = found["B_error_compensated"].value  # of 5.2, and of 0.1 that has none
     assert without_friction == pytest.approx(0.15)
     assert counts["K_bias_compensated"] == counts["B_error_compensated"] == (2, 1, 1)
     assert counts["K_bias_uncompensated"] == (1, 1, 0), "its only trial is doubtful"
     assert counts["VAF_mean_compensated"] == (3, 1, 0)
-    alone = far.with_columns(trial=pl.lit("b"), VAF=pl.lit(97.0))  # of another motion, or of one amplitude
-    number = by_name({"impedance": pl.concat([made.with_columns(trial=pl.lit("a")), alone])})["VAF_mean_compensated"]
+    # of another motion, or of one amplitude
+    alone = far.with_columns(trial=pl.lit("b"), VAF=pl.lit(97.0))
+    number = by_name({"impedance": pl.concat([made.with_columns(trial=pl.lit("a")), alone])})[
+        "VAF_mean_compensated"
+    ]
     assert (number.n, number.value) == (4, 96.0)
-    belts = summary_rows(K_s=686.2).with_columns(n_doubtful=pl.lit(2), n_left_out=pl.lit(2), doubt=pl.lit("late"))
+    belts = summary_rows(K_s=686.2).with_columns(
+        n_doubtful=pl.lit(2), n_left_out=pl.lit(2), doubt=pl.lit("late")
+    )
     one = by_name({"belt_summary": belts})["K_s"]
     assert (one.n_left_out, one.doubt) == (2, "late")
-    slow = by_name({"walking_summary": walked(K=3.0).with_columns(group=pl.lit("K_d 2"))})["walking_K (K_d 2)"]
+    slow = by_name({"walking_summary": walked(K=3.0).with_columns(group=pl.lit("K_d 2"))})[
+        "walking_K (K_d 2)"
+    ]
     assert (slow.draft, slow.macro[-5:], slow.meaning[-7:]) == (None, "KdTwo", ", K_d 2")
 
 
@@ -531,7 +819,8 @@ def test_numbers_that_a_failed_run_left_behind_are_said_to_be_old(tmp_path):
     summary = tmp_path / "summary.json"
     summary.write_text("{}")
     for job, later, outcome, old in (
-        ("ingest.before", -1, "refused", False), ("figure.fig5", 1, "failed", False), ("bench.fine", 1, "done", False),
+        ("ingest.before", -1, "refused", False), ("figure.fig5", 1, "failed", False),
+        ("bench.fine", 1, "done", False),
         ("ingest.after", 1, "refused", True),
     ):  # fmt: skip
         log = tmp_path / f"logs/{job}.log"
@@ -544,21 +833,43 @@ def test_numbers_that_a_failed_run_left_behind_are_said_to_be_old(tmp_path):
 def test_a_finding_in_the_table_is_the_finding_that_was_made():
     evidence = (Beyond("lag_share", 0.1, 0.05, "above"), Beyond("VAF", 90.0, 98.0, "below"))
     without = {
-        f"{name}{end}": k + 10.0 * way for k, name in enumerate("KBI") for way, end in enumerate(("", "_low", "_high"))
+        f"{name}{end}": k + 10.0 * way
+        for k, name in enumerate("KBI")
+        for way, end in enumerate(("", "_low", "_high"))
     }
-    finding = Finding("impedance", "t", "late torque", Grade.DOUBTS, evidence, 4.0, sizes={"B": 0.5}, without=without)
+    finding = Finding(
+        "impedance",
+        "t",
+        "late torque",
+        Grade.DOUBTS,
+        evidence,
+        4.0,
+        sizes={"B": 0.5},
+        without=without,
+    )
     table = findings_frame([(finding, ("says", "size", "remedy"))])
     numbers = ("evidence", "value", "limit", "side")
-    assert table.select(numbers).rows() == [(one.column, one.value, one.limit, one.side) for one in evidence]
+    assert table.select(numbers).rows() == [
+        (one.column, one.value, one.limit, one.side) for one in evidence
+    ]
     for row in table.drop(numbers).to_dicts():
-        found = {name.replace("_without", ""): value for name, value in row.items() if "_without" in name}
+        found = {
+            name.replace("_without", ""): value for name, value in row.items() if "_without" in name
+        }
         assert found == without
         sizes = (row["K_size"], row["B_size"], row["I_size"])
-        assert (row["finding"], row["grade"], row["amplitude_deg"], sizes) == (1, "doubts", 4.0, (None, 0.5, None))
+        assert (row["finding"], row["grade"], row["amplitude_deg"], sizes) == (
+            1,
+            "doubts",
+            4.0,
+            (None, 0.5, None),
+        )
 
 
 def test_what_a_doubt_condemns_is_not_recommended_by_a_note_on_the_same_row():
-    row = pl.DataFrame({"trial": ["a"], "I_high": [-0.01], "path_shift": [20.0], "K_over_K_s": 0.4, "K_drift": 0.0})
+    row = pl.DataFrame(
+        {"trial": ["a"], "I_high": [-0.01], "path_shift": [20.0], "K_over_K_s": 0.4, "K_drift": 0.0}
+    )
     for limit, remedy in ((1.0, Remedy.DOUBTED), (30.0, Remedy.WHOLE)):
         (found,) = judged(row, Limits(above={"path_shift": limit}), "impedance")
         notes = [one.remedy for one in found if one.cause == "I is certainly negative"]

@@ -1,4 +1,5 @@
-"""One time base: stamps of real recorders, the truth written by hand, the joint's K, B, I at the end; two clocks."""
+"""One time base: stamps of real recorders, the truth written by hand, the joint's K, B, I at the
+end; two clocks."""
 
 from collections.abc import Callable
 from contextlib import nullcontext
@@ -14,7 +15,14 @@ from scipy.signal import butter, sosfiltfilt
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.clock import Edges, correlate_clocks, find_edges, fit_clock
 from osl_analysis.signals.grid import GapLimits, UniformSignals, on_one_grid, streams
-from osl_analysis.signals.samples import DeviceClock, StampEvidence, drift_row, reading_of, savitzky_golay, take
+from osl_analysis.signals.samples import (
+    DeviceClock,
+    StampEvidence,
+    drift_row,
+    reading_of,
+    savitzky_golay,
+    take,
+)
 from osl_analysis.signals.stream import Stream, count_from_stamps, held_values, missing_by_rhythm
 from osl_analysis.trial import Trial, check_time, counter_column
 
@@ -26,7 +34,8 @@ def one_time_base(streams: list[Stream]) -> UniformSignals:
 JOINT, SIZE = np.array([300.0, 5.0, 0.02]), np.deg2rad(4.0)
 DURATION, RATE = 24.0, 1000.0
 
-# ---- The laboratory: motions with derivatives written by hand, recorders, a plain fit. It shares no code with ours.
+# ---- The laboratory: motions with derivatives written by hand, recorders, a plain fit. It shares
+# no code with ours.
 
 
 def sines(t, frequencies=(0.5, 0.9, 1.3, 1.9, 2.3, 3.1), size=SIZE / 3):
@@ -55,7 +64,9 @@ def joint(stamps, taken, **choice):
 
 
 def cell(stamps, taken, random, **choice):
-    return Stream("load cell", stamps, {"torque": noisy(JOINT @ np.stack(sines(taken)), random)}, **choice)
+    return Stream(
+        "load cell", stamps, {"torque": noisy(JOINT @ np.stack(sines(taken)), random)}, **choice
+    )
 
 
 def log(stamps, taken, random):
@@ -72,16 +83,24 @@ def jittered(t, sd, random):
 
 def waits(t, mean, random):
     """A host that is late by an exponential wait and hands messages on in order, none twice."""
-    return (np.maximum.accumulate(t + random.exponential(mean, len(t))) if mean else t) + 1e-9 * np.arange(len(t))
+    return (
+        np.maximum.accumulate(t + random.exponential(mean, len(t))) if mean else t
+    ) + 1e-9 * np.arange(len(t))
 
 
 def assert_recovers_the_joint(grid):
-    """K, B, I of least squares behind a 15 Hz filter, on the usable rows, as close as a laboratory wants them."""
+    """K, B, I of least squares behind a 15 Hz filter, on the usable rows, as close as a laboratory
+    wants them."""
     sections = butter(4, min(15.0, 0.4 * grid.rate_hz), fs=grid.rate_hz, output="sos")
-    theta, torque = (sosfiltfilt(sections, grid.signals[n], padlen=int(grid.rate_hz / 5)) for n in ("theta", "torque"))
+    theta, torque = (
+        sosfiltfilt(sections, grid.signals[n], padlen=int(grid.rate_hz / 5))
+        for n in ("theta", "torque")
+    )
     spline = make_interp_spline(grid.time, theta, k=5)
     rows = grid.usable & (grid.time > grid.time[0] + 0.2) & (grid.time < grid.time[-1] - 0.2)
-    columns = np.stack([theta, spline(grid.time, 1), spline(grid.time, 2), np.ones_like(theta)], axis=1)
+    columns = np.stack(
+        [theta, spline(grid.time, 1), spline(grid.time, 2), np.ones_like(theta)], axis=1
+    )
     errors = 100 * (np.linalg.lstsq(columns[rows], torque[rows], rcond=None)[0][:3] / JOINT - 1)
     assert (np.abs(errors) < [0.1, 0.5, 3.0]).all(), errors
 
@@ -92,7 +111,10 @@ def test_a_5_hz_sine_comes_to_the_grid_with_the_error_that_the_report_states(rat
     wave = Stream("wave", t, {"wave": np.sin(10 * np.pi * t)})
     grid = one_time_base([wave, Stream("other", t + 0.5 / rate, {"other": t})])
     error = np.max(np.abs(grid.signals["wave"] - np.sin(10 * np.pi * grid.time))[20:-20])
-    assert (error, grid.streams[0]["error"]) == (pytest.approx(largest, rel=0.05), pytest.approx(largest, rel=0.06))
+    assert (error, grid.streams[0]["error"]) == (
+        pytest.approx(largest, rel=0.05),
+        pytest.approx(largest, rel=0.06),
+    )
     assert grid.farthest_s == pytest.approx(0.5 / rate)
 
 
@@ -100,7 +122,8 @@ def test_a_5_hz_sine_comes_to_the_grid_with_the_error_that_the_report_states(rat
 
 
 MOTIONS: dict[str, Callable] = {
-    "multisine": lambda t: sines(t)[0], "sine": lambda t: sines(t, (1.3,), SIZE)[0], "stepped": stepped_sine,
+    "multisine": lambda t: sines(t)[0], "sine": lambda t: sines(t, (1.3,), SIZE)[0],
+    "stepped": stepped_sine,
     "ramp": lambda t: 0.05 * t,
 }  # fmt: skip
 
@@ -108,10 +131,20 @@ MOTIONS: dict[str, Callable] = {
 @pytest.mark.parametrize("motion", MOTIONS)
 def test_no_case_is_decided_wrongly_over_bits_jitter_and_lateness(motion):
     random, firm = np.random.default_rng(len(motion)), 0
-    for bits, jitter, late, even in product((12, 18), (1e-5, 1e-4, 3e-4), (False, True), (False, True)):
+    for bits, jitter, late, even in product(
+        (12, 18), (1e-5, 1e-4, 3e-4), (False, True), (False, True)
+    ):
         t = clock(1000.0, 12.0)
         stamps = (waits if late else jittered)(t, jitter, random)
-        (part,) = take([Stream("x", stamps, {"x": rounded_to_bits(MOTIONS[motion](t if even else stamps), bits)})])
+        (part,) = take(
+            [
+                Stream(
+                    "x",
+                    stamps,
+                    {"x": rounded_to_bits(MOTIONS[motion](t if even else stamps), bits)},
+                )
+            ]
+        )
         if part.firm:
             firm += 1
             assert (part.even, abs(part.age) < 0.15) == (even, True), (bits, jitter, late, part.why)
@@ -126,7 +159,12 @@ def test_a_python_loop_with_absolute_targets_is_late_and_never_early_and_yet_its
     stamps = np.maximum.accumulate(t + late) + 1e-9 * np.arange(len(t))
     grid = one_time_base([log(stamps, stamps, random)])
     (said,) = grid.streams
-    assert (said["stamps"], said["firm"], said["skew"] > 3, said["merged"] > 5) == ("exact", True, True, True)
+    assert (said["stamps"], said["firm"], said["skew"] > 3, said["merged"] > 5) == (
+        "exact",
+        True,
+        True,
+        True,
+    )
     assert said["g"] == pytest.approx(1.0, abs=4 * said["g_se"])
     assert_recovers_the_joint(grid)
 
@@ -134,13 +172,15 @@ def test_a_python_loop_with_absolute_targets_is_late_and_never_early_and_yet_its
 def test_channels_firmly_true_and_firmly_even_are_taken_apart():
     t, random = clock(1000.0), np.random.default_rng(6)
     stamps = jittered(t, 2e-4, random)
-    grid = one_time_base([Stream("log", stamps, joint(t, t).signals | cell(stamps, stamps, random).signals)])
+    grid = one_time_base(
+        [Stream("log", stamps, joint(t, t).signals | cell(stamps, stamps, random).signals)]
+    )
     assert {s["signals"]: s["stamps"] for s in grid.streams} == {"torque": "exact", "theta": "even"}
     assert [part.stream.name for part in grid.taken] == ["log [torque]", "log [theta]"]
     assert_recovers_the_joint(grid)
 
 
-def test_a_resting_or_slow_signal_decides_nothing_jitter_is_then_not_believed_and_a_slow_wander_is():
+def test_a_resting_or_slow_signal_decides_nothing_jitter_is_then_not_believed():
     t, random = clock(500.0, 60.0), np.random.default_rng(7)
     stamps, rest = jittered(t, 2e-4, random), noisy(0 * t, random)
     slow = rounded_to_bits(0.05 * np.sin(0.2 * np.pi * t), 14)
@@ -152,13 +192,16 @@ def test_a_resting_or_slow_signal_decides_nothing_jitter_is_then_not_believed_an
     assert "rest" not in grid.taken[0].evidence  # its slope is noise
     (dead,) = one_time_base([Stream("dead", stamps, {"zero": 0 * t})]).streams
     assert (dead["g"], dead["g_se"], dead["firm"]) == (None, None, False)
-    (wander,) = one_time_base([Stream("rest", t + 0.02 * np.sin(2 * np.pi * t / 30), {"x": rest})]).streams
+    (wander,) = one_time_base(
+        [Stream("rest", t + 0.02 * np.sin(2 * np.pi * t / 30), {"x": rest})]
+    ).streams
     assert (wander["stamps"], wander["firm"]) == ("exact", False)
 
 
 def recorded(seed, kind, age=0.0, *, rate=1000.0, jitter=1e-4, changes=0.0, decimals=9, lost=0.0):
-    """A log of 24 s of the joint: host latency on an even device, or stamps of loops, of which the values are `age`
-    loops older; from the middle on the loops are faster by `changes`. And when its rows were sampled."""
+    """A log of 24 s of the joint: host latency on an even device, or stamps of loops, of which the
+    values are `age` loops older; from the middle on the loops are faster by `changes`. And when its
+    rows were sampled."""
     random, n = np.random.default_rng(seed), int(24 * rate)
     loops = np.arange(n + 1, dtype=float)
     even = np.where(loops < n / 2, loops, n / 2 + (loops - n / 2) / (1 + changes)) / rate
@@ -169,13 +212,18 @@ def recorded(seed, kind, age=0.0, *, rate=1000.0, jitter=1e-4, changes=0.0, deci
     return one, taken[kept]
 
 
-@pytest.mark.parametrize(("kind", "age"), [("even", 0.0), ("true", 0.0), ("true", 0.5), ("true", 1.0)])
+@pytest.mark.parametrize(
+    ("kind", "age"), [("even", 0.0), ("true", 0.0), ("true", 0.5), ("true", 1.0)]
+)
 @pytest.mark.parametrize("case", [
     {}, {"changes": 0.05}, {"changes": 0.2, "rate": 333.0, "lost": 1e-3}, {"decimals": 4},
     {"rate": 200.0, "jitter": 1e-3},
-    *({"changes": 0.2, "rate": 333.0, "lost": 1e-3, "seed": seed} for seed in (107, 203)),  # one is lost at the change
+    # one is lost at the change
+    *({"changes": 0.2, "rate": 333.0, "lost": 1e-3, "seed": seed} for seed in (107, 203)),
 ])  # fmt: skip
-def test_even_devices_true_stamps_and_values_of_an_age_are_told_apart_also_where_the_rate_changes(kind, age, case):
+def test_even_devices_true_stamps_and_values_of_an_age_are_told_apart_also_where_the_rate_changes(
+    kind, age, case
+):
     one, taken = recorded(**{"seed": len(str(case)), "kind": kind, "age": age} | case)
     (part,) = take([one])
     assert part.firm, part.why
@@ -190,17 +238,23 @@ def test_stamps_that_fit_no_hypothesis_are_kept_and_not_firm():
     random, t = np.random.default_rng(5), clock(1000.0)
     stamps = jittered(t, 1e-4, random)
     (part,) = take([log(stamps, (t + stamps) / 2, random)])
-    assert (part.firm, part.even, part.why.startswith("undecided, true: neither")) == (False, False, True)
+    assert (part.firm, part.even, part.why.startswith("undecided, true: neither")) == (
+        False,
+        False,
+        True,
+    )
 
 
 def binary_steps(t, seed):
-    """Angle, velocity, acceleration of steps of minimum jerk between two angles, 30 ms long, 0.1 to 0.5 s apart."""
+    """Angle, velocity, acceleration of steps of minimum jerk between two angles, 30 ms long, 0.1 to
+    0.5 s apart."""
     starts = np.cumsum(np.random.default_rng(seed).uniform(0.1, 0.5, int(t[-1] / 0.3) - 5))
     last = np.maximum(np.searchsorted(starts, t) - 1, 0)
     x, way = np.clip((t - starts[last]) / 0.03, 0, 1), np.where(last % 2, -SIZE, SIZE)
     angle = 10 * x**3 - 15 * x**4 + 6 * x**5 - 0.5
     return np.stack([
-        way * angle, way * 30 * (x * (1 - x)) ** 2 / 0.03, way * 60 * x * (1 - x) * (1 - 2 * x) / 0.03**2,
+        way * angle, way * 30 * (x * (1 - x)) ** 2 / 0.03,
+        way * 60 * x * (1 - x) * (1 - 2 * x) / 0.03**2,
     ])  # fmt: skip
 
 
@@ -212,12 +266,18 @@ def test_an_encoder_that_stands_between_steps_is_no_evidence_of_an_even_device(s
     signals = {"theta": rounded_to_bits(motion[0], 18), "torque": noisy(JOINT @ motion, random)}
     (part,) = take([Stream("log", stamps, signals)])
     assert (part.even, part.age, part.firm) == (False, 0.0, True), part.why
-    assert part.evidence["theta"].g == pytest.approx(1.0, abs=0.25)  # steps of 30 ms are no polynomials
+    # steps of 30 ms are no polynomials
+    assert part.evidence["theta"].g == pytest.approx(1.0, abs=0.25)
 
 
-@pytest.mark.parametrize(("response", "se"), [((0.3, 0.7, 0.0, 0.0), 0.01), ((0.05, 0.95, -0.3, -0.45), 0.14)])
-def test_no_value_is_younger_than_its_stamp_and_a_share_within_its_error_of_the_rival_s_is_not_firm(response, se):
-    """Rows of LAGS from -1 on: 0.3 loops after the stamp, and g = 0.25 +- 0.28, which is 0 of an even device, too."""
+@pytest.mark.parametrize(
+    ("response", "se"), [((0.3, 0.7, 0.0, 0.0), 0.01), ((0.05, 0.95, -0.3, -0.45), 0.14)]
+)
+def test_no_value_is_younger_than_its_stamp_and_a_share_within_its_error_of_the_rival_s_is_not_firm(
+    response, se
+):
+    """Rows of LAGS from -1 on: 0.3 loops after the stamp, and g = 0.25 +- 0.28, which is 0 of an
+    even device, too."""
     evidence = StampEvidence(np.array(response), se**2 * np.eye(4))
     stamps = jittered(clock(1000.0), 5e-5, np.random.default_rng(1))
     reading = reading_of(DeviceClock(stamps, np.arange(len(stamps))), {"torque": evidence})
@@ -236,21 +296,28 @@ def test_a_host_of_long_waits_is_counted_in_seconds(mean_wait):
 
 
 def held_log(rate, late=0.0, of="torque", bits=14):
-    """A log at 1 kHz in which one signal stands for several rows: its newest value, `late` rows after it was taken."""
+    """A log at 1 kHz in which one signal stands for several rows: its newest value, `late` rows
+    after it was taken."""
     t, random = clock(RATE), np.random.default_rng(int(rate))
     newest = np.floor((t - late / RATE) * rate + 1e-6).astype(int)
     own = np.arange(newest[0], newest[-1] + 1) / rate
     one, there = log(t, t, random), newest - newest[0]
-    values = {"theta": rounded_to_bits(sines(own)[0], bits), "torque": noisy(JOINT @ np.stack(sines(own)), random)}
+    values = {
+        "theta": rounded_to_bits(sines(own)[0], bits),
+        "torque": noisy(JOINT @ np.stack(sines(own)), random),
+    }
     one.signals[of][:] = values[of][there]
     return one
 
 
 @pytest.mark.parametrize("of", ["theta", "torque"])
 @pytest.mark.parametrize(
-    ("rate", "sure"), [(333.0, True), (101.0, True), (1000 / 3, False), (50.0, False), (500.0, False)]
+    ("rate", "sure"),
+    [(333.0, True), (101.0, True), (1000 / 3, False), (50.0, False), (500.0, False)],
 )
-def test_a_held_channel_is_read_at_its_own_rate_and_doubtful_where_the_rates_do_not_beat(of, rate, sure):
+def test_a_held_channel_is_read_at_its_own_rate_and_doubtful_where_the_rates_do_not_beat(
+    of, rate, sure
+):
     grid = one_time_base([held_log(rate, of=of)])
     said = {stream["signals"]: stream for stream in grid.streams}
     assert said[of]["held"] == pytest.approx(RATE / rate, rel=1e-3)
@@ -292,7 +359,12 @@ def test_a_held_value_of_an_uneven_source_is_half_a_row_older_than_the_first_row
 @pytest.mark.parametrize("bits", [10, 14])
 def test_a_coarse_slow_or_resting_signal_is_not_held(bits):
     t = clock(RATE)
-    for signal in (sines(t, (0.2,))[0], stepped_sine(t) * (t > 6), 0.001 * t, 0.1 * np.tanh(100 * np.sin(t))):
+    for signal in (
+        sines(t, (0.2,))[0],
+        stepped_sine(t) * (t > 6),
+        0.001 * t,
+        0.1 * np.tanh(100 * np.sin(t)),
+    ):
         for noise in (0.0, 0.3, 1.0):
             lsb = 2 * np.pi / 2**bits
             values = rounded_to_bits(noisy(signal, np.random.default_rng(bits), noise * lsb), bits)
@@ -300,7 +372,8 @@ def test_a_coarse_slow_or_resting_signal_is_not_held(bits):
 
 
 SHARE_MISPLACED = {(False, False): 0, (False, True): 5e-5, (True, False): 5e-3, (True, True): 1e-2}
-"""By lateness and by a loss of 5 %: where the sample before a missing one waited, the gap is no long step."""
+"""By lateness and by a loss of 5 %: where the sample before a missing one waited, the gap is no
+long step."""
 
 
 @pytest.mark.parametrize(("jitter", "late"), [(0.0, 0.0), (2e-5, 0.0), (1e-4, 0.0), (0.0, 1e-4)])
@@ -328,13 +401,18 @@ def test_missing_samples_cost_nothing(jitter):
 
 
 @pytest.mark.parametrize(("missing", "marked"), [(20, 0), (21, 1)])
-def test_a_gap_of_20_samples_is_data_and_a_longer_one_marked_with_three_periods_of_the_filter(missing, marked):
+def test_a_gap_of_20_samples_is_data_and_a_longer_one_marked_with_three_periods_of_the_filter(
+    missing, marked
+):
     t, random = clock(1000.0), np.random.default_rng(40)
     gone = np.arange(20_001, 20_001 + missing)
     grid = one_time_base([log(np.delete(t, gone), np.delete(t, gone), random)])
     said, left_out = grid.streams[0], grid.time[~grid.usable]
     assert (said["bridged"], said["marked"], said["missing"]) == (1 - marked, marked, missing)
-    assert (len(grid.time), grid.farthest_s) == (len(t), pytest.approx(0.01 * (1 - marked), abs=1e-9))
+    assert (len(grid.time), grid.farthest_s) == (
+        len(t),
+        pytest.approx(0.01 * (1 - marked), abs=1e-9),
+    )
     if marked:
         assert left_out[[0, -1]] == pytest.approx([20.0 - 0.2, 20.022 + 0.2], abs=1.1e-3)
         assert len(left_out) == pytest.approx(423, abs=1)
@@ -343,7 +421,7 @@ def test_a_gap_of_20_samples_is_data_and_a_longer_one_marked_with_three_periods_
         assert said["bridge_error"] == pytest.approx(4.93e-4, rel=0.02)
     lacking = log(t, t, random)  # rows that are there, without a value
     lacking.signals["torque"][gone] = np.nan
-    (_, said) = one_time_base([lacking]).streams
+    _, said = one_time_base([lacking]).streams
     assert (said["empty"], said["bridged"], said["marked"]) == (missing, 1 - marked, marked)
 
 
@@ -351,25 +429,37 @@ def test_a_gap_of_20_samples_is_data_and_a_longer_one_marked_with_three_periods_
 
 
 TICKS, PIECES = clock(100.0, 60.0), clock(1000.0, 10.0)[np.arange(10_000) // 100 % 2 == 0]
-JUMP = r"torque has no sample from 4\.9900 s to 3605\.0000 s, 3600\.010 s long; .*cut the log there.*jumped"
+JUMP = (
+    r"torque has no sample from 4\.9900 s to 3605\.0000 s, 3600\.010 s long; .*cut the log"
+    r" there.*jumped"
+)
 WAS_SET = r"clock jumps by 0\.5 s at 5\.5.* s, row 500, while .* cut"
 
 
 def of(stamps, values=None, **fields):
-    return Stream("cell", stamps, {"torque": np.sin(stamps) if values is None else values}, **fields)
+    return Stream(
+        "cell", stamps, {"torque": np.sin(stamps) if values is None else values}, **fields
+    )
 
 
 @pytest.mark.parametrize(("stamps", "values", "counter", "says"), [
-    *((np.delete(np.where(TICKS < 5, TICKS, TICKS + 3600), lost), None, None, JUMP) for lost in ([], 100)),
+    *((np.delete(np.where(TICKS < 5, TICKS, TICKS + 3600), lost), None, None, JUMP) for lost in ([],
+    100)),
     (0 * TICKS + 3, None, None, r"time stands still at 3\.000000 s for 6000 samples; take another"),
     (TICKS[:5], None, None, r"5 samples are too few .* at least 20"),
-    (TICKS[:90], np.full(90, np.inf), None, r"torque is inf at row 0, after 0\.000000 s; 90 of 90 .*: repair"),
-    (TICKS[:90], np.full(90, np.nan), None, r"torque has 0 values in 90 rows; at least 20 are needed"),
-    (TICKS[:20], None, np.minimum(np.arange(20), 6), r"counter goes from 6 to 6 at 0\.070000 s; it must rise"),
+    (TICKS[:90], np.full(90, np.inf), None,
+     r"torque is inf at row 0, after 0\.000000 s; 90 of 90 .*: repair"),
+    (TICKS[:90], np.full(90, np.nan), None,
+     r"torque has 0 values in 90 rows; at least 20 are needed"),
+    (TICKS[:20], None, np.minimum(np.arange(20), 6),
+     r"counter goes from 6 to 6 at 0\.070000 s; it must rise"),
     (TICKS + 0.5 * (TICKS >= 5), None, np.arange(6000), WAS_SET),
-    (TICKS, None, np.arange(6000) + 50 * (TICKS >= 5), r"clock jumps by -0\.49 s at 5\.0* s, row 500, while .* cut"),
-    (PIECES, None, None, r"every row from 0\.0000 s to 9\.8990 s lies within 0\.20 s of a gap longer than 20 ms"),
-    (np.arange(20_000) // 100 / 10, np.sin(np.arange(20_000) / 99), None, "stamps are rounded, 100 rows share one"),
+    (TICKS, None, np.arange(6000) + 50 * (TICKS >= 5),
+     r"clock jumps by -0\.49 s at 5\.0* s, row 500, while .* cut"),
+    (PIECES, None, None,
+     r"every row from 0\.0000 s to 9\.8990 s lies within 0\.20 s of a gap longer than 20 ms"),
+    (np.arange(20_000) // 100 / 10, np.sin(np.arange(20_000) / 99), None,
+     "stamps are rounded, 100 rows share one"),
 ])  # fmt: skip
 def test_refuses_a_recording_with_channel_time_value_and_remedy(stamps, values, counter, says):
     with pytest.raises(InputError, match=f"cell: .*{says}"):
@@ -377,81 +467,126 @@ def test_refuses_a_recording_with_channel_time_value_and_remedy(stamps, values, 
 
 
 @pytest.mark.parametrize(("time", "refused"), [
-    ([0, 2e-9], False), ([0, 5e-10], True), ([0, 5e19], False), ([0, 2e20], True), ([7, 7, 8], False), ([7, 6.9], True),
+    ([0, 2e-9], False), ([0, 5e-10], True), ([0, 5e19], False), ([0, 2e20], True),
+    ([7, 7, 8], False), ([7, 6.9], True),
 ])  # fmt: skip
-def test_stamps_that_no_clock_tells_or_that_go_back_are_refused_and_equal_ones_are_not(time, refused):
+def test_stamps_that_no_clock_tells_or_that_go_back_are_refused_and_equal_ones_are_not(
+    time, refused
+):
     with pytest.raises(InputError, match="log: time ") if refused else nullcontext():
         check_time("log", np.array(time, float))
 
 
 def test_a_row_that_was_written_twice_counts_once_and_stamps_within_half_a_step_are_one():
-    twice, values = np.repeat(np.arange(30), np.where(np.arange(30) == 7, 2, 1)), np.where(TICKS == 0.07, np.nan, TICKS)
-    assert of(TICKS[twice], values[twice], counter=twice).without_repeats().counter.tolist() == list(range(30))
+    twice, values = (
+        np.repeat(np.arange(30), np.where(np.arange(30) == 7, 2, 1)),
+        np.where(TICKS == 0.07, np.nan, TICKS),
+    )
+    assert of(
+        TICKS[twice], values[twice], counter=twice
+    ).without_repeats().counter.tolist() == list(range(30))
     near = [np.where(TICKS == 0.5, 0.49 + apart, TICKS)[:200] for apart in (0.004, 0.006)]
     assert [take([of(stamps, choice="exact")])[0].samples[2] for stamps in near] == [1, 0]
 
 
 def test_a_clock_that_is_slow_by_a_tenth_of_a_thousandth_is_said_to_be():
     t = clock(1000.0, 5.0)
-    slow = one_time_base([of(t), Stream("slow", 1.0001 * t, {"a": t}), Stream("another rate", 1.01 * t, {"b": t})])
+    slow = one_time_base(
+        [of(t), Stream("slow", 1.0001 * t, {"a": t}), Stream("another rate", 1.01 * t, {"b": t})]
+    )
     assert [stream["ppm"] for stream in slow.streams] == pytest.approx([0, -100, None], abs=0.05)
 
 
 def test_refuses_streams_that_do_not_overlap_or_whose_host_is_so_late_that_it_hides_its_rhythm():
     for seed, (wait, one_in) in enumerate(((5e-3, (0, 50)), (7e-3, (0, 0)), (1e-2, (0, 50)))):
-        with pytest.raises(InputError, match=r"cell: .* late by \d+\.\d+ ms \(SD\), too late to see whether some of "):
+        with pytest.raises(
+            InputError,
+            match=r"cell: .* late by \d+\.\d+ ms \(SD\), too late to see whether some of ",
+        ):
             one_time_base(two_nodes(np.random.default_rng(seed), (0.0, wait), one_in))
-    with pytest.raises(InputError, match=r"cell begins at 70\.0000 s and early ends at 59\.9900 s: they overlap in 0"):
+    with pytest.raises(
+        InputError,
+        match=r"cell begins at 70\.0000 s and early ends at 59\.9900 s: they overlap in 0",
+    ):
         one_time_base([Stream("early", TICKS, {"a": TICKS}), of(TICKS + 70)])
     early = np.delete(TICKS, slice(200, 300))  # a gap before the other begins does not count
     assert one_time_base([Stream("early", early, {"a": early}), of(TICKS + 5)]).usable.all()
 
 
 def test_drift_is_refused_beyond_what_damping_and_inertia_bear_if_it_is_certain():
-    """From a Student quantile on that is as rare as four exact standard errors: t.isf(3.167e-5, 5) = 12.28."""
-    assert [drift_row(d, 1.0, 5.0, 20.0)["certain_clock_drift_ppm"] for d in (12.5, 12.0)] == [12.5, 0.0]
+    """From a Student quantile on that is as rare as four exact standard errors: t.isf(3.167e-5, 5)
+    = 12.28."""
+    assert [drift_row(d, 1.0, 5.0, 20.0)["certain_clock_drift_ppm"] for d in (12.5, 12.0)] == [
+        12.5,
+        0.0,
+    ]
     drift_row(1.9, 0.01, np.inf, 2.0)
     drift_row(-5.0, 4.0, np.inf, 2.0)
-    with pytest.raises(InputError, match=r"drift apart by -2\.10 \+- 0\.10 ppm, more than 2: .*synchronise"):
+    with pytest.raises(
+        InputError, match=r"drift apart by -2\.10 \+- 0\.10 ppm, more than 2: .*synchronise"
+    ):
         drift_row(-2.1, 0.1, np.inf, 2.0)
 
 
 def two_nodes(random, wait=(0.0, 0.0), one_in=(0, 0), rates=(RATE, RATE)):
-    """Angle and torque, 0.3 ms apart: per node the mean wait [s], the rate, and one in how many (+- 3) is lost."""
+    """Angle and torque, 0.3 ms apart: per node the mean wait [s], the rate, and one in how many (+-
+    3) is lost."""
     made = []
     for node, first in ((0, 0.0), (1, 3e-4)):
         t, often = clock(rates[node], first=first), one_in[node]
-        places = np.cumsum(random.integers(often - 3, often + 4, len(t) // often + 1)) if often else np.empty(0, int)
+        places = (
+            np.cumsum(random.integers(often - 3, often + 4, len(t) // often + 1))
+            if often
+            else np.empty(0, int)
+        )
         kept = np.setdiff1d(np.arange(len(t)), places[places < len(t) - 1])
         stamps = waits(t, wait[node], random)[kept]
         made.append(joint(stamps, t[kept]) if node == 0 else cell(stamps, t[kept], random))
     return made
 
 
-@pytest.mark.parametrize(("wait", "one_in"), [(2e-4, (0, 50)), (5e-4, (100, 0)), (2e-3, (300, 300)), (5e-4, (0, 5000))])
+@pytest.mark.parametrize(
+    ("wait", "one_in"), [(2e-4, (0, 50)), (5e-4, (100, 0)), (2e-3, (300, 300)), (5e-4, (0, 5000))]
+)
 def test_regular_losses_behind_a_late_host_are_refused(wait, one_in):
-    random, waiting = np.random.default_rng(one_in[1] + int(1e6 * wait)), tuple(wait if n else 0.0 for n in one_in)
+    random, waiting = (
+        np.random.default_rng(one_in[1] + int(1e6 * wait)),
+        tuple(wait if n else 0.0 for n in one_in),
+    )
     true = DURATION * RATE / max(one_in)
-    with pytest.raises(InputError, match=r"about \d+ samples are missing.* nothing tells which.* counter") as refused:
+    with pytest.raises(
+        InputError, match=r"about \d+ samples are missing.* nothing tells which.* counter"
+    ) as refused:
         one_time_base(two_nodes(random, waiting, one_in))
-    assert int(str(refused.value).split("about ")[1].split()[0]) == pytest.approx(true, rel=0.05, abs=1.1)
+    assert int(str(refused.value).split("about ")[1].split()[0]) == pytest.approx(
+        true, rel=0.05, abs=1.1
+    )
 
 
 def test_a_host_too_late_to_tell_another_rate_from_losses_is_refused_and_a_prompt_one_tells_them():
-    late = r"cell: .* late by 5\.\d\d ms \(SD\), too late to see whether some of its 989\.\d\d samples per second are"
+    late = (
+        r"cell: .* late by 5\.\d\d ms \(SD\), too late to see whether some of its 989\.\d\d samples"
+        r" per second are"
+    )
     with pytest.raises(InputError, match=late):
         one_time_base(two_nodes(np.random.default_rng(3), (0.0, 5e-3), rates=(RATE, 990.0)))
     count = np.delete(np.arange(40), [9, 17, 18])
-    assert savitzky_golay(2.0 * count + 1, count, 9, 1) == pytest.approx(np.full(37, 2.0))  # a slope across gaps
-    t = clock(100.0, 20.0, 7.0)  # of which no, one and two samples are missing; and one that is too short to tell
-    assert [missing_by_rhythm(one) for one in (t, np.delete(t, 9), np.delete(t, [9, 700]), t[:900])] == [0, 1, 2, None]
+    # a slope across gaps
+    assert savitzky_golay(2.0 * count + 1, count, 9, 1) == pytest.approx(np.full(37, 2.0))
+    # of which no, one and two samples are missing; and one that is too short to tell
+    t = clock(100.0, 20.0, 7.0)
+    assert [
+        missing_by_rhythm(one) for one in (t, np.delete(t, 9), np.delete(t, [9, 700]), t[:900])
+    ] == [0, 1, 2, None]
 
 
 @pytest.mark.parametrize(("wait", "rates"), [
     ((0.0, 2e-4), (RATE, RATE)), ((0.0, 2e-3), (RATE, RATE)), ((5e-4, 1e-3), (333.0, 1000.0)),
     ((5e-4, 1e-3), (1024.0, 1000.0)), ((5e-4, 1e-3), (990.0, 990.0)),
 ])  # fmt: skip
-def test_late_hosts_that_lose_nothing_are_right_at_any_rates_and_their_mean_wait_is_taken_away(wait, rates):
+def test_late_hosts_that_lose_nothing_are_right_at_any_rates_and_their_mean_wait_is_taken_away(
+    wait, rates
+):
     grid = one_time_base(two_nodes(np.random.default_rng(int(sum(rates))), wait, rates=rates))
     assert [stream["missing"] for stream in grid.streams] == [0, 0]
     assert (grid.streams[1]["stamps"], grid.streams[1]["firm"]) == ("even", True)
@@ -464,17 +599,27 @@ def test_late_hosts_that_lose_nothing_are_right_at_any_rates_and_their_mean_wait
 @pytest.mark.parametrize("first", [False, True])
 @pytest.mark.parametrize(("within", "jitter"), [(0.0, 3e-4), (3e-4, 1e-6)])
 @pytest.mark.parametrize("sizes", [(2, 2), (8, 8), (1, 6)])
-def test_stamps_of_batches_are_firm_only_where_their_sizes_tell_which_sample_is_prompt(sizes, jitter, within, first):
-    """The last or the first sample, all with its stamp or later as rows are written. A log of both is as right."""
+def test_stamps_of_batches_are_firm_only_where_their_sizes_tell_which_sample_is_prompt(
+    sizes, jitter, within, first
+):
+    """The last or the first sample, all with its stamp or later as rows are written. A log of both
+    is as right."""
     random, t = np.random.default_rng(3), clock(RATE)
     last = np.minimum(np.cumsum(random.integers(sizes[0], sizes[1] + 1, len(t))) - 1, len(t) - 1)
     batch = np.searchsorted(last, np.arange(len(t)))
     begin = np.append(0, last + 1)[batch]
     stamps = t[begin if first else last[batch]] + jitter * random.random(len(t))[batch]
-    stamps = np.maximum.accumulate(stamps + within * (np.arange(len(t)) - begin)) + 1e-9 * np.arange(len(t))
-    grid, alone = one_time_base([joint(t, t), cell(stamps, t, random)]), one_time_base([log(stamps, t, random)])
+    stamps = np.maximum.accumulate(
+        stamps + within * (np.arange(len(t)) - begin)
+    ) + 1e-9 * np.arange(len(t))
+    grid, alone = (
+        one_time_base([joint(t, t), cell(stamps, t, random)]),
+        one_time_base([log(stamps, t, random)]),
+    )
     assert grid.streams[1]["firm"] == (sizes[0] < sizes[1] and not within and not first)
-    assert "state `stamps: even`, with a `delay`" in grid.streams[1]["why"] or grid.streams[1]["firm"]
+    assert (
+        "state `stamps: even`, with a `delay`" in grid.streams[1]["why"] or grid.streams[1]["firm"]
+    )
     read = grid.other() if first else grid
     if sizes != (1, 6) or not (first or within):
         assert_recovers_the_joint(read)
@@ -494,7 +639,11 @@ def test_values_that_are_missing_cost_nothing_and_split_no_device(kind, lower):
     """One percent of each signal, or two of three torques: a signal of a lower rate."""
     random, t = np.random.default_rng(7), clock(RATE)
     scattered = jittered(t, 2e-5, random)
-    stamps, taken = {"even": (t, t), "jitter": (scattered, scattered), "latency": (waits(t, 5e-4, random), t)}[kind]
+    stamps, taken = {
+        "even": (t, t),
+        "jitter": (scattered, scattered),
+        "latency": (waits(t, 5e-4, random), t),
+    }[kind]
     recorded = log(stamps, taken, random)
     for name, values in recorded.signals.items():
         if lower:
@@ -505,7 +654,9 @@ def test_values_that_are_missing_cost_nothing_and_split_no_device(kind, lower):
     angle, torque = grid.streams
     lacking = [int(np.isnan(values).sum()) for values in recorded.signals.values()]
     assert [angle["empty"], torque["empty"]] == ([0, 0] if lower else lacking)
-    assert torque["error"] == pytest.approx(81 * angle["error"] if lower else angle["error"], rel=1e-4)
+    assert torque["error"] == pytest.approx(
+        81 * angle["error"] if lower else angle["error"], rel=1e-4
+    )
     assert {angle["stamps"], torque["stamps"]} == {"exact" if kind == "jitter" else "even"}
     assert_recovers_the_joint(grid)
 
@@ -532,44 +683,67 @@ def slave_edges(changes: np.ndarray, duration: float, offset: float = OFFSET) ->
 def master_edges(changes: np.ndarray, duration: float) -> Edges:
     """As motion capture sees them: a noisy voltage."""
     time = np.arange(0, duration, 1 / MASTER_RATE)
-    return find_edges(time, 5.0 * level(changes, time) + 0.02 * np.random.default_rng(1).standard_normal(time.size))
+    return find_edges(
+        time,
+        5.0 * level(changes, time) + 0.02 * np.random.default_rng(1).standard_normal(time.size),
+    )
 
 
 def spoilt(edges: Edges, rng: np.random.Generator) -> Edges:
-    """Edges of which 2 % are missing and 1.5 % are late by up to 50 ms, with 1.5 % false edges added."""
+    """Edges of which 2 % are missing and 1.5 % are late by up to 50 ms, with 1.5 % false edges
+    added."""
     (time, rising, step), draw = edges, rng.random(edges[0].size)
     late = time + np.where(draw > 0.985, rng.uniform(0.005, 0.05, draw.size), 0)
     extra = rng.uniform(time[0], time[-1], round(0.015 * draw.size))
     every = np.concatenate([late[draw > 0.02], extra])
     order = np.argsort(every)
-    return every[order], np.concatenate([rising[draw > 0.02], rng.random(extra.size) > 0.5])[order], step
+    return (
+        every[order],
+        np.concatenate([rising[draw > 0.02], rng.random(extra.size) > 0.5])[order],
+        step,
+    )
 
 
 @pytest.mark.parametrize("duration", [3.0, 30.0, 300.0])
 def test_recovers_offset_and_drift_within_what_sampling_allows(duration: float) -> None:
     changes = irregular(duration)
     fit = fit_clock(slave_edges(changes, duration), master_edges(changes, duration))
-    sampling, time = np.hypot(1 / SLAVE_RATE, 1 / MASTER_RATE) / np.sqrt(12), np.array([0.0, duration / 2, duration])
+    sampling, time = (
+        np.hypot(1 / SLAVE_RATE, 1 / MASTER_RATE) / np.sqrt(12),
+        np.array([0.0, duration / 2, duration]),
+    )
     error = fit.to_master(time - OFFSET) - (1 + DRIFT) * time
-    assert abs(error).max() < 4 * 2 * sampling / np.sqrt(fit.edges)  # at its ends a line is twice as uncertain
+    # at its ends a line is twice as uncertain
+    assert abs(error).max() < 4 * 2 * sampling / np.sqrt(fit.edges)
     assert abs(fit.drift - DRIFT) < 4 * fit.drift_error
     assert (fit.drift_error > 50e-6) == (duration == 3.0)  # a short recording cannot tell the drift
-    assert fit.drift_error == pytest.approx(1 / np.hypot(duration * np.sqrt(fit.edges / 12) / sampling, 1e4), rel=0.15)
+    assert fit.drift_error == pytest.approx(
+        1 / np.hypot(duration * np.sqrt(fit.edges / 12) / sampling, 1e4), rel=0.15
+    )
     assert (fit.residual, fit.excluded_edges) == (pytest.approx(sampling, rel=0.4), 0)
 
 
 @pytest.mark.parametrize("offset", [-812.3456, 0.00071, 4321.0])
-def test_any_offset_and_drift_come_back_to_a_tenth_of_a_sample_with_a_twentieth_of_the_edges_bad(offset: float) -> None:
+def test_any_offset_and_drift_come_back_to_a_tenth_of_a_sample_with_a_twentieth_of_the_edges_bad(
+    offset: float,
+) -> None:
     changes, rng = irregular(300.0), np.random.default_rng(7)
     slave, master = slave_edges(changes, 300.0, offset), master_edges(changes, 300.0)
     fit, time = fit_clock(spoilt(slave, rng), spoilt(master, rng)), np.array([0.0, 150.0, 300.0])
     assert abs(fit.to_master(time - offset) - (1 + DRIFT) * time).max() < 0.1 / SLAVE_RATE
-    assert (fit.drift, 0.02 < fit.excluded_edges / fit.edges < 0.15) == (pytest.approx(DRIFT, abs=1e-6), True)
-    assert fit_clock((slave[0] + rng.normal(0, 1e-3, slave[0].size), *slave[1:]), master).residual < 1 / SLAVE_RATE
+    assert (fit.drift, 0.02 < fit.excluded_edges / fit.edges < 0.15) == (
+        pytest.approx(DRIFT, abs=1e-6),
+        True,
+    )
+    assert (
+        fit_clock((slave[0] + rng.normal(0, 1e-3, slave[0].size), *slave[1:]), master).residual
+        < 1 / SLAVE_RATE
+    )
 
 
 def test_edges_that_are_a_few_standard_deviations_late_take_no_part_in_the_clock() -> None:
-    """One edge in ten by two samples, seven standard deviations: with them the offset is wrong by 0.4 ms."""
+    """One edge in ten by two samples, seven standard deviations: with them the offset is wrong by
+    0.4 ms."""
     changes = irregular(30.0)
     (time, *levels), master = slave_edges(changes, 30.0), master_edges(changes, 30.0)
     late = time + np.where(np.arange(time.size) % 10 == 5, 2.1 / SLAVE_RATE, 0.0)
@@ -592,32 +766,43 @@ def test_edges_are_found_between_samples_and_noise_at_the_mid_level_makes_none()
 
 PERIODIC, SHORT, LONG = np.arange(0.5, 10, 0.25), irregular(3.0), irregular(30.0)
 TIMES, *LEVELS = slave_edges(LONG, 30.0)
-SCATTERED = TIMES + np.random.default_rng(3).normal(0, 0.004, TIMES.size), *LEVELS  # by more than a sample
+# by more than a sample
+SCATTERED = TIMES + np.random.default_rng(3).normal(0, 0.004, TIMES.size), *LEVELS
 
 
 @pytest.mark.parametrize(("in_log", "in_capture", "message"), [
     (slave_edges(PERIODIC, 10.0), master_edges(PERIODIC, 10.0), "let the pulses vary in length"),
-    (slave_edges(irregular(3.0, 4), 3.0), master_edges(irregular(3.0, 5), 3.0), "sync edges agree on one offset"),
-    (slave_edges(SHORT, 3.0), master_edges(SHORT[:4], 3.0), "4 sync edges in motion capture, at least 6"),
+    (slave_edges(irregular(3.0, 4), 3.0), master_edges(irregular(3.0, 5), 3.0),
+     "sync edges agree on one offset"),
+    (slave_edges(SHORT, 3.0), master_edges(SHORT[:4], 3.0),
+     "4 sync edges in motion capture, at least 6"),
     (slave_edges(SHORT[:0], 3.0), master_edges(SHORT, 3.0), "0 sync edges in the log"),
     (SCATTERED, master_edges(LONG, 30.0), "the sync edges fit with a residual of"),
 ])  # fmt: skip
-def test_pulses_that_tell_no_one_clock_are_refused(in_log: Edges, in_capture: Edges, message: str) -> None:
+def test_pulses_that_tell_no_one_clock_are_refused(
+    in_log: Edges, in_capture: Edges, message: str
+) -> None:
     with pytest.raises(InputError, match=message):
         fit_clock(in_log, in_capture)
 
 
 CAMERA_RATE, KNOTS = 300.0, np.arange(-120.0, 450.0, 0.15)
-MOVEMENT = make_interp_spline(KNOTS, np.random.default_rng(9).standard_normal(KNOTS.size))  # never repeats itself
+# never repeats itself
+MOVEMENT = make_interp_spline(KNOTS, np.random.default_rng(9).standard_normal(KNOTS.size))
 
 
 @pytest.mark.parametrize("offset", [-100.0, 0.1234])
 def test_an_encoder_and_markers_give_offset_and_drift_to_a_tenth_of_a_sample(offset: float) -> None:
-    """The encoder's clock is behind by the offset [s]; its sign, scale and zero are others, and both have noise."""
+    """The encoder's clock is behind by the offset [s]; its sign, scale and zero are others, and
+    both have noise."""
     rng, slave = np.random.default_rng(0), np.arange(0, 300.0 - min(offset, 0), 1 / SLAVE_RATE)
-    encoder = 3.0 - 2 * MOVEMENT(offset + (1 + DRIFT) * slave) + 0.02 * rng.standard_normal(slave.size)
+    encoder = (
+        3.0 - 2 * MOVEMENT(offset + (1 + DRIFT) * slave) + 0.02 * rng.standard_normal(slave.size)
+    )
     master = np.arange(0, 300.0, 1 / CAMERA_RATE)
-    fit = correlate_clocks((slave, encoder), (master, MOVEMENT(master) + 0.01 * rng.standard_normal(master.size)))
+    fit = correlate_clocks(
+        (slave, encoder), (master, MOVEMENT(master) + 0.01 * rng.standard_normal(master.size))
+    )
     time = np.array([10.0, 150.0, 290.0]) - offset
     assert abs(fit.to_master(time) - (offset + (1 + DRIFT) * time)).max() < 0.1 / SLAVE_RATE
     assert abs(fit.drift - DRIFT) < 4 * fit.drift_error < 4e-6
@@ -630,11 +815,15 @@ ONCE = np.exp(-(((WITHIN - 10) / 1) ** 2)) * MOVEMENT(WITHIN)
 
 
 @pytest.mark.parametrize(("strange", "seen", "message"), [
-    (np.random.default_rng(3).standard_normal(9000), MOVEMENT(WITHIN), "correlates by 0.0. at best, 0.5 is needed"),
-    (np.zeros(9000), MOVEMENT(WITHIN), "is constant"), (np.zeros(40), MOVEMENT(WITHIN), "fewer than 48 samples"),
-    (np.sin(2 * np.pi * WITHIN), np.sin(2 * np.pi * WITHIN + 1), r"fits in two places \(correlation 1.00 and 1.00"),
+    (np.random.default_rng(3).standard_normal(9000), MOVEMENT(WITHIN),
+     "correlates by 0.0. at best, 0.5 is needed"),
+    (np.zeros(9000), MOVEMENT(WITHIN), "is constant"),
+    (np.zeros(40), MOVEMENT(WITHIN), "fewer than 48 samples"),
+    (np.sin(2 * np.pi * WITHIN), np.sin(2 * np.pi * WITHIN + 1),
+     r"fits in two places \(correlation 1.00 and 1.00"),
     (ONCE, ONCE, r"moves in . of 12 sections of the recording, at least 6 are needed"),
-    (MOVEMENT(WITHIN + 0.02 * np.sin(WITHIN / 2)), MOVEMENT(WITHIN), "the lags of the shared signal scatter by"),
+    (MOVEMENT(WITHIN + 0.02 * np.sin(WITHIN / 2)), MOVEMENT(WITHIN),
+     "the lags of the shared signal scatter by"),
 ])  # fmt: skip
 def test_signals_that_do_not_show_the_same_movement_throughout_are_refused(strange, seen, message):
     with pytest.raises(InputError, match=message):
@@ -643,10 +832,17 @@ def test_signals_that_do_not_show_the_same_movement_throughout_are_refused(stran
 
 def test_each_device_of_a_trial_keeps_its_own_clock_and_one_with_a_counter_that_of_the_counter():
     t, later = clock(100, 10), clock(70, 10, first=0.0031)
-    counted = pl.DataFrame({"time": t, "theta": np.sin(t), counter_column("theta"): 2 * np.arange(t.size), "torque": t})
-    both = pl.concat([counted, pl.DataFrame({"time": later, "current": later})], how="diagonal").sort("time")
+    counted = pl.DataFrame(
+        {"time": t, "theta": np.sin(t), counter_column("theta"): 2 * np.arange(t.size), "torque": t}
+    )
+    both = pl.concat(
+        [counted, pl.DataFrame({"time": later, "current": later})], how="diagonal"
+    ).sort("time")
     trial = Trial("two devices", both)
     for _ in range(2):  # as found, and as kept
-        found = {name: take(streams(trial, [[name]]))[0].clock.step for name in ("theta", "torque", "current")}
+        found = {
+            name: take(streams(trial, [[name]]))[0].clock.step
+            for name in ("theta", "torque", "current")
+        }
         assert found == pytest.approx({"theta": 0.005, "torque": 0.01, "current": 1 / 70})
     assert len(trial.clocks) == 3

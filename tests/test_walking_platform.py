@@ -1,4 +1,5 @@
-"""The platform's motion, its onset and a heavy plate; static trials of crossings, exchanged labels, shifts."""
+"""The platform's motion, its onset and a heavy plate; static trials of crossings, exchanged labels,
+shifts."""
 
 from dataclasses import replace
 from functools import cache, partial
@@ -27,7 +28,13 @@ from walking_synthetic import (
 
 from osl_analysis.campaign.campaign import Campaign, check_walking, open_campaign
 from osl_analysis.campaign.configuration import campaign_config
-from osl_analysis.commands.walking import average_unperturbed, identify_plate, read_model, write_model, write_refusal
+from osl_analysis.commands.walking import (
+    average_unperturbed,
+    identify_plate,
+    read_model,
+    write_model,
+    write_refusal,
+)
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
 from osl_analysis.table import read_table, write_table
@@ -38,16 +45,27 @@ from osl_analysis.walking.bodies import StaticCalibration, static_calibration
 from osl_analysis.walking.crossing import Crossing, RefusedCrossing, analyse_crossing
 from osl_analysis.walking.groups import static_of
 from osl_analysis.walking.plate import NO_CORRECTION, PlateModel, identify_plate_model
-from osl_analysis.walking.platform import PlatformModel, PlatformTrack, identify_platform, platform_table, start_of_rise
+from osl_analysis.walking.platform import (
+    PlatformModel,
+    PlatformTrack,
+    identify_platform,
+    platform_table,
+    start_of_rise,
+)
 
 CALIBRATION = static_calibration(static_trial(), settings())
 RIG, QUIET, HEAVE, GRID = Rig(), Rig(marker=1e-5), 0.003, np.arange(-0.06, 0.2, 0.002)
 WALK, WAYS = walked_over("walk_1", None, RIG, 1), ("forward", "left", "outside")
 PLACES = [(1.75, "outside"), (0.8, "outside"), (1.02, "leave"), (1.53, "leave"), (1.19, "type 1")]
-CROSSINGS = "u1,walking,false,{0} u2,walking,false,{0} u3,walking,false,{0} p1,walking,true,{0} p2,walking,true,{0}"
+CROSSINGS = (
+    "u1,walking,false,{0} u2,walking,false,{0} u3,walking,false,{0} p1,walking,true,{0}"
+    " p2,walking,true,{0}"
+)
 
 
-def calibrated(trials: list[Trial], static: StaticCalibration = CALIBRATION) -> list[tuple[Trial, StaticCalibration]]:
+def calibrated(
+    trials: list[Trial], static: StaticCalibration = CALIBRATION
+) -> list[tuple[Trial, StaticCalibration]]:
     return [(trial, static) for trial in trials]
 
 
@@ -59,7 +77,9 @@ def ramps(count: int, seed: int, **changes: float) -> list[Ramp]:
 
 def shared(turned: list[Ramp], seed: int) -> tuple[list[Trial], PlatformModel]:
     """Crossings with these ramps, and what they share."""
-    trials = [walked_over(f"walk_{k:02d}", ramp, RIG, 1000 * seed + k) for k, ramp in enumerate(turned)]
+    trials = [
+        walked_over(f"walk_{k:02d}", ramp, RIG, 1000 * seed + k) for k, ramp in enumerate(turned)
+    ]
     return trials, identify_platform(calibrated(trials), settings())
 
 
@@ -73,8 +93,11 @@ def plate(heave: float = 0.0) -> PlateModel:
     return identify_plate_model(calibrated(plate_trials(RIG, Ramp(heave=heave), 3)), settings())
 
 
-def torque_error(trials: list[Trial], turned: list[Ramp], model: PlatformModel, heave: float = 0.0) -> float:
-    """RMS error [N*m] of the torque in the windows, against the exact torque through the same low-pass."""
+def torque_error(
+    trials: list[Trial], turned: list[Ramp], model: PlatformModel, heave: float = 0.0
+) -> float:
+    """RMS error [N*m] of the torque in the windows, against the exact torque through the same
+    low-pass."""
     stamps, errors = np.arange(3 * synthetic.PLATE_RATE) / synthetic.PLATE_RATE, []
     for trial, ramp in zip(trials, turned, strict=True):
         crossing = analyse_crossing(trial, CALIBRATION, plate(heave), True, settings(), model)
@@ -84,64 +107,99 @@ def torque_error(trials: list[Trial], turned: list[Ramp], model: PlatformModel, 
     return float(np.sqrt(np.mean(np.square(np.concatenate(errors)))))
 
 
-def test_the_mass_of_a_heavy_plate_is_inside_its_interval_and_without_bias_where_noise_is_small() -> None:
-    """25 kg, 0.3 mm, 2.5 deg: all six coordinates at 8 Hz read 22.9 +- 0.2 kg. Over 12 seeds -0.02 +- 0.06 (0.06). And
-    5 deg in 80 ms, 0.1 mm: noise that is read from columns in which the low-pass of 8 Hz spread the motion made it
-    25.06. Over 8 seeds 25.000 with a scatter of 0.014 (moment 0.0022, I_yy 0.0006); three of the mean of two here."""
+def test_the_mass_of_a_heavy_plate_is_inside_its_interval() -> None:
+    """25 kg, 0.3 mm, 2.5 deg: all six coordinates at 8 Hz read 22.9 +- 0.2 kg. Over 12 seeds -0.02
+    +- 0.06 (0.06). And 5 deg in 80 ms, 0.1 mm: noise that is read from columns in which the
+    low-pass of 8 Hz spread the motion made it
+    25.06. Over 8 seeds 25.000 with a scatter of 0.014 (moment 0.0022, I_yy 0.0006); three of the
+       mean of two here."""
     for heave in (0.0, HEAVE):
         model = plate(heave)
         assert abs(model.parameters[0] - RIG.mass) < 0.3
         assert abs(model.parameters[3] - RIG.mass * RIG.com[2]) < 0.04
     rig, ramp = replace(RIG, marker=1e-4), Ramp(angle=5, rise=0.08)
-    found = [identify_plate_model(calibrated(plate_trials(rig, ramp, seed)), settings()) for seed in (1, 2)]
+    found = [
+        identify_plate_model(calibrated(plate_trials(rig, ramp, seed)), settings())
+        for seed in (1, 2)
+    ]
     own = rig.gyration[1] ** 2 + rig.com[0] ** 2 + rig.com[2] ** 2
-    error = np.mean([one.parameters[[0, 3, 5]] for one in found], axis=0) - rig.mass * np.array([1, rig.com[2], own])
+    error = np.mean([one.parameters[[0, 3, 5]] for one in found], axis=0) - rig.mass * np.array(
+        [1, rig.com[2], own]
+    )
     assert (np.abs(error) < [0.03, 0.005, 0.0014]).all()
 
 
 def test_hidden_markers_of_a_resting_platform_are_no_motion() -> None:
-    """A cubic over 80 ms moved by 25 SDs of noise, where the platform never moves; the plate was 1 % too light."""
+    """A cubic over 80 ms moved by 25 SDs of noise, where the platform never moves; the plate was 1
+    % too light."""
     trials = plate_trials(replace(RIG, marker=1e-4), Ramp(angle=5, rise=0.08), 1, 2)
     trials[0] = hidden(trials[0], ("PLAT1", "PLAT4"), 1.5, 1.58)
     tracks = [plates.unloaded_recording(trial, CALIBRATION, settings()).track for trial in trials]
     assert [len(axes) for axes in platform.shared_directions(tracks)] == [1, 1]
     assert [replace(t, low_pass=LowPass(10.0)).spread for t in tracks] == [0.05, 0.05]
     assert [t.noise for t in tracks] == pytest.approx([1e-4, 1e-4], rel=0.1)
-    assert identify_plate_model(calibrated(trials), settings()).parameters[0] == pytest.approx(RIG.mass, abs=0.06)
+    assert identify_plate_model(calibrated(trials), settings()).parameters[0] == pytest.approx(
+        RIG.mass, abs=0.06
+    )
 
 
 def test_a_slow_return_that_noise_hides_is_not_taken_for_rest() -> None:
-    """The gate of 0.3 mm on a motion without noise. One that falls after one spread reads 24.93 kg for 25."""
+    """The gate of 0.3 mm on a motion without noise. One that falls after one spread reads 24.93 kg
+    for 25."""
     quiet, pairs = replace(RIG, marker=1e-7, force=1e-3, moment=1e-3), []
     for trial in plate_trials(quiet, Ramp(), 5, 2):
         recording = plates.unloaded_recording(trial, CALIBRATION, settings())
         hidden = replace(recording, track=replace(recording.track, noise=3e-4))
-        pairs.append((hidden.along(platform.shared_directions([hidden.track])[0])[0], recording.wrench_at(0.0)))
+        pairs.append(
+            (
+                hidden.along(platform.shared_directions([hidden.track])[0])[0],
+                recording.wrench_at(0.0),
+            )
+        )
     mass, *moments = plates.identify_plate_inertia(pairs, recording.smooth).parameters[:4]
-    assert (mass, moments[2]) == (pytest.approx(RIG.mass, abs=0.01), pytest.approx(RIG.mass * RIG.com[2], abs=0.002))
+    assert (mass, moments[2]) == (
+        pytest.approx(RIG.mass, abs=0.01),
+        pytest.approx(RIG.mass * RIG.com[2], abs=0.002),
+    )
 
 
 @pytest.mark.parametrize(("seed", "count", "change", "heave", "limit"), [
     pytest.param(1, 8, {}, 0.0, 0.3, id="own motions in six coordinates leave 1.6 N*m and 7 ms"),
-    pytest.param(2, 5, {}, HEAVE, 0.8, id="a single axis forced on a hexapod that heaves reads 9.4 N*m"),
-    pytest.param(3, 8, {"rise": 0.12}, 0.0, 0.5, id="slower ramps are the same shape in another time"),
-    pytest.param(5, 6, {"angle": -2.5}, 0.0, 0.4, id="the other direction has a negative amplitude"),
+    pytest.param(2, 5, {}, HEAVE, 0.8,
+    id="a single axis forced on a hexapod that heaves reads 9.4 N*m"),
+    pytest.param(3, 8, {"rise": 0.12}, 0.0, 0.5,
+    id="slower ramps are the same shape in another time"),
+    pytest.param(5, 6, {"angle": -2.5}, 0.0, 0.4,
+    id="the other direction has a negative amplitude"),
 ])  # fmt: skip
-def test_torque_and_onset_are_free_of_each_crossings_own_noise(seed, count, change, heave, limit) -> None:
-    turned = [replace(r, **(change if k % 2 else {})) for k, r in enumerate(ramps(count, seed, heave=heave))]
+def test_torque_and_onset_are_free_of_each_crossings_own_noise(
+    seed, count, change, heave, limit
+) -> None:
+    turned = [
+        replace(r, **(change if k % 2 else {}))
+        for k, r in enumerate(ramps(count, seed, heave=heave))
+    ]
     trials, model = shared(turned, seed)
     assert torque_error(trials, turned, model, heave) < limit
-    assert (len(model.template.axes), model.template.scaled) == (2 if heave else 1, "rise" in change)
+    assert (len(model.template.axes), model.template.scaled) == (
+        2 if heave else 1,
+        "rise" in change,
+    )
     table = platform_table(model)
     late = table["onset_s"].to_numpy() - [ramp.onset for ramp in turned]
     assert table["follows"].to_list() == [1] * count
     if seed == 1:
         assert (np.std(late) < 4e-4, abs(np.mean(late)) < 1e-3) == (True, True)
     if "rise" in change:
-        assert table["duration"][1::2].mean() / table["duration"][::2].mean() == pytest.approx(1.2, abs=0.02)
+        assert table["duration"][1::2].mean() / table["duration"][::2].mean() == pytest.approx(
+            1.2, abs=0.02
+        )
         assert np.std(late) < 1e-3
     if "angle" in change:
-        assert (np.sign(table["amplitude"][::2].to_numpy()) == -np.sign(table["amplitude"][1::2].to_numpy())).all()
+        assert (
+            np.sign(table["amplitude"][::2].to_numpy())
+            == -np.sign(table["amplitude"][1::2].to_numpy())
+        ).all()
 
 
 def test_a_laboratory_turned_against_the_walkway_reads_the_same_angle_and_torque() -> None:
@@ -151,7 +209,9 @@ def test_a_laboratory_turned_against_the_walkway_reads_the_same_angle_and_torque
     here = analyse_crossing(trials[0], CALIBRATION, plate(), True, settings(), model)
     turn = partial(headed, heading=np.pi / 6)
     static = static_calibration(turn(static_trial()), settings())
-    plate_there = identify_plate_model(calibrated([turn(t) for t in plate_trials(RIG, Ramp(), 3)], static), settings())
+    plate_there = identify_plate_model(
+        calibrated([turn(t) for t in plate_trials(RIG, Ramp(), 3)], static), settings()
+    )
     turned = [turn(trial) for trial in trials]
     model = identify_platform(calibrated(turned, static), settings())
     there = analyse_crossing(turned[0], static, plate_there, True, settings(), model)
@@ -162,13 +222,16 @@ def test_a_laboratory_turned_against_the_walkway_reads_the_same_angle_and_torque
 
 
 def test_what_was_filled_before_the_export_is_hidden_counted_and_said(tmp_path: Path) -> None:
-    """100 ms at the onset, by a spline: one platform marker made I thirteen times too large, two of the shank K 441."""
+    """100 ms at the onset, by a spline: one platform marker made I thirteen times too large, two of
+    the shank K 441."""
     trials, model = three()
     onset = ramps(3, 1)[0].onset
 
     def read(*markers: str) -> Crossing:
         trial = filled(trials[0], markers, onset - 0.02, onset + 0.08) if markers else trials[0]
-        return analyse_crossing(trial, CALIBRATION, plate(), True, settings(longest_gap_s=0.2), model)
+        return analyse_crossing(
+            trial, CALIBRATION, plate(), True, settings(longest_gap_s=0.2), model
+        )
 
     whole, of_plate, of_shank = read(), read("PLAT2"), read("SHANK1", "SHANK3")
     window = (whole.time > onset) & (whole.time < onset + 0.1)
@@ -176,21 +239,31 @@ def test_what_was_filled_before_the_export_is_hidden_counted_and_said(tmp_path: 
     assert np.abs(of_plate.torque - whole.torque)[window].max() < 0.5
     assert (of_plate.quality["filled_share"] > 0.1, of_plate.quality["filled_fitted"]) == (True, 0)
     assert of_shank.quality["filled_fitted"] > 0.3
-    with pytest.raises(InputError, match=r"foot markers are hidden for .*, where they were filled before the export"):
+    with pytest.raises(
+        InputError,
+        match=r"foot markers are hidden for .*, where they were filled before the export",
+    ):
         read("FOOT1", "FOOT2", "FOOT3", "FOOT4")
 
 
 def test_a_cluster_that_was_put_on_again_asks_for_a_static_trial() -> None:
     moved = changed(WALK, *(pl.col(f"marker_SHANK1_{axis}") + 0.04 for axis in "xyz"))
-    with pytest.raises(InputError, match=r"the shank markers stand \d+ mm .* record a static trial after the change"):
+    with pytest.raises(
+        InputError,
+        match=r"the shank markers stand \d+ mm .* record a static trial after the change",
+    ):
         analyse_crossing(moved, CALIBRATION, plate(), False, settings())
 
 
-def test_the_errors_of_a_torque_hold_what_each_group_of_crossings_does_to_the_shape_also_from_a_file(tmp_path) -> None:
+def test_the_errors_of_a_torque_hold_what_each_group_of_crossings_does_to_the_shape(
+    tmp_path,
+) -> None:
     trials, model = three()
     alone = replace(plate(), leave_one_out=())
     shapes = [model, *(replace(model, template=shape) for shape in model.leave_out[:2])]
-    whole, first, second = (analyse_crossing(trials[0], CALIBRATION, alone, True, settings(), one) for one in shapes)
+    whole, first, second = (
+        analyse_crossing(trials[0], CALIBRATION, alone, True, settings(), one) for one in shapes
+    )
     found = whole.plate_errors[1] - whole.plate_errors[0]
     np.testing.assert_allclose(found, second.torque - first.torque, atol=1e-9)
     assert np.abs(found).max() > 1e-3
@@ -203,12 +276,17 @@ def test_the_errors_of_a_torque_hold_what_each_group_of_crossings_does_to_the_sh
 def test_a_crossing_that_moves_in_another_way_keeps_its_own_motion_by_name() -> None:
     turned = ramps(6, 4)
     turned[2] = replace(turned[2], returns=1.22)
-    with pytest.warns(UserWarning, match="trial walk_02: the platform does not move as in the other crossings"):
+    with pytest.warns(
+        UserWarning, match="trial walk_02: the platform does not move as in the other crossings"
+    ):
         trials, model = shared(turned, 4)
     assert [a.follows for a in model.alignments.values()] == [True, True, False, True, True, True]
     assert torque_error(trials[2:3], turned[2:3], model) < 1.5
     assert model.onset("walk_02", 1.234) == 1.234
-    with pytest.warns(UserWarning, match="trial walk_1: has no part in .* motion: the platform does not turn by 1 deg"):
+    with pytest.warns(
+        UserWarning,
+        match="trial walk_1: has no part in .* motion: the platform does not turn by 1 deg",
+    ):
         alone = identify_platform(calibrated([WALK, trials[0]]), settings())
     assert (alone.template, alone.reason[:26]) == (None, "1 motions of the platform,")
 
@@ -224,10 +302,18 @@ def test_a_trigger_tells_the_onset_only_if_its_latency_is_constant(scatter: floa
     model = identify_platform(calibrated(trials), settings())
     assert model.latency["used"] == (scatter == 0.0)
     if scatter == 0.0:
-        assert (model.latency["mean"], model.onset("walk_99", 1.3)) == (pytest.approx(0.012, abs=1.2e-3), 1.3)
-        assert model.onset("walk_00", 1.3) == model.triggers["walk_00"] + model.latency["mean"]  # finer than the shape
-    coarse = replace(model, latency=model.latency | {"used": 1.0, "finer": 0.0})  # only for what has no shape
-    begun = coarse.onset("walk_00", 0.0), replace(coarse, alignments={}).onset("walk_00", 0.0) - model.latency["mean"]
+        assert (model.latency["mean"], model.onset("walk_99", 1.3)) == (
+            pytest.approx(0.012, abs=1.2e-3),
+            1.3,
+        )
+        # finer than the shape
+        assert model.onset("walk_00", 1.3) == model.triggers["walk_00"] + model.latency["mean"]
+    # only for what has no shape
+    coarse = replace(model, latency=model.latency | {"used": 1.0, "finer": 0.0})
+    begun = (
+        coarse.onset("walk_00", 0.0),
+        replace(coarse, alignments={}).onset("walk_00", 0.0) - model.latency["mean"],
+    )
     assert begun == pytest.approx((model.alignments["walk_00"].start, model.triggers["walk_00"]))
     late = [a.start - model.triggers[a.name] for a in model.alignments.values()]
     facts = {"latency_s": np.mean(late), "trigger_used": int(scatter == 0.0)}
@@ -236,24 +322,30 @@ def test_a_trigger_tells_the_onset_only_if_its_latency_is_constant(scatter: floa
     assert platform_table(model)["trigger_s"].null_count() == 0
     for weak_or_falling in (pl.col("trigger") * 0.8, (pl.col("time") < 1).cast(float)):
         assert platform.trigger_edge(changed(trials[0], trigger=weak_or_falling)) is None
-    assert identify_platform(calibrated(trials[:2]), settings()).latency is None  # of fewer than three crossings
+    # of fewer than three crossings
+    assert identify_platform(calibrated(trials[:2]), settings()).latency is None
 
 
 def test_the_jackknife_of_both_sources_is_the_sum_of_their_variances() -> None:
     random = np.random.default_rng(0)
     of_plate, groups = random.normal(size=(4, 5)), random.normal(size=(10, 5))
     joined = platform.jackknife_rows(list(of_plate), list(groups))
-    of_joined, *parts = ((len(rows) - 1) * np.var(rows, axis=0) for rows in (joined, of_plate, groups))
+    of_joined, *parts = (
+        (len(rows) - 1) * np.var(rows, axis=0) for rows in (joined, of_plate, groups)
+    )
     np.testing.assert_allclose(of_joined, np.sum(parts, axis=0))
     np.testing.assert_array_equal(platform.jackknife_rows(list(of_plate), []), of_plate)
 
 
 def tracks_of(count: int, seed: int, slower: float = 0.0) -> tuple[list[PlatformTrack], Array]:
-    """Motions of 4 cm in 0.1 s, each second one slower by a share, with noise of 0.1 mm in each frame; and onsets."""
+    """Motions of 4 cm in 0.1 s, each second one slower by a share, with noise of 0.1 mm in each
+    frame; and onsets."""
     random, time, tracks = np.random.default_rng(seed), np.arange(600) / RATE, []
     onsets = random.uniform(0.98, 1.0, count)
     for k, onset in enumerate(onsets):
-        moved = 0.04 * np.outer(synthetic.step(time, onset, 0.1 * (1 + slower * (k % 2)))[0], [0.6, 0, 0.8, 0, 0, 0])
+        moved = 0.04 * np.outer(
+            synthetic.step(time, onset, 0.1 * (1 + slower * (k % 2)))[0], [0.6, 0, 0.8, 0, 0, 0]
+        )
         seen = moved + random.normal(0, 1e-4, moved.shape)
         tracks.append(PlatformTrack(f"w{k}", time, synthetic.PLATFORM, seen, LowPass(20.0), 1e-4))
     return tracks, onsets
@@ -268,7 +360,10 @@ def test_the_errors_of_the_starts_are_their_scatter() -> None:
             template, begun = platform.platform_template(tracks, 0.1)
             error = np.array([a.start for a in begun]) - onsets
             scores.append((error - error.mean()) / [a.start_se for a in begun])
-        assert (template.scaled, np.sqrt(np.sum(np.square(scores)) / 33)) == (slower > 0, pytest.approx(1, abs=0.2))
+        assert (template.scaled, np.sqrt(np.sum(np.square(scores)) / 33)) == (
+            slower > 0,
+            pytest.approx(1, abs=0.2),
+        )
 
 
 def rise(degree: int, start: float) -> np.ndarray:
@@ -280,14 +375,18 @@ def rise(degree: int, start: float) -> np.ndarray:
 
 
 def test_the_start_of_a_mean_rise_has_no_bias_for_any_smooth_step() -> None:
-    """0.05 % of noise, as in the mean of 20 crossings of 5 deg. Then two directions, 0.3 % of noise: a length in place
-    of a displacement would start early. Then a step of seventh degree, 1 % of noise: minimum jerk starts 7 ms later."""
+    """0.05 % of noise, as in the mean of 20 crossings of 5 deg. Then two directions, 0.3 % of
+    noise: a length in place of a displacement would start early. Then a step of seventh degree, 1 %
+    of noise: minimum jerk starts 7 ms later."""
     for degree in (1, 3, 5, 7):
         noise = np.random.default_rng(degree).normal(0, 2e-5, (len(GRID), 1))
         start, shape = start_of_rise(GRID, rise(degree, 0.0131) + noise, 2e-5)
         assert (start, shape) == (pytest.approx(0.0131, abs=1e-3), 0.0)
     random, straight = np.random.default_rng(3), rise(5, 0.0) @ np.array([[0.6, 0.8]])
-    found = [start_of_rise(GRID, straight + random.normal(0, 1.2e-4, (len(GRID), 2)), 1.2e-4) for _ in range(60)]
+    found = [
+        start_of_rise(GRID, straight + random.normal(0, 1.2e-4, (len(GRID), 2)), 1.2e-4)
+        for _ in range(60)
+    ]
     starts = np.array([start for start, _ in found])
     assert abs(starts.mean()) < 0.4 * starts.std()  # 3 / sqrt(60)
     noise = np.random.default_rng(5).normal(0, 4e-4, (len(GRID), 1))
@@ -298,15 +397,25 @@ def test_the_start_of_a_mean_rise_has_no_bias_for_any_smooth_step() -> None:
 def campaign(folder: Path, rows: str, **walking: Any) -> Campaign:
     """A campaign with these rows: trial, experiment, perturbed, subject, session, side, static."""
     header = "trial,experiment,perturbed,subject,session,side,static,mocap,mocap_source"
-    (folder / "trials.csv").write_text("\n".join([header, *(f"{line},a.c3d,vicon" for line in rows.split())]) + "\n")
+    (folder / "trials.csv").write_text(
+        "\n".join([header, *(f"{line},a.c3d,vicon" for line in rows.split())]) + "\n"
+    )
     content = yaml.safe_load((ROOT / "config/config.yaml").read_text())
-    content |= {"sheet": folder / "trials.csv", "simulation": None, "walking": content["walking"] | walking}
+    content |= {
+        "sheet": folder / "trials.csv",
+        "simulation": None,
+        "walking": content["walking"] | walking,
+    }
     return open_campaign(campaign_config(content, [ROOT / "config/config.yaml"]), None)
 
 
 def test_each_crossing_has_the_static_trial_of_its_subject_and_session(tmp_path: Path) -> None:
-    rows = "sA,static,,A,1,, sB,static,,B,1,, sA2,static,,A,2,, wA,walking,false,A,1,, wB,walking,false,B,1,,"
-    rows += " sC,static,,C,1,right, sD,static,,D,1,, p,plate,,,,,sC"  # sC is that of a plate alone, sD of nothing
+    rows = (
+        "sA,static,,A,1,, sB,static,,B,1,, sA2,static,,A,2,, wA,walking,false,A,1,,"
+        " wB,walking,false,B,1,,"
+    )
+    # sC is that of a plate alone, sD of nothing
+    rows += " sC,static,,C,1,right, sD,static,,D,1,, p,plate,,,,,sC"
     sheet = campaign(tmp_path, rows + " wA2,walking,true,A,2,, m,plate,,,,,sB")
     assert [sheet.static(trial) for trial in ("wA", "wB", "wA2", "m")] == ["sA", "sB", "sA2", "sB"]
     assert sheet.statics == {"sA": ["wA"], "sB": ["wB"], "sA2": ["wA2"], "sC": []}
@@ -314,13 +423,19 @@ def test_each_crossing_has_the_static_trial_of_its_subject_and_session(tmp_path:
 
 
 @pytest.mark.parametrize(("cells", "statics", "found"), [
-    ({"subject": "A", "session": "2", "static": "s1"}, {"s1": {"subject": "A"}, "s2": {"session": "2"}}, "s1"),
-    ({"subject": "A", "session": "2"}, {"s1": {"subject": "A"}, "s2": {"subject": "A", "session": "2"}}, "s2"),
-    ({"side": "left"}, {"s1": {"side": "right"}, "s2": {"side": "left"}}, "s2"), ({"subject": "A"}, {"s1": {}}, "s1"),
-    ({}, {"s1": {}, "s2": {}}, r"states no subject, session or side: 2 static trials .*\(s1, s2\); name one"),
+    ({"subject": "A", "session": "2", "static": "s1"},
+     {"s1": {"subject": "A"}, "s2": {"session": "2"}}, "s1"),
+    ({"subject": "A", "session": "2"},
+     {"s1": {"subject": "A"}, "s2": {"subject": "A", "session": "2"}}, "s2"),
+    ({"side": "left"}, {"s1": {"side": "right"}, "s2": {"side": "left"}}, "s2"), ({"subject": "A"},
+     {"s1": {}}, "s1"),
+    ({}, {"s1": {}, "s2": {}},
+     r"states no subject, session or side: 2 static trials .*\(s1, s2\); name one"),
     ({"subject": "A"}, {"s1": {}, "s2": {}}, r"\(subject A\): 2 static trials could be its own"),
-    ({"subject": "A"}, {"s1": {"subject": "B"}}, r"\(subject A\): no static trial of the same conditions"),
-    ({"static": "w1"}, {"s1": {}}, "static: 'w1' is no trial of experiment 'static' that is used; .* s1"),
+    ({"subject": "A"},
+     {"s1": {"subject": "B"}}, r"\(subject A\): no static trial of the same conditions"),
+    ({"static": "w1"},
+     {"s1": {}}, "static: 'w1' is no trial of experiment 'static' that is used; .* s1"),
 ])  # fmt: skip
 def test_the_static_trial_is_the_named_one_else_that_of_the_subject_else_the_only_one_or_a_remedy(
     cells: dict[str, str], statics: dict[str, dict[str, str]], found: str
@@ -332,26 +447,39 @@ def test_the_static_trial_is_the_named_one_else_that_of_the_subject_else_the_onl
         static_of("w", cells, statics)
 
 
-def test_the_side_of_the_sheet_goes_before_that_of_the_configuration_and_both_are_refused(tmp_path: Path) -> None:
+def test_the_side_of_the_sheet_goes_before_that_of_the_configuration_and_both_are_refused(
+    tmp_path: Path,
+) -> None:
     rows = "s1,static,,,,{0}, m,plate,,,,, " + CROSSINGS.format(",,{1}")
     for own, crossings, side in (("left", ",", "left"), ("", "left,", "left"), ("", ",", "right")):
         sheet = campaign(tmp_path, rows.format(own, crossings), side="right")
         check_walking(sheet)
         assert sheet.calibration_settings("s1")["side"] == side
     third = " p3,walking,true,,,left,"
-    for own, crossings, more, trial in (("", "right,", third, "p3"), ("right", "left,s1", "", "p2")):
-        with pytest.raises(InputError, match=rf"'s1' serves trials of the sides left, right \(trial '{trial}': left\)"):
+    for own, crossings, more, trial in (
+        ("", "right,", third, "p3"),
+        ("right", "left,s1", "", "p2"),
+    ):
+        with pytest.raises(
+            InputError,
+            match=rf"'s1' serves trials of the sides left, right \(trial '{trial}': left\)",
+        ):
             check_walking(campaign(tmp_path, rows.format(own, crossings) + more))
 
 
-def test_platform_markers_that_were_moved_between_sessions_are_read_with_their_own_cluster() -> None:
-    """The second session's PLAT1 was glued 30 mm to the left, along the axis about which it turns: with the first
-    static trial its residual exceeds the limit. Its coordinates are of another cluster: crossings keep their own."""
+def test_platform_markers_that_were_moved_between_sessions_are_read_with_their_own_cluster() -> (
+    None
+):
+    """The second session's PLAT1 was glued 30 mm to the left, along the axis about which it turns:
+    with the first static trial its residual exceeds the limit. Its coordinates are of another
+    cluster: crossings keep their own."""
 
     def moved(trial: Trial) -> Trial:
         return changed(trial, pl.col("marker_PLAT1_y") + 0.03)
 
-    first, second = (static_calibration(trial, settings()) for trial in (static_trial(), moved(static_trial())))
+    first, second = (
+        static_calibration(trial, settings()) for trial in (static_trial(), moved(static_trial()))
+    )
     trials = plate_trials(QUIET, Ramp(), 2)
     sessions = [trials[0], moved(trials[1])]
     alike = identify_plate_model(calibrated(trials, first), settings())
@@ -361,37 +489,63 @@ def test_platform_markers_that_were_moved_between_sessions_are_read_with_their_o
         identify_plate_model(calibrated(sessions, first), settings())
     trials = [walked_over(f"w{k}", Ramp(), Rig(), k) for k in range(4)]
     later = [(moved(trial), second) for trial in trials[2:]]
-    with pytest.warns(UserWarning, match=r"keeps its own motion of the platform: .* stand 13 mm \(RMS\) otherwise"):
+    with pytest.warns(
+        UserWarning, match=r"keeps its own motion of the platform: .* stand 13 mm \(RMS\) otherwise"
+    ):
         alone = identify_platform([*calibrated(trials[:2], first), *later], settings())
     assert (alone.template, alone.reason[:26]) == (None, "the platform markers PLAT1")
 
 
-def test_without_a_correction_the_torque_of_a_light_plate_is_that_of_the_wrench_as_recorded(tmp_path: Path) -> None:
-    outputs, chosen = (tmp_path / "plate.json", tmp_path / "plate.csv"), settings(plate_inertia="none")
-    with pytest.warns(UserWarning, match="own inertia and lag stay in the torque: walking.plate_inertia is none"):
+def test_without_a_correction_the_torque_of_a_light_plate_is_that_of_the_wrench_as_recorded(
+    tmp_path: Path,
+) -> None:
+    outputs, chosen = (
+        (tmp_path / "plate.json", tmp_path / "plate.csv"),
+        settings(plate_inertia="none"),
+    )
+    with pytest.warns(
+        UserWarning, match="own inertia and lag stay in the torque: walking.plate_inertia is none"
+    ):
         identify_plate([], [], {}, chosen, *outputs)
     table, model = read_table(outputs[1]), read_model(outputs[0], PlateModel)
-    assert (table["plate_inertia"].unique().to_list(), table["rms_before"].null_count()) == (["none"], len(table))
+    assert (table["plate_inertia"].unique().to_list(), table["rms_before"].null_count()) == (
+        ["none"],
+        len(table),
+    )
     assert "NaN" not in outputs[0].read_text()  # which is no JSON
-    weightless, stamps = replace(QUIET, mass=1e-9), np.arange(3 * synthetic.PLATE_RATE) / synthetic.PLATE_RATE
+    weightless, stamps = (
+        replace(QUIET, mass=1e-9),
+        np.arange(3 * synthetic.PLATE_RATE) / synthetic.PLATE_RATE,
+    )
     trials = [walked_over("w", Ramp(), rig, 1) for rig in (weightless, QUIET)]
     light, heavy = (analyse_crossing(trial, CALIBRATION, model, True, chosen) for trial in trials)
-    exact = np.interp(light.time, stamps, LowPass(20.0)(synthetic.ankle_answer(stamps, Ramp()), synthetic.PLATE_RATE))
+    exact = np.interp(
+        light.time,
+        stamps,
+        LowPass(20.0)(synthetic.ankle_answer(stamps, Ramp()), synthetic.PLATE_RATE),
+    )
     window = (light.time > 1.1) & (light.time < 1.3)
-    # 0.4 N and 0.08 N*m of noise at 1500 Hz through 20 Hz leave 0.02 N*m; the filters' rates differ by 0.1
+    # 0.4 N and 0.08 N*m of noise at 1500 Hz through 20 Hz leave 0.02 N*m; the filters' rates differ
+    # by 0.1
     np.testing.assert_allclose(light.torque[window], exact[window], atol=0.3)
     assert np.abs(heavy.torque - light.torque).max() > 5
 
 
-def test_a_resting_plate_adds_nothing_and_a_translation_is_no_crossing_but_it_may_yield_or_turn_and_heave() -> None:
+def test_a_resting_plate_adds_nothing_and_a_translation_is_no_crossing() -> None:
     """The platform, and what stands on it, moves forward within 0.1 s in mid-stance."""
     both = plate(), replace(plate(), parameters=np.zeros(10))
-    torque, bare = (analyse_crossing(WALK, CALIBRATION, one, False, settings()).torque for one in both)
+    torque, bare = (
+        analyse_crossing(WALK, CALIBRATION, one, False, settings()).torque for one in both
+    )
     assert np.sqrt(np.mean((torque - bare) ** 2)) < 0.05
     step = pl.Series(np.clip((WALK.samples["time"].to_numpy() - 1.2) / 0.1, 0, 1))
-    shifted, yielding = (changed(WALK, pl.col("^marker_.*_x$") + size * step) for size in (0.05, 0.005))
+    shifted, yielding = (
+        changed(WALK, pl.col("^marker_.*_x$") + size * step) for size in (0.05, 0.005)
+    )
     for claimed in (False, True):
-        with pytest.raises(InputError, match=r"the platform shifts by (50|51) mm in stance without a turn, expect"):
+        with pytest.raises(
+            InputError, match=r"the platform shifts by (50|51) mm in stance without a turn, expect"
+        ):
             analyse_crossing(shifted, CALIBRATION, NO_CORRECTION, claimed, settings())
     corners = np.add(synthetic.CORNERS, [0.2, -0.02, 0]).tolist()
     beside = replace(WALK, provenance={"plates": [{"plate": 1, "type": 2, "corners": corners}]})
@@ -399,43 +553,80 @@ def test_a_resting_plate_adds_nothing_and_a_translation_is_no_crossing_but_it_ma
         found = analyse_crossing(trial, CALIBRATION, NO_CORRECTION, False, settings())
         assert (found.onset, found.quality["foot_outside_m"] == 0) == (None, trial is yielding)
         assert [found.quality[f"foot_{way}_m"] for way in WAYS] == pytest.approx(place, abs=2e-3)
-    assert found.load[:, len(found.time) // 2] == pytest.approx([680, -0.02, 0.25], rel=0.02)  # through the ankle
-    late = analyse_crossing(beside, CALIBRATION, replace(NO_CORRECTION, lags=(0.01,)), False, settings())
+    # through the ankle
+    assert found.load[:, len(found.time) // 2] == pytest.approx([680, -0.02, 0.25], rel=0.02)
+    late = analyse_crossing(
+        beside, CALIBRATION, replace(NO_CORRECTION, lags=(0.01,)), False, settings()
+    )
     assert found.stance.heel_strike - late.stance.heel_strike == pytest.approx(0.01, abs=1e-4)
     np.testing.assert_allclose(late.torque, found.torque, atol=1)  # 3 frames earlier
-    heaved, chosen = walked_over("w", Ramp(heave=0.015), replace(RIG, mass=1e-9), 1), settings(largest_shift_mm=5)
+    heaved, chosen = (
+        walked_over("w", Ramp(heave=0.015), replace(RIG, mass=1e-9), 1),
+        settings(largest_shift_mm=5),
+    )
     assert analyse_crossing(heaved, CALIBRATION, NO_CORRECTION, True, chosen).onset is not None
-    lifted = changed(WALK, plate1_force_z=pl.col("plate1_force_z") * ~pl.col("time").is_between(1.25, 1.3))
-    for trial, on, said in ((WALK, 1000, "none"), (lifted, 40, r"0\.93\d-1\.25\d s, 1\.29\d-1\.59\d s")):
-        with pytest.raises(InputError, match=f"one stance on the plate is expected, found {said}; check"):
-            analyse_crossing(trial, CALIBRATION, NO_CORRECTION, False, settings(load_on_n=on, shortest_stance_s=0.2))
-    pulled = changed(WALK, pl.col("plate1_moment_y") + pl.col("time").is_between(1.0, 1.6).cast(pl.Float64) * 120)
+    lifted = changed(
+        WALK, plate1_force_z=pl.col("plate1_force_z") * ~pl.col("time").is_between(1.25, 1.3)
+    )
+    for trial, on, said in (
+        (WALK, 1000, "none"),
+        (lifted, 40, r"0\.93\d-1\.25\d s, 1\.29\d-1\.59\d s"),
+    ):
+        with pytest.raises(
+            InputError, match=f"one stance on the plate is expected, found {said}; check"
+        ):
+            analyse_crossing(
+                trial,
+                CALIBRATION,
+                NO_CORRECTION,
+                False,
+                settings(load_on_n=on, shortest_stance_s=0.2),
+            )
+    pulled = changed(
+        WALK, pl.col("plate1_moment_y") + pl.col("time").is_between(1.0, 1.6).cast(pl.Float64) * 120
+    )
     with pytest.raises(InputError, match=r"the ankle's moment in late stance is -.*, though"):
         analyse_crossing(pulled, CALIBRATION, NO_CORRECTION, False, settings())
 
 
 @pytest.mark.parametrize(("onset", "said"), PLACES)
-def test_an_onset_outside_stance_or_a_baseline_before_it_and_a_plate_without_moments_are_refused(onset, said) -> None:
+def test_an_onset_outside_stance_or_a_baseline_before_it_and_a_plate_without_moments_are_refused(
+    onset, said
+) -> None:
     plain = walked_over("w", Ramp(onset=onset), QUIET, 1)
     facts = plain.provenance["plates"][0] | {"type": 1 if "1" in said else 2}
     with pytest.raises(InputError, match=rf"{said} (stance 0\.930-1\.59\d s|.centre of pressure)"):
-        analyse_crossing(replace(plain, provenance={"plates": [facts]}), CALIBRATION, NO_CORRECTION, True, settings())
+        analyse_crossing(
+            replace(plain, provenance={"plates": [facts]}),
+            CALIBRATION,
+            NO_CORRECTION,
+            True,
+            settings(),
+        )
 
 
 def test_too_few_unperturbed_crossings_say_how_many_and_why(tmp_path: Path) -> None:
     why = "the shank moves {} cm backwards over the foot in stance: correct `side`"
-    reasons = {f"u{k}": f"trial u{k}: {why.format(20 + k)}" for k in range(5)} | {"u5": "trial u5: hidden"}
+    reasons = {f"u{k}": f"trial u{k}: {why.format(20 + k)}" for k in range(5)} | {
+        "u5": "trial u5: hidden"
+    }
     for name, reason in reasons.items():
         write_refusal(RefusedCrossing(name, False, reason), tmp_path / f"{name}.parquet")
-    rows = [{"trial": n, "perturbed": False, "reason": r, "gait": "all", "group": None} for n, r in reasons.items()]
-    rows.append({"trial": "p1", "perturbed": True, "reason": "another", "gait": "all", "group": None})
+    rows = [
+        {"trial": n, "perturbed": False, "reason": r, "gait": "all", "group": None}
+        for n, r in reasons.items()
+    ]
+    rows.append(
+        {"trial": "p1", "perturbed": True, "reason": "another", "gait": "all", "group": None}
+    )
     write_table(pl.DataFrame(rows).with_columns(direction=None), tmp_path / "selection.csv")
     files = [tmp_path / f"{name}.parquet" for name in reasons]
     with pytest.raises(InputError) as caught:
         average_unperturbed(files, tmp_path / "selection.csv", 4, tmp_path / "gait.parquet")
     assert str(caught.value) == (
-        "0 of 6 unperturbed crossings can be used, expected 4 or more; 5 times (u0, u1, u2, u3, u4) "
-        "beside 1 for other reasons, which walking_crossings.csv lists, as in u0: " + why.format(20)
+        "0 of 6 unperturbed crossings can be used, expected 4 or more; 5 times (u0, u1, u2, u3, u4)"
+        " beside 1 for other reasons, which walking_crossings.csv lists, as in u0: "
+        + why.format(20)
     )
 
 
@@ -445,22 +636,41 @@ def raised(trial: Trial, by: list[float]) -> Trial:
     return replace(trial, provenance={"plates": [plate]})
 
 
-def test_the_change_of_a_torque_by_each_error_of_the_laboratory_is_that_of_a_faulty_recording() -> None:
-    """By finite differences, of a plate without mass; a late plate also with its mass, of which the model knows."""
-    silent, ramp, chosen = Rig(mass=1e-9, marker=0, force=0, moment=0), Ramp(angle=5.0, rise=0.08), settings()
-    leaning = {f"plate1_force_{axis}": pl.col(f"plate1_force_{axis}") + 0.1 * pl.col("plate1_force_z") for axis in "xy"}
+def test_the_change_of_a_torque_by_each_error_of_the_laboratory_is_that_of_a_faulty_recording() -> (
+    None
+):
+    """By finite differences, of a plate without mass; a late plate also with its mass, of which the
+    model knows."""
+    silent, ramp, chosen = (
+        Rig(mass=1e-9, marker=0, force=0, moment=0),
+        Ramp(angle=5.0, rise=0.08),
+        settings(),
+    )
+    leaning = {
+        f"plate1_force_{axis}": pl.col(f"plate1_force_{axis}") + 0.1 * pl.col("plate1_force_z")
+        for axis in "xy"
+    }
     sound = changed(walked_over("w", ramp, silent, 1), **leaning)
     scaled = [
-        changed(sound, **{f"plate1_{kind}_{axis}": 1.01 * pl.col(f"plate1_{kind}_{axis}") for axis in "xyz"})
+        changed(
+            sound,
+            **{f"plate1_{kind}_{axis}": 1.01 * pl.col(f"plate1_{kind}_{axis}") for axis in "xyz"},
+        )
         for kind in ("moment", "force")
     ]
     turn = np.deg2rad(1.0)
     c, s = np.cos(turn), np.sin(turn)
 
     def pitched(trial: Trial) -> Trial:
-        names = [column[:-2] for column in trial.columns if column.endswith("_x") and "plate1" not in column]
+        names = [
+            column[:-2]
+            for column in trial.columns
+            if column.endswith("_x") and "plate1" not in column
+        ]
         turned = {f"{n}_x": c * pl.col(f"{n}_x") + s * pl.col(f"{n}_z") for n in names}
-        return changed(trial, **turned | {f"{n}_z": c * pl.col(f"{n}_z") - s * pl.col(f"{n}_x") for n in names})
+        return changed(
+            trial, **turned | {f"{n}_z": c * pl.col(f"{n}_z") - s * pl.col(f"{n}_x") for n in names}
+        )
 
     cases = [(raised(sound, [0, 0, 0.01]), CALIBRATION), (raised(sound, [0.01, 0, 0]), CALIBRATION)]
     cases += [(one, CALIBRATION) for one in scaled]
@@ -470,9 +680,15 @@ def test_the_change_of_a_torque_by_each_error_of_the_laboratory_is_that_of_a_fau
     for (faulty, calibration), expected in zip(cases, found.lab_errors, strict=False):
         torque = analyse_crossing(faulty, calibration, NO_CORRECTION, True, chosen).torque
         assert np.ptp(expected[rows]) > 0.01
-        np.testing.assert_allclose((torque - found.torque)[rows], expected[rows], atol=0.03 * np.ptp(expected[rows]))
-    heavy, late = (walked_over("w", ramp, replace(silent, mass=25.0, lag=lag), 1) for lag in (0.0, 0.001))
-    one, other = (analyse_crossing(trial, CALIBRATION, plate(), True, settings()) for trial in (heavy, late))
+        np.testing.assert_allclose(
+            (torque - found.torque)[rows], expected[rows], atol=0.03 * np.ptp(expected[rows])
+        )
+    heavy, late = (
+        walked_over("w", ramp, replace(silent, mass=25.0, lag=lag), 1) for lag in (0.0, 0.001)
+    )
+    one, other = (
+        analyse_crossing(trial, CALIBRATION, plate(), True, settings()) for trial in (heavy, late)
+    )
     rows = (one.time > 1.0) & (one.time < 1.5)
     change = (np.interp(one.time, other.time, other.torque) - one.torque)[rows]
     np.testing.assert_allclose(change, one.lab_errors[5][rows], atol=0.1 * np.ptp(change))
@@ -482,6 +698,11 @@ def test_the_unloaded_plate_shows_the_height_of_its_corners_to_2_mm() -> None:
     trials = plate_trials(RIG, Ramp(), 3)
     model = plate()
     assert (model.height, model.ringing_hz) == (pytest.approx(0, abs=2e-3), None)
-    high = identify_plate_model(calibrated([raised(trial, [0, 0, 0.02]) for trial in trials]), settings())
-    assert (high.height, high.height_se) == (pytest.approx(0.02, abs=2e-3), pytest.approx(0, abs=2e-3))
+    high = identify_plate_model(
+        calibrated([raised(trial, [0, 0, 0.02]) for trial in trials]), settings()
+    )
+    assert (high.height, high.height_se) == (
+        pytest.approx(0.02, abs=2e-3),
+        pytest.approx(0, abs=2e-3),
+    )
     assert (high.certain_height, replace(high, height_se=0.006).certain_height) == (high.height, 0)

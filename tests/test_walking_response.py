@@ -1,4 +1,5 @@
-"""Stance, onset and the phase of gait; a response is isolated and predicted, its impedance is the one that made it."""
+"""Stance, onset and the phase of gait; a response is isolated and predicted, its impedance is the
+one that made it."""
 
 import zlib
 from dataclasses import replace
@@ -44,10 +45,21 @@ from osl_analysis.walking.tables import (
     walking_page_points,
 )
 
-K, B, I, TIMING, ONSET = 340.0, 5.0, 0.03, TimingSettings(window_s=0.1, baseline_s=0.06, guard_s=0.04), 0.6
-response_of, EARLY, TIME = partial(isolate_response, timing=TIMING), PHASES[PHASES <= 0.36], np.arange(900) / 300
+K, B, I, TIMING, ONSET = (
+    340.0,
+    5.0,
+    0.03,
+    TimingSettings(window_s=0.1, baseline_s=0.06, guard_s=0.04),
+    0.6,
+)
+response_of, EARLY, TIME = (
+    partial(isolate_response, timing=TIMING),
+    PHASES[PHASES <= 0.36],
+    np.arange(900) / 300,
+)
 RISE_OF = np.clip((TIME - 1.2) / 0.075, 0, 1)
-STEEP, SOFT = RISE_OF, RISE_OF**4 * (35 - 84 * RISE_OF + 70 * RISE_OF**2 - 20 * RISE_OF**3)  # in 75 ms
+# in 75 ms
+STEEP, SOFT = RISE_OF, RISE_OF**4 * (35 - 84 * RISE_OF + 70 * RISE_OF**2 - 20 * RISE_OF**3)
 
 
 def angle(phase: Array) -> Array:
@@ -59,8 +71,12 @@ def walked(
     name: str, scale: float = 1.0, slow: float = 0.0, onset: float | None = None,
     impedance: tuple[float, float, float] = (K, B, I),
 ) -> Crossing:  # fmt: skip
-    """A crossing at a pace; its name gives slow deviations: angle `slow` [rad] below 4 Hz, torque 300 N*m/rad of it."""
-    random, plain = np.random.default_rng(zlib.crc32(name.encode())), crossing(name, onset, 0.72 * scale, impedance)
+    """A crossing at a pace; its name gives slow deviations: angle `slow` [rad] below 4 Hz, torque
+    300 N*m/rad of it."""
+    random, plain = (
+        np.random.default_rng(zlib.crc32(name.encode())),
+        crossing(name, onset, 0.72 * scale, impedance),
+    )
     waves = random.uniform(0.3, 4.0, 4)[:, None] * plain.time + random.random((4, 1))
     deviation = slow * random.standard_normal(4) @ np.sin(2 * np.pi * waves) / np.sqrt(2)
     turn = plain.theta - crossing(name, stance=0.72 * scale).theta
@@ -79,35 +95,64 @@ def mean_gait(n: int = 4) -> UnperturbedGait:
 def test_a_response_is_zero_on_average_over_the_baseline_that_the_walking_page_shows() -> None:
     walked = crossing("w", ONSET)
     walked = replace(walked, theta=walked.theta + 0.02, torque=walked.torque + 3.0)
-    p = pl.DataFrame({"time": 0.05, "theta_deg": 2.0, "torque": 3.0, "torque_model": 4.0, "trial": "p", "doubtful": ""})
+    p = pl.DataFrame(
+        {
+            "time": 0.05,
+            "theta_deg": 2.0,
+            "torque": 3.0,
+            "torque_model": 4.0,
+            "trial": "p",
+            "doubtful": "",
+        }
+    )
     ends = walking_page_points([walked], {"all": usual(2e-3)}, p, TIMING)
     assert ends.filter(curve="each").select("x", "mean").rows() == [(50, 2), (50, 3)]
     spread = ends.filter(panel="angle", curve="all")["sd"]
-    np.testing.assert_allclose(spread, np.std(np.rad2deg(usual(2e-3).theta[:, ::4]), axis=0, ddof=1))
+    np.testing.assert_allclose(
+        spread, np.std(np.rad2deg(usual(2e-3).theta[:, ::4]), axis=0, ddof=1)
+    )
     shown = ends.filter(panel="response angle", curve="baseline")["x"] / 1e3
     assert shown.to_list() == pytest.approx([-0.1, -0.04])
     response = response_of(walked, mean_gait())
     over = (response.time >= shown[0] - 1e-9) & (response.time < shown[1] - 1e-9)
-    assert [np.mean(one[over]) for one in (response.motion.theta, response.torque)] == pytest.approx([0, 0], abs=1e-9)
+    assert [
+        np.mean(one[over]) for one in (response.motion.theta, response.torque)
+    ] == pytest.approx([0, 0], abs=1e-9)
     percent = [100 * (0.3 + after) / 0.72 for after in (0, 0.1, -0.1, -0.04)]
-    assert ends.filter(pl.col("mean").is_null(), panel="angle")["x"].to_list() == pytest.approx(percent)
-    for onset in (0.6, 0.6017):  # the window is a tenth of a second from the onset, even between frames
+    assert ends.filter(pl.col("mean").is_null(), panel="angle")["x"].to_list() == pytest.approx(
+        percent
+    )
+    # the window is a tenth of a second from the onset, even between frames
+    for onset in (0.6, 0.6017):
         response = response_of(crossing("p", onset), mean_gait())
         window = response.time[response.window]
         assert (len(window), window[0], window[-1]) == (30, 0.0, pytest.approx(29 / RATE))
-        np.testing.assert_allclose(response.fitted_motion.theta, TURN * bump(window, LEAD, RISE)[0], atol=1e-5)
+        np.testing.assert_allclose(
+            response.fitted_motion.theta, TURN * bump(window, LEAD, RISE)[0], atol=1e-5
+        )
 
 
 @pytest.mark.parametrize("stance", [0.66, 0.8])
-@pytest.mark.parametrize("truth", [(K, B, I), (100.0, 0.5, 0.0), (340.0, 5.0, -0.03), (600.0, 12.0, 0.2)])
-def test_recovers_the_impedance_whatever_the_pace(stance: float, truth: tuple[float, float, float]) -> None:
-    walked = [crossing(f"p{k}", 0.3 + 0.4 * (stance + k / 100), stance + k / 100, impedance=truth) for k in range(3)]
+@pytest.mark.parametrize(
+    "truth", [(K, B, I), (100.0, 0.5, 0.0), (340.0, 5.0, -0.03), (600.0, 12.0, 0.2)]
+)
+def test_recovers_the_impedance_whatever_the_pace(
+    stance: float, truth: tuple[float, float, float]
+) -> None:
+    walked = [
+        crossing(f"p{k}", 0.3 + 0.4 * (stance + k / 100), stance + k / 100, impedance=truth)
+        for k in range(3)
+    ]
     isolated = [response_of(c, mean_gait()) for c in walked]
     fits = [fit_response(isolated[0]), Ensemble(isolated).fitted().fit]
     for fit in fits:
-        assert tuple(fit.estimates) == pytest.approx(truth, rel=1e-3, abs=1e-3 if truth[2] == I else 2e-3)
+        assert tuple(fit.estimates) == pytest.approx(
+            truth, rel=1e-3, abs=1e-3 if truth[2] == I else 2e-3
+        )
     assert fits[0].vaf > 99.999
-    free = fitting.offset_comparison(isolated[0].fitted_motion, isolated[0].fitted_torque + 3, 2 * truth[0])
+    free = fitting.offset_comparison(
+        isolated[0].fitted_motion, isolated[0].fitted_torque + 3, 2 * truth[0]
+    )
     assert free == pytest.approx((3, 0.5), rel=2e-3)
 
 
@@ -122,7 +167,9 @@ def test_what_has_no_response_or_no_ensemble_is_refused_by_name() -> None:
     first, second = (response_of(crossing(f"p{k}", ONSET), mean_gait(3 + k)) for k in (0, 1))
     with pytest.raises(InputError, match="perturbations in the ensemble: 1, expected 2"):
         Ensemble([first])
-    with pytest.raises(InputError, match=r"trial p1: \d+ samples from 4 unperturbed .* trial p0 has \d+ from 3"):
+    with pytest.raises(
+        InputError, match=r"trial p1: \d+ samples from 4 unperturbed .* trial p0 has \d+ from 3"
+    ):
         Ensemble([first, second])
     # an exponential: angle, velocity and acceleration are one column
     grown = np.exp(20 * first.time)
@@ -131,36 +178,49 @@ def test_what_has_no_response_or_no_ensemble_is_refused_by_name() -> None:
 
 
 def test_the_common_variance_is_what_drawing_the_unperturbed_crossings_anew_gives() -> None:
-    """The bootstrap of the unperturbed crossings alone, of equal responses: the ensemble is then their mean. Six
-    crossings leave a bootstrap of 2000 a Monte Carlo error of 3 %, and first order 10 % of what is not."""
+    """The bootstrap of the unperturbed crossings alone, of equal responses: the ensemble is then
+    their mean. Six crossings leave a bootstrap of 2000 a Monte Carlo error of 3 %, and first order
+    10 % of what is not."""
     isolated = [response_of(walked("p", onset=ONSET), usual(2e-3, 6))] * 2
     (variance, freedom), (plate, _) = fitting.common_errors(isolated)[0]["K"]
     drawn = Ensemble(isolated).resampled(2000)
     assert (variance, freedom, plate) == (pytest.approx(np.var(drawn.draws["K"]), rel=0.15), 5, 0)
-    assert fit_response(isolated[0]).se("K") ** 2 == pytest.approx(7 * variance), "s^2 (1 + 1/6) of a single one"
+    assert fit_response(isolated[0]).se("K") ** 2 == pytest.approx(7 * variance), (
+        "s^2 (1 + 1/6) of a single one"
+    )
     up, down = isolated_all((1, -1))[:2]  # both directions count alike
     three, two = (fitting.common_errors(some)[0]["K"][0] for some in ([up, up, down], [up, down]))
     assert three == pytest.approx(two)
-    np.testing.assert_array_equal(drawn.draws["B"], Ensemble(isolated).resampled(2000).draws["B"])  # it repeats itself
+    # it repeats itself
+    np.testing.assert_array_equal(drawn.draws["B"], Ensemble(isolated).resampled(2000).draws["B"])
 
 
 def test_the_plate_s_share_is_the_same_in_every_interval() -> None:
-    """One perturbation, one mean and the bootstrap's spread, without any scatter of gait. The errors are smooth."""
-    alike = (2, crossing("p", 0.6)), (1, crossing("u0")), (2, crossing("u1")), (3, crossing("u2"))  # no net error
-    one, *usual = [replace(c, plate_errors=size * np.vander(c.stance.phase(c.time), 3).T) for size, c in alike]
-    np.testing.assert_allclose(response_of(one, unperturbed_gait(usual, 3)).plate_errors, 0, atol=1e-9)
+    """One perturbation, one mean and the bootstrap's spread, without any scatter of gait. The
+    errors are smooth."""
+    # no net error
+    alike = (2, crossing("p", 0.6)), (1, crossing("u0")), (2, crossing("u1")), (3, crossing("u2"))
+    one, *usual = [
+        replace(c, plate_errors=size * np.vander(c.stance.phase(c.time), 3).T) for size, c in alike
+    ]
+    np.testing.assert_allclose(
+        response_of(one, unperturbed_gait(usual, 3)).plate_errors, 0, atol=1e-9
+    )
     random, still = np.random.default_rng(21), response_of(crossing("p", 0.6), mean_gait(6))
     pitch, phase = random.uniform(2, 8, (4, 1)), random.uniform(0, 6, (4, 1))
     still = replace(still, plate_errors=np.sin(2 * np.pi * pitch * still.time + phase))
     single, (plate, freedom) = fit_response(still), fitting.common_errors([still, still])[0]["K"][1]
     assert (freedom, single.se("K")) == (3, pytest.approx(np.sqrt(plate), rel=0.01))
     assert single.interval_method == "unperturbed crossings + plate trials"
-    assert np.std(Ensemble([still, still]).resampled(3000).draws["K"]) == pytest.approx(np.sqrt(plate), rel=0.05)
+    assert np.std(Ensemble([still, still]).resampled(3000).draws["K"]) == pytest.approx(
+        np.sqrt(plate), rel=0.05
+    )
     assert single.degrees_of_freedom == pytest.approx(3, rel=0.05)
 
 
-def test_resampled_means_spread_as_means_do_and_their_interval_is_student_s_where_they_are_normal() -> None:
-    """Drawing n - 1 of n: the variance of a mean, s^2/n with the unbiased s^2; drawing n would give 5/6 of it."""
+def test_resampled_means_spread_as_means_do() -> None:
+    """Drawing n - 1 of n: the variance of a mean, s^2/n with the unbiased s^2; drawing n would give
+    5/6 of it."""
     values = np.array([1.0, 4.0, 2.0, 8.0, 5.0, 7.0])
     weights = fitting.resampling_weights(np.random.default_rng(1), 200_000, len(values))
     np.testing.assert_allclose(weights.sum(axis=1), 1)
@@ -171,46 +231,73 @@ def test_resampled_means_spread_as_means_do_and_their_interval_is_student_s_wher
 
 
 def deviating(seed: int, perturbed: bool = False, lasting: bool = True, sign: int = 1) -> Crossing:
-    """Deviations of angle, torque grow from heel strike; if not lasting, others come in the baseline's last 10 ms."""
-    random, plain = np.random.default_rng(seed), crossing(f"c{seed}", ONSET if perturbed else None, turn=sign * TURN)
+    """Deviations of angle, torque grow from heel strike; if not lasting, others come in the
+    baseline's last 10 ms."""
+    random, plain = (
+        np.random.default_rng(seed),
+        crossing(f"c{seed}", ONSET if perturbed else None, turn=sign * TURN),
+    )
     before, after = random.standard_normal((2, 2))
     changed = 0.0 if lasting else 0.5 * (1 + np.tanh((plain.time - ONSET + 0.02) / 0.01))
-    angle, torque = ((1 - changed) * before[:, None] + changed * after[:, None]) * (1 + 4 * (plain.time - 0.3))
+    angle, torque = ((1 - changed) * before[:, None] + changed * after[:, None]) * (
+        1 + 4 * (plain.time - 0.3)
+    )
     noise = 0.05 * random.standard_normal(len(plain.time))
-    return replace(plain, theta=plain.theta + 0.004 * angle, torque=plain.torque + 2.0 * torque + noise)
+    return replace(
+        plain, theta=plain.theta + 0.004 * angle, torque=plain.torque + 2.0 * torque + noise
+    )
 
 
-def isolated_all(signs: tuple[int, ...] = (1,), lasting: bool = True, usual: int = 10) -> list[PerturbationResponse]:
+def isolated_all(
+    signs: tuple[int, ...] = (1,), lasting: bool = True, usual: int = 10
+) -> list[PerturbationResponse]:
     gait = unperturbed_gait([deviating(seed, lasting=lasting) for seed in range(usual)], 3)
     walked = [deviating(100 + k, True, lasting, signs[k % len(signs)]) for k in range(6)]
     return [isolate_response(c, gait, TIMING) for c in walked]
 
 
 def left_out(isolated: list[PerturbationResponse], predictors: tuple[str, ...]) -> float:
-    """Mean square of what each unperturbed crossing adds to the residual less what the others tell of it."""
+    """Mean square of what each unperturbed crossing adds to the residual less what the others tell
+    of it."""
     fit = Ensemble(isolated).fitted().fit
     curves = np.mean([fitting.gait_torque(r, fit)[:, r.window] for r in isolated], axis=0)
-    known = np.mean([r.behaviour for r in isolated], axis=0)[[fitting.BEHAVIOUR.index(name) for name in predictors]]
+    known = np.mean([r.behaviour for r in isolated], axis=0)[
+        [fitting.BEHAVIOUR.index(name) for name in predictors]
+    ]
     columns, missed = np.column_stack([np.ones(len(curves)), known.T]), []
     for one in range(len(curves)):
         others = np.arange(len(curves)) != one
-        missed.append(curves[one] - columns[one] @ np.linalg.lstsq(columns[others], curves[others])[0])
+        missed.append(
+            curves[one] - columns[one] @ np.linalg.lstsq(columns[others], curves[others])[0]
+        )
     return float(np.mean(np.square(missed)))
 
 
 @pytest.mark.parametrize("signs", [(1,), (1, 1, -1)])
-def test_lasting_deviations_are_predicted_for_one_direction_and_for_both(signs: tuple[int, ...]) -> None:
-    """They cost the mean baseline 2 % of K or more, noise is left. The interval is narrower and holds the truth."""
+def test_lasting_deviations_are_predicted_for_one_direction_and_for_both(
+    signs: tuple[int, ...],
+) -> None:
+    """They cost the mean baseline 2 % of K or more, noise is left. The interval is narrower and
+    holds the truth."""
     isolated = isolated_all(signs)
     names, share = fitting.cross_validated(isolated, Ensemble(isolated).fitted().fit)
     assert share > 0.9
     assert share == pytest.approx(1 - left_out(isolated, names) / left_out(isolated, ()), rel=1e-9)
-    few, weights = np.eye(10)[0] / 2 + np.eye(10)[1] / 2, np.full(6, 1 / 6)  # two crossings predict nothing
-    joined = [Ensemble(isolated).joined(weights, few, chosen)[1] for chosen in ((), fitting.BEHAVIOUR)]
+    # two crossings predict nothing
+    few, weights = np.eye(10)[0] / 2 + np.eye(10)[1] / 2, np.full(6, 1 / 6)
+    joined = [
+        Ensemble(isolated).joined(weights, few, chosen)[1] for chosen in ((), fitting.BEHAVIOUR)
+    ]
     np.testing.assert_allclose(*joined, atol=1e-12)
-    nine = [replace(r, thetas=r.thetas[:9], torques=r.torques[:9], behaviour=r.behaviour[:, :9]) for r in isolated]
-    drawn = (nine, np.full(9, 1 / 9)), (isolated, np.r_[np.full(9, 1 / 9), 0])  # one that is not drawn predicts nothing
-    np.testing.assert_allclose(*(Ensemble(some).joined(weights, each, names)[1] for some, each in drawn), atol=1e-9)
+    nine = [
+        replace(r, thetas=r.thetas[:9], torques=r.torques[:9], behaviour=r.behaviour[:, :9])
+        for r in isolated
+    ]
+    # one that is not drawn predicts nothing
+    drawn = (nine, np.full(9, 1 / 9)), (isolated, np.r_[np.full(9, 1 / 9), 0])
+    np.testing.assert_allclose(
+        *(Ensemble(some).joined(weights, each, names)[1] for some, each in drawn), atol=1e-9
+    )
     mean, predicted = (Ensemble(isolated).fitted(chosen).fit["K"] for chosen in ((), names))
     assert predicted == pytest.approx(K, rel=0.01)
     assert abs(mean / K - 1) > 2 * abs(predicted / K - 1)
@@ -231,8 +318,16 @@ def test_deviations_that_begin_anew_and_too_few_unperturbed_crossings_predict_no
 def test_the_settings_choose_the_headline_and_the_table_has_both() -> None:
     walked = [deviating(100 + k, True) for k in range(6)]
     usual = unperturbed_gait([deviating(seed) for seed in range(10)], 3)
-    mean, told = (group_headline(walked, usual, settings(baseline=b, window_s=0.1)) for b in ("mean", "predicted"))
-    assert mean.ensemble.fit["K"] == told.other[1].fit["K"] != told.ensemble.fit["K"] == mean.other[1].fit["K"]
+    mean, told = (
+        group_headline(walked, usual, settings(baseline=b, window_s=0.1))
+        for b in ("mean", "predicted")
+    )
+    assert (
+        mean.ensemble.fit["K"]
+        == told.other[1].fit["K"]
+        != told.ensemble.fit["K"]
+        == mean.other[1].fit["K"]
+    )
     fits = pl.DataFrame({name: 6 * [1.0] for name in ("K", "B", "I", "VAF")})
     for result, other in ((mean, "ensemble, predicted gait"), (told, "ensemble, mean gait")):
         assert other in [row["estimator"] for row in headline_rows(result, fits, {}, {})]
@@ -247,7 +342,8 @@ def perturbed(n: int = 8, stiffnesses: tuple[float, ...] = (340.0,)) -> list[Cro
 
 
 def test_a_slope_of_K_that_is_not_certain_may_be_none() -> None:
-    """Between what 95 and what 99.9 % are sure of: said to be unseen, so that B may hold none of it."""
+    """Between what 95 and what 99.9 % are sure of: said to be unseen, so that B may hold none of
+    it."""
     headline = group_headline(perturbed(), USUAL, SETTINGS)
     for name in (fitting.SLOPING, f"{fitting.SLOPING} and jerk"):
         headline.resampled.reactions[name] = (300.0, 120.0)
@@ -268,25 +364,56 @@ def facts(crossings: list[Crossing], **choices: object) -> dict[str, float | Non
 def test_sound_crossings_are_far_from_every_limit_and_faults_are_beyond() -> None:
     found = facts(perturbed())
     assert (found["residual_over_gait"], found["uncorrected_stance_change"]) == (None, None)
-    limits = {"offset_share": 0.1, "estimator_difference": 0.5, "heterogeneity": 3, "K_se_share": 0.1}
+    limits = {
+        "offset_share": 0.1,
+        "estimator_difference": 0.5,
+        "heterogeneity": 3,
+        "K_se_share": 0.1,
+    }
     limits |= {"stance_change": 0.015}
     assert [name for name, limit in limits.items() if abs(found[name]) >= limit] == []
-    assert [name for name, limit in (("coherence", 0.95), ("VAF", 99), ("B_high", 2)) if found[name] <= limit] == []
-    headline = group_headline(perturbed(), USUAL, SETTINGS)  # the difference, over the sum of the halves of intervals
-    fits = pl.DataFrame([{q: fit_response(r)[q] for q in "KBI"} | {"VAF": 0.0} for r in headline.responses])
+    assert [
+        name
+        for name, limit in (("coherence", 0.95), ("VAF", 99), ("B_high", 2))
+        if found[name] <= limit
+    ] == []
+    # the difference, over the sum of the halves of intervals
+    headline = group_headline(perturbed(), USUAL, SETTINGS)
+    fits = pl.DataFrame(
+        [{q: fit_response(r)[q] for q in "KBI"} | {"VAF": 0.0} for r in headline.responses]
+    )
     rows = headline_rows(headline, fits, {}, {})
     pairs = [(rows[k], rows[k + 4]) for k in range(3)]
-    apart = [2 * abs(m["mean"] - e["mean"]) / sum(r["high"] - r["low"] for r in (m, e)) for m, e in pairs]
+    apart = [
+        2 * abs(m["mean"] - e["mean"]) / sum(r["high"] - r["low"] for r in (m, e)) for m, e in pairs
+    ]
     assert found["estimator_difference"] == pytest.approx(max(apart))
-    assert [row["interval_method"] for row in rows[:5]] == [*3 * ["Student + shared errors"], "Student", "bootstrap"]
-    table, window = response_table("all", headline).filter(trial="ensemble"), headline.responses[0].window
+    assert [row["interval_method"] for row in rows[:5]] == [
+        *3 * ["Student + shared errors"],
+        "Student",
+        "bootstrap",
+    ]
+    table, window = (
+        response_table("all", headline).filter(trial="ensemble"),
+        headline.responses[0].window,
+    )
     assert (len(table), table["torque_model"].null_count()) == (window.stop, window.start)
-    np.testing.assert_allclose(table["theta_deg"], np.rad2deg(headline.ensemble.motion.theta[: window.stop]))
+    np.testing.assert_allclose(
+        table["theta_deg"], np.rad2deg(headline.ensemble.motion.theta[: window.stop])
+    )
     share = rows[4]["se"] / rows[4]["mean"]
-    assert [found[f] for f in ("B_high", "I_high", "K_se_share")] == [rows[5]["high"], rows[6]["high"], share]
-    singles, se = np.array([(fit["K"], fit.se("K")) for fit in map(fit_response, headline.responses)]).T
+    assert [found[f] for f in ("B_high", "I_high", "K_se_share")] == [
+        rows[5]["high"],
+        rows[6]["high"],
+        share,
+    ]
+    singles, se = np.array(
+        [(fit["K"], fit.se("K")) for fit in map(fit_response, headline.responses)]
+    ).T
     trust = 1 / (se**2 + (0.03 * singles.mean()) ** 2)
-    assert found["heterogeneity"] == pytest.approx(np.cov(singles, aweights=trust, ddof=0) * trust.sum() / 7)
+    assert found["heterogeneity"] == pytest.approx(
+        np.cov(singles, aweights=trust, ddof=0) * trust.sum() / 7
+    )
     # turns of both directions that nobody told apart cancel; three stiffnesses; a torque that drops
     half = [replace(c, theta=2 * walked("g").theta - c.theta) for c in perturbed()[::2]]
     assert facts([*half, *perturbed()[1::2]])["coherence"] < 0.3
@@ -296,40 +423,62 @@ def test_sound_crossings_are_far_from_every_limit_and_faults_are_beyond() -> Non
 
 
 @pytest.mark.parametrize(("window_s", "delay"), [(0.1, 0.045), (0.14, 0.055)])
-def test_each_reaction_comes_out_with_its_size_and_the_joint_without_it(window_s: float, delay: float) -> None:
-    """A reflex, late velocity; from half the window on a step of the stiffness and a ramp; a K that grows at once."""
+def test_each_reaction_comes_out_with_its_size_and_the_joint_without_it(
+    window_s: float, delay: float
+) -> None:
+    """A reflex, late velocity; from half the window on a step of the stiffness and a ramp; a K that
+    grows at once."""
     time = np.arange(-40, 51) / RATE
     half, (theta, omega, alpha) = window_s / 2, bump(time, LEAD, RISE)
     late = norm.cdf((time - half) / (window_s / 10) - 1.5)
-    ramp = np.array([np.trapezoid(norm.cdf((x := np.linspace(-1, t, 9999)) - half, 0, window_s / 10), x) for t in time])
+    ramp = np.array(
+        [
+            np.trapezoid(norm.cdf((x := np.linspace(-1, t, 9999)) - half, 0, window_s / 10), x)
+            for t in time
+        ]
+    )
     shapes = bump(time - delay, LEAD, RISE)[1], late * theta, ramp, theta * np.maximum(time, 0)
-    window, wander = slice(40, 40 + round(window_s * RATE)), np.random.default_rng(3).standard_normal((2, 12))
-    gait = np.column_stack([np.zeros_like(time), np.vander(time, 2) @ wander])  # of resamples; the mean has none
-    for name, shape, size in zip(fitting.REACTIONS, shapes, (4.0, 136.0, 120.0, 667.0), strict=True):
+    window, wander = (
+        slice(40, 40 + round(window_s * RATE)),
+        np.random.default_rng(3).standard_normal((2, 12)),
+    )
+    # of resamples; the mean has none
+    gait = np.column_stack([np.zeros_like(time), np.vander(time, 2) @ wander])
+    for name, shape, size in zip(
+        fitting.REACTIONS, shapes, (4.0, 136.0, 120.0, 667.0), strict=True
+    ):
         torque = K * theta + B * omega + I * alpha + size * shape
         found = fitting.reactions(time, window, np.tile(theta[:, None], 13), torque[:, None] + gait)
         assert found[name][0] == pytest.approx(size, rel=0.02)
         if name != fitting.REFLEX:  # beside the jerk of a drivetrain too
             led = torque + 0.02 * make_interp_spline(time, theta, k=5).derivative(3)(time)
-            beside = fitting.reactions(time, window, np.tile(theta[:, None], 13), led[:, None] + gait)
+            beside = fitting.reactions(
+                time, window, np.tile(theta[:, None], 13), led[:, None] + gait
+            )
             assert beside[f"{name} and jerk"][0] == pytest.approx(size, rel=0.02)
         assert found[name][1] < 0.005 * size  # a drift before the onset tells the one after it
         if name == fitting.REFLEX:
             assert found["delay"] == (pytest.approx(1e3 * delay), 0)
             assert found[f"K with {name} {1e3 * delay:.0f}"][0] == pytest.approx(K, rel=0.01)
             assert found[f"{name} {1e3 * delay:.0f}"] == found[name]
-            assert len([key for key in found if key.startswith("K with")]) == 1  # the other delays fit worse
+            # the other delays fit worse
+            assert len([key for key in found if key.startswith("K with")]) == 1
 
 
 @pytest.mark.parametrize("way", [1, -1])
 def test_a_muscle_answers_to_what_stretches_it_and_not_to_the_way_back(way: int) -> None:
-    """A turn to and a third of it fro; below a fifth of the peak the muscle still feels the gait's own velocity."""
+    """A turn to and a third of it fro; below a fifth of the peak the muscle still feels the gait's
+    own velocity."""
     time = np.arange(-40, 51) / RATE
     there, back = bump(time, 0.03, 0.012), bump(time, 0.075, 0.012)
-    motion = Motion(*(way * (one - other / 3)[:, None] for one, other in zip(there, back, strict=True)))
+    motion = Motion(
+        *(way * (one - other / 3)[:, None] for one, other in zip(there, back, strict=True))
+    )
     column = way * fitting.reflex_column(time, slice(40, 76), motion, 0.04)[:, 0]
     peak = there[1].max()
-    np.testing.assert_allclose(column[time < 0.085], bump(time - 0.04, 0.03, 0.012)[1][time < 0.085], atol=0.01 * peak)
+    np.testing.assert_allclose(
+        column[time < 0.085], bump(time - 0.04, 0.03, 0.012)[1][time < 0.085], atol=0.01 * peak
+    )
     assert column.min() == pytest.approx(-0.2 * peak, rel=0.02)
 
 
@@ -340,42 +489,71 @@ def test_a_reaction_within_the_window_is_certain_and_named_and_a_sound_campaign_
     assert sound["hidden_slope_low"] < 0 < sound["hidden_slope_high"]
     assert sound["common_K"] is None, "all perturbations go one way"
     still = walked("g").theta, walked("g").torque
-    turn = walked("g", 1.0, 0.0, ONSET, (1.0, 0.0, 0.0)).torque - walked("g", 1.0, 0.0, ONSET, (0.0, 0.0, 0.0)).torque
+    turn = (
+        walked("g", 1.0, 0.0, ONSET, (1.0, 0.0, 0.0)).torque
+        - walked("g", 1.0, 0.0, ONSET, (0.0, 0.0, 0.0)).torque
+    )
     # a reflex resists a turn in either direction: that of the other sign is none
     for c, at, way in ((4.0, 0.05, 1), (4.0, 0.035, -1), (-4.0, 0.05, 1)):
-        speed = np.interp(perturbed()[0].time - at, perturbed()[0].time, np.gradient(turn, 1 / RATE))
+        speed = np.interp(
+            perturbed()[0].time - at, perturbed()[0].time, np.gradient(turn, 1 / RATE)
+        )
         walks = [replace(one, torque=one.torque + c * speed) for one in perturbed()]
         if way < 0:
-            walks = [replace(one, theta=2 * still[0] - one.theta, torque=2 * still[1] - one.torque) for one in walks]
+            walks = [
+                replace(one, theta=2 * still[0] - one.theta, torque=2 * still[1] - one.torque)
+                for one in walks
+            ]
         found = facts(walks)
         assert ("a reflex" in (found["reaction"] or "")) == (c > 0)
         if c > 0:
             assert found["reaction_share"] > 0.02
             assert found["reflex_delay_ms"] == pytest.approx(1e3 * at)
-            torque, rows = 340 * turn + c * speed, np.searchsorted(walks[0].time, [ONSET, ONSET + 0.1])
+            torque, rows = (
+                340 * turn + c * speed,
+                np.searchsorted(walks[0].time, [ONSET, ONSET + 0.1]),
+            )
             share = np.var((c * speed)[slice(*rows)]) / np.var(torque[slice(*rows)])
             assert found["reflex_share"] == pytest.approx(100 * share, rel=0.2)
             assert found["K_with_reflex"] == pytest.approx(340, abs=12)
-            assert found["K_with_reflex_low"] < found["K_with_reflex"] < found["K_with_reflex_high"] < found["K"] - 20
+            assert (
+                found["K_with_reflex_low"]
+                < found["K_with_reflex"]
+                < found["K_with_reflex_high"]
+                < found["K"] - 20
+            )
             assert found["reflex_gain"] == pytest.approx(c, rel=0.1)
             of_person = {"reaction": found["reaction"], "reflex_delay_ms": found["reflex_delay_ms"]}
             for limits, value, cause in (
-                (Limits(above={"reaction_share": 0.02}), {"reaction_share": found["reaction_share"]}, "person reacts"),
-                (Limits(below={"VAF": 101}), {"VAF": 95.0}, "model that does not fit"),  # on the bench it is no doubt
+                (
+                    Limits(above={"reaction_share": 0.02}),
+                    {"reaction_share": found["reaction_share"]},
+                    "person reacts",
+                ),
+                # on the bench it is no doubt
+                (Limits(below={"VAF": 101}), {"VAF": 95.0}, "model that does not fit"),
             ):
-                assert [one.cause for one in findings_of(of_person | value, limits, "walking")] == [cause]
+                assert [one.cause for one in findings_of(of_person | value, limits, "walking")] == [
+                    cause
+                ]
 
 
 @pytest.mark.parametrize("name", fitting.REACTIONS)
 def test_a_reaction_is_certain_beyond_one_in_a_thousand_as_four_are_tried(name: str) -> None:
-    """At 1 in 200, of co-contraction, ramp and slope, 3 of 47 sound campaigns of another generator were accused."""
+    """At 1 in 200, of co-contraction, ramp and slope, 3 of 47 sound campaigns of another generator
+    were accused."""
     headline = group_headline(perturbed(), USUAL, SETTINGS)
     freedom = headline.resampled.degrees_of_freedom
     for chance, said in ((0.003, None), (0.0009, name)):
         size = (t.ppf(1 - chance, freedom), 1.0)
-        known = dict.fromkeys(headline.resampled.reactions, (0.0, 1.0)) | {name: size, f"{name} and jerk": size}
+        known = dict.fromkeys(headline.resampled.reactions, (0.0, 1.0)) | {
+            name: size,
+            f"{name} and jerk": size,
+        }
         known |= {"delay": (45.0, 0.0), "K with a reflex 45": (340.0, 1.0)}
-        told = group_facts(replace(headline, resampled=replace(headline.resampled, reactions=known)))
+        told = group_facts(
+            replace(headline, resampled=replace(headline.resampled, reactions=known))
+        )
         assert told["reaction"] == said
 
 
@@ -383,28 +561,47 @@ def test_what_the_window_cannot_tell_of_a_reflex_has_its_size() -> None:
     headline = group_headline(perturbed(), USUAL, SETTINGS)
 
     def told(**found: tuple[float, float]) -> dict[str, Any]:
-        known = headline.resampled.reactions | {name.replace("_", " "): pair for name, pair in found.items()}
-        return reflex_facts(replace(headline, resampled=replace(headline.resampled, reactions=known)), certain)
+        known = headline.resampled.reactions | {
+            name.replace("_", " "): pair for name, pair in found.items()
+        }
+        return reflex_facts(
+            replace(headline, resampled=replace(headline.resampled, reactions=known)), certain
+        )
 
     certain, half = False, t.ppf(0.975, headline.resampled.degrees_of_freedom)
     of, hidden = headline.ensemble, told(a_reflex_45=(1.0, 1.0))
     assert told()["hidden_reflex_K_widths"] < SEEN < hidden["hidden_reflex_K_widths"]
     time, rows, most = headline.responses[0].time, headline.responses[0].window, 1 + half
     reflex = most * np.interp(time - 0.045, time, of.motion.omega)
-    added = fitting.fit_without_offset(of.motion[rows], (of.torque + reflex)[rows])["K"] - of.fit["K"]
-    size = [hidden[name] for name in ("hidden_reflex", "hidden_reflex_ms", "hidden_reflex_K", "longer_window_s")]
+    added = (
+        fitting.fit_without_offset(of.motion[rows], (of.torque + reflex)[rows])["K"] - of.fit["K"]
+    )
+    size = [
+        hidden[name]
+        for name in ("hidden_reflex", "hidden_reflex_ms", "hidden_reflex_K", "longer_window_s")
+    ]
     assert size == pytest.approx([most, 45, added, 0.12], rel=0.02)
     low, high = headline.resampled.interval("K")
     for share in (0.9, 1.1):  # of what would add half the interval
         part = told(a_reflex_45=(share * (high - low) / 2 * most / added, 0.0))
         assert (part["hidden_reflex_K_widths"] > SEEN) == (share > 1)
-    certain, near = True, {"delay": (45.0, 0.0), "a_reflex": (2.0, 0.1), "K_with_a_reflex_45": (330.0, 1.0)}
+    certain, near = (
+        True,
+        {"delay": (45.0, 0.0), "a_reflex": (2.0, 0.1), "K_with_a_reflex_45": (330.0, 1.0)},
+    )
     assert told(**near)["reflex_K_widths"] < WIDE
-    near |= {f"K_with_a_reflex_{ms}": pair for ms, pair in ((40, (322.0, 30.0)), (50, (350.0, 2.0)))}  # fit as well
+    # fit as well
+    near |= {
+        f"K_with_a_reflex_{ms}": pair for ms, pair in ((40, (322.0, 30.0)), (50, (350.0, 2.0)))
+    }
     columns = told(**near)
     ends = [columns[f"K_with_reflex{end}"] for end in ("", "_low", "_high")]
     assert ends == pytest.approx([330, 322 - 30 * half, 322 + 30 * half])
-    assert (columns["reflex_gain"], columns["reflex_delay_ms"], columns["hidden_reflex"]) == (2.0, 45.0, None)
+    assert (columns["reflex_gain"], columns["reflex_delay_ms"], columns["hidden_reflex"]) == (
+        2.0,
+        45.0,
+        None,
+    )
     assert columns["reflex_K_widths"] == pytest.approx(60 * half / (high - low))
 
 
@@ -412,10 +609,16 @@ def test_a_stance_that_the_perturbation_shortens_is_seen_unless_phase_is_matched
     short = [hurried(c) for c in perturbed()]
     assert facts(short)["uncorrected_stance_change"] == pytest.approx(-0.08, abs=0.025)
     assert facts(short, perturbed_stance="matched")["uncorrected_stance_change"] is None
-    headline = group_headline(perturbed(), USUAL, SETTINGS)  # beyond 3 SD/sqrt(8) = 1.06 SD it is certain
+    # beyond 3 SD/sqrt(8) = 1.06 SD it is certain
+    headline = group_headline(perturbed(), USUAL, SETTINGS)
     for mean, certain in ((0.018, True), (0.005, False)):
-        off = [replace(r, stance_error=mean + 0.01 * (-1) ** k) for k, r in enumerate(headline.responses)]
-        assert (group_facts(replace(headline, responses=off))["uncorrected_stance_change"] is not None) == certain
+        off = [
+            replace(r, stance_error=mean + 0.01 * (-1) ** k)
+            for k, r in enumerate(headline.responses)
+        ]
+        assert (
+            group_facts(replace(headline, responses=off))["uncorrected_stance_change"] is not None
+        ) == certain
     # crossings that are slower throughout do not count as changed
     slow = [walked(f"p{k}", 1.08, 2e-3, 0.3 + 0.3 * 1.08) for k in range(8)]
     assert facts(slow)["uncorrected_stance_change"] is None
@@ -433,12 +636,18 @@ def test_a_single_fit_is_judged_by_what_ordinary_gait_leaves() -> None:
     found = judged(one)
     assert abs(found["stance_change"]) < 0.03
     assert (found["residual_over_gait"], found["offset_over_gait"]) == (None, None)
-    assert judged(replace(one, torque=one.torque - 20.0 * (one.time > ONSET + 0.05)))["residual_over_gait"] > 6
+    assert (
+        judged(replace(one, torque=one.torque - 20.0 * (one.time > ONSET + 0.05)))[
+            "residual_over_gait"
+        ]
+        > 6
+    )
     assert judged(hurried(one))["stance_change"] == pytest.approx(-0.08, abs=0.03)
 
 
 def trapezoid(start: float, end: float) -> np.ndarray:
-    """A vertical force [N] that rises and falls by 8 N/ms from and to zero at `start` and `end` [s]."""
+    """A vertical force [N] that rises and falls by 8 N/ms from and to zero at `start` and `end`
+    [s]."""
     return np.clip(np.minimum(TIME - start, end - TIME) * 8000, 0, 800)
 
 
@@ -446,9 +655,12 @@ def stances(force: Array, shortest: float = 0.3) -> list[tuple[float, float]]:
     return [(s.heel_strike, s.toe_off) for s in find_stances(TIME, force, 40, 20, shortest)]
 
 
-def test_heel_strike_and_toe_off_lie_between_frames_and_what_is_no_whole_stance_does_not_count() -> None:
-    """A rise of 8 N/ms passes 40 N 5 ms after contact, the fall passes 20 N 2.5 ms before it ends."""
-    assert stances(trapezoid(0.9012, 1.6187)) == [(pytest.approx(0.9062, abs=1e-9), pytest.approx(1.6162, abs=1e-9))]
+def test_heel_strike_and_toe_off_lie_between_frames() -> None:
+    """A rise of 8 N/ms passes 40 N 5 ms after contact, the fall passes 20 N 2.5 ms before it
+    ends."""
+    assert stances(trapezoid(0.9012, 1.6187)) == [
+        (pytest.approx(0.9062, abs=1e-9), pytest.approx(1.6162, abs=1e-9))
+    ]
     whole, known = trapezoid(0.9, 1.6), [pytest.approx((0.905, 1.5975), abs=1e-6)]
     dips, unseen = whole.copy(), whole.copy()
     dips[330] = 30.0  # below on, above off: the foot stays
@@ -458,7 +670,9 @@ def test_heel_strike_and_toe_off_lie_between_frames_and_what_is_no_whole_stance_
     for force in (dips, unseen, whole + short, early + whole + late):
         assert stances(force) == known
     assert len(stances(whole + short, 0.05)) == 2
-    assert stances(np.where(np.arange(len(TIME)) == 271, np.nan, whole)) == [pytest.approx((TIME[272], 1.5975))]
+    assert stances(np.where(np.arange(len(TIME)) == 271, np.nan, whole)) == [
+        pytest.approx((TIME[272], 1.5975))
+    ]
     for cut in (early, late, 0 * TIME):
         assert stances(cut) == []
 
@@ -471,7 +685,9 @@ def test_heel_strike_and_toe_off_lie_between_frames_and_what_is_no_whole_stance_
     pytest.param(SOFT, 0.04, 0.075 / 8, id="that looks like minimum jerk with noise"),
 ])  # fmt: skip
 def test_the_onset_of_one_turn_of_5_degrees_is_found_by_rms_over_draws(turn, noise, error) -> None:
-    draws = [np.random.default_rng(seed).standard_normal(len(TIME)) for seed in range(20 if noise else 1)]
+    draws = [
+        np.random.default_rng(seed).standard_normal(len(TIME)) for seed in range(20 if noise else 1)
+    ]
     turned = [np.deg2rad(5 * turn + 0.3 + noise * draw) for draw in draws]
     for one in turned[1::2]:
         one[350:356] = np.nan
@@ -487,15 +703,20 @@ def test_a_platform_that_hardly_turns_has_no_onset_and_one_that_turns_at_once_is
 
 @pytest.mark.parametrize("slower", [0.85, 1.0, 1.15])
 @pytest.mark.parametrize("lingers", [0.92, 1.0, 1.08])
-def test_the_matched_stance_is_right_for_any_pace_and_any_end_of_stance(slower: float, lingers: float) -> None:
+def test_the_matched_stance_is_right_for_any_pace_and_any_end_of_stance(
+    slower: float, lingers: float
+) -> None:
     """The crossing is slower throughout, its toe-off comes late, or both."""
     late = walked("p", slower, onset=0.3 + 0.42 * 0.72 * slower)
     late = replace(late, stance=Stance(0.3, 0.3 + lingers * 0.72 * slower))
     response = isolate_response(late, usual(), TIMING, "matched")
     assert response.stance == pytest.approx(0.72 * slower, rel=1e-4)
     assert response.stance_change == pytest.approx(lingers - 1, abs=1e-3)
-    for instant, told in ((-0.012, False), (-0.045, True)):  # the filter spreads the response by 30 ms
-        other = replace(late, theta=late.theta + 0.02 * bump(late.time, late.onset + instant, 0.003)[0])
+    # the filter spreads the response by 30 ms
+    for instant, told in ((-0.012, False), (-0.045, True)):
+        other = replace(
+            late, theta=late.theta + 0.02 * bump(late.time, late.onset + instant, 0.003)[0]
+        )
         other = isolate_response(other, usual(), TIMING, "matched")
         assert (abs(other.stance / response.stance - 1) > 1e-4) == told
         assert (np.abs(other.behaviour - response.behaviour)[0].max() > 1e-5) == told
@@ -508,7 +729,9 @@ def test_a_pace_far_from_the_mean_or_that_nothing_tells_has_no_scale_and_is_refu
         assert np.isnan(matched_scales(EARLY, np.array([mean[: len(EARLY)]] * 3), mean)).all()
     gait, far = usual(), replace(walked("p", onset=0.6), stance=Stance(0.3, 0.3 + 0.45))
     assert np.isnan(isolate_response(far, gait, TIMING, "own").stance_change)
-    with pytest.raises(InputError, match=r"trial p: its angle before the onset tells no pace .* own"):
+    with pytest.raises(
+        InputError, match=r"trial p: its angle before the onset tells no pace .* own"
+    ):
         isolate_response(far, gait, TIMING, "matched")
     with pytest.raises(InputError, match="tells no pace"):  # an onset at heel strike
         isolate_response(replace(walked("p", onset=0.6), onset=0.33), gait, TIMING, "matched")

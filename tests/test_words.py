@@ -1,4 +1,5 @@
-"""The words of findings: each cause has some, numbers of a row fill them, and they decide nothing."""
+"""The words of findings: each cause has some, numbers of a row fill them, and they decide
+nothing."""
 
 import re
 from dataclasses import replace
@@ -14,8 +15,20 @@ from osl_analysis.judge.limits import CHECKS
 from osl_analysis.judge.words import COMPUTED, OF_EVIDENCE, WORDS, finding_said, words_of
 from osl_analysis.report.headlines import ENTRIES
 
-LATE = {"trial": "a", "lag_s": 2e-3, "lag_share": 0.1, "lag_inertia_share": 0.9, "band_high_hz": 5.0}
-HEARD = {"trial": "a", "path_shift": 20.0, "rivals": "delay, mean", "K_without_low": 300.0, "K_without_high": 300.01}
+LATE = {
+    "trial": "a",
+    "lag_s": 2e-3,
+    "lag_share": 0.1,
+    "lag_inertia_share": 0.9,
+    "band_high_hz": 5.0,
+}
+HEARD = {
+    "trial": "a",
+    "path_shift": 20.0,
+    "rivals": "delay, mean",
+    "K_without_low": 300.0,
+    "K_without_high": 300.01,
+}
 HEARD |= {"K_without": 300.0, "B_without": 4.95, "B_without_low": 4.9, "B_without_high": 5.1}
 RUBS = {"trial": "a", "coulomb_share": 0.6, "B": 2.264, "B_viscous": 1.0465, "f_C": 1.4}
 
@@ -36,14 +49,20 @@ def test_every_cause_and_check_says_what_is_wrong_and_what_to_do_and_no_word_is_
 
 
 @pytest.mark.parametrize(("row", "limits", "parts"), [
-    (LATE, {"lag_share": 0.05}, ["late torque: ", "the torque is late by 2 ms, which moves B by 10 % and I by 90 %"]),
+    (LATE, {"lag_share": 0.05},
+     ["late torque: ", "the torque is late by 2 ms, which moves B by 10 % and I by 90 %"]),
     (LATE | {"lag_s": -2e-3}, {"lag_share": 0.05}, ["the angle is late by 2 ms"]),
-    (HEARD, {"path_shift": 1}, ["torque path: ", "explained by delay, mean", "B 4.9 to 5.1, nothing of I is"]),
+    (HEARD, {"path_shift": 1},
+     ["torque path: ", "explained by delay, mean", "B 4.9 to 5.1, nothing of I is"]),
     (HEARD | {"B_viscous": 4.9}, {"path_shift": 1}, ["B without friction 4.9 to 5.1"]),
-    (RUBS, {"coulomb_share": 0.5}, ["B is 1.05 N*m*s/rad without friction and 2.26 with it, friction is 1.4 N*m"]),
-    (RUBS | {"B_viscous": None}, {"coulomb_share": 0.5}, ["friction makes 1.4 N*m*s/rad of B = 2.26"]),
-    ({"coulomb_share": 0.6}, {"coulomb_share": 0.5}, ["it is 60 % of the damping", "[coulomb_share 0.6 is above 0.5]"]),
-    ({"K_s_ratio": 1.3558}, {"K_s_ratio": 1.5}, ["1.36 is the factor between lbf*ft and N*m", "is close to it]"]),
+    (RUBS, {"coulomb_share": 0.5},
+     ["B is 1.05 N*m*s/rad without friction and 2.26 with it, friction is 1.4 N*m"]),
+    (RUBS | {"B_viscous": None}, {"coulomb_share": 0.5},
+     ["friction makes 1.4 N*m*s/rad of B = 2.26"]),
+    ({"coulomb_share": 0.6}, {"coulomb_share": 0.5},
+     ["it is 60 % of the damping", "[coulomb_share 0.6 is above 0.5]"]),
+    ({"K_s_ratio": 1.3558}, {"K_s_ratio": 1.5},
+     ["1.36 is the factor between lbf*ft and N*m", "is close to it]"]),
     ({"x": 3.0}, {"x": 2.0}, ["x 3 is above 2"]),
 ])  # fmt: skip
 def test_a_finding_is_said_with_the_numbers_of_its_row(row, limits, parts):
@@ -61,26 +80,44 @@ def test_a_detail_whose_number_is_missing_is_left_out():
 
 
 def test_a_range_is_written_upwards_whatever_the_sign_of_what_it_makes():
-    finding = Finding("walking_groups", "all", "whether B holds a change of K with stance", Grade.UNCHECKED)
-    row = {"hidden_slope_low": -330.0, "hidden_slope_high": 1100.0, "B_per_slope": -1.65e-3, "B": 2.18}
-    assert "-330 to 1100 N*m/rad per stance, which would change B = 2.18 by -1.8 to 0.54" in words_of(finding, row).says
+    finding = Finding(
+        "walking_groups", "all", "whether B holds a change of K with stance", Grade.UNCHECKED
+    )
+    row = {
+        "hidden_slope_low": -330.0,
+        "hidden_slope_high": 1100.0,
+        "B_per_slope": -1.65e-3,
+        "B": 2.18,
+    }
+    assert (
+        "-330 to 1100 N*m/rad per stance, which would change B = 2.18 by -1.8 to 0.54"
+        in words_of(finding, row).says
+    )
 
 
 def test_a_changed_word_changes_no_cause(monkeypatch):
     before = findings_of(LATE, Limits(above={"lag_share": 0.05}), "phasors")
-    monkeypatch.setitem(WORDS["causes"], "late torque", {"says": "something else", "remedy": "nothing"})
+    monkeypatch.setitem(
+        WORDS["causes"], "late torque", {"says": "something else", "remedy": "nothing"}
+    )
     after = findings_of(LATE, Limits(above={"lag_share": 0.05}), "phasors")
     assert before == after
     assert finding_said(after[0], LATE).startswith("late torque: something else: ")
-    assert finding_said(replace(after[0], cause="no such cause"), LATE) == "lag_share 0.1 is above 0.05"
+    assert (
+        finding_said(replace(after[0], cause="no such cause"), LATE)
+        == "lag_share 0.1 is above 0.05"
+    )
 
 
 def test_each_number_that_a_text_names_is_a_column_or_is_computed():
     """A misspelt name would leave its sentence out without a word."""
     columns = {name for table in described_tables() for name in table.columns}
-    texts = yaml.safe_dump({part: texts for part, texts in WORDS.items() if part != "misfits"}, width=10_000)
+    texts = yaml.safe_dump(
+        {part: texts for part, texts in WORDS.items() if part != "misfits"}, width=10_000
+    )
     named = set(re.findall(r"(?<!\w: )\{([A-Za-z_]+)[:.}]", texts))
-    assert named - columns - {*COMPUTED, *OF_EVIDENCE} <= {"cutoff"}  # which is typed into a source file
+    # which is typed into a source file
+    assert named - columns - {*COMPUTED, *OF_EVIDENCE} <= {"cutoff"}
 
 
 def texts(part):
@@ -93,6 +130,9 @@ def test_no_sentence_of_a_finding_or_a_caption_is_longer_than_25_words():
     said = [f"{WORDS['causes'][EVIDENCE[name].cause]['says']}: {text}" for name, text in known]
     figures = yaml.safe_load((ROOT / "osl_analysis/figures/figures.yaml").read_text())
     captions = [re.sub(r"\[[^|\]]*\||\]", "", one["caption"]) for one in figures.values()]
-    every = [re.sub(r"\{[^}]*\}", "7", text) for text in (*said, *captions, *texts(WORDS), *texts(ENTRIES))]
+    every = [
+        re.sub(r"\{[^}]*\}", "7", text)
+        for text in (*said, *captions, *texts(WORDS), *texts(ENTRIES))
+    ]
     sentences = [one for text in every for one in re.split(r"[.?!:;]? \(|[.?!] (?=[A-Z(`])", text)]
     assert [one for one in sentences if len(re.findall(r"\S*\w\S*", one)) > 25] == []

@@ -1,4 +1,5 @@
-"""`python tests/tutorial_page.py FOLDER` follows docs/tutorial.md, prints what it prints, and copies the picture."""
+"""`python tests/tutorial_page.py FOLDER` follows docs/tutorial.md, prints what it prints, and
+copies the picture."""
 
 import os
 import re
@@ -21,7 +22,8 @@ BLOCK, LEFT_OUT = re.compile(r"```(\w*)\n(.*?)```\n", re.DOTALL), "…"
 
 
 def said_by_page(folder: Path) -> Iterator[tuple[str, list[str], list[str]]]:
-    """Each command of the page, the lines that it shows, and those printed; files are written as the page says."""
+    """Each command of the page, the lines that it shows, and those printed; files are written as
+    the page says."""
     here = folder
     for kind, text in BLOCK.findall(PAGE.read_text(encoding="utf-8")):
         if kind == "python":
@@ -43,19 +45,27 @@ def printed_by(command: list[str], folder: Path) -> str:
         return run_forked(command, folder).stdout
     if command[0] == "osl-analysis":
         with chdir(folder):
-            return CliRunner().invoke(main, command[1:], catch_exceptions=False, standalone_mode=False).output
+            return (
+                CliRunner()
+                .invoke(main, command[1:], catch_exceptions=False, standalone_mode=False)
+                .output
+            )
     path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
-    return subprocess.run(command, cwd=folder, env=os.environ | {"PATH": path}, text=True, check=True,
+    return subprocess.run(command, cwd=folder, env=os.environ | {"PATH": path}, text=True,
+        check=True,
                           stdout=subprocess.PIPE, stderr=subprocess.STDOUT).stdout  # fmt: skip
 
 
 def edit(campaign: Path, text: str) -> None:
-    """Write a line of the page in place of the line of this signal in the source file, or below the configuration."""
+    """Write a line of the page in place of the line of this signal in the source file, or below the
+    configuration."""
     source, config = campaign / "sources/csv.yaml", campaign / "config.yaml"
     key = text.split(":")[0] + ":"
     lines = source.read_text(encoding="utf-8").splitlines(keepends=True)
     if any(line.startswith(key) for line in lines):
-        source.write_text("".join(text if line.startswith(key) else line for line in lines), encoding="utf-8")
+        source.write_text(
+            "".join(text if line.startswith(key) else line for line in lines), encoding="utf-8"
+        )
     else:
         config.write_text(config.read_text(encoding="utf-8") + text, encoding="utf-8")
 

@@ -1,4 +1,5 @@
-"""Crossings by formula, with a turn up or down, for tests of groups: their files, and every job on them."""
+"""Crossings by formula, with a turn up or down, for tests of groups: their files, and every job on
+them."""
 
 import zlib
 from collections.abc import Mapping, Sequence
@@ -20,7 +21,8 @@ from osl_analysis.walking.plate import Stance
 from osl_analysis.walking.settings import WalkingAnalysis
 
 LEAD, RISE, TURN = 0.045, 0.018, 0.087
-"""The turn is an error function, at rest to 0.02 % at the onset, `LEAD` [s] before its middle; its size is 5 deg."""
+"""The turn is an error function, at rest to 0.02 % at the onset, `LEAD` [s] before its middle; its
+size is 5 deg."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,8 @@ class Walk:
 
 def crossing(
     name: str, onset: float | None = None, stance: float = 0.72,
-    impedance: tuple[float, float, float] = (340.0, 5.0, 0.03), rise: float = RISE, turn: float = TURN,
+    impedance: tuple[float, float, float] = (340.0, 5.0, 0.03), rise: float = RISE,
+    turn: float = TURN,
     gait: float = 1.0,
 ) -> Crossing:  # fmt: skip
     """A crossing by formula, the same wherever its name is another one."""
@@ -54,9 +57,13 @@ def crossing(
     return Crossing(name, time, theta, torque, 0 * time, span, onset, 0.0, no_plate, turn=turned)
 
 
-def selected(crossings: Sequence[Crossing], chosen: WalkingAnalysis) -> dict[str, dict[str, object]]:
+def selected(
+    crossings: Sequence[Crossing], chosen: WalkingAnalysis
+) -> dict[str, dict[str, object]]:
     """Rows of `walking_crossings.csv` of crossings of which the sheet says nothing else."""
-    return selection_rows(crossings, [], chosen, {c.name: {"perturbed": c.onset is not None} for c in crossings})
+    return selection_rows(
+        crossings, [], chosen, {c.name: {"perturbed": c.onset is not None} for c in crossings}
+    )
 
 
 def standing_at(forward: float, left: float) -> dict[str, float | None]:
@@ -68,12 +75,20 @@ def walked(name: str, walk: Walk) -> Crossing:
     """A crossing with its own slow deviations, which its name determines."""
     random = np.random.default_rng(zlib.crc32(name.encode()))
     stance = walk.stance * (1 + 0.01 * random.standard_normal())
-    onset = None if walk.phase is None else 0.3 + walk.phase * walk.stance + 0.003 * random.standard_normal()
+    onset = (
+        None
+        if walk.phase is None
+        else 0.3 + walk.phase * walk.stance + 0.003 * random.standard_normal()
+    )
     plain = crossing(name, onset, stance, walk.impedance, turn=walk.sign * TURN, gait=walk.gait)
     torque = plain.torque.copy()
     if onset is not None:
         torque += walk.common * bump(plain.time, onset + LEAD, RISE)[0]
-    torque += walk.noise * random.standard_normal() * np.sin(2 * np.pi * (2 * plain.time + random.random()))
+    torque += (
+        walk.noise
+        * random.standard_normal()
+        * np.sin(2 * np.pi * (2 * plain.time + random.random()))
+    )
     return replace(plain, torque=torque, quality=standing_at(*(0.003 * random.standard_normal(2))))
 
 
@@ -86,9 +101,15 @@ class Tables:
     def __getitem__(self, name: str) -> pl.DataFrame:
         return read_table(self.folder / f"{name}.csv")
 
-    def estimate(self, group: str, quantity: str = "K", estimator: str = "ensemble") -> dict[str, Any]:
+    def estimate(
+        self, group: str, quantity: str = "K", estimator: str = "ensemble"
+    ) -> dict[str, Any]:
         """One row of the summary."""
-        return dict(self["summary"].filter(group=group, quantity=quantity, estimator=estimator).row(0, named=True))
+        return dict(
+            self["summary"]
+            .filter(group=group, quantity=quantity, estimator=estimator)
+            .row(0, named=True)
+        )
 
 
 def run_jobs(
@@ -96,33 +117,63 @@ def run_jobs(
     sheet: Mapping[str, Mapping[str, object]] | None = None, limits: Limits | None = None,
     of_groups: Limits | None = None,
 ) -> Tables:  # fmt: skip
-    """Every job from the crossings in a folder to the summary. `sheet` has their conditions, in its order."""
+    """Every job from the crossings in a folder to the summary. `sheet` has their conditions, in its
+    order."""
     files = {name: folder / f"crossings/{name}.parquet" for name in (*perturbed, *unperturbed)}
     sheet = sheet or {name: {"perturbed": name in perturbed} for name in files}
-    selection, gait, table = (folder / name for name in ("selection.csv", "gait.parquet", "walking.csv"))
+    selection, gait, table = (
+        folder / name for name in ("selection.csv", "gait.parquet", "walking.csv")
+    )
     jobs.select_crossings([files[name] for name in sheet], chosen, selection, sheet)
-    jobs.average_unperturbed([files[name] for name in unperturbed], selection, chosen.fewest_unperturbed, gait)
-    rows, turned = [folder / f"fits/{name}.csv" for name in perturbed], [files[name] for name in perturbed]
+    jobs.average_unperturbed(
+        [files[name] for name in unperturbed], selection, chosen.fewest_unperturbed, gait
+    )
+    rows, turned = (
+        [folder / f"fits/{name}.csv" for name in perturbed],
+        [files[name] for name in perturbed],
+    )
     for file, row in zip(turned, rows, strict=True):
         jobs.fit_perturbation(file, selection, gait, chosen, row)
     gather(rows, table, limits)
-    paths = {name: folder / f"{name}.csv" for name in ("responses", "excluded", "groups", "sensitivity")}
+    paths = {
+        name: folder / f"{name}.csv" for name in ("responses", "excluded", "groups", "sensitivity")
+    }
     places = {name: {"joint": "ankle", "side": row.get("side")} for name, row in sheet.items()}
-    paths |= {"table": table, "output": folder / "summary.csv", "selection": selection, "unperturbed": gait}
-    given = {"crossings": turned, "settings": chosen, "sheet": sheet, "places": places, "limits": of_groups}
+    paths |= {
+        "table": table,
+        "output": folder / "summary.csv",
+        "selection": selection,
+        "unperturbed": gait,
+    }
+    given = {
+        "crossings": turned,
+        "settings": chosen,
+        "sheet": sheet,
+        "places": places,
+        "limits": of_groups,
+    }
     jobs.summarise_perturbations(**given, **paths)
     return Tables(folder)
 
 
 def campaign(
-    folder: Path, walks: Mapping[str, Walk], cells: Mapping[str, Mapping[str, object]] | None = None, **choices: Any
+    folder: Path,
+    walks: Mapping[str, Walk],
+    cells: Mapping[str, Mapping[str, object]] | None = None,
+    **choices: Any,
 ) -> Tables:
     """Write crossings and run every job on them. `cells` are conditions in the sheet, by trial."""
     (folder / "crossings").mkdir(parents=True)
     for name, walk in walks.items():
         jobs.write_crossing(walked(name, walk), folder / f"crossings/{name}.parquet")
-    sheet = {name: {"perturbed": w.phase is not None, **(cells or {}).get(name, {})} for name, w in walks.items()}
-    kinds = ([name for name, row in sheet.items() if row["perturbed"] == turned] for turned in (True, False))
+    sheet = {
+        name: {"perturbed": w.phase is not None, **(cells or {}).get(name, {})}
+        for name, w in walks.items()
+    }
+    kinds = (
+        [name for name, row in sheet.items() if row["perturbed"] == turned]
+        for turned in (True, False)
+    )
     return run_jobs(folder, *kinds, settings(**choices), sheet)
 
 

@@ -1,4 +1,5 @@
-"""The shipped gait laboratory for tests: trials and crossings of it, with and without imperfections."""
+"""The shipped gait laboratory for tests: trials and crossings of it, with and without
+imperfections."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +13,11 @@ from mcap_ros2.decoder import DecoderFactory
 
 from osl_analysis.model.drivetrain import DrivetrainParameters, read_parameters
 from osl_analysis.simulator.bench import drivetrain_effects
-from osl_analysis.simulator.crossing import SimulatedCrossing, simulate_crossing, simulate_walking_trial
+from osl_analysis.simulator.crossing import (
+    SimulatedCrossing,
+    simulate_crossing,
+    simulate_walking_trial,
+)
 from osl_analysis.simulator.settings import SimulationSettings, WalkingSettings
 from osl_analysis.simulator.step import GaitTrial, draw_step
 from osl_analysis.trial import Array
@@ -38,7 +43,9 @@ class Setup:
 
     def lacking(self, *effects: str) -> "Setup":
         """Without some imperfections of gait laboratory."""
-        walking = self.walking.model_copy(update={"effects": self.walking.effects.without(*effects)})
+        walking = self.walking.model_copy(
+            update={"effects": self.walking.effects.without(*effects)}
+        )
         return Setup(self.settings, walking, self.p)
 
     def crossing(self, perturbed: bool, trial: str = "walking_01") -> SimulatedCrossing:
@@ -64,6 +71,15 @@ def leg_log(folder: Path, trial: str = "walking_01") -> dict[str, Array]:
     with (folder / f"leg/{trial}.mcap").open("rb") as stream:
         reader = make_reader(stream, decoder_factories=[DecoderFactory()])
         messages = [m.decoded_message for m in reader.iter_decoded_messages()]
-    fields = ("joint_angle", "actuator_angle", "motor_current", "stiffness_gain", "damping_gain", "sync")
+    fields = (
+        "joint_angle",
+        "actuator_angle",
+        "motor_current",
+        "stiffness_gain",
+        "damping_gain",
+        "sync",
+    )
     log = {name: np.array([float(getattr(m, name)) for m in messages]) for name in fields}
-    return log | {"time": np.array([m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for m in messages])}
+    return log | {
+        "time": np.array([m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for m in messages])
+    }

@@ -1,7 +1,7 @@
-"""A walk over a force plate by formula: rigid bodies in numpy, which share no code with analysis or simulator. The
-platform turns about a mediolateral axis below its surface by a minimum-jerk ramp, and may heave or be slower. The foot
-rides on it flat, so that the ankle turns by its angle and the lean of the shank, and answers with K, B and I on top of
-a load that does not vary."""
+"""A walk over a force plate by formula: rigid bodies in numpy, which share no code with analysis or
+simulator. The platform turns about a mediolateral axis below its surface by a minimum-jerk ramp,
+and may heave or be slower. The foot rides on it flat, so that the ankle turns by its angle and the
+lean of the shank, and answers with K, B and I on top of a load that does not vary."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -20,12 +20,17 @@ from osl_analysis.walking.settings import WalkingAnalysis
 
 RATE, PLATE_RATE, G = 300, 1500, 9.80665
 FOOT = np.array([[-0.08, 0.01, 0.05], [0.16, 0.02, 0.03], [0.10, -0.05, 0.03], [0.06, 0.01, 0.12]])
-SHANK = np.array([[0.05, -0.02, 0.18], [0.01, -0.07, 0.27], [-0.03, 0.05, 0.33], [0.06, 0.02, 0.41]])
-PLATFORM = np.array([[0.28, 0.23, 0.0], [-0.28, 0.23, 0.0], [-0.28, -0.23, 0.06], [0.28, -0.23, 0.0]])
+SHANK = np.array(
+    [[0.05, -0.02, 0.18], [0.01, -0.07, 0.27], [-0.03, 0.05, 0.33], [0.06, 0.02, 0.41]]
+)
+PLATFORM = np.array(
+    [[0.28, 0.23, 0.0], [-0.28, 0.23, 0.0], [-0.28, -0.23, 0.06], [0.28, -0.23, 0.0]]
+)
 CORNERS = [[0.25, 0.25, 0.0], [0.25, -0.25, 0.0], [-0.25, -0.25, 0.0], [-0.25, 0.25, 0.0]]
 ANKLE, LEFT = np.array([-0.06, 0.0, 0.09]), np.array([0.0, 1.0, 0.0])
 SETTINGS: dict[str, Any] = yaml.safe_load((ROOT / "config/config.yaml").read_text())["walking"] | {
-    "load_on_n": 40, "load_off_n": 20, "longest_gap_s": 0.05, "perturbed_stance": "own", "bootstrap_samples": 200,
+    "load_on_n": 40, "load_off_n": 20, "longest_gap_s": 0.05, "perturbed_stance": "own",
+    "bootstrap_samples": 200,
 }  # fmt: skip
 
 
@@ -45,14 +50,21 @@ def pose(rotation: Array, position: Array) -> Poses:
 
 
 def recording(name: str, tracks: dict[str, Array], force: Array, moment: Array) -> Trial:
-    """A trial: marker tracks (n, 3) at 300 Hz, wrench (5 n, 3) at 1500 Hz in the plate's axes about its centre."""
+    """A trial: marker tracks (n, 3) at 300 Hz, wrench (5 n, 3) at 1500 Hz in the plate's axes about
+    its centre."""
     n = len(force)
     frame = {"time": np.arange(n) / PLATE_RATE}
     for quantity, values in (("force", force), ("moment", moment)):
         frame |= dict(zip(plate_columns(1, quantity), values.T, strict=True))
     fast = pl.DataFrame(frame).with_row_index("row")
-    slow = {c: v for label, track in tracks.items() for c, v in zip(marker_columns(label), track.T, strict=True)}
-    markers = pl.DataFrame(slow).with_columns(row=pl.arange(0, n, n // len(next(iter(slow.values()))), dtype=pl.UInt32))
+    slow = {
+        c: v
+        for label, track in tracks.items()
+        for c, v in zip(marker_columns(label), track.T, strict=True)
+    }
+    markers = pl.DataFrame(slow).with_columns(
+        row=pl.arange(0, n, n // len(next(iter(slow.values()))), dtype=pl.UInt32)
+    )
     samples = fast.join(markers, on="row", how="left", maintain_order="left").drop("row")
     return Trial(name, samples, {"plates": [{"plate": 1, "type": 2, "corners": CORNERS}]})
 
@@ -71,12 +83,16 @@ def hidden(trial: Trial, markers: Sequence[str], start: float, end: float) -> Tr
     """The trial with markers hidden between two times [s]."""
     gone = pl.col("time").is_between(start, end)
     columns = [column for marker in markers for column in marker_columns(marker)]
-    unseen = (pl.when(gone & pl.col(c).is_not_null()).then(float("nan")).otherwise(c).alias(c) for c in columns)
+    unseen = (
+        pl.when(gone & pl.col(c).is_not_null()).then(float("nan")).otherwise(c).alias(c)
+        for c in columns
+    )
     return changed(trial, *unseen)
 
 
 def filled(trial: Trial, markers: Sequence[str], start: float, end: float) -> Trial:
-    """The trial with markers filled between two times [s] by a cubic through 20 frames on either side."""
+    """The trial with markers filled between two times [s] by a cubic through 20 frames on either
+    side."""
     columns, time = [], trial.samples["time"].to_numpy()
     for column in (column for marker in markers for column in marker_columns(marker)):
         values = trial.samples[column].to_numpy().copy()
@@ -101,7 +117,8 @@ def headed(trial: Trial, heading: float) -> Trial:
 
 
 def static_trial(ankle: Array = ANKLE) -> Trial:
-    """One second of standing; the malleoli 4 cm either side of the ankle (3,), the medial one to the left."""
+    """One second of standing; the malleoli 4 cm either side of the ankle (3,), the medial one to
+    the left."""
     tracks: dict[str, Array] = {}
     for prefix, points in {"FOOT": FOOT, "SHANK": SHANK, "PLAT": PLATFORM}.items():
         tracks |= labelled(prefix, np.tile(points, (RATE, 1, 1)))
@@ -130,7 +147,8 @@ class Ramp:
 
 @dataclass(frozen=True)
 class Rig:
-    """Plate of 25 kg, its centre of mass from the surface's centre, gyration and axis [m]; noise [m, N, N*m]."""
+    """Plate of 25 kg, its centre of mass from the surface's centre, gyration and axis [m]; noise
+    [m, N, N*m]."""
 
     mass: float = 25.0
     com: tuple[float, float, float] = (0.01, -0.015, -0.045)
@@ -159,7 +177,8 @@ def angle_and_heave(t: Array, ramp: Ramp | None) -> tuple[Array, Array]:
 
 
 def plate_wrench(t: Array, ramp: Ramp | None, rig: Rig) -> Array:
-    """What the plate's own mass shows (n, 6) [N, N*m], in its axes and about its centre, zeroed at rest."""
+    """What the plate's own mass shows (n, 6) [N, N*m], in its axes and about its centre, zeroed at
+    rest."""
     (phi, w, z), (_, _, lift) = angle_and_heave(t, ramp)
     R, com, tare = about_y(-phi), np.array(rig.com), np.array([0, 0, rig.mass * G])
     arm = np.einsum("nij,j->ni", R, com - rig.pivot)
@@ -196,16 +215,28 @@ def walked_over(name: str, ramp: Ramp | None, rig: Rig, seed: int, loaded: bool 
     """A crossing, or a trial of the unloaded platform, with noise from the seed."""
     random, fast = np.random.default_rng(seed), np.arange(3 * PLATE_RATE) / PLATE_RATE
     slow, late = fast[::5], fast - rig.lag
-    wrench, tracks = plate_wrench(late, ramp, rig), labelled("PLAT", carried(PLATFORM, slow, ramp, rig))
+    wrench, tracks = (
+        plate_wrench(late, ramp, rig),
+        labelled("PLAT", carried(PLATFORM, slow, ramp, rig)),
+    )
     if loaded:  # a force through the ankle, and its torque
         in_plate = about_y(-angle_and_heave(late, ramp)[0][0]).transpose(0, 2, 1)
         force = np.einsum("nij,nj->ni", in_plate, stance_load(late)[:, None] * [0, 0, 800.0])
-        wrench += np.hstack([force, np.cross(ANKLE, force) - ankle_answer(late, ramp)[:, None] * LEFT])
+        wrench += np.hstack(
+            [force, np.cross(ANKLE, force) - ankle_answer(late, ramp)[:, None] * LEFT]
+        )
         ankle, lean = carried(ANKLE[None], slow, ramp, rig), -0.1 + 0.35 * step(slow, 0.9, 0.72)[0]
-        for prefix, points, angle in (("FOOT", FOOT, -angle_and_heave(slow, ramp)[0][0]), ("SHANK", SHANK, lean)):
-            tracks |= labelled(prefix, np.einsum("nij,mj->nmi", about_y(angle), points - ANKLE) + ankle)
+        for prefix, points, angle in (
+            ("FOOT", FOOT, -angle_and_heave(slow, ramp)[0][0]),
+            ("SHANK", SHANK, lean),
+        ):
+            tracks |= labelled(
+                prefix, np.einsum("nij,mj->nmi", about_y(angle), points - ANKLE) + ankle
+            )
     wrench += random.normal(0, [rig.force] * 3 + [rig.moment] * 3, wrench.shape)
-    tracks = {label: track + random.normal(0, rig.marker, track.shape) for label, track in tracks.items()}
+    tracks = {
+        label: track + random.normal(0, rig.marker, track.shape) for label, track in tracks.items()
+    }
     return recording(name, tracks, wrench[:, :3], wrench[:, 3:])
 
 
@@ -213,4 +244,7 @@ def plate_trials(rig: Rig, ramp: Ramp, seed: int, count: int = 4) -> list[Trial]
     """Trials of the unloaded platform: the same ramp, at other times."""
     starts = 1.0 + np.random.default_rng(seed + 77).uniform(0, 0.05, count)
     ramps = [replace(ramp, onset=float(start), returns=1.9) for start in starts]
-    return [walked_over(f"plate_{k}", each, rig, 1000 * seed + 900 + k, loaded=False) for k, each in enumerate(ramps)]
+    return [
+        walked_over(f"plate_{k}", each, rig, 1000 * seed + 900 + k, loaded=False)
+        for k, each in enumerate(ramps)
+    ]

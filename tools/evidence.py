@@ -1,7 +1,9 @@
-"""Write into the documentation what its benchmarks print: `make evidence`, or `python tools/evidence.py PAGE...`.
+"""Write into the documentation what its benchmarks print: `make evidence`, or `python
+tools/evidence.py PAGE...`.
 
-A figure stands in a block: the comment `<!-- printed by COMMAND -->`, whose first word is `python`, and fenced text.
-Nothing else may run meanwhile. `python tools/evidence.py --machine` prints where, and what, was measured.
+A figure stands in a block: the comment `<!-- printed by COMMAND -->`, whose first word is `python`,
+and fenced text. Nothing else may run meanwhile. `python tools/evidence.py --machine` prints where,
+and what, was measured.
 """
 
 import os
@@ -20,8 +22,13 @@ BLOCK = re.compile(r"(<!-- printed by python (.+?) -->\n+```\n).*?(?=```)", re.D
 def machine() -> str:
     """Cores, versions, and the revision of this checkout."""
     libraries = ", ".join(f"{name} {version(name)}" for name in ("numpy", "polars", "snakemake"))
-    revision = subprocess.check_output(["git", "describe", "--always", "--dirty"], cwd=ROOT, text=True).strip()
-    cores = f"{os.cpu_count()} cores ({platform.machine()}), Python {platform.python_version()}, {libraries}"
+    revision = subprocess.check_output(
+        ["git", "describe", "--always", "--dirty"], cwd=ROOT, text=True
+    ).strip()
+    cores = (
+        f"{os.cpu_count()} cores ({platform.machine()}), Python {platform.python_version()},"
+        f" {libraries}"
+    )
     return f"{cores}\nrevision {revision}\n"
 
 
@@ -37,7 +44,10 @@ def main() -> None:
     if sys.argv[1:] == ["--machine"]:
         print(machine(), end="")
         return
-    pages = [Path(name) for name in sys.argv[1:]] or [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+    pages = [Path(name) for name in sys.argv[1:]] or [
+        ROOT / "README.md",
+        *sorted((ROOT / "docs").glob("*.md")),
+    ]
     for page in pages:
         text = page.read_text(encoding="utf-8")
         if (now := BLOCK.sub(printed, text)) != text:

@@ -1,7 +1,9 @@
-"""What a successor has to hold in the head, kept by the machine: `python tools/weight.py` compares it with weight.json
-beside it, and fails where a measure is more than 2 % above the value kept there. `--keep` writes what it is now.
+"""What a successor has to hold in the head, kept by the machine: `python tools/weight.py` compares
+it with weight.json beside it, and fails where a measure is more than 2 % above the value kept
+there. `--keep` writes what it is now.
 
-A measure that fell is kept with the change that made it fall. Raising one is a commit of its own: CONTRIBUTING.md."""
+A measure that fell is kept with the change that made it fall. Raising one is a commit of its own:
+CONTRIBUTING.md."""
 
 import ast
 import json
@@ -20,8 +22,12 @@ def named(module: ast.Module) -> set[str]:
     """The functions, classes and constants of a module."""
     kinds = (ast.FunctionDef, ast.ClassDef)
     bound = [node for node in module.body if isinstance(node, ast.Assign | ast.AnnAssign)]
-    targets = [target for node in bound for target in getattr(node, "targets", None) or [node.target]]
-    constants = {name.id for target in targets for name in ast.walk(target) if isinstance(name, ast.Name)}
+    targets = [
+        target for node in bound for target in getattr(node, "targets", None) or [node.target]
+    ]
+    constants = {
+        name.id for target in targets for name in ast.walk(target) if isinstance(name, ast.Name)
+    }
     return {node.name for node in module.body if isinstance(node, kinds)} | {
         name for name in constants if not name.startswith("__")
     }
@@ -30,7 +36,12 @@ def named(module: ast.Module) -> set[str]:
 def definitions(module: ast.Module) -> int:
     """How many names a module defines: its own, and the methods and fields of its classes."""
     classes = [node for node in ast.walk(module) if isinstance(node, ast.ClassDef)]
-    members = [part for each in classes for part in each.body if isinstance(part, ast.FunctionDef | ast.AnnAssign)]
+    members = [
+        part
+        for each in classes
+        for part in each.body
+        if isinstance(part, ast.FunctionDef | ast.AnnAssign)
+    ]
     nested = [each for each in classes if each not in module.body]
     return len(named(module)) + len(members) + len(nested)
 
@@ -62,7 +73,10 @@ def main() -> int:
     kept = json.loads(KEPT.read_text())
     above = [name for name, value in now.items() if value > ALLOWED * kept[name]]
     for name, value in now.items():
-        too_much = ": more than 2 % above. Delete, or raise it in a commit of its own that says what was bought"
+        too_much = (
+            ": more than 2 % above. Delete, or raise it in a commit of its own that says what was"
+            " bought"
+        )
         print(f"{name}: {value}, kept {kept[name]}" + too_much * (name in above))
     if above:
         print(f"in two or more modules: {', '.join(twice)}")

@@ -1,10 +1,11 @@
 """The answers of methods to all recordings of a folder, FOLDER/answers.csv:
 python benchmarks/peers/answers.py FOLDER [METHOD.py ...]
 
-A method is a file with `estimate(t, theta, torque, **known) -> K, B, I, intervals, doubts`. Arrays are (n,), in s, rad
-and N*m; `intervals` has (low, high) of 95 % by name, as far as the method states any; `doubts` are texts. What
-it cannot do it refuses by an exception; NotImplementedError is "not applicable". Each answers in a process of its own.
-Seconds are the processor's, the first recording is done twice, megabytes are the peak of the process with its imports.
+A method is a file with `estimate(t, theta, torque, **known) -> K, B, I, intervals, doubts`. Arrays
+are (n,), in s, rad and N*m; `intervals` has (low, high) of 95 % by name, as far as the method
+states any; `doubts` are texts. What it cannot do it refuses by an exception; NotImplementedError is
+"not applicable". Each answers in a process of its own. Seconds are the processor's, the first
+recording is done twice, megabytes are the peak of the process with its imports.
 """
 
 import contextlib
@@ -34,13 +35,16 @@ def answered(estimate, data, known):
     except Exception as error:  # a peer's own errors are of any type
         return {"doubtful": f"refused: {error}"}
     ends = {
-        f"{name}_{end}": x for name, both in intervals.items() for end, x in zip(("low", "high"), both, strict=True)
+        f"{name}_{end}": x
+        for name, both in intervals.items()
+        for end, x in zip(("low", "high"), both, strict=True)
     }
     return {**dict(zip("KBI", found, strict=True)), **ends, "doubtful": "; ".join(doubts)}
 
 
 def peak_megabytes():
-    """The largest memory of this process, where the system is Linux. `getrusage` begins with that of the parent."""
+    """The largest memory of this process, where the system is Linux. `getrusage` begins with that
+    of the parent."""
     status = Path("/proc/self/status")
     said = status.read_text().partition("VmHWM:")[2].split() if status.is_file() else []
     return f"{int(said[0]) / 1024:.0f}" if said else ""
@@ -50,12 +54,19 @@ def answers_of(method, folder):
     """The rows of one method."""
     spec = importlib.util.spec_from_file_location(method.stem, method)
     module, rows = importlib.util.module_from_spec(spec), []
-    with contextlib.chdir(folder), contextlib.redirect_stdout(io.StringIO()), warnings.catch_warnings():
+    with (
+        contextlib.chdir(folder),
+        contextlib.redirect_stdout(io.StringIO()),
+        warnings.catch_warnings(),
+    ):
         warnings.simplefilter("ignore")
         spec.loader.exec_module(module)
         for row in csv.DictReader((folder / "truth.csv").open(newline="")):
             data = np.loadtxt(folder / f"{row['trial']}.csv", delimiter=",", skiprows=1).T
-            known = {name: float(value) for name, value in (one.split("=") for one in row["known"].split())}
+            known = {
+                name: float(value)
+                for name, value in (one.split("=") for one in row["known"].split())
+            }
             if not rows:
                 answered(module.estimate, data, known)
             began = time.process_time()

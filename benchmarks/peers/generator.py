@@ -1,8 +1,10 @@
-"""Recordings of joints whose truth is known, made by numpy alone, independent of the project's own simulator.
+"""Recordings of joints whose truth is known, made by numpy alone, independent of the project's own
+simulator.
 
-A stiff drive moves the joint: I alpha = torque - K theta - B omega - friction - reflex - will. The torque is that
-between drive and joint, which a load cell there measures. All joints of a seed are integrated together by the method of
-Runge and Kutta at 2 kHz. Then the recorder makes angle and torque late, held or coarse, and adds noise.
+A stiff drive moves the joint: I alpha = torque - K theta - B omega - friction - reflex - will. The
+torque is that between drive and joint, which a load cell there measures. All joints of a seed are
+integrated together by the method of Runge and Kutta at 2 kHz. Then the recorder makes angle and
+torque late, held or coarse, and adds noise.
 """
 
 from dataclasses import dataclass, field
@@ -48,13 +50,28 @@ PERSON = {"K": 80.0, "B": 1.2, "I": 0.016, "reflex": 4.0, "will": 0.5, "highest_
 PERSON |= {"announce": "reflex", "known": {"person": 1.0}}
 CASES = [
     *(Case("exact joint", motion) for motion in ("multisine", "chirp")),
-    *(Case("friction", motion, friction=0.3, announce="friction") for motion in ("multisine", "chirp")),
-    *(Case("late torque", motion, late=2e-3, announce="late torque") for motion in ("multisine", "noise")),
-    *(Case("two clocks", motion, drift=2e-4, announce="clocks that drift apart") for motion in ("chirp", "noise")),
-    *(Case("stale values", motion, held_hz=50.0, announce="held torque") for motion in ("multisine", "hand")),
+    *(
+        Case("friction", motion, friction=0.3, announce="friction")
+        for motion in ("multisine", "chirp")
+    ),
+    *(
+        Case("late torque", motion, late=2e-3, announce="late torque")
+        for motion in ("multisine", "noise")
+    ),
+    *(
+        Case("two clocks", motion, drift=2e-4, announce="clocks that drift apart")
+        for motion in ("chirp", "noise")
+    ),
+    *(
+        Case("stale values", motion, held_hz=50.0, announce="held torque")
+        for motion in ("multisine", "hand")
+    ),
     *(Case("14 bits", motion, bits=14) for motion in ("multisine", "hand")),
     *(Case("human ankle", motion, **PERSON) for motion in ("noise", "multisine")),
-    *(Case("varying K", motion, fall_of_K=0.2, announce="K changes") for motion in ("multisine", "chirp")),
+    *(
+        Case("varying K", motion, fall_of_K=0.2, announce="K changes")
+        for motion in ("multisine", "chirp")
+    ),
 ]
 
 
@@ -86,7 +103,10 @@ def integrated(cases, seconds, rng):
     """Angle and torque of the joints, (n, cases) each, every step."""
     r = np.stack([commanded(case, seconds, rng) for case in cases], axis=1)
     r_rate = np.gradient(r, STEP / 2, axis=0)
-    of = {name: np.array([getattr(case, name) for case in cases]) for name in ("K", "B", "I", "friction", "reflex")}
+    of = {
+        name: np.array([getattr(case, name) for case in cases])
+        for name in ("K", "B", "I", "friction", "reflex")
+    }
     lost, n = np.array([case.fall_of_K for case in cases]) / seconds, len(r) // 2
     will = np.stack([case.will * slow_noise(n + 1, rng) for case in cases], axis=1)
     delay, late = round(REFLEX_DELAY / STEP), np.zeros(len(cases))
@@ -97,7 +117,9 @@ def integrated(cases, seconds, rng):
 
     def rates(k, x, stretch):
         angle, velocity, first, second = x
-        resisting = of["K"] * (1 - lost * k * STEP / 2) * angle + of["B"] * velocity + second + will[k // 2]
+        resisting = (
+            of["K"] * (1 - lost * k * STEP / 2) * angle + of["B"] * velocity + second + will[k // 2]
+        )
         resisting += of["friction"] * np.tanh(velocity / SLIDING)
         accelerated = (torque(k, x) - resisting) / of["I"]
         driven = REFLEX_RATE * (of["reflex"] * np.maximum(stretch, 0) - first)
@@ -129,7 +151,11 @@ def recorded(case, theta, tau, rng):
     t = fine[SUBSTEPS:-SUBSTEPS:SUBSTEPS]
     t = t + np.clip(rng.normal(scale=2e-5, size=len(t)), -1e-4, 1e-4)
     taken = np.floor(t * case.held_hz + 1e-9) / case.held_hz if case.held_hz else t
-    torque = np.interp(taken - case.late - case.drift * t, fine, tau) + 0.3 + 0.05 * rng.normal(size=len(t))
+    torque = (
+        np.interp(taken - case.late - case.drift * t, fine, tau)
+        + 0.3
+        + 0.05 * rng.normal(size=len(t))
+    )
     step = 2 * np.pi / 2**case.bits
     return t, np.round(np.interp(t, fine, theta) / step) * step, torque
 

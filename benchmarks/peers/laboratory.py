@@ -13,7 +13,13 @@ from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.yaml_settings import read_mapping
 
 JOINT = {"K": 300.0, "B": 5.0, "I": 0.02}
-SINE = {"frequencies_hz": [1, 2, 3, 4, 5], "cycles": 3, "amplitudes_deg": [2, 4, 6], "rest_s": 0.5, "lead_s": 0.5}
+SINE = {
+    "frequencies_hz": [1, 2, 3, 4, 5],
+    "cycles": 3,
+    "amplitudes_deg": [2, 4, 6],
+    "rest_s": 0.5,
+    "lead_s": 0.5,
+}
 
 
 def on(size, unit):
@@ -38,17 +44,28 @@ class Case:
 CASES = [
     *(Case("exact joint", motion) for motion in ("noise", "hand", "stepped sine")),
     Case("friction", "stepped sine", JOINT | {"coulomb": on(0.3, "N*m")}, announce="friction"),
-    *(Case("drivetrain", motion, None, "uncompensated", announce="higher order") for motion in ("multisine", "noise")),
-    Case("late torque", "stepped sine", effects={"load_cell_delay": on(2e-3, "s")}, announce="late torque"),
+    *(
+        Case("drivetrain", motion, None, "uncompensated", announce="higher order")
+        for motion in ("multisine", "noise")
+    ),
+    Case(
+        "late torque",
+        "stepped sine",
+        effects={"load_cell_delay": on(2e-3, "s")},
+        announce="late torque",
+    ),
     Case("14 bits", "stepped sine", bits=14),
 ]
 
 
 def settings_of(case, seed):
-    """The shipped simulation, at 500 Hz, with one node and no friction in the drivetrain, which has no B of its own."""
+    """The shipped simulation, at 500 Hz, with one node and no friction in the drivetrain, which has
+    no B of its own."""
     content = deepcopy(read_mapping(shipped("config/simulation/excitations.yaml")))
     motion = {"name": "x", "kind": case.motion, "rms_deg": 2.5, "fade_s": 0.5, "rest_s": 0.5}
-    motion |= {"period_s": 5.5, "periods": 4} if case.motion == "multisine" else {"duration_s": 22.0}
+    motion |= (
+        {"period_s": 5.5, "periods": 4} if case.motion == "multisine" else {"duration_s": 22.0}
+    )
     content |= {"seed": seed, "joint": case.joint, "protocol": SINE, "recorder": {}}
     content["excitations"] = [] if case.motion == "stepped sine" else [motion]
     content["dynamometer"]["rate_hz"] = 500
@@ -59,13 +76,16 @@ def settings_of(case, seed):
 
 
 def truth_of(row, settings, p):
-    """K, B and I of the joint; of a leg those of the joint that has its true torque in this motion most nearly."""
+    """K, B and I of the joint; of a leg those of the joint that has its true torque in this motion
+    most nearly."""
     if settings.joint is not None:
         return {name: getattr(settings.joint, name) for name in "KBI"}
     gains = select_gains(row["controller"], row["K_d"], row["B_d"], p, settings.gain_weight)
     motion, signals = true_signals(row, settings, p, gains)
     X = np.column_stack([motion.theta, motion.omega, motion.alpha, np.ones_like(motion.theta)])
-    return dict(zip("KBI", np.linalg.lstsq(X, -signals["load_cell_torque"], rcond=None)[0], strict=False))
+    return dict(
+        zip("KBI", np.linalg.lstsq(X, -signals["load_cell_torque"], rcond=None)[0], strict=False)
+    )
 
 
 def recordings(seed, only=CASES):

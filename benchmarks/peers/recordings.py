@@ -1,8 +1,9 @@
-"""Recordings whose truth is known, as a CSV file each (t [s], theta [rad], torque [N*m]) and `truth.csv` about them:
-python benchmarks/peers/recordings.py FOLDER [SEED ...]
+"""Recordings whose truth is known, as a CSV file each (t [s], theta [rad], torque [N*m]) and
+`truth.csv` about them: python benchmarks/peers/recordings.py FOLDER [SEED ...]
 
-`known` is what a laboratory would know of a recording, NAME=NUMBER: the rate [Hz], bits per turn of the encoder, and
-whether the joint is a person's. `cause` is what a method should announce; where it is empty nothing is wrong.
+`known` is what a laboratory would know of a recording, NAME=NUMBER: the rate [Hz], bits per turn of
+the encoder, and whether the joint is a person's. `cause` is what a method should announce; where it
+is empty nothing is wrong.
 """
 
 import csv
@@ -22,16 +23,26 @@ def write(folder, seeds=SEEDS, generated=generator.CASES, simulated=laboratory.C
     folder.mkdir(parents=True, exist_ok=True)
     rows = []
     for seed in seeds:
-        made = [("generator", case, case.true, data) for case, data in generator.recordings(seed, seconds, generated)]
+        made = [
+            ("generator", case, case.true, data)
+            for case, data in generator.recordings(seed, seconds, generated)
+        ]
         made += [("simulator", *found) for found in laboratory.recordings(seed, simulated)]
         for made_by, case, true, data in made:
             trial = f"{case.case}_{case.motion}_{made_by}_{seed}".replace(" ", "_")
             known = {"rate_hz": generator.RATE, "bits": case.bits, **case.known}
-            of_case = {"group": case.case, "motion": case.motion, "cause": case.announce, "made_by": made_by}
+            of_case = {
+                "group": case.case,
+                "motion": case.motion,
+                "cause": case.announce,
+                "made_by": made_by,
+            }
             said = " ".join(f"{name}={value:g}" for name, value in known.items())
             rows.append({"trial": trial, "seed": seed, "known": said, **of_case, **true})
             head = {"delimiter": ",", "header": "t,theta,torque", "comments": ""}
-            np.savetxt(folder / f"{trial}.csv", np.column_stack(data), fmt=["%.6f", "%.9f", "%.6f"], **head)
+            np.savetxt(
+                folder / f"{trial}.csv", np.column_stack(data), fmt=["%.6f", "%.9f", "%.6f"], **head
+            )
     with (folder / "truth.csv").open("w", newline="") as file:
         table = csv.DictWriter(file, COLUMNS)
         table.writeheader()

@@ -1,4 +1,5 @@
-"""Check the built site: every link leads somewhere, nothing is loaded from a network, every page can be reached.
+"""Check the built site: every link leads somewhere, nothing is loaded from a network, every page
+can be reached.
 
 `python docs/site/check.py build/docs` ends with exit code 1 and a line for each fault.
 """
@@ -33,13 +34,17 @@ class Page(HTMLParser):
 
 def faults(folder):
     """What is wrong with the site in a folder, a line each."""
-    pages = {path: Page(path.read_text(encoding="utf-8")) for path in sorted(folder.rglob("*.html"))}
+    pages = {
+        path: Page(path.read_text(encoding="utf-8")) for path in sorted(folder.rglob("*.html"))
+    }
     reached = {folder / "index.html", *(folder / name for name in MADE_BY_SPHINX)}
     for path, page in pages.items():
         name = path.relative_to(folder)
         if page.broken_equations:
             yield f"{name}: {page.broken_equations} equations cannot be drawn"
-        yield from (f"{name}: loads {one} from a network" for one in page.loaded if urlsplit(one).netloc)
+        yield from (
+            f"{name}: loads {one} from a network" for one in page.loaded if urlsplit(one).netloc
+        )
         for address in page.links + page.loaded:
             parts = urlsplit(address)
             if parts.scheme or parts.netloc:
@@ -49,15 +54,29 @@ def faults(folder):
                 reached.add(target)
             if not target.exists():
                 yield f"{name}: {address} leads nowhere"
-            elif parts.fragment and target in pages and unquote(parts.fragment) not in pages[target].anchors:
+            elif (
+                parts.fragment
+                and target in pages
+                and unquote(parts.fragment) not in pages[target].anchors
+            ):
                 yield f"{name}: {address} leads to no heading"
-    yield from (f"{path.relative_to(folder)}: no link leads to this page" for path in pages if path not in reached)
+    yield from (
+        f"{path.relative_to(folder)}: no link leads to this page"
+        for path in pages
+        if path not in reached
+    )
     for path in sorted(folder.rglob("*.css")):
-        if any(sign in path.read_text(encoding="utf-8") for sign in ("url(http", 'url("http', "url('http", "@import")):
+        if any(
+            sign in path.read_text(encoding="utf-8")
+            for sign in ("url(http", 'url("http', "url('http", "@import")
+        ):
             yield f"{path.relative_to(folder)}: loads something from a network"
 
 
 if __name__ == "__main__":
     found = list(faults(Path(sys.argv[1]).resolve()))
-    print("\n".join(found) or "every link of the site leads somewhere, and nothing is loaded from a network")
+    print(
+        "\n".join(found)
+        or "every link of the site leads somewhere, and nothing is loaded from a network"
+    )
     sys.exit(bool(found))

@@ -1,6 +1,8 @@
-"""Settings of the documentation site. `make docs` builds it into build/docs: warnings are errors, links are checked.
+"""Settings of the documentation site. `make docs` builds it into build/docs: warnings are errors,
+links are checked.
 
-Nothing of the built site comes from a network: equations are MathML, fonts are those of the reader's machine.
+Nothing of the built site comes from a network: equations are MathML, fonts are those of the
+reader's machine.
 """
 
 import re
@@ -39,7 +41,10 @@ napoleon_google_docstring = False
 
 html_theme = "furo"
 html_title = "osl-analysis"
-html_static_path = [str(HERE / "static"), str(Path(matplotlib.get_data_path(), "fonts/ttf/DejaVuSerif.ttf"))]
+html_static_path = [
+    str(HERE / "static"),
+    str(Path(matplotlib.get_data_path(), "fonts/ttf/DejaVuSerif.ttf")),
+]
 """The font is the one of matplotlib that has what equations need."""
 html_css_files = ["site.css"]
 html_show_sourcelink = False
@@ -59,13 +64,16 @@ def shorter(app, what, name, thing, options, signature, returned):
     """A signature with `Array` for an array of numbers: docstrings have the shapes."""
 
     def short(text):
-        return text and ARRAY.sub(lambda match: "Array" if match[1] == "float64" else f"Array[{match[1]}]", text)
+        return text and ARRAY.sub(
+            lambda match: "Array" if match[1] == "float64" else f"Array[{match[1]}]", text
+        )
 
     return short(signature), short(returned)
 
 
 def described(app, what, name, thing, options, lines):
-    """Write `name: what it is` of a docstring as numpydoc has it, where the colon would begin a type."""
+    """Write `name: what it is` of a docstring as numpydoc has it, where the colon would begin a
+    type."""
     made, of_names = [], False
     for before, line in pairwise(["", *lines]):
         if line and not line.strip("-"):

@@ -7,7 +7,8 @@ from docutils.utils.math import MathError, latex2mathml
 from sphinx.util import logging
 
 ACCENTED = re.compile(r"\\(?:dot|ddot|hat|bar)\s*(?:\\[A-Za-z]+|\{[^{}]*\}|[A-Za-z])")
-"""A letter with its accent. Of this alone docutils puts an index below; in a group with something empty, beside."""
+"""A letter with its accent. Of this alone docutils puts an index below; in a group with something
+empty, beside."""
 LOGGER = logging.getLogger(__name__)
 
 
@@ -17,7 +18,8 @@ def in_mathml(equation, as_block):
 
 
 def mathml(node, as_block):
-    """The MathML of one equation; one that cannot be written is a warning, and so ends the build."""
+    """The MathML of one equation; one that cannot be written is a warning, and so ends the
+    build."""
     try:
         return in_mathml(node.astext(), as_block)
     except MathError as error:

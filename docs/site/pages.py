@@ -1,4 +1,5 @@
-"""What the site shows beside docs/*.md: files of the top folder, all commands, functions, and the navigation."""
+"""What the site shows beside docs/*.md: files of the top folder, all commands, functions, and the
+navigation."""
 
 import os
 import re
@@ -24,11 +25,13 @@ LINK = re.compile(r"\]\((?!https?:|mailto:|#)([^)#\s]+)")
 NAVIGATED = re.compile(r"\[([^]]+)\]\(([\w/]+)\.md\)")
 FUNCTIONS = {
     "Trials and signals": (
-        "trial.Trial", "trial.read_trial", "trial.write_trial", "signals.sampling_rate", "signals.LowPass",
+        "trial.Trial", "trial.read_trial", "trial.write_trial", "signals.sampling_rate",
+        "signals.LowPass",
         "signals.Motion", "signals.filtered_motion", "signals.differentiate",
     ),
     "Fits": (
-        "walking.response.impedance_columns", "walking.response.fit_without_offset", "stats.regression.linear_fit",
+        "walking.response.impedance_columns", "walking.response.fit_without_offset",
+        "stats.regression.linear_fit",
         "stats.regression.LinearFit",
     ),
     "Frequency response": (
@@ -36,7 +39,8 @@ FUNCTIONS = {
         "spectral.response.periodic_response",
     ),
     "The drivetrain": (
-        "model.drivetrain.DrivetrainParameters", "model.drivetrain.motor_friction", "model.drivetrain.actuator_torque",
+        "model.drivetrain.DrivetrainParameters", "model.drivetrain.motor_friction",
+        "model.drivetrain.actuator_torque",
         "model.drivetrain.belt_deflection", "model.drivetrain.belt_torque",
         "model.drivetrain.joint_admittance", "model.drivetrain.desired_admittance",
         "model.drivetrain.RationalFunction",
@@ -44,15 +48,17 @@ FUNCTIONS = {
     "The controller": (
         "model.compensator.select_gains", "model.compensator.compensated_gains",
         "model.compensator.uncompensated_gains", "model.compensator.stiffness_gain",
-        "model.compensator.motor_current", "model.compensator.Gains", "model.compensator.optimal_damping",
+        "model.compensator.motor_current", "model.compensator.Gains",
+        "model.compensator.optimal_damping",
     ),
 }  # fmt: skip
 """What the page of functions has below the public names of the package, by heading."""
 
 
 def fill_page(app, page, source):
-    """Replace the text of a page that is made here, correct its links, and turn the links of the first page into the
-    navigation. Sphinx calls it when it has read a page; `source` is a list with its text."""
+    """Replace the text of a page that is made here, correct its links, and turn the links of the
+    first page into the navigation. Sphinx calls it when it has read a page; `source` is a list with
+    its text."""
     text = source[0]
     if page in FILES:
         text = with_links(ROOT / FILES[page], page).replace("# osl-analysis\n", "# Overview\n", 1)
@@ -75,7 +81,8 @@ def with_links(file, page):
 
 
 def corrected(text, folder, file):
-    """The text of a file, its relative links as seen from a folder; a link to a file of `FILES` leads to its page."""
+    """The text of a file, its relative links as seen from a folder; a link to a file of `FILES`
+    leads to its page."""
 
     def link(match):
         target = Path(os.path.normpath(file.parent / match[1]))
@@ -98,7 +105,8 @@ def navigated(text):
 
 
 def functions_page():
-    """Directives that write the docstrings of the functions and types: those of the package, then those below them."""
+    """Directives that write the docstrings of the functions and types: those of the package, then
+    those below them."""
     public = [one_function(f"osl_analysis.{name}") for name in getattr(osl_analysis, "__all__", ())]
     parts = {"Public names": sorted(public, key=lambda one: "autoclass" in one)} if public else {}
     for heading, names in FUNCTIONS.items():

@@ -1,1 +1,2 @@
-"""The dynamometer and the actuator's bench: an experiment per module, its columns, fit, table row and summary."""
+"""The dynamometer and the actuator's bench: an experiment per module, its columns, fit, table row
+and summary."""

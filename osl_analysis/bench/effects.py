@@ -1,10 +1,11 @@
-"""Effects as columns beside the physics of the joint: lag, drifting clocks, friction, a changing stiffness.
+"""Effects as columns beside the physics of the joint: lag, drifting clocks, friction, a changing
+stiffness.
 
-A model (Eq. 15, Eq. 4) names its columns; an effect is one more. All of it is algebra on the Gram matrices of groups
-(gram.py).
+A model (Eq. 15, Eq. 4) names its columns; an effect is one more. All of it is algebra on the Gram
+matrices of groups (gram.py).
 
-Friction that is left out passes for a lag and for a changing stiffness. Faults of a recording are found by the general
-witness (witness.py), or by the belt of a leg."""
+Friction that is left out passes for a lag and for a changing stiffness. Faults of a recording are
+found by the general witness (witness.py), or by the belt of a leg."""
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -29,19 +30,28 @@ Admittance = Callable[[NDArray[np.complex128]], NDArray[np.complex128]]
 Model = Mapping[str, str]  # estimate -> column of `sums_of`
 Keep = NDArray[np.bool_] | Label
 """The groups to keep (m,), those of a label, or all (None)."""
-IMPEDANCE: Model = {"K": "theta", "B": "omega", "I": "alpha", "offset": "one", "drift": "ramp"}  # Eq. 15
-TRANSMISSION: Model = {"B_j": "omega", "J_j": "alpha", "offset": "one", "drift": "ramp"}  # Eq. 4 without a belt
+# Eq. 15
+IMPEDANCE: Model = {"K": "theta", "B": "omega", "I": "alpha", "offset": "one", "drift": "ramp"}
+# Eq. 4 without a belt
+TRANSMISSION: Model = {"B_j": "omega", "J_j": "alpha", "offset": "one", "drift": "ramp"}
 FALSE_ALARM = 1e-3  # probability of a false alarm for one effect
-LONGEST_LAG, LAG_FOUND = 0.02, 1e-6  # largest lag [s] that is sought; last step [s] of a search that has converged
+# largest lag [s] that is sought; last step [s] of a search that has converged
+LONGEST_LAG, LAG_FOUND = 0.02, 1e-6
 POSSIBLE = 2.0  # standard errors by which an effect may exceed its estimate
-WOUND_UP = (0.5e-3, 1.5e-3, 4e-3)  # half-widths [rad] of the slipping springs that model a belt's hysteresis
-BELT_ERROR = 80e-6  # SD [s] of a lag due to hysteresis that these do not model; simulated legs: 10 to 150
+# half-widths [rad] of the slipping springs that model a belt's hysteresis
+WOUND_UP = (0.5e-3, 1.5e-3, 4e-3)
+# SD [s] of a lag due to hysteresis that these do not model; simulated legs: 10 to 150
+BELT_ERROR = 80e-6
 OTHER_B_J = 3.0  # factor by which losses vary from joint to joint about the parameter file's
-CANNOT_TELL = (IdentifiabilityError, InputError, np.linalg.LinAlgError)  # the motion cannot tell effects apart
-TURNS = (1e-3, 1e-2)  # rad/s over which friction changes sign; the larger is ten times the velocity noise of 14 bits
-WINDS = (5e-5, 1.5e-4, 5e-4, 1.5e-3)  # rad over which friction builds up to half, near those of bristles
+# the motion cannot tell effects apart
+CANNOT_TELL = (IdentifiabilityError, InputError, np.linalg.LinAlgError)
+# rad/s over which friction changes sign; the larger is ten times the velocity noise of 14 bits
+TURNS = (1e-3, 1e-2)
+# rad over which friction builds up to half, near those of bristles
+WINDS = (5e-5, 1.5e-4, 5e-4, 1.5e-3)
 SHAPES = ("slides", *(f"rests_{k}" for k in range(1, len(TURNS) + len(WINDS))))
-"""Columns of sliding friction of 1 N*m, and of its deviations near rest, whose sum is close to any joint's friction."""
+"""Columns of sliding friction of 1 N*m, and of its deviations near rest, whose sum is close to any
+joint's friction."""
 HIGHER = 10.0  # standard errors of a jerk or snap beside friction: a drivetrain has 100, rounding 6
 
 
@@ -52,10 +62,14 @@ def plain_sums(record: Record, model: Model) -> Sums:
 
 
 def columns_of(record: Record) -> tuple[dict[str, Array], float]:
-    """The columns (n,) of the models by name, and the angle [rad] about which `theta` is centred."""
+    """The columns (n,) of the models by name, and the angle [rad] about which `theta` is
+    centred."""
     motion, centre = record.motion, float(record.part(record.motion.theta).mean())
     columns = {"theta": motion.theta - centre, "omega": motion.omega, "alpha": motion.alpha}
-    columns |= {"one": np.broadcast_to(1.0, motion.theta.shape), "ramp": record.time - record.time.mean()}
+    columns |= {
+        "one": np.broadcast_to(1.0, motion.theta.shape),
+        "ramp": record.time - record.time.mean(),
+    }
     return columns, centre
 
 
@@ -68,9 +82,11 @@ def sums_of(record: Record, model: Model, expected: Admittance | None = None) ->
     return replace(sums, columns={})  # unused, and large
 
 
-def effect_columns(record: Record, expected: Admittance | None = None) -> tuple[dict[str, Array], float]:
-    """The columns (n,) of models and effects of a coarse record, and the centre [rad] of `theta`. `expected` is the
-    linear model's admittance, if the gains are known."""
+def effect_columns(
+    record: Record, expected: Admittance | None = None
+) -> tuple[dict[str, Array], float]:
+    """The columns (n,) of models and effects of a coarse record, and the centre [rad] of `theta`.
+    `expected` is the linear model's admittance, if the gains are known."""
     few = record.coarse
     columns, centre = columns_of(few)
     higher = seven_point_motion(few.time, columns["alpha"], few.rate_hz)
@@ -83,18 +99,29 @@ def effect_columns(record: Record, expected: Admittance | None = None) -> tuple[
 
 
 def shapes_of_friction(record: Record) -> dict[str, Array]:
-    """The columns `SHAPES` (n,) of a coarse record. Friction either changes sign with the velocity and is 0 at rest, or
-    builds up before sliding and persists at rest, like a bristle (Dahl 1968; Canudas de Wit et al. 1995)."""
+    """The columns `SHAPES` (n,) of a coarse record. Friction either changes sign with the velocity
+    and is 0 at rest, or builds up before sliding and persists at rest, like a bristle (Dahl 1968;
+    Canudas de Wit et al. 1995)."""
     few, rate = record.coarse, record.rate_hz
-    quick = replace(record.low_pass, cutoff_hz=min(QUICK * record.low_pass.cutoff_hz, 0.2 * rate))(record.theta, rate)
+    quick = replace(record.low_pass, cutoff_hz=min(QUICK * record.low_pass.cutoff_hz, 0.2 * rate))(
+        record.theta, rate
+    )
     omega = np.gradient(quick, 1 / rate)
-    shapes = np.array([np.tanh(omega / turn) for turn in TURNS] + [spring_that_slips(quick, wind) for wind in WINDS])
+    shapes = np.array(
+        [np.tanh(omega / turn) for turn in TURNS]
+        + [spring_that_slips(quick, wind) for wind in WINDS]
+    )
     shapes[1:] -= shapes[0]
-    return dict(zip(SHAPES, few.low_pass(shapes.T[:: round(rate / few.rate_hz)], few.rate_hz).T, strict=True))
+    return dict(
+        zip(
+            SHAPES, few.low_pass(shapes.T[:: round(rate / few.rate_hz)], few.rate_hz).T, strict=True
+        )
+    )
 
 
 def friction_sums(record: Record, model: Model) -> Sums:
-    """The sums of a coarse record with the columns `SHAPES`, and higher derivatives of the angle."""
+    """The sums of a coarse record with the columns `SHAPES`, and higher derivatives of the
+    angle."""
     few, (columns, centre) = record.coarse, columns_of(record.coarse)
     higher = seven_point_motion(few.time, columns["alpha"], few.rate_hz)
     columns |= {"jerk": higher.omega, "snap": higher.alpha, **shapes_of_friction(record)}
@@ -102,8 +129,8 @@ def friction_sums(record: Record, model: Model) -> Sums:
 
 
 def spring_that_slips(x: Array, width: float) -> Array:
-    """Torque (n,) of a spring that slips at +-1 (Prandtl's stop operator), which x winds up from slack to its limit
-    over a `width`: friction that winds something up before it slides."""
+    """Torque (n,) of a spring that slips at +-1 (Prandtl's stop operator), which x winds up from
+    slack to its limit over a `width`: friction that winds something up before it slides."""
     rising = np.diff(x) >= 0
     turns = np.concatenate([[0], np.flatnonzero(rising[1:] != rising[:-1]) + 1, [len(x) - 1]])
     wound = [0.0]  # at the turning points
@@ -115,8 +142,8 @@ def spring_that_slips(x: Array, width: float) -> Array:
 
 
 def linear_torque(record: Record, expected: Admittance) -> Array:
-    """Torque (n,) [N*m] of the linear model with admittance `expected` for the filtered motion, up to three cut-offs.
-    The record is extended by its mirror image to make it periodic."""
+    """Torque (n,) [N*m] of the linear model with admittance `expected` for the filtered motion, up
+    to three cut-offs. The record is extended by its mirror image to make it periodic."""
     n, theta = len(record.time), record.motion.theta - record.motion.theta.mean()
     mirrored = np.fft.rfft(np.concatenate([theta, theta[::-1]]))
     s = np.asarray(2j * np.pi * np.fft.rfftfreq(2 * n, 1 / record.rate_hz), dtype=np.complex128)
@@ -152,13 +179,19 @@ def late_fit(
     lag: float = 0.0,
     low_pass: bool = False,
 ) -> tuple[GroupFit, float]:
-    """Fit of a model to a torque with a lag `lag_s`, and the last step of the search, which starts at `lag`
-    (Gauss-Newton). A `rest` of the torque is not late and is subtracted. In each step the torque is advanced by the
-    lag, or the `low_pass` of first order with this time constant is inverted; the slope of the torque is a column that
-    gives the remaining lag. The slope is the model's, as far as its derivatives are columns: that of a noisy torque
-    would pull the lag to 0. A model without derivatives uses the torque's own slope. Raises as `fit_groups`."""
-    torque, first, last = scipy.interpolate.make_interp_spline(few.time, few.filtered_torque, 5), *few.time[[0, -1]]
-    slopes = {name: columns[gram.NEXT[c]] for name, c in model.items() if gram.NEXT.get(c) in columns}
+    """Fit of a model to a torque with a lag `lag_s`, and the last step of the search, which starts
+    at `lag` (Gauss-Newton). A `rest` of the torque is not late and is subtracted. In each step the
+    torque is advanced by the lag, or the `low_pass` of first order with this time constant is
+    inverted; the slope of the torque is a column that gives the remaining lag. The slope is the
+    model's, as far as its derivatives are columns: that of a noisy torque would pull the lag to 0.
+    A model without derivatives uses the torque's own slope. Raises as `fit_groups`."""
+    torque, first, last = (
+        scipy.interpolate.make_interp_spline(few.time, few.filtered_torque, 5),
+        *few.time[[0, -1]],
+    )
+    slopes = {
+        name: columns[gram.NEXT[c]] for name, c in model.items() if gram.NEXT.get(c) in columns
+    }
     fit, slope = None, np.zeros_like(few.time)
     for _ in range(6):
         then = np.clip(few.time + lag * (not low_pass), first, last)
@@ -170,7 +203,10 @@ def late_fit(
             slope = torque(then, 1)
         elif fit is not None:
             slope = np.sum([fit[name] * column for name, column in slopes.items()], axis=0)
-        both, with_lag = {**columns, "late": -slope}, {**model, "lag_s": "late"} if slope.any() else model
+        both, with_lag = (
+            {**columns, "late": -slope},
+            {**model, "lag_s": "late"} if slope.any() else model,
+        )
         sums = gram.gram_sums(made, both, list(columns), centre, no_estimates, rounded)
         fit = gram.fit_groups(sums, with_lag, limit=gram.EFFECTS_LIMIT)
         more = fit["lag_s"] if slope.any() else 0.0
@@ -201,29 +237,43 @@ class Belt:
     """The belt between theta_m and the joint, by a leg's recording."""
 
     K_s: float  # [N*m/rad]
-    torque: Fault | None = None  # lag [s] of the torque behind the joint's angle; None: the belt is not the file's
+    # lag [s] of the torque behind the joint's angle; None: the belt is not the file's
+    torque: Fault | None = None
     theta_m: Fault | None = None  # the same of theta_m
 
 
 def belt_of_leg(record: Record, p: DrivetrainParameters | None) -> Belt | None:
-    """The belt of a leg. None without a parameter file or theta_m, or if the belt's deflection or theta_m is below 5 %
-    of the joint's angle: errors of encoders reach that, and a joint beside an idle motor is no leg.
+    """The belt of a leg. None without a parameter file or theta_m, or if the belt's deflection or
+    theta_m is below 5 % of the joint's angle: errors of encoders reach that, and a joint beside an
+    idle motor is no leg.
 
-    Whatever controller and friction do, torque - J_j alpha - B_j omega is the belt's torque (Eq. 4): a spring with
-    slipping springs over theta - theta_m/n_T. A late theta_m looks like a smaller B_j, so that B_j is free while it
-    agrees with the file's; a wrong B_j then makes no lag. Otherwise either theta_m is late and B_j the file's, or B_j
-    differs and theta_m is on time. If the joint may have that B_j, a lag that depends on this choice is not found."""
+    Whatever controller and friction do, torque - J_j alpha - B_j omega is the belt's torque (Eq.
+    4): a spring with slipping springs over theta - theta_m/n_T. A late theta_m looks like a smaller
+    B_j, so that B_j is free while it agrees with the file's; a wrong B_j then makes no lag.
+    Otherwise either theta_m is late and B_j the file's, or B_j differs and theta_m is on time. If
+    the joint may have that B_j, a lag that depends on this choice is not found."""
     if p is None or "theta_m" not in record.actuator:
         return None
     few = record.coarse
     theta_m = few.actuator["theta_m"]
-    columns = {name: column for name, column in columns_of(few)[0].items() if name not in ("theta", "alpha")}
+    columns = {
+        name: column
+        for name, column in columns_of(few)[0].items()
+        if name not in ("theta", "alpha")
+    }
     wound = belt_deflection(few.motion.theta, theta_m, p)
-    turned, *both = (float(np.std(few.part(angle))) for angle in (few.motion.theta, theta_m / p.n_T, wound))
+    turned, *both = (
+        float(np.std(few.part(angle))) for angle in (few.motion.theta, theta_m / p.n_T, wound)
+    )
     if min(both) < 0.05 * turned:
         return None
-    slips = few.low_pass(np.array([spring_that_slips(wound, width) for width in WOUND_UP]).T, few.rate_hz).T
-    columns |= {"wound": wound - wound.mean(), **{f"slips_{k}": column for k, column in enumerate(slips)}}
+    slips = few.low_pass(
+        np.array([spring_that_slips(wound, width) for width in WOUND_UP]).T, few.rate_hz
+    ).T
+    columns |= {
+        "wound": wound - wound.mean(),
+        **{f"slips_{k}": column for k, column in enumerate(slips)},
+    }
 
     def fitted(known: float) -> GroupFit:
         """`omega` is the torque per velocity beside a known B_j, or per velocity of theta_m."""
@@ -249,17 +299,23 @@ def belt_of_leg(record: Record, p: DrivetrainParameters | None) -> Belt | None:
             otherwise = torque_late
             torque_late = fault(fit["lag_s"], fit.se("lag_s"), fit.freedom("lag_s"))
             agree = otherwise.found and otherwise.size * torque_late.size > 0
-            torque_late = replace(torque_late, found=torque_late.found and (agree or not is_possible))
+            torque_late = replace(
+                torque_late, found=torque_late.found and (agree or not is_possible)
+            )
         return Belt(K_s, torque_late, own)
     except CANNOT_TELL:
         return None
 
 
-def changes_of_repeats(s: Sums, model: Model, effects: Mapping[str, Mapping[str, float]]) -> GroupFit | None:
-    """Sizes of effects that grow with time [1/s], from differences between repeats of one motion: each stratum has its
-    own misfit, whatever the joint is. An effect is a combination of columns. None if no stratum has three repeats.
+def changes_of_repeats(
+    s: Sums, model: Model, effects: Mapping[str, Mapping[str, float]]
+) -> GroupFit | None:
+    """Sizes of effects that grow with time [1/s], from differences between repeats of one motion:
+    each stratum has its own misfit, whatever the joint is. An effect is a combination of columns.
+    None if no stratum has three repeats.
 
-    Time is the group's. A score is the product of column and residual in a group, less the mean of its stratum."""
+    Time is the group's. A score is the product of column and residual in a group, less the mean of
+    its stratum."""
     middle, kind = (s.groups.first + s.groups.stop) / 2 / s.rate_hz, s.groups.stratum
     members = np.bincount(kind)
     if members.max() < 3:
@@ -268,7 +324,8 @@ def changes_of_repeats(s: Sums, model: Model, effects: Mapping[str, Mapping[str,
     at = s.index(list(model.values()))
     C = np.array([[part.get(name, 0.0) for part in effects.values()] for name in s.names])
     mean = s.gram[:, one] / s.gram[:, one, one][:, None]
-    about_mean = s.gram - mean[:, :, None] * s.gram[:, one][:, None]  # a slow disturbance is an offset of a group
+    # a slow disturbance is an offset of a group
+    about_mean = s.gram - mean[:, :, None] * s.gram[:, one][:, None]
     products = C.T @ about_mean[:, :q, :q] @ C
     scores = (about_mean[:, :q, q + 1] - about_mean[:, :q][:, :, at] @ base.estimates) @ C
 
@@ -289,18 +346,26 @@ def changes_of_repeats(s: Sums, model: Model, effects: Mapping[str, Mapping[str,
     freedom = welch_satterthwaite(added(rest**2), np.maximum(free, 0.5))
     misfit = sums.T @ sums * len(members) / max(len(members) - 1, 1)
     covariance, degrees = gram.combined(noise, freedom, misfit, len(members))
-    return replace(base, names=tuple(effects), estimates=estimates, covariance=covariance, degrees_of_freedom=degrees)
+    return replace(
+        base,
+        names=tuple(effects),
+        estimates=estimates,
+        covariance=covariance,
+        degrees_of_freedom=degrees,
+    )
 
 
 def repeats_row(record: Record, s: Sums, model: Model) -> Row:
-    """What repeats of one motion show for any joint: `K_drift`, the relative change of K from the first to the last
-    fitted row beyond noise, and the drift of the torque's clock against the angle's [ppm]. Null if nothing repeats; the
-    drift also if one device recorded both.
+    """What repeats of one motion show for any joint: `K_drift`, the relative change of K from the
+    first to the last fitted row beyond noise, and the drift of the torque's clock against the
+    angle's [ppm]. Null if nothing repeats; the drift also if one device recorded both.
 
-    If the torque's clock gains, its torque gets later and later: at time t it is that of t - ppm (t - mean t), which to
-    first order adds -ppm (t - mean t) dtorque/dt. A constant offset between clocks is not seen.
+    If the torque's clock gains, its torque gets later and later: at time t it is that of t - ppm (t
+    - mean t), which to first order adds -ppm (t - mean t) dtorque/dt. A constant offset between
+    clocks is not seen.
 
-    Raises InputError: the drift is certain and larger than the settings allow; the message names the trial."""
+    Raises InputError: the drift is certain and larger than the settings allow; the message names
+    the trial."""
     row: Row = {"K_drift": None, **NO_DRIFT}
     fit = with_effects(s, model)
     slope = {gram.NEXT[c]: -1e-6 * fit[name] for name, c in model.items() if c in gram.NEXT}
@@ -309,7 +374,8 @@ def repeats_row(record: Record, s: Sums, model: Model) -> Row:
         seen = changes_of_repeats(s, model, growing) if s.groups.repeat else None
         if seen and "K" in model:
             change, se = s.seconds * seen["K_within"], s.seconds * seen.se("K_within")
-            noise = float(scipy.special.stdtrit(seen.freedom("K_within"), 1 - FALSE_ALARM)) * se  # one-sided
+            # one-sided
+            noise = float(scipy.special.stdtrit(seen.freedom("K_within"), 1 - FALSE_ALARM)) * se
             row["K_drift"] = float(np.sign(change)) * max(abs(change) - noise, 0.0) / fit["K"]
         if seen and record.two_clocks:
             row |= clocks_row(record, seen["ppm"], seen.se("ppm"), seen.freedom("ppm"))
@@ -317,7 +383,8 @@ def repeats_row(record: Record, s: Sums, model: Model) -> Row:
 
 
 def clocks_row(record: Record, ppm: float, error: float, freedom: float) -> Row:
-    """The drift between the clocks of two devices. Raises InputError: it certainly exceeds the settings' limit."""
+    """The drift between the clocks of two devices. Raises InputError: it certainly exceeds the
+    settings' limit."""
     largest = record.settings.time_base.largest_drift_ppm if record.settings else np.inf
     try:
         return {**drift_row(ppm, error, freedom, largest)}

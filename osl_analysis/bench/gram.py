@@ -1,13 +1,14 @@
 """One regression for every motion, from the Gram matrices of groups of rows.
 
-One pass over the samples sums the products of all columns, of the model and of every effect, in each group. All else is
-small algebra on these sums: the fit to a label or to all, its interval, the VAF of held-out data, and each effect
-(effects.py).
+One pass over the samples sums the products of all columns, of the model and of every effect, in
+each group. All else is small algebra on these sums: the fit to a label or to all, its interval, the
+VAF of held-out data, and each effect (effects.py).
 
-The interval of a fit covers the estimate from another motion of this kind on this joint (docs/method.md). It comes from
-leaving out one unit at a time: a stratum (a frequency at an amplitude, a part of the period), or a stretch. Their
-scatter contains the model's misfit, and rounding that every cycle repeats. The repeatability is the spread of groups
-that repeat one another, alone."""
+The interval of a fit covers the estimate from another motion of this kind on this joint
+(docs/method.md). It comes from leaving out one unit at a time: a stratum (a frequency at an
+amplitude, a part of the period), or a stretch. Their scatter contains the model's misfit, and
+rounding that every cycle repeats. The repeatability is the spread of groups that repeat one
+another, alone."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -33,26 +34,33 @@ from osl_analysis.trial import Array, check_measured, rounding_of
 FEWEST_UNITS = 4  # with fewer strata the groups are left out instead
 FEWEST_GROUPS = 8  # fewest groups without repeats whose scores give an interval
 NEXT = {"theta": "omega", "omega": "alpha", "alpha": "jerk"}  # derivative of each column
-EFFECTS_LIMIT = 1e5  # largest scaled condition number with effects, whose columns may be nearly collinear
+# largest scaled condition number with effects, whose columns may be nearly collinear
+EFFECTS_LIMIT = 1e5
 BY_UNITS, BY_REPEATS = "units", "repeats"
-"""Source of an interval: leave-one-out units, with the noise; or repeats, if there are too few units."""
+"""Source of an interval: leave-one-out units, with the noise; or repeats, if there are too few
+units."""
 
 
 @dataclass(frozen=True)
 class Sums:
-    """Products of the columns and of the filtered and raw torque in each group, (m, q + 2, q + 2)."""
+    """Products of the columns and of the filtered and raw torque in each group, (m, q + 2, q +
+    2)."""
 
     names: tuple[str, ...]  # names of the q columns; `one` is among them
     gram: Array
     groups: Groups
-    rich: tuple[str, ...]  # columns of the richest model, whose residual is noise if nothing repeats
+    # columns of the richest model, whose residual is noise if nothing repeats
+    rich: tuple[str, ...]
     rate_hz: float  # sampling rate [Hz]
     seconds: float  # time [s] from the first to the last row that is fitted
-    centre: float  # angle [rad] at which the column `theta` is 0: verdicts do not depend on the encoder's zero
+    # angle [rad] at which the column `theta` is 0: verdicts do not depend on the encoder's zero
+    centre: float
     columns: Mapping[str, Array]  # the columns (n,) themselves
     independent: float = 1.0  # rows after which filtered noise is independent
-    rounded: Array | None = None  # products (m, q, k) of the columns with the torques of `Record.rounded`
-    no_estimates: frozenset[str] = frozenset()  # nearly collinear columns whose estimates nobody uses
+    # products (m, q, k) of the columns with the torques of `Record.rounded`
+    rounded: Array | None = None
+    # nearly collinear columns whose estimates nobody uses
+    no_estimates: frozenset[str] = frozenset()
 
     def index(self, names: Sequence[str]) -> list[int]:
         return [self.names.index(name) for name in names]
@@ -78,18 +86,21 @@ class Sums:
 class GroupFit(LinearFit):
     """A fit whose interval holds for another motion of the same kind."""
 
-    repeat: Array | None = None  # covariance (p, p) of the repeatability; None where nothing repeats
+    # covariance (p, p) of the repeatability; None where nothing repeats
+    repeat: Array | None = None
     left: float = 0.0  # residual sum of squares
     units: int = 0  # number of units that were left out
     shared: Array | float = 0.0  # part (p,) of the variances that all trials on a bench share
 
     def repeat_se(self, name: str) -> float | None:
-        """Standard error of an estimate by repeats of the same motion alone; None if nothing repeats."""
+        """Standard error of an estimate by repeats of the same motion alone; None if nothing
+        repeats."""
         k = self.names.index(name)
         return None if self.repeat is None else float(np.sqrt(self.repeat[k, k]))
 
     def se_bench(self, name: str) -> float:
-        """Part of the standard error that all trials on a bench share: its calibration and stiffness."""
+        """Part of the standard error that all trials on a bench share: its calibration and
+        stiffness."""
         return float(np.sqrt(np.broadcast_to(self.shared, len(self.names))[self.names.index(name)]))
 
     def freedom(self, name: str) -> float:
@@ -97,7 +108,9 @@ class GroupFit(LinearFit):
 
     def certain(self, name: str, once_in: float) -> bool:
         """Whether an estimate differs from 0 by a two-sided test at the level `once_in`."""
-        return abs(self[name]) > float(scipy.special.stdtrit(self.freedom(name), 1 - once_in / 2)) * self.se(name)
+        return abs(self[name]) > float(
+            scipy.special.stdtrit(self.freedom(name), 1 - once_in / 2)
+        ) * self.se(name)
 
 
 def gram_sums(
@@ -108,11 +121,14 @@ def gram_sums(
     no_estimates: frozenset[str] = frozenset(),
     rounded: Array | None = None,
 ) -> Sums:
-    """The sums of columns (n,) and of the record's torque; the noise is read from the raw torque, before the filter.
-    `rounded` (k, n) may be thinned. Raises InputError: a column cannot be measured."""
+    """The sums of columns (n,) and of the record's torque; the noise is read from the raw torque,
+    before the filter. `rounded` (k, n) may be thinned. Raises InputError: a column cannot be
+    measured."""
     Y = [record.filtered_torque, record.torque]
     Z = np.array([*columns.values(), *Y])
-    for name, row in zip([*(f"column '{name}'" for name in columns), "column 'y'", "the torque"], Z, strict=True):
+    for name, row in zip(
+        [*(f"column '{name}'" for name in columns), "column 'y'", "the torque"], Z, strict=True
+    ):
         check_measured(name, row)
     groups = record.groups
     gram = products_between(Z.T, Z.T, groups.first, groups.stop)
@@ -148,7 +164,8 @@ def solved(A: Array, b: Array) -> tuple[Array, Array]:
 
 
 def least_left(total: Array) -> Array:
-    """Residual sum of squares of the torque, the last column of sums (..., p + 1, p + 1), on the other columns."""
+    """Residual sum of squares of the torque, the last column of sums (..., p + 1, p + 1), on the
+    other columns."""
     b = total[..., :-1, -1]
     return np.asarray(total[..., -1, -1] - np.sum(b * solved(total[..., :-1, :-1], b)[0], axis=-1))
 
@@ -159,14 +176,23 @@ def estimates_of(total: Array, at: Sequence[int], q: int) -> Array:
 
 
 def fit_groups(
-    s: Sums, model: Mapping[str, str], keep: "NDArray[np.bool_] | Label" = None, limit: float = CONDITION_LIMIT
+    s: Sums,
+    model: Mapping[str, str],
+    keep: "NDArray[np.bool_] | Label" = None,
+    limit: float = CONDITION_LIMIT,
 ) -> GroupFit:
-    """Least squares of the torque on a model (Eq. 15), estimate -> column, over a label's groups or those to keep (m,).
+    """Least squares of the torque on a model (Eq. 15), estimate -> column, over a label's groups or
+    those to keep (m,).
 
-    Raises IdentifiabilityError: a column is 0 throughout, or the scaled condition number is above the `limit`."""
+    Raises IdentifiabilityError: a column is 0 throughout, or the scaled condition number is above
+    the `limit`."""
     names, p, columns = tuple(model), len(model), list(model.values())
     groups = np.flatnonzero(keep if isinstance(keep, np.ndarray) else s.groups.of(keep))
-    used, turn, one = np.array([*s.index(columns), s.torque, s.torque + 1]), np.eye(p + 2), columns.index("one")
+    used, turn, one = (
+        np.array([*s.index(columns), s.torque, s.torque + 1]),
+        np.eye(p + 2),
+        columns.index("one"),
+    )
     own = s.gram[:, used[:, None], used][groups]
     if "ramp" in columns:  # centred, so that drift and offset are orthogonal
         along, ramp = own[:, one].sum(axis=0), columns.index("ramp")
@@ -174,13 +200,15 @@ def fit_groups(
         own = turn.T @ own @ turn
     total = own.sum(axis=0)
     n = float(total[one, one])
-    # before the filter noise is independent from row to row; if nothing repeats, the filtered torque is used, since
-    # else the part of the signal that the filter removes would count as noise
+    # before the filter noise is independent from row to row; if nothing repeats, the filtered
+    # torque is used, since else the part of the signal that the filter removes would count as noise
     A_g, b_g, raw_g = own[:, :p, :p], own[:, :p, p], own[:, :p, p + 1 if s.groups.repeat else p]
     A, b, square = total[:p, :p], total[:p, p], float(total[p, p])
     estimates, inverse, about_means, condition = identified(model, A, b, limit, s.no_estimates)
     if n <= len(names):
-        raise InputError(f"{n:.0f} samples cannot determine {len(names)} parameters; record for longer")
+        raise InputError(
+            f"{n:.0f} samples cannot determine {len(names)} parameters; record for longer"
+        )
     left = max(float(square - 2 * estimates @ b + estimates @ A @ estimates), 0.0)
     level = float(total[one, p] - total[one, :p] @ estimates) / n
     stratum = s.groups.stratum[groups]
@@ -189,12 +217,14 @@ def fit_groups(
     repeats = s.groups.repeat and int(np.bincount(stratum).min()) > 1
     if repeats:
         noise, freedom = between_cycles(scores, stratum)
-    elif len(stratum) < FEWEST_GROUPS:  # too few scores: takes slow columns in noise that is white after the filter
+    # too few scores: takes slow columns in noise that is white after the filter
+    elif len(stratum) < FEWEST_GROUPS:
         left_free = max(n / s.independent - len(names), 1.0)
         noise, freedom = inverse * left / left_free, np.full(len(names), left_free)
     else:
         rich = np.array(s.index(list(dict.fromkeys([*s.rich, *columns]))))
-        across = s.gram[np.ix_(groups, rich, used)] @ turn  # its columns with the model's and both torques
+        # its columns with the model's and both torques
+        across = s.gram[np.ix_(groups, rich, used)] @ turn
         of_rich = solved(s.over(keep)[np.ix_(rich, rich)], across[:, :, -2].sum(axis=0))[0]
         modelled = np.einsum("mrp,r->mp", across[:, :, :-2], of_rich)
         noise, freedom = noise_of_scores(np.asarray((raw_g - modelled) @ inverse), len(rich))
@@ -208,7 +238,10 @@ def fit_groups(
         draws, change, seen = made.shape[2], inverse @ made.sum(axis=0), np.zeros(p)
         if repeats or len(stratum) >= FEWEST_GROUPS:
             each = np.moveaxis(inverse @ made, 2, 0)
-            by_groups = [between_cycles(x, stratum) if repeats else noise_of_scores(x, len(rich)) for x in each]
+            by_groups = [
+                between_cycles(x, stratum) if repeats else noise_of_scores(x, len(rich))
+                for x in each
+            ]
             seen = np.mean([np.diag(own) for own, _ in by_groups], axis=0)
         known = less(change @ change.T / draws, seen)
         if told:
@@ -235,13 +268,21 @@ def fit_groups(
 
 
 def identified(
-    model: Mapping[str, str], A: Array, b: Array, limit: float, no_estimates: frozenset[str] = frozenset()
+    model: Mapping[str, str],
+    A: Array,
+    b: Array,
+    limit: float,
+    no_estimates: frozenset[str] = frozenset(),
 ) -> tuple[Array, Array, Array, float]:
-    """Estimates (p,) of a model, the inverse (p, p) of its normal equations, the part of the inverse for columns about
-    their means (without the offset), and the scaled condition number. Raises IdentifiabilityError: this is above the
-    limit, or a column is 0."""
+    """Estimates (p,) of a model, the inverse (p, p) of its normal equations, the part of the
+    inverse for columns about their means (without the offset), and the scaled condition number.
+    Raises IdentifiabilityError: this is above the limit, or a column is 0."""
     estimates, inverse = solved(A, b)
-    varies = [k for k, column in enumerate(model.values()) if column != "one" and column not in no_estimates]
+    varies = [
+        k
+        for k, column in enumerate(model.values())
+        if column != "one" and column not in no_estimates
+    ]
     about_means = inverse[np.ix_(varies, varies)]
     scale = np.sqrt(regression.check_not_zero(tuple(model), np.diag(A)))
     values, vectors = np.linalg.eigh(A / np.outer(scale, scale))
@@ -254,7 +295,8 @@ def identified(
 
 
 def accounted_for(left: float, varied: float, square: float) -> float:
-    """VAF [percent] of a variance of which some is left; as `variance_accounted_for` if the signal is constant."""
+    """VAF [percent] of a variance of which some is left; as `variance_accounted_for` if the signal
+    is constant."""
     rounding = rounding_of(np.array([square**0.5])) if square > 0 else 0.0
     if varied > rounding:
         return float(100 * (1 - max(left, 0.0) / varied))
@@ -262,8 +304,8 @@ def accounted_for(left: float, varied: float, square: float) -> float:
 
 
 def jackknife(A_g: Array, b_g: Array, A: Array, b: Array, unit: NDArray[np.intp]) -> Array:
-    """Covariance (p, p) of the estimates by leaving out one unit at a time: noise and misfit, with leverage. For k
-    torques, b (p, k), it is (k, p, p)."""
+    """Covariance (p, p) of the estimates by leaving out one unit at a time: noise and misfit, with
+    leverage. For k torques, b (p, k), it is (k, p, p)."""
     m, p = int(unit.max()) + 1, len(b)
     own = np.asarray(unit == np.arange(m)[:, None], dtype=np.float64)
     A_u = A - (own @ A_g.reshape(len(unit), -1)).reshape(m, p, p)
@@ -277,11 +319,16 @@ def jackknife(A_g: Array, b_g: Array, A: Array, b: Array, unit: NDArray[np.intp]
 
 
 def combined(
-    noise: Array, freedom: Array, misfit: Array, units: int, known: Array | float = 0.0, draws: int = 0
+    noise: Array,
+    freedom: Array,
+    misfit: Array,
+    units: int,
+    known: Array | float = 0.0,
+    draws: int = 0,
 ) -> tuple[Array, Array]:
-    """Covariance (p, p) of noise and misfit together, and its degrees of freedom (p,). The misfit is the scatter of
-    units in excess of the noise. Correlations are those of the sum of both. A `known` covariance (p, p), from a number
-    of `draws`, is added as type B."""
+    """Covariance (p, p) of noise and misfit together, and its degrees of freedom (p,). The misfit
+    is the scatter of units in excess of the noise. Correlations are those of the sum of both. A
+    `known` covariance (p, p), from a number of `draws`, is added as type B."""
     random = np.maximum(np.diag(noise), 0.0)
     excess = np.maximum(np.diag(misfit) - random, 0.0)
     both = noise + misfit
@@ -289,14 +336,19 @@ def combined(
     error = np.sqrt(random + excess)
     covariance = both / np.outer(size, size) * np.outer(error, error) + known
     parts = [random, excess, np.diag(covariance) - random - excess]
-    of_each = [freedom, np.full_like(random, max(units - 1.0, 1.0)), np.full_like(random, max(draws - 1.0, 1.0))]
+    of_each = [
+        freedom,
+        np.full_like(random, max(units - 1.0, 1.0)),
+        np.full_like(random, max(draws - 1.0, 1.0)),
+    ]
     degrees = welch_satterthwaite(parts, of_each)
     return covariance, np.maximum(degrees, 1.0)
 
 
 def noise_of_scores(scores: Array, columns: int) -> tuple[Array, Array]:
-    """Covariance (p, p) of estimates and its degrees of freedom (p,), from the scores (m, p) of consecutive groups and
-    half the products of neighbours. Each column of the fit has used up half a group."""
+    """Covariance (p, p) of estimates and its degrees of freedom (p,), from the scores (m, p) of
+    consecutive groups and half the products of neighbours. Each column of the fit has used up half
+    a group."""
     m, p = scores.shape
     used = min(columns, m - 2)
     near = scores[1:].T @ scores[:-1]
@@ -308,12 +360,21 @@ def noise_of_scores(scores: Array, columns: int) -> tuple[Array, Array]:
     return np.asarray(found), np.full(p, max(m / 1.5 - used / 2, 1.0))
 
 
-def held_out_vaf(s: Sums, model: Mapping[str, str], label: Label = None, interleaved: bool = False) -> float | None:
-    """Lowest VAF [percent] of groups that a fit did not use, each with its own offset; None without such groups or fit.
+def held_out_vaf(
+    s: Sums, model: Mapping[str, str], label: Label = None, interleaved: bool = False
+) -> float | None:
+    """Lowest VAF [percent] of groups that a fit did not use, each with its own offset; None without
+    such groups or fit.
 
-    Of a label: of the other labels, by its fit. Of all: of each label by the fit to the others. With one label: of each
-    third of the groups by the fit to the rest; thirds are interleaved if something may change over the record."""
-    labels, at, q, one = s.groups.labels, s.index(list(model.values())), s.torque, s.index(["one"])[0]
+    Of a label: of the other labels, by its fit. Of all: of each label by the fit to the others.
+    With one label: of each third of the groups by the fit to the rest; thirds are interleaved if
+    something may change over the record."""
+    labels, at, q, one = (
+        s.groups.labels,
+        s.index(list(model.values())),
+        s.torque,
+        s.index(["one"])[0],
+    )
     if label is not None:
         pairs = [(s.groups.of(label), [s.groups.of(other) for other in labels if other != label])]
     elif len(labels) > 1:
@@ -328,12 +389,16 @@ def held_out_vaf(s: Sums, model: Mapping[str, str], label: Label = None, interle
         if total[one, one] <= len(model):
             return None
         try:
-            x, *_ = identified(model, total[np.ix_(at, at)], total[at, q], CONDITION_LIMIT, s.no_estimates)
+            x, *_ = identified(
+                model, total[np.ix_(at, at)], total[at, q], CONDITION_LIMIT, s.no_estimates
+            )
         except IdentifiabilityError:
             return None
         for own in map(s.over, held):
             n, square = own[one, one], own[q, q]
             level = (own[one, q] - own[one, at] @ x) / n
             left = square - 2 * x @ own[at, q] + x @ own[np.ix_(at, at)] @ x
-            found.append(accounted_for(left / n - level**2, square / n - (own[one, q] / n) ** 2, square / n))
+            found.append(
+                accounted_for(left / n - level**2, square / n - (own[one, q] / n) ** 2, square / n)
+            )
     return min(found, default=None)

@@ -1,5 +1,5 @@
-"""Frequency response of a trial: phasors of angle and torque in each segment of a stepped sine (Fig. 7), with
-covariance and harmonics; for any other motion the impedance over frequency."""
+"""Frequency response of a trial: phasors of angle and torque in each segment of a stepped sine
+(Fig. 7), with covariance and harmonics; for any other motion the impedance over frequency."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -20,35 +20,44 @@ from osl_analysis.spectral.stepped_sine import whole_rows
 from osl_analysis.stats import regression
 from osl_analysis.trial import Array, check_finite, check_measured
 
-COMPLEX_PARTS = ("re", "im", "var_re", "cov", "var_im", "degrees_of_freedom")  # suffixes of the columns of an estimate
-POLAR = [f"{name}{end}" for name in ("magnitude", "phase_deg") for end in ("", "_se", "_low", "_high")]
+# suffixes of the columns of an estimate
+COMPLEX_PARTS = ("re", "im", "var_re", "cov", "var_im", "degrees_of_freedom")
+POLAR = [
+    f"{name}{end}" for name in ("magnitude", "phase_deg") for end in ("", "_se", "_low", "_high")
+]
 """Magnitude and phase [deg] with standard errors and 95 % intervals (Student), to first order."""
 SHARED = ("Y_se_bench", "Y_gain_se_bench", "Y_phase_se_bench")
 DAMPING = ("damping", "damping_low", "damping_high")
 PHASORS: dict[str, type[pl.DataType]] = {
     "trial": pl.String,
     **dict.fromkeys(("amplitude_deg", "frequency_hz"), pl.Float64),
-    **dict.fromkeys((f"{name}_{part}" for name in ("theta", "torque") for part in COMPLEX_PARTS), pl.Float64),
+    **dict.fromkeys(
+        (f"{name}_{part}" for name in ("theta", "torque") for part in COMPLEX_PARTS), pl.Float64
+    ),
     **dict.fromkeys(("theta_distortion", "torque_distortion"), pl.Float64),
     **dict.fromkeys((f"Y_{part}" for part in (*COMPLEX_PARTS, *POLAR)), pl.Float64),
     **dict.fromkeys(SHARED, pl.Float64),
     "interval_method": pl.String,
     "commanded_deg": pl.Float64,
 }
-"""Columns of `phasors.csv`: phasors of angle [rad] and torque [N*m] and Y [rad/(N*m)] with covariances and degrees of
-freedom, distortions, magnitude and phase of Y."""
+"""Columns of `phasors.csv`: phasors of angle [rad] and torque [N*m] and Y [rad/(N*m)] with
+covariances and degrees of freedom, distortions, magnitude and phase of Y."""
 RESPONSE_COLUMNS: dict[str, type[pl.DataType]] = {
     "trial": pl.String, "method": pl.String, "realisations": pl.Int64,
-    **dict.fromkeys(("frequency_hz", "angle_deg", "Z_re", "Z_im", "magnitude", "phase_deg"), pl.Float64),
-    **dict.fromkeys(("noise_sd", "total_sd", "noise_level", "odd_level", "even_level", "total_level"), pl.Float64),
-    **dict.fromkeys(("magnitude_eq15", "phase_deg_eq15", "magnitude_eq9", "phase_deg_eq9"), pl.Float64),
+    **dict.fromkeys(("frequency_hz", "angle_deg", "Z_re", "Z_im", "magnitude", "phase_deg"),
+    pl.Float64),
+    **dict.fromkeys(("noise_sd", "total_sd", "noise_level", "odd_level", "even_level",
+    "total_level"), pl.Float64),
+    **dict.fromkeys(("magnitude_eq15", "phase_deg_eq15", "magnitude_eq9", "phase_deg_eq9"),
+    pl.Float64),
 }  # fmt: skip
 """Columns of `response.csv`."""
 
 
 @dataclass(frozen=True)
 class ComplexEstimate:
-    """An estimate of a complex number. Raises InputError: value or covariance cannot be measured."""
+    """An estimate of a complex number. Raises InputError: value or covariance cannot be
+    measured."""
 
     value: complex
     covariance: Array  # covariance (2, 2) of real and imaginary part
@@ -84,31 +93,39 @@ class ComplexEstimate:
 
 
 def with_errors(value: complex, errors: Sequence[tuple[Array, float]]) -> ComplexEstimate:
-    """A number with independent errors: sum of the covariances (2, 2); degrees of freedom, combined by the traces."""
+    """A number with independent errors: sum of the covariances (2, 2); degrees of freedom, combined
+    by the traces."""
     covariances, freedom = zip(*errors, strict=True)
     total = float(regression.welch_satterthwaite([np.trace(C) for C in covariances], freedom))
     return ComplexEstimate(value, np.sum(covariances, axis=0), total)
 
 
 def complex_quotient(numerator: ComplexEstimate, denominator: ComplexEstimate) -> ComplexEstimate:
-    """numerator/denominator. The covariance is of first order; the two errors must be independent."""
+    """numerator/denominator. The covariance is of first order; the two errors must be
+    independent."""
     ratio = numerator.value / denominator.value
     errors = []
-    for slope, number in ((1 / denominator.value, numerator), (-ratio / denominator.value, denominator)):
-        turn = np.array([[slope.real, -slope.imag], [slope.imag, slope.real]])  # multiplication, as a matrix
+    for slope, number in (
+        (1 / denominator.value, numerator),
+        (-ratio / denominator.value, denominator),
+    ):
+        # multiplication, as a matrix
+        turn = np.array([[slope.real, -slope.imag], [slope.imag, slope.real]])
         errors.append((turn @ number.covariance @ turn.T, number.degrees_of_freedom))
     return with_errors(ratio, errors)
 
 
 def complex_mean(numbers: Sequence[ComplexEstimate]) -> ComplexEstimate:
     """Mean of complex numbers whose errors are independent."""
-    errors = [(number.covariance / len(numbers) ** 2, number.degrees_of_freedom) for number in numbers]
+    errors = [
+        (number.covariance / len(numbers) ** 2, number.degrees_of_freedom) for number in numbers
+    ]
     return with_errors(complex(np.mean([n.value for n in numbers])), errors)
 
 
 SharedError = Sequence[float]
-"""Standard uncertainties of Y that all phasors on a bench share: of its real part, due to the bench's stiffness; of its
-magnitude, relative; and of its phase [rad]."""
+"""Standard uncertainties of Y that all phasors on a bench share: of its real part, due to the
+bench's stiffness; of its magnitude, relative; and of its phase [rad]."""
 
 
 def shared_covariance(value: complex, error: SharedError) -> Array:
@@ -122,14 +139,26 @@ def shared_covariance(value: complex, error: SharedError) -> Array:
 def with_bench_error(number: ComplexEstimate, error: SharedError) -> ComplexEstimate:
     """The number with these uncertainties, of type B."""
     known = shared_covariance(number.value, error)
-    return with_errors(number.value, [(number.covariance, number.degrees_of_freedom), (known, np.inf)])
+    return with_errors(
+        number.value, [(number.covariance, number.degrees_of_freedom), (known, np.inf)]
+    )
 
 
 def complex_row(name: str, number: ComplexEstimate) -> dict[str, float]:
-    """The number as columns of a table: `name_re`, `name_im`, their covariance and its degrees of freedom."""
+    """The number as columns of a table: `name_re`, `name_im`, their covariance and its degrees of
+    freedom."""
     C = number.covariance
-    values = (number.value.real, number.value.imag, C[0, 0], C[0, 1], C[1, 1], number.degrees_of_freedom)
-    return {f"{name}_{part}": float(value) for part, value in zip(COMPLEX_PARTS, values, strict=True)}
+    values = (
+        number.value.real,
+        number.value.imag,
+        C[0, 0],
+        C[0, 1],
+        C[1, 1],
+        number.degrees_of_freedom,
+    )
+    return {
+        f"{name}_{part}": float(value) for part, value in zip(COMPLEX_PARTS, values, strict=True)
+    }
 
 
 def polar_row(number: ComplexEstimate) -> dict[str, float]:
@@ -143,10 +172,12 @@ def polar_row(number: ComplexEstimate) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class Phasor(ComplexEstimate):
-    """Complex amplitude P of a sine: signal = Re(P exp(j w t)) + offset + harmonics, in the unit of the signal."""
+    """Complex amplitude P of a sine: signal = Re(P exp(j w t)) + offset + harmonics, in the unit of
+    the signal."""
 
     harmonics: NDArray[np.complex128]
-    """Complex amplitudes of the fundamental and of harmonics 2 to 5, shape (5,): harmonic k is Re(H exp(j k w t))."""
+    """Complex amplitudes of the fundamental and of harmonics 2 to 5, shape (5,): harmonic k is Re(H
+    exp(j k w t))."""
     interval_method: str  # source of the covariance, as in `LinearFit`
 
     @property
@@ -159,25 +190,29 @@ class Phasor(ComplexEstimate):
 def fit_sinusoids(
     time: Array, frequency_hz: float, *signals: Array, cycles: tuple[Array, Array] | None = None
 ) -> Iterator[Phasor]:
-    """Phasors of settled signals (n,) at times (n,) [s], which define zero phase, each with an offset and harmonics 2
-    to 5, which friction makes. `cycles` holds the rows, which may be fractional, at which each fitted cycle begins and
-    ends; None: all rows, divided into cycles from the first one on.
+    """Phasors of settled signals (n,) at times (n,) [s], which define zero phase, each with an
+    offset and harmonics 2 to 5, which friction makes. `cycles` holds the rows, which may be
+    fractional, at which each fitted cycle begins and ends; None: all rows, divided into cycles from
+    the first one on.
 
-    The covariance comes from the spread of cycles; with fewer than five, from the autocorrelation of the residual. The
-    normal equations are well conditioned: sines are orthogonal over whole cycles.
+    The covariance comes from the spread of cycles; with fewer than five, from the autocorrelation
+    of the residual. The normal equations are well conditioned: sines are orthogonal over whole
+    cycles.
 
-    Raises InputError: less than one cycle, steps too long for harmonic 5, a value that cannot be measured, no sine."""
+    Raises InputError: less than one cycle, steps too long for harmonic 5, a value that cannot be
+    measured, no sine."""
     check_finite("time", time)
     highest, n = 5, len(time)
     step = float(time[-1] - time[0]) / (n - 1) if n > 1 else np.inf
     if n * step < 0.99 / frequency_hz:
         raise InputError(
-            f"the signal has less than one cycle at {frequency_hz:g} Hz; record more cycles, or lower `settle_cycles` "
-            "in the configuration"
+            f"the signal has less than one cycle at {frequency_hz:g} Hz; record more cycles, or"
+            " lower `settle_cycles` in the configuration"
         )
     if 2 * highest * frequency_hz * step >= 1:
         raise InputError(
-            f"a step of {step * 1e3:.2f} ms is too long for harmonic {highest} of {frequency_hz:g} Hz; sample faster"
+            f"a step of {step * 1e3:.2f} ms is too long for harmonic {highest} of {frequency_hz:g}"
+            " Hz; sample faster"
         )
     turns = np.cumprod(np.tile(np.exp(2j * np.pi * frequency_hz * time), (highest, 1)), axis=0)
     X = np.vstack([np.ones(n), *(part for turn in turns for part in (turn.real, turn.imag))]).T
@@ -197,13 +232,16 @@ def fit_sinusoids(
             covariance, freedom, method, _ = regression.hac(fitted, inverse, residual[inside])
         else:
             scores = regression.products_between(X, residual[:, None], *cycles)[..., 0] @ inverse
-            covariance, freedom = regression.between_cycles(scores, np.zeros(len(scores), dtype=np.intp))
+            covariance, freedom = regression.between_cycles(
+                scores, np.zeros(len(scores), dtype=np.intp)
+            )
             method = "cycles"
-        harmonics = estimates[1::2] - 1j * estimates[2::2]  # a cos(wt) + b sin(wt) = Re((a - j b) exp(j w t))
+        # a cos(wt) + b sin(wt) = Re((a - j b) exp(j w t))
+        harmonics = estimates[1::2] - 1j * estimates[2::2]
         if abs(harmonics[0]) <= 1e-12 * np.abs(signal).max():  # rounding error of the fit
             raise InputError(
-                f"the signal has no sine of {frequency_hz:g} Hz, it stays at {signal[0]:g}; check its channel in the "
-                "source file, or exclude the trial"
+                f"the signal has no sine of {frequency_hz:g} Hz, it stays at {signal[0]:g}; check"
+                " its channel in the source file, or exclude the trial"
             )
         own = to_phasor * covariance[1:3, 1:3], float(np.min(freedom[1:3]))
         yield Phasor(complex(harmonics[0]), *own, harmonics, method)
@@ -219,13 +257,19 @@ def with_rounding(
         return phasor
     turn = np.exp(-2j * np.pi * frequency_hz * record.time[rows]) * 2 / float(np.sum(stop - first))
     edges = first - rows.start, stop - rows.start
-    made = regression.products_between(np.column_stack([turn.real, turn.imag]), np.array(errors).T, *edges)
+    made = regression.products_between(
+        np.column_stack([turn.real, turn.imag]), np.array(errors).T, *edges
+    )
     change = made.sum(axis=0)
     known = change @ change.T / len(errors)
     if len(first) >= regression.FEWEST_CYCLES:
-        spread, _ = regression.between_cycles(made.reshape(len(made), -1), np.zeros(len(made), dtype=np.intp))
+        spread, _ = regression.between_cycles(
+            made.reshape(len(made), -1), np.zeros(len(made), dtype=np.intp)
+        )
         known = regression.less(known, np.diag(spread).reshape(change.shape).mean(axis=1))
-    both = with_errors(phasor.value, [(phasor.covariance, phasor.degrees_of_freedom), (known, len(errors) - 1.0)])
+    both = with_errors(
+        phasor.value, [(phasor.covariance, phasor.degrees_of_freedom), (known, len(errors) - 1.0)]
+    )
     return replace(phasor, covariance=both.covariance, degrees_of_freedom=both.degrees_of_freedom)
 
 
@@ -242,30 +286,41 @@ class SegmentPhasors:
 
     @property
     def admittance(self) -> ComplexEstimate:
-        """Integral admittance Y = theta/torque [rad/(N*m)]. An error c of the bench's compliance changes Y by -c."""
+        """Integral admittance Y = theta/torque [rad/(N*m)]. An error c of the bench's compliance
+        changes Y by -c."""
         return with_bench_error(complex_quotient(self.theta, self.torque), self.bench_error)
 
 
 def phasors_of_record(record: Record) -> list[SegmentPhasors]:
-    """Phasors of the settled cycles in every segment of a stepped sine, amplitude by amplitude; none for other motions.
-    The last cycle is not used: if the lag of the angle grows, it contains the beginning of the next frequency.
+    """Phasors of the settled cycles in every segment of a stepped sine, amplitude by amplitude;
+    none for other motions. The last cycle is not used: if the lag of the angle grows, it contains
+    the beginning of the next frequency.
 
     Raises InputError: as `fit_sinusoids`; the message names the trial."""
     if not record.is_stepped_sine:
         return []
     groups, found = record.groups, []
-    for k in sorted(range(len(groups.strata)), key=lambda k: groups.labels.index(groups.strata[k].label)):
+    for k in sorted(
+        range(len(groups.strata)), key=lambda k: groups.labels.index(groups.strata[k].label)
+    ):
         one = groups.strata[k]
         assert isinstance(one.label, float)
         first, stop = groups.first[groups.stratum == k], groups.stop[groups.stratum == k]
         rows = whole_rows(first.min(), stop.max())
-        cycles, signals = (first - rows.start, stop - rows.start), (record.theta[rows], record.torque[rows])
+        cycles, signals = (
+            (first - rows.start, stop - rows.start),
+            (record.theta[rows], record.torque[rows]),
+        )
         sines = fit_sinusoids(record.time[rows], one.frequency_hz, *signals, cycles=cycles)
         where = one.frequency_hz, (first, stop)
         theta, torque = (with_rounding(phasor, record, k, *where) for k, phasor in enumerate(sines))
         compliance_error = record.bench.compliance_error if record.bench else 0.0
         bench_error = compliance_error, *record.calibration.polar(one.frequency_hz)
-        found.append(SegmentPhasors(one.label, one.frequency_hz, theta, torque, bench_error, one.commanded_deg))
+        found.append(
+            SegmentPhasors(
+                one.label, one.frequency_hz, theta, torque, bench_error, one.commanded_deg
+            )
+        )
     return found
 
 
@@ -286,7 +341,9 @@ def phasor_table(trial: str, phasors: Sequence[SegmentPhasors]) -> pl.DataFrame:
                 **complex_row("Y", Y),
                 **{f"Y_{name}": value for name, value in polar_row(Y).items()},
                 **dict(zip(SHARED, segment.bench_error, strict=True)),
-                "interval_method": max(segment.theta.interval_method, segment.torque.interval_method, key=len),
+                "interval_method": max(
+                    segment.theta.interval_method, segment.torque.interval_method, key=len
+                ),
                 "commanded_deg": segment.commanded_deg,
             }
         )
@@ -294,11 +351,12 @@ def phasor_table(trial: str, phasors: Sequence[SegmentPhasors]) -> pl.DataFrame:
 
 
 def frequency_response_table(phasors: pl.DataFrame) -> pl.DataFrame:
-    """Complex mean of Y over the amplitudes, one row per trial and frequency, from the phasor tables: magnitude
-    [rad/(N*m)] and phase [deg] with 95 % intervals.
+    """Complex mean of Y over the amplitudes, one row per trial and frequency, from the phasor
+    tables: magnitude [rad/(N*m)] and phase [deg] with 95 % intervals.
 
-    The intervals contain only the noise of the phasors. `_amplitudes_low` and `_high` are extremes over amplitudes;
-    their phases are relative to the mean's, so that none jumps at 180 degrees. `doubtful` lists causes of doubt."""
+    The intervals contain only the noise of the phasors. `_amplitudes_low` and `_high` are extremes
+    over amplitudes; their phases are relative to the mean's, so that none jumps at 180 degrees.
+    `doubtful` lists causes of doubt."""
     types: dict[str, Any] = dict.fromkeys(("trial", "joint", "side", "controller"), pl.String)
     types |= dict.fromkeys(("K_d", "B_d", "frequency_hz"), pl.Float64)
     # rows that agree in these differ only in amplitude
@@ -306,15 +364,24 @@ def frequency_response_table(phasors: pl.DataFrame) -> pl.DataFrame:
     rows = list[regression.Row]()
     for values, amplitudes in phasors.group_by(keys, maintain_order=True) if len(phasors) else ():
         of_single = list(amplitudes.iter_rows(named=True))
-        shared = [max(float(row[name]) for row in of_single) for name in SHARED]  # common to all amplitudes
+        # common to all amplitudes
+        shared = [max(float(row[name]) for row in of_single) for name in SHARED]
         responses = []
         for row in of_single:
             re, im, var_re, cov, var_im, freedom = (row[f"Y_{part}"] for part in COMPLEX_PARTS)
-            own = np.array([[var_re, cov], [cov, var_im]]) - shared_covariance(complex(re, im), shared)
+            own = np.array([[var_re, cov], [cov, var_im]]) - shared_covariance(
+                complex(re, im), shared
+            )
             responses.append(ComplexEstimate(complex(re, im), own, freedom))
         mean = with_bench_error(complex_mean(responses), shared)
         phases = [np.rad2deg(mean.phase + np.angle(r.value / mean.value)) for r in responses]
-        reasons = amplitudes["doubtful"].drop_nulls().unique(maintain_order=True).replace("", None).drop_nulls()
+        reasons = (
+            amplitudes["doubtful"]
+            .drop_nulls()
+            .unique(maintain_order=True)
+            .replace("", None)
+            .drop_nulls()
+        )
         rows.append(
             {
                 **dict(zip(keys, values, strict=True)),
@@ -330,17 +397,25 @@ def frequency_response_table(phasors: pl.DataFrame) -> pl.DataFrame:
                 "doubtful": "; ".join(reasons),
             }
         )
-    ranges = [f"{name}_amplitudes_{end}" for name in ("magnitude", "phase_deg") for end in ("low", "high")]
+    ranges = [
+        f"{name}_amplitudes_{end}" for name in ("magnitude", "phase_deg") for end in ("low", "high")
+    ]
     schema = {key: phasors.schema.get(key, types[key]) for key in keys}
-    numbers = (*POLAR, *(f"Y_{part}" for part in COMPLEX_PARTS), *DAMPING, "interval_method", *ranges)
+    numbers = (
+        *POLAR,
+        *(f"Y_{part}" for part in COMPLEX_PARTS),
+        *DAMPING,
+        "interval_method",
+        *ranges,
+    )
     schema |= dict.fromkeys(numbers, pl.Float64)
     schema |= {"interval_method": pl.String, "n_amplitudes": pl.Int64, "doubtful": pl.String}
     return pl.DataFrame(rows, schema=schema)
 
 
 def damping_row(Y: ComplexEstimate, frequency_hz: float) -> regression.Row:
-    """`damping` [N*m*s/rad], the real part of the impedance torque/velocity, 1/(j w Y), with its 95 % interval to first
-    order. It is positive if the joint takes in energy at this frequency."""
+    """`damping` [N*m*s/rad], the real part of the impedance torque/velocity, 1/(j w Y), with its 95
+    % interval to first order. It is positive if the joint takes in energy at this frequency."""
     w, Z = 2 * np.pi * frequency_hz, 1 / Y.value
     turned = -(Z**2)  # dZ = turned dY
     along = np.array([turned.imag, turned.real]) / w
@@ -353,9 +428,10 @@ def damping_row(Y: ComplexEstimate, frequency_hz: float) -> regression.Row:
 def impedance_over_frequency(
     record: Record, fit: GroupFit | None = None, expected: Admittance | None = None
 ) -> pl.DataFrame:
-    """The trial's rows of `response.csv`; none for a stepped sine, whose response is in `phasors.csv`, or for a motion
-    without one. Lines are of unfiltered signals: of the periods up to the filter's cut-off, else of the longest
-    stretch. Beside them stand Eq. 15 with K, B and I of a `fit`, and the response `expected` from the gains (Eq. 9)."""
+    """The trial's rows of `response.csv`; none for a stepped sine, whose response is in
+    `phasors.csv`, or for a motion without one. Lines are of unfiltered signals: of the periods up
+    to the filter's cut-off, else of the longest stretch. Beside them stand Eq. 15 with K, B and I
+    of a `fit`, and the response `expected` from the gains (Eq. 9)."""
     nothing = pl.DataFrame(schema=RESPONSE_COLUMNS)
     if record.is_stepped_sine:
         return nothing
@@ -369,15 +445,24 @@ def impedance_over_frequency(
             longest = max(record.pieces, key=lambda piece: piece.stop - piece.start)
             signals = record.theta[longest], record.torque[longest]
             count, method = 1, "local polynomial"
-            columns = local_response(record_spectrum(*signals, record.rate_hz, record.low_pass.cutoff_hz))
+            columns = local_response(
+                record_spectrum(*signals, record.rate_hz, record.low_pass.cutoff_hz)
+            )
     except OslAnalysisError:
         return nothing
     s = np.asarray(2j * np.pi * columns["frequency_hz"], dtype=np.complex128)
     curves = {"eq15": None if fit is None else fit["K"] + fit["B"] * s + fit["I"] * s**2}
     curves["eq9"] = None if expected is None else 1 / expected(s)
-    frame: dict[str, object] = {**dict.fromkeys(RESPONSE_COLUMNS), "trial": record.name, "method": method}
+    frame: dict[str, object] = {
+        **dict.fromkeys(RESPONSE_COLUMNS),
+        "trial": record.name,
+        "method": method,
+    }
     frame |= {"realisations": count, **columns}
     for short, Z in curves.items():
         if Z is not None:
-            frame |= {f"magnitude_{short}": np.abs(Z), f"phase_deg_{short}": np.rad2deg(np.angle(Z))}
+            frame |= {
+                f"magnitude_{short}": np.abs(Z),
+                f"phase_deg_{short}": np.rad2deg(np.angle(Z)),
+            }
     return pl.DataFrame(frame, schema=RESPONSE_COLUMNS).fill_nan(None)

@@ -24,20 +24,25 @@ from osl_analysis.yaml_settings import (
 Angle = Annotated[float, Field(ge=-180, le=180)]
 CycleCount = Annotated[int, Field(ge=1, le=10_000)]
 Windows = Annotated[str, AfterValidator(lambda text: stretches(text) and text)]
-UncertainShare = Annotated[float, Field(ge=0, lt=0.5)]  # a standard uncertainty; what is larger is a percentage
+# a standard uncertainty; what is larger is a percentage
+UncertainShare = Annotated[float, Field(ge=0, lt=0.5)]
 
 
 class TimeBase(Settings):
     """How the channels of a trial are brought on one uniform grid (docs/time_base.md)."""
 
     highest_hz: Positive = 5.0
-    """Fastest motion [Hz] of the bench; gaps up to a tenth of its period are bridged and count as data."""
+    """Fastest motion [Hz] of the bench; gaps up to a tenth of its period are bridged and count as
+    data."""
     longest_gap_s: Seconds = 0.5
-    """Longest gap [s]; between the two a gap is bridged and its rows are not fitted, beyond it a trial is refused."""
-    largest_drift_ppm: Positive = 2.0  # drift [ppm] between the clocks of angle and torque beyond which it is refused
+    """Longest gap [s]; between the two a gap is bridged and its rows are not fitted, beyond it a
+    trial is refused."""
+    # drift [ppm] between the clocks of angle and torque beyond which it is refused
+    largest_drift_ppm: Positive = 2.0
     _bridges = refused(
         lambda s: 0.1 / s.highest_hz > s.longest_gap_s,
-        "highest_hz = {s.highest_hz:g} bridges 0.1/highest_hz s, beyond longest_gap_s = {s.longest_gap_s:g}; raise one",
+        "highest_hz = {s.highest_hz:g} bridges 0.1/highest_hz s, beyond longest_gap_s ="
+        " {s.longest_gap_s:g}; raise one",
         "highest_hz",
     )
 
@@ -68,7 +73,9 @@ def in_newton_metres_per_rad(text: str) -> float:
     except (ValueError, KeyError):
         value = np.nan
     if not 0 < value < np.inf:
-        raise ValueError(f"write a positive number and one of {', '.join(units)}, as in '218 N*m/deg'")
+        raise ValueError(
+            f"write a positive number and one of {', '.join(units)}, as in '218 N*m/deg'"
+        )
     return value
 
 
@@ -76,13 +83,16 @@ StiffnessText = Annotated[str, AfterValidator(lambda text: in_newton_metres_per_
 
 
 class BenchStiffness(Settings):
-    """Torsional stiffness of what yields between the bench's encoder and the joint: frame, mount and coupling."""
+    """Torsional stiffness of what yields between the bench's encoder and the joint: frame, mount
+    and coupling."""
 
     value: StiffnessText  # stiffness with its unit, as `12500 N*m/rad` or `218 N*m/deg`
-    standard_error: StiffnessText | None = None  # with its unit; null: not known, and not in the intervals
+    # with its unit; null: not known, and not in the intervals
+    standard_error: StiffnessText | None = None
 
     _known = refused(
-        lambda s: not s.compliance_error < s.compliance, "the standard error is not below the value; check the units"
+        lambda s: not s.compliance_error < s.compliance,
+        "the standard error is not below the value; check the units",
     )
 
     @property
@@ -98,16 +108,19 @@ class BenchStiffness(Settings):
 
 
 class Calibration(Settings):
-    """Standard uncertainties of a bench's calibration, of type B (JCGM 100:2008, 4.3), which all of its trials share
-    and no scatter shows; 0: not stated, and in no interval."""
+    """Standard uncertainties of a bench's calibration, of type B (JCGM 100:2008, 4.3), which all of
+    its trials share and no scatter shows; 0: not stated, and in no interval."""
 
-    torque_gain: UncertainShare = 0.0  # relative, of the torque's gain: 0.001 of a load cell of 0.1 %
+    # relative, of the torque's gain: 0.001 of a load cell of 0.1 %
+    torque_gain: UncertainShare = 0.0
     angle_gain: UncertainShare = 0.0  # relative, of the angle's gain
     misalignment_deg: Annotated[float, Field(ge=0, lt=90)] = 0.0
     """Angle [deg] between the axes of joint and load cell, whose torque is low by 1 - cos."""
     hysteresis: UncertainShare = 0.0
-    """Of the load cell: largest distance between rising and falling readings, over the range of torque of a trial."""
-    delay: UncertainShare = 0.0  # time [s] by which the torque may be late, or early, beyond a stated `delay`
+    """Of the load cell: largest distance between rising and falling readings, over the range of
+    torque of a trial."""
+    # time [s] by which the torque may be late, or early, beyond a stated `delay`
+    delay: UncertainShare = 0.0
 
     @property
     def torque(self) -> float:
@@ -115,13 +128,15 @@ class Calibration(Settings):
         return float(np.hypot(self.torque_gain, 1 - np.cos(np.deg2rad(self.misalignment_deg))))
 
     def polar(self, frequency_hz: float) -> tuple[float, float]:
-        """Of the response to a sine: relative of the magnitude, and of the phase [rad] (describing function)."""
+        """Of the response to a sine: relative of the magnitude, and of the phase [rad] (describing
+        function)."""
         turn = np.hypot(2 * np.pi * frequency_hz * self.delay, 4 / np.pi * 2 * self.slip)
         return float(np.hypot(self.torque, self.angle_gain)), float(turn)
 
     @property
     def slip(self) -> float:
-        """That of half the width of the load cell's loop, over the range of torque: a rectangular distribution."""
+        """That of half the width of the load cell's loop, over the range of torque: a rectangular
+        distribution."""
         return self.hysteresis / float(np.sqrt(12))
 
 
@@ -133,70 +148,94 @@ class BenchAnalysis(FilterSettings):
 
     bench_stiffness: BenchStiffness | None = None  # null: the bench does not yield
     calibration: Calibration = NOT_STATED  # what is not known of torque and angle
-    largest_angle: Annotated[float, Field(gt=0, le=3.2)] = 1.2  # [rad] by which a joint turns at most, to each side
-    load_cell_range: Positive | None = None  # largest torque [N*m] that the load cell measures; null: not stated
+    # [rad] by which a joint turns at most, to each side
+    largest_angle: Annotated[float, Field(gt=0, le=3.2)] = 1.2
+    # largest torque [N*m] that the load cell measures; null: not stated
+    load_cell_range: Positive | None = None
 
 
 class BeltAnalysis(BenchAnalysis):
     """Choices for a belt trial."""
 
     load_cell_drift: NotNegative = 0.0
-    """Standard deviation of the load cell's drift [N*m/min], which the interval of a belt trial includes; 0: none."""
+    """Standard deviation of the load cell's drift [N*m/min], which the interval of a belt trial
+    includes; 0: none."""
 
 
 class SteppedSineAnalysis(BenchAnalysis):
     """Choices for a stepped-sine trial, and its protocol."""
 
     amplitudes_deg: Annotated[tuple[Degrees, ...], Field(min_length=1)] | None
-    """Commanded amplitudes [deg], one block each, in the order of the protocol; null: not stated."""
+    """Commanded amplitudes [deg], one block each, in the order of the protocol; null: not
+    stated."""
     frequencies_hz: Annotated[tuple[Positive, ...], Field(min_length=1)] | None
-    """Frequencies [Hz] of a block, one segment each, in the order of the protocol; null: not stated."""
+    """Frequencies [Hz] of a block, one segment each, in the order of the protocol; null: not
+    stated."""
     cycles: CycleCount | tuple[CycleCount, ...] | None
-    """Number of cycles at each frequency: one number for all, or one for each; null: not stated. It is an expectation:
-    the fits use what was recorded, and the quality check `protocol` says where the two differ."""
+    """Number of cycles at each frequency: one number for all, or one for each; null: not stated. It
+    is an expectation: the fits use what was recorded, and the quality check `protocol` says where
+    the two differ."""
     seconds_per_frequency: Positive | None = None
-    """Time [s] at each frequency in place of `cycles`, which does not count then; null: see `cycles`."""
+    """Time [s] at each frequency in place of `cycles`, which does not count then; null: see
+    `cycles`."""
     settle_cycles: Annotated[int, Field(ge=0, le=10_000)]
     """Number of cycles at the start of each segment that are not fitted."""
-    _is_bridged = below("time_base.highest_hz", "cutoff_hz", "and the filter takes out so fast a motion", True)
+    _is_bridged = below(
+        "time_base.highest_hz", "cutoff_hz", "and the filter takes out so fast a motion", True
+    )
 
     @model_validator(mode="after")
     def _some_cycles_are_settled(self) -> Self:
         frequencies = self.frequencies_hz or ()
         if isinstance(self.cycles, tuple) and len(self.cycles) != len(frequencies):
             raise ValueError(
-                f"cycles has {len(self.cycles)} numbers for {len(frequencies)} frequencies; give one number "
-                "for all, or one for each"
+                f"cycles has {len(self.cycles)} numbers for {len(frequencies)} frequencies; give"
+                " one number for all, or one for each"
             )
         fewest = min(self.protocol.cycles_at, default=np.inf)
         if self.settle_cycles + 1 >= max(fewest, 2):  # the last is fitted where it is the only one
-            said = f"settle_cycles = {self.settle_cycles} and the last leave none of {fewest:g} cycles; lower it, at "
-            said += f"most to {max(int(np.ceil(fewest)) - 2, 0)}, or raise cycles or seconds_per_frequency"
+            said = (
+                f"settle_cycles = {self.settle_cycles} and the last leave none of {fewest:g}"
+                " cycles; lower it, at "
+            )
+            said += (
+                f"most to {max(int(np.ceil(fewest)) - 2, 0)}, or raise cycles or"
+                " seconds_per_frequency"
+            )
             raise misplaced(said, "settle_cycles")
         return self
 
     @property
     def protocol(self) -> SteppedSineProtocol:
         """The protocol, its amplitudes in rad."""
-        return stated_protocol(self.amplitudes_deg, self.frequencies_hz, self.cycles, self.seconds_per_frequency)
+        return stated_protocol(
+            self.amplitudes_deg, self.frequencies_hz, self.cycles, self.seconds_per_frequency
+        )
 
 
 class HumanJoint(Settings):
-    """How a person's joint is fitted: its reflexes are columns beside Eq. 15 (docs/human_joint.md)."""
+    """How a person's joint is fitted: its reflexes are columns beside Eq. 15
+    (docs/human_joint.md)."""
 
-    slow_hz: Positive = 1.0  # below which [Hz] torque and columns are not fitted: there the person pushes as he likes
-    delays_ms: Annotated[tuple[Positive, ...], Field(min_length=1)] = REFLEX_DELAYS_MS  # shortest to longest delay [ms]
-    memory_s: Annotated[float, Field(ge=0.1, le=2)] = 0.5  # for how long [s] the reflex answers a movement
+    # below which [Hz] torque and columns are not fitted: there the person pushes as he likes
+    slow_hz: Positive = 1.0
+    # shortest to longest delay [ms]
+    delays_ms: Annotated[tuple[Positive, ...], Field(min_length=1)] = REFLEX_DELAYS_MS
+    # for how long [s] the reflex answers a movement
+    memory_s: Annotated[float, Field(ge=0.1, le=2)] = 0.5
     over: str | None = None
-    """What K and B change with: `angle` (its slow part), `time`, or a column of the trials; null: they do not."""
+    """What K and B change with: `angle` (its slow part), `time`, or a column of the trials; null:
+    they do not."""
     _changes = refused(
         lambda s: s.over in ("theta", "torque"),
-        "over = {s.over} is what K is of; write angle for the slow part of theta, time or another column of trials",
+        "over = {s.over} is what K is of; write angle for the slow part of theta, time or another"
+        " column of trials",
         "over",
     )
     _are_milliseconds = refused(
         lambda s: min(s.delays_ms) < 1 or max(s.delays_ms) >= 1e3 * s.memory_s,
-        "delays_ms must be from 1 ms to below memory_s = {s.memory_s:g} s; write them in ms, as 30, or raise memory_s",
+        "delays_ms must be from 1 ms to below memory_s = {s.memory_s:g} s; write them in ms, as 30,"
+        " or raise memory_s",
         "delays_ms",
     )
 
@@ -210,24 +249,28 @@ class ImpedanceAnalysis(SteppedSineAnalysis):
     """Choices for an impedance trial, whose motion may be another one than the stepped sine."""
 
     excitation: Literal["auto", "stepped_sine", "any"] = "auto"
-    """What moves the joint in impedance trials: the stepped sine, any other motion, or what each recording shows."""
+    """What moves the joint in impedance trials: the stepped sine, any other motion, or what each
+    recording shows."""
     windows: Windows | None = None
-    """Stretches [s] of a recording that are fitted, from its start, as `2-30 40-62`, where the motion is no stepped
-    sine and the sample sheet states none; null: from the first to the last motion."""
+    """Stretches [s] of a recording that are fitted, from its start, as `2-30 40-62`, where the
+    motion is no stepped sine and the sample sheet states none; null: from the first to the last
+    motion."""
     largest_inertia_error: Positive | None = 0.01
-    """Change of I [kg*m^2] by a torque error of 0.1 %, from which a motion is refused because it cannot tell K from I;
-    null: no limit."""
+    """Change of I [kg*m^2] by a torque error of 0.1 %, from which a motion is refused because it
+    cannot tell K from I; null: no limit."""
     rated_torque: Positive | None = None
     """Of the joint [N*m]: torque errors are given as shares of it; null: not stated."""
 
     _passes = refused(
         lambda s: s.excitation != "any" and max(s.frequencies_hz or (0,)) >= s.cutoff_hz,
-        "cutoff_hz = {s.cutoff_hz:g} takes out some of frequencies_hz; raise it, or correct frequencies_hz",
+        "cutoff_hz = {s.cutoff_hz:g} takes out some of frequencies_hz; raise it, or correct"
+        " frequencies_hz",
         "cutoff_hz",
     )
     _turns = refused(
         lambda s: s.excitation != "any" and max(s.protocol.amplitudes, default=0) > s.largest_angle,
-        "amplitudes_deg goes beyond largest_angle = {s.largest_angle:g} rad, where a recording is refused; correct it",
+        "amplitudes_deg goes beyond largest_angle = {s.largest_angle:g} rad, where a recording is"
+        " refused; correct it",
         "amplitudes_deg",
     )
 
@@ -236,14 +279,18 @@ class HumanJointAnalysis(ImpedanceAnalysis):
     """Choices for a trial of a person's joint, which is no stepped sine."""
 
     human: Annotated[
-        HumanJoint | None, BeforeValidator(human_or_none, json_schema_input_type=HumanJoint | bool | None)
+        HumanJoint | None,
+        BeforeValidator(human_or_none, json_schema_input_type=HumanJoint | bool | None),
     ] = None
-    """How a person's joint is fitted; impedance trials are then those of a person. Null: of a device."""
+    """How a person's joint is fitted; impedance trials are then those of a person. Null: of a
+    device."""
     own_cutoff: bool = False
-    """Whether the motion of a person's joint may raise `cutoff_hz`; so where a configuration states none."""
+    """Whether the motion of a person's joint may raise `cutoff_hz`; so where a configuration states
+    none."""
     _will_is_slow = refused(
         lambda s: s.human is not None and 4 * s.human.slow_hz > s.cutoff_hz,
-        "human.slow_hz = {s.human.slow_hz:g} is above a quarter of cutoff_hz = {s.cutoff_hz:g}; lower it or raise that",
+        "human.slow_hz = {s.human.slow_hz:g} is above a quarter of cutoff_hz = {s.cutoff_hz:g};"
+        " lower it or raise that",
         "human.slow_hz",
     )
 
@@ -251,17 +298,21 @@ class HumanJointAnalysis(ImpedanceAnalysis):
 class DynamometerAnalysis(HumanJointAnalysis, BeltAnalysis):
     """Choices for all trials of the dynamometer."""
 
-    REMOVED: ClassVar = {"compare_estimators": "so are the estimators that it compared; remove the line"}
+    REMOVED: ClassVar = {
+        "compare_estimators": "so are the estimators that it compared; remove the line"
+    }
 
 
 class ActuatorAnalysis(BenchAnalysis):
     """Filter and treatment of friction on the actuator's bench."""
 
-    sign_width: Positive  # velocity [rad/s] over which its sign is smoothed: tanh(omega_m/sign_width)
+    # velocity [rad/s] over which its sign is smoothed: tanh(omega_m/sign_width)
+    sign_width: Positive
     slowest: NotNegative  # velocity [rad/s] below which samples are not fitted; 0: all are
     _sign_is_known = refused(
         lambda s: 0 < s.slowest <= s.sign_width,
-        "slowest = {s.slowest:g} is not above sign_width = {s.sign_width:g}, which smooths friction; correct one",
+        "slowest = {s.slowest:g} is not above sign_width = {s.sign_width:g}, which smooths"
+        " friction; correct one",
         "slowest",
     )
 
@@ -276,8 +327,10 @@ class ModelComparison(Settings):
 class DesiredCurve(Settings):
     """A torque-angle curve that a device was designed for, as points of a broken line."""
 
-    angle_deg: Annotated[tuple[Angle, ...], Field(min_length=2), AfterValidator(rising)]  # of the points [deg]
-    torque: Annotated[tuple[float, ...], Field(min_length=2)]  # torques [N*m] there; they resist the motion
+    # of the points [deg]
+    angle_deg: Annotated[tuple[Angle, ...], Field(min_length=2), AfterValidator(rising)]
+    # torques [N*m] there; they resist the motion
+    torque: Annotated[tuple[float, ...], Field(min_length=2)]
 
     _is_a_function = refused(
         lambda s: len(s.angle_deg) != len(s.torque),
@@ -287,30 +340,41 @@ class DesiredCurve(Settings):
 
     def at(self, angle_deg: Array) -> Array:
         """Torques [N*m] at angles (n,) [deg]; NaN beyond the ends of the curve."""
-        return np.asarray(np.interp(angle_deg, self.angle_deg, self.torque, left=np.nan, right=np.nan))
+        return np.asarray(
+            np.interp(angle_deg, self.angle_deg, self.torque, left=np.nan, right=np.nan)
+        )
 
 
 class TorqueAngleAnalysis(BenchAnalysis):
     """Choices for a trial of torque against angle."""
 
     zero: Literal["end", "start", "none"] | None
-    """Where the torque's zero is: its mean over `rest_s` at the end or at the start of the recording, where the joint
-    rests; none: the torque is as recorded; null: not stated, that of the end is assumed."""
+    """Where the torque's zero is: its mean over `rest_s` at the end or at the start of the
+    recording, where the joint rests; none: the torque is as recorded; null: not stated, that of the
+    end is assumed."""
     rest_s: Positive  # duration [s] of this rest
-    angle_step_deg: Annotated[float, Field(gt=0, le=10)]  # step [deg] of the angles at which the curves stand
+    # step [deg] of the angles at which the curves stand
+    angle_step_deg: Annotated[float, Field(gt=0, le=10)]
     window_share: Annotated[float, Field(gt=0, le=0.25)]
-    """Angle to each side of a point, as a share of the range of motion, over which its torque and slope are fitted."""
+    """Angle to each side of a point, as a share of the range of motion, over which its torque and
+    slope are fitted."""
     smallest_motion_deg: Degrees  # range of motion [deg] below which a trial is refused
     settle_cycles: Annotated[int, Field(ge=0, le=1000)] | None
-    """Number of first cycles that are not analysed: a device with hysteresis begins another way than it goes on. None:
-    the first one, where its torque does not come back and that of later ones does."""
+    """Number of first cycles that are not analysed: a device with hysteresis begins another way
+    than it goes on. None: the first one, where its torque does not come back and that of later ones
+    does."""
     shortest_cycle_s: Positive
-    """Duration [s] of a cycle below which a trial is refused: inertia and damping are in its torque."""
+    """Duration [s] of a cycle below which a trial is refused: inertia and damping are in its
+    torque."""
     desired: dict[str, DesiredCurve] = Field(default_factory=dict)
-    """Desired curves by name. The column `desired` of the sample sheet says which one a trial should follow."""
+    """Desired curves by name. The column `desired` of the sample sheet says which one a trial
+    should follow."""
     _passes = refused(
         lambda s: s.cutoff_hz * s.shortest_cycle_s <= 1,
-        "cutoff_hz = {s.cutoff_hz:g} takes out cycles of shortest_cycle_s = {s.shortest_cycle_s:g}; raise one of them",
+        "cutoff_hz = {s.cutoff_hz:g} takes out cycles of shortest_cycle_s = {s.shortest_cycle_s:g};"
+        " raise one of them",
         "cutoff_hz",
     )
-    _cycles_are_seen = below("time_base.longest_gap_s", "shortest_cycle_s", "and a gap would hide a cycle", True)
+    _cycles_are_seen = below(
+        "time_base.longest_gap_s", "shortest_cycle_s", "and a gap would hide a cycle", True
+    )

@@ -9,7 +9,12 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BeforeValidator, Field
 
-from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis, ModelComparison, TorqueAngleAnalysis
+from osl_analysis.bench.settings import (
+    ActuatorAnalysis,
+    DynamometerAnalysis,
+    ModelComparison,
+    TorqueAngleAnalysis,
+)
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.config.sheet import SharedChoices
 from osl_analysis.errors import InputError
@@ -35,9 +40,17 @@ def dates(value: date | str) -> date | str:
     """One date, or the first and the last, as `2026-03-14 to 2026-03-16`."""
     try:
         said = value if isinstance(value, str) else value.isoformat()
-        rising((date(1989, 12, 31), *map(date.fromisoformat, said.split(" to ")), date.today() + timedelta(2)))
+        rising(
+            (
+                date(1989, 12, 31),
+                *map(date.fromisoformat, said.split(" to ")),
+                date.today() + timedelta(2),
+            )
+        )
     except (ValueError, AttributeError) as error:
-        raise ValueError("write a date, 1990 to today, as 2026-03-14, or two, as 2026-03-14 to 2026-03-16") from error
+        raise ValueError(
+            "write a date, 1990 to today, as 2026-03-14, or two, as 2026-03-14 to 2026-03-16"
+        ) from error
     return value
 
 
@@ -45,29 +58,34 @@ class FrequencyResponseFigure(Settings):
     """A desired impedance: Fig. 7 shows all trials that have it."""
 
     K_d: Stiffness | None = None  # Desired stiffness [N*m/rad]; null: of trials without one.
-    B_d: Annotated[float, Field(ge=0)] | None = None  # Desired damping [N*m*s/rad]; null: of trials without one.
+    # Desired damping [N*m*s/rad]; null: of trials without one.
+    B_d: Annotated[float, Field(ge=0)] | None = None
 
 
 class TimeSeriesFigure(FrequencyResponseFigure):
-    """The part of a trial that Fig. 4 shows: the first one with this controller and desired impedance."""
+    """The part of a trial that Fig. 4 shows: the first one with this controller and desired
+    impedance."""
 
     controller: str | None = None  # Controller of the trial; null: a trial without one.
     amplitude_deg: Degrees | None = None  # Amplitude of the sines [deg]; null: the largest.
-    duration_s: Annotated[float, Field(gt=0, le=3600)] = 10.0  # Length of the part [s], which ends with that block.
+    # Length of the part [s], which ends with that block.
+    duration_s: Annotated[float, Field(gt=0, le=3600)] = 10.0
 
 
 class FigureChoices(Settings):
-    """What the figures show. What is null, or of the default campaign alone, is chosen from the data, which is said."""
+    """What the figures show. What is null, or of the default campaign alone, is chosen from the
+    data, which is said."""
 
     time_series: TimeSeriesFigure | None = None
     """The trial of Fig. 4, whose estimates are headline numbers too; null: the first trial."""
     frequency_response: FrequencyResponseFigure | None = None
     """The desired impedance of Fig. 7; null: the one with the most trials."""
     midstance_stiffness: Stiffness | None
-    """Stiffness that the walking controller commands in midstance [N*m/rad], marked in Fig. 9 where the sheet states no
-    K_d and the campaign has one group; null: no mark."""
+    """Stiffness that the walking controller commands in midstance [N*m/rad], marked in Fig. 9 where
+    the sheet states no K_d and the campaign has one group; null: no mark."""
     stance_share: Annotated[float, Field(gt=0, le=1)] = 0.62
-    """Share of the gait cycle that is stance, for the phase of `impedance_trajectory`; Fig. 8 ends there."""
+    """Share of the gait cycle that is stance, for the phase of `impedance_trajectory`; Fig. 8 ends
+    there."""
 
 
 class ReportChoices(Settings):
@@ -76,24 +94,31 @@ class ReportChoices(Settings):
     REMOVED: ClassVar = {"largest_mb": "the page is never thinned out; remove the line"}
 
     beside_draft: bool | None = None
-    """Whether the paper's draft stands beside the campaign's numbers; null: if it simulates the draft's device."""
+    """Whether the paper's draft stands beside the campaign's numbers; null: if it simulates the
+    draft's device."""
 
 
 class Config(Settings):
-    """One campaign, as in `config/config.yaml`. Paths are relative to the folder in which the pipeline runs. A file
-    that is not there may be a shipped one, such as `config/parameters/default.yaml`."""
+    """One campaign, as in `config/config.yaml`. Paths are relative to the folder in which the
+    pipeline runs. A file that is not there may be a shipped one, such as
+    `config/parameters/default.yaml`."""
 
-    campaign: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")]  # Name of the campaign, as written in its summary.
+    # Name of the campaign, as written in its summary.
+    campaign: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")]
     raw_data: Path  # Folder of the recordings.
     sheet: Path  # The sample sheet.
     results: Path  # Folder of the results.
-    simulation: ShippedPath | None  # Settings of the simulator that makes the recordings; null: they are real.
+    # Settings of the simulator that makes the recordings; null: they are real.
+    simulation: ShippedPath | None
     data: Literal["simulated", "measured"] | None = None
-    """What the recordings are, as figures, tables and summary say; null: simulated where the simulator made them."""
+    """What the recordings are, as figures, tables and summary say; null: simulated where the
+    simulator made them."""
     recorded: Annotated[date | str, BeforeValidator(dates)] | None = None
-    """Date of the recordings, as the figures say, such as 2026-03-14; null: the dates of the files."""
+    """Date of the recordings, as the figures say, such as 2026-03-14; null: the dates of the
+    files."""
     parameters: ShippedPath | None
-    """Parameter file of the device; null: none, it is analysed without predictions and without ratios to a file."""
+    """Parameter file of the device; null: none, it is analysed without predictions and without
+    ratios to a file."""
     sources: ShippedPath  # Folder of the source files.
     dynamometer: DynamometerAnalysis  # Analysis of the trials on the dynamometer.
     actuator: ActuatorAnalysis  # Analysis of the trials on the actuator's own bench.
@@ -111,11 +136,14 @@ class Config(Settings):
     quality: QualityRules  # Thresholds of quality control.
     figures: FigureChoices  # What the figures show.
     report: ReportChoices = ReportChoices()  # The page `report.html`.
-    REMOVED: ClassVar = {"study": "the Monte Carlo study is a script, benchmarks/study.py; remove the section"}
+    REMOVED: ClassVar = {
+        "study": "the Monte Carlo study is a script, benchmarks/study.py; remove the section"
+    }
 
     _is_simulated = refused(
         lambda s: s.simulation and s.data == "measured",
-        "data = measured, but the recordings are those of `simulation`; write data: null, or simulation: null",
+        "data = measured, but the recordings are those of `simulation`; write data: null, or"
+        " simulation: null",
         "data",
     )
     _one_plate = refused(
@@ -125,7 +153,8 @@ class Config(Settings):
     )
 
     def shared(self, experiment: str | None = None) -> SharedChoices:
-        """The choices that the simulator follows in the trials of one experiment, or in all (None)."""
+        """The choices that the simulator follows in the trials of one experiment, or in all
+        (None)."""
         bench, seconds = self.dynamometer, self.dynamometer.seconds_per_frequency
         sines = {
             "amplitudes_deg": bench.amplitudes_deg,
@@ -144,42 +173,55 @@ class Config(Settings):
 
 
 def overriding(base: Any, override: Any) -> Any:
-    """A nested mapping with its fields replaced by those of another, as `snakemake --configfile` merges them."""
+    """A nested mapping with its fields replaced by those of another, as `snakemake --configfile`
+    merges them."""
     if not isinstance(base, dict) or not isinstance(override, dict):
         return override
     return base | {name: overriding(base.get(name), value) for name, value in override.items()}
 
 
 FACTS = (
-    "parameters", "impedance_trajectory", "dynamometer.amplitudes_deg", "dynamometer.frequencies_hz",
+    "parameters", "impedance_trajectory", "dynamometer.amplitudes_deg",
+    "dynamometer.frequencies_hz",
     "dynamometer.cycles", "figures.time_series.amplitude_deg", "figures.midstance_stiffness",
     "claims.K_percent", "torque_angle.zero",
 )  # fmt: skip
-"""Settings in which the default configuration states facts on its own bench, device and text, and on no other."""
+"""Settings in which the default configuration states facts on its own bench, device and text, and
+on no other."""
 
 
 OF_BENCH = ("belt", "transmission", "impedance", "human_joint", "calibration")
-FOUND = {"dynamometer.amplitudes_deg": "amplitude_deg", "dynamometer.frequencies_hz": "frequency_hz"}
-"""Settings of the stepped sine, and the columns of `phasors.csv` with the recorded values, used if none is stated."""
+FOUND = {
+    "dynamometer.amplitudes_deg": "amplitude_deg",
+    "dynamometer.frequencies_hz": "frequency_hz",
+}
+"""Settings of the stepped sine, and the columns of `phasors.csv` with the recorded values, used if
+none is stated."""
 JUDGING = {
-    "dynamometer.cutoff_hz": OF_BENCH, "actuator.cutoff_hz": ("actuator",), "torque_angle.cutoff_hz": ("torque_angle",),
+    "dynamometer.cutoff_hz": OF_BENCH, "actuator.cutoff_hz": ("actuator",),
+    "torque_angle.cutoff_hz": ("torque_angle",),
     "parameters": ("belt", "transmission", "actuator", "impedance"), "gain_weight": ("impedance",),
-    "model_comparison.sign_width": ("impedance",), **dict.fromkeys(FOUND, ("transmission", "impedance")),
+    "model_comparison.sign_width": ("impedance",), **dict.fromkeys(FOUND, ("transmission",
+    "impedance")),
     "dynamometer.cycles": ("transmission", "impedance"), "dynamometer.load_cell_drift": ("belt",),
     "dynamometer.calibration": OF_BENCH, "dynamometer.bench_stiffness": OF_BENCH,
     "dynamometer.windows": ("impedance", "human_joint"), "actuator.calibration": ("actuator",),
-    **dict.fromkeys([f"torque_angle.{one}" for one in ("zero", "calibration", "bench_stiffness")], ("torque_angle",)),
+    **dict.fromkeys([f"torque_angle.{one}" for one in ("zero", "calibration", "bench_stiffness")],
+    ("torque_angle",)),
     "claims.K_percent": ("impedance", "walking"), "impedance_trajectory": ("walking",),
     "figures.midstance_stiffness": ("walking",), "figures.stance_share": ("walking",),
-    "walking.perturbed_by": ("walking",), "walking.side": ("walking",), "walking.plate": ("walking",),
-    "walking.markers": ("walking",), "walking.cutoff_hz": ("walking",), "walking.window_s": ("walking",),
+    "walking.perturbed_by": ("walking",), "walking.side": ("walking",), "walking.plate": ("walking",
+    ),
+    "walking.markers": ("walking",), "walking.cutoff_hz": ("walking",),
+    "walking.window_s": ("walking",),
     "walking.baseline_s": ("walking",), "walking.guard_s": ("walking",),
 }  # fmt: skip
-"""Settings that are facts on a bench, device, laboratory or text, and filters and windows; each with the experiments
-that it judges, labels or enters. All others are choices of the analysis."""
+"""Settings that are facts on a bench, device, laboratory or text, and filters and windows; each
+with the experiments that it judges, labels or enters. All others are choices of the analysis."""
 ASSUMED = {"torque_angle.zero": "end"}  # values used for null
 RESTS_ON = dict.fromkeys(("gain_weight", "model_comparison.sign_width"), "parameters")
-RESTS_ON |= {"figures.stance_share": "impedance_trajectory"}  # settings that are not used without these files
+# settings that are not used without these files
+RESTS_ON |= {"figures.stance_share": "impedance_trajectory"}
 
 
 def named_in(settings: Any, name: str) -> Any:
@@ -187,28 +229,39 @@ def named_in(settings: Any, name: str) -> Any:
     return reduce(lambda at, one: (at or {}).get(one), name.split("."), settings)
 
 
-def states_of(config: Config, own: Mapping[str, Any], experiments: Collection[str]) -> list[dict[str, Any]]:
-    """Value and state of every setting that judges or labels these experiments. States: stated (by the configuration or
-    its simulation), measured (each recording has its own), assumed (the default), or none."""
+def states_of(
+    config: Config, own: Mapping[str, Any], experiments: Collection[str]
+) -> list[dict[str, Any]]:
+    """Value and state of every setting that judges or labels these experiments. States: stated (by
+    the configuration or its simulation), measured (each recording has its own), assumed (the
+    default), or none."""
     rows, settings = list[dict[str, Any]](), config.model_dump(mode="json")
     for name in (name for name, of in JUDGING.items() if {*of} & {*experiments}):
         value, said = named_in(settings, name), named_in(own, name)
         none = not any(value.values()) if isinstance(value, dict) else value is None
         state = "stated" if config.simulation is not None or said is not None else "assumed"
-        if state == "assumed" and (none or (name in RESTS_ON and getattr(config, RESTS_ON[name]) is None)):
+        if state == "assumed" and (
+            none or (name in RESTS_ON and getattr(config, RESTS_ON[name]) is None)
+        ):
             state = "measured" if name in FOUND else "assumed" if name in ASSUMED else "none"
         value = ASSUMED.get(name, value) if none else value
-        shown = None if value is None or state == "none" or (none and name not in ASSUMED) else json.dumps(value)
-        shown = shown and shown.strip('"').removeprefix(f"{root()}/")  # a shipped file, without its folder
+        shown = (
+            None
+            if value is None or state == "none" or (none and name not in ASSUMED)
+            else json.dumps(value)
+        )
+        # a shipped file, without its folder
+        shown = shown and shown.strip('"').removeprefix(f"{root()}/")
         rows.append({"setting": name, "value": shown, "state": state})
     return rows
 
 
 def over_default(own: Mapping[str, Any]) -> Any:
-    """The default configuration with its fields replaced by those of another. Real recordings are not from the bench of
-    the default campaign: for them, `FACTS` that are not stated are null."""
+    """The default configuration with its fields replaced by those of another. Real recordings are
+    not from the bench of the default campaign: for them, `FACTS` that are not stated are null."""
     default = read_mapping(default_config())
-    is_unstated = own == default or named_in(own, "dynamometer.cutoff_hz") is None  # the default is for no real joint
+    # the default is for no real joint
+    is_unstated = own == default or named_in(own, "dynamometer.cutoff_hz") is None
     default = overriding(default, {"dynamometer": {"own_cutoff": is_unstated}})
     if default["simulation"] is None or own.get("simulation", default["simulation"]) is not None:
         return overriding(default, own)
@@ -223,29 +276,35 @@ def over_default(own: Mapping[str, Any]) -> Any:
 
 
 def own_fields(path: Path) -> Mapping[str, Any]:
-    """The fields that a configuration file states; the shipped default states none for recordings of others."""
+    """The fields that a configuration file states; the shipped default states none for recordings
+    of others."""
     is_shipped = path == default_config() and not Path("config/config.yaml").is_file()
     return {"simulation": None} if is_shipped else read_mapping(path, by_snakemake=True)
 
 
 def read_section(path: Path, section: str, model: type[AnySettings]) -> AnySettings:
-    """One section of a campaign's configuration. Its file overrides fields of the default configuration."""
+    """One section of a campaign's configuration. Its file overrides fields of the default
+    configuration."""
     content = over_default(own_fields(path))
     unknown = [name for name in content if name not in Config.model_fields]
     if unknown:
-        raise InputError(f"{path}: unknown field '{unknown[0]}'; give a configuration, or fields that override it")
+        raise InputError(
+            f"{path}: unknown field '{unknown[0]}'; give a configuration, or fields that"
+            " override it"
+        )
     return validated(content[section], model, path, (default_config(), path), (section,))
 
 
 def read_config(path: Path, of_any: bool = False) -> Config:
-    """A whole configuration, from a file that overrides some fields of the default. Recordings `of_any` bench are not
-    compared with what the shipped default states."""
+    """A whole configuration, from a file that overrides some fields of the default. Recordings
+    `of_any` bench are not compared with what the shipped default states."""
     own = own_fields(path) if of_any else read_mapping(path, by_snakemake=True)
     return validated(over_default(own), Config, path)
 
 
 def campaign_config(content: Any, files: Sequence[Path]) -> Config:
-    """Validate a configuration that Snakemake merged from files. Later files override earlier ones."""
+    """Validate a configuration that Snakemake merged from files. Later files override earlier
+    ones."""
     for file in files:
         read_mapping(file, by_snakemake=True)
     return validated(content, Config, Path(" overridden by ".join(map(str, files))), files)

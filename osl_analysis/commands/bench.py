@@ -1,4 +1,5 @@
-"""The fits of bench trials, the same at every door: workflow, command line, `watch`, notebooks; the benches' jobs."""
+"""The fits of bench trials, the same at every door: workflow, command line, `watch`, notebooks; the
+benches' jobs."""
 
 import json
 from collections.abc import Callable, Mapping, Sequence
@@ -17,7 +18,13 @@ from osl_analysis.bench.analysis import QUANTITIES, FitTables, analysed, plausib
 from osl_analysis.bench.components import PLACE
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums
 from osl_analysis.bench.human_joint import fit_person, human_joint_table, over_table
-from osl_analysis.bench.record import read_record, record_of_trial, sine_record, stored_record, with_actuator
+from osl_analysis.bench.record import (
+    read_record,
+    record_of_trial,
+    sine_record,
+    stored_record,
+    with_actuator,
+)
 from osl_analysis.campaign.configuration import Config, over_default, own_fields, read_section
 from osl_analysis.config.experiments import EXPERIMENTS, FitJob
 from osl_analysis.errors import IdentifiabilityError, InputError, nearest, printable_lines
@@ -33,8 +40,11 @@ from osl_analysis.table import finite_or_null, read_table, with_evidence, write_
 from osl_analysis.trial import Trial
 
 
-def fit_belt_trial(trial: Trial, parameters: FileOrNone, settings: choices.BeltAnalysis) -> Mapping[str, pl.DataFrame]:
-    """The belt's row, and torque against deflection. `parameters` is the device's file, None for one without."""
+def fit_belt_trial(
+    trial: Trial, parameters: FileOrNone, settings: choices.BeltAnalysis
+) -> Mapping[str, pl.DataFrame]:
+    """The belt's row, and torque against deflection. `parameters` is the device's file, None for
+    one without."""
     p = known_parameters(parameters)
     check_recording(trial, settings)
     rails = saturated(trial, "torque", "theta")
@@ -56,7 +66,11 @@ def fit_transmission_trial(
     rails = saturated(trial, "torque", "theta")
     analysis = components.transmission_of(sine_record(trial, settings))
     table = plausible(components.transmission_table(analysis), rails, p, "B_j", "J_j")
-    return FitTables(analysis.series(), lambda: {"timebase": analysis.time_base(components.LOSSES)}, transmission=table)
+    return FitTables(
+        analysis.series(),
+        lambda: {"timebase": analysis.time_base(components.LOSSES)},
+        transmission=table,
+    )
 
 
 def fit_impedance_trial(
@@ -68,9 +82,10 @@ def fit_impedance_trial(
     settings: choices.ImpedanceAnalysis,
     windows: str | None = None,
 ) -> Mapping[str, pl.DataFrame]:
-    """The rows of Eq. 15, and what else one record of the trial tells. `condition` is what the leg was asked to render,
-    as far as it is known, `weight` W of Eq. 14; `windows` [s] are those of the sheet, which are fitted where the motion
-    is no stepped sine. Where the gains are known, the drivetrain is compared with the `record` that is kept."""
+    """The rows of Eq. 15, and what else one record of the trial tells. `condition` is what the leg
+    was asked to render, as far as it is known, `weight` W of Eq. 14; `windows` [s] are those of the
+    sheet, which are fitted where the motion is no stepped sine. Where the gains are known, the
+    drivetrain is compared with the `record` that is kept."""
     p = known_parameters(parameters)
     check_recording(trial, settings)
     rails = saturated(trial, "torque", "theta")
@@ -83,7 +98,9 @@ def fit_impedance_trial(
         law = prediction.law_table(record, p, ran, models.sign_width)
         ran, programmed_as = prediction.law_that_ran(law, ran, p)
         ran = replace(ran, cancels_friction=ran.cancels_friction and programmed_as == p)
-    record = replace(record, actuator={name: x for name, x in record.actuator.items() if name == "theta_m"})
+    record = replace(
+        record, actuator={name: x for name, x in record.actuator.items() if name == "theta_m"}
+    )
     analysis, table = impedance.judged_impedance(record, rails, p, condition, ran)
 
     def further() -> dict[str, pl.DataFrame]:
@@ -102,16 +119,22 @@ def fit_impedance_trial(
 def fit_human_joint_trial(
     trial: Trial, settings: choices.HumanJointAnalysis, windows: str | None = None
 ) -> Mapping[str, pl.DataFrame]:
-    """The row of a person's joint, Eq. 15 beside a reflex; `windows` as in `fit_impedance_trial`."""
+    """The row of a person's joint, Eq. 15 beside a reflex; `windows` as in
+    `fit_impedance_trial`."""
     check_recording(trial, settings)
     rails = saturated(trial, "torque", "theta")
     fit = person, analysis = fit_person(trial, settings, windows)
 
     def further() -> dict[str, pl.DataFrame]:
-        frames = {"response": phasors.impedance_over_frequency(person.raw), "impedance_over": over_table(fit)}
+        frames = {
+            "response": phasors.impedance_over_frequency(person.raw),
+            "impedance_over": over_table(fit),
+        }
         return frames | {"timebase": analysis.time_base(QUANTITIES)}
 
-    return FitTables(analysis.series(), further, human_joint=human_joint_table(fit).with_columns(rails))
+    return FitTables(
+        analysis.series(), further, human_joint=human_joint_table(fit).with_columns(rails)
+    )
 
 
 def fit_actuator_trial(
@@ -121,7 +144,9 @@ def fit_actuator_trial(
     check_recording(trial, settings, "torque_m", angle=None)
     rails = saturated(trial, "torque_m", "current")
     actuator = components.actuator_trial(trial, settings)
-    table = plausible(components.actuator_table(actuator), rails, p, "k_tau_n_m", "f_C", "f_G", "B_m", "J_m")
+    table = plausible(
+        components.actuator_table(actuator), rails, p, "k_tau_n_m", "f_C", "f_G", "B_m", "J_m"
+    )
     is_velocity = table["motion"][0] == "omega_m"
     series = replace(actuator.series(), motion=actuator.record.theta, is_velocity=is_velocity)
     told = [name for name in components.ACTUATOR_PARAMETERS if name in actuator.whole.names]
@@ -131,14 +156,18 @@ def fit_actuator_trial(
 def fit_torque_angle_trial(
     trial: Trial, settings: choices.TorqueAngleAnalysis, condition: Mapping[str, Any] | None = None
 ) -> Mapping[str, pl.DataFrame]:
-    """The row of torque against angle, and its curves; `condition` may name the curve that it should follow."""
+    """The row of torque against angle, and its curves; `condition` may name the curve that it
+    should follow."""
     desired = (condition or {}).get("desired")
     check_recording(trial, settings)
     rails = saturated(trial, "torque", "theta")
     found = torque_angle.torque_angle_trial(trial, settings)
     return FitTables(
         found.series(),
-        lambda: {"torque_angle_cycles": torque_angle.cycle_table(found), "timebase": found.time_base()},
+        lambda: {
+            "torque_angle_cycles": torque_angle.cycle_table(found),
+            "timebase": found.time_base(),
+        },
         torque_angle=torque_angle.torque_angle_table(found, desired).with_columns(rails),
         torque_angle_curves=torque_angle.curve_table(found, desired),
     )
@@ -147,20 +176,25 @@ def fit_torque_angle_trial(
 def fit_calibration_trial(
     trial: Trial, settings: choices.ImpedanceAnalysis, condition: Mapping[str, Any] | None = None
 ) -> Mapping[str, pl.DataFrame]:
-    """What a bench reads of a spring or an inertia that is known; `condition` has the columns `known_...`."""
+    """What a bench reads of a spring or an inertia that is known; `condition` has the columns
+    `known_...`."""
     stated = condition or {}
-    known = impedance.Known(stated.get("known_K"), stated.get("known_I"), (stated.get("known_percent") or 0.0) / 100)
+    known = impedance.Known(
+        stated.get("known_K"), stated.get("known_I"), (stated.get("known_percent") or 0.0) / 100
+    )
     check_recording(trial, settings)
     rails = saturated(trial, "torque", "theta")
     record = record_of_trial(trial, settings)
     analysis = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE)
     table = impedance.calibration_table(analysis, known).with_columns(rails)
-    return FitTables(analysis.series(), lambda: {"timebase": analysis.time_base(QUANTITIES)}, calibration=table)
+    return FitTables(
+        analysis.series(), lambda: {"timebase": analysis.time_base(QUANTITIES)}, calibration=table
+    )
 
 
 def summarise(table: Path, output: Path) -> None:
-    """What a table of the campaign tells of its trials together: K, B and I of conditions with several trials, the
-    frequency response averaged over the amplitudes, the summary of a part."""
+    """What a table of the campaign tells of its trials together: K, B and I of conditions with
+    several trials, the frequency response averaged over the amplitudes, the summary of a part."""
     by_amplitude = ("amplitude_deg", "doubtful")
     derived: Mapping[str, tuple[Sequence[str], Callable[[pl.DataFrame], pl.DataFrame]]] = {
         "impedance": (by_amplitude, impedance.repeated_trials_table),
@@ -173,7 +207,17 @@ def summarise(table: Path, output: Path) -> None:
 
 def compare_controllers(table: Path, output: Path) -> None:
     """Compensated beside uncompensated trials of the same desired impedance."""
-    needed = ("commanded_deg", "amplitude_deg", "controller", "K_d", "B_d", "K", "B", "VAF", "torque_error")
+    needed = (
+        "commanded_deg",
+        "amplitude_deg",
+        "controller",
+        "K_d",
+        "B_d",
+        "K",
+        "B",
+        "VAF",
+        "torque_error",
+    )
     write_table(impedance.compensation_table(read_table(table, needed)), output)
 
 
@@ -191,12 +235,19 @@ def gather_predictions(
     frequencies: Path,
     parameters: FileOrNone = None,
 ) -> None:
-    """The predictions of all trials with their intervals, what would explain what they leave, and how much that is at
-    each frequency. `records` are those of their fits, `table` is `impedance.csv`, `law` is `law.csv`: where other gains
-    ran than were programmed, these count. `unpredicted` says why other trials with known gains have none. The
-    controller smooths the sign of the velocity over `sign_width` [rad/s], `weight` is W of Eq. 14."""
-    fits, without = with_evidence(table).filter(pl.col("amplitude_deg").is_null()), dict(unpredicted)
-    p, measured = known_parameters(parameters), {part: read_table(path) for part, path in components.items()}
+    """The predictions of all trials with their intervals, what would explain what they leave, and
+    how much that is at each frequency. `records` are those of their fits, `table` is
+    `impedance.csv`, `law` is `law.csv`: where other gains ran than were programmed, these count.
+    `unpredicted` says why other trials with known gains have none. The controller smooths the sign
+    of the velocity over `sign_width` [rad/s], `weight` is W of Eq. 14."""
+    fits, without = (
+        with_evidence(table).filter(pl.col("amplitude_deg").is_null()),
+        dict(unpredicted),
+    )
+    p, measured = (
+        known_parameters(parameters),
+        {part: read_table(path) for part, path in components.items()},
+    )
     predicted, found = fits.filter(pl.col("trial").is_in([path.stem for path in records])), []
     missed = [pl.DataFrame(schema=prediction.MISSES)]
     kept, laws = {path.stem: path for path in records}, read_table(law)
@@ -207,11 +258,15 @@ def gather_predictions(
             try:
                 assert p is not None  # without a parameter file no gains are known
                 known = components_at(own.select(PLACE).row(0), p)
-                gains = impedance.DesiredImpedance(row["controller"], row["K_d"], row["B_d"]).gains(p, weight)
+                gains = impedance.DesiredImpedance(row["controller"], row["K_d"], row["B_d"]).gains(
+                    p, weight
+                )
                 assert gains is not None  # of other trials no record is read
                 record = read_record(kept[row["trial"]], settings.low_pass)
                 ran = prediction.law_that_ran(laws.filter(trial=row["trial"]), gains, p)
-                terms[row["trial"]], miss = prediction.prediction_terms(record, Controller(*ran, sign_width), known)
+                terms[row["trial"]], miss = prediction.prediction_terms(
+                    record, Controller(*ran, sign_width), known
+                )
                 missed.append(miss)
                 law_of[row["trial"]] = "programmed" if ran == (gains, p) else "measured"
             except (InputError, IdentifiabilityError) as error:
@@ -219,12 +274,16 @@ def gather_predictions(
         if terms:
             of_terms = own.filter(pl.col("trial").is_in(list(terms)))
             rows, of_components = prediction.prediction_table(terms, of_terms, known)
-            found.append((rows.with_columns(law=pl.col("trial").replace_strict(law_of)), of_components))
+            found.append(
+                (rows.with_columns(law=pl.col("trial").replace_strict(law_of)), of_components)
+            )
     said = pl.col("trial").replace_strict(without, default=None, return_dtype=pl.String)
     numbers = pl.DataFrame(schema=dict.fromkeys(prediction.NUMBERS, pl.Float64))
     others = fits.filter(pl.col("trial").is_in(list(without)))
     others = others.select("trial", *PLACE, "controller", "K_d", "B_d", missing_components=said)
-    others = pl.concat([others, numbers], how="diagonal_relaxed").with_columns(doubtful=pl.lit(None, pl.String))
+    others = pl.concat([others, numbers], how="diagonal_relaxed").with_columns(
+        doubtful=pl.lit(None, pl.String)
+    )
     write_table(pl.concat([others, *(rows for rows, _ in found)], how="diagonal_relaxed"), output)
     none = pl.DataFrame(schema=[*PLACE, "component"])
     write_table(pl.concat([none, *(rows for _, rows in found)], how="diagonal_relaxed"), causes)
@@ -234,15 +293,15 @@ def gather_predictions(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Fit:
-    """A fitted trial. Every column of its table is an attribute, with the value of the fit to all data: `fit.K`,
-    `fit.K_se`, `fit.VAF`; `fit.K_interval` is (low, high), the 95 % interval. Meaning and unit of each are told by
-    `osl-analysis describe-tables`.
+    """A fitted trial. Every column of its table is an attribute, with the value of the fit to all
+    data: `fit.K`, `fit.K_se`, `fit.VAF`; `fit.K_interval` is (low, high), the 95 % interval.
+    Meaning and unit of each are told by `osl-analysis describe-tables`.
 
-    experiment: it names the table that the fit has rows of in a campaign
-    table: those rows: one per amplitude, if there are several, and last the fit to all data
-    series: `time` [s] from the start, `torque` and `torque_model` [N*m] of all samples that the fit explains
-    curves: torque over angle, rows of `belt_curves` or `torque_angle_curves`; None for another experiment
-    findings: what was judged of each row: doubts, what could not be checked, notes"""
+    experiment: it names the table that the fit has rows of in a campaign table: those rows: one per
+    amplitude, if there are several, and last the fit to all data series: `time` [s] from the start,
+    `torque` and `torque_model` [N*m] of all samples that the fit explains curves: torque over
+    angle, rows of `belt_curves` or `torque_angle_curves`; None for another experiment findings:
+    what was judged of each row: doubts, what could not be checked, notes"""
 
     experiment: str
     table: pl.DataFrame
@@ -256,12 +315,14 @@ class Fit:
 
     @property
     def doubtful(self) -> str:
-        """Why the fit to all data is not to be trusted: what is beyond which limit, and what to do. Empty: nothing."""
+        """Why the fit to all data is not to be trusted: what is beyond which limit, and what to do.
+        Empty: nothing."""
         return "\n".join(self.said(Grade.DOUBTS))
 
     @property
     def not_checked(self) -> str:
-        """What could not be checked, and why, a line each, and what is to be known; empty if there is nothing."""
+        """What could not be checked, and why, a line each, and what is to be known; empty if there
+        is nothing."""
         lines = [f"not checked: {text}" for text in self.said(Grade.UNCHECKED)]
         return "\n".join([*lines, *(f"remark: {text}" for text in self.said(Grade.NOTES))])
 
@@ -279,11 +340,15 @@ class Fit:
             return row[f"{of}_low"], row[f"{of}_high"]
         if name not in row:
             known = ", ".join(estimated(row))
-            raise AttributeError(f"a fit of {self.experiment} has no '{name}'{nearest(name, row)}; it has {known}")
+            raise AttributeError(
+                f"a fit of {self.experiment} has no '{name}'{nearest(name, row)}; it has {known}"
+            )
         return row[name]
 
     def __dir__(self) -> list[str]:
-        return sorted({*super().__dir__(), *self.row, *(f"{name}_interval" for name in estimated(self.row))})
+        return sorted(
+            {*super().__dir__(), *self.row, *(f"{name}_interval" for name in estimated(self.row))}
+        )
 
     def __repr__(self) -> str:
         estimates = f"{self.experiment}, {estimates_text(self.table.tail(1), self.findings[-1:])}"
@@ -293,27 +358,39 @@ class Fit:
 def job_of(experiment: str) -> FitJob:
     """The fit of an experiment's trials. Raises InputError where it has none."""
     if (fit := EXPERIMENTS[experiment].fit) is None:
-        raise InputError(f"a trial of '{experiment}' is not fitted alone; choose another experiment for it")
+        raise InputError(
+            f"a trial of '{experiment}' is not fitted alone; choose another experiment for it"
+        )
     return fit
 
 
 def experiment_of(experiment: str, config: Path) -> str:
-    """The experiment that a trial is fitted by: in a configuration of persons an impedance trial is of a person."""
-    if experiment == "impedance" and read_section(config, "dynamometer", choices.DynamometerAnalysis).human is not None:
+    """The experiment that a trial is fitted by: in a configuration of persons an impedance trial is
+    of a person."""
+    if (
+        experiment == "impedance"
+        and read_section(config, "dynamometer", choices.DynamometerAnalysis).human is not None
+    ):
         return "human_joint"
     return experiment
 
 
 def fit_settings(experiment: str, config: Path) -> tuple[dict[str, Any], DoubtfulFits]:
-    """The settings of an experiment's fit by its arguments, and the limits beyond which fits are doubtful, from a
-    configuration file that may override fields of the default only."""
-    models: Mapping[str, Any] = {name: field.annotation for name, field in Config.model_fields.items()}
-    settings = {name: read_section(config, of, models[of]) for name, (of, _) in job_of(experiment).settings.items()}
+    """The settings of an experiment's fit by its arguments, and the limits beyond which fits are
+    doubtful, from a configuration file that may override fields of the default only."""
+    models: Mapping[str, Any] = {
+        name: field.annotation for name, field in Config.model_fields.items()
+    }
+    settings = {
+        name: read_section(config, of, models[of])
+        for name, (of, _) in job_of(experiment).settings.items()
+    }
     return settings, read_section(config, "doubtful", DoubtfulFits)
 
 
 def campaign_parameters(config: Path) -> Path | None:
-    """The parameter file that a configuration names, which may override fields of the default only; None: null."""
+    """The parameter file that a configuration names, which may override fields of the default only;
+    None: null."""
     named = over_default(own_fields(config))["parameters"]
     return None if named is None else shipped(str(named))
 
@@ -326,8 +403,9 @@ def fit_tables(
     condition: Any = None,
     windows: str | None = None,
 ) -> Mapping[str, pl.DataFrame]:
-    """The tables of a trial's fit, as the job of a campaign gives them. `parameters` is the device's file, None for a
-    device without one. `condition` and `windows` [s] are what the sheet states: `DesiredImpedance`, or cells by column.
+    """The tables of a trial's fit, as the job of a campaign gives them. `parameters` is the
+    device's file, None for a device without one. `condition` and `windows` [s] are what the sheet
+    states: `DesiredImpedance`, or cells by column.
     """
     fit = job_of(experiment)
     given = dict(settings)
@@ -335,25 +413,41 @@ def fit_tables(
     given |= {"condition": condition} if fit.sheet else {}
     given |= {"windows": windows} if fit.windows else {}
     module, _, name = fit.job.partition(".")
-    fitted: Callable[..., Mapping[str, pl.DataFrame]] = getattr(import_module(f"osl_analysis.commands.{module}"), name)
+    fitted: Callable[..., Mapping[str, pl.DataFrame]] = getattr(
+        import_module(f"osl_analysis.commands.{module}"), name
+    )
     return fitted(trial, **given)
 
 
 def fit_trial(
-    experiment: str, trial: Trial, device: Path | None, settings: Mapping[str, Any], limits: DoubtfulFits, *stated: Any
+    experiment: str,
+    trial: Trial,
+    device: Path | None,
+    settings: Mapping[str, Any],
+    limits: DoubtfulFits,
+    *stated: Any,
 ) -> Fit:
-    """Fit a trial and judge it; `fit_settings` gives `settings` and `limits`, the rest and errors as `fit_tables`."""
+    """Fit a trial and judge it; `fit_settings` gives `settings` and `limits`, the rest and errors
+    as `fit_tables`."""
     found = fit_tables(experiment, trial, device, settings, *stated)
     own = EXPERIMENTS[experiment].tables[0].name
     curves = next((frame for name, frame in found.items() if name.endswith("_curves")), None)
     no_torque = pl.DataFrame(schema=dict.fromkeys(("time", "torque", "torque_model"), pl.Float64))
     findings = judged(found[own], limits.of(own), own)
-    return Fit(experiment, marked(found[own], findings, own), found.get("torque", no_torque), curves, findings)
+    return Fit(
+        experiment,
+        marked(found[own], findings, own),
+        found.get("torque", no_torque),
+        curves,
+        findings,
+    )
 
 
 UNIT_OF = {
-    "K": "N·m/rad", "B": "N·m·s/rad", "B_viscous": "N·m·s/rad", "I": "kg·m²", "K_s": "N·m/rad", "B_j": "N·m·s/rad",
-    "B_j_viscous": "N·m·s/rad", "J_j": "kg·m²", "T_C": "N·m", "k_tau_n_m": "N·m/A", "f_C": "N·m", "f_G": "N·m/A",
+    "K": "N·m/rad", "B": "N·m·s/rad", "B_viscous": "N·m·s/rad", "I": "kg·m²", "K_s": "N·m/rad",
+    "B_j": "N·m·s/rad",
+    "B_j_viscous": "N·m·s/rad", "J_j": "kg·m²", "T_C": "N·m", "k_tau_n_m": "N·m/A", "f_C": "N·m",
+    "f_G": "N·m/A",
     "B_m": "N·m·s/rad", "J_m": "kg·m²", "offset": "N·m", "drift": "N·m/s", "K_secant": "N·m/rad",
     "lag_s": "s", "gain": "", "inertia": "kg·m²", "weight": "N·m/rad", "K_unloading": "N·m/rad",
     "energy_stored": "J", "energy_returned": "J", "energy_lost": "J",
@@ -361,11 +455,17 @@ UNIT_OF = {
 
 
 def rows_json(table: pl.DataFrame, findings: Sequence[Sequence[Finding]] = ()) -> str:
-    """A table as JSON in SI units: an object per row, null for what is not finite, with its `findings`."""
+    """A table as JSON in SI units: an object per row, null for what is not finite, with its
+    `findings`."""
     rows: list[dict[str, Any]] = [finite_or_null(row) for row in table.to_dicts()]
     for row, of_row in zip(rows, findings, strict=False):
         row["findings"] = [
-            {"grade": one.grade.value, "cause": one.cause, "sizes": dict(one.sizes), "without": dict(one.without)}
+            {
+                "grade": one.grade.value,
+                "cause": one.cause,
+                "sizes": dict(one.sizes),
+                "without": dict(one.without),
+            }
             | words_of(one, row)._asdict()
             | {"evidence": [finite_or_null(asdict(number)) for number in one.evidence]}
             for one in of_row
@@ -374,20 +474,28 @@ def rows_json(table: pl.DataFrame, findings: Sequence[Sequence[Finding]] = ()) -
 
 
 def estimates_text(estimates: pl.DataFrame, findings: Sequence[Sequence[Finding]] = ()) -> str:
-    """The estimates as text: a line per fit and quantity, with 95 % interval and VAF, and the doubts about each row."""
+    """The estimates as text: a line per fit and quantity, with 95 % interval and VAF, and the
+    doubts about each row."""
     lines = []
     for row, of_row in zip_longest(estimates.to_dicts(), findings, fillvalue=()):
         assert isinstance(row, dict)
         which = "all amplitudes"
         if "cycles" in row:
-            whys = {"settled": "first", "smaller": "below 90 % of the range", "partial": "not whole"}
+            whys = {
+                "settled": "first",
+                "smaller": "below 90 % of the range",
+                "partial": "not whole",
+            }
             counts = {why: row.get(f"{kind}_cycles") for kind, why in whys.items()}
             left_out = ", ".join(f"{n} {why}" for why, n in counts.items() if n)
             which = f"mean of cycles: {row['cycles']}{f' (left out: {left_out})' * bool(left_out)}"
         elif row.get("amplitude_deg") is not None:
             which = f"{row['amplitude_deg']:g} deg"
         elif row.get("excitation") not in (None, "stepped sine"):
-            band = f"{row['band_low_hz']:.3g} to {row['band_high_hz']:.3g} Hz, {row['theta_rms_deg']:.2g} deg RMS"
+            band = (
+                f"{row['band_low_hz']:.3g} to {row['band_high_hz']:.3g} Hz,"
+                f" {row['theta_rms_deg']:.2g} deg RMS"
+            )
             kind = "periodic" if row["excitation"] == "periodic" else "any"
             which = f"{row['fitted_s']:.1f} s of {kind} motion, {band}"
         quality = f"VAF {row['VAF']:.2f} %" if "VAF" in row else "no VAF"
@@ -397,13 +505,25 @@ def estimates_text(estimates: pl.DataFrame, findings: Sequence[Sequence[Finding]
         for name in estimated(row):
             high, low = row.get(f"{name}_high"), row.get(f"{name}_amplitudes_low")
             half = f"± {high - row[name]:<10.2g}" if high is not None else f"{'':<12}"
-            single = "" if low is None else f", single amplitudes {low:.5g} to {row[f'{name}_amplitudes_high']:.5g}"
+            single = (
+                ""
+                if low is None
+                else f", single amplitudes {low:.5g} to {row[f'{name}_amplitudes_high']:.5g}"
+            )
             lines.append(f"  {name:<15}{row[name]:>12.5g} {half} {UNIT_OF.get(name, '')}{single}")
-        lines += [f"  doubtful: {finding_said(one, row)}" for one in of_row if one.grade is Grade.DOUBTS]
-    return "\n".join([*lines, "± is the half-width of the 95 % interval, by the method that interval_method names"])
+        lines += [
+            f"  doubtful: {finding_said(one, row)}" for one in of_row if one.grade is Grade.DOUBTS
+        ]
+    return "\n".join(
+        [
+            *lines,
+            "± is the half-width of the 95 % interval, by the method that interval_method names",
+        ]
+    )
 
 
 def estimated(row: Mapping[str, Any]) -> list[str]:
-    """The quantities that a fit estimates (a belt at a constant velocity has no B_j), or all its numbers."""
+    """The quantities that a fit estimates (a belt at a constant velocity has no B_j), or all its
+    numbers."""
     known = [name for name in UNIT_OF if f"{name}_se" in row and row[name] is not None]
     return known or [name for name, value in row.items() if isinstance(value, float)]

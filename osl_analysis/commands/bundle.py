@@ -1,5 +1,6 @@
-"""`osl-analysis bundle`: a campaign and its results as one file that is deposited, checked and rerun: a Workflow Run
-RO-Crate (https://w3id.org/ro/wfrun/workflow/0.5), whose tables are a Frictionless data package."""
+"""`osl-analysis bundle`: a campaign and its results as one file that is deposited, checked and
+rerun: a Workflow Run RO-Crate (https://w3id.org/ro/wfrun/workflow/0.5), whose tables are a
+Frictionless data package."""
 
 import json
 import platform
@@ -51,8 +52,9 @@ they are those of these results.
 
 
 def write_bundle(folder: Path, output: Path, licence: str, raw: bool) -> int:
-    """Write the campaign in a folder with its results as a ZIP file under a licence, an address, and with the
-    recordings if `raw`; how many files it has. InputError without results, or where a recording is missing."""
+    """Write the campaign in a folder with its results as a ZIP file under a licence, an address,
+    and with the recordings if `raw`; how many files it has. InputError without results, or where a
+    recording is missing."""
     library = optional_module("rocrate.rocrate", "a bundle")
     output = output.absolute()
     with chdir(folder), TemporaryDirectory() as scratch, atomic_path(output) as path:
@@ -61,7 +63,15 @@ def write_bundle(folder: Path, output: Path, licence: str, raw: bool) -> int:
         copy_inputs(open_campaign(config, None), crate, raw)
         given = [file for file in crate.rglob("*") if file.is_file()]
         # what is published; fits, trials and notes of jobs are made again
-        for name in ("tables", "figures", "report.html", "methods.md", "methods.tex", "summary.json", "numbers.tex"):
+        for name in (
+            "tables",
+            "figures",
+            "report.html",
+            "methods.md",
+            "methods.tex",
+            "summary.json",
+            "numbers.tex",
+        ):
             copy(config.results / name, crate / "results" / name)
         current = {*described_tables_by_name(), *FIGURES, "captions"}
         for file in (crate / "results").glob("*/*"):
@@ -78,17 +88,28 @@ def write_bundle(folder: Path, output: Path, licence: str, raw: bool) -> int:
             "recordings": WITHOUT * (not raw),
         }
         write_text(crate / "README.md", README.format(**said))
-        package = {"name": config.campaign.lower(), "title": title, "resources": [*resources(crate)]}
-        write_text(crate / "datapackage.json", json.dumps(package, indent=1, ensure_ascii=False) + "\n")
-        lock = sorted({f"{one.metadata['Name']}=={one.version}\n" for one in distributions()}, key=str.casefold)
+        package = {
+            "name": config.campaign.lower(),
+            "title": title,
+            "resources": [*resources(crate)],
+        }
+        write_text(
+            crate / "datapackage.json", json.dumps(package, indent=1, ensure_ascii=False) + "\n"
+        )
+        lock = sorted(
+            {f"{one.metadata['Name']}=={one.version}\n" for one in distributions()},
+            key=str.casefold,
+        )
         write_text(crate / "requirements.txt", "".join(lock))
-        for name in ("Snakefile", "rules"):  # to be read: a run takes those of the package, with its job server
+        # to be read: a run takes those of the package, with its job server
+        for name in ("Snakefile", "rules"):
             copy(shipped(name), crate / "workflow" / name)
         whole = library.ROCrate(version="1.1")  # as the profiles ask
         whole.name, whole.description, whole.license = title, about, {"@id": licence}
         describe(whole, crate, given, made)
         whole.metadata.write(crate)
-        with ZipFile(path, "w", ZIP_DEFLATED, strict_timestamps=False) as archive:  # with dates, by which results go
+        # with dates, by which results go
+        with ZipFile(path, "w", ZIP_DEFLATED, strict_timestamps=False) as archive:
             for file in sorted(crate.rglob("*")):
                 archive.write(file, file.relative_to(crate))
         return sum(file.is_file() for file in crate.rglob("*"))
@@ -104,16 +125,18 @@ def copy(file: Path, to: Path) -> None:
 
 
 def copy_inputs(campaign: Campaign, crate: Path, raw: bool) -> None:
-    """Configuration, sheet, source and parameter files, and the recordings or their hashes. The configuration names
-    them where they are in the bundle."""
+    """Configuration, sheet, source and parameter files, and the recordings or their hashes. The
+    configuration names them where they are in the bundle."""
     config, yaml = campaign.config, YAML()
     content = yaml.load(CAMPAIGN.read_text(encoding="utf-8"))
-    is_simulated = config.simulation is not None  # the simulator writes the sheet beside its logs, and `truth`
+    # the simulator writes the sheet beside its logs, and `truth`
+    is_simulated = config.simulation is not None
     sheet = f"{RAW}/{config.sheet.name}" if is_simulated else config.sheet.name
     content |= {"raw_data": RAW, "sheet": sheet, "sources": "sources", "results": "results"}
     for name in ("parameters", "impedance_trajectory", "simulation"):
         own: Path | None = getattr(config, name)
-        if own is not None and not own.resolve().is_relative_to(root().resolve()):  # a shipped one keeps its name
+        # a shipped one keeps its name
+        if own is not None and not own.resolve().is_relative_to(root().resolve()):
             content[name] = f"{name}/{own.name}"
             copy(own, crate / content[name])
     if not is_simulated or raw:
@@ -125,13 +148,20 @@ def copy_inputs(campaign: Campaign, crate: Path, raw: bool) -> None:
 
 
 def copy_recordings(campaign: Campaign, crate: Path, raw: bool) -> None:
-    """The hashes of the recordings, and themselves if `raw`, with a simulator's truth. Raises InputError."""
+    """The hashes of the recordings, and themselves if `raw`, with a simulator's truth. Raises
+    InputError."""
     config = campaign.config
     recordings = sorted({file for trial in campaign.trials() for file in campaign.logs(trial)})
     hashes = {file.relative_to(config.raw_data).as_posix(): digest(file) for file in recordings}
     if missing := [name for name, found in hashes.items() if found is None]:
-        raise InputError(f"{config.raw_data / missing[0]}: cannot be read; a bundle needs every recording or its hash")
-    write_text(crate / "recordings.sha256", "".join(f"{found}  {RAW}/{name}\n" for name, found in hashes.items()))
+        raise InputError(
+            f"{config.raw_data / missing[0]}: cannot be read; a bundle needs every recording or its"
+            " hash"
+        )
+    write_text(
+        crate / "recordings.sha256",
+        "".join(f"{found}  {RAW}/{name}\n" for name, found in hashes.items()),
+    )
     for file in recordings if raw else ():
         copy(file, crate / RAW / file.relative_to(config.raw_data))
     if config.simulation is not None and raw:
@@ -147,17 +177,25 @@ def resources(crate: Path) -> Iterator[dict[str, Any]]:
             continue
         table, described = read_table(path), known.get(f"tables/{path.stem}")
         fields = []
-        for name, kind in table.select(pl.read_csv(path, n_rows=0).columns).schema.items():  # those that are written
+        # those that are written
+        for name, kind in table.select(pl.read_csv(path, n_rows=0).columns).schema.items():
             field = {"name": name, "type": kinds.get(str(kind)[:3], "string")}
             column = described.columns.get(name) if described else None
-            fields.append(field | ({"unit": column.unit, "description": column.meaning} if column else {}))
-        place = {"name": path.stem, "path": path.relative_to(crate).as_posix(), "profile": "tabular-data-resource"}
+            fields.append(
+                field | ({"unit": column.unit, "description": column.meaning} if column else {})
+            )
+        place = {
+            "name": path.stem,
+            "path": path.relative_to(crate).as_posix(),
+            "profile": "tabular-data-resource",
+        }
         about = {"title": described.rows} if described else {}
         yield place | about | {"format": "csv", "encoding": "utf-8", "schema": {"fields": fields}}
 
 
 def describe(whole: Any, crate: Path, given: list[Path], made: list[Path]) -> None:
-    """Say in the crate what each file is, and that the workflow made the results of what was given."""
+    """Say in the crate what each file is, and that the workflow made the results of what was
+    given."""
     entity = optional_module("rocrate.model.contextentity", "a bundle").ContextEntity
     workflow = whole.add_workflow(crate / MAIN, MAIN, main=True, lang="snakemake")
     workflow["name"] = "osl-analysis"
@@ -169,7 +207,11 @@ def describe(whole: Any, crate: Path, given: list[Path], made: list[Path]) -> No
         if (name := file.relative_to(crate).as_posix()) != MAIN:
             every[file] = whole.add_file(file, name, properties={"name": name})
     profiles = [
-        whole.add(entity(whole, at, {"@type": "CreativeWork", "name": name, "version": at.rpartition("/")[2]}))
+        whole.add(
+            entity(
+                whole, at, {"@type": "CreativeWork", "name": name, "version": at.rpartition("/")[2]}
+            )
+        )
         for at, name in PROFILES.items()
     ]
     whole.root_dataset["conformsTo"] = profiles

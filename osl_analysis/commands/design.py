@@ -1,4 +1,5 @@
-"""Experiment design for the command line: the plan that options ask for, and what it will tell on K, B and I."""
+"""Experiment design for the command line: the plan that options ask for, and what it will tell on
+K, B and I."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -13,7 +14,15 @@ import polars as pl
 from osl_analysis.bench import precision as planning
 from osl_analysis.bench.analysis import check_told
 from osl_analysis.bench.gram import BY_REPEATS, BY_UNITS
-from osl_analysis.bench.precision import KBI, Continuous, Distortion, PeriodicMultisine, Plan, Precision, SteppedSine
+from osl_analysis.bench.precision import (
+    KBI,
+    Continuous,
+    Distortion,
+    PeriodicMultisine,
+    Plan,
+    Precision,
+    SteppedSine,
+)
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.campaign.configuration import Config
 from osl_analysis.errors import IdentifiabilityError, InputError
@@ -40,21 +49,28 @@ class Design:
     peak_torque: float  # largest torque [N*m]
     lag: Mapping[str, float]  # what the lag adds to K, B, I
     recommended: tuple[Plan, Precision] | None
-    """The shortest plan that reaches what is asked for; None where nothing is asked, or it is out of reach."""
+    """The shortest plan that reaches what is asked for; None where nothing is asked, or it is out
+    of reach."""
     warnings: tuple[str, ...]
 
 
 def designed(chosen: Mapping[str, Any], config: Config) -> Design:
-    """The intervals of a plan from the options by name, how long to record, and what stands in the way. A rate that is
-    too low for the filter, frequencies that the filter takes out, and a band that the analysis refuses."""
+    """The intervals of a plan from the options by name, how long to record, and what stands in the
+    way. A rate that is too low for the filter, frequencies that the filter takes out, and a band
+    that the analysis refuses."""
     check_finite_options(chosen)
-    bench, expected = config.dynamometer, {name: chosen[name] for name in ("stiffness", "damping", "inertia")}
+    bench, expected = (
+        config.dynamometer,
+        {name: chosen[name] for name in ("stiffness", "damping", "inertia")},
+    )
     joint = np.array(list(expected.values()), dtype=float)
     within = {name: chosen[f"{option}_within"] for name, option in zip(KBI, expected, strict=True)}
     within = {name: share for name, share in within.items() if share is not None}
     for name, option in zip(KBI, expected, strict=True):
         if name in within and not expected[option]:
-            raise InputError(f"--{option}-within is a share of an expected {name} of 0; give --{option} above 0")
+            raise InputError(
+                f"--{option}-within is a share of an expected {name} of 0; give --{option} above 0"
+            )
     distortion = Distortion(chosen["friction"] or 0.0)
     if chosen["pilot"] is not None:
         distortion = pilot_distortion(chosen["pilot"], chosen["trial"])
@@ -64,13 +80,13 @@ def designed(chosen: Mapping[str, Any], config: Config) -> Design:
     cutoff, high = low_pass.cutoff_hz, float(sines.frequency_hz.max())
     if not cutoff < sensors.rate_hz / 2:
         raise InputError(
-            f"--rate {sensors.rate_hz:g} Hz is too low for the filter's cut-off of {cutoff:g} Hz; sample faster than "
-            "twice the cut-off"
+            f"--rate {sensors.rate_hz:g} Hz is too low for the filter's cut-off of {cutoff:g} Hz;"
+            " sample faster than twice the cut-off"
         )
     if high > cutoff:
         raise InputError(
-            f"{high:.4g} Hz is above the filter's cut-off of {cutoff:g} Hz; raise dynamometer.cutoff_hz or excite "
-            "lower frequencies"
+            f"{high:.4g} Hz is above the filter's cut-off of {cutoff:g} Hz; raise"
+            " dynamometer.cutoff_hz or excite lower frequencies"
         )
 
     def judged(plan: Plan) -> Precision:
@@ -94,7 +110,10 @@ def designed(chosen: Mapping[str, Any], config: Config) -> Design:
         )
     # of one sine at a time the largest; of many the same multiple of the RMS as the angle
     crest = plan.peak[0] / float(np.sqrt(np.sum(sines.size**2) / 2))
-    peak_torque = float(torque.max() if alone else crest * np.sqrt(np.sum(torque**2) / 2)) + distortion.coulomb
+    peak_torque = (
+        float(torque.max() if alone else crest * np.sqrt(np.sum(torque**2) / 2))
+        + distortion.coulomb
+    )
     lag_s, recommended = 1e-3 * chosen["lag"], None
     lag = found.fit.fitted(Z * np.exp(-1j * sines.w * lag_s)) - found.fit.fitted(Z)
     said = list(warnings(plan, found, sensors, low_pass, distortion))
@@ -128,14 +147,17 @@ def check_finite_options(chosen: Mapping[str, Any]) -> None:
 
 
 def sensors_of(chosen: Mapping[str, Any], bench: DynamometerAnalysis) -> planning.Sensors:
-    """What the options say of load cell and encoder, in SI units; else the drift of the configuration."""
+    """What the options say of load cell and encoder, in SI units; else the drift of the
+    configuration."""
     step, drift = chosen["encoder_step"], chosen["drift"]
     return planning.Sensors(
         rate_hz=chosen["rate"],
         torque_noise=chosen["torque_noise"],
         noise_band_hz=chosen["noise_band"],
         torque_step=chosen["torque_step"],
-        encoder_step=2 * np.pi / 2 ** chosen["encoder_bits"] if step is None else float(np.deg2rad(step)),
+        encoder_step=(
+            2 * np.pi / 2 ** chosen["encoder_bits"] if step is None else float(np.deg2rad(step))
+        ),
         angle_noise=float(np.deg2rad(chosen["angle_noise"])),
         drift=(bench.load_cell_drift if drift is None else drift) / 60,
     )
@@ -150,19 +172,29 @@ def beyond_reach(longest: Plan, most: Precision, joint: Array, within: Mapping[s
         share_of = 100 * most.variance[cause][k] / max(most.columns["se"][k] ** 2, TINY)
         reached.append(f"{name} ± {percent:.2g} % (variance by {cause} {share_of:.0f} %)")
     return (
-        f"what is asked for is beyond the longest record that is searched, {longest.record_s / 3600:.2g} h, "
-        f"which gives {', '.join(reached)}; move further, widen the band, or ask for less"
+        "what is asked for is beyond the longest record that is searched,"
+        f" {longest.record_s / 3600:.2g} h, which gives {', '.join(reached)}; move further, widen"
+        " the band, or ask for less"
     )
 
 
 def warnings(
-    plan: Plan, found: Precision, sensors: planning.Sensors, low_pass: LowPass, distortion: Distortion
+    plan: Plan,
+    found: Precision,
+    sensors: planning.Sensors,
+    low_pass: LowPass,
+    distortion: Distortion,
 ) -> Iterator[str]:
     """What a user must know of a plan: its band, encoder and load cell, and the distortion."""
-    I, correlation, f = found.columns["expected"][2], found.fit.correlation, found.fit.sines.frequency_hz
+    I, correlation, f = (
+        found.columns["expected"][2],
+        found.fit.correlation,
+        found.fit.sines.frequency_hz,
+    )
     low, high = float(f.min()), float(f.max())
     wide = I != 0 and found.columns["half_width"][2] > 0.5 * abs(I)
-    if correlation > 0.9 or wide:  # from there on the intervals of K and I are 2.3 times as wide as alone
+    # from there on the intervals of K and I are 2.3 times as wide as alone
+    if correlation > 0.9 or wide:
         tried = {}  # an octave below or above
         for words, band in {
             f"below {low:.3g} Hz, down to {low / 2:.3g} Hz": (low / 2, high),
@@ -170,13 +202,19 @@ def warnings(
         }.items():
             if isinstance(plan, SteppedSine):
                 hertz = tuple(sorted({*plan.frequencies_hz, *band}))
-                wider: Plan = replace(plan, frequencies_hz=hertz, cycles=(max(plan.cycles),) * len(hertz))
+                wider: Plan = replace(
+                    plan, frequencies_hz=hertz, cycles=(max(plan.cycles),) * len(hertz)
+                )
             else:
                 wider = replace(plan, band_hz=band)
             with suppress(IdentifiabilityError):
                 tried[words] = planning.planned_fit(wider, low_pass).correlation
         best = min(tried, key=lambda words: tried[words], default="")
-        missing = f"the band {best} (correlation {tried[best]:.2f})" if best else "a band of several octaves"
+        missing = (
+            f"the band {best} (correlation {tried[best]:.2f})"
+            if best
+            else "a band of several octaves"
+        )
         yield (
             f"the excitation hardly tells K from I (correlation {correlation:.2f}"
             f"{', I not known to 50 %' if wide else ''}): what is missing is {missing}"
@@ -185,92 +223,120 @@ def warnings(
     if not sensors.encoder_step:
         yield "no step of the encoder is stated: the interval is without its rounding"
     elif smallest < 10 * sensors.encoder_step:
-        yield f"the smallest amplitude has {smallest / sensors.encoder_step:.2g} steps of the encoder; take 10 or more"
+        yield (
+            f"the smallest amplitude has {smallest / sensors.encoder_step:.2g} steps of the"
+            " encoder; take 10 or more"
+        )
     total = np.maximum(found.columns["se"] ** 2, TINY)
     if (share := np.max(found.variance["encoder rounding"] / total)) > 0.25:
         noise = isinstance(plan, Continuous) and not plan.chirp
         stays = "" if noise else "; it repeats, so that longer records do not average it out"
         yield (
-            f"rounding of the encoder makes {100 * share:.0f} % of the variance{stays}; take a finer encoder"
-            f"{'' if noise else ', or half a step of noise on the angle'}"
+            f"rounding of the encoder makes {100 * share:.0f} % of the variance{stays}; take a"
+            f" finer encoder{'' if noise else ', or half a step of noise on the angle'}"
         )
     if distortion == Distortion():
         yield (
-            "no distortion is stated: these are the intervals of a joint that is exactly Eq. 15; with friction the "
-            "estimates of a multisine scatter up to 50 times as much, and those of a stepped sine are shifted; state "
-            "--friction, or a pilot by --from"
+            "no distortion is stated: these are the intervals of a joint that is exactly Eq. 15;"
+            " with friction the estimates of a multisine scatter up to 50 times as much, and those"
+            " of a stepped sine are shifted; state --friction, or a pilot by --from"
         )
     if isinstance(plan, PeriodicMultisine) and plan.realisations < planning.ENOUGH_REALISATIONS:
         yield (
-            f"{plan.realisations} realisation{'s' if plan.realisations > 1 else ''} of a distortion whose level at "
-            f"detection lines is all that is known of it: take {planning.ENOUGH_REALISATIONS} or more, and 8 to know "
-            "the level within 0.5 dB"
+            f"{plan.realisations} realisation{'s' if plan.realisations > 1 else ''} of a distortion"
+            " whose level at detection lines is all that is known of it: take"
+            f" {planning.ENOUGH_REALISATIONS} or more, and 8 to know the level within 0.5 dB"
         )
 
 
 def write_command(plan: Plan, rate_hz: float, output: Path) -> None:
-    """Write the angle that a multisine commands: `time` [s], `theta_command` [rad]. Each realisation rises within its
-    transient period, in 1 s, and falls after its last one; it is at rest for 1 s in between."""
+    """Write the angle that a multisine commands: `time` [s], `theta_command` [rad]. Each
+    realisation rises within its transient period, in 1 s, and falls after its last one; it is at
+    rest for 1 s in between."""
     if not isinstance(plan, PeriodicMultisine):
         raise InputError(f"{output}: only a multisine is written; give --excitation multisine")
     length = (plan.periods + planning.TRANSIENTS) * plan.period_s + 1.0
     time, pause = np.arange(round(length * rate_hz)) / rate_hz, np.zeros(round(rate_hz))
     envelope = 0.5 * (1 - np.cos(np.pi * np.clip(np.minimum(time, length - time), 0, 1)))
-    parts = [part for r in range(plan.realisations) for part in (plan.motion(r).angle(time) * envelope, pause)]
+    parts = [
+        part
+        for r in range(plan.realisations)
+        for part in (plan.motion(r).angle(time) * envelope, pause)
+    ]
     angle = np.concatenate([pause, *parts])
-    write_table(pl.DataFrame({"time": np.arange(len(angle)) / rate_hz, "theta_command": angle}), output)
+    write_table(
+        pl.DataFrame({"time": np.arange(len(angle)) / rate_hz, "theta_command": angle}), output
+    )
 
 
 def other_plan(chosen: Mapping[str, Any], longer: bool) -> Plan:
-    """A motion that is no stepped sine; without a stated band 0.5 to 6 Hz, without a stated size 2 deg rms. `longer`:
-    more realisations may be recommended."""
+    """A motion that is no stepped sine; without a stated band 0.5 to 6 Hz, without a stated size 2
+    deg rms. `longer`: more realisations may be recommended."""
     band, rms = tuple(chosen["band"] or (0.5, 6.0)), float(np.deg2rad(chosen["rms"] or 2.0))
     peak = None if chosen["peak"] is None else float(np.deg2rad(chosen["peak"]))
     if chosen["excitation"] != "multisine":
         other = Continuous(band, rms, chosen["duration"], chosen["excitation"] == "chirp")
         return other if peak is None else replace(other, rms=rms * peak / other.peak[0])
-    plan = PeriodicMultisine(chosen["period"], band, rms, chosen["periods"], chosen["realisations"], chosen["seed"])
+    plan = PeriodicMultisine(
+        chosen["period"], band, rms, chosen["periods"], chosen["realisations"], chosen["seed"]
+    )
     if peak is None:
         return plan
-    one, drawn = replace(plan, rms=1.0), max(plan.realisations, planning.MOST_DRAWN if longer else 1)
-    return replace(plan, rms=peak / max(one.motion(r).peak for r in range(drawn)))  # none may go beyond the peak
+    one, drawn = (
+        replace(plan, rms=1.0),
+        max(plan.realisations, planning.MOST_DRAWN if longer else 1),
+    )
+    # none may go beyond the peak
+    return replace(plan, rms=peak / max(one.motion(r).peak for r in range(drawn)))
 
 
 def plan_of(chosen: Mapping[str, Any], bench: DynamometerAnalysis, longer: bool) -> Plan:
-    """The protocol: the stepped sine of the configuration, with what is chosen in its place; or another motion."""
+    """The protocol: the stepped sine of the configuration, with what is chosen in its place; or
+    another motion."""
     if chosen["excitation"] != "stepped-sine":
         return other_plan(chosen, longer)
     frequencies = tuple(chosen["frequencies"] or bench.frequencies_hz or ())
     amplitudes = tuple(chosen["amplitudes"] or bench.amplitudes_deg or ())
     if not (frequencies and amplitudes and (chosen["cycles"] or bench.protocol.cycles_at)):
         raise InputError(
-            "the configuration states no whole protocol; give --frequencies, --amplitudes and --cycles, or state "
-            "amplitudes_deg, frequencies_hz and cycles under `dynamometer`"
+            "the configuration states no whole protocol; give --frequencies, --amplitudes and"
+            " --cycles, or state amplitudes_deg, frequencies_hz and cycles under `dynamometer`"
         )
     if not all(0 < x < np.inf for x in (*frequencies, *amplitudes)):
-        raise InputError("frequencies and amplitudes of sines are above 0; correct --frequencies, --amplitudes")
+        raise InputError(
+            "frequencies and amplitudes of sines are above 0; correct --frequencies, --amplitudes"
+        )
     cycles = bench.protocol.cycles_at
     if chosen["cycles"] is not None or len(set(cycles)) == 1:
         cycles = (float(chosen["cycles"] or cycles[0]),) * len(frequencies)
     elif len(cycles) != len(frequencies):
-        raise InputError("the configuration has cycles for its own frequencies; give --cycles for these")
+        raise InputError(
+            "the configuration has cycles for its own frequencies; give --cycles for these"
+        )
     if min(cycles) <= bench.settle_cycles:
         raise InputError(
-            f"settle_cycles = {bench.settle_cycles} leaves none of {min(cycles):g} cycles; give --cycles above it"
+            f"settle_cycles = {bench.settle_cycles} leaves none of {min(cycles):g} cycles; give"
+            " --cycles above it"
         )
-    return SteppedSine(tuple(np.deg2rad(amplitudes).tolist()), frequencies, cycles, bench.settle_cycles)
+    return SteppedSine(
+        tuple(np.deg2rad(amplitudes).tolist()), frequencies, cycles, bench.settle_cycles
+    )
 
 
 def pilot_distortion(results: Path, trial: str | None) -> Distortion:
-    """Coulomb friction of the joint in an impedance trial of a pilot, and the variances of its K, B and I; medians of
-    all trials where none is named. Raises InputError: the results have none."""
+    """Coulomb friction of the joint in an impedance trial of a pilot, and the variances of its K, B
+    and I; medians of all trials where none is named. Raises InputError: the results have none."""
     table = with_evidence(results / "tables/impedance.csv", ("trial", "amplitude_deg", *KBI))
-    rows = table.filter(pl.col("amplitude_deg").is_null(), **({} if trial is None else {"trial": trial}))
+    rows = table.filter(
+        pl.col("amplitude_deg").is_null(), **({} if trial is None else {"trial": trial})
+    )
     names = ("f_C", *(f"{name}_se" for name in KBI))
     known = [rows[name].drop_nulls().to_list() if name in rows.columns else [] for name in names]
     if not all(known):
         of = f"of trial '{trial}'" if trial else "of an impedance trial"
-        raise InputError(f"{results}: no friction {of}; run the pilot to its end, or state --friction")
+        raise InputError(
+            f"{results}: no friction {of}; run the pilot to its end, or state --friction"
+        )
     friction, *errors = (float(np.median(values)) for values in known)
     return Distortion(max(friction, 0.0), pilot=tuple(se**2 for se in errors))
 
@@ -279,17 +345,27 @@ def design_text(made: Design) -> str:
     plan, sensors, low_pass = made.plan, made.sensors, made.low_pass
     angle, velocity, acceleration = plan.peak
     band = f"up to {sensors.noise_band_hz:g} Hz" if sensors.noise_band_hz else "white"
-    step = f"encoder step {np.rad2deg(sensors.encoder_step):.3g} deg" if sensors.encoder_step else "encoder not rounded"
+    step = (
+        f"encoder step {np.rad2deg(sensors.encoder_step):.3g} deg"
+        if sensors.encoder_step
+        else "encoder not rounded"
+    )
     lag = ", ".join(
         f"{name} {value:+.2g}" + (f" ({100 * value / expected:+.1f} %)" if expected else "")
         for (name, value), expected in zip(made.lag.items(), made.joint, strict=True)
     )
     lines = [
         plan.words,
-        f"  record {seconds(plan.record_s)}; largest angle {np.rad2deg(angle):.3g} deg, velocity {velocity:.3g} rad/s, "
-        f"acceleration {acceleration:.3g} rad/s², torque about {made.peak_torque:.3g} N·m",
-        f"  torque noise {sensors.torque_noise:.3g} N·m SD ({band}) at {sensors.rate_hz:g} Hz, {step}, load cell drift "
-        f"{60 * sensors.drift:.3g} N·m/min; filter {low_pass.cutoff_hz:g} Hz, order {low_pass.order}",
+        (
+            f"  record {seconds(plan.record_s)}; largest angle {np.rad2deg(angle):.3g} deg,"
+            f" velocity {velocity:.3g} rad/s, acceleration {acceleration:.3g} rad/s², torque about"
+            f" {made.peak_torque:.3g} N·m"
+        ),
+        (
+            f"  torque noise {sensors.torque_noise:.3g} N·m SD ({band}) at {sensors.rate_hz:g} Hz,"
+            f" {step}, load cell drift {60 * sensors.drift:.3g} N·m/min; filter"
+            f" {low_pass.cutoff_hz:g} Hz, order {low_pass.order}"
+        ),
         "",
         *interval_lines(made.found),
         "",
@@ -298,7 +374,10 @@ def design_text(made: Design) -> str:
     if added := made.distortion.added_damping(plan):
         values = ", ".join(f"{value:.3g} ({name})" for name, value in added.items())
         friction = made.distortion.coulomb
-        lines.append(f"not in the interval: Coulomb friction of {friction:g} N·m adds to B {values} N·m·s/rad")
+        lines.append(
+            f"not in the interval: Coulomb friction of {friction:g} N·m adds to B {values}"
+            " N·m·s/rad"
+        )
     if made.within:
         asked = ", ".join(f"{name} ± {100 * share:g} %" for name, share in made.within.items())
         lines += ["", f"for {asked}:"]
@@ -317,18 +396,28 @@ def seconds(value: float) -> str:
 
 def interval_lines(found: Precision) -> Iterator[str]:
     """A line per parameter, with what the variance is made of, and a line on the interval."""
-    yield f"{'':4}{'expected':>10}{'95 % interval ±':>18}{'in %':>10}{'by noise alone ±':>18}   variance by"
+    yield (
+        f"{'':4}{'expected':>10}{'95 % interval ±':>18}{'in %':>10}{'by noise alone ±':>18}  "
+        " variance by"
+    )
     for k, (name, unit) in enumerate(zip(KBI, ("N·m/rad", "N·m·s/rad", "kg·m²"), strict=True)):
         value, half_width, of_noise, se, _ = (column[k] for column in found.columns.values())
         percent = f"{100 * half_width / abs(value):.3g}" if value else "-"
         shares = {cause: 100 * of[k] / max(se**2, TINY) for cause, of in found.variance.items()}
-        made_of = ", ".join(f"{cause} {share:.0f} %" for cause, share in shares.items() if share >= 0.5)
-        yield f"{name:4}{value:>10.4g}{half_width:>18.3g}{percent:>10}{of_noise:>18.3g}   {made_of} [{unit}]"
-    freedom = ", ".join("∞" if np.isinf(d) else f"{d:.0f}" for d in found.columns["degrees_of_freedom"])
+        made_of = ", ".join(
+            f"{cause} {share:.0f} %" for cause, share in shares.items() if share >= 0.5
+        )
+        yield (
+            f"{name:4}{value:>10.4g}{half_width:>18.3g}{percent:>10}{of_noise:>18.3g}   {made_of}"
+            f" [{unit}]"
+        )
+    freedom = ", ".join(
+        "∞" if np.isinf(d) else f"{d:.0f}" for d in found.columns["degrees_of_freedom"]
+    )
     named = ", as impedance.csv will name it" * (found.method in (BY_UNITS, BY_REPEATS))
     yield (
-        f"interval from {found.method}{named}, {freedom} degrees of freedom; correlation of K and I "
-        f"{found.fit.correlation:.2f}, condition number {found.fit.condition_number:.3g}"
+        f"interval from {found.method}{named}, {freedom} degrees of freedom; correlation of K and I"
+        f" {found.fit.correlation:.2f}, condition number {found.fit.condition_number:.3g}"
     )
 
 
@@ -343,7 +432,10 @@ def design_json(made: Design) -> str:
             "protocol": plan.words,
             "record_s": plan.record_s,
             "peak_angle": plan.peak[0],
-            "estimates": {n: of(found.columns, k) | {"variance": of(found.variance, k)} for k, n in enumerate(KBI)},
+            "estimates": {
+                n: of(found.columns, k) | {"variance": of(found.variance, k)}
+                for k, n in enumerate(KBI)
+            },
             "interval_method": found.method,
             "correlation_K_I": found.fit.correlation,
             "condition_number": found.fit.condition_number,

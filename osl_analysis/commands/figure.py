@@ -1,4 +1,5 @@
-"""Figures: the numbers to be plotted from result tables, the drawn page from those numbers, and the captions."""
+"""Figures: the numbers to be plotted from result tables, the drawn page from those numbers, and the
+captions."""
 
 from collections.abc import Mapping, Sequence
 from importlib import import_module
@@ -16,7 +17,11 @@ from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.record import record_of_trial
 from osl_analysis.bench.settings import ImpedanceAnalysis
 from osl_analysis.campaign.configuration import FrequencyResponseFigure
-from osl_analysis.commands.walking import commanded_over_stance, read_unperturbed_gaits, selected_crossings
+from osl_analysis.commands.walking import (
+    commanded_over_stance,
+    read_unperturbed_gaits,
+    selected_crossings,
+)
 from osl_analysis.errors import InputError
 from osl_analysis.figures import FIGURES, drawing_of, names
 from osl_analysis.figures.frequency import DESIRED, LINEAR_MODEL, draw_fig7, response_curve
@@ -25,7 +30,13 @@ from osl_analysis.files import atomic_path, digest, write_text
 from osl_analysis.judge.finding import Limits
 from osl_analysis.judge.judging import judged, marked
 from osl_analysis.model.compensator import Weight
-from osl_analysis.model.drivetrain import FileOrNone, desired_admittance, joint_admittance, joint_of, read_parameters
+from osl_analysis.model.drivetrain import (
+    FileOrNone,
+    desired_admittance,
+    joint_admittance,
+    joint_of,
+    read_parameters,
+)
 from osl_analysis.refusal import Refusal, read_refusals
 from osl_analysis.stats.repeats import DOUBTFUL
 from osl_analysis.table import read_table, with_evidence, write_table
@@ -35,33 +46,54 @@ from osl_analysis.walking.response import unperturbed_gait
 from osl_analysis.walking.settings import TimingSettings
 from osl_analysis.walking.tables import trajectory_points, walking_page_points
 
-# Formats, each with the entries of its metadata for what the data are, and for the time: equal numbers give equal files
-METADATA = {".pdf": ("Subject", "CreationDate"), ".svg": ("Description", "Date"), ".png": ("Description", "Date")}
+# Formats, each with the entries of its metadata for what the data are, and for the time: equal
+# numbers give equal files
+METADATA = {
+    ".pdf": ("Subject", "CreationDate"),
+    ".svg": ("Description", "Date"),
+    ".png": ("Description", "Date"),
+}
 
 UNDRAWN = "This figure is not drawn."  # how the caption of one begins that has nothing to show
 
 
 def preload() -> None:
     """For the process from which jobs are forked: what the first drawing of each format imports."""
-    for name in ("fontTools.subset", *(f"matplotlib.backends.backend_{one}" for one in ("pdf", "svg", "agg"))):
+    for name in (
+        "fontTools.subset",
+        *(f"matplotlib.backends.backend_{one}" for one in ("pdf", "svg", "agg")),
+    ):
         import_module(name)
 
 
 def plot_numbers(
-    name: str, table: Path, output: Path, option: Any = None, second: Path | None = None, third: Path | None = None
+    name: str,
+    table: Path,
+    output: Path,
+    option: Any = None,
+    second: Path | None = None,
+    third: Path | None = None,
 ) -> None:
-    """Write what figure `name` plots, from the one result table that it shows, or up to three. `option` is the value of
-    the setting that the list of figures names; None: not set."""
+    """Write what figure `name` plots, from the one result table that it shows, or up to three.
+    `option` is the value of the setting that the list of figures names; None: not set."""
     figure = drawing_of(name)
-    read = [with_evidence(table, figure.needs), *(read_table(path) for path in (second, third) if path)]
+    read = [
+        with_evidence(table, figure.needs),
+        *(read_table(path) for path in (second, third) if path),
+    ]
     write_table(figure.points(*read) if option is None else figure.points(*read, option), output)
 
 
 def draw_figure(
-    name: str, table_csv: Path, outputs: Sequence[Path], refused: Sequence[Refusal] = (), footer: str = ""
+    name: str,
+    table_csv: Path,
+    outputs: Sequence[Path],
+    refused: Sequence[Refusal] = (),
+    footer: str = "",
 ) -> None:
-    """Draw the numbers of `table_csv` as figure `name` into PDF, SVG or PNG files, by suffix, or why there are none.
-    Below stand the `footer`, which trials were `refused`, and the first digits of the SHA-256 of `table_csv`."""
+    """Draw the numbers of `table_csv` as figure `name` into PDF, SVG or PNG files, by suffix, or
+    why there are none. Below stand the `footer`, which trials were `refused`, and the first digits
+    of the SHA-256 of `table_csv`."""
     if footer:
         footer += f", numbers {str(digest(table_csv))[:8]}"
     causes = [(cause.trial, cause.file, cause.reason) for cause in read_refusals(table_csv)]
@@ -69,36 +101,65 @@ def draw_figure(
         figure = drawing_of(name)
         table = read_table(table_csv, required=figure.columns)
         if not table.is_empty():
-            draw_table(name, table, outputs, list(dict.fromkeys(one.trial for one in refused if one.trial)), footer)
+            draw_table(
+                name,
+                table,
+                outputs,
+                list(dict.fromkeys(one.trial for one in refused if one.trial)),
+                footer,
+            )
             return
         causes = [("", str(table_csv), figure.nothing)]
-    reasons = pl.DataFrame(causes, schema=("trial", "file", "reason"), orient="row").with_columns(figure=pl.lit(name))
+    reasons = pl.DataFrame(causes, schema=("trial", "file", "reason"), orient="row").with_columns(
+        figure=pl.lit(name)
+    )
     draw_table("not_drawn", reasons, outputs, footer=footer)
 
 
 def draw_table(
-    name: str, table: pl.DataFrame, outputs: Sequence[Path], missing: Sequence[str] = (), footer: str = ""
+    name: str,
+    table: pl.DataFrame,
+    outputs: Sequence[Path],
+    missing: Sequence[str] = (),
+    footer: str = "",
 ) -> None:
-    """The same for numbers in memory. `missing` trials are named in the footer, which the metadata have too."""
+    """The same for numbers in memory. `missing` trials are named in the footer, which the metadata
+    have too."""
     for path in outputs:
         if path.suffix not in METADATA:
-            raise InputError(f"{path}: figures are written as {', '.join(METADATA)}; choose one of these suffixes")
+            raise InputError(
+                f"{path}: figures are written as {', '.join(METADATA)}; choose one of these"
+                " suffixes"
+            )
     from osl_analysis.figures import style  # matplotlib takes half a second
 
     figure = drawing_of(name).draw(table)
     if missing:  # the caption names more of them, the table `excluded.csv` all
         more = f" and {len(missing) - 4} more" if len(missing) > 4 else ""
-        footer += f"{'. ' if footer else ''}Without {len(missing)} refused: {', '.join(missing[:4])}{more}"
+        footer += (
+            f"{'. ' if footer else ''}Without {len(missing)} refused:"
+            f" {', '.join(missing[:4])}{more}"
+        )
     page_box = names.write_footer(figure, footer) if footer else None
     style.lay_out(figure)
     for path in outputs:
         subject, date = METADATA[path.suffix]
-        said = ({date: None} if path.suffix != ".png" else {}) | ({subject: footer} if footer else {})
+        said = ({date: None} if path.suffix != ".png" else {}) | (
+            {subject: footer} if footer else {}
+        )
         # lines hardly shrink by more effort than 3 of 9
-        quick: dict[str, Any] = {"pil_kwargs": {"compress_level": 3}} if path.suffix == ".png" else {}
+        quick: dict[str, Any] = (
+            {"pil_kwargs": {"compress_level": 3}} if path.suffix == ".png" else {}
+        )
         page = BytesIO()  # a writer that the disk interrupts would leave its file open
         with style.paper_style():
-            figure.savefig(page, format=path.suffix.removeprefix("."), metadata=said, bbox_inches=page_box, **quick)
+            figure.savefig(
+                page,
+                format=path.suffix.removeprefix("."),
+                metadata=said,
+                bbox_inches=page_box,
+                **quick,
+            )
         with atomic_path(path) as temporary:
             temporary.write_bytes(page.getvalue())
 
@@ -106,25 +167,38 @@ def draw_table(
 def write_captions(
     *, tables: Mapping[str, Path], shown: Mapping[str, Sequence[Path]], footer: str, output: Path
 ) -> None:
-    """Write a section per figure: its title, and its caption or why it is not drawn. `tables` are the plotted numbers
-    by the name of the figure, `shown` the results of single trials that it shows; the refused ones are named."""
+    """Write a section per figure: its title, and its caption or why it is not drawn. `tables` are
+    the plotted numbers by the name of the figure, `shown` the results of single trials that it
+    shows; the refused ones are named."""
     doubts = "Why a fit is doubtful stands in the column `doubtful` of the figure's CSV file."
     said = [f"# Captions\n\n{names.as_text(footer)}. {doubts}\n"]
     for name, table in tables.items():
-        refused = (cause.trial for file in shown.get(name, ()) for cause in read_refusals(file) if cause.trial)
-        said.append(f"## {names.figure_title(name)}\n\n{caption_of(name, table, list(dict.fromkeys(refused)))}\n")
+        refused = (
+            cause.trial
+            for file in shown.get(name, ())
+            for cause in read_refusals(file)
+            if cause.trial
+        )
+        said.append(
+            f"## {names.figure_title(name)}\n\n{caption_of(name, table, list(dict.fromkeys(refused)))}\n"
+        )
     write_text(output, "\n".join(said))
 
 
 def caption_of(name: str, table_csv: Path, missing: Sequence[str] = ()) -> str:
-    """The caption of one figure from its plotted numbers, with the trials that it lacks; or why it is not drawn."""
-    if causes := [f"{cause.trial or cause.file}: {cause.reason}" for cause in read_refusals(table_csv)]:
+    """The caption of one figure from its plotted numbers, with the trials that it lacks; or why it
+    is not drawn."""
+    if causes := [
+        f"{cause.trial or cause.file}: {cause.reason}" for cause in read_refusals(table_csv)
+    ]:
         return f"{UNDRAWN} {names.listed_text(causes)}."
     figure = drawing_of(name)
     table = read_table(table_csv, required=figure.columns)
     if table.is_empty():
         return f"{UNDRAWN} {names.as_text(figure.nothing[:1].upper() + figure.nothing[1:])}."
-    lacks = f" Without {names.count_of(len(missing), 'trial')} whose recordings or fits were refused: "
+    lacks = (
+        f" Without {names.count_of(len(missing), 'trial')} whose recordings or fits were refused: "
+    )
     shows = names.shown_said(FIGURES[name].caption, table) if name in FIGURES else ""
     said = " ".join(filter(None, [figure.about(table), shows, names.doubtful_said(table)]))
     return f"{said}{f'{lacks}{names.listed_text(missing)}.' if missing else ''}"
@@ -146,17 +220,23 @@ def fig4(
     output: Path,
     windows: str | None = None,
 ) -> None:
-    """The numbers of Fig. 4: the last seconds of one amplitude, or of a motion that is no stepped sine, measured and by
-    the best second-order fit. `choice` is that of `time_series_example`, `fit` the trial's own table of fits, by whose
-    `limits` this fit may be doubtful, `windows` as in `bench.fit_impedance_trial`."""
+    """The numbers of Fig. 4: the last seconds of one amplitude, or of a motion that is no stepped
+    sine, measured and by the best second-order fit. `choice` is that of `time_series_example`,
+    `fit` the trial's own table of fits, by whose `limits` this fit may be doubtful, `windows` as in
+    `bench.fit_impedance_trial`."""
     record = record_of_trial(read_trial(trial), settings, windows)
     label = record.label_near(choice["amplitude_deg"])
-    amplitude, analysis = pl.col("amplitude_deg"), analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE)
+    amplitude, analysis = (
+        pl.col("amplitude_deg"),
+        analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE),
+    )
     alone = isinstance(label, float) and label in analysis.fits
     shown = (amplitude - label).abs() < 1e-6 if alone else amplitude.is_null()
     series = analysis.last_seconds(label, choice["duration_s"])
     fits = read_table(fit)
-    doubtful = marked(fits, judged(fits, limits, "impedance"), "impedance").filter(shown)["doubtful"][0]
+    doubtful = marked(fits, judged(fits, limits, "impedance"), "impedance").filter(shown)[
+        "doubtful"
+    ][0]
     said = {name: choice[name] or None for name in ("trial", "joint", "side", "chosen")}
     said |= {"doubtful": doubtful, "model": "second-order system"}
     constant = (pl.lit(value, pl.String).alias(name) for name, value in said.items())
@@ -164,32 +244,57 @@ def fig4(
 
 
 def fig7(
-    table: Path, parameters: FileOrNone, choice: FrequencyResponseFigure | None, weight: Weight, output: Path
+    table: Path,
+    parameters: FileOrNone,
+    choice: FrequencyResponseFigure | None,
+    weight: Weight,
+    output: Path,
 ) -> None:
-    """The numbers of Fig. 7: measured responses of one K_d, B_d, without a `choice` of those that most trials have; the
-    desired one (Eq. 11), if both are known; and the linear model (Eq. 9), if the gains are known and the parameter file
-    is of this joint. Trials that no stepped sine moved have no responses."""
+    """The numbers of Fig. 7: measured responses of one K_d, B_d, without a `choice` of those that
+    most trials have; the desired one (Eq. 11), if both are known; and the linear model (Eq. 9), if
+    the gains are known and the parameter file is of this joint. Trials that no stepped sine moved
+    have no responses."""
     responses = completed(read_table(table, required=draw_fig7.needs), PLACE)
     responses = responses.with_columns(look_numbers(responses["controller"]))
     pairs = responses.group_by("K_d", "B_d", maintain_order=True).agg(pl.col("trial").n_unique())
-    counts = (ranked := pairs.sort("trial", descending=True, maintain_order=True))["trial"].to_list()
-    K_d, B_d = (choice.K_d, choice.B_d) if choice else (*ranked.select("K_d", "B_d").rows(), (None, None))[0]
-    shown = responses.filter(pl.col("K_d").eq_missing(pl.lit(K_d)), pl.col("B_d").eq_missing(pl.lit(B_d)))
-    first = "the first of the desired impedances" if counts[1:2] == counts[:1] else "the desired impedance"
+    counts = (ranked := pairs.sort("trial", descending=True, maintain_order=True))[
+        "trial"
+    ].to_list()
+    K_d, B_d = (
+        (choice.K_d, choice.B_d)
+        if choice
+        else (*ranked.select("K_d", "B_d").rows(), (None, None))[0]
+    )
+    shown = responses.filter(
+        pl.col("K_d").eq_missing(pl.lit(K_d)), pl.col("B_d").eq_missing(pl.lit(B_d))
+    )
+    first = (
+        "the first of the desired impedances"
+        if counts[1:2] == counts[:1]
+        else "the desired impedance"
+    )
     chosen = None if choice else f"{first} with the most trials"
-    write_table(beside_theory(shown, parameters, weight).with_columns(chosen=pl.lit(chosen, pl.String)), output)
+    write_table(
+        beside_theory(shown, parameters, weight).with_columns(chosen=pl.lit(chosen, pl.String)),
+        output,
+    )
 
 
 def beside_theory(responses: pl.DataFrame, parameters: Path | None, weight: Weight) -> pl.DataFrame:
-    """The same for measured responses of one desired impedance in memory, without the column `chosen`."""
+    """The same for measured responses of one desired impedance in memory, without the column
+    `chosen`."""
     shown, curves = responses.sort("frequency_hz", maintain_order=True), []
     for measured in shown.partition_by(PLACE, maintain_order=True):
         joint, side, K_d, B_d = measured.select(*PLACE, "K_d", "B_d").row(0)
         p = read_parameters(parameters) if parameters and joint_of(parameters) == joint else None
-        f = np.linspace(float(measured["frequency_hz"][0]), float(measured["frequency_hz"][-1]), 101)
+        f = np.linspace(
+            float(measured["frequency_hz"][0]), float(measured["frequency_hz"][-1]), 101
+        )
         s = np.asarray(2j * np.pi * f, dtype=np.complex128)
         if K_d is not None and B_d is not None:
-            curves.append(response_curve(DESIRED, None, f, desired_admittance(K_d, B_d)(s), (joint, side)))
+            curves.append(
+                response_curve(DESIRED, None, f, desired_admittance(K_d, B_d)(s), (joint, side))
+            )
         for name in measured["controller"].unique(maintain_order=True) if p else ():
             gains = DesiredImpedance(name, K_d, B_d).gains(p, weight)
             if p and gains:
@@ -208,21 +313,32 @@ def plot_walking_page(
     settings: TimingSettings,
     output: Path,
 ) -> None:
-    """Write the numbers that the walking page plots. `crossings` are the perturbed ones, `selection` is
-    `walking_crossings.csv`, `responses` `walking_responses.csv`, `table` `walking.csv`."""
-    isolated = read_table(responses, ["group", "trial", "time", "theta_deg", "torque", "torque_model"])
+    """Write the numbers that the walking page plots. `crossings` are the perturbed ones,
+    `selection` is `walking_crossings.csv`, `responses` `walking_responses.csv`, `table`
+    `walking.csv`."""
+    isolated = read_table(
+        responses, ["group", "trial", "time", "theta_deg", "torque", "torque_model"]
+    )
     doubtful = read_table(table, ["trial", DOUBTFUL]).select("trial", DOUBTFUL)
     isolated = isolated.join(doubtful, on="trial", how="left", maintain_order="left")
     chosen, gaits = selected_crossings(crossings, selection), read_unperturbed_gaits(unperturbed)
     gait_of = dict(read_table(selection, ["trial", "gait"]).select("trial", "gait").iter_rows())
     frames = []
-    for (group,), of_group in isolated.partition_by("group", maintain_order=True, as_dict=True).items():
+    for (group,), of_group in isolated.partition_by(
+        "group", maintain_order=True, as_dict=True
+    ).items():
         perturbed = [crossing for crossing in chosen if crossing.name in set(of_group["trial"])]
         gait = gaits[gait_of[perturbed[0].name]]
-        ways = {c.sign: f"perturbed {DOWN if c.sign < 0 else UP}" for c in perturbed}  # whose mean is nobody's gait
+        # whose mean is nobody's gait
+        ways = {c.sign: f"perturbed {DOWN if c.sign < 0 else UP}" for c in perturbed}
         ways = ways if len(ways) > 1 else dict.fromkeys(ways, "perturbed")
-        shown = {name: unperturbed_gait([c for c in perturbed if c.sign == sign], 1) for sign, name in ways.items()}
-        points = walking_page_points(perturbed, {"unperturbed": gait, **shown}, of_group.drop("group"), settings)
+        shown = {
+            name: unperturbed_gait([c for c in perturbed if c.sign == sign], 1)
+            for sign, name in ways.items()
+        }
+        points = walking_page_points(
+            perturbed, {"unperturbed": gait, **shown}, of_group.drop("group"), settings
+        )
         frames.append(points.with_columns(group=pl.lit(group)))
     write_table(pl.concat(frames, how="diagonal"), output)
 
@@ -230,7 +346,8 @@ def plot_walking_page(
 def plot_over_stance(
     table: Path, output: Path, stance_share: float, trajectory: Sequence[Path] = (), data: str = ""
 ) -> None:
-    """Rows of the table, and points of the commanded trajectory, of quantities that have more than one point."""
+    """Rows of the table, and points of the commanded trajectory, of quantities that have more than
+    one point."""
     rows = read_table(table, ("series", "quantity", "phase", "estimate", "low", "high"))
     for curves in commanded_over_stance(trajectory, data, stance_share):
         rows = pl.concat([rows, trajectory_points(*curves)], how="diagonal_relaxed")

@@ -1,4 +1,5 @@
-"""What a user looks up: the meaning of every column of every result table, and the JSON schemas of the YAML files."""
+"""What a user looks up: the meaning of every column of every result table, and the JSON schemas of
+the YAML files."""
 
 import json
 from collections.abc import Mapping
@@ -24,13 +25,21 @@ def tables_page(command: str) -> str:
     """The page as Markdown; `command` is what the reader calls to make it again."""
     tables = []
     for table in described_tables():
-        named = (path.replace("*/*", "EXPERIMENT/*").replace("*", "TRIAL") for path in (table.place, table.also))
+        named = (
+            path.replace("*/*", "EXPERIMENT/*").replace("*", "TRIAL")
+            for path in (table.place, table.also)
+        )
         place, also = (f"{path}.csv" for path in named)
-        columns = [(f"`{column.name}`", column.unit, column.meaning) for column in table.columns.values()]
+        columns = [
+            (f"`{column.name}`", column.unit, column.meaning) for column in table.columns.values()
+        ]
         described = markdown_table([("column", "unit", "meaning"), *columns])
         gathered = f" `{also}` holds the rows of one trial." if table.also else ""
         tables.append(f"## `{place}`\n\nRows: {table.rows}.{gathered}\n\n{described}")
-    says = {name: f"{WORDS['checks'][name]}. Fails {check.fails} its threshold" for name, check in CHECKS.items()}
+    says = {
+        name: f"{WORDS['checks'][name]}. Fails {check.fails} its threshold"
+        for name, check in CHECKS.items()
+    }
     checks = [(f"`{name}`", UNITS[name], said) for name, said in says.items()]
     entries = [(f"`{one.name}`", one.unit, one.meaning) for one in all_labels()]
     page = (HERE / "page.md").read_text(encoding="utf-8").rstrip()
@@ -59,7 +68,10 @@ def schemas() -> dict[str, dict[str, Any]]:
         "type": "object",
         "required": ["format"],
         "properties": {"format": {"enum": list(FORMATS)}},
-        "allOf": [{"if": {"properties": {"format": {"const": n}}}, "then": {"$ref": at}} for n, at in top.items()],
+        "allOf": [
+            {"if": {"properties": {"format": {"const": n}}}, "then": {"$ref": at}}
+            for n, at in top.items()
+        ],
         "$defs": definitions,
     }
     return found
@@ -70,9 +82,13 @@ def definitions_of(models: Mapping[str, type[BaseModel]]) -> tuple[dict[str, str
     each: list[tuple[type[BaseModel], Literal["validation"]]] = []
     each += [(model, "validation") for model in dict.fromkeys(models.values())]
     places, content = models_json_schema(each, ref_template="#/$defs/{model}")
-    return {name: places[model, "validation"]["$ref"] for name, model in models.items()}, content["$defs"]
+    return {name: places[model, "validation"]["$ref"] for name, model in models.items()}, content[
+        "$defs"
+    ]
 
 
 def write_schemas(folder: Path) -> None:
     for name, schema in schemas().items():
-        write_text(folder / f"{name}.schema.json", json.dumps(schema, indent=1, ensure_ascii=False) + "\n")
+        write_text(
+            folder / f"{name}.schema.json", json.dumps(schema, indent=1, ensure_ascii=False) + "\n"
+        )

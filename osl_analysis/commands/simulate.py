@@ -7,7 +7,12 @@ from typing import Any
 from warnings import catch_warnings
 
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.config.sheet import SHEET_COLUMNS, SharedChoices, SheetRows, read_impedance_trajectory
+from osl_analysis.config.sheet import (
+    SHEET_COLUMNS,
+    SharedChoices,
+    SheetRows,
+    read_impedance_trajectory,
+)
 from osl_analysis.errors import InputError, naming
 from osl_analysis.files import atomic_path, check_output
 from osl_analysis.model.compensator import check_request
@@ -24,23 +29,32 @@ def check_folder(folder: Path) -> None:
     """Refuse to simulate into a folder of real recordings, which has no folder `truth`."""
     if (folder / TRUTH).is_dir():
         return
-    held = (p for p in folder.rglob("*") if p.suffix.lower() in (".mcap", ".c3d") or p.name == "trials.csv")
+    held = (
+        p
+        for p in folder.rglob("*")
+        if p.suffix.lower() in (".mcap", ".c3d") or p.name == "trials.csv"
+    )
     path = next((one for one in held if not is_refused(one)), None)
-    if path is not None and not (folder / TRUTH).is_dir():  # another job makes it before its first log
+    # another job makes it before its first log
+    if path is not None and not (folder / TRUTH).is_dir():
         raise InputError(
-            f"{path}: the simulator did not make it (there is no folder '{TRUTH}' in {folder}); for real recordings "
-            "write `simulation: null` in the configuration, for a simulation choose an empty folder for `sheet` and "
-            "`raw_data`"
+            f"{path}: the simulator did not make it (there is no folder '{TRUTH}' in {folder}); for"
+            " real recordings write `simulation: null` in the configuration, for a simulation"
+            " choose an empty folder for `sheet` and `raw_data`"
         )
 
 
 def planned_sheet(settings_path: Path, sheet: Path) -> SheetRows | None:
-    """The plan of a simulated campaign; None where the sheet on disk is newer than the settings and is to be read
-    instead, so that trials can be excluded or added by hand."""
+    """The plan of a simulated campaign; None where the sheet on disk is newer than the settings and
+    is to be read instead, so that trials can be excluded or added by hand."""
     check_folder(sheet.parent)
     with naming("simulation"):
         settings = read_yaml(settings_path, SimulationSettings)
-    kept = sheet.is_file() and not is_refused(sheet) and sheet.stat().st_mtime >= settings_path.stat().st_mtime
+    kept = (
+        sheet.is_file()
+        and not is_refused(sheet)
+        and sheet.stat().st_mtime >= settings_path.stat().st_mtime
+    )
     return None if kept else plan_trials(settings)
 
 
@@ -51,16 +65,22 @@ def write_sheet(settings_path: Path, sheet: Path) -> None:
     rows = plan_trials(read_yaml(settings_path, SimulationSettings)).values()
     (sheet.parent / TRUTH).mkdir(parents=True, exist_ok=True)
     with atomic_path(sheet) as path, path.open("w", encoding="utf-8", newline="") as file:
-        csv.writer(file, lineterminator="\n").writerows([SHEET_COLUMNS, *(row.values() for row in rows)])
+        csv.writer(file, lineterminator="\n").writerows(
+            [SHEET_COLUMNS, *(row.values() for row in rows)]
+        )
 
 
 def settings_files(settings_path: Path, followed: SharedChoices = UNFOLLOWED) -> list[Path]:
-    """The files that decide what is simulated: the settings and those that they, or the `followed` choices, name."""
+    """The files that decide what is simulated: the settings and those that they, or the `followed`
+    choices, name."""
     settings = read_simulation(settings_path, followed)
     laboratory = laboratory_of(settings, followed)
-    with catch_warnings(action="ignore"), naming(f"{settings_path}: experiments"):  # the jobs give the warnings
+    # the jobs give the warnings
+    with catch_warnings(action="ignore"), naming(f"{settings_path}: experiments"):
         wanted, p = settings.experiments, read_parameters(settings.parameters)
-        rendered = wanted.K_d if "compensated" in wanted.controllers and settings.joint is None else ()
+        rendered = (
+            wanted.K_d if "compensated" in wanted.controllers and settings.joint is None else ()
+        )
         check_request(rendered, wanted.B_d, p)
     if laboratory is None or settings.walking is None:
         return [settings_path, settings.parameters]
@@ -73,19 +93,27 @@ def settings_files(settings_path: Path, followed: SharedChoices = UNFOLLOWED) ->
 
 
 def read_simulation(settings_path: Path, followed: SharedChoices) -> SimulationSettings:
-    """The settings of a simulated campaign, with what its configuration decides in place of their own."""
+    """The settings of a simulated campaign, with what its configuration decides in place of their
+    own."""
     settings = read_yaml(settings_path, SimulationSettings)
     chosen = followed.model_dump(include={"parameters", "gain_weight"}, exclude_none=True)
     if followed.protocol is not None:
         chosen["protocol"] = settings.protocol.model_dump() | followed.protocol
-    settings = validated(settings.model_dump() | chosen, SimulationSettings, settings_path) if chosen else settings
+    settings = (
+        validated(settings.model_dump() | chosen, SimulationSettings, settings_path)
+        if chosen
+        else settings
+    )
     if settings.walking is not None and not settings.walking.is_file():
-        raise InputError(f"{settings_path}: walking: {settings.walking} is no file; correct it, or write null")
+        raise InputError(
+            f"{settings_path}: walking: {settings.walking} is no file; correct it, or write null"
+        )
     return settings
 
 
 def laboratory_of(settings: SimulationSettings, followed: SharedChoices) -> WalkingSettings | None:
-    """The gait laboratory of a simulated campaign, if it has one. Its gains are selected as on the bench."""
+    """The gait laboratory of a simulated campaign, if it has one. Its gains are selected as on the
+    bench."""
     if settings.walking is None:
         return None
     own = read_yaml(settings.walking, WalkingSettings)
@@ -96,14 +124,16 @@ def laboratory_of(settings: SimulationSettings, followed: SharedChoices) -> Walk
 def simulate_trial(
     settings_path: Path, campaign_folder: Path, trial: str, followed: SharedChoices = UNFOLLOWED
 ) -> None:
-    """Simulate one trial of the plan: its logs where the sheet says, and `truth/<trial>.json`. What the campaign's
-    configuration decides (`followed`) replaces what the settings have."""
+    """Simulate one trial of the plan: its logs where the sheet says, and `truth/<trial>.json`. What
+    the campaign's configuration decides (`followed`) replaces what the settings have."""
     check_folder(campaign_folder)
     settings = read_simulation(settings_path, followed)
     record_trial(row_of_trial(settings, settings_path, trial), settings, followed, campaign_folder)
 
 
-def simulate_campaign(settings_path: Path, campaign_folder: Path, followed: SharedChoices = UNFOLLOWED) -> None:
+def simulate_campaign(
+    settings_path: Path, campaign_folder: Path, followed: SharedChoices = UNFOLLOWED
+) -> None:
     """Write the sample sheet and simulate all of its trials, one after the other."""
     settings = read_simulation(settings_path, followed)
     settings_files(settings_path, followed)
@@ -112,19 +142,28 @@ def simulate_campaign(settings_path: Path, campaign_folder: Path, followed: Shar
         record_trial(row, settings, followed, campaign_folder)
 
 
-def row_of_trial(settings: SimulationSettings, settings_path: Path, trial: str) -> Mapping[str, Any]:
+def row_of_trial(
+    settings: SimulationSettings, settings_path: Path, trial: str
+) -> Mapping[str, Any]:
     if row := plan_trials(settings, trial).get(trial):
         return row
     rows = plan_trials(settings)
-    planned = f"it has {len(rows)}, from '{next(iter(rows))}' to '{next(reversed(rows))}': see trials.csv"
+    planned = (
+        f"it has {len(rows)}, from '{next(iter(rows))}' to '{next(reversed(rows))}': see trials.csv"
+    )
     raise InputError(f"{settings_path}: plans no trial '{trial}'; {planned}")
 
 
 def record_trial(
-    row: Mapping[str, Any], settings: SimulationSettings, followed: SharedChoices, campaign_folder: Path
+    row: Mapping[str, Any],
+    settings: SimulationSettings,
+    followed: SharedChoices,
+    campaign_folder: Path,
 ) -> None:
-    """Simulate the trial of one row and let its recorders write, the truth first, so that every log has a truth."""
-    from osl_analysis.model.compiled import require_compiler  # planning, which imports this module, needs no numba
+    """Simulate the trial of one row and let its recorders write, the truth first, so that every log
+    has a truth."""
+    # planning, which imports this module, needs no numba
+    from osl_analysis.model.compiled import require_compiler
 
     require_compiler()
     p = read_parameters(settings.parameters)
@@ -133,7 +172,9 @@ def record_trial(
 
         log, truth = bench.simulate_bench_trial(row, settings, p)
         recorder.write_truth(campaign_folder, row["trial"], truth)
-        bench.write_bench_log(campaign_folder / row["log"], log, settings.recorder.torque_node is not None)
+        bench.write_bench_log(
+            campaign_folder / row["log"], log, settings.recorder.torque_node is not None
+        )
         return
     from osl_analysis.simulator.crossing import simulate_walking_trial
 

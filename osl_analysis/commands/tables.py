@@ -38,10 +38,11 @@ def gather(
     evidence: Path | None = None,
     evidence_columns: Collection[str] = (),
 ) -> None:
-    """One table from the tables of single trials, in the order given; with `limits`, doubtful fits are marked. `rows`
-    are their files, or the archives with a table of the same name as `output`, `fits` the trials' fits of the table
-    whose doubts the rows share, with the limits of that table. `places` has joint and side of each. With `evidence`
-    that file has the `evidence_columns`, and the table all others."""
+    """One table from the tables of single trials, in the order given; with `limits`, doubtful fits
+    are marked. `rows` are their files, or the archives with a table of the same name as `output`,
+    `fits` the trials' fits of the table whose doubts the rows share, with the limits of that table.
+    `places` has joint and side of each. With `evidence` that file has the `evidence_columns`, and
+    the table all others."""
     if not rows:
         raise InputError(f"{output}: no trials fill this table; add some to the sample sheet")
     table = pl.concat([read_table(path, of=output.stem) for path in rows], how="diagonal_relaxed")
@@ -51,30 +52,45 @@ def gather(
         findings = judged(table, limits, output.stem)
         if limits_of_fits is not None and fits:
             of = pl.concat([read_table(path) for path in fits], how="diagonal_relaxed")
-            findings = with_inherited(output.stem, table, findings, of, judged(of, limits_of_fits, fits[0].parent.name))
+            findings = with_inherited(
+                output.stem, table, findings, of, judged(of, limits_of_fits, fits[0].parent.name)
+            )
         table = marked(table, findings, output.stem)
     table = with_places(table, places or {})
     if evidence is not None:
-        write_table(table.select(name for name in table.columns if name in evidence_columns), evidence)
-        table = table.select(name for name in table.columns if name in OF_ROW or name not in evidence_columns)
+        write_table(
+            table.select(name for name in table.columns if name in evidence_columns), evidence
+        )
+        table = table.select(
+            name for name in table.columns if name in OF_ROW or name not in evidence_columns
+        )
     write_table(table, output)
 
 
-def write_settings(states: Sequence[Mapping[str, Any]], output: Path, phasors: Path | None = None) -> None:
-    """Write the settings that judge or label with their states. What was measured is that of `phasors.csv`, or none."""
+def write_settings(
+    states: Sequence[Mapping[str, Any]], output: Path, phasors: Path | None = None
+) -> None:
+    """Write the settings that judge or label with their states. What was measured is that of
+    `phasors.csv`, or none."""
     table = pl.DataFrame(states, schema=dict.fromkeys(("setting", "value", "state"), pl.String))
-    found = read_table(phasors) if phasors else pl.DataFrame(schema=dict.fromkeys(FOUND.values(), pl.Float64))
+    found = (
+        read_table(phasors)
+        if phasors
+        else pl.DataFrame(schema=dict.fromkeys(FOUND.values(), pl.Float64))
+    )
     own = {name: sizes_said(found[column].cast(pl.Float64)) for name, column in FOUND.items()}
     said = {name: f"[{', '.join(values)}]" for name, values in own.items() if values}
     measured = pl.col("setting").replace_strict(said, default=None, return_dtype=pl.String)
-    table = table.with_columns(pl.when(state="measured").then(measured).otherwise("value").alias("value"))
+    table = table.with_columns(
+        pl.when(state="measured").then(measured).otherwise("value").alias("value")
+    )
     none = pl.when(pl.col("value").is_null()).then(pl.lit("none")).otherwise("state")
     write_table(table.with_columns(state=none), output)
 
 
 def list_fits(fits: Sequence[Path], output: Path, refused: Sequence[Refusal] = ()) -> None:
-    """Write which trials of an experiment were fitted, and why the others were not, as JSON. `fits` has one file of
-    each. Whatever uses the results of all of them is made again with it."""
+    """Write which trials of an experiment were fitted, and why the others were not, as JSON. `fits`
+    has one file of each. Whatever uses the results of all of them is made again with it."""
     reasons = {trial: cause.reason for trial, cause in refused_trials(refused).items()}
     said = {"fitted": [path.stem for path in fits], "refused": reasons}
     write_text(output, json.dumps(said, indent=1) + "\n")
@@ -88,7 +104,8 @@ def check_claims(
     output: Path,
     parameters: FileOrNone = None,
 ) -> None:
-    """Hold the paper's claims against the result `tables`. `midstance` is the commanded stiffness [N*m/rad]."""
+    """Hold the paper's claims against the result `tables`. `midstance` is the commanded stiffness
+    [N*m/rad]."""
     read = {name: read_table(path) for name, path in tables.items()}
     ratios = {joint_of(parameters): read_parameters(parameters).n_T} if parameters else {}
     write_table(claims_table(read, settings, frequencies_hz, midstance, ratios), output)
@@ -102,24 +119,37 @@ def judge(
     refused: Sequence[Refusal] = (),
     places: Places | None = None,
 ) -> None:
-    """The verdict on every trial from what was measured, with a row for each that could not be measured, and why."""
+    """The verdict on every trial from what was measured, with a row for each that could not be
+    measured, and why."""
     lost = refused_rows(refused).with_columns(verdict=pl.lit("refused"))
     table = pl.concat([Judge(rules, accept).verdicts(rows), lost], how="diagonal_relaxed")
     write_table(with_places(table, places or {}), output)
 
 
 def write_findings(
-    tables: Mapping[str, Path], verdicts: Path, limits: DoubtfulFits, output: Path, places: Places | None = None
+    tables: Mapping[str, Path],
+    verdicts: Path,
+    limits: DoubtfulFits,
+    output: Path,
+    places: Places | None = None,
 ) -> None:
-    """Write the findings on all trials, from the result `tables` by name and the verdicts on recordings."""
+    """Write the findings on all trials, from the result `tables` by name and the verdicts on
+    recordings."""
     read = {name: with_evidence(path) for name, path in tables.items()}
-    write_table(with_places(campaign_findings(read, read_table(verdicts), limits), places or {}), output)
+    write_table(
+        with_places(campaign_findings(read, read_table(verdicts), limits), places or {}), output
+    )
 
 
 def refused_rows(refused: Sequence[Refusal]) -> pl.DataFrame:
     """A row per refused trial, with its outcome as check and its reason and remedy as remark."""
-    rows = [(one.trial, one.outcome, f"{one.reason}; {one.remedy}") for one in refused_trials(refused).values()]
-    told = pl.DataFrame(rows, schema=dict.fromkeys(("trial", "check", "remark"), pl.String), orient="row")
+    rows = [
+        (one.trial, one.outcome, f"{one.reason}; {one.remedy}")
+        for one in refused_trials(refused).values()
+    ]
+    told = pl.DataFrame(
+        rows, schema=dict.fromkeys(("trial", "check", "remark"), pl.String), orient="row"
+    )
     without = [pl.lit(None).alias(name) for name in ("value", "unit", "threshold")]
     return told.select("trial", "check", *without, "remark")
 
@@ -131,10 +161,17 @@ def list_excluded(
     refused: Sequence[Refusal] = (),
     places: Places | None = None,
 ) -> None:
-    """List every trial that is not used: why it was refused, the checks that exclude it, or what the sheet says."""
-    failed = read_table(verdicts).filter(pl.col("verdict") == "exclude").drop("verdict", "joint", "side", strict=False)
+    """List every trial that is not used: why it was refused, the checks that exclude it, or what
+    the sheet says."""
+    failed = (
+        read_table(verdicts)
+        .filter(pl.col("verdict") == "exclude")
+        .drop("verdict", "joint", "side", strict=False)
+    )
     rows = [(trial, "sample sheet", reason) for trial, reason in by_sheet.items()]
-    stated = pl.DataFrame(rows, schema=dict.fromkeys(("trial", "check", "remark"), pl.String), orient="row")
+    stated = pl.DataFrame(
+        rows, schema=dict.fromkeys(("trial", "check", "remark"), pl.String), orient="row"
+    )
     table = pl.concat([refused_rows(refused), failed, stated], how="diagonal_relaxed")
     write_table(with_places(table, places or {}), output)
 
@@ -153,10 +190,10 @@ def write_summary(
     example: headlines.Example | None = None,
     beside_draft: bool = True,
 ) -> None:
-    """Write headline numbers of a campaign from the tables that it has, by their names, with those of the paper's draft
-    if `beside_draft`. `example` is the desired impedance of Fig. 4, `trials` has those of each experiment, `excluded`
-    is the table of those that are not used, `verdicts` is `quality.csv`, `findings` is
-    `findings.csv`, `refused` are the causes of missing tables."""
+    """Write headline numbers of a campaign from the tables that it has, by their names, with those
+    of the paper's draft if `beside_draft`. `example` is the desired impedance of Fig. 4, `trials`
+    has those of each experiment, `excluded` is the table of those that are not used, `verdicts` is
+    `quality.csv`, `findings` is `findings.csv`, `refused` are the causes of missing tables."""
     read = {*headlines.LABELS, *judged_tables(), "prediction_causes"}
     tables = {name: with_evidence(path) for name, path in table_paths.items() if name in read}
     found = read_findings(findings) if findings else findings_frame()
@@ -164,10 +201,19 @@ def write_summary(
     of_excluded = ("trial", "check", "value", "unit", "threshold", "remark")
     judged = read_table(verdicts) if verdicts else pl.DataFrame(schema=["check", "verdict"])
     missing = {
-        "trials": headlines.used_and_missing(trials or {}, read_table(excluded, of_excluded)) if excluded else {},
-        "missing_results": {one.file: one.reason.removeprefix(f"{one.file}: ") for one in refused if not one.trial},
+        "trials": (
+            headlines.used_and_missing(trials or {}, read_table(excluded, of_excluded))
+            if excluded
+            else {}
+        ),
+        "missing_results": {
+            one.file: one.reason.removeprefix(f"{one.file}: ") for one in refused if not one.trial
+        },
     }
-    intervals, lacks = headlines.intervals_said(tables), headlines.missing_lines(missing, reasons=False)
+    intervals, lacks = (
+        headlines.intervals_said(tables),
+        headlines.missing_lines(missing, reasons=False),
+    )
     said = {"intervals": intervals, "findings": known_of(found, tables, judged)}
     with atomic_path(summary_json) as json_path, atomic_path(numbers_tex) as tex_path:
         json_path.write_text(headlines.to_json(about, numbers, missing | said), encoding="utf-8")
@@ -179,7 +225,10 @@ def read_summary(summary_json: Path) -> dict[str, Any]:
     """The summary that `write_summary` wrote. Raises InputError where it is missing or is none."""
     check_not_refused(summary_json)
     if not summary_json.is_file():
-        run = "run `osl-analysis run` (in a clone `snakemake reproduce-all`) first, or name the folder of your results"
+        run = (
+            "run `osl-analysis run` (in a clone `snakemake reproduce-all`) first, or name the"
+            " folder of your results"
+        )
         raise InputError(f"{summary_json}: no such summary; {run}")
     try:
         content: dict[str, Any] = json.loads(summary_json.read_text(encoding="utf-8"))
@@ -187,7 +236,18 @@ def read_summary(summary_json: Path) -> dict[str, Any]:
             value = number.get("value", 0.0)
             if not isinstance(value, int | float) or not isfinite(value):
                 raise ValueError(f"numbers.{name}.value: {value!r} is not allowed")
-            needed = ["value", "unit", "low", "high", "interval", "n", "n_doubtful", "n_left_out", "draft", "meaning"]
+            needed = [
+                "value",
+                "unit",
+                "low",
+                "high",
+                "interval",
+                "n",
+                "n_doubtful",
+                "n_left_out",
+                "draft",
+                "meaning",
+            ]
             if lacking := [field for field in needed if field not in number]:
                 raise ValueError(f"field 'numbers.{name}.{lacking[0]}' is missing")
     except (ValueError, RecursionError, TypeError, AttributeError, KeyError) as error:
@@ -198,15 +258,20 @@ def read_summary(summary_json: Path) -> dict[str, Any]:
 
 
 def format_results_table(summary: Mapping[str, Any], markdown: bool = True) -> str:
-    """What a summary is made of, its numbers as Markdown or aligned, what to know of them, and what is missing."""
-    lines = [*filter(None, [summary.get("intervals")]), *(one["line"] for one in summary.get("findings", ()))]
+    """What a summary is made of, its numbers as Markdown or aligned, what to know of them, and what
+    is missing."""
+    lines = [
+        *filter(None, [summary.get("intervals")]),
+        *(one["line"] for one in summary.get("findings", ())),
+    ]
     lines += headlines.missing_lines(summary, reasons=True)
     table = headlines.to_table(summary["numbers"], markdown)
     return "\n".join([f"{sentence(summary)}\n\n{table}", *(f"{line}\n" for line in lines)])
 
 
 def later_failures(summary_json: Path) -> str:
-    """Whether jobs of a later run than that of a summary were refused, failed or killed; a line, empty if none were."""
+    """Whether jobs of a later run than that of a summary were refused, failed or killed; a line,
+    empty if none were."""
     made, ended = summary_json.stat().st_mtime, []
     for path in sorted((summary_json.parent / "logs").rglob("*.log")):
         log = read_log(path) if path.stat().st_mtime > made else None

@@ -1,6 +1,6 @@
-"""Recordings on their way in: ingest and quality control of one trial in one job, the samples being examined while they
-are in memory; what files of any laboratory hold, and a drafted campaign. Texts from files are untrusted: they are
-escaped when they are printed."""
+"""Recordings on their way in: ingest and quality control of one trial in one job, the samples being
+examined while they are in memory; what files of any laboratory hold, and a drafted campaign. Texts
+from files are untrusted: they are escaped when they are printed."""
 
 import csv
 import os
@@ -31,22 +31,32 @@ from osl_analysis.yaml_settings import read_mapping
 
 
 def ingest_trial(
-    row: Mapping[str, Any], raw_folder: Path, sources_folder: Path, output: Path, needed_columns: Sequence[str] = ()
+    row: Mapping[str, Any],
+    raw_folder: Path,
+    sources_folder: Path,
+    output: Path,
+    needed_columns: Sequence[str] = (),
 ) -> Trial:
-    """The trial of one row of the sheet, written as Parquet to `output`; arguments and errors as in `checked_trial`."""
+    """The trial of one row of the sheet, written as Parquet to `output`; arguments and errors as in
+    `checked_trial`."""
     trial = checked_trial(row, raw_folder, sources_folder, needed_columns)
     write_trial(trial, output)
     return trial
 
 
 def checked_trial(
-    row: Mapping[str, Any], raw_folder: Path, sources_folder: Path, needed_columns: Sequence[str] = ()
+    row: Mapping[str, Any],
+    raw_folder: Path,
+    sources_folder: Path,
+    needed_columns: Sequence[str] = (),
 ) -> Trial:
-    """The trial of one row of the sheet, from its files relative to `raw_folder`, with the `needed_columns`."""
+    """The trial of one row of the sheet, from its files relative to `raw_folder`, with the
+    `needed_columns`."""
     trial = raw_files.trial_from_files(row, raw_folder, sources_folder)
     raw_files.check_columns(trial, row.get("experiment"), needed_columns)
     facts = EXPERIMENTS.get(str(row.get("experiment")))
-    if facts is not None and facts.place == "walkway" and not needed_columns:  # those of the log tell all
+    # those of the log tell all
+    if facts is not None and facts.place == "walkway" and not needed_columns:
         raw_files.check_markers(trial, row["experiment"])
     check_ranges(trial)
     return with_stamp_evidence(trial)
@@ -61,9 +71,12 @@ def ingest_and_check(
     trial: Path,
     quality: Path,
 ) -> None:
-    """Write the trial of one row of the sheet, and to `quality` a row for each check, without limits and verdicts."""
+    """Write the trial of one row of the sheet, and to `quality` a row for each check, without
+    limits and verdicts."""
     record = ingest_trial(row, raw_folder, sources_folder, trial, needed_columns)
-    write_table(measured_table(record.name, examine(record, str(row["experiment"]), commanded)), quality)
+    write_table(
+        measured_table(record.name, examine(record, str(row["experiment"]), commanded)), quality
+    )
 
 
 def inspect_file(path: Path) -> Overview:
@@ -72,8 +85,13 @@ def inspect_file(path: Path) -> Overview:
 
 
 def overview_text(overview: Overview) -> str:
-    """The facts on a file, a line per channel (kind, name, unit, samples, rate, note, type), and the remarks."""
-    lines = [f"format: {overview.format}", *(f"{name}: {shortened(fact)}" for name, fact in overview.facts.items()), ""]
+    """The facts on a file, a line per channel (kind, name, unit, samples, rate, note, type), and
+    the remarks."""
+    lines = [
+        f"format: {overview.format}",
+        *(f"{name}: {shortened(fact)}" for name, fact in overview.facts.items()),
+        "",
+    ]
     for channel in overview.channels:
         name = " ".join(shortened(part) for part in channel.address.values())
         rate = f" at {channel.rate:.6g} Hz" if channel.rate else ""
@@ -92,26 +110,44 @@ def shortened(text: str) -> str:
 
 
 def samples_table(folder: Path) -> str:
-    """Markdown: a row per recording below a folder, with the number of its channels by kind and rate, and remarks."""
+    """Markdown: a row per recording below a folder, with the number of its channels by kind and
+    rate, and remarks."""
     paths = list(raw_files.recordings_in(folder))
     if not paths:
-        raise InputError(f"{folder}: no recordings below it ({', '.join(raw_files.SUFFIXES)}); name another folder")
+        raise InputError(
+            f"{folder}: no recordings below it ({', '.join(raw_files.SUFFIXES)}); name another"
+            " folder"
+        )
     rows = ["| file | format | holds | remarks |", "|---|---|---|---|"]
     for path in paths:
         try:
             overview = inspect_file(path)
-            kinds = Counter((channel.address.get("topic", channel.kind), channel.rate) for channel in overview.channels)
-            holds = [f"{n} x {what}{f' at {rate:.4g} Hz' if rate else ''}" for (what, rate), n in kinds.items()]
-            cells = [overview.format, "\n".join(holds), "\n".join([*overview.remarks, *overview.open])]
+            kinds = Counter(
+                (channel.address.get("topic", channel.kind), channel.rate)
+                for channel in overview.channels
+            )
+            holds = [
+                f"{n} x {what}{f' at {rate:.4g} Hz' if rate else ''}"
+                for (what, rate), n in kinds.items()
+            ]
+            cells = [
+                overview.format,
+                "\n".join(holds),
+                "\n".join([*overview.remarks, *overview.open]),
+            ]
         except InputError as error:
             cells = ["", "", f"refused: {error}".replace(f"{path}: ", "")]
-        lines = [[escaped(line) for line in cell.splitlines()] for cell in (str(path.relative_to(folder)), *cells)]
+        lines = [
+            [escaped(line) for line in cell.splitlines()]
+            for cell in (str(path.relative_to(folder)), *cells)
+        ]
         rows.append(f"| {' | '.join('<br>'.join(cell) for cell in lines)} |")
     return "\n".join(rows)
 
 
 def escaped(text: str) -> str:
-    """Text of a stranger's file for a Markdown table: nothing in it can be markup, HTML or a line of its own."""
+    """Text of a stranger's file for a Markdown table: nothing in it can be markup, HTML or a line
+    of its own."""
     shown = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
     plain = shown.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
     return re.sub(r"([\\`*_\[\]|#~$])", r"\\\1", plain)
@@ -122,18 +158,25 @@ class Draft:
     """What the recordings of a folder were taken for, and what the user has to decide."""
 
     sources: dict[str, str] = field(default_factory=dict)  # texts of the source files, by name
-    open: list[tuple[Path, str]] = field(default_factory=list)  # file and question, as which of two clocks counts
-    refused: list[str] = field(default_factory=list)  # files that are no recordings, or cannot be read, with the reason
-    trials: list[tuple[dict[str, str], list[str]]] = field(default_factory=list)  # cells and questions of each
+    # file and question, as which of two clocks counts
+    open: list[tuple[Path, str]] = field(default_factory=list)
+    # files that are no recordings, or cannot be read, with the reason
+    refused: list[str] = field(default_factory=list)
+    # cells and questions of each
+    trials: list[tuple[dict[str, str], list[str]]] = field(default_factory=list)
     walking: str = ""  # section of the configuration
 
 
 def new_campaign(
-    folder: Path, recorders: Sequence[str] = (), recordings: Path | None = None, example: bool = False
+    folder: Path,
+    recorders: Sequence[str] = (),
+    recordings: Path | None = None,
+    example: bool = False,
 ) -> Draft:
-    """Make a folder with a campaign, and say what was drafted. The folder is whole or not there. recorders: names of
-    shipped source files to begin from. recordings: a folder of recordings, for which sheet and source files are
-    drafted; they stay where they are. example: a small simulated campaign instead."""
+    """Make a folder with a campaign, and say what was drafted. The folder is whole or not there.
+    recorders: names of shipped source files to begin from. recordings: a folder of recordings, for
+    which sheet and source files are drafted; they stay where they are. example: a small simulated
+    campaign instead."""
     if os.path.lexists(folder) and not (folder.is_dir() and not any(folder.iterdir())):
         what = "exists and is not empty" if folder.is_dir() else "is a file"
         raise InputError(f"{folder}: {what}; name a new folder, nothing is overwritten")
@@ -142,34 +185,52 @@ def new_campaign(
     for name in recorders:
         if name not in known:
             like = nearest(name, known)
-            raise InputError(f"no source file for a recorder '{name}'; there are {', '.join(known)}{like}")
+            raise InputError(
+                f"no source file for a recorder '{name}'; there are {', '.join(known)}{like}"
+            )
     names = ("dynamometer", "dynamometer_nodes") if example else recorders
-    texts = {name: shipped(f"config/sources/{name}.yaml").read_text(encoding="utf-8") for name in names}
-    raw_data = Path(os.path.relpath(recordings.resolve(), folder.resolve()) if recordings else "recordings")
+    texts = {
+        name: shipped(f"config/sources/{name}.yaml").read_text(encoding="utf-8") for name in names
+    }
+    raw_data = Path(
+        os.path.relpath(recordings.resolve(), folder.resolve()) if recordings else "recordings"
+    )
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         with TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as place:
             made = Path(place) / "campaign"
-            write_campaign(made, folder.name, raw_data, {**draft.sources, **texts}, None if example else draft)
+            write_campaign(
+                made, folder.name, raw_data, {**draft.sources, **texts}, None if example else draft
+            )
             if folder.is_dir():
                 folder.rmdir()
             made.rename(folder)
     except OSError as error:
-        raise InputError(f"{folder}: cannot be made ({error.strerror}); choose another place") from error
+        raise InputError(
+            f"{folder}: cannot be made ({error.strerror}); choose another place"
+        ) from error
     return draft
 
 
-def write_campaign(folder: Path, name: str, raw_data: Path, sources: Mapping[str, str], draft: Draft | None) -> None:
-    """The files of a campaign; `sources` are texts of source files by name; without a draft it is the example."""
+def write_campaign(
+    folder: Path, name: str, raw_data: Path, sources: Mapping[str, str], draft: Draft | None
+) -> None:
+    """The files of a campaign; `sources` are texts of source files by name; without a draft it is
+    the example."""
     (folder / "sources").mkdir(parents=True)
-    allowed = "".join(c if c.isascii() and (c.isalnum() or c in "_-") else "_" for c in name).strip("_") or "campaign"
+    allowed = (
+        "".join(c if c.isascii() and (c.isalnum() or c in "_-") else "_" for c in name).strip("_")
+        or "campaign"
+    )
     kind, path = "config" if draft else "example", raw_data.as_posix()
     template = shipped(f"config/new_campaign/{kind}.yaml").read_text(encoding="utf-8")
-    if not all(character.isalnum() or character in "/._-" for character in path):  # a text in YAML's quotes
+    # a text in YAML's quotes
+    if not all(character.isalnum() or character in "/._-" for character in path):
         path = "'" + path.replace("'", "''") + "'"
     config = template.format(name=allowed, raw_data=path) + (draft.walking if draft else "")
     (folder / "config.yaml").write_text(config, encoding="utf-8")
-    from osl_analysis.commands.reference import write_schemas  # it knows the settings of all commands
+    # it knows the settings of all commands
+    from osl_analysis.commands.reference import write_schemas
 
     write_schemas(folder / "schemas")
     if not raw_data.is_absolute() and ".." not in raw_data.parts:
@@ -195,7 +256,12 @@ def draft_campaign(folder: Path) -> Draft:
         raise InputError(f"{folder}: no such folder of recordings; check the path")
     draft, layouts = Draft(), dict[tuple[object, ...], str]()
     overviews: dict[str, tuple[tuple[int, int], Overview, str, drafts.DraftedLog | None]] = {}
-    recordings, captures, slow, rows = [], dict[Path, Overview](), set[Path](), dict[Path, tuple[str, int]]()
+    recordings, captures, slow, rows = (
+        [],
+        dict[Path, Overview](),
+        set[Path](),
+        dict[Path, tuple[str, int]](),
+    )
     for path in raw_files.recordings_in(folder):
         try:
             overview = inspect_file(path)
@@ -204,17 +270,20 @@ def draft_campaign(folder: Path) -> Draft:
             continue
         name, file = overview.format, path.relative_to(folder)
         is_capture = raw_files.FORMATS[name].is_capture
-        # What files share that one source file can describe: format, clock, and the channels of a log. Captures of one
-        # laboratory have other markers in each trial, and may lack a pulse.
+        # What files share that one source file can describe: format, clock, and the channels of a
+        # log. Captures of one laboratory have other markers in each trial, and may lack a pulse.
         channels = tuple((*channel.address.values(), channel.unit) for channel in overview.channels)
-        settings = repr({key: value for key, value in overview.settings.items() if key != "missing"})
+        settings = repr(
+            {key: value for key, value in overview.settings.items() if key != "missing"}
+        )
         same = drafts.pulse_channels(overview) if is_capture else (settings, channels)
         layout, number = (name, *same), 1 + sum(one[0] == name for one in layouts)
         known = "" if is_capture else known_recorder(overview)
         source = layouts.setdefault(layout, known or (name if number == 1 else f"{name}_{number}"))
         log = None if is_capture else drafts.drafted_log(overview)
         moving = sum(not guess.no_signal for guess in log.guesses) if log else 0
-        if source not in overviews or (len(channels), moving) > overviews[source][0]:  # what tells most
+        # what tells most
+        if source not in overviews or (len(channels), moving) > overviews[source][0]:
             overviews[source] = ((len(channels), moving), overview, path.name, log)
         draft.open += [(file, text) for text in overview.open]
         recordings.append((file, source, is_capture))
@@ -227,21 +296,40 @@ def draft_campaign(folder: Path) -> Draft:
         is_unusual, usual = unusual(np.array([*alike.values()]))
         short = [file for file in compress(alike, is_unusual) if alike[file] < usual]
         draft.open += [
-            (file, f"{alike[file]} rows, {usual:.0f} in most like it: was its end cut off?") for file in short
+            (file, f"{alike[file]} rows, {usual:.0f} in most like it: was its end cut off?")
+            for file in short
         ]
     if not recordings:
-        why = f", as {draft.refused[0]}" if draft.refused else f" ({', '.join(sorted(raw_files.SUFFIXES))})"
-        raise InputError(f"{folder}: no recording in it that can be read{why}; name the folder of the recordings")
+        why = (
+            f", as {draft.refused[0]}"
+            if draft.refused
+            else f" ({', '.join(sorted(raw_files.SUFFIXES))})"
+        )
+        raise InputError(
+            f"{folder}: no recording in it that can be read{why}; name the folder of the recordings"
+        )
     for name, (_, overview, file_name, log) in overviews.items():
-        text, own = drafts.draft_source(overview, file_name, False, log), shipped(f"config/sources/{name}.yaml")
+        text, own = (
+            drafts.draft_source(overview, file_name, False, log),
+            shipped(f"config/sources/{name}.yaml"),
+        )
         if own.is_file():  # a recorder that is known, and what else it has recorded
-            known, named = own.read_text(encoding="utf-8"), re.findall(r"^(  ([a-z]\w*): .*\n)", text, re.MULTILINE)
+            known, named = (
+                own.read_text(encoding="utf-8"),
+                re.findall(r"^(  ([a-z]\w*): .*\n)", text, re.MULTILINE),
+            )
             text = known + "".join(line for line, column in named if f"\n  {column}: " not in known)
         draft.sources[name] = text
-    joints = [name for name, text in draft.sources.items() if "\n  theta: {" in text and "\n  torque: {" in text]
+    joints = [
+        name
+        for name, text in draft.sources.items()
+        if "\n  theta: {" in text and "\n  torque: {" in text
+    ]
     moved = {file: drafts.told_by_motion(one) for file, one in captures.items()}
     of_joints = [file for file, source, _ in recordings if source in joints]
-    moved |= {file: {"experiment": "torque_angle" if file in slow else "impedance"} for file in of_joints}
+    moved |= {
+        file: {"experiment": "torque_angle" if file in slow else "impedance"} for file in of_joints
+    }
     draft.trials = drafts.draft_trials(recordings, moved)
     known_joint = {name: drafts.named_joint(overviews[name][1].channels) for name in joints}
     for cells, _ in draft.trials:
@@ -250,19 +338,31 @@ def draft_campaign(folder: Path) -> Draft:
     if any(cells["experiment"] == "walking" for cells, _ in draft.trials):
         draft.walking = "\n".join([*drafts.draft_walking([*captures.values()]), ""])
     elif any(one.kind == "plate" for capture in captures.values() for one in capture.channels):
-        labels = {one.key for capture in captures.values() for one in capture.channels if one.kind == "marker"}
-        said = "force plates and markers whose names tell no segment: a walking analysis needs `walking.markers` in "
+        labels = {
+            one.key
+            for capture in captures.values()
+            for one in capture.channels
+            if one.kind == "marker"
+        }
+        said = (
+            "force plates and markers whose names tell no segment: a walking analysis needs"
+            " `walking.markers` in "
+        )
         said += f"config.yaml (docs/walking.md#the-configuration), of {listing(sorted(labels), 40)}"
         draft.open += [(file, said) for file in captures]
     return draft
 
 
 def known_recorder(overview: Overview) -> str:
-    """The shipped source file of which a log has every channel, three or more; empty if there is none."""
+    """The shipped source file of which a log has every channel, three or more; empty if there is
+    none."""
     there, found = [{*one.address.values()} for one in overview.channels], {2: ""}
     for path in shipped("config/sources").glob("*.yaml"):
         content, keys = read_mapping(path), {"topic", "field", "column", "variable"}
-        wanted = [{str(one[key]) for key in keys & one.keys()} for one in content.get("channels", {}).values()]
+        wanted = [
+            {str(one[key]) for key in keys & one.keys()}
+            for one in content.get("channels", {}).values()
+        ]
         if content["format"] == overview.format and all(one in there for one in wanted):
             found.setdefault(len(wanted), path.stem)
     return found[max(found)]
@@ -274,7 +374,8 @@ def left_to_decide(folder: Path, draft: Draft) -> list[str]:
     for path in (folder / f"sources/{name}.yaml" for name in draft.sources):
         edits[path] = drafts.to_be_edited(path)
     told = [
-        f"{path}: {len(k)} place{' is' if len(k) == 1 else 's are'} to be edited: {', '.join(k[:6])}"
+        f"{path}: {len(k)} place{' is' if len(k) == 1 else 's are'} to be edited:"
+        f" {', '.join(k[:6])}"
         for path, k in edits.items()
         if k
     ]
@@ -288,7 +389,8 @@ def left_to_decide(folder: Path, draft: Draft) -> list[str]:
 
 
 def drafted_text(draft: Draft) -> str:
-    """What the recordings were taken for: files by source, channels named by a guess, and what is not read."""
+    """What the recordings were taken for: files by source, channels named by a guess, and what is
+    not read."""
     lines, most = [], 30
     for name, text in draft.sources.items():
         roles = [(cells, role) for cells, _ in draft.trials for role in ("log", "mocap")]
@@ -297,10 +399,16 @@ def drafted_text(draft: Draft) -> str:
         lines.append(f"sources/{name}.yaml: {len(files)} recordings, {named}")
         lines += [f"    {line}" for line in drafts.guessed_lines(text)]
         lines += [f"    {line}" for line in text.splitlines() if "# left out: " in line]
-    lines += ["config.yaml:", *(f"    {line}" for line in draft.walking.splitlines())] * bool(draft.walking)
+    lines += ["config.yaml:", *(f"    {line}" for line in draft.walking.splitlines())] * bool(
+        draft.walking
+    )
     lines.append("trials.csv, from the names of the files, else from what moves in them:")
     for cells, _ in draft.trials[:most]:
-        more = [f"{name} {cells[name]}" for name in ("controller", "K_d", "B_d", "perturbed") if name in cells]
+        more = [
+            f"{name} {cells[name]}"
+            for name in ("controller", "K_d", "B_d", "perturbed")
+            if name in cells
+        ]
         lines.append("    " + ", ".join([f"{cells['trial']}: {cells['experiment']}", *more]))
     lines += [f"    and {len(draft.trials) - most} more"] * (len(draft.trials) > most)
     return "\n".join([*lines, *(f"not read: {text}" for text in draft.refused)])

@@ -20,33 +20,63 @@ from osl_analysis.judge.judging import EXCLUDED, judged, marked
 from osl_analysis.refusal import check_not_refused
 from osl_analysis.stats.repeats import DOUBTFUL, doubtful_row
 from osl_analysis.table import MEASURED, Places, read_table, with_places, write_table
-from osl_analysis.trial import NAME_KEY, PROVENANCE_KEY, Array, Trial, metadata_of, read_trial, write_trial
+from osl_analysis.trial import (
+    NAME_KEY,
+    PROVENANCE_KEY,
+    Array,
+    Trial,
+    metadata_of,
+    read_trial,
+    write_trial,
+)
 from osl_analysis.walking import bodies, response, tables
 from osl_analysis.walking import settings as choices
 from osl_analysis.walking.bodies import StaticCalibration
-from osl_analysis.walking.crossing import UP, Crossing, RefusedCrossing, analyse_crossing, body_mass, crossing_of_log
+from osl_analysis.walking.crossing import (
+    UP,
+    Crossing,
+    RefusedCrossing,
+    analyse_crossing,
+    body_mass,
+    crossing_of_log,
+)
 from osl_analysis.walking.groups import ALL, SEPARATOR, cells_said, selection_rows, split_keys
 from osl_analysis.walking.overground import CURVES, overground_rows
-from osl_analysis.walking.plate import NO_CORRECTION, NOT_REMOVED, PlateModel, identify_plate_model, plate_table
+from osl_analysis.walking.plate import (
+    NO_CORRECTION,
+    NOT_REMOVED,
+    PlateModel,
+    identify_plate_model,
+    plate_table,
+)
 from osl_analysis.walking.platform import ALONE, PlatformModel, identify_platform, platform_table
 
 # The step that writes each model
-WRITTEN_BY = {StaticCalibration: "calibrate", PlateModel: "identify-plate", PlatformModel: "measure-platform"}
-ADAPTERS: dict[Any, TypeAdapter[Any]] = {kind: TypeAdapter(kind) for kind in (*WRITTEN_BY, Crossing)}
+WRITTEN_BY = {
+    StaticCalibration: "calibrate",
+    PlateModel: "identify-plate",
+    PlatformModel: "measure-platform",
+}
+ADAPTERS: dict[Any, TypeAdapter[Any]] = {
+    kind: TypeAdapter(kind) for kind in (*WRITTEN_BY, Crossing)
+}
 """What reads and writes each kind of result: to make one takes as long as to use it."""
 TOO_FEW = "perturbations can be used, expected 2 or more for a scatter; see the reasons in"
 NO_GAIT = (
-    "no mean unperturbed gait under the same conditions: fewer unperturbed crossings than fewest_unperturbed are used; "
-    "record more, or leave the condition empty in the sheet where unperturbed crossings serve every value"
+    "no mean unperturbed gait under the same conditions: fewer unperturbed crossings than"
+    " fewest_unperturbed are used; record more, or leave the condition empty in the sheet where"
+    " unperturbed crossings serve every value"
 )
 Kind = TypeVar("Kind")
 Paths = Sequence[Path]
-Statics = Mapping[str, str]  # The static trial of each trial, which names the file of its calibration
+# The static trial of each trial, which names the file of its calibration
+Statics = Mapping[str, str]
 SheetCells = Mapping[str, Mapping[str, Any]]  # Cells of the sheet of each crossing
 
 
 def write_model(model: Any, path: Path) -> None:
-    """Write a calibration, the plate's model or the platform's as JSON; arrays are lists, NaN is null."""
+    """Write a calibration, the plate's model or the platform's as JSON; arrays are lists, NaN is
+    null."""
     write_text(path, ADAPTERS[type(model)].dump_json(model, indent=1).decode() + "\n")
 
 
@@ -60,19 +90,31 @@ def read_model(path: Path, kind: type[Kind]) -> Kind:
         return found
     except ValueError as error:
         why = " ".join(str(error).split())
-        raise InputError(f"{path}: not what this step writes ({why}); delete it and {step}") from error
+        raise InputError(
+            f"{path}: not what this step writes ({why}); delete it and {step}"
+        ) from error
 
 
 def write_crossing(crossing: Crossing, path: Path) -> None:
-    """Write a crossing as a trial: arrays (..., n) as columns beside the phase of stance, the rest as provenance."""
+    """Write a crossing as a trial: arrays (..., n) as columns beside the phase of stance, the rest
+    as provenance."""
     content = ADAPTERS[Crossing].dump_python(crossing)
-    columns = {name: content.pop(name).T for name, value in list(content.items()) if isinstance(value, np.ndarray)}
-    columns = {"time": columns.pop("time"), "phase": crossing.stance.phase(crossing.time), **columns}
+    columns = {
+        name: content.pop(name).T
+        for name, value in list(content.items())
+        if isinstance(value, np.ndarray)
+    }
+    columns = {
+        "time": columns.pop("time"),
+        "phase": crossing.stance.phase(crossing.time),
+        **columns,
+    }
     write_trial(Trial(crossing.name, pl.DataFrame(columns), content), path)
 
 
 def write_refusal(refused: RefusedCrossing, path: Path) -> None:
-    """Write a crossing's file without rows, with the reason in its provenance, so that other crossings are analysed."""
+    """Write a crossing's file without rows, with the reason in its provenance, so that other
+    crossings are analysed."""
     reason = json.dumps({"refused": refused.reason, "perturbed": refused.perturbed})
     empty = pl.DataFrame(schema=dict.fromkeys(("time", "phase", "theta", "torque"), pl.Float64))
     with atomic_path(path) as temporary:
@@ -94,23 +136,35 @@ def read_crossing_file(path: Path) -> Crossing | RefusedCrossing:
         return RefusedCrossing(name, facts["perturbed"], facts["refused"])
     trial = read_trial(path)
     if "stance" not in trial.provenance:
-        raise InputError(f"{path}: a trial without events; run the step 'analyse' and use its crossing")
-    signals = {name: trial.samples[name].to_numpy().T for name in trial.samples.columns if name != "phase"}
+        raise InputError(
+            f"{path}: a trial without events; run the step 'analyse' and use its crossing"
+        )
+    signals = {
+        name: trial.samples[name].to_numpy().T for name in trial.samples.columns if name != "phase"
+    }
     crossing: Crossing = ADAPTERS[Crossing].validate_python(signals | dict(trial.provenance))
     return crossing
 
 
 def read_unperturbed_gaits(path: Path) -> dict[str, response.UnperturbedGait]:
-    """Read what `average_unperturbed` wrote: gaits with fewer crossings than the least are not among them."""
+    """Read what `average_unperturbed` wrote: gaits with fewer crossings than the least are not
+    among them."""
     check_not_refused(path)
     if not path.is_file():
         raise InputError(f"{path}: no such file; run the step 'average-unperturbed' first")
     gaits = {}
     for frame in pl.read_parquet(path).partition_by("gait", maintain_order=True):
         names = frame["trial"].unique(maintain_order=True).to_list()
-        theta, torque, stance = (frame[c].to_numpy().reshape(len(names), -1) for c in ("theta", "torque", "stance_s"))
-        errors = (frame[name].to_numpy().T.reshape(-1, *theta.shape) for name in ("plate_errors", "lab_errors"))
-        gaits[str(frame["gait"][0])] = response.UnperturbedGait(tuple(names), theta, torque, stance[:, 0], *errors)
+        theta, torque, stance = (
+            frame[c].to_numpy().reshape(len(names), -1) for c in ("theta", "torque", "stance_s")
+        )
+        errors = (
+            frame[name].to_numpy().T.reshape(-1, *theta.shape)
+            for name in ("plate_errors", "lab_errors")
+        )
+        gaits[str(frame["gait"][0])] = response.UnperturbedGait(
+            tuple(names), theta, torque, stance[:, 0], *errors
+        )
     return gaits
 
 
@@ -119,7 +173,9 @@ def calibrate(trial: Path, settings: choices.CalibrationSettings, output: Path) 
     write_model(bodies.static_calibration(read_trial(trial), settings), output)
 
 
-def calibrated_trials(trials: Paths, calibrations: Paths, statics: Statics) -> list[tuple[Trial, StaticCalibration]]:
+def calibrated_trials(
+    trials: Paths, calibrations: Paths, statics: Statics
+) -> list[tuple[Trial, StaticCalibration]]:
     read = {path.stem: read_model(path, StaticCalibration) for path in calibrations}
     own = {trial: read[static] for trial, static in statics.items() if static in read}
     return [(read_trial(path), own[path.stem]) for path in trials if path.stem in own]
@@ -133,10 +189,13 @@ def identify_plate(
     output: Path,
     comparison: Path,
 ) -> None:
-    """The plate's inertia and lag from trials of the unloaded plate, to a JSON file. The table `comparison` shows the
-    unloaded plate's wrench before and after both are removed. A warning says so where the settings remove nothing."""
+    """The plate's inertia and lag from trials of the unloaded plate, to a JSON file. The table
+    `comparison` shows the unloaded plate's wrench before and after both are removed. A warning says
+    so where the settings remove nothing."""
     if settings.plate_inertia == "none":
-        warnings.warn(f"the plate's own inertia and lag stay in the torque: {NOT_REMOVED}", stacklevel=2)
+        warnings.warn(
+            f"the plate's own inertia and lag stay in the torque: {NOT_REMOVED}", stacklevel=2
+        )
         model = NO_CORRECTION
     else:
         model = identify_plate_model(calibrated_trials(trials, calibrations, statics), settings)
@@ -154,8 +213,9 @@ def measure_platform(
     comparison: Path,
     places: Places | None = None,
 ) -> None:
-    """The motion that the platform's perturbations share, to a JSON file. The table `comparison` shows when each
-    crossing's perturbation starts, and whether it follows the shared motion; `places` has joint and side of each."""
+    """The motion that the platform's perturbations share, to a JSON file. The table `comparison`
+    shows when each crossing's perturbation starts, and whether it follows the shared motion;
+    `places` has joint and side of each."""
     model = identify_platform(calibrated_trials(trials, calibrations, statics), settings)
     write_model(model, output)
     write_table(with_places(platform_table(model), places or {}), comparison)
@@ -173,15 +233,21 @@ def analyse(
     platform: Path | None = None,
     windows: str | None = None,
 ) -> None:
-    """Angle and torque of one crossing, with its events, to a Parquet file, or there, with a warning, why there are
-    none. `perturbed`, `direction`, `body_mass_kg` and `windows`, from-to [s], are the sheet's; `platform` is what
-    crossings share. Without a `calibration` and a `plate` the log is analysed."""
-    walked, shared = read_trial(trial), ALONE if platform is None else read_model(platform, PlatformModel)
+    """Angle and torque of one crossing, with its events, to a Parquet file, or there, with a
+    warning, why there are none. `perturbed`, `direction`, `body_mass_kg` and `windows`, from-to
+    [s], are the sheet's; `platform` is what crossings share. Without a `calibration` and a `plate`
+    the log is analysed."""
+    walked, shared = (
+        read_trial(trial),
+        ALONE if platform is None else read_model(platform, PlatformModel),
+    )
     static = None if calibration is None else read_model(calibration, StaticCalibration)
     model = None if plate is None else read_model(plate, PlateModel)
     if windows:
         first, last = (walked.samples["time"][0] + float(end) for end in windows.split("-"))
-        walked = replace(walked, samples=walked.samples.filter(pl.col("time").is_between(first, last)))
+        walked = replace(
+            walked, samples=walked.samples.filter(pl.col("time").is_between(first, last))
+        )
     try:
         if static is None or model is None:
             check_own_torque(walked)
@@ -191,15 +257,19 @@ def analyse(
         if crossing.turn and direction is not None and settings.by_command:
             crossing = replace(crossing, turn=abs(crossing.turn) * (1 if direction == UP else -1))
         if direction is not None and crossing.direction not in (None, direction):
-            what = "shift turned the ankle" if settings.perturbed_by == "belt" else "platform turned"
+            what = (
+                "shift turned the ankle" if settings.perturbed_by == "belt" else "platform turned"
+            )
             raise InputError(
-                f"trial {walked.name}: the {what} by {np.rad2deg(crossing.turn or 0.0):.1f} deg (positive: "
-                f"toes up), but the sheet says direction '{direction}', expected '{crossing.direction}'; correct the "
-                "sheet, or exclude the trial"
+                f"trial {walked.name}: the {what} by {np.rad2deg(crossing.turn or 0.0):.1f} deg"
+                f" (positive: toes up), but the sheet says direction '{direction}', expected"
+                f" '{crossing.direction}'; correct the sheet, or exclude the trial"
             )
         crossing = replace(crossing, body_mass=body_mass(walked, body_mass_kg))
     except OslAnalysisError as error:
-        reason = str(error) if f"trial {walked.name}" in str(error) else f"trial {walked.name}: {error}"
+        reason = (
+            str(error) if f"trial {walked.name}" in str(error) else f"trial {walked.name}: {error}"
+        )
         warnings.warn(f"excluded: {reason}", stacklevel=2)
         write_refusal(RefusedCrossing(walked.name, perturbed, reason), output)
     else:
@@ -213,9 +283,9 @@ def group_result(
     gait: response.UnperturbedGait | None,
     settings: choices.EnsembleSettings,
 ) -> tuple[list[dict[str, Any]], dict[str, Any], tuple[pl.DataFrame, pl.DataFrame] | None]:
-    """Rows of `walking_summary.csv` of a group, its row of `walking_groups.csv`, which begins as `fact`, its responses
-    and its rows of `walking_sensitivity.csv`. Without a result: rows with the reason, None, and a warning. `own` are
-    its rows of `walking.csv`."""
+    """Rows of `walking_summary.csv` of a group, its row of `walking_groups.csv`, which begins as
+    `fact`, its responses and its rows of `walking_sensitivity.csv`. Without a result: rows with the
+    reason, None, and a warning. `own` are its rows of `walking.csv`."""
     known, fact = {"group": fact["group"]}, fact | {"fitted_phase": None, "reason": None}
     try:
         if gait is None:
@@ -229,7 +299,9 @@ def group_result(
         none = {"estimator": tables.ENSEMBLE, "n": len(own), "mean": None, "reason": str(error)}
         rows = [known | {"quantity": quantity} | none for quantity in tables.GROUP_QUANTITIES]
         return rows, fact | {"reason": str(error)}, None
-    fact["fitted_phase"] = float(fact["onset_phase"] + tables.fitted_time(headline) / fact["stance_s"])
+    fact["fitted_phase"] = float(
+        fact["onset_phase"] + tables.fitted_time(headline) / fact["stance_s"]
+    )
     by_log = turned[0].platform is None
     sensitivity = tables.sensitivity_table(fact["group"], headline, settings.uncertainty, by_log)
     share = sensitivity["stated"] / sensitivity["size"]
@@ -244,25 +316,36 @@ def group_result(
 
 
 def select_crossings(
-    crossings: Paths, settings: choices.SelectionSettings, output: Path, sheet: SheetCells, places: Places | None = None
+    crossings: Paths,
+    settings: choices.SelectionSettings,
+    output: Path,
+    sheet: SheetCells,
+    places: Places | None = None,
 ) -> None:
-    """One row per crossing, in the order of the files: quality, group and, if it is excluded, the reason. A warning
-    names the conditions of the `sheet` that split results although nobody asked for it."""
+    """One row per crossing, in the order of the files: quality, group and, if it is excluded, the
+    reason. A warning names the conditions of the `sheet` that split results although nobody asked
+    for it."""
     read = [read_crossing_file(path) for path in crossings]
     refused = [c for c in read if isinstance(c, RefusedCrossing)]
     rows = selection_rows([c for c in read if isinstance(c, Crossing)], refused, settings, sheet)
     table = pl.DataFrame([rows[path.stem] for path in crossings], infer_schema_length=None)
     said = [
-        f"crossings differ in {key} ({cells_said({cells.get(key) for cells in sheet.values()})}): each value has a "
-        f"result of its own; write {key} under walking.group_by to keep that, or under walking.pool for one result"
+        f"crossings differ in {key} ({cells_said({cells.get(key) for cells in sheet.values()})}):"
+        f" each value has a result of its own; write {key} under walking.group_by to keep that, or"
+        " under walking.pool for one result"
         for key in split_keys(sheet, settings)
         if key not in settings.group_by
     ]
-    timed = [name for name in table["group"].drop_nulls().unique(maintain_order=True) if "timing " in name]
+    timed = [
+        name
+        for name in table["group"].drop_nulls().unique(maintain_order=True)
+        if "timing " in name
+    ]
     if timed and "timing" not in settings.group_by:
         said.append(
-            f"perturbations begin at {len(timed)} different phases of stance ({'; '.join(sorted(timed))}): each has a "
-            "result of its own; write timing under walking.group_by to keep that, or under walking.pool for one result"
+            f"perturbations begin at {len(timed)} different phases of stance"
+            f" ({'; '.join(sorted(timed))}): each has a result of its own; write timing under"
+            " walking.group_by to keep that, or under walking.pool for one result"
         )
     for sentence in said:
         warnings.warn(sentence, stacklevel=2)
@@ -270,14 +353,19 @@ def select_crossings(
 
 
 def average_unperturbed(crossings: Paths, selection: Path, fewest: int, output: Path) -> None:
-    """The unperturbed crossings that the table `selection` does not exclude, on a common grid of stance phase, by gait,
-    to a Parquet file. A gait with fewer than the `fewest` is left out with a warning."""
-    unperturbed = [crossing for crossing in selected_crossings(crossings, selection) if crossing.onset is None]
+    """The unperturbed crossings that the table `selection` does not exclude, on a common grid of
+    stance phase, by gait, to a Parquet file. A gait with fewer than the `fewest` is left out with a
+    warning."""
+    unperturbed = [
+        crossing for crossing in selected_crossings(crossings, selection) if crossing.onset is None
+    ]
     rows = read_table(selection, ["trial", "gait", "reason"])
     rows = rows.filter(pl.col("trial").is_in([path.stem for path in crossings]))
     served = dict(zip(rows["trial"], rows["gait"].fill_null("").str.split(SEPARATOR), strict=True))
     reasons = dict(rows.drop_nulls("reason").select("trial", "reason").iter_rows())
-    names = dict.fromkeys(name for gaits in served.values() for name in gaits if name) or {ALL: None}
+    names = dict.fromkeys(name for gaits in served.values() for name in gaits if name) or {
+        ALL: None
+    }
     gaits, problems = {}, []
     for name in names:
         of_gait = [crossing for crossing in unperturbed if name in served[crossing.name]]
@@ -294,7 +382,10 @@ def average_unperturbed(crossings: Paths, selection: Path, fewest: int, output: 
     for name, gait in gaits.items():  # a row per crossing and phase of stance
         trials = np.repeat(gait.names, len(response.PHASES)).tolist()
         curves: dict[str, Array] = {"theta": gait.theta.ravel(), "torque": gait.torque.ravel()}
-        curves |= {each: getattr(gait, each).reshape(-1, len(trials)).T for each in ("plate_errors", "lab_errors")}
+        curves |= {
+            each: getattr(gait, each).reshape(-1, len(trials)).T
+            for each in ("plate_errors", "lab_errors")
+        }
         curves |= {"stance_s": np.repeat(gait.stance, len(trials) // len(gait.names))}
         curves |= {"phase": np.tile(response.PHASES, len(gait.names))}
         frames.append(pl.DataFrame({"gait": [name] * len(trials), "trial": trials, **curves}))
@@ -303,9 +394,14 @@ def average_unperturbed(crossings: Paths, selection: Path, fewest: int, output: 
 
 
 def fit_perturbation(
-    crossing: Path, selection: Path, unperturbed: Path, settings: choices.ResponseSettings, output: Path
+    crossing: Path,
+    selection: Path,
+    unperturbed: Path,
+    settings: choices.ResponseSettings,
+    output: Path,
 ) -> None:
-    """The row of `walking.csv` of one perturbed crossing: Eq. 15, or the reason why it is excluded or has no fit."""
+    """The row of `walking.csv` of one perturbed crossing: Eq. 15, or the reason why it is excluded
+    or has no fit."""
     gaits, columns = read_unperturbed_gaits(unperturbed), ("reason", "gait", "group", "direction")
     rows = read_table(selection, ["trial", *columns]).filter(pl.col("trial") == crossing.stem)
     place = dict.fromkeys(columns) if rows.is_empty() else rows.select(columns).row(0, named=True)
@@ -339,14 +435,20 @@ def summarise_perturbations(
     limits: Limits | None = None,
     places: Places | None = None,
 ) -> None:
-    """Per group the mean over perturbations and the ensemble fit to `output`, its conditions to `groups`, responses in
-    their window to `responses`, what errors of the laboratory would change to `sensitivity`, and the crossings that are
-    not used, with the reason, to `excluded`. `table` is `walking.csv`, `crossings` are the perturbed ones. A group
-    beyond one of the `limits` is doubtful."""
+    """Per group the mean over perturbations and the ensemble fit to `output`, its conditions to
+    `groups`, responses in their window to `responses`, what errors of the laboratory would change
+    to `sensitivity`, and the crossings that are not used, with the reason, to `excluded`. `table`
+    is `walking.csv`, `crossings` are the perturbed ones. A group beyond one of the `limits` is
+    doubtful."""
     places = places or {}
-    fits, chosen = read_table(table, ["trial"]), read_table(selection, ["trial", "reason", "gait", "group"])
+    fits, chosen = (
+        read_table(table, ["trial"]),
+        read_table(selection, ["trial", "reason", "gait", "group"]),
+    )
     # the crossings without a fit, in the order of the selection, with the reason, are in no group
-    chosen = chosen.join(fits.select("trial", EXCLUDED), on="trial", how="left", maintain_order="left")
+    chosen = chosen.join(
+        fits.select("trial", EXCLUDED), on="trial", how="left", maintain_order="left"
+    )
     chosen = chosen.with_columns(reason=pl.coalesce("reason", EXCLUDED))
     chosen = chosen.with_columns(group=pl.when(pl.col("reason").is_null()).then("group"))
     left = chosen.select("trial", "perturbed", "reason").drop_nulls("reason")
@@ -355,12 +457,15 @@ def summarise_perturbations(
     if len(fitted) < 2:
         why = next(iter(fits[EXCLUDED].drop_nulls()), "")
         raise InputError(
-            f"{table}: {len(fitted)} of {len(fits)} {TOO_FEW} its column {EXCLUDED}, or record more ({why})"
+            f"{table}: {len(fitted)} of {len(fits)} {TOO_FEW} its column {EXCLUDED}, or record more"
+            f" ({why})"
         )
     gaits, files = read_unperturbed_gaits(unperturbed), {path.stem: path for path in crossings}
     sides, results = {}, []
     for fact in tables.group_rows(chosen, sheet, gaits, settings.window_s):
-        trials = chosen.filter(pl.col("perturbed"), pl.col("group") == fact["group"])["trial"].to_list()
+        trials = chosen.filter(pl.col("perturbed"), pl.col("group") == fact["group"])[
+            "trial"
+        ].to_list()
         of = {places.get(trial, {}).get("side") for trial in trials}
         sides[fact["group"]] = {"joint": JOINT, "side": of.pop() if len(of) == 1 else None}
         own = fitted.filter(pl.col("trial").is_in(trials))
@@ -369,10 +474,16 @@ def summarise_perturbations(
     curves = [one for *_, one in results if one is not None]
     if not curves:
         why = {fact["group"]: fact["reason"] for fact in facts}
-        said = "; ".join(reason if name == ALL else f"{name}: {reason}" for name, reason in why.items())
-        raise InputError(f"{table}: no result from {len(fits)} perturbations: {said}; see {excluded.name}")
+        said = "; ".join(
+            reason if name == ALL else f"{name}: {reason}" for name, reason in why.items()
+        )
+        raise InputError(
+            f"{table}: no result from {len(fits)} perturbations: {said}; see {excluded.name}"
+        )
     of_groups = pl.DataFrame(facts, infer_schema_length=None)
-    of_groups = marked(of_groups, judged(of_groups, limits or Limits(), "walking_groups"), "walking_groups")
+    of_groups = marked(
+        of_groups, judged(of_groups, limits or Limits(), "walking_groups"), "walking_groups"
+    )
     doubts = dict(zip(of_groups["group"], of_groups[DOUBTFUL], strict=True))
     rows = [row for of_group, _, _ in results for row in of_group]
     for row in rows:
@@ -390,8 +501,9 @@ def selected_crossings(crossings: Paths, selection: Path) -> list[Crossing]:
 
 
 def pilot_turn(folder: Path) -> tuple[float, float, float]:
-    """Medians of the turns of the platform [rad], of their durations [s], by a minimum-jerk ramp from 10 to 90 % of the
-    turn, and of their onsets as shares of stance, in the perturbed crossings that a campaign uses, else usual ones."""
+    """Medians of the turns of the platform [rad], of their durations [s], by a minimum-jerk ramp
+    from 10 to 90 % of the turn, and of their onsets as shares of stance, in the perturbed crossings
+    that a campaign uses, else usual ones."""
     table = read_table(folder / "tables/walking_crossings.csv", ["trial", "reason"])
     found = []
     for name in table.filter(pl.col("perturbed"), pl.col("reason").is_null())["trial"]:
@@ -399,63 +511,105 @@ def pilot_turn(folder: Path) -> tuple[float, float, float]:
         if crossing.onset is None or crossing.platform is None or crossing.turn is None:
             continue
         after = (crossing.time >= crossing.onset - 0.02) & (crossing.time <= crossing.onset + 1.0)
-        time, angle = crossing.time[after], np.abs(crossing.platform[after] - crossing.platform[after][0])
+        time, angle = (
+            crossing.time[after],
+            np.abs(crossing.platform[after] - crossing.platform[after][0]),
+        )
         reached = [float(time[np.argmax(angle >= share * angle.max())]) for share in (0.1, 0.9)]
         ramp_s = (reached[1] - reached[0]) / 0.506
         if ramp_s > 0:
-            found.append((abs(crossing.turn), ramp_s, float(crossing.stance.phase(np.array(crossing.onset)))))
+            found.append(
+                (abs(crossing.turn), ramp_s, float(crossing.stance.phase(np.array(crossing.onset))))
+            )
     turn, ramp_s, phase = np.median(found or [(np.deg2rad(5.0), 0.08, 0.4)], axis=0).tolist()
     return turn, ramp_s, phase
 
 
 def planned_crossings(
-    folder: Path, counts: Sequence[int], planned: response.PlannedTurn, both: bool, settings: choices.WalkingAnalysis
+    folder: Path,
+    counts: Sequence[int],
+    planned: response.PlannedTurn,
+    both: bool,
+    settings: choices.WalkingAnalysis,
 ) -> pl.DataFrame:
-    """Expected halves of the 95 % intervals of K, B and I for these numbers of perturbed crossings, from those
-    unperturbed ones that the campaign in `folder` uses, by gait: as many unperturbed ones as it has."""
+    """Expected halves of the 95 % intervals of K, B and I for these numbers of perturbed crossings,
+    from those unperturbed ones that the campaign in `folder` uses, by gait: as many unperturbed
+    ones as it has."""
     selection = folder / "tables/walking_crossings.csv"
     table = read_table(selection, ["trial", "gait", "reason"])
     used = table.filter(~pl.col("perturbed"), pl.col("reason").is_null())
     frames = []
-    for gait in dict.fromkeys(name for gaits in used["gait"] for name in (gaits or ALL).split(SEPARATOR)):
-        names = [row["trial"] for row in used.iter_rows(named=True) if gait in (row["gait"] or ALL).split(SEPARATOR)]
+    for gait in dict.fromkeys(
+        name for gaits in used["gait"] for name in (gaits or ALL).split(SEPARATOR)
+    ):
+        names = [
+            row["trial"]
+            for row in used.iter_rows(named=True)
+            if gait in (row["gait"] or ALL).split(SEPARATOR)
+        ]
         walked = [read_crossing(folder / f"crossings/{name}.parquet") for name in names]
-        table = response.half_widths(response.scatter_of_one(walked, planned, settings), counts, len(walked), both)
+        table = response.half_widths(
+            response.scatter_of_one(walked, planned, settings), counts, len(walked), both
+        )
         frames.append(table.select(pl.lit(gait).alias("gait"), pl.all()))
     if not frames:
-        raise InputError(f"{selection}: no unperturbed crossing is used; record some, or see its column reason")
+        raise InputError(
+            f"{selection}: no unperturbed crossing is used; record some, or see its column reason"
+        )
     return pl.concat(frames)
 
 
 def compare_ankle_moment(
-    trial: Trial, settings: choices.OvergroundAnalysis, condition: Mapping[str, float | None] | None = None
+    trial: Trial,
+    settings: choices.OvergroundAnalysis,
+    condition: Mapping[str, float | None] | None = None,
 ) -> Mapping[str, pl.DataFrame]:
-    """Our ankle moment, and the laboratory's, of each stance, and over it; `condition` may state `body_mass_kg`."""
+    """Our ankle moment, and the laboratory's, of each stance, and over it; `condition` may state
+    `body_mass_kg`."""
     rows = overground_rows(trial, settings, (condition or {}).get("body_mass_kg"))
     table = pl.DataFrame(rows, infer_schema_length=None)
     for row in table.drop_nulls("excluded").iter_rows(named=True):
-        where = f"trial {trial.name}: the {row['side']} stance at {row['heel_strike_s']:.2f} s on plate {row['plate']}"
+        where = (
+            f"trial {trial.name}: the {row['side']} stance at {row['heel_strike_s']:.2f} s on plate"
+            f" {row['plate']}"
+        )
         warnings.warn(f"{where} is excluded: {row['excluded']}", stacklevel=2)
-    used = table.filter(pl.col("excluded").is_null()).with_columns(pl.col(CURVES).cast(pl.List(pl.Float64)))
-    curves = used.select("trial", "side", "plate", "heel_strike_s", *CURVES).explode(CURVES).fill_nan(None)
+    used = table.filter(pl.col("excluded").is_null()).with_columns(
+        pl.col(CURVES).cast(pl.List(pl.Float64))
+    )
+    curves = (
+        used.select("trial", "side", "plate", "heel_strike_s", *CURVES)
+        .explode(CURVES)
+        .fill_nan(None)
+    )
     return {"ankle_moment": table.drop(CURVES), "ankle_moment_curves": curves}
 
 
 def tabulate_over_stance(
-    summary: Path, groups: Path, output: Path, stance_share: float, trajectory: Paths = (), data: str = ""
+    summary: Path,
+    groups: Path,
+    output: Path,
+    stance_share: float,
+    trajectory: Paths = (),
+    data: str = "",
 ) -> None:
-    """K, B and I of every group at the phase of stance that its fit reads, with interval and commanded value, from the
-    file of a `trajectory` over the gait cycle, if there is one; stance is the first `stance_share` of it."""
+    """K, B and I of every group at the phase of stance that its fit reads, with interval and
+    commanded value, from the file of a `trajectory` over the gait cycle, if there is one; stance is
+    the first `stance_share` of it."""
     needed = ("group", "quantity", "estimator", "n", "mean", "se", "low", "high", "commanded")
-    table = tables.impedance_over_stance(read_table(summary, needed), read_table(groups, tables.FACTS))
+    table = tables.impedance_over_stance(
+        read_table(summary, needed), read_table(groups, tables.FACTS)
+    )
     for curves in commanded_over_stance(trajectory, data, stance_share):
         table = tables.with_trajectory(table, *curves)
     write_table(table, output)
 
 
-def commanded_over_stance(trajectory: Paths, data: str, stance_share: float) -> Iterator[tuple[Array, Array, Array]]:
-    """Phases of stance (n,), K_d [N*m/rad] and B_d [N*m*s/rad] of each trajectory that the leg was commanded: no
-    measured leg (`data`) was commanded a synthetic one."""
+def commanded_over_stance(
+    trajectory: Paths, data: str, stance_share: float
+) -> Iterator[tuple[Array, Array, Array]]:
+    """Phases of stance (n,), K_d [N*m/rad] and B_d [N*m*s/rad] of each trajectory that the leg was
+    commanded: no measured leg (`data`) was commanded a synthetic one."""
     phases = np.linspace(0, 1, 101)
     for path in trajectory:
         desired = read_impedance_trajectory(path)

@@ -37,8 +37,9 @@ from osl_analysis.trial import Trial
 
 
 def first_look(folder: Path, is_new: bool = False) -> Iterator[str]:
-    """What the first trial of each experiment and source file of a folder's campaign gives. Nothing is left behind, but
-    in the configuration of a new one, as a comment, the stepped sine of the first trial that has one."""
+    """What the first trial of each experiment and source file of a folder's campaign gives. Nothing
+    is left behind, but in the configuration of a new one, as a comment, the stepped sine of the
+    first trial that has one."""
     with chdir(folder):
         config = read_config(CAMPAIGN)
         campaign = open_campaign(config, None)
@@ -50,27 +51,36 @@ def first_look(folder: Path, is_new: bool = False) -> Iterator[str]:
                     with suppress(OslAnalysisError):  # the fit says why
                         is_new = not note_protocol(recorded, config)
                 fitted = fit_of_row(recorded, row, campaign.device(trial), CAMPAIGN)
-                is_sound = not any(one.grade is Grade.DOUBTS for of_row in fitted.findings for one in of_row)
+                is_sound = not any(
+                    one.grade is Grade.DOUBTS for of_row in fitted.findings for one in of_row
+                )
                 said = fits.estimates_text(fitted.table, fitted.findings)
             except OslAnalysisError as error:
                 said = str(error)
-            except Exception as fault:  # a fault of the program in one recording must not hide the others
+            # a fault of the program in one recording must not hide the others
+            except Exception as fault:
                 said = unexpected(fault)
-            title = f"first trial of experiment {experiment}, {trial}: {'ok' if is_sound else 'LOOK AT IT'}"
+            title = (
+                f"first trial of experiment {experiment}, {trial}:"
+                f" {'ok' if is_sound else 'LOOK AT IT'}"
+            )
             yield "\n  ".join([title, *said.splitlines()])
 
 
 def first_trials(campaign: Campaign) -> list[tuple[str, str]]:
     """The first trial of each experiment on a bench and source file, with its experiment."""
     first: dict[tuple[str, str], str] = {}
-    for trial in campaign.trials(*(name for name, facts in EXPERIMENTS.items() if facts.place == "bench")):
+    for trial in campaign.trials(
+        *(name for name, facts in EXPERIMENTS.items() if facts.place == "bench")
+    ):
         row = campaign.row(trial)
         first.setdefault((row["experiment"], row["log_source"] or row["mocap_source"]), trial)
     return [(trial, experiment) for (experiment, _), trial in first.items()]
 
 
 def note_protocol(trial: Trial, config: Config) -> bool:
-    """Write the stepped sine of a trial into the configuration, as a comment; whether it has one."""
+    """Write the stepped sine of a trial into the configuration, as a comment; whether it has
+    one."""
     angle = uniform_signals(trial, ["theta"], config.dynamometer.gap_limits)
     known = Likeness(angle.time, angle["theta"], stated_protocol(None, None, None, None))
     if known.kind != "stepped sine":
@@ -79,7 +89,11 @@ def note_protocol(trial: Trial, config: Config) -> bool:
     sizes = sorted({round(np.rad2deg(one.commanded or 0.0), 1) for one in found})
     cycles = {one.frequency_hz: one.cycles for one in found}
     lines = [f"# dynamometer:  # as {trial.name} was recorded"]
-    for name, values in (("amplitudes_deg", sizes), ("frequencies_hz", cycles), ("cycles", cycles.values())):
+    for name, values in (
+        ("amplitudes_deg", sizes),
+        ("frequencies_hz", cycles),
+        ("cycles", cycles.values()),
+    ):
         lines.append(f"#   {name}: [{', '.join(f'{value:.3g}' for value in values)}]")
     text = CAMPAIGN.read_text(encoding="utf-8")
     write_text(CAMPAIGN, text.replace("# dynamometer:\n", "\n".join([*lines, ""])))
@@ -87,7 +101,8 @@ def note_protocol(trial: Trial, config: Config) -> bool:
 
 
 def fit_of_row(trial: Trial, row: Mapping[str, Any], device: Path | None, config: Path) -> fits.Fit:
-    """The fit of a trial in memory, by its row of a sheet, as in the workflow. `device` is its parameter file."""
+    """The fit of a trial in memory, by its row of a sheet, as in the workflow. `device` is its
+    parameter file."""
     experiment = fits.experiment_of(str(row["experiment"]), config)
     condition: Any = {column: row.get(column) for column in fits.job_of(experiment).sheet}
     if experiment == "impedance":
@@ -105,12 +120,15 @@ class Arrivals:
     """Which recordings in a folder are complete and new."""
 
     folder: Path
-    seen: dict[str, State] = field(default_factory=dict)  # that were examined, by their path in the folder
-    growing: dict[str, tuple[State, float]] = field(default_factory=dict)  # others, and since when they rest [s]
+    # that were examined, by their path in the folder
+    seen: dict[str, State] = field(default_factory=dict)
+    # others, and since when they rest [s]
+    growing: dict[str, tuple[State, float]] = field(default_factory=dict)
 
     def complete(self, now: float) -> list[tuple[Path, State]]:
-        """Recordings that are new, or other than when they were examined, and have rested for 4 s; for 20 s if they
-        are empty, or grew after they had rested before. The caller enters them in `seen` once they are examined."""
+        """Recordings that are new, or other than when they were examined, and have rested for 4 s;
+        for 20 s if they are empty, or grew after they had rested before. The caller enters them in
+        `seen` once they are examined."""
         found: list[tuple[Path, State]] = []
         for path in recordings_in(self.folder):
             name = path.relative_to(self.folder).as_posix()
@@ -118,7 +136,10 @@ class Arrivals:
                 stats = [file.stat() for file in recorded_files(path)]
             except OSError:  # it is gone
                 continue
-            state = [sum(stat.st_size for stat in stats), max((stat.st_mtime_ns for stat in stats), default=0)]
+            state = [
+                sum(stat.st_size for stat in stats),
+                max((stat.st_mtime_ns for stat in stats), default=0),
+            ]
             if self.seen.get(name) == state:
                 continue
             before, since = self.growing.get(name, (None, now))
@@ -130,37 +151,48 @@ class Arrivals:
 
 
 def read_notes(path: Path) -> dict[str, Any]:
-    """What was noted of recordings that were examined before, by name; nothing without notes, or with damaged ones."""
+    """What was noted of recordings that were examined before, by name; nothing without notes, or
+    with damaged ones."""
     with suppress(OSError, ValueError, TypeError):
         return {**json.loads(path.read_text(encoding="utf-8"))}
     return {}
 
 
 class WatchedBench:
-    """What recordings are examined with, from a configuration and, if it has one, its sample sheet, which may name a
-    recording. `source` is a stated source file; without one: the sheet's, else one of the folder that fits, else a
-    guess. `output` is the folder of pictures and of the notes on what was examined."""
+    """What recordings are examined with, from a configuration and, if it has one, its sample sheet,
+    which may name a recording. `source` is a stated source file; without one: the sheet's, else one
+    of the folder that fits, else a guess. `output` is the folder of pictures and of the notes on
+    what was examined."""
 
     def __init__(self, config_path: Path, source: Path | None, output: Path) -> None:
-        self.config_path, self.config, self.output = config_path, read_config(config_path, of_any=True), output
+        self.config_path, self.config, self.output = (
+            config_path,
+            read_config(config_path, of_any=True),
+            output,
+        )
         self.source = None if source is None else source.stem
         if source is not None:
             read_source(source)
             self.config = self.config.model_copy(update={"sources": source.parent})
-        self.told: set[str] = set()  # what is not checked on any recording of this kind, which the first one says
+        # what is not checked on any recording of this kind, which the first one says
+        self.told: set[str] = set()
         has_sheet = self.config.simulation is None and self.config.sheet.is_file()
         self.campaign = open_campaign(self.config, None) if has_sheet else None
 
 
 def watched_lines(folder: Path, bench: WatchedBench) -> Iterator[str]:
-    """A line for each recording in a folder, and for each that comes, as soon as it is complete. It never ends."""
+    """A line for each recording in a folder, and for each that comes, as soon as it is complete. It
+    never ends."""
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; name the one that the recorder writes to")
     notes = bench.output / "examined.json"
     arrivals, noted = Arrivals(folder, read_notes(notes)), read_notes(notes)
     while True:
         for path, state in arrivals.complete(time.monotonic()):
-            (said, is_analysed), name = recording_line(path, folder, bench), path.relative_to(folder).as_posix()
+            (said, is_analysed), name = (
+                recording_line(path, folder, bench),
+                path.relative_to(folder).as_posix(),
+            )
             arrivals.seen[name] = state
             if is_analysed:  # a restart tries the others again
                 noted[name] = state
@@ -170,14 +202,15 @@ def watched_lines(folder: Path, bench: WatchedBench) -> Iterator[str]:
 
 
 def recording_line(path: Path, folder: Path, bench: WatchedBench) -> tuple[str, bool]:
-    """What is said of one recording: estimates with intervals, quality, doubts, and where its picture is, of measured
-    and modelled torque; and whether it could be analysed."""
+    """What is said of one recording: estimates with intervals, quality, doubts, and where its
+    picture is, of measured and modelled torque; and whether it could be analysed."""
     begin = f"{time.strftime('%H:%M:%S')} {path.relative_to(folder).as_posix()}: "
     try:
         return begin + "; ".join(examined(path, folder, bench)), True
     except OslAnalysisError as error:
         return f"{begin}REFUSED: {str(error).replace(f'{path}: ', '')}", False
-    except Exception as fault:  # a fault of the program in one recording must not end the watch over the others
+    # a fault of the program in one recording must not end the watch over the others
+    except Exception as fault:
         return f"{begin}FAILED: {unexpected(fault)}", False
 
 
@@ -185,7 +218,10 @@ def examined(path: Path, folder: Path, bench: WatchedBench) -> Iterator[str]:
     with TemporaryDirectory() as place:
         row, sources, said = row_of_recording(path, folder, bench, Path(place))
         if not row["log"]:  # a capture, whose fits need all crossings of the campaign
-            yield f"{str(row['experiment']).replace('_', ' ')} capture, skipped: `osl-analysis run` analyses it"
+            yield (
+                f"{str(row['experiment']).replace('_', ' ')} capture, skipped: `osl-analysis run`"
+                " analyses it"
+            )
             return
         trial = checked_trial(row, path.parent, sources)
     accepted = str(row.get("accept") or "").split()
@@ -200,10 +236,15 @@ def examined(path: Path, folder: Path, bench: WatchedBench) -> Iterator[str]:
     if "VAF" in estimates:
         yield f"VAF {estimates['VAF']:.2f} %"
     yield from (f"DOUBTFUL: {text}" for text in fitted.said(Grade.DOUBTS))
-    kind = [str(row[name]) if row.get(name) else "" for name in ("experiment", "joint", "side", "controller")]
+    kind = [
+        str(row[name]) if row.get(name) else ""
+        for name in ("experiment", "joint", "side", "controller")
+    ]
     kind += ["" if row.get(name) is None else f"{float(row[name]):g}" for name in ("K_d", "B_d")]
     name = path.relative_to(folder).as_posix()
-    yield from beside_siblings(name, kind, comparable(trial, row, estimates), bench.output / "measured.json")
+    yield from beside_siblings(
+        name, kind, comparable(trial, row, estimates), bench.output / "measured.json"
+    )
     yield from said
     for one in fitted.findings[-1] if fitted.findings else ():
         if one.grade is Grade.UNCHECKED and one.cause not in bench.told:
@@ -232,10 +273,13 @@ def estimates_said(estimates: Mapping[str, Any]) -> Iterator[str]:
         yield f"{name} {estimates[name]:.4g}{half} {fits.UNIT_OF.get(name, '')}".rstrip()
 
 
-def comparable(trial: Trial, row: Mapping[str, Any], estimates: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
-    """Numbers that are alike in recordings of one kind, each with the smallest standard deviation that it is granted:
-    1 % of an estimate or its standard error, 5 % of duration, rate and range; and the signs of channels. Of impedance
-    trials without K_d nothing is compared: any two of these may have been asked for another."""
+def comparable(
+    trial: Trial, row: Mapping[str, Any], estimates: Mapping[str, Any]
+) -> dict[str, tuple[float, float]]:
+    """Numbers that are alike in recordings of one kind, each with the smallest standard deviation
+    that it is granted: 1 % of an estimate or its standard error, 5 % of duration, rate and range;
+    and the signs of channels. Of impedance trials without K_d nothing is compared: any two of these
+    may have been asked for another."""
     found = dict[str, tuple[float, float]]()
     if row.get("experiment") == "impedance" and row.get("K_d") is None:
         return found
@@ -243,7 +287,10 @@ def comparable(trial: Trial, row: Mapping[str, Any], estimates: Mapping[str, Any
         value, se = float(estimates[name]), float(estimates.get(f"{name}_se") or 0.0)
         found[name] = value, max(se, 0.01 * abs(value))
     time_s = trial.samples["time"].to_numpy()
-    extents = {"duration in s": time_s[-1] - time_s[0], "rate in Hz": (len(time_s) - 1) / (time_s[-1] - time_s[0])}
+    extents = {
+        "duration in s": time_s[-1] - time_s[0],
+        "rate in Hz": (len(time_s) - 1) / (time_s[-1] - time_s[0]),
+    }
     if "theta" in trial.samples.columns:
         low, high = np.nanquantile(trial.samples["theta"].to_numpy(), (0.01, 0.99))
         extents["range of the angle in deg"] = np.rad2deg(high - low)
@@ -255,11 +302,19 @@ def comparable(trial: Trial, row: Mapping[str, Any], estimates: Mapping[str, Any
 def beside_siblings(
     name: str, kind: Sequence[str], numbers: Mapping[str, tuple[float, float]], notes: Path
 ) -> Iterator[str]:
-    """Whether a recording is like three or more of its kind before it, joint, controller and what was asked for, by
-    median and median absolute deviation of each number. What it has is added to the notes."""
+    """Whether a recording is like three or more of its kind before it, joint, controller and what
+    was asked for, by median and median absolute deviation of each number. What it has is added to
+    the notes."""
     known = read_notes(notes)
-    siblings = [one["numbers"] for other, one in known.items() if other != name and one["kind"] == list(kind)]
-    known[name] = {"kind": list(kind), "numbers": {key: value for key, (value, _) in numbers.items()}}
+    siblings = [
+        one["numbers"]
+        for other, one in known.items()
+        if other != name and one["kind"] == list(kind)
+    ]
+    known[name] = {
+        "kind": list(kind),
+        "numbers": {key: value for key, (value, _) in numbers.items()},
+    }
     with suppress(OslAnalysisError):  # the picture says why nothing is written there
         write_text(notes, json.dumps(known, indent=1) + "\n")
     far, most = list[str](), 0
@@ -272,15 +327,23 @@ def beside_siblings(
             if abs(value - middle) > 4 * spread:
                 far.append(f"{key} is {value:.3g}, theirs {middle:.3g} ± {spread:.1g}")
     if far:
-        yield f"DIFFERS from its {most} siblings: {listing(far, 4)}: look for what changed on the bench"
+        yield (
+            f"DIFFERS from its {most} siblings: {listing(far, 4)}: look for what changed on the"
+            " bench"
+        )
     elif most:
         yield f"like its {most} siblings"
     else:
-        yield f"{len(siblings)} siblings to compare with, 3 are needed" if numbers else "no siblings: no K_d is stated"
+        yield (
+            f"{len(siblings)} siblings to compare with, 3 are needed"
+            if numbers
+            else "no siblings: no K_d is stated"
+        )
 
 
 def device_of_row(row: Mapping[str, Any], config: Config) -> Path | None:
-    """The parameter file of the configuration where it is that of the row's joint, as for a campaign's trial."""
+    """The parameter file of the configuration where it is that of the row's joint, as for a
+    campaign's trial."""
     device = config.parameters
     return device if device is not None and row.get("joint") in (None, joint_of(device)) else None
 
@@ -288,8 +351,9 @@ def device_of_row(row: Mapping[str, Any], config: Config) -> Path | None:
 def row_of_recording(
     path: Path, folder: Path, bench: WatchedBench, place: Path
 ) -> tuple[Mapping[str, Any], Path, list[str]]:
-    """A row for a recording, the folder of its source file, and what of it is a guess. The sheet decides; else the
-    stated source file; else one of the campaign's that fits; else a draft in `place`."""
+    """A row for a recording, the folder of its source file, and what of it is a guess. The sheet
+    decides; else the stated source file; else one of the campaign's that fits; else a draft in
+    `place`."""
     for named in bench.campaign.rows.values() if bench.campaign else ():
         for role in ("log", "mocap"):
             if named[role] and (bench.config.raw_data / named[role]).resolve() == path.resolve():
@@ -298,7 +362,11 @@ def row_of_recording(
     for file in sorted(sources.glob("*.yaml")) if bench.campaign and source is None else ():
         with suppress(OslAnalysisError):
             if read_source(file).format == recognise(path):
-                checked_trial({"trial": path.stem, "log": path.name, "log_source": file.stem}, path.parent, sources)
+                checked_trial(
+                    {"trial": path.stem, "log": path.name, "log_source": file.stem},
+                    path.parent,
+                    sources,
+                )
                 source = file.stem
                 break
     if source is None:
@@ -309,8 +377,8 @@ def row_of_recording(
             told = [f"open are {listing(still_open, 4)}", *overview.remarks, *overview.open]
             questions = "; ".join(map(printable, told))
             raise InputError(
-                f"{path}: its channels cannot be guessed: {questions}; edit the draft of `osl-analysis inspect`, and "
-                "name it by --source"
+                f"{path}: its channels cannot be guessed: {questions}; edit the draft of"
+                " `osl-analysis inspect`, and name it by --source"
             )
         guesses = [line.split("#")[0].strip() for line in drafts.guessed_lines(text)]
         said = [f"channels are guessed: {listing(guesses, 4)}"] * bool(guesses)
@@ -318,13 +386,15 @@ def row_of_recording(
     ((cells, _),) = drafts.draft_trials([(Path(path.name), source, False)])
     row = dict.fromkeys(("log_part", "mocap", "mocap_source", "K_d", "B_d", "controller")) | cells
     row["trial"] = drafts.trial_name(Path(path.relative_to(folder).as_posix().replace("/", "_")))
-    if row["experiment"] == drafts.UNNAMED:  # a recording with angle and torque whose name and sheet tell none
+    # a recording with angle and torque whose name and sheet tell none
+    if row["experiment"] == drafts.UNNAMED:
         row["experiment"], said = "impedance", [*said, "taken for an impedance trial"]
     return row, sources, said
 
 
 def quality_text(trial: Trial, experiment: str, config: Config, accepted: Collection[str]) -> str:
-    """The checks that a trial does not pass, and that are not accepted; `quality ok` if there are none."""
+    """The checks that a trial does not pass, and that are not accepted; `quality ok` if there are
+    none."""
     commanded = Commanded(**{name: getattr(config.dynamometer, name) for name in PROTOCOL})
     measured = measured_table(trial.name, examine(trial, experiment, commanded))
     table = judged_table(measured, config.quality, {trial.name: accepted})

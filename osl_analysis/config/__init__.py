@@ -1,1 +1,2 @@
-"""What a sample sheet may say, choices that several settings share, and the facts of every experiment."""
+"""What a sample sheet may say, choices that several settings share, and the facts of every
+experiment."""

@@ -1,7 +1,8 @@
-"""The experiments: one table of facts that sheet, quality control, simulator, rules and command line read.
+"""The experiments: one table of facts that sheet, quality control, simulator, rules and command
+line read.
 
-A new experiment is an entry here, its fit (`bench/` or `walking/`), the call of it (`commands/`), its limits
-(`config/config.yaml`) and its test. There is no other list of experiments."""
+A new experiment is an entry here, its fit (`bench/` or `walking/`), the call of it (`commands/`),
+its limits (`config/config.yaml`) and its test. There is no other list of experiments."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -9,7 +10,8 @@ from functools import partial
 from typing import Literal
 
 PROTOCOL = ("amplitudes_deg", "frequencies_hz", "cycles", "seconds_per_frequency", "excitation")
-"""Fields of `dynamometer` in the configuration that describe the expected stepped sine, and whether one is expected."""
+"""Fields of `dynamometer` in the configuration that describe the expected stepped sine, and whether
+one is expected."""
 
 
 @dataclass(frozen=True)
@@ -18,31 +20,43 @@ class ResultTable:
 
     name: str
     judged: bool = True  # its fits have limits under `doubtful.<name>` in the configuration
-    derived: Mapping[str, str] = field(default_factory=dict)  # computed from it alone: the job of each
+    # computed from it alone: the job of each
+    derived: Mapping[str, str] = field(default_factory=dict)
     doubts_of: str = ""  # the table of the same trials whose doubts its rows share; empty for none
     perturbed_only: bool = False  # only the perturbed crossings have rows
-    scheduled_only: bool = False  # trials have rows only where dynamometer.human states what K changes with
-    published: bool = True  # False if only the files of the single trials are used and no common table is written
+    # trials have rows only where dynamometer.human states what K changes with
+    scheduled_only: bool = False
+    # False if only the files of the single trials are used and no common table is written
+    published: bool = True
 
 
-OF_ALL = (ResultTable("timebase", judged=False), ResultTable("series", judged=False, published=False))
-"""Of every bench experiment: what the time base did to a trial; its measured and modelled signals, for the report."""
+OF_ALL = (
+    ResultTable("timebase", judged=False),
+    ResultTable("series", judged=False, published=False),
+)
+"""Of every bench experiment: what the time base did to a trial; its measured and modelled signals,
+for the report."""
 
 
 @dataclass(frozen=True)
 class FitJob:
     """The fit of one trial, the same for all doors.
 
-    job: `module.function` of `commands`. It takes `trial` and the arguments below, and returns its rows of each table
-        of the experiment, by name; under `torque`, where it has them, time [s], measured and modelled torque [N*m].
-    settings: per argument of the job, the section of the configuration and the settings model with the fields that the
-        job uses (the section's own, or one of its base classes). A change of other fields does not run the job again.
+    job: `module.function` of `commands`. It takes `trial` and the arguments below, and returns its
+    rows of each table
+        of the experiment, by name; under `torque`, where it has them, time [s], measured and
+        modelled torque [N*m].
+    settings: per argument of the job, the section of the configuration and the settings model with
+    the fields that the
+        job uses (the section's own, or one of its base classes). A change of other fields does not
+        run the job again.
     """
 
     job: str
     settings: Mapping[str, tuple[str, str]]
     parameters: bool = False  # the job takes the parameter file of the device, as `parameters`
-    sheet: tuple[str, ...] = ()  # columns of the trial's row in the sample sheet that the job takes, as `condition`
+    # columns of the trial's row in the sample sheet that the job takes, as `condition`
+    sheet: tuple[str, ...] = ()
     windows: bool = False  # the job fits the windows that the sheet states, as `windows`
 
 
@@ -51,25 +65,34 @@ class Experiment:
     """What the pipeline knows of one kind of trial."""
 
     description: str  # one line for the user
-    place: Literal["bench", "walkway"] | None  # where it is recorded; None for a trial that is ingested only
-    motion: str | None = None  # the column with the measured motion; None if not every trial has one
+    # where it is recorded; None for a trial that is ingested only
+    place: Literal["bench", "walkway"] | None
+    # the column with the measured motion; None if not every trial has one
+    motion: str | None = None
     may_stand: bool = False  # the column of the motion may be missing, where nothing moves
-    torque: str | None = None  # the column with the measured torque; None if not every trial has one
-    signals: tuple[str, ...] = ()  # other columns that every trial has, but markers and plates: a laboratory names them
+    # the column with the measured torque; None if not every trial has one
+    torque: str | None = None
+    # other columns that every trial has, but markers and plates: a laboratory names them
+    signals: tuple[str, ...] = ()
     beside: tuple[str, ...] = ()  # columns that its analysis uses where a trial has them
-    sheet: tuple[str, ...] = ()  # columns of the sample sheet that its trials must fill, besides the files
+    # columns of the sample sheet that its trials must fill, besides the files
+    sheet: tuple[str, ...] = ()
     follows: tuple[str, ...] = ()  # fields of `sheet.SharedChoices` that its simulated trials use
     stepped_sine: bool = False  # the motion follows the stepped-sine protocol of `dynamometer`
     any_motion: bool = False  # another motion than the stepped sine may move the joint
     bare_plate: bool = False  # every force plate is unloaded at some time
     walker: bool = False  # somebody stands or walks on the force plates
     log: str | None = None  # source file of the simulated log; None if the simulator records no log
-    mocap: str | None = None  # source file of the simulated capture; None if the simulator records none
-    tables: tuple[ResultTable, ...] = ()  # result tables with rows of every trial; the fit writes them in this order
-    further_tables: tuple[str, ...] = ()  # result tables that separate rules compute from all trials together
+    # source file of the simulated capture; None if the simulator records none
+    mocap: str | None = None
+    # result tables with rows of every trial; the fit writes them in this order
+    tables: tuple[ResultTable, ...] = ()
+    # result tables that separate rules compute from all trials together
+    further_tables: tuple[str, ...] = ()
     judged_further: tuple[str, ...] = ()  # those of them whose rows have limits under `doubtful`
     fit: FitJob | None = None  # the job that fits one trial; None if separate rules do this
-    impedance: tuple[str, str, str] = ("K", "B", "I")  # columns of its first table that are these; empty: none
+    # columns of its first table that are these; empty: none
+    impedance: tuple[str, str, str] = ("K", "B", "I")
 
     @property
     def needed_columns(self) -> tuple[str, ...]:
@@ -79,7 +102,12 @@ class Experiment:
 
     def uses(self, column: str) -> bool:
         """Whether the analysis uses a column; all, of what is ingested only and of a walkway."""
-        return self.place != "bench" or column in {self.motion, self.torque, *self.signals, *self.beside}
+        return self.place != "bench" or column in {
+            self.motion,
+            self.torque,
+            *self.signals,
+            *self.beside,
+        }
 
     def simulated_files(self, trial: str) -> dict[str, str]:
         """Files that the simulator records for a trial, by column of the sheet (`log`, `mocap`)."""
@@ -87,30 +115,39 @@ class Experiment:
         return {role: file for role, file in files.items() if getattr(self, role) is not None}
 
 
-on_dynamometer = partial(Experiment, place="bench", motion="theta", torque="torque", log="dynamometer")
+on_dynamometer = partial(
+    Experiment, place="bench", motion="theta", torque="torque", log="dynamometer"
+)
 
 # fmt: off
 EXPERIMENTS: dict[str, Experiment] = {
     "belt": on_dynamometer(
-        "input shaft locked, joint moved and back: belt stiffness", signals=("theta_m",), follows=("parameters",),
+        "input shaft locked, joint moved and back: belt stiffness", signals=("theta_m",),
+        follows=("parameters",),
         tables=(ResultTable("belt", derived={"belt_summary": "bench.summarise"}),
             ResultTable("belt_curves", judged=False, published=False), *OF_ALL),
-        fit=FitJob("bench.fit_belt_trial", {"settings": ("dynamometer", "BeltAnalysis")}, parameters=True),
+        fit=FitJob("bench.fit_belt_trial", {"settings": ("dynamometer", "BeltAnalysis")},
+        parameters=True),
         impedance=("K_s", "", ""),
     ),
     "transmission": on_dynamometer(
-        "motor detached, stepped sine: B_j and J_j", stepped_sine=True, follows=("parameters", "protocol"),
-        tables=(ResultTable("transmission", derived={"transmission_summary": "bench.summarise"}), *OF_ALL),
-        fit=FitJob("bench.fit_transmission_trial", {"settings": ("dynamometer", "SteppedSineAnalysis")},
+        "motor detached, stepped sine: B_j and J_j", stepped_sine=True, follows=("parameters",
+        "protocol"),
+        tables=(ResultTable("transmission", derived={"transmission_summary": "bench.summarise"}),
+        *OF_ALL),
+        fit=FitJob("bench.fit_transmission_trial", {"settings": ("dynamometer",
+        "SteppedSineAnalysis")},
             parameters=True),
         impedance=("", "B_j", "J_j"),
     ),
     "actuator": Experiment(
         "actuator alone, driven at a velocity and a current: k_tau n_m, f_C, f_G, B_m and J_m; standing: k_tau n_m",
-        place="bench", motion="theta_m", may_stand=True, torque="torque_m", signals=("current",), log="actuator",
+        place="bench", motion="theta_m", may_stand=True, torque="torque_m", signals=("current",),
+        log="actuator",
         follows=("parameters",),
         tables=(ResultTable("actuator", derived={"actuator_summary": "bench.summarise"}), *OF_ALL),
-        fit=FitJob("bench.fit_actuator_trial", {"settings": ("actuator", "ActuatorAnalysis")}, parameters=True),
+        fit=FitJob("bench.fit_actuator_trial", {"settings": ("actuator", "ActuatorAnalysis")},
+        parameters=True),
         impedance=("", "B_m", "J_m"),
     ),
     "impedance": on_dynamometer(
@@ -118,8 +155,10 @@ EXPERIMENTS: dict[str, Experiment] = {
         beside=("theta_m", "current"), stepped_sine=True, any_motion=True,
         follows=("parameters", "protocol", "gain_weight"),
         tables=(ResultTable("impedance",
-                derived={"impedance_repeats": "bench.summarise", "compensation": "bench.compare_controllers"}),
-            ResultTable("phasors", doubts_of="impedance", derived={"frequency_response": "bench.summarise"}),
+                derived={"impedance_repeats": "bench.summarise",
+                "compensation": "bench.compare_controllers"}),
+            ResultTable("phasors", doubts_of="impedance",
+            derived={"frequency_response": "bench.summarise"}),
             ResultTable("response", doubts_of="impedance"), ResultTable("law"),
             ResultTable("record", judged=False, published=False), *OF_ALL),
         fit=FitJob("bench.fit_impedance_trial",
@@ -132,42 +171,50 @@ EXPERIMENTS: dict[str, Experiment] = {
         tables=(ResultTable("human_joint", derived={"human_joint_repeats": "bench.summarise"}),
             ResultTable("response", doubts_of="human_joint"),
             ResultTable("impedance_over", doubts_of="human_joint", scheduled_only=True), *OF_ALL),
-        fit=FitJob("bench.fit_human_joint_trial", {"settings": ("dynamometer", "HumanJointAnalysis")}, windows=True),
+        fit=FitJob("bench.fit_human_joint_trial", {"settings": ("dynamometer",
+        "HumanJointAnalysis")}, windows=True),
     ),
     "torque_angle": on_dynamometer(
         "slow cycles of a passive foot, spring or elastic element: stiffness over angle, energy, hysteresis",
         tables=(ResultTable("torque_angle"), ResultTable("torque_angle_curves", judged=False),
             ResultTable("torque_angle_cycles", judged=False), *OF_ALL),
-        fit=FitJob("bench.fit_torque_angle_trial", {"settings": ("torque_angle", "TorqueAngleAnalysis")},
+        fit=FitJob("bench.fit_torque_angle_trial", {"settings": ("torque_angle",
+        "TorqueAngleAnalysis")},
             sheet=("desired",)),
     ),
     "calibration": on_dynamometer(
         "a known spring or inertia in place of the joint: how late the torque is, and what the gains are",
         stepped_sine=True, any_motion=True, tables=(ResultTable("calibration"), *OF_ALL),
-        fit=FitJob("bench.fit_calibration_trial", {"settings": ("dynamometer", "ImpedanceAnalysis")},
+        fit=FitJob("bench.fit_calibration_trial", {"settings": ("dynamometer",
+        "ImpedanceAnalysis")},
             sheet=("known_K", "known_I", "known_percent")),
         impedance=("", "", ""),
     ),
     "static": Experiment(
-        "standing still: rest pose of the marker clusters and the ankle axis", place="walkway", walker=True,
+        "standing still: rest pose of the marker clusters and the ankle axis", place="walkway",
+        walker=True,
         mocap="vicon"),
     "plate": Experiment(
-        "platform moved without a foot on it: the force plate's own inertia", place="walkway", bare_plate=True,
+        "platform moved without a foot on it: the force plate's own inertia", place="walkway",
+        bare_plate=True,
         mocap="vicon"),
     "walking": Experiment(
         "one crossing of the walkway, perturbed or not", place="walkway", sheet=("perturbed",),
         bare_plate=True, walker=True, log="leg", mocap="vicon",
         follows=("parameters", "gain_weight", "impedance_trajectory"),
         tables=(ResultTable("walking", perturbed_only=True),),
-        further_tables=("walking_summary", "walking_groups", "impedance_over_stance", "walking_crossings",
+        further_tables=("walking_summary", "walking_groups", "impedance_over_stance",
+        "walking_crossings",
             "walking_sensitivity",
             "walking_excluded", "plate", "platform"),
         judged_further=("walking_groups",),
     ),
     "overground": Experiment(
-        "overground gait: ankle moment, beside the laboratory's own", place="walkway", bare_plate=True, walker=True,
+        "overground gait: ankle moment, beside the laboratory's own", place="walkway",
+        bare_plate=True, walker=True,
         tables=(ResultTable("ankle_moment"), ResultTable("ankle_moment_curves", judged=False)),
-        fit=FitJob("walking.compare_ankle_moment", {"settings": ("overground", "OvergroundAnalysis")},
+        fit=FitJob("walking.compare_ankle_moment", {"settings": ("overground",
+        "OvergroundAnalysis")},
             sheet=("body_mass_kg",)),
     ),
     "ingest_only": Experiment("any recording: ingested and checked, not analysed", place=None),
@@ -177,8 +224,13 @@ EXPERIMENTS: dict[str, Experiment] = {
 
 def judged_tables() -> tuple[str, ...]:
     """The tables whose fits have limits under `doubtful` in the configuration."""
-    fitted = [table.name for facts in EXPERIMENTS.values() for table in facts.tables if table.judged]
-    return (*dict.fromkeys(fitted), *(name for facts in EXPERIMENTS.values() for name in facts.judged_further))
+    fitted = [
+        table.name for facts in EXPERIMENTS.values() for table in facts.tables if table.judged
+    ]
+    return (
+        *dict.fromkeys(fitted),
+        *(name for facts in EXPERIMENTS.values() for name in facts.judged_further),
+    )
 
 
 def doubts_of() -> dict[str, str]:

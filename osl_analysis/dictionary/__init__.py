@@ -1,12 +1,14 @@
 """The data dictionary: meaning and unit of every column of every table that the pipeline writes.
 
-The YAML files beside this module and `figures/figures.yaml` have a section per table, and in it a line per column,
-`name: unit | meaning`, in three short forms: `K, _se, _low: N*m/rad | ...` describes K, K_se and K_low, by the endings
-in `shared.yaml`; `cov K B I:` the covariances cov_K_B, cov_K_I and cov_B_I, whose units are the products of the
-columns'; `include GROUP:` takes a group of columns, and a name without a description a column, from `shared.yaml`.
+The YAML files beside this module and `figures/figures.yaml` have a section per table, and in it a
+line per column, `name: unit | meaning`, in three short forms: `K, _se, _low: N*m/rad | ...`
+describes K, K_se and K_low, by the endings in `shared.yaml`; `cov K B I:` the covariances cov_K_B,
+cov_K_I and cov_B_I, whose units are the products of the columns'; `include GROUP:` takes a group of
+columns, and a name without a description a column, from `shared.yaml`.
 
-Two things stand in no section: a result table with the column `trial` has `joint` and `side` behind it, and the last
-column of every table is `data`. A new column is its line of code and its line here; a test fails where one is missing.
+Two things stand in no section: a result table with the column `trial` has `joint` and `side` behind
+it, and the last column of every table is `data`. A new column is its line of code and its line
+here; a test fails where one is missing.
 """
 
 from collections.abc import Iterator, Mapping
@@ -23,7 +25,8 @@ HERE = Path(__file__).parent
 
 @cache
 def own_yaml(path: Path) -> dict[str, Any]:
-    """A YAML file of this package, by the reader in C: every process reads them, a fifth of a second by the other."""
+    """A YAML file of this package, by the reader in C: every process reads them, a fifth of a
+    second by the other."""
     content: dict[str, Any] = yaml.load(path.read_bytes(), yaml.CSafeLoader)
     return content
 
@@ -42,8 +45,12 @@ class DescribedColumn:
 
 @dataclass(frozen=True)
 class DescribedTable:
-    place: str  # path below `results/` without the suffix .csv; * stands for a trial, and before it for an experiment
-    also: str  # path of the tables of single trials that it gathers, with the same columns; empty if there are none
+    # path below `results/` without the suffix .csv; * stands for a trial, and before it for an
+    # experiment
+    place: str
+    # path of the tables of single trials that it gathers, with the same columns; empty if there are
+    # none
+    also: str
     rows: str  # what a row is
     columns: Mapping[str, DescribedColumn]
 
@@ -51,16 +58,26 @@ class DescribedTable:
 @cache
 def described_tables() -> tuple[DescribedTable, ...]:
     """All tables, in the order of the page."""
-    files = [HERE / name for name in ("bench.yaml", "walking.yaml", "campaign.yaml", "../figures/figures.yaml")]
+    files = [
+        HERE / name
+        for name in ("bench.yaml", "walking.yaml", "campaign.yaml", "../figures/figures.yaml")
+    ]
     return tuple(table for path in files for table in described_in(path))
 
 
 @cache
 def described_tables_by_name() -> dict[str, DescribedTable]:
     """The result tables of campaigns by name, each with the columns of its evidence."""
-    found = {Path(one.place).name: one for one in described_tables() if one.place.startswith("tables/")}
-    beside = {name: found[f"{name}_evidence"].columns for name in found if f"{name}_evidence" in found}
-    return {name: replace(one, columns={**one.columns, **beside.get(name, {})}) for name, one in found.items()}
+    found = {
+        Path(one.place).name: one for one in described_tables() if one.place.startswith("tables/")
+    }
+    beside = {
+        name: found[f"{name}_evidence"].columns for name in found if f"{name}_evidence" in found
+    }
+    return {
+        name: replace(one, columns={**one.columns, **beside.get(name, {})})
+        for name, one in found.items()
+    }
 
 
 @cache
@@ -72,13 +89,19 @@ def described_in(path: Path) -> tuple[DescribedTable, ...]:
         for key, text in [*table["columns"].items(), ("data", None)]:
             described |= {column.name: column for column in described_columns(key, text, described)}
             if key == "trial" and place.startswith("tables/"):
-                described |= {column.name: column for column in described_columns("include place", None, described)}
+                described |= {
+                    column.name: column
+                    for column in described_columns("include place", None, described)
+                }
         found.append(DescribedTable(place, table.get("also", ""), table["rows"], described))
     return tuple(found)
 
 
-def described_columns(key: str, text: str | None, before: Mapping[str, DescribedColumn]) -> Iterator[DescribedColumn]:
-    """The columns that one line of the dictionary describes; `before` are those of the same table above it."""
+def described_columns(
+    key: str, text: str | None, before: Mapping[str, DescribedColumn]
+) -> Iterator[DescribedColumn]:
+    """The columns that one line of the dictionary describes; `before` are those of the same table
+    above it."""
     shared = own_yaml(HERE / "shared.yaml")
     word, _, rest = key.partition(" ")
     if word == "include":
@@ -93,4 +116,6 @@ def described_columns(key: str, text: str | None, before: Mapping[str, Described
         unit, meaning = (text or shared["columns"][name]).split(" | ")
         yield DescribedColumn(name, unit, meaning)
         for ending in endings:
-            yield DescribedColumn(name + ending, unit, shared["endings"][ending].replace("NAME", name))
+            yield DescribedColumn(
+                name + ending, unit, shared["endings"][ending].replace("NAME", name)
+            )

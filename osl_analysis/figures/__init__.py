@@ -1,7 +1,7 @@
 """The list of figures, which the workflow, the command line and the tests read.
 
-A new figure is a function `draw_NAME` in a module here, which `style.drawing` decorates; an entry in `figures.yaml`;
-and its test. Captions are said by the words of `names.py`."""
+A new figure is a function `draw_NAME` in a module here, which `style.drawing` decorates; an entry
+in `figures.yaml`; and its test. Captions are said by the words of `names.py`."""
 
 from collections.abc import Sequence
 from importlib import import_module
@@ -13,7 +13,8 @@ from osl_analysis.errors import InputError
 
 
 class CampaignFigure(NamedTuple):
-    """A figure of a campaign, drawn if the campaign has what it needs; the fields are explained in `figures.yaml`."""
+    """A figure of a campaign, drawn if the campaign has what it needs; the fields are explained in
+    `figures.yaml`."""
 
     table: str
     module: str
@@ -24,7 +25,9 @@ class CampaignFigure(NamedTuple):
 
 DESCRIBED = Path(__file__).with_name("figures.yaml")
 FIGURES = {
-    place.removeprefix("figures/"): CampaignFigure(**{key: one[key] for key in CampaignFigure._fields if key in one})
+    place.removeprefix("figures/"): CampaignFigure(
+        **{key: one[key] for key in CampaignFigure._fields if key in one}
+    )
     for place, one in own_yaml(DESCRIBED).items()
 }
 
@@ -36,7 +39,8 @@ def columns_of(figure: str) -> list[str]:
 
 
 def drawing_of(name: str) -> Any:
-    """The `style.Drawing` of a figure, imported only when it is needed: importing matplotlib takes half a second."""
+    """The `style.Drawing` of a figure, imported only when it is needed: importing matplotlib takes
+    half a second."""
     known = {figure: one.module for figure, one in FIGURES.items()}
     known |= dict.fromkeys(("comparison", "torque", "gain_grid", "not_drawn"), "others")
     if name not in known:

@@ -1,5 +1,6 @@
-"""Figs. 4, 5 and 6: measured and modelled torque, estimated stiffness and damping, and VAF of impedance trials; beside
-them what models say: the prediction of the components, and each link from command to torque."""
+"""Figs. 4, 5 and 6: measured and modelled torque, estimated stiffness and damping, and VAF of
+impedance trials; beside them what models say: the prediction of the components, and each link from
+command to torque."""
 
 import textwrap
 from itertools import cycle, pairwise
@@ -28,24 +29,42 @@ def shown_trial(table: pl.DataFrame) -> str:
 
 @style.drawing(columns_of("fig4"), about=shown_trial)
 def draw_fig4(table: pl.DataFrame) -> Figure:
-    """(a) Angle; (b) torque, the fit dashed magenta, which the draft calls blue in its caption; (c) residual."""
+    """(a) Angle; (b) torque, the fit dashed magenta, which the draft calls blue in its caption; (c)
+    residual."""
     joint, side, trial = table.select("joint", "side", "trial").row(0)
-    place = ", ".join(filter(None, [names.place_name(joint, side), f"trial {names.drawn_name(trial, 60)}"]))
+    place = ", ".join(
+        filter(None, [names.place_name(joint, side), f"trial {names.drawn_name(trial, 60)}"])
+    )
     figure, axes = style.panels(style.DOUBLE_COLUMN, 3.9, rows=3, names=[place, "", ""])
     angle, torque, residual = axes
     step, drawn = pl.col("time").diff(), ("theta_deg", "torque", "torque_model")
-    rows = table.with_row_index("row")  # with one of NaN before each step that is longer than two ordinary ones
-    breaks = rows.filter(step > 2 * step.median()).with_columns(pl.lit(np.nan).alias(name) for name in drawn)
+    # with one of NaN before each step that is longer than two ordinary ones
+    rows = table.with_row_index("row")
+    breaks = rows.filter(step > 2 * step.median()).with_columns(
+        pl.lit(np.nan).alias(name) for name in drawn
+    )
     lines = pl.concat([breaks, rows]).sort("row", maintain_order=True)
-    time, label = lines["time"], f"Best-fit {table['model'][0]}" + " (doubtful)" * style.has_doubtful(table)
+    time, label = (
+        lines["time"],
+        f"Best-fit {table['model'][0]}" + " (doubtful)" * style.has_doubtful(table),
+    )
     angle.plot(time, lines["theta_deg"], color=style.BLACK, linewidth=0.9)
     torque.plot(time, lines["torque"], color="#B4B4B4", linewidth=2.2, label="Measured")
-    torque.plot(time, lines["torque_model"], color=style.MAGENTA, linestyle=(0, (2.5, 1.5)), linewidth=1.0, label=label)
+    torque.plot(
+        time,
+        lines["torque_model"],
+        color=style.MAGENTA,
+        linestyle=(0, (2.5, 1.5)),
+        linewidth=1.0,
+        label=label,
+    )
     residual.axhline(0, color=style.BLACK, linewidth=0.4)
     residual.plot(time, lines["torque"] - lines["torque_model"], color=style.BLACK, linewidth=0.7)
     residual.set_xlabel("Time (s)")
     out = pl.col("torque_model").is_null()
-    unfitted = table.with_columns(run=out.rle_id()).filter(out).partition_by("run", maintain_order=True)
+    unfitted = (
+        table.with_columns(run=out.rle_id()).filter(out).partition_by("run", maintain_order=True)
+    )
     for ax, name in zip(axes, ("Angle (deg)", "Torque (N·m)", "Residual (N·m)"), strict=True):
         ax.set_ylabel(name)
         if ax is not residual:
@@ -61,27 +80,37 @@ def draw_fig4(table: pl.DataFrame) -> Figure:
 
 
 def fig5_points(impedance: pl.DataFrame) -> pl.DataFrame:
-    """One row per trial: its fit to all amplitudes, with 95 % intervals, and the range over single amplitudes and what
-    linear theory predicts where the table has them."""
+    """One row per trial: its fit to all amplitudes, with 95 % intervals, and the range over single
+    amplitudes and what linear theory predicts where the table has them."""
     table = impedance.filter(pl.col("amplitude_deg").is_null())
     if table.is_empty():
         raise InputError(
             "the impedance table has no fit over all amplitudes (a row with empty amplitude_deg), "
             "which Fig. 5 draws; fit the trials again"
         )
-    return names.completed(table.with_columns(names.look_numbers(table["controller"])), columns_of("fig5"), True)
+    return names.completed(
+        table.with_columns(names.look_numbers(table["controller"])), columns_of("fig5"), True
+    )
 
 
 def fig5_panels(table: pl.DataFrame) -> list[tuple[str, pl.DataFrame, str, bool]]:
-    """Panel by panel the name of the joint, its trials with their place `x` on the axis, the quantity, and whether its
-    error is drawn. Trials of one condition are 1 apart, those of another B_d 0.7 more, and of another K_d 1.6 more."""
-    order, panels = {controller: number for number, controller in enumerate(names.looks_in(table))}, []
+    """Panel by panel the name of the joint, its trials with their place `x` on the axis, the
+    quantity, and whether its error is drawn. Trials of one condition are 1 apart, those of another
+    B_d 0.7 more, and of another K_d 1.6 more."""
+    order, panels = (
+        {controller: number for number, controller in enumerate(names.looks_in(table))},
+        [],
+    )
     for name, part in names.placed_rows(table):
         ranks = pl.Series("rank", [order[controller] for controller in part["controller"]])
-        rows = part.with_columns(ranks).sort("K_d", "B_d", "rank", nulls_last=True, maintain_order=True)
+        rows = part.with_columns(ranks).sort(
+            "K_d", "B_d", "rank", nulls_last=True, maintain_order=True
+        )
         steps = [0.0]
         for before, after in pairwise(rows.select("K_d", "B_d").rows()):
-            steps.append(1 + (1.6 if before[0] != after[0] else 0.7 if before[1] != after[1] else 0.0))
+            steps.append(
+                1 + (1.6 if before[0] != after[0] else 0.7 if before[1] != after[1] else 0.0)
+            )
         rows = rows.with_columns(x=pl.Series(np.cumsum(steps)))
         for symbol in "KB":
             panels.append((name, rows, symbol, False))
@@ -92,12 +121,23 @@ def fig5_panels(table: pl.DataFrame) -> list[tuple[str, pl.DataFrame, str, bool]
 
 def fig5_entries(table: pl.DataFrame, looks: dict[str | None, style.Look]) -> dict[str, Any]:
     """What the legend says, of what is drawn."""
-    entries = {o.label: style.key(o.label, marker=o.marker, color=o.colour, markersize=o.size) for o in looks.values()}
+    entries = {
+        o.label: style.key(o.label, marker=o.marker, color=o.colour, markersize=o.size)
+        for o in looks.values()
+    }
     entries |= style.open_entry(table)
     for label, column, line in (
         ("Desired", "{}_d", {"color": style.BLACK, "linewidth": 0.8}),
-        ("Linear model", "{}_predicted", {"marker": "_", "color": style.GREY, "markersize": 7, "mew": 0.7}),
-        ("Viscous part", "{}_viscous", {"marker": "x", "color": style.GREY, "markersize": 3.2, "mew": 0.9}),
+        (
+            "Linear model",
+            "{}_predicted",
+            {"marker": "_", "color": style.GREY, "markersize": 7, "mew": 0.7},
+        ),
+        (
+            "Viscous part",
+            "{}_viscous",
+            {"marker": "x", "color": style.GREY, "markersize": 3.2, "mew": 0.9},
+        ),
     ):
         columns = [column.format(symbol) for symbol in "KB"]
         if any(table[name].count() for name in columns if name in table.columns):
@@ -105,17 +145,28 @@ def fig5_entries(table: pl.DataFrame, looks: dict[str | None, style.Look]) -> di
     return entries
 
 
-@style.drawing(columns_of("fig5"), fig5_points, (*OF_FITS, "K", "K_low", "K_high", "B", "B_low", "B_high"))
+@style.drawing(
+    columns_of("fig5"), fig5_points, (*OF_FITS, "K", "K_low", "K_high", "B", "B_low", "B_high")
+)
 def draw_fig5(table: pl.DataFrame) -> Figure:
-    """Stiffness and damping, and below each its error in percent where a value was asked for. Each desired impedance
-    has a place of its own on the axis, which is no scale; its trials stand side by side there."""
+    """Stiffness and damping, and below each its error in percent where a value was asked for. Each
+    desired impedance has a place of its own on the axis, which is no scale; its trials stand side
+    by side there."""
     looks, drawn = names.looks_in(table), fig5_panels(table)
     several = len({name for name, *_ in drawn}) > 1
-    words = [f"{'Stiffness' if symbol == 'K' else 'Damping'}{', error' * error}" for *_, symbol, error in drawn]
-    titles = [f"{name}: {word}" if several else word for (name, *_), word in zip(drawn, words, strict=True)]
+    words = [
+        f"{'Stiffness' if symbol == 'K' else 'Damping'}{', error' * error}"
+        for *_, symbol, error in drawn
+    ]
+    titles = [
+        f"{name}: {word}" if several else word
+        for (name, *_), word in zip(drawn, words, strict=True)
+    ]
     heights = [0.9 if error else 1.0 for *_, error in drawn]
     height = 0.5 + 1.5 * sum(heights)
-    figure, axes = style.panels(style.DOUBLE_COLUMN, height, rows=len(drawn), names=titles, heights=heights)
+    figure, axes = style.panels(
+        style.DOUBLE_COLUMN, height, rows=len(drawn), names=titles, heights=heights
+    )
     for k, (ax, (_, rows, symbol, error)) in enumerate(zip(axes, drawn, strict=True)):
         draw_quantity(ax, errors_of(rows, symbol) if error else rows, symbol, looks)
         if k + 1 < len(drawn) and drawn[k + 1][1] is rows:
@@ -127,7 +178,9 @@ def draw_fig5(table: pl.DataFrame) -> Figure:
             ax.set_ylabel(rf"$\hat{{{symbol}}}/{symbol}_d - 1$ (%)")
             continue
         ax.set_ylabel(names.AXIS_LABELS[symbol])
-        for wanted in rows.drop_nulls(f"{symbol}_d").partition_by("K_d", "B_d", maintain_order=True):
+        for wanted in rows.drop_nulls(f"{symbol}_d").partition_by(
+            "K_d", "B_d", maintain_order=True
+        ):
             ends = wanted["x"][0] - 0.6, wanted["x"][-1] + 0.6
             ax.hlines(wanted[f"{symbol}_d"][0], *ends, color=style.BLACK, linewidth=0.8)
     entries = fig5_entries(table, looks)
@@ -137,16 +190,23 @@ def draw_fig5(table: pl.DataFrame) -> Figure:
 
 
 def errors_of(rows: pl.DataFrame, symbol: str) -> pl.DataFrame:
-    """The same rows with all that is drawn of one quantity in percent of its desired value, less 100; null where none
-    is above zero. Of a damping that without friction, where this is certain."""
-    desired, kinds = pl.col(f"{symbol}_d"), ("", "_low", "_high", "_amplitudes_low", "_amplitudes_high", "_predicted")
+    """The same rows with all that is drawn of one quantity in percent of its desired value, less
+    100; null where none is above zero. Of a damping that without friction, where this is
+    certain."""
+    desired, kinds = (
+        pl.col(f"{symbol}_d"),
+        ("", "_low", "_high", "_amplitudes_low", "_amplitudes_high", "_predicted"),
+    )
     held = held_against_desired(rows).with_columns(B_viscous=pl.lit(None, pl.Float64))
     drawn = (pl.col(f"{symbol}{kind}") for kind in kinds)
-    return held.with_columns(pl.when(desired > 0).then(100 * (one / desired - 1)).name.keep() for one in drawn)
+    return held.with_columns(
+        pl.when(desired > 0).then(100 * (one / desired - 1)).name.keep() for one in drawn
+    )
 
 
 def label_percent_axis(ax: Axes) -> None:
-    """Errors [percent] on an axis that is even up to 2 % and logarithmic beyond: 1 % is seen beside 50 %."""
+    """Errors [percent] on an axis that is even up to 2 % and logarithmic beyond: 1 % is seen beside
+    50 %."""
     low, high = min(ax.dataLim.y0, -1.0), max(ax.dataLim.y1, 1.0)
     ax.set_yscale("symlog", linthresh=2.0, linscale=0.5)
     every = [sign * size for size in (2, 10, 30, 100, 300, 1000) for sign in (-1, 1)]
@@ -159,18 +219,35 @@ def label_percent_axis(ax: Axes) -> None:
     ax.set_axisbelow(True)
 
 
-def draw_quantity(ax: Axes, rows: pl.DataFrame, symbol: str, looks: dict[str | None, style.Look]) -> None:
-    """Estimates of one quantity at their places `x`, and lines between values of K_d; a cross is the part of the
-    damping that is no friction."""
+def draw_quantity(
+    ax: Axes, rows: pl.DataFrame, symbol: str, looks: dict[str | None, style.Look]
+) -> None:
+    """Estimates of one quantity at their places `x`, and lines between values of K_d; a cross is
+    the part of the damping that is no friction."""
     last = float(rows["x"][-1])
     # at this share of their usual size, and not below 0.3, the markers of neighbours do not touch
     share = float(np.clip(72 * ax.figure.figure.get_figwidth() / (last + 8) / 4.5, 0.3, 1.0))
     for controller, look in looks.items():
         fits = names.of_controller(rows, controller)
         style.draw_estimates(ax, fits, "x", symbol, look, share, zorder=3)
-        ax.plot(fits["x"], fits[f"{symbol}_predicted"], "_", color=look.colour, markersize=7 * share, mew=0.7)
+        ax.plot(
+            fits["x"],
+            fits[f"{symbol}_predicted"],
+            "_",
+            color=look.colour,
+            markersize=7 * share,
+            mew=0.7,
+        )
         if symbol == "B":
-            ax.plot(fits["x"], fits["B_viscous"], "x", color=look.colour, markersize=3.2 * share, mew=0.9, zorder=4)
+            ax.plot(
+                fits["x"],
+                fits["B_viscous"],
+                "x",
+                color=look.colour,
+                markersize=3.2 * share,
+                mew=0.9,
+                zorder=4,
+            )
     edge = max(1.0, (8 - last) / 2)  # an axis has room for eight trials at least
     ax.set_xlim(-edge, last + edge)
     for left, right in pairwise(rows.partition_by("K_d", maintain_order=True)):
@@ -178,11 +255,13 @@ def draw_quantity(ax: Axes, rows: pl.DataFrame, symbol: str, looks: dict[str | N
 
 
 def letter_conditions(ax: Axes, rows: pl.DataFrame) -> None:
-    """Below the axis the desired dampings, and below these the stiffnesses; as many as there is room for. A few trials
-    for which none is stated have their names."""
+    """Below the axis the desired dampings, and below these the stiffnesses; as many as there is
+    room for. A few trials for which none is stated have their names."""
     inches = (ax.figure.figure.get_figwidth() - 0.6) / float(np.ptp(ax.get_xlim()))
     if not rows["K_d"].count() + rows["B_d"].count() and inches > 0.5:
-        ax.set_xticks(rows["x"], [names.drawn_name(trial, 10) for trial in rows["trial"]], fontsize="small")
+        ax.set_xticks(
+            rows["x"], [names.drawn_name(trial, 10) for trial in rows["trial"]], fontsize="small"
+        )
         ax.tick_params(axis="x", length=0)
         return
     for minor, keys in ((False, ["K_d", "B_d"]), (True, ["K_d"])):
@@ -206,49 +285,80 @@ LEAST_LEFT = 1e-4  # smaller unexplained shares [percent] are drawn here
 
 
 def fig6_points(impedance: pl.DataFrame) -> pl.DataFrame:
-    """One row per trial and amplitude. A trial that no stepped sine moved has one row, a fit without a VAF (a constant
-    torque) none."""
-    single = (pl.col("amplitude_deg").is_not_null() | (pl.len().over("trial") == 1)) & pl.col("VAF").is_finite()
+    """One row per trial and amplitude. A trial that no stepped sine moved has one row, a fit
+    without a VAF (a constant torque) none."""
+    single = (pl.col("amplitude_deg").is_not_null() | (pl.len().over("trial") == 1)) & pl.col(
+        "VAF"
+    ).is_finite()
     table = impedance.filter(single)
     if table.is_empty():
-        raise InputError("the impedance table has no VAF of one amplitude, which Fig. 6 draws; fit the trials again")
-    return names.completed(table.with_columns(names.look_numbers(table["controller"])), columns_of("fig6"), True)
+        raise InputError(
+            "the impedance table has no VAF of one amplitude, which Fig. 6 draws; fit the trials"
+            " again"
+        )
+    return names.completed(
+        table.with_columns(names.look_numbers(table["controller"])), columns_of("fig6"), True
+    )
 
 
 @style.drawing(columns_of("fig6"), fig6_points, (*OF_FITS, "VAF"))
 def draw_fig6(table: pl.DataFrame) -> Figure:
-    """A swarm per controller of each joint and side, over an axis that is logarithmic in the unexplained variance."""
+    """A swarm per controller of each joint and side, over an axis that is logarithmic in the
+    unexplained variance."""
     looks, parts = names.looks_in(table), table.partition_by(names.JOINT_SIDE, maintain_order=True)
-    found = (names.of_controller(part, controller) for part in parts for controller in names.looks_in(part))
-    swarms = [rows.with_columns(left=(100 - pl.col("VAF")).clip(LEAST_LEFT)) for rows in found if len(rows)]
+    found = (
+        names.of_controller(part, controller)
+        for part in parts
+        for controller in names.looks_in(part)
+    )
+    swarms = [
+        rows.with_columns(left=(100 - pl.col("VAF")).clip(LEAST_LEFT))
+        for rows in found
+        if len(rows)
+    ]
     width = style.SINGLE_COLUMN if len(swarms) <= 2 else style.DOUBLE_COLUMN
     figure, (ax,) = style.panels(width, 3.0)
     ax.set_yscale("log")
     every = np.log10(np.concatenate([rows["left"].to_numpy() for rows in swarms]))
-    room = max(0.05 * float(np.ptp(every)), 0.4 - float(np.ptp(every)) / 2)  # at both ends, and for two ticks
+    # at both ends, and for two ticks
+    room = max(0.05 * float(np.ptp(every)), 0.4 - float(np.ptp(every)) / 2)
     low, high = float(every.min()) - room, float(every.max()) + room
     ax.set_ylim(10.0**low, 10.0**high)
-    across, height, written = (width - 0.75) / len(swarms), 1.8, []  # of a swarm [in]: the panel is no smaller
+    # of a swarm [in]: the panel is no smaller
+    across, height, written = (width - 0.75) / len(swarms), 1.8, []
     for place, rows in enumerate(swarms):
-        look, heights = looks[rows["controller"][0]], (high - np.log10(rows["left"].to_numpy())) / (high - low) * height
-        x = place + style.swarm_offsets(heights, 4.9 / 72, across, 0.45)  # the marker and a small gap
+        look, heights = (
+            looks[rows["controller"][0]],
+            (high - np.log10(rows["left"].to_numpy())) / (high - low) * height,
+        )
+        # the marker and a small gap
+        x = place + style.swarm_offsets(heights, 4.9 / 72, across, 0.45)
         style.draw_fits(ax, rows, x, rows["left"], look, linewidths=0.8)
         median = float(np.median(rows["VAF"]))
         ends = place - 0.3, place + 0.3
-        ax.hlines(max(100 - median, LEAST_LEFT), *ends, color=style.BLACK, linewidth=1.2, zorder=0.5)
-        where = names.place_name(*rows.select(names.JOINT_SIDE).row(0)) if len(parts) > 1 or len(swarms) > 2 else ""
+        ax.hlines(
+            max(100 - median, LEAST_LEFT), *ends, color=style.BLACK, linewidth=1.2, zorder=0.5
+        )
+        where = (
+            names.place_name(*rows.select(names.JOINT_SIDE).row(0))
+            if len(parts) > 1 or len(swarms) > 2
+            else ""
+        )
         n, trials = rows["trial"].n_unique(), names.count_of(rows["trial"].n_unique(), "trial")
         fits = trials if len(rows) == n else f"{names.count_of(len(rows), 'fit')} of {trials}"
-        digits = min(max(1 - int(np.floor(np.log10(max(100 - median, 1e-5)))), 2), 6)  # two of the unexplained share
+        # two of the unexplained share
+        digits = min(max(1 - int(np.floor(np.log10(max(100 - median, 1e-5)))), 2), 6)
         told = (look.label.strip(), where, fits, f"median {median:.{digits}f} %".replace("-", "−"))
         lines = (textwrap.wrap(line, max(int(17 * across), 6)) for line in told if line)
         written.append("\n".join(part for line in lines for part in line))
     if entries := style.open_entry(table):
         ax.legend(handles=entries.values(), loc="lower left")
     style.label_log_axis(ax.yaxis, (10.0**low, 10.0**high), 12)
-    ticks = [tick for tick in ax.get_yticks() if tick >= LEAST_LEFT * (1 - 1e-9)]  # nothing is drawn beyond
+    # nothing is drawn beyond
+    ticks = [tick for tick in ax.get_yticks() if tick >= LEAST_LEFT * (1 - 1e-9)]
     said = [
-        f"{'≥ ' * bool(np.isclose(tick, LEAST_LEFT, atol=0.0))}{100 - tick:.7g}".replace("-", "−") for tick in ticks
+        f"{'≥ ' * bool(np.isclose(tick, LEAST_LEFT, atol=0.0))}{100 - tick:.7g}".replace("-", "−")
+        for tick in ticks
     ]
     ax.set_yticks(ticks, said)
     ax.invert_yaxis()
@@ -259,13 +369,23 @@ def draw_fig6(table: pl.DataFrame) -> Figure:
     return figure
 
 
-@style.drawing(columns_of("impedance_over"), lambda table: names.completed(table, columns_of("impedance_over"), True))
+@style.drawing(
+    columns_of("impedance_over"),
+    lambda table: names.completed(table, columns_of("impedance_over"), True),
+)
 def draw_impedance_over(table: pl.DataFrame) -> Figure:
-    """(a) Stiffness, (b) damping over the slow signal that they change with, each trial with its 95 % interval."""
+    """(a) Stiffness, (b) damping over the slow signal that they change with, each trial with its 95
+    % interval."""
     parts, signal = names.placed_rows(table), table["over"][0]
     titles = names.panel_titles(parts, ("Stiffness", "Damping"))
-    figure, axes = style.panels(style.DOUBLE_COLUMN, 2.5 * len(parts) + 0.3, rows=len(parts), columns=2, names=titles)
-    over = {"angle": "Slow part of the joint angle (deg)", "theta_slow": "Slow angle (deg)", "time": "Time (s)"}
+    figure, axes = style.panels(
+        style.DOUBLE_COLUMN, 2.5 * len(parts) + 0.3, rows=len(parts), columns=2, names=titles
+    )
+    over = {
+        "angle": "Slow part of the joint angle (deg)",
+        "theta_slow": "Slow angle (deg)",
+        "time": "Time (s)",
+    }
     ten = cycle(mpl.color_sequences["petroff10"])
     colours = dict(zip(table["trial"].unique(maintain_order=True), ten, strict=False))
     for number, ax in enumerate(axes):
@@ -274,9 +394,20 @@ def draw_impedance_over(table: pl.DataFrame) -> Figure:
             (own,) = trial["trial"].unique()
             line = style.DOTTED if style.has_doubtful(trial) else "-"
             ax.fill_between(
-                trial["at"], trial[f"{name}_low"], trial[f"{name}_high"], color=colours[own], alpha=0.25, lw=0
+                trial["at"],
+                trial[f"{name}_low"],
+                trial[f"{name}_high"],
+                color=colours[own],
+                alpha=0.25,
+                lw=0,
             )
-            ax.plot(trial["at"], trial[name], color=colours[own], linestyle=line, label=names.drawn_name(own))
+            ax.plot(
+                trial["at"],
+                trial[name],
+                color=colours[own],
+                linestyle=line,
+                label=names.drawn_name(own),
+            )
         ax.set_xlabel(over.get(signal, names.drawn_name(signal)))
         ax.set_ylabel(label)
     style.legend_above(figure, style.legend_entries(axes[::2]), 4)
@@ -298,18 +429,31 @@ def prediction_points(prediction: pl.DataFrame, frequencies: pl.DataFrame) -> pl
     nothing="the components of no impedance trial were all measured",
 )
 def draw_prediction(table: pl.DataFrame) -> Figure:
-    """Measured over predicted, with the identity; their difference with its interval; what is missed over frequency."""
-    said = {"K": r"stiffness $\hat{K}$ (N·m/rad)", "B": r"damping $\hat{B}$ (N·m·s/rad)", "torque": "torque, SD (N·m)"}
+    """Measured over predicted, with the identity; their difference with its interval; what is
+    missed over frequency."""
+    said = {
+        "K": r"stiffness $\hat{K}$ (N·m/rad)",
+        "B": r"damping $\hat{B}$ (N·m·s/rad)",
+        "torque": "torque, SD (N·m)",
+    }
     parts, looks = names.placed_rows(table), names.looks_in(table)
     rows, kinds = 3 * len(parts), ("Stiffness", "Damping", "Torque")
-    titles = names.panel_titles(parts, (*kinds, *(f"{kind}, difference" for kind in kinds), "Torque missed", "", ""))
-    figure, axes = style.panels(style.DOUBLE_COLUMN, min(0.4 + 1.9 * rows, 9.5), rows=rows, columns=3, names=titles)
+    titles = names.panel_titles(
+        parts, (*kinds, *(f"{kind}, difference" for kind in kinds), "Torque missed", "", "")
+    )
+    figure, axes = style.panels(
+        style.DOUBLE_COLUMN, min(0.4 + 1.9 * rows, 9.5), rows=rows, columns=3, names=titles
+    )
     for number, (_, of_place) in enumerate(parts):
-        part, missed = (of_place.filter(pl.col("share").is_null() == trials) for trials in (True, False))
+        part, missed = (
+            of_place.filter(pl.col("share").is_null() == trials) for trials in (True, False)
+        )
         for k, (symbol, words) in enumerate(said.items()):
             above, below = axes[9 * number + k], axes[9 * number + 3 + k]
             ends = part.select(symbol, f"{symbol}_measured").to_numpy()
-            above.plot([ends.min(), ends.max()], [ends.min(), ends.max()], color=style.BLACK, linewidth=0.6)
+            above.plot(
+                [ends.min(), ends.max()], [ends.min(), ends.max()], color=style.BLACK, linewidth=0.6
+            )
             below.axhline(0, color=style.BLACK, linewidth=0.6)
             for controller, look in looks.items():
                 own = names.of_controller(part, controller)
@@ -333,17 +477,35 @@ def draw_prediction(table: pl.DataFrame) -> Figure:
             own = names.of_controller(missed, controller)
             for one in own.partition_by("trial"):
                 line = style.DOTTED if style.has_doubtful(one) else "-"
-                trend.plot(one["frequency_hz"], one["share"], color=look.colour, linestyle=line, linewidth=0.4)
+                trend.plot(
+                    one["frequency_hz"],
+                    one["share"],
+                    color=look.colour,
+                    linestyle=line,
+                    linewidth=0.4,
+                )
             middle = own.group_by("frequency_hz").agg(pl.col("share").median()).sort("frequency_hz")
-            trend.plot(*middle, color=look.colour, marker=look.marker, markersize=look.size, linewidth=style.THICK)
+            trend.plot(
+                *middle,
+                color=look.colour,
+                marker=look.marker,
+                markersize=look.size,
+                linewidth=style.THICK,
+            )
         trend.set_yscale("log")
         if len(missed):
             style.label_frequency_axis(trend, missed["frequency_hz"], most=12)
             style.label_log_axis(trend.yaxis, trend.get_ylim(), most=6)
         trend.set_xlabel("Frequency (Hz)")
         trend.set_ylabel("Share of the torque (%)")
-    entries = {o.label: style.key(o.label, marker=o.marker, color=o.colour, markersize=o.size) for o in looks.values()}
-    lines = {"Identity": (style.BLACK, 1.0, 0.6), "95 % interval of the prediction": (style.GREY, 0.5, style.THICK)}
+    entries = {
+        o.label: style.key(o.label, marker=o.marker, color=o.colour, markersize=o.size)
+        for o in looks.values()
+    }
+    lines = {
+        "Identity": (style.BLACK, 1.0, 0.6),
+        "95 % interval of the prediction": (style.GREY, 0.5, style.THICK),
+    }
     for label, (colour, alpha, width) in lines.items():
         entries[label] = style.key(label, color=colour, alpha=alpha, linewidth=width)
     style.legend_above(figure, entries | style.open_entry(table), 5)
@@ -357,7 +519,9 @@ LINKS = {
 }  # fmt: skip
 
 
-def chain_points(law: pl.DataFrame, impedance: pl.DataFrame, evidence: pl.DataFrame) -> pl.DataFrame:
+def chain_points(
+    law: pl.DataFrame, impedance: pl.DataFrame, evidence: pl.DataFrame
+) -> pl.DataFrame:
     """By how much [percent] each link of a trial is off what is expected of it."""
     table = names.completed(law, (*columns_of("chain"), "K_1", "k_tau_n_m"))
     for link, symbol in (("command", "K_1"), ("motor", "k_tau_n_m")):
@@ -366,11 +530,18 @@ def chain_points(law: pl.DataFrame, impedance: pl.DataFrame, evidence: pl.DataFr
             table = table.with_columns(off.alias(f"{link}{end}"))
     whole = pl.col("amplitude_deg").is_null()
     joint = names.completed(impedance.filter(whole), ("K", "K_low", "K_high", "K_predicted"))
-    miss = {f"rendered{end}": 100 * (pl.col(f"K{end}") / pl.col("K_predicted") - 1) for end in ("", "_low", "_high")}
+    miss = {
+        f"rendered{end}": 100 * (pl.col(f"K{end}") / pl.col("K_predicted") - 1)
+        for end in ("", "_low", "_high")
+    }
     joint = joint.select("trial", **miss)
-    belt = names.completed(evidence.filter(whole), ("K_s_ratio",)).select("trial", belt=100 * (pl.col("K_s_ratio") - 1))
+    belt = names.completed(evidence.filter(whole), ("K_s_ratio",)).select(
+        "trial", belt=100 * (pl.col("K_s_ratio") - 1)
+    )
     for of_link in (belt, joint):
-        table = table.drop(of_link.columns[1:]).join(of_link, on="trial", how="left", maintain_order="left")
+        table = table.drop(of_link.columns[1:]).join(
+            of_link, on="trial", how="left", maintain_order="left"
+        )
     return table.with_columns(names.look_numbers(table["controller"])).select(columns_of("chain"))
 
 
@@ -381,11 +552,14 @@ def chain_points(law: pl.DataFrame, impedance: pl.DataFrame, evidence: pl.DataFr
     nothing="no impedance trial logs current and angle of the motor",
 )
 def draw_chain(table: pl.DataFrame) -> Figure:
-    """A panel per link, from the command to the joint's torque: percent off, over K_d, with intervals."""
+    """A panel per link, from the command to the joint's torque: percent off, over K_d, with
+    intervals."""
     parts, looks = names.placed_rows(table), names.looks_in(table)
     titles = names.panel_titles(parts, [*LINKS.values()])
     size = style.DOUBLE_COLUMN, 0.4 + 1.9 * len(parts)
-    figure, axes = style.panels(*size, len(parts), len(LINKS), shares=[1] * len(LINKS), names=titles)
+    figure, axes = style.panels(
+        *size, len(parts), len(LINKS), shares=[1] * len(LINKS), names=titles
+    )
     for number, (_, part) in enumerate(parts):
         for ax, link in zip(axes[len(LINKS) * number :], LINKS, strict=False):
             ax.axhline(0, color=style.BLACK, linewidth=0.6)
@@ -397,6 +571,9 @@ def draw_chain(table: pl.DataFrame) -> Figure:
                 style.draw_fits(ax, own, own["K_d"], own[link], look, 0.6)
             ax.set_xlabel("$K_d$ (N·m/rad)")
         axes[len(LINKS) * number].set_ylabel("Off what is expected (%)")
-    entries = {o.label: style.key(o.label, marker=o.marker, color=o.colour, markersize=o.size) for o in looks.values()}
+    entries = {
+        o.label: style.key(o.label, marker=o.marker, color=o.colour, markersize=o.size)
+        for o in looks.values()
+    }
     style.legend_above(figure, entries | style.open_entry(table), 5)
     return figure

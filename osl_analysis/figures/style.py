@@ -1,4 +1,5 @@
-"""The style of all figures: page size, lettering, colours and markers, panels, axes with their ticks, and swarms."""
+"""The style of all figures: page size, lettering, colours and markers, panels, axes with their
+ticks, and swarms."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -22,14 +23,17 @@ from matplotlib.ticker import LogLocator, MaxNLocator, MultipleLocator
 from osl_analysis.stats.repeats import IS_DOUBTFUL
 from osl_analysis.trial import Array
 
-SINGLE_COLUMN, DOUBLE_COLUMN = 3.5, 7.16  # widths [in] of one column and of the text block of an IEEE two-column page
+# widths [in] of one column and of the text block of an IEEE two-column page
+SINGLE_COLUMN, DOUBLE_COLUMN = 3.5, 7.16
 
 BLACK, WHITE, GREY, MAGENTA = "#000000", "#FFFFFF", "#6E6E6E", "#C2127F"
 ORANGE, PURPLE = "#E66100", "#5D3A9B"
-"""Orange and purple differ for every common kind of colour vision, and in greyscale by lightness (58 and 32 of 100)."""
+"""Orange and purple differ for every common kind of colour vision, and in greyscale by lightness
+(58 and 32 of 100)."""
 
 THIN, THICK = 0.7, 1.8  # widths [pt] of bars over amplitudes, and of intervals
-DOTTED, DASHED = (0, (1, 1.5)), (0, (3, 2))  # line styles of doubtful fits, and of means and what is desired
+# line styles of doubtful fits, and of means and what is desired
+DOTTED, DASHED = (0, (1, 1.5)), (0, (3, 2))
 
 PAPER = mpl.rc_params_from_file(Path(__file__).with_suffix(".mplstyle"), use_default_template=False)
 Dash = Literal["-", ""] | tuple[float, tuple[float, ...]]  # A line style as matplotlib takes it
@@ -41,18 +45,22 @@ class Drawing:
     draw: Callable[[pl.DataFrame], Figure]
     points: Callable[..., pl.DataFrame] = lambda table: table  # result tables -> plotted numbers
     needs: Sequence[str] = ()  # columns of the result table from which `points` are
-    about: Callable[[pl.DataFrame], str] = lambda _: ""  # what of these numbers the caption says first, in Markdown
-    nothing: str = "no trial of the campaign has the numbers that this figure shows"  # why, without any number
+    # what of these numbers the caption says first, in Markdown
+    about: Callable[[pl.DataFrame], str] = lambda _: ""
+    # why, without any number
+    nothing: str = "no trial of the campaign has the numbers that this figure shows"
 
 
 def drawing(columns: Sequence[str], *more: Any, **others: Any) -> Callable[..., Drawing]:
-    """Makes a function that draws plotted numbers of these `columns`, in the style of the paper, a `Drawing`."""
+    """Makes a function that draws plotted numbers of these `columns`, in the style of the paper, a
+    `Drawing`."""
     return lambda draw: Drawing(columns, paper_style()(draw), *more, **others)
 
 
 @dataclass(frozen=True)
 class Look:
-    """Colour, marker, size of the marker [pt], name and line style of one condition, the same in every figure."""
+    """Colour, marker, size of the marker [pt], name and line style of one condition, the same in
+    every figure."""
 
     colour: str
     marker: str
@@ -69,7 +77,8 @@ LOOKS = {  # of the controllers of the draft
 
 @contextmanager
 def paper_style() -> Iterator[None]:
-    """Draw and save with the settings `PAPER` only, independent of the user's matplotlibrc; usable as a decorator."""
+    """Draw and save with the settings `PAPER` only, independent of the user's matplotlibrc; usable
+    as a decorator."""
     with mpl.rc_context():
         mpl.rcdefaults()
         mpl.rcParams.update(PAPER)
@@ -85,23 +94,28 @@ def panels(
     names: Sequence[str] = (),
     heights: Sequence[float] | None = None,
 ) -> tuple[Figure, list[Axes]]:
-    """A figure of the given size [in] and its panels, row by row, lettered (a), (b) ... if there are several. `shares`
-    are the relative widths of the columns; the panels of a row then share their vertical axis. `heights` are those of
-    the rows. `names` stand behind the letters; panels with names of their own share no axis."""
+    """A figure of the given size [in] and its panels, row by row, lettered (a), (b) ... if there
+    are several. `shares` are the relative widths of the columns; the panels of a row then share
+    their vertical axis. `heights` are those of the rows. `names` stand behind the letters; panels
+    with names of their own share no axis."""
     figure = Figure(figsize=(width, height), layout="constrained")
     share = rows > 1 and not names
     ratios = {"width_ratios": shares, "height_ratios": heights}
-    grid = figure.subplots(rows, columns, squeeze=False, sharex=share, sharey=bool(shares), **ratios)
+    grid = figure.subplots(
+        rows, columns, squeeze=False, sharex=share, sharey=bool(shares), **ratios
+    )
     letters = [f"({letter})" for letter in ascii_lowercase[: grid.size]] * (grid.size > 1)
     titles = [f"{letter} {name}" for letter, name in zip_longest(letters, names, fillvalue="")]
     for ax, title in zip(grid.flat, titles, strict=False):
-        ax.set_title(title.strip(), loc="left", y=1)  # no labels stand there that each drawing would have to look for
+        # no labels stand there that each drawing would have to look for
+        ax.set_title(title.strip(), loc="left", y=1)
     return figure, list(grid.flat)
 
 
 @paper_style()
 def lay_out(figure: Figure) -> None:
-    """Place everything once, at the resolution of a PNG: every format then has the same places, and is drawn once."""
+    """Place everything once, at the resolution of a PNG: every format then has the same places, and
+    is drawn once."""
     figure.set_dpi(PAPER["savefig.dpi"])
     if engine := figure.get_layout_engine():
         engine.execute(figure)
@@ -115,13 +129,22 @@ def key(label: str, **look: Any) -> Line2D:
 
 def legend_entries(axes: Iterable[Axes]) -> dict[str, Any]:
     """The handles of what was drawn with a label, by label."""
-    return {label: handle for ax in axes for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
+    return {
+        label: handle
+        for ax in axes
+        for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)
+    }
 
 
-def legend_above(figure: Figure, entries: Mapping[str, Any], most: int, width: float = np.inf, **looks: Any) -> None:
-    """The legend above all panels, in `most` columns or fewer, no wider than the page or `width` [in]."""
+def legend_above(
+    figure: Figure, entries: Mapping[str, Any], most: int, width: float = np.inf, **looks: Any
+) -> None:
+    """The legend above all panels, in `most` columns or fewer, no wider than the page or `width`
+    [in]."""
     for columns in range(min(most, len(entries)), 0, -1):
-        legend = figure.legend(entries.values(), entries.keys(), loc="outside upper center", ncols=columns, **looks)
+        legend = figure.legend(
+            entries.values(), entries.keys(), loc="outside upper center", ncols=columns, **looks
+        )
         if legend.get_window_extent().width / figure.dpi < min(width, figure.get_figwidth()):
             return
         if columns > 1:
@@ -139,18 +162,30 @@ def open_entry(table: pl.DataFrame) -> dict[str, Line2D]:
 
 
 def draw_fits(
-    ax: Axes, rows: pl.DataFrame, x: Any, y: Any, look: Look, share: float = 1.0, linewidths: float = 0.8, **looks: Any
+    ax: Axes,
+    rows: pl.DataFrame,
+    x: Any,
+    y: Any,
+    look: Look,
+    share: float = 1.0,
+    linewidths: float = 0.8,
+    **looks: Any,
 ) -> None:
-    """A marker of a share of the look's size per row, open where its fit is doubtful. It leads to its trial."""
+    """A marker of a share of the look's size per row, open where its fit is doubtful. It leads to
+    its trial."""
     fill = [WHITE if doubtful else look.colour for doubtful in rows.select(IS_DOUBTFUL).to_series()]
     looks |= {"facecolors": fill, "edgecolors": look.colour, "linewidths": linewidths}
-    drawn = ax.scatter(x, y, (share * look.size) ** 2, marker=look.marker, label=look.label, **looks)
+    drawn = ax.scatter(
+        x, y, (share * look.size) ** 2, marker=look.marker, label=look.label, **looks
+    )
     drawn.set_urls([place_in_report(trial) for trial in rows["trial"]])
 
 
-def draw_estimates(ax: Axes, rows: pl.DataFrame, x: str, y: str, look: Look, share: float = 1.0, **looks: Any) -> None:
-    """The column `y` over `x` by `draw_fits`, on thin bars for the range over single amplitudes and thick ones for the
-    95 % interval of `y`."""
+def draw_estimates(
+    ax: Axes, rows: pl.DataFrame, x: str, y: str, look: Look, share: float = 1.0, **looks: Any
+) -> None:
+    """The column `y` over `x` by `draw_fits`, on thin bars for the range over single amplitudes and
+    thick ones for the 95 % interval of `y`."""
     for kind, width in (("_amplitudes", THIN), ("", THICK)):
         low, high = f"{y}{kind}_low", f"{y}{kind}_high"
         bars = rows.drop_nulls([low, high])
@@ -164,12 +199,16 @@ def place_in_report(trial: str) -> str:
 
 
 def label_log_axis(axis: Axis, limits: tuple[float, float], most: int, scale: float = 1.0) -> None:
-    """A logarithmic axis between `limits` with three to `most` ticks, written as numbers times `scale`: 1, 2 and 5 of
-    each decade, else decades, else even ones."""
+    """A logarithmic axis between `limits` with three to `most` ticks, written as numbers times
+    `scale`: 1, 2 and 5 of each decade, else decades, else even ones."""
     low, high = limits
     even = MaxNLocator(nbins=most - 1, steps=[1, 2, 2.5, 5, 10])
     for locator in (LogLocator(subs=(1, 2, 5), numticks=99), LogLocator(numticks=most), even):
-        ticks = [tick for tick in locator.tick_values(low, high) if low * (1 - 1e-9) <= tick <= high * (1 + 1e-9)]
+        ticks = [
+            tick
+            for tick in locator.tick_values(low, high)
+            if low * (1 - 1e-9) <= tick <= high * (1 + 1e-9)
+        ]
         if 3 <= len(ticks) <= most:
             break
     axis.set_ticks(ticks or [low], [f"{tick * scale:.4g}" for tick in ticks or [low]])
@@ -186,19 +225,23 @@ def label_frequency_axis(ax: Axes, f: pl.Series, most: int) -> None:
 
 
 def label_phase_axis(ax: Axes) -> None:
-    """Phases [deg] on the vertical axis: 0 stands on it, with a line, and ticks at usual fractions of a turn."""
+    """Phases [deg] on the vertical axis: 0 stands on it, with a line, and ticks at usual fractions
+    of a turn."""
     low, high = ax.get_ylim()
     margin = 0.04 * max(high, 0.0, high - low, -low)
     ax.set_ylim(min(low, -margin), max(high, margin))
     ax.axhline(0, color=BLACK, linewidth=0.4, zorder=0)
     span = float(np.ptp(ax.get_ylim()))
     steps = (0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 45, 90)
-    ax.yaxis.set_major_locator(MultipleLocator(next((step for step in steps if step >= span / 5), 180)))
+    ax.yaxis.set_major_locator(
+        MultipleLocator(next((step for step in steps if step >= span / 5), 180))
+    )
 
 
 def swarm_offsets(heights: Array, width: float, inches: float, reach: float) -> Array:
-    """Sideways offsets (n,), none beyond `reach`, at which points of diameter `width` [in] at these heights (n,) [in]
-    do not overlap; `inches` are the length of a unit of the axis. Each takes the free place nearest to the middle."""
+    """Sideways offsets (n,), none beyond `reach`, at which points of diameter `width` [in] at these
+    heights (n,) [in] do not overlap; `inches` are the length of a unit of the axis. Each takes the
+    free place nearest to the middle."""
     offsets = np.zeros(len(heights))
     order = np.argsort(heights, kind="stable")
     for rank, point in enumerate(order):
@@ -209,11 +252,14 @@ def swarm_offsets(heights: Array, width: float, inches: float, reach: float) -> 
         side = 1 if rank % 2 else -1
         offsets[point] = min(free, key=lambda c: (round(abs(c) / width, 6), side * c))
     offsets /= inches
-    return np.asarray(offsets * min(1.0, reach / max(float(np.max(np.abs(offsets), initial=0)), 1e-9)))
+    return np.asarray(
+        offsets * min(1.0, reach / max(float(np.max(np.abs(offsets), initial=0)), 1e-9))
+    )
 
 
 class NotebookFigure(Figure):
-    """A matplotlib `Figure` that a notebook shows without `pyplot`, and saves in the style of the paper."""
+    """A matplotlib `Figure` that a notebook shows without `pyplot`, and saves in the style of the
+    paper."""
 
     def _repr_png_(self, dpi: int = 150) -> bytes:
         page = BytesIO()

@@ -1,1 +1,2 @@
-"""Formats of recordings: from bytes to arrays of numbers. Nothing here knows a leg, a signal or an SI unit."""
+"""Formats of recordings: from bytes to arrays of numbers. Nothing here knows a leg, a signal or an
+SI unit."""

@@ -1,5 +1,5 @@
-"""Tables of numbers in text files of any program. Encoding, delimiter, decimal sign, header, units, comments and footer
-are found from the content. Cells become numbers and times."""
+"""Tables of numbers in text files of any program. Encoding, delimiter, decimal sign, header, units,
+comments and footer are found from the content. Cells become numbers and times."""
 
 import csv
 import math
@@ -22,9 +22,12 @@ from osl_analysis.formats.table import Ledger
 from osl_analysis.trial import Array
 
 DELIMITERS = {"tab": "\t", "space": " "}
-CONTROL = re.compile(rb"[\x00-\x08\x0e-\x19]")  # bytes that no text has; byte 26 is allowed, it ends files of DOS
-UTF_16 = re.compile(rb"\xff\xfe|\xfe\xff|([\t\r\n -~]\0){8}|(\0[\t\r\n -~]){8}")  # its mark, or ASCII in either order
-JAPANESE = re.compile("[\u3041-\u30fa\u30fc]{2}|[\u4e00-\u9fff]{2}")  # two in a row: cp1252 `é` may look like one
+# bytes that no text has; byte 26 is allowed, it ends files of DOS
+CONTROL = re.compile(rb"[\x00-\x08\x0e-\x19]")
+# its mark, or ASCII in either order
+UTF_16 = re.compile(rb"\xff\xfe|\xfe\xff|([\t\r\n -~]\0){8}|(\0[\t\r\n -~]){8}")
+# two in a row: cp1252 `é` may look like one
+JAPANESE = re.compile("[\u3041-\u30fa\u30fc]{2}|[\u4e00-\u9fff]{2}")
 COMMENTS = ("#", "%", "//")
 MISSING = (
     "", "nan", "NaN", "NAN", "NA", "N/A", "#N/A", "null", "NULL", "None", "<NA>", "NaT",
@@ -32,18 +35,31 @@ MISSING = (
 )  # fmt: skip
 """Cells that programs write for a failed reading."""
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d{1,3})?", re.ASCII)
-THOUSANDS = {".": re.compile(r"([+-]?\d{1,3}(?:,\d{3})+)\.(\d+)"), ",": re.compile(r"([+-]?\d{1,3}(?:\.\d{3})+),(\d+)")}
+THOUSANDS = {
+    ".": re.compile(r"([+-]?\d{1,3}(?:,\d{3})+)\.(\d+)"),
+    ",": re.compile(r"([+-]?\d{1,3}(?:\.\d{3})+),(\d+)"),
+}
 """By decimal sign: numbers whose thousands are separated by the other sign."""
-WHOLE_THOUSANDS = {sign: re.compile(rf"[+-]?[1-9]\d{{0,2}}({re.escape(sign)}\d{{3}})+") for sign in ",."}
+WHOLE_THOUSANDS = {
+    sign: re.compile(rf"[+-]?[1-9]\d{{0,2}}({re.escape(sign)}\d{{3}})+") for sign in ",."
+}
 BETWEEN_THOUSANDS = "'\u2019\u202f\u2009\u00a0"  # signs that only separate thousands
 SMALL_WHOLE = re.compile(r"[+-]?\d{1,3}")
 STATED_ROWS = re.compile(
-    r"(?i)\W*(?:total |(?:number|no\.?) of )?(?:samples|rows|frames|length|data points)[\s:=,;]+(\d+)\b(?![.,]\d)"
+    r"(?i)\W*(?:total |(?:number|no\.?) of )?(?:samples|rows|frames|length|data"
+    r" points)[\s:=,;]+(\d+)\b(?![.,]\d)"
 )
 """Text above a table that states its number of rows."""
-CLOCK = r"(?:(\d+) days?,? )?\+?(\d{1,3}):(\d{2})(?::(\d{1,2}))?(?:[.,:](\d{1,9}))?\d*(?: ?([AaPp])\.?[Mm]\.?)?"
-TIME = rf"^(?:\d{{1,4}}[-/.]\d{{1,2}}[-/.]\d{{1,4}}[T ]\s*)?{CLOCK}\s*(?:Z|UTC|([+-]\d{{2}}):?(\d{{2}}))?$"
-SECONDS = r"^(\d{1,12}(?:\.\d{1,15})?(?:[eE][+-]?\d{1,3})?) sec$"  # MATLAB writes the times of a timetable so
+CLOCK = (
+    r"(?:(\d+) days?,? )?\+?(\d{1,3}):(\d{2})(?::(\d{1,2}))?(?:[.,:](\d{1,9}))?\d*(?:"
+    r" ?([AaPp])\.?[Mm]\.?)?"
+)
+TIME = (
+    r"^(?:\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}[T"
+    rf" ]\s*)?{CLOCK}\s*(?:Z|UTC|([+-]\d{{2}}):?(\d{{2}}))?$"
+)
+# MATLAB writes the times of a timetable so
+SECONDS = r"^(\d{1,12}(?:\.\d{1,15})?(?:[eE][+-]?\d{1,3})?) sec$"
 MOST_COLUMNS = 10_000  # a table with more columns is transposed, or no recording
 FIRST_LINES, LAST_LINES = 300, 60  # lines of a long text from which its dialect is found
 LONGEST_CELL = 131_072  # characters
@@ -53,9 +69,11 @@ IsUnit = Callable[[str], bool]
 
 
 def read_text(path: Path) -> tuple[bytes, bool]:
-    """The text of a file, in UTF-8 with Unix line breaks, and whether its last line has one. Refuses zero bytes."""
+    """The text of a file, in UTF-8 with Unix line breaks, and whether its last line has one.
+    Refuses zero bytes."""
     data = decoded_text(path.read_bytes()).encode()
-    data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n").replace("\u2212".encode(), b"-")  # a minus sign
+    # a minus sign
+    data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n").replace("\u2212".encode(), b"-")
     if any(sign.encode() in data for sign in BETWEEN_THOUSANDS):  # as in Switzerland and France
         data = re.sub(rf"(?<=\d)[{BETWEEN_THOUSANDS}](?=\d{{3}}(?!\d))", "", data.decode()).encode()
     data = data[: len(data.rstrip(b"\x1a"))]
@@ -67,19 +85,26 @@ def read_text(path: Path) -> tuple[bytes, bool]:
 
 
 def numbered(data: bytes, first: int = 1) -> TextLines:
-    """The lines of a text without blank ones, each with its number. `first` is the number of the first line."""
+    """The lines of a text without blank ones, each with its number. `first` is the number of the
+    first line."""
     lines = data.decode(errors="replace").split("\n")
-    return [(number, line) for number, line in enumerate(lines, start=first) if line and not line.isspace()]
+    return [
+        (number, line)
+        for number, line in enumerate(lines, start=first)
+        if line and not line.isspace()
+    ]
 
 
 def read_lines(path: Path) -> tuple[TextLines, bool]:
-    """The numbered lines of a file without blank ones, and whether the last line has a break. Raises as `read_text`."""
+    """The numbered lines of a file without blank ones, and whether the last line has a break.
+    Raises as `read_text`."""
     data, ends = read_text(path)
     return numbered(data), ends
 
 
 def decoded_text(data: bytes) -> str:
-    """Text decoded from UTF-8, UTF-16, the Japanese code page, or else the western one of Windows."""
+    """Text decoded from UTF-8, UTF-16, the Japanese code page, or else the western one of
+    Windows."""
     with suppress(UnicodeDecodeError):
         return utf8_of(data).decode()
     with suppress(UnicodeDecodeError):
@@ -91,19 +116,23 @@ def decoded_text(data: bytes) -> str:
 def utf8_of(data: bytes) -> bytes:
     """The bytes of a text, without a byte order mark. UTF-16 becomes UTF-8."""
     if UTF_16.match(data):
-        data = data.decode("utf-16-be" if data[:1] == b"\0" else "utf-16", errors="replace").encode()
+        data = data.decode(
+            "utf-16-be" if data[:1] == b"\0" else "utf-16", errors="replace"
+        ).encode()
     return data.removeprefix(b"\xef\xbb\xbf")
 
 
 def is_text(begin: bytes) -> bool:
-    """Whether a file that begins so is text, by its first line: later zero bytes may come from a loss of power."""
+    """Whether a file that begins so is text, by its first line: later zero bytes may come from a
+    loss of power."""
     if UTF_16.match(begin):
         return True
     return CONTROL.search(begin.partition(b"\n")[0]) is None
 
 
 def begins_with_rows(begin: bytes) -> bool:
-    """Whether most of the last 20 lines in the begin of a text are rows of two or more numbers or times."""
+    """Whether most of the last 20 lines in the begin of a text are rows of two or more numbers or
+    times."""
     lines = numbered(decoded_text(begin).encode().rpartition(b"\n")[0])[-20:]
     sign = delimiter_of(lines, "auto")
     cells = [text.strip(' "').split(None if sign == " " else sign) for _, text in lines]
@@ -111,8 +140,9 @@ def begins_with_rows(begin: bytes) -> bool:
 
 
 def delimiter_of(lines: TextLines, given: str) -> str:
-    """The given delimiter. For `auto`: the one of tab, `;`, `|`, `,` and blank with which most cells are numbers, times
-    or missing. Without numbers: the first of tab, `;` and `|` that every line has; a blank if no line has a comma."""
+    """The given delimiter. For `auto`: the one of tab, `;`, `|`, `,` and blank with which most
+    cells are numbers, times or missing. Without numbers: the first of tab, `;` and `|` that every
+    line has; a blank if no line has a comma."""
     if given != "auto":
         return DELIMITERS.get(given, given)
     sample = [text for _, text in lines if text.strip()][:FIRST_LINES]
@@ -122,24 +152,33 @@ def delimiter_of(lines: TextLines, given: str) -> str:
         (width, _), *_ = Counter(map(len, split)).most_common(1) or [(0, 0)]
         cells = [cell.strip(' "') for one in split if len(one) == width > 1 for cell in one]
         typical = sum(len(one) == width for one in split) / max(1, len(split))
-        scores[sign] = typical * sum(map(is_value, filter(None, cells))) / max(1, sum(map(bool, cells)))
-    best = max(scores, key=lambda sign: scores[sign] * (1 if sign != " " else 0.98))  # a blank also splits at tabs
+        scores[sign] = (
+            typical * sum(map(is_value, filter(None, cells))) / max(1, sum(map(bool, cells)))
+        )
+    # a blank also splits at tabs
+    best = max(scores, key=lambda sign: scores[sign] * (1 if sign != " " else 0.98))
     if scores[best] > 0:
         return best
     everywhere = [sign for sign in "\t;|" if sample and all(sign in text for text in sample)]
-    spaced = sample and not any("," in text for text in sample) and all(" " in text.strip() for text in sample)
+    spaced = (
+        sample
+        and not any("," in text for text in sample)
+        and all(" " in text.strip() for text in sample)
+    )
     return everywhere[0] if everywhere else " " if spaced else ","
 
 
 def split_rows(lines: TextLines, delimiter: str) -> Rows:
-    """Stripped cells of every line, without lines of empty cells. Refuses a quote that is not closed on its line."""
+    """Stripped cells of every line, without lines of empty cells. Refuses a quote that is not
+    closed on its line."""
     if delimiter == " ":
         lines = [(number, re.sub(r"\s+", " ", text.strip())) for number, text in lines]
     csv.field_size_limit(LONGEST_CELL)  # other packages change it
     reader = csv.reader((text for _, text in lines), delimiter=delimiter, skipinitialspace=True)
     rows: Rows = []
     try:
-        for (line, _), cells in zip(lines, reader, strict=False):  # a quote that is not closed takes in several lines
+        # a quote that is not closed takes in several lines
+        for (line, _), cells in zip(lines, reader, strict=False):
             if lines[reader.line_num - 1][0] != line:
                 raise InputError(f"line {line}: a quote is not closed; remove it")
             stripped = [cell.strip() for cell in cells]
@@ -147,14 +186,25 @@ def split_rows(lines: TextLines, delimiter: str) -> Rows:
                 rows.append((line, stripped))
     except csv.Error as error:
         line = lines[reader.line_num - 1][0]
-        raise InputError(f"line {line} has a cell of more than {LONGEST_CELL} characters; repair it") from error
+        raise InputError(
+            f"line {line} has a cell of more than {LONGEST_CELL} characters; repair it"
+        ) from error
     return rows
 
 
 def name_and_unit(title: str) -> tuple[str, str]:
-    """Name and unit of `torque [Nm]`, `torque (Nm)`, `torque {Nm}` or `torque / Nm`; the unit is empty if none."""
-    match = re.fullmatch(r"(.*\S)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\)|\{([^{}]*)\})|(.*\S)\s+/\s+(\S.*)", title, re.DOTALL)
-    return (match[1] or match[5], match[2] or match[3] or match[4] or match[6] or "") if match else (title, "")
+    """Name and unit of `torque [Nm]`, `torque (Nm)`, `torque {Nm}` or `torque / Nm`; the unit is
+    empty if none."""
+    match = re.fullmatch(
+        r"(.*\S)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\)|\{([^{}]*)\})|(.*\S)\s+/\s+(\S.*)",
+        title,
+        re.DOTALL,
+    )
+    return (
+        (match[1] or match[5], match[2] or match[3] or match[4] or match[6] or "")
+        if match
+        else (title, "")
+    )
 
 
 def without_brackets(unit: str) -> str:
@@ -169,18 +219,25 @@ class UnreadableCellError(Exception):
     place: int  # in the column
 
 
-def cell_numbers(cells: Sequence[str | None] | pl.Series, missing: Collection[str], decimal: str) -> Array:
-    """Values (n,): NaN where a cell is None or one of the words in `missing`. Raises UnreadableCellError."""
+def cell_numbers(
+    cells: Sequence[str | None] | pl.Series, missing: Collection[str], decimal: str
+) -> Array:
+    """Values (n,): NaN where a cell is None or one of the words in `missing`. Raises
+    UnreadableCellError."""
     if isinstance(cells, pl.Series) and cells.dtype != pl.String:
         return cells.cast(pl.Float64).fill_null(np.nan).to_numpy()
     text = pl.Series(cells, dtype=pl.String)
     absent = (text.is_null() | text.is_in(list(missing))).to_numpy()
     plain = text
-    if decimal == ",":  # a full stop then separates thousands, or `decimal` is wrong: the cell must not be a number
+    # a full stop then separates thousands, or `decimal` is wrong: the cell must not be a number
+    if decimal == ",":
         plain = text.str.replace(".", "?", literal=True).str.replace(",", ".", literal=True)
     values = plain.cast(pl.Float64, strict=False).to_numpy().copy()
     values[absent] = np.nan
-    unread, other = np.flatnonzero(~np.isfinite(values) & ~absent).tolist(), "." if decimal == "," else ","
+    unread, other = (
+        np.flatnonzero(~np.isfinite(values) & ~absent).tolist(),
+        "." if decimal == "," else ",",
+    )
     is_grouped = bool(unread) and WHOLE_THOUSANDS[other].fullmatch(str(text[unread[0]])) is not None
     if is_grouped and are_whole_thousands(text.filter(~pl.Series(absent)).to_list(), other):
         return cell_numbers(text.str.replace_all(other, "", literal=True), missing, decimal)
@@ -195,11 +252,16 @@ def cell_numbers(cells: Sequence[str | None] | pl.Series, missing: Collection[st
 
 
 def are_whole_thousands(cells: Collection[str], sign: str) -> bool:
-    """Whether `sign` separates thousands of whole numbers in a column, as in `998` and `1.000`. As a decimal sign it
-    would stand in every number if three decimals are written, and no number would end in 0 if zeros are left out."""
+    """Whether `sign` separates thousands of whole numbers in a column, as in `998` and `1.000`. As
+    a decimal sign it would stand in every number if three decimals are written, and no number would
+    end in 0 if zeros are left out."""
     grouped = [cell for cell in cells if not SMALL_WHOLE.fullmatch(cell)]
     ends = any(cell.endswith("0") for cell in grouped)
-    return len(grouped) < len(cells) and ends and all(WHOLE_THOUSANDS[sign].fullmatch(cell) for cell in grouped)
+    return (
+        len(grouped) < len(cells)
+        and ends
+        and all(WHOLE_THOUSANDS[sign].fullmatch(cell) for cell in grouped)
+    )
 
 
 def is_number_cell(cell: str) -> bool:
@@ -209,29 +271,42 @@ def is_number_cell(cell: str) -> bool:
 def is_value(cell: str) -> bool:
     """Whether a cell may be one of a column of numbers or times."""
     is_word = cell in MISSING or cell.casefold() in ("true", "false")
-    is_number = is_number_cell(cell.replace(",", ".", 1)) or any(one.fullmatch(cell) for one in THOUSANDS.values())
+    is_number = is_number_cell(cell.replace(",", ".", 1)) or any(
+        one.fullmatch(cell) for one in THOUSANDS.values()
+    )
     return is_word or is_number or any(re.match(one, cell) for one in (TIME, SECONDS))
 
 
 def cell_stamps(cells: pl.Series) -> NDArray[np.int64] | None:
-    """Times of day (n,) [ns] of cells such as `10:12:13.002`, `2024-05-01T10:12:13Z`, `0 days 00:00:00.002` and
-    `12:13.5` (minutes and seconds); None if a cell is no time. Dates are ignored: times just continue past midnight."""
+    """Times of day (n,) [ns] of cells such as `10:12:13.002`, `2024-05-01T10:12:13Z`, `0 days
+    00:00:00.002` and `12:13.5` (minutes and seconds); None if a cell is no time. Dates are ignored:
+    times just continue past midnight."""
     if cells.dtype.is_temporal():
-        whole = cells.cast((pl.Datetime if cells.dtype in (pl.Date, pl.Datetime) else pl.Duration)("ns"))
+        whole = cells.cast(
+            (pl.Datetime if cells.dtype in (pl.Date, pl.Datetime) else pl.Duration)("ns")
+        )
         return None if whole.null_count() else whole.cast(pl.Int64).to_numpy()
-    if cells.dtype == pl.String and all(one.str.contains(SECONDS).fill_null(False).all() for one in (cells[:9], cells)):
-        return np.asarray((cells.str.extract(SECONDS).cast(pl.Float64) * 1e9).round().cast(pl.Int64).to_numpy())
+    if cells.dtype == pl.String and all(
+        one.str.contains(SECONDS).fill_null(False).all() for one in (cells[:9], cells)
+    ):
+        return np.asarray(
+            (cells.str.extract(SECONDS).cast(pl.Float64) * 1e9).round().cast(pl.Int64).to_numpy()
+        )
     if cells.dtype != pl.String or not cells.str.contains(TIME).fill_null(value=False).all():
         return None
     part = [cells.str.extract(TIME, group) for group in range(1, 9)]
     days, hours, minutes = (one.cast(pl.Int64).fill_null(0).to_numpy() for one in part[:3])
     seconds = part[3].cast(pl.Int64).fill_null(0).to_numpy()
-    if part[3].null_count() == len(cells) and part[4].null_count() < len(cells):  # minutes and seconds
+    # minutes and seconds
+    if part[3].null_count() == len(cells) and part[4].null_count() < len(cells):
         hours, minutes, seconds = np.zeros_like(hours), hours, minutes
     fraction = part[4].fill_null("").str.pad_end(9, "0").cast(pl.Int64).to_numpy()
     if not part[5].null_count():
         hours = hours % 12 + 12 * part[5].str.to_lowercase().eq("p").to_numpy()
-    zone = 60 * part[6].cast(pl.Int64).fill_null(0).to_numpy() + part[7].cast(pl.Int64).fill_null(0).to_numpy()
+    zone = (
+        60 * part[6].cast(pl.Int64).fill_null(0).to_numpy()
+        + part[7].cast(pl.Int64).fill_null(0).to_numpy()
+    )
     total = ((days * 24 + hours) * 60 + minutes - zone) * 60 + seconds
     stamps = total * 1_000_000_000 + fraction
     turn = 86_400_000_000_000 if hours.any() else 3_600_000_000_000
@@ -257,21 +332,26 @@ class CsvLayout:
 class CsvTable:
     """The rows of a log, as text or, where its format has them, as numbers."""
 
-    names: list[str]  # names of the columns, as in the header; a column without a name has its number
-    units: list[str]  # units of the columns, from a row of units or from brackets behind the name; else empty
+    # names of the columns, as in the header; a column without a name has its number
+    names: list[str]
+    # units of the columns, from a row of units or from brackets behind the name; else empty
+    units: list[str]
     lines: NDArray[np.int64]  # number of each row's line in the file, (rows,)
-    body: pl.DataFrame  # the cells, a column each; null in rows in which the logger omitted the column
+    # the cells, a column each; null in rows in which the logger omitted the column
+    body: pl.DataFrame
     comments: list[str]  # comments, and what stands above the header and below the rows
     damage: Ledger  # what was repaired or left out
     delimiter: str = ""
     decimal: str = "."
     noun: str = "line"  # word for what `lines` count
     is_padded: bool = False  # whether columns differ in length and are padded with nulls
-    not_read: list[str] = field(default_factory=list)  # which columns are not, in words: nothing tells their time
+    # which columns are not, in words: nothing tells their time
+    not_read: list[str] = field(default_factory=list)
 
 
 def place_of(name: str, names: Sequence[str]) -> int:
-    """Place of the one column that a name, pattern or number means (`places_of`). Refuses none, and several."""
+    """Place of the one column that a name, pattern or number means (`places_of`). Refuses none, and
+    several."""
     places, where = places_of(name, names), f"column '{name[:80]}'"
     if len(places) > 1:
         which = listing([f"{place + 1} ('{names[place]}')" for place in places])
@@ -279,7 +359,8 @@ def place_of(name: str, names: Sequence[str]) -> int:
         raise InputError(f"{where} occurs {len(places)} times, as columns {which}; {advice}")
     if not places:
         advice = (
-            nearest(name, names) or "; correct the name in the source file, or state `time: {rate: HZ}` if it is time"
+            nearest(name, names)
+            or "; correct the name in the source file, or state `time: {rate: HZ}` if it is time"
         )
         advice = advice if len(names) > 1 else "; state `delimiter` if these are several columns"
         raise InputError(f"{where} is missing; the file has {listing(names)}{advice}")
@@ -287,28 +368,37 @@ def place_of(name: str, names: Sequence[str]) -> int:
 
 
 def places_of(name: str, names: Sequence[str]) -> list[int]:
-    """Places of the columns with this name (with or without unit), pattern (`*`: any text) or number (from 1)."""
+    """Places of the columns with this name (with or without unit), pattern (`*`: any text) or
+    number (from 1)."""
     plain = [name_and_unit(title)[0] for title in names]
     for titles in (names, plain):
         if name in titles:
             return [i for i, title in enumerate(titles) if title == name]
     if "*" in name:
         pattern = re.compile(re.escape(name).replace(r"\*", ".*"), re.DOTALL)
-        return [i for i in range(len(names)) if pattern.fullmatch(names[i]) or pattern.fullmatch(plain[i])]
+        return [
+            i
+            for i in range(len(names))
+            if pattern.fullmatch(names[i]) or pattern.fullmatch(plain[i])
+        ]
     number_given = re.fullmatch(r"[1-9]\d{0,4}", name, re.ASCII) and int(name) <= len(names)
     return [int(name) - 1] if number_given else []
 
 
 def is_clock(title: str) -> bool:
     """Whether a column is named like a clock: `time`, `t_s`, `loop_time [ms]`."""
-    name = re.sub(r"\s+", "_", name_and_unit(title)[0].rpartition("/")[2].strip())  # without groups of HDF5
+    # without groups of HDF5
+    name = re.sub(r"\s+", "_", name_and_unit(title)[0].rpartition("/")[2].strip())
     words = "time|t|timestamp|stamp|(state|loop|pi|sys|ros|elapsed)_time|elapsed|clock|seconds|time_since_start|x_value"
     words += "|millis|micros|[mu]s|(date_?)?time|datetime|date_and_time|time_of_day|(uhr)?zeit|tijd|temps|tiempo|tempo"
     return re.fullmatch(f"_*({words})(_(s|sec|ms|us|ns))?", name, re.IGNORECASE) is not None
 
 
-def read_csv_table(path: Path, layout: CsvLayout, is_unit: IsUnit, most_rows: int | None = None) -> CsvTable:
-    """The rows of a log as text; of a long log about the first `most_rows`. Raises InputError: a row does not fit."""
+def read_csv_table(
+    path: Path, layout: CsvLayout, is_unit: IsUnit, most_rows: int | None = None
+) -> CsvTable:
+    """The rows of a log as text; of a long log about the first `most_rows`. Raises InputError: a
+    row does not fit."""
     data, ends = read_text(path)
     table = table_of_text(data, ends, layout, is_unit, most_rows)
     stated = [int(found[1]) for text in table.comments if (found := STATED_ROWS.match(text))]
@@ -319,7 +409,9 @@ def read_csv_table(path: Path, layout: CsvLayout, is_unit: IsUnit, most_rows: in
     return table
 
 
-def table_of_text(data: bytes, ends: bool, layout: CsvLayout, is_unit: IsUnit, most_rows: int | None) -> CsvTable:
+def table_of_text(
+    data: bytes, ends: bool, layout: CsvLayout, is_unit: IsUnit, most_rows: int | None
+) -> CsvTable:
     """The rows of a text; of a long text about the first `most_rows`."""
     first, last, count = 0, len(data), data.count(b"\n")
     if count < 2 * (FIRST_LINES + LAST_LINES):
@@ -328,7 +420,8 @@ def table_of_text(data: bytes, ends: bool, layout: CsvLayout, is_unit: IsUnit, m
         first = data.index(b"\n", first) + 1
     for _ in range(LAST_LINES):
         last = data.rindex(b"\n", 0, last)
-    middle, behind = data[first : last + 1], count - LAST_LINES + 1  # polars splits the middle, if all lines are alike
+    # polars splits the middle, if all lines are alike
+    middle, behind = data[first : last + 1], count - LAST_LINES + 1
     if most_rows is not None and count > most_rows:
         middle = middle[: middle.rfind(b"\n", 0, most_rows * len(middle) // count) + 1]
     with suppress(InputError):  # reading the whole file then says what is wrong
@@ -345,25 +438,37 @@ def table_of_text(data: bytes, ends: bool, layout: CsvLayout, is_unit: IsUnit, m
 
 
 def alike_rows(text: bytes, delimiter: str, names: Sequence[str]) -> pl.DataFrame | None:
-    """The cells of lines that all have a cell per name, in an eighth of time and memory; None if a line differs."""
+    """The cells of lines that all have a cell per name, in an eighth of time and memory; None if a
+    line differs."""
     if b'"' in text or b"\n\n" in text or any(sign.encode() in text for sign in COMMENTS):
         return None
     if delimiter == " ":
-        text, delimiter = re.sub(rb"[ \t]+", b"\t", re.sub(rb"(?m)^[ \t]+|[ \t]+$", b"", text)), "\t"
+        text, delimiter = (
+            re.sub(rb"[ \t]+", b"\t", re.sub(rb"(?m)^[ \t]+|[ \t]+$", b"", text)),
+            "\t",
+        )
     signs = np.frombuffer(text, np.uint8)
-    counts = np.diff(np.searchsorted(np.flatnonzero(signs == ord(delimiter)), np.flatnonzero(signs == 10)), prepend=0)
+    counts = np.diff(
+        np.searchsorted(np.flatnonzero(signs == ord(delimiter)), np.flatnonzero(signs == 10)),
+        prepend=0,
+    )
     if (counts != len(names) - 1).any():
         return None
-    rows = pl.read_csv(text, has_header=False, separator=delimiter, quote_char=None, infer_schema=False)
+    rows = pl.read_csv(
+        text, has_header=False, separator=delimiter, quote_char=None, infer_schema=False
+    )
     rows = rows.with_columns(pl.all().fill_null("").str.strip_chars())
     rows.columns = list(names)
     return None if rows.select(pl.all_horizontal(pl.all() == "").any()).item() else rows
 
 
 def is_last_whole(cells: Sequence[str]) -> bool:
-    """Whether the last cell of a file without a final line break is complete: it has as many decimals as all others in
-    its column. Whole numbers do not tell: False."""
-    decimals = {len(re.split("[.,]", cell, maxsplit=1)[-1]) * bool(re.search("[.,]", cell)) for cell in cells}
+    """Whether the last cell of a file without a final line break is complete: it has as many
+    decimals as all others in its column. Whole numbers do not tell: False."""
+    decimals = {
+        len(re.split("[.,]", cell, maxsplit=1)[-1]) * bool(re.search("[.,]", cell))
+        for cell in cells
+    }
     return len(cells) > 1 and len(decimals) == 1 and 0 not in decimals
 
 
@@ -379,7 +484,9 @@ def table_of(lines: TextLines, layout: CsvLayout, is_unit: IsUnit, ends: bool = 
             comments.append((line, text.strip()[len(sign) :].strip()))
     if content and (stated := re.fullmatch(r"sep=(.)", content[0][1].strip())):  # as Excel reads it
         content = content[1:]
-        layout = replace(layout, delimiter=stated[1] if layout.delimiter == "auto" else layout.delimiter)
+        layout = replace(
+            layout, delimiter=stated[1] if layout.delimiter == "auto" else layout.delimiter
+        )
     delimiter = delimiter_of(content, layout.delimiter)
     return table_of_rows(split_rows(content, delimiter), comments, layout, is_unit, delimiter, ends)
 
@@ -394,7 +501,12 @@ class Head:
 
 
 def table_of_rows(
-    rows: Rows, comments: TextLines, layout: CsvLayout, is_unit: IsUnit, delimiter: str = "", ends: bool = True
+    rows: Rows,
+    comments: TextLines,
+    layout: CsvLayout,
+    is_unit: IsUnit,
+    delimiter: str = "",
+    ends: bool = True,
 ) -> CsvTable:
     """The table in rows of cells, of text or of a sheet of numbers."""
     damage = Ledger()
@@ -403,11 +515,16 @@ def table_of_rows(
     first_value = first_column_of_values(rows)
     head = head_of(rows, comments, layout, is_unit, delimiter, first_value)
     if len(head.names) > MOST_COLUMNS:
-        raise InputError(f"has {len(head.names)} columns, at most {MOST_COLUMNS} are read; write a row per sample")
+        raise InputError(
+            f"has {len(head.names)} columns, at most {MOST_COLUMNS} are read; write a row per"
+            " sample"
+        )
     rows, below = without_footer(rows[head.first :], first_value, layout)
     if below:
         said = " ".join(below[0][1])[:60]
-        damage.remarks.append(f"{len(below)} lines below the table, from {below[0][0]} on, are no rows: '{said}'")
+        damage.remarks.append(
+            f"{len(below)} lines below the table, from {below[0][0]} on, are no rows: '{said}'"
+        )
     names = [name or str(place) for place, name in enumerate(head.names, start=1)]
     rows = [(line, unpadded(cells, len(names))) for line, cells in rows]
     if not rows:
@@ -418,8 +535,13 @@ def table_of_rows(
         damage.lose(repairs.pop(), 0, Counter({0: skipped}), 0)
     damage.remarks += repairs
     if not fitting:
-        raise InputError(f"none of its rows fits the header's {len(names)} names; state `delimiter` or `header`")
-    body = [pl.Series(str(k), [row[k] for _, row in fitting], dtype=pl.String) for k in range(len(names))]
+        raise InputError(
+            f"none of its rows fits the header's {len(names)} names; state `delimiter` or `header`"
+        )
+    body = [
+        pl.Series(str(k), [row[k] for _, row in fitting], dtype=pl.String)
+        for k in range(len(names))
+    ]
     lines = np.array([line for line, _ in fitting])
     notes = [*head.notes, *(text for _, text in comments), *(" ".join(cells) for _, cells in below)]
     decimal = decimal_of(fitting) if layout.decimal == "auto" else layout.decimal
@@ -427,7 +549,8 @@ def table_of_rows(
 
 
 def first_column_of_values(rows: Rows) -> int | None:
-    """Place of the first column in which at least half of the cells are numbers, times or missing; None if none."""
+    """Place of the first column in which at least half of the cells are numbers, times or missing;
+    None if none."""
     sample = rows[: 2 * FIRST_LINES]
     (width, _), *_ = Counter(len(cells) for _, cells in sample).most_common(1) or [(0, 0)]
     typical = [cells for _, cells in sample if len(cells) == width]
@@ -440,8 +563,8 @@ def first_column_of_values(rows: Rows) -> int | None:
 
 
 def is_data(cells: Sequence[str], width: int, first_value: int, begins_blank: bool) -> bool:
-    """Whether a row may be data: as wide as most, with a number or time in the first column that has them, and, if data
-    `begins_blank`, nothing before it."""
+    """Whether a row may be data: as wide as most, with a number or time in the first column that
+    has them, and, if data `begins_blank`, nothing before it."""
     named = [cell for cell in cells if cell]
     is_head = not any(map(is_value, named)) or STATED_ROWS.match(" ".join(named)) is not None
     is_head |= begins_blank and any(cells[:first_value])
@@ -452,14 +575,26 @@ def is_data(cells: Sequence[str], width: int, first_value: int, begins_blank: bo
 
 
 def is_odd_data(cells: Sequence[str], width: int) -> bool:
-    """Whether a row above the data is data that lacks cells or has a word: more than half of its cells are numbers."""
+    """Whether a row above the data is data that lacks cells or has a word: more than half of its
+    cells are numbers."""
     named = [cell for cell in cells if cell]
-    is_count = (not cells[0] and named[:1] in (["0"], ["1"])) or STATED_ROWS.match(" ".join(cells)) is not None
-    return len(cells) > max(1, width / 2) and sum(map(is_number_cell, named)) > len(named) / 2 and not is_count
+    is_count = (not cells[0] and named[:1] in (["0"], ["1"])) or STATED_ROWS.match(
+        " ".join(cells)
+    ) is not None
+    return (
+        len(cells) > max(1, width / 2)
+        and sum(map(is_number_cell, named)) > len(named) / 2
+        and not is_count
+    )
 
 
 def head_of(
-    rows: Rows, comments: TextLines, layout: CsvLayout, is_unit: IsUnit, delimiter: str, first_value: int | None
+    rows: Rows,
+    comments: TextLines,
+    layout: CsvLayout,
+    is_unit: IsUnit,
+    delimiter: str,
+    first_value: int | None,
 ) -> Head:
     """Names and units of the columns, and the place of the first row of data."""
     if layout.header == "comment":
@@ -474,8 +609,12 @@ def head_of(
     if first_value is None:
         line, cells = rows[len(rows) // 2]
         said = f"no table of numbers: most of its {len(rows)} rows hold none, such as line {line}, "
-        said += f"'{' '.join(cells)[:40]}'; name a recording, or write a header and a row per sample"
-        raise InputError(said if len(rows) > 1 else "no rows of data; record it again, or exclude the trial")
+        said += (
+            f"'{' '.join(cells)[:40]}'; name a recording, or write a header and a row per sample"
+        )
+        raise InputError(
+            said if len(rows) > 1 else "no rows of data; record it again, or exclude the trial"
+        )
     begins_blank = not any(rows[len(rows) // 2][1][:first_value])
     data = partial(is_data, width=width, first_value=first_value, begins_blank=begins_blank)
     first = next((place for place, (_, cells) in enumerate(rows) if data(cells)), len(rows))
@@ -486,7 +625,9 @@ def head_of(
     every = rows[:first]
     above = joined_heads([row for row in every if not STATED_ROWS.match(" ".join(row[1]))])
     heads = above[len(above) - headers_above(above, width) :]
-    units_row = layout.units_row is True or (layout.units_row == "auto" and are_units(heads, is_unit))
+    units_row = layout.units_row is True or (
+        layout.units_row == "auto" and are_units(heads, is_unit)
+    )
     units = [*map(without_brackets, heads.pop()[1])] if units_row and len(heads) > 1 else []
     if delimiter == " " and len(units) < width:  # it is unknown which column has no unit
         units = []
@@ -497,9 +638,11 @@ def head_of(
     if not names and layout.header == "row":
         said = f"line {rows[0][0]} holds numbers, not the columns' names"
         raise InputError(f"{said}; write `header: none` and the columns' numbers")
-    labelled = next((cells[1:] for _, cells in every if cells[0] == "Y_Unit_Label"), [])  # LabVIEW's, without time's
+    # LabVIEW's, without time's
+    labelled = next((cells[1:] for _, cells in every if cells[0] == "Y_Unit_Label"), [])
     signals = [name for name in names if not is_clock(name) and name != "Comment"]
-    stated_all = [cell for cell in labelled if cell]  # if each signal has its time, in every second column
+    # if each signal has its time, in every second column
+    stated_all = [cell for cell in labelled if cell]
     labels = iter(stated_all if len(stated_all) == len(signals) else labelled)
     units = units or ["" if is_clock(name) else next(labels, "") for name in names]
     stated = [name_and_unit(name)[1] for name in names] or [""] * width
@@ -509,7 +652,8 @@ def head_of(
 
 
 def joined_heads(above: Rows) -> Rows:
-    """Rows above the data. The last two are joined if they fill different columns: pandas writes an index so."""
+    """Rows above the data. The last two are joined if they fill different columns: pandas writes an
+    index so."""
     (line, upper), (_, last) = above[-2:] if len(above) > 1 else [(0, [""]), (0, ["", ""])]
     if len(upper) != len(last) or any(map(all, zip(upper, last, strict=True))) or not any(last):
         return above
@@ -517,11 +661,16 @@ def joined_heads(above: Rows) -> Rows:
 
 
 def headers_above(above: Rows, width: int) -> int:
-    """Number of header rows right above the data, at most three. Each has cells for at least half of the columns."""
+    """Number of header rows right above the data, at most three. Each has cells for at least half
+    of the columns."""
     count = 0
     for _, cells in reversed(above[-3:]):
         filled = sum(map(bool, cells))
-        if not (width / 2 <= filled and len(unpadded(cells, 0)) <= width + 1 and (width == 1 or filled > 1)):
+        if not (
+            width / 2 <= filled
+            and len(unpadded(cells, 0)) <= width + 1
+            and (width == 1 or filled > 1)
+        ):
             break
         count += 1
     return min(count, 1) if width == 1 else count
@@ -534,24 +683,40 @@ def are_units(heads: Rows, is_unit: IsUnit) -> bool:
     return bool(cells) and sum(is_unit(cell) and cell != "1" for cell in cells) > len(cells) / 2
 
 
-def named_by(heads: Rows, above: Rows, comments: TextLines, width: int, delimiter: str) -> list[str]:
-    """Names of the columns, from the header row nearest to the data; if names repeat there, joined with the row above.
-    Without a header: from a line with another delimiter, or a comment. Empty if there are none."""
+def named_by(
+    heads: Rows, above: Rows, comments: TextLines, width: int, delimiter: str
+) -> list[str]:
+    """Names of the columns, from the header row nearest to the data; if names repeat there, joined
+    with the row above. Without a header: from a line with another delimiter, or a comment. Empty if
+    there are none."""
     if heads:
         names = unpadded(heads[-1][1], 0)
         if delimiter == " " and len(names) > width:  # `POS (ANAT)` is one name
             names = re.findall(r"\S+(?: [(\[]\S+)*", " ".join(names))
-        if len(names) == width + 1 and names[-1].casefold() == "comment":  # LabVIEW's last column is empty
+        # LabVIEW's last column is empty
+        if len(names) == width + 1 and names[-1].casefold() == "comment":
             names = names[:width]
         if len(heads) > 1 and len({*filter(None, names)}) < len([*filter(None, names)]):
             upper = [""]
-            for cell in [*heads[-2][1], *[""] * width][:width]:  # a name stands above the first of its columns
+            # a name stands above the first of its columns
+            for cell in [*heads[-2][1], *[""] * width][:width]:
                 upper.append(cell or upper[-1])
             names = [" ".join(filter(None, pair)) for pair in zip(upper[1:], names, strict=False)]
         return names
-    texts = [delimiter.join(cells) for _, cells in above[-1:]] + [text for _, text in comments[::-1]]
+    texts = [delimiter.join(cells) for _, cells in above[-1:]] + [
+        text for _, text in comments[::-1]
+    ]
     for text in texts:
-        for pattern in (re.escape(delimiter or ","), r"\t", ";", ",", r"\|", r"\s{2,}", r"(?<=[\])}])\s+", r"\s+"):
+        for pattern in (
+            re.escape(delimiter or ","),
+            r"\t",
+            ";",
+            ",",
+            r"\|",
+            r"\s{2,}",
+            r"(?<=[\])}])\s+",
+            r"\s+",
+        ):
             cells = [cell.strip(' "') for cell in re.split(pattern, text.strip())]
             if len(cells) == width and not any(map(is_value, cells)):
                 return cells
@@ -559,11 +724,13 @@ def named_by(heads: Rows, above: Rows, comments: TextLines, width: int, delimite
 
 
 def without_footer(rows: Rows, first_value: int | None, layout: CsvLayout) -> tuple[Rows, Rows]:
-    """Rows of data, and the footer: the last rows with a word in or before the first column of numbers."""
+    """Rows of data, and the footer: the last rows with a word in or before the first column of
+    numbers."""
     end, place = len(rows), first_value or 0
     while end and layout.header in ("auto", "row") and len(rows) - end < LAST_LINES:
         cells = rows[end - 1][1]
-        beside = [cell for cell, first in zip(cells[:place], rows[0][1], strict=False) if not first]  # blank elsewhere
+        # blank elsewhere
+        beside = [cell for cell, first in zip(cells[:place], rows[0][1], strict=False) if not first]
         if len(cells) <= place or all(
             is_value(cell) or is_value(cell.split(" ")[0]) for cell in [*beside, cells[place]]
         ):
@@ -573,22 +740,28 @@ def without_footer(rows: Rows, first_value: int | None, layout: CsvLayout) -> tu
 
 
 def without_cut_row(rows: Rows, width: int, damage: Ledger, whole: bool) -> Rows:
-    """Rows without a last row that is, or may be, cut off by an interrupted recorder. `whole`: it has a line break."""
+    """Rows without a last row that is, or may be, cut off by an interrupted recorder. `whole`: it
+    has a line break."""
     line, cells = rows[-1]
     if len(rows) > 1 and len(cells) < min(width, len(rows[-2][1])):
         damage.miss_end(f"the last line, {line}, is cut off and was skipped")
         return rows[:-1]
     if len(rows) > 1 and not whole and not is_last_whole([cells[-1] for _, cells in rows]):
-        damage.remarks.append(f"the last line, {line}, has no line break, may be cut in a number and was skipped")
+        damage.remarks.append(
+            f"the last line, {line}, has no line break, may be cut in a number and was skipped"
+        )
         damage.uncounted = True
         return rows[:-1]
     return rows
 
 
 def decimal_of(rows: Sequence[tuple[int, Sequence[str | None]]]) -> str:
-    """The decimal sign of the cells. A comma if numbers have commas and no stops, unless all may separate thousands."""
+    """The decimal sign of the cells. A comma if numbers have commas and no stops, unless all may
+    separate thousands."""
     columns = zip_longest(*(row for _, row in (*rows[:FIRST_LINES], *rows[-LAST_LINES:])))
-    numbers = [[*filter(is_value, {cell or "" for cell in column} - {*MISSING})] for column in columns]
+    numbers = [
+        [*filter(is_value, {cell or "" for cell in column} - {*MISSING})] for column in columns
+    ]
     others = [column for column in numbers if not are_whole_thousands(column, ".")]
     cells = [cell for column in others for cell in column]
     commas = [cell for cell in cells if re.fullmatch(r"[+-]?\d*,\d+([eE][+-]?\d+)?", cell)]
@@ -612,7 +785,9 @@ def unpadded(cells: list[str], width: int) -> list[str]:
     return cells[: max(last, width)]
 
 
-def fitting_rows(rows: Rows, width: int, layout: CsvLayout) -> tuple[list[tuple[int, list[str | None]]], list[str]]:
+def fitting_rows(
+    rows: Rows, width: int, layout: CsvLayout
+) -> tuple[list[tuple[int, list[str | None]]], list[str]]:
     """The rows that fit, with None for omitted columns, and a note on each repair."""
     if layout.ragged == "dropped_variable":
         return dropped_variables(rows, width, layout.missing)
@@ -620,10 +795,16 @@ def fitting_rows(rows: Rows, width: int, layout: CsvLayout) -> tuple[list[tuple[
     if odd and (layout.ragged == "refuse" or len(odd) > layout.most_missing * len(rows)):
         share = share_above(len(odd), len(rows))
         more = f" and `most_missing: {share:g}`" if share > layout.most_missing else ""
-        remedy = f"repair these lines, or write `ragged: skip`{more} in the source file to leave them out"
+        remedy = (
+            f"repair these lines, or write `ragged: skip`{more} in the source file to leave"
+            " them out"
+        )
         if len({count for _, count in odd}) == 1 and len(odd) == len(rows):
             remedy = "write a name for each, and the same sign between names as between cells"
-        said = f"line {odd[0][0]} has {odd[0][1]} cells under {width} names, and {len(odd)} of {len(rows)} rows"
+        said = (
+            f"line {odd[0][0]} has {odd[0][1]} cells under {width} names, and {len(odd)} of"
+            f" {len(rows)} rows"
+        )
         raise InputError(f"{said} do not fit; {remedy}")
     note = f"{len(odd)} of {len(rows)} rows do not fit the header and were skipped"
     return [(line, list(cells)) for line, cells in rows if len(cells) == width], [note] * bool(odd)
@@ -632,26 +813,38 @@ def fitting_rows(rows: Rows, width: int, layout: CsvLayout) -> tuple[list[tuple[
 def dropped_variables(
     rows: Rows, width: int, missing: Collection[str]
 ) -> tuple[list[tuple[int, list[str | None]]], list[str]]:
-    """The rows of a logger that omits failed variables; None from there on. The omitted columns are those missing in
-    the row before. The logger of `opensourceleg` writes its header late, with the first thousand rows. Variables that
-    failed before have no name in it: their cells, those missing in the last row that has them, are left out."""
+    """The rows of a logger that omits failed variables; None from there on. The omitted columns are
+    those missing in the row before. The logger of `opensourceleg` writes its header late, with the
+    first thousand rows. Variables that failed before have no name in it: their cells, those missing
+    in the last row that has them, are left out."""
     notes, columns, filled = list[str](), list(range(width)), list[tuple[int, list[str | None]]]()
     first = next((place for place, (_, cells) in enumerate(rows) if len(cells) == width), 0)
     lengths = {len(cells) for _, cells in rows[:first]}
-    unnamed = [place for place, cell in enumerate(rows[first - 1][1]) if cell in missing] if first else []
+    unnamed = (
+        [place for place, cell in enumerate(rows[first - 1][1]) if cell in missing] if first else []
+    )
     if unnamed and lengths == {width + len(unnamed)}:
-        named = [(n, [cell for k, cell in enumerate(cells) if k not in unnamed]) for n, cells in rows[:first]]
+        named = [
+            (n, [cell for k, cell in enumerate(cells) if k not in unnamed])
+            for n, cells in rows[:first]
+        ]
         which = ", ".join(str(place + 1) for place in unnamed)
-        notes.append(f"up to line {rows[first - 1][0]}, cells {which} of every row have no name and were left out")
+        notes.append(
+            f"up to line {rows[first - 1][0]}, cells {which} of every row have no name and were"
+            " left out"
+        )
         rows = [*named, *rows[first:]]
     for place, (line, cells) in enumerate(rows):
         if len(cells) != len(columns):
             before = rows[place - 1][1] if place else []
-            failed = [column for column, cell in zip(columns, before, strict=False) if cell in missing]
+            failed = [
+                column for column, cell in zip(columns, before, strict=False) if cell in missing
+            ]
             if len(cells) > len(columns) or len(columns) - len(cells) != len(failed):
                 raise InputError(
-                    f"line {line} has {len(cells)} cells where {len(columns)} were, and {len(failed)} were "
-                    "missing in the line before: it is unknown which column was omitted; cut the file off there"
+                    f"line {line} has {len(cells)} cells where {len(columns)} were, and"
+                    f" {len(failed)} were missing in the line before: it is unknown which column"
+                    " was omitted; cut the file off there"
                 )
             columns = [column for column in columns if column not in failed]
             which = ", ".join(str(column + 1) for column in failed)

@@ -1,11 +1,13 @@
-"""Fields of messages as columns of numbers, by the messages' shapes, in every encoding: CDR, ROS 1, JSON, protobuf.
+"""Fields of messages as columns of numbers, by the messages' shapes, in every encoding: CDR, ROS 1,
+JSON, protobuf.
 
-A walk through one ROS message finds where its numbers stand: in the same places in all messages of its *shape*, of the
-same length and the same bytes where strings and sequences tell their lengths (its *guards*). JSON and protobuf become
-objects one by one.
+A walk through one ROS message finds where its numbers stand: in the same places in all messages of
+its *shape*, of the same length and the same bytes where strings and sequences tell their lengths
+(its *guards*). JSON and protobuf become objects one by one.
 
-A path is dotted: `position[0]`, `position[name=ankle]` (the element at the place of `ankle` in the array `name` beside
-it). A name with a dot or a bracket stands in brackets, written as JSON writes a text: `functions["loadcell.mz"]`."""
+A path is dotted: `position[0]`, `position[name=ankle]` (the element at the place of `ankle` in the
+array `name` beside it). A name with a dot or a bracket stands in brackets, written as JSON writes a
+text: `functions["loadcell.mz"]`."""
 
 import json
 import re
@@ -67,17 +69,27 @@ class FieldDescription(NamedTuple):
 
     path: str
     type: str  # type of the number, such as float64 or bool
-    length: int | None = None  # number of elements in the inspected message; None for a single number
-    elements: Sequence[str] = ()  # of an array: all as `name=ankle` where an array of text beside it tells, else `0`
+    # number of elements in the inspected message; None for a single number
+    length: int | None = None
+    # of an array: all as `name=ankle` where an array of text beside it tells, else `0`
+    elements: Sequence[str] = ()
 
     def addresses(self) -> list[str]:
-        return [self.path] if self.length is None else [f"{self.path}[{element}]" for element in self.elements]
+        return (
+            [self.path]
+            if self.length is None
+            else [f"{self.path}[{element}]" for element in self.elements]
+        )
 
 
 def labels_of(path: str, length: int | None, texts: Mapping[str, Sequence[str]]) -> list[str]:
-    """Labels of an array's elements, from an array of as many different texts beside it in the message."""
+    """Labels of an array's elements, from an array of as many different texts beside it in the
+    message."""
     for array, names in texts.items():
-        (parent, _, name), is_sound = array.rpartition("."), all(one and "]" not in one for one in names)
+        (parent, _, name), is_sound = (
+            array.rpartition("."),
+            all(one and "]" not in one for one in names),
+        )
         beside = parent == path.rpartition(".")[0] and re.fullmatch(r"\w+", name)
         if beside and len(names) == length == len(set(names)) and is_sound:
             return [f"{name}={one}" for one in names]
@@ -85,10 +97,15 @@ def labels_of(path: str, length: int | None, texts: Mapping[str, Sequence[str]])
 
 
 def fields_in(
-    value: Any, most: int, cut: dict[str, int], path: str = "", texts: Mapping[str, Any] | None = None
+    value: Any,
+    most: int,
+    cut: dict[str, int],
+    path: str = "",
+    texts: Mapping[str, Any] | None = None,
 ) -> Iterator[FieldDescription]:
-    """The numbers of an object, or of a value in it. `most` elements of an array without labels are described; `cut`
-    takes the lengths of longer ones. `texts` are the arrays of text beside the value."""
+    """The numbers of an object, or of a value in it. `most` elements of an array without labels are
+    described; `cut` takes the lengths of longer ones. `texts` are the arrays of text beside the
+    value."""
     if isinstance(value, int | float):
         yield FieldDescription(path, np.dtype(type(value)).name)
     elif is_array(value):
@@ -97,20 +114,32 @@ def fields_in(
         if len(value) > most and not labels:
             cut[path] = len(value)
         if all_are(int | float, numbers):
-            kept = [name for name, one in zip(labels or map(str, range(most)), value, strict=False) if one is not None]
+            kept = [
+                name
+                for name, one in zip(labels or map(str, range(most)), value, strict=False)
+                if one is not None
+            ]
             if kept:
                 yield FieldDescription(path, np.dtype(type(numbers[0])).name, len(value), kept)
         else:
             for index, one in enumerate(value[:most]):
                 yield from fields_in(one, most, cut, f"{path}[{index}]")
     else:
-        own_names = [one.name for one in value.DESCRIPTOR.fields] if hasattr(value, "DESCRIPTOR") else []
+        own_names = (
+            [one.name for one in value.DESCRIPTOR.fields] if hasattr(value, "DESCRIPTOR") else []
+        )
         inner = {}
         for name in value if isinstance(value, dict) else own_names:
             is_plain = re.fullmatch(r"[^.\[\]]+", name)
-            own = f"{path}.{name}".removeprefix(".") if is_plain else f"{path}[{json.dumps(name, ensure_ascii=False)}]"
+            own = (
+                f"{path}.{name}".removeprefix(".")
+                if is_plain
+                else f"{path}[{json.dumps(name, ensure_ascii=False)}]"
+            )
             inner[own] = member(value, name)
-        beside = {own: list(one) for own, one in inner.items() if is_array(one) and all_are(str, one)}
+        beside = {
+            own: list(one) for own, one in inner.items() if is_array(one) and all_are(str, one)
+        }
         for own, one in inner.items():
             yield from fields_in(one, most, cut, own, beside)
 
@@ -119,8 +148,10 @@ ROWS_AT_ONCE = 1 << 16  # messages of one shape that are copied to rows at a tim
 
 
 def joined_masked(pieces: Sequence[NDArray[Any]]) -> NDArray[Any]:
-    """Pieces of a column behind one another; those of numpy take ten times as long where nothing is masked."""
-    of: Any = np.ma if any(map(np.ma.isMaskedArray, pieces)) else np  # numpy before 2.5 gives it no types
+    """Pieces of a column behind one another; those of numpy take ten times as long where nothing is
+    masked."""
+    # numpy before 2.5 gives it no types
+    of: Any = np.ma if any(map(np.ma.isMaskedArray, pieces)) else np
     return np.ma.array(of.concatenate(pieces))
 
 
@@ -139,25 +170,33 @@ class Reader:
     """Reads the wanted fields of a channel's messages, block by block."""
 
     paths: Sequence[str]  # each once
-    kind: Any  # a MessageType, or a function that makes objects of messages and raises ValueError if one does not fit
-    lines: Indices | None = None  # number of the line in which each message stands, in a file of lines
+    # a MessageType, or a function that makes objects of messages and raises ValueError if one does
+    # not fit
+    kind: Any
+    # number of the line in which each message stands, in a file of lines
+    lines: Indices | None = None
     count: int = 0  # messages so far
     misfit: str = ""  # what is wrong with the first message that is not what its type says
     no_numbers: int = 0  # messages that are lost since they have something else than a number
     found: list[int] = field(default_factory=list)  # places of those that became objects
     numbers: list[list[Any]] = field(default_factory=list)  # of each path what these have there
-    parts: list[tuple[Indices, Values]] = field(default_factory=list)  # the same of messages of one shape
-    shapes: dict[int, list["Shape"]] = field(default_factory=lambda: defaultdict(list))  # of ROS, by length
+    # the same of messages of one shape
+    parts: list[tuple[Indices, Values]] = field(default_factory=list)
+    # of ROS, by length
+    shapes: dict[int, list["Shape"]] = field(default_factory=lambda: defaultdict(list))
 
     def place(self, row: int) -> str:
         """A message, for the user."""
         return f"message {row + 1}" if self.lines is None else f"line {self.lines[row]}"
 
     def read(self, buffer: bytes, starts: Indices, lengths: Indices) -> None:
-        """Take in messages that begin at `starts` [bytes]; NoNumberError if a wanted field of ROS is no number."""
+        """Take in messages that begin at `starts` [bytes]; NoNumberError if a wanted field of ROS
+        is no number."""
         if not isinstance(self.kind, MessageType):
             ends = (starts + lengths).tolist()
-            return self.take([buffer[start:end] for start, end in zip(starts.tolist(), ends, strict=True)])
+            return self.take(
+                [buffer[start:end] for start, end in zip(starts.tolist(), ends, strict=True)]
+            )
         left = np.arange(starts.size)
         while left.size:  # messages of one length at a time
             length = int(lengths[left[0]])
@@ -169,7 +208,8 @@ class Reader:
         return None
 
     def read_rows(self, mine: Indices, rows: NDArray[np.void]) -> None:
-        """Take in messages of one length, (n,), that are `mine` of those that are read, shape by shape."""
+        """Take in messages of one length, (n,), that are `mine` of those that are read, shape by
+        shape."""
         known, tried = self.shapes[rows.itemsize], 0
         while mine.size:
             if tried == len(known):  # the first message of a shape tells it
@@ -205,7 +245,8 @@ class Reader:
         self.count += len(payloads)
 
     def columns(self, rank: Indices | None = None) -> Columns:
-        """What was read, in the order of `rank`, which all messages have, (count,); without it as it was read."""
+        """What was read, in the order of `rank`, which all messages have, (count,); without it as
+        it was read."""
         parts = self.parts
         if self.found:
             columns = map(masked_numbers, self.paths, self.numbers)
@@ -216,50 +257,72 @@ class Reader:
         absent = np.ma.array(np.zeros(rows.size, bool), mask=True)
         for path in self.paths:
             is_there = any(path in one for _, one in parts)
-            pieces = [one[path] if path in one else absent[: rows.size] for rows, one in parts if is_there]
+            pieces = [
+                one[path] if path in one else absent[: rows.size] for rows, one in parts if is_there
+            ]
             whole = joined_masked([none, *pieces]) if is_there else absent
-            values[path] = whole if in_order else whole[order]  # of an hour at 1 kHz a copy is 30 MB
+            # of an hour at 1 kHz a copy is 30 MB
+            values[path] = whole if in_order else whole[order]
         return Columns(rows[order], values, self.count - rows.size, self.misfit)
 
 
 def masked_numbers(path: str, column: Sequence[float | bool | None]) -> NDArray[Any]:
-    """Numbers, masked where there is none; whole ones in the type that holds them exactly, if one does."""
+    """Numbers, masked where there is none; whole ones in the type that holds them exactly, if one
+    does."""
     known, mask = [0 if one is None else one for one in column], [one is None for one in column]
     kinds = {one.__class__ for one in column if one is not None}
     if bool in kinds and len(kinds) > 1:  # joined, `True` would become 1
-        raise InputError(f"field '{path}' is a truth value in some places and a number in others; name another one")
+        raise InputError(
+            f"field '{path}' is a truth value in some places and a number in others; name"
+            " another one"
+        )
     for kind in (np.int64, np.uint64) if kinds == {int} else ():
         with suppress(OverflowError):
             return np.ma.array(np.array(known, kind), mask=mask)
     return np.ma.array(np.array(known, np.float64 if kinds - {bool} else bool), mask=mask)
 
 
-NOT_DEFINED = "not defined"  # key in a channel's metadata: why the channel has no schema, and what to do
+# key in a channel's metadata: why the channel has no schema, and what to do
+NOT_DEFINED = "not defined"
 
 
 def type_of(channel: Channel, schema: Schema | None) -> "MessageType | Callable[[bytes], Any]":
-    """The type of a channel's messages of ROS, or what makes objects of others; InputError if they cannot be read."""
+    """The type of a channel's messages of ROS, or what makes objects of others; InputError if they
+    cannot be read."""
     encoding = (channel.message_encoding, schema.encoding if schema else "no schema")
     if NOT_DEFINED in channel.metadata:
         raise InputError(f"topic '{channel.topic}': {channel.metadata[NOT_DEFINED]}")
     if encoding[0] == "json":
         return json_object
-    if schema is None or encoding not in (("cdr", "ros2msg"), ("ros1", "ros1msg"), ("protobuf", "protobuf")):
+    if schema is None or encoding not in (
+        ("cdr", "ros2msg"),
+        ("ros1", "ros1msg"),
+        ("protobuf", "protobuf"),
+    ):
         said = f"topic '{channel.topic}' is encoded as {encoding[0]} ({encoding[1]})"
         raise InputError(
-            f"{said}; read are cdr (ros2msg), ros1 (ros1msg), protobuf (protobuf) and json: convert the log"
+            f"{said}; read are cdr (ros2msg), ros1 (ros1msg), protobuf (protobuf) and json: convert"
+            " the log"
         )
     try:
         is_ros = encoding[0] != "protobuf"
-        return message_type(schema, ros1=encoding[0] == "ros1") if is_ros else protobuf_decoder(schema)
+        return (
+            message_type(schema, ros1=encoding[0] == "ros1") if is_ros else protobuf_decoder(schema)
+        )
     except InputError as error:
         said = f"topic '{channel.topic}': {str(error).replace('; ', ', ')}"
-        remedy = "record again with the definitions that its publisher was built with, or map another topic"
+        remedy = (
+            "record again with the definitions that its publisher was built with, or map another"
+            " topic"
+        )
         raise InputError(f"{said}; {remedy}") from error
 
 
-def describe_message(channel: Channel, schema: Schema | None, payload: bytes | None) -> list[FieldDescription]:
-    """The fields of a channel's message, or without one of its schema; ValueError if they cannot be told."""
+def describe_message(
+    channel: Channel, schema: Schema | None, payload: bytes | None
+) -> list[FieldDescription]:
+    """The fields of a channel's message, or without one of its schema; ValueError if they cannot be
+    told."""
     kind = type_of(channel, schema)
     if not isinstance(kind, MessageType):
         no_schema = payload is None and kind is json_object
@@ -269,23 +332,35 @@ def describe_message(channel: Channel, schema: Schema | None, payload: bytes | N
     for path, (_, text) in shape.texts.items():
         texts[path.rpartition("[")[0]].append(text.rstrip(b"\0").decode(errors="replace"))
     return [
-        FieldDescription(path, np.dtype(spelled).name, length, labels_of(path, length, texts) or ["0"])
+        FieldDescription(
+            path, np.dtype(spelled).name, length, labels_of(path, length, texts) or ["0"]
+        )
         for path, (_, spelled, length) in shape.leaves.items()
         if not re.search(r"\[(?!0\])\d+\]", path)  # of an array of messages the first one tells
     ]
 
 
 PRIMITIVES = {
-    "bool": "?", "byte": "u1", "char": "u1", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2",
+    "bool": "?", "byte": "u1", "char": "u1", "int8": "i1", "uint8": "u1", "int16": "i2",
+    "uint16": "u2",
     "int32": "i4", "uint32": "u4", "int64": "i8", "uint64": "u8", "float32": "f4", "float64": "f8",
 }  # fmt: skip
-"""Types in numpy's spelling. rosidl maps `char` to uint8: design.ros2.org/articles/legacy_interface_definition.html."""
-FIELD = re.compile(r"(?P<type>[A-Za-z][\w/]*)(<=\d+)?(?P<array>\[(?P<bound><=)?(?P<size>\d*)\])?\s+(?P<name>\w+)")
-ROS1_AS_ROS2 = {"time": "ros1/Time", "duration": "ros1/Duration", "Header": "std_msgs/Header", "byte": "int8"}
+"""Types in numpy's spelling. rosidl maps `char` to uint8:
+design.ros2.org/articles/legacy_interface_definition.html."""
+FIELD = re.compile(
+    r"(?P<type>[A-Za-z][\w/]*)(<=\d+)?(?P<array>\[(?P<bound><=)?(?P<size>\d*)\])?\s+(?P<name>\w+)"
+)
+ROS1_AS_ROS2 = {
+    "time": "ros1/Time",
+    "duration": "ros1/Duration",
+    "Header": "std_msgs/Header",
+    "byte": "int8",
+}
 """What the types that ROS 2 does not have, or means otherwise, are (wiki.ros.org/msg)."""
 
 
-# name, type (a primitive, a string or `package/Name`), and the length of an array: -1 where the message tells it
+# name, type (a primitive, a string or `package/Name`), and the length of an array: -1 where the
+# message tells it
 MessageField = tuple[str, str, int | None]
 
 
@@ -312,17 +387,25 @@ def message_type(schema: Schema, *, ros1: bool) -> MessageType:
     for number, part in enumerate(re.split(r"^={3,}\s*$", text, flags=re.MULTILINE)):
         head = re.match(r"\s*MSG:\s*(\S+)[ \t]*$", part, re.MULTILINE) if number else None
         if number and not head:
-            raise InputError(f"schema {schema.name}: a line 'MSG: package/Name' is missing after a separator")
+            raise InputError(
+                f"schema {schema.name}: a line 'MSG: package/Name' is missing after a separator"
+            )
         owner = short_name(head[1] if head else schema.name)
         fields = definitions[owner] = list[MessageField]()
         for raw in part[head.end() if head else 0 :].splitlines():
             line = raw.split("#")[0].strip()
             match = FIELD.match(line)
             if line and not match:
-                raise InputError(f"schema {owner}: cannot read the line '{line[:60]}'; expected a type and a name")
+                raise InputError(
+                    f"schema {owner}: cannot read the line '{line[:60]}'; expected a type and a"
+                    " name"
+                )
             if not match or line[match.end() :].lstrip().startswith("="):  # a constant
                 continue
-            kind, array = ROS1_AS_ROS2.get(match["type"], match["type"]) if ros1 else match["type"], None
+            kind, array = (
+                ROS1_AS_ROS2.get(match["type"], match["type"]) if ros1 else match["type"],
+                None,
+            )
             if kind not in known:  # a bare name belongs to the package that uses it
                 kind = short_name(kind) if "/" in kind else f"{owner.split('/')[0]}/{kind}"
             if match["array"] is not None:
@@ -337,7 +420,8 @@ def message_type(schema: Schema, *, ros1: bool) -> MessageType:
     return MessageType(short_name(schema.name), definitions, ros1)
 
 
-# first byte in the message, type of the number in numpy's spelling (`?` for a bool), and length of an array, or None
+# first byte in the message, type of the number in numpy's spelling (`?` for a bool), and length of
+# an array, or None
 Leaf = tuple[int, str, int | None]
 
 
@@ -345,13 +429,17 @@ Leaf = tuple[int, str, int | None]
 class Shape:
     """Where the numbers of a message are, and how to read those of its likes."""
 
-    leaves: dict[str, Leaf] = field(default_factory=dict)  # its numbers, and arrays of numbers, by path
-    texts: dict[str, tuple[int, bytes]] = field(default_factory=dict)  # place and bytes of strings in arrays, by path
-    guards: list[tuple[int, bytes]] = field(default_factory=list)  # places and bytes that another message must share
+    # its numbers, and arrays of numbers, by path
+    leaves: dict[str, Leaf] = field(default_factory=dict)
+    # place and bytes of strings in arrays, by path
+    texts: dict[str, tuple[int, bytes]] = field(default_factory=dict)
+    # places and bytes that another message must share
+    guards: list[tuple[int, bytes]] = field(default_factory=list)
     wanted: dict[str, Leaf] = field(default_factory=dict)  # the numbers to read, by path
 
     def leaf_at(self, path: str) -> Leaf | None:
-        """The single number at `path`; None where the message lacks the field or its array is too short."""
+        """The single number at `path`; None where the message lacks the field or its array is too
+        short."""
         leaf = self.leaves.get(path)
         if leaf is not None and leaf[2] is not None:
             raise NoNumberError(f"field '{path}' is an array of {leaf[2]}, not one number")
@@ -391,14 +479,23 @@ class Shape:
 
 
 def shape_of(kind: MessageType, payload: bytes | None, paths: Sequence[str] = ()) -> Shape:
-    """The shape of one message, to read the fields at `paths`, as far as it has them; without a message that of zeros.
-    InputError if the message is not what its type says, NoNumberError if a field is no single number."""
+    """The shape of one message, to read the fields at `paths`, as far as it has them; without a
+    message that of zeros. InputError if the message is not what its type says, NoNumberError if a
+    field is no single number."""
     begin = 0 if kind.ros1 else 4
     data = bytes((0, not kind.ros1)) + bytes(1 << 16) if payload is None else payload
     if not kind.ros1 and (len(data) < 4 or data[0] != 0 or data[1] > 1):
-        raise InputError(f"encapsulation {data[:4].hex()} is not plain CDR; record with the default encoding")
-    order, position, shape = "<" if kind.ros1 or data[1] else ">", begin, Shape(guards=[(0, data[: begin // 2])])
-    too_short = InputError(f"a message of {len(data)} bytes is too short for its schema; the schema is not its own")
+        raise InputError(
+            f"encapsulation {data[:4].hex()} is not plain CDR; record with the default encoding"
+        )
+    order, position, shape = (
+        "<" if kind.ros1 or data[1] else ">",
+        begin,
+        Shape(guards=[(0, data[: begin // 2])]),
+    )
+    too_short = InputError(
+        f"a message of {len(data)} bytes is too short for its schema; the schema is not its own"
+    )
 
     def align(size: int) -> None:
         nonlocal position
@@ -417,10 +514,12 @@ def shape_of(kind: MessageType, payload: bytes | None, paths: Sequence[str] = ()
 
     def walk(name: str, prefix: str) -> None:
         nonlocal position
-        position += not kind.definitions[name] and not kind.ros1  # one without fields has a byte in CDR
+        # one without fields has a byte in CDR
+        position += not kind.definitions[name] and not kind.ros1
         for own_name, own_type, array in kind.definitions[name]:
             path, number = f"{prefix}{own_name}", PRIMITIVES.get(own_type)
-            size = np.dtype(number).itemsize if number else 4 if own_type == "string" else 1  # at least
+            # at least
+            size = np.dtype(number).itemsize if number else 4 if own_type == "string" else 1
             count = 1 if array is None else length() if array < 0 else array
             if array is not None and count * size > len(data) - position:
                 raise too_short  # a damaged length would make a loop without end
@@ -444,7 +543,8 @@ def shape_of(kind: MessageType, payload: bytes | None, paths: Sequence[str] = ()
     if position > len(data):
         raise too_short
     left = data[position:]
-    most = 0 if kind.ros1 else 3 if left.strip(b"\0") else 7  # DDS pads to four bytes of any content (RTPS 2.5, 9.4.1)
+    # DDS pads to four bytes of any content (RTPS 2.5, 9.4.1)
+    most = 0 if kind.ros1 else 3 if left.strip(b"\0") else 7
     if len(left) > most:
         said = f"a message of {len(data)} bytes has {len(left)} more than its schema describes"
         remedy = "record the log again with the definitions that its publisher was built with"
@@ -461,13 +561,15 @@ def numbers_in(rows: NDArray[np.void], place: int, kind: np.dtype[Any]) -> NDArr
 
 
 def numbers_at(buffer: bytes, places: Indices, kind: np.dtype[Any]) -> NDArray[Any]:
-    """The numbers of one type at places in a buffer [bytes], which need not be aligned, (places,)."""
+    """The numbers of one type at places in a buffer [bytes], which need not be aligned,
+    (places,)."""
     everywhere = np.ndarray((max(0, len(buffer) - kind.itemsize + 1),), kind, buffer, 0, (1,))
     return everywhere[places]
 
 
 def number_at(message: Any, path: str) -> float | bool | None:
-    """The number at a path of an object, None where there is none; NoNumberError where something else stands."""
+    """The number at a path of an object, None where there is none; NoNumberError where something
+    else stands."""
     value, parent = message, None
     for key, way in steps_of(path):
         if value is None:
@@ -495,7 +597,10 @@ def number_at(message: Any, path: str) -> float | bool | None:
 def one_named(names: Sequence[Any], wanted: tuple[str, str]) -> bool:
     """Whether an element has the wanted name; NoNumberError where several have it."""
     if (count := list(names).count(wanted[1])) > 1:
-        raise NoNumberError(f"{count} elements are named '{wanted[1]}' in '{wanted[0]}': write an index in its place")
+        raise NoNumberError(
+            f"{count} elements are named '{wanted[1]}' in '{wanted[0]}': write an index in its"
+            " place"
+        )
     return count == 1
 
 
@@ -515,7 +620,8 @@ def all_are(kind: Any, values: Sequence[Any]) -> bool:
 
 
 def member(record: Any, name: str, way: str = "") -> Any:
-    """A field of an object at the path `way`, None where it is not written; NoNumberError where there is no object."""
+    """A field of an object at the path `way`, None where it is not written; NoNumberError where
+    there is no object."""
     if record.__class__ is dict:
         return record.get(name)
     descriptor = getattr(record, "DESCRIPTOR", None)
@@ -535,8 +641,10 @@ def json_object(text: bytes) -> Any:
 
 
 def protobuf_decoder(schema: Schema) -> Callable[[bytes], Any]:
-    """Makes a message of google.protobuf; InputError where the schema cannot be used, or a message does not fit it."""
-    from google.protobuf.message import DecodeError  # these cost time to import, and few logs need them
+    """Makes a message of google.protobuf; InputError where the schema cannot be used, or a message
+    does not fit it."""
+    # these cost time to import, and few logs need them
+    from google.protobuf.message import DecodeError
     from mcap.exceptions import McapError
     from mcap_protobuf.decoder import DecoderFactory
 
@@ -544,7 +652,9 @@ def protobuf_decoder(schema: Schema) -> Callable[[bytes], Any]:
         decode: Any = DecoderFactory().decoder_for("protobuf", schema)
         decode(b"")
     except (McapError, DecodeError, TypeError, KeyError, ValueError, RecursionError) as error:
-        raise InputError(f"schema {schema.name}: cannot be read: {' '.join(str(error).split())}") from error
+        raise InputError(
+            f"schema {schema.name}: cannot be read: {' '.join(str(error).split())}"
+        ) from error
 
     def checked(payload: bytes) -> Any:
         try:

@@ -1,6 +1,7 @@
 """Recordings of messages by topic, whatever their container is: MCAP, or a bag of ROS.
 
-A container gives its messages in blocks, and counts what it lost. Here their fields become columns, by topic."""
+A container gives its messages in blocks, and counts what it lost. Here their fields become columns,
+by topic."""
 
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -33,7 +34,8 @@ class MessageBlock:
 
     buffer: bytes
     channel: NDArray[np.uint16]
-    sequence: NDArray[np.uint32]  # number that the recorder or the publisher gave to each message; often 0
+    # number that the recorder or the publisher gave to each message; often 0
+    sequence: NDArray[np.uint32]
     log_time: message_fields.Indices  # when each message was logged [ns]
     starts: message_fields.Indices  # where each payload begins in the buffer [bytes]
     lengths: message_fields.Indices  # length of each payload [bytes]
@@ -50,7 +52,9 @@ class MessageBlock:
             return self
         rows = np.flatnonzero(mine)
         channel, sequence, log_time = self.channel[rows], self.sequence[rows], self.log_time[rows]
-        return MessageBlock(self.buffer, channel, sequence, log_time, self.starts[rows], self.lengths[rows])
+        return MessageBlock(
+            self.buffer, channel, sequence, log_time, self.starts[rows], self.lengths[rows]
+        )
 
 
 @dataclass
@@ -63,17 +67,23 @@ class MessageFile:
     channels: dict[int, Channel] = field(default_factory=dict)
     schemas: dict[int, Schema] = field(default_factory=dict)
     damage: Ledger = field(default_factory=Ledger)
-    blocks: Iterator[MessageBlock] = field(init=False)  # the messages in the order of the file, to be read once
+    # the messages in the order of the file, to be read once
+    blocks: Iterator[MessageBlock] = field(init=False)
 
     def declare(self, one: Channel | Schema) -> None:
         """Take in a channel or a schema. A number means one thing throughout a file."""
-        what, known_ones = ("channel", self.channels) if isinstance(one, Channel) else ("schema", self.schemas)
+        what, known_ones = (
+            ("channel", self.channels) if isinstance(one, Channel) else ("schema", self.schemas)
+        )
         known = known_ones.setdefault(one.id, one)  # type: ignore[arg-type]
         if known != one:
-            names = [getattr(each, "topic" if what == "channel" else "name") for each in (known, one)]
+            names = [
+                getattr(each, "topic" if what == "channel" else "name") for each in (known, one)
+            ]
             raise RefusedFileError(
-                f"{what} {one.id} is {names[0]!a} in one part of the file and {names[1]!a} in another: two logs "
-                "were joined, or the file is damaged; record again, or give each log a file of its own"
+                f"{what} {one.id} is {names[0]!a} in one part of the file and {names[1]!a} in"
+                " another: two logs were joined, or the file is damaged; record again, or give"
+                " each log a file of its own"
             )
 
     def channels_of(self, topic: str) -> list[int]:
@@ -81,15 +91,22 @@ class MessageFile:
 
 
 def joined_parts(path: Path, parts: Sequence[MessageFile], counts: Counter[str]) -> MessageFile:
-    """The files of one recording, one after the other; `counts` are the messages of each topic in all of them. A
-    channel has one number in all of them, and their damage is that of the whole."""
-    whole, numbers = MessageFile(path, sum(part.size for part in parts)), dict[tuple[object, ...], int]()
+    """The files of one recording, one after the other; `counts` are the messages of each topic in
+    all of them. A channel has one number in all of them, and their damage is that of the whole."""
+    whole, numbers = (
+        MessageFile(path, sum(part.size for part in parts)),
+        dict[tuple[object, ...], int](),
+    )
     total = whole.damage
 
     def number_of(part: MessageFile, own: int) -> int:
         channel = part.channels[own]
         schema = part.schemas.get(channel.schema_id)
-        meaning = channel.topic, channel.message_encoding, schema and (schema.name, schema.encoding, schema.data)
+        meaning = (
+            channel.topic,
+            channel.message_encoding,
+            schema and (schema.name, schema.encoding, schema.data),
+        )
         number = numbers.setdefault(meaning, len(numbers))
         if schema:
             whole.schemas[number + 1] = replace(schema, id=number + 1)
@@ -103,15 +120,32 @@ def joined_parts(path: Path, parts: Sequence[MessageFile], counts: Counter[str])
                 for channel in block.counts:
                     renumbered[channel] = number_of(part, channel)
                 yield replace(block, channel=renumbered[block.channel])
-            own, known = part.damage, {channel: number_of(part, channel) for channel in sorted(part.channels)}
-            for sums, own_counts in ((total.read, own.read), (total.indexed_lost, own.indexed_lost)):
-                sums.update({known[channel]: n for channel, n in own_counts.items() if channel in known})
+            own, known = (
+                part.damage,
+                {channel: number_of(part, channel) for channel in sorted(part.channels)},
+            )
+            for sums, own_counts in (
+                (total.read, own.read),
+                (total.indexed_lost, own.indexed_lost),
+            ):
+                sums.update(
+                    {known[channel]: n for channel, n in own_counts.items() if channel in known}
+                )
             total.end_missing |= own.end_missing
-            for name in ("gaps", "uncounted", "verified", "chunks", "chunks_lost", "bytes", "bytes_lost"):
+            for name in (
+                "gaps",
+                "uncounted",
+                "verified",
+                "chunks",
+                "chunks_lost",
+                "bytes",
+                "bytes_lost",
+            ):
                 setattr(total, name, getattr(total, name) + getattr(own, name))
             total.remarks += [f"{part.path.name}: {remark}" for remark in own.remarks]
         total.expected = counts.total()
-        if total.end_missing and total.expected == total.messages:  # only what stands behind the messages is missing
+        # only what stands behind the messages is missing
+        if total.end_missing and total.expected == total.messages:
             total.end_missing, total.gaps = False, True
         if len({channel.topic for channel in whole.channels.values()}) == len(whole.channels):
             total.declared = Counter({one.id: counts[one.topic] for one in whole.channels.values()})
@@ -122,13 +156,15 @@ def joined_parts(path: Path, parts: Sequence[MessageFile], counts: Counter[str])
 
 @dataclass
 class ChannelLog:
-    """The messages of one channel: when they were logged, the first one, and the fields that were wanted."""
+    """The messages of one channel: when they were logged, the first one, and the fields that were
+    wanted."""
 
     channel: Channel
     schema: Schema | None  # of its messages; None for JSON
     reader: message_fields.Reader | None = None  # of the wanted fields, if there are such
     first: bytes | None = None  # the first message
-    stamps: list[message_fields.Indices] = field(default_factory=list)  # log times of the messages of each block [ns]
+    # log times of the messages of each block [ns]
+    stamps: list[message_fields.Indices] = field(default_factory=list)
     sequence: list[NDArray[np.uint32]] = field(default_factory=list)  # their sequence numbers
 
     @property
@@ -137,22 +173,28 @@ class ChannelLog:
         return np.concatenate([np.empty(0, np.int64), *self.stamps])
 
     def columns(self, damage: Ledger) -> message_fields.Columns:
-        """The wanted fields in the order of recording; counts what does not fit, and remarks on what is missing."""
+        """The wanted fields in the order of recording; counts what does not fit, and remarks on
+        what is missing."""
         assert self.reader is not None  # it was made with the fields
         numbers = np.concatenate(self.sequence).astype(np.int64)
         rank, by_number = np.arange(numbers.size), np.argsort(numbers, kind="stable")
         steps, backwards = np.diff(numbers[by_number]), int((np.diff(numbers) < 0).sum())
         if backwards and (steps > 0).all():
-            # a tool may have sorted the file by log time since, and the clock was set back while recording: the numbers
-            # tell the order if they go back often (a publisher that was restarted goes back, a few times) or explain it
-            explained = (np.diff(self.log_time) < 0).any() and (np.diff(self.log_time[by_number]) >= 0).all()
+            # a tool may have sorted the file by log time since, and the clock was set back while
+            # recording: the numbers tell the order if they go back often (a publisher that was
+            # restarted goes back, a few times) or explain it
+            explained = (np.diff(self.log_time) < 0).any() and (
+                np.diff(self.log_time[by_number]) >= 0
+            ).all()
             if backwards > 10 or explained:
                 rank[by_number] = np.arange(numbers.size)
         found, topic = self.reader.columns(rank), f"topic '{self.channel.topic}'"
         self.reader.parts.clear()  # an hour of messages need not be held twice
         if found.misfits:
             damage.misfits[self.channel.id] += found.misfits
-            damage.remarks.append(f"{found.misfits} of {numbers.size} messages of {topic} are lost: {found.misfit}")
+            damage.remarks.append(
+                f"{found.misfits} of {numbers.size} messages of {topic} are lost: {found.misfit}"
+            )
         again = (steps == 0) & (np.diff(self.log_time[by_number]) == 0)
         onward, copies = steps[~again], 0
         if numbers.size and (numbers == numbers[0]).all():  # nothing counts them
@@ -161,7 +203,8 @@ class ChannelLog:
         elif onward.size and (onward > 0).all() and np.median(onward) == 1:  # they count messages
             copies = int(again.sum())
             damage.verified = max(damage.verified - copies, 0)
-            if missing := int((onward - 1).sum()):  # the recorder dropped them, or a chunk was removed
+            # the recorder dropped them, or a chunk was removed
+            if missing := int((onward - 1).sum()):
                 damage.skipped[self.channel.id] += missing
                 said = f"{missing} messages beside its {numbers.size - copies} are not in the file"
                 damage.remarks.append(f"the sequence numbers of {topic} say that {said}")
@@ -172,8 +215,8 @@ class ChannelLog:
         return found
 
     def copies_among(self, found: message_fields.Columns) -> int:
-        """How many messages stand twice, logged at one time with the same numbers, as where a part of the file is a
-        copy of another; of a few a driver may have sent each twice."""
+        """How many messages stand twice, logged at one time with the same numbers, as where a part
+        of the file is a copy of another; of a few a driver may have sent each twice."""
         logged = self.log_time[found.rows]
         order = np.argsort(logged, kind="stable")
         same = np.diff(logged[order]) == 0
@@ -186,13 +229,22 @@ class ChannelLog:
 
     def decoding(self, columns: message_fields.Columns) -> dict[str, Any]:
         """How its messages were decoded, for the provenance."""
-        found = {"channel": self.channel.id, "encoding": self.channel.message_encoding, "messages": self.log_time.size}
-        return found | {"one_by_one": len(self.reader.found) if self.reader else 0, "misfits": columns.misfits}
+        found = {
+            "channel": self.channel.id,
+            "encoding": self.channel.message_encoding,
+            "messages": self.log_time.size,
+        }
+        return found | {
+            "one_by_one": len(self.reader.found) if self.reader else 0,
+            "misfits": columns.misfits,
+        }
 
     def wrong_field(self, what: str) -> WrongFieldError:
         """The error for a field that is no number in any message; it names those that are."""
         said = f"topic '{self.channel.topic}': {what} (it has {self.names_of_fields()})"
-        return WrongFieldError(f"{said}; name a number, or one element of an array, as `field` in the source file")
+        return WrongFieldError(
+            f"{said}; name a number, or one element of an array, as `field` in the source file"
+        )
 
     def names_of_fields(self) -> str:
         words: list[str] = []
@@ -204,8 +256,11 @@ class ChannelLog:
         return listing(words)
 
 
-def read_channels(file: MessageFile, wanted: Mapping[str, Sequence[str]] | None = None) -> list[ChannelLog]:
-    """The channels of the wanted topics that have messages, with the wanted fields; or else all, without fields."""
+def read_channels(
+    file: MessageFile, wanted: Mapping[str, Sequence[str]] | None = None
+) -> list[ChannelLog]:
+    """The channels of the wanted topics that have messages, with the wanted fields; or else all,
+    without fields."""
     logs: dict[int, ChannelLog] = {}
     for block in file.blocks:
         for number in block.counts:
@@ -215,7 +270,11 @@ def read_channels(file: MessageFile, wanted: Mapping[str, Sequence[str]] | None 
             if number not in logs:
                 schema = file.schemas.get(channel.schema_id)
                 paths = [*dict.fromkeys(wanted[channel.topic])] if wanted else []
-                reader = message_fields.Reader(paths, message_fields.type_of(channel, schema)) if wanted else None
+                reader = (
+                    message_fields.Reader(paths, message_fields.type_of(channel, schema))
+                    if wanted
+                    else None
+                )
                 logs[number] = ChannelLog(channel, schema, reader)
             one, mine = logs[number], block.only(block.channel == number)
             if one.first is None:
@@ -227,12 +286,19 @@ def read_channels(file: MessageFile, wanted: Mapping[str, Sequence[str]] | None 
                     one.reader.read(mine.buffer, mine.starts, mine.lengths)
             except message_fields.NoNumberError as error:
                 raise one.wrong_field(str(error)) from error
-    empty = {n: ChannelLog(one, file.schemas.get(one.schema_id)) for n, one in file.channels.items()}
-    return [*logs.values()] if wanted is not None else [one for _, one in sorted((empty | logs).items())]
+    empty = {
+        n: ChannelLog(one, file.schemas.get(one.schema_id)) for n, one in file.channels.items()
+    }
+    return (
+        [*logs.values()]
+        if wanted is not None
+        else [one for _, one in sorted((empty | logs).items())]
+    )
 
 
 class Decoded(NamedTuple):
-    """The messages of one topic, channel by channel in the order of recording; every array has shape (n,)."""
+    """The messages of one topic, channel by channel in the order of recording; every array has
+    shape (n,)."""
 
     log_time: message_fields.Indices  # when each message was logged [ns]
     channel: NDArray[np.uint16]  # number of each message's channel
@@ -245,20 +311,26 @@ def unusable(topic: str, own: Sequence[tuple[ChannelLog, message_fields.Columns]
     for one, columns in own:
         if one.reader and columns.misfits == one.reader.no_numbers:
             return one.wrong_field(columns.misfit)
-    return InputError(f"topic '{topic}': {own[0][1].misfit}; record the log again, or exclude the trial")
+    return InputError(
+        f"topic '{topic}': {own[0][1].misfit}; record the log again, or exclude the trial"
+    )
 
 
 def decode_topics(
     file: MessageFile, wanted: Mapping[str, Sequence[str]], optional: Collection[str] = ()
 ) -> dict[str, Decoded]:
-    """The wanted fields of each topic, from all channels; InputError if one that is not `optional` is not there."""
+    """The wanted fields of each topic, from all channels; InputError if one that is not `optional`
+    is not there."""
     logs = [(one, one.columns(file.damage)) for one in read_channels(file, wanted)]
     topics = sorted({channel.topic for channel in file.channels.values()})
     found = {}
     for topic, paths in wanted.items():
         own = [(one, columns) for one, columns in logs if one.channel.topic == topic]
         if topic not in topics:
-            said = f"no topic '{topic}' (the file has {listing(topics)}); correct `topic` in the source file"
+            said = (
+                f"no topic '{topic}' (the file has {listing(topics)}); correct `topic` in the"
+                " source file"
+            )
             raise InputError(f"{said}, or exclude the trial if its log is not the right one")
         if not own:
             raise InputError(f"topic '{topic}' has no messages; check that its sensor was running")
@@ -267,10 +339,17 @@ def decode_topics(
             raise unusable(topic, own)
         values = {}
         for path in paths:
-            values[path] = message_fields.joined_masked([columns.values[path] for _, columns in used])
+            values[path] = message_fields.joined_masked(
+                [columns.values[path] for _, columns in used]
+            )
             if path not in optional and np.ma.getmaskarray(values[path]).all():
-                said = f"topic '{topic}' has no field '{path}' (it has {own[0][0].names_of_fields()})"
-                remedy = "correct `field` in the source file, or exclude the trial if its log is not the right one"
+                said = (
+                    f"topic '{topic}' has no field '{path}' (it has {own[0][0].names_of_fields()})"
+                )
+                remedy = (
+                    "correct `field` in the source file, or exclude the trial if its log is not the"
+                    " right one"
+                )
                 raise InputError(f"{said}; {remedy}")
         log_time = np.concatenate([one.log_time[columns.rows] for one, columns in used])
         channel = [np.full(columns.rows.size, one.channel.id, np.uint16) for one, columns in used]

@@ -1,6 +1,8 @@
-"""Bags of ROS 1 (by the library `rosbags`) and of ROS 2 (a database of sqlite3), and the folders of recordings.
+"""Bags of ROS 1 (by the library `rosbags`) and of ROS 2 (a database of sqlite3), and the folders of
+recordings.
 
-The library sorts messages by their times, which would hide a clock that was set back; its index tells their places."""
+The library sorts messages by their times, which would hide a clock that was set back; its index
+tells their places."""
 
 import sqlite3
 import struct
@@ -25,17 +27,23 @@ from osl_analysis.formats.table import reason_of
 BAG1 = b"#ROSBAG V2.0\n"
 ANY_BAG1 = b"#ROSBAG V"
 SQLITE = b"SQLite format 3\0"
-DESCRIPTION = "metadata.yaml"  # beside the parts of a ROS 2 bag: lists them, and how many messages each topic has
+# beside the parts of a ROS 2 bag: lists them, and how many messages each topic has
+DESCRIPTION = "metadata.yaml"
 
 
 def read_rosbag1(path: Path) -> MessageFile:
-    """Read the index of a ROS 1 bag, and then every intact chunk. InputError if it has none or cannot be read."""
+    """Read the index of a ROS 1 bag, and then every intact chunk. InputError if it has none or
+    cannot be read."""
     data = path.read_bytes()
     if not data.startswith(BAG1):
         advice = "convert an older one with `rosbag fix`, or check the source's format"
-        raise InputError(f"{path}: not a ROS 1 bag of version 2.0 (it begins with {quoted(data[:12])}); {advice}")
+        raise InputError(
+            f"{path}: not a ROS 1 bag of version 2.0 (it begins with {quoted(data[:12])}); {advice}"
+        )
     if (second := data.find(BAG1, 1)) > 0:
-        raise InputError(f"{path}: two bags were joined: a second one begins at byte {second}; give each a file")
+        raise InputError(
+            f"{path}: two bags were joined: a second one begins at byte {second}; give each a file"
+        )
     library = optional_module("rosbags.rosbag1", "a bag of ROS 1")
     bag, number_of = MessageFile(path, len(data)), dict[int, int]()
     # of each message of the chunk at a byte: place in the chunk, channel and time [ns]
@@ -45,7 +53,11 @@ def read_rosbag1(path: Path) -> MessageFile:
             for number, one in enumerate(reader.connections):
                 number_of[one.id] = number
                 kind = short_name(one.msgtype)
-                bag.declare(Schema(id=number + 1, data=one.msgdef.data.encode(), encoding="ros1msg", name=kind))
+                bag.declare(
+                    Schema(
+                        id=number + 1, data=one.msgdef.data.encode(), encoding="ros1msg", name=kind
+                    )
+                )
                 bag.declare(Channel(number, one.topic, "ros1", {}, number + 1))
                 for entry in reader.indexes[one.id]:
                     index[entry.chunk_pos].append((entry.offset, number, entry.time))
@@ -54,9 +66,16 @@ def read_rosbag1(path: Path) -> MessageFile:
             chunks = sorted((at, *one) for at, one in reader.chunks.items())
     except MemoryError:
         raise
-    except Exception as error:  # on a damaged file the library raises whatever its parser comes across
-        remedy = "run `rosbag decrypt` first" if "encryption" in str(error) else "run `rosbag reindex` on a copy"
-        said = f"{path}: no bag with a whole index: the recorder did not finish, or the bag is damaged"
+    # on a damaged file the library raises whatever its parser comes across
+    except Exception as error:
+        remedy = (
+            "run `rosbag decrypt` first"
+            if "encryption" in str(error)
+            else "run `rosbag reindex` on a copy"
+        )
+        said = (
+            f"{path}: no bag with a whole index: the recorder did not finish, or the bag is damaged"
+        )
         raise InputError(f"{said}; {remedy}, or record again") from error
     damage = bag.damage
     damage.bytes, damage.declared_chunks = len(data) - len(BAG1), len(chunks)
@@ -70,15 +89,20 @@ def read_rosbag1(path: Path) -> MessageFile:
                 places, channel, time = np.array(sorted(index[at]), np.int64).reshape(-1, 3).T
                 if np.unique(places).size < places.size:
                     raise ValueError("its index names a message twice")
-                bodies = places + 4 + numbers_at(content, places, np.dtype("<u4"))  # each behind a head of its own
+                # each behind a head of its own
+                bodies = places + 4 + numbers_at(content, places, np.dtype("<u4"))
                 lengths = numbers_at(content, bodies, np.dtype("<u4")).astype(np.int64)
                 if (bodies + 4 + lengths > len(content)).any():
                     raise ValueError(f"a message reaches beyond its {len(content)} bytes")
             except (OSError, RuntimeError, ValueError, IndexError, EOFError) as error:
-                damage.lose(f"the chunk at byte {at} is damaged: {reason_of(error)}", size, counts[at], 1)
+                damage.lose(
+                    f"the chunk at byte {at} is damaged: {reason_of(error)}", size, counts[at], 1
+                )
                 continue
             none = np.zeros(channel.size, np.uint32)
-            block = MessageBlock(content, channel.astype(np.uint16), none, time, bodies + 4, lengths)
+            block = MessageBlock(
+                content, channel.astype(np.uint16), none, time, bodies + 4, lengths
+            )
             damage.chunks += 1
             damage.read.update(block.counts)
             yield block
@@ -87,51 +111,73 @@ def read_rosbag1(path: Path) -> MessageFile:
     return bag
 
 
-REINDEX = "write it again with `ros2 bag reindex`, or name one file of the recording as the trial's log"
+REINDEX = (
+    "write it again with `ros2 bag reindex`, or name one file of the recording as the trial's log"
+)
 
 
 def read_description(folder: Path, *, whole: bool = True) -> tuple[list[Path], Counter[str]]:
-    """The files of the recording in a folder, in its order, and the messages of each topic in all of them, as its
-    description says; InputError if it has none, or one not of a `whole` recording that can be read."""
+    """The files of the recording in a folder, in its order, and the messages of each topic in all
+    of them, as its description says; InputError if it has none, or one not of a `whole` recording
+    that can be read."""
     path = folder / DESCRIPTION
     if not path.is_file():
         what = f"{folder}: a folder without {DESCRIPTION}, which lists the files of a ROS 2 bag"
         raise InputError(f"{what}; name the recording in it, or {REINDEX}")
     try:
         text = path.read_bytes()
-        if any(isinstance(one, yaml.AliasToken) for one in yaml.scan(text, Loader=yaml.CSafeLoader)):
-            raise ValueError("it has aliases, which no recorder writes")  # a few nested ones would fill the memory
+        if any(
+            isinstance(one, yaml.AliasToken) for one in yaml.scan(text, Loader=yaml.CSafeLoader)
+        ):
+            # a few nested ones would fill the memory
+            raise ValueError("it has aliases, which no recorder writes")
         said = yaml.load(text, Loader=yaml.CSafeLoader)["rosbag2_bagfile_information"]
-        names = [Path(str(part)).name for part in said["relative_file_paths"]]  # older ones begin with the folder
+        # older ones begin with the folder
+        names = [Path(str(part)).name for part in said["relative_file_paths"]]
         if not names or len(set(names)) < len(names):
             raise ValueError("relative_file_paths lists no file, or one twice")
         counts = Counter[str]()
         for topic in said["topics_with_message_count"]:
             counts[str(topic["topic_metadata"]["name"])] += int(topic["message_count"])
-    except (yaml.YAMLError, RecursionError, KeyError, TypeError, ValueError, AttributeError) as error:
+    except (
+        yaml.YAMLError,
+        RecursionError,
+        KeyError,
+        TypeError,
+        ValueError,
+        AttributeError,
+    ) as error:
         reason = " ".join(str(error).split())[:120]
-        raise InputError(f"{path}: not the description of a ROS 2 bag ({reason}); {REINDEX}") from error
+        raise InputError(
+            f"{path}: not the description of a ROS 2 bag ({reason}); {REINDEX}"
+        ) from error
     missing = [name for name in names if not (folder / name).is_file()]
     if whole and missing:
         raise InputError(
-            f"{folder}: {len(missing)} of the {len(names)} files that {DESCRIPTION} lists are missing "
-            f"({listing(missing)}); copy them there, or name one file of the recording as the trial's log"
+            f"{folder}: {len(missing)} of the {len(names)} files that {DESCRIPTION} lists are"
+            f" missing ({listing(missing)}); copy them there, or name one file of the recording as"
+            " the trial's log"
         )
     return [folder / name for name in names], counts
 
 
 def siblings(path: Path) -> tuple[list[Path], Counter[str], str]:
-    """What the description beside one file of a bag says, if it lists the file; and a remark for the user, if any."""
+    """What the description beside one file of a bag says, if it lists the file; and a remark for
+    the user, if any."""
     with suppress(InputError):
         files, counts = read_description(path.parent, whole=False)
         if path in files:
-            remark = f"one of the {len(files)} files of a recording; name the folder '{path.parent.name}' to read all"
+            remark = (
+                f"one of the {len(files)} files of a recording; name the folder"
+                f" '{path.parent.name}' to read all"
+            )
             return files, counts, remark * (len(files) > 1)
     return [], Counter(), ""
 
 
 def read_rosbag2(path: Path) -> MessageFile:
-    """Open a database, or the folder of a recording in sqlite3 or MCAP; InputError if a part cannot be opened."""
+    """Open a database, or the folder of a recording in sqlite3 or MCAP; InputError if a part cannot
+    be opened."""
     files, counts, remark = (*read_description(path), "") if path.is_dir() else siblings(path)
     if not files or remark:
         bag = read_database(path)
@@ -148,8 +194,9 @@ def read_rosbag2(path: Path) -> MessageFile:
             parts.append(read_database(file))
         else:
             raise InputError(
-                f"{file}: neither a database of sqlite3 nor MCAP (it begins with {quoted(begin[:8])}); if it is packed "
-                "as a whole, unpack it with `zstd -d`, then run `ros2 bag reindex`; else copy it again"
+                f"{file}: neither a database of sqlite3 nor MCAP (it begins with"
+                f" {quoted(begin[:8])}); if it is packed as a whole, unpack it with `zstd -d`, then"
+                " run `ros2 bag reindex`; else copy it again"
             )
     return joined_parts(path, parts, counts)
 
@@ -170,11 +217,17 @@ def opened(path: Path) -> Iterator[sqlite3.Connection]:
         with closing(sqlite3.connect(address, uri=True)) as connection:
             yield connection
     except (sqlite3.Error, OverflowError, TypeError, UnicodeDecodeError) as error:
-        said = "a number is missing" if isinstance(error, TypeError) else " ".join(str(error).split())[:120]
+        said = (
+            "a number is missing"
+            if isinstance(error, TypeError)
+            else " ".join(str(error).split())[:120]
+        )
         if "no such" in said:
             what = f"{path}: a database of something else ({said}): no bag of ROS 2"
             raise InputError(f"{what}; name the bag itself") from error
-        raise InputError(f"{path}: the database is damaged or cut off ({said}); {RECOVER}") from error
+        raise InputError(
+            f"{path}: the database is damaged or cut off ({said}); {RECOVER}"
+        ) from error
 
 
 def read_database(path: Path) -> MessageFile:
@@ -185,23 +238,40 @@ def read_database(path: Path) -> MessageFile:
         beside = path.with_name(path.name + ending)
         if beside.is_file() and beside.stat().st_size:
             raise InputError(
-                f"{path}: {what} is beside it ({beside.name}): the recorder did not finish, and messages are in there; "
-                "copy both elsewhere, and run `sqlite3 COPY 'PRAGMA wal_checkpoint(TRUNCATE)'` there"
+                f"{path}: {what} is beside it ({beside.name}): the recorder did not finish, and"
+                " messages are in there; copy both elsewhere, and run `sqlite3 COPY 'PRAGMA"
+                " wal_checkpoint(TRUNCATE)'` there"
             )
     with path.open("rb") as file:
-        page, changes, pages, counted_at = struct.unpack(">16xH6xII60xI4x", file.read(100).ljust(100, b"\0"))
+        page, changes, pages, counted_at = struct.unpack(
+            ">16xH6xII60xI4x", file.read(100).ljust(100, b"\0")
+        )
     bag, own = MessageFile(path, path.stat().st_size), dict[str, tuple[str, str]]()
-    declared = (65536 if page == 1 else page) * pages * (changes == counted_at)  # else written by an old sqlite
+    # else written by an old sqlite
+    declared = (65536 if page == 1 else page) * pages * (changes == counted_at)
     if bag.size < declared:  # sqlite would fill up the last page with zeros
-        raise InputError(f"{path}: the database is cut off: it has {bag.size} of its {declared} bytes; {RECOVER}")
+        raise InputError(
+            f"{path}: the database is cut off: it has {bag.size} of its {declared} bytes; {RECOVER}"
+        )
     channel_of: dict[int, int] = {}  # channel by number of a topic in the database
     if 0 < declared < bag.size:
-        bag.damage.lose(f"{bag.size - declared} bytes stand behind its pages, and are not read", 0, None, 0)
+        bag.damage.lose(
+            f"{bag.size - declared} bytes stand behind its pages, and are not read", 0, None, 0
+        )
     with opened(path) as connection:
-        if connection.execute("SELECT 1 FROM sqlite_schema WHERE name = 'message_definitions'").fetchone():
-            query = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
-            own = {str(kind): (str(encoding), str(text)) for kind, encoding, text in connection.execute(query)}
-        for topic in connection.execute("SELECT id, name, type, serialization_format FROM topics ORDER BY id"):
+        if connection.execute(
+            "SELECT 1 FROM sqlite_schema WHERE name = 'message_definitions'"
+        ).fetchone():
+            query = (
+                "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
+            )
+            own = {
+                str(kind): (str(encoding), str(text))
+                for kind, encoding, text in connection.execute(query)
+            }
+        for topic in connection.execute(
+            "SELECT id, name, type, serialization_format FROM topics ORDER BY id"
+        ):
             number, name, kind, encoding = int(topic[0]), *map(str, topic[1:])
             channel = channel_of.setdefault(number, len(channel_of))
             metadata, schema = {}, channel + 1
@@ -209,40 +279,65 @@ def read_database(path: Path) -> MessageFile:
                 bag.declare(Schema(schema, definition_of(kind, own), "ros2msg", kind))
             except InputError as error:
                 metadata, schema = {NOT_DEFINED: str(error)}, 0
-            bag.declare(Channel(id=channel, topic=name, message_encoding=encoding, metadata=metadata, schema_id=schema))
+            bag.declare(
+                Channel(
+                    id=channel,
+                    topic=name,
+                    message_encoding=encoding,
+                    metadata=metadata,
+                    schema_id=schema,
+                )
+            )
 
     def blocks() -> Iterator[MessageBlock]:
         strangers = 0
         with opened(path) as connection:
-            cursor = connection.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY id")
+            cursor = connection.execute(
+                "SELECT topic_id, timestamp, data FROM messages ORDER BY id"
+            )
             while rows := cursor.fetchmany(1 << 14):
                 known = list[tuple[int, int, bytes]]()  # channel, time [ns] and payload
                 for topic, time, data in rows:
-                    if topic not in channel_of or not (isinstance(time, int) and isinstance(data, bytes)):
+                    if topic not in channel_of or not (
+                        isinstance(time, int) and isinstance(data, bytes)
+                    ):
                         strangers += 1
                         continue
-                    if data[:4] == b"\x28\xb5\x2f\xfd":  # compressed on its own; one in CDR begins with a zero byte
-                        with suppress(zstandard.ZstdError):  # a damaged one stays as it is, and is no message
+                    # compressed on its own; one in CDR begins with a zero byte
+                    if data[:4] == b"\x28\xb5\x2f\xfd":
+                        # a damaged one stays as it is, and is no message
+                        with suppress(zstandard.ZstdError):
                             data = zstandard.ZstdDecompressor().decompressobj().decompress(data)
                     known.append((channel_of[topic], time, data))
                 channel, time = np.array([one[:2] for one in known], np.int64).reshape(-1, 2).T
                 lengths = np.array([len(data) for *_, data in known], np.int64)
-                content, none = b"".join(data for *_, data in known), np.zeros(channel.size, np.uint32)
+                content, none = (
+                    b"".join(data for *_, data in known),
+                    np.zeros(channel.size, np.uint32),
+                )
                 starts = np.cumsum(lengths) - lengths
-                block = MessageBlock(content, channel.astype(np.uint16), none, time, starts, lengths)
+                block = MessageBlock(
+                    content, channel.astype(np.uint16), none, time, starts, lengths
+                )
                 bag.damage.read.update(block.counts)
                 yield block
         if strangers:
-            bag.damage.lose(f"{strangers} messages hold no bytes, or belong to no topic of the bag", 0, None, 0)
+            bag.damage.lose(
+                f"{strangers} messages hold no bytes, or belong to no topic of the bag", 0, None, 0
+            )
 
     bag.blocks = blocks()
     return bag
 
 
 def definition_of(kind: str, own: Mapping[str, tuple[str, str]]) -> bytes:
-    """The definition of messages of type `kind` (`package/msg/Name`); InputError if there is none. own: encoding and
-    text by type, as bags have them since ROS 2 Iron. `rosbags` has those of the standard types."""
-    convert = "convert it with `ros2 bag convert` to MCAP where the type is installed, or record with ROS 2 Iron or on"
+    """The definition of messages of type `kind` (`package/msg/Name`); InputError if there is none.
+    own: encoding and text by type, as bags have them since ROS 2 Iron. `rosbags` has those of the
+    standard types."""
+    convert = (
+        "convert it with `ros2 bag convert` to MCAP where the type is installed, or record with ROS"
+        " 2 Iron or on"
+    )
     encoding, text = own.get(kind, ("", ""))
     if encoding == "ros2msg" and text.strip():
         return text.encode()
@@ -256,7 +351,9 @@ def definition_of(kind: str, own: Mapping[str, tuple[str, str]]) -> bytes:
         store = library.get_typestore(one)
         if kind in store.types:
             text = str(store.generate_msgdef(kind, ros_version=2)[0])
-            found[repr(message_type(Schema(0, text.encode(), "", kind), ros1=False))] = text.encode()
+            found[repr(message_type(Schema(0, text.encode(), "", kind), ros1=False))] = (
+                text.encode()
+            )
     if not found:
         raise InputError(f"{lacking}, which is no standard one; {convert}")
     if len(found) > 1:
@@ -265,12 +362,14 @@ def definition_of(kind: str, own: Mapping[str, tuple[str, str]]) -> bytes:
 
 
 def files_in(folder: Path, *, whole: bool = True) -> list[Path]:
-    """The files of the recording in a folder: all that a trial is made of. Refused as in `read_description`."""
+    """The files of the recording in a folder: all that a trial is made of. Refused as in
+    `read_description`."""
     return [folder / DESCRIPTION, *read_description(folder, whole=whole)[0]]
 
 
 def recorded_files(path: Path) -> list[Path]:
-    """The files of a log, also where some are missing; a folder that is no recording stands for itself."""
+    """The files of a log, also where some are missing; a folder that is no recording stands for
+    itself."""
     try:
         return files_in(path, whole=False) if path.is_dir() else [path]
     except InputError:

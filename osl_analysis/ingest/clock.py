@@ -1,6 +1,6 @@
-"""One recorder's clock fitted to another's, t_master = offset + (1 + drift) * t_slave: by the edges of a pulse train
-that both recorded; or else by the correlation of a joint's encoder with an angle between markers, whose scale, offset
-and sign may differ."""
+"""One recorder's clock fitted to another's, t_master = offset + (1 + drift) * t_slave: by the edges
+of a pulse train that both recorded; or else by the correlation of a joint's encoder with an angle
+between markers, whose scale, offset and sign may differ."""
 
 from dataclasses import dataclass, replace
 
@@ -24,21 +24,25 @@ class ClockFit:
     drift_error: float = 0.0  # standard error of the drift [1]
     residual: float = 0.0  # RMS of the residuals [s]
     edges: int = 0  # pairs of edges that were used; by correlation, sections of the recording
-    excluded_edges: int = 0  # Edges of the slave, during the time that both recorded, that match no edge of the master.
-    method: str = "edges"  # `edges`, `correlation` of a signal, or `common`: the files share one time
+    # Edges of the slave, during the time that both recorded, that match no edge of the master.
+    excluded_edges: int = 0
+    # `edges`, `correlation` of a signal, or `common`: the files share one time
+    method: str = "edges"
 
     def to_master(self, time: Array) -> Array:
         """Times [s] of the slave on the master's clock [s]."""
         return self.offset + (1.0 + self.drift) * time
 
 
-# edges of a pulse train: times (n,) [s], whether the level rises (n,), and the recorder's sampling interval [s]
+# edges of a pulse train: times (n,) [s], whether the level rises (n,), and the recorder's sampling
+# interval [s]
 Edges = tuple[Array, NDArray[np.bool_], float]
 
 
 def find_edges(time: Array, level: Array) -> Edges:
-    """Edges of a two-level signal: times, interpolated, at which it crosses its mid-level. It must then pass three
-    quarters of its range, or falling one quarter, so that noise at the mid-level makes no edges."""
+    """Edges of a two-level signal: times, interpolated, at which it crosses its mid-level. It must
+    then pass three quarters of its range, or falling one quarter, so that noise at the mid-level
+    makes no edges."""
     low, swing = float(level.min()), float(np.ptp(level))
     step, middle = float(np.median(np.diff(time))) if time.size > 1 else 0.0, low + 0.5 * swing
     certain = np.flatnonzero(abs(level - middle) > 0.25 * swing)
@@ -47,12 +51,16 @@ def find_edges(time: Array, level: Array) -> Edges:
     crossings = np.flatnonzero(np.diff(level > middle))
     before = crossings[np.searchsorted(crossings, after) - 1]
     fraction = (middle - level[before]) / (level[before + 1] - level[before])
-    return time[before] + fraction * (time[before + 1] - time[before]), level[after] > level[before], step
+    return (
+        time[before] + fraction * (time[before + 1] - time[before]),
+        level[after] > level[before],
+        step,
+    )
 
 
 def fit_clock(slave: Edges, master: Edges) -> ClockFit:
-    """Match the edges by the pattern of their intervals, and fit offset and drift without outliers. An edge has the
-    error of sampling, uniform within one interval."""
+    """Match the edges by the pattern of their intervals, and fit offset and drift without outliers.
+    An edge has the error of sampling, uniform within one interval."""
     for (times, _, _), who in ((slave, "the log"), (master, "motion capture")):
         if times.size < MINIMUM_EDGES:
             said = f"{times.size} sync edges in {who}, at least {MINIMUM_EDGES} are needed"
@@ -77,16 +85,23 @@ def fit_clock(slave: Edges, master: Edges) -> ClockFit:
         first, second = (np.concatenate(column) for column in zip(*pairs, strict=True))
     line, used = robust_line(first, second, noise)
     if line.residual > limit:
-        said = f"the sync edges fit with a residual of {1e3 * line.residual:.2f} ms over {used.sum()} edges"
-        raise InputError(f"{said}, within {1e3 * limit:.2f} ms is needed; check the sync cable and both sync channels")
+        said = (
+            f"the sync edges fit with a residual of {1e3 * line.residual:.2f} ms over {used.sum()}"
+            " edges"
+        )
+        raise InputError(
+            f"{said}, within {1e3 * limit:.2f} ms is needed; check the sync cable and both sync"
+            " channels"
+        )
     expected = line.to_master(ours)
     common = (expected >= theirs[0] - limit) & (expected <= theirs[-1] + limit)
     return replace(line, excluded_edges=max(int(common.sum() - used.sum()), 0))
 
 
 def first_pairs(slave: Edges, master: Edges) -> tuple[Array, Array]:
-    """Times of some edges on both clocks, (n,) each, from the part of the slave's recording that fits best. Every pair
-    of edges votes for an offset. The part is short enough that drift does not spread the votes."""
+    """Times of some edges on both clocks, (n,) each, from the part of the slave's recording that
+    fits best. Every pair of edges votes for an offset. The part is short enough that drift does not
+    spread the votes."""
     best, rival, chosen = 0, 0, (slave[0][:0], master[0][:0])
     for begin in range(0, slave[0].size, 40):
         time, rising = slave[0][begin : begin + 40], slave[1][begin : begin + 40]
@@ -101,19 +116,24 @@ def first_pairs(slave: Edges, master: Edges) -> tuple[Array, Array]:
             chosen = time[rows], master[0][columns]
     if best < MINIMUM_EDGES or rival > best // 2:
         raise InputError(
-            f"{best} sync edges agree on one offset between the clocks and {rival} on another; at least "
-            f"{MINIMUM_EDGES} and twice as many are needed: let the pulses vary in length, or record longer"
+            f"{best} sync edges agree on one offset between the clocks and {rival} on another; at"
+            f" least {MINIMUM_EDGES} and twice as many are needed: let the pulses vary in length,"
+            " or record longer"
         )
     return chosen
 
 
 def robust_line(first: Array, second: Array, noise: float) -> tuple[ClockFit, NDArray[np.bool_]]:
-    """Line through pairs of times (n,), and which of them were used, (n,). `noise` [s] is the standard deviation of one
-    pair. A prior of 100 ppm, as between two crystal clocks, keeps the drift plausible in a short recording. In a long
-    one the pairs outweigh it. The differences of the times are fitted, so that large times lose no digits. Pairs more
-    than 3.5 standard deviations from the median are outliers."""
+    """Line through pairs of times (n,), and which of them were used, (n,). `noise` [s] is the
+    standard deviation of one pair. A prior of 100 ppm, as between two crystal clocks, keeps the
+    drift plausible in a short recording. In a long one the pairs outweigh it. The differences of
+    the times are fitted, so that large times lose no digits. Pairs more than 3.5 standard
+    deviations from the median are outliers."""
     if first.size < MINIMUM_EDGES:
-        raise InputError(f"{first.size} sync edges fit together, at least {MINIMUM_EDGES} are needed; record longer")
+        raise InputError(
+            f"{first.size} sync edges fit together, at least {MINIMUM_EDGES} are needed; record"
+            " longer"
+        )
     difference = second - first
     used = abs(difference - np.median(difference)) <= LARGEST_DRIFT * np.ptp(first) + 3.5 * noise
     if used.sum() < MINIMUM_EDGES:
@@ -128,7 +148,9 @@ def robust_line(first: Array, second: Array, noise: float) -> tuple[ClockFit, ND
         if keep.sum() < MINIMUM_EDGES or (keep == used).all():
             break
         used = keep
-    line = ClockFit(float(level - drift * centre), float(drift), float(noise / np.sqrt(information)))
+    line = ClockFit(
+        float(level - drift * centre), float(drift), float(noise / np.sqrt(information))
+    )
     residual = float(np.sqrt(((second[used] - line.to_master(first[used])) ** 2).mean()))
     return replace(line, residual=residual, edges=int(used.sum())), used
 
@@ -139,9 +161,9 @@ QUIET_SHARE = 0.05  # share of the recording's variance below which a section is
 
 
 def correlate_clocks(slave: tuple[Array, Array], master: tuple[Array, Array]) -> ClockFit:
-    """Offset from the highest peak of the correlation of a signal (rising times [s] and values, (n,) each); drift from
-    the lags of twelve sections of the recording. In the result, `edges` counts the used sections, `excluded_edges`
-    those that were quiet or did not fit."""
+    """Offset from the highest peak of the correlation of a signal (rising times [s] and values,
+    (n,) each); drift from the lags of twelve sections of the recording. In the result, `edges`
+    counts the used sections, `excluded_edges` those that were quiet or did not fit."""
     if min(slave[0].size, master[0].size) < 4 * SECTIONS:
         raise InputError(f"fewer than {4 * SECTIONS} samples of the shared signal; record longer")
     step, limit = sorted(float(np.median(np.diff(time))) for time, _ in (slave, master))
@@ -151,7 +173,9 @@ def correlate_clocks(slave: tuple[Array, Array], master: tuple[Array, Array]) ->
         even.append(on_grid - on_grid.mean())
     ours, theirs = even
     if not min(np.ptp(ours), np.ptp(theirs)) > 0:
-        raise InputError("the shared signal of one recorder is constant; check the channel and its sensor")
+        raise InputError(
+            "the shared signal of one recorder is constant; check the channel and its sensor"
+        )
     first, second = section_lags(ours, theirs, whole_lag(ours, theirs))
     if first.size < MINIMUM_EDGES:
         said = f"the shared signal moves in {first.size} of {SECTIONS} sections of the recording"
@@ -161,13 +185,17 @@ def correlate_clocks(slave: tuple[Array, Array], master: tuple[Array, Array]) ->
         line, _ = robust_line(first, second, max(noise, 0.01 * step))
         noise = line.residual
     if noise > limit:
-        said = f"the lags of the shared signal scatter by {1e3 * noise:.2f} ms, within {1e3 * limit:.2f} ms is needed"
+        said = (
+            f"the lags of the shared signal scatter by {1e3 * noise:.2f} ms, within"
+            f" {1e3 * limit:.2f} ms is needed"
+        )
         raise InputError(f"{said}; check that both channels show the same thing")
     return replace(line, excluded_edges=SECTIONS - line.edges, method="correlation")
 
 
 def whole_lag(ours: Array, theirs: Array) -> int:
-    """Samples by which `theirs` (m,) lags `ours` (n,): at the highest absolute correlation with enough overlap."""
+    """Samples by which `theirs` (m,) lags `ours` (n,): at the highest absolute correlation with
+    enough overlap."""
     from scipy.signal import fftconvolve  # half a second, which other trials need not wait for
 
     def over_overlap(x: Array, y: Array) -> Array:
@@ -178,29 +206,41 @@ def whole_lag(ours: Array, theirs: Array) -> int:
     overlap = np.maximum(np.rint(over_overlap(one, other)), 1)
     sum_ours, sum_theirs = over_overlap(ours, other), over_overlap(one, theirs)
     covariance = over_overlap(ours, theirs) - sum_ours * sum_theirs / overlap
-    # over a quiet overlap the coefficient would be noise: so its variance is taken as at least QUIET_SHARE of the whole
-    scatter_ours = np.maximum(over_overlap(ours**2, other) - sum_ours**2 / overlap, QUIET_SHARE * ours @ ours)
-    scatter_theirs = np.maximum(over_overlap(one, theirs**2) - sum_theirs**2 / overlap, QUIET_SHARE * theirs @ theirs)
+    # over a quiet overlap the coefficient would be noise: so its variance is taken as at least
+    # QUIET_SHARE of the whole
+    scatter_ours = np.maximum(
+        over_overlap(ours**2, other) - sum_ours**2 / overlap, QUIET_SHARE * ours @ ours
+    )
+    scatter_theirs = np.maximum(
+        over_overlap(one, theirs**2) - sum_theirs**2 / overlap, QUIET_SHARE * theirs @ theirs
+    )
     enough = overlap >= 0.5 * min(ours.size, theirs.size)
     score = (abs(covariance) / np.sqrt(scatter_ours * scatter_theirs))[enough]
     best = int(np.argmax(score))
     if not score[best] >= ONE_SIGNAL:
-        said = f"the shared signal of both recorders correlates by {score[best]:.2f} at best, {ONE_SIGNAL} is needed"
+        said = (
+            f"the shared signal of both recorders correlates by {score[best]:.2f} at best,"
+            f" {ONE_SIGNAL} is needed"
+        )
         raise InputError(f"{said}; check that both channels show the same thing")
     low = np.flatnonzero(score < 0.5 * score[best])
     before, after = low[low < best].max(initial=-1), low[low > best].min(initial=score.size)
     rival = max(score[: before + 1].max(initial=0.0), score[after:].max(initial=0.0))
     if rival > 0.8 * score[best]:
-        said = f"the shared signal fits in two places (correlation {score[best]:.2f} and {rival:.2f})"
+        said = (
+            f"the shared signal fits in two places (correlation {score[best]:.2f} and {rival:.2f})"
+        )
         raise InputError(
-            f"{said}: it repeats itself; add one movement that does not, such as a single stamp at the beginning"
+            f"{said}: it repeats itself; add one movement that does not, such as a single stamp at"
+            " the beginning"
         )
     return int(np.flatnonzero(enough)[best]) - (ours.size - 1)
 
 
 def section_lags(ours: Array, theirs: Array, lag: int) -> tuple[Array, Array]:
-    """Middles of the sections of `ours`, and where they are in `theirs` [samples], (sections,) each, by a parabola
-    through three samples. A section that is quiet, or fits best at an end of its range, is not used."""
+    """Middles of the sections of `ours`, and where they are in `theirs` [samples], (sections,)
+    each, by a parabola through three samples. A section that is quiet, or fits best at an end of
+    its range, is not used."""
     begin, end = max(0, -lag), min(ours.size, theirs.size - lag)
     length = (end - begin) // SECTIONS
     reach = int(np.ceil(LARGEST_DRIFT * ours.size)) + 8
@@ -222,15 +262,24 @@ def section_lags(ours: Array, theirs: Array, lag: int) -> tuple[Array, Array]:
     return first, second
 
 
-def aligned_clock(log: Recording, mocap: Recording, shared: SharedAngle | None) -> tuple[ClockFit, list[str]]:
-    """The clock fit by sync edges; if they cannot be used, with a warning, by the correlation of the angle that motion
-    capture's source file names under `shared`. A log with `clock: common` has the capture's times."""
+def aligned_clock(
+    log: Recording, mocap: Recording, shared: SharedAngle | None
+) -> tuple[ClockFit, list[str]]:
+    """The clock fit by sync edges; if they cannot be used, with a warning, by the correlation of
+    the angle that motion capture's source file names under `shared`. A log with `clock: common` has
+    the capture's times."""
     pair = (log, "log"), (mocap, "motion capture")
     if log.facts.get("clock") == "common":
-        return ClockFit(log.facts["time"]["start"] - mocap.facts["time"]["start"], method="common"), []
+        return (
+            ClockFit(log.facts["time"]["start"] - mocap.facts["time"]["start"], method="common"),
+            [],
+        )
     try:
         end = "the clocks cannot be aligned; map the channel in its source file"
-        return fit_clock(*(find_edges(*values_of(one, "sync", f"{who}: {end}")) for one, who in pair)), []
+        return (
+            fit_clock(*(find_edges(*values_of(one, "sync", f"{who}: {end}")) for one, who in pair)),
+            [],
+        )
     except InputError as error:
         if shared is None:
             raise
@@ -239,7 +288,11 @@ def aligned_clock(log: Recording, mocap: Recording, shared: SharedAngle | None) 
     try:
         ours = values_of(log, shared.column, "log; map the channel in its source file")
         names = [name for label in shared.markers for name in marker_columns(label)]
-        absent = [label for label in shared.markers if marker_columns(label)[0] not in mocap.samples.columns]
+        absent = [
+            label
+            for label in shared.markers
+            if marker_columns(label)[0] not in mocap.samples.columns
+        ]
         if absent:
             told = "which `shared` names; correct the source file of motion capture"
             raise InputError(f"no marker '{absent[0]}', {told}")
@@ -249,12 +302,17 @@ def aligned_clock(log: Recording, mocap: Recording, shared: SharedAngle | None) 
         angle = np.arctan2(np.linalg.norm(np.cross(one, other), axis=1), (one * other).sum(axis=1))
         fit = correlate_clocks(ours, (seen["time"].to_numpy(), angle))
     except InputError as error:
-        raise InputError(f"{refused}; cross-correlation of {what} does not align them either: {error}") from error
-    return fit, [f"clocks aligned by cross-correlation of {what}, because of the sync edges: {refused}"]
+        raise InputError(
+            f"{refused}; cross-correlation of {what} does not align them either: {error}"
+        ) from error
+    return fit, [
+        f"clocks aligned by cross-correlation of {what}, because of the sync edges: {refused}"
+    ]
 
 
 def values_of(recording: Recording, column: str, advice: str) -> tuple[Array, Array]:
-    """Times [s] and values of a column where it was sampled. Raises InputError, with `advice`: there is no column."""
+    """Times [s] and values of a column where it was sampled. Raises InputError, with `advice`:
+    there is no column."""
     if column not in recording.samples.columns:
         raise InputError(f"no column '{column}' from {advice}")
     rows = recording.samples.select("time", column).drop_nulls()

@@ -1,5 +1,6 @@
-"""The measures of a recording's quality: sampling, clocks, damage to the log, the commanded motion, sensors that
-saturate, stand still or wrap, force plates. They are numbers; limits and verdicts come later (`judge`)."""
+"""The measures of a recording's quality: sampling, clocks, damage to the log, the commanded motion,
+sensors that saturate, stand still or wrap, force plates. They are numbers; limits and verdicts come
+later (`judge`)."""
 
 import math
 import re
@@ -21,7 +22,17 @@ from osl_analysis.signals import longest_run, run_at_extreme, run_edges, runs
 from osl_analysis.signals.grid import GapLimits, devices_of, origin, streams, uniform_signals
 from osl_analysis.signals.samples import take
 from osl_analysis.spectral.stepped_sine import Likeness, Run, SteppedSineProtocol, stated_protocol
-from osl_analysis.trial import Array, Trial, beside, factor_of, median, plate_axes, plate_columns, unit_of, usual_size
+from osl_analysis.trial import (
+    Array,
+    Trial,
+    beside,
+    factor_of,
+    median,
+    plate_axes,
+    plate_columns,
+    unit_of,
+    usual_size,
+)
 
 
 @dataclass(frozen=True)
@@ -33,12 +44,15 @@ class Commanded:
     cycles: int | Sequence[int] | None  # one number for all frequencies, or one for each
     seconds_per_frequency: float | None = None  # in place of `cycles`
     excitation: str = "auto"
-    """What moves the joint in impedance trials: `stepped_sine`, `any` other motion, or `auto`: the recording tells."""
+    """What moves the joint in impedance trials: `stepped_sine`, `any` other motion, or `auto`: the
+    recording tells."""
 
     @property
     def protocol(self) -> SteppedSineProtocol:
         """The same with amplitudes in rad and cycles at each frequency."""
-        return stated_protocol(self.amplitudes_deg, self.frequencies_hz, self.cycles, self.seconds_per_frequency)
+        return stated_protocol(
+            self.amplitudes_deg, self.frequencies_hz, self.cycles, self.seconds_per_frequency
+        )
 
 
 @dataclass(frozen=True)
@@ -49,9 +63,12 @@ class Examined:
 
     @cached_property
     def steps(self) -> dict[str, tuple[float, float, float]]:
-        """Median, mean and largest sampling step [s] of each device, by the name of its first channel."""
+        """Median, mean and largest sampling step [s] of each device, by the name of its first
+        channel."""
         found = dict[str, tuple[float, float, float]]()
-        for first, *_ in devices_of(self.trial, [one for one in self.trial.columns if one != "time"]):
+        for first, *_ in devices_of(
+            self.trial, [one for one in self.trial.columns if one != "time"]
+        ):
             steps = np.diff(self.trial.arrays(first)[0])
             if steps.size > 1:
                 found[first] = median(steps), float(steps.mean()), float(steps.max())
@@ -69,7 +86,8 @@ def not_applicable(reason: str) -> CheckResult:
 
 
 def worst(values: Mapping[str, float], reason: str) -> CheckResult:
-    """The largest of the channels' values, with its channel; without channels, not applicable for this `reason`."""
+    """The largest of the channels' values, with its channel; without channels, not applicable for
+    this `reason`."""
     if not values:
         return not_applicable(reason)
     name = max(values, key=lambda channel: values[channel])
@@ -77,7 +95,8 @@ def worst(values: Mapping[str, float], reason: str) -> CheckResult:
 
 
 def recorded(trial: Trial, column: str | None) -> tuple[Array, Array]:
-    """Time [s] and values of a column, (n,) each, where it was sampled; empty without the column. NaN is left out."""
+    """Time [s] and values of a column, (n,) each, where it was sampled; empty without the column.
+    NaN is left out."""
     if column is None or column not in trial.columns:
         return np.empty(0), np.empty(0)
     time, values = trial.arrays(column)
@@ -91,7 +110,8 @@ def median_step(time: Array) -> float:
 
 
 def consecutive(time: Array, values: Array, seconds: float) -> Array:
-    """Values (..., n) cut into consecutive pieces (..., k, m) of `seconds` each; the rest is dropped."""
+    """Values (..., n) cut into consecutive pieces (..., k, m) of `seconds` each; the rest is
+    dropped."""
     length = max(round(seconds / median_step(time)), 1) if time.size > 1 else 1
     return values[..., : time.size // length * length].reshape(*values.shape[:-1], -1, length)
 
@@ -102,14 +122,21 @@ def consecutive(time: Array, values: Array, seconds: float) -> Array:
 def measure_rate(examined: Examined) -> CheckResult:
     rates = {column: 1 / (median or mean) for column, (median, mean, _) in examined.steps.items()}
     said = ", ".join(f"{column} {rate:.6g} Hz" for column, rate in rates.items())
-    return CheckResult(min(rates.values()), said) if rates else not_applicable("no channel has three samples")
+    return (
+        CheckResult(min(rates.values()), said)
+        if rates
+        else not_applicable("no channel has three samples")
+    )
 
 
 def measure_jitter(examined: Examined) -> CheckResult:
-    """Largest slow wander of a recorder's stamps about their line, in percent of a step. 0 if the signals or the source
-    file decide how stamps are read (docs/time_base.md): scatter of any size then costs nothing."""
+    """Largest slow wander of a recorder's stamps about their line, in percent of a step. 0 if the
+    signals or the source file decide how stamps are read (docs/time_base.md): scatter of any size
+    then costs nothing."""
     wander, remarks = {}, []
-    columns = [column for column in examined.experiment.needed_columns if column in examined.trial.columns]
+    columns = [
+        column for column in examined.experiment.needed_columns if column in examined.trial.columns
+    ]
     try:
         parts = take(streams(examined.trial, devices_of(examined.trial, columns), frozenset()))
     except InputError as error:
@@ -125,7 +152,9 @@ def measure_jitter(examined: Examined) -> CheckResult:
 
 def measure_gap(examined: Examined) -> CheckResult:
     steps = examined.steps.items()
-    gaps = {column: most - usual if most > 1.5 * usual else 0.0 for column, (usual, _, most) in steps}
+    gaps = {
+        column: most - usual if most > 1.5 * usual else 0.0 for column, (usual, _, most) in steps
+    }
     return worst(gaps, "no channel has three samples")
 
 
@@ -134,20 +163,44 @@ def measure_clock(examined: Examined) -> CheckResult:
     if not clock:
         return worst(logged.get("clocks_apart", {}), "one clock")
     ppm, error = 1e6 * clock["drift"], 1e6 * clock["drift_error"]
-    outside = f"{clock.get('rows_before', 0)} and {clock.get('rows_after', 0)} rows of the log before and after"
-    matched = f"{clock['edges']} matched and {clock['excluded_edges']} excluded by {clock.get('method', 'edges')}"
-    return CheckResult(clock["residual"], f"drift {ppm:.1f} +- {error:.1f} ppm; {matched}; {outside} motion capture")
+    outside = (
+        f"{clock.get('rows_before', 0)} and {clock.get('rows_after', 0)} rows of the log before and"
+        " after"
+    )
+    matched = (
+        f"{clock['edges']} matched and {clock['excluded_edges']} excluded by"
+        f" {clock.get('method', 'edges')}"
+    )
+    return CheckResult(
+        clock["residual"],
+        f"drift {ppm:.1f} +- {error:.1f} ppm; {matched}; {outside} motion capture",
+    )
 
 
 def measure_damage(examined: Examined) -> CheckResult:
     if not (reports := examined.trial.provenance.get("damage")):
         return not_applicable("no damage report")
-    states, said = {None: "whether it is complete is not known", False: "the file is not complete"}, list[str]()
+    states, said = (
+        {None: "whether it is complete is not known", False: "the file is not complete"},
+        list[str](),
+    )
     for role, damage in reports.items():
-        told = [f"{damage[key]} {key.replace('_', ' ')}" for key in ("chunks_lost", "lost") if damage.get(key)]
-        told += [states.get(damage.get("complete", True), ""), f"CRC {damage.get('crc')}" * ("crc" in damage)]
-        said.append(f"{role}: " * (len(reports) > 1) + "; ".join(filter(None, [*told, *(damage.get("remarks") or [])])))
-    return CheckResult(100 * max(float(one.get("share_lost") or 0.0) for one in reports.values()), "; ".join(said))
+        told = [
+            f"{damage[key]} {key.replace('_', ' ')}"
+            for key in ("chunks_lost", "lost")
+            if damage.get(key)
+        ]
+        told += [
+            states.get(damage.get("complete", True), ""),
+            f"CRC {damage.get('crc')}" * ("crc" in damage),
+        ]
+        said.append(
+            f"{role}: " * (len(reports) > 1)
+            + "; ".join(filter(None, [*told, *(damage.get("remarks") or [])]))
+        )
+    return CheckResult(
+        100 * max(float(one.get("share_lost") or 0.0) for one in reports.values()), "; ".join(said)
+    )
 
 
 def measure_truncation(examined: Examined) -> CheckResult:
@@ -161,9 +214,10 @@ def measure_truncation(examined: Examined) -> CheckResult:
 
 
 def measure_protocol(examined: Examined) -> CheckResult:
-    """Number of differences from the protocol: commanded pairs of amplitude and frequency that are missing or have
-    other numbers of cycles, runs that were not commanded, and amplitudes of another size. A protocol may repeat a pair.
-    A motion that is no stepped sine is remarked and counts 0."""
+    """Number of differences from the protocol: commanded pairs of amplitude and frequency that are
+    missing or have other numbers of cycles, runs that were not commanded, and amplitudes of another
+    size. A protocol may repeat a pair. A motion that is no stepped sine is remarked and counts
+    0."""
     if not examined.experiment.stepped_sine or "theta" not in examined.trial.columns:
         return not_applicable("no stepped sine")
     commanded = examined.commanded.protocol
@@ -173,29 +227,45 @@ def measure_protocol(examined: Examined) -> CheckResult:
         return not_applicable(f"no time base, {error}")
     excitation = examined.commanded.excitation if examined.experiment.any_motion else "stepped sine"
     if excitation == "any":
-        return CheckResult(0.0, "not compared: the configuration says that any motion moves the joint")
+        return CheckResult(
+            0.0, "not compared: the configuration says that any motion moves the joint"
+        )
     alike = Likeness(angle.time, angle["theta"], commanded)
     if excitation == "auto" and alike.kind == "other":
         return CheckResult(0.0, "no stepped sine but another motion, which is fitted as such")
     if not (commanded.amplitudes and commanded.frequencies_hz):
         recorded = listing([str(run) for run in alike.runs], 20)
-        return not_applicable(f"amplitudes_deg and frequencies_hz are not stated; recorded: {recorded}")
+        return not_applicable(
+            f"amplitudes_deg and frequencies_hz are not stated; recorded: {recorded}"
+        )
     cycles = defaultdict[tuple[float, float], float](float)
     counts = commanded.cycles_at or (math.nan,) * len(commanded.frequencies_hz)
     for amplitude in commanded.amplitudes:
         for frequency, count in zip(commanded.frequencies_hz, counts, strict=True):
             cycles[amplitude, frequency] += count
-    followed = [(commanded.amplitude_near(r.amplitude), commanded.frequency_near(r.frequency_hz)) for r in alike.runs]
+    followed = [
+        (commanded.amplitude_near(r.amplitude), commanded.frequency_near(r.frequency_hz))
+        for r in alike.runs
+    ]
     remarks = other_sizes(alike.runs, commanded)
     for (amplitude, frequency), wanted in cycles.items():
-        own = [run for run, pair in zip(alike.runs, followed, strict=True) if pair == (amplitude, frequency)]
-        # Equal within 5 %, or half a cycle per run: a ramp has no sharp end. Cycles of a soft start may count too.
+        own = [
+            run
+            for run, pair in zip(alike.runs, followed, strict=True)
+            if pair == (amplitude, frequency)
+        ]
+        # Equal within 5 %, or half a cycle per run: a ramp has no sharp end. Cycles of a soft start
+        # may count too.
         slack, least = max(0.05 * wanted, 0.5 * len(own)), sum(run.cycles for run in own)
         if not own:
             remarks.append(f"missing {np.rad2deg(amplitude):g} deg at {frequency:g} Hz")
-        elif wanted < least - slack or wanted > slack + sum(cycles_with_ramps(run, alike) for run in own):
+        elif wanted < least - slack or wanted > slack + sum(
+            cycles_with_ramps(run, alike) for run in own
+        ):
             remarks.append(f"{' and '.join(map(str, own[:3]))}, commanded are {wanted:g}")
-    remarks += [f"besides {run}" for run, pair in zip(alike.runs, followed, strict=True) if None in pair]
+    remarks += [
+        f"besides {run}" for run, pair in zip(alike.runs, followed, strict=True) if None in pair
+    ]
     words = [*remarks[:20], *[f"and {len(remarks) - 20} differences more"] * (len(remarks) > 20)]
     pairs = len(commanded.amplitudes) * len(commanded.frequencies_hz)
     words = words or [f"{pairs} commanded pairs of amplitude and frequency found"]
@@ -203,8 +273,9 @@ def measure_protocol(examined: Examined) -> CheckResult:
 
 
 def cycles_with_ramps(run: Run, alike: Likeness) -> float:
-    """The cycles of a run, with those of a soft start or end beside it: the same period at another amplitude. If there
-    are any, two more are added, because the outermost ones are too small to be seen."""
+    """The cycles of a run, with those of a soft start or end beside it: the same period at another
+    amplitude. If there are any, two more are added, because the outermost ones are too small to be
+    seen."""
     others = [one for one in alike.runs if one is not run]
     start = max((one.stop for one in others if one.stop <= run.start), default=-np.inf)
     stop = min((one.start for one in others if one.start >= run.stop), default=np.inf)
@@ -216,17 +287,22 @@ def cycles_with_ramps(run: Run, alike: Likeness) -> float:
 
 
 def other_sizes(found: Sequence[Run], commanded: SteppedSineProtocol) -> list[str]:
-    """A sentence per amplitude more than 3 % off its command, at the slowest frequency: a bench loses least there."""
+    """A sentence per amplitude more than 3 % off its command, at the slowest frequency: a bench
+    loses least there."""
     slowest, said = min(commanded.frequencies_hz), []
-    sizes = sorted(run.amplitude for run in found if commanded.frequency_near(run.frequency_hz) == slowest)
+    sizes = sorted(
+        run.amplitude for run in found if commanded.frequency_near(run.frequency_hz) == slowest
+    )
     near = [commanded.amplitude_near(size) for size in sizes]
     if len(sizes) == len(commanded.amplitudes) and None not in near:
-        near = [*sorted(commanded.amplitudes)]  # all amplitudes may be off by one factor: matched by order
+        # all amplitudes may be off by one factor: matched by order
+        near = [*sorted(commanded.amplitudes)]
     for size, meant in zip(sizes, near, strict=True):
         if meant is not None and abs(size / meant - 1) > 0.03:
             said.append(
-                f"{np.rad2deg(size):.3g} deg at {slowest:g} Hz, commanded are {np.rad2deg(meant):g} deg (if the joint "
-                f"did them, theta is {size / meant:.3g} times its angle, and K {meant / size:.3g} times its own)"
+                f"{np.rad2deg(size):.3g} deg at {slowest:g} Hz, commanded are {np.rad2deg(meant):g}"
+                f" deg (if the joint did them, theta is {size / meant:.3g} times its angle, and K"
+                f" {meant / size:.3g} times its own)"
             )
     return said
 
@@ -235,7 +311,8 @@ def other_sizes(found: Sequence[Run], commanded: SteppedSineProtocol) -> list[st
 
 
 def stated_range(trial: Trial, column: str) -> tuple[float, float] | None:
-    """Lowest and highest value of a channel that its source file states, in the column's unit; None if not stated."""
+    """Lowest and highest value of a channel that its source file states, in the column's unit; None
+    if not stated."""
     ends = trial.provenance.get("columns", {}).get(column, {}).get("range")
     return (float(ends[0]), float(ends[1])) if ends else None
 
@@ -243,31 +320,43 @@ def stated_range(trial: Trial, column: str) -> tuple[float, float] | None:
 def check_ranges(trial: Trial) -> None:
     """Refuse values beyond the sensor's range as the source file states it (InputError)."""
     for column in trial.columns:
-        if (ends := stated_range(trial, column)) is None or not (values := recorded(trial, column)[1]).size:
+        if (ends := stated_range(trial, column)) is None or not (
+            values := recorded(trial, column)[1]
+        ).size:
             continue
         (low, high), (least, most) = ends, (float(values.min()), float(values.max()))
         slack = 0.01 * (high - low)  # electronics reach a little further than data sheets
         if least < low - slack or most > high + slack:
             raise InputError(
-                f"trial {trial.name}: {column} goes from {least:.4g} to {most:.4g} {unit_of(column)}, beyond the "
-                f"`range` of its sensor, {low:g} to {high:g}; correct `unit`, `scale` or `range` in the source file"
+                f"trial {trial.name}: {column} goes from {least:.4g} to {most:.4g}"
+                f" {unit_of(column)}, beyond the `range` of its sensor, {low:g} to {high:g};"
+                " correct `unit`, `scale` or `range` in the source file"
             )
 
 
 def samples_at_rail(trial: Trial, column: str, torque: str | None = None) -> int:
-    """Longest run [samples] of a channel at an end of its stated range, or at its lowest or highest value. 0 for a
-    command, which has levels. A driven angle may rest at an extreme: it is clipped only if `torque` changes meanwhile.
-    Do not ask this of a motor behind a belt: its own friction may hold it."""
+    """Longest run [samples] of a channel at an end of its stated range, or at its lowest or highest
+    value. 0 for a command, which has levels. A driven angle may rest at an extreme: it is clipped
+    only if `torque` changes meanwhile. Do not ask this of a motor behind a belt: its own friction
+    may hold it."""
     time, values = recorded(trial, column)
     if not values.size or not np.isfinite(values).all():  # the fit refuses it
         return 0
     if column.startswith("theta"):
         seen = 0 if torque is None else longest_clipped_angle(time, values, recorded(trial, torque))
     else:
-        rail, changes = run_at_extreme(values), np.flatnonzero(np.diff(values, prepend=np.nan)).astype(float)
-        # rows per value, if the source is slower than the log (as floats: a median of equal integers is slow)
+        rail, changes = (
+            run_at_extreme(values),
+            np.flatnonzero(np.diff(values, prepend=np.nan)).astype(float),
+        )
+        # rows per value, if the source is slower than the log (as floats: a median of equal
+        # integers is slow)
         held_for = int(np.median(np.diff(changes))) if len(changes) > 1 else 1
-        seen = 0 if column == "current" and is_command(values) else (rail.stop - rail.start) // held_for
+        seen = (
+            0
+            if column == "current" and is_command(values)
+            else (rail.stop - rail.start) // held_for
+        )
     if ends := stated_range(trial, column):
         near = 1e-3 * (ends[1] - ends[0])
         for there in map(longest_run, (values <= ends[0] + near, values >= ends[1] - near)):
@@ -276,19 +365,27 @@ def samples_at_rail(trial: Trial, column: str, torque: str | None = None) -> int
 
 
 def is_command(values: Array) -> bool:
-    """Whether a channel (n,) has levels without noise: beside its longest run, over 30 % of samples repeat the last."""
+    """Whether a channel (n,) has levels without noise: beside its longest run, over 30 % of samples
+    repeat the last."""
     repeated = np.diff(values) == 0
     longest = longest_run(repeated)
     return bool(repeated.sum() - (longest.stop - longest.start) > 0.3 * repeated.size)
 
 
 def longest_clipped_angle(time: Array, theta: Array, torque: tuple[Array, Array]) -> int:
-    """Longest run [samples] of an angle (n,) at its lowest or highest value while the torque changes. `torque` is times
-    [s] and values. The angle must reach and leave the extreme with a corner. The torque must also change in the middle
-    of the run: the joint turns on. For a joint that comes to rest it changes only at the ends. A held joint with coarse
-    steps takes the next value as often. Behind play, an angle stands at other turning points too."""
+    """Longest run [samples] of an angle (n,) at its lowest or highest value while the torque
+    changes. `torque` is times [s] and values. The angle must reach and leave the extreme with a
+    corner. The torque must also change in the middle of the run: the joint turns on. For a joint
+    that comes to rest it changes only at the ends. A held joint with coarse steps takes the next
+    value as often. Behind play, an angle stands at other turning points too."""
     when, values = torque
-    if not theta.size or not np.ptp(theta) or not when.size or not np.isfinite(values).all() or not np.ptp(values):
+    if (
+        not theta.size
+        or not np.ptp(theta)
+        or not when.size
+        or not np.isfinite(values).all()
+        or not np.ptp(values)
+    ):
         return 0
     changes = 0.02 * float(np.ptp(values))  # more than the creep of a joint that rests
     longest, step, noise = 0, np.nan, np.nan
@@ -300,20 +397,33 @@ def longest_clipped_angle(time: Array, theta: Array, torque: tuple[Array, Array]
                 sides = (run.start - count // 2, run.stop - 1 + count // 2)
                 moved = [abs(theta[at] - end) for at in sides if 0 <= at < theta.size]
                 if np.isnan(step):
-                    noise = usual_size(np.diff(values, 3)) / 3.016 if values.size > 3 else np.inf  # of white noise
+                    # of white noise
+                    noise = usual_size(np.diff(values, 3)) / 3.016 if values.size > 3 else np.inf
                     changes = max(changes, 10 * noise)
                     step = smallest_step(theta)
-                # A sine that is rounded to steps moves by four steps at most within half of its standing time.
+                # A sine that is rounded to steps moves by four steps at most within half of its
+                # standing time.
                 corner = moved and min(moved) > 8 * step
-                turns_on = np.ptp(within[within.size // 4 : -(within.size // 4) or None]) > max(changes / 4, 10 * noise)
+                turns_on = np.ptp(within[within.size // 4 : -(within.size // 4) or None]) > max(
+                    changes / 4, 10 * noise
+                )
                 beside = theta[np.abs(theta - end) > 0.5 * step]
                 often = np.sum(theta == end) > np.sum(np.abs(beside - end) < 1.5 * step)
                 is_clipped = corner and often and np.ptp(within) > changes and turns_on
                 longest = count if is_clipped and not comes_to_rest(theta, run, step) else longest
-    turned = np.flatnonzero(np.diff(theta, prepend=np.nan, append=np.nan)).tolist() if longest else []
+    turned = (
+        np.flatnonzero(np.diff(theta, prepend=np.nan, append=np.nan)).tolist() if longest else []
+    )
     stood = [slice(*pair) for pair in pairwise(turned) if 2 * (pair[1] - pair[0]) > longest]
-    during = ((run, values[slice(*np.searchsorted(when, (time[run.start], time[run.stop - 1])))]) for run in stood)
-    ends = [theta[run.start] in (theta.min(), theta.max()) for run, x in during if x.size and np.ptp(x) > changes / 2]
+    during = (
+        (run, values[slice(*np.searchsorted(when, (time[run.start], time[run.stop - 1])))])
+        for run in stood
+    )
+    ends = [
+        theta[run.start] in (theta.min(), theta.max())
+        for run, x in during
+        if x.size and np.ptp(x) > changes / 2
+    ]
     return longest if ends.count(True) >= ends.count(False) else 0
 
 
@@ -324,15 +434,23 @@ def smallest_step(values: Array) -> float:
 
 
 def comes_to_rest(theta: Array, run: slice, step: float) -> bool:
-    """Whether an angle (n,) with this resolution slows down before the run in which it stands, and starts slowly after
-    it, as a joint that is moved from level to level. A clipped angle runs into the end of its range at speed."""
+    """Whether an angle (n,) with this resolution slows down before the run in which it stands, and
+    starts slowly after it, as a joint that is moved from level to level. A clipped angle runs into
+    the end of its range at speed."""
     count = run.stop - run.start
-    sides = theta[max(run.start - count, 0) : run.start + 1], theta[run.stop - 1 : run.stop + count][::-1]
+    sides = (
+        theta[max(run.start - count, 0) : run.start + 1],
+        theta[run.stop - 1 : run.stop + count][::-1],
+    )
     for side in sides:
-        apart = next((k for k in range(4, len(side) // 2) if np.abs(side[k:] - side[:-k]).max() > 16 * step), None)
+        apart = next(
+            (k for k in range(4, len(side) // 2) if np.abs(side[k:] - side[:-k]).max() > 16 * step),
+            None,
+        )
         if apart is not None:
             near, then = np.abs(np.diff(side[[-1, -1 - apart, -1 - 2 * apart]]))
-            if near > 0.25 * np.abs(side[apart:] - side[:-apart]).max() and then < 1.5 * near:  # 3 * near if from rest
+            # 3 * near if from rest
+            if near > 0.25 * np.abs(side[apart:] - side[:-apart]).max() and then < 1.5 * near:
                 return False
     return True
 
@@ -347,8 +465,8 @@ def raw_channels(trial: Trial) -> dict[str, Mapping[str, Any]]:
 
 
 def noisy_channels(trial: Trial) -> dict[str, tuple[Array, Array]]:
-    """Time [s] and values of channels that noise keeps changing: torques, current, and the forces and moments of plates
-    whose raw channels are not known."""
+    """Time [s] and values of channels that noise keeps changing: torques, current, and the forces
+    and moments of plates whose raw channels are not known."""
     noisy = {"current"} | {facts.torque for facts in EXPERIMENTS.values()}
     plates = {name.partition(" ")[0] for name in raw_channels(trial)}
     columns = [c for c in trial.samples.columns if c in noisy or c.startswith("plate")]
@@ -357,15 +475,20 @@ def noisy_channels(trial: Trial) -> dict[str, tuple[Array, Array]]:
 
 
 def measure_saturation(examined: Examined) -> CheckResult:
-    trial, driven = examined.trial, examined.experiment.motion  # an angle that is not driven may stand by friction
-    names = [*noisy_channels(trial), *(c for c in trial.samples.columns if c == driven or stated_range(trial, c))]
+    # an angle that is not driven may stand by friction
+    trial, driven = examined.trial, examined.experiment.motion
+    names = [
+        *noisy_channels(trial),
+        *(c for c in trial.samples.columns if c == driven or stated_range(trial, c)),
+    ]
     lengths = {name: samples_at_rail(trial, name, examined.experiment.torque) for name in names}
     lengths |= {name: facts["clipped_samples"] for name, facts in raw_channels(trial).items()}
     return worst(lengths, "no torque, current or plate")
 
 
 def saturated(trial: Trial, torque: str = "torque", *others: str) -> pl.Expr:
-    """The column `saturated_samples`: the longest `samples_at_rail` of the torque and the other columns."""
+    """The column `saturated_samples`: the longest `samples_at_rail` of the torque and the other
+    columns."""
     longest = max(samples_at_rail(trial, column, torque) for column in (torque, *others))
     return pl.lit(longest, pl.Int64).alias("saturated_samples")
 
@@ -376,17 +499,19 @@ AT_REST = 0.02  # share of the angle's range by which a joint at rest may creep
 
 
 def measure_stuck(examined: Examined) -> CheckResult:
-    """Longest time [s] that a noisy channel repeats one value, or that an angle stands while its command (or else the
-    averaged torque) changes. These do not count: a load cell with coarse steps while the joint rests; a plate at 0,
-    which Nexus writes without load; a joint at rest in static and plate trials; a channel that the experiment does not
-    use, such as a locked motor; a current before the motion starts."""
+    """Longest time [s] that a noisy channel repeats one value, or that an angle stands while its
+    command (or else the averaged torque) changes. These do not count: a load cell with coarse steps
+    while the joint rests; a plate at 0, which Nexus writes without load; a joint at rest in static
+    and plate trials; a channel that the experiment does not use, such as a locked motor; a current
+    before the motion starts."""
     trial, columns = examined.trial, examined.trial.samples.columns
     moving = examined.experiment.motion or ("theta" if examined.experiment.tables else "")
     angle = recorded(trial, moving if moving in columns else "theta")
     times, channels = {}, noisy_channels(trial)
     used = {name.partition("_")[0] for name, (_, x) in channels.items() if x.any()}
     for name, (time, x) in channels.items():
-        if name.startswith("plate"):  # a channel that is always 0 is dead if another channel of its plate is not
+        # a channel that is always 0 is dead if another channel of its plate is not
+        if name.startswith("plate"):
             dead = not x.any() and name.partition("_")[0] in used
             times[name] = float(np.ptp(time)) if dead else held(time, np.where(x == 0, np.nan, x))
         elif not examined.experiment.uses(name):
@@ -396,19 +521,27 @@ def measure_stuck(examined: Examined) -> CheckResult:
         elif angle[0].size < 2 or not np.ptp(x):
             times[name] = held(time, x)
         else:
-            times[name] = held(time, x, (time, np.interp(time, *angle)), AT_REST * float(np.ptp(angle[1])))
+            times[name] = held(
+                time, x, (time, np.interp(time, *angle)), AT_REST * float(np.ptp(angle[1]))
+            )
     for name, facts in raw_channels(trial).items():
         times[name] = (facts["stands_to_s"] or 0.0) - (facts["stands_from_s"] or 0.0)
     by = next((c for c in ("theta_command", "torque") if c in columns), None)
     reference = recorded(trial, by)
     time, theta = recorded(trial, "theta")
     if time.size and reference[0].size:
-        smoothed = 0.05  # s, over which a reference is averaged; a sine of 5 Hz keeps nine tenths of its amplitude
+        # s, over which a reference is averaged; a sine of 5 Hz keeps nine tenths of its amplitude
+        smoothed = 0.05
         when, level = consecutive(reference[0], np.stack(reference), smoothed).mean(axis=-1)
         if when.size:  # while it changes by a fifth of its range, the joint should have moved
-            apart = smoothed / 2 + median_step(time)  # at the start of a motion the torque jumps before the angle
+            # at the start of a motion the torque jumps before the angle
+            apart = smoothed / 2 + median_step(time)
             from_rest = np.minimum(abs(theta - theta[0]), abs(theta - median(theta)))
-            rests = (from_rest <= AT_REST * np.ptp(theta)) & examined.experiment.stepped_sine & (by == "torque")
+            rests = (
+                (from_rest <= AT_REST * np.ptp(theta))
+                & examined.experiment.stepped_sine
+                & (by == "torque")
+            )
             least, moved = 0.2 * float(np.ptp(level)), without_rests(time, theta)
             times["theta"] = held(time, moved, (when, level), least, apart, rests)
     if moving in columns and angle[1].size and not np.ptp(angle[1]):
@@ -417,7 +550,8 @@ def measure_stuck(examined: Examined) -> CheckResult:
 
 
 def without_start(time: Array, values: Array, angle: tuple[Array, Array]) -> Array:
-    """A channel (n,), NaN while it stands at the beginning, before the `angle` moves: the drive is still off."""
+    """A channel (n,), NaN while it stands at the beginning, before the `angle` moves: the drive is
+    still off."""
     changed = np.flatnonzero(values != values[0])
     if not changed.size or angle[0].size < 2:
         return values
@@ -427,15 +561,19 @@ def without_start(time: Array, values: Array, angle: tuple[Array, Array]) -> Arr
 
 
 def without_rests(time: Array, theta: Array) -> Array:
-    """An angle (n,), NaN while it stands at rest (`comes_to_rest`). A joint that is held is no frozen channel, whatever
-    its torque does. A stand at the end of a recording may be a frozen channel: it stays if it is longer than three
-    times the longest rest before."""
+    """An angle (n,), NaN while it stands at rest (`comes_to_rest`). A joint that is held is no
+    frozen channel, whatever its torque does. A stand at the end of a recording may be a frozen
+    channel: it stays if it is longer than three times the longest rest before."""
     kept, least, longest = theta.copy(), 0.2 / max(median_step(time), 1e-9), 0.0  # samples
     step = smallest_step(theta) if theta.size else 0.0
     for first, stop in run_edges(np.diff(theta) == 0).tolist():
         count, whole = stop - first, slice(first, stop + 1)
         is_last = whole.stop == theta.size
-        if count > least and not (is_last and count > 3 * longest) and comes_to_rest(theta, whole, step):
+        if (
+            count > least
+            and not (is_last and count > 3 * longest)
+            and comes_to_rest(theta, whole, step)
+        ):
             kept[whole], longest = np.nan, max(longest, count)
     return kept
 
@@ -448,12 +586,16 @@ def held(
     apart: float = 0.0,
     rests: NDArray[np.bool_] | None = None,
 ) -> float:
-    """Longest time [s] that a channel (n,) repeats one value while its reference (times, values) changes by more than
-    `least`. `apart` [s] at both ends do not count. Where the channel `rests` (n,), the reference must go to and fro by
-    more than `least` in the later half: a motor behind a resting joint creeps or rings."""
+    """Longest time [s] that a channel (n,) repeats one value while its reference (times, values)
+    changes by more than `least`. `apart` [s] at both ends do not count. Where the channel `rests`
+    (n,), the reference must go to and fro by more than `least` in the later half: a motor behind a
+    resting joint creeps or rings."""
     edges = run_edges(np.diff(values) == 0)
     when, what = reference or (time, values)
-    ends = np.searchsorted(when, time[edges[:, 0]] + apart), np.searchsorted(when, time[edges[:, 1]] - apart, "right")
+    ends = (
+        np.searchsorted(when, time[edges[:, 0]] + apart),
+        np.searchsorted(when, time[edges[:, 1]] - apart, "right"),
+    )
     if reference is not None and len(edges):
         padded, rows = np.append(what, what[-1]), np.stack(ends, axis=1).ravel()
         change = (np.maximum.reduceat(padded, rows) - np.minimum.reduceat(padded, rows))[::2]
@@ -470,7 +612,8 @@ def held(
 
 
 def measure_dropout(examined: Examined) -> CheckResult:
-    """Number of samples that no sensor gives, in channels that seldom repeat a value; for plates, `dropped_loads`."""
+    """Number of samples that no sensor gives, in channels that seldom repeat a value; for plates,
+    `dropped_loads`."""
     counts = dict[str, float]()
     for name in (one for one in SELDOM_REPEAT if one in examined.trial.columns):
         known = origin(examined.trial, name)  # ingest may have counted them
@@ -486,10 +629,11 @@ def measure_dropout(examined: Examined) -> CheckResult:
 
 
 def dropped_loads(force: Array) -> float:
-    """Number of samples of a plate's force (n,) [N] in constant levels between two jumps larger than a person's step
-    causes, or in runs of zeros among the noise of the bare plate."""
+    """Number of samples of a plate's force (n,) [N] in constant levels between two jumps larger
+    than a person's step causes, or in runs of zeros among the noise of the bare plate."""
     steps, bare = np.abs(np.diff(force)), np.abs(force) < 20.0  # N
-    is_noisy = np.mean(force[bare] == 0) < 0.5 if bare.any() else False  # else 0 is written without load
+    # else 0 is written without load
+    is_noisy = np.mean(force[bare] == 0) < 0.5 if bare.any() else False
     levels = [(a, b, *steps[:a][-1:], *steps[b : b + 1]) for a, b in run_edges(steps == 0).tolist()]
     # a foot that leaves a plate takes 10 to 15 N in a millisecond
     lengths = [b - a + 1 for a, b, *jumps in levels if len(jumps) == 2 and min(jumps) > 250.0]
@@ -501,14 +645,18 @@ def dropped_loads(force: Array) -> float:
 
 
 def measure_unzeroed_plate(examined: Examined) -> CheckResult:
-    """Largest level [N] of a bare plate: the mean over 0.2 s at rest that is nearest to zero. A larger positive level
-    may be a load, unless the experiment leaves every plate bare at some time."""
+    """Largest level [N] of a bare plate: the mean over 0.2 s at rest that is nearest to zero. A
+    larger positive level may be a load, unless the experiment leaves every plate bare at some
+    time."""
     at_rest = 20.0  # N, largest standard deviation of a plate at rest
     counted, loaded, remarks = [], [], []
     for column in examined.trial.samples.columns:
         if not (column.startswith("plate") and column.endswith("_force_z")):
             continue
-        plate, parts = column.removesuffix("_force_z"), consecutive(*recorded(examined.trial, column), 0.2)
+        plate, parts = (
+            column.removesuffix("_force_z"),
+            consecutive(*recorded(examined.trial, column), 0.2),
+        )
         quiet = parts[parts.std(axis=1) < at_rest].mean(axis=1)
         level = float(quiet[np.argmin(abs(quiet))]) if quiet.size else np.inf
         if not quiet.size or not (level < at_rest or examined.experiment.bare_plate):
@@ -516,29 +664,35 @@ def measure_unzeroed_plate(examined: Examined) -> CheckResult:
             continue
         counted.append(abs(level))
         remarks.append(f"{plate} {level:.1f} N")
-        if examined.experiment.walker and level <= -200:  # N: somebody's weight, where a plate was zeroed
+        # N: somebody's weight, where a plate was zeroed
+        if examined.experiment.walker and level <= -200:
             remarks[-1] += (
-                ", a person's weight with the wrong sign: correct the plate's `sign` or corners, or `axes` in the "
-                "source file, unless it was zeroed while somebody stood on it"
+                ", a person's weight with the wrong sign: correct the plate's `sign` or corners, or"
+                " `axes` in the source file, unless it was zeroed while somebody stood on it"
             )
     if not counted:
-        return not_applicable("the plates are never at rest, or loaded throughout" if loaded else "no plate")
+        return not_applicable(
+            "the plates are never at rest, or loaded throughout" if loaded else "no plate"
+        )
     return CheckResult(max(counted), ", ".join(remarks + loaded))
 
 
 def measure_encoder_wrap(examined: Examined) -> CheckResult:
-    """Number of steps of an angle by one turn, within 10 %, or by 360 (degrees declared as radians)."""
+    """Number of steps of an angle by one turn, within 10 %, or by 360 (degrees declared as
+    radians)."""
     jumps: dict[str, float] = {}
     for column in ("theta", "theta_m", "theta_command"):
         if column in examined.trial.columns:
             jump = abs(np.diff(recorded(examined.trial, column)[1]))
-            jumps[column] = float(sum((abs(jump / turn - 1) < 0.1).sum() for turn in (2 * np.pi, 360.0)))
+            jumps[column] = float(
+                sum((abs(jump / turn - 1) < 0.1).sum() for turn in (2 * np.pi, 360.0))
+            )
     return worst(jumps, "no angle")
 
 
 def measure_marker_gap(examined: Examined) -> CheckResult:
-    """Longest time [s] that a marker was hidden between two sightings, minus one step; the whole time if it was never
-    seen. The remark counts the markers with gaps."""
+    """Longest time [s] that a marker was hidden between two sightings, minus one step; the whole
+    time if it was never seen. The remark counts the markers with gaps."""
     gaps = {}
     for column in examined.trial.samples.columns:
         if column.startswith("marker_") and column.endswith("_x"):
@@ -547,24 +701,32 @@ def measure_marker_gap(examined: Examined) -> CheckResult:
             longest = float(np.diff(seen).max(initial=0.0)) - usual
             if not seen.size and time.size:
                 longest = float(np.ptp(time))
-            gaps[column.removeprefix("marker_").removesuffix("_x")] = longest if longest > 0.5 * usual else 0.0
+            gaps[column.removeprefix("marker_").removesuffix("_x")] = (
+                longest if longest > 0.5 * usual else 0.0
+            )
     result, with_gaps = worst(gaps, "no markers"), sum(gap > 0 for gap in gaps.values())
-    return CheckResult(result.value, f"{result.remark}; {with_gaps} of {len(gaps)} markers") if with_gaps else result
+    return (
+        CheckResult(result.value, f"{result.remark}; {with_gaps} of {len(gaps)} markers")
+        if with_gaps
+        else result
+    )
 
 
 # Force plates: while somebody walks over a plate, the centre of pressure lies on it and moves.
 
 
 def pressed_plates(trial: Trial) -> Iterator[tuple[int, Array, Array]]:
-    """For every loaded plate with known corners and columns: its number, corners (4, 3) [m], and the centre of pressure
-    (k, 2) [m] in the loaded samples, from the plate's centre along its edges."""
+    """For every loaded plate with known corners and columns: its number, corners (4, 3) [m], and
+    the centre of pressure (k, 2) [m] in the loaded samples, from the plate's centre along its
+    edges."""
     for plate in trial.provenance.get("plates", []):
         number, corners = int(plate["plate"]), np.array(plate["corners"], dtype=float)
         columns = [*plate_columns(number, "force"), *plate_columns(number, "moment")]
         if set(columns) <= set(trial.columns):
             values, axes = trial.sampled(*columns).select(columns).to_numpy(), plate_axes(corners)
             vertical = values[:, :3] @ axes[:, 2]
-            loaded = vertical > 100.0  # N; below, noise and a moving platform shift the centre of pressure
+            # N; below, noise and a moving platform shift the centre of pressure
+            loaded = vertical > 100.0
             if loaded.sum() >= 10:  # samples
                 point = np.cross(axes[:, 2], values[loaded, 3:]) / vertical[loaded, None]
                 yield number, corners, np.asarray(point @ axes[:, :2])
@@ -577,22 +739,35 @@ def travel(points: Array) -> float:
 
 
 def measure_pressure_centre(examined: Examined) -> CheckResult:
-    """Largest distance [m] of a centre of pressure outside its plate under load: the 80th percentile over samples. The
-    first and last samples of a stance are inexact. While a plate is turned, its own inertia, which the analysis takes
-    away, moves the point far out. The remark gives the likely cause."""
+    """Largest distance [m] of a centre of pressure outside its plate under load: the 80th
+    percentile over samples. The first and last samples of a stance are inexact. While a plate is
+    turned, its own inertia, which the analysis takes away, moves the point far out. The remark
+    gives the likely cause."""
     if not examined.experiment.walker:
         return not_applicable("nobody stands on a plate")
     distances, remarks = [], []
     for number, corners, points in pressed_plates(examined.trial):
-        distance, thousandth = (float(np.percentile(beside(p, corners), 80)) for p in (points, points / 1000))
+        distance, thousandth = (
+            float(np.percentile(beside(p, corners), 80)) for p in (points, points / 1000)
+        )
         distances.append(distance)
         if distance > 0:
             why = "a moment channel is dead, clipped or of the other sign, or the corners are wrong"
-            if thousandth == 0 and travel(points / 1000) > 0.02:  # m, which a rolling foot covers at least
-                why = "its moments look a thousand times too large; state `plate_units` in the source file, as "
+            # m, which a rolling foot covers at least
+            if thousandth == 0 and travel(points / 1000) > 0.02:
+                why = (
+                    "its moments look a thousand times too large; state `plate_units` in the source"
+                    " file, as "
+                )
                 why += "{force: N, moment: N*mm}"
-            remarks.append(f"plate{number}: the centre of pressure is {distance:.3g} m outside: {why}")
-    return CheckResult(max(distances), "; ".join(remarks)) if distances else not_applicable("no plate is stood on")
+            remarks.append(
+                f"plate{number}: the centre of pressure is {distance:.3g} m outside: {why}"
+            )
+    return (
+        CheckResult(max(distances), "; ".join(remarks))
+        if distances
+        else not_applicable("no plate is stood on")
+    )
 
 
 def measure_pressure_travel(examined: Examined) -> CheckResult:
@@ -602,60 +777,87 @@ def measure_pressure_travel(examined: Examined) -> CheckResult:
     if not ways:
         return not_applicable("no plate is stood on")
     way, number = min(ways)
-    return CheckResult(way, f"plate{number}: if it stands still, the moments are dead or a thousand times too small")
+    return CheckResult(
+        way,
+        f"plate{number}: if it stands still, the moments are dead or a thousand times too small",
+    )
 
 
 # Recordings of a bench that are refused before a fit.
 
 
 def check_own_torque(trial: Trial, torque: str = "torque") -> None:
-    """Refuse a torque that is the motor's current times a constant: a fit to it would be circular."""
+    """Refuse a torque that is the motor's current times a constant: a fit to it would be
+    circular."""
     both = trial.arrays(torque, "current")[1:] if {torque, "current"} <= set(trial.columns) else ()
     if both and (factor := factor_of(*both)) is not None:
         raise InputError(
-            f"trial {trial.name}: {torque} is current times {factor:.4g} {unit_of(torque)}/A, to within rounding: "
-            "it is computed from the motor's current, not measured, so that a fit gives what it was computed with; "
-            f"name the channel of a load cell as {torque} in the source file, or state the experiment ingest_only"
+            f"trial {trial.name}: {torque} is current times {factor:.4g} {unit_of(torque)}/A, to"
+            " within rounding: it is computed from the motor's current, not measured, so that a"
+            f" fit gives what it was computed with; name the channel of a load cell as {torque} in"
+            " the source file, or state the experiment ingest_only"
         )
 
 
-def check_recording(trial: Trial, limits: Any, torque: str = "torque", angle: str | None = "theta") -> None:
-    """Refuse an angle beyond `limits.largest_angle` [rad]; a torque beyond `limits.load_cell_range` [N*m], constant
-    while the joint turns, or computed from the current (`check_own_torque`); and samples less than 10 us apart."""
+def check_recording(
+    trial: Trial, limits: Any, torque: str = "torque", angle: str | None = "theta"
+) -> None:
+    """Refuse an angle beyond `limits.largest_angle` [rad]; a torque beyond `limits.load_cell_range`
+    [N*m], constant while the joint turns, or computed from the current (`check_own_torque`); and
+    samples less than 10 us apart."""
     who, time = f"trial {trial.name}:", trial.arrays()[0]
-    # The mean step: stamps of a late host come in clusters, and the steps within one are microseconds.
+    # The mean step: stamps of a late host come in clusters, and the steps within one are
+    # microseconds.
     step = float(np.ptp(time)) / (len(time) - 1) if len(time) > 1 else 0.0
     if 0 < step < 1e-5:  # no recorder of a joint is faster than 100 kHz
         said = f"{who} its samples are {step:.2g} s apart, {1 / step:.3g} in a second"
         remedy = (
-            "is its time recorded in another unit than it is declared in? Correct the unit of `time` in the source file"
+            "is its time recorded in another unit than it is declared in? Correct the unit of"
+            " `time` in the source file"
         )
         raise InputError(f"{said}: {remedy}")
     check_own_torque(trial, torque)
-    turned, measured = (x[np.isfinite(x)] for x in (recorded(trial, angle)[1], recorded(trial, torque)[1]))
+    turned, measured = (
+        x[np.isfinite(x)] for x in (recorded(trial, angle)[1], recorded(trial, torque)[1])
+    )
     turn, change = (float(np.ptp(x)) if x.size else 0.0 for x in (turned, measured))
     if turn and measured.size > 1 and not change:
-        said = f"{who} {torque} is {measured[0]:.4g} N*m in all samples while {angle} turns by {turn:.2g} rad"
-        raise InputError(f"{said}; is this the channel of the load cell? Correct it in the source file")
+        said = (
+            f"{who} {torque} is {measured[0]:.4g} N*m in all samples while {angle} turns by"
+            f" {turn:.2g} rad"
+        )
+        raise InputError(
+            f"{said}; is this the channel of the load cell? Correct it in the source file"
+        )
     if turn / 2 > limits.largest_angle:
         cause = "is it recorded in deg and declared as rad? Correct its `unit` in the source file"
         if origin(trial, angle or "").get("factor", 1) != 1:
-            cause = "no joint turns so far, is it another channel, or its scale another? Correct it in the source file"
+            cause = (
+                "no joint turns so far, is it another channel, or its scale another? Correct it in"
+                " the source file"
+            )
         if measured.size and change / 2 < limits.largest_angle:
-            cause = f"{torque} has +-{change / 2:.2g} N*m only, are the two swapped? Correct them in the source file"
+            cause = (
+                f"{torque} has +-{change / 2:.2g} N*m only, are the two swapped? Correct them in"
+                " the source file"
+            )
         if np.abs(np.diff(turned)).max() > 0.9 * turn:
             cause = (
-                "it jumps so far from a row to the next, as where an encoder begins anew; state after how much of its "
+                "it jumps so far from a row to the next, as where an encoder begins anew; state"
+                " after how much of its "
             )
             cause += "own unit, as `wraps_at: 360` or 65536, in the source file"
         said = f"{who} {angle} turns by +-{turn / 2:.3g} rad ({math.degrees(turn / 2):.0f} deg)"
-        limit = f"more than the {limits.largest_angle:g} rad of `largest_angle` in the configuration"
+        limit = (
+            f"more than the {limits.largest_angle:g} rad of `largest_angle` in the configuration"
+        )
         raise InputError(f"{said}, {limit}: {cause}")
     largest = float(np.abs(measured).max(initial=0.0))
     if limits.load_cell_range is not None and largest > limits.load_cell_range:
         raise InputError(
-            f"{who} {torque} reaches {largest:.4g} N*m, more than the {limits.load_cell_range:g} N*m of "
-            "`load_cell_range` in the configuration; correct its `unit` or `scale` in the source file, or the range"
+            f"{who} {torque} reaches {largest:.4g} N*m, more than the {limits.load_cell_range:g}"
+            " N*m of `load_cell_range` in the configuration; correct its `unit` or `scale` in the"
+            " source file, or the range"
         )
 
 
@@ -663,25 +865,33 @@ MEASURES: dict[str, tuple[Callable[[Examined], CheckResult], str]] = {
     "rate": (measure_rate, "Hz"), "jitter": (measure_jitter, "%"), "gap": (measure_gap, "s"),
     "saturation": (measure_saturation, "samples"), "stuck": (measure_stuck, "s"),
     "dropout": (measure_dropout, "samples"),
-    "unzeroed_plate": (measure_unzeroed_plate, "N"), "encoder_wrap": (measure_encoder_wrap, "jumps"),
+    "unzeroed_plate": (measure_unzeroed_plate, "N"), "encoder_wrap": (measure_encoder_wrap,
+    "jumps"),
     "marker_gap": (measure_marker_gap, "s"),
-    "pressure_centre": (measure_pressure_centre, "m"), "pressure_travel": (measure_pressure_travel, "m"),
-    "clock_residual": (measure_clock, "s"), "damage": (measure_damage, "%"), "truncated": (measure_truncation, "logs"),
+    "pressure_centre": (measure_pressure_centre, "m"), "pressure_travel": (measure_pressure_travel,
+    "m"),
+    "clock_residual": (measure_clock, "s"), "damage": (measure_damage, "%"),
+    "truncated": (measure_truncation, "logs"),
     "protocol": (measure_protocol, "segments"),
 }  # fmt: skip
-"""Every check by name: its function and the unit of its value. A new check also needs its cause in `judge/causes.yaml`,
-its words, its rule under `quality` in config/config.yaml, and a test."""
+"""Every check by name: its function and the unit of its value. A new check also needs its cause in
+`judge/causes.yaml`, its words, its rule under `quality` in config/config.yaml, and a test."""
 UNITS = {name: unit for name, (_, unit) in MEASURES.items()}
 
 
 def examine(trial: Trial, experiment: str, commanded: Commanded) -> dict[str, CheckResult]:
-    """The result of every check on a trial, by name. `commanded` is the protocol of stepped-sine experiments."""
+    """The result of every check on a trial, by name. `commanded` is the protocol of stepped-sine
+    experiments."""
     examined = Examined(trial, EXPERIMENTS[experiment], commanded)
     return {name: measure(examined) for name, (measure, _) in MEASURES.items()}
 
 
 def measured_table(trial: str, results: Mapping[str, CheckResult]) -> pl.DataFrame:
     """What `examine` measured, a row per check: trial, check, value, unit, remark."""
-    rows = [(trial, name, result.value, UNITS[name], result.remark) for name, result in results.items()]
-    columns = dict.fromkeys(("trial", "check", "value", "unit", "remark"), pl.String) | {"value": pl.Float64}
+    rows = [
+        (trial, name, result.value, UNITS[name], result.remark) for name, result in results.items()
+    ]
+    columns = dict.fromkeys(("trial", "check", "value", "unit", "remark"), pl.String) | {
+        "value": pl.Float64
+    }
     return pl.DataFrame(rows, columns, orient="row")

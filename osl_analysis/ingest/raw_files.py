@@ -1,4 +1,5 @@
-"""The raw files of one trial: recognised, read by their source files, and joined to canonical samples."""
+"""The raw files of one trial: recognised, read by their source files, and joined to canonical
+samples."""
 
 import hashlib
 import math
@@ -29,7 +30,12 @@ from osl_analysis.formats.table import copied_runs, noise_in, noise_of_pieces
 from osl_analysis.formats.tdms import is_tdms
 from osl_analysis.ingest import overview
 from osl_analysis.ingest import source as sources
-from osl_analysis.ingest.captures import plate_count, read_c3d_capture, read_nexus_capture, read_trc_capture
+from osl_analysis.ingest.captures import (
+    plate_count,
+    read_c3d_capture,
+    read_nexus_capture,
+    read_trc_capture,
+)
 from osl_analysis.ingest.clock import ClockFit, aligned_clock
 from osl_analysis.ingest.logs import read_message_log, read_table_log
 from osl_analysis.ingest.overview import Overview, inspect_messages
@@ -38,7 +44,8 @@ from osl_analysis.signals import run_edges
 from osl_analysis.trial import COLUMNS, Array, Trial, median, unit_of
 from osl_analysis.yaml_settings import dotted, field_line, read_mapping, read_yaml
 
-FileReader = Callable[[Path, Any], sources.Recording]  # reads a file by its source file, of the format's class
+# reads a file by its source file, of the format's class
+FileReader = Callable[[Path, Any], sources.Recording]
 FileLister = Callable[[Path], Overview]  # lists what a file holds, without a source file
 
 
@@ -56,9 +63,11 @@ class KnownFormat:
         """Whether its files come from a motion-capture laboratory."""
         return not issubclass(self.source, sources.LogSource)
 
-    @np.errstate(all="ignore")  # values of damaged files may be of any size: our checks tell them, not numpy
+    # values of damaged files may be of any size: our checks tell them, not numpy
+    @np.errstate(all="ignore")
     def read(self, path: Path, source: sources.Source) -> sources.Recording:
-        """A file as canonical columns in SI units, by its source file. Raises InputError, which names the file."""
+        """A file as canonical columns in SI units, by its source file. Raises InputError, which
+        names the file."""
         with naming(path):
             recording = self.reader(path, source)
             tell_no_sensor(recording)
@@ -80,11 +89,34 @@ def begins_with(mark: bytes) -> Callable[[bytes], bool]:
 
 
 TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".dat", ".lvm", ".asc")
-BINARY = (".xlsx", ".xls", ".ods", ".parquet", ".feather", ".arrow", ".arrows", ".ipc", ".npy", ".npz", ".h5", ".hdf5")
+BINARY = (
+    ".xlsx",
+    ".xls",
+    ".ods",
+    ".parquet",
+    ".feather",
+    ".arrow",
+    ".arrows",
+    ".ipc",
+    ".npy",
+    ".npz",
+    ".h5",
+    ".hdf5",
+)
 KNOWN: Mapping[str, tuple[Callable[[bytes], bool], tuple[str, ...], FileReader, FileLister]] = {
     "mcap": (begins_with(MAGIC), (".mcap",), read_message_log, partial(inspect_messages, "mcap")),
-    "rosbag1": (begins_with(ANY_BAG1), (".bag",), read_message_log, partial(inspect_messages, "rosbag1")),
-    "rosbag2": (begins_with(SQLITE), (".db3",), read_message_log, partial(inspect_messages, "rosbag2")),
+    "rosbag1": (
+        begins_with(ANY_BAG1),
+        (".bag",),
+        read_message_log,
+        partial(inspect_messages, "rosbag1"),
+    ),
+    "rosbag2": (
+        begins_with(SQLITE),
+        (".db3",),
+        read_message_log,
+        partial(inspect_messages, "rosbag2"),
+    ),
     "c3d": (is_c3d, (".c3d",), read_c3d_capture, overview.inspect_c3d),
     "nexus_csv": (is_nexus, (), read_nexus_capture, overview.inspect_nexus),
     "mat": (is_mat, (".mat",), read_table_log, overview.inspect_mat),
@@ -96,17 +128,22 @@ KNOWN: Mapping[str, tuple[Callable[[bytes], bool], tuple[str, ...], FileReader, 
     "csv": (is_text, TEXT_SUFFIXES, read_table_log, partial(overview.inspect_table, "csv")),
 }
 FORMATS = {name: KnownFormat(sources.SOURCES[name], *facts) for name, facts in KNOWN.items()}
-SUFFIXES = tuple(suffix for known in FORMATS.values() for suffix in known.suffixes)  # of recordings that are read
+# of recordings that are read
+SUFFIXES = tuple(suffix for known in FORMATS.values() for suffix in known.suffixes)
 ENDINGS_OF_ANY = ("", ".log", ".json")  # of recordings, and of much else
 
 
 def recordings_in(folder: Path) -> list[Path]:
-    """Files and bag folders below a folder that may be recordings, by their endings, or of `ENDINGS_OF_ANY` by what
-    they begin with."""
+    """Files and bag folders below a folder that may be recordings, by their endings, or of
+    `ENDINGS_OF_ANY` by what they begin with."""
     bags = {path.parent for path in folder.rglob(DESCRIPTION)}
-    files = (path for path in folder.rglob("*") if path.suffix.lower() in (*SUFFIXES, *ENDINGS_OF_ANY))
     files = (
-        path for path in files if path.is_file() and (path.suffix.lower() in SUFFIXES or begins_as_recording(path))
+        path for path in folder.rglob("*") if path.suffix.lower() in (*SUFFIXES, *ENDINGS_OF_ANY)
+    )
+    files = (
+        path
+        for path in files
+        if path.is_file() and (path.suffix.lower() in SUFFIXES or begins_as_recording(path))
     )
     return sorted([*bags, *(path for path in files if not bags & {*path.parents})])
 
@@ -126,50 +163,86 @@ def read_source(path: Path) -> sources.Source:
     content = read_mapping(path)
     name, places = str(content.get("format", "")), list(sources.open_places(content))
     if name not in FORMATS:
-        said = f"line {field_line(path, ('format',))}: format: '{name}' is not allowed" if name else "format is missing"
-        raise InputError(f"{path}: {said}: write one of {', '.join(FORMATS)}{nearest(name, FORMATS)}")
+        said = (
+            f"line {field_line(path, ('format',))}: format: '{name}' is not allowed"
+            if name
+            else "format is missing"
+        )
+        raise InputError(
+            f"{path}: {said}: write one of {', '.join(FORMATS)}{nearest(name, FORMATS)}"
+        )
     if places:
-        where = listing([f"`{dotted(place)}` in line {field_line(path, place)}" for place in places], 6)
+        where = listing(
+            [f"`{dotted(place)}` in line {field_line(path, place)}" for place in places], 6
+        )
         are = "place is" if len(places) == 1 else "places are"
-        what = f"{path}: a draft of `osl-analysis inspect` in which {len(places)} {are} to be edited: {where}"
-        what += f"; give each signal that you need its canonical name ({', '.join(c for c in COLUMNS if c != 'time')})"
-        raise InputError(f"{what}, state each {sources.UNKNOWN}, and delete the other lines of `channels`")
+        what = (
+            f"{path}: a draft of `osl-analysis inspect` in which {len(places)} {are} to be edited:"
+            f" {where}"
+        )
+        what += (
+            "; give each signal that you need its canonical name"
+            f" ({', '.join(c for c in COLUMNS if c != 'time')})"
+        )
+        raise InputError(
+            f"{what}, state each {sources.UNKNOWN}, and delete the other lines of `channels`"
+        )
     source = read_yaml(path, FORMATS[name].source)
     source.written_in(path)
     return source
 
 
 def check_clocks(log: sources.Source, mocap: sources.Source) -> None:
-    """Refuse source files of a log and of motion capture that do not state how the log's clock is aligned."""
+    """Refuse source files of a log and of motion capture that do not state how the log's clock is
+    aligned."""
     clocks = {one.clock for one in (log, mocap) if isinstance(one, sources.LogSource)}
     shared, maps = getattr(mocap, "shared", None), getattr(log, "channels", {})
-    angle, edges = shared is not None and shared.column in maps, "sync" in getattr(mocap, "analogs", clocks)
-    aligns = {"sync": edges or angle, "shared": angle, "common": mocap.format == "trc", "master": False}
+    angle, edges = (
+        shared is not None and shared.column in maps,
+        "sync" in getattr(mocap, "analogs", clocks),
+    )
+    aligns = {
+        "sync": edges or angle,
+        "shared": angle,
+        "common": mocap.format == "trc",
+        "master": False,
+    }
     if not all(aligns[one] for one in clocks):
-        said = f"{log.place('clock')}: '{', '.join(clocks)}' does not align the log with motion capture of this trial"
+        said = (
+            f"{log.place('clock')}: '{', '.join(clocks)}' does not align the log with motion"
+            " capture of this trial"
+        )
         said += "; write clock: sync and map the column sync in both source files, or clock"
-        raise InputError(f"{said}: shared and name an angle of the log under `shared` in that of motion capture")
+        raise InputError(
+            f"{said}: shared and name an angle of the log under `shared` in that of motion capture"
+        )
 
 
 def check_plates(source: sources.Source, captures: Sequence[Path], of_walking: int) -> None:
-    """Refuse a force plate, of a source file or of the walking analysis (0: none), that none of some captures in C3D
-    has by their headers. What one of many lacks, or cannot be read, its ingest tells."""
+    """Refuse a force plate, of a source file or of the walking analysis (0: none), that none of
+    some captures in C3D has by their headers. What one of many lacks, or cannot be read, its ingest
+    tells."""
     counts, stated = dict[int, Path](), getattr(source, "plates", ())
     for path in captures:
-        with suppress(OSError, InputError), path.open("rb") as file:  # header and parameters end before block 512
+        # header and parameters end before block 512
+        with suppress(OSError, InputError), path.open("rb") as file:
             counts[plate_count(parse_header(file.read(512 * BLOCK)))] = path
     most = max(counts, default=0)
     asked = [(one, source.place("plates")) for one in (stated if isinstance(stated, tuple) else ())]
     for number, place in (*asked, (of_walking, "`walking.plate` in the configuration")):
         if counts and number > most:
-            raise InputError(f"{place}: no force plate {number}; {counts[most]} has {most}, counted from 1; correct it")
+            raise InputError(
+                f"{place}: no force plate {number}; {counts[most]} has {most}, counted from 1;"
+                " correct it"
+            )
 
 
 def recognise(path: Path) -> str:
     """Name of a file's format, by its first bytes, or else by its ending; other text is CSV."""
     begin, found = formats_of(path)
     known = [name for name, one in FORMATS.items() if path.suffix.lower() in one.suffixes]
-    found += [name for name in known if name != "table" or not is_text(begin)]  # text is often called `.xls`
+    # text is often called `.xls`
+    found += [name for name in known if name != "table" or not is_text(begin)]
     found += ["csv"] * is_text(begin)
     if not found:
         said = f"{path}: neither MCAP, C3D nor text (it begins with {quoted(begin[:8])})"
@@ -178,7 +251,8 @@ def recognise(path: Path) -> str:
 
 
 def formats_of(path: Path, stated: str = "csv") -> tuple[bytes, list[str]]:
-    """What a file begins with, and the formats that tells, the stated one alone if among them; none for plain text."""
+    """What a file begins with, and the formats that tells, the stated one alone if among them; none
+    for plain text."""
     if path.is_dir():
         return b"", ["rosbag2"]
     with path.open("rb") as file:
@@ -189,23 +263,34 @@ def formats_of(path: Path, stated: str = "csv") -> tuple[bytes, list[str]]:
 
 
 def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: Path) -> Trial:
-    """The trial whose raw files, relative to `raw_folder`, one row of the sample sheet names. `row` has the sheet's
-    columns (`config/sheet.py`). A value that is not text (None, NA) counts as empty. Raises InputError: A file is
-    missing, empty or not what its source file says, changes while it is read, holds values that nothing can reach, or
-    the recordings do not fit together."""
+    """The trial whose raw files, relative to `raw_folder`, one row of the sample sheet names. `row`
+    has the sheet's columns (`config/sheet.py`). A value that is not text (None, NA) counts as
+    empty. Raises InputError: A file is missing, empty or not what its source file says, changes
+    while it is read, holds values that nothing can reach, or the recordings do not fit together."""
     said = {column: value.strip() for column, value in row.items() if isinstance(value, str)}
-    name, files = said.get("trial", ""), {role: said[role] for role in ("log", "mocap") if said.get(role)}
+    name, files = (
+        said.get("trial", ""),
+        {role: said[role] for role in ("log", "mocap") if said.get(role)},
+    )
     if not files:
-        raise InputError(f"trial {name}: the sheet names no file; fill in log or mocap, or exclude the trial")
+        raise InputError(
+            f"trial {name}: the sheet names no file; fill in log or mocap, or exclude the trial"
+        )
     recordings, identities, by_role = {}, {}, dict[str, sources.Source]()
     for role, given in files.items():
         path, source = raw_folder / given, said.get(f"{role}_source", "")
         if not source:
-            raise InputError(f"trial {name}: {role}_source is empty; name the file in {sources_folder} for {given}")
+            raise InputError(
+                f"trial {name}: {role}_source is empty; name the file in {sources_folder} for"
+                f" {given}"
+            )
         check_file(path)
         parts = files_in(path) if path.is_dir() else [path]
         before = [written_at(part) for part in parts]
-        every, described = [identity_of(part) for part in parts], read_source(sources_folder / f"{source}.yaml")
+        every, described = (
+            [identity_of(part) for part in parts],
+            read_source(sources_folder / f"{source}.yaml"),
+        )
         check_copies(path, every)
         known, by_role[role] = FORMATS[described.format], described
         if len(by_role) == 2:
@@ -213,12 +298,17 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
         if not known.is_capture:
             described = described.of_part(said.get("log_part", ""))
         begin, found = formats_of(path, described.format)
-        if (found and described.format not in found) or (described.format == "csv" and not is_text(begin)):
+        if (found and described.format not in found) or (
+            described.format == "csv" and not is_text(begin)
+        ):
             what = f"is {found[0]}" if found else f"is no text (it begins with {quoted(begin[:8])})"
             other = f"write `format: {found[0]}`, or correct {role}_source" if found else ""
             remedy = other or "name the recording itself"
             if path.is_dir():
-                what, remedy = f"a folder with a recording in {found[0]}", f"{remedy}, or name a file in it"
+                what, remedy = (
+                    f"a folder with a recording in {found[0]}",
+                    f"{remedy}, or name a file in it",
+                )
             raise InputError(f"{path}: {what}, its source file says {described.format}; {remedy}")
         try:
             recordings[role] = known.read(path, described)
@@ -228,16 +318,28 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
             for part, then in zip(parts, before, strict=True):
                 if not part.is_file() or written_at(part) != then:
                     what = "the file changed while it was read"
-                    raise InputError(f"{part}: {what}; wait until it is recorded or copied, then run again")
+                    raise InputError(
+                        f"{part}: {what}; wait until it is recorded or copied, then run again"
+                    )
         if path.is_dir():  # of a folder size and hash of all files together, and those of each
             together = hashlib.sha256("".join(one["sha256"] for one in every).encode()).hexdigest()
-            every = [{"bytes": sum(one["bytes"] for one in every), "sha256": together, "parts": every}]
+            every = [
+                {"bytes": sum(one["bytes"] for one in every), "sha256": together, "parts": every}
+            ]
         identities[role] = {**every[0], "path": given, "source": source}
     with naming(f"trial {name} ({', '.join(files.values())})"):
-        trial = assemble(name, recordings, identities, getattr(by_role.get("mocap"), "shared", None))
-    fixture = {column.removeprefix("fixture_"): x for column, x in row.items() if column.startswith("fixture_")}
+        trial = assemble(
+            name, recordings, identities, getattr(by_role.get("mocap"), "shared", None)
+        )
+    fixture = {
+        column.removeprefix("fixture_"): x
+        for column, x in row.items()
+        if column.startswith("fixture_")
+    }
     if any(fixture.values()) and "torque" in trial.columns:  # the time base takes its torque off
-        trial.provenance["columns"]["torque"]["fixture"] = {name: x for name, x in fixture.items() if x is not None}
+        trial.provenance["columns"]["torque"]["fixture"] = {
+            name: x for name, x in fixture.items() if x is not None
+        }
     return trial
 
 
@@ -249,7 +351,8 @@ NO_SENSOR = ("V", "N*m/rad", "N*m*s/rad")  # units of pulses and gains, which re
 
 
 def surprise(scatter: float, level: float) -> float:
-    """-ln of the probability that two readings with noise of this SD (`scatter`) and step (`level`) are equal."""
+    """-ln of the probability that two readings with noise of this SD (`scatter`) and step (`level`)
+    are equal."""
     return math.log(2 * math.pi**0.5 * scatter / max(level, 1e-300)) if scatter else 0.0
 
 
@@ -260,11 +363,14 @@ def read_values(recording: sources.Recording, column: str) -> tuple[NDArray[np.i
     return rows, values if rows.size == values.size else values[rows]
 
 
-def channels_with_noise(recording: sources.Recording) -> list[tuple[str, NDArray[np.intp], Array, float]]:
-    """The measured channels with noise: name, rows (n,), readings (n,) without held ones, and the `surprise` of two
-    equal readings in the channel's quietest piece."""
+def channels_with_noise(
+    recording: sources.Recording,
+) -> list[tuple[str, NDArray[np.intp], Array, float]]:
+    """The measured channels with noise: name, rows (n,), readings (n,) without held ones, and the
+    `surprise` of two equal readings in the channel's quietest piece."""
     parts = list[tuple[str, NDArray[np.intp], Array, float]]()
-    alike: dict[int, list[tuple[str, NDArray[np.intp], Array, Array]]] = {}  # by the length of their pieces
+    # by the length of their pieces
+    alike: dict[int, list[tuple[str, NDArray[np.intp], Array, Array]]] = {}
     for column in recording.columns:
         if column.endswith("_command") or unit_of(column) in NO_SENSOR:
             continue
@@ -272,9 +378,14 @@ def channels_with_noise(recording: sources.Recording) -> list[tuple[str, NDArray
         factor = math.prod(origin.get(key, 1) for key in ("sign", "scale", "factor")) or 1
         x = x / factor - origin.get("offset", 0)  # as the file has them
         fresh = np.flatnonzero(np.append(True, x[1:] != x[:-1]))
-        if 1 < fresh.size < 0.75 * x.size and np.mean((steps := np.diff(fresh)) == np.median(steps)) > 0.8:
+        if (
+            1 < fresh.size < 0.75 * x.size
+            and np.mean((steps := np.diff(fresh)) == np.median(steps)) > 0.8
+        ):
             rows, x = rows[fresh], x[fresh]
-        piece = np.linspace(0, x.size - min(x.size, 200), 8).astype(int)[:, None] + np.arange(min(x.size, 200))
+        piece = np.linspace(0, x.size - min(x.size, 200), 8).astype(int)[:, None] + np.arange(
+            min(x.size, 200)
+        )
         alike.setdefault(piece.shape[1], []).append((column, rows, x, x[piece]))
     for group in alike.values():
         noise = noise_of_pieces(np.concatenate([pieces for *_, pieces in group]))
@@ -285,15 +396,20 @@ def channels_with_noise(recording: sources.Recording) -> list[tuple[str, NDArray
 
 
 def tell_copies(recording: sources.Recording) -> None:
-    """Count as lost the samples of a channel that are copies of another place, or of another channel: more of them than
-    noise repeats in one of a million channels. Commands, pulses, and motions without noise may repeat themselves."""
-    lost, found = np.zeros(recording.samples.height, bool), dict[tuple[int, int, int, str], list[str]]()
+    """Count as lost the samples of a channel that are copies of another place, or of another
+    channel: more of them than noise repeats in one of a million channels. Commands, pulses, and
+    motions without noise may repeat themselves."""
+    lost, found = (
+        np.zeros(recording.samples.height, bool),
+        dict[tuple[int, int, int, str], list[str]](),
+    )
     time, parts = recording.samples["time"], channels_with_noise(recording)
     ends = np.cumsum([0, *(x.size + 1 for _, _, x, _ in parts)]).tolist()
     if not parts:
         return
     every, rows = np.zeros(ends[-1]), np.zeros(ends[-1], np.int64)
-    for k, (_, own, x, _) in enumerate(parts):  # behind each a word that is nowhere else: no run goes on into the next
+    # behind each a word that is nowhere else: no run goes on into the next
+    for k, (_, own, x, _) in enumerate(parts):
         every[ends[k] : ends[k + 1] - 1], rows[ends[k] : ends[k + 1] - 1] = x, own
         every[ends[k + 1] - 1] = 1e200 * (k + 1)
     enough, beside = 2 * math.log(every.size + 1) + math.log(1e6), math.log(2 * AROUND + 1)
@@ -304,7 +420,8 @@ def tell_copies(recording: sources.Recording) -> None:
     def proves(run: slice, lag: int) -> bool:
         own, other = part_of(run.start), part_of(run.start + lag)
         changes = int(np.count_nonzero(np.diff(every[run])))
-        if changes * (parts[own][3] if own == other else beside) <= enough:  # the most that what follows can be
+        # the most that what follows can be
+        if changes * (parts[own][3] if own == other else beside) <= enough:
             return False
         begin = max(ends[own], ends[other] - lag, run.start - AROUND)
         end = max(run.stop, min(ends[own + 1] - 1, ends[other + 1] - 1 - lag, run.stop + AROUND))
@@ -313,11 +430,14 @@ def tell_copies(recording: sources.Recording) -> None:
         apart = np.abs(every[at + lag] - every[at])
         alike = (np.count_nonzero(apart < 1.5 * level) + 1) / (at.size + 1)
         if at.size > 100:  # of readings of many digits the density near 0 tells what no count does
-            alike *= np.clip(1.5 * level / max(float(np.partition(apart, 9)[9]), 1e-300), 1e-300, 1.0)
+            alike *= np.clip(
+                1.5 * level / max(float(np.partition(apart, 9)[9]), 1e-300), 1e-300, 1.0
+            )
         each = [-math.log(alike), *[parts[own][3], surprise(scatter, level)] * (own == other)]
         return changes * min(each) > enough
 
-    words = ((every + 0.0).view(np.int64) + (1 << 15)) >> 16  # units, taken off again, leave rounding
+    # units, taken off again, leave rounding
+    words = ((every + 0.0).view(np.int64) + (1 << 15)) >> 16
     least = max(LEAST_COPIED, int(enough / max(beside, *(one[3] for one in parts))))
     for start, stop, other in copied_runs(words, least, proves):
         name, there = (parts[part_of(place)][0] for place in (start, other))
@@ -326,7 +446,10 @@ def tell_copies(recording: sources.Recording) -> None:
     for (start, stop, other, of), names in found.items():
         if not lost[start:stop].all():
             at, there = (f"{time[row]:.3f} s" for row in (start, other))
-            what = f"{stop - start} samples of {listing(names, 4)} from {at} on are those{f' of {of}' * bool(of)} from"
+            what = (
+                f"{stop - start} samples of {listing(names, 4)} from {at} on are"
+                f" those{f' of {of}' * bool(of)} from"
+            )
             said = f"{what} {there} on: a part of the file was written over another, or twice"
             recording.damage.lose(said, 0, None, 0)  # what was copied beside may prove nothing
             lost[start:stop] = True
@@ -334,13 +457,17 @@ def tell_copies(recording: sources.Recording) -> None:
                 facts = recording.columns[column]
                 facts["no_sensor"] = max(facts.get("no_sensor") or 0, stop - start)
     if found:
-        damage, (number, *_) = recording.damage, next(iter((recording.topics or {"": [0]}).values()))
+        damage, (number, *_) = (
+            recording.damage,
+            next(iter((recording.topics or {"": [0]}).values())),
+        )
         damage.read = damage.read or Counter({0: lost.size})
         damage.misfits[number] += int(lost.sum())
 
 
 def tell_no_sensor(recording: sources.Recording) -> None:
-    """Remark where a channel has values that no sensor gives, except those that all channels hold until the trigger."""
+    """Remark where a channel has values that no sensor gives, except those that all channels hold
+    until the trigger."""
     times, each = recording.samples["time"].to_numpy(), dict[str, tuple[Array, Array]]()
     for column in (one for one in recording.columns if one in sources.SELDOM_REPEAT):
         rows, x = read_values(recording, column)
@@ -348,7 +475,10 @@ def tell_no_sensor(recording: sources.Recording) -> None:
     held = [(time, int(np.argmax(x != x[0]))) for time, x in each.values() if (x != x[:1]).any()]
     begin = min((float(time[count * (count > 1)]) for time, count in held), default=0.0)
     if min((count for _, count in held), default=0) > MOST_HELD:
-        said = f"all channels hold one value up to {begin:.3f} s, as before a trigger, or where bytes are lost"
+        said = (
+            f"all channels hold one value up to {begin:.3f} s, as before a trigger, or where bytes"
+            " are lost"
+        )
         recording.damage.remarks.append(said)
         recording.damage.uncounted = True
     for column, (time, x) in each.items():
@@ -357,13 +487,19 @@ def tell_no_sensor(recording: sources.Recording) -> None:
         wrong = sources.values_of_no_sensor(column, time, x, recording.columns[column], angle)
         recording.columns[column]["no_sensor"] = None if wrong is None else int(wrong.sum())
         if wrong is not None and wrong.any():
-            what = f"{np.count_nonzero(wrong)} samples of {column} are values that no sensor gives, the first at"
-            recording.damage.remarks.append(f"{what} {time[int(np.argmax(wrong))]:.3f} s: bytes may be lost")
+            what = (
+                f"{np.count_nonzero(wrong)} samples of {column} are values that no sensor gives,"
+                " the first at"
+            )
+            recording.damage.remarks.append(
+                f"{what} {time[int(np.argmax(wrong))]:.3f} s: bytes may be lost"
+            )
             recording.damage.is_doubted = True
 
 
 def tell_odd_steps(recording: sources.Recording) -> None:
-    """Remark where the time of all or of one channel has an odd step, if nine of ten steps are alike."""
+    """Remark where the time of all or of one channel has an odd step, if nine of ten steps are
+    alike."""
     alike = defaultdict[bytes, list[str]](list)
     for column in recording.samples.select(pl.exclude("time").is_not_null()):
         alike[column.to_numpy().tobytes()].append(column.name)
@@ -372,22 +508,31 @@ def tell_odd_steps(recording: sources.Recording) -> None:
         steps = np.diff(time)
         usual = median(steps) if steps.size else 0.0
         odd = np.abs(steps - usual) > 0.1 * usual
-        if 0 < (count := np.count_nonzero(odd)) <= 0.1 * odd.size > 10 and np.ptp(steps[~odd]) < 0.05 * usual:
+        if (
+            0 < (count := np.count_nonzero(odd)) <= 0.1 * odd.size > 10
+            and np.ptp(steps[~odd]) < 0.05 * usual
+        ):
             at, of = int(np.argmax(odd)), f" of {listing(names, 4)}" * (len(alike) > 1)
-            said = f"time{of} goes on by {steps[at]:.4g} s at {time[at]:.3f} s, where steps are {usual:.4g} s, {count} "
+            said = (
+                f"time{of} goes on by {steps[at]:.4g} s at {time[at]:.3f} s, where steps are"
+                f" {usual:.4g} s, {count} "
+            )
             said += "times so or otherwise: samples are missing there, or their stamps are wrong"
             recording.damage.remarks.append(said)
             recording.damage.is_doubted |= not recording.damage.lost()
 
 
 def tell_leaps_of_markers(recording: sources.Recording) -> None:
-    """Remark where four in five coordinates of markers leave their curves in one frame, which masses cannot do, or
-    where one does so and comes back, farther than if cameras confuse two markers."""
+    """Remark where four in five coordinates of markers leave their curves in one frame, which
+    masses cannot do, or where one does so and comes back, farther than if cameras confuse two
+    markers."""
     share = recording.samples.select(pl.col("^marker_.*$").is_finite().mean())  # of its frames
     markers = [one for one in share.columns if (share[one][0] or 0) > 0.5]
     if not markers:
         return
-    seen = recording.samples.select("time", *markers).filter(pl.any_horizontal(pl.col(markers).is_not_null()))
+    seen = recording.samples.select("time", *markers).filter(
+        pl.any_horizontal(pl.col(markers).is_not_null())
+    )
     time, told, leaping = seen["time"].to_numpy(), list[str](), np.zeros(seen.height)
     for name in markers:
         bends, finite = sources.bends_of(x := seen[name].to_numpy()), np.isfinite(x)
@@ -400,7 +545,10 @@ def tell_leaps_of_markers(recording: sources.Recording) -> None:
             said = f"{name} leaves its curve and comes back {len(far)} times, first at"
             told += [f"{said} {at:.3f} s: bytes may be lost" for at in time[finite][far[:1]]]
     if frames := run_edges(leaping / len(markers) >= 0.8).tolist():
-        first = f"{len(frames)} times all markers leap in one frame, first at {time[frames[0][0] + 1]:.3f} s"
+        first = (
+            f"{len(frames)} times all markers leap in one frame, first at"
+            f" {time[frames[0][0] + 1]:.3f} s"
+        )
         told.insert(0, f"{first}: frames are missing there, or a part of the file was moved")
     recording.damage.remarks += told
     recording.damage.is_doubted |= bool(told)
@@ -411,33 +559,43 @@ def check_columns(trial: Trial, experiment: str | None, needed: Sequence[str]) -
     missing = [column for column in needed if column not in trial.samples.columns]
     if missing:
         raise InputError(
-            f"trial {trial.name}: no column {', '.join(missing)}, which a trial of experiment '{experiment}' needs; "
-            "map it to its channel under `channels` in the source file, or correct `experiment` in the sheet"
+            f"trial {trial.name}: no column {', '.join(missing)}, which a trial of experiment"
+            f" '{experiment}' needs; map it to its channel under `channels` in the source file, or"
+            " correct `experiment` in the sheet"
         )
 
 
 def check_markers(trial: Trial, experiment: str | None) -> None:
-    """Refuse a trial without a marker that was ever seen, for an experiment whose analysis follows markers."""
+    """Refuse a trial without a marker that was ever seen, for an experiment whose analysis follows
+    markers."""
     markers = [column for column in trial.samples.columns if column.startswith("marker_")]
     if any(trial.samples[column].is_finite().any() for column in markers):
         return
     seen = f"none of its {len(markers) // 3} markers was ever seen" if markers else "no markers"
     said = f"trial {trial.name}: {seen}, and a trial of experiment '{experiment}' needs them"
-    raise InputError(f"{said}; label them in the capture and export it again, or exclude the trial in the sheet")
+    raise InputError(
+        f"{said}; label them in the capture and export it again, or exclude the trial in the sheet"
+    )
 
 
 def check_file(path: Path) -> None:
-    """Refuse a file that is missing or empty, and what is no recording: a device, a pipe, a folder without parts."""
+    """Refuse a file that is missing or empty, and what is no recording: a device, a pipe, a folder
+    without parts."""
     if path.is_dir():
         files_in(path)
         return
     if path.exists() and not path.is_file():
-        raise InputError(f"{path}: a device or a pipe, not a recording; name a file, or copy its content into one")
+        raise InputError(
+            f"{path}: a device or a pipe, not a recording; name a file, or copy its content"
+            " into one"
+        )
     if not path.is_file():
         raise InputError(f"{path}: no such file; correct the sample sheet, or copy the file there")
     check_not_refused(path)
     if path.stat().st_size == 0:
-        raise InputError(f"{path}: the file is empty; copy or record it again, or exclude the trial in the sheet")
+        raise InputError(
+            f"{path}: the file is empty; copy or record it again, or exclude the trial in the sheet"
+        )
 
 
 def check_copies(path: Path, parts: Sequence[Mapping[str, Any]]) -> None:
@@ -445,7 +603,10 @@ def check_copies(path: Path, parts: Sequence[Mapping[str, Any]]) -> None:
     first: dict[str, str] = {}
     for part in parts:
         if (other := first.setdefault(part["sha256"], part["path"])) != part["path"]:
-            said = f"{path}: its file {part['path']} is a copy of {other}, so that what it should hold is missing"
+            said = (
+                f"{path}: its file {part['path']} is a copy of {other}, so that what it should hold"
+                " is missing"
+            )
             raise InputError(f"{said}; copy the recording again")
 
 
@@ -469,39 +630,62 @@ def assemble(
     files: Mapping[str, Mapping[str, Any]],
     shared: sources.SharedAngle | None = None,
 ) -> Trial:
-    """A trial of the recordings `log`, `mocap` or both; with both, the log's clock is fitted to motion capture's.
-    `files` identifies the file of each recording, `shared` an angle that aligns the clocks without sync edges. The
-    log's rows before and after motion capture are counted and not used. The column `sync` is motion capture's."""
+    """A trial of the recordings `log`, `mocap` or both; with both, the log's clock is fitted to
+    motion capture's. `files` identifies the file of each recording, `shared` an angle that aligns
+    the clocks without sync edges. The log's rows before and after motion capture are counted and
+    not used. The column `sync` is motion capture's."""
     facts = {role: dict(recordings[role].facts) for role in ("log", "mocap") if role in recordings}
-    columns = {of: {"file": role, **origin} for role in facts for of, origin in recordings[role].columns.items()}
+    columns = {
+        of: {"file": role, **origin}
+        for role in facts
+        for of, origin in recordings[role].columns.items()
+    }
     damage = {role: losses for role in facts if (losses := recordings[role].losses)}
     software = {"name": "osl-analysis", "version": own_version("osl-analysis")}
     provenance: dict[str, Any] = {"software": software, "files": dict(files), "columns": columns}
     provenance["plates"] = [plate for one in facts.values() for plate in one.pop("plates", [])]
-    provenance["warnings"] = [printable(warning) for role in facts for warning in recordings[role].warnings]
+    provenance["warnings"] = [
+        printable(warning) for role in facts for warning in recordings[role].warnings
+    ]
     provenance |= ({"damage": damage} if damage else {}) | facts
     if len(recordings) == 1:
         return Trial(name, recordings[next(iter(facts))].samples, provenance)
     log, mocap = recordings["log"], recordings["mocap"]
     both = sorted((set(log.columns) & set(mocap.columns)) - {"sync"})
     if both:
-        raise InputError(f"column '{both[0]}' is mapped in log and motion capture; remove it from one source file")
+        raise InputError(
+            f"column '{both[0]}' is mapped in log and motion capture; remove it from one source"
+            " file"
+        )
     fit, warnings = aligned_clock(log, mocap, shared)
     on_master, end = fit.to_master(log.samples["time"].to_numpy()), float(mocap.samples["time"][-1])
-    clock = {**asdict(fit), "rows_before": int((on_master < 0.0).sum()), "rows_after": int((on_master > end).sum())}
+    clock = {
+        **asdict(fit),
+        "rows_before": int((on_master < 0.0).sum()),
+        "rows_after": int((on_master > end).sum()),
+    }
     warnings = [*provenance["warnings"], *warnings]
-    return Trial(name, merged(log, mocap, fit), {**provenance, "warnings": warnings, "clock": clock})
+    return Trial(
+        name, merged(log, mocap, fit), {**provenance, "warnings": warnings, "clock": clock}
+    )
 
 
 def merged(log: sources.Recording, mocap: sources.Recording, fit: ClockFit) -> pl.DataFrame:
-    """The rows of both in the order of motion capture's time [s]; rows of the same nanosecond become one row."""
+    """The rows of both in the order of motion capture's time [s]; rows of the same nanosecond
+    become one row."""
     log_time = pl.Series("log_time", fit.to_master(log.samples["time"].to_numpy()))
     own = log.samples.drop("time", "sync", strict=False).insert_column(0, log_time)
     rows = own.filter(log_time.is_between(0.0, float(mocap.samples["time"][-1])))
     if rows.is_empty():
-        raise InputError("log and motion capture do not overlap in time; check that they are of the same trial")
+        raise InputError(
+            "log and motion capture do not overlap in time; check that they are of the same trial"
+        )
     keyed = []  # by whole nanoseconds, on which tables can be joined; floats would not match
     for one, column in ((mocap.samples, "time"), (rows, "log_time")):
         keyed.append(one.with_columns(key=(pl.col(column) / 1e-9).round().cast(pl.Int64)))
     joined = keyed[0].join(keyed[1], on="key", how="full", coalesce=True)
-    return joined.sort("key").with_columns(time=pl.coalesce("time", "log_time")).drop("key", "log_time")
+    return (
+        joined.sort("key")
+        .with_columns(time=pl.coalesce("time", "log_time"))
+        .drop("key", "log_time")
+    )

@@ -1,5 +1,5 @@
-"""Units as laboratories spell them, and their factors to SI. The texts come from files: only names joined by `*` and
-`/` are given to pint, whose parser would evaluate `9**9**9**9` without end."""
+"""Units as laboratories spell them, and their factors to SI. The texts come from files: only names
+joined by `*` and `/` are given to pint, whose parser would evaluate `9**9**9**9` without end."""
 
 import math
 import re
@@ -10,13 +10,16 @@ from pydantic import AfterValidator, WithJsonSchema
 
 from osl_analysis.errors import InputError
 
-# units that a message lists, by canonical unit, with the factors to it that pint gives, which takes 0.2 s to know them
+# units that a message lists, by canonical unit, with the factors to it that pint gives, which takes
+# 0.2 s to know them
 EXAMPLES: dict[str, dict[str, float]] = {
-    "1": {"1": 1.0, "%": 0.01}, "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}, "Hz": {"Hz": 1.0, "kHz": 1e3},
+    "1": {"1": 1.0, "%": 0.01}, "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+    "Hz": {"Hz": 1.0, "kHz": 1e3},
     "rad": {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180, "°": math.pi / 180, "rev": 2 * math.pi},
     "rad/s": {"rad/s": 1.0, "deg/s": math.pi / 180, "rpm": math.pi / 30},
     "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}, "A": {"A": 1.0, "mA": 1e-3},
-    "V": {"V": 1.0, "mV": 1e-3, "uV": 1e-6}, "N": {"N": 1.0, "kN": 1e3, "mN": 1e-3, "lbf": 4.4482216152605005},
+    "V": {"V": 1.0, "mV": 1e-3, "uV": 1e-6}, "N": {"N": 1.0, "kN": 1e3, "mN": 1e-3,
+    "lbf": 4.4482216152605005},
     "N*m": {"N*m": 1.0, "Nm": 1.0, "N*cm": 1e-2, "N*mm": 1e-3, "Nmm": 1e-3, "mNm": 1e-3,
             "lbf*in": 0.11298482902761671, "lbf*ft": 1.3558179483314006},
     "N*m/rad": {"N*m/rad": 1.0, "Nm/rad": 1.0, "N*m/deg": 180 / math.pi},
@@ -24,18 +27,21 @@ EXAMPLES: dict[str, dict[str, float]] = {
     "N*m/kg": {"N*m/kg": 1.0, "Nm/kg": 1.0, "N*mm/kg": 1e-3},
 }  # fmt: skip
 
-# spellings that pint does not know, or reads as another unit: `Nm` as a textile count, `nt` as a nanotonne, `amps` as a
-# velocity, `rads` as a dose
+# spellings that pint does not know, or reads as another unit: `Nm` as a textile count, `nt` as a
+# nanotonne, `amps` as a velocity, `rads` as a dose
 ALIASES = {
-    "Nm": "N*m", "Nmm": "N*mm", "Ncm": "N*cm", "mNm": "mN*m", "kNm": "kN*m", "Nms": "N*m*s", "Nmms": "N*mm*s",
-    "nt": "N", "ntm": "N*m", "ntmm": "N*mm", "volts": "V", "amps": "A", "rads": "radian", "°": "deg",
+    "Nm": "N*m", "Nmm": "N*mm", "Ncm": "N*cm", "mNm": "mN*m", "kNm": "kN*m", "Nms": "N*m*s",
+    "Nmms": "N*mm*s",
+    "nt": "N", "ntm": "N*m", "ntmm": "N*mm", "volts": "V", "amps": "A", "rads": "radian",
+    "°": "deg",
     "dps": "deg/s", "oz": "force_ounce", "ozf": "force_ounce", "rev": "revolution", "%": "percent",
     "1": "dimensionless", **dict.fromkeys(("graden", "grados", "gradi", "degrés"), "deg"),
 }  # fmt: skip
 # in any spelling: `N_cm`, `lbf-ft`, `ftlbs`; a pound and an ounce in a torque are forces
 TORQUE = re.compile(
     r"(?<![A-Za-z])(?:([mkcd]?N|k?gf)[*·_. -]?([cm]?m)"
-    r"|(?i:(ft|in|foot|inch)[*·_. -]?(lb|oz)[fs]?|(lb|oz)[fs]?[*·_. -]?(ft|in|foot|inch)))(?![A-Za-z])"
+    r"|(?i:(ft|in|foot|inch)[*·_. -]?(lb|oz)[fs]?|(lb|oz)[fs]?[*·_."
+    r" -]?(ft|in|foot|inch)))(?![A-Za-z])"
 )
 GON = ("grad", "grads", "grade")  # degrees in German, and a 400th of a turn
 TICKS = re.compile(r"(\d+)\*?([mun]?s|[mu]?secs?)")
@@ -47,10 +53,12 @@ ANY_CASE = re.compile(
 
 
 def si_factor(unit: str, expected: str) -> float:
-    """Factor from `unit` to the SI unit `expected`, a key of `EXAMPLES`. A middle dot, a full stop or a blank is read
-    as the multiplication sign, both micro signs as `u`. An angle is a dimension: N*m/rad is not N*m."""
+    """Factor from `unit` to the SI unit `expected`, a key of `EXAMPLES`. A middle dot, a full stop
+    or a blank is read as the multiplication sign, both micro signs as `u`. An angle is a dimension:
+    N*m/rad is not N*m."""
     advice, spelling = ", ".join(EXAMPLES[expected]), normalised(unit)
-    if known := EXAMPLES[expected].get(spelling.lower() if expected == "s" else spelling):  # no siemens: `TIME(S)`
+    # no siemens: `TIME(S)`
+    if known := EXAMPLES[expected].get(spelling.lower() if expected == "s" else spelling):
         return known
     quoted = f"unit '{unit[:40]}{'...' * (len(unit) > 40)}'"
     if not spelling:
@@ -66,8 +74,11 @@ def si_factor(unit: str, expected: str) -> float:
     if base != dimension(expected):
         measured = next((one for one in EXAMPLES if dimension(one) == base), base.replace(" ", ""))
         raise InputError(f"{quoted} measures [{measured}], expected one of {advice}")
-    if not 1e-9 <= factor <= 1e5:  # from ns to N*m/mdeg; others are misspellings such as `Mm` and `MN`
-        raise InputError(f"{quoted} is {factor:g} {expected}, an implausible size; write one of {advice}")
+    # from ns to N*m/mdeg; others are misspellings such as `Mm` and `MN`
+    if not 1e-9 <= factor <= 1e5:
+        raise InputError(
+            f"{quoted} is {factor:g} {expected}, an implausible size; write one of {advice}"
+        )
     return factor
 
 
@@ -96,37 +107,59 @@ def normalised(unit: str) -> str:
 def torque_spelled(found: re.Match[str]) -> str:
     """A match of `TORQUE` as a product."""
     newtons, metres, first, own, force, second = found.groups()
-    return f"{newtons}*{metres}" if newtons else f"{(own or force).lower()}f*{(first or second).lower()}"
+    return (
+        f"{newtons}*{metres}"
+        if newtons
+        else f"{(own or force).lower()}f*{(first or second).lower()}"
+    )
 
 
 # what a name may end with; no `m`, since `theta_m` is the motor's
 SPELLED = [*ALIASES, *(one for units in EXAMPLES.values() for one in units)]
 AT_END = {one: one for one in SPELLED if one.isalpha() and one != "m"}
-AT_END |= {"°": "°", "sec": "s", "secs": "s", "second": "s", "seconds": "s", "msec": "ms", "usec": "us"}
-AT_END |= {"millis": "ms", "micros": "us"} | {one: one for one in ("degree", "degrees", "radian", "radians")}
+AT_END |= {
+    "°": "°",
+    "sec": "s",
+    "secs": "s",
+    "second": "s",
+    "seconds": "s",
+    "msec": "ms",
+    "usec": "us",
+}
+AT_END |= {"millis": "ms", "micros": "us"} | {
+    one: one for one in ("degree", "degrees", "radian", "radians")
+}
 AT_END_IN_ANY_CASE = {one.casefold(): unit for one, unit in AT_END.items() if len(one) > 1}
 
 
 def name_and_ending(name: str) -> tuple[str, str]:
-    """A column's name without the unit that its end spells, and that unit, as of `ankle_deg`, `torque_N_cm` and
-    `MomentLbfFt`; empty if none. A prefix is never apart from its unit: `torque_m_Nm` is the motor's."""
+    """A column's name without the unit that its end spells, and that unit, as of `ankle_deg`,
+    `torque_N_cm` and `MomentLbfFt`; empty if none. A prefix is never apart from its unit:
+    `torque_m_Nm` is the motor's."""
     pair = re.fullmatch(r"([^\W\d_]\w*)/(\S+)", name)  # `M/Nm`, but not `deg/s`
     if pair and ending_spelled(pair[2]) and not ending_spelled(pair[1]):
         return pair[1], ending_spelled(pair[2])
     for start in (found.end() for found in re.finditer(r"[\s_.,:-]|(?<=[a-z0-9])(?=[A-Z])", name)):
         unit, in_camel_case = ending_spelled(name[start:]), name[start - 1].isalnum()
-        if unit and not (in_camel_case and (len(name) - start == 1 or ending_spelled(name[start - 1 :]))):
+        if unit and not (
+            in_camel_case and (len(name) - start == 1 or ending_spelled(name[start - 1 :]))
+        ):
             return name[:start], unit
     return name, ""
 
 
 def ending_spelled(text: str) -> str:
-    """A text as a unit; empty if it is none that a name may end with. In it `_s` and `_per_s` are `/s`."""
+    """A text as a unit; empty if it is none that a name may end with. In it `_s` and `_per_s` are
+    `/s`."""
     if text in AT_END or TICKS.fullmatch(text):
         return AT_END.get(text, text)
-    parts, known = re.split(r"[\s_./-]+(?:per[\s_]+)?", TORQUE.sub(torque_spelled, text)), list[str]()
+    parts, known = (
+        re.split(r"[\s_./-]+(?:per[\s_]+)?", TORQUE.sub(torque_spelled, text)),
+        list[str](),
+    )
     for part in parts:
-        of_one_case = part.islower() or part.isupper() or part.istitle() or part[1:].istitle()  # `mSec`
+        # `mSec`
+        of_one_case = part.islower() or part.isupper() or part.istitle() or part[1:].istitle()
         in_any_case = AT_END_IN_ANY_CASE.get(part.casefold(), "") if of_one_case else ""
         known.append(part if re.fullmatch(r"\w+\*\w+", part) else AT_END.get(part, in_any_case))
     return "/".join(known) if all(known) and known[1:] in ([], ["s"], ["rad"], ["deg"]) else ""
@@ -134,20 +167,26 @@ def ending_spelled(text: str) -> str:
 
 @cache
 def base_units(spelling: str) -> tuple[float, str] | None:
-    """Factor to base units, and their product as text; None if the text is not a unit. `10*us` are ticks of 10 us."""
+    """Factor to base units, and their product as text; None if the text is not a unit. `10*us` are
+    ticks of 10 us."""
     if ticks := TICKS.fullmatch(spelling):
         found = base_units(ticks[2])
         return found and (float(ticks[1]) * found[0], found[1])
     parts = re.split(r"([*/])", spelling)
-    if len(parts) > 15 or not all(re.fullmatch(r"[^\W\d_]\w{0,30}|°|%|1", name) for name in parts[::2]):
+    if len(parts) > 15 or not all(
+        re.fullmatch(r"[^\W\d_]\w{0,30}|°|%|1", name) for name in parts[::2]
+    ):
         return None
     spelled = [name.lower() if ANY_CASE.fullmatch(name) else name for name in parts]
-    from pint import PintError, application_registry  # all its units, which take 0.2 s, are read once
+    # all its units, which take 0.2 s, are read once
+    from pint import PintError, application_registry
 
     tidy = [ALIASES.get(name, name) for name in spelled]
     grouped = [f"({name})" if len(name) > 1 and "*" in name else name for name in tidy]
     try:
-        one = application_registry.Quantity(1.0, application_registry.parse_units("".join(grouped))).to_base_units()
+        one = application_registry.Quantity(
+            1.0, application_registry.parse_units("".join(grouped))
+        ).to_base_units()
     except (PintError, ValueError, AssertionError, TypeError):
         return None
     return float(one.magnitude), str(one.units)
@@ -162,14 +201,19 @@ def dimension(canonical: str) -> str:
 
 
 def measured_in(expected: str = "") -> tuple[AfterValidator, WithJsonSchema]:
-    """The check that a unit measures what the SI unit `expected` does, if any, and the units for an editor."""
+    """The check that a unit measures what the SI unit `expected` does, if any, and the units for an
+    editor."""
 
     def checked(unit: str) -> str:
         if expected:
             si_factor(unit, expected)
         return unit
 
-    proposed = list(dict.fromkeys(unit for key in [expected] * bool(expected) or EXAMPLES for unit in EXAMPLES[key]))
+    proposed = list(
+        dict.fromkeys(
+            unit for key in [expected] * bool(expected) or EXAMPLES for unit in EXAMPLES[key]
+        )
+    )
     return AfterValidator(checked), WithJsonSchema({"type": "string", "examples": proposed})
 
 

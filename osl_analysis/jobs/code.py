@@ -1,8 +1,10 @@
-"""Fingerprints of the code of jobs: of a step's command and of everything of the package that it uses, name by name.
+"""Fingerprints of the code of jobs: of a step's command and of everything of the package that it
+uses, name by name.
 
-A module is a list of statements, each with the names that it binds and the names that it uses, own and imported. From
-the command, all used statements are followed through the modules of the package. So a job runs again if a function
-changes that it may call. Another function, a comment, a docstring or an empty line does not matter."""
+A module is a list of statements, each with the names that it binds and the names that it uses, own
+and imported. From the command, all used statements are followed through the modules of the package.
+So a job runs again if a function changes that it may call. Another function, a comment, a docstring
+or an empty line does not matter."""
 
 import ast
 import hashlib
@@ -35,8 +37,8 @@ class Module(NamedTuple):
 
 
 class Sources:
-    """The modules of the package as they are now, by dotted name. Results of parsing are cached in a file: parsing all
-    modules takes a second."""
+    """The modules of the package as they are now, by dotted name. Results of parsing are cached in
+    a file: parsing all modules takes a second."""
 
     def __init__(self, kept: Path | None = None) -> None:
         self.kept, self.used = kept, set[str]()
@@ -68,11 +70,14 @@ class Sources:
     def data(self, path: Path) -> str:
         """Fingerprint of a file beside a module; of YAML without comments."""
         text, is_yaml = text_of(path), path.suffix == ".yaml"
-        said = self.of_text(text, lambda: fingerprint(repr(yaml.load(text, yaml.CSafeLoader)) if is_yaml else text))
+        said = self.of_text(
+            text, lambda: fingerprint(repr(yaml.load(text, yaml.CSafeLoader)) if is_yaml else text)
+        )
         return str(said)
 
     def code(self, *roots: str) -> str:
-        """Fingerprint of commands or modules, named below `osl_analysis`, and of all code of the package they use."""
+        """Fingerprint of commands or modules, named below `osl_analysis`, and of all code of the
+        package they use."""
         found, seen, new = set[str](), set[str](), [*roots]
         while new:
             if (dotted := new.pop()) in seen:
@@ -82,7 +87,8 @@ class Sources:
             ends = (end for end in range(len(parts), 0, -1) if module_file(".".join(parts[:end])))
             if not (end := next(ends, 0)):
                 continue
-            module, name = ".".join(parts[:end]), "".join(parts[end : end + 1])  # no name: the whole module is used
+            # no name: the whole module is used
+            module, name = ".".join(parts[:end]), "".join(parts[end : end + 1])
             of = self.module(module)
             if name in of.imports:
                 new.append(of.imports[name])
@@ -122,9 +128,15 @@ def parsed(text: str, name: str) -> tuple[list[Statement], dict[str, str]]:
 
 
 def content_of(statement: ast.stmt) -> tuple[str, set[str], set[str], dict[str, str]]:
-    """The code of a statement without docstrings, comments and layout; the names that it uses, with attributes, as
-    `components.belt_trial`; its texts; its imports from the package."""
-    said, names, texts, imports, left = list[str](), set[str](), set[str](), dict[str, str](), list[Any]([statement])
+    """The code of a statement without docstrings, comments and layout; the names that it uses, with
+    attributes, as `components.belt_trial`; its texts; its imports from the package."""
+    said, names, texts, imports, left = (
+        list[str](),
+        set[str](),
+        set[str](),
+        dict[str, str](),
+        list[Any]([statement]),
+    )
     while left:
         node, attributes = left.pop(), ""
         while (kind := type(node)) is ast.Attribute:
@@ -151,38 +163,58 @@ def content_of(statement: ast.stmt) -> tuple[str, set[str], set[str], dict[str, 
 
 def is_docstring(node: ast.stmt) -> bool:
     """Whether a statement is a docstring, or a text behind the field that it describes."""
-    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
+    return (
+        isinstance(node, ast.Expr)
+        and isinstance(node.value, ast.Constant)
+        and isinstance(node.value.value, str)
+    )
 
 
 def imported(node: ast.AST) -> Iterator[tuple[str, str]]:
-    """The names that an import from the package binds, and their dotted names below `osl_analysis.`."""
+    """The names that an import from the package binds, and their dotted names below
+    `osl_analysis.`."""
     if isinstance(node, ast.ImportFrom) and f"{node.module}.".startswith("osl_analysis."):
         above = f"{node.module}.".removeprefix("osl_analysis.")
         yield from ((one.asname or one.name, above + one.name) for one in node.names)
     elif isinstance(node, ast.Import):
         ours = (one for one in node.names if one.name.startswith("osl_analysis."))
-        yield from ((one.asname or one.name, one.name.removeprefix("osl_analysis.")) for one in ours)
+        yield from (
+            (one.asname or one.name, one.name.removeprefix("osl_analysis.")) for one in ours
+        )
 
 
 def names_bound(node: ast.stmt) -> Iterator[str]:
-    """The names that a statement binds in its module; none for one that acts, such as a loop or a call."""
+    """The names that a statement binds in its module; none for one that acts, such as a loop or a
+    call."""
     if isinstance(node, TEXT):
         yield node.name
     elif isinstance(node, ast.Assign | ast.AnnAssign | ast.If | ast.Try):
-        yield from (one.id for one in ast.walk(node) if isinstance(one, ast.Name) and isinstance(one.ctx, ast.Store))
+        yield from (
+            one.id
+            for one in ast.walk(node)
+            if isinstance(one, ast.Name) and isinstance(one.ctx, ast.Store)
+        )
 
 
 @cache
 def module_file(name: str) -> Path | None:
-    """File of a module, by its dotted name below `osl_analysis`; None if the name is not a module."""
+    """File of a module, by its dotted name below `osl_analysis`; None if the name is not a
+    module."""
     path = PACKAGE.joinpath(*name.split("."))
-    return next((one for one in (path.with_suffix(".py"), path / "__init__.py") if one.is_file()), None)
+    return next(
+        (one for one in (path.with_suffix(".py"), path / "__init__.py") if one.is_file()), None
+    )
 
 
 def data_of(module: str, statement: Statement) -> Iterator[Path]:
-    """The files beside a module that a statement names: `table.yaml`, or `.yaml` for a file with the module's name."""
+    """The files beside a module that a statement names: `table.yaml`, or `.yaml` for a file with
+    the module's name."""
     file = module_file(module) or PACKAGE
     for text in statement.data:
-        path = file.with_suffix(text) if re.fullmatch(r"\.\w+", text) else (file.parent / text).resolve()
+        path = (
+            file.with_suffix(text)
+            if re.fullmatch(r"\.\w+", text)
+            else (file.parent / text).resolve()
+        )
         if path.suffix != ".py" and path.is_file():
             yield path

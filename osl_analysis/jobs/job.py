@@ -1,4 +1,5 @@
-"""A job of the workflow, in its own process: it calls the command, and leaves records if there is no result."""
+"""A job of the workflow, in its own process: it calls the command, and leaves records if there is
+no result."""
 
 import importlib
 import inspect
@@ -28,11 +29,21 @@ Job = Mapping[str, Any]  # the content of a request, and its `path`
 CONVERTING: Any = cache(validate_call(config=ConfigDict(arbitrary_types_allowed=True)))
 
 WHAT_TO_DO = {
-    "refused": "correct or replace the file, or its source file, or give a reason under `exclude` in the sample sheet",
-    "refused, of several": "correct or exclude the trials behind it, or change the settings of this analysis in the "
-    "configuration",
-    "failed": "a fault of this program: report it with the traceback in {log}; the next run tries it again",
-    "failed, of the system": "make the file or its folder accessible, or room on the disk; the next run tries it again",
+    "refused": (
+        "correct or replace the file, or its source file, or give a reason under `exclude` in the"
+        " sample sheet"
+    ),
+    "refused, of several": (
+        "correct or exclude the trials behind it, or change the settings of this analysis in the "
+        "configuration"
+    ),
+    "failed": (
+        "a fault of this program: report it with the traceback in {log}; the next run tries it"
+        " again"
+    ),
+    "failed, of the system": (
+        "make the file or its folder accessible, or room on the disk; the next run tries it again"
+    ),
     "died": "run again; if memory was short, with fewer jobs at once (`--cores 1`)",
 }
 """Remedy by outcome, if the job's message has none; `log` is the path of its log."""
@@ -41,8 +52,8 @@ CRASHES = ("SIGSEGV", "SIGBUS", "SIGABRT", "SIGILL", "SIGFPE")
 
 
 def perform(job: Job) -> None:
-    """Call the command and write the log, also after an error; without a result, write records. An error of the input
-    is a refusal. Any other is a failure, and the job is tried again."""
+    """Call the command and write the log, also after an error; without a result, write records. An
+    error of the input is a refusal. Any other is a failure, and the job is tried again."""
     Path(job["log"]).unlink(missing_ok=True)
     start = time.perf_counter()
     causes: Sequence[Refusal] = ()
@@ -60,22 +71,32 @@ def perform(job: Job) -> None:
             said = printable(f"{fault.filename or 'a file'}: {fault.strerror or fault}")
             ended |= {"outcome": "failed", "error": said}
         except Exception as fault:
-            ended |= {"outcome": "failed", "error": unexpected(fault), "traceback": traceback.format_exc()}
+            ended |= {
+                "outcome": "failed",
+                "error": unexpected(fault),
+                "traceback": traceback.format_exc(),
+            }
     warned = list(dict.fromkeys(printable(str(warning.message)) for warning in caught))
-    end(job, {**ended, "seconds": round(time.perf_counter() - start, 3), "warnings": warned}, causes)
+    end(
+        job, {**ended, "seconds": round(time.perf_counter() - start, 3), "warnings": warned}, causes
+    )
 
 
 def call(job: Job) -> Sequence[Refusal]:
-    """Call the command with the named values of its rule, each converted to the type that the command declares.
-    A command with an argument `refused` gets the refusals of its inputs. Any other does not run if a needed input was
-    refused: the causes are returned. A fit takes a trial and returns tables, which are written here."""
+    """Call the command with the named values of its rule, each converted to the type that the
+    command declares. A command with an argument `refused` gets the refusals of its inputs. Any
+    other does not run if a needed input was refused: the causes are returned. A fit takes a trial
+    and returns tables, which are written here."""
     module, _, name = job["command"].partition(".")
     function = getattr(importlib.import_module(f"osl_analysis.commands.{module}"), name)
     reasons: dict[str, str] = {}
     if job["judge"]:
-        reasons = exclusions(Judge.read(Path(job["judge"])).verdicts(map(Path, job["input"]["quality"])))
+        reasons = exclusions(
+            Judge.read(Path(job["judge"])).verdicts(map(Path, job["input"]["quality"]))
+        )
         if job["excluded"] != list(reasons):
-            # Some were not measured when the request was written. Without this, the next run would find it changed.
+            # Some were not measured when the request was written. Without this, the next run would
+            # find it changed.
             said = json.loads(job["path"].read_text(encoding="utf-8")) | {"excluded": list(reasons)}
             write_text(job["path"], json.dumps(said, indent=1) + "\n")
     usable, refused, missing = without_refused(job["input"], job["needs"])
@@ -90,14 +111,16 @@ def call(job: Job) -> Sequence[Refusal]:
         if (tables := job["output"].get("tables")) is None:
             converting(**inputs, **job["output"], **job["settings"], **told)
             return ()
-        fitted = converting(**inputs | {"trial": read_trial(Path(inputs["trial"]))}, **job["settings"])
+        fitted = converting(
+            **inputs | {"trial": read_trial(Path(inputs["trial"]))}, **job["settings"]
+        )
         write_tables({Path(file): fitted[table] for table, file in tables.items()})
     return ()
 
 
 def end(job: Job, ended: Mapping[str, Any], causes: Sequence[Refusal] = ()) -> None:
-    """Write the log of a job and, unless it is done, a record in place of each of its files. `causes` are the refusals
-    of missing inputs; without these, the job itself is the cause."""
+    """Write the log of a job and, unless it is done, a record in place of each of its files.
+    `causes` are the refusals of missing inputs; without these, the job itself is the cause."""
     if ended["outcome"] != "done":
         for path in job["files"]:
             write_refusals(causes or [refusal(job, ended)], Path(path))
@@ -112,9 +135,15 @@ def refusal(job: Job, ended: Mapping[str, Any]) -> Refusal:
     if any(Path(file).parent.name == "figures" for file in job["files"]):
         trial = ""  # a trial without its drawing is still analysed
     outcome, reason, is_fault = ended["outcome"], ended["error"], bool(ended.get("traceback"))
-    kind = {"refused": "" if trial else ", of several", "failed": "" if is_fault else ", of the system"}
-    remedy = ended.get("remedy") or WHAT_TO_DO[outcome + kind.get(outcome, "")].format(log=job["log"])
-    files = [*files_read(job), *job["files"]]  # the first is the cause, unless the reason names another
+    kind = {
+        "refused": "" if trial else ", of several",
+        "failed": "" if is_fault else ", of the system",
+    }
+    remedy = ended.get("remedy") or WHAT_TO_DO[outcome + kind.get(outcome, "")].format(
+        log=job["log"]
+    )
+    # the first is the cause, unless the reason names another
+    files = [*files_read(job), *job["files"]]
     file = next((file for file in files if file in reason), files[0] if files else "")
     return Refusal(trial, file, job["command"], outcome, reason, remedy)
 
@@ -122,12 +151,15 @@ def refusal(job: Job, ended: Mapping[str, Any]) -> Refusal:
 def files_read(job: Job) -> list[str]:
     """The recordings of a job, and the trials that it reads."""
     inputs, row = job["input"], job["settings"].get("row") or {}
-    raw = [Path(job["settings"]["raw_folder"], row[role]) for role in ("log", "mocap") if row.get(role)]
+    raw = [
+        Path(job["settings"]["raw_folder"], row[role]) for role in ("log", "mocap") if row.get(role)
+    ]
     return [str(file) for file in (*raw, inputs.get("trial"), inputs.get("crossing")) if file]
 
 
 def died(request: Path, pid: int, number: int) -> None:
-    """End a job whose process a signal killed: leave records, so that other jobs go on, and no half-written file."""
+    """End a job whose process a signal killed: leave records, so that other jobs go on, and no
+    half-written file."""
     job = read_request(request)
     for path in map(Path, job["files"]):
         temporary_path(path, pid).unlink(missing_ok=True)

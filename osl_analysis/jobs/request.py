@@ -1,8 +1,9 @@
-"""The requests of jobs. A request is a small file, an input of its job: the task, and all that affects the result.
+"""The requests of jobs. A request is a small file, an input of its job: the task, and all that
+affects the result.
 
-Requests are written while Snakemake plans, if their content differs. So a changed setting, sheet, program or recording
-is a changed input of the jobs that use it, and of no others. Snakemake compares inputs by content if it has its notes
-(`.snakemake`), else by date."""
+Requests are written while Snakemake plans, if their content differs. So a changed setting, sheet,
+program or recording is a changed input of the jobs that use it, and of no others. Snakemake
+compares inputs by content if it has its notes (`.snakemake`), else by date."""
 
 import atexit
 import json
@@ -20,9 +21,11 @@ from osl_analysis.refusal import TRIED_AGAIN, is_refused, read_refusals
 from osl_analysis.yaml_settings import content_digest
 
 PLACES = {"<package>": str(PACKAGE), "<shipped>": str(root())}
-"""Placeholders in requests for the program's folders: results then also hold in another environment."""
+"""Placeholders in requests for the program's folders: results then also hold in another
+environment."""
 NOTHING: Mapping[str, Any] = {}
-FITS = ("table.write_tables", "trial.read_trial")  # code with which `jobs.job` reads and writes for a fit
+# code with which `jobs.job` reads and writes for a fit
+FITS = ("table.write_tables", "trial.read_trial")
 
 
 def read_request(path: Path) -> dict[str, Any]:
@@ -33,9 +36,12 @@ def read_request(path: Path) -> dict[str, Any]:
     return {**json.loads(text), "path": path}
 
 
-def request_text(path: Path, content: Mapping[str, Any], digest_in_state: Callable[[Path], str | None]) -> str:
-    """The text of a request that may replace an older one. A job that failed, was killed, or lost its results is tried
-    again: its request counts the tries. If nothing has changed, the text is the old one."""
+def request_text(
+    path: Path, content: Mapping[str, Any], digest_in_state: Callable[[Path], str | None]
+) -> str:
+    """The text of a request that may replace an older one. A job that failed, was killed, or lost
+    its results is tried again: its request counts the tries. If nothing has changed, the text is
+    the old one."""
     now = plain(content)
     try:
         before = json.loads(path.read_text(encoding="utf-8"))
@@ -47,9 +53,17 @@ def request_text(path: Path, content: Mapping[str, Any], digest_in_state: Callab
         if not all(file.exists() for file in files):
             now["tried"] += Path(now["log"]).exists()
         else:
-            failed = (f for f in files if is_refused(f) and any(r.outcome in TRIED_AGAIN for r in read_refusals(f)))
-            now["tried"] += any(file.stat().st_mtime_ns >= path.stat().st_mtime_ns for file in failed)
-        if before["recorded"] != now["recorded"] and same_recordings(now["recorded"], files[0], digest_in_state):
+            failed = (
+                f
+                for f in files
+                if is_refused(f) and any(r.outcome in TRIED_AGAIN for r in read_refusals(f))
+            )
+            now["tried"] += any(
+                file.stat().st_mtime_ns >= path.stat().st_mtime_ns for file in failed
+            )
+        if before["recorded"] != now["recorded"] and same_recordings(
+            now["recorded"], files[0], digest_in_state
+        ):
             now["recorded"] = before["recorded"]
     text = json.dumps(now, indent=1) + "\n"
     for name, place in PLACES.items():
@@ -57,8 +71,11 @@ def request_text(path: Path, content: Mapping[str, Any], digest_in_state: Callab
     return text
 
 
-def same_recordings(recorded: Iterable[str], trial: Path, digest_in_state: Callable[[Path], str | None]) -> bool:
-    """Whether recordings with other dates are still those that the trial was made of, by SHA-256 in its provenance."""
+def same_recordings(
+    recorded: Iterable[str], trial: Path, digest_in_state: Callable[[Path], str | None]
+) -> bool:
+    """Whether recordings with other dates are still those that the trial was made of, by SHA-256 in
+    its provenance."""
     from osl_analysis.errors import InputError
     from osl_analysis.trial import metadata_of
 
@@ -81,13 +98,22 @@ def filled(rule: Any, wildcards: Mapping[str, str]) -> tuple[list[str], dict[str
 
 
 class Requests:
-    """The requests of a workflow, in a folder of its results. `judge` decides which trials are used. The process of a
-    single job, as on a cluster, does not change them. A dry run (`-n`) writes requests that differ elsewhere.
-    `recordings` is the folder of simulated recordings."""
+    """The requests of a workflow, in a folder of its results. `judge` decides which trials are
+    used. The process of a single job, as on a cluster, does not change them. A dry run (`-n`)
+    writes requests that differ elsewhere. `recordings` is the folder of simulated recordings."""
 
-    def __init__(self, results: Path, data: str, judge: Judge, workflow: Any, recordings: Sequence[Path] = ()) -> None:
-        self.folder, self.logs, self.data, self.judge = results / "requests", results / "logs", data, judge
-        self.is_excluded = cache(lambda measured: bool(exclusions(judge.verdicts([Path(measured)]))))
+    def __init__(
+        self, results: Path, data: str, judge: Judge, workflow: Any, recordings: Sequence[Path] = ()
+    ) -> None:
+        self.folder, self.logs, self.data, self.judge = (
+            results / "requests",
+            results / "logs",
+            data,
+            judge,
+        )
+        self.is_excluded = cache(
+            lambda measured: bool(exclusions(judge.verdicts([Path(measured)])))
+        )
         self.workflow, self.sources = workflow, Sources(self.folder / "code.json")
         self.written = (results, *recordings)
         self.code = cache(self.known_code)
@@ -111,7 +137,9 @@ class Requests:
 
     def digest_in_state(self, recording: Path) -> str | None:
         """SHA-256 of a recording, computed once per state of the file, not in every run."""
-        found: str | None = self.sources.of_text(f"{recording} {file_state(recording)}", lambda: digest(recording))
+        found: str | None = self.sources.of_text(
+            f"{recording} {file_state(recording)}", lambda: digest(recording)
+        )
         return found
 
     def job(
@@ -131,31 +159,43 @@ class Requests:
         made_of: Iterable[Path] = (),
         recordings: Iterable[Path] = (),
     ) -> dict[str, Any]:
-        """The inputs of one job of a rule for Snakemake, by name; `request` is the file of its request.
+        """The inputs of one job of a rule for Snakemake, by name; `request` is the file of its
+        request.
 
-        `command` is `module.function` of `osl_analysis.commands`, `modules` are those that it imports by name. It is
-        called with
-        * the inputs by name: those of `input`, those of `read`, which were made when `input` was (planning takes time
-          with every file that Snakemake is told of), and the small `files`, which no job writes;
-        * the outputs of the rule by their names; without a name, one is `output` and several are `outputs`. Or with
-          `output`, where the command finds the names of its files itself;
-        * the `settings`. What is refused or excluded there is left out (`jobs.job.call`). Of the files in `needs` it
-        must have every one, those in `after` are not looked at. Of `files` and `made_of` content counts, of
-        `recordings` also state."""
+        `command` is `module.function` of `osl_analysis.commands`, `modules` are those that it
+        imports by name. It is called with
+        * the inputs by name: those of `input`, those of `read`, which were made when `input` was
+          (planning takes time with every file that Snakemake is told of), and the small `files`,
+          which no job writes;
+        * the outputs of the rule by their names; without a name, one is `output` and several are
+          `outputs`. Or with `output`, where the command finds the names of its files itself;
+        * the `settings`. What is refused or excluded there is left out (`jobs.job.call`). Of the
+        files in `needs` it must have every one, those in `after` are not looked at. Of `files` and
+        `made_of` content counts, of `recordings` also state."""
         made, named, log = filled(rule, dict(wildcards.items()))
         if output is None:
             only: dict[str, Any] = {"output": made[0]} if len(made) == 1 else {"outputs": made}
             output = named or only
         given = {name: plain(file) for name, file in files.items()}
-        small = [*made_of, *(one for file in given.values() for one in ([file] if isinstance(file, str) else file))]
+        small = [
+            *made_of,
+            *(
+                one
+                for file in given.values()
+                for one in ([file] if isinstance(file, str) else file)
+            ),
+        ]
         inputs = {**input, **read, **given}
         measured = [str(file) for file in inputs.get("quality", ())]
-        # Each has its own folder: Snakemake does not see files that appear later beside one it has looked for.
+        # Each has its own folder: Snakemake does not see files that appear later beside one it has
+        # looked for.
         path = self.folder / Path(log).relative_to(self.logs).with_suffix("") / "job.json"
         if self.workflow.is_main_process or not path.is_file():
             content = {
                 "command": command,
-                "code": self.code(f"commands.{command}", *modules, *(FITS if "tables" in output else ())),
+                "code": self.code(
+                    f"commands.{command}", *modules, *(FITS if "tables" in output else ())
+                ),
                 "data": self.data,
                 "log": log,
                 "files": made,
@@ -166,7 +206,8 @@ class Requests:
                 "output": output,
                 "settings": settings,
                 "made_of": {str(file): digest_of(Path(file)) for file in small},
-                # not as inputs: Snakemake would ignore an older date of a recording, and stop if it cannot read one
+                # not as inputs: Snakemake would ignore an older date of a recording, and stop if it
+                # cannot read one
                 "recorded": {str(file): file_state(file) for file in recordings},
             }
             path = self.placed(path, request_text(path, content, self.digest_in_state))

@@ -1,1 +1,2 @@
-"""Evidence to findings: `causes` and `judging` decide by values, `words` has the sentences, `campaign` makes views."""
+"""Evidence to findings: `causes` and `judging` decide by values, `words` has the sentences,
+`campaign` makes views."""

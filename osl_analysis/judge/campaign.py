@@ -1,5 +1,6 @@
-"""The findings on all trials of a campaign as one table, `findings.csv`, and what a reader must know of them: causes
-with their trials, in the same words at the end of a run, by `results` and on the page."""
+"""The findings on all trials of a campaign as one table, `findings.csv`, and what a reader must
+know of them: causes with their trials, in the same words at the end of a run, by `results` and on
+the page."""
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -13,42 +14,73 @@ import polars as pl
 from osl_analysis.config.experiments import EXPERIMENTS, doubts_of, judged_tables
 from osl_analysis.errors import listing
 from osl_analysis.judge.causes import CAUSES
-from osl_analysis.judge.finding import FINDING_NUMBERS, Beyond, Finding, Grade, findings_frame, read_findings
+from osl_analysis.judge.finding import (
+    FINDING_NUMBERS,
+    Beyond,
+    Finding,
+    Grade,
+    findings_frame,
+    read_findings,
+)
 from osl_analysis.judge.judging import judged, unchecked_in, with_inherited
 from osl_analysis.judge.limits import CHECKS, DoubtfulFits
 from osl_analysis.judge.used import HOW_TO_USE, exclusions
-from osl_analysis.judge.words import Words, as_if_said, capital, check_words, misfit_words, sentence_of, words_of
+from osl_analysis.judge.words import (
+    Words,
+    as_if_said,
+    capital,
+    check_words,
+    misfit_words,
+    sentence_of,
+    words_of,
+)
 from osl_analysis.refusal import is_refused
 from osl_analysis.stats.repeats import DOUBTFUL
 from osl_analysis.table import read_table
 from osl_analysis.trial import SHORT, significant, unusual
 
-LARGEST_MISFIT = 1.0  # percent of the torque that a prediction may leave along angle, velocity and acceleration
+# percent of the torque that a prediction may leave along angle, velocity and acceleration
+LARGEST_MISFIT = 1.0
 MOST_NAMED = 3  # number of trials that a line names
 QUALITY, PREDICTION_TABLE = "quality", "prediction"
 JUDGED_FURTHER = (PREDICTION_TABLE, "prediction_causes")
 """Tables without limits that have findings."""
 
 
-def campaign_findings(tables: Mapping[str, pl.DataFrame], verdicts: pl.DataFrame, limits: DoubtfulFits) -> pl.DataFrame:
-    """`findings.csv` from the result tables by name and from `quality.csv`. Findings that rows inherit from another
-    table are listed once per trial and amplitude, without words: the original finding has these."""
+def campaign_findings(
+    tables: Mapping[str, pl.DataFrame], verdicts: pl.DataFrame, limits: DoubtfulFits
+) -> pl.DataFrame:
+    """`findings.csv` from the result tables by name and from `quality.csv`. Findings that rows
+    inherit from another table are listed once per trial and amplitude, without words: the original
+    finding has these."""
     found = list(failed_checks(verdicts))
-    fits, seen = {name: table for name, table in tables.items() if name in judged_tables()}, set[object]()
+    fits, seen = (
+        {name: table for name, table in tables.items() if name in judged_tables()},
+        set[object](),
+    )
     own = {name: judged(table, limits.of(name), name) for name, table in fits.items()}
     for name, table in fits.items():
         of = doubts_of().get(name, "")
-        findings = with_inherited(name, table, own[name], fits[of], own[of]) if of in fits else own[name]
+        findings = (
+            with_inherited(name, table, own[name], fits[of], own[of]) if of in fits else own[name]
+        )
         for row, of_row in zip(table.iter_rows(named=True), findings, strict=True):
-            found += [(finding, words_of(finding, row)) for finding in of_row if not finding.inherited]
+            found += [
+                (finding, words_of(finding, row)) for finding in of_row if not finding.inherited
+            ]
             for finding in (one for one in of_row if one.inherited):
                 key = finding.table, finding.subject, finding.amplitude_deg, finding.cause
                 if key not in seen:
                     seen.add(key)
                     found.append((finding, Words("", "", "")))
     for row in tables.get(PREDICTION_TABLE, pl.DataFrame()).iter_rows(named=True):
-        found += [(finding, words_of(finding, row)) for finding in unchecked_in(PREDICTION_TABLE, row)]
-    found += [*causes_of_misfit(tables), *recordings_of_another_length(fits.get("impedance", pl.DataFrame()))]
+        found += [
+            (finding, words_of(finding, row)) for finding in unchecked_in(PREDICTION_TABLE, row)
+        ]
+    found += [
+        *causes_of_misfit(tables),
+        *recordings_of_another_length(fits.get("impedance", pl.DataFrame())),
+    ]
     return findings_frame(found)
 
 
@@ -58,32 +90,50 @@ def failed_checks(verdicts: pl.DataFrame) -> Iterator[tuple[Finding, Words]]:
     for row in verdicts.filter(pl.col("verdict").is_in(list(grades))).to_dicts():
         check = CHECKS[row["check"]]
         evidence = Beyond(check.name, row["value"], row.get("threshold") or 0.0, check.fails)
-        size = f"{significant(row['value'], 3)} {row['unit']}" + (f" ({row['remark']})" if row["remark"] else "")
+        size = f"{significant(row['value'], 3)} {row['unit']}" + (
+            f" ({row['remark']})" if row["remark"] else ""
+        )
         words = check_words(check.cause)
         finding = Finding(QUALITY, row["trial"], check.cause, grades[row["verdict"]], (evidence,))
         yield finding, words._replace(size=size, remedy=capital(words.remedy))
 
 
 def causes_of_misfit(tables: Mapping[str, pl.DataFrame]) -> Iterator[tuple[Finding, Words]]:
-    """The component, or the late controller, that `prediction_causes.csv` names; or else, that the components of a
-    joint and side do not predict the torque and no single cause explains it. One finding for each predicted trial."""
+    """The component, or the late controller, that `prediction_causes.csv` names; or else, that the
+    components of a joint and side do not predict the torque and no single cause explains it. One
+    finding for each predicted trial."""
     causes = tables.get("prediction_causes", pl.DataFrame(schema=["joint", "side"]))
     for rows in causes.partition_by("joint", "side", maintain_order=True):
         at = [pl.col(key).eq_missing(pl.lit(rows[key][0], pl.String)) for key in ("joint", "side")]
         own = tables[PREDICTION_TABLE].filter(*at, pl.col("VAF").is_not_null())
-        is_late, found = pl.col("component").str.ends_with("_delay"), list[tuple[str, tuple[Beyond, ...], Words]]()
+        is_late, found = (
+            pl.col("component").str.ends_with("_delay"),
+            list[tuple[str, tuple[Beyond, ...], Words]](),
+        )
         late = rows.filter(is_late).to_dicts()
         if parts := rows.filter("named", ~is_late).to_dicts():
-            evidence = tuple(Beyond(part["component"], part["change"], 0.0, "above") for part in parts)
+            evidence = tuple(
+                Beyond(part["component"], part["change"], 0.0, "above") for part in parts
+            )
             cause = f"component {' or '.join(part['component'] for part in parts)}"
             found.append((cause, evidence, misfit_words("component", as_if=as_if_said(parts))))
         if any(row["named"] for row in late):
             evidence = tuple(Beyond(row["component"], row["change"], 0.0, "above") for row in late)
             angle, velocity = (1e3 * row["change"] for row in late)
-            found.append(("late controller", evidence, misfit_words("late controller", angle=angle, velocity=velocity)))
-        left = max((row["left"] or 0.0 for row in late), default=0.0)  # beside the delays, named or not
+            found.append(
+                (
+                    "late controller",
+                    evidence,
+                    misfit_words("late controller", angle=angle, velocity=velocity),
+                )
+            )
+        # beside the delays, named or not
+        left = max((row["left"] or 0.0 for row in late), default=0.0)
         if not found and left > LARGEST_MISFIT:
-            K, B = (100 * float(np.median((own[f"{x}_measured"] / own[x]).to_numpy())) - 100 for x in "KB")
+            K, B = (
+                100 * float(np.median((own[f"{x}_measured"] / own[x]).to_numpy())) - 100
+                for x in "KB"
+            )
             evidence = (Beyond("left", left, LARGEST_MISFIT, "above"),)
             cause = "components that do not predict"
             found.append((cause, evidence, misfit_words(cause, K=K, B=B)))
@@ -93,40 +143,50 @@ def causes_of_misfit(tables: Mapping[str, pl.DataFrame]) -> Iterator[tuple[Findi
 
 
 def recordings_of_another_length(impedance: pl.DataFrame) -> Iterator[tuple[Finding, Words]]:
-    """Trials shorter or longer than most with their kind of motion: half of a file looks whole, and a wrongly stated
-    rate changes the length."""
+    """Trials shorter or longer than most with their kind of motion: half of a file looks whole, and
+    a wrongly stated rate changes the length."""
     cause = "recording of another length"
     if not {"recorded_s", "excitation"} <= {*impedance.columns}:
         return
-    for rows in impedance.filter(pl.col("amplitude_deg").is_null(), pl.col("recorded_s") > 0).partition_by(
-        "excitation"
-    ):
+    for rows in impedance.filter(
+        pl.col("amplitude_deg").is_null(), pl.col("recorded_s") > 0
+    ).partition_by("excitation"):
         is_unusual, usual = unusual(rows["recorded_s"].to_numpy())
         for trial, seconds in rows.filter(is_unusual).select("trial", "recorded_s").iter_rows():
             limit = (SHORT * usual, "below") if seconds < usual else (usual / SHORT, "above")
             words = misfit_words(cause, seconds=seconds, usual=usual)
-            yield Finding("impedance", trial, cause, Grade.NOTES, (Beyond("recorded_s", seconds, *limit),)), words
+            yield (
+                Finding(
+                    "impedance", trial, cause, Grade.NOTES, (Beyond("recorded_s", seconds, *limit),)
+                ),
+                words,
+            )
 
 
 Entry = dict[str, Any]
 
 
 def entries(findings: pl.DataFrame) -> list[Entry]:
-    """The findings of `findings.csv`, each with its numbers under `evidence`: column, value, limit and side."""
+    """The findings of `findings.csv`, each with its numbers under `evidence`: column, value, limit
+    and side."""
     found: dict[int, Entry] = {}
     for row in findings.iter_rows(named=True):
         in_part = any(row[name] is not None for name in ("amplitude_deg", "frequency_hz"))
         in_part |= row["cause"] in CAUSES and bool(CAUSES[row["cause"]].of)
         entry = found.setdefault(row["finding"], row | {"evidence": [], "in_part": in_part})
         if row["evidence"] is not None:
-            entry["evidence"].append(Beyond(row["evidence"], row["value"], row["limit"], row["side"]))
+            entry["evidence"].append(
+                Beyond(row["evidence"], row["value"], row["limit"], row["side"])
+            )
     return list(found.values())
 
 
-def known_of(findings: pl.DataFrame, tables: Mapping[str, pl.DataFrame], verdicts: pl.DataFrame) -> list[Entry]:
-    """What a reader must know, as `summary.json` has it: each cause by experiment with its trials. Doubts come first,
-    then failed checks of trials that are used, then what could not be checked; in each, the most frequent cause first.
-    `tables` give the numbers of trials."""
+def known_of(
+    findings: pl.DataFrame, tables: Mapping[str, pl.DataFrame], verdicts: pl.DataFrame
+) -> list[Entry]:
+    """What a reader must know, as `summary.json` has it: each cause by experiment with its trials.
+    Doubts come first, then failed checks of trials that are used, then what could not be checked;
+    in each, the most frequent cause first. `tables` give the numbers of trials."""
     there = {*subjects(verdicts), *chain(*map(subjects, tables.values()))}
     of = defaultdict[tuple[str, str], list[Entry]](list)  # by table and grade
     for entry in entries(findings):
@@ -138,35 +198,66 @@ def known_of(findings: pl.DataFrame, tables: Mapping[str, pl.DataFrame], verdict
         for table, other in (fitted | dict.fromkeys(facts.judged_further, "")).items():
             if DOUBTFUL not in (rows := tables.get(table, pl.DataFrame())).columns:
                 continue
-            judged, named = subjects(rows.filter(pl.col(DOUBTFUL).is_not_null())), table.replace("_", " ")
+            judged, named = (
+                subjects(rows.filter(pl.col(DOUBTFUL).is_not_null())),
+                table.replace("_", " "),
+            )
             trials = f"{experiment.replace('_', ' ')} trials", f"{named} trials"
             where, what = trials if table in fitted else (named, "walking groups")
-            doubts += doubts_by_cause(of[table, Grade.DOUBTS], of[other, Grade.DOUBTS], other, where, named, judged)
+            doubts += doubts_by_cause(
+                of[table, Grade.DOUBTS], of[other, Grade.DOUBTS], other, where, named, judged
+            )
             for grade, verdict in ((Grade.UNCHECKED, "not checked"), (Grade.NOTES, "remark")):
-                unchecked += by_cause([one for one in of[table, grade] if not one["in_part"]], verdict, what, judged)
+                unchecked += by_cause(
+                    [one for one in of[table, grade] if not one["in_part"]], verdict, what, judged
+                )
     predicted = of[PREDICTION_TABLE, Grade.DOUBTS]
     doubts += by_cause(
-        predicted, "doubtful", "predicted trials", list(dict.fromkeys(one["trial"] for one in predicted))
+        predicted,
+        "doubtful",
+        "predicted trials",
+        list(dict.fromkeys(one["trial"] for one in predicted)),
     )
     of_table = subjects(tables.get(PREDICTION_TABLE, pl.DataFrame()))
-    unchecked += by_cause(of[PREDICTION_TABLE, Grade.UNCHECKED], "not checked", "prediction trials", of_table)
+    unchecked += by_cause(
+        of[PREDICTION_TABLE, Grade.UNCHECKED], "not checked", "prediction trials", of_table
+    )
     for check in CHECKS.values():
-        own = [one for one in of[QUALITY, Grade.DOUBTS] if [x.column for x in one["evidence"]] == [check.name]]
-        flags += by_cause(own, "flagged", "trials", subjects(verdicts.filter(pl.col("check") == check.name)))
-    return [one for part in (doubts, flags, unchecked) for one in sorted(part, key=lambda one: -len(one["trials"]))]
+        own = [
+            one
+            for one in of[QUALITY, Grade.DOUBTS]
+            if [x.column for x in one["evidence"]] == [check.name]
+        ]
+        flags += by_cause(
+            own, "flagged", "trials", subjects(verdicts.filter(pl.col("check") == check.name))
+        )
+    return [
+        one
+        for part in (doubts, flags, unchecked)
+        for one in sorted(part, key=lambda one: -len(one["trials"]))
+    ]
 
 
 def doubts_by_cause(
-    own: Sequence[Entry], of_other: Sequence[Entry], other: str, where: str, table: str, judged: Sequence[str]
+    own: Sequence[Entry],
+    of_other: Sequence[Entry],
+    other: str,
+    where: str,
+    table: str,
+    judged: Sequence[str],
 ) -> Iterator[Entry]:
-    """Doubts about the rows of a table. Doubts that an `other` table has about the same trials, if it is named, are
-    left out. Doubts at single amplitudes alone come last."""
+    """Doubts about the rows of a table. Doubts that an `other` table has about the same trials, if
+    it is named, are left out. Doubts at single amplitudes alone come last."""
     known = {(one["trial"], one["cause"]) for one in of_other} if other else set()
     left = [one for one in own if (one["trial"], one["cause"]) not in known]
     whole = {(one["trial"], one["cause"]) for one in left if not one["in_part"]}
     where += f", in {table} alone" if other else ""
     for in_part in (False, True):
-        some = [one for one in left if (bool(other) or (one["trial"], one["cause"]) not in whole) is in_part]
+        some = [
+            one
+            for one in left
+            if (bool(other) or (one["trial"], one["cause"]) not in whole) is in_part
+        ]
         single = in_part and not other and all(one["amplitude_deg"] is not None for one in some)
         place = where + ", at single amplitudes alone" * single
         yield from by_cause(some, "doubtful" + " in part" * in_part, place, judged)
@@ -178,14 +269,19 @@ def subjects(rows: pl.DataFrame) -> list[str]:
     return rows[key].unique(maintain_order=True).to_list() if key else []
 
 
-def by_cause(some: Sequence[Entry], verdict: str, of: str, judged: Sequence[str]) -> Iterator[dict[str, Any]]:
-    """What a reader must know of each cause, or of each thing that could not be checked, with its size in the worst
-    trial. The last row of a trial counts, which is its fit to all."""
+def by_cause(
+    some: Sequence[Entry], verdict: str, of: str, judged: Sequence[str]
+) -> Iterator[dict[str, Any]]:
+    """What a reader must know of each cause, or of each thing that could not be checked, with its
+    size in the worst trial. The last row of a trial counts, which is its fit to all."""
     causes: dict[str, dict[str, Entry]] = {}
     for one in some:
         causes.setdefault(one["cause"], {})[one["trial"]] = one
     for cause, trials in causes.items():
-        name = max(trials, key=lambda trial: max((one.excess for one in trials[trial]["evidence"]), default=0.0))
+        name = max(
+            trials,
+            key=lambda trial: max((one.excess for one in trials[trial]["evidence"]), default=0.0),
+        )
         worst = trials[name]
         size = worst["size"] or ""
         size += f", most in {name}" if size and len(trials) > 1 else ""
@@ -199,10 +295,17 @@ def by_cause(some: Sequence[Entry], verdict: str, of: str, judged: Sequence[str]
 
 
 def known_line(
-    verdict: str, of: str, cause: str, entry: Entry, trials: Sequence[str], judged: Sequence[str], size: str
+    verdict: str,
+    of: str,
+    cause: str,
+    entry: Entry,
+    trials: Sequence[str],
+    judged: Sequence[str],
+    size: str,
 ) -> dict[str, Any]:
-    """One cause as `summary.json` has it: what was judged, such as `impedance trials`; its trials, and the number of
-    all that were `judged`; its `size` in the worst of them; and a `line` that says it."""
+    """One cause as `summary.json` has it: what was judged, such as `impedance trials`; its trials,
+    and the number of all that were `judged`; its `size` in the worst of them; and a `line` that
+    says it."""
     others = [trial for trial in judged if trial not in trials]
     few = len(others) <= MOST_NAMED < len(trials)
     names = others if few else trials
@@ -215,14 +318,20 @@ def known_line(
 
 
 def findings_report(findings: Path, tables: Iterable[Path], verdicts: pl.DataFrame) -> str:
-    """The findings of a campaign for the end of a run, a line each; tables may be refusal records or not be there."""
-    written = {path.stem: read_table(path) for path in tables if path.is_file() and not is_refused(path)}
+    """The findings of a campaign for the end of a run, a line each; tables may be refusal records
+    or not be there."""
+    written = {
+        path.stem: read_table(path) for path in tables if path.is_file() and not is_refused(path)
+    }
     return "\n".join(one["line"] for one in known_of(read_findings(findings), written, verdicts))
 
 
 def exclusion_report(verdicts: pl.DataFrame, by_sheet: Mapping[str, str]) -> str:
-    """Excluded trials with reasons, for the end of a run; those that fail the same check share a line."""
-    failed = verdicts.filter(pl.col("verdict") == "exclude").unique("trial", keep="first", maintain_order=True)
+    """Excluded trials with reasons, for the end of a run; those that fail the same check share a
+    line."""
+    failed = verdicts.filter(pl.col("verdict") == "exclude").unique(
+        "trial", keep="first", maintain_order=True
+    )
     reasons, lines = exclusions(verdicts), []
     for (check,), rows in failed.group_by("check", maintain_order=True):
         cause = CHECKS[str(check)].cause

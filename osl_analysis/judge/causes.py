@@ -1,4 +1,5 @@
-"""Which cause a number beyond its limit is evidence of. Values decide here; words stand in `words`."""
+"""Which cause a number beyond its limit is evidence of. Values decide here; words stand in
+`words`."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -18,14 +19,18 @@ class Cause:
     """A cause of numbers beyond their limits."""
 
     name: str  # its name everywhere
-    explains: bool = False  # it makes a fit worse, so that the misfit of the same trial is no cause of its own
+    # it makes a fit worse, so that the misfit of the same trial is no cause of its own
+    explains: bool = False
     of_recording: bool = False
-    """A fault of the recording does not depend on amplitude: the fit to all of a trial must show it, too."""
+    """A fault of the recording does not depend on amplitude: the fit to all of a trial must show
+    it, too."""
     first: bool = False  # it causes others, as a wrong unit or sign does
     of: Sequence[str] = ()  # results that it concerns; empty: all
-    spoils: bool = False  # no estimate can be told beside it: other causes of a worse fit may be its effect
+    # no estimate can be told beside it: other causes of a worse fit may be its effect
+    spoils: bool = False
     without: Mapping[str, str] = field(default_factory=dict)
-    """Columns of the estimates by K, B and I, from the same fit with this cause as a column of the regression."""
+    """Columns of the estimates by K, B and I, from the same fit with this cause as a column of the
+    regression."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +42,8 @@ class Evidence:
     misfit: bool = False  # a cause that explains the trial's misfit takes this column, too
     size: str = ""  # estimate (K, B, I) of which the number is a share
     of: Sequence[str] = ("torque", "angle")  # signals whose units scale this ratio to a known value
-    witness: str = ""  # column of another ratio that tells a unit from another device; its own name: none is needed
+    # column of another ratio that tells a unit from another device; its own name: none is needed
+    witness: str = ""
 
 
 BETWEEN = "; "  # names of causes in a cell
@@ -49,11 +55,14 @@ EVIDENCE = {name: Evidence(name, **facts) for name, facts in TABLE["columns"].it
 def doubts_of_result(names: str, result: str) -> str:
     """Those causes in a cell of the column `DOUBTFUL` that concern one result of the fit."""
     apart = [cause for cause in CAUSES.values() if cause.of and result not in cause.of]
-    return BETWEEN.join(name for name in names.split(BETWEEN) if name not in {cause.name for cause in apart})
+    return BETWEEN.join(
+        name for name in names.split(BETWEEN) if name not in {cause.name for cause in apart}
+    )
 
 
 def beyond(row: AnyRow, limits: Limits) -> dict[str, Beyond]:
-    """The numbers of a row that are beyond their limits or NaN, by column; a null is not checked."""
+    """The numbers of a row that are beyond their limits or NaN, by column; a null is not
+    checked."""
     found: dict[str, Beyond] = {}
     for side, name, limit in limits.stated():
         value = cell_number(row, name)
@@ -71,16 +80,21 @@ def beyond(row: AnyRow, limits: Limits) -> dict[str, Beyond]:
 
 
 def suspected_unit(name: str, ratio: float, row: AnyRow) -> str:
-    """The factor between units (`known_factor`) near a ratio that a device may have as well: within 4 %, as components
-    differ from their file by 2 % (SD); of a desired curve within 1.5 %. The witness decides: a wrong torque scales both
-    ratios alike, a wrong current only this one, each within 10 %."""
+    """The factor between units (`known_factor`) near a ratio that a device may have as well: within
+    4 %, as components differ from their file by 2 % (SD); of a desired curve within 1.5 %. The
+    witness decides: a wrong torque scales both ratios alike, a wrong current only this one, each
+    within 10 %."""
     evidence, symbol = EVIDENCE.get(name), name.removesuffix("_ratio")
     witness = cell_number(row, evidence.witness) if evidence and evidence.witness else None
     value, high = cell_number(row, symbol), cell_number(row, f"{symbol}_high")
     if evidence is None or not witness or (value and high and high > 1.05 * value):
         return ""
-    of_current = [signal for signal in evidence.of if signal == "current" and abs(witness - 1) < 0.1]
-    others = [signal for signal in evidence.of if signal != "current" and abs(witness / ratio - 1) < 0.1]
+    of_current = [
+        signal for signal in evidence.of if signal == "current" and abs(witness - 1) < 0.1
+    ]
+    others = [
+        signal for signal in evidence.of if signal != "current" and abs(witness / ratio - 1) < 0.1
+    ]
     return known_factor(ratio, of_current + others, 0.015 if symbol == "desired" else 0.04)[0]
 
 
@@ -101,13 +115,18 @@ def cause_of(name: str, value: float, row: AnyRow) -> Cause:
 
 def explaining(row: AnyRow, found: Mapping[str, Beyond]) -> Cause | None:
     """The first cause in a row that makes its fit worse; harmonics alone count as friction."""
-    names = sorted((name for name in found if name in EVIDENCE), key=lambda name: EVIDENCE[name].misfit)
+    names = sorted(
+        (name for name in found if name in EVIDENCE), key=lambda name: EVIDENCE[name].misfit
+    )
     causes = (cause_of(name, found[name].value, row) for name in names)
     return next((cause for cause in causes if cause.explains), None)
 
 
-def causes_in(row: AnyRow, found: Mapping[str, Beyond], misfit_by: Cause | None) -> list[tuple[Cause, list[Beyond]]]:
-    """The evidence `found` in a row by cause: causes of others first, unknown last; `misfit_by` takes the misfit."""
+def causes_in(
+    row: AnyRow, found: Mapping[str, Beyond], misfit_by: Cause | None
+) -> list[tuple[Cause, list[Beyond]]]:
+    """The evidence `found` in a row by cause: causes of others first, unknown last; `misfit_by`
+    takes the misfit."""
 
     def order(one: Beyond) -> int:
         known = EVIDENCE.get(one.column)

@@ -30,7 +30,8 @@ class Remedy(StrEnum):
 
     WHOLE = "remedy"
     ALONE = "otherwise"  # there are no rows of single amplitudes
-    AMPLITUDE = "of_amplitude"  # the fit to all of the trial is sound, and that to one amplitude is not
+    # the fit to all of the trial is sound, and that to one amplitude is not
+    AMPLITUDE = "of_amplitude"
     FREQUENCY = "of_frequency"  # a row of one frequency
     DOUBTED = "doubted"  # for what was not checked, or is noted, in a doubtful row
 
@@ -45,7 +46,10 @@ class Limits(Settings):
 
     def stated(self) -> list[tuple[Literal["above", "below"], str, float | None]]:
         """Side, column and limit of each."""
-        return [*(("above", *one) for one in self.above.items()), *(("below", *one) for one in self.below.items())]
+        return [
+            *(("above", *one) for one in self.above.items()),
+            *(("below", *one) for one in self.below.items()),
+        ]
 
 
 @dataclass(frozen=True)
@@ -80,42 +84,82 @@ class Finding:
     sizes: Mapping[str, float] = field(default_factory=dict)
     """Its effect on K [N*m/rad], B [N*m*s/rad] and I [kg*m^2], as far as the evidence gives it."""
     without: Mapping[str, float] = field(default_factory=dict)
-    """The estimates with this cause as a column of the regression: K, B, I, with `_low` and `_high`."""
+    """The estimates with this cause as a column of the regression: K, B, I, with `_low` and
+    `_high`."""
 
 
 ESTIMATES = ("K", "B", "I")
-FINDING_NUMBERS = [f"{name}_{end}" for name in ESTIMATES for end in ("size", "without", "without_low", "without_high")]
-TEXTS = ("table", "trial", "grade", "cause", "inherited", "evidence", "side", "says", "size", "remedy")
+FINDING_NUMBERS = [
+    f"{name}_{end}"
+    for name in ESTIMATES
+    for end in ("size", "without", "without_low", "without_high")
+]
+TEXTS = (
+    "table",
+    "trial",
+    "grade",
+    "cause",
+    "inherited",
+    "evidence",
+    "side",
+    "says",
+    "size",
+    "remedy",
+)
 ORDER = (
-    "finding", "table", "trial", "amplitude_deg", "frequency_hz", "grade", "cause", "inherited", "evidence", "value",
+    "finding", "table", "trial", "amplitude_deg", "frequency_hz", "grade", "cause", "inherited",
+    "evidence", "value",
     "limit", "side", *FINDING_NUMBERS, "says", "size", "remedy",
 )  # fmt: skip
 FINDING_COLUMNS: dict[str, type[pl.DataType]] = {
-    name: pl.Int64 if name == "finding" else pl.String if name in TEXTS else pl.Float64 for name in ORDER
+    name: pl.Int64 if name == "finding" else pl.String if name in TEXTS else pl.Float64
+    for name in ORDER
 }
-"""Columns of `findings.csv`: a row per number of evidence; rows of one finding share the number `finding`."""
+"""Columns of `findings.csv`: a row per number of evidence; rows of one finding share the number
+`finding`."""
 
 
 def findings_frame(found: Iterable[tuple[Finding, tuple[str, str, str]]] = ()) -> pl.DataFrame:
     """`findings.csv` from findings with their words: what is wrong, how large, and what to do."""
     rows = list[dict[str, object]]()
     for number, (one, words) in enumerate(found, start=1):
-        row: dict[str, object] = {"finding": number, "table": one.table, "trial": one.subject, "cause": one.cause}
-        row |= {"amplitude_deg": one.amplitude_deg, "frequency_hz": one.frequency_hz, "grade": one.grade.value}
-        row |= {"inherited": one.inherited or None} | {f"{name}_size": size for name, size in one.sizes.items()}
+        row: dict[str, object] = {
+            "finding": number,
+            "table": one.table,
+            "trial": one.subject,
+            "cause": one.cause,
+        }
+        row |= {
+            "amplitude_deg": one.amplitude_deg,
+            "frequency_hz": one.frequency_hz,
+            "grade": one.grade.value,
+        }
+        row |= {"inherited": one.inherited or None} | {
+            f"{name}_size": size for name, size in one.sizes.items()
+        }
         for name in ESTIMATES:
-            row |= {f"{name}_without{end}": one.without.get(f"{name}{end}") for end in ("", "_low", "_high")}
+            row |= {
+                f"{name}_without{end}": one.without.get(f"{name}{end}")
+                for end in ("", "_low", "_high")
+            }
         row |= dict(zip(("says", "size", "remedy"), (text or None for text in words), strict=True))
-        numbers = [{"evidence": n.column, "value": n.value, "limit": n.limit, "side": n.side} for n in one.evidence]
+        numbers = [
+            {"evidence": n.column, "value": n.value, "limit": n.limit, "side": n.side}
+            for n in one.evidence
+        ]
         rows += [row | each for each in numbers or [{}]]
-    return pl.DataFrame([{name: row.get(name) for name in FINDING_COLUMNS} for row in rows], schema=FINDING_COLUMNS)
+    return pl.DataFrame(
+        [{name: row.get(name) for name in FINDING_COLUMNS} for row in rows], schema=FINDING_COLUMNS
+    )
 
 
 def read_findings(path: Path) -> pl.DataFrame:
     """`findings.csv`; an empty table where it was refused or is not there."""
     if not path.is_file() or is_refused(path):
         return findings_frame()
-    return read_table(path, ["finding"]).select(pl.col(name).cast(dtype) for name, dtype in FINDING_COLUMNS.items())
+    return read_table(path, ["finding"]).select(
+        pl.col(name).cast(dtype) for name, dtype in FINDING_COLUMNS.items()
+    )
 
 
 def cell_number(row: AnyRow, name: str) -> float | None:

@@ -1,7 +1,8 @@
-"""Findings about the rows of result tables, from their columns and the configured limits, and the tables with them.
+"""Findings about the rows of result tables, from their columns and the configured limits, and the
+tables with them.
 
-What a known cause explains, such as a low VAF due to friction, is no finding of its own. The row's columns also tell
-what could not be checked, and what was checked and is worth knowing."""
+What a known cause explains, such as a low VAF due to friction, is no finding of its own. The row's
+columns also tell what could not be checked, and what was checked and is worth knowing."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -10,14 +11,43 @@ from dataclasses import replace
 import polars as pl
 
 from osl_analysis.errors import InputError
-from osl_analysis.judge.causes import BETWEEN, CAUSES, EVIDENCE, Cause, beyond, causes_in, explaining, suspected_unit
-from osl_analysis.judge.finding import AnyRow, Beyond, Finding, Grade, Limits, Remedy, cell_number, subject_of
+from osl_analysis.judge.causes import (
+    BETWEEN,
+    CAUSES,
+    EVIDENCE,
+    Cause,
+    beyond,
+    causes_in,
+    explaining,
+    suspected_unit,
+)
+from osl_analysis.judge.finding import (
+    AnyRow,
+    Beyond,
+    Finding,
+    Grade,
+    Limits,
+    Remedy,
+    cell_number,
+    subject_of,
+)
 from osl_analysis.stats.repeats import DOUBTFUL
 
 LATENESS = "whether the torque is late"
-ZERO = "whether the torque at rest is the load cell's offset or what hysteresis leaves in the device"
-DOUBTED = {ZERO: "zero that nobody stated"}  # by what could not be checked: the doubt that covers it
-HAVE_UNCHECKED = ("belt", "transmission", "actuator", "impedance", "human_joint", "torque_angle", "walking_groups")
+ZERO = (
+    "whether the torque at rest is the load cell's offset or what hysteresis leaves in the device"
+)
+# by what could not be checked: the doubt that covers it
+DOUBTED = {ZERO: "zero that nobody stated"}
+HAVE_UNCHECKED = (
+    "belt",
+    "transmission",
+    "actuator",
+    "impedance",
+    "human_joint",
+    "torque_angle",
+    "walking_groups",
+)
 """Judged tables in which something may be unchecked."""
 MEASURED_BY = {"belt": "K_s", "transmission": "B_j", "actuator": "k_tau_n_m"}
 """What a component trial measures. `NAME_ratio` is its ratio to the parameter file's value."""
@@ -32,16 +62,26 @@ def unchecked_in(table: str, row: AnyRow) -> Iterator[Finding]:
     for what in [*(names(row) if names else ()), *of_others(table, row)]:
         yield Finding(table, subject, what, Grade.UNCHECKED, amplitude_deg=amplitude)
     if row.get("K_without_friction_low") is not None and row["K_without_friction"] is None:
-        yield Finding(table, subject, "how much of B is friction", Grade.UNCHECKED, amplitude_deg=amplitude)
+        yield Finding(
+            table, subject, "how much of B is friction", Grade.UNCHECKED, amplitude_deg=amplitude
+        )
     quantity = MEASURED_BY.get(table, "")
     times = cell_number(row, f"{quantity}_ratio") or 1.0
-    if abs(times - 1) > 0.1 and not suspected_unit(f"{quantity}_ratio", times, row):  # components differ by less
+    # components differ by less
+    if abs(times - 1) > 0.1 and not suspected_unit(f"{quantity}_ratio", times, row):
         what = f"{quantity} is not that of the parameter file"
         yield Finding(table, subject, what, Grade.NOTES, amplitude_deg=amplitude)
     for name in ("I", "J_j") if table in ("impedance", "transmission", "walking_groups") else ():
-        doubted = cell_number(row, "I_bound") is not None or bool(row.get("heard"))  # then the whole fit is doubtful
+        # then the whole fit is doubtful
+        doubted = cell_number(row, "I_bound") is not None or bool(row.get("heard"))
         if (cell_number(row, f"{name}_high") or 0.0) < 0 and not doubted:
-            yield Finding(table, subject, f"{name} is certainly negative", Grade.NOTES, amplitude_deg=amplitude)
+            yield Finding(
+                table,
+                subject,
+                f"{name} is certainly negative",
+                Grade.NOTES,
+                amplitude_deg=amplitude,
+            )
 
 
 def lacks(row: AnyRow, name: str) -> bool:
@@ -65,7 +105,8 @@ def of_impedance(row: AnyRow) -> Iterator[str]:
     if (cell_number(row, "clocks") or 1) > 1 and lacks(row, "clock_drift_ppm"):
         yield "whether the clocks of angle and torque drift apart"
     low, high = (cell_number(row, f"K_{end}") for end in ("low", "high"))
-    if low is not None and high is not None and high - low < 2:  # a weight of 1 N*m with its arm level adds 1 to K
+    # a weight of 1 N*m with its arm level adds 1 to K
+    if low is not None and high is not None and high - low < 2:
         yield "whether a fixture's weight is in K"
 
 
@@ -113,13 +154,17 @@ def of_walking(row: AnyRow) -> Iterator[str]:
     elif lacks(row, "shoe_share"):
         yield "whether K is that of the joint alone"
     per_percent = cell_number(row, "moment_K_per_percent") or 0.0
-    if error is not None and abs(100 * error * per_percent) > 0.02 * abs(K):  # less is not much of K
+    # less is not much of K
+    if error is not None and abs(100 * error * per_percent) > 0.02 * abs(K):
         yield "whether the plate's moments are right"
     if lacks(row, "plate_height_m") and not by_log:
         yield "the height of the plate's corners and ORIGIN"
     if lacks(row, "filled_share") and not by_log:
         yield "whether markers were filled before the export"
-    if row.get("reflex_delay_ms") is not None and (cell_number(row, "reflex_K_widths") or 0.0) > WIDE:
+    if (
+        row.get("reflex_delay_ms") is not None
+        and (cell_number(row, "reflex_K_widths") or 0.0) > WIDE
+    ):
         yield "how much of K a reflex is"
     if (cell_number(row, "hidden_reflex_K_widths") or 0.0) > SEEN:
         yield "whether a reflex is in K"
@@ -139,21 +184,27 @@ def of_whole_trial(row: AnyRow) -> bool:
 
 
 def check_limits(table: pl.DataFrame, limits: Limits, name: str) -> None:
-    """Raises InputError: a limit is set on a column that the table does not have or that is not numeric."""
-    numeric = {column for column, dtype in table.schema.items() if dtype.is_numeric() or dtype == pl.Null}
+    """Raises InputError: a limit is set on a column that the table does not have or that is not
+    numeric."""
+    numeric = {
+        column for column, dtype in table.schema.items() if dtype.is_numeric() or dtype == pl.Null
+    }
     for _, column, limit in limits.stated():
         if limit is not None and column not in numeric:
             known = ", ".join(other for other in table.columns if table[other].dtype.is_numeric())
             raise InputError(
-                f"configuration, doubtful.{name}: the table has no column '{column}' of numbers; put the limit on "
-                f"one of {known}, or write null for no limit"
+                f"configuration, doubtful.{name}: the table has no column '{column}' of numbers;"
+                f" put the limit on one of {known}, or write null for no limit"
             )
 
 
 def judged(table: pl.DataFrame, limits: Limits, name: str) -> RowFindings:
-    """The findings about each row of the table `name`: doubts in the order of their limits, then what could not be
-    checked. Rows without a fit have none. Raises InputError: as `check_limits`."""
-    fitted = table[EXCLUDED].is_null().to_list() if EXCLUDED in table.columns else [True] * len(table)
+    """The findings about each row of the table `name`: doubts in the order of their limits, then
+    what could not be checked. Rows without a fit have none. Raises InputError: as
+    `check_limits`."""
+    fitted = (
+        table[EXCLUDED].is_null().to_list() if EXCLUDED in table.columns else [True] * len(table)
+    )
     if any(fitted):
         check_limits(table, limits, name)
     rows = [(row.get("trial"), row, beyond(row, limits)) for row in table.to_dicts()]
@@ -161,7 +212,9 @@ def judged(table: pl.DataFrame, limits: Limits, name: str) -> RowFindings:
     single = {trial for trial, row, _ in rows if row.get("amplitude_deg") is not None}
     of_trial: dict[object, Cause | None] = {}
     for trial, row, found in sorted(rows, key=lambda each: not of_whole_trial(each[1])):
-        for column in [one for one in found if one in EVIDENCE and CAUSES[EVIDENCE[one].cause].of_recording]:
+        for column in [
+            one for one in found if one in EVIDENCE and CAUSES[EVIDENCE[one].cause].of_recording
+        ]:
             if column not in whole.get(trial, found):
                 del found[column]  # at one amplitude friction looks the same
         of_trial[trial] = of_trial.get(trial) or explaining(row, found)
@@ -176,12 +229,18 @@ def judged(table: pl.DataFrame, limits: Limits, name: str) -> RowFindings:
         ]
         remedy = Remedy.DOUBTED if doubts else Remedy.WHOLE
         said = {one.cause for one in doubts}
-        others = [replace(one, remedy=remedy) for one in unchecked_in(name, row) if DOUBTED.get(one.cause) not in said]
+        others = [
+            replace(one, remedy=remedy)
+            for one in unchecked_in(name, row)
+            if DOUBTED.get(one.cause) not in said
+        ]
         every.append([*doubts, *others] if is_fit else [])
     return every
 
 
-def doubt(table: str, row: AnyRow, cause: Cause, evidence: Sequence[Beyond], remedy: Remedy) -> Finding:
+def doubt(
+    table: str, row: AnyRow, cause: Cause, evidence: Sequence[Beyond], remedy: Remedy
+) -> Finding:
     """A cause of doubt about a row, with its effect on the estimates as far as the row has it."""
     sizes: dict[str, float] = {}
     for one in evidence:
@@ -192,7 +251,8 @@ def doubt(table: str, row: AnyRow, cause: Cause, evidence: Sequence[Beyond], rem
     without = {
         f"{symbol}{end}": value
         for symbol, own in cause.without.items()
-        for column in [own if own in row else f"{symbol}_without"]  # a person's friction is like other causes
+        # a person's friction is like other causes
+        for column in [own if own in row else f"{symbol}_without"]
         for end in ("", "_low", "_high")
         if (value := cell_number(row, f"{column}{end}")) is not None
     }
@@ -202,13 +262,17 @@ def doubt(table: str, row: AnyRow, cause: Cause, evidence: Sequence[Beyond], rem
 
 
 def marked(table: pl.DataFrame, findings: RowFindings, name: str) -> pl.DataFrame:
-    """The table `name` with the column `DOUBTFUL`, the causes of doubt about each row (empty: none; null: no fit), and
-    with `not_checked`, what could not be checked, if the table has it."""
+    """The table `name` with the column `DOUBTFUL`, the causes of doubt about each row (empty: none;
+    null: no fit), and with `not_checked`, what could not be checked, if the table has it."""
     fitted = pl.col(EXCLUDED).is_null() if EXCLUDED in table.columns else pl.lit(True)
     doubts, others = (
         pl.Series(
             [
-                BETWEEN.join(dict.fromkeys(one.cause for one in row if (one.grade is Grade.DOUBTS) is is_doubt))
+                BETWEEN.join(
+                    dict.fromkeys(
+                        one.cause for one in row if (one.grade is Grade.DOUBTS) is is_doubt
+                    )
+                )
                 for row in findings
             ],
             dtype=pl.String,
@@ -216,19 +280,29 @@ def marked(table: pl.DataFrame, findings: RowFindings, name: str) -> pl.DataFram
         for is_doubt in (True, False)
     )
     table = table.with_columns(pl.when(fitted).then(doubts).alias(DOUBTFUL))
-    return table.with_columns(not_checked=others.replace("", None)) if name in HAVE_UNCHECKED else table
+    return (
+        table.with_columns(not_checked=others.replace("", None))
+        if name in HAVE_UNCHECKED
+        else table
+    )
 
 
 def with_inherited(
     name: str, table: pl.DataFrame, own: RowFindings, of: pl.DataFrame, findings: RowFindings
 ) -> RowFindings:
-    """The findings about each row of the table `name`, with the doubts of the table `of` about the same trial and
-    amplitude, or about the whole trial: a clipped or late torque concerns everything from the same samples."""
+    """The findings about each row of the table `name`, with the doubts of the table `of` about the
+    same trial and amplitude, or about the whole trial: a clipped or late torque concerns everything
+    from the same samples."""
     keys, trials = (
-        frame.select("trial", amplitude="amplitude_deg" if "amplitude_deg" in frame.columns else pl.lit(None)).rows()
+        frame.select(
+            "trial", amplitude="amplitude_deg" if "amplitude_deg" in frame.columns else pl.lit(None)
+        ).rows()
         for frame in (of, table)
     )
-    known = {key: [one for one in row if one.grade is Grade.DOUBTS] for key, row in zip(keys, findings, strict=True)}
+    known = {
+        key: [one for one in row if one.grade is Grade.DOUBTS]
+        for key, row in zip(keys, findings, strict=True)
+    }
     return [
         [*row, *(replace(one, table=name, inherited=one.table) for one in known.get(key, ()))]
         for key, row in zip(trials, own, strict=True)

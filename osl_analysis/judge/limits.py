@@ -1,7 +1,8 @@
-"""The limits of the configuration: thresholds of the checks of recordings, verdicts by them on the measured values
-(`ingest/examine.py`), and limits on columns of result tables.
+"""The limits of the configuration: thresholds of the checks of recordings, verdicts by them on the
+measured values (`ingest/examine.py`), and limits on columns of result tables.
 
-Measuring needs samples and no limits; judging needs a few numbers and no samples. A changed limit only judges again."""
+Measuring needs samples and no limits; judging needs a few numbers and no samples. A changed limit
+only judges again."""
 
 import math
 from collections.abc import Collection, Mapping
@@ -25,7 +26,8 @@ class Rule(Settings):
 
     threshold: str  # Number and unit, as in `20 N`.
     on_failure: Literal["flag", "exclude"]
-    """`flag` says so in the table of quality; `exclude` keeps the trial out of every other table and figure, too."""
+    """`flag` says so in the table of quality; `exclude` keeps the trial out of every other table
+    and figure, too."""
 
     @property
     def limit(self) -> float:
@@ -60,23 +62,47 @@ class DoubtfulFits(Settings):
 
     @model_validator(mode="after")
     def _tables_are_judged(self) -> Self:
-        tables, largest = described_tables_by_name(), {"VAF": 100, "R2": 1, "correlation": 1, "coherence": 1}
+        tables, largest = (
+            described_tables_by_name(),
+            {"VAF": 100, "R2": 1, "correlation": 1, "coherence": 1},
+        )
         for name, limits in self.__pydantic_extra__.items():
             if name not in judged_tables():
                 known = f"limits may stand on {', '.join(judged_tables())}"
                 raise misplaced(f"unknown table; {known}{nearest(name, judged_tables())}", name)
-            numbers = [column.name for column in tables[name].columns.values() if column.unit != "text"]
+            numbers = [
+                column.name for column in tables[name].columns.values() if column.unit != "text"
+            ]
             for end, column, limit in limits.stated():
                 if column not in numbers:
-                    said = f"tables/{name}.csv has no number of this name; correct it{nearest(column, numbers)}"
+                    said = (
+                        f"tables/{name}.csv has no number of this name; correct"
+                        f" it{nearest(column, numbers)}"
+                    )
                     raise misplaced(said, name, end, column)
                 most = next((n for one, n in largest.items() if one in column), 0)
-                if end == "below" and limit is not None and limit > (high := limits.above.get(column) or np.inf):
-                    said = f"{limit:g} is above the upper limit {high:g}, and every fit would be doubtful; correct one"
+                if (
+                    end == "below"
+                    and limit is not None
+                    and limit > (high := limits.above.get(column) or np.inf)
+                ):
+                    said = (
+                        f"{limit:g} is above the upper limit {high:g}, and every fit would be"
+                        " doubtful; correct one"
+                    )
                     raise misplaced(said, name, end, column)
-                if limit and most and (abs(limit) > most or (end == "below" and 0 < limit < most / 100)):
+                if (
+                    limit
+                    and most
+                    and (abs(limit) > most or (end == "below" and 0 < limit < most / 100))
+                ):
                     of = f"a {'percentage' if most == 100 else 'share'}, which is at most {most}"
-                    raise misplaced(f"{limit:g} is no limit of {of}; write one as {0.9 * most:g}", name, end, column)
+                    raise misplaced(
+                        f"{limit:g} is no limit of {of}; write one as {0.9 * most:g}",
+                        name,
+                        end,
+                        column,
+                    )
         return self
 
     def of(self, table: str) -> Limits:
@@ -92,7 +118,8 @@ class Check:
     fails: Literal["above", "below"] = "above"  # the side of its threshold on which it fails
 
     def failed(self, value: float | None, limit: float) -> bool:
-        """Whether a value is beyond its threshold by more than rounding; NaN fails, None (not applicable) does not."""
+        """Whether a value is beyond its threshold by more than rounding; NaN fails, None (not
+        applicable) does not."""
         if value is None:
             return False
         slack = 1e-9 * limit  # 100 Hz from stamps is 99.999 999 999 97 Hz
@@ -104,14 +131,20 @@ CHECKS = {name: Check(name, **facts) for name, facts in TABLE["checks"].items()}
 
 
 def unknown_check(name: str) -> str:
-    return f"'{name}' is no quality check; the checks are {', '.join(CHECKS)}{nearest(name, CHECKS)}"
+    return (
+        f"'{name}' is no quality check; the checks are {', '.join(CHECKS)}{nearest(name, CHECKS)}"
+    )
 
 
 def validate_rules(rules: QualityRules, units: Mapping[str, str]) -> None:
-    """`units` are those of the checks. Raises InputError: a check has no rule, or a threshold another unit."""
+    """`units` are those of the checks. Raises InputError: a check has no rule, or a threshold
+    another unit."""
     for name in CHECKS:
         if name not in rules.by_check:
-            raise InputError(f"configuration, quality: no rule for the check '{name}'; add it as in config/config.yaml")
+            raise InputError(
+                f"configuration, quality: no rule for the check '{name}'; add it as in"
+                " config/config.yaml"
+            )
         threshold, known = rules.by_check[name].threshold, units[name]
         size, _, unit = threshold.partition(" ")
         try:
@@ -120,21 +153,28 @@ def validate_rules(rules: QualityRules, units: Mapping[str, str]) -> None:
             fits = False
         if not fits:
             raise InputError(
-                f"configuration, quality.{name}: threshold '{threshold}' must be a number from 0 and its unit, "
-                f"as in '1 {known}'"
+                f"configuration, quality.{name}: threshold '{threshold}' must be a number from 0"
+                f" and its unit, as in '1 {known}'"
             )
 
 
-def judged_table(measured: pl.DataFrame, rules: QualityRules, accept: Mapping[str, Collection[str]]) -> pl.DataFrame:
-    """`measured_table` of trials with thresholds and verdicts; `accept`: checks that the sheet accepts, by trial. Rows
-    of checks of an older release are left out: their trials are ingested again."""
+def judged_table(
+    measured: pl.DataFrame, rules: QualityRules, accept: Mapping[str, Collection[str]]
+) -> pl.DataFrame:
+    """`measured_table` of trials with thresholds and verdicts; `accept`: checks that the sheet
+    accepts, by trial. Rows of checks of an older release are left out: their trials are ingested
+    again."""
     judged = []
-    for trial, name, value, unit, remark in measured.filter(pl.col("check").is_in([*rules.by_check])).iter_rows():
+    for trial, name, value, unit, remark in measured.filter(
+        pl.col("check").is_in([*rules.by_check])
+    ).iter_rows():
         rule = rules.by_check[name]
         failed, accepted = CHECKS[name].failed(value, rule.limit), name in accept.get(trial, ())
         passed = NOT_APPLICABLE if value is None else "pass"
         verdict = rule.on_failure if failed and not accepted else passed
-        said = "; ".join(filter(None, ["accepted in the sheet" if failed and accepted else "", remark]))
+        said = "; ".join(
+            filter(None, ["accepted in the sheet" if failed and accepted else "", remark])
+        )
         judged.append((trial, name, value, unit, rule.limit, verdict, said))
     order = ("trial", "check", "value", "unit", "threshold", "verdict", "remark")
     columns = dict.fromkeys(order, pl.String) | dict.fromkeys(("value", "threshold"), pl.Float64)

@@ -1,4 +1,5 @@
-"""The words of findings: the only place where they become sentences. Nothing here decides, and nothing reads them back.
+"""The words of findings: the only place where they become sentences. Nothing here decides, and
+nothing reads them back.
 
 A detail whose numbers a row does not have is left out."""
 
@@ -11,7 +12,15 @@ from typing import Any, NamedTuple
 from osl_analysis.dictionary import own_yaml
 from osl_analysis.errors import nearest
 from osl_analysis.judge.causes import CAUSES, EVIDENCE, cause_of, suspected_unit
-from osl_analysis.judge.finding import ESTIMATES, AnyRow, Beyond, Finding, Grade, Remedy, cell_number
+from osl_analysis.judge.finding import (
+    ESTIMATES,
+    AnyRow,
+    Beyond,
+    Finding,
+    Grade,
+    Remedy,
+    cell_number,
+)
 from osl_analysis.judge.judging import MEASURED_BY
 from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.trial import UNIT_FACTORS, known_factor, significant
@@ -38,7 +47,11 @@ def words_of(finding: Finding, row: AnyRow) -> Words:
     known = WORDS["causes"].get(finding.cause)
     if known is None:  # a limit on a column that is not in EVIDENCE
         return Words(", ".join(map(beyond_said, finding.evidence)), "", "")
-    own = [one for one in finding.evidence if cause_of(one.column, one.value, row).name == finding.cause]
+    own = [
+        one
+        for one in finding.evidence
+        if cause_of(one.column, one.value, row).name == finding.cause
+    ]
     details = [by_friction := friction_said(row) if finding.cause == "friction" else ""]
     details += [filled(WORDS["columns"].get(one.column, ""), Facts(row, one)) for one in own]
     details += [without_said(finding, row)] * (not by_friction)  # friction says it in its own words
@@ -67,7 +80,8 @@ def beyond_said(one: Beyond) -> str:
 
 
 def without_names(cause: str, row: AnyRow) -> dict[str, str]:
-    """Names of the estimates without a cause: certain friction is a column beside it, and no part of B."""
+    """Names of the estimates without a cause: certain friction is a column beside it, and no part
+    of B."""
     column = CAUSES[cause].without.get("B") if cause in CAUSES else None
     beside = column == "B_without" and row.get("B_viscous") is not None
     return {name: "B without friction" if name == "B" and beside else name for name in ESTIMATES}
@@ -79,23 +93,31 @@ def without_said(finding: Finding, row: AnyRow) -> str:
     for name, symbol in without_names(finding.cause, row).items():
         value, low, high = (finding.without.get(f"{name}{end}") for end in ("", "_low", "_high"))
         if low is None or high is None:
-            told = value is not None or not finding.without or name not in CAUSES[finding.cause].without
+            told = (
+                value is not None
+                or not finding.without
+                or name not in CAUSES[finding.cause].without
+            )
             said += [f"nothing of {symbol} is told"] * (not told)
             continue
         if value is not None and abs(high + low - 2 * value) <= 1e-3 * (high - low):
             said.append(f"{symbol} {value:.4g} ± {significant(high - value)}")
         else:  # the range of rivals that cannot be told apart
-            said.append(f"{symbol} {' to '.join(dict.fromkeys(significant(end, 3) for end in (low, high)))}")
+            said.append(
+                f"{symbol} {' to '.join(dict.fromkeys(significant(end, 3) for end in (low, high)))}"
+            )
     return f"with it in the fit {', '.join(said)}" if said else ""
 
 
 def capital(text: str) -> str:
-    return text if re.match(r"\w_", text) else text[:1].upper() + text[1:]  # a symbol keeps its case
+    # a symbol keeps its case
+    return text if re.match(r"\w_", text) else text[:1].upper() + text[1:]
 
 
 @cache
 def printed(text: str) -> str:
-    """A text with units, symbols, powers and minus signs as the page sets them; empty for the unit 1."""
+    """A text with units, symbols, powers and minus signs as the page sets them; empty for the unit
+    1."""
     for pattern, sign in WORDS["signs"].items():
         text = re.sub(pattern, sign, text)
     return "" if text == "1" else text
@@ -114,17 +136,22 @@ def misfit_words(cause: str, **facts: Any) -> Words:
 
 
 def as_if_said(parts: Sequence[Mapping[str, Any]]) -> str:
-    """By how much components differ, as `K_s were 9.8 % (± 0.4 % by the scatter of trials) less`, from their rows."""
+    """By how much components differ, as `K_s were 9.8 % (± 0.4 % by the scatter of trials) less`,
+    from their rows."""
     said = []
     for row in parts:
         off, half = (100 * one / abs(row["value"]) for one in (row["change"], 2 * row["change_se"]))
         way = "more" if off > 0 else "less"
-        said.append(f"{row['component']} were {abs(off):.2g} % (± {half:.1g} % by the scatter of trials) {way}")
+        said.append(
+            f"{row['component']} were {abs(off):.2g} % (± {half:.1g} % by the scatter of trials)"
+            f" {way}"
+        )
     return " or ".join(said)
 
 
 class Number(float):
-    """A number shown with some significant digits, times a factor: `~2*1e3`, `~+2` with its sign."""
+    """A number shown with some significant digits, times a factor: `~2*1e3`, `~+2` with its
+    sign."""
 
     def __format__(self, spec: str) -> str:
         if not spec.startswith("~"):
@@ -135,11 +162,14 @@ class Number(float):
 
 
 class Facts(dict[str, Any]):
-    """The numbers of a row, and by the names of `COMPUTED` what is computed from them for a reader."""
+    """The numbers of a row, and by the names of `COMPUTED` what is computed from them for a
+    reader."""
 
     def __init__(self, row: AnyRow, evidence: Beyond | None = None) -> None:
         known = ((name, cell) for name, cell in row.items() if cell is not None)
-        super().__init__({name: Number(cell) if isinstance(cell, int | float) else cell for name, cell in known})
+        super().__init__(
+            {name: Number(cell) if isinstance(cell, int | float) else cell for name, cell in known}
+        )
         self.row, self.evidence = row, evidence
 
     def __missing__(self, name: str) -> str:
@@ -172,13 +202,16 @@ def factor_said(evidence: Beyond, row: AnyRow) -> str:
 OF_EVIDENCE: dict[str, Callable[[Beyond, AnyRow], str]] = {
     "percent": lambda one, _: percent(one.value),
     "value": lambda one, _: significant(one.value, 3),
-    "moves": lambda one, _: f"{'rises' if one.value > 0 else 'falls'} by {100 * abs(one.value):.0f} %",
+    "moves": lambda one, _: (
+        f"{'rises' if one.value > 0 else 'falls'} by {100 * abs(one.value):.0f} %"
+    ),
     "symbol": lambda one, _: one.column.removesuffix("_ratio").removesuffix("_high"),
     "rubs": lambda one, row: friction_said(row) or f"it is {percent(one.value)} of the damping",
     "factor": factor_said,
     # a frame that yields lowers K, and hardly to a half
     "frame": lambda one, _: (
-        " (state `bench_stiffness` in the configuration if the bench's frame yields)" * (0.5 < one.value < 1)
+        " (state `bench_stiffness` in the configuration if the bench's frame yields)"
+        * (0.5 < one.value < 1)
     ),
 }
 
@@ -186,21 +219,35 @@ OF_EVIDENCE: dict[str, Callable[[Beyond, AnyRow], str]] = {
 def friction_said(row: AnyRow) -> str:
     """Friction's part of the damping, in units of the result; empty if not known."""
     B, f_C = ("B_j", "T_C") if "B_j_viscous" in row else ("B", "f_C")
-    damping, viscous, friction, share = (cell_number(row, one) for one in (B, f"{B}_viscous", f_C, "coulomb_share"))
+    damping, viscous, friction, share = (
+        cell_number(row, one) for one in (B, f"{B}_viscous", f_C, "coulomb_share")
+    )
     if damping is not None and viscous is not None and friction is not None:
         without, all_of_it = significant(viscous, 3), significant(damping, 3)
-        return f"{B} is {without} N*m*s/rad without friction and {all_of_it} with it, friction is {friction:.2g} N*m"
+        return (
+            f"{B} is {without} N*m*s/rad without friction and {all_of_it} with it, friction is"
+            f" {friction:.2g} N*m"
+        )
     if damping is not None and share:
-        return f"friction makes {significant(share * damping)} N*m*s/rad of {B} = {significant(damping, 3)}"
+        return (
+            f"friction makes {significant(share * damping)} N*m*s/rad of {B} ="
+            f" {significant(damping, 3)}"
+        )
     return ""
 
 
 def late_said(facts: Facts) -> str:
     """How late a signal is, or would have to be, and its effect on the estimates."""
     row = facts.row
-    lag, of_damping, of_inertia = (cell_number(row, name) for name in ("lag_s", "lag_share", "lag_inertia_share"))
+    lag, of_damping, of_inertia = (
+        cell_number(row, name) for name in ("lag_s", "lag_share", "lag_inertia_share")
+    )
     shares = [f"B by {percent(of_damping)}"] if of_damping is not None else []
-    shares += [f"{'J_j' if 'J_j' in row else 'I'} by {percent(of_inertia)}"] if of_inertia is not None else []
+    shares += (
+        [f"{'J_j' if 'J_j' in row else 'I'} by {percent(of_inertia)}"]
+        if of_inertia is not None
+        else []
+    )
     if lag is None or not shares:
         return ""
     signal, size = "the angle" if lag < 0 else "the torque", f"{significant(1e3 * abs(lag), 3)} ms"
@@ -214,7 +261,10 @@ def loop_said(facts: Facts) -> str:
     if taken <= 0:
         return ""
     share = 100 * taken / abs(lost + taken)
-    return f"a torque late by {1e3 * behind:.2g} ms would make it so, and take {share:.0f} % off the energy lost"
+    return (
+        f"a torque late by {1e3 * behind:.2g} ms would make it so, and take {share:.0f} % off the"
+        " energy lost"
+    )
 
 
 def calibration_said(facts: Facts) -> str:
@@ -226,8 +276,14 @@ def calibration_said(facts: Facts) -> str:
         if half > 0.2 * lag:  # or early, which no load cell is
             what = "which a spring that loses energy shows too, so measure it with a known inertia"
         elif (rivals := facts.get("rivals") or "delay") != "delay":
-            what = f"or what else would make it so ({rivals}), by which I is another one: write the `low_pass` that its"
-            what += f" path has by the data sheet, or `delay: {1e3 * lag:.3g} ms` if it has none, and calibrate again"
+            what = (
+                f"or what else would make it so ({rivals}), by which I is another one: write the"
+                " `low_pass` that its"
+            )
+            what += (
+                f" path has by the data sheet, or `delay: {1e3 * lag:.3g} ms` if it has none, and"
+                " calibrate again"
+            )
         return f"the torque is late by {1e3 * lag:.3g} ± {1e3 * half:.2g} ms, {what}"
     gain, half = facts["gain"], facts["gain_high"] - facts["gain"]
     off = f"torque over angle is {100 * (gain - 1):+.3g} ± {100 * half:.2g} % off"
@@ -238,7 +294,11 @@ def damping_gap_said(facts: Facts) -> str:
     """How far B is from the gains' prediction; a delay explains less, and never more."""
     B, given, late = facts["B"], facts["B_predicted"], facts["B_gap_s"]
     off = f"B is {significant(B, 3)} N*m*s/rad and not {significant(given, 3)}"
-    return f"{off}, which a delay of {significant(1e3 * late)} ms would explain" if 0 < late < 0.02 else off
+    return (
+        f"{off}, which a delay of {significant(1e3 * late)} ms would explain"
+        if 0 < late < 0.02
+        else off
+    )
 
 
 def reaction_said(facts: Facts) -> str:
@@ -253,7 +313,10 @@ def unknown_gains(facts: Facts) -> str:
     if controller is None:
         return "no controller is stated"
     if controller not in CONTROLLERS:
-        return f"the gains of controller '{controller}' are not known{nearest(str(controller), CONTROLLERS)}"
+        return (
+            f"the gains of controller '{controller}' are not"
+            f" known{nearest(str(controller), CONTROLLERS)}"
+        )
     absent = [name for name in ("K_d", "B_d") if row.get(name) is None]
     return f"{' and '.join(absent)} {'is' if len(absent) == 1 else 'are'} not stated"
 
@@ -265,16 +328,21 @@ COMPUTED: Mapping[str, Callable[[Facts], str]] = {
     "gap": damping_gap_said,
     "like": reaction_said,
     "unknown_gains": unknown_gains,
-    "beside_friction": lambda facts: filled(WORDS["unchecked"]["how much of B is friction"]["beside"], facts),
+    "beside_friction": lambda facts: filled(
+        WORDS["unchecked"]["how much of B is friction"]["beside"], facts
+    ),
     "late_or_early": lambda facts: "late" if facts["certain_theta_m_lag_s"] > 0 else "early",
     "theta_m_ms": lambda facts: f"{1e3 * abs(facts['certain_theta_m_lag_s']):.2g}",
     "of_file": lambda facts: significant(
         next(facts[f"{one}_ratio"] for one in MEASURED_BY.values() if f"{one}_ratio" in facts), 3
     ),
-    "moment_short": lambda facts: significant(100 * facts["moment_error_half"] * facts["moment_K_per_percent"]),
+    "moment_short": lambda facts: significant(
+        100 * facts["moment_error_half"] * facts["moment_K_per_percent"]
+    ),
     "with_reflex": lambda facts: (
-        f"with a reflex of {facts['reflex_gain']:.2g} N*m*s/rad, {facts['reflex_delay_ms']:.0f} ms late, K would be "
-        f"{facts['K_with_reflex']:.3g} ({facts['K_with_reflex_low']:.3g} to {facts['K_with_reflex_high']:.3g}) N*m/rad"
+        f"with a reflex of {facts['reflex_gain']:.2g} N*m*s/rad, {facts['reflex_delay_ms']:.0f} ms"
+        f" late, K would be {facts['K_with_reflex']:.3g} ({facts['K_with_reflex_low']:.3g} to"
+        f" {facts['K_with_reflex_high']:.3g}) N*m/rad"
     ),
     "reflex_remedy": lambda facts: (
         f"set walking.window_s to {facts['longer_window_s']:g} if stance allows"
@@ -282,6 +350,9 @@ COMPUTED: Mapping[str, Callable[[Facts], str]] = {
         else "record more crossings"
     ),
     "slope_B": lambda facts: " to ".join(
-        map(significant, sorted(facts[f"hidden_slope_{end}"] * facts["B_per_slope"] for end in ("low", "high")))
+        map(
+            significant,
+            sorted(facts[f"hidden_slope_{end}"] * facts["B_per_slope"] for end in ("low", "high")),
+        )
     ),
 }

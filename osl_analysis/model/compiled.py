@@ -1,4 +1,5 @@
-"""Functions that numba (extra `simulator`) compiles on their first call and keeps on disk; else plain Python."""
+"""Functions that numba (extra `simulator`) compiles on their first call and keeps on disk; else
+plain Python."""
 
 from collections.abc import Callable
 from functools import wraps
@@ -12,12 +13,14 @@ HAS_COMPILER = find_spec("numba") is not None
 P = ParamSpec("P")
 R = TypeVar("R")
 WAITING: dict[str, dict[str, tuple[Callable[..., Any], dict[str, Any]]]] = {}
-"""Functions with their options, by module and name, of modules without a call yet: numba takes 0.3 s."""
+"""Functions with their options, by module and name, of modules without a call yet: numba takes 0.3
+s."""
 
 
 def compiled(function: Callable[P, R], **options: Any) -> Callable[P, R]:
-    """The function, compiled on its first call. The result is kept on disk where a folder can be written. Numba looks
-    for changes in the function's own file only: compiled functions that call one another share one."""
+    """The function, compiled on its first call. The result is kept on disk where a folder can be
+    written. Numba looks for changes in the function's own file only: compiled functions that call
+    one another share one."""
     if not HAS_COMPILER:
         return function
     module, name = function.__module__, function.__name__
@@ -39,8 +42,9 @@ def compiled(function: Callable[P, R], **options: Any) -> Callable[P, R]:
 
 
 def fused(function: Callable[P, R]) -> Callable[P, R]:
-    """As `compiled`, but a product and a sum are one operation, rounded once, on processors that have it. A long chain
-    of operations takes an eighth less time. On other processors results differ in the last bit."""
+    """As `compiled`, but a product and a sum are one operation, rounded once, on processors that
+    have it. A long chain of operations takes an eighth less time. On other processors results
+    differ in the last bit."""
     return compiled(function, fastmath={"contract"})
 
 

@@ -1,5 +1,6 @@
-"""The drivetrain: physical parameters of one device (Table I), each with unit and source, from `config/parameters/`;
-actuator (Eqs. 1-2), belt transmission (Eqs. 3-4), joint admittance (Eqs. 8-11), in the paper's signs."""
+"""The drivetrain: physical parameters of one device (Table I), each with unit and source, from
+`config/parameters/`; actuator (Eqs. 1-2), belt transmission (Eqs. 3-4), joint admittance (Eqs.
+8-11), in the paper's signs."""
 
 import warnings
 from dataclasses import dataclass
@@ -40,14 +41,18 @@ class DrivetrainParameters:
     def __post_init__(self) -> None:
         if self.f_G >= self.k_tau * self.n_m:
             raise InputError(
-                f"parameter f_G = {self.f_G} N*m/A is not below k_tau n_m = {self.k_tau * self.n_m:g}: gear friction "
-                "would exceed the motor's torque; correct the parameter file"
+                f"parameter f_G = {self.f_G} N*m/A is not below k_tau n_m ="
+                f" {self.k_tau * self.n_m:g}: gear friction would exceed the motor's torque;"
+                " correct the parameter file"
             )
         for name, unit in PARAMETER_UNITS.items():
             value, may_be_0 = getattr(self, name), name not in ("k_tau", "n_m", "J_m", "n_T", "K_s")
-            if not (1e-9 <= value <= 1e9 or (value == 0 and may_be_0)):  # a value outside has a wrong exponent
+            # a value outside has a wrong exponent
+            if not (1e-9 <= value <= 1e9 or (value == 0 and may_be_0)):
                 bound = f"{'zero or ' * may_be_0}positive, 1e-09 to 1e+09"
-                raise InputError(f"parameter {name} = {value} {unit} must be {bound}; correct the parameter file")
+                raise InputError(
+                    f"parameter {name} = {value} {unit} must be {bound}; correct the parameter file"
+                )
 
 
 class Quantity(Settings):
@@ -67,12 +72,14 @@ class Quantity(Settings):
 
 
 class ParameterFile(Settings):
-    """A parameter file: the device's name, its joint, a warning that is shown at every use, and the quantities."""
+    """A parameter file: the device's name, its joint, a warning that is shown at every use, and the
+    quantities."""
 
     name: str
     description: str
     joint: str = "ankle"
-    """Joint of the device, as in the sample sheet. Trials of other joints are analysed as without a parameter file."""
+    """Joint of the device, as in the sample sheet. Trials of other joints are analysed as without a
+    parameter file."""
     warning: str = ""
     parameters: dict[str, Quantity]
 
@@ -89,7 +96,10 @@ class ParameterFile(Settings):
                 raise misplaced(said, name, "unit")
         for name in PARAMETER_UNITS:
             if name not in quantities and name != "K_s2":
-                raise ValueError(f"{name} [{PARAMETER_UNITS[name]}] is missing; add it, with value, unit and source")
+                raise ValueError(
+                    f"{name} [{PARAMETER_UNITS[name]}] is missing; add it, with value, unit and"
+                    " source"
+                )
         return quantities
 
 
@@ -103,13 +113,15 @@ def joint_of(path: Path) -> str:
 
 
 def known_parameters(path: Path | None) -> DrivetrainParameters | None:
-    """Parameters of a device; None for one without a parameter file. Raises as `read_parameters`."""
+    """Parameters of a device; None for one without a parameter file. Raises as
+    `read_parameters`."""
     return None if path is None else read_parameters(path)
 
 
 def read_parameters(path: Path) -> DrivetrainParameters:
-    """Parameters of one device, from a file like `config/parameters/default.yaml`, whose warning is given. Raises
-    InputError where it is missing, or a quantity is unknown, is missing, has another unit or is out of range."""
+    """Parameters of one device, from a file like `config/parameters/default.yaml`, whose warning is
+    given. Raises InputError where it is missing, or a quantity is unknown, is missing, has another
+    unit or is out of range."""
     file = read_yaml(path, ParameterFile)
     if file.warning:
         warnings.warn(f"{path}: {' '.join(file.warning.split())}", stacklevel=2)
@@ -130,7 +142,9 @@ class RationalFunction:
     def __call__(self, s: ArrayLike) -> NDArray[np.complex128]:
         """Value at complex frequencies s [rad/s], any shape."""
         s = np.asarray(s, dtype=np.complex128)
-        return np.asarray(np.polyval(self.numerator, s) / np.polyval(self.denominator, s), dtype=np.complex128)
+        return np.asarray(
+            np.polyval(self.numerator, s) / np.polyval(self.denominator, s), dtype=np.complex128
+        )
 
     def poles(self) -> NDArray[np.complex128]:
         """Roots of the denominator [rad/s]."""
@@ -138,13 +152,16 @@ class RationalFunction:
 
 
 def motor_friction(direction: ArrayLike, current: ArrayLike, p: DrivetrainParameters) -> Array:
-    """Coulomb and gear friction f [N*m] at the actuator's output (Eq. 2) for a current I_q [A]. `direction` is the sign
-    of omega_m, or a smooth substitute between -1 and 1."""
+    """Coulomb and gear friction f [N*m] at the actuator's output (Eq. 2) for a current I_q [A].
+    `direction` is the sign of omega_m, or a smooth substitute between -1 and 1."""
     return np.asarray(np.asarray(direction) * (p.f_C + p.f_G * np.abs(current)))
 
 
-def actuator_torque(current: ArrayLike, omega_m: ArrayLike, alpha_m: ArrayLike, p: DrivetrainParameters) -> Array:
-    """Torque tau_m [N*m] at the actuator's output from I_q [A], omega_m [rad/s] and alpha_m [rad/s^2] (Eq. 1)."""
+def actuator_torque(
+    current: ArrayLike, omega_m: ArrayLike, alpha_m: ArrayLike, p: DrivetrainParameters
+) -> Array:
+    """Torque tau_m [N*m] at the actuator's output from I_q [A], omega_m [rad/s] and alpha_m
+    [rad/s^2] (Eq. 1)."""
     friction = motor_friction(np.sign(omega_m), current, p)
     driven = np.asarray(current) * p.k_tau * p.n_m
     return np.asarray(driven - friction - p.B_m * np.asarray(omega_m) - p.J_m * np.asarray(alpha_m))
@@ -156,26 +173,32 @@ def belt_deflection(theta: ArrayLike, theta_m: ArrayLike, p: DrivetrainParameter
 
 
 def belt_torque(theta_s: ArrayLike, p: DrivetrainParameters) -> Array:
-    """Torque tau_s [N*m] in the belt (Eq. 8), plus the quadratic term K_s2, which is 0 in most parameter files."""
+    """Torque tau_s [N*m] in the belt (Eq. 8), plus the quadratic term K_s2, which is 0 in most
+    parameter files."""
     theta_s = np.asarray(theta_s)
     return np.asarray(p.K_s * theta_s + p.K_s2 * theta_s * np.abs(theta_s))
 
 
 def desired_admittance(K_d: float, B_d: float) -> RationalFunction:
-    """Y_d = 1/Q = 1/(B_d s + K_d) [rad/(N*m)] (Eq. 11). If K_d/B_d is above 1e9 rad/s, B_d counts as 0."""
+    """Y_d = 1/Q = 1/(B_d s + K_d) [rad/(N*m)] (Eq. 11). If K_d/B_d is above 1e9 rad/s, B_d counts
+    as 0."""
     return RationalFunction(np.array([1.0]), np.array([B_d, K_d] if B_d > 1e-9 * K_d else [K_d]))
 
 
-def joint_admittance(K_1: float, B_1: float, p: DrivetrainParameters, J_j: float = 0.0) -> RationalFunction:
-    """Closed-loop integral admittance Y = theta_j/tau [rad/(N*m)] for gains K_1 and B_1 (Eqs. 9-10).
+def joint_admittance(
+    K_1: float, B_1: float, p: DrivetrainParameters, J_j: float = 0.0
+) -> RationalFunction:
+    """Closed-loop integral admittance Y = theta_j/tau [rad/(N*m)] for gains K_1 and B_1 (Eqs.
+    9-10).
 
     Y = N/D with
 
-        N = J_m s^2 + x s + kappa      the actuator under control, x = B_m + B_1, kappa = K_1 + K_s/n_T^2
-        P = J_j s^2 + B_j s + K_s      the joint that the belt holds
-        D = N P - c                    c = (K_s/n_T)^2
+        N = J_m s^2 + x s + kappa      the actuator under control, x = B_m + B_1, kappa = K_1 +
+        K_s/n_T^2 P = J_j s^2 + B_j s + K_s      the joint that the belt holds D = N P - c
+        c = (K_s/n_T)^2
 
-    The other modules use the same letters. The paper neglects J_j. `J_j=p.J_j` includes it, one power more."""
+    The other modules use the same letters. The paper neglects J_j. `J_j=p.J_j` includes it, one
+    power more."""
     N = np.array([p.J_m, p.B_m + B_1, K_1 + p.K_s / p.n_T**2])
     P = np.array([J_j, p.B_j, p.K_s])
     D = np.convolve(N, P)

@@ -1,8 +1,10 @@
-"""An odd random-phase multisine: a periodic motion that shows noise, odd and even distortion separately.
+"""An odd random-phase multisine: a periodic motion that shows noise, odd and even distortion
+separately.
 
-Only odd lines (odd multiples of 1/period) are excited. A torque that is an even function of the motion appears at even
-lines only; one that is odd, such as friction, at odd lines only. In every group of neighbouring odd lines one, drawn at
-random, is not excited: it detects odd distortion. Pintelon and Schoukens, System Identification, 2012, ch. 4."""
+Only odd lines (odd multiples of 1/period) are excited. A torque that is an even function of the
+motion appears at even lines only; one that is odd, such as friction, at odd lines only. In every
+group of neighbouring odd lines one, drawn at random, is not excited: it detects odd distortion.
+Pintelon and Schoukens, System Identification, 2012, ch. 4."""
 
 from dataclasses import dataclass
 
@@ -30,7 +32,8 @@ class Multisine:
         return np.asarray(self.lines / self.period_s)
 
     def angle(self, time: Array, derivative: int = 0) -> Array:
-        """Angle [rad] at times (m,) [s], or its first or second derivative [rad/s, rad/s^2], shape (m,)."""
+        """Angle [rad] at times (m,) [s], or its first or second derivative [rad/s, rad/s^2], shape
+        (m,)."""
         w = 2 * np.pi * self.frequency_hz
         turned = np.outer(time, w) + (self.phase + derivative * np.pi / 2)
         return np.asarray(np.sin(turned) @ (self.size * w**derivative))
@@ -45,23 +48,31 @@ class Multisine:
 def odd_multisine(
     period_s: float, band_hz: tuple[float, float], rms: float, seed: int, realisation: int = 0
 ) -> Multisine:
-    """An odd multisine with a flat spectrum of the angle, random phases and one odd line in `GROUP` not excited, for a
-    band from lowest to highest frequency [Hz] and an RMS angle [rad]. Realisations of one seed have the same lines and
-    different phases. Raises InputError: period or size is not positive, or odd lines are too few."""
+    """An odd multisine with a flat spectrum of the angle, random phases and one odd line in `GROUP`
+    not excited, for a band from lowest to highest frequency [Hz] and an RMS angle [rad].
+    Realisations of one seed have the same lines and different phases. Raises InputError: period or
+    size is not positive, or odd lines are too few."""
     lines, detection = odd_lines(period_s, band_hz, seed)
     if not 0 < rms < np.inf:
-        raise InputError(f"a multisine of {rms:g} rad rms does not move the joint; give an angle above 0")
+        raise InputError(
+            f"a multisine of {rms:g} rad rms does not move the joint; give an angle above 0"
+        )
     phase = np.random.default_rng([seed, 1, realisation]).uniform(0, 2 * np.pi, len(lines))
     size = np.full(len(lines), rms * np.sqrt(2 / len(lines)))
     return Multisine(period_s, lines, size, phase, detection)
 
 
-def odd_lines(period_s: float, band_hz: tuple[float, float], seed: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """The excited odd lines within a band [Hz], and the detection lines: one is drawn in each whole group, except the
-    first and the last line of the band, so that each has a neighbour on either side."""
+def odd_lines(
+    period_s: float, band_hz: tuple[float, float], seed: int
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """The excited odd lines within a band [Hz], and the detection lines: one is drawn in each whole
+    group, except the first and the last line of the band, so that each has a neighbour on either
+    side."""
     low, high = band_hz
     if not (0 < period_s < np.inf and 0 < low < high < np.inf):
-        raise InputError(f"no multisine has a period of {period_s:g} s and a band of {low:g} to {high:g} Hz")
+        raise InputError(
+            f"no multisine has a period of {period_s:g} s and a band of {low:g} to {high:g} Hz"
+        )
     first, last = int(np.ceil(low * period_s - 1e-9)), int(np.floor(high * period_s + 1e-9))
     odd = np.arange(first + 1 - first % 2, last + 1, 2)
     draw = np.random.default_rng([seed, 0])
@@ -70,9 +81,10 @@ def odd_lines(period_s: float, band_hz: tuple[float, float], seed: int) -> tuple
         for start in range(0, len(odd) - GROUP + 1, GROUP)
     ]
     lines, detection = np.setdiff1d(odd, left_out), np.array(left_out, dtype=np.intp)
-    if len(lines) < 3:  # each gives two equations for K, B and I, but one alone cannot tell K from I
+    # each gives two equations for K, B and I, but one alone cannot tell K from I
+    if len(lines) < 3:
         raise InputError(
-            f"{len(lines)} odd lines of a period of {period_s:g} s lie within {low:g} to {high:g} Hz; "
-            "take a longer period or a wider band"
+            f"{len(lines)} odd lines of a period of {period_s:g} s lie within {low:g} to {high:g}"
+            " Hz; take a longer period or a wider band"
         )
     return lines, detection

@@ -1,8 +1,10 @@
-"""The report of a run: one page that shows every trial behind the figures, from result tables and thinned signals.
+"""The report of a run: one page that shows every trial behind the figures, from result tables and
+thinned signals.
 
-`trial_page` selects the content on trials and campaign, `page` writes it. The page draws a trial when the reader asks
-for it (`templates/report.js`), with the JavaScript of the package Bokeh."""
+`trial_page` selects the content on trials and campaign, `page` writes it. The page draws a trial
+when the reader asks for it (`templates/report.js`), with the JavaScript of the package Bokeh."""
 
 from pathlib import Path
 
-TEMPLATES = Path(__file__).with_name("templates")  # the folder with the page's template, style and script
+# the folder with the page's template, style and script
+TEMPLATES = Path(__file__).with_name("templates")

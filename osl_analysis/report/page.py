@@ -1,4 +1,5 @@
-"""The page itself: one HTML file with packed signals, figures and captions. It needs no other file and no network."""
+"""The page itself: one HTML file with packed signals, figures and captions. It needs no other file
+and no network."""
 
 import hashlib
 import json
@@ -32,31 +33,43 @@ from osl_analysis.report.trial_page import STATES, ReportedTrial, response_said,
 from osl_analysis.stats.repeats import DOUBTFUL, counted, repeating_trials, summary_row
 
 FIRST_FIGURES = ("fig5", "walking_page", "torque_angle", "response", "fig3")
-"""The first of these figures that the campaign has is on the first screen; Fig. 5 only if an impedance was desired."""
+"""The first of these figures that the campaign has is on the first screen; Fig. 5 only if an
+impedance was desired."""
 
 
 def written_page(
-    content: Mapping[str, Any], trials: Mapping[str, tuple[Mapping[str, Any], Mapping[str, pl.DataFrame]]]
+    content: Mapping[str, Any],
+    trials: Mapping[str, tuple[Mapping[str, Any], Mapping[str, pl.DataFrame]]],
 ) -> str:
-    """The HTML of the report, from the names in `report.html.j2` and each trial's content and tables."""
+    """The HTML of the report, from the names in `report.html.j2` and each trial's content and
+    tables."""
     around = template("report.html.j2")
-    bokeh_js = "\n".join(Resources(mode="inline", log_level="warn", components=["bokeh", "bokeh-api"]).js_raw)
-    report_js, style = ((TEMPLATES / f"report.{kind}").read_text(encoding="utf-8") for kind in ("js", "css"))
+    bokeh_js = "\n".join(
+        Resources(mode="inline", log_level="warn", components=["bokeh", "bokeh-api"]).js_raw
+    )
+    report_js, style = (
+        (TEMPLATES / f"report.{kind}").read_text(encoding="utf-8") for kind in ("js", "css")
+    )
     hashes = (hashlib.sha256(script.encode()).digest() for script in (bokeh_js, report_js))
     scripts = " ".join(f"'sha256-{b64encode(digest).decode()}'" for digest in hashes)
 
-    packed, every = {}, -(-len(trials) // 250) or 1  # all samples of the series of 250 trials take some 15 MB
+    # all samples of the series of 250 trials take some 15 MB
+    packed, every = {}, -(-len(trials) // 250) or 1
     for name, (told, tables) in trials.items():
         text = json.dumps(told, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
         drawn = {table: packed_table(every_kth(rows, every)) for table, rows in tables.items()}
         both = json.dumps({"content": deflated(text.encode()), "tables": drawn}, allow_nan=False)
-        packed[name] = Markup(both.replace("<", "\\u003c"))  # it cannot end the script element that holds it
+        # it cannot end the script element that holds it
+        packed[name] = Markup(both.replace("<", "\\u003c"))
     return around.render(
         **content,
         bokeh_version=bokeh.__version__,
-        # content security policy: nothing is loaded, and no script runs but these two, by their hashes
-        policy=f"default-src 'none'; script-src {scripts}; style-src 'unsafe-inline'; img-src data: blob:; "
-        "font-src data:; base-uri 'none'; form-action 'none'",
+        # content security policy: nothing is loaded, and no script runs but these two, by their
+        # hashes
+        policy=(
+            f"default-src 'none'; script-src {scripts}; style-src 'unsafe-inline'; img-src data:"
+            " blob:; font-src data:; base-uri 'none'; form-action 'none'"
+        ),
         bokeh_js=Markup(bokeh_js),
         report_js=Markup(report_js),
         style=Markup(style),
@@ -71,11 +84,14 @@ def what_was_done(trials: Sequence[ReportedTrial], about: Mapping[str, str]) -> 
     numbers = Counter(row["experiment"] for row in rows)
     perturbed = sum(row["experiment"] == "walking" and bool(row.get("perturbed")) for row in rows)
     counts = [
-        f"{n} {name.replace('_', ' ')}" + f" ({perturbed} perturbed)" * (name == "walking" and 0 < perturbed < n)
+        f"{n} {name.replace('_', ' ')}"
+        + f" ({perturbed} perturbed)" * (name == "walking" and 0 < perturbed < n)
         for name, n in numbers.items()
     ]
     of = f" of the {joints}" if (joints := joints_of(trials)) else ""
-    suffixes = dict.fromkeys(Path(row.get(role) or "").suffix for row in rows for role in ("log", "mocap"))
+    suffixes = dict.fromkeys(
+        Path(row.get(role) or "").suffix for row in rows for role in ("log", "mocap")
+    )
     files = in_words([suffix[1:].upper() for suffix in suffixes if suffix])
     only = f"{counts[0].partition(' ')[2]} " * (len(counts) == 1)
     said = f"{len(trials)} {about['data']} {only}{'trial' if len(trials) == 1 else 'trials'}{of}"
@@ -84,7 +100,9 @@ def what_was_done(trials: Sequence[ReportedTrial], about: Mapping[str, str]) -> 
 
 
 def joints_of(trials: Sequence[ReportedTrial]) -> str:
-    found = dict.fromkeys(" ".join(filter(None, map(one.row.get, ("side", "joint")))) for one in trials)
+    found = dict.fromkeys(
+        " ".join(filter(None, map(one.row.get, ("side", "joint")))) for one in trials
+    )
     return in_words([joint for joint in found if joint])
 
 
@@ -93,20 +111,24 @@ def in_words(parts: Sequence[str]) -> str:
 
 
 def state_of(trials: Sequence[ReportedTrial], known: Sequence[Mapping[str, Any]]) -> str:
-    """A few sentences: how many trials are doubtful or not used, and why, and what could not be checked. `known`: the
-    findings of a summary on trials and walking groups."""
+    """A few sentences: how many trials are doubtful or not used, and why, and what could not be
+    checked. `known`: the findings of a summary on trials and walking groups."""
     used, said = [trial for trial in trials if not trial.left_out], []
     for verdict in ("doubtful", "doubtful in part", "flagged"):
         own = [*filter(None, (trial.causes_of(verdict) for trial in used))]
         why = Counter(cause for causes in own for cause in causes)
         causes = [cause if n == len(own) else f"{cause} ({n})" for cause, n in why.most_common(3)]
         are = "is" if len(own) == 1 else "are"
-        said += [f"{len(own)} of {len(trials)} trials {are} {verdict}: {', '.join(causes)}."] * bool(own)
+        said += [
+            f"{len(own)} of {len(trials)} trials {are} {verdict}: {', '.join(causes)}."
+        ] * bool(own)
     lost = Counter(trial.verdict for trial in trials if trial.left_out)
     gone = [f"{n} {'was' if n == 1 else 'were'} {verdict}" for verdict, n in lost.items()]
     said = said or ["No trial is doubtful."] * bool(used)
     said.append(f"{in_words(gone)}." if gone else "Nothing was refused or excluded.")
-    of_groups = [one["cause"] for one in known if (one["of"], one["verdict"]) == (WALKING_GROUPS, "doubtful")]
+    of_groups = [
+        one["cause"] for one in known if (one["of"], one["verdict"]) == (WALKING_GROUPS, "doubtful")
+    ]
     said += [f"The walking K is doubtful: {', '.join(of_groups)}."] * bool(of_groups)
     unsure = list(dict.fromkeys(one["cause"] for one in known if one["verdict"] == "not checked"))
     more = [f"{len(unsure) - 3} more"] * (len(unsure) > 3)
@@ -114,19 +136,27 @@ def state_of(trials: Sequence[ReportedTrial], known: Sequence[Mapping[str, Any]]
     return printed(" ".join(said))
 
 
-def conditions(tables: Mapping[str, pl.DataFrame], findings: Mapping[str, Sequence[Entry]]) -> list[dict[str, Any]]:
-    """K, B and I of each condition (commanded impedance and joint) or walking group, with its trials and doubts. It is
-    the mean of several trials (`summary_row`). Trials without a stated K_d are grouped by repetition
-    (`repeating_trials`). `findings` are those on each trial."""
+def conditions(
+    tables: Mapping[str, pl.DataFrame], findings: Mapping[str, Sequence[Entry]]
+) -> list[dict[str, Any]]:
+    """K, B and I of each condition (commanded impedance and joint) or walking group, with its
+    trials and doubts. It is the mean of several trials (`summary_row`). Trials without a stated K_d
+    are grouped by repetition (`repeating_trials`). `findings` are those on each trial."""
     found = of_groups(tables, findings)
     for name in ("impedance", "human_joint"):
         table = tables.get(name, pl.DataFrame(schema=["trial", "amplitude_deg"]))
-        whole = table.filter(pl.col("amplitude_deg").is_null()) if "amplitude_deg" in table.columns else table
+        whole = (
+            table.filter(pl.col("amplitude_deg").is_null())
+            if "amplitude_deg" in table.columns
+            else table
+        )
         known = ("joint", "side", "controller", "K_d", "B_d")
         keys = [one for one in known if one in whole.columns and whole[one].n_unique() > 1]
         none = whole.get_column("K_d", default=pl.repeat(None, len(whole), eager=True)).is_null()
         unstated = none & (pl.len().over(*keys, pl.lit("all")) > 1)
-        whole = whole.with_columns(own=pl.when(unstated).then(repeating_trials(whole) if none.any() else None))
+        whole = whole.with_columns(
+            own=pl.when(unstated).then(repeating_trials(whole) if none.any() else None)
+        )
         for rows in whole.partition_by([*keys, "own"], maintain_order=True):
             found.append(condition(rows, name, keys, findings))
     return found
@@ -139,12 +169,19 @@ def condition(
     used, trials = counted(rows), rows["trial"].to_list()
     row = used.row(0, named=True)
     friction = ("B_viscous", "f_C")  # which B holds: said where every trial has them
-    shown = [*ESTIMATES, *(one for one in friction if one in rows.columns and not rows[one].null_count())]
+    shown = [
+        *ESTIMATES,
+        *(one for one in friction if one in rows.columns and not rows[one].null_count()),
+    ]
     if len(used) > 1:
         for symbol in shown:
             mean = summary_row(used, symbol)
             row |= {f"{symbol}{end}": mean[of] for end, of in IN_SUMMARY.items()}
-    of = [f"{key} {row[key]:g}" if key in ("K_d", "B_d") else row[key] for key in keys if row[key] is not None]
+    of = [
+        f"{key} {row[key]:g}" if key in ("K_d", "B_d") else row[key]
+        for key in keys
+        if row[key] is not None
+    ]
     if row["own"] is not None:
         of += [f"trial{'s' * (len(rows) > 1)} {listing(trials, 3)}", motion_said(row)]
     about = [one for trial in trials for one in findings.get(trial, ())]
@@ -166,16 +203,28 @@ def motion_said(row: Mapping[str, Any]) -> str:
     return ", ".join(said)
 
 
-def of_groups(tables: Mapping[str, pl.DataFrame], findings: Mapping[str, Sequence[Entry]]) -> list[dict[str, Any]]:
+def of_groups(
+    tables: Mapping[str, pl.DataFrame], findings: Mapping[str, Sequence[Entry]]
+) -> list[dict[str, Any]]:
     found = []
-    groups = tables.get("walking_summary", pl.DataFrame(schema=["estimator", "group"])).filter(estimator="ensemble")
-    judged = tables.get("walking", pl.DataFrame(schema=["trial", "group", DOUBTFUL])).drop_nulls(DOUBTFUL)
+    groups = tables.get("walking_summary", pl.DataFrame(schema=["estimator", "group"])).filter(
+        estimator="ensemble"
+    )
+    judged = tables.get("walking", pl.DataFrame(schema=["trial", "group", DOUBTFUL])).drop_nulls(
+        DOUBTFUL
+    )
     for (group,), own in groups.group_by("group", maintain_order=True):
-        row = {f"{one['quantity']}{end}": one[of] for one in own.to_dicts() for end, of in IN_SUMMARY.items()}
+        row = {
+            f"{one['quantity']}{end}": one[of]
+            for one in own.to_dicts()
+            for end, of in IN_SUMMARY.items()
+        }
         of = "walking" if group == "all" else f"walking, {group}"
         about = doubts_said(findings.get(str(group), ()), "walking_groups", {})
         crossings = judged.filter(group=group)["trial"].to_list()
-        of_each = doubts_said([one for trial in crossings for one in findings.get(trial, ())], "walking", {}, 0)
+        of_each = doubts_said(
+            [one for trial in crossings for one in findings.get(trial, ())], "walking", {}, 0
+        )
         said = of_each["doubt"] and f"of {len(crossings)} perturbations {of_each['doubt']}"
         about["doubt"] = "; ".join(filter(None, [about["doubt"], said]))
         cells = {symbol: value_and_interval(row, symbol) for symbol in ESTIMATES}
@@ -183,11 +232,15 @@ def of_groups(tables: Mapping[str, pl.DataFrame], findings: Mapping[str, Sequenc
     return found
 
 
-IN_SUMMARY = {"": "mean", "_low": "low", "_high": "high"}  # ending of a fit's column, and column in a summary
+# ending of a fit's column, and column in a summary
+IN_SUMMARY = {"": "mean", "_low": "low", "_high": "high"}
 
 
-def doubts_said(entries: Sequence[Entry], table: str, row: Mapping[str, Any], n: int = 1) -> dict[str, Any]:
-    """The `doubt` about the fits of n trials in this table (of one trial by its `row`); the number of `unchecked`."""
+def doubts_said(
+    entries: Sequence[Entry], table: str, row: Mapping[str, Any], n: int = 1
+) -> dict[str, Any]:
+    """The `doubt` about the fits of n trials in this table (of one trial by its `row`); the number
+    of `unchecked`."""
     own = [one for one in entries if one["table"] == table and not one["in_part"]]
     doubts = [one for one in own if one["grade"] == Grade.DOUBTS]
     by_cause = Counter(cause for _, cause in {(one["trial"], one["cause"]) for one in doubts})
@@ -202,54 +255,84 @@ def doubted(entry: Entry, row: Mapping[str, Any]) -> str:
     left = []
     for name, symbol in without_names(entry["cause"], row).items():
         value, *ends = (entry.get(f"{name}_without{end}") for end in ("", "_low", "_high"))
-        said = dict.fromkeys(f"{end:.3g}" for end in (ends if None not in ends else [value]) if end is not None)
+        said = dict.fromkeys(
+            f"{end:.3g}" for end in (ends if None not in ends else [value]) if end is not None
+        )
         left += [f"{symbol} {' to '.join(said)}"] * bool(said)
     return printed(f"{entry['cause']}{f' (with it in the fit {in_words(left)})' if left else ''}")
 
 
 def method_said(settings: Mapping[str, Any], tables: Mapping[str, pl.DataFrame]) -> str:
-    """Two sentences and the equation, beside the first figure; empty where no impedance was estimated."""
+    """Two sentences and the equation, beside the first figure; empty where no impedance was
+    estimated."""
     said, law = [], "τ = Kθ + Bθ̇ + Iθ̈"
     if "impedance" in tables or "human_joint" in tables:
         cutoff = settings["dynamometer"]["cutoff_hz"]
-        said.append(f"{law} + τ₀ is fitted to angle and torque behind a zero-phase low-pass of {cutoff:g} Hz.")
+        said.append(
+            f"{law} + τ₀ is fitted to angle and torque behind a zero-phase low-pass of"
+            f" {cutoff:g} Hz."
+        )
     if "walking_summary" in tables:
-        response, window = response_said(tables["walking_groups"]), 1e3 * settings["walking"]["window_s"]
+        response, window = (
+            response_said(tables["walking_groups"]),
+            1e3 * settings["walking"]["window_s"],
+        )
         response += f", perturbed less unperturbed, in the {window:g} ms after the onset"
         said.append(f"While walking {law} is fitted to {response}.")
-    shared = " Errors that all trials of the bench share are not in them." * (hold_bench_errors(tables) is False)
-    return f"{' '.join(said)} τ resists the motion. Brackets are intervals of 95 %.{shared}" if said else ""
+    shared = " Errors that all trials of the bench share are not in them." * (
+        hold_bench_errors(tables) is False
+    )
+    return (
+        f"{' '.join(said)} τ resists the motion. Brackets are intervals of 95 %.{shared}"
+        if said
+        else ""
+    )
 
 
 def assumed_said(states: pl.DataFrame) -> str:
-    """The settings of `settings.csv` that are used but not stated, and whether no device is; empty if all are."""
-    states = states.cast(dict.fromkeys(("setting", "state", "value"), pl.String))  # numbers and nulls become text
+    """The settings of `settings.csv` that are used but not stated, and whether no device is; empty
+    if all are."""
+    # numbers and nulls become text
+    states = states.cast(dict.fromkeys(("setting", "state", "value"), pl.String))
     rows = states.filter(state="assumed")
     has_none = any(states["state"].eq("none") & states["setting"].eq("parameters"))
-    without = "Without a parameter file nothing is held against a device's gains or belt." * has_none
+    without = (
+        "Without a parameter file nothing is held against a device's gains or belt." * has_none
+    )
     said = [
         WORDS["settings"]
         .get(name, name if value.startswith("{") else f"{name} {value}")
         .format(value=value.removesuffix(".0"))
         for name, value in rows["setting", "value"].iter_rows()
     ]
-    return " ".join(filter(None, [f"Assumed, since nobody stated it: {in_words(said)}." if said else "", without]))
+    return " ".join(
+        filter(
+            None, [f"Assumed, since nobody stated it: {in_words(said)}." if said else "", without]
+        )
+    )
 
 
 WALKING_GROUPS = "walking groups"  # subject of a finding in a summary that is not on a trial
 
 
-def check_map(trials: Sequence[ReportedTrial], known: Sequence[Mapping[str, Any]] = ()) -> list[dict[str, Any]]:
-    """By experiment: `trials` with their verdicts, sorted by condition; and `rows`, one per cause that a trial does not
-    pass or that could not be checked on it, with the state of every trial. A finding on a walking group, `known` from a
-    summary, counts for each of its trials."""
+def check_map(
+    trials: Sequence[ReportedTrial], known: Sequence[Mapping[str, Any]] = ()
+) -> list[dict[str, Any]]:
+    """By experiment: `trials` with their verdicts, sorted by condition; and `rows`, one per cause
+    that a trial does not pass or that could not be checked on it, with the state of every trial. A
+    finding on a walking group, `known` from a summary, counts for each of its trials."""
     of_groups = [one for one in known if one["of"] == WALKING_GROUPS]
     groups: dict[str, list[ReportedTrial]] = {}
     for trial in trials:
         groups.setdefault(trial.row["experiment"], []).append(trial)
     found = []
     for experiment, own in groups.items():
-        own.sort(key=lambda one: [str(one.row.get("controller")), *(one.row.get(key) or 0.0 for key in ("K_d", "B_d"))])
+        own.sort(
+            key=lambda one: [
+                str(one.row.get("controller")),
+                *(one.row.get(key) or 0.0 for key in ("K_d", "B_d")),
+            ]
+        )
         rows: dict[str, dict[str, str]] = {}
         for trial in own:
             for one in sorted(trial.doubts, key=lambda one: [*STATES].index(one["of"])):
@@ -260,15 +343,21 @@ def check_map(trials: Sequence[ReportedTrial], known: Sequence[Mapping[str, Any]
             its = {*trial.main["group"]} if "group" in trial.main.columns else set()
             for known_one in of_groups:
                 if its & {*known_one["trials"]}:
-                    rows.setdefault(known_one["cause"], {}).setdefault(trial.name, known_one["verdict"])
+                    rows.setdefault(known_one["cause"], {}).setdefault(
+                        trial.name, known_one["verdict"]
+                    )
         named = [(trial.name, trial.verdict) for trial in own]
-        states = [(cause, [(name, its.get(name, "passed")) for name, _ in named]) for cause, its in rows.items()]
+        states = [
+            (cause, [(name, its.get(name, "passed")) for name, _ in named])
+            for cause, its in rows.items()
+        ]
         found.append({"experiment": experiment, "trials": named, "rows": states})
     return found
 
 
 def claims_said(claims: pl.DataFrame) -> list[dict[str, Any]]:
-    """The claims on the campaign, of the rows of `claims.csv`, each with its number and its limit for a reader."""
+    """The claims on the campaign, of the rows of `claims.csv`, each with its number and its limit
+    for a reader."""
     found = []
     for row in claims.filter(pl.col("subject").is_null()).drop_nulls("verdict").to_dicts():
         margin = "" if row["margin"] is None else f" ± {row['margin']:g}"
@@ -284,18 +373,25 @@ def overview(
     figures: Sequence[Mapping[str, Any]],
     about: Mapping[str, str],
 ) -> dict[str, Any]:
-    """The content of the first screen: the main figure, the numbers of a `summary`, its findings by trial."""
+    """The content of the first screen: the main figure, the numbers of a `summary`, its findings by
+    trial."""
     told = summary.get("findings", ())
-    findings = sorted((one for trial in trials for one in trial.findings), key=lambda one: not one["in_part"])
+    findings = sorted(
+        (one for trial in trials for one in trial.findings), key=lambda one: not one["in_part"]
+    )
     known = {trial.name for trial in trials}
     numbers = [*summary.get("numbers", {}).values()]
-    desired = any(trial.row.get(name) is not None for trial in trials for name in ("controller", "K_d"))
+    desired = any(
+        trial.row.get(name) is not None for trial in trials for name in ("controller", "K_d")
+    )
     names = [figure["name"] for figure in figures]
     first = next((name for name in (*FIRST_FIGURES[not desired :], *names) if name in names), "")
     sizes = {(entry["cause"], entry["trial"]): entry["size"] or "" for entry in findings}
 
     def named(one: Mapping[str, Any]) -> list[tuple[str, str]]:
-        return [(name, sizes.get((one["cause"], name), "")) for name in one["trials"] if name in known]
+        return [
+            (name, sizes.get((one["cause"], name), "")) for name in one["trials"] if name in known
+        ]
 
     return {
         "joints": joints_of(trials),
@@ -319,27 +415,37 @@ def template(name: str) -> Template:
 
 
 def every_kth(table: pl.DataFrame, k: int) -> pl.DataFrame:
-    """Every k-th row of a table, at least 200. Ends of a range, `_low` and `_high`, are the outermost in between."""
+    """Every k-th row of a table, at least 200. Ends of a range, `_low` and `_high`, are the
+    outermost in between."""
     if (k := min(k, len(table) // 200)) <= 1:
         return table
     low, high = (pl.col(f"^.*{end}$") for end in ("_low", "_high"))
     groups = (pl.int_range(pl.len()) // k).alias("k_th")
     others = pl.exclude("^.*_low$", "^.*_high$").first()
-    return table.group_by(groups, maintain_order=True).agg(others, low.min(), high.max()).select(table.columns)
+    return (
+        table.group_by(groups, maintain_order=True)
+        .agg(others, low.min(), high.max())
+        .select(table.columns)
+    )
 
 
 def packed_table(table: pl.DataFrame) -> dict[str, Any]:
-    """A table of numbers for the page. `units`: the step of each column, a power of two below 2^-14 of its range.
-    `data`: column by column, the differences modulo 2^32 of the counts of steps, byte by byte, which deflate well for
-    smooth signals. A number that is not finite has the count -2^31."""
+    """A table of numbers for the page. `units`: the step of each column, a power of two below 2^-14
+    of its range. `data`: column by column, the differences modulo 2^32 of the counts of steps, byte
+    by byte, which deflate well for smooth signals. A number that is not finite has the count
+    -2^31."""
     units, data = dict[str, float](), list[bytes]()
     for name in table.columns:
         values = table[name].cast(pl.Float64).to_numpy()
         known = values[np.isfinite(values)]
         reach = max(np.ptp(known), 1e-4 * np.abs(known).max()) if len(known) else 0.0
         units[name] = 2.0 ** (math.ceil(math.log2(reach)) - 15) if reach else 1.0
-        counts = np.where(np.isfinite(values), np.round(values / units[name]), -(2.0**31)).astype(np.int64)
-        data.append(np.diff(counts, prepend=0).astype("<i4").view(np.uint8).reshape(-1, 4).T.tobytes())
+        counts = np.where(np.isfinite(values), np.round(values / units[name]), -(2.0**31)).astype(
+            np.int64
+        )
+        data.append(
+            np.diff(counts, prepend=0).astype("<i4").view(np.uint8).reshape(-1, 4).T.tobytes()
+        )
     return {"rows": len(table), "units": units, "data": deflated(b"".join(data))}
 
 
@@ -349,8 +455,9 @@ def deflated(content: bytes) -> str:
 
 
 def inline_svg(text: str, name: str, label: str) -> Markup:
-    """The SVG of a figure for the page, described by `label`. Identifiers begin with `name`, links lead to trials. The
-    tab key skips the links: a figure has hundreds, and the table of trials has the same ones."""
+    """The SVG of a figure for the page, described by `label`. Identifiers begin with `name`, links
+    lead to trials. The tab key skips the links: a figure has hundreds, and the table of trials has
+    the same ones."""
     SVG, XLINK = "{http://www.w3.org/2000/svg}", "{http://www.w3.org/1999/xlink}"
     for prefix, space in (("", SVG), ("xlink", XLINK)):
         ElementTree.register_namespace(prefix, space.strip("{}"))
@@ -365,7 +472,8 @@ def inline_svg(text: str, name: str, label: str) -> Markup:
                 element.set(key, f"#{name}-{value[1:]}")
             elif "url(#" in value:
                 element.set(key, re.sub(r"url\(#([^)]+)\)", rf"url(#{name}-\1)", value))
-        if element.tag == f"{SVG}a":  # behind the name of the report in the figures' files; here the pointer says which
+        # behind the name of the report in the figures' files; here the pointer says which
+        if element.tag == f"{SVG}a":
             trial = element.get(f"{XLINK}href", "").rpartition("#trial=")[2]
             element.set(f"{XLINK}href", f"#trial={trial}")
             element.attrib.pop("target", None)
@@ -373,9 +481,13 @@ def inline_svg(text: str, name: str, label: str) -> Markup:
             title = ElementTree.Element(f"{SVG}title")
             title.text = unquote(trial)
             element.insert(0, title)
-    width, height = (float(root.attrib.pop(key, "0").removesuffix("pt")) for key in ("width", "height"))
+    width, height = (
+        float(root.attrib.pop(key, "0").removesuffix("pt")) for key in ("width", "height")
+    )
     box, size = f"0 0 {width:g} {height:g}", f"width: {1.6 * width:.0f}px"
-    root.attrib.update({"viewBox": root.get("viewBox", box), "style": size, "role": "img", "aria-label": label})
+    root.attrib.update(
+        {"viewBox": root.get("viewBox", box), "style": size, "role": "img", "aria-label": label}
+    )
     root.set("class", "wide" if width > 300 else "narrow")  # [pt], on a phone
     return Markup(ElementTree.tostring(root, encoding="unicode"))
 
@@ -386,8 +498,11 @@ def captions_by_title(text: str) -> dict[str, Markup]:
 
 
 def caption_html(text: str) -> Markup:
-    """A caption as HTML: escapes of Markdown are undone, mathematics gets its indices, all else is text."""
-    parts = re.finditer(r"\\(?P<sign>[^A-Za-z0-9\s])|\$(?P<symbol>[^$]+)\$|(?P<text>[^\\$]+|[\\$])", text)
+    """A caption as HTML: escapes of Markdown are undone, mathematics gets its indices, all else is
+    text."""
+    parts = re.finditer(
+        r"\\(?P<sign>[^A-Za-z0-9\s])|\$(?P<symbol>[^$]+)\$|(?P<text>[^\\$]+|[\\$])", text
+    )
     letters, found = {"theta": "θ", "tau": "τ", "pm": "±"}, []
     for part in parts:
         if not part["symbol"]:
@@ -397,6 +512,8 @@ def caption_html(text: str) -> Markup:
         accented = re.sub(r"\\hat\{?(\w)\}?", "\\1\u0302", part["symbol"])
         shown = escape(re.sub(r"\\(\w+)", lambda word: letters.get(word[1], word[1]), accented))
         for sign, element in (("_", "sub"), (r"\^", "sup")):
-            shown = re.sub(rf"{sign}(?:\{{([^}}]*)\}}|(\w))", rf"<{element}>\1\2</{element}>", shown)
+            shown = re.sub(
+                rf"{sign}(?:\{{([^}}]*)\}}|(\w))", rf"<{element}>\1\2</{element}>", shown
+            )
         found.append(f"<i>{shown.replace('{', '').replace('}', '')}</i>")
     return Markup("".join(found))

@@ -1,4 +1,5 @@
-"""One zero-phase filter for every signal of a trial, then derivatives. Never filter angle and torque differently."""
+"""One zero-phase filter for every signal of a trial, then derivatives. Never filter angle and
+torque differently."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -12,28 +13,33 @@ from osl_analysis.trial import Array, check_finite, median
 
 SLOPE = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / 60
 CURVATURE = np.array([2.0, -27.0, 270.0, -490.0, 270.0, -27.0, 2.0]) / 180
-"""First derivative per step and second per squared step, of the polynomial of degree 6 through seven samples (Fornberg,
-Math. Comput. 51, 1988, table 1). For a sine of w rad per sample, they are too small by w^6/140 and w^6/560."""
+"""First derivative per step and second per squared step, of the polynomial of degree 6 through
+seven samples (Fornberg, Math. Comput. 51, 1988, table 1). For a sine of w rad per sample, they are
+too small by w^6/140 and w^6/560."""
 ENDS = 40
-"""Samples at either end for a spline, which gives the derivatives of the outermost three: enough to forget its end."""
+"""Samples at either end for a spline, which gives the derivatives of the outermost three: enough to
+forget its end."""
 
 
 @dataclass(frozen=True)
 class LowPass:
-    """Butterworth low-pass of the given order and cut-off [Hz], run forwards and backwards: no phase, order doubled."""
+    """Butterworth low-pass of the given order and cut-off [Hz], run forwards and backwards: no
+    phase, order doubled."""
 
     cutoff_hz: float
     order: int = 4
 
     @property
     def noise_bandwidth_hz(self) -> float:
-        """Width [Hz] of the ideal low-pass that passes the same power of white noise, after both runs: 0.90 of the
-        cut-off for order 4. For order m: the cut-off times the integral of (1 + x^2m)^-2 over x = frequency/cut-off."""
+        """Width [Hz] of the ideal low-pass that passes the same power of white noise, after both
+        runs: 0.90 of the cut-off for order 4. For order m: the cut-off times the integral of (1 +
+        x^2m)^-2 over x = frequency/cut-off."""
         angle = np.pi / (2 * self.order)
         return float(self.cutoff_hz * angle / np.sin(angle) * (1 - 1 / (2 * self.order)))
 
     def gain(self, frequency_hz: Array) -> Array:
-        """Gain (n,) of both runs together, at frequencies (n,) [Hz] well below half the sampling rate. No phase."""
+        """Gain (n,) of both runs together, at frequencies (n,) [Hz] well below half the sampling
+        rate. No phase."""
         return np.asarray(1 / (1 + (frequency_hz / self.cutoff_hz) ** (2 * self.order)))
 
     def __call__(self, signal: Array, rate_hz: float) -> Array:
@@ -41,36 +47,48 @@ class LowPass:
         check_finite("the signal", signal)
         if not 0 < self.cutoff_hz < rate_hz / 2:
             raise InputError(
-                f"filter cut-off {self.cutoff_hz:g} Hz must lie between 0 and half the sampling rate of {rate_hz:g} "
-                "Hz; lower it in the configuration (`cutoff_hz`)"
+                f"filter cut-off {self.cutoff_hz:g} Hz must lie between 0 and half the sampling"
+                f" rate of {rate_hz:g} Hz; lower it in the configuration (`cutoff_hz`)"
             )
         edge = int(np.ceil(3 * rate_hz / self.cutoff_hz))
         if len(signal) <= edge:
             raise InputError(
-                f"{len(signal)} samples cannot be filtered at {self.cutoff_hz:g} Hz; record over {edge / rate_hz:.3g} s"
+                f"{len(signal)} samples cannot be filtered at {self.cutoff_hz:g} Hz; record over"
+                f" {edge / rate_hz:.3g} s"
             )
-        sections, settled = sections_of(self, rate_hz)  # `scipy.signal.sosfiltfilt` would compute this state each time
-        before, after = 2 * signal[:1] - signal[edge:0:-1], 2 * signal[-1:] - signal[-2 : -edge - 2 : -1]
+        # `scipy.signal.sosfiltfilt` would compute this state each time
+        sections, settled = sections_of(self, rate_hz)
+        before, after = (
+            2 * signal[:1] - signal[edge:0:-1],
+            2 * signal[-1:] - signal[-2 : -edge - 2 : -1],
+        )
         found = np.concatenate([before, signal, after])
         for _ in range(2):
-            found = scipy.signal.sosfilt(sections, found, axis=0, zi=np.multiply.outer(settled, found[0]))[0][::-1]
+            found = scipy.signal.sosfilt(
+                sections, found, axis=0, zi=np.multiply.outer(settled, found[0])
+            )[0][::-1]
         return np.asarray(found[edge:-edge])
 
     def independent_samples(self, rate_hz: float) -> int:
-        """Half a period of the cut-off, in samples. At this distance, filtered white noise is nearly white."""
+        """Half a period of the cut-off, in samples. At this distance, filtered white noise is
+        nearly white."""
         return max(round(rate_hz / (2 * self.cutoff_hz)), 1)
 
 
 @lru_cache(32)
 def sections_of(low_pass: LowPass, rate_hz: float) -> tuple[Array, Array]:
-    """Second-order sections of one run, and their steady state for an input of 1; as slow as filtering a trial."""
-    sections = np.asarray(scipy.signal.butter(low_pass.order, low_pass.cutoff_hz, fs=rate_hz, output="sos"))
+    """Second-order sections of one run, and their steady state for an input of 1; as slow as
+    filtering a trial."""
+    sections = np.asarray(
+        scipy.signal.butter(low_pass.order, low_pass.cutoff_hz, fs=rate_hz, output="sos")
+    )
     return sections, np.asarray(scipy.signal.sosfilt_zi(sections))
 
 
 @dataclass(frozen=True)
 class Motion:
-    """An angle and its derivatives, shape (n,) each: theta [rad], omega [rad/s], alpha [rad/s^2]."""
+    """An angle and its derivatives, shape (n,) each: theta [rad], omega [rad/s], alpha
+    [rad/s^2]."""
 
     theta: Array
     omega: Array
@@ -91,53 +109,62 @@ def runs(true: NDArray[np.bool_]) -> list[slice]:
 
 
 def run_edges(true: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """First row and row after the last, (k, 2), of each run of consecutive true samples, shape (n,)."""
+    """First row and row after the last, (k, 2), of each run of consecutive true samples, shape
+    (n,)."""
     ends = np.zeros(len(true) + 2, dtype=bool)
     ends[1:-1] = true
     return np.flatnonzero(ends[1:] != ends[:-1]).reshape(-1, 2)
 
 
 def longest_run(true: NDArray[np.bool_]) -> slice:
-    """The longest run of consecutive true samples, or the first of equally long ones; empty if no sample is true."""
+    """The longest run of consecutive true samples, or the first of equally long ones; empty if no
+    sample is true."""
     edges = run_edges(true)
     return slice(*edges[np.argmax(np.diff(edges))].tolist()) if len(edges) else slice(0, 0)
 
 
 def sampling_rate(time: Array) -> float:
-    """Rate [Hz] of uniform stamps [s]. Raises InputError: a step deviates from the mean by more than 20 %, stamps are
-    equal or not finite, or there are fewer than two."""
+    """Rate [Hz] of uniform stamps [s]. Raises InputError: a step deviates from the mean by more
+    than 20 %, stamps are equal or not finite, or there are fewer than two."""
     check_finite("time", time)
     step = np.diff(time)
     mean = float(np.mean(step)) if len(step) else 0.0
     if not mean > 0:
-        raise InputError(f"{len(time)} stamps that do not go forward have no rate; check the time's channel")
+        raise InputError(
+            f"{len(time)} stamps that do not go forward have no rate; check the time's channel"
+        )
     if max(np.max(step) - mean, mean - np.min(step)) > 0.2 * mean:
         worst = int(np.argmax(np.abs(step - mean)))
         raise InputError(
-            f"the step at {time[worst]:.4f} s is {step[worst] * 1e3:.3f} ms, the mean step {mean * 1e3:.3f} ms: "
-            "samples are missing or irregular; resample the log or cut the trial at the gap"
+            f"the step at {time[worst]:.4f} s is {step[worst] * 1e3:.3f} ms, the mean step"
+            f" {mean * 1e3:.3f} ms: samples are missing or irregular; resample the log or cut the"
+            " trial at the gap"
         )
     return 1 / mean
 
 
 def differentiate(time: Array, theta: Array) -> Motion:
-    """Angle [rad] at times [s] with its derivatives, from a quintic spline through the (already filtered) samples. It
-    loses less than 0.1 % of a velocity at 20 Hz sampled at 300 Hz; central differences lose 3 %. Raises InputError."""
+    """Angle [rad] at times [s] with its derivatives, from a quintic spline through the (already
+    filtered) samples. It loses less than 0.1 % of a velocity at 20 Hz sampled at 300 Hz; central
+    differences lose 3 %. Raises InputError."""
     check_finite("time", time)
     check_finite("the angle", theta)
     if len(time) < 6 or not (np.diff(time) > 0).all():
         raise InputError(
-            f"{len(time)} samples cannot be differentiated: 6 or more are needed, each later than the one before; take "
-            "a longer window, or check the time's channel"
+            f"{len(time)} samples cannot be differentiated: 6 or more are needed, each later than"
+            " the one before; take a longer window, or check the time's channel"
         )
     spline = scipy.interpolate.make_interp_spline(time, theta, k=5)
     return Motion(np.asarray(theta), spline(time, 1), spline(time, 2))
 
 
-def filtered_motion(time: Array, theta: Array, torque: Array, low_pass: LowPass) -> tuple[Motion, Array]:
-    """Motion from the filtered angle [rad], and the torque [N*m] through the *same* filter; shape (n,) each. The times
-    [s] are uniform. The spline is used below some 60 samples per period of the cut-off, where seven samples would lose
-    more than 1e-8 of a velocity at the cut-off. It takes fifty times as long."""
+def filtered_motion(
+    time: Array, theta: Array, torque: Array, low_pass: LowPass
+) -> tuple[Motion, Array]:
+    """Motion from the filtered angle [rad], and the torque [N*m] through the *same* filter; shape
+    (n,) each. The times [s] are uniform. The spline is used below some 60 samples per period of the
+    cut-off, where seven samples would lose more than 1e-8 of a velocity at the cut-off. It takes
+    fifty times as long."""
     rate = sampling_rate(time)
     smooth = low_pass(theta, rate)
     coarse = (2 * np.pi * low_pass.cutoff_hz / rate) ** 6 / 140 > 1e-8 or len(time) < 2 * ENDS
@@ -146,8 +173,8 @@ def filtered_motion(time: Array, theta: Array, torque: Array, low_pass: LowPass)
 
 
 def seven_point_motion(time: Array, theta: Array, rate_hz: float) -> Motion:
-    """Motion from an angle (n,) [rad] sampled evenly at `rate_hz`, and slow compared to it. Derivatives are from seven
-    samples each; in the three rows at either end, from the spline."""
+    """Motion from an angle (n,) [rad] sampled evenly at `rate_hz`, and slow compared to it.
+    Derivatives are from seven samples each; in the three rows at either end, from the spline."""
     omega, alpha = np.empty(len(theta)), np.empty(len(theta))
     omega[3:-3] = np.correlate(theta, SLOPE, "valid") * rate_hz
     alpha[3:-3] = np.correlate(theta, CURVATURE, "valid") * rate_hz**2
@@ -158,9 +185,10 @@ def seven_point_motion(time: Array, theta: Array, rate_hz: float) -> Motion:
 
 
 def run_at_extreme(values: Array) -> slice:
-    """Longest run of a noisy channel (n,) at its lowest or highest value: one sample, or many if it is clipped. Values
-    near zero (an unloaded sensor) or near the median do not count. Nor does the peak of a slow signal, which repeats a
-    value too: a parabola with the slopes at the ends of such a plateau rises by less than 2.5 steps."""
+    """Longest run of a noisy channel (n,) at its lowest or highest value: one sample, or many if it
+    is clipped. Values near zero (an unloaded sensor) or near the median do not count. Nor does the
+    peak of a slow signal, which repeats a value too: a parabola with the slopes at the ends of such
+    a plateau rises by less than 2.5 steps."""
     if not values.size or not np.isfinite(values).all():
         return slice(0, 0)
     low, high, middle = float(values.min()), float(values.max()), median(values)
@@ -173,7 +201,12 @@ def run_at_extreme(values: Array) -> slice:
         length = run.stop - run.start
         near = max(5, length // 2)  # beside a long plateau, values stay one step away for a while
         sides = values[max(run.start - near, 0) : run.start], values[run.stop : run.stop + near]
-        slope = min((float(np.abs(side - end).max()) / side.size for side in sides if side.size), default=0.0)
-        if length > longest.stop - longest.start and (length == 1 or slope * length / 4 > 2.5 * step):
+        slope = min(
+            (float(np.abs(side - end).max()) / side.size for side in sides if side.size),
+            default=0.0,
+        )
+        if length > longest.stop - longest.start and (
+            length == 1 or slope * length / 4 > 2.5 * step
+        ):
             longest = run
     return longest

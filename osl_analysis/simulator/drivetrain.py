@@ -1,9 +1,11 @@
-"""The two-mass drivetrain in time: prescribed joint motion, actuator with friction, sampled controller.
+"""The two-mass drivetrain in time: prescribed joint motion, actuator with friction, sampled
+controller.
 
-Between two samples of the controller the actuator is integrated in `substeps` fine steps by the second-order
-Stoermer-Verlet scheme (half drift, kick, half drift): J_m domega_m/dt = k_tau n_m I_q - f - B_m omega_m + tau_s/n_T,
-where tau_s is the belt's torque at theta_s = theta - theta_m/n_T. Friction enters the kick implicitly with the true
-sign of the velocity. The actuator therefore sticks exactly, for any step.
+Between two samples of the controller the actuator is integrated in `substeps` fine steps by the
+second-order Stoermer-Verlet scheme (half drift, kick, half drift): J_m domega_m/dt = k_tau n_m I_q
+- f - B_m omega_m + tau_s/n_T, where tau_s is the belt's torque at theta_s = theta - theta_m/n_T.
+Friction enters the kick implicitly with the true sign of the velocity. The actuator therefore
+sticks exactly, for any step.
 
 In its place a trial may have a joint of Eq. 15, or a passive foot."""
 
@@ -24,19 +26,26 @@ from osl_analysis.simulator.settings import PassiveFoot
 from osl_analysis.trial import Array
 
 IDEAL: dict[str, float] = {
-    "friction": False,  # whether there is friction. Without it the controller cancels none, and the loop is linear
-    "friction_scale": 1.0,  # true friction over that of the parameters, which the controller cancels
+    # whether there is friction. Without it the controller cancels none, and the loop is linear
+    "friction": False,
+    # true friction over that of the parameters, which the controller cancels
+    "friction_scale": 1.0,
     "cancels_friction": False,  # whether the controller adds the friction term of Eq. 5
-    "control_delay": 0,  # from a measurement to the current computed from it [updates of the controller]
+    # from a measurement to the current computed from it [updates of the controller]
+    "control_delay": 0,
     "encoder_resolution": 0.0,  # [rad] of the encoder at the actuator's output. 0: an ideal encoder
-    "velocity_cutoff_hz": 0.0,  # of the one-pole low-pass over the differentiated encoder. 0: the true velocity
+    # of the one-pole low-pass over the differentiated encoder. 0: the true velocity
+    "velocity_cutoff_hz": 0.0,
     "sign_width": 0.1,  # velocity [rad/s] over which the controller smooths its sign
     "hysteresis_torque": 0.0,  # largest rate-independent torque [N*m] of the belt
-    "hysteresis_width": 1e-3,  # deflection [rad] over which the hysteresis torque changes sign after a reversal
+    # deflection [rad] over which the hysteresis torque changes sign after a reversal
+    "hysteresis_width": 1e-3,
     "substeps": 20,  # integration steps per sample
-    "control_updates": 1,  # per sample; the current is held in between. As many as `substeps`: it is continuous
+    # per sample; the current is held in between. As many as `substeps`: it is continuous
+    "control_updates": 1,
 }
-"""The effects by which drivetrain and controller differ from the linear model; here of sampling alone."""
+"""The effects by which drivetrain and controller differ from the linear model; here of sampling
+alone."""
 Constants: Any = namedtuple("Constants", [*PARAMETER_UNITS, *IDEAL])  # type: ignore[misc]
 """Parameters and effects, as compiled functions take them."""
 
@@ -54,30 +63,40 @@ def simulate_drivetrain(
     p: DrivetrainParameters,
     theta_m_start: float = 0.0,
 ) -> dict[str, Array]:
-    """True values at the samples, (n,) each, under a prescribed joint motion, from rest at `theta_m_start` [rad]:
-    theta_m [rad], omega_m [rad/s], current [A], applied from that sample on, and belt_torque [N*m] with hysteresis.
+    """True values at the samples, (n,) each, under a prescribed joint motion, from rest at
+    `theta_m_start` [rad]: theta_m [rad], omega_m [rad/s], current [A], applied from that sample on,
+    and belt_torque [N*m] with hysteresis.
 
-    theta [rad] and omega [rad/s], shape (n,), are sampled at `rate_hz` [Hz]. omega must be the exact derivative of
-    theta, because the motion is interpolated by cubic Hermite polynomials. The rows of `commands`, (3, n) or (3, 1),
-    are K_1 [N*m/rad], B_1 [N*m*s/rad] and theta_eq [rad] at the actuator's output."""
+    theta [rad] and omega [rad/s], shape (n,), are sampled at `rate_hz` [Hz]. omega must be the
+    exact derivative of theta, because the motion is interpolated by cubic Hermite polynomials. The
+    rows of `commands`, (3, n) or (3, 1), are K_1 [N*m/rad], B_1 [N*m*s/rad] and theta_eq [rad] at
+    the actuator's output."""
     columns, gains = np.empty((4, len(theta))), np.ascontiguousarray(commands, dtype=float)
-    theta, omega = np.ascontiguousarray(theta, dtype=float), np.ascontiguousarray(omega, dtype=float)
-    integrate(theta, omega, gains, float(theta_m_start), float(rate_hz), constants(effects, p), columns)
-    largest = 100.0  # of the actuator's output, 16 turns [rad]: beyond it the control loop is unstable
+    theta, omega = (
+        np.ascontiguousarray(theta, dtype=float),
+        np.ascontiguousarray(omega, dtype=float),
+    )
+    integrate(
+        theta, omega, gains, float(theta_m_start), float(rate_hz), constants(effects, p), columns
+    )
+    # of the actuator's output, 16 turns [rad]: beyond it the control loop is unstable
+    largest = 100.0
     if not np.abs(columns[0]).max(initial=0.0) <= largest:  # NaN is none either
         raise InputError(
-            f"the simulated actuator runs away, beyond {largest:g} rad: its loop is unstable with K_1 up to "
-            f"{gains[0].max():.4g} N*m/rad, B_1 down to {gains[1].min():.4g} N*m*s/rad; lower "
-            "effects.control_delay, raise effects.velocity_filter or control_updates, or ask for more damping"
+            f"the simulated actuator runs away, beyond {largest:g} rad: its loop is unstable with"
+            f" K_1 up to {gains[0].max():.4g} N*m/rad, B_1 down to {gains[1].min():.4g} N*m*s/rad;"
+            " lower effects.control_delay, raise effects.velocity_filter or control_updates, or"
+            " ask for more damping"
         )
     return dict(zip(("theta_m", "omega_m", "current", "belt_torque"), columns, strict=True))
 
 
 @fused
 def turned_belt(theta_s: float, z: float, turned_to: float, per_rad: float) -> float:
-    """State z in [-1, 1] of the belt's hysteresis after its deflection went from theta_s to `turned_to` [rad]: z tends
-    to the sign of this change. Exact for a monotone change. Most of the simulation's time is spent here. For short
-    steps, the series of (1 - exp(-x))/x is exact to 1e-16 and takes a third of the time."""
+    """State z in [-1, 1] of the belt's hysteresis after its deflection went from theta_s to
+    `turned_to` [rad]: z tends to the sign of this change. Exact for a monotone change. Most of the
+    simulation's time is spent here. For short steps, the series of (1 - exp(-x))/x is exact to
+    1e-16 and takes a third of the time."""
     change = (turned_to - theta_s) * per_rad
     x = abs(change)
     if x > 1 / 16:
@@ -101,20 +120,31 @@ def encoder_reading(angle: float, resolution: float) -> float:
 
 @fused
 def between(fraction: float, i: int, theta: Array, omega: Array, sample: float) -> float:
-    """Angle [rad] at a fraction of the way from sample i to i + 1, by cubic Hermite interpolation."""
+    """Angle [rad] at a fraction of the way from sample i to i + 1, by cubic Hermite
+    interpolation."""
     a, b, rise = omega[i] * sample, omega[i + 1] * sample, theta[i + 1] - theta[i]
-    angle = theta[i] + fraction * (a + fraction * (3.0 * rise - 2.0 * a - b + fraction * (a + b - 2.0 * rise)))
+    angle = theta[i] + fraction * (
+        a + fraction * (3.0 * rise - 2.0 * a - b + fraction * (a + b - 2.0 * rise))
+    )
     return float(angle)
 
 
 @fused
-def integrate(theta: Array, omega: Array, gains: Array, theta_m: float, rate_hz: float, c: Any, columns: Array) -> None:
-    """Fill `columns`, shape (4, n), with theta_m, omega_m, current, belt torque, from rest at `theta_m`. During the
-    initial delay of the controller the current is 0. The actuator's damping is trapezoidal."""
+def integrate(
+    theta: Array, omega: Array, gains: Array, theta_m: float, rate_hz: float, c: Any, columns: Array
+) -> None:
+    """Fill `columns`, shape (4, n), with theta_m, omega_m, current, belt torque, from rest at
+    `theta_m`. During the initial delay of the controller the current is 0. The actuator's damping
+    is trapezoidal."""
     step, sample = 1.0 / (rate_hz * c.substeps), 1.0 / rate_hz
-    # to multiply by, as a division takes four times as long; mobility: the velocity [rad/s] that 1 N*m gives in a step
+    # to multiply by, as a division takes four times as long; mobility: the velocity [rad/s] that 1
+    # N*m gives in a step
     per_turn, mobility = 1.0 / c.n_T, 1.0 / (c.J_m / step + 0.5 * c.B_m)
-    kept, pushed, width = mobility * (c.J_m / step - 0.5 * c.B_m), mobility * c.k_tau * c.n_m, 1.0 / c.hysteresis_width
+    kept, pushed, width = (
+        mobility * (c.J_m / step - 0.5 * c.B_m),
+        mobility * c.k_tau * c.n_m,
+        1.0 / c.hysteresis_width,
+    )
     rubs = c.friction_scale if c.friction else 0.0
     every, updates_per_second = c.substeps // c.control_updates, rate_hz * c.control_updates
     smoothing = -math.expm1(-2 * math.pi * c.velocity_cutoff_hz / updates_per_second)
@@ -131,9 +161,13 @@ def integrate(theta: Array, omega: Array, gains: Array, theta_m: float, rate_hz:
                 last, seen = seen, encoder_reading(theta_m, c.encoder_resolution)
                 velocity += smoothing * ((seen - last) * updates_per_second - velocity)
                 velocity = velocity if smoothing else omega_m
-                sign = math.tanh(velocity / c.sign_width) if c.cancels_friction and c.friction else 0.0
+                sign = (
+                    math.tanh(velocity / c.sign_width) if c.cancels_friction and c.friction else 0.0
+                )
                 asked = K_1 * (theta_eq - seen) - B_1 * velocity + sign * c.f_C  # Eqs. 7 and 5
-                pending[slot] = asked / (c.k_tau * c.n_m - (sign if asked >= 0.0 else -sign) * c.f_G)
+                pending[slot] = asked / (
+                    c.k_tau * c.n_m - (sign if asked >= 0.0 else -sign) * c.f_G
+                )
                 slot = 0 if slot == c.control_delay else slot + 1
                 current = pending[slot]
                 if k == 0:
@@ -141,9 +175,16 @@ def integrate(theta: Array, omega: Array, gains: Array, theta_m: float, rate_hz:
             if i == len(theta) - 1:
                 break
             theta_m += 0.5 * step * omega_m
-            before, theta_s = theta_s, between((k + 0.5) / c.substeps, i, theta, omega, sample) - theta_m * per_turn
+            before, theta_s = (
+                theta_s,
+                between((k + 0.5) / c.substeps, i, theta, omega, sample) - theta_m * per_turn,
+            )
             z = turned_belt(before, z, theta_s, width)
-            free = kept * omega_m + pushed * current + mobility * per_turn * belt_tension(theta_s, z, c)
+            free = (
+                kept * omega_m
+                + pushed * current
+                + mobility * per_turn * belt_tension(theta_s, z, c)
+            )
             lost = mobility * rubs * (c.f_C + c.f_G * abs(current))
             omega_m = free - max(-lost, min(free, lost))  # it stops but never drives
             theta_m += 0.5 * step * omega_m
@@ -151,7 +192,8 @@ def integrate(theta: Array, omega: Array, gains: Array, theta_m: float, rate_hz:
 
 @fused
 def belt_path(theta_s: Array, c: Any) -> Array:
-    """Torque [N*m] of the belt along a path of deflections theta_s [rad], shape (n,), from a rested belt."""
+    """Torque [N*m] of the belt along a path of deflections theta_s [rad], shape (n,), from a rested
+    belt."""
     torque, z = np.empty_like(theta_s), 0.0
     for i in range(len(theta_s)):
         z = turned_belt(theta_s[max(i - 1, 0)], z, theta_s[i], 1.0 / c.hysteresis_width)
@@ -160,8 +202,8 @@ def belt_path(theta_s: Array, c: Any) -> Array:
 
 
 def passive_torque(foot: PassiveFoot, motion: JointMotion) -> Array:
-    """Resisting torque [N*m] of a passive foot on a motion from rest, shape (n,). That of a slipping spring is 0 at the
-    first angle, and exact on each way between two turns."""
+    """Resisting torque [N*m] of a passive foot on a motion from rest, shape (n,). That of a
+    slipping spring is 0 at the first angle, and exact on each way between two turns."""
     theta = motion.theta
     torque = foot.K * theta * (1 + foot.stiffening * theta**2) + foot.B * motion.omega
     turns = np.flatnonzero(np.diff(np.sign(np.diff(theta)))) + 1
@@ -170,6 +212,8 @@ def passive_torque(foot: PassiveFoot, motion: JointMotion) -> Array:
         one = np.zeros_like(theta)
         for a, b in pairwise([0, *turns.tolist(), len(theta) - 1]):
             way = slice(a, b + 1)
-            one[way] = np.clip(one[a] + spring.stiffness * (theta[way] - theta[a]), -spring.limit, spring.limit)
+            one[way] = np.clip(
+                one[a] + spring.stiffness * (theta[way] - theta[a]), -spring.limit, spring.limit
+            )
         slipping.append(one)
     return np.asarray(torque + sum(slipping))

@@ -1,1 +1,2 @@
-"""Statistics without physics: the one regression, covariances, sinusoids, repeats, comparison of models, whiteness."""
+"""Statistics without physics: the one regression, covariances, sinusoids, repeats, comparison of
+models, whiteness."""

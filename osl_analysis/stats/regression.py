@@ -1,9 +1,10 @@
-"""Linear regression on rows: rank check, covariance for correlated residuals, diagnostics; and a fit as a row of a
-result table. The bench fits groups of rows by the same rules (bench/gram.py).
+"""Linear regression on rows: rank check, covariance for correlated residuals, diagnostics; and a
+fit as a row of a result table. The bench fits groups of rows by the same rules (bench/gram.py).
 
-The covariance of estimates comes from their scores; a score is the part of the estimates' error due to one sample. It
-is computed from the spread between repeated cycles, whose edges may lie between two samples, or from the
-autocorrelation of the residuals, with a correction for the degrees of freedom that the fit uses up."""
+The covariance of estimates comes from their scores; a score is the part of the estimates' error due
+to one sample. It is computed from the spread between repeated cycles, whose edges may lie between
+two samples, or from the autocorrelation of the residuals, with a correction for the degrees of
+freedom that the fit uses up."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -19,9 +20,10 @@ from osl_analysis.trial import LARGEST_VARIANCE, Array, check_finite, check_meas
 
 
 def products_between(X: Array, Y: Array, first: Array, stop: Array) -> Array:
-    """X'Y (m, p, q) of columns X (n, p) and Y (n, q) from each `first` (m,) to each `stop` (m,), which may be
-    fractional. A fraction of a row is read from the cubic through the four cumulative sums around it, so that all
-    cycles of a fractional period have equal sums. Beyond the ends there is nothing to sum."""
+    """X'Y (m, p, q) of columns X (n, p) and Y (n, q) from each `first` (m,) to each `stop` (m,),
+    which may be fractional. A fraction of a row is read from the cubic through the four cumulative
+    sums around it, so that all cycles of a fractional period have equal sums. Beyond the ends there
+    is nothing to sum."""
     edges = np.stack([first, stop], axis=1).ravel()
     row = np.clip(np.floor(edges + 1e-9).astype(np.intp), 0, len(Y))
     whole = np.array([X[a:b].T @ Y[a:b] for a, b in row.reshape(-1, 2)])
@@ -29,24 +31,29 @@ def products_between(X: Array, Y: Array, first: Array, stop: Array) -> Array:
     at = row + np.array([[-1], [0], [1]])
     inside = np.clip(at, 0, len(Y) - 1)
     x = np.where(share < 1e-9, 0.0, share)
-    weights = np.array([x * (x - 1) * (x - 2), x * (x + 1) * (5 - 2 * x), x * (x + 1) * (x - 1)]) / 6 * (at == inside)
+    weights = (
+        np.array([x * (x - 1) * (x - 2), x * (x + 1) * (5 - 2 * x), x * (x + 1) * (x - 1)])
+        / 6
+        * (at == inside)
+    )
     parts = (weights[:, :, None] * X[inside]).transpose(1, 2, 0) @ Y[inside].transpose(1, 0, 2)
     return np.asarray(whole + parts[1::2] - parts[::2])
 
 
 FEWEST_CYCLES = 5  # smallest number of cycles at one frequency whose spread gives an interval
 Covariance = tuple[Array, Array, str, int]
-"""Covariance (p, p) of estimates, its degrees of freedom (p,), its source as named in tables, and the number of samples
-over which the residual may be correlated."""
+"""Covariance (p, p) of estimates, its degrees of freedom (p,), its source as named in tables, and
+the number of samples over which the residual may be correlated."""
 
 
 def hac(X: Array, inverse: Array, residual: Array) -> Covariance:
-    """The covariance from the autocorrelation of the residual (n,). X (n, p) times `inverse` (p, p) is the change of
-    each estimate per sample of y.
+    """The covariance from the autocorrelation of the residual (n,). X (n, p) times `inverse` (p, p)
+    is the change of each estimate per sample of y.
 
-    The window is Andrews' plug-in bandwidth for the Bartlett kernel from an AR(1) fit, at most an eighth of the
-    samples. Low-pass filtered noise is no AR(1) at the sampling rate: 30 ms of correlation give a window of 2.5 s.
-    Raises InputError: a value is not finite or cannot be measured."""
+    The window is Andrews' plug-in bandwidth for the Bartlett kernel from an AR(1) fit, at most an
+    eighth of the samples. Low-pass filtered noise is no AR(1) at the sampling rate: 30 ms of
+    correlation give a window of 2.5 s. Raises InputError: a value is not finite or cannot be
+    measured."""
     check_measured("the residual", residual)
     n, power = len(residual), float(residual[:-1] @ residual[:-1])
     rho = float(residual[1:] @ residual[:-1]) / power if power > 0 else 0.0
@@ -57,11 +64,12 @@ def hac(X: Array, inverse: Array, residual: Array) -> Covariance:
 
 
 def moving_sums(scores: Array, window: int) -> tuple[Array, Array]:
-    """Long-run covariance (p, p) of the scores (n, p), and the degrees of freedom (p,) of its variances, after Newey
-    and West: Bartlett weights 1 - lag/window. The sum over all lags equals the sum of squares of moving sums over
-    `window` samples (zeros beyond the ends) divided by `window`, and is therefore positive semi-definite. It has 1.5
-    n/window degrees of freedom (Priestley, Spectral Analysis and Time Series, 1981, table 6.2, at frequency zero). The
-    fit uses up p of the n samples."""
+    """Long-run covariance (p, p) of the scores (n, p), and the degrees of freedom (p,) of its
+    variances, after Newey and West: Bartlett weights 1 - lag/window. The sum over all lags equals
+    the sum of squares of moving sums over `window` samples (zeros beyond the ends) divided by
+    `window`, and is therefore positive semi-definite. It has 1.5 n/window degrees of freedom
+    (Priestley, Spectral Analysis and Time Series, 1981, table 6.2, at frequency zero). The fit uses
+    up p of the n samples."""
     n, p = scores.shape
     cumulative = np.concatenate([np.zeros((window, p)), np.cumsum(scores, axis=0)])
     cumulative = np.concatenate([cumulative, np.repeat(cumulative[-1:], window - 1, axis=0)])
@@ -70,10 +78,10 @@ def moving_sums(scores: Array, window: int) -> tuple[Array, Array]:
 
 
 def between_cycles(sums: Array, stratum: NDArray[np.intp]) -> tuple[Array, Array]:
-    """Covariance (p, p), with the degrees of freedom (p,) of its variances, from the spread of the cycles' sums of
-    scores (m, p) about the mean of their `stratum` (m,), rising. A bootstrap that draws cycles within each stratum
-    converges to it, apart from the factor m/(m - 1) for the mean that was estimated from the m cycles of the stratum,
-    two or more."""
+    """Covariance (p, p), with the degrees of freedom (p,) of its variances, from the spread of the
+    cycles' sums of scores (m, p) about the mean of their `stratum` (m,), rising. A bootstrap that
+    draws cycles within each stratum converges to it, apart from the factor m/(m - 1) for the mean
+    that was estimated from the m cycles of the stratum, two or more."""
     members = np.bincount(stratum).astype(float)
     begins = np.flatnonzero(np.diff(stratum, prepend=-1))
     mean = np.add.reduceat(sums, begins) / members[:, None]
@@ -88,11 +96,14 @@ def less(covariance: Array, variances: Array) -> Array:
     return np.asarray(covariance * np.outer(left, left))
 
 
-def welch_satterthwaite(variances: Sequence[ArrayLike] | Array, degrees_of_freedom: ArrayLike) -> Array:
-    """Degrees of freedom of the sum of k independent variances (k, ...), each with its `degrees_of_freedom`, (k,) or
-    as many as variances (Satterthwaite, Biometrics Bulletin 2, 1946; Welch, Biometrika 34, 1947). Infinite where all
-    variances are zero, or the uncertain ones vanish beside the others: the rounding of a sum would decide on more than
-    1e12. Raises InputError: A variance is not finite or beyond `LARGEST_VARIANCE`."""
+def welch_satterthwaite(
+    variances: Sequence[ArrayLike] | Array, degrees_of_freedom: ArrayLike
+) -> Array:
+    """Degrees of freedom of the sum of k independent variances (k, ...), each with its
+    `degrees_of_freedom`, (k,) or as many as variances (Satterthwaite, Biometrics Bulletin 2, 1946;
+    Welch, Biometrika 34, 1947). Infinite where all variances are zero, or the uncertain ones vanish
+    beside the others: the rounding of a sum would decide on more than 1e12. Raises InputError: A
+    variance is not finite or beyond `LARGEST_VARIANCE`."""
     summands = np.asarray(variances, dtype=float)
     check_finite("the variance", summands, LARGEST_VARIANCE)
     certainty = 1 / np.asarray(degrees_of_freedom, dtype=float)
@@ -105,8 +116,8 @@ def welch_satterthwaite(variances: Sequence[ArrayLike] | Array, degrees_of_freed
 
 
 CONDITION_LIMIT = 1e3
-"""Largest scaled condition number that is accepted. At this limit an error of 0.1 % in a column can cause an error of
-100 % in an estimate."""
+"""Largest scaled condition number that is accepted. At this limit an error of 0.1 % in a column can
+cause an error of 100 % in an estimate."""
 ROUNDED = 1e6  # condition number above which rounding destroys the inverse of the normal equations
 
 
@@ -117,16 +128,20 @@ class LinearFit:
     covariance: Array  # covariance of the estimates (p, p)
     vaf: float  # 100 (1 - var(residual)/var(y)) [percent]. An offset does not change it.
     r_squared: float  # coefficient of determination about zero. An offset does change it.
-    condition_number: float  # of the columns, each scaled to unit length, about their means beside an offset
-    correlation_samples: int  # number of samples over which the residuals were allowed to be correlated
+    # of the columns, each scaled to unit length, about their means beside an offset
+    condition_number: float
+    # number of samples over which the residuals were allowed to be correlated
+    correlation_samples: int
     samples: int  # number of samples n that were fitted
     interval_method: str
     """Source of the covariance: `HAC`, `cycles`, or the source that its own fit names."""
-    degrees_of_freedom: Array  # degrees of freedom (p,) of the estimates' variances, for Student's quantile
+    # degrees of freedom (p,) of the estimates' variances, for Student's quantile
+    degrees_of_freedom: Array
     residual: Array  # y minus the fit (n,) [unit of y]
     largest_correlation: float
-    """Largest absolute correlation of two estimates under white noise, without an offset's. It is computed from the
-    columns: a few noisy cycles do not change it. 0 if there is only one; near 1 only a combination is known."""
+    """Largest absolute correlation of two estimates under white noise, without an offset's. It is
+    computed from the columns: a few noisy cycles do not change it. 0 if there is only one; near 1
+    only a combination is known."""
 
     def __getitem__(self, name: str) -> float:
         return float(self.estimates[self.names.index(name)])
@@ -141,40 +156,54 @@ class LinearFit:
         return float(self.covariance[self.names.index(first), self.names.index(second)])
 
     def correlation(self, first: str, second: str) -> float:
-        """Correlation of two estimates, -1 to 1, where only their combination is known. 0 for an exact fit."""
+        """Correlation of two estimates, -1 to 1, where only their combination is known. 0 for an
+        exact fit."""
         scale = self.se(first) * self.se(second)
         return self.cov(first, second) / scale if scale > 0 else 0.0
 
     def interval(self, name: str) -> tuple[float, float]:
         """Bounds of the 95 % interval of one estimate, in its unit (Student's quantile)."""
-        half = float(scipy.special.stdtrit(self.degrees_of_freedom[self.names.index(name)], 0.975)) * self.se(name)
+        half = float(
+            scipy.special.stdtrit(self.degrees_of_freedom[self.names.index(name)], 0.975)
+        ) * self.se(name)
         return self[name] - half, self[name] + half
 
 
 def linear_fit(
-    y: Array, columns: Mapping[str, Array], covariance_of: Callable[[Array, Array, Array], Covariance] = hac
+    y: Array,
+    columns: Mapping[str, Array],
+    covariance_of: Callable[[Array, Array, Array], Covariance] = hac,
 ) -> LinearFit:
-    """Least squares of y (n,) on named columns (n,) each, with standard errors for correlated residuals: by Newey and
-    West (Econometrica 55, 1987) with the bandwidth of Andrews (Econometrica 59, 1991), or by another covariance with
-    the arguments of `hac`. Degrees of freedom are infinite where a variance is 0, as that of an exact fit may be.
+    """Least squares of y (n,) on named columns (n,) each, with standard errors for correlated
+    residuals: by Newey and West (Econometrica 55, 1987) with the bandwidth of Andrews (Econometrica
+    59, 1991), or by another covariance with the arguments of `hac`. Degrees of freedom are infinite
+    where a variance is 0, as that of an exact fit may be.
 
-    Raises InputError: Lengths differ, a value cannot be measured (`check_measured`), or there are not more samples than
-    columns. Raises IdentifiabilityError: The scaled condition number exceeds `CONDITION_LIMIT`; the message names the
-    two columns that look alike."""
+    Raises InputError: Lengths differ, a value cannot be measured (`check_measured`), or there are
+    not more samples than columns. Raises IdentifiabilityError: The scaled condition number exceeds
+    `CONDITION_LIMIT`; the message names the two columns that look alike."""
     for name, column in columns.items():
         if np.shape(column) != np.shape(y):
-            raise InputError(f"column '{name}' has shape {np.shape(column)}, expected {np.shape(y)} like y")
+            raise InputError(
+                f"column '{name}' has shape {np.shape(column)}, expected {np.shape(y)} like y"
+            )
     X, names = np.array([np.asarray(c, dtype=float) for c in columns.values()]).T, tuple(columns)
     for name, column in zip(names, X.T, strict=True):
         check_measured(f"column '{name}'", column)
     if len(y) <= len(names):
-        raise InputError(f"{len(y)} samples cannot determine {len(names)} parameters; use a longer window")
+        raise InputError(
+            f"{len(y)} samples cannot determine {len(names)} parameters; use a longer window"
+        )
     scale = check_not_zero(names, np.linalg.norm(X, axis=0))
     U, singular, Vt = np.linalg.svd(X / scale, full_matrices=False)
-    condition, about_means = float(singular[0] / max(singular[-1], np.finfo(float).tiny)), np.empty((0, 0))
+    condition, about_means = (
+        float(singular[0] / max(singular[-1], np.finfo(float).tiny)),
+        np.empty((0, 0)),
+    )
     if condition < ROUNDED:
         inverse = (Vt.T / singular**2) @ Vt / np.outer(scale, scale)
-        # beside an offset, of the columns about their means, so that the zero of the angle does not matter
+        # beside an offset, of the columns about their means, so that the zero of the angle does not
+        # matter
         varying = [k for k, column in enumerate(X.T) if column[0] != column[-1] or np.ptp(column)]
         about_means = inverse[np.ix_(varying, varying)]
         condition = scaled_condition(about_means) if len(varying) > 1 else condition
@@ -210,17 +239,19 @@ def check_not_zero(names: Sequence[str], lengths: Array) -> Array:
 
 
 def refuse_unidentifiable(names: tuple[str, ...], direction: Array, condition: float) -> None:
-    """Raise an error that names the two columns with the largest weights in `direction`, which cannot be estimated."""
+    """Raise an error that names the two columns with the largest weights in `direction`, which
+    cannot be estimated."""
     worst = sorted(np.argsort(np.abs(direction))[-2:])
     first, second = (names[i] for i in worst)
     raise IdentifiabilityError(
-        f"{first} and {second} cannot be told apart in these data (scaled condition number {condition:.3g}); "
-        "excite more frequencies, lengthen the window or fix one of them"
+        f"{first} and {second} cannot be told apart in these data (scaled condition number"
+        f" {condition:.3g}); excite more frequencies, lengthen the window or fix one of them"
     )
 
 
 def scaled_condition(inverse: Array) -> float:
-    """Condition number of columns scaled to unit length, from the inverse (p, p) of their normal equations."""
+    """Condition number of columns scaled to unit length, from the inverse (p, p) of their normal
+    equations."""
     gram = np.linalg.inv(inverse)
     squares = np.linalg.eigvalsh(gram / np.sqrt(np.outer(np.diag(gram), np.diag(gram))))
     return float(np.sqrt(squares[-1] / max(squares[0], np.finfo(float).eps ** 2 * squares[-1])))
@@ -233,25 +264,31 @@ def largest_correlation(covariance: Array) -> float:
 
 
 def without(fixed: Array) -> Callable[[Array], Array]:
-    """A function: the residual of columns (n, ...) on fixed ones (n, p). Beside these, a fit is then small algebra."""
+    """A function: the residual of columns (n, ...) on fixed ones (n, p). Beside these, a fit is
+    then small algebra."""
     Q = np.linalg.qr(fixed)[0]
     return lambda columns: np.asarray(columns - Q @ (Q.T @ columns))
 
 
 def with_shared_error(fit: LinearFit, change: Array) -> LinearFit:
-    """The fit with an error that all its data share: `change` (p,) is the effect on the estimates of one standard error
-    of a known quantity, such as a calibration, with infinite degrees of freedom."""
+    """The fit with an error that all its data share: `change` (p,) is the effect on the estimates
+    of one standard error of a known quantity, such as a calibration, with infinite degrees of
+    freedom."""
     random = np.diag(fit.covariance)
     covariance = fit.covariance + np.outer(change, change)
-    share = np.divide(random, np.diag(covariance), out=np.ones_like(random), where=np.diag(covariance) > 0)
-    degrees_of_freedom = np.divide(fit.degrees_of_freedom, share**2, out=np.full_like(share, np.inf), where=share > 0)
+    share = np.divide(
+        random, np.diag(covariance), out=np.ones_like(random), where=np.diag(covariance) > 0
+    )
+    degrees_of_freedom = np.divide(
+        fit.degrees_of_freedom, share**2, out=np.full_like(share, np.inf), where=share > 0
+    )
     return replace(fit, covariance=covariance, degrees_of_freedom=degrees_of_freedom)
 
 
 def variance_accounted_for(y: Array, residual: Array) -> float:
-    """VAF = 100 (1 - var(residual)/var(y)) [percent], of y and residual (n,); NaN without samples. A y that does not
-    vary beyond rounding is accounted for by 100 % if the residual does not vary either, else by 0. Raises InputError: A
-    value is not finite or cannot be measured."""
+    """VAF = 100 (1 - var(residual)/var(y)) [percent], of y and residual (n,); NaN without samples.
+    A y that does not vary beyond rounding is accounted for by 100 % if the residual does not vary
+    either, else by 0. Raises InputError: A value is not finite or cannot be measured."""
     check_measured("y", y)
     check_finite("the residual", residual)
     if not len(y):
@@ -262,22 +299,25 @@ def variance_accounted_for(y: Array, residual: Array) -> float:
     return 100.0 if left <= rounding else 0.0
 
 
-Row = dict[str, float | str | None]  # one row of a result table, by column. None becomes an empty field.
+# one row of a result table, by column. None becomes an empty field.
+Row = dict[str, float | str | None]
 
 
 def thinned_rows(samples: int, rate_hz: float, low_pass: LowPass) -> NDArray[np.intp]:
-    """The rows of a residual at `rate_hz` that are kept for its whiteness: at twice the noise bandwidth of the filter
-    that its signals passed. White noise that passed the filter is white again at that rate; thinned to twice the
-    cut-off, it would still have an autocorrelation of 0.1, which the test detects in a thousand samples."""
+    """The rows of a residual at `rate_hz` that are kept for its whiteness: at twice the noise
+    bandwidth of the filter that its signals passed. White noise that passed the filter is white
+    again at that rate; thinned to twice the cut-off, it would still have an autocorrelation of 0.1,
+    which the test detects in a thousand samples."""
     step = max(rate_hz / (2 * low_pass.noise_bandwidth_hz), 1.0)
     return np.asarray(np.rint(np.arange(0, samples - 0.5, step)), dtype=np.intp)
 
 
 def whiteness_row(thinned: Array) -> Row:
-    """How much a residual (n,), thinned by `thinned_rows`, is correlated with its own past: its autocorrelation after
-    one sample, and Ljung and Box's statistic per lag with its p (Biometrika 65, 1978): n (n + 2) sum_k r_k^2 / (n - k)
-    over 10 lags, or a fifth of the samples if that is fewer, is chi-squared. All null for a residual of zeros, and of
-    fewer than 20 samples, whose autocorrelations are uncertain by 0.2 and more."""
+    """How much a residual (n,), thinned by `thinned_rows`, is correlated with its own past: its
+    autocorrelation after one sample, and Ljung and Box's statistic per lag with its p (Biometrika
+    65, 1978): n (n + 2) sum_k r_k^2 / (n - k) over 10 lags, or a fifth of the samples if that is
+    fewer, is chi-squared. All null for a residual of zeros, and of fewer than 20 samples, whose
+    autocorrelations are uncertain by 0.2 and more."""
     check_measured("the residual", thinned)
     n, power = len(thinned), float(thinned @ thinned)
     if n < 20 or power == 0:
@@ -286,15 +326,25 @@ def whiteness_row(thinned: Array) -> Row:
     r = np.array([float(thinned[k:] @ thinned[:-k]) for k in lag]) / power
     Q = n * (n + 2) * float(np.sum(r**2 / (n - lag)))
     p = float(scipy.special.chdtrc(len(lag), Q))
-    return {"residual_autocorrelation": float(r[0]), "ljung_box_per_lag": Q / len(lag), "ljung_box_p": p}
+    return {
+        "residual_autocorrelation": float(r[0]),
+        "ljung_box_per_lag": Q / len(lag),
+        "ljung_box_p": p,
+    }
 
 
 def estimates_row(fit: LinearFit, *names: str) -> dict[str, float]:
-    """`name`, `name_se` and the bounds `name_low` and `name_high` of the 95 % interval for each name, in SI units."""
+    """`name`, `name_se` and the bounds `name_low` and `name_high` of the 95 % interval for each
+    name, in SI units."""
     row: dict[str, float] = {}
     for name in names:
         low, high = fit.interval(name)
-        row |= {name: fit[name], f"{name}_se": fit.se(name), f"{name}_low": low, f"{name}_high": high}
+        row |= {
+            name: fit[name],
+            f"{name}_se": fit.se(name),
+            f"{name}_low": low,
+            f"{name}_high": high,
+        }
     return row
 
 
@@ -304,8 +354,9 @@ def covariance_row(fit: LinearFit, *names: str) -> dict[str, float]:
 
 
 def diagnostics_row(fit: LinearFit, rate_hz: float, white: Row) -> Row:
-    """The diagnostics of a fit and its interval in all tables; `rate_hz` is the rate of the fitted rows, `white` their
-    whiteness. VAF in percent, R2 about zero, the correlation time in seconds."""
+    """The diagnostics of a fit and its interval in all tables; `rate_hz` is the rate of the fitted
+    rows, `white` their whiteness. VAF in percent, R2 about zero, the correlation time in
+    seconds."""
     return {
         "interval_method": fit.interval_method,
         "VAF": fit.vaf,
@@ -318,9 +369,12 @@ def diagnostics_row(fit: LinearFit, rate_hz: float, white: Row) -> Row:
     }
 
 
-def lag_damping_row(lag: float | None, se: float | None, K: float, certain_from: float = 2.0) -> Row:
-    """Lag [s] of the torque behind the angle, its standard error, and what it adds to B: -K lag [N*m*s/rad];
-    `certain_lag_damping` is 0 for a lag of no more than `certain_from` standard errors. All null without a lag."""
+def lag_damping_row(
+    lag: float | None, se: float | None, K: float, certain_from: float = 2.0
+) -> Row:
+    """Lag [s] of the torque behind the angle, its standard error, and what it adds to B: -K lag
+    [N*m*s/rad]; `certain_lag_damping` is 0 for a lag of no more than `certain_from` standard
+    errors. All null without a lag."""
     damping = certain = None
     if lag is not None and se is not None:
         damping = -K * lag

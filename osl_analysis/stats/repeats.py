@@ -1,4 +1,5 @@
-"""Mean, scatter and interval over repeated trials, and the difference between two campaigns with its verdict."""
+"""Mean, scatter and interval over repeated trials, and the difference between two campaigns with
+its verdict."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -14,7 +15,8 @@ from osl_analysis.errors import InputError
 from osl_analysis.stats.regression import welch_satterthwaite
 from osl_analysis.trial import Array, check_measured
 
-DOUBTFUL = "doubtful"  # column with the causes of doubt: empty if the fit is not doubtful, null in a row without a fit
+# column with the causes of doubt: empty if the fit is not doubtful, null in a row without a fit
+DOUBTFUL = "doubtful"
 IS_DOUBTFUL = pl.col(DOUBTFUL).fill_null("") != ""
 
 
@@ -26,54 +28,81 @@ class Repeats:
     mean: float
     sd: float  # standard deviation between trials
     se: float  # standard error of the mean
-    low: float  # lower bound of the 95 % interval of the mean (Student, or from the trials' own errors)
+    # lower bound of the 95 % interval of the mean (Student, or from the trials' own errors)
+    low: float
     high: float  # upper bound
     interval_method: str | None = None  # which of the two; None without an interval
 
 
-REPEATS_WITHIN = {"band_high_hz": 1.15, "period_s": 1.15, "theta_rms_deg": 1.15, "K": 1.03, "B": 1.15}
-"""Largest ratios between two trials of one excitation, without stated conditions, that repeat each other."""
+REPEATS_WITHIN = {
+    "band_high_hz": 1.15,
+    "period_s": 1.15,
+    "theta_rms_deg": 1.15,
+    "K": 1.03,
+    "B": 1.15,
+}
+"""Largest ratios between two trials of one excitation, without stated conditions, that repeat each
+other."""
 
 
 def repeating_trials(table: pl.DataFrame) -> pl.Series:
-    """The name of the first trial that each trial of a table (n,) repeats, by all measured values; most repeat only
-    themselves. A trial with certain friction (`B_viscous`) repeats none without."""
+    """The name of the first trial that each trial of a table (n,) repeats, by all measured values;
+    most repeat only themselves. A trial with certain friction (`B_viscous`) repeats none
+    without."""
     known = {name: ratio for name, ratio in REPEATS_WITHIN.items() if name in table.columns}
-    same = [alike_sizes(table[name].cast(pl.Float64), ratio).alias(name) for name, ratio in known.items()]
+    same = [
+        alike_sizes(table[name].cast(pl.Float64), ratio).alias(name)
+        for name, ratio in known.items()
+    ]
     same += [table[name].is_null() for name in ("B_viscous",) if name in table.columns]
     motion = [name for name in ("excitation",) if name in table.columns]
-    return table.with_columns(*same).select(pl.col("trial").first().over(*motion, *(one.name for one in same)))["trial"]
+    return table.with_columns(*same).select(
+        pl.col("trial").first().over(*motion, *(one.name for one in same))
+    )["trial"]
 
 
 def alike_sizes(sizes: pl.Series, ratio: float = 1.15) -> pl.Series:
-    """Labels by which measured amplitudes (n,) [deg] are paired: the median, to three digits, of each chain of sizes
-    that follow one another by less than 15 %. Null stays null."""
+    """Labels by which measured amplitudes (n,) [deg] are paired: the median, to three digits, of
+    each chain of sizes that follow one another by less than 15 %. Null stays null."""
     order = sizes.unique().drop_nulls().sort()
     number = (order > ratio * order.shift(1)).fill_null(False).cum_sum()
-    labels = pl.DataFrame({"size": order, "number": number}).select(pl.col("size").median().over("number"))["size"]
-    return sizes.replace_strict(order, labels.round_sig_figs(3), default=None, return_dtype=pl.Float64)
+    labels = pl.DataFrame({"size": order, "number": number}).select(
+        pl.col("size").median().over("number")
+    )["size"]
+    return sizes.replace_strict(
+        order, labels.round_sig_figs(3), default=None, return_dtype=pl.Float64
+    )
 
 
 def sizes_said(sizes: pl.Series) -> list[str]:
-    """The measured amplitudes [deg] or frequencies [Hz] (n,) of each of `alike_sizes`, upwards: to three digits, and
-    from the lowest to the highest where these are more than a hundredth apart."""
+    """The measured amplitudes [deg] or frequencies [Hz] (n,) of each of `alike_sizes`, upwards: to
+    three digits, and from the lowest to the highest where these are more than a hundredth apart."""
     of = pl.DataFrame({"size": sizes, "label": alike_sizes(sizes)}).drop_nulls()
-    ends = of.group_by("label").agg(low=pl.col("size").min(), high=pl.col("size").max()).sort("label")
-    return [f"{low:.3g} to {high:.3g}" if high > 1.01 * low else f"{of:.3g}" for of, low, high in ends.iter_rows()]
+    ends = (
+        of.group_by("label").agg(low=pl.col("size").min(), high=pl.col("size").max()).sort("label")
+    )
+    return [
+        f"{low:.3g} to {high:.3g}" if high > 1.01 * low else f"{of:.3g}"
+        for of, low, high in ends.iter_rows()
+    ]
 
 
 CommonError = tuple[float, float]
-"""An error that all trials share, so that their scatter does not show it: its variance, in the squared unit of the
-estimate, and the degrees of freedom of this variance."""
+"""An error that all trials share, so that their scatter does not show it: its variance, in the
+squared unit of the estimate, and the degrees of freedom of this variance."""
 
 
 def over_repeats(
-    values: ArrayLike, common: Sequence[CommonError] = (), kinds: ArrayLike | None = None, halves: ArrayLike = ()
+    values: ArrayLike,
+    common: Sequence[CommonError] = (),
+    kinds: ArrayLike | None = None,
+    halves: ArrayLike = (),
 ) -> Repeats:
-    """Summary of one estimate per trial, shape (n,). Standard error and interval include the `common` errors. Trials of
-    different `kinds` (n,) count as one mean per kind, so that differences between kinds are no scatter; `sd` is the
-    scatter within kinds. `halves` are the half-widths (n,) of the trials' own 95 % intervals: trials that agree by luck
-    do not know their mean better than these allow. Raises InputError: fewer than two trials of a kind, or a value
+    """Summary of one estimate per trial, shape (n,). Standard error and interval include the
+    `common` errors. Trials of different `kinds` (n,) count as one mean per kind, so that
+    differences between kinds are no scatter; `sd` is the scatter within kinds. `halves` are the
+    half-widths (n,) of the trials' own 95 % intervals: trials that agree by luck do not know their
+    mean better than these allow. Raises InputError: fewer than two trials of a kind, or a value
     cannot be measured."""
     values = np.asarray(values, dtype=float)
     check_measured("the estimate of a trial", values)
@@ -81,7 +110,9 @@ def over_repeats(
     parts = [values[labels == kind] for kind in np.unique(labels)] or [values]
     least = min(len(part) for part in parts)
     if least < 2:
-        raise InputError(f"{least} trial cannot give a scatter; repeat the experiment at least twice")
+        raise InputError(
+            f"{least} trial cannot give a scatter; repeat the experiment at least twice"
+        )
     scatter = [float(np.var(part, ddof=1)) for part in parts]
     freedom = [len(part) - 1 for part in parts]
     mean = float(np.mean([np.mean(part) for part in parts]))
@@ -91,27 +122,44 @@ def over_repeats(
     se = float(np.sqrt(sum(variances)))
     each = [*freedom, *(of_common for _, of_common in common)]
     half = float(scipy.special.stdtrit(welch_satterthwaite(variances, each), 0.975)) * se
-    own = float(np.hypot(np.linalg.norm(halves) / len(values), 1.96 * np.sqrt(sum(one for one, _ in common))))
+    own = float(
+        np.hypot(
+            np.linalg.norm(halves) / len(values), 1.96 * np.sqrt(sum(one for one, _ in common))
+        )
+    )
     method = "errors of the trials" if own > half and np.any(halves) else "Student"
     half, se = max(half, own), max(se, own / 1.96)
     return Repeats(len(values), mean, sd, se, mean - half, mean + half, method)
 
 
 def summary_row(table: pl.DataFrame, name: str) -> dict[str, float | str | None]:
-    """n, mean, sd, se, low, high of one column, and the interval's source, with the shared error of all rows
-    (`NAME_se_bench`, if present) and their own intervals (`NAME_low`, `NAME_high`). One trial gives n and mean."""
+    """n, mean, sd, se, low, high of one column, and the interval's source, with the shared error of
+    all rows (`NAME_se_bench`, if present) and their own intervals (`NAME_low`, `NAME_high`). One
+    trial gives n and mean."""
     used = table.filter(pl.col(name).cast(pl.Float64).is_not_nan())
     numbers = used[name].cast(pl.Float64)
     if len(numbers) >= 2:
-        known = used[f"{name}_se_bench"].fill_null(0.0).to_numpy() if f"{name}_se_bench" in table.columns else 0.0
+        known = (
+            used[f"{name}_se_bench"].fill_null(0.0).to_numpy()
+            if f"{name}_se_bench" in table.columns
+            else 0.0
+        )
         shared = float(np.mean(np.square(known)))
-        bounds = [used[end].to_numpy() for end in (f"{name}_high", f"{name}_low") if end in table.columns]
+        bounds = [
+            used[end].to_numpy() for end in (f"{name}_high", f"{name}_low") if end in table.columns
+        ]
         halves = np.nan_to_num(np.subtract(*bounds) / 2) if len(bounds) == 2 else ()
         common = [(shared, np.inf)] if shared else []
         found = over_repeats(numbers.to_numpy(), common, halves=halves)
-        return asdict(found) | ({"interval_method": f"{found.interval_method} + bench"} if shared else {})
+        return asdict(found) | (
+            {"interval_method": f"{found.interval_method} + bench"} if shared else {}
+        )
     mean = float(numbers[0]) if len(numbers) else None
-    return {"n": len(numbers), "mean": mean, **dict.fromkeys(("sd", "se", "low", "high", "interval_method"))}
+    return {
+        "n": len(numbers),
+        "mean": mean,
+        **dict.fromkeys(("sd", "se", "low", "high", "interval_method")),
+    }
 
 
 def doubtful_count(table: pl.DataFrame) -> tuple[int, int]:
@@ -120,7 +168,8 @@ def doubtful_count(table: pl.DataFrame) -> tuple[int, int]:
 
 
 def counted(table: pl.DataFrame) -> pl.DataFrame:
-    """Rows, one per trial, that a mean counts: the sound ones if they are half or more, else all."""
+    """Rows, one per trial, that a mean counts: the sound ones if they are half or more, else
+    all."""
     if DOUBTFUL not in table.columns:
         return table
     doubtful, n = doubtful_count(table)
@@ -128,20 +177,25 @@ def counted(table: pl.DataFrame) -> pl.DataFrame:
 
 
 def doubtful_row(table: pl.DataFrame) -> dict[str, int]:
-    """`n_doubtful` for a row that summarises a table; empty for a table without the column `DOUBTFUL`."""
+    """`n_doubtful` for a row that summarises a table; empty for a table without the column
+    `DOUBTFUL`."""
     return {"n_doubtful": doubtful_count(table)[0]} if DOUBTFUL in table.columns else {}
 
 
 def summary_of_trials(table: pl.DataFrame, quantities: Sequence[str]) -> pl.DataFrame:
-    """A row per quantity (a column of `table`): `summary_row` over the trials that count (`counted`), with `n_doubtful`
-    and `n_left_out`, how many fits are doubtful, and how many of these are not in the mean."""
+    """A row per quantity (a column of `table`): `summary_row` over the trials that count
+    (`counted`), with `n_doubtful` and `n_left_out`, how many fits are doubtful, and how many of
+    these are not in the mean."""
     used = counted(table)
     numbers = {**doubtful_row(table), "n_left_out": len(table) - len(used)}
-    return pl.DataFrame([{"quantity": name, **summary_row(used, name), **numbers} for name in quantities])
+    return pl.DataFrame(
+        [{"quantity": name, **summary_row(used, name), **numbers} for name in quantities]
+    )
 
 
 Sample = Mapping[Any, Sequence[float]]
-"""The estimates of a campaign's trials by condition, such as (K_d, B_d), in one unit; no condition is empty."""
+"""The estimates of a campaign's trials by condition, such as (K_d, B_d), in one unit; no condition
+is empty."""
 
 
 class Difference(NamedTuple):
@@ -154,8 +208,9 @@ class Difference(NamedTuple):
 
 
 def difference(a: Sample, b: Sample) -> Difference:
-    """B - A by condition: paired over the shared conditions, or Welch's t over trials if only one is shared. Trials of
-    a condition count as their mean, so that the scatter is between conditions."""
+    """B - A by condition: paired over the shared conditions, or Welch's t over trials if only one
+    is shared. Trials of a condition count as their mean, so that the scatter is between
+    conditions."""
     shared = [condition for condition in a if condition in b]
     x, y = (np.array([np.mean(one[condition]) for condition in shared]) for one in (a, b))
     if not shared:
@@ -182,7 +237,8 @@ def welch(a: Sequence[float] | Array, b: Sequence[float] | Array, method: str) -
 
 
 def with_bench(found: Difference, se: float) -> Difference:
-    """A difference with the benches' calibration error, of standard error `se`, which no scatter of trials shows."""
+    """A difference with the benches' calibration error, of standard error `se`, which no scatter of
+    trials shows."""
     estimate, low, high, method = found
     if estimate is None or low is None or high is None or not se:
         return found
@@ -192,21 +248,30 @@ def with_bench(found: Difference, se: float) -> Difference:
 
 
 def of_intervals(a: Sample, b: Sample) -> Difference:
-    """B - A of two independent numbers, each a sample of one condition with estimate, low and high of its own interval,
-    which may be asymmetric: each end combines the ends that it depends on (Zou and Donner, Stat. Med. 27, 2008)."""
+    """B - A of two independent numbers, each a sample of one condition with estimate, low and high
+    of its own interval, which may be asymmetric: each end combines the ends that it depends on (Zou
+    and Donner, Stat. Med. 27, 2008)."""
     ((x, x_low, x_high),), ((y, y_low, y_high),) = a.values(), b.values()
     low, high = y - x - math.hypot(y - y_low, x_high - x), y - x + math.hypot(y_high - y, x - x_low)
     return Difference(y - x, low, high, "intervals of both")
 
 
-def equivalence(low: float | None, high: float | None, target: float, margin: float | None) -> str | None:
-    """'equivalent', 'different' or 'undecided': whether a number with this 95 % interval is target +- margin, all in
-    one unit; None without an interval or margin.
+def equivalence(
+    low: float | None, high: float | None, target: float, margin: float | None
+) -> str | None:
+    """'equivalent', 'different' or 'undecided': whether a number with this 95 % interval is target
+    +- margin, all in one unit; None without an interval or margin.
 
-    It is equivalent if the whole interval lies within target +- margin, different if the whole interval lies beyond it
-    on one side, else undecided. Two one-sided tests at 5 % need only the 90 % interval (Schuirmann, J. Pharmacokinet.
-    Biopharm. 15, 1987); the 95 % interval is conservative: each test is at 2.5 %."""
-    if low is None or high is None or margin is None or not all(map(math.isfinite, (low, high, target, margin))):
+    It is equivalent if the whole interval lies within target +- margin, different if the whole
+    interval lies beyond it on one side, else undecided. Two one-sided tests at 5 % need only the 90
+    % interval (Schuirmann, J. Pharmacokinet. Biopharm. 15, 1987); the 95 % interval is
+    conservative: each test is at 2.5 %."""
+    if (
+        low is None
+        or high is None
+        or margin is None
+        or not all(map(math.isfinite, (low, high, target, margin)))
+    ):
         return None
     if margin and target - margin <= low and high <= target + margin:
         return "equivalent"

@@ -29,14 +29,16 @@ Cutoff = Annotated[float, Field(gt=0, le=200)]  # [Hz], half the rate of fast ca
 Load = Annotated[float, Field(gt=0, le=10)]  # a share of the weight; what is larger is in percent
 PoolKey = Literal["group", "subject", "session", "side", "speed", "K_d", "B_d", "timing"]
 UnseenError = Literal[
-    "corners_height", "corners_forward", "moments", "forces", "pitch", "plate_lag", "plate_inertia", "skin",
+    "corners_height", "corners_forward", "moments", "forces", "pitch", "plate_lag", "plate_inertia",
+    "skin",
     "torque_lag", "torque",
 ]  # fmt: skip
 """Of `LABORATORY_ERRORS` and `LOG_ERRORS` in `crossing.py`."""
 
 
 class Markers(Settings):
-    """Names of the markers: three or more per rigid cluster, and the malleoli, which the static trial shows."""
+    """Names of the markers: three or more per rigid cluster, and the malleoli, which the static
+    trial shows."""
 
     foot: Cluster
     shank: Cluster
@@ -56,20 +58,26 @@ class FootSettings(Settings):
 
     mass_kg: Annotated[float, Field(gt=0, le=20)]  # Mass [kg]
     centre_of_mass_m: tuple[Coordinate, Coordinate, Coordinate]
-    """Centre of mass [m] from the ankle centre in the static pose: x forward, y to the left, z up."""
-    inertia_kg_m2: NotNegative  # Moment of inertia [kg*m^2] about the mediolateral axis through the centre of mass
+    """Centre of mass [m] from the ankle centre in the static pose: x forward, y to the left, z
+    up."""
+    # Moment of inertia [kg*m^2] about the mediolateral axis through the centre of mass
+    inertia_kg_m2: NotNegative
 
 
 class OutlierRule(Settings):
-    """Which crossings are excluded: those further from the median crossing than `limit` times the scatter, which is
-    1.4826 times the median absolute deviation, and for each feature at least the smallest scatter given below."""
+    """Which crossings are excluded: those further from the median crossing than `limit` times the
+    scatter, which is
+    1.4826 times the median absolute deviation, and for each feature at least the smallest scatter
+       given below."""
 
     limit: Positive  # Largest distance from the median, in scatters
     stance_s: Positive  # Smallest scatter [s] of the duration of stance
     placement_m: Positive  # Smallest scatter [m] of the foot's place on the plate
-    angle_deg: Positive  # The same [deg] of the angle's RMS deviation from the median gait, to the earliest guard
+    # The same [deg] of the angle's RMS deviation from the median gait, to the earliest guard
+    angle_deg: Positive
     torque_nm: Positive  # The same [N*m] of the torque's, over the same time
-    load_share: Positive  # Smallest scatter of the vertical force's RMS deviation, as a share of the usual load
+    # Smallest scatter of the vertical force's RMS deviation, as a share of the usual load
+    load_share: Positive
     pressure_m: Positive  # The same [m] of the centre of pressure's, to the left of the ankle
 
 
@@ -78,7 +86,8 @@ class MarkerSettings(Settings):
 
     markers: Markers  # Names of the markers
     longest_gap_s: NotNegative  # Longest gap [s] of hidden markers that is interpolated
-    largest_residual_mm: Positive  # Largest RMS distance [mm] of markers from their rigid body; else they are hidden
+    # Largest RMS distance [mm] of markers from their rigid body; else they are hidden
+    largest_residual_mm: Positive
 
 
 class WalkingFilter(Settings):
@@ -96,23 +105,32 @@ class TimingSettings(Settings):
     """Which samples around the onset of a perturbation are used."""
 
     window_s: Positive  # Time [s] after the onset that is fitted
-    baseline_s: Positive  # Length [s] of the interval before the onset whose mean is the response's zero
-    guard_s: NotNegative  # Time [s] from the end of the baseline to the onset, which the zero-phase filter spreads
+    # Length [s] of the interval before the onset whose mean is the response's zero
+    baseline_s: Positive
+    # Time [s] from the end of the baseline to the onset, which the zero-phase filter spreads
+    guard_s: NotNegative
 
 
 class PlatformSettings(MarkerSettings, WalkingFilter):
     """The moving platform and its force plate."""
 
     perturbed_by: Literal["platform", "belt", "boot", "leg"] = "platform"
-    """Who perturbs: a `platform` that turns; a `belt`, or a platform, that shifts; a `boot`, or another device that the
-    leg wears; or the powered `leg`. Of the latter two the log has command, motion and torque."""
+    """Who perturbs: a `platform` that turns; a `belt`, or a platform, that shifts; a `boot`, or
+    another device that the leg wears; or the powered `leg`. Of the latter two the log has command,
+    motion and torque."""
     plate: Annotated[int, Field(ge=1)]  # Number of the force plate on the platform, counted from 1
-    largest_zero_n: Newtons  # Largest vertical force [N] of an unloaded plate. A plate that reads more is refused.
-    perturbation_deg: JointDegrees  # Smallest rotation [deg] of the platform that counts as a perturbation
-    largest_shift_mm: Positive = 10.0  # of a platform that does not turn; further is refused, of a `belt` it perturbs
-    longest_fitted_gap_s: NotNegative  # Longest gap [s] where the motion is fitted: after an onset, in an unloaded turn
+    # Largest vertical force [N] of an unloaded plate. A plate that reads more is refused.
+    largest_zero_n: Newtons
+    # Smallest rotation [deg] of the platform that counts as a perturbation
+    perturbation_deg: JointDegrees
+    # of a platform that does not turn; further is refused, of a `belt` it perturbs
+    largest_shift_mm: Positive = 10.0
+    # Longest gap [s] where the motion is fitted: after an onset, in an unloaded turn
+    longest_fitted_gap_s: NotNegative
 
-    _gaps = below("longest_fitted_gap_s", "longest_gap_s", "up to which gaps are interpolated at all", True)
+    _gaps = below(
+        "longest_fitted_gap_s", "longest_gap_s", "up to which gaps are interpolated at all", True
+    )
 
     @property
     def by_log(self) -> bool:
@@ -132,10 +150,12 @@ class CalibrationSettings(MarkerSettings):
 
 
 class PlateModelSettings(PlatformSettings):
-    """How the plate's own inertia and lag are identified, or `none`: the plate is light or compensates them itself."""
+    """How the plate's own inertia and lag are identified, or `none`: the plate is light or
+    compensates them itself."""
 
     plate_inertia: Literal["identified", "none"] = "identified"
-    plate_cutoff_hz: Cutoff  # Cut-off [Hz] with which it is identified: 12 kg are 10.8 kg at 20 Hz, 12.0 kg at 8 Hz
+    # Cut-off [Hz] with which it is identified: 12 kg are 10.8 kg at 20 Hz, 12.0 kg at 8 Hz
+    plate_cutoff_hz: Cutoff
     correct_plate_lag: bool  # Whether the plate's lag is estimated and corrected
 
     @property
@@ -149,24 +169,36 @@ class CrossingSettings(PlatformSettings, TimingSettings):
     load_on_n: Newtons  # Vertical force [N] above which a stance begins
     load_off_n: Positive  # Vertical force [N] below which a stance ends
     shortest_stance_s: Seconds  # Shortest stance [s]; shorter contacts are ignored
-    unloaded_s: Seconds | None  # Length [s] before the step from which the plate's zero is read; null: none is removed
-    foot: FootSettings | None = None  # Null: the foot's weight and inertia stay in the torque, so that I includes them
+    # Length [s] before the step from which the plate's zero is read; null: none is removed
+    unloaded_s: Seconds | None
+    # Null: the foot's weight and inertia stay in the torque, so that I includes them
+    foot: FootSettings | None = None
 
     _loads = below("load_off_n", "load_on_n", "and noise would end a stance in which it begins")
-    _fits = below("window_s + baseline_s + guard_s", "shortest_stance_s", "which must hold a whole response", True)
+    _fits = below(
+        "window_s + baseline_s + guard_s",
+        "shortest_stance_s",
+        "which must hold a whole response",
+        True,
+    )
 
 
 class SelectionSettings(TimingSettings):
     """Which crossings are excluded, and to which group, with a result of its own, each belongs."""
 
-    outliers: OutlierRule | None  # Rule by which crossings are compared and excluded; null: they are not compared
-    load_of_weight: Annotated[tuple[Load, Load], AfterValidator(rising)]  # in single support, as a share of the weight
-    largest_outside_m: Annotated[float, Field(ge=0, le=1)]  # of a foot marker [m] from the plate while the foot is flat
+    # Rule by which crossings are compared and excluded; null: they are not compared
+    outliers: OutlierRule | None
+    # in single support, as a share of the weight
+    load_of_weight: Annotated[tuple[Load, Load], AfterValidator(rising)]
+    # of a foot marker [m] from the plate while the foot is flat
+    largest_outside_m: Annotated[float, Field(ge=0, le=1)]
     group_by: tuple[PoolKey | Literal["direction"], ...] = ()
-    """Conditions by which results are always split, as by any other in which crossings differ and that `pool` does not
-    name. Opposite directions are joined by half their difference, unless they are named here."""
+    """Conditions by which results are always split, as by any other in which crossings differ and
+    that `pool` does not name. Opposite directions are joined by half their difference, unless they
+    are named here."""
     pool: tuple[PoolKey, ...] = ()  # Conditions in which crossings of one result may differ
-    timing_scatter: Annotated[float, Field(gt=0, le=0.5)] = 0.05  # Largest SD of the onset, in shares of stance
+    # Largest SD of the onset, in shares of stance
+    timing_scatter: Annotated[float, Field(gt=0, le=0.5)] = 0.05
 
     _split_or_pooled = refused(
         lambda s: {*s.group_by} & {*s.pool},
@@ -179,46 +211,83 @@ class ResponseSettings(WalkingFilter, TimingSettings):
     """How a response is isolated and fitted."""
 
     perturbed_stance: StanceSource
-    """Duration of stance that converts the time of a perturbed crossing to phase (docs/walking.md): `matched`, the one
-    at which its ankle angle before the onset is most like that of the mean unperturbed gait; its `own`, wrong if the
-    perturbation changes it; or the mean of the `unperturbed` ones, wrong if whole crossings are slower."""
+    """Duration of stance that converts the time of a perturbed crossing to phase (docs/walking.md):
+    `matched`, the one at which its ankle angle before the onset is most like that of the mean
+    unperturbed gait; its `own`, wrong if the perturbation changes it; or the mean of the
+    `unperturbed` ones, wrong if whole crossings are slower."""
 
 
 class EnsembleSettings(ResponseSettings):
     """How the ensemble of all responses is fitted."""
 
     uncertainty: dict[UnseenError, NotNegative] = Field(default_factory=dict)
-    """Standard uncertainties of what no crossing shows, in the units of `walking_sensitivity.csv`: they widen the
-    intervals of K, B and I as it says."""
+    """Standard uncertainties of what no crossing shows, in the units of `walking_sensitivity.csv`:
+    they widen the intervals of K, B and I as it says."""
     baseline: Literal["mean", "predicted"] = "mean"
-    """What a perturbed crossing would have done, for the headline: the `mean` unperturbed gait, or what its own
-    behaviour before the onset tells (docs/walking.md). The other one stands beside it in the table."""
-    bootstrap_samples: Annotated[int, Field(ge=100, le=100_000)]  # Number of bootstrap samples of the ensemble
+    """What a perturbed crossing would have done, for the headline: the `mean` unperturbed gait, or
+    what its own behaviour before the onset tells (docs/walking.md). The other one stands beside it
+    in the table."""
+    # Number of bootstrap samples of the ensemble
+    bootstrap_samples: Annotated[int, Field(ge=100, le=100_000)]
 
 
-class WalkingAnalysis(CalibrationSettings, PlateModelSettings, CrossingSettings, SelectionSettings, EnsembleSettings):
-    """All choices of the walking analysis. Each job uses one of the groups above, or the one below."""
+class WalkingAnalysis(
+    CalibrationSettings, PlateModelSettings, CrossingSettings, SelectionSettings, EnsembleSettings
+):
+    """All choices of the walking analysis. Each job uses one of the groups above, or the one
+    below."""
 
-    fewest_unperturbed: Annotated[int, Field(ge=3)]  # Fewest unperturbed crossings from which a mean gait is computed
+    # Fewest unperturbed crossings from which a mean gait is computed
+    fewest_unperturbed: Annotated[int, Field(ge=3)]
 
     _moving_plates_have_markers = refused(
-        lambda s: not (s.markers.platform or s.by_log or (s.perturbed_by == "belt" and s.plate_inertia == "none")),
-        "markers.platform is empty; name the markers of the platform, or state perturbed_by: belt and plate_inertia: "
-        "none, of a belt over a plate that rests",
+        lambda s: (
+            not (
+                s.markers.platform
+                or s.by_log
+                or (s.perturbed_by == "belt" and s.plate_inertia == "none")
+            )
+        ),
+        "markers.platform is empty; name the markers of the platform, or state perturbed_by: belt"
+        " and plate_inertia: none, of a belt over a plate that rests",
         "markers.platform",
     )
 
 
 class OvergroundAnalysis(Settings):
-    """How the ankle moment of overground gait is computed. Of the names of a marker, with L or R in place of `?`, the
-    first that the recording has is used: those of Plug-in Gait, QTM, OpenSim, CAST and others."""
+    """How the ankle moment of overground gait is computed. Of the names of a marker, with L or R in
+    place of `?`, the first that the recording has is used: those of Plug-in Gait, QTM, OpenSim,
+    CAST and others."""
 
     load_on_n: Newtons  # Vertical force [N] above which a frame counts
-    body_mass_kg: Annotated[float, Field(gt=0, lt=500)] | None = None  # [kg], where neither sheet nor recording has it
-    largest_zero_n: Newtons = 100  # Largest downward reading [N] of a plate in most of the recording; more is refused
-    lateral_malleolus: Names = ("?ANK", "?_FAL", "?.Ankle.Lat", "?LM", "?LMA", "?LMAL", "?AL", "?.Ankle")
-    medial_malleolus: Names = ("?MED", "?_TAM", "?.Ankle.Med", "?.Ankle.Medial", "?MM", "?MMA", "?MMAL", "?AM", "?TIO")
+    # [kg], where neither sheet nor recording has it
+    body_mass_kg: Annotated[float, Field(gt=0, lt=500)] | None = None
+    # Largest downward reading [N] of a plate in most of the recording; more is refused
+    largest_zero_n: Newtons = 100
+    lateral_malleolus: Names = (
+        "?ANK",
+        "?_FAL",
+        "?.Ankle.Lat",
+        "?LM",
+        "?LMA",
+        "?LMAL",
+        "?AL",
+        "?.Ankle",
+    )
+    medial_malleolus: Names = (
+        "?MED",
+        "?_TAM",
+        "?.Ankle.Med",
+        "?.Ankle.Medial",
+        "?MM",
+        "?MMA",
+        "?MMAL",
+        "?AM",
+        "?TIO",
+    )
     heel: Names = ("?HEE", "?_FCC", "?.Heel", "?CA", "?CAL", "?H")
     toe: Names = ("?TOE", "?_FM2", "?.MT2", "?.Toe.Tip", "?.Toe", "?SM", "?FM", "?.MT1")
-    fewest_standing: Annotated[float, Field(gt=0, lt=1)] = 0.7  # Smallest share of a contact with heel or toe at rest
-    longest_contact: Annotated[float, Field(gt=1)] = 1.4  # Longest contact with a plate, in those with other plates
+    # Smallest share of a contact with heel or toe at rest
+    fewest_standing: Annotated[float, Field(gt=0, lt=1)] = 0.7
+    # Longest contact with a plate, in those with other plates
+    longest_contact: Annotated[float, Field(gt=1)] = 1.4

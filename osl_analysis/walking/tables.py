@@ -1,7 +1,9 @@
-"""The walking tables, as rows and frames: single perturbations, groups, their headline, limits' columns, figures.
+"""The walking tables, as rows and frames: single perturbations, groups, their headline, limits'
+columns, figures.
 
-The residual of a fit is compared with what ordinary gait leaves: each unperturbed crossing's deviation from their mean,
-fitted with the same columns. One that is a small share of the torque does not count, however regular the gait."""
+The residual of a fit is compared with what ordinary gait leaves: each unperturbed crossing's
+deviation from their mean, fitted with the same columns. One that is a small share of the torque
+does not count, however regular the gait."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -19,7 +21,13 @@ from osl_analysis.trial import REFLEX_DELAYS_MS, Array, rms
 from osl_analysis.walking import response as isolation
 from osl_analysis.walking.crossing import DOWN, LABORATORY_ERRORS, LOG_ERRORS, UP, Crossing
 from osl_analysis.walking.groups import ALL, SEPARATOR, STATED, Cells, Sheet, cells_said
-from osl_analysis.walking.response import PHASES, Bootstrap, GroupHeadline, PerturbationResponse, UnperturbedGait
+from osl_analysis.walking.response import (
+    PHASES,
+    Bootstrap,
+    GroupHeadline,
+    PerturbationResponse,
+    UnperturbedGait,
+)
 from osl_analysis.walking.settings import ResponseSettings, TimingSettings, UnseenError
 
 GROUP_QUANTITIES, ENSEMBLE = ("K", "B", "I", "VAF"), "ensemble"
@@ -31,16 +39,27 @@ Numbers = dict[str, float | None]
 def group_rows(
     selection: pl.DataFrame, sheet: Sheet, gaits: Mapping[str, UnperturbedGait], window: float
 ) -> list[dict[str, Any]]:
-    """Rows of `walking_groups.csv` before any fit, sorted by shared conditions (numbers as numbers), direction, phase.
-    A gait without a used perturbed crossing is a group without crossings."""
-    perturbed, found = selection.filter(pl.col("perturbed")), list[tuple[tuple[object, ...], dict[str, Any]]]()
-    parts = [(own["group"][0], own) for own in perturbed.drop_nulls("group").partition_by("group", maintain_order=True)]
+    """Rows of `walking_groups.csv` before any fit, sorted by shared conditions (numbers as
+    numbers), direction, phase. A gait without a used perturbed crossing is a group without
+    crossings."""
+    perturbed, found = (
+        selection.filter(pl.col("perturbed")),
+        list[tuple[tuple[object, ...], dict[str, Any]]](),
+    )
+    parts = [
+        (own["group"][0], own)
+        for own in perturbed.drop_nulls("group").partition_by("group", maintain_order=True)
+    ]
     known = {members["gait"][0] for _, members in parts}
-    others = perturbed.filter(~pl.col("gait").is_in(known)).partition_by("gait", maintain_order=True)
+    others = perturbed.filter(~pl.col("gait").is_in(known)).partition_by(
+        "gait", maintain_order=True
+    )
     for name, members in [*parts, *((members["gait"][0], members) for members in others)]:
         gait, used = members["gait"][0], members.drop_nulls("group")
         of_gait = selection.filter(pl.col("gait").str.split(SEPARATOR).list.contains(gait))
-        kept, lost = (of_gait.filter(pl.col("reason").is_null() == is_used) for is_used in (True, False))
+        kept, lost = (
+            of_gait.filter(pl.col("reason").is_null() == is_used) for is_used in (True, False)
+        )
         cells, pooled = shared_cells([sheet[trial] for trial in members["trial"]])
         row = {
             "group": name,
@@ -49,10 +68,17 @@ def group_rows(
             "pooled": pooled if len(used) else None,
             **timing_facts(used, gaits[gait].stance if gait in gaits else np.zeros(0), window),
             **moment_error(of_gait),
-            "left_out_share": of_gait.group_by("perturbed").agg(pl.col("reason").count() / pl.len())["reason"].max(),
+            "left_out_share": (
+                of_gait.group_by("perturbed")
+                .agg(pl.col("reason").count() / pl.len())["reason"]
+                .max()
+            ),
             "left_out_by": parted_by(kept, lost, sheet) if len(lost) else None,
         }
-        conditions = [(cell is None, isinstance(cell, str), "" if cell is None else cell) for cell in cells.values()]
+        conditions = [
+            (cell is None, isinstance(cell, str), "" if cell is None else cell)
+            for cell in cells.values()
+        ]
         turned = str(used["direction"][0]) if "direction " in name else ""
         phase = float(used["onset_phase"].cast(pl.Float64).mean()) if len(used) else np.inf  # type: ignore[arg-type]
         found.append(((*conditions, turned, phase, name), row))
@@ -60,17 +86,25 @@ def group_rows(
 
 
 def shared_cells(rows: Sequence[Cells]) -> tuple[dict[str, object], str | None]:
-    """The cells in which all rows of the sheet agree (others are None), and a text on those with several values."""
+    """The cells in which all rows of the sheet agree (others are None), and a text on those with
+    several values."""
     stated = {key: {row.get(key) for row in rows} for key in STATED}
-    several = (f"{key} {cells_said(values)}" for key, values in stated.items() if len(values - {None}) > 1)
-    cells = {key: next(iter(values)) if len(values) == 1 else None for key, values in stated.items()}
+    several = (
+        f"{key} {cells_said(values)}" for key, values in stated.items() if len(values - {None}) > 1
+    )
+    cells = {
+        key: next(iter(values)) if len(values) == 1 else None for key, values in stated.items()
+    }
     return cells, "; ".join(several) or None
 
 
 def timing_facts(used: pl.DataFrame, stances: Array, window: float) -> dict[str, object]:
-    """Columns of `walking_groups.csv`: numbers of crossings that are used, the unperturbed ones' durations of stance
-    [s], and the phases of onsets and of the end of the window [s]."""
-    phases, down = used["onset_phase"].cast(pl.Float64).to_numpy(), int((used["direction"] == DOWN).sum())
+    """Columns of `walking_groups.csv`: numbers of crossings that are used, the unperturbed ones'
+    durations of stance [s], and the phases of onsets and of the end of the window [s]."""
+    phases, down = (
+        used["onset_phase"].cast(pl.Float64).to_numpy(),
+        int((used["direction"] == DOWN).sum()),
+    )
     stance = float(np.mean(stances)) if len(stances) else None
     onset = float(np.mean(phases)) if len(phases) and stance else None
     return {
@@ -79,7 +113,9 @@ def timing_facts(used: pl.DataFrame, stances: Array, window: float) -> dict[str,
         "n_down": down,
         "n_unperturbed": len(stances),
         "stance_s": stance,
-        "unperturbed_stance_sd": float(np.std(stances, ddof=1) / np.mean(stances)) if len(stances) > 1 else None,
+        "unperturbed_stance_sd": (
+            float(np.std(stances, ddof=1) / np.mean(stances)) if len(stances) > 1 else None
+        ),
         "onset_phase": onset,
         "onset_phase_sd": float(np.std(phases, ddof=1)) if len(phases) > 1 else None,
         "end_phase": onset + window / stance if onset is not None and stance else None,
@@ -87,17 +123,22 @@ def timing_facts(used: pl.DataFrame, stances: Array, window: float) -> dict[str,
 
 
 PARTING = {
-    "stance_s": 0.01, "load_of_weight": 0.03, "foot_forward_m": 0.01, "foot_left_m": 0.01, "gait_deviation_deg": 0.5,
+    "stance_s": 0.01, "load_of_weight": 0.03, "foot_forward_m": 0.01, "foot_left_m": 0.01,
+    "gait_deviation_deg": 0.5,
     "torque_deviation": 2.0,
 }  # fmt: skip
-"""Columns of `walking_crossings.csv` that may separate used from left-out crossings, with the least difference."""
+"""Columns of `walking_crossings.csv` that may separate used from left-out crossings, with the least
+difference."""
 
 
 def parted_by(used: pl.DataFrame, lost: pl.DataFrame, sheet: Sheet) -> str:
-    """What parts the crossings that are left out from the used ones: a column of the sheet, or the first of `PARTING`
-    in which nine tenths of each lie on their side of the middle of both medians; and what both have."""
+    """What parts the crossings that are left out from the used ones: a column of the sheet, or the
+    first of `PARTING` in which nine tenths of each lie on their side of the middle of both medians;
+    and what both have."""
     for key in STATED:
-        of_used, of_lost = ({sheet[trial].get(key) for trial in some["trial"]} for some in (used, lost))
+        of_used, of_lost = (
+            {sheet[trial].get(key) for trial in some["trial"]} for some in (used, lost)
+        )
         if of_used and of_lost and not of_used & of_lost:
             return f"{key}, {cells_said(of_used)} and {cells_said(of_lost)}"
     for name, least in PARTING.items():
@@ -113,9 +154,9 @@ def parted_by(used: pl.DataFrame, lost: pl.DataFrame, sheet: Sheet) -> str:
 
 
 def moment_error(crossings: pl.DataFrame) -> dict[str, float | None]:
-    """By what share the plate's moments are too large: certainly (beyond 4 standard errors) and at most (half a 95 %
-    interval). The foot stands elsewhere in each crossing, and the centre of pressure must move with it. Null without
-    six crossings undisturbed until 38 % of stance."""
+    """By what share the plate's moments are too large: certainly (beyond 4 standard errors) and at
+    most (half a 95 % interval). The foot stands elsewhere in each crossing, and the centre of
+    pressure must move with it. Null without six crossings undisturbed until 38 % of stance."""
     columns = ["foot_forward_m", "foot_left_m", "pressure_ahead_m", "pressure_beside_m"]
     none: dict[str, float | None] = {"certain_moment_error": None, "moment_error_half": None}
     if not {*columns, "onset_phase"} <= set(crossings.columns):
@@ -129,17 +170,25 @@ def moment_error(crossings: pl.DataFrame) -> dict[str, float | None]:
     size = float(np.sum(foot**2)) or 1.0
     error = float(np.sum(foot * pressure)) / size
     se = float(np.sqrt(np.sum((pressure - error * foot) ** 2) / (2 * len(used) - 3) / size))
-    return {"certain_moment_error": float(np.sign(error) * max(abs(error) - 4 * se, 0.0)), "moment_error_half": 2 * se}
+    return {
+        "certain_moment_error": float(np.sign(error) * max(abs(error) - 4 * se, 0.0)),
+        "moment_error_half": 2 * se,
+    }
 
 
 def fitted_time(headline: GroupHeadline) -> float:
-    """Time [s] after the onset at which the fit reads a stiffness that changes linearly within the window. The fit's K
-    is a sum of torques with weights w, where w . theta = 1. So it is K(t) at t = sum of w theta t, after the middle."""
+    """Time [s] after the onset at which the fit reads a stiffness that changes linearly within the
+    window. The fit's K is a sum of torques with weights w, where w . theta = 1. So it is K(t) at t
+    = sum of w theta t, after the middle."""
     response, motion = headline.responses[0], headline.ensemble.motion[headline.responses[0].window]
-    return float(np.linalg.pinv(motion.columns)[0] @ (motion.theta * response.time[response.window]))
+    return float(
+        np.linalg.pinv(motion.columns)[0] @ (motion.theta * response.time[response.window])
+    )
 
 
-def perturbation_row(crossing: Crossing, gait: UnperturbedGait, settings: ResponseSettings) -> dict[str, object]:
+def perturbation_row(
+    crossing: Crossing, gait: UnperturbedGait, settings: ResponseSettings
+) -> dict[str, object]:
     """One row of `walking.csv`: the fit of Eq. 15 to the isolated response of one crossing."""
     response = isolation.isolate_response(crossing, gait, settings, settings.perturbed_stance)
     fit, onset = isolation.fit_response(response), crossing.onset or 0.0
@@ -160,8 +209,9 @@ def perturbation_row(crossing: Crossing, gait: UnperturbedGait, settings: Respon
 
 
 def single_facts(response: PerturbationResponse, fit: LinearFit) -> Numbers:
-    """Columns of `walking.csv`: residual and offset of one fit over those that ordinary gait causes, and the change of
-    stance. Null if the residual is a small share of the torque, the offset hardly changes K, or no stance is known."""
+    """Columns of `walking.csv`: residual and offset of one fit over those that ordinary gait
+    causes, and the change of stance. Null if the residual is a small share of the torque, the
+    offset hardly changes K, or no stance is known."""
     motion, torque = response.fitted_motion, response.fitted_torque
     left = isolation.gait_torque(response, fit)[:, response.window]
     offset, share = isolation.offset_comparison(motion, torque, fit["K"])
@@ -176,7 +226,8 @@ def single_facts(response: PerturbationResponse, fit: LinearFit) -> Numbers:
 
 
 def group_facts(headline: GroupHeadline) -> dict[str, object]:
-    """Columns of `walking_groups.csv` on which limits may stand; the dictionary of tables says what each is."""
+    """Columns of `walking_groups.csv` on which limits may stand; the dictionary of tables says what
+    each is."""
     ensemble, responses = headline.ensemble, headline.responses
     rows, fit = responses[0].window, ensemble.fit
     motion, torque = ensemble.motion[rows], ensemble.torque[rows]
@@ -184,31 +235,42 @@ def group_facts(headline: GroupHeadline) -> dict[str, object]:
     intervals = {name: headline.resampled.interval(name) for name in "KBI"}
     _, share = isolation.offset_comparison(motion, torque, fit["K"])
     singles, signs = [isolation.fit_response(r) for r in responses], isolation.signs_of(responses)
-    distances = [0.0]  # of ensemble and mean of perturbations, over the sum of the halves of both intervals
+    # of ensemble and mean of perturbations, over the sum of the halves of both intervals
+    distances = [0.0]
     for name, (low, high) in intervals.items():
         mean = over_repeats([one[name] for one in singles], headline.common.get(name, ()), signs)
         width = high - low + mean.high - mean.low
         if width > 1e-9 * abs(fit[name]):  # intervals of crossings that are all equal have no width
             distances.append(2 * abs(fit[name] - mean.mean) / width)
-    # Cochran's Q of single stiffnesses over its degrees of freedom; standard errors of at least 3 % of the mean
+    # Cochran's Q of single stiffnesses over its degrees of freedom; standard errors of at least 3 %
+    # of the mean
     K, se = np.array([(one["K"], one.se("K")) for one in singles]).T
     variance, heterogeneity, ways = se**2 + (0.03 * K.mean()) ** 2, None, np.unique(signs)
-    if np.isfinite(se).all() and (variance > 0).all():  # a torque after any turn parts both directions
-        mean = np.sum([np.average(K, weights=(signs == way) / variance) * (signs == way) for way in ways], axis=0)
+    # a torque after any turn parts both directions
+    if np.isfinite(se).all() and (variance > 0).all():
+        mean = np.sum(
+            [np.average(K, weights=(signs == way) / variance) * (signs == way) for way in ways],
+            axis=0,
+        )
         heterogeneity = float(np.sum((K - mean) ** 2 / variance) / (len(K) - len(ways)))
-    # Equal turns cancel by nothing but gait: what it scatters in small ones is no other direction or onset
+    # Equal turns cancel by nothing but gait: what it scatters in small ones is no other direction
+    # or onset
     angles = np.array([r.sign * r.fitted_motion.theta for r in responses])
     of_gait = float(np.mean([r.thetas[:, rows].var(axis=0, ddof=1) for r in responses]))
     turned = max(rms(angles) ** 2 - of_gait, rms(angles.mean(axis=0)) ** 2)
-    # How far the stance by which phase is computed differs from the one that was to be expected, if that is certain
-    known = np.array([(r.stance_change, r.stance_error) for r in responses if np.isfinite(r.stance_change)])
+    # How far the stance by which phase is computed differs from the one that was to be expected, if
+    # that is certain
+    known = np.array(
+        [(r.stance_change, r.stance_error) for r in responses if np.isfinite(r.stance_change)]
+    )
     change, uncorrected = None, None
     if len(known) > 1:
         change, error = known.mean(axis=0).tolist()
         certain = abs(error) > 3 * float(known[:, 1].std(ddof=1)) / np.sqrt(len(known))
         uncorrected = error if certain else None
     return {
-        "coherence": rms(angles.mean(axis=0)) / float(np.sqrt(turned)),  # 1 for equal responses, 0 if they cancel
+        # 1 for equal responses, 0 if they cancel
+        "coherence": rms(angles.mean(axis=0)) / float(np.sqrt(turned)),
         "VAF": fit.vaf,
         "residual_over_gait": residual_over_gait(motion, torque, left),
         "offset_share": share if np.isfinite(share) else None,
@@ -226,25 +288,38 @@ def group_facts(headline: GroupHeadline) -> dict[str, object]:
 
 
 def reaction_facts(headline: GroupHeadline) -> dict[str, object]:
-    """Columns of `walking_groups.csv` on effects beyond Eq. 15: the person reacts within the window, or K changes with
-    stance. An effect is certain beyond Student's t at 0.1 %, because several are tried, the likeliest first. An effect
-    that yields does not count: a leg's drivetrain looks like that. Nor does co-contraction that the jerk explains."""
+    """Columns of `walking_groups.csv` on effects beyond Eq. 15: the person reacts within the
+    window, or K changes with stance. An effect is certain beyond Student's t at 0.1 %, because
+    several are tried, the likeliest first. An effect that yields does not count: a leg's drivetrain
+    looks like that. Nor does co-contraction that the jerk explains."""
     first, drawn = headline.responses[0], headline.resampled
     rows, found = first.window, drawn.reactions
     motion, torque = headline.ensemble.motion, headline.ensemble.torque
-    t = {name: size / max(se, 1e-9 * abs(size), np.finfo(float).tiny) for name, (size, se) in found.items()}
+    t = {
+        name: size / max(se, 1e-9 * abs(size), np.finfo(float).tiny)
+        for name, (size, se) in found.items()
+    }
     strength = {name: t[name] for name in isolation.REACTIONS}
     strength[isolation.STIFFER] = min(t[isolation.STIFFER], t[f"{isolation.STIFFER} and jerk"])
-    limit, half = (float(scipy.special.stdtrit(drawn.degrees_of_freedom, p)) for p in (0.999, 0.975))
-    certain = sorted((name for name in strength if strength[name] > limit), key=lambda name: -strength[name])
-    likely, per_stance = certain[0] if certain else None, float(np.mean([r.stance for r in headline.responses]))
+    limit, half = (
+        float(scipy.special.stdtrit(drawn.degrees_of_freedom, p)) for p in (0.999, 0.975)
+    )
+    certain = sorted(
+        (name for name in strength if strength[name] > limit), key=lambda name: -strength[name]
+    )
+    likely, per_stance = (
+        certain[0] if certain else None,
+        float(np.mean([r.stance for r in headline.responses])),
+    )
     columns = Motion(*(np.c_[x] for x in (motion.theta, motion.omega, motion.alpha)))
     drawn_as = isolation.reaction_columns(first.time, rows, columns, 1e-3 * found["delay"][0])
     shapes = dict(zip(isolation.REACTIONS, drawn_as, strict=True))
     share, ramp = None, shapes[isolation.RAMP][rows, 0]
     if likely is not None:
         share = rms(found[likely][0] * shapes[likely][rows]) / rms(torque[rows])
-    either = np.array([found[isolation.SLOPING], found[f"{isolation.SLOPING} and jerk"]]) * per_stance
+    either = (
+        np.array([found[isolation.SLOPING], found[f"{isolation.SLOPING} and jerk"]]) * per_stance
+    )
     low, high = (either @ [[1, 1], [-half, half]]).T
     inverse = np.linalg.pinv(motion[rows].columns)
     per_slope = float(inverse[1] @ (motion.theta * first.time)[rows]) / per_stance
@@ -264,22 +339,42 @@ def reaction_facts(headline: GroupHeadline) -> dict[str, object]:
 
 
 def reflex_facts(headline: GroupHeadline, certain: bool) -> Numbers:
-    """Columns of `walking_groups.csv`: a certain reflex and K with it in the model, else null; without one, the
-    strongest reflex that the window may hide; and the change of K by either, in widths of its interval."""
+    """Columns of `walking_groups.csv`: a certain reflex and K with it in the model, else null;
+    without one, the strongest reflex that the window may hide; and the change of K by either, in
+    widths of its interval."""
     first, drawn = headline.responses[0], headline.resampled
-    rows, found, names = first.window, drawn.reactions, [f"K_with_reflex{end}" for end in ("", "_low", "_high")]
-    half, (low, high) = float(scipy.special.stdtrit(drawn.degrees_of_freedom, 0.975)), drawn.interval("K")
+    rows, found, names = (
+        first.window,
+        drawn.reactions,
+        [f"K_with_reflex{end}" for end in ("", "_low", "_high")],
+    )
+    half, (low, high) = (
+        float(scipy.special.stdtrit(drawn.degrees_of_freedom, 0.975)),
+        drawn.interval("K"),
+    )
     motion = Motion(*(np.c_[x] for x in vars(headline.ensemble.motion).values()))
-    past = {ms: isolation.reflex_column(first.time, rows, motion, 1e-3 * ms)[rows, 0] for ms in REFLEX_DELAYS_MS}
+    past = {
+        ms: isolation.reflex_column(first.time, rows, motion, 1e-3 * ms)[rows, 0]
+        for ms in REFLEX_DELAYS_MS
+    }
     enough_s = 2e-3 * REFLEX_DELAYS_MS[-1]
-    facts: Numbers = dict.fromkeys(("reflex_delay_ms", "reflex_gain", "reflex_share", *names, "reflex_K_widths"))
-    facts |= dict.fromkeys(("hidden_reflex", "hidden_reflex_ms", "hidden_reflex_K", "hidden_reflex_K_widths"))
+    facts: Numbers = dict.fromkeys(
+        ("reflex_delay_ms", "reflex_gain", "reflex_share", *names, "reflex_K_widths")
+    )
+    facts |= dict.fromkeys(
+        ("hidden_reflex", "hidden_reflex_ms", "hidden_reflex_K", "hidden_reflex_K_widths")
+    )
     facts["longer_window_s"] = enough_s if first.time[rows.stop] < enough_s - 1e-9 else None
     if certain:
         (gain, _), (delay, _) = (found[name] for name in (isolation.REFLEX, "delay"))
-        K, each = found[f"K with {isolation.REFLEX} {delay:.0f}"][0], [v for k, v in found.items() if "K with" in k]
+        K, each = (
+            found[f"K with {isolation.REFLEX} {delay:.0f}"][0],
+            [v for k, v in found.items() if "K with" in k],
+        )
         ends = min(one - half * se for one, se in each), max(one + half * se for one, se in each)
-        share = 100 * float(np.var(gain * past[round(delay)]) / np.var(headline.ensemble.torque[rows]))
+        share = 100 * float(
+            np.var(gain * past[round(delay)]) / np.var(headline.ensemble.torque[rows])
+        )
         facts |= {"reflex_delay_ms": delay, "reflex_gain": gain, "reflex_share": share}
         facts |= dict(zip(names, (K, *ends), strict=True))
         facts |= {"reflex_K_widths": in_widths(ends[1] - ends[0], high - low)}
@@ -292,7 +387,8 @@ def reflex_facts(headline: GroupHeadline, certain: bool) -> Numbers:
 
 
 def in_widths(change: float, width: float) -> float:
-    """A change over the width of an interval, which crossings that are all equal leave without any: 1e9 at most."""
+    """A change over the width of an interval, which crossings that are all equal leave without any:
+    1e9 at most."""
     return change / max(width, 1e-9 * abs(change), np.finfo(float).tiny)
 
 
@@ -302,8 +398,9 @@ def series_of(group: str) -> str:
 
 
 def with_slopes(facts: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Rows of `walking_groups.csv` with the slope of K over stance between the neighbours of a group in timing, and the
-    share of B that it makes, where it is certain (twice its standard error)."""
+    """Rows of `walking_groups.csv` with the slope of K over stance between the neighbours of a
+    group in timing, and the share of B that it makes, where it is certain (twice its standard
+    error)."""
     rows = []
     for fact in facts:
         slope, share = None, None
@@ -315,23 +412,35 @@ def with_slopes(facts: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
             before, after = alike[max(at - 1, 0)], alike[min(at + 1, len(alike) - 1)]
             apart = after["fitted_phase"] - before["fitted_phase"]
             slope = (after["K"] - before["K"]) / apart if apart > 0 else None
-            se = np.hypot(*(one["K"] * (one["K_se_share"] or 0.0) for one in (before, after))) / max(apart, 1e-9)
+            se = np.hypot(
+                *(one["K"] * (one["K_se_share"] or 0.0) for one in (before, after))
+            ) / max(apart, 1e-9)
             if slope is not None and abs(slope) > 2 * se and fact["B"]:
                 share = slope * fact["B_per_slope"] / fact["B"]
         known = {"K_slope_timings": slope, "slope_share_timings": share}
-        rows.append(fact | (known | {"B_without_slope": share and fact["B"] * (1 - share)} if "K" in fact else {}))
+        rows.append(
+            fact
+            | (
+                known | {"B_without_slope": share and fact["B"] * (1 - share)}
+                if "K" in fact
+                else {}
+            )
+        )
     return rows
 
 
 def sensitivity_table(
     group: str, headline: GroupHeadline, stated: Mapping[UnseenError, float], by_log: bool = False
 ) -> pl.DataFrame:
-    """Rows of `walking_sensitivity.csv`: what each of `LABORATORY_ERRORS`, or of `LOG_ERRORS`, changes in the fit to
-    the mean response, to first order, and the uncertainty of it that the settings state. Of what changes the torque:
-    Eq. 15 fitted to the change."""
+    """Rows of `walking_sensitivity.csv`: what each of `LABORATORY_ERRORS`, or of `LOG_ERRORS`,
+    changes in the fit to the mean response, to first order, and the uncertainty of it that the
+    settings state. Of what changes the torque: Eq. 15 fitted to the change."""
     responses, fit, window = headline.responses, headline.ensemble.fit, headline.responses[0].window
     weights = isolation.joining_weights(isolation.signs_of(responses))
-    named, known = LOG_ERRORS if by_log else LABORATORY_ERRORS, {str(name): size for name, size in stated.items()}
+    named, known = (
+        LOG_ERRORS if by_log else LABORATORY_ERRORS,
+        {str(name): size for name, size in stated.items()},
+    )
     torques = np.tensordot(weights, [r.lab_errors[:, window] for r in responses], 1)
     found = np.linalg.lstsq(headline.ensemble.motion[window].columns, torques.T)[0].T
     changes = dict(zip(named, found, strict=False))
@@ -339,11 +448,20 @@ def sensitivity_table(
         K, B, I = (fit[name] for name in "KBI")
         changes["skin"] = named["skin"][1] / 100 * np.array([K, B, I])
         k = np.rad2deg(named["shoe"][1])
-        left = 1 - K / k  # of 1/(1/Z - 1/k) with the fit's Z = K + B s + I s^2, the joint's, to the second power of s
-        changes["shoe"] = np.array([K - K / left, B - B / left**2, I - I / left**2 - B**2 / (k * left**3)])
+        # of 1/(1/Z - 1/k) with the fit's Z = K + B s + I s^2, the joint's, to the second power of s
+        left = 1 - K / k
+        changes["shoe"] = np.array(
+            [K - K / left, B - B / left**2, I - I / left**2 - B**2 / (k * left**3)]
+        )
     return pl.DataFrame(
         [
-            {"group": group, "error": words, "size": size, "unit": unit, "stated": known.get(name, 0.0)}
+            {
+                "group": group,
+                "error": words,
+                "size": size,
+                "unit": unit,
+                "stated": known.get(name, 0.0),
+            }
             | dict(zip("KBI", change, strict=True))
             for name, change in changes.items()
             for words, size, unit in [named[name]]
@@ -351,11 +469,15 @@ def sensitivity_table(
     )
 
 
-def witness_facts(turned: Sequence[Crossing], facts: Mapping[str, Any], sensitivity: pl.DataFrame) -> dict[str, Any]:
-    """Columns of `walking_groups.csv`: what the joint's encoder and the unloaded plate say of the stiffness of these
-    crossings, whose angle is that of the markers, and what errors that no witness excludes do to K and B."""
+def witness_facts(
+    turned: Sequence[Crossing], facts: Mapping[str, Any], sensitivity: pl.DataFrame
+) -> dict[str, Any]:
+    """Columns of `walking_groups.csv`: what the joint's encoder and the unloaded plate say of the
+    stiffness of these crossings, whose angle is that of the markers, and what errors that no
+    witness excludes do to K and B."""
     names = (
-        "encoder_rms_deg", "encoder_delay_ms", "shoe_compliance", "plate_height_m", "plate_ringing_hz",
+        "encoder_rms_deg", "encoder_delay_ms", "shoe_compliance", "plate_height_m",
+        "plate_ringing_hz",
         "plate_unexplained", "pressure_outside_m", "filled_share", "filled_fitted",
     )  # fmt: skip
     known: dict[str, Any] = {}
@@ -364,8 +486,21 @@ def witness_facts(turned: Sequence[Crossing], facts: Mapping[str, Any], sensitiv
         known[name] = float(np.mean(values)) if values else None
     known |= dict.fromkeys(
         (
-            *("K_by_unexplained", "B_by_unexplained", "I_by_unexplained", "shoe_share", "K_by_encoder", "height_share"),
-            *("late_K_per_ms", "late_B_per_ms", "plate_K_per_m", "moment_K_per_percent", "stiff_shoe_K"),
+            *(
+                "K_by_unexplained",
+                "B_by_unexplained",
+                "I_by_unexplained",
+                "shoe_share",
+                "K_by_encoder",
+                "height_share",
+            ),
+            *(
+                "late_K_per_ms",
+                "late_B_per_ms",
+                "plate_K_per_m",
+                "moment_K_per_percent",
+                "stiff_shoe_K",
+            ),
         )
     )
     compliance, height, K = known.pop("shoe_compliance"), known["plate_height_m"], facts["K"]
@@ -387,20 +522,28 @@ def witness_facts(turned: Sequence[Crossing], facts: Mapping[str, Any], sensitiv
 
 
 def residual_over_gait(motion: Motion, torque: Array, left: Array) -> float | None:
-    """RMS residual of Eq. 15 over that of ordinary gait (crossings, k). Null below 3 % of the torque, or over 0."""
+    """RMS residual of Eq. 15 over that of ordinary gait (crossings, k). Null below 3 % of the
+    torque, or over 0."""
     columns = motion.columns
-    own, gait = (rms(y - (columns @ np.linalg.lstsq(columns, y.T, rcond=None)[0]).T) for y in (torque[None], left))
+    own, gait = (
+        rms(y - (columns @ np.linalg.lstsq(columns, y.T, rcond=None)[0]).T)
+        for y in (torque[None], left)
+    )
     return own / gait if own > 0.03 * rms(torque) and gait > 0 else None
 
 
 def headline_rows(
-    headline: GroupHeadline, fits: pl.DataFrame, doubtful: Mapping[str, int], stated: Mapping[str, float]
+    headline: GroupHeadline,
+    fits: pl.DataFrame,
+    doubtful: Mapping[str, int],
+    stated: Mapping[str, float],
 ) -> list[dict[str, object]]:
-    """Rows of `walking_summary.csv` of one group, from its rows of `walking.csv`, `fits`, their number of doubtful ones
-    and the standard errors `stated` of K, B, I: mean per perturbation (of both directions' means), with the errors that
-    are common; ensemble; directions. The intervals of the latter two are the bootstrap's, wider by what is stated. Of
-    few crossings they are at least those of the unperturbed ones' scatter: a bootstrap does not leave the range of n
-    crossings, outside of which the mean of all is with a probability of 2^(1 - n)."""
+    """Rows of `walking_summary.csv` of one group, from its rows of `walking.csv`, `fits`, their
+    number of doubtful ones and the standard errors `stated` of K, B, I: mean per perturbation (of
+    both directions' means), with the errors that are common; ensemble; directions. The intervals of
+    the latter two are the bootstrap's, wider by what is stated. Of few crossings they are at least
+    those of the unperturbed ones' scatter: a bootstrap does not leave the range of n crossings,
+    outside of which the mean of all is with a probability of 2^(1 - n)."""
     common, signs = headline.common, isolation.signs_of(headline.responses)
     counts, freedom = np.unique(signs, return_counts=True)[1], common["K"][0][1]
     rows: list[dict[str, object]] = []
@@ -413,30 +556,49 @@ def headline_rows(
     def drawn(
         estimator: str, values: Mapping[str, float], resampled: Bootstrap, n: int, quantity: str
     ) -> dict[str, object]:
-        error = 0.0 if "minus" in estimator else stated.get(quantity, 0.0)  # it cancels in the difference
-        value, se, ends, method = values[quantity], resampled.se(quantity), resampled.interval(quantity), "bootstrap"
+        # it cancels in the difference
+        error = 0.0 if "minus" in estimator else stated.get(quantity, 0.0)
+        value, se, ends, method = (
+            values[quantity],
+            resampled.se(quantity),
+            resampled.interval(quantity),
+            "bootstrap",
+        )
         of = [n] if estimator in (UP, DOWN) else counts
-        if quantity in common and min(of) < 6:  # the mean of all is outside of their range more often than in 5 %
+        # the mean of all is outside of their range more often than in 5 %
+        if quantity in common and min(of) < 6:
             halves = 1 if "minus" in estimator else len(of)
             scatter = float(np.sqrt(headline.of_one[quantity] * np.sum(1 / np.array(of)))) / halves
             half = float(-scipy.special.stdtrit(freedom, 0.025)) * scatter
             ends, se = (min(ends[0], value - half), max(ends[1], value + half)), max(se, scatter)
             method = "bootstrap, scatter of unperturbed crossings"
-        low, high = (value + float(np.sign(end - value) * np.hypot(end - value, 1.96 * error)) for end in ends)
+        low, high = (
+            value + float(np.sign(end - value) * np.hypot(end - value, 1.96 * error))
+            for end in ends
+        )
         row = {"quantity": quantity, "estimator": estimator, "n": n, "mean": value, "sd": None}
         row |= {"se": float(np.hypot(se, error)), "low": low, "high": high}
         return row | {"interval_method": method + " + stated" * bool(error)}
 
-    for estimator, ensemble, resampled in ((ENSEMBLE, headline.ensemble, headline.resampled), headline.other):
+    for estimator, ensemble, resampled in (
+        (ENSEMBLE, headline.ensemble, headline.resampled),
+        headline.other,
+    ):
         estimates = ensemble.estimates()
-        rows += [drawn(estimator, estimates, resampled, ensemble.n, quantity) for quantity in GROUP_QUANTITIES]
+        rows += [
+            drawn(estimator, estimates, resampled, ensemble.n, quantity)
+            for quantity in GROUP_QUANTITIES
+        ]
     for quantity in "KBI":
-        rows += [drawn(estimator, *found, quantity) for estimator, found in headline.directions.items()]
+        rows += [
+            drawn(estimator, *found, quantity) for estimator, found in headline.directions.items()
+        ]
     return rows
 
 
 def response_table(group: str, headline: GroupHeadline) -> pl.DataFrame:
-    """Isolated responses of a group: trial (or 'ensemble'), time [s], angle [deg], torque [N*m], fit in the window."""
+    """Isolated responses of a group: trial (or 'ensemble'), time [s], angle [deg], torque [N*m],
+    fit in the window."""
     window, time, frames = headline.responses[0].window, headline.responses[0].time, []
     fitted = [(r.name, r.motion, r.torque, isolation.fit_response(r)) for r in headline.responses]
     mean = headline.ensemble
@@ -451,26 +613,40 @@ def response_table(group: str, headline: GroupHeadline) -> pl.DataFrame:
 
 
 def walking_page_points(
-    perturbed: Sequence[Crossing], gaits: Mapping[str, UnperturbedGait], responses: pl.DataFrame, timing: TimingSettings
+    perturbed: Sequence[Crossing],
+    gaits: Mapping[str, UnperturbedGait],
+    responses: pl.DataFrame,
+    timing: TimingSettings,
 ) -> pl.DataFrame:
-    """Points of the walking page: gaits over stance [%], mean and SD; responses over time [ms], with the column
-    `doubtful`, and their mean with its fit; window and baseline as mean phases [%] and times from the onset [ms]."""
+    """Points of the walking page: gaits over stance [%], mean and SD; responses over time [ms],
+    with the column `doubtful`, and their mean with its fit; window and baseline as mean phases [%]
+    and times from the onset [ms]."""
     step = 4  # a hundred points of stance are enough for a curve
     frames, x = [], 100 * PHASES[::step]
     for name, gait in gaits.items():
         for panel, every in (("angle", np.rad2deg(gait.theta)), ("torque", gait.torque)):
             some = every[:, ::step]
             sd = some.std(axis=0, ddof=1) if len(some) > 1 else None
-            points = pl.DataFrame({"x": x, "mean": some.mean(axis=0), "sd": sd}, schema_overrides={"sd": pl.Float64})
+            points = pl.DataFrame(
+                {"x": x, "mean": some.mean(axis=0), "sd": sd}, schema_overrides={"sd": pl.Float64}
+            )
             labels = {"panel": pl.lit(panel), "curve": pl.lit(name), "n": pl.lit(len(gait.names))}
             frames.append(points.with_columns(**labels))
     turned = [(c.onset, c.stance) for c in perturbed if c.onset is not None]
     before = (-timing.guard_s - timing.baseline_s, -timing.guard_s)
     for name, ends in (("window", (0.0, timing.window_s)), ("baseline", before)):
         phases = [100 * stance.phase(onset + np.array(ends)) for onset, stance in turned]
-        for panel, x in (("angle", np.mean(phases, axis=0)), ("response angle", 1e3 * np.array(ends))):
+        for panel, x in (
+            ("angle", np.mean(phases, axis=0)),
+            ("response angle", 1e3 * np.array(ends)),
+        ):
             frames.append(pl.DataFrame({"panel": panel, "curve": name, "x": x}))
-    curve = pl.when(pl.col("trial") == ENSEMBLE).then(pl.lit("mean")).otherwise(pl.lit("each")).alias("curve")
+    curve = (
+        pl.when(pl.col("trial") == ENSEMBLE)
+        .then(pl.lit("mean"))
+        .otherwise(pl.lit("each"))
+        .alias("curve")
+    )
     fit = responses.filter((pl.col("trial") == ENSEMBLE) & pl.col("torque_model").is_not_null())
     for of, doubts, panel, of_curve, column in (
         (responses, ["doubtful"], "response angle", curve, "theta_deg"),
@@ -478,13 +654,16 @@ def walking_page_points(
         (fit, [], "response torque", pl.lit("fit").alias("curve"), "torque_model"),
     ):
         time, values = (1e3 * pl.col("time")).alias("x"), pl.col(column).alias("mean")
-        frames.append(of.select("trial", *doubts, time, of_curve, values, pl.lit(panel).alias("panel")))
+        frames.append(
+            of.select("trial", *doubts, time, of_curve, values, pl.lit(panel).alias("panel"))
+        )
     return pl.concat(frames, how="diagonal")
 
 
 def impedance_over_stance(summary: pl.DataFrame, groups: pl.DataFrame) -> pl.DataFrame:
-    """Rows of `impedance_over_stance.csv` from `walking_summary.csv` and `walking_groups.csv`: K, B, I of every group
-    at the phase that its fit reads. A series has the groups that differ in their timing only."""
+    """Rows of `impedance_over_stance.csv` from `walking_summary.csv` and `walking_groups.csv`: K,
+    B, I of every group at the phase that its fit reads. A series has the groups that differ in
+    their timing only."""
     wanted = pl.col("quantity").is_in(["K", "B", "I"]) & pl.col("mean").is_not_null()
     ensemble = summary.filter((pl.col("estimator") == ENSEMBLE) & wanted)
     rows = ensemble.join(groups.select(FACTS), on="group", how="left", maintain_order="left")
@@ -493,21 +672,28 @@ def impedance_over_stance(summary: pl.DataFrame, groups: pl.DataFrame) -> pl.Dat
     table = rows.with_columns(series).sort(order, "series", "fitted_phase", maintain_order=True)
     place = [name for name in ("joint", "side") if name in table.columns]
     return table.select(
-        "group", *place, "series", "quantity", pl.col("fitted_phase").alias("phase"), "onset_phase", "end_phase", "n",
+        "group", *place, "series", "quantity", pl.col("fitted_phase").alias("phase"), "onset_phase",
+        "end_phase", "n",
         pl.col("mean").alias("estimate"), "se", "low", "high", pl.col(COMMANDED).cast(pl.Float64),
     )  # fmt: skip
 
 
 def with_trajectory(table: pl.DataFrame, phase: Array, K_d: Array, B_d: Array) -> pl.DataFrame:
-    """The table with K_d and B_d (n,) of a trajectory at phases of stance (n,), where the sheet says nothing."""
+    """The table with K_d and B_d (n,) of a trajectory at phases of stance (n,), where the sheet
+    says nothing."""
     for quantity, values in (("K", K_d), ("B", B_d)):
         at = np.interp(table["phase"].to_numpy(), phase, values, left=np.nan, right=np.nan)
         here = (pl.col("quantity") == quantity) & pl.col(COMMANDED).is_null()
-        table = table.with_columns(pl.when(here).then(pl.Series(at)).otherwise(COMMANDED).alias(COMMANDED))
+        table = table.with_columns(
+            pl.when(here).then(pl.Series(at)).otherwise(COMMANDED).alias(COMMANDED)
+        )
     return table.with_columns(pl.col(COMMANDED).fill_nan(None))
 
 
 def trajectory_points(phase: Array, K_d: Array, B_d: Array) -> pl.DataFrame:
     """The commanded trajectory as rows for the figure: series `commanded`, quantities K and B."""
-    curves, index = pl.DataFrame({"series": COMMANDED, "phase": phase, "K": K_d, "B": B_d}), ["series", "phase"]
+    curves, index = (
+        pl.DataFrame({"series": COMMANDED, "phase": phase, "K": K_d, "B": B_d}),
+        ["series", "phase"],
+    )
     return curves.unpivot(["K", "B"], index=index, variable_name="quantity", value_name=COMMANDED)

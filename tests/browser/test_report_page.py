@@ -1,4 +1,5 @@
-"""The report of a small campaign with a refused recording and a controller named in markup, in headless Chromium."""
+"""The report of a small campaign with a refused recording and a controller named in markup, in
+headless Chromium."""
 
 import os
 import re
@@ -18,23 +19,42 @@ from osl_analysis.table import read_table
 
 pytestmark, DRIVER = pytest.mark.browser, shutil.which("chromedriver")
 HOSTILE = '<img src=x onerror="document.title=1">'
-FLAGS = ("headless=new", "no-sandbox", "disable-gpu", "disable-background-networking", "window-size=1300,1000")
+FLAGS = (
+    "headless=new",
+    "no-sandbox",
+    "disable-gpu",
+    "disable-background-networking",
+    "window-size=1300,1000",
+)
 KINDS = ("belt", "transmission", "actuator", "impedance", "static", "plate", "walking")
 
 
 @pytest.fixture(scope="session")
 def results(tmp_path_factory):
-    """The results of a small campaign taken for a measured one, with further and with damaged recordings."""
+    """The results of a small campaign taken for a measured one, with further and with damaged
+    recordings."""
     space = Workspace(tmp_path_factory.mktemp("campaign"))
-    done = space.run("raw_data/small/trials.csv", "results/tables/quality.csv")  # this records all trials
+    # this records all trials
+    done = space.run("raw_data/small/trials.csv", "results/tables/quality.csv")
     assert done.returncode == 0, done.stdout + done.stderr
     raw = space.folder / "raw_data/small"
     sheet = pl.read_csv(raw / "trials.csv", infer_schema_length=None)
     damaged = raw / "dynamometer/belt_02.mcap"
     damaged.write_bytes(damaged.read_bytes()[:4000])
-    hostile = pl.when(pl.col("controller") == "uncompensated").then(pl.lit(HOSTILE)).otherwise(pl.col("controller"))
+    hostile = (
+        pl.when(pl.col("controller") == "uncompensated")
+        .then(pl.lit(HOSTILE))
+        .otherwise(pl.col("controller"))
+    )
     sheet.with_columns(hostile.alias("controller")).write_csv(raw / "trials.csv")
-    space.configure({"simulation": None, "results": "results/other", "failed_trials": "accept", "campaign": "other"})
+    space.configure(
+        {
+            "simulation": None,
+            "results": "results/other",
+            "failed_trials": "accept",
+            "campaign": "other",
+        }
+    )
     done = space.run("reproduce-all")
     assert done.returncode == 0, done.stdout + done.stderr
     return space.folder / "results/other"
@@ -43,7 +63,9 @@ def results(tmp_path_factory):
 @pytest.fixture(scope="session")
 def chromium():
     if DRIVER is None:
-        pytest.fail("no chromedriver: install Chromium and its driver (Debian: chromium, chromium-driver)")
+        pytest.fail(
+            "no chromedriver: install Chromium and its driver (Debian: chromium, chromium-driver)"
+        )
     os.environ |= {"SE_OFFLINE": "true", "SE_AVOID_STATS": "true"}
     options = webdriver.ChromeOptions()
     for flag in FLAGS:
@@ -56,7 +78,8 @@ def chromium():
 
 @pytest.fixture
 def page(chromium, results):
-    """The page as it opens, and nothing in its console or on the network when a test is done with it."""
+    """The page as it opens, and nothing in its console or on the network when a test is done with
+    it."""
     chromium.get("about:blank")
     chromium.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
     chromium.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
@@ -64,18 +87,23 @@ def page(chromium, results):
         chromium.get_log(log)
     address = (results / "report.html").as_uri()
     chromium.get(address)
-    state = "return [location.href.split('#')[0], document.readyState]"  # a busy machine may still show the blank page
+    # a busy machine may still show the blank page
+    state = "return [location.href.split('#')[0], document.readyState]"
     wait(chromium, lambda: chromium.execute_script(state) == [address, "complete"])
     yield chromium
     said, sent = (chromium.get_log(log) for log in ("browser", "performance"))
     errors = [entry["message"] for entry in said if entry["level"] in ("SEVERE", "WARNING")]
-    requests = [entry["message"] for entry in sent if '"Network.requestWillBeSent"' in entry["message"]]
+    requests = [
+        entry["message"] for entry in sent if '"Network.requestWillBeSent"' in entry["message"]
+    ]
     assert (errors, [text for text in requests if "report.html" not in text]) == ([], [])
 
 
 def wait(page, condition):
     """Wait for a condition; an element that the page replaces meanwhile is looked for again."""
-    return WebDriverWait(page, 20, ignored_exceptions=(StaleElementReferenceException,)).until(lambda _: condition())
+    return WebDriverWait(page, 20, ignored_exceptions=(StaleElementReferenceException,)).until(
+        lambda _: condition()
+    )
 
 
 def open_trial(page, name):
@@ -92,12 +120,17 @@ def test_the_overview_shows_figures_and_every_trial_and_names_from_files_are_tex
     sheet = pl.read_csv(results.parents[1] / "raw_data/small/trials.csv", infer_schema_length=None)
     assert sorted(visible(page)) == sorted(sheet["trial"])
     verdicts = [one.text for one in page.find_elements(By.CSS_SELECTOR, "#table td:nth-child(2)")]
-    assert (verdicts[0], verdicts) == ("refused", sorted(verdicts, key=VERDICTS.index, reverse=True))
+    assert (verdicts[0], verdicts) == (
+        "refused",
+        sorted(verdicts, key=VERDICTS.index, reverse=True),
+    )
     figures = {figure.get_attribute("id") for figure in page.find_elements(By.TAG_NAME, "figure")}
     assert {f"figure-fig{k}" for k in range(3, 10)} - {"figure-fig8"} <= figures
     drawn = page.find_elements(By.CSS_SELECTOR, "figure svg")
     assert len(drawn) == len(figures)
-    assert all(figure.size["width"] > 300 and figure.get_attribute("aria-label") for figure in drawn)
+    assert all(
+        figure.size["width"] > 300 and figure.get_attribute("aria-label") for figure in drawn
+    )
     cells = [cell.text for cell in page.find_elements(By.CSS_SELECTOR, "#table td:nth-child(5)")]
     assert sum(HOSTILE in text for text in cells) == 2
     open_trial(page, "impedance_K300_B5.0_uncompensated")
@@ -110,17 +143,22 @@ def test_the_overview_shows_figures_and_every_trial_and_names_from_files_are_tex
 def test_the_first_screen_says_what_was_done_and_found_beside_a_figure_and_nothing_is_wider(
     page, results, width, height, scheme
 ):
-    """Its pictures lie beside the results. The campaign simulates nothing: nothing is held against the draft."""
+    """Its pictures lie beside the results. The campaign simulates nothing: nothing is held against
+    the draft."""
     screen = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 500}
     page.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", screen)
     page.execute_cdp_cmd(
-        "Emulation.setEmulatedMedia", {"features": [{"name": "prefers-color-scheme", "value": scheme}]}
+        "Emulation.setEmulatedMedia",
+        {"features": [{"name": "prefers-color-scheme", "value": scheme}]},
     )
     picture = results.parent / f"page_{width}_{scheme}.png"
     assert page.save_screenshot(str(picture))
     assert picture.stat().st_size > 10_000
     said = page.find_element(By.ID, "summary").text
-    for words in ("simulated trials of the ankle: 2 belt, ", "The error of K against the K_d that was asked for"):
+    for words in (
+        "simulated trials of the ankle: 2 belt, ",
+        "The error of K against the K_d that was asked for",
+    ):
         assert words in said
     assert "1 was refused" in page.find_element(By.ID, "state").text
     shown = page.find_elements(By.CSS_SELECTOR, ".done, #state, .first figure svg")
@@ -131,7 +169,9 @@ def test_the_first_screen_says_what_was_done_and_found_beside_a_figure_and_nothi
     for fold in page.find_elements(By.CSS_SELECTOR, "#overview details"):
         page.execute_script("arguments[0].open = true", fold)
     assert page.execute_script("return document.documentElement.scrollWidth") <= width
-    assert "Draft of the paper" not in {one.text for one in page.find_elements(By.CSS_SELECTOR, "#numbers th")}
+    assert "Draft of the paper" not in {
+        one.text for one in page.find_elements(By.CSS_SELECTOR, "#numbers th")
+    }
 
 
 def test_a_cell_of_the_map_leads_to_its_trial_and_is_told_by_more_than_its_colour(page):
@@ -145,7 +185,11 @@ def test_a_cell_of_the_map_leads_to_its_trial_and_is_told_by_more_than_its_colou
 def test_it_sorts_by_numbers_both_ways_with_missing_ones_last(page):
     def column():
         cells = page.find_elements(By.CSS_SELECTOR, "#table tbody td:nth-child(7)")
-        return [float(cell.get_attribute("data-sort")) for cell in cells if cell.get_attribute("data-sort")]
+        return [
+            float(cell.get_attribute("data-sort"))
+            for cell in cells
+            if cell.get_attribute("data-sort")
+        ]
 
     before = column()
     buttons = page.find_elements(By.CSS_SELECTOR, "#table th button")
@@ -154,16 +198,28 @@ def test_it_sorts_by_numbers_both_ways_with_missing_ones_last(page):
     assert column() == sorted(before)
     stiffness.click()
     assert column() == sorted(before, reverse=True)
-    assert page.find_elements(By.CSS_SELECTOR, "#table tbody tr")[-1].find_elements(By.TAG_NAME, "td")[5].text == "–"
+    assert (
+        page.find_elements(By.CSS_SELECTOR, "#table tbody tr")[-1]
+        .find_elements(By.TAG_NAME, "td")[5]
+        .text
+        == "–"
+    )
 
 
 def test_on_paper_the_table_of_trials_names_the_causes_of_doubt(page):
     page.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print", "features": []})
-    doubted = [row for row in page.find_elements(By.CSS_SELECTOR, "#table tbody tr") if row.is_displayed()]
-    said = {row.get_attribute("data-verdict"): row.find_element(By.CSS_SELECTOR, "td.doubt").text for row in doubted}
+    doubted = [
+        row for row in page.find_elements(By.CSS_SELECTOR, "#table tbody tr") if row.is_displayed()
+    ]
+    said = {
+        row.get_attribute("data-verdict"): row.find_element(By.CSS_SELECTOR, "td.doubt").text
+        for row in doubted
+    }
     page.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "", "features": []})
     assert "clear" not in said
-    assert all(said[verdict] for verdict in ("doubtful", "doubtful in part", "flagged") if verdict in said)
+    assert all(
+        said[verdict] for verdict in ("doubtful", "doubtful in part", "flagged") if verdict in said
+    )
     assert {*said} & {"doubtful", "doubtful in part", "flagged"}
 
 
@@ -174,7 +230,10 @@ def test_it_filters_by_words_and_verdict_and_says_why_a_trial_was_left_out(page)
     wait(page, lambda: len(visible(page)) > 10)
     page.execute_script("window.scrollTo(0, 0)")
     page.find_element(By.CSS_SELECTOR, '.count[data-verdict="refused"]').click()
-    assert (visible(page), page.find_element(By.CSS_SELECTOR, "#left-out tbody tr th").text) == (["belt_02"], "belt_02")
+    assert (visible(page), page.find_element(By.CSS_SELECTOR, "#left-out tbody tr th").text) == (
+        ["belt_02"],
+        "belt_02",
+    )
     page.execute_script("location.hash = '#trial=belt_02'")
     wait(page, lambda: "refused" in page.find_element(By.ID, "trial").text)
     assert "belt_02.mcap" in page.find_element(By.ID, "trial").text, "it says why"
@@ -182,44 +241,66 @@ def test_it_filters_by_words_and_verdict_and_says_why_a_trial_was_left_out(page)
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_it_opens_a_trial_of_every_kind_and_draws_it(page, kind):
-    row = page.find_element(By.CSS_SELECTOR, f'#table tr[data-experiment="{kind}"]:not([data-verdict="refused"])')
+    row = page.find_element(
+        By.CSS_SELECTOR, f'#table tr[data-experiment="{kind}"]:not([data-verdict="refused"])'
+    )
     name = row.get_attribute("data-name")
     link = row.find_element(By.TAG_NAME, "a")
     for _ in range(2):  # rows that come into sight are laid out, which moves those below
         page.execute_script("arguments[0].scrollIntoView({block: 'center'})", link)
-    wait(page, lambda: 100 < page.execute_script("return arguments[0].getBoundingClientRect().y", link) < 700)
+    wait(
+        page,
+        lambda: (
+            100 < page.execute_script("return arguments[0].getBoundingClientRect().y", link) < 700
+        ),
+    )
     link.click()
     wait(page, lambda: page.find_element(By.ID, "trial").get_attribute("data-drawn") == name)
     boxes = page.find_elements(By.CSS_SELECTOR, '#trial .plot [role="img"]')
     assert len(boxes) >= 2
     assert all(box.size["height"] > 150 for box in boxes)
     assert not [box for box in boxes if "no values" in box.get_attribute("aria-label")]
-    assert {"Quality", "Provenance", "SHA-256"} <= set(page.find_element(By.ID, "trial").text.split())
+    assert {"Quality", "Provenance", "SHA-256"} <= set(
+        page.find_element(By.ID, "trial").text.split()
+    )
 
 
 def test_the_numbers_and_signals_of_a_trial_are_those_of_the_results(page, results):
     name = "impedance_K300_B5.0_compensated"
     open_trial(page, name)
     table = read_table(results / "tables/impedance.csv").filter(pl.col("trial") == name)
-    lines = page.find_elements(By.CSS_SELECTOR, "#trial section:not(.judged) table tbody tr")[: len(table)]
+    lines = page.find_elements(By.CSS_SELECTOR, "#trial section:not(.judged) table tbody tr")[
+        : len(table)
+    ]
     for row, line in zip(table.iter_rows(named=True), lines, strict=True):
         cells = [cell.text for cell in line.find_elements(By.CSS_SELECTOR, "th, td")]
         assert cells[0] == ("all" if row["amplitude_deg"] is None else f"{row['amplitude_deg']:g}")
         for quantity, cell in zip(("K", "B", "I"), cells[1:4], strict=True):
             value, low, high = (float(part.strip("[],")) for part in cell.replace("−", "-").split())
             half = (row[f"{quantity}_high"] - row[f"{quantity}_low"]) / 2
-            for shown, true in ((value, row[quantity]), (low, row[f"{quantity}_low"]), (high, row[f"{quantity}_high"])):
-                assert shown == pytest.approx(true, abs=max(0.06 * half, 5e-4 * abs(row[quantity])))  # four digits
+            for shown, true in (
+                (value, row[quantity]),
+                (low, row[f"{quantity}_low"]),
+                (high, row[f"{quantity}_high"]),
+            ):
+                # four digits
+                assert shown == pytest.approx(true, abs=max(0.06 * half, 5e-4 * abs(row[quantity])))
     series = read_table(results / f"fits/impedance/{name}.zip", of="series")
-    label = page.find_element(By.CSS_SELECTOR, '#trial .plot [role="img"]').get_attribute("aria-label")
+    label = page.find_element(By.CSS_SELECTOR, '#trial .plot [role="img"]').get_attribute(
+        "aria-label"
+    )
     low, high = re.search(r"measured from (\S+) to (\S+);", label).groups()
-    assert (float(low), float(high)) == pytest.approx((series["torque"].min(), series["torque"].max()), rel=5e-3)
+    assert (float(low), float(high)) == pytest.approx(
+        (series["torque"].min(), series["torque"].max()), rel=5e-3
+    )
 
 
 def test_a_deep_link_opens_its_trial_and_an_unknown_one_says_so(page, results):
     page.get("about:blank")
     page.get(f"{(results / 'report.html').as_uri()}#trial=walking_01")
-    wait(page, lambda: page.find_element(By.ID, "trial").get_attribute("data-drawn") == "walking_01")
+    wait(
+        page, lambda: page.find_element(By.ID, "trial").get_attribute("data-drawn") == "walking_01"
+    )
     page.execute_script("location.hash = '#trial=%3Cb%3Enobody'")
     wait(page, lambda: "No such trial" in page.find_element(By.ID, "trial").text)
     assert "<b>nobody" in page.find_element(By.ID, "trial").text
@@ -228,9 +309,16 @@ def test_a_deep_link_opens_its_trial_and_an_unknown_one_says_so(page, results):
 @pytest.mark.parametrize("figure", ["fig5", "fig6", "fig7", "fig9"])
 def test_a_point_of_a_figure_opens_its_trial(page, figure):
     links = page.find_elements(By.CSS_SELECTOR, f"#figure-{figure} a")
-    names = {row.get_attribute("data-name") for row in page.find_elements(By.CSS_SELECTOR, "#table tbody tr")}
-    targets = page.execute_script("return arguments[0].map((link) => link.href.baseVal.slice('#trial='.length))", links)
+    names = {
+        row.get_attribute("data-name")
+        for row in page.find_elements(By.CSS_SELECTOR, "#table tbody tr")
+    }
+    targets = page.execute_script(
+        "return arguments[0].map((link) => link.href.baseVal.slice('#trial='.length))", links
+    )
     assert targets
     assert set(targets) <= names
-    page.execute_script("arguments[0].dispatchEvent(new MouseEvent('click', {bubbles: true}))", links[0])
+    page.execute_script(
+        "arguments[0].dispatchEvent(new MouseEvent('click', {bubbles: true}))", links[0]
+    )
     wait(page, lambda: page.find_element(By.ID, "trial").get_attribute("data-drawn") == targets[0])

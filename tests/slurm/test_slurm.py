@@ -1,5 +1,6 @@
-"""Campaigns through SLURM on this machine: `make test-slurm`, as root on Debian (`one_node.sh`). SLURM analyses some of
-a local run's recordings as several submissions by the plug-in of Snakemake, of which one is cancelled."""
+"""Campaigns through SLURM on this machine: `make test-slurm`, as root on Debian (`one_node.sh`).
+SLURM analyses some of a local run's recordings as several submissions by the plug-in of Snakemake,
+of which one is cancelled."""
 
 import re
 import shutil
@@ -19,7 +20,8 @@ from osl_analysis.refusal import is_refused
 
 CONFIG, BROKEN, TABLE = "config/small.yaml", "belt_02", "results/tables/belt.csv"
 LOG = f"raw_data/small/dynamometer/{BROKEN}.mcap"
-COUNTS = {"belt": 4, "transmission": 2, "actuator": 2, "plate": 3, "walking": 8}  # and one static, four of impedance
+# and one static, four of impedance
+COUNTS = {"belt": 4, "transmission": 2, "actuator": 2, "plate": 3, "walking": 8}
 SNAKEMAKE = [sys.executable, "-m", "snakemake"]
 CAMPAIGN = ["--snakefile", str(ROOT / "Snakefile"), "--configfile", CONFIG]
 LONGEST_S = 400  # of one run on a busy machine
@@ -27,10 +29,16 @@ LONGEST_S = 400  # of one run on a busy machine
 pytestmark = pytest.mark.slurm
 
 
-def run(folder: Path, *arguments: str, then: Callable[[], None] = lambda: None, once: str = CONFIG) -> str:
-    """What Snakemake says in a folder, its exit code last; `then` is called once a file like `once` is no refusal."""
+def run(
+    folder: Path, *arguments: str, then: Callable[[], None] = lambda: None, once: str = CONFIG
+) -> str:
+    """What Snakemake says in a folder, its exit code last; `then` is called once a file like `once`
+    is no refusal."""
     said, command = folder / "said.txt", [*SNAKEMAKE, *arguments, *CAMPAIGN]
-    with said.open("w") as file, subprocess.Popen(command, cwd=folder, stdout=file, stderr=file) as it:
+    with (
+        said.open("w") as file,
+        subprocess.Popen(command, cwd=folder, stdout=file, stderr=file) as it,
+    ):
         while all(map(is_refused, folder.glob(once))) and it.poll() is None:
             time.sleep(0.1)
         then()
@@ -38,7 +46,9 @@ def run(folder: Path, *arguments: str, then: Callable[[], None] = lambda: None, 
     return f"{said.read_text()}\nexit code {it.returncode}"
 
 
-def test_several_submissions_give_the_same_bytes_and_a_cancelled_one_is_made_by_the_next_run(tmp_path):
+def test_several_submissions_give_the_same_bytes_and_a_cancelled_one_is_made_by_the_next_run(
+    tmp_path,
+):
     """Four trials of the bench, two in each submission; one recording is broken."""
     assert shutil.which("sbatch"), "SLURM is started by `make test-slurm`"
     local, folder = tmp_path / "local", tmp_path / "slurm"
@@ -47,10 +57,20 @@ def test_several_submissions_give_the_same_bytes_and_a_cancelled_one_is_made_by_
     assert run(local).endswith("exit code 0")
     for part in ("config", "raw_data"):
         shutil.copytree(local / part, folder / part)
-    recorded = {"simulation": None, "data": "simulated", "parameters": "config/parameters/default.yaml"}
+    recorded = {
+        "simulation": None,
+        "data": "simulated",
+        "parameters": "config/parameters/default.yaml",
+    }
     (folder / CONFIG).write_text(yaml.safe_dump(OVERRIDES | recorded))
     (folder / LOG).write_bytes(b"no log")
-    options = (TABLE, "--workflow-profile", str(ROOT / "profiles/slurm"), "--group-components", "trials=2")
+    options = (
+        TABLE,
+        "--workflow-profile",
+        str(ROOT / "profiles/slurm"),
+        "--group-components",
+        "trials=2",
+    )
     options += ("--default-resources", "mem_mb=500", "runtime=5")
     running = "squeue --noheader --states=running --format=%i"
     cancel = partial(subprocess.run, f"scancel $({running} | tail -n 1)", shell=True, check=True)
@@ -59,11 +79,19 @@ def test_several_submissions_give_the_same_bytes_and_a_cancelled_one_is_made_by_
     assert re.search(r"^not made: .*; run again", said, re.MULTILINE), said
     said = run(folder, *options)
     assert said.endswith("exit code 1"), said
-    assert re.search(rf"^  trial {BROKEN}, file \S+{BROKEN}\.mcap: .*; remedy: ", said, re.MULTILINE), said
+    assert re.search(
+        rf"^  trial {BROKEN}, file \S+{BROKEN}\.mcap: .*; remedy: ", said, re.MULTILINE
+    ), said
     assert "not made:" not in said
     assert len((folder / TABLE).read_text().splitlines()) == 1 + 3
     shutil.copy2(local / LOG, folder / LOG)
     assert run(folder, TABLE).endswith("exit code 0")
-    tables = [path.relative_to(folder) for path in (folder / "results").rglob("*") if path.suffix in (".csv", ".zip")]
+    tables = [
+        path.relative_to(folder)
+        for path in (folder / "results").rglob("*")
+        if path.suffix in (".csv", ".zip")
+    ]
     assert tables
-    assert [path for path in tables if (local / path).read_bytes() != (folder / path).read_bytes()] == []
+    assert [
+        path for path in tables if (local / path).read_bytes() != (folder / path).read_bytes()
+    ] == []

@@ -1,5 +1,5 @@
-"""Beside a file `unlucky` the job that opens one recording is ended, and another one cannot be read: tests may run as
-root. Python imports it in every process of `snakemake_runs.py`."""
+"""Beside a file `unlucky` the job that opens one recording is ended, and another one cannot be
+read: tests may run as root. Python imports it in every process of `snakemake_runs.py`."""
 
 import errno
 import os

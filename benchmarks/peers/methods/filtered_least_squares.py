@@ -1,4 +1,5 @@
-"""The usual script: a zero-phase low-pass of 15 Hz on both signals, differences at the stamps, linear least squares.
+"""The usual script: a zero-phase low-pass of 15 Hz on both signals, differences at the stamps,
+linear least squares.
 
 https://docs.scipy.org/doc/scipy/reference/generated/scipy.signal.sosfiltfilt.html
 https://numpy.org/doc/stable/reference/generated/numpy.linalg.lstsq.html

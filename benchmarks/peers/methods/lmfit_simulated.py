@@ -1,8 +1,9 @@
-"""lmfit: the angle that the measured torque would make, simulated, is fitted to the measured angle (output error).
+"""lmfit: the angle that the measured torque would make, simulated, is fitted to the measured angle
+(output error).
 
 https://lmfit.github.io/lmfit-py/fitting.html (`minimize` with `Parameters`, bounds, `calc_covar`)
-https://lmfit.github.io/lmfit-py/confidence.html: the covariance is "normally quite good"; `conf_interval` is for models
-that are far from linear, which this one is not.
+https://lmfit.github.io/lmfit-py/confidence.html: the covariance is "normally quite good";
+`conf_interval` is for models that are far from linear, which this one is not.
 """
 
 import lmfit
@@ -33,5 +34,9 @@ def estimate(t, theta, torque, rate_hz=500.0, **known):
 
     fit = lmfit.minimize(residual, parameters)
     found = {name: fit.params[name] for name in "KBI"}
-    intervals = {n: (p.value - 1.96 * p.stderr, p.value + 1.96 * p.stderr) for n, p in found.items() if p.stderr}
+    intervals = {
+        n: (p.value - 1.96 * p.stderr, p.value + 1.96 * p.stderr)
+        for n, p in found.items()
+        if p.stderr
+    }
     return *(p.value for p in found.values()), intervals, [] if fit.success else [fit.message]

@@ -1,4 +1,5 @@
-"""osl-analysis: `osl.fit_impedance` (docs/notebook.md); a person's joint with `human: true` (docs/human_joint.md)."""
+"""osl-analysis: `osl.fit_impedance` (docs/notebook.md); a person's joint with `human: true`
+(docs/human_joint.md)."""
 
 import tempfile
 from pathlib import Path
@@ -14,7 +15,11 @@ def fitted(t, theta, torque, person):
     trial = osl.Trial("recording", pl.DataFrame({"time": t, "theta": theta, "torque": torque}))
     with tempfile.TemporaryDirectory() as folder:
         config = Path(folder, "config.yaml")
-        config.write_text("parameters: null\ndynamometer: {" + ("cutoff_hz: 40, human: true" if person else "") + "}\n")
+        config.write_text(
+            "parameters: null\ndynamometer: {"
+            + ("cutoff_hz: 40, human: true" if person else "")
+            + "}\n"
+        )
         fit = osl.fit_impedance(trial, config=config)
     found = dict(fit.row)
     if found.get("B_viscous") is not None:  # friction is certain

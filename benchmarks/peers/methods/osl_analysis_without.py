@@ -1,6 +1,8 @@
-"""osl-analysis as its doubt says: where the first doubt has K, B and I without its cause, these, with their range.
+"""osl-analysis as its doubt says: where the first doubt has K, B and I without its cause, these,
+with their range.
 
-docs/bench_validation.md. The range is over all causes that explain the recording as well. Else as `osl_analysis_fit`.
+docs/bench_validation.md. The range is over all causes that explain the recording as well. Else as
+`osl_analysis_fit`.
 """
 
 from methods.osl_analysis_fit import answer, fitted

@@ -1,7 +1,9 @@
-"""pandas and `scipy.optimize.curve_fit`: a centred rolling mean, differences at the stamps, a fit with its covariance.
+"""pandas and `scipy.optimize.curve_fit`: a centred rolling mean, differences at the stamps, a fit
+with its covariance.
 
 https://pandas.pydata.org/docs/reference/api/pandas.DataFrame.rolling.html
-https://docs.scipy.org/doc/scipy/reference/generated/scipy.optimize.curve_fit.html (`perr = sqrt(diag(pcov))`)
+https://docs.scipy.org/doc/scipy/reference/generated/scipy.optimize.curve_fit.html (`perr =
+sqrt(diag(pcov))`)
 """
 
 import numpy as np
@@ -21,7 +23,9 @@ def estimate(t, theta, torque, rate_hz=500.0, **known):
     frame["omega"] = np.gradient(frame["theta"], frame.index)
     frame["alpha"] = np.gradient(frame["omega"], frame.index)
     frame = frame.dropna()
-    found, covariance = curve_fit(joint, frame[["theta", "omega", "alpha"]].to_numpy().T, frame["torque"].to_numpy())
+    found, covariance = curve_fit(
+        joint, frame[["theta", "omega", "alpha"]].to_numpy().T, frame["torque"].to_numpy()
+    )
     half = 1.96 * np.sqrt(np.diag(covariance))
     intervals = {name: (found[k] - half[k], found[k] + half[k]) for k, name in enumerate("KBI")}
     return *found[:3], intervals, []

@@ -1,8 +1,9 @@
-"""sippy-unipi: a state-space model by N4SID from angle to torque; its frequency response in the band gives K, B and I.
+"""sippy-unipi: a state-space model by N4SID from angle to torque; its frequency response in the
+band gives K, B and I.
 
-https://github.com/CPCLAB-UNIPI/SIPPY (`system_identification(y, u, "N4SID", ...)`, centring by the mean). The bench
-imposes the angle: it is the input. The torque is made two samples late, so that derivatives of the angle are causal. It
-states no intervals.
+https://github.com/CPCLAB-UNIPI/SIPPY (`system_identification(y, u, "N4SID", ...)`, centring by the
+mean). The bench imposes the angle: it is the input. The torque is made two samples late, so that
+derivatives of the angle are causal. It states no intervals.
 """
 
 import numpy as np
@@ -19,8 +20,14 @@ def estimate(t, theta, torque, rate_hz=500.0, **known):
     chosen = {"centering": "MeanVal", "tsample": step, "SS_fixed_order": 4, "SS_D_required": True}
     model = system_identification(y[None, :-LATE], u[None, LATE:], "N4SID", **chosen)
     s = 2j * np.pi * np.linspace(0.5, 6, 50)
-    states = [np.linalg.solve(np.exp(one * step) * np.eye(len(model.A)) - model.A, model.B) for one in s]
-    response = np.array([(model.C @ one + model.D).item() for one in states]) * np.exp(s * LATE * step)
+    states = [
+        np.linalg.solve(np.exp(one * step) * np.eye(len(model.A)) - model.A, model.B) for one in s
+    ]
+    response = np.array([(model.C @ one + model.D).item() for one in states]) * np.exp(
+        s * LATE * step
+    )
     X = np.column_stack([np.ones_like(s), s, s**2])
-    K, B, I = np.linalg.lstsq(np.vstack([X.real, X.imag]), np.r_[response.real, response.imag], rcond=None)[0]
+    K, B, I = np.linalg.lstsq(
+        np.vstack([X.real, X.imag]), np.r_[response.real, response.imag], rcond=None
+    )[0]
     return K, B, I, {}, []

@@ -1,8 +1,10 @@
-"""statsmodels: ordinary least squares on smoothed derivatives with a covariance that allows for autocorrelation (HAC).
+"""statsmodels: ordinary least squares on smoothed derivatives with a covariance that allows for
+autocorrelation (HAC).
 
 https://www.statsmodels.org/stable/generated/statsmodels.regression.linear_model.OLSResults.get_robustcov_results.html
-https://www.statsmodels.org/stable/diagnostic.html (Ramsey's RESET, with the same covariance, is the doubt)
-https://docs.scipy.org/doc/scipy/reference/generated/scipy.signal.savgol_filter.html (`deriv`, `delta`)
+https://www.statsmodels.org/stable/diagnostic.html (Ramsey's RESET, with the same covariance, is the
+doubt) https://docs.scipy.org/doc/scipy/reference/generated/scipy.signal.savgol_filter.html
+(`deriv`, `delta`)
 """
 
 import numpy as np

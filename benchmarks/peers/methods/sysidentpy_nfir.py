@@ -1,8 +1,10 @@
-"""sysidentpy: torque as a finite response to the angle by FROLS, whose frequency response in the band gives K, B and I.
+"""sysidentpy: torque as a finite response to the angle by FROLS, whose frequency response in the
+band gives K, B and I.
 
-https://sysidentpy.org/getting-started/quickstart-guide/ (FROLS, `model_type="NFIR"`, Polynomial, LeastSquares). The
-bench imposes the angle: it is the input, and the noise is the output's. Oversampled data are decimated first. An ARX
-model from torque to angle was tried instead: B was wrong by up to 2,000 %. It states no intervals.
+https://sysidentpy.org/getting-started/quickstart-guide/ (FROLS, `model_type="NFIR"`, Polynomial,
+LeastSquares). The bench imposes the angle: it is the input, and the noise is the output's.
+Oversampled data are decimated first. An ARX model from torque to angle was tried instead: B was
+wrong by up to 2,000 %. It states no intervals.
 """
 
 import numpy as np
@@ -33,5 +35,7 @@ def estimate(t, theta, torque, rate_hz=500.0, **known):
         if code:  # 0 is the constant
             response += weight * np.exp(-s * (code - 2000 - AHEAD - 1) * factor / rate_hz)
     X = np.column_stack([np.ones_like(s), s, s**2])
-    K, B, I = np.linalg.lstsq(np.vstack([X.real, X.imag]), np.r_[response.real, response.imag], rcond=None)[0]
+    K, B, I = np.linalg.lstsq(
+        np.vstack([X.real, X.imag]), np.r_[response.real, response.imag], rcond=None
+    )[0]
     return K, B, I, {}, []

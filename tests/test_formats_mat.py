@@ -152,7 +152,6 @@ NOWHERE = {
 }  # fmt: skip
 
 
-@pytest.mark.usefixtures("in_process")
 @pytest.mark.parametrize("write", [written5, written73])
 def test_an_address_in_matlabs_notation_leads_to_the_numbers_or_says_what_is_there(write, tmp_path):
     path = write(tmp_path / "a.mat")
@@ -162,7 +161,6 @@ def test_an_address_in_matlabs_notation_leads_to_the_numbers_or_says_what_is_the
         assert message in refusal(path, address)
 
 
-@pytest.mark.usefixtures("in_process")
 def test_elements_are_counted_column_by_column_as_in_matlab(tmp_path):
     cell, array = np.empty((2, 2), dtype=object), np.zeros((2, 2), dtype=[("x", object)])
     for row, column in np.ndindex(2, 2):
@@ -296,7 +294,6 @@ OBJECTS = {
 
 # of its import
 @pytest.mark.filterwarnings("ignore:duration_to_mat", "ignore:The 'future.infer_string' option")
-@pytest.mark.usefixtures("in_process")
 @pytest.mark.parametrize("version", ["v7", "v7.3"])
 def test_tables_their_clocks_and_the_properties_of_objects_are_read_as_written(version, tmp_path):
     path = written_by_matio(tmp_path / "a.mat", version)
@@ -332,7 +329,6 @@ def test_tables_their_clocks_and_the_properties_of_objects_are_read_as_written(v
     }.items() <= listed.items()
 
 
-@pytest.mark.usefixtures("in_process")
 @pytest.mark.parametrize("write", [write_mat, write_mat73])
 def test_what_is_no_real_number_is_refused_with_the_command_that_saves_it(write, tmp_path):
     path = write(
@@ -383,5 +379,3 @@ def test_a_cut_behind_the_wanted_variables_and_what_has_no_numbers_beside_them_a
         in refusal(named, "huge")
     )
     assert not open_mat(named).damage.remarks
-    named.write_bytes(named.read_bytes() + bytes(100))
-    assert "100 bytes stand behind its end" in open_mat(named).damage.remarks[0]

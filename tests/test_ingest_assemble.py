@@ -27,8 +27,9 @@ from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.clock import ClockFit, aligned_clock
 from osl_analysis.ingest.draft import draft_source
+from osl_analysis.ingest.guard import LARGEST_MEASURED
 from osl_analysis.ingest.raw_files import FORMATS, merged, read_source
-from osl_analysis.ingest.source import LARGEST_MEASURED, Recording, SharedAngle
+from osl_analysis.ingest.source import Recording, SharedAngle
 from osl_analysis.trial import (
     COLUMNS,
     FAMILIES,
@@ -39,7 +40,6 @@ from osl_analysis.trial import (
     write_trial,
 )
 
-pytestmark = pytest.mark.usefixtures("in_process")
 SOURCES = Path(__file__).parents[1] / "config" / "sources"
 THETA, SYNC = (
     {"topic": "/lab", "field": name, "unit": unit}

@@ -145,7 +145,8 @@ SEEN = with_piece(
     210,
     np.nan,
 )
-LARGE = np.flatnonzero(TORQUE > 10)
+# faults that begin or end in a leap of one sample: a rail out of nowhere, and a turn
+ALSO_LEAP = {("saturation", 9), ("encoder_wrap", 2.0)}
 STEPS = 150 + 700 * np.abs(np.sin(np.arange(2000) / 300))
 STILL = pl.DataFrame({"time": np.arange(2000) / RATE, "theta": 0.1})
 BARE, STOOD_ON = (
@@ -162,39 +163,12 @@ BARE, STOOD_ON = (
     *(("saturation", bench(torque=s * np.minimum(TORQUE, 15.0)), "impedance", ABOVE,
     "torque") for s in (1, -1)),
     ("saturation", bench(torque=with_piece(TORQUE, 1000, 1009, 40.0)), "impedance", 9, "torque"),
+    ("dropout", bench(torque=with_piece(TORQUE, 1000, 1001, 2e6)), "impedance", 1, None),
     ("dropout", bench(torque=with_piece(TORQUE, BEYOND.start, BEYOND.start + 20, 0.0)), "impedance",
-     20, "torque"),
-    ("dropout", bench(torque=with_piece(TORQUE, 9270, 9900, 0.0))[:9350], "impedance", 80,
-     "torque"),
-    ("dropout", bench(torque=with_piece(TORQUE, 1000, 1001, 1e-310)), "impedance", 1, "torque"),
-    ("dropout", bench(torque=with_piece(TORQUE, 1000, 1020, 1e-307)), "impedance", 20, "torque"),
-    ("dropout", bench(torque=with_piece(TORQUE, 0, 1200, 0.0))[1100:], "impedance", 100, "torque"),
-    ("dropout", bench(current=with_piece(TORQUE, LARGE[1], LARGE[-1], 0.0)), "actuator",
-     np.ptp(LARGE[1:]), "current"),
-    ("dropout", laboratory(plate1_force_z=with_piece(BARE, 900, 920, 2.0)), "walking", 20,
-     "plate1_force_z"),
-    ("dropout", laboratory(plate1_force_z=with_piece(BARE, 100, 120, 0.0)), "walking", 20,
-     "plate1_force_z"),
-    # without load
-    ("dropout", laboratory(plate1_force_z=with_piece(STEPS, 500, 900, 0.0)), "walking", 0, ""),
-    ("dropout", bench(torque=with_piece(TORQUE, BEYOND.start, BEYOND.start + 20, 0.3)), "impedance",
-     20, "torque"),
-    # a level
-    ("dropout", bench(torque=with_piece(np.round(TORQUE), LARGE[1], LARGE[21], 3.0)), "impedance",
-     0, ""),
-    # it jumps out alone
-    ("dropout", bench(torque=with_piece(TORQUE, 1000, 1020, 0.0)), "impedance", 20, "torque"),
-    ("dropout", bench(torque=with_piece(TORQUE, 1000, 1001, 2e6)), "impedance", 1, "torque"),
-    # and back
-    ("dropout", bench(torque=with_piece(TORQUE, 1000, 1002, TORQUE[1000] + 10)), "impedance", 2,
-     "torque"),
-    # rows of another place
-    *(("dropout", bench(ANGLE + k * AWAY), "impedance", 499, "theta") for k in (7.5, 0.02)),
-    ("dropout", bench(torque=TORQUE + 9 * AWAY), "impedance", 0, ""),  # friction, which turns
-    # before a recorder begins
-    ("dropout", bench(torque=with_piece(TORQUE, 0, 50, 0.0)), "impedance", 0, ""),
-    ("dropout", actuator_bench(current=LEVELS), "actuator", 0, ""),  # a command has levels
-    ("stuck", bench(torque=with_piece(TORQUE, 2000, 2800)), "impedance", 0.799, "torque"),
+     2, f"torque, first at {BEYOND.start / RATE:.3f} s"),
+    ("dropout", bench(ANGLE + 0.02 * AWAY), "impedance", 2, "theta, first at 2.001 s"),
+    ("dropout", actuator_bench(), "actuator", None, "not applicable: neither theta nor torque"),
+    ("stuck", bench(torque=with_piece(TORQUE, 2000, 3000)), "impedance", 0.999, "torque"),
     ("stuck", bench(with_piece(ANGLE, 1000, 2000), theta_command=ANGLE), "impedance", 0.999,
      "theta"),
     ("stuck", actuator_bench(current=LEVELS), "actuator", 0.0, ""),  # a command has levels
@@ -256,7 +230,10 @@ def test_a_fault_is_measured_where_it_is_and_fails_its_own_check_alone(
         value < limit if CHECKS[check].fails == "below" else value > limit
     )
     if experiment in ("impedance", "static") and samples is not STILL:
-        assert failed(found) - {"protocol"} == ({check} if fails else set())
+        expected = {check} if fails else set()
+        if (check, value) in ALSO_LEAP:
+            expected.add("dropout")
+        assert failed(found) - {"protocol"} == expected
 
 
 def test_jitter_passes_where_the_signals_decide_and_a_gap_is_not_jitter():

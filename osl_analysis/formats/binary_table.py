@@ -6,16 +6,13 @@ Formats that are not read are recognised by their content, if laboratories often
 they look like a log. The ending of a name proves nothing. Else a marker file in TSV would pass for
 a CSV log with nonsense columns."""
 
-import mmap
 import os
 import re
-import struct
 import zipfile
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from pickletools import genops
 from typing import Any
@@ -27,7 +24,7 @@ from numpy.typing import NDArray
 from osl_analysis.errors import InputError, listing, optional_module
 from osl_analysis.formats import csv_table
 from osl_analysis.formats.json_lines import is_json_lines
-from osl_analysis.formats.table import Ledger, check_memory, in_one_sentence, isolated
+from osl_analysis.formats.table import Ledger, check_memory, in_one_sentence
 
 OLE, ZIP, HDF = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", b"PK\x03\x04", b"\x89HDF\r\n\x1a\n"
 SHEET = re.compile(
@@ -79,18 +76,14 @@ def read_binary_table(
             check_memory(path.stat().st_size)
             frame = pl.read_ipc_stream(path)
         elif kind in ("parquet", "arrow"):
-            if kind == "arrow":
-                check_arrow(path)
             with without_trace():
                 lazy = pl.scan_parquet(path) if kind == "parquet" else pl.scan_ipc(path)
                 names, rows = lazy.collect_schema().names(), lazy.select(pl.len()).collect().item()
                 check_memory(8 * rows * len(names))
                 frame = pl.read_parquet(path) if kind == "parquet" else pl.read_ipc(path)
         elif kind == "hdf5":
-            optional_module("h5py", "an HDF5 file")  # before the fork: it takes a fifth of a second
-            arrays, units = isolated(partial(hdf5_arrays, path))
+            arrays, units = hdf5_arrays(path)
             frame = frame_of(arrays, not_read, notes)
-            tell_bytes_behind(path, 0, damage)
         else:
             try:
                 if kind == "npy":
@@ -130,11 +123,7 @@ def read_workbook(
 ) -> csv_table.CsvTable:
     """The largest sheet of a workbook, by the rules of a table of text."""
     optional_module("fastexcel", "a workbook")
-    with path.open("rb") as file:
-        if file.read(len(OLE)) == OLE:
-            check_xls(path)
-    # a damaged one may ask for all memory
-    name, others, content = isolated(partial(largest_sheet, path))
+    name, others, content = largest_sheet(path)
     cells = content.select(pl.all().cast(pl.String).fill_null("").str.strip_chars())
     rows = [
         (number, list(row)) for number, row in enumerate(cells.iter_rows(), start=1) if any(row)
@@ -155,60 +144,6 @@ def read_workbook(
     return replace(table, noun="row")
 
 
-def check_xls(path: Path) -> None:
-    """Refuse an old workbook with a sheet whose records (type, length, content) break off before
-    its end: the decoder would take the rows up to there for all ([MS-XLS] 2.1.4; the stream's
-    sectors: [MS-CFB] 2)."""
-    data = path.read_bytes()
-    size = 1 << min(16, struct.unpack_from("<H", data, 30)[0])
-
-    def sector(number: int) -> bytes:
-        return data[(number + 1) * size : (number + 2) * size].ljust(size, b"\0")
-
-    listed, more = (
-        list(struct.unpack_from("<109I", data, 76)),
-        struct.unpack_from("<I", data, 68)[0],
-    )
-    while more < len(data) // size > len(listed):
-        *own, more = struct.unpack(f"<{size // 4}I", sector(more))
-        listed += own
-    following = [
-        n
-        for one in listed
-        if one < len(data) // size
-        for n in struct.unpack(f"<{size // 4}I", sector(one))
-    ]
-
-    def stream(number: int) -> bytes:
-        numbers = list[int]()
-        while number < len(following) >= len(numbers):
-            numbers.append(number)
-            number = following[number]
-        return b"".join(map(sector, numbers))
-
-    folder = stream(struct.unpack_from("<I", data, 48)[0])
-    entries = [folder[at : at + 128] for at in range(0, len(folder) - 127, 128)]
-    for entry in (
-        one
-        for one in entries
-        if one[:64].decode("utf-16-le", "replace").split("\0")[0] == "Workbook"
-    ):
-        begin, length = struct.unpack_from("<II", entry, 116)
-        content, at, depth = stream(begin)[:length], 0, 0
-        while at + 4 <= len(content):
-            kind, held = struct.unpack_from("<HH", content, at)
-            # begin and end of a sheet, or of a chart in one
-            depth += (kind == 0x0809) - (kind == 0x000A)
-            if depth and not 0 < kind < 0x1100:
-                break
-            at += 4 + held
-        if depth:
-            raise InputError(
-                "a sheet breaks off, and rows behind are lost; copy the file again, or export it"
-                " anew"
-            )
-
-
 def largest_sheet(path: Path) -> tuple[str, list[str], pl.DataFrame]:
     """Name and cells of the largest sheet, and the names of the others that hold something."""
     # else by its suffix
@@ -224,41 +159,10 @@ def largest_sheet(path: Path) -> tuple[str, list[str], pl.DataFrame]:
     )
 
 
-def check_arrow(path: Path) -> None:
-    """Refuse an Arrow file whose parts do not follow one another up to its footer: behind inserted
-    or lost bytes, values are in wrong rows. The footer, a flatbuffer, lists in its third and fourth
-    fields the begin of each part, and the lengths of its head and body."""
-    with (
-        path.open("rb") as file,
-        mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data,
-        suppress(struct.error),
-    ):
-        begin = len(data) - 10 - struct.unpack_from("<i", data, len(data) - 10)[0]
-        root = begin + struct.unpack_from("<I", data, begin)[0]
-        fields, parts = root - struct.unpack_from("<i", data, root)[0], list[tuple[int, int, int]]()
-        for slot in range(8, min(12, struct.unpack_from("<H", data, fields)[0]), 2):
-            (place,) = struct.unpack_from("<H", data, fields + slot)
-            at = root + place + struct.unpack_from("<I", data, root + place)[0]
-            count = struct.unpack_from("<I", data, at)[0] if place else 0
-            parts += struct.iter_unpack("<qi4xq", data[at + 4 : at + 4 + 24 * count])
-        ends = [sum(one) for one in sorted(parts)]
-        is_whole = ends[:-1] == [one[0] for one in sorted(parts)[1:]]
-        # a mark of the end, shorter in old files
-        if ends and not (is_whole and ends[-1] in (begin - 8, begin - 4)):
-            raise InputError(
-                "its parts do not follow one another: bytes were lost or inserted; copy it again"
-            )
-
-
 def check_archive(path: Path) -> None:
-    """Raises InputError: a ZIP takes too much memory unpacked, stands behind other bytes, or a
-    checksum fails."""
+    """Raises InputError: a ZIP takes too much memory unpacked, or a checksum fails."""
     with zipfile.ZipFile(path) as archive:
         check_memory(sum(one.file_size for one in archive.infolist()), "what it unpacks to")
-        if (before := min((one.header_offset for one in archive.infolist()), default=0)) > 0:
-            raise InputError(
-                f"{before} bytes stand before its first part, as of another file; split them there"
-            )
         if damaged := archive.testzip():
             raise InputError(
                 f"its part {damaged} does not match its checksum; copy it again, or export it anew"
@@ -321,19 +225,9 @@ def hdf5_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
     return arrays, units
 
 
-def tell_bytes_behind(path: Path, begin: int, damage: Ledger) -> None:
-    """Note bytes behind the end that the superblock, at a byte, states: some were inserted."""
-    with path.open("rb") as file:
-        start = file.read(begin + 128)[begin:].ljust(128, b"\0")
-    (stated,) = struct.unpack_from("<Q", start, 40 if start[8] < 2 else 28)
-    if (behind := path.stat().st_size - int(stated)) > 0:
-        damage.lose(f"{behind} bytes stand behind its end, and are not read", 0, None, 0)
-
-
 def never_written(item: Any) -> NDArray[np.bool_] | None:
     """Mask of the values of an HDF5 data set that were never written, as by a killed recorder: HDF5
-    gives a fill value there. None if all were written. Raises InputError: two parts of the data set
-    are at one place."""
+    gives a fill value there. None if all were written."""
     if item.size and not item.is_virtual and not item.id.get_storage_size():
         return np.ones(item.shape, bool)
     size = item.chunks
@@ -341,11 +235,6 @@ def never_written(item: Any) -> NDArray[np.bool_] | None:
         return None
     every = (item.id.get_chunk_info(number) for number in range(item.id.get_num_chunks()))
     chunks = [one for one in every if one.byte_offset is not None]
-    if len({one.byte_offset for one in chunks}) < len(chunks):
-        raise InputError(
-            f"two parts of {item.name} stand at one place: the index is damaged; copy the file"
-            " again"
-        )
     if len(chunks) >= np.prod([-(-n // m) for n, m in zip(item.shape, size, strict=True)]):
         return None
     lacking = np.ones(item.shape, bool)

@@ -6,7 +6,6 @@ crashes on damaged headers. Tests compare."""
 
 import math
 import struct
-from collections import Counter
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -198,9 +197,9 @@ class C3DRecording:
         if not frames or finite.reshape(-1, ratio)[frames:].all(axis=1).any():
             return self
         lost = self.header.frames - frames
-        self.damage.read[0] = frames
+        self.damage.read = frames
         said = f"the plates' samples are no numbers in the last {lost} frames, which are left out"
-        self.damage.lose(said, 0, Counter({0: lost}), 0)
+        self.damage.lose(said, 0, lost, 0)
         header = replace(self.header, frames=frames)
         return replace(
             self, header=header, points=self.points[:frames], analogs=self.analogs[: frames * ratio]
@@ -229,30 +228,6 @@ class C3DRecording:
 
     def point_unit(self) -> str:
         return (self.header.texts("POINT:UNITS") or [""])[0]
-
-
-def check_end(data: bytes, start: int, frames: int, frame: int, damage: Ledger) -> None:
-    """Note frames that may be shifted by bytes that were lost or doubled, which padding to whole
-    blocks hides: the last frame that holds anything then ends in padding, as no other does, or its
-    end stands in the padding. A joint at rest may have more zeros than a block has padding."""
-    end = start + frames * frame
-    every = (data[at : at + frame] for at in range(start, end, frame))
-    # not of a frame of zeros
-    ends = [frame - len(held) for one in every if (held := one.rstrip(b"\0"))]
-    last, before = ends[-1] if ends else 0, max(ends[:-1], default=0)
-    zeros = end - start - len(data[start:end].rstrip(b"\0"))
-    if len(ends) > 1 and last > max(before, 3) and zeros < 2 * BLOCK:  # a lost block, and padding
-        said = (
-            f"the last frame ends in {last} zero bytes, others in {before} at most: bytes were lost"
-            " before it"
-        )
-        if last > ONE_NUMBER:
-            raise InputError(f"{said}, and frames behind them are shifted; copy or export it again")
-        damage.lose(f"{said}, or its last channel is at 0", 0, None, 0)
-    if data[end:].strip(b"\0"):
-        damage.lose(
-            "bytes that are not zero stand behind the last frame: frames may be shifted", 0, None, 0
-        )
 
 
 def read_c3d(path: Path) -> C3DRecording:
@@ -289,7 +264,7 @@ def read_c3d(path: Path) -> C3DRecording:
             f"holds {there} frames, more than the {0xFFFF} that a C3D header counts; export it in"
             " parts"
         )
-    end, damage = header.data_start + frames * frame, Ledger(read=Counter({0: frames}))
+    end, damage = header.data_start + frames * frame, Ledger(read=frames)
     # some writers add a block
     if len(data) != end and (len(data) % BLOCK or len(data) - end >= 2 * BLOCK):
         if (stated := header.numbers("POINT:SCALE")[:1]).size and (stated[0] > 0) != integers:
@@ -308,7 +283,6 @@ def read_c3d(path: Path) -> C3DRecording:
             )
             raise InputError(f"{said}, and frames behind them are shifted; copy or export it again")
         damage.lose(f"it has {len(data)} bytes, and its frames end at byte {end}", 0, None, 0)
-    check_end(data, header.data_start, frames, frame, damage)
     content = data[header.data_start : end]
     raw = (
         np.frombuffer(content, f"{ENDIAN[header.processor]}i2")

@@ -532,7 +532,7 @@ def table_of_rows(
     rows = without_cut_row(rows, len(names), damage, whole=ends or bool(below))
     fitting, repairs = fitting_rows(rows, len(names), layout)
     if skipped := len(rows) - len(fitting):
-        damage.lose(repairs.pop(), 0, Counter({0: skipped}), 0)
+        damage.lose(repairs.pop(), 0, skipped, 0)
     damage.remarks += repairs
     if not fitting:
         raise InputError(

@@ -1,7 +1,6 @@
 """JSON lines: one object of JSON per line, with numbers at any depth."""
 
 import json
-from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -69,7 +68,7 @@ def decode_lines(lines: JsonLines, paths: Sequence[str]) -> Columns:
         said = (
             f"{skipped} of {len(lines.texts)} lines cannot be used and were skipped: {found.misfit}"
         )
-        lines.damage.lose(said, 0, Counter({0: skipped}), 0)
+        lines.damage.lose(said, 0, skipped, 0)
         # one that is no JSON may be the rest of several
         broken = np.setdiff1d(np.arange(len(lines.texts)), found.rows)
         lines.damage.uncounted = not all(is_whole(lines.texts[row]) for row in broken.tolist())

@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 
 from osl_analysis.errors import EXTRAS, InputError, listing, nearest, optional_module
-from osl_analysis.formats.binary_table import never_written, tell_bytes_behind
-from osl_analysis.formats.table import Ledger, check_memory, in_one_sentence, isolated
+from osl_analysis.formats.binary_table import never_written
+from osl_analysis.formats.table import Ledger, check_memory, in_one_sentence
 from osl_analysis.trial import Array
 
 DAMAGED = "copy the file again, or save it again in MATLAB, with the numbers in it"
@@ -102,15 +102,15 @@ class MatFile:
     def read(self, wanted: Collection[str]) -> Mapping[str, Value]:
         """The wanted variables that it has; InputError if one is damaged."""
         known = [name for name in self.names if name in wanted and name not in self.content]
-        found = (
-            isolated(partial(read73 if self.version == "7.3" else read5, self.path, known))
-            if known
-            else {}
-        )
+        found = dict[str, Value]()
+        if known:
+            read_version = read73 if self.version == "7.3" else read5
+            with told_as_damage():
+                found = read_version(self.path, known)
         opaque = [name for name, value in found.items() if value.holds_opaque()]
         if opaque and find_spec("matio"):
             with suppress(InputError):
-                read = isolated(partial(read_objects, self.path, opaque))
+                read = read_objects(self.path, opaque)
                 found |= {name: with_objects(found[name], read[name]) for name in opaque}
         self.content.update({name: simplified(value) for name, value in found.items()})
         return {name: self.content[name] for name in self.names if name in wanted}
@@ -164,10 +164,7 @@ def open_mat(path: Path) -> MatFile:
     header, damage = begin[:116].split(b"\0")[0].decode("latin-1").strip(), Ledger()
     with told_as_damage():
         if begin.startswith(b"MATLAB 7.") or 2 in begin[124:126]:
-            h5py()  # once for all forks
-            names = isolated(partial(names73, path))
-            tell_bytes_behind(path, 512, damage)
-            return MatFile(path, "7.3", header, names, damage)
+            return MatFile(path, "7.3", header, names73(path), damage)
         data, end = path.read_bytes(), 128
         # each element tells its length; scipy is silent about what lies beyond the end
         while end + 8 <= len(data):
@@ -179,7 +176,7 @@ def open_mat(path: Path) -> MatFile:
                 f"the last variable ends at byte {end}, the file at byte {len(data)}: its end is"
                 " missing"
             )
-        return MatFile(path, "5", header, isolated(partial(names5, path)), damage)
+        return MatFile(path, "5", header, names5(path), damage)
 
 
 def streams5(path: Path) -> dict[str, Any]:

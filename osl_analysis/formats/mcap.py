@@ -1,15 +1,12 @@
-"""MCAP files: the records of the top level are walked, also past damage; then every intact chunk is
-read.
+"""MCAP files: the records of the top level are walked; then every intact chunk is read. Behind a
+record that cannot be read only the summary is.
 
 The summary at the end is not needed. It is the evidence of what was lost, beside the message
 indexes behind a chunk."""
 
-import re
 import struct
 import zlib
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
 from io import BytesIO
 from itertools import pairwise
@@ -44,13 +41,17 @@ MESSAGE = np.dtype(
 MESSAGE_HEAD = MESSAGE.itemsize - RECORD.size  # within the content
 # times of first and last message, size, checksum, length of the name
 CHUNK_HEAD = struct.Struct("<QQQII")
-# messages, chunks, bytes of the map of messages by channel
-STATISTICS = struct.Struct("<Q14xI16xI")
+# messages, chunks; behind them the map of messages by channel, which may be left empty
+STATISTICS = struct.Struct("<Q14xI16x4x")
 MOST_UNPACKED = 1_000_000_000  # bytes of one chunk: recorders write a few million
 # higher opcodes are private or of a later version: skipped
 NUMBERED = range(Opcode.HEADER, Opcode.DATA_END + 1)
-# beginnings of records at which reading can go on after damage
-RESUME = re.compile(rb"[\x03-\x07\x0b].{6}\0\0|\x0f\x04\0{7}|\x02\x14\0{7}", re.DOTALL)
+DATA_END_SIZE, FOOTER_SIZE = 4, 20  # bytes of the content of these records
+LEAST: Mapping[int, int] = {
+    Opcode.DATA_END: DATA_END_SIZE,
+    Opcode.FOOTER: FOOTER_SIZE,
+    Opcode.STATISTICS: STATISTICS.size,
+}
 # records within a chunk, or in a file without chunks
 LOOSE = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
 
@@ -85,8 +86,7 @@ class Section:
     is_chunk: bool = False
     head: ChunkHead | None = None  # what a chunk declares of itself
     loose: Stretch | None = None  # the messages outside of chunks
-    # messages of each channel that its message indexes list
-    indexed: Counter[int] = field(default_factory=Counter)
+    indexed: int = 0  # messages that its message indexes list
     # where in the chunk these say that their messages stand
     places: list[Indices] = field(default_factory=list)
 
@@ -101,7 +101,6 @@ class McapFile(MessageFile):
     is_data_right: bool | None = None  # by the checksum of the data section; None if there is none
     # schemas and channels in the summary
     described: list[tuple[int, bytes]] = field(default_factory=list)
-    chunked: bool = False
     finished: bool = False  # the recorder closed the file
     summary_begin: int = 0  # where the summary begins: after the record that ends the data
     summary_damaged: bool = False
@@ -132,7 +131,7 @@ class McapFile(MessageFile):
         elif self.summary_damaged:
             damage.remarks.append("the summary is damaged")
         if damage.end_missing or self.summary_damaged:  # what they declare is not to be trusted
-            damage.expected, damage.declared, damage.declared_chunks = None, None, None
+            damage.expected, damage.declared_chunks = None, None
         if self.is_data_right is False:
             damage.remarks.append("the checksum of the data section does not match")
         if self.missing < 0:
@@ -162,15 +161,14 @@ class McapFile(MessageFile):
         if opcode == Opcode.CHUNK:
             if self.data_end:  # a chunk after the end of the data shows that this was not the end
                 self.data_end, self.is_data_right, self.summary_damaged = 0, None, True
-            self.chunked = True
             self.sections.append(
                 Section(start, end, is_chunk=True, head=chunk_head(data, start, end))
             )
         elif opcode == Opcode.MESSAGE_INDEX and not self.data_end:
             chunk = next((one for one in reversed(self.sections) if one.is_chunk), None)
-            channel, size = struct.unpack_from("<HI", data, start)
+            (size,) = struct.unpack_from("<I", data, start + 2)
             if chunk is not None:
-                chunk.indexed[channel] += size // 16  # each entry has log time and place
+                chunk.indexed += size // 16  # each entry has log time and place
                 chunk.places.append(np.frombuffer(data, "<i8", size // 8, start + 6)[1::2])
         elif opcode == Opcode.DATA_END and not self.data_end:
             self.data_end, self.summary_begin = position, end
@@ -186,15 +184,8 @@ class McapFile(MessageFile):
         elif opcode == Opcode.FOOTER:
             self.take_footer(start, end)
         elif opcode == Opcode.STATISTICS:
-            self.damage.expected, self.damage.declared_chunks, size = STATISTICS.unpack_from(
-                data, start
-            )
-            entries = data[start + STATISTICS.size : min(start + STATISTICS.size + size, end)]
-            by_channel = Counter(
-                dict(struct.iter_unpack("<HQ", entries[: len(entries) // 10 * 10]))
-            )
-            if by_channel.total() == self.damage.expected:  # the map may be left empty
-                self.damage.declared = by_channel
+            damage = self.damage
+            damage.expected, damage.declared_chunks = STATISTICS.unpack_from(data, start)
         return int(end)
 
     def take_footer(self, start: int, end: int) -> None:
@@ -215,76 +206,38 @@ class McapFile(MessageFile):
         self.missing = declared - self.summary_begin if declared and not self.summary_damaged else 0
 
     def take_lost(self, position: int) -> int:
-        """Note that nothing can be read at `position`; returns the place of the next sound record
-        or of the end. In a file with chunks, messages found outside of them belong to a damaged
-        chunk, and nothing checks them."""
-        data, is_chunk = self.data, self.data[position] == Opcode.CHUNK
-        head = data[position : position + RECORD.size].ljust(RECORD.size, b"\xff")
-        is_cut = (
-            is_chunk
-            and not data.endswith(MAGIC)
-            and position + sum(RECORD.unpack(head)) > len(data)
-        )
-        resume = self.resume_at(position + 1, loose=False)
-        # but a part of the chunk that was cut
-        while is_cut and resume < len(data) and not self.holds_chunk(resume):
-            resume = self.resume_at(resume + 1, loose=False)
-        self.chunked |= is_chunk
-        self.chunked |= resume < len(data) and data[resume] in (Opcode.CHUNK, Opcode.MESSAGE_INDEX)
-        if not self.chunked:
-            resume = self.resume_at(position + 1, loose=True)
+        """Note that no record can be read at `position`, and return where reading goes on: at the
+        end of the data by the footer, or else nowhere. What is in between cannot be walked."""
+        resume = self.end_of_data()
+        if self.data_end or resume <= position:
+            resume = len(self.data)
         if self.data_end:
             self.summary_damaged = True
         else:
-            self.sections.append(Section(position, resume, is_chunk=is_chunk))
+            self.sections.append(Section(position, resume))
         return resume
 
-    def holds_chunk(self, position: int) -> bool:
-        start = position + RECORD.size
-        head = chunk_head(self.data, start, start + RECORD.unpack_from(self.data, position)[1])
-        with suppress(DamagedChunkError):
-            return (
-                self.data[position] == Opcode.CHUNK
-                and head is not None
-                and bool(self.stretch_of(head))
-            )
-        return False
-
-    def resume_at(self, begin: int, *, loose: bool) -> int:
-        """Where the next sound record begins, `loose` ones too if asked for, or the end of the
-        file."""
-        while match := RESUME.search(self.data, begin):
-            begin = match.start() + 1
-            opcode, length = RECORD.unpack_from(self.data, match.start())
-            end = match.end() + length
-            if (
-                end <= len(self.data)
-                and (loose or opcode not in LOOSE)
-                and self.is_sound(opcode, match.end(), end)
-            ):
-                return match.start()
-        return len(self.data)
+    def end_of_data(self) -> int:
+        """Where the record that ends the data begins, by the summary's place in the footer; 0 if
+        there is no footer, or it tells none."""
+        footer = len(self.data) - len(MAGIC) - FOOTER_SIZE - RECORD.size
+        if footer < 0 or not self.data.endswith(MAGIC) or self.data[footer] != Opcode.FOOTER:
+            return 0
+        summary = int(struct.unpack_from("<Q", self.data, footer + RECORD.size)[0])
+        place = (summary or footer) - RECORD.size - DATA_END_SIZE
+        return place if place > 0 and self.data[place] == Opcode.DATA_END else 0
 
     def is_sound(self, opcode: int, start: int, end: int) -> bool:
-        """Whether the content of a record fits its opcode; where nothing tells, another record must
-        follow."""
-        data, least = (
-            self.data,
-            {Opcode.DATA_END: 4, Opcode.FOOTER: 20, Opcode.STATISTICS: STATISTICS.size},
-        )
-        if opcode == 0 or any(
-            opcode == kind and end - start < size for kind, size in least.items()
-        ):
-            return False
+        """Whether the content of a record is long enough for its opcode, and holds together."""
+        data, size = self.data, end - start
         if opcode == Opcode.CHUNK:
             return chunk_head(data, start, end) is not None
         if opcode == Opcode.MESSAGE_INDEX:
-            size = struct.unpack_from("<I", data, start + 2)[0] if end - start >= 6 else 1
-            return size % 16 == 0 and size <= end - start - 6
-        if end == len(data) or data[end] in NUMBERED or opcode in (Opcode.DATA_END, Opcode.FOOTER):
-            return True
-        is_next = data[end] != 0 and end + RECORD.size <= len(data)
-        return is_next and bool(end + RECORD.size + RECORD.unpack_from(data, end)[1] <= len(data))
+            if size < 6:
+                return False
+            entries = int(struct.unpack_from("<I", data, start + 2)[0])
+            return entries % 16 == 0 and entries <= size - 6
+        return opcode != 0 and size >= LEAST.get(opcode, 0)
 
     def intact_blocks(self) -> Iterator[MessageBlock]:
         """The messages of every intact chunk, and those outside of chunks, in the order of the
@@ -297,9 +250,6 @@ class McapFile(MessageFile):
             stretch, remark, lost = section.loose, "", section.indexed or None
             if section.head is not None:
                 try:
-                    # a frame of nothing
-                    if section.head.size == 0 and (held := section.end - section.head.begin) > 32:
-                        raise DamagedChunkError(f"declares no content and holds {held} bytes")
                     stretch = self.stretch_of(section.head, section.places)
                 except DamagedChunkError as error:
                     if (second := self.data.find(MAGIC + b"\1", section.start, section.end)) > 0:
@@ -314,26 +264,26 @@ class McapFile(MessageFile):
             is_covered = self.is_data_right or bool(section.head and section.head.crc)
             if stretch and self.is_data_right is False and not is_covered and not any_lost:
                 what = "the checksum of the data section does not match, and no other covers byte"
-                remark, lost = f"{what} {section.start} on", lost or stretch[0].counts
+                remark, lost = f"{what} {section.start} on", lost or stretch[0].starts.size
             if stretch is None or remark:
                 damage.lose(remark, section.end - section.start, lost, int(section.is_chunk))
                 continue
             block, declarations = stretch
             damage.chunks += section.is_chunk
-            missed = section.indexed - block.counts
+            missed = section.indexed - block.starts.size
             # without a checksum a flipped opcode passes for a private one
-            if missed and not is_covered:
+            if missed > 0 and not is_covered:
                 damage.lose(
-                    f"{missed.total()} messages in the index of a chunk are not in it", 0, missed, 0
+                    f"{missed} messages in the index of a chunk are not in it", 0, missed, 0
                 )
-            damage.read.update(block.counts)
+            damage.read += block.starts.size
             damage.verified += block.starts.size if is_covered else 0
             self.take_declarations(declarations)
             # the content of other messages is unknown
             if not block.counts.keys() <= self.channels.keys():
                 known = np.isin(block.channel, list(self.channels))
                 strangers = block.channel[~known]
-                damage.misfits.update(strangers.tolist())
+                damage.misfits += strangers.size
                 text = "messages belong to channels that are not declared"
                 damage.remarks.append(f"{strangers.size} {text}, such as {strangers[0]}")
                 block = block.only(known)

@@ -86,9 +86,6 @@ class MessageFile:
                 " each log a file of its own"
             )
 
-    def channels_of(self, topic: str) -> list[int]:
-        return [channel.id for channel in self.channels.values() if channel.topic == topic]
-
 
 def joined_parts(path: Path, parts: Sequence[MessageFile], counts: Counter[str]) -> MessageFile:
     """The files of one recording, one after the other; `counts` are the messages of each topic in
@@ -120,21 +117,15 @@ def joined_parts(path: Path, parts: Sequence[MessageFile], counts: Counter[str])
                 for channel in block.counts:
                     renumbered[channel] = number_of(part, channel)
                 yield replace(block, channel=renumbered[block.channel])
-            own, known = (
-                part.damage,
-                {channel: number_of(part, channel) for channel in sorted(part.channels)},
-            )
-            for sums, own_counts in (
-                (total.read, own.read),
-                (total.indexed_lost, own.indexed_lost),
-            ):
-                sums.update(
-                    {known[channel]: n for channel, n in own_counts.items() if channel in known}
-                )
+            for channel in sorted(part.channels):  # also those without messages
+                number_of(part, channel)
+            own = part.damage
             total.end_missing |= own.end_missing
             for name in (
                 "gaps",
                 "uncounted",
+                "read",
+                "indexed_lost",
                 "verified",
                 "chunks",
                 "chunks_lost",
@@ -145,10 +136,8 @@ def joined_parts(path: Path, parts: Sequence[MessageFile], counts: Counter[str])
             total.remarks += [f"{part.path.name}: {remark}" for remark in own.remarks]
         total.expected = counts.total()
         # only what stands behind the messages is missing
-        if total.end_missing and total.expected == total.messages:
+        if total.end_missing and total.expected == total.read:
             total.end_missing, total.gaps = False, True
-        if len({channel.topic for channel in whole.channels.values()}) == len(whole.channels):
-            total.declared = Counter({one.id: counts[one.topic] for one in whole.channels.values()})
 
     whole.blocks = blocks()
     return whole
@@ -191,41 +180,18 @@ class ChannelLog:
         found, topic = self.reader.columns(rank), f"topic '{self.channel.topic}'"
         self.reader.parts.clear()  # an hour of messages need not be held twice
         if found.misfits:
-            damage.misfits[self.channel.id] += found.misfits
+            damage.misfits += found.misfits
             damage.remarks.append(
                 f"{found.misfits} of {numbers.size} messages of {topic} are lost: {found.misfit}"
             )
-        again = (steps == 0) & (np.diff(self.log_time[by_number]) == 0)
-        onward, copies = steps[~again], 0
-        if numbers.size and (numbers == numbers[0]).all():  # nothing counts them
-            copies = self.copies_among(found)
-            damage.uncounted |= copies > 0
-        elif onward.size and (onward > 0).all() and np.median(onward) == 1:  # they count messages
-            copies = int(again.sum())
-            damage.verified = max(damage.verified - copies, 0)
-            # the recorder dropped them, or a chunk was removed
-            if missing := int((onward - 1).sum()):
-                damage.skipped[self.channel.id] += missing
-                said = f"{missing} messages beside its {numbers.size - copies} are not in the file"
-                damage.remarks.append(f"the sequence numbers of {topic} say that {said}")
-        if copies:
-            damage.read[self.channel.id] -= copies
-            said = "stand twice in the file, as where a part of it is a copy of another"
-            damage.remarks.append(f"{copies} of {numbers.size} messages of {topic} {said}")
+        # they count messages, of which the recorder dropped some, or a chunk was removed
+        counts_messages = steps.size and (steps > 0).all() and np.median(steps) == 1
+        missing = int((steps - 1).sum()) if counts_messages else 0
+        if missing:
+            damage.skipped += missing
+            said = f"{missing} messages beside its {numbers.size} are not in the file"
+            damage.remarks.append(f"the sequence numbers of {topic} say that {said}")
         return found
-
-    def copies_among(self, found: message_fields.Columns) -> int:
-        """How many messages stand twice, logged at one time with the same numbers, as where a part
-        of the file is a copy of another; of a few a driver may have sent each twice."""
-        logged = self.log_time[found.rows]
-        order = np.argsort(logged, kind="stable")
-        same = np.diff(logged[order]) == 0
-        if not (np.diff(order)[same] > 1).any():  # one right behind the other is no copy of a part
-            return 0
-        for values in found.values.values():
-            known = np.ma.filled(values[order].astype(np.float64), np.nan)
-            same &= (known[1:] == known[:-1]) | (np.isnan(known[1:]) & np.isnan(known[:-1]))
-        return int(same.sum())
 
     def decoding(self, columns: message_fields.Columns) -> dict[str, Any]:
         """How its messages were decoded, for the provenance."""

@@ -62,7 +62,7 @@ def read_rosbag1(path: Path) -> MessageFile:
                 for entry in reader.indexes[one.id]:
                     index[entry.chunk_pos].append((entry.offset, number, entry.time))
             every = [(one.pos, one.connection_counts.items()) for one in reader.chunk_infos]
-            counts = {at: Counter({number_of[k]: n for k, n in own}) for at, own in every}
+            counts = {at: sum(n for _, n in own) for at, own in every}
             chunks = sorted((at, *one) for at, one in reader.chunks.items())
     except MemoryError:
         raise
@@ -79,8 +79,7 @@ def read_rosbag1(path: Path) -> MessageFile:
         raise InputError(f"{said}; {remedy}, or record again") from error
     damage = bag.damage
     damage.bytes, damage.declared_chunks = len(data) - len(BAG1), len(chunks)
-    damage.declared = sum(counts.values(), Counter())
-    damage.expected = damage.declared.total()
+    damage.expected = sum(counts.values())
 
     def blocks() -> Iterator[MessageBlock]:
         for at, size, start, unpack in chunks:
@@ -104,7 +103,7 @@ def read_rosbag1(path: Path) -> MessageFile:
                 content, channel.astype(np.uint16), none, time, bodies + 4, lengths
             )
             damage.chunks += 1
-            damage.read.update(block.counts)
+            damage.read += block.starts.size
             yield block
 
     bag.blocks = blocks()
@@ -319,7 +318,7 @@ def read_database(path: Path) -> MessageFile:
                 block = MessageBlock(
                     content, channel.astype(np.uint16), none, time, starts, lengths
                 )
-                bag.damage.read.update(block.counts)
+                bag.damage.read += block.starts.size
                 yield block
         if strangers:
             bag.damage.lose(

@@ -17,6 +17,8 @@ from osl_analysis.errors import InputError, listing, nearest, optional_module, q
 from osl_analysis.formats.csv_table import CONTROL
 from osl_analysis.formats.table import Ledger, reason_of
 
+# flags of a segment that describes all of its channels anew: it has metadata, and a new list
+DESCRIBES_ALL = 0b110
 SAVE_AGAIN = "copy it again, or open it in LabVIEW or DIAdem and save it under a new name"
 
 
@@ -178,18 +180,36 @@ def channel_of(one: Any) -> TdmsChannel:
 
 def end_of_segments(data: bytes) -> int:
     """Where the last segment should end [bytes]; InputError if a second recording begins in one."""
-    end, starts = 0, dict[str, set[str]]()
+    end, first_end, describes_anew = 0, 0, False
     # npTDMS is silent about a cut lead-in
     while end + 28 <= len(data) and data[end : end + 4] == b"TDSm":
-        begin, flags = end, int(data[end + 4])
+        flags = int(data[end + 4])
+        if first_end and flags & DESCRIBES_ALL == DESCRIBES_ALL:
+            describes_anew = True
         end += 28 + int(struct.unpack_from(">Q" if flags & (1 << 6) else "<Q", data, end + 12)[0])
-        if flags & 6 == 6:  # it describes all of its channels anew
-            with library() as (tdms, _), tdms.read_metadata(BytesIO(data[begin:end])) as file:
-                every = [one for group in file.groups() for one in group.channels()]
-            for one in (one for one in every if "wf_start_time" in one.properties):
-                known = starts.setdefault(one.path, set())
-                known.add(str(one.properties["wf_start_time"]))
-                if len(known) > 1:
-                    what = f"channel '{one.name}' starts anew there: two recordings in one file"
-                    raise InputError(f"byte {begin}: {what}; save each under a name of its own")
+        first_end = first_end or end
+    if describes_anew:
+        check_starts(start_times(data[:first_end]), start_times(data))
     return end
+
+
+def start_times(data: bytes) -> dict[str, str]:
+    """When each channel says that it began, by its path."""
+    with library() as (tdms, _), tdms.read_metadata(BytesIO(data)) as file:
+        channels = [channel for group in file.groups() for channel in group.channels()]
+    return {
+        channel.path: str(channel.properties["wf_start_time"])
+        for channel in channels
+        if "wf_start_time" in channel.properties
+    }
+
+
+def check_starts(first: Mapping[str, str], last: Mapping[str, str]) -> None:
+    """Refuse a file whose channels begin at another time in the first segment than in the last: a
+    recorder appended a second recording, which npTDMS reads as a part of the first."""
+    for path, start in first.items():
+        if last.get(path, start) != start:
+            raise InputError(
+                f"channel {path} starts anew at {last[path]}: two recordings in one file; save each"
+                " under a name of its own"
+            )

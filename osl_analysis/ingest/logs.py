@@ -4,7 +4,7 @@ interpolated or held."""
 
 import json
 import re
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, replace
@@ -51,7 +51,7 @@ def read_table_log(path: Path, source: sources.TableSource) -> sources.Recording
     """The columns that the source file maps, in SI units. Time [s] starts at 0 in the first row.
     Raises InputError."""
     table = TABLES[source.format](path, source)
-    table.damage.read[0] = table.rows
+    table.damage.read = table.rows
     if table.rows < 2:
         raise InputError(
             f"holds one {table.noun} of data: nothing to analyse; record the trial again, or"
@@ -862,7 +862,7 @@ def mat_log(path: Path, source: sources.MatSource) -> Table:
         # the rest would have no time
         if lost == lacking.size or (not source.time.name and lacking[:-lost].any()):
             raise InputError(f"{said}; record the trial again, or name its time")
-        file.damage.lose(said, 0, Counter({0: lost}), 0)
+        file.damage.lose(said, 0, lost, 0)
         vectors = {text: np.ma.getdata(values)[~lacking] for text, values in vectors.items()}
     beside = {address.rpartition(".")[0] for address, _, _ in signals.values()}
     every = [one for one in every if one[0].rpartition(".")[0] in beside]
@@ -1107,7 +1107,7 @@ def read_message_log(path: Path, source: sources.MessageSource) -> sources.Recor
     }
     facts |= {"rates_hz": rates, "decoding": how, "stamps": orders, "missing": missing}
     columns = {column: channel.origin(column) for column, channel in source.channels.items()}
-    remarks, topics = list[str](), {topic: file.channels_of(topic) for topic in by_topic}
+    remarks = list[str]()
     for topic, order in orders.items():
         counts = {
             "came late and were put in the order of their stamps": order["late"],
@@ -1124,7 +1124,7 @@ def read_message_log(path: Path, source: sources.MessageSource) -> sources.Recor
         *(f"{column} is NaN in {n} of {len(joined)} rows" for column, n in missing.items() if n),
     ]
     return sources.Recording(
-        pl.DataFrame([time, *joined]), columns, facts, remarks, file.damage, topics
+        pl.DataFrame([time, *joined]), columns, facts, remarks, file.damage, of_messages=True
     )
 
 
@@ -1152,26 +1152,16 @@ def decode_wanted(
         raise
     except InputError as error:
         failed = error
-    for topic in by_topic:
-        numbers = file.channels_of(topic)
-        share = file.damage.share_lost(numbers or None)
-        if share > source.largest_loss:
-            misfits = sum(file.damage.misfits[number] for number in numbers)
-            are_all = misfits == file.damage.lost(numbers)
-            what = (
-                "messages that cannot be used" if are_all else f"damaged or incomplete {file.kind}"
-            )
-            said = (
-                f"{what}: {100 * share:.3g} % of topic '{topic}' is lost, at most"
-                f" {100 * source.largest_loss:.3g}"
-            )
-            said += (
-                " % may be (largest_loss in the source file):"
-                f" {'; '.join(file.damage.all_remarks())}"
-            )
-            raise InputError(
-                f"{said}; record again{', or map another field' * are_all}"
-            ) from failed
+    else:
+        for topic, messages in decoded.items():
+            check_misfits(topic, messages, source.largest_loss)
+    share = file.damage.share_lost
+    if share > source.largest_loss:
+        raise InputError(
+            f"damaged or incomplete {file.kind}: {100 * share:.3g} % of it is lost, at most"
+            f" {100 * source.largest_loss:.3g} % may be (largest_loss in the source file):"
+            f" {'; '.join(file.damage.all_remarks())}; record again"
+        ) from failed
     if failed is None:
         return decoded
     if not file.damage.remarks:
@@ -1183,6 +1173,19 @@ def decode_wanted(
     raise InputError(
         f"{reason} ({remarks}); {remedy}" if semicolon else f"{failed} ({remarks})"
     ) from failed
+
+
+def check_misfits(topic: str, decoded: Decoded, largest_loss: float) -> None:
+    """Refuse a topic of which too many messages do not fit their schema: in a large log they are a
+    small share."""
+    misfits = sum(int(channel["misfits"]) for channel in decoded.how)
+    share = misfits / (misfits + decoded.log_time.size)
+    if share > largest_loss:
+        raise InputError(
+            f"topic '{topic}': {100 * share:.3g} % of its messages do not fit their schema, at most"
+            f" {100 * largest_loss:.3g} % may (largest_loss in the source file); record again, or"
+            " map another field"
+        )
 
 
 def read_topic(
@@ -1223,25 +1226,7 @@ def read_topic(
         advice = "write source: log in the source file, or exclude the trial"
     samples = pl.DataFrame([pl.Series("stamp", stamp), *columns])
     in_order, ordering = sorted_by_stamp(samples, number, source.largest_loss, advice)
-    counted = logged.size - sum(
-        damage.read[one] - damage.misfits[one] for one in np.unique(number).tolist()
-    )
-    # they may be copies that overwrote others
-    damage.is_doubted |= damage.gaps and ordering["repeated"] > counted
-    damage.misfits[number[0]] += ordering["contradicted"]
-    if from_header and ordering["repeated"]:  # messages logged at one time are reported at decoding
-        at, logs = [*samples.columns, "channel"], [*samples.columns, "channel", "logged"]
-        whole = samples.with_columns(channel=number, logged=logged)
-        first, own = (pl.struct(names).is_first_distinct() for names in (at, logs))
-        anew = pl.any_horizontal(pl.col(at).ne_missing(pl.col(at).shift()))
-        if copied := whole.select((anew & own & ~first).sum()).item():
-            damage.lose(
-                f"{copied} messages of a topic hold the payload of another one, and are lost",
-                0,
-                Counter(),
-                0,
-            )
-            damage.misfits[number[0]] += copied
+    damage.misfits += ordering["contradicted"]
     return in_order, ordering, absent
 
 
@@ -1301,8 +1286,8 @@ def sorted_by_stamp(
 def check_not_set(table: pl.DataFrame, advice: str) -> int:
     """Refuse one channel's rows if the clock was set back; else return how many of them are late.
     The clock was set back if time goes back by more than a second, or if many consecutive messages
-    overlap with earlier ones. Late messages, in contrast, fill a gap. Repeated messages do not
-    count: a part of the file was copied."""
+    overlap with earlier ones. Late messages, in contrast, fill a gap. Messages that were sent twice
+    do not count."""
     stamp, many = table["stamp"].to_numpy(), 10
     if (stamp[1:] >= stamp[:-1]).all():
         return 0

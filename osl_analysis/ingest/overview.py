@@ -326,7 +326,7 @@ def inspect_table(name: str, path: Path) -> Overview:
     settings: dict[str, object] = (
         {"missing": [*failed]} if len(failed) > len(layout.missing) else {}
     )
-    if skipped := table.damage.indexed_lost.total():
+    if skipped := table.damage.indexed_lost:
         settings |= {
             "ragged": "skip",
             "most_missing": csv_table.share_above(skipped, skipped + len(table.lines)),
@@ -704,11 +704,11 @@ def inspect_messages(name: str, path: Path) -> Overview:
             remarks.append(f"topic '{survey.channel.topic}': its fields cannot be listed: {reason}")
         channels += topic_channels(survey, fields)
         source = "header" if any(one.path.startswith("header.stamp") for one in fields) else source
-    damage, lost = file.damage, file.damage.lost()
+    damage, lost = file.damage, file.damage.lost
     facts = {
         "bytes": str(file.size),
         "chunks": str(damage.chunks),
-        "messages": str(damage.messages),
+        "messages": str(damage.read),
     }
     facts |= {
         "messages lost": "the file does not tell" if lost is None else str(lost),

@@ -2,9 +2,7 @@
 samples."""
 
 import hashlib
-import math
 import os
-from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
@@ -15,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, listing, naming, nearest, printable, quoted
 from osl_analysis.formats.binary_table import FIRST_BYTES, is_table_file, refuse_others
@@ -26,7 +23,6 @@ from osl_analysis.formats.json_lines import is_json_lines
 from osl_analysis.formats.mat import is_mat
 from osl_analysis.formats.mcap import MAGIC
 from osl_analysis.formats.rosbag import ANY_BAG1, DESCRIPTION, SQLITE, files_in
-from osl_analysis.formats.table import copied_runs, noise_in, noise_of_pieces
 from osl_analysis.formats.tdms import is_tdms
 from osl_analysis.ingest import overview
 from osl_analysis.ingest import source as sources
@@ -37,11 +33,11 @@ from osl_analysis.ingest.captures import (
     read_trc_capture,
 )
 from osl_analysis.ingest.clock import ClockFit, aligned_clock
+from osl_analysis.ingest.guard import check_sizes
 from osl_analysis.ingest.logs import read_message_log, read_table_log
 from osl_analysis.ingest.overview import Overview, inspect_messages
 from osl_analysis.refusal import check_not_refused
-from osl_analysis.signals import run_edges
-from osl_analysis.trial import COLUMNS, Array, Trial, median, unit_of
+from osl_analysis.trial import COLUMNS, Trial
 from osl_analysis.yaml_settings import dotted, field_line, read_mapping, read_yaml
 
 # reads a file by its source file, of the format's class
@@ -70,11 +66,7 @@ class KnownFormat:
         names the file."""
         with naming(path):
             recording = self.reader(path, source)
-            tell_no_sensor(recording)
-            tell_copies(recording)
-            tell_odd_steps(recording)
-            tell_leaps_of_markers(recording)
-        said = (*recording.damage.all_remarks(recording.topics is not None), *recording.warnings)
+        said = (*recording.damage.all_remarks(recording.of_messages), *recording.warnings)
         return replace(recording, warnings=[f"{printable(path.name)}: {text}" for text in said])
 
     @np.errstate(all="ignore")
@@ -291,7 +283,6 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
             [identity_of(part) for part in parts],
             read_source(sources_folder / f"{source}.yaml"),
         )
-        check_copies(path, every)
         known, by_role[role] = FORMATS[described.format], described
         if len(by_role) == 2:
             check_clocks(by_role["log"], by_role["mocap"])
@@ -313,7 +304,7 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
         try:
             recordings[role] = known.read(path, described)
             with naming(path):
-                sources.check_sizes(recordings[role])
+                check_sizes(recordings[role])
         finally:  # also where it cannot be read: it may have changed in between
             for part, then in zip(parts, before, strict=True):
                 if not part.is_file() or written_at(part) != then:
@@ -344,214 +335,6 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
 
 
 own_version = cache(version)  # `version` takes 4 ms
-MOST_HELD = 6  # most samples for which a sensor may hold a value
-LEAST_COPIED = 4  # fewest consecutive samples that count as a copy of another place
-AROUND = 1000  # samples before and behind such a run that tell whether the motion itself repeats
-NO_SENSOR = ("V", "N*m/rad", "N*m*s/rad")  # units of pulses and gains, which repeat themselves
-
-
-def surprise(scatter: float, level: float) -> float:
-    """-ln of the probability that two readings with noise of this SD (`scatter`) and step (`level`)
-    are equal."""
-    return math.log(2 * math.pi**0.5 * scatter / max(level, 1e-300)) if scatter else 0.0
-
-
-def read_values(recording: sources.Recording, column: str) -> tuple[NDArray[np.intp], Array]:
-    """The rows (n,) in which a column has a reading, and the readings (n,)."""
-    values = recording.samples[column].to_numpy()
-    rows = np.flatnonzero(np.isfinite(values))
-    return rows, values if rows.size == values.size else values[rows]
-
-
-def channels_with_noise(
-    recording: sources.Recording,
-) -> list[tuple[str, NDArray[np.intp], Array, float]]:
-    """The measured channels with noise: name, rows (n,), readings (n,) without held ones, and the
-    `surprise` of two equal readings in the channel's quietest piece."""
-    parts = list[tuple[str, NDArray[np.intp], Array, float]]()
-    # by the length of their pieces
-    alike: dict[int, list[tuple[str, NDArray[np.intp], Array, Array]]] = {}
-    for column in recording.columns:
-        if column.endswith("_command") or unit_of(column) in NO_SENSOR:
-            continue
-        (rows, x), origin = read_values(recording, column), recording.columns[column]
-        factor = math.prod(origin.get(key, 1) for key in ("sign", "scale", "factor")) or 1
-        x = x / factor - origin.get("offset", 0)  # as the file has them
-        fresh = np.flatnonzero(np.append(True, x[1:] != x[:-1]))
-        if (
-            1 < fresh.size < 0.75 * x.size
-            and np.mean((steps := np.diff(fresh)) == np.median(steps)) > 0.8
-        ):
-            rows, x = rows[fresh], x[fresh]
-        piece = np.linspace(0, x.size - min(x.size, 200), 8).astype(int)[:, None] + np.arange(
-            min(x.size, 200)
-        )
-        alike.setdefault(piece.shape[1], []).append((column, rows, x, x[piece]))
-    for group in alike.values():
-        noise = noise_of_pieces(np.concatenate([pieces for *_, pieces in group]))
-        for k, (column, rows, x, _) in enumerate(group):
-            if quietest := surprise(*min(noise[8 * k : 8 * k + 8])):
-                parts.append((column, rows, x, quietest))
-    return parts
-
-
-def tell_copies(recording: sources.Recording) -> None:
-    """Count as lost the samples of a channel that are copies of another place, or of another
-    channel: more of them than noise repeats in one of a million channels. Commands, pulses, and
-    motions without noise may repeat themselves."""
-    lost, found = (
-        np.zeros(recording.samples.height, bool),
-        dict[tuple[int, int, int, str], list[str]](),
-    )
-    time, parts = recording.samples["time"], channels_with_noise(recording)
-    ends = np.cumsum([0, *(x.size + 1 for _, _, x, _ in parts)]).tolist()
-    if not parts:
-        return
-    every, rows = np.zeros(ends[-1]), np.zeros(ends[-1], np.int64)
-    # behind each a word that is nowhere else: no run goes on into the next
-    for k, (_, own, x, _) in enumerate(parts):
-        every[ends[k] : ends[k + 1] - 1], rows[ends[k] : ends[k + 1] - 1] = x, own
-        every[ends[k + 1] - 1] = 1e200 * (k + 1)
-    enough, beside = 2 * math.log(every.size + 1) + math.log(1e6), math.log(2 * AROUND + 1)
-
-    def part_of(place: int) -> int:
-        return int(np.searchsorted(ends, place, side="right")) - 1
-
-    def proves(run: slice, lag: int) -> bool:
-        own, other = part_of(run.start), part_of(run.start + lag)
-        changes = int(np.count_nonzero(np.diff(every[run])))
-        # the most that what follows can be
-        if changes * (parts[own][3] if own == other else beside) <= enough:
-            return False
-        begin = max(ends[own], ends[other] - lag, run.start - AROUND)
-        end = max(run.stop, min(ends[own + 1] - 1, ends[other + 1] - 1 - lag, run.stop + AROUND))
-        scatter, level = noise_in(parts[own][2], slice(run.start - ends[own], run.stop - ends[own]))
-        at = np.r_[begin : run.start, run.stop : end]
-        apart = np.abs(every[at + lag] - every[at])
-        alike = (np.count_nonzero(apart < 1.5 * level) + 1) / (at.size + 1)
-        if at.size > 100:  # of readings of many digits the density near 0 tells what no count does
-            alike *= np.clip(
-                1.5 * level / max(float(np.partition(apart, 9)[9]), 1e-300), 1e-300, 1.0
-            )
-        each = [-math.log(alike), *[parts[own][3], surprise(scatter, level)] * (own == other)]
-        return changes * min(each) > enough
-
-    # units, taken off again, leave rounding
-    words = ((every + 0.0).view(np.int64) + (1 << 15)) >> 16
-    least = max(LEAST_COPIED, int(enough / max(beside, *(one[3] for one in parts))))
-    for start, stop, other in copied_runs(words, least, proves):
-        name, there = (parts[part_of(place)][0] for place in (start, other))
-        key = (int(rows[start]), int(rows[stop - 1]) + 1, int(rows[other]), there * (there != name))
-        found.setdefault(key, []).append(name)
-    for (start, stop, other, of), names in found.items():
-        if not lost[start:stop].all():
-            at, there = (f"{time[row]:.3f} s" for row in (start, other))
-            what = (
-                f"{stop - start} samples of {listing(names, 4)} from {at} on are"
-                f" those{f' of {of}' * bool(of)} from"
-            )
-            said = f"{what} {there} on: a part of the file was written over another, or twice"
-            recording.damage.lose(said, 0, None, 0)  # what was copied beside may prove nothing
-            lost[start:stop] = True
-            for column in names:
-                facts = recording.columns[column]
-                facts["no_sensor"] = max(facts.get("no_sensor") or 0, stop - start)
-    if found:
-        damage, (number, *_) = (
-            recording.damage,
-            next(iter((recording.topics or {"": [0]}).values())),
-        )
-        damage.read = damage.read or Counter({0: lost.size})
-        damage.misfits[number] += int(lost.sum())
-
-
-def tell_no_sensor(recording: sources.Recording) -> None:
-    """Remark where a channel has values that no sensor gives, except those that all channels hold
-    until the trigger."""
-    times, each = recording.samples["time"].to_numpy(), dict[str, tuple[Array, Array]]()
-    for column in (one for one in recording.columns if one in sources.SELDOM_REPEAT):
-        rows, x = read_values(recording, column)
-        each[column] = times if rows.size == times.size else times[rows], x
-    held = [(time, int(np.argmax(x != x[0]))) for time, x in each.values() if (x != x[:1]).any()]
-    begin = min((float(time[count * (count > 1)]) for time, count in held), default=0.0)
-    if min((count for _, count in held), default=0) > MOST_HELD:
-        said = (
-            f"all channels hold one value up to {begin:.3f} s, as before a trigger, or where bytes"
-            " are lost"
-        )
-        recording.damage.remarks.append(said)
-        recording.damage.uncounted = True
-    for column, (time, x) in each.items():
-        x, time = x[(first := np.searchsorted(time, begin)) :], time[first:]
-        angle = each["theta"][1][first:] if "theta" in each else None
-        wrong = sources.values_of_no_sensor(column, time, x, recording.columns[column], angle)
-        recording.columns[column]["no_sensor"] = None if wrong is None else int(wrong.sum())
-        if wrong is not None and wrong.any():
-            what = (
-                f"{np.count_nonzero(wrong)} samples of {column} are values that no sensor gives,"
-                " the first at"
-            )
-            recording.damage.remarks.append(
-                f"{what} {time[int(np.argmax(wrong))]:.3f} s: bytes may be lost"
-            )
-            recording.damage.is_doubted = True
-
-
-def tell_odd_steps(recording: sources.Recording) -> None:
-    """Remark where the time of all or of one channel has an odd step, if nine of ten steps are
-    alike."""
-    alike = defaultdict[bytes, list[str]](list)
-    for column in recording.samples.select(pl.exclude("time").is_not_null()):
-        alike[column.to_numpy().tobytes()].append(column.name)
-    for present, names in alike.items():
-        time = recording.samples["time"].to_numpy()[np.flatnonzero(np.frombuffer(present, bool))]
-        steps = np.diff(time)
-        usual = median(steps) if steps.size else 0.0
-        odd = np.abs(steps - usual) > 0.1 * usual
-        if (
-            0 < (count := np.count_nonzero(odd)) <= 0.1 * odd.size > 10
-            and np.ptp(steps[~odd]) < 0.05 * usual
-        ):
-            at, of = int(np.argmax(odd)), f" of {listing(names, 4)}" * (len(alike) > 1)
-            said = (
-                f"time{of} goes on by {steps[at]:.4g} s at {time[at]:.3f} s, where steps are"
-                f" {usual:.4g} s, {count} "
-            )
-            said += "times so or otherwise: samples are missing there, or their stamps are wrong"
-            recording.damage.remarks.append(said)
-            recording.damage.is_doubted |= not recording.damage.lost()
-
-
-def tell_leaps_of_markers(recording: sources.Recording) -> None:
-    """Remark where four in five coordinates of markers leave their curves in one frame, which
-    masses cannot do, or where one does so and comes back, farther than if cameras confuse two
-    markers."""
-    share = recording.samples.select(pl.col("^marker_.*$").is_finite().mean())  # of its frames
-    markers = [one for one in share.columns if (share[one][0] or 0) > 0.5]
-    if not markers:
-        return
-    seen = recording.samples.select("time", *markers).filter(
-        pl.any_horizontal(pl.col(markers).is_not_null())
-    )
-    time, told, leaping = seen["time"].to_numpy(), list[str](), np.zeros(seen.height)
-    for name in markers:
-        bends, finite = sources.bends_of(x := seen[name].to_numpy()), np.isfinite(x)
-        leaping += bends > 25
-        if not finite.all():
-            bends = sources.bends_of(x := x[finite])
-        if bends.max() > sources.FAR:
-            leaps = [(a, b) for a, b in sources.leaps_of(x, bends, sources.FAR) if a < b]
-            far = [a for a, b in leaps if bends[a : b + 2].max() > sources.FAR]
-            said = f"{name} leaves its curve and comes back {len(far)} times, first at"
-            told += [f"{said} {at:.3f} s: bytes may be lost" for at in time[finite][far[:1]]]
-    if frames := run_edges(leaping / len(markers) >= 0.8).tolist():
-        first = (
-            f"{len(frames)} times all markers leap in one frame, first at"
-            f" {time[frames[0][0] + 1]:.3f} s"
-        )
-        told.insert(0, f"{first}: frames are missing there, or a part of the file was moved")
-    recording.damage.remarks += told
-    recording.damage.is_doubted |= bool(told)
 
 
 def check_columns(trial: Trial, experiment: str | None, needed: Sequence[str]) -> None:
@@ -596,18 +379,6 @@ def check_file(path: Path) -> None:
         raise InputError(
             f"{path}: the file is empty; copy or record it again, or exclude the trial in the sheet"
         )
-
-
-def check_copies(path: Path, parts: Sequence[Mapping[str, Any]]) -> None:
-    """Refuse a recording of which a part is a copy of another."""
-    first: dict[str, str] = {}
-    for part in parts:
-        if (other := first.setdefault(part["sha256"], part["path"])) != part["path"]:
-            said = (
-                f"{path}: its file {part['path']} is a copy of {other}, so that what it should hold"
-                " is missing"
-            )
-            raise InputError(f"{said}; copy the recording again")
 
 
 def written_at(path: Path) -> tuple[int, ...]:

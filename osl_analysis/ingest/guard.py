@@ -41,11 +41,6 @@ USUAL_BEND = 0.99
 zero for a channel that mostly rests, or is coarse. What leaps more often is the channel's own, as a
 stepper's steps."""
 
-SMALLEST_BEND = 1e-3
-"""Smallest third difference of a leap, in units of the channel's range. Smaller ones change no K.
-Without noise, as in a simulation, the usual third difference may be that of rounding, and each turn
-of a slow ramp would pass for a leap."""
-
 LARGEST_TURN = 0.5
 """Largest change of the slope at a leap, in units of the third difference. A leap leaves the slope
 as it was. A corner of a sound curve, as where a motion begins or a foot hits, changes it by the
@@ -123,8 +118,7 @@ def find_leaps(column: str, time: Array, values: Array) -> Leaps:
     usual = np.quantile(np.abs(bends), USUAL_BEND)
     if usual == 0.0:
         return nothing
-    limit = max(LARGEST_BEND * usual, SMALLEST_BEND * np.ptp(values))
-    far = np.flatnonzero(np.abs(bends) > limit)
+    far = np.flatnonzero(np.abs(bends) > LARGEST_BEND * usual)
 
     five_around = np.pad(bends, 2)[far[:, None] + np.arange(5)]
     turns = np.cumsum(five_around, axis=1).sum(axis=1)  # change of slope over five samples

@@ -178,7 +178,8 @@ def test_wherever_a_file_is_cut_every_whole_chunk_is_recovered(
             "complete": False, "crc": "checked", "chunks_lost": None, "lost": None,
             "share_lost": 0.0,
             "end_missing": True, "expected": None, "read": count,
-            "remarks": ["no footer: the recorder did not finish, or the end is lost; how much is not known"],
+            "remarks": ["no footer: the recorder did not finish, or the end is lost; how much is"
+                        " not known"],
         }  # fmt: skip
 
 

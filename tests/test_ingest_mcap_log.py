@@ -219,9 +219,7 @@ def test_a_message_that_comes_late_is_put_in_the_order_of_the_stamps(tmp_path: P
 @pytest.mark.parametrize(
     "broken", ["cut", "cut, no statistics", "damaged, no statistics", "no end"]
 )
-def test_what_sequence_numbers_skip_is_lost_where_nothing_else_tells(
-    tmp_path, broken
-):
+def test_what_sequence_numbers_skip_is_lost_where_nothing_else_tells(tmp_path, broken):
     """One chunk of many: it was read as `lost: 0`, but of a file that says how many messages it
     had."""
     whole = write_log(

@@ -389,8 +389,9 @@ def is_clock(title: str) -> bool:
     """Whether a column is named like a clock: `time`, `t_s`, `loop_time [ms]`."""
     # without groups of HDF5
     name = re.sub(r"\s+", "_", name_and_unit(title)[0].rpartition("/")[2].strip())
-    words = "time|t|timestamp|stamp|(state|loop|pi|sys|ros|elapsed)_time|elapsed|clock|seconds|time_since_start|x_value"
-    words += "|millis|micros|[mu]s|(date_?)?time|datetime|date_and_time|time_of_day|(uhr)?zeit|tijd|temps|tiempo|tempo"
+    words = "time|t|timestamp|stamp|(state|loop|pi|sys|ros|elapsed)_time|elapsed|clock|seconds"
+    words += "|time_since_start|x_value|millis|micros|[mu]s|(date_?)?time|datetime|date_and_time"
+    words += "|time_of_day|(uhr)?zeit|tijd|temps|tiempo|tempo"
     return re.fullmatch(f"_*({words})(_(s|sec|ms|us|ns))?", name, re.IGNORECASE) is not None
 
 

@@ -147,6 +147,20 @@ def test_a_step_is_stated_or_seen():
     )
 
 
+def test_noise_of_the_angle_is_read_beyond_a_motion_that_is_faster_than_the_cut_off():
+    """White noise of standard deviation s has the density 2 s^2/rate. The motion, from two to four
+    cut-offs, has some forty times as much."""
+    rate_hz, noise_rad = 500.0, 1e-4
+    motion = multisine(*np.arange(30.0, 60.0, 0.25), amplitude=3e-5, duration=60.0, rate=rate_hz)
+    noise = noise_rad * np.random.default_rng(1).standard_normal(len(motion.theta))
+    time = np.arange(len(noise)) / rate_hz
+    groups = stretches_of([slice(0, len(time))], rate_hz)
+
+    record = record_of("fast", time, motion.theta + noise, 300 * motion.theta, LowPass(15), groups)
+
+    assert record.noise[0] == pytest.approx(2 * noise_rad**2 / rate_hz, rel=0.1)
+
+
 def error_that_readings_share(noise_steps):
     """Share of the rounding error's first harmonic that is left in the mean of 20,000 readings of
     each place, by drawing the noise [steps] before the rounding."""

@@ -129,6 +129,33 @@ def test_a_unit_or_a_sign_far_beyond_its_limit_is_named_before_what_it_may_have_
     assert near == ["several stiffnesses", of_column], "as the limits are written"
 
 
+def test_beside_a_clipped_signal_nothing_that_makes_a_fit_worse_is_named():
+    row = {"torque_at_peaks": 0.3, "coulomb_share": 0.6, "heterogeneity": 5.0}
+    limits = Limits(
+        above={"coulomb_share": 0.5, "heterogeneity": 1}, below={"torque_at_peaks": 0.5}
+    )
+
+    names = [one.cause for one in findings_of(row, limits, "phasors")]
+
+    assert names == ["clipped signal", "several stiffnesses"]
+
+
+def test_a_misfit_belongs_to_the_cause_that_was_measured_and_not_to_harmonics_named_before_it():
+    row = {"torque_distortion": 0.3, "lag_share": 0.3, "VAF": 80.0}
+    limits = Limits(above={"torque_distortion": 0.25, "lag_share": 0.05}, below={"VAF": 90})
+
+    (finding,) = findings_of(row, limits, "phasors")
+
+    assert finding.cause == "late torque"
+    assert {one.column for one in finding.evidence} == row.keys()
+
+
+def test_a_number_is_as_far_beyond_its_limit_below_it_as_above_it():
+    assert Beyond("VAF", 30.0, 90.0, "below").excess == pytest.approx(3)
+    assert Beyond("lag", -1.5, -0.5, "below").excess == pytest.approx(3)
+    assert Beyond("lag", 1.5, 0.5, "above").excess == pytest.approx(3)
+
+
 def test_a_fault_of_the_recording_that_one_amplitude_alone_shows_accuses_nobody():
     """Friction passes for a late torque or a changing K at one amplitude; both would be there at
     all of them."""

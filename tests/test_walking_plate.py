@@ -132,6 +132,27 @@ def test_the_wrench_of_a_motion_like_those_of_the_trials_is_known_about_any_axis
     )
 
 
+def test_the_error_of_the_corners_height_is_that_of_a_mean_over_the_recordings() -> None:
+    """Recordings of one motion weigh alike, so that the height is the mean of theirs. Its standard
+    error is then s/sqrt(m)."""
+    heights = np.array([0.020, 0.021, 0.017, 0.024, 0.018])
+    parameters = np.array([MASS, 0, 0, 0, *np.diag(I_COM), 0, 0, 0])  # its mass is at the centre
+    motions = [plate_motion(about, 0.15, 0.04)[0] for about in range(3)]
+    columns = np.concatenate([plate.inertial_columns(motion) for motion in motions])
+    at_corners = columns @ parameters
+    recordings = []
+    for height in heights:
+        wrench = at_corners.copy()
+        wrench[:, 3:] += np.cross([0.0, 0.0, height], wrench[:, :3])
+        recordings.append((columns, wrench))
+    model = PlateModel(parameters, np.eye(10), np.zeros(6), np.zeros(6))
+
+    found = plate.with_height(model, recordings)
+
+    assert found.height == pytest.approx(heights.mean(), rel=1e-6)
+    assert found.height_se == pytest.approx(heights.std(ddof=1) / np.sqrt(len(heights)), rel=1e-6)
+
+
 def test_what_recordings_do_not_show_stays_as_it_is_known() -> None:
     """A jackknife without the only trial about x must not call I_xx zero. Noise of an axis that
     hardly turns."""

@@ -1,7 +1,7 @@
 """Contact sheets of figures as others see them: in grey and with deuteranopia, at the width of one
 and two columns.
 
-    python benchmarks/figure_views.py results/figures/fig7.png results/figures/fig3.svg --output
+    python tools/figure_views.py results/figures/fig7.png results/figures/fig3.svg --output
     /tmp/views
 
 Writes `NAME_views.png` for each figure: as drawn, its luminance, and as seen without the

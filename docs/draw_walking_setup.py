@@ -1,7 +1,7 @@
 """Draw the walking laboratory of docs/walking.md: side view and top view, with markers, axes and
 signs.
 
-python benchmarks/walking_setup.py [docs/walking_setup.png]
+python docs/draw_walking_setup.py [docs/walking_setup.png]
 """
 
 import sys

@@ -43,8 +43,8 @@ def gain_table(
     weight: Weight,
     frequencies_hz: Sequence[float],
 ) -> pl.DataFrame:
-    """A row per pair K_d [N*m/rad], B_d [N*m*s/rad], arrays of shape (pairs,); `describe-tables`
-    has the columns.
+    """A row per pair K_d [N*m/rad], B_d [N*m*s/rad], arrays of shape (pairs,); `results
+    --columns` explains the columns.
 
     They are the gains at the actuator's output and at the joint (times n_T^2), the norm of Eq. 14,
     the flags of `optimal_damping`, the fit of Eq. 15 that linear theory predicts at

@@ -41,7 +41,7 @@ from osl_analysis.ingest.logs import read_message_log, read_table_log
 from osl_analysis.ingest.overview import Overview, inspect_messages
 from osl_analysis.refusal import check_not_refused
 from osl_analysis.signals import run_edges
-from osl_analysis.trial import COLUMNS, Array, Trial, median, unit_of
+from osl_analysis.trial import COLUMNS, Array, Trial, unit_of
 from osl_analysis.yaml_settings import dotted, field_line, read_mapping, read_yaml
 
 # reads a file by its source file, of the format's class
@@ -506,7 +506,7 @@ def tell_odd_steps(recording: sources.Recording) -> None:
     for present, names in alike.items():
         time = recording.samples["time"].to_numpy()[np.flatnonzero(np.frombuffer(present, bool))]
         steps = np.diff(time)
-        usual = median(steps) if steps.size else 0.0
+        usual = float(np.median(steps)) if steps.size else 0.0
         odd = np.abs(steps - usual) > 0.1 * usual
         if (
             0 < (count := np.count_nonzero(odd)) <= 0.1 * odd.size > 10

@@ -39,7 +39,7 @@ from osl_analysis.ingest.units import (
     si_factor,
 )
 from osl_analysis.signals import run_edges
-from osl_analysis.trial import AXES, COLUMNS, Array, median, unit_of
+from osl_analysis.trial import AXES, COLUMNS, Array, unit_of
 from osl_analysis.yaml_settings import Settings, distinct, field_line, misplaced, one_of
 
 SampleShare = Annotated[float, Field(ge=0, le=1)]
@@ -858,7 +858,7 @@ def by_leaps(
     """Mask (n,) of readings that leaps (`leaps_of`) show to be no sensor's
     (`values_of_no_sensor`)."""
     lost, moved = np.zeros(x.size, bool), np.zeros(x.size, bool)
-    stays, usual = np.diff(x) == 0, median(np.diff(time))
+    stays, usual = np.diff(x) == 0, np.median(np.diff(time))
     # rad
     farthest = {
         "theta": 2000.0 * usual**2 * (usual > 0.0025),
@@ -877,7 +877,7 @@ def by_leaps(
     lost |= moved if moved.sum() % 2 else np.logical_xor.accumulate(moved)
     # rough in between: another channel's readings
     for a, b in pairwise(sorted(farther)) if column == "theta" else ():
-        lost[a:b] |= b - a > 3 and median(bends[a + 2 : b - 1]) > 10
+        lost[a:b] |= b - a > 3 and np.median(bends[a + 2 : b - 1]) > 10
     edges = run_edges((bends[2:-1] < 0.02) & (np.mean(bends[2:-1] < 0.02) < 0.5))
     beside = np.array(
         [any(-1 <= at - a <= 1 or 2 <= at - b <= 4 for at, _ in far) for a, b in edges], bool
@@ -921,7 +921,7 @@ def bends_of(x: Array) -> Array:
     where a difference is NaN."""
     bends = np.zeros(x.shape)
     np.fmin(np.fmax(np.abs(np.diff(x, 3)), 0), 1e300, out=bends[2:-1])
-    usual = median(counted) if (counted := bends[bends > 0]).size else 0.0
+    usual = float(np.median(counted)) if (counted := bends[bends > 0]).size else 0.0
     if x.size and not usual > 1e-9 * max(np.fmax.reduce(x), -np.fmin.reduce(x)):
         usual = max(usual, 1e-9 * float(np.nanmedian(np.abs(x))) + 1e-300)
     return np.divide(bends, usual or 1.0, out=bends)
@@ -942,7 +942,8 @@ def leaps_of(x: Array, bends: Array, times: float) -> list[tuple[int, int]]:
     for group in np.split(far, np.flatnonzero(np.diff(far) > 2) + 1):
         begin = max(int(group[0]) - 4, 0)
         steps = np.diff(x[begin : int(group[-1]) + 4])
-        steps -= median(steps) + median(np.diff(steps)) * (np.arange(steps.size) - steps.size / 2)
+        slope = np.median(np.diff(steps))
+        steps -= np.median(steps) + slope * (np.arange(steps.size) - steps.size / 2)
         sizes = np.abs(steps)
         large = np.flatnonzero(sizes > 0.5 * sizes.max())
         is_back = (

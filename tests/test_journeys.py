@@ -146,7 +146,8 @@ def test_a_bench_log_with_names_of_another_language(tmp_path, monkeypatch):
         '# .*"Kanaal 5".*left out: it does not move',
         '# .*"Kanaal 6".*left out: it is noise',
         'theta: {column: "Stand arm", .*  # a guess: as a spring with "Koppel", r = [01]',
-        'torque: {column: "Koppel", .*sign: -1}  # guessed from its name: it falls as the angle rises',
+        'torque: {column: "Koppel", .*sign: -1}  # guessed from its name: it falls as the angle'
+        ' rises',
     ):  # fmt: skip
         assert re.search(line, source)
         assert re.search(line, said)
@@ -243,11 +244,13 @@ def test_a_log_of_the_leg_with_a_load_cell(tmp_path, monkeypatch):
     said, source = journey.drafted()
     assert "sources/csv.yaml: 2 recordings" in said
     for line in (
-        r'#   theta_m: {column: "\*.output_position", unit: "UNKNOWN"}  # guessed .*; no unit is stated',
+        r'#   theta_m: {column: "\*.output_position", unit: "UNKNOWN"}  # guessed .*; no unit'
+        ' is stated',
         '  theta: {column: "joint_position", unit: "UNKNOWN"}',
         '#   current: {column: "motor_current", unit: "UNK',
         '#   .*"joint_torque".* # left out: "motor_current" times 0.00011, .*no measured torque',
-        '  torque: {column: "loadcell_mz", unit: "UNKNOWN"}  # guessed from its name; no unit is stated',
+        '  torque: {column: "loadcell_mz", unit: "UNKNOWN"}  # guessed from its name; no unit is'
+        ' stated',
     ):  # fmt: skip
         assert re.search(f"\n{line}", source), line
     journey.states(theta="rad", torque="N*m")

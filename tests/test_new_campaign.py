@@ -166,7 +166,8 @@ def test_an_empty_campaign_names_what_is_to_be_done(tmp_path, monkeypatch):
     assert "no trials; add one row per trial" in said
     assert (call("doctor").exit_code, "!! campaign" in call("doctor").output) == (1, True)
     Path("recordings/a.csv").touch()  # the log is there, the capture is not
-    sheet = "trial,experiment,log,log_source,mocap,mocap_source,accept\na,belt,a.csv,opensourceleg,a.c3d,vicon,"
+    columns = "trial,experiment,log,log_source,mocap,mocap_source,accept"
+    sheet = f"{columns}\na,belt,a.csv,opensourceleg,a.c3d,vicon,"
     Path("trials.csv").write_text(f"{sheet}gapp\n")
     assert "'gapp' is no quality check" in [*looked_at(Path())][-1][1]
     Path("trials.csv").write_text(f"{sheet}\n")
@@ -240,7 +241,8 @@ def test_every_shipped_file_is_valid_by_its_schema_which_refuses_an_unknown_fiel
 
 
 @pytest.mark.parametrize(("names", "segment"), [
-    ("RHEE RTOE R.Heel R.Toe.Tip R.Toe.Med R.MT5 R_FCC R_FM1 Sub:RHEE RFT1 HEEL_R Right.Foot.1 RCAL", "R foot"),
+    ("RHEE RTOE R.Heel R.Toe.Tip R.Toe.Med R.MT5 R_FCC R_FM1 Sub:RHEE RFT1 HEEL_R Right.Foot.1"
+     " RCAL", "R foot"),
     ("LTIB R_SK1 L.Shank.Front R_TTC R.TT RSHA RS1 R.HF left_leg_2", "RL shank"),
     ("FOOT1 S01:HEEL Shoe3", " foot"),
     ("RMED RMMA R_TAM RMMAL R.Ankle.Medial RAM R_med_mall", "R ankle_medial"),

@@ -23,7 +23,8 @@ def estimate(t, theta, torque, rate_hz, bits, person=0, **known):
     omega = np.gradient(x, step)
     X = np.column_stack([x, omega, np.gradient(omega, step), np.ones_like(x)])
     K, B, I, _ = np.linalg.lstsq(X, y, rcond=None)[0]
-    return K, B, I, {"K": (0.99 * K, 1.01 * K), "B": (0.99 * B, 1.01 * B)}, ["coarse"] if bits < 16 else []
+    intervals = {"K": (0.99 * K, 1.01 * K), "B": (0.99 * B, 1.01 * B)}
+    return K, B, I, intervals, ["coarse"] if bits < 16 else []
 """
 HEAD = "method,trial,K,K_low,K_high,B,B_low,B_high,I,I_low,I_high,doubtful,seconds,megabytes\n"
 TRUTH = "trial,group,K,B,I,cause\na,one,300,5,0.02,\nb,one,300,5,0.02,friction\n"

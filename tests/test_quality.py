@@ -504,7 +504,8 @@ def test_a_value_at_its_threshold_passes_and_no_number_fails(name, value, fails)
 
 @pytest.mark.parametrize(("changed", "message"), [
     *(({"unzeroed_plate": {"threshold": wrong, "on_failure": "flag"}},
-       f"quality.unzeroed_plate: threshold '{wrong}' must be a number from 0 and its unit, as in '1 N'")
+       f"quality.unzeroed_plate: threshold '{wrong}' must be a number from 0 and its unit, as in"
+       " '1 N'")
       for wrong in ("20", "20 kN", "much N", "-1 N", "nan N", "inf N")),
     ({"gap": None}, "quality: no rule for the check 'gap'"),
     ({"gaps": {"on_failure": "flag"}}, "'gaps' is no quality check; the checks are rate,"),

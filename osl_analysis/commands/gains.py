@@ -374,7 +374,8 @@ def leg_lines(leg: Mapping[str, Any]) -> list[str]:
     lines.append(f"{'Proof: ' if 'engine' in proof else ''}{proof['says']}")
     if rows := proof.get("trials"):
         wide = max(len(row["trial"]) for row in rows) + 2
-        head = f"  {'trial':<{wide}}{'VAF [%]':>8}{'RMS':>8}{'K':>9}{'':>9}{'B':>8}{'':>8}{'I':>10}{'':>10}"
+        head = f"  {'trial':<{wide}}{'VAF [%]':>8}{'RMS':>8}"
+        head += f"{'K':>9}{'':>9}{'B':>8}{'':>8}{'I':>10}{'':>10}"
         lines += [
             (
                 "Nothing was fitted to these trials, and no number above is from them. The joint"

@@ -168,7 +168,9 @@ class OneLineErrors(click.Group):
             sys.stderr = io.StringIO()
             sys.exit(130)
         except click.UsageError as error:
-            raise click.UsageError(printable(error.format_message()), error.ctx) from error
+            # click lists the choices of an option on lines of their own
+            message = error.format_message().replace("\n\t", " ")
+            raise click.UsageError(printable(message), error.ctx) from error
         except OslAnalysisError as error:
             click.echo(f"error: {error}", err=True)
         except OSError as error:
@@ -539,12 +541,14 @@ def doctor(look: bool) -> None:
         say(f"!! {error.name}: not installed; install osl-analysis again, with what it needs")
         sys.exit(1)
     seen = list(looked_at(Path()))
-    width = max(len(what) for what, _, _ in seen)
-    for what, found, remedy in seen:
-        say(f"{'!!' if remedy else 'ok'} {what:<{width}}  {found}{f': {remedy}' if remedy else ''}")
+    width = max(len(thing.what) for thing in seen)
+    for thing in seen:
+        mark = "!!" if thing.remedy else "--" if thing.is_absent else "ok"
+        remedy = f": {thing.remedy}" if thing.remedy else ""
+        say(f"{mark} {thing.what:<{width}}  {thing.found}{remedy}")
     if look:
         print_first_look(Path())
-    sys.exit(int(any(remedy for _, _, remedy in seen)))
+    sys.exit(int(any(thing.remedy for thing in seen)))
 
 
 @main.command(

@@ -2,6 +2,8 @@
 its files."""
 
 import json
+import re
+from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +17,7 @@ from jsonschema import Draft202012Validator
 
 from osl_analysis.cli import main
 from osl_analysis.commands.reference import schemas
-from osl_analysis.commands.run import looked_at, snakemake_arguments
+from osl_analysis.commands.run import Look, library, looked_at, snakemake_arguments
 from osl_analysis.commands.trials import draft_campaign, left_to_decide, new_campaign
 from osl_analysis.errors import InputError
 from osl_analysis.files import shipped
@@ -162,7 +164,7 @@ def test_an_empty_campaign_names_what_is_to_be_done(tmp_path, monkeypatch):
     assert call("init", tmp_path / "mine", "--recorder", "opensourceleg").exit_code == 0
     assert read_source(tmp_path / "mine/sources/opensourceleg.yaml").format == "csv"
     monkeypatch.chdir(tmp_path / "mine")
-    (said,) = [found for what, found, _ in looked_at(Path()) if what == "campaign"]
+    (said,) = [look.found for look in looked_at(Path()) if look.what == "campaign"]
     assert "no trials; add one row per trial" in said
     assert (call("doctor").exit_code, "!! campaign" in call("doctor").output) == (1, True)
     Path("recordings/a.csv").touch()  # the log is there, the capture is not
@@ -174,7 +176,31 @@ def test_an_empty_campaign_names_what_is_to_be_done(tmp_path, monkeypatch):
     assert "vicon.yaml: no such file" in [*looked_at(Path())][-1][1]
     Path("sources/vicon.yaml").write_text("format: c3d\nanalogs: {sync: {channel: Sync}}\n")
     lacks = "files of 1 are missing, first of a: correct the sheet"
-    assert [*looked_at(Path())][-1] == ("campaign", "mine, 1 trials", lacks)
+    assert [*looked_at(Path())][-1] == Look("campaign", "mine, 1 trials", lacks)
+
+
+def test_an_empty_folder_becomes_a_campaign_where_one_stands(tmp_path, monkeypatch):
+    (tmp_path / "mine").mkdir()
+    monkeypatch.chdir(tmp_path / "mine")
+
+    result = call("init", ".")
+
+    assert result.exit_code == 0, result.stderr
+    made = {path.name for path in Path().iterdir()}
+    assert made == {"config.yaml", "trials.csv", "sources", "schemas", "recordings"}
+    assert yaml.safe_load(Path("config.yaml").read_text())["campaign"] == "mine"
+
+
+def test_doctor_calls_nothing_ok_that_is_not_installed(monkeypatch):
+    def version_without_numba(name):
+        if name == "numba":
+            raise PackageNotFoundError
+        return "1.0"
+
+    monkeypatch.setattr("osl_analysis.commands.run.version", version_without_numba)
+
+    assert library("numpy") == Look("numpy", "1.0")
+    assert re.search(r"(?m)^-- numba +not installed, optional", call("doctor").stdout)
 
 
 def test_snakemake_is_given_the_campaign_of_the_folder_or_a_broken_one_is_refused_in_one_line(

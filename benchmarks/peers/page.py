@@ -103,7 +103,8 @@ def misses(row):
 
 def biases(row):
     """Median errors of K, B and I, and the coverage."""
-    return f"{', '.join(rounded(row[f'bias_{n}']) for n in LARGEST_ERRORS)}; {rounded(row['coverage'])}"
+    errors = ", ".join(rounded(row[f"bias_{name}"]) for name in LARGEST_ERRORS)
+    return f"{errors}; {rounded(row['coverage'])}"
 
 
 def better(scores, worst):

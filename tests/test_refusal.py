@@ -657,8 +657,10 @@ def test_a_run_has_a_line_now_and_then_one_per_stage_and_what_is_refused_at_once
 
 @pytest.mark.parametrize(("text", "told"), [
     (format_exception_to_string(LockException()), str(Path.cwd())),
-    ("Traceback (most recent call last):\n  File\n\nOSError: [Errno 30] Read-only: 'results/t.csv'\n", "results/t.csv"),
-    ("InputFunctionException in rule a:\nError:\n  WriteError: a.json: cannot be written\nWildcards:\n\n", "a.json"),
+    ("Traceback (most recent call last):\n  File\n\n"
+     "OSError: [Errno 30] Read-only: 'results/t.csv'\n", "results/t.csv"),
+    ("InputFunctionException in rule a:\nError:\n  WriteError: a.json: cannot be written\n"
+     "Wildcards:\n\n", "a.json"),
     ("MissingRuleException:\nNo rule to produce x/no.csv (if you use input functions make sure).",
      "x/no.csv"),
 ])  # fmt: skip

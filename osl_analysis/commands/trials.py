@@ -19,6 +19,7 @@ import numpy as np
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError, listing, nearest, printable
 from osl_analysis.files import CAMPAIGN, shipped
+from osl_analysis.formats.rosbag import DESCRIPTION
 from osl_analysis.ingest import draft as drafts
 from osl_analysis.ingest import raw_files
 from osl_analysis.ingest.examine import Commanded, check_ranges, examine, measured_table
@@ -109,48 +110,47 @@ def shortened(text: str) -> str:
     return safe if len(safe) <= most else f"{safe[:most]}..."
 
 
-def samples_table(folder: Path) -> str:
-    """Markdown: a row per recording below a folder, with the number of its channels by kind and
-    rate, and remarks."""
-    paths = list(raw_files.recordings_in(folder))
+def is_folder_of_recordings(path: Path) -> bool:
+    """Whether a path is a folder, and not that of one ROS 2 bag, which is one recording."""
+    return path.is_dir() and not (path / DESCRIPTION).is_file()
+
+
+def folder_text(folder: Path) -> str:
+    """What each recording below a folder holds, with remarks, or why it is refused.
+
+    Raises
+    ------
+    InputError
+        There is no recording below the folder.
+    """
+    paths = raw_files.recordings_in(folder)
     if not paths:
-        raise InputError(
-            f"{folder}: no recordings below it ({', '.join(raw_files.SUFFIXES)}); name another"
-            " folder"
-        )
-    rows = ["| file | format | holds | remarks |", "|---|---|---|---|"]
-    for path in paths:
-        try:
-            overview = inspect_file(path)
-            kinds = Counter(
-                (channel.address.get("topic", channel.kind), channel.rate)
-                for channel in overview.channels
-            )
-            holds = [
-                f"{n} x {what}{f' at {rate:.4g} Hz' if rate else ''}"
-                for (what, rate), n in kinds.items()
-            ]
-            cells = [
-                overview.format,
-                "\n".join(holds),
-                "\n".join([*overview.remarks, *overview.open]),
-            ]
-        except InputError as error:
-            cells = ["", "", f"refused: {error}".replace(f"{path}: ", "")]
-        lines = [
-            [escaped(line) for line in cell.splitlines()]
-            for cell in (str(path.relative_to(folder)), *cells)
-        ]
-        rows.append(f"| {' | '.join('<br>'.join(cell) for cell in lines)} |")
-    return "\n".join(rows)
+        endings = ", ".join(raw_files.SUFFIXES)
+        raise InputError(f"{folder}: no recordings below it ({endings}); name another folder")
+    return "\n".join(line for path in paths for line in recording_lines(path, folder))
 
 
-def escaped(text: str) -> str:
-    """Text of a stranger's file for a Markdown table: nothing in it can be markup, HTML or a line
-    of its own."""
-    shown = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
-    plain = shown.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
-    return re.sub(r"([\\`*_\[\]|#~$])", r"\\\1", plain)
+def recording_lines(path: Path, folder: Path) -> list[str]:
+    """A line with the channels of one recording, counted by kind and rate, and one per remark."""
+    name = printable(str(path.relative_to(folder)))
+    try:
+        overview = inspect_file(path)
+    except InputError as error:
+        reason = str(error).replace(f"{path}: ", "")
+        return [f"{name}: refused: {reason}"]
+    counts = Counter(
+        (shortened(channel.address.get("topic", channel.kind)), channel.rate)
+        for channel in overview.channels
+    )
+    holds = []
+    for (kind, rate), count in counts.items():
+        at_rate = f" at {rate:.4g} Hz" if rate else ""
+        holds.append(f"{count} x {kind}{at_rate}")
+    remarks = [printable(remark) for remark in (*overview.remarks, *overview.open)]
+    return [
+        f"{name}: {overview.format}, {', '.join(holds)}",
+        *(f"    ! {remark}" for remark in remarks),
+    ]
 
 
 @dataclass
@@ -195,16 +195,17 @@ def new_campaign(
     raw_data = Path(
         os.path.relpath(recordings.resolve(), folder.resolve()) if recordings else "recordings"
     )
+    name = folder.resolve().name
     try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        with TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as place:
+        folder.mkdir(parents=True, exist_ok=True)
+        with TemporaryDirectory(dir=folder, prefix=".campaign.") as place:
             made = Path(place) / "campaign"
             write_campaign(
-                made, folder.name, raw_data, {**draft.sources, **texts}, None if example else draft
+                made, name, raw_data, {**draft.sources, **texts}, None if example else draft
             )
-            if folder.is_dir():
-                folder.rmdir()
-            made.rename(folder)
+            # the configuration comes last: a folder without it is no campaign
+            for part in sorted(made.iterdir(), key=lambda path: path.name == CAMPAIGN.name):
+                part.rename(folder / part.name)
     except OSError as error:
         raise InputError(
             f"{folder}: cannot be made ({error.strerror}); choose another place"
@@ -325,18 +326,24 @@ def draft_campaign(folder: Path) -> Draft:
         for name, text in draft.sources.items()
         if "\n  theta: {" in text and "\n  torque: {" in text
     ]
-    moved = {file: drafts.told_by_motion(one) for file, one in captures.items()}
-    of_joints = [file for file, source, _ in recordings if source in joints]
-    moved |= {
-        file: {"experiment": "torque_angle" if file in slow else "impedance"} for file in of_joints
+    moved = {
+        file: "torque_angle" if file in slow else "impedance"
+        for file, source, _ in recordings
+        if source in joints
     }
     draft.trials = drafts.draft_trials(recordings, moved)
     known_joint = {name: drafts.named_joint(overviews[name][1].channels) for name in joints}
     for cells, _ in draft.trials:
         for joint in known_joint.get(cells.get("log_source", ""), ()):
             cells["joint"] = joint
-    if any(cells["experiment"] == "walking" for cells, _ in draft.trials):
-        draft.walking = "\n".join([*drafts.draft_walking([*captures.values()]), ""])
+    may_walk = any(
+        cells["experiment"] == "walking"
+        or (cells["experiment"] == drafts.UNNAMED and "mocap" in cells)
+        for cells, _ in draft.trials
+    )
+    section = drafts.draft_walking([*captures.values()]) if may_walk and captures else []
+    if section:
+        draft.walking = "\n".join([*section, ""])
     elif any(one.kind == "plate" for capture in captures.values() for one in capture.channels):
         labels = {
             one.key

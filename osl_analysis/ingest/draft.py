@@ -7,13 +7,11 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from osl_analysis.ingest.captures import is_labelled
 from osl_analysis.ingest.overview import Overview, RecordedChannel
 from osl_analysis.ingest.raw_files import FORMATS
 from osl_analysis.ingest.source import NAME_OF_TIME, UNKNOWN, open_places
@@ -25,7 +23,6 @@ from osl_analysis.ingest.units import (
     name_and_ending,
     normalised,
 )
-from osl_analysis.signals import runs
 from osl_analysis.trial import COLUMNS, Array, factor_of, usual_size, varies
 from osl_analysis.yaml_settings import read_mapping
 
@@ -492,74 +489,9 @@ def segment_of(label: str) -> tuple[str, str]:
     return "", ""
 
 
-def tracks_of(overview: Overview) -> dict[str, Array]:
-    """Positions (frames, 3) [m], z up, of each marker of a capture that has a name and was seen."""
-    order, signs = (
-        ([0, 2, 1], [1, -1, 1]) if "axes" in overview.settings else ([0, 1, 2], [1, 1, 1])
-    )
-    found = {}
-    for one in (
-        one
-        for one in overview.channels
-        if one.kind == "marker" and is_labelled(one.address["label"])
-    ):
-        if one.count and one.numbers is not None:
-            factor, _ = base_units(normalised(one.unit)) or (1e-3, "")
-            found[one.address["label"]] = factor * one.numbers[:, order] * signs
-    return found
-
-
-def longest_way(track: Array) -> float:
-    """The longest range of a track (frames, n) along an axis, without its outer 2 %; infinite if it
-    was hardly seen."""
-    seen = track[np.isfinite(track).all(axis=1)]
-    ends = (
-        np.quantile(seen, [0.02, 0.98], axis=0) if 2 * len(seen) > len(track) else [[0.0], [np.inf]]
-    )
-    return float(np.ptp(ends, axis=0).max())
-
-
-def told_by_motion(overview: Overview) -> dict[str, str]:
-    """The cells of the sheet that the motion in a capture tells; none where it tells no
-    experiment."""
-    tracks = tracks_of(overview)
-    own = [track for label, track in tracks.items() if segment_of(label)[1] == "platform"]
-    legs = any(segment_of(label)[1] in ("foot", "shank") for label in tracks)
-    turns = any(  # a line between two markers
-        np.inf
-        > longest_way(line)
-        > np.radians(1) * float(np.linalg.norm(np.nanmedian(line, axis=0)))
-        for line in (first - second for first, second in combinations(own, 2))
-    )
-    steps = steps_on_plates(overview)
-    if legs and not turns and all(longest_way(track) < 0.03 for track in tracks.values()):
-        return {"experiment": "static"}
-    if own and legs and 1 in steps:
-        return {"experiment": "walking", "perturbed": str(turns).lower()}
-    if own and turns and not legs and not any(steps):
-        return {"experiment": "plate"}
-    return {"experiment": "overground"} if legs and any(steps) and not own else {}
-
-
-def steps_on_plates(overview: Overview) -> list[int]:
-    """How often each plate was loaded for 0.3 s or more."""
-    steps, markers = list[int](), [one for one in overview.channels if one.kind == "marker"]
-    frames = max((len(one.numbers) for one in markers if one.numbers is not None), default=0)
-    rate = max((one.rate or 0.0 for one in markers), default=0.0)
-    for force in (
-        c.numbers for c in overview.channels if c.kind == "plate" and c.numbers is not None
-    ):
-        loaded = runs(force - np.quantile(force, 0.02) > 100)  # [N]
-        steps.append(
-            sum((run.stop - run.start) * frames > 0.3 * rate * force.size for run in loaded)
-        )
-    return steps
-
-
 def draft_walking(overviews: Sequence[Overview]) -> list[str]:
     """Lines of YAML: the section `walking` of a configuration by the captures of one laboratory.
-    What neither names nor motion tell is UNKNOWN. None unless markers are named as a foot's or
-    shank's."""
+    What names do not tell is UNKNOWN. None unless markers are named as a foot's or shank's."""
     labels = [
         one.address["label"]
         for overview in overviews
@@ -585,7 +517,7 @@ def draft_walking(overviews: Sequence[Overview]) -> list[str]:
     )
     leg = {"R": "right", "L": "left", "": UNKNOWN}[side]
     lines = [
-        "walking:  # a draft, from names and motion of markers: check every line",
+        "walking:  # a draft, from the names of markers: check every line",
         f"  side: {leg}  # the leg that steps on the platform"
         + ", a guess to be confirmed" * bool(side),
         f"  plate: {plate}",
@@ -618,6 +550,7 @@ WORDS_OF_EXPERIMENTS = {
     "walking": (
         r"\b(walk|walking|cross|crossing|perturb|perturbed|perturbation|pert|unperturbed|unpert|gait)\b"
     ),
+    "overground": r"\bover ?ground\b",
     "belt": r"\bbelt\b",
     "transmission": r"\b(transmission|drivetrain)\b",
     "actuator": r"\b(actuator|motor)\b",
@@ -642,14 +575,14 @@ Recordings = Mapping[str, tuple[Path, str]]
 
 def draft_trials(
     recordings: Iterable[tuple[Path, str, bool]],
-    moved: Mapping[Path, Mapping[str, str]] | None = None,
+    moved: Mapping[Path, str] | None = None,
 ) -> list[tuple[dict[str, str], list[str]]]:
-    """The trials that recordings are, by what the words of their names tell, or else the motion of
-    markers, `moved` (`told_by_motion` of each file): the cells of each in a sheet, and what of it
-    the user has to decide. recordings: file or folder of each, relative to the folder of all, the
-    name of its source file, and whether it comes from motion capture. A log and a capture of the
-    same name are one. Sorted by name. A stated stiffness tells an impedance trial, but for one who
-    walks. `k1` states none: it is a number of a file."""
+    """The trials that recordings are, by what the words of their names tell: the cells of each in a
+    sheet, and what of it the user has to decide. recordings: file or folder of each, relative to
+    the folder of all, the name of its source file, and whether it comes from motion capture; moved:
+    the experiment of a log by its angle and torque, where its name tells none. A log and a capture
+    of the same name are one. Sorted by name. A stated stiffness tells an impedance trial, but for
+    one who walks. `k1` states none: it is a number of a file."""
     several: dict[str, dict[str, tuple[Path, str]]] = {}
     for path, source, is_capture in sorted(recordings, key=lambda recorded: recorded[0].as_posix()):
         number, name, role = 1, trial_name(path), "mocap" if is_capture else "log"
@@ -662,10 +595,10 @@ def draft_trials(
 
 
 def draft_trial(
-    name: str, files: Recordings, moved: Mapping[Path, Mapping[str, str]]
+    name: str, files: Recordings, moved: Mapping[Path, str]
 ) -> tuple[dict[str, str], list[str]]:
     """The cells of one trial, and what the user has to decide."""
-    path, role = next(iter(files.values()))[0], "mocap" if "mocap" in files else "log"
+    path = next(iter(files.values()))[0]
     said = path.stem if path.suffix else path.name
     words, numbers = parted_name(said.replace("_", " ")), stated_impedance(said)
     cells = {"trial": name, "experiment": UNNAMED}
@@ -673,17 +606,9 @@ def draft_trial(
         cells |= {column: file.as_posix(), f"{column}_source": source}
     told = experiments_told(words, files, "K_d" in numbers)
     experiment = told[0] if len(told) == 1 else UNNAMED
-    perturbed = perturbation_told(words)
-    motion = moved.get(files[role][0], {})
-    is_open = experiment == UNNAMED or (experiment == "walking" and not perturbed)
-    if motion and is_open and (role == "mocap" or not told):
-        by = "the motion of markers and plates" if role == "mocap" else "angle and torque"
-        guessed = " and ".join(map(" ".join, motion.items()))
-        if motion["experiment"] == "overground" and "log" in files:
-            guessed += (
-                "; if a belt, a boot or the leg perturbs: walking, with `walking.perturbed_by`"
-            )
-        return {**cells, **motion}, [f"to be confirmed, guessed from {by}: {guessed}"]
+    if "mocap" not in files and path in moved and not told:
+        guess = f"to be confirmed, guessed from angle and torque: experiment {moved[path]}"
+        return {**cells, "experiment": moved[path]}, [guess]
     if experiment == UNNAMED:
         one_of = ", ".join(possible_experiments(files)[::-1])
         asked = (
@@ -701,7 +626,8 @@ def draft_trial(
             f" {remedy}"
         )
         return cells, [said]
-    if is_open:
+    perturbed = perturbation_told(words)
+    if experiment == "walking" and not perturbed:
         remedy = "write walking, and true or false"
         return cells, [f"perturbed: the name does not tell; it stands as {UNNAMED}: {remedy}"]
     cells["experiment"] = experiment
@@ -743,11 +669,12 @@ def stated_impedance(said: str) -> dict[str, str]:
 def possible_experiments(files: Recordings) -> list[str]:
     """What a trial of these files can be: a log alone is of a bench, a boot or a leg, a capture
     alone of a walkway."""
-    wrong = {"static", "plate"} if "mocap" not in files else set()
-    wrong |= (
-        {*WORDS_OF_EXPERIMENTS} - {"static", "plate", "walking"} if "log" not in files else set()
-    )
-    return [name for name in WORDS_OF_EXPERIMENTS if name not in wrong]
+    possible = {*WORDS_OF_EXPERIMENTS}
+    if "mocap" not in files:
+        possible -= {"static", "plate", "overground"}
+    if "log" not in files:
+        possible &= {"static", "plate", "walking", "overground"}
+    return [name for name in WORDS_OF_EXPERIMENTS if name in possible]
 
 
 def experiments_told(words: str, files: Recordings, states_K: bool) -> list[str]:

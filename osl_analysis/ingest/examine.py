@@ -26,7 +26,6 @@ from osl_analysis.trial import (
     Trial,
     beside,
     factor_of,
-    median,
     plate_axes,
     plate_columns,
     unit_of,
@@ -70,7 +69,7 @@ class Examined:
         ):
             steps = np.diff(self.trial.arrays(first)[0])
             if steps.size > 1:
-                found[first] = median(steps), float(steps.mean()), float(steps.max())
+                found[first] = float(np.median(steps)), float(steps.mean()), float(steps.max())
         return found
 
 
@@ -105,7 +104,10 @@ def recorded(trial: Trial, column: str | None) -> tuple[Array, Array]:
 
 def median_step(time: Array) -> float:
     """Median step [s], or the mean step if most stamps are repeated; 0 for a single sample."""
-    return median(np.diff(time)) or float(np.ptp(time)) / (time.size - 1) if time.size > 1 else 0.0
+    if time.size < 2:
+        return 0.0
+    usual_step = float(np.median(np.diff(time)))
+    return usual_step or float(np.ptp(time)) / (time.size - 1)
 
 
 def consecutive(time: Array, values: Array, seconds: float) -> Array:
@@ -535,7 +537,7 @@ def measure_stuck(examined: Examined) -> CheckResult:
         if when.size:  # while it changes by a fifth of its range, the joint should have moved
             # at the start of a motion the torque jumps before the angle
             apart = smoothed / 2 + median_step(time)
-            from_rest = np.minimum(abs(theta - theta[0]), abs(theta - median(theta)))
+            from_rest = np.minimum(abs(theta - theta[0]), abs(theta - np.median(theta)))
             rests = (
                 (from_rest <= AT_REST * np.ptp(theta))
                 & examined.experiment.stepped_sine

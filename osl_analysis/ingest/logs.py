@@ -37,7 +37,7 @@ from osl_analysis.ingest import source as sources
 from osl_analysis.ingest.captures import exported_columns, exported_plates
 from osl_analysis.ingest.units import is_unit, name_and_ending, normalised, si_factor
 from osl_analysis.signals import runs
-from osl_analysis.trial import Array, check_time, counter_column, median, unit_of
+from osl_analysis.trial import Array, check_time, counter_column, unit_of
 
 RATE = "state the rate of the rows in Hz, as `time: {rate: HZ}`"
 SECOND = 1_000_000_000
@@ -280,7 +280,7 @@ def time_of(table: Table, source: sources.TableSource) -> tuple[Array, float]:
     most, row = int(counts.max()), int(first[counts.argmax()])
     # s
     is_coarse = most > 20 and (
-        most > 0.1 * time.size or (len(first) > 3 and median(np.diff(time[first])) > 0.4)
+        most > 0.1 * time.size or (len(first) > 3 and np.median(np.diff(time[first])) > 0.4)
     )
     if most == time.size or (is_coarse and stated.repeated != "drop"):
         at = f"{raw[row] * factor if table.has_stamps else raw[row]:.15g}{' s' * table.has_stamps}"
@@ -508,7 +508,7 @@ def rate_of(time: NDArray[Any], second: float = 1.0) -> float | None:
     than another."""
     steps = np.diff(time)
     steps = steps[steps > 0]
-    return second / median(steps) if steps.size else None
+    return second / float(np.median(steps)) if steps.size else None
 
 
 def time_unit(clock: Array) -> str:
@@ -599,7 +599,7 @@ def check_begin(
         return
     readings = unwrapped(np.ma.getdata(table.columns[time.name]), name)[0][known].astype(np.float64)
     late = begin - began(readings, float(np.ptp(own)))
-    if 0.5 * median(np.diff(own)) < abs(late) < np.ptp(own):
+    if 0.5 * np.median(np.diff(own)) < abs(late) < np.ptp(own):
         other = f"another {time.ADDRESS} '{name}' begins {late:.4g} s after time"
         if name == table.found.get(time.name, {}).get("found", time.name):
             raise InputError(

@@ -429,8 +429,9 @@ def quality_rows(verdicts: pl.DataFrame) -> list[list[str]]:
     applies."""
     found = []
     for row in (one for one in verdicts.iter_rows(named=True) if one["verdict"] != NOT_APPLICABLE):
+        unit = printed(row["unit"] or "")
         value, threshold = (
-            f"{cell_text(row[key])} {'' if row[key] is None else printed(row['unit'] or '')}".strip()
+            f"{cell_text(row[key])} {'' if row[key] is None else unit}".strip()
             for key in ("value", "threshold")
         )
         meaning = WORDS["checks"][row["check"]]
@@ -549,8 +550,9 @@ def methods_content(
     """The content of `methods.html.j2`: settings, values of tables, facts on the recordings, and,
     by kind of motion, the number of impedance trials with columns of their fits to all
     amplitudes."""
-    columns = """excitation commanded_deg frequency_hz band_low_hz band_high_hz controller group plate_inertia K_d B_d
-        B_viscous direction onset_phase interval_method theta_rms_deg fitted_s n_up n_down"""
+    columns = """excitation commanded_deg frequency_hz band_low_hz band_high_hz controller group
+        plate_inertia K_d B_d B_viscous direction onset_phase interval_method theta_rms_deg fitted_s
+        n_up n_down"""
     said: defaultdict[str, defaultdict[str, list[Any]]] = defaultdict(lambda: defaultdict(list))
     for name, table in tables.items():
         for one in columns.split():

@@ -529,11 +529,10 @@ def run_campaign(arguments: tuple[str, ...]) -> None:
     The same as `snakemake --snakefile ... --configfile config.yaml`. Write files before options."""
     from snakemake.cli import main as snakemake
 
-    from osl_analysis.commands.run import snakemake_arguments
-    from osl_analysis.jobs.run import locked_by_killed_run
+    from osl_analysis.commands.run import snakemake_arguments, take_over_lock
 
     given = snakemake_arguments(arguments)
-    if locked_by_killed_run():
+    if take_over_lock():
         say("the last run here was killed; its lock is taken over", err=True)
     snakemake(given)
 

@@ -24,7 +24,7 @@ from osl_analysis.judge.finding import (
 )
 from osl_analysis.judge.judging import judged, unchecked_in, with_inherited
 from osl_analysis.judge.limits import CHECKS, DoubtfulFits
-from osl_analysis.judge.used import HOW_TO_USE, exclusions
+from osl_analysis.judge.exclusions import HOW_TO_USE, exclusions
 from osl_analysis.judge.words import (
     Words,
     as_if_said,

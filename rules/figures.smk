@@ -179,6 +179,7 @@ rule report_page:
         crossings=expand("<results>/crossings/{trial}.parquet", trial=list(WALKED)),
         tables=TABLES + (["<results>/tables/walking_responses.csv"] if WALKED else []),
         figures=expand("<results>/figures/{figure}.svg", figure=FIGURE_NAMES),
+        numbers=expand("<results>/figures/{figure}.csv", figure=FIGURE_NAMES),
         captions=CAPTIONS,
         verdicts=QUALITY,
         excluded="<results>/tables/excluded.csv",

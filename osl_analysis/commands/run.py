@@ -40,6 +40,7 @@ from osl_analysis.ingest.raw_files import (
     recognise,
     recordings_in,
 )
+from osl_analysis.jobs.workers import end_workers
 from osl_analysis.outcomes.job_log import run_report
 from osl_analysis.refusal import MOST_TOLD, is_refused
 from osl_analysis.yaml_settings import read_mapping
@@ -337,6 +338,7 @@ def end_run(
         files = [str(file) for job in workflow.dag.jobs for file in job.output]
         refused = [file for file in files if is_refused(file)]
         began = psutil.Process().create_time()
+        end_workers()
         lines = [run_report(results / "logs", began), not_made(unfinished), report(refused)]
         print("\n".join(filter(None, lines)), file=sys.stderr, flush=True)
         failed = bool(refused) and not accept
@@ -353,7 +355,10 @@ def not_made(files: Sequence[str]) -> str:
     """A line on files that a run should have made; empty if there are none."""
     if not files:
         return ""
-    return f"not made: {listing(files, MOST_TOLD)}; run again, what is finished stays"
+    missing = [file for file in files if not Path(file).exists()]
+    older = len(files) - len(missing)
+    stay = f"; {older} results that depend on them are those of an earlier run" if older else ""
+    return f"not made: {listing(missing, MOST_TOLD)}{stay}; run again, what is finished stays"
 
 
 def left_behind_report(stored: Iterable[Path], trials: Collection[str]) -> str:

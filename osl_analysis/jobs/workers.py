@@ -4,6 +4,7 @@ A `run:` block of a rule calls `job`, in a thread of Snakemake, which waits unti
 it. To import anew for each job would take 1.4 s. A worker ends with Snakemake, however that ends.
 """
 
+import gc
 import multiprocessing
 import os
 import signal
@@ -51,6 +52,13 @@ class Worker:
 
 IDLE: list[Worker] = []
 """Workers without a job. Threads of Snakemake take one, and put it back."""
+
+
+def end_workers() -> None:
+    """End the workers, and free what they shared with this process."""
+    while IDLE:
+        IDLE.pop().pool.shutdown()
+    gc.collect()
 
 
 def begin() -> None:

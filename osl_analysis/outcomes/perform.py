@@ -29,7 +29,7 @@ from osl_analysis.refusal import Refusal, write_refusals
 from osl_analysis.table import tables_of, write_tables
 from osl_analysis.trial import read_trial
 
-ONLY_WAITED_FOR = ("recordings", "sources", "made_of", "evidence", "quality")
+ONLY_WAITED_FOR = ("recordings", "sources", "made_of", "evidence", "numbers", "quality")
 """Inputs that are no arguments of a command: it finds these files itself, or others stand for them."""
 ONLY_TOLD = ("fitted",)
 """Inputs of which a command is only told which are refused, as `refused`."""

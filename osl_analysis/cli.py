@@ -22,7 +22,7 @@ from click.core import ParameterSource
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError, OslAnalysisError, printable, printable_lines
 from osl_analysis.files import check_output, config_here, shipped, write_text
-from osl_analysis.jobs.memory import SET_TO_ONE, limited_memory
+from osl_analysis.memory import SET_TO_ONE, limited_memory
 
 
 def numbers(value: str) -> list[float]:

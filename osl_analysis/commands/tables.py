@@ -13,15 +13,15 @@ from osl_analysis.campaign.campaign import sentence
 from osl_analysis.campaign.configuration import FOUND
 from osl_analysis.config.experiments import judged_tables
 from osl_analysis.errors import InputError
-from osl_analysis.files import atomic_path, write_text
-from osl_analysis.outcomes.job_log import read_log
+from osl_analysis.files import atomic_path
 from osl_analysis.judge.campaign import campaign_findings, known_of
 from osl_analysis.judge.claims import Claims, claims_table
+from osl_analysis.judge.exclusions import Judge
 from osl_analysis.judge.finding import Limits, findings_frame, read_findings
 from osl_analysis.judge.judging import judged, marked, with_inherited
 from osl_analysis.judge.limits import DoubtfulFits, QualityRules
-from osl_analysis.judge.exclusions import Judge
 from osl_analysis.model.drivetrain import FileOrNone, joint_of, read_parameters
+from osl_analysis.outcomes.job_log import read_log
 from osl_analysis.refusal import Refusal, check_not_refused, refused_trials
 from osl_analysis.report import headlines
 from osl_analysis.stats.repeats import sizes_said

@@ -1,1 +1,1 @@
-"""How the jobs of the workflow run: warm processes, limits of memory, lines of progress."""
+"""How the jobs of the workflow run: warm processes, and lines of progress."""

@@ -9,7 +9,6 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Mapping
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.process import BaseProcess
@@ -17,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from osl_analysis.files import temporary_path
-from osl_analysis.jobs.memory import SET_TO_ONE
+from osl_analysis.memory import SET_TO_ONE
 
 ENVIRONMENT = dict.fromkeys((*SET_TO_ONE, "POLARS_MAX_THREADS", "NUMBA_NUM_THREADS"), "1") | {
     # glibc keeps this many bytes of freed memory for the next arrays: new pages cost time, because

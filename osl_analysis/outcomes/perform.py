@@ -22,7 +22,7 @@ from osl_analysis.errors import (
     printable,
     unexpected,
 )
-from osl_analysis.jobs.memory import limited_memory
+from osl_analysis.memory import limited_memory
 from osl_analysis.outcomes.job_log import write_log
 from osl_analysis.outcomes.used import Files, without_excluded, without_refused
 from osl_analysis.refusal import Refusal, write_refusals
@@ -237,7 +237,7 @@ def end_killed(job: Job, signal_name: str, is_crash: bool) -> None:
         It is no crash on a recording, so that the job is to be tried again.
     """
     if is_crash and job.recordings:
-        reason = f"{job.recordings[0]}: a library that reads it crashed ({signal_name})"
+        reason = f"{' or '.join(job.recordings)}: a library that reads it crashed ({signal_name})"
         remedy = "the file may be damaged: copy, export or record it again"
         ended = {"job": job.command, "outcome": "refused", "error": reason, "remedy": remedy}
         refuse(job, [refusal(job, ended)])

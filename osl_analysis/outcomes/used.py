@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from itertools import chain
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from osl_analysis.errors import InputError
 from osl_analysis.judge.exclusions import HOW_TO_USE

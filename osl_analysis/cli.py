@@ -22,7 +22,7 @@ from click.core import ParameterSource
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError, OslAnalysisError, printable, printable_lines
 from osl_analysis.files import check_output, config_here, shipped, write_text
-from osl_analysis.jobs.memory import SET_TO_ONE, limited_memory
+from osl_analysis.memory import SET_TO_ONE, limited_memory
 
 
 def numbers(value: str) -> list[float]:
@@ -520,11 +520,10 @@ def run_campaign(arguments: tuple[str, ...]) -> None:
     The same as `snakemake --snakefile ... --configfile config.yaml`. Write files before options."""
     from snakemake.cli import main as snakemake
 
-    from osl_analysis.commands.run import snakemake_arguments
-    from osl_analysis.jobs.run import locked_by_killed_run
+    from osl_analysis.commands.run import snakemake_arguments, take_over_lock
 
     given = snakemake_arguments(arguments)
-    if locked_by_killed_run():
+    if take_over_lock():
         say("the last run here was killed; its lock is taken over", err=True)
     snakemake(given)
 

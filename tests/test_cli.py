@@ -21,14 +21,14 @@ import yaml
 from click.testing import CliRunner
 from conftest import ROOT
 
+from osl_analysis import memory
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.cli import main
 from osl_analysis.commands import simulate as simulate_command
 from osl_analysis.commands.figure import draw_table
 from osl_analysis.errors import InputError, MemoryLimitError
 from osl_analysis.files import atomic_path
-from osl_analysis.jobs import memory
-from osl_analysis.jobs.memory import limited_memory
+from osl_analysis.memory import limited_memory
 from osl_analysis.table import write_table
 from osl_analysis.trial import Trial, write_trial
 

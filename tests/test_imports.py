@@ -12,7 +12,6 @@ import pytest
 from conftest import ROOT
 
 from osl_analysis.errors import EXTRAS
-from osl_analysis.jobs.code import imported
 
 PACKAGE, DOORS = ROOT / "osl_analysis", {"cli", "notebook"}
 GROUND = {path.stem for path in PACKAGE.glob("*.py")} - DOORS - {"__init__"}
@@ -24,11 +23,23 @@ HOUSE = {
     "bench": {"model", "signals", "spectral", "stats"}, "simulator": {"config", "model"},
     "judge": {"config", "dictionary", "model", "stats"}, "figures": {"dictionary", "judge",
     "stats"},
-    "jobs": {"judge"}, "campaign": {"bench", "config", "formats", "ingest", "judge", "model",
+    "outcomes": {"config", "judge"}, "jobs": {"outcomes"}, "campaign": {"bench", "config", "formats", "ingest", "judge", "model",
     "walking"},
     "report": {"campaign", "config", "dictionary", "judge", "model", "stats"},
 }  # fmt: skip
 """What a package imports beside itself and the ground, from the lowest floor up."""
+
+
+def imported(node: ast.AST) -> list[str]:
+    """The dotted names below `osl_analysis.` that a statement imports."""
+    if isinstance(node, ast.ImportFrom) and f"{node.module}.".startswith("osl_analysis."):
+        above = f"{node.module}.".removeprefix("osl_analysis.")
+        return [above + name.name for name in node.names]
+    if isinstance(node, ast.Import):
+        names = [name.name for name in node.names]
+        below = [name for name in names if name.startswith("osl_analysis.")]
+        return [name.removeprefix("osl_analysis.") for name in below]
+    return []
 
 
 @cache
@@ -39,7 +50,7 @@ def imports(folder: str) -> set[tuple[str, str]]:
         (str(path.relative_to(PACKAGE)), name.split(".")[0])
         for path in (PACKAGE / folder).rglob("*.py")
         for node in ast.walk(ast.parse(path.read_text()))
-        for _, name in imported(node)
+        for name in imported(node)
     }
 
 

@@ -15,9 +15,9 @@ import polars as pl
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import apparent_inertia, described_tables_by_name
 from osl_analysis.judge.campaign import QUALITY, Entry
+from osl_analysis.judge.exclusions import exclusion_said
 from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.limits import NOT_APPLICABLE
-from osl_analysis.judge.used import exclusion_said
 from osl_analysis.judge.words import WORDS, Words, printed, sentence_of
 from osl_analysis.report.headlines import digits_of, fixed
 from osl_analysis.stats.repeats import sizes_said

@@ -1,5 +1,6 @@
-"""The log of a job: its request, outcome, warnings and duration. The report at the end of a run is
-read from the logs. So it is also complete on a cluster, where every job is a separate process."""
+"""The log of a job: its outcome, warnings and duration, and what it was given. The report at the end
+of a run is read from the logs. So it is also complete on a cluster, where every job is a separate
+process."""
 
 import json
 from collections import Counter
@@ -11,17 +12,17 @@ import yaml
 
 from osl_analysis.files import atomic_path
 
-REQUEST = ("input", "output", "settings")  # The last entries of a log: the request.
+GIVEN = ("input", "output", "params")  # The last entries of a log: what the rule gave the job.
 
 
-def write_log(path: Path, ended: Mapping[str, Any], request: Mapping[str, Any]) -> None:
-    """Write how a job ended, and its request, as YAML, without empty entries.
+def write_log(path: Path, ended: Mapping[str, Any], given: Mapping[str, Any]) -> None:
+    """Write how a job ended, and what it was `given`, as YAML, without empty entries.
 
     `ended` has the command `job`, its `outcome`, wall time `seconds`, what was wrong in the line
     `error`, the `remedy`, `warnings`, and the `traceback` of an error of the program. Outcomes:
-    done; refused, for an input that the user can correct; failed, by an error of the program; died,
-    ended from outside; skipped, because an input is missing."""
-    entries = {**ended, **{name: request.get(name) for name in REQUEST}}
+    done; refused, for an input that the user can correct; failed, by an error of the program or of
+    the system; killed, ended from outside; skipped, because an input is missing."""
+    entries = {**ended, **{name: given.get(name) for name in GIVEN}}
     said = plain(
         {name: value for name, value in entries.items() if value not in ("", (), [], {}, None)}
     )
@@ -33,7 +34,7 @@ def read_log(path: Path) -> dict[str, Any] | None:
     """How the job of a log ended; None if the file is not the log of a job."""
     try:
         head = path.read_text(encoding="utf-8")
-        for name in REQUEST:
+        for name in GIVEN:
             head = head.split(f"\n{name}:", 1)[0]
         said = yaml.load(head, yaml.CSafeLoader)
     except (OSError, ValueError, yaml.YAMLError):

@@ -54,6 +54,24 @@ def summarise_holding(table: Path, output: Path) -> None:
 
 """,
     ),
+    "rules/bench.smk": (
+        "rule fit_belt:",
+        """rule fit_holding:
+    input:
+        trial="<results>/trials/{trial}.parquet",
+    output:
+        holding="<results>/fits/holding/{trial}.csv",
+    log:
+        "<logs>/holding/{trial}.log",
+    params:
+        settings=CONFIG.dynamometer.part("FilterSettings"),
+        made_by=MADE_BY,
+    run:
+        job("bench.fit_holding_trial", input, output, params, log)
+
+
+""",
+    ),
     "config/config.yaml": ("  belt:\n    above:", "  holding: {above: {mean_torque: 5}}\n"),
     "osl_analysis/dictionary/bench.yaml": (
         "tables/belt:",

@@ -131,8 +131,8 @@ def test_a_failure_while_writing_leaves_the_old_file_and_nothing_else(tmp_path, 
         monkeypatch.undo()
         monkeypatch.chdir(tmp_path)
     for free in (9, 10):  # MB
-        room = SimpleNamespace(f_blocks=1, f_frsize=10**6, f_bavail=free)
-        monkeypatch.setattr("os.statvfs", lambda path, room=room: room)
+        room = SimpleNamespace(free=free * 10**6)
+        monkeypatch.setattr("shutil.disk_usage", lambda path, room=room: room)
         with (
             pytest.raises(InputError, match="less than 10 MB free") if free < 10 else nullcontext()
         ):

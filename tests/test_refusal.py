@@ -253,7 +253,7 @@ mapped = open(f"/proc/{first.process.pid}/maps").read()
 second = workers.Worker()
 os.kill(first.process.pid, signal.SIGKILL)
 lives = second.pool.submit(os.getpid).result() == second.process.pid
-first.process.join()
+first.pool.shutdown()
 print([environment, same, session, "llvmlite" in mapped, lives, first.process.exitcode])
 workers.IDLE.append(second)
 if sys.argv[1:] == ["killed"]:

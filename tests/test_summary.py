@@ -17,12 +17,12 @@ from osl_analysis.campaign.configuration import read_config, read_section
 from osl_analysis.commands import tables
 from osl_analysis.commands.tables import format_results_table, gather, read_summary, write_summary
 from osl_analysis.errors import InputError
-from osl_analysis.outcomes.job_log import write_log
 from osl_analysis.judge.campaign import campaign_findings, findings_report, known_of
 from osl_analysis.judge.causes import CAUSES, EVIDENCE
 from osl_analysis.judge.finding import Beyond, Finding, Grade, Limits, Remedy, findings_frame
 from osl_analysis.judge.judging import judged, unchecked_in
 from osl_analysis.judge.limits import DoubtfulFits
+from osl_analysis.outcomes.job_log import write_log
 from osl_analysis.refusal import Refusal
 from osl_analysis.report import headlines
 from osl_analysis.report.headlines import (

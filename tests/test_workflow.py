@@ -17,7 +17,6 @@ import pytest
 import yaml
 from any_motion import noise
 from conftest import ROOT
-from reference import SHEET as EVERY_TRIAL
 from reference import changed
 from snakemake_runs import OVERRIDES, run_forked, write_small
 

@@ -102,7 +102,7 @@ def job(command: str, input: Any, output: Any, params: Any, log: Any) -> None:
     try:
         worker.pool.submit(do, *given).result()
     except BrokenProcessPool:
-        worker.process.join()
+        worker.pool.shutdown()  # it reads how the process ended, which only one thread can do
         after_kill(worker.process, *given)
         return
     except BaseException:

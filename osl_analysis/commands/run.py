@@ -249,7 +249,7 @@ def campaign(path: Path) -> tuple[str, str]:
     )
 
 
-RUNS = Path(".snakemake/osl_runs")
+RUNS = Path(".snakemake/osl_at_work")
 """A file for each run that is at work in this folder, with its host, process and temporary folder.
 One whose process has ended was killed."""
 

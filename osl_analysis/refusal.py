@@ -1,10 +1,10 @@
 """Refusals: tables of reasons in place of results that are missing because a recording was refused
 or a job failed.
 
-A refusal stands under the name of the result, in its format (CSV, Parquet, a ZIP of a CSV, JSON), so
-that any program opens it. It has no row of the result, and a row for each cause. Jobs over several
-trials go on without that result. Jobs that need it leave the same refusal. The run ends with a list
-of them."""
+A refusal stands under the name of the result, in its format (CSV, Parquet, a ZIP of a CSV, JSON),
+so that any program opens it. It has no row of the result, and a row for each cause. Jobs over
+several trials go on without that result. Jobs that need it leave the same refusal. The run ends
+with a list of them."""
 
 import csv
 import io

@@ -1,1 +1,2 @@
-"""How a job of the workflow ends: with its results, or with refusals in their place; and its log."""
+"""How a job of the workflow ends: with its results, or with refusals in their place; and its
+log."""

@@ -231,7 +231,8 @@ def main() -> None:
         plan_crossings(numbers, folder)
         print("planned again, CPU:")
         print(
-            f"{'N':>6}{'nothing to do':>15}{'bare Snakefile':>15}{'ratio':>9}{'one log changed':>18}"
+            f"{'N':>6}{'nothing to do':>15}{'bare Snakefile':>15}{'ratio':>9}"
+            f"{'one log changed':>18}"
         )
         few, many = (
             run_and_plan_again(number, folder / f"run_{number}", recording) for number in RUN

@@ -106,7 +106,7 @@ def without_witness(monkeypatch: pytest.MonkeyPatch) -> None:
 def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of tests of addresses and values: a fork takes longer than what it reads."""
     for module in ("mat", "binary_table"):
-        monkeypatch.setattr(f"osl_analysis.formats.{module}.isolated", lambda work: work())
+        monkeypatch.setattr(f"osl_analysis.old_formats.{module}.isolated", lambda work: work())
 
 
 def multisine(

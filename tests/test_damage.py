@@ -18,7 +18,7 @@ from mcap_builder import stamped, write_log
 from test_formats_mat import write_mat73
 
 from osl_analysis.errors import InputError
-from osl_analysis.formats.c3d import BLOCK
+from osl_analysis.old_formats.c3d import BLOCK
 from osl_analysis.ingest.raw_files import FORMATS, recognise, tell_odd_steps
 from osl_analysis.ingest.source import (
     Recording,

@@ -16,7 +16,7 @@ import scipy.io
 
 from osl_analysis.commands.trials import inspect_file
 from osl_analysis.errors import InputError
-from osl_analysis.formats.mat import checked_address, open_mat
+from osl_analysis.old_formats.mat import checked_address, open_mat
 
 HEADER5 = b"MATLAB 5.0 MAT-file, made for a test".ljust(124) + b"\x00\x01IM"
 HEADER73 = b"MATLAB 7.3 MAT-file, made for a test".ljust(124) + b"\x00\x02IM"

@@ -30,9 +30,9 @@ from recognised_files import refusal_by
 
 from osl_analysis.commands.trials import inspect_file
 from osl_analysis.errors import InputError
-from osl_analysis.formats.mcap import MAGIC, read_mcap
-from osl_analysis.formats.message_fields import Columns, MessageType, Reader, message_type, shape_of
-from osl_analysis.formats.messages import decode_topics
+from osl_analysis.old_formats.mcap import MAGIC, read_mcap
+from osl_analysis.old_formats.message_fields import Columns, MessageType, Reader, message_type, shape_of
+from osl_analysis.old_formats.messages import decode_topics
 from osl_analysis.ingest.raw_files import FORMATS
 from osl_analysis.ingest.source import Recording
 
@@ -201,7 +201,7 @@ def test_a_chunk_with_an_absurd_length_costs_itself_alone(tmp_path: Path, packin
 def test_a_chunk_that_unpacks_to_more_than_any_recorder_writes_is_lost_unread(
     tmp_path, packing, monkeypatch
 ):
-    monkeypatch.setattr("osl_analysis.formats.mcap.MOST_UNPACKED", len(TEN) + 5)
+    monkeypatch.setattr("osl_analysis.old_formats.mcap.MOST_UNPACKED", len(TEN) + 5)
     count, damage = read(tmp_path, log(LAB, chunk(TEN, packing), chunk(TEN + TWENTY, packing)))
     assert (count, damage["chunks_lost"]) == (10, 1)
     assert "GB, at most" in damage["remarks"][0]

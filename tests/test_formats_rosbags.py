@@ -24,8 +24,8 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from osl_analysis.errors import InputError
-from osl_analysis.formats.message_fields import message_type, shape_of
-from osl_analysis.formats.rosbag import recorded_files
+from osl_analysis.old_formats.message_fields import message_type, shape_of
+from osl_analysis.old_formats.rosbag import recorded_files
 from osl_analysis.ingest.raw_files import FORMATS, trial_from_files
 from osl_analysis.ingest.source import Recording
 

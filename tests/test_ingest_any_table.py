@@ -23,10 +23,10 @@ from nptdms import ChannelObject, TdmsWriter
 from osl_analysis.commands.trials import inspect_file
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError
-from osl_analysis.formats.binary_table import check_xls, hdf5_arrays
-from osl_analysis.formats.c3d import read_c3d
-from osl_analysis.formats.csv_table import are_whole_thousands
-from osl_analysis.formats.table import MOST_BYTES, isolated
+from osl_analysis.old_formats.binary_table import check_xls, hdf5_arrays
+from osl_analysis.old_formats.c3d import read_c3d
+from osl_analysis.old_formats.csv_table import are_whole_thousands
+from osl_analysis.old_formats.table import MOST_BYTES, isolated
 from osl_analysis.ingest import logs
 from osl_analysis.ingest.draft import draft_source, to_be_edited
 from osl_analysis.ingest.examine import Commanded, Examined, measure_clock
@@ -696,7 +696,7 @@ def test_a_zip_that_unpacks_to_more_than_a_recording_may_is_refused_by_the_state
     tmp_path, monkeypatch
 ):
     np.savez_compressed(tmp_path / "a.npz", t=np.zeros(10**6))
-    monkeypatch.setattr("osl_analysis.formats.table.MOST_BYTES", 10**6)
+    monkeypatch.setattr("osl_analysis.old_formats.table.MOST_BYTES", 10**6)
     with pytest.raises(
         InputError, match=re.escape("take 0.008 GB of memory, at most 0.001 GB are read")
     ):

@@ -16,7 +16,7 @@ from recognised_files import refusal_by
 from scipy.spatial.transform import Rotation
 
 from osl_analysis.errors import InputError
-from osl_analysis.formats.c3d import read_c3d
+from osl_analysis.old_formats.c3d import read_c3d
 from osl_analysis.ingest.captures import plate_loads, wrench
 from osl_analysis.ingest.raw_files import FORMATS, read_source
 from osl_analysis.ingest.source import Recording, Source

@@ -20,7 +20,7 @@ from osl_analysis.commands.trials import inspect_file
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.raw_files import FORMATS, read_source, recognise, trial_from_files
-from osl_analysis.ingest.units import EXAMPLES, base_units, dimension, normalised, si_factor
+from osl_analysis.units import EXAMPLES, base_units, dimension, normalised, si_factor
 from osl_analysis.signals.grid import devices_of
 from osl_analysis.trial import Trial
 

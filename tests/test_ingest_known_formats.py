@@ -18,7 +18,7 @@ from recognised_files import refusal_by
 
 from osl_analysis.commands.trials import ingest_trial, inspect_file
 from osl_analysis.errors import InputError
-from osl_analysis.formats.mcap import MAGIC
+from osl_analysis.old_formats.mcap import MAGIC
 from osl_analysis.ingest import logs
 from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.overview import Overview, RecordedChannel

@@ -23,7 +23,7 @@ from osl_analysis.commands import trials as module
 from osl_analysis.commands import watch as watching
 from osl_analysis.errors import InputError
 from osl_analysis.files import config_here, default_config
-from osl_analysis.formats.csv_table import is_clock
+from osl_analysis.old_formats.csv_table import is_clock
 from osl_analysis.ingest import logs
 from osl_analysis.ingest import overview as about
 from osl_analysis.ingest.draft import draft_source, likely_column

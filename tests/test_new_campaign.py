@@ -22,7 +22,7 @@ from osl_analysis.files import shipped
 from osl_analysis.ingest.draft import draft_trials, segment_of
 from osl_analysis.ingest.raw_files import read_source, recordings_in
 from osl_analysis.ingest.source import open_places
-from osl_analysis.ingest.units import base_units, name_and_ending, normalised
+from osl_analysis.units import base_units, name_and_ending, normalised
 
 KINDS = {
     "config": "config/config.yaml config/campaigns/*/config.yaml config/new_campaign/[ce]*.yaml",

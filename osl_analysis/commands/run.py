@@ -23,7 +23,7 @@ from osl_analysis.errors import (
     not_installed,
 )
 from osl_analysis.files import CAMPAIGN, check_working_folder, root, shipped
-from osl_analysis.formats.rosbag import recorded_files
+from osl_analysis.old_formats.rosbag import recorded_files
 from osl_analysis.ingest.raw_files import (
     FORMATS,
     check_clocks,

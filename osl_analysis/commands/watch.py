@@ -23,7 +23,7 @@ from osl_analysis.commands.trials import checked_trial, inspect_file
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.errors import InputError, OslAnalysisError, listing, printable, unexpected
 from osl_analysis.files import CAMPAIGN, write_text
-from osl_analysis.formats.rosbag import recorded_files
+from osl_analysis.old_formats.rosbag import recorded_files
 from osl_analysis.ingest import draft as drafts
 from osl_analysis.ingest.examine import Commanded, examine, measured_table
 from osl_analysis.ingest.raw_files import read_source, recognise, recordings_in

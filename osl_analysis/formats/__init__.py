@@ -1,2 +1,1 @@
-"""Formats of recordings: from bytes to arrays of numbers. Nothing here knows a leg, a signal or an
-SI unit."""
+"""File formats: one module each, which gives one `Recording`."""

@@ -17,11 +17,11 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.errors import InputError, listing, naming, nearest, printable
-from osl_analysis.formats.c3d import C3DHeader, C3DRecording, read_c3d
-from osl_analysis.formats.gait_text import NexusSection, read_sections, read_trc, without_subject
-from osl_analysis.formats.table import Ledger, Table
+from osl_analysis.old_formats.c3d import C3DHeader, C3DRecording, read_c3d
+from osl_analysis.old_formats.gait_text import NexusSection, read_sections, read_trc, without_subject
+from osl_analysis.old_formats.table import Ledger, Table
 from osl_analysis.ingest import source as sources
-from osl_analysis.ingest.units import si_factor
+from osl_analysis.units import si_factor
 from osl_analysis.signals import run_at_extreme, runs
 from osl_analysis.trial import AXES, Array, marker_columns, own_axes, plate_columns, unit_of
 

@@ -17,7 +17,7 @@ from osl_analysis.ingest.captures import is_labelled
 from osl_analysis.ingest.overview import Overview, RecordedChannel
 from osl_analysis.ingest.raw_files import FORMATS
 from osl_analysis.ingest.source import NAME_OF_TIME, UNKNOWN, open_places
-from osl_analysis.ingest.units import (
+from osl_analysis.units import (
     GON,
     base_units,
     dimension,

@@ -17,25 +17,25 @@ import polars as pl
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, listing, naming
-from osl_analysis.formats import csv_table
-from osl_analysis.formats.binary_table import read_binary_table
-from osl_analysis.formats.gait_text import opensim_header, read_opensim
-from osl_analysis.formats.json_lines import JsonLines, addresses_of, decode_lines, read_json_lines
-from osl_analysis.formats.mat import Value, open_mat
-from osl_analysis.formats.mcap import read_mcap
-from osl_analysis.formats.messages import (
+from osl_analysis.old_formats import csv_table
+from osl_analysis.old_formats.binary_table import read_binary_table
+from osl_analysis.old_formats.gait_text import opensim_header, read_opensim
+from osl_analysis.old_formats.json_lines import JsonLines, addresses_of, decode_lines, read_json_lines
+from osl_analysis.old_formats.mat import Value, open_mat
+from osl_analysis.old_formats.mcap import read_mcap
+from osl_analysis.old_formats.messages import (
     Decoded,
     MessageFile,
     RefusedFileError,
     WrongFieldError,
     decode_topics,
 )
-from osl_analysis.formats.rosbag import read_rosbag1, read_rosbag2, siblings
-from osl_analysis.formats.table import Ledger, Table
-from osl_analysis.formats.tdms import TdmsChannel, read_tdms
+from osl_analysis.old_formats.rosbag import read_rosbag1, read_rosbag2, siblings
+from osl_analysis.old_formats.table import Ledger, Table
+from osl_analysis.old_formats.tdms import TdmsChannel, read_tdms
 from osl_analysis.ingest import source as sources
 from osl_analysis.ingest.captures import exported_columns, exported_plates
-from osl_analysis.ingest.units import is_unit, name_and_ending, normalised, si_factor
+from osl_analysis.units import is_unit, name_and_ending, normalised, si_factor
 from osl_analysis.signals import runs
 from osl_analysis.trial import Array, check_time, counter_column, median, unit_of
 

@@ -15,21 +15,21 @@ import polars as pl
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, listing, printable
-from osl_analysis.formats import csv_table
-from osl_analysis.formats.binary_table import titles_of_columns
-from osl_analysis.formats.c3d import C3DRecording, read_c3d
-from osl_analysis.formats.gait_text import opensim_header, read_sections, read_trc
-from osl_analysis.formats.json_lines import (
+from osl_analysis.old_formats import csv_table
+from osl_analysis.old_formats.binary_table import titles_of_columns
+from osl_analysis.old_formats.c3d import C3DRecording, read_c3d
+from osl_analysis.old_formats.gait_text import opensim_header, read_sections, read_trc
+from osl_analysis.old_formats.json_lines import (
     MOST_ELEMENTS,
     addresses_of,
     decode_lines,
     read_json_lines,
 )
-from osl_analysis.formats.mat import Value, address_with, open_mat
-from osl_analysis.formats.message_fields import FieldDescription, describe_message, last_name
-from osl_analysis.formats.messages import ChannelLog, decode_topics, read_channels
-from osl_analysis.formats.table import Ledger
-from osl_analysis.formats.tdms import read_tdms
+from osl_analysis.old_formats.mat import Value, address_with, open_mat
+from osl_analysis.old_formats.message_fields import FieldDescription, describe_message, last_name
+from osl_analysis.old_formats.messages import ChannelLog, decode_topics, read_channels
+from osl_analysis.old_formats.table import Ledger
+from osl_analysis.old_formats.tdms import read_tdms
 from osl_analysis.ingest import logs
 from osl_analysis.ingest.captures import plate_count, plate_loads, plate_parameter, vertical_axis
 from osl_analysis.ingest.source import NAME_OF_TIME, UNKNOWN, C3dSource

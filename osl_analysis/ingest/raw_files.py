@@ -18,16 +18,16 @@ import polars as pl
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, listing, naming, nearest, printable, quoted
-from osl_analysis.formats.binary_table import FIRST_BYTES, is_table_file, refuse_others
-from osl_analysis.formats.c3d import BLOCK, is_c3d, parse_header
-from osl_analysis.formats.csv_table import begins_with_rows, is_text
-from osl_analysis.formats.gait_text import is_nexus, is_opensim, is_trc
-from osl_analysis.formats.json_lines import is_json_lines
-from osl_analysis.formats.mat import is_mat
-from osl_analysis.formats.mcap import MAGIC
-from osl_analysis.formats.rosbag import ANY_BAG1, DESCRIPTION, SQLITE, files_in
-from osl_analysis.formats.table import copied_runs, noise_in, noise_of_pieces
-from osl_analysis.formats.tdms import is_tdms
+from osl_analysis.old_formats.binary_table import FIRST_BYTES, is_table_file, refuse_others
+from osl_analysis.old_formats.c3d import BLOCK, is_c3d, parse_header
+from osl_analysis.old_formats.csv_table import begins_with_rows, is_text
+from osl_analysis.old_formats.gait_text import is_nexus, is_opensim, is_trc
+from osl_analysis.old_formats.json_lines import is_json_lines
+from osl_analysis.old_formats.mat import is_mat
+from osl_analysis.old_formats.mcap import MAGIC
+from osl_analysis.old_formats.rosbag import ANY_BAG1, DESCRIPTION, SQLITE, files_in
+from osl_analysis.old_formats.table import copied_runs, noise_in, noise_of_pieces
+from osl_analysis.old_formats.tdms import is_tdms
 from osl_analysis.ingest import overview
 from osl_analysis.ingest import source as sources
 from osl_analysis.ingest.captures import (

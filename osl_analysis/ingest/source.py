@@ -26,10 +26,10 @@ from pydantic import (
 )
 
 from osl_analysis.errors import InputError, nearest
-from osl_analysis.formats.csv_table import MISSING
-from osl_analysis.formats.mat import checked_address
-from osl_analysis.formats.table import Ledger, noise_in
-from osl_analysis.ingest.units import (
+from osl_analysis.old_formats.csv_table import MISSING
+from osl_analysis.old_formats.mat import checked_address
+from osl_analysis.old_formats.table import Ledger, noise_in
+from osl_analysis.units import (
     ForceUnit,
     LengthUnit,
     MomentUnit,

@@ -18,11 +18,11 @@ import zstandard
 from mcap.records import Channel, Schema
 
 from osl_analysis.errors import InputError, listing, naming, optional_module, quoted
-from osl_analysis.formats.mcap import MAGIC as MCAP
-from osl_analysis.formats.mcap import read_mcap
-from osl_analysis.formats.message_fields import NOT_DEFINED, message_type, numbers_at, short_name
-from osl_analysis.formats.messages import MessageBlock, MessageFile, joined_parts
-from osl_analysis.formats.table import reason_of
+from osl_analysis.old_formats.mcap import MAGIC as MCAP
+from osl_analysis.old_formats.mcap import read_mcap
+from osl_analysis.old_formats.message_fields import NOT_DEFINED, message_type, numbers_at, short_name
+from osl_analysis.old_formats.messages import MessageBlock, MessageFile, joined_parts
+from osl_analysis.old_formats.table import reason_of
 
 BAG1 = b"#ROSBAG V2.0\n"
 ANY_BAG1 = b"#ROSBAG V"

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, quoted
-from osl_analysis.formats.table import Ledger
+from osl_analysis.old_formats.table import Ledger
 from osl_analysis.trial import Array
 
 ENDIAN = {"Intel": "<", "DEC": "<", "MIPS": ">"}

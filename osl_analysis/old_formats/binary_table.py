@@ -25,9 +25,9 @@ import polars as pl
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, listing, optional_module
-from osl_analysis.formats import csv_table
-from osl_analysis.formats.json_lines import is_json_lines
-from osl_analysis.formats.table import Ledger, check_memory, in_one_sentence, isolated
+from osl_analysis.old_formats import csv_table
+from osl_analysis.old_formats.json_lines import is_json_lines
+from osl_analysis.old_formats.table import Ledger, check_memory, in_one_sentence, isolated
 
 OLE, ZIP, HDF = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", b"PK\x03\x04", b"\x89HDF\r\n\x1a\n"
 SHEET = re.compile(

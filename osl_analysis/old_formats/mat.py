@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 
 from osl_analysis.errors import EXTRAS, InputError, listing, nearest, optional_module
-from osl_analysis.formats.binary_table import never_written, tell_bytes_behind
-from osl_analysis.formats.table import Ledger, check_memory, in_one_sentence, isolated
+from osl_analysis.old_formats.binary_table import never_written, tell_bytes_behind
+from osl_analysis.old_formats.table import Ledger, check_memory, in_one_sentence, isolated
 from osl_analysis.trial import Array
 
 DAMAGED = "copy the file again, or save it again in MATLAB, with the numbers in it"

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, listing, nearest, optional_module, quoted
-from osl_analysis.formats.csv_table import CONTROL
-from osl_analysis.formats.table import Ledger, reason_of
+from osl_analysis.old_formats.csv_table import CONTROL
+from osl_analysis.old_formats.table import Ledger, reason_of
 
 SAVE_AGAIN = "copy it again, or open it in LabVIEW or DIAdem and save it under a new name"
 

@@ -16,8 +16,8 @@ from mcap.records import Channel, Schema
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, listing
-from osl_analysis.formats import message_fields
-from osl_analysis.formats.table import Ledger
+from osl_analysis.old_formats import message_fields
+from osl_analysis.old_formats.table import Ledger
 
 
 class WrongFieldError(InputError):

@@ -18,7 +18,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, listing, nearest
-from osl_analysis.formats.table import Ledger
+from osl_analysis.old_formats.table import Ledger
 from osl_analysis.trial import Array
 
 DELIMITERS = {"tab": "\t", "space": " "}

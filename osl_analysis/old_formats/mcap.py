@@ -26,8 +26,8 @@ from mcap.records import Channel, Schema
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, naming, quoted
-from osl_analysis.formats.message_fields import Indices, numbers_at
-from osl_analysis.formats.messages import MessageBlock, MessageFile, RefusedFileError
+from osl_analysis.old_formats.message_fields import Indices, numbers_at
+from osl_analysis.old_formats.messages import MessageBlock, MessageFile, RefusedFileError
 
 MAGIC = b"\x89MCAP0\r\n"
 RECORD = struct.Struct("<BQ")  # opcode, length of the content

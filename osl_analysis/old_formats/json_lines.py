@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from osl_analysis.errors import InputError, listing, nearest
-from osl_analysis.formats.csv_table import utf8_of
-from osl_analysis.formats.message_fields import Columns, Indices, Reader, fields_in, json_object
-from osl_analysis.formats.table import Ledger
+from osl_analysis.old_formats.csv_table import utf8_of
+from osl_analysis.old_formats.message_fields import Columns, Indices, Reader, fields_in, json_object
+from osl_analysis.old_formats.table import Ledger
 
 # of an array that are listed: longer ones are images or whole recordings, and no signals
 MOST_ELEMENTS = 64

@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from osl_analysis.errors import InputError, listing
-from osl_analysis.formats import csv_table
-from osl_analysis.formats.table import Ledger
+from osl_analysis.old_formats import csv_table
+from osl_analysis.old_formats.table import Ledger
 from osl_analysis.trial import Array
 
 

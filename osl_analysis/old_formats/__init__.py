@@ -1,0 +1,1 @@
+"""Readers of release 0.4.0, until ingest takes the recordings of `formats`."""

@@ -18,8 +18,8 @@ from recognised_files import refusal_by
 
 from osl_analysis.commands.trials import ingest_trial, inspect_file
 from osl_analysis.errors import InputError
-from osl_analysis.old_formats.mcap import MAGIC
 from osl_analysis.ingest import logs
+from osl_analysis.ingest.conversion import origin_of, to_si
 from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.overview import Overview, RecordedChannel
 from osl_analysis.ingest.raw_files import (
@@ -30,6 +30,7 @@ from osl_analysis.ingest.raw_files import (
     trial_from_files,
 )
 from osl_analysis.ingest.source import SOURCES, Channel, ColumnTime, LogSource, Recording
+from osl_analysis.old_formats.mcap import MAGIC
 from osl_analysis.trial import Trial, read_trial
 
 ROOT, LOG = (
@@ -108,12 +109,13 @@ class ToySource(LogSource):
 def read_toy(path: Path, source: ToySource) -> Recording:
     content = json.loads(path.read_bytes().removeprefix(b"TOY1"))
     columns = {
-        name: one.to_si(np.array(content[one.name]), "rad") for name, one in source.channels.items()
+        name: to_si(one, np.array(content[one.name]), "rad")
+        for name, one in source.channels.items()
     }
     time = np.arange(len(content["angle"])) / 100
     return Recording(
         pl.DataFrame({"time": time, **columns}),
-        {n: c.origin(n) for n, c in source.channels.items()},
+        {n: origin_of(c, n) for n, c in source.channels.items()},
     )
 
 

@@ -19,11 +19,11 @@ from osl_analysis.config.experiments import EXPERIMENTS, ResultTable
 from osl_analysis.config.sheet import FIXTURE, SheetRows, read_impedance_trajectory, read_sheet
 from osl_analysis.errors import InputError, listing, naming, nearest
 from osl_analysis.files import default_config, shipped
-from osl_analysis.old_formats.rosbag import DESCRIPTION, recorded_files
 from osl_analysis.ingest.examine import UNITS
 from osl_analysis.judge.limits import CHECKS, unknown_check, validate_rules
 from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.model.drivetrain import joint_of, known_parameters
+from osl_analysis.old_formats.rosbag import DESCRIPTION, recorded_files
 from osl_analysis.table import MEASURED, SIMULATED
 from osl_analysis.trial import stretches
 from osl_analysis.walking.groups import STATED, side_of, split_keys, static_of

@@ -23,7 +23,6 @@ from osl_analysis.errors import (
     not_installed,
 )
 from osl_analysis.files import CAMPAIGN, check_working_folder, root, shipped
-from osl_analysis.old_formats.rosbag import recorded_files
 from osl_analysis.ingest.raw_files import (
     FORMATS,
     check_clocks,
@@ -32,6 +31,7 @@ from osl_analysis.ingest.raw_files import (
     recognise,
     recordings_in,
 )
+from osl_analysis.old_formats.rosbag import recorded_files
 from osl_analysis.yaml_settings import read_mapping
 
 CONFIGURED_BY = ("--configfile", "--configfiles")  # options of Snakemake that name a configuration

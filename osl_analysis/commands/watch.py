@@ -23,7 +23,6 @@ from osl_analysis.commands.trials import checked_trial, inspect_file
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.errors import InputError, OslAnalysisError, listing, printable, unexpected
 from osl_analysis.files import CAMPAIGN, write_text
-from osl_analysis.old_formats.rosbag import recorded_files
 from osl_analysis.ingest import draft as drafts
 from osl_analysis.ingest.examine import Commanded, examine, measured_table
 from osl_analysis.ingest.raw_files import read_source, recognise, recordings_in
@@ -31,6 +30,7 @@ from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.limits import CHECKS, judged_table
 from osl_analysis.judge.words import check_words, finding_said
 from osl_analysis.model.drivetrain import joint_of
+from osl_analysis.old_formats.rosbag import recorded_files
 from osl_analysis.signals.grid import uniform_signals
 from osl_analysis.spectral.stepped_sine import Likeness, find_segments, stated_protocol
 from osl_analysis.trial import Trial

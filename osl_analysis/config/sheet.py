@@ -14,8 +14,8 @@ import numpy as np
 
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError, nearest
-from osl_analysis.old_formats.binary_table import FIRST_BYTES, is_table_file, refuse_others
 from osl_analysis.model.compensator import CONTROLLERS, Weight
+from osl_analysis.old_formats.binary_table import FIRST_BYTES, is_table_file, refuse_others
 from osl_analysis.refusal import check_not_refused
 from osl_analysis.trial import Array, stretches
 from osl_analysis.yaml_settings import Settings

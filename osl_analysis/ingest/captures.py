@@ -17,13 +17,19 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.errors import InputError, listing, naming, nearest, printable
-from osl_analysis.old_formats.c3d import C3DHeader, C3DRecording, read_c3d
-from osl_analysis.old_formats.gait_text import NexusSection, read_sections, read_trc, without_subject
-from osl_analysis.old_formats.table import Ledger, Table
 from osl_analysis.ingest import source as sources
-from osl_analysis.units import si_factor
+from osl_analysis.ingest.conversion import origin_of, to_si
+from osl_analysis.old_formats.c3d import C3DHeader, C3DRecording, read_c3d
+from osl_analysis.old_formats.gait_text import (
+    NexusSection,
+    read_sections,
+    read_trc,
+    without_subject,
+)
+from osl_analysis.old_formats.table import Ledger, Table
 from osl_analysis.signals import run_at_extreme, runs
 from osl_analysis.trial import AXES, Array, marker_columns, own_axes, plate_columns, unit_of
+from osl_analysis.units import si_factor
 
 Origins = dict[str, dict[str, Any]]
 PlateRecord = tuple[dict[str, Array], Origins, dict[str, Any]]
@@ -110,16 +116,16 @@ def captured(
     )
     # in the unit of the source file, never in that of the file
     for column, values in (outputs or {}).items():
-        slow[column] = named.outputs[column].to_si(values, unit_of(column))
-        origins[column] = named.outputs[column].origin(column)
+        slow[column] = to_si(named.outputs[column], values, unit_of(column))
+        origins[column] = origin_of(named.outputs[column], column)
     fast = dict[str, Array]()
     for values_of_plate, origins_of_plate, _ in plates:
         fast |= values_of_plate
         origins |= origins_of_plate
     for column, (values, unit) in (analogs or {}).items():
         with naming(column, f", as {source.place('analogs', column, 'unit')}"):
-            fast[column] = named.analogs[column].to_si(values, unit_of(column), unit)
-        origins[column] = named.analogs[column].origin(column, unit)
+            fast[column] = to_si(named.analogs[column], values, unit_of(column), unit)
+        origins[column] = origin_of(named.analogs[column], column, unit)
     if not fast and not slow:
         what = (
             "the source file names nothing that the file has: no marker, plate, analog channel or"

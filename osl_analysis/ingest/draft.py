@@ -17,6 +17,8 @@ from osl_analysis.ingest.captures import is_labelled
 from osl_analysis.ingest.overview import Overview, RecordedChannel
 from osl_analysis.ingest.raw_files import FORMATS
 from osl_analysis.ingest.source import NAME_OF_TIME, UNKNOWN, open_places
+from osl_analysis.signals import runs
+from osl_analysis.trial import COLUMNS, Array, factor_of, usual_size, varies
 from osl_analysis.units import (
     GON,
     base_units,
@@ -25,8 +27,6 @@ from osl_analysis.units import (
     name_and_ending,
     normalised,
 )
-from osl_analysis.signals import runs
-from osl_analysis.trial import COLUMNS, Array, factor_of, usual_size, varies
 from osl_analysis.yaml_settings import read_mapping
 
 MOTOR = r"\b(motor|actuator|act|output|gear|mot)\b"

@@ -17,10 +17,18 @@ import polars as pl
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, listing, naming
+from osl_analysis.ingest import source as sources
+from osl_analysis.ingest.captures import exported_columns, exported_plates
+from osl_analysis.ingest.conversion import origin_of, to_si
 from osl_analysis.old_formats import csv_table
 from osl_analysis.old_formats.binary_table import read_binary_table
 from osl_analysis.old_formats.gait_text import opensim_header, read_opensim
-from osl_analysis.old_formats.json_lines import JsonLines, addresses_of, decode_lines, read_json_lines
+from osl_analysis.old_formats.json_lines import (
+    JsonLines,
+    addresses_of,
+    decode_lines,
+    read_json_lines,
+)
 from osl_analysis.old_formats.mat import Value, open_mat
 from osl_analysis.old_formats.mcap import read_mcap
 from osl_analysis.old_formats.messages import (
@@ -33,11 +41,9 @@ from osl_analysis.old_formats.messages import (
 from osl_analysis.old_formats.rosbag import read_rosbag1, read_rosbag2, siblings
 from osl_analysis.old_formats.table import Ledger, Table
 from osl_analysis.old_formats.tdms import TdmsChannel, read_tdms
-from osl_analysis.ingest import source as sources
-from osl_analysis.ingest.captures import exported_columns, exported_plates
-from osl_analysis.units import is_unit, name_and_ending, normalised, si_factor
 from osl_analysis.signals import runs
 from osl_analysis.trial import Array, check_time, counter_column, median, unit_of
+from osl_analysis.units import is_unit, name_and_ending, normalised, si_factor
 
 RATE = "state the rate of the rows in Hz, as `time: {rate: HZ}`"
 SECOND = 1_000_000_000
@@ -82,7 +88,7 @@ def read_table_log(path: Path, source: sources.TableSource) -> sources.Recording
     ]
     for column, channel in source.channels.items():
         unit = table.units.get(channel.name, "")
-        origins[column] = {**channel.origin(column, unit), **table.found.get(channel.name, {})}
+        origins[column] = {**origin_of(channel, column, unit), **table.found.get(channel.name, {})}
         if channel.unit and unit and channel.unit != unit:
             said.append(f"{column} is read in {channel.unit}; the file says {unit}")
     # rows that do not repeat the stamp of the row before
@@ -231,7 +237,7 @@ def canonical_column(
         values[known] = np.unwrap(values[known], period=channel.wraps_at)
     with naming(what, f", as {source.place('channels', column, 'unit')}"):
         series = pl.Series(
-            column, channel.to_si(values, unit_of(column), table.units.get(channel.name, ""))
+            column, to_si(channel, values, unit_of(column), table.units.get(channel.name, ""))
         )
     return series.set(pl.Series(lacking), None) if lacking.any() else series
 
@@ -1106,7 +1112,7 @@ def read_message_log(path: Path, source: sources.MessageSource) -> sources.Recor
         "time": {"source": stamp, "stamps": source.time.stamps, "start_ns": start}
     }
     facts |= {"rates_hz": rates, "decoding": how, "stamps": orders, "missing": missing}
-    columns = {column: channel.origin(column) for column, channel in source.channels.items()}
+    columns = {column: origin_of(channel, column) for column, channel in source.channels.items()}
     remarks, topics = list[str](), {topic: file.channels_of(topic) for topic in by_topic}
     for topic, order in orders.items():
         counts = {

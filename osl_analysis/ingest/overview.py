@@ -15,6 +15,9 @@ import polars as pl
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, listing, printable
+from osl_analysis.ingest import logs
+from osl_analysis.ingest.captures import plate_count, plate_loads, plate_parameter, vertical_axis
+from osl_analysis.ingest.source import NAME_OF_TIME, UNKNOWN, C3dSource
 from osl_analysis.old_formats import csv_table
 from osl_analysis.old_formats.binary_table import titles_of_columns
 from osl_analysis.old_formats.c3d import C3DRecording, read_c3d
@@ -30,9 +33,6 @@ from osl_analysis.old_formats.message_fields import FieldDescription, describe_m
 from osl_analysis.old_formats.messages import ChannelLog, decode_topics, read_channels
 from osl_analysis.old_formats.table import Ledger
 from osl_analysis.old_formats.tdms import read_tdms
-from osl_analysis.ingest import logs
-from osl_analysis.ingest.captures import plate_count, plate_loads, plate_parameter, vertical_axis
-from osl_analysis.ingest.source import NAME_OF_TIME, UNKNOWN, C3dSource
 from osl_analysis.trial import Array, plate_columns
 
 

@@ -18,16 +18,6 @@ import polars as pl
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, listing, naming, nearest, printable, quoted
-from osl_analysis.old_formats.binary_table import FIRST_BYTES, is_table_file, refuse_others
-from osl_analysis.old_formats.c3d import BLOCK, is_c3d, parse_header
-from osl_analysis.old_formats.csv_table import begins_with_rows, is_text
-from osl_analysis.old_formats.gait_text import is_nexus, is_opensim, is_trc
-from osl_analysis.old_formats.json_lines import is_json_lines
-from osl_analysis.old_formats.mat import is_mat
-from osl_analysis.old_formats.mcap import MAGIC
-from osl_analysis.old_formats.rosbag import ANY_BAG1, DESCRIPTION, SQLITE, files_in
-from osl_analysis.old_formats.table import copied_runs, noise_in, noise_of_pieces
-from osl_analysis.old_formats.tdms import is_tdms
 from osl_analysis.ingest import overview
 from osl_analysis.ingest import source as sources
 from osl_analysis.ingest.captures import (
@@ -39,6 +29,16 @@ from osl_analysis.ingest.captures import (
 from osl_analysis.ingest.clock import ClockFit, aligned_clock
 from osl_analysis.ingest.logs import read_message_log, read_table_log
 from osl_analysis.ingest.overview import Overview, inspect_messages
+from osl_analysis.old_formats.binary_table import FIRST_BYTES, is_table_file, refuse_others
+from osl_analysis.old_formats.c3d import BLOCK, is_c3d, parse_header
+from osl_analysis.old_formats.csv_table import begins_with_rows, is_text
+from osl_analysis.old_formats.gait_text import is_nexus, is_opensim, is_trc
+from osl_analysis.old_formats.json_lines import is_json_lines
+from osl_analysis.old_formats.mat import is_mat
+from osl_analysis.old_formats.mcap import MAGIC
+from osl_analysis.old_formats.rosbag import ANY_BAG1, DESCRIPTION, SQLITE, files_in
+from osl_analysis.old_formats.table import copied_runs, noise_in, noise_of_pieces
+from osl_analysis.old_formats.tdms import is_tdms
 from osl_analysis.refusal import check_not_refused
 from osl_analysis.signals import run_edges
 from osl_analysis.trial import COLUMNS, Array, Trial, median, unit_of

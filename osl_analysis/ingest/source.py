@@ -1,245 +1,57 @@
-"""The models of source files. A source file describes the recordings of one recorder. Each format
-has a class with its own keys, so that a key of another format is refused by name. What is read by a
-source file is a `Recording`."""
+"""The models of each format's source files. What is read by a source file is a `Recording`."""
+
+# mypy: implicit-reexport
 
 import math
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from itertools import combinations, pairwise, product
-from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
-from pydantic import (
-    AfterValidator,
-    BeforeValidator,
-    Field,
-    PositiveFloat,
-    PositiveInt,
-    PrivateAttr,
-    field_validator,
-    model_validator,
-)
+from pydantic import AfterValidator, BeforeValidator, Field, PositiveInt, model_validator
 
-from osl_analysis.errors import InputError, nearest
+from osl_analysis.errors import InputError
 from osl_analysis.old_formats.csv_table import MISSING
 from osl_analysis.old_formats.mat import checked_address
 from osl_analysis.old_formats.table import Ledger, noise_in
-from osl_analysis.units import (
-    ForceUnit,
-    LengthUnit,
-    MomentUnit,
-    TimeUnit,
-    Unit,
-    quantity,
-    si_factor,
-)
 from osl_analysis.signals import run_edges
-from osl_analysis.trial import AXES, COLUMNS, Array, median, unit_of
-from osl_analysis.yaml_settings import Settings, distinct, field_line, misplaced, one_of
+from osl_analysis.source_file import (  # noqa: F401 (until the old modules go)
+    LEVEL_UNIT,
+    Axes,
+    Channel,
+    ColumnChannel,
+    ColumnName,
+    ColumnTime,
+    Conversion,
+    Corner,
+    ExportedPlate,
+    FieldChannel,
+    InAxes,
+    LaboratorySource,
+    LogChannel,
+    LogSource,
+    MarkerSource,
+    MessageChannel,
+    MessageSource,
+    MessageTime,
+    Name,
+    PlateUnits,
+    RowTime,
+    SharedAngle,
+    Source,
+    TableSource,
+    Time,
+    all_none_or_list,
+)
+from osl_analysis.trial import Array, median, unit_of
+from osl_analysis.units import LengthUnit, TimeUnit, Unit
+from osl_analysis.yaml_settings import misplaced
 
-SampleShare = Annotated[float, Field(ge=0, le=1)]
-# [s] of sensor, amplifier and bus; beyond it, K, B and I would be fitted to another motion
-LONGEST_DELAY = 0.2
-LEVEL_UNIT = "V"  # unit of the columns that may be read from truth values: `sync` and `trigger`
-# a scale or an offset; a larger number is a typing error
-NoSlip = Annotated[float, Field(ge=-1e12, le=1e12)]
-Name = Annotated[str, Field(min_length=1)]
-
-
-def column_name(given: Any) -> Any:
-    if type(given) is int and given < 1:
-        raise ValueError(
-            "columns are counted from 1; write its number, or a name of digits in quotes"
-        )
-    return str(given) if type(given) is int else given
-
-
-ColumnName = Annotated[Name, BeforeValidator(column_name)]
 AddressText = Annotated[str, AfterValidator(checked_address)]
-Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
-Axes = tuple[Axis, Axis, Axis]
-Corner = tuple[float, float, float]
-
-
-class SensorFilter(Settings):
-    """The low-pass of a sensor or its amplifier, an analogue Butterworth that ran once while
-    recording."""
-
-    cutoff: str  # Cut-off with its unit, as `100 Hz`.
-    order: int = Field(default=1, ge=1, le=8)  # Order.
-
-    @field_validator("cutoff")
-    @classmethod
-    def _above_the_motion(cls, value: str) -> str:
-        if quantity(value, "Hz") < 0.5:
-            raise ValueError(
-                "a cut-off below 0.5 Hz would hide the motion; correct its unit, as `100 Hz`"
-            )
-        return value
-
-
-class Conversion(Settings):
-    """Conversion of recorded numbers to SI units, sign * scale * factor * (raw + offset), and facts
-    on the sensor."""
-
-    SENSOR: ClassVar[set[str]] = {"delay", "low_pass", "resolution", "bits", "range"}
-
-    # Age of a sample at its stamp, as `2 ms`; it is subtracted from the channel's stamps.
-    delay: str | None = None
-    # The sensor's own low-pass, through which analyses put all other signals.
-    low_pass: SensorFilter | None = None
-    # Smallest step of the recorded values with its unit, as `0.02 deg`.
-    resolution: str | None = None
-    # Bits of an encoder per revolution, in place of `resolution`.
-    bits: int | None = Field(default=None, ge=4, le=32)
-    range: str | tuple[str, str] | None = None
-    """Range of the sensor, before `sign` and `offset`: `60 N*m` for +-60 N*m, or both ends, as `[0
-    deg, 300 deg]`."""
-    # Unit of the numbers, as laboratories spell it. Without it, the one that the file states.
-    unit: Unit | None = None
-    sign: Literal[1, -1] = 1  # -1 if the recorder has the opposite direction as positive.
-    scale: NoSlip = 1.0  # Units per count: 1 / 16384 with the unit rev for an encoder of 14 bits.
-    # Offset that is added to the raw numbers before the scale, in the raw unit.
-    offset: NoSlip = 0.0
-
-    @field_validator("delay", "scale")
-    @classmethod
-    def _possible(cls, value: Any) -> Any:
-        if isinstance(value, str) and not 0 <= quantity(value, "s") <= LONGEST_DELAY:
-            said = f"a delay is the age of a sample, from 0 to {LONGEST_DELAY:g} s"
-            raise ValueError(f"{said}; correct its sign or its unit")
-        if value == 0:
-            raise ValueError("a scale of zero makes every number zero; write the size of one count")
-        return value
-
-    def to_si(self, raw: Array, si_unit: str, unit_of_file: str = "") -> Array:
-        """Recorded numbers, of any shape, in the SI unit. `unit_of_file` counts if the source file
-        states no unit."""
-        factor = si_factor(unit_of_file if self.unit is None else self.unit, si_unit)
-        with np.errstate(over="ignore"):  # `check_sizes` refuses infinite values later
-            return np.asarray(self.sign * self.scale * factor * (raw + self.offset))
-
-    def origin(self, column: str, unit_of_file: str = "") -> dict[str, Any]:
-        """Source and conversion of a canonical column, and the stated facts on its sensor in SI
-        units, for the trial's provenance. `range` is that of the column, after `sign` and
-        `offset`."""
-        unit, si_unit = unit_of_file if self.unit is None else self.unit, unit_of(column)
-        found = {
-            **self.model_dump(exclude=self.SENSOR),
-            "unit": unit,
-            "factor": si_factor(unit, si_unit),
-        }
-        found["si_unit"] = si_unit
-        if self.delay is not None:
-            found["delay"] = quantity(self.delay, "s")
-        if self.low_pass is not None:
-            cutoff_hz = quantity(self.low_pass.cutoff, "Hz")
-            found["low_pass"] = {
-                "cutoff_hz": cutoff_hz,
-                **self.low_pass.model_dump(exclude={"cutoff"}),
-            }
-        if self.resolution is not None or self.bits is not None:
-            found["resolution"] = self.step(si_unit)
-        if self.range is not None:
-            offset = self.scale * found["factor"] * self.offset
-            found["range"] = sorted(self.sign * (end + offset) for end in self.ends(si_unit))
-        return found
-
-    def ends(self, si_unit: str) -> tuple[float, float]:
-        """Both ends of the stated range [si_unit]. Raises InputError: the range is empty."""
-        assert self.range is not None
-        texts = (self.range,) if isinstance(self.range, str) else self.range
-        ends = [quantity(text, si_unit) for text in texts]
-        low, high = (-ends[0], ends[0]) if len(ends) == 1 else ends
-        if low >= high:
-            said = f"a range from {low:g} to {high:g} {si_unit} is empty"
-            raise InputError(f"{said}; write the lower end first, or one number")
-        return low, high
-
-    def step(self, si_unit: str) -> float:
-        """Smallest step of the recorded values [si_unit]. Raises InputError: the statement
-        contradicts itself."""
-        if self.resolution is not None and self.bits is not None:
-            raise InputError("state `resolution` or `bits`, not both")
-        if self.resolution is None and si_unit != "rad":
-            raise InputError(
-                "`bits` are those of an encoder per revolution; state `resolution` with its unit"
-                " instead"
-            )
-        step = (
-            2 * np.pi / 2 ** (self.bits or 0)
-            if self.resolution is None
-            else quantity(self.resolution, si_unit)
-        )
-        if step <= 0:
-            raise InputError(
-                f"a resolution of {self.resolution} is not positive; write a positive one, or"
-                " remove it"
-            )
-        return step
-
-
-class Addressed(Settings):
-    """The keys that name one channel of a recording."""
-
-    # The key that names it: `column`, `field`, `channel`, `variable` or `component`.
-    ADDRESS: ClassVar[str] = ""
-    BESIDE: ClassVar[tuple[str, ...]] = ()  # Other keys that it takes to find it.
-
-    @property
-    def name(self) -> str:
-        """The channel, as the source file writes it; empty if it names none."""
-        return getattr(self, self.ADDRESS) or ""
-
-    @property
-    def title(self) -> str:
-        """The channel, for messages."""
-        return f"{self.ADDRESS} '{self.name}'"
-
-
-class Channel(Conversion, Addressed):
-    """The recorded channel of a canonical column, and its conversion."""
-
-    @property
-    def address(self) -> tuple[str, ...]:
-        """The full address of the channel. Only one column may be read from it."""
-        return self.name, *(getattr(self, key) for key in self.BESIDE)
-
-
-class LogChannel(Channel):
-    """A channel of a log."""
-
-    # Where the device counts its samples, which tells the missing ones.
-    counter: ColumnName | None = None
-    # After how much the raw numbers begin anew: 360, or 65536 for 16 bits.
-    wraps_at: PositiveFloat | None = None
-
-
-class FieldChannel(LogChannel):
-    ADDRESS = "field"
-    field: Name
-    """Dotted path of the number, with an index or a name where it passes an array:
-    `wrench.force.x`, `position[0]`, `position[name=ankle]`; in JSON a name with a dot in it in
-    quotes, `functions["loadcell.mz"]`."""
-    unit: Unit  # Unit of the numbers, as laboratories spell it.
-
-
-class MessageChannel(FieldChannel):
-    BESIDE = ("topic",)
-    topic: Name  # Name of the topic.
-
-
-class ColumnChannel(LogChannel):
-    ADDRESS = "column"
-    column: ColumnName
-    """Name in the header, with or without its unit (`torque` finds `torque [Nm]`); a pattern in
-    which `*` stands for any text, which must fit one column (`"*.output_position"`); or the
-    column's number, counted from 1."""
 
 
 class OpenSimChannel(ColumnChannel):
@@ -272,60 +84,6 @@ class DeviceChannel(Channel):
     component: Name  # Name of the column under it.
 
 
-class Time(Addressed):
-    """Where the time of a row or message comes from: the recording has it, or the rate at which
-    rows were written."""
-
-    IN_FILE: ClassVar[bool] = False  # Whether the format itself tells when a sample was taken.
-
-    stamps: Literal["auto", "exact", "even"] = "auto"
-    """How the stamps are taken (docs/time_base.md). `exact`: each sample was taken at its stamp.
-    `even`: the device samples evenly, and only the stamps scatter. `auto`: stamps and signals
-    decide."""
-
-
-class MessageTime(Time):
-    ADDRESS = "field"
-    # `header`: the stamp in the message. `log`: when the recorder logged it.
-    source: Literal["header", "log"]
-    field: str = "header.stamp"  # Path of a stamp of seconds and nanoseconds.
-
-
-class RowTime(Time):
-    """The time of a table of rows."""
-
-    COUNTS: ClassVar[bool] = False  # Whether it may count samples.
-
-    # Unit of the numbers that are time. Without it, the file's unit is used.
-    unit: TimeUnit | None = None
-    rate: PositiveFloat | None = None  # Rows per second [Hz], for a file without time.
-    repeated: Literal["keep", "drop"] = "keep"
-    """Rows whose stamp is that of the row before. `keep`: they are samples whose stamps were
-    rounded. `drop`: the recorder read a device faster than it sampled; only the first row of each
-    stamp is used."""
-
-    @model_validator(mode="after")
-    def _one(self) -> Self:
-        # samples at the rate
-        counts, rated = self.COUNTS and self.unit is None, self.rate is not None
-        if (self.name and rated and not counts) or not (self.name or rated or self.IN_FILE):
-            raise ValueError(
-                f"state either the {self.ADDRESS} that holds time or the rate of the rows [Hz]"
-            )
-        if self.unit is not None and not self.name and self.ADDRESS != "column":
-            raise ValueError(
-                f"`unit` is that of the {self.ADDRESS} of time; name the {self.ADDRESS}, or"
-                " remove it"
-            )
-        return self
-
-
-class ColumnTime(RowTime):
-    ADDRESS, COUNTS = "column", True
-    # Name of the column that holds time, or beside `rate` counts the samples.
-    column: ColumnName | None = None
-
-
 class OpenSimTime(ColumnTime):
     column: ColumnName | None = "time"  # Name of the column that holds time.
     unit: TimeUnit | None = "s"  # Unit of the numbers that are time.
@@ -349,13 +107,6 @@ class TdmsTime(RowTime):
     channel: str | None = None
 
 
-class ExportedPlate(Settings):
-    """A force plate that was exported as numbers. The file does not say where it lies."""
-
-    # -1 if the file has the force on the plate instead of the force on the foot.
-    sign: Literal[1, -1] = 1
-
-
 class OpenSimPlate(ExportedPlate):
     force: str  # Beginning of the names of the force's columns [N]: `R_ground_force_v`.
     # Beginning of the names of the columns of the point of application [m]: `R_ground_force_p`.
@@ -373,187 +124,6 @@ class NexusPlate(ExportedPlate):
     corners: tuple[Corner, Corner, Corner, Corner]  # Of the surface in the file's axes [mm].
     # About which the file takes the moment [mm]; without it the corners' centre.
     moment_about: Corner | None = None
-
-
-class PlateUnits(Settings):
-    """Units of the plates' channels where the file's ANALOG:UNITS are absent or wrong."""
-
-    force: ForceUnit  # Unit of the force channels.
-    moment: MomentUnit  # Unit of the moment channels.
-    # Unit of the centre of pressure of a type 1 plate; null: the file's.
-    length: LengthUnit | None = None
-
-
-class SharedAngle(Settings):
-    """An angle recorded by both log and motion capture. It aligns their clocks if there are no sync
-    edges."""
-
-    column: Annotated[str, AfterValidator(partial(one_of, COLUMNS, "canonical column of a log"))]
-    """Column of the log with the angle. Its scale, sign and offset do not matter."""
-    markers: Annotated[tuple[str, str, str], AfterValidator(distinct)]
-    """Three markers of motion capture. The angle is at the second marker."""
-
-
-class ModelOutput(Conversion):
-    """One component of a model output, such as a joint moment of Plug-in Gait, that is stored like
-    a marker."""
-
-    label: Name  # Label of the output in the file.
-    component: Literal["x", "y", "z"]  # Component of the output.
-    # In which the software computes; the file may misstate it: moments of Plug-in Gait are N*mm/kg.
-    unit: Unit
-
-
-def all_none_or_list(value: Any) -> Any:
-    """A choice among the parts of a file; `none` becomes the empty list."""
-    if value not in ("all", "none") and not isinstance(value, list | tuple):
-        raise ValueError("write all, none or a list")
-    return () if value == "none" else value if value == "all" else distinct(tuple(value))
-
-
-def canonical(channels: Mapping[str, Conversion]) -> None:
-    """Refuse channels that are not in the nomenclature, and units that cannot become the
-    column's."""
-    names = [name for name in COLUMNS if name != "time"]
-    for column, channel in channels.items():
-        try:
-            si_unit = unit_of(column)
-        except KeyError:
-            advice = f"the columns are {', '.join(names)}, signal_NAME{nearest(column, names)}"
-            raise misplaced(f"'{column}' is not a canonical column; {advice}", column) from None
-        if column == "time":
-            raise misplaced("time is not a channel; state its source under `time`", column)
-        unit, step = partial(si_factor, channel.unit or ""), channel.step
-        for key, check in (
-            ("unit", unit),
-            ("resolution", step),
-            ("bits", step),
-            ("range", channel.ends),
-        ):
-            try:
-                if getattr(channel, key) is not None:
-                    check(si_unit)
-            except ValueError as error:
-                raise misplaced(
-                    f"{getattr(channel, key)!r} is not allowed: {error}", column, key
-                ) from None
-
-
-def each_once(key: str, channels: Mapping[str, Channel], named: dict[tuple[str, ...], str]) -> None:
-    """Refuse a channel that is mapped to two columns, unless they are levels. `named`: column by
-    channel, so far."""
-    for column, channel in channels.items():
-        if (
-            unit_of(column) != LEVEL_UNIT
-            and (other := named.setdefault(channel.address, column)) != column
-        ):
-            raise misplaced(
-                f"{channel.title} is {other} already; correct one", key, column, channel.ADDRESS
-            )
-
-
-class Source(Settings):
-    """A source file: what the files of a recorder hold. A recorder writes a log, with its own
-    clock, or a capture."""
-
-    format: str  # Format of the file.
-    description: str = ""  # For readers; nothing is computed from it.
-    _path: Path | None = PrivateAttr(default=None)
-
-    @field_validator("channels", "analogs", "outputs", check_fields=False)
-    @classmethod
-    def _canonical(cls, channels: Mapping[str, Conversion]) -> Mapping[str, Conversion]:
-        canonical(channels)
-        return channels
-
-    def written_in(self, path: Path) -> None:
-        self._path = path
-
-    def place(self, *keys: str) -> str:
-        """A field, for messages: its keys, and the file and line in which they stand."""
-        if self._path is None:
-            return f"`{'.'.join(keys)}` in the source file"
-        line = field_line(self._path, keys)
-        return f"`{'.'.join(keys)}` in {self._path}{f', line {line}' if line else ''}"
-
-    def of_part(self, part: str) -> Self:
-        """The source file for one part of a log that holds several trials, as the sample sheet
-        names it."""
-        if part:
-            said = (
-                f"log_part '{part}': a log in {self.format} holds one trial; leave log_part empty"
-            )
-            raise InputError(said)
-        return self
-
-
-class InAxes(Source):
-    """The source file of files with positions."""
-
-    # The file's axes that point forward, left and up: `[x, -z, y]` where y is up.
-    axes: Axes = ("x", "y", "z")
-
-    @property
-    def rotation(self) -> Array:
-        """Rotation (3, 3) from the file's axes to ours: our coordinates are `rotation @ (x, y,
-        z)`."""
-        signs = [-1.0 if name[0] == "-" else 1.0 for name in self.axes]
-        return np.array(
-            [
-                [s * (name[-1] == axis) for axis in AXES]
-                for s, name in zip(signs, self.axes, strict=True)
-            ]
-        )
-
-    @model_validator(mode="after")
-    def _right_handed(self) -> Self:
-        if round(float(np.linalg.det(self.rotation))) != 1:
-            said = "forward, left and up must be three different axes of a right-handed laboratory"
-            raise misplaced(f"{list(self.axes)} is not allowed: {said}", "axes")
-        return self
-
-
-class LogSource(Source):
-    """The source file of a log."""
-
-    clock: Literal["master", "sync", "shared"] = "master"
-    """How the log's clock is aligned to motion capture's. `master`: not; the log is the only file.
-    `sync`: by the edges of the column `sync`. `shared`: by the signal that motion capture's source
-    file names under `shared`."""
-    # The recorded channel of each canonical column.
-    channels: Annotated[Mapping[str, LogChannel], Field(min_length=1)]
-    time: Time  # Where the time of a row or message comes from.
-    # Largest share of a channel's numbers, and of the rows, that may be missing.
-    most_missing: SampleShare = 0.01
-
-    @model_validator(mode="after")
-    def _aligned(self) -> Self:
-        if self.clock == "shared" and "sync" in self.channels:
-            said = (
-                "a log with the mapped column sync is aligned by its edges; write clock: sync, or"
-                " remove sync"
-            )
-            raise misplaced(said, "clock")
-        if self.clock == "sync" and "sync" not in self.channels:
-            raise misplaced(
-                "sync needs the column sync under channels; map it, or write clock: master", "clock"
-            )
-        each_once("channels", self.channels, {(self.time.name,): "time"} if self.time.name else {})
-        return self
-
-
-class MessageSource(LogSource):
-    OF = " of messages"
-    channels: Annotated[Mapping[str, MessageChannel], Field(min_length=1)]
-    time: MessageTime
-    # Largest share of a topic's messages that may be lost, or the log is refused.
-    largest_loss: SampleShare = 0.01
-
-
-class TableSource(LogSource):
-    """The source file of a log that is a table of rows."""
-
-    time: RowTime
 
 
 class SheetSource(TableSource):
@@ -643,32 +213,9 @@ class OpenSimSource(SheetSource, InAxes):
         return self
 
 
-class MarkerSource(InAxes):
-    """The source file of a motion capture."""
-
-    markers: Annotated[Literal["all"] | tuple[str, ...], BeforeValidator(all_none_or_list)] = "all"
-    """The markers to read: all (every labelled point except model outputs), none or a list of
-    labels."""
-    shared: SharedAngle | None = None  # What aligns the clock of a log that says `clock: shared`.
-
-
 class TrcSource(MarkerSource):
     OF = " of format trc"
     point_unit: LengthUnit | None = None  # Unit of length, where the file's own is absent or wrong.
-
-
-class LaboratorySource(MarkerSource):
-    """The source file of a motion capture with devices."""
-
-    # The recorded channel of each canonical column.
-    analogs: Mapping[str, Channel] = Field(default={})
-    # The model output of each canonical column.
-    outputs: Mapping[str, ModelOutput] = Field(default={})
-
-    @model_validator(mode="after")
-    def _each_once(self) -> Self:
-        each_once("analogs", self.analogs, {})
-        return self
 
 
 class C3dSource(LaboratorySource):

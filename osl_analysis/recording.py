@@ -4,6 +4,7 @@ Every format reads its files to one `Recording`. Ingest, `inspect`, `init`, `wat
 take nothing else, and nothing here knows a format.
 """
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -14,13 +15,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from osl_analysis.errors import InputError, listing, nearest
+
 
 class Kind(StrEnum):
     """What a channel is."""
 
     SIGNAL = "signal"
     MARKER = "marker"  # positions (n, 3), NaN where the marker was not seen
-    MODEL_OUTPUT = "model output"  # an angle or a moment that the laboratory's program computed
+    # angles or moments that the laboratory's program computed: (n, 3), addressed by `label`
+    MODEL_OUTPUT = "model output"
     CLOCK = "clock"  # whole nanoseconds
 
 
@@ -48,8 +52,13 @@ class Rows:
         Time of the first row, on one clock for all rows of a file.
     stamps_ns
         Shape (count,): the recorder's own stamp of each row.
+    writers
+        Shape (count,): number of the recorder's channel that wrote each row, where several wrote
+        to one topic.
     lines
         Shape (count,): line or message number of each row in the file, for messages to a user.
+    noun
+        What a row is called in messages to a user: `line`, `message`, `sample`, `frame`, `row`.
     """
 
     count: int
@@ -57,7 +66,15 @@ class Rows:
     rate_hz: float | None = None
     start_s: float = 0.0
     stamps_ns: NDArray[np.int64] | None = None
+    writers: NDArray[np.int64] | None = None
     lines: NDArray[np.int64] | None = None
+    noun: str = "row"
+
+    def place(self, row: int) -> str:
+        """Name a row, counted from 0, to a user."""
+        if self.lines is None:
+            return f"{self.noun} {row + 1} of {self.count}"
+        return f"{self.noun} {self.lines[row]}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +97,8 @@ class Channel:
         Unit that the file states; empty where it states none.
     likely_unit
         Unit by a convention or a name. It is shown to a user and never used unasked.
+    type
+        Type of its numbers and length of the array that they stand in, as `float64[4]`, for a user.
     """
 
     address: Mapping[str, str]
@@ -89,6 +108,7 @@ class Channel:
     unit: str = ""
     likely_unit: str = ""
     kind: Kind = Kind.SIGNAL
+    type: str = ""
 
     @cached_property
     def values(self) -> NDArray[Any]:
@@ -144,20 +164,34 @@ class Loss:
 
 @dataclass(frozen=True, eq=False)
 class Plate:
-    """A force plate as its file describes it (C3D manual, FORCE_PLATFORM).
+    """A force plate as its file, or the source file, describes it.
 
     Attributes
     ----------
     type
-        1 to 4 of the C3D manual.
+        1 to 4 of the C3D manual (FORCE_PLATFORM). 0: force and moment were exported in the
+        laboratory's axes; its channels are Fx, Fy, Fz, Mx, My, Mz and, where the moment is about a
+        point that moves, the coordinates of that point.
     corners
         Shape (4, 3), in `length_unit`, in the laboratory's axes.
     origin
-        Shape (3,), in `length_unit`, in the plate's axes.
+        Shape (3,), in `length_unit`, in the plate's axes. Of type 0: the point about which the
+        moment is, in the laboratory's axes.
     channels
         Its analog channels, in the order of the type.
     calibration
-        Shape (6, 6) for type 4.
+        Shape (6, 6) for type 4, in N and N times `length_unit` per unit of the channels.
+    sign
+        -1 where the file has the force on the plate in place of the force on the foot.
+    foot
+        `left` or `right` where the force is that of one foot, whichever plate it stands on.
+    zero_frames
+        First and last frame, from 1, that the file states as the baseline (FORCE_PLATFORM:ZERO).
+    facts
+        What the provenance keeps, as the name of the device.
+    problem
+        Why it cannot be used, and what to do; empty where it can. Then its other fields count for
+        nothing. Only who asks for this plate is refused.
     """
 
     number: int
@@ -167,6 +201,11 @@ class Plate:
     channels: Sequence[Channel]
     length_unit: str = "mm"
     calibration: NDArray[np.float64] | None = None
+    sign: int = 1
+    foot: str | None = None
+    zero_frames: tuple[int, int] | None = None
+    facts: Mapping[str, Any] = field(default_factory=dict)
+    problem: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,11 +219,14 @@ class Recording:
     notes
         Text of the file: comments, header lines, properties.
     facts
-        What `inspect` shows and the provenance keeps: frames, size, first frame.
+        What `inspect` shows and the provenance keeps, as size and version. A capture tells
+        `frames`, `first_frame`, `frame_rate_hz`, `samples_per_frame`, and `body_mass_kg` and
+        `vertical_axis` (`+Z`, `y`) where it knows them.
     settings
         Fields of a source file that the file itself tells, as the delimiter of a table.
     find_unlisted
-        Finds a channel that is too many to be listed, as element 7 of an array in a message.
+        Finds a channel that is not listed, as element 7 of an array in a message, or one that is
+        named in another way.
     """
 
     format: str
@@ -195,6 +237,81 @@ class Recording:
     facts: Mapping[str, Any] = field(default_factory=dict)
     settings: Mapping[str, Any] = field(default_factory=dict)
     find_unlisted: Callable[[Mapping[str, str]], Channel | None] | None = None
+
+    def find(self, address: Mapping[str, str], noun: str = "") -> Channel:
+        """Find the channel that a source file names.
+
+        Parameters
+        ----------
+        address
+            Keys and values, the most general first. The last value is a full name, a name without
+            place or unit (`Channel.name`), a pattern with `*` that fits one channel, or of a
+            column its number, counted from 1.
+        noun
+            What the channel is called in messages; the last key if empty.
+
+        Raises
+        ------
+        InputError
+            No channel, or several channels have this address.
+        """
+        remaining = [one for one in self.channels if one.address.keys() == address.keys()]
+        *places, key = address
+        for place in places:
+            within = [one for one in remaining if one.address[place] == address[place]]
+            if not within:
+                unlisted = self.find_unlisted(address) if self.find_unlisted else None
+                if unlisted is not None:
+                    return unlisted
+                names = list(dict.fromkeys(one.address[place] for one in remaining))
+                raise _missing(place, address[place], names)
+            remaining = within
+        wanted = address[key]
+        found = _named(wanted, remaining, key)
+        if len(found) > 1:
+            raise InputError(
+                f"{noun or key} '{wanted[:80]}' occurs {len(found)} times, as"
+                f" {listing([_numbered(one, remaining) for one in found])}; write a pattern or a"
+                " name that only one has, or its number"
+            )
+        if found:
+            return found[0]
+        unlisted = self.find_unlisted(address) if self.find_unlisted else None
+        if unlisted is None:
+            names = list(dict.fromkeys(one.address[key] for one in remaining))
+            raise _missing(noun or key, wanted, names)
+        return unlisted
+
+
+def _named(wanted: str, channels: Sequence[Channel], key: str) -> list[Channel]:
+    """List the channels with a name: in full, without place or unit, by pattern, or by number."""
+    full = [one for one in channels if one.address[key] == wanted]
+    if full:
+        return full
+    plain = [one for one in channels if one.name == wanted]
+    if plain:
+        return plain
+    if "*" in wanted:
+        pattern = re.compile(re.escape(wanted).replace(r"\*", ".*"), re.DOTALL)
+        return [
+            one
+            for one in channels
+            if pattern.fullmatch(one.address[key]) or pattern.fullmatch(one.name)
+        ]
+    is_number = key == "column" and re.fullmatch(r"[1-9]\d{0,4}", wanted, re.ASCII)
+    if is_number and int(wanted) <= len(channels):
+        return [channels[int(wanted) - 1]]
+    return []
+
+
+def _numbered(channel: Channel, channels: Sequence[Channel]) -> str:
+    number = next(n for n, one in enumerate(channels, start=1) if one is channel)
+    return f"number {number} ('{channel.key}')"
+
+
+def _missing(noun: str, wanted: str, names: Sequence[str]) -> InputError:
+    advice = nearest(wanted, names) or "; correct the name in the source file"
+    return InputError(f"no {noun} '{wanted[:80]}'; the file has {listing(names)}{advice}")
 
 
 @dataclass(frozen=True)
@@ -215,6 +332,10 @@ class Format:
         Reads a file; the source file, where there is one, gives the options of the format.
     priority
         Formats with a lower number are asked first whether a file is theirs; text is asked last.
+    is_folder
+        Whether a folder is one recording of this format.
+    files_in
+        Files of such a folder that are the recording.
     """
 
     name: str
@@ -223,3 +344,5 @@ class Format:
     source: type[Any]
     read: Callable[[Path, Any], Recording]
     priority: int = 0
+    is_folder: Callable[[Path], bool] = lambda path: False
+    files_in: Callable[[Path], Sequence[Path]] = lambda path: [path]

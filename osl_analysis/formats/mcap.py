@@ -1,0 +1,432 @@
+"""MCAP (https://mcap.dev/spec).
+
+Written by hand: the `mcap` library takes 30 times as long, and gives nothing of a log without its
+end.
+
+The records of the top level are walked from the front, so that a log without its end is read as far
+as it goes. A chunk that does not match its checksum is lost, and counted by the indexes behind it.
+The summary tells how many messages the recorder wrote.
+"""
+
+import struct
+import zlib
+from collections import Counter
+from io import BytesIO
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import lz4.frame
+import numpy as np
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, DataEnd, Statistics
+from mcap.records import Schema as SchemaRecord
+from numpy.typing import NDArray
+
+from osl_analysis.errors import InputError, quoted
+from osl_analysis.formats import _messages
+from osl_analysis.formats._messages import Messages, Schema, Topic
+from osl_analysis.formats._ros_shapes import rows_at
+from osl_analysis.recording import End, Format, Loss, Recording
+from osl_analysis.source_file import MessageSource
+
+MAGIC = b"\x89MCAP0\r\n"
+RECORD = struct.Struct("<BQ")  # opcode, length of the content [bytes]
+# opcode, length, where the summary and its offsets begin, its checksum
+FOOTER = struct.Struct("<BQQQI")
+INDEX_HEAD = struct.Struct("<HI")  # channel, size of the entries [bytes]
+INDEX_ENTRY = 16  # bytes: log time, place in the chunk
+MESSAGE = np.dtype(
+    [
+        ("opcode", "u1"),
+        ("length", "<u8"),
+        ("channel", "<u2"),
+        ("sequence", "<u4"),
+        ("log_time", "<u8"),
+        ("publish_time", "<u8"),
+    ]
+)
+MESSAGE_HEAD = MESSAGE.itemsize - RECORD.size  # bytes of the head within the content
+LARGEST_CHUNK = 1_000_000_000  # bytes of a chunk; recorders write a few million
+
+
+class DamagedChunkError(Exception):
+    """A chunk cannot be read. The message completes the sentence "it ..."."""
+
+
+class IndexedChunk(NamedTuple):
+    """A chunk with what the message indexes behind it list."""
+
+    start: int  # first byte of its content in the file
+    content: bytes
+    counts: Counter[int]  # messages of each channel
+    places: list[NDArray[np.int64]]  # of messages in the chunk [bytes]
+
+
+class Log:
+    """A log that is read: its topics, and what is lost."""
+
+    def __init__(self, data: bytes, wanted: dict[str, list[str]] | None) -> None:
+        self.data = data
+        self.wanted = wanted
+        self.channels: dict[int, Channel] = {}
+        self.schemas: dict[int, SchemaRecord] = {}
+        self.topics: dict[int, Topic] = {}  # those that are wanted
+        self.read: Counter[int] = Counter()  # messages by channel
+        self.lost: Counter[int] = Counter()
+        self.checked = 0  # messages that a checksum covers
+        self.chunks = 0
+        self.chunks_lost = 0
+        self.statistics: Statistics | None = None
+        self.end = End.MISSING
+        self.remarks: list[str] = []
+        self.is_data_wrong = False  # by the checksum of the data section
+        self._chunk: IndexedChunk | None = None
+
+    def walk(self) -> None:
+        """Read the records of the top level."""
+        data = self.data
+        position = len(MAGIC)
+        data_end = 0
+        self._take_declarations_of_summary()
+        while position + RECORD.size <= len(data) and self.end == End.MISSING:
+            opcode, length = RECORD.unpack_from(data, position)
+            start = position + RECORD.size
+            end = start + length
+            if opcode == 0 or end > len(data):
+                break
+            if opcode != Opcode.MESSAGE_INDEX:
+                self._take_chunk()
+            if opcode == Opcode.CHUNK:
+                self._chunk = IndexedChunk(start, data[start:end], Counter(), [])
+            elif opcode == Opcode.MESSAGE_INDEX:
+                self._take_index(start)
+            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE):
+                end = self._take_records(data, position, in_chunk=False)
+            elif opcode == Opcode.DATA_END and not data_end:
+                data_end = position
+                checksum = DataEnd.read(_stream(data[start:end])).data_section_crc
+                self.is_data_wrong = bool(checksum) and zlib.crc32(data[:position]) != checksum
+            elif opcode == Opcode.STATISTICS:
+                self.statistics = Statistics.read(_stream(data[start:end]))
+            elif opcode == Opcode.FOOTER:
+                self._take_footer(end)
+            elif opcode == Opcode.HEADER and position > len(MAGIC):
+                raise _two_logs(position - len(MAGIC))
+            position = end
+        self._take_chunk()
+        if self.end == End.MISSING:
+            self.remarks.append(
+                "no footer: the recorder did not finish, or the end is lost; how much is not known"
+            )
+
+    def _take_declarations_of_summary(self) -> None:
+        """Read the channels that the summary lists: the chunk that declares them may be damaged."""
+        footer = self.data[-len(MAGIC) - FOOTER.size : -len(MAGIC)]
+        if not self.data.endswith(MAGIC) or footer[:1] != bytes([Opcode.FOOTER]):
+            return
+        _, _, position, _, _ = FOOTER.unpack(footer)
+        while 0 < position <= len(self.data) - RECORD.size:
+            opcode, length = RECORD.unpack_from(self.data, position)
+            start = position + RECORD.size
+            position = start + length
+            if opcode in (Opcode.SCHEMA, Opcode.CHANNEL) and position <= len(self.data):
+                self._declare(opcode, self.data[start:position])
+            elif opcode == Opcode.FOOTER:
+                break
+
+    def _take_footer(self, end: int) -> None:
+        after = end + len(MAGIC)
+        if self.data[end:after] != MAGIC:
+            return
+        if len(self.data) > after:
+            raise InputError(
+                f"ends at byte {after} and has {len(self.data) - after} bytes after it; keep what"
+                f" is before them (`head -c {after}`), and if they are another log, give that a"
+                " file and a trial of its own (`tail -c`)"
+            )
+        self.end = End.WHOLE
+
+    def _take_index(self, start: int) -> None:
+        """Note where an index says that messages of a channel stand in the last chunk."""
+        if self._chunk is None:
+            return
+        channel, size = INDEX_HEAD.unpack_from(self.data, start)
+        entries = np.frombuffer(self.data, "<i8", size // 8, start + INDEX_HEAD.size)
+        self._chunk.counts[channel] += size // INDEX_ENTRY
+        self._chunk.places.append(entries[1::2])
+
+    def _take_chunk(self) -> None:
+        """Read the last chunk, now that its indexes are known."""
+        chunk = self._chunk
+        self._chunk = None
+        if chunk is None:
+            return
+        try:
+            record = Chunk.read(_stream(chunk.content))
+            content = unpacked(record)
+            self._take_records(
+                content, 0, in_chunk=True, index=chunk, is_checked=bool(record.uncompressed_crc)
+            )
+        except (DamagedChunkError, struct.error, UnicodeDecodeError) as error:
+            self.chunks_lost += 1
+            self.lost += chunk.counts
+            reason = error if isinstance(error, DamagedChunkError) else "cannot be read"
+            self.remarks.append(f"the chunk at byte {chunk.start} is damaged: it {reason}")
+        else:
+            self.chunks += 1
+
+    def _take_records(
+        self,
+        content: bytes,
+        begin: int,
+        in_chunk: bool,
+        index: IndexedChunk | None = None,
+        is_checked: bool = False,
+    ) -> int:
+        """Read schemas, channels and messages, and give the place where others begin.
+
+        Messages that an index lists are passed at one go.
+        """
+        runs: dict[int, tuple[NDArray[np.int64], int]] = {}
+        if index is not None and index.places:
+            runs = runs_of_messages(content, np.concatenate(index.places))
+        passed: list[NDArray[np.int64]] = []
+        single: list[int] = []
+        declarations: list[tuple[int, bytes]] = []
+        position = begin
+        while position + RECORD.size <= len(content):
+            if position in runs:
+                places, position = runs[position]
+                passed.append(places)
+                continue
+            opcode, length = RECORD.unpack_from(content, position)
+            start = position + RECORD.size
+            end = start + length
+            if end > len(content):
+                break
+            if opcode == Opcode.MESSAGE and length >= MESSAGE_HEAD:
+                single.append(position)
+            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                declarations.append((opcode, content[start:end]))
+            elif not in_chunk:
+                break
+            position = end
+        if in_chunk and position != len(content):
+            raise DamagedChunkError(
+                f"holds no record at byte {position} of its {len(content)} bytes"
+            )
+        for opcode, record in declarations:
+            self._declare(opcode, record)
+        places = np.sort(np.concatenate([np.array(single, np.int64), *passed]), kind="stable")
+        self._take_messages(content, places, is_checked)
+        return position
+
+    def _take_messages(self, content: bytes, places: NDArray[np.int64], is_checked: bool) -> None:
+        heads = rows_at(content, places, MESSAGE.itemsize).view(MESSAGE)
+        channel = heads["channel"].astype(np.int64)
+        lengths = heads["length"].astype(np.int64) - MESSAGE_HEAD
+        log_times_ns = heads["log_time"].astype(np.int64)
+        sequence = heads["sequence"].astype(np.int64)
+        counts = np.bincount(channel)
+        for number in np.flatnonzero(counts).tolist():
+            self.read[number] += int(counts[number])
+            if is_checked:
+                self.checked += int(counts[number])
+            if number not in self.channels:
+                self.lost[number] += int(counts[number])
+            if number not in self.topics:
+                continue
+            own = np.flatnonzero(channel == number)
+            self.topics[number].add(
+                Messages(
+                    buffer=content,
+                    starts=places[own] + MESSAGE.itemsize,
+                    lengths=lengths[own],
+                    log_times_ns=log_times_ns[own],
+                    sequence=sequence[own],
+                )
+            )
+
+    def _declare(self, opcode: int, content: bytes) -> None:
+        """Take in a schema or a channel. A number means one thing throughout a file."""
+        if opcode == Opcode.SCHEMA:
+            schema = SchemaRecord.read(_stream(content))
+            known_schema = self.schemas.setdefault(schema.id, schema)
+            if known_schema != schema:
+                raise _joined("schema", schema.id, known_schema.name, schema.name)
+            return
+        channel = Channel.read(_stream(content))
+        known = self.channels.setdefault(channel.id, channel)
+        if known != channel:
+            raise _joined("channel", channel.id, known.topic, channel.topic)
+        if channel.id in self.topics or (
+            self.wanted is not None and channel.topic not in self.wanted
+        ):
+            return
+        record = self.schemas.get(channel.schema_id)
+        self.topics[channel.id] = Topic(
+            name=channel.topic,
+            encoding=channel.message_encoding,
+            schema=Schema(record.name, record.encoding, record.data) if record else None,
+            wanted=None if self.wanted is None else self.wanted[channel.topic],
+        )
+
+    def loss(self) -> Loss:
+        """What was lost, by the summary, or else by the indexes of the chunks."""
+        read = self.read.total() - sum(self.read[n] for n in self.lost if n not in self.channels)
+        strangers = self.read.total() - read
+        remarks = [*self.remarks]
+        if strangers:
+            remarks.append(f"{strangers} messages belong to channels that are not declared")
+        expected: int | None = None
+        declared: Counter[int] | None = None
+        if self.end == End.WHOLE and self.statistics is not None:
+            expected = self.statistics.message_count
+            declared = Counter(self.statistics.channel_message_counts)
+            if declared.total() != expected:  # the counts by channel may be left out
+                declared = None
+        elif self.end == End.WHOLE or self.lost:
+            expected = read + self.lost.total()
+        if expected is not None and expected != read:
+            remarks.append(f"it declares {expected} messages and holds {read}")
+        by_topic: dict[str, tuple[int, int | None]] = {}
+        for number, channel in sorted(self.channels.items()):
+            count = self.read[number]
+            most = count + self.lost[number]
+            if declared is not None:
+                most = declared[number]
+            before, before_most = by_topic.get(channel.topic, (0, 0))
+            told = expected is not None and before_most is not None
+            by_topic[channel.topic] = (before + count, (before_most or 0) + most if told else None)
+        checksums = "absent"
+        if self.checked:
+            checksums = "checked" if self.checked == self.read.total() else "mixed"
+        return Loss(read, expected, self.end, by_topic, checksums, tuple(remarks))
+
+
+def _stream(content: bytes) -> Any:
+    return ReadDataStream(BytesIO(content))
+
+
+def unpacked(chunk: Chunk) -> bytes:
+    """Decompress the records of a chunk, and check them.
+
+    Raises
+    ------
+    DamagedChunkError
+        They cannot be decompressed, or do not match their size or checksum.
+    """
+    if chunk.uncompressed_size > LARGEST_CHUNK:
+        raise DamagedChunkError(
+            f"declares {chunk.uncompressed_size / 1e9:.3g} GB, at most 1 GB is read"
+        )
+    content = chunk.data
+    try:
+        if chunk.compression == "zstd":
+            content = b""
+            if chunk.uncompressed_size:
+                decompressor = zstandard.ZstdDecompressor()
+                content = decompressor.decompress(chunk.data, chunk.uncompressed_size)
+        elif chunk.compression == "lz4":
+            content = lz4.frame.decompress(chunk.data)
+        elif chunk.compression:
+            raise DamagedChunkError(
+                f"is compressed with {chunk.compression[:20]!a}; zstd and lz4 are read"
+            )
+    except (zstandard.ZstdError, RuntimeError, OSError, EOFError, ValueError) as error:
+        raise DamagedChunkError("cannot be decompressed") from error
+    if len(content) != chunk.uncompressed_size:
+        raise DamagedChunkError(f"holds {len(content)} of {chunk.uncompressed_size} bytes")
+    if chunk.uncompressed_crc and zlib.crc32(content) != chunk.uncompressed_crc:
+        raise DamagedChunkError("does not match its checksum")
+    return content
+
+
+def runs_of_messages(
+    content: bytes, places: NDArray[np.int64]
+) -> dict[int, tuple[NDArray[np.int64], int]]:
+    """Group messages that follow one another to the byte.
+
+    Parameters
+    ----------
+    places
+        Where an index says that messages stand [bytes], (n,). Those that hold something else are
+        left out.
+
+    Returns
+    -------
+    dict
+        By the place of the first message of a run: the places of all, and where the last one ends.
+    """
+    is_inside = (places >= 0) & (places <= len(content) - MESSAGE.itemsize)
+    places = np.sort(places[is_inside], kind="stable")
+    heads = rows_at(content, places, MESSAGE.itemsize).view(MESSAGE)
+    lengths = heads["length"].astype(np.int64)
+    fits = (lengths >= MESSAGE_HEAD) & (lengths <= len(content) - RECORD.size - places)
+    is_message = fits & (heads["opcode"] == Opcode.MESSAGE)
+    places = places[is_message]
+    ends = places + RECORD.size + lengths[is_message]
+    begins_run = np.flatnonzero(places[1:] != ends[:-1]) + 1
+    cuts = [0, *begins_run.tolist(), places.size]
+    return {
+        int(places[first]): (places[first:last], int(ends[last - 1]))
+        for first, last in pairwise(cuts)
+        if last > first
+    }
+
+
+def _joined(what: str, number: int, name: str, other: str) -> InputError:
+    return InputError(
+        f"{what} {number} is {name!a} in one part of the file and {other!a} in another: two logs"
+        " were joined, or the file is damaged; record again, or give each log a file of its own"
+    )
+
+
+def _two_logs(place: int) -> InputError:
+    return InputError(
+        f"holds two logs, the second from byte {place} on: split them into two files there"
+        " (`head -c`, `tail -c`) and give each a trial of its own"
+    )
+
+
+def read_log(path: Path, source: MessageSource | None) -> Log:
+    """Read the topics of a file that the source file asks for."""
+    data = path.read_bytes()
+    if not data.startswith(MAGIC):
+        raise InputError(
+            f"not an MCAP file (it begins with {quoted(data[:8])}); check the path and the"
+            " source's format"
+        )
+    log = Log(data, _messages.wanted_fields(source))
+    log.walk()
+    log.data = b""
+    if log.is_data_wrong and log.checked < log.read.total():
+        raise InputError(
+            "the checksum of the data section does not match, and no other covers its messages;"
+            " copy the file again, or record again"
+        )
+    return log
+
+
+def read(path: Path, source: MessageSource | None) -> Recording:
+    """Read an MCAP file."""
+    log = read_log(path, source)
+    facts = {
+        "bytes": path.stat().st_size,
+        "chunks": log.chunks,
+        "chunks_lost": log.chunks_lost,
+        "messages": log.read.total(),
+    }
+    names = {channel.topic for channel in log.channels.values()}
+    topics = [topic for _, topic in sorted(log.topics.items())]
+    return _messages.recording_of("mcap", topics, names, log.loss(), facts, source)
+
+
+def _begins(begin: bytes) -> bool:
+    return begin.startswith(MAGIC)
+
+
+FORMAT = Format(name="mcap", suffixes=(".mcap",), begins=_begins, source=MessageSource, read=read)

@@ -33,6 +33,7 @@ from osl_analysis.recording import Format, Recording
 
 FIRST_BYTES = 1 << 16  # of a file, by which its format is recognised
 GROUP = "osl_analysis.formats"  # entry points of other packages
+TEXT_PRIORITY = 9  # of tables of text: any text may be one
 COPY_AGAIN = "copy the file again, or export it anew"
 
 
@@ -192,6 +193,3 @@ def refuse_others(path: Path) -> None:
     for name, pattern, remedy in _OTHERS:
         if re.search(pattern, text.removeprefix("\xef\xbb\xbf"), re.MULTILINE | re.IGNORECASE):
             raise InputError(f"{path}: {name}, which is not read; {remedy}")
-
-
-TEXT_PRIORITY = 9  # of tables of text: any text may be one

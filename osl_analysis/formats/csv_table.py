@@ -1,0 +1,232 @@
+"""Tables of numbers in text files of any program: CSV, TSV, LabVIEW's LVM, printed columns.
+
+By hand: `polars.read_csv` and `pandas.read_csv` find neither header nor units, decimal sign or
+footer. Polars splits the lines where all are alike, which takes an eighth of the time.
+"""
+
+import re
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import polars as pl
+
+from osl_analysis.errors import InputError
+from osl_analysis.formats import TEXT_PRIORITY
+from osl_analysis.formats._cells import is_value
+from osl_analysis.formats._table import (
+    Layout,
+    SheetSource,
+    Table,
+    layout_of,
+    recording_of_table,
+    table_of_rows,
+    with_stated_end,
+)
+from osl_analysis.formats._text import (
+    Line,
+    decoded,
+    delimiter_of,
+    is_text,
+    numbered,
+    read_text,
+    split_rows,
+)
+from osl_analysis.recording import Format, Recording
+
+FIRST_LINES = 300  # of a long text, from which its header is found
+LAST_LINES = 60  # of a long text, among which its footer is
+MOST_LISTED = 200_000  # rows of a long text that are read to list what it holds
+FEWEST_ROWS = 8  # lines of numbers that make a text without an ending a table
+LABVIEW = b"LabVIEW Measurement"
+END_OF_HEADER = "***End_of_Header***"
+
+
+class CsvSource(SheetSource):
+    """The source file of a table of text."""
+
+    OF = " of format csv"
+    delimiter: Literal["auto", ",", ";", "tab", "space", "|"] = "auto"
+    """Sign between cells; `auto` takes that of tab, `;`, `|`, `,` and blank by which most cells are
+    numbers."""
+    # Decimal sign; `auto` takes the one that the numbers have.
+    decimal: Literal["auto", ".", ","] = "auto"
+
+
+def begins_with_rows(begin: bytes) -> bool:
+    """Tell whether most of the last lines in the beginning of a text are rows of two or more
+    numbers or times."""
+    if not is_text(begin):
+        return False
+    lines = numbered(decoded(begin).encode().rpartition(b"\n")[0])[-20:]
+    sign = delimiter_of(lines)
+    rows = [line.text.strip(' "').split(None if sign == " " else sign) for line in lines]
+    of_values = sum(len(cells) > 1 and all(map(is_value, cells)) for cells in rows)
+    return of_values > 0.8 * len(rows) > FEWEST_ROWS
+
+
+def table_of_text(
+    data: bytes, is_ended: bool, layout: Layout, most_rows: int | None = None
+) -> Table:
+    """Find the table in a text; in a long one about the first `most_rows` of it."""
+    count = data.count(b"\n")
+    if count < 2 * (FIRST_LINES + LAST_LINES):
+        return _table_of_lines(numbered(data), layout, is_ended)
+    with suppress(InputError):  # reading the whole text then says what is wrong
+        table = _table_of_alike_lines(data, count, is_ended, layout, most_rows)
+        if table is not None:
+            return table
+    return _table_of_lines(numbered(data), layout, is_ended)
+
+
+def _table_of_lines(lines: Sequence[Line], layout: Layout, is_ended: bool) -> Table:
+    comments: list[Line] = []
+    content: list[Line] = []
+    for line in lines:
+        text = line.text.strip()
+        sign = next((one for one in layout.comment_signs if text.startswith(one)), None)
+        if sign is None:
+            content.append(line)
+        else:
+            comments.append(Line(line.number, text[len(sign) :].strip()))
+    if content:
+        stated = re.fullmatch(r"sep=(.)", content[0].text.strip())  # as Excel reads it
+        if stated:
+            content = content[1:]
+            if layout.delimiter == "auto":
+                layout = replace(layout, delimiter=stated[1])
+    delimiter = delimiter_of(content, layout.delimiter)
+    rows = split_rows(content, delimiter)
+    return table_of_rows(rows, comments, layout, delimiter, is_ended)
+
+
+@dataclass(frozen=True)
+class _Parts:
+    """A long text in three parts."""
+
+    begin: bytes
+    middle: bytes
+    end: bytes
+    end_line: int  # number of the first line of the end
+
+
+def _parts_of(data: bytes, count: int, most_rows: int | None) -> _Parts:
+    first = 0
+    for _ in range(FIRST_LINES):
+        first = data.index(b"\n", first) + 1
+    last = len(data)
+    for _ in range(LAST_LINES):
+        last = data.rindex(b"\n", 0, last)
+    middle = data[first : last + 1]
+    if most_rows is not None and count > most_rows:
+        about = most_rows * len(middle) // count
+        middle = middle[: middle.rfind(b"\n", 0, about) + 1]
+    return _Parts(data[:first], middle, data[last + 1 :], count - LAST_LINES + 1)
+
+
+def _table_of_alike_lines(
+    data: bytes, count: int, is_ended: bool, layout: Layout, most_rows: int | None
+) -> Table | None:
+    """Find the table by the first and last lines, and split those between at one go; None if one
+    of these differs."""
+    parts = _parts_of(data, count, most_rows)
+    lines = [*numbered(parts.begin), *numbered(parts.end, parts.end_line)]
+    table = _table_of_lines(lines, layout, is_ended)
+    middle = _alike_rows(parts.middle, table, layout)
+    if middle is None or table.skipped:
+        return None
+    above = int((table.lines <= FIRST_LINES).sum())
+    between = FIRST_LINES + 1 + np.arange(len(middle))
+    return replace(
+        table,
+        lines=np.concatenate([table.lines[:above], between, table.lines[above:]]),
+        body=pl.concat([table.body[:above], middle, table.body[above:]]),
+    )
+
+
+def _alike_rows(text: bytes, table: Table, layout: Layout) -> pl.DataFrame | None:
+    """The cells of lines that all have a cell for each name; None if a line differs."""
+    has_comments = any(sign.encode() in text for sign in layout.comment_signs)
+    if has_comments or b'"' in text or b"\n\n" in text:
+        return None
+    delimiter = table.delimiter
+    if delimiter == " ":
+        text = re.sub(rb"(?m)^[ \t]+|[ \t]+$", b"", text)
+        text = re.sub(rb"[ \t]+", b"\t", text)
+        delimiter = "\t"
+    signs = np.frombuffer(text, np.uint8)
+    delimiters = np.flatnonzero(signs == ord(delimiter))
+    breaks = np.flatnonzero(signs == ord("\n"))
+    per_line = np.diff(np.searchsorted(delimiters, breaks), prepend=0)
+    if (per_line != len(table.names) - 1).any():
+        return None
+    rows = pl.read_csv(
+        text, has_header=False, separator=delimiter, quote_char=None, infer_schema=False
+    )
+    rows = rows.with_columns(pl.all().fill_null("").str.strip_chars())
+    rows.columns = table.body.columns
+    has_empty_rows = rows.select(pl.all_horizontal(pl.all() == "").any()).item()
+    return None if has_empty_rows else rows
+
+
+def without_inner_headers(data: bytes) -> tuple[bytes, int]:
+    """Blank the headers of all segments but the first of a LabVIEW measurement file, and count
+    them; lines keep their numbers.
+
+    LabVIEW writes the segments of a loop each with a header (`Multi_Headings Yes`).
+
+    Raises
+    ------
+    InputError
+        The segments have different channels, or each begins at 0: their times are unknown.
+    """
+    lines = data.decode(errors="replace").split("\n")
+    ends = [number for number, line in enumerate(lines) if line.startswith(END_OF_HEADER)]
+    # the first is that of the file, the second that of the first segment
+    names = [lines[end + 1].strip() for end in ends[1:] if end + 1 < len(lines)]
+    if len(names) < 2:
+        return data, 0
+    if len(set(names)) > 1:
+        raise InputError(
+            f"line {ends[2] + 2}: a segment has other channels than the first one; save each kind"
+            " in a file of its own"
+        )
+    for end in ends[2:]:
+        begin = end
+        while begin > 0 and not lines[begin].startswith("Channels"):
+            begin -= 1
+        for number in range(begin, min(end + 2, len(lines))):
+            lines[number] = ""
+    return "\n".join(lines).encode(), len(names) - 1
+
+
+def read(path: Path, source: CsvSource | None) -> Recording:
+    """Read a table of text; without a source file about the first 200,000 rows of a long one."""
+    layout = layout_of(source)
+    text = read_text(path)
+    data = text.data
+    headers = 0
+    if data.startswith(LABVIEW):
+        data, headers = without_inner_headers(data)
+    most_rows = MOST_LISTED if source is None else None
+    table = table_of_text(data, text.is_ended, layout, most_rows)
+    is_partial = most_rows is not None and len(table.lines) >= most_rows
+    table = with_stated_end(table, is_partial or headers > 0)
+    if headers:
+        remark = f"{headers} headers of further segments stand among its rows, and are left out"
+        table = replace(table, remarks=[*table.remarks, remark])
+    facts = {"rows": f"{len(table.lines)}, of more" if is_partial else str(len(table.lines))}
+    return recording_of_table("csv", table, layout, facts=facts)
+
+
+FORMAT = Format(
+    name="csv",
+    suffixes=(".csv", ".tsv", ".txt", ".dat", ".lvm", ".asc"),
+    begins=is_text,
+    source=CsvSource,
+    read=read,
+    priority=TEXT_PRIORITY,
+)

@@ -99,6 +99,9 @@ class Channel:
         Unit by a convention or a name. It is shown to a user and never used unasked.
     type
         Type of its numbers and length of the array that they stand in, as `float64[4]`, for a user.
+    count_words
+        Counts the words that stand in place of numbers. Without a source file, which may name them
+        under `missing`, such readings are NaN; with one they are refused.
     """
 
     address: Mapping[str, str]
@@ -109,6 +112,7 @@ class Channel:
     likely_unit: str = ""
     kind: Kind = Kind.SIGNAL
     type: str = ""
+    count_words: Callable[[], Mapping[str, int]] | None = None
 
     @cached_property
     def values(self) -> NDArray[Any]:
@@ -185,13 +189,8 @@ class Plate:
         -1 where the file has the force on the plate in place of the force on the foot.
     foot
         `left` or `right` where the force is that of one foot, whichever plate it stands on.
-    zero_frames
-        First and last frame, from 1, that the file states as the baseline (FORCE_PLATFORM:ZERO).
     facts
         What the provenance keeps, as the name of the device.
-    problem
-        Why it cannot be used, and what to do; empty where it can. Then its other fields count for
-        nothing. Only who asks for this plate is refused.
     """
 
     number: int
@@ -203,9 +202,7 @@ class Plate:
     calibration: NDArray[np.float64] | None = None
     sign: int = 1
     foot: str | None = None
-    zero_frames: tuple[int, int] | None = None
     facts: Mapping[str, Any] = field(default_factory=dict)
-    problem: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,8 +217,8 @@ class Recording:
         Text of the file: comments, header lines, properties.
     facts
         What `inspect` shows and the provenance keeps, as size and version. A capture tells
-        `frames`, `first_frame`, `frame_rate_hz`, `samples_per_frame`, and `body_mass_kg` and
-        `vertical_axis` (`+Z`, `y`) where it knows them.
+        `frames`, `first_frame`, `frame_rate_hz`, `samples_per_frame`, and where it knows them
+        `body_mass_kg`, `vertical_on_screen` (`+Z`, `y`) and `plate_zero_frames` (first and last).
     settings
         Fields of a source file that the file itself tells, as the delimiter of a table.
     find_unlisted

@@ -220,6 +220,15 @@ def cell_numbers(cells: pl.Series, missing: Collection[str], decimal: str) -> ND
     return values
 
 
+def readable_numbers(cells: pl.Series, decimal: str) -> NDArray[np.float64]:
+    """Read the cells that are numbers, (n,); NaN elsewhere."""
+    if cells.dtype == pl.String:
+        with_stop = cells.str.replace(decimal, ".", literal=True)
+        plain = with_stop.str.replace(r"^([+-]?[\d.]+)[dD]([+-]?\d+)$", "${1}e$2")
+        cells = plain.str.strip_prefix("+")
+    return cells.cast(pl.Float64, strict=False).fill_null(np.nan).to_numpy()
+
+
 def are_times(cells: pl.Series) -> bool:
     """Tell whether all cells of a column are times of day or dates; the first ones are tried
     first."""

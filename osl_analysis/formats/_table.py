@@ -6,6 +6,7 @@ All is found from the content, unless a source file states it.
 import json
 import math
 import re
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -657,6 +658,7 @@ def recording_of_table(
                 unit=unit,
                 likely_unit="" if unit else name_and_ending(name)[1] or likely,
                 kind=Kind.CLOCK if are_times else Kind.SIGNAL,
+                count_words=partial(_words_of, table, place) if layout is LENIENT else None,
             )
         )
 
@@ -700,12 +702,23 @@ def _values_of(
     try:
         return _cells.cell_values(cells, layout.missing, table.decimal)
     except UnreadableCellError as error:
+        if layout is LENIENT:
+            return _cells.readable_numbers(cells, table.decimal)
         cell = str(cells[error.place])
         title = table.names[place]
         raise InputError(
             f"{noun} {table.lines[error.place]}, column '{title}': '{cell[:40]}' is not a number;"
             f" {_remedy_for(cell, title, table.decimal)}"
         ) from error
+
+
+def _words_of(table: Table, place: int) -> Mapping[str, int]:
+    """Count the cells of a column that are no numbers, by what stands there."""
+    cells = table.body.to_series(place)
+    if cells.dtype != pl.String or _cells.are_times(cells):
+        return {}
+    is_word = np.isnan(_cells.readable_numbers(cells, table.decimal))
+    return Counter(cells.filter(pl.Series(is_word)).drop_nulls().to_list())
 
 
 def _remedy_for(cell: str, title: str, decimal: str) -> str:

@@ -18,7 +18,7 @@ entry point group `osl_analysis.formats`. Modules whose names begin with `_` are
 import errno
 import pkgutil
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache
 from importlib import import_module
@@ -74,7 +74,7 @@ def recognise(path: Path) -> Format:
         It is of no format that is read.
     """
     formats = formats_of(path)
-    refuse_others(path)
+    refuse_others(path, formats)
     suffix = path.suffix.lower()
     formats += [one for one in known_formats().values() if suffix in one.suffixes]
     if not formats:
@@ -89,23 +89,26 @@ def check_format(path: Path, name: str) -> Format:
     """Give the format that a source file states; refused where the file is another one."""
     stated = known_formats()[name]
     is_stated = stated.is_folder(path) if path.is_dir() else stated.begins(beginning(path))
-    if is_stated:
+    if is_stated and stated.priority < TEXT_PRIORITY:
         return stated
-    refuse_others(path)
     formats = formats_of(path)
+    if stated in formats[:1]:
+        refuse_others(path, formats)
+        return stated
     if not formats:
         raise InputError(
             f"{path}: is no {name} (it begins with {quoted(beginning(path)[:8])}), as its source"
             " file says; name the recording itself"
         )
+    found = formats[0].name
     if path.is_dir():
         raise InputError(
-            f"{path}: a folder with a recording in {formats[0].name}, its source file says {name};"
-            f" write `format: {formats[0].name}`, or name a file in it"
+            f"{path}: a folder with a recording in {found}, its source file says {name}; write"
+            f" `format: {found}`, or name a file in it"
         )
     raise InputError(
-        f"{path}: is {formats[0].name}, its source file says {name}; write"
-        f" `format: {formats[0].name}`, or name another source file in the sheet"
+        f"{path}: is {found}, its source file says {name}; write `format: {found}`, or name another"
+        " source file in the sheet"
     )
 
 
@@ -182,14 +185,22 @@ _OTHERS = (
 )
 
 
-def refuse_others(path: Path) -> None:
-    """Refuse a file of a format that is not read, which would else pass for a table of text."""
-    if path.is_dir() or any(one.priority < TEXT_PRIORITY for one in formats_of(path)):
+def refuse_others(path: Path, formats: Sequence[Format]) -> None:
+    """Refuse an empty file, and one of a format that is not read, which would else pass for a table
+    of text.
+
+    `formats` are those that the file may be of.
+    """
+    if path.is_dir() or any(one.priority < TEXT_PRIORITY for one in formats):
         return
     begin = beginning(path)
-    text = begin.decode(
-        "utf-16" if begin[:2] in (b"\xff\xfe", b"\xfe\xff") else "latin-1", "replace"
-    )
+    if not begin:
+        raise InputError(
+            f"{path}: the file is empty; copy or record it again, or exclude the trial in the sheet"
+        )
+    has_mark = begin[:2] in (b"\xff\xfe", b"\xfe\xff")
+    text = begin.decode("utf-16" if has_mark else "latin-1", "replace")
+    text = text.removeprefix("\xef\xbb\xbf")
     for name, pattern, remedy in _OTHERS:
-        if re.search(pattern, text.removeprefix("\xef\xbb\xbf"), re.MULTILINE | re.IGNORECASE):
+        if re.search(pattern, text, re.MULTILINE | re.IGNORECASE):
             raise InputError(f"{path}: {name}, which is not read; {remedy}")

@@ -7,7 +7,7 @@ import json
 import math
 import re
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, Literal
@@ -662,11 +662,32 @@ def recording_of_table(
             )
         )
 
+    count = rows.count + table.skipped
+    loss = Loss(rows.count, count, table.end, remarks=table.remarks)
+    shown = dict(facts or {})
+    if table.delimiter:
+        shown["delimiter"] = table.delimiter
+    return Recording(
+        format_name,
+        channels,
+        loss,
+        notes=table.notes,
+        facts=shown,
+        find_unlisted=column_finder(table.names, channels),
+    )
+
+
+def column_finder(
+    titles: Sequence[str], channels: Sequence[Channel]
+) -> Callable[[Mapping[str, str]], Channel | None]:
+    """Give a function that finds the channel of a column by its title, as in the header, in any
+    way that `places_of` knows."""
+
     def find_unlisted(address: Mapping[str, str]) -> Channel | None:
         wanted = address.get("column", "")
-        places = places_of(wanted, table.names)
+        places = places_of(wanted, titles)
         if len(places) > 1:
-            which = listing([f"{place + 1} ('{table.names[place]}')" for place in places])
+            which = listing([f"{place + 1} ('{titles[place]}')" for place in places])
             raise InputError(
                 f"column '{wanted[:80]}' occurs {len(places)} times, as columns {which}; write a"
                 " pattern or a name that only one has, or its number"
@@ -674,23 +695,16 @@ def recording_of_table(
         if places:
             return channels[places[0]]
         advice = (
-            nearest(wanted, table.names)
+            nearest(wanted, titles)
             or "; correct the name in the source file, or state `time: {rate: HZ}` if it is time"
         )
-        if len(table.names) == 1:
+        if len(titles) == 1:
             advice = "; state `delimiter` if these are several columns"
         raise InputError(
-            f"column '{wanted[:80]}' is missing; the file has {listing(table.names)}{advice}"
+            f"column '{wanted[:80]}' is missing; the file has {listing(titles)}{advice}"
         )
 
-    count = rows.count + table.skipped
-    loss = Loss(rows.count, count, table.end, remarks=table.remarks)
-    shown = dict(facts or {})
-    if table.delimiter:
-        shown["delimiter"] = table.delimiter
-    return Recording(
-        format_name, channels, loss, notes=table.notes, facts=shown, find_unlisted=find_unlisted
-    )
+    return find_unlisted
 
 
 def _values_of(

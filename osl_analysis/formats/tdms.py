@@ -1,0 +1,277 @@
+"""LabVIEW's TDMS, by npTDMS."""
+
+import logging
+from collections.abc import Mapping, Sequence
+from functools import partial
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from osl_analysis.errors import InputError, optional_module, quoted
+from osl_analysis.formats._text import CONTROL
+from osl_analysis.recording import Channel, End, Format, Kind, Loss, Recording, Rows
+from osl_analysis.source_file import LogChannel, Name, RowTime, TableSource
+from osl_analysis.units import name_and_ending
+
+MARK = b"TDSm"
+INDEX_MARK = b"TDSh"
+LEAD_IN = 28  # bytes: mark, table of contents, version, length of the segment, of its metadata
+IS_BIG_ENDIAN = 1 << 6  # bit of the table of contents
+NS = 1e-9  # s
+SAVE_AGAIN = "copy it again, or open it in LabVIEW or DIAdem and save it under a new name"
+
+
+class TdmsChannel(LogChannel):
+    """A channel of a group."""
+
+    ADDRESS = "channel"
+    channel: Name  # Group and name, as `Measured Data/Torque`, or the name where one group has it.
+
+
+class TdmsTime(RowTime):
+    """A channel of time, or the channels' own timing."""
+
+    ADDRESS = "channel"
+    IN_FILE = True
+    # That of time; LabVIEW's stamps need no unit. Without it: the channels' own timing.
+    channel: str | None = None
+
+
+class TdmsSource(TableSource):
+    """The source file of TDMS."""
+
+    OF = " of format tdms"
+    channels: Mapping[str, TdmsChannel] = Field(min_length=1)
+    time: TdmsTime = Field(default_factory=TdmsTime)
+
+
+class Timed:
+    """A channel of npTDMS with its timing."""
+
+    def __init__(self, channel: Any) -> None:
+        about = channel.properties
+        self.channel = channel
+        self.address = f"{channel.group_name}/{channel.name}"
+        self.kind = np.dtype("V" if channel.dtype is None else channel.dtype)
+        self.unit = str(about.get("unit_string") or about.get("NI_UnitDescription") or "")
+        self.count = len(channel)
+        step_s = about.get("wf_increment")
+        is_step = isinstance(step_s, float | int) and np.isfinite(step_s) and step_s > 0
+        self.step_s = float(step_s) if is_step else None  # between two values
+        since = about.get("wf_start_time")
+        start_ns = 0
+        if since is not None and hasattr(since, "as_datetime64"):
+            start_ns = int(since.as_datetime64("ns").astype(np.int64))
+        self.start_ns = start_ns + round(float(about.get("wf_start_offset", 0.0)) / NS)
+
+    @property
+    def holds_numbers(self) -> bool:
+        """Whether it can be a signal."""
+        return self.count > 0 and self.kind.kind in "biuf"
+
+    @property
+    def holds_times(self) -> bool:
+        """Whether it holds LabVIEW's time stamps."""
+        return self.count > 0 and self.kind.kind == "M"
+
+    def values(self, count: int) -> NDArray[Any]:
+        """Its first numbers as the file scales them, or stamps [ns]."""
+        values = self.channel.read_data(length=count)
+        if self.holds_times:
+            return np.asarray(values.as_datetime64("ns").astype(np.int64))
+        return np.asarray(values)
+
+    def no_numbers(self) -> InputError:
+        """Say why it cannot be a signal."""
+        if not self.count:
+            return InputError(
+                f"channel '{self.address}' is empty; take another one, or record again"
+            )
+        kinds = {"O": "text", "V": "nothing", "c": "complex numbers"}
+        what = kinds.get(self.kind.kind, self.kind.name)
+        return InputError(f"channel '{self.address}' holds {what} and no numbers; take another one")
+
+
+def read(path: Path, source: TdmsSource | None) -> Recording:
+    """Read the channels of a file with their timing."""
+    data = path.read_bytes()
+    if data.startswith(INDEX_MARK):
+        raise InputError("the index of a TDMS file; name the .tdms file beside it")
+    if not data.startswith(MARK):
+        raise InputError(
+            f"no TDMS file (it begins with {quoted(data[:8])}); check the path and the source's"
+            " format"
+        )
+    nptdms = optional_module("nptdms", "a TDMS file")
+    optional_module("nptdms.log", "a TDMS file").log_manager.set_level(logging.ERROR)
+    # of bytes: it would go by an index beside the file, maybe another's
+    file = nptdms.TdmsFile.open(BytesIO(data), raw_timestamps=True)
+    every = [Timed(channel) for group in file.groups() for channel in group.channels()]
+    if not every:
+        raise InputError(
+            f"the TDMS file holds no channels, or is cut off before them; {SAVE_AGAIN}"
+        )
+    _check_one_recording(nptdms, data, every)
+    remarks: list[str] = []
+    end = End.UNKNOWN
+    status = file.file_status
+    if status.incomplete_final_segment or _end_of_segments(data) != len(data):
+        end = End.MISSING
+        statuses = (status.channel_statuses or {}).values()
+        lost = max((one.expected_length - one.read_length for one in statuses), default=0)
+        count = f"at least {lost} values of a channel" if lost else "how much is not known"
+        remarks.append(
+            "the last segment is not complete: the recorder did not finish, or the end is lost;"
+            f" {count}"
+        )
+    signals = [one for one in every if one.holds_numbers or one.holds_times]
+    channels = _channels_of(signals, is_cut=end == End.MISSING)
+    read_count = max((one.rows.count for one in channels), default=0)
+    properties = {str(key): str(value)[:200] for key, value in list(file.properties.items())[:20]}
+    recording = Recording(
+        format="tdms",
+        channels=channels,
+        loss=Loss(read_count, None, end, remarks=remarks),
+        facts={"channels": str(len(every)), **properties},
+        find_unlisted=partial(_find_unlisted, every),
+    )
+    if source is not None:
+        _check_counts(recording, source)
+    return recording
+
+
+def _channels_of(signals: Sequence[Timed], is_cut: bool) -> list[Channel]:
+    """Make channels, of which those of one timing share rows."""
+    first_ns = min((one.start_ns for one in signals if one.step_s is not None), default=0)
+    rows_by_timing: dict[tuple[Any, ...], Rows] = {}
+    channels: list[Channel] = []
+    for one in signals:
+        group = one.channel.group_name
+        count = one.count
+        if is_cut:  # the last segment may be cut within a channel
+            alike = [
+                other.count
+                for other in signals
+                if other.channel.group_name == group
+                and (other.start_ns, other.step_s) == (one.start_ns, one.step_s)
+            ]
+            count = min(alike)
+        key = (group, count, one.start_ns, one.step_s)
+        if key not in rows_by_timing:
+            is_timed = one.step_s is not None
+            rows_by_timing[key] = Rows(
+                count,
+                name=group,
+                rate_hz=1 / one.step_s if one.step_s is not None else None,
+                start_s=(one.start_ns - first_ns) * NS if is_timed else 0.0,
+                noun="value",
+            )
+        unit = "ns" if one.holds_times else one.unit
+        channels.append(
+            Channel(
+                address={"channel": one.address},
+                rows=rows_by_timing[key],
+                read=partial(one.values, count),
+                name=one.channel.name,
+                unit=unit,
+                likely_unit="" if unit else name_and_ending(one.channel.name)[1],
+                kind=Kind.CLOCK if one.holds_times else Kind.SIGNAL,
+                type=one.kind.name,
+            )
+        )
+    return channels
+
+
+def _find_unlisted(every: Sequence[Timed], address: Mapping[str, str]) -> Channel | None:
+    """Say why a channel that the file has is not listed."""
+    wanted = address["channel"]
+    for one in every:
+        if wanted in (one.address, one.channel.name):
+            raise one.no_numbers()
+    return None
+
+
+def _check_counts(recording: Recording, source: TdmsSource) -> None:
+    """Refuse channels with one timing but unequal counts.
+
+    Some have lost values, nothing tells where, and all later values would be early against the
+    other channels.
+    """
+    asked = [recording.find(channel.address) for channel in source.channels.values()]
+    is_by_properties = not source.time.name and source.time.rate is None
+    if source.time.name:
+        asked.append(recording.find({"channel": source.time.name}))
+    first_by_timing: dict[Any, Channel] = {}
+    for channel in asked:
+        rows = channel.rows
+        if is_by_properties and rows.rate_hz is None:
+            raise InputError(
+                f"channel '{channel.key}' has no timing (`wf_increment` among its properties); name"
+                " the channel of time, as `time: {channel: GROUP/NAME, unit: s}`, or state the"
+                " rate of the rows in Hz, as `time: {rate: HZ}`"
+            )
+        timing = (rows.start_s, rows.rate_hz) if is_by_properties else None
+        first = first_by_timing.setdefault(timing, channel)
+        if first.rows.count != rows.count and recording.loss.end != End.MISSING:
+            raise InputError(
+                f"channel '{channel.key}' has {rows.count} values and '{first.key}' has"
+                f" {first.rows.count} for one time: a segment has lost some, nothing tells where,"
+                " or they are of two recordings; copy the file again, or name channels of one"
+                " length"
+            )
+
+
+def _end_of_segment(data: bytes, begin: int) -> int:
+    """Where a segment should end [bytes]."""
+    is_big_endian = data[begin + 4] & IS_BIG_ENDIAN
+    length = int.from_bytes(data[begin + 12 : begin + 20], "big" if is_big_endian else "little")
+    return begin + LEAD_IN + length
+
+
+def _end_of_segments(data: bytes) -> int:
+    """Where the last segment should end [bytes]; npTDMS is silent about a cut lead-in."""
+    end = 0
+    while end + LEAD_IN <= len(data) and data[end : end + 4] == MARK:
+        end = _end_of_segment(data, end)
+    return end
+
+
+def _check_one_recording(nptdms: Any, data: bytes, every: Sequence[Timed]) -> None:
+    """Refuse a file to which a second recording was appended: npTDMS reads both as one.
+
+    The first segment tells when each channel began. A later one alone tells nothing: it may refer
+    to the one before.
+    """
+    first_end = _end_of_segment(data, 0)
+    if first_end >= len(data):
+        return
+    first = nptdms.TdmsFile.read_metadata(BytesIO(data[:first_end]), raw_timestamps=True)
+    began = {
+        one.path: one.properties.get("wf_start_time")
+        for group in first.groups()
+        for one in group.channels()
+    }
+    for one in every:
+        since = began.get(one.channel.path)
+        last = one.channel.properties.get("wf_start_time")
+        if since is not None and last is not None and _differs(since, last):
+            raise InputError(
+                f"channel '{one.channel.name}' starts anew behind byte {first_end}: two recordings"
+                " in one file; save each under a name of its own"
+            )
+
+
+def _differs(stamp: Any, other: Any) -> bool:
+    return bool(stamp.as_datetime64("ns") != other.as_datetime64("ns"))
+
+
+def _begins(begin: bytes) -> bool:
+    """Tell whether a file is TDMS or its index; text never is: `TDSm` may name a column."""
+    return begin.startswith((MARK, INDEX_MARK)) and CONTROL.search(begin) is not None
+
+
+FORMAT = Format(name="tdms", suffixes=(".tdms",), begins=_begins, source=TdmsSource, read=read)

@@ -466,7 +466,8 @@ def plate_of(header: Header, number: int, analogs: Sequence[Channel], length_uni
             f" {numbers.tolist()} of the file's {header.channels}; correct it"
         )
     channels = [analogs[one - 1] for one in numbers.tolist()]
-    return Plate(number, kind, corners, origin, channels, length_unit, calibration)
+    facts = {"analogs": numbers.tolist()}
+    return Plate(number, kind, corners, origin, channels, length_unit, calibration, facts=facts)
 
 
 def _stated_plate(
@@ -491,7 +492,10 @@ def _stated_plate(
             f"plate {number}: its corners span no plane; correct `plate_geometry` in the source"
             " file"
         )
-    return Plate(number, stated.type, corners, np.array(stated.origin), channels, length_unit)
+    numbers = [next(n for n, one in enumerate(analogs, 1) if one is used) for used in channels]
+    facts = {"analogs": numbers}
+    origin = np.array(stated.origin)
+    return Plate(number, stated.type, corners, origin, channels, length_unit, facts=facts)
 
 
 def plates_of(

@@ -11,6 +11,8 @@ The summary tells how many messages the recorder wrote.
 import struct
 import zlib
 from collections import Counter
+from collections.abc import Mapping
+from dataclasses import replace
 from io import BytesIO
 from itertools import pairwise
 from pathlib import Path
@@ -27,6 +29,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, quoted
 from osl_analysis.formats import _messages
+from osl_analysis.formats._bag_description import description_beside
 from osl_analysis.formats._messages import Messages, Schema, Topic
 from osl_analysis.formats._ros_shapes import rows_at
 from osl_analysis.recording import End, Format, Loss, Recording
@@ -66,11 +69,21 @@ class IndexedChunk(NamedTuple):
 
 
 class Log:
-    """A log that is read: its topics, and what is lost."""
+    """A log that is read: its topics, and what is lost.
 
-    def __init__(self, data: bytes, wanted: dict[str, list[str]] | None) -> None:
+    `shared` has the topics of the parts before, where the log is one of several parts: a topic
+    goes on in the next part.
+    """
+
+    def __init__(
+        self,
+        data: bytes,
+        wanted: Mapping[str, list[str]] | None,
+        shared: dict[Any, Topic] | None = None,
+    ) -> None:
         self.data = data
         self.wanted = wanted
+        self.shared = shared
         self.channels: dict[int, Channel] = {}
         self.schemas: dict[int, SchemaRecord] = {}
         self.topics: dict[int, Topic] = {}  # those that are wanted
@@ -267,12 +280,16 @@ class Log:
         ):
             return
         record = self.schemas.get(channel.schema_id)
-        self.topics[channel.id] = Topic(
+        schema = Schema(record.name, record.encoding, record.data) if record else None
+        topic = Topic(
             name=channel.topic,
             encoding=channel.message_encoding,
-            schema=Schema(record.name, record.encoding, record.data) if record else None,
+            schema=schema,
             wanted=None if self.wanted is None else self.wanted[channel.topic],
         )
+        if self.shared is not None:
+            topic = self.shared.setdefault((topic.name, topic.encoding, schema), topic)
+        self.topics[channel.id] = topic
 
     def loss(self) -> Loss:
         """What was lost, by the summary, or else by the indexes of the chunks."""
@@ -392,15 +409,19 @@ def _two_logs(place: int) -> InputError:
     )
 
 
-def read_log(path: Path, source: MessageSource | None) -> Log:
-    """Read the topics of a file that the source file asks for."""
+def read_log(
+    path: Path,
+    wanted: Mapping[str, list[str]] | None,
+    shared: dict[Any, Topic] | None = None,
+) -> Log:
+    """Read the wanted fields of the wanted topics, or all."""
     data = path.read_bytes()
     if not data.startswith(MAGIC):
         raise InputError(
             f"not an MCAP file (it begins with {quoted(data[:8])}); check the path and the"
             " source's format"
         )
-    log = Log(data, _messages.wanted_fields(source))
+    log = Log(data, wanted, shared)
     log.walk()
     log.data = b""
     if log.is_data_wrong and log.checked < log.read.total():
@@ -413,7 +434,11 @@ def read_log(path: Path, source: MessageSource | None) -> Log:
 
 def read(path: Path, source: MessageSource | None) -> Recording:
     """Read an MCAP file."""
-    log = read_log(path, source)
+    log = read_log(path, _messages.wanted_fields(source))
+    loss = log.loss()
+    _, remark = description_beside(path)
+    if remark:
+        loss = replace(loss, remarks=[*loss.remarks, remark])
     facts = {
         "bytes": path.stat().st_size,
         "chunks": log.chunks,
@@ -422,7 +447,7 @@ def read(path: Path, source: MessageSource | None) -> Recording:
     }
     names = {channel.topic for channel in log.channels.values()}
     topics = [topic for _, topic in sorted(log.topics.items())]
-    return _messages.recording_of("mcap", topics, names, log.loss(), facts, source)
+    return _messages.recording_of("mcap", topics, names, loss, facts, source)
 
 
 def _begins(begin: bytes) -> bool:

@@ -5,7 +5,7 @@ columns only, a header, a row of units, and samples.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Literal
@@ -28,13 +28,14 @@ from osl_analysis.formats._text import (
     split_rows,
     unpadded,
 )
-from osl_analysis.recording import Channel, End, Format, Kind, Loss, Recording, Rows
+from osl_analysis.recording import Channel, End, Format, Kind, Loss, Plate, Recording, Rows
 from osl_analysis.source_file import Channel as ChannelSettings
 from osl_analysis.source_file import Corner, ExportedPlate, LaboratorySource, Name
 
 HEAD_ROWS = 5  # title, rate, names, header, units
 TRAJECTORIES = "Trajectories"
 MODEL_OUTPUTS = "Model Outputs"
+EXPORTED = 0  # type of a plate whose force and moment stand in the laboratory's axes
 AXES = ("x", "y", "z")
 
 
@@ -208,12 +209,41 @@ def read(path: Path, source: NexusSource | None) -> Recording:
     if source is not None:
         facts |= _timing_of(used)
     count = max(len(section.rows) for section in sections.values())
-    return Recording(
+    recording = Recording(
         format="nexus_csv",
         channels=channels,
         loss=Loss(count, count, end),
         facts=facts,
         find_unlisted=partial(_find_column, sections, channels),
+    )
+    if source is None:
+        return recording
+    plates = [_plate_of(recording, number, stated) for number, stated in source.plates.items()]
+    return replace(recording, plates=plates)
+
+
+def _plate_of(recording: Recording, number: int, stated: NexusPlate) -> Plate:
+    """Describe a plate whose force and moment were exported."""
+    channels = [
+        recording.find(
+            {"device": f"{stated.device} - {quantity}", "component": f"{quantity[0]}{axis}"}
+        )
+        for quantity in ("Force", "Moment")
+        for axis in AXES
+    ]
+    corners = np.array(stated.corners)
+    about = corners.mean(axis=0)
+    if stated.moment_about is not None:
+        about = np.array(stated.moment_about)
+    return Plate(
+        number=number,
+        type=EXPORTED,
+        corners=corners,
+        origin=about,
+        channels=channels,
+        length_unit="mm",
+        sign=stated.sign,
+        facts={"device": stated.device, "sign": stated.sign},
     )
 
 

@@ -14,7 +14,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.formats._table import SheetSource, layout_of, recording_of_table
 from osl_analysis.formats._text import decoded, is_text, read_text
 from osl_analysis.formats.csv_table import table_of_text
-from osl_analysis.recording import End, Format, Recording
+from osl_analysis.recording import End, Format, Plate, Recording
 from osl_analysis.source_file import (
     Axes,
     ColumnChannel,
@@ -24,7 +24,7 @@ from osl_analysis.source_file import (
     ExportedPlate,
     InAxes,
 )
-from osl_analysis.trial import unit_of
+from osl_analysis.trial import AXES, unit_of
 from osl_analysis.units import TimeUnit, Unit, si_factor
 from osl_analysis.yaml_settings import misplaced
 
@@ -37,6 +37,7 @@ FORCES = {
 }
 # units of angles and speeds, by what the header says of `inDegrees`
 ANGLES = {"yes": {"rad": "deg", "rad/s": "deg/s"}, "no": {"rad": "rad", "rad/s": "rad/s"}}
+EXPORTED = 0  # type of a plate whose force and moment stand in the laboratory's axes
 END_OF_HEADER = re.compile(rb"(?im)^[ \t]*endheader[ \t]*\n")
 
 
@@ -121,11 +122,11 @@ def read(path: Path, source: OpenSimSource | None) -> Recording:
     if is_whole and table.end == End.UNKNOWN:
         table = replace(table, end=End.WHOLE)
     remarks = [*table.remarks]
-    plates = plates_in(table.names)
-    if source is None and plates:
+    like_plates = plates_in(table.names)
+    if source is None and like_plates:
         remarks.append(
             "these columns are force plates, if you state their corners: plates:"
-            f" {{{', '.join(plates)}}}"
+            f" {{{', '.join(like_plates)}}}"
         )
     if source is not None:
         _check_angles(source, header)
@@ -135,7 +136,34 @@ def read(path: Path, source: OpenSimSource | None) -> Recording:
     likely = {name: "s" if name == "time" else _likely_unit(name, angle) for name in table.names}
     recording = recording_of_table("opensim", table, layout, facts=header, likely_units=likely)
     settings = {"time": {"column": "time", "unit": "s"}} if "time" in table.names else {}
-    return replace(recording, settings=settings)
+    recording = replace(recording, settings=settings)
+    if source is None:
+        return recording
+    plates = [_plate_of(recording, number, stated) for number, stated in source.plates.items()]
+    return replace(recording, plates=plates)
+
+
+def _plate_of(recording: Recording, number: int, stated: OpenSimPlate) -> Plate:
+    """Describe a plate by the columns of its force, its point of application, and the moment about
+    this point."""
+    quantities = ((stated.force, "N"), (stated.moment, "N*m"), (stated.point, "m"))
+    channels = [
+        replace(recording.find({"column": f"{begin}{axis}"}), unit=unit)
+        for begin, unit in quantities
+        for axis in AXES
+    ]
+    corners = np.array(stated.corners)
+    return Plate(
+        number=number,
+        type=EXPORTED,
+        corners=corners,
+        origin=corners.mean(axis=0),
+        channels=channels,
+        length_unit="m",
+        sign=stated.sign,
+        foot=stated.foot,
+        facts=stated.model_dump(include={"force", "point", "moment", "sign"}),
+    )
 
 
 def _check_counts(header: Mapping[str, str], rows: int, columns: int) -> bool:

@@ -34,6 +34,7 @@ from osl_analysis.recording import Format, Recording
 FIRST_BYTES = 1 << 16  # of a file, by which its format is recognised
 GROUP = "osl_analysis.formats"  # entry points of other packages
 TEXT_PRIORITY = 9  # of tables of text: any text may be one
+OFTEN_TEXT = ("table",)  # formats whose ending text often has: `.xls`
 COPY_AGAIN = "copy the file again, or export it anew"
 
 
@@ -75,8 +76,13 @@ def recognise(path: Path) -> Format:
     """
     formats = formats_of(path)
     refuse_others(path, formats)
-    suffix = path.suffix.lower()
-    formats += [one for one in known_formats().values() if suffix in one.suffixes]
+    as_text = [one for one in formats if one.priority >= TEXT_PRIORITY]
+    formats = [one for one in formats if one.priority < TEXT_PRIORITY]
+    for one in known_formats().values():
+        is_text_in_name_alone = bool(as_text) and one.name in OFTEN_TEXT
+        if path.suffix.lower() in one.suffixes and not is_text_in_name_alone:
+            formats.append(one)
+    formats += as_text
     if not formats:
         raise InputError(
             f"{path}: of no known format (it begins with {quoted(beginning(path)[:8])}); export it"

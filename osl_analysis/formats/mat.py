@@ -1,0 +1,344 @@
+"""MATLAB files of version 5 and 7.3, with tables and objects in them, by mat-io."""
+
+import re
+import struct
+import warnings
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import AfterValidator, Field
+
+from osl_analysis.errors import InputError, not_installed
+from osl_analysis.formats._cells import name_and_unit
+from osl_analysis.formats._mat_values import (
+    FEWEST_SAMPLES,
+    Value,
+    Variable,
+    checked_address,
+    is_log_of_simulink,
+    lines_of,
+    steps_in,
+    value_at,
+    value_of,
+    variables_in,
+    vector_of,
+)
+from osl_analysis.formats.binary_table import titles_by_width, written_values
+from osl_analysis.recording import Channel, End, Format, Loss, Recording, Rows
+from osl_analysis.source_file import LogChannel, RowTime, TableSource
+from osl_analysis.units import Unit, name_and_ending
+
+HEADER = 128  # bytes; of version 7.3 HDF5 begins behind 512
+ELEMENT = 8  # bytes before each variable of version 5: type, length
+MOST_LISTED = 500  # variables
+NOT_VARIABLES = ("#refs#", "#subsystem#")  # groups of a file of version 7.3
+SAVE_AGAIN = "copy the file again, or save it again in MATLAB, with the numbers in it"
+
+AddressText = Annotated[str, AfterValidator(checked_address)]
+
+
+def _checked_part(text: str) -> str:
+    return checked_address(text, is_inside=False) if text else text
+
+
+class VariableChannel(LogChannel):
+    """A variable, or a field, a cell or a column in one."""
+
+    ADDRESS = "variable"
+    variable: AddressText
+    """Its address in MATLAB's notation: `torque`, `Test.run(2).torque`, `data(:,3)`,
+    `runs{2}.torque`. It is within `log_part`, unless it begins with `/`."""
+    # Where the device counts its samples, which tells the missing ones.
+    counter: AddressText | None = None
+    unit: Unit  # Unit of the numbers, as laboratories spell it.
+
+
+class VariableTime(RowTime):
+    """A variable of time, or the rate of the samples."""
+
+    ADDRESS = "variable"
+    # Address of the variable that holds time, as in `channels`.
+    variable: AddressText | None = None
+
+
+class MatSource(TableSource):
+    """The source file of MATLAB files."""
+
+    OF = " of format mat"
+    channels: Mapping[str, VariableChannel] = Field(min_length=1)
+    time: VariableTime
+    log_part: Annotated[str, AfterValidator(_checked_part)] = ""
+    """Address of the struct or cell that holds the trial, where there are several; the sample
+    sheet's replaces it."""
+
+    def of_part(self, part: str) -> "MatSource":
+        """The source file for one part, as the sample sheet names it."""
+        return self.model_copy(update={"log_part": part}) if part else self
+
+
+def read(path: Path, source: MatSource | None) -> Recording:
+    """Read the variables of a file; with a `log_part` those in it, by their addresses there."""
+    with path.open("rb") as file:
+        begin = file.read(HEADER)
+    is_73 = begin.startswith(b"MATLAB 7.") or 2 in begin[124:126]
+    raw, remarks = _load(path)
+    end = End.WHOLE
+    masks: dict[str, NDArray[np.bool_]] = {}
+    if is_73:
+        masks = _never_written(path)
+    else:
+        behind = _bytes_missing(path, begin)
+        if behind:
+            end = End.MISSING
+            remarks.append(behind)
+    variables = {name: value_of(one) for name, one in raw.items()}
+    listed = list(variables_in(variables))
+    part = source.log_part if source is not None else ""
+    channels = _channels_of(variables, listed, part, masks)
+    remarks += _not_read(listed)
+    most = max((channel.rows.count for channel in channels), default=0)
+    facts = {
+        "version": "7.3" if is_73 else "5",
+        "header": begin[:116].split(b"\0")[0].decode("latin-1").strip(),
+        "variables": str(len(variables)),
+    }
+    return Recording(
+        format="mat",
+        channels=channels,
+        loss=Loss(most, most, end, remarks=remarks),
+        notes=_short_numbers(listed),
+        facts=facts,
+        find_unlisted=partial(_find_unlisted, variables, part, channels, masks),
+    )
+
+
+def _load(path: Path) -> tuple[dict[str, Any], list[str]]:
+    """Read all variables, or those that can be read."""
+    try:
+        from matio import load_from_mat, whosmat
+    except ModuleNotFoundError:
+        raise not_installed("a MATLAB file", "mat-io") from None
+    options: Any = {"raw_data": True, "spmatrix": False}
+    remarks: list[str] = []
+    with warnings.catch_warnings(action="ignore"):
+        try:
+            raw = load_from_mat(str(path), **options)
+        except Exception as error:
+            raw = {}
+            names = [name for name, *_ in whosmat(str(path))]
+            for name in names:
+                try:
+                    raw |= load_from_mat(str(path), variable_names=[name], **options)
+                except Exception as own_error:
+                    reason = " ".join(str(own_error).split())[:100]
+                    remarks.append(f"{name} cannot be read ({reason})")
+            if not raw:
+                reason = " ".join(str(error).split())[:100]
+                raise InputError(f"cannot be read ({reason}); {SAVE_AGAIN}") from error
+    return {name: one for name, one in raw.items() if not name.startswith("__")}, remarks
+
+
+def _bytes_missing(path: Path, begin: bytes) -> str:
+    """Say whether a file of version 5 ends within a variable: each tells its length."""
+    data = path.read_bytes()
+    order = "<" if begin[126:128] == b"IM" else ">"
+    end = HEADER
+    while end + ELEMENT <= len(data):
+        (length,) = struct.unpack_from(f"{order}I", data, end + 4)
+        end += ELEMENT + length
+    if end == len(data):
+        return ""
+    return f"the last variable ends at byte {end}, the file at byte {len(data)}: its end is missing"
+
+
+def _never_written(path: Path) -> dict[str, NDArray[np.bool_]]:
+    """Masks of what was never written in a file of version 7.3, as by a killed recorder, by the
+    address of the array; in MATLAB's order of dimensions."""
+    import h5py
+
+    masks: dict[str, NDArray[np.bool_]] = {}
+
+    def visit(name: str, item: Any) -> None:
+        is_array = isinstance(item, h5py.Dataset) and item.shape and item.dtype.kind in "fiu"
+        if is_array and not name.startswith(NOT_VARIABLES) and "MATLAB_empty" not in item.attrs:
+            written = written_values(item)
+            if written is not None:
+                masks[name.replace("/", ".")] = ~np.atleast_2d(written).T
+
+    with h5py.File(path, "r") as file:
+        file.visititems(visit)
+    return masks
+
+
+def _masked(
+    address: str, values: NDArray[Any], masks: Mapping[str, NDArray[np.bool_]]
+) -> NDArray[Any]:
+    """The values of a vector, masked where they were never written."""
+    for place, mask in masks.items():
+        if not address.startswith(place):
+            continue
+        column = address.removeprefix(place)
+        if not column:
+            return np.ma.array(values, mask=mask.ravel())
+        chosen = re.fullmatch(r"\((?::,(\d+)|(\d+),:)\)", column)
+        if chosen:
+            is_column = chosen[1] is not None
+            line = mask[:, int(chosen[1]) - 1] if is_column else mask[int(chosen[2]) - 1]
+            return np.ma.array(values, mask=line)
+    return values
+
+
+def _channels_of(
+    variables: Mapping[str, Value],
+    listed: Sequence[Variable],
+    part: str,
+    masks: Mapping[str, NDArray[np.bool_]],
+) -> list[Channel]:
+    """Make a channel of each vector, and each column of a matrix, that is long enough.
+
+    Those of one length in one struct or cell share rows.
+    """
+    titles = _titles_in(listed)
+    joined = _joined_logs(variables, listed)
+    rows_by_place: dict[tuple[str, int], Rows] = {}
+    channels: list[Channel] = []
+    for variable in joined or listed:
+        is_array = variable.value.numbers is not None and len(variable.value.shape) == 2
+        if not is_array or max(variable.value.shape) < FEWEST_SAMPLES:
+            continue
+        lines = list(lines_of(variable))
+        names = titles.get(len(lines), ()) if len(lines) > 1 else ()
+        for place, line in enumerate(lines):
+            address = _inside(line.address, part)
+            if address is None:
+                continue
+            title = names[place] if names else line.name.rpartition(".")[2]
+            name, unit = name_and_unit(title)
+            unit = line.value.unit or unit
+            count = line.value.size
+            key = (variable.part, count)
+            if key not in rows_by_place:
+                rows_by_place[key] = Rows(count, name=variable.part, noun="sample")
+            values = _masked(line.address, vector_of(line.address, line.value), masks)
+            channels.append(
+                Channel(
+                    address={"variable": address},
+                    rows=rows_by_place[key],
+                    read=partial(_given, values),
+                    name=name,
+                    unit=unit,
+                    likely_unit="" if unit else name_and_ending(name)[1],
+                    type=variable.value.described(),
+                )
+            )
+    return channels
+
+
+def _inside(address: str, part: str) -> str | None:
+    """An address within a part; None where it is elsewhere."""
+    if not part:
+        return address
+    steps = steps_in(address)
+    above = steps_in(part)
+    if steps[: len(above)] != above or len(steps) == len(above):
+        return None
+    place = "".join(f".{step}" if step[0] not in "({" else step for step in steps[len(above) :])
+    return place.removeprefix(".")
+
+
+def _titles_in(listed: Sequence[Variable]) -> dict[int, Sequence[str]]:
+    """Texts in a cell that name the columns of the only matrix of this width."""
+    texts: dict[str, list[str]] = {}
+    for variable in listed:
+        if variable.name.startswith("{"):
+            texts.setdefault(variable.part, []).append(variable.value.text)
+    return titles_by_width(list(texts.values()))
+
+
+def _joined_logs(variables: Mapping[str, Value], listed: Sequence[Variable]) -> list[Variable]:
+    """The signals of one recording that Simulink logged each in a structure of its own, as one
+    part: with its time, the same in all, or beside the one variable `tout`; empty if there are
+    none."""
+    logs = [name for name, value in variables.items() if is_log_of_simulink(value)]
+    of_logs = [one for one in listed if one.part in logs and one.value.numbers is not None]
+    of_logs = [one for one in of_logs if max(one.value.shape) >= FEWEST_SAMPLES]
+    clocks = [one for one in of_logs if one.name == "time"]
+    signals = [one for one in of_logs if one.name != "time"]
+    if not clocks:
+        clocks = [one for one in listed if one.address == "tout"]
+    shapes = {one.value.shape for one in (*clocks, *signals)}
+    times = {np.asarray(one.value.numbers).tobytes() for one in clocks}
+    # signals of several trials are called the same in each
+    is_one_trial = len(signals) in (len(logs), len({one.name for one in signals}))
+    if not is_one_trial or len(logs) < 2 or len(signals) < len(logs):
+        return []
+    if len(shapes) != 1 or len(times) != 1:
+        return []
+    joined = [Variable("", one.address, one.address, one.value) for one in (clocks[0], *signals)]
+    others = [one for one in listed if one.part and one.part not in logs]
+    return [*joined, *others]
+
+
+def _short_numbers(listed: Sequence[Variable]) -> list[str]:
+    """Single numbers and short lists, such as a rate, in words."""
+    notes: list[str] = []
+    for variable in listed:
+        numbers = variable.value.numbers
+        if numbers is not None and 0 < numbers.size < FEWEST_SAMPLES:
+            shown = " ".join(str(number) for number in np.ravel(numbers))
+            notes.append(f"{variable.address}={shown}")
+    return notes
+
+
+def _not_read(listed: Sequence[Variable]) -> list[str]:
+    """Say which variables are not read, and what to do."""
+    remarks = [
+        f"{one.address} is a {one.value.described()}, which is not read; {one.value.remedy()}"
+        for one in listed[:MOST_LISTED]
+        if one.value.numbers is None and one.value.kind not in ("char", "struct", "cell")
+    ]
+    if len(listed) > MOST_LISTED:
+        remarks.append(f"and {len(listed) - MOST_LISTED} more variables")
+    return remarks
+
+
+def _find_unlisted(
+    variables: Mapping[str, Value],
+    part: str,
+    channels: Sequence[Channel],
+    masks: Mapping[str, NDArray[np.bool_]],
+    address: Mapping[str, str],
+) -> Channel:
+    """Find what stands at any address."""
+    whole, value = value_at(variables, address["variable"], part)
+    values = _masked(whole, vector_of(whole, value), masks)
+    place = whole.rpartition(".")[0]
+    rows = Rows(values.size, name=place, noun="sample")
+    for channel in channels:
+        if (channel.rows.name, channel.rows.count) == (place, values.size):
+            rows = channel.rows
+    name = whole.rpartition(".")[2]
+    return Channel(
+        address={"variable": whole},
+        rows=rows,
+        read=partial(_given, values),
+        name=name,
+        unit=value.unit,
+        likely_unit="" if value.unit else name_and_ending(name)[1],
+        type=value.described(),
+    )
+
+
+def _given(values: NDArray[Any]) -> NDArray[Any]:
+    return values
+
+
+def _begins(begin: bytes) -> bool:
+    return begin.startswith((b"MATLAB 5.0 MAT", b"MATLAB 7.")) and b"\0" in begin[:HEADER]
+
+
+FORMAT = Format(name="mat", suffixes=(".mat",), begins=_begins, source=MatSource, read=read)

@@ -132,6 +132,7 @@ class Topic:
     misfits: int = 0  # messages that are not what their type says
     misfit: str = ""  # what is wrong with the first of them
     no_number: str = ""  # what stands in place of the first wanted number that is none
+    no_numbers: int = 0  # of messages that become objects: they have no value there
     # the names in its messages, where they name the elements of arrays, of each writer
     names_by_writer: list[dict[str, list[str]]] = field(default_factory=list)
     _log_times_ns: list[NDArray[np.int64]] = field(default_factory=list)
@@ -261,6 +262,7 @@ class Topic:
                     column.append(number_at(message, path))
                 except NoNumberError as error:
                     self.no_number = self.no_number or f"{error}, in message {self.count + row + 1}"
+                    self.no_numbers += 1
                     column.append(None)
         values = {
             path: masked_numbers(path, column)
@@ -499,6 +501,8 @@ def _remarks_on(writers: Sequence[Topic], tables: Sequence[Table]) -> list[str]:
             remarks.append(
                 f"{topic.misfits} of {topic.count} messages of {what} are lost: {topic.misfit}"
             )
+        if topic.no_numbers:
+            remarks.append(f"{what}: {topic.no_numbers} readings are no numbers: {topic.no_number}")
         missing = topic.missing_by_sequence()
         if missing:
             remarks.append(

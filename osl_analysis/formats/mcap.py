@@ -100,10 +100,10 @@ class Log:
 
     def walk(self) -> None:
         """Read the records of the top level."""
+        has_footer = self._take_summary()
         data = self.data
         position = len(MAGIC)
-        data_end = 0
-        self._take_declarations_of_summary()
+        has_data_end = False
         while position + RECORD.size <= len(data) and self.end == End.MISSING:
             opcode, length = RECORD.unpack_from(data, position)
             start = position + RECORD.size
@@ -118,37 +118,50 @@ class Log:
                 self._take_index(start)
             elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE):
                 end = self._take_records(data, position, in_chunk=False)
-            elif opcode == Opcode.DATA_END and not data_end:
-                data_end = position
+            elif opcode == Opcode.DATA_END and not has_data_end:
+                has_data_end = True
                 checksum = DataEnd.read(_stream(data[start:end])).data_section_crc
                 self.is_data_wrong = bool(checksum) and zlib.crc32(data[:position]) != checksum
-            elif opcode == Opcode.STATISTICS:
-                self.statistics = Statistics.read(_stream(data[start:end]))
-            elif opcode == Opcode.FOOTER:
-                self._take_footer(end)
             elif opcode == Opcode.HEADER and position > len(MAGIC):
                 raise _two_logs(position - len(MAGIC))
+            elif opcode == Opcode.FOOTER:
+                self._take_footer(end)
             position = end
         self._take_chunk()
-        if self.end == End.MISSING:
+        if self.end == End.WHOLE:
+            return
+        second_log = data.find(MAGIC + bytes([Opcode.HEADER]), 1)
+        if second_log > 0:
+            raise _two_logs(second_log)
+        if has_footer:
+            self.end = End.WHOLE
+            self.remarks.append(f"from byte {position} on it cannot be read up to its summary")
+        else:
             self.remarks.append(
                 "no footer: the recorder did not finish, or the end is lost; how much is not known"
             )
 
-    def _take_declarations_of_summary(self) -> None:
-        """Read the channels that the summary lists: the chunk that declares them may be damaged."""
-        footer = self.data[-len(MAGIC) - FOOTER.size : -len(MAGIC)]
-        if not self.data.endswith(MAGIC) or footer[:1] != bytes([Opcode.FOOTER]):
-            return
+    def _take_summary(self) -> bool:
+        """Read what the summary lists, and tell whether the file has a footer.
+
+        The chunk that declares a channel may be damaged, and the counts tell what is lost.
+        """
+        data = self.data
+        footer = data[-len(MAGIC) - FOOTER.size : -len(MAGIC)]
+        if not data.endswith(MAGIC) or len(footer) < FOOTER.size or footer[0] != Opcode.FOOTER:
+            return False
         _, _, position, _, _ = FOOTER.unpack(footer)
-        while 0 < position <= len(self.data) - RECORD.size:
-            opcode, length = RECORD.unpack_from(self.data, position)
+        while 0 < position <= len(data) - RECORD.size:
+            opcode, length = RECORD.unpack_from(data, position)
             start = position + RECORD.size
             position = start + length
-            if opcode in (Opcode.SCHEMA, Opcode.CHANNEL) and position <= len(self.data):
-                self._declare(opcode, self.data[start:position])
+            if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                self._declare(opcode, data[start:position])
+            elif opcode == Opcode.STATISTICS:
+                self.statistics = Statistics.read(_stream(data[start:position]))
             elif opcode == Opcode.FOOTER:
                 break
+        return True
 
     def _take_footer(self, end: int) -> None:
         after = end + len(MAGIC)

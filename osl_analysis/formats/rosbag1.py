@@ -63,6 +63,11 @@ class Bag:
     def __init__(self, reader: Any, path: Path, source: MessageSource | None) -> None:
         self.reader = reader
         self.data = path.read_bytes()
+        second = self.data.find(BEGINNING_2, 1)
+        if second > 0:
+            raise InputError(
+                f"two bags were joined: a second one begins at byte {second}; give each a file"
+            )
         self.topics: dict[int, Topic] = {}  # by connection, those that are wanted
         self.name_of: dict[int, str] = {}  # of the topic of each connection
         self.expected: Counter[str] = Counter()  # messages by topic

@@ -43,8 +43,9 @@ from mcap.writer import Writer
 from mcap_protobuf.decoder import DecoderFactory as ProtobufDecoderFactory
 from mcap_ros2.decoder import DecoderFactory as Ros2DecoderFactory
 
-from osl_analysis.ingest.raw_files import FORMATS
-from osl_analysis.ingest.source import Source
+from osl_analysis.ingest.raw_files import read_converted
+from osl_analysis.formats import known_formats
+from osl_analysis.source_file import Source
 
 RATE = 1000
 START = 1_700_000_000 * 10**9
@@ -70,11 +71,10 @@ REPEATS = 5
 EARLIER = """
 import sys, time
 from pathlib import Path
-from osl_analysis.ingest.raw_files import FORMATS
-source, times = FORMATS["mcap"].source.model_validate_json(sys.argv[2]), []
+source, times = known_formats()["mcap"].source.model_validate_json(sys.argv[2]), []
 for _ in range(int(sys.argv[3])):
     start = time.process_time()
-    FORMATS["mcap"].read(Path(sys.argv[1]), source)
+    read_converted(Path(sys.argv[1]), source)
     times.append(time.process_time() - start)
 print(min(times))
 """
@@ -164,7 +164,7 @@ def source() -> Source:
         for topic, columns in COLUMNS.items()
         for column, field in zip(columns, FIELDS, strict=False)
     }
-    return FORMATS["mcap"].source.model_validate(
+    return known_formats()["mcap"].source.model_validate(
         {"format": "mcap", "time": {"source": "header"}, "channels": channels}
     )
 
@@ -265,7 +265,7 @@ def main() -> None:
         for encoding, (schema, encode, factory) in encodings.items():
             path = Path(folder) / f"{encoding}.mcap"
             write(path, encoding, schema, encode, duration)
-            ours = seconds_of(lambda path=path: FORMATS["mcap"].read(path, source()), REPEATS)
+            ours = seconds_of(lambda path=path: read_converted(path, source()), REPEATS)
             theirs = seconds_of(lambda path=path, factory=factory: by_mcap(path, factory), 1)
             floor = seconds_of(lambda path=path: limit(path), REPEATS)
             before = (

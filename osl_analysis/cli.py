@@ -55,7 +55,6 @@ def percent(value: str) -> float:
 FILE, FOLDER = click.Path(path_type=Path), click.Path(path_type=Path, file_okay=False)
 WRITTEN_SUFFIXES = {
     "ingest": ".parquet",
-    "samples": ".md",
     "describe-tables": ".md",
     "gains": ".csv",
     "design": ".csv",
@@ -157,7 +156,9 @@ class OneLineErrors(click.Group):
             sys.stderr = io.StringIO()
             sys.exit(130)
         except click.UsageError as error:
-            raise click.UsageError(printable(error.format_message()), error.ctx) from error
+            # click lists the choices of an option on lines of their own
+            message = error.format_message().replace("\n\t", " ")
+            raise click.UsageError(printable(message), error.ctx) from error
         except OslAnalysisError as error:
             click.echo(f"error: {error}", err=True)
         except OSError as error:
@@ -259,12 +260,22 @@ def ingest(sources: Path, output: Path, **given: Any) -> None:
     "--draft", "draft_path", help="Write the draft of a source file here instead of printing it."
 )
 def inspect(file: Path, draft_path: Path | None) -> None:
-    """List what an MCAP, C3D, CSV or MATLAB file holds: rates [Hz], units, gaps, damage. Draft a
-    source file for it."""
-    check_there(file)
+    """List what a recording holds, an MCAP, C3D, CSV or MATLAB file: rates [Hz], units, gaps,
+    damage. Draft a source file for it.
+
+    Of a folder of recordings, list in short what each holds, or why it is refused."""
+    check_there(file, "file or folder")
     from osl_analysis.commands import trials as command
     from osl_analysis.ingest.draft import draft_source
 
+    if command.is_folder_of_recordings(file):
+        if draft_path is not None:
+            raise click.UsageError(
+                "--draft describes one recording: name its file, or draft all of them by"
+                f" `osl-analysis init CAMPAIGN --from {shlex.quote(str(file))}`"
+            )
+        say(command.folder_text(file))
+        return
     overview = command.inspect_file(file)
     say(command.overview_text(overview))
     text = draft_source(overview, file.name)
@@ -358,22 +369,6 @@ def fit(
         draw_table("torque", fitted.series, [plot])
     told = command.rows_json if as_json else command.estimates_text
     say(told(fitted.table, fitted.findings))
-
-
-@main.command(
-    epilog="Example: osl-analysis samples ../shared/real_data --output docs/real_samples.md"
-)
-@argument("folder", type=FOLDER)
-@file_option("--output", help="Write a Markdown page to this file instead of printing the table.")
-def samples(folder: Path, output: Path | None) -> None:
-    """List the content of every recording below FOLDER, without a source file; a refused one with
-    the reason."""
-    check_there(folder, "folder")
-    from osl_analysis.commands.trials import samples_table
-
-    table, command = samples_table(folder), f"osl-analysis samples {folder} --output {output}"
-    page = f"# What recordings made by others hold\n\nMade by `{command}`.\n\n{table}\n"
-    print_or_write(table if output is None else page, output)
 
 
 @main.command(
@@ -485,34 +480,46 @@ def compare(a: Path, b: Path, margin: float | None, output: Path) -> None:
     ),
 )
 @option("--example", is_flag=True, help="A small simulated campaign, which runs in about a minute.")
-def init(folder: Path, recorders: tuple[str, ...], recordings: Path | None, example: bool) -> None:
+@option(
+    "--checksums",
+    is_flag=True,
+    help=(
+        "With --from: write SHA256SUMS beside the recordings, so that one that is changed later is"
+        " refused."
+    ),
+)
+def init(
+    folder: Path,
+    recorders: tuple[str, ...],
+    recordings: Path | None,
+    example: bool,
+    checksums: bool,
+) -> None:
     """Make the folder of a new campaign: configuration, sample sheet, source files and their JSON
     schemas."""
-    from osl_analysis.commands.trials import drafted_text, left_to_decide, new_campaign
+    from osl_analysis.commands import new_campaign as command
 
     if example and (recorders or recordings):
         raise click.UsageError("--example has recordings of its own; leave --recorder and --from")
-    draft = new_campaign(folder, recorders, recordings, example)
-    say(
-        f"made {folder} with config.yaml, {'simulation.yaml' if example else 'trials.csv'},"
-        " sources/ and schemas/"
-    )
+    if checksums and recordings is None:
+        raise click.UsageError("--checksums are those of recordings: name their folder with --from")
+    draft = command.new_campaign(folder, recorders, recordings, example, checksums)
     if recordings is not None:
-        say(drafted_text(draft))
-        decisions = left_to_decide(folder, draft)
-        say(
-            "\n".join(["left to decide:", *(f"  {line}" for line in decisions)])
-            if decisions
-            else ""
-        )
-        print_first_look(folder, is_new=True)
-    elif not example:
-        say(
-            "next: recordings into recordings/, a row for each into trials.csv, their channels into"
-            " sources/"
-        )
-        say("      `osl-analysis inspect FILE --draft sources/NAME.yaml` drafts a source file")
-    say(f"then: cd {shlex.quote(str(folder))} && osl-analysis run")
+        if checksums:
+            say(command.sums_text(recordings))
+        say(command.campaign_text(folder, draft))
+        if command.can_run(folder, draft):
+            print_first_look(folder, is_new=True)
+        say(command.next_command(folder, draft))
+        return
+    place = shlex.quote(str(folder))
+    kind = "simulation.yaml" if example else "trials.csv"
+    say(f"made {folder} with config.yaml, {kind}, sources/ and schemas/")
+    if example:
+        say(f"then: cd {place} && osl-analysis run")
+        return
+    say("put recordings into recordings/, and a row for each into trials.csv")
+    say(f"then: cd {place} && osl-analysis inspect recordings/FILE --draft sources/NAME.yaml")
 
 
 @main.command(
@@ -550,12 +557,14 @@ def doctor(look: bool) -> None:
         say(f"!! {error.name}: not installed; install osl-analysis again, with what it needs")
         sys.exit(1)
     seen = list(looked_at(Path()))
-    width = max(len(what) for what, _, _ in seen)
-    for what, found, remedy in seen:
-        say(f"{'!!' if remedy else 'ok'} {what:<{width}}  {found}{f': {remedy}' if remedy else ''}")
+    width = max(len(thing.what) for thing in seen)
+    for thing in seen:
+        mark = "!!" if thing.remedy else "--" if thing.is_absent else "ok"
+        remedy = f": {thing.remedy}" if thing.remedy else ""
+        say(f"{mark} {thing.what:<{width}}  {thing.found}{remedy}")
     if look:
         print_first_look(Path())
-    sys.exit(int(any(remedy for _, _, remedy in seen)))
+    sys.exit(int(any(thing.remedy for thing in seen)))
 
 
 @main.command(

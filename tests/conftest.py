@@ -102,13 +102,6 @@ def without_witness(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("osl_analysis.bench.impedance.witness_row", lambda *_, **__: unheard)
 
 
-@pytest.fixture
-def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of tests of addresses and values: a fork takes longer than what it reads."""
-    for module in ("mat", "binary_table"):
-        monkeypatch.setattr(f"osl_analysis.old_formats.{module}.isolated", lambda work: work())
-
-
 def multisine(
     *frequencies_hz: float, amplitude: float = 0.1, duration: float = 10.0, rate: float = 500.0
 ) -> Motion:

@@ -12,22 +12,25 @@ import polars as pl
 import pytest
 import yaml
 from c3d_builder import REAL_DATA, write_c3d
+from osl_analysis.ingest.captures import plate_loads, wrench
 from recognised_files import refusal_by
 from scipy.spatial.transform import Rotation
 
 from osl_analysis.errors import InputError
+from osl_analysis.formats import known_formats
+from osl_analysis.ingest.conversion import Converted
+from osl_analysis.ingest.overview import inspect_recording
+from osl_analysis.ingest.raw_files import read_converted, read_source
 from osl_analysis.old_formats.c3d import read_c3d
-from osl_analysis.ingest.captures import plate_loads, wrench
-from osl_analysis.ingest.raw_files import FORMATS, read_source
-from osl_analysis.ingest.source import Recording, Source
+from osl_analysis.source_file import Source
 
 
 def source(**fields: object) -> Source:
-    return FORMATS["c3d"].source.model_validate({"format": "c3d", **fields})
+    return known_formats()["c3d"].source.model_validate({"format": "c3d", **fields})
 
 
-def read(path: Path, **fields: object) -> Recording:
-    return FORMATS["c3d"].read(path, source(**fields))
+def read(path: Path, **fields: object) -> Converted:
+    return read_converted(path, source(**fields))
 
 
 def points(frames: int = 6, count: int = 3) -> np.ndarray:
@@ -66,7 +69,7 @@ def test_points_analogs_and_time_are_those_of_the_file(tmp_path: Path) -> None:
     )
     np.testing.assert_allclose(samples["time"], np.arange(24) / 400, rtol=1e-15)
     np.testing.assert_array_equal(samples["sync"], analogs()[:, 1])
-    assert FORMATS["c3d"].inspect(path).channels[-1].note == "from -6 to 40"
+    assert inspect_recording(path).channels[-1].note == "from -6 to 40"
     alone = read(path).samples
     assert (len(alone), alone.null_count().sum_horizontal()[0]) == (6, 0)  # a row per frame
 
@@ -153,7 +156,7 @@ def test_model_outputs_take_unit_and_sign_from_the_source_file(tmp_path: Path) -
     )
     markers = {name for name in recording.samples.columns if name.startswith("marker")}
     assert markers == {"marker_LTOE_x", "marker_LTOE_y", "marker_LTOE_z"}
-    assert [one.kind for one in FORMATS["c3d"].inspect(path).channels] == [
+    assert [one.kind for one in inspect_recording(path).channels] == [
         "marker",
         "model output",
         "marker",
@@ -548,13 +551,13 @@ def nexus_source(**fields: object) -> Source:
         "unit": "N*mm/kg"}},
         "plates": {1: {"device": "AMTI #1", "corners": FLOOR, "sign": -1}},
     }  # fmt: skip
-    return FORMATS["nexus_csv"].source.model_validate({**usual, **fields})
+    return known_formats()["nexus_csv"].source.model_validate({**usual, **fields})
 
 
 def exported(tmp_path: Path, text: str, **fields: object) -> pl.DataFrame:
     path = tmp_path / "trial.csv"
     path.write_text(text)
-    return FORMATS["nexus_csv"].read(path, nexus_source(**fields)).samples
+    return read_converted(path, nexus_source(**fields)).samples
 
 
 def padded(text: str) -> str:
@@ -629,7 +632,7 @@ def test_a_plates_moment_is_about_its_centre_wherever_the_file_takes_it(tmp_path
 def test_what_does_not_fit_is_refused_with_the_reason(tmp_path, text, fields, problem):
     path = tmp_path / "trial.csv"
     path.write_text(text)
-    assert problem in refusal_by(FORMATS["nexus_csv"].read, path, nexus_source(**fields))
+    assert problem in refusal_by(read_converted, path, nexus_source(**fields))
 
 
 def test_an_export_keeps_its_first_frame_and_is_listed_by_sections_with_what_is_missing(
@@ -637,8 +640,8 @@ def test_an_export_keeps_its_first_frame_and_is_listed_by_sections_with_what_is_
 ) -> None:
     (path := tmp_path / "trial.csv").write_text(EXPORT)
     facts, overview = (
-        FORMATS["nexus_csv"].read(path, nexus_source()).facts,
-        FORMATS["nexus_csv"].inspect(path),
+        read_converted(path, nexus_source()).facts,
+        inspect_recording(path),
     )
     assert [facts[name] for name in ("frame_rate_hz", "first_frame", "samples_per_frame")] == [
         100,
@@ -664,7 +667,7 @@ def test_an_export_keeps_its_first_frame_and_is_listed_by_sections_with_what_is_
 
 @pytest.mark.parametrize("path", NEXUS_FILES, ids=lambda path: path.stem)
 def test_real_exports_are_read_as_they_are_written(path: Path) -> None:
-    samples = FORMATS["nexus_csv"].read(path, read_source(SOURCES / "nexus_csv.yaml")).samples
+    samples = read_converted(path, read_source(SOURCES / "nexus_csv.yaml")).samples
     np.testing.assert_allclose(samples["marker_HV_x"], [0.209331, 0.209475])
     assert samples["marker_CL_E_z"].to_list() == pytest.approx([0.496721, 0.496729])
 

@@ -19,10 +19,10 @@ from osl_analysis.cli import main
 from osl_analysis.commands.trials import inspect_file
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.draft import draft_source
-from osl_analysis.ingest.raw_files import FORMATS, read_source, recognise, trial_from_files
-from osl_analysis.units import EXAMPLES, base_units, dimension, normalised, si_factor
+from osl_analysis.ingest.raw_files import read_converted, read_source, recognise, trial_from_files
 from osl_analysis.signals.grid import devices_of
 from osl_analysis.trial import Trial
+from osl_analysis.units import EXAMPLES, base_units, dimension, normalised, si_factor
 
 SOURCE: dict[str, Any] = {
     "format": "csv", "time": {"column": "t", "unit": "s"},
@@ -183,7 +183,7 @@ def test_the_shipped_source_file_reads_what_the_logger_of_opensourceleg_wrote(
     logger.reset()
     shipped = read_source(Path(__file__).parents[1] / "config/sources/opensourceleg.yaml")
     assert recognise(tmp_path / "trial.csv") == "csv"
-    recording = FORMATS["csv"].read(tmp_path / "trial.csv", shipped)
+    recording = read_converted(tmp_path / "trial.csv", shipped)
     expected = {
         "time": rows * 1e-3,
         "theta": np.cos(rows / 50),

@@ -10,15 +10,15 @@ import polars as pl
 import pytest
 import yaml
 from c3d_builder import REAL_DATA
+from osl_analysis.ingest.captures import vertical_axis
 from recognised_files import read_recognised as read
 from recognised_files import refusal_of as refused
 
 from osl_analysis.commands.trials import inspect_file
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.captures import vertical_axis
 from osl_analysis.ingest.draft import draft_source
+from osl_analysis.formats import known_formats
 from osl_analysis.ingest.raw_files import check_clocks, trial_from_files
-from osl_analysis.ingest.source import SOURCES
 from osl_analysis.trial import Array
 
 FRAMES, LABELS, HEIGHTS = 40, ["HEAD", "HIP", "KNEE", "TOE"], np.array([1700.0, 900.0, 500.0, 50.0])
@@ -325,11 +325,11 @@ def test_the_draft_of_ground_reactions_proposes_their_plates(
 def test_plates_that_cannot_be_read_are_refused(tmp_path: Path) -> None:
     path, _ = write_forces(tmp_path / "grf.mot")
     assert "column 'L_vx' is missing" in refused(path, plates={1: {**PLATE, "force": "L_v"}})
-    common = SOURCES["opensim"].model_validate({**MOT, "clock": "common"})
-    check_clocks(common, SOURCES["trc"](format="trc"))
+    common = known_formats()["opensim"].source.model_validate({**MOT, "clock": "common"})
+    check_clocks(common, known_formats()["trc"].source(format="trc"))
     # only TRC states times
     with pytest.raises(InputError, match="'common' does not align the log"):
-        check_clocks(common, SOURCES["c3d"](format="c3d"))
+        check_clocks(common, known_formats()["c3d"].source(format="c3d"))
     path.write_text(
         path.read_text().replace("0.005000000", "0.000000000", 1).replace("700.000000000", "nan", 1)
     )

@@ -9,7 +9,7 @@ from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from osl_analysis.campaign.campaign import Campaign, check_campaign, open_campaign
 from osl_analysis.campaign.configuration import read_config
@@ -23,15 +23,14 @@ from osl_analysis.errors import (
     not_installed,
 )
 from osl_analysis.files import CAMPAIGN, check_working_folder, root, shipped
+from osl_analysis.ingest.overview import inspect_recording
 from osl_analysis.ingest.raw_files import (
-    FORMATS,
     check_clocks,
     check_plates,
     read_source,
-    recognise,
+    recorded_files,
     recordings_in,
 )
-from osl_analysis.old_formats.rosbag import recorded_files
 from osl_analysis.yaml_settings import read_mapping
 
 CONFIGURED_BY = ("--configfile", "--configfiles")  # options of Snakemake that name a configuration
@@ -79,39 +78,44 @@ def with_shipped_profile(arguments: Sequence[str]) -> Iterator[str]:
         yield argument
 
 
-def looked_at(folder: Path) -> Iterator[tuple[str, str, str]]:
-    """What this machine has and lacks, and whether the campaign in a folder can be read: a line
-    each of what was looked at, what was found, and what to do, if anything."""
-    yield "Python", platform.python_version(), ""
-    yield "osl-analysis", f"{version('osl-analysis')}, workflow in {root()}", ""
+class Look(NamedTuple):
+    """What `doctor` says of one thing."""
+
+    what: str
+    found: str
+    remedy: str = ""  # empty if nothing is to be done
+    is_absent: bool = False  # an optional library that is not installed
+
+
+def looked_at(folder: Path) -> Iterator[Look]:
+    """What this machine has and lacks, and whether the campaign in a folder can be read."""
+    yield Look("Python", platform.python_version())
+    yield Look("osl-analysis", f"{version('osl-analysis')}, workflow in {root()}")
     for name in ("snakemake", "numpy", *EXTRAS):
-        try:
-            yield name, version(name), ""
-        except PackageNotFoundError:
-            if name in EXTRAS:
-                yield (
-                    name,
-                    f"not installed, optional: pip install 'osl-analysis[{EXTRAS[name]}]'",
-                    "",
-                )
-            else:
-                yield name, "not installed", f"pip install {name}"
-    yield (
-        "cores",
-        str(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()),
-        "",
-    )
+        yield library(name)
+    has_affinity = hasattr(os, "sched_getaffinity")
+    cores = len(os.sched_getaffinity(0)) if has_affinity else os.cpu_count()
+    yield Look("cores", str(cores))
     # the default campaign takes 0.4 GB, recordings not counted
     free = shutil.disk_usage(folder).free / 1e9
     few = "make room, or work on another disk" if free < 2 else ""
-    yield "free space", f"{free:.0f} GB in {folder.resolve()}", few
-    can = os.access(folder, os.W_OK)
-    yield (
-        "folder",
-        "can be written to" if can else "cannot be written to",
-        "" if can else "choose another one",
-    )
-    yield "campaign", *campaign(folder / CAMPAIGN)
+    yield Look("free space", f"{free:.0f} GB in {folder.resolve()}", few)
+    if os.access(folder, os.W_OK):
+        yield Look("folder", "can be written to")
+    else:
+        yield Look("folder", "cannot be written to", "choose another one")
+    yield Look("campaign", *campaign(folder / CAMPAIGN))
+
+
+def library(name: str) -> Look:
+    """Whether a library is installed, and how to install it."""
+    try:
+        return Look(name, version(name))
+    except PackageNotFoundError:
+        if name not in EXTRAS:
+            return Look(name, "not installed", f"pip install {name}")
+        how = f"pip install 'osl-analysis[{EXTRAS[name]}]'"
+        return Look(name, f"not installed, optional: {how}", is_absent=True)
 
 
 def check_start(opened: Campaign) -> None:
@@ -198,7 +202,7 @@ def unnamed_recordings(opened: Campaign) -> str:
     for path in left[:5]:
         try:
             if path.is_dir() or path.stat().st_size < LONG_TO_READ:
-                FORMATS[recognise(path)].inspect(path)
+                inspect_recording(path)
         except InputError as error:
             said.append(f"not readable: {error}")
     return "; ".join(said)

@@ -14,8 +14,8 @@ import numpy as np
 
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError, nearest
+from osl_analysis.formats import TEXT_PRIORITY, formats_of, refuse_others
 from osl_analysis.model.compensator import CONTROLLERS, Weight
-from osl_analysis.old_formats.binary_table import FIRST_BYTES, is_table_file, refuse_others
 from osl_analysis.refusal import check_not_refused
 from osl_analysis.trial import Array, stretches
 from osl_analysis.yaml_settings import Settings
@@ -160,11 +160,13 @@ def numbered_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
     """The rows of a CSV file with the number of their line, without empty lines and comments."""
     try:
         content = path.read_bytes()
-        refuse_others(path, content)
-        if is_table_file(content[:FIRST_BYTES]):
+        known = formats_of(path)
+        refuse_others(path, known)
+        other = next((one for one in known if one.priority < TEXT_PRIORITY), None)
+        if other is not None:
             raise InputError(
-                f"{path}: a workbook, or another binary table, which no sheet is; save it as 'CSV"
-                " UTF-8'"
+                f"{path}: a workbook, or another file of format {other.name}, which no sheet is;"
+                " save it as 'CSV UTF-8'"
             )
         if b"\0" in content.partition(b"\n")[0]:
             raise InputError(

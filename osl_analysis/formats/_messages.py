@@ -131,7 +131,8 @@ class Topic:
     undecodable: str = ""  # why none of its messages can be decoded
     misfits: int = 0  # messages that are not what their type says
     misfit: str = ""  # what is wrong with the first of them
-    no_number: str = ""  # what stands in place of the first wanted number that is none
+    # by field what stands in place of its first number that is none
+    no_number: dict[str, str] = field(default_factory=dict)
     no_numbers: int = 0  # of messages that become objects: they have no value there
     # the names in its messages, where they name the elements of arrays, of each writer
     names_by_writer: list[dict[str, list[str]]] = field(default_factory=list)
@@ -236,7 +237,7 @@ class Topic:
             try:
                 leaf = shape.leaf_at(path)
             except NoNumberError as error:
-                self.no_number = self.no_number or str(error)
+                self.no_number.setdefault(path, str(error))
                 continue
             if leaf is not None:
                 values[path] = shape.read(leaf, rows)
@@ -261,7 +262,8 @@ class Topic:
                 try:
                     column.append(number_at(message, path))
                 except NoNumberError as error:
-                    self.no_number = self.no_number or f"{error}, in message {self.count + row + 1}"
+                    place = f"in message {self.count + row + 1}"
+                    self.no_number.setdefault(path, f"{error}, {place}")
                     self.no_numbers += 1
                     column.append(None)
         values = {
@@ -481,8 +483,8 @@ def _no_field(writers: Sequence[Topic], topic: str, path: str) -> InputError:
     names = listing([one.path for one in first.fields()])
     if path in first.no_number:
         return InputError(
-            f"topic '{topic}': {first.no_number} (it has {names}); name a number, or one element"
-            " of an array, as `field` in the source file"
+            f"topic '{topic}': {first.no_number[path]} (it has {names}); name a number, or one"
+            " element of an array, as `field` in the source file"
         )
     return InputError(
         f"topic '{topic}' has no field '{path}' (it has {names}); correct `field` in the source"
@@ -502,7 +504,8 @@ def _remarks_on(writers: Sequence[Topic], tables: Sequence[Table]) -> list[str]:
                 f"{topic.misfits} of {topic.count} messages of {what} are lost: {topic.misfit}"
             )
         if topic.no_numbers:
-            remarks.append(f"{what}: {topic.no_numbers} readings are no numbers: {topic.no_number}")
+            reasons = "; ".join(topic.no_number.values())
+            remarks.append(f"{what}: {topic.no_numbers} readings are no numbers: {reasons}")
         missing = topic.missing_by_sequence()
         if missing:
             remarks.append(
@@ -551,7 +554,9 @@ def _channels_of(
         has_numbers = any(path in table.columns for table in tables)
         # every message of ROS has a header, and no signal is in it
         is_of_head = path.startswith("header.") and not is_asked
-        if is_of_head or (rows.count and not has_numbers):
+        is_empty = not any(one.count for one in writers)
+        is_listed = has_numbers or (is_empty and not is_asked)
+        if is_of_head or not is_listed:
             continue
         name = last_name(path)
         likely = next((unit for start, unit in units.items() if path.startswith(start)), "")

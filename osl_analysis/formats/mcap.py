@@ -100,8 +100,11 @@ class Log:
 
     def walk(self) -> None:
         """Read the records of the top level."""
-        has_footer = self._take_summary()
         data = self.data
+        second_log = data.find(MAGIC + bytes([Opcode.HEADER]), 1)
+        if second_log > 0:
+            raise _two_logs(second_log)
+        has_footer = self._take_summary()
         position = len(MAGIC)
         has_data_end = False
         while position + RECORD.size <= len(data) and self.end == End.MISSING:
@@ -122,17 +125,12 @@ class Log:
                 has_data_end = True
                 checksum = DataEnd.read(_stream(data[start:end])).data_section_crc
                 self.is_data_wrong = bool(checksum) and zlib.crc32(data[:position]) != checksum
-            elif opcode == Opcode.HEADER and position > len(MAGIC):
-                raise _two_logs(position - len(MAGIC))
             elif opcode == Opcode.FOOTER:
                 self._take_footer(end)
             position = end
         self._take_chunk()
         if self.end == End.WHOLE:
             return
-        second_log = data.find(MAGIC + bytes([Opcode.HEADER]), 1)
-        if second_log > 0:
-            raise _two_logs(second_log)
         if has_footer:
             self.end = End.WHOLE
             self.remarks.append(f"from byte {position} on it cannot be read up to its summary")

@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated, Any
 
 import numpy as np
@@ -85,16 +86,15 @@ def read(path: Path, source: MatSource | None) -> Recording:
     with path.open("rb") as file:
         begin = file.read(HEADER)
     is_73 = begin.startswith(b"MATLAB 7.") or 2 in begin[124:126]
-    raw, remarks = _load(path)
     end = End.WHOLE
-    masks: dict[str, NDArray[np.bool_]] = {}
-    if is_73:
-        masks = _never_written(path)
-    else:
-        behind = _bytes_missing(path, begin)
-        if behind:
+    cut = 0 if is_73 else _end_of_whole_variables(path, begin)
+    with warnings.catch_warnings(action="ignore"):  # of the library's import, and of odd objects
+        if cut:
             end = End.MISSING
-            remarks.append(behind)
+            raw, remarks = _load_beginning(path, cut)
+        else:
+            raw, remarks = _load(path)
+    masks = _never_written(path) if is_73 else {}
     variables = {name: value_of(one) for name, one in raw.items()}
     listed = list(variables_in(variables))
     part = source.log_part if source is not None else ""
@@ -117,42 +117,56 @@ def read(path: Path, source: MatSource | None) -> Recording:
 
 
 def _load(path: Path) -> tuple[dict[str, Any], list[str]]:
-    """Read all variables, or those that can be read."""
+    """Read all variables, or those that can be read; gives also a remark on each other one."""
     try:
         from matio import load_from_mat, whosmat
     except ModuleNotFoundError:
         raise not_installed("a MATLAB file", "mat-io") from None
     options: Any = {"raw_data": True, "spmatrix": False}
     remarks: list[str] = []
-    with warnings.catch_warnings(action="ignore"):
-        try:
-            raw = load_from_mat(str(path), **options)
-        except Exception as error:
-            raw = {}
-            names = [name for name, *_ in whosmat(str(path))]
-            for name in names:
-                try:
-                    raw |= load_from_mat(str(path), variable_names=[name], **options)
-                except Exception as own_error:
-                    reason = " ".join(str(own_error).split())[:100]
-                    remarks.append(f"{name} cannot be read ({reason})")
-            if not raw:
-                reason = " ".join(str(error).split())[:100]
-                raise InputError(f"cannot be read ({reason}); {SAVE_AGAIN}") from error
+    try:
+        raw = load_from_mat(str(path), **options)
+    except Exception as error:  # whatever the library meets in a damaged file
+        raw = {}
+        for name, *_ in whosmat(str(path)):
+            try:
+                raw |= load_from_mat(str(path), variable_names=[name], **options)
+            except Exception as own_error:
+                reason = " ".join(str(own_error).split())[:100]
+                remarks.append(f"{name} cannot be read ({reason})")
+        if not raw:
+            reason = " ".join(str(error).split())[:100]
+            raise InputError(f"cannot be read ({reason}); {SAVE_AGAIN}") from error
     return {name: one for name, one in raw.items() if not name.startswith("__")}, remarks
 
 
-def _bytes_missing(path: Path, begin: bytes) -> str:
-    """Say whether a file of version 5 ends within a variable: each tells its length."""
+def _end_of_whole_variables(path: Path, begin: bytes) -> int:
+    """Where the last whole variable of a cut file of version 5 ends; 0 of a file that is not cut.
+
+    Each variable tells its length.
+    """
     data = path.read_bytes()
     order = "<" if begin[126:128] == b"IM" else ">"
     end = HEADER
     while end + ELEMENT <= len(data):
         (length,) = struct.unpack_from(f"{order}I", data, end + 4)
+        if end + ELEMENT + length > len(data):
+            return end
         end += ELEMENT + length
-    if end == len(data):
-        return ""
-    return f"the last variable ends at byte {end}, the file at byte {len(data)}: its end is missing"
+    return 0 if end == len(data) else end
+
+
+def _load_beginning(path: Path, end: int) -> tuple[dict[str, Any], list[str]]:
+    """Read the variables before a place [bytes]: the library refuses a file that is cut."""
+    with TemporaryDirectory() as folder:
+        whole = Path(folder) / path.name
+        whole.write_bytes(path.read_bytes()[:end])
+        raw, remarks = _load(whole)
+    size = path.stat().st_size
+    remarks.append(
+        f"the last whole variable ends at byte {end}, the file at byte {size}: its end is missing"
+    )
+    return raw, remarks
 
 
 def _never_written(path: Path) -> dict[str, NDArray[np.bool_]]:

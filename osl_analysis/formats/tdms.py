@@ -65,7 +65,8 @@ class Timed:
         since = about.get("wf_start_time")
         start_ns = 0
         if since is not None and hasattr(since, "as_datetime64"):
-            start_ns = int(since.as_datetime64("ns").astype(np.int64))
+            in_us = since.as_datetime64("us")  # finer ones are rounding
+            start_ns = int(in_us.astype("datetime64[ns]").astype(np.int64))
         self.start_ns = start_ns + round(float(about.get("wf_start_offset", 0.0)) / NS)
 
     @property

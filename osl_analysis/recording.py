@@ -266,11 +266,7 @@ class Recording:
         wanted = address[key]
         found = _named(wanted, remaining, key)
         if len(found) > 1:
-            raise InputError(
-                f"{noun or key} '{wanted[:80]}' occurs {len(found)} times, as"
-                f" {listing([_numbered(one, remaining) for one in found])}; write a pattern or a"
-                " name that only one has, or its number"
-            )
+            raise _ambiguous(noun or key, wanted, found, remaining)
         if found:
             return found[0]
         unlisted = self.find_unlisted(address) if self.find_unlisted else None
@@ -301,9 +297,20 @@ def _named(wanted: str, channels: Sequence[Channel], key: str) -> list[Channel]:
     return []
 
 
-def _numbered(channel: Channel, channels: Sequence[Channel]) -> str:
-    number = next(n for n, one in enumerate(channels, start=1) if one is channel)
-    return f"number {number} ('{channel.key}')"
+def _ambiguous(
+    noun: str, wanted: str, found: Sequence[Channel], channels: Sequence[Channel]
+) -> InputError:
+    names = [one.key for one in found]
+    if len(set(names)) == len(names):
+        return InputError(
+            f"{noun} '{wanted[:80]}' occurs {len(found)} times, as {listing(names)}; write one of"
+            " these in the source file"
+        )
+    numbers = [str(n) for n, one in enumerate(channels, start=1) if one in found]
+    return InputError(
+        f"{noun} '{wanted[:80]}' occurs {len(found)} times, as number {listing(numbers)}; rename"
+        " them, or name others in the source file"
+    )
 
 
 def _missing(noun: str, wanted: str, names: Sequence[str]) -> InputError:

@@ -253,13 +253,19 @@ def test_messages_that_the_summary_has_and_the_file_lacks_are_lost(tmp_path: Pat
     assert "it declares 20 messages and holds 10" in recording.loss.remarks
 
 
-def test_gaps_of_sequence_numbers_are_told(tmp_path: Path) -> None:
+def test_gaps_of_sequence_numbers_are_told_and_lost_where_nothing_else_counts(
+    tmp_path: Path,
+) -> None:
     numbered = [message(1, k * MILLISECOND, cdr(float(k)), sequence=k) for k in range(20)]
     without = numbered[:5] + numbered[8:]
 
-    recording = read(tmp_path, log(DECLARED, chunk(b"".join(without))))
+    undeclared = read(tmp_path, log(DECLARED, chunk(b"".join(without))))
+    declared = read(tmp_path, log(DECLARED, chunk(b"".join(without)), summary=statistics({1: 17})))
 
-    assert any("say that 3 messages beside its 17" in one for one in recording.loss.remarks)
+    for recording in (undeclared, declared):
+        assert any("say that 3 messages beside its 17" in one for one in recording.loss.remarks)
+    assert undeclared.loss.by_topic == {"/lab": (17, 20)}
+    assert declared.loss.by_topic == {"/lab": (17, 17)}  # the recorder itself dropped them
 
 
 @pytest.mark.parametrize("content", [bytes(300), MAGIC[:5] + bytes(100), b"\xff" * 99])
@@ -670,15 +676,16 @@ def test_a_whole_number_beyond_a_floats_reach_is_exact(tmp_path: Path, base: int
         ),
     ],
 )
-def test_what_is_no_number_is_no_value_and_said(
+def test_a_message_without_a_number_in_an_asked_field_is_lost_and_said(
     tmp_path: Path, field: str, right: str, wrong: str, said: str
 ) -> None:
     path = write_json(tmp_path, [right, wrong, right])
 
     recording = formats.read(path, source(field))
 
-    assert column(recording, field) == [1.5, None, 1.5]
-    assert said in recording.loss.remarks[0]
+    assert column(recording, field) == [1.5, 1.5]
+    assert recording.loss.by_topic == {"/lab": (2, 3)}
+    assert f"1 of 3 messages of topic '/lab' are lost: {said}" in recording.loss.remarks[0]
 
 
 @pytest.mark.parametrize(

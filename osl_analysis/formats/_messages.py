@@ -133,7 +133,7 @@ class Topic:
     misfit: str = ""  # what is wrong with the first of them
     # by field what stands in place of its first number that is none
     no_number: dict[str, str] = field(default_factory=dict)
-    no_numbers: int = 0  # of messages that become objects: they have no value there
+    is_asked: bool = False  # whether a source file asks for the wanted fields
     # the names in its messages, where they name the elements of arrays, of each writer
     names_by_writer: list[dict[str, list[str]]] = field(default_factory=list)
     _log_times_ns: list[NDArray[np.int64]] = field(default_factory=list)
@@ -178,6 +178,7 @@ class Topic:
             return
         if self.first is None:
             self.first = messages.payload(0)
+            self.is_asked = self.wanted is not None
             try:
                 if self.wanted is None:
                     self.wanted = [one.path for one in self.fields()]
@@ -250,28 +251,39 @@ class Topic:
         """Decode messages that become objects, one by one."""
         wanted = list(self.wanted or ())
         places: list[int] = []
-        numbers: list[list[float | bool | None]] = [[] for _ in wanted]
+        columns: list[list[float | bool | None]] = [[] for _ in wanted]
         for row in range(messages.starts.size):
+            place = self.count + row
             try:
-                message = decode(messages.payload(row))
+                numbers = self._numbers_of(decode(messages.payload(row)), wanted, place)
             except (ValueError, RecursionError) as error:
                 self._count_misfit(error)
                 continue
-            places.append(self.count + row)
-            for path, column in zip(wanted, numbers, strict=True):
-                try:
-                    column.append(number_at(message, path))
-                except NoNumberError as error:
-                    place = f"in message {self.count + row + 1}"
-                    self.no_number.setdefault(path, f"{error}, {place}")
-                    self.no_numbers += 1
-                    column.append(None)
+            places.append(place)
+            for column, number in zip(columns, numbers, strict=True):
+                column.append(number)
         values = {
             path: masked_numbers(path, column)
-            for path, column in zip(wanted, numbers, strict=True)
+            for path, column in zip(wanted, columns, strict=True)
             if any(number is not None for number in column)
         }
         self._decoded.append(_Decoded(np.array(places, np.int64), values))
+
+    def _numbers_of(
+        self, message: Any, wanted: Sequence[str], place: int
+    ) -> list[float | bool | None]:
+        """The wanted numbers of an object; ValueError if another thing stands in an asked field."""
+        numbers: list[float | bool | None] = []
+        for path in wanted:
+            try:
+                numbers.append(number_at(message, path))
+            except NoNumberError as error:
+                reason = f"{error}, in message {place + 1}"
+                self.no_number.setdefault(path, reason)
+                if self.is_asked:
+                    raise NoNumberError(reason) from error
+                numbers.append(None)
+        return numbers
 
     def _count_misfit(self, error: Exception) -> None:
         self.misfits += 1
@@ -420,6 +432,7 @@ def recording_of(
     loss: Loss,
     facts: Mapping[str, Any],
     source: Any,
+    is_declared: bool = True,
 ) -> Recording:
     """Put topics that were read together.
 
@@ -433,6 +446,9 @@ def recording_of(
         What the container tells of losses; those of decoding are added.
     source
         The source file, or None. It names the stamp in the messages that is their time.
+    is_declared
+        Whether the container declares how many messages it holds. If not, gaps of their sequence
+        numbers tell how many are lost.
     """
     stamp = "header.stamp" if source is None else str(source.time.field)
     remarks = [*loss.remarks]
@@ -444,11 +460,7 @@ def recording_of(
     for name, writers in writers_by_name.items():
         tables = [topic.table() for topic in writers]
         remarks += _remarks_on(writers, tables)
-        read, expected = by_topic.get(name, (sum(one.count for one in writers), None))
-        misfits = sum(one.misfits for one in writers)
-        if misfits and expected is None:
-            expected = read
-        by_topic[name] = (read - misfits, expected)
+        by_topic[name] = _counts_of(writers, by_topic.get(name), is_declared)
         channels += _channels_of(writers, tables, stamp, is_asked=source is not None)
 
     def find_unlisted(address: Mapping[str, str]) -> Channel | None:
@@ -469,6 +481,22 @@ def recording_of(
     )
 
 
+def _counts_of(
+    writers: Sequence[Topic], counts: tuple[int, int | None] | None, is_declared: bool
+) -> tuple[int, int | None]:
+    """Messages of a topic that were read, and that were recorded."""
+    read, expected = counts or (sum(one.count for one in writers), None)
+    misfits = sum(one.misfits for one in writers)
+    if not is_declared:  # else the recorder itself dropped what its numbers skip
+        skipped = sum(one.missing_by_sequence() for one in writers)
+        known = read if expected is None else expected
+        if skipped > known - read:
+            expected = read + skipped
+    if expected is None and misfits:
+        expected = read
+    return read - misfits, expected
+
+
 def _no_field(writers: Sequence[Topic], topic: str, path: str) -> InputError:
     """Say why a topic has no numbers for a field."""
     if not any(one.count for one in writers):
@@ -476,7 +504,7 @@ def _no_field(writers: Sequence[Topic], topic: str, path: str) -> InputError:
     first = next(one for one in writers if one.count)
     if first.undecodable:
         return InputError(first.undecodable)
-    if first.misfits == first.count:
+    if first.misfits == first.count and not first.no_number:
         return InputError(
             f"topic '{topic}': {first.misfit}; record the log again, or exclude the trial"
         )
@@ -503,9 +531,6 @@ def _remarks_on(writers: Sequence[Topic], tables: Sequence[Table]) -> list[str]:
             remarks.append(
                 f"{topic.misfits} of {topic.count} messages of {what} are lost: {topic.misfit}"
             )
-        if topic.no_numbers:
-            reasons = "; ".join(topic.no_number.values())
-            remarks.append(f"{what}: {topic.no_numbers} readings are no numbers: {reasons}")
         missing = topic.missing_by_sequence()
         if missing:
             remarks.append(

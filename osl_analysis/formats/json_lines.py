@@ -1,7 +1,8 @@
 """JSON lines: one object of JSON per line, with numbers at any depth."""
 
 import json
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -23,7 +24,11 @@ from osl_analysis.units import name_and_ending
 
 MOST_ELEMENTS = 64  # of an array that are listed: longer ones are images, and no signals
 LINES_AT_ONCE = 1 << 16  # that are held as objects, which take more memory than their numbers
+LEAST_RISES = 0.8  # share of the steps of a clock
 LINES_TRIED = 1000  # by which it is told whether a field may be a clock
+NAME_A_NUMBER = (
+    "name a number as `field` in the source file; for time, or state the rate: `time: {rate: 1000}`"
+)
 LISTED_LINES = 2000  # of a long file, by which its fields are listed
 
 
@@ -57,7 +62,7 @@ class Lines:
             self.texts.pop()
         if not self.texts:
             raise InputError("holds no whole line; record it again, or exclude the trial")
-        self.broken: list[int] = []  # places of lines that are no JSON
+        self.unusable: list[int] = []  # places of lines that are no JSON, or lack a number
         self.reason = ""  # what is wrong with the first of these
         self.no_number: dict[str, str] = {}  # what stands in place of a field's first number
 
@@ -71,20 +76,28 @@ class Lines:
                     found.setdefault(one.path, one.type)
         return found
 
-    def decode(self, fields: Sequence[str], most: int | None = None) -> dict[str, NDArray[Any]]:
+    def decode(
+        self, fields: Sequence[str], asked: Collection[str] = (), most: int | None = None
+    ) -> dict[str, NDArray[Any]]:
         """Read fields of all lines, or of the first ones, in one pass.
+
+        Parameters
+        ----------
+        asked
+            Fields in which a line must have a number or nothing: else it cannot be used.
 
         Returns
         -------
         dict
-            By field its numbers, (lines,), masked where a line has none. Lines that are no JSON
+            By field its numbers, (lines,), masked where a line has none. Lines that cannot be used
             are left out, and fields that no line has.
         """
-        self.broken = []
+        self.unusable = []
         parts: dict[str, list[NDArray[Any]]] = {field: [] for field in fields}
         texts = self.texts if most is None else self.texts[:most]
         for begin in range(0, len(texts), LINES_AT_ONCE):
-            columns = self._decode_some(texts[begin : begin + LINES_AT_ONCE], begin, fields)
+            some = texts[begin : begin + LINES_AT_ONCE]
+            columns = self._decode_some(some, begin, fields, asked)
             for field, numbers in columns.items():
                 parts[field].append(masked_numbers(field, numbers))
         found: dict[str, NDArray[Any]] = {}
@@ -95,23 +108,37 @@ class Lines:
         return found
 
     def _decode_some(
-        self, texts: Sequence[bytes], begin: int, fields: Sequence[str]
+        self, texts: Sequence[bytes], begin: int, fields: Sequence[str], asked: Collection[str]
     ) -> dict[str, list[float | bool | None]]:
         columns: dict[str, list[float | bool | None]] = {field: [] for field in fields}
         for row, text in enumerate(texts, start=begin):
+            line = self.numbers[row]
             try:
-                value = json.loads(text)
+                numbers = self._numbers_of(json.loads(text), fields, asked, line)
+            except NoNumberError as error:
+                self.unusable.append(row)
+                self.reason = self.reason or f"{error}, in line {line}"
             except (ValueError, RecursionError) as error:
-                self.broken.append(row)
-                self.reason = self.reason or f"line {self.numbers[row]} is not JSON: {error}"
-                continue
-            for field, column in columns.items():
-                try:
-                    column.append(number_at(value, field))
-                except NoNumberError as error:
-                    self.no_number.setdefault(field, f"{error}, in line {self.numbers[row]}")
-                    column.append(None)
+                self.unusable.append(row)
+                self.reason = self.reason or f"line {line} is not JSON: {error}"
+            else:
+                for field, number in zip(fields, numbers, strict=True):
+                    columns[field].append(number)
         return columns
+
+    def _numbers_of(
+        self, value: Any, fields: Sequence[str], asked: Collection[str], line: int
+    ) -> list[float | bool | None]:
+        numbers: list[float | bool | None] = []
+        for field in fields:
+            try:
+                numbers.append(number_at(value, field))
+            except NoNumberError as error:
+                self.no_number.setdefault(field, f"{error}, in line {line}")
+                if field in asked:
+                    raise
+                numbers.append(None)
+        return numbers
 
 
 def read(path: Path, source: JsonSource | None) -> Recording:
@@ -119,12 +146,14 @@ def read(path: Path, source: JsonSource | None) -> Recording:
     lines = Lines(path)
     fields = lines.fields()
     wanted = list(fields)
+    asked: list[str] = []
     if source is not None:
-        wanted = list(dict.fromkeys([*_asked(source), *_clocks_in(lines, fields)]))
-    columns = lines.decode(wanted)
-    numbers = np.delete(np.array(lines.numbers), lines.broken)
+        asked = _asked(source)
+        wanted = list(dict.fromkeys([*asked, *_clocks_in(lines, fields)]))
+    columns = lines.decode(wanted, asked)
+    numbers = np.delete(np.array(lines.numbers), lines.unusable)
     if not numbers.size:
-        raise InputError(f"{lines.reason}; record it again, or exclude the trial")
+        raise InputError(f"{lines.reason}; {NAME_A_NUMBER}")
     rows = Rows(numbers.size, lines=numbers, noun="line")
     channels: list[Channel] = []
     for field, values in columns.items():
@@ -157,10 +186,7 @@ def read(path: Path, source: JsonSource | None) -> Recording:
     def find_unlisted(address: Mapping[str, str]) -> Channel | None:
         field = address["field"]
         if field in lines.no_number:
-            raise InputError(
-                f"{lines.no_number[field]}; name a number as `field` in the source file; for time,"
-                " or state the rate: `time: {rate: 1000}`"
-            )
+            raise InputError(f"{lines.no_number[field]}; {NAME_A_NUMBER}")
         names = list(fields)
         advice = nearest(field, names) or "; correct `field` in the source file"
         raise InputError(f"no line has a field '{field}'; there are {listing(names)}{advice}")
@@ -168,7 +194,7 @@ def read(path: Path, source: JsonSource | None) -> Recording:
     return Recording(
         format="json_lines",
         channels=channels,
-        loss=_loss(lines, rows.count),
+        loss=_loss(lines, fields, rows.count),
         facts={"rows": str(rows.count)},
         find_unlisted=find_unlisted,
     )
@@ -194,23 +220,32 @@ def _asked(source: JsonSource) -> list[str]:
 
 
 def _clocks_in(lines: Lines, fields: Mapping[str, str]) -> list[str]:
-    """The fields that may be clocks, by their names or since they never go back."""
+    """The fields that may be clocks, by their names or since they rise; a counter may overflow."""
     clocks = [field for field in fields if is_clock(last_name(field))]
-    for field, values in lines.decode(list(fields), LINES_TRIED).items():
+    for field, values in lines.decode(list(fields), most=LINES_TRIED).items():
         steps = np.diff(np.ma.compressed(values).astype(np.float64))
-        if steps.size and (steps >= 0).all() and (steps > 0).any():
+        if steps.size and np.mean(steps > 0) > LEAST_RISES:
             clocks.append(field)
     return clocks
 
 
-def _loss(lines: Lines, read: int) -> Loss:
-    total = read + len(lines.broken)
+def _loss(lines: Lines, fields: Mapping[str, str], read: int) -> Loss:
+    total = read + len(lines.unusable)
     remarks: list[str] = []
+    for field, kind in fields.items():
+        length = re.fullmatch(r"\w+\[(\d+)\]", kind)
+        is_first = field.endswith("[0]")
+        if is_first and length and int(length[1]) > MOST_ELEMENTS:
+            remarks.append(
+                f"{field.removesuffix('[0]')} has {length[1]} elements; only the first"
+                f" {MOST_ELEMENTS} are listed"
+            )
     if lines.cut_line:
         remarks.append(f"the last line, {lines.cut_line}, breaks off and was left out")
-    if lines.broken:
+    if lines.unusable:
         remarks.append(
-            f"{len(lines.broken)} of {total} lines cannot be used and were skipped: {lines.reason}"
+            f"{len(lines.unusable)} of {total} lines cannot be used and were skipped:"
+            f" {lines.reason}"
         )
     end = End.MISSING if lines.cut_line else End.UNKNOWN
     return Loss(read, total, end, remarks=remarks)

@@ -458,7 +458,8 @@ def read(path: Path, source: MessageSource | None) -> Recording:
     }
     names = {channel.topic for channel in log.channels.values()}
     topics = [topic for _, topic in sorted(log.topics.items())]
-    return _messages.recording_of("mcap", topics, names, loss, facts, source)
+    is_declared = log.statistics is not None
+    return _messages.recording_of("mcap", topics, names, loss, facts, source, is_declared)
 
 
 def _begins(begin: bytes) -> bool:

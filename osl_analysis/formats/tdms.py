@@ -130,7 +130,9 @@ def read(path: Path, source: TdmsSource | None) -> Recording:
             f" {count}"
         )
     signals = [one for one in every if one.holds_numbers or one.holds_times]
-    channels = _channels_of(signals, is_cut=end == End.MISSING)
+    by_rows = source is not None and not _is_by_properties(source)
+    # the last segment may be cut within a channel: rows end with the shortest one
+    channels = _channels_of(signals, to_shortest=by_rows and end == End.MISSING)
     read_count = max((one.rows.count for one in channels), default=0)
     properties = {str(key): str(value)[:200] for key, value in list(file.properties.items())[:20]}
     recording = Recording(
@@ -145,7 +147,7 @@ def read(path: Path, source: TdmsSource | None) -> Recording:
     return recording
 
 
-def _channels_of(signals: Sequence[Timed], is_cut: bool) -> list[Channel]:
+def _channels_of(signals: Sequence[Timed], to_shortest: bool) -> list[Channel]:
     """Make channels, of which those of one timing share rows."""
     first_ns = min((one.start_ns for one in signals if one.step_s is not None), default=0)
     rows_by_timing: dict[tuple[Any, ...], Rows] = {}
@@ -153,7 +155,7 @@ def _channels_of(signals: Sequence[Timed], is_cut: bool) -> list[Channel]:
     for one in signals:
         group = one.channel.group_name
         count = one.count
-        if is_cut:  # the last segment may be cut within a channel
+        if to_shortest:
             alike = [
                 other.count
                 for other in signals
@@ -203,7 +205,7 @@ def _check_counts(recording: Recording, source: TdmsSource) -> None:
     other channels.
     """
     asked = [recording.find(channel.address) for channel in source.channels.values()]
-    is_by_properties = not source.time.name and source.time.rate is None
+    is_by_properties = _is_by_properties(source)
     if source.time.name:
         asked.append(recording.find({"channel": source.time.name}))
     first_by_timing: dict[Any, Channel] = {}
@@ -224,6 +226,11 @@ def _check_counts(recording: Recording, source: TdmsSource) -> None:
                 " or they are of two recordings; copy the file again, or name channels of one"
                 " length"
             )
+
+
+def _is_by_properties(source: TdmsSource) -> bool:
+    """Whether the channels' own timing is their time."""
+    return not source.time.name and source.time.rate is None
 
 
 def _end_of_segment(data: bytes, begin: int) -> int:

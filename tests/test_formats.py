@@ -37,7 +37,7 @@ def test_no_module_of_formats_is_named_in_another_room() -> None:
     allowed = {"formats.csv_table"}  # whether a text without an ending is a table
 
     for path in package.rglob("*.py"):
-        if path.parent.name in ("formats", "old_formats"):
+        if path.parent.name == "formats":
             continue
         named = {name for name in names if name in path.read_text()}
         assert named <= allowed, path

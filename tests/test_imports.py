@@ -18,13 +18,13 @@ PACKAGE, DOORS = ROOT / "osl_analysis", {"cli", "notebook"}
 GROUND = {path.stem for path in PACKAGE.glob("*.py")} - DOORS - {"__init__"}
 """Modules that every package may import."""
 HOUSE = {
-    "formats": set(), "old_formats": set(), "model": set(), "signals": set(), "dictionary": set(), "stats": {"signals"},
-    "config": {"formats", "old_formats", "model"}, "spectral": {"model", "signals", "stats"},
-    "ingest": {"config", "formats", "old_formats", "signals", "spectral"}, "walking": {"signals", "stats"},
+    "formats": set(), "model": set(), "signals": set(), "dictionary": set(), "stats": {"signals"},
+    "config": {"formats", "model"}, "spectral": {"model", "signals", "stats"},
+    "ingest": {"config", "formats", "signals", "spectral"}, "walking": {"signals", "stats"},
     "bench": {"model", "signals", "spectral", "stats"}, "simulator": {"config", "model"},
     "judge": {"config", "dictionary", "model", "stats"}, "figures": {"dictionary", "judge",
     "stats"},
-    "jobs": {"judge"}, "campaign": {"bench", "config", "formats", "old_formats", "ingest", "judge", "model",
+    "jobs": {"judge"}, "campaign": {"bench", "config", "formats", "ingest", "judge", "model",
     "walking"},
     "report": {"campaign", "config", "dictionary", "judge", "model", "stats"},
 }  # fmt: skip

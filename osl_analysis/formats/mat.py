@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field
 
-from osl_analysis.errors import InputError, not_installed
+from osl_analysis.errors import InputError, not_installed, optional_module
 from osl_analysis.formats._cells import name_and_unit
 from osl_analysis.formats._mat_values import (
     FEWEST_SAMPLES,
@@ -172,8 +172,7 @@ def _load_beginning(path: Path, end: int) -> tuple[dict[str, Any], list[str]]:
 def _never_written(path: Path) -> dict[str, NDArray[np.bool_]]:
     """Masks of what was never written in a file of version 7.3, as by a killed recorder, by the
     address of the array; in MATLAB's order of dimensions."""
-    import h5py
-
+    h5py = optional_module("h5py", "a MATLAB file of version 7.3")
     masks: dict[str, NDArray[np.bool_]] = {}
 
     def visit(name: str, item: Any) -> None:

@@ -9,6 +9,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -72,7 +73,7 @@ class Messages:
     starts: NDArray[np.int64]  # where each payload begins in the buffer [bytes]
     lengths: NDArray[np.int64]  # of each payload [bytes]
     log_times_ns: NDArray[np.int64]
-    sequence: NDArray[np.int64] | None = None  # the recorder's or publisher's number of each
+    sequence: NDArray[np.uint32] | None = None  # the recorder's or publisher's number of each
 
     def payload(self, row: int) -> bytes:
         """Bytes of one message."""
@@ -96,17 +97,22 @@ class Table:
     Attributes
     ----------
     places
-        Place of each among all messages of the topic, from 0, shape (rows,).
+        Place of each among all messages of the topic, from 0, shape (rows,); None if they are all.
     writers
         Number of the writer of each, shape (rows,), if the names in them tell several.
     columns
         By path the numbers, shape (rows,), masked where a message has none.
     """
 
-    places: NDArray[np.int64]
+    places: NDArray[np.int64] | None
     log_times_ns: NDArray[np.int64]
     writers: NDArray[np.int64] | None
     columns: Mapping[str, NDArray[Any]]
+
+    @property
+    def count(self) -> int:
+        """Number of rows."""
+        return self.log_times_ns.size
 
 
 @dataclass
@@ -137,7 +143,7 @@ class Topic:
     # the names in its messages, where they name the elements of arrays, of each writer
     names_by_writer: list[dict[str, list[str]]] = field(default_factory=list)
     _log_times_ns: list[NDArray[np.int64]] = field(default_factory=list)
-    _sequence: list[NDArray[np.int64]] = field(default_factory=list)
+    _sequence: list[NDArray[np.uint32]] = field(default_factory=list)
     _decoded: list[_Decoded] = field(default_factory=list)
     _shapes: dict[int, list[Shape]] = field(default_factory=dict)  # by length of the message
 
@@ -309,39 +315,57 @@ class Topic:
 
     def table(self) -> Table:
         """Put the messages in the order of the file, and drop the parts."""
-        no_places = np.zeros(0, np.int64)
-        places = np.concatenate([no_places, *(one.places for one in self._decoded)])
-        order = np.argsort(places, kind="stable")
-        is_in_order = bool((places[1:] > places[:-1]).all())
+        log_times_ns = _concatenated(self._log_times_ns)
+        places = None
+        order = None
+        is_in_order = all(
+            one.places[-1] < next_one.places[0] for one, next_one in pairwise(self._decoded)
+        )
+        if self.misfits or self.undecodable or not is_in_order:
+            places = _concatenated([one.places for one in self._decoded])
+            order = np.argsort(places, kind="stable")
+            places = places[order]
+            log_times_ns = log_times_ns[places]
         columns: dict[str, NDArray[Any]] = {}
         for path in self.wanted or ():
-            if not any(path in one.values for one in self._decoded):
-                continue
-            pieces: list[NDArray[Any]] = []
-            for one in self._decoded:
-                if path in one.values:
-                    pieces.append(one.values.pop(path))
-                else:
-                    pieces.append(absent_column(one.places.size))
-            column = joined_columns(pieces)
-            columns[path] = column if is_in_order else column[order]
-        log_times_ns = np.concatenate([no_places, *self._log_times_ns])
+            if any(path in one.values for one in self._decoded):
+                column = self._column(path)
+                columns[path] = column if order is None else column[order]
         writers = None
         if len(self.names_by_writer) > 1:
-            of_parts = [np.full(one.places.size, one.writer) for one in self._decoded]
-            writers = np.concatenate(of_parts)[order]
-        places = places[order]
-        if places.size < log_times_ns.size:
-            log_times_ns = log_times_ns[places]
+            writers = _concatenated([np.full(one.places.size, one.writer) for one in self._decoded])
+            writers = writers if order is None else writers[order]
+        self._decoded.clear()
         return Table(places, log_times_ns, writers, columns)
 
-    def missing_by_sequence(self) -> int:
+    def _column(self, path: str) -> NDArray[Any]:
+        """The numbers of a field in the order in which they were decoded; drops them there."""
+        pieces: list[NDArray[Any]] = []
+        for one in self._decoded:
+            if path in one.values:
+                pieces.append(one.values.pop(path))
+            else:
+                pieces.append(absent_column(one.places.size))
+        return joined_columns(pieces)
+
+    @cached_property
+    def skipped(self) -> int:
         """Messages that the sequence numbers tell to be missing; 0 where nothing counts them."""
-        if not self._sequence:
+        numbers = _concatenated(self._sequence)
+        if (numbers[1:] - numbers[:-1] == 1).all():
             return 0
-        steps = np.diff(np.sort(np.concatenate(self._sequence), kind="stable"))
-        is_counted = steps.size > 0 and bool((steps > 0).all()) and np.median(steps) == 1
+        steps = np.diff(np.sort(numbers, kind="stable").astype(np.int64))
+        is_counted = bool((steps > 0).all()) and np.median(steps) == 1
         return int((steps - 1).sum()) if is_counted else 0
+
+
+def _concatenated(parts: list[NDArray[Any]]) -> NDArray[Any]:
+    """Put parts behind one another, and drop them: an hour of messages need not be held twice."""
+    if len(parts) == 1:
+        return parts[0]
+    whole = np.concatenate(parts) if parts else np.zeros(0, np.int64)
+    parts.clear()
+    return whole
 
 
 def absent_column(rows: int) -> NDArray[Any]:
@@ -488,7 +512,7 @@ def _counts_of(
     read, expected = counts or (sum(one.count for one in writers), None)
     misfits = sum(one.misfits for one in writers)
     if not is_declared:  # else the recorder itself dropped what its numbers skip
-        skipped = sum(one.missing_by_sequence() for one in writers)
+        skipped = sum(one.skipped for one in writers)
         known = read if expected is None else expected
         if skipped > known - read:
             expected = read + skipped
@@ -531,7 +555,7 @@ def _remarks_on(writers: Sequence[Topic], tables: Sequence[Table]) -> list[str]:
             remarks.append(
                 f"{topic.misfits} of {topic.count} messages of {what} are lost: {topic.misfit}"
             )
-        missing = topic.missing_by_sequence()
+        missing = topic.skipped
         if missing:
             remarks.append(
                 f"the sequence numbers of {what} say that {missing} messages beside its"
@@ -613,22 +637,36 @@ def _channels_of(
 
 def _rows_of(writers: Sequence[Topic], tables: Sequence[Table]) -> Rows:
     """The rows of one topic, writer by writer."""
-    numbers: list[NDArray[np.int64]] = []
-    writers_before = 0
-    for topic, table in zip(writers, tables, strict=True):
-        own = np.zeros(table.places.size, np.int64) if table.writers is None else table.writers
-        numbers.append(own + writers_before)
-        writers_before += max(1, len(topic.names_by_writer))
-    stamps_ns = np.concatenate([table.log_times_ns for table in tables])
-    is_whole = len(writers) == 1 and writers[0].misfits == 0
+    kinds = sum(max(1, len(topic.names_by_writer)) for topic in writers)
+    numbers = None
+    if kinds > 1:
+        numbers = _writer_numbers(writers, tables)
+    lines = None
+    if len(tables) > 1 or tables[0].places is not None:
+        lines = np.concatenate([_places_of(table) + 1 for table in tables])
     return Rows(
-        count=sum(table.places.size for table in tables),
+        count=sum(table.count for table in tables),
         name=writers[0].name,
-        stamps_ns=stamps_ns,
-        writers=np.concatenate(numbers) if writers_before > 1 else None,
-        lines=None if is_whole else np.concatenate([table.places + 1 for table in tables]),
+        stamps_ns=_concatenated([table.log_times_ns for table in tables]),
+        writers=numbers,
+        lines=lines,
         noun="message",
     )
+
+
+def _places_of(table: Table) -> NDArray[np.int64]:
+    return np.arange(table.count) if table.places is None else table.places
+
+
+def _writer_numbers(writers: Sequence[Topic], tables: Sequence[Table]) -> NDArray[np.int64]:
+    """A number for each channel of the recorder, and for each kind of names in its messages."""
+    numbers: list[NDArray[np.int64]] = []
+    before = 0
+    for topic, table in zip(writers, tables, strict=True):
+        own = np.zeros(table.count, np.int64) if table.writers is None else table.writers
+        numbers.append(own + before)
+        before += max(1, len(topic.names_by_writer))
+    return np.concatenate(numbers)
 
 
 def _column(tables: Sequence[Table], path: str) -> NDArray[Any]:
@@ -637,7 +675,7 @@ def _column(tables: Sequence[Table], path: str) -> NDArray[Any]:
         if path in table.columns:
             columns.append(table.columns[path])
         else:
-            columns.append(absent_column(table.places.size))
+            columns.append(absent_column(table.count))
     return joined_columns(columns)
 
 
@@ -661,11 +699,10 @@ def whole_stamps(
     whole: list[NDArray[Any]] = []
     for name, values, most in zip(names, (seconds, nanoseconds), largest, strict=True):
         filled = np.ma.filled(values, 0)
-        numbers = filled.astype(np.float64)
-        is_wrong = (numbers < 0) | (numbers > most) | (numbers != np.rint(numbers))
-        if values.dtype == bool:
-            is_wrong[:] = True
-        if is_wrong.any():
+        is_wrong = (filled < 0) | (filled > most)
+        if filled.dtype.kind == "f":
+            is_wrong |= filled != np.rint(filled)
+        if filled.dtype == bool or is_wrong.any():
             row = int(np.argmax(is_wrong))
             raise InputError(
                 f"field '{name}' is {filled[row]} in {noun} {row + 1}, which is no whole number"

@@ -289,12 +289,14 @@ def _recording_of_arrays(found: Arrays) -> Recording:
         full_name, unit = name_and_unit(title)
         name = full_name.rpartition("/")[2]
         are_times = values.dtype.kind in "mM"
+        if are_times:
+            values = values.astype(f"{values.dtype.kind}8[ns]").astype(np.int64)
         unit = "ns" if are_times else found.units.get(title, "") or unit
         channels.append(
             Channel(
                 address={"column": lasting_name(place, list(signals))},
                 rows=rows_by_place[key],
-                read=partial(_in_ns if are_times else _given, values),
+                read=partial(np.asanyarray, values),
                 name=name,
                 unit=unit,
                 likely_unit="" if unit else name_and_ending(name)[1],
@@ -310,14 +312,6 @@ def _recording_of_arrays(found: Arrays) -> Recording:
         facts={"rows": str(most)},
         find_unlisted=column_finder(list(signals), channels),
     )
-
-
-def _given(values: NDArray[Any]) -> NDArray[Any]:
-    return values
-
-
-def _in_ns(values: NDArray[Any]) -> NDArray[np.int64]:
-    return values.astype(f"{values.dtype.kind}8[ns]").astype(np.int64)
 
 
 def titles_by_width(lists: Sequence[Sequence[str]], arrays: Any = ()) -> dict[int, Sequence[str]]:

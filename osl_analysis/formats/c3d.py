@@ -628,7 +628,7 @@ def read(path: Path, source: C3dSource | None) -> Recording:
         Channel(
             address={"label": label},
             rows=slow,
-            read=partial(_positions, points, place),
+            read=partial(np.asanyarray, points[:, place]),
             name=label,
             unit="" if label in outputs else length_unit,
             kind=Kind.MODEL_OUTPUT if label in outputs else Kind.MARKER,
@@ -664,20 +664,12 @@ def _analog_channels(header: Header, analogs: Array, rows: Rows) -> list[Channel
         Channel(
             address={"channel": label},
             rows=rows,
-            read=partial(_samples, analogs, place),
+            read=partial(np.asanyarray, analogs[:, place]),
             name=label,
             unit=units[place],
         )
         for place, label in enumerate(_analog_labels(header))
     ]
-
-
-def _positions(points: Array, place: int) -> Array:
-    return points[:, place]
-
-
-def _samples(analogs: Array, place: int) -> Array:
-    return analogs[:, place]
 
 
 def _begins(begin: bytes) -> bool:

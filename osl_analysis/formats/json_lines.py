@@ -162,7 +162,7 @@ def read(path: Path, source: JsonSource | None) -> Recording:
             Channel(
                 address={"field": field},
                 rows=rows,
-                read=partial(_given, values),
+                read=partial(np.asanyarray, values),
                 name=name,
                 likely_unit=name_and_ending(name)[1],
                 type=fields.get(field, ""),
@@ -198,10 +198,6 @@ def read(path: Path, source: JsonSource | None) -> Recording:
         facts={"rows": str(rows.count)},
         find_unlisted=find_unlisted,
     )
-
-
-def _given(values: NDArray[Any]) -> NDArray[Any]:
-    return values
 
 
 def _stamps(columns: Mapping[str, NDArray[Any]], parts: tuple[str, str]) -> NDArray[Any]:

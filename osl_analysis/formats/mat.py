@@ -241,7 +241,7 @@ def _channels_of(
                 Channel(
                     address={"variable": address},
                     rows=rows_by_place[key],
-                    read=partial(_given, values),
+                    read=partial(np.asanyarray, values),
                     name=name,
                     unit=unit,
                     likely_unit="" if unit else name_and_ending(name)[1],
@@ -338,16 +338,12 @@ def _find_unlisted(
     return Channel(
         address={"variable": whole},
         rows=rows,
-        read=partial(_given, values),
+        read=partial(np.asanyarray, values),
         name=name,
         unit=value.unit,
         likely_unit="" if value.unit else name_and_ending(name)[1],
         type=value.described(),
     )
-
-
-def _given(values: NDArray[Any]) -> NDArray[Any]:
-    return values
 
 
 def _begins(begin: bytes) -> bool:

@@ -253,7 +253,7 @@ class Log:
         channel = heads["channel"].astype(np.int64)
         lengths = heads["length"].astype(np.int64) - MESSAGE_HEAD
         log_times_ns = heads["log_time"].astype(np.int64)
-        sequence = heads["sequence"].astype(np.int64)
+        sequence = heads["sequence"].astype(np.uint32)
         counts = np.bincount(channel)
         for number in np.flatnonzero(counts).tolist():
             self.read[number] += int(counts[number])
@@ -426,13 +426,12 @@ def read_log(
     shared: dict[Any, Topic] | None = None,
 ) -> Log:
     """Read the wanted fields of the wanted topics, or all."""
-    data = path.read_bytes()
-    if not data.startswith(MAGIC):
+    log = Log(path.read_bytes(), wanted, shared)
+    if not log.data.startswith(MAGIC):
         raise InputError(
-            f"not an MCAP file (it begins with {quoted(data[:8])}); check the path and the"
+            f"not an MCAP file (it begins with {quoted(log.data[:8])}); check the path and the"
             " source's format"
         )
-    log = Log(data, wanted, shared)
     log.walk()
     log.data = b""
     if log.is_data_wrong and log.checked < log.read.total():

@@ -9,7 +9,6 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
 from osl_analysis.formats._cells import is_number_cell
@@ -70,7 +69,7 @@ def read(path: Path, source: QualisysSource | None) -> Recording:
         Channel(
             address={"label": label},
             rows=of_frames,
-            read=partial(_positions_of, positions, place),
+            read=partial(np.asanyarray, positions[:, place]),
             name=label,
             unit=UNIT,
             kind=Kind.MARKER,
@@ -103,10 +102,6 @@ def _first_coordinate(frame: Row, coordinates: int) -> int:
             f" {coordinates}; {EXPORT_AGAIN}"
         )
     return before
-
-
-def _positions_of(positions: NDArray[np.float64], place: int) -> NDArray[np.float64]:
-    return positions[:, place]
 
 
 def _begins(begin: bytes) -> bool:

@@ -96,7 +96,7 @@ def read(path: Path, source: TrcSource | None) -> Recording:
         Channel(
             address={"label": label},
             rows=of_frames,
-            read=partial(_positions_of, positions, place),
+            read=partial(np.asanyarray, positions[:, place]),
             name=label,
             unit=unit,
             kind=Kind.MARKER,
@@ -179,10 +179,6 @@ def _check_times(rows: Sequence[Row], time: NDArray[np.float64], rate_hz: float)
             f"line {rows[row].number}: time {time[row]:g} s does not fit DataRate {rate_hz:g} Hz"
             f" from {time[0]:g} s on; correct DataRate or the times"
         )
-
-
-def _positions_of(positions: NDArray[np.float64], place: int) -> NDArray[np.float64]:
-    return positions[:, place]
 
 
 def _begins(begin: bytes) -> bool:

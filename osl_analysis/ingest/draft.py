@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from osl_analysis.formats import known_formats
+from osl_analysis.ingest.clock import MINIMUM_EDGES, find_edges
 from osl_analysis.ingest.draft_walking import draft_walking
 from osl_analysis.ingest.likely_column import (
     COUNTS,
@@ -26,10 +27,12 @@ from osl_analysis.ingest.overview import Overview, RecordedChannel
 from osl_analysis.ingest.placeholders import NAME_OF_TIME, UNKNOWN, open_places
 from osl_analysis.ingest.raw_files import is_capture
 from osl_analysis.trial import COLUMNS
-from osl_analysis.units import GON, base_units, is_unit, normalised
+from osl_analysis.units import GON, base_units, dimension, is_unit, normalised
 from osl_analysis.yaml_settings import read_mapping
 
 NAMED_ALWAYS = ("theta", "torque", *LEVELS)  # columns that a draft names without a unit
+BETWEEN_LEVELS = 0.25  # share of its swing beside the middle, in which a pulse seldom is
+MOST_BETWEEN = 0.02  # share of the samples that may be there
 TIME_KEYS = ("column", "variable", "field", "channel")
 
 
@@ -124,8 +127,9 @@ def capture_lines(overview: Overview) -> Iterator[str]:
         named = pulses if key == "analogs" else {}
         yield f"{key}:" if named else f"# {key}:"
         for column, channel in named.items():
-            guess = Guess(column, is_sure=True, why="guessed from its name")
-            yield channel_line(0, channel, guess)
+            by_name = likely_column(channel) == column
+            why = "guessed from its name" if by_name else "a guess: it is a train of pulses"
+            yield channel_line(0, channel, Guess(column, is_sure=True, why=why))
         for number, channel in enumerate(channels, start=1):
             if not any(channel is pulse for pulse in named.values()):
                 yield f"# {channel_line(number, channel, Guess())}"
@@ -133,17 +137,34 @@ def capture_lines(overview: Overview) -> Iterator[str]:
 
 def pulse_channels(overview: Overview) -> dict[str, RecordedChannel]:
     """The analog channels of a capture that are called like `sync` and `trigger`, where one alone
-    is."""
+    is; or the only one with a train of pulses as `sync`."""
+    analogs = [one for one in overview.channels if one.kind == "analog"]
     found: dict[str, RecordedChannel] = {}
     for column in LEVELS:
-        alike = [
-            one
-            for one in overview.channels
-            if one.kind == "analog" and likely_column(one) == column
-        ]
+        alike = [one for one in analogs if likely_column(one) == column]
         if len(alike) == 1:
             found[column] = alike[0]
+    if "sync" not in found:
+        trains = [one for one in analogs if is_pulse_train(one)]
+        if len(trains) == 1 and trains[0] not in found.values():
+            found["sync"] = trains[0]
     return found
+
+
+def is_pulse_train(channel: RecordedChannel) -> bool:
+    """Whether a channel of volts stands at two levels, and changes between them often enough to
+    align clocks."""
+    measured = (base_units(normalised(channel.unit)) or (1.0, ""))[1]
+    if channel.numbers is None or measured != dimension("V"):
+        return False
+    level = channel.numbers[np.isfinite(channel.numbers)]
+    swing = float(np.ptp(level)) if level.size else 0.0
+    middle = float(level.min()) + 0.5 * swing if swing else 0.0
+    is_between = np.abs(level - middle) < BETWEEN_LEVELS * swing
+    if not swing or np.mean(is_between) > MOST_BETWEEN:
+        return False
+    edges, _, _ = find_edges(np.arange(level.size, dtype=np.float64), level)
+    return edges.size >= MINIMUM_EDGES
 
 
 def log_lines(overview: Overview, log: DraftedLog) -> Iterator[str]:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.trial import Array
-from osl_analysis.units import name_and_ending, normalised
+from osl_analysis.units import base_units, dimension, name_and_ending, normalised
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}  # [s], of clocks
 LONG_UNITS = (60.0, 3600.0, 86_400.0)  # [s], of clocks of programs of tables
@@ -56,8 +56,12 @@ def tells_time(name: str, unit: str) -> bool:
 
 
 def is_of_time(unit: str) -> bool:
-    """Whether a unit is a unit of time, or a multiple of one, such as `10 us`."""
-    return re.sub(r"^\d+\*?", "", normalised(unit)) in TIME_UNITS
+    """Whether a unit is a unit of time, or a multiple of one, such as `second` and `10 us`."""
+    spelled = re.sub(r"^\d+\*?", "", normalised(unit))
+    if spelled in TIME_UNITS:
+        return True
+    known = base_units(spelled) if spelled else None
+    return known is not None and known[1] == dimension("s")
 
 
 def likely_unit(name: str) -> str:

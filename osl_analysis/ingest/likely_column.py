@@ -315,17 +315,17 @@ def guessed_columns(channels: Sequence[RecordedChannel]) -> list[Guess]:
 
 def as_actuator(channels: Sequence[RecordedChannel], guesses: list[Guess]) -> list[Guess]:
     """The guesses for an actuator alone, where no joint's angle is recorded: its torque is that at
-    the actuator's output, and a speed beside a current is the actuator's."""
+    the actuator's output, and a speed beside a current and a torque is the actuator's, also where
+    it stands, so that its speed is noise."""
     columns = {guess.column for guess in guesses}
     if "theta" in columns:
         return guesses
     moves = bool(columns & {"theta_m", "omega_m"})
-    if not moves and "current" in columns:
+    if not moves and {"current", "torque"} <= columns:
         speeds = [
             place
             for place, channel in enumerate(channels)
             if not guesses[place].column
-            and not guesses[place].is_no_signal
             and re.search(rf"\b{SPEED}\b", words_of(channel))
             and not re.search(COMMAND, words_of(channel))
         ]
@@ -335,6 +335,7 @@ def as_actuator(channels: Sequence[RecordedChannel], guesses: list[Guess]) -> li
                 guesses[speeds[0]],
                 column="omega_m",
                 is_sure=True,
+                is_no_signal=False,
                 why="a guess: no angle is beside it",
             )
     if not moves:

@@ -11,7 +11,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from osl_analysis.errors import InputError, listing, naming
+from osl_analysis.errors import InputError, naming
 from osl_analysis.ingest.conversion import (
     Converted,
     canonical_column,
@@ -258,11 +258,11 @@ def check_one_publisher(
             span = float(np.ptp(values[curve_at]))
             if off <= OTHER_WRITER_SHARE * span:
                 continue
-            known_by = [text for text in loss.remarks if "publisher" in text or "writers" in text]
+            told_by = [text for text in loss.remarks if "publisher" in text or "writers" in text]
             raise InputError(
                 f"{own.size} of {writers.size} messages are of another publisher, whose"
                 f" {setting.field} is off by {off:.3g} of a range of {span:.3g}"
-                f" ({listing(known_by, 1)}); let one node alone publish to the topic, or take the"
+                f" ({'; '.join(told_by)}); let one node alone publish to the topic, or take the"
                 " messages of the other out of the recording"
             )
 

@@ -414,14 +414,17 @@ def test_a_file_that_is_cut_gives_the_variables_before_the_cut(tmp_path: Path) -
 def test_samples_that_were_never_written_are_no_values(tmp_path: Path) -> None:
     path = write_mat73(tmp_path / "a.mat", whole=RISING)
     with h5py.File(path, "r+") as file:
-        killed = file.create_dataset("killed", (1, 40), "f8", chunks=(1, 10))
+        # in MATLAB 40 rows and 2 columns, of which the recorder wrote 20 and 30
+        killed = file.create_dataset("killed", (2, 40), "f8", chunks=(1, 10))
         killed[0, :20] = np.arange(20.0)
+        killed[1, :30] = np.arange(30.0)
         killed.attrs["MATLAB_class"] = np.bytes_("double")
+    recording = formats.read(path)
 
-    values = numbers_at(formats.read(path), "killed")
-
-    assert np.ma.getmaskarray(values).tolist() == [False] * 20 + [True] * 20
-    np.testing.assert_array_equal(values[:20], np.arange(20.0))
+    for address, count in (("killed(:,1)", 20), ("killed(:,2)", 30)):
+        values = numbers_at(recording, address)
+        assert np.ma.getmaskarray(values).tolist() == [False] * count + [True] * (40 - count)
+        np.testing.assert_array_equal(values[:count], np.arange(float(count)))
 
 
 def test_without_the_library_the_extra_that_brings_it_is_named(

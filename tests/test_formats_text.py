@@ -13,7 +13,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.formats import known_formats
 from osl_analysis.recording import End, Kind, Recording
 
-TIME = np.arange(700) / 500  # s; as long as the texts of which polars splits the middle
+TIME = np.arange(900) / 500  # s; long enough that polars splits the middle of the text
 ANGLE = 5 * np.sin(9 * TIME)
 TORQUE = 30 * np.sin(9 * TIME + 0.3)
 HEAD = ["Time [s]", "Ankle angle [deg]", "Torque [Nm]"]
@@ -121,6 +121,24 @@ def test_times_of_day_are_a_clock_in_ns_that_goes_on_past_midnight(tmp_path: Pat
     assert np.diff(clock.values).tolist() == [250_000_000, 250_000_000]
 
 
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        ("12:00:00.5", "12:00:01.75"),
+        ("11:59:59.5 AM", "12:00:00.75 PM"),
+        ("12:59:59.5 AM", "01:00:00.75 AM"),
+        ("2024-05-01T10:00:00.5+02:00", "2024-05-01T08:00:01.75Z"),
+        ("59:59.5", "00:00.75"),
+        ("0 days 00:00:00.5", "0 days 00:00:01.75"),
+        ("0.5 sec", "1.75 sec"),
+    ],
+)
+def test_times_of_any_writing_are_on_one_clock(tmp_path: Path, first: str, second: str) -> None:
+    clock = read(tmp_path, f"time;a\n{first};1.5\n{second};2.5\n").find({"column": "time"})
+
+    assert np.diff(clock.values).tolist() == [1_250_000_000]
+
+
 def test_truth_values_are_truth_values(tmp_path: Path) -> None:
     recording = read(tmp_path, "t,sync\n0,True\n0.1,False\n0.2,true\n")
 
@@ -170,12 +188,12 @@ def test_a_last_line_that_is_or_may_be_cut_off_is_left_out(tmp_path: Path) -> No
 
 
 def test_a_stated_number_of_rows_tells_whether_the_end_is_there(tmp_path: Path) -> None:
-    whole = read(tmp_path, table(above="# samples: 700\n"))
-    cut = read(tmp_path, table(above="# samples: 800\n"))
+    whole = read(tmp_path, table(above="# samples: 900\n"))
+    cut = read(tmp_path, table(above="# samples: 1000\n"))
 
     assert whole.loss.end == End.WHOLE
     assert cut.loss.end == End.MISSING
-    assert "its text states 800 samples, and 700 rows are there" in cut.loss.remarks[0]
+    assert "its text states 1000 samples, and 900 rows are there" in cut.loss.remarks[0]
 
 
 def test_rows_that_do_not_fit_are_refused_by_line_or_skipped_and_counted(tmp_path: Path) -> None:
@@ -185,21 +203,21 @@ def test_rows_that_do_not_fit_are_refused_by_line_or_skipped_and_counted(tmp_pat
     said = refusal(tmp_path, odd, **csv_source())
     skipped = read(tmp_path, odd, **csv_source(ragged="skip"))
 
-    assert "line 501 has 2 cells under 3 names, and 1 of 701 rows do not fit" in said
-    assert (skipped.loss.read, skipped.loss.expected) == (700, 701)
+    assert "line 501 has 2 cells under 3 names, and 1 of 901 rows do not fit" in said
+    assert (skipped.loss.read, skipped.loss.expected) == (900, 901)
     np.testing.assert_allclose(column(skipped, "Torque"), TORQUE, atol=1e-9)
 
 
 def test_zero_bytes_as_a_loss_of_power_leaves_them_are_refused_by_line(tmp_path: Path) -> None:
-    assert "line 702 holds zero bytes" in refusal(tmp_path, table() + "\0" * 100, **csv_source())
+    assert "line 902 holds zero bytes" in refusal(tmp_path, table() + "\0" * 100, **csv_source())
 
 
 def test_every_row_keeps_its_line_however_far_below(tmp_path: Path) -> None:
     rows = read(tmp_path, table(above="# rig B\n\n")).channels[0].rows
 
     assert rows.lines is not None
-    assert rows.lines.tolist() == list(range(4, 704))
-    assert rows.place(699) == "line 703"
+    assert rows.lines.tolist() == list(range(4, 904))
+    assert rows.place(899) == "line 903"
 
 
 def test_of_a_long_text_about_the_first_rows_are_listed_and_all_are_read(tmp_path: Path) -> None:
@@ -343,19 +361,19 @@ def test_a_field_that_is_no_number_anywhere_is_refused_with_those_that_are(
 
 
 def nexus(sign: str = ",", decimal: str = ".", gap: bool = False) -> str:
-    """Two frames a section of devices and of trajectories."""
+    """Three frames of devices and of trajectories."""
 
     def cells(*values: Any) -> str:
         return sign.join(str(value).replace(".", decimal) for value in values)
 
     lines = ["Devices", "200", cells("", "", "Ann:Plate - Force", "", "")]
     lines += [cells("Frame", "Sub Frame", "Fx", "Fy", "Fz"), cells("", "", "N", "N", "N")]
-    for k in range(4):
+    for k in range(6):
         frame = 7 + k // 2 + (1 if gap and k == 3 else 0)
         lines.append(cells(frame, k % 2, k + 0.5, -k - 0.25, 100.125 * k))
     lines += ["", "Trajectories", "100", cells("", "", "Ann:LTOE", "", "")]
     lines += [cells("Frame", "Sub Frame", "X", "Y", "Z"), cells("", "", "mm", "mm", "mm")]
-    lines += [cells(7, 0, 1.5, 2.5, 3.5), cells(8, 0, "", "", "")]
+    lines += [cells(7, 0, 1.5, 2.5, 3.5), cells(8, 0, "", "", ""), cells(9, 0, 0, 0, 0)]
     return "\n".join(lines) + "\n"
 
 
@@ -369,9 +387,9 @@ def test_an_export_of_nexus_is_read_with_any_sign_and_encoding(
     marker = recording.find({"label": "LTOE"})
 
     assert recording.format == "nexus_csv"
-    np.testing.assert_array_equal(force.values, 100.125 * np.arange(4))
+    np.testing.assert_array_equal(force.values, 100.125 * np.arange(6))
     assert (force.unit, force.rows.rate_hz) == ("N", 200.0)
-    np.testing.assert_array_equal(marker.values, [[1.5, 2.5, 3.5], [np.nan] * 3])
+    np.testing.assert_array_equal(marker.values, [[1.5, 2.5, 3.5], [np.nan] * 3, [np.nan] * 3])
     assert (marker.key, marker.unit, marker.rows.rate_hz) == ("Ann:LTOE", "mm", 100.0)
 
 
@@ -394,7 +412,7 @@ def test_frames_of_the_sections_that_are_read_must_follow_one_another(tmp_path: 
     stated = nexus_source(analogs=analogs)
     facts = read(tmp_path, nexus(), **nexus_source()).facts
 
-    assert (facts["frames"], facts["first_frame"], facts["samples_per_frame"]) == (2, 7, 1)
+    assert (facts["frames"], facts["first_frame"], facts["samples_per_frame"]) == (3, 7, 1)
     assert "frame 9, sub frame 1 does not follow" in refusal(tmp_path, nexus(gap=True), **stated)
     read(tmp_path, nexus(gap=True), **nexus_source())  # of devices nothing is read
 

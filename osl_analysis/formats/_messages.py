@@ -349,9 +349,22 @@ class Topic:
         return joined_columns(pieces)
 
     @cached_property
+    def _numbers(self) -> NDArray[np.uint32]:
+        """Sequence numbers of its messages, (messages,); none where nothing counts them."""
+        return _concatenated(self._sequence)
+
+    def sequence_at(self, table: Table) -> NDArray[np.int64] | None:
+        """Sequence numbers of the messages of a table, (rows,), where they go back."""
+        numbers = self._numbers
+        if not numbers.size or (numbers[1:] >= numbers[:-1]).all():
+            return None
+        numbers = numbers if table.places is None else numbers[table.places]
+        return numbers.astype(np.int64)
+
+    @cached_property
     def skipped(self) -> int:
         """Messages that the sequence numbers tell to be missing; 0 where nothing counts them."""
-        numbers = _concatenated(self._sequence)
+        numbers = self._numbers
         if (numbers[1:] - numbers[:-1] == 1).all():
             return 0
         steps = np.diff(np.sort(numbers, kind="stable").astype(np.int64))
@@ -641,6 +654,9 @@ def _rows_of(writers: Sequence[Topic], tables: Sequence[Table]) -> Rows:
     numbers = None
     if kinds > 1:
         numbers = _writer_numbers(writers, tables)
+    sequence = None
+    if len(writers) == 1:
+        sequence = writers[0].sequence_at(tables[0])
     lines = None
     if len(tables) > 1 or tables[0].places is not None:
         lines = np.concatenate([_places_of(table) + 1 for table in tables])
@@ -649,6 +665,7 @@ def _rows_of(writers: Sequence[Topic], tables: Sequence[Table]) -> Rows:
         name=writers[0].name,
         stamps_ns=_concatenated([table.log_times_ns for table in tables]),
         writers=numbers,
+        sequence=sequence,
         lines=lines,
         noun="message",
     )

@@ -124,7 +124,9 @@ def _parts_of(data: bytes, count: int, most_rows: int | None) -> _Parts:
     if most_rows is not None and count > most_rows:
         about = most_rows * len(middle) // count
         middle = middle[: middle.rfind(b"\n", 0, about) + 1]
-    return _Parts(data[:first], middle, data[last + 1 :], count - LAST_LINES + 1)
+    # `last` is the break before the last lines; as many lines stand before it, with it
+    breaks_before = count - LAST_LINES + 1
+    return _Parts(data[:first], middle, data[last + 1 :], end_line=breaks_before + 1)
 
 
 def _table_of_alike_lines(

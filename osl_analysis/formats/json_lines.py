@@ -148,7 +148,7 @@ def read(path: Path, source: JsonSource | None) -> Recording:
     wanted = list(fields)
     asked: list[str] = []
     if source is not None:
-        asked = _asked(source)
+        asked = _asked(source, fields)
         wanted = list(dict.fromkeys([*asked, *_clocks_in(lines, fields)]))
     columns = lines.decode(wanted, asked)
     numbers = np.delete(np.array(lines.numbers), lines.unusable)
@@ -205,13 +205,14 @@ def _stamps(columns: Mapping[str, NDArray[Any]], parts: tuple[str, str]) -> NDAr
     return whole_stamps(seconds, nanoseconds, parts, noun="line")
 
 
-def _asked(source: JsonSource) -> list[str]:
-    """The fields that a source file asks for; those of a stamp may be its time."""
+def _asked(source: JsonSource, fields: Mapping[str, str]) -> list[str]:
+    """The fields that a source file asks for; time may be one, or a stamp of two parts."""
     asked = [channel.field for channel in source.channels.values()]
     asked += [channel.counter for channel in source.channels.values() if channel.counter]
-    if source.time.field:
-        parts = [part for pair in stamp_fields(source.time.field) for part in pair]
-        asked += [source.time.field, *parts]
+    time = source.time.field
+    if time:
+        parts = next((pair for pair in stamp_fields(time) if set(pair) <= fields.keys()), ())
+        asked += parts or [time]
     return asked
 
 

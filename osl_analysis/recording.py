@@ -55,6 +55,9 @@ class Rows:
     writers
         Shape (count,): number of the recorder's channel that wrote each row, where several wrote
         to one topic.
+    sequence
+        Shape (count,): the number that the recorder or the publisher gave to each message of one
+        writer; it tells the order of recording in a file that was sorted since.
     lines
         Shape (count,): line or message number of each row in the file, for messages to a user.
     noun
@@ -67,6 +70,7 @@ class Rows:
     start_s: float = 0.0
     stamps_ns: NDArray[np.int64] | None = None
     writers: NDArray[np.int64] | None = None
+    sequence: NDArray[np.int64] | None = None
     lines: NDArray[np.int64] | None = None
     noun: str = "row"
 
@@ -252,44 +256,46 @@ class Recording:
         InputError
             No channel, or several channels have this address.
         """
-        remaining = [one for one in self.channels if one.address.keys() == address.keys()]
+        remaining = [
+            channel for channel in self.channels if channel.address.keys() == address.keys()
+        ]
         *places, key = address
         for place in places:
-            within = [one for one in remaining if one.address[place] == address[place]]
+            within = [channel for channel in remaining if channel.address[place] == address[place]]
             if not within:
                 unlisted = self.find_unlisted(address) if self.find_unlisted else None
                 if unlisted is not None:
                     return unlisted
-                names = list(dict.fromkeys(one.address[place] for one in remaining))
+                names = list(dict.fromkeys(channel.address[place] for channel in remaining))
                 raise _missing(place, address[place], names)
             remaining = within
         wanted = address[key]
-        found = _named(wanted, remaining, key)
-        if len(found) > 1:
-            raise _ambiguous(noun or key, wanted, found, remaining)
-        if found:
-            return found[0]
+        matches = _named(wanted, remaining, key)
+        if len(matches) > 1:
+            raise _ambiguous(noun or key, wanted, matches, remaining)
+        if matches:
+            return matches[0]
         unlisted = self.find_unlisted(address) if self.find_unlisted else None
         if unlisted is None:
-            names = list(dict.fromkeys(one.address[key] for one in remaining))
-            raise _missing(noun or key, wanted, names)
+            names = list(dict.fromkeys(channel.address[key] for channel in remaining))
+            raise _missing(noun or key, wanted, names, [channel.name for channel in remaining])
         return unlisted
 
 
 def _named(wanted: str, channels: Sequence[Channel], key: str) -> list[Channel]:
     """List the channels with a name: in full, without place or unit, by pattern, or by number."""
-    full = [one for one in channels if one.address[key] == wanted]
+    full = [channel for channel in channels if channel.address[key] == wanted]
     if full:
         return full
-    plain = [one for one in channels if one.name == wanted]
+    plain = [channel for channel in channels if channel.name == wanted]
     if plain:
         return plain
     if "*" in wanted:
         pattern = re.compile(re.escape(wanted).replace(r"\*", ".*"), re.DOTALL)
         return [
-            one
-            for one in channels
-            if pattern.fullmatch(one.address[key]) or pattern.fullmatch(one.name)
+            channel
+            for channel in channels
+            if pattern.fullmatch(channel.address[key]) or pattern.fullmatch(channel.name)
         ]
     is_number = key == "column" and re.fullmatch(r"[1-9]\d{0,4}", wanted, re.ASCII)
     if is_number and int(wanted) <= len(channels):
@@ -298,23 +304,25 @@ def _named(wanted: str, channels: Sequence[Channel], key: str) -> list[Channel]:
 
 
 def _ambiguous(
-    noun: str, wanted: str, found: Sequence[Channel], channels: Sequence[Channel]
+    noun: str, wanted: str, matches: Sequence[Channel], channels: Sequence[Channel]
 ) -> InputError:
-    names = [one.key for one in found]
+    names = [channel.key for channel in matches]
     if len(set(names)) == len(names):
         return InputError(
-            f"{noun} '{wanted[:80]}' occurs {len(found)} times, as {listing(names)}; write one of"
+            f"{noun} '{wanted[:80]}' occurs {len(matches)} times, as {listing(names)}; write one of"
             " these in the source file"
         )
-    numbers = [str(n) for n, one in enumerate(channels, start=1) if one in found]
+    numbers = [str(n) for n, channel in enumerate(channels, start=1) if channel in matches]
     return InputError(
-        f"{noun} '{wanted[:80]}' occurs {len(found)} times, as number {listing(numbers)}; rename"
+        f"{noun} '{wanted[:80]}' occurs {len(matches)} times, as number {listing(numbers)}; rename"
         " them, or name others in the source file"
     )
 
 
-def _missing(noun: str, wanted: str, names: Sequence[str]) -> InputError:
-    advice = nearest(wanted, names) or "; correct the name in the source file"
+def _missing(
+    noun: str, wanted: str, names: Sequence[str], plain_names: Sequence[str] = ()
+) -> InputError:
+    advice = nearest(wanted, [*names, *plain_names]) or "; correct the name in the source file"
     return InputError(f"no {noun} '{wanted[:80]}'; the file has {listing(names)}{advice}")
 
 

@@ -46,8 +46,8 @@ def known_formats() -> Mapping[str, Format]:
         if not module.name.startswith("_"):
             formats.append(import_module(f"{__name__}.{module.name}").FORMAT)
     formats += [point.load() for point in entry_points(group=GROUP)]
-    formats.sort(key=lambda one: one.priority)
-    return {one.name: one for one in formats}
+    formats.sort(key=lambda known: known.priority)
+    return {known.name: known for known in formats}
 
 
 def beginning(path: Path) -> bytes:
@@ -61,9 +61,9 @@ def beginning(path: Path) -> bytes:
 def formats_of(path: Path) -> list[Format]:
     """The formats that a file or folder may be of, by what it begins with; the likeliest first."""
     if path.is_dir():
-        return [one for one in known_formats().values() if one.is_folder(path)]
+        return [known for known in known_formats().values() if known.is_folder(path)]
     begin = beginning(path)
-    return [one for one in known_formats().values() if one.begins(begin)]
+    return [known for known in known_formats().values() if known.begins(begin)]
 
 
 def recognise(path: Path) -> Format:
@@ -76,12 +76,12 @@ def recognise(path: Path) -> Format:
     """
     formats = formats_of(path)
     refuse_others(path, formats)
-    as_text = [one for one in formats if one.priority >= TEXT_PRIORITY]
-    formats = [one for one in formats if one.priority < TEXT_PRIORITY]
-    for one in known_formats().values():
-        is_text_in_name_alone = bool(as_text) and one.name in OFTEN_TEXT
-        if path.suffix.lower() in one.suffixes and not is_text_in_name_alone:
-            formats.append(one)
+    as_text = [known for known in formats if known.priority >= TEXT_PRIORITY]
+    formats = [known for known in formats if known.priority < TEXT_PRIORITY]
+    for known in known_formats().values():
+        is_text_in_name_alone = bool(as_text) and known.name in OFTEN_TEXT
+        if path.suffix.lower() in known.suffixes and not is_text_in_name_alone:
+            formats.append(known)
     formats += as_text
     if not formats:
         raise InputError(
@@ -93,27 +93,29 @@ def recognise(path: Path) -> Format:
 
 def check_format(path: Path, name: str) -> Format:
     """Give the format that a source file states; refused where the file is another one."""
-    stated = known_formats()[name]
-    is_stated = stated.is_folder(path) if path.is_dir() else stated.begins(beginning(path))
-    if is_stated and stated.priority < TEXT_PRIORITY:
-        return stated
+    stated_format = known_formats()[name]
+    is_stated = (
+        stated_format.is_folder(path) if path.is_dir() else stated_format.begins(beginning(path))
+    )
+    if is_stated and stated_format.priority < TEXT_PRIORITY:
+        return stated_format
     formats = formats_of(path)
-    if stated in formats[:1]:
+    if stated_format in formats[:1]:
         refuse_others(path, formats)
-        return stated
+        return stated_format
     if not formats:
         raise InputError(
             f"{path}: is no {name} (it begins with {quoted(beginning(path)[:8])}), as its source"
             " file says; name the recording itself"
         )
-    found = formats[0].name
+    name_by_content = formats[0].name
     if path.is_dir():
         raise InputError(
-            f"{path}: a folder with a recording in {found}, its source file says {name}; write"
-            f" `format: {found}`, or name a file in it"
+            f"{path}: a folder with a recording in {name_by_content}, its source file says {name}; write"
+            f" `format: {name_by_content}`, or name a file in it"
         )
     raise InputError(
-        f"{path}: is {found}, its source file says {name}; write `format: {found}`, or name another"
+        f"{path}: is {name_by_content}, its source file says {name}; write `format: {name_by_content}`, or name another"
         " source file in the sheet"
     )
 
@@ -197,7 +199,7 @@ def refuse_others(path: Path, formats: Sequence[Format]) -> None:
 
     `formats` are those that the file may be of.
     """
-    if path.is_dir() or any(one.priority < TEXT_PRIORITY for one in formats):
+    if path.is_dir() or any(candidate.priority < TEXT_PRIORITY for candidate in formats):
         return
     begin = beginning(path)
     if not begin:

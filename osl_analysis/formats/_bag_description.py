@@ -40,7 +40,7 @@ def read_description(folder: Path, is_whole: bool = True) -> Description:
         )
     text = path.read_bytes()
     try:
-        if any(isinstance(one, yaml.AliasToken) for one in yaml.scan(text, yaml.CSafeLoader)):
+        if any(isinstance(token, yaml.AliasToken) for token in yaml.scan(text, yaml.CSafeLoader)):
             # a few nested ones would fill the memory
             raise ValueError("it has aliases, which no recorder writes")
         about = yaml.load(text, Loader=yaml.CSafeLoader)["rosbag2_bagfile_information"]

@@ -205,8 +205,8 @@ def cell_numbers(cells: pl.Series, missing: Collection[str], decimal: str) -> ND
         return values
     other_sign = "." if decimal == "," else ","
     if WHOLE_THOUSANDS[other_sign].fullmatch(str(cells[unread[0]])):
-        known = cells.filter(~pl.Series(is_missing)).to_list()
-        if are_whole_thousands(known, other_sign):
+        filled_cells = cells.filter(~pl.Series(is_missing)).to_list()
+        if are_whole_thousands(filled_cells, other_sign):
             plain = cells.str.replace_all(other_sign, "", literal=True)
             return cell_numbers(plain, missing, decimal)
     for place in unread:  # polars does not read `+1.5` and `1.0D-3`
@@ -260,7 +260,7 @@ def cell_stamps(cells: pl.Series) -> NDArray[np.int64]:
         return (in_s * 1e9).round().cast(pl.Int64).to_numpy()
     parts = [cells.str.extract(TIME, group) for group in range(1, 9)]
     days, hours, minutes, seconds = (
-        one.cast(pl.Int64).fill_null(0).to_numpy() for one in parts[:4]
+        part.cast(pl.Int64).fill_null(0).to_numpy() for part in parts[:4]
     )
     are_minutes_first = parts[3].null_count() == len(cells) and parts[4].null_count() < len(cells)
     if are_minutes_first:
@@ -271,7 +271,7 @@ def cell_stamps(cells: pl.Series) -> NDArray[np.int64]:
     if not parts[5].null_count():
         is_afternoon = parts[5].str.to_lowercase().eq("p").to_numpy()
         hours = hours % 12 + 12 * is_afternoon
-    zone_hours, zone_minutes = (one.cast(pl.Int64).fill_null(0).to_numpy() for one in parts[6:8])
+    zone_hours, zone_minutes = (part.cast(pl.Int64).fill_null(0).to_numpy() for part in parts[6:8])
     zone = 60 * zone_hours + zone_minutes
     total_s = ((days * 24 + hours) * 60 + minutes - zone) * 60 + seconds
     stamps = total_s * 1_000_000_000 + fraction_ns

@@ -103,14 +103,14 @@ def value_of(raw: Any) -> Value:
     class_name = getattr(raw, "classname", "")
     if array.dtype.names is not None:
         elements = [
-            {name: value_of(one[name]) for name in array.dtype.names}
-            for one in array.ravel(order="F")
+            {name: value_of(element[name]) for name in array.dtype.names}
+            for element in array.ravel(order="F")
         ]
         return _simplified(Value(class_name or "struct", array.shape, elements=elements))
     if array.dtype == object:
-        cells = [value_of(one) for one in array.ravel(order="F")]
+        cells = [value_of(element) for element in array.ravel(order="F")]
         if class_name:  # an array of objects
-            elements = [dict(*one.elements) for one in cells]
+            elements = [dict(*cell.elements) for cell in cells]
             return Value(class_name, array.shape, elements=elements)
         return Value("cell", array.shape, cells=cells)
     return _array_of(array)
@@ -144,13 +144,13 @@ def _object_of(kind: str, properties: Mapping[str, Any]) -> Value:
         return Value(kind, stored.shape, (stored.real + stored.imag) / 1e3, unit="s")
     if kind == "string":  # version, number of dimensions, these, lengths, text
         return Value(kind, tuple(np.ravel(properties["any"])[2:4].tolist()))
-    fields = {name: value_of(one) for name, one in properties.items()}
+    fields = {name: value_of(stored_property) for name, stored_property in properties.items()}
     if kind == "timetable":
         return Value(kind, elements=[_timetable_of(fields["any"].elements[0])])
     if kind == "table":
         inside = {**fields["props"].elements[0], **fields}
-        names = [one.text for one in inside["varnames"].cells]
-        units = [one.text for one in inside["VariableUnits"].cells]
+        names = [cell.text for cell in inside["varnames"].cells]
+        units = [cell.text for cell in inside["VariableUnits"].cells]
         return Value(kind, elements=[_with_units(names, inside["data"].cells, units)])
     return Value(kind, elements=[fields])
 
@@ -158,16 +158,16 @@ def _object_of(kind: str, properties: Mapping[str, Any]) -> Value:
 def _with_units(
     names: Sequence[str], values: Sequence[Value], units: Sequence[str]
 ) -> dict[str, Value]:
-    stated = units or [""] * len(names)
+    units_of_columns = units or [""] * len(names)
     return {
         name: replace(value, unit=value.unit or unit)
-        for name, value, unit in zip(names, values, stated, strict=True)
+        for name, value, unit in zip(names, values, units_of_columns, strict=True)
     }
 
 
 def _timetable_of(inside: Mapping[str, Value]) -> dict[str, Value]:
-    names = [one.text for one in inside["varNames"].cells]
-    units = [one.text for one in inside["varUnits"].cells]
+    names = [cell.text for cell in inside["varNames"].cells]
+    units = [cell.text for cell in inside["varUnits"].cells]
     data = inside["data"].cells
     times = inside["rowTimes"]
     if times.kind == "struct":  # the first one, with a step or a rate
@@ -204,13 +204,13 @@ def _columns_of_samples(elements: Sequence[Mapping[str, Value]]) -> dict[str, Va
     names = [
         name
         for name in elements[0]
-        if all(name in one and _is_number(one[name]) for one in elements)
+        if all(name in element and _is_number(element[name]) for element in elements)
     ]
     if len(names) < 2:
         return {}
     columns: dict[str, Value] = {}
     for name in names:
-        numbers = [np.ravel(one[name].numbers)[0] for one in elements]  # type: ignore[arg-type]
+        numbers = [np.ravel(element[name].numbers)[0] for element in elements]  # type: ignore[arg-type]
         column = np.array(numbers, np.float64)
         columns[name] = Value("double", (column.size, 1), column[:, None])
     return columns
@@ -223,25 +223,30 @@ def _is_number(value: Value) -> bool:
 def _exported_by_controldesk(fields: Mapping[str, Value]) -> dict[str, Value]:
     """The signals that ControlDesk exports, a struct each under X and Y, by their names; empty if
     they are none."""
-    every = [one for key in "XY" for one in fields[key].elements if {"Name", "Data"} <= one.keys()]
-    found: dict[str, Value] = {}
-    for one in every:
-        name = _valid_name(one["Name"].text)
-        unit = one["Unit"].text if "Unit" in one else ""
-        found[name] = replace(one["Data"], unit=unit)
-    return found if len(found) == len(every) > 1 else {}
+    exports = [
+        export
+        for key in "XY"
+        for export in fields[key].elements
+        if {"Name", "Data"} <= export.keys()
+    ]
+    signals: dict[str, Value] = {}
+    for export in exports:
+        name = _valid_name(export["Name"].text)
+        unit = export["Unit"].text if "Unit" in export else ""
+        signals[name] = replace(export["Data"], unit=unit)
+    return signals if len(signals) == len(exports) > 1 else {}
 
 
 def _logged_by_simulink(signals: Value) -> dict[str, Value]:
     """The columns of the field `signals` of a structure with time, by the labels of the signals."""
-    found: dict[str, Value] = {}
-    for number, one in enumerate(signals.elements, start=1):
-        values = one["values"].numbers if "values" in one else None
+    columns_by_label: dict[str, Value] = {}
+    for number, signal in enumerate(signals.elements, start=1):
+        values = signal["values"].numbers if "values" in signal else None
         if values is None or not values.size:
             continue
         # of a scalar, time is last
         columns = values.reshape(-1, values.shape[-1]).T if values.ndim > 2 else values
-        labels = re.split(r"\s*,\s*", one["label"].text) if "label" in one else [""]
+        labels = re.split(r"\s*,\s*", signal["label"].text) if "label" in signal else [""]
         for place, column in enumerate(columns.T, start=1):
             if len(labels) == columns.shape[1]:
                 name = _valid_name(labels[place - 1])
@@ -249,8 +254,8 @@ def _logged_by_simulink(signals: Value) -> dict[str, Value]:
                 name = _valid_name(f"{labels[0]}_{place}")
             if not name[:1].isalpha():
                 name = f"signal_{number}_{place}"
-            found[name] = Value("double", (column.size, 1), column.reshape(-1, 1))
-    return found
+            columns_by_label[name] = Value("double", (column.size, 1), column.reshape(-1, 1))
+    return columns_by_label
 
 
 def _valid_name(text: str) -> str:
@@ -301,11 +306,11 @@ def parts_of(value: Value) -> dict[str, Value]:
     """What stands in a value, by the step that leads to it: `torque`, `(2)`, `{1}`, `(:,3)`,
     `(1,:)`."""
     if value.numbers is not None and value.numbers.ndim == 2:
-        lines = {f"(:,{n})": one for n, one in enumerate(value.numbers.T, start=1)}
-        lines |= {f"({n},:)": one for n, one in enumerate(value.numbers, start=1)}
+        lines = {f"(:,{n})": line for n, line in enumerate(value.numbers.T, start=1)}
+        lines |= {f"({n},:)": line for n, line in enumerate(value.numbers, start=1)}
         return {
-            step: Value(value.kind, (one.size, 1), one.reshape(-1, 1), unit=value.unit)
-            for step, one in lines.items()
+            step: Value(value.kind, (line.size, 1), line.reshape(-1, 1), unit=value.unit)
+            for step, line in lines.items()
         }
     parts = dict(value.elements[0]) if len(value.elements) == 1 else {}
     for number, cell in enumerate(value.cells, start=1):
@@ -415,9 +420,9 @@ def _variables_in(part: str, name: str, value: Value) -> Iterator[Variable]:
             inside = f"{address}({number})" if len(value.elements) > 1 else address
             # signals of Simulink stand beside the field `signals`
             is_logged = {"time", "signals"} <= fields.keys() and len(fields) > 2
-            for own, one in fields.items():
-                if own != "signals" or not is_logged:
-                    yield from _variables_in(inside, own, one)
+            for field_name, field_value in fields.items():
+                if field_name != "signals" or not is_logged:
+                    yield from _variables_in(inside, field_name, field_value)
     elif value.kind == "cell" and value.cells:
         for number, cell in enumerate(value.cells, start=1):
             yield from _variables_in(address, f"{{{number}}}", cell)

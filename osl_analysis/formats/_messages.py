@@ -187,7 +187,7 @@ class Topic:
             self.is_asked = self.wanted is not None
             try:
                 if self.wanted is None:
-                    self.wanted = [one.path for one in self.fields()]
+                    self.wanted = [description.path for description in self.fields()]
                 self.type  # noqa: B018 - whether it can be decoded is told once
             except InputError as error:
                 self.undecodable = str(error)
@@ -319,21 +319,23 @@ class Topic:
         places = None
         order = None
         is_in_order = all(
-            one.places[-1] < next_one.places[0] for one, next_one in pairwise(self._decoded)
+            part.places[-1] < next_part.places[0] for part, next_part in pairwise(self._decoded)
         )
         if self.misfits or self.undecodable or not is_in_order:
-            places = _concatenated([one.places for one in self._decoded])
+            places = _concatenated([part.places for part in self._decoded])
             order = np.argsort(places, kind="stable")
             places = places[order]
             log_times_ns = log_times_ns[places]
         columns: dict[str, NDArray[Any]] = {}
         for path in self.wanted or ():
-            if any(path in one.values for one in self._decoded):
+            if any(path in part.values for part in self._decoded):
                 column = self._column(path)
                 columns[path] = column if order is None else column[order]
         writers = None
         if len(self.names_by_writer) > 1:
-            writers = _concatenated([np.full(one.places.size, one.writer) for one in self._decoded])
+            writers = _concatenated(
+                [np.full(part.places.size, part.writer) for part in self._decoded]
+            )
             writers = writers if order is None else writers[order]
         self._decoded.clear()
         return Table(places, log_times_ns, writers, columns)
@@ -341,11 +343,11 @@ class Topic:
     def _column(self, path: str) -> NDArray[Any]:
         """The numbers of a field in the order in which they were decoded; drops them there."""
         pieces: list[NDArray[Any]] = []
-        for one in self._decoded:
-            if path in one.values:
-                pieces.append(one.values.pop(path))
+        for part in self._decoded:
+            if path in part.values:
+                pieces.append(part.values.pop(path))
             else:
-                pieces.append(absent_column(one.places.size))
+                pieces.append(absent_column(part.places.size))
         return joined_columns(pieces)
 
     @cached_property
@@ -390,27 +392,27 @@ def joined_columns(pieces: Sequence[NDArray[Any]]) -> NDArray[Any]:
     """Put pieces of a column behind one another; NumPy's masked arrays take ten times as long."""
     if len(pieces) == 1:
         return pieces[0]
-    if any(np.ma.isMaskedArray(one) for one in pieces):
+    if any(np.ma.isMaskedArray(piece) for piece in pieces):
         return np.ma.concatenate(pieces)  # type: ignore[no-any-return, no-untyped-call]
     return np.concatenate(pieces)
 
 
 def _fields_of_shape(shape: Shape) -> list[FieldDescription]:
     """List the numbers of a message of ROS; of an array of messages those of its first."""
-    found: list[FieldDescription] = []
+    fields: list[FieldDescription] = []
     for path, leaf in shape.leaves.items():
         if "[" in path and not _is_first_element(path):
             continue
         kind = np.dtype(leaf.type).name
         if leaf.count is None:
-            found.append(FieldDescription(path, kind))
+            fields.append(FieldDescription(path, kind))
             continue
         name, labels = shape.labels_of(path)
         elements = [f"{name}={label}" for label in labels] or ["0"]
-        found += [
+        fields += [
             FieldDescription(f"{path}[{element}]", f"{kind}[{leaf.count}]") for element in elements
         ]
-    return found
+    return fields
 
 
 def _is_first_element(path: str) -> bool:
@@ -522,12 +524,12 @@ def _counts_of(
     writers: Sequence[Topic], counts: tuple[int, int | None] | None, is_declared: bool
 ) -> tuple[int, int | None]:
     """Messages of a topic that were read, and that were recorded."""
-    read, expected = counts or (sum(one.count for one in writers), None)
-    misfits = sum(one.misfits for one in writers)
+    read, expected = counts or (sum(topic.count for topic in writers), None)
+    misfits = sum(topic.misfits for topic in writers)
     if not is_declared:  # else the recorder itself dropped what its numbers skip
-        skipped = sum(one.skipped for one in writers)
-        known = read if expected is None else expected
-        if skipped > known - read:
+        skipped = sum(topic.skipped for topic in writers)
+        counted = read if expected is None else expected
+        if skipped > counted - read:
             expected = read + skipped
     if expected is None and misfits:
         expected = read
@@ -536,16 +538,16 @@ def _counts_of(
 
 def _no_field(writers: Sequence[Topic], topic: str, path: str) -> InputError:
     """Say why a topic has no numbers for a field."""
-    if not any(one.count for one in writers):
+    if not any(writer.count for writer in writers):
         return InputError(f"topic '{topic}' has no messages; check that its sensor was running")
-    first = next(one for one in writers if one.count)
+    first = next(writer for writer in writers if writer.count)
     if first.undecodable:
         return InputError(first.undecodable)
     if first.misfits == first.count and not first.no_number:
         return InputError(
             f"topic '{topic}': {first.misfit}; record the log again, or exclude the trial"
         )
-    names = listing([one.path for one in first.fields()])
+    names = listing([description.path for description in first.fields()])
     if path in first.no_number:
         return InputError(
             f"topic '{topic}': {first.no_number[path]} (it has {names}); name a number, or one"
@@ -585,7 +587,7 @@ def _remarks_on(writers: Sequence[Topic], tables: Sequence[Table]) -> list[str]:
                 f" {', '.join(shown)}"
             )
     if len(writers) > 1:
-        counts_text = listing([str(one.count) for one in writers])
+        counts_text = listing([str(writer.count) for writer in writers])
         remarks.append(
             f"topic '{writers[0].name}' has {len(writers)} channels, of {counts_text} messages"
         )
@@ -603,10 +605,10 @@ def _channels_of(
 ) -> list[Channel]:
     """The channels of one topic, by the rows of all of its writers."""
     rows = _rows_of(writers, tables)
-    first = next((one for one in writers if one.count), writers[0])
+    first = next((writer for writer in writers if writer.count), writers[0])
     described: dict[str, str] = {}
     with suppress(ValueError, RecursionError):
-        described = {one.path: one.type for one in first.fields()}
+        described = {description.path: description.type for description in first.fields()}
     paths = list(described) if first.wanted is None else first.wanted
     units: Mapping[str, str] = {}
     if first.schema is not None:
@@ -616,7 +618,7 @@ def _channels_of(
         has_numbers = any(path in table.columns for table in tables)
         # every message of ROS has a header, and no signal is in it
         is_of_head = path.startswith("header.") and not is_asked
-        is_empty = not any(one.count for one in writers)
+        is_empty = not any(writer.count for writer in writers)
         is_listed = has_numbers or (is_empty and not is_asked)
         if is_of_head or not is_listed:
             continue
@@ -680,8 +682,8 @@ def _writer_numbers(writers: Sequence[Topic], tables: Sequence[Table]) -> NDArra
     numbers: list[NDArray[np.int64]] = []
     before = 0
     for topic, table in zip(writers, tables, strict=True):
-        own = np.zeros(table.count, np.int64) if table.writers is None else table.writers
-        numbers.append(own + before)
+        kinds = np.zeros(table.count, np.int64) if table.writers is None else table.writers
+        numbers.append(kinds + before)
         before += max(1, len(topic.names_by_writer))
     return np.concatenate(numbers)
 

@@ -135,7 +135,9 @@ def _is_array(value: Any) -> bool:
 
 
 def _no_number(value: Any, way: str, expected: str) -> NoNumberError:
-    shown = json.dumps(value, ensure_ascii=False, default=lambda one: " ".join(str(one).split()))
+    shown = json.dumps(
+        value, ensure_ascii=False, default=lambda member: " ".join(str(member).split())
+    )
     if len(shown) > 40:
         shown = f"{shown[:40]}..."
     what = f"field '{way}'" if way else "the whole"
@@ -167,34 +169,36 @@ def _fields_in(
     elif _is_array(value):
         yield from _elements_of(value, most_elements, path, texts)
     elif isinstance(value, dict) or hasattr(value, "DESCRIPTOR"):
-        names = value if isinstance(value, dict) else [one.name for one in value.DESCRIPTOR.fields]
+        names = (
+            value if isinstance(value, dict) else [item.name for item in value.DESCRIPTOR.fields]
+        )
         members = {name: _member(value, name) for name in names}
         texts = {
-            name: list(one)
-            for name, one in members.items()
-            if _is_array(one) and 0 < len(one) <= MOST_LABELS and _are_texts(one)
+            name: list(member)
+            for name, member in members.items()
+            if _is_array(member) and 0 < len(member) <= MOST_LABELS and _are_texts(member)
         }
-        for name, one in members.items():
+        for name, member in members.items():
             if PLAIN_NAME.fullmatch(name):
                 own_path = f"{path}.{name}".removeprefix(".")
             else:
                 own_path = f"{path}[{json.dumps(name, ensure_ascii=False)}]"
-            yield from _fields_in(one, most_elements, own_path, texts)
+            yield from _fields_in(member, most_elements, own_path, texts)
 
 
 def _elements_of(
     value: Sequence[Any], most_elements: int, path: str, texts: Mapping[str, Sequence[str]]
 ) -> Iterator[FieldDescription]:
-    known = [one for one in value if one is not None]
-    are_numbers = bool(known) and all(isinstance(one, int | float) for one in known)
+    filled = [element for element in value if element is not None]
+    are_numbers = bool(filled) and all(isinstance(element, int | float) for element in filled)
     if not are_numbers:
-        for index, one in enumerate(value[:most_elements]):
-            yield from _fields_in(one, most_elements, f"{path}[{index}]", {})
+        for index, element in enumerate(value[:most_elements]):
+            yield from _fields_in(element, most_elements, f"{path}[{index}]", {})
         return
-    kind = f"{np.dtype(type(known[0])).name}[{len(value)}]"
+    kind = f"{np.dtype(type(filled[0])).name}[{len(value)}]"
     elements = _labels_for(len(value), texts) or [str(k) for k in range(most_elements)]
-    for element, one in zip(elements, value, strict=False):
-        if one is not None:
+    for element, element in zip(elements, value, strict=False):
+        if element is not None:
             yield FieldDescription(f"{path}[{element}]", kind)
 
 
@@ -207,7 +211,7 @@ def _labels_for(count: int, texts: Mapping[str, Sequence[str]]) -> list[str]:
 
 
 def _are_texts(values: Sequence[Any]) -> bool:
-    return all(isinstance(one, str) for one in values)
+    return all(isinstance(element, str) for element in values)
 
 
 def masked_numbers(path: str, numbers: Sequence[float | bool | None]) -> NDArray[Any]:
@@ -220,9 +224,9 @@ def masked_numbers(path: str, numbers: Sequence[float | bool | None]) -> NDArray
     InputError
         Truth values and numbers are mixed: joined, `True` would become 1.
     """
-    mask = [one is None for one in numbers]
-    filled = [0 if one is None else one for one in numbers]
-    kinds = {one.__class__ for one in numbers if one is not None}
+    mask = [number is None for number in numbers]
+    filled = [0 if number is None else number for number in numbers]
+    kinds = {number.__class__ for number in numbers if number is not None}
     if bool in kinds and len(kinds) > 1:
         raise InputError(
             f"field '{path}' is a truth value in some places and a number in others; name"

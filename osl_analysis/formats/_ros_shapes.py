@@ -100,11 +100,11 @@ def message_type(name: str, text: str, is_ros1: bool) -> MessageType:
             )
         owner = short_name(head[1])
         fields[owner] = _fields_in(part[head.end() :], owner, is_ros1)
-    for owner, own_fields in fields.items():
-        for one in own_fields:
-            if one.type not in fields and one.type not in KNOWN_TYPES:
+    for owner, members in fields.items():
+        for member in members:
+            if member.type not in fields and member.type not in KNOWN_TYPES:
                 raise InputError(
-                    f"schema {owner}: type '{one.type}' of field '{one.name}' is not defined"
+                    f"schema {owner}: type '{member.type}' of field '{member.name}' is not defined"
                 )
     return MessageType(short_name(name), fields, is_ros1)
 
@@ -133,7 +133,7 @@ def _fields_in(text: str, owner: str, is_ros1: bool) -> list[MessageField]:
         if match["array"] is not None:
             is_fixed = match["size"] and not match["bound"]
             length = int(match["size"]) if is_fixed else TOLD_BY_MESSAGE
-        if any(one.name == match["name"] for one in fields):
+        if any(member.name == match["name"] for member in fields):
             raise InputError(f"schema {owner}: field '{match['name']}' is defined twice")
         fields.append(MessageField(match["name"], kind, length))
     return fields
@@ -174,13 +174,13 @@ class Shape:
 
     def names(self) -> dict[str, list[str]]:
         """Arrays of names by their path, where they name the elements of an array of numbers."""
-        found: dict[str, list[str]] = {}
+        names: dict[str, list[str]] = {}
         for path, leaf in self.leaves.items():
             if leaf.count:
                 name, texts = self.labels_of(path)
                 if texts:
-                    found[f"{path.rpartition('.')[0]}.{name}".removeprefix(".")] = texts
-        return found
+                    names[f"{path.rpartition('.')[0]}.{name}".removeprefix(".")] = texts
+        return names
 
     def labels_of(self, path: str) -> tuple[str, list[str]]:
         """Name the elements of an array of numbers.
@@ -302,40 +302,42 @@ class _Walk:
         fields = self.kind.fields[name]
         if not fields and not self.kind.is_ros1:
             self.position += 1  # a message without fields has a byte in CDR
-        for one in fields:
-            path = f"{prefix}{one.name}"
-            count = self.count_of(one)
-            if one.type in NUMBERS:
-                self.numbers(path, one, count)
-            elif one.type == "string":
-                self.strings(path, one, count)
-            elif one.length is None:
-                self.message(one.type, f"{path}.")
+        for member in fields:
+            path = f"{prefix}{member.name}"
+            count = self.count_of(member)
+            if member.type in NUMBERS:
+                self.numbers(path, member, count)
+            elif member.type == "string":
+                self.strings(path, member, count)
+            elif member.length is None:
+                self.message(member.type, f"{path}.")
             else:
                 for index in range(count):
-                    self.message(one.type, f"{path}[{index}].")
+                    self.message(member.type, f"{path}[{index}].")
 
-    def count_of(self, one: MessageField) -> int:
+    def count_of(self, member: MessageField) -> int:
         """Number of values of a field."""
-        if one.length is None:
+        if member.length is None:
             return 1
-        count = self.read_length() if one.length == TOLD_BY_MESSAGE else one.length
-        least_bytes = 4 if one.type == "string" else 1
-        if one.type in NUMBERS:
-            least_bytes = np.dtype(NUMBERS[one.type]).itemsize
+        count = self.read_length() if member.length == TOLD_BY_MESSAGE else member.length
+        least_bytes = 4 if member.type == "string" else 1
+        if member.type in NUMBERS:
+            least_bytes = np.dtype(NUMBERS[member.type]).itemsize
         if count * least_bytes > len(self.data) - self.position:
             raise self.too_short()  # a damaged length would make a loop without end
         return count
 
-    def numbers(self, path: str, one: MessageField, count: int) -> None:
-        size = np.dtype(NUMBERS[one.type]).itemsize
+    def numbers(self, path: str, member: MessageField, count: int) -> None:
+        size = np.dtype(NUMBERS[member.type]).itemsize
         if count:
             self.align(size)
-        kind = self.byte_order + NUMBERS[one.type]
-        self.shape.leaves[path] = Leaf(self.position, kind, None if one.length is None else count)
+        kind = self.byte_order + NUMBERS[member.type]
+        self.shape.leaves[path] = Leaf(
+            self.position, kind, None if member.length is None else count
+        )
         self.position += count * size
 
-    def strings(self, path: str, one: MessageField, count: int) -> None:
+    def strings(self, path: str, member: MessageField, count: int) -> None:
         texts: list[str] = []
         guards: list[tuple[int, bytes]] = []
         for _ in range(count):
@@ -344,7 +346,7 @@ class _Walk:
             texts.append(text.rstrip(b"\0").decode(errors="replace"))
             guards.append((self.position, text))
             self.position += size
-        if one.length is not None:
+        if member.length is not None:
             self.shape.texts[path] = texts
             self.text_guards[path] = guards
 

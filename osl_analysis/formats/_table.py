@@ -102,8 +102,8 @@ def layout_of(source: Any) -> Layout:
     """Take the layout from a source file; without one a file is listed as far as it can be read."""
     if source is None:
         return LENIENT
-    stated = Layout.__dataclass_fields__.keys() & type(source).model_fields.keys()
-    return Layout(**{name: getattr(source, name) for name in stated})
+    names = Layout.__dataclass_fields__.keys() & type(source).model_fields.keys()
+    return Layout(**{name: getattr(source, name) for name in names})
 
 
 @dataclass(frozen=True)
@@ -292,7 +292,9 @@ def _head_of(
         units = _labview_units(rows[:first], names)
     units += [""] * (max(width, len(names)) - len(units))
     in_brackets = [name_and_unit(name)[1] for name in names] or [""] * width
-    units = [unit or own for unit, own in zip(units, in_brackets, strict=False)]
+    units = [
+        unit or unit_in_brackets for unit, unit_in_brackets in zip(units, in_brackets, strict=False)
+    ]
     line_of_names = heads[-1].number if heads else 0
     notes = [
         " ".join(cell for cell in row.cells if cell)
@@ -363,10 +365,12 @@ def _joined_heads(above: Sequence[Row]) -> list[Row]:
         return list(above)
     upper = above[-2].cells
     last = above[-1].cells
-    overlap = any(one and other for one, other in zip(upper, last, strict=False))
+    overlap = any(
+        upper_cell and last_cell for upper_cell, last_cell in zip(upper, last, strict=False)
+    )
     if len(upper) != len(last) or overlap or not any(last):
         return list(above)
-    cells = [one or other for one, other in zip(upper, last, strict=True)]
+    cells = [upper_cell or last_cell for upper_cell, last_cell in zip(upper, last, strict=True)]
     return [*above[:-2], Row(above[-2].number, cells)]
 
 
@@ -595,13 +599,13 @@ def places_of(name: str, titles: Sequence[str]) -> list[int]:
     plain = [name_and_unit(title)[0] for title in titles]
     for names in (titles, plain):
         if name in names:
-            return [place for place, one in enumerate(names) if one == name]
+            return [place for place, title in enumerate(names) if title == name]
     if "*" in name:
         pattern = re.compile(re.escape(name).replace(r"\*", ".*"), re.DOTALL)
         return [
             place
-            for place, (title, own) in enumerate(zip(titles, plain, strict=True))
-            if pattern.fullmatch(title) or pattern.fullmatch(own)
+            for place, (title, plain_name) in enumerate(zip(titles, plain, strict=True))
+            if pattern.fullmatch(title) or pattern.fullmatch(plain_name)
         ]
     if re.fullmatch(r"[1-9]\d{0,4}", name, re.ASCII) and int(name) <= len(titles):
         return [int(name) - 1]
@@ -757,13 +761,13 @@ def _remedy_for(cell: str, title: str, decimal: str) -> str:
 
 def with_stated_end(table: Table, is_partial: bool) -> Table:
     """Hold the number of rows against what the text states."""
-    stated = [int(match[1]) for text in table.notes if (match := STATED_ROWS.match(text))]
+    stated_counts = [int(match[1]) for text in table.notes if (match := STATED_ROWS.match(text))]
     count = len(table.lines)
-    if count in stated and table.end == End.UNKNOWN:
+    if count in stated_counts and table.end == End.UNKNOWN:
         return replace(table, end=End.WHOLE)
-    if stated and count < min(stated) and not is_partial:
+    if stated_counts and count < min(stated_counts) and not is_partial:
         remark = (
-            f"its text states {min(stated)} samples, and {count} rows are there: the end is"
+            f"its text states {min(stated_counts)} samples, and {count} rows are there: the end is"
             " missing, or the number counts something else"
         )
         return replace(table, end=End.MISSING, remarks=[*table.remarks, remark])

@@ -115,15 +115,15 @@ def numbered(data: bytes, first: int = 1) -> list[Line]:
     ]
 
 
-def delimiter_of(lines: Sequence[Line], stated: str = "auto") -> str:
+def delimiter_of(lines: Sequence[Line], stated_delimiter: str = "auto") -> str:
     """Find the sign between cells, where none is stated.
 
     It is the one of tab, `;`, `|`, `,` and blank with which most cells are numbers, times or
     missing, and most lines have as many. Without numbers it is the first of tab, `;` and `|` that
     every line has, or a blank if no line has a comma.
     """
-    if stated != "auto":
-        return DELIMITERS.get(stated, stated)
+    if stated_delimiter != "auto":
+        return DELIMITERS.get(stated_delimiter, stated_delimiter)
     sample = [line.text.strip() for line in lines if line.text.strip()][:SAMPLE_LINES]
     scores = {sign: _score(sample, sign) for sign in "\t;|, "}
     scores[" "] *= 0.98  # a blank also splits at tabs

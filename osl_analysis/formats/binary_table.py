@@ -149,22 +149,22 @@ def _recording_of_frame(frame: pl.DataFrame) -> Recording:
     frame = frame.with_columns(
         pl.col(pl.Categorical, pl.Enum).cast(pl.String), pl.col(pl.Decimal).cast(pl.Float64)
     )
-    known: list[str] = []
+    readable: list[str] = []
     for name, kind in frame.schema.items():
         if kind.is_numeric() or kind.is_temporal() or kind in (pl.String, pl.Boolean):
-            known.append(name)
-    if not known or not frame.height:
+            readable.append(name)
+    if not readable or not frame.height:
         raise InputError("holds no column of numbers; name a recording")
-    others = [name for name in frame.columns if name not in known]
+    others = [name for name in frame.columns if name not in readable]
     remarks: list[str] = []
     if others:
         remarks.append(f"columns that hold no numbers are not read: {listing(others, 8)}")
-    names = [name or str(place) for place, name in enumerate(known, start=1)]
+    names = [name or str(place) for place, name in enumerate(readable, start=1)]
     table = Table(
         names=names,
         units=[name_and_unit(name)[1] for name in names],
         lines=np.arange(1, frame.height + 1),
-        body=frame.select(known),
+        body=frame.select(readable),
         remarks=remarks,
         end=End.WHOLE,
     )
@@ -178,7 +178,7 @@ def _numpy_arrays(path: Path, kind: str) -> Arrays:
             return Arrays({"": np.load(path, allow_pickle=False)})
         check_archive(path)
         with path.open("rb") as file:  # numpy leaves that of a damaged archive open
-            found = dict(np.load(file, allow_pickle=False))
+            arrays = dict(np.load(file, allow_pickle=False))
     except ValueError as error:
         if "allow_pickle" not in str(error):
             raise
@@ -186,7 +186,9 @@ def _numpy_arrays(path: Path, kind: str) -> Arrays:
             "holds objects of Python, which may run a program and are not read; save arrays of"
             " numbers, as `numpy.savez(PATH, theta=theta, ...)`"
         ) from error
-    return Arrays(found, titles=[_texts(one) for one in found.values() if one.dtype.kind in "US"])
+    return Arrays(
+        arrays, titles=[_texts(array) for array in arrays.values() if array.dtype.kind in "US"]
+    )
 
 
 def _texts(array: NDArray[Any]) -> list[str]:
@@ -198,32 +200,32 @@ def _texts(array: NDArray[Any]) -> list[str]:
 def _hdf5_arrays(path: Path) -> Arrays:
     """Read the data sets of numbers by path, and what their attributes say."""
     h5py = optional_module("h5py", "an HDF5 file")
-    found = Arrays()
+    arrays = Arrays()
 
     def visit(name: str, item: Any) -> None:
         if not isinstance(item, h5py.Dataset) or item.ndim not in (1, 2):
             return
-        found.titles += _titles_of_dataset(h5py, item)
+        arrays.titles += _titles_of_dataset(h5py, item)
         if item.dtype.kind not in "biufV":
             return
         values = item[()]
         written = written_values(item)
         if written is not None and item.dtype.kind != "V":
             values = np.where(written, values.astype(np.float64), np.nan)
-        found.arrays[name] = values
+        arrays.arrays[name] = values
         for key in UNIT_ATTRIBUTES:
             text = item.attrs.get(key)
             if isinstance(text, bytes):
                 text = text.decode("latin-1")
             if isinstance(text, str):
-                found.units[name] = text
+                arrays.units[name] = text
 
     with h5py.File(path, "r") as file:
         file.visititems(visit)
         for name, value in file.attrs.items():
-            if np.size(value) == 1 and name not in found.arrays:
-                found.arrays[name] = np.ravel(value)
-    return found
+            if np.size(value) == 1 and name not in arrays.arrays:
+                arrays.arrays[name] = np.ravel(value)
+    return arrays
 
 
 def _titles_of_dataset(h5py: Any, item: Any) -> list[list[str]]:
@@ -237,7 +239,7 @@ def _titles_of_dataset(h5py: Any, item: Any) -> list[list[str]]:
                 lists.append([text for code, text, _ in operations if "UNICODE" in code.name])
     if h5py.check_string_dtype(item.dtype) and item.size <= MOST_COLUMNS:
         lists.append(item.asstr()[()])
-    return [[str(text) for text in one] for one in lists if np.ndim(one) == 1]
+    return [[str(text) for text in titles] for titles in lists if np.ndim(titles) == 1]
 
 
 def written_values(item: Any) -> NDArray[np.bool_] | None:
@@ -250,29 +252,29 @@ def written_values(item: Any) -> NDArray[np.bool_] | None:
     if not item.chunks:
         return None
     chunks = [item.id.get_chunk_info(k) for k in range(item.id.get_num_chunks())]
-    stored = [one for one in chunks if one.byte_offset is not None]
+    stored = [chunk for chunk in chunks if chunk.byte_offset is not None]
     pairs = zip(item.shape, item.chunks, strict=True)
     needed = int(np.prod([-(-size // part) for size, part in pairs]))
     if len(stored) >= needed:
         return None
     written = np.zeros(item.shape, bool)
-    for one in stored:
+    for chunk in stored:
         place = tuple(
             slice(start, start + part)
-            for start, part in zip(one.chunk_offset, item.chunks, strict=True)
+            for start, part in zip(chunk.chunk_offset, item.chunks, strict=True)
         )
         written[place] = True
     return written
 
 
-def _recording_of_arrays(found: Arrays) -> Recording:
+def _recording_of_arrays(file_arrays: Arrays) -> Recording:
     """Make a channel of each array, column of a matrix, and field of records.
 
     Those of one length in one group share rows. Single numbers, such as a rate, become notes.
     """
     columns: dict[str, NDArray[Any]] = {}
-    titles = titles_by_width(found.titles, found.arrays.values())
-    for name, array in found.arrays.items():
+    titles = titles_by_width(file_arrays.titles, file_arrays.arrays.values())
+    for name, array in file_arrays.arrays.items():
         columns |= columns_in(name, array, titles)
     columns = {name: values for name, values in columns.items() if values.dtype.kind in NUMBERS}
     notes = [f"{name}={values[0]}" for name, values in columns.items() if values.size == 1]
@@ -291,7 +293,7 @@ def _recording_of_arrays(found: Arrays) -> Recording:
         are_times = values.dtype.kind in "mM"
         if are_times:
             values = values.astype(f"{values.dtype.kind}8[ns]").astype(np.int64)
-        unit = "ns" if are_times else found.units.get(title, "") or unit
+        unit = "ns" if are_times else file_arrays.units.get(title, "") or unit
         channels.append(
             Channel(
                 address={"column": lasting_name(place, list(signals))},
@@ -317,17 +319,17 @@ def _recording_of_arrays(found: Arrays) -> Recording:
 def titles_by_width(lists: Sequence[Sequence[str]], arrays: Any = ()) -> dict[int, Sequence[str]]:
     """Lists of different titles that stand beside matrices, by how many columns they name, where
     one list does, and one matrix has so many."""
-    found: dict[int, set[tuple[str, ...]]] = {}
+    by_width: dict[int, set[tuple[str, ...]]] = {}
     for titles in lists:
         if all(titles) and len(set(titles)) == len(titles) > 1:
-            found.setdefault(len(titles), set()).add(tuple(titles))
+            by_width.setdefault(len(titles), set()).add(tuple(titles))
     widths: list[int] = []
     for array in arrays:
         parts = [array[name] for name in array.dtype.names] if array.dtype.names else [array]
         widths += [min(part.shape) for part in parts if part.ndim == 2]
     return {
         width: min(alike)
-        for width, alike in found.items()
+        for width, alike in by_width.items()
         if len(alike) == 1 and widths.count(width) in (0, 1)
     }
 
@@ -349,7 +351,7 @@ def columns_in(
     names = titles.get(len(lines))
     if names is None:
         names = [f"{name} {number}".strip() for number in range(1, len(lines) + 1)]
-    return {own: np.ascontiguousarray(line) for own, line in zip(names, lines, strict=True)}
+    return {title: np.ascontiguousarray(line) for title, line in zip(names, lines, strict=True)}
 
 
 def _begins(begin: bytes) -> bool:

@@ -240,7 +240,7 @@ def _long_frames(header: Header) -> int:
 def parse_parameters(data: bytes, position: int, end: int, processor: str) -> Parameters:
     """Read the parameters by `GROUP:NAME`. Groups may follow their parameters."""
     groups: dict[int, str] = {}
-    found: list[tuple[int, str, Array | list[str]]] = []
+    values: list[tuple[int, str, Array | list[str]]] = []
     while position < end and data[position] != 0:
         length, group = struct.unpack_from("bb", data, position)
         name_end = position + 2 + abs(length)
@@ -254,14 +254,14 @@ def parse_parameters(data: bytes, position: int, end: int, processor: str) -> Pa
             groups[-group] = name
         else:
             value, value_end = _parameter_value(data, name_end + 2, processor, name)
-            found.append((group, name, value))
+            values.append((group, name, value))
         position = name_end + step
         if step == 0:
             break
         # else a damaged section is read as another one
         if not value_end <= position <= end:
             raise InputError(f"the parameter section is damaged after {name!r}")
-    return {f"{groups.get(group, group)}:{name}": value for group, name, value in found}
+    return {f"{groups.get(group, group)}:{name}": value for group, name, value in values}
 
 
 def _parameter_value(
@@ -465,37 +465,39 @@ def plate_of(header: Header, number: int, analogs: Sequence[Channel], length_uni
             f"plate {number} of type {kind} needs {needed} channels, FORCE_PLATFORM:CHANNEL gives"
             f" {numbers.tolist()} of the file's {header.channels}; correct it"
         )
-    channels = [analogs[one - 1] for one in numbers.tolist()]
+    channels = [analogs[channel_number - 1] for channel_number in numbers.tolist()]
     facts = {"analogs": numbers.tolist()}
     return Plate(number, kind, corners, origin, channels, length_unit, calibration, facts=facts)
 
 
 def _stated_plate(
-    number: int, stated: PlateGeometry, analogs: Sequence[Channel], length_unit: str
+    number: int, geometry: PlateGeometry, analogs: Sequence[Channel], length_unit: str
 ) -> Plate:
     """Describe a plate by the source file."""
     channels: list[Channel] = []
-    for label in stated.channels:
-        alike = [one for one in analogs if one.name == label]
+    for label in geometry.channels:
+        alike = [analog for analog in analogs if analog.name == label]
         if not alike and label.isdigit() and 0 < int(label) <= len(analogs):
             alike = [analogs[int(label) - 1]]
         if len(alike) != 1:
-            names = listing([one.name for one in analogs])
+            names = listing([analog.name for analog in analogs])
             raise InputError(
                 f"plate {number}: '{label}' names {len(alike)} analog channels (the file has"
                 f" {names}); write its number, or correct `plate_geometry` in the source file"
             )
         channels += alike
-    corners = np.array(stated.corners)
+    corners = np.array(geometry.corners)
     if not np.isfinite(own_axes(corners)).all():
         raise InputError(
             f"plate {number}: its corners span no plane; correct `plate_geometry` in the source"
             " file"
         )
-    numbers = [next(n for n, one in enumerate(analogs, 1) if one is used) for used in channels]
+    numbers = [
+        next(n for n, analog in enumerate(analogs, 1) if analog is used) for used in channels
+    ]
     facts = {"analogs": numbers}
-    origin = np.array(stated.origin)
-    return Plate(number, stated.type, corners, origin, channels, length_unit, facts=facts)
+    origin = np.array(geometry.origin)
+    return Plate(number, geometry.type, corners, origin, channels, length_unit, facts=facts)
 
 
 def plates_of(
@@ -510,26 +512,26 @@ def plates_of(
         What is wrong with plates that are not asked for by a source file.
     """
     count = plate_count(header)
-    stated = source.plate_geometry if source is not None else {}
-    every = sorted({*range(1, count + 1), *stated})
-    wanted = every
+    geometries = source.plate_geometry if source is not None else {}
+    numbers = sorted({*range(1, count + 1), *geometries})
+    wanted = numbers
     if source is not None and source.plates != "all":
         wanted = list(source.plates)
     plates: list[Plate] = []
     remarks: list[str] = []
     for number in wanted:
-        if number not in every:
+        if number not in numbers:
             raise _no_plate(number, count, analogs)
         try:
-            if number in stated:
-                plates.append(_stated_plate(number, stated[number], analogs, length_unit))
+            if number in geometries:
+                plates.append(_stated_plate(number, geometries[number], analogs, length_unit))
             else:
                 plates.append(plate_of(header, number, analogs, length_unit))
         except InputError as error:
             if source is None:
                 remarks.append(str(error))
                 continue
-            others = [one for one in every if one != number] or "none"
+            others = [other for other in numbers if other != number] or "none"
             raise InputError(f"{error} (or leave this plate out: `plates: {others}`)") from error
     alike = _like_plates(analogs)
     if source is None and not count and alike:
@@ -543,7 +545,7 @@ def plates_of(
 
 def _like_plates(analogs: Sequence[Channel]) -> list[str]:
     """Channels that are called like the six of a force plate; empty if there are fewer."""
-    alike = [one.name for one in analogs if PLATE_LABEL.search(one.name)]
+    alike = [analog.name for analog in analogs if PLATE_LABEL.search(analog.name)]
     return alike if len(alike) >= CHANNELS_OF_PLATE[2] else []
 
 

@@ -87,17 +87,19 @@ def _table_of_lines(lines: Sequence[Line], layout: Layout, is_ended: bool) -> Ta
     content: list[Line] = []
     for line in lines:
         text = line.text.strip()
-        sign = next((one for one in layout.comment_signs if text.startswith(one)), None)
+        sign = next(
+            (beginning for beginning in layout.comment_signs if text.startswith(beginning)), None
+        )
         if sign is None:
             content.append(line)
         else:
             comments.append(Line(line.number, text[len(sign) :].strip()))
     if content:
-        stated = re.fullmatch(r"sep=(.)", content[0].text.strip())  # as Excel reads it
-        if stated:
+        of_excel = re.fullmatch(r"sep=(.)", content[0].text.strip())  # as Excel reads it
+        if of_excel:
             content = content[1:]
             if layout.delimiter == "auto":
-                layout = replace(layout, delimiter=stated[1])
+                layout = replace(layout, delimiter=of_excel[1])
     delimiter = delimiter_of(content, layout.delimiter)
     rows = split_rows(content, delimiter)
     return table_of_rows(rows, comments, layout, delimiter, is_ended)

@@ -53,11 +53,11 @@ class Lines:
 
     def __init__(self, path: Path) -> None:
         data = in_utf8(path.read_bytes())
-        every = data.split(b"\n")
-        self.texts = [text for text in every if text.strip()]
-        self.numbers = [number for number, text in enumerate(every, start=1) if text.strip()]
+        lines = data.split(b"\n")
+        self.texts = [text for text in lines if text.strip()]
+        self.numbers = [number for number, text in enumerate(lines, start=1) if text.strip()]
         self.cut_line = 0  # the last line, if it breaks off, as a killed logger leaves it
-        if every[-1].strip() and not _is_json(every[-1]):
+        if lines[-1].strip() and not _is_json(lines[-1]):
             self.cut_line = self.numbers.pop()
             self.texts.pop()
         if not self.texts:
@@ -69,12 +69,12 @@ class Lines:
     def fields(self) -> dict[str, str]:
         """Path and type of every number, of long files by some of their lines."""
         some = np.unique(np.linspace(0, len(self.texts) - 1, LISTED_LINES).astype(np.int64))
-        found: dict[str, str] = {}
+        fields: dict[str, str] = {}
         for row in some.tolist():
             with suppress(ValueError, RecursionError):
-                for one in fields_in(json.loads(self.texts[row]), MOST_ELEMENTS):
-                    found.setdefault(one.path, one.type)
-        return found
+                for description in fields_in(json.loads(self.texts[row]), MOST_ELEMENTS):
+                    fields.setdefault(description.path, description.type)
+        return fields
 
     def decode(
         self, fields: Sequence[str], asked: Collection[str] = (), most: int | None = None
@@ -100,12 +100,12 @@ class Lines:
             columns = self._decode_some(some, begin, fields, asked)
             for field, numbers in columns.items():
                 parts[field].append(masked_numbers(field, numbers))
-        found: dict[str, NDArray[Any]] = {}
+        columns: dict[str, NDArray[Any]] = {}
         for field, pieces in parts.items():
             column = joined_columns(pieces)
             if not np.ma.getmaskarray(column).all():
-                found[field] = column
-        return found
+                columns[field] = column
+        return columns
 
     def _decode_some(
         self, texts: Sequence[bytes], begin: int, fields: Sequence[str], asked: Collection[str]

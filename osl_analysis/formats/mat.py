@@ -95,7 +95,7 @@ def read(path: Path, source: MatSource | None) -> Recording:
         else:
             raw, remarks = _load(path)
     masks = _never_written(path) if is_73 else {}
-    variables = {name: value_of(one) for name, one in raw.items()}
+    variables = {name: value_of(raw_value) for name, raw_value in raw.items()}
     listed = list(variables_in(variables))
     part = source.log_part if source is not None else ""
     channels = _channels_of(variables, listed, part, masks)
@@ -137,7 +137,9 @@ def _load(path: Path) -> tuple[dict[str, Any], list[str]]:
         if not raw:
             reason = " ".join(str(error).split())[:100]
             raise InputError(f"cannot be read ({reason}); {SAVE_AGAIN}") from error
-    return {name: one for name, one in raw.items() if not name.startswith("__")}, remarks
+    return {
+        name: raw_value for name, raw_value in raw.items() if not name.startswith("__")
+    }, remarks
 
 
 def _end_of_whole_variables(path: Path, begin: bytes) -> int:
@@ -277,22 +279,29 @@ def _joined_logs(variables: Mapping[str, Value], listed: Sequence[Variable]) -> 
     part: with its time, the same in all, or beside the one variable `tout`; empty if there are
     none."""
     logs = [name for name, value in variables.items() if is_log_of_simulink(value)]
-    of_logs = [one for one in listed if one.part in logs and one.value.numbers is not None]
-    of_logs = [one for one in of_logs if max(one.value.shape) >= FEWEST_SAMPLES]
-    clocks = [one for one in of_logs if one.name == "time"]
-    signals = [one for one in of_logs if one.name != "time"]
+    of_logs = [
+        variable
+        for variable in listed
+        if variable.part in logs and variable.value.numbers is not None
+    ]
+    of_logs = [variable for variable in of_logs if max(variable.value.shape) >= FEWEST_SAMPLES]
+    clocks = [variable for variable in of_logs if variable.name == "time"]
+    signals = [variable for variable in of_logs if variable.name != "time"]
     if not clocks:
-        clocks = [one for one in listed if one.address == "tout"]
-    shapes = {one.value.shape for one in (*clocks, *signals)}
-    times = {np.asarray(one.value.numbers).tobytes() for one in clocks}
+        clocks = [variable for variable in listed if variable.address == "tout"]
+    shapes = {variable.value.shape for variable in (*clocks, *signals)}
+    times = {np.asarray(variable.value.numbers).tobytes() for variable in clocks}
     # signals of several trials are called the same in each
-    is_one_trial = len(signals) in (len(logs), len({one.name for one in signals}))
+    is_one_trial = len(signals) in (len(logs), len({variable.name for variable in signals}))
     if not is_one_trial or len(logs) < 2 or len(signals) < len(logs):
         return []
     if len(shapes) != 1 or len(times) != 1:
         return []
-    joined = [Variable("", one.address, one.address, one.value) for one in (clocks[0], *signals)]
-    others = [one for one in listed if one.part and one.part not in logs]
+    joined = [
+        Variable("", variable.address, variable.address, variable.value)
+        for variable in (clocks[0], *signals)
+    ]
+    others = [variable for variable in listed if variable.part and variable.part not in logs]
     return [*joined, *others]
 
 
@@ -310,9 +319,9 @@ def _short_numbers(listed: Sequence[Variable]) -> list[str]:
 def _not_read(listed: Sequence[Variable]) -> list[str]:
     """Say which variables are not read, and what to do."""
     remarks = [
-        f"{one.address} is a {one.value.described()}, which is not read; {one.value.remedy()}"
-        for one in listed[:MOST_LISTED]
-        if one.value.numbers is None and one.value.kind not in ("char", "struct", "cell")
+        f"{variable.address} is a {variable.value.described()}, which is not read; {variable.value.remedy()}"
+        for variable in listed[:MOST_LISTED]
+        if variable.value.numbers is None and variable.value.kind not in ("char", "struct", "cell")
     ]
     if len(listed) > MOST_LISTED:
         remarks.append(f"and {len(listed) - MOST_LISTED} more variables")

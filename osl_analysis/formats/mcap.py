@@ -95,7 +95,9 @@ class Log:
         self.statistics: Statistics | None = None
         self.end = End.MISSING
         self.remarks: list[str] = []
-        self.is_data_wrong = False  # by the checksum of the data section
+        # by the checksum of the data section, which covers every message
+        self.is_data_wrong = False
+        self.is_data_right = False
         self._chunk: IndexedChunk | None = None
 
     def walk(self) -> None:
@@ -124,7 +126,9 @@ class Log:
             elif opcode == Opcode.DATA_END and not has_data_end:
                 has_data_end = True
                 checksum = DataEnd.read(_stream(data[start:end])).data_section_crc
-                self.is_data_wrong = bool(checksum) and zlib.crc32(data[:position]) != checksum
+                is_right = bool(checksum) and zlib.crc32(data[:position]) == checksum
+                self.is_data_wrong = bool(checksum) and not is_right
+                self.is_data_right = is_right
             elif opcode == Opcode.FOOTER:
                 self._take_footer(end)
             position = end
@@ -263,14 +267,14 @@ class Log:
                 self.lost[number] += int(counts[number])
             if number not in self.topics:
                 continue
-            own = np.flatnonzero(channel == number)
+            of_channel = np.flatnonzero(channel == number)
             self.topics[number].add(
                 Messages(
                     buffer=content,
-                    starts=places[own] + MESSAGE.itemsize,
-                    lengths=lengths[own],
-                    log_times_ns=log_times_ns[own],
-                    sequence=sequence[own],
+                    starts=places[of_channel] + MESSAGE.itemsize,
+                    lengths=lengths[of_channel],
+                    log_times_ns=log_times_ns[of_channel],
+                    sequence=sequence[of_channel],
                 )
             )
 
@@ -283,9 +287,9 @@ class Log:
                 raise _joined("schema", schema.id, known_schema.name, schema.name)
             return
         channel = Channel.read(_stream(content))
-        known = self.channels.setdefault(channel.id, channel)
-        if known != channel:
-            raise _joined("channel", channel.id, known.topic, channel.topic)
+        known_channel = self.channels.setdefault(channel.id, channel)
+        if known_channel != channel:
+            raise _joined("channel", channel.id, known_channel.topic, channel.topic)
         if channel.id in self.topics or (
             self.wanted is not None and channel.topic not in self.wanted
         ):
@@ -327,9 +331,12 @@ class Log:
             if declared is not None:
                 most = declared[number]
             before, before_most = by_topic.get(channel.topic, (0, 0))
-            told = expected is not None and before_most is not None
-            by_topic[channel.topic] = (before + count, (before_most or 0) + most if told else None)
-        checksums = "absent"
+            is_known = expected is not None and before_most is not None
+            by_topic[channel.topic] = (
+                before + count,
+                (before_most or 0) + most if is_known else None,
+            )
+        checksums = "checked" if self.is_data_right else "absent"
         if self.checked:
             checksums = "checked" if self.checked == self.read.total() else "mixed"
         return Loss(read, expected, self.end, by_topic, checksums, tuple(remarks))
@@ -406,9 +413,9 @@ def runs_of_messages(
     }
 
 
-def _joined(what: str, number: int, name: str, other: str) -> InputError:
+def _joined(what: str, number: int, name: str, other_name: str) -> InputError:
     return InputError(
-        f"{what} {number} is {name!a} in one part of the file and {other!a} in another: two logs"
+        f"{what} {number} is {name!a} in one part of the file and {other_name!a} in another: two logs"
         " were joined, or the file is damaged; record again, or give each log a file of its own"
     )
 

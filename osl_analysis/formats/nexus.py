@@ -132,8 +132,8 @@ def read_sections(path: Path, source: NexusSource | None) -> dict[str, Section]:
     text = read_text(path)
     lines = numbered(text.data)
     headers = [line for line in lines if line.text.lstrip('"').casefold().startswith("frame")]
-    stated = source.delimiter if source is not None else "auto"
-    rows = split_rows(lines, delimiter_of(headers[:1], stated))
+    delimiter = source.delimiter if source is not None else "auto"
+    rows = split_rows(lines, delimiter_of(headers[:1], delimiter))
     starts = [place for place in range(len(rows) - 3) if _begins_section(rows, place)]
     if not starts:
         raise InputError(
@@ -218,23 +218,23 @@ def read(path: Path, source: NexusSource | None) -> Recording:
     )
     if source is None:
         return recording
-    plates = [_plate_of(recording, number, stated) for number, stated in source.plates.items()]
+    plates = [_plate_of(recording, number, settings) for number, settings in source.plates.items()]
     return replace(recording, plates=plates)
 
 
-def _plate_of(recording: Recording, number: int, stated: NexusPlate) -> Plate:
+def _plate_of(recording: Recording, number: int, settings: NexusPlate) -> Plate:
     """Describe a plate whose force and moment were exported."""
     channels = [
         recording.find(
-            {"device": f"{stated.device} - {quantity}", "component": f"{quantity[0]}{axis}"}
+            {"device": f"{settings.device} - {quantity}", "component": f"{quantity[0]}{axis}"}
         )
         for quantity in ("Force", "Moment")
         for axis in AXES
     ]
-    corners = np.array(stated.corners)
+    corners = np.array(settings.corners)
     about = corners.mean(axis=0)
-    if stated.moment_about is not None:
-        about = np.array(stated.moment_about)
+    if settings.moment_about is not None:
+        about = np.array(settings.moment_about)
     return Plate(
         number=number,
         type=EXPORTED,
@@ -242,8 +242,8 @@ def _plate_of(recording: Recording, number: int, stated: NexusPlate) -> Plate:
         origin=about,
         channels=channels,
         length_unit="mm",
-        sign=stated.sign,
-        facts={"device": stated.device, "sign": stated.sign},
+        sign=settings.sign,
+        facts={"device": settings.device, "sign": settings.sign},
     )
 
 
@@ -252,7 +252,7 @@ def _points_of(section: Section, rows: Rows) -> list[Channel]:
     is_marker = section.title == TRAJECTORIES
     channels: list[Channel] = []
     for place in range(2, len(section.components) - 2):
-        components = [one.casefold() for one in section.components[place : place + 3]]
+        components = [component.casefold() for component in section.components[place : place + 3]]
         name = section.names[place]
         if tuple(components) != AXES or not name:
             continue
@@ -296,17 +296,19 @@ def _find_column(
         raise InputError(
             f"no section {TRAJECTORIES}; the file has {', '.join(sections)}; export it too"
         )
-    columns = [one for one in channels if "device" in one.address]
+    columns = [channel for channel in channels if "device" in channel.address]
     if not columns:
         raise InputError(f"no section Devices; the file has {', '.join(sections)}; export it too")
     component = address["component"].casefold()
-    alike = [one for one in columns if one.address["component"].casefold() == component]
-    exact = [one for one in alike if one.address["device"] == device]
-    found = exact or [one for one in alike if without_subject(one.address["device"]) == device]
-    if len(found) == 1:
-        return found[0]
-    count = f"occurs {len(found)} times" if found else "is missing"
-    names = sorted({one.key for one in columns})
+    alike = [channel for channel in columns if channel.address["component"].casefold() == component]
+    exact = [channel for channel in alike if channel.address["device"] == device]
+    matches = exact or [
+        channel for channel in alike if without_subject(channel.address["device"]) == device
+    ]
+    if len(matches) == 1:
+        return matches[0]
+    count = f"occurs {len(matches)} times" if matches else "is missing"
+    names = sorted({channel.key for channel in columns})
     raise InputError(
         f"'{device}' {address['component']} {count} under Devices; there are {listing(names)};"
         " correct the name in the source file"

@@ -97,11 +97,11 @@ class OpenSimSource(SheetSource, InAxes):
 def header_of(lines: Sequence[str]) -> dict[str, str]:
     """What a header says, by key in small letters: `nRows=12`, or as older versions write it
     `datarows 12`."""
-    found: dict[str, str] = {}
+    header: dict[str, str] = {}
     for text in lines:
         key, _, value = text.partition("=" if "=" in text else " ")
-        found[key.strip().casefold()] = value.strip()
-    return found
+        header[key.strip().casefold()] = value.strip()
+    return header
 
 
 def read(path: Path, source: OpenSimSource | None) -> Recording:
@@ -139,20 +139,20 @@ def read(path: Path, source: OpenSimSource | None) -> Recording:
     recording = replace(recording, settings=settings)
     if source is None:
         return recording
-    plates = [_plate_of(recording, number, stated) for number, stated in source.plates.items()]
+    plates = [_plate_of(recording, number, settings) for number, settings in source.plates.items()]
     return replace(recording, plates=plates)
 
 
-def _plate_of(recording: Recording, number: int, stated: OpenSimPlate) -> Plate:
+def _plate_of(recording: Recording, number: int, settings: OpenSimPlate) -> Plate:
     """Describe a plate by the columns of its force, its point of application, and the moment about
     this point."""
-    quantities = ((stated.force, "N"), (stated.moment, "N*m"), (stated.point, "m"))
+    quantities = ((settings.force, "N"), (settings.moment, "N*m"), (settings.point, "m"))
     channels = [
         replace(recording.find({"column": f"{begin}{axis}"}), unit=unit)
         for begin, unit in quantities
         for axis in AXES
     ]
-    corners = np.array(stated.corners)
+    corners = np.array(settings.corners)
     return Plate(
         number=number,
         type=EXPORTED,
@@ -160,21 +160,21 @@ def _plate_of(recording: Recording, number: int, stated: OpenSimPlate) -> Plate:
         origin=corners.mean(axis=0),
         channels=channels,
         length_unit="m",
-        sign=stated.sign,
-        foot=stated.foot,
-        facts=stated.model_dump(include={"force", "point", "moment", "sign"}),
+        sign=settings.sign,
+        foot=settings.foot,
+        facts=settings.model_dump(include={"force", "point", "moment", "sign"}),
     )
 
 
 def _check_counts(header: Mapping[str, str], rows: int, columns: int) -> bool:
     """Refuse a table that is not as long or wide as stated; tells whether its rows are stated."""
     for what, count in (("rows", rows), ("columns", columns)):
-        stated = header.get(f"n{what}") or header.get(f"data{what}") or ""
-        if stated and stated != str(count):
-            is_cut = stated.isdigit() and int(stated) > count
+        stated_count = header.get(f"n{what}") or header.get(f"data{what}") or ""
+        if stated_count and stated_count != str(count):
+            is_cut = stated_count.isdigit() and int(stated_count) > count
             cut = ": the end is missing, or some are damaged" if is_cut else ""
             raise InputError(
-                f"its header states {stated[:20]} {what}, the file holds {count} whole ones{cut};"
+                f"its header states {stated_count[:20]} {what}, the file holds {count} whole ones{cut};"
                 " export it again, or correct the header"
             )
     return bool(header.get("nrows") or header.get("datarows"))
@@ -188,12 +188,12 @@ def _check_angles(source: OpenSimSource, header: Mapping[str, str]) -> None:
         canonical = unit_of(column)
         if canonical not in units:
             continue
-        told = units[canonical]
-        is_same = np.isclose(si_factor(channel.unit, canonical), si_factor(told, canonical))
+        unit_of_file = units[canonical]
+        is_same = np.isclose(si_factor(channel.unit, canonical), si_factor(unit_of_file, canonical))
         if not is_same:
             raise InputError(
                 f"its header says inDegrees={in_degrees}, and column '{channel.column}' is read in"
-                f" {channel.unit}; write {told}, as {source.place('channels', column, 'unit')}"
+                f" {channel.unit}; write {unit_of_file}, as {source.place('channels', column, 'unit')}"
             )
 
 

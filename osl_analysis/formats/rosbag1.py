@@ -76,13 +76,15 @@ class Bag:
         self.chunks_lost = 0
         self.remarks: list[str] = []
         wanted = _messages.wanted_fields(source)
-        for one in reader.connections:
-            self.name_of[one.id] = one.topic
-            if wanted is not None and one.topic not in wanted:
+        for connection in reader.connections:
+            self.name_of[connection.id] = connection.topic
+            if wanted is not None and connection.topic not in wanted:
                 continue
-            schema = Schema(short_name(one.msgtype), "ros1msg", one.msgdef.data.encode())
-            fields = None if wanted is None else wanted[one.topic]
-            self.topics[one.id] = Topic(one.topic, "ros1", schema, fields)
+            schema = Schema(
+                short_name(connection.msgtype), "ros1msg", connection.msgdef.data.encode()
+            )
+            fields = None if wanted is None else wanted[connection.topic]
+            self.topics[connection.id] = Topic(connection.topic, "ros1", schema, fields)
         for chunk in reader.chunk_infos:
             for connection, count in chunk.connection_counts.items():
                 self.expected[self.name_of[connection]] += count
@@ -119,11 +121,16 @@ class Bag:
         if (data + 4 + lengths > len(content)).any():
             raise ValueError(f"a message reaches beyond its {len(content)} bytes")
         for connection in np.unique(connections).tolist():
-            own = connections == connection
-            self.read[self.name_of[connection]] += int(own.sum())
+            of_connection = connections == connection
+            self.read[self.name_of[connection]] += int(of_connection.sum())
             if connection in self.topics:
                 self.topics[connection].add(
-                    Messages(content, data[own] + 4, lengths[own], times_ns[own])
+                    Messages(
+                        content,
+                        data[of_connection] + 4,
+                        lengths[of_connection],
+                        times_ns[of_connection],
+                    )
                 )
 
     def loss(self) -> Loss:

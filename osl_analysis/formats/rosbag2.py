@@ -201,14 +201,14 @@ def _take_rows(rows: Sequence[Any], topics: Mapping[int, Topic], bag: Bag) -> in
             continue
         payloads.setdefault(number, []).append(_unpacked(data))
         times.setdefault(number, []).append(time_ns)
-    for number, own in payloads.items():
+    for number, of_topic in payloads.items():
         topic = topics[number]
-        bag.read[topic.name] += len(own)
+        bag.read[topic.name] += len(of_topic)
         if bag.wanted is not None and topic.name not in bag.wanted:
             continue
-        lengths = np.array([len(payload) for payload in own], np.int64)
+        lengths = np.array([len(payload) for payload in of_topic], np.int64)
         starts = np.cumsum(lengths) - lengths
-        topic.add(Messages(b"".join(own), starts, lengths, np.array(times[number], np.int64)))
+        topic.add(Messages(b"".join(of_topic), starts, lengths, np.array(times[number], np.int64)))
     return strangers
 
 
@@ -243,19 +243,19 @@ def _definition_of(kind: str, definitions: Mapping[str, tuple[str, str]]) -> str
     lacking = f"the bag has no definition of type '{kind}'"
     with naming(lacking):
         library = optional_module("rosbags.typesys", "a bag without definitions of its messages")
-    found: dict[str, str] = {}  # by what they mean: comments differ
+    texts: dict[str, str] = {}  # by what they mean: comments differ
     for store_name in library.Stores:
         if not store_name.name.startswith("ROS2_"):
             continue
         store = library.get_typestore(store_name)
         if kind in store.types:
             text = str(store.generate_msgdef(kind, ros_version=2)[0])
-            found[repr(message_type(kind, text, is_ros1=False))] = text
-    if not found:
+            texts[repr(message_type(kind, text, is_ros1=False))] = text
+    if not texts:
         raise InputError(f"{lacking}, which is no standard one; {CONVERT}")
-    if len(found) > 1:
+    if len(texts) > 1:
         raise InputError(f"{lacking}, which differs between the distributions of ROS 2; {CONVERT}")
-    return found.popitem()[1]
+    return texts.popitem()[1]
 
 
 @contextmanager
@@ -296,11 +296,13 @@ def _check_size(path: Path) -> list[str]:
     size = path.stat().st_size
     if changes != counted_at:
         return []  # an old sqlite wrote it, and did not count
-    stated = (LARGEST_PAGE if page == 1 else page) * pages
-    if size < stated:
-        raise InputError(f"the database is cut off: it has {size} of its {stated} bytes; {RECOVER}")
-    if 0 < stated < size:
-        return [f"{size - stated} bytes stand behind its pages, and are not read"]
+    stated_size = (LARGEST_PAGE if page == 1 else page) * pages
+    if size < stated_size:
+        raise InputError(
+            f"the database is cut off: it has {size} of its {stated_size} bytes; {RECOVER}"
+        )
+    if 0 < stated_size < size:
+        return [f"{size - stated_size} bytes stand behind its pages, and are not read"]
     return []
 
 

@@ -111,36 +111,44 @@ def read(path: Path, source: TdmsSource | None) -> Recording:
     optional_module("nptdms.log", "a TDMS file").log_manager.set_level(logging.ERROR)
     # of bytes: it would go by an index beside the file, maybe another's
     file = nptdms.TdmsFile.open(BytesIO(data), raw_timestamps=True)
-    every = [Timed(channel) for group in file.groups() for channel in group.channels()]
-    if not every:
+    channels_of_file = [Timed(channel) for group in file.groups() for channel in group.channels()]
+    if not channels_of_file:
         raise InputError(
             f"the TDMS file holds no channels, or is cut off before them; {SAVE_AGAIN}"
         )
-    _check_one_recording(nptdms, data, every)
+    _check_one_recording(nptdms, data, channels_of_file)
     remarks: list[str] = []
     end = End.UNKNOWN
     status = file.file_status
     if status.incomplete_final_segment or _end_of_segments(data) != len(data):
         end = End.MISSING
         statuses = (status.channel_statuses or {}).values()
-        lost = max((one.expected_length - one.read_length for one in statuses), default=0)
+        lost = max(
+            (
+                channel_status.expected_length - channel_status.read_length
+                for channel_status in statuses
+            ),
+            default=0,
+        )
         count = f"at least {lost} values of a channel" if lost else "how much is not known"
         remarks.append(
             "the last segment is not complete: the recorder did not finish, or the end is lost;"
             f" {count}"
         )
-    signals = [one for one in every if one.holds_numbers or one.holds_times]
+    signals = [
+        channel for channel in channels_of_file if channel.holds_numbers or channel.holds_times
+    ]
     by_rows = source is not None and not _is_by_properties(source)
     # the last segment may be cut within a channel: rows end with the shortest one
     channels = _channels_of(signals, to_shortest=by_rows and end == End.MISSING)
-    read_count = max((one.rows.count for one in channels), default=0)
+    read_count = max((channel.rows.count for channel in channels), default=0)
     properties = {str(key): str(value)[:200] for key, value in list(file.properties.items())[:20]}
     recording = Recording(
         format="tdms",
         channels=channels,
         loss=Loss(read_count, None, end, remarks=remarks),
-        facts={"channels": str(len(every)), **properties},
-        find_unlisted=partial(_find_unlisted, every),
+        facts={"channels": str(len(channels_of_file)), **properties},
+        find_unlisted=partial(_find_unlisted, channels_of_file),
     )
     if source is not None:
         _check_counts(recording, source)
@@ -149,52 +157,52 @@ def read(path: Path, source: TdmsSource | None) -> Recording:
 
 def _channels_of(signals: Sequence[Timed], to_shortest: bool) -> list[Channel]:
     """Make channels, of which those of one timing share rows."""
-    first_ns = min((one.start_ns for one in signals if one.step_s is not None), default=0)
+    first_ns = min((signal.start_ns for signal in signals if signal.step_s is not None), default=0)
     rows_by_timing: dict[tuple[Any, ...], Rows] = {}
     channels: list[Channel] = []
-    for one in signals:
-        group = one.channel.group_name
-        count = one.count
+    for signal in signals:
+        group = signal.channel.group_name
+        count = signal.count
         if to_shortest:
             alike = [
                 other.count
                 for other in signals
                 if other.channel.group_name == group
-                and (other.start_ns, other.step_s) == (one.start_ns, one.step_s)
+                and (other.start_ns, other.step_s) == (signal.start_ns, signal.step_s)
             ]
             count = min(alike)
-        key = (group, count, one.start_ns, one.step_s)
+        key = (group, count, signal.start_ns, signal.step_s)
         if key not in rows_by_timing:
-            is_timed = one.step_s is not None
+            is_timed = signal.step_s is not None
             rows_by_timing[key] = Rows(
                 count,
                 name=group,
-                rate_hz=1 / one.step_s if one.step_s is not None else None,
-                start_s=(one.start_ns - first_ns) * NS if is_timed else 0.0,
+                rate_hz=1 / signal.step_s if signal.step_s is not None else None,
+                start_s=(signal.start_ns - first_ns) * NS if is_timed else 0.0,
                 noun="value",
             )
-        unit = "ns" if one.holds_times else one.unit
+        unit = "ns" if signal.holds_times else signal.unit
         channels.append(
             Channel(
-                address={"channel": one.address},
+                address={"channel": signal.address},
                 rows=rows_by_timing[key],
-                read=partial(one.values, count),
-                name=one.channel.name,
+                read=partial(signal.values, count),
+                name=signal.channel.name,
                 unit=unit,
-                likely_unit="" if unit else name_and_ending(one.channel.name)[1],
-                kind=Kind.CLOCK if one.holds_times else Kind.SIGNAL,
-                type=one.kind.name,
+                likely_unit="" if unit else name_and_ending(signal.channel.name)[1],
+                kind=Kind.CLOCK if signal.holds_times else Kind.SIGNAL,
+                type=signal.kind.name,
             )
         )
     return channels
 
 
-def _find_unlisted(every: Sequence[Timed], address: Mapping[str, str]) -> Channel | None:
+def _find_unlisted(channels_of_file: Sequence[Timed], address: Mapping[str, str]) -> Channel | None:
     """Say why a channel that the file has is not listed."""
     wanted = address["channel"]
-    for one in every:
-        if wanted in (one.address, one.channel.name):
-            raise one.no_numbers()
+    for channel in channels_of_file:
+        if wanted in (channel.address, channel.channel.name):
+            raise channel.no_numbers()
     return None
 
 
@@ -248,7 +256,7 @@ def _end_of_segments(data: bytes) -> int:
     return end
 
 
-def _check_one_recording(nptdms: Any, data: bytes, every: Sequence[Timed]) -> None:
+def _check_one_recording(nptdms: Any, data: bytes, channels_of_file: Sequence[Timed]) -> None:
     """Refuse a file to which a second recording was appended: npTDMS reads both as one.
 
     The first segment tells when each channel began. A later one alone tells nothing: it may refer
@@ -259,22 +267,22 @@ def _check_one_recording(nptdms: Any, data: bytes, every: Sequence[Timed]) -> No
         return
     first = nptdms.TdmsFile.read_metadata(BytesIO(data[:first_end]), raw_timestamps=True)
     began = {
-        one.path: one.properties.get("wf_start_time")
+        channel.path: channel.properties.get("wf_start_time")
         for group in first.groups()
-        for one in group.channels()
+        for channel in group.channels()
     }
-    for one in every:
-        since = began.get(one.channel.path)
-        last = one.channel.properties.get("wf_start_time")
+    for channel in channels_of_file:
+        since = began.get(channel.channel.path)
+        last = channel.channel.properties.get("wf_start_time")
         if since is not None and last is not None and _differs(since, last):
             raise InputError(
-                f"channel '{one.channel.name}' starts anew behind byte {first_end}: two recordings"
+                f"channel '{channel.channel.name}' starts anew behind byte {first_end}: two recordings"
                 " in one file; save each under a name of its own"
             )
 
 
-def _differs(stamp: Any, other: Any) -> bool:
-    return bool(stamp.as_datetime64("ns") != other.as_datetime64("ns"))
+def _differs(stamp: Any, other_stamp: Any) -> bool:
+    return bool(stamp.as_datetime64("ns") != other_stamp.as_datetime64("ns"))
 
 
 def _begins(begin: bytes) -> bool:

@@ -229,18 +229,24 @@ def losses_of(
     lost = loss.lost
     if lost is not None:
         lost += contradicted
+    if loss.end == End.MISSING or (loss.end == End.UNKNOWN and not lost):
+        lost = None  # nobody knows what stood behind the end
     is_complete: bool | None = True
     if loss.end == End.MISSING or lost:
         is_complete = False
-    elif loss.end == End.UNKNOWN or lost is None:
+    elif lost is None:
         is_complete = None
     if is_complete and not of_messages:
         return {}
     shares = [share_lost(loss, topic) for topic in topics]
+    by_topic = {topic: lost_of(loss, topic) for topic in topics}
+    if lost is not None:
+        lost = max(lost, sum(count or 0 for count in by_topic.values()))
+        is_complete = is_complete if not lost else False
     report: dict[str, Any] = {
         "complete": is_complete,
         "end_missing": loss.end == End.MISSING,
-        "expected": loss.expected,
+        "expected": None if loss.end == End.UNKNOWN else loss.expected,
         "read": loss.read - contradicted,
         "lost": lost,
         "share_lost": max(shares, default=loss.share),
@@ -249,11 +255,16 @@ def losses_of(
     if of_messages:
         report["crc"] = loss.checksums
         report["topics"] = {
-            topic: {"messages": read, "lost": None if expected is None else max(0, expected - read)}
-            for topic, (read, expected) in loss.by_topic.items()
-            if topic in topics
+            topic: {"messages": loss.by_topic.get(topic, (0, None))[0], "lost": by_topic[topic]}
+            for topic in topics
         }
     return report
+
+
+def lost_of(loss: Loss, topic: str) -> int | None:
+    """Lost messages of a topic; None where it is not known."""
+    read, expected = loss.by_topic.get(topic, (0, None))
+    return None if expected is None else max(0, expected - read)
 
 
 def share_lost(loss: Loss, topic: str) -> float:

@@ -2,7 +2,7 @@
 different stamps have rows of their own, null in the columns of the others. Nothing is interpolated
 or held."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from typing import Any
@@ -30,6 +30,7 @@ from osl_analysis.trial import counter_column
 
 SECOND_NS = 1_000_000_000
 SET_BACK_NS = SECOND_NS  # a message that is later than others by more was not only late
+MOST_RESTARTS = 10  # of a publisher, which begins its numbers anew
 FEWEST_OVERLAPPING = 10  # messages in a row behind others: the clock was set, they are not late
 OTHER_WRITER_SHARE = 0.1  # of a channel's range, by which another publisher's values are others
 
@@ -122,8 +123,8 @@ def remark_on_checksums(loss: Loss) -> list[str]:
     """Say where no checksum covers the messages."""
     if loss.checksums == "checked" or not loss.read:
         return []
-    what = "some" if loss.checksums == "mixed" else "any"
-    return [f"not verifiable: no checksum covers {what} of its {loss.read} messages"]
+    which = "some" if loss.checksums == "mixed" else "any"
+    return [f"not verifiable: no checksum covers {which} of its {loss.read} messages"]
 
 
 def convert_topic(
@@ -144,40 +145,31 @@ def convert_topic(
         raise InputError("no message can be used; check that its sensor was running")
     from_header = source.time.source == "header"
     stamps = header_stamps(recording, source, rows) if from_header else logged_stamps(rows)
-    remarks: list[str] = []
-    stale = find_stale_rows(stamps, least=SET_BACK_NS)
-    kept = np.ones(rows.count, bool)
-    kept[stale] = False
-    for row in stale.tolist():
-        neighbour = row - 1 if row else row + 1
-        off_s = abs(int(stamps[row]) - int(stamps[neighbour])) / SECOND_NS
-        remarks.append(
-            f"{rows.place(row)} is left out: its stamp is {off_s:.4g} s off those beside it, as of"
-            " a packet that waited in a buffer"
-        )
-    used = rows
+    order = recording_order(rows)
+    stale = find_stale_rows(stamps if order is None else stamps[order], least=SET_BACK_NS)
+    remarks = list(remarks_on_stale_messages(rows, stamps, order, stale))
     if stale.size:
-        lines = np.arange(1, rows.count + 1) if rows.lines is None else rows.lines
-        used = replace(rows, count=int(kept.sum()), lines=lines[kept])
-        stamps = stamps[kept]
+        order = np.delete(np.arange(rows.count) if order is None else order, stale)
+    used = rows if order is None else at_rows(rows, order)
+    if order is not None:
+        stamps = stamps[order]
     time = (stamps - stamps[0]) / SECOND_NS
     columns = [pl.Series("stamp", stamps)]
     for column, setting in settings.items():
         raw = channels[column].values
-        raw = raw[kept] if stale.size else raw
+        raw = raw if order is None else raw[order]
         columns.append(canonical_column(column, channels[column], raw, used, time, source))
         remarks += remark_on_gaps(setting, raw, used)
         if setting.counter is not None:
             counter = recording.find({**setting.address, setting.ADDRESS: setting.counter})
-            counts = counter.values[kept] if stale.size else counter.values
+            counts = counter.values if order is None else counter.values[order]
             columns.append(
                 pl.Series(counter_column(column), checked_counts(setting, counts, used, time))
             )
     samples = pl.DataFrame(columns)
-    writers = np.zeros(rows.count, np.int64) if rows.writers is None else rows.writers
-    writers = writers[kept]
+    writers = np.zeros(used.count, np.int64) if used.writers is None else used.writers
     check_one_publisher(samples, writers, settings, recording.loss)
-    table, ordering = sorted_by_stamp(samples, writers, source, advice_on_clock(rows, from_header))
+    table, ordering = sorted_by_stamp(samples, writers, source, advice_on_clock(used, from_header))
     counts_of = {
         "came late and were put in the order of their stamps": ordering.late,
         "repeat a stamp and were joined to its first": ordering.repeated - ordering.contradicted,
@@ -185,6 +177,59 @@ def convert_topic(
     }
     remarks += [f"{count} messages {what}" for what, count in counts_of.items() if count]
     return Topic(table, ordering, remarks)
+
+
+def recording_order(rows: Rows) -> NDArray[np.int64] | None:
+    """The rows (rows,) in the order of recording, where their sequence numbers tell that the file
+    has another one: a tool may have sorted it by log time since. None for the order of the file.
+
+    The numbers tell it if they go back often, or if they explain that the log times go back. They
+    go back a few times where a publisher was restarted.
+    """
+    numbers = rows.sequence
+    if numbers is None or rows.stamps_ns is None:
+        return None
+    backwards = int((numbers[1:] < numbers[:-1]).sum())
+    if not backwards:
+        return None
+    order = np.argsort(numbers, kind="stable")
+    if not (np.diff(numbers[order]) > 0).all():
+        return None
+    goes_back = (np.diff(rows.stamps_ns) < 0).any()
+    goes_on = (np.diff(rows.stamps_ns[order]) >= 0).all()
+    if backwards > MOST_RESTARTS or (goes_back and goes_on):
+        return order
+    return None
+
+
+def at_rows(rows: Rows, order: NDArray[np.int64]) -> Rows:
+    """Some rows, in an order."""
+    lines = np.arange(1, rows.count + 1) if rows.lines is None else rows.lines
+    return replace(
+        rows,
+        count=order.size,
+        stamps_ns=None if rows.stamps_ns is None else rows.stamps_ns[order],
+        writers=None if rows.writers is None else rows.writers[order],
+        lines=lines[order],
+    )
+
+
+def remarks_on_stale_messages(
+    rows: Rows,
+    stamps: NDArray[np.int64],
+    order: NDArray[np.int64] | None,
+    stale: NDArray[np.int64],
+) -> Iterator[str]:
+    """Name the messages that are left out, and how far their stamps (rows,) [ns] are off."""
+    for place in stale.tolist():
+        neighbour = place - 1 if place else place + 1
+        row = place if order is None else int(order[place])
+        beside = neighbour if order is None else int(order[neighbour])
+        off_s = abs(int(stamps[row]) - int(stamps[beside])) / SECOND_NS
+        yield (
+            f"{rows.place(row)} is left out: its stamp is {off_s:.4g} s off those beside it, as of"
+            " a packet that waited in a buffer"
+        )
 
 
 def header_stamps(recording: Recording, source: MessageSource, rows: Rows) -> NDArray[np.int64]:

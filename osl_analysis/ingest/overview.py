@@ -322,7 +322,12 @@ def overview_of_table(recording: Recording) -> Overview:
         except InputError as error:
             remarks.append(str(error))
     offered, settings, questions = drafted_part(recording)
-    offered = [channel for channel in offered if id(channel) in shown]
+    stamps = [one.key for one in recording.channels if one.kind == Kind.CLOCK]
+    offered = [
+        channel
+        for channel in offered
+        if id(channel) in shown and not any(channel.key.startswith(f"{key}.") for key in stamps)
+    ]
     drafted = [shown[id(channel)] for channel in offered]
     timing, clock, asked = timing_of(recording, offered, drafted, what)
     questions = [*recording_questions(recording), *questions, *asked]

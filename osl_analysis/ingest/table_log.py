@@ -104,11 +104,11 @@ def convert_table(recording: Recording, source: TableSource, file_name: str) -> 
         them are missing than the source file allows.
     """
     check_loss(recording, source)
+    clock = recording.find(source.time.address) if source.time.name else None
     channels = {
         column: recording.find(setting.address) for column, setting in source.channels.items()
     }
     check_each_channel_once(channels, source)
-    clock = recording.find(source.time.address) if source.time.name else None
     table = read_table(recording, source, channels, clock)
     if table.rows.count < 2:
         raise InputError(
@@ -135,8 +135,11 @@ def convert_table(recording: Recording, source: TableSource, file_name: str) -> 
             samples.append(pl.Series(counter_column(column), counts))
         missing[column] = int(series.is_nan().sum())
         origins[column] = origin_of(setting, column, channel.unit)
-        if channel.name != setting.name and channel.key != setting.name:
-            origins[column]["found"] = channel.key
+        full = channel.key
+        if full == setting.name and "*" in full:  # a pattern stands for a name that changes
+            full = channel.name
+        if setting.name not in (full, channel.name):
+            origins[column]["found"] = full
     for column, count in missing.items():
         if count:
             warnings.append(f"{column} is missing in {count} of {time.size} {table.rows.noun}s")
@@ -222,11 +225,13 @@ def read_table(
     first = asked[-1] if clock is not None else asked[0]
     is_cut = recording.loss.end == End.MISSING
     counts = {one.rows.count for one in asked}
-    if len(counts) > 1 and is_cut:  # the file ends within the channels
-        counts = {min(counts)}
     own_timing = clock is None and source.time.rate is None
+    if len(counts) > 1 and is_cut and not own_timing:  # the file ends within the channels
+        counts = {min(counts)}
     if own_timing:
         check_own_timing(channels, source)
+        if not is_cut:
+            check_equal_counts(asked)
     timings = {(one.rows.rate_hz, one.rows.start_s) for one in asked}
     if len(counts) > 1 or (own_timing and len(timings) > 1):
         return at_instants_of_all(recording, source, channels, counters, clock)
@@ -256,6 +261,21 @@ def check_own_timing(channels: Mapping[str, Channel], source: TableSource) -> No
             raise InputError(
                 f"{source.channels[column].title} has no timing of its own; name the {key} of"
                 f" time, as `time: {{{key}: NAME, unit: s}}`, or {STATE_RATE}"
+            )
+
+
+def check_equal_counts(channels: Sequence[Channel]) -> None:
+    """Refuse channels of one timing with unequal counts. Some have lost values, nothing tells
+    where, and all later ones would be early against the other channels."""
+    first: dict[tuple[float | None, float], Channel] = {}
+    for channel in channels:
+        other = first.setdefault((channel.rows.rate_hz, channel.rows.start_s), channel)
+        if other.rows.count != channel.rows.count:
+            raise InputError(
+                f"channel '{channel.key}' has {channel.rows.count} values and '{other.key}' has"
+                f" {other.rows.count} for one time: a segment has lost some, nothing tells where,"
+                " or they are of two recordings; copy the file again, or name channels of one"
+                " length"
             )
 
 

@@ -459,7 +459,7 @@ def test_a_log_gives_the_same_columns_in_every_format(tmp_path, what):
     assert recording.samples["theta_counter"].to_list() == list(range(7, 47))
     by_rate = read_converted(path, described(what, time={**NO_TIME.get(what, {}), "rate": 520}))
     np.testing.assert_allclose(by_rate.samples["time"], TIME * 500 / 520, atol=1e-12)
-    assert (recording.columns["torque"]["unit"], recording.facts["time"]["start"]) == ("Nmm", 7)
+    assert (recording.origins["torque"]["unit"], recording.facts["time"]["start"]) == ("Nmm", 7)
     assert recording.facts["rates_hz"]["log"] == pytest.approx(500)
 
 
@@ -537,7 +537,7 @@ def test_a_part_of_a_matlab_file_is_a_trial_of_its_own(write, tmp_path):
         recording = read_converted(path, described("mat").of_part(part))
         np.testing.assert_allclose(recording.samples["torque"], factor * TORQUE, atol=1e-12)
     shared = described("mat", time={"variable": "/clock", "unit": "ms"}).of_part("Fast")
-    assert read_converted(path, shared).columns["torque"]["variable"] == "Fast.torque"
+    assert read_converted(path, shared).origins["torque"]["found"] == "Fast.torque"
     assert "no variable 't'; it has" in (said := refused_mat(path))
     assert (
         "state the rate if it is that of time, as `time: {rate: HZ}`, or if one of these holds it,"

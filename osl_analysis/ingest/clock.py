@@ -299,7 +299,7 @@ def aligned_clock(
         return ClockFit(start, method="common"), []
     missing = "the clocks cannot be aligned; map the channel in its source file"
     try:
-        pulses = values_of(log, "sync", f"the log: {missing}")
+        pulses = values_of(log, "sync", f"log: {missing}")
         level = values_of(mocap, "sync", f"motion capture: {missing}")
         edges = find_edges(*level)
         if not edges[0].size:

@@ -321,14 +321,14 @@ def overview_of_table(recording: Recording) -> Overview:
             shown[id(channel)] = describe_channel(with_tick(channel, recording), what)
         except InputError as error:
             remarks.append(str(error))
-    offered, settings, questions = drafted_part(recording)
+    offered, part, settings, questions = drafted_part(recording)
     stamps = [one.key for one in recording.channels if one.kind == Kind.CLOCK]
     offered = [
         channel
         for channel in offered
         if id(channel) in shown and not any(channel.key.startswith(f"{key}.") for key in stamps)
     ]
-    drafted = [shown[id(channel)] for channel in offered]
+    drafted = [within_part(shown[id(channel)], part) for channel in offered]
     timing, clock, asked = timing_of(recording, offered, drafted, what)
     questions = [*recording_questions(recording), *questions, *asked]
     settings = {
@@ -341,7 +341,7 @@ def overview_of_table(recording: Recording) -> Overview:
     if clock is not None:
         drafted = [as_clock(one) if one is clock else one for one in drafted]
         for key, one in shown.items():
-            if one is clock:
+            if one.key.endswith(clock.key) and one.numbers is clock.numbers:
                 shown[key] = as_clock(one)
     guessed = [one for one in shown.values() if one.likely_unit and one.count]
     if guessed:
@@ -353,7 +353,7 @@ def overview_of_table(recording: Recording) -> Overview:
         list(shown.values()),
         remarks,
         settings,
-        drafted if len(drafted) < len(shown) else None,
+        drafted if part or len(drafted) < len(shown) else None,
         questions,
     )
 
@@ -387,21 +387,24 @@ def recording_questions(recording: Recording) -> Iterator[str]:
 
 def drafted_part(
     recording: Recording,
-) -> tuple[list[Channel], dict[str, object], list[str]]:
-    """The channels of a draft, which is of one part: of parts that hold the same signals one, of
-    others the one with most; what of a source file that tells; and questions."""
+) -> tuple[list[Channel], str, dict[str, object], list[str]]:
+    """The channels of a draft, which is of one part, and that part: of parts that hold the same
+    signals one, of others the one with most; what of a source file that tells; and questions."""
     parts: dict[str, dict[str, Channel]] = {}
+    settings: dict[str, object]
     for channel in recording.channels:
         if channel.rows.count >= FEWEST_READINGS:
             parts.setdefault(channel.rows.name, {})[channel.name or channel.key] = channel
     if len(parts) < 2 or "log_part" not in source_model(recording).model_fields:
-        return list(recording.channels), {}, []
+        part = next(iter(parts), "") if "log_part" in source_model(recording).model_fields else ""
+        settings = {"log_part": part} if part else {}
+        return list(recording.channels), part, settings, []
     groups: dict[tuple[str, ...], list[str]] = {}
     for part, own in parts.items():
         groups.setdefault(tuple(own), []).append(part)
     alike = max(groups.values(), key=lambda names: sum(len(parts[name]) for name in names))
     chosen = list(parts[alike[0]].values())
-    settings: dict[str, object] = {}
+    settings = {}
     questions: list[str] = []
     if len(alike) > 1:
         questions.append(
@@ -417,7 +420,16 @@ def drafted_part(
             "a draft is of one part; to read a variable of another, write its address with `/`, as"
             f" `/{address.removeprefix('/')}`"
         )
-    return chosen, settings, questions
+    return chosen, alike[0], settings, questions
+
+
+def within_part(channel: RecordedChannel, part: str) -> RecordedChannel:
+    """The channel, called as within a part of the file."""
+    key = next(iter(channel.address))
+    name = channel.address[key]
+    if not part or not name.startswith(part):
+        return channel
+    return replace(channel, address={key: name.removeprefix(part).removeprefix(".")})
 
 
 def timing_of(

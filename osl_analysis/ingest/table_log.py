@@ -21,13 +21,13 @@ from osl_analysis.ingest.conversion import (
     share_above,
 )
 from osl_analysis.ingest.force_plates import convert_exported_plate
-from osl_analysis.ingest.likely_clock import may_be_clock, rate_of, unwrapped
+from osl_analysis.ingest.likely_clock import TIME_UNITS, may_be_clock, rate_of, unwrapped
 from osl_analysis.ingest.other_clocks import check_other_clocks
 from osl_analysis.ingest.stale_rows import find_stale_rows
 from osl_analysis.recording import Channel, End, Kind, Recording, Rows
 from osl_analysis.source_file import LEVEL_UNIT, InAxes, TableSource
 from osl_analysis.trial import Array, check_time, counter_column, unit_of
-from osl_analysis.units import si_factor
+from osl_analysis.units import name_and_ending, si_factor
 
 SECOND_NS = 1_000_000_000
 STATE_RATE = "state the rate of the rows in Hz, as `time: {rate: HZ}`"
@@ -138,7 +138,8 @@ def convert_table(recording: Recording, source: TableSource, file_name: str) -> 
         full = channel.key
         if full == setting.name and "*" in full:  # a pattern stands for a name that changes
             full = channel.name
-        if setting.name not in (full, channel.name):
+        is_with_unit = setting.name.startswith(f"{channel.name} ")  # as `torque [Nm]`
+        if setting.name != full and not is_with_unit:
             origins[column]["found"] = full
     for column, count in missing.items():
         if count:
@@ -382,8 +383,9 @@ def own_stamps_ns(
         )
     assert clock is not None
     factor = clock_factor(clock, source)
-    if own[0] is not clock and own[0].unit:
-        factor = si_factor(own[0].unit, "s")
+    ending = name_and_ending(own[0].name or own[0].key)[1]
+    if own[0] is not clock and (own[0].unit or ending in TIME_UNITS):
+        factor = si_factor(own[0].unit or ending, "s")
     return np.asarray(np.rint(readings * factor * SECOND_NS).astype(np.int64))
 
 

@@ -108,15 +108,15 @@ def check_format(path: Path, name: str) -> Format:
             f"{path}: is no {name} (it begins with {quoted(beginning(path)[:8])}), as its source"
             " file says; name the recording itself"
         )
-    name_by_content = formats[0].name
+    content_name = formats[0].name
     if path.is_dir():
         raise InputError(
-            f"{path}: a folder with a recording in {name_by_content}, its source file says {name}; write"
-            f" `format: {name_by_content}`, or name a file in it"
+            f"{path}: a folder with a recording in {content_name}, its source file says {name};"
+            f" write `format: {content_name}`, or name a file in it"
         )
     raise InputError(
-        f"{path}: is {name_by_content}, its source file says {name}; write `format: {name_by_content}`, or name another"
-        " source file in the sheet"
+        f"{path}: is {content_name}, its source file says {name}; write"
+        f" `format: {content_name}`, or name another source file in the sheet"
     )
 
 

@@ -196,10 +196,10 @@ def _elements_of(
             yield from _fields_in(element, most_elements, f"{path}[{index}]", {})
         return
     kind = f"{np.dtype(type(filled[0])).name}[{len(value)}]"
-    elements = _labels_for(len(value), texts) or [str(k) for k in range(most_elements)]
-    for element, element in zip(elements, value, strict=False):
+    labels = _labels_for(len(value), texts) or [str(k) for k in range(most_elements)]
+    for label, element in zip(labels, value, strict=False):
         if element is not None:
-            yield FieldDescription(f"{path}[{element}]", kind)
+            yield FieldDescription(f"{path}[{label}]", kind)
 
 
 def _labels_for(count: int, texts: Mapping[str, Sequence[str]]) -> list[str]:

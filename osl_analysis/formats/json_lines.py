@@ -97,8 +97,7 @@ class Lines:
         texts = self.texts if most is None else self.texts[:most]
         for begin in range(0, len(texts), LINES_AT_ONCE):
             some = texts[begin : begin + LINES_AT_ONCE]
-            columns = self._decode_some(some, begin, fields, asked)
-            for field, numbers in columns.items():
+            for field, numbers in self._decode_some(some, begin, fields, asked).items():
                 parts[field].append(masked_numbers(field, numbers))
         columns: dict[str, NDArray[Any]] = {}
         for field, pieces in parts.items():

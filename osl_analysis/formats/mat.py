@@ -319,7 +319,8 @@ def _short_numbers(listed: Sequence[Variable]) -> list[str]:
 def _not_read(listed: Sequence[Variable]) -> list[str]:
     """Say which variables are not read, and what to do."""
     remarks = [
-        f"{variable.address} is a {variable.value.described()}, which is not read; {variable.value.remedy()}"
+        f"{variable.address} is a {variable.value.described()}, which is not read;"
+        f" {variable.value.remedy()}"
         for variable in listed[:MOST_LISTED]
         if variable.value.numbers is None and variable.value.kind not in ("char", "struct", "cell")
     ]

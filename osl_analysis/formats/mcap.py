@@ -415,8 +415,9 @@ def runs_of_messages(
 
 def _joined(what: str, number: int, name: str, other_name: str) -> InputError:
     return InputError(
-        f"{what} {number} is {name!a} in one part of the file and {other_name!a} in another: two logs"
-        " were joined, or the file is damaged; record again, or give each log a file of its own"
+        f"{what} {number} is {name!a} in one part of the file and {other_name!a} in another: two"
+        " logs were joined, or the file is damaged; record again, or give each log a file of its"
+        " own"
     )
 
 

@@ -174,8 +174,8 @@ def _check_counts(header: Mapping[str, str], rows: int, columns: int) -> bool:
             is_cut = stated_count.isdigit() and int(stated_count) > count
             cut = ": the end is missing, or some are damaged" if is_cut else ""
             raise InputError(
-                f"its header states {stated_count[:20]} {what}, the file holds {count} whole ones{cut};"
-                " export it again, or correct the header"
+                f"its header states {stated_count[:20]} {what}, the file holds {count} whole"
+                f" ones{cut}; export it again, or correct the header"
             )
     return bool(header.get("nrows") or header.get("datarows"))
 
@@ -193,7 +193,8 @@ def _check_angles(source: OpenSimSource, header: Mapping[str, str]) -> None:
         if not is_same:
             raise InputError(
                 f"its header says inDegrees={in_degrees}, and column '{channel.column}' is read in"
-                f" {channel.unit}; write {unit_of_file}, as {source.place('channels', column, 'unit')}"
+                f" {channel.unit}; write {unit_of_file}, as"
+                f" {source.place('channels', column, 'unit')}"
             )
 
 

@@ -276,8 +276,8 @@ def _check_one_recording(nptdms: Any, data: bytes, channels_of_file: Sequence[Ti
         last = channel.channel.properties.get("wf_start_time")
         if since is not None and last is not None and _differs(since, last):
             raise InputError(
-                f"channel '{channel.channel.name}' starts anew behind byte {first_end}: two recordings"
-                " in one file; save each under a name of its own"
+                f"channel '{channel.channel.name}' starts anew behind byte {first_end}: two"
+                " recordings in one file; save each under a name of its own"
             )
 
 

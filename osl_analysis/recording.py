@@ -225,6 +225,9 @@ class Recording:
         `body_mass_kg`, `vertical_on_screen` (`+Z`, `y`) and `plate_zero_frames` (first and last).
     settings
         Fields of a source file that the file itself tells, as the delimiter of a table.
+    questions
+        What a user has to decide before all of it can be read, a sentence each, as where force
+        plates lie.
     find_unlisted
         Finds a channel that is not listed, as element 7 of an array in a message, or one that is
         named in another way.
@@ -237,6 +240,7 @@ class Recording:
     notes: Sequence[str] = ()
     facts: Mapping[str, Any] = field(default_factory=dict)
     settings: Mapping[str, Any] = field(default_factory=dict)
+    questions: Sequence[str] = ()
     find_unlisted: Callable[[Mapping[str, str]], Channel | None] | None = None
 
     def find(self, address: Mapping[str, str], noun: str = "") -> Channel:

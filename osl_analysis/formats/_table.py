@@ -761,7 +761,8 @@ def _remedy_for(cell: str, title: str, decimal: str) -> str:
 
 def with_stated_end(table: Table, is_partial: bool) -> Table:
     """Hold the number of rows against what the text states."""
-    stated_counts = [int(match[1]) for text in table.notes if (match := STATED_ROWS.match(text))]
+    matches = [STATED_ROWS.match(text) for text in table.notes]
+    stated_counts = [int(match[1]) for match in matches if match]
     count = len(table.lines)
     if count in stated_counts and table.end == End.UNKNOWN:
         return replace(table, end=End.WHOLE)

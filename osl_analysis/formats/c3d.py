@@ -533,14 +533,19 @@ def plates_of(
                 continue
             others = [other for other in numbers if other != number] or "none"
             raise InputError(f"{error} (or leave this plate out: `plates: {others}`)") from error
-    alike = _like_plates(analogs)
-    if source is None and not count and alike:
-        remarks.append(
-            f"channels look like those of a force plate ({', '.join(alike)}), but the file has no"
-            " FORCE_PLATFORM and where it lies is not known; state it under `plate_geometry` in the"
-            " source file"
-        )
     return plates, remarks
+
+
+def _questions_on_plates(header: Header, analogs: Sequence[Channel]) -> list[str]:
+    """Ask where a plate lies that the file does not describe."""
+    alike = _like_plates(analogs)
+    if plate_count(header) or not alike:
+        return []
+    return [
+        f"channels look like those of a force plate ({', '.join(alike)}), but the file has no"
+        " FORCE_PLATFORM and where it lies is not known; state it under `plate_geometry` in the"
+        " source file"
+    ]
 
 
 def _like_plates(analogs: Sequence[Channel]) -> list[str]:
@@ -654,6 +659,7 @@ def read(path: Path, source: C3dSource | None) -> Recording:
         format="c3d",
         channels=[*point_channels, *analog_channels],
         loss=Loss(frames, header.frames, remarks=remarks),
+        questions=_questions_on_plates(header, analog_channels),
         plates=plates,
         facts=facts,
     )

@@ -121,22 +121,22 @@ def read(path: Path, source: OpenSimSource | None) -> Recording:
     is_whole = _check_counts(header, len(table.lines), len(table.names))
     if is_whole and table.end == End.UNKNOWN:
         table = replace(table, end=End.WHOLE)
-    remarks = [*table.remarks]
+    questions: list[str] = []
     like_plates = plates_in(table.names)
-    if source is None and like_plates:
-        remarks.append(
+    if like_plates:
+        questions.append(
             "these columns are force plates, if you state their corners: plates:"
             f" {{{', '.join(like_plates)}}}"
         )
     if source is not None:
         _check_angles(source, header)
-    table = replace(table, notes=[*notes, *table.notes], remarks=remarks)
+    table = replace(table, notes=[*notes, *table.notes])
     in_degrees = header.get("indegrees", "").casefold()
     angle = ANGLES.get(in_degrees, {}).get("rad", "")
     likely = {name: "s" if name == "time" else _likely_unit(name, angle) for name in table.names}
     recording = recording_of_table("opensim", table, layout, facts=header, likely_units=likely)
     settings = {"time": {"column": "time", "unit": "s"}} if "time" in table.names else {}
-    recording = replace(recording, settings=settings)
+    recording = replace(recording, settings=settings, questions=questions)
     if source is None:
         return recording
     plates = [_plate_of(recording, number, settings) for number, settings in source.plates.items()]

@@ -79,6 +79,7 @@ def convert_capture(recording: Recording, source: MarkerSource) -> Converted:
         check_finite_values(column, values, time)
     facts = {
         **recording.facts,
+        "time": {"start": min(rows.start_s for rows in used_rows)},
         "axes": source.axes,
         "plates": [load.facts for load in loads],
     }
@@ -230,7 +231,8 @@ def remarks_on(
         if not up and vertical_axis(markers) == "y":
             up = "y"
         if up.upper().lstrip("+-") not in ("", "Z"):
-            yield f"its vertical axis seems to be {printable(up)}; state `axes` in the source file"
+            axes = "`axes: [x, -z, y]`" if up.upper().lstrip("+") == "Y" else "`axes`"
+            yield f"its vertical axis seems to be {printable(up)}; state {axes} in the source file"
     if markers and not any(np.isfinite(one.values).any() for one in markers):
         yield (
             f"none of the {len(markers)} markers was seen in any of the"

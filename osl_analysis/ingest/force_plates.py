@@ -75,7 +75,7 @@ def convert_plate(
         raise InputError(
             f"plate {plate.number}: its corners span no plane; correct FORCE_PLATFORM:CORNERS"
         )
-    raw = np.column_stack([channel.values for channel in plate.channels])
+    raw = samples_of(plate)
     check_samples(plate, raw)
     readings = raw
     if unloaded is not None:
@@ -106,7 +106,7 @@ def convert_exported_plate(plate: Plate, rotation: Array, rate_hz: float) -> Pla
     """
     metre = si_factor(plate.length_unit, "m")
     corners = plate.corners * metre
-    raw = np.column_stack([channel.values for channel in plate.channels])
+    raw = samples_of(plate)
     quantities = ("N",) * 3 + ("N*m",) * 3 + ("m",) * 3
     factors = [
         si_factor(channel.unit, quantity)
@@ -117,6 +117,12 @@ def convert_exported_plate(plate: Plate, rotation: Array, rate_hz: float) -> Pla
     about = values[:, 6:9] if values.shape[1] == 9 else plate.origin * metre
     moment = plate.sign * values[:, 3:6] + np.cross(about - np.mean(corners, axis=0), force)
     return load_of(plate, corners, (force, moment), raw[:, :6], rotation, rate_hz)
+
+
+def samples_of(plate: Plate) -> Array:
+    """The readings of a plate's channels, (samples, channels), as the file has them."""
+    columns = [np.asarray(channel.values, np.float64) for channel in plate.channels]
+    return np.column_stack(columns)
 
 
 def check_samples(plate: Plate, raw: Array) -> None:

@@ -258,7 +258,12 @@ def overview_of_capture(recording: Recording) -> Overview:
     if not is_told and vertical_axis(markers) == "y":
         settings["axes"] = Y_UP
     return Overview(
-        recording.format, facts_of(recording), channels, recording.loss.remarks, settings
+        format=recording.format,
+        facts=facts_of(recording),
+        channels=channels,
+        remarks=recording.loss.remarks,
+        settings=settings,
+        open=recording.questions,
     )
 
 
@@ -330,7 +335,7 @@ def overview_of_table(recording: Recording) -> Overview:
     ]
     drafted = [within_part(shown[id(channel)], part) for channel in offered]
     timing, clock, asked = timing_of(recording, offered, drafted, what)
-    questions = [*recording_questions(recording), *questions, *asked]
+    questions = [*recording.questions, *repeated_headers(recording), *questions, *asked]
     settings = {
         "clock": "master",
         **recording.settings,
@@ -374,8 +379,8 @@ def with_tick(channel: Channel, recording: Recording) -> Channel:
     return channel
 
 
-def recording_questions(recording: Recording) -> Iterator[str]:
-    """What the rows of a table ask."""
+def repeated_headers(recording: Recording) -> Iterator[str]:
+    """Say where the header stands again among the rows."""
     for channel in recording.channels:
         if channel.count_words is not None and channel.name in channel.count_words():
             yield (

@@ -104,6 +104,7 @@ def choose_clock(
     names: Mapping[str, str],
     units: Mapping[str, str],
     what: str,
+    stamps: Sequence[str] = (),
 ) -> ClockChoice:
     """Choose the clock of a table.
 
@@ -118,10 +119,12 @@ def choose_clock(
         Of the channels, as the file states them, by key.
     what
         What a channel is called, for messages.
+    stamps
+        Keys of channels that hold times of day, which go before others.
     """
     # the shortest first: those of a message before those of its parts
     ordered = sorted(readings, key=lambda key: key.count("."))
-    named = [key for key in ordered if is_clock(names[key])]
+    named = list(stamps) or [key for key in ordered if is_clock(names[key])]
     rising = {key: readings[key] for key in ordered if ticks(readings[key], units[key])}
     if not named:
         named = [key for key in rising if is_like_clock(names[key])]

@@ -3,7 +3,7 @@ what of a source file it tells."""
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from osl_analysis import formats
-from osl_analysis.errors import InputError, naming
+from osl_analysis.errors import InputError, naming, printable
 from osl_analysis.formats import known_formats
 from osl_analysis.ingest.capture import vertical_axis
 from osl_analysis.ingest.clock_choice import (
@@ -30,6 +30,7 @@ from osl_analysis.ingest.likely_clock import (
     ticks,
 )
 from osl_analysis.ingest.placeholders import NAME_OF_TIME, UNKNOWN
+from osl_analysis.ingest.table_log import is_clock_beside
 from osl_analysis.recording import Channel, End, Kind, Plate, Recording
 from osl_analysis.source_file import MarkerSource, Source
 from osl_analysis.trial import Array, plate_columns
@@ -335,6 +336,14 @@ def overview_of_table(recording: Recording) -> Overview:
     ]
     drafted = [within_part(shown[id(channel)], part) for channel in offered]
     timing, clock, asked = timing_of(recording, offered, drafted, what)
+    untimed = [] if clock is None else without_time(offered, drafted, clock)
+    if untimed:
+        names = ", ".join(printable(one.key) for one in untimed)
+        asked.append(
+            f"{names}: of another length than the clock, and nothing tells their time; export them"
+            " with a time of their own, or leave them out"
+        )
+        drafted = [one for one in drafted if not any(one is other for other in untimed)]
     questions = [*recording.questions, *repeated_headers(recording), *questions, *asked]
     settings = {
         "clock": "master",
@@ -382,12 +391,32 @@ def with_tick(channel: Channel, recording: Recording) -> Channel:
 def repeated_headers(recording: Recording) -> Iterator[str]:
     """Say where the header stands again among the rows."""
     for channel in recording.channels:
-        if channel.count_words is not None and channel.name in channel.count_words():
+        if channel.count_words is not None and has_title(channel, channel.count_words()):
             yield (
                 "the header stands again among the rows, as where a recorder begins anew: cut the"
                 " file in two, a log each"
             )
             return
+
+
+def has_title(channel: Channel, words: Iterable[str]) -> bool:
+    """Whether the title of a channel, with or without its unit, is among words."""
+    return any(word == channel.name or word.startswith(f"{channel.name} ") for word in words)
+
+
+def without_time(
+    offered: Sequence[Channel], drafted: Sequence[RecordedChannel], clock: RecordedChannel
+) -> list[RecordedChannel]:
+    """The channels of another length than the clock, beside which no time of their length is."""
+    count = next(
+        one.rows.count for one, shown in zip(offered, drafted, strict=True) if shown is clock
+    )
+    untimed: list[RecordedChannel] = []
+    for channel, shown in zip(offered, drafted, strict=True):
+        beside = [one for one in offered if one.rows is channel.rows]
+        if channel.rows.count != count and not any(map(is_clock_beside, beside)):
+            untimed.append(shown)
+    return untimed
 
 
 def drafted_part(
@@ -455,13 +484,11 @@ def timing_of(
     named = [one for one in stamps if is_clock(one.name)]
     if len(stamps) == 1 and not any(is_clock(one.name) for one in numbered if one is not stamps[0]):
         named = stamps
-    if named:
-        return {"time": {what: named[0].address[what]}}, named[0], []
     questions: list[str] = []
     has_clock = any(
         is_like_clock(one.name) or ticks(np.asarray(one.numbers), one.unit) for one in numbered
     )
-    if not has_clock:
+    if not has_clock and not named:
         rate, questions = rate_in_words(recording.notes)
         if rate is not None:
             return {"time": {"rate": rate}}, None, questions
@@ -470,11 +497,14 @@ def timing_of(
         {one.key: one.name for one in numbered},
         {one.key: one.unit for one in numbered},
         f"{what}s",
+        [one.key for one in named[:1]],
     )
     questions += choice.questions
     clock = next((one for one in numbered if one.key == choice.key), None)
     if clock is None:
         return {"time": {what: NAME_OF_TIME, "unit": UNKNOWN}}, None, questions
+    if any(clock is one for one in stamps):
+        return {"time": {what: clock.address[what]}}, clock, questions
     unit = clock.unit or as_clock(clock).likely_unit or UNKNOWN
     return {"time": {what: clock.address[what], "unit": unit}}, clock, questions
 
@@ -496,7 +526,7 @@ def layout_of(recording: Recording, shown: Mapping[int, RecordedChannel]) -> dic
         if channel.count_words is None or id(channel) not in shown:
             continue
         counts = channel.count_words()
-        if channel.name in counts:  # the header stands again
+        if has_title(channel, counts):  # the header stands again
             return settings
         for word, count in counts.items():
             if count < RARE_WORD * channel.rows.count and not OTHER_NUMBER.match(word):

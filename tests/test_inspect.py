@@ -90,7 +90,7 @@ def test_messages_are_listed_by_field_with_types_rates_gaps_and_damage_and_a_dra
     whole[len(whole) // 3] ^= 0xFF
     path.write_bytes(whole)
     overview = module.inspect_file(path)
-    assert "are a damaged chunk" in module.overview_text(overview)
+    assert "from byte 1581 on it cannot be read" in module.overview_text(overview)
     assert 0 < int(overview.facts["messages lost"]) == 50 - int(overview.facts["messages"])
     as_json = write_payloads(
         tmp_path / "b.mcap", [b'{"a": {"b": 1.5}, "c": [1, 2], "d": "x"}'] * 5, "json"

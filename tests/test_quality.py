@@ -23,6 +23,7 @@ from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError
 from osl_analysis.formats import known_formats
+from osl_analysis.ingest.conversion import origin_of
 from osl_analysis.ingest.examine import (
     UNITS,
     CheckResult,
@@ -640,7 +641,7 @@ def test_a_command_at_its_level_is_no_rail_a_clipped_current_and_a_stated_end_ar
 def test_a_stated_range_is_that_of_the_sensor_whatever_its_sign_and_offset():
     def stating(text, **conversion):
         made = validated({"unit": "N*m", "range": text, **conversion}, Conversion, "source.yaml")
-        return made.origin("torque")["range"]
+        return origin_of(made, "torque")["range"]
 
     assert (stating("60 N*m"), stating(["-20 N*m", "100 N*m"], sign=-1)) == ([-60, 60], [-100, 20])
     assert stating("600 N*cm", unit="N*cm", offset=-50) == pytest.approx([-6.5, 5.5])

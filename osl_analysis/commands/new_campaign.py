@@ -24,7 +24,6 @@ from osl_analysis.ingest.draft import (
     DraftedLog,
     draft_source,
     drafted_log,
-    is_complete_log,
     pulse_channels,
     to_be_edited,
 )
@@ -210,8 +209,9 @@ def draft_campaign(folder: Path) -> Draft:
     for one in described:
         draft.open += [(one.file, text) for text in one.overview.open]
     draft.open += cut_files(described)
-    draft.trials = trials_of(described)
-    draft.sources = draft_sources(described, draft.trials)
+    draft.sources = draft_sources(described)
+    draft.trials = trials_of(described, draft.sources)
+    align_by_pulses(draft.sources, draft.trials)
     captures = [one for one in described if one.log is None]
     may_walk = any(
         trial.cells["experiment"] == "walking"
@@ -274,55 +274,65 @@ def cut_files(described: Sequence[Described]) -> Iterator[tuple[Path, str]]:
                 )
 
 
-def trials_of(described: Sequence[Described]) -> list[DraftedTrial]:
-    """Draft the trials, by the names of files, or else by what moves in a log."""
+def trials_of(described: Sequence[Described], sources: Mapping[str, str]) -> list[DraftedTrial]:
+    """Draft the trials, by the names of files, or else by what the source file of a log has: angle
+    and torque of a joint, or current and torque of an actuator.
+
+    Parameters
+    ----------
+    sources
+        Texts of source files by name.
+    """
+    joints = {name for name, text in sources.items() if has_columns(text, "theta", "torque")}
+    actuators = {name for name, text in sources.items() if has_columns(text, "torque_m", "current")}
     moved: dict[Path, str] = {}
-    joints: dict[str, str] = {}
     for one in described:
-        if one.log is None or not is_complete_log(one.log):
-            continue
-        if one.log.sure("theta") is None:
+        if one.log is not None and one.source in joints:
+            moved[one.file] = "torque_angle" if one.log.is_slow else "impedance"
+        elif one.log is not None and one.source in actuators:
             moved[one.file] = "actuator"
-            continue
-        moved[one.file] = "torque_angle" if one.log.is_slow else "impedance"
-        joint = named_joint(one.overview.channels)
-        if joint:
-            joints[one.file.as_posix()] = joint.pop()
-    files = [(one.file, one.source, one.log is None) for one in described]
-    trials = draft_trials(files, moved)
+    trials = draft_trials([(one.file, one.source, one.log is None) for one in described], moved)
+    named: dict[str, set[str]] = {}
+    for one in described:
+        if one.source in joints:
+            named.setdefault(one.source, set()).update(named_joint(one.overview.channels))
     for trial in trials:
-        joint_name = joints.get(trial.cells.get("log", ""))
-        if joint_name:
-            trial.cells["joint"] = joint_name
+        joint = named.get(trial.cells.get("log_source", ""), set())
+        if len(joint) == 1:
+            trial.cells["joint"] = next(iter(joint))
     return trials
 
 
-def draft_sources(described: Sequence[Described], trials: Sequence[DraftedTrial]) -> dict[str, str]:
+def has_columns(source: str, *columns: str) -> bool:
+    """Whether the text of a source file names channels for all columns."""
+    return all(f"\n  {column}: {{" in source for column in columns)
+
+
+def draft_sources(described: Sequence[Described]) -> dict[str, str]:
     """Draft a source file for each kind of recordings, by the one that tells most."""
     best: dict[str, Described] = {}
     for one in described:
         if one.source not in best or one.tells > best[one.source].tells:
             best[one.source] = one
-    with_pulse = {
-        name for name, one in best.items() if one.log is None and pulse_channels(one.overview)
-    }
     texts: dict[str, str] = {}
     for name, one in best.items():
-        clock = ""
-        beside = {
-            trial.cells.get("mocap_source")
-            for trial in trials
-            if trial.cells.get("log_source") == name
-        }
-        has_pulse = one.log is not None and one.log.sure("sync") is not None
-        if has_pulse and beside & with_pulse:
-            clock = "sync"
-        text = draft_source(
-            one.overview, one.file.name, has_walking=False, log=one.log, clock=clock
-        )
+        text = draft_source(one.overview, one.file.name, has_walking=False, log=one.log)
         own = shipped(f"config/sources/{name}.yaml")
         texts[name] = with_known(own.read_text(encoding="utf-8"), text) if own.is_file() else text
     return texts
+
+
+def align_by_pulses(sources: dict[str, str], trials: Sequence[DraftedTrial]) -> None:
+    """State `clock: sync` in the source files of logs with pulses beside captures with pulses."""
+    for name, text in sources.items():
+        captures = {
+            trial.cells.get("mocap_source", "")
+            for trial in trials
+            if trial.cells.get("log_source") == name
+        }
+        have_pulses = [has_columns(sources.get(capture, ""), "sync") for capture in captures]
+        if has_columns(text, "sync") and any(have_pulses):
+            sources[name] = text.replace('\nclock: "master"\n', '\nclock: "sync"\n')
 
 
 def with_known(known: str, drafted: str) -> str:

@@ -80,7 +80,6 @@ def draft_source(
     name: str,
     has_walking: bool = True,
     log: DraftedLog | None = None,
-    clock: str = "",
 ) -> str:
     """Draft a source file.
 
@@ -94,17 +93,12 @@ def draft_source(
         Whether the draft for a capture has the section `walking` of a configuration, as comments.
     log
         What is guessed already.
-    clock
-        How the log's clock is aligned, where the files beside it tell that.
     """
     lines = [
         f"format: {overview.format}",
         f"description: {json.dumps(f'Drafted from {name}; complete it.')}",
     ]
-    settings = dict(overview.settings)
-    if clock:
-        settings["clock"] = clock
-    lines += [f"{key}: {json.dumps(value)}" for key, value in settings.items()]
+    lines += [f"{key}: {json.dumps(value)}" for key, value in overview.settings.items()]
     if is_capture(known_formats()[overview.format]):
         lines += capture_lines(overview)
         if has_walking:

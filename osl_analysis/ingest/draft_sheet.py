@@ -98,7 +98,8 @@ def draft_trial(name: str, files: Recordings, moved: Mapping[Path, str]) -> Draf
     telling = experiments_in(words, files, "K_d" in stated)
     if "mocap" not in files and path in moved and not telling:
         cells["experiment"] = moved[path]
-        question = f"to be confirmed, guessed from what moves: experiment {moved[path]}"
+        by = "current and torque" if moved[path] == "actuator" else "angle and torque"
+        question = f"to be confirmed, guessed from {by}: experiment {moved[path]}"
         return DraftedTrial(cells, [question])
     if len(telling) != 1:
         which = f"tells none, write one of {', '.join(possible_experiments(files)[::-1])}"

@@ -129,6 +129,8 @@ def name_of(channel: RecordedChannel) -> str:
     """What a channel is called, without its topic, its group or its unit."""
     if "field" in channel.address:
         return channel.address["field"]
+    if "*" in channel.key:  # a pattern for a name with a number that changes
+        return channel.key
     return channel.name or " ".join(channel.address.values())
 
 

@@ -24,7 +24,6 @@ from osl_analysis.formats import known_formats, read, recognise
 from osl_analysis.ingest.overview import inspect_recording
 from osl_analysis.ingest.raw_files import read_converted
 from osl_analysis.recording import End
-from osl_analysis.recording import End
 
 ROWS = 600
 RATE = 250  # Hz

@@ -2,7 +2,6 @@
 examined while they are in memory; and what files of any laboratory hold. Texts from files are
 untrusted: they are escaped when they are printed."""
 
-import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -13,13 +12,17 @@ from osl_analysis.errors import InputError, printable
 from osl_analysis.formats import formats_of
 from osl_analysis.ingest import raw_files
 from osl_analysis.ingest.examine import Commanded, check_ranges, examine, measured_table
-from osl_analysis.ingest.overview import Overview, RecordedChannel, inspect_recording
+from osl_analysis.ingest.overview import (
+    MOST_COLUMNS,
+    Overview,
+    RecordedChannel,
+    inspect_recording,
+)
 from osl_analysis.signals.grid import with_stamp_evidence
 from osl_analysis.table import write_table
 from osl_analysis.trial import Trial, write_trial
 
 LONGEST_TEXT = 60  # signs of a file's text that a line of the terminal can hold
-MOST_COLUMNS = 6  # of a matrix that are listed one by one
 
 
 def ingest_trial(
@@ -91,10 +94,10 @@ def overview_text(overview: Overview) -> str:
 
 def channel_lines(overview: Overview) -> Iterator[str]:
     """A line per channel; one for all columns of a matrix that has many."""
-    matrices = Counter(matrix_name(channel) for channel in overview.channels)
+    matrices = Counter(channel.matrix for channel in overview.channels)
     told: set[str] = set()
     for channel in overview.channels:
-        matrix = matrix_name(channel)
+        matrix = channel.matrix
         if not matrix or matrices[matrix] <= MOST_COLUMNS:
             yield channel_line(channel)
         elif matrix not in told:
@@ -103,12 +106,6 @@ def channel_lines(overview: Overview) -> Iterator[str]:
                 f"{shortened(channel.kind):<14} {shortened(matrix)}  {matrices[matrix]} columns of"
                 f" {channel.count} samples"
             )
-
-
-def matrix_name(channel: RecordedChannel) -> str:
-    """The matrix of which a channel is a column or a row; empty if it is none."""
-    found = re.fullmatch(r"(.+)\((:,\d+|\d+,:)\)", channel.key)
-    return found[1] if found else ""
 
 
 def channel_line(channel: RecordedChannel) -> str:

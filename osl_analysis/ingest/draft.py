@@ -3,6 +3,7 @@ not tell is left to the user, questions first."""
 
 import json
 import re
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,7 +24,7 @@ from osl_analysis.ingest.likely_column import (
     turns_slowly,
     with_known_unit,
 )
-from osl_analysis.ingest.overview import Overview, RecordedChannel
+from osl_analysis.ingest.overview import MOST_COLUMNS, Overview, RecordedChannel
 from osl_analysis.ingest.placeholders import NAME_OF_TIME, UNKNOWN, open_places
 from osl_analysis.ingest.raw_files import is_capture
 from osl_analysis.trial import COLUMNS
@@ -184,10 +185,14 @@ def log_lines(overview: Overview, log: DraftedLog) -> Iterator[str]:
     yield "channels:"
     is_complete = is_complete_log(log)
     comment_others = any(guess.column for guess in log.guesses)
-    noise: dict[str, list[RecordedChannel]] = {}
+    noise = Counter(
+        channel.matrix
+        for channel, guess in zip(log.signals, log.guesses, strict=True)
+        if guess.is_no_signal and channel.matrix
+    )
+    large = {matrix for matrix, count in noise.items() if count > MOST_COLUMNS}
     for number, (channel, guess) in enumerate(zip(log.signals, log.guesses, strict=True), start=1):
-        if guess.is_no_signal and matrix_of(channel):
-            noise.setdefault(matrix_of(channel), []).append(channel)
+        if guess.is_no_signal and channel.matrix in large:
             continue
         has_unit = is_unit(channel.unit or channel.likely_unit)
         stands = guess.is_sure and (has_unit or guess.column in NAMED_ALWAYS)
@@ -195,8 +200,8 @@ def log_lines(overview: Overview, log: DraftedLog) -> Iterator[str]:
         line = channel_line(number, channel, guess)
         is_comment = guess.is_no_signal or (comment_others and not is_asked)
         yield f"# {line}" if is_comment else line
-    for matrix, columns in noise.items():
-        yield f"#   {json.dumps(matrix)}: left out: {len(columns)} of its columns are no signal"
+    for matrix in sorted(large):
+        yield f"#   {json.dumps(matrix)}: left out: {noise[matrix]} of its columns are no signal"
 
 
 def is_complete_log(log: DraftedLog) -> bool:
@@ -205,12 +210,6 @@ def is_complete_log(log: DraftedLog) -> bool:
     of_joint = {"theta", "torque"} <= sure
     of_actuator = {"torque_m", "current"} <= sure and bool(sure & {"theta_m", "omega_m"})
     return of_joint or of_actuator
-
-
-def matrix_of(channel: RecordedChannel) -> str:
-    """The matrix of which a channel is a column; empty if it is none."""
-    found = re.fullmatch(r"(.*)\((:,\d+|\d+,:)\)", channel.key)
-    return found[1] if found else ""
 
 
 def channel_line(number: int, channel: RecordedChannel, guess: Guess) -> str:

@@ -36,6 +36,7 @@ from osl_analysis.source_file import MarkerSource, Source
 from osl_analysis.trial import Array, plate_columns
 
 SECOND_NS = 1_000_000_000
+MOST_COLUMNS = 6  # of a matrix that are listed one by one
 MOST_NOTES = 20  # lines of a file's own text that are shown
 MOST_WORDS = 5  # words in place of numbers that are shown of a channel
 RARE_WORD = 0.01  # share of the rows in which a word may stand for a failed reading
@@ -96,6 +97,13 @@ class RecordedChannel:
     def key(self) -> str:
         """What a source file calls it."""
         return next(iter(self.address.values()))
+
+    @property
+    def matrix(self) -> str:
+        """The matrix of which it may be a column or a row, as of `data(:,3)` and `data 3`; empty if
+        it is none."""
+        found = re.fullmatch(r"(.+?)(?:\((?::,\d+|\d+,:)\)| \d+)", self.key)
+        return found[1] if found else ""
 
 
 @dataclass(frozen=True)

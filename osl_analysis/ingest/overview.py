@@ -77,6 +77,8 @@ class RecordedChannel:
         What it is a part of: a topic, a struct.
     corners
         Of a plate (4, 3), in the unit of the markers.
+    words
+        Texts in place of numbers, and how often each stands there.
     """
 
     kind: str
@@ -92,6 +94,7 @@ class RecordedChannel:
     name: str = ""
     group: str = ""
     corners: Array | None = field(default=None, compare=False, repr=False)
+    words: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def key(self) -> str:
@@ -202,6 +205,7 @@ def describe_channel(channel: Channel, what: str) -> RecordedChannel:
         times=times,
         name=name,
         group=rows.name,
+        words=words,
     )
 
 
@@ -352,7 +356,7 @@ def overview_of_table(recording: Recording) -> Overview:
             " with a time of their own, or leave them out"
         )
         drafted = [one for one in drafted if not any(one is other for other in untimed)]
-    questions = [*recording.questions, *repeated_headers(recording), *questions, *asked]
+    questions = [*recording.questions, *repeated_headers(shown.values()), *questions, *asked]
     settings = {
         "clock": "master",
         **recording.settings,
@@ -396,10 +400,10 @@ def with_tick(channel: Channel, recording: Recording) -> Channel:
     return channel
 
 
-def repeated_headers(recording: Recording) -> Iterator[str]:
+def repeated_headers(channels: Iterable[RecordedChannel]) -> Iterator[str]:
     """Say where the header stands again among the rows."""
-    for channel in recording.channels:
-        if channel.count_words is not None and has_title(channel, channel.count_words()):
+    for channel in channels:
+        if has_title(channel):
             yield (
                 "the header stands again among the rows, as where a recorder begins anew: cut the"
                 " file in two, a log each"
@@ -407,9 +411,10 @@ def repeated_headers(recording: Recording) -> Iterator[str]:
             return
 
 
-def has_title(channel: Channel, words: Iterable[str]) -> bool:
-    """Whether the title of a channel, with or without its unit, is among words."""
-    return any(word == channel.name or word.startswith(f"{channel.name} ") for word in words)
+def has_title(channel: RecordedChannel) -> bool:
+    """Whether the title of a channel, with or without its unit, is among its words."""
+    name = channel.name
+    return any(word == name or word.startswith(f"{name} ") for word in channel.words)
 
 
 def without_time(
@@ -530,14 +535,12 @@ def layout_of(recording: Recording, shown: Mapping[int, RecordedChannel]) -> dic
     if "missing" not in fields or "more" in str(recording.facts.get("rows", "")):
         return settings
     words: dict[str, None] = {}
-    for channel in recording.channels:
-        if channel.count_words is None or id(channel) not in shown:
-            continue
-        counts = channel.count_words()
-        if has_title(channel, counts):  # the header stands again
+    for channel in shown.values():
+        if has_title(channel):
             return settings
-        for word, count in counts.items():
-            if count < RARE_WORD * channel.rows.count and not OTHER_NUMBER.match(word):
+        total = channel.count + sum(channel.words.values())
+        for word, count in channel.words.items():
+            if count < RARE_WORD * total and not OTHER_NUMBER.match(word):
                 words[word] = None
     known: Any = fields["missing"].default
     if any(word not in known for word in words):

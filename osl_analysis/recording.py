@@ -222,7 +222,8 @@ class Recording:
     facts
         What `inspect` shows and the provenance keeps, as size and version. A capture tells
         `frames`, `first_frame`, `frame_rate_hz`, `samples_per_frame`, and where it knows them
-        `body_mass_kg`, `vertical_on_screen` (`+Z`, `y`) and `plate_zero_frames` (first and last).
+        `body_mass_kg`, `vertical_on_screen` (`+Z`, `y`), `plates` (how many it describes) and
+        `plate_zero_frames` (first and last).
     settings
         Fields of a source file that the file itself tells, as the delimiter of a table.
     questions

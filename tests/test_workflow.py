@@ -589,7 +589,7 @@ FITTED = "bench.fit_impedance_trial"
 RERUN = {
     "bench/impedance.py": ("\nimport ", "\n# a comment\nimport ", set()),
     "trial.py": ('"""', '"""A docstring. ', set()),
-    "ingest/source.py": ("\n\n\n", "\n\n\n\n", set()),
+    "ingest/raw_files.py": ("\n\n\n", "\n\n\n\n", set()),
     "dictionary/bench.yaml": (" | ", " | a word of ", {"tables.write_summary"}),
     "report/headlines.yaml": ("median of trials", "a word of median of trials",
     {"tables.write_summary"}),

@@ -160,13 +160,13 @@ def numbered_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
     """The rows of a CSV file with the number of their line, without empty lines and comments."""
     try:
         content = path.read_bytes()
-        known = formats_of(path)
-        refuse_others(path, known)
-        other = next((one for one in known if one.priority < TEXT_PRIORITY), None)
-        if other is not None:
+        known = formats_of(path) if content else []
+        if content:
+            refuse_others(path, known)
+        if any(one.priority < TEXT_PRIORITY for one in known):
             raise InputError(
-                f"{path}: a workbook, or another file of format {other.name}, which no sheet is;"
-                " save it as 'CSV UTF-8'"
+                f"{path}: a workbook, or another binary table, which no sheet is; save it as 'CSV"
+                " UTF-8'"
             )
         if b"\0" in content.partition(b"\n")[0]:
             raise InputError(

@@ -155,7 +155,9 @@ def check_plates(source: Source, captures: Sequence[Path], of_walking: int) -> N
     counts: dict[int, Path] = {}
     for path in captures:
         with suppress(OSError, InputError):
-            counts[len(formats.read(path, source).plates)] = path
+            recording = formats.read(path)
+            described = int(recording.facts.get("plates", len(recording.plates)))
+            counts[max([described, *getattr(source, "plate_geometry", ())])] = path
         if max(counts, default=0) >= max(number for number, _ in asked):
             return
     most = max(counts, default=0)

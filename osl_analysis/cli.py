@@ -476,34 +476,46 @@ def compare(a: Path, b: Path, margin: float | None, output: Path) -> None:
     ),
 )
 @option("--example", is_flag=True, help="A small simulated campaign, which runs in about a minute.")
-def init(folder: Path, recorders: tuple[str, ...], recordings: Path | None, example: bool) -> None:
+@option(
+    "--checksums",
+    is_flag=True,
+    help=(
+        "With --from: write SHA256SUMS beside the recordings, so that one that is changed later is"
+        " refused."
+    ),
+)
+def init(
+    folder: Path,
+    recorders: tuple[str, ...],
+    recordings: Path | None,
+    example: bool,
+    checksums: bool,
+) -> None:
     """Make the folder of a new campaign: configuration, sample sheet, source files and their JSON
     schemas."""
-    from osl_analysis.commands.trials import drafted_text, left_to_decide, new_campaign
+    from osl_analysis.commands import new_campaign as command
 
     if example and (recorders or recordings):
         raise click.UsageError("--example has recordings of its own; leave --recorder and --from")
-    draft = new_campaign(folder, recorders, recordings, example)
-    say(
-        f"made {folder} with config.yaml, {'simulation.yaml' if example else 'trials.csv'},"
-        " sources/ and schemas/"
-    )
+    if checksums and recordings is None:
+        raise click.UsageError("--checksums are those of recordings: name their folder with --from")
+    draft = command.new_campaign(folder, recorders, recordings, example, checksums)
     if recordings is not None:
-        say(drafted_text(draft))
-        decisions = left_to_decide(folder, draft)
-        say(
-            "\n".join(["left to decide:", *(f"  {line}" for line in decisions)])
-            if decisions
-            else ""
-        )
-        print_first_look(folder, is_new=True)
-    elif not example:
-        say(
-            "next: recordings into recordings/, a row for each into trials.csv, their channels into"
-            " sources/"
-        )
-        say("      `osl-analysis inspect FILE --draft sources/NAME.yaml` drafts a source file")
-    say(f"then: cd {shlex.quote(str(folder))} && osl-analysis run")
+        if checksums:
+            say(command.sums_text(recordings))
+        say(command.campaign_text(folder, draft))
+        if command.can_run(folder, draft):
+            print_first_look(folder, is_new=True)
+        say(command.next_command(folder, draft))
+        return
+    place = shlex.quote(str(folder))
+    kind = "simulation.yaml" if example else "trials.csv"
+    say(f"made {folder} with config.yaml, {kind}, sources/ and schemas/")
+    if example:
+        say(f"then: cd {place} && osl-analysis run")
+        return
+    say("put recordings into recordings/, and a row for each into trials.csv")
+    say(f"then: cd {place} && osl-analysis inspect recordings/FILE --draft sources/NAME.yaml")
 
 
 @main.command(

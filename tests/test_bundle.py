@@ -17,8 +17,8 @@ from osl_analysis.campaign.campaign import open_campaign
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.cli import main
 from osl_analysis.commands.bundle import copy_inputs, write_bundle
+from osl_analysis.commands.new_campaign import new_campaign
 from osl_analysis.commands.simulate import check_folder
-from osl_analysis.commands.trials import new_campaign
 from osl_analysis.errors import InputError
 from osl_analysis.files import CAMPAIGN
 

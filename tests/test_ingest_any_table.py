@@ -20,14 +20,13 @@ from nptdms import ChannelObject, TdmsWriter
 from osl_analysis.commands.trials import inspect_file
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError
-from osl_analysis.formats.binary_table import hdf5_arrays
-from osl_analysis.formats.c3d import read_c3d
-from osl_analysis.formats.csv_table import are_whole_thousands
-from osl_analysis.formats.table import in_one_sentence
-from osl_analysis.ingest import logs
+from osl_analysis.formats import in_one_sentence, read
+from osl_analysis.formats._cells import are_whole_thousands
 from osl_analysis.ingest.draft import draft_source, to_be_edited
 from osl_analysis.ingest.examine import Commanded, Examined, measure_clock
-from osl_analysis.ingest.raw_files import FORMATS, trial_from_files
+from osl_analysis.ingest.likely_clock import ticks
+from osl_analysis.ingest.overview import inspect_recording
+from osl_analysis.ingest.raw_files import trial_from_files
 
 TIME = np.arange(700) / 500  # as long as the rows that are split by polars
 ANGLE, TORQUE = 5 * np.sin(9 * TIME), 30 * np.sin(9 * TIME + 0.3)
@@ -52,8 +51,7 @@ FORTRAN = [[f"{x:.10E}".replace("E", "D") for x in column] for column in (TIME, 
 THOUSANDS = [*HEAD[:2], "Torque [Nmm]"], [f"{1e3 * x:,.3f}" for x in TORQUE]
 LVM = (
     "LabVIEW"
-    " Measurement\t\nX_Columns\tOne\n***End_of_Header***\t\n"
-    "Channels\t2\t\t\nDelta_X\t0.002\t0.002\n"
+    " Measurement\t\nX_Columns\tOne\n***End_of_Header***\t\nChannels\t2\t\t\nDelta_X\t0.002\t0.002\n"
 )
 TEXTS = {
     "semicolons and commas": text(";", ["Tijd [s]", "Hoek [graden]", "Koppel [Nm]"], decimal=","),
@@ -457,7 +455,7 @@ def test_devices_of_two_rates_in_groups_have_their_own_instants_each_in_its_unit
                 if is_timed:
                     file["cell/time"] = file.pop("cell/time_ms")[:]
                     file["cell/time"].attrs["units"], file["enc/time"].attrs["units"] = "ms", "s"
-        overview = FORMATS["table"].inspect(tmp_path / name)
+        overview = inspect_recording(tmp_path / name)
         assert any("another length" in text for text in overview.open) == (not is_timed)
         draft = draft_source(overview, name)
         assert ("\n  torque: {" in draft) == is_timed
@@ -599,11 +597,14 @@ def test_a_table_with_more_columns_than_a_recording_has_is_refused_at_once(tmp_p
 @pytest.mark.parametrize(
     ("error", "reason"),
     [
-        (TypeError("no len() of None"), "its parts contradict each other"),
+        (TypeError("no len() of None"), "its parts contradict each other: no len() of None"),
         (zlib.error("Error -3 while decompressing data"), "a packed part of it is damaged"),
         (ValueError("unexpected EOF: file truncated"), "it is cut off, or its end is lost"),
         (OSError(errno.ENOENT, "No such file or directory"), "No such file or directory"),
-        (OSError(errno.EINVAL, "Invalid argument"), "its parts contradict each other"),
+        (
+            OSError(errno.EINVAL, "Invalid argument"),
+            "its parts contradict each other: [Errno 22] Invalid argument",
+        ),
     ],
 )
 def test_any_error_of_a_decoder_is_a_refusal_that_tells_its_meaning(error, reason):
@@ -618,50 +619,9 @@ def test_a_damaged_parquet_file_is_one_refusal_and_no_trace_of_rust(tmp_path, ca
         path := tmp_path / "a.parquet", compression="uncompressed"
     )
     path.write_bytes(path.read_bytes()[:4] + path.read_bytes()[2000:])
-    with pytest.raises(InputError, match=r"cannot be read \([a-z, ]*\); copy the file again"):
+    with pytest.raises(InputError, match=r"cannot be read \([^;]*\); copy the file again"):
         inspect_file(path)
     assert capfd.readouterr().err == ""
-
-
-def test_a_block_of_hdf5_whose_address_is_lost_is_no_values(tmp_path):
-    """HDF5 reads its fill value there: 100 of 700 torques were 0."""
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        for name, values in (("time_s", TIME), ("ankle_angle_deg", ANGLE), ("torque_Nm", TORQUE)):
-            file.create_dataset(name, data=values, chunks=(100,), compression="gzip")
-        lost = file["torque_Nm"].id.get_chunk_info(3).byte_offset.to_bytes(8, "little")
-    content = (tmp_path / "a.h5").read_bytes()
-    assert content.count(lost) == 1
-    (tmp_path / "a.h5").write_bytes(content.replace(lost, b"\xff" * 8))
-    arrays, _ = hdf5_arrays(tmp_path / "a.h5")
-    np.testing.assert_array_equal(
-        np.flatnonzero(np.isnan(arrays["torque_Nm"])), np.arange(300, 400)
-    )
-
-
-def test_a_zip_that_unpacks_to_more_than_a_recording_may_is_refused_by_the_stated_limit(
-    tmp_path, monkeypatch
-):
-    np.savez_compressed(tmp_path / "a.npz", t=np.zeros(10**6))
-    monkeypatch.setattr("osl_analysis.formats.table.MOST_BYTES", 10**6)
-    with pytest.raises(
-        InputError, match=re.escape("take 0.008 GB of memory, at most 0.001 GB are read")
-    ):
-        inspect_file(tmp_path / "a.npz")
-
-
-@pytest.mark.parametrize("change", ["lost", "doubled"])
-def test_a_c3d_file_whose_size_fits_neither_its_frames_nor_whole_blocks_is_refused(
-    tmp_path, change
-):
-    points = np.random.default_rng(1).normal(0, 500, (200, 3, 4))
-    points[:, :, 3] = 0.0
-    whole = write_c3d(tmp_path / "a.c3d", points).read_bytes()
-    middle, by = len(whole) - 3000, 8
-    behind = whole[middle + by :] if change == "lost" else whole[middle - by :]
-    (tmp_path / "a.c3d").write_bytes(whole[:middle] + behind)
-
-    with pytest.raises(InputError, match="are shifted"):
-        read_c3d(tmp_path / "a.c3d")
 
 
 @pytest.mark.parametrize("first_zero", [47, 96, 99])
@@ -670,10 +630,11 @@ def test_a_c3d_file_that_ends_in_zeros_is_whole(tmp_path, first_zero):
     analogs = np.random.default_rng(2).normal(0, 1, (100, 4))
     analogs[first_zero:] = 0.0
 
-    recording = read_c3d(write_c3d(tmp_path / "a.c3d", np.ones((50, 3, 4)), analogs))
+    recording = read(write_c3d(tmp_path / "a.c3d", np.ones((50, 3, 4)), analogs))
 
-    assert recording.damage.report()["complete"]
-    np.testing.assert_allclose(recording.analogs, analogs, rtol=1e-6)
+    assert recording.loss.lost == 0
+    found = np.column_stack([one.values for one in recording.channels if "channel" in one.address])
+    np.testing.assert_allclose(found, analogs, rtol=1e-6)
 
 
 def test_what_fills_the_last_block_of_a_c3d_file_is_not_looked_at(tmp_path):
@@ -683,7 +644,7 @@ def test_what_fills_the_last_block_of_a_c3d_file_is_not_looked_at(tmp_path):
     assert content.endswith(bytes(16))
     path.write_bytes(content[:-16] + b"left in a buffer")
 
-    assert read_c3d(path).damage.report()["complete"]
+    assert read(path).loss.lost == 0
 
 
 def test_tdms_channels_of_one_clock_and_unequal_counts_are_refused(tmp_path):
@@ -705,5 +666,5 @@ def test_tdms_channels_of_one_clock_and_unequal_counts_are_refused(tmp_path):
 def test_a_count_of_rows_is_no_clock_also_where_rows_were_lost(lost):
     """Taken for ms, rows of 500 Hz gave half of B, and nothing was doubted."""
     counted = np.delete(np.arange(1000.0), lost)
-    assert not logs.ticks(counted, "")
-    assert logs.ticks(2 * counted, "")
+    assert not ticks(counted, "")
+    assert ticks(2 * counted, "")

@@ -16,15 +16,16 @@ from conftest import ROOT
 from jsonschema import Draft202012Validator
 
 from osl_analysis.cli import main
+from osl_analysis.commands.new_campaign import draft_campaign, left_to_decide, new_campaign
 from osl_analysis.commands.reference import schemas
 from osl_analysis.commands.run import Look, library, looked_at, snakemake_arguments
-from osl_analysis.commands.trials import draft_campaign, left_to_decide, new_campaign
 from osl_analysis.errors import InputError
 from osl_analysis.files import shipped
-from osl_analysis.ingest.draft import draft_trials, segment_of
+from osl_analysis.ingest.draft_sheet import draft_trials
+from osl_analysis.ingest.draft_walking import segment_of
+from osl_analysis.ingest.placeholders import open_places
 from osl_analysis.ingest.raw_files import read_source, recordings_in
-from osl_analysis.ingest.source import open_places
-from osl_analysis.ingest.units import base_units, name_and_ending, normalised
+from osl_analysis.units import base_units, name_and_ending, normalised
 
 KINDS = {
     "config": "config/config.yaml config/campaigns/*/config.yaml config/new_campaign/[ce]*.yaml",

@@ -22,6 +22,8 @@ from osl_analysis.campaign.configuration import campaign_config, read_section
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError
+from osl_analysis.formats import known_formats
+from osl_analysis.ingest.conversion import origin_of
 from osl_analysis.ingest.examine import (
     UNITS,
     CheckResult,
@@ -35,10 +37,10 @@ from osl_analysis.ingest.examine import (
     travel,
     without_rests,
 )
-from osl_analysis.ingest.raw_files import FORMATS
-from osl_analysis.ingest.source import Conversion
+from osl_analysis.ingest.raw_files import read_converted
 from osl_analysis.judge.limits import CHECKS, QualityRules, judged_table, validate_rules
 from osl_analysis.signals import longest_run, run_at_extreme
+from osl_analysis.source_file import Conversion
 from osl_analysis.trial import Array, Trial
 from osl_analysis.yaml_settings import validated
 
@@ -640,7 +642,7 @@ def test_a_command_at_its_level_is_no_rail_a_clipped_current_and_a_stated_end_ar
 def test_a_stated_range_is_that_of_the_sensor_whatever_its_sign_and_offset():
     def stating(text, **conversion):
         made = validated({"unit": "N*m", "range": text, **conversion}, Conversion, "source.yaml")
-        return made.origin("torque")["range"]
+        return origin_of(made, "torque")["range"]
 
     assert (stating("60 N*m"), stating(["-20 N*m", "100 N*m"], sign=-1)) == ([-60, 60], [-100, 20])
     assert stating("600 N*cm", unit="N*cm", offset=-50) == pytest.approx([-6.5, 5.5])
@@ -695,7 +697,7 @@ def plate_trial(path: Path, channels: Array, **source: Any) -> Trial:
         "ANALOG__UNITS": ["N"] * 3 + ["Nm"] * 3,
     }
     write_c3d(path, np.ones((FRAMES, 1, 4)), channels, **facts)
-    recording = FORMATS["c3d"].read(path, FORMATS["c3d"].source(format="c3d", **source))
+    recording = read_converted(path, known_formats()["c3d"].source(format="c3d", **source))
     return Trial("walk", recording.samples, recording.facts)
 
 
@@ -810,8 +812,8 @@ def test_a_plate_on_which_nobody_stands_is_not_judged(tmp_path: Path) -> None:
 @pytest.mark.skipif(not (REAL_DATA / "c3d").is_dir(), reason="real data are not here")
 def test_real_plates_pass() -> None:
     for name in ("btk_PiG_Motion3_FF.c3d", "opensim_jogging_300_1500.c3d", "c3dorg_s10_TYPE-4.C3D"):
-        recording = FORMATS["c3d"].read(
-            REAL_DATA / "c3d" / name, FORMATS["c3d"].source(format="c3d", markers=())
+        recording = read_converted(
+            REAL_DATA / "c3d" / name, known_formats()["c3d"].source(format="c3d", markers=())
         )
         found = checked(Trial(name, recording.samples, recording.facts), "overground")
         assert found["pressure_centre"].value == pytest.approx(0, abs=0.01), name

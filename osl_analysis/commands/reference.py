@@ -12,8 +12,8 @@ from pydantic.json_schema import models_json_schema
 from osl_analysis.campaign.configuration import Config
 from osl_analysis.dictionary import described_tables, file_at
 from osl_analysis.files import write_text
+from osl_analysis.formats import known_formats
 from osl_analysis.ingest.examine import UNITS
-from osl_analysis.ingest.raw_files import FORMATS
 from osl_analysis.judge.limits import CHECKS
 from osl_analysis.judge.words import WORDS
 from osl_analysis.model.drivetrain import ParameterFile
@@ -57,12 +57,13 @@ def schemas() -> dict[str, dict[str, Any]]:
             for one in definitions.values():
                 one.pop("required", None)
         found[name] = {"$schema": draft, "$ref": top[name], "$defs": definitions}
-    top, definitions = definitions_of({name: known.source for name, known in FORMATS.items()})
+    sources = {name: known.source for name, known in known_formats().items()}
+    top, definitions = definitions_of(sources)
     found["source"] = {
         "$schema": draft,
         "type": "object",
         "required": ["format"],
-        "properties": {"format": {"enum": list(FORMATS)}},
+        "properties": {"format": {"enum": list(known_formats())}},
         "allOf": [
             {"if": {"properties": {"format": {"const": n}}}, "then": {"$ref": at}}
             for n, at in top.items()

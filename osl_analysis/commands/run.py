@@ -31,13 +31,12 @@ from osl_analysis.errors import (
     not_installed,
 )
 from osl_analysis.files import CAMPAIGN, PACKAGE, check_working_folder, root, shipped
-from osl_analysis.formats.rosbag import recorded_files
+from osl_analysis.ingest.overview import inspect_recording
 from osl_analysis.ingest.raw_files import (
-    FORMATS,
     check_clocks,
     check_plates,
     read_source,
-    recognise,
+    recorded_files,
     recordings_in,
 )
 from osl_analysis.jobs.workers import end_workers
@@ -214,7 +213,7 @@ def unnamed_recordings(opened: Campaign) -> str:
     for path in left[:5]:
         try:
             if path.is_dir() or path.stat().st_size < LONG_TO_READ:
-                FORMATS[recognise(path)].inspect(path)
+                inspect_recording(path)
         except InputError as error:
             said.append(f"not readable: {error}")
     return "; ".join(said)

@@ -4,13 +4,13 @@ the joint's angle and torque that leap off the curve of their neighbours are cou
 A flipped bit, a lost or an exchanged block of a file without checksums, and a sensor that fails
 look alike in the samples. What did it, no file tells; so the guard only says where to look."""
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
 import polars as pl
 
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.source import Recording
 from osl_analysis.trial import Array, Trial, unit_of
 
 LARGEST_MEASURED = {  # largest possible size of a value, by its SI unit
@@ -41,6 +41,11 @@ USUAL_BEND = 0.99
 zero for a channel that mostly rests, or is coarse. What leaps more often is the channel's own, as a
 stepper's steps."""
 
+SMALLEST_BEND = 1e-3
+"""Smallest third difference of a leap, in units of the channel's range. Smaller ones change no K.
+Without noise, as in a simulation, the usual third difference may be that of rounding, and each turn
+of a slow ramp would pass for a leap."""
+
 LARGEST_TURN = 0.5
 """Largest change of the slope at a leap, in units of the third difference. A leap leaves the slope
 as it was. A corner of a sound curve, as where a motion begins or a foot hits, changes it by the
@@ -62,15 +67,15 @@ class Leaps:
     first_s: float | None  # time of the first one; None without one
 
 
-def check_sizes(recording: Recording) -> None:
+def check_sizes(samples: pl.DataFrame, columns: Collection[str]) -> None:
     """Refuse values beyond `LARGEST_MEASURED`, and infinite ones. NaN passes: it marks a value that
     was not seen."""
-    time = recording.samples["time"].to_numpy()
-    sizes = recording.samples.select(pl.col(*recording.columns).abs().max())
+    time = samples["time"].to_numpy()
+    sizes = samples.select(pl.col(*columns).abs().max())
     for column, largest in sizes.row(0, named=True).items():
         bound = LARGEST_MEASURED[unit_of(column)]
         if (largest or 0.0) > bound:
-            values = recording.samples[column].to_numpy()
+            values = samples[column].to_numpy()
             beyond = np.abs(values) > bound
             row = int(np.argmax(beyond))
             raise InputError(
@@ -118,7 +123,8 @@ def find_leaps(column: str, time: Array, values: Array) -> Leaps:
     usual = np.quantile(np.abs(bends), USUAL_BEND)
     if usual == 0.0:
         return nothing
-    far = np.flatnonzero(np.abs(bends) > LARGEST_BEND * usual)
+    limit = max(LARGEST_BEND * usual, SMALLEST_BEND * np.ptp(values))
+    far = np.flatnonzero(np.abs(bends) > limit)
 
     five_around = np.pad(bends, 2)[far[:, None] + np.arange(5)]
     turns = np.cumsum(five_around, axis=1).sum(axis=1)  # change of slope over five samples

@@ -263,7 +263,7 @@ def test_without_force_platform_the_refusal_says_the_key_that_states_a_plate(
 
     assert "no force plate 1: the file describes none (it has no FORCE_PLATFORM)" in said
     assert f"`plate_geometry: {{1: {{type: 2, channels: [{', '.join(PLATE_LABELS)}]" in said
-    assert "channels look like those of a force plate" in formats.read(path).loss.remarks[0]
+    assert "channels look like those of a force plate" in formats.read(path).questions[0]
 
 
 def test_a_plate_that_the_source_file_states_is_as_one_of_the_file(tmp_path: Path) -> None:

@@ -522,7 +522,7 @@ def test_a_table_of_opensim_has_its_header_and_likely_units(tmp_path: Path) -> N
     assert recording.loss.end == End.WHOLE
     assert recording.settings == {"time": {"column": "time", "unit": "s"}}
     assert any("are force plates, if you state their corners" in one
-               for one in recording.loss.remarks)  # fmt: skip
+               for one in recording.questions)  # fmt: skip
 
 
 def test_a_header_of_opensim_that_contradicts_the_rows_or_units_is_refused(tmp_path: Path) -> None:

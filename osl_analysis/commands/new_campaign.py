@@ -13,6 +13,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+import yaml
 
 from osl_analysis.commands.trials import inspect_file
 from osl_analysis.errors import InputError, listing, nearest, printable
@@ -24,6 +25,7 @@ from osl_analysis.ingest.draft import (
     DraftedLog,
     draft_source,
     drafted_log,
+    guessed_lines,
     pulse_channels,
     to_be_edited,
 )
@@ -418,7 +420,7 @@ def campaign_text(folder: Path, draft: Draft) -> str:
         lines += [f"  {text}" for text in questions[:MOST_QUESTIONS]]
         if len(questions) > MOST_QUESTIONS:
             lines.append(f"  and {len(questions) - MOST_QUESTIONS} more, which `doctor` tells")
-    for name in draft.sources:
+    for name, text in draft.sources.items():
         files = [
             trial.cells[role]
             for trial in draft.trials
@@ -426,6 +428,9 @@ def campaign_text(folder: Path, draft: Draft) -> str:
             if trial.cells.get(f"{role}_source") == name
         ]
         lines.append(f"sources/{name}.yaml: {len(files)} recordings, {listing(files, MOST_SHOWN)}")
+        guessed = guesses_text(text)
+        if guessed:
+            lines.append(f"  guessed, to be checked: {guessed}")
     by_experiment: dict[str, list[str]] = {}
     for trial in draft.trials:
         by_experiment.setdefault(trial.cells["experiment"], []).append(trial.cells["trial"])
@@ -436,6 +441,20 @@ def campaign_text(folder: Path, draft: Draft) -> str:
     if len(draft.refused) > MOST_SHOWN:
         lines.append(f"not read: {len(draft.refused) - MOST_SHOWN} more")
     return "\n".join(lines)
+
+
+def guesses_text(source: str) -> str:
+    """The channels that a drafted source file names by a guess, with unit and sign."""
+    channels: dict[str, dict[str, object]] = yaml.safe_load(source).get("channels") or {}
+    texts: list[str] = []
+    for line in guessed_lines(source):
+        column = line.partition(":")[0]
+        channel = channels.get(column, {})
+        text = f"{column} in {channel.get('unit')}"
+        if channel.get("sign") == -1:
+            text += ", sign -1: it falls as the angle rises"
+        texts.append(text)
+    return "; ".join(texts)
 
 
 def next_command(folder: Path, draft: Draft) -> str:

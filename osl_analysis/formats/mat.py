@@ -127,6 +127,8 @@ def _load(path: Path) -> tuple[dict[str, Any], list[str]]:
     try:
         raw = load_from_mat(str(path), **options)
     except Exception as error:  # whatever the library meets in a damaged file
+        if isinstance(error.__cause__ or error, MemoryError):  # the library wraps it
+            raise MemoryError from error
         raw = {}
         for name, *_ in whosmat(str(path)):
             try:

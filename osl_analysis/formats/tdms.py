@@ -1,7 +1,8 @@
 """LabVIEW's TDMS, by npTDMS."""
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import partial
 from io import BytesIO
 from pathlib import Path
@@ -108,9 +109,17 @@ def read(path: Path, source: TdmsSource | None) -> Recording:
             " format"
         )
     nptdms = optional_module("nptdms", "a TDMS file")
-    optional_module("nptdms.log", "a TDMS file").log_manager.set_level(logging.ERROR)
-    # of bytes: it would go by an index beside the file, maybe another's
-    file = nptdms.TdmsFile.open(BytesIO(data), raw_timestamps=True)
+    with _warnings_of_library() as library_warnings:
+        # of bytes: it would go by an index beside the file, maybe another's
+        file = nptdms.TdmsFile.open(BytesIO(data), raw_timestamps=True)
+    status = file.file_status
+    odd_lengths = [text for text in library_warnings if "not a multiple" in text]
+    if len(odd_lengths) > status.incomplete_final_segment:
+        # the library would give one channel the bytes of the next
+        raise InputError(
+            f"the length of a segment contradicts that of its channels ({odd_lengths[0][:80]});"
+            f" {SAVE_AGAIN}"
+        )
     channels_of_file = [Timed(channel) for group in file.groups() for channel in group.channels()]
     if not channels_of_file:
         raise InputError(
@@ -119,7 +128,6 @@ def read(path: Path, source: TdmsSource | None) -> Recording:
     _check_one_recording(nptdms, data, channels_of_file)
     remarks: list[str] = []
     end = End.UNKNOWN
-    status = file.file_status
     if status.incomplete_final_segment or _end_of_segments(data) != len(data):
         end = End.MISSING
         statuses = (status.channel_statuses or {}).values()
@@ -153,6 +161,23 @@ def read(path: Path, source: TdmsSource | None) -> Recording:
     if source is not None:
         _check_counts(recording, source)
     return recording
+
+
+@contextmanager
+def _warnings_of_library() -> Iterator[list[str]]:
+    """Collect what npTDMS would print."""
+    messages: list[str] = []
+
+    def keep(record: logging.LogRecord) -> bool:
+        messages.append(record.getMessage())
+        return False
+
+    handler = optional_module("nptdms.log", "a TDMS file").log_manager.console_handler
+    handler.addFilter(keep)
+    try:
+        yield messages
+    finally:
+        handler.removeFilter(keep)
 
 
 def _channels_of(signals: Sequence[Timed], to_shortest: bool) -> list[Channel]:

@@ -74,7 +74,7 @@ def convert_messages(recording: Recording, source: MessageSource) -> Converted:
     check_losses(recording.loss, by_topic, source)
     topics: dict[str, Topic] = {}
     for name, settings in by_topic.items():
-        channels = {column: recording.find(one.address) for column, one in settings.items()}
+        channels = {column: find_field(recording, one) for column, one in settings.items()}
         with naming(f"topic '{name}'"):
             topics[name] = convert_topic(recording, source, settings, channels)
 
@@ -103,6 +103,18 @@ def convert_messages(recording: Recording, source: MessageSource) -> Converted:
             warnings.append(f"{column} is missing in {count} of {len(joined)} rows")
     losses = losses_of(recording.loss, True, [*by_topic], contradicted)
     return Converted(pl.DataFrame([time, *joined]), origins, facts, warnings, losses)
+
+
+def find_field(recording: Recording, setting: MessageChannel) -> Channel:
+    """Find a field; of a damaged log the refusal tells the damage too, which may be why."""
+    try:
+        return recording.find(setting.address)
+    except InputError as error:
+        if not recording.loss.remarks:
+            raise
+        remedy = f"; {error.remedy}" if error.remedy else ""
+        damage = ", ".join(recording.loss.remarks)
+        raise InputError(f"{error.reason} ({damage}){remedy}") from error
 
 
 def check_losses(

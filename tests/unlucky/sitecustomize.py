@@ -1,5 +1,5 @@
-"""Beside a file `unlucky` a worker cannot read one recording, and is killed by another one: tests may
-run as root. Each kill takes a line of that file. Python imports this in every process of
+"""Beside a file `unlucky` a worker cannot read one recording, and is killed by another one: tests
+may run as root. Each kill takes a line of that file. Python imports this in every process of
 `snakemake_runs.py`."""
 
 import errno

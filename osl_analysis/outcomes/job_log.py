@@ -1,6 +1,6 @@
-"""The log of a job: its outcome, warnings and duration, and what it was given. The report at the end
-of a run is read from the logs. So it is also complete on a cluster, where every job is a separate
-process."""
+"""The log of a job: its outcome, warnings and duration, and what it was given. The report at the
+end of a run is read from the logs. So it is also complete on a cluster, where every job is a
+separate process."""
 
 import json
 from collections import Counter

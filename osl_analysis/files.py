@@ -68,7 +68,8 @@ def check_working_folder(results: Path = Path(".snakemake")) -> None:
             raise InputError(
                 f"{folder.absolute()}: cannot be written to; make it writable, or copy the campaign"
             )
-    if shutil.disk_usage(results if results.is_dir() else Path()).free < 10e6:
+    disk = shutil.disk_usage(results if results.is_dir() else Path())
+    if disk.total and disk.free < 10e6:
         raise InputError(
             f"{results.absolute()}: less than 10 MB free on its disk; make room, or work on"
             " another one"

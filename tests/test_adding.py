@@ -1,4 +1,4 @@
-"""A new experiment: a toy of one file of its own and four entries goes through all of a copy of the
+"""A new experiment: a toy of one file of its own and five entries goes through all of a copy of the
 project."""
 
 import json
@@ -61,11 +61,11 @@ def summarise_holding(table: Path, output: Path) -> None:
         trial="<results>/trials/{trial}.parquet",
     output:
         holding="<results>/fits/holding/{trial}.csv",
-    log:
-        "<logs>/holding/{trial}.log",
     params:
         settings=CONFIG.dynamometer.part("FilterSettings"),
         made_by=MADE_BY,
+    log:
+        "<logs>/holding/{trial}.log",
     run:
         job("bench.fit_holding_trial", input, output, params, log)
 

@@ -80,7 +80,10 @@ class Journey:
         """What `init` prints, and the source file."""
         draft = drafting.new_campaign(self.made, recordings=self.recordings)
         self.before = self.texts()
-        said = [drafting.campaign_text(self.made, draft), *drafting.left_to_decide(self.made, draft)]
+        said = [
+            drafting.campaign_text(self.made, draft),
+            *drafting.left_to_decide(self.made, draft),
+        ]
         return "\n".join(said), next((self.made / "sources").glob("*.yaml")).read_text()
 
     def states(self, **units):

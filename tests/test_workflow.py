@@ -255,8 +255,7 @@ def test_what_a_rule_names_are_the_arguments_of_its_function_and_none_is_left_ou
 
 
 def test_every_job_says_what_made_it_and_leaves_out_what_quality_control_excludes(workspace):
-    """`quality` is what the verdicts are made of: a rule that waits for it also has the
-    verdicts."""
+    """`quality` is what verdicts are made of: a rule that waits for it also has the verdicts."""
     for job in workspace.jobs("reproduce-all"):
         if job["rule"] != "reproduce-all":
             assert {"version", "sources", "data"} == job["params"]["made_by"].keys(), job["rule"]
@@ -406,8 +405,10 @@ def test_every_setting_is_a_param_of_a_job(tmp_path):
     """Else a changed one would leave old results. All are changed at once, in a dry run without the
     recordings."""
     space, places, changes = Workspace(tmp_path), {}, {}
-    of_each = "trial|cal|belt_[12]|transmission|actuator|impedance_2|"
-    of_each += "torque_angle_2|overground|static|plate_1|walking_"
+    of_each = (
+        "trial|cal|belt_[12]|transmission|actuator|impedance_2|torque_angle_2|overground|static"
+        "|plate_1|walking_"
+    )
     (tmp_path / "trials.csv").write_text(
         "".join(row for row in EVERY_TRIAL if re.match(of_each, row))
     )

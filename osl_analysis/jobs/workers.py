@@ -9,6 +9,7 @@ import multiprocessing
 import os
 import signal
 import threading
+from collections import defaultdict
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.process import BaseProcess
@@ -49,14 +50,16 @@ class Worker:
         )
 
 
-IDLE: list[Worker] = []
-"""Workers without a job. Threads of Snakemake take one, and put it back."""
+IDLE: defaultdict[str, list[Worker]] = defaultdict(list)
+"""Workers without a job, by the module of the commands that they do: one that simulates has
+imported 200 MB that a fit does without. Threads of Snakemake take one, and put it back."""
 
 
 def end_workers() -> None:
     """End the workers, and free what they shared with this process."""
-    while IDLE:
-        IDLE.pop().pool.shutdown()
+    for workers in IDLE.values():
+        while workers:
+            workers.pop().pool.shutdown()
     gc.collect()
 
 
@@ -98,7 +101,8 @@ def job(command: str, input: Any, output: Any, params: Any, log: Any) -> None:
         There is no result, not even a refusal: the worker was killed, or cannot write.
     """
     given = (command, plain_files(input), outputs_of(output), dict(params.items()), Path(log[0]))
-    worker = IDLE.pop() if IDLE else Worker()
+    idle = IDLE[command.partition(".")[0]]
+    worker = idle.pop() if idle else Worker()
     try:
         worker.pool.submit(do, *given).result()
     except BrokenProcessPool:
@@ -106,9 +110,9 @@ def job(command: str, input: Any, output: Any, params: Any, log: Any) -> None:
         after_kill(worker.process, *given)
         return
     except BaseException:
-        IDLE.append(worker)
+        idle.append(worker)
         raise
-    IDLE.append(worker)
+    idle.append(worker)
 
 
 def plain_files(input: Any) -> dict[str, str | list[str]]:

@@ -318,7 +318,7 @@ def known_line(
 
 
 def findings_report(findings: Path, tables: Iterable[Path], verdicts: pl.DataFrame) -> str:
-    """The findings of a campaign for the end of a run, a line each; tables may be refusal records
+    """The findings of a campaign for the end of a run, a line each; tables may be refusals
     or not be there."""
     written = {
         path.stem: read_table(path) for path in tables if path.is_file() and not is_refused(path)

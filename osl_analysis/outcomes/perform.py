@@ -30,8 +30,7 @@ from osl_analysis.table import tables_of, write_tables
 from osl_analysis.trial import read_trial
 
 ONLY_WAITED_FOR = ("recordings", "sources", "made_of", "evidence", "numbers", "quality")
-"""Inputs that are no arguments of a command: it finds these files itself, or others stand for
-them."""
+"""Inputs that are no arguments of a command: it finds these files itself, or by others."""
 ONLY_TOLD = ("fitted",)
 """Inputs of which a command is only told which are refused, as `refused`."""
 ONLY_MADE = ("log", "mocap")
@@ -60,8 +59,7 @@ TABLES_OF_FIT = {
     for facts in EXPERIMENTS.values()
     if facts.fit is not None
 }
-"""The tables of the fit of an experiment, by its command, in the order in which they are
-written."""
+"""The tables of the fit of an experiment, by its command, in the order in which it writes them."""
 
 CONVERTING: Any = cache(validate_call(config=ConfigDict(arbitrary_types_allowed=True)))
 

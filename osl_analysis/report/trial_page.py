@@ -244,7 +244,7 @@ def left_out_trials(
     said = []
     for row in excluded.iter_rows(named=True):
         # outcomes of a job, which are no checks
-        by_job = row["check"] in ("refused", "failed", "died")
+        by_job = row["check"] in ("refused", "failed")
         said.append((row["trial"], by_job, row["remark"] if by_job else exclusion_said(row)))
     known = {trial for trial, *_ in said}
     said += [(trial, True, reason) for trial, reason in refused.items() if trial not in known]

@@ -983,7 +983,7 @@ def test_a_trial_is_left_out_by_what_became_of_it():
     }
     cut = dict.fromkeys(late) | {"trial": "cut", "check": "refused", "remark": "no footer"}
     rows = pl.DataFrame(
-        [cut, late, late, cut | {"trial": "hung", "check": "died"}], infer_schema_length=None
+        [cut, late, late, cut | {"trial": "hung", "check": "failed"}], infer_schema_length=None
     )
     crossings = pl.DataFrame({"trial": ["walk"], "reason": ["no step"]})
     tables = {"walking": crossings.rename({"reason": "excluded"}), "walking_excluded": crossings}

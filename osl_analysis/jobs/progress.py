@@ -35,7 +35,16 @@ STAGES = {
         "summarise_",
         "tabulate_",
     ),
-    "figures": ("plot_numbers", "draw_figure", "captions"),
+    "figures": (
+        "plot_numbers",
+        "fig3_numbers",
+        "fig4_numbers",
+        "fig7_numbers",
+        "walking_page_numbers",
+        "over_stance_numbers",
+        "draw_figure",
+        "captions",
+    ),
 }
 """Begin of the rules' names by stage. All others make tables and the page."""
 TABLES_AND_PAGE = "tables and page"

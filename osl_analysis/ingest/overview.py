@@ -13,6 +13,7 @@ import numpy as np
 from osl_analysis import formats
 from osl_analysis.errors import InputError, naming, printable
 from osl_analysis.formats import known_formats
+from osl_analysis.ingest.asked_table import is_clock_beside
 from osl_analysis.ingest.capture import vertical_axis
 from osl_analysis.ingest.clock_choice import (
     choose_clock,
@@ -30,7 +31,6 @@ from osl_analysis.ingest.likely_clock import (
     ticks,
 )
 from osl_analysis.ingest.placeholders import NAME_OF_TIME, UNKNOWN
-from osl_analysis.ingest.table_log import is_clock_beside
 from osl_analysis.recording import Channel, End, Kind, Plate, Recording
 from osl_analysis.source_file import MarkerSource, Source
 from osl_analysis.trial import Array, plate_columns

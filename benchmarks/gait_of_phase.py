@@ -14,7 +14,7 @@ import numpy as np
 from osl_analysis.signals import LowPass, Motion
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing
-from osl_analysis.walking.plate import Stance
+from osl_analysis.walking.stance import Stance
 
 RATE, STRIKE, STANCE, WEIGHT, ONSET = 300.0, 0.5, 0.70, 785.0, 0.40
 TRUTH = {"K": 340.0, "B": 3.0, "I": 0.02}

@@ -15,7 +15,8 @@ from impedance_over_stance import at_timing, laboratory
 from study import StudyLaboratory
 
 from osl_analysis.walking.crossing import Crossing
-from osl_analysis.walking.response import group_headline, unperturbed_gait
+from osl_analysis.walking.ensemble import group_headline
+from osl_analysis.walking.unperturbed_gait import unperturbed_gait
 
 CROSSINGS, RESAMPLES = 10, 300
 Walked = tuple[list[Crossing], list[Crossing], float]
@@ -71,13 +72,14 @@ def main(number: int) -> None:
         for k in range(number):
             unperturbed, perturbed, truth = make(k, shipped)
             headline = group_headline(perturbed, unperturbed_gait(unperturbed, 3), settings)
-            shares.append(headline.share)
-            of_both = (headline.ensemble, headline.resampled), headline.other[1:]
-            for name, (ensemble, draws) in zip(found, of_both, strict=True):
+            shares.append(headline.predicted_share)
+            other = headline.other_baseline
+            for name, K, draws in (
+                ("mean", headline.ensemble.fit["K"], headline.resampled),
+                ("predicted", other.estimates["K"], other.resampled),
+            ):
                 low, high = draws.interval("K")
-                found[name].append(
-                    (ensemble.fit["K"] - truth, (high - low) / 2, float(low <= truth <= high))
-                )
+                found[name].append((K - truth, (high - low) / 2, float(low <= truth <= high)))
         for name, rows in found.items():
             error, width, covered = np.array(rows).T
             share = f"{100 * np.mean(shares):.0f} %" if name == "predicted" else "–"

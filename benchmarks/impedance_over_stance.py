@@ -18,8 +18,10 @@ from study import StudyLaboratory, gait_laboratory
 
 from osl_analysis.commands.figure import draw_table
 from osl_analysis.commands.walking import commanded_over_stance
-from osl_analysis.walking.response import group_headline, unperturbed_gait
-from osl_analysis.walking.tables import fitted_time, trajectory_points, with_trajectory
+from osl_analysis.walking.ensemble import group_headline
+from osl_analysis.walking.group_table import fitted_time
+from osl_analysis.walking.result_tables import trajectory_points, with_trajectory
+from osl_analysis.walking.unperturbed_gait import unperturbed_gait
 
 FIGURE = Path("docs/impedance_over_stance.png")
 TRAJECTORY, STANCE_SHARE = Path("config/impedance/synthetic_walking.csv"), 0.62

@@ -20,20 +20,19 @@ from osl_analysis.simulator.crossing import SimulatedCrossing, simulate_crossing
 from osl_analysis.simulator.step import RENDERED_S, GaitTrial, Step, draw_step, smooth_step
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing
-from osl_analysis.walking.plate import Stance
-from osl_analysis.walking.response import (
+from osl_analysis.walking.ensemble import Ensemble
+from osl_analysis.walking.isolated_response import PerturbationResponse, isolate_response
+from osl_analysis.walking.settings import TimingSettings
+from osl_analysis.walking.stance import Stance
+from osl_analysis.walking.unperturbed_gait import (
     BEFORE_ONSET_S,
     PHASES,
-    Ensemble,
-    PerturbationResponse,
     UnperturbedGait,
-    isolate_response,
     matched_scales,
     signal_at,
     stance_times,
     unperturbed_gait,
 )
-from osl_analysis.walking.settings import TimingSettings
 
 CROSSINGS, RESAMPLES = 10, 300
 CHANGES = {

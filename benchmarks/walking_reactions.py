@@ -18,8 +18,9 @@ from osl_analysis.campaign.configuration import read_config
 from osl_analysis.judge.finding import Grade, Limits
 from osl_analysis.judge.judging import judged
 from osl_analysis.walking.crossing import Crossing
-from osl_analysis.walking.response import group_headline, unperturbed_gait
-from osl_analysis.walking.tables import group_facts
+from osl_analysis.walking.ensemble import group_headline
+from osl_analysis.walking.group_checks import check_group
+from osl_analysis.walking.unperturbed_gait import unperturbed_gait
 
 CONFIG = read_config(Path(__file__).parents[1] / "config/config.yaml")
 PLANTED = {
@@ -44,7 +45,7 @@ def causes_of(number: int, planted: str) -> set[str]:
             one = replace(one, torque=one.torque + more, turn=0.083)
         crossings.append(one)
     headline = group_headline(crossings[:10], unperturbed_gait(crossings[10:], 3), settings)
-    facts = group_facts(headline) | {"group": "all", "onset_phase": ONSET}
+    facts = {**check_group(headline).columns(), "group": "all", "onset_phase": ONSET}
     limits = CONFIG.doubtful.walking_groups
     known = {
         way: {k: v for k, v in getattr(limits, way).items() if k in facts}

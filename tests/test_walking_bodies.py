@@ -22,9 +22,15 @@ from walking_synthetic import (
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
 from osl_analysis.trial import Array, Trial
-from osl_analysis.walking import bodies
-from osl_analysis.walking.bodies import ankle_angle, bridge_gaps, cluster_poses
-from osl_analysis.walking.crossing import encoder_check
+from osl_analysis.walking.ankle import ankle_angle, moment_of_foot
+from osl_analysis.walking.crossing_quality import EncoderComparison, compare_encoder
+from osl_analysis.walking.poses import (
+    body_motion,
+    bridge_gaps,
+    cluster_poses,
+    filled_frames,
+    static_calibration,
+)
 
 TIME, ANKLE = np.arange(240) / RATE, np.array([0.02, -0.1, 0.09])
 low_pass, time, own = LowPass(20.0), 0.5 + np.arange(240) / 300, np.arange(1000) / 500
@@ -112,39 +118,37 @@ def test_the_calibrated_axis_points_to_the_left_for_either_leg(side) -> None:
     medial, lateral = ("ANKLE_MED", "ANKLE_LAT") if side == "right" else ("ANKLE_LAT", "ANKLE_MED")
     markers = SETTINGS["markers"] | {"ankle_medial": medial, "ankle_lateral": lateral}
     standing = hidden(static_trial(ANKLE), ["SHANK2"], 0.2, 0.9)
-    static = bodies.static_calibration(standing, settings(side=side, markers=markers))
+    static = static_calibration(standing, settings(side=side, markers=markers))
     np.testing.assert_allclose(static.ankle_axis, LEFT, atol=1e-12)
     np.testing.assert_allclose(static.ankle_centre, ANKLE, atol=1e-12)
 
 
 def test_a_static_marker_that_is_never_seen_and_a_cluster_on_a_line_are_refused_by_name() -> None:
     with pytest.raises(InputError, match=r"trial static: marker SHANK2 is never seen"):
-        bodies.static_calibration(hidden(static_trial(ANKLE), ["SHANK2"], 0, 2), settings())
+        static_calibration(hidden(static_trial(ANKLE), ["SHANK2"], 0, 2), settings())
     with pytest.raises(
         InputError, match="trial static: markers FOOT1, FOOT2, FOOT3, FOOT4 have no frames; record"
     ):
-        bodies.static_calibration(
+        static_calibration(
             changed(static_trial(), marker_FOOT1_x=pl.lit(None, pl.Float64)), settings()
         )
     flat = [pl.col(f"marker_FOOT{k}_{axis}") * 0 for k in range(1, 5) for axis in "yz"]
     with pytest.raises(InputError, match="foot markers FOOT1, FOOT2, FOOT3, FOOT4 lie on a line"):
-        bodies.static_calibration(changed(static_trial(ANKLE), *flat), settings())
+        static_calibration(changed(static_trial(ANKLE), *flat), settings())
     foot, shank = (SETTINGS["markers"][segment] for segment in ("foot", "shank"))
     exchanged = SETTINGS["markers"] | {"foot": shank, "shank": foot}
     with pytest.raises(
         InputError, match=r"the foot markers SHANK1, .* stand 24 cm above the shank markers FOOT1"
     ):
-        bodies.static_calibration(static_trial(), settings(markers=exchanged))
+        static_calibration(static_trial(), settings(markers=exchanged))
 
 
 def test_a_hanging_foot_needs_its_weight_and_its_inertia() -> None:
     """A foot that swings freely about a still ankle: tau = I_ankle alpha + m g x_com, toes-down
     positive."""
     phi, alpha, com = 0.3 * np.sin(6 * TIME), -10.8 * np.sin(6 * TIME), np.array([0.05, 0.0, -0.04])
-    motion = bodies.body_motion(TIME, pose(about_y(phi), np.zeros((len(TIME), 3))), com)
-    torque = bodies.moment_of_foot(
-        motion, 0 * motion.point, np.tile(LEFT, (len(TIME), 1)), 1.2, 0.007
-    )
+    motion = body_motion(TIME, pose(about_y(phi), np.zeros((len(TIME), 3))), com)
+    torque = moment_of_foot(motion, 0 * motion.point, np.tile(LEFT, (len(TIME), 1)), 1.2, 0.007)
     x = np.cos(phi) * com[0] + np.sin(phi) * com[2]
     np.testing.assert_allclose(
         torque[6:-6], ((0.007 + 1.2 * (com @ com)) * alpha - 1.2 * 9.80665 * x)[6:-6], atol=1e-5
@@ -157,10 +161,10 @@ def gait(time: Array) -> Array:
 
 def compared(
     theta: Array, stamps: Array, encoder: Array, torque: float = 0.0
-) -> dict[str, float | None]:
+) -> EncoderComparison | None:
     """The angle from markers with an encoder's, which a trial has at these stamps."""
     trial = Trial("w", pl.DataFrame({"time": np.r_[-1.0, stamps], "theta": [None, *encoder]}))
-    return encoder_check(trial, time, theta, torque * np.cos(3 * time), low_pass)
+    return compare_encoder(trial, time, theta, torque * np.cos(3 * time), low_pass)
 
 
 @pytest.mark.parametrize(
@@ -176,11 +180,9 @@ def test_offset_and_delay_of_the_encoder_come_out_whatever_its_rate(
     check = compared(
         low_pass(gait(np.arange(600) / 300), 300.0)[150:390], some, gait(some - delay) + 0.01
     )
-    assert check["encoder_offset_deg"] == pytest.approx(
-        np.rad2deg(0.01), abs=0.06 if first else 1e-3
-    )
-    assert check["encoder_delay_ms"] == pytest.approx(1e3 * delay, abs=1 if first else 0.02)
-    assert check["encoder_rms_deg"] < (np.rad2deg(1e-3) if first else 1e-3)
+    assert check.offset_deg == pytest.approx(np.rad2deg(0.01), abs=0.06 if first else 1e-3)
+    assert check.delay_ms == pytest.approx(1e3 * delay, abs=1 if first else 0.02)
+    assert check.rms_deg < (np.rad2deg(1e-3) if first else 1e-3)
 
 
 def test_the_difference_that_follows_the_torque_is_the_compliance_of_the_shoe() -> None:
@@ -190,7 +192,7 @@ def test_the_difference_that_follows_the_torque_is_the_compliance_of_the_shoe() 
     check = compared(
         gait(time), own, gait(own - 0.004) - 100 * np.cos(3 * (own - 0.004)) / k, 100.0
     )
-    assert check["shoe_compliance"] == pytest.approx(1 / k, rel=0.02)
+    assert check.shoe_compliance == pytest.approx(1 / k, rel=0.02)
 
 
 def test_what_offset_and_delay_leave_is_the_noise_and_an_encoder_of_another_joint_is_refused() -> (
@@ -201,11 +203,11 @@ def test_what_offset_and_delay_leave_is_the_noise_and_an_encoder_of_another_join
     check = compared(
         gait(time), own, gait(own) + 1e-3 * np.random.default_rng(4).standard_normal(1000)
     )
-    assert np.deg2rad(check["encoder_rms_deg"]) == pytest.approx(1e-3 * np.sqrt(40 / 500), rel=0.3)
+    assert np.deg2rad(check.rms_deg) == pytest.approx(1e-3 * np.sqrt(40 / 500), rel=0.3)
     with pytest.raises(InputError, match="does not follow the angle from markers within 50 ms"):
         compared(gait(time), own, gait(own - 0.2))
     for on in (slice(200), slice(0), slice(260, 270), slice(250, 320)):  # one that was off is none
-        assert compared(gait(time), own[on], gait(own[on])) == {}
+        assert compared(gait(time), own[on], gait(own[on])) is None
 
 
 FILLS = {
@@ -228,12 +230,12 @@ def test_a_filled_run_of_frames_is_found_and_noise_and_rest_are_not_accused(
     path = 0.3 * np.outer(np.clip(np.sin(2 * np.pi * time), 0, None) ** 3, [1.0, 0.2, 0.5])
     for start in random.integers(30, len(time) - length - 30, 20):
         track = path + 2e-4 * random.standard_normal(path.shape)
-        assert not bodies.filled_frames(track).any()
+        assert not filled_frames(track).any()
         inside = np.arange(start, start + length)
         beside = np.r_[start - 20 : start, start + length : start + length + 20]
         for axis in track.T:
             axis[inside] = FILLS[kind](beside, axis[beside], inside)
-        told = np.flatnonzero(bodies.filled_frames(track))
+        told = np.flatnonzero(filled_frames(track))
         found.append(np.isin(told, inside).sum() >= length / 2)
         assert np.isin(told, np.arange(start - 5, start + length + 5)).all()
     assert np.mean(found) >= (0.95 if rate == 300 else 0.7)
@@ -248,4 +250,4 @@ def test_a_smoothed_rounded_or_short_track_does_not_tell_what_was_filled() -> No
         noisy[:40],
         np.full((900, 3), np.nan),
     ):
-        assert bodies.filled_frames(track) is None
+        assert filled_frames(track) is None

@@ -31,11 +31,14 @@ from osl_analysis.judge.finding import Limits
 from osl_analysis.simulator.step import smooth_step
 from osl_analysis.table import read_table
 from osl_analysis.trial import Trial, plate_columns, read_trial, write_trial
-from osl_analysis.walking.crossing import Crossing, RefusedCrossing, body_mass
-from osl_analysis.walking.overground import CURVES, overground_rows
-from osl_analysis.walking.plate import PlateModel
-from osl_analysis.walking.response import fit_response, isolate_response, unperturbed_gait
+from osl_analysis.walking.crossing import Crossing, RefusedCrossing
+from osl_analysis.walking.impedance_fit import fit_response
+from osl_analysis.walking.isolated_response import isolate_response
+from osl_analysis.walking.overground import CURVES, overground_contacts
+from osl_analysis.walking.plate_model import PlateModel
 from osl_analysis.walking.settings import OvergroundAnalysis, WalkingAnalysis
+from osl_analysis.walking.setup_checks import body_mass
+from osl_analysis.walking.unperturbed_gait import unperturbed_gait
 
 FOOT = {"mass_kg": 1.0, "centre_of_mass_m": [0.045, 0.0, -0.045], "inertia_kg_m2": 0.085**2}
 
@@ -319,7 +322,7 @@ def test_what_cannot_be_used_is_named_and_listed_and_the_rest_goes_on(
         with pytest.warns(UserWarning, match=f"excluded: trial {name}"):
             real.analyse(path, name != cut, copied.crossings(name)[0], foot=FOOT)
     (outlier,) = copied.read(elsewhere)
-    moved = replace(outlier, quality=outlier.quality | {"foot_forward_m": 0.2})
+    moved = replace(outlier, quality=replace(outlier.quality, foot_forward_m=0.2))
     jobs.write_crossing(moved, copied.crossings(elsewhere)[0])
     chosen = settings(foot=FOOT)
     tables = copied.summarised(chosen, Limits(above={"K": real.rendered("K")}))
@@ -541,6 +544,11 @@ def gait_trial(side: str = "left", over: float = 0.0) -> Trial:
         trial,
         **{f"reference_ankle_moment_{side}": pl.when(pl.arange(0, len(t)) % 5 == 0).then(moments)},
     )
+
+
+def overground_rows(trial: Trial, settings: OvergroundAnalysis) -> list[dict[str, Any]]:
+    """Rows of `ankle_moment.csv`, with their curves."""
+    return [contact.row() for contact in overground_contacts(trial, settings)]
 
 
 @pytest.mark.parametrize("side", ["left", "right"])

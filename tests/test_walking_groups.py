@@ -30,25 +30,25 @@ from osl_analysis.commands.walking import tabulate_over_stance, write_crossing
 from osl_analysis.errors import InputError
 from osl_analysis.judge.finding import Limits
 from osl_analysis.table import read_table
-from osl_analysis.walking import response
 from osl_analysis.walking.crossing import Crossing, platform_turn
-from osl_analysis.walking.groups import (
-    crossing_features,
-    places,
-    selection_rows,
-    split_keys,
-    timings,
-)
-from osl_analysis.walking.plate import Stance
-from osl_analysis.walking.tables import (
-    PARTING,
+from osl_analysis.walking.crossing_quality import CrossingQuality
+from osl_analysis.walking.ensemble import group_headline
+from osl_analysis.walking.group_checks import moment_error
+from osl_analysis.walking.group_table import (
+    SMALLEST_DIFFERENCES,
+    TimingPoint,
+    TimingSlope,
     fitted_time,
-    headline_rows,
-    moment_error,
     parted_by,
-    with_slopes,
-    with_trajectory,
+    timing_slope,
 )
+from osl_analysis.walking.groups import places, split_keys, timings
+from osl_analysis.walking.impedance_fit import fit_response
+from osl_analysis.walking.planned_turn import PlannedTurn, half_widths, scatter_of_one
+from osl_analysis.walking.result_tables import headline_rows, with_trajectory
+from osl_analysis.walking.selection import crossing_features, selection_rows
+from osl_analysis.walking.stance import Stance
+from osl_analysis.walking.unperturbed_gait import unperturbed_gait
 
 RULE, MIDSTANCE = settings().outliers, Walk(0.4)
 ALL_K = "ensemble", "K"
@@ -62,8 +62,8 @@ def crossings(walks):
 
 
 def headline(walks, count=8, **choices):
-    gait = response.unperturbed_gait(crossings(several("u", count, Walk())), 3)
-    return response.group_headline(crossings(walks), gait, settings(**choices))
+    gait = unperturbed_gait(crossings(several("u", count, Walk())), 3)
+    return group_headline(crossings(walks), gait, settings(**choices))
 
 
 def test_half_the_difference_of_directions_is_free_of_what_follows_either_turn(tmp_path):
@@ -118,7 +118,7 @@ def test_half_the_difference_of_directions_is_free_of_what_follows_either_turn(t
         > apart.estimate("direction down")["mean"]
     )
     both = headline(BOTH, bootstrap_samples=100)
-    assert both.directions["up minus down"][1].degrees_of_freedom == 3  # of 4 down
+    assert both.directions["up minus down"].resampled.degrees_of_freedom == 3  # of 4 down
     # cancels in the difference
     plain, stated = (headline_rows(both, fits, {}, errors) for errors in ({}, {"K": 50.0}))
     wider = {
@@ -166,15 +166,17 @@ def test_the_degrees_of_freedom_of_two_directions_are_those_of_a_difference():
 def test_the_bootstrap_draws_within_directions():
     """Only responses up scatter: half the difference has half their error; 400 draws of 9 leave it
     a few per cent."""
-    gait = response.unperturbed_gait(crossings(several("u", 4, Walk(noise=0.0))), 3)
+    gait = unperturbed_gait(crossings(several("u", 4, Walk(noise=0.0))), 3)
     walks = several("a", 9, MIDSTANCE) | several("d", 9, MIDSTANCE, sign=-1, noise=0.0)
-    result = response.group_headline(crossings(walks), gait, settings(bootstrap_samples=400))
-    assert [n for _, _, n in result.directions.values()] == [9, 9, 18]
+    result = group_headline(crossings(walks), gait, settings(bootstrap_samples=400))
+    assert [estimate.n for estimate in result.directions.values()] == [9, 9, 18]
     assert result.resampled.se("K") == pytest.approx(
-        result.directions["up"][1].se("K") / 2, rel=0.1
+        result.directions["up"].resampled.se("K") / 2, rel=0.1
     )
-    fits = [response.fit_response(r)["K"] for r in result.responses if r.sign > 0]
-    assert result.directions["up"][1].se("K") == pytest.approx(np.std(fits, ddof=1) / 3, rel=0.15)
+    fits = [fit_response(r)["K"] for r in result.responses if r.sign > 0]
+    assert result.directions["up"].resampled.se("K") == pytest.approx(
+        np.std(fits, ddof=1) / 3, rel=0.15
+    )
 
 
 @pytest.mark.parametrize("heading", [0.0, 180.0, 57.0])
@@ -283,7 +285,9 @@ def test_a_person_who_walks_slower_than_the_others_is_no_outlier_among_them():
     ({"subject": "B"}, "subject, A and B"),
 ])  # fmt: skip
 def test_what_parts_the_crossings_that_are_left_out_is_named(lost, said):
-    used = dict.fromkeys(PARTING, [0.0] * 5) | {"stance_s": [0.62, 0.61, 0.63, 0.62, 0.625]}
+    used = dict.fromkeys(SMALLEST_DIFFERENCES, [0.0] * 5) | {
+        "stance_s": [0.62, 0.61, 0.63, 0.62, 0.625]
+    }
     rows = {name: [*values, *lost.get(name, values[:3])] for name, values in used.items()}
     table = pl.DataFrame(rows | {"trial": [f"c{k}" for k in range(8)]})
     sheet = {f"c{k}": {"subject": lost.get("subject", "A") if k > 4 else "A"} for k in range(8)}
@@ -293,7 +297,7 @@ def test_what_parts_the_crossings_that_are_left_out_is_named(lost, said):
 def test_conditions_serve_every_value_where_unstated():
     K_d = {"p200": 200.0, "p400": 400.0, "every": None, "u400": 400.0, "u300": 300.0}
     sheet = {name: {"perturbed": name[0] == "p", "K_d": value} for name, value in K_d.items()}
-    found = {name: row["gait"] for name, row in places([], sheet, settings()).items()}
+    found = {name: place.gait for name, place in places([], sheet, settings()).items()}
     assert [found[name] for name in ("every", "u400", "u300")] == [
         "K_d 200; K_d 400",
         "K_d 400",
@@ -310,10 +314,10 @@ def test_conditions_serve_every_value_where_unstated():
     with pytest.raises(InputError, match="group_by names 'subject', but no crossing states it"):
         split_keys({"p0": {"perturbed": True}}, settings(group_by=["subject"]))
     both = settings(group_by=["timing", "direction"])
-    (one,) = places(
+    (place,) = places(
         [replace(walked("p0", MIDSTANCE), turn=None)], {"p0": {"perturbed": True}}, both
     ).values()
-    assert one["group"] == "timing 40 %, direction unknown"
+    assert place.group == "timing 40 %, direction unknown"
     with pytest.raises(
         ValidationError, match="group_by and pool share a condition; remove it from one of them"
     ):
@@ -549,10 +553,10 @@ def test_crossings_whose_foot_stands_elsewhere_do_not_tell_how_long_a_stance_is_
 @pytest.mark.parametrize(("changed", "said"), [
     (loaded(LAST, mass=70), None),
     (loaded(LAST, share=0.6), None),  # of a person whose mass nobody states
-    (replace(LAST, quality={"foot_outside_m": 0.02}), None),
+    (replace(LAST, quality=CrossingQuality(foot_outside_m=0.02)), None),
     (loaded(LAST, share=0.6, mass=70), "the plate carries 0.5"),
     (loaded(LAST, mass=35), "the plate carries 1."),
-    (replace(LAST, quality={"foot_outside_m": 0.05}),
+    (replace(LAST, quality=CrossingQuality(foot_outside_m=0.05)),
      "a foot marker lies 5.0 cm outside the plate"),
 ])  # fmt: skip
 def test_a_load_far_from_the_known_weight_is_excluded(changed, said):
@@ -569,16 +573,19 @@ def test_errors_of_the_laboratory_change_the_fit_as_the_table_says_and_witnesses
     with K."""
     walks = several("p", 4, Walk(0.4)) | several("u", 4, Walk())
     (tmp_path / "crossings").mkdir()
-    shoe = {"shoe_compliance": np.deg2rad(1) / 60, "encoder_rms_deg": 0.7, "plate_height_m": 0.02}
     for name, walk in walks.items():
         plain = walked(name, walk)
         d, v, _ = (
             TURN * part * (walk.phase is not None)
             for part in bump(plain.time, (plain.onset or 0) + LEAD, RISE)
         )
-        wrong = replace(
-            plain, lab_errors=np.array([-6 * d + 0.1 * v]), quality=plain.quality | shoe
+        quality = replace(
+            plain.quality,
+            shoe_compliance=np.deg2rad(1) / 60,
+            encoder_rms_deg=0.7,
+            plate_height_m=0.02,
         )
+        wrong = replace(plain, lab_errors=np.array([-6 * d + 0.1 * v]), quality=quality)
         write_crossing(wrong, tmp_path / f"crossings/{name}.parquet")
     limits = Limits(above={"encoder_rms_deg": 0.4, "shoe_share": 0.05, "height_share": 0.02})
     names = [[name for name in walks if name.startswith(kind)] for kind in "pu"]
@@ -628,28 +635,29 @@ def test_moments_too_large_show_in_the_pressure_of_a_foot_that_stands_elsewhere(
             onset_phase=pl.lit(None, pl.Float64), reason=pl.lit(None, pl.String)
         )
         found = moment_error(table)
-        assert found["certain_moment_error"] == pytest.approx(certain, abs=0.03)
-        assert 0 < found["moment_error_half"] < 0.05
-        assert moment_error(table[:5])["certain_moment_error"] is None
+        assert found.certain_moment_error == pytest.approx(certain, abs=0.03)
+        assert 0 < found.moment_error_half < 0.05
+        assert moment_error(table[:5]).certain_moment_error is None
 
 
 def test_a_slope_of_k_between_timings_tells_the_damping_without_it() -> None:
     """K rises by 500 over stance: that alone makes 500 x 0.001 of B at every timing, if it is
     certain."""
-    facts = [
-        {"group": f"K_d 300, timing {p} %", "K": 250 + 5 * p, "B": 3.0, "K_se_share": se,
-        "B_per_slope": 1e-3,
-         "fitted_phase": p / 100} for p, se in ((30, 0.01), (40, 0.01), (60, 0.01))
-    ]  # fmt: skip
-    unlike = {**facts[0], "group": "K_d 200, timing 30 %"}
-    *rows, alone, none = with_slopes([*facts, unlike, {"group": "x", "reason": "too few"}])
-    assert [row["K_slope_timings"] for row in rows] == pytest.approx([500] * 3)
-    assert [row["slope_share_timings"] for row in rows] == pytest.approx([0.5 / 3] * 3)
-    assert [row["B_without_slope"] for row in rows] == pytest.approx([2.5] * 3)
-    assert (alone["K_slope_timings"], alone["B_without_slope"]) == (None, None)
-    assert "K_slope_timings" not in none
-    uncertain = with_slopes([{**fact, "K_se_share": 0.3} for fact in facts])
-    assert [row["slope_share_timings"] for row in uncertain] == [None] * 3
+    certain = [
+        TimingPoint("K_d 300", phase, K=250 + 500 * phase, K_se=3.0, B=3.0, B_per_slope=1e-3)
+        for phase in (0.3, 0.4, 0.6)
+    ]
+    alone = replace(certain[0], series="K_d 200")
+    uncertain = [replace(point, K_se=100.0) for point in certain]
+
+    slopes = [timing_slope(point, [*certain, alone]) for point in certain]
+
+    assert [slope.K_slope_timings for slope in slopes] == pytest.approx([500] * 3)
+    assert [slope.slope_share_timings for slope in slopes] == pytest.approx([0.5 / 3] * 3)
+    assert [slope.B_without_slope for slope in slopes] == pytest.approx([2.5] * 3)
+    assert timing_slope(alone, [*certain, alone]) == TimingSlope()
+    for point in uncertain:
+        assert timing_slope(point, uncertain).slope_share_timings is None
 
 
 def test_unperturbed_crossings_tell_the_intervals_that_perturbed_ones_will_have(
@@ -660,31 +668,27 @@ def test_unperturbed_crossings_tell_the_intervals_that_perturbed_ones_will_have(
     unperturbed crossings' error."""
     chosen, planned = (
         settings(perturbed_stance="own"),
-        response.PlannedTurn(TURN, 0.08, 0.4, (340.0, 5.0, 0.03)),
+        PlannedTurn(TURN, 0.08, 0.4, (340.0, 5.0, 0.03)),
     )
     ratios = []
     for k in range(6):
         flat = [walked(f"f{k}_{n}", Walk()) for n in range(16)]
         turned = [planned.added_to(crossing, chosen) for crossing in flat[:8]]
-        headline = response.group_headline(turned, response.unperturbed_gait(flat[8:], 3), chosen)
-        table = response.half_widths(
-            response.scatter_of_one(flat[8:], planned, chosen), [8], 8, both=False
-        )
+        headline = group_headline(turned, unperturbed_gait(flat[8:], 3), chosen)
+        table = half_widths(scatter_of_one(flat[8:], planned, chosen), [8], 8, both=False)
         ratios.append(
             [np.ptp(headline.resampled.interval(name)) / 2 / table[name][0] for name in "KBI"]
         )
     assert np.median(ratios, axis=0) == pytest.approx([1, 1, 1], rel=0.3)
-    one, both = (
-        response.half_widths(np.ones(3), [4, 16], 16, way)["K"].to_list() for way in (False, True)
-    )
+    one, both = (half_widths(np.ones(3), [4, 16], 16, way)["K"].to_list() for way in (False, True))
     assert one[1] == pytest.approx(stdtrit(15, 0.975) * np.sqrt(1 / 8))
     assert both == pytest.approx([stdtrit(2, 0.975) / 2, stdtrit(14, 0.975) / 4])
     with pytest.raises(InputError, match="3 unperturbed crossings can be used, expected 4 or more"):
-        response.scatter_of_one(flat[:3], planned, chosen)
+        scatter_of_one(flat[:3], planned, chosen)
     with pytest.raises(
         InputError, match=r"an onset at 0\.4 % of stance leaves no room .* expected 1[45] % or more"
     ):
-        response.scatter_of_one(flat, replace(planned, phase=0.004), chosen)
+        scatter_of_one(flat, replace(planned, phase=0.004), chosen)
 
 
 def test_a_pilot_who_moves_against_the_turn_once_does_not_widen_the_plan() -> None:
@@ -692,10 +696,10 @@ def test_a_pilot_who_moves_against_the_turn_once_does_not_widen_the_plan() -> No
     scattered tenfold."""
     chosen, planned = (
         settings(perturbed_stance="own"),
-        response.PlannedTurn(TURN, 0.08, 0.4, (340.0, 5.0, 0.03)),
+        PlannedTurn(TURN, 0.08, 0.4, (340.0, 5.0, 0.03)),
     )
     flat = [walked(f"f{n}", Walk()) for n in range(8)]
     against = replace(planned, turn=-0.9 * TURN).added_to(flat[0], chosen)
     unlike = [replace(against, onset=None, turn=None), *flat[1:]]
-    usual, found = (response.scatter_of_one(pilots, planned, chosen) for pilots in (flat, unlike))
+    usual, found = (scatter_of_one(pilots, planned, chosen) for pilots in (flat, unlike))
     assert found == pytest.approx(usual, rel=0.3)

@@ -23,10 +23,10 @@ from osl_analysis.errors import InputError
 from osl_analysis.ingest.raw_files import read_source
 from osl_analysis.table import read_table
 from osl_analysis.trial import Trial, write_trial
-from osl_analysis.walking.bodies import static_calibration
 from osl_analysis.walking.crossing import Crossing, analyse_crossing, crossing_of_log
-from osl_analysis.walking.plate import NO_CORRECTION, identify_plate_model
-from osl_analysis.walking.platform import identify_platform
+from osl_analysis.walking.plate_model import NO_CORRECTION, identify_plate_model
+from osl_analysis.walking.poses import static_calibration
+from osl_analysis.walking.shared_motion import identify_platform
 
 K, B, INERTIA = 210.0, 2.5, 0.04
 RATE, STRIDE, STANCE = 1000, 1.6, 0.72  # Hz, s, s
@@ -318,7 +318,7 @@ def test_a_belt_without_markers_over_a_plate_that_rests_has_its_onset_from_the_t
     shared = identify_platform([(still, static)], chosen)
     found = analyse_crossing(still, static, NO_CORRECTION, True, chosen, shared)
     assert found.onset == pytest.approx(1.19, abs=1e-3)
-    assert (found.direction, found.quality.get("platform_residual_mm")) == ("down", None)
+    assert (found.direction, found.quality.platform_residual_mm) == ("down", None)
     np.testing.assert_allclose(*answer(found), atol=1.0)
     for named in ({}, {"perturbed_by": "belt"}, {"plate_inertia": "none"}):
         with pytest.raises(ValueError, match=r"markers\.platform is empty"):

@@ -27,10 +27,28 @@ from walking_synthetic import (
 
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.trial import Array, Trial, furthest_outside, plate_axes
-from osl_analysis.walking import plate
-from osl_analysis.walking.bodies import BodyMotion, static_calibration
-from osl_analysis.walking.crossing import check_roll, check_side, check_vertical
-from osl_analysis.walking.plate import PlateModel, Stance, check_plate, identify_plate_inertia
+from osl_analysis.walking import plate_model
+from osl_analysis.walking.ankle import Ankle, LoadOnFoot, load_on_foot
+from osl_analysis.walking.plate import (
+    check_plate,
+    check_range,
+    check_type_on_platform,
+    recorded_corners,
+    wrench_reader,
+    zeroed_wrench,
+)
+from osl_analysis.walking.plate_model import (
+    PlateModel,
+    identify_plate_inertia,
+    identify_plate_model,
+    inertial_columns,
+    ringing,
+    stacked_columns,
+    without_mean,
+)
+from osl_analysis.walking.poses import BodyMotion, static_calibration
+from osl_analysis.walking.setup_checks import check_roll, check_side, check_vertical
+from osl_analysis.walking.stance import Stance
 
 PIVOT, TIME, PHASE = (
     np.array([-0.06, 0.0, 0.08]),
@@ -97,10 +115,9 @@ def test_recovers_all_ten_parameters_where_all_axes_turn() -> None:
 def squares_of(*recordings: list[tuple[BodyMotion, Array]]) -> Array:
     """Squares (10, 10) of the columns of recordings, less those of others."""
     columns, *less = (
-        np.concatenate([plate.without_mean(plate.inertial_columns(m)) for m, _ in p])
-        for p in recordings
+        np.concatenate([without_mean(inertial_columns(m)) for m, _ in p]) for p in recordings
     )
-    stacked = plate.stacked_columns(columns - sum(less))
+    stacked = stacked_columns(columns - sum(less))
     return np.asarray(stacked.T @ stacked)
 
 
@@ -123,7 +140,7 @@ def test_the_wrench_of_a_motion_like_those_of_the_trials_is_known_about_any_axis
     trials = [turned(plate_motion(1, size, 0.03), heading) for size in (0.09, 0.05)]
     model = identify_plate_inertia(trials)
     motion, wrench = turned(plate_motion(1, -0.07, 0.035), heading)
-    left = plate.without_mean(wrench - plate.inertial_columns(motion) @ model.parameters)
+    left = without_mean(wrench - inertial_columns(motion) @ model.parameters)
     assert np.abs(left).max() < 1e-3 * np.abs(wrench).max()
     assert (
         model.directions.shape[1]
@@ -175,7 +192,7 @@ def test_a_wrench_is_brought_to_the_markers_frames() -> None:
     fast, slow = np.arange(4500) / PLATE_RATE, np.arange(900) / RATE
     for frequency, late, seen in ((15, 0.0, 1.0), (8, 0.0021, 1.0), (290, 0.0, 0.0)):
         tone = np.sin(2 * np.pi * frequency * (fast - late))[:, None] * [1.0, 2.0, 3.0]
-        sampled = plate.wrench_reader(fast, np.hstack([tone, tone]), slow)(late)
+        sampled = wrench_reader(fast, np.hstack([tone, tone]), slow)(late)
         expected = seen * np.sin(2 * np.pi * frequency * slow)[:, None] * [1.0, 2.0, 3.0]
         np.testing.assert_allclose(
             sampled[60:-60, :3], expected[60:-60], atol=1e-4 if seen else 3e-3
@@ -190,9 +207,7 @@ def unloaded(name: str, load: float = 0.0, angle: float = 5.0, **changes: float)
 
 
 def model_of(*trials: Trial, **choices: Any) -> PlateModel:
-    return plate.identify_plate_model(
-        [(trial, CALIBRATION) for trial in trials], settings(**choices)
-    )
+    return identify_plate_model([(trial, CALIBRATION) for trial in trials], settings(**choices))
 
 
 def test_the_models_without_a_trial_know_nothing_of_it() -> None:
@@ -201,7 +216,7 @@ def test_the_models_without_a_trial_know_nothing_of_it() -> None:
     for k, other in enumerate(model.leave_one_out):
         assert other.lag == pytest.approx(np.delete(model.lags, k).mean())
         alone = model_of(*(t for i, t in enumerate(trials) if i != k))
-        shown = plate.inertial_columns(motion) @ (other.parameters - alone.parameters)
+        shown = inertial_columns(motion) @ (other.parameters - alone.parameters)
         assert np.abs(shown).max() < 0.02 * np.abs(wrench).max()
     assert model.lag_se == pytest.approx(np.std(model.lags, ddof=1) / np.sqrt(3))
     assert (len(model.leave_one_out), model_of(trials[0]).leave_one_out) == (3, ())
@@ -319,18 +334,16 @@ def standing_on(wrench: Array, first: int = 0) -> Trial:
 def test_the_zero_is_read_before_the_foot_comes_not_after_the_platform_tilted() -> None:
     """0.2 s of noise of 0.4 N: the mean's standard deviation is 0.02 N."""
     for seconds in (0.9, 0.2):  # of 1 s before the foot comes
-        read, removed = plate.zeroed_wrench(
-            standing_on(stepped(-60.0)), TIME[::5], settings(unloaded_s=seconds)
-        )
-        assert removed == pytest.approx(-60.0, abs=0.1)
-    np.testing.assert_allclose(read(0.0)[20:180].mean(axis=0), 0, atol=0.15)
+        wrench = zeroed_wrench(standing_on(stepped(-60.0)), TIME[::5], settings(unloaded_s=seconds))
+        assert wrench.zero == pytest.approx(-60.0, abs=0.1)
+    np.testing.assert_allclose(wrench.read(0.0)[20:180].mean(axis=0), 0, atol=0.15)
     for zero in (-713.0, 713.0):
         with pytest.raises(
             InputError, match=f"unloaded plate reads {zero:.0f} N, expected less than 100 N"
         ):
-            plate.zeroed_wrench(standing_on(stepped(zero)), TIME[::5], settings())
+            zeroed_wrench(standing_on(stepped(zero)), TIME[::5], settings())
     with pytest.raises(InputError, match=r"loaded within 0\.2 s of the recording's start"):
-        plate.zeroed_wrench(standing_on(stepped(0.0), 2000), TIME[:-2000:5], settings())
+        zeroed_wrench(standing_on(stepped(0.0), 2000), TIME[:-2000:5], settings())
 
 
 def test_a_plate_at_its_limit_is_refused_also_where_it_stands_askew_and_one_that_peaks_is_not() -> (
@@ -346,11 +359,11 @@ def test_a_plate_at_its_limit_is_refused_also_where_it_stands_askew_and_one_that
     own[:, 0] = np.minimum(own[:, 0], 250.0)
     unloaded = stepped(0.0, noise=0.0)[:1400, :3]  # may well read one value
     for force in (stepped(0.0)[:, :3], own @ turn.T, unloaded):
-        plate.check_range(TIME, force, axes, 30)
+        check_range(TIME, force, axes, 30)
     with pytest.raises(InputError, match=r"Fz stays at 600 N for \d+ ms .* reached its limit"):
-        plate.check_range(TIME, stepped(0.0, limit=600)[:, :3], axes, 30)
+        check_range(TIME, stepped(0.0, limit=600)[:, :3], axes, 30)
     with pytest.raises(InputError, match="stays at 250 N"):
-        plate.check_range(TIME, own @ turn.T, plate_axes(np.array(synthetic.CORNERS) @ turn.T), 30)
+        check_range(TIME, own @ turn.T, plate_axes(np.array(synthetic.CORNERS) @ turn.T), 30)
 
 
 def examined(kind: int = 2, **channel: float) -> Trial:
@@ -387,11 +400,11 @@ def test_a_plate_that_fails_in_a_stance_is_refused_and_elsewhere_does_not_matter
     ):
         check_plate(examined(), 1, stance, 12 * person)
     with pytest.raises(InputError, match=r"of type 1 .* export it as type 2, 3 or 4"):
-        plate.check_type_on_platform(examined(1), 1)
+        check_type_on_platform(examined(1), 1)
     (bare := unloaded("plate_1")).provenance["plates"][0]["type"] = 1
     with pytest.raises(InputError, match=r"of type 1 .* export it as type 2, 3 or 4"):
         model_of(bare)
-    plate.check_type_on_platform(low, 1)
+    check_type_on_platform(low, 1)
 
 
 def test_the_pressure_beside_the_ankle_is_where_the_force_acts() -> None:
@@ -401,9 +414,13 @@ def test_the_pressure_beside_the_ankle_is_where_the_force_acts() -> None:
     force, point = np.array([[30.0, -20.0, 700.0]]), np.array([0.93, 2.1, 0.1])
     moment = np.cross(point - centre, force) + np.array([0, 0, 4.0])  # and a free moment
     wrench, left = np.hstack([force, moment]), np.array([[-1.0, 0, 0]])
-    pressed, light = (plate.load_on_foot(part * wrench, centre, ankle, left) for part in (1, 0.14))
-    # 98 N have no centre
-    assert (pressed[:, 0], light[1]) == (pytest.approx([700, 1.05 - 0.93, 0.2]), [0.0])
+    of_foot = Ankle(np.zeros(1), ankle, left)
+    pressed = load_on_foot(wrench, centre, of_foot)
+    light = load_on_foot(0.14 * wrench, centre, of_foot)
+    assert pressed.vertical == pytest.approx([700])
+    assert pressed.left == pytest.approx([1.05 - 0.93])
+    assert pressed.forward == pytest.approx([0.2])
+    assert light.left == [0.0], "98 N have no centre"
     for marker, distance in (
         ([1.29, 2.19, 0.1], 0.0),
         ([1.35, 2.1, 0.3], 0.05),
@@ -439,10 +456,10 @@ def test_a_load_that_does_not_act_upwards_and_a_plate_on_edge_are_refused_with_t
         (replace(x, provenance={}), 1, "has those of none"),
     ):  # fmt: skip
         with pytest.raises(InputError, match=said):
-            plate.recorded_corners(trial, number)
-    assert plate.recorded_corners(with_corners(ramp), 1).tolist() == ramp.tolist()
+            recorded_corners(trial, number)
+    assert recorded_corners(with_corners(ramp), 1).tolist() == ramp.tolist()
     for corners in (SURFACE, SURFACE[::-1]):  # in either order, the normal points up
-        normal = plate_axes(plate.recorded_corners(with_corners(corners), 1))[:, 2]
+        normal = plate_axes(recorded_corners(with_corners(corners), 1))[:, 2]
         np.testing.assert_allclose(normal, [0, 0, 1], atol=1e-12)
 
 
@@ -468,12 +485,12 @@ def test_a_load_that_does_not_roll_over_the_foot_is_refused_by_its_cause() -> No
     """A turned plate turns braking and push-off with the centre of pressure; a second foot, a load
     more, that alone."""
     zero, torque = np.zeros(PHASE.size), -10 + 90 * PHASE
-    forward, push = np.array([zero, 0.2 * PHASE]), np.array([zero, 300 * (PHASE - 0.5)])
+    roll, push = 0.2 * PHASE, np.array([zero, 300 * (PHASE - 0.5)])
     weight = np.full(PHASE.size, 700.0)
-    sound = np.vstack([weight, forward])
+    sound = LoadOnFoot(weight, left=zero, forward=roll)
     check_roll(PHASE, sound, push, torque)
-    check_roll(PHASE, np.vstack([weight, 0.1 * forward[::-1]]), push, None)  # hardly moves
-    quarter = np.vstack([weight, forward[::-1]])
+    check_roll(PHASE, LoadOnFoot(weight, left=0.1 * roll, forward=zero), push, None)  # hardly moves
+    quarter = LoadOnFoot(weight, left=roll, forward=zero)
     with pytest.raises(
         InputError, match=r" 9 cm in stance, 90 deg .* turned by 90 deg or exchanged"
     ):
@@ -481,10 +498,11 @@ def test_a_load_that_does_not_roll_over_the_foot_is_refused_by_its_cause() -> No
     with pytest.raises(
         InputError, match=r"180 deg from forward: the plate's corners are turned by 180 deg"
     ):
-        check_roll(PHASE, np.vstack([weight, -forward]), -push, -torque)
+        check_roll(PHASE, LoadOnFoot(weight, left=zero, forward=-roll), -push, -torque)
     said = r"moment in late stance is -53 N\*m.* another foot stands .* is 1\.50 of that"
+    heavier = weight * (1 + 0.5 * (PHASE > 0.5))
     with pytest.raises(InputError, match=said):
-        check_roll(PHASE, np.vstack([weight * (1 + 0.5 * (PHASE > 0.5)), forward]), push, -torque)
+        check_roll(PHASE, LoadOnFoot(heavier, left=zero, forward=roll), push, -torque)
     with pytest.raises(
         InputError, match=r"90 deg from forward, though the foot pushes off forward: another foot"
     ):
@@ -504,10 +522,10 @@ def test_a_plate_that_rings_after_its_turn_is_named_with_its_frequency(
     since = np.maximum(time - time[100], 0)
     ring = np.where(since > 0, np.exp(-8 * since) * np.sin(2 * np.pi * 40 * since), 0)[:, None]
     track = SimpleNamespace(moving=moving, rate=RATE, time=time)
-    hz, growth = plate.ringing(time, white + ring, track)
+    hz, growth = ringing(time, white + ring, track)
     assert (hz == pytest.approx(40, abs=1.5) and growth > 100) if noise else (hz, growth) == (0, 0)
     hum = noise * 30 * np.sin(2 * np.pi * 50 * time)[:, None]  # which is there before the turn
-    assert max(plate.ringing(time, white + other, track)[1] for other in (0, hum)) < 20
+    assert max(ringing(time, white + other, track)[1] for other in (0, hum)) < 20
 
 
 @pytest.mark.parametrize(
@@ -517,5 +535,5 @@ def test_a_plate_rings_if_most_of_its_trials_do(
     monkeypatch: pytest.MonkeyPatch, growths: Any, hz: float | None
 ) -> None:
     seen = iter(zip((40.0, 41.0, 42.0), growths, strict=True))
-    monkeypatch.setattr(plate, "ringing", lambda *_: next(seen))
+    monkeypatch.setattr(plate_model, "ringing", lambda *_: next(seen))
     assert model_of(*(unloaded(f"plate_{k}") for k in range(3))).ringing_hz == hz

@@ -39,23 +39,30 @@ from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Array, Trial
-from osl_analysis.walking import plate as plates
-from osl_analysis.walking import platform
-from osl_analysis.walking.bodies import StaticCalibration, static_calibration
 from osl_analysis.walking.crossing import Crossing, RefusedCrossing, analyse_crossing
 from osl_analysis.walking.groups import static_of
-from osl_analysis.walking.plate import NO_CORRECTION, PlateModel, identify_plate_model
-from osl_analysis.walking.platform import (
+from osl_analysis.walking.plate_model import (
+    NO_CORRECTION,
+    PlateModel,
+    identify_plate_inertia,
+    identify_plate_model,
+    unloaded_recording,
+)
+from osl_analysis.walking.platform import PlatformTrack, shared_directions
+from osl_analysis.walking.poses import StaticCalibration, static_calibration
+from osl_analysis.walking.shared_motion import (
     PlatformModel,
-    PlatformTrack,
     identify_platform,
+    jackknife_rows,
     platform_table,
+    platform_template,
     start_of_rise,
+    trigger_edge,
 )
 
 CALIBRATION = static_calibration(static_trial(), settings())
 RIG, QUIET, HEAVE, GRID = Rig(), Rig(marker=1e-5), 0.003, np.arange(-0.06, 0.2, 0.002)
-WALK, WAYS = walked_over("walk_1", None, RIG, 1), ("forward", "left", "outside")
+WALK = walked_over("walk_1", None, RIG, 1)
 PLACES = [(1.75, "outside"), (0.8, "outside"), (1.02, "leave"), (1.53, "leave"), (1.19, "type 1")]
 CROSSINGS = (
     "u1,walking,false,{0} u2,walking,false,{0} u3,walking,false,{0} p1,walking,true,{0}"
@@ -134,8 +141,8 @@ def test_hidden_markers_of_a_resting_platform_are_no_motion() -> None:
     % too light."""
     trials = plate_trials(replace(RIG, marker=1e-4), Ramp(angle=5, rise=0.08), 1, 2)
     trials[0] = hidden(trials[0], ("PLAT1", "PLAT4"), 1.5, 1.58)
-    tracks = [plates.unloaded_recording(trial, CALIBRATION, settings()).track for trial in trials]
-    assert [len(axes) for axes in platform.shared_directions(tracks)] == [1, 1]
+    tracks = [unloaded_recording(trial, CALIBRATION, settings()).track for trial in trials]
+    assert [len(axes) for axes in shared_directions(tracks)] == [1, 1]
     assert [replace(t, low_pass=LowPass(10.0)).spread for t in tracks] == [0.05, 0.05]
     assert [t.noise for t in tracks] == pytest.approx([1e-4, 1e-4], rel=0.1)
     assert identify_plate_model(calibrated(trials), settings()).parameters[0] == pytest.approx(
@@ -148,15 +155,15 @@ def test_a_slow_return_that_noise_hides_is_not_taken_for_rest() -> None:
     for 25."""
     quiet, pairs = replace(RIG, marker=1e-7, force=1e-3, moment=1e-3), []
     for trial in plate_trials(quiet, Ramp(), 5, 2):
-        recording = plates.unloaded_recording(trial, CALIBRATION, settings())
+        recording = unloaded_recording(trial, CALIBRATION, settings())
         hidden = replace(recording, track=replace(recording.track, noise=3e-4))
         pairs.append(
             (
-                hidden.along(platform.shared_directions([hidden.track])[0])[0],
+                hidden.along(shared_directions([hidden.track])[0]).motion,
                 recording.wrench_at(0.0),
             )
         )
-    mass, *moments = plates.identify_plate_inertia(pairs, recording.smooth).parameters[:4]
+    mass, *moments = identify_plate_inertia(pairs, recording.smooth).parameters[:4]
     assert (mass, moments[2]) == (
         pytest.approx(RIG.mass, abs=0.01),
         pytest.approx(RIG.mass * RIG.com[2], abs=0.002),
@@ -235,10 +242,10 @@ def test_what_was_filled_before_the_export_is_hidden_counted_and_said(tmp_path: 
 
     whole, of_plate, of_shank = read(), read("PLAT2"), read("SHANK1", "SHANK3")
     window = (whole.time > onset) & (whole.time < onset + 0.1)
-    assert (whole.quality["filled_share"], whole.quality["filled_fitted"]) == (0, 0)
+    assert (whole.quality.filled_share, whole.quality.filled_fitted) == (0, 0)
     assert np.abs(of_plate.torque - whole.torque)[window].max() < 0.5
-    assert (of_plate.quality["filled_share"] > 0.1, of_plate.quality["filled_fitted"]) == (True, 0)
-    assert of_shank.quality["filled_fitted"] > 0.3
+    assert (of_plate.quality.filled_share > 0.1, of_plate.quality.filled_fitted) == (True, 0)
+    assert of_shank.quality.filled_fitted > 0.3
     with pytest.raises(
         InputError,
         match=r"foot markers are hidden for .*, where they were filled before the export",
@@ -300,19 +307,19 @@ def test_a_trigger_tells_the_onset_only_if_its_latency_is_constant(scatter: floa
         high = since.is_between(0, 0.02) | (since > 1)  # a later one tells nothing
         trials.append(changed(trial, trigger=high.cast(pl.Float64) * 0.6))
     model = identify_platform(calibrated(trials), settings())
-    assert model.latency["used"] == (scatter == 0.0)
+    assert model.latency.used == (scatter == 0.0)
     if scatter == 0.0:
-        assert (model.latency["mean"], model.onset("walk_99", 1.3)) == (
+        assert (model.latency.mean, model.onset("walk_99", 1.3)) == (
             pytest.approx(0.012, abs=1.2e-3),
             1.3,
         )
         # finer than the shape
-        assert model.onset("walk_00", 1.3) == model.triggers["walk_00"] + model.latency["mean"]
+        assert model.onset("walk_00", 1.3) == model.triggers["walk_00"] + model.latency.mean
     # only for what has no shape
-    coarse = replace(model, latency=model.latency | {"used": 1.0, "finer": 0.0})
+    coarse = replace(model, latency=replace(model.latency, used=True, finer=False))
     begun = (
         coarse.onset("walk_00", 0.0),
-        replace(coarse, alignments={}).onset("walk_00", 0.0) - model.latency["mean"],
+        replace(coarse, alignments={}).onset("walk_00", 0.0) - model.latency.mean,
     )
     assert begun == pytest.approx((model.alignments["walk_00"].start, model.triggers["walk_00"]))
     late = [a.start - model.triggers[a.name] for a in model.alignments.values()]
@@ -321,7 +328,7 @@ def test_a_trigger_tells_the_onset_only_if_its_latency_is_constant(scatter: floa
     assert platform_table(model).select(*facts).row(0) == pytest.approx(tuple(facts.values()))
     assert platform_table(model)["trigger_s"].null_count() == 0
     for weak_or_falling in (pl.col("trigger") * 0.8, (pl.col("time") < 1).cast(float)):
-        assert platform.trigger_edge(changed(trials[0], trigger=weak_or_falling)) is None
+        assert trigger_edge(changed(trials[0], trigger=weak_or_falling)) is None
     # of fewer than three crossings
     assert identify_platform(calibrated(trials[:2]), settings()).latency is None
 
@@ -329,12 +336,12 @@ def test_a_trigger_tells_the_onset_only_if_its_latency_is_constant(scatter: floa
 def test_the_jackknife_of_both_sources_is_the_sum_of_their_variances() -> None:
     random = np.random.default_rng(0)
     of_plate, groups = random.normal(size=(4, 5)), random.normal(size=(10, 5))
-    joined = platform.jackknife_rows(list(of_plate), list(groups))
+    joined = jackknife_rows(list(of_plate), list(groups))
     of_joined, *parts = (
         (len(rows) - 1) * np.var(rows, axis=0) for rows in (joined, of_plate, groups)
     )
     np.testing.assert_allclose(of_joined, np.sum(parts, axis=0))
-    np.testing.assert_array_equal(platform.jackknife_rows(list(of_plate), []), of_plate)
+    np.testing.assert_array_equal(jackknife_rows(list(of_plate), []), of_plate)
 
 
 def tracks_of(count: int, seed: int, slower: float = 0.0) -> tuple[list[PlatformTrack], Array]:
@@ -357,7 +364,7 @@ def test_the_errors_of_the_starts_are_their_scatter() -> None:
         scores = []
         for seed in range(3):
             tracks, onsets = tracks_of(12, seed, slower)
-            template, begun = platform.platform_template(tracks, 0.1)
+            template, begun = platform_template(tracks, 0.1)
             error = np.array([a.start for a in begun]) - onsets
             scores.append((error - error.mean()) / [a.start_se for a in begun])
         assert (template.scaled, np.sqrt(np.sum(np.square(scores)) / 33)) == (
@@ -380,18 +387,17 @@ def test_the_start_of_a_mean_rise_has_no_bias_for_any_smooth_step() -> None:
     of noise: minimum jerk starts 7 ms later."""
     for degree in (1, 3, 5, 7):
         noise = np.random.default_rng(degree).normal(0, 2e-5, (len(GRID), 1))
-        start, shape = start_of_rise(GRID, rise(degree, 0.0131) + noise, 2e-5)
-        assert (start, shape) == (pytest.approx(0.0131, abs=1e-3), 0.0)
+        begun = start_of_rise(GRID, rise(degree, 0.0131) + noise, 2e-5)
+        assert begun.start == pytest.approx(0.0131, abs=1e-3)
+        assert begun.change_by_other_steps == 0.0
     random, straight = np.random.default_rng(3), rise(5, 0.0) @ np.array([[0.6, 0.8]])
-    found = [
-        start_of_rise(GRID, straight + random.normal(0, 1.2e-4, (len(GRID), 2)), 1.2e-4)
-        for _ in range(60)
-    ]
-    starts = np.array([start for start, _ in found])
+    noisy = [straight + random.normal(0, 1.2e-4, (len(GRID), 2)) for _ in range(60)]
+    starts = np.array([start_of_rise(GRID, motion, 1.2e-4).start for motion in noisy])
     assert abs(starts.mean()) < 0.4 * starts.std()  # 3 / sqrt(60)
     noise = np.random.default_rng(5).normal(0, 4e-4, (len(GRID), 1))
-    start, shape = start_of_rise(GRID, rise(7, 0.0) + noise, 4e-4)
-    assert (start, abs(start) < 1.3 * shape) == (pytest.approx(7e-3, abs=1.5e-3), True)
+    hidden = start_of_rise(GRID, rise(7, 0.0) + noise, 4e-4)
+    assert hidden.start == pytest.approx(7e-3, abs=1.5e-3)
+    assert abs(hidden.start) < 1.3 * hidden.change_by_other_steps
 
 
 def campaign(folder: Path, rows: str, **walking: Any) -> Campaign:
@@ -551,8 +557,14 @@ def test_a_resting_plate_adds_nothing_and_a_translation_is_no_crossing() -> None
     beside = replace(WALK, provenance={"plates": [{"plate": 1, "type": 2, "corners": corners}]})
     for trial, place in ((yielding, [-0.06, 0.0, 0.0]), (beside, [-0.26, 0.02, 0.03])):
         found = analyse_crossing(trial, CALIBRATION, NO_CORRECTION, False, settings())
-        assert (found.onset, found.quality["foot_outside_m"] == 0) == (None, trial is yielding)
-        assert [found.quality[f"foot_{way}_m"] for way in WAYS] == pytest.approx(place, abs=2e-3)
+        quality = found.quality
+        assert found.onset is None
+        assert (quality.foot_outside_m == 0) == (trial is yielding)
+        assert [
+            quality.foot_forward_m,
+            quality.foot_left_m,
+            quality.foot_outside_m,
+        ] == pytest.approx(place, abs=2e-3)
     # through the ankle
     assert found.load[:, len(found.time) // 2] == pytest.approx([680, -0.02, 0.25], rel=0.02)
     late = analyse_crossing(

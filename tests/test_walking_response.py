@@ -20,29 +20,49 @@ from osl_analysis.judge.finding import Limits
 from osl_analysis.judge.judging import SEEN, WIDE
 from osl_analysis.signals import Motion
 from osl_analysis.trial import Array
-from osl_analysis.walking import response as fitting
 from osl_analysis.walking.crossing import Crossing
-from osl_analysis.walking.plate import Stance, find_stances
-from osl_analysis.walking.platform import find_onset
-from osl_analysis.walking.response import (
-    PHASES,
+from osl_analysis.walking.ensemble import (
+    Bootstrap,
+    ChosenPredictors,
     Ensemble,
-    PerturbationResponse,
-    UnperturbedGait,
-    fit_response,
+    GroupHeadline,
+    cross_validated,
     group_headline,
-    isolate_response,
+    resampling_weights,
+    shared_errors,
+)
+from osl_analysis.walking.group_checks import (
+    SingleChecks,
+    certain_reactions,
+    check_group,
+    check_reflex,
+    check_single,
+)
+from osl_analysis.walking.impedance_fit import (
+    compare_offset,
+    fit_response,
+    fit_without_offset,
+    gait_torque,
+)
+from osl_analysis.walking.isolated_response import BEHAVIOUR, PerturbationResponse, isolate_response
+from osl_analysis.walking.platform import find_onset
+from osl_analysis.walking.reactions import (
+    REACTIONS,
+    REFLEX,
+    SLOPING,
+    Effect,
+    Reactions,
+    fit_reactions,
+    reflex_column,
+)
+from osl_analysis.walking.result_tables import headline_rows, response_table, walking_page_points
+from osl_analysis.walking.settings import TimingSettings
+from osl_analysis.walking.stance import Stance, find_stances
+from osl_analysis.walking.unperturbed_gait import (
+    PHASES,
+    UnperturbedGait,
     matched_scales,
     unperturbed_gait,
-)
-from osl_analysis.walking.settings import TimingSettings
-from osl_analysis.walking.tables import (
-    group_facts,
-    headline_rows,
-    reflex_facts,
-    response_table,
-    single_facts,
-    walking_page_points,
 )
 
 K, B, I, TIMING, ONSET = (
@@ -150,10 +170,8 @@ def test_recovers_the_impedance_whatever_the_pace(
             truth, rel=1e-3, abs=1e-3 if truth[2] == I else 2e-3
         )
     assert fits[0].vaf > 99.999
-    free = fitting.offset_comparison(
-        isolated[0].fitted_motion, isolated[0].fitted_torque + 3, 2 * truth[0]
-    )
-    assert free == pytest.approx((3, 0.5), rel=2e-3)
+    free = compare_offset(isolated[0].fitted_motion, isolated[0].fitted_torque + 3, 2 * truth[0])
+    assert (free.offset, free.lowers_K) == pytest.approx((3, 0.5), rel=2e-3)
 
 
 def test_what_has_no_response_or_no_ensemble_is_refused_by_name() -> None:
@@ -182,14 +200,14 @@ def test_the_common_variance_is_what_drawing_the_unperturbed_crossings_anew_give
     their mean. Six crossings leave a bootstrap of 2000 a Monte Carlo error of 3 %, and first order
     10 % of what is not."""
     isolated = [response_of(walked("p", onset=ONSET), usual(2e-3, 6))] * 2
-    (variance, freedom), (plate, _) = fitting.common_errors(isolated)[0]["K"]
+    (variance, freedom), (plate, _) = shared_errors(isolated).common["K"]
     drawn = Ensemble(isolated).resampled(2000)
     assert (variance, freedom, plate) == (pytest.approx(np.var(drawn.draws["K"]), rel=0.15), 5, 0)
     assert fit_response(isolated[0]).se("K") ** 2 == pytest.approx(7 * variance), (
         "s^2 (1 + 1/6) of a single one"
     )
     up, down = isolated_all((1, -1))[:2]  # both directions count alike
-    three, two = (fitting.common_errors(some)[0]["K"][0] for some in ([up, up, down], [up, down]))
+    three, two = (shared_errors(some).common["K"][0] for some in ([up, up, down], [up, down]))
     assert three == pytest.approx(two)
     # it repeats itself
     np.testing.assert_array_equal(drawn.draws["B"], Ensemble(isolated).resampled(2000).draws["B"])
@@ -209,7 +227,7 @@ def test_the_plate_s_share_is_the_same_in_every_interval() -> None:
     random, still = np.random.default_rng(21), response_of(crossing("p", 0.6), mean_gait(6))
     pitch, phase = random.uniform(2, 8, (4, 1)), random.uniform(0, 6, (4, 1))
     still = replace(still, plate_errors=np.sin(2 * np.pi * pitch * still.time + phase))
-    single, (plate, freedom) = fit_response(still), fitting.common_errors([still, still])[0]["K"][1]
+    single, (plate, freedom) = fit_response(still), shared_errors([still, still]).common["K"][1]
     assert (freedom, single.se("K")) == (3, pytest.approx(np.sqrt(plate), rel=0.01))
     assert single.interval_method == "unperturbed crossings + plate trials"
     assert np.std(Ensemble([still, still]).resampled(3000).draws["K"]) == pytest.approx(
@@ -222,11 +240,11 @@ def test_resampled_means_spread_as_means_do() -> None:
     """Drawing n - 1 of n: the variance of a mean, s^2/n with the unbiased s^2; drawing n would give
     5/6 of it."""
     values = np.array([1.0, 4.0, 2.0, 8.0, 5.0, 7.0])
-    weights = fitting.resampling_weights(np.random.default_rng(1), 200_000, len(values))
+    weights = resampling_weights(np.random.default_rng(1), 200_000, len(values))
     np.testing.assert_allclose(weights.sum(axis=1), 1)
     assert np.var(weights @ values) == pytest.approx(np.var(values, ddof=1) / len(values), rel=0.02)
     draws = norm.ppf((np.arange(20_000) + 0.5) / 20_000, loc=300, scale=2)
-    low, high = fitting.Bootstrap({"K": draws}, degrees_of_freedom=9).interval("K")
+    low, high = Bootstrap({"K": draws}, degrees_of_freedom=9).interval("K")
     assert (low, high) == pytest.approx(tuple(300 + 2 * t.ppf([0.025, 0.975], 9)), abs=0.01)
 
 
@@ -260,9 +278,9 @@ def left_out(isolated: list[PerturbationResponse], predictors: tuple[str, ...]) 
     """Mean square of what each unperturbed crossing adds to the residual less what the others tell
     of it."""
     fit = Ensemble(isolated).fitted().fit
-    curves = np.mean([fitting.gait_torque(r, fit)[:, r.window] for r in isolated], axis=0)
+    curves = np.mean([gait_torque(r, fit)[:, r.window] for r in isolated], axis=0)
     known = np.mean([r.behaviour for r in isolated], axis=0)[
-        [fitting.BEHAVIOUR.index(name) for name in predictors]
+        [BEHAVIOUR.index(name) for name in predictors]
     ]
     columns, missed = np.column_stack([np.ones(len(curves)), known.T]), []
     for one in range(len(curves)):
@@ -280,14 +298,13 @@ def test_lasting_deviations_are_predicted_for_one_direction_and_for_both(
     """They cost the mean baseline 2 % of K or more, noise is left. The interval is narrower and
     holds the truth."""
     isolated = isolated_all(signs)
-    names, share = fitting.cross_validated(isolated, Ensemble(isolated).fitted().fit)
+    chosen_best = cross_validated(isolated, Ensemble(isolated).fitted().fit)
+    names, share = chosen_best.names, chosen_best.share
     assert share > 0.9
     assert share == pytest.approx(1 - left_out(isolated, names) / left_out(isolated, ()), rel=1e-9)
     # two crossings predict nothing
     few, weights = np.eye(10)[0] / 2 + np.eye(10)[1] / 2, np.full(6, 1 / 6)
-    joined = [
-        Ensemble(isolated).joined(weights, few, chosen)[1] for chosen in ((), fitting.BEHAVIOUR)
-    ]
+    joined = [Ensemble(isolated).joined(weights, few, chosen)[1] for chosen in ((), BEHAVIOUR)]
     np.testing.assert_allclose(*joined, atol=1e-12)
     nine = [
         replace(r, thetas=r.thetas[:9], torques=r.torques[:9], behaviour=r.behaviour[:, :9])
@@ -310,9 +327,9 @@ def test_lasting_deviations_are_predicted_for_one_direction_and_for_both(
 
 def test_deviations_that_begin_anew_and_too_few_unperturbed_crossings_predict_nothing() -> None:
     isolated = isolated_all(lasting=False)
-    assert fitting.cross_validated(isolated, Ensemble(isolated).fitted().fit)[1] < 0.35
+    assert cross_validated(isolated, Ensemble(isolated).fitted().fit).share < 0.35
     few = isolated_all(usual=6)
-    assert fitting.cross_validated(few, Ensemble(few).fitted().fit) == ((), 0.0)
+    assert cross_validated(few, Ensemble(few).fitted().fit) == ChosenPredictors((), 0.0)
 
 
 def test_the_settings_choose_the_headline_and_the_table_has_both() -> None:
@@ -324,9 +341,9 @@ def test_the_settings_choose_the_headline_and_the_table_has_both() -> None:
     )
     assert (
         mean.ensemble.fit["K"]
-        == told.other[1].fit["K"]
+        == told.other_baseline.estimates["K"]
         != told.ensemble.fit["K"]
-        == mean.other[1].fit["K"]
+        == mean.other_baseline.estimates["K"]
     )
     fits = pl.DataFrame({name: 6 * [1.0] for name in ("K", "B", "I", "VAF")})
     for result, other in ((mean, "ensemble, predicted gait"), (told, "ensemble, mean gait")):
@@ -345,11 +362,18 @@ def test_a_slope_of_K_that_is_not_certain_may_be_none() -> None:
     """Between what 95 and what 99.9 % are sure of: said to be unseen, so that B may hold none of
     it."""
     headline = group_headline(perturbed(), USUAL, SETTINGS)
-    for name in (fitting.SLOPING, f"{fitting.SLOPING} and jerk"):
-        headline.resampled.reactions[name] = (300.0, 120.0)
-    found = group_facts(headline)
-    assert found["reaction"] is None
-    assert (found["hidden_slope_low"], found["hidden_slope_high"] > 300) == (0.0, True)
+    slope = {SLOPING: Effect(300.0, 120.0)}
+    reactions = replace(
+        headline.reactions,
+        beside={**headline.reactions.beside, **slope},
+        beside_jerk={**headline.reactions.beside_jerk, **slope},
+    )
+
+    checks = check_group(replace(headline, reactions=reactions))
+
+    assert checks.reaction.reaction is None
+    assert checks.slope.hidden_slope_low == 0.0
+    assert checks.slope.hidden_slope_high > 300
 
 
 def hurried(c: Crossing) -> Crossing:
@@ -358,7 +382,8 @@ def hurried(c: Crossing) -> Crossing:
 
 
 def facts(crossings: list[Crossing], **choices: object) -> dict[str, float | None]:
-    return group_facts(group_headline(crossings, USUAL, SETTINGS.model_copy(update=choices)))
+    headline = group_headline(crossings, USUAL, SETTINGS.model_copy(update=choices))
+    return check_group(headline).columns()
 
 
 def test_sound_crossings_are_far_from_every_limit_and_faults_are_beyond() -> None:
@@ -444,25 +469,21 @@ def test_each_reaction_comes_out_with_its_size_and_the_joint_without_it(
     )
     # of resamples; the mean has none
     gait = np.column_stack([np.zeros_like(time), np.vander(time, 2) @ wander])
-    for name, shape, size in zip(
-        fitting.REACTIONS, shapes, (4.0, 136.0, 120.0, 667.0), strict=True
-    ):
+    for name, shape, size in zip(REACTIONS, shapes, (4.0, 136.0, 120.0, 667.0), strict=True):
         torque = K * theta + B * omega + I * alpha + size * shape
-        found = fitting.reactions(time, window, np.tile(theta[:, None], 13), torque[:, None] + gait)
-        assert found[name][0] == pytest.approx(size, rel=0.02)
-        if name != fitting.REFLEX:  # beside the jerk of a drivetrain too
+        found = fit_reactions(time, window, np.tile(theta[:, None], 13), torque[:, None] + gait)
+        assert found.sizes[name].size == pytest.approx(size, rel=0.02)
+        if name != REFLEX:  # beside the jerk of a drivetrain too
             led = torque + 0.02 * make_interp_spline(time, theta, k=5).derivative(3)(time)
-            beside = fitting.reactions(
-                time, window, np.tile(theta[:, None], 13), led[:, None] + gait
-            )
-            assert beside[f"{name} and jerk"][0] == pytest.approx(size, rel=0.02)
-        assert found[name][1] < 0.005 * size  # a drift before the onset tells the one after it
-        if name == fitting.REFLEX:
-            assert found["delay"] == (pytest.approx(1e3 * delay), 0)
-            assert found[f"K with {name} {1e3 * delay:.0f}"][0] == pytest.approx(K, rel=0.01)
-            assert found[f"{name} {1e3 * delay:.0f}"] == found[name]
+            beside = fit_reactions(time, window, np.tile(theta[:, None], 13), led[:, None] + gait)
+            assert beside.beside_jerk[name].size == pytest.approx(size, rel=0.02)
+        # a drift before the onset tells the one after it
+        assert found.sizes[name].se < 0.005 * size
+        if name == REFLEX:
+            assert found.delay_ms == pytest.approx(1e3 * delay)
             # the other delays fit worse
-            assert len([key for key in found if key.startswith("K with")]) == 1
+            assert list(found.K_with_reflex) == [found.delay_ms]
+            assert found.K_with_reflex[found.delay_ms].size == pytest.approx(K, rel=0.01)
 
 
 @pytest.mark.parametrize("way", [1, -1])
@@ -474,7 +495,7 @@ def test_a_muscle_answers_to_what_stretches_it_and_not_to_the_way_back(way: int)
     motion = Motion(
         *(way * (one - other / 3)[:, None] for one, other in zip(there, back, strict=True))
     )
-    column = way * fitting.reflex_column(time, slice(40, 76), motion, 0.04)[:, 0]
+    column = way * reflex_column(time, slice(40, 76), motion, 0.04)[:, 0]
     peak = there[1].max()
     np.testing.assert_allclose(
         column[time < 0.085], bump(time - 0.04, 0.03, 0.012)[1][time < 0.085], atol=0.01 * peak
@@ -538,71 +559,77 @@ def test_a_reaction_within_the_window_is_certain_and_named_and_a_sound_campaign_
                 ]
 
 
-@pytest.mark.parametrize("name", fitting.REACTIONS)
+@pytest.mark.parametrize("name", REACTIONS)
 def test_a_reaction_is_certain_beyond_one_in_a_thousand_as_four_are_tried(name: str) -> None:
     """At 1 in 200, of co-contraction, ramp and slope, 3 of 47 sound campaigns of another generator
     were accused."""
     headline = group_headline(perturbed(), USUAL, SETTINGS)
     freedom = headline.resampled.degrees_of_freedom
-    for chance, said in ((0.003, None), (0.0009, name)):
-        size = (t.ppf(1 - chance, freedom), 1.0)
-        known = dict.fromkeys(headline.resampled.reactions, (0.0, 1.0)) | {
-            name: size,
-            f"{name} and jerk": size,
-        }
-        known |= {"delay": (45.0, 0.0), "K with a reflex 45": (340.0, 1.0)}
-        told = group_facts(
-            replace(headline, resampled=replace(headline.resampled, reactions=known))
+    for chance, said in ((0.003, []), (0.0009, [name])):
+        sizes = dict.fromkeys(REACTIONS, Effect(0.0, 1.0))
+        sizes[name] = Effect(t.ppf(1 - chance, freedom), 1.0)
+        others = {other: sizes[other] for other in REACTIONS if other != REFLEX}
+        reactions = Reactions(
+            reflexes=dict.fromkeys(headline.reactions.reflexes, sizes[REFLEX]),
+            K_with_reflex={45: Effect(340.0, 1.0)},
+            delay_ms=45,
+            beside=others,
+            beside_jerk=others,
         )
-        assert told["reaction"] == said
+        assert certain_reactions(replace(headline, reactions=reactions)) == said
 
 
-def test_what_the_window_cannot_tell_of_a_reflex_has_its_size() -> None:
+def with_reflex(headline: GroupHeadline, **changes: Any) -> GroupHeadline:
+    return replace(headline, reactions=replace(headline.reactions, **changes))
+
+
+def test_the_strongest_reflex_that_a_window_hides_has_its_size() -> None:
     headline = group_headline(perturbed(), USUAL, SETTINGS)
+    half = t.ppf(0.975, headline.resampled.degrees_of_freedom)
+    reflexes = headline.reactions.reflexes
+    late = with_reflex(headline, reflexes={**reflexes, 45: Effect(1.0, 1.0)})
 
-    def told(**found: tuple[float, float]) -> dict[str, Any]:
-        known = headline.resampled.reactions | {
-            name.replace("_", " "): pair for name, pair in found.items()
-        }
-        return reflex_facts(
-            replace(headline, resampled=replace(headline.resampled, reactions=known)), certain
-        )
+    usual = check_reflex(headline, is_certain=False)
+    hidden = check_reflex(late, is_certain=False)
 
-    certain, half = False, t.ppf(0.975, headline.resampled.degrees_of_freedom)
-    of, hidden = headline.ensemble, told(a_reflex_45=(1.0, 1.0))
-    assert told()["hidden_reflex_K_widths"] < SEEN < hidden["hidden_reflex_K_widths"]
-    time, rows, most = headline.responses[0].time, headline.responses[0].window, 1 + half
-    reflex = most * np.interp(time - 0.045, time, of.motion.omega)
-    added = (
-        fitting.fit_without_offset(of.motion[rows], (of.torque + reflex)[rows])["K"] - of.fit["K"]
-    )
-    size = [
-        hidden[name]
-        for name in ("hidden_reflex", "hidden_reflex_ms", "hidden_reflex_K", "longer_window_s")
-    ]
-    assert size == pytest.approx([most, 45, added, 0.12], rel=0.02)
+    assert usual.hidden_reflex_K_widths < SEEN < hidden.hidden_reflex_K_widths
+    time, rows = headline.responses[0].time, headline.responses[0].window
+    motion, torque = headline.ensemble.motion, headline.ensemble.torque
+    largest = 1 + half
+    reflex = largest * np.interp(time - 0.045, time, motion.omega)
+    with_it = fit_without_offset(motion[rows], (torque + reflex)[rows])
+    added = with_it["K"] - headline.ensemble.fit["K"]
+    assert hidden.hidden_reflex == pytest.approx(largest, rel=0.02)
+    assert hidden.hidden_reflex_ms == 45
+    assert hidden.hidden_reflex_K == pytest.approx(added, rel=0.02)
+    assert hidden.longer_window_s == pytest.approx(0.12, rel=0.02)
     low, high = headline.resampled.interval("K")
     for share in (0.9, 1.1):  # of what would add half the interval
-        part = told(a_reflex_45=(share * (high - low) / 2 * most / added, 0.0))
-        assert (part["hidden_reflex_K_widths"] > SEEN) == (share > 1)
-    certain, near = (
-        True,
-        {"delay": (45.0, 0.0), "a_reflex": (2.0, 0.1), "K_with_a_reflex_45": (330.0, 1.0)},
-    )
-    assert told(**near)["reflex_K_widths"] < WIDE
-    # fit as well
-    near |= {
-        f"K_with_a_reflex_{ms}": pair for ms, pair in ((40, (322.0, 30.0)), (50, (350.0, 2.0)))
-    }
-    columns = told(**near)
-    ends = [columns[f"K_with_reflex{end}"] for end in ("", "_low", "_high")]
-    assert ends == pytest.approx([330, 322 - 30 * half, 322 + 30 * half])
-    assert (columns["reflex_gain"], columns["reflex_delay_ms"], columns["hidden_reflex"]) == (
-        2.0,
-        45.0,
-        None,
-    )
-    assert columns["reflex_K_widths"] == pytest.approx(60 * half / (high - low))
+        gain = share * (high - low) / 2 * largest / added
+        part = with_reflex(headline, reflexes={**reflexes, 45: Effect(gain, 0.0)})
+        assert (check_reflex(part, is_certain=False).hidden_reflex_K_widths > SEEN) == (share > 1)
+
+
+def test_a_certain_reflex_has_K_beside_it_for_each_delay_that_fits() -> None:
+    headline = group_headline(perturbed(), USUAL, SETTINGS)
+    half = t.ppf(0.975, headline.resampled.degrees_of_freedom)
+    low, high = headline.resampled.interval("K")
+    reflexes = {**headline.reactions.reflexes, 45: Effect(2.0, 0.1)}
+    K = {40: Effect(322.0, 30.0), 45: Effect(330.0, 1.0), 50: Effect(350.0, 2.0)}
+    alone = with_reflex(headline, reflexes=reflexes, delay_ms=45, K_with_reflex={45: K[45]})
+    three = with_reflex(alone, K_with_reflex=K)
+
+    one_delay = check_reflex(alone, is_certain=True)
+    three_delays = check_reflex(three, is_certain=True)
+
+    assert one_delay.reflex_K_widths < WIDE
+    assert three_delays.K_with_reflex == 330
+    assert three_delays.K_with_reflex_low == pytest.approx(322 - 30 * half)
+    assert three_delays.K_with_reflex_high == pytest.approx(322 + 30 * half)
+    assert three_delays.reflex_gain == 2.0
+    assert three_delays.reflex_delay_ms == 45.0
+    assert three_delays.hidden_reflex is None
+    assert three_delays.reflex_K_widths == pytest.approx(60 * half / (high - low))
 
 
 def test_a_stance_that_the_perturbation_shortens_is_seen_unless_phase_is_matched() -> None:
@@ -617,7 +644,7 @@ def test_a_stance_that_the_perturbation_shortens_is_seen_unless_phase_is_matched
             for k, r in enumerate(headline.responses)
         ]
         assert (
-            group_facts(replace(headline, responses=off))["uncorrected_stance_change"] is not None
+            check_group(replace(headline, responses=off)).fit.uncorrected_stance_change is not None
         ) == certain
     # crossings that are slower throughout do not count as changed
     slow = [walked(f"p{k}", 1.08, 2e-3, 0.3 + 0.3 * 1.08) for k in range(8)]
@@ -628,21 +655,18 @@ def test_a_stance_that_the_perturbation_shortens_is_seen_unless_phase_is_matched
 
 
 def test_a_single_fit_is_judged_by_what_ordinary_gait_leaves() -> None:
-    def judged(c: Crossing) -> dict[str, float | None]:
+    def judged(c: Crossing) -> SingleChecks:
         response = isolate_response(c, USUAL, SETTINGS)
-        return single_facts(response, fit_response(response))
+        return check_single(response, fit_response(response))
 
-    one = perturbed(1)[0]
-    found = judged(one)
-    assert abs(found["stance_change"]) < 0.03
-    assert (found["residual_over_gait"], found["offset_over_gait"]) == (None, None)
-    assert (
-        judged(replace(one, torque=one.torque - 20.0 * (one.time > ONSET + 0.05)))[
-            "residual_over_gait"
-        ]
-        > 6
-    )
-    assert judged(hurried(one))["stance_change"] == pytest.approx(-0.08, abs=0.03)
+    sound = perturbed(1)[0]
+    dropped = replace(sound, torque=sound.torque - 20.0 * (sound.time > ONSET + 0.05))
+
+    assert abs(judged(sound).stance_change) < 0.03
+    assert judged(sound).residual_over_gait is None
+    assert judged(sound).offset_over_gait is None
+    assert judged(dropped).residual_over_gait > 6
+    assert judged(hurried(sound)).stance_change == pytest.approx(-0.08, abs=0.03)
 
 
 def trapezoid(start: float, end: float) -> np.ndarray:

@@ -596,7 +596,7 @@ RERUN = {
     "figures/figures.yaml": (" | ", " | a word of ", {FIGURE, "tables.write_summary"}),
     "bench/components.py": ("\ndef belt_table(", "\ndef belt_table(*_, ", {"bench.fit_belt_trial"}),
     "bench/phasors.py": ("\ndef phasor_table(", "\ndef phasor_table(*_, ", {FITTED}),
-    "walking/response.py": ("    return ", "    return 0 + ", {"walking.fit_perturbation"}),
+    "walking/impedance_fit.py": ("    return ", "    return 0 + ", {"walking.fit_perturbation"}),
     "figures/walking.py": ("    return ", "    return 0 + ", {FIGURE}),
 }  # fmt: skip
 """By file: what is replaced there, by what, and which jobs run again."""
@@ -615,7 +615,8 @@ def test_a_changed_function_or_word_reruns_the_jobs_that_use_it_and_a_comment_or
     before = fingerprints()
     for edited, (old, new, again) in RERUN.items():
         file = ROOT / "osl_analysis" / edited
-        changed_text = read(file).replace(old, new, -1 if edited == "walking/response.py" else 1)
+        count = -1 if edited == "walking/impedance_fit.py" else 1
+        changed_text = read(file).replace(old, new, count)
         assert changed_text != read(file), edited
         monkeypatch.setattr(
             code,

@@ -16,9 +16,10 @@ from osl_analysis.commands.tables import gather
 from osl_analysis.judge.finding import Limits
 from osl_analysis.table import read_table
 from osl_analysis.walking.crossing import Crossing
-from osl_analysis.walking.groups import selection_rows
-from osl_analysis.walking.plate import Stance
+from osl_analysis.walking.crossing_quality import CrossingQuality
+from osl_analysis.walking.selection import selection_rows
 from osl_analysis.walking.settings import WalkingAnalysis
+from osl_analysis.walking.stance import Stance
 
 LEAD, RISE, TURN = 0.045, 0.018, 0.087
 """The turn is an error function, at rest to 0.02 % at the onset, `LEAD` [s] before its middle; its
@@ -66,9 +67,9 @@ def selected(
     )
 
 
-def standing_at(forward: float, left: float) -> dict[str, float | None]:
+def standing_at(forward: float, left: float) -> CrossingQuality:
     """The quality of a crossing whose foot stands there on the plate [m]."""
-    return {"foot_forward_m": forward, "foot_left_m": left}
+    return CrossingQuality(foot_forward_m=forward, foot_left_m=left)
 
 
 def walked(name: str, walk: Walk) -> Crossing:

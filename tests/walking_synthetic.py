@@ -15,7 +15,7 @@ from scipy.interpolate import CubicSpline
 from scipy.special import erf
 
 from osl_analysis.trial import Array, Trial, marker_columns, plate_columns
-from osl_analysis.walking.bodies import Poses
+from osl_analysis.walking.poses import Poses
 from osl_analysis.walking.settings import WalkingAnalysis
 
 RATE, PLATE_RATE, G = 300, 1500, 9.80665

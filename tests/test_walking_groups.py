@@ -675,7 +675,9 @@ def test_unperturbed_crossings_tell_the_intervals_that_perturbed_ones_will_have(
         flat = [walked(f"f{k}_{n}", Walk()) for n in range(16)]
         turned = [planned.added_to(crossing, chosen) for crossing in flat[:8]]
         headline = group_headline(turned, unperturbed_gait(flat[8:], 3), chosen)
-        table = half_widths(scatter_of_one(flat[8:], planned, chosen), [8], 8, both=False)
+        table = half_widths(
+            scatter_of_one(flat[8:], planned, chosen), [8], 8, both_directions=False
+        )
         ratios.append(
             [np.ptp(headline.resampled.interval(name)) / 2 / table[name][0] for name in "KBI"]
         )

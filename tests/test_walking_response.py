@@ -365,8 +365,8 @@ def test_a_slope_of_K_that_is_not_certain_may_be_none() -> None:
     slope = {SLOPING: Effect(300.0, 120.0)}
     reactions = replace(
         headline.reactions,
-        beside={**headline.reactions.beside, **slope},
-        beside_jerk={**headline.reactions.beside_jerk, **slope},
+        alone={**headline.reactions.alone, **slope},
+        with_jerk={**headline.reactions.with_jerk, **slope},
     )
 
     checks = check_group(replace(headline, reactions=reactions))
@@ -476,7 +476,7 @@ def test_each_reaction_comes_out_with_its_size_and_the_joint_without_it(
         if name != REFLEX:  # beside the jerk of a drivetrain too
             led = torque + 0.02 * make_interp_spline(time, theta, k=5).derivative(3)(time)
             beside = fit_reactions(time, window, np.tile(theta[:, None], 13), led[:, None] + gait)
-            assert beside.beside_jerk[name].size == pytest.approx(size, rel=0.02)
+            assert beside.with_jerk[name].size == pytest.approx(size, rel=0.02)
         # a drift before the onset tells the one after it
         assert found.sizes[name].se < 0.005 * size
         if name == REFLEX:
@@ -573,8 +573,8 @@ def test_a_reaction_is_certain_beyond_one_in_a_thousand_as_four_are_tried(name: 
             reflexes=dict.fromkeys(headline.reactions.reflexes, sizes[REFLEX]),
             K_with_reflex={45: Effect(340.0, 1.0)},
             delay_ms=45,
-            beside=others,
-            beside_jerk=others,
+            alone=others,
+            with_jerk=others,
         )
         assert certain_reactions(replace(headline, reactions=reactions)) == said
 

@@ -114,14 +114,10 @@ def analyse_crossing(
     ----------
     trial : Trial
         Markers and force plate; the joint's encoder, if there is one.
-    calibration : StaticCalibration
-        Reference positions of the markers, and the ankle.
     unloaded : PlateModel
         Inertia and lag of the plate, which are removed.
     perturbed : bool
         What the sheet says.
-    settings : CrossingSettings
-        The choices of the analysis.
     shared : PlatformModel
         What the motions of the platform have in common; without it, motion and onset are the
         crossing's own.
@@ -270,7 +266,7 @@ def crossing_of_log(trial: Trial, perturbed: bool, settings: CrossingSettings) -
         window = (time >= command.onset) & (time <= command.onset + settings.window_s)
         turn = command.sign * float(np.ptp(theta[window]))
     late = 1e-3 * LOG_ERRORS["torque_lag"].size
-    more = LOG_ERRORS["torque"].size / 100
+    share = LOG_ERRORS["torque"].size / 100
     return Crossing(
         trial.name,
         time,
@@ -280,7 +276,7 @@ def crossing_of_log(trial: Trial, perturbed: bool, settings: CrossingSettings) -
         stance=stance,
         onset=command.onset,
         bridged=0.0,
-        lab_errors=np.array([-late * np.gradient(torque, time), more * torque]),
+        lab_errors=np.array([-late * np.gradient(torque, time), share * torque]),
         turn=turn,
     )
 

@@ -121,7 +121,8 @@ def pressure_outside(pressure: Array, markers: Array) -> float:
     along = np.sum(from_start * edges, axis=2) / np.sum(edges**2, axis=1)
     share = np.clip(along, 0.0, 1.0)
     distance = np.linalg.norm(from_start - share[..., None] * edges, axis=2).min(axis=1)
-    normals, offsets = hull.equations[:, :2], hull.equations[:, 2]
+    normals = hull.equations[:, :2]
+    offsets = hull.equations[:, 2]
     outside = (on_mean_foot @ normals.T + offsets > 0).any(axis=1)
     return float(np.mean(np.where(outside, distance, 0.0)))
 
@@ -129,8 +130,8 @@ def pressure_outside(pressure: Array, markers: Array) -> float:
 def residual_mm(passage: Passage, segment: str) -> float:
     """RMS distance [mm] of a segment's markers from their rigid body in stance."""
     residual = passage.recorded[segment][passage.rows].residual
-    known = residual[passage.inside & np.isfinite(residual)]
-    return 1e3 * float(np.sqrt(np.mean(known**2))) if len(known) else float("nan")
+    in_stance = residual[passage.inside & np.isfinite(residual)]
+    return 1e3 * float(np.sqrt(np.mean(in_stance**2))) if len(in_stance) else float("nan")
 
 
 @dataclass(frozen=True)
@@ -146,7 +147,8 @@ class FilledShares:
 
 
 def filled_shares(passage: Passage, settings: CrossingSettings) -> FilledShares:
-    filled_of_clusters, bridged_of_clusters = [], []
+    filled_of_clusters = []
+    bridged_of_clusters = []
     for recorded in passage.recorded.values():
         pose = recorded[passage.rows]
         if pose.filled is not None:

@@ -153,28 +153,18 @@ class Ensemble:
     def joined(
         self, weights: Array, unperturbed: Array, predictors: Predictors = ()
     ) -> tuple[Array, Array]:
-        """Join responses.
+        """Join responses to one angle (k,) [rad] and torque (k,) [N*m].
 
-        Parameters
-        ----------
-        weights : Array
-            Of the responses (n,).
-        unperturbed : Array
-            Of the unperturbed crossings (c,).
-        predictors
-            From which the unperturbed gait is predicted, for each direction.
-
-        Returns
-        -------
-        tuple of Array
-            Angle (k,) [rad] and torque (k,) [N*m].
+        With `weights` (n,) of the responses, and `unperturbed` (c,) of the unperturbed crossings.
+        From predictors, unperturbed gait is predicted for each direction.
         """
         if not predictors:
             theta = np.tensordot(weights, self.theta, 1)
             torque = np.tensordot(weights, self.torque, 1)
             return unperturbed @ theta, unperturbed @ torque
 
-        thetas, torques = [], []
+        thetas = []
+        torques = []
         for sign in np.unique(self.signs[weights != 0]):
             of_direction = np.where(self.signs == sign, weights, 0.0)
             behaviour = np.tensordot(of_direction, self.behaviour, 1)
@@ -206,8 +196,10 @@ class Ensemble:
         all responses: the responses' scatter does not show them. With a `sign`, responses of that
         direction alone are joined, from the same draws.
         """
-        signs, directions = self.signs, np.unique(self.signs)
-        crossings, trials = self.theta.shape[1], self.influence.shape[1]
+        signs = self.signs
+        directions = np.unique(self.signs)
+        crossings = self.theta.shape[1]
+        trials = self.influence.shape[1]
         random = np.random.default_rng(SEED)
         perturbed = np.empty((samples, len(signs)))
         for direction in directions[::-1]:
@@ -417,14 +409,7 @@ class GroupHeadline:
 def group_headline(
     perturbed: Sequence[Crossing], gait: UnperturbedGait, settings: EnsembleSettings
 ) -> GroupHeadline:
-    """Compute the result of the perturbed crossings of one group.
-
-    Parameters
-    ----------
-    perturbed : sequence of Crossing
-        With an onset each.
-    gait : UnperturbedGait
-        The unperturbed crossings under the same conditions.
+    """Compute the result of the perturbed crossings of one group, whose unperturbed gait is `gait`.
 
     Raises
     ------
@@ -435,7 +420,8 @@ def group_headline(
         isolate_response(crossing, gait, settings, settings.perturbed_stance)
         for crossing in perturbed
     ]
-    stacked, samples = Ensemble(responses), settings.bootstrap_samples
+    stacked = Ensemble(responses)
+    samples = settings.bootstrap_samples
     mean_gait = stacked.fitted()
     chosen = cross_validated(responses, mean_gait.fit)
     predicted_gait = stacked.fitted(chosen.names)
@@ -445,12 +431,16 @@ def group_headline(
         predicted_curves = stacked.resampled_curves(samples, chosen.names)
 
     if settings.baseline == "predicted":
-        ensemble, curves = predicted_gait, predicted_curves
-        other, other_curves = mean_gait, mean_curves
+        ensemble = predicted_gait
+        curves = predicted_curves
+        other = mean_gait
+        other_curves = mean_curves
         other_name = "ensemble, mean gait"
     else:
-        ensemble, curves = mean_gait, mean_curves
-        other, other_curves = predicted_gait, predicted_curves
+        ensemble = mean_gait
+        curves = mean_curves
+        other = predicted_gait
+        other_curves = predicted_curves
         other_name = "ensemble, predicted gait"
     return GroupHeadline(
         responses,

@@ -60,7 +60,8 @@ class SingleChecks:
 
 def check_single(response: PerturbationResponse, fit: LinearFit) -> SingleChecks:
     """Compare residual and offset of one fit with those that ordinary gait causes."""
-    motion, torque = response.fitted_motion, response.fitted_torque
+    motion = response.fitted_motion
+    torque = response.fitted_torque
     of_gait = gait_torque(response, fit)[:, response.window]
     offset = compare_offset(motion, torque, fit["K"])
     columns = np.column_stack([motion.columns, np.ones_like(motion.theta)])
@@ -184,9 +185,13 @@ def check_group(headline: GroupHeadline) -> GroupChecks:
 
 def check_fit(headline: GroupHeadline) -> FitChecks:
     """Compare the fit to the mean response with single fits and with ordinary gait."""
-    responses, ensemble, fit = headline.responses, headline.ensemble, headline.ensemble.fit
-    window, signs = responses[0].window, signs_of(responses)
-    motion, torque = ensemble.motion[window], ensemble.torque[window]
+    responses = headline.responses
+    ensemble = headline.ensemble
+    fit = headline.ensemble.fit
+    window = responses[0].window
+    signs = signs_of(responses)
+    motion = ensemble.motion[window]
+    torque = ensemble.torque[window]
     of_gait = np.mean([gait_torque(response, fit)[:, window] for response in responses], axis=0)
     single_fits = [fit_response(response) for response in responses]
     offset = compare_offset(motion, torque, fit["K"])
@@ -270,12 +275,12 @@ class StanceChanges:
 
 def stance_changes(responses: Sequence[PerturbationResponse]) -> StanceChanges:
     """Compare the stance by which phase is computed with the one that was to be expected."""
-    known = [response for response in responses if np.isfinite(response.stance_change)]
-    if len(known) < 2:
+    expected = [response for response in responses if np.isfinite(response.stance_change)]
+    if len(expected) < 2:
         return StanceChanges(None, None)
-    changes = np.array([(response.stance_change, response.stance_error) for response in known])
+    changes = np.array([(response.stance_change, response.stance_error) for response in expected])
     mean, error = changes.mean(axis=0).tolist()
-    se = float(changes[:, 1].std(ddof=1)) / np.sqrt(len(known))
+    se = float(changes[:, 1].std(ddof=1)) / np.sqrt(len(expected))
     is_certain = abs(error) > CERTAIN_STANCE_SES * se
     return StanceChanges(mean, uncorrected=error if is_certain else None)
 
@@ -293,7 +298,7 @@ def certain_reactions(headline: GroupHeadline) -> list[str]:
     """
     reactions = headline.reactions
     strength = {name: t_ratio(effect) for name, effect in reactions.sizes.items()}
-    strength[STIFFER] = min(strength[STIFFER], t_ratio(reactions.beside_jerk[STIFFER]))
+    strength[STIFFER] = min(strength[STIFFER], t_ratio(reactions.with_jerk[STIFFER]))
     freedom = headline.resampled.degrees_of_freedom
     limit = float(scipy.special.stdtrit(freedom, CERTAIN_PROBABILITY))
     certain = [name for name in REACTIONS if strength[name] > limit]
@@ -332,7 +337,8 @@ def half_interval(headline: GroupHeadline) -> float:
 
 def check_slope(headline: GroupHeadline, is_certain: bool) -> SlopeChecks:
     """Compute what a slope of K over stance, or a torque after any turn, would change."""
-    first, motion = headline.responses[0], headline.ensemble.motion
+    first = headline.responses[0]
+    motion = headline.ensemble.motion
     window = first.window
     stance = float(np.mean([response.stance for response in headline.responses]))  # [s]
     K_of, B_of, _ = np.linalg.pinv(motion[window].columns)  # weights of the torque in K and B
@@ -342,7 +348,7 @@ def check_slope(headline: GroupHeadline, is_certain: bool) -> SlopeChecks:
         half = half_interval(headline)
         # [N*m/rad per stance]
         reactions = headline.reactions
-        slopes = [reactions.beside[SLOPING], reactions.beside_jerk[SLOPING]]
+        slopes = [reactions.alone[SLOPING], reactions.with_jerk[SLOPING]]
         lows = [slope.size * stance - half * (slope.se * stance) for slope in slopes]
         highs = [slope.size * stance + half * (slope.se * stance) for slope in slopes]
         low, high = min(0.0, *lows), max(0.0, *highs)
@@ -360,8 +366,10 @@ def check_slope(headline: GroupHeadline, is_certain: bool) -> SlopeChecks:
 
 def check_reflex(headline: GroupHeadline, is_certain: bool) -> ReflexChecks:
     """Compute K with a certain reflex, or the strongest reflex that the window may hide."""
-    first, ensemble = headline.responses[0], headline.ensemble
-    window, reactions = first.window, headline.reactions
+    first = headline.responses[0]
+    ensemble = headline.ensemble
+    window = first.window
+    reactions = headline.reactions
     half = half_interval(headline)
     low, high = headline.resampled.interval("K")
     longest_delay_s = 1e-3 * REFLEX_DELAYS_MS[-1]
@@ -444,16 +452,9 @@ class WitnessChecks:
 def check_witnesses(
     crossings: Sequence[Crossing], K: float, sensitivity: pl.DataFrame
 ) -> WitnessChecks:
-    """Ask the joint's encoder and the unloaded plate about the stiffness of a group.
+    """Ask the joint's encoder and the unloaded plate about the stiffness K of a group.
 
-    Parameters
-    ----------
-    crossings : sequence of Crossing
-        The perturbed ones of the group, whose angle is that of the markers.
-    K : float
-        Of the group [N*m/rad].
-    sensitivity : DataFrame
-        Its rows of `walking_sensitivity.csv`.
+    `sensitivity` has the group's rows of `walking_sensitivity.csv`.
     """
     changes = {row["error"]: row for row in sensitivity.rows(named=True)}
     late = changes.get(LOG_ERRORS["torque_lag"].words)
@@ -499,8 +500,8 @@ def check_witnesses(
 def mean_quality(crossings: Sequence[Crossing], column: str) -> float | None:
     """Mean of a column of quality over the crossings that have it."""
     values = [getattr(crossing.quality, column) for crossing in crossings]
-    known = [value for value in values if value is not None]
-    return float(np.mean(known)) if known else None
+    present = [value for value in values if value is not None]
+    return float(np.mean(present)) if present else None
 
 
 @dataclass(frozen=True)
@@ -516,10 +517,7 @@ def moment_error(crossings: pl.DataFrame) -> MomentError:
 
     The foot stands elsewhere in each crossing, and the centre of pressure must move with it.
 
-    Parameters
-    ----------
-    crossings : DataFrame
-        Rows of `walking_crossings.csv`. Six are needed that are undisturbed until 38 % of stance.
+    Six rows of `walking_crossings.csv` are needed that are undisturbed until 38 % of stance.
     """
     columns = ["foot_forward_m", "foot_left_m", "pressure_ahead_m", "pressure_beside_m"]
     if not {*columns, "onset_phase"} <= set(crossings.columns):

@@ -188,16 +188,9 @@ def pooled_words(rows: Sequence[Cells]) -> str | None:
 
 
 def group_timing(used: pl.DataFrame, stances: Array, window: float) -> GroupTiming:
-    """Numbers and phases of a group.
+    """Count the `used` crossings of a group, and find its phases.
 
-    Parameters
-    ----------
-    used : DataFrame
-        Its rows of `walking_crossings.csv`.
-    stances : Array
-        Durations [s] of the unperturbed ones.
-    window : float
-        Fitted time after the onset [s].
+    `stances` are the durations [s] of the unperturbed ones, `window` is the fitted time [s].
     """
     phases = used["onset_phase"].cast(pl.Float64).to_numpy()
     down = int((used["direction"] == DOWN).sum())
@@ -286,11 +279,10 @@ class TimingSlope:
 
 def timing_slope(point: TimingPoint, points: Sequence[TimingPoint]) -> TimingSlope:
     """Compute the slope of K between the neighbours of a point in its series."""
-    series = sorted(
-        (other for other in points if other.series == point.series), key=lambda p: p.phase
-    )
-    at = series.index(point)
-    before, after = series[max(at - 1, 0)], series[min(at + 1, len(series) - 1)]
+    in_series = [candidate for candidate in points if candidate.series == point.series]
+    series = sorted(in_series, key=lambda candidate: candidate.phase)
+    index = series.index(point)
+    before, after = series[max(index - 1, 0)], series[min(index + 1, len(series) - 1)]
     span = after.phase - before.phase
     if not span > 0:
         return TimingSlope()

@@ -130,16 +130,16 @@ def static_of(trial: str, cells: Cells, statics: Mapping[str, Cells]) -> str:
 
     if stated:
         conditions = ", ".join(f"{key} {cell_text(value)}" for key, value in stated.items())
-        who = f"trial '{trial}' ({conditions})"
+        subject = f"trial '{trial}' ({conditions})"
     else:
-        who = f"trial '{trial}', which states no subject, session or side"
+        subject = f"trial '{trial}', which states no subject, session or side"
     if not best:
         raise InputError(
-            f"{who}: no static trial of the same conditions, the sheet has"
+            f"{subject}: no static trial of the same conditions, the sheet has"
             f" {listing(list(statics))}; record one, or name one in the column static"
         )
     raise InputError(
-        f"{who}: {len(best)} static trials could be its own ({listing(best)}); name one in the"
+        f"{subject}: {len(best)} static trials could be its own ({listing(best)}); name one in the"
         " column static, or state subject, session or side of all of them"
     )
 
@@ -210,7 +210,7 @@ def places(
     by_timing = "timing" in settings.group_by or ("timing" not in settings.pool and has_timings)
     directions = {crossing.name: crossing.direction for crossing in crossings}
 
-    found = {
+    place_of = {
         name: Place(gait=SEPARATOR.join(of_trial) or None)
         for name, of_trial in gaits_of_trials.items()
     }
@@ -223,8 +223,8 @@ def places(
                 named["timing"] = f"{100 * np.median(values[numbers == number]):.0f} %"
             if "direction" in settings.group_by:
                 named["direction"] = directions[name] or "unknown"
-            found[name] = Place(found[name].gait, label(named), directions[name], phase)
-    return found
+            place_of[name] = Place(place_of[name].gait, label(named), directions[name], phase)
+    return place_of
 
 
 def gait_conditions(sheet: Sheet, settings: SelectionSettings) -> dict[str, Cells]:
@@ -276,10 +276,10 @@ def timings(phases: Array, scatter: float) -> NDArray[np.intp]:
         bins = np.zeros(len(rows), dtype=np.intp)
         if is_wide(phases[rows], scatter):
             lowest, span = phases[rows].min(), np.ptp(phases[rows])
-            most = int(np.ceil(span / (2 * scatter)))
-            equal = ((phases[rows] - lowest) / span * most).astype(int)
+            bin_count = int(np.ceil(span / (2 * scatter)))
+            equal = ((phases[rows] - lowest) / span * bin_count).astype(int)
             # bins without an onset are not counted
-            bins = np.unique(np.minimum(equal, most - 1), return_inverse=True)[1]
+            bins = np.unique(np.minimum(equal, bin_count - 1), return_inverse=True)[1]
         numbers[rows] = count + bins
         count += int(bins.max(initial=-1)) + 1
     return numbers

@@ -85,10 +85,6 @@ def isolate_response(
 
     Parameters
     ----------
-    crossing : Crossing
-        With an onset.
-    gait : UnperturbedGait
-        The unperturbed crossings.
     timing : TimingSettings
         Baseline, guard and window about the onset.
     perturbed_stance : str
@@ -113,11 +109,12 @@ def isolate_response(
     time = np.arange(-before, after + 1) / rate
     crossing_time = crossing.onset + time
     phase = (crossing_time - crossing.stance.heel_strike) / aligned.stance
-    begins, ends = phase[MARGIN], phase[-MARGIN - 1]
-    if begins < 0 or ends > 1:
+    first_phase = phase[MARGIN]
+    last_phase = phase[-MARGIN - 1]
+    if first_phase < 0 or last_phase > 1:
         raise InputError(
-            f"trial {crossing.name}: baseline and window span {begins:.2f}-{ends:.2f} of stance,"
-            " expected 0-1; shorten window_s, baseline_s or guard_s, or exclude the trial"
+            f"trial {crossing.name}: baseline and window span {first_phase:.2f}-{last_phase:.2f} of"
+            " stance, expected 0-1; shorten window_s, baseline_s or guard_s, or exclude the trial"
         )
     phase = np.clip(phase, 0.0, 1.0)
 

@@ -233,9 +233,9 @@ def stride(time: Array, point: Array) -> Array:
     seen = np.isfinite(point).all(axis=1)
     way = np.empty_like(point)
     for axis in range(3):
-        known = point[seen, axis]
-        after = np.interp(time + STRIDE_S, time[seen], known)
-        before = np.interp(time - STRIDE_S, time[seen], known)
+        coordinate = point[seen, axis]
+        after = np.interp(time + STRIDE_S, time[seen], coordinate)
+        before = np.interp(time - STRIDE_S, time[seen], coordinate)
         way[:, axis] = after - before
     way[np.hypot(way[:, 0], way[:, 1]) < SHORTEST_STRIDE_M] = np.nan
     return way
@@ -296,9 +296,9 @@ def contacts_of_stance(
         reference_column = f"reference_ankle_moment_{side}"
         if reference_column in trial.columns:
             reference = trial.arrays(reference_column)[1]
-            known = np.isfinite(reference)
-            if known[used].sum() >= FEWEST_FRAMES:
-                used &= known
+            has_reference = np.isfinite(reference)
+            if has_reference[used].sum() >= FEWEST_FRAMES:
+                used &= has_reference
         if excluded is None and used.sum() < FEWEST_FRAMES:
             excluded = (
                 f"the markers of the ankle's axis, {foot.axis_from}, are hidden or do not move on"
@@ -383,8 +383,8 @@ def without_long_contacts(contacts: Sequence[Contact], longest: float) -> list[C
     used = [contact for contact in contacts if contact.excluded is None]
     checked = []
     for contact in contacts:
-        others = [other.duration for other in used if other is not contact]
-        usual = float(np.median(others or [contact.duration]))
+        other_durations = [other.duration for other in used if other is not contact]
+        usual = float(np.median(other_durations or [contact.duration]))
         if contact.excluded is None and contact.duration > longest * usual:
             reason = (
                 f"a contact of {contact.duration:.2f} s where others last {usual:.2f} s: a second"

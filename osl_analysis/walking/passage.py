@@ -85,7 +85,8 @@ def recorded_passage(
     InputError
         The recording is not one crossing, or its plate or markers cannot be used.
     """
-    recorded, reference = {}, {}
+    recorded = {}
+    reference = {}
     for segment, labels in followed_segments(settings).items():
         frames, recorded[segment] = poses.segment_poses(trial, labels, calibration, settings)
         reference[segment] = calibration.positions(labels, trial.name)
@@ -124,8 +125,8 @@ def check_cluster(
 ) -> None:
     """Refuse a cluster that was put on again since the static trial, or is hidden in stance."""
     inside = in_stance(frames, stance)
-    known = pose.residual[inside & np.isfinite(pose.residual)]
-    residual_mm = 1e3 * float(np.median(np.r_[0.0, known]))
+    in_stance_residual = pose.residual[inside & np.isfinite(pose.residual)]
+    residual_mm = 1e3 * float(np.median(np.r_[0.0, in_stance_residual]))
     if residual_mm > settings.largest_residual_mm:
         raise InputError(
             f"the {segment} markers stand {residual_mm:.0f} mm (RMS) otherwise than in the static"
@@ -205,14 +206,15 @@ def check_shift(
     time: Array, platform_poses: Poses, stance: Stance, settings: CrossingSettings
 ) -> None:
     """Refuse a platform that does not turn but shifts in stance."""
-    seen, centre = platform_poses.seen(), platform_poses.position
+    seen = platform_poses.seen()
+    centre = platform_poses.position
     inside = seen & in_stance(time, stance)
     if not inside.any():
         return
     before = seen & (time >= stance.heel_strike - SPARE_S) & (time < stance.heel_strike)
     # from its mean before stance, or if it was hidden then, from its start
-    rest = centre[before].mean(axis=0) if before.any() else centre[inside][0]
-    shift_mm = 1e3 * float(np.linalg.norm(centre[inside] - rest, axis=1).max())
+    rest_position = centre[before].mean(axis=0) if before.any() else centre[inside][0]
+    shift_mm = 1e3 * float(np.linalg.norm(centre[inside] - rest_position, axis=1).max())
     if shift_mm > settings.largest_shift_mm:
         raise InputError(
             f"the platform shifts by {shift_mm:.0f} mm in stance without a turn, expected"

@@ -52,17 +52,12 @@ class PlannedTurn:
 def scatter_of_one(
     crossings: Sequence[Crossing], planned: PlannedTurn, settings: ResponseSettings
 ) -> Array:
-    """Predict how K, B and I of one perturbed crossing will scatter.
-
-    Parameters
-    ----------
-    crossings : sequence of Crossing
-        Unperturbed ones.
+    """Predict how K, B and I of one perturbed crossing scatter against many unperturbed ones.
 
     Returns
     -------
     Array
-        Standard deviations (3,) against the mean of many unperturbed crossings.
+        Standard deviations (3,).
 
     Raises
     ------
@@ -83,7 +78,8 @@ def scatter_of_one(
             f" before it, expected {100 * earliest:.0f} % or more; state a later phase, in percent"
         )
 
-    columns, gait_torques = [], []
+    columns = []
+    gait_torques = []
     for k, crossing in enumerate(crossings):
         others = unperturbed_gait([*crossings[:k], *crossings[k + 1 :]], FEWEST_CROSSINGS - 1)
         response = isolate_response(
@@ -99,25 +95,16 @@ def scatter_of_one(
 
 
 def half_widths(
-    scatter: Array, counts: Sequence[int], unperturbed: int, both: bool
+    scatter: Array, counts: Sequence[int], unperturbed: int, both_directions: bool
 ) -> pl.DataFrame:
     """Half-widths of the 95 % intervals of K, B and I, a row per number of perturbed crossings.
 
-    Parameters
-    ----------
-    scatter : Array
-        Of one crossing (3,).
-    counts : sequence of int
-        Numbers of perturbed crossings.
-    unperturbed : int
-        Number of unperturbed crossings.
-    both : bool
-        Whether the turns go in both directions: then of half their difference.
+    `scatter` (3,) is that of one crossing. With turns up and down, of half their difference.
     """
     rows = []
     for n in counts:
-        freedom = min(n - 2 if both else n - 1, unperturbed - 1)
-        share = 1 / n + (0.0 if both else 1 / unperturbed)
+        freedom = min(n - 2 if both_directions else n - 1, unperturbed - 1)
+        share = 1 / n + (0.0 if both_directions else 1 / unperturbed)
         half = np.full(3, np.nan)
         if freedom > 0:
             half = -scipy.special.stdtrit(freedom, 0.025) * scatter * np.sqrt(share)

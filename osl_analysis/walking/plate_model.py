@@ -141,11 +141,6 @@ def identify_plate_model(
 ) -> PlateModel:
     """Identify the lag of each unloaded trial, then one inertia from all at the mean lag.
 
-    Parameters
-    ----------
-    pairs : sequence of (Trial, StaticCalibration)
-        The trials of the unloaded plate, each with its calibration.
-
     Raises
     ------
     InputError
@@ -240,7 +235,8 @@ class UnloadedRecording:
         """
         motion, weights = self.track.measured_motion(axes, self.centre)
         columns = inertial_columns(motion)
-        squares, count = np.zeros((PARAMETERS, PARAMETERS)), 0
+        squares = np.zeros((PARAMETERS, PARAMETERS))
+        count = 0
         for run in runs(weights == 0):
             if run.stop - run.start < platform.FEWEST_FRAMES:
                 continue
@@ -269,13 +265,7 @@ class UnloadedRecording:
 def unloaded_recording(
     trial: Trial, calibration: StaticCalibration, settings: PlateModelSettings
 ) -> UnloadedRecording:
-    """Read the platform over the longest run of frames in which it was seen, and the wrench.
-
-    Raises
-    ------
-    InputError
-        The plate is loaded, its markers are hidden, or it does not move.
-    """
+    """Read the platform over the longest run of frames in which it was seen, and the wrench."""
     check_type_on_platform(trial, settings.plate)
     names = settings.markers.platform
     frames, poses = rigid.segment_poses(trial, names, calibration, settings)
@@ -392,12 +382,10 @@ def whole_motions(track: platform.PlatformTrack) -> slice:
 
 
 def ringing(time: Array, wrench: Array, track: platform.PlatformTrack) -> tuple[float, float]:
-    """Find the frequency at which the wrench grows most from before the first motion to after it.
+    """Find the frequency [Hz] at which the wrench grows most after the first motion, and how much.
 
-    Returns
-    -------
-    tuple of float
-        Frequency [Hz] and ratio of power; 0 where the platform rests too shortly, or without noise.
+    The growth is a ratio of power. Both are 0 where the platform rests too shortly, or without
+    noise.
     """
     first_motion = next(iter(runs(track.moving)), slice(0, 0))
     shortest = round(SHORTEST_REST_S * track.rate)
@@ -602,7 +590,7 @@ def column_rms(values: Array) -> Array:
 def plate_lag(
     motion: BodyMotion, wrench_at: WrenchReader, smooth: Callable[[Array], Array]
 ) -> float:
-    """Find the lag of the plate behind the markers with the least misfit in one unloaded recording.
+    """Find the lag of the plate behind the markers with the least misfit, in one recording.
 
     Parameters
     ----------
@@ -623,9 +611,9 @@ def plate_lag(
     """
     lags = np.arange(-LARGEST_LAG_S, LARGEST_LAG_S + LAG_STEP_S / 2, LAG_STEP_S)
     wrenches = [wrench_at(float(lag)) for lag in lags]
-    shown = identify_plate_inertia([(motion, wrenches[len(lags) // 2])], smooth).directions
+    directions = identify_plate_inertia([(motion, wrenches[len(lags) // 2])], smooth).directions
     columns = stacked_columns(without_mean(smooth(inertial_columns(motion))))
-    basis = np.linalg.qr(columns @ shown)[0]
+    basis = np.linalg.qr(columns @ directions)[0]
     misfit = []  # weighted mean square of what no parameters explain
     for wrench in wrenches:
         stacked = (without_mean(wrench) * WEIGHT).T.ravel()
@@ -641,8 +629,8 @@ def plate_lag(
             f" {LARGEST_LAG_S * 1e3:g} ms; synchronise the recorders, check the platform's markers"
             " and the plate's channels, or set correct_plate_lag to false"
         )
-    before, least, after = misfit[best - 1 : best + 2]
-    return float(lags[best] + 0.5 * LAG_STEP_S * (before - after) / (before - 2 * least + after))
+    before, smallest, after = misfit[best - 1 : best + 2]
+    return float(lags[best] + 0.5 * LAG_STEP_S * (before - after) / (before - 2 * smallest + after))
 
 
 def with_height(
@@ -650,12 +638,8 @@ def with_height(
 ) -> PlateModel:
     """Add the height of the corners' centre above the point of the moments, where it is seen.
 
-    Its standard error is from leaving out each recording (jackknife).
-
-    Parameters
-    ----------
-    columns_and_wrenches : sequence of (Array, Array)
-        Columns (n, 6, 10) and wrench (n, 6) of each recording.
+    From columns (n, 6, 10) and wrench (n, 6) of each recording; its standard error is from leaving
+    out each (jackknife).
     """
     count = len(columns_and_wrenches)
     height = moments_below(model.directions, columns_and_wrenches)
@@ -688,8 +672,9 @@ def moments_below(directions: Array, columns_and_wrenches: Sequence[tuple[Array,
     estimates = np.linalg.lstsq(X, (wrench * WEIGHT).T.ravel(), rcond=1e-4)[0] / size
 
     # The last column is mc_z of the moments: is it told apart from the others?
-    others, vertical = X[:, :-1], X[:, -1]
-    unexplained = vertical - others @ np.linalg.lstsq(others, vertical, rcond=1e-4)[0]
+    other_columns = X[:, :-1]
+    vertical = X[:, -1]
+    unexplained = vertical - other_columns @ np.linalg.lstsq(other_columns, vertical, rcond=1e-4)[0]
     mass = float(directions[0] @ estimates[: directions.shape[1]])
     if mass > LIGHT_KG and np.linalg.norm(unexplained) > SMALLEST_HEIGHT_COLUMN:
         return float(estimates[-1] / mass)

@@ -104,7 +104,8 @@ def find_onset(
         The recording does not begin at rest.
     """
     seen = np.isfinite(displacement)
-    time, displacement = time[seen], displacement[seen]
+    time = time[seen]
+    displacement = displacement[seen]
     above = np.flatnonzero(displacement > threshold)
     if not len(above):
         return None
@@ -367,7 +368,8 @@ def perturbing_track(
     """Make the track of a crossing about its largest motion; refuse a platform that rests."""
     time, poses = rigid.segment_poses(trial, settings.markers.platform, static, settings)
     displacement = displacement_from_rest(poses, settings)
-    size, threshold = np.nan_to_num(displacement.size), displacement.threshold
+    size = np.nan_to_num(displacement.size)
+    threshold = displacement.threshold
     if not len(size) or size.max() < threshold:
         expected = f"turn by {settings.perturbation_deg:g} deg"
         if settings.perturbed_by == "belt":

@@ -173,18 +173,7 @@ def mean_positions(trial: Trial, names: Sequence[str]) -> dict[str, Array]:
 
 
 def marker_tracks(trial: Trial, names: Sequence[str]) -> tuple[Array, Array]:
-    """Read the tracks of markers.
-
-    Returns
-    -------
-    tuple of Array
-        Time (n,) [s] of the marker frames, and positions (n, m, 3) [m], NaN where hidden.
-
-    Raises
-    ------
-    InputError
-        The trial has no such marker, or no frames of it.
-    """
+    """Time (n,) [s] of the marker frames, and positions (n, m, 3) [m], NaN where hidden."""
     for name in names:
         if marker_columns(name)[0] in trial.columns:
             continue
@@ -255,11 +244,11 @@ def filled_frames(track: Array) -> Mask | None:
         Filled frames (n,); None where nothing can be told, as of a smoothed or rounded track.
     """
     square = np.mean(np.diff(track, 3, axis=0) ** 2, axis=1)
-    known = square[np.isfinite(square)]
-    if len(known) < FEWEST_DIFFERENCES:
+    finite = square[np.isfinite(square)]
+    if len(finite) < FEWEST_DIFFERENCES:
         return None
 
-    noise = float(np.quantile(np.convolve(known, np.full(10, 0.1), "valid"), QUIET_SHARE))
+    noise = float(np.quantile(np.convolve(finite, np.full(10, 0.1), "valid"), QUIET_SHARE))
     steps = np.abs(np.diff(track, axis=0))
     rounding = float(np.min(steps[steps > 0], initial=np.inf)) / np.sqrt(12)
     if np.sqrt(noise / 20) < max(LEAST_NOISE_M, 3 * rounding):
@@ -314,7 +303,8 @@ def cluster_poses(reference: Array, observed: Array, largest_residual: float = n
     ----------
     Kabsch, Acta Cryst. A32 (1976) 922.
     """
-    n, origin = len(observed), reference.mean(axis=0)
+    n = len(observed)
+    origin = reference.mean(axis=0)
     rotation = np.full((n, 3, 3), np.nan)
     position = np.full((n, 3), np.nan)
     residual = np.full(n, np.nan)
@@ -375,7 +365,8 @@ def bridge_gaps(time: Array, poses: Poses, longest: float) -> Poses:
     step = float(steps[0])
     hidden_s = (np.diff(seen) - 1) * step
     count = max(round(SIDE_S / step), FEWEST_SIDE_FRAMES)
-    rotation, position = poses.rotation.copy(), poses.position.copy()
+    rotation = poses.rotation.copy()
+    position = poses.position.copy()
     bridged = poses.bridged.copy()
     for k in np.flatnonzero((hidden_s > 0) & (hidden_s < longest + step / 2)):
         gap = np.arange(seen[k] + 1, seen[k + 1])
@@ -383,10 +374,11 @@ def bridge_gaps(time: Array, poses: Poses, longest: float) -> Poses:
 
         # Rotation vectors from the last frame before the gap are small, so that they interpolate
         before = scipy.spatial.transform.Rotation.from_matrix(poses.rotation[seen[k]])
-        beside = scipy.spatial.transform.Rotation.from_matrix(poses.rotation[sides])
-        turned = (beside * before.inv()).as_rotvec()
+        on_sides = scipy.spatial.transform.Rotation.from_matrix(poses.rotation[sides])
+        turned = (on_sides * before.inv()).as_rotvec()
 
-        middle, half_span = time[sides].mean(), np.ptp(time[sides]) / 2
+        middle = time[sides].mean()
+        half_span = np.ptp(time[sides]) / 2
         design = np.vander((time[sides] - middle) / half_span, 4)
         in_gap = np.vander((time[gap] - middle) / half_span, 4)
         coordinates = np.hstack([turned, poses.position[sides]])
@@ -433,19 +425,10 @@ class BodyMotion:
 
 
 def body_motion(time: Array, poses: Poses, point: Array) -> BodyMotion:
-    """Differentiate the poses of a body, and the path of one of its points.
+    """Differentiate low-passed poses of a body, and the path of its point at `point` (3,) [m].
 
     The angular velocity w is read from the antisymmetric matrix R' R^T, whose product with a
     vector v is w x v.
-
-    Parameters
-    ----------
-    time : Array
-        Times (n,) [s].
-    poses : Poses
-        Low-passed poses without NaN.
-    point : Array
-        Where the point is in the static pose (3,) [m].
     """
     R_rate = differentiate(time, poses.rotation.reshape(-1, 9)).omega.reshape(-1, 3, 3)
     spin = R_rate @ np.swapaxes(poses.rotation, 1, 2)

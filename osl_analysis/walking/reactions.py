@@ -5,7 +5,7 @@ velocity after a delay.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import scipy
@@ -46,13 +46,13 @@ class Reactions:
     # K [N*m/rad] beside a reflex, for each delay [ms] that fits nearly as well as the best
     K_with_reflex: Mapping[int, Effect]
     delay_ms: int  # of the reflex that fits best
-    beside: Mapping[str, Effect] = field(default_factory=dict)  # the others, alone
-    beside_jerk: Mapping[str, Effect] = field(default_factory=dict)  # the same with the jerk
+    alone: Mapping[str, Effect]  # the others, each alone beside Eq. 15
+    with_jerk: Mapping[str, Effect]  # the same with the jerk
 
     @property
     def sizes(self) -> dict[str, Effect]:
         """Each of `REACTIONS` alone; the reflex at its best delay."""
-        return {REFLEX: self.reflexes[self.delay_ms], **self.beside}
+        return {REFLEX: self.reflexes[self.delay_ms], **self.alone}
 
 
 def reflex_column(time: Array, window: slice, motion: Motion, delay_s: float) -> Array:
@@ -116,8 +116,8 @@ class ReactionFit:
         residual = torque - np.tensordot(estimates, eq_15, 1)
         covariance = np.cov(residual[:, 1:])[self.rows, self.rows]
         # crossings that are all equal have no covariance at all
-        least = 1e-12 * float(np.mean(torque[self.rows, 0] ** 2)) + 1e-24
-        ridge = RIDGE_SHARE * np.trace(covariance) / len(covariance) + least
+        floor = 1e-12 * float(np.mean(torque[self.rows, 0] ** 2)) + 1e-24
+        ridge = RIDGE_SHARE * np.trace(covariance) / len(covariance) + floor
         self.root = np.linalg.cholesky(covariance + ridge * np.eye(len(covariance)))
 
     def __call__(self, columns: Sequence[Array]) -> tuple[Array, float]:
@@ -159,7 +159,9 @@ def fit_reactions(time: Array, window: slice, theta: Array, torque: Array) -> Re
     eq_15 = [motion.theta, motion.omega, motion.alpha]
     jerk = np.asarray(scipy.interpolate.make_interp_spline(time, theta, k=5).derivative(3)(time))
 
-    reflexes, K_with_reflex, chi_squares = {}, {}, {}
+    reflexes = {}
+    K_with_reflex = {}
+    chi_squares = {}
     for delay_ms in REFLEX_DELAYS_MS:
         column = reflex_column(time, window, motion, 1e-3 * delay_ms)
         estimates, chi_square = fitted([*eq_15, jerk, column])
@@ -171,12 +173,13 @@ def fit_reactions(time: Array, window: slice, theta: Array, torque: Array) -> Re
     best = min(chi_squares, key=lambda delay_ms: chi_squares[delay_ms])
 
     columns = reaction_columns(time, window, motion, 1e-3 * best)
-    beside, beside_jerk = {}, {}
+    alone = {}
+    with_jerk = {}
     for name in (STIFFER, RAMP, SLOPING):
         estimates, _ = fitted([*eq_15, columns[name]])
-        beside[name] = effect_of(estimates[:, -1])
+        alone[name] = effect_of(estimates[:, -1])
         estimates, _ = fitted([*eq_15, jerk, columns[name]])
-        beside_jerk[name] = effect_of(estimates[:, -1])
+        with_jerk[name] = effect_of(estimates[:, -1])
     return Reactions(
         reflexes,
         K_with_reflex={
@@ -185,6 +188,6 @@ def fit_reactions(time: Array, window: slice, theta: Array, torque: Array) -> Re
             if chi_squares[delay_ms] <= chi_squares[best] + NEARLY_AS_WELL
         },
         delay_ms=best,
-        beside=beside,
-        beside_jerk=beside_jerk,
+        alone=alone,
+        with_jerk=with_jerk,
     )

@@ -76,7 +76,8 @@ def sensitivity_table(
     by_log : bool
         Whether the torque is from a log, so that the errors are `LOG_ERRORS`.
     """
-    first, fit = headline.responses[0], headline.ensemble.fit
+    first = headline.responses[0]
+    fit = headline.ensemble.fit
     weights = joining_weights(signs_of(headline.responses))
     torques = np.tensordot(
         weights, [response.lab_errors[:, first.window] for response in headline.responses], 1
@@ -229,7 +230,8 @@ def widened(bound: float, value: float, error: float) -> float:
 def response_table(group: str, headline: GroupHeadline) -> pl.DataFrame:
     """Tabulate `walking_responses.csv`: the isolated responses of a group, and their mean."""
     first = headline.responses[0]
-    time, window = first.time, first.window
+    time = first.time
+    window = first.window
     fitted = [
         (response.name, response.motion, response.torque, fit_response(response))
         for response in headline.responses
@@ -278,22 +280,23 @@ def walking_page_points(
         "window": (0.0, timing.window_s),
         "baseline": (-timing.guard_s - timing.baseline_s, -timing.guard_s),
     }
-    for name, ends in spans.items():
+    for name, bounds in spans.items():
         phases = [
-            100 * crossing.stance.phase(crossing.onset + np.array(ends))
+            100 * crossing.stance.phase(crossing.onset + np.array(bounds))
             for crossing in perturbed
             if crossing.onset is not None
         ]
         for panel, x in (
             ("angle", np.mean(phases, axis=0)),
-            ("response angle", 1e3 * np.array(ends)),
+            ("response angle", 1e3 * np.array(bounds)),
         ):
             frames.append(pl.DataFrame({"panel": panel, "curve": name, "x": x}))
 
     is_mean = pl.col("trial") == ENSEMBLE
     curve = pl.when(is_mean).then(pl.lit("mean")).otherwise(pl.lit("each")).alias("curve")
     time_ms = (1e3 * pl.col("time")).alias("x")
-    angle, torque = pl.lit("response angle"), pl.lit("response torque")
+    angle = pl.lit("response angle")
+    torque = pl.lit("response torque")
     frames.append(
         responses.select("trial", "doubtful", time_ms, curve, mean=pl.col("theta_deg"), panel=angle)
     )
@@ -357,10 +360,10 @@ def impedance_over_stance(summary: pl.DataFrame, groups: pl.DataFrame) -> pl.Dat
 def with_trajectory(table: pl.DataFrame, phase: Array, K_d: Array, B_d: Array) -> pl.DataFrame:
     """Add the commanded K_d and B_d (n,) at phases of stance (n,), where the sheet says nothing."""
     for quantity, values in (("K", K_d), ("B", B_d)):
-        at = np.interp(table["phase"].to_numpy(), phase, values, left=np.nan, right=np.nan)
+        commanded = np.interp(table["phase"].to_numpy(), phase, values, left=np.nan, right=np.nan)
         here = (pl.col("quantity") == quantity) & pl.col(COMMANDED).is_null()
         table = table.with_columns(
-            pl.when(here).then(pl.Series(at)).otherwise(COMMANDED).alias(COMMANDED)
+            pl.when(here).then(pl.Series(commanded)).otherwise(COMMANDED).alias(COMMANDED)
         )
     return table.with_columns(pl.col(COMMANDED).fill_nan(None))
 

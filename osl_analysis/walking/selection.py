@@ -118,9 +118,9 @@ def compare_crossings(
         by_condition.setdefault(condition, []).append(crossing)
 
     comparisons = []
-    for alike in by_condition.values():
-        features = crossing_features(alike, settings, settings.outliers)
-        for index, crossing in enumerate(alike):
+    for same_conditions in by_condition.values():
+        features = crossing_features(same_conditions, settings, settings.outliers)
+        for index, crossing in enumerate(same_conditions):
             comparisons.append(Comparison(crossing, features, index))
     return comparisons
 
@@ -181,8 +181,8 @@ def crossing_features(
         unchanged.append(Measure("load before the onset", share, load_before, rule.load_share))
         load_middle = curves(force, middle) / usual
         changed.append(Measure("load in single support", share, load_middle, rule.load_share))
-        beside = curves(pressure, middle)
-        changed.append(Measure("pressure beside the ankle", "m", beside, rule.pressure_m))
+        pressure_left = curves(pressure, middle)
+        changed.append(Measure("pressure beside the ankle", "m", pressure_left, rule.pressure_m))
 
     # What a perturbation changes is compared among those of each direction
     same_kind = np.zeros(len(crossings), dtype=int)
@@ -283,7 +283,8 @@ def exclusion_reason(comparison: Comparison, settings: SelectionSettings) -> str
     if not distance > settings.outliers.limit:
         return None
     unit = furthest.unit
-    value, median = furthest.values[comparison.index], furthest.median[comparison.index]
+    value = furthest.values[comparison.index]
+    median = furthest.median[comparison.index]
     reason = (
         f"{furthest.name} {value:.3g} {unit} lies {distance:.1f} scatters of"
         f" {furthest.scatter:.2g} {unit} from the median {median:.3g} {unit}, more than"
@@ -299,7 +300,8 @@ def exclusion_reason(comparison: Comparison, settings: SelectionSettings) -> str
 
 def crossing_row(comparison: Comparison, reason: str | None, place: Place) -> dict[str, object]:
     """One row of `walking_crossings.csv`."""
-    crossing, furthest = comparison.crossing, comparison.furthest
+    crossing = comparison.crossing
+    furthest = comparison.furthest
     quality = crossing.quality
     value_of = {
         feature.name: float(feature.values[comparison.index]) for feature in comparison.features

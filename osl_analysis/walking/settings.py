@@ -73,7 +73,7 @@ class OutlierRule(Settings):
     limit: Positive  # Largest distance from the median, in scatters
     stance_s: Positive  # Smallest scatter [s] of the duration of stance
     placement_m: Positive  # Smallest scatter [m] of the foot's place on the plate
-    # Smallest scatter [deg] of the angle's RMS deviation from the median gait, until the first guard
+    # Smallest scatter [deg] of the angle's RMS deviation from the median gait, before any onset
     angle_deg: Positive
     # Smallest scatter [N*m] of the torque's RMS deviation, over the same time
     torque_nm: Positive

@@ -71,11 +71,13 @@ def check_roll(phase: Array, load: LoadOnFoot, shear: Array, torque: Array | Non
     torque : Array or None
         Undisturbed torque (n,) [N*m]; in late stance every foot pushes the toes down.
     """
-    flat, late = phases_between(phase, FLAT), phases_between(phase, LATE)
+    flat = phases_between(phase, FLAT)
+    late = phases_between(phase, LATE)
     pressure = np.array([load.left, load.forward])
     left, forward = pressure[:, late].mean(axis=1) - pressure[:, flat].mean(axis=1)
     push_left, push_forward = shear[:, late].mean(axis=1) - shear[:, flat].mean(axis=1)
-    roll_m, push_n = np.hypot(left, forward), np.hypot(push_left, push_forward)
+    roll_m = np.hypot(left, forward)
+    push_n = np.hypot(push_left, push_forward)
     roll_deg = abs(float(np.rad2deg(np.arctan2(left, forward))))
     push_deg = abs(float(np.rad2deg(np.arctan2(push_left, push_forward))))
 

@@ -156,11 +156,6 @@ def identify_platform(
     """Find the shape that the platform's motions share in perturbed crossings.
 
     A crossing whose platform is hidden, or does not move enough, has no part; a warning says so.
-
-    Parameters
-    ----------
-    pairs : sequence of (Trial, StaticCalibration)
-        The perturbed crossings, each with its calibration.
     """
     if not settings.markers.platform:
         return without_shape("the plate rests: markers.platform is empty")
@@ -220,7 +215,8 @@ def different_clusters(
 
     A motion's coordinates depend on where the platform's markers are placed.
     """
-    labels, limit = settings.markers.platform, settings.largest_residual_mm
+    labels = settings.markers.platform
+    limit = settings.largest_residual_mm
     clusters = [static.positions(labels, "static") for static in statics]
     local = [cluster - cluster.mean(axis=0) for cluster in clusters]
     distances_mm = [
@@ -406,13 +402,16 @@ def mean_shape(
     Mean amplitude and duration of the crossings become 1 if `normalised`; else they stay those of
     the alignments.
     """
-    mean_amplitude, mean_duration = 1.0, 1.0
+    mean_amplitude = 1.0
+    mean_duration = 1.0
     if normalised:
         mean_amplitude = float(np.mean([abs(alignment.amplitude) for _, alignment in pairs]))
         log_durations = [np.log(alignment.duration) for _, alignment in pairs]
         mean_duration = float(np.exp(np.mean(log_durations)))
 
-    times, shapes, weights = [], [], []
+    times = []
+    shapes = []
+    weights = []
     for track, alignment in pairs:
         since = (track.time - alignment.start) / (alignment.duration / mean_duration)
         amplitude = alignment.amplitude / mean_amplitude
@@ -433,8 +432,8 @@ def mean_shape(
     )
     grid = np.arange(np.ceil(stamps[0] / GRID_S), np.floor(stamps[-1] / GRID_S) + 1) * GRID_S
     shape = spline(grid)
-    rest = shape[grid <= grid[0] + LEAD_S / 4].mean(axis=0)
-    return PlatformTemplate(basis.axes, grid, shape - rest, basis.noise, len(pairs), scaled)
+    rest_level = shape[grid <= grid[0] + LEAD_S / 4].mean(axis=0)
+    return PlatformTemplate(basis.axes, grid, shape - rest_level, basis.noise, len(pairs), scaled)
 
 
 def follow_shape(

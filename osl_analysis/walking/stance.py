@@ -45,13 +45,13 @@ def find_stances(time: Array, force: Array, on: float, off: float, shortest: flo
     loaded = (last_known >= 0) & (level[last_known] == 1)
 
     change = np.diff(loaded.astype(int))
-    starts = np.flatnonzero(change == 1)
-    ends = np.flatnonzero(change == -1)
+    heel_strikes = np.flatnonzero(change == 1)
+    toe_offs = np.flatnonzero(change == -1)
     # a contact that began before the recording is not complete
-    ends = ends[ends > starts[0]] if len(starts) else ends[:0]
+    toe_offs = toe_offs[toe_offs > heel_strikes[0]] if len(heel_strikes) else toe_offs[:0]
     stances = [
         Stance(crossing_time(time, force, start, on), crossing_time(time, force, end, off))
-        for start, end in zip(starts.tolist(), ends.tolist(), strict=False)
+        for start, end in zip(heel_strikes.tolist(), toe_offs.tolist(), strict=False)
     ]
     return [stance for stance in stances if stance.duration >= shortest]
 

@@ -147,15 +147,7 @@ def moving_plate(
 
 
 def ankle_torques(plate: MovingPlate, unloaded: PlateModel, shared: PlatformModel) -> AnkleTorques:
-    """Compute the ankle's torque, and its changes by errors of plate, platform and laboratory.
-
-    Parameters
-    ----------
-    unloaded : PlateModel
-        Inertia and lag of the plate, which are removed.
-    shared : PlatformModel
-        What the motions of the platform have in common.
-    """
+    """Compute the ankle's torque, and its changes by errors of plate, platform and laboratory."""
     motion = plate.motion(shared.template)
     on_foot = plate.reaction(unloaded, motion)
     torque = plate.torque(unloaded, motion)
@@ -181,7 +173,8 @@ def laboratory_changes(
     plate: MovingPlate, unloaded: PlateModel, motion: BodyMotion, torque: Array
 ) -> Array:
     """Changes (7, n) [N*m] of the torque by each of the first `LABORATORY_ERRORS`."""
-    ankle, centre = plate.ankle, plate.centre
+    ankle = plate.ankle
+    centre = plate.centre
     on_foot = plate.reaction(unloaded, motion)
     R = plate.passage.poses["platform"].rotation
     forward = ankle.forward.mean(axis=0)

@@ -224,11 +224,11 @@ def aligned_gait(crossing: Crossing, gait: UnperturbedGait, source: StanceSource
     InputError
         The duration is to be matched, and no pace fits.
     """
-    own = crossing.stance.duration
+    own_stance = crossing.stance.duration
     scale, gait_scales = matched_pace(crossing, gait)
-    expected = own / scale * float(gait_scales.mean())
+    expected = own_stance / scale * float(gait_scales.mean())
     if source == "own":
-        return AlignedGait(own, np.ones(len(gait.names)), expected)
+        return AlignedGait(own_stance, np.ones(len(gait.names)), expected)
     if source == "unperturbed":
         return AlignedGait(float(np.mean(gait.stance)), np.ones(len(gait.names)), expected)
     if not np.isfinite(scale):
@@ -238,7 +238,7 @@ def aligned_gait(crossing: Crossing, gait: UnperturbedGait, source: StanceSource
             " sharp turn after heel strike, or is of another gait; state perturbed_stance: own, or"
             " give it another group"
         )
-    return AlignedGait(own / scale, gait_scales, expected)
+    return AlignedGait(own_stance / scale, gait_scales, expected)
 
 
 def matched_pace(crossing: Crossing, gait: UnperturbedGait) -> tuple[float, Array]:

@@ -32,8 +32,11 @@ from osl_analysis.walking.poses import (
     static_calibration,
 )
 
-TIME, ANKLE = np.arange(240) / RATE, np.array([0.02, -0.1, 0.09])
-low_pass, time, own = LowPass(20.0), 0.5 + np.arange(240) / 300, np.arange(1000) / 500
+TIME = np.arange(240) / RATE
+ANKLE = np.array([0.02, -0.1, 0.09])
+low_pass = LowPass(20.0)
+time = 0.5 + np.arange(240) / 300
+own = np.arange(1000) / 500
 
 
 def tracks() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -49,7 +52,8 @@ def test_recovers_the_pose_that_moved_the_markers_also_with_a_hidden_one_of_four
     observed, R, path = tracks()
     observed[50:80, 2] = np.nan
     observed[70:90, 0, 1] = np.nan  # one coordinate is enough; frames 70-79 keep two markers only
-    poses, seen = cluster_poses(FOOT, observed), np.r_[0:70, 80:240]
+    poses = cluster_poses(FOOT, observed)
+    seen = np.r_[0:70, 80:240]
     np.testing.assert_allclose(poses.rotation[seen], R[seen], atol=1e-12)
     np.testing.assert_allclose(poses.point(np.zeros(3))[seen], path[seen], atol=1e-12)
     assert poses.residual[seen].max() < 1e-12
@@ -77,7 +81,10 @@ def test_short_interior_gaps_are_bridged_with_little_noise_and_flagged_the_other
     ]
     assert np.sqrt(np.mean(np.square(off))) < 2.5e-4
     observed, R, path = tracks()
-    observed[:4], observed[60:66], observed[100:130], observed[-3:] = np.nan, np.nan, np.nan, np.nan
+    observed[:4] = np.nan
+    observed[60:66] = np.nan
+    observed[100:130] = np.nan
+    observed[-3:] = np.nan
     seen = cluster_poses(FOOT, observed)
     bridged_poses = bridge_gaps(TIME, seen, longest=6 / RATE)
     assert list(np.flatnonzero(bridged_poses.bridged)) == list(range(60, 66))
@@ -105,8 +112,10 @@ def test_short_interior_gaps_are_bridged_with_little_noise_and_flagged_the_other
 
 def test_the_angle_is_the_twist_about_a_skew_axis_wherever_the_leg_is() -> None:
     axis = np.array([0.2, 0.95, 0.1]) / np.linalg.norm([0.2, 0.95, 0.1])
-    theta, across = np.linspace(-2.5, 2.5, 11), 0.3 * np.cross(axis, [1.0, 0.0, 0.0])
-    shank, still = Rotation.random(11, rng=np.random.default_rng(3)), np.zeros((11, 3))
+    theta = np.linspace(-2.5, 2.5, 11)
+    across = 0.3 * np.cross(axis, [1.0, 0.0, 0.0])
+    shank = Rotation.random(11, rng=np.random.default_rng(3))
+    still = np.zeros((11, 3))
     for swing in (Rotation.identity(), Rotation.from_rotvec(across)):
         foot = shank * swing * Rotation.from_rotvec(-theta[:, None] * axis)
         angle = ankle_angle(pose(foot.as_matrix(), still), pose(shank.as_matrix(), still), axis)
@@ -146,7 +155,9 @@ def test_a_static_marker_that_is_never_seen_and_a_cluster_on_a_line_are_refused_
 def test_a_hanging_foot_needs_its_weight_and_its_inertia() -> None:
     """A foot that swings freely about a still ankle: tau = I_ankle alpha + m g x_com, toes-down
     positive."""
-    phi, alpha, com = 0.3 * np.sin(6 * TIME), -10.8 * np.sin(6 * TIME), np.array([0.05, 0.0, -0.04])
+    phi = 0.3 * np.sin(6 * TIME)
+    alpha = -10.8 * np.sin(6 * TIME)
+    com = np.array([0.05, 0.0, -0.04])
     motion = body_motion(TIME, pose(about_y(phi), np.zeros((len(TIME), 3))), com)
     torque = moment_of_foot(motion, 0 * motion.point, np.tile(LEFT, (len(TIME), 1)), 1.2, 0.007)
     x = np.cos(phi) * com[0] + np.sin(phi) * com[2]
@@ -226,7 +237,9 @@ def test_a_filled_run_of_frames_is_found_and_noise_and_rest_are_not_accused(
 ) -> None:
     """A marker that swings and rests, as a foot does, with noise of 0.2 mm: of 20 runs nearly all
     are found; at 100 Hz third differences keep more of the swing."""
-    random, time, found = np.random.default_rng(length), np.arange(3 * rate) / rate, []
+    random = np.random.default_rng(length)
+    time = np.arange(3 * rate) / rate
+    found = []
     path = 0.3 * np.outer(np.clip(np.sin(2 * np.pi * time), 0, None) ** 3, [1.0, 0.2, 0.5])
     for start in random.integers(30, len(time) - length - 30, 20):
         track = path + 2e-4 * random.standard_normal(path.shape)
@@ -242,7 +255,8 @@ def test_a_filled_run_of_frames_is_found_and_noise_and_rest_are_not_accused(
 
 
 def test_a_smoothed_rounded_or_short_track_does_not_tell_what_was_filled() -> None:
-    random, time = np.random.default_rng(4), np.arange(900) / 300
+    random = np.random.default_rng(4)
+    time = np.arange(900) / 300
     noisy = 0.1 * np.outer(np.sin(time), np.ones(3)) + 2e-4 * random.standard_normal((900, 3))
     for track in (
         LowPass(6.0)(noisy, 300.0),

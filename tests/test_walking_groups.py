@@ -50,7 +50,8 @@ from osl_analysis.walking.selection import crossing_features, selection_rows
 from osl_analysis.walking.stance import Stance
 from osl_analysis.walking.unperturbed_gait import unperturbed_gait
 
-RULE, MIDSTANCE = settings().outliers, Walk(0.4)
+RULE = settings().outliers
+MIDSTANCE = Walk(0.4)
 ALL_K = "ensemble", "K"
 BOTH = several("up", 6, MIDSTANCE, common=12.0) | several(
     "down", 4, MIDSTANCE, common=12.0, sign=-1
@@ -69,7 +70,8 @@ def headline(walks, count=8, **choices):
 def test_half_the_difference_of_directions_is_free_of_what_follows_either_turn(tmp_path):
     """12 N*m after either turn read 138 N*m/rad too much up, and as much too little down:
     12/0.087."""
-    tables, error = campaign(tmp_path, BOTH | several("u", 8, Walk())), 12 / TURN
+    tables = campaign(tmp_path, BOTH | several("u", 8, Walk()))
+    error = 12 / TURN
     K, B, I = (tables.estimate("all", quantity)["mean"] for quantity in "KBI")
     assert (K, B, I) == (
         pytest.approx(340, abs=6),
@@ -86,7 +88,8 @@ def test_half_the_difference_of_directions_is_free_of_what_follows_either_turn(t
         pytest.approx(340 - error, abs=12),
     )
     assert 0 < difference["low"] < 2 * error < difference["high"]
-    fits, row = tables["walking"], tables.estimate("all", "K", "mean of perturbations")
+    fits = tables["walking"]
+    row = tables.estimate("all", "K", "mean of perturbations")
     assert row["mean"] == pytest.approx(
         np.mean([fits.filter(direction=name)["K"].mean() for name in ("up", "down")])
     )
@@ -138,7 +141,8 @@ def test_half_the_difference_of_directions_is_free_of_what_follows_either_turn(t
 def test_few_crossings_that_agree_by_luck_have_the_scatter_of_unperturbed_ones():
     """A bootstrap of two crossings does not leave their range: 6 half-widths off in one of 24
     campaigns."""
-    covers, halves = 0, list[float]()
+    covers = 0
+    halves = list[float]()
     for k in range(12):
         few = several(f"{k}p", 2, MIDSTANCE) | several(f"{k}d", 3, MIDSTANCE, sign=-1)
         both = headline(few, 12, bootstrap_samples=100)
@@ -185,10 +189,8 @@ def test_the_turn_is_toes_up_positive_whichever_way_the_person_walks_and_the_pla
     heading, turn
 ):
     time = np.arange(60) / 300
-    yaw, rest = (
-        Rotation.from_euler("z", heading, degrees=True),
-        Rotation.from_euler("xyz", [3, -2, 20], degrees=True),
-    )
+    yaw = Rotation.from_euler("z", heading, degrees=True)
+    rest = Rotation.from_euler("xyz", [3, -2, 20], degrees=True)
     axis = yaw.apply([0.0, 1.0, 0.0])
     # the largest, not the last, turn
     angles = turn * np.interp(time, [0.05, 0.12, 0.15, 0.2], [0, 1, -0.2, 3])
@@ -200,7 +202,8 @@ def test_the_turn_is_toes_up_positive_whichever_way_the_person_walks_and_the_pla
 
 
 def of_stiffness(values, count=5):
-    walks, cells = {}, {}
+    walks = {}
+    cells = {}
     for K in values:
         some = several(
             f"p{K:.0f}_", count, MIDSTANCE, impedance=(K, 5.0, 0.03), gait=0.8 + K / 2000
@@ -229,10 +232,8 @@ def test_each_commanded_stiffness_has_its_own_result_and_one_line_says_so(tmp_pa
         pytest.approx(0.4, abs=0.01),
     )
     used = tables["selection"].filter(gait="K_d 340")
-    flat, phases = (
-        used.filter(perturbed=False)["stance_s"],
-        used.filter(perturbed=True)["onset_phase"],
-    )
+    flat = used.filter(perturbed=False)["stance_s"]
+    phases = used.filter(perturbed=True)["onset_phase"]
     assert [facts[c] for c in ("unperturbed_stance_sd", "onset_phase_sd")] == [
         flat.std() / flat.mean(),
         phases.std(),
@@ -327,10 +328,8 @@ def test_conditions_serve_every_value_where_unstated():
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_a_group_without_a_result_has_rows_that_say_why_and_the_others_go_on(tmp_path):
     walks, cells = of_stiffness((200.0, 340.0), 4)
-    few, bare = (
-        several("few", 1, MIDSTANCE) | several("few_u", 3, Walk()),
-        several("bare", 3, MIDSTANCE),
-    )
+    few = several("few", 1, MIDSTANCE) | several("few_u", 3, Walk())
+    bare = several("bare", 3, MIDSTANCE)
     cells |= {name: {"K_d": 600.0 if name in bare else 500.0, "B_d": 5.0} for name in few | bare}
     tables = campaign(tmp_path, walks | few | bare, cells, bootstrap_samples=100)
     reasons = dict(tables["groups"].select("group", "reason").iter_rows())
@@ -385,8 +384,10 @@ def test_each_timing_has_its_own_result_over_stance_beside_the_commanded_impedan
         assert row["mean"] == pytest.approx(K, abs=10)
         assert row["low"] < K < row["high"]
     (tmp_path / "trajectory.csv").write_text("phase,K_d,B_d\n0,0,1\n0.62,620,1\n1,0,1\n")
-    table, points = tmp_path / "table.csv", tmp_path / "points.csv"
-    summary, groups = three.folder / "summary.csv", three.folder / "groups.csv"
+    table = tmp_path / "table.csv"
+    points = tmp_path / "points.csv"
+    summary = three.folder / "summary.csv"
+    groups = three.folder / "groups.csv"
     trajectories = [Path("config/impedance/synthetic_walking.csv"), tmp_path / "trajectory.csv"]
     # which no synthetic one led
     tabulate_over_stance(summary, groups, table, 0.62, trajectories, "measured")
@@ -404,10 +405,8 @@ def test_each_timing_has_its_own_result_over_stance_beside_the_commanded_impedan
     np.testing.assert_allclose(
         commanded["commanded"], 620 * commanded["phase"], rtol=1e-6, atol=1e-6
     )
-    ends, asked = (
-        np.array([0.0, 1.0]),
-        pl.DataFrame({"quantity": list("KBK"), "phase": [0.5, 0.5, 1.1]}),
-    )
+    ends = np.array([0.0, 1.0])
+    asked = pl.DataFrame({"quantity": list("KBK"), "phase": [0.5, 0.5, 1.1]})
     told = with_trajectory(
         asked.with_columns(commanded=pl.lit(None, pl.Float64)), ends, 600 * ends, ends
     )
@@ -418,7 +417,8 @@ def test_each_timing_has_its_own_result_over_stance_beside_the_commanded_impedan
 
 def test_the_phase_that_a_fit_reads_is_where_a_stiffness_that_changes_linearly_has_its_value():
     result = headline(several("p", 4, MIDSTANCE, noise=0.0))
-    ensemble, before = result.ensemble, result.ensemble.fit["K"]
+    ensemble = result.ensemble
+    before = result.ensemble.fit["K"]
     rows, slope = result.responses[0].window, 1000.0  # N*m/rad per second
     torque = ensemble.torque + slope * result.responses[0].time * ensemble.motion.theta
     columns = np.column_stack(
@@ -432,7 +432,8 @@ def test_the_phase_that_a_fit_reads_is_where_a_stiffness_that_changes_linearly_h
 
 def session(**changed: object) -> list[Crossing]:
     """Eleven crossings that hardly differ, the last of which is changed."""
-    random, crossings = np.random.default_rng(6), []
+    random = np.random.default_rng(6)
+    crossings = []
     for k in range(11):
         place = standing_at(*(0.01 * random.standard_normal(2)))
         one = crossing(
@@ -452,7 +453,8 @@ def loaded(
 ) -> Crossing:
     """The crossing of 70 kg with a share of its load, and its centre of pressure [m] to the left of
     the ankle."""
-    phase, noise = c.stance.phase(c.time), np.random.default_rng(seed).standard_normal(2)
+    phase = c.stance.phase(c.time)
+    noise = np.random.default_rng(seed).standard_normal(2)
     force = (
         share
         * (1 + 0.02 * noise[0])
@@ -464,7 +466,8 @@ def loaded(
     return replace(c, load=load, torque=share * c.torque, body_mass=mass)
 
 
-ASIDE, LAST = standing_at(0.0, 0.3), session()[-1]
+ASIDE = standing_at(0.0, 0.3)
+LAST = session()[-1]
 
 
 @pytest.mark.parametrize(("changes", "said"), [
@@ -492,10 +495,8 @@ def test_the_load_and_a_second_foot_on_the_plate_are_named() -> None:
         return [*some[:-1], loaded(session()[-1], seed=10, **last)]
 
     assert reasons(loads({})) == reasons([*loads({})[:-1], session()[-1]]) == {}
-    found, row = (
-        crossing_features(loads({}), settings(), RULE),
-        selected(loads({}), settings())["w3"],
-    )
+    found = crossing_features(loads({}), settings(), RULE)
+    row = selected(loads({}), settings())["w3"]
     assert row["furthest_scatters"] == max(f.distance[3] for f in found)
     shown = {
         "gait_deviation_deg": "angle b",
@@ -626,7 +627,8 @@ def test_moments_too_large_show_in_the_pressure_of_a_foot_that_stands_elsewhere(
     """Moments 15 % too large move the pressure by 1.15 times as much as the foot; the foot's own
     scatter is 1 mm."""
     random = np.random.default_rng(2)
-    foot, own = 0.015 * random.standard_normal((20, 2)), 0.001 * random.standard_normal((20, 2))
+    foot = 0.015 * random.standard_normal((20, 2))
+    own = 0.001 * random.standard_normal((20, 2))
     for gain, certain in ((1.0, 0.0), (1.15, 0.11), (0.85, -0.11)):
         pressure = gain * (foot + np.array([0.03, 0.0]) + own) - foot
         columns = ["foot_forward_m", "foot_left_m", "pressure_ahead_m", "pressure_beside_m"]
@@ -666,10 +668,8 @@ def test_unperturbed_crossings_tell_the_intervals_that_perturbed_ones_will_have(
     """Six pilots: half-widths of K, B and I are those of the ensemble's bootstrap, on average to a
     tenth, each within twice, as a scatter of eight is known; both directions are free of the
     unperturbed crossings' error."""
-    chosen, planned = (
-        settings(perturbed_stance="own"),
-        PlannedTurn(TURN, 0.08, 0.4, (340.0, 5.0, 0.03)),
-    )
+    chosen = settings(perturbed_stance="own")
+    planned = PlannedTurn(TURN, 0.08, 0.4, (340.0, 5.0, 0.03))
     ratios = []
     for k in range(6):
         flat = [walked(f"f{k}_{n}", Walk()) for n in range(16)]
@@ -696,10 +696,8 @@ def test_unperturbed_crossings_tell_the_intervals_that_perturbed_ones_will_have(
 def test_a_pilot_who_moves_against_the_turn_once_does_not_widen_the_plan() -> None:
     """Nine tenths of the turn cancel in one crossing, with the joint's torque: fitted alone its K
     scattered tenfold."""
-    chosen, planned = (
-        settings(perturbed_stance="own"),
-        PlannedTurn(TURN, 0.08, 0.4, (340.0, 5.0, 0.03)),
-    )
+    chosen = settings(perturbed_stance="own")
+    planned = PlannedTurn(TURN, 0.08, 0.4, (340.0, 5.0, 0.03))
     flat = [walked(f"f{n}", Walk()) for n in range(8)]
     against = replace(planned, turn=-0.9 * TURN).added_to(flat[0], chosen)
     unlike = [replace(against, onset=None, turn=None), *flat[1:]]

@@ -44,24 +44,26 @@ from osl_analysis.walking.plate_model import (
     inertial_columns,
     ringing,
     stacked_columns,
+    with_height,
     without_mean,
 )
 from osl_analysis.walking.poses import BodyMotion, static_calibration
 from osl_analysis.walking.setup_checks import check_roll, check_side, check_vertical
 from osl_analysis.walking.stance import Stance
 
-PIVOT, TIME, PHASE = (
-    np.array([-0.06, 0.0, 0.08]),
-    np.arange(3 * PLATE_RATE) / PLATE_RATE,
-    np.linspace(0, 1, 11),
-)
+PIVOT = np.array([-0.06, 0.0, 0.08])
+TIME = np.arange(3 * PLATE_RATE) / PLATE_RATE
+PHASE = np.linspace(0, 1, 11)
 SURFACE = np.array([[0.3, 0.2, 0], [-0.3, 0.2, 0], [-0.3, -0.2, 0], [0.3, -0.2, 0]]) + np.array(
     [1.0, 2.0, 0.1]
 )
 CALIBRATION = static_calibration(static_trial(), settings())
-MASS, COM, I_COM = 12.0, np.array([0.01, -0.02, -0.03]), np.diag([0.25, 0.36, 0.60])
+MASS = 12.0
+COM = np.array([0.01, -0.02, -0.03])
+I_COM = np.diag([0.25, 0.36, 0.60])
 ABOUT_CENTRE = I_COM + MASS * ((COM @ COM) * np.eye(3) - np.outer(COM, COM))
-RIG, RAMP = Rig(mass=MASS, marker=1.5e-4, moment=0.05), Ramp(angle=5, onset=1.0, returns=2.0)
+RIG = Rig(mass=MASS, marker=1.5e-4, moment=0.05)
+RAMP = Ramp(angle=5, onset=1.0, returns=2.0)
 TRUE = np.array([MASS, *(MASS * COM), *np.diag(ABOUT_CENTRE), *ABOUT_CENTRE[[0, 0, 1], [1, 2, 2]]])
 
 
@@ -80,21 +82,26 @@ def plate_motion(about: int, height: float, scale: float) -> tuple[BodyMotion, A
         height * (a - 0.7 * b)
         for a, b in zip(bump(t, 0.3, scale), bump(t, 0.6, scale), strict=True)
     )
-    R, n = matrix(about, phi), np.eye(3)[about]
+    R = matrix(about, phi)
+    n = np.eye(3)[about]
 
     def swung(point: Array) -> tuple[Array, Array]:
         r = R @ (point - PIVOT)
-        w, z = omega[:, None] * n, alpha[:, None] * n
+        w = omega[:, None] * n
+        z = alpha[:, None] * n
         return r + PIVOT, np.cross(z, r) + np.cross(w, np.cross(w, r))
 
     centre, acceleration = swung(np.zeros(3))
     com, com_acceleration = swung(COM)
-    w, z = omega[:, None] * n, alpha[:, None] * n
+    w = omega[:, None] * n
+    z = alpha[:, None] * n
     inertia = R @ I_COM @ R.transpose(0, 2, 1)
     turning = np.einsum("nij,nj->ni", inertia, z) + np.cross(w, np.einsum("nij,nj->ni", inertia, w))
     force = MASS * (com_acceleration + np.array([0, 0, G]))
-    moment, in_plate = turning + np.cross(com - centre, force), R.transpose(0, 2, 1)
-    tare, tare_moment = np.array([0, 0, MASS * G]), np.cross(COM, [0, 0, MASS * G])
+    moment = turning + np.cross(com - centre, force)
+    in_plate = R.transpose(0, 2, 1)
+    tare = np.array([0, 0, MASS * G])
+    tare_moment = np.cross(COM, [0, 0, MASS * G])
     parts = (
         np.einsum("nij,nj->ni", in_plate, force) - tare,
         np.einsum("nij,nj->ni", in_plate, moment) - tare_moment,
@@ -124,7 +131,8 @@ def squares_of(*recordings: list[tuple[BodyMotion, Array]]) -> Array:
 def turned(pair: tuple[BodyMotion, Array], heading: float) -> tuple[BodyMotion, Array]:
     """The same recording with a laboratory, and a plate's own axes, that stand turned about the
     vertical."""
-    Q, motion = Rotation.from_euler("z", heading).as_matrix(), pair[0]
+    Q = Rotation.from_euler("z", heading).as_matrix()
+    motion = pair[0]
     vectors = [v @ Q.T for v in (motion.omega, motion.alpha, motion.point, motion.acceleration)]
     return BodyMotion(Q @ motion.rotation @ Q.T, *vectors), (
         pair[1].reshape(-1, 2, 3) @ Q.T
@@ -169,10 +177,8 @@ def test_what_recordings_do_not_show_stays_as_it_is_known() -> None:
 
 def test_noise_that_is_known_makes_no_plate_lighter() -> None:
     """A fifth of the acceleration: without a correction the mass is a seventh too small."""
-    random, quiet = (
-        np.random.default_rng(3),
-        [plate_motion(about, 0.15, 0.04) for about in range(3)],
-    )
+    random = np.random.default_rng(3)
+    quiet = [plate_motion(about, 0.15, 0.04) for about in range(3)]
     drawn = [random.normal(0, 0.2 * m.acceleration.std(), (RATE, 3)) for m, _ in quiet]
     noisy = [
         (replace(m, acceleration=m.acceleration + n), w)
@@ -189,7 +195,8 @@ def test_noise_that_is_known_makes_no_plate_lighter() -> None:
 def test_a_wrench_is_brought_to_the_markers_frames() -> None:
     """Without delay; a late plate is read later; no aliasing: 290 Hz seen at 300 Hz would be 10 Hz,
     full size."""
-    fast, slow = np.arange(4500) / PLATE_RATE, np.arange(900) / RATE
+    fast = np.arange(4500) / PLATE_RATE
+    slow = np.arange(900) / RATE
     for frequency, late, seen in ((15, 0.0, 1.0), (8, 0.0021, 1.0), (290, 0.0, 0.0)):
         tone = np.sin(2 * np.pi * frequency * (fast - late))[:, None] * [1.0, 2.0, 3.0]
         sampled = wrench_reader(fast, np.hstack([tone, tone]), slow)(late)
@@ -212,7 +219,8 @@ def model_of(*trials: Trial, **choices: Any) -> PlateModel:
 
 def test_the_models_without_a_trial_know_nothing_of_it() -> None:
     trials = [unloaded(f"plate_{k}", lag=0.001 * (1 + k), mass=MASS + k) for k in range(3)]
-    model, (motion, wrench) = model_of(*trials), plate_motion(1, 0.09, 0.03)
+    model = model_of(*trials)
+    (motion, wrench) = plate_motion(1, 0.09, 0.03)
     for k, other in enumerate(model.leave_one_out):
         assert other.lag == pytest.approx(np.delete(model.lags, k).mean())
         alone = model_of(*(t for i, t in enumerate(trials) if i != k))
@@ -223,10 +231,8 @@ def test_the_models_without_a_trial_know_nothing_of_it() -> None:
 
 
 def test_a_lag_that_is_not_found_or_not_asked_for_is_not_corrected() -> None:
-    light, unasked = (
-        "the unloaded plate is too light to show it",
-        "not estimated: correct_plate_lag is false",
-    )
+    light = "the unloaded plate is too light to show it"
+    unasked = "not estimated: correct_plate_lag is false"
     for mass, asked, reason in ((0.0, True, light), (1.0, False, unasked)):
         model = model_of(unloaded("plate_1", lag=0.002, mass=mass), correct_plate_lag=asked)
         assert (model.lag, model.lag_se, model.lag_reason) == (None, None, reason)
@@ -264,10 +270,8 @@ def test_an_unloaded_trial_whose_turn_was_hidden_is_excluded_by_name(
     until the platform is back, longer than gaps are bridged: the longest run of frames that was
     seen does not turn."""
     seen, blind = (unloaded(f"plate_{k}", lag=0.0015) for k in (1, 2))
-    blind, why = (
-        hidden(blind, ("PLAT1", "PLAT2"), start, start + duration),
-        "the platform turned while its markers",
-    )
+    blind = hidden(blind, ("PLAT1", "PLAT2"), start, start + duration)
+    why = "the platform turned while its markers"
     with pytest.warns(UserWarning, match=f"trial plate_2: excluded from the plate.s model: {why}"):
         assert len(model_of(seen, blind).lags) == 1
     with pytest.raises(
@@ -351,10 +355,8 @@ def test_a_plate_at_its_limit_is_refused_also_where_it_stands_askew_and_one_that
 ):
     """Turned by 20 degrees: Fx of the plate is a mixture in the laboratory, and neither of its
     parts is flat."""
-    axes, turn = (
-        plate_axes(np.array(synthetic.CORNERS)),
-        Rotation.from_euler("z", 20, degrees=True).as_matrix(),
-    )
+    axes = plate_axes(np.array(synthetic.CORNERS))
+    turn = Rotation.from_euler("z", 20, degrees=True).as_matrix()
     own = stepped(0.0)[:, :3] @ np.diag([4.0, 1.0, 1.0])
     own[:, 0] = np.minimum(own[:, 0], 250.0)
     unloaded = stepped(0.0, noise=0.0)[:1400, :3]  # may well read one value
@@ -377,7 +379,8 @@ def examined(kind: int = 2, **channel: float) -> Trial:
 
 
 def test_a_plate_that_fails_in_a_stance_is_refused_and_elsewhere_does_not_matter() -> None:
-    stance, person = Stance(0.2, 0.8), np.array([0.0, 700.0])
+    stance = Stance(0.2, 0.8)
+    person = np.array([0.0, 700.0])
     low = examined(clipped_samples=50, clipped_from_s=0.3, clipped_to_s=0.325, clipped_at=-200.0)
     dead = examined(stands_samples=50, stands_from_s=0.1, stands_to_s=0.31)
     with pytest.raises(
@@ -410,10 +413,13 @@ def test_a_plate_that_fails_in_a_stance_is_refused_and_elsewhere_does_not_matter
 def test_the_pressure_beside_the_ankle_is_where_the_force_acts() -> None:
     """A force through a known point of the surface, the ankle 0.1 m above it; the axis points along
     -x, heading +y."""
-    centre, ankle = np.array([[1.0, 2.0, 0.1]]), np.array([[1.05, 1.9, 0.2]])
-    force, point = np.array([[30.0, -20.0, 700.0]]), np.array([0.93, 2.1, 0.1])
+    centre = np.array([[1.0, 2.0, 0.1]])
+    ankle = np.array([[1.05, 1.9, 0.2]])
+    force = np.array([[30.0, -20.0, 700.0]])
+    point = np.array([0.93, 2.1, 0.1])
     moment = np.cross(point - centre, force) + np.array([0, 0, 4.0])  # and a free moment
-    wrench, left = np.hstack([force, moment]), np.array([[-1.0, 0, 0]])
+    wrench = np.hstack([force, moment])
+    left = np.array([[-1.0, 0, 0]])
     of_foot = Ankle(np.zeros(1), ankle, left)
     pressed = load_on_foot(wrench, centre, of_foot)
     light = load_on_foot(0.14 * wrench, centre, of_foot)
@@ -467,10 +473,8 @@ def test_a_load_that_does_not_act_upwards_and_a_plate_on_edge_are_refused_with_t
 def test_a_shank_against_its_own_heading_and_a_moment_that_lifts_the_toes_are_refused(
     turn: float,
 ) -> None:
-    heading, left = (
-        np.array([np.cos(turn), np.sin(turn), 0]),
-        np.array([-np.sin(turn), np.cos(turn), 0]),
-    )
+    heading = np.array([np.cos(turn), np.sin(turn), 0])
+    left = np.array([-np.sin(turn), np.cos(turn), 0])
     shank = np.outer(-0.1 + 0.25 * PHASE, heading) + np.array([0, 0, 0.3])
     axis = np.tile(left, (PHASE.size, 1))
     check_side(PHASE, shank, axis)
@@ -484,8 +488,10 @@ def test_a_shank_against_its_own_heading_and_a_moment_that_lifts_the_toes_are_re
 def test_a_load_that_does_not_roll_over_the_foot_is_refused_by_its_cause() -> None:
     """A turned plate turns braking and push-off with the centre of pressure; a second foot, a load
     more, that alone."""
-    zero, torque = np.zeros(PHASE.size), -10 + 90 * PHASE
-    roll, push = 0.2 * PHASE, np.array([zero, 300 * (PHASE - 0.5)])
+    zero = np.zeros(PHASE.size)
+    torque = -10 + 90 * PHASE
+    roll = 0.2 * PHASE
+    push = np.array([zero, 300 * (PHASE - 0.5)])
     weight = np.full(PHASE.size, 700.0)
     sound = LoadOnFoot(weight, left=zero, forward=roll)
     check_roll(PHASE, sound, push, torque)
@@ -537,3 +543,21 @@ def test_a_plate_rings_if_most_of_its_trials_do(
     seen = iter(zip((40.0, 41.0, 42.0), growths, strict=True))
     monkeypatch.setattr(plate_model, "ringing", lambda *_: next(seen))
     assert model_of(*(unloaded(f"plate_{k}") for k in range(3))).ringing_hz == hz
+
+
+def test_the_error_of_the_height_is_that_of_a_mean_over_recordings() -> None:
+    """Recordings of one motion, whose moments are reported about points of other heights: the
+    estimate is their mean, and the jackknife's error that of a mean."""
+    motion, wrench = plate_motion(0, 0.15, 0.04)
+    columns = inertial_columns(motion)
+    model = identify_plate_inertia([(motion, wrench)])
+    heights = np.array([-1.0e-3, 0.5e-3, 2.0e-3, 0.1e-3])
+    recordings = []
+    for height in heights:
+        moment = MASS * height * columns[:, 3:, 3]  # of the centre of mass, higher by so much
+        recordings.append((columns, wrench + np.hstack([0 * moment, moment])))
+
+    model = with_height(model, recordings)
+
+    assert model.height == pytest.approx(heights.mean(), rel=1e-6)
+    assert model.height_se == pytest.approx(heights.std(ddof=1) / np.sqrt(4), rel=1e-6)

@@ -61,7 +61,10 @@ from osl_analysis.walking.shared_motion import (
 )
 
 CALIBRATION = static_calibration(static_trial(), settings())
-RIG, QUIET, HEAVE, GRID = Rig(), Rig(marker=1e-5), 0.003, np.arange(-0.06, 0.2, 0.002)
+RIG = Rig()
+QUIET = Rig(marker=1e-5)
+HEAVE = 0.003
+GRID = np.arange(-0.06, 0.2, 0.002)
 WALK = walked_over("walk_1", None, RIG, 1)
 PLACES = [(1.75, "outside"), (0.8, "outside"), (1.02, "leave"), (1.53, "leave"), (1.19, "type 1")]
 CROSSINGS = (
@@ -105,7 +108,8 @@ def torque_error(
 ) -> float:
     """RMS error [N*m] of the torque in the windows, against the exact torque through the same
     low-pass."""
-    stamps, errors = np.arange(3 * synthetic.PLATE_RATE) / synthetic.PLATE_RATE, []
+    stamps = np.arange(3 * synthetic.PLATE_RATE) / synthetic.PLATE_RATE
+    errors = []
     for trial, ramp in zip(trials, turned, strict=True):
         crossing = analyse_crossing(trial, CALIBRATION, plate(heave), True, settings(), model)
         exact = LowPass(20.0)(synthetic.ankle_answer(stamps, ramp), synthetic.PLATE_RATE)
@@ -124,7 +128,8 @@ def test_the_mass_of_a_heavy_plate_is_inside_its_interval() -> None:
         model = plate(heave)
         assert abs(model.parameters[0] - RIG.mass) < 0.3
         assert abs(model.parameters[3] - RIG.mass * RIG.com[2]) < 0.04
-    rig, ramp = replace(RIG, marker=1e-4), Ramp(angle=5, rise=0.08)
+    rig = replace(RIG, marker=1e-4)
+    ramp = Ramp(angle=5, rise=0.08)
     found = [
         identify_plate_model(calibrated(plate_trials(rig, ramp, seed)), settings())
         for seed in (1, 2)
@@ -153,7 +158,8 @@ def test_hidden_markers_of_a_resting_platform_are_no_motion() -> None:
 def test_a_slow_return_that_noise_hides_is_not_taken_for_rest() -> None:
     """The gate of 0.3 mm on a motion without noise. One that falls after one spread reads 24.93 kg
     for 25."""
-    quiet, pairs = replace(RIG, marker=1e-7, force=1e-3, moment=1e-3), []
+    quiet = replace(RIG, marker=1e-7, force=1e-3, moment=1e-3)
+    pairs = []
     for trial in plate_trials(quiet, Ramp(), 5, 2):
         recording = unloaded_recording(trial, CALIBRATION, settings())
         hidden = replace(recording, track=replace(recording.track, noise=3e-4))
@@ -240,7 +246,9 @@ def test_what_was_filled_before_the_export_is_hidden_counted_and_said(tmp_path: 
             trial, CALIBRATION, plate(), True, settings(longest_gap_s=0.2), model
         )
 
-    whole, of_plate, of_shank = read(), read("PLAT2"), read("SHANK1", "SHANK3")
+    whole = read()
+    of_plate = read("PLAT2")
+    of_shank = read("SHANK1", "SHANK3")
     window = (whole.time > onset) & (whole.time < onset + 0.1)
     assert (whole.quality.filled_share, whole.quality.filled_fitted) == (0, 0)
     assert np.abs(of_plate.torque - whole.torque)[window].max() < 0.5
@@ -300,7 +308,8 @@ def test_a_crossing_that_moves_in_another_way_keeps_its_own_motion_by_name() -> 
 
 @pytest.mark.parametrize("scatter", [0.0, 0.004])
 def test_a_trigger_tells_the_onset_only_if_its_latency_is_constant(scatter: float) -> None:
-    random, trials = np.random.default_rng(8), []
+    random = np.random.default_rng(8)
+    trials = []
     for k, ramp in enumerate(ramps(6, 6)):
         trial = walked_over(f"walk_{k:02d}", ramp, replace(RIG, marker=6e-4), 6000 + k)
         since = trial.samples["time"] - (ramp.onset - 0.012 - float(random.normal(0, scatter)))
@@ -335,7 +344,8 @@ def test_a_trigger_tells_the_onset_only_if_its_latency_is_constant(scatter: floa
 
 def test_the_jackknife_of_both_sources_is_the_sum_of_their_variances() -> None:
     random = np.random.default_rng(0)
-    of_plate, groups = random.normal(size=(4, 5)), random.normal(size=(10, 5))
+    of_plate = random.normal(size=(4, 5))
+    groups = random.normal(size=(10, 5))
     joined = jackknife_rows(list(of_plate), list(groups))
     of_joined, *parts = (
         (len(rows) - 1) * np.var(rows, axis=0) for rows in (joined, of_plate, groups)
@@ -347,7 +357,9 @@ def test_the_jackknife_of_both_sources_is_the_sum_of_their_variances() -> None:
 def tracks_of(count: int, seed: int, slower: float = 0.0) -> tuple[list[PlatformTrack], Array]:
     """Motions of 4 cm in 0.1 s, each second one slower by a share, with noise of 0.1 mm in each
     frame; and onsets."""
-    random, time, tracks = np.random.default_rng(seed), np.arange(600) / RATE, []
+    random = np.random.default_rng(seed)
+    time = np.arange(600) / RATE
+    tracks = []
     onsets = random.uniform(0.98, 1.0, count)
     for k, onset in enumerate(onsets):
         moved = 0.04 * np.outer(
@@ -390,7 +402,8 @@ def test_the_start_of_a_mean_rise_has_no_bias_for_any_smooth_step() -> None:
         begun = start_of_rise(GRID, rise(degree, 0.0131) + noise, 2e-5)
         assert begun.start == pytest.approx(0.0131, abs=1e-3)
         assert begun.change_by_other_steps == 0.0
-    random, straight = np.random.default_rng(3), rise(5, 0.0) @ np.array([[0.6, 0.8]])
+    random = np.random.default_rng(3)
+    straight = rise(5, 0.0) @ np.array([[0.6, 0.8]])
     noisy = [straight + random.normal(0, 1.2e-4, (len(GRID), 2)) for _ in range(60)]
     starts = np.array([start_of_rise(GRID, motion, 1.2e-4).start for motion in noisy])
     assert abs(starts.mean()) < 0.4 * starts.std()  # 3 / sqrt(60)
@@ -505,24 +518,21 @@ def test_platform_markers_that_were_moved_between_sessions_are_read_with_their_o
 def test_without_a_correction_the_torque_of_a_light_plate_is_that_of_the_wrench_as_recorded(
     tmp_path: Path,
 ) -> None:
-    outputs, chosen = (
-        (tmp_path / "plate.json", tmp_path / "plate.csv"),
-        settings(plate_inertia="none"),
-    )
+    outputs = (tmp_path / "plate.json", tmp_path / "plate.csv")
+    chosen = settings(plate_inertia="none")
     with pytest.warns(
         UserWarning, match="own inertia and lag stay in the torque: walking.plate_inertia is none"
     ):
         identify_plate([], [], {}, chosen, *outputs)
-    table, model = read_table(outputs[1]), read_model(outputs[0], PlateModel)
+    table = read_table(outputs[1])
+    model = read_model(outputs[0], PlateModel)
     assert (table["plate_inertia"].unique().to_list(), table["rms_before"].null_count()) == (
         ["none"],
         len(table),
     )
     assert "NaN" not in outputs[0].read_text()  # which is no JSON
-    weightless, stamps = (
-        replace(QUIET, mass=1e-9),
-        np.arange(3 * synthetic.PLATE_RATE) / synthetic.PLATE_RATE,
-    )
+    weightless = replace(QUIET, mass=1e-9)
+    stamps = np.arange(3 * synthetic.PLATE_RATE) / synthetic.PLATE_RATE
     trials = [walked_over("w", Ramp(), rig, 1) for rig in (weightless, QUIET)]
     light, heavy = (analyse_crossing(trial, CALIBRATION, model, True, chosen) for trial in trials)
     exact = np.interp(
@@ -572,10 +582,8 @@ def test_a_resting_plate_adds_nothing_and_a_translation_is_no_crossing() -> None
     )
     assert found.stance.heel_strike - late.stance.heel_strike == pytest.approx(0.01, abs=1e-4)
     np.testing.assert_allclose(late.torque, found.torque, atol=1)  # 3 frames earlier
-    heaved, chosen = (
-        walked_over("w", Ramp(heave=0.015), replace(RIG, mass=1e-9), 1),
-        settings(largest_shift_mm=5),
-    )
+    heaved = walked_over("w", Ramp(heave=0.015), replace(RIG, mass=1e-9), 1)
+    chosen = settings(largest_shift_mm=5)
     assert analyse_crossing(heaved, CALIBRATION, NO_CORRECTION, True, chosen).onset is not None
     lifted = changed(
         WALK, plate1_force_z=pl.col("plate1_force_z") * ~pl.col("time").is_between(1.25, 1.3)
@@ -653,11 +661,9 @@ def test_the_change_of_a_torque_by_each_error_of_the_laboratory_is_that_of_a_fau
 ):
     """By finite differences, of a plate without mass; a late plate also with its mass, of which the
     model knows."""
-    silent, ramp, chosen = (
-        Rig(mass=1e-9, marker=0, force=0, moment=0),
-        Ramp(angle=5.0, rise=0.08),
-        settings(),
-    )
+    silent = Rig(mass=1e-9, marker=0, force=0, moment=0)
+    ramp = Ramp(angle=5.0, rise=0.08)
+    chosen = settings()
     leaning = {
         f"plate1_force_{axis}": pl.col(f"plate1_force_{axis}") + 0.1 * pl.col("plate1_force_z")
         for axis in "xy"

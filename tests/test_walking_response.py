@@ -65,21 +65,18 @@ from osl_analysis.walking.unperturbed_gait import (
     unperturbed_gait,
 )
 
-K, B, I, TIMING, ONSET = (
-    340.0,
-    5.0,
-    0.03,
-    TimingSettings(window_s=0.1, baseline_s=0.06, guard_s=0.04),
-    0.6,
-)
-response_of, EARLY, TIME = (
-    partial(isolate_response, timing=TIMING),
-    PHASES[PHASES <= 0.36],
-    np.arange(900) / 300,
-)
+K = 340.0
+B = 5.0
+I = 0.03
+TIMING = TimingSettings(window_s=0.1, baseline_s=0.06, guard_s=0.04)
+ONSET = 0.6
+response_of = partial(isolate_response, timing=TIMING)
+EARLY = PHASES[PHASES <= 0.36]
+TIME = np.arange(900) / 300
 RISE_OF = np.clip((TIME - 1.2) / 0.075, 0, 1)
 # in 75 ms
-STEEP, SOFT = RISE_OF, RISE_OF**4 * (35 - 84 * RISE_OF + 70 * RISE_OF**2 - 20 * RISE_OF**3)
+STEEP = RISE_OF
+SOFT = RISE_OF**4 * (35 - 84 * RISE_OF + 70 * RISE_OF**2 - 20 * RISE_OF**3)
 
 
 def angle(phase: Array) -> Array:
@@ -93,10 +90,8 @@ def walked(
 ) -> Crossing:  # fmt: skip
     """A crossing at a pace; its name gives slow deviations: angle `slow` [rad] below 4 Hz, torque
     300 N*m/rad of it."""
-    random, plain = (
-        np.random.default_rng(zlib.crc32(name.encode())),
-        crossing(name, onset, 0.72 * scale, impedance),
-    )
+    random = np.random.default_rng(zlib.crc32(name.encode()))
+    plain = crossing(name, onset, 0.72 * scale, impedance)
     waves = random.uniform(0.3, 4.0, 4)[:, None] * plain.time + random.random((4, 1))
     deviation = slow * random.standard_normal(4) @ np.sin(2 * np.pi * waves) / np.sqrt(2)
     turn = plain.theta - crossing(name, stance=0.72 * scale).theta
@@ -224,10 +219,13 @@ def test_the_plate_s_share_is_the_same_in_every_interval() -> None:
     np.testing.assert_allclose(
         response_of(one, unperturbed_gait(usual, 3)).plate_errors, 0, atol=1e-9
     )
-    random, still = np.random.default_rng(21), response_of(crossing("p", 0.6), mean_gait(6))
-    pitch, phase = random.uniform(2, 8, (4, 1)), random.uniform(0, 6, (4, 1))
+    random = np.random.default_rng(21)
+    still = response_of(crossing("p", 0.6), mean_gait(6))
+    pitch = random.uniform(2, 8, (4, 1))
+    phase = random.uniform(0, 6, (4, 1))
     still = replace(still, plate_errors=np.sin(2 * np.pi * pitch * still.time + phase))
-    single, (plate, freedom) = fit_response(still), shared_errors([still, still]).common["K"][1]
+    single = fit_response(still)
+    (plate, freedom) = shared_errors([still, still]).common["K"][1]
     assert (freedom, single.se("K")) == (3, pytest.approx(np.sqrt(plate), rel=0.01))
     assert single.interval_method == "unperturbed crossings + plate trials"
     assert np.std(Ensemble([still, still]).resampled(3000).draws["K"]) == pytest.approx(
@@ -251,10 +249,8 @@ def test_resampled_means_spread_as_means_do() -> None:
 def deviating(seed: int, perturbed: bool = False, lasting: bool = True, sign: int = 1) -> Crossing:
     """Deviations of angle, torque grow from heel strike; if not lasting, others come in the
     baseline's last 10 ms."""
-    random, plain = (
-        np.random.default_rng(seed),
-        crossing(f"c{seed}", ONSET if perturbed else None, turn=sign * TURN),
-    )
+    random = np.random.default_rng(seed)
+    plain = crossing(f"c{seed}", ONSET if perturbed else None, turn=sign * TURN)
     before, after = random.standard_normal((2, 2))
     changed = 0.0 if lasting else 0.5 * (1 + np.tanh((plain.time - ONSET + 0.02) / 0.01))
     angle, torque = ((1 - changed) * before[:, None] + changed * after[:, None]) * (
@@ -282,7 +278,8 @@ def left_out(isolated: list[PerturbationResponse], predictors: tuple[str, ...]) 
     known = np.mean([r.behaviour for r in isolated], axis=0)[
         [BEHAVIOUR.index(name) for name in predictors]
     ]
-    columns, missed = np.column_stack([np.ones(len(curves)), known.T]), []
+    columns = np.column_stack([np.ones(len(curves)), known.T])
+    missed = []
     for one in range(len(curves)):
         others = np.arange(len(curves)) != one
         missed.append(
@@ -299,11 +296,13 @@ def test_lasting_deviations_are_predicted_for_one_direction_and_for_both(
     holds the truth."""
     isolated = isolated_all(signs)
     chosen_best = cross_validated(isolated, Ensemble(isolated).fitted().fit)
-    names, share = chosen_best.names, chosen_best.share
+    names = chosen_best.names
+    share = chosen_best.share
     assert share > 0.9
     assert share == pytest.approx(1 - left_out(isolated, names) / left_out(isolated, ()), rel=1e-9)
     # two crossings predict nothing
-    few, weights = np.eye(10)[0] / 2 + np.eye(10)[1] / 2, np.full(6, 1 / 6)
+    few = np.eye(10)[0] / 2 + np.eye(10)[1] / 2
+    weights = np.full(6, 1 / 6)
     joined = [Ensemble(isolated).joined(weights, few, chosen)[1] for chosen in ((), BEHAVIOUR)]
     np.testing.assert_allclose(*joined, atol=1e-12)
     nine = [
@@ -350,7 +349,8 @@ def test_the_settings_choose_the_headline_and_the_table_has_both() -> None:
         assert other in [row["estimator"] for row in headline_rows(result, fits, {}, {})]
 
 
-SETTINGS, USUAL = settings(bootstrap_samples=200, window_s=0.1), usual(2e-3, 8)
+SETTINGS = settings(bootstrap_samples=200, window_s=0.1)
+USUAL = usual(2e-3, 8)
 
 
 def perturbed(n: int = 8, stiffnesses: tuple[float, ...] = (340.0,)) -> list[Crossing]:
@@ -418,10 +418,8 @@ def test_sound_crossings_are_far_from_every_limit_and_faults_are_beyond() -> Non
         "Student",
         "bootstrap",
     ]
-    table, window = (
-        response_table("all", headline).filter(trial="ensemble"),
-        headline.responses[0].window,
-    )
+    table = response_table("all", headline).filter(trial="ensemble")
+    window = headline.responses[0].window
     assert (len(table), table["torque_model"].null_count()) == (window.stop, window.start)
     np.testing.assert_allclose(
         table["theta_deg"], np.rad2deg(headline.ensemble.motion.theta[: window.stop])
@@ -454,7 +452,8 @@ def test_each_reaction_comes_out_with_its_size_and_the_joint_without_it(
     """A reflex, late velocity; from half the window on a step of the stiffness and a ramp; a K that
     grows at once."""
     time = np.arange(-40, 51) / RATE
-    half, (theta, omega, alpha) = window_s / 2, bump(time, LEAD, RISE)
+    half = window_s / 2
+    (theta, omega, alpha) = bump(time, LEAD, RISE)
     late = norm.cdf((time - half) / (window_s / 10) - 1.5)
     ramp = np.array(
         [
@@ -463,10 +462,8 @@ def test_each_reaction_comes_out_with_its_size_and_the_joint_without_it(
         ]
     )
     shapes = bump(time - delay, LEAD, RISE)[1], late * theta, ramp, theta * np.maximum(time, 0)
-    window, wander = (
-        slice(40, 40 + round(window_s * RATE)),
-        np.random.default_rng(3).standard_normal((2, 12)),
-    )
+    window = slice(40, 40 + round(window_s * RATE))
+    wander = np.random.default_rng(3).standard_normal((2, 12))
     # of resamples; the mean has none
     gait = np.column_stack([np.zeros_like(time), np.vander(time, 2) @ wander])
     for name, shape, size in zip(REACTIONS, shapes, (4.0, 136.0, 120.0, 667.0), strict=True):
@@ -491,7 +488,8 @@ def test_a_muscle_answers_to_what_stretches_it_and_not_to_the_way_back(way: int)
     """A turn to and a third of it fro; below a fifth of the peak the muscle still feels the gait's
     own velocity."""
     time = np.arange(-40, 51) / RATE
-    there, back = bump(time, 0.03, 0.012), bump(time, 0.075, 0.012)
+    there = bump(time, 0.03, 0.012)
+    back = bump(time, 0.075, 0.012)
     motion = Motion(
         *(way * (one - other / 3)[:, None] for one, other in zip(there, back, strict=True))
     )
@@ -530,10 +528,8 @@ def test_a_reaction_within_the_window_is_certain_and_named_and_a_sound_campaign_
         if c > 0:
             assert found["reaction_share"] > 0.02
             assert found["reflex_delay_ms"] == pytest.approx(1e3 * at)
-            torque, rows = (
-                340 * turn + c * speed,
-                np.searchsorted(walks[0].time, [ONSET, ONSET + 0.1]),
-            )
+            torque = 340 * turn + c * speed
+            rows = np.searchsorted(walks[0].time, [ONSET, ONSET + 0.1])
             share = np.var((c * speed)[slice(*rows)]) / np.var(torque[slice(*rows)])
             assert found["reflex_share"] == pytest.approx(100 * share, rel=0.2)
             assert found["K_with_reflex"] == pytest.approx(340, abs=12)
@@ -593,8 +589,10 @@ def test_the_strongest_reflex_that_a_window_hides_has_its_size() -> None:
     hidden = check_reflex(late, is_certain=False)
 
     assert usual.hidden_reflex_K_widths < SEEN < hidden.hidden_reflex_K_widths
-    time, rows = headline.responses[0].time, headline.responses[0].window
-    motion, torque = headline.ensemble.motion, headline.ensemble.torque
+    time = headline.responses[0].time
+    rows = headline.responses[0].window
+    motion = headline.ensemble.motion
+    torque = headline.ensemble.torque
     largest = 1 + half
     reflex = largest * np.interp(time - 0.045, time, motion.omega)
     with_it = fit_without_offset(motion[rows], (torque + reflex)[rows])
@@ -685,12 +683,16 @@ def test_heel_strike_and_toe_off_lie_between_frames() -> None:
     assert stances(trapezoid(0.9012, 1.6187)) == [
         (pytest.approx(0.9062, abs=1e-9), pytest.approx(1.6162, abs=1e-9))
     ]
-    whole, known = trapezoid(0.9, 1.6), [pytest.approx((0.905, 1.5975), abs=1e-6)]
-    dips, unseen = whole.copy(), whole.copy()
+    whole = trapezoid(0.9, 1.6)
+    known = [pytest.approx((0.905, 1.5975), abs=1e-6)]
+    dips = whole.copy()
+    unseen = whole.copy()
     dips[330] = 30.0  # below on, above off: the foot stays
     dips[600:610] = 35.0  # above off, below on: nobody steps there
     unseen[300:330], unseen[600:620] = np.nan, np.nan  # leaves the foot where it was
-    early, late, short = trapezoid(-1.0, 0.6), trapezoid(2.5, 4.0), trapezoid(2.2, 2.3)
+    early = trapezoid(-1.0, 0.6)
+    late = trapezoid(2.5, 4.0)
+    short = trapezoid(2.2, 2.3)
     for force in (dips, unseen, whole + short, early + whole + late):
         assert stances(force) == known
     assert len(stances(whole + short, 0.05)) == 2
@@ -751,7 +753,8 @@ def test_a_pace_far_from_the_mean_or_that_nothing_tells_has_no_scale_and_is_refu
     assert np.isnan(matched_scales(EARLY, angle(1.6 * EARLY)[None], angle(PHASES))).all()
     for mean in (0 * PHASES, 0 * PHASES + 0.2, 0.3 - 0.1 * PHASES):  # it stands still, or drifts
         assert np.isnan(matched_scales(EARLY, np.array([mean[: len(EARLY)]] * 3), mean)).all()
-    gait, far = usual(), replace(walked("p", onset=0.6), stance=Stance(0.3, 0.3 + 0.45))
+    gait = usual()
+    far = replace(walked("p", onset=0.6), stance=Stance(0.3, 0.3 + 0.45))
     assert np.isnan(isolate_response(far, gait, TIMING, "own").stance_change)
     with pytest.raises(
         InputError, match=r"trial p: its angle before the onset tells no pace .* own"

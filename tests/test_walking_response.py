@@ -107,10 +107,14 @@ def mean_gait(n: int = 4) -> UnperturbedGait:
     return unperturbed_gait([crossing(f"u{k}", stance=0.68 + 0.02 * k) for k in range(n)], 3)
 
 
-def test_a_response_is_zero_on_average_over_the_baseline_that_the_walking_page_shows() -> None:
-    walked = crossing("w", ONSET)
-    walked = replace(walked, theta=walked.theta + 0.02, torque=walked.torque + 3.0)
-    p = pl.DataFrame(
+def shifted(crossing_: Crossing) -> Crossing:
+    """A crossing whose angle and torque have an offset."""
+    return replace(crossing_, theta=crossing_.theta + 0.02, torque=crossing_.torque + 3.0)
+
+
+def page_points(perturbed_crossing: Crossing, gait: UnperturbedGait) -> pl.DataFrame:
+    """Points of the walking page of one crossing, with one point of a response."""
+    response = pl.DataFrame(
         {
             "time": 0.05,
             "theta_deg": 2.0,
@@ -120,31 +124,45 @@ def test_a_response_is_zero_on_average_over_the_baseline_that_the_walking_page_s
             "doubtful": "",
         }
     )
-    ends = walking_page_points([walked], {"all": usual(2e-3)}, p, TIMING)
-    assert ends.filter(curve="each").select("x", "mean").rows() == [(50, 2), (50, 3)]
-    spread = ends.filter(panel="angle", curve="all")["sd"]
-    np.testing.assert_allclose(
-        spread, np.std(np.rad2deg(usual(2e-3).theta[:, ::4]), axis=0, ddof=1)
-    )
-    shown = ends.filter(panel="response angle", curve="baseline")["x"] / 1e3
-    assert shown.to_list() == pytest.approx([-0.1, -0.04])
-    response = response_of(walked, mean_gait())
-    over = (response.time >= shown[0] - 1e-9) & (response.time < shown[1] - 1e-9)
-    assert [
-        np.mean(one[over]) for one in (response.motion.theta, response.torque)
-    ] == pytest.approx([0, 0], abs=1e-9)
-    percent = [100 * (0.3 + after) / 0.72 for after in (0, 0.1, -0.1, -0.04)]
-    assert ends.filter(pl.col("mean").is_null(), panel="angle")["x"].to_list() == pytest.approx(
-        percent
-    )
-    # the window is a tenth of a second from the onset, even between frames
-    for onset in (0.6, 0.6017):
-        response = response_of(crossing("p", onset), mean_gait())
-        window = response.time[response.window]
-        assert (len(window), window[0], window[-1]) == (30, 0.0, pytest.approx(29 / RATE))
-        np.testing.assert_allclose(
-            response.fitted_motion.theta, TURN * bump(window, LEAD, RISE)[0], atol=1e-5
-        )
+    return walking_page_points([perturbed_crossing], {"all": gait}, response, TIMING)
+
+
+def test_a_response_is_zero_on_average_over_the_baseline() -> None:
+    response = response_of(shifted(crossing("w", ONSET)), mean_gait())
+
+    baseline = (response.time >= -0.1 - 1e-9) & (response.time < -0.04 - 1e-9)
+    assert np.mean(response.motion.theta[baseline]) == pytest.approx(0, abs=1e-9)
+    assert np.mean(response.torque[baseline]) == pytest.approx(0, abs=1e-9)
+
+
+def test_the_walking_page_shows_gait_response_baseline_and_window() -> None:
+    gait = usual(2e-3)
+
+    points = page_points(shifted(crossing("w", ONSET)), gait)
+
+    assert points.filter(curve="each").select("x", "mean").rows() == [(50, 2), (50, 3)]
+    sd = np.std(np.rad2deg(gait.theta[:, ::4]), axis=0, ddof=1)
+    np.testing.assert_allclose(points.filter(panel="angle", curve="all")["sd"], sd)
+    baseline_ms = points.filter(panel="response angle", curve="baseline")["x"].to_list()
+    assert baseline_ms == pytest.approx([-100, -40])
+    window = points.filter(panel="angle", curve="window")["x"].to_list()
+    baseline = points.filter(panel="angle", curve="baseline")["x"].to_list()
+    assert window == pytest.approx([100 * 0.3 / 0.72, 100 * 0.4 / 0.72])
+    assert baseline == pytest.approx([100 * 0.2 / 0.72, 100 * 0.26 / 0.72])
+
+
+@pytest.mark.parametrize("onset", [0.6, 0.6017])
+def test_the_window_is_a_tenth_of_a_second_from_the_onset_also_between_frames(
+    onset: float,
+) -> None:
+    response = response_of(crossing("p", onset), mean_gait())
+
+    window = response.time[response.window]
+    assert len(window) == 30
+    assert window[0] == 0.0
+    assert window[-1] == pytest.approx(29 / RATE)
+    turn = TURN * bump(window, LEAD, RISE)[0]
+    np.testing.assert_allclose(response.fitted_motion.theta, turn, atol=1e-5)
 
 
 @pytest.mark.parametrize("stance", [0.66, 0.8])
@@ -169,69 +187,116 @@ def test_recovers_the_impedance_whatever_the_pace(
     assert (free.offset, free.lowers_K) == pytest.approx((3, 0.5), rel=2e-3)
 
 
-def test_what_has_no_response_or_no_ensemble_is_refused_by_name() -> None:
+def test_too_few_unperturbed_crossings_are_refused() -> None:
     with pytest.raises(InputError, match=r"2 unperturbed crossings \(u0, u1\), expected 3 or more"):
         unperturbed_gait([crossing("u0"), crossing("u1")], 3)
+
+
+def test_a_crossing_without_an_onset_has_no_response() -> None:
     with pytest.raises(InputError, match="trial u7: no onset"):
         response_of(crossing("u7"), mean_gait())
-    for onset in (0.35, 0.96):
-        with pytest.raises(InputError, match=r"trial p: baseline and window span .* expected 0-1"):
-            response_of(crossing("p", onset), mean_gait())
-    first, second = (response_of(crossing(f"p{k}", ONSET), mean_gait(3 + k)) for k in (0, 1))
+
+
+@pytest.mark.parametrize("onset", [0.35, 0.96])
+def test_a_response_that_leaves_stance_is_refused(onset: float) -> None:
+    with pytest.raises(InputError, match=r"trial p: baseline and window span .* expected 0-1"):
+        response_of(crossing("p", onset), mean_gait())
+
+
+def test_one_response_is_no_ensemble() -> None:
     with pytest.raises(InputError, match="perturbations in the ensemble: 1, expected 2"):
-        Ensemble([first])
+        Ensemble([response_of(crossing("p0", ONSET), mean_gait())])
+
+
+def test_responses_against_other_gaits_are_no_ensemble() -> None:
+    three = response_of(crossing("p0", ONSET), mean_gait(3))
+    four = response_of(crossing("p1", ONSET), mean_gait(4))
+
     with pytest.raises(
         InputError, match=r"trial p1: \d+ samples from 4 unperturbed .* trial p0 has \d+ from 3"
     ):
-        Ensemble([first, second])
-    # an exponential: angle, velocity and acceleration are one column
-    grown = np.exp(20 * first.time)
+        Ensemble([three, four])
+
+
+def test_a_response_whose_columns_are_one_is_refused_by_name() -> None:
+    """Of an exponential, angle, velocity and acceleration are one column."""
+    response = response_of(crossing("p0", ONSET), mean_gait())
+    exponential = replace(response, thetas=np.exp(20 * response.time)[None])
+
     with pytest.raises(IdentifiabilityError, match=r"trial p0: .* cannot be told apart"):
-        fit_response(replace(first, thetas=grown[None]))
+        fit_response(exponential)
 
 
 def test_the_common_variance_is_what_drawing_the_unperturbed_crossings_anew_gives() -> None:
     """The bootstrap of the unperturbed crossings alone, of equal responses: the ensemble is then
     their mean. Six crossings leave a bootstrap of 2000 a Monte Carlo error of 3 %, and first order
     10 % of what is not."""
-    isolated = [response_of(walked("p", onset=ONSET), usual(2e-3, 6))] * 2
-    (variance, freedom), (plate, _) = shared_errors(isolated).common["K"]
-    drawn = Ensemble(isolated).resampled(2000)
-    assert (variance, freedom, plate) == (pytest.approx(np.var(drawn.draws["K"]), rel=0.15), 5, 0)
-    assert fit_response(isolated[0]).se("K") ** 2 == pytest.approx(7 * variance), (
-        "s^2 (1 + 1/6) of a single one"
-    )
-    up, down = isolated_all((1, -1))[:2]  # both directions count alike
-    three, two = (shared_errors(some).common["K"][0] for some in ([up, up, down], [up, down]))
+    response = response_of(walked("p", onset=ONSET), usual(2e-3, 6))
+    equal = [response, response]
+
+    of_gait, of_plate = shared_errors(equal).common["K"]
+    drawn = Ensemble(equal).resampled(2000)
+
+    variance, freedom = of_gait
+    assert variance == pytest.approx(np.var(drawn.draws["K"]), rel=0.15)
+    assert freedom == 5
+    assert of_plate[0] == 0
+    # s^2 (1 + 1/6) of a single one
+    assert fit_response(response).se("K") ** 2 == pytest.approx(7 * variance)
+
+
+def test_both_directions_count_alike_in_the_common_variance() -> None:
+    up, down = isolated_all((1, -1))[:2]
+
+    three = shared_errors([up, up, down]).common["K"][0]
+    two = shared_errors([up, down]).common["K"][0]
+
     assert three == pytest.approx(two)
-    # it repeats itself
-    np.testing.assert_array_equal(drawn.draws["B"], Ensemble(isolated).resampled(2000).draws["B"])
+
+
+def test_the_bootstrap_repeats_itself() -> None:
+    ensemble = Ensemble([response_of(walked("p", onset=ONSET), usual(2e-3, 6))] * 2)
+
+    first = ensemble.resampled(200).draws["B"]
+    second = ensemble.resampled(200).draws["B"]
+
+    np.testing.assert_array_equal(first, second)
+
+
+def test_plate_errors_that_a_crossing_shares_with_the_mean_gait_cancel() -> None:
+    def with_errors(plain: Crossing, size: float) -> Crossing:
+        errors = size * np.vander(plain.stance.phase(plain.time), 3).T
+        return replace(plain, plate_errors=errors)
+
+    perturbed_crossing = with_errors(crossing("p", 0.6), 2)
+    gait = unperturbed_gait(
+        [with_errors(crossing(f"u{size}"), size) for size in (1, 2, 3)], fewest=3
+    )
+
+    response = response_of(perturbed_crossing, gait)
+
+    np.testing.assert_allclose(response.plate_errors, 0, atol=1e-9)
 
 
 def test_the_plate_s_share_is_the_same_in_every_interval() -> None:
     """One perturbation, one mean and the bootstrap's spread, without any scatter of gait. The
     errors are smooth."""
-    # no net error
-    alike = (2, crossing("p", 0.6)), (1, crossing("u0")), (2, crossing("u1")), (3, crossing("u2"))
-    one, *usual = [
-        replace(c, plate_errors=size * np.vander(c.stance.phase(c.time), 3).T) for size, c in alike
-    ]
-    np.testing.assert_allclose(
-        response_of(one, unperturbed_gait(usual, 3)).plate_errors, 0, atol=1e-9
-    )
     random = np.random.default_rng(21)
-    still = response_of(crossing("p", 0.6), mean_gait(6))
-    pitch = random.uniform(2, 8, (4, 1))
+    plain = response_of(crossing("p", 0.6), mean_gait(6))
+    frequency = random.uniform(2, 8, (4, 1))
     phase = random.uniform(0, 6, (4, 1))
-    still = replace(still, plate_errors=np.sin(2 * np.pi * pitch * still.time + phase))
-    single = fit_response(still)
-    (plate, freedom) = shared_errors([still, still]).common["K"][1]
-    assert (freedom, single.se("K")) == (3, pytest.approx(np.sqrt(plate), rel=0.01))
+    errors = np.sin(2 * np.pi * frequency * plain.time + phase)
+    response = replace(plain, plate_errors=errors)
+
+    single = fit_response(response)
+    variance, freedom = shared_errors([response, response]).common["K"][1]
+    drawn = Ensemble([response, response]).resampled(3000)
+
+    assert freedom == 3
+    assert single.se("K") == pytest.approx(np.sqrt(variance), rel=0.01)
     assert single.interval_method == "unperturbed crossings + plate trials"
-    assert np.std(Ensemble([still, still]).resampled(3000).draws["K"]) == pytest.approx(
-        np.sqrt(plate), rel=0.05
-    )
     assert single.degrees_of_freedom == pytest.approx(3, rel=0.05)
+    assert np.std(drawn.draws["K"]) == pytest.approx(np.sqrt(variance), rel=0.05)
 
 
 def test_resampled_means_spread_as_means_do() -> None:
@@ -272,20 +337,18 @@ def isolated_all(
 
 def left_out(isolated: list[PerturbationResponse], predictors: tuple[str, ...]) -> float:
     """Mean square of what each unperturbed crossing adds to the residual less what the others tell
-    of it."""
+    of it, by one regression for each."""
     fit = Ensemble(isolated).fitted().fit
     curves = np.mean([gait_torque(r, fit)[:, r.window] for r in isolated], axis=0)
-    known = np.mean([r.behaviour for r in isolated], axis=0)[
-        [BEHAVIOUR.index(name) for name in predictors]
-    ]
-    columns = np.column_stack([np.ones(len(curves)), known.T])
-    missed = []
-    for one in range(len(curves)):
-        others = np.arange(len(curves)) != one
-        missed.append(
-            curves[one] - columns[one] @ np.linalg.lstsq(columns[others], curves[others])[0]
-        )
-    return float(np.mean(np.square(missed)))
+    behaviour = np.mean([r.behaviour for r in isolated], axis=0)
+    chosen = behaviour[[BEHAVIOUR.index(name) for name in predictors]]
+    columns = np.column_stack([np.ones(len(curves)), chosen.T])
+    errors = []
+    for k in range(len(curves)):
+        others = np.arange(len(curves)) != k
+        coefficients = np.linalg.lstsq(columns[others], curves[others])[0]
+        errors.append(curves[k] - columns[k] @ coefficients)
+    return float(np.mean(np.square(errors)))
 
 
 @pytest.mark.parametrize("signs", [(1,), (1, 1, -1)])
@@ -295,58 +358,85 @@ def test_lasting_deviations_are_predicted_for_one_direction_and_for_both(
     """They cost the mean baseline 2 % of K or more, noise is left. The interval is narrower and
     holds the truth."""
     isolated = isolated_all(signs)
-    chosen_best = cross_validated(isolated, Ensemble(isolated).fitted().fit)
-    names = chosen_best.names
-    share = chosen_best.share
-    assert share > 0.9
-    assert share == pytest.approx(1 - left_out(isolated, names) / left_out(isolated, ()), rel=1e-9)
-    # two crossings predict nothing
-    few = np.eye(10)[0] / 2 + np.eye(10)[1] / 2
-    weights = np.full(6, 1 / 6)
-    joined = [Ensemble(isolated).joined(weights, few, chosen)[1] for chosen in ((), BEHAVIOUR)]
-    np.testing.assert_allclose(*joined, atol=1e-12)
-    nine = [
-        replace(r, thetas=r.thetas[:9], torques=r.torques[:9], behaviour=r.behaviour[:, :9])
-        for r in isolated
-    ]
-    # one that is not drawn predicts nothing
-    drawn = (nine, np.full(9, 1 / 9)), (isolated, np.r_[np.full(9, 1 / 9), 0])
-    np.testing.assert_allclose(
-        *(Ensemble(some).joined(weights, each, names)[1] for some, each in drawn), atol=1e-9
-    )
-    mean, predicted = (Ensemble(isolated).fitted(chosen).fit["K"] for chosen in ((), names))
+    ensemble = Ensemble(isolated)
+
+    chosen = cross_validated(isolated, ensemble.fitted().fit)
+    mean = ensemble.fitted().fit["K"]
+    predicted = ensemble.fitted(chosen.names).fit["K"]
+    mean_draws = ensemble.resampled(300)
+    predicted_draws = ensemble.resampled(300, chosen.names)
+
+    assert chosen.share > 0.9
+    explained = 1 - left_out(isolated, chosen.names) / left_out(isolated, ())
+    assert chosen.share == pytest.approx(explained, rel=1e-9)
     assert predicted == pytest.approx(K, rel=0.01)
     assert abs(mean / K - 1) > 2 * abs(predicted / K - 1)
-    of_mean, of_predicted = (Ensemble(isolated).resampled(300, chosen) for chosen in ((), names))
-    assert of_predicted.interval("K")[0] < K < of_predicted.interval("K")[1]
-    assert of_predicted.se("K") < 0.5 * of_mean.se("K")
-    if len(signs) == 1:
-        assert Ensemble(2 * isolated).resampled(100, names).degrees_of_freedom == 9 - len(names)
+    low, high = predicted_draws.interval("K")
+    assert low < K < high
+    assert predicted_draws.se("K") < 0.5 * mean_draws.se("K")
 
 
-def test_deviations_that_begin_anew_and_too_few_unperturbed_crossings_predict_nothing() -> None:
+def test_predictors_cost_degrees_of_freedom() -> None:
+    ensemble = Ensemble(2 * isolated_all())
+
+    assert ensemble.resampled(100, BEHAVIOUR).degrees_of_freedom == 9 - len(BEHAVIOUR)
+
+
+def test_two_unperturbed_crossings_predict_nothing() -> None:
+    ensemble = Ensemble(isolated_all())
+    two = np.eye(10)[0] / 2 + np.eye(10)[1] / 2
+    weights = np.full(6, 1 / 6)
+
+    _, mean = ensemble.joined(weights, two)
+    _, predicted = ensemble.joined(weights, two, BEHAVIOUR)
+
+    np.testing.assert_allclose(mean, predicted, atol=1e-12)
+
+
+def test_an_unperturbed_crossing_that_is_not_drawn_predicts_nothing() -> None:
+    ten = isolated_all()
+    nine = [
+        replace(r, thetas=r.thetas[:9], torques=r.torques[:9], behaviour=r.behaviour[:, :9])
+        for r in ten
+    ]
+    weights = np.full(6, 1 / 6)
+    predictors = cross_validated(ten, Ensemble(ten).fitted().fit).names
+
+    _, of_nine = Ensemble(nine).joined(weights, np.full(9, 1 / 9), predictors)
+    _, of_ten = Ensemble(ten).joined(weights, np.r_[np.full(9, 1 / 9), 0], predictors)
+
+    np.testing.assert_allclose(of_nine, of_ten, atol=1e-9)
+
+
+def test_deviations_that_begin_anew_predict_little() -> None:
     isolated = isolated_all(lasting=False)
+
     assert cross_validated(isolated, Ensemble(isolated).fitted().fit).share < 0.35
-    few = isolated_all(usual=6)
-    assert cross_validated(few, Ensemble(few).fitted().fit) == ChosenPredictors((), 0.0)
+
+
+def test_six_unperturbed_crossings_predict_nothing() -> None:
+    isolated = isolated_all(usual=6)
+
+    chosen = cross_validated(isolated, Ensemble(isolated).fitted().fit)
+
+    assert chosen == ChosenPredictors((), 0.0)
 
 
 def test_the_settings_choose_the_headline_and_the_table_has_both() -> None:
-    walked = [deviating(100 + k, True) for k in range(6)]
-    usual = unperturbed_gait([deviating(seed) for seed in range(10)], 3)
-    mean, told = (
-        group_headline(walked, usual, settings(baseline=b, window_s=0.1))
-        for b in ("mean", "predicted")
-    )
-    assert (
-        mean.ensemble.fit["K"]
-        == told.other_baseline.estimates["K"]
-        != told.ensemble.fit["K"]
-        == mean.other_baseline.estimates["K"]
-    )
+    perturbed_crossings = [deviating(100 + k, True) for k in range(6)]
+    gait = unperturbed_gait([deviating(seed) for seed in range(10)], 3)
     fits = pl.DataFrame({name: 6 * [1.0] for name in ("K", "B", "I", "VAF")})
-    for result, other in ((mean, "ensemble, predicted gait"), (told, "ensemble, mean gait")):
-        assert other in [row["estimator"] for row in headline_rows(result, fits, {}, {})]
+
+    mean = group_headline(perturbed_crossings, gait, settings(baseline="mean", window_s=0.1))
+    predicted = group_headline(
+        perturbed_crossings, gait, settings(baseline="predicted", window_s=0.1)
+    )
+
+    assert mean.ensemble.fit["K"] == predicted.other_baseline.estimates["K"]
+    assert predicted.ensemble.fit["K"] == mean.other_baseline.estimates["K"]
+    assert mean.ensemble.fit["K"] != predicted.ensemble.fit["K"]
+    for headline, other in ((mean, "ensemble, predicted gait"), (predicted, "ensemble, mean gait")):
+        assert other in [row["estimator"] for row in headline_rows(headline, fits, {}, {})]
 
 
 SETTINGS = settings(bootstrap_samples=200, window_s=0.1)

@@ -722,24 +722,36 @@ def test_a_certain_reflex_has_K_beside_it_for_each_delay_that_fits() -> None:
 
 def test_a_stance_that_the_perturbation_shortens_is_seen_unless_phase_is_matched() -> None:
     short = [hurried(c) for c in perturbed()]
+
     assert facts(short)["uncorrected_stance_change"] == pytest.approx(-0.08, abs=0.025)
     assert facts(short, perturbed_stance="matched")["uncorrected_stance_change"] is None
-    # beyond 3 SD/sqrt(8) = 1.06 SD it is certain
+
+
+@pytest.mark.parametrize(("mean", "is_certain"), [(0.018, True), (0.005, False)])
+def test_a_change_of_stance_is_certain_beyond_three_standard_errors(
+    mean: float, is_certain: bool
+) -> None:
+    """3 SD/sqrt(8) = 1.06 SD, here of 0.01."""
     headline = group_headline(perturbed(), USUAL, SETTINGS)
-    for mean, certain in ((0.018, True), (0.005, False)):
-        off = [
-            replace(r, stance_error=mean + 0.01 * (-1) ** k)
-            for k, r in enumerate(headline.responses)
-        ]
-        assert (
-            check_group(replace(headline, responses=off)).fit.uncorrected_stance_change is not None
-        ) == certain
-    # crossings that are slower throughout do not count as changed
+    responses = [
+        replace(response, stance_error=mean + 0.01 * (-1) ** k)
+        for k, response in enumerate(headline.responses)
+    ]
+
+    checks = check_group(replace(headline, responses=responses))
+
+    assert (checks.fit.uncorrected_stance_change is not None) == is_certain
+
+
+def test_crossings_that_are_slower_throughout_do_not_count_as_changed() -> None:
     slow = [walked(f"p{k}", 1.08, 2e-3, 0.3 + 0.3 * 1.08) for k in range(8)]
-    assert facts(slow)["uncorrected_stance_change"] is None
-    found = facts(slow, perturbed_stance="unperturbed")
-    assert found["uncorrected_stance_change"] == pytest.approx(1 / 1.08 - 1, abs=0.02)
-    assert abs(found["stance_change"]) < 0.02
+
+    by_own = facts(slow)
+    by_unperturbed = facts(slow, perturbed_stance="unperturbed")
+
+    assert by_own["uncorrected_stance_change"] is None
+    assert by_unperturbed["uncorrected_stance_change"] == pytest.approx(1 / 1.08 - 1, abs=0.02)
+    assert abs(by_unperturbed["stance_change"]) < 0.02
 
 
 def test_a_single_fit_is_judged_by_what_ordinary_gait_leaves() -> None:
@@ -767,30 +779,66 @@ def stances(force: Array, shortest: float = 0.3) -> list[tuple[float, float]]:
     return [(s.heel_strike, s.toe_off) for s in find_stances(TIME, force, 40, 20, shortest)]
 
 
+WHOLE = trapezoid(0.9, 1.6)
+EARLY_STEP = trapezoid(-1.0, 0.6)
+LATE_STEP = trapezoid(2.5, 4.0)
+SHORT_STEP = trapezoid(2.2, 2.3)
+
+
+def with_dips() -> Array:
+    """Below on, above off: the foot stays. Above off, below on: nobody steps there."""
+    force = WHOLE.copy()
+    force[330] = 30.0
+    force[600:610] = 35.0
+    return force
+
+
+def with_gaps() -> Array:
+    """A gap leaves the foot where it was."""
+    force = WHOLE.copy()
+    force[300:330] = np.nan
+    force[600:620] = np.nan
+    return force
+
+
 def test_heel_strike_and_toe_off_lie_between_frames() -> None:
     """A rise of 8 N/ms passes 40 N 5 ms after contact, the fall passes 20 N 2.5 ms before it
     ends."""
-    assert stances(trapezoid(0.9012, 1.6187)) == [
-        (pytest.approx(0.9062, abs=1e-9), pytest.approx(1.6162, abs=1e-9))
-    ]
-    whole = trapezoid(0.9, 1.6)
-    known = [pytest.approx((0.905, 1.5975), abs=1e-6)]
-    dips = whole.copy()
-    unseen = whole.copy()
-    dips[330] = 30.0  # below on, above off: the foot stays
-    dips[600:610] = 35.0  # above off, below on: nobody steps there
-    unseen[300:330], unseen[600:620] = np.nan, np.nan  # leaves the foot where it was
-    early = trapezoid(-1.0, 0.6)
-    late = trapezoid(2.5, 4.0)
-    short = trapezoid(2.2, 2.3)
-    for force in (dips, unseen, whole + short, early + whole + late):
-        assert stances(force) == known
-    assert len(stances(whole + short, 0.05)) == 2
-    assert stances(np.where(np.arange(len(TIME)) == 271, np.nan, whole)) == [
-        pytest.approx((TIME[272], 1.5975))
-    ]
-    for cut in (early, late, 0 * TIME):
-        assert stances(cut) == []
+    (stance,) = stances(trapezoid(0.9012, 1.6187))
+
+    assert stance == pytest.approx((0.9062, 1.6162), abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    "force",
+    [
+        pytest.param(with_dips(), id="dips"),
+        pytest.param(with_gaps(), id="gaps"),
+        pytest.param(WHOLE + SHORT_STEP, id="a short contact"),
+        pytest.param(EARLY_STEP + WHOLE + LATE_STEP, id="cut stances"),
+    ],
+)
+def test_one_whole_stance_is_found_among_what_is_none(force: Array) -> None:
+    (stance,) = stances(force)
+
+    assert stance == pytest.approx((0.905, 1.5975), abs=1e-6)
+
+
+def test_a_contact_that_is_long_enough_is_a_stance() -> None:
+    assert len(stances(WHOLE + SHORT_STEP, shortest=0.05)) == 2
+
+
+def test_a_heel_strike_beside_a_gap_is_at_its_end() -> None:
+    force = np.where(np.arange(len(TIME)) == 271, np.nan, WHOLE)
+
+    (stance,) = stances(force)
+
+    assert stance == pytest.approx((TIME[272], 1.5975))
+
+
+@pytest.mark.parametrize("force", [EARLY_STEP, LATE_STEP, 0 * TIME])
+def test_a_cut_stance_is_none(force: Array) -> None:
+    assert stances(force) == []
 
 
 @pytest.mark.parametrize(("turn", "noise", "error"), [
@@ -800,21 +848,28 @@ def test_heel_strike_and_toe_off_lie_between_frames() -> None:
     pytest.param(SOFT, 0.0, 0.075 / 30, id="a soft start"),
     pytest.param(SOFT, 0.04, 0.075 / 8, id="that looks like minimum jerk with noise"),
 ])  # fmt: skip
-def test_the_onset_of_one_turn_of_5_degrees_is_found_by_rms_over_draws(turn, noise, error) -> None:
-    draws = [
-        np.random.default_rng(seed).standard_normal(len(TIME)) for seed in range(20 if noise else 1)
-    ]
-    turned = [np.deg2rad(5 * turn + 0.3 + noise * draw) for draw in draws]
-    for one in turned[1::2]:
-        one[350:356] = np.nan
-    onsets = np.array([find_onset(TIME, one, np.deg2rad(1)) for one in turned], dtype=float)
-    assert np.sqrt(np.mean((onsets - 1.2) ** 2)) < error
+def test_the_onset_of_a_turn_of_5_degrees_is_found(turn: Array, noise: float, error: float) -> None:
+    """By RMS over draws, of which every second has a gap."""
+    onsets = []
+    for seed in range(20 if noise else 1):
+        draw = np.random.default_rng(seed).standard_normal(len(TIME))
+        rotation = np.deg2rad(5 * turn + 0.3 + noise * draw)
+        if seed % 2:
+            rotation[350:356] = np.nan
+        onsets.append(find_onset(TIME, rotation, np.deg2rad(1)))
+
+    assert np.sqrt(np.mean((np.array(onsets) - 1.2) ** 2)) < error
 
 
-def test_a_platform_that_hardly_turns_has_no_onset_and_one_that_turns_at_once_is_refused() -> None:
+def test_a_platform_that_hardly_turns_has_no_onset() -> None:
     assert find_onset(TIME, np.deg2rad(0.02 * np.sin(9 * TIME)), np.deg2rad(1)) is None
+
+
+def test_a_platform_that_turns_at_once_is_refused() -> None:
+    recorded = TIME > 1.18
+
     with pytest.raises(InputError, match="start to record earlier"):
-        find_onset(TIME[TIME > 1.18], np.deg2rad(5 * STEEP)[TIME > 1.18], np.deg2rad(1))
+        find_onset(TIME[recorded], np.deg2rad(5 * STEEP)[recorded], np.deg2rad(1))
 
 
 @pytest.mark.parametrize("slower", [0.85, 1.0, 1.15])
@@ -825,30 +880,53 @@ def test_the_matched_stance_is_right_for_any_pace_and_any_end_of_stance(
     """The crossing is slower throughout, its toe-off comes late, or both."""
     late = walked("p", slower, onset=0.3 + 0.42 * 0.72 * slower)
     late = replace(late, stance=Stance(0.3, 0.3 + lingers * 0.72 * slower))
+
     response = isolate_response(late, usual(), TIMING, "matched")
+
     assert response.stance == pytest.approx(0.72 * slower, rel=1e-4)
     assert response.stance_change == pytest.approx(lingers - 1, abs=1e-3)
-    # the filter spreads the response by 30 ms
-    for instant, told in ((-0.012, False), (-0.045, True)):
-        other = replace(
-            late, theta=late.theta + 0.02 * bump(late.time, late.onset + instant, 0.003)[0]
-        )
-        other = isolate_response(other, usual(), TIMING, "matched")
-        assert (abs(other.stance / response.stance - 1) > 1e-4) == told
-        assert (np.abs(other.behaviour - response.behaviour)[0].max() > 1e-5) == told
     assert tuple(fit_response(response).estimates[:2]) == pytest.approx((K, B), rel=2e-3)
 
 
-def test_a_pace_far_from_the_mean_or_that_nothing_tells_has_no_scale_and_is_refused() -> None:
+@pytest.mark.parametrize(("instant", "is_used"), [(-0.012, False), (-0.045, True)])
+def test_the_last_30_ms_before_the_onset_are_not_used(instant: float, is_used: bool) -> None:
+    """The filter spreads the response into them."""
+    plain = walked("p", onset=0.3 + 0.42 * 0.72)
+    bumped = plain.theta + 0.02 * bump(plain.time, plain.onset + instant, 0.003)[0]
+
+    response = isolate_response(plain, usual(), TIMING, "matched")
+    other = isolate_response(replace(plain, theta=bumped), usual(), TIMING, "matched")
+
+    assert (abs(other.stance / response.stance - 1) > 1e-4) == is_used
+    assert (np.abs(other.behaviour - response.behaviour)[0].max() > 1e-5) == is_used
+
+
+def test_a_pace_far_from_the_mean_has_no_scale() -> None:
     assert np.isnan(matched_scales(EARLY, angle(1.6 * EARLY)[None], angle(PHASES))).all()
-    for mean in (0 * PHASES, 0 * PHASES + 0.2, 0.3 - 0.1 * PHASES):  # it stands still, or drifts
-        assert np.isnan(matched_scales(EARLY, np.array([mean[: len(EARLY)]] * 3), mean)).all()
-    gait = usual()
+
+
+@pytest.mark.parametrize(
+    "mean",
+    [
+        pytest.param(0 * PHASES, id="nothing"),
+        pytest.param(0 * PHASES + 0.2, id="it stands still"),
+        pytest.param(0.3 - 0.1 * PHASES, id="it drifts"),
+    ],
+)
+def test_a_gait_that_tells_no_pace_has_no_scale(mean: Array) -> None:
+    curves = np.array([mean[: len(EARLY)]] * 3)
+
+    assert np.isnan(matched_scales(EARLY, curves, mean)).all()
+
+
+def test_a_crossing_without_a_pace_is_refused_where_stance_is_matched() -> None:
     far = replace(walked("p", onset=0.6), stance=Stance(0.3, 0.3 + 0.45))
-    assert np.isnan(isolate_response(far, gait, TIMING, "own").stance_change)
+    at_heel_strike = replace(walked("p", onset=0.6), onset=0.33)
+
+    assert np.isnan(isolate_response(far, usual(), TIMING, "own").stance_change)
     with pytest.raises(
         InputError, match=r"trial p: its angle before the onset tells no pace .* own"
     ):
-        isolate_response(far, gait, TIMING, "matched")
-    with pytest.raises(InputError, match="tells no pace"):  # an onset at heel strike
-        isolate_response(replace(walked("p", onset=0.6), onset=0.33), gait, TIMING, "matched")
+        isolate_response(far, usual(), TIMING, "matched")
+    with pytest.raises(InputError, match="tells no pace"):
+        isolate_response(at_heel_strike, usual(), TIMING, "matched")

@@ -14,6 +14,7 @@ from walking_crossings import (
     LEAD,
     RISE,
     TURN,
+    Tables,
     Walk,
     campaign,
     crossing,
@@ -52,7 +53,6 @@ from osl_analysis.walking.unperturbed_gait import unperturbed_gait
 
 RULE = settings().outliers
 MIDSTANCE = Walk(0.4)
-ALL_K = "ensemble", "K"
 BOTH = several("up", 6, MIDSTANCE, common=12.0) | several(
     "down", 4, MIDSTANCE, common=12.0, sign=-1
 )
@@ -67,104 +67,123 @@ def headline(walks, count=8, **choices):
     return group_headline(crossings(walks), gait, settings(**choices))
 
 
-def test_half_the_difference_of_directions_is_free_of_what_follows_either_turn(tmp_path):
+@pytest.fixture(scope="module")
+def of_both_directions(tmp_path_factory: pytest.TempPathFactory) -> Tables:
     """12 N*m after either turn read 138 N*m/rad too much up, and as much too little down:
     12/0.087."""
-    tables = campaign(tmp_path, BOTH | several("u", 8, Walk()))
-    error = 12 / TURN
-    K, B, I = (tables.estimate("all", quantity)["mean"] for quantity in "KBI")
-    assert (K, B, I) == (
-        pytest.approx(340, abs=6),
-        pytest.approx(5, abs=0.2),
-        pytest.approx(0.03, abs=0.2),
-    )
-    assert abs(K - 340.0) < 4 * tables.estimate("all")["se"] < 20
-    up, down, difference = (
-        tables.estimate("all", "K", name) for name in ("up", "down", "up minus down")
-    )
+    return campaign(tmp_path_factory.mktemp("both"), BOTH | several("u", 8, Walk()))
+
+
+COMMON_K = 12 / TURN  # [N*m/rad]
+
+
+def test_half_the_difference_of_directions_is_free_of_what_follows_either_turn(of_both_directions):
+    K = of_both_directions.estimate("all", "K")
+    B = of_both_directions.estimate("all", "B")
+    I = of_both_directions.estimate("all", "I")
+
+    assert K["mean"] == pytest.approx(340, abs=6)
+    assert B["mean"] == pytest.approx(5, abs=0.2)
+    assert I["mean"] == pytest.approx(0.03, abs=0.2)
+    assert abs(K["mean"] - 340.0) < 4 * K["se"] < 20
+
+
+def test_each_direction_has_an_estimate_of_its_own(of_both_directions):
+    up = of_both_directions.estimate("all", "K", "up")
+    down = of_both_directions.estimate("all", "K", "down")
+    difference = of_both_directions.estimate("all", "K", "up minus down")
+
     assert (up["n"], down["n"]) == (6, 4)
-    assert (up["mean"], down["mean"]) == (
-        pytest.approx(340 + error, abs=12),
-        pytest.approx(340 - error, abs=12),
-    )
-    assert 0 < difference["low"] < 2 * error < difference["high"]
-    fits = tables["walking"]
-    row = tables.estimate("all", "K", "mean of perturbations")
-    assert row["mean"] == pytest.approx(
-        np.mean([fits.filter(direction=name)["K"].mean() for name in ("up", "down")])
-    )
-    assert row["sd"] < 60  # not the 138 either side that the directions differ by
-    assert tables["groups"].select("group", "gait", "n_up", "n_down", "pooled").row(0) == (
-        "all",
-        "all",
-        6,
-        4,
-        None,
-    )
-    # what is the same after either turn, and nothing left to separate
-    (facts,) = tables["groups"].to_dicts()
-    assert facts["common_K"] == pytest.approx(difference["mean"] / 2)
-    assert "whether a voluntary torque or a change of pace is in K" not in (
-        facts.get("not_checked") or ""
-    ).split("; ")
-    apart = campaign(
-        tmp_path / "d",
+    assert up["mean"] == pytest.approx(340 + COMMON_K, abs=12)
+    assert down["mean"] == pytest.approx(340 - COMMON_K, abs=12)
+    assert 0 < difference["low"] < 2 * COMMON_K < difference["high"]
+    assert of_both_directions["groups"]["common_K"][0] == pytest.approx(difference["mean"] / 2)
+
+
+def test_the_mean_of_perturbations_is_that_of_both_directions_means(of_both_directions):
+    row = of_both_directions.estimate("all", "K", "mean of perturbations")
+
+    K = of_both_directions["walking"].group_by("direction").agg(pl.col("K").mean())["K"]
+    assert row["mean"] == pytest.approx(K.mean())
+    assert row["sd"] < 60, "not the 138 either side that the directions differ by"
+
+
+def test_both_directions_are_one_group_and_nothing_is_left_unchecked(of_both_directions):
+    (group,) = of_both_directions["groups"].to_dicts()
+
+    assert (group["group"], group["gait"], group["pooled"]) == ("all", "all", None)
+    assert (group["n_up"], group["n_down"]) == (6, 4)
+    not_checked = (group.get("not_checked") or "").split("; ")
+    assert "whether a voluntary torque or a change of pace is in K" not in not_checked
+
+
+def test_directions_are_groups_where_the_settings_say_so(tmp_path):
+    tables = campaign(
+        tmp_path,
         BOTH | several("u", 6, Walk()),
         group_by=["direction"],
         bootstrap_samples=100,
     )
-    assert apart["groups"]["group"].to_list() == ["direction down", "direction up"]
-    assert (
-        apart.estimate("direction up")["mean"]
-        > 400
-        > 300
-        > apart.estimate("direction down")["mean"]
-    )
+
+    assert tables["groups"]["group"].to_list() == ["direction down", "direction up"]
+    assert tables.estimate("direction up")["mean"] > 400
+    assert tables.estimate("direction down")["mean"] < 300
+
+
+def test_a_stated_error_widens_all_but_the_difference_of_directions(of_both_directions):
     both = headline(BOTH, bootstrap_samples=100)
-    assert both.directions["up minus down"].resampled.degrees_of_freedom == 3  # of 4 down
-    # cancels in the difference
-    plain, stated = (headline_rows(both, fits, {}, errors) for errors in ({}, {"K": 50.0}))
+    fits = of_both_directions["walking"]
+
+    plain = headline_rows(both, fits, {}, stated={})
+    stated = headline_rows(both, fits, {}, stated={"K": 50.0})
+
     wider = {
         row["estimator"]
-        for row, one in zip(stated, plain, strict=True)
-        if row["se"] > one["se"] + 1e-9
+        for row, narrow in zip(stated, plain, strict=True)
+        if row["se"] > narrow["se"] + 1e-9
     }
     assert {"ensemble", "up", "down"} <= wider
     assert "up minus down" not in wider
+    assert both.directions["up minus down"].resampled.degrees_of_freedom == 3, "of 4 down"
+
+
+def test_one_perturbation_in_a_direction_is_refused():
+    walks = several("p", 5, MIDSTANCE) | several("d", 1, MIDSTANCE, sign=-1)
+
     with pytest.raises(
         InputError,
         match="1 perturbation turns the toes down and 5 the other way, expected 2 or more",
     ):
-        headline(several("p", 5, MIDSTANCE) | several("d", 1, MIDSTANCE, sign=-1))
+        headline(walks)
 
 
 def test_few_crossings_that_agree_by_luck_have_the_scatter_of_unperturbed_ones():
     """A bootstrap of two crossings does not leave their range: 6 half-widths off in one of 24
     campaigns."""
-    covers = 0
-    halves = list[float]()
+    fits = pl.DataFrame([dict.fromkeys(("K", "B", "I", "VAF"), float(n)) for n in range(5)])
+    covers = []
+    half_intervals = []
     for k in range(12):
         few = several(f"{k}p", 2, MIDSTANCE) | several(f"{k}d", 3, MIDSTANCE, sign=-1)
-        both = headline(few, 12, bootstrap_samples=100)
-        fits = pl.DataFrame([dict.fromkeys(("K", "B", "I", "VAF"), float(n)) for n in range(5)])
-        (row,) = (
-            one
-            for one in headline_rows(both, fits, {}, {})
-            if (one["estimator"], one["quantity"]) == ALL_K
-        )
-        covers += row["low"] < 340.0 < row["high"]
-        halves.append((row["high"] - row["low"]) / 2)
-    assert covers >= 11
-    assert min(halves) > 0.5 * np.median(halves)
+        rows = headline_rows(headline(few, 12, bootstrap_samples=100), fits, {}, {})
+        (K,) = [row for row in rows if row["estimator"] == "ensemble" and row["quantity"] == "K"]
+        covers.append(K["low"] < 340.0 < K["high"])
+        half_intervals.append((K["high"] - K["low"]) / 2)
+
+    assert sum(covers) >= 11
+    assert min(half_intervals) > 0.5 * np.median(half_intervals)
 
 
 def test_the_degrees_of_freedom_of_two_directions_are_those_of_a_difference():
-    one, two = (several("p", n, MIDSTANCE, sign=sign) for n, sign in ((5, 1), (5, -1)))
-    # Student's: 2 n - 2
-    for walks, freedom in ((one, 4), (one | {f"d{k}": walk for k, walk in two.items()}, 8)):
-        assert headline(
-            walks, 12, bootstrap_samples=100
-        ).resampled.degrees_of_freedom == pytest.approx(freedom)
+    """Student's: n - 1, and 2 n - 2."""
+    up = several("p", 5, MIDSTANCE)
+    down = several("d", 5, MIDSTANCE, sign=-1)
+
+    one_way = headline(up, 12, bootstrap_samples=100)
+    both_ways = headline(up | down, 12, bootstrap_samples=100)
+
+    assert one_way.resampled.degrees_of_freedom == pytest.approx(4)
+    assert both_ways.resampled.degrees_of_freedom == pytest.approx(8)
 
 
 def test_the_bootstrap_draws_within_directions():
@@ -172,15 +191,14 @@ def test_the_bootstrap_draws_within_directions():
     a few per cent."""
     gait = unperturbed_gait(crossings(several("u", 4, Walk(noise=0.0))), 3)
     walks = several("a", 9, MIDSTANCE) | several("d", 9, MIDSTANCE, sign=-1, noise=0.0)
+
     result = group_headline(crossings(walks), gait, settings(bootstrap_samples=400))
+
+    up_se = result.directions["up"].resampled.se("K")
+    K_up = [fit_response(r)["K"] for r in result.responses if r.sign > 0]
     assert [estimate.n for estimate in result.directions.values()] == [9, 9, 18]
-    assert result.resampled.se("K") == pytest.approx(
-        result.directions["up"].resampled.se("K") / 2, rel=0.1
-    )
-    fits = [fit_response(r)["K"] for r in result.responses if r.sign > 0]
-    assert result.directions["up"].resampled.se("K") == pytest.approx(
-        np.std(fits, ddof=1) / 3, rel=0.15
-    )
+    assert result.resampled.se("K") == pytest.approx(up_se / 2, rel=0.1)
+    assert up_se == pytest.approx(np.std(K_up, ddof=1) / 3, rel=0.15)
 
 
 @pytest.mark.parametrize("heading", [0.0, 180.0, 57.0])
@@ -202,123 +220,168 @@ def test_the_turn_is_toes_up_positive_whichever_way_the_person_walks_and_the_pla
 
 
 def of_stiffness(values, count=5):
+    """Crossings of legs with these stiffnesses, whose gait differs, and their cells."""
     walks = {}
     cells = {}
     for K in values:
-        some = several(
-            f"p{K:.0f}_", count, MIDSTANCE, impedance=(K, 5.0, 0.03), gait=0.8 + K / 2000
-        )
-        some |= several(f"u{K:.0f}_", 4, Walk(gait=0.8 + K / 2000))
-        walks |= some
-        cells |= {name: {"K_d": float(K), "B_d": 5.0} for name in some}
+        gait = 0.8 + K / 2000
+        of_leg = several(f"p{K:.0f}_", count, MIDSTANCE, impedance=(K, 5.0, 0.03), gait=gait)
+        of_leg |= several(f"u{K:.0f}_", 4, Walk(gait=gait))
+        walks |= of_leg
+        cells |= {name: {"K_d": float(K), "B_d": 5.0} for name in of_leg}
     return walks, cells
 
 
-def test_each_commanded_stiffness_has_its_own_result_and_one_line_says_so(tmp_path):
+@pytest.fixture(scope="module")
+def three_legs(tmp_path_factory: pytest.TempPathFactory) -> Tables:
     walks, cells = of_stiffness((200.0, 340.0, 480.0))
     with pytest.warns(
         UserWarning, match=r"differ in K_d \(200, 340, 480\): each value has a result of its own"
     ):
-        tables = campaign(tmp_path, walks, cells, bootstrap_samples=100)
-    assert tables["groups"]["group"].to_list() == ["K_d 200", "K_d 340", "K_d 480"]
-    for K in (200.0, 340.0, 480.0):
-        row = tables.estimate(f"K_d {K:.0f}")
-        assert (row["mean"], row["commanded"]) == (pytest.approx(K, abs=10), K)
-        assert row["low"] < K < row["high"]
-    (facts,) = tables["groups"].filter(pl.col("K_d") == 340).to_dicts()
-    assert (facts["n"], facts["n_unperturbed"], facts["gait"]) == (5, 4, "K_d 340")
-    assert (facts["stance_s"], facts["onset_phase"]) == (
-        pytest.approx(0.72, rel=0.02),
-        pytest.approx(0.4, abs=0.01),
+        return campaign(tmp_path_factory.mktemp("legs"), walks, cells, bootstrap_samples=100)
+
+
+@pytest.mark.parametrize("K", [200.0, 340.0, 480.0])
+def test_each_commanded_stiffness_has_its_own_result(three_legs, K):
+    row = three_legs.estimate(f"K_d {K:.0f}")
+
+    assert three_legs["groups"]["group"].to_list() == ["K_d 200", "K_d 340", "K_d 480"]
+    assert row["mean"] == pytest.approx(K, abs=10)
+    assert row["commanded"] == K
+    assert row["low"] < K < row["high"]
+
+
+def test_a_group_has_the_timing_of_its_crossings(three_legs):
+    (group,) = three_legs["groups"].filter(pl.col("K_d") == 340).to_dicts()
+
+    rows = three_legs["selection"].filter(gait="K_d 340")
+    stances = rows.filter(perturbed=False)["stance_s"]
+    phases = rows.filter(perturbed=True)["onset_phase"]
+    assert (group["n"], group["n_unperturbed"], group["gait"]) == (5, 4, "K_d 340")
+    assert group["stance_s"] == pytest.approx(0.72, rel=0.02)
+    assert group["onset_phase"] == pytest.approx(0.4, abs=0.01)
+    assert group["unperturbed_stance_sd"] == stances.std() / stances.mean()
+    assert group["onset_phase_sd"] == phases.std()
+
+
+def test_pooled_conditions_are_one_result_that_names_them(tmp_path):
+    walks, cells = of_stiffness((200.0, 340.0, 480.0))
+    for row in cells.values():
+        row["side"] = "left" if row["K_d"] == 200 else "right"
+
+    pooled = campaign(
+        tmp_path,
+        walks,
+        cells,
+        pool=["K_d", "side"],
+        bootstrap_samples=100,
+        outliers=None,
+        perturbed_stance="unperturbed",
     )
-    used = tables["selection"].filter(gait="K_d 340")
-    flat = used.filter(perturbed=False)["stance_s"]
-    phases = used.filter(perturbed=True)["onset_phase"]
-    assert [facts[c] for c in ("unperturbed_stance_sd", "onset_phase_sd")] == [
-        flat.std() / flat.mean(),
-        phases.std(),
-    ]
-    chosen = {
-        "pool": ["K_d"],
-        "bootstrap_samples": 100,
-        "outliers": None,
-        "perturbed_stance": "unperturbed",
-    }
-    sides = {
-        name: row | {"side": "left" if row["K_d"] == 200 else "right"}
-        for name, row in cells.items()
-    }
-    pooled = campaign(tmp_path / "p", walks, sides, **chosen | {"pool": ["K_d", "side"]})
-    assert {
-        side for name in ("summary", "groups", "responses") for side in pooled[name]["side"]
-    } == {None}
-    fits = pooled["walking"]
-    assert fits["phase_stance_s"].to_list() == pytest.approx([pooled["groups"]["stance_s"][0]] * 15)
-    assert pooled["groups"].select("group", "pooled").row(0) == (
-        "all",
-        "side left, right; K_d 200, 340, 480",
-    )
+
+    (group,) = pooled["groups"].to_dicts()
+    assert (group["group"], group["pooled"]) == ("all", "side left, right; K_d 200, 340, 480")
     assert pooled.estimate("all")["commanded"] is None
+    for name in ("summary", "groups", "responses"):
+        assert set(pooled[name]["side"]) == {None}
+    phase_stances = pooled["walking"]["phase_stance_s"].to_list()
+    assert phase_stances == pytest.approx([group["stance_s"]] * 15)
 
 
-def test_a_person_who_walks_slower_than_the_others_is_no_outlier_among_them():
-    walks = several("a", 7, MIDSTANCE) | several("au", 7, Walk())
+def two_paces():
+    """Walks of a person, and fewer of another who walks slower."""
+    usual = several("a", 7, MIDSTANCE) | several("au", 7, Walk())
     slow = several("b", 3, MIDSTANCE, stance=0.9) | several("bu", 3, Walk(stance=0.9))
-    sheet = {name: {"perturbed": walk.phase is not None} for name, walk in (walks | slow).items()}
-    of_two = {name: cells | {"subject": name[0]} for name, cells in sheet.items()}
-    mixed, apart = (
-        selection_rows(crossings(walks | slow), [], settings(), each) for each in (sheet, of_two)
-    )
-    assert {name for name, row in mixed.items() if row["status"] == "outlier"} == set(slow)
-    assert {row["status"] for row in apart.values()} == {"used"}
-    assert {row["gait"] for name, row in apart.items() if name[0] == "b"} == {"subject b"}
-    # a share of their mean stance
-    own, *usual = crossings({"b0": slow["b0"]} | several("bu", 3, Walk(stance=0.9)))
-    assert apart["b0"]["onset_phase"] == pytest.approx(
-        (own.onset - 0.3) / np.mean([c.stance.duration for c in usual])
-    )
+    return usual, slow
 
 
-@pytest.mark.parametrize(("lost", "said"), [
+def test_a_slow_person_is_an_outlier_among_crossings_of_one():
+    usual, slow = two_paces()
+    sheet = {name: {"perturbed": walk.phase is not None} for name, walk in (usual | slow).items()}
+
+    rows = selection_rows(crossings(usual | slow), [], settings(), sheet)
+
+    outliers = {name for name, row in rows.items() if row["status"] == "outlier"}
+    assert outliers == set(slow)
+
+
+def test_a_slow_person_of_whom_the_sheet_speaks_is_no_outlier():
+    usual, slow = two_paces()
+    sheet = {
+        name: {"perturbed": walk.phase is not None, "subject": name[0]}
+        for name, walk in (usual | slow).items()
+    }
+
+    rows = selection_rows(crossings(usual | slow), [], settings(), sheet)
+
+    assert {row["status"] for row in rows.values()} == {"used"}
+    assert {row["gait"] for name, row in rows.items() if name[0] == "b"} == {"subject b"}
+    mean_stance = np.mean([walked(f"bu{k}", slow[f"bu{k}"]).stance.duration for k in range(3)])
+    onset = walked("b0", slow["b0"]).onset
+    assert rows["b0"]["onset_phase"] == pytest.approx((onset - 0.3) / mean_stance)
+
+
+@pytest.mark.parametrize(("lost", "reason"), [
     ({"stance_s": [0.71, 0.72, 0.715]}, "stance_s, 0.62 and 0.715"),
     ({"stance_s": [0.71, 0.72, 0.61]}, "no column"),
     ({"foot_left_m": [0.05, 0.06, 0.05]}, "foot_left_m, 0 and 0.05"),
     ({"subject": "B"}, "subject, A and B"),
 ])  # fmt: skip
-def test_what_parts_the_crossings_that_are_left_out_is_named(lost, said):
+def test_what_parts_the_crossings_that_are_left_out_is_named(lost, reason):
     used = dict.fromkeys(SMALLEST_DIFFERENCES, [0.0] * 5) | {
         "stance_s": [0.62, 0.61, 0.63, 0.62, 0.625]
     }
     rows = {name: [*values, *lost.get(name, values[:3])] for name, values in used.items()}
     table = pl.DataFrame(rows | {"trial": [f"c{k}" for k in range(8)]})
     sheet = {f"c{k}": {"subject": lost.get("subject", "A") if k > 4 else "A"} for k in range(8)}
-    assert parted_by(table[:5], table[5:], sheet) == said
+
+    assert parted_by(table[:5], table[5:], sheet) == reason
 
 
-def test_conditions_serve_every_value_where_unstated():
+def test_an_unstated_condition_serves_every_value():
     K_d = {"p200": 200.0, "p400": 400.0, "every": None, "u400": 400.0, "u300": 300.0}
     sheet = {name: {"perturbed": name[0] == "p", "K_d": value} for name, value in K_d.items()}
-    found = {name: place.gait for name, place in places([], sheet, settings()).items()}
-    assert [found[name] for name in ("every", "u400", "u300")] == [
-        "K_d 200; K_d 400",
-        "K_d 400",
-        None,
-    ]
-    # an unperturbed one has a pace too
-    for k, turned in (("K_d", True), ("speed", False), ("side", False), ("session", False)):
-        unstated = {"p0": {"perturbed": True, k: 200.0}, "p1": {"perturbed": turned, k: None}}
-        with pytest.raises(
-            InputError,
-            match=f"trial p1: no {k} in the sheet, but other crossings state 200; fill in",
-        ):
-            split_keys(unstated, settings())
+
+    gaits = {name: place.gait for name, place in places([], sheet, settings()).items()}
+
+    assert gaits["every"] == "K_d 200; K_d 400"
+    assert gaits["u400"] == "K_d 400"
+    assert gaits["u300"] is None
+
+
+@pytest.mark.parametrize(
+    ("column", "is_perturbed"),
+    [("K_d", True), ("speed", False), ("side", False), ("session", False)],
+)
+def test_a_condition_that_only_some_crossings_state_is_refused(column, is_perturbed):
+    """An unperturbed one has a pace too."""
+    sheet = {
+        "p0": {"perturbed": True, column: 200.0},
+        "p1": {"perturbed": is_perturbed, column: None},
+    }
+
+    with pytest.raises(
+        InputError,
+        match=f"trial p1: no {column} in the sheet, but other crossings state 200; fill in",
+    ):
+        split_keys(sheet, settings())
+
+
+def test_a_condition_that_nobody_states_splits_nothing():
     with pytest.raises(InputError, match="group_by names 'subject', but no crossing states it"):
         split_keys({"p0": {"perturbed": True}}, settings(group_by=["subject"]))
-    both = settings(group_by=["timing", "direction"])
-    (place,) = places(
-        [replace(walked("p0", MIDSTANCE), turn=None)], {"p0": {"perturbed": True}}, both
-    ).values()
+
+
+def test_an_unseen_turn_has_a_group_of_its_own():
+    unseen = replace(walked("p0", MIDSTANCE), turn=None)
+    by_both = settings(group_by=["timing", "direction"])
+
+    (place,) = places([unseen], {"p0": {"perturbed": True}}, by_both).values()
+
     assert place.group == "timing 40 %, direction unknown"
+
+
+def test_a_condition_is_split_or_pooled():
     with pytest.raises(
         ValidationError, match="group_by and pool share a condition; remove it from one of them"
     ):

@@ -296,6 +296,7 @@ def platform_template(
         pairs = list(zip(tracks, with_duration, strict=True))
         template, alignments = alternated(pairs, basis, scaled=True)
 
+    # Crossings that do not follow are left out, until the same ones follow again
     for _ in range(len(tracks)):
         following = [alignment.follows for alignment in alignments]
         if all(following) or sum(following) < 2:

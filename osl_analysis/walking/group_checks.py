@@ -67,10 +67,10 @@ def check_single(response: PerturbationResponse, fit: LinearFit) -> SingleChecks
     columns = np.column_stack([motion.columns, np.ones_like(motion.theta)])
     gait_offsets = np.linalg.lstsq(columns, of_gait.T, rcond=None)[0][-1]
     scatter = float(np.std(gait_offsets, ddof=1))
-    counts = abs(offset.lowers_K) > SMALLEST_OFFSET_SHARE and scatter > 0
+    changes_K = abs(offset.lowers_K) > SMALLEST_OFFSET_SHARE
     return SingleChecks(
         residual_over_gait=residual_over_gait(motion, torque, of_gait),
-        offset_over_gait=abs(offset.offset) / scatter if counts else None,
+        offset_over_gait=abs(offset.offset) / scatter if changes_K and scatter > 0 else None,
         stance_change=response.stance_change if np.isfinite(response.stance_change) else None,
     )
 
@@ -372,17 +372,15 @@ def check_reflex(headline: GroupHeadline, is_certain: bool) -> ReflexChecks:
     reactions = headline.reactions
     half = half_interval(headline)
     low, high = headline.resampled.interval("K")
-    longest_delay_s = 1e-3 * REFLEX_DELAYS_MS[-1]
-    enough_s = 2 * longest_delay_s
+    enough_s = 2 * 1e-3 * REFLEX_DELAYS_MS[-1]  # a window of twice the longest delay shows it
     is_long_enough = not first.time[window.stop] < enough_s - 1e-9
     longer_window_s = None if is_long_enough else enough_s
 
-    stretches = {
-        delay_ms: reflex_column(first.time, window, ensemble_columns(headline), 1e-3 * delay_ms)[
-            window, 0
-        ]
-        for delay_ms in REFLEX_DELAYS_MS
-    }
+    motion = ensemble_columns(headline)
+    stretches = {}
+    for delay_ms in REFLEX_DELAYS_MS:
+        column = reflex_column(first.time, window, motion, 1e-3 * delay_ms)
+        stretches[delay_ms] = column[window, 0]
     if is_certain:
         delay_ms = reactions.delay_ms
         gain = reactions.reflexes[delay_ms].size

@@ -24,6 +24,7 @@ REACTIONS = (REFLEX, STIFFER, RAMP, SLOPING)
 # swings back by less
 RETURN_SHARE = 0.2
 BLUR_SHARE = 0.2  # of half the window, by which steps and ramps are smoothed, as by the low-pass
+STIFFENING_DELAY = 1.5  # blurs from half the window to the middle of the step of stiffness
 BEFORE_WINDOWS = 0.6  # windows before the onset from which the fit begins
 RIDGE_SHARE = 0.03  # of the mean variance: few crossings have a singular covariance
 CERTAIN_CHI_SQUARE = 16.0  # four standard deviations, by which a reflex that yields must fit better
@@ -88,7 +89,7 @@ def reaction_columns(
     step = scipy.special.ndtr(since_half / blur_s)
     density = np.exp(-0.5 * (since_half / blur_s) ** 2) / np.sqrt(2 * np.pi)
     ramp = since_half * step + blur_s * density  # the integral of the step
-    later_step = scipy.special.ndtr(since_half / blur_s - 1.5)
+    later_step = scipy.special.ndtr(since_half / blur_s - STIFFENING_DELAY)
     return {
         REFLEX: reflex_column(time, window, motion, delay_s),
         STIFFER: motion.theta * later_step,
@@ -120,7 +121,7 @@ class ReactionFit:
         ridge = RIDGE_SHARE * np.trace(covariance) / len(covariance) + floor
         self.root = np.linalg.cholesky(covariance + ridge * np.eye(len(covariance)))
 
-    def __call__(self, columns: Sequence[Array]) -> tuple[Array, float]:
+    def fit(self, columns: Sequence[Array]) -> tuple[Array, float]:
         """Estimates (1 + samples, columns) of columns (k, 1 + samples); chi-square of the mean."""
         X = np.linalg.solve(self.root, np.stack(columns)[:, self.rows]).transpose(2, 1, 0)
         y = np.linalg.solve(self.root, self.torque).T[..., None]
@@ -155,7 +156,7 @@ def fit_reactions(time: Array, window: slice, theta: Array, torque: Array) -> Re
         (k, 1 + samples) [rad], [N*m]: the mean response in the first column, then its resamples.
     """
     motion = differentiate(time, theta)
-    fitted = ReactionFit(time, window, motion, torque)
+    beside = ReactionFit(time, window, motion, torque)
     eq_15 = [motion.theta, motion.omega, motion.alpha]
     jerk = np.asarray(scipy.interpolate.make_interp_spline(time, theta, k=5).derivative(3)(time))
 
@@ -164,7 +165,7 @@ def fit_reactions(time: Array, window: slice, theta: Array, torque: Array) -> Re
     chi_squares = {}
     for delay_ms in REFLEX_DELAYS_MS:
         column = reflex_column(time, window, motion, 1e-3 * delay_ms)
-        estimates, chi_square = fitted([*eq_15, jerk, column])
+        estimates, chi_square = beside.fit([*eq_15, jerk, column])
         gains = estimates[:, -1]
         reflexes[delay_ms] = effect_of(gains)
         K_with_reflex[delay_ms] = effect_of(estimates[:, 0])
@@ -176,9 +177,9 @@ def fit_reactions(time: Array, window: slice, theta: Array, torque: Array) -> Re
     alone = {}
     with_jerk = {}
     for name in (STIFFER, RAMP, SLOPING):
-        estimates, _ = fitted([*eq_15, columns[name]])
+        estimates, _ = beside.fit([*eq_15, columns[name]])
         alone[name] = effect_of(estimates[:, -1])
-        estimates, _ = fitted([*eq_15, jerk, columns[name]])
+        estimates, _ = beside.fit([*eq_15, jerk, columns[name]])
         with_jerk[name] = effect_of(estimates[:, -1])
     return Reactions(
         reflexes,

@@ -5,7 +5,7 @@ READY := $(VENV)/ready
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 unexport PYTHONDONTWRITEBYTECODE # each process would compile anew what the tests have changed, which takes 10 s
 
-.PHONY: reproduce-all test test-kernels test-browser test-package test-slurm test-speed evidence peers setup check docs lock dist pictures release
+.PHONY: reproduce-all test test-kernels test-browser test-package test-slurm test-speed peers setup check docs lock dist pictures release
 
 reproduce-all: $(READY)
 	$(BIN)/snakemake reproduce-all
@@ -36,11 +36,6 @@ dist: $(READY)
 # The pictures that README.md opens with, from the results of the default campaign (Debian: apt-get install chromium).
 pictures: reproduce-all
 	$(BIN)/python docs/make_pictures.py
-
-# The figures of speed and memory in the documentation, as their benchmarks print them here. A quarter of an hour, in which
-# nothing else may run.
-evidence: $(READY)
-	$(BIN)/python tools/evidence.py
 
 # Recordings with known truth, the answers of other packages, which have an environment of their own, and the tables and the
 # figure of docs/peers.md. Ten minutes of one core.
@@ -82,7 +77,6 @@ check: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/snakefmt --check Snakefile rules
 	$(BIN)/mypy
-	$(BIN)/python tools/weight.py
 
 # The environment holds exactly what the lock names, its bytecode compiled: a job's imports cost 1.4 s with, 3.9 s without.
 $(READY): requirements.lock pyproject.toml

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import yaml
 
-from osl_analysis.jobs.run import KEPT_BY_PROCESS
+from osl_analysis.jobs.workers import ENVIRONMENT
 
 SETTINGS, TRIAL = Path("config/simulation/default.yaml"), "impedance_K300_B5.0_compensated"
 SOURCES = ("--log-source", "dynamometer_nodes", "--sources", str(Path("config/sources").resolve()))
@@ -59,7 +59,7 @@ def simulated(folder: Path, cycles: int) -> float:
     (folder / "simulation.yaml").write_text(yaml.safe_dump(settings), encoding="utf-8")
     (folder / f"{cycles}.yaml").write_text(f"dynamometer: {{cycles: {cycles}}}\n", encoding="utf-8")
     run = [sys.executable, "-c", SIMULATE, str(folder / "simulation.yaml"), str(folder), TRIAL]
-    kept = os.environ | KEPT_BY_PROCESS
+    kept = os.environ | ENVIRONMENT
     took = float(
         subprocess.run(run, env=kept, stdout=subprocess.PIPE, text=True, check=True).stdout
     )

@@ -165,7 +165,8 @@ def plan(numbers: list[int], folder: Path) -> None:
             else []
         )
         print(
-            f"{number:>6}{cpu:>9.2f}{wall:>9.2f}{bare_cpu:>9.2f}{bare_wall:>9.2f}{cpu / bare_cpu:>7.2f}"
+            f"{number:>6}{cpu:>9.2f}{wall:>9.2f}{bare_cpu:>9.2f}{bare_wall:>9.2f}"
+            f"{cpu / bare_cpu:>7.2f}"
             f"{wall / bare_wall:>7.2f}"
             + "".join(f"{p:>{width}.2f}" for p, width in zip(grown, (10, 6), strict=False)),
             flush=True,
@@ -208,7 +209,8 @@ def run_and_plan_again(number: int, folder: Path, recording: bytes) -> int:
     log.write_bytes(log.read_bytes()[: -2 * number])
     changed, _ = snakemake(campaign, folder / "campaign", "--dry-run")
     print(
-        f"{number:>6}{nothing:>12.2f}{nothing_bare:>18.2f}{nothing / nothing_bare:>9.2f}{changed:>18.2f}",
+        f"{number:>6}{nothing:>12.2f}{nothing_bare:>18.2f}{nothing / nothing_bare:>9.2f}"
+        f"{changed:>18.2f}",
         flush=True,
     )
     return files
@@ -229,7 +231,8 @@ def main() -> None:
         plan_crossings(numbers, folder)
         print("planned again, CPU:")
         print(
-            f"{'N':>6}{'nothing to do':>15}{'bare Snakefile':>15}{'ratio':>9}{'one log changed':>18}"
+            f"{'N':>6}{'nothing to do':>15}{'bare Snakefile':>15}{'ratio':>9}"
+            f"{'one log changed':>18}"
         )
         few, many = (
             run_and_plan_again(number, folder / f"run_{number}", recording) for number in RUN

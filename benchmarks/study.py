@@ -567,7 +567,9 @@ def page_rows(estimates: pl.DataFrame) -> Iterator[Sequence[str]]:
         }
         found = [performance(group) for group in groups.values()]
         each = {
-            name: ", ".join("–" if np.isnan(one[name]) else f"{scale * one[name]:{form}}" for one in found)
+            name: ", ".join(
+                "–" if np.isnan(one[name]) else f"{scale * one[name]:{form}}" for one in found
+            )
             for name, form, scale in (
                 ("bias", ".2f", 1), ("rmse_over_bound", ".2f", 1), ("se_over_sd", ".2f", 1),
                 ("coverage", ".1f", 100)

@@ -22,7 +22,7 @@ from click.core import ParameterSource
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError, OslAnalysisError, printable, printable_lines
 from osl_analysis.files import check_output, config_here, shipped, write_text
-from osl_analysis.jobs.memory import SET_TO_ONE, limited_memory
+from osl_analysis.memory import SET_TO_ONE, limited_memory
 
 
 def numbers(value: str) -> list[float]:
@@ -55,12 +55,16 @@ def percent(value: str) -> float:
 FILE, FOLDER = click.Path(path_type=Path), click.Path(path_type=Path, file_okay=False)
 WRITTEN_SUFFIXES = {
     "ingest": ".parquet",
-    "samples": ".md",
-    "describe-tables": ".md",
     "gains": ".csv",
     "design": ".csv",
 }
 """Suffix of what a command writes, where it writes one kind of file."""
+INSTEAD_OF = {
+    "samples": "`osl-analysis inspect FOLDER` lists the recordings in a folder",
+    "describe-tables": "`osl-analysis results --columns` prints what each column means",
+    "score": "run `python benchmarks/peers/score.py ANSWERS` in a clone of the project",
+}
+"""What to use in place of a command of earlier releases."""
 POSITIVE, NOT_NEGATIVE = click.FloatRange(0, min_open=True), click.FloatRange(0)
 file_option = partial(option, type=FILE)
 CONFIG = file_option(
@@ -142,6 +146,13 @@ class OneLineErrors(click.Group):
 
     command_class = KeepsItsInput
 
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        if args and args[0] in INSTEAD_OF:
+            raise click.UsageError(f"there is no `{args[0]}` any more: {INSTEAD_OF[args[0]]}")
+        return super().resolve_command(ctx, args)
+
     def invoke(self, ctx: click.Context) -> Any:
         warnings.showwarning = lambda message, *_, **__: click.echo(
             f"warning: {printable(str(message))}", err=True
@@ -157,7 +168,9 @@ class OneLineErrors(click.Group):
             sys.stderr = io.StringIO()
             sys.exit(130)
         except click.UsageError as error:
-            raise click.UsageError(printable(error.format_message()), error.ctx) from error
+            # click lists the choices of an option on lines of their own
+            message = error.format_message().replace("\n\t", " ")
+            raise click.UsageError(printable(message), error.ctx) from error
         except OslAnalysisError as error:
             click.echo(f"error: {error}", err=True)
         except OSError as error:
@@ -259,12 +272,22 @@ def ingest(sources: Path, output: Path, **given: Any) -> None:
     "--draft", "draft_path", help="Write the draft of a source file here instead of printing it."
 )
 def inspect(file: Path, draft_path: Path | None) -> None:
-    """List what an MCAP, C3D, CSV or MATLAB file holds: rates [Hz], units, gaps, damage. Draft a
-    source file for it."""
-    check_there(file)
+    """List what a recording holds, an MCAP, C3D, CSV or MATLAB file: rates [Hz], units, gaps,
+    damage. Draft a source file for it.
+
+    Of a folder of recordings, list in short what each holds, or why it is refused."""
+    check_there(file, "file or folder")
     from osl_analysis.commands import trials as command
     from osl_analysis.ingest.draft import draft_source
 
+    if command.is_folder_of_recordings(file):
+        if draft_path is not None:
+            raise click.UsageError(
+                "--draft describes one recording: name its file, or draft all of them by"
+                f" `osl-analysis init CAMPAIGN --from {shlex.quote(str(file))}`"
+            )
+        say(command.folder_text(file))
+        return
     overview = command.inspect_file(file)
     say(command.overview_text(overview))
     text = draft_source(overview, file.name)
@@ -360,46 +383,25 @@ def fit(
     say(told(fitted.table, fitted.findings))
 
 
-@main.command(
-    epilog="Example: osl-analysis samples ../shared/real_data --output docs/real_samples.md"
-)
-@argument("folder", type=FOLDER)
-@file_option("--output", help="Write a Markdown page to this file instead of printing the table.")
-def samples(folder: Path, output: Path | None) -> None:
-    """List the content of every recording below FOLDER, without a source file; a refused one with
-    the reason."""
-    check_there(folder, "folder")
-    from osl_analysis.commands.trials import samples_table
-
-    table, command = samples_table(folder), f"osl-analysis samples {folder} --output {output}"
-    page = f"# What recordings made by others hold\n\nMade by `{command}`.\n\n{table}\n"
-    print_or_write(table if output is None else page, output)
-
-
-@main.command(
-    "describe-tables", epilog="Example: osl-analysis describe-tables --output docs/tables.md"
-)
-@file_option("--output", help="Write the page to this file instead of printing it.")
-def describe_tables(output: Path | None) -> None:
-    """Print meaning and unit of every column of every result table and every entry of the summary,
-    as Markdown."""
-    from osl_analysis.commands.reference import tables_page
-
-    print_or_write(
-        tables_page("osl-analysis describe-tables" + f" --output {output}" * (output is not None)),
-        output,
-    )
-
-
 @main.command(epilog="Example: osl-analysis results results/mine --markdown")
 @argument("folder", type=FILE, default=Path("results"))
 @option("--markdown", is_flag=True, help="A Markdown table in place of aligned columns.")
 @option("--methods", is_flag=True, help="The text of a methods section in place of the numbers.")
-def results(folder: Path, markdown: bool, methods: bool) -> None:
+@option(
+    "--columns",
+    is_flag=True,
+    help="Unit and meaning of every column of every table in place of the numbers.",
+)
+def results(folder: Path, markdown: bool, methods: bool, columns: bool) -> None:
     """Print the headline numbers of the results in FOLDER, with units, intervals and the draft's
     values."""
     from osl_analysis.commands.tables import format_results_table, later_failures, read_summary
 
+    if columns:
+        from osl_analysis.commands.reference import columns_text
+
+        say(columns_text())
+        return
     if methods:
         if not (path := folder / "methods.md").is_file():
             raise InputError(f"{path}: no such file; run the campaign to its end")
@@ -430,17 +432,6 @@ def bundle(folder: Path, output: Path, licence: str, raw: bool) -> None:
     from osl_analysis.commands.bundle import write_bundle
 
     say(f"wrote {output}, {write_bundle(folder, output, licence, raw)} files")
-
-
-@main.command(epilog="Example: osl-analysis score build/peers/answers.csv")
-@argument("answers", type=FILE)
-@file_option("--truth", help="Table of the truth; default: truth.csv beside ANSWERS.")
-def score(answers: Path, truth: Path | None) -> None:
-    """Score the ANSWERS of any method (CSV) against the truth of the recordings that
-    benchmarks/peers makes."""
-    from osl_analysis.commands.report import score_answers, score_text
-
-    say(score_text(score_answers(answers, truth or answers.with_name("truth.csv"))))
 
 
 @main.command(
@@ -485,34 +476,46 @@ def compare(a: Path, b: Path, margin: float | None, output: Path) -> None:
     ),
 )
 @option("--example", is_flag=True, help="A small simulated campaign, which runs in about a minute.")
-def init(folder: Path, recorders: tuple[str, ...], recordings: Path | None, example: bool) -> None:
+@option(
+    "--checksums",
+    is_flag=True,
+    help=(
+        "With --from: write SHA256SUMS beside the recordings, so that one that is changed later is"
+        " refused."
+    ),
+)
+def init(
+    folder: Path,
+    recorders: tuple[str, ...],
+    recordings: Path | None,
+    example: bool,
+    checksums: bool,
+) -> None:
     """Make the folder of a new campaign: configuration, sample sheet, source files and their JSON
     schemas."""
-    from osl_analysis.commands.trials import drafted_text, left_to_decide, new_campaign
+    from osl_analysis.commands import new_campaign as command
 
     if example and (recorders or recordings):
         raise click.UsageError("--example has recordings of its own; leave --recorder and --from")
-    draft = new_campaign(folder, recorders, recordings, example)
-    say(
-        f"made {folder} with config.yaml, {'simulation.yaml' if example else 'trials.csv'},"
-        " sources/ and schemas/"
-    )
+    if checksums and recordings is None:
+        raise click.UsageError("--checksums are those of recordings: name their folder with --from")
+    draft = command.new_campaign(folder, recorders, recordings, example, checksums)
     if recordings is not None:
-        say(drafted_text(draft))
-        decisions = left_to_decide(folder, draft)
-        say(
-            "\n".join(["left to decide:", *(f"  {line}" for line in decisions)])
-            if decisions
-            else ""
-        )
-        print_first_look(folder, is_new=True)
-    elif not example:
-        say(
-            "next: recordings into recordings/, a row for each into trials.csv, their channels into"
-            " sources/"
-        )
-        say("      `osl-analysis inspect FILE --draft sources/NAME.yaml` drafts a source file")
-    say(f"then: cd {shlex.quote(str(folder))} && osl-analysis run")
+        if checksums:
+            say(command.sums_text(recordings))
+        say(command.campaign_text(folder, draft))
+        if command.can_run(folder, draft):
+            print_first_look(folder, is_new=True)
+        say(command.next_command(folder, draft))
+        return
+    place = shlex.quote(str(folder))
+    kind = "simulation.yaml" if example else "trials.csv"
+    say(f"made {folder} with config.yaml, {kind}, sources/ and schemas/")
+    if example:
+        say(f"then: cd {place} && osl-analysis run")
+        return
+    say("put recordings into recordings/, and a row for each into trials.csv")
+    say(f"then: cd {place} && osl-analysis inspect recordings/FILE --draft sources/NAME.yaml")
 
 
 @main.command(
@@ -529,11 +532,10 @@ def run_campaign(arguments: tuple[str, ...]) -> None:
     The same as `snakemake --snakefile ... --configfile config.yaml`. Write files before options."""
     from snakemake.cli import main as snakemake
 
-    from osl_analysis.commands.run import snakemake_arguments
-    from osl_analysis.jobs.run import locked_by_killed_run
+    from osl_analysis.commands.run import snakemake_arguments, take_over_lock
 
     given = snakemake_arguments(arguments)
-    if locked_by_killed_run():
+    if take_over_lock():
         say("the last run here was killed; its lock is taken over", err=True)
     snakemake(given)
 
@@ -550,12 +552,14 @@ def doctor(look: bool) -> None:
         say(f"!! {error.name}: not installed; install osl-analysis again, with what it needs")
         sys.exit(1)
     seen = list(looked_at(Path()))
-    width = max(len(what) for what, _, _ in seen)
-    for what, found, remedy in seen:
-        say(f"{'!!' if remedy else 'ok'} {what:<{width}}  {found}{f': {remedy}' if remedy else ''}")
+    width = max(len(thing.what) for thing in seen)
+    for thing in seen:
+        mark = "!!" if thing.remedy else "--" if thing.is_absent else "ok"
+        remedy = f": {thing.remedy}" if thing.remedy else ""
+        say(f"{mark} {thing.what:<{width}}  {thing.found}{remedy}")
     if look:
         print_first_look(Path())
-    sys.exit(int(any(remedy for _, _, remedy in seen)))
+    sys.exit(int(any(thing.remedy for thing in seen)))
 
 
 @main.command(

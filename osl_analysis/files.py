@@ -4,6 +4,7 @@ rename it."""
 import hashlib
 import os
 import re
+import shutil
 import stat
 import tempfile
 from collections.abc import Iterator
@@ -67,9 +68,8 @@ def check_working_folder(results: Path = Path(".snakemake")) -> None:
             raise InputError(
                 f"{folder.absolute()}: cannot be written to; make it writable, or copy the campaign"
             )
-    if (
-        disk := os.statvfs(results if results.is_dir() else Path())
-    ).f_blocks and disk.f_bavail * disk.f_frsize < 10e6:
+    disk = shutil.disk_usage(results if results.is_dir() else Path())
+    if disk.total and disk.free < 10e6:
         raise InputError(
             f"{results.absolute()}: less than 10 MB free on its disk; make room, or work on"
             " another one"

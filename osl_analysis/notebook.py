@@ -28,10 +28,11 @@ from osl_analysis.errors import InputError, listing, nearest
 from osl_analysis.figures import drawing_of
 from osl_analysis.files import config_here, shipped
 from osl_analysis.ingest.examine import UNITS, Commanded, examine, measured_table
-from osl_analysis.ingest.raw_files import FORMATS, read_source
+from osl_analysis.ingest.raw_files import read_source
 from osl_analysis.judge.judging import judged, marked, with_inherited
 from osl_analysis.judge.limits import DoubtfulFits, QualityRules, judged_table, validate_rules
 from osl_analysis.model.drivetrain import joint_of
+from osl_analysis.source_file import MarkerSource
 from osl_analysis.table import read_table as read_table
 from osl_analysis.table import to_pandas as to_pandas
 from osl_analysis.trial import Trial
@@ -241,7 +242,7 @@ def read_recording(
             f"{source}: no such source file; give the path of a file that ends in .yaml, or one of"
             f" {', '.join(known)}{nearest(Path(source).stem, known)}"
         )
-    role = "mocap" if FORMATS[read_source(described).format].is_capture else "log"
+    role = "mocap" if isinstance(read_source(described), MarkerSource) else "log"
     if part is not None and role == "mocap":
         raise InputError(f"{file}: a capture has no part '{part}'; leave out `part`")
     if not file.exists():

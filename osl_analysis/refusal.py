@@ -1,22 +1,26 @@
-"""Refusal records: files in place of results that are missing because a recording was refused or a
-job failed.
+"""Refusals: tables of reasons in place of results that are missing because a recording was refused
+or a job failed.
 
-A record is a small CSV file under the name of the result. Jobs over several trials go on without
-that result. Jobs that need it leave the same record. The run ends with a list of the records."""
+A refusal stands under the name of the result, in its format (CSV, Parquet, a ZIP of a CSV, JSON),
+so that any program opens it. It has no row of the result, and a row for each cause. Jobs over
+several trials go on without that result. Jobs that need it leave the same refusal. The run ends
+with a list of them."""
 
 import csv
+import io
+import json
 import os
 import re
+import zipfile
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import astuple, dataclass, fields
+from dataclasses import asdict, astuple, dataclass, fields
 from pathlib import Path
 
 from osl_analysis.errors import InputError, listing
 from osl_analysis.files import atomic_path
 
-RECORD_MARK = "osl_analysis_refused"  # First column of a record. No other file begins with it.
-# outcomes after which the next run tries; `refused` stays until inputs change
-TRIED_AGAIN = ("died", "failed")
+MARK = "osl_analysis_refused"  # First column of a refusal. No result has a column of this name.
+LARGEST = 1 << 20  # bytes; no refusal is larger, so that large results need not be looked into
 MOST_TOLD = 12  # largest number of trials or results named in one line
 
 
@@ -27,42 +31,85 @@ class Refusal:
     trial: str  # empty for a result over several trials
     file: str  # the file at fault
     job: str  # the command that refused it, `module.function`
-    outcome: str  # as in a job's log: `refused`, `failed` or `died`
+    outcome: str  # as in a job's log: `refused` or `failed`
     reason: str  # what was wrong, on one line
     remedy: str  # what the user can do, on one line
 
 
+COLUMNS = (MARK, *(field.name for field in fields(Refusal)))
+
+
 def write_refusals(refusals: Iterable[Refusal], path: Path) -> None:
-    """Write a record with a row per cause."""
-    with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow((RECORD_MARK, *(field.name for field in fields(Refusal))))
-        writer.writerows(("1", *astuple(refusal)) for refusal in refusals)
+    """Write a refusal with a row per cause, in the format that the suffix of `path` names."""
+    causes = list(refusals)
+    with atomic_path(path) as temporary:
+        if path.suffix == ".parquet":
+            import polars as pl  # takes 0.3 s, of commands that need no table
+
+            rows = [(1, *astuple(cause)) for cause in causes]
+            pl.DataFrame(rows, schema=COLUMNS, orient="row").write_parquet(temporary)
+        elif path.suffix == ".zip":
+            with zipfile.ZipFile(temporary, "w") as archive:
+                archive.writestr(zipfile.ZipInfo(f"{MARK}.csv"), csv_text(causes))
+        elif path.suffix == ".json":
+            temporary.write_text(json.dumps({MARK: [asdict(cause) for cause in causes]}))
+        else:
+            temporary.write_text(csv_text(causes), encoding="utf-8")
+
+
+def csv_text(causes: Sequence[Refusal]) -> str:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    writer.writerows(("1", *astuple(cause)) for cause in causes)
+    return text.getvalue()
 
 
 def is_refused(path: Path | str) -> bool:
-    """Whether a file is a refusal record, by its first bytes. A file above 1 MB, missing or
-    unreadable is none."""
+    """Whether a file is a refusal. A file that is missing, unreadable or large is none."""
     try:
         with open(path, "rb") as file:
-            return (
-                file.read(len(RECORD_MARK)) == RECORD_MARK.encode()
-                and os.fstat(file.fileno()).st_size < 1 << 20
-            )
+            begin = file.read(64)
+            if begin.startswith((MARK.encode(), b'{"' + MARK.encode())):
+                return os.fstat(file.fileno()).st_size < LARGEST
+            if begin.startswith(b"PK"):
+                return MARK.encode() in begin  # the name of the first file in the archive
+            if begin.startswith(b"PAR1") and os.fstat(file.fileno()).st_size < LARGEST:
+                return has_column_of_refusals(path, file.read())
     except OSError:
+        pass
+    return False
+
+
+def has_column_of_refusals(path: Path | str, content: bytes) -> bool:
+    """Whether a Parquet file with this content is a refusal."""
+    if MARK.encode() not in content:
         return False
+    import polars as pl
+
+    return MARK in pl.read_parquet_schema(path)
 
 
 def read_refusals(path: Path | str) -> tuple[Refusal, ...]:
-    """The causes in a record; none if the file is not a record."""
+    """The causes in a refusal; none if the file is a result, or is not there."""
     if not is_refused(path):
         return ()
-    with open(path, newline="", encoding="utf-8") as file:
-        return tuple(Refusal(*row[1:]) for row in list(csv.reader(file))[1:])
+    content = Path(path).read_bytes()
+    if content.startswith(b"PAR1"):
+        import polars as pl
+
+        return tuple(Refusal(*row[1:]) for row in pl.read_parquet(path).rows())
+    if content.startswith(b"{"):
+        return tuple(Refusal(**cause) for cause in json.loads(content)[MARK])
+    if content.startswith(b"PK"):
+        with zipfile.ZipFile(path) as archive:
+            content = archive.read(f"{MARK}.csv")
+    rows = list(csv.reader(io.StringIO(content.decode("utf-8"), newline="")))
+    return tuple(Refusal(*row[1:]) for row in rows[1:])
 
 
 def check_not_refused(path: Path) -> None:
-    """If a file is a refusal record, raise its reason as an InputError."""
+    """If a file is a refusal, raise its reason as an InputError."""
     for refusal in read_refusals(path):
         who = f"trial {refusal.trial}: " if refusal.trial else ""
         raise InputError(f"{path}: there is no result: {who}{refusal.reason}; {refusal.remedy}")
@@ -95,7 +142,7 @@ def refused_trials(refusals: Sequence[Refusal]) -> dict[str, Refusal]:
 def refusal_report(
     records: Collection[Path | str], recordings: Mapping[str, Sequence[str]], accept: bool
 ) -> str:
-    """A report on refusal records: a line per cause with trial, file, reason and remedy; further
+    """A report on refusals: a line per cause with trial, file, reason and remedy; further
     missing results; and what to do. Empty without records. `recordings` has the raw files of every
     trial of the campaign."""
     causes = distinct_causes(refusal for record in records for refusal in read_refusals(record))
@@ -124,8 +171,6 @@ def refusal_report(
         lines += [f"  therefore {what}: {listing(lacking, MOST_TOLD)}"] * bool(lacking)
     if accept:
         return "\n".join([*lines, "accepted: `failed_trials: accept` in the configuration"])
-    if all(cause.outcome == "died" for cause in causes):
-        return "\n".join([*lines, "Nothing is to be corrected: run again."])
     return (
         "\n".join(lines)
         + "\nCorrect these and run again. To go on without a trial, give a reason under `exclude`"

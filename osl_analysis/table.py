@@ -107,7 +107,7 @@ def with_places(table: pl.DataFrame, places: Places, by: str = "trial") -> pl.Da
 
 def read_table(path: Path | str, required: Sequence[str] = (), of: str = "") -> pl.DataFrame:
     """A result table of a campaign, such as `results/tables/impedance.csv`; `osl-analysis
-    describe-tables` explains it.
+    results --columns` explains it.
 
     Columns without entries are Float64 null, `TEXT_COLUMNS` are text, and a missing `side` is null.
     The `required` columns must exist and hold numbers, except `TEXT_COLUMNS`. `of` is the table's

@@ -410,16 +410,6 @@ def varies(y: Array) -> bool:
     return bool(len(y)) and float(np.var(y)) > rounding_of(y)
 
 
-def median(values: Array) -> float:
-    """The same as `numpy.median`, in a third of its time, for numbers (n,), n > 0, without NaN. It
-    partitions at one place only: for even n, the other middle number is the largest before that
-    place."""
-    middle, is_even = len(values) // 2, len(values) % 2 == 0
-    selected = np.partition(values, middle)
-    low = np.max(selected[:middle]) if is_even else selected[middle]
-    return float(low + selected[middle]) / 2
-
-
 SHORT = 0.8  # share of the median length, below which a recording is unusually short
 
 
@@ -427,13 +417,13 @@ def unusual(lengths: Array) -> tuple[NDArray[np.bool_], float]:
     """Mask (n,) of recordings whose length is below `SHORT` times the median, or above the median /
     `SHORT`; and the median. None is marked if there are only two, or if fewer than 60 % are within
     10 % of the median."""
-    usual = median(lengths)
+    usual = float(np.median(lengths))
     are_alike = lengths.size > 2 and np.mean(np.abs(lengths / usual - 1) < 0.1) > 0.6
     return ((lengths < SHORT * usual) | (SHORT * lengths > usual)) & are_alike, usual
 
 
 def usual_size(values: Array) -> float:
-    return median(np.abs(values))
+    return float(np.median(np.abs(values)))
 
 
 def rms(values: Array) -> float:

@@ -1,143 +1,205 @@
-"""Tables -> the numbers that a figure plots (CSV) -> the figure; and all that a run made -> the page (report.html)."""
-
-SUFFIXES = ("pdf", "svg", "png")
+"""Tables -> the numbers that a figure plots (CSV) -> the figure; all of it -> `report.html`."""
 
 
-def drawn_names() -> list[str]:
-    """The names of the figures that the campaign's tables give."""
-    tables = {path.stem for path in result_tables()}
-    return [name for name, figure in FIGURES.items() if figure.table in tables]
+localrules:
+    plot_numbers,
+    fig3_numbers,
+    fig7_numbers,
+    walking_page_numbers,
+    over_stance_numbers,
+    draw_figure,
+    captions,
+    report_page,
 
 
-def drawn_files() -> list[Path]:
-    """Every figure of the campaign, in each format, and its numbers; the captions, if there is any."""
-    files = [
-        RESULTS / f"figures/{name}.{suffix}"
-        for name in drawn_names()
-        for suffix in ("csv", *SUFFIXES)
-    ]
-    return [*files, RESULTS / "figures/captions.md"] if files else []
+rule plot_numbers:
+    """What a figure plots that shows one table, or up to three."""
+    input:
+        table=lambda wildcards: f"<results>/tables/{FIGURES[wildcards.figure].table}.csv",
+        evidence=lambda wildcards: evidence_of(FIGURES[wildcards.figure].table),
+        second=table_beside(0),
+        third=table_beside(1),
+    output:
+        "<results>/figures/{figure}.csv",
+    log:
+        "<logs>/figures/{figure}_numbers.log",
+    wildcard_constraints:
+        figure="|".join(figure for figure in FIGURES if figure not in OWN_NUMBERS),
+    params:
+        name="{figure}",
+        option=option,
+        made_by=MADE_BY,
+    run:
+        job("figure.plot_numbers", input, output, params, log)
 
 
-def shown_rows(figure: str) -> list[Path]:
-    """The results of single trials that a figure shows; those that are missing are named below it."""
-    if figure == "fig4":
-        return []  # one trial, without which it is not drawn
-    if figure == "fig7":
-        return rows("phasors", matching(CAMPAIGN, RESPONSE.model_dump() if RESPONSE else {}))
-    return rows_behind(FIGURES[figure].table)
+rule fig3_numbers:
+    """Torque against deflection of the belt, by trial."""
+    input:
+        curves=rows("belt_curves"),
+        table="<results>/tables/belt.csv",
+        summary="<results>/tables/belt_summary.csv",
+        quality=checks(CAMPAIGN.trials("belt")),
+    output:
+        "<results>/figures/fig3.csv",
+    log:
+        "<logs>/figures/fig3_numbers.log",
+    params:
+        excluded=lambda wildcards: excluded(CAMPAIGN.trials("belt")),
+        made_by=MADE_BY,
+    run:
+        job("figure.fig3", input, output, params, log)
 
 
-@step("figure.plot_numbers", "figures/{figure}.csv", "figures/{figure}_numbers")
-def plot_numbers(wildcards):
-    """Most figures show one table; the others are made by a command of their own, from several or from trials."""
-    name = wildcards.figure
-    figure, own, parts = FIGURES[name], f"figure.{name}", {}
-    inputs, settings = {"table": tabled(figure.table)}, {}
-    match name:
-        case "fig3":
-            inputs["summary"] = tabled("belt_summary")
-            parts["read"] = {"curves": rows("belt_curves"), "quality": verdicts_on("belt_curves")}
-        case "fig4":
-            trial = TIME_SERIES["trial"]
-            inputs = {
-                "trial": trial_file(trial),
-                "quality": checked([trial]),
-                "fit": rows("impedance", [trial])[0],
-            }
-            settings = {
-                "settings": CONFIG.dynamometer.part("ImpedanceAnalysis"),
-                "choice": TIME_SERIES,
-            }
-            settings |= {
-                "limits": limits_of("impedance"),
-                "windows": CAMPAIGN.row(trial)["windows"],
-            }
-        case "fig7":
-            parts = PARAMETERS
-            settings = {
-                "weight": setting("gain_weight"),
-                "choice": RESPONSE and RESPONSE.model_dump(mode="json"),
-            }
-        case "walking_page":
-            own, parts["read"] = "figure.plot_walking_page", crossed(perturbed=True)
-            inputs = {
-                "selection": SELECTION,
-                "unperturbed": UNPERTURBED,
-                "table": tabled("walking"),
-            }
-            inputs["responses"] = tabled("walking_responses")
-            settings = {"settings": CONFIG.walking.part("TimingSettings")}
-        case "impedance_over_stance":
-            own, parts = "figure.plot_over_stance", over_stance()
-        case _:
-            own, parts["modules"] = "figure.plot_numbers", (f"figures.{figure.module}",)
-            inputs |= {key: tabled(table) for key, table in zip(("second", "third"), figure.beside)}
-            settings = {"name": name, "option": figure.option and setting(figure.option)}
-    return {"command": own, "input": inputs, "settings": settings, **parts}
+if TIME_SERIES:
+
+    localrules:
+        fig4_numbers,
+
+    rule fig4_numbers:
+        """The last seconds of one impedance trial, measured and modelled."""
+        input:
+            trial=f"<results>/trials/{TIME_SERIES['trial']}.parquet",
+            fit=rows("impedance", [TIME_SERIES["trial"]]),
+            quality=checks([TIME_SERIES["trial"]]),
+        output:
+            "<results>/figures/fig4.csv",
+        log:
+            "<logs>/figures/fig4_numbers.log",
+        params:
+            settings=CONFIG.dynamometer.part("ImpedanceAnalysis"),
+            choice=TIME_SERIES,
+            limits=limits("impedance"),
+            windows=CAMPAIGN.row(TIME_SERIES["trial"])["windows"],
+            excluded=lambda wildcards: excluded([TIME_SERIES["trial"]]),
+            made_by=MADE_BY,
+        run:
+            job("figure.fig4", input, output, params, log)
 
 
-@step("figure.draw_figure", [f"figures/{{figure}}.{suffix}" for suffix in SUFFIXES])
-def draw_figure(wildcards):
-    name, settings = wildcards.figure, {
-        "name": wildcards.figure,
-        "footer": sentence(ABOUT, below_figure=True),
-    }
-    modules = [f"figures.{module}" for module in ("names", "others", FIGURES[name].module)]
-    inputs = {
-        "input": {"table_csv": RESULTS / f"figures/{name}.csv"},
-        "read": {"fitted": shown_rows(name)},
-    }
-    return {"modules": modules, **inputs, "settings": settings}
+rule fig7_numbers:
+    """Measured frequency responses beside the desired one and the linear model."""
+    input:
+        table=f"<results>/tables/{FIGURES['fig7'].table}.csv",
+        parameters=PARAMETERS,
+    output:
+        "<results>/figures/fig7.csv",
+    log:
+        "<logs>/figures/fig7_numbers.log",
+    params:
+        weight=plain(CONFIG.gain_weight),
+        choice=plain(RESPONSE),
+        made_by=MADE_BY,
+    run:
+        job("figure.fig7", input, output, params, log)
 
 
-@step("figure.write_captions", "figures/captions.md")
-def captions(_):
-    tables = {name: RESULTS / f"figures/{name}.csv" for name in drawn_names()}
-    modules = ("figures.names", *sorted({f"figures.{FIGURES[name].module}" for name in tables}))
-    settings = {"tables": tables, "footer": sentence(ABOUT)}
-    read = {"shown": {name: shown_rows(name) for name in tables}}
-    return {
-        "input": {"fitted": list(tables.values())},
-        "read": read,
-        "modules": modules,
-        "settings": settings,
-    }
+rule walking_page_numbers:
+    """Angle and torque of perturbed and unperturbed crossings over time."""
+    input:
+        table="<results>/tables/walking.csv",
+        responses="<results>/tables/walking_responses.csv",
+        selection="<results>/tables/walking_crossings.csv",
+        unperturbed="<results>/fits/unperturbed.parquet",
+        crossings=expand("<results>/crossings/{trial}.parquet", trial=PERTURBED),
+        quality=checks(PERTURBED),
+    output:
+        "<results>/figures/walking_page.csv",
+    log:
+        "<logs>/figures/walking_page_numbers.log",
+    params:
+        settings=CONFIG.walking.part("TimingSettings"),
+        excluded=lambda wildcards: excluded(PERTURBED),
+        made_by=MADE_BY,
+    run:
+        job("figure.plot_walking_page", input, output, params, log)
 
 
-PAGE = {"output": "report.html", "methods_md": "methods.md", "methods_tex": "methods.tex"}
+rule over_stance_numbers:
+    """The identified impedance beside the commanded one over stance."""
+    input:
+        table="<results>/tables/impedance_over_stance.csv",
+        trajectory=TRAJECTORY,
+    output:
+        "<results>/figures/impedance_over_stance.csv",
+    log:
+        "<logs>/figures/impedance_over_stance_numbers.log",
+    params:
+        stance_share=CONFIG.figures.stance_share,
+        data=CAMPAIGN.data,
+        made_by=MADE_BY,
+    run:
+        job("figure.plot_over_stance", input, output, params, log)
 
 
-@step("report.write_report", PAGE, name="report")
-def report_page(_):
-    tables = [*result_tables(), *[tabled("walking_responses")] * bool(WALKED)]
-    drawn = [RESULTS / f"figures/{name}.svg" for name in drawn_names()]
-    ends = {
-        "verdicts": tabled("quality"),
-        **{name: tabled(name) for name in ("excluded", "findings")},
-    }
-    ends |= {"states": tabled("settings")}
-    ends |= {"summary": RESULTS / "summary.json"}
-    ends |= {"captions": RESULTS / "figures/captions.md"} if drawn else {}
-    shown = {
-        "tables": tables,
-        "figures": drawn,
-        "series": rows("series"),
-        "crossings": crossings(WALKED),
-    }
-    shown["trials"] = [trial_file(trial) for trial in CAMPAIGN.trials()]
-    told = {
-        name: setting(name)
-        for name in ("dynamometer", "actuator", "torque_angle", "walking", "overground")
-    }
-    settings = {"about": ABOUT, "settings": told}
-    settings |= {"sheet": CAMPAIGN.rows | CAMPAIGN.unused, "unnamed": UNNAMED}
-    inputs = {
-        "input": {"tables": tables, "figures": drawn, **ends},
-        "made_of": sorted(TEMPLATES.iterdir()),
-    }
-    return {
-        **inputs,
-        "read": {name: by_stem(files) for name, files in shown.items()},
-        "settings": settings,
-    }
+rule draw_figure:
+    """The figure as PDF, SVG and PNG, or a page that says why it is not drawn."""
+    input:
+        table_csv="<results>/figures/{figure}.csv",
+        fitted=lambda wildcards: shown(wildcards.figure),
+    output:
+        "<results>/figures/{figure}.pdf",
+        report("<results>/figures/{figure}.svg", category="Figures"),
+        "<results>/figures/{figure}.png",
+    log:
+        "<logs>/figures/{figure}.log",
+    params:
+        name="{figure}",
+        footer=sentence(ABOUT, below_figure=True),
+        made_by=MADE_BY,
+    run:
+        job("figure.draw_figure", input, output, params, log)
+
+
+rule captions:
+    """A caption for each figure, or why it is not drawn."""
+    input:
+        fitted=[
+            *expand("<results>/figures/{figure}.csv", figure=FIGURE_NAMES),
+            *(file for figure in FIGURE_NAMES for file in shown(figure)),
+        ],
+    output:
+        "<results>/figures/captions.md",
+    log:
+        "<logs>/figures/captions.log",
+    params:
+        tables={figure: place(f"<results>/figures/{figure}.csv") for figure in FIGURE_NAMES},
+        shown={figure: [place(file) for file in shown(figure)] for figure in FIGURE_NAMES},
+        footer=sentence(ABOUT),
+        made_by=MADE_BY,
+    run:
+        job("figure.write_captions", input, output, params, log)
+
+
+rule report_page:
+    """The page of the run: every number, figure and trial; and the text of its methods."""
+    input:
+        trials=expand("<results>/trials/{trial}.parquet", trial=TRIALS),
+        series=rows("series"),
+        crossings=expand("<results>/crossings/{trial}.parquet", trial=list(WALKED)),
+        tables=TABLES + (["<results>/tables/walking_responses.csv"] if WALKED else []),
+        figures=expand("<results>/figures/{figure}.svg", figure=FIGURE_NAMES),
+        numbers=expand("<results>/figures/{figure}.csv", figure=FIGURE_NAMES),
+        captions=CAPTIONS,
+        verdicts=QUALITY,
+        excluded="<results>/tables/excluded.csv",
+        findings="<results>/tables/findings.csv",
+        states="<results>/tables/settings.csv",
+        summary="<results>/summary.json",
+    output:
+        output="<results>/report.html",
+        methods_md="<results>/methods.md",
+        methods_tex="<results>/methods.tex",
+    log:
+        "<logs>/report.log",
+    params:
+        about=ABOUT,
+        settings={
+            name: plain(getattr(CONFIG, name))
+            for name in ("dynamometer", "actuator", "torque_angle", "walking", "overground")
+        },
+        sheet={**CAMPAIGN.rows, **CAMPAIGN.unused},
+        unnamed=UNNAMED,
+        made_by=MADE_BY,
+    run:
+        job("report.write_report", input, output, params, log)

@@ -1,132 +1,212 @@
-"""Ankle impedance of a walking person, from perturbed and unperturbed crossings (Fig. 9)."""
+"""Ankle impedance of a walking person, from perturbed and unperturbed crossings (Fig. 9).
 
-WALKED = {trial: PLACES[trial] for trial in CAMPAIGN.trials("walking")}
-"""Joint and side of every crossing."""
-SELECTION = tabled("walking_crossings")
-PLATE, PLATFORM, UNPERTURBED = (
-    RESULTS / f"fits/{n}" for n in ("plate.json", "platform.json", "unperturbed.parquet")
-)
+And the ankle moment of overground gait.
+"""
 
 
-def calibration(static: str) -> Path:
-    """The calibration by a static trial."""
-    return RESULTS / f"fits/calibration/{static}.json"
+localrules:
+    calibrate_markers,
+    identify_plate,
+    measure_platform,
+    select_crossings,
+    average_unperturbed,
+    summarise_walking,
+    tabulate_over_stance,
 
 
-def crossings(trials) -> list[Path]:
-    """The analysed crossings of these trials."""
-    return [RESULTS / f"crossings/{trial}.parquet" for trial in trials]
+rule calibrate_markers:
+    """Marker clusters, ankle centre and axis of a static trial."""
+    input:
+        trial="<results>/trials/{static}.parquet",
+        quality=lambda wildcards: checks([wildcards.static]),
+    output:
+        "<results>/fits/calibration/{static}.json",
+    log:
+        "<logs>/calibration/{static}.log",
+    wildcard_constraints:
+        static=CAMPAIGN.pattern("static"),
+    params:
+        settings=lambda wildcards: CAMPAIGN.calibration_settings(wildcards.static),
+        excluded=lambda wildcards: excluded([wildcards.static]),
+        made_by=MADE_BY,
+    run:
+        job("walking.calibrate", input, output, params, log)
 
 
-def crossed(perturbed: bool) -> dict[str, list[Path]]:
-    """The analysed crossings that are perturbed, or those that are not, and the verdicts on them."""
-    trials = CAMPAIGN.crossings(perturbed)
-    return {"crossings": crossings(trials), "quality": checked(trials)}
+rule identify_plate:
+    """Inertia and lag of the force plate, from trials of the unloaded plate."""
+    input:
+        trials=expand("<results>/trials/{trial}.parquet", trial=PLATE_TRIALS),
+        calibrations=calibrations(PLATE_TRIALS),
+        quality=checks(PLATE_TRIALS),
+    output:
+        output="<results>/fits/plate.json",
+        comparison="<results>/tables/plate.csv",
+    log:
+        "<logs>/walking/plate.log",
+    params:
+        statics=statics(PLATE_TRIALS),
+        settings=CONFIG.walking.part("PlateModelSettings"),
+        excluded=lambda wildcards: excluded(PLATE_TRIALS),
+        made_by=MADE_BY,
+    run:
+        job("walking.identify_plate", input, output, params, log)
 
 
-def of_crossings(trials, **settings) -> dict[str, dict[str, object]]:
-    """The ingested crossings and their calibrations, and the verdicts on them, as parts of a job."""
-    statics = {trial: CAMPAIGN.static(trial) for trial in trials if CAMPAIGN.statics}
-    calibrations = [calibration(static) for static in dict.fromkeys(statics.values())]
-    inputs = {"trials": [trial_file(trial) for trial in trials], "calibrations": calibrations}
-    return {
-        "input": inputs,
-        "read": {"quality": checked(trials)},
-        "settings": {**settings, "statics": statics},
-    }
+rule measure_platform:
+    """The motion that the platform's perturbations share."""
+    input:
+        trials=expand("<results>/trials/{trial}.parquet", trial=PERTURBED),
+        calibrations=calibrations(PERTURBED),
+        quality=checks(PERTURBED),
+    output:
+        output="<results>/fits/platform.json",
+        comparison="<results>/tables/platform.csv",
+    log:
+        "<logs>/walking/platform.log",
+    params:
+        statics=statics(PERTURBED),
+        settings=CONFIG.walking.part("CrossingSettings"),
+        places=WALKED,
+        excluded=lambda wildcards: excluded(PERTURBED),
+        made_by=MADE_BY,
+    run:
+        job("walking.measure_platform", input, output, params, log)
 
 
-@step(
-    "walking.calibrate",
-    calibration("{static}"),
-    "calibration/{static}",
-    static=CAMPAIGN.pattern("static"),
-)
-def calibrate_markers(wildcards):
-    static = wildcards.static
-    inputs, settings = {"trial": trial_file(static)}, {
-        "settings": CAMPAIGN.calibration_settings(static)
-    }
-    return {"input": inputs, "read": {"quality": checked([static])}, "settings": settings}
+rule analyse_crossing:
+    """Ankle angle and torque over the stance of one crossing."""
+    input:
+        trial="<results>/trials/{trial}.parquet",
+        calibration=calibration_of_crossing,
+        plate=[] if CONFIG.walking.by_log else "<results>/fits/plate.json",
+        platform=[] if CONFIG.walking.by_log else "<results>/fits/platform.json",
+    output:
+        "<results>/crossings/{trial}.parquet",
+    log:
+        "<logs>/crossings/{trial}.log",
+    params:
+        settings=CONFIG.walking.part("CrossingSettings"),
+        perturbed=cell("perturbed"),
+        direction=cell("direction"),
+        body_mass_kg=cell("body_mass_kg"),
+        windows=cell("windows"),
+        made_by=MADE_BY,
+    run:
+        job("walking.analyse", input, output, params, log)
 
 
-UNLOADED = of_crossings(CAMPAIGN.plate_trials(), settings=CONFIG.walking.part("PlateModelSettings"))
-single(
-    "walking.identify_plate",
-    {"output": PLATE, "comparison": tabled("plate")},
-    "walking/plate",
-    UNLOADED,
-)
-TURNING = {"settings": CONFIG.walking.part("CrossingSettings"), "places": WALKED}
-TURNING = of_crossings(CAMPAIGN.crossings(perturbed=True), **TURNING)
-single(
-    "walking.measure_platform",
-    {"output": PLATFORM, "comparison": tabled("platform")},
-    "walking/platform",
-    TURNING,
-)
+rule select_crossings:
+    """Which crossings are used, and why the others are not."""
+    input:
+        crossings=expand("<results>/crossings/{trial}.parquet", trial=list(WALKED)),
+        quality=checks(list(WALKED)),
+    output:
+        "<results>/tables/walking_crossings.csv",
+    log:
+        "<logs>/walking/selection.log",
+    params:
+        settings=CONFIG.walking.part("SelectionSettings"),
+        sheet=CAMPAIGN.conditions(),
+        places=WALKED,
+        excluded=lambda wildcards: excluded(WALKED),
+        made_by=MADE_BY,
+    run:
+        job("walking.select_crossings", input, output, params, log)
 
 
-@step("walking.analyse", "crossings/{trial}.parquet")
-def analyse_crossing(wildcards):
-    trial, row, by_log = wildcards.trial, CAMPAIGN.row(wildcards.trial), CONFIG.walking.by_log
-    stated = {
-        column: row[column] for column in ("perturbed", "direction", "body_mass_kg", "windows")
-    }
-    stated |= {"calibration": None, "plate": None} if by_log else {}
-    inputs = {
-        "trial": trial_file(trial),
-        **({} if by_log else {"plate": PLATE, "platform": PLATFORM}),
-    }
-    inputs |= {} if by_log else {"calibration": calibration(CAMPAIGN.static(trial))}
-    return {
-        "input": inputs,
-        "settings": {"settings": CONFIG.walking.part("CrossingSettings"), **stated},
-    }
+rule average_unperturbed:
+    """The mean unperturbed gait of each group."""
+    input:
+        crossings=expand("<results>/crossings/{trial}.parquet", trial=UNPERTURBED),
+        selection="<results>/tables/walking_crossings.csv",
+        quality=checks(UNPERTURBED),
+    output:
+        "<results>/fits/unperturbed.parquet",
+    log:
+        "<logs>/walking/unperturbed.log",
+    params:
+        fewest=CONFIG.walking.fewest_unperturbed,
+        excluded=lambda wildcards: excluded(UNPERTURBED),
+        made_by=MADE_BY,
+    run:
+        job("walking.average_unperturbed", input, output, params, log)
 
 
-IN_SHEET = {"sheet": CAMPAIGN.conditions(), "places": WALKED}
-ANALYSED = {"input": {"crossings": crossings(WALKED)}, "read": {"quality": checked(WALKED)}}
-ANALYSED["settings"] = {**IN_SHEET, "settings": CONFIG.walking.part("SelectionSettings")}
-single("walking.select_crossings", SELECTION, "walking/selection", ANALYSED)
-STEADY = {"input": {"selection": SELECTION}, "read": crossed(perturbed=False)}
-STEADY["settings"] = {"fewest": CONFIG.walking.fewest_unperturbed}
-single("walking.average_unperturbed", UNPERTURBED, "walking/unperturbed", STEADY)
+rule fit_perturbation:
+    """K, B, I of one perturbed crossing."""
+    input:
+        crossing="<results>/crossings/{trial}.parquet",
+        selection="<results>/tables/walking_crossings.csv",
+        unperturbed="<results>/fits/unperturbed.parquet",
+    output:
+        "<results>/fits/walking/{trial}.csv",
+    log:
+        "<logs>/walking/{trial}.log",
+    params:
+        settings=CONFIG.walking.part("ResponseSettings"),
+        made_by=MADE_BY,
+    run:
+        job("walking.fit_perturbation", input, output, params, log)
 
 
-@step("walking.fit_perturbation", "fits/walking/{trial}.csv", "walking/{trial}")
-def fit_perturbation(wildcards):
-    inputs = {"crossing": crossings([wildcards.trial])[0], "unperturbed": UNPERTURBED}
-    settings = {"settings": CONFIG.walking.part("ResponseSettings")}
-    return {"input": inputs, "read": {"selection": SELECTION}, "settings": settings}
+rule summarise_walking:
+    """K, B, I of each group of perturbations, and their responses."""
+    input:
+        table="<results>/tables/walking.csv",
+        crossings=expand("<results>/crossings/{trial}.parquet", trial=PERTURBED),
+        selection="<results>/tables/walking_crossings.csv",
+        unperturbed="<results>/fits/unperturbed.parquet",
+        quality=checks(PERTURBED),
+    output:
+        output="<results>/tables/walking_summary.csv",
+        responses="<results>/tables/walking_responses.csv",
+        excluded="<results>/tables/walking_excluded.csv",
+        groups="<results>/tables/walking_groups.csv",
+        sensitivity="<results>/tables/walking_sensitivity.csv",
+    log:
+        "<logs>/walking/summary.log",
+    params:
+        settings=CONFIG.walking.part("EnsembleSettings"),
+        limits=limits("walking_groups"),
+        sheet=CAMPAIGN.conditions(),
+        places=WALKED,
+        excluded=lambda wildcards: excluded(PERTURBED),
+        made_by=MADE_BY,
+    run:
+        job("walking.summarise_perturbations", input, output, params, log)
 
 
-SUMMARIES = {
-    name: tabled(f"walking_{name}") for name in ("responses", "excluded", "groups", "sensitivity")
-}
-SUMMARIES["output"] = tabled("walking_summary")
+rule tabulate_over_stance:
+    """The identified impedance beside the commanded one over stance."""
+    input:
+        summary="<results>/tables/walking_summary.csv",
+        groups="<results>/tables/walking_groups.csv",
+        trajectory=TRAJECTORY,
+    output:
+        "<results>/tables/impedance_over_stance.csv",
+    log:
+        "<logs>/walking/over_stance.log",
+    params:
+        stance_share=CONFIG.figures.stance_share,
+        data=CAMPAIGN.data,
+        made_by=MADE_BY,
+    run:
+        job("walking.tabulate_over_stance", input, output, params, log)
 
 
-@step("walking.summarise_perturbations", SUMMARIES, "walking/summary")
-def summarise_walking(_):
-    settings = {**IN_SHEET, "limits": limits_of("walking_groups")}
-    settings["settings"] = CONFIG.walking.part("EnsembleSettings")
-    inputs = {"table": tabled("walking"), "selection": SELECTION, "unperturbed": UNPERTURBED}
-    return {"input": inputs, "read": crossed(perturbed=True), "settings": settings}
-
-
-def over_stance() -> dict[str, dict[str, object]]:
-    """File and settings of what shows the commanded impedance over stance, if there is one."""
-    trajectory = [CONFIG.impedance_trajectory] if CONFIG.impedance_trajectory else []
-    settings = {"stance_share": CONFIG.figures.stance_share, "data": CAMPAIGN.data}
-    return {"files": {"trajectory": trajectory}, "settings": settings}
-
-
-STANCE = {
-    "input": {"summary": tabled("walking_summary"), "groups": tabled("walking_groups")},
-    **over_stance(),
-}
-OVER_STANCE = "impedance_over_stance"
-single(
-    "walking.tabulate_over_stance", tabled(OVER_STANCE), "walking/over_stance", STANCE, OVER_STANCE
-)
+rule compare_ankle_moment:
+    """The ankle moment of an overground trial beside that of the laboratory."""
+    input:
+        trial="<results>/trials/{trial}.parquet",
+    output:
+        ankle_moment="<results>/fits/ankle_moment/{trial}.csv",
+        others="<results>/fits/ankle_moment/{trial}.zip",
+    log:
+        "<logs>/overground/{trial}.log",
+    params:
+        settings=CONFIG.overground.part("OvergroundAnalysis"),
+        condition=cells("body_mass_kg"),
+        made_by=MADE_BY,
+    run:
+        job("walking.compare_ankle_moment", input, output, params, log)

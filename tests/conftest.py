@@ -4,7 +4,6 @@ hand."""
 import gc
 import os
 import sys
-from fnmatch import fnmatch
 from pathlib import Path
 
 # One thread per process, as in the jobs of a campaign, before numpy is imported: the tests
@@ -21,7 +20,7 @@ import numpy as np
 import polars as pl
 import pytest
 from hypothesis import settings
-from kernels import NUMERICAL
+from kernels import is_numerical
 from xdist.remote import Producer
 from xdist.scheduler import LoadScopeScheduling
 
@@ -75,8 +74,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             LONGEST.index(item.path.stem) if item.path.stem in LONGEST else len(LONGEST)
         )
     )
+    numerical = {path for path in {item.path for item in items} if is_numerical(path)}
     for item in items:
-        if any(fnmatch(item.path.stem, pattern) for pattern in NUMERICAL):
+        if item.path in numerical:
             item.add_marker(pytest.mark.numerics)
     # what collecting has made stays, and looking through it again and again takes a tenth of a run
     gc.freeze()
@@ -100,13 +100,6 @@ def without_witness(monkeypatch: pytest.MonkeyPatch) -> None:
     fit."""
     unheard = no_witness() | {"VAF_in_band": None}
     monkeypatch.setattr("osl_analysis.bench.impedance.witness_row", lambda *_, **__: unheard)
-
-
-@pytest.fixture
-def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of tests of addresses and values: a fork takes longer than what it reads."""
-    for module in ("mat", "binary_table"):
-        monkeypatch.setattr(f"osl_analysis.formats.{module}.isolated", lambda work: work())
 
 
 def multisine(

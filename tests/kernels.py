@@ -1,6 +1,10 @@
 """Kernels of OpenBLAS differ by processor in rounding: an exact fit leaves 1e-16 with one and may
-leave 0 with another. `make test-kernels` runs the tests of `NUMERICAL` with those of two other
-processors, which run on any recent x86."""
+leave 0 with another.
+
+`make test-kernels` runs the tests with the marker `numerics` with those of two other processors,
+which run on any recent x86. `is_numerical` says which modules have it: every module that uses a
+fit, unless `LEFT_OUT` names it.
+"""
 
 import ctypes
 import re
@@ -9,17 +13,30 @@ from pathlib import Path
 import numpy as np
 import scipy.linalg
 
-NUMERICAL = (
-    "test_bench_[abdeimnprst]*", "test_degenerate", "test_drivetrain", "test_kernels",
-    "test_signals", "test_spectral*", "test_stats_re*",
-    "test_walking_bodies", "test_walking_response",
-    "test_walking_plate*", "test_walking_response",
-)  # fmt: skip
-"""Modules of tests, as patterns, whose results are floating-point numbers of fits. They have the
-marker `numerics`.
-
-Long simulations of coverage are not among them: two more runs take three minutes at most."""
+COMPUTING = "bench|model|signals|spectral|stats|walking"
+USES_A_FIT = re.compile(
+    rf"^\s*(?:from|import) osl_analysis\.(?:{COMPUTING})\b(?!\.settings)", re.MULTILINE
+)
+"""An import from a package that computes, other than of its settings."""
+LEFT_OUT = {
+    "test_config": "of a model it reads the settings",
+    "test_ingest_csv_log": "of the signals it asks for devices",
+    "test_journeys": "campaigns from file to page, whose fits other modules test",
+    "test_quality": "counts and extremes, which no kernel computes",
+    "test_refusal": "messages",
+    "test_report": "pages and figures of fits that other modules test",
+    "test_sheet": "of a model it reads names",
+    "test_simulator_bench": "a simulator, which fits nothing",
+    "test_simulator_laboratory": "a simulator, which fits nothing",
+    "test_walking_perturbed_by": "whole campaigns, whose fits test_walking_response tests",
+}
+"""Modules that import from such a package and compare no estimate; each with its reason."""
 NAMES = ("scipy_openblas_get_corename64_", "scipy_openblas_get_corename", "openblas_get_corename")
+
+
+def is_numerical(module: Path) -> bool:
+    """Whether a module of tests compares results of fits."""
+    return module.stem not in LEFT_OUT and bool(USES_A_FIT.search(module.read_text("utf-8")))
 
 
 def loaded_kernels() -> dict[str, str]:

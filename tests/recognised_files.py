@@ -9,14 +9,15 @@ from typing import Any
 import pytest
 
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.raw_files import FORMATS, recognise
-from osl_analysis.ingest.source import Recording
+from osl_analysis.formats import recognise
+from osl_analysis.ingest.conversion import Converted
+from osl_analysis.ingest.raw_files import read_converted
 
 
-def read_recognised(path: Path, **described: Any) -> Recording:
+def read_recognised(path: Path, **described: Any) -> Converted:
     """The canonical columns of a file or folder; `described` are the fields of its source file."""
-    known = FORMATS[name := recognise(path)]
-    return known.read(path, known.source.model_validate({"format": name, **described}))
+    known = recognise(path)
+    return read_converted(path, known.source.model_validate({"format": known.name, **described}))
 
 
 def refusal_by(read: Callable[..., object], path: Path, *given: object, **stated: object) -> str:

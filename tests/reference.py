@@ -1,25 +1,21 @@
-"""What the last commit left, right or not, so that nothing changes unnoticed. reference_numbers.csv
-has a row for each headline, table, figure and text of two small campaigns; reference_requests.csv
-one for each rule of planned campaigns: what its jobs are given and wait for. `python
-tests/reference.py` writes both anew; the commit shows what changed."""
+"""Numbers that the last commit left, right or not, so that none changes unnoticed.
+
+reference_numbers.csv has a row for each headline, table, figure and text of two small campaigns.
+`python tests/reference.py` writes it anew; the commit shows what changed.
+"""
 
 import json
 import re
 import sys
-from hashlib import sha256
-from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from zlib import crc32
 
 import numpy as np
 import polars as pl
-import yaml
 
 HERE = Path(__file__).parent
-NUMBERS, REQUESTS = HERE / "reference_numbers.csv", HERE / "reference_requests.csv"
-SHEET = (HERE / "planned_trials.csv").read_text().splitlines(keepends=True)
-PLANNED = yaml.safe_load((HERE / "planned_campaigns.yaml").read_text())
+NUMBERS = HERE / "reference_numbers.csv"
 TABLES = ("tables/*.csv", "figures/*.csv", "trials/*.parquet", "crossings/*.parquet")
 TEXTS = ("figures/*.svg", "figures/captions.md", "report.html", "numbers.tex")
 NUMBER = re.compile(r"(?<![\d.])-?\d+\.\d+(?![\d.])")
@@ -115,44 +111,11 @@ def changed(campaign: str, results: Path) -> list[str]:
     )
 
 
-def requests_of(space, campaign: str) -> set[tuple[str, ...]]:
-    """Campaign, rule, how many jobs, and the first digits of the SHA-256 of what they wait for, are
-    given, and set."""
-    changes, trials = PLANNED[campaign].values()
-    (space.folder / "trials.csv").write_text("".join(row for row in SHEET if re.match(trials, row)))
-    (space.folder / "raw").mkdir(exist_ok=True)
-    space.configure(changes)
-    jobs: dict[str, list[tuple[str, ...]]] = {}
-    planned = space.run("-n", "reproduce-all", "--quiet", "host").stdout
-    for rule, waits in re.findall(r"^rule (\S+):\n    input: (.*)$", planned, re.MULTILINE):
-        request = next(
-            (Path(file) for file in waits.split(", ") if file.endswith("job.json")), None
-        )
-        waits = waits.replace(f"{space.folder}/planned/", "results/requests/")
-        given = json.loads(request.read_text()) if request else {}
-        settings, _ = given.pop("settings", {}), given.pop("code", "")
-        given |= {name: sorted(given[name]) for name in ("made_of", "recorded") if name in given}
-        parts = (
-            json.dumps(part).replace(version("osl-analysis"), "")
-            for part in (waits, given, settings)
-        )
-        jobs.setdefault(rule, []).append(tuple(parts))
-    assert jobs, planned
-    digests = {
-        rule: (
-            sha256("".join(sorted(part)).encode()).hexdigest()[:8]
-            for part in zip(*each, strict=True)
-        )
-        for rule, each in jobs.items()
-    }
-    return {(campaign, rule, str(len(jobs[rule])), *digest) for rule, digest in digests.items()}
-
-
 if __name__ == "__main__":
     sys.path.insert(0, str(HERE.parent))
     from test_workflow import CAMPAIGNS, MADE, Workspace
 
-    rows, jobs = [], []
+    rows = []
     for campaign, settings in CAMPAIGNS.items():
         with TemporaryDirectory() as folder:
             space = Workspace(Path(folder), settings)
@@ -163,10 +126,4 @@ if __name__ == "__main__":
             for place, each in every.items()
         }
         rows += [(campaign, *item) for item in texts.items()]
-    for campaign in PLANNED:
-        with TemporaryDirectory() as folder:
-            jobs += sorted(requests_of(Workspace(Path(folder)), campaign))
     pl.DataFrame(rows, ["campaign", "place", "numbers"], orient="row").write_csv(NUMBERS)
-    pl.DataFrame(
-        jobs, ["campaign", "rule", "jobs", "waits_for", "given", "settings"], orient="row"
-    ).write_csv(REQUESTS)

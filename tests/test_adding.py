@@ -1,4 +1,4 @@
-"""A new experiment: a toy of one file of its own and four entries goes through all of a copy of the
+"""A new experiment: a toy of one file of its own and five entries goes through all of a copy of the
 project."""
 
 import json
@@ -50,6 +50,24 @@ def fit_holding_trial(trial: Trial, settings: FilterSettings) -> Mapping[str, pl
 
 def summarise_holding(table: Path, output: Path) -> None:
     write_table(read_table(table).select(pl.col("mean_torque").mean()), output)
+
+
+""",
+    ),
+    "rules/bench.smk": (
+        "rule fit_belt:",
+        """rule fit_holding:
+    input:
+        trial="<results>/trials/{trial}.parquet",
+    output:
+        holding="<results>/fits/holding/{trial}.csv",
+    params:
+        settings=CONFIG.dynamometer.part("FilterSettings"),
+        made_by=MADE_BY,
+    log:
+        "<logs>/holding/{trial}.log",
+    run:
+        job("bench.fit_holding_trial", input, output, params, log)
 
 
 """,
@@ -126,10 +144,11 @@ from osl_analysis.notebook import asked, fit_trial
 
 trial, ours = "results/trials/holding_2.parquet", Path("config.yaml")
 bench = WatchedBench(ours, None, Path())
-fit = [CliRunner().invoke(main, ["fit", trial, "--model", "holding", "--config", "config.yaml", *more]).output
-       for more in ([], ["--json"])]
+command = ["fit", trial, "--model", "holding", "--config", "config.yaml"]
+fit = [CliRunner().invoke(main, [*command, *more]).output for more in ([], ["--json"])]
 watched = recording_line(Path("holding_2.csv"), Path(), bench)[0]
-print(json.dumps([*first_look(Path()), *fit, watched, repr(fit_trial(*asked("holding", trial, ours, None)))]))
+fitted = fit_trial(*asked("holding", trial, ours, None))
+print(json.dumps([*first_look(Path()), *fit, watched, repr(fitted)]))
 """
 
 

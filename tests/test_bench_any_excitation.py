@@ -1104,7 +1104,8 @@ def up_and_down(time, within_s):
     (lambda t: 0 * t, r"trial made: the joint does not move: theta turns by 0 deg in all"),
     (
         lambda t: np.deg2rad(4) * np.sin(2 * np.pi * 1.7 * t) * (t > 2) * (t < 2 + 40 / 1.7),
-        r"K and I cannot .* sines of 4 deg are of 1\.7 Hz alone.*below 0\.85 Hz or from 3\.4 Hz is missing",
+        r"K and I cannot .* sines of 4 deg are of 1\.7 Hz alone"
+        r".*below 0\.85 Hz or from 3\.4 Hz is missing",
     ),
 ])  # fmt: skip
 def test_a_motion_that_cannot_tell_is_refused_with_what_is_missing(angle, words):

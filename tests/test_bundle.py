@@ -17,8 +17,8 @@ from osl_analysis.campaign.campaign import open_campaign
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.cli import main
 from osl_analysis.commands.bundle import copy_inputs, write_bundle
+from osl_analysis.commands.new_campaign import new_campaign
 from osl_analysis.commands.simulate import check_folder
-from osl_analysis.commands.trials import new_campaign
 from osl_analysis.errors import InputError
 from osl_analysis.files import CAMPAIGN
 
@@ -83,17 +83,21 @@ from pathlib import Path
 import rocrate
 
 context = json.loads((Path(rocrate.__file__).parent / "data/ro-crate.jsonld").read_text())
-context["@context"]["ComputationalWorkflow"] = "https://bioschemas.org/ComputationalWorkflow"  # of version 1.1
+of_version_1_1 = "https://bioschemas.org/ComputationalWorkflow"
+context["@context"]["ComputationalWorkflow"] = of_version_1_1
 names = ("shared.jsonld.util", "shared.jsonld.context", "parsers.jsonld")
 modules = [import_module(f"rdflib.plugins.{name}") for name in names]
 read = modules[0].source_to_json
+def without_network(at, *a, **k):
+    return (context, None) if str(at).startswith("http") else read(at, *a, **k)
 for module in modules:
-    module.source_to_json = lambda at, *a, **k: (context, None) if str(at).startswith("http") else read(at, *a, **k)
+    module.source_to_json = without_network
 from rocrate_validator import models, services
 
 asked = services.ValidationSettings(rocrate_uri=sys.argv[1], profile_identifier=sys.argv[2])
 asked.requirement_severity = models.Severity.REQUIRED
-print(json.dumps([(one.check.identifier, str(one.message)) for one in services.validate(asked).get_issues()]))
+issues = services.validate(asked).get_issues()
+print(json.dumps([(one.check.identifier, str(one.message)) for one in issues]))
 """
 """The validator with the context of RO-Crate from the library, in place of the network."""
 

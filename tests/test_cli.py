@@ -21,14 +21,14 @@ import yaml
 from click.testing import CliRunner
 from conftest import ROOT
 
+from osl_analysis import memory
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.cli import main
 from osl_analysis.commands import simulate as simulate_command
 from osl_analysis.commands.figure import draw_table
 from osl_analysis.errors import InputError, MemoryLimitError
 from osl_analysis.files import atomic_path
-from osl_analysis.jobs import memory
-from osl_analysis.jobs.memory import limited_memory
+from osl_analysis.memory import limited_memory
 from osl_analysis.table import write_table
 from osl_analysis.trial import Trial, write_trial
 
@@ -207,11 +207,10 @@ MISTAKES = {
     r"no\.yaml: no such file": (*GAINS, "--parameters", "no.yaml"),
     r"osl-analysis init FOLDER --from \.`": ("fit", "README.md"),
     "did you mean 'profiles/slurm'": ("run", "--workflow-profile", "profiles/slrm"),
-    "nowhere: no such folder": ("describe-tables", "--output", "nowhere/page.md"),
-    r"no\.csv: no such file; correct its name": ("inspect", "no.csv"),
+    "nowhere: no such folder": ("inspect", SYNTHETIC, "--draft", "nowhere/s.yaml"),
     r"no\.mcap: no such file; corr": ("ingest", "--log", "no.mcap", "--log-source", "leg",
     "--output", "no.parquet"),
-    "nowhere: no such folder; correct its name": ("samples", "nowhere"),
+    "nowhere: no such file or folder; correct its name": ("inspect", "nowhere"),
     r"\\x1b\[31mred: no such trial": ("fit", "\x1b[31mred"),
     r"o\\udcff\.csv: its name is not UTF-8; choose another name": (*GAINS, "--output",
     os.fsdecode(b"o\xff.csv")),
@@ -230,12 +229,15 @@ UNFIT = {
     "--mocap and --mocap-source go": ("ingest", "--mocap-source", "vicon", "--output", "x.parquet"),
     "give --log, --mocap or both": ("ingest", "--output", "x.parquet"),
     "Missing option '--output'": ("ingest", "--log", "x.csv"),
+    "Missing option '--to'. Choose from: mjcf, json": ("export", "--output", "x.xml"),
     "both.csv would be overwritten": (*GAINS, "--output", "both.csv", "--plot", "both.csv"),
     "a.csv would be overwritten": (*GAINS, "--output", "a.csv", "--parameters", "a.csv"),
     "`ingest` writes .parquet files": ("ingest", "--log", "a.csv", "--log-source", "s", "--output",
     "s.yaml"),
-    "`samples` writes .md files": ("samples", ".", "--output", "s.csv"),
-    "`describe-tables` writes .md files": ("describe-tables", "--output", "t.txt"),
+    "`osl-analysis inspect FOLDER` lists the recordings in a folder": ("samples", "."),
+    "`osl-analysis results --columns` prints": ("describe-tables", "--output", "t.md"),
+    "run `python benchmarks/peers/score.py ANSWERS`": ("score", "a.csv"),
+    "--draft describes one recording": ("inspect", ".", "--draft", "s.yaml"),
     "`design` writes .csv": ("design", "--write", "m.txt"), "`gains` writes .csv": (*GAINS,
     "--output", "x.txt"),
     "a.csv would be overwritten while": ("fit", "a.csv", "--plot", "../{}/a.csv"),
@@ -291,19 +293,17 @@ PRINTED = {
         "no first look: config": ("doctor", "--look"),
     r"^ +phase +K_d(.*\n){6}": ("gains", "--trajectory", SYNTHETIC),
     r"K_d .*\n +100 .*\n +2": of_gains("100,200", 5),
-    r"^\| file \| format (.*\n){2}\| desr/trials.csv \|": ("samples", "config/campaigns"),
+    r"(?m)^desr/trials\.csv: refused: no table of numbers": ("inspect", "config/campaigns"),
+    r"(?m)^K_s +N\*m/rad +stiffness of the belt": ("results", "--columns"),
 }  # fmt: skip
 
 
 def test_a_command_prints_or_writes_what_it_is_asked_for_with_what_its_options_say(
     folder, tmp_path, monkeypatch
 ):
-    config, page, seen = folder / "config.yaml", tmp_path / "page.md", []
+    config, seen = folder / "config.yaml", []
     for said, command in PRINTED.items():
         assert re.search(said, call(*command).stdout), command
-    for command in (("describe-tables",), ("samples", "config/campaigns")):
-        assert call(*command, "--output", page).stdout == f"wrote {page}\n"
-        assert f"`osl-analysis {' '.join(command)} --output {page}`" in page.read_text()
     assert (
         "with config.yaml, simulation.yaml, sources/"
         in call("init", tmp_path / "example", "--example").stdout
@@ -391,7 +391,7 @@ def test_an_odd_name_never_reaches_the_terminal_as_it_is_and_one_that_takes_no_o
     assert seen.exit_code == 0, seen.output
     assert {sign for sign in seen.output if not sign.isprintable()} == {"\n"}
     with Path("/dev/full").open("w") as full:
-        command = [*IN_A_PROCESS, "describe-tables"]
+        command = [*IN_A_PROCESS, "results", "--columns"]
         ended = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
     assert (ended.returncode, ended.stderr.count("\n")) == (1, 1)
     assert ended.stderr.startswith("error: the output: No space left on device; check")

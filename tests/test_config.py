@@ -74,7 +74,8 @@ NUMBER = "write a number, without a unit, with a full stop as decimal sign"
      "line 2: field 'inner.gone' is gone: no recording needed it; delete the line"),
     ("inner: {rate: a}\nseveral: [{nam: a}]",
      "line 3: unknown field 'several.0.nam'; the known ones are rate, "
-     "name, sign, cycles, vector, limits, either, plates; did you mean 'name'? (and 1 more problem)"),
+     "name, sign, cycles, vector, limits, either, plates; did you mean 'name'? "
+     "(and 1 more problem)"),
     ("inner:\n  rate: off", f"line 3: inner.rate: 'off' is not allowed: {NUMBER}"),
     # pydantic makes numbers of truth values
     ("inner:\n  rate: true", f"line 3: inner.rate: 'true' is not allowed: {NUMBER}"),
@@ -92,8 +93,8 @@ NUMBER = "write a number, without a unit, with a full stop as decimal sign"
      "to 100"),
     ("inner: {plates: [a]}", "line 2: inner.plates.0: 'a' is not allowed: write a whole number"),
     ("inner: 7",
-     "line 2: inner: 7 is not allowed: write its fields below it, as `name: value`; the known ones are "
-     "rate, "),
+     "line 2: inner: 7 is not allowed: write its fields below it, as `name: value`; the known ones "
+     "are rate, "),
     ("inner: {rate: a, name: 1, sign: 3}",
      f"line 2: inner.rate: 'a' is not allowed: {NUMBER} (and 2 more prob"),
     ("a: {b: 1}\nb:\n- {b: 2, b: 3}\n", "line 4: key 'b' stands twice; remove one"),
@@ -112,8 +113,9 @@ NUMBER = "write a number, without a unit, with a full stop as decimal sign"
      "not YAML: while scanning a simple key in line 2, column 1 could not find expected ':' in "
      "line 3, column 1; begin comments with #, not with //"),
     ("\tinner: 1",
-     "not YAML: while scanning a plain scalar in line 1, column 8 found a tab character that violates "
-     "indentation in line 2, column 1; indent with blanks, not with tabs, and put text that begins with"),
+     "not YAML: while scanning a plain scalar in line 1, column 8 found a tab character that "
+     "violates indentation in line 2, column 1; indent with blanks, not with tabs, and put text "
+     "that begins with"),
     ("inner: {name: 1}",
      "line 2: inner.name: 1 is not allowed: write text, in quotes if it looks like a number, a"),
     ("a: 2026-13-45", "not YAML: "), ('"\\e31mkey": 3', "line 2: unknown field '\\x1b31mkey'"),

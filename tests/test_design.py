@@ -398,7 +398,8 @@ def test_text_and_json_say_the_same_intervals():
 
 
 def test_the_torque_to_expect_is_that_of_the_largest_sine_or_of_all_together():
-    """|300 - 0.02 w^2 + 5j w| times 6 deg at 5 Hz; of noise of 2 deg on a spring, four times 300 N*m/rad."""
+    """|300 - 0.02 w^2 + 5j w| times 6 deg at 5 Hz; of noise of 2 deg on a spring, four times
+    300 N*m/rad."""
     w = 10 * np.pi
     largest = abs(300 - 0.02 * w**2 + 5j * w) * np.deg2rad(6)
     assert f"torque about {largest:.3g} N·m" in call().stdout

@@ -205,7 +205,8 @@ ENDS["phase_deg"] = tuple(
     pl.col("phase_deg") + sign * (HALF / pl.col("magnitude")).degrees() for sign in (-1, 1)
 )
 APART = [  # the structures' distance from the measured impedance, by the law of cosines
-    (pl.col("magnitude") ** 2 + pl.col(f"magnitude_{m}") ** 2 - 2 * pl.col("magnitude") * pl.col(f"magnitude_{m}")
+    (pl.col("magnitude") ** 2 + pl.col(f"magnitude_{m}") ** 2
+     - 2 * pl.col("magnitude") * pl.col(f"magnitude_{m}")
      * (pl.col(f"phase_deg_{m}") - pl.col("phase_deg")).radians().cos()).sqrt() for m in ("eq15",
      "eq9")
 ]  # fmt: skip

@@ -1,58 +1,30 @@
-"""MATLAB files: scipy's and h5py's files are read as written, and no file gets more than its size
-justifies."""
+"""MATLAB files of every version: numbers at addresses, tables, objects, and what is refused."""
 
-import struct
 import sys
-import zlib
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
 import pandas as pd
 import pytest
 import scipy.io
+import scipy.sparse
 
-from osl_analysis.commands.trials import inspect_file
+from osl_analysis import formats
 from osl_analysis.errors import InputError
-from osl_analysis.formats.mat import checked_address, open_mat
+from osl_analysis.formats._mat_values import checked_address
+from osl_analysis.formats.mat import MatSource
+from osl_analysis.recording import Channel, End, Recording
 
-HEADER5 = b"MATLAB 5.0 MAT-file, made for a test".ljust(124) + b"\x00\x01IM"
 HEADER73 = b"MATLAB 7.3 MAT-file, made for a test".ljust(124) + b"\x00\x02IM"
 
 
 def write_mat(path: Path, **variables: object) -> Path:
     """A file of version 5."""
     scipy.io.savemat(path, variables, do_compression=True)
-    return path
-
-
-def part(kind: int, content: bytes) -> bytes:
-    """A part of version 5 with its tag, padded."""
-    return struct.pack("<II", kind, len(content)) + content + bytes(-len(content) % 8)
-
-
-def matrix(name: str, kind: int, rows: int, columns: int, content: bytes) -> bytes:
-    """A matrix of version 5 with its tag, which may declare what it does not hold."""
-    head = (
-        part(6, struct.pack("<II", kind, 0))
-        + part(5, struct.pack("<2i", rows, columns))
-        + part(1, name.encode())
-    )
-    return part(14, head + content)
-
-
-def opaque(name: str, class_name: str) -> bytes:
-    """An object of a class of MATLAB's own, such as a table."""
-    names = b"".join(part(1, text.encode()) for text in (name, "MCOS", class_name))
-    inside = matrix("", 13, 2, 1, part(6, struct.pack("<II", 0xDD000000, 2)))
-    return part(14, part(6, struct.pack("<II", 17, 0)) + names + inside)
-
-
-def write_parts(path: Path, *parts: bytes) -> Path:
-    """A file of version 5 of these parts."""
-    path.write_bytes(HEADER5 + b"".join(parts))
     return path
 
 
@@ -90,6 +62,8 @@ def put(group: h5py.Group, name: str, value: object) -> h5py.Group | h5py.Datase
             stored = stored.astype(np.complex128).view([("real", "f8"), ("imag", "f8")])
         item = group.create_dataset(name, data=stored)
     item.attrs["MATLAB_class"] = np.bytes_(kind)
+    if isinstance(value, str):
+        item.attrs["MATLAB_int_decode"] = 2
     return item
 
 
@@ -113,7 +87,8 @@ RUNS = [{"name": "slow", "torque": RISING}, {"name": "fast", "torque": 2 * RISIN
 
 def written5(path: Path) -> Path:
     cell = np.empty((1, 2), dtype=object)
-    cell[0, 0], cell[0, 1] = RISING, {"torque": -RISING}
+    cell[0, 0] = RISING
+    cell[0, 1] = {"torque": -RISING}
     runs = np.array(
         [[tuple(run.values()) for run in RUNS]], dtype=[(name, object) for name in RUNS[0]]
     )
@@ -124,21 +99,42 @@ def written73(path: Path) -> Path:
     return write_mat73(path, **CONTENT, runs=RUNS, cells=(RISING, {"torque": -RISING}))
 
 
-def at(path: Path, text: str) -> np.ndarray:
-    return open_mat(path).signals([text])[text][1]
+def source(part: str) -> MatSource:
+    """A source file for one part."""
+    return MatSource.model_validate(
+        {
+            "format": "mat",
+            "log_part": part,
+            "time": {"rate": 100},
+            "channels": {"signal_x": {"variable": "x", "unit": "1"}},
+        }
+    )
 
 
-def refusal(path: Path, text: str) -> str:
+def at(recording: Recording, address: str) -> Channel:
+    return recording.find({"variable": address})
+
+
+def numbers_at(recording: Recording, address: str) -> np.ndarray:
+    return np.ma.asarray(at(recording, address).read())
+
+
+def refusal(recording: Recording, address: str) -> str:
     with pytest.raises(InputError, match=r"^[^\n]+$") as caught:
-        at(path, text)
+        at(recording, address)
     return str(caught.value)
 
 
 NUMBERS = {
-    "Test.slow.torque": RISING, "Test.data(:,2)": RISING**2, "Test.data(4,:)": [3.0, 9.0],
+    "Test.slow.torque": RISING,
+    "Test.data(:,2)": RISING**2,
+    "Test.data(4,:)": [3.0, 9.0],
     "Test.truth": RISING,
-    "row": RISING, "runs( 2 ).torque": 2 * RISING, "cells{1}": RISING, "cells{2}.torque": -RISING,
-}  # fmt: skip
+    "row": RISING,
+    "runs( 2 ).torque": 2 * RISING,
+    "cells{1}": RISING,
+    "cells{2}.torque": -RISING,
+}
 NOWHERE = {
     "Tset.slow": "no variable 'Tset'; it has",
     "Test.slow.torqe": "and has no torqe; it has note, torque, (1); did you mean 'torque'?",
@@ -149,91 +145,145 @@ NOWHERE = {
     "runs.torque": "runs is a 1x2 struct and has no torque; it has (1), (2)",
     "cells": "name one of its cells, as `{1}`",
     "cells(1)": "cells is a 1x2 cell and has no (1); it has {1}, {2}",
-}  # fmt: skip
+    "a b": "'a b' is no address in a MATLAB file",
+}
+both_versions = pytest.mark.parametrize("write", [written5, written73])
 
 
-@pytest.mark.usefixtures("in_process")
-@pytest.mark.parametrize("write", [written5, written73])
-def test_an_address_in_matlabs_notation_leads_to_the_numbers_or_says_what_is_there(write, tmp_path):
-    path = write(tmp_path / "a.mat")
-    for address, expected in NUMBERS.items():
-        np.testing.assert_array_equal(at(path, address), expected)
-    for address, message in NOWHERE.items():
-        assert message in refusal(path, address)
+@both_versions
+@pytest.mark.parametrize(("address", "expected"), NUMBERS.items())
+def test_an_address_in_matlabs_notation_leads_to_the_numbers(
+    write: Callable[[Path], Path], address: str, expected: Any, tmp_path: Path
+) -> None:
+    recording = formats.read(write(tmp_path / "a.mat"))
+
+    np.testing.assert_array_equal(numbers_at(recording, address), expected)
 
 
-@pytest.mark.usefixtures("in_process")
-def test_elements_are_counted_column_by_column_as_in_matlab(tmp_path):
-    cell, array = np.empty((2, 2), dtype=object), np.zeros((2, 2), dtype=[("x", object)])
+@both_versions
+@pytest.mark.parametrize(("address", "said"), NOWHERE.items())
+def test_an_address_that_leads_nowhere_says_what_is_there(
+    write: Callable[[Path], Path], address: str, said: str, tmp_path: Path
+) -> None:
+    recording = formats.read(write(tmp_path / "a.mat"))
+
+    assert said in refusal(recording, address)
+
+
+def test_elements_are_counted_column_by_column_as_in_matlab(tmp_path: Path) -> None:
+    cell = np.empty((2, 2), dtype=object)
+    array = np.zeros((2, 2), dtype=[("x", object)])
     for row, column in np.ndindex(2, 2):
         cell[row, column] = array["x"][row, column] = np.array([row, column, 0.5])
     every = [[0, 0, 0.5], [1, 0, 0.5], [0, 1, 0.5], [1, 1, 0.5]]
     arrays = [np.array(one) for one in every]
+    as5 = write_mat(tmp_path / "a.mat", cells=cell, structs=array)
     as73 = write_mat73(tmp_path / "b.mat", cells=(*arrays,), structs=[{"x": one} for one in arrays])
-    for path in (write_mat(tmp_path / "a.mat", cells=cell, structs=array), as73):
+
+    for path in (as5, as73):
+        recording = formats.read(path)
         for address in ("cells{%d}", "structs(%d).x"):
-            assert [at(path, address % number).tolist() for number in (1, 2, 3, 4)] == every
+            for number, expected in enumerate(every, start=1):
+                assert numbers_at(recording, address % number).tolist() == expected
+
+
+def test_variables_of_one_length_in_one_struct_share_rows(tmp_path: Path) -> None:
+    test = {"time": np.arange(20.0), "torque": np.arange(20.0), "emg": np.arange(200.0)}
+    recording = formats.read(write_mat(tmp_path / "a.mat", Test=test, other=np.arange(20.0)))
+
+    time, torque, emg, other = (
+        at(recording, name).rows for name in ("Test.time", "Test.torque", "Test.emg", "other")
+    )
+
+    assert time is torque
+    assert (time.name, time.count, emg.count, other.name) == ("Test", 20, 200, "")
+
+
+def test_single_numbers_are_notes_and_no_signals(tmp_path: Path) -> None:
+    recording = formats.read(write_mat(tmp_path / "a.mat", Fs=500.0, torque=np.arange(20.0)))
+
+    assert recording.notes == ["Fs=500.0"]
+    assert [one.key for one in recording.channels] == ["torque"]
+
+
+def test_the_address_of_a_part_is_left_out_within_it_and_others_begin_with_a_slash(
+    tmp_path: Path,
+) -> None:
+    slow = {"x": RISING, "m": np.column_stack([RISING, -RISING])}
+    path = write_mat(tmp_path / "a.mat", slow=slow, fast={"x": 2 * RISING}, rig={"load": RISING})
+
+    recording = formats.read(path, source("slow"))
+
+    assert [one.key for one in recording.channels] == ["x", "m(:,1)", "m(:,2)"]
+    np.testing.assert_array_equal(numbers_at(recording, "x"), RISING)
+    np.testing.assert_array_equal(numbers_at(recording, "m(:,2)"), -RISING)
+    np.testing.assert_array_equal(numbers_at(recording, "/fast.x"), 2 * RISING)
+    np.testing.assert_array_equal(numbers_at(recording, "/rig.load"), RISING)
+    assert "slow is a 1x1 struct and has no load; it has x, m" in refusal(recording, "load")
 
 
 @pytest.mark.parametrize(
-    "others",
-    [
-        {"rig": {"load": np.arange(30.0)}},
-        {"load": np.arange(30.0)},
-        {"rig": [{}, {"load": np.arange(30.0)}]},
-    ],
+    "text",
+    ["", "2x", "a.", "a..b", ".a", "a(0)", "a(:,0)", "a b", "a{x}", "a(b=c)", "a(1", "(2).a"],
 )
-def test_the_address_that_a_draft_tells_for_a_variable_of_another_part_is_read_from_within_its_own(
-    tmp_path, others
-):
-    one = {"t": np.arange(50.0), "torque": np.arange(50.0)}
-    path = write_mat(tmp_path / "a.mat", slow=one, fast=one, **others)
-    (told,) = (text for text in inspect_file(path).open if "of another" in text)
-    address = told.split("`")[3]
-    assert address.startswith("/")
-    ((_, values, _),) = open_mat(path).signals([address], "slow").values()
-    np.testing.assert_array_equal(np.ravel(values), np.arange(30.0))
+def test_what_is_no_address_is_refused(text: str) -> None:
+    with pytest.raises(InputError, match="no address in a MATLAB file"):
+        checked_address(text, is_inside=False)
 
 
-def test_what_is_no_address_is_refused():
-    for text in (
-        "",
-        "2x",
-        "a.",
-        "a..b",
-        ".a",
-        "a(0)",
-        "a(:,0)",
-        "a b",
-        "a{x}",
-        "a(b=c)",
-        "a(1",
-        "(2).a",
-    ):
-        with pytest.raises(InputError, match="no address in a MATLAB file"):
-            checked_address(text, inside=False)
+# --- what programs write ------------------------------------------------------------------------
+
+TIME = np.arange(40) / 500
 
 
-def test_an_object_whose_content_is_not_read_is_named_with_its_class(tmp_path, monkeypatch):
-    when = zlib.compress(opaque("when", "datetime"), 9)  # not padded
-    path = write_parts(
-        tmp_path / "a.mat", opaque("results", "table"), struct.pack("<II", 15, len(when)) + when
+def test_a_structure_with_time_of_simulink_has_its_signals_by_their_labels(
+    tmp_path: Path,
+) -> None:
+    both = {"values": np.column_stack([RISING, -RISING]), "label": "angle_deg, torque_Nm"}
+    logged = {"time": RISING[:, None], "signals": both}
+
+    recording = formats.read(write_mat(tmp_path / "a.mat", out=logged))
+
+    assert [one.name for one in recording.channels] == ["time", "angle_deg", "torque_Nm"]
+    np.testing.assert_array_equal(numbers_at(recording, "out.torque_Nm"), -RISING)
+
+
+def test_structures_that_simulink_logged_with_one_time_are_one_part(tmp_path: Path) -> None:
+    def logged(values: np.ndarray, label: str) -> dict[str, Any]:
+        return {"time": TIME[:, None], "signals": {"values": values[:, None], "label": label}}
+
+    path = write_mat(
+        tmp_path / "a.mat", a=logged(np.sin(TIME), "angle"), t=logged(np.cos(TIME), "torque")
     )
-    assert "results is a 1x1 table, not real numbers; save its numbers in a struct" in refusal(
-        path, "results"
-    )
-    assert "results is a 1x1 table and has no torque; save its" in refusal(path, "results.torque")
-    assert open_mat(path).header == "MATLAB 5.0 MAT-file, made for a test"
-    old_style = np.array([[(RISING,)]], dtype=[("x", object)])
-    fields = write_mat(tmp_path / "b.mat", z=scipy.io.matlab.MatlabObject(old_style, "iddata"))
-    np.testing.assert_array_equal(at(fields, "z.x"), RISING)
-    assert "z is a 1x1 iddata, not numbers; name one of its fields (x)" in refusal(fields, "z")
-    monkeypatch.setitem(sys.modules, "matio", None)
-    said = (
-        "when is a 1x1 datetime, not real numbers; pip install 'osl-analysis[matlab]', which reads"
-        " it, or save its"
-    )
-    assert said in refusal(path, "when")
+
+    recording = formats.read(path)
+
+    assert [one.key for one in recording.channels] == ["a.time", "a.angle", "t.torque"]
+    assert len({id(one.rows) for one in recording.channels}) == 1
+    np.testing.assert_array_equal(numbers_at(recording, "t.torque"), np.cos(TIME))
+
+
+def test_structs_of_single_numbers_are_the_samples_of_columns(tmp_path: Path) -> None:
+    samples = np.zeros((1, TIME.size), [("t", "O"), ("angle", "O")])
+    for place, t in enumerate(TIME):
+        samples[0, place] = (t, np.sin(t))
+
+    recording = formats.read(write_mat(tmp_path / "a.mat", log=samples))
+
+    np.testing.assert_array_equal(numbers_at(recording, "log.t"), TIME)
+    np.testing.assert_array_equal(numbers_at(recording, "log.angle"), np.sin(TIME))
+
+
+def test_texts_in_a_cell_name_the_columns_of_the_only_matrix_of_their_number(
+    tmp_path: Path,
+) -> None:
+    matrix = np.column_stack([TIME, np.sin(TIME)])
+    names = np.array(["time_s", "torque [Nm]"], dtype=object)
+
+    recording = formats.read(write_mat(tmp_path / "a.mat", data=matrix, names=names))
+
+    shown = [(one.key, one.name, one.unit, one.likely_unit) for one in recording.channels]
+    assert shown == [("data(:,1)", "time_s", "", "s"), ("data(:,2)", "torque", "Nm", "")]
 
 
 def written_by_matio(path: Path, version: str) -> Path:
@@ -292,96 +342,96 @@ OBJECTS = {
     "table.late": RISING / 1e3, "table.torque": RISING, "table.theta(:,2)": 2 * RISING,
     "runs(2).x": 2 * RISING,
 }  # fmt: skip
+UNITS = {
+    "rate.torque": "N*m", "rate.Time": "s", "step.Time": "s", "table.torque": "N*m",
+    "table.theta(:,2)": "deg", "table.late": "s", "z.own.Time": "s", "times.Time": "s",
+    "Test.when": "s",
+}  # fmt: skip
 
 
 # of its import
 @pytest.mark.filterwarnings("ignore:duration_to_mat", "ignore:The 'future.infer_string' option")
-@pytest.mark.usefixtures("in_process")
 @pytest.mark.parametrize("version", ["v7", "v7.3"])
-def test_tables_their_clocks_and_the_properties_of_objects_are_read_as_written(version, tmp_path):
-    path = written_by_matio(tmp_path / "a.mat", version)
-    units = {
-        "rate.torque": "N*m",
-        "rate.Time": "s",
-        "step.Time": "s",
-        "table.torque": "N*m",
-        "table.theta(:,2)": "deg",
-    }
-    units |= {"table.late": "s", "z.own.Time": "s", "times.Time": "s", "Test.when": "s"}
-    for address, (_, values, unit) in open_mat(path).signals([*OBJECTS]).items():
+def test_tables_their_clocks_and_the_properties_of_objects_are_read_as_written(
+    version: str, tmp_path: Path
+) -> None:
+    recording = formats.read(written_by_matio(tmp_path / "a.mat", version))
+
+    for address, expected in OBJECTS.items():
+        channel = at(recording, address)
         np.testing.assert_allclose(
-            values, OBJECTS[address], rtol=1e-15, atol=1e-12, err_msg=address
+            channel.values, expected, rtol=1e-15, atol=1e-12, err_msg=address
         )
-        assert unit == units.get(address, "")
-    assert (
-        "z is a 1x1 nldat, not numbers; name one of its fields (dataSet, chanNames, own)"
-        in refusal(path, "z")
-    )
-    assert "Test.note is a 1x1 string, not real numbers; save it as numbers, or" in refusal(
-        path, "Test.note"
-    )
-    assert "unlike is a 1x1 table, not real numbers; save its numbers in a struct" in refusal(
-        path, "unlike"
-    )
-    listed = {one.address["variable"]: one.unit for one in inspect_file(path).channels}
-    assert {
-        "table.theta": "deg",
-        "rate.Time": "s",
-        "Test.when": "s",
-        "z.dataSet": "",
-    }.items() <= listed.items()
+        assert channel.unit == UNITS.get(address, ""), address
+    for address, said in (
+        ("z", "z is a 1x1 nldat, not numbers; name one of its fields (dataSet, chanNames, own)"),
+        ("Test.note", "Test.note is a 1x1 string, not real numbers; save it as numbers, or"),
+        ("unlike", "unlike is a 1x1 table, not real numbers; save its numbers in a struct"),
+    ):
+        assert said in refusal(recording, address)
+    assert any(one.startswith("unlike is a 1x1 table") for one in recording.loss.remarks)
 
 
-@pytest.mark.usefixtures("in_process")
+# --- what is no signal, and damage --------------------------------------------------------------
+
+
 @pytest.mark.parametrize("write", [write_mat, write_mat73])
-def test_what_is_no_real_number_is_refused_with_the_command_that_saves_it(write, tmp_path):
-    path = write(
-        tmp_path / "a",
-        complex=RISING + 1j,
-        results=RISING,
-        empty=np.zeros((0, 3)),
-        cube=np.ones((2, 3, 4)),
-    )
-    assert "4 double; save each of its matrices as a variable of its own" in refusal(path, "cube")
-    assert "complex double, not real numbers; save `real(x)`" in refusal(path, "complex")
-    if write is write_mat73:
-        with h5py.File(path, "r+") as file:
-            file["text"] = ["/x", "/x"]
-            file["results"].attrs["MATLAB_class"] = np.bytes_("timetable")
-            file["results"].attrs["MATLAB_object_decode"] = 3
-        assert "text is a 2 object, not real numbers" in refusal(path, "text")
-        assert "results is a 1x1 timetable, not real numbers; save its numbers" in refusal(
-            path, "results"
-        )
-    else:
-        write(path, sparse=scipy.sparse.eye(3), empty=np.zeros((0, 3)))
-        assert "save it as `full(x)`" in refusal(path, "sparse")
-    assert "empty is empty (0x3 double)" in refusal(path, "empty")
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [
+        (RISING + 1j, "complex double, not real numbers; save `real(x)`"),
+        (np.ones((2, 3, 4)), "4 double; save each of its matrices as a variable of its own"),
+    ],
+)
+def test_what_is_no_row_of_real_numbers_is_refused_with_the_command_that_saves_it(
+    write: Callable[..., Path], value: np.ndarray, said: str, tmp_path: Path
+) -> None:
+    recording = formats.read(write(tmp_path / "a.mat", x=value, y=RISING))
+
+    assert said in refusal(recording, "x")
 
 
-def test_a_cut_behind_the_wanted_variables_and_what_has_no_numbers_beside_them_are_told(tmp_path):
-    path = write_mat(tmp_path / "a.mat", x=RISING, y=RISING)
-    path.write_bytes(path.read_bytes()[:-9])
-    assert at(path, "x").size == RISING.size
-    assert open_mat(path).damage.end_missing
-    named = write_mat73(tmp_path / "b.mat", x=RISING)
-    with h5py.File(named, "a") as file:
-        file["kind"], file["nothing"] = np.dtype("f8"), h5py.Empty("f8")
-    assert at(named, "x").size == RISING.size
-    assert "kind is a 1x1 object, not real numbers" in refusal(named, "kind")
-    assert "nothing is empty" in refusal(named, "nothing")
-    with h5py.File(named, "a") as file:
-        file["outside"], file["circle"] = (
-            h5py.ExternalLink("none.mat", "/x"),
-            h5py.SoftLink("/circle"),
-        )
-        file.create_dataset("huge", (1, 10**12), "f8", chunks=(1, 10**6))
-    assert "outside is a link to /x and cannot be read (" in refusal(named, "outside")
-    assert "circle is a link to /circle and cannot be read (" in refusal(named, "circle")
-    assert (
-        "huge is a 1000000000000x1 array that was never written, not real numbers; rec"
-        in refusal(named, "huge")
-    )
-    assert not open_mat(named).damage.remarks
-    named.write_bytes(named.read_bytes() + bytes(100))
-    assert "100 bytes stand behind its end" in open_mat(named).damage.remarks[0]
+def test_sparse_and_empty_matrices_are_refused(tmp_path: Path) -> None:
+    path = write_mat(tmp_path / "a.mat", s=scipy.sparse.eye(3), empty=np.zeros((0, 3)), y=RISING)
+
+    recording = formats.read(path)
+
+    assert "save it as `full(x)`" in refusal(recording, "s")
+    assert "empty is empty (0x3 double)" in refusal(recording, "empty")
+
+
+def test_a_file_that_is_cut_gives_the_variables_before_the_cut(tmp_path: Path) -> None:
+    path = write_mat(tmp_path / "a.mat", x=RISING, y=np.random.default_rng(1).random(500))
+    path.write_bytes(path.read_bytes()[:-900])
+
+    recording = formats.read(path)
+
+    np.testing.assert_array_equal(numbers_at(recording, "x"), RISING)
+    assert recording.loss.end == End.MISSING
+    assert any("its end is missing" in one for one in recording.loss.remarks)
+
+
+def test_samples_that_were_never_written_are_no_values(tmp_path: Path) -> None:
+    path = write_mat73(tmp_path / "a.mat", whole=RISING)
+    with h5py.File(path, "r+") as file:
+        # in MATLAB 40 rows and 2 columns, of which the recorder wrote 20 and 30
+        killed = file.create_dataset("killed", (2, 40), "f8", chunks=(1, 10))
+        killed[0, :20] = np.arange(20.0)
+        killed[1, :30] = np.arange(30.0)
+        killed.attrs["MATLAB_class"] = np.bytes_("double")
+    recording = formats.read(path)
+
+    for address, count in (("killed(:,1)", 20), ("killed(:,2)", 30)):
+        values = numbers_at(recording, address)
+        assert np.ma.getmaskarray(values).tolist() == [False] * count + [True] * (40 - count)
+        np.testing.assert_array_equal(values[:count], np.arange(float(count)))
+
+
+def test_without_the_library_the_extra_that_brings_it_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write_mat(tmp_path / "a.mat", x=RISING)
+    monkeypatch.setitem(sys.modules, "matio", None)
+
+    with pytest.raises(InputError, match=r"pip install 'osl-analysis\[matlab\]'"):
+        formats.read(path)

@@ -2,13 +2,10 @@
 overview makes."""
 
 import datetime as dt
-import os
+import errno
 import pickle
 import re
-import signal
-import struct
 import zlib
-from functools import partial
 from pathlib import Path
 
 import h5py
@@ -23,14 +20,13 @@ from nptdms import ChannelObject, TdmsWriter
 from osl_analysis.commands.trials import inspect_file
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError
-from osl_analysis.formats.binary_table import check_xls, hdf5_arrays
-from osl_analysis.formats.c3d import read_c3d
-from osl_analysis.formats.csv_table import are_whole_thousands
-from osl_analysis.formats.table import MOST_BYTES, isolated
-from osl_analysis.ingest import logs
+from osl_analysis.formats import in_one_sentence, read
+from osl_analysis.formats._cells import are_whole_thousands
 from osl_analysis.ingest.draft import draft_source, to_be_edited
 from osl_analysis.ingest.examine import Commanded, Examined, measure_clock
-from osl_analysis.ingest.raw_files import FORMATS, check_copies, trial_from_files
+from osl_analysis.ingest.likely_clock import ticks
+from osl_analysis.ingest.overview import inspect_recording
+from osl_analysis.ingest.raw_files import trial_from_files
 
 TIME = np.arange(700) / 500  # as long as the rows that are split by polars
 ANGLE, TORQUE = 5 * np.sin(9 * TIME), 30 * np.sin(9 * TIME + 0.3)
@@ -459,7 +455,7 @@ def test_devices_of_two_rates_in_groups_have_their_own_instants_each_in_its_unit
                 if is_timed:
                     file["cell/time"] = file.pop("cell/time_ms")[:]
                     file["cell/time"].attrs["units"], file["enc/time"].attrs["units"] = "ms", "s"
-        overview = FORMATS["table"].inspect(tmp_path / name)
+        overview = inspect_recording(tmp_path / name)
         assert any("another length" in text for text in overview.open) == (not is_timed)
         draft = draft_source(overview, name)
         assert ("\n  torque: {" in draft) == is_timed
@@ -598,23 +594,24 @@ def test_a_table_with_more_columns_than_a_recording_has_is_refused_at_once(tmp_p
         inspect_file(tmp_path / "a.csv")
 
 
-def fall():
-    os.kill(os.getpid(), signal.SIGSEGV)
+@pytest.mark.parametrize(
+    ("error", "reason"),
+    [
+        (TypeError("no len() of None"), "its parts contradict each other: no len() of None"),
+        (zlib.error("Error -3 while decompressing data"), "a packed part of it is damaged"),
+        (ValueError("unexpected EOF: file truncated"), "it is cut off, or its end is lost"),
+        (OSError(errno.ENOENT, "No such file or directory"), "No such file or directory"),
+        (
+            OSError(errno.EINVAL, "Invalid argument"),
+            "its parts contradict each other: [Errno 22] Invalid argument",
+        ),
+    ],
+)
+def test_any_error_of_a_decoder_is_a_refusal_that_tells_its_meaning(error, reason):
+    told = re.escape(f"cannot be read ({reason}); copy the file")
 
-
-@pytest.mark.parametrize(("work", "told"), [
-    (fall, r"its decoder broke down \(SIGSEGV\): the file is damaged"),
-    (partial(bytearray, 2 * MOST_BYTES), "takes more than 4 GB"),
-    (partial(len, None), r"cannot be read \(its parts contradict each other\)"),
-    (partial(zlib.decompress, b"x" * 9), r"cannot be read \(a packed part of it is damaged\)"),
-    (partial(os.open, "/no such", 0), r"cannot be read \(No such file or directory\)"),
-    (partial(os.lseek, os.open(__file__, os.O_RDONLY), -9, 0),
-     r"cannot be read \(its parts contradict each other\)"),
-])  # fmt: skip
-def test_a_decoder_that_crashes_or_asks_for_all_memory_is_a_refusal(work, told):
-    assert isolated(partial(sum, [1, 2])) == 3
-    with pytest.raises(InputError, match=told):
-        isolated(work)
+    with pytest.raises(InputError, match=told), in_one_sentence():
+        raise error
 
 
 def test_a_damaged_parquet_file_is_one_refusal_and_no_trace_of_rust(tmp_path, capfd):
@@ -622,144 +619,32 @@ def test_a_damaged_parquet_file_is_one_refusal_and_no_trace_of_rust(tmp_path, ca
         path := tmp_path / "a.parquet", compression="uncompressed"
     )
     path.write_bytes(path.read_bytes()[:4] + path.read_bytes()[2000:])
-    with pytest.raises(InputError, match=r"cannot be read \([a-z, ]*\); copy the file again"):
+    with pytest.raises(InputError, match=r"cannot be read \([^;]*\); copy the file again"):
         inspect_file(path)
     assert capfd.readouterr().err == ""
 
 
-@pytest.mark.parametrize("begin", [b"", b"MATLAB 7.3 MAT-file"])
-def test_hdf5_that_crashes_its_library_is_a_refusal(tmp_path, monkeypatch, begin):
-    with h5py.File(tmp_path / "a.h5", "w", userblock_size=512) as file:
-        file["x"] = TIME
-    with (tmp_path / "a.h5").open("r+b") as file:
-        file.write(begin)
-    monkeypatch.setattr(
-        h5py.Dataset, "__getitem__", lambda *_: os.kill(os.getpid(), signal.SIGKILL)
-    )
-    with pytest.raises(InputError, match="its decoder broke down"):
-        inspect_file(tmp_path / "a.h5")
-
-
-def test_a_block_of_hdf5_whose_address_is_lost_is_no_values(tmp_path):
-    """HDF5 reads its fill value there: 100 of 700 torques were 0."""
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        for name, values in (("time_s", TIME), ("ankle_angle_deg", ANGLE), ("torque_Nm", TORQUE)):
-            file.create_dataset(name, data=values, chunks=(100,), compression="gzip")
-        lost = file["torque_Nm"].id.get_chunk_info(3).byte_offset.to_bytes(8, "little")
-    content = (tmp_path / "a.h5").read_bytes()
-    assert content.count(lost) == 1
-    (tmp_path / "a.h5").write_bytes(content.replace(lost, b"\xff" * 8))
-    arrays, _ = hdf5_arrays(tmp_path / "a.h5")
-    np.testing.assert_array_equal(
-        np.flatnonzero(np.isnan(arrays["torque_Nm"])), np.arange(300, 400)
-    )
-
-
-def old_workbook(*records: tuple[int, int]) -> bytes:
-    """A workbook of Excel 97: its stream of records (type, length) of zeros in sectors of a
-    compound file."""
-    stream = b"".join(struct.pack("<HH", *one) + bytes(one[1]) for one in records)
-    sectors = -(-len(stream) // 512)
-    table = [0xFFFFFFFD, 0xFFFFFFFE, *range(3, 2 + sectors), 0xFFFFFFFE]
-    head = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1".ljust(30, b"\0") + struct.pack(
-        "<H16xI16xII", 9, 1, 0xFFFFFFFE, 0
-    )
-    entry = "Workbook".encode("utf-16-le").ljust(116, b"\0") + struct.pack("<II4x", 2, len(stream))
-    free = struct.pack("<128I", *table, *[0xFFFFFFFF] * (128 - len(table)))
-    listed = struct.pack("<109I", 0, *[0xFFFFFFFF] * 108)
-    return (
-        head.ljust(76, b"\0")
-        + listed
-        + free
-        + entry.ljust(512, b"\0")
-        + stream.ljust(512 * sectors, b"\0")
-    )
-
-
-def test_an_old_workbook_of_which_a_sheet_breaks_off_is_refused(tmp_path):
-    """586 of 1000 rows were lost behind 8 bytes of zeros."""
-    book, sheet = [(0x809, 16), (0x85, 20), (0xA, 0)], [(0x809, 16), *[(0x203, 14)] * 200, (0xA, 0)]
-    path = tmp_path / "a.xls"
-    path.write_bytes(old_workbook(*book, *sheet))
-    check_xls(path)
-    for broken in (
-        [*sheet[:90], (0, 0), *sheet[90:]],
-        sheet[:-1],
-        [*sheet[:90], (0x5A3F, 14), *sheet[90:]],
-    ):
-        path.write_bytes(old_workbook(*book, *broken))
-        with pytest.raises(InputError, match="rows behind are lost"):
-            check_xls(path)
-
-
-def test_a_zip_that_unpacks_to_more_than_a_recording_may_is_refused_by_the_stated_limit(
-    tmp_path, monkeypatch
-):
-    np.savez_compressed(tmp_path / "a.npz", t=np.zeros(10**6))
-    monkeypatch.setattr("osl_analysis.formats.table.MOST_BYTES", 10**6)
-    with pytest.raises(
-        InputError, match=re.escape("take 0.008 GB of memory, at most 0.001 GB are read")
-    ):
-        inspect_file(tmp_path / "a.npz")
-
-
-@pytest.mark.parametrize("change", ["lost", "lost and padded", "doubled", "doubled and padded"])
-def test_a_c3d_file_whose_frames_are_shifted_is_refused_or_its_loss_is_told(tmp_path, change):
-    points = np.random.default_rng(1).normal(0, 500, (50, 3, 4))
-    points[:, :, 3] = 0.0
-    whole = write_c3d(
-        tmp_path / "a.c3d", points, np.random.default_rng(2).normal(0, 1, (100, 4))
-    ).read_bytes()
-    middle, by = len(whole) - 3000, 8
-    behind = whole[middle + by :] if change.startswith("lost") else whole[middle - by :]
-    content = whole[:middle] + behind
-    (tmp_path / "a.c3d").write_bytes(
-        content + bytes(-len(content) % 512) * change.endswith("padded")
-    )
-    if change == "doubled and padded":
-        assert read_c3d(tmp_path / "a.c3d").damage.uncounted
-        return
-    with pytest.raises(InputError, match="are shifted"):
-        read_c3d(tmp_path / "a.c3d")
-
-
-def test_a_c3d_file_that_lost_a_block_ends_in_frames_of_padding_and_is_refused(tmp_path):
-    points = np.random.default_rng(1).normal(0, 500, (50, 3, 4))
-    points[:, :, 3] = 0.0
-    whole = write_c3d(tmp_path / "a.c3d", points).read_bytes()
-    points[-7:] = 0.0
-    write_c3d(tmp_path / "unseen.c3d", points)
-    assert read_c3d(tmp_path / "unseen.c3d").damage.report()["complete"], (
-        "nothing was seen in the last frames"
-    )
-    (tmp_path / "a.c3d").write_bytes(whole[:1536] + whole[2048:] + bytes(512))
-    with pytest.raises(InputError, match="are shifted"):
-        read_c3d(tmp_path / "a.c3d")
-
-
-def test_a_c3d_file_that_ends_at_rest_in_the_midst_of_a_frame_is_whole(tmp_path):
+@pytest.mark.parametrize("first_zero", [47, 96, 99])
+def test_a_c3d_file_that_ends_in_zeros_is_whole(tmp_path, first_zero):
+    """A joint at rest, or a recorder that had not sampled the last sub-frame."""
     analogs = np.random.default_rng(2).normal(0, 1, (100, 4))
-    analogs[47:] = 0.0
-    recording = read_c3d(write_c3d(tmp_path / "a.c3d", np.zeros((50, 3, 4)), analogs))
-    assert recording.damage.report()["complete"]
-    np.testing.assert_allclose(recording.analogs, analogs, rtol=1e-6)
+    analogs[first_zero:] = 0.0
+
+    recording = read(write_c3d(tmp_path / "a.c3d", np.ones((50, 3, 4)), analogs))
+
+    assert recording.loss.lost == 0
+    found = np.column_stack([one.values for one in recording.channels if "channel" in one.address])
+    np.testing.assert_allclose(found, analogs, rtol=1e-6)
 
 
-def test_a_trigger_that_falls_at_the_end_of_a_c3d_file_is_read_and_doubted(tmp_path):
-    analogs = np.random.default_rng(2).normal(5, 1, (100, 4))
-    analogs[-1, -1] = 0.0
-    recording = read_c3d(write_c3d(tmp_path / "a.c3d", np.ones((50, 3, 4)), analogs))
-    assert "or its last channel is at 0" in recording.damage.remarks[0]
-    np.testing.assert_allclose(recording.analogs, analogs, rtol=1e-6)
+def test_what_fills_the_last_block_of_a_c3d_file_is_not_looked_at(tmp_path):
+    """Some writers leave there what their memory held."""
+    path = write_c3d(tmp_path / "a.c3d", np.ones((50, 3, 4)))
+    content = path.read_bytes()
+    assert content.endswith(bytes(16))
+    path.write_bytes(content[:-16] + b"left in a buffer")
 
-
-def test_an_arrow_file_in_which_bytes_were_inserted_is_refused(tmp_path):
-    """A whole column was one row late."""
-    whole = made(path := tmp_path / "a.feather", "feather").read_bytes()
-    for at in range(1000, len(whole) - 1000, 2000):
-        path.write_bytes(whole[: at // 8 * 8] + bytes(8) + whole[at // 8 * 8 :])
-        with pytest.raises(InputError, match="bytes were lost or inserted"):
-            read_by_draft(path)
+    assert read(path).loss.lost == 0
 
 
 def test_tdms_channels_of_one_clock_and_unequal_counts_are_refused(tmp_path):
@@ -777,16 +662,9 @@ def test_tdms_channels_of_one_clock_and_unequal_counts_are_refused(tmp_path):
         read_by_draft(tmp_path / "a.tdms")
 
 
-def test_a_part_of_a_recording_that_is_a_copy_of_another_is_refused():
-    parts = [{"path": f"bag_{k}.mcap", "sha256": sha} for k, sha in enumerate("aba")]
-    check_copies(Path("bag"), parts[:2])
-    with pytest.raises(InputError, match=r"its file bag_2.mcap is a copy of bag_0.mcap"):
-        check_copies(Path("bag"), parts)
-
-
 @pytest.mark.parametrize("lost", [[], [500], [3, 700, 701]])
 def test_a_count_of_rows_is_no_clock_also_where_rows_were_lost(lost):
     """Taken for ms, rows of 500 Hz gave half of B, and nothing was doubted."""
     counted = np.delete(np.arange(1000.0), lost)
-    assert not logs.ticks(counted, "")
-    assert logs.ticks(2 * counted, "")
+    assert not ticks(counted, "")
+    assert ticks(2 * counted, "")

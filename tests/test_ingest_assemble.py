@@ -25,10 +25,15 @@ from test_ingest_json_log import write_tdms
 from osl_analysis.commands.trials import ingest_trial, inspect_file, overview_text
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError
+from osl_analysis.formats import known_formats
+from osl_analysis.ingest.assemble import merged
 from osl_analysis.ingest.clock import ClockFit, aligned_clock
+from osl_analysis.ingest.conversion import Converted
 from osl_analysis.ingest.draft import draft_source
-from osl_analysis.ingest.raw_files import FORMATS, merged, read_source
-from osl_analysis.ingest.source import LARGEST_MEASURED, Recording, SharedAngle
+from osl_analysis.ingest.guard import LARGEST_MEASURED
+from osl_analysis.ingest.raw_files import read_converted, read_source
+from osl_analysis.recording import Recording
+from osl_analysis.source_file import SharedAngle
 from osl_analysis.trial import (
     COLUMNS,
     FAMILIES,
@@ -39,7 +44,6 @@ from osl_analysis.trial import (
     write_trial,
 )
 
-pytestmark = pytest.mark.usefixtures("in_process")
 SOURCES = Path(__file__).parents[1] / "config" / "sources"
 THETA, SYNC = (
     {"topic": "/lab", "field": name, "unit": unit}
@@ -190,16 +194,16 @@ def test_rows_within_a_nanosecond_become_one() -> None:
     log = pl.DataFrame(
         {"time": times, "sync": [0.0, 1.0, 0.0, 1.0], "theta": [7.0, 8.0, 9.0, 10.0]}
     )
-    joined = merged(Recording(log, {}), Recording(mocap, {}), ClockFit(0.0, 0.0, 0.0, 0.0, 6, 0))
+    joined = merged(Converted(log, {}), Converted(mocap, {}), ClockFit(0.0, 0.0, 0.0, 0.0, 6, 0))
     assert joined["time"].to_list() == [0.0, 0.05, 2 / 3, 0.7, 0.9]
     assert joined["theta"].to_list() == [None, 7.0, 8.0, 9.0, 10.0]
     assert joined["trigger"].to_list() == [1.0, None, 2.0, None, 3.0]
     shared = SharedAngle(column="theta", markers=("A", "B", "C"))
     said = r"no column 'sync' from log: .*; .* at marker B .* either: no marker 'A', which"
     with pytest.raises(InputError, match=said):
-        aligned_clock(Recording(log.drop("sync"), {}), Recording(mocap, {}), shared)
+        aligned_clock(Converted(log.drop("sync"), {}), Converted(mocap, {}), shared)
     with pytest.raises(InputError, match="log and motion capture do not overlap in time"):
-        merged(Recording(log, {}), Recording(mocap, {}), ClockFit(5.0))
+        merged(Converted(log, {}), Converted(mocap, {}), ClockFit(5.0))
 
 
 def rewritten(path: Path) -> None:
@@ -212,12 +216,14 @@ def rewritten(path: Path) -> None:
 @pytest.mark.parametrize("broken", [False, True])
 @pytest.mark.parametrize("change", [rewritten, Path.unlink], ids=lambda change: change.__name__)
 def test_a_file_that_changes_while_it_is_read_is_refused(laboratory, monkeypatch, change, broken):
-    def read_and_change(path: Path, source: Any, read: Any = FORMATS["mcap"].reader) -> Recording:
-        recording = read(path, source)
+    mcap = known_formats()["mcap"]
+
+    def read_and_change(path: Path, source: Any) -> Recording:
+        recording = mcap.read(path, source)
         change(path)
         return recording if not broken else {}["broken"]
 
-    monkeypatch.setitem(FORMATS, "mcap", replace(FORMATS["mcap"], reader=read_and_change))
+    monkeypatch.setitem(known_formats(), "mcap", replace(mcap, read=read_and_change))
     message = refused(laboratory, mocap=None, mocap_source=None)
     assert (
         "leg.mcap: the file changed while it was read; wait until it is recorded or copied"
@@ -441,21 +447,19 @@ def described(what, counter=None, **fields):
         "time": {key: "t", "unit": "ms"},
         "channels": {"theta": theta, "torque": torque},
     }
-    return FORMATS[name].source.model_validate({**content, **fields})
+    return known_formats()[name].source.model_validate({**content, **fields})
 
 
 @EVERY
 def test_a_log_gives_the_same_columns_in_every_format(tmp_path, what):
     path = WRITERS[what][2](tmp_path / "log", {**LOG, "count": np.arange(7, 47)})
-    recording = FORMATS[WRITERS[what][0]].read(path, described(what, counter="count"))
+    recording = read_converted(path, described(what, counter="count"))
     for column, expected in (("time", TIME), ("theta", ANGLE), ("torque", TORQUE)):
         np.testing.assert_allclose(recording.samples[column], expected, atol=1e-12)
     assert recording.samples["theta_counter"].to_list() == list(range(7, 47))
-    by_rate = FORMATS[WRITERS[what][0]].read(
-        path, described(what, time={**NO_TIME.get(what, {}), "rate": 520})
-    )
+    by_rate = read_converted(path, described(what, time={**NO_TIME.get(what, {}), "rate": 520}))
     np.testing.assert_allclose(by_rate.samples["time"], TIME * 500 / 520, atol=1e-12)
-    assert (recording.columns["torque"]["unit"], recording.facts["time"]["start"]) == ("Nmm", 7)
+    assert (recording.origins["torque"]["unit"], recording.facts["time"]["start"]) == ("Nmm", 7)
     assert recording.facts["rates_hz"]["log"] == pytest.approx(500)
 
 
@@ -473,7 +477,7 @@ def test_a_rate_that_a_clock_of_the_file_contradicts_is_refused_in_every_format(
     path = WRITERS[what][2](
         tmp_path / "log", {"angle": LOG["angle"], "torque": LOG["torque"], name: clock}
     )
-    read, other = FORMATS[WRITERS[what][0]].read, NO_TIME.get(what, {})
+    read, other = read_converted, NO_TIME.get(what, {})
     assert "but " in (said := refusal_by(read, path, described(what, time={**other, "rate": 1000})))
     assert f"{name}' rises by" in said
     assert len(read(path, described(what, time={**other, "rate": 500})).samples) == len(TIME)
@@ -499,7 +503,7 @@ LATE = TIME > 0.039
 def test_what_cannot_be_a_log_is_refused_in_every_format(tmp_path, what, changes, counted, told):
     columns = {name: one for name, one in {**LOG, **changes}.items() if one is not None}
     path = WRITERS[what][2](tmp_path / "log", columns)
-    assert told in refusal_by(FORMATS[WRITERS[what][0]].read, path, described(what, **counted))
+    assert told in refusal_by(read_converted, path, described(what, **counted))
 
 
 @EVERY
@@ -512,13 +516,13 @@ def test_a_draft_becomes_a_source_file_by_naming_two_signals_and_a_unit(tmp_path
         .replace("NAME_2", "torque")
     )
     (tmp_path / "s.yaml").write_text(draft.replace("UNKNOWN", "N*m"))
-    samples = FORMATS[WRITERS[what][0]].read(path, read_source(tmp_path / "s.yaml")).samples
+    samples = read_converted(path, read_source(tmp_path / "s.yaml")).samples
     for column, expected in (("time", TIME), ("theta", ANGLE), ("torque", TORQUE)):
         np.testing.assert_allclose(samples[column], expected, atol=1e-12)
 
 
 def refused_mat(path, **fields):
-    return refusal_by(FORMATS["mat"].read, path, described("mat", **fields))
+    return refusal_by(read_converted, path, described("mat", **fields))
 
 
 MATLAB = pytest.mark.parametrize("write", [write_mat, write_mat73])
@@ -530,15 +534,14 @@ def test_a_part_of_a_matlab_file_is_a_trial_of_its_own(write, tmp_path):
         tmp_path / "a.mat", Slow=LOG, Fast={**LOG, "torque": -2e3 * TORQUE}, clock=1e3 * TIME
     )
     for part, factor in (("Slow", 1), ("Fast", 2)):
-        recording = FORMATS["mat"].read(path, described("mat").of_part(part))
+        recording = read_converted(path, described("mat").of_part(part))
         np.testing.assert_allclose(recording.samples["torque"], factor * TORQUE, atol=1e-12)
     shared = described("mat", time={"variable": "/clock", "unit": "ms"}).of_part("Fast")
-    assert FORMATS["mat"].read(path, shared).columns["torque"]["variable"] == "Fast.torque"
-    assert "no variable 't'; it has" in (said := refused_mat(path))
-    assert (
-        "state the rate if it is that of time, as `time: {rate: HZ}`, or if one of these holds it,"
-        " name this" in said
-    )
+    samples = read_converted(path, shared).samples
+    np.testing.assert_allclose(samples["torque"], 2 * TORQUE, atol=1e-12)
+    said = refused_mat(path)
+    assert "variable 't' occurs 2 times" in said
+    assert "as Slow.t, Fast.t; write one of these" in said or "as Fast.t, Slow.t; write" in said
 
 
 def test_a_matrix_is_a_part_whose_columns_are_signals(tmp_path):
@@ -547,7 +550,7 @@ def test_a_matrix_is_a_part_whose_columns_are_signals(tmp_path):
     source = described("mat", time={"variable": "(:,1)", "unit": "s"}, channels=columns).of_part(
         "D.run1"
     )
-    np.testing.assert_allclose(FORMATS["mat"].read(path, source).samples["theta"], ANGLE)
+    np.testing.assert_allclose(read_converted(path, source).samples["theta"], ANGLE)
 
 
 # of its import
@@ -568,10 +571,10 @@ def test_the_human_ankles_are_objects_and_a_timetable_tells_its_time_and_units(t
         for name, values in (("io", both), ("sv", slow))
     }
     save_to_mat(tmp_path / "a.mat", {**objects, "log": log}, version="v7")
-    ankle = FORMATS["mat"].read(
+    ankle = read_converted(
         tmp_path / "a.mat", read_source(SOURCES / "human_ankle_pilot.yaml").of_part("io")
     )
-    table = FORMATS["mat"].read(
+    table = read_converted(
         tmp_path / "a.mat", described("mat", time={"variable": "Time"}).of_part("log")
     )
     for column, first, second in (
@@ -612,7 +615,7 @@ def test_two_devices_in_one_file_are_read_by_the_vector_of_time_of_each(
         ' unit: "N*m"}\n'
     )
     (tmp_path / "s.yaml").write_text(source)
-    read = FORMATS["mat"].read(path, read_source(tmp_path / "s.yaml"))
+    read = read_converted(path, read_source(tmp_path / "s.yaml"))
     own = read.samples.drop_nulls("torque")
     np.testing.assert_allclose(own["time"], late - TIME[0], atol=1e-9)
     np.testing.assert_allclose(own["torque"], TORQUE[:-7])
@@ -642,7 +645,7 @@ def test_the_draft_of_several_trials_is_of_one_and_fits_the_other(write, tmp_pat
     (tmp_path / "mine.yaml").write_text(
         draft_source(overview, path.name).replace("NAME_1", "theta")
     )
-    read = FORMATS["mat"].read(path, read_source(tmp_path / "mine.yaml").of_part("Fast"))
+    read = read_converted(path, read_source(tmp_path / "mine.yaml").of_part("Fast"))
     np.testing.assert_allclose(read.samples["theta"], ANGLE)
     np.testing.assert_allclose(read.samples["time"], TIME, atol=1e-12)
 

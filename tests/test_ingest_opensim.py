@@ -15,10 +15,11 @@ from recognised_files import refusal_of as refused
 
 from osl_analysis.commands.trials import inspect_file
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.captures import vertical_axis
+from osl_analysis.formats import known_formats
+from osl_analysis.ingest.capture import vertical_axis
 from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.raw_files import check_clocks, trial_from_files
-from osl_analysis.ingest.source import SOURCES
+from osl_analysis.recording import Channel, Rows
 from osl_analysis.trial import Array
 
 FRAMES, LABELS, HEIGHTS = 40, ["HEAD", "HIP", "KNEE", "TOE"], np.array([1700.0, 900.0, 500.0, 50.0])
@@ -108,7 +109,7 @@ def test_markers_of_trc_are_metres_in_our_axes(tmp_path: Path) -> None:
 
 def test_axes_that_do_not_point_up_are_doubted_and_drafted(tmp_path: Path) -> None:
     path = write_trc(tmp_path / "walk.trc", walk(), start=2.5, first=7)
-    assert [*inspect_file(path).facts.values()] == ["40, from 7 on, at 100 Hz", "mm", "2.5 s", "y"]
+    assert [*inspect_file(path).facts.values()] == ["40", "7", "100.0", "1", "mm", "2.5"]
     assert any("state `axes: [x, -z, y]`" in text for text in read(path).warnings)
     assert read(path, axes=("x", "-z", "y")).warnings == []
     assert yaml.safe_load(draft_source(inspect_file(path), "walk.trc"))["axes"] == ["x", "-z", "y"]
@@ -146,7 +147,17 @@ def test_a_header_that_contradicts_the_rows_and_rows_that_cannot_be_right_are_re
     path.write_text("\n".join(lines[:5]))
     assert "holds no frames" in refused(path)
     # of four markers at least
-    assert (vertical_axis(walk() / 1000), vertical_axis(walk()[:, :3])) == ("y", "")
+    assert vertical_axis(as_markers(walk() / 1000)) == "y"
+    assert vertical_axis(as_markers(walk()[:, :3])) == ""
+
+
+def as_markers(positions: Array) -> list[Channel]:
+    """Markers of positions (frames, markers, 3)."""
+    rows = Rows(len(positions))
+    return [
+        Channel({"label": str(place)}, rows, lambda place=place: positions[:, place])
+        for place in range(positions.shape[1])
+    ]
 
 
 @pytest.mark.parametrize("rate", [60, 120, 300, 1000])
@@ -325,11 +336,11 @@ def test_the_draft_of_ground_reactions_proposes_their_plates(
 def test_plates_that_cannot_be_read_are_refused(tmp_path: Path) -> None:
     path, _ = write_forces(tmp_path / "grf.mot")
     assert "column 'L_vx' is missing" in refused(path, plates={1: {**PLATE, "force": "L_v"}})
-    common = SOURCES["opensim"].model_validate({**MOT, "clock": "common"})
-    check_clocks(common, SOURCES["trc"](format="trc"))
+    common = known_formats()["opensim"].source.model_validate({**MOT, "clock": "common"})
+    check_clocks(common, known_formats()["trc"].source(format="trc"))
     # only TRC states times
     with pytest.raises(InputError, match="'common' does not align the log"):
-        check_clocks(common, SOURCES["c3d"](format="c3d"))
+        check_clocks(common, known_formats()["c3d"].source(format="c3d"))
     path.write_text(
         path.read_text().replace("0.005000000", "0.000000000", 1).replace("700.000000000", "nan", 1)
     )

@@ -21,15 +21,16 @@ from test_ingest_assemble import WRITERS
 from osl_analysis.cli import main
 from osl_analysis.commands import trials as module
 from osl_analysis.commands import watch as watching
+from osl_analysis.commands.new_campaign import new_campaign as drafted_campaign
 from osl_analysis.errors import InputError
 from osl_analysis.files import config_here, default_config
-from osl_analysis.formats.csv_table import is_clock
-from osl_analysis.ingest import logs
-from osl_analysis.ingest import overview as about
-from osl_analysis.ingest.draft import draft_source, likely_column
-from osl_analysis.ingest.overview import Overview, RecordedChannel, likely_clock
-from osl_analysis.ingest.raw_files import FORMATS, read_source, recordings_in
-from osl_analysis.ingest.source import open_places
+from osl_analysis.ingest.clock_choice import ClockChoice, gaps_text, likely_clock, span_of
+from osl_analysis.ingest.draft import draft_source
+from osl_analysis.ingest.likely_clock import is_clock, likely_unit, rate_of
+from osl_analysis.ingest.likely_column import likely_column
+from osl_analysis.ingest.overview import Overview, RecordedChannel
+from osl_analysis.ingest.placeholders import open_places
+from osl_analysis.ingest.raw_files import read_converted, read_source
 from osl_analysis.trial import Trial
 
 NASTY = 'a\x1b[2J": {x\n# y\u202eb'
@@ -69,21 +70,17 @@ def test_messages_are_listed_by_field_with_types_rates_gaps_and_damage_and_a_dra
         channel.likely_unit) for channel in overview.channels} == {
         **dict.fromkeys(["position[name=knee]", "position[name=left ankle]"], ("float64[2]",
         "rad")),
-        "effort[0]": ("float64[0]", "N*m"), "bias[0]": ("float32[3]", ""),
+        "bias[0]": ("float32[3]", ""),
     }  # fmt: skip
     text, gaps = module.overview_text(overview), "50 samples at 100 Hz; 1 gaps, the longest 0.510 s"
-    assert (
-        f"sensor_msgs/msg/JointState (cdr) /joints position[name=left ankle]  {gaps}; float64[2]"
-        in text
-    )
-    assert "/joints effort[0]  0 samples; 1 gaps" in text
+    assert f"field          /joints position[name=left ankle]  {gaps}; float64[2]" in text
     draft = draft_source(overview, "a.mcap")
     assert "effort" not in draft
     kept = [line for line in draft.splitlines() if "NAME_" not in line or "NAME_2" in line]
     (tmp_path / "a.yaml").write_text(
         "\n".join(kept).replace("NAME_2", "theta").replace("UNKNOWN", "rad")
     )
-    theta = FORMATS["mcap"].read(path, read_source(tmp_path / "a.yaml")).samples["theta"]
+    theta = read_converted(path, read_source(tmp_path / "a.yaml")).samples["theta"]
     np.testing.assert_array_equal(theta, 0.2 * np.arange(50))
     whole = bytearray(path.read_bytes())
     path.write_bytes(whole[:-300])
@@ -93,7 +90,7 @@ def test_messages_are_listed_by_field_with_types_rates_gaps_and_damage_and_a_dra
     whole[len(whole) // 3] ^= 0xFF
     path.write_bytes(whole)
     overview = module.inspect_file(path)
-    assert "are a damaged chunk" in module.overview_text(overview)
+    assert "from byte 1581 on it cannot be read" in module.overview_text(overview)
     assert 0 < int(overview.facts["messages lost"]) == 50 - int(overview.facts["messages"])
     as_json = write_payloads(
         tmp_path / "b.mcap", [b'{"a": {"b": 1.5}, "c": [1, 2], "d": "x"}'] * 5, "json"
@@ -126,7 +123,7 @@ def test_a_csv_file_lists_columns_units_gaps_words_and_odd_rows_and_its_draft_re
         (tmp_path / "a.yaml").write_text(
             "\n".join(line for line in content.splitlines() if "NAME_2" not in line)
         )
-        samples = FORMATS["csv"].read(path, read_source(tmp_path / "a.yaml")).samples
+        samples = read_converted(path, read_source(tmp_path / "a.yaml")).samples
         np.testing.assert_allclose(
             samples.to_numpy().T, [[0, 0.01, 0.02, 0.09], np.radians([1.5, 2.5, 3.5, 4.5])]
         )
@@ -253,11 +250,10 @@ def test_of_two_clocks_the_first_is_taken_if_they_agree_and_the_user_is_asked(
     ("factor", "taken"), [(1.004, "a"), (0.996, "a"), (1.006, None), (0.997e9, "a"), (60, None)]
 )
 def test_clocks_agree_within_half_a_percent_in_any_unit_of_seconds(factor, taken):
-    assert likely_clock({"a": TIME, "b": factor * TIME})[0] == taken
-    assert likely_clock({"a": TIME, "b": factor * TIME, "c": TIME})[0] == taken
-    assert likely_clock({"b": TIME - 0.02 * (np.arange(50) % 5 == 0), "a": TIME}) == (
-        "a",
-        [],
+    assert likely_clock({"a": TIME, "b": factor * TIME}).key == taken
+    assert likely_clock({"a": TIME, "b": factor * TIME, "c": TIME}).key == taken
+    assert likely_clock({"b": TIME - 0.02 * (np.arange(50) % 5 == 0), "a": TIME}) == ClockChoice(
+        "a"
     ), "it goes back"
 
 
@@ -270,7 +266,7 @@ def test_names_tell_clocks_and_units_and_stamps_tell_rate_span_and_gaps():
         f"x_{angle}_{per}s": f"{angle}/s" for angle in ("deg", "rad") for per in ("", "per_")
     } | {"t_sec": "s"}
     units |= {"M/Nm": "Nm", **dict.fromkeys(("theta_m", "deg", "deg/s"), "")}
-    assert {name: logs.likely_unit(name) for name in units} == units
+    assert {name: likely_unit(name) for name in units} == units
     clocks = (
         "time T timestamp stamp state_time loop_time pi_time sys_time ROS_time elapsed_time elapsed"
         " clock seconds"
@@ -286,35 +282,35 @@ def test_names_tell_clocks_and_units_and_stamps_tell_rate_span_and_gaps():
         ([0, 0.5, 1, 0.75, 1.5, 2], "1 stamps out of order", 2), ([4], "", None),
         ([0, 2, 2, 2], "2 stamps twice", 0.5),
     ):  # fmt: skip
-        assert (about.gaps_text(np.array(time)), logs.rate_of(np.array(time))) == (said, rate)
+        assert (gaps_text(np.array(time)), rate_of(np.array(time))) == (said, rate)
     back, often = np.r_[0:11.0, 9:20], np.r_[0:9.0, 7:9]
-    assert [about.span_of(one) for one in (back, often, np.array([0, np.nan, 0, 3, 3]))] == [
+    assert [span_of(one) for one in (back, often, np.array([0, np.nan, 0, 3, 3]))] == [
         19,
         0,
         3,
     ]
 
 
-def test_a_folder_of_recordings_is_a_table_that_no_text_of_theirs_can_break(tmp_path: Path) -> None:
+def test_a_folder_lists_what_each_recording_holds_or_why_it_is_refused(tmp_path: Path) -> None:
     write_c3d(
         tmp_path / "walk.c3d", np.ones((100, 1, 4)) * [1, 2, 3, 0], rate=100.0, POINT__LABELS=["a"]
     )
-    (tmp_path / "a|<b>.csv").write_text("a,b\n1,2\n")
+    (tmp_path / "a\x1b[31m.csv").write_text("a,b\n1,2\n")
     (tmp_path / "broken.mcap").write_bytes(b"no MCAP file")
-    rows = module.samples_table(tmp_path).splitlines()[2:]
-    assert rows[0] == r"| a\|&lt;b&gt;.csv | csv | 2 x column |  |"
-    assert rows[1].startswith("| broken.mcap |  |  | refused: not an MCAP file")
-    assert rows[2] == "| walk.c3d | c3d | 1 x marker at 100 Hz |  |"
-    with pytest.raises(InputError, match=r"no recordings below it \(\.mcap, "):
-        module.samples_table(tmp_path / "none")
+
+    lines = module.folder_text(tmp_path).splitlines()
+
+    assert lines[0] == r"a\x1b[31m.csv: csv, 2 x column"
+    assert lines[1].startswith("broken.mcap: refused: not an MCAP file")
+    assert lines[2] == "walk.c3d: c3d, 1 x marker at 100 Hz"
+    with pytest.raises(InputError, match=r"no recordings below it \(\.\w+, "):
+        module.folder_text(tmp_path / "none")
 
 
-@pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no real data")
-def test_the_page_in_the_documentation_names_every_real_sample() -> None:
-    page = (Path(__file__).parents[1] / "docs/real_samples.md").read_text()
-    assert [
-        path.name for path in recordings_in(REAL_DATA) if module.escaped(path.name) not in page
-    ] == []
+def test_the_folder_of_a_ros_2_bag_is_one_recording(tmp_path: Path) -> None:
+    assert module.is_folder_of_recordings(tmp_path)
+    (tmp_path / "metadata.yaml").write_text("rosbag2_bagfile_information: {}")
+    assert not module.is_folder_of_recordings(tmp_path)
 
 
 pytestmark = pytest.mark.usefixtures("in_root")
@@ -435,7 +431,7 @@ def test_a_stiffness_far_from_the_desired_one_is_pointed_at(tmp_path, bench):
     doubt = "K is far from the K_d .*: K is 0.4 times K_d. Check the units"
     line, *_ = watching.recording_line(path, tmp_path / "in", bench)
     assert re.search(f"DOUBTFUL: stiffness unlike K_d: {doubt}", line)
-    module.new_campaign(tmp_path / "c", recordings=tmp_path / "in")
+    drafted_campaign(tmp_path / "c", recordings=tmp_path / "in")
     (look,) = watching.first_look(tmp_path / "c")
     assert re.search(
         f"(?s)first trial of experiment impedance, [^\n]*: LOOK AT IT\n.*{doubt}", look

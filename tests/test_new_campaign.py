@@ -2,6 +2,8 @@
 its files."""
 
 import json
+import re
+from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 
 import numpy as np
@@ -14,15 +16,16 @@ from conftest import ROOT
 from jsonschema import Draft202012Validator
 
 from osl_analysis.cli import main
+from osl_analysis.commands.new_campaign import draft_campaign, left_to_decide, new_campaign
 from osl_analysis.commands.reference import schemas
-from osl_analysis.commands.run import looked_at, snakemake_arguments
-from osl_analysis.commands.trials import draft_campaign, left_to_decide, new_campaign
+from osl_analysis.commands.run import Look, library, looked_at, snakemake_arguments
 from osl_analysis.errors import InputError
 from osl_analysis.files import shipped
-from osl_analysis.ingest.draft import draft_trials, segment_of
+from osl_analysis.ingest.draft_sheet import draft_trials
+from osl_analysis.ingest.draft_walking import segment_of
+from osl_analysis.ingest.placeholders import open_places
 from osl_analysis.ingest.raw_files import read_source, recordings_in
-from osl_analysis.ingest.source import open_places
-from osl_analysis.ingest.units import base_units, name_and_ending, normalised
+from osl_analysis.units import base_units, name_and_ending, normalised
 
 KINDS = {
     "config": "config/config.yaml config/campaigns/*/config.yaml config/new_campaign/[ce]*.yaml",
@@ -111,18 +114,18 @@ def test_the_name_of_a_file_tells_its_trial_and_nothing_more(name, experiment, t
 
 
 def test_what_moves_tells_a_log_whose_name_tells_nothing():
-    moved = {
-        Path(name): {"experiment": "impedance"}
-        for name in ("a.csv", "walk 3.csv", "belt_motor.csv", "b.csv")
-    }
+    names = ("a.csv", "walk 3.csv", "belt_motor.csv", "b.csv")
+    moved = {Path(name): "impedance" for name in names}
     files = [(path, "s", False) for path in moved] + [(Path("b.c3d"), "c", True)]
-    told = draft_trials(files, moved | {Path("b.c3d"): {"experiment": "static"}})
-    assert [cells["experiment"] for cells, _ in told] == [
-        "impedance",
-        "static",
-        "ingest_only",
-        "ingest_only",
-    ]
+
+    told = draft_trials(files, moved)
+
+    assert {cells["trial"]: cells["experiment"] for cells, _ in told} == {
+        "a": "impedance",
+        "b": "ingest_only",
+        "belt_motor": "ingest_only",
+        "walk_3": "ingest_only",
+    }
 
 
 def test_a_log_and_a_capture_of_one_name_are_one_trial_and_two_logs_are_two():
@@ -162,18 +165,43 @@ def test_an_empty_campaign_names_what_is_to_be_done(tmp_path, monkeypatch):
     assert call("init", tmp_path / "mine", "--recorder", "opensourceleg").exit_code == 0
     assert read_source(tmp_path / "mine/sources/opensourceleg.yaml").format == "csv"
     monkeypatch.chdir(tmp_path / "mine")
-    (said,) = [found for what, found, _ in looked_at(Path()) if what == "campaign"]
+    (said,) = [look.found for look in looked_at(Path()) if look.what == "campaign"]
     assert "no trials; add one row per trial" in said
     assert (call("doctor").exit_code, "!! campaign" in call("doctor").output) == (1, True)
     Path("recordings/a.csv").touch()  # the log is there, the capture is not
-    sheet = "trial,experiment,log,log_source,mocap,mocap_source,accept\na,belt,a.csv,opensourceleg,a.c3d,vicon,"
+    columns = "trial,experiment,log,log_source,mocap,mocap_source,accept"
+    sheet = f"{columns}\na,belt,a.csv,opensourceleg,a.c3d,vicon,"
     Path("trials.csv").write_text(f"{sheet}gapp\n")
     assert "'gapp' is no quality check" in [*looked_at(Path())][-1][1]
     Path("trials.csv").write_text(f"{sheet}\n")
     assert "vicon.yaml: no such file" in [*looked_at(Path())][-1][1]
     Path("sources/vicon.yaml").write_text("format: c3d\nanalogs: {sync: {channel: Sync}}\n")
     lacks = "files of 1 are missing, first of a: correct the sheet"
-    assert [*looked_at(Path())][-1] == ("campaign", "mine, 1 trials", lacks)
+    assert [*looked_at(Path())][-1] == Look("campaign", "mine, 1 trials", lacks)
+
+
+def test_an_empty_folder_becomes_a_campaign_where_one_stands(tmp_path, monkeypatch):
+    (tmp_path / "mine").mkdir()
+    monkeypatch.chdir(tmp_path / "mine")
+
+    result = call("init", ".")
+
+    assert result.exit_code == 0, result.stderr
+    made = {path.name for path in Path().iterdir()}
+    assert made == {"config.yaml", "trials.csv", "sources", "schemas", "recordings"}
+    assert yaml.safe_load(Path("config.yaml").read_text())["campaign"] == "mine"
+
+
+def test_doctor_calls_nothing_ok_that_is_not_installed(monkeypatch):
+    def version_without_numba(name):
+        if name == "numba":
+            raise PackageNotFoundError
+        return "1.0"
+
+    monkeypatch.setattr("osl_analysis.commands.run.version", version_without_numba)
+
+    assert library("numpy") == Look("numpy", "1.0")
+    assert re.search(r"(?m)^-- numba +not installed, optional", call("doctor").stdout)
 
 
 def test_snakemake_is_given_the_campaign_of_the_folder_or_a_broken_one_is_refused_in_one_line(
@@ -240,7 +268,8 @@ def test_every_shipped_file_is_valid_by_its_schema_which_refuses_an_unknown_fiel
 
 
 @pytest.mark.parametrize(("names", "segment"), [
-    ("RHEE RTOE R.Heel R.Toe.Tip R.Toe.Med R.MT5 R_FCC R_FM1 Sub:RHEE RFT1 HEEL_R Right.Foot.1 RCAL", "R foot"),
+    ("RHEE RTOE R.Heel R.Toe.Tip R.Toe.Med R.MT5 R_FCC R_FM1 Sub:RHEE RFT1 HEEL_R Right.Foot.1"
+     " RCAL", "R foot"),
     ("LTIB R_SK1 L.Shank.Front R_TTC R.TT RSHA RS1 R.HF left_leg_2", "RL shank"),
     ("FOOT1 S01:HEEL Shoe3", " foot"),
     ("RMED RMMA R_TAM RMMAL R.Ankle.Medial RAM R_med_mall", "R ankle_medial"),
@@ -273,22 +302,11 @@ STEP = (FRAMES > 90) & (FRAMES < 160)
 PULSES = ["Sync.1", "Voltage.Trigger"]
 
 
-def capture(
-    path,
-    of_leg,
-    turn_deg=0.0,
-    force=0.0,
-    still=False,
-    platform=("PLAT1", "PLAT2", "PLAT3"),
-    labels=PULSES,
-):
-    """A capture whose leg walks past, or stands still, on or beside a plate that turns while it is
-    loaded."""
-    turn = np.radians(turn_deg) * np.clip((FRAMES - 100) / 10, 0, 1) * (FRAMES < 170)
-    tracks = {name: np.add(place, WALK[120] if still else WALK) for name, place in of_leg.items()}
-    tracks |= {name: np.add(place, 0 * WALK) for name, place in of_leg.items() if still}
-    for name, (x, y) in zip(platform, [(200, 200), (-200, 200), (200, -200)], strict=False):
-        tracks[name] = np.stack([x * np.cos(turn), y + 0 * turn, -20 - x * np.sin(turn)], axis=1)
+def capture(path, of_leg, force=0.0, platform=("PLAT1", "PLAT2", "PLAT3"), labels=PULSES):
+    """A capture whose leg walks over a plate, which it loads for a step."""
+    tracks = {name: np.add(place, WALK) for name, place in of_leg.items()}
+    for name, place in zip(platform, [(200, 200), (-200, 200), (200, -200)], strict=False):
+        tracks[name] = np.add((*place, -20), 0 * WALK)
     points = np.zeros((240, len(tracks), 4))
     points[:, :, :3] = np.stack(list(tracks.values()), axis=1)
     analogs = np.zeros((480, 8))
@@ -306,28 +324,27 @@ def capture(
     )
 
 
-def test_a_walking_laboratory_is_drafted_from_captures_whose_names_say_nothing(tmp_path):
-    rec, everything = tmp_path / "rec", {**LEG, **MALLEOLI, "C7": (0, 0, 1400)}
+def test_a_walking_laboratory_is_drafted_from_the_names_of_captures_and_markers(tmp_path):
+    rec = tmp_path / "rec"
     rec.mkdir()
-    capture(rec / "a1.c3d", everything, still=True)
-    capture(rec / "a2.c3d", {}, turn_deg=3)
-    capture(rec / "a3.c3d", LEG, turn_deg=3, force=800)
-    capture(rec / "a4.c3d", LEG, force=800)
-    capture(rec / "a5.c3d", LEG, force=800, platform=())
-    capture(rec / "a6.c3d", LEG, turn_deg=0.5, force=800, labels=["TTL", "EMG1"])
-    capture(rec / "walk_unpert_7.c3d", LEG, turn_deg=3, force=800)  # a name goes before the motion
+    capture(rec / "static_1.c3d", {**LEG, **MALLEOLI, "C7": (0, 0, 1400)})
+    capture(rec / "plate_2.c3d", {})
+    capture(rec / "walk_pert_3.c3d", LEG, force=800)
+    capture(rec / "overground_5.c3d", LEG, force=800, platform=())
+    capture(rec / "walk_unpert_6.c3d", LEG, force=800, labels=["TTL", "EMG1"])
+
     draft = new_campaign(tmp_path / "mine", recordings=rec)
+
     told = {
         cells["trial"]: (cells["experiment"], cells.get("perturbed")) for cells, _ in draft.trials
     }
     assert told == {
-        "a1": ("static", None), "a2": ("plate", None), "a3": ("walking", "true"), "a4": ("walking",
-        "false"),
-        "a5": ("overground", None), "a6": ("walking", "false"), "walk_unpert_7": ("walking",
-        "false"),
-    }  # fmt: skip
-    others = [said[0] for cells, said in draft.trials if cells["trial"] != "walk_unpert_7"]
-    assert all("guessed from the motion" in said for said in others)
+        "static_1": ("static", None),
+        "plate_2": ("plate", None),
+        "walk_pert_3": ("walking", "true"),
+        "overground_5": ("overground", None),
+        "walk_unpert_6": ("walking", "false"),
+    }
     written = yaml.safe_load((tmp_path / "mine/config.yaml").read_text())["walking"]
     assert written.pop("markers") == {
         "foot": ["R_FCC", "R_FM1", "R_FM5"], "shank": ["R_SK1", "R_SK2", "R_SK3"],
@@ -342,9 +359,9 @@ def test_a_walking_laboratory_is_drafted_from_captures_whose_names_say_nothing(t
     }
     # a capture without a trigger has a source file of its own
     assert [*analogs["c3d_2"]] == ["sync"]
-    assert [cells["mocap_source"] for cells, _ in draft.trials if cells["trial"] == "a6"] == [
-        "c3d_2"
-    ]
+    assert [
+        cells["mocap_source"] for cells, _ in draft.trials if cells["trial"] == "walk_unpert_6"
+    ] == ["c3d_2"]
     for name in draft.sources:
         read_source(tmp_path / f"mine/sources/{name}.yaml")
 
@@ -363,6 +380,9 @@ def test_what_the_captures_of_walking_do_not_tell_is_unknown_and_to_be_edited(tm
     )
     assert left_to_decide(tmp_path / "mine", draft)[0] == f"{tmp_path}/mine/{said}"
     assert 'foot: ["RHEE", UNKNOWN]  # named so; a cluster has 3 or more' in draft.walking
+    ((cells, (question,)),) = draft.trials
+    assert cells["experiment"] == "ingest_only"
+    assert "the name tells none, write one of overground, walking, static, plate" in question
 
 
 def test_a_log_of_a_known_recorder_has_the_shipped_source_file_of_it(tmp_path):

@@ -8,7 +8,6 @@ from pathlib import Path
 import polars as pl
 import pytest
 
-from osl_analysis.commands.report import score_answers
 from osl_analysis.errors import InputError
 from osl_analysis.table import read_table
 
@@ -24,7 +23,8 @@ def estimate(t, theta, torque, rate_hz, bits, person=0, **known):
     omega = np.gradient(x, step)
     X = np.column_stack([x, omega, np.gradient(omega, step), np.ones_like(x)])
     K, B, I, _ = np.linalg.lstsq(X, y, rcond=None)[0]
-    return K, B, I, {"K": (0.99 * K, 1.01 * K), "B": (0.99 * B, 1.01 * B)}, ["coarse"] if bits < 16 else []
+    intervals = {"K": (0.99 * K, 1.01 * K), "B": (0.99 * B, 1.01 * B)}
+    return K, B, I, intervals, ["coarse"] if bits < 16 else []
 """
 HEAD = "method,trial,K,K_low,K_high,B,B_low,B_high,I,I_low,I_high,doubtful,seconds,megabytes\n"
 TRUTH = "trial,group,K,B,I,cause\na,one,300,5,0.02,\nb,one,300,5,0.02,friction\n"
@@ -32,9 +32,15 @@ RIGHT = "300,299,301,5,4.9,5.1,0.02,0.019,0.021"
 OFF = "300,299,301,6,5.9,6.1,0.02,0.019,0.021"
 
 
+@pytest.fixture(autouse=True)
+def peers_are_importable(monkeypatch):
+    monkeypatch.syspath_prepend(PEERS)
+
+
 @pytest.fixture
 def scored(tmp_path):
     """The row over all cases of some lines of answers."""
+    from score import score_answers
 
     def scores(*lines):
         (tmp_path / "truth.csv").write_text(TRUTH)
@@ -44,11 +50,11 @@ def scored(tmp_path):
     return scores
 
 
-def test_a_method_of_one_file_and_one_function_is_compared(tmp_path, monkeypatch):
-    monkeypatch.syspath_prepend(PEERS)
+def test_a_method_of_one_file_and_one_function_is_compared(tmp_path):
     import generator
     import laboratory
     import recordings
+    from score import score_answers
 
     chosen = {"exact joint", "late torque", "14 bits", "human ankle"}
     cases = [case for case in generator.CASES if case.case in chosen and case.motion == "multisine"]

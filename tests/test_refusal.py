@@ -6,8 +6,6 @@ import logging
 import os
 import platform
 import re
-import signal
-import socket
 import subprocess
 import sys
 import warnings
@@ -19,34 +17,27 @@ from types import SimpleNamespace
 
 import numpy as np
 import polars as pl
+import psutil
 import pytest
 from conftest import ROOT
 from snakemake.exceptions import LockException, format_exception_to_string
 from snakemake_interface_logger_plugins.common import LogEvent
 
 from osl_analysis.campaign.configuration import read_section
-from osl_analysis.commands import trials
+from osl_analysis.commands import run, trials
+from osl_analysis.commands.run import left_behind_report
 from osl_analysis.commands.tables import gather, judge, list_excluded, read_summary
 from osl_analysis.commands.walking import read_crossing_file, read_model, read_unperturbed_gaits
-from osl_analysis.errors import InputError, WriteError
-from osl_analysis.files import digest, file_state, temporary_path
+from osl_analysis.errors import InputError, MemoryLimitError, WriteError
 from osl_analysis.ingest.examine import Commanded, examine, measured_table
 from osl_analysis.jobs import progress
-from osl_analysis.jobs import request as jobs_request
-from osl_analysis.jobs import run as jobs_run
-from osl_analysis.jobs.job import died, perform, refusal
-from osl_analysis.jobs.job_log import read_log, write_log
 from osl_analysis.jobs.progress import LogHandler
-from osl_analysis.jobs.run import job_server, run_job
 from osl_analysis.judge.campaign import campaign_findings, exclusion_report
+from osl_analysis.judge.exclusions import Judge, exclusions
 from osl_analysis.judge.limits import DoubtfulFits, QualityRules
-from osl_analysis.judge.used import (
-    Judge,
-    exclusions,
-    left_behind_report,
-    without_excluded,
-    without_refused,
-)
+from osl_analysis.outcomes.job_log import read_log, write_log
+from osl_analysis.outcomes.perform import Job, perform
+from osl_analysis.outcomes.used import without_excluded, without_refused
 from osl_analysis.refusal import (
     Refusal,
     alike,
@@ -57,7 +48,7 @@ from osl_analysis.refusal import (
     write_refusals,
 )
 from osl_analysis.table import read_table, write_table, write_tables
-from osl_analysis.trial import Trial, read_trial, write_trial
+from osl_analysis.trial import Trial, read_trial
 from osl_analysis.walking.poses import StaticCalibration
 
 LOST = Refusal(
@@ -68,8 +59,8 @@ LOST = Refusal(
     "raw/b_1.mcap: no such file",
     "copy it there",
 )
-KILLED = Refusal(
-    "b_2", "raw/b_2.mcap", "bench.fit", "died", "the process of this job was killed", "run again"
+FAULT = Refusal(
+    "b_2", "raw/b_2.mcap", "bench.fit", "failed", "a fault of this program", "report it"
 )
 
 
@@ -83,15 +74,39 @@ def result(path):
     return str(path)
 
 
-def test_a_record_reads_back_whatever_the_reason_holds(tmp_path):
-    odd = Refusal("b,1", 'a "file"', "j", "refused", "columns 'a', \"b\": 1,2; # no", "")
-    assert read_refusals(record(tmp_path / "x.parquet", odd, LOST)) == (odd, LOST)
-    (tmp_path / "large.csv").write_bytes((tmp_path / "x.parquet").read_bytes().ljust(1 << 20))
-    assert not is_refused(tmp_path / "large.csv")
-    assert refused_trials([LOST, replace(LOST, reason="later"), KILLED]) == {
+@pytest.mark.parametrize("name", ["x.csv", "x.parquet", "x.zip", "x.json", "x.svg"])
+def test_a_refusal_reads_back_whatever_the_reason_holds_and_no_result_is_one(tmp_path, name):
+    odd = Refusal("b,1", 'a "file"', "j", "refused", "columns 'a', \"b\": 1,2; # no \u00e9", "")
+    path = tmp_path / name
+    assert read_refusals(record(path, odd, LOST)) == (odd, LOST)
+    if path.suffix == ".csv":
+        path.write_bytes(path.read_bytes().ljust(1 << 20))
+        assert not is_refused(path), "a large file is none"
+    assert refused_trials([LOST, replace(LOST, reason="later"), FAULT]) == {
         "b_1": LOST,
-        "b_2": KILLED,
+        "b_2": FAULT,
     }
+
+
+def test_other_programs_open_a_refusal_and_find_no_row_of_the_result(tmp_path):
+    for name in ("x.csv", "x.parquet", "x.zip"):
+        record(tmp_path / name, LOST)
+    with zipfile.ZipFile(tmp_path / "x.zip") as archive:
+        assert archive.testzip() is None
+        tables = [pl.read_csv(archive.read(archive.namelist()[0]))]
+    tables += [pl.read_csv(tmp_path / "x.csv"), pl.read_parquet(tmp_path / "x.parquet")]
+    for table in tables:
+        assert table["reason"].to_list() == ["raw/b_1.mcap: no such file"]
+        assert not {"time", "theta", "K"} & {*table.columns}
+
+
+def test_a_result_is_no_refusal(tmp_path):
+    frame = pl.DataFrame({"trial": ["osl_analysis_refused"]})
+    frame.write_parquet(tmp_path / "a.parquet")
+    write_tables({tmp_path / "a.zip/series.csv": frame, tmp_path / "a.csv": frame})
+    (tmp_path / "a.json").write_text("{}")
+    names = ("a.parquet", "a.zip", "a.csv", "a.json", "missing.csv")
+    assert [is_refused(tmp_path / name) for name in names] == [False] * 5
 
 
 READERS = [read_trial, read_table, read_unperturbed_gaits, read_summary, read_crossing_file]
@@ -115,40 +130,27 @@ def test_a_trial_refused_in_one_list_is_missing_from_every_list_and_the_job_goes
         ({"shown": {"b_1": bad[1], "b_2": good[1]}}, {"shown": {"b_2": good[1]}}, ()),
         ({"rows": bad[1:]}, {"rows": []}, (LOST,)), ({"rows": bad[1:], "trial": good[0]},
          {"rows": []}, ()),
-        ({"rows": good, "quality": bad[1:]}, {"quality": []}, ()), ({"f": bad[1:], "trial": bad[0]},
-         {"f": []}, (LOST,))
+        ({"f": bad[1:], "trial": bad[0]}, {"f": []}, (LOST,))
     ):  # fmt: skip
         assert without_refused(given) == ({**given, **kept}, (LOST,), missing)
-    assert without_refused({"rows": good}, bad[1:])[1:] == ((LOST,), (LOST,))
-    assert without_excluded({"table": good[1], "fitted": [good[1]], "quality": []}, {}) == {
-        "table": good[1]
-    }
     assert Judge(QualityRules(), {}).verdicts([Path(bad[1])]).is_empty()  # a record is no verdict
 
 
-def job(tmp_path, command, inputs, output=None, **settings):
+def job(tmp_path, command, inputs, output=None, **params):
     output = output or {"output": str(tmp_path / "tables/belt.csv")}
-    said = {
-        "command": command,
-        "input": inputs,
-        "output": output,
-        "settings": settings,
-        "files": [*output.values()],
-    }
-    return said | {"needs": [], "data": "", "judge": "", "log": str(tmp_path / "logs/belt.log")}
+    given = {"made_by": {"data": ""}, **params}
+    return Job(command, inputs, output, given, tmp_path / "logs/belt.log")
 
 
 def ended(job):
     perform(job)
-    return read_log(Path(job["log"]))["outcome"], read_refusals(job["files"][-1])
+    return read_log(job.log)["outcome"], read_refusals(job.files[-1])
 
 
 def test_a_job_that_refuses_its_input_leaves_reason_and_remedy_in_place_of_an_old_result(tmp_path):
     result(tmp_path / "tables/belt.csv")
     inputs = {"trial": str(tmp_path / "trials/b_1.parquet")}
-    outcome, (cause,) = ended(
-        job(tmp_path, "walking.compare_ankle_moment", inputs, settings={}, tables={})
-    )
+    outcome, (cause,) = ended(job(tmp_path, "walking.analyse", inputs, settings={}, mistyped={}))
     assert (outcome, cause.trial, cause.file, cause.outcome) == (
         "failed",
         "b_1",
@@ -166,7 +168,7 @@ def test_a_job_that_refuses_its_input_leaves_reason_and_remedy_in_place_of_an_ol
 
 
 def test_a_job_that_lacks_an_input_passes_its_causes_on_and_is_no_cause_itself(tmp_path):
-    causes = LOST, KILLED, replace(LOST, reason="later")  # and none twice
+    causes = LOST, FAULT, replace(LOST, reason="later")  # and none twice
     inputs = {"table": record(tmp_path / "belt.csv", *causes, replace(LOST, file="other"))}
     assert ended(job(tmp_path, "bench.summarise", inputs)) == ("skipped", causes)
 
@@ -184,7 +186,8 @@ def test_ingest_and_quality_control_are_one_job_of_which_both_results_stand_or_n
     )
     monkeypatch.setattr(trials, "examine", refuse)
     monkeypatch.setattr(
-        "osl_analysis.jobs.job.limited_memory", lambda files: limited.append(files) or nullcontext()
+        "osl_analysis.outcomes.perform.limited_memory",
+        lambda files: limited.append(files) or nullcontext(),
     )
     settings = {
         "row": {"trial": "b_1", "experiment": "belt", "log": "b_1.mcap"},
@@ -199,205 +202,79 @@ def test_ingest_and_quality_control_are_one_job_of_which_both_results_stand_or_n
     assert limited == [["raw/b_1.mcap"]], "where memory is short, the recording is named"
 
 
-def written(tmp_path, **more):
-    """The request of a fit of the trial b_7, and how often it was tried."""
-    path, made = tmp_path / "requests/b_7.json", [str(tmp_path / "fits/b_7.csv")]
-    content = {
-        "command": "bench.fit",
-        "data": "",
-        "log": str(tmp_path / "b_7.log"),
-        "files": made,
-        "needs": [],
-    }
-    content |= {
-        "input": {"trial": "results/trials/b_7.parquet"},
-        "output": {},
-        "settings": {},
-        "recorded": {},
-    }
-    path.parent.mkdir(exist_ok=True)
-    text = jobs_request.request_text(path, content | {"judge": ""} | more, digest)
-    if text != (path.is_file() and path.read_text()):
-        path.write_text(text)
-    return path, json.loads(path.read_text())["tried"]
-
-
-def test_a_killed_job_leaves_nothing_half(tmp_path):
-    (request, _), output = written(tmp_path), tmp_path / "fits/b_7.csv"
-    left = temporary_path(output, 12345)
-    left.parent.mkdir()
-    left.write_text("half a table")
-    died(request, 12345, 9)
-    assert not left.exists()
-    assert [(cause.trial, cause.outcome) for cause in read_refusals(output)] == [("b_7", "died")]
-
-
 @pytest.mark.parametrize("host", [platform.node(), "another"])
 def test_the_next_start_cleans_what_a_killed_run_on_this_machine_left_and_takes_its_lock(
     tmp_path, monkeypatch, host
 ):
     monkeypatch.chdir(tmp_path)
+    is_here = host == platform.node()
     ended = subprocess.Popen(["true"])
     ended.wait()
     kept = [Path(f"results/.a.{os.getpid()}.csv"), Path("results/.hidden"), Path("results/a.csv")]
-    left = [
-        Path(f"results/.a.{ended.pid}.csv"),
-        Path(".snakemake/locks/0.output.lock"),
-        Path("snakemakeab/source"),
-    ]
-    for file in (*kept, *left):
+    left = [Path(f"results/.a.{ended.pid}.csv"), Path("snakemakeab/source")]
+    lock = Path(".snakemake/locks/0.output.lock")
+    for file in (*kept, *left, lock):
         file.parent.mkdir(parents=True, exist_ok=True)
         file.touch()
-    jobs_run.RUNS.write_text(
-        json.dumps({"host": host, "pid": ended.pid, "temporary": "snakemakeab"}) + "\n"
-    )
-    is_here = host == platform.node()
-    with jobs_run.RUNS.open() as at_work:
-        jobs_run.fcntl.flock(at_work, jobs_run.fcntl.LOCK_SH)
-        assert not jobs_run.locked_by_killed_run(), "another run holds it"
-    assert jobs_run.locked_by_killed_run() == is_here
-    file, are_ended_here = jobs_run.begin(tmp_path / "own")
-    assert are_ended_here == is_here
-    if are_ended_here:
-        jobs_run.remove_half_written([Path("results")])
-    jobs_run.begin.cache_clear()
-    assert [one.exists() for one in (*kept, *left)] == [True] * 3 + [not is_here] * 3
-    (mine,) = (json.loads(line) for line in jobs_run.RUNS.read_text().splitlines())
-    assert (mine["pid"], mine["temporary"]) == (os.getpid(), f"{tmp_path}/own")
-    beside, are_ended_here = jobs_run.begin(tmp_path / "other")
-    jobs_run.begin.cache_clear()
-    with file, beside:
-        assert not are_ended_here, "this run is at work"
+    run.RUNS.mkdir()
+    note = {"host": host, "pid": ended.pid, "began": 1.0, "temporary": "snakemakeab"}
+    (run.RUNS / "killed.json").write_text(json.dumps(note))
+    began = psutil.Process().create_time()
+    at_work = {"host": platform.node(), "pid": os.getpid(), "began": began, "temporary": "x"}
+    (run.RUNS / "at_work.json").write_text(json.dumps(at_work))
+
+    assert not run.take_over_lock(), "another run holds it"
+    (run.RUNS / "at_work.json").unlink()
+    assert run.take_over_lock() == is_here
+    assert lock.exists() == (not is_here)
+    run.begin_run(tmp_path / "own", [Path("results")])
+
+    assert [one.exists() for one in (*kept, *left)] == [True] * 3 + [not is_here] * 2
+    notes = [json.loads(file.read_text())["pid"] for file in run.RUNS.glob("*.json")]
+    assert sorted(notes) == sorted({os.getpid(), *([] if is_here else [ended.pid])})
+    assert not run.take_over_lock(), "this run is at work"
 
 
-def test_a_job_that_a_killed_server_had_not_begun_is_done_by_a_new_one_and_one_that_ran_is_named(
-    tmp_path, monkeypatch
-):
-    request, _ = written(tmp_path)
-    monkeypatch.chdir(tmp_path)
-    job_server.cache_clear()
-    monkeypatch.setenv("OMP_NUM_THREADS", "64")
-    link, server = job_server()
-    assert os.getsid(server.pid) == server.pid, "Ctrl-C is for Snakemake"
-    # until its program has begun
-    while not (variables := Path(f"/proc/{server.pid}/environ").read_bytes()):
-        pass
-    assert b"OMP_NUM_THREADS=1\0" in variables, "a job counts as one core"
-    server.kill()
-    server.wait()
-    run_job(str(request))
-    (cause,) = read_refusals(tmp_path / "fits/b_7.csv")
-    assert cause.outcome == "failed", "a new server did it: there is no such trial"
-    link.close()
-    monkeypatch.setattr(jobs_run, "answer_to", lambda *_: b"12345 ")  # it had begun
-    run_job(str(request))
-    with job_server()[0], job_server()[1] as second:
-        second.kill()
-    assert read_refusals(tmp_path / "fits/b_7.csv")[0].reason.endswith(
-        "was killed (signal 9, SIGKILL)"
-    )
-    job_server.cache_clear()
+def test_a_number_of_a_process_that_another_one_has_now_is_no_run_at_work():
+    assert run.is_at_work(os.getpid(), psutil.Process().create_time())
+    assert not run.is_at_work(os.getpid(), psutil.Process().create_time() - 1000)
 
 
-def test_one_process_does_several_jobs_and_another_one_takes_its_place_when_it_is_killed(
-    tmp_path, monkeypatch
-):
-    request, _ = written(tmp_path)
-    monkeypatch.chdir(tmp_path)
-    job_server.cache_clear()
-    link, server = job_server()
-    first, second = (jobs_run.answer_to(link, str(request)).decode().split() for _ in range(2))
-    assert b"llvmlite" not in Path("/proc", first[0], "maps").read_bytes(), (
-        "100 MB that a fit does without"
-    )
-    os.kill(int(first[0]), signal.SIGKILL)
-    while Path("/proc", first[0]).exists():
-        pass
-    third = jobs_run.answer_to(link, str(request)).decode().split()
-    assert first == second
-    assert third[1] == first[1] == "0"
-    assert third[0] != first[0]
-    server.kill()
-    server.wait()
-    link.close()
-    job_server.cache_clear()
+WORKERS = """
+import os, signal, sys
+from osl_analysis.jobs import workers
+
+os.environ["OMP_NUM_THREADS"] = "64"
+first = workers.Worker()
+environment = first.pool.submit(os.getenv, "OMP_NUM_THREADS").result()
+same = first.pool.submit(os.getpid).result() == first.process.pid
+session = first.pool.submit(signal.getsignal, signal.SIGINT).result() == signal.SIG_IGN
+mapped = open(f"/proc/{first.process.pid}/maps").read()
+second = workers.Worker()
+os.kill(first.process.pid, signal.SIGKILL)
+lives = second.pool.submit(os.getpid).result() == second.process.pid
+first.pool.shutdown()
+print([environment, same, session, "llvmlite" in mapped, lives, first.process.exitcode])
+workers.IDLE["bench"].append(second)
+if sys.argv[1:] == ["killed"]:
+    print(second.process.pid, flush=True)
+    os.kill(os.getpid(), signal.SIGKILL)
+workers.end_workers()
+"""
 
 
-def test_a_worker_ends_its_job_without_a_word_where_the_server_is_killed_meanwhile(tmp_path):
-    request, _ = written(tmp_path)
-    ours, theirs = socket.socketpair()
-    code = (
-        "import socket; from osl_analysis.jobs.run import work;"
-        f" work(socket.socket(fileno={theirs.fileno()}))"
-    )
-    with (tmp_path / "said").open("w+") as said, ours, theirs:
-        worker = subprocess.Popen([sys.executable, "-c", code], pass_fds=[theirs.fileno()])
-        socket.send_fds(ours, [f"{tmp_path}\0{request}".encode()], [said.fileno(), said.fileno()])
-        ours.close()
-        theirs.close()
-        assert worker.wait() == 0
-        assert (tmp_path / "said").read_text() == ""
-    assert is_refused(tmp_path / "fits/b_7.csv")
+def test_a_worker_does_several_jobs_on_one_core_and_a_killed_one_takes_no_other_with_it():
+    told = subprocess.run([sys.executable, "-c", WORKERS], capture_output=True, text=True)
+    assert told.stdout == "['1', True, True, False, True, -9]\n", told.stderr
+    assert told.stderr == ""
 
 
-def test_a_job_that_crashes_on_its_recording_is_refused_with_the_file(
-    tmp_path,
-):
-    of_raw = {"raw_folder": "raw", "row": {"trial": "b_7", "log": "b_7.mat"}}
-    request, _ = written(tmp_path, settings=of_raw)
-    for number, outcome in ((signal.SIGSEGV, "refused"), (signal.SIGKILL, "died")):
-        died(request, 12345, number)
-        (cause,) = read_refusals(tmp_path / "fits/b_7.csv")
-        assert (cause.outcome, cause.file) == (outcome, "raw/b_7.mat")
-
-
-def test_failed_killed_and_deleted_results_are_tried_again_and_refused_ones_stay(tmp_path):
-    assert written(tmp_path)[1] == written(tmp_path)[1] == 0  # it never ran
-    (tmp_path / "b_7.log").write_text("job: bench.fit\noutcome: done\n")
-    tried = written(
-        tmp_path, files=[result(tmp_path / "fits/b_8.csv"), str(tmp_path / "fits/b_7.csv")]
-    )[1]
-    assert tried == 1  # one of its results was deleted
-    for outcome, again in (("died", 1), ("failed", 1), ("refused", 0)):
-        record(tmp_path / "fits/b_7.csv", replace(KILLED, outcome=outcome))
-        tried += again
-        assert written(tmp_path)[1] == written(tmp_path)[1] == tried, outcome
-    assert written(tmp_path, settings={"cutoff_hz": 20})[1] == tried
-
-
-def test_a_recording_of_another_date_with_the_same_bytes_is_the_same(
-    tmp_path,
-):
-    log, made = tmp_path / "b_7.mcap", tmp_path / "trials/b_7.parquet"
-    log.write_bytes(b"a recording")
-    provenance = {"files": {"log": {"sha256": digest(log)}}}
-    write_trial(Trial("b_7", pl.DataFrame({"time": [0.0, 0.1]}), provenance), made)
-    of_log = {"files": [str(made)]}
-    before = written(tmp_path, recorded={str(log): file_state(log)}, **of_log)[0].read_text()
-    os.utime(log, (10**9, 10**9))
-    assert (
-        written(tmp_path, recorded={str(log): file_state(log)}, **of_log)[0].read_text() == before
-    )
-    log.write_bytes(b"another one")
-    os.utime(log, (10**9, 10**9))
-    assert (
-        written(tmp_path, recorded={str(log): [*file_state(log)[:2], 0]}, **of_log)[0].read_text()
-        != before
-    )
-
-
-def test_a_copied_recording_is_read_once_for_each_of_its_states_whatever_the_number_of_runs(
-    tmp_path, monkeypatch
-):
-    read, log = [], tmp_path / "b_7.mcap"
-    monkeypatch.setattr(jobs_request, "digest", lambda path: read.append(path) or digest(path))
-    for content in (b"a recording", b"another one, which is longer"):
-        log.write_bytes(content)
-        for _ in range(2):
-            run = jobs_request.Requests(tmp_path, "", None, None)
-            assert run.digest_in_state(log) == digest(log)
-            run.sources.write()
-    assert read == [log, log]
+def test_workers_end_with_snakemake_also_if_that_is_killed():
+    told = subprocess.run([sys.executable, "-c", WORKERS, "killed"], capture_output=True, text=True)
+    assert told.returncode == -9
+    pid = int(told.stdout.split()[-1])
+    psutil.wait_procs([process for process in psutil.process_iter() if process.pid == pid], 20)
+    assert not psutil.pid_exists(pid)
 
 
 @pytest.mark.parametrize(("reason", "remedy"), [
@@ -431,24 +308,6 @@ def test_the_same_cause_in_many_trials_is_one_line_and_another_its_own(tmp_path)
     ]
     same = {alike("a.csv: no 'knee' at 1.5e3", "knee"), alike("a.csv: no 'toe' at -2", "toe")}
     assert same == {"a.csv: no 'TRIAL' at #"}
-
-
-def test_a_figure_whose_process_was_killed_leaves_its_trial_analysed_and_nothing_to_correct(
-    tmp_path,
-):
-    files = {"figures": tmp_path / "figures/fig4.csv", "fits": tmp_path / "fits/b_7.zip"}
-    ended = {"outcome": "died", "error": "the process of this job was killed (signal 9, SIGKILL)"}
-    job = {"command": "j", "input": {"trial": "trials/b_7.parquet"}, "settings": {}, "log": "log"}
-    said = {}
-    for kind, file in files.items():
-        record(file, refusal(job | {"files": [str(file)]}, ended))
-        said[kind] = refusal_report(
-            [file], {"b_7": ["raw/b_7.mcap"], "b_8": ["raw/b_8.mcap"]}, accept=False
-        )
-    assert "NOT ANALYSED: some results" in said["figures"]
-    assert "b_7" in said["fits"].splitlines()[2]
-    assert "NOT ANALYSED: 1 of 2 trials" in said["fits"]
-    assert not any("Correct" in text or "exclude" in text for text in said.values())
 
 
 def test_what_a_renaming_leaves_among_the_results_is_named_at_the_end_of_a_run():
@@ -512,24 +371,32 @@ def test_a_table_is_not_made_of_nothing(tmp_path):
         gather([], tmp_path / "belt.csv")
 
 
-def test_a_full_disk_is_no_fault_of_the_input_and_is_tried_again_with_the_advice_to_make_room(
-    tmp_path, monkeypatch
-):
+def test_a_full_disk_is_an_error_of_the_run_and_no_refusal(tmp_path, monkeypatch):
     def full(_):
         warnings.warn("late\x1b", stacklevel=1)
         warnings.warn("late\x1b", stacklevel=1)
-        raise WriteError(
-            "a.csv: cannot be written (No space left on device); make room, or choose another place"
-        )
+        raise WriteError("a.csv: cannot be written (No space left on device); make room")
 
-    monkeypatch.setattr("osl_analysis.jobs.job.call", full)
-    outcome, (cause,) = ended(asked := job(tmp_path, "tables.gather", {}))
-    assert (outcome, cause.outcome, cause.remedy) == (
+    monkeypatch.setattr("osl_analysis.outcomes.perform.call", full)
+    asked = job(tmp_path, "tables.gather", {})
+    with pytest.raises(WriteError, match="No space left"):
+        perform(asked)
+    log = read_log(asked.log)
+    assert (log["outcome"], log["remedy"], log["warnings"]) == (
         "failed",
-        "failed",
-        "make room, or choose another place",
+        "make room",
+        [r"late\x1b"],
     )
-    assert read_log(Path(asked["log"]))["warnings"] == [r"late\x1b"]
+    assert not any(file.exists() for file in asked.files)
+
+
+def test_a_recording_that_needs_more_memory_than_there_is_stops_no_other(tmp_path, monkeypatch):
+    def large(_):
+        raise MemoryLimitError("a.mcap: not enough memory; cut the recording")
+
+    monkeypatch.setattr("osl_analysis.outcomes.perform.call", large)
+    outcome, (cause,) = ended(job(tmp_path, "tables.gather", {}))
+    assert (outcome, cause.outcome, cause.remedy) == ("failed", "failed", "cut the recording")
 
 
 RULES, ACCEPT = (
@@ -559,16 +426,14 @@ def checked(tmp_path):
 def test_an_excluded_trial_is_left_out_and_an_accepted_one_is_not(checked):
     files = [f"fits/{name}.parquet" for name in ("plate_1", "plate_2", "plate_3")]
     reasons = exclusions(JUDGE.verdicts(checked))
-    left = without_excluded(
-        {"trials": files, "table": "tables/plate_2.csv", "quality": [*map(str, checked)]}, reasons
-    )
+    assert JUDGE.excluded(checked) == [*reasons]
+    left = without_excluded({"trials": files, "table": "tables/plate_2.csv"}, [*reasons])
     assert left == {"trials": [files[0], files[2]], "table": "tables/plate_2.csv"}
     alone = {
         "trial": "trials/plate_1.parquet",
         "motion": ["trials/plate_2.parquet"],
-        "quality": checked,
     }
-    assert without_excluded(alone, reasons) == {"trial": alone["trial"], "motion": []}
+    assert without_excluded(alone, [*reasons]) == {"trial": alone["trial"], "motion": []}
     wider = RULES.model_dump(mode="json") | {
         "unzeroed_plate": {"threshold": "85 N", "on_failure": "exclude"}
     }
@@ -610,11 +475,8 @@ def test_who_was_left_out_or_not_judged_is_listed_and_told_with_value_threshold_
     "inputs", [{"rows": ["fits/plate_2.csv"]}, {"trial": "trials/plate_2.parquet"}]
 )
 def test_where_nothing_is_left_the_reason_is_one_line_with_a_remedy(checked, inputs):
-    with pytest.raises(
-        InputError,
-        match=r"^[^\n]*excludes every trial .*: plate_2 \(unzeroed_plate .*; record again",
-    ):
-        without_excluded({**inputs, "quality": checked}, exclusions(JUDGE.verdicts(checked)))
+    with pytest.raises(InputError, match=r"^[^\n]*excludes every trial .*: plate_2; record again"):
+        without_excluded(inputs, [*exclusions(JUDGE.verdicts(checked))])
 
 
 def tell(handler, event=None, text="", level=logging.INFO, **more):
@@ -631,12 +493,11 @@ def test_a_run_has_a_line_now_and_then_one_per_stage_and_what_is_refused_at_once
         {"job": "ingest.ingest_trial", "error": "b.mcap: no such file\x1b[31m"},
     )
     monkeypatch.setattr(progress.time, "monotonic", lambda: clock.now)
-    for outcome in (outcomes := ("refused", "failed", "died", "skipped")):
+    for outcome in (outcomes := ("refused", "failed", "killed", "skipped")):
         write_log(tmp_path / f"{outcome}.log", ended | {"outcome": outcome}, {})
     lines = LogHandler(SimpleNamespace(verbose=False, dryrun=False), None)
     tell(lines, LogEvent.RUN_INFO, stats={"osl_ingest": 40, "reproduce-all": 1, "total": 41})
-    for text in ("Building DAG of jobs...", "Unlocked."):
-        tell(lines, text=text)
+    tell(lines, text="Building DAG of jobs...")
     for job in range(40):
         logs = [f"{tmp_path}/{one}.log" for one in outcomes]
         tell(
@@ -649,22 +510,21 @@ def test_a_run_has_a_line_now_and_then_one_per_stage_and_what_is_refused_at_once
         clock.now += 0.5
         tell(lines, LogEvent.JOB_FINISHED, job_id=job)
     said = capsys.readouterr().err.splitlines()
-    assert said[:2] == ["Unlocked.", "read and check recordings 21/40, 2/s, 10 s left"]
-    assert [line.partition(":")[0] for line in said[2:5]] == [*outcomes[:3]]
-    assert said[5:] == ["read and check recordings 40/40 in 20 s"]
-    assert r"no such file\x1b[31m" in said[2]
+    assert said[0] == "read and check recordings 21/40, 2/s, 10 s left"
+    assert [line.partition(":")[0] for line in said[1:4]] == [*outcomes[:3]]
+    assert said[4:] == ["read and check recordings 40/40 in 20 s"]
+    assert r"no such file\x1b[31m" in said[1]
 
 
-@pytest.mark.parametrize(("text", "told"), [
-    (format_exception_to_string(LockException()), str(Path.cwd())),
-    ("Traceback (most recent call last):\n  File\n\nOSError: [Errno 30] Read-only: 'results/t.csv'\n", "results/t.csv"),
-    ("InputFunctionException in rule a:\nError:\n  WriteError: a.json: cannot be written\nWildcards:\n\n", "a.json"),
-    ("MissingRuleException:\nNo rule to produce x/no.csv (if you use input functions make sure).",
-     "x/no.csv"),
-])  # fmt: skip
-def test_what_snakemake_cannot_go_on_with_is_one_line_also_in_a_dry_run(capsys, text, told):
-    for is_dry in (False, True):
-        lines = LogHandler(SimpleNamespace(verbose=False, dryrun=is_dry), None)
-        tell(lines, LogEvent.ERROR, text, logging.ERROR)
-        (said,) = capsys.readouterr().err.splitlines()
-        assert re.match(rf"error: .*{re.escape(told)}", said), said
+def test_a_lock_is_one_line_and_what_a_job_has_told_is_not_said_again(tmp_path, capsys):
+    log = tmp_path / "b_1.log"
+    write_log(log, {"job": "j", "outcome": "failed", "error": "a.csv: cannot be written"}, {})
+    lines = LogHandler(SimpleNamespace(verbose=False, dryrun=False), None)
+    text = format_exception_to_string(LockException())
+    tell(lines, LogEvent.ERROR, text, logging.ERROR, exception="LockException")
+    tell(lines, LogEvent.JOB_INFO, jobid=1, rule_name="fit_belt", log=[str(log)])
+    tell(lines, LogEvent.ERROR, "many lines", logging.ERROR, exception="RuleException")
+    tell(lines, LogEvent.JOB_ERROR, "one", logging.ERROR, log=[str(log)])
+    lock, failed = capsys.readouterr().err.splitlines()
+    assert lock.startswith("error: another run is at work in this folder")
+    assert failed == "failed: b_1: a.csv: cannot be written"

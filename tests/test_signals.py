@@ -102,3 +102,14 @@ def test_one_odd_line_in_four_is_left_out_and_none_at_the_ends():
 def test_what_moves_nothing_or_has_too_few_lines_is_refused(period, band, rms):
     with pytest.raises(InputError):
         odd_multisine(period, band, rms, seed=1)
+
+
+def test_a_straight_line_passes_the_low_pass_unchanged_up_to_both_ends():
+    """The filter settles within three periods of the cut-off beyond each end: to 1 % of the line's
+    rise per sample."""
+    rise = 0.01
+    line = 3.0 + rise * np.arange(2000)
+
+    filtered = LowPass(15.0)(line, rate_hz=1000.0)
+
+    np.testing.assert_allclose(filtered, line, rtol=0, atol=0.01 * rise)

@@ -96,6 +96,27 @@ def test_what_does_not_repeat_itself_has_no_period(motion):
     assert periodic_motion(made[motion], made[motion], RATE, 10.0) is None
 
 
+@pytest.mark.parametrize(("periods", "other_s", "size", "repeats"), [
+    (5, 10.0, 0.6, True), (3, 22.0, 0.6, False), (3, 22.0, 0.05, True),
+])  # fmt: skip
+def test_a_motion_has_a_period_only_if_it_repeats_itself_in_half_of_the_time_in_which_it_moves(
+    periods, other_s, size, repeats
+):
+    """A multisine, 20 s of 30 or 12 s of 34, and then noise that repeats nothing, of this part of
+    its size. A twentieth is a rest."""
+    repeated, _, _ = multisine(1, periods)
+    noise = np.random.default_rng(2).standard_normal(round(other_s * RATE))
+    smooth = np.convolve(noise, np.hanning(60), "same")
+    smooth *= size * np.std(repeated) / np.std(smooth)
+    theta = np.concatenate([repeated, smooth])
+
+    found = periodic_motion(theta, theta, RATE, 10.0)
+
+    assert (found is not None) == repeats
+    if found is not None:
+        assert found.period == pytest.approx(PERIOD, rel=1e-3)
+
+
 def test_lines_are_those_that_were_excited_and_the_others_odd_and_even():
     lines = lines_of(periodic_motion(*record(6, multisine(1)), RATE, 10.0).realisations)
     assert (list(np.flatnonzero(lines.excited)), list(np.flatnonzero(lines.odd))) == (

@@ -17,11 +17,12 @@ from osl_analysis.campaign.configuration import read_config, read_section
 from osl_analysis.commands import tables
 from osl_analysis.commands.tables import format_results_table, gather, read_summary, write_summary
 from osl_analysis.errors import InputError
-from osl_analysis.jobs.job_log import write_log
 from osl_analysis.judge.campaign import campaign_findings, findings_report, known_of
+from osl_analysis.judge.causes import CAUSES, EVIDENCE
 from osl_analysis.judge.finding import Beyond, Finding, Grade, Limits, Remedy, findings_frame
 from osl_analysis.judge.judging import judged, unchecked_in
 from osl_analysis.judge.limits import DoubtfulFits
+from osl_analysis.outcomes.job_log import write_log
 from osl_analysis.refusal import Refusal
 from osl_analysis.report import headlines
 from osl_analysis.report.headlines import (
@@ -108,6 +109,51 @@ def test_a_misfit_that_a_cause_explains_is_no_doubt_of_its_own_and_where_the_rem
         judged(sound.with_columns(frequency_hz=5.0), limits, "phasors")[0][0].remedy
         == Remedy.FREQUENCY
     )
+
+
+FAR, NEAR = 1.3, 1.1
+"""A number beyond its limit by these factors: a cause of others precedes them from 1.15 on."""
+OF_UNIT_OR_SIGN = [name for name, one in EVIDENCE.items() if CAUSES[one.cause].first]
+
+
+@pytest.mark.parametrize("column", OF_UNIT_OR_SIGN)
+def test_a_unit_or_a_sign_far_beyond_its_limit_is_named_before_what_it_may_have_caused(column):
+    row = {"heterogeneity": 5.0, column: FAR}
+    limits = Limits(above={"heterogeneity": 1.0, column: 1.0}, below={})
+    of_column = CAUSES[EVIDENCE[column].cause].name
+
+    far = [one.cause for one in findings_of(row, limits, "phasors")]
+    near = [one.cause for one in findings_of(row | {column: NEAR}, limits, "phasors")]
+
+    assert far == [of_column, "several stiffnesses"]
+    assert near == ["several stiffnesses", of_column], "as the limits are written"
+
+
+def test_beside_a_clipped_signal_nothing_that_makes_a_fit_worse_is_named():
+    row = {"torque_at_peaks": 0.3, "coulomb_share": 0.6, "heterogeneity": 5.0}
+    limits = Limits(
+        above={"coulomb_share": 0.5, "heterogeneity": 1}, below={"torque_at_peaks": 0.5}
+    )
+
+    names = [one.cause for one in findings_of(row, limits, "phasors")]
+
+    assert names == ["clipped signal", "several stiffnesses"]
+
+
+def test_a_misfit_belongs_to_the_cause_that_was_measured_and_not_to_harmonics_named_before_it():
+    row = {"torque_distortion": 0.3, "lag_share": 0.3, "VAF": 80.0}
+    limits = Limits(above={"torque_distortion": 0.25, "lag_share": 0.05}, below={"VAF": 90})
+
+    (finding,) = findings_of(row, limits, "phasors")
+
+    assert finding.cause == "late torque"
+    assert {one.column for one in finding.evidence} == row.keys()
+
+
+def test_a_number_is_as_far_beyond_its_limit_below_it_as_above_it():
+    assert Beyond("VAF", 30.0, 90.0, "below").excess == pytest.approx(3)
+    assert Beyond("lag", -1.5, -0.5, "below").excess == pytest.approx(3)
+    assert Beyond("lag", 1.5, 0.5, "above").excess == pytest.approx(3)
 
 
 def test_a_fault_of_the_recording_that_one_amplitude_alone_shows_accuses_nobody():

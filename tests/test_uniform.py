@@ -16,7 +16,6 @@ from osl_analysis.errors import InputError
 from osl_analysis.signals import grid
 from osl_analysis.signals.grid import GapLimits, uniform_signals
 from osl_analysis.signals.stream import SensorLowPass
-from osl_analysis.spline import cubic_through
 from osl_analysis.trial import Trial
 
 K, B, I = 300.0, 5.0, 0.02
@@ -184,18 +183,6 @@ def test_a_counter_in_the_log_tells_which_samples_a_late_host_lost(counted):
     count = pl.DataFrame({"time": stamps[kept], "torque_counter": kept + 1000})
     assert_right(
         fitted(Trial("made", two.samples.join(count, on="time", how="left"), two.provenance))
-    )
-
-
-# steps grow or shrink
-@pytest.mark.parametrize(("samples", "way"), [(4, 1), (5, -1), (200, 1), (200, -1)])
-def test_the_spline_through_samples_is_that_of_scipy(samples, way):
-    x = np.cumsum(
-        np.sort((random := np.random.default_rng(samples)).uniform(0.2, 2.0, samples))[::way]
-    )
-    y, at = random.normal(size=(2, samples)), np.sort(random.uniform(x[0], x[-1], 500))
-    np.testing.assert_allclose(
-        cubic_through(x, y, at), CubicSpline(x, y.T)(at).T, rtol=0, atol=1e-12
     )
 
 

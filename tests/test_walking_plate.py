@@ -173,6 +173,27 @@ def about_two_axes() -> list[Recording]:
     return [plate_motion(1, 0.09, 0.03), plate_motion(0, 0.004, 0.04)]
 
 
+def test_the_error_of_the_corners_height_is_that_of_a_mean_over_the_recordings() -> None:
+    """Recordings of one motion weigh alike, so that the height is the mean of theirs. Its standard
+    error is then s/sqrt(m)."""
+    heights = np.array([0.020, 0.021, 0.017, 0.024, 0.018])
+    parameters = np.array([MASS, 0, 0, 0, *np.diag(I_COM), 0, 0, 0])  # its mass is at the centre
+    motions = [plate_motion(about, 0.15, 0.04)[0] for about in range(3)]
+    columns = np.concatenate([inertial_columns(motion) for motion in motions])
+    at_corners = columns @ parameters
+    recordings = []
+    for height in heights:
+        wrench = at_corners.copy()
+        wrench[:, 3:] += np.cross([0.0, 0.0, height], wrench[:, :3])
+        recordings.append((columns, wrench))
+    model = PlateModel(parameters, np.eye(10), np.zeros(6), np.zeros(6))
+
+    raised = with_height(model, recordings)
+
+    assert raised.height == pytest.approx(heights.mean(), rel=1e-6)
+    assert raised.height_se == pytest.approx(heights.std(ddof=1) / np.sqrt(len(heights)), rel=1e-6)
+
+
 def test_what_recordings_do_not_show_stays_as_it_is_known() -> None:
     """A jackknife without the only trial about x must not call I_xx zero."""
     recordings = about_two_axes()
@@ -725,21 +746,3 @@ def test_a_plate_rings_if_most_of_its_trials_do(
     monkeypatch.setattr(plate_model, "ringing", lambda *_: next(rings))
 
     assert model_of(*(unloaded(f"plate_{k}") for k in range(3))).ringing_hz == hz
-
-
-def test_the_error_of_the_height_is_that_of_a_mean_over_recordings() -> None:
-    """Recordings of one motion, whose moments are reported about points of other heights: the
-    estimate is their mean, and the jackknife's error that of a mean."""
-    motion, wrench = plate_motion(0, 0.15, 0.04)
-    columns = inertial_columns(motion)
-    model = identify_plate_inertia([(motion, wrench)])
-    heights = np.array([-1.0e-3, 0.5e-3, 2.0e-3, 0.1e-3])
-    recordings = []
-    for height in heights:
-        moment = MASS * height * columns[:, 3:, 3]  # of the centre of mass, higher by so much
-        recordings.append((columns, wrench + np.hstack([0 * moment, moment])))
-
-    model = with_height(model, recordings)
-
-    assert model.height == pytest.approx(heights.mean(), rel=1e-6)
-    assert model.height_se == pytest.approx(heights.std(ddof=1) / np.sqrt(4), rel=1e-6)

@@ -6,14 +6,13 @@ from dataclasses import replace
 
 import pytest
 import yaml
-from conftest import ROOT, findings_of
+from conftest import findings_of
 
 from osl_analysis.dictionary import described_tables
 from osl_analysis.judge.causes import CAUSES, EVIDENCE
 from osl_analysis.judge.finding import Finding, Grade, Limits
 from osl_analysis.judge.limits import CHECKS
 from osl_analysis.judge.words import COMPUTED, OF_EVIDENCE, WORDS, finding_said, words_of
-from osl_analysis.report.headlines import ENTRIES
 
 LATE = {
     "trial": "a",
@@ -118,21 +117,3 @@ def test_each_number_that_a_text_names_is_a_column_or_is_computed():
     named = set(re.findall(r"(?<!\w: )\{([A-Za-z_]+)[:.}]", texts))
     # which is typed into a source file
     assert named - columns - {*COMPUTED, *OF_EVIDENCE} <= {"cutoff"}
-
-
-def texts(part):
-    inner = part.values() if isinstance(part, dict) else ()
-    return [part] if isinstance(part, str) else [text for one in inner for text in texts(one)]
-
-
-def test_no_sentence_of_a_finding_or_a_caption_is_longer_than_25_words():
-    known = WORDS["columns"].items()
-    said = [f"{WORDS['causes'][EVIDENCE[name].cause]['says']}: {text}" for name, text in known]
-    figures = yaml.safe_load((ROOT / "osl_analysis/figures/figures.yaml").read_text())
-    captions = [re.sub(r"\[[^|\]]*\||\]", "", one["caption"]) for one in figures.values()]
-    every = [
-        re.sub(r"\{[^}]*\}", "7", text)
-        for text in (*said, *captions, *texts(WORDS), *texts(ENTRIES))
-    ]
-    sentences = [one for text in every for one in re.split(r"[.?!:;]? \(|[.?!] (?=[A-Z(`])", text)]
-    assert [one for one in sentences if len(re.findall(r"\S*\w\S*", one)) > 25] == []

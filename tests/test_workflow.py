@@ -1,14 +1,14 @@
 """A small campaign through the real Snakefile: everything is made, and a change reruns what depends
 on it, no more."""
 
+import csv
+import inspect
 import json
 import os
 import re
 import shutil
-import sys
 import zipfile
-from functools import cache
-from inspect import CO_OPTIMIZED
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -17,20 +17,22 @@ import pytest
 import yaml
 from any_motion import noise
 from conftest import ROOT
-from reference import PLANNED, REQUESTS, changed, requests_of
-from reference import SHEET as EVERY_TRIAL
-from snakemake_runs import OVERRIDES, PLANNED_IN, run_forked, write_small
+from reference import changed
+from snakemake_runs import OVERRIDES, run_forked, write_small
 
 from osl_analysis.campaign.configuration import overriding
-from osl_analysis.commands.reference import tables_page
 from osl_analysis.dictionary import described_tables
 from osl_analysis.figures import FIGURES
-from osl_analysis.files import digest
-from osl_analysis.jobs import code
-from osl_analysis.jobs.job import call
-from osl_analysis.jobs.request import FITS, read_request
-from osl_analysis.jobs.run import RUNS
-from osl_analysis.refusal import is_refused
+from osl_analysis.outcomes.job_log import read_log
+from osl_analysis.outcomes.perform import (
+    OF_EVERY_JOB,
+    ONLY_COMPARED,
+    ONLY_MADE,
+    ONLY_TOLD,
+    ONLY_WAITED_FOR,
+    TABLES_OF_FIT,
+)
+from osl_analysis.refusal import is_refused, read_refusals
 from osl_analysis.report.headlines import all_labels
 
 TRIAL = "impedance_K300_B5.0_compensated"
@@ -51,6 +53,7 @@ NUMBERED = [
 MADE = {"small": ["reproduce-all"], "other": NUMBERED}
 """What is made of each; of the other one every table, and the numbers of its figures, which are not
 drawn."""
+EVERY_TRIAL = (ROOT / "tests/planned_trials.csv").read_text().splitlines(keepends=True)
 FILES = ["--snakefile", str(ROOT / "Snakefile"), "--configfile", "config/small.yaml"]
 
 
@@ -87,6 +90,13 @@ class Workspace:
         assert result.returncode == 0, result.stdout
         stats = re.findall(r"^([\w-]+) +(\d+)$", result.stdout, re.MULTILINE)
         return {rule: int(count) for rule, count in stats if rule not in ("total", "reproduce-all")}
+
+    def jobs(self, *targets):
+        """The jobs that make these targets, with their params."""
+        asked = ["planned", str(ROOT / "Snakefile"), "config/small.yaml", *targets]
+        result = run_forked(asked, self.folder)
+        assert result.returncode == 0, result.stdout
+        return json.loads((self.folder / "planned.json").read_text())
 
     def table(self, name):
         return pl.read_csv(self.folder / f"results/tables/{name}.csv")
@@ -186,27 +196,13 @@ def test_every_column_and_number_is_in_the_data_dictionary_and_the_dictionary_ha
     assert {name.partition(" (")[0] for name in numbers} - {
         label.name for label in all_labels()
     } == set(claimed)
-    of_summary = tables_page("").partition("| field | meaning |")[2].partition("The entries, ")[0]
+    of_summary = (ROOT / "docs/site/tables.md").read_text().partition("| field | meaning |")[2]
     fields = {
         name
         for row in of_summary.splitlines()
         for name in re.findall(r"`(\w+)`", row.split(" | ")[0])
     }
     assert set.union(*(set(number) for number in numbers.values())) == fields
-
-
-def requests_in(folder):
-    """The requests of the jobs in a folder of results, or of those that were planned, by the names
-    of their files."""
-    places = [folder / "results/requests", folder / PLANNED_IN]
-    found = {
-        path.relative_to(place): path
-        for place in places
-        for path in sorted(place.rglob("job.json"))
-    }
-    return {
-        str("results/requests" / name): json.loads(path.read_text()) for name, path in found.items()
-    }
 
 
 def leaves(value, place=()):
@@ -218,49 +214,70 @@ def leaves(value, place=()):
     }
 
 
-def test_what_a_job_reads_was_made_by_jobs_that_its_rule_waits_for(workspace):
-    """Also what the rule does not name (`read`): else a job is early, or not run again. Snakemake
-    notes the inputs."""
-    requests, waits_for = requests_in(workspace.folder), {}
-    of_crossings = [
-        said["settings"] for said in requests.values() if said["command"] == "walking.analyse"
-    ]
-    assert [
-        {"perturbed", "direction", "body_mass_kg"} <= said.keys() for said in of_crossings
-    ] == 8 * [True]
-    simulated = [
-        said["made_of"]
-        for said in requests.values()
-        if said["command"] == "simulate.simulate_trial"
-    ]
-    assert {OVERRIDES["simulation"] in files for files in simulated} == {True}
-    maker = {file: request for request, said in requests.items() for file in said["files"]}
-    for note in (
-        path for path in (workspace.folder / ".snakemake/metadata").rglob("*") if path.is_file()
-    ):
-        inputs = json.loads(note.read_text())["input"]
-        (request,) = [file for file in inputs if file in requests]
-        waits_for[request] = inputs
-    assert waits_for.keys() == requests.keys()
-
-    @cache
-    def before(request):
-        direct = {maker[file] for file in waits_for[request] if file in maker}
-        return direct.union(*map(before, direct))
-
-    values = (
-        (request, value)
-        for request, said in requests.items()
-        for value in leaves(said["input"]).values()
+def commands_of_rules():
+    """The command of each rule that names one in its `run:`; the simulation's others share one."""
+    texts = [path.read_text() for path in sorted((ROOT / "rules").glob("*.smk"))]
+    found = dict.fromkeys(
+        ("simulate_actuator", "simulate_capture", "simulate_crossing"), "simulate.simulate_trial"
     )
-    named = [
-        (request, file)
-        for request, value in values
-        for file in (value if isinstance(value, list) else [value])
-    ]
-    reads = [(request, file) for request, file in named if file in maker]
-    assert [(request, file) for request, file in reads if maker[file] not in before(request)] == []
-    assert len({file for request, file in reads if file not in waits_for[request]}) > 50
+    for text in re.split(r"^ *(?:use )?rule ", "\n".join(texts), flags=re.MULTILINE)[1:]:
+        if command := re.search(r'job\(\s*"([\w.]+)"', text):
+            found[re.match(r"\w+", text)[0]] = command[1]
+    return found
+
+
+NOT_GIVEN = {
+    "gather": {"fits", "limits_of_fits", "evidence", "evidence_columns"},  # of some tables only
+}
+"""Arguments with defaults that a rule may leave out, by function."""
+
+
+def test_what_a_rule_names_are_the_arguments_of_its_function_and_none_is_left_out(workspace):
+    commands = commands_of_rules()
+    seen = set()
+    for job in workspace.jobs("reproduce-all"):
+        rule, command = job["rule"], commands.get(job["rule"])
+        if rule in seen or command is None:
+            continue
+        seen.add(rule)
+        module, _, name = command.partition(".")
+        function = getattr(import_module(f"osl_analysis.commands.{module}"), name)
+        outputs = set() if command in TABLES_OF_FIT else {*job["output"]} - {*ONLY_MADE}
+        if not job["output"]:
+            outputs = {"output"} if len(job["files"]) == 1 else {"outputs"}
+        inputs = {*job["input"]} - {*ONLY_WAITED_FOR, *ONLY_TOLD}
+        params = {*job["params"]} - {*ONLY_COMPARED, *OF_EVERY_JOB}
+        given = inputs | params | outputs
+        arguments = {*inspect.signature(function).parameters} - {"refused"}
+        assert given - arguments == set(), rule
+        assert arguments - given <= NOT_GIVEN.get(name, set()), rule
+    assert len(seen) > 30
+
+
+def test_every_job_says_what_made_it_and_leaves_out_what_quality_control_excludes(workspace):
+    """`quality` is what verdicts are made of: a rule that waits for it also has the verdicts."""
+    for job in workspace.jobs("reproduce-all"):
+        if job["rule"] != "reproduce-all":
+            assert {"version", "sources", "data"} == job["params"]["made_by"].keys(), job["rule"]
+            assert ("quality" in job["input"]) == ("excluded" in job["params"]), job["rule"]
+
+
+def test_a_job_reads_only_what_its_rule_names_as_input(workspace, tmp_path):
+    """Each file of the campaign that a job opens is an input of it: else it is early, or old."""
+    space = Workspace(tmp_path, workspace)
+    jobs = {job["log"][0]: job for job in space.jobs("reproduce-all") if job["log"]}
+    made = {file for job in jobs.values() for file in job["files"]}
+    (space.folder / "note_reads").touch()
+    shutil.rmtree(space.folder / "results")
+    assert space.run("reproduce-all").returncode == 0
+    undeclared, read = [], 0
+    for line in (space.folder / "note_reads").read_text().splitlines():
+        log, file = line.split("\t")
+        read += 1
+        if file in made and file not in [*jobs[log]["needed"], *jobs[log]["files"]]:
+            undeclared.append((log, file))
+    assert {*undeclared} == set()
+    assert read > 200
 
 
 def test_belt_transmission_impedance_and_walking_are_those_that_made_the_recordings(workspace):
@@ -284,7 +301,7 @@ def test_belt_transmission_impedance_and_walking_are_those_that_made_the_recordi
     assert walking["K"].mean() == pytest.approx(rendered, rel=0.05)
 
 
-BENCH = {"fit_belt_trial", "fit_transmission_trial", "fit_impedance_trial"}
+BENCH = {"fit_belt", "fit_transmission", "fit_impedance", "fit_actuator"}
 CROSSINGS = {
     "identify_plate",
     "analyse_crossing",
@@ -313,9 +330,7 @@ def test_changed_settings_give_the_bytes_of_a_fresh_run_and_redo_what_uses_them_
     again.configure(changes)
     planned = again.planned()
     assert {"judge", "table"} <= set(planned)
-    fits = BENCH | CROSSINGS | {"fit_actuator_trial", "summarise_walking"}
-    fits -= {"fit_impedance_trial"}  # it predicts by the components, of which a trial is excluded
-    assert not (fits | {"ingest"}) & set(planned)
+    assert not (BENCH | CROSSINGS | {"ingest", "summarise_walking"}) & set(planned)
     names = ("belt_summary", "impedance", "transmission", "transmission_summary")
     targets = [f"results/tables/{name}.csv" for name in (*names, "quality")]
     for space in (again, fresh):
@@ -337,6 +352,24 @@ def test_changed_settings_give_the_bytes_of_a_fresh_run_and_redo_what_uses_them_
     transmission = again.table("transmission")
     assert bad not in transmission["trial"].to_list()
     assert (transmission["doubtful"] == "samples").all()
+
+
+def test_a_threshold_that_excludes_nobody_makes_only_the_judgement_again(workspace, tmp_path):
+    space = Workspace(tmp_path, workspace)
+    space.configure({"quality": {"gap": {"threshold": "0.06 s", "on_failure": "exclude"}}})
+    judgement = {"judge", "excluded_trials", "findings", "headline_numbers", "report_page"}
+    captions = {"captions"}  # which name the configuration
+    assert space.planned().keys() <= judgement | captions
+
+
+def test_another_version_of_the_program_makes_everything_again(workspace, tmp_path):
+    space = Workspace(tmp_path, workspace)
+    every = {job["rule"] for job in space.jobs("reproduce-all")}
+    for note in (tmp_path / ".snakemake/metadata").rglob("*"):
+        if note.is_file():
+            text = note.read_text()
+            note.write_text(re.sub(r"('sources': ')\w+", r"\g<1>of_before", text))
+    assert space.planned().keys() == every - {"reproduce-all"}
 
 
 NOT_CHANGED = {
@@ -368,11 +401,14 @@ def another(value, number):
     return value + 1 if isinstance(value, int) else value * (1 + 1e-5 * number) + 1e-7 * number
 
 
-def test_every_setting_is_in_the_request_of_a_job(tmp_path):
+def test_every_setting_is_a_param_of_a_job(tmp_path):
     """Else a changed one would leave old results. All are changed at once, in a dry run without the
     recordings."""
     space, places, changes = Workspace(tmp_path), {}, {}
-    of_each = "trial|cal|belt_[12]|transmission|actuator|impedance_2|torque_angle_2|overground|static|plate_1|walking_"
+    of_each = (
+        "trial|cal|belt_[12]|transmission|actuator|impedance_2|torque_angle_2|overground|static"
+        "|plate_1|walking_"
+    )
     (tmp_path / "trials.csv").write_text(
         "".join(row for row in EVERY_TRIAL if re.match(of_each, row))
     )
@@ -391,18 +427,18 @@ def test_every_setting_is_in_the_request_of_a_job(tmp_path):
     example = {"K_d": 300, "B_d": 5}
     measured = {"simulation": None, "sheet": "trials.csv", "raw_data": "raw"}
     measured["figures"] = {"time_series": example, "frequency_response": example}
-    requests = []
+    planned = []
     for further in ({}, changes):
         (tmp_path / "config/small.yaml").write_text(
             yaml.safe_dump(overriding(overriding(default, measured), further))
         )
-        space.planned("reproduce-all")
-        requests.append({name: leaves(said) for name, said in requests_in(tmp_path).items()})
+        jobs = space.jobs("reproduce-all")
+        planned.append({job["log"][0]: leaves(job["params"]) for job in jobs if job["log"]})
     differ = [
         (at, new)
-        for name, now in requests[1].items()
+        for log, now in planned[1].items()
         for at, new in now.items()
-        if requests[0][name][at] != new
+        if planned[0][log][at] != new
     ]
     found = {
         place
@@ -411,15 +447,6 @@ def test_every_setting_is_in_the_request_of_a_job(tmp_path):
         if value == new and (type(new) is float or place[-1] in at)
     }
     assert set(places) - found == set()
-
-
-@pytest.mark.parametrize("campaign", PLANNED)
-def test_nothing_that_a_rule_hands_to_a_job_or_lets_it_wait_for_changes_unnoticed(
-    campaign, tmp_path
-):
-    """Where it may: `python tests/reference.py`."""
-    kept = pl.read_csv(REQUESTS, infer_schema=False).filter(campaign=campaign)
-    assert requests_of(Workspace(tmp_path), campaign) ^ {*kept.rows()} == set()
 
 
 def test_a_campaign_that_cannot_be_run_is_one_line_before_any_job(workspace):
@@ -438,26 +465,24 @@ def test_a_campaign_that_cannot_be_run_is_one_line_before_any_job(workspace):
     )
 
 
-def test_a_run_is_noted_before_anything_of_it_is_read_and_a_dry_run_is_not(tmp_path):
-    """So that the next start knows what a killed one left."""
+def test_reading_the_workflow_writes_nothing(tmp_path):
     space = Workspace(tmp_path)
-    space.configure({"campaign": "not / a name"})
-    for arguments, is_noted in (
-        (["-n"], False),
-        (["-np"], False),
-        (["--dry-run"], False),
-        ([], True),
-    ):
-        assert "is not allowed" in space.run(*arguments).stdout
-        assert (tmp_path / RUNS).is_file() == is_noted
+
+    def files():
+        return {path for path in tmp_path.rglob("*") if ".snakemake" not in path.parts}
+
+    before = files() | {tmp_path / "said.txt"}
+    for options in (["-n"], ["--list-rules"], ["--rulegraph"], ["--summary"], ["--lint"]):
+        space.run(*options)
+        assert files() == before, options
 
 
 @pytest.fixture(scope="module")
 def laboratory(workspace, tmp_path_factory):
-    """The same campaign as a laboratory's, with six bad trials, after its first run.
+    """The same campaign as a laboratory's, with five bad trials, after its first run.
 
     One log is missing, one is damaged, one is another trial's and is refused by the fit; a capture
-    cannot be read, the process that reads another is killed. A crossing that the sheet calls
+    cannot be read, the process that reads another is killed once. A crossing that the sheet calls
     unperturbed is perturbed: it is excluded."""
     space = Workspace(
         tmp_path_factory.mktemp("laboratory"), workspace, ("results", ".snakemake", "truth")
@@ -478,7 +503,7 @@ def laboratory(workspace, tmp_path_factory):
         .otherwise(pl.col("perturbed"))
     )
     sheet.with_columns(perturbed=wrong).write_csv(path)
-    (space.folder / "unlucky").touch()
+    (space.folder / "unlucky").write_text("SIGKILL")
     result = space.run(
         "results/summary.json", "results/figures/fig4.pdf", "results/figures/fig5.csv"
     )
@@ -491,10 +516,6 @@ BAD = {
     "belt_01": r"dynamometer/belt_01\.mcap: no such file; remedy: .*copy",
     TRIAL: rf"dynamometer/{TRIAL}\.mcap: .*no footer.*; remedy: ",
     "impedance_K200_B5.0_compensated": r"_compensated\.mcap: .*; remedy: ",
-    "walking_05": (
-        r"walking_05\S+: the process of this job was killed \(signal 9, SIGKILL\); remedy: run"
-        r" again"
-    ),
     "walking_04": r"vicon/walking_04\.c3d: .*[Pp]ermission denied.*; remedy: .*",
 }
 
@@ -502,11 +523,14 @@ BAD = {
 def test_a_run_with_bad_trials_ends_with_a_line_for_each_with_file_reason_and_remedy(laboratory):
     assert laboratory.code == 1
     assert "Traceback" not in laboratory.said
-    said = laboratory.said.partition("NOT ANALYSED: 5 of 22 trials; results are of the others.\n")[
+    said = laboratory.said.partition("NOT ANALYSED: 4 of 22 trials; results are of the others.\n")[
         2
     ].splitlines()
     for told, (trial, reason) in zip(said, sorted(BAD.items()), strict=False):
         assert re.match(rf"  trial {re.escape(trial)}, file raw_data/small/\S*{reason}", told), told
+    assert (
+        "killed: walking_05: the process of this job was killed (SIGKILL); run" in laboratory.said
+    )
     assert said[-2] == "  therefore not made: figure fig4"
     assert "`exclude` in the sample sheet" in said[-1]
 
@@ -515,7 +539,7 @@ def test_tables_and_numbers_are_made_of_the_trials_that_are_left(laboratory):
     results, table = laboratory.folder / "results", laboratory.table
     assert not list(results.rglob(".*"))
     assert set(table("impedance")["controller"]) == {"uncompensated"}
-    assert len(table("walking_crossings")) == 6
+    assert len(table("walking_crossings")) == 7
     (left_out,) = table("walking_excluded").to_dicts()
     assert left_out["trial"] == laboratory.mistaken
     assert re.search(r"turns at \d\.\d+ s but the sheet says perturbed = false", left_out["reason"])
@@ -526,32 +550,41 @@ def test_tables_and_numbers_are_made_of_the_trials_that_are_left(laboratory):
     ]
     assert refused == ["fig4.csv"]
     excluded = table("excluded")
-    assert set(
-        excluded.filter(pl.col("check").is_in(["refused", "failed", "died"]))["trial"]
-    ) == set(BAD)
+    assert set(excluded.filter(pl.col("check").is_in(["refused", "failed"]))["trial"]) == set(BAD)
     trials = json.loads((results / "summary.json").read_text())["trials"]
     counts = {name: (one["used"], one["of"]) for name, one in trials.items()}
-    assert (counts["belt"], counts["walking"]) == ((1, 2), (6, 8))
-    assert (
-        "% 6 of 8 walking trials; without walking_04, walking_05\n"
-        in (results / "numbers.tex").read_text()
-    )
+    assert (counts["belt"], counts["walking"]) == ((1, 2), (7, 8))
+    assert "% 7 of 8 walking trials; without walking_04\n" in (results / "numbers.tex").read_text()
 
 
-def test_a_killed_job_is_tried_again_an_older_copy_of_a_log_is_the_same(
-    laboratory,
-):
+def test_a_refusal_is_a_table_that_other_programs_open_and_has_the_reason(laboratory):
+    results = laboratory.folder / "results"
+    with (results / f"quality/{TRIAL}.csv").open() as file:
+        (row,) = csv.DictReader(file)
+    of_trial = pl.read_parquet(results / f"trials/{TRIAL}.parquet").row(0, named=True)
+    with zipfile.ZipFile(results / f"fits/impedance/{TRIAL}.zip") as archive:
+        (name,) = archive.namelist()
+        of_fit = pl.read_csv(archive.read(name)).row(0, named=True)
+    reasons = {row["reason"], of_trial["reason"], of_fit["reason"]}
+    assert len(reasons) == 1
+    assert "no footer" in reasons.pop()
+
+
+def test_what_is_accepted_or_excluded_by_the_sheet_makes_the_run_a_success(laboratory):
     """With a reason in the sheet a trial is not in the list; with `failed_trials: accept` the run
-    is a success."""
+    is a success. What could not be read is made as soon as it can be."""
     raw = laboratory.folder / "raw_data/small"
-    os.utime(raw / "dynamometer/belt_02.mcap", (10**9, 10**9))
     sheet = pl.read_csv(raw / "trials.csv", infer_schema=False)
     lost = pl.when(pl.col("trial") == "belt_01").then(pl.lit("lost")).otherwise(pl.col("exclude"))
     sheet.with_columns(exclude=lost).write_csv(raw / "trials.csv")
+    refused = f"results/trials/{TRIAL}.parquet"
+    targets = ["results/tables/belt.csv", refused]
+    laboratory.configure({"simulation": None})
+    assert laboratory.run(refused).returncode == 1, "a single target that is refused"
+    assert laboratory.run(refused).returncode == 1, "also where nothing is left to do"
     laboratory.configure({"simulation": None, "failed_trials": "accept"})
     (laboratory.folder / "results/trials/gone.parquet").touch()
-    trials = [f"results/trials/{trial}.parquet" for trial in (TRIAL, "walking_05")]
-    result = laboratory.run("results/tables/belt.csv", trials[0], "results/fits/walking.json")
+    result = laboratory.run(*targets)
     assert result.returncode == 0, result.stdout
     named = (
         rf"NOT ANALYSED: 1 of 21 trials; results are of the others.\n  trial {TRIAL}, .*\naccepted"
@@ -562,126 +595,51 @@ def test_a_killed_job_is_tried_again_an_older_copy_of_a_log_is_the_same(
         " figure: gone;"
     )
     assert said in result.stdout
-    assert [is_refused(laboratory.folder / path) for path in trials] == [True, False]
-    assert (
-        digest(raw / "dynamometer/belt_02.mcap")
-        in (laboratory.folder / "results/requests/code.json").read_text()
+
+
+def test_another_recording_is_seen_by_its_size_with_whatever_date_and_a_touched_one_is_the_same(
+    laboratory,
+):
+    log, table = (
+        laboratory.folder / "raw_data/small/dynamometer/belt_02.mcap",
+        "results/tables/belt.csv",
     )
-
-
-def test_another_recording_is_seen_where_snakemake_has_no_notes_even_with_an_older_date(laboratory):
-    """As in a new clone beside results, or after `rm -rf .snakemake`. What has not changed is not
-    made again."""
-    log = laboratory.folder / "raw_data/small/dynamometer/belt_02.mcap"
-    shutil.rmtree(laboratory.folder / ".snakemake")
-    assert laboratory.planned("results/tables/belt.csv") == {}
-    log.write_bytes(b"another recording")
+    os.utime(log)
+    assert laboratory.planned(table) == {}
+    log.write_bytes(log.read_bytes() + b"more")
     os.utime(log, (10**8, 10**8))
-    planned = laboratory.planned("results/tables/belt.csv")
-    assert planned == {"ingest": 1, "fit_belt_trial": 1, "list_fits": 1, "table": 1}
+    assert laboratory.planned(table) == {"ingest": 1, "fit_belt": 1, "table": 1}
 
 
-FIGURE = "figure.plot_numbers figures.walking"
-JOBS = {"trials.ingest_and_check", "simulate.simulate_trial", "bench.fit_impedance_trial",
-    "bench.fit_belt_trial",
-        "walking.fit_perturbation", "tables.write_summary", FIGURE}  # fmt: skip
-FITTED = "bench.fit_impedance_trial"
-RERUN = {
-    "bench/impedance.py": ("\nimport ", "\n# a comment\nimport ", set()),
-    "trial.py": ('"""', '"""A docstring. ', set()),
-    "ingest/source.py": ("\n\n\n", "\n\n\n\n", set()),
-    "dictionary/bench.yaml": (" | ", " | a word of ", {"tables.write_summary"}),
-    "report/headlines.yaml": ("median of trials", "a word of median of trials",
-    {"tables.write_summary"}),
-    "figures/figures.yaml": (" | ", " | a word of ", {FIGURE, "tables.write_summary"}),
-    "bench/components.py": ("\ndef belt_table(", "\ndef belt_table(*_, ", {"bench.fit_belt_trial"}),
-    "bench/phasors.py": ("\ndef phasor_table(", "\ndef phasor_table(*_, ", {FITTED}),
-    "walking/impedance_fit.py": ("    return ", "    return 0 + ", {"walking.fit_perturbation"}),
-    "figures/walking.py": ("    return ", "    return 0 + ", {FIGURE}),
-}  # fmt: skip
-"""By file: what is replaced there, by what, and which jobs run again."""
-
-
-def test_a_changed_function_or_word_reruns_the_jobs_that_use_it_and_a_comment_or_docstring_none(
-    monkeypatch,
+def test_a_job_that_is_killed_twice_fails_alone_and_the_page_of_before_does_not_stay(
+    workspace, tmp_path
 ):
-    read, parsed = code.text_of, {}
-
-    def fingerprints():
-        sources = code.Sources()
-        sources.known = parsed
-        return {job: sources.code(*f"commands.{job}".split()) for job in JOBS}
-
-    before = fingerprints()
-    for edited, (old, new, again) in RERUN.items():
-        file = ROOT / "osl_analysis" / edited
-        count = -1 if edited == "walking/impedance_fit.py" else 1
-        changed_text = read(file).replace(old, new, count)
-        assert changed_text != read(file), edited
-        monkeypatch.setattr(
-            code,
-            "text_of",
-            lambda path, at=file, text=changed_text: text if path == at else read(path),
-        )
-        now = fingerprints()
-        assert {job for job in JOBS if now[job] != before[job]} == again, edited
+    space = Workspace(tmp_path, workspace)
+    kept = ("results/trials/walking_05.parquet", "results/trials/belt_01.parquet")
+    for file in kept:
+        (space.folder / file).unlink()
+    (space.folder / "unlucky").write_text("SIGKILL\nSIGKILL")
+    result = space.run("reproduce-all")
+    assert result.returncode == 1
+    assert re.search(r"^not made: .*walking_05\.parquet.*; run again", result.stdout, re.MULTILINE)
+    assert read_log(space.folder / "results/logs/ingest/walking_05.log")["outcome"] == "killed"
+    assert [(space.folder / file).is_file() for file in kept] == [False, True]
+    assert not (space.folder / "results/report.html").exists()
+    assert space.run("reproduce-all").returncode == 0
+    assert (space.folder / "results/report.html").is_file()
 
 
-def test_statements_of_the_same_names_in_the_same_order_have_fingerprints_of_their_own():
-    """These two are the same nodes in the same order, and differ in how many arguments each call
-    has."""
-    one, other = (code.parsed(text, "module")[0][0].code for text in ("x(f(r), q)", "x(f, r)(q)"))
-    assert one != other
-
-
-@pytest.mark.parametrize(
-    "command",
-    ["trials.ingest_and_check", "bench.fit_impedance_trial", "walking.analyse", "tables.judge"],
-)
-def test_every_function_of_ours_that_a_job_calls_is_in_its_fingerprint(
-    workspace, tmp_path, monkeypatch, command
+def test_a_recording_on_which_a_library_crashes_is_refused_and_the_others_are_analysed(
+    workspace, tmp_path
 ):
-    """But for those of the machinery of jobs."""
-    space, called, machinery = (
-        Workspace(tmp_path, workspace),
-        set(),
-        ("jobs.", "judge.used", "refusal"),
-    )
-    monkeypatch.chdir(space.folder)
-    path = next(
-        file for file, said in requests_in(space.folder).items() if said["command"] == command
-    )
-    job = read_request(Path(path))
-
-    def note(frame, event, _):
-        file = Path(frame.f_code.co_filename)
-        # no body of a class, which an import runs
-        is_function = frame.f_code.co_flags & CO_OPTIMIZED
-        if event == "call" and is_function and file.is_relative_to(ROOT / "osl_analysis"):
-            name = ".".join(
-                file.relative_to(ROOT / "osl_analysis").with_suffix("").parts
-            ).removesuffix(".__init__")
-            called.add((name, frame.f_code.co_qualname.split(".")[0]))
-
-    sys.setprofile(note)
-    try:
-        assert call(job) == ()
-    finally:
-        sys.setprofile(None)
-    reached, own = set(), code.Sources
-    monkeypatch.setattr(
-        code,
-        "data_of",
-        lambda module, one: reached.update((module, name) for name in one.binds) or (),
-    )
-    own().code(f"commands.{command}", *FITS)
-    called = {
-        (module, name)
-        for module, name in called
-        if not module.startswith(machinery) and "<" not in name
-    }
-    assert len(called) > 10
-    assert called - reached == {("table", "tables_of")}
+    space = Workspace(tmp_path, workspace)
+    trial = space.folder / "results/trials/walking_05.parquet"
+    trial.unlink()
+    (space.folder / "unlucky").write_text("SIGSEGV")
+    assert space.run(f"results/trials/{trial.name}", "results/tables/quality.csv").returncode == 1
+    (cause,) = read_refusals(trial)
+    assert cause.outcome == "refused"
+    assert cause.reason.endswith("walking_05.c3d: a library that reads it crashed (SIGSEGV)")
 
 
 def test_a_persons_stiffness_over_a_recorded_angle_is_a_table_and_a_figure(tmp_path):

@@ -13,8 +13,8 @@ import polars as pl
 import recordings
 from matplotlib.lines import Line2D
 from polars import col
+from score import LARGEST_ERRORS, score_answers
 
-from osl_analysis.commands.report import OFF, score_answers
 from osl_analysis.table import read_table
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -103,7 +103,8 @@ def misses(row):
 
 def biases(row):
     """Median errors of K, B and I, and the coverage."""
-    return f"{', '.join(rounded(row[f'bias_{n}']) for n in OFF)}; {rounded(row['coverage'])}"
+    errors = ", ".join(rounded(row[f"bias_{name}"]) for name in LARGEST_ERRORS)
+    return f"{errors}; {rounded(row['coverage'])}"
 
 
 def better(scores, worst):
@@ -157,10 +158,13 @@ def better(scores, worst):
 def worst_errors(folder):
     """A row per answer: its largest error, as a multiple of what counts as a miss, and whether it
     is doubted."""
-    given = read_table(folder / "answers.csv", [*OFF, "doubtful"])
-    rows = given.join(read_table(folder / "truth.csv", [*OFF]), on="trial", suffix="_true")
+    given = read_table(folder / "answers.csv", [*LARGEST_ERRORS, "doubtful"])
+    rows = given.join(
+        read_table(folder / "truth.csv", [*LARGEST_ERRORS]), on="trial", suffix="_true"
+    )
     errors = [
-        100 * (col(name) / col(f"{name}_true") - 1).abs() / most for name, most in OFF.items()
+        100 * (col(name) / col(f"{name}_true") - 1).abs() / most
+        for name, most in LARGEST_ERRORS.items()
     ]
     return rows.with_columns(worst=pl.max_horizontal(errors)).drop_nulls("worst")
 

@@ -9,7 +9,9 @@ from pathlib import Path
 from commands import commands_page
 
 import osl_analysis
-from osl_analysis.commands import reference
+from osl_analysis.commands.reference import described_checks
+from osl_analysis.dictionary import described_tables, file_at
+from osl_analysis.report.headlines import all_labels, markdown_table
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -65,7 +67,7 @@ def fill_page(app, page, source):
     elif page == "site/commands":
         text = text.partition("\n")[0] + "\n\n" + commands_page()
     elif page == "site/tables":
-        text = reference.tables_page("osl-analysis describe-tables")
+        text = f"{text}\n{described_tables_page()}"
     elif page == "site/functions":
         text = text + functions_page()
     else:
@@ -73,6 +75,29 @@ def fill_page(app, page, source):
     if page == "index":
         text = navigated(text)
     source[0] = text
+
+
+def described_tables_page():
+    """Unit and meaning of every column of every table, of every check and of every entry of the
+    summary, in Markdown."""
+    sections = []
+    for table in described_tables():
+        columns = [(f"`{one.name}`", one.unit, one.meaning) for one in table.columns.values()]
+        gathered = f" `{file_at(table.also)}` holds the rows of one trial." if table.also else ""
+        sections.append(f"## `{file_at(table.place)}`\n\nRows: {table.rows}.{gathered}")
+        sections.append(markdown_table([("column", "unit", "meaning"), *columns]))
+    checks = [(f"`{name}`", unit, meaning) for name, unit, meaning in described_checks()]
+    entries = [(f"`{one.name}`", one.unit, one.meaning) for one in all_labels()]
+    return "\n\n".join(
+        [
+            *sections,
+            "## Checks of quality control",
+            markdown_table([("check", "unit", "meaning of its value"), *checks]),
+            "## Entries of `summary.json`",
+            "Beside those of `claims.csv` that are about the campaign, by their `name`:",
+            markdown_table([("entry", "unit", "meaning"), *entries]),
+        ]
+    )
 
 
 def with_links(file, page):

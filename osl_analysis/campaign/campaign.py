@@ -19,8 +19,8 @@ from osl_analysis.config.experiments import EXPERIMENTS, ResultTable
 from osl_analysis.config.sheet import FIXTURE, SheetRows, read_impedance_trajectory, read_sheet
 from osl_analysis.errors import InputError, listing, naming, nearest
 from osl_analysis.files import default_config, shipped
-from osl_analysis.formats.rosbag import DESCRIPTION, recorded_files
 from osl_analysis.ingest.examine import UNITS
+from osl_analysis.ingest.raw_files import recorded_files
 from osl_analysis.judge.limits import CHECKS, unknown_check, validate_rules
 from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.model.drivetrain import joint_of, known_parameters
@@ -280,7 +280,8 @@ def check_no_copies(campaign: Campaign) -> None:
     alike: dict[tuple[object, ...], list[tuple[str, Path]]] = {}
     for trial in campaign.rows:
         row = campaign.row(trial)
-        files = (one for one in campaign.logs(trial) if one.is_file() and one.name != DESCRIPTION)
+        # two bags may have equal descriptions
+        files = (one for one in campaign.logs(trial) if one.is_file() and one.suffix != ".yaml")
         for file in (one for one in files if (size := one.stat().st_size)):
             # the middle differs for most files of equal size
             with suppress(OSError), file.open("rb") as content:

@@ -295,7 +295,7 @@ def gather_predictions(
 class Fit:
     """A fitted trial. Every column of its table is an attribute, with the value of the fit to all
     data: `fit.K`, `fit.K_se`, `fit.VAF`; `fit.K_interval` is (low, high), the 95 % interval.
-    Meaning and unit of each are told by `osl-analysis describe-tables`.
+    Meaning and unit of each are told by `osl-analysis results --columns`.
 
     experiment: it names the table that the fit has rows of in a campaign table: those rows: one per
     amplitude, if there are several, and last the fit to all data series: `time` [s] from the start,

@@ -38,15 +38,17 @@ README = """# {title}
 
 {about}
 
-Run again what `results` has, with Python {python} and the wheel of osl-analysis {version}, which its release has:
+Run again what `results` has, with Python {python} and the wheel of osl-analysis {version},
+which its release has:
 
     python -m pip install --no-deps osl_analysis-{version}-py3-none-any.whl -r requirements.txt
     osl-analysis run
 
-{recordings}`datapackage.json` says what each column of each table is, `ro-crate-metadata.json` what was made of what.
+{recordings}`datapackage.json` says what each column of each table is, `ro-crate-metadata.json` what
+was made of what.
 """
-WITHOUT = """The recordings are not in here: put them below `raw/` first. `sha256sum -c recordings.sha256` says whether
-they are those of these results.
+WITHOUT = """The recordings are not in here: put them below `raw/` first.
+`sha256sum -c recordings.sha256` says whether they are those of these results.
 
 """
 

@@ -179,9 +179,8 @@ def write_captions(
             for cause in read_refusals(file)
             if cause.trial
         )
-        said.append(
-            f"## {names.figure_title(name)}\n\n{caption_of(name, table, list(dict.fromkeys(refused)))}\n"
-        )
+        caption = caption_of(name, table, list(dict.fromkeys(refused)))
+        said.append(f"## {names.figure_title(name)}\n\n{caption}\n")
     write_text(output, "\n".join(said))
 
 

@@ -43,8 +43,8 @@ def gain_table(
     weight: Weight,
     frequencies_hz: Sequence[float],
 ) -> pl.DataFrame:
-    """A row per pair K_d [N*m/rad], B_d [N*m*s/rad], arrays of shape (pairs,); `describe-tables`
-    has the columns.
+    """A row per pair K_d [N*m/rad], B_d [N*m*s/rad], arrays of shape (pairs,); `results
+    --columns` explains the columns.
 
     They are the gains at the actuator's output and at the joint (times n_T^2), the norm of Eq. 14,
     the flags of `optimal_damping`, the fit of Eq. 15 that linear theory predicts at
@@ -374,7 +374,8 @@ def leg_lines(leg: Mapping[str, Any]) -> list[str]:
     lines.append(f"{'Proof: ' if 'engine' in proof else ''}{proof['says']}")
     if rows := proof.get("trials"):
         wide = max(len(row["trial"]) for row in rows) + 2
-        head = f"  {'trial':<{wide}}{'VAF [%]':>8}{'RMS':>8}{'K':>9}{'':>9}{'B':>8}{'':>8}{'I':>10}{'':>10}"
+        head = f"  {'trial':<{wide}}{'VAF [%]':>8}{'RMS':>8}"
+        head += f"{'K':>9}{'':>9}{'B':>8}{'':>8}{'I':>10}{'':>10}"
         lines += [
             (
                 "Nothing was fitted to these trials, and no number above is from them. The joint"

@@ -10,45 +10,40 @@ from pydantic import BaseModel
 from pydantic.json_schema import models_json_schema
 
 from osl_analysis.campaign.configuration import Config
-from osl_analysis.dictionary import HERE, described_tables
+from osl_analysis.dictionary import described_tables, file_at
 from osl_analysis.files import write_text
+from osl_analysis.formats import known_formats
 from osl_analysis.ingest.examine import UNITS
-from osl_analysis.ingest.raw_files import FORMATS
 from osl_analysis.judge.limits import CHECKS
 from osl_analysis.judge.words import WORDS
 from osl_analysis.model.drivetrain import ParameterFile
-from osl_analysis.report.headlines import all_labels, markdown_table
+from osl_analysis.report.headlines import aligned, all_labels
 from osl_analysis.simulator.settings import SimulationSettings, WalkingSettings
 
 
-def tables_page(command: str) -> str:
-    """The page as Markdown; `command` is what the reader calls to make it again."""
-    tables = []
+def columns_text() -> str:
+    """Unit and meaning of every column of every table, of every check and of every headline
+    number."""
+    sections = []
     for table in described_tables():
-        named = (
-            path.replace("*/*", "EXPERIMENT/*").replace("*", "TRIAL")
-            for path in (table.place, table.also)
-        )
-        place, also = (f"{path}.csv" for path in named)
-        columns = [
-            (f"`{column.name}`", column.unit, column.meaning) for column in table.columns.values()
+        columns = [(one.name, one.unit, one.meaning) for one in table.columns.values()]
+        sections.append(f"{file_at(table.place)}: {table.rows}\n\n{aligned(columns)}")
+    numbers = [(entry.name, entry.unit, entry.meaning) for entry in all_labels()]
+    return "\n".join(
+        [
+            *sections,
+            f"checks of quality control\n\n{aligned(described_checks())}",
+            f"numbers in summary.json\n\n{aligned(numbers)}",
         ]
-        described = markdown_table([("column", "unit", "meaning"), *columns])
-        gathered = f" `{also}` holds the rows of one trial." if table.also else ""
-        tables.append(f"## `{place}`\n\nRows: {table.rows}.{gathered}\n\n{described}")
-    says = {
-        name: f"{WORDS['checks'][name]}. Fails {check.fails} its threshold"
-        for name, check in CHECKS.items()
-    }
-    checks = [(f"`{name}`", UNITS[name], said) for name, said in says.items()]
-    entries = [(f"`{one.name}`", one.unit, one.meaning) for one in all_labels()]
-    page = (HERE / "page.md").read_text(encoding="utf-8").rstrip()
-    return page.format(
-        command=command,
-        tables="\n".join(tables),
-        checks=markdown_table([("check", "unit", "meaning of its value"), *checks]),
-        entries=markdown_table([("entry", "unit", "meaning"), *entries]),
     )
+
+
+def described_checks() -> list[tuple[str, str, str]]:
+    """Name, unit and meaning of every check of quality control."""
+    return [
+        (name, UNITS[name], f"{WORDS['checks'][name]}. Fails {check.fails} its threshold")
+        for name, check in CHECKS.items()
+    ]
 
 
 def schemas() -> dict[str, dict[str, Any]]:
@@ -62,12 +57,13 @@ def schemas() -> dict[str, dict[str, Any]]:
             for one in definitions.values():
                 one.pop("required", None)
         found[name] = {"$schema": draft, "$ref": top[name], "$defs": definitions}
-    top, definitions = definitions_of({name: known.source for name, known in FORMATS.items()})
+    sources = {name: known.source for name, known in known_formats().items()}
+    top, definitions = definitions_of(sources)
     found["source"] = {
         "$schema": draft,
         "type": "object",
         "required": ["format"],
-        "properties": {"format": {"enum": list(FORMATS)}},
+        "properties": {"format": {"enum": list(known_formats())}},
         "allOf": [
             {"if": {"properties": {"format": {"const": n}}}, "then": {"$ref": at}}
             for n, at in top.items()

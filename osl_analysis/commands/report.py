@@ -1,6 +1,5 @@
-"""The report of a run, and the comparison of two: reads what the runs wrote, and writes one page;
-and answers of any method beside the truth of the recordings (docs/peers.md): bias, coverage, what
-nothing announced."""
+"""The report of a run, and the comparison of two: reads what the runs wrote, and writes one
+page."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
@@ -10,14 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import polars as pl
-from polars import col
 
 from osl_analysis.campaign.campaign import sentence
 from osl_analysis.commands.figure import UNDRAWN, draw_figure
 from osl_analysis.commands.tables import read_summary
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import described_tables
-from osl_analysis.errors import InputError, listing, nearest
+from osl_analysis.errors import InputError, listing
 from osl_analysis.figures.names import figure_title
 from osl_analysis.files import atomic_path, write_text
 from osl_analysis.judge.campaign import Entry, entries
@@ -297,58 +295,3 @@ def compare_campaigns(folders: Sequence[Path], output: Path, margin: float | Non
     rows = aligned([[*cells[0]], *([*row.values()] for row in cells)])
     said = [verdicts_said(table), *remarks_on(a, b, tables), "", rows, *known, *lacks]
     return "\n".join([*said, *(f"wrote {path}" for path in paths.values())])
-
-
-# percent: an estimate that is off by more is a miss, if its interval denies it
-OFF = {"K": 1.0, "B": 2.0, "I": 10.0}
-
-
-def score_answers(answers: Path, truth: Path) -> pl.DataFrame:
-    """A row per method, over all its recordings and over those of each group: how many were
-    answered, missed without a doubt (silent) and with one (announced), and doubted though nothing
-    is wrong (false_alarms); median errors [%], and the share of the intervals that hold the truth
-    [%]. Raises InputError: a line cannot be judged."""
-    numbers = [f"{name}{end}" for name in OFF for end in ("", "_low", "_high")]
-    given = read_table(answers, ["method", "trial", *numbers, "doubtful", "seconds", "megabytes"])
-    known, before = read_table(truth, ["trial", "group", *OFF, "cause"]), set[tuple[str, str]]()
-    for line, (method, trial) in enumerate(given.select("method", "trial").iter_rows(), 2):
-        if trial not in (trials := known["trial"].to_list()) or (method, trial) in before:
-            said = f"is not in {truth}{nearest(str(trial), trials)}; correct it, or delete the line"
-            said = f"{method} has answered before; delete a line" if trial in trials else said
-            raise InputError(
-                f"{answers}: line {line}: column 'trial' holds '{trial}', which {said}"
-            )
-        before.add((method, trial))
-    rows = given.with_columns(col(*numbers).cast(pl.Float64).fill_nan(None)).join(
-        known, on="trial", suffix="_true"
-    )
-    errors = {name: 100 * (col(name) / col(f"{name}_true") - 1) for name in OFF}
-    held = {name: col(f"{name}_true").is_between(f"{name}_low", f"{name}_high") for name in OFF}
-    off = pl.any_horizontal(
-        (errors[n].abs() > OFF[n]).fill_null(False) & ~held[n].fill_null(False) for n in OFF
-    )
-    answered, doubted = (
-        pl.any_horizontal(col(*OFF).is_not_null()),
-        col("doubtful").fill_null("") != "",
-    )
-    counts = {"answered": answered, "silent": off & ~doubted, "announced": off & doubted}
-    counts["false_alarms"] = answered & ~off & doubted & (col("cause").fill_null("") == "")
-    found = [pl.len().alias("trials"), *(count.sum().alias(name) for name, count in counts.items())]
-    found += [error.median().alias(f"bias_{name}") for name, error in errors.items()]
-    found += [(100 * pl.mean_horizontal(*held.values()).mean()).alias("coverage")]
-    found += [col("seconds").median(), col("megabytes").max()]
-    by_group = rows.group_by("method", "group", maintain_order=True).agg(found)
-    return pl.concat(
-        [
-            rows.group_by("method", pl.lit("all").alias("group"), maintain_order=True).agg(found),
-            by_group,
-        ]
-    )
-
-
-def score_text(scores: pl.DataFrame) -> str:
-    cells = [
-        ["–" if v is None else f"{v:.3g}" if isinstance(v, float) else str(v) for v in r]
-        for r in scores.rows()
-    ]
-    return aligned([scores.columns, *cells]).rstrip()

@@ -1,15 +1,23 @@
 """`osl-analysis run` and `doctor`: run the workflow on the campaign in this folder, or say what it
-lacks."""
+lacks. What Snakemake's process does before its first job and behind its last one."""
 
+import atexit
+import hashlib
+import json
 import os
 import platform
+import re
 import shutil
-from collections.abc import Iterator, Sequence
+import sys
+import traceback
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
+
+import psutil
 
 from osl_analysis.campaign.campaign import Campaign, check_campaign, open_campaign
 from osl_analysis.campaign.configuration import read_config
@@ -22,16 +30,18 @@ from osl_analysis.errors import (
     nearest,
     not_installed,
 )
-from osl_analysis.files import CAMPAIGN, check_working_folder, root, shipped
-from osl_analysis.formats.rosbag import recorded_files
+from osl_analysis.files import CAMPAIGN, PACKAGE, check_working_folder, root, shipped
+from osl_analysis.ingest.overview import inspect_recording
 from osl_analysis.ingest.raw_files import (
-    FORMATS,
     check_clocks,
     check_plates,
     read_source,
-    recognise,
+    recorded_files,
     recordings_in,
 )
+from osl_analysis.jobs.workers import end_workers
+from osl_analysis.outcomes.job_log import run_report
+from osl_analysis.refusal import MOST_TOLD, is_refused
 from osl_analysis.yaml_settings import read_mapping
 
 CONFIGURED_BY = ("--configfile", "--configfiles")  # options of Snakemake that name a configuration
@@ -79,39 +89,44 @@ def with_shipped_profile(arguments: Sequence[str]) -> Iterator[str]:
         yield argument
 
 
-def looked_at(folder: Path) -> Iterator[tuple[str, str, str]]:
-    """What this machine has and lacks, and whether the campaign in a folder can be read: a line
-    each of what was looked at, what was found, and what to do, if anything."""
-    yield "Python", platform.python_version(), ""
-    yield "osl-analysis", f"{version('osl-analysis')}, workflow in {root()}", ""
+class Look(NamedTuple):
+    """What `doctor` says of one thing."""
+
+    what: str
+    found: str
+    remedy: str = ""  # empty if nothing is to be done
+    is_absent: bool = False  # an optional library that is not installed
+
+
+def looked_at(folder: Path) -> Iterator[Look]:
+    """What this machine has and lacks, and whether the campaign in a folder can be read."""
+    yield Look("Python", platform.python_version())
+    yield Look("osl-analysis", f"{version('osl-analysis')}, workflow in {root()}")
     for name in ("snakemake", "numpy", *EXTRAS):
-        try:
-            yield name, version(name), ""
-        except PackageNotFoundError:
-            if name in EXTRAS:
-                yield (
-                    name,
-                    f"not installed, optional: pip install 'osl-analysis[{EXTRAS[name]}]'",
-                    "",
-                )
-            else:
-                yield name, "not installed", f"pip install {name}"
-    yield (
-        "cores",
-        str(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()),
-        "",
-    )
+        yield library(name)
+    has_affinity = hasattr(os, "sched_getaffinity")
+    cores = len(os.sched_getaffinity(0)) if has_affinity else os.cpu_count()
+    yield Look("cores", str(cores))
     # the default campaign takes 0.4 GB, recordings not counted
     free = shutil.disk_usage(folder).free / 1e9
     few = "make room, or work on another disk" if free < 2 else ""
-    yield "free space", f"{free:.0f} GB in {folder.resolve()}", few
-    can = os.access(folder, os.W_OK)
-    yield (
-        "folder",
-        "can be written to" if can else "cannot be written to",
-        "" if can else "choose another one",
-    )
-    yield "campaign", *campaign(folder / CAMPAIGN)
+    yield Look("free space", f"{free:.0f} GB in {folder.resolve()}", few)
+    if os.access(folder, os.W_OK):
+        yield Look("folder", "can be written to")
+    else:
+        yield Look("folder", "cannot be written to", "choose another one")
+    yield Look("campaign", *campaign(folder / CAMPAIGN))
+
+
+def library(name: str) -> Look:
+    """Whether a library is installed, and how to install it."""
+    try:
+        return Look(name, version(name))
+    except PackageNotFoundError:
+        if name not in EXTRAS:
+            return Look(name, "not installed", f"pip install {name}")
+        how = f"pip install 'osl-analysis[{EXTRAS[name]}]'"
+        return Look(name, f"not installed, optional: {how}", is_absent=True)
 
 
 def check_start(opened: Campaign) -> None:
@@ -198,7 +213,7 @@ def unnamed_recordings(opened: Campaign) -> str:
     for path in left[:5]:
         try:
             if path.is_dir() or path.stat().st_size < LONG_TO_READ:
-                FORMATS[recognise(path)].inspect(path)
+                inspect_recording(path)
         except InputError as error:
             said.append(f"not readable: {error}")
     return "; ".join(said)
@@ -231,3 +246,148 @@ def campaign(path: Path) -> tuple[str, str]:
         f"{config.campaign}, {len(opened.trials())} trials" + f"; {left_out}" * bool(left_out),
         lack,
     )
+
+
+RUNS = Path(".snakemake/osl_at_work")
+"""A file for each run that is at work in this folder, with its host, process and temporary folder.
+One whose process has ended was killed."""
+
+
+def begin_run(temporary: Path, written: Sequence[Path]) -> None:
+    """Note that a run is at work here, and remove what killed ones on this machine have left.
+
+    Parameters
+    ----------
+    temporary
+        The temporary folder of this run.
+    written
+        Folders into which jobs write.
+    """
+    killed = killed_runs()
+    for note, run in killed.items():
+        shutil.rmtree(run["temporary"], ignore_errors=True)
+        note.unlink(missing_ok=True)
+    if killed:
+        remove_half_written(written)
+    RUNS.mkdir(parents=True, exist_ok=True)
+    note = RUNS / f"{platform.node()}_{os.getpid()}.json"
+    began = psutil.Process().create_time()
+    run = {"host": platform.node(), "pid": os.getpid(), "began": began, "temporary": str(temporary)}
+    note.write_text(json.dumps(run), encoding="utf-8")
+    atexit.register(note.unlink, missing_ok=True)
+
+
+def killed_runs() -> dict[Path, dict[str, Any]]:
+    """The runs in this folder that were killed on this machine, by their notes."""
+    runs = {note: json.loads(note.read_text(encoding="utf-8")) for note in RUNS.glob("*.json")}
+    return {
+        note: run
+        for note, run in runs.items()
+        if run["host"] == platform.node() and not is_at_work(run["pid"], run["began"])
+    }
+
+
+def is_at_work(pid: int, began: float) -> bool:
+    """Whether the process that began at this time [s] is alive: numbers are used again."""
+    try:
+        is_same: bool = abs(psutil.Process(pid).create_time() - began) < 1
+    except psutil.NoSuchProcess:
+        return False
+    return is_same
+
+
+def remove_half_written(folders: Iterable[Path]) -> None:
+    """Remove the temporary files (`files.temporary_path`) of processes that have ended."""
+    for folder in folders:
+        for path in folder.rglob(".*"):
+            name = re.fullmatch(r"\..+\.(\d+)(\.\w+)?", path.name)
+            if name and not psutil.pid_exists(int(name[1])) and path.is_file():
+                path.unlink(missing_ok=True)
+
+
+def take_over_lock() -> bool:
+    """Remove Snakemake's lock of this folder if all runs that may hold it were killed on this
+    machine; whether it was removed."""
+    locks = [*Path(".snakemake/locks").glob("*.lock")]
+    killed = killed_runs()
+    if not locks or not killed or len(killed) < len([*RUNS.glob("*.json")]):
+        return False
+    for lock in locks:
+        lock.unlink(missing_ok=True)
+    return True
+
+
+def end_run(
+    workflow: Any, results: Path, report: Callable[[Sequence[str]], str], accept: bool
+) -> None:
+    """Say what a run has made, at the exit of Snakemake, and end it with exit code 1 if a result
+    that was asked for is refused, unless refusals are to `accept`.
+
+    A page whose inputs could not be made is removed: it shows older ones.
+
+    Parameters
+    ----------
+    results
+        Folder of the results.
+    report
+        Writes the report of a run, from the refused files of it.
+    """
+    if workflow.dryrun or workflow.scheduler is None or not workflow.is_main_process:
+        return  # without a scheduler nothing was to be made, or another run has the lock
+    try:
+        unfinished = [str(file) for job in workflow.dag.needrun_jobs() for file in job.output]
+        page = results / "report.html"
+        if str(page) in unfinished:
+            page.unlink(missing_ok=True)
+        files = [str(file) for job in workflow.dag.jobs for file in job.output]
+        refused = [file for file in files if is_refused(file)]
+        began = psutil.Process().create_time()
+        end_workers()
+        lines = [run_report(results / "logs", began), not_made(unfinished), report(refused)]
+        print("\n".join(filter(None, lines)), file=sys.stderr, flush=True)
+        failed = bool(refused) and not accept
+    except Exception:  # by a fault of ours the run must not end as if all were well
+        traceback.print_exc()
+        failed = True
+    if failed:
+        shutil.rmtree(workflow.snakemake_tmp_dir, ignore_errors=True)
+        sys.stdout.flush()
+        os._exit(1)  # at the exit of Python there is no other way
+
+
+def not_made(files: Sequence[str]) -> str:
+    """A line on files that a run should have made; empty if there are none."""
+    if not files:
+        return ""
+    missing = [file for file in files if not Path(file).exists()]
+    older = len(files) - len(missing)
+    stay = f"; {older} results that depend on them are those of an earlier run" if older else ""
+    return f"not made: {listing(missing, MOST_TOLD)}{stay}; run again, what is finished stays"
+
+
+def left_behind_report(stored: Iterable[Path], trials: Collection[str]) -> str:
+    """A line on trials with `stored` files that are not in the sheet, as after a renaming; empty if
+    there are none."""
+    unknown = sorted({path.stem for path in stored} - set(trials))
+    if not unknown:
+        return ""
+    return (
+        f"not in the sample sheet, and in no table or figure: {listing(unknown, 12)}; files of"
+        " theirs are left below the results; delete them, or enter the trials again"
+    )
+
+
+def made_by(opened: Campaign) -> dict[str, str]:
+    """What makes the results: version of the package, first digits of the SHA-256 of its sources;
+    and whether the data are simulated."""
+    sources = hashlib.sha256()
+    for file in sorted(PACKAGE.rglob("*")):
+        # compiled code is made of the sources; what is used of shipped files is an input or a param
+        is_source = not {"__pycache__", "shipped"} & {*file.relative_to(PACKAGE).parts}
+        if file.is_file() and is_source:
+            sources.update(file.relative_to(PACKAGE).as_posix().encode() + file.read_bytes())
+    return {
+        "version": version("osl-analysis"),
+        "sources": sources.hexdigest()[:12],
+        "data": opened.data,
+    }

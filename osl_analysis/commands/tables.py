@@ -13,15 +13,15 @@ from osl_analysis.campaign.campaign import sentence
 from osl_analysis.campaign.configuration import FOUND
 from osl_analysis.config.experiments import judged_tables
 from osl_analysis.errors import InputError
-from osl_analysis.files import atomic_path, write_text
-from osl_analysis.jobs.job_log import read_log
+from osl_analysis.files import atomic_path
 from osl_analysis.judge.campaign import campaign_findings, known_of
 from osl_analysis.judge.claims import Claims, claims_table
+from osl_analysis.judge.exclusions import Judge
 from osl_analysis.judge.finding import Limits, findings_frame, read_findings
 from osl_analysis.judge.judging import judged, marked, with_inherited
 from osl_analysis.judge.limits import DoubtfulFits, QualityRules
-from osl_analysis.judge.used import Judge
 from osl_analysis.model.drivetrain import FileOrNone, joint_of, read_parameters
+from osl_analysis.outcomes.job_log import read_log
 from osl_analysis.refusal import Refusal, check_not_refused, refused_trials
 from osl_analysis.report import headlines
 from osl_analysis.stats.repeats import sizes_said
@@ -68,10 +68,13 @@ def gather(
 
 
 def write_settings(
-    states: Sequence[Mapping[str, Any]], output: Path, phasors: Path | None = None
+    states: Sequence[Mapping[str, Any]],
+    output: Path,
+    phasors: Path | None = None,
+    refused: Sequence[Refusal] = (),
 ) -> None:
     """Write the settings that judge or label with their states. What was measured is that of
-    `phasors.csv`, or none."""
+    `phasors.csv`, or none, also where that is `refused`."""
     table = pl.DataFrame(states, schema=dict.fromkeys(("setting", "value", "state"), pl.String))
     found = (
         read_table(phasors)
@@ -86,14 +89,6 @@ def write_settings(
     )
     none = pl.when(pl.col("value").is_null()).then(pl.lit("none")).otherwise("state")
     write_table(table.with_columns(state=none), output)
-
-
-def list_fits(fits: Sequence[Path], output: Path, refused: Sequence[Refusal] = ()) -> None:
-    """Write which trials of an experiment were fitted, and why the others were not, as JSON. `fits`
-    has one file of each. Whatever uses the results of all of them is made again with it."""
-    reasons = {trial: cause.reason for trial, cause in refused_trials(refused).items()}
-    said = {"fitted": [path.stem for path in fits], "refused": reasons}
-    write_text(output, json.dumps(said, indent=1) + "\n")
 
 
 def check_claims(

@@ -23,10 +23,11 @@ from osl_analysis.commands.trials import checked_trial, inspect_file
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.errors import InputError, OslAnalysisError, listing, printable, unexpected
 from osl_analysis.files import CAMPAIGN, write_text
-from osl_analysis.formats.rosbag import recorded_files
-from osl_analysis.ingest import draft as drafts
+from osl_analysis.formats import recognise
+from osl_analysis.ingest.draft import draft_source, guessed_lines, to_be_edited
+from osl_analysis.ingest.draft_sheet import UNNAMED, draft_trials, trial_name
 from osl_analysis.ingest.examine import Commanded, examine, measured_table
-from osl_analysis.ingest.raw_files import read_source, recognise, recordings_in
+from osl_analysis.ingest.raw_files import read_source, recorded_files, recordings_in
 from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.limits import CHECKS, judged_table
 from osl_analysis.judge.words import check_words, finding_said
@@ -35,11 +36,16 @@ from osl_analysis.signals.grid import uniform_signals
 from osl_analysis.spectral.stepped_sine import Likeness, find_segments, stated_protocol
 from osl_analysis.trial import Trial
 
+MOST_OF_NEW = 3  # lines that a new campaign shows of a trial's estimates
+
 
 def first_look(folder: Path, is_new: bool = False) -> Iterator[str]:
-    """What the first trial of each experiment and source file of a folder's campaign gives. Nothing
-    is left behind, but in the configuration of a new one, as a comment, the stepped sine of the
-    first trial that has one."""
+    """What the first trial of each experiment and source file of a folder's campaign gives.
+
+    Of a new campaign it is told in short, and the stepped sine of the first trial that has one goes
+    into the configuration as a comment. Nothing else is left behind.
+    """
+    is_new_campaign = is_new
     with chdir(folder):
         config = read_config(CAMPAIGN)
         campaign = open_campaign(config, None)
@@ -64,7 +70,10 @@ def first_look(folder: Path, is_new: bool = False) -> Iterator[str]:
                 f"first trial of experiment {experiment}, {trial}:"
                 f" {'ok' if is_sound else 'LOOK AT IT'}"
             )
-            yield "\n  ".join([title, *said.splitlines()])
+            lines = said.splitlines()
+            if is_new_campaign:  # `doctor --look` tells the rest
+                lines = lines[:MOST_OF_NEW]
+            yield "\n  ".join([title, *lines])
 
 
 def first_trials(campaign: Campaign) -> list[tuple[str, str]]:
@@ -361,7 +370,7 @@ def row_of_recording(
     sources, source, said = bench.config.sources, bench.source, list[str]()
     for file in sorted(sources.glob("*.yaml")) if bench.campaign and source is None else ():
         with suppress(OslAnalysisError):
-            if read_source(file).format == recognise(path):
+            if read_source(file).format == recognise(path).name:
                 checked_trial(
                     {"trial": path.stem, "log": path.name, "log_source": file.stem},
                     path.parent,
@@ -371,23 +380,26 @@ def row_of_recording(
                 break
     if source is None:
         overview = inspect_file(path)
-        text, sources, source = drafts.draft_source(overview, path.name), place, "draft"
+        text = draft_source(overview, path.name)
+        sources = place
+        source = "draft"
         (place / "draft.yaml").write_text(text, encoding="utf-8")
-        if still_open := drafts.to_be_edited(place / "draft.yaml"):
-            told = [f"open are {listing(still_open, 4)}", *overview.remarks, *overview.open]
-            questions = "; ".join(map(printable, told))
+        still_open = to_be_edited(place / "draft.yaml")
+        if still_open:
+            asked = [f"open are {listing(still_open, 4)}", *overview.remarks, *overview.open]
+            questions = "; ".join(map(printable, asked))
             raise InputError(
                 f"{path}: its channels cannot be guessed: {questions}; edit the draft of"
                 " `osl-analysis inspect`, and name it by --source"
             )
-        guesses = [line.split("#")[0].strip() for line in drafts.guessed_lines(text)]
+        guesses = [line.split("#")[0].strip() for line in guessed_lines(text)]
         said = [f"channels are guessed: {listing(guesses, 4)}"] * bool(guesses)
         said += [printable(one) for one in overview.open]
-    ((cells, _),) = drafts.draft_trials([(Path(path.name), source, False)])
+    ((cells, _),) = draft_trials([(Path(path.name), source, False)])
     row = dict.fromkeys(("log_part", "mocap", "mocap_source", "K_d", "B_d", "controller")) | cells
-    row["trial"] = drafts.trial_name(Path(path.relative_to(folder).as_posix().replace("/", "_")))
+    row["trial"] = trial_name(Path(path.relative_to(folder).as_posix().replace("/", "_")))
     # a recording with angle and torque whose name and sheet tell none
-    if row["experiment"] == drafts.UNNAMED:
+    if row["experiment"] == UNNAMED:
         row["experiment"], said = "impedance", [*said, "taken for an impedance trial"]
     return row, sources, said
 

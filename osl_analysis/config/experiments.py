@@ -141,7 +141,8 @@ EXPERIMENTS: dict[str, Experiment] = {
         impedance=("", "B_j", "J_j"),
     ),
     "actuator": Experiment(
-        "actuator alone, driven at a velocity and a current: k_tau n_m, f_C, f_G, B_m and J_m; standing: k_tau n_m",
+        "actuator alone, driven at a velocity and a current: k_tau n_m, f_C, f_G, B_m and J_m;"
+        " standing: k_tau n_m",
         place="bench", motion="theta_m", may_stand=True, torque="torque_m", signals=("current",),
         log="actuator",
         follows=("parameters",),
@@ -151,7 +152,8 @@ EXPERIMENTS: dict[str, Experiment] = {
         impedance=("", "B_m", "J_m"),
     ),
     "impedance": on_dynamometer(
-        "stepped sine or any other motion against the controller: K, B, I and the frequency response",
+        "stepped sine or any other motion against the controller: K, B, I and the frequency"
+        " response",
         beside=("theta_m", "current"), stepped_sine=True, any_motion=True,
         follows=("parameters", "protocol", "gain_weight"),
         tables=(ResultTable("impedance",
@@ -175,7 +177,8 @@ EXPERIMENTS: dict[str, Experiment] = {
         "HumanJointAnalysis")}, windows=True),
     ),
     "torque_angle": on_dynamometer(
-        "slow cycles of a passive foot, spring or elastic element: stiffness over angle, energy, hysteresis",
+        "slow cycles of a passive foot, spring or elastic element: stiffness over angle, energy,"
+        " hysteresis",
         tables=(ResultTable("torque_angle"), ResultTable("torque_angle_curves", judged=False),
             ResultTable("torque_angle_cycles", judged=False), *OF_ALL),
         fit=FitJob("bench.fit_torque_angle_trial", {"settings": ("torque_angle",
@@ -183,7 +186,8 @@ EXPERIMENTS: dict[str, Experiment] = {
             sheet=("desired",)),
     ),
     "calibration": on_dynamometer(
-        "a known spring or inertia in place of the joint: how late the torque is, and what the gains are",
+        "a known spring or inertia in place of the joint: how late the torque is, and what the"
+        " gains are",
         stepped_sine=True, any_motion=True, tables=(ResultTable("calibration"), *OF_ALL),
         fit=FitJob("bench.fit_calibration_trial", {"settings": ("dynamometer",
         "ImpedanceAnalysis")},

@@ -14,7 +14,7 @@ import numpy as np
 
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError, nearest
-from osl_analysis.formats.binary_table import FIRST_BYTES, is_table_file, refuse_others
+from osl_analysis.formats import TEXT_PRIORITY, formats_of, refuse_others
 from osl_analysis.model.compensator import CONTROLLERS, Weight
 from osl_analysis.refusal import check_not_refused
 from osl_analysis.trial import Array, stretches
@@ -160,8 +160,10 @@ def numbered_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
     """The rows of a CSV file with the number of their line, without empty lines and comments."""
     try:
         content = path.read_bytes()
-        refuse_others(path, content)
-        if is_table_file(content[:FIRST_BYTES]):
+        known = formats_of(path) if content else []
+        if content:
+            refuse_others(path, known)
+        if any(one.priority < TEXT_PRIORITY for one in known):
             raise InputError(
                 f"{path}: a workbook, or another binary table, which no sheet is; save it as 'CSV"
                 " UTF-8'"

@@ -55,6 +55,12 @@ class DescribedTable:
     columns: Mapping[str, DescribedColumn]
 
 
+def file_at(place: str) -> str:
+    """The file at the `place` of a table, with words for the names of trial and experiment."""
+    named = place.replace("*/*", "EXPERIMENT/*").replace("*", "TRIAL")
+    return f"{named}.csv"
+
+
 @cache
 def described_tables() -> tuple[DescribedTable, ...]:
     """All tables, in the order of the page."""

@@ -1,2 +1,214 @@
-"""Formats of recordings: from bytes to arrays of numbers. Nothing here knows a leg, a signal or an
-SI unit."""
+"""File formats. Each module of this folder is one, and gives its files as one `Recording`.
+
+To add a format, add one module with
+
+    FORMAT = Format(
+        name="xyz",               # what `format:` says in a source file
+        suffixes=(".xyz",),       # endings of its files
+        begins=_begins,           # whether a file that begins with these bytes is of this format
+        source=XyzSource,         # the model of its source files, a subclass of one of
+                                  # `osl_analysis.source_file`, with the keys of its own
+        read=read,                # (path, source file or None) -> Recording
+    )
+
+and a line in docs/files.md; `qualisys.py` is an example. A package elsewhere offers one by the
+entry point group `osl_analysis.formats`. Modules whose names begin with `_` are shared by several.
+"""
+
+import errno
+import pkgutil
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import cache
+from importlib import import_module
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from osl_analysis.errors import InputError, naming, quoted
+from osl_analysis.recording import Format, Recording
+
+FIRST_BYTES = 1 << 16  # of a file, by which its format is recognised
+GROUP = "osl_analysis.formats"  # entry points of other packages
+TEXT_PRIORITY = 9  # of tables of text: any text may be one
+OFTEN_TEXT = ("table",)  # formats whose ending text often has: `.xls`
+COPY_AGAIN = "copy the file again, or export it anew"
+
+
+@cache
+def known_formats() -> Mapping[str, Format]:
+    """The formats by name; those that are more special come first, text comes last."""
+    formats: list[Format] = []
+    for module in pkgutil.iter_modules(__path__):
+        if not module.name.startswith("_"):
+            formats.append(import_module(f"{__name__}.{module.name}").FORMAT)
+    formats += [point.load() for point in entry_points(group=GROUP)]
+    formats.sort(key=lambda known: known.priority)
+    return {known.name: known for known in formats}
+
+
+def beginning(path: Path) -> bytes:
+    """Read the first bytes of a file; none of a folder."""
+    if path.is_dir():
+        return b""
+    with path.open("rb") as file:
+        return file.read(FIRST_BYTES)
+
+
+def formats_of(path: Path) -> list[Format]:
+    """The formats that a file or folder may be of, by what it begins with; the likeliest first."""
+    if path.is_dir():
+        return [known for known in known_formats().values() if known.is_folder(path)]
+    begin = beginning(path)
+    return [known for known in known_formats().values() if known.begins(begin)]
+
+
+def recognise(path: Path) -> Format:
+    """Tell the format of a file by its first bytes, or else by its ending.
+
+    Raises
+    ------
+    InputError
+        It is of no format that is read.
+    """
+    formats = formats_of(path)
+    refuse_others(path, formats)
+    as_text = [known for known in formats if known.priority >= TEXT_PRIORITY]
+    formats = [known for known in formats if known.priority < TEXT_PRIORITY]
+    for known in known_formats().values():
+        is_text_in_name_alone = bool(as_text) and known.name in OFTEN_TEXT
+        if path.suffix.lower() in known.suffixes and not is_text_in_name_alone:
+            formats.append(known)
+    formats += as_text
+    if not formats:
+        raise InputError(
+            f"{path}: of no known format (it begins with {quoted(beginning(path)[:8])}); export it"
+            f" as one of {', '.join(known_formats())}"
+        )
+    return formats[0]
+
+
+def check_format(path: Path, name: str) -> Format:
+    """Give the format that a source file states; refused where the file is another one."""
+    stated_format = known_formats()[name]
+    is_stated = (
+        stated_format.is_folder(path) if path.is_dir() else stated_format.begins(beginning(path))
+    )
+    if is_stated and stated_format.priority < TEXT_PRIORITY:
+        return stated_format
+    formats = formats_of(path)
+    if stated_format in formats[:1]:
+        refuse_others(path, formats)
+        return stated_format
+    if not formats:
+        raise InputError(
+            f"{path}: is no {name} (it begins with {quoted(beginning(path)[:8])}), as its source"
+            " file says; name the recording itself"
+        )
+    content_name = formats[0].name
+    if path.is_dir():
+        raise InputError(
+            f"{path}: a folder with a recording in {content_name}, its source file says {name};"
+            f" write `format: {content_name}`, or name a file in it"
+        )
+    raise InputError(
+        f"{path}: is {content_name}, its source file says {name}; write"
+        f" `format: {content_name}`, or name another source file in the sheet"
+    )
+
+
+@np.errstate(all="ignore")  # values may be of any size: checks tell them, not NumPy
+def read(path: Path, source: Any = None) -> Recording:
+    """Read a file, or a folder that is a recording.
+
+    Parameters
+    ----------
+    source
+        Its source file, a model of its format; None to list what it holds.
+
+    Raises
+    ------
+    InputError
+        The file is of no known format, damaged, or not as its source file says.
+    """
+    chosen = recognise(path) if source is None else check_format(path, source.format)
+    with naming(path), in_one_sentence():
+        return chosen.read(path, source)
+
+
+@contextmanager
+def in_one_sentence() -> Iterator[None]:
+    """Turn any error of a library about a damaged file into one sentence."""
+    try:
+        yield
+    except (InputError, MemoryError, KeyboardInterrupt, SystemExit):
+        raise
+    except BaseException as error:  # also a panic of Rust
+        raise InputError(f"cannot be read ({_reason_of(error)}); {COPY_AGAIN}") from error
+
+
+def _reason_of(error: BaseException) -> str:
+    """The meaning of a library's error about a damaged file."""
+    if isinstance(error, OSError) and error.strerror and error.errno != errno.EINVAL:
+        return error.strerror  # of the system, such as a full disk; EINVAL is a wrong offset
+    text = str(error)
+    if re.search(
+        r"(?i)truncated|past end|must end|whole buffer|not enough bytes|could not read|EOCD|no end",
+        text,
+    ):
+        return "it is cut off, or its end is lost"
+    if re.search(r"(?i)decompress|filter returned|snappy|zstd|invalid data stream", text):
+        return "a packed part of it is damaged"
+    return f"its parts contradict each other: {' '.join(text.split())[:100]}"
+
+
+# what laboratories often have, or what looks like a log: how it begins, and what to do
+_AS_CSV = "open it in a spreadsheet, also where it is called `.xls`, and save its table as CSV"
+_OTHERS = (
+    (
+        "an export of OptiTrack Motive in CSV",
+        r'\A"?Format Version"?,"?\d',
+        "export the trial as C3D",
+    ),
+    (
+        "a page of HTML or XML",
+        r"\A\s*<(!doctype html|html|head|table|meta|\?xml[^>]*>\s*<(\?mso|workbook))",
+        _AS_CSV,
+    ),
+    (
+        "a document of JSON",  # or a dictionary as Python prints it
+        r"\A\s*(\{\s*[\"'}]|\[\s*\{|\[[^\[\]]*\d\s*\]\s*$)",
+        "write JSON lines, an object per line and sample",
+    ),
+    ("nothing but zero bytes", r"\A\0+\Z", "copy or record it again"),
+    ("a PNG image", r"\A\x89PNG", "name the recording itself"),
+    (
+        "compressed (such as ZIP or gzip)",
+        r"\A(PK\x03\x04|\x1f\x8b|BZh|\xfd7zXZ\0|\x28\xb5\x2f\xfd|7z\xbc\xaf\x27\x1c|Rar!)",
+        "unpack it and name the recording inside",
+    ),
+)
+
+
+def refuse_others(path: Path, formats: Sequence[Format]) -> None:
+    """Refuse an empty file, and one of a format that is not read, which would else pass for a table
+    of text.
+
+    `formats` are those that the file may be of.
+    """
+    if path.is_dir() or any(candidate.priority < TEXT_PRIORITY for candidate in formats):
+        return
+    begin = beginning(path)
+    if not begin:
+        raise InputError(
+            f"{path}: the file is empty; copy or record it again, or exclude the trial in the sheet"
+        )
+    has_mark = begin[:2] in (b"\xff\xfe", b"\xfe\xff")
+    text = begin.decode("utf-16" if has_mark else "latin-1", "replace")
+    text = text.removeprefix("\xef\xbb\xbf")
+    for name, pattern, remedy in _OTHERS:
+        if re.search(pattern, text, re.MULTILINE | re.IGNORECASE):
+            raise InputError(f"{path}: {name}, which is not read; {remedy}")

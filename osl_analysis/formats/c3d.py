@@ -1,56 +1,273 @@
-"""C3D: header, parameters, points and analog samples of a motion capture recording.
+"""C3D (https://www.c3d.org/HTML): points, analog samples and force plates of motion capture.
 
-`ezc3d` is not used: it misplaces frames where ANALOG:RATE and the header disagree, drops those
-beyond 65535 and those of a truncated file, takes the absolute value of a negative OFFSET, and
-crashes on damaged headers. Tests compare."""
+Written by hand: `ezc3d` reads no MIPS, misplaces frames where ANALOG:RATE and the header disagree,
+ignores UNSIGNED, and is silent about a cut file. Tests compare.
+"""
 
 import math
+import re
 import struct
-from collections import Counter
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BeforeValidator, Field, PositiveInt, model_validator
 
-from osl_analysis.errors import InputError, quoted
-from osl_analysis.formats.table import Ledger
-from osl_analysis.trial import Array
+from osl_analysis.errors import InputError, listing, quoted
+from osl_analysis.recording import Channel, Format, Kind, Loss, Plate, Recording, Rows
+from osl_analysis.source_file import (
+    Channel as ChannelSettings,
+)
+from osl_analysis.source_file import (
+    ColumnName,
+    Corner,
+    LaboratorySource,
+    Name,
+    PlateUnits,
+    all_none_or_list,
+)
+from osl_analysis.trial import own_axes
+from osl_analysis.units import LengthUnit
+from osl_analysis.yaml_settings import Settings, misplaced
 
-ENDIAN = {"Intel": "<", "DEC": "<", "MIPS": ">"}
+BLOCK = 512  # bytes
+LARGEST_FRAME_NUMBER = 0xFFFF  # of the header
+# number format by the processor's code, and NumPy's sign of its byte order
+PROCESSORS = {84: "Intel", 85: "DEC", 86: "MIPS"}
+BYTE_ORDER = {"Intel": "<", "DEC": "<", "MIPS": ">"}
+# a parameter holds 255 values; more follow in NAME2, NAME3, ...
+CONTINUATIONS = ("", *map(str, range(2, 10)))
+CHANNELS_OF_PLATE = {1: 6, 2: 6, 3: 8, 4: 6}  # by type, C3D manual, FORCE_PLATFORM:TYPE
+MOST_PLATES = 99
+LEAST_RATE_HZ, MOST_RATE_HZ = 1e-6, 1e9
+PLATE_LABEL = re.compile(r"(?i)(?:^|[^a-z])([FM][xyz])\d*$")  # `Force.Fx1`
 
-Parameters = dict[str, "Array | list[str]"]
+Array = NDArray[np.float64]
+Parameters = Mapping[str, "Array | list[str]"]
+
+
+class C3dChannel(ChannelSettings):
+    """An analog channel."""
+
+    ADDRESS = "channel"
+    channel: Name  # Its label.
+
+
+class PlateGeometry(Settings):
+    """A force plate that the file does not describe."""
+
+    type: Literal[1, 2, 3] = 2
+    """Type of the C3D manual: 1 force, centre of pressure and free moment, 2 force and moment about
+    the plate's origin, 3 the eight forces of Kistler."""
+    # Labels of its channels, or their numbers from 1, in the order of the type.
+    channels: tuple[ColumnName, ...]
+    # Of the surface, in the file's axes and unit of length, in the order of FORCE_PLATFORM:CORNERS.
+    corners: tuple[Corner, Corner, Corner, Corner]
+    # FORCE_PLATFORM:ORIGIN, in the file's unit of length.
+    origin: Corner = (0.0, 0.0, 0.0)
+
+    @model_validator(mode="after")
+    def _whole(self) -> "PlateGeometry":
+        needed = CHANNELS_OF_PLATE[self.type]
+        if len(self.channels) != needed:
+            raise ValueError(
+                f"a plate of type {self.type} has {needed} channels, {len(self.channels)} are named"
+            )
+        return self
+
+
+class C3dSource(LaboratorySource):
+    """The source file of C3D captures."""
+
+    OF = " of format c3d"
+    analogs: Mapping[str, C3dChannel] = Field(default={})
+    point_unit: LengthUnit | None = None  # Unit of length, where the file's own is absent or wrong.
+    plates: Annotated[
+        Literal["all"] | tuple[PositiveInt, ...], BeforeValidator(all_none_or_list)
+    ] = "all"
+    """Force plates by number, from 1: all, none or a list."""
+    plate_geometry: Mapping[PositiveInt, PlateGeometry] = Field(default={})
+    """Force plates by number that the file does not describe, as it has no FORCE_PLATFORM, or that
+    it describes wrongly."""
+    # Units of the plates' channels, where the file's are absent or wrong.
+    plate_units: PlateUnits | None = None
+    plate_zero: Literal["none", "file"] | tuple[PositiveInt, PositiveInt] = "none"
+    """Baseline of the plates: none, file (FORCE_PLATFORM:ZERO) or two frames, from 1, between which
+    they are empty."""
+
+    @model_validator(mode="after")
+    def _zero_lasts(self) -> "C3dSource":
+        if isinstance(self.plate_zero, tuple) and self.plate_zero[0] > self.plate_zero[1]:
+            raise misplaced(
+                f"{[*self.plate_zero]} ends before it begins; write the first frame first",
+                "plate_zero",
+            )
+        return self
+
+
+@dataclass(frozen=True)
+class Header:
+    """Counts and parameters of a file."""
+
+    processor: str  # number format: Intel, DEC or MIPS
+    points: int  # per frame, model outputs included
+    channels: int  # analog
+    samples_per_frame: int  # of each analog channel
+    first_frame: int  # as the laboratory counts
+    frames: int
+    rate_hz: float  # frames per second
+    data_start: int  # where the frames begin [bytes]
+    scale: float  # of positions stored as 16-bit integers; negative where they are reals
+    parameters: Parameters  # by `GROUP:NAME`
+
+    @property
+    def are_integers(self) -> bool:
+        """Whether points and samples are 16-bit integers."""
+        return self.scale > 0
+
+    @property
+    def frame_bytes(self) -> int:
+        """Size of one frame: four numbers of each point, and its analog samples."""
+        numbers = 4 * self.points + self.channels * self.samples_per_frame
+        return numbers * (2 if self.are_integers else 4)
+
+    def table(self, name: str) -> Array:
+        """A numeric parameter in its own dimensions; empty where the file has none."""
+        value = self.parameters.get(name, [])
+        return np.zeros(0) if isinstance(value, list) else value
+
+    def numbers(self, name: str) -> Array:
+        """A numeric parameter, flat, with its continuations; empty where the file has none."""
+        tables = [self.table(name + suffix) for suffix in CONTINUATIONS]
+        return np.concatenate([table.ravel(order="F") for table in tables])
+
+    def texts(self, name: str) -> list[str]:
+        """A text parameter with its continuations; empty where the file has none."""
+        values = [self.parameters.get(name + suffix, []) for suffix in CONTINUATIONS]
+        return [text for value in values if isinstance(value, list) for text in value]
+
+
+def reals(content: bytes, processor: str) -> NDArray[np.float32]:
+    """Read 32-bit reals; DEC stores the two halves swapped, and an exponent that is larger by
+    two."""
+    if processor != "DEC":
+        return np.frombuffer(content, f"{BYTE_ORDER[processor]}f4").astype(np.float32)
+    halves = np.frombuffer(content, "<u2").reshape(-1, 2)[:, ::-1]
+    return np.ascontiguousarray(halves).view("<f4")[:, 0] * np.float32(0.25)
+
+
+def parse_header(data: bytes) -> Header:
+    """Read the header block and the parameter section.
+
+    Rate and long frame counts are taken from parameters where they exist.
+
+    Raises
+    ------
+    InputError
+        It is no C3D file, or its parameters are damaged.
+    """
+    if len(data) < 2 * BLOCK or data[1:2] != b"P":
+        raise InputError(
+            f"not a C3D file (it begins with {quoted(data[:4])}); check the path and the source's"
+            " format"
+        )
+    start = (data[0] - 1) * BLOCK
+    is_inside = 0 < start < len(data) - 3
+    processor = PROCESSORS.get(data[start + 3]) if is_inside else None
+    if processor is None:
+        raise InputError(
+            "written for a processor of an unknown type;"
+            f" {', '.join(BYTE_ORDER)} are read: export the trial again"
+        )
+    try:
+        return _header_of(data, start, processor)
+    except (struct.error, ValueError, IndexError) as error:
+        raise InputError(f"damaged C3D file: {error}; export the trial again") from error
+
+
+def _header_of(data: bytes, start: int, processor: str) -> Header:
+    words = np.frombuffer(data[:24], f"{BYTE_ORDER[processor]}u2").astype(int)
+    samples_per_frame = max(int(words[9]), 1)
+    data_start = (int(words[8]) - 1) * BLOCK
+    parameters_end = data_start
+    if data_start <= start:
+        parameters_end = start + max(data[start + 2], 1) * BLOCK
+    parameters = parse_parameters(data, start + 4, min(parameters_end, len(data)), processor)
+    first_frame = int(words[3])
+    last_frame = int(words[4])
+    header = Header(
+        processor=processor,
+        points=int(words[1]),
+        channels=int(words[2]) // samples_per_frame,
+        samples_per_frame=samples_per_frame,
+        first_frame=first_frame,
+        frames=last_frame - first_frame + 1,
+        rate_hz=float(reals(data[20:24], processor)[0]),
+        data_start=data_start,
+        scale=float(reals(data[12:16], processor)[0]),
+        parameters=parameters,
+    )
+    stated_rate = header.numbers("POINT:RATE")
+    if stated_rate.size and stated_rate[0] > 0:
+        header = replace(header, rate_hz=float(stated_rate[0]))
+    if last_frame == LARGEST_FRAME_NUMBER:
+        header = replace(header, frames=_long_frames(header) or header.frames)
+    if header.scale == 0 or not math.isfinite(header.scale):
+        raise InputError(f"the scale of the points is {header.scale}")
+    if data_start < BLOCK:
+        raise InputError(f"the data begin at byte {data_start}, within the header")
+    return header
+
+
+def _long_frames(header: Header) -> int:
+    """Frames of a file with more than the header can count; 0 where no parameter tells them.
+
+    Vicon and Qualisys write first and last frame as two 16-bit words, low word first, others
+    LONG_FRAMES.
+    """
+    first = header.numbers("TRIAL:ACTUAL_START_FIELD") % 65536
+    last = header.numbers("TRIAL:ACTUAL_END_FIELD") % 65536
+    if first.size == last.size == 2:
+        return int((last - first) @ [1, 65536]) + 1
+    long = header.numbers("POINT:LONG_FRAMES")
+    return int(long[0]) if long.size and np.isfinite(long[0]) else 0
 
 
 def parse_parameters(data: bytes, position: int, end: int, processor: str) -> Parameters:
-    """The parameters by `GROUP:NAME`. Groups may follow their parameters."""
-    groups, found = dict[int, str](), list[tuple[int, str, Array | list[str]]]()
+    """Read the parameters by `GROUP:NAME`. Groups may follow their parameters."""
+    groups: dict[int, str] = {}
+    values: list[tuple[int, str, Array | list[str]]] = []
     while position < end and data[position] != 0:
         length, group = struct.unpack_from("bb", data, position)
         name_end = position + 2 + abs(length)
         name = data[position + 2 : name_end].decode("latin-1").strip().upper()
         # to the next record; 0 after the last
-        (step,) = struct.unpack_from(f"{ENDIAN[processor]}h", data, name_end)
+        (step,) = struct.unpack_from(f"{BYTE_ORDER[processor]}h", data, name_end)
         if step < 0 or group == 0:
             raise InputError(f"the parameter section is damaged after {name!r}")
         value_end = name_end + 2
         if group < 0:
             groups[-group] = name
         else:
-            value, value_end = parameter_value(data, name_end + 2, processor, name)
-            found.append((group, name, value))
+            value, value_end = _parameter_value(data, name_end + 2, processor, name)
+            values.append((group, name, value))
         position = name_end + step
         if step == 0:
             break
+        # else a damaged section is read as another one
         if not value_end <= position <= end:
             raise InputError(f"the parameter section is damaged after {name!r}")
-    return {f"{groups.get(group, group)}:{name}": value for group, name, value in found}
+    return {f"{groups.get(group, group)}:{name}": value for group, name, value in values}
 
 
-def parameter_value(
+def _parameter_value(
     data: bytes, position: int, processor: str, name: str
 ) -> tuple[Array | list[str], int]:
-    """One parameter from its type byte on, and the first byte behind it."""
+    """Read one parameter from its type byte on; gives also the first byte behind it."""
     kind, dimensions = struct.unpack_from("bB", data, position)
     if kind not in (-1, 1, 2, 4) or dimensions > 7:  # text, byte, integer, real
         raise InputError(
@@ -59,284 +276,412 @@ def parameter_value(
         )
     shape = tuple(data[position + 2 : position + 2 + dimensions])
     begin = position + 2 + dimensions
-    content = data[begin : begin + abs(kind) * math.prod(shape)]
-    if len(content) != abs(kind) * math.prod(shape):
+    size = abs(kind) * math.prod(shape)
+    content = data[begin : begin + size]
+    if len(content) != size:
         raise InputError(f"the parameter '{name}' reaches beyond the end of the file")
     if kind == -1:
-        length, texts = (shape[0] if shape else 1) or 1, list[str]()  # of each text
-        for one in (content[i : i + length] for i in range(0, len(content), length)):
-            try:
-                texts.append(one.decode("utf-8").strip(" \0"))
-            except UnicodeDecodeError:
-                texts.append(one.decode("latin-1").strip(" \0"))
-        return texts, begin + len(content)
-    whole = "u1" if kind == 1 else f"{ENDIAN[processor]}i2"
-    values = reals(content, processor) if kind == 4 else np.frombuffer(content, whole)
-    with np.errstate(invalid="ignore"):  # a damaged real may be no number
-        return values.astype(np.float64).reshape(shape, order="F"), begin + len(content)
+        length = (shape[0] if shape else 1) or 1  # of each text
+        texts = [content[at : at + length] for at in range(0, size, length)]
+        return [_decoded(text) for text in texts], begin + size
+    if kind == 4:
+        values: NDArray[Any] = reals(content, processor)
+    else:
+        whole = "u1" if kind == 1 else f"{BYTE_ORDER[processor]}i2"
+        values = np.frombuffer(content, whole)
+    return values.astype(np.float64).reshape(shape, order="F"), begin + size
 
 
-def reals(content: bytes, processor: str) -> NDArray[np.float32]:
-    """32-bit reals; DEC stores the two halves swapped, and an exponent that is larger by two."""
-    if processor != "DEC":
-        return np.frombuffer(content, f"{ENDIAN[processor]}f4").astype(np.float32)
-    halves = np.frombuffer(content, "<u2").reshape(-1, 2)[:, ::-1]
-    with np.errstate(invalid="ignore"):
-        return np.ascontiguousarray(halves).view("<f4")[:, 0] * np.float32(0.25)
-
-
-BLOCK, ONE_NUMBER = 512, 4  # bytes
-# a parameter holds 255 values; more follow in NAME2, NAME3, ...
-CONTINUATIONS = ("", *map(str, range(2, 10)))
-
-
-@dataclass(frozen=True)
-class C3DHeader:
-    processor: str  # number format of the file: Intel, DEC or MIPS
-    points: int  # points per frame, model outputs included
-    first_frame: int  # number of the first frame, as the laboratory counts
-    frames: int
-    rate: float  # frames per second [Hz]
-    samples_per_frame: int  # samples of each analog channel per frame
-    channels: int
-    data_start: int  # where the data section begins [bytes]
-    scale: float  # of positions stored as 16-bit integers; negative where they are reals
-    # by `GROUP:NAME`, numbers in the file's dimensions (first index fastest) or texts
-    parameters: Parameters
-
-    def table(self, name: str) -> Array:
-        """A numeric parameter in its own dimensions; empty where the file has none."""
-        value = self.parameters.get(name, [])
-        return np.zeros(0) if isinstance(value, list) else value
-
-    def numbers(self, name: str) -> Array:
-        """A numeric parameter, flat, with its continuations (SCALE, SCALE2, ...); empty where the
-        file has none."""
-        return np.concatenate(
-            [self.table(name + suffix).ravel(order="F") for suffix in CONTINUATIONS]
-        )
-
-    def texts(self, name: str) -> list[str]:
-        """A text parameter with its continuations (LABELS, LABELS2, ...); empty where the file has
-        none."""
-        values = [self.parameters.get(name + suffix, []) for suffix in CONTINUATIONS]
-        return [text for value in values if isinstance(value, list) for text in value]
-
-
-def is_c3d(begin: bytes) -> bool:
-    return begin[1:2] == b"P" and begin[:1] < b" " and b"\0" in begin
-
-
-def parse_header(data: bytes) -> C3DHeader:
-    """Header block and parameter section; rate and long frame counts are taken from parameters
-    where they exist."""
-    if len(data) < 2 * BLOCK or data[1:2] != b"P":
-        raise InputError(
-            f"not a C3D file (it begins with {quoted(data[:4])}); check the path and the source's"
-            " format"
-        )
-    start = (data[0] - 1) * BLOCK
-    processor = (
-        {84: "Intel", 85: "DEC", 86: "MIPS"}.get(data[start + 3])
-        if 0 < start < len(data) - 3
-        else None
-    )
-    if processor is None:
-        known = ", ".join(ENDIAN)
-        raise InputError(
-            f"written for a processor of an unknown type; {known} are read: export the trial again"
-        )
-    words = np.frombuffer(data[:24], f"{ENDIAN[processor]}u2").astype(int)
-    points, channels, first, last, per_frame, data_block = (
-        int(words[place]) for place in (1, 2, 3, 4, 9, 8)
-    )
-    scale, rate = (float(reals(data[begin : begin + 4], processor)[0]) for begin in (12, 20))
-    per_frame, data_start = max(per_frame, 1), (data_block - 1) * BLOCK
-    section_end = data_start if data_start > start else start + max(data[start + 2], 1) * BLOCK
+def _decoded(text: bytes) -> str:
     try:
-        parameters = parse_parameters(data, start + 4, min(section_end, len(data)), processor)
-        counts = (points, first, last - first + 1, rate, per_frame, channels // per_frame)
-        header = C3DHeader(processor, *counts, data_start, scale, parameters)
-        stated, long = header.numbers("POINT:RATE"), header.numbers("POINT:LONG_FRAMES")
-        header = replace(header, rate=float(stated[0])) if stated.size and stated[0] > 0 else header
-        if last == 0xFFFF:  # the largest number of the header
-            # Vicon and Qualisys write first and last frame as two 16-bit words, low word first,
-            # others LONG_FRAMES
-            ends = [header.numbers(f"TRIAL:ACTUAL_{end}_FIELD") % 65536 for end in ("START", "END")]
-            count = int(long[0]) if long.size and np.isfinite(long[0]) else 0
-            if ends[0].size == ends[1].size == 2:
-                count = int((ends[1] - ends[0]) @ [1, 65536]) + 1
-            header = replace(header, frames=count or header.frames)
-        if scale == 0 or not math.isfinite(scale):
-            raise InputError(f"the scale of the points is {scale}")
-        if data_start < BLOCK:
-            raise InputError(f"the data begin at byte {data_start}, within the header")
-    except (struct.error, ValueError, IndexError) as error:
-        raise InputError(f"damaged C3D file: {error}; export the trial again") from error
-    return header
+        return text.decode("utf-8").strip(" \0")
+    except UnicodeDecodeError:
+        return text.decode("latin-1").strip(" \0")
 
 
-@dataclass(frozen=True)
-class C3DRecording:
-    """Content of a C3D file, in the file's units. Frame 0 and analog sample 0 are at 0 s."""
-
-    header: C3DHeader  # counts and parameters
-    # positions and model outputs, (frames, points, 3); NaN where a point was not seen
-    points: Array
-    # analog channels, (samples, channels), with `header.samples_per_frame` samples per frame
-    analogs: Array
-    damage: Ledger = field(default_factory=Ledger)
-
-    def without_end(self, plate_channels: list[int]) -> "C3DRecording":
-        """The frames before the last ones, in which channels, from 0, are no numbers: forces
-        stopped before cameras."""
-        ratio, finite = (
-            self.header.samples_per_frame,
-            np.isfinite(self.analogs[:, plate_channels]).all(axis=1),
+def check_size(data: bytes, header: Header) -> None:
+    """Refuse a file that holds nothing, or other frames than its header declares."""
+    rotations = header.numbers("ROTATION:USED")
+    if header.frame_bytes == 0 and rotations.size and rotations[0] > 0:
+        raise InputError(
+            f"holds {rotations[0]:g} rotations of segments at {header.rate_hz:g} Hz and no marker:"
+            " poses are not read; record markers too, or export virtual markers"
         )
-        frames = int(np.argmin(finite)) // ratio
-        if not frames or finite.reshape(-1, ratio)[frames:].all(axis=1).any():
-            return self
-        lost = self.header.frames - frames
-        self.damage.read[0] = frames
-        said = f"the plates' samples are no numbers in the last {lost} frames, which are left out"
-        self.damage.lose(said, 0, Counter({0: lost}), 0)
-        header = replace(self.header, frames=frames)
-        return replace(
-            self, header=header, points=self.points[:frames], analogs=self.analogs[: frames * ratio]
+    frames = header.frames
+    is_rate = LEAST_RATE_HZ < header.rate_hz < MOST_RATE_HZ
+    if frames < 1 or header.frame_bytes == 0 or not is_rate:
+        raise InputError(
+            f"declares {frames} frames of {header.frame_bytes} bytes at {header.rate_hz} Hz, in the"
+            f" byte order of {header.processor}: nothing to read; export the trial again"
         )
-
-    @property
-    def point_labels(self) -> list[str]:
-        return self.header.texts("POINT:LABELS")[: self.header.points]
-
-    @property
-    def analog_labels(self) -> list[str]:
-        return self.header.texts("ANALOG:LABELS")[: self.header.channels]
-
-    @property
-    def model_outputs(self) -> set[str]:
-        """Labels of the points that hold angles, forces, moments, powers or scalars instead of
-        positions."""
-        groups = self.header.texts("POINT:TYPE_GROUPS")[::2]
-        return {label for group in groups for label in self.header.texts(f"POINT:{group.upper()}")}
-
-    def analog_unit(self, channel: int) -> str:
-        """Unit of a channel counted from 0, as the file spells it, as that of positions; empty
-        where it gives none."""
-        units = self.header.texts("ANALOG:UNITS")
-        return units[channel] if channel < len(units) else ""
-
-    def point_unit(self) -> str:
-        return (self.header.texts("POINT:UNITS") or [""])[0]
-
-
-def check_end(data: bytes, start: int, frames: int, frame: int, damage: Ledger) -> None:
-    """Note frames that may be shifted by bytes that were lost or doubled, which padding to whole
-    blocks hides: the last frame that holds anything then ends in padding, as no other does, or its
-    end stands in the padding. A joint at rest may have more zeros than a block has padding."""
-    end = start + frames * frame
-    every = (data[at : at + frame] for at in range(start, end, frame))
-    # not of a frame of zeros
-    ends = [frame - len(held) for one in every if (held := one.rstrip(b"\0"))]
-    last, before = ends[-1] if ends else 0, max(ends[:-1], default=0)
-    zeros = end - start - len(data[start:end].rstrip(b"\0"))
-    if len(ends) > 1 and last > max(before, 3) and zeros < 2 * BLOCK:  # a lost block, and padding
-        said = (
-            f"the last frame ends in {last} zero bytes, others in {before} at most: bytes were lost"
-            " before it"
-        )
-        if last > ONE_NUMBER:
-            raise InputError(f"{said}, and frames behind them are shifted; copy or export it again")
-        damage.lose(f"{said}, or its last channel is at 0", 0, None, 0)
-    if data[end:].strip(b"\0"):
-        damage.lose(
-            "bytes that are not zero stand behind the last frame: frames may be shifted", 0, None, 0
-        )
-
-
-def read_c3d(path: Path) -> C3DRecording:
-    """Decode a C3D file; InputError if it is no C3D, damaged or truncated, or contradicts itself.
-    Analog values are (raw - OFFSET) * SCALE * GEN_SCALE, raw without these; NaN where SCALE is of
-    other channels, or GEN_SCALE 0."""
-    data = path.read_bytes()
-    header = parse_header(data)
     for group, count in (("POINT", header.points), ("ANALOG", header.channels)):
         used = header.numbers(f"{group}:USED")[:1] % 65536
-        if np.isfinite(used).all() and (used.astype(int) != count).any():
+        if used.size and np.isfinite(used[0]) and int(used[0]) != count:
             raise InputError(
                 f"the header counts {count}, {group}:USED is {used[0]:g}; export the trial again"
             )
-    frames, integers = header.frames, header.scale > 0
-    # [bytes]
-    frame = (2 if integers else 4) * (
-        4 * header.points + header.channels * header.samples_per_frame
-    )
-    # or a processor of another byte order wrote it
-    if frames < 1 or frame == 0 or not 1e-6 < header.rate < 1e9:
-        said = (
-            f"declares {frames} frames of {frame} bytes at {header.rate} Hz, in the byte order of"
-            f" {header.processor}"
-        )
-        raise InputError(f"{said}: nothing to read; export the trial again")
-    there = max(len(data) - header.data_start, 0) // frame
+    there = max(len(data) - header.data_start, 0) // header.frame_bytes
     if there < frames:
         raise InputError(
             f"truncated: it declares {frames} frames and holds {there}; copy or export it again"
         )
-    if header.first_frame + frames > 0xFFFF and there > frames + BLOCK // frame:
+    may_be_more = header.first_frame + frames > LARGEST_FRAME_NUMBER
+    if may_be_more and there > frames + BLOCK // header.frame_bytes:
         raise InputError(
-            f"holds {there} frames, more than the {0xFFFF} that a C3D header counts; export it in"
-            " parts"
+            f"holds {there} frames, more than the {LARGEST_FRAME_NUMBER} that a C3D header counts;"
+            " export it in parts"
         )
-    end, damage = header.data_start + frames * frame, Ledger(read=Counter({0: frames}))
-    # some writers add a block
-    if len(data) != end and (len(data) % BLOCK or len(data) - end >= 2 * BLOCK):
-        if (stated := header.numbers("POINT:SCALE")[:1]).size and (stated[0] > 0) != integers:
-            said = (
-                f"the scale is {header.scale:g} in the header, {stated[0]:g} in POINT:SCALE (above"
-                " 0: integers)"
-            )
-            raise InputError(
-                f"{said}, and its frames end at byte {end} of {len(data)} by the header; export it"
-                " again"
-            )
-        if len(data) % BLOCK:
-            said = (
-                f"it has {len(data)} bytes, and its frames end at byte {end}: bytes were lost or"
-                " doubled on the way"
-            )
-            raise InputError(f"{said}, and frames behind them are shifted; copy or export it again")
-        damage.lose(f"it has {len(data)} bytes, and its frames end at byte {end}", 0, None, 0)
-    check_end(data, header.data_start, frames, frame, damage)
+    end = header.data_start + frames * header.frame_bytes
+    is_padded = len(data) % BLOCK == 0
+    if len(data) != end and not is_padded:
+        raise InputError(
+            f"it has {len(data)} bytes, and its frames end at byte {end}: bytes were lost or"
+            " doubled on the way, and frames behind them are shifted; copy or export it again"
+        )
+    blocks_behind = (len(data) - end) // BLOCK
+    stated_scale = header.numbers("POINT:SCALE")[:1]
+    if blocks_behind > 1 and stated_scale.size and (stated_scale[0] > 0) != header.are_integers:
+        raise InputError(
+            f"the scale is {header.scale:g} in the header, {stated_scale[0]:g} in POINT:SCALE"
+            f" (above 0: integers), and its frames end at byte {end} of {len(data)} by the header;"
+            " export it again"
+        )
+
+
+def frames_of(data: bytes, header: Header) -> tuple[Array, Array]:
+    """Read the frames.
+
+    Analog values are (raw - OFFSET) * SCALE * GEN_SCALE, raw without these.
+
+    Returns
+    -------
+    points
+        Shape (frames, points, 3), in the file's unit of length; NaN where a point was not seen.
+    analogs
+        Shape (samples, channels); NaN where SCALE is of other channels, or GEN_SCALE is 0.
+    """
+    end = header.data_start + header.frames * header.frame_bytes
     content = data[header.data_start : end]
-    raw = (
-        np.frombuffer(content, f"{ENDIAN[header.processor]}i2")
-        if integers
-        else reals(content, header.processor)
-    )
-    rows = raw.reshape(frames, -1)  # x, y, z, residual per point, then analog samples
+    raw: NDArray[Any]
+    if header.are_integers:
+        raw = np.frombuffer(content, f"{BYTE_ORDER[header.processor]}i2")
+    else:
+        raw = reals(content, header.processor)
+    # x, y, z, residual of each point, then the analog samples
+    rows = raw.reshape(header.frames, -1)
     points, samples = np.split(rows, [4 * header.points], axis=1)
-    points = points.reshape(frames, header.points, 4)
-    offset, scale, general = (
-        header.numbers(f"ANALOG:{name}") for name in ("OFFSET", "SCALE", "GEN_SCALE")
+    points = points.reshape(header.frames, header.points, 4)
+    positions = points[:, :, :3].astype(np.float64)
+    positions *= header.scale if header.are_integers else 1.0
+    is_origin = (positions == 0).all(axis=2)
+    is_finite = np.isfinite(positions).all(axis=2)
+    has_negative_residual = points[:, :, 3] < 0
+    positions[has_negative_residual | is_origin | ~is_finite] = np.nan
+    analogs = samples.reshape(header.frames * header.samples_per_frame, header.channels)
+    return positions, _scaled(analogs.astype(np.float64), header)
+
+
+def _scaled(analogs: Array, header: Header) -> Array:
+    offset = header.numbers("ANALOG:OFFSET")
+    scale = header.numbers("ANALOG:SCALE")
+    general = header.numbers("ANALOG:GEN_SCALE")
+    is_unsigned = "UNSIGNED" in [text.upper() for text in header.texts("ANALOG:FORMAT")]
+    if is_unsigned:
+        offset = offset % 65536
+        if header.are_integers:
+            analogs = analogs % 65536
+    with_offset = min(header.channels, offset.size)
+    with_scale = min(header.channels, scale.size)
+    analogs[:, :with_offset] -= offset[:with_offset]
+    analogs[:, :with_scale] *= scale[:with_scale]
+    if with_scale:
+        analogs[:, with_scale:] *= np.nan
+    if general.size:
+        analogs *= general[0] or np.nan
+    return analogs
+
+
+def plate_count(header: Header) -> int:
+    """Number of force plates that a file describes."""
+    used = header.numbers("FORCE_PLATFORM:USED")
+    if used.size and not 0 <= used[0] <= MOST_PLATES:
+        raise InputError(f"FORCE_PLATFORM:USED is {used[0]:g}; correct it, or write plates: none")
+    return int(used[0]) if used.size else 0
+
+
+def _plate_parameter(header: Header, name: str, number: int, shape: tuple[int, ...] = ()) -> Array:
+    """Read one plate's part, of a shape (0: any size), of a FORCE_PLATFORM parameter.
+
+    The last dimension counts plates. Some writers omit it if there is a single plate.
+    """
+    table = header.table(f"FORCE_PLATFORM:{name}")
+    if not np.isfinite(table).all():
+        raise InputError(
+            f"plate {number}: FORCE_PLATFORM:{name} holds a value that is not finite; correct it"
+        )
+    whole = table[..., None] if table.ndim == len(shape) else table
+    fits = whole.ndim == len(shape) + 1 and whole.shape[-1] >= number
+    for wanted, size in zip(shape, whole.shape, strict=False):
+        fits = fits and wanted in (0, size)
+    if not fits:
+        raise InputError(
+            f"plate {number}: FORCE_PLATFORM:{name} has dimensions {table.shape}; correct or"
+            " remove it"
+        )
+    return np.asarray(whole[..., number - 1])
+
+
+def plate_of(header: Header, number: int, analogs: Sequence[Channel], length_unit: str) -> Plate:
+    """Describe one plate by FORCE_PLATFORM.
+
+    Raises
+    ------
+    InputError
+        Its parameters contradict themselves.
+    """
+    kind = int(_plate_parameter(header, "TYPE", number))
+    corners = _plate_parameter(header, "CORNERS", number, (3, 4)).T
+    origin = _plate_parameter(header, "ORIGIN", number, (3,))
+    calibration = None
+    if kind == 4:
+        calibration = _plate_parameter(header, "CAL_MATRIX", number, (6, 6))
+        if header.texts("FORCE_PLATFORM:MATRIX_STORE") == ["BYROW"]:
+            calibration = calibration.T
+    if kind not in CHANNELS_OF_PLATE:
+        raise InputError(f"plate {number} is of type {kind}; types 1 to 4 are read")
+    if not np.isfinite(own_axes(corners)).all():
+        raise InputError(
+            f"plate {number}: its corners span no plane; correct FORCE_PLATFORM:CORNERS"
+        )
+    if kind == 3 and not origin[:2].all():
+        raise InputError(
+            f"plate {number} of type 3 has ORIGIN {origin.tolist()}; without its sensors' distances"
+            " there is no moment: correct FORCE_PLATFORM:ORIGIN"
+        )
+    needed = CHANNELS_OF_PLATE[kind]
+    numbers = _plate_parameter(header, "CHANNEL", number, (0,)).astype(int)[:needed]
+    if numbers.size < needed or (numbers < 1).any() or (numbers > header.channels).any():
+        raise InputError(
+            f"plate {number} of type {kind} needs {needed} channels, FORCE_PLATFORM:CHANNEL gives"
+            f" {numbers.tolist()} of the file's {header.channels}; correct it"
+        )
+    channels = [analogs[channel_number - 1] for channel_number in numbers.tolist()]
+    facts = {"analogs": numbers.tolist()}
+    return Plate(number, kind, corners, origin, channels, length_unit, calibration, facts=facts)
+
+
+def _stated_plate(
+    number: int, geometry: PlateGeometry, analogs: Sequence[Channel], length_unit: str
+) -> Plate:
+    """Describe a plate by the source file."""
+    channels: list[Channel] = []
+    for label in geometry.channels:
+        alike = [analog for analog in analogs if analog.name == label]
+        if not alike and label.isdigit() and 0 < int(label) <= len(analogs):
+            alike = [analogs[int(label) - 1]]
+        if len(alike) != 1:
+            names = listing([analog.name for analog in analogs])
+            raise InputError(
+                f"plate {number}: '{label}' names {len(alike)} analog channels (the file has"
+                f" {names}); write its number, or correct `plate_geometry` in the source file"
+            )
+        channels += alike
+    corners = np.array(geometry.corners)
+    if not np.isfinite(own_axes(corners)).all():
+        raise InputError(
+            f"plate {number}: its corners span no plane; correct `plate_geometry` in the source"
+            " file"
+        )
+    numbers = [
+        next(n for n, analog in enumerate(analogs, 1) if analog is used) for used in channels
+    ]
+    facts = {"analogs": numbers}
+    origin = np.array(geometry.origin)
+    return Plate(number, geometry.type, corners, origin, channels, length_unit, facts=facts)
+
+
+def plates_of(
+    header: Header, analogs: Sequence[Channel], length_unit: str, source: C3dSource | None
+) -> tuple[list[Plate], list[str]]:
+    """Describe the plates that a source file asks for, or all.
+
+    Returns
+    -------
+    plates
+    remarks
+        What is wrong with plates that are not asked for by a source file.
+    """
+    count = plate_count(header)
+    geometries = source.plate_geometry if source is not None else {}
+    numbers = sorted({*range(1, count + 1), *geometries})
+    wanted = numbers
+    if source is not None and source.plates != "all":
+        wanted = list(source.plates)
+    plates: list[Plate] = []
+    remarks: list[str] = []
+    for number in wanted:
+        if number not in numbers:
+            raise _no_plate(number, count, analogs)
+        try:
+            if number in geometries:
+                plates.append(_stated_plate(number, geometries[number], analogs, length_unit))
+            else:
+                plates.append(plate_of(header, number, analogs, length_unit))
+        except InputError as error:
+            if source is None:
+                remarks.append(str(error))
+                continue
+            others = [other for other in numbers if other != number] or "none"
+            raise InputError(f"{error} (or leave this plate out: `plates: {others}`)") from error
+    return plates, remarks
+
+
+def _questions_on_plates(header: Header, analogs: Sequence[Channel]) -> list[str]:
+    """Ask where a plate lies that the file does not describe."""
+    alike = _like_plates(analogs)
+    if plate_count(header) or not alike:
+        return []
+    return [
+        f"channels look like those of a force plate ({', '.join(alike)}), but the file has no"
+        " FORCE_PLATFORM and where it lies is not known; state it under `plate_geometry` in the"
+        " source file"
+    ]
+
+
+def _like_plates(analogs: Sequence[Channel]) -> list[str]:
+    """Channels that are called like the six of a force plate; empty if there are fewer."""
+    alike = [analog.name for analog in analogs if PLATE_LABEL.search(analog.name)]
+    return alike if len(alike) >= CHANNELS_OF_PLATE[2] else []
+
+
+def _no_plate(number: int, count: int, analogs: Sequence[Channel]) -> InputError:
+    if count:
+        return InputError(
+            f"no force plate {number}; the file has {count}, counted from 1; correct `plates` in"
+            " the source file"
+        )
+    alike = _like_plates(analogs) or ["Fx", "Fy", "Fz", "Mx", "My", "Mz"]
+    return InputError(
+        f"no force plate {number}: the file describes none (it has no FORCE_PLATFORM); state it, as"
+        f" `plate_geometry: {{{number}: {{type: 2, channels: [{', '.join(alike[:6])}], corners:"
+        " [[x, y, z], ...]}}`, or write `plates: none`"
     )
-    # a sample that is not finite is refused where it is used
-    with np.errstate(invalid="ignore", over="ignore"):
-        analogs = samples.reshape(frames * header.samples_per_frame, header.channels).astype(
-            np.float64
+
+
+def _frames_with_forces(
+    plates: Sequence[Plate], channels: Sequence[Channel], analogs: Array, header: Header
+) -> int:
+    """Frames before the last ones in which the plates' samples are no numbers, as where forces
+    stopped before cameras; all frames if there are none."""
+    used = [id(channel) for plate in plates for channel in plate.channels]
+    columns = [place for place, channel in enumerate(channels) if id(channel) in used]
+    is_finite = np.asarray(np.isfinite(analogs[:, columns]).all(axis=1))
+    frames = int(np.argmin(is_finite)) // header.samples_per_frame
+    by_frame = np.asarray(is_finite.reshape(-1, header.samples_per_frame).all(axis=1))
+    if is_finite.all() or not frames or by_frame[frames:].any():
+        return header.frames
+    return frames
+
+
+def _analog_labels(header: Header) -> list[str]:
+    """Labels of the analog channels, or their numbers."""
+    labels = header.texts("ANALOG:LABELS")[: header.channels]
+    labels += [""] * (header.channels - len(labels))
+    return [label or f"analog {number}" for number, label in enumerate(labels, start=1)]
+
+
+def read(path: Path, source: C3dSource | None) -> Recording:
+    """Read a C3D file. Frame 0 and analog sample 0 are at 0 s."""
+    data = path.read_bytes()
+    header = parse_header(data)
+    check_size(data, header)
+    points, analogs = frames_of(data, header)
+    labels = header.texts("POINT:LABELS")[: header.points]
+    if source is not None and source.markers == "all" and header.points and not any(labels):
+        how = "empty" if "POINT:LABELS" in header.parameters else "missing"
+        raise InputError(
+            f"POINT:LABELS is {how}: none of its {header.points} points has a name; label them and"
+            " export the trial again, or leave them out with `markers: none`, as"
+            f" {source.place('markers')}"
         )
-        values = points[:, :, :3].astype(np.float64) * (header.scale if integers else 1.0)
-        # not seen: a negative residual, exactly the origin, or a value that is not finite
-        unseen = (
-            (points[:, :, 3] < 0) | (values == 0).all(axis=2) | ~np.isfinite(values).all(axis=2)
+    length_unit = (header.texts("POINT:UNITS") or [""])[0]
+    fast_rate_hz = header.rate_hz * header.samples_per_frame
+    fast = Rows(len(analogs), "analogs", fast_rate_hz, noun="sample")
+    analog_channels = _analog_channels(header, analogs, fast)
+    plates, remarks = plates_of(header, analog_channels, length_unit, source)
+    bytes_behind = len(data) - header.data_start - header.frames * header.frame_bytes
+    if bytes_behind > 2 * BLOCK:
+        remarks.append(f"{bytes_behind} bytes stand behind its last frame, and are not read")
+    if len(analogs) > 1 and not analogs[-1].any() and analogs[-2].any():
+        remarks.append("the last sample of all analog channels is 0: it was not recorded")
+    frames = _frames_with_forces(plates, analog_channels, analogs, header)
+    if frames < header.frames:
+        remarks.append(
+            f"the plates' samples are no numbers in the last {header.frames - frames} frames, which"
+            " are left out"
         )
-        values[unseen] = np.nan
-        if "UNSIGNED" in [text.upper() for text in header.texts("ANALOG:FORMAT")]:
-            offset, analogs = offset % 65536, analogs % 65536 if integers else analogs
-        known, scaled = min(header.channels, offset.size), min(header.channels, scale.size)
-        analogs[:, :known] -= offset[:known]
-        analogs[:, :scaled] *= scale[:scaled]
-        analogs[:, scaled:] *= np.nan if scaled else 1.0
-        analogs *= (general[0] or np.nan) if general.size else 1.0
-    return C3DRecording(header, values, analogs, damage)
+        points = points[:frames]
+        analogs = analogs[: frames * header.samples_per_frame]
+        fast = Rows(len(analogs), "analogs", fast_rate_hz, noun="sample")
+        analog_channels = _analog_channels(header, analogs, fast)
+        plates, _ = plates_of(header, analog_channels, length_unit, source)
+    slow = Rows(frames, "points", header.rate_hz, noun="frame")
+    outputs = {
+        label
+        for group in header.texts("POINT:TYPE_GROUPS")[::2]
+        for label in header.texts(f"POINT:{group.upper()}")
+    }
+    point_channels = [
+        Channel(
+            address={"label": label},
+            rows=slow,
+            read=partial(np.asanyarray, points[:, place]),
+            name=label,
+            unit="" if label in outputs else length_unit,
+            kind=Kind.MODEL_OUTPUT if label in outputs else Kind.MARKER,
+        )
+        for place, label in enumerate(labels)
+    ]
+    body_mass = header.numbers("PROCESSING:BODYMASS").tolist()
+    facts = {
+        "frames": frames,
+        "first_frame": header.first_frame,
+        "frame_rate_hz": header.rate_hz,
+        "samples_per_frame": header.samples_per_frame,
+        "length_unit": length_unit,
+        "vertical_on_screen": "".join(header.texts("POINT:Y_SCREEN")[:1]),
+        "software": " ".join(header.texts("MANUFACTURER:SOFTWARE")),
+        "plates": plate_count(header),
+        "plate_zero_frames": header.numbers("FORCE_PLATFORM:ZERO").tolist(),
+        "body_mass_kg": body_mass[0] if body_mass else None,
+    }
+    return Recording(
+        format="c3d",
+        channels=[*point_channels, *analog_channels],
+        loss=Loss(frames, header.frames, remarks=remarks),
+        questions=_questions_on_plates(header, analog_channels),
+        plates=plates,
+        facts=facts,
+    )
+
+
+def _analog_channels(header: Header, analogs: Array, rows: Rows) -> list[Channel]:
+    units = header.texts("ANALOG:UNITS")
+    units += [""] * (header.channels - len(units))
+    return [
+        Channel(
+            address={"channel": label},
+            rows=rows,
+            read=partial(np.asanyarray, analogs[:, place]),
+            name=label,
+            unit=units[place],
+        )
+        for place, label in enumerate(_analog_labels(header))
+    ]
+
+
+def _begins(begin: bytes) -> bool:
+    return begin[1:2] == b"P" and begin[:1] < b" " and b"\0" in begin
+
+
+FORMAT = Format(name="c3d", suffixes=(".c3d",), begins=_begins, source=C3dSource, read=read)

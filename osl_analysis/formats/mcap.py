@@ -1,36 +1,46 @@
-"""MCAP files: the records of the top level are walked, also past damage; then every intact chunk is
-read.
+"""MCAP (https://mcap.dev/spec).
 
-The summary at the end is not needed. It is the evidence of what was lost, beside the message
-indexes behind a chunk."""
+Written by hand: the `mcap` library takes 30 times as long, and gives nothing of a log without its
+end.
 
-import re
+The records of the top level are walked from the front, so that a log without its end is read as far
+as it goes. A chunk that does not match its checksum is lost, and counted by the indexes behind it.
+The summary tells how many messages the recorder wrote.
+"""
+
 import struct
 import zlib
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import replace
 from io import BytesIO
 from itertools import pairwise
 from pathlib import Path
-from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import lz4.frame
 import numpy as np
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Channel, Schema
+from mcap.records import Channel, Chunk, DataEnd, Statistics
+from mcap.records import Schema as SchemaRecord
 from numpy.typing import NDArray
 
-from osl_analysis.errors import InputError, naming, quoted
-from osl_analysis.formats.message_fields import Indices, numbers_at
-from osl_analysis.formats.messages import MessageBlock, MessageFile, RefusedFileError
+from osl_analysis.errors import InputError, quoted
+from osl_analysis.formats import _messages
+from osl_analysis.formats._bag_description import description_beside
+from osl_analysis.formats._messages import Messages, Schema, Topic
+from osl_analysis.formats._ros_shapes import rows_at
+from osl_analysis.recording import End, Format, Loss, Recording
+from osl_analysis.source_file import MessageSource
 
 MAGIC = b"\x89MCAP0\r\n"
-RECORD = struct.Struct("<BQ")  # opcode, length of the content
+RECORD = struct.Struct("<BQ")  # opcode, length of the content [bytes]
+# opcode, length, where the summary and its offsets begin, its checksum
+FOOTER = struct.Struct("<BQQQI")
+INDEX_HEAD = struct.Struct("<HI")  # channel, size of the entries [bytes]
+INDEX_ENTRY = 16  # bytes: log time, place in the chunk
 MESSAGE = np.dtype(
     [
         ("opcode", "u1"),
@@ -38,454 +48,429 @@ MESSAGE = np.dtype(
         ("channel", "<u2"),
         ("sequence", "<u4"),
         ("log_time", "<u8"),
-        ("pub", "<u8"),
+        ("publish_time", "<u8"),
     ]
 )
-MESSAGE_HEAD = MESSAGE.itemsize - RECORD.size  # within the content
-# times of first and last message, size, checksum, length of the name
-CHUNK_HEAD = struct.Struct("<QQQII")
-# messages, chunks, bytes of the map of messages by channel
-STATISTICS = struct.Struct("<Q14xI16xI")
-MOST_UNPACKED = 1_000_000_000  # bytes of one chunk: recorders write a few million
-# higher opcodes are private or of a later version: skipped
-NUMBERED = range(Opcode.HEADER, Opcode.DATA_END + 1)
-# beginnings of records at which reading can go on after damage
-RESUME = re.compile(rb"[\x03-\x07\x0b].{6}\0\0|\x0f\x04\0{7}|\x02\x14\0{7}", re.DOTALL)
-# records within a chunk, or in a file without chunks
-LOOSE = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
+MESSAGE_HEAD = MESSAGE.itemsize - RECORD.size  # bytes of the head within the content
+LARGEST_CHUNK = 1_000_000_000  # bytes of a chunk; recorders write a few million
 
 
 class DamagedChunkError(Exception):
-    """The chunk cannot be read, or does not hold what was written. The message completes the
-    sentence "it ..."."""
+    """A chunk cannot be read. The message completes the sentence "it ..."."""
 
 
-# the messages of a stretch of a file, and opcode and content of the schemas and channels among them
-Stretch = tuple[MessageBlock, list[tuple[int, bytes]]]
-# messages that follow one another to the byte, by the place of the first: their places, and where
-# the last one ends
-Runs = Mapping[int, tuple[Indices, int]]
+class IndexedChunk(NamedTuple):
+    """A chunk with what the message indexes behind it list."""
+
+    start: int  # first byte of its content in the file
+    content: bytes
+    counts: Counter[int]  # messages of each channel
+    places: list[NDArray[np.int64]]  # of messages in the chunk [bytes]
 
 
-class ChunkHead(NamedTuple):
-    size: int  # bytes that it holds
-    crc: int  # checksum of these; 0 if there is none
-    name: bytes  # its compression; empty for none
-    begin: int  # first byte of the compressed records in the file
-    end: int
+class Log:
+    """A log that is read: its topics, and what is lost.
 
+    `shared` has the topics of the parts before, where the log is one of several parts: a topic
+    goes on in the next part.
+    """
 
-@dataclass
-class Section:
-    """One part of a file's data section: a chunk, messages outside of chunks, or neither, if it is
-    lost."""
+    def __init__(
+        self,
+        data: bytes,
+        wanted: Mapping[str, list[str]] | None,
+        shared: dict[Any, Topic] | None = None,
+    ) -> None:
+        self.data = data
+        self.wanted = wanted
+        self.shared = shared
+        self.channels: dict[int, Channel] = {}
+        self.schemas: dict[int, SchemaRecord] = {}
+        self.topics: dict[int, Topic] = {}  # those that are wanted
+        self.read: Counter[int] = Counter()  # messages by channel
+        self.lost: Counter[int] = Counter()
+        self.checked = 0  # messages that a checksum covers
+        self.chunks = 0
+        self.chunks_lost = 0
+        self.statistics: Statistics | None = None
+        self.end = End.MISSING
+        self.remarks: list[str] = []
+        # by the checksum of the data section, which covers every message
+        self.is_data_wrong = False
+        self.is_data_right = False
+        self._chunk: IndexedChunk | None = None
 
-    start: int  # first byte: of the content of a chunk, else of the section
-    end: int
-    is_chunk: bool = False
-    head: ChunkHead | None = None  # what a chunk declares of itself
-    loose: Stretch | None = None  # the messages outside of chunks
-    # messages of each channel that its message indexes list
-    indexed: Counter[int] = field(default_factory=Counter)
-    # where in the chunk these say that their messages stand
-    places: list[Indices] = field(default_factory=list)
-
-
-@dataclass
-class McapFile(MessageFile):
-    """A file whose top level was scanned."""
-
-    data: bytes = b""
-    sections: list[Section] = field(default_factory=list)  # the parts of the data section, in order
-    data_end: int = 0  # where the data section ends; 0 until that is known
-    is_data_right: bool | None = None  # by the checksum of the data section; None if there is none
-    # schemas and channels in the summary
-    described: list[tuple[int, bytes]] = field(default_factory=list)
-    chunked: bool = False
-    finished: bool = False  # the recorder closed the file
-    summary_begin: int = 0  # where the summary begins: after the record that ends the data
-    summary_damaged: bool = False
-    # bytes by which the summary stands before the place at which it was written; negative if after
-    missing: int = 0
-
-    def scan(self) -> None:
-        """Find the parts of the file, and note their damage; RefusedFileError if another log
-        follows."""
-        position, damage = len(MAGIC), self.damage
-        while position < len(self.data) and not self.finished:
-            position = self.scan_record(position)
-        damage.end_missing = not self.finished
-        self.data_end = self.data_end or len(self.data)
-        lost = [one for one in self.sections if one.head is None and one.loose is None]
-        if damage.end_missing and lost and lost[-1].end == len(self.data):
-            # the record in which the file was cut off: nobody knows what it held
-            self.sections.remove(lost.pop())
-        damage.gaps |= self.summary_damaged or self.missing != 0 or bool(lost)
-        damage.bytes = self.data_end - len(MAGIC) + max(0, self.missing)
-        second = self.data.find(MAGIC + b"\1", 1) if damage.gaps or damage.end_missing else 0
-        if second > 0:
-            raise two_logs(second)
-        if damage.end_missing:
-            damage.remarks.append(
+    def walk(self) -> None:
+        """Read the records of the top level."""
+        data = self.data
+        second_log = data.find(MAGIC + bytes([Opcode.HEADER]), 1)
+        if second_log > 0:
+            raise _two_logs(second_log)
+        has_footer = self._take_summary()
+        position = len(MAGIC)
+        has_data_end = False
+        while position + RECORD.size <= len(data) and self.end == End.MISSING:
+            opcode, length = RECORD.unpack_from(data, position)
+            start = position + RECORD.size
+            end = start + length
+            if opcode == 0 or end > len(data):
+                break
+            if opcode != Opcode.MESSAGE_INDEX:
+                self._take_chunk()
+            if opcode == Opcode.CHUNK:
+                self._chunk = IndexedChunk(start, data[start:end], Counter(), [])
+            elif opcode == Opcode.MESSAGE_INDEX:
+                self._take_index(start)
+            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE):
+                end = self._take_records(data, position, in_chunk=False)
+            elif opcode == Opcode.DATA_END and not has_data_end:
+                has_data_end = True
+                checksum = DataEnd.read(_stream(data[start:end])).data_section_crc
+                is_right = bool(checksum) and zlib.crc32(data[:position]) == checksum
+                self.is_data_wrong = bool(checksum) and not is_right
+                self.is_data_right = is_right
+            elif opcode == Opcode.FOOTER:
+                self._take_footer(end)
+            position = end
+        self._take_chunk()
+        if self.end == End.WHOLE:
+            return
+        if has_footer:
+            self.end = End.WHOLE
+            self.remarks.append(f"from byte {position} on it cannot be read up to its summary")
+        else:
+            self.remarks.append(
                 "no footer: the recorder did not finish, or the end is lost; how much is not known"
             )
-        elif self.summary_damaged:
-            damage.remarks.append("the summary is damaged")
-        if damage.end_missing or self.summary_damaged:  # what they declare is not to be trusted
-            damage.expected, damage.declared, damage.declared_chunks = None, None, None
-        if self.is_data_right is False:
-            damage.remarks.append("the checksum of the data section does not match")
-        if self.missing < 0:
-            damage.remarks.append(f"{-self.missing} bytes were inserted before the summary")
-        elif self.missing:
-            damage.lose(
-                f"{self.missing} bytes are missing before the summary", self.missing, None, 0
-            )
 
-    def scan_record(self, position: int) -> int:
-        """Take in the record at a position; returns the position of the next one."""
-        data, start = self.data, position + RECORD.size
-        if start > len(data):
-            return self.take_lost(position)
-        opcode, length = RECORD.unpack_from(data, position)
-        end = start + length
-        if opcode in LOOSE:
-            stretch, reached = walk_records(data, position)
-            if reached > position:
-                if self.data_end:
-                    self.described += stretch[1]
-                else:
-                    self.sections.append(Section(position, reached, loose=stretch))
-                return reached
-        if end > len(data) or not self.is_sound(opcode, start, end):
-            return self.take_lost(position)
-        if opcode == Opcode.CHUNK:
-            if self.data_end:  # a chunk after the end of the data shows that this was not the end
-                self.data_end, self.is_data_right, self.summary_damaged = 0, None, True
-            self.chunked = True
-            self.sections.append(
-                Section(start, end, is_chunk=True, head=chunk_head(data, start, end))
-            )
-        elif opcode == Opcode.MESSAGE_INDEX and not self.data_end:
-            chunk = next((one for one in reversed(self.sections) if one.is_chunk), None)
-            channel, size = struct.unpack_from("<HI", data, start)
-            if chunk is not None:
-                chunk.indexed[channel] += size // 16  # each entry has log time and place
-                chunk.places.append(np.frombuffer(data, "<i8", size // 8, start + 6)[1::2])
-        elif opcode == Opcode.DATA_END and not self.data_end:
-            self.data_end, self.summary_begin = position, end
-            (expected,) = struct.unpack_from("<I", data, start)
-            self.is_data_right = zlib.crc32(data[:position]) == expected if expected else None
-        elif (
-            opcode == Opcode.HEADER
-            and position > len(MAGIC)
-            and data[position - len(MAGIC) : position] == MAGIC
-        ):
-            # the record before was cut off and reaches into another log
-            raise two_logs(position - len(MAGIC))
-        elif opcode == Opcode.FOOTER:
-            self.take_footer(start, end)
-        elif opcode == Opcode.STATISTICS:
-            self.damage.expected, self.damage.declared_chunks, size = STATISTICS.unpack_from(
-                data, start
-            )
-            entries = data[start + STATISTICS.size : min(start + STATISTICS.size + size, end)]
-            by_channel = Counter(
-                dict(struct.iter_unpack("<HQ", entries[: len(entries) // 10 * 10]))
-            )
-            if by_channel.total() == self.damage.expected:  # the map may be left empty
-                self.damage.declared = by_channel
-        return int(end)
+    def _take_summary(self) -> bool:
+        """Read what the summary lists, and tell whether the file has a footer.
 
-    def take_footer(self, start: int, end: int) -> None:
-        """Check that nothing follows, and the summary by its checksum and by the place where the
-        footer says it is. If it stands elsewhere, bytes are missing before it, or were inserted; it
-        still tells what the recorder wrote."""
-        data, after = self.data, end + len(MAGIC)
-        self.finished = data[end:after] == MAGIC
-        if self.finished and len(data) > after:
-            raise RefusedFileError(
-                f"ends at byte {after} and has {len(data) - after} bytes after it; keep what is"
-                f" before them (`head -c {after}`), and if they are another log, give that a file"
-                " and a trial of its own (`tail -c`)"
-            )
-        declared, _, expected = struct.unpack_from("<QQI", data, start)
-        is_wrong = expected and zlib.crc32(data[self.summary_begin : start + 16]) != expected
-        self.summary_damaged |= not self.summary_begin or bool(is_wrong)
-        self.missing = declared - self.summary_begin if declared and not self.summary_damaged else 0
-
-    def take_lost(self, position: int) -> int:
-        """Note that nothing can be read at `position`; returns the place of the next sound record
-        or of the end. In a file with chunks, messages found outside of them belong to a damaged
-        chunk, and nothing checks them."""
-        data, is_chunk = self.data, self.data[position] == Opcode.CHUNK
-        head = data[position : position + RECORD.size].ljust(RECORD.size, b"\xff")
-        is_cut = (
-            is_chunk
-            and not data.endswith(MAGIC)
-            and position + sum(RECORD.unpack(head)) > len(data)
-        )
-        resume = self.resume_at(position + 1, loose=False)
-        # but a part of the chunk that was cut
-        while is_cut and resume < len(data) and not self.holds_chunk(resume):
-            resume = self.resume_at(resume + 1, loose=False)
-        self.chunked |= is_chunk
-        self.chunked |= resume < len(data) and data[resume] in (Opcode.CHUNK, Opcode.MESSAGE_INDEX)
-        if not self.chunked:
-            resume = self.resume_at(position + 1, loose=True)
-        if self.data_end:
-            self.summary_damaged = True
-        else:
-            self.sections.append(Section(position, resume, is_chunk=is_chunk))
-        return resume
-
-    def holds_chunk(self, position: int) -> bool:
-        start = position + RECORD.size
-        head = chunk_head(self.data, start, start + RECORD.unpack_from(self.data, position)[1])
-        with suppress(DamagedChunkError):
-            return (
-                self.data[position] == Opcode.CHUNK
-                and head is not None
-                and bool(self.stretch_of(head))
-            )
-        return False
-
-    def resume_at(self, begin: int, *, loose: bool) -> int:
-        """Where the next sound record begins, `loose` ones too if asked for, or the end of the
-        file."""
-        while match := RESUME.search(self.data, begin):
-            begin = match.start() + 1
-            opcode, length = RECORD.unpack_from(self.data, match.start())
-            end = match.end() + length
-            if (
-                end <= len(self.data)
-                and (loose or opcode not in LOOSE)
-                and self.is_sound(opcode, match.end(), end)
-            ):
-                return match.start()
-        return len(self.data)
-
-    def is_sound(self, opcode: int, start: int, end: int) -> bool:
-        """Whether the content of a record fits its opcode; where nothing tells, another record must
-        follow."""
-        data, least = (
-            self.data,
-            {Opcode.DATA_END: 4, Opcode.FOOTER: 20, Opcode.STATISTICS: STATISTICS.size},
-        )
-        if opcode == 0 or any(
-            opcode == kind and end - start < size for kind, size in least.items()
-        ):
+        The chunk that declares a channel may be damaged, and the counts tell what is lost.
+        """
+        data = self.data
+        footer = data[-len(MAGIC) - FOOTER.size : -len(MAGIC)]
+        if not data.endswith(MAGIC) or len(footer) < FOOTER.size or footer[0] != Opcode.FOOTER:
             return False
-        if opcode == Opcode.CHUNK:
-            return chunk_head(data, start, end) is not None
-        if opcode == Opcode.MESSAGE_INDEX:
-            size = struct.unpack_from("<I", data, start + 2)[0] if end - start >= 6 else 1
-            return size % 16 == 0 and size <= end - start - 6
-        if end == len(data) or data[end] in NUMBERED or opcode in (Opcode.DATA_END, Opcode.FOOTER):
-            return True
-        is_next = data[end] != 0 and end + RECORD.size <= len(data)
-        return is_next and bool(end + RECORD.size + RECORD.unpack_from(data, end)[1] <= len(data))
+        _, _, position, _, _ = FOOTER.unpack(footer)
+        while 0 < position <= len(data) - RECORD.size:
+            opcode, length = RECORD.unpack_from(data, position)
+            start = position + RECORD.size
+            position = start + length
+            if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                self._declare(opcode, data[start:position])
+            elif opcode == Opcode.STATISTICS:
+                self.statistics = Statistics.read(_stream(data[start:position]))
+            elif opcode == Opcode.FOOTER:
+                break
+        return True
 
-    def intact_blocks(self) -> Iterator[MessageBlock]:
-        """The messages of every intact chunk, and those outside of chunks, in the order of the
-        file."""
-        damage = self.damage
-        if self.finished and not self.summary_damaged:  # a wrong schema would be wrong values
-            self.take_declarations(self.described)
-        any_lost = any(one.head is None and one.loose is None for one in self.sections)
-        for section in self.sections:
-            stretch, remark, lost = section.loose, "", section.indexed or None
-            if section.head is not None:
-                try:
-                    # a frame of nothing
-                    if section.head.size == 0 and (held := section.end - section.head.begin) > 32:
-                        raise DamagedChunkError(f"declares no content and holds {held} bytes")
-                    stretch = self.stretch_of(section.head, section.places)
-                except DamagedChunkError as error:
-                    if (second := self.data.find(MAGIC + b"\1", section.start, section.end)) > 0:
-                        # the chunk was cut off and reaches into another log
-                        raise two_logs(second) from error
-                    remark = f"the chunk at byte {section.start} is damaged: it {error}"
-            elif stretch is None:
-                what = "a damaged chunk" if section.is_chunk else "not a readable record"
-                remark = (
-                    f"{section.end - section.start} bytes from byte {section.start} on are {what}"
-                )
-            is_covered = self.is_data_right or bool(section.head and section.head.crc)
-            if stretch and self.is_data_right is False and not is_covered and not any_lost:
-                what = "the checksum of the data section does not match, and no other covers byte"
-                remark, lost = f"{what} {section.start} on", lost or stretch[0].counts
-            if stretch is None or remark:
-                damage.lose(remark, section.end - section.start, lost, int(section.is_chunk))
-                continue
-            block, declarations = stretch
-            damage.chunks += section.is_chunk
-            missed = section.indexed - block.counts
-            # without a checksum a flipped opcode passes for a private one
-            if missed and not is_covered:
-                damage.lose(
-                    f"{missed.total()} messages in the index of a chunk are not in it", 0, missed, 0
-                )
-            damage.read.update(block.counts)
-            damage.verified += block.starts.size if is_covered else 0
-            self.take_declarations(declarations)
-            # the content of other messages is unknown
-            if not block.counts.keys() <= self.channels.keys():
-                known = np.isin(block.channel, list(self.channels))
-                strangers = block.channel[~known]
-                damage.misfits.update(strangers.tolist())
-                text = "messages belong to channels that are not declared"
-                damage.remarks.append(f"{strangers.size} {text}, such as {strangers[0]}")
-                block = block.only(known)
-            yield block
-        self.data = b""  # an hour at 1 kHz is a third of a gigabyte
-        is_missed = (damage.declared_chunks or 0) > damage.chunks + damage.chunks_lost
-        damage.uncounted |= damage.expected is None and is_missed
-
-    def stretch_of(self, head: ChunkHead, indexed: Sequence[Indices] = ()) -> Stretch:
-        """The records of a chunk, with the places of its messages by its indexes; raises
-        DamagedChunkError."""
-        content = self.data[head.begin : head.end]
-        if head.size > MOST_UNPACKED:
-            raise DamagedChunkError(
-                f"unpacks to {head.size / 1e9:.3g} GB, at most {MOST_UNPACKED / 1e9:g} GB are read"
+    def _take_footer(self, end: int) -> None:
+        after = end + len(MAGIC)
+        if self.data[end:after] != MAGIC:
+            return
+        if len(self.data) > after:
+            raise InputError(
+                f"ends at byte {after} and has {len(self.data) - after} bytes after it; keep what"
+                f" is before them (`head -c {after}`), and if they are another log, give that a"
+                " file and a trial of its own (`tail -c`)"
             )
+        self.end = End.WHOLE
+
+    def _take_index(self, start: int) -> None:
+        """Note where an index says that messages of a channel stand in the last chunk."""
+        if self._chunk is None:
+            return
+        channel, size = INDEX_HEAD.unpack_from(self.data, start)
+        entries = np.frombuffer(self.data, "<i8", size // 8, start + INDEX_HEAD.size)
+        self._chunk.counts[channel] += size // INDEX_ENTRY
+        self._chunk.places.append(entries[1::2])
+
+    def _take_chunk(self) -> None:
+        """Read the last chunk, now that its indexes are known."""
+        chunk = self._chunk
+        self._chunk = None
+        if chunk is None:
+            return
         try:
-            if head.name == b"zstd":
-                content = (
-                    zstandard.ZstdDecompressor().decompress(content, head.size)
-                    if head.size
-                    else b""
-                )
-            elif head.name == b"lz4":
-                content = lz4.frame.LZ4FrameDecompressor().decompress(content, head.size + 1)
-            elif head.name != b"":
-                name = head.name[:20].decode("latin1")
-                raise DamagedChunkError(
-                    f"says it is compressed with {name!a}; zstd and lz4 are read"
-                )
-        except (
-            zstandard.ZstdError,
-            OSError,
-            RuntimeError,
-            EOFError,
-            ValueError,
-            MemoryError,
-            OverflowError,
-        ) as error:
-            raise DamagedChunkError("cannot be decompressed") from error
-        if len(content) != head.size:
-            raise DamagedChunkError(f"holds {len(content)} of {head.size} bytes")
-        if head.crc and zlib.crc32(content) != head.crc:
-            raise DamagedChunkError("does not match its checksum")
-        runs = runs_of_messages(content, np.concatenate(indexed)) if indexed else {}
-        stretch, reached = walk_records(content, 0, is_chunk=True, runs=runs)
-        if reached != len(content):
-            raise DamagedChunkError(
-                f"holds no record at byte {reached} of its {len(content)} bytes"
+            record = Chunk.read(_stream(chunk.content))
+            content = unpacked(record)
+            self._take_records(
+                content, 0, in_chunk=True, index=chunk, is_checked=bool(record.uncompressed_crc)
             )
-        return stretch
+        except (DamagedChunkError, struct.error, UnicodeDecodeError) as error:
+            self.chunks_lost += 1
+            self.lost += chunk.counts
+            reason = error if isinstance(error, DamagedChunkError) else "cannot be read"
+            self.remarks.append(f"the chunk at byte {chunk.start} is damaged: it {reason}")
+        else:
+            self.chunks += 1
 
-    def take_declarations(self, records: Sequence[tuple[int, bytes]]) -> None:
-        """Take in schemas and channels; the library raises many kinds of errors on damaged
-        bytes."""
-        for opcode, content in dict.fromkeys(records):
-            try:
-                one = (Schema if opcode == Opcode.SCHEMA else Channel).read(
-                    ReadDataStream(BytesIO(content))
+    def _take_records(
+        self,
+        content: bytes,
+        begin: int,
+        in_chunk: bool,
+        index: IndexedChunk | None = None,
+        is_checked: bool = False,
+    ) -> int:
+        """Read schemas, channels and messages, and give the place where others begin.
+
+        Messages that an index lists are passed at one go.
+        """
+        runs: dict[int, tuple[NDArray[np.int64], int]] = {}
+        if index is not None and index.places:
+            runs = runs_of_messages(content, np.concatenate(index.places))
+        passed: list[NDArray[np.int64]] = []
+        single: list[int] = []
+        declarations: list[tuple[int, bytes]] = []
+        position = begin
+        while position + RECORD.size <= len(content):
+            if position in runs:
+                places, position = runs[position]
+                passed.append(places)
+                continue
+            opcode, length = RECORD.unpack_from(content, position)
+            start = position + RECORD.size
+            end = start + length
+            if end > len(content):
+                break
+            if opcode == Opcode.MESSAGE and length >= MESSAGE_HEAD:
+                single.append(position)
+            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                declarations.append((opcode, content[start:end]))
+            elif not in_chunk:
+                break
+            position = end
+        if in_chunk and position != len(content):
+            raise DamagedChunkError(
+                f"holds no record at byte {position} of its {len(content)} bytes"
+            )
+        for opcode, record in declarations:
+            self._declare(opcode, record)
+        places = np.sort(np.concatenate([np.array(single, np.int64), *passed]), kind="stable")
+        self._take_messages(content, places, is_checked)
+        return position
+
+    def _take_messages(self, content: bytes, places: NDArray[np.int64], is_checked: bool) -> None:
+        heads = rows_at(content, places, MESSAGE.itemsize).view(MESSAGE)
+        channel = heads["channel"].astype(np.int64)
+        lengths = heads["length"].astype(np.int64) - MESSAGE_HEAD
+        log_times_ns = heads["log_time"].astype(np.int64)
+        sequence = heads["sequence"].astype(np.uint32)
+        counts = np.bincount(channel)
+        for number in np.flatnonzero(counts).tolist():
+            self.read[number] += int(counts[number])
+            if is_checked:
+                self.checked += int(counts[number])
+            if number not in self.channels:
+                self.lost[number] += int(counts[number])
+            if number not in self.topics:
+                continue
+            of_channel = np.flatnonzero(channel == number)
+            self.topics[number].add(
+                Messages(
+                    buffer=content,
+                    starts=places[of_channel] + MESSAGE.itemsize,
+                    lengths=lengths[of_channel],
+                    log_times_ns=log_times_ns[of_channel],
+                    sequence=sequence[of_channel],
                 )
-            except Exception:
-                self.damage.remarks.append("a schema or a channel cannot be read")
-            else:
-                self.declare(one)
+            )
+
+    def _declare(self, opcode: int, content: bytes) -> None:
+        """Take in a schema or a channel. A number means one thing throughout a file."""
+        if opcode == Opcode.SCHEMA:
+            schema = SchemaRecord.read(_stream(content))
+            known_schema = self.schemas.setdefault(schema.id, schema)
+            if known_schema != schema:
+                raise _joined("schema", schema.id, known_schema.name, schema.name)
+            return
+        channel = Channel.read(_stream(content))
+        known_channel = self.channels.setdefault(channel.id, channel)
+        if known_channel != channel:
+            raise _joined("channel", channel.id, known_channel.topic, channel.topic)
+        if channel.id in self.topics or (
+            self.wanted is not None and channel.topic not in self.wanted
+        ):
+            return
+        record = self.schemas.get(channel.schema_id)
+        schema = Schema(record.name, record.encoding, record.data) if record else None
+        topic = Topic(
+            name=channel.topic,
+            encoding=channel.message_encoding,
+            schema=schema,
+            wanted=None if self.wanted is None else self.wanted[channel.topic],
+        )
+        if self.shared is not None:
+            topic = self.shared.setdefault((topic.name, topic.encoding, schema), topic)
+        self.topics[channel.id] = topic
+
+    def loss(self) -> Loss:
+        """What was lost, by the summary, or else by the indexes of the chunks."""
+        read = self.read.total() - sum(self.read[n] for n in self.lost if n not in self.channels)
+        strangers = self.read.total() - read
+        remarks = [*self.remarks]
+        if strangers:
+            remarks.append(f"{strangers} messages belong to channels that are not declared")
+        expected: int | None = None
+        declared: Counter[int] | None = None
+        if self.end == End.WHOLE and self.statistics is not None:
+            expected = self.statistics.message_count
+            declared = Counter(self.statistics.channel_message_counts)
+            if declared.total() != expected:  # the counts by channel may be left out
+                declared = None
+        elif self.end == End.WHOLE or self.lost:
+            expected = read + self.lost.total()
+        if expected is not None and expected != read:
+            remarks.append(f"it declares {expected} messages and holds {read}")
+        by_topic: dict[str, tuple[int, int | None]] = {}
+        for number, channel in sorted(self.channels.items()):
+            count = self.read[number]
+            most = count + self.lost[number]
+            if declared is not None:
+                most = declared[number]
+            before, before_most = by_topic.get(channel.topic, (0, 0))
+            is_known = expected is not None and before_most is not None
+            by_topic[channel.topic] = (
+                before + count,
+                (before_most or 0) + most if is_known else None,
+            )
+        checksums = "checked" if self.is_data_right else "absent"
+        if self.checked:
+            checksums = "checked" if self.checked == self.read.total() else "mixed"
+        return Loss(read, expected, self.end, by_topic, checksums, tuple(remarks))
 
 
-def read_mcap(path: Path) -> McapFile:
-    """Scan a file. InputError if it is empty or no MCAP file."""
-    data = path.read_bytes()
-    if data[:8] != MAGIC and (len(data) < 64 or data[-8:] != MAGIC):
-        said = f"{path}: not an MCAP file (it begins with {quoted(data[:8])})"
-        raise InputError(f"{said}; check the path and the source's format")
-    opened = McapFile(path, len(data), "MCAP", data=data)
-    opened.blocks = opened.intact_blocks()
-    opened.damage.remarks += ["the magic at the beginning is damaged"] * (data[:8] != MAGIC)
-    with naming(path):
-        opened.scan()
-    return opened
+def _stream(content: bytes) -> Any:
+    return ReadDataStream(BytesIO(content))
 
 
-def two_logs(place: int) -> RefusedFileError:
-    """The number of a channel means one topic in the first log and may mean another in the
-    second."""
-    remedy = (
-        "split them into two files there (`head -c`, `tail -c`) and give each a trial of its own"
-    )
-    return RefusedFileError(f"holds two logs, the second from byte {place} on: {remedy}")
+def unpacked(chunk: Chunk) -> bytes:
+    """Decompress the records of a chunk, and check them.
+
+    Raises
+    ------
+    DamagedChunkError
+        They cannot be decompressed, or do not match their size or checksum.
+    """
+    if chunk.uncompressed_size > LARGEST_CHUNK:
+        raise DamagedChunkError(
+            f"declares {chunk.uncompressed_size / 1e9:.3g} GB, at most 1 GB is read"
+        )
+    content = chunk.data
+    try:
+        if chunk.compression == "zstd":
+            content = b""
+            if chunk.uncompressed_size:
+                decompressor = zstandard.ZstdDecompressor()
+                content = decompressor.decompress(chunk.data, chunk.uncompressed_size)
+        elif chunk.compression == "lz4":
+            content = lz4.frame.decompress(chunk.data)
+        elif chunk.compression:
+            raise DamagedChunkError(
+                f"is compressed with {chunk.compression[:20]!a}; zstd and lz4 are read"
+            )
+    except (zstandard.ZstdError, RuntimeError, OSError, EOFError, ValueError) as error:
+        raise DamagedChunkError("cannot be decompressed") from error
+    if len(content) != chunk.uncompressed_size:
+        raise DamagedChunkError(f"holds {len(content)} of {chunk.uncompressed_size} bytes")
+    if chunk.uncompressed_crc and zlib.crc32(content) != chunk.uncompressed_crc:
+        raise DamagedChunkError("does not match its checksum")
+    return content
 
 
-def message_heads(buffer: bytes, places: Indices) -> NDArray[np.void]:
-    # bytes are taken fastest
-    return numbers_at(buffer, places, np.dtype(f"V{MESSAGE.itemsize}")).view(MESSAGE)
+def runs_of_messages(
+    content: bytes, places: NDArray[np.int64]
+) -> dict[int, tuple[NDArray[np.int64], int]]:
+    """Group messages that follow one another to the byte.
 
+    Parameters
+    ----------
+    places
+        Where an index says that messages stand [bytes], (n,). Those that hold something else are
+        left out.
 
-def runs_of_messages(buffer: bytes, places: Indices) -> Runs:
-    """The messages at places (n,) that an index lists, as far as there are messages there."""
-    places = np.sort(
-        places[(places >= 0) & (places <= len(buffer) - MESSAGE.itemsize)], kind="stable"
-    )
-    heads = message_heads(buffer, places)
+    Returns
+    -------
+    dict
+        By the place of the first message of a run: the places of all, and where the last one ends.
+    """
+    is_inside = (places >= 0) & (places <= len(content) - MESSAGE.itemsize)
+    places = np.sort(places[is_inside], kind="stable")
+    heads = rows_at(content, places, MESSAGE.itemsize).view(MESSAGE)
     lengths = heads["length"].astype(np.int64)
-    within = (lengths >= MESSAGE_HEAD) & (lengths <= len(buffer) - RECORD.size - places)
-    there = within & (heads["opcode"] == Opcode.MESSAGE)
-    places, ends = places[there], (places + RECORD.size + lengths)[there]
-    cuts = [0, *(np.flatnonzero(places[1:] != ends[:-1]) + 1).tolist(), len(places)]
-    return {int(places[a]): (places[a:b], int(ends[b - 1])) for a, b in pairwise(cuts) if b}
+    fits = (lengths >= MESSAGE_HEAD) & (lengths <= len(content) - RECORD.size - places)
+    is_message = fits & (heads["opcode"] == Opcode.MESSAGE)
+    places = places[is_message]
+    ends = places + RECORD.size + lengths[is_message]
+    begins_run = np.flatnonzero(places[1:] != ends[:-1]) + 1
+    cuts = [0, *begins_run.tolist(), places.size]
+    return {
+        int(places[first]): (places[first:last], int(ends[last - 1]))
+        for first, last in pairwise(cuts)
+        if last > first
+    }
 
 
-def walk_records(
-    buffer: bytes, begin: int, *, is_chunk: bool = False, runs: Runs = MappingProxyType({})
-) -> tuple[Stretch, int]:
-    """Walk from record to record to what is no record; in a chunk past opcodes that the format does
-    not define. `runs` of messages are passed at one go. Gives also where the walk ended."""
-    others, messages, position, end = list[tuple[int, bytes]](), list[int](), begin, len(buffer)
-    passed = list[Indices]()
-    while position + RECORD.size <= end:
-        if position in runs:
-            run, position = runs[position]
-            passed.append(run)
-            continue
-        opcode, length = RECORD.unpack_from(buffer, position)
-        start = position + RECORD.size
-        if start + length > end:
-            break
-        if opcode == Opcode.MESSAGE and length >= MESSAGE_HEAD:
-            messages.append(position)
-        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-            others.append((opcode, buffer[start : start + length]))
-        elif not is_chunk or opcode in NUMBERED or opcode == 0:
-            break
-        position = start + length
-    places = np.sort(np.concatenate([np.array(messages, np.int64), *passed]), kind="stable")
-    heads = message_heads(buffer, places)
-    lengths, logged = (heads[name].astype(np.int64) for name in ("length", "log_time"))
-    channel, sequence = heads["channel"].astype(np.uint16), heads["sequence"].astype(np.uint32)
-    starts = places + MESSAGE.itemsize
-    block = MessageBlock(buffer, channel, sequence, logged, starts, lengths - MESSAGE_HEAD)
-    return (block, others), position
-
-
-def chunk_head(data: bytes, start: int, end: int) -> ChunkHead | None:
-    """The head of the chunk that is the content of a record, maybe of a later version; None if it
-    does not fit in."""
-    if end - start < CHUNK_HEAD.size + 8:
-        return None
-    _, _, size, crc, length = CHUNK_HEAD.unpack_from(data, start)
-    begin = start + CHUNK_HEAD.size + length + 8
-    if length > 32 or begin > end:  # a longer name of a compression is damage
-        return None
-    stop = begin + struct.unpack_from("<Q", data, begin - 8)[0]
-    return (
-        ChunkHead(size, crc, data[begin - 8 - length : begin - 8], begin, stop)
-        if stop <= end
-        else None
+def _joined(what: str, number: int, name: str, other_name: str) -> InputError:
+    return InputError(
+        f"{what} {number} is {name!a} in one part of the file and {other_name!a} in another: two"
+        " logs were joined, or the file is damaged; record again, or give each log a file of its"
+        " own"
     )
+
+
+def _two_logs(place: int) -> InputError:
+    return InputError(
+        f"holds two logs, the second from byte {place} on: split them into two files there"
+        " (`head -c`, `tail -c`) and give each a trial of its own"
+    )
+
+
+def read_log(
+    path: Path,
+    wanted: Mapping[str, list[str]] | None,
+    shared: dict[Any, Topic] | None = None,
+) -> Log:
+    """Read the wanted fields of the wanted topics, or all."""
+    log = Log(path.read_bytes(), wanted, shared)
+    if not log.data.startswith(MAGIC):
+        raise InputError(
+            f"not an MCAP file (it begins with {quoted(log.data[:8])}); check the path and the"
+            " source's format"
+        )
+    log.walk()
+    log.data = b""
+    if log.is_data_wrong and log.checked < log.read.total():
+        raise InputError(
+            "the checksum of the data section does not match, and no other covers its messages;"
+            " copy the file again, or record again"
+        )
+    return log
+
+
+def read(path: Path, source: MessageSource | None) -> Recording:
+    """Read an MCAP file."""
+    log = read_log(path, _messages.wanted_fields(source))
+    loss = log.loss()
+    _, remark = description_beside(path)
+    if remark:
+        loss = replace(loss, remarks=[*loss.remarks, remark])
+    facts = {
+        "bytes": path.stat().st_size,
+        "chunks": log.chunks,
+        "chunks_lost": log.chunks_lost,
+        "messages": log.read.total(),
+    }
+    names = {channel.topic for channel in log.channels.values()}
+    topics = [topic for _, topic in sorted(log.topics.items())]
+    is_declared = log.statistics is not None
+    return _messages.recording_of("mcap", topics, names, loss, facts, source, is_declared)
+
+
+def _begins(begin: bytes) -> bool:
+    return begin.startswith(MAGIC)
+
+
+FORMAT = Format(name="mcap", suffixes=(".mcap",), begins=_begins, source=MessageSource, read=read)

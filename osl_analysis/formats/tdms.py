@@ -1,195 +1,318 @@
-"""LabVIEW's TDMS, read by npTDMS from bytes, so that it looks at no index beside the file, maybe
-another's."""
+"""LabVIEW's TDMS, by npTDMS."""
 
 import logging
-import struct
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from functools import partial
 from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
-from osl_analysis.errors import InputError, listing, nearest, optional_module, quoted
-from osl_analysis.formats.csv_table import CONTROL
-from osl_analysis.formats.table import Ledger, reason_of
+from osl_analysis.errors import InputError, optional_module, quoted
+from osl_analysis.formats._text import CONTROL
+from osl_analysis.recording import Channel, End, Format, Kind, Loss, Recording, Rows
+from osl_analysis.source_file import LogChannel, Name, RowTime, TableSource
+from osl_analysis.units import name_and_ending
 
+MARK = b"TDSm"
+INDEX_MARK = b"TDSh"
+LEAD_IN = 28  # bytes: mark, table of contents, version, length of the segment, of its metadata
+IS_BIG_ENDIAN = 1 << 6  # bit of the table of contents
+NS = 1e-9  # s
 SAVE_AGAIN = "copy it again, or open it in LabVIEW or DIAdem and save it under a new name"
 
 
-@dataclass(frozen=True)
-class TdmsChannel:
-    group: str
-    name: str
-    count: int
-    kind: np.dtype[Any]  # type of its values
-    unit: str  # its unit, as the file spells it
-    step: float | None  # time between two values [s]; None where the properties do not tell
-    begin: int  # when the first value was taken, since 1970 [ns]
+class TdmsChannel(LogChannel):
+    """A channel of a group."""
 
-    @property
-    def address(self) -> str:
-        return f"{self.group}/{self.name}"
+    ADDRESS = "channel"
+    channel: Name  # Group and name, as `Measured Data/Torque`, or the name where one group has it.
+
+
+class TdmsTime(RowTime):
+    """A channel of time, or the channels' own timing."""
+
+    ADDRESS = "channel"
+    IN_FILE = True
+    # That of time; LabVIEW's stamps need no unit. Without it: the channels' own timing.
+    channel: str | None = None
+
+
+class TdmsSource(TableSource):
+    """The source file of TDMS."""
+
+    OF = " of format tdms"
+    channels: Mapping[str, TdmsChannel] = Field(min_length=1)
+    time: TdmsTime = Field(default_factory=TdmsTime)
+
+
+class Timed:
+    """A channel of npTDMS with its timing."""
+
+    def __init__(self, channel: Any) -> None:
+        about = channel.properties
+        self.channel = channel
+        self.address = f"{channel.group_name}/{channel.name}"
+        self.kind = np.dtype("V" if channel.dtype is None else channel.dtype)
+        self.unit = str(about.get("unit_string") or about.get("NI_UnitDescription") or "")
+        self.count = len(channel)
+        step_s = about.get("wf_increment")
+        is_step = isinstance(step_s, float | int) and np.isfinite(step_s) and step_s > 0
+        self.step_s = float(step_s) if is_step else None  # between two values
+        since = about.get("wf_start_time")
+        start_ns = 0
+        if since is not None and hasattr(since, "as_datetime64"):
+            in_us = since.as_datetime64("us")  # finer ones are rounding
+            start_ns = int(in_us.astype("datetime64[ns]").astype(np.int64))
+        self.start_ns = start_ns + round(float(about.get("wf_start_offset", 0.0)) / NS)
 
     @property
     def holds_numbers(self) -> bool:
-        return self.kind.kind in "biuf"
+        """Whether it can be a signal."""
+        return self.count > 0 and self.kind.kind in "biuf"
 
     @property
     def holds_times(self) -> bool:
-        return self.kind.kind == "M"  # LabVIEW's time stamps
+        """Whether it holds LabVIEW's time stamps."""
+        return self.count > 0 and self.kind.kind == "M"
 
+    def values(self, count: int) -> NDArray[Any]:
+        """Its first numbers as the file scales them, or stamps [ns]."""
+        values = self.channel.read_data(length=count)
+        if self.holds_times:
+            return np.asarray(values.as_datetime64("ns").astype(np.int64))
+        return np.asarray(values)
 
-@dataclass(frozen=True)
-class TdmsFile:
-    data: bytes
-    channels: list[TdmsChannel]  # its channels, in the order of the file
-    properties: Mapping[str, str]  # what the file says about itself
-    damage: Ledger
-
-    def channel(self, address: str) -> TdmsChannel:
-        """A channel by group and name, or by its name alone where one group only has it."""
-        exact = [one for one in self.channels if one.address == address]
-        found = exact or [one for one in self.channels if one.name == address]
-        if len(found) > 1:
-            raise InputError(
-                f"channel '{address[:80]}' is in {len(found)} groups; name it as group/channel"
+    def no_numbers(self) -> InputError:
+        """Say why it cannot be a signal."""
+        if not self.count:
+            return InputError(
+                f"channel '{self.address}' is empty; take another one, or record again"
             )
-        if not found:
-            names = [one.address for one in self.channels]
-            near = nearest(address, [*names, *(one.name for one in self.channels)])
-            advice = near or "; correct the name in the source file"
-            raise InputError(f"no channel '{address[:80]}'; the file has {listing(names)}{advice}")
-        return found[0]
-
-    def values(
-        self, wanted: Sequence[TdmsChannel], most: int | None = None
-    ) -> dict[str, NDArray[Any]]:
-        """The numbers of some channels, at `most` so many, by address, as the file scales them;
-        stamps in s."""
-        for one in wanted:
-            if not one.count:
-                raise InputError(
-                    f"channel '{one.address}' is empty; take another one, or record again"
-                )
-            if not (one.holds_numbers or one.holds_times):
-                what = {"O": "text", "V": "nothing", "c": "complex numbers"}.get(
-                    one.kind.kind, one.kind.name
-                )
-                raise InputError(
-                    f"channel '{one.address}' holds {what} and no numbers; take another one"
-                )
-        with library() as (tdms, _), tdms.open(BytesIO(self.data), raw_timestamps=True) as file:
-            found: dict[str, Any] = {
-                one.address: file[one.group][one.name].read_data(length=most) for one in wanted
-            }
-            for one in (one for one in wanted if one.holds_times):
-                stamps = found[one.address].as_datetime64("ns")
-                found[one.address] = (stamps - stamps[0]) / np.timedelta64(1, "ns") * 1e-9
-        return {address: np.asarray(values) for address, values in found.items()}
+        kinds = {"O": "text", "V": "nothing", "c": "complex numbers"}
+        what = kinds.get(self.kind.kind, self.kind.name)
+        return InputError(f"channel '{self.address}' holds {what} and no numbers; take another one")
 
 
-def is_tdms(begin: bytes) -> bool:
-    """Whether a file that begins with these bytes is TDMS or its index. Text never is: `TDSm` may
-    name a column."""
-    return begin.startswith((b"TDSm", b"TDSh")) and CONTROL.search(begin) is not None
-
-
-@contextmanager
-def library() -> Iterator[tuple[Any, list[str]]]:
-    """npTDMS's `TdmsFile`, and what npTDMS says meanwhile; its many errors on damaged bytes become
-    one."""
-    said: list[str] = []
-
-    def keep(record: logging.LogRecord) -> bool:
-        said.append(record.getMessage())
-        return False
-
-    nptdms = optional_module("nptdms", "a TDMS file")
-    handler = optional_module("nptdms.log", "a TDMS file").log_manager.console_handler
-    handler.addFilter(keep)
-    try:
-        yield nptdms.TdmsFile, said
-    except InputError:
-        raise
-    except Exception as error:
-        what = f"the TDMS file is damaged or of a kind that is not read ({reason_of(error)})"
-        raise InputError(f"{what}; {SAVE_AGAIN}") from error
-    finally:
-        handler.removeFilter(keep)
-
-
-def read_tdms(path: Path) -> TdmsFile:
-    """The channels of a file with their timing; InputError if npTDMS is not installed, or the file
-    is damaged."""
+def read(path: Path, source: TdmsSource | None) -> Recording:
+    """Read the channels of a file with their timing."""
     data = path.read_bytes()
-    if data[:4] == b"TDSh":
+    if data.startswith(INDEX_MARK):
         raise InputError("the index of a TDMS file; name the .tdms file beside it")
-    if data[:4] != b"TDSm":
+    if not data.startswith(MARK):
         raise InputError(
             f"no TDMS file (it begins with {quoted(data[:8])}); check the path and the source's"
             " format"
         )
-    with library() as (tdms, said), tdms.read_metadata(BytesIO(data)) as file:
-        channels = [channel_of(one) for group in file.groups() for one in group.channels()]
-        status = file.file_status
-        about = {str(key): str(value)[:200] for key, value in list(file.properties.items())[:20]}
-    odd = [text for text in said if "not a multiple" in text]
-    # the library would give one channel the bytes of the next
-    if len(odd) > status.incomplete_final_segment:
+    nptdms = optional_module("nptdms", "a TDMS file")
+    with _warnings_of_library() as library_warnings:
+        # of bytes: it would go by an index beside the file, maybe another's
+        file = nptdms.TdmsFile.open(BytesIO(data), raw_timestamps=True)
+    status = file.file_status
+    odd_lengths = [text for text in library_warnings if "not a multiple" in text]
+    if len(odd_lengths) > status.incomplete_final_segment:
+        # the library would give one channel the bytes of the next
         raise InputError(
-            f"the length of a segment contradicts that of its channels ({odd[0][:80]});"
+            f"the length of a segment contradicts that of its channels ({odd_lengths[0][:80]});"
             f" {SAVE_AGAIN}"
         )
-    if not channels:
+    channels_of_file = [Timed(channel) for group in file.groups() for channel in group.channels()]
+    if not channels_of_file:
         raise InputError(
             f"the TDMS file holds no channels, or is cut off before them; {SAVE_AGAIN}"
         )
-    damage, end = Ledger(end_unknown=True), end_of_segments(data)
-    lost = [
-        one.expected_length - one.read_length for one in (status.channel_statuses or {}).values()
+    _check_one_recording(nptdms, data, channels_of_file)
+    remarks: list[str] = []
+    end = End.UNKNOWN
+    if status.incomplete_final_segment or _end_of_segments(data) != len(data):
+        end = End.MISSING
+        statuses = (status.channel_statuses or {}).values()
+        lost = max(
+            (
+                channel_status.expected_length - channel_status.read_length
+                for channel_status in statuses
+            ),
+            default=0,
+        )
+        count = f"at least {lost} values of a channel" if lost else "how much is not known"
+        remarks.append(
+            "the last segment is not complete: the recorder did not finish, or the end is lost;"
+            f" {count}"
+        )
+    signals = [
+        channel for channel in channels_of_file if channel.holds_numbers or channel.holds_times
     ]
-    count = f"at least {max(lost)} values of a channel" if any(lost) else "how much is not known"
-    if status.incomplete_final_segment or end != len(data):
-        what = "the last segment is not complete: the recorder did not finish, or the end is lost"
-        damage.miss_end(f"{what}; {count}")
-    return TdmsFile(data, channels, about, damage)
-
-
-def channel_of(one: Any) -> TdmsChannel:
-    about, step = one.properties, one.properties.get("wf_increment")
-    is_timed = isinstance(step, float | int) and np.isfinite(step) and step > 0
-    kind = np.dtype("V" if one.dtype is None else one.dtype)
-    unit = str(about.get("unit_string") or about.get("NI_UnitDescription") or "")
-    since = about.get("wf_start_time")
-    begin = (
-        int(since.astype("datetime64[ns]").astype(np.int64))
-        if isinstance(since, np.datetime64)
-        else 0
+    by_rows = source is not None and not _is_by_properties(source)
+    # the last segment may be cut within a channel: rows end with the shortest one
+    channels = _channels_of(signals, to_shortest=by_rows and end == End.MISSING)
+    read_count = max((channel.rows.count for channel in channels), default=0)
+    properties = {str(key): str(value)[:200] for key, value in list(file.properties.items())[:20]}
+    recording = Recording(
+        format="tdms",
+        channels=channels,
+        loss=Loss(read_count, None, end, remarks=remarks),
+        facts={"channels": str(len(channels_of_file)), **properties},
+        find_unlisted=partial(_find_unlisted, channels_of_file),
     )
-    begin += round(float(about.get("wf_start_offset", 0.0)) * 1e9)
-    return TdmsChannel(
-        one.group_name, one.name, len(one), kind, unit, float(step) if is_timed else None, begin
-    )
+    if source is not None:
+        _check_counts(recording, source)
+    return recording
 
 
-def end_of_segments(data: bytes) -> int:
-    """Where the last segment should end [bytes]; InputError if a second recording begins in one."""
-    end, starts = 0, dict[str, set[str]]()
-    # npTDMS is silent about a cut lead-in
-    while end + 28 <= len(data) and data[end : end + 4] == b"TDSm":
-        begin, flags = end, int(data[end + 4])
-        end += 28 + int(struct.unpack_from(">Q" if flags & (1 << 6) else "<Q", data, end + 12)[0])
-        if flags & 6 == 6:  # it describes all of its channels anew
-            with library() as (tdms, _), tdms.read_metadata(BytesIO(data[begin:end])) as file:
-                every = [one for group in file.groups() for one in group.channels()]
-            for one in (one for one in every if "wf_start_time" in one.properties):
-                known = starts.setdefault(one.path, set())
-                known.add(str(one.properties["wf_start_time"]))
-                if len(known) > 1:
-                    what = f"channel '{one.name}' starts anew there: two recordings in one file"
-                    raise InputError(f"byte {begin}: {what}; save each under a name of its own")
+@contextmanager
+def _warnings_of_library() -> Iterator[list[str]]:
+    """Collect what npTDMS would print."""
+    messages: list[str] = []
+
+    def keep(record: logging.LogRecord) -> bool:
+        messages.append(record.getMessage())
+        return False
+
+    handler = optional_module("nptdms.log", "a TDMS file").log_manager.console_handler
+    handler.addFilter(keep)
+    try:
+        yield messages
+    finally:
+        handler.removeFilter(keep)
+
+
+def _channels_of(signals: Sequence[Timed], to_shortest: bool) -> list[Channel]:
+    """Make channels, of which those of one timing share rows."""
+    first_ns = min((signal.start_ns for signal in signals if signal.step_s is not None), default=0)
+    rows_by_timing: dict[tuple[Any, ...], Rows] = {}
+    channels: list[Channel] = []
+    for signal in signals:
+        group = signal.channel.group_name
+        count = signal.count
+        if to_shortest:
+            alike = [
+                other.count
+                for other in signals
+                if other.channel.group_name == group
+                and (other.start_ns, other.step_s) == (signal.start_ns, signal.step_s)
+            ]
+            count = min(alike)
+        key = (group, count, signal.start_ns, signal.step_s)
+        if key not in rows_by_timing:
+            is_timed = signal.step_s is not None
+            rows_by_timing[key] = Rows(
+                count,
+                name=group,
+                rate_hz=1 / signal.step_s if signal.step_s is not None else None,
+                start_s=(signal.start_ns - first_ns) * NS if is_timed else 0.0,
+                noun="value",
+            )
+        unit = "ns" if signal.holds_times else signal.unit
+        channels.append(
+            Channel(
+                address={"channel": signal.address},
+                rows=rows_by_timing[key],
+                read=partial(signal.values, count),
+                name=signal.channel.name,
+                unit=unit,
+                likely_unit="" if unit else name_and_ending(signal.channel.name)[1],
+                kind=Kind.CLOCK if signal.holds_times else Kind.SIGNAL,
+                type=signal.kind.name,
+            )
+        )
+    return channels
+
+
+def _find_unlisted(channels_of_file: Sequence[Timed], address: Mapping[str, str]) -> Channel | None:
+    """Say why a channel that the file has is not listed."""
+    wanted = address["channel"]
+    for channel in channels_of_file:
+        if wanted in (channel.address, channel.channel.name):
+            raise channel.no_numbers()
+    return None
+
+
+def _check_counts(recording: Recording, source: TdmsSource) -> None:
+    """Refuse channels with one timing but unequal counts.
+
+    Some have lost values, nothing tells where, and all later values would be early against the
+    other channels.
+    """
+    asked = [recording.find(channel.address) for channel in source.channels.values()]
+    is_by_properties = _is_by_properties(source)
+    if source.time.name:
+        asked.append(recording.find({"channel": source.time.name}))
+    first_by_timing: dict[Any, Channel] = {}
+    for channel in asked:
+        rows = channel.rows
+        if is_by_properties and rows.rate_hz is None:
+            raise InputError(
+                f"channel '{channel.key}' has no timing (`wf_increment` among its properties); name"
+                " the channel of time, as `time: {channel: GROUP/NAME, unit: s}`, or state the"
+                " rate of the rows in Hz, as `time: {rate: HZ}`"
+            )
+        timing = (rows.start_s, rows.rate_hz) if is_by_properties else None
+        first = first_by_timing.setdefault(timing, channel)
+        if first.rows.count != rows.count and recording.loss.end != End.MISSING:
+            raise InputError(
+                f"channel '{channel.key}' has {rows.count} values and '{first.key}' has"
+                f" {first.rows.count} for one time: a segment has lost some, nothing tells where,"
+                " or they are of two recordings; copy the file again, or name channels of one"
+                " length"
+            )
+
+
+def _is_by_properties(source: TdmsSource) -> bool:
+    """Whether the channels' own timing is their time."""
+    return not source.time.name and source.time.rate is None
+
+
+def _end_of_segment(data: bytes, begin: int) -> int:
+    """Where a segment should end [bytes]."""
+    is_big_endian = data[begin + 4] & IS_BIG_ENDIAN
+    length = int.from_bytes(data[begin + 12 : begin + 20], "big" if is_big_endian else "little")
+    return begin + LEAD_IN + length
+
+
+def _end_of_segments(data: bytes) -> int:
+    """Where the last segment should end [bytes]; npTDMS is silent about a cut lead-in."""
+    end = 0
+    while end + LEAD_IN <= len(data) and data[end : end + 4] == MARK:
+        end = _end_of_segment(data, end)
     return end
+
+
+def _check_one_recording(nptdms: Any, data: bytes, channels_of_file: Sequence[Timed]) -> None:
+    """Refuse a file to which a second recording was appended: npTDMS reads both as one.
+
+    The first segment tells when each channel began. A later one alone tells nothing: it may refer
+    to the one before.
+    """
+    first_end = _end_of_segment(data, 0)
+    if first_end >= len(data):
+        return
+    first = nptdms.TdmsFile.read_metadata(BytesIO(data[:first_end]), raw_timestamps=True)
+    began = {
+        channel.path: channel.properties.get("wf_start_time")
+        for group in first.groups()
+        for channel in group.channels()
+    }
+    for channel in channels_of_file:
+        since = began.get(channel.channel.path)
+        last = channel.channel.properties.get("wf_start_time")
+        if since is not None and last is not None and _differs(since, last):
+            raise InputError(
+                f"channel '{channel.channel.name}' starts anew behind byte {first_end}: two"
+                " recordings in one file; save each under a name of its own"
+            )
+
+
+def _differs(stamp: Any, other_stamp: Any) -> bool:
+    return bool(stamp.as_datetime64("ns") != other_stamp.as_datetime64("ns"))
+
+
+def _begins(begin: bytes) -> bool:
+    """Tell whether a file is TDMS or its index; text never is: `TDSm` may name a column."""
+    return begin.startswith((MARK, INDEX_MARK)) and CONTROL.search(begin) is not None
+
+
+FORMAT = Format(name="tdms", suffixes=(".tdms",), begins=_begins, source=TdmsSource, read=read)

@@ -8,11 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.source import Recording, SharedAngle
+from osl_analysis.ingest.conversion import Converted
+from osl_analysis.source_file import SharedAngle
 from osl_analysis.trial import Array, marker_columns
 
 MINIMUM_EDGES = 6
 LARGEST_DRIFT = 500e-6  # between two crystal clocks
+LEAST_CERTAIN = 0.5  # share of samples of a pulse near its two levels; of noise it is a twentieth
+GATE_STEPS = 3.0  # sampling intervals by which a gate may be longer or shorter than its capture
 
 
 @dataclass(frozen=True)
@@ -26,7 +29,7 @@ class ClockFit:
     edges: int = 0  # pairs of edges that were used; by correlation, sections of the recording
     # Edges of the slave, during the time that both recorded, that match no edge of the master.
     excluded_edges: int = 0
-    # `edges`, `correlation` of a signal, or `common`: the files share one time
+    # `edges`, `gate`, `correlation` of a signal, or `common`: the files share one time
     method: str = "edges"
 
     def to_master(self, time: Array) -> Array:
@@ -42,10 +45,13 @@ Edges = tuple[Array, NDArray[np.bool_], float]
 def find_edges(time: Array, level: Array) -> Edges:
     """Edges of a two-level signal: times, interpolated, at which it crosses its mid-level. It must
     then pass three quarters of its range, or falling one quarter, so that noise at the mid-level
-    makes no edges."""
-    low, swing = float(level.min()), float(np.ptp(level))
-    step, middle = float(np.median(np.diff(time))) if time.size > 1 else 0.0, low + 0.5 * swing
+    makes no edges. A level that has no two values has none."""
+    swing = float(np.ptp(level))
+    middle = float(level.min()) + 0.5 * swing
+    step = float(np.median(np.diff(time))) if time.size > 1 else 0.0
     certain = np.flatnonzero(abs(level - middle) > 0.25 * swing)
+    if certain.size < LEAST_CERTAIN * level.size:
+        return np.zeros(0), np.zeros(0, bool), step
     state = level[certain] > middle
     after = certain[1:][state[1:] != state[:-1]]
     crossings = np.flatnonzero(np.diff(level > middle))
@@ -263,23 +269,42 @@ def section_lags(ours: Array, theirs: Array, lag: int) -> tuple[Array, Array]:
 
 
 def aligned_clock(
-    log: Recording, mocap: Recording, shared: SharedAngle | None
+    log: Converted, mocap: Converted, shared: SharedAngle | None, is_common: bool = False
 ) -> tuple[ClockFit, list[str]]:
-    """The clock fit by sync edges; if they cannot be used, with a warning, by the correlation of
-    the angle that motion capture's source file names under `shared`. A log with `clock: common` has
-    the capture's times."""
-    pair = (log, "log"), (mocap, "motion capture")
-    if log.facts.get("clock") == "common":
-        return (
-            ClockFit(log.facts["time"]["start"] - mocap.facts["time"]["start"], method="common"),
-            [],
-        )
+    """Fit the log's clock to motion capture's.
+
+    By sync edges; by the one pulse that is as long as the capture, where the capture's own level
+    stands still; or else, with a warning, by the correlation of a shared angle.
+
+    Parameters
+    ----------
+    shared
+        What motion capture's source file names under `shared`.
+    is_common
+        Whether the log has the capture's times (`clock: common`).
+
+    Returns
+    -------
+    fit : ClockFit
+    warnings : list
+        A sentence each.
+
+    Raises
+    ------
+    InputError
+        Neither edges nor a shared angle align the clocks.
+    """
+    if is_common:
+        start = log.facts["time"]["start"] - mocap.facts["time"]["start"]
+        return ClockFit(start, method="common"), []
+    missing = "the clocks cannot be aligned; map the channel in its source file"
     try:
-        end = "the clocks cannot be aligned; map the channel in its source file"
-        return (
-            fit_clock(*(find_edges(*values_of(one, "sync", f"{who}: {end}")) for one, who in pair)),
-            [],
-        )
+        pulses = values_of(log, "sync", f"log: {missing}")
+        level = values_of(mocap, "sync", f"motion capture: {missing}")
+        edges = find_edges(*level)
+        if not edges[0].size:
+            return gate_fit(find_edges(*pulses), level[0]), []
+        return fit_clock(find_edges(*pulses), edges), []
     except InputError as error:
         if shared is None:
             raise
@@ -287,20 +312,7 @@ def aligned_clock(
     what = f"'{shared.column}' and the angle at marker {shared.markers[1]}"
     try:
         ours = values_of(log, shared.column, "log; map the channel in its source file")
-        names = [name for label in shared.markers for name in marker_columns(label)]
-        absent = [
-            label
-            for label in shared.markers
-            if marker_columns(label)[0] not in mocap.samples.columns
-        ]
-        if absent:
-            told = "which `shared` names; correct the source file of motion capture"
-            raise InputError(f"no marker '{absent[0]}', {told}")
-        seen = mocap.samples.select("time", *names).fill_nan(None).drop_nulls()
-        first, vertex, last = seen.select(names).to_numpy().reshape(-1, 3, 3).transpose(1, 0, 2)
-        one, other = first - vertex, last - vertex
-        angle = np.arctan2(np.linalg.norm(np.cross(one, other), axis=1), (one * other).sum(axis=1))
-        fit = correlate_clocks(ours, (seen["time"].to_numpy(), angle))
+        fit = correlate_clocks(ours, marker_angle(mocap, shared))
     except InputError as error:
         raise InputError(
             f"{refused}; cross-correlation of {what} does not align them either: {error}"
@@ -310,7 +322,61 @@ def aligned_clock(
     ]
 
 
-def values_of(recording: Recording, column: str, advice: str) -> tuple[Array, Array]:
+def gate_fit(pulses: Edges, time: Array) -> ClockFit:
+    """Fit a clock by a gate, which is high while the other recorder records: the log has a pulse
+    that is as long as the capture.
+
+    Parameters
+    ----------
+    pulses
+        Edges in the log.
+    time
+        Of the capture's samples (n,) [s], the first at 0.
+
+    Raises
+    ------
+    InputError
+        No pulse, or several pulses of the log are as long as the capture.
+    """
+    edges, rising, step = pulses
+    capture_step = float(np.median(np.diff(time))) if time.size > 1 else 0.0
+    length = float(np.ptp(time)) + capture_step
+    slack = GATE_STEPS * max(step, capture_step) + LARGEST_DRIFT * length
+    starts: list[float] = []
+    for begin, end, is_rise in zip(edges[:-1], edges[1:], rising[:-1], strict=True):
+        if is_rise and abs(end - begin - length) <= slack:
+            starts.append(float(begin))
+    if len(starts) != 1:
+        raise InputError(
+            "the sync line of motion capture has no edge: it is a gate, or nothing is connected,"
+            f" and {len(starts)} pulses of the log are as long as the capture ({length:.3f} s);"
+            " align the clocks by an angle that both recorded: `clock: shared`"
+        )
+    residual = float(np.hypot(step, capture_step)) / np.sqrt(12)
+    return ClockFit(-starts[0], 0.0, residual / length, residual, edges=2, method="gate")
+
+
+def marker_angle(mocap: Converted, shared: SharedAngle) -> tuple[Array, Array]:
+    """Times [s] and the angle [rad] at the second of three markers, (n,) each, where all are
+    seen."""
+    columns: list[str] = []
+    for label in shared.markers:
+        names = marker_columns(label)
+        if names[0] not in mocap.samples.columns:
+            raise InputError(
+                f"no marker '{label}', which `shared` names; correct the source file of motion"
+                " capture"
+            )
+        columns += names
+    seen = mocap.samples.select("time", *columns).fill_nan(None).drop_nulls()
+    first, vertex, last = seen.select(columns).to_numpy().reshape(-1, 3, 3).transpose(1, 0, 2)
+    one = first - vertex
+    other = last - vertex
+    sine = np.linalg.norm(np.cross(one, other), axis=1)
+    return seen["time"].to_numpy(), np.arctan2(sine, (one * other).sum(axis=1))
+
+
+def values_of(recording: Converted, column: str, advice: str) -> tuple[Array, Array]:
     """Times [s] and values of a column where it was sampled. Raises InputError, with `advice`:
     there is no column."""
     if column not in recording.samples.columns:

@@ -3,7 +3,6 @@ sensors that saturate, stand still or wrap, force plates. They are numbers; limi
 later (`judge`)."""
 
 import math
-import re
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.config.experiments import EXPERIMENTS, Experiment
 from osl_analysis.errors import InputError, listing
-from osl_analysis.ingest.source import SELDOM_REPEAT, values_of_no_sensor
+from osl_analysis.ingest.guard import leaps_of_trial
 from osl_analysis.signals import longest_run, run_at_extreme, run_edges, runs
 from osl_analysis.signals.grid import GapLimits, devices_of, origin, streams, uniform_signals
 from osl_analysis.signals.samples import take
@@ -27,7 +26,6 @@ from osl_analysis.trial import (
     Trial,
     beside,
     factor_of,
-    median,
     plate_axes,
     plate_columns,
     unit_of,
@@ -71,7 +69,7 @@ class Examined:
         ):
             steps = np.diff(self.trial.arrays(first)[0])
             if steps.size > 1:
-                found[first] = median(steps), float(steps.mean()), float(steps.max())
+                found[first] = float(np.median(steps)), float(steps.mean()), float(steps.max())
         return found
 
 
@@ -106,7 +104,10 @@ def recorded(trial: Trial, column: str | None) -> tuple[Array, Array]:
 
 def median_step(time: Array) -> float:
     """Median step [s], or the mean step if most stamps are repeated; 0 for a single sample."""
-    return median(np.diff(time)) or float(np.ptp(time)) / (time.size - 1) if time.size > 1 else 0.0
+    if time.size < 2:
+        return 0.0
+    usual_step = float(np.median(np.diff(time)))
+    return usual_step or float(np.ptp(time)) / (time.size - 1)
 
 
 def consecutive(time: Array, values: Array, seconds: float) -> Array:
@@ -536,7 +537,7 @@ def measure_stuck(examined: Examined) -> CheckResult:
         if when.size:  # while it changes by a fifth of its range, the joint should have moved
             # at the start of a motion the torque jumps before the angle
             apart = smoothed / 2 + median_step(time)
-            from_rest = np.minimum(abs(theta - theta[0]), abs(theta - median(theta)))
+            from_rest = np.minimum(abs(theta - theta[0]), abs(theta - np.median(theta)))
             rests = (
                 (from_rest <= AT_REST * np.ptp(theta))
                 & examined.experiment.stepped_sine
@@ -612,33 +613,14 @@ def held(
 
 
 def measure_dropout(examined: Examined) -> CheckResult:
-    """Number of samples that no sensor gives, in channels that seldom repeat a value; for plates,
-    `dropped_loads`."""
-    counts = dict[str, float]()
-    for name in (one for one in SELDOM_REPEAT if one in examined.trial.columns):
-        known = origin(examined.trial, name)  # ingest may have counted them
-        if "no_sensor" not in known:
-            angle = recorded(examined.trial, "theta")[1]
-            lost = values_of_no_sensor(name, *recorded(examined.trial, name), known, angle)
-            known["no_sensor"] = None if lost is None else lost.sum()
-        if known["no_sensor"] is not None:
-            counts[name] = float(known["no_sensor"])
-    plates = (one for one in examined.trial.columns if re.fullmatch(r"plate\d+_force_z", one))
-    counts |= {name: dropped_loads(recorded(examined.trial, name)[1]) for name in plates}
-    return worst(counts, "no plate, and no channel of a bench that seldom repeats a value")
-
-
-def dropped_loads(force: Array) -> float:
-    """Number of samples of a plate's force (n,) [N] in constant levels between two jumps larger
-    than a person's step causes, or in runs of zeros among the noise of the bare plate."""
-    steps, bare = np.abs(np.diff(force)), np.abs(force) < 20.0  # N
-    # else 0 is written without load
-    is_noisy = np.mean(force[bare] == 0) < 0.5 if bare.any() else False
-    levels = [(a, b, *steps[:a][-1:], *steps[b : b + 1]) for a, b in run_edges(steps == 0).tolist()]
-    # a foot that leaves a plate takes 10 to 15 N in a millisecond
-    lengths = [b - a + 1 for a, b, *jumps in levels if len(jumps) == 2 and min(jumps) > 250.0]
-    lengths += [b - a + 1 for a, b, *_ in levels if is_noisy and force[a] == 0 and b - a > 7]
-    return float(sum(lengths))
+    """Largest number of leaps of the angle or the torque off its curve (`guard.find_leaps`)."""
+    found = leaps_of_trial(examined.trial)
+    if not found:
+        return not_applicable("neither theta nor torque")
+    most = max(found, key=lambda leaps: leaps.count)
+    if most.first_s is None:
+        return CheckResult(0.0)
+    return CheckResult(float(most.count), f"{most.column}, first at {most.first_s:.3f} s")
 
 
 # Zeros, turns, and markers.

@@ -1,2 +1,1 @@
-"""The jobs of the workflow: their requests, the processes that run them, and what is said at the
-end of a run."""
+"""How the jobs of the workflow run: warm processes, and lines of progress."""

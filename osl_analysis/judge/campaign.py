@@ -14,6 +14,7 @@ import polars as pl
 from osl_analysis.config.experiments import EXPERIMENTS, doubts_of, judged_tables
 from osl_analysis.errors import listing
 from osl_analysis.judge.causes import CAUSES
+from osl_analysis.judge.exclusions import HOW_TO_USE, exclusions
 from osl_analysis.judge.finding import (
     FINDING_NUMBERS,
     Beyond,
@@ -24,7 +25,6 @@ from osl_analysis.judge.finding import (
 )
 from osl_analysis.judge.judging import judged, unchecked_in, with_inherited
 from osl_analysis.judge.limits import CHECKS, DoubtfulFits
-from osl_analysis.judge.used import HOW_TO_USE, exclusions
 from osl_analysis.judge.words import (
     Words,
     as_if_said,
@@ -318,7 +318,7 @@ def known_line(
 
 
 def findings_report(findings: Path, tables: Iterable[Path], verdicts: pl.DataFrame) -> str:
-    """The findings of a campaign for the end of a run, a line each; tables may be refusal records
+    """The findings of a campaign for the end of a run, a line each; tables may be refusals
     or not be there."""
     written = {
         path.stem: read_table(path) for path in tables if path.is_file() and not is_refused(path)

@@ -245,9 +245,10 @@ def polynomial_product(u: Sequence[Array], v: Sequence[Array]) -> list[Array]:
 def squared_norm(
     x: Array, a0: Sequence[Array], a1: Sequence[Array], b0: Sequence[Array], b1: Sequence[Array]
 ) -> tuple[Array, Array]:
-    """||b/a||^2 [(rad/(N*m))^2/s] at x [N*m*s/rad], and its derivative in x; coefficients broadcast with x. Each row of
-    the recursion loses its first coefficient, and every second one of those that stay is reduced. A row's part of the
-    sum, beta^2/(2 alpha), is 0 where beta is 0, even if alpha is 0 too (B_d = 0)."""
+    """||b/a||^2 [(rad/(N*m))^2/s] at x [N*m*s/rad], and its derivative in x; coefficients broadcast
+    with x. Each row of the recursion loses its first coefficient, and every second one of those
+    that stay is reduced. A row's part of the sum, beta^2/(2 alpha), is 0 where beta is 0, even if
+    alpha is 0 too (B_d = 0)."""
     a, da = [c + x * d for c, d in zip(a0, a1, strict=True)], list(a1)
     b, db = [c + x * d for c, d in zip(b0, b1, strict=True)], list(b1)
     n, total, slope = len(b), np.zeros_like(x), np.zeros_like(x)

@@ -17,7 +17,7 @@ import polars as pl
 from osl_analysis.campaign.campaign import ABOUT_MACROS, ABOUT_MEANING, sentence
 from osl_analysis.errors import InputError
 from osl_analysis.judge.causes import doubts_of_result
-from osl_analysis.judge.used import exclusion_said
+from osl_analysis.judge.exclusions import exclusion_said
 from osl_analysis.judge.words import printed
 from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.stats.repeats import DOUBTFUL, counted, doubtful_count, repeating_trials

@@ -15,9 +15,9 @@ import polars as pl
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import apparent_inertia, described_tables_by_name
 from osl_analysis.judge.campaign import QUALITY, Entry
+from osl_analysis.judge.exclusions import exclusion_said
 from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.limits import NOT_APPLICABLE
-from osl_analysis.judge.used import exclusion_said
 from osl_analysis.judge.words import WORDS, Words, printed, sentence_of
 from osl_analysis.report.headlines import digits_of, fixed
 from osl_analysis.stats.repeats import sizes_said
@@ -244,7 +244,7 @@ def left_out_trials(
     said = []
     for row in excluded.iter_rows(named=True):
         # outcomes of a job, which are no checks
-        by_job = row["check"] in ("refused", "failed", "died")
+        by_job = row["check"] in ("refused", "failed")
         said.append((row["trial"], by_job, row["remark"] if by_job else exclusion_said(row)))
     known = {trial for trial, *_ in said}
     said += [(trial, True, reason) for trial, reason in refused.items() if trial not in known]
@@ -429,8 +429,9 @@ def quality_rows(verdicts: pl.DataFrame) -> list[list[str]]:
     applies."""
     found = []
     for row in (one for one in verdicts.iter_rows(named=True) if one["verdict"] != NOT_APPLICABLE):
+        unit = printed(row["unit"] or "")
         value, threshold = (
-            f"{cell_text(row[key])} {'' if row[key] is None else printed(row['unit'] or '')}".strip()
+            f"{cell_text(row[key])} {'' if row[key] is None else unit}".strip()
             for key in ("value", "threshold")
         )
         meaning = WORDS["checks"][row["check"]]
@@ -549,8 +550,9 @@ def methods_content(
     """The content of `methods.html.j2`: settings, values of tables, facts on the recordings, and,
     by kind of motion, the number of impedance trials with columns of their fits to all
     amplitudes."""
-    columns = """excitation commanded_deg frequency_hz band_low_hz band_high_hz controller group plate_inertia K_d B_d
-        B_viscous direction onset_phase interval_method theta_rms_deg fitted_s n_up n_down"""
+    columns = """excitation commanded_deg frequency_hz band_low_hz band_high_hz controller group
+        plate_inertia K_d B_d B_viscous direction onset_phase interval_method theta_rms_deg fitted_s
+        n_up n_down"""
     said: defaultdict[str, defaultdict[str, list[Any]]] = defaultdict(lambda: defaultdict(list))
     for name, table in tables.items():
         for one in columns.split():

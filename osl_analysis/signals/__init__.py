@@ -9,7 +9,7 @@ import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
-from osl_analysis.trial import Array, check_finite, median
+from osl_analysis.trial import Array, check_finite
 
 SLOPE = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / 60
 CURVATURE = np.array([2.0, -27.0, 270.0, -490.0, 270.0, -27.0, 2.0]) / 180
@@ -56,18 +56,10 @@ class LowPass:
                 f"{len(signal)} samples cannot be filtered at {self.cutoff_hz:g} Hz; record over"
                 f" {edge / rate_hz:.3g} s"
             )
-        # `scipy.signal.sosfiltfilt` would compute this state each time
-        sections, settled = sections_of(self, rate_hz)
-        before, after = (
-            2 * signal[:1] - signal[edge:0:-1],
-            2 * signal[-1:] - signal[-2 : -edge - 2 : -1],
+        filtered = scipy.signal.sosfiltfilt(
+            sections_of(self, rate_hz), signal, axis=0, padtype="odd", padlen=edge
         )
-        found = np.concatenate([before, signal, after])
-        for _ in range(2):
-            found = scipy.signal.sosfilt(
-                sections, found, axis=0, zi=np.multiply.outer(settled, found[0])
-            )[0][::-1]
-        return np.asarray(found[edge:-edge])
+        return np.asarray(filtered)
 
     def independent_samples(self, rate_hz: float) -> int:
         """Half a period of the cut-off, in samples. At this distance, filtered white noise is
@@ -76,13 +68,11 @@ class LowPass:
 
 
 @lru_cache(32)
-def sections_of(low_pass: LowPass, rate_hz: float) -> tuple[Array, Array]:
-    """Second-order sections of one run, and their steady state for an input of 1; as slow as
-    filtering a trial."""
-    sections = np.asarray(
+def sections_of(low_pass: LowPass, rate_hz: float) -> Array:
+    """Second-order sections of one run. To design them takes as long as to filter a trial."""
+    return np.asarray(
         scipy.signal.butter(low_pass.order, low_pass.cutoff_hz, fs=rate_hz, output="sos")
     )
-    return sections, np.asarray(scipy.signal.sosfilt_zi(sections))
 
 
 @dataclass(frozen=True)
@@ -191,7 +181,7 @@ def run_at_extreme(values: Array) -> slice:
     a plateau rises by less than 2.5 steps."""
     if not values.size or not np.isfinite(values).all():
         return slice(0, 0)
-    low, high, middle = float(values.min()), float(values.max()), median(values)
+    low, high, middle = float(values.min()), float(values.max()), float(np.median(values))
     steps = np.abs(np.diff(values))
     step, longest = float(steps[steps > 0].min(initial=np.inf)), slice(0, 0)
     for end in (low, high):

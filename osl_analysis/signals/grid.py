@@ -9,13 +9,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, naming
 from osl_analysis.signals import LowPass, differentiate
 from osl_analysis.signals.samples import Taken, take
 from osl_analysis.signals.stream import FEWEST_STAMPS, LONG_STEP, SensorLowPass, Stream
-from osl_analysis.spline import cubic_through, rows_before
 from osl_analysis.trial import Array, Trial, counter_column
 
 BRIDGE_MORE = (  # remedy if gaps leave nothing to fit
@@ -155,7 +155,7 @@ def on_one_grid(taken: Sequence[Taken], limits: GapLimits, trial: str = "") -> U
     signals, farthest = dict[str, Array](), 0.0
     low_passes = {name: one for part in taken for name, one in part.stream.low_passes.items()}
     for times, values, _ in (part.samples for part in taken):
-        behind = rows_before(times, time + ON_GRID * step) + 1
+        behind = np.searchsorted(times, time + ON_GRID * step, "right").clip(1, len(times) - 1)
         nearest = np.minimum(np.abs(time - times[behind - 1]), np.abs(times[behind] - time))
         farthest = max(farthest, float(nearest[usable].max()))
         for column, signal in resampled(times, values, time, step).items():
@@ -271,10 +271,9 @@ def resampled(
         inside = np.clip(grid[begin : begin + SPLINED], times[0], times[-1])
         first, last = np.searchsorted(times, (inside[0], inside[-1]))
         rows = slice(max(first - REACH, 0), last + REACH)
-        curves = cubic_through(
-            times[rows], np.array([one[rows] for one in values.values()]), inside
-        )
-        found[:, begin : begin + SPLINED] = curves
+        samples = np.array([one[rows] for one in values.values()])
+        curves = scipy.interpolate.CubicSpline(times[rows], samples, axis=1)
+        found[:, begin : begin + SPLINED] = curves(inside)
     return dict(zip(values, found, strict=True))
 
 

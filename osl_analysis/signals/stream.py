@@ -4,8 +4,8 @@ samples are missing.
 Without a counter, the place of a sample in the count comes from its stamp. A late sample and a
 missing one both leave a long step. After a late sample, the level (stamp - count * step) returns to
 its old value. After a missing one, it stays a step higher. Counting by steps fails if a host is
-late and loses samples regularly. Then the spectrum of the stamps,
-|mean exp(2 pi i f t)|, shows the device's rate: it has a line there, and none at the rate of the samples left.
+late and loses samples regularly. Then the spectrum of the stamps, |mean exp(2 pi i f t)|, shows the
+device's rate: it has a line there, and none at the rate of the samples left.
 """
 
 from collections.abc import Mapping, Sequence

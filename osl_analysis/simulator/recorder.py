@@ -15,6 +15,7 @@ from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 import polars as pl
+import scipy
 import zstandard
 from mcap import records as mcap_records
 from mcap.data_stream import RecordBuilder
@@ -24,7 +25,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from osl_analysis.files import atomic_path, write_text
 from osl_analysis.simulator.settings import NodeSettings, Scatter, SimulationSettings, stream
-from osl_analysis.spline import cubic_through
 from osl_analysis.trial import Array
 
 SENSORS = {
@@ -121,13 +121,10 @@ class Bench:
             )
             if exact and (delay or not even):
                 simulated = np.arange(self.samples) / self.settings.dynamometer.rate_hz
-                exact = dict(
-                    zip(
-                        exact,
-                        cubic_through(simulated, np.array([*exact.values()]), at),
-                        strict=True,
-                    )
+                curves = scipy.interpolate.CubicSpline(
+                    simulated, np.array([*exact.values()]), axis=1
                 )
+                exact = dict(zip(exact, curves(at), strict=True))
             for name, true in own.items():
                 read[name] = self.reading(
                     name, true(at) if callable(true) else exact[name], instants

@@ -1,5 +1,5 @@
 % The System Identification Toolbox and NLID on the same recordings: matlab_sysid(FOLDER) writes FOLDER/answers_matlab.csv,
-% which `osl-analysis score` reads. It was not run for docs/peers.md.
+% which score.py reads. It was not run for docs/peers.md.
 %
 % Grey box: https://www.mathworks.com/help/ident/ref/iddata.greyest.html (idgrey, delayest, getpvec with its covariance).
 % NLID (REKLAB, McGill University, https://github.com/reklab/reklab_public): the compliance as an impulse response from

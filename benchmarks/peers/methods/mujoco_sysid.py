@@ -9,9 +9,11 @@ import mujoco
 import numpy as np
 from mujoco import sysid
 
-HINGE = """<mujoco><option timestep="{step}" integrator="RK4"><flag gravity="disable" contact="disable"/></option>
-<worldbody><body><geom size="0.001" mass="1e-6"/><joint name="joint" axis="0 1 0"/></body></worldbody><sensor>
-<jointpos name="angle" joint="joint"/></sensor><actuator><motor name="torque" joint="joint"/></actuator></mujoco>"""
+HINGE = """<mujoco><option timestep="{step}" integrator="RK4">
+<flag gravity="disable" contact="disable"/></option><worldbody><body>
+<geom size="0.001" mass="1e-6"/><joint name="joint" axis="0 1 0"/></body></worldbody><sensor>
+<jointpos name="angle" joint="joint"/></sensor>
+<actuator><motor name="torque" joint="joint"/></actuator></mujoco>"""
 OF_JOINT = {
     "stiffness": (100.0, 1.0, 2000.0),
     "damping": (2.0, 0.01, 12.0),

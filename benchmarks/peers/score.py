@@ -1,0 +1,111 @@
+"""Score the answers of any method against the truth of the recordings:
+python benchmarks/peers/score.py ANSWERS [TRUTH]
+
+ANSWERS is a CSV file with the columns of `answers.COLUMNS`; TRUTH is `truth.csv` beside it unless
+named. A row per method, over all recordings and over each group of them, says how many were
+answered, missed without a doubt (silent) and with one (announced), and doubted though nothing is
+wrong (false_alarms); the median errors [%], and the share of intervals that hold the truth [%].
+"""
+
+import sys
+from pathlib import Path
+
+import polars as pl
+from polars import col
+
+from osl_analysis.errors import InputError, nearest
+from osl_analysis.report.headlines import aligned
+from osl_analysis.table import read_table
+
+LARGEST_ERRORS = {"K": 1.0, "B": 2.0, "I": 10.0}
+"""Percent: an estimate that is off by more is a miss, if its interval denies it."""
+ENDS = [f"{name}{end}" for name in LARGEST_ERRORS for end in ("", "_low", "_high")]
+
+
+def score_answers(answers: Path, truth: Path) -> pl.DataFrame:
+    """Score the answers of every method.
+
+    Parameters
+    ----------
+    answers, truth : Path
+        CSV files of the answers and of what made the recordings.
+
+    Returns
+    -------
+    pl.DataFrame
+        A row per method and group, `all` first.
+
+    Raises
+    ------
+    InputError
+        A line is of no recording, answers one twice, or holds no number.
+    """
+    given = read_table(answers, ["method", "trial", *ENDS, "doubtful", "seconds", "megabytes"])
+    known = read_table(truth, ["trial", "group", *LARGEST_ERRORS, "cause"])
+    check_lines(given, answers, known["trial"].to_list(), truth)
+    without_nan = given.with_columns(col(*ENDS).cast(pl.Float64).fill_nan(None))
+    rows = without_nan.join(known, on="trial", suffix="_true")
+    of_all = rows.group_by("method", pl.lit("all").alias("group"), maintain_order=True)
+    of_each = rows.group_by("method", "group", maintain_order=True)
+    return pl.concat([of_all.agg(scores()), of_each.agg(scores())])
+
+
+def check_lines(given: pl.DataFrame, answers: Path, trials: list[str], truth: Path) -> None:
+    """Refuse an answer to a recording that is not known, or that its method has answered before."""
+    before = set()
+    first_line = 2  # below the header
+    for line, (method, trial) in enumerate(given.select("method", "trial").iter_rows(), first_line):
+        where = f"{answers}: line {line}: column 'trial' holds '{trial}', which"
+        if trial not in trials:
+            like = nearest(str(trial), trials)
+            raise InputError(f"{where} is not in {truth}{like}; correct it, or delete the line")
+        if (method, trial) in before:
+            raise InputError(f"{where} {method} has answered before; delete a line")
+        before.add((method, trial))
+
+
+def scores() -> list[pl.Expr]:
+    """The columns of the scores, from rows that have an answer and the truth (`K_true`) of it."""
+    errors = {name: 100 * (col(name) / col(f"{name}_true") - 1) for name in LARGEST_ERRORS}
+    held = {
+        name: col(f"{name}_true").is_between(f"{name}_low", f"{name}_high")
+        for name in LARGEST_ERRORS
+    }
+    missed = pl.any_horizontal(
+        (errors[name].abs() > largest).fill_null(False) & ~held[name].fill_null(False)
+        for name, largest in LARGEST_ERRORS.items()
+    )
+    answered = pl.any_horizontal(col(*LARGEST_ERRORS).is_not_null())
+    doubted = col("doubtful").fill_null("") != ""
+    is_sound = col("cause").fill_null("") == ""
+    return [
+        pl.len().alias("trials"),
+        answered.sum().alias("answered"),
+        (missed & ~doubted).sum().alias("silent"),
+        (missed & doubted).sum().alias("announced"),
+        (answered & ~missed & doubted & is_sound).sum().alias("false_alarms"),
+        *(error.median().alias(f"bias_{name}") for name, error in errors.items()),
+        (100 * pl.mean_horizontal(*held.values()).mean()).alias("coverage"),
+        col("seconds").median(),
+        col("megabytes").max(),
+    ]
+
+
+def score_text(table: pl.DataFrame) -> str:
+    """The scores as aligned columns; a dash where a method states nothing."""
+    return aligned([table.columns, *([cell(value) for value in row] for row in table.rows())])
+
+
+def cell(value: object) -> str:
+    if value is None:
+        return "–"
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
+
+
+if __name__ == "__main__":
+    answers_path = Path(sys.argv[1])
+    truth_path = Path(sys.argv[2]) if len(sys.argv) > 2 else answers_path.with_name("truth.csv")
+    try:
+        print(score_text(score_answers(answers_path, truth_path)), end="")
+    except InputError as error:
+        sys.exit(f"error: {error}")

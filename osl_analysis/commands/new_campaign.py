@@ -1,0 +1,470 @@
+"""`osl-analysis init`: the folder of a new campaign, drafted from recordings if there are any, and
+what the user has to decide before it runs."""
+
+import csv
+import os
+import re
+import shlex
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import compress
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import yaml
+
+from osl_analysis.commands.trials import inspect_file
+from osl_analysis.errors import InputError, listing, nearest, printable
+from osl_analysis.files import CAMPAIGN, shipped
+from osl_analysis.formats import known_formats
+from osl_analysis.ingest import raw_files
+from osl_analysis.ingest.checksums import SUMS, write_sums
+from osl_analysis.ingest.draft import (
+    DraftedLog,
+    draft_source,
+    drafted_log,
+    guessed_lines,
+    pulse_channels,
+    to_be_edited,
+)
+from osl_analysis.ingest.draft_sheet import UNNAMED, DraftedTrial, draft_trials
+from osl_analysis.ingest.draft_walking import draft_walking
+from osl_analysis.ingest.likely_column import named_joint
+from osl_analysis.ingest.overview import Overview
+from osl_analysis.ingest.placeholders import UNKNOWN
+from osl_analysis.trial import unusual
+from osl_analysis.yaml_settings import read_mapping
+
+COLUMNS = (
+    *("trial", "experiment", "controller", "K_d", "B_d", "perturbed"),
+    *("log", "log_source", "mocap", "mocap_source", "exclude"),
+)
+CHANNEL_KEYS = {"topic", "field", "column", "variable"}  # that name a channel of a log
+FEWEST_CHANNELS = 3  # of a shipped source file, by which its recorder is known
+MOST_SHOWN = 4  # files, trials or lines of one kind in the text of `init`
+MOST_QUESTIONS = 6  # in the text of `init`; the files have all of them
+
+
+@dataclass
+class Draft:
+    """What the recordings of a folder were taken for, and what the user has to decide.
+
+    Attributes
+    ----------
+    sources
+        Texts of the source files, by name.
+    open
+        File and question, as which of two clocks counts.
+    refused
+        Files that are no recordings, or cannot be read, with the reason.
+    walking
+        Section of the configuration.
+    """
+
+    sources: dict[str, str] = field(default_factory=dict)
+    open: list[tuple[Path, str]] = field(default_factory=list)
+    refused: list[str] = field(default_factory=list)
+    trials: list[DraftedTrial] = field(default_factory=list)
+    walking: str = ""
+
+
+@dataclass
+class Described:
+    """A recording of a folder, and the source file that it shares with others like it."""
+
+    file: Path  # relative to the folder
+    overview: Overview
+    source: str
+    log: DraftedLog | None  # None for a capture
+
+    @property
+    def tells(self) -> tuple[int, int]:
+        """How much it tells: channels, and those that may be signals."""
+        if self.log is None:
+            return len(self.overview.channels), 0
+        moving = sum(not guess.is_no_signal for guess in self.log.guesses)
+        return len(self.overview.channels), moving
+
+
+def new_campaign(
+    folder: Path,
+    recorders: Sequence[str] = (),
+    recordings: Path | None = None,
+    example: bool = False,
+    with_sums: bool = False,
+) -> Draft:
+    """Make a folder with a campaign, and say what was drafted.
+
+    Parameters
+    ----------
+    folder
+        New or empty. It is whole or not there.
+    recorders
+        Names of shipped source files to begin from.
+    recordings
+        A folder of recordings, for which sheet and source files are drafted. They stay there.
+    example
+        A small simulated campaign instead.
+    with_sums
+        Whether `SHA256SUMS` of the recordings is written beside them.
+    """
+    if os.path.lexists(folder) and not (folder.is_dir() and not any(folder.iterdir())):
+        what = "exists and is not empty" if folder.is_dir() else "is a file"
+        raise InputError(f"{folder}: {what}; name a new folder, nothing is overwritten")
+    draft = Draft() if recordings is None else draft_campaign(recordings)
+    known = sorted(path.stem for path in shipped("config/sources").glob("*.yaml"))
+    for name in recorders:
+        if name not in known:
+            raise InputError(
+                f"no source file for a recorder '{name}'; there are"
+                f" {', '.join(known)}{nearest(name, known)}"
+            )
+    names = ("dynamometer", "dynamometer_nodes") if example else recorders
+    texts = {
+        name: shipped(f"config/sources/{name}.yaml").read_text(encoding="utf-8") for name in names
+    }
+    raw_data = Path("recordings")
+    if recordings is not None:
+        raw_data = Path(os.path.relpath(recordings.resolve(), folder.resolve()))
+    if with_sums and recordings is not None:
+        files = [
+            file
+            for path in raw_files.recordings_in(recordings)
+            for file in raw_files.recorded_files(path)
+        ]
+        write_sums(recordings, files)
+    name = folder.resolve().name
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with TemporaryDirectory(dir=folder, prefix=".campaign.") as place:
+            made = Path(place) / "campaign"
+            sources = {**draft.sources, **texts}
+            write_campaign(made, name, raw_data, sources, None if example else draft)
+            # the configuration comes last: a folder without it is no campaign
+            for part in sorted(made.iterdir(), key=lambda path: path.name == CAMPAIGN.name):
+                part.rename(folder / part.name)
+    except OSError as error:
+        raise InputError(
+            f"{folder}: cannot be made ({error.strerror}); choose another place"
+        ) from error
+    return draft
+
+
+def write_campaign(
+    folder: Path, name: str, raw_data: Path, sources: Mapping[str, str], draft: Draft | None
+) -> None:
+    """Write the files of a campaign; without a draft those of the example.
+
+    Parameters
+    ----------
+    sources
+        Texts of source files by name.
+    """
+    (folder / "sources").mkdir(parents=True)
+    allowed = re.sub(r"[^A-Za-z0-9_-]", "_", name).strip("_") or "campaign"
+    path = raw_data.as_posix()
+    if re.search(r"[^\w/.-]", path):
+        path = "'" + path.replace("'", "''") + "'"  # a text in YAML's quotes
+    kind = "config" if draft else "example"
+    template = shipped(f"config/new_campaign/{kind}.yaml").read_text(encoding="utf-8")
+    config = template.format(name=allowed, raw_data=path)
+    if draft is not None:
+        config += draft.walking
+    (folder / "config.yaml").write_text(config, encoding="utf-8")
+    # it knows the settings of all commands
+    from osl_analysis.commands.reference import write_schemas
+
+    write_schemas(folder / "schemas")
+    if not raw_data.is_absolute() and ".." not in raw_data.parts:
+        (folder / raw_data).mkdir(parents=True)
+    for source, content in sources.items():
+        text = f"# yaml-language-server: $schema=../schemas/source.schema.json\n{content}"
+        (folder / f"sources/{source}.yaml").write_text(text, encoding="utf-8")
+    if draft is None:
+        shutil.copy(shipped("config/new_campaign/simulation.yaml"), folder / "simulation.yaml")
+        return
+    columns = [*COLUMNS]
+    if any("joint" in trial.cells for trial in draft.trials):
+        columns.append("joint")
+    with (folder / "trials.csv").open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, columns, restval="", lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(trial.cells for trial in draft.trials)
+
+
+def draft_campaign(folder: Path) -> Draft:
+    """Say what the recordings below a folder are: source files for each kind of them, and a
+    sheet."""
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder of recordings; check the path")
+    draft = Draft()
+    described = describe_recordings(folder, draft)
+    if not described:
+        why = f" ({', '.join(sorted(raw_files.suffixes()))})"
+        if draft.refused:
+            why = f", as {draft.refused[0]}"
+        raise InputError(
+            f"{folder}: no recording in it that can be read{why}; name the folder of the recordings"
+        )
+    for one in described:
+        draft.open += [(one.file, text) for text in one.overview.open]
+    draft.open += cut_files(described)
+    draft.sources = draft_sources(described)
+    draft.trials = trials_of(described, draft.sources)
+    align_by_pulses(draft.sources, draft.trials)
+    captures = [one for one in described if one.log is None]
+    may_walk = any(
+        trial.cells["experiment"] == "walking"
+        or (trial.cells["experiment"] == UNNAMED and "mocap" in trial.cells)
+        for trial in draft.trials
+    )
+    section = draft_walking([one.overview for one in captures]) if may_walk else []
+    if section:
+        draft.walking = "\n".join([*section, ""])
+    else:
+        draft.open += unknown_segments(captures)
+    return draft
+
+
+def describe_recordings(folder: Path, draft: Draft) -> list[Described]:
+    """List what the recordings below a folder hold; those that cannot be read go into the draft.
+
+    Files share a source file if one can describe them: format, clock, and the channels of a log.
+    Captures of one laboratory have other markers in each trial, and may lack a pulse.
+    """
+    described: list[Described] = []
+    names: dict[tuple[object, ...], str] = {}
+    for path in raw_files.recordings_in(folder):
+        try:
+            overview = inspect_file(path)
+        except InputError as error:
+            draft.refused.append(str(error))
+            continue
+        log = None
+        recorder = ""
+        layout: tuple[object, ...] = (overview.format, *pulse_channels(overview))
+        if not raw_files.is_capture(known_formats()[overview.format]):
+            log = drafted_log(overview)
+            recorder = known_recorder(overview)
+            settings = {key: one for key, one in overview.settings.items() if key != "missing"}
+            channels = [(*one.address.values(), one.unit) for one in overview.channels]
+            layout = (overview.format, repr(settings), *channels)
+        number = 1 + sum(one[0] == overview.format for one in names)
+        own_name = overview.format if number == 1 else f"{overview.format}_{number}"
+        source = names.setdefault(layout, recorder or own_name)
+        described.append(Described(path.relative_to(folder), overview, source, log))
+    return described
+
+
+def cut_files(described: Sequence[Described]) -> Iterator[tuple[Path, str]]:
+    """Ask of files that do not tell their end and are shorter than others like them, whether it was
+    cut off."""
+    rows: dict[str, dict[Path, int]] = {}
+    for one in described:
+        if "end" in one.overview.facts:  # as of a text, half of which looks whole
+            count = max(channel.count for channel in one.overview.channels)
+            rows.setdefault(one.source, {})[one.file] = count
+    for counts in rows.values():
+        is_unusual, usual = unusual(np.array([*counts.values()]))
+        for file in compress(counts, is_unusual):
+            if counts[file] < usual:
+                yield (
+                    file,
+                    f"{counts[file]} rows, {usual:.0f} in most like it: was its end cut off?",
+                )
+
+
+def trials_of(described: Sequence[Described], sources: Mapping[str, str]) -> list[DraftedTrial]:
+    """Draft the trials, by the names of files, or else by what the source file of a log has: angle
+    and torque of a joint, or current and torque of an actuator.
+
+    Parameters
+    ----------
+    sources
+        Texts of source files by name.
+    """
+    joints = {name for name, text in sources.items() if has_columns(text, "theta", "torque")}
+    actuators = {name for name, text in sources.items() if has_columns(text, "torque_m", "current")}
+    moved: dict[Path, str] = {}
+    for one in described:
+        if one.log is not None and one.source in joints:
+            moved[one.file] = "torque_angle" if one.log.is_slow else "impedance"
+        elif one.log is not None and one.source in actuators:
+            moved[one.file] = "actuator"
+    trials = draft_trials([(one.file, one.source, one.log is None) for one in described], moved)
+    named: dict[str, set[str]] = {}
+    for one in described:
+        if one.source in joints:
+            named.setdefault(one.source, set()).update(named_joint(one.overview.channels))
+    for trial in trials:
+        joint = named.get(trial.cells.get("log_source", ""), set())
+        if len(joint) == 1:
+            trial.cells["joint"] = next(iter(joint))
+    return trials
+
+
+def has_columns(source: str, *columns: str) -> bool:
+    """Whether the text of a source file names channels for all columns."""
+    return all(f"\n  {column}: {{" in source for column in columns)
+
+
+def draft_sources(described: Sequence[Described]) -> dict[str, str]:
+    """Draft a source file for each kind of recordings, by the one that tells most."""
+    best: dict[str, Described] = {}
+    for one in described:
+        if one.source not in best or one.tells > best[one.source].tells:
+            best[one.source] = one
+    texts: dict[str, str] = {}
+    for name, one in best.items():
+        text = draft_source(one.overview, one.file.name, has_walking=False, log=one.log)
+        own = shipped(f"config/sources/{name}.yaml")
+        texts[name] = with_known(own.read_text(encoding="utf-8"), text) if own.is_file() else text
+    return texts
+
+
+def align_by_pulses(sources: dict[str, str], trials: Sequence[DraftedTrial]) -> None:
+    """State `clock: sync` in the source files of logs with pulses beside captures with pulses."""
+    for name, text in sources.items():
+        captures = {
+            trial.cells.get("mocap_source", "")
+            for trial in trials
+            if trial.cells.get("log_source") == name
+        }
+        have_pulses = [has_columns(sources.get(capture, ""), "sync") for capture in captures]
+        if has_columns(text, "sync") and any(have_pulses):
+            sources[name] = text.replace('\nclock: "master"\n', '\nclock: "sync"\n')
+
+
+def with_known(known: str, drafted: str) -> str:
+    """The shipped source file of a recorder, with what else it has recorded."""
+    lines = [known]
+    for line, column in re.findall(r"^(  ([a-z]\w*): .*\n)", drafted, re.MULTILINE):
+        if f"\n  {column}: " not in known:
+            lines.append(line)
+    return "".join(lines)
+
+
+def unknown_segments(captures: Sequence[Described]) -> Iterator[tuple[Path, str]]:
+    """Ask which markers are those of a walking analysis, where there are plates."""
+    channels = [channel for one in captures for channel in one.overview.channels]
+    if not any(channel.kind == "plate" for channel in channels):
+        return
+    labels = sorted({channel.key for channel in channels if channel.kind == "marker"})
+    for one in captures:
+        yield (
+            one.file,
+            "force plates and markers whose names tell no segment: a walking analysis needs"
+            " `walking.markers` in config.yaml (docs/walking.md#the-configuration), of"
+            f" {listing(labels, 40)}",
+        )
+
+
+def known_recorder(overview: Overview) -> str:
+    """The shipped source file of which a log has every channel, three or more; empty if there is
+    none."""
+    there = [set(channel.address.values()) for channel in overview.channels]
+    best = ""
+    most = FEWEST_CHANNELS - 1
+    for path in sorted(shipped("config/sources").glob("*.yaml")):
+        content = read_mapping(path)
+        wanted = [
+            {str(channel[key]) for key in CHANNEL_KEYS & channel.keys()}
+            for channel in content.get("channels", {}).values()
+        ]
+        is_like = content["format"] == overview.format and all(one in there for one in wanted)
+        if is_like and len(wanted) > most:
+            best = path.stem
+            most = len(wanted)
+    return best
+
+
+def left_to_decide(folder: Path, draft: Draft) -> list[str]:
+    """What a user has to decide before the campaign runs, a line each."""
+    edits = {folder / CAMPAIGN: re.findall(rf"(\w+): [^#\n]*{UNKNOWN}", draft.walking)}
+    for name in draft.sources:
+        path = folder / f"sources/{name}.yaml"
+        edits[path] = to_be_edited(path)
+    lines: list[str] = []
+    for path, places in edits.items():
+        if places:
+            are = "place is" if len(places) == 1 else "places are"
+            lines.append(f"{path}: {len(places)} {are} to be edited: {', '.join(places[:6])}")
+    asked: dict[str, list[str]] = {}
+    for trial in draft.trials:
+        for text in trial.questions:
+            question = f"{folder / 'trials.csv'}: {text}"
+            asked.setdefault(question, []).append(trial.cells["trial"])
+    for file, text in draft.open:
+        asked.setdefault(text, []).append(str(file))
+    return lines + [f"{text} ({listing(which, MOST_SHOWN)})" for text, which in asked.items()]
+
+
+def can_run(folder: Path, draft: Draft) -> bool:
+    """Whether no place of a draft is to be edited, and some trial is analysed."""
+    if UNKNOWN in draft.walking:
+        return False
+    if any(to_be_edited(folder / f"sources/{name}.yaml") for name in draft.sources):
+        return False
+    return any(trial.cells["experiment"] != UNNAMED for trial in draft.trials)
+
+
+def campaign_text(folder: Path, draft: Draft) -> str:
+    """What is to be decided first, what the recordings were taken for, and the next command that
+    can succeed."""
+    lines: list[str] = []
+    questions = left_to_decide(folder, draft)
+    if questions:
+        lines.append("to be decided:")
+        lines += [f"  {text}" for text in questions[:MOST_QUESTIONS]]
+        if len(questions) > MOST_QUESTIONS:
+            lines.append(f"  and {len(questions) - MOST_QUESTIONS} more, which `doctor` tells")
+    for name, text in draft.sources.items():
+        files = [
+            trial.cells[role]
+            for trial in draft.trials
+            for role in ("log", "mocap")
+            if trial.cells.get(f"{role}_source") == name
+        ]
+        lines.append(f"sources/{name}.yaml: {len(files)} recordings, {listing(files, MOST_SHOWN)}")
+        guessed = guesses_text(text)
+        if guessed:
+            lines.append(f"  guessed, to be checked: {guessed}")
+    by_experiment: dict[str, list[str]] = {}
+    for trial in draft.trials:
+        by_experiment.setdefault(trial.cells["experiment"], []).append(trial.cells["trial"])
+    for experiment, names in by_experiment.items():
+        lines.append(f"trials.csv: {experiment}: {listing(names, MOST_SHOWN)}")
+    for text in draft.refused[:MOST_SHOWN]:
+        lines.append(f"not read: {printable(text)}")
+    if len(draft.refused) > MOST_SHOWN:
+        lines.append(f"not read: {len(draft.refused) - MOST_SHOWN} more")
+    return "\n".join(lines)
+
+
+def guesses_text(source: str) -> str:
+    """The channels that a drafted source file names by a guess, with unit and sign."""
+    channels: dict[str, dict[str, object]] = yaml.safe_load(source).get("channels") or {}
+    texts: list[str] = []
+    for line in guessed_lines(source):
+        column = line.partition(":")[0]
+        channel = channels.get(column, {})
+        text = f"{column} in {channel.get('unit')}"
+        if channel.get("sign") == -1:
+            text += ", sign -1: it falls as the angle rises"
+        texts.append(text)
+    return "; ".join(texts)
+
+
+def next_command(folder: Path, draft: Draft) -> str:
+    """The next command that can succeed."""
+    place = f"cd {shlex.quote(str(folder))}"
+    if can_run(folder, draft):
+        return f"then: {place} && osl-analysis run"
+    return f"then: edit what is named above; {place} && osl-analysis doctor says what is left"
+
+
+def sums_text(recordings: Path) -> str:
+    """Say where the checksums of recordings were written."""
+    return f"wrote {recordings / SUMS}: a file that changes later is refused by name"

@@ -1,0 +1,225 @@
+"""Files of text: encoding, lines, and the sign between cells."""
+
+import csv
+import re
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from osl_analysis.errors import InputError
+from osl_analysis.formats._cells import (
+    UnreadableCellError,
+    cell_numbers,
+    is_last_whole,
+    is_value,
+    most_common_width,
+)
+
+DELIMITERS = {"tab": "\t", "space": " "}  # as source files call them
+# bytes that no text has; byte 26 is allowed, it ends files of DOS
+CONTROL = re.compile(rb"[\x00-\x08\x0e-\x19]")
+# its mark, or ASCII in either order
+UTF_16 = re.compile(rb"\xff\xfe|\xfe\xff|([\t\r\n -~]\0){8}|(\0[\t\r\n -~]){8}")
+# two in a row: cp1252 `é` may look like one
+JAPANESE = re.compile("[\u3041-\u30fa\u30fc]{2}|[\u4e00-\u9fff]{2}")
+BETWEEN_THOUSANDS = "'\u2019\u202f\u2009\u00a0"  # signs that only separate thousands
+MINUS = "\u2212"  # a minus sign that is no hyphen
+LONGEST_CELL = 131_072  # characters
+SAMPLE_LINES = 300  # lines by which the sign between cells is found
+
+
+class Line(NamedTuple):
+    """A line of a file."""
+
+    number: int  # counted from 1
+    text: str
+
+
+class Row(NamedTuple):
+    """The cells of a line."""
+
+    number: int  # of the line
+    cells: list[str]
+
+
+class Text(NamedTuple):
+    """The text of a file, in UTF-8 with Unix line breaks."""
+
+    data: bytes
+    is_ended: bool  # whether its last line has a break
+
+
+def is_text(begin: bytes) -> bool:
+    """Tell whether a file that begins so is text, by its first line: later zero bytes may come
+    from a loss of power."""
+    if UTF_16.match(begin):
+        return True
+    return CONTROL.search(begin.partition(b"\n")[0]) is None
+
+
+def decoded(data: bytes) -> str:
+    """Decode text in UTF-8, UTF-16, the Japanese code page, or else the western one of Windows."""
+    with suppress(UnicodeDecodeError):
+        return in_utf8(data).decode()
+    with suppress(UnicodeDecodeError):
+        text = data.decode("cp932")
+        if JAPANESE.search(text):
+            return text
+    return data.decode("cp1252", errors="replace")
+
+
+def in_utf8(data: bytes) -> bytes:
+    """Give text without a byte order mark; UTF-16 becomes UTF-8."""
+    if UTF_16.match(data):
+        encoding = "utf-16-be" if data[:1] == b"\0" else "utf-16"
+        data = data.decode(encoding, errors="replace").encode()
+    return data.removeprefix(b"\xef\xbb\xbf")
+
+
+def read_text(path: Path) -> Text:
+    """Read the text of a file.
+
+    Raises
+    ------
+    InputError
+        It holds zero bytes.
+    """
+    data = decoded(path.read_bytes()).encode()
+    data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n").replace(MINUS.encode(), b"-")
+    if any(sign.encode() in data for sign in BETWEEN_THOUSANDS):  # as in Switzerland and France
+        separators = rf"(?<=\d)[{BETWEEN_THOUSANDS}](?=\d{{3}}(?!\d))"
+        data = re.sub(separators, "", data.decode()).encode()
+    data = data.rstrip(b"\x1a")
+    zero = data.find(b"\0")
+    if zero >= 0:
+        line = data.count(b"\n", 0, zero) + 1
+        raise InputError(
+            f"line {line} holds zero bytes, as a loss of power leaves them; delete the file from"
+            " there on, or name a text file"
+        )
+    return Text(data, data.rstrip(b" \t").endswith(b"\n"))
+
+
+def numbered(data: bytes, first: int = 1) -> list[Line]:
+    """The lines that are not blank. `first` is the number of the first line."""
+    lines = data.decode(errors="replace").split("\n")
+    return [
+        Line(number, text)
+        for number, text in enumerate(lines, start=first)
+        if text and not text.isspace()
+    ]
+
+
+def delimiter_of(lines: Sequence[Line], stated_delimiter: str = "auto") -> str:
+    """Find the sign between cells, where none is stated.
+
+    It is the one of tab, `;`, `|`, `,` and blank with which most cells are numbers, times or
+    missing, and most lines have as many. Without numbers it is the first of tab, `;` and `|` that
+    every line has, or a blank if no line has a comma.
+    """
+    if stated_delimiter != "auto":
+        return DELIMITERS.get(stated_delimiter, stated_delimiter)
+    sample = [line.text.strip() for line in lines if line.text.strip()][:SAMPLE_LINES]
+    scores = {sign: _score(sample, sign) for sign in "\t;|, "}
+    scores[" "] *= 0.98  # a blank also splits at tabs
+    best = max(scores, key=lambda sign: scores[sign])
+    if scores[best] > 0:
+        return best
+    for sign in "\t;|":
+        if sample and all(sign in text for text in sample):
+            return sign
+    has_commas = any("," in text for text in sample)
+    are_spaced = bool(sample) and all(" " in text for text in sample)
+    return " " if are_spaced and not has_commas else ","
+
+
+def _score(sample: Sequence[str], sign: str) -> float:
+    """Share of lines with the most frequent number of cells, times that of values among these."""
+    rows = [text.split(None if sign == " " else sign) for text in sample]
+    width = most_common_width(rows)
+    if width < 2:
+        return 0.0
+    typical = [row for row in rows if len(row) == width]
+    cells = [cell.strip(' "') for row in typical for cell in row]
+    filled = [cell for cell in cells if cell]
+    values = sum(map(is_value, filled))
+    return len(typical) / len(rows) * values / max(1, len(filled))
+
+
+def split_rows(lines: Sequence[Line], delimiter: str) -> list[Row]:
+    """Split lines into stripped cells; lines of empty cells are left out.
+
+    Raises
+    ------
+    InputError
+        A quote is not closed on its line, or a cell is too long.
+    """
+    texts = [line.text for line in lines]
+    if delimiter == " ":
+        texts = [re.sub(r"\s+", " ", text.strip()) for text in texts]
+    csv.field_size_limit(LONGEST_CELL)  # other packages change it
+    reader = csv.reader(texts, delimiter=delimiter, skipinitialspace=True)
+    rows: list[Row] = []
+    try:
+        # a quote that is not closed takes in several lines
+        for line, cells in zip(lines, reader, strict=False):
+            if lines[reader.line_num - 1].number != line.number:
+                raise InputError(f"line {line.number}: a quote is not closed; remove it")
+            stripped = [cell.strip() for cell in cells]
+            if any(stripped):
+                rows.append(Row(line.number, stripped))
+    except csv.Error as error:
+        number = lines[reader.line_num - 1].number
+        raise InputError(
+            f"line {number} has a cell of more than {LONGEST_CELL} characters; repair it"
+        ) from error
+    return rows
+
+
+def unpadded(cells: Sequence[str], width: int = 0) -> list[str]:
+    """Leave out empty cells at the end, beyond a width: some programs pad lines with them."""
+    last = max((place for place, cell in enumerate(cells, start=1) if cell), default=0)
+    return list(cells[: max(last, width)])
+
+
+def check_last_line(is_ended: bool, rows: Sequence[Row]) -> None:
+    """Refuse a file of which nothing tells that its last number is whole."""
+    last_cells = [row.cells[-1] for row in rows]
+    # where all are empty, a tab ends every line
+    if any(last_cells) and not is_ended and not is_last_whole(last_cells):
+        raise InputError(
+            f"line {rows[-1].number}, the last one, has no line break and may be cut off within its"
+            " last number; export it again, or end the line where it is whole"
+        )
+
+
+def column_of(
+    rows: Sequence[Row],
+    place: int,
+    missing: Sequence[str],
+    title: str,
+    remedy: str,
+    decimal: str = ".",
+) -> NDArray[np.float64]:
+    """Read one column of rows as numbers, (rows,), NaN where a cell is one of the missing words or
+    a row is too short.
+
+    Raises
+    ------
+    InputError
+        A cell is no number.
+    """
+    cells = [row.cells[place] if place < len(row.cells) else "" for row in rows]
+    try:
+        return cell_numbers(pl.Series(cells, dtype=pl.String), missing, decimal)
+    except UnreadableCellError as error:
+        cell = cells[error.place]
+        advice = "export it as scalars" if cell.count(",") > 1 else remedy
+        raise InputError(
+            f"line {rows[error.place].number}, {title}: '{cell[:40]}' is not a number; {advice}"
+        ) from error

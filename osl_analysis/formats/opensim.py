@@ -1,0 +1,243 @@
+"""Tables of OpenSim (.mot, .sto): a header down to `endheader`, then names and rows."""
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from pydantic import Field, PositiveInt, model_validator
+
+from osl_analysis.errors import InputError
+from osl_analysis.formats._table import SheetSource, layout_of, recording_of_table
+from osl_analysis.formats._text import decoded, is_text, read_text
+from osl_analysis.formats.csv_table import table_of_text
+from osl_analysis.recording import End, Format, Plate, Recording
+from osl_analysis.source_file import (
+    Axes,
+    ColumnChannel,
+    ColumnName,
+    ColumnTime,
+    Corner,
+    ExportedPlate,
+    InAxes,
+)
+from osl_analysis.trial import AXES, unit_of
+from osl_analysis.units import TimeUnit, Unit, si_factor
+from osl_analysis.yaml_settings import misplaced
+
+# what columns measure, by the ends of their names
+FORCES = {
+    r"force.*_v[xyz]": "N",
+    r"force.*_p[xyz]": "m",
+    r"(torque|moment).*_[xyz]|_moment": "N*m",
+    r"_t[xyz]": "m",
+}
+# units of angles and speeds, by what the header says of `inDegrees`
+ANGLES = {"yes": {"rad": "deg", "rad/s": "deg/s"}, "no": {"rad": "rad", "rad/s": "rad/s"}}
+EXPORTED = 0  # type of a plate whose force and moment stand in the laboratory's axes
+END_OF_HEADER = re.compile(rb"(?im)^[ \t]*endheader[ \t]*\n")
+
+
+class OpenSimChannel(ColumnChannel):
+    """A column of a table of OpenSim."""
+
+    unit: Unit  # Unit of the numbers, as laboratories spell it.
+
+
+class OpenSimTime(ColumnTime):
+    """The column of time."""
+
+    column: ColumnName | None = "time"  # Name of the column that holds time.
+    unit: TimeUnit | None = "s"  # Unit of the numbers that are time.
+
+
+class OpenSimPlate(ExportedPlate):
+    """A force plate, or the ground reaction of a foot."""
+
+    force: str  # Beginning of the names of the force's columns [N]: `R_ground_force_v`.
+    # Beginning of the names of the columns of the point of application [m]: `R_ground_force_p`.
+    point: str
+    # Beginning of the names of the columns of the moment about this point [N*m]:
+    # `R_ground_torque_`.
+    moment: str
+    corners: tuple[Corner, Corner, Corner, Corner]  # Of the surface in the file's axes [m].
+    # Whose force it is, where the file has one per foot, not per plate.
+    foot: Literal["left", "right"] | None = None
+
+
+class OpenSimSource(SheetSource, InAxes):
+    """The source file of tables of OpenSim."""
+
+    OF = " of format opensim"
+    clock: Literal["master", "sync", "shared", "common"] = "master"  # type: ignore[assignment]
+    """How the log's clock is aligned to motion capture's. `common`: its times are those of the TRC
+    beside it."""
+    channels: Mapping[str, OpenSimChannel] = Field(default={})
+    time: OpenSimTime = Field(default_factory=OpenSimTime)
+    # Force plates by number, from 1.
+    plates: Mapping[PositiveInt, OpenSimPlate] = Field(default={})
+    axes: Axes = ("x", "-z", "y")
+
+    @model_validator(mode="after")
+    def _something(self) -> "OpenSimSource":
+        if not self.channels and not self.plates:
+            raise misplaced(
+                "name the columns to read under `channels`, or plates under `plates`", "channels"
+            )
+        if str(self.clock) == "common" and (not self.time.name or self.time.unit != "s"):
+            raise misplaced(
+                "`clock: common` needs the column of time in s, as {column: time, unit: s}", "time"
+            )
+        return self
+
+
+def header_of(lines: Sequence[str]) -> dict[str, str]:
+    """What a header says, by key in small letters: `nRows=12`, or as older versions write it
+    `datarows 12`."""
+    header: dict[str, str] = {}
+    for text in lines:
+        key, _, value = text.partition("=" if "=" in text else " ")
+        header[key.strip().casefold()] = value.strip()
+    return header
+
+
+def read(path: Path, source: OpenSimSource | None) -> Recording:
+    """Read a table; refused if its header has no end, or contradicts the rows."""
+    text = read_text(path)
+    end = END_OF_HEADER.search(text.data)
+    if end is None:
+        raise InputError("no line `endheader`: no table of OpenSim; check the source's format")
+    above = text.data[: end.start()].decode(errors="replace").split("\n")
+    notes = [line.strip() for line in above if line.strip()]
+    header = header_of(notes)
+    below = text.data[end.end() :]
+    by_tabs = re.match(rb"\s*\S[^\n]*\t[ \t]*\S", below) is not None
+    layout = replace(layout_of(source), delimiter="tab" if by_tabs else "space", decimal=".")
+    blank = b"\n" * text.data.count(b"\n", 0, end.end())  # the lines keep their numbers
+    table = table_of_text(blank + below, text.is_ended, layout)
+    is_whole = _check_counts(header, len(table.lines), len(table.names))
+    if is_whole and table.end == End.UNKNOWN:
+        table = replace(table, end=End.WHOLE)
+    questions: list[str] = []
+    like_plates = plates_in(table.names)
+    if like_plates:
+        questions.append(
+            "these columns are force plates, if you state their corners: plates:"
+            f" {{{', '.join(like_plates)}}}"
+        )
+    if source is not None:
+        _check_angles(source, header)
+    table = replace(table, notes=[*notes, *table.notes])
+    in_degrees = header.get("indegrees", "").casefold()
+    angle = ANGLES.get(in_degrees, {}).get("rad", "")
+    likely = {name: "s" if name == "time" else _likely_unit(name, angle) for name in table.names}
+    recording = recording_of_table("opensim", table, layout, facts=header, likely_units=likely)
+    settings = {"time": {"column": "time", "unit": "s"}} if "time" in table.names else {}
+    recording = replace(recording, settings=settings, questions=questions)
+    if source is None:
+        return recording
+    plates = [_plate_of(recording, number, settings) for number, settings in source.plates.items()]
+    return replace(recording, plates=plates)
+
+
+def _plate_of(recording: Recording, number: int, settings: OpenSimPlate) -> Plate:
+    """Describe a plate by the columns of its force, its point of application, and the moment about
+    this point."""
+    quantities = ((settings.force, "N"), (settings.moment, "N*m"), (settings.point, "m"))
+    channels = [
+        replace(recording.find({"column": f"{begin}{axis}"}), unit=unit)
+        for begin, unit in quantities
+        for axis in AXES
+    ]
+    corners = np.array(settings.corners)
+    return Plate(
+        number=number,
+        type=EXPORTED,
+        corners=corners,
+        origin=corners.mean(axis=0),
+        channels=channels,
+        length_unit="m",
+        sign=settings.sign,
+        foot=settings.foot,
+        facts=settings.model_dump(include={"force", "point", "moment", "sign"}),
+    )
+
+
+def _check_counts(header: Mapping[str, str], rows: int, columns: int) -> bool:
+    """Refuse a table that is not as long or wide as stated; tells whether its rows are stated."""
+    for what, count in (("rows", rows), ("columns", columns)):
+        stated_count = header.get(f"n{what}") or header.get(f"data{what}") or ""
+        if stated_count and stated_count != str(count):
+            is_cut = stated_count.isdigit() and int(stated_count) > count
+            cut = ": the end is missing, or some are damaged" if is_cut else ""
+            raise InputError(
+                f"its header states {stated_count[:20]} {what}, the file holds {count} whole"
+                f" ones{cut}; export it again, or correct the header"
+            )
+    return bool(header.get("nrows") or header.get("datarows"))
+
+
+def _check_angles(source: OpenSimSource, header: Mapping[str, str]) -> None:
+    """Refuse the unit of an angle that contradicts the header."""
+    in_degrees = header.get("indegrees", "").casefold()
+    units = ANGLES.get(in_degrees, {})
+    for column, channel in source.channels.items():
+        canonical = unit_of(column)
+        if canonical not in units:
+            continue
+        unit_of_file = units[canonical]
+        is_same = np.isclose(si_factor(channel.unit, canonical), si_factor(unit_of_file, canonical))
+        if not is_same:
+            raise InputError(
+                f"its header says inDegrees={in_degrees}, and column '{channel.column}' is read in"
+                f" {channel.unit}; write {unit_of_file}, as"
+                f" {source.place('channels', column, 'unit')}"
+            )
+
+
+def _likely_unit(name: str, angle: str) -> str:
+    for pattern, unit in FORCES.items():
+        if re.search(f"({pattern})$", name, re.IGNORECASE):
+            return unit
+    return angle
+
+
+def plates_in(names: Sequence[str]) -> list[str]:
+    """The plates that the names of columns tell, as a source file has them but for their corners.
+
+    Of `R_ground_force_vx` the point is `R_ground_force_px`, and the moment `R_ground_torque_x`.
+    """
+    triples = {name[:-1] for name in names if {f"{name[:-1]}{axis}" for axis in "xyz"} <= {*names}}
+    plates: list[str] = []
+    for name in names:
+        if not name.endswith("vx"):
+            continue
+        force = name[:-1]
+        stem = name[:-2]
+        moments = [re.sub("force", word, stem) for word in ("torque", "moment")]
+        moments = [moment for moment in moments if moment != stem and moment in triples]
+        if not moments or not {force, f"{stem}p"} <= triples:
+            continue
+        keys = {"force": force, "point": f"{stem}p", "moment": moments[0]}
+        text = ", ".join(f"{key}: {json.dumps(begin)}" for key, begin in keys.items())
+        plates.append(f"{len(plates) + 1}: {{{text}, corners: UNKNOWN}}")
+    return plates
+
+
+def _begins(begin: bytes) -> bool:
+    if not is_text(begin):
+        return False
+    return re.search(r"(?im)^[ \t]*endheader[ \t\r]*$", decoded(begin)) is not None
+
+
+FORMAT = Format(
+    name="opensim",
+    suffixes=(".mot", ".sto"),
+    begins=_begins,
+    source=OpenSimSource,
+    read=read,
+    priority=1,
+)

@@ -1,0 +1,258 @@
+"""Captures of a motion-capture laboratory as canonical columns: markers, force plates, analog
+channels and model outputs, in our axes.
+
+The baseline of the plates is applied only where the source file asks: most files name their first
+ten frames, of empty plates or not."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from osl_analysis.errors import InputError, naming, printable
+from osl_analysis.ingest.conversion import (
+    Converted,
+    check_finite_values,
+    losses_of,
+    origin_of,
+    to_si,
+)
+from osl_analysis.ingest.force_plates import (
+    PlateLoad,
+    checked_length,
+    convert_plate,
+    unloaded_samples,
+)
+from osl_analysis.recording import Channel, Kind, Recording, Rows
+from osl_analysis.source_file import LaboratorySource, MarkerSource
+from osl_analysis.trial import AXES, Array, marker_columns, unit_of
+from osl_analysis.units import si_factor
+
+
+@dataclass
+class _Columns:
+    """Columns of one recorder so far: those at frames, and those at samples of the devices."""
+
+    of_frames: dict[str, Array] = field(default_factory=dict)
+    of_samples: dict[str, Array] = field(default_factory=dict)
+    origins: dict[str, dict[str, Any]] = field(default_factory=dict)
+
+
+def convert_capture(recording: Recording, source: MarkerSource) -> Converted:
+    """Convert what a source file asks for.
+
+    Returns
+    -------
+    Converted
+        A row per sample of the devices, or per frame without them, null where a frame has none; a
+        marker that was not seen is NaN. Time [s] starts at 0 in the first frame.
+
+    Raises
+    ------
+    InputError
+        A channel is missing or occurs twice, a unit or a plate is wrong, or there is nothing to
+        read.
+    """
+    columns = _Columns()
+    markers = asked_markers(recording, source)
+    add_markers(columns, markers, source)
+    loads: list[PlateLoad] = []
+    used_rows = [channel.rows for channel in markers]
+    if isinstance(source, LaboratorySource):
+        loads = plate_loads(recording, source)
+        for load in loads:
+            columns.of_samples.update(load.columns)
+            columns.origins.update(load.origins)
+        used_rows += [channel.rows for plate in recording.plates for channel in plate.channels]
+        used_rows += add_outputs(columns, recording, source)
+        used_rows += add_analogs(columns, recording, source)
+    if not used_rows:
+        raise InputError(
+            "the source file names nothing that the file has: no marker, plate, analog channel or"
+            " model output; name what to read in the source file, or export the trial again with it"
+        )
+    samples = joined(columns, used_rows)
+    time = samples["time"].to_numpy()
+    for column, values in columns.of_samples.items():
+        check_finite_values(column, values, time)
+    facts = {
+        **recording.facts,
+        "time": {"start": min(rows.start_s for rows in used_rows)},
+        "axes": source.axes,
+        "plates": [load.facts for load in loads],
+    }
+    if loads and isinstance(source, LaboratorySource):
+        facts["plate_zero_frames"] = baseline_frames(recording, source)
+    warnings = [*recording.loss.remarks, *remarks_on(recording, source, markers)]
+    return Converted(samples, columns.origins, facts, warnings, losses_of(recording.loss, False))
+
+
+def is_labelled(label: str) -> bool:
+    """Whether a marker has a name of its own, behind its subject's: Nexus calls those that it did
+    not label `*1`, `*2`, ..."""
+    own = label.rpartition(":")[2]
+    return bool(own) and not own.startswith("*")
+
+
+def asked_markers(recording: Recording, source: MarkerSource) -> list[Channel]:
+    """The markers that the source file asks for; of `all`, those with a label."""
+    if source.markers != "all":
+        return [recording.find({"label": label}, "marker") for label in source.markers]
+    markers = [one for one in recording.channels if one.kind == Kind.MARKER]
+    return [one for one in markers if is_labelled(one.key)]
+
+
+def add_markers(columns: _Columns, markers: Sequence[Channel], source: MarkerSource) -> None:
+    """Add the positions of markers [m] in our axes."""
+    stated = getattr(source, "point_unit", None)
+    for marker in markers:
+        unit = checked_length(marker.unit, stated, "unit of length", source)
+        positions = si_factor(unit, "m") * marker.values
+        for axis, column in enumerate(marker_columns(printable(marker.name or marker.key))):
+            if column in columns.of_frames:
+                raise InputError(
+                    f"marker '{marker.name or marker.key}' occurs twice; list those to read under"
+                    " `markers`"
+                )
+            columns.of_frames[column] = positions @ source.rotation[axis]
+            columns.origins[column] = {
+                "label": marker.key,
+                "component": source.axes[axis],
+                "unit": unit,
+                "factor": si_factor(unit, "m"),
+                "si_unit": unit_of(column),
+            }
+
+
+def add_outputs(columns: _Columns, recording: Recording, source: LaboratorySource) -> list[Rows]:
+    """Add model outputs, in the unit of the source file and never in that of the file, which may
+    misstate it; and give their rows."""
+    rows: list[Rows] = []
+    for column, output in source.outputs.items():
+        channel = recording.find({"label": output.label}, "model output")
+        values = channel.values[:, AXES.index(output.component)]
+        columns.of_frames[column] = to_si(output, values, unit_of(column))
+        columns.origins[column] = origin_of(output, column)
+        rows.append(channel.rows)
+    return rows
+
+
+def add_analogs(columns: _Columns, recording: Recording, source: LaboratorySource) -> list[Rows]:
+    """Add analog channels, and give their rows."""
+    rows: list[Rows] = []
+    for column, setting in source.analogs.items():
+        channel = recording.find(setting.address, f"analog {setting.ADDRESS}")
+        with naming(column, f", as {source.place('analogs', column, 'unit')}"):
+            values = to_si(setting, channel.values, unit_of(column), channel.unit)
+        columns.of_samples[column] = values
+        columns.origins[column] = origin_of(setting, column, channel.unit)
+        rows.append(channel.rows)
+    return rows
+
+
+def plate_loads(recording: Recording, source: LaboratorySource) -> list[PlateLoad]:
+    """What the plates recorded; a recording has those that the source file asks for."""
+    unloaded = None
+    if recording.plates and getattr(source, "plate_zero", "none") != "none":
+        unloaded = unloaded_samples(
+            baseline_frames(recording, source),
+            int(recording.facts.get("frames", 0)),
+            int(recording.facts.get("samples_per_frame", 1)),
+        )
+    stated = getattr(source, "point_unit", None)
+    loads: list[PlateLoad] = []
+    for plate in recording.plates:
+        try:
+            checked_length(plate.length_unit, stated, "unit of length", source)
+            loads.append(
+                convert_plate(
+                    plate,
+                    source,
+                    source.rotation,
+                    length_unit=stated,
+                    units=getattr(source, "plate_units", None),
+                    unloaded=unloaded,
+                )
+            )
+        except InputError as error:
+            others = [one.number for one in recording.plates if one is not plate] or "none"
+            raise InputError(f"{error} (or leave this plate out: `plates: {others}`)") from error
+    return loads
+
+
+def baseline_frames(recording: Recording, source: LaboratorySource) -> tuple[int, int] | None:
+    """First and last frame, counted from 1, in which the plates are stated to be unloaded; None
+    without a baseline."""
+    zero: Any = getattr(source, "plate_zero", "none")
+    if zero == "none":
+        return None
+    stated = recording.facts.get("plate_zero_frames", ()) if zero == "file" else zero
+    if len(stated) < 2 or not np.isfinite(stated[:2]).all():
+        return None
+    return int(stated[0]), int(stated[1])
+
+
+def joined(columns: _Columns, used_rows: Sequence[Rows]) -> pl.DataFrame:
+    """One table of frames and samples: frame 0 and sample 0 are at 0 s."""
+    fastest = max(used_rows, key=lambda rows: rows.rate_hz or 0.0)
+    slowest = min(used_rows, key=lambda rows: rows.rate_hz or 0.0)
+    if not fastest.rate_hz or not slowest.rate_hz:
+        raise InputError("the file states no frame rate; export the trial again")
+    ratio = 1
+    if columns.of_samples:
+        ratio = round(fastest.rate_hz / slowest.rate_hz)
+    time = np.arange(fastest.count) / fastest.rate_hz
+    rows = pl.DataFrame({"time": time, **columns.of_samples})
+    if not columns.of_frames:
+        return rows
+    if ratio == 1:
+        return rows.with_columns(pl.Series(name, v) for name, v in columns.of_frames.items())
+    index = pl.Series("index", np.arange(time.size))
+    of_frames = pl.DataFrame(
+        [
+            index.gather_every(ratio),
+            *(pl.Series(name, values) for name, values in columns.of_frames.items()),
+        ]
+    )
+    together = rows.with_columns(index).join(
+        of_frames, on="index", how="left", maintain_order="left"
+    )
+    return together.drop("index")
+
+
+def remarks_on(
+    recording: Recording, source: MarkerSource, markers: Sequence[Channel]
+) -> Iterator[str]:
+    """Say where the axes seem to be others, and where no marker was seen."""
+    if source.axes == ("x", "y", "z"):
+        up = str(recording.facts.get("vertical_on_screen", ""))
+        if not up and vertical_axis(markers) == "y":
+            up = "y"
+        if up.upper().lstrip("+-") not in ("", "Z"):
+            axes = "`axes: [x, -z, y]`" if up.upper().lstrip("+") == "Y" else "`axes`"
+            yield f"its vertical axis seems to be {printable(up)}; state {axes} in the source file"
+    if markers and not any(np.isfinite(one.values).any() for one in markers):
+        yield (
+            f"none of the {len(markers)} markers was seen in any of the"
+            f" {markers[0].rows.count} frames"
+        )
+
+
+def vertical_axis(markers: Sequence[Channel]) -> str:
+    """Tell the axis along which markers keep their order: up, for somebody who stands or walks.
+
+    Empty where the markers do not tell: there are few, or they stay where they are.
+    """
+    whole = [one.values for one in markers if not np.isnan(one.values).any()]
+    if len(whole) < 4:
+        return ""
+    positions = np.stack(whole, axis=1)
+    apart = np.median(positions, axis=0).std(axis=0)
+    moved = np.median(positions.std(axis=0), axis=0)
+    # along a vertical axis the markers move by less than half of what lies between them
+    candidates = np.flatnonzero((apart == apart.max()) & (moved < 0.5 * apart))
+    if candidates.size and moved.max() > moved[candidates[0]]:
+        return "xyz"[candidates[0]]
+    return ""

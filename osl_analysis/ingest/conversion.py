@@ -1,0 +1,275 @@
+"""Recorded numbers as canonical columns in SI units, and what the provenance of a trial says of
+them."""
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from osl_analysis.errors import InputError, naming, printable
+from osl_analysis.recording import Channel, End, Loss, Rows
+from osl_analysis.source_file import LEVEL_UNIT, Conversion, LogChannel, LogSource
+from osl_analysis.trial import Array, unit_of
+from osl_analysis.units import quantity, si_factor
+
+# facts on a sensor, which the provenance has in SI units
+OF_SENSOR = {"delay", "low_pass", "resolution", "bits", "range"}
+LARGEST_COUNT = 2.0**53  # floats hold whole numbers exactly below it
+
+
+@dataclass(frozen=True)
+class Converted:
+    """A recording as canonical columns. Everything but the samples can be written as JSON.
+
+    Attributes
+    ----------
+    samples
+        `time` [s] on the recorder's own clock, and columns in SI units; null where a column has no
+        sample.
+    origins
+        Source channel and conversion of each column.
+    facts
+        Further facts for the provenance: rates, source of time, plates.
+    warnings
+        A sentence each.
+    losses
+        Lost messages or rows, for the provenance; empty for a complete table.
+    """
+
+    samples: pl.DataFrame
+    origins: Mapping[str, dict[str, Any]]
+    facts: Mapping[str, Any] = field(default_factory=dict)
+    warnings: Sequence[str] = ()
+    losses: Mapping[str, Any] = field(default_factory=dict)
+
+
+def to_si(
+    conversion: Conversion, raw: NDArray[Any], si_unit: str, unit_of_file: str = ""
+) -> NDArray[np.float64]:
+    """Convert recorded numbers, of any shape, to the SI unit.
+
+    `unit_of_file` counts if the source file states no unit.
+    """
+    unit = unit_of_file if conversion.unit is None else conversion.unit
+    factor = si_factor(unit, si_unit)
+    gain = conversion.sign * conversion.scale * factor
+    with np.errstate(over="ignore"):  # infinite values are refused later, by name
+        return np.asarray(gain * (raw + conversion.offset))
+
+
+def origin_of(conversion: Conversion, column: str, unit_of_file: str = "") -> dict[str, Any]:
+    """Say where a canonical column comes from, for the trial's provenance.
+
+    Returns
+    -------
+    dict
+        The address and conversion, and the stated facts on the sensor in SI units. `range` is that
+        of the column, after `sign` and `offset`.
+    """
+    si_unit = unit_of(column)
+    unit = unit_of_file if conversion.unit is None else conversion.unit
+    origin = conversion.model_dump(exclude=OF_SENSOR)
+    origin["unit"] = unit
+    origin["factor"] = si_factor(unit, si_unit)
+    origin["si_unit"] = si_unit
+    if conversion.delay is not None:
+        origin["delay"] = quantity(conversion.delay, "s")
+    if conversion.low_pass is not None:
+        cutoff_hz = quantity(conversion.low_pass.cutoff, "Hz")
+        origin["low_pass"] = {"cutoff_hz": cutoff_hz, "order": conversion.low_pass.order}
+    if conversion.resolution is not None or conversion.bits is not None:
+        origin["resolution"] = conversion.step(si_unit)
+    if conversion.range is not None:
+        offset = conversion.scale * origin["factor"] * conversion.offset
+        ends = [conversion.sign * (end + offset) for end in conversion.ends(si_unit)]
+        origin["range"] = sorted(ends)
+    return origin
+
+
+def share_above(count: int, total: int) -> float:
+    """count / total rounded up to three decimals, for the user to write."""
+    return math.ceil(1000 * count / total) / 1000
+
+
+def check_finite_values(what: str, values: Array, time: Array) -> None:
+    """Refuse NaN and infinity in a channel (n,). The message gives the time [s] of the first."""
+    finite = np.isfinite(values)
+    if finite.all():
+        return
+    row = int(np.argmin(finite))
+    raise InputError(
+        f"{what}: {values[row]} in sample {row + 1} of {values.size}, at {time[row]:.3f} s; repair"
+        " the recording or exclude the trial in the sheet"
+    )
+
+
+def canonical_column(
+    column: str,
+    channel: Channel,
+    raw: NDArray[Any],
+    rows: Rows,
+    time: Array,
+    source: LogSource,
+) -> pl.Series:
+    """Convert the readings of a channel of a log.
+
+    Parameters
+    ----------
+    column
+        The canonical column.
+    raw
+        Readings (n,), NaN where one failed, masked where there is none.
+    rows
+        The n rows, for messages.
+    time
+        Times of the rows (n,) [s].
+
+    Returns
+    -------
+    pl.Series
+        SI units, NaN where a reading failed, null where there is none.
+
+    Raises
+    ------
+    InputError
+        Truth values in a column that is no level, infinity, or more failed readings than
+        `most_missing`.
+    """
+    setting = source.channels[column]
+    lacking = np.ma.getmaskarray(raw)
+    readings = np.ma.getdata(raw)
+    if readings.dtype == bool and unit_of(column) != LEVEL_UNIT:
+        row = int(np.argmin(lacking))
+        raise InputError(
+            f"{setting.title} is {str(bool(readings[row])).lower()} in {rows.place(row)}, a truth"
+            f" value and no number in {unit_of(column)}; name a number as `{setting.ADDRESS}` in"
+            " the source file"
+        )
+    with np.errstate(invalid="ignore"):  # a signalling NaN is a missing value, too
+        values = np.where(lacking, 0.0, readings.astype(np.float64))
+    missing = np.isnan(values)
+    check_finite_values(setting.title, np.where(missing, 0.0, values), time)
+    count = int(missing.sum())
+    if count > source.most_missing * values.size:
+        first = rows.place(int(np.argmax(missing)))
+        share = share_above(count, values.size)
+        raise InputError(
+            f"{setting.title}: missing in {count} of {values.size} {rows.noun}s, first in {first};"
+            f" at most {source.most_missing:.1%} may be: repair the recording, or write"
+            f" `most_missing: {share:g}` in the source file"
+        )
+    if setting.wraps_at is not None:
+        known = ~(missing | lacking)
+        values[known] = np.unwrap(values[known], period=setting.wraps_at)
+    with naming(setting.title, f", as {source.place('channels', column, 'unit')}"):
+        series = pl.Series(column, to_si(setting, values, unit_of(column), channel.unit))
+    return series.set(pl.Series(lacking), None) if lacking.any() else series
+
+
+def checked_counts(
+    setting: LogChannel, raw: NDArray[Any], rows: Rows, time: Array
+) -> NDArray[np.int64]:
+    """Give the device's own count of samples, (n,), of the rows at times (n,) [s].
+
+    Raises
+    ------
+    InputError
+        A count is missing, or is no whole number.
+    """
+    counts = np.ma.getdata(raw)
+    wrong = np.ma.getmaskarray(raw) | (counts.dtype == bool)
+    if counts.dtype != bool:
+        largest = LARGEST_COUNT if counts.dtype.kind == "f" else 2.0**63
+        wrong = wrong | ~(np.abs(counts.astype(np.float64)) < largest) | (counts != np.rint(counts))
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        shown = "nothing" if np.ma.getmaskarray(raw)[row] else counts[row]
+        raise InputError(
+            f"{setting.ADDRESS} '{setting.counter}': {shown} in {rows.place(row)}, at"
+            f" {time[row]:.3f} s, is no count of samples, a whole number below"
+            f" {LARGEST_COUNT:.3g}; correct `counter` in the source file or leave it out, or"
+            f" remove the {rows.noun} from the log"
+        )
+    return counts.astype(np.int64)
+
+
+def remark_on_gaps(setting: LogChannel, raw: NDArray[Any], rows: Rows) -> list[str]:
+    """Say where a channel has no values among rows that it should have."""
+    lacking = np.ma.getmaskarray(raw)
+    if not lacking.any():
+        return []
+    first = int(np.argmax(lacking)) + 1
+    return [
+        f"{setting.title} has no value in {int(lacking.sum())} of {lacking.size} {rows.noun}s,"
+        f" first {rows.noun} {first}"
+    ]
+
+
+def losses_of(
+    loss: Loss, of_messages: bool, topics: Collection[str] = (), contradicted: int = 0
+) -> dict[str, Any]:
+    """Report on losses for the provenance. Null means that the number is not known.
+
+    Parameters
+    ----------
+    topics
+        Those that are used; their losses count, and those of the others are listed.
+    contradicted
+        Messages that were read and left out.
+
+    Returns
+    -------
+    dict
+        Empty for a table of which nothing is lost.
+    """
+    lost = loss.lost
+    if lost is not None:
+        lost += contradicted
+    if loss.end == End.MISSING or (loss.end == End.UNKNOWN and not lost):
+        lost = None  # nobody knows what stood behind the end
+    is_complete: bool | None = True
+    if loss.end == End.MISSING or lost:
+        is_complete = False
+    elif lost is None:
+        is_complete = None
+    if is_complete and not of_messages:
+        return {}
+    shares = [share_lost(loss, topic) for topic in topics]
+    by_topic = {topic: lost_of(loss, topic) for topic in topics}
+    if lost is not None:
+        lost = max(lost, sum(count or 0 for count in by_topic.values()))
+        is_complete = is_complete if not lost else False
+    report: dict[str, Any] = {
+        "complete": is_complete,
+        "end_missing": loss.end == End.MISSING,
+        "expected": None if loss.end == End.UNKNOWN else loss.expected,
+        "read": loss.read - contradicted,
+        "lost": lost,
+        "share_lost": max(shares, default=loss.share),
+        "remarks": [printable(text) for text in loss.remarks],
+    }
+    if of_messages:
+        report["crc"] = loss.checksums
+        report["topics"] = {
+            topic: {"messages": loss.by_topic.get(topic, (0, None))[0], "lost": by_topic[topic]}
+            for topic in topics
+        }
+    return report
+
+
+def lost_of(loss: Loss, topic: str) -> int | None:
+    """Lost messages of a topic; None where it is not known."""
+    read, expected = loss.by_topic.get(topic, (0, None))
+    return None if expected is None else max(0, expected - read)
+
+
+def share_lost(loss: Loss, topic: str) -> float:
+    """Lost share of the messages of a topic; 0 where it is not known."""
+    read, expected = loss.by_topic.get(topic, (0, None))
+    if not expected:
+        return 0.0
+    return max(0, expected - read) / expected

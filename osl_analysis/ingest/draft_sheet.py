@@ -1,0 +1,180 @@
+"""A draft of a sample sheet: the trials that recordings are, by the words of their names."""
+
+import re
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+from osl_analysis.ingest.likely_column import parted_name
+
+WORDS_OF_EXPERIMENTS = {
+    "torque_angle": r"\b(torque angle|quasi ?static)\b",
+    "plate": r"\b(plate|unloaded)\b",
+    "static": r"(?<!quasi )\b(static|standing|stand|calibration|calib)\b",
+    "calibration": r"\b(calibration|calib)\b",
+    "walking": (
+        r"\b(walk|walking|cross|crossing|perturb|perturbed|perturbation|pert|unperturbed|unpert"
+        r"|gait)\b"
+    ),
+    "overground": r"\bover ?ground\b",
+    "belt": r"\bbelt\b",
+    "transmission": r"\b(transmission|drivetrain)\b",
+    "actuator": r"\b(actuator|motor)\b",
+    "impedance": r"\b(impedance|imp|stiffness|multisine|chirp|sines?)\b",
+}
+"""By experiment: words in a file's name. A name with words of several experiments tells none."""
+OF_CAPTURES = ("static", "plate", "overground")  # experiments that need motion capture
+UNNAMED = "ingest_only"  # the experiment of a trial whose name tells none
+LONGEST_NAME = 90  # signs of a trial's name
+SMALLEST_K = 10.0  # N*m/rad; `K1` is the number of a file
+UNPERTURBED = r"\b(unperturbed|unpert|baseline|normal|level|free|no ?pert)\b"
+PERTURBED = r"\b(perturb|perturbed|perturbation|pert)\b"
+CONTROLLER = re.compile(r"(?<![A-Za-z])(un|non[-_]?)?comp(?:ensated)?(?![A-Za-z])", re.IGNORECASE)
+
+# file and name of the source file of a trial's `log` and of its capture, `mocap`
+Recordings = Mapping[str, tuple[Path, str]]
+
+
+class DraftedTrial(NamedTuple):
+    """The cells of a trial in the sheet, and what of it the user has to decide."""
+
+    cells: dict[str, str]
+    questions: list[str]
+
+
+def trial_name(path: Path) -> str:
+    """A name for the trial of a file: that of the file without its ending, with `_` for what a name
+    may not have."""
+    stem = path.stem if path.suffix else path.name
+    name = re.sub(r"[^A-Za-z0-9_.-]+", "_", stem).lstrip("_.-")
+    return name[:LONGEST_NAME] or "trial"
+
+
+def draft_trials(
+    recordings: Iterable[tuple[Path, str, bool]],
+    moved: Mapping[Path, str] | None = None,
+) -> list[DraftedTrial]:
+    """Draft the trials that recordings are, by what the words of their names tell.
+
+    A log and a capture of the same name are one. A stated stiffness tells an impedance trial, but
+    for one who walks.
+
+    Parameters
+    ----------
+    recordings
+        File or folder of each, relative to the folder of all, the name of its source file, and
+        whether it comes from motion capture.
+    moved
+        The experiment of a log by what moves in it, where its name tells none.
+
+    Returns
+    -------
+    list
+        Sorted by name.
+    """
+    by_name: dict[str, dict[str, tuple[Path, str]]] = {}
+    for path, source, from_capture in sorted(recordings, key=lambda one: one[0].as_posix()):
+        role = "mocap" if from_capture else "log"
+        name = trial_name(path)
+        number = 1
+        free = name
+        while role in by_name.get(free, ()):
+            number += 1
+            free = f"{name}_{number}"
+        by_name.setdefault(free, {})[role] = (path, source)
+    return [draft_trial(name, files, moved or {}) for name, files in by_name.items()]
+
+
+def draft_trial(name: str, files: Recordings, moved: Mapping[Path, str]) -> DraftedTrial:
+    """Draft one trial."""
+    path = next(iter(files.values()))[0]
+    stem = path.stem if path.suffix else path.name
+    words = parted_name(stem.replace("_", " "))
+    stated = stated_impedance(stem)
+    cells = {"trial": name, "experiment": UNNAMED}
+    for role, (file, source) in files.items():
+        cells[role] = file.as_posix()
+        cells[f"{role}_source"] = source
+    telling = experiments_in(words, files, "K_d" in stated)
+    if "mocap" not in files and path in moved and not telling:
+        cells["experiment"] = moved[path]
+        by = "current and torque" if moved[path] == "actuator" else "angle and torque"
+        question = f"to be confirmed, guessed from {by}: experiment {moved[path]}"
+        return DraftedTrial(cells, [question])
+    if len(telling) != 1:
+        which = f"tells none, write one of {', '.join(possible_experiments(files)[::-1])}"
+        if telling:
+            which = f"may tell {' or '.join(telling)}, write which"
+        question = f"experiment: the name {which}; it stands as {UNNAMED}, which is not analysed"
+        return DraftedTrial(cells, [question])
+    experiment = telling[0]
+    if experiment == "calibration":
+        question = (
+            f"experiment: a calibration whose spring or inertia is not told stands as {UNNAMED}:"
+            " write calibration, and its known_K or known_I"
+        )
+        return DraftedTrial(cells, [question])
+    if experiment == "walking":
+        perturbed = stated_perturbation(words)
+        if not perturbed:
+            question = (
+                f"perturbed: the name does not tell; it stands as {UNNAMED}: write walking, and"
+                " true or false"
+            )
+            return DraftedTrial(cells, [question])
+        cells["perturbed"] = perturbed
+    cells["experiment"] = experiment
+    questions: list[str] = []
+    if experiment == "impedance":
+        cells.update(stated)
+        controller = CONTROLLER.search(stem)
+        if controller:
+            cells["controller"] = "uncompensated" if controller[1] else "compensated"
+        for column in ("K_d", "B_d"):
+            if column not in cells:
+                questions.append(
+                    f"{column}: the name does not tell; empty, nothing is compared with it"
+                )
+    return DraftedTrial(cells, questions)
+
+
+def stated_perturbation(words: str) -> str:
+    """Whether a name tells a perturbed crossing, `true` or `false`; empty if it does not say."""
+    if re.search(UNPERTURBED, words):
+        return "false"
+    return "true" if re.search(PERTURBED, words) else ""
+
+
+def stated_impedance(name: str) -> dict[str, str]:
+    """K_d and B_d as a name states them, once each: `K300_B2.5`."""
+    stated: dict[str, str] = {}
+    behind = r"(?=$|[_\s-]|[.,](?!\d)|[BbKk]_?d?[_=-]?\d)"
+    for column, letter, smallest in (("K_d", "K", SMALLEST_K), ("B_d", "B", 0.0)):
+        pattern = rf"(?<![A-Za-z]){letter}_?d?[_=-]?(\d+(?:\.\d+)?){behind}"
+        numbers = set(re.findall(pattern, name, re.IGNORECASE))
+        if len(numbers) == 1:
+            number = numbers.pop()
+            if float(number) >= smallest:
+                stated[column] = number
+    return stated
+
+
+def possible_experiments(files: Recordings) -> list[str]:
+    """What a trial of these files can be: a log alone is of a bench, a boot or a leg, a capture
+    alone of a walkway."""
+    possible = set(WORDS_OF_EXPERIMENTS)
+    if "mocap" not in files:
+        possible -= set(OF_CAPTURES)
+    if "log" not in files:
+        possible &= {*OF_CAPTURES, "walking"}
+    return [name for name in WORDS_OF_EXPERIMENTS if name in possible]
+
+
+def experiments_in(words: str, files: Recordings, states_K: bool) -> list[str]:
+    """The experiments that a name tells by its words or a stiffness."""
+    possible = possible_experiments(files)
+    telling = [name for name in possible if re.search(WORDS_OF_EXPERIMENTS[name], words)]
+    is_other = bool({"walking", "impedance"} & set(telling))
+    if states_K and "impedance" in possible and not is_other:
+        telling.append("impedance")
+    return telling

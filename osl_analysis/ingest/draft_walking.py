@@ -1,0 +1,152 @@
+"""A draft of the section `walking` of a configuration, from the names of markers in captures, and
+from where the plates lie. What these do not tell is left to the user."""
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from osl_analysis.ingest.overview import Overview, RecordedChannel
+from osl_analysis.ingest.placeholders import UNKNOWN
+from osl_analysis.trial import Array
+
+SMALLEST_CLUSTER = 3  # markers that tell where a segment is
+
+
+@dataclass(frozen=True)
+class SegmentNames:
+    """Names of a segment's markers.
+
+    Attributes
+    ----------
+    begins
+        What they begin with.
+    codes
+        Their codes behind an R or L in Plug-in Gait, OpenSim's models and Qualisys' (CAST).
+    """
+
+    begins: str
+    codes: str = ""
+
+
+SEGMENTS = {
+    "platform": SegmentNames("PLAT|HEXAPOD|STEWART"),
+    "ankle_medial": SegmentNames(
+        r"(?=.*((?<!SH)ANK|MAL)).*(MED|(^|_)M(_|MAL|$))", "MED|MMA|MMAL|MANK|TAM|AM|MM"
+    ),
+    # a marker called `ankle` and no more is the lateral one in all of them
+    "ankle_lateral": SegmentNames("(?<!SH)ANK|MAL", "LMA|LMAL|LANK|FAL|AL|LM"),
+    "foot": SegmentNames(
+        r"FOOT|SHOE|HEEL|CALC|TOE|META?\d", r"FCC|F[ML]\d?|FT\d|MT\d|MET|PM\d|HEE|CAL\d?|H"
+    ),
+    "shank": SegmentNames(
+        r"SHANK|SHIN|TIB|PYLON|(?<!UP)(?<!UPPER)(?<!UPPER_)LEG",
+        r"SK\d|S\d|TTC|TTB?|TB\d|SHA|HF|FAX",
+    ),
+}
+
+
+def segment_of(label: str) -> tuple[str, str]:
+    """Side, R or L, and segment of `SEGMENTS` that a marker's name tells behind the subject's;
+    empty for none."""
+    name = re.sub(r"[^A-Z0-9]+", "_", label.rpartition(":")[2].upper()).strip("_")
+    forms: list[tuple[str, str]] = re.findall(r"^(RIGHT|LEFT|R|L)_?(.+)$", name)
+    forms += [(side, rest) for rest, side in re.findall(r"^(.+)_(RIGHT|LEFT|R|L)$", name)]
+    forms.append(("", name))
+    for side, rest in forms:
+        for segment, names in SEGMENTS.items():
+            pattern = rf"(^|_)({names.begins})" if side else names.begins
+            is_coded = bool(side) and re.fullmatch(names.codes, rest) is not None
+            if is_coded or re.search(pattern, rest):
+                return side[:1], segment
+    return "", ""
+
+
+def draft_walking(overviews: Sequence[Overview]) -> list[str]:
+    """Lines of YAML: the section `walking` by the captures of one laboratory. None unless markers
+    are named as a foot's or shank's."""
+    markers = [channel for one in overviews for channel in one.channels if channel.kind == "marker"]
+    labels = list(dict.fromkeys(marker.key for marker in markers))
+    segments = {label: segment_of(label) for label in labels}
+    of_legs = [side for side, segment in segments.values() if segment in ("foot", "shank")]
+    side = max(of_legs, default="")  # R before L
+    clusters: dict[str, list[str]] = {segment: [] for segment in SEGMENTS}
+    for label, (own_side, segment) in segments.items():
+        if segment and (not side or own_side in ("", side)):
+            clusters[segment].append(label)
+    if not (clusters["foot"] or clusters["shank"]):
+        return []
+    leg = {"R": "right", "L": "left", "": UNKNOWN}[side]
+    confirm = ", a guess to be confirmed" if side else ""
+    lines = [
+        "walking:  # a draft, from the names of markers: check every line",
+        f"  side: {leg}  # the leg that steps on the platform{confirm}",
+        f"  plate: {plate_text(overviews, clusters['platform'])}",
+        "  markers:",
+    ]
+    for segment, found in clusters.items():
+        lines.append(f"    {segment}: {markers_text(segment, found)}")
+    if not clusters["platform"]:
+        lines.append(
+            "# no platform: does a belt, a boot or the leg perturb (`walking.perturbed_by`)?"
+        )
+    return lines
+
+
+def plate_text(overviews: Sequence[Overview], platform: Sequence[str]) -> str:
+    """The plate that is stepped on: the only one, or the one below the platform's markers."""
+    counts = [sum(one.kind == "plate" for one in overview.channels) for overview in overviews]
+    most = max(counts, default=0)
+    if most == 1:
+        return "1  # the only one"
+    below = {plate for overview in overviews if (plate := plate_below(overview.channels, platform))}
+    if len(below) == 1:
+        return f"{below.pop()}  # a guess: it lies below the platform's markers"
+    return f"{UNKNOWN}  # of {most} force plates in this file"
+
+
+def plate_below(channels: Sequence[RecordedChannel], platform: Sequence[str]) -> str:
+    """The number of the plate whose centre is nearest to the platform's markers, and not farther
+    from them than half of its length; empty if there is none."""
+    places: list[Array] = []
+    for channel in channels:
+        if channel.kind == "marker" and channel.key in platform and channel.numbers is not None:
+            seen = channel.numbers[np.isfinite(channel.numbers).all(axis=1)]
+            if len(seen):
+                places.append(np.median(seen, axis=0))
+    if not places:
+        return ""
+    middle = np.mean(places, axis=0)
+    distances: Mapping[str, float] = {
+        channel.key: float(np.linalg.norm(channel.corners.mean(axis=0) - middle))
+        for channel in channels
+        if channel.corners is not None
+    }
+    lengths = {
+        channel.key: float(np.linalg.norm(np.ptp(channel.corners, axis=0)))
+        for channel in channels
+        if channel.corners is not None
+    }
+    nearest = min(distances, key=lambda number: distances[number], default="")
+    if nearest and distances[nearest] <= lengths[nearest] / 2:
+        return nearest
+    return ""
+
+
+def markers_text(segment: str, found: Sequence[str]) -> str:
+    """The markers of a segment in YAML, with what is to be checked."""
+    names = [json.dumps(name) for name in found]
+    if segment.startswith("ankle"):
+        if len(names) == 1:
+            return f"{names[0]}  # named so"
+        remark = "none is known: named in the static trial?"
+        if names:
+            remark = f"one of {', '.join(names)}"
+        return f"{UNKNOWN}  # {remark}"
+    remark = "named so" if names else "none is known"
+    if len(names) < SMALLEST_CLUSTER:
+        names.append(UNKNOWN)
+        remark = f"{remark}; a cluster has {SMALLEST_CLUSTER} or more"
+    return f"[{', '.join(names)}]  # {remark}"

@@ -1,0 +1,322 @@
+"""Force plates of any format: force and moment on the foot, about the centre of their surface.
+
+There is no centre of pressure, so that they are valid for an unloaded plate (C3D manual, Kistler).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from osl_analysis.errors import InputError, naming, printable
+from osl_analysis.recording import Plate
+from osl_analysis.signals import run_at_extreme, runs
+from osl_analysis.source_file import PlateUnits, Source
+from osl_analysis.trial import Array, own_axes, plate_columns, unit_of
+from osl_analysis.units import si_factor
+
+MEASURED_BY_TYPE = {
+    0: ("N",) * 3 + ("N*m",) * 3,
+    1: ("N",) * 3 + ("m",) * 2 + ("N*m",),
+    2: ("N",) * 3 + ("N*m",) * 3,
+    3: ("N",) * 8,
+    4: ("",) * 6,
+}
+"""By type of plate, what its channels measure in SI units; those of type 4 in the units of its
+calibration."""
+EXPORTED = 0  # type of a plate whose force and moment stand in the laboratory's axes
+USED_N = 50.0  # a force that changes by less is of no foot
+USED_SHARE = 0.2  # of its range: where a force changes by this, every channel should
+
+
+@dataclass(frozen=True)
+class PlateLoad:
+    """Columns of one plate in our axes, (samples,) each, where they come from, and what the
+    provenance says of the plate."""
+
+    columns: dict[str, Array]
+    origins: dict[str, dict[str, Any]]
+    facts: dict[str, Any]
+
+
+def convert_plate(
+    plate: Plate,
+    source: Source,
+    rotation: Array,
+    length_unit: str | None = None,
+    units: PlateUnits | None = None,
+    unloaded: slice | None = None,
+) -> PlateLoad:
+    """Convert what the channels of a plate recorded.
+
+    Parameters
+    ----------
+    source
+        For messages.
+    rotation
+        Shape (3, 3), from the file's axes to ours.
+    length_unit, units
+        What the source file states in place of the file's units.
+    unloaded
+        Samples of the baseline that is taken off; None: none is.
+
+    Raises
+    ------
+    InputError
+        A parameter or a unit of the plate is wrong, or a sample is not finite.
+    """
+    if plate.type not in MEASURED_BY_TYPE:
+        raise InputError(f"plate {plate.number} is of type {plate.type}; types 1 to 4 are read")
+    length = length_unit or plate.length_unit
+    metre = si_factor(length, "m")
+    corners = plate.corners * metre
+    if not np.isfinite(own_axes(corners)).all():
+        raise InputError(
+            f"plate {plate.number}: its corners span no plane; correct FORCE_PLATFORM:CORNERS"
+        )
+    raw = samples_of(plate)
+    check_samples(plate, raw)
+    readings = raw
+    if unloaded is not None:
+        baseline = raw[unloaded].mean(axis=0)
+        if plate.type == 1:
+            baseline[3:5] = 0.0  # an unloaded plate has no centre of pressure
+        readings = raw - baseline
+    calibration = None
+    if plate.type == 4:
+        assert plate.calibration is not None
+        moment_unit = units.moment if units else f"N*{length}"
+        force_unit = units.force if units else "N"
+        factors = [si_factor(force_unit, "N")] * 3 + [si_factor(moment_unit, "N*m")] * 3
+        calibration = np.asarray(plate.calibration * np.array(factors)[:, None])
+    else:
+        readings = readings * channel_factors(plate, source, units)
+    force, moment = wrench(plate.type, corners, plate.origin * metre, readings, calibration)
+    if plate.sign < 0:
+        force = -force
+        moment = -moment
+    return load_of(plate, corners, (force, moment), raw, rotation)
+
+
+def convert_exported_plate(plate: Plate, rotation: Array, rate_hz: float) -> PlateLoad:
+    """Convert the exported force and moment of a plate in a table with rows at a rate.
+
+    The moment is about the point that the channels 7 to 9 tell, or else about `origin`.
+    """
+    metre = si_factor(plate.length_unit, "m")
+    corners = plate.corners * metre
+    raw = samples_of(plate)
+    quantities = ("N",) * 3 + ("N*m",) * 3 + ("m",) * 3
+    factors = [
+        si_factor(channel.unit, quantity)
+        for channel, quantity in zip(plate.channels, quantities, strict=False)
+    ]
+    values = raw * np.array(factors)
+    force = plate.sign * values[:, :3]
+    about = values[:, 6:9] if values.shape[1] == 9 else plate.origin * metre
+    moment = plate.sign * values[:, 3:6] + np.cross(about - np.mean(corners, axis=0), force)
+    return load_of(plate, corners, (force, moment), raw[:, :6], rotation, rate_hz)
+
+
+def samples_of(plate: Plate) -> Array:
+    """The readings of a plate's channels, (samples, channels), as the file has them."""
+    columns = [np.asarray(channel.values, np.float64) for channel in plate.channels]
+    return np.column_stack(columns)
+
+
+def check_samples(plate: Plate, raw: Array) -> None:
+    """Refuse samples (samples, channels) that are not finite."""
+    if np.isfinite(raw).all():
+        return
+    row, column = np.argwhere(~np.isfinite(raw))[0]
+    raise InputError(
+        f"plate {plate.number}: {raw[row, column]} in sample {row + 1} of analog channel"
+        f" '{plate.channels[column].key}'; correct ANALOG:SCALE and GEN_SCALE, or export the trial"
+        " again"
+    )
+
+
+def channel_factors(plate: Plate, source: Source, units: PlateUnits | None) -> Array:
+    """Factors to SI units of the channels of a plate, (channels,)."""
+    factors: list[float] = []
+    for channel, quantity in zip(plate.channels, MEASURED_BY_TYPE[plate.type], strict=True):
+        unit = channel.unit
+        if units is not None:
+            stated = {"N": units.force, "N*m": units.moment, "m": units.length}
+            unit = stated[quantity] or unit
+        try:
+            factors.append(si_factor(unit, quantity))
+        except InputError as error:
+            example = "{force: N, moment: N*mm}"
+            if plate.type == 1:
+                example = "{force: N, moment: N*mm, length: mm}"
+            where = source.place("plate_units").partition(" in ")[2]
+            raise InputError(
+                f"analog channel '{channel.key}': {error}; or state the units that hold for all"
+                f" plates, as in `plate_units: {example}`, in {where}"
+            ) from error
+    return np.array(factors)
+
+
+def wrench(
+    kind: int,
+    corners: Array,
+    origin: Array,
+    channels: Array,
+    calibration: Array | None = None,
+) -> tuple[Array, Array]:
+    """Compute force and moment of one plate about its surface's centre, on the foot.
+
+    Parameters
+    ----------
+    kind
+        1 to 4, as in the C3D manual; 0 for force and moment in the laboratory's axes.
+    corners
+        Shape (4, 3) [m], in the quadrants (+x, +y), (-x, +y), (-x, -y), (+x, -y) of the plate's
+        axes, whose z points down, with a negative Fz under load.
+    origin
+        FORCE_PLATFORM:ORIGIN, shape (3,) [m].
+    channels
+        Shape (n, channels), in N, N*m and for type 1 m; for type 4 in the units of its calibration.
+    calibration
+        Shape (6, 6).
+
+    Returns
+    -------
+    force, moment
+        Shape (n, 3) each [N], [N*m], in the laboratory's axes.
+    """
+    if kind == EXPORTED:
+        force = channels[:, :3]
+        about = origin - corners.mean(axis=0)
+        return force, channels[:, 3:6] + np.cross(about, force)
+    axes = own_axes(corners)
+    # from the plate's origin to the surface's centre: the origin lies under the surface and z
+    # points down, so z is negative; a file with a positive z stores the opposite vector
+    centre = -origin if origin[2] > 0 else origin
+    if calibration is not None:
+        channels = channels @ calibration.T
+    force = channels[:, :3]
+    if kind == 3:
+        # Kistler's four sensors, at distances a and b, in a depth that files write with either sign
+        a = origin[0]
+        b = origin[1]
+        depth = abs(origin[2])
+        x12, x34, y14, y23, z1, z2, z3, z4 = channels.T
+        force = np.column_stack([x12 + x34, y14 + y23, z1 + z2 + z3 + z4])
+        about_z = b * (-x12 + x34) + a * (y14 - y23)
+        moment = np.column_stack([b * (z1 + z2 - z3 - z4), a * (-z1 + z2 + z3 - z4), about_z])
+        centre = np.array([0.0, 0.0, -depth])
+    elif kind == 1:
+        # centre of pressure x and y, free moment: M = p x F + (0, 0, T)
+        level = np.zeros((len(channels), 2))
+        moment = np.cross(np.column_stack([channels[:, 3:5], level[:, 0]]), force)
+        moment += np.column_stack([level, channels[:, 5]])
+    else:  # moments about the plate's origin
+        moment = channels[:, 3:6]
+    return force @ axes.T, (moment - np.cross(centre, force)) @ axes.T
+
+
+def load_of(
+    plate: Plate,
+    corners: Array,
+    on_foot: tuple[Array, Array],
+    raw: Array,
+    rotation: Array,
+    rate_hz: float | None = None,
+) -> PlateLoad:
+    """Put the columns of a plate together, with what the provenance says of it.
+
+    Parameters
+    ----------
+    corners
+        Shape (4, 3) [m].
+    on_foot
+        Force [N] on the foot and moment [N*m] about the corners' centre, (samples, 3) each, in the
+        file's axes.
+    raw
+        Shape (samples, channels), in the file's units.
+    rate_hz
+        Of the samples; that of the channels' rows if None.
+    """
+    stated = {channel.unit for channel in plate.channels}
+    origin: dict[str, Any] = {"plate": plate.number, **plate.facts}
+    if plate.type != EXPORTED:
+        origin["type"] = plate.type
+        origin["units"] = [channel.unit for channel in plate.channels] if stated else []
+    columns: dict[str, Array] = {}
+    origins: dict[str, dict[str, Any]] = {}
+    for quantity, values in zip(("force", "moment"), on_foot, strict=True):
+        turned = values @ rotation.T
+        for axis, column in enumerate(plate_columns(plate.number, quantity)):
+            columns[column] = turned[:, axis]
+            origins[column] = {**origin, "si_unit": unit_of(column)}
+    load = np.linalg.norm(on_foot[0], axis=1)
+    rate = rate_hz or plate.channels[0].rows.rate_hz or 1.0
+    names = [printable(channel.name or channel.key) for channel in plate.channels]
+    facts: dict[str, Any] = {
+        "plate": plate.number,
+        "type": 2 if plate.type == EXPORTED else plate.type,
+        "corners": (corners @ rotation.T).tolist(),
+        "channels": channel_facts(names, raw, load, rate),
+    }
+    if plate.type == EXPORTED:
+        facts["foot"] = plate.foot
+    return PlateLoad(columns, origins, facts)
+
+
+def channel_facts(
+    names: Sequence[str], raw: Array, load: Array, rate_hz: float
+) -> list[dict[str, Any]]:
+    """Tell of each channel of a plate its longest run at an extreme (`clipped_...`) and of one
+    value while the force changes (`stands_...`): the rotation hides them.
+
+    Parameters
+    ----------
+    raw
+        Shape (samples, channels).
+    load
+        Size of the force (samples,) [N].
+    """
+    change = float(np.ptp(load)) if load.size else 0.0
+    least = max(USED_SHARE * change, USED_N)
+    facts: list[dict[str, Any]] = []
+    for name, values in zip(names, raw.T, strict=False):
+        clipped = run_at_extreme(values)
+        alike = [slice(run.start, run.stop + 1) for run in runs(np.diff(values) == 0)]
+        standing = [run for run in alike if np.ptp(load[run]) > least]
+        longest = max(standing, key=lambda run: run.stop - run.start, default=slice(0, 0))
+        is_clipped = clipped.stop > clipped.start
+        shown: dict[str, Any] = {
+            "label": name,
+            "clipped_at": float(values[clipped.start]) if is_clipped else None,
+        }
+        for what, run in (("clipped", clipped), ("stands", longest)):
+            length = int(run.stop - run.start)
+            shown[f"{what}_samples"] = length
+            shown[f"{what}_from_s"] = run.start / rate_hz if length else None
+            shown[f"{what}_to_s"] = (run.stop - 1) / rate_hz if length else None
+        facts.append(shown)
+    return facts
+
+
+def unloaded_samples(
+    frames: tuple[int, int] | None, frame_count: int, samples_per_frame: int
+) -> slice:
+    """The samples between two frames, counted from 1, in which the plates are unloaded."""
+    first, last = frames or (0, 0)
+    if not 1 <= first <= last <= frame_count:
+        raise InputError(
+            f"the baseline of the plates is frames {first} to {last} of {frame_count}; state two"
+            " frames in which the plates are unloaded as `plate_zero`, or none"
+        )
+    return slice((first - 1) * samples_per_frame, last * samples_per_frame)
+
+
+def checked_length(unit: str, stated: str | None, what: str, source: Source) -> str:
+    """The source file's unit of length, or else the recording's."""
+    chosen = stated or unit
+    with naming(what, f", as {source.place('point_unit')}"):
+        si_factor(chosen, "m")
+    return chosen

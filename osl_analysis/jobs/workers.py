@@ -1,0 +1,143 @@
+"""Warm workers: processes that have imported what jobs need, and do one job after another.
+
+A `run:` block of a rule calls `job`, in a thread of Snakemake, which waits until a worker has done
+it. To import anew for each job would take 1.4 s. A worker ends with Snakemake, however that ends.
+"""
+
+import gc
+import multiprocessing
+import os
+import signal
+import threading
+from collections import defaultdict
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from typing import Any
+
+from osl_analysis.files import temporary_path
+from osl_analysis.memory import SET_TO_ONE
+
+ENVIRONMENT = dict.fromkeys((*SET_TO_ONE, "POLARS_MAX_THREADS", "NUMBA_NUM_THREADS"), "1") | {
+    # glibc keeps this many bytes of freed memory for the next arrays: new pages cost time, because
+    # the system clears them
+    "MALLOC_MMAP_THRESHOLD_": "33554432",
+    "MALLOC_TRIM_THRESHOLD_": "268435456",
+}
+PRELOADED = [
+    "osl_analysis.outcomes.perform",
+    "scipy.signal",
+    *(f"osl_analysis.commands.{module}" for module in ("trials", "bench", "tables")),
+]
+"""What workers share: the process from which they are forked imports it once."""
+CRASHES = ("SIGSEGV", "SIGBUS", "SIGABRT", "SIGILL", "SIGFPE")
+"""Signals of a library that crashes on a damaged file. It would crash on it again."""
+
+
+class Worker:
+    """A process that does one job after another."""
+
+    def __init__(self) -> None:
+        os.environ.update(ENVIRONMENT)
+        method = "forkserver" if hasattr(os, "fork") else "spawn"
+        context = multiprocessing.get_context(method)
+        context.set_forkserver_preload(PRELOADED)
+        self.pool = ProcessPoolExecutor(1, context, initializer=begin)
+        pid = self.pool.submit(os.getpid).result()
+        self.process: BaseProcess = next(
+            process for process in multiprocessing.active_children() if process.pid == pid
+        )
+
+
+IDLE: defaultdict[str, list[Worker]] = defaultdict(list)
+"""Workers without a job, by the module of the commands that they do: one that simulates has
+imported 200 MB that a fit does without. Threads of Snakemake take one, and put it back."""
+
+
+def end_workers() -> None:
+    """End the workers, and free what they shared with this process."""
+    for workers in IDLE.values():
+        while workers:
+            workers.pop().pool.shutdown()
+    gc.collect()
+
+
+def begin() -> None:
+    """Begin a worker: Ctrl-C is for Snakemake, which lets begun jobs end; without it there is no
+    more to do."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=end_with_snakemake, daemon=True).start()
+
+
+def end_with_snakemake() -> None:
+    snakemake = multiprocessing.parent_process()
+    assert snakemake is not None
+    snakemake.join()
+    os._exit(1)
+
+
+def do(command: str, *given: Any) -> None:
+    """Do a job in this process."""
+    from osl_analysis.outcomes.perform import Job, perform
+
+    perform(Job(command, *given))
+
+
+def job(command: str, input: Any, output: Any, params: Any, log: Any) -> None:
+    """Have a job of a rule done by a worker.
+
+    Parameters
+    ----------
+    command
+        `module.function`, a function of `osl_analysis/commands/module.py`.
+    input, output, params, log
+        As Snakemake has them in a `run:` block. Inputs, outputs and params are the arguments of the
+        function by their names. A single output without a name is `output`, several are `outputs`.
+
+    Raises
+    ------
+    WriteError
+        There is no result, not even a refusal: the worker was killed, or cannot write.
+    """
+    given = (command, plain_files(input), outputs_of(output), dict(params.items()), Path(log[0]))
+    idle = IDLE[command.partition(".")[0]]
+    worker = idle.pop() if idle else Worker()
+    try:
+        worker.pool.submit(do, *given).result()
+    except BrokenProcessPool:
+        worker.pool.shutdown()  # it reads how the process ended, which only one thread can do
+        after_kill(worker.process, *given)
+        return
+    except BaseException:
+        idle.append(worker)
+        raise
+    idle.append(worker)
+
+
+def plain_files(input: Any) -> dict[str, str | list[str]]:
+    """The inputs by name, as a worker can be sent them."""
+    return {
+        name: str(files) if isinstance(files, str) else list(map(str, files))
+        for name, files in input.items()
+    }
+
+
+def outputs_of(output: Any) -> dict[str, str | list[str]]:
+    if named := plain_files(output):
+        return named
+    files = list(map(str, output))
+    return {"output": files[0]} if len(files) == 1 else {"outputs": files}
+
+
+def after_kill(worker: BaseProcess, *given: Any) -> None:
+    """End a job whose worker was killed. If its recording makes a library crash, it is refused;
+    else it is an error, and Snakemake tries again (`retries` of the profile)."""
+    from osl_analysis.outcomes.perform import Job, end_killed
+
+    job = Job(*given)
+    for file in job.files:
+        temporary_path(file, worker.pid or 0).unlink(missing_ok=True)
+    names = {-number.value: number.name for number in signal.Signals}
+    name = names.get(worker.exitcode or 0, "from outside")
+    end_killed(job, name, is_crash=name in CRASHES)

@@ -1,0 +1,1 @@
+"""How a job of the workflow ends: with results, or with refusals in their place; and its log."""

@@ -1,0 +1,66 @@
+"""The log of a job: its outcome, warnings and duration, and what it was given. The report at the
+end of a run is read from the logs. So it is also complete on a cluster, where every job is a
+separate process."""
+
+import json
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from osl_analysis.files import atomic_path
+
+GIVEN = ("input", "output", "params")  # The last entries of a log: what the rule gave the job.
+
+
+def write_log(path: Path, ended: Mapping[str, Any], given: Mapping[str, Any]) -> None:
+    """Write how a job ended, and what it was `given`, as YAML, without empty entries.
+
+    `ended` has the command `job`, its `outcome`, wall time `seconds`, what was wrong in the line
+    `error`, the `remedy`, `warnings`, and the `traceback` of an error of the program. Outcomes:
+    done; refused, for an input that the user can correct; failed, by an error of the program or of
+    the system; killed, ended from outside; skipped, because an input is missing."""
+    entries = {**ended, **{name: given.get(name) for name in GIVEN}}
+    said = plain(
+        {name: value for name, value in entries.items() if value not in ("", (), [], {}, None)}
+    )
+    with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8") as file:
+        yaml.dump(said, file, yaml.CSafeDumper, sort_keys=False, width=10**9, allow_unicode=True)
+
+
+def read_log(path: Path) -> dict[str, Any] | None:
+    """How the job of a log ended; None if the file is not the log of a job."""
+    try:
+        head = path.read_text(encoding="utf-8")
+        for name in GIVEN:
+            head = head.split(f"\n{name}:", 1)[0]
+        said = yaml.load(head, yaml.CSafeLoader)
+    except (OSError, ValueError, yaml.YAMLError):
+        return None
+    return said if isinstance(said, dict) and {"job", "outcome"} <= said.keys() else None
+
+
+def plain(value: Any) -> Any:
+    """A value of mappings, lists, numbers, truth values and text only. Paths become text, numpy's
+    numbers Python's."""
+    return json.loads(
+        json.dumps(value, default=lambda one: one.item() if hasattr(one, "item") else str(one))
+    )
+
+
+def run_report(folder: Path, since: float) -> str:
+    """Each warning, with its number of jobs, in the logs below a folder written after `since` [s,
+    as `time.time`]."""
+    paths = [path for path in sorted(folder.rglob("*.log")) if path.stat().st_mtime >= since]
+    warned = (path for path in paths if b"\nwarnings:" in path.read_bytes())
+    logs = [log for log in map(read_log, warned) if log is not None]
+    most = 10  # warnings
+    counts = Counter(warning for log in logs for warning in log.get("warnings", ()))
+    lines = [
+        f"warning: {text}" + (f" ({count} jobs)" if count > 1 else "")
+        for text, count in counts.items()
+    ]
+    more = [f"{len(lines) - most} more warnings stand in the logs"] if len(lines) > most else []
+    return "\n".join([*lines[:most], *more])

@@ -1,0 +1,365 @@
+"""What a recording holds, whatever its format: channels, rows, losses, plates and text.
+
+Every format reads its files to one `Recording`. Ingest, `inspect`, `init`, `watch` and `doctor`
+take nothing else, and nothing here knows a format.
+"""
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from osl_analysis.errors import InputError, listing, nearest
+
+
+class Kind(StrEnum):
+    """What a channel is."""
+
+    SIGNAL = "signal"
+    MARKER = "marker"  # positions (n, 3), NaN where the marker was not seen
+    # angles or moments that the laboratory's program computed: (n, 3), addressed by `label`
+    MODEL_OUTPUT = "model output"
+    CLOCK = "clock"  # whole nanoseconds
+
+
+class End(StrEnum):
+    """Whether the end of a file is there."""
+
+    WHOLE = "whole"
+    MISSING = "missing"  # the recorder did not finish, or the file was cut off
+    UNKNOWN = "unknown"  # the format does not mark its end, as in text
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Instants that channels share: those of a table, a topic, a device or a camera system.
+
+    Attributes
+    ----------
+    count
+        Number of instants.
+    name
+        Name of the topic, section or group; empty where a file has only one.
+    rate_hz
+        Rate that the file states.
+    start_s
+        Time of the first row, on one clock for all rows of a file.
+    stamps_ns
+        Shape (count,): the recorder's own stamp of each row.
+    writers
+        Shape (count,): number of the recorder's channel that wrote each row, where several wrote
+        to one topic.
+    sequence
+        Shape (count,): the number that the recorder or the publisher gave to each message of one
+        writer; it tells the order of recording in a file that was sorted since.
+    lines
+        Shape (count,): line or message number of each row in the file, for messages to a user.
+    noun
+        What a row is called in messages to a user: `line`, `message`, `sample`, `frame`, `row`.
+    """
+
+    count: int
+    name: str = ""
+    rate_hz: float | None = None
+    start_s: float = 0.0
+    stamps_ns: NDArray[np.int64] | None = None
+    writers: NDArray[np.int64] | None = None
+    sequence: NDArray[np.int64] | None = None
+    lines: NDArray[np.int64] | None = None
+    noun: str = "row"
+
+    def place(self, row: int) -> str:
+        """Name a row, counted from 0, to a user."""
+        if self.lines is None:
+            return f"{self.noun} {row + 1} of {self.count}"
+        return f"{self.noun} {self.lines[row]}"
+
+
+@dataclass(frozen=True, eq=False)
+class Channel:
+    """One signal of a recording.
+
+    Attributes
+    ----------
+    address
+        Keys and values that name the channel in a source file, as `{"topic": "/leg",
+        "field": "joint_angle"}`.
+    rows
+        The instants of its values.
+    read
+        Gives the values, shape (n,) or (n, 3), in the type and unit of the file; NaN or masked
+        where a value is missing.
+    name
+        Its name without the place in the file.
+    unit
+        Unit that the file states; empty where it states none.
+    likely_unit
+        Unit by a convention or a name. It is shown to a user and never used unasked.
+    type
+        Type of its numbers and length of the array that they stand in, as `float64[4]`, for a user.
+    count_words
+        Counts the words that stand in place of numbers. Without a source file, which may name them
+        under `missing`, such readings are NaN; with one they are refused.
+    """
+
+    address: Mapping[str, str]
+    rows: Rows
+    read: Callable[[], NDArray[Any]]
+    name: str = ""
+    unit: str = ""
+    likely_unit: str = ""
+    kind: Kind = Kind.SIGNAL
+    type: str = ""
+    count_words: Callable[[], Mapping[str, int]] | None = None
+
+    @cached_property
+    def values(self) -> NDArray[Any]:
+        """The values, read once."""
+        return self.read()
+
+    @property
+    def key(self) -> str:
+        """The address in one text, for messages."""
+        return " ".join(self.address.values())
+
+
+@dataclass(frozen=True)
+class Loss:
+    """How much of what the recorder wrote was read.
+
+    Attributes
+    ----------
+    read
+        Number of messages or rows that were read.
+    expected
+        Number that the file declares; None where it does not tell. It is never 0 for "unknown".
+    by_topic
+        Messages read and expected of each topic, where counts exist.
+    checksums
+        Whether checksums cover what was read: `checked`, `mixed`, `absent`, or empty where the
+        format has none.
+    remarks
+        A sentence for each lost part.
+    """
+
+    read: int = 0
+    expected: int | None = None
+    end: End = End.WHOLE
+    by_topic: Mapping[str, tuple[int, int | None]] = field(default_factory=dict)
+    checksums: str = ""
+    remarks: Sequence[str] = ()
+
+    @property
+    def lost(self) -> int | None:
+        """Number of lost messages or rows; None where it is unknown."""
+        if self.expected is None:
+            return None
+        return max(0, self.expected - self.read)
+
+    @property
+    def share(self) -> float:
+        """Lost share of what the file declares; 0 where it is unknown."""
+        if not self.expected or self.lost is None:
+            return 0.0
+        return self.lost / self.expected
+
+
+@dataclass(frozen=True, eq=False)
+class Plate:
+    """A force plate as its file, or the source file, describes it.
+
+    Attributes
+    ----------
+    type
+        1 to 4 of the C3D manual (FORCE_PLATFORM). 0: force and moment were exported in the
+        laboratory's axes; its channels are Fx, Fy, Fz, Mx, My, Mz and, where the moment is about a
+        point that moves, the coordinates of that point.
+    corners
+        Shape (4, 3), in `length_unit`, in the laboratory's axes.
+    origin
+        Shape (3,), in `length_unit`, in the plate's axes. Of type 0: the point about which the
+        moment is, in the laboratory's axes.
+    channels
+        Its analog channels, in the order of the type.
+    calibration
+        Shape (6, 6) for type 4, in N and N times `length_unit` per unit of the channels.
+    sign
+        -1 where the file has the force on the plate in place of the force on the foot.
+    foot
+        `left` or `right` where the force is that of one foot, whichever plate it stands on.
+    facts
+        What the provenance keeps, as the name of the device.
+    """
+
+    number: int
+    type: int
+    corners: NDArray[np.float64]
+    origin: NDArray[np.float64]
+    channels: Sequence[Channel]
+    length_unit: str = "mm"
+    calibration: NDArray[np.float64] | None = None
+    sign: int = 1
+    foot: str | None = None
+    facts: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """A file, or the files of a bag, as read.
+
+    Attributes
+    ----------
+    format
+        Name of the format.
+    notes
+        Text of the file: comments, header lines, properties.
+    facts
+        What `inspect` shows and the provenance keeps, as size and version. A capture tells
+        `frames`, `first_frame`, `frame_rate_hz`, `samples_per_frame`, and where it knows them
+        `body_mass_kg`, `vertical_on_screen` (`+Z`, `y`), `plates` (how many it describes) and
+        `plate_zero_frames` (first and last).
+    settings
+        Fields of a source file that the file itself tells, as the delimiter of a table.
+    questions
+        What a user has to decide before all of it can be read, a sentence each, as where force
+        plates lie.
+    find_unlisted
+        Finds a channel that is not listed, as element 7 of an array in a message, or one that is
+        named in another way.
+    """
+
+    format: str
+    channels: Sequence[Channel]
+    loss: Loss = field(default_factory=Loss)
+    plates: Sequence[Plate] = ()
+    notes: Sequence[str] = ()
+    facts: Mapping[str, Any] = field(default_factory=dict)
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    questions: Sequence[str] = ()
+    find_unlisted: Callable[[Mapping[str, str]], Channel | None] | None = None
+
+    def find(self, address: Mapping[str, str], noun: str = "") -> Channel:
+        """Find the channel that a source file names.
+
+        Parameters
+        ----------
+        address
+            Keys and values, the most general first. The last value is a full name, a name without
+            place or unit (`Channel.name`), a pattern with `*` that fits one channel, or of a
+            column its number, counted from 1.
+        noun
+            What the channel is called in messages; the last key if empty.
+
+        Raises
+        ------
+        InputError
+            No channel, or several channels have this address.
+        """
+        remaining = [
+            channel for channel in self.channels if channel.address.keys() == address.keys()
+        ]
+        *places, key = address
+        for place in places:
+            within = [channel for channel in remaining if channel.address[place] == address[place]]
+            if not within:
+                unlisted = self.find_unlisted(address) if self.find_unlisted else None
+                if unlisted is not None:
+                    return unlisted
+                names = list(dict.fromkeys(channel.address[place] for channel in remaining))
+                raise _missing(place, address[place], names)
+            remaining = within
+        wanted = address[key]
+        matches = _named(wanted, remaining, key)
+        if len(matches) > 1:
+            raise _ambiguous(noun or key, wanted, matches, remaining)
+        if matches:
+            return matches[0]
+        unlisted = self.find_unlisted(address) if self.find_unlisted else None
+        if unlisted is None:
+            names = list(dict.fromkeys(channel.address[key] for channel in remaining))
+            raise _missing(noun or key, wanted, names, [channel.name for channel in remaining])
+        return unlisted
+
+
+def _named(wanted: str, channels: Sequence[Channel], key: str) -> list[Channel]:
+    """List the channels with a name: in full, without place or unit, by pattern, or by number."""
+    full = [channel for channel in channels if channel.address[key] == wanted]
+    if full:
+        return full
+    plain = [channel for channel in channels if channel.name == wanted]
+    if plain:
+        return plain
+    if "*" in wanted:
+        pattern = re.compile(re.escape(wanted).replace(r"\*", ".*"), re.DOTALL)
+        return [
+            channel
+            for channel in channels
+            if pattern.fullmatch(channel.address[key]) or pattern.fullmatch(channel.name)
+        ]
+    is_number = key == "column" and re.fullmatch(r"[1-9]\d{0,4}", wanted, re.ASCII)
+    if is_number and int(wanted) <= len(channels):
+        return [channels[int(wanted) - 1]]
+    return []
+
+
+def _ambiguous(
+    noun: str, wanted: str, matches: Sequence[Channel], channels: Sequence[Channel]
+) -> InputError:
+    names = [channel.key for channel in matches]
+    if len(set(names)) == len(names):
+        return InputError(
+            f"{noun} '{wanted[:80]}' occurs {len(matches)} times, as {listing(names)}; write one of"
+            " these in the source file"
+        )
+    numbers = [str(n) for n, channel in enumerate(channels, start=1) if channel in matches]
+    return InputError(
+        f"{noun} '{wanted[:80]}' occurs {len(matches)} times, as number {listing(numbers)}; rename"
+        " them, or name others in the source file"
+    )
+
+
+def _missing(
+    noun: str, wanted: str, names: Sequence[str], plain_names: Sequence[str] = ()
+) -> InputError:
+    advice = nearest(wanted, [*names, *plain_names]) or "; correct the name in the source file"
+    return InputError(f"no {noun} '{wanted[:80]}'; the file has {listing(names)}{advice}")
+
+
+@dataclass(frozen=True)
+class Format:
+    """A file format: what a module of `formats/` offers as `FORMAT`.
+
+    Attributes
+    ----------
+    name
+        What `format:` says in a source file.
+    suffixes
+        Endings of its files, for files that their first bytes do not tell.
+    begins
+        Whether a file that begins with these bytes is of this format.
+    source
+        Model of its source files (pydantic, `osl_analysis.source_file`).
+    read
+        Reads a file; the source file, where there is one, gives the options of the format.
+    priority
+        Formats with a lower number are asked first whether a file is theirs; text is asked last.
+    is_folder
+        Whether a folder is one recording of this format.
+    files_in
+        Files of such a folder that are the recording.
+    """
+
+    name: str
+    suffixes: tuple[str, ...]
+    begins: Callable[[bytes], bool]
+    source: type[Any]
+    read: Callable[[Path, Any], Recording]
+    priority: int = 0
+    is_folder: Callable[[Path], bool] = lambda path: False
+    files_in: Callable[[Path], Sequence[Path]] = lambda path: [path]

@@ -1,0 +1,506 @@
+"""What a source file may say, whatever the format: channels, conversions, clocks, markers.
+
+A source file describes the recordings of one recorder. Each format has a model with the keys of
+its own, a subclass of one of these, so that a key of another format is refused by name. Here are
+settings and their checks alone: `ingest` reads recordings by them.
+"""
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    PositiveFloat,
+    PrivateAttr,
+    field_validator,
+    model_validator,
+)
+
+from osl_analysis.errors import InputError, nearest
+from osl_analysis.trial import AXES, COLUMNS, unit_of
+from osl_analysis.units import (
+    ForceUnit,
+    LengthUnit,
+    MomentUnit,
+    TimeUnit,
+    Unit,
+    quantity,
+    si_factor,
+)
+from osl_analysis.yaml_settings import Settings, distinct, field_line, misplaced, one_of
+
+SampleShare = Annotated[float, Field(ge=0, le=1)]
+LONGEST_DELAY_S = 0.2  # beyond it, K, B and I would be fitted to another motion
+LOWEST_CUTOFF_HZ = 0.5  # below it, a sensor's low-pass would hide the motion
+LEVEL_UNIT = "V"  # of the columns that may be read from truth values: `sync` and `trigger`
+# a scale or an offset; a larger number is a typing error
+NoSlip = Annotated[float, Field(ge=-1e12, le=1e12)]
+Name = Annotated[str, Field(min_length=1)]
+
+
+def column_name(given: Any) -> Any:
+    """Give a column's name, or its number (counted from 1) as text."""
+    if type(given) is not int:
+        return given
+    if given < 1:
+        raise ValueError(
+            "columns are counted from 1; write its number, or a name of digits in quotes"
+        )
+    return str(given)
+
+
+ColumnName = Annotated[Name, BeforeValidator(column_name)]
+Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
+Axes = tuple[Axis, Axis, Axis]
+Corner = tuple[float, float, float]
+
+
+class SensorFilter(Settings):
+    """The low-pass of a sensor or its amplifier, an analogue Butterworth that ran once while
+    recording."""
+
+    cutoff: str  # Cut-off with its unit, as `100 Hz`.
+    order: int = Field(default=1, ge=1, le=8)  # Order.
+
+    @field_validator("cutoff")
+    @classmethod
+    def _above_the_motion(cls, value: str) -> str:
+        if quantity(value, "Hz") < LOWEST_CUTOFF_HZ:
+            raise ValueError(
+                f"a cut-off below {LOWEST_CUTOFF_HZ:g} Hz would hide the motion; correct its unit,"
+                " as `100 Hz`"
+            )
+        return value
+
+
+class Conversion(Settings):
+    """Conversion of recorded numbers to SI units, sign * scale * factor * (raw + offset), and facts
+    on the sensor."""
+
+    # Age of a sample at its stamp, as `2 ms`; it is subtracted from the channel's stamps.
+    delay: str | None = None
+    # The sensor's own low-pass, through which analyses put all other signals.
+    low_pass: SensorFilter | None = None
+    # Smallest step of the recorded values with its unit, as `0.02 deg`.
+    resolution: str | None = None
+    # Bits of an encoder per revolution, in place of `resolution`.
+    bits: int | None = Field(default=None, ge=4, le=32)
+    range: str | tuple[str, str] | None = None
+    """Range of the sensor, before `sign` and `offset`: `60 N*m` for +-60 N*m, or both ends, as `[0
+    deg, 300 deg]`."""
+    # Unit of the numbers, as laboratories spell it. Without it, the one that the file states.
+    unit: Unit | None = None
+    sign: Literal[1, -1] = 1  # -1 if the recorder has the opposite direction as positive.
+    scale: NoSlip = 1.0  # Units per count: 1 / 16384 with the unit rev for an encoder of 14 bits.
+    # Offset that is added to the raw numbers before the scale, in the raw unit.
+    offset: NoSlip = 0.0
+
+    @field_validator("delay")
+    @classmethod
+    def _an_age(cls, value: str | None) -> str | None:
+        if value is not None and not 0 <= quantity(value, "s") <= LONGEST_DELAY_S:
+            raise ValueError(
+                f"a delay is the age of a sample, from 0 to {LONGEST_DELAY_S:g} s; correct its"
+                " sign or its unit"
+            )
+        return value
+
+    @field_validator("scale")
+    @classmethod
+    def _not_zero(cls, value: float) -> float:
+        if value == 0:
+            raise ValueError("a scale of zero makes every number zero; write the size of one count")
+        return value
+
+    def ends(self, si_unit: str) -> tuple[float, float]:
+        """Both ends of the stated range [si_unit]. Raises InputError: the range is empty."""
+        assert self.range is not None
+        if isinstance(self.range, str):
+            high = quantity(self.range, si_unit)
+            low = -high
+        else:
+            low, high = (quantity(text, si_unit) for text in self.range)
+        if low >= high:
+            raise InputError(
+                f"a range from {low:g} to {high:g} {si_unit} is empty; write the lower end first,"
+                " or one number"
+            )
+        return low, high
+
+    def step(self, si_unit: str) -> float:
+        """Smallest step of the recorded values [si_unit]. Raises InputError: the statement
+        contradicts itself."""
+        if self.resolution is not None and self.bits is not None:
+            raise InputError("state `resolution` or `bits`, not both")
+        if self.resolution is not None:
+            step = quantity(self.resolution, si_unit)
+        elif self.bits is not None and si_unit == "rad":
+            step = 2 * np.pi / 2**self.bits
+        else:
+            raise InputError(
+                "`bits` are those of an encoder per revolution; state `resolution` with its unit"
+                " instead"
+            )
+        if step <= 0:
+            raise InputError(
+                f"a resolution of {self.resolution} is not positive; write a positive one, or"
+                " remove it"
+            )
+        return step
+
+
+class Addressed(Settings):
+    """The keys that name one channel of a recording."""
+
+    # The key that names it: `column`, `field`, `channel`, `variable` or `component`.
+    ADDRESS: ClassVar[str] = ""
+    BESIDE: ClassVar[tuple[str, ...]] = ()  # Other keys that it takes to find it.
+
+    @property
+    def name(self) -> str:
+        """The channel, as the source file writes it; empty if it names none."""
+        return getattr(self, self.ADDRESS) or ""
+
+    @property
+    def address(self) -> dict[str, str]:
+        """The keys and values that name the channel, the most general first."""
+        return {key: getattr(self, key) for key in (*self.BESIDE, self.ADDRESS)}
+
+    @property
+    def title(self) -> str:
+        """The channel, for messages."""
+        return f"{self.ADDRESS} '{self.name}'"
+
+
+class Channel(Conversion, Addressed):
+    """The recorded channel of a canonical column, and its conversion."""
+
+
+class LogChannel(Channel):
+    """A channel of a log."""
+
+    # Where the device counts its samples, which tells the missing ones.
+    counter: ColumnName | None = None
+    # After how much the raw numbers begin anew: 360, or 65536 for 16 bits.
+    wraps_at: PositiveFloat | None = None
+
+
+class FieldChannel(LogChannel):
+    """A number in a message."""
+
+    ADDRESS = "field"
+    field: Name
+    """Dotted path of the number, with an index or a name where it passes an array:
+    `wrench.force.x`, `position[0]`, `position[name=ankle]`; in JSON a name with a dot in it in
+    quotes, `functions["loadcell.mz"]`."""
+    unit: Unit  # Unit of the numbers, as laboratories spell it.
+
+
+class MessageChannel(FieldChannel):
+    """A number in the messages of one topic."""
+
+    BESIDE = ("topic",)
+    topic: Name  # Name of the topic.
+
+
+class ColumnChannel(LogChannel):
+    """A column of a table."""
+
+    ADDRESS = "column"
+    column: ColumnName
+    """Name in the header, with or without its unit (`torque` finds `torque [Nm]`); a pattern in
+    which `*` stands for any text, which must fit one column (`"*.output_position"`); or the
+    column's number, counted from 1."""
+
+
+class Time(Addressed):
+    """Where the time of a row or message comes from: the recording has it, or the rate at which
+    rows were written."""
+
+    IN_FILE: ClassVar[bool] = False  # Whether the format itself tells when a sample was taken.
+
+    stamps: Literal["auto", "exact", "even"] = "auto"
+    """How the stamps are taken (docs/time_base.md). `exact`: each sample was taken at its stamp.
+    `even`: the device samples evenly, and only the stamps scatter. `auto`: stamps and signals
+    decide."""
+
+
+class MessageTime(Time):
+    """The time of messages."""
+
+    ADDRESS = "field"
+    # `header`: the stamp in the message. `log`: when the recorder logged it.
+    source: Literal["header", "log"]
+    field: str = "header.stamp"  # Path of a stamp of seconds and nanoseconds.
+
+
+class RowTime(Time):
+    """The time of a table of rows."""
+
+    COUNTS: ClassVar[bool] = False  # Whether it may count samples.
+
+    # Unit of the numbers that are time. Without it, the file's unit is used.
+    unit: TimeUnit | None = None
+    rate: PositiveFloat | None = None  # Rows per second [Hz], for a file without time.
+    repeated: Literal["keep", "drop"] = "keep"
+    """Rows whose stamp is that of the row before. `keep`: they are samples whose stamps were
+    rounded. `drop`: the recorder read a device faster than it sampled; only the first row of each
+    stamp is used."""
+
+    @model_validator(mode="after")
+    def _one(self) -> Self:
+        counts_samples = self.COUNTS and self.unit is None
+        has_rate = self.rate is not None
+        is_told_twice = bool(self.name) and has_rate and not counts_samples
+        is_told = bool(self.name) or has_rate or self.IN_FILE
+        if is_told_twice or not is_told:
+            raise ValueError(
+                f"state either the {self.ADDRESS} that holds time or the rate of the rows [Hz]"
+            )
+        if self.unit is not None and not self.name and self.ADDRESS != "column":
+            raise ValueError(
+                f"`unit` is that of the {self.ADDRESS} of time; name the {self.ADDRESS}, or"
+                " remove it"
+            )
+        return self
+
+
+class ColumnTime(RowTime):
+    """A column of time, or the rate of the rows."""
+
+    ADDRESS = "column"
+    COUNTS = True
+    # Name of the column that holds time, or beside `rate` counts the samples.
+    column: ColumnName | None = None
+
+
+class ExportedPlate(Settings):
+    """A force plate that was exported as numbers. The file does not say where it lies."""
+
+    # -1 if the file has the force on the plate instead of the force on the foot.
+    sign: Literal[1, -1] = 1
+
+
+class PlateUnits(Settings):
+    """Units of the plates' channels where the file's ANALOG:UNITS are absent or wrong."""
+
+    force: ForceUnit  # Unit of the force channels.
+    moment: MomentUnit  # Unit of the moment channels.
+    # Unit of the centre of pressure of a type 1 plate; null: the file's.
+    length: LengthUnit | None = None
+
+
+class SharedAngle(Settings):
+    """An angle recorded by both log and motion capture. It aligns their clocks if there are no sync
+    edges."""
+
+    column: Annotated[str, AfterValidator(partial(one_of, COLUMNS, "canonical column of a log"))]
+    """Column of the log with the angle. Its scale, sign and offset do not matter."""
+    markers: Annotated[tuple[str, str, str], AfterValidator(distinct)]
+    """Three markers of motion capture. The angle is at the second marker."""
+
+
+class ModelOutput(Conversion):
+    """One component of a model output, such as a joint moment of Plug-in Gait, that is stored like
+    a marker."""
+
+    label: Name  # Label of the output in the file.
+    component: Literal["x", "y", "z"]  # Component of the output.
+    # In which the software computes; the file may misstate it: moments of Plug-in Gait are N*mm/kg.
+    unit: Unit
+
+
+def all_none_or_list(value: Any) -> Any:
+    """Give a choice among the parts of a file; `none` becomes the empty list."""
+    if value == "all":
+        return value
+    if value == "none":
+        return ()
+    if not isinstance(value, list | tuple):
+        raise ValueError("write all, none or a list")
+    return distinct(tuple(value))
+
+
+def check_canonical(channels: Mapping[str, Conversion]) -> None:
+    """Refuse columns that are not in the nomenclature, and units that cannot become theirs."""
+    names = [name for name in COLUMNS if name != "time"]
+    for column, channel in channels.items():
+        try:
+            si_unit = unit_of(column)
+        except KeyError:
+            advice = f"the columns are {', '.join(names)}, signal_NAME{nearest(column, names)}"
+            raise misplaced(f"'{column}' is not a canonical column; {advice}", column) from None
+        if column == "time":
+            raise misplaced("time is not a channel; state its source under `time`", column)
+        checks: dict[str, Callable[[str], object]] = {
+            "unit": partial(si_factor, channel.unit or ""),
+            "resolution": channel.step,
+            "bits": channel.step,
+            "range": channel.ends,
+        }
+        for key, check in checks.items():
+            value = getattr(channel, key)
+            if value is None:
+                continue
+            try:
+                check(si_unit)
+            except ValueError as error:
+                raise misplaced(f"{value!r} is not allowed: {error}", column, key) from None
+
+
+def check_each_once(
+    key: str, channels: Mapping[str, Channel], taken: dict[tuple[str, ...], str]
+) -> None:
+    """Refuse a channel that is mapped to two columns, unless they are levels.
+
+    `taken` has the column of each channel so far.
+    """
+    for column, channel in channels.items():
+        if unit_of(column) == LEVEL_UNIT:
+            continue
+        other = taken.setdefault(tuple(channel.address.values()), column)
+        if other != column:
+            raise misplaced(
+                f"{channel.title} is {other} already; correct one", key, column, channel.ADDRESS
+            )
+
+
+class Source(Settings):
+    """A source file: what the files of a recorder hold. A recorder writes a log, with its own
+    clock, or a capture."""
+
+    format: str  # Format of the file.
+    description: str = ""  # For readers; nothing is computed from it.
+    _path: Path | None = PrivateAttr(default=None)
+
+    @field_validator("channels", "analogs", "outputs", check_fields=False)
+    @classmethod
+    def _canonical(cls, channels: Mapping[str, Conversion]) -> Mapping[str, Conversion]:
+        check_canonical(channels)
+        return channels
+
+    def written_in(self, path: Path) -> None:
+        """Note the file that these settings come from, for messages."""
+        self._path = path
+
+    def place(self, *keys: str) -> str:
+        """A field, for messages: its keys, and the file and line in which they stand."""
+        field = f"`{'.'.join(keys)}`"
+        if self._path is None:
+            return f"{field} in the source file"
+        line = field_line(self._path, keys)
+        if line:
+            return f"{field} in {self._path}, line {line}"
+        return f"{field} in {self._path}"
+
+    def of_part(self, part: str) -> Self:
+        """The source file for one part of a log that holds several trials, as the sample sheet
+        names it."""
+        if part:
+            raise InputError(
+                f"log_part '{part}': a log in {self.format} holds one trial; leave log_part empty"
+            )
+        return self
+
+
+class InAxes(Source):
+    """The source file of files with positions."""
+
+    # The file's axes that point forward, left and up: `[x, -z, y]` where y is up.
+    axes: Axes = ("x", "y", "z")
+
+    @property
+    def rotation(self) -> NDArray[np.float64]:
+        """Rotation (3, 3) from the file's axes to ours: our coordinates are `rotation @ (x, y,
+        z)`."""
+        rotation = np.zeros((3, 3))
+        for row, name in enumerate(self.axes):
+            rotation[row, AXES.index(name[-1])] = -1.0 if name.startswith("-") else 1.0
+        return rotation
+
+    @model_validator(mode="after")
+    def _right_handed(self) -> Self:
+        if round(float(np.linalg.det(self.rotation))) != 1:
+            raise misplaced(
+                f"{list(self.axes)} is not allowed: forward, left and up must be three different"
+                " axes of a right-handed laboratory",
+                "axes",
+            )
+        return self
+
+
+class LogSource(Source):
+    """The source file of a log."""
+
+    clock: Literal["master", "sync", "shared"] = "master"
+    """How the log's clock is aligned to motion capture's. `master`: not; the log is the only file.
+    `sync`: by the edges of the column `sync`. `shared`: by the signal that motion capture's source
+    file names under `shared`."""
+    # The recorded channel of each canonical column.
+    channels: Annotated[Mapping[str, LogChannel], Field(min_length=1)]
+    time: Time  # Where the time of a row or message comes from.
+    # Largest share of a channel's numbers, and of the rows, that may be missing.
+    most_missing: SampleShare = 0.01
+
+    @model_validator(mode="after")
+    def _aligned(self) -> Self:
+        if self.clock == "shared" and "sync" in self.channels:
+            raise misplaced(
+                "a log with the mapped column sync is aligned by its edges; write clock: sync, or"
+                " remove sync",
+                "clock",
+            )
+        if self.clock == "sync" and "sync" not in self.channels:
+            raise misplaced(
+                "sync needs the column sync under channels; map it, or write clock: master", "clock"
+            )
+        taken: dict[tuple[str, ...], str] = {}
+        if self.time.name:
+            taken[(self.time.name,)] = "time"
+        check_each_once("channels", self.channels, taken)
+        return self
+
+
+class MessageSource(LogSource):
+    """The source file of messages by topic."""
+
+    OF = " of messages"
+    channels: Annotated[Mapping[str, MessageChannel], Field(min_length=1)]
+    time: MessageTime
+    # Largest share of a topic's messages that may be lost, or the log is refused.
+    largest_loss: SampleShare = 0.01
+
+
+class TableSource(LogSource):
+    """The source file of a log that is a table of rows."""
+
+    time: RowTime
+
+
+class MarkerSource(InAxes):
+    """The source file of a motion capture."""
+
+    markers: Annotated[Literal["all"] | tuple[str, ...], BeforeValidator(all_none_or_list)] = "all"
+    """The markers to read: all (every labelled point except model outputs), none or a list of
+    labels."""
+    shared: SharedAngle | None = None  # What aligns the clock of a log that says `clock: shared`.
+
+
+class LaboratorySource(MarkerSource):
+    """The source file of a motion capture with devices."""
+
+    # The recorded channel of each canonical column.
+    analogs: Mapping[str, Channel] = Field(default={})
+    # The model output of each canonical column.
+    outputs: Mapping[str, ModelOutput] = Field(default={})
+
+    @model_validator(mode="after")
+    def _each_once(self) -> Self:
+        check_each_once("analogs", self.analogs, {})
+        return self

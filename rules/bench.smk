@@ -1,0 +1,128 @@
+"""Trial -> rows of its fit, by experiment.
+
+The first file has the estimates, `others` is an archive of the other tables of the trial.
+"""
+
+
+rule fit_belt:
+    """K_s of the belt, with the input shaft locked (Fig. 3)."""
+    input:
+        trial="<results>/trials/{trial}.parquet",
+        parameters=device,
+    output:
+        belt="<results>/fits/belt/{trial}.csv",
+        others="<results>/fits/belt/{trial}.zip",
+    log:
+        "<logs>/belt/{trial}.log",
+    params:
+        settings=CONFIG.dynamometer.part("BeltAnalysis"),
+        made_by=MADE_BY,
+    run:
+        job("bench.fit_belt_trial", input, output, params, log)
+
+
+rule fit_transmission:
+    """B_j and J_j of the transmission, with the motor detached."""
+    input:
+        trial="<results>/trials/{trial}.parquet",
+        parameters=device,
+    output:
+        transmission="<results>/fits/transmission/{trial}.csv",
+        others="<results>/fits/transmission/{trial}.zip",
+    log:
+        "<logs>/transmission/{trial}.log",
+    params:
+        settings=CONFIG.dynamometer.part("SteppedSineAnalysis"),
+        made_by=MADE_BY,
+    run:
+        job("bench.fit_transmission_trial", input, output, params, log)
+
+
+rule fit_actuator:
+    """k_tau n_m, f_C, f_G, B_m and J_m of the actuator alone (Table I)."""
+    input:
+        trial="<results>/trials/{trial}.parquet",
+        parameters=device,
+    output:
+        actuator="<results>/fits/actuator/{trial}.csv",
+        others="<results>/fits/actuator/{trial}.zip",
+    log:
+        "<logs>/actuator/{trial}.log",
+    params:
+        settings=CONFIG.actuator.part("ActuatorAnalysis"),
+        made_by=MADE_BY,
+    run:
+        job("bench.fit_actuator_trial", input, output, params, log)
+
+
+rule fit_impedance:
+    """K, B, I of one trial (Eq. 15), its frequency response, the law that its current follows."""
+    input:
+        trial="<results>/trials/{trial}.parquet",
+        parameters=device,
+    output:
+        impedance="<results>/fits/impedance/{trial}.csv",
+        record="<results>/fits/impedance/{trial}.parquet",
+        others="<results>/fits/impedance/{trial}.zip",
+    log:
+        "<logs>/impedance/{trial}.log",
+    params:
+        settings=CONFIG.dynamometer.part("ImpedanceAnalysis"),
+        weight=plain(CONFIG.gain_weight),
+        models=CONFIG.model_comparison.part("ModelComparison"),
+        condition=cells("controller", "K_d", "B_d"),
+        windows=cell("windows"),
+        made_by=MADE_BY,
+    run:
+        job("bench.fit_impedance_trial", input, output, params, log)
+
+
+rule fit_human_joint:
+    """K, B, I of a person's joint, and its stretch reflex."""
+    input:
+        trial="<results>/trials/{trial}.parquet",
+    output:
+        human_joint="<results>/fits/human_joint/{trial}.csv",
+        others="<results>/fits/human_joint/{trial}.zip",
+    log:
+        "<logs>/human_joint/{trial}.log",
+    params:
+        settings=CONFIG.dynamometer.part("HumanJointAnalysis"),
+        windows=cell("windows"),
+        made_by=MADE_BY,
+    run:
+        job("bench.fit_human_joint_trial", input, output, params, log)
+
+
+rule fit_torque_angle:
+    """Stiffness over angle, energy and hysteresis of slow cycles."""
+    input:
+        trial="<results>/trials/{trial}.parquet",
+    output:
+        torque_angle="<results>/fits/torque_angle/{trial}.csv",
+        others="<results>/fits/torque_angle/{trial}.zip",
+    log:
+        "<logs>/torque_angle/{trial}.log",
+    params:
+        settings=CONFIG.torque_angle.part("TorqueAngleAnalysis"),
+        condition=cells("desired"),
+        made_by=MADE_BY,
+    run:
+        job("bench.fit_torque_angle_trial", input, output, params, log)
+
+
+rule fit_calibration:
+    """Delay and gains that the bench reads of a spring or an inertia that is known."""
+    input:
+        trial="<results>/trials/{trial}.parquet",
+    output:
+        calibration="<results>/fits/calibration/{trial}.csv",
+        others="<results>/fits/calibration/{trial}.zip",
+    log:
+        "<logs>/calibration/{trial}.log",
+    params:
+        settings=CONFIG.dynamometer.part("ImpedanceAnalysis"),
+        condition=cells("known_K", "known_I", "known_percent"),
+        made_by=MADE_BY,
+    run:
+        job("bench.fit_calibration_trial", input, output, params, log)

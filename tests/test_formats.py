@@ -1,0 +1,131 @@
+"""All formats: which one a file is of, and how another one is added."""
+
+from importlib.metadata import EntryPoint, EntryPoints
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from osl_analysis import formats
+from osl_analysis.errors import InputError
+from osl_analysis.formats import GROUP, known_formats, recognise
+from osl_analysis.recording import Channel, Format, Recording, Rows
+from osl_analysis.source_file import LogSource, Source
+
+
+def test_every_module_is_a_format_with_a_model_of_its_source_files() -> None:
+    modules = {
+        path.stem
+        for path in Path(formats.__file__).parent.glob("*.py")
+        if not path.stem.startswith("_")
+    }
+
+    known = known_formats()
+
+    assert len(known) == len(modules)
+    assert list(known)[-1] == "csv"  # any text may be a table
+    for one in known.values():
+        assert issubclass(one.source, Source), one.name
+        assert one.source.model_fields.keys() & {"channels", "markers"}, one.name
+
+
+def test_no_module_of_formats_is_named_in_another_room() -> None:
+    """What is special of a format stands in its module."""
+    package = Path(formats.__file__).parents[1]
+    names = [f"formats.{path.stem}" for path in Path(formats.__file__).parent.glob("[!_]*.py")]
+    allowed = {"formats.csv_table"}  # whether a text without an ending is a table
+
+    for path in package.rglob("*.py"):
+        if path.parent.name == "formats":
+            continue
+        named = {name for name in names if name in path.read_text()}
+        assert named <= allowed, path
+
+
+class ToySource(LogSource):
+    """The source file of a toy format."""
+
+
+def read_toy(path: Path, source: ToySource | None) -> Recording:
+    values = np.array([float(cell) for cell in path.read_text()[4:].split()])
+    if values.size < 2:
+        raise KeyError("end")
+    rows = Rows(values.size, rate_hz=100.0)
+    return Recording("toy", [Channel({"column": "a"}, rows, lambda: values, "a")])
+
+
+TOY = Format(
+    name="toy",
+    suffixes=(".toy",),
+    begins=lambda begin: begin.startswith(b"TOY1"),
+    source=ToySource,
+    read=read_toy,
+)
+
+
+@pytest.fixture
+def with_toy(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """A package that offers a format by the entry point group."""
+    point = EntryPoint("toy", "toy_package:FORMAT", GROUP)
+    monkeypatch.setattr(EntryPoint, "load", lambda self: TOY)
+
+    def entry_points(group: str) -> EntryPoints:
+        return EntryPoints([point] if group == GROUP else [])
+
+    monkeypatch.setattr(formats, "entry_points", entry_points)
+    known_formats.cache_clear()
+    yield
+    known_formats.cache_clear()
+
+
+@pytest.mark.usefixtures("with_toy")
+def test_another_package_adds_a_format_by_an_entry_point(tmp_path: Path) -> None:
+    (tmp_path / "a.dat").write_text("TOY11 2 3")
+
+    recording = formats.read(tmp_path / "a.dat")
+
+    assert recognise(tmp_path / "a.dat") is TOY
+    assert recording.find({"column": "a"}).values.tolist() == [1, 2, 3]
+
+
+@pytest.mark.usefixtures("with_toy")
+def test_any_error_of_a_reader_is_one_sentence_with_file_and_remedy(tmp_path: Path) -> None:
+    path = tmp_path / "a.toy"
+    path.write_text("TOY1")
+
+    with pytest.raises(InputError) as caught:
+        formats.read(path)
+
+    assert str(caught.value).startswith(f"{path}: cannot be read (its parts contradict each other")
+    assert str(caught.value).endswith("; copy the file again, or export it anew")
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (OSError(28, "No space left on device"), "No space left on device"),
+        (ValueError("buffer is truncated"), "it is cut off, or its end is lost"),
+        (RuntimeError("zstd: bad frame"), "a packed part of it is damaged"),
+    ],
+)
+def test_an_error_of_a_library_is_told_by_what_it_means(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception, said: str
+) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("t,a\n0,1\n1,2\n")
+
+    def failing(path: Path) -> bytes:
+        raise error
+
+    monkeypatch.setattr("osl_analysis.formats.csv_table.read_text", failing)
+
+    with pytest.raises(InputError, match=said):
+        formats.read(path)
+
+
+def test_an_empty_file_is_named(tmp_path: Path) -> None:
+    (tmp_path / "a.c3d").touch()
+
+    with pytest.raises(InputError, match=r"a\.c3d: the file is empty; copy or record it again"):
+        recognise(tmp_path / "a.c3d")

@@ -1,0 +1,355 @@
+"""C3D: frames and plates of whole, cut and odd files."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from c3d_builder import REAL_DATA, write_c3d
+
+from osl_analysis import formats
+from osl_analysis.errors import InputError
+from osl_analysis.formats.c3d import C3dSource
+from osl_analysis.recording import Kind, Recording
+
+CORNERS = np.array([[400.0, 600, 0], [0, 600, 0], [0, 0, 0], [400, 0, 0]])
+PLATE_LABELS = ["Force.Fx1", "Force.Fy1", "Force.Fz1", "Moment.Mx1", "Moment.My1", "Moment.Mz1"]
+PLATE = {
+    "FORCE_PLATFORM__USED": np.array([1]),
+    "FORCE_PLATFORM__TYPE": np.array([2]),
+    "FORCE_PLATFORM__CHANNEL": np.array([[1], [2], [3], [4], [5], [6]]),
+    "FORCE_PLATFORM__CORNERS": CORNERS.T[:, :, None],
+    "FORCE_PLATFORM__ORIGIN": np.array([[0.0], [0.0], [-40.0]]),
+}
+
+
+def seen_points(frames: int = 8, points: int = 2) -> np.ndarray:
+    """Positions 1, 2, 3 ... with a residual of 0."""
+    positions = np.ones((frames, points, 4))
+    positions[:, :, :3] = 1.0 + np.arange(frames * points * 3).reshape(frames, points, 3)
+    positions[:, :, 3] = 0.0
+    return positions
+
+
+def source(**stated: Any) -> C3dSource:
+    return C3dSource.model_validate({"format": "c3d", **stated})
+
+
+def refusal(path: Path, stated: C3dSource | None = None) -> str:
+    with pytest.raises(InputError, match=r"^[^\n]+$") as caught:
+        formats.read(path, stated)
+    return str(caught.value)
+
+
+def values_of(recording: Recording, key: str, name: str) -> np.ndarray:
+    return recording.find({key: name}).values
+
+
+def test_points_have_the_rate_of_frames_and_analogs_their_own(tmp_path: Path) -> None:
+    analogs = np.arange(24.0).reshape(24, 1)
+    path = write_c3d(tmp_path / "a.c3d", seen_points(), analogs, rate=100.0)
+
+    recording = formats.read(path)
+    marker = recording.find({"label": "M1"})
+    analog = recording.find({"channel": "A1"})
+
+    np.testing.assert_array_equal(marker.values, seen_points()[:, 0, :3])
+    np.testing.assert_array_equal(analog.values, analogs[:, 0])
+    assert (marker.kind, marker.unit, marker.rows.rate_hz) == (Kind.MARKER, "mm", 100.0)
+    assert (analog.unit, analog.rows.rate_hz) == ("V", 300.0)
+    assert recording.facts["samples_per_frame"] == 3
+
+
+@pytest.mark.parametrize("processor", [84, 85, 86])
+@pytest.mark.parametrize("integers", [False, True])
+def test_the_numbers_of_every_processor_are_read(
+    tmp_path: Path, processor: int, integers: bool
+) -> None:
+    analogs = np.array([[-300.0], [250.0]] * 8)
+    path = write_c3d(
+        tmp_path / "a.c3d", seen_points(), analogs, integers=integers, processor=processor
+    )
+
+    recording = formats.read(path)
+
+    factor = 0.1 if integers else 1.0  # POINT:SCALE of the builder
+    np.testing.assert_allclose(
+        values_of(recording, "label", "M2"), factor * seen_points()[:, 1, :3], rtol=1e-6
+    )
+    np.testing.assert_array_equal(values_of(recording, "channel", "A1"), analogs[:, 0])
+
+
+def test_a_sample_is_raw_minus_offset_times_both_scales(tmp_path: Path) -> None:
+    path = write_c3d(
+        tmp_path / "a.c3d", seen_points(), np.full((8, 1), 100.0),
+        ANALOG__OFFSET=np.array([20]), ANALOG__SCALE=np.array([0.5]),
+        ANALOG__GEN_SCALE=np.array([0.1]),
+    )  # fmt: skip
+
+    samples = values_of(formats.read(path), "channel", "A1")
+
+    np.testing.assert_allclose(samples, (100 - 20) * 0.5 * 0.1, rtol=1e-6)
+
+
+def test_an_unsigned_offset_is_no_negative_one(tmp_path: Path) -> None:
+    path = write_c3d(
+        tmp_path / "a.c3d", seen_points(), np.full((8, 1), 40_000), integers=True,
+        ANALOG__OFFSET=np.array([32_768]), ANALOG__FORMAT=["UNSIGNED"],
+    )  # fmt: skip
+
+    samples = values_of(formats.read(path), "channel", "A1")
+
+    np.testing.assert_array_equal(samples, 40_000 - 32_768)
+
+
+def test_a_point_with_negative_residual_or_at_the_origin_was_not_seen(tmp_path: Path) -> None:
+    points = seen_points()
+    points[2, 0, 3] = -1.0
+    points[5, 0, :3] = 0.0
+
+    positions = values_of(formats.read(write_c3d(tmp_path / "a.c3d", points)), "label", "M1")
+
+    assert np.flatnonzero(np.isnan(positions).any(axis=1)).tolist() == [2, 5]
+
+
+def test_a_file_that_is_cut_is_refused_with_both_counts(tmp_path: Path) -> None:
+    path = write_c3d(tmp_path / "a.c3d", seen_points(100))
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) - 2048])
+
+    said = refusal(path)
+
+    assert "truncated: it declares 100 frames and holds" in said
+
+
+def test_a_file_that_fits_neither_its_frames_nor_blocks_is_refused(tmp_path: Path) -> None:
+    path = write_c3d(tmp_path / "a.c3d", seen_points(100))
+    path.write_bytes(path.read_bytes() + bytes(7))
+
+    assert "frames behind them are shifted" in refusal(path)
+
+
+def test_a_file_without_padding_whose_last_sub_frame_is_zero_is_read_and_told(
+    tmp_path: Path,
+) -> None:
+    analogs = np.random.default_rng(1).normal(size=(80, 4))
+    analogs[-1] = 0.0
+    path = write_c3d(tmp_path / "a.c3d", seen_points(), analogs)
+    content = path.read_bytes()
+    frame = 4 * (2 * 4 + 10 * 4)
+    start = 512 * (int.from_bytes(content[16:18], "little") - 1)
+    path.write_bytes(content[: start + 8 * frame])
+
+    recording = formats.read(path)
+
+    np.testing.assert_allclose(values_of(recording, "channel", "A4"), analogs[:, 3], rtol=1e-6)
+    assert "the last sample of all analog channels is 0: it was not recorded" in (
+        recording.loss.remarks
+    )
+
+
+def test_counts_that_contradict_the_parameters_are_refused(tmp_path: Path) -> None:
+    path = write_c3d(tmp_path / "a.c3d", seen_points(), POINT__USED=np.array([3]))
+
+    assert "the header counts 2, POINT:USED is 3" in refusal(path)
+
+
+def test_a_parameter_that_reaches_into_the_next_one_is_damage(tmp_path: Path) -> None:
+    path = write_c3d(tmp_path / "a.c3d", seen_points())
+    content = bytearray(path.read_bytes())
+    place = content.index(b"RATE") + len("RATE")
+    content[place : place + 2] = (3).to_bytes(2, "little")  # the next record begins within it
+    path.write_bytes(content)
+
+    assert "the parameter section is damaged after 'RATE'" in refusal(path)
+
+
+def test_a_second_parameter_goes_on_with_the_labels_of_the_first(tmp_path: Path) -> None:
+    path = write_c3d(
+        tmp_path / "a.c3d", seen_points(points=3),
+        POINT__LABELS=["A", "B"], POINT__LABELS2=["C"],
+    )  # fmt: skip
+
+    labels = [one.address["label"] for one in formats.read(path).channels]
+
+    assert labels == ["A", "B", "C"]
+
+
+def test_labels_of_a_group_of_outputs_are_no_markers(tmp_path: Path) -> None:
+    path = write_c3d(
+        tmp_path / "a.c3d", seen_points(),
+        POINT__TYPE_GROUPS=["MOMENTS", "n"], POINT__MOMENTS=["M2"],
+    )  # fmt: skip
+
+    recording = formats.read(path)
+
+    assert recording.find({"label": "M1"}).kind == Kind.MARKER
+    assert recording.find({"label": "M2"}).kind == Kind.MODEL_OUTPUT
+    assert recording.find({"label": "M2"}).unit == ""  # files misstate it
+
+
+def test_markers_without_names_are_refused_where_all_are_asked(tmp_path: Path) -> None:
+    path = write_c3d(tmp_path / "a.c3d", seen_points(), POINT__LABELS=["", ""])
+
+    assert "none of its 2 points has a name" in refusal(path, source())
+    formats.read(path, source(markers="none"))
+
+
+# --- plates -------------------------------------------------------------------------------------
+
+
+def write_plate(path: Path, forces: np.ndarray | None = None, **parameters: Any) -> Path:
+    analogs = np.zeros((8, 6)) if forces is None else forces
+    labels = {"ANALOG__LABELS": PLATE_LABELS, "ANALOG__UNITS": ["N"] * 3 + ["N*mm"] * 3}
+    return write_c3d(path, seen_points(), analogs, **{**labels, **parameters})
+
+
+def test_a_plate_has_its_channels_corners_and_origin(tmp_path: Path) -> None:
+    recording = formats.read(write_plate(tmp_path / "a.c3d", **PLATE))
+    (plate,) = recording.plates
+
+    assert (plate.number, plate.type, plate.length_unit) == (1, 2, "mm")
+    assert [channel.name for channel in plate.channels] == PLATE_LABELS
+    np.testing.assert_array_equal(plate.corners, CORNERS)
+    np.testing.assert_array_equal(plate.origin, [0, 0, -40])
+
+
+@pytest.mark.parametrize(
+    ("parameters", "said"),
+    [
+        ({"FORCE_PLATFORM__TYPE": np.array([7])}, "plate 1 is of type 7; types 1 to 4 are read"),
+        ({"FORCE_PLATFORM__CORNERS": np.zeros((3, 4, 1))}, "its corners span no plane"),
+        ({"FORCE_PLATFORM__CORNERS": np.zeros((3, 3, 1))}, "CORNERS has dimensions (3, 3, 1)"),
+        (
+            {"FORCE_PLATFORM__CHANNEL": np.array([[1], [2], [3], [4], [5], [9]])},
+            "needs 6 channels, FORCE_PLATFORM:CHANNEL gives [1, 2, 3, 4, 5, 9] of the file's 6",
+        ),
+        (
+            {"FORCE_PLATFORM__TYPE": np.array([3]), "FORCE_PLATFORM__ORIGIN": np.zeros((3, 1))},
+            "without its sensors' distances there is no moment",
+        ),
+    ],
+)
+def test_a_plate_that_cannot_be_is_refused_where_it_is_asked_for_and_else_remarked(
+    tmp_path: Path, parameters: dict[str, Any], said: str
+) -> None:
+    path = write_plate(tmp_path / "a.c3d", **{**PLATE, **parameters})
+
+    assert said in refusal(path, source())
+    assert "(or leave this plate out: `plates: none`)" in refusal(path, source())
+    listed = formats.read(path)
+    assert not listed.plates
+    assert any(said in remark for remark in listed.loss.remarks)
+    assert not formats.read(path, source(plates="none")).plates
+
+
+def test_a_plate_that_the_file_lacks_is_refused_with_those_that_it_has(tmp_path: Path) -> None:
+    path = write_plate(tmp_path / "a.c3d", **PLATE)
+
+    assert "no force plate 2; the file has 1, counted from 1" in refusal(path, source(plates=[2]))
+
+
+STATED = {
+    1: {"type": 2, "channels": PLATE_LABELS, "corners": CORNERS.tolist(), "origin": [0, 0, -40]}
+}
+
+
+def test_without_force_platform_the_refusal_says_the_key_that_states_a_plate(
+    tmp_path: Path,
+) -> None:
+    path = write_plate(tmp_path / "a.c3d")
+
+    said = refusal(path, source(plates=[1]))
+
+    assert "no force plate 1: the file describes none (it has no FORCE_PLATFORM)" in said
+    assert f"`plate_geometry: {{1: {{type: 2, channels: [{', '.join(PLATE_LABELS)}]" in said
+    assert "channels look like those of a force plate" in formats.read(path).questions[0]
+
+
+def test_a_plate_that_the_source_file_states_is_as_one_of_the_file(tmp_path: Path) -> None:
+    described = formats.read(write_plate(tmp_path / "a.c3d", **PLATE)).plates[0]
+    by_number = {1: {**STATED[1], "channels": [1, 2, 3, 4, 5, 6]}}
+
+    for geometry in (STATED, by_number):
+        (plate,) = formats.read(
+            write_plate(tmp_path / "b.c3d"), source(plate_geometry=geometry)
+        ).plates
+        assert plate.type == described.type
+        assert [one.key for one in plate.channels] == [one.key for one in described.channels]
+        np.testing.assert_array_equal(plate.corners, described.corners)
+        np.testing.assert_array_equal(plate.origin, described.origin)
+
+
+def test_a_stated_channel_that_the_file_lacks_is_refused(tmp_path: Path) -> None:
+    wrong = {1: {**STATED[1], "channels": [*PLATE_LABELS[:5], "Mz"]}}
+    path = write_plate(tmp_path / "a.c3d")
+
+    assert "'Mz' names 0 analog channels" in refusal(path, source(plate_geometry=wrong))
+    with pytest.raises(ValueError, match="a plate of type 3 has 8 channels, 6 are named"):
+        source(plate_geometry={1: {**STATED[1], "type": 3}})
+
+
+def test_frames_at_the_end_without_forces_are_left_out(tmp_path: Path) -> None:
+    forces = np.random.default_rng(1).normal(size=(16, 6))
+    forces[11:] = np.nan
+
+    recording = formats.read(write_plate(tmp_path / "a.c3d", forces, **PLATE))
+
+    assert recording.facts["frames"] == 5
+    assert recording.loss.read == 5
+    assert recording.loss.expected == 8
+    assert values_of(recording, "channel", "Force.Fz1").size == 10
+    assert "are no numbers in the last 3 frames" in recording.loss.remarks[0]
+
+
+def test_rotations_without_markers_are_named(tmp_path: Path) -> None:
+    path = write_c3d(
+        tmp_path / "a.c3d", np.zeros((8, 0, 4)), rate=85.0, ROTATION__USED=np.array([3])
+    )
+
+    assert "holds 3 rotations of segments at 85 Hz and no marker: poses are not read" in (
+        refusal(path)
+    )
+
+
+# --- real files ---------------------------------------------------------------------------------
+
+
+@pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no recordings made by others here")
+@pytest.mark.parametrize(
+    "name",
+    [
+        "btk_PiG_Motion3_FF.c3d",
+        "opensim_jogging_300_1500.c3d",
+        "qtm_JH_01_300_1200_plate_offset.c3d",
+        "c3dorg_s10_TYPE-4.C3D",
+        "Eb015vr.c3d",
+    ],
+)
+def test_points_and_analogs_of_real_files_equal_ezc3ds(name: str) -> None:
+    ezc3d = pytest.importorskip("ezc3d")
+    path = REAL_DATA / "c3d" / name
+
+    recording = formats.read(path)
+    other = ezc3d.c3d(str(path))["data"]
+
+    points = [one for one in recording.channels if "label" in one.address]
+    analogs = [one for one in recording.channels if "channel" in one.address]
+    for place, channel in enumerate(points):
+        theirs = other["points"][:3, place].T
+        seen = np.isfinite(channel.values)
+        np.testing.assert_allclose(channel.values[seen], theirs[seen], rtol=1e-6, atol=1e-6)
+    for place, channel in enumerate(analogs):
+        np.testing.assert_allclose(channel.values, other["analogs"][0, place], rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no recordings made by others here")
+def test_one_trial_of_every_processor_and_type_of_number_is_one_trial() -> None:
+    files = [REAL_DATA / f"c3d/Eb015{kind}.c3d" for kind in ("pi", "pr", "si", "vi", "vr")]
+    recordings = [formats.read(path) for path in files]
+
+    first = recordings[1]  # reals of an Intel processor
+    for recording in recordings:
+        for channel, other in zip(recording.channels, first.channels, strict=True):
+            step = 0.1 if channel.kind == Kind.MARKER else 2.0  # of the integers
+            np.testing.assert_allclose(channel.values, other.values, atol=step)

@@ -1,0 +1,213 @@
+"""Oddities that recordings of others have: a stale row, two publishers, a gate, a copied topic."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+from mcap_builder import HEADER, stamped, write_log
+from recognised_files import read_recognised, refusal_of
+
+from osl_analysis.commands.trials import inspect_file
+from osl_analysis.errors import InputError
+from osl_analysis.ingest.clock import aligned_clock
+from osl_analysis.ingest.conversion import Converted
+from osl_analysis.ingest.draft import draft_source
+from osl_analysis.ingest.stale_rows import find_stale_rows
+
+TIME = np.arange(4000) / 500
+ANGLE = 5 * np.sin(9 * TIME)
+TORQUE = 30 * np.sin(9 * TIME + 0.3)
+CSV = {
+    "time": {"column": "time", "unit": "ms"},
+    "channels": {
+        "theta": {"column": "angle", "unit": "deg"},
+        "torque": {"column": "torque", "unit": "N*m"},
+    },
+}
+
+
+def write_rows(path: Path, rows: np.ndarray[Any, Any]) -> Path:
+    lines = [f"{t:.0f},{a:.9f},{f:.9f}" for t, a, f in rows]
+    path.write_text("\n".join(["time,angle,torque", *lines, ""]))
+    return path
+
+
+# Rows of another time.
+
+
+@pytest.mark.parametrize("row", [0, 1800, 3999])
+def test_a_stale_row_is_left_out_and_named(tmp_path: Path, row: int) -> None:
+    rows = np.column_stack([1e3 * TIME + 50_000, ANGLE, TORQUE])
+    rows[row] = rows[1200] + [1, 0, 0]
+
+    recording = read_recognised(write_rows(tmp_path / "a.csv", rows), **CSV)
+
+    kept = np.delete(np.arange(TIME.size), row)
+    if row == 3999:  # it stands at the end, where time just ends
+        kept = np.arange(3999)
+    np.testing.assert_allclose(recording.samples["torque"], TORQUE[kept], atol=1e-8)
+    assert any(f"line {row + 2} is left out" in text for text in recording.warnings)
+
+
+def test_a_clock_that_stays_back_is_refused(tmp_path: Path) -> None:
+    rows = np.column_stack([1e3 * TIME + 50_000, ANGLE, TORQUE])
+    rows[2000:, 0] -= 1000
+
+    message = refusal_of(write_rows(tmp_path / "a.csv", rows), **CSV)
+
+    assert "the recorder's clock was set back" in message
+
+
+def test_few_rows_are_stale_and_many_are_a_clock_that_goes_back() -> None:
+    clock = np.arange(10_000)
+    few = clock.copy()
+    few[[500, 7000]] = [10, 20]
+    many = clock.copy()
+    many[500:600] -= 300
+
+    assert find_stale_rows(few).tolist() == [500, 7000]
+    apart = clock.copy()
+    apart[np.arange(300, 9000, 300)] -= 200
+    assert find_stale_rows(many).size == 0
+    assert find_stale_rows(apart).size == 0
+    assert find_stale_rows(clock).size == 0
+
+
+# Several publishers of one topic.
+
+STATE = "std_msgs/Header header\nstring[] name\nfloat64[] position\n" + HEADER
+
+
+def write_states(path: Path, other_angle: float) -> Path:
+    """The ankle at 500 Hz, and every fourth time a second publisher that calls it first."""
+    messages = []
+    for k, angle in enumerate(np.radians(ANGLE)):
+        ns = k * 2_000_000
+        messages.append(stamped(ns, name=["knee", "ankle"], position=[0.1, angle]))
+        if k % 4 == 0:
+            value = other_angle if np.isfinite(other_angle) else angle
+            names = ["ankle", "knee"]
+            messages.append(stamped(ns + 900_000, name=names, position=[value, 0.1]))
+    return write_log(path, messages, STATE, "sensor_msgs/msg/JointState", "/joints")
+
+
+JOINTS = {
+    "time": {"source": "header"},
+    "channels": {"theta": {"topic": "/joints", "field": "position[name=ankle]", "unit": "rad"}},
+}
+
+
+def test_a_second_publisher_of_other_values_is_named(tmp_path: Path) -> None:
+    message = refusal_of(write_states(tmp_path / "a.mcap", other_angle=0.0), **JOINTS)
+
+    assert "1000 of 5000 messages are of another publisher" in message
+    assert "[ankle, knee]" in message
+
+
+def test_a_second_publisher_of_the_same_values_is_read(tmp_path: Path) -> None:
+    recording = read_recognised(write_states(tmp_path / "a.mcap", np.nan), **JOINTS)
+
+    assert len(recording.samples) == 5000
+
+
+# A gate in place of pulses.
+
+
+def recorded(time: np.ndarray[Any, Any], level: np.ndarray[Any, Any]) -> Converted:
+    return Converted(pl.DataFrame({"time": time, "sync": level}), {})
+
+
+def test_a_gate_is_the_one_pulse_that_is_as_long_as_the_capture() -> None:
+    session = np.arange(0, 60, 0.002)
+    level = ((session > 10) & (session < 14)) | ((session > 30) & (session < 37))
+    noise = 0.01 * np.random.default_rng(1).standard_normal(7000)
+
+    fit, warnings = aligned_clock(
+        recorded(session, level.astype(float)),
+        recorded(np.arange(7000) / 1000, 4.93 + noise),
+        shared=None,
+    )
+
+    assert fit.to_master(np.array([30.0]))[0] == pytest.approx(0.0, abs=0.003)
+    assert (fit.method, warnings) == ("gate", [])
+
+
+def test_noise_of_a_steady_level_is_no_edge() -> None:
+    session = np.arange(0, 60, 0.002)
+    level = (session % 10 > 5).astype(float)
+    noise = 0.01 * np.random.default_rng(1).standard_normal(5000)
+
+    with pytest.raises(InputError, match=r"has no edge: it is a gate, .* `clock: shared`"):
+        aligned_clock(
+            recorded(session, level), recorded(np.arange(5000) / 1000, 4.93 + noise), shared=None
+        )
+
+
+# Drafts.
+
+
+def drafted(path: Path, columns: dict[str, np.ndarray[Any, Any]]) -> str:
+    pl.DataFrame(columns).write_csv(path, null_value="")
+    return draft_source(inspect_file(path), path.name)
+
+
+def test_a_decimated_copy_is_no_second_torque(tmp_path: Path) -> None:
+    some = np.where(np.arange(TIME.size) % 5 == 0, TORQUE, np.nan)
+    columns = {
+        "__time": TIME,
+        "/fts/decimated/wrench/torque/z": some,
+        "/joint_states/ankle/position": ANGLE,
+        "/fts/full/wrench/torque/z": TORQUE,
+    }
+
+    draft = drafted(tmp_path / "a.csv", columns)
+
+    assert '\n  torque: {column: "/fts/full/wrench/torque/z"' in draft
+    assert "left out: some readings of" in draft
+
+
+def test_the_logger_of_opensourceleg_has_the_units_of_its_library(tmp_path: Path) -> None:
+    leg = "ankle[DephyActpack]:"
+    columns = {
+        "OSL:timestamp": 1.7e9 + TIME,
+        f"{leg}motor_current": 1e3 * np.sin(4 * TIME),
+        f"{leg}case_temperature": 26 + 0.1 * TIME,
+        f"{leg}battery_voltage": 39_000 - 2 * TIME,
+        f"{leg}joint_position": np.radians(ANGLE),
+        "torque": TORQUE,
+    }
+
+    draft = drafted(tmp_path / "a.csv", columns)
+
+    assert f'\n  theta: {{column: "{leg}joint_position", unit: "rad"}}' in draft
+    assert f'\n  current: {{column: "{leg}motor_current", unit: "mA"}}' in draft
+    assert draft.count("UNKNOWN") == 2  # how to edit, and the unit of the torque
+    for quiet in ("case_temperature", "battery_voltage"):
+        assert "\n#   NAME" in draft.partition(quiet)[0]
+        assert "\n  NAME_" not in draft
+
+
+def test_torque_and_current_without_an_angle_are_those_of_an_actuator(tmp_path: Path) -> None:
+    columns = {
+        "time [s]": TIME,
+        "torque [N*m]": TORQUE,
+        "current [A]": np.sin(4 * TIME) + np.sin(7 * TIME),
+        "speed [rad/s]": np.cos(9 * TIME),
+    }
+
+    draft = drafted(tmp_path / "a.csv", columns)
+
+    for column in ("torque_m", "current", "omega_m"):
+        assert f"\n  {column}: {{" in draft
+
+
+def test_a_matrix_without_signals_is_one_line(tmp_path: Path) -> None:
+    noise = np.random.default_rng(1).standard_normal((500, 58))
+    np.savez(tmp_path / "a.npz", calibration=noise)
+
+    draft = draft_source(inspect_file(tmp_path / "a.npz"), "a.npz")
+
+    assert '"calibration": left out: 58 of its columns' in draft
+    assert draft.count("calibration") == 1

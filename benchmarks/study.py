@@ -46,19 +46,16 @@ from osl_analysis.simulator.step import GaitTrial, draw_step
 from osl_analysis.stats.regression import LinearFit
 from osl_analysis.stats.repeats import over_repeats
 from osl_analysis.trial import Array, Trial
-from osl_analysis.walking.bodies import static_calibration
 from osl_analysis.walking.crossing import Crossing, analyse_crossing
-from osl_analysis.walking.plate import Stance, identify_plate_model
-from osl_analysis.walking.platform import identify_platform
-from osl_analysis.walking.response import (
-    Ensemble,
-    common_errors,
-    fit_response,
-    fit_without_offset,
-    isolate_response,
-    unperturbed_gait,
-)
+from osl_analysis.walking.ensemble import Ensemble, shared_errors
+from osl_analysis.walking.impedance_fit import fit_response, fit_without_offset
+from osl_analysis.walking.isolated_response import isolate_response
+from osl_analysis.walking.plate_model import identify_plate_model
+from osl_analysis.walking.poses import static_calibration
 from osl_analysis.walking.settings import FootSettings, WalkingAnalysis
+from osl_analysis.walking.shared_motion import identify_platform
+from osl_analysis.walking.stance import Stance
+from osl_analysis.walking.unperturbed_gait import unperturbed_gait
 from osl_analysis.yaml_settings import read_yaml
 
 Made = TypeVar("Made")
@@ -475,11 +472,8 @@ def campaign_rows(names: Sequence[str], of: StudyLaboratory) -> Iterator[Row]:
         for one, *_ in perturbed
     ]
     fits, joined = [fit_response(response) for response in responses], Ensemble(responses)
-    resampled, ensemble, (common, _) = (
-        joined.resampled(300),
-        joined.fitted().fit,
-        common_errors(responses),
-    )
+    resampled, ensemble = joined.resampled(300), joined.fitted().fit
+    common = shared_errors(responses).common
     for quantity in JOINT:
         truths = np.array([exact[quantity] for _, exact, _ in perturbed])
         rendered = np.array([leg[f"{quantity}_rendered"] for *_, leg in perturbed])

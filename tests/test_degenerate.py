@@ -25,10 +25,14 @@ from osl_analysis.spectral.stepped_sine import SteppedSineProtocol
 from osl_analysis.stats import regression, repeats
 from osl_analysis.stats.regression import linear_fit, whiteness_row
 from osl_analysis.trial import Trial
-from osl_analysis.walking import response, tables
-from osl_analysis.walking.plate import Stance, find_stances
+from osl_analysis.walking.ensemble import group_headline
+from osl_analysis.walking.group_checks import check_group, check_single, in_widths
+from osl_analysis.walking.impedance_fit import fit_response, fit_without_offset
+from osl_analysis.walking.isolated_response import isolate_response
 from osl_analysis.walking.platform import find_onset
-from osl_analysis.walking.response import unperturbed_gait
+from osl_analysis.walking.result_tables import headline_rows
+from osl_analysis.walking.stance import Stance, find_stances
+from osl_analysis.walking.unperturbed_gait import unperturbed_gait
 
 STATED = {
     "degrees_of_freedom": math.isinf,  # where a variance is 0
@@ -122,7 +126,7 @@ FITS_OF_SIGNALS = {
     "linear_fit": lambda t, x, y: asked(y, x), "fit_sinusoid": lambda t, x, y: next(fit_sinusoids(t,
     2.0, y)),
     "fit_sinusoid of one cycle": lambda t, x, y: next(fit_sinusoids(t[:50], 2.0, y[:50])),
-    "fit_impedance": lambda t, x, y: response.fit_without_offset(Motion(x, np.roll(x, 3), np.roll(x,
+    "fit_impedance": lambda t, x, y: fit_without_offset(Motion(x, np.roll(x, 3), np.roll(x,
     11)), y),
     "over_repeats": lambda t, x, y: repeats.over_repeats(y, [(0.0, np.inf)]),
     "summary_row": lambda t, x, y: repeats.summary_row(pl.DataFrame({"y": y}), "y"),
@@ -262,21 +266,21 @@ def crossings():
 
 def single(gait, perturbed):
     """One perturbation's fit and doubts."""
-    isolated = response.isolate_response(perturbed[0], unperturbed_gait(gait, 2), CHOICES)
-    fit = response.fit_response(isolated)
-    return fit, tables.single_facts(isolated, fit)
+    isolated = isolate_response(perturbed[0], unperturbed_gait(gait, 2), CHOICES)
+    fit = fit_response(isolated)
+    return fit, check_single(isolated, fit)
 
 
 def headline(gait, perturbed):
     """A group's rows and doubts."""
-    found = response.group_headline(perturbed, unperturbed_gait(gait, 2), CHOICES)
-    singles = [response.fit_response(one) for one in found.responses]
+    found = group_headline(perturbed, unperturbed_gait(gait, 2), CHOICES)
+    singles = [fit_response(one) for one in found.responses]
     vaf, sizes = (
         [one.vaf for one in singles],
         {name: [one[name] for one in singles] for name in "KBI"},
     )
     fits = pl.DataFrame({"VAF": vaf, **sizes})
-    return tables.headline_rows(found, fits, {}, {}), tables.group_facts(found)
+    return headline_rows(found, fits, {}, {}), check_group(found).columns()
 
 
 def selection(gait, perturbed):
@@ -290,6 +294,6 @@ def test_degenerate_crossings_are_fitted_or_refused_in_one_sentence(fit):
 
 def test_an_interval_without_width_measures_a_change_by_a_finite_number():
     changes = [
-        tables.in_widths(change, width) for change, width in ((-360.0, 0.0), (0.0, 0.0), (3.0, 2.0))
+        in_widths(change, width) for change, width in ((-360.0, 0.0), (0.0, 0.0), (3.0, 2.0))
     ]
     assert changes == pytest.approx([-1e9, 0.0, 1.5])

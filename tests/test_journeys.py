@@ -23,11 +23,12 @@ from osl_analysis.commands import trials as module
 from osl_analysis.commands.trials import checked_trial
 from osl_analysis.commands.watch import fit_of_row, quality_text
 from osl_analysis.ingest.draft import draft_source
-from osl_analysis.walking.bodies import static_calibration
 from osl_analysis.walking.crossing import analyse_crossing
-from osl_analysis.walking.plate import identify_plate_model
-from osl_analysis.walking.platform import identify_platform
-from osl_analysis.walking.response import group_headline, unperturbed_gait
+from osl_analysis.walking.ensemble import group_headline
+from osl_analysis.walking.plate_model import identify_plate_model
+from osl_analysis.walking.poses import static_calibration
+from osl_analysis.walking.shared_motion import identify_platform
+from osl_analysis.walking.unperturbed_gait import unperturbed_gait
 
 pytestmark = pytest.mark.usefixtures("without_witness")
 TRUE = {"K": 80.0, "B": 1.5, "I": 0.03}  # N*m/rad, N*m*s/rad, kg*m^2

@@ -49,7 +49,7 @@ from osl_analysis.refusal import (
 )
 from osl_analysis.table import read_table, write_table, write_tables
 from osl_analysis.trial import Trial, read_trial
-from osl_analysis.walking.bodies import StaticCalibration
+from osl_analysis.walking.poses import StaticCalibration
 
 LOST = Refusal(
     "b_1",

@@ -19,7 +19,7 @@ from osl_analysis.bench.phasors import complex_mean, complex_quotient, fit_sinus
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.signals import LowPass
 from osl_analysis.stats import regression, repeats
-from osl_analysis.walking.response import impedance_columns
+from osl_analysis.walking.impedance_fit import impedance_columns
 
 T, NUMBERS = (
     np.linspace(0, 10, 2000, endpoint=False),

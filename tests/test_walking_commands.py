@@ -31,11 +31,14 @@ from osl_analysis.judge.finding import Limits
 from osl_analysis.simulator.step import smooth_step
 from osl_analysis.table import read_table
 from osl_analysis.trial import Trial, plate_columns, read_trial, write_trial
-from osl_analysis.walking.crossing import Crossing, RefusedCrossing, body_mass
-from osl_analysis.walking.overground import CURVES, overground_rows
-from osl_analysis.walking.plate import PlateModel
-from osl_analysis.walking.response import fit_response, isolate_response, unperturbed_gait
+from osl_analysis.walking.crossing import Crossing, RefusedCrossing
+from osl_analysis.walking.impedance_fit import fit_response
+from osl_analysis.walking.isolated_response import isolate_response
+from osl_analysis.walking.overground import CURVES, overground_contacts
+from osl_analysis.walking.plate_model import PlateModel
 from osl_analysis.walking.settings import OvergroundAnalysis, WalkingAnalysis
+from osl_analysis.walking.setup_checks import body_mass
+from osl_analysis.walking.unperturbed_gait import unperturbed_gait
 
 FOOT = {"mass_kg": 1.0, "centre_of_mass_m": [0.045, 0.0, -0.045], "inertia_kg_m2": 0.085**2}
 
@@ -84,14 +87,16 @@ class Session:
 
     def analysed(self, **choices: Any) -> "Session":
         """Run every step."""
-        chosen, calibration = settings(**choices), self.file("calibration.json")
+        chosen = settings(**choices)
+        calibration = self.file("calibration.json")
         unloaded = [f"plate_0{k}" for k in (1, 2, 3)]
         jobs.calibrate(self.trial("static_1"), chosen, calibration)
         for job, names, made in (
             (jobs.identify_plate, unloaded, "plate"),
             (jobs.measure_platform, self.perturbed if len(self.perturbed) > 2 else [], "platform"),
         ):
-            trials, static = list(map(self.trial, names)), dict.fromkeys(names, calibration.stem)
+            trials = list(map(self.trial, names))
+            static = dict.fromkeys(names, calibration.stem)
             if names:
                 job(
                     trials,
@@ -195,10 +200,8 @@ def test_with_all_imperfections_the_rendered_stiffness_comes_out_to_five_percent
     for segment in ("foot", "shank", "platform"):
         np.testing.assert_allclose(table[f"{segment}_residual_mm"], 0.15 * np.sqrt(3 / 2), rtol=0.1)
     assert (table["plate_zero_N"].abs() < 8).all()  # 2 N of offset drawn per trial
-    plate, effects = (
-        read_table(real.file("plate.csv")),
-        real.truth("plate_01")["gait_laboratory"]["effects"],
-    )
+    plate = read_table(real.file("plate.csv"))
+    effects = real.truth("plate_01")["gait_laboratory"]["effects"]
     assert plate["lag_s"][0] == pytest.approx(1e-3 * effects["plate_lag"]["size"], abs=1e-4)
     assert 0 < plate["lag_se_s"][0] < 1e-4
     model = jobs.read_model(real.file("plate.json"), PlateModel)
@@ -221,7 +224,8 @@ def test_a_plan_assumes_the_turn_that_the_pilot_made_or_what_is_stated(
 ) -> None:
     """It promised the interval of 5 deg in 80 ms to a pilot of small turns; the line on top says
     what it assumes."""
-    names, setup = [f"walking_9{k}" for k in range(3)], load_setup()
+    names = [f"walking_9{k}" for k in range(3)]
+    setup = load_setup()
     ramp = setup.walking.perturbation.model_copy(update={"angle_deg": 3.0, "rise_s": 0.12})
     setup = replace(setup, walking=setup.walking.model_copy(update={"perturbation": ramp}))
     shutil.copytree(real.file("crossings"), tmp_path / "crossings")
@@ -278,7 +282,9 @@ def test_without_imperfections_angle_and_torque_are_the_true_ones_through_one_fi
     """The leg is of third order, so that K, B and I depend on the filter: the exact curves pass it
     too. What is left is the file's single precision, and a low-pass of products that is not the
     product of low-passes."""
-    crossings, exact, fits = ideal.read(), [], []
+    crossings = ideal.read()
+    exact = []
+    fits = []
     for one in crossings:
         truth = pl.read_parquet(ideal.file(f"truth/{one.name}.parquet")).gather_every(5)
         rows = np.searchsorted(truth["time"].to_numpy(), one.time - 1e-6)
@@ -319,7 +325,7 @@ def test_what_cannot_be_used_is_named_and_listed_and_the_rest_goes_on(
         with pytest.warns(UserWarning, match=f"excluded: trial {name}"):
             real.analyse(path, name != cut, copied.crossings(name)[0], foot=FOOT)
     (outlier,) = copied.read(elsewhere)
-    moved = replace(outlier, quality=outlier.quality | {"foot_forward_m": 0.2})
+    moved = replace(outlier, quality=replace(outlier.quality, foot_forward_m=0.2))
     jobs.write_crossing(moved, copied.crossings(elsewhere)[0])
     chosen = settings(foot=FOOT)
     tables = copied.summarised(chosen, Limits(above={"K": real.rendered("K")}))
@@ -331,7 +337,8 @@ def test_what_cannot_be_used_is_named_and_listed_and_the_rest_goes_on(
     reasons |= {elsewhere: "foot forward 0.2 m lies", cut: "Fz stays at 600 N"}
     assert list(listed) == list(reasons)
     assert all(reason in listed[name] for name, reason in reasons.items())
-    summary, fits = tables["summary"], tables["walking"]
+    summary = tables["summary"]
+    fits = tables["walking"]
     assert (set(summary["n"]), summary["mean"][0]) == (
         {9},
         pytest.approx(real.rendered("K"), rel=0.05),
@@ -387,20 +394,20 @@ def test_a_cluster_hidden_for_long_is_refused_and_for_short_is_bridged(
     ideal: Session, tmp_path: Path
 ) -> None:
     """30 ms are bridged in stance, but not while the perturbation is fitted; there 7 ms are."""
-    path, output = tmp_path / "hidden.parquet", tmp_path / "crossing.parquet"
+    path = tmp_path / "hidden.parquet"
+    output = tmp_path / "crossing.parquet"
 
     def analysed(name: str, markers: tuple[str, ...], start: float, end: float) -> Crossing:
         write_trial(hidden(read_trial(ideal.trial(name)), markers, start, end), path)
         ideal.analyse(path, name in ideal.perturbed, output)
         return jobs.read_crossing(output)
 
-    flat, turned, shank, foot = (
-        ideal.unperturbed[0],
-        ideal.perturbed[0],
-        ("SHANK1", "SHANK4"),
-        ("FOOT1", "FOOT2"),
-    )
-    (whole,), bridged = ideal.read(flat), analysed(flat, shank, 1.2, 1.23)
+    flat = ideal.unperturbed[0]
+    turned = ideal.perturbed[0]
+    shank = ("SHANK1", "SHANK4")
+    foot = ("FOOT1", "FOOT2")
+    (whole,) = ideal.read(flat)
+    bridged = analysed(flat, shank, 1.2, 1.23)
     assert bridged.bridged == pytest.approx(0.03 / bridged.stance.duration, rel=0.12)  # of stance
     np.testing.assert_allclose(bridged.theta, whole.theta, atol=np.deg2rad(0.1))
     output.unlink()
@@ -421,7 +428,8 @@ def test_a_cluster_hidden_for_long_is_refused_and_for_short_is_bridged(
 def test_a_crossing_knows_what_each_trial_of_the_plate_does_to_its_torque(
     real: Session, tmp_path: Path
 ) -> None:
-    plate, found = jobs.read_model(real.file("plate.json"), PlateModel), []
+    plate = jobs.read_model(real.file("plate.json"), PlateModel)
+    found = []
     for model in (plate, plate.leave_one_out[1]):
         jobs.write_model(model, tmp_path / "plate.json")
         files = (
@@ -439,10 +447,8 @@ def test_a_crossing_knows_what_each_trial_of_the_plate_does_to_its_torque(
         crossing.plate_errors[1], without.torque - crossing.torque, atol=1e-9
     )
     assert (np.abs(crossing.plate_errors[1]).max() > 1e-3, crossing.body_mass) == (True, 77.0)
-    (gait,), own = (
-        jobs.read_unperturbed_gaits(real.file("gait.parquet")).values(),
-        real.read(*real.unperturbed),
-    )
+    (gait,) = jobs.read_unperturbed_gaits(real.file("gait.parquet")).values()
+    own = real.read(*real.unperturbed)
     np.testing.assert_array_equal(gait.plate_errors, unperturbed_gait(own, 3).plate_errors)
     assert without.plate_errors.shape == (0, len(without.time))
 
@@ -460,21 +466,18 @@ def test_what_contradicts_sheet_markers_or_calibration_is_refused_by_name(
         (ideal.unperturbed[0], False, "marker_FOOT3_x", lost_marker),
         (ideal.unperturbed[0], False, "FOOT2", "marker FOOT2 is not in the static calibration"),
     ):
-        source, content = (
-            read_trial(ideal.trial(name)),
-            json.loads(ideal.file("calibration.json").read_text()),
-        )
+        source = read_trial(ideal.trial(name))
+        content = json.loads(ideal.file("calibration.json").read_text())
         content["markers"].pop(lost, None)
         write_trial(replace(source, samples=source.samples.drop(lost, strict=False)), path)
         calibration.write_text(json.dumps(content))
         with refused(output, f"trial {name}: {reason}"):
             jobs.analyse(path, calibration, ideal.file("plate.json"), claimed, settings(), output)
         assert jobs.read_crossing_file(output).perturbed == claimed
-    (b, a), other = ideal.perturbed, calibration.rename(tmp_path / "other.json")
-    own, files = (
-        {a: "calibration", b: "other", name: "unread"},
-        [ideal.file("calibration.json"), other],
-    )
+    (b, a) = ideal.perturbed
+    other = calibration.rename(tmp_path / "other.json")
+    own = {a: "calibration", b: "other", name: "unread"}
+    files = [ideal.file("calibration.json"), other]
     pairs = jobs.calibrated_trials([ideal.trial(one) for one in own], files, own)
     assert [(trial.name, "FOOT2" in static.markers) for trial, static in pairs] == [
         (a, True),
@@ -504,7 +507,8 @@ def test_missing_and_damaged_files_between_the_steps_name_the_step(
     with pytest.raises(InputError, match="a trial without events"):
         jobs.read_crossing(ideal.trial(ideal.unperturbed[0]))
     # a window so short that it has fewer samples than parameters: listed, and other results go on
-    selection, gait = ideal.file("selection.csv"), ideal.file("gait.parquet")
+    selection = ideal.file("selection.csv")
+    gait = ideal.file("gait.parquet")
     with pytest.warns(UserWarning, match="excluded: trial walking_01: 3 samples cannot determine"):
         jobs.fit_perturbation(
             perturbed, selection, gait, settings(window_s=0.009), tmp_path / "fit.csv"
@@ -519,8 +523,10 @@ def test_missing_and_damaged_files_between_the_steps_name_the_step(
         )
 
 
-REAL, MASS = Path(__file__).parents[2] / "shared" / "real_data", 70.0
-KNOWN, LOADED = OvergroundAnalysis(load_on_n=50, body_mass_kg=MASS), {"load_on_n": 200.0}
+REAL = Path(__file__).parents[2] / "shared" / "real_data"
+MASS = 70.0
+KNOWN = OvergroundAnalysis(load_on_n=50, body_mass_kg=MASS)
+LOADED = {"load_on_n": 200.0}
 
 
 def gait_trial(side: str = "left", over: float = 0.0) -> Trial:
@@ -529,7 +535,8 @@ def gait_trial(side: str = "left", over: float = 0.0) -> Trial:
     t = np.arange(2 * PLATE_RATE) / PLATE_RATE
     load = 800 * np.clip(np.minimum(t - 0.5, 1.5 - t) / 0.1, 0, 1)
     force = np.outer(load, [0.0, 0.0, 1.0])
-    ankle, ahead = np.array([over, 0.03, 0.09]), np.array([over + 0.12, 0.03, 0.0])
+    ankle = np.array([over, 0.03, 0.09])
+    ahead = np.array([over + 0.12, 0.03, 0.0])
     tracks = {
         f"{side[0].upper()}TIO": ankle,
         f"{side[0].upper()}TIL": ankle + np.array([0.0, 0.1, 0.0]),
@@ -541,6 +548,11 @@ def gait_trial(side: str = "left", over: float = 0.0) -> Trial:
         trial,
         **{f"reference_ankle_moment_{side}": pl.when(pl.arange(0, len(t)) % 5 == 0).then(moments)},
     )
+
+
+def overground_rows(trial: Trial, settings: OvergroundAnalysis) -> list[dict[str, Any]]:
+    """Rows of `ankle_moment.csv`, with their curves."""
+    return [contact.row() for contact in overground_contacts(trial, settings)]
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
@@ -618,12 +630,15 @@ def steps(
     """Feet, each at y [m] and at rest at x = 0 from one time to another [s], walk at 3 m/s before
     and after. Their toes are out by 20 deg. A load of 800 N and 80 N forward acts 0.12 m before the
     left ankle, on the ground."""
-    t, heading = np.arange(0, 3, 1 / PLATE_RATE), np.deg2rad(20)
+    t = np.arange(0, 3, 1 / PLATE_RATE)
+    heading = np.deg2rad(20)
     out = np.array([np.cos(heading), np.sin(heading), 0.0])
     load = sum(np.clip(np.minimum(t - on, off - t) / 0.1, 0, 1) for on, off in contacts)
-    force, markers = np.outer(load, [80.0, 0.0, 800.0]), {}
+    force = np.outer(load, [80.0, 0.0, 800.0])
+    markers = {}
     for side, (y, on, off) in feet.items():
-        sign, frames = 1 if side == "L" else -1, t[::5]
+        sign = 1 if side == "L" else -1
+        frames = t[::5]
         walked = 3.0 * (np.minimum(frames - on, 0) + np.maximum(frames - off, 0))
         place = {
             "lateral": np.array([0.0, 0.04 * sign, 0.09]),
@@ -638,7 +653,9 @@ def steps(
     return recording("gait_1", markers, force, np.cross(ahead, force))
 
 
-QTM, ONE_FOOT, CONTACT = "?_FAL ?_TAM ?_FCC ?_FM2", {"L": (0.0, 1.0, 1.7)}, ((1.0, 1.7),)
+QTM = "?_FAL ?_TAM ?_FCC ?_FM2"
+ONE_FOOT = {"L": (0.0, 1.0, 1.7)}
+CONTACT = ((1.0, 1.7),)
 ACROSS = np.deg2rad(20)
 
 
@@ -685,7 +702,8 @@ def test_two_feet_on_one_plate_are_excluded_with_the_reason() -> None:
         assert all((row["excluded"] is None) == (row["peak_moment"] is not None) for row in rows)
         return [row["excluded"] for row in rows]
 
-    both, long = ONE_FOOT | {"R": (-0.15, 1.5, 2.2)}, ((1.0, 2.2),)
+    both = ONE_FOOT | {"R": (-0.15, 1.5, 2.2)}
+    long = ((1.0, 2.2),)
     with warnings.catch_warnings(record=True, action="always") as told:
         compare_ankle_moment(steps(both, long, QTM), KNOWN)
     assert re.search(
@@ -732,7 +750,8 @@ def test_markers_and_forces_of_opensim_give_the_moment_of_the_foot_that_the_forc
 ) -> None:
     t = np.arange(0, 2.5, 0.01)
     load = 700 * np.clip(np.minimum(t - 0.8, 1.5 - t) / 0.1, 0, 1)
-    force, point = np.outer(load, [0.0, 1.0, 0.0]), np.tile([0.11, 0.0, -0.1], (t.size, 1))
+    force = np.outer(load, [0.0, 1.0, 0.0])
+    point = np.tile([0.11, 0.0, -0.1], (t.size, 1))
     table = np.column_stack([5 + t, force, point, 0 * force])
     columns = ["time", *(f"L_{kind}{axis}" for kind in "vpm" for axis in "xyz")]
     lines = ["grf", f"nRows={t.size}", f"nColumns={len(columns)}", "endheader", "\t".join(columns)]

@@ -1,6 +1,7 @@
 """Crossings under different conditions have results of their own, and opposite directions are
 joined rightly."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from walking_crossings import (
     LEAD,
     RISE,
     TURN,
+    Tables,
     Walk,
     campaign,
     crossing,
@@ -30,28 +32,28 @@ from osl_analysis.commands.walking import tabulate_over_stance, write_crossing
 from osl_analysis.errors import InputError
 from osl_analysis.judge.finding import Limits
 from osl_analysis.table import read_table
-from osl_analysis.walking import response
 from osl_analysis.walking.crossing import Crossing, platform_turn
-from osl_analysis.walking.groups import (
-    crossing_features,
-    places,
-    selection_rows,
-    split_keys,
-    timings,
-)
-from osl_analysis.walking.plate import Stance
-from osl_analysis.walking.tables import (
-    PARTING,
+from osl_analysis.walking.crossing_quality import CrossingQuality
+from osl_analysis.walking.ensemble import group_headline
+from osl_analysis.walking.group_checks import moment_error
+from osl_analysis.walking.group_table import (
+    SMALLEST_DIFFERENCES,
+    TimingPoint,
+    TimingSlope,
     fitted_time,
-    headline_rows,
-    moment_error,
     parted_by,
-    with_slopes,
-    with_trajectory,
+    timing_slope,
 )
+from osl_analysis.walking.groups import places, split_keys, timings
+from osl_analysis.walking.impedance_fit import fit_response
+from osl_analysis.walking.planned_turn import PlannedTurn, half_widths, scatter_of_one
+from osl_analysis.walking.result_tables import headline_rows, with_trajectory
+from osl_analysis.walking.selection import crossing_features, selection_rows
+from osl_analysis.walking.stance import Stance
+from osl_analysis.walking.unperturbed_gait import unperturbed_gait
 
-RULE, MIDSTANCE = settings().outliers, Walk(0.4)
-ALL_K = "ensemble", "K"
+RULE = settings().outliers
+MIDSTANCE = Walk(0.4)
 BOTH = several("up", 6, MIDSTANCE, common=12.0) | several(
     "down", 4, MIDSTANCE, common=12.0, sign=-1
 )
@@ -62,119 +64,142 @@ def crossings(walks):
 
 
 def headline(walks, count=8, **choices):
-    gait = response.unperturbed_gait(crossings(several("u", count, Walk())), 3)
-    return response.group_headline(crossings(walks), gait, settings(**choices))
+    gait = unperturbed_gait(crossings(several("u", count, Walk())), 3)
+    return group_headline(crossings(walks), gait, settings(**choices))
 
 
-def test_half_the_difference_of_directions_is_free_of_what_follows_either_turn(tmp_path):
+@pytest.fixture(scope="module")
+def of_both_directions(tmp_path_factory: pytest.TempPathFactory) -> Tables:
     """12 N*m after either turn read 138 N*m/rad too much up, and as much too little down:
     12/0.087."""
-    tables, error = campaign(tmp_path, BOTH | several("u", 8, Walk())), 12 / TURN
-    K, B, I = (tables.estimate("all", quantity)["mean"] for quantity in "KBI")
-    assert (K, B, I) == (
-        pytest.approx(340, abs=6),
-        pytest.approx(5, abs=0.2),
-        pytest.approx(0.03, abs=0.2),
-    )
-    assert abs(K - 340.0) < 4 * tables.estimate("all")["se"] < 20
-    up, down, difference = (
-        tables.estimate("all", "K", name) for name in ("up", "down", "up minus down")
-    )
+    return campaign(tmp_path_factory.mktemp("both"), BOTH | several("u", 8, Walk()))
+
+
+COMMON_K = 12 / TURN  # [N*m/rad]
+
+
+def test_half_the_difference_of_directions_is_free_of_what_follows_either_turn(of_both_directions):
+    K = of_both_directions.estimate("all", "K")
+    B = of_both_directions.estimate("all", "B")
+    I = of_both_directions.estimate("all", "I")
+
+    assert K["mean"] == pytest.approx(340, abs=6)
+    assert B["mean"] == pytest.approx(5, abs=0.2)
+    assert I["mean"] == pytest.approx(0.03, abs=0.2)
+    assert abs(K["mean"] - 340.0) < 4 * K["se"] < 20
+
+
+def test_each_direction_has_an_estimate_of_its_own(of_both_directions):
+    up = of_both_directions.estimate("all", "K", "up")
+    down = of_both_directions.estimate("all", "K", "down")
+    difference = of_both_directions.estimate("all", "K", "up minus down")
+
     assert (up["n"], down["n"]) == (6, 4)
-    assert (up["mean"], down["mean"]) == (
-        pytest.approx(340 + error, abs=12),
-        pytest.approx(340 - error, abs=12),
-    )
-    assert 0 < difference["low"] < 2 * error < difference["high"]
-    fits, row = tables["walking"], tables.estimate("all", "K", "mean of perturbations")
-    assert row["mean"] == pytest.approx(
-        np.mean([fits.filter(direction=name)["K"].mean() for name in ("up", "down")])
-    )
-    assert row["sd"] < 60  # not the 138 either side that the directions differ by
-    assert tables["groups"].select("group", "gait", "n_up", "n_down", "pooled").row(0) == (
-        "all",
-        "all",
-        6,
-        4,
-        None,
-    )
-    # what is the same after either turn, and nothing left to separate
-    (facts,) = tables["groups"].to_dicts()
-    assert facts["common_K"] == pytest.approx(difference["mean"] / 2)
-    assert "whether a voluntary torque or a change of pace is in K" not in (
-        facts.get("not_checked") or ""
-    ).split("; ")
-    apart = campaign(
-        tmp_path / "d",
+    assert up["mean"] == pytest.approx(340 + COMMON_K, abs=12)
+    assert down["mean"] == pytest.approx(340 - COMMON_K, abs=12)
+    assert 0 < difference["low"] < 2 * COMMON_K < difference["high"]
+    assert of_both_directions["groups"]["common_K"][0] == pytest.approx(difference["mean"] / 2)
+
+
+def test_the_mean_of_perturbations_is_that_of_both_directions_means(of_both_directions):
+    row = of_both_directions.estimate("all", "K", "mean of perturbations")
+
+    K = of_both_directions["walking"].group_by("direction").agg(pl.col("K").mean())["K"]
+    assert row["mean"] == pytest.approx(K.mean())
+    assert row["sd"] < 60, "not the 138 either side that the directions differ by"
+
+
+def test_both_directions_are_one_group_and_nothing_is_left_unchecked(of_both_directions):
+    (group,) = of_both_directions["groups"].to_dicts()
+
+    assert (group["group"], group["gait"], group["pooled"]) == ("all", "all", None)
+    assert (group["n_up"], group["n_down"]) == (6, 4)
+    not_checked = (group.get("not_checked") or "").split("; ")
+    assert "whether a voluntary torque or a change of pace is in K" not in not_checked
+
+
+def test_directions_are_groups_where_the_settings_say_so(tmp_path):
+    tables = campaign(
+        tmp_path,
         BOTH | several("u", 6, Walk()),
         group_by=["direction"],
         bootstrap_samples=100,
     )
-    assert apart["groups"]["group"].to_list() == ["direction down", "direction up"]
-    assert (
-        apart.estimate("direction up")["mean"]
-        > 400
-        > 300
-        > apart.estimate("direction down")["mean"]
-    )
+
+    assert tables["groups"]["group"].to_list() == ["direction down", "direction up"]
+    assert tables.estimate("direction up")["mean"] > 400
+    assert tables.estimate("direction down")["mean"] < 300
+
+
+def test_a_stated_error_widens_all_but_the_difference_of_directions(of_both_directions):
     both = headline(BOTH, bootstrap_samples=100)
-    assert both.directions["up minus down"][1].degrees_of_freedom == 3  # of 4 down
-    # cancels in the difference
-    plain, stated = (headline_rows(both, fits, {}, errors) for errors in ({}, {"K": 50.0}))
+    fits = of_both_directions["walking"]
+
+    plain = headline_rows(both, fits, {}, stated={})
+    stated = headline_rows(both, fits, {}, stated={"K": 50.0})
+
     wider = {
         row["estimator"]
-        for row, one in zip(stated, plain, strict=True)
-        if row["se"] > one["se"] + 1e-9
+        for row, narrow in zip(stated, plain, strict=True)
+        if row["se"] > narrow["se"] + 1e-9
     }
     assert {"ensemble", "up", "down"} <= wider
     assert "up minus down" not in wider
+    assert both.directions["up minus down"].resampled.degrees_of_freedom == 3, "of 4 down"
+
+
+def test_one_perturbation_in_a_direction_is_refused():
+    walks = several("p", 5, MIDSTANCE) | several("d", 1, MIDSTANCE, sign=-1)
+
     with pytest.raises(
         InputError,
         match="1 perturbation turns the toes down and 5 the other way, expected 2 or more",
     ):
-        headline(several("p", 5, MIDSTANCE) | several("d", 1, MIDSTANCE, sign=-1))
+        headline(walks)
 
 
 def test_few_crossings_that_agree_by_luck_have_the_scatter_of_unperturbed_ones():
     """A bootstrap of two crossings does not leave their range: 6 half-widths off in one of 24
     campaigns."""
-    covers, halves = 0, list[float]()
+    fits = pl.DataFrame([dict.fromkeys(("K", "B", "I", "VAF"), float(n)) for n in range(5)])
+    covers = []
+    half_intervals = []
     for k in range(12):
         few = several(f"{k}p", 2, MIDSTANCE) | several(f"{k}d", 3, MIDSTANCE, sign=-1)
-        both = headline(few, 12, bootstrap_samples=100)
-        fits = pl.DataFrame([dict.fromkeys(("K", "B", "I", "VAF"), float(n)) for n in range(5)])
-        (row,) = (
-            one
-            for one in headline_rows(both, fits, {}, {})
-            if (one["estimator"], one["quantity"]) == ALL_K
-        )
-        covers += row["low"] < 340.0 < row["high"]
-        halves.append((row["high"] - row["low"]) / 2)
-    assert covers >= 11
-    assert min(halves) > 0.5 * np.median(halves)
+        rows = headline_rows(headline(few, 12, bootstrap_samples=100), fits, {}, {})
+        (K,) = [row for row in rows if row["estimator"] == "ensemble" and row["quantity"] == "K"]
+        covers.append(K["low"] < 340.0 < K["high"])
+        half_intervals.append((K["high"] - K["low"]) / 2)
+
+    assert sum(covers) >= 11
+    assert min(half_intervals) > 0.5 * np.median(half_intervals)
 
 
 def test_the_degrees_of_freedom_of_two_directions_are_those_of_a_difference():
-    one, two = (several("p", n, MIDSTANCE, sign=sign) for n, sign in ((5, 1), (5, -1)))
-    # Student's: 2 n - 2
-    for walks, freedom in ((one, 4), (one | {f"d{k}": walk for k, walk in two.items()}, 8)):
-        assert headline(
-            walks, 12, bootstrap_samples=100
-        ).resampled.degrees_of_freedom == pytest.approx(freedom)
+    """Student's: n - 1, and 2 n - 2."""
+    up = several("p", 5, MIDSTANCE)
+    down = several("d", 5, MIDSTANCE, sign=-1)
+
+    one_way = headline(up, 12, bootstrap_samples=100)
+    both_ways = headline(up | down, 12, bootstrap_samples=100)
+
+    assert one_way.resampled.degrees_of_freedom == pytest.approx(4)
+    assert both_ways.resampled.degrees_of_freedom == pytest.approx(8)
 
 
 def test_the_bootstrap_draws_within_directions():
     """Only responses up scatter: half the difference has half their error; 400 draws of 9 leave it
     a few per cent."""
-    gait = response.unperturbed_gait(crossings(several("u", 4, Walk(noise=0.0))), 3)
+    gait = unperturbed_gait(crossings(several("u", 4, Walk(noise=0.0))), 3)
     walks = several("a", 9, MIDSTANCE) | several("d", 9, MIDSTANCE, sign=-1, noise=0.0)
-    result = response.group_headline(crossings(walks), gait, settings(bootstrap_samples=400))
-    assert [n for _, _, n in result.directions.values()] == [9, 9, 18]
-    assert result.resampled.se("K") == pytest.approx(
-        result.directions["up"][1].se("K") / 2, rel=0.1
-    )
-    fits = [response.fit_response(r)["K"] for r in result.responses if r.sign > 0]
-    assert result.directions["up"][1].se("K") == pytest.approx(np.std(fits, ddof=1) / 3, rel=0.15)
+
+    result = group_headline(crossings(walks), gait, settings(bootstrap_samples=400))
+
+    up_se = result.directions["up"].resampled.se("K")
+    K_up = [fit_response(r)["K"] for r in result.responses if r.sign > 0]
+    assert [estimate.n for estimate in result.directions.values()] == [9, 9, 18]
+    assert result.resampled.se("K") == pytest.approx(up_se / 2, rel=0.1)
+    assert up_se == pytest.approx(np.std(K_up, ddof=1) / 3, rel=0.15)
 
 
 @pytest.mark.parametrize("heading", [0.0, 180.0, 57.0])
@@ -183,10 +208,8 @@ def test_the_turn_is_toes_up_positive_whichever_way_the_person_walks_and_the_pla
     heading, turn
 ):
     time = np.arange(60) / 300
-    yaw, rest = (
-        Rotation.from_euler("z", heading, degrees=True),
-        Rotation.from_euler("xyz", [3, -2, 20], degrees=True),
-    )
+    yaw = Rotation.from_euler("z", heading, degrees=True)
+    rest = Rotation.from_euler("xyz", [3, -2, 20], degrees=True)
     axis = yaw.apply([0.0, 1.0, 0.0])
     # the largest, not the last, turn
     angles = turn * np.interp(time, [0.05, 0.12, 0.15, 0.2], [0, 1, -0.2, 3])
@@ -198,122 +221,168 @@ def test_the_turn_is_toes_up_positive_whichever_way_the_person_walks_and_the_pla
 
 
 def of_stiffness(values, count=5):
-    walks, cells = {}, {}
+    """Crossings of legs with these stiffnesses, whose gait differs, and their cells."""
+    walks = {}
+    cells = {}
     for K in values:
-        some = several(
-            f"p{K:.0f}_", count, MIDSTANCE, impedance=(K, 5.0, 0.03), gait=0.8 + K / 2000
-        )
-        some |= several(f"u{K:.0f}_", 4, Walk(gait=0.8 + K / 2000))
-        walks |= some
-        cells |= {name: {"K_d": float(K), "B_d": 5.0} for name in some}
+        gait = 0.8 + K / 2000
+        of_leg = several(f"p{K:.0f}_", count, MIDSTANCE, impedance=(K, 5.0, 0.03), gait=gait)
+        of_leg |= several(f"u{K:.0f}_", 4, Walk(gait=gait))
+        walks |= of_leg
+        cells |= {name: {"K_d": float(K), "B_d": 5.0} for name in of_leg}
     return walks, cells
 
 
-def test_each_commanded_stiffness_has_its_own_result_and_one_line_says_so(tmp_path):
+@pytest.fixture(scope="module")
+def three_legs(tmp_path_factory: pytest.TempPathFactory) -> Tables:
     walks, cells = of_stiffness((200.0, 340.0, 480.0))
     with pytest.warns(
         UserWarning, match=r"differ in K_d \(200, 340, 480\): each value has a result of its own"
     ):
-        tables = campaign(tmp_path, walks, cells, bootstrap_samples=100)
-    assert tables["groups"]["group"].to_list() == ["K_d 200", "K_d 340", "K_d 480"]
-    for K in (200.0, 340.0, 480.0):
-        row = tables.estimate(f"K_d {K:.0f}")
-        assert (row["mean"], row["commanded"]) == (pytest.approx(K, abs=10), K)
-        assert row["low"] < K < row["high"]
-    (facts,) = tables["groups"].filter(pl.col("K_d") == 340).to_dicts()
-    assert (facts["n"], facts["n_unperturbed"], facts["gait"]) == (5, 4, "K_d 340")
-    assert (facts["stance_s"], facts["onset_phase"]) == (
-        pytest.approx(0.72, rel=0.02),
-        pytest.approx(0.4, abs=0.01),
+        return campaign(tmp_path_factory.mktemp("legs"), walks, cells, bootstrap_samples=100)
+
+
+@pytest.mark.parametrize("K", [200.0, 340.0, 480.0])
+def test_each_commanded_stiffness_has_its_own_result(three_legs, K):
+    row = three_legs.estimate(f"K_d {K:.0f}")
+
+    assert three_legs["groups"]["group"].to_list() == ["K_d 200", "K_d 340", "K_d 480"]
+    assert row["mean"] == pytest.approx(K, abs=10)
+    assert row["commanded"] == K
+    assert row["low"] < K < row["high"]
+
+
+def test_a_group_has_the_timing_of_its_crossings(three_legs):
+    (group,) = three_legs["groups"].filter(pl.col("K_d") == 340).to_dicts()
+
+    rows = three_legs["selection"].filter(gait="K_d 340")
+    stances = rows.filter(perturbed=False)["stance_s"]
+    phases = rows.filter(perturbed=True)["onset_phase"]
+    assert (group["n"], group["n_unperturbed"], group["gait"]) == (5, 4, "K_d 340")
+    assert group["stance_s"] == pytest.approx(0.72, rel=0.02)
+    assert group["onset_phase"] == pytest.approx(0.4, abs=0.01)
+    assert group["unperturbed_stance_sd"] == stances.std() / stances.mean()
+    assert group["onset_phase_sd"] == phases.std()
+
+
+def test_pooled_conditions_are_one_result_that_names_them(tmp_path):
+    walks, cells = of_stiffness((200.0, 340.0, 480.0))
+    for row in cells.values():
+        row["side"] = "left" if row["K_d"] == 200 else "right"
+
+    pooled = campaign(
+        tmp_path,
+        walks,
+        cells,
+        pool=["K_d", "side"],
+        bootstrap_samples=100,
+        outliers=None,
+        perturbed_stance="unperturbed",
     )
-    used = tables["selection"].filter(gait="K_d 340")
-    flat, phases = (
-        used.filter(perturbed=False)["stance_s"],
-        used.filter(perturbed=True)["onset_phase"],
-    )
-    assert [facts[c] for c in ("unperturbed_stance_sd", "onset_phase_sd")] == [
-        flat.std() / flat.mean(),
-        phases.std(),
-    ]
-    chosen = {
-        "pool": ["K_d"],
-        "bootstrap_samples": 100,
-        "outliers": None,
-        "perturbed_stance": "unperturbed",
-    }
-    sides = {
-        name: row | {"side": "left" if row["K_d"] == 200 else "right"}
-        for name, row in cells.items()
-    }
-    pooled = campaign(tmp_path / "p", walks, sides, **chosen | {"pool": ["K_d", "side"]})
-    assert {
-        side for name in ("summary", "groups", "responses") for side in pooled[name]["side"]
-    } == {None}
-    fits = pooled["walking"]
-    assert fits["phase_stance_s"].to_list() == pytest.approx([pooled["groups"]["stance_s"][0]] * 15)
-    assert pooled["groups"].select("group", "pooled").row(0) == (
-        "all",
-        "side left, right; K_d 200, 340, 480",
-    )
+
+    (group,) = pooled["groups"].to_dicts()
+    assert (group["group"], group["pooled"]) == ("all", "side left, right; K_d 200, 340, 480")
     assert pooled.estimate("all")["commanded"] is None
+    for name in ("summary", "groups", "responses"):
+        assert set(pooled[name]["side"]) == {None}
+    phase_stances = pooled["walking"]["phase_stance_s"].to_list()
+    assert phase_stances == pytest.approx([group["stance_s"]] * 15)
 
 
-def test_a_person_who_walks_slower_than_the_others_is_no_outlier_among_them():
-    walks = several("a", 7, MIDSTANCE) | several("au", 7, Walk())
+def two_paces():
+    """Walks of a person, and fewer of another who walks slower."""
+    usual = several("a", 7, MIDSTANCE) | several("au", 7, Walk())
     slow = several("b", 3, MIDSTANCE, stance=0.9) | several("bu", 3, Walk(stance=0.9))
-    sheet = {name: {"perturbed": walk.phase is not None} for name, walk in (walks | slow).items()}
-    of_two = {name: cells | {"subject": name[0]} for name, cells in sheet.items()}
-    mixed, apart = (
-        selection_rows(crossings(walks | slow), [], settings(), each) for each in (sheet, of_two)
-    )
-    assert {name for name, row in mixed.items() if row["status"] == "outlier"} == set(slow)
-    assert {row["status"] for row in apart.values()} == {"used"}
-    assert {row["gait"] for name, row in apart.items() if name[0] == "b"} == {"subject b"}
-    # a share of their mean stance
-    own, *usual = crossings({"b0": slow["b0"]} | several("bu", 3, Walk(stance=0.9)))
-    assert apart["b0"]["onset_phase"] == pytest.approx(
-        (own.onset - 0.3) / np.mean([c.stance.duration for c in usual])
-    )
+    return usual, slow
 
 
-@pytest.mark.parametrize(("lost", "said"), [
+def test_a_slow_person_is_an_outlier_among_crossings_of_one():
+    usual, slow = two_paces()
+    sheet = {name: {"perturbed": walk.phase is not None} for name, walk in (usual | slow).items()}
+
+    rows = selection_rows(crossings(usual | slow), [], settings(), sheet)
+
+    outliers = {name for name, row in rows.items() if row["status"] == "outlier"}
+    assert outliers == set(slow)
+
+
+def test_a_slow_person_of_whom_the_sheet_speaks_is_no_outlier():
+    usual, slow = two_paces()
+    sheet = {
+        name: {"perturbed": walk.phase is not None, "subject": name[0]}
+        for name, walk in (usual | slow).items()
+    }
+
+    rows = selection_rows(crossings(usual | slow), [], settings(), sheet)
+
+    assert {row["status"] for row in rows.values()} == {"used"}
+    assert {row["gait"] for name, row in rows.items() if name[0] == "b"} == {"subject b"}
+    mean_stance = np.mean([walked(f"bu{k}", slow[f"bu{k}"]).stance.duration for k in range(3)])
+    onset = walked("b0", slow["b0"]).onset
+    assert rows["b0"]["onset_phase"] == pytest.approx((onset - 0.3) / mean_stance)
+
+
+@pytest.mark.parametrize(("lost", "reason"), [
     ({"stance_s": [0.71, 0.72, 0.715]}, "stance_s, 0.62 and 0.715"),
     ({"stance_s": [0.71, 0.72, 0.61]}, "no column"),
     ({"foot_left_m": [0.05, 0.06, 0.05]}, "foot_left_m, 0 and 0.05"),
     ({"subject": "B"}, "subject, A and B"),
 ])  # fmt: skip
-def test_what_parts_the_crossings_that_are_left_out_is_named(lost, said):
-    used = dict.fromkeys(PARTING, [0.0] * 5) | {"stance_s": [0.62, 0.61, 0.63, 0.62, 0.625]}
+def test_what_parts_the_crossings_that_are_left_out_is_named(lost, reason):
+    used = dict.fromkeys(SMALLEST_DIFFERENCES, [0.0] * 5) | {
+        "stance_s": [0.62, 0.61, 0.63, 0.62, 0.625]
+    }
     rows = {name: [*values, *lost.get(name, values[:3])] for name, values in used.items()}
     table = pl.DataFrame(rows | {"trial": [f"c{k}" for k in range(8)]})
     sheet = {f"c{k}": {"subject": lost.get("subject", "A") if k > 4 else "A"} for k in range(8)}
-    assert parted_by(table[:5], table[5:], sheet) == said
+
+    assert parted_by(table[:5], table[5:], sheet) == reason
 
 
-def test_conditions_serve_every_value_where_unstated():
+def test_an_unstated_condition_serves_every_value():
     K_d = {"p200": 200.0, "p400": 400.0, "every": None, "u400": 400.0, "u300": 300.0}
     sheet = {name: {"perturbed": name[0] == "p", "K_d": value} for name, value in K_d.items()}
-    found = {name: row["gait"] for name, row in places([], sheet, settings()).items()}
-    assert [found[name] for name in ("every", "u400", "u300")] == [
-        "K_d 200; K_d 400",
-        "K_d 400",
-        None,
-    ]
-    # an unperturbed one has a pace too
-    for k, turned in (("K_d", True), ("speed", False), ("side", False), ("session", False)):
-        unstated = {"p0": {"perturbed": True, k: 200.0}, "p1": {"perturbed": turned, k: None}}
-        with pytest.raises(
-            InputError,
-            match=f"trial p1: no {k} in the sheet, but other crossings state 200; fill in",
-        ):
-            split_keys(unstated, settings())
+
+    gaits = {name: place.gait for name, place in places([], sheet, settings()).items()}
+
+    assert gaits["every"] == "K_d 200; K_d 400"
+    assert gaits["u400"] == "K_d 400"
+    assert gaits["u300"] is None
+
+
+@pytest.mark.parametrize(
+    ("column", "is_perturbed"),
+    [("K_d", True), ("speed", False), ("side", False), ("session", False)],
+)
+def test_a_condition_that_only_some_crossings_state_is_refused(column, is_perturbed):
+    """An unperturbed one has a pace too."""
+    sheet = {
+        "p0": {"perturbed": True, column: 200.0},
+        "p1": {"perturbed": is_perturbed, column: None},
+    }
+
+    with pytest.raises(
+        InputError,
+        match=f"trial p1: no {column} in the sheet, but other crossings state 200; fill in",
+    ):
+        split_keys(sheet, settings())
+
+
+def test_a_condition_that_nobody_states_splits_nothing():
     with pytest.raises(InputError, match="group_by names 'subject', but no crossing states it"):
         split_keys({"p0": {"perturbed": True}}, settings(group_by=["subject"]))
-    both = settings(group_by=["timing", "direction"])
-    (one,) = places(
-        [replace(walked("p0", MIDSTANCE), turn=None)], {"p0": {"perturbed": True}}, both
-    ).values()
-    assert one["group"] == "timing 40 %, direction unknown"
+
+
+def test_an_unseen_turn_has_a_group_of_its_own():
+    unseen = replace(walked("p0", MIDSTANCE), turn=None)
+    by_both = settings(group_by=["timing", "direction"])
+
+    (place,) = places([unseen], {"p0": {"perturbed": True}}, by_both).values()
+
+    assert place.group == "timing 40 %, direction unknown"
+
+
+def test_a_condition_is_split_or_pooled():
     with pytest.raises(
         ValidationError, match="group_by and pool share a condition; remove it from one of them"
     ):
@@ -323,10 +392,8 @@ def test_conditions_serve_every_value_where_unstated():
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_a_group_without_a_result_has_rows_that_say_why_and_the_others_go_on(tmp_path):
     walks, cells = of_stiffness((200.0, 340.0), 4)
-    few, bare = (
-        several("few", 1, MIDSTANCE) | several("few_u", 3, Walk()),
-        several("bare", 3, MIDSTANCE),
-    )
+    few = several("few", 1, MIDSTANCE) | several("few_u", 3, Walk())
+    bare = several("bare", 3, MIDSTANCE)
     cells |= {name: {"K_d": 600.0 if name in bare else 500.0, "B_d": 5.0} for name in few | bare}
     tables = campaign(tmp_path, walks | few | bare, cells, bootstrap_samples=100)
     reasons = dict(tables["groups"].select("group", "reason").iter_rows())
@@ -341,100 +408,155 @@ def test_a_group_without_a_result_has_rows_that_say_why_and_the_others_go_on(tmp
     )
 
 
-def test_timings_are_parted_by_clear_gaps_and_one_protocol_s_scatter_is_not():
-    random = np.random.default_rng(2)
+def drawn(seed: int, phase: float, count: int, sd: float) -> np.ndarray:
+    """Onset phases of one protocol."""
+    return phase + sd * np.random.default_rng(seed).standard_normal(count)
 
-    def drawn(phase, count, sd):
-        return phase + sd * random.standard_normal(count)
 
-    for _ in range(200):
-        assert timings(drawn(0.4, 30, 0.02), 0.05).max() == 0
-    # 4 % of stance beside its own
-    slow = np.array([0.19, 0.20, 0.20, 0.39, 0.40, 0.41, 0.56, 0.60, 0.605, 0.61, 0.65])
-    for phases, expected in (
-        (np.r_[drawn(0.6, 6, 0.01), drawn(0.2, 6, 0.01)], [1] * 6 + [0] * 6),
-        # their SD is 0.03
-        (np.r_[drawn(0.40, 6, 0.004), drawn(0.46, 6, 0.004)], [0] * 6 + [1] * 6),
-        (slow, [0] * 3 + [1] * 3 + [2] * 5),
-        # 0.035, 0.025
-        (
+def test_the_scatter_of_one_protocol_is_one_timing():
+    for seed in range(200):
+        assert timings(drawn(seed, 0.4, 30, 0.02), 0.05).max() == 0
+
+
+@pytest.mark.parametrize(
+    ("phases", "expected"),
+    [
+        pytest.param(
+            np.r_[drawn(1, 0.6, 6, 0.01), drawn(2, 0.2, 6, 0.01)], [1] * 6 + [0] * 6, id="far"
+        ),
+        pytest.param(
+            np.r_[drawn(3, 0.40, 6, 0.004), drawn(4, 0.46, 6, 0.004)],
+            [0] * 6 + [1] * 6,
+            id="near: their SD is 0.03",
+        ),
+        pytest.param(
+            np.array([0.19, 0.20, 0.20, 0.39, 0.40, 0.41, 0.56, 0.60, 0.605, 0.61, 0.65]),
+            [0] * 3 + [1] * 3 + [2] * 5,
+            id="4 % of stance beside its own",
+        ),
+        pytest.param(
             np.array([0.4, 0.401, 0.402, 0.437, 0.438, 0.439, 0.464, 0.465, 0.466]),
             [0] * 3 + [1] * 6,
+            id="gaps of 0.035 and 0.025",
         ),
-        (np.zeros(0), []),
-    ):
-        np.testing.assert_array_equal(timings(phases, 0.05), expected)
-    narrow = timings(np.linspace(0.2, 0.7, 51), 0.05)  # without a gap, bins
-    assert list(np.bincount(narrow)) == pytest.approx([10] * 5, abs=1)
+        pytest.param(np.zeros(0), [], id="none"),
+    ],
+)
+def test_timings_are_parted_by_clear_gaps(phases, expected):
+    np.testing.assert_array_equal(timings(phases, 0.05), expected)
 
 
-def test_each_timing_has_its_own_result_over_stance_beside_the_commanded_impedance(tmp_path):
-    """K 120, 300, 450 at 20, 40, 60 % of stance."""
+def test_a_wide_timing_without_a_gap_is_cut_into_bins():
+    numbers = timings(np.linspace(0.2, 0.7, 51), 0.05)
+
+    assert list(np.bincount(numbers)) == pytest.approx([10] * 5, abs=1)
+
+
+STIFFNESS_OF_TIMING = {20: 120.0, 40: 300.0, 60: 450.0}  # [N*m/rad], by percent of stance
+
+
+@pytest.fixture(scope="module")
+def three_timings(tmp_path_factory: pytest.TempPathFactory) -> Tables:
     walks = several("u", 8, Walk())
-    for phase, K in ((0.2, 120.0), (0.4, 300.0), (0.6, 450.0)):
-        walks |= several(f"p{K:.0f}_", 6, Walk(phase, impedance=(K, 5.0, 0.03)))
-    said = r"begin at 3 different phases of stance \(timing 20 %; timing 40 %; timing 60"
-    with pytest.warns(UserWarning, match=said):
-        three = campaign(tmp_path / "timings", walks, bootstrap_samples=200)
-    for timing, K in ((20, 120.0), (40, 300.0), (60, 450.0)):
-        row = three.estimate(f"timing {timing} %")
-        assert row["mean"] == pytest.approx(K, abs=10)
-        assert row["low"] < K < row["high"]
-    (tmp_path / "trajectory.csv").write_text("phase,K_d,B_d\n0,0,1\n0.62,620,1\n1,0,1\n")
-    table, points = tmp_path / "table.csv", tmp_path / "points.csv"
-    summary, groups = three.folder / "summary.csv", three.folder / "groups.csv"
-    trajectories = [Path("config/impedance/synthetic_walking.csv"), tmp_path / "trajectory.csv"]
-    # which no synthetic one led
+    for percent, K in STIFFNESS_OF_TIMING.items():
+        walks |= several(f"p{K:.0f}_", 6, Walk(percent / 100, impedance=(K, 5.0, 0.03)))
+    message = r"begin at 3 different phases of stance \(timing 20 %; timing 40 %; timing 60"
+    with pytest.warns(UserWarning, match=message):
+        return campaign(tmp_path_factory.mktemp("timings"), walks, bootstrap_samples=200)
+
+
+@pytest.fixture
+def trajectories(tmp_path: Path) -> list[Path]:
+    """A synthetic one, which led no measured leg, and one whose stiffness is 1000 times the phase
+    of the gait cycle."""
+    measured = tmp_path / "trajectory.csv"
+    measured.write_text("phase,K_d,B_d\n0,0,1\n0.62,620,1\n1,0,1\n")
+    return [Path("config/impedance/synthetic_walking.csv"), measured]
+
+
+@pytest.mark.parametrize(("percent", "K"), STIFFNESS_OF_TIMING.items())
+def test_each_timing_has_its_own_result(three_timings, percent, K):
+    row = three_timings.estimate(f"timing {percent} %")
+
+    assert row["mean"] == pytest.approx(K, abs=10)
+    assert row["low"] < K < row["high"]
+
+
+def test_results_over_stance_stand_beside_the_commanded_impedance(
+    three_timings, trajectories, tmp_path
+):
+    summary = three_timings.folder / "summary.csv"
+    groups = three_timings.folder / "groups.csv"
+    table = tmp_path / "table.csv"
+
     tabulate_over_stance(summary, groups, table, 0.62, trajectories, "measured")
-    stiffness = read_table(table).filter(quantity="K", series="all")
-    np.testing.assert_allclose(stiffness["estimate"], [120, 300, 450], atol=10)
-    np.testing.assert_allclose(stiffness["commanded"], 620 * stiffness["phase"], rtol=1e-3)
-    np.testing.assert_allclose(stiffness["onset_phase"], [0.2, 0.4, 0.6], atol=0.005)
-    assert (stiffness["onset_phase"] < stiffness["phase"]).all()
-    np.testing.assert_allclose(
-        stiffness["end_phase"] - stiffness["onset_phase"], 0.1 / 0.72, rtol=0.02
+
+    K = read_table(table).filter(quantity="K", series="all")
+    np.testing.assert_allclose(K["estimate"], [120, 300, 450], atol=10)
+    np.testing.assert_allclose(K["commanded"], 620 * K["phase"], rtol=1e-3)
+    np.testing.assert_allclose(K["onset_phase"], [0.2, 0.4, 0.6], atol=0.005)
+    np.testing.assert_allclose(K["end_phase"] - K["onset_phase"], 0.1 / 0.72, rtol=0.02)
+    assert (K["onset_phase"] < K["phase"]).all()
+
+
+def test_without_a_trajectory_nothing_is_commanded(three_timings, tmp_path):
+    table = tmp_path / "table.csv"
+
+    tabulate_over_stance(
+        three_timings.folder / "summary.csv", three_timings.folder / "groups.csv", table, 0.62
     )
-    plot_over_stance(table, points, 0.62, trajectories, "measured")
-    B_d, commanded = (read_table(points).filter(series="commanded", quantity=name) for name in "BK")
-    assert set(B_d["commanded"]) == {1}
-    np.testing.assert_allclose(
-        commanded["commanded"], 620 * commanded["phase"], rtol=1e-6, atol=1e-6
-    )
-    ends, asked = (
-        np.array([0.0, 1.0]),
-        pl.DataFrame({"quantity": list("KBK"), "phase": [0.5, 0.5, 1.1]}),
-    )
-    told = with_trajectory(
-        asked.with_columns(commanded=pl.lit(None, pl.Float64)), ends, 600 * ends, ends
-    )
-    assert told["commanded"].to_list() == [300, 0.5, None]  # beyond stance nothing is commanded
-    tabulate_over_stance(summary, groups, table, 0.62)
+
     assert read_table(table)["commanded"].is_null().all()
 
 
-def test_the_phase_that_a_fit_reads_is_where_a_stiffness_that_changes_linearly_has_its_value():
-    result = headline(several("p", 4, MIDSTANCE, noise=0.0))
-    ensemble, before = result.ensemble, result.ensemble.fit["K"]
-    rows, slope = result.responses[0].window, 1000.0  # N*m/rad per second
-    torque = ensemble.torque + slope * result.responses[0].time * ensemble.motion.theta
-    columns = np.column_stack(
-        [ensemble.motion.theta, ensemble.motion.omega, ensemble.motion.alpha]
-    )[rows]
-    assert np.linalg.lstsq(columns, torque[rows])[0][0] - before == pytest.approx(
-        slope * fitted_time(result), rel=1e-9
+def test_the_figure_over_stance_shows_the_commanded_curve(three_timings, trajectories, tmp_path):
+    table = tmp_path / "table.csv"
+    points = tmp_path / "points.csv"
+    tabulate_over_stance(
+        three_timings.folder / "summary.csv", three_timings.folder / "groups.csv", table, 0.62
     )
+
+    plot_over_stance(table, points, 0.62, trajectories, "measured")
+
+    commanded = read_table(points).filter(series="commanded")
+    K_d = commanded.filter(quantity="K")
+    assert set(commanded.filter(quantity="B")["commanded"]) == {1}
+    np.testing.assert_allclose(K_d["commanded"], 620 * K_d["phase"], rtol=1e-6, atol=1e-6)
+
+
+def test_beyond_stance_nothing_is_commanded():
+    phase = np.array([0.0, 1.0])
+    table = pl.DataFrame({"quantity": ["K", "B", "K"], "phase": [0.5, 0.5, 1.1]}).with_columns(
+        commanded=pl.lit(None, pl.Float64)
+    )
+
+    commanded = with_trajectory(table, phase, K_d=600 * phase, B_d=phase)["commanded"]
+
+    assert commanded.to_list() == [300, 0.5, None]
+
+
+def test_a_stiffness_that_changes_linearly_is_read_at_the_fitted_time():
+    result = headline(several("p", 4, MIDSTANCE, noise=0.0))
+    time, window = result.responses[0].time, result.responses[0].window
+    motion = result.ensemble.motion
+    slope = 1000.0  # [N*m/rad per second]
+    torque = result.ensemble.torque + slope * time * motion.theta
+
+    K = np.linalg.lstsq(motion[window].columns, torque[window])[0][0]
+
+    assert K - result.ensemble.fit["K"] == pytest.approx(slope * fitted_time(result), rel=1e-9)
     assert 0.05 < fitted_time(result) < 0.1
 
 
 def session(**changed: object) -> list[Crossing]:
     """Eleven crossings that hardly differ, the last of which is changed."""
-    random, crossings = np.random.default_rng(6), []
+    random = np.random.default_rng(6)
+    crossings = []
     for k in range(11):
         place = standing_at(*(0.01 * random.standard_normal(2)))
-        one = crossing(
-            f"w{k}", onset=0.6 if k % 2 else None, stance=0.72 + 0.01 * random.standard_normal()
-        )
-        crossings.append(replace(one, quality=place))
+        stance = 0.72 + 0.01 * random.standard_normal()
+        plain = crossing(f"w{k}", onset=0.6 if k % 2 else None, stance=stance)
+        crossings.append(replace(plain, quality=place))
     return [*crossings[:-1], replace(crossings[-1], **changed)]  # type: ignore[arg-type]
 
 
@@ -448,117 +570,148 @@ def loaded(
 ) -> Crossing:
     """The crossing of 70 kg with a share of its load, and its centre of pressure [m] to the left of
     the ankle."""
-    phase, noise = c.stance.phase(c.time), np.random.default_rng(seed).standard_normal(2)
-    force = (
-        share
-        * (1 + 0.02 * noise[0])
-        * 9.81
-        * 70
-        * np.clip(np.sin(np.pi * np.clip(phase, 0, 1)) * 1.15, 0, 0.95)
-    )
-    load = np.array([force, np.full_like(force, left + 0.002 * noise[1])])
+    force_noise, pressure_noise = np.random.default_rng(seed).standard_normal(2)
+    phase = np.clip(c.stance.phase(c.time), 0, 1)
+    shape = np.clip(np.sin(np.pi * phase) * 1.15, 0, 0.95)
+    force = share * (1 + 0.02 * force_noise) * 9.81 * 70 * shape
+    load = np.array([force, np.full_like(force, left + 0.002 * pressure_noise)])
     return replace(c, load=load, torque=share * c.torque, body_mass=mass)
 
 
-ASIDE, LAST = standing_at(0.0, 0.3), session()[-1]
+ASIDE = standing_at(0.0, 0.3)
+LAST = session()[-1]
 
 
-@pytest.mark.parametrize(("changes", "said"), [
+@pytest.mark.parametrize(("changes", "message"), [
     ({"quality": ASIDE}, "foot to the left 0.3 m lies"),
     ({"quality": ASIDE, "bridged": 0.16},
      "markers were hidden for 16% of it: see that three markers"),
     ({"stance": replace(LAST.stance, toe_off=1.3)}, "stance 1 s lies"),
     ({"theta": LAST.theta + 0.3 * np.sin(9 * LAST.time)}, "angle before the onset"),
 ])  # fmt: skip
-def test_a_foot_beside_its_place_a_long_stance_and_another_gait_are_named_with_the_reason(
-    changes, said
-) -> None:
-    assert reasons(session()) == {}
+def test_an_outlier_is_named_with_the_reason(changes, message) -> None:
     ((name, reason),) = reasons(session(**changes)).items()
+
+    assert reasons(session()) == {}
     assert name == "w10"
-    assert said in reason
+    assert message in reason
     assert ("hidden" in reason) == ("bridged" in changes)
 
 
-def test_the_load_and_a_second_foot_on_the_plate_are_named() -> None:
-    """And four of twelve with less load do not hide in the scatter that they make."""
-
-    def loads(of: dict[str, float], **last: float) -> list[Crossing]:
-        some = [loaded(c, share=of.get(c.name, 1.0), seed=k) for k, c in enumerate(session())]
-        return [*some[:-1], loaded(session()[-1], seed=10, **last)]
-
-    assert reasons(loads({})) == reasons([*loads({})[:-1], session()[-1]]) == {}
-    found, row = (
-        crossing_features(loads({}), settings(), RULE),
-        selected(loads({}), settings())["w3"],
-    )
-    assert row["furthest_scatters"] == max(f.distance[3] for f in found)
-    shown = {
-        "gait_deviation_deg": "angle b",
-        "torque_deviation": "torque b",
-        "load_deviation": "load b",
-    }
-    for column, start in (
-        shown | {"pressure_deviation_m": "pressure", "stance_s": "stance"}
-    ).items():
-        assert row[column] == next(f.values[3] for f in found if f.name.startswith(start))
-    assert "load" in reasons(loads({}, share=0.7))["w10"]
-    assert "pressure beside the ankle" in reasons(loads({}, left=0.06))["w10"]
-    bad = {"w0": 0.7, "w2": 0.72, "w4": 0.78, "w8": 0.6}
-    assert set(reasons(loads(bad))) == set(bad)
+def loaded_session(shares: Mapping[str, float] | None = None, **last: float) -> list[Crossing]:
+    """The session with shares of its load, by name, and a last crossing of its own."""
+    shares = shares or {}
+    crossings = [loaded(c, share=shares.get(c.name, 1.0), seed=k) for k, c in enumerate(session())]
+    return [*crossings[:-1], loaded(session()[-1], seed=10, **last)]
 
 
-def test_a_crossing_is_not_judged_by_its_perturbation() -> None:
-    """Another turn after the onset; and three of eleven, whose stance a turn up prolongs by 0.2 s,
-    one down 0.4 s."""
-    # the earliest one tells the end
+def test_loads_that_hardly_differ_exclude_nobody() -> None:
+    assert reasons(loaded_session()) == {}
+    # and none, if one load is not known
+    assert reasons([*loaded_session()[:-1], session()[-1]]) == {}
+
+
+def test_a_row_has_the_features_of_its_crossing() -> None:
+    features = crossing_features(loaded_session(), settings(), RULE)
+
+    row = selected(loaded_session(), settings())["w3"]
+
+    value_of = {feature.name: feature.values[3] for feature in features}
+    assert row["gait_deviation_deg"] == value_of["angle before the onset"]
+    assert row["torque_deviation"] == value_of["torque before the onset"]
+    assert row["load_deviation"] == value_of["load before the onset"]
+    assert row["pressure_deviation_m"] == value_of["pressure beside the ankle"]
+    assert row["stance_s"] == value_of["stance"]
+    assert row["furthest_scatters"] == max(feature.distance[3] for feature in features)
+
+
+def test_another_load_and_a_second_foot_are_named() -> None:
+    assert "load" in reasons(loaded_session(share=0.7))["w10"]
+    assert "pressure beside the ankle" in reasons(loaded_session(left=0.06))["w10"]
+
+
+def test_four_of_twelve_do_not_hide_in_the_scatter_that_they_make() -> None:
+    light = {"w0": 0.7, "w2": 0.72, "w4": 0.78, "w8": 0.6}
+
+    assert set(reasons(loaded_session(light))) == set(light)
+
+
+def test_a_crossing_is_not_judged_by_its_turn() -> None:
+    """The earliest onset tells until when crossings are compared."""
     crossings = [replace(c, onset=0.5) if c.name == "w1" else c for c in session()]
-    late = [
+    turned = [
         replace(c, theta=c.theta + 0.2 * (c.time > c.onset - 0.02)) if c.onset else c
         for c in crossings
     ]
-    assert reasons(late) == {}
-    few = {1: (0.6, TURN, 0.2), 5: (0.6, TURN, 0.2), 9: (0.6, TURN, 0.2), 3: (0.6, -TURN, 0.4)}
-    made = [(c, *few.get(k, (None, None, 0.0))) for k, c in enumerate(crossings)]
-    longer = [
-        replace(c, onset=o, turn=t, stance=Stance(0.3, c.stance.toe_off + more))
-        for c, o, t, more in made
-    ]
-    (stance,) = (f for f in crossing_features(longer, settings(), RULE) if f.name == "stance")
-    assert stance.distance.max() < 5
+
+    assert reasons(turned) == {}
 
 
-def test_crossings_whose_foot_stands_elsewhere_do_not_tell_how_long_a_stance_is_usual() -> None:
-    """Three of five perturbed ones: their median would make outliers of the two sound ones. They do
-    not count later either where most crossings stand elsewhere, so that the search for more of them
-    ends."""
-    longer = dict.fromkeys(("w1", "w3", "w5"), ASIDE)
-    for places_of in (longer, longer | dict.fromkeys(("w0", "w2", "w4"), standing_at(0.3, 0.0))):
-        some = [replace(c, quality=places_of.get(c.name, c.quality)) for c in session()]
-        some = [replace(c, stance=Stance(0.3, 1.2)) if c.name in longer else c for c in some]
-        assert set(reasons(some)) == set(places_of)
-    # crossings that are found bad do not widen the scatter, so that one nearer to the others stands
-    # out
+def test_a_stance_is_compared_among_those_of_its_direction() -> None:
+    """Of eleven, three stances are prolonged by a turn up by 0.2 s, one by a turn down by 0.4 s."""
+    crossings = [replace(c, onset=None) for c in session()]
+    for k, turn, longer_s in ((1, TURN, 0.2), (5, TURN, 0.2), (9, TURN, 0.2), (3, -TURN, 0.4)):
+        stance = Stance(0.3, crossings[k].stance.toe_off + longer_s)
+        crossings[k] = replace(crossings[k], onset=0.6, turn=turn, stance=stance)
+
+    features = crossing_features(crossings, settings(), RULE)
+
+    (stance_feature,) = (feature for feature in features if feature.name == "stance")
+    assert stance_feature.distance.max() < 5
+
+
+LONG = ("w1", "w3", "w5")  # three of five perturbed ones, beside their place
+
+
+@pytest.mark.parametrize(
+    "place_of",
+    [
+        pytest.param(dict.fromkeys(LONG, ASIDE), id="few stand elsewhere"),
+        pytest.param(
+            dict.fromkeys(LONG, ASIDE) | dict.fromkeys(("w0", "w2", "w4"), standing_at(0.3, 0.0)),
+            id="most stand elsewhere, so that the search for more of them ends",
+        ),
+    ],
+)
+def test_crossings_beside_their_place_do_not_tell_a_usual_stance(place_of) -> None:
+    """Their median would make outliers of the two sound ones."""
+    crossings = []
+    for plain in session():
+        placed = replace(plain, quality=place_of.get(plain.name, plain.quality))
+        if plain.name in LONG:
+            placed = replace(placed, stance=Stance(0.3, 1.2))
+        crossings.append(placed)
+
+    assert set(reasons(crossings)) == set(place_of)
+
+
+def test_crossings_that_are_excluded_do_not_widen_the_scatter() -> None:
+    """One nearer to the others then stands out."""
     forward = [-0.05, -0.03, -0.01, 0.01, 0.03, 0.05, 0.38, 1, 1, 1, 1]
-    apart = [
+    crossings = [
         replace(c, quality=standing_at(x, 0.0)) for c, x in zip(session(), forward, strict=True)
     ]
-    assert set(reasons(apart)) == {f"w{k}" for k in range(6, 11)}
+
+    assert set(reasons(crossings)) == {f"w{k}" for k in range(6, 11)}
 
 
-@pytest.mark.parametrize(("changed", "said"), [
+@pytest.mark.parametrize(("changed", "message"), [
     (loaded(LAST, mass=70), None),
     (loaded(LAST, share=0.6), None),  # of a person whose mass nobody states
-    (replace(LAST, quality={"foot_outside_m": 0.02}), None),
+    (replace(LAST, quality=CrossingQuality(foot_outside_m=0.02)), None),
     (loaded(LAST, share=0.6, mass=70), "the plate carries 0.5"),
     (loaded(LAST, mass=35), "the plate carries 1."),
-    (replace(LAST, quality={"foot_outside_m": 0.05}),
+    (replace(LAST, quality=CrossingQuality(foot_outside_m=0.05)),
      "a foot marker lies 5.0 cm outside the plate"),
 ])  # fmt: skip
-def test_a_load_far_from_the_known_weight_is_excluded(changed, said):
+def test_a_load_far_from_the_known_weight_is_excluded(changed, message):
     (row,) = selected([changed], settings(outliers=None)).values()
-    assert row["status"] == ("outlier" if said else "used")
-    assert (said or "None") in str(row["reason"])
+
+    if message is None:
+        assert (row["status"], row["reason"]) == ("used", None)
+    else:
+        assert row["status"] == "outlier"
+        assert message in row["reason"]
 
 
 def test_errors_of_the_laboratory_change_the_fit_as_the_table_says_and_witnesses_are_doubts(
@@ -569,16 +722,19 @@ def test_errors_of_the_laboratory_change_the_fit_as_the_table_says_and_witnesses
     with K."""
     walks = several("p", 4, Walk(0.4)) | several("u", 4, Walk())
     (tmp_path / "crossings").mkdir()
-    shoe = {"shoe_compliance": np.deg2rad(1) / 60, "encoder_rms_deg": 0.7, "plate_height_m": 0.02}
     for name, walk in walks.items():
         plain = walked(name, walk)
         d, v, _ = (
             TURN * part * (walk.phase is not None)
             for part in bump(plain.time, (plain.onset or 0) + LEAD, RISE)
         )
-        wrong = replace(
-            plain, lab_errors=np.array([-6 * d + 0.1 * v]), quality=plain.quality | shoe
+        quality = replace(
+            plain.quality,
+            shoe_compliance=np.deg2rad(1) / 60,
+            encoder_rms_deg=0.7,
+            plate_height_m=0.02,
         )
+        wrong = replace(plain, lab_errors=np.array([-6 * d + 0.1 * v]), quality=quality)
         write_crossing(wrong, tmp_path / f"crossings/{name}.parquet")
     limits = Limits(above={"encoder_rms_deg": 0.4, "shoe_share": 0.05, "height_share": 0.02})
     names = [[name for name in walks if name.startswith(kind)] for kind in "pu"]
@@ -615,87 +771,95 @@ def test_errors_of_the_laboratory_change_the_fit_as_the_table_says_and_witnesses
     assert not {*unseen} & {*group["not_checked"].split("; ")}
 
 
-def test_moments_too_large_show_in_the_pressure_of_a_foot_that_stands_elsewhere() -> None:
+@pytest.mark.parametrize(("gain", "certain"), [(1.0, 0.0), (1.15, 0.11), (0.85, -0.11)])
+def test_moments_too_large_show_in_the_pressure_of_a_foot_that_stands_elsewhere(
+    gain: float, certain: float
+) -> None:
     """Moments 15 % too large move the pressure by 1.15 times as much as the foot; the foot's own
     scatter is 1 mm."""
     random = np.random.default_rng(2)
-    foot, own = 0.015 * random.standard_normal((20, 2)), 0.001 * random.standard_normal((20, 2))
-    for gain, certain in ((1.0, 0.0), (1.15, 0.11), (0.85, -0.11)):
-        pressure = gain * (foot + np.array([0.03, 0.0]) + own) - foot
-        columns = ["foot_forward_m", "foot_left_m", "pressure_ahead_m", "pressure_beside_m"]
-        table = pl.DataFrame(np.hstack([foot, pressure]), columns)
-        table = table.with_columns(
-            onset_phase=pl.lit(None, pl.Float64), reason=pl.lit(None, pl.String)
-        )
-        found = moment_error(table)
-        assert found["certain_moment_error"] == pytest.approx(certain, abs=0.03)
-        assert 0 < found["moment_error_half"] < 0.05
-        assert moment_error(table[:5])["certain_moment_error"] is None
+    foot = 0.015 * random.standard_normal((20, 2))
+    within_foot = np.array([0.03, 0.0]) + 0.001 * random.standard_normal((20, 2))
+    pressure_from_ankle = gain * (foot + within_foot) - foot
+    table = pl.DataFrame(
+        np.hstack([foot, pressure_from_ankle]),
+        ["foot_forward_m", "foot_left_m", "pressure_ahead_m", "pressure_beside_m"],
+    ).with_columns(onset_phase=pl.lit(None, pl.Float64), reason=pl.lit(None, pl.String))
+
+    error = moment_error(table)
+
+    assert error.certain_moment_error == pytest.approx(certain, abs=0.03)
+    assert 0 < error.moment_error_half < 0.05
+    assert moment_error(table[:5]).certain_moment_error is None
 
 
 def test_a_slope_of_k_between_timings_tells_the_damping_without_it() -> None:
     """K rises by 500 over stance: that alone makes 500 x 0.001 of B at every timing, if it is
     certain."""
-    facts = [
-        {"group": f"K_d 300, timing {p} %", "K": 250 + 5 * p, "B": 3.0, "K_se_share": se,
-        "B_per_slope": 1e-3,
-         "fitted_phase": p / 100} for p, se in ((30, 0.01), (40, 0.01), (60, 0.01))
-    ]  # fmt: skip
-    unlike = {**facts[0], "group": "K_d 200, timing 30 %"}
-    *rows, alone, none = with_slopes([*facts, unlike, {"group": "x", "reason": "too few"}])
-    assert [row["K_slope_timings"] for row in rows] == pytest.approx([500] * 3)
-    assert [row["slope_share_timings"] for row in rows] == pytest.approx([0.5 / 3] * 3)
-    assert [row["B_without_slope"] for row in rows] == pytest.approx([2.5] * 3)
-    assert (alone["K_slope_timings"], alone["B_without_slope"]) == (None, None)
-    assert "K_slope_timings" not in none
-    uncertain = with_slopes([{**fact, "K_se_share": 0.3} for fact in facts])
-    assert [row["slope_share_timings"] for row in uncertain] == [None] * 3
+    certain = [
+        TimingPoint("K_d 300", phase, K=250 + 500 * phase, K_se=3.0, B=3.0, B_per_slope=1e-3)
+        for phase in (0.3, 0.4, 0.6)
+    ]
+    alone = replace(certain[0], series="K_d 200")
+    uncertain = [replace(point, K_se=100.0) for point in certain]
+
+    slopes = [timing_slope(point, [*certain, alone]) for point in certain]
+
+    assert [slope.K_slope_timings for slope in slopes] == pytest.approx([500] * 3)
+    assert [slope.slope_share_timings for slope in slopes] == pytest.approx([0.5 / 3] * 3)
+    assert [slope.B_without_slope for slope in slopes] == pytest.approx([2.5] * 3)
+    assert timing_slope(alone, [*certain, alone]) == TimingSlope()
+    for point in uncertain:
+        assert timing_slope(point, uncertain).slope_share_timings is None
 
 
-def test_unperturbed_crossings_tell_the_intervals_that_perturbed_ones_will_have(
-    tmp_path: Path,
-) -> None:
+OWN_STANCE = settings(perturbed_stance="own")
+PLANNED = PlannedTurn(TURN, 0.08, 0.4, (340.0, 5.0, 0.03))
+
+
+def test_unperturbed_crossings_tell_the_intervals_that_perturbed_ones_will_have() -> None:
     """Six pilots: half-widths of K, B and I are those of the ensemble's bootstrap, on average to a
-    tenth, each within twice, as a scatter of eight is known; both directions are free of the
-    unperturbed crossings' error."""
-    chosen, planned = (
-        settings(perturbed_stance="own"),
-        response.PlannedTurn(TURN, 0.08, 0.4, (340.0, 5.0, 0.03)),
-    )
+    tenth, each within twice, as a scatter of eight is known."""
     ratios = []
     for k in range(6):
-        flat = [walked(f"f{k}_{n}", Walk()) for n in range(16)]
-        turned = [planned.added_to(crossing, chosen) for crossing in flat[:8]]
-        headline = response.group_headline(turned, response.unperturbed_gait(flat[8:], 3), chosen)
-        table = response.half_widths(
-            response.scatter_of_one(flat[8:], planned, chosen), [8], 8, both=False
-        )
-        ratios.append(
-            [np.ptp(headline.resampled.interval(name)) / 2 / table[name][0] for name in "KBI"]
-        )
+        unperturbed = [walked(f"f{k}_{n}", Walk()) for n in range(16)]
+        pilot, later = unperturbed[8:], unperturbed[:8]
+        turned = [PLANNED.added_to(crossing, OWN_STANCE) for crossing in later]
+        result = group_headline(turned, unperturbed_gait(pilot, 3), OWN_STANCE)
+        scatter = scatter_of_one(pilot, PLANNED, OWN_STANCE)
+        (plan,) = half_widths(scatter, [8], 8, both_directions=False).to_dicts()
+        ratios.append([np.ptp(result.resampled.interval(name)) / 2 / plan[name] for name in "KBI"])
+
     assert np.median(ratios, axis=0) == pytest.approx([1, 1, 1], rel=0.3)
-    one, both = (
-        response.half_widths(np.ones(3), [4, 16], 16, way)["K"].to_list() for way in (False, True)
-    )
-    assert one[1] == pytest.approx(stdtrit(15, 0.975) * np.sqrt(1 / 8))
-    assert both == pytest.approx([stdtrit(2, 0.975) / 2, stdtrit(14, 0.975) / 4])
+
+
+def test_both_directions_are_free_of_the_unperturbed_crossings_error() -> None:
+    one_way = half_widths(np.ones(3), [4, 16], 16, both_directions=False)["K"].to_list()
+    both_ways = half_widths(np.ones(3), [4, 16], 16, both_directions=True)["K"].to_list()
+
+    assert one_way[1] == pytest.approx(stdtrit(15, 0.975) * np.sqrt(1 / 8))
+    assert both_ways == pytest.approx([stdtrit(2, 0.975) / 2, stdtrit(14, 0.975) / 4])
+
+
+def test_a_plan_needs_four_crossings_and_room_before_the_onset() -> None:
+    pilot = [walked(f"f{n}", Walk()) for n in range(8)]
+
     with pytest.raises(InputError, match="3 unperturbed crossings can be used, expected 4 or more"):
-        response.scatter_of_one(flat[:3], planned, chosen)
+        scatter_of_one(pilot[:3], PLANNED, OWN_STANCE)
     with pytest.raises(
         InputError, match=r"an onset at 0\.4 % of stance leaves no room .* expected 1[45] % or more"
     ):
-        response.scatter_of_one(flat, replace(planned, phase=0.004), chosen)
+        scatter_of_one(pilot, replace(PLANNED, phase=0.004), OWN_STANCE)
 
 
 def test_a_pilot_who_moves_against_the_turn_once_does_not_widen_the_plan() -> None:
     """Nine tenths of the turn cancel in one crossing, with the joint's torque: fitted alone its K
     scattered tenfold."""
-    chosen, planned = (
-        settings(perturbed_stance="own"),
-        response.PlannedTurn(TURN, 0.08, 0.4, (340.0, 5.0, 0.03)),
-    )
-    flat = [walked(f"f{n}", Walk()) for n in range(8)]
-    against = replace(planned, turn=-0.9 * TURN).added_to(flat[0], chosen)
-    unlike = [replace(against, onset=None, turn=None), *flat[1:]]
-    usual, found = (response.scatter_of_one(pilots, planned, chosen) for pilots in (flat, unlike))
-    assert found == pytest.approx(usual, rel=0.3)
+    pilot = [walked(f"f{n}", Walk()) for n in range(8)]
+    against = replace(PLANNED, turn=-0.9 * TURN).added_to(pilot[0], OWN_STANCE)
+    unlike = [replace(against, onset=None, turn=None), *pilot[1:]]
+
+    usual = scatter_of_one(pilot, PLANNED, OWN_STANCE)
+    scatter = scatter_of_one(unlike, PLANNED, OWN_STANCE)
+
+    assert scatter == pytest.approx(usual, rel=0.3)

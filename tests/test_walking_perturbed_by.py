@@ -23,12 +23,14 @@ from osl_analysis.errors import InputError
 from osl_analysis.ingest.raw_files import read_source
 from osl_analysis.table import read_table
 from osl_analysis.trial import Trial, write_trial
-from osl_analysis.walking.bodies import static_calibration
 from osl_analysis.walking.crossing import Crossing, analyse_crossing, crossing_of_log
-from osl_analysis.walking.plate import NO_CORRECTION, identify_plate_model
-from osl_analysis.walking.platform import identify_platform
+from osl_analysis.walking.plate_model import NO_CORRECTION, identify_plate_model
+from osl_analysis.walking.poses import static_calibration
+from osl_analysis.walking.shared_motion import identify_platform
 
-K, B, INERTIA = 210.0, 2.5, 0.04
+K = 210.0
+B = 2.5
+INERTIA = 0.04
 RATE, STRIDE, STANCE = 1000, 1.6, 0.72  # Hz, s, s
 
 SOURCE = """
@@ -47,15 +49,18 @@ def log(turns: tuple[int, ...], seed: int = 0, onset: float = 0.3) -> pl.DataFra
     """Strides, one after the other: 0 is unperturbed, 1 and -1 turn the toes up and down by 3 deg
     in 60 ms, from `onset` [s] after heel strike on. The command is the sign while the device
     pushes."""
-    random, time = np.random.default_rng(seed), np.arange(round(RATE * STRIDE * len(turns))) / RATE
+    random = np.random.default_rng(seed)
+    time = np.arange(round(RATE * STRIDE * len(turns))) / RATE
     columns = {name: np.zeros(len(time)) for name in ("angle", "torque", "force", "command")}
     for k, turn in enumerate(turns):
         since = time - k * STRIDE - 0.5
         part = (since >= -0.5) & (since < STRIDE - 0.5)
-        s, size = np.clip(since / STANCE, 0, 1), 1 + 0.002 * random.standard_normal()
+        s = np.clip(since / STANCE, 0, 1)
+        size = 1 + 0.002 * random.standard_normal()
         y = np.clip((since - onset) / 0.06, 0, 1)
         moving = (since > onset) & (since < onset + 0.06)
-        step, held = np.deg2rad(3) * turn, 1 - np.clip((since - 0.8) / 0.2, 0, 1)
+        step = np.deg2rad(3) * turn
+        held = 1 - np.clip((since - 0.8) / 0.2, 0, 1)
         d = step * y**3 * (10 - 15 * y + 6 * y**2) * held
         v = step / 0.06 * 30 * y**2 * (1 - y) ** 2 * moving
         a = step / 0.06**2 * 60 * y * (1 - y) * (1 - 2 * y) * moving
@@ -211,17 +216,16 @@ def test_the_sheet_names_the_direction_of_a_trigger_that_only_rises_and_cuts_a_l
         assert found.platform is None
 
 
-LEG_M, BACK_M = 0.9, 0.05
+LEG_M = 0.9
+BACK_M = 0.05
 
 
 def on_a_belt(name: str, onset: float | None, seed: int, mass: float, loaded: bool = True) -> Trial:
     """A crossing on a platform that shifts back by 50 mm in 100 ms from `onset` [s] on; the hip
     stays behind, so that the shank leans by the shift over the leg's length, and the ankle answers
     with the K, B and I of `ankle_answer`."""
-    random, fast = (
-        np.random.default_rng(seed),
-        np.arange(3 * synthetic.PLATE_RATE) / synthetic.PLATE_RATE,
-    )
+    random = np.random.default_rng(seed)
+    fast = np.arange(3 * synthetic.PLATE_RATE) / synthetic.PLATE_RATE
     slow = fast[::5]
 
     def at(t: np.ndarray) -> np.ndarray:
@@ -318,7 +322,7 @@ def test_a_belt_without_markers_over_a_plate_that_rests_has_its_onset_from_the_t
     shared = identify_platform([(still, static)], chosen)
     found = analyse_crossing(still, static, NO_CORRECTION, True, chosen, shared)
     assert found.onset == pytest.approx(1.19, abs=1e-3)
-    assert (found.direction, found.quality.get("platform_residual_mm")) == ("down", None)
+    assert (found.direction, found.quality.platform_residual_mm) == ("down", None)
     np.testing.assert_allclose(*answer(found), atol=1.0)
     for named in ({}, {"perturbed_by": "belt"}, {"plate_inertia": "none"}):
         with pytest.raises(ValueError, match=r"markers\.platform is empty"):

@@ -2,6 +2,7 @@
 it."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -27,23 +28,43 @@ from walking_synthetic import (
 
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.trial import Array, Trial, furthest_outside, plate_axes
-from osl_analysis.walking import plate
-from osl_analysis.walking.bodies import BodyMotion, static_calibration
-from osl_analysis.walking.crossing import check_roll, check_side, check_vertical
-from osl_analysis.walking.plate import PlateModel, Stance, check_plate, identify_plate_inertia
-
-PIVOT, TIME, PHASE = (
-    np.array([-0.06, 0.0, 0.08]),
-    np.arange(3 * PLATE_RATE) / PLATE_RATE,
-    np.linspace(0, 1, 11),
+from osl_analysis.walking import plate_model
+from osl_analysis.walking.ankle import Ankle, LoadOnFoot, load_on_foot
+from osl_analysis.walking.plate import (
+    check_plate,
+    check_range,
+    check_type_on_platform,
+    recorded_corners,
+    wrench_reader,
+    zeroed_wrench,
 )
+from osl_analysis.walking.plate_model import (
+    PlateModel,
+    identify_plate_inertia,
+    identify_plate_model,
+    inertial_columns,
+    ringing,
+    stacked_columns,
+    with_height,
+    without_mean,
+)
+from osl_analysis.walking.poses import BodyMotion, static_calibration
+from osl_analysis.walking.setup_checks import check_roll, check_side, check_vertical
+from osl_analysis.walking.stance import Stance
+
+PIVOT = np.array([-0.06, 0.0, 0.08])
+TIME = np.arange(3 * PLATE_RATE) / PLATE_RATE
+PHASE = np.linspace(0, 1, 11)
 SURFACE = np.array([[0.3, 0.2, 0], [-0.3, 0.2, 0], [-0.3, -0.2, 0], [0.3, -0.2, 0]]) + np.array(
     [1.0, 2.0, 0.1]
 )
 CALIBRATION = static_calibration(static_trial(), settings())
-MASS, COM, I_COM = 12.0, np.array([0.01, -0.02, -0.03]), np.diag([0.25, 0.36, 0.60])
+MASS = 12.0
+COM = np.array([0.01, -0.02, -0.03])
+I_COM = np.diag([0.25, 0.36, 0.60])
 ABOUT_CENTRE = I_COM + MASS * ((COM @ COM) * np.eye(3) - np.outer(COM, COM))
-RIG, RAMP = Rig(mass=MASS, marker=1.5e-4, moment=0.05), Ramp(angle=5, onset=1.0, returns=2.0)
+RIG = Rig(mass=MASS, marker=1.5e-4, moment=0.05)
+RAMP = Ramp(angle=5, onset=1.0, returns=2.0)
 TRUE = np.array([MASS, *(MASS * COM), *np.diag(ABOUT_CENTRE), *ABOUT_CENTRE[[0, 0, 1], [1, 2, 2]]])
 
 
@@ -62,21 +83,26 @@ def plate_motion(about: int, height: float, scale: float) -> tuple[BodyMotion, A
         height * (a - 0.7 * b)
         for a, b in zip(bump(t, 0.3, scale), bump(t, 0.6, scale), strict=True)
     )
-    R, n = matrix(about, phi), np.eye(3)[about]
+    R = matrix(about, phi)
+    n = np.eye(3)[about]
 
     def swung(point: Array) -> tuple[Array, Array]:
         r = R @ (point - PIVOT)
-        w, z = omega[:, None] * n, alpha[:, None] * n
+        w = omega[:, None] * n
+        z = alpha[:, None] * n
         return r + PIVOT, np.cross(z, r) + np.cross(w, np.cross(w, r))
 
     centre, acceleration = swung(np.zeros(3))
     com, com_acceleration = swung(COM)
-    w, z = omega[:, None] * n, alpha[:, None] * n
+    w = omega[:, None] * n
+    z = alpha[:, None] * n
     inertia = R @ I_COM @ R.transpose(0, 2, 1)
     turning = np.einsum("nij,nj->ni", inertia, z) + np.cross(w, np.einsum("nij,nj->ni", inertia, w))
     force = MASS * (com_acceleration + np.array([0, 0, G]))
-    moment, in_plate = turning + np.cross(com - centre, force), R.transpose(0, 2, 1)
-    tare, tare_moment = np.array([0, 0, MASS * G]), np.cross(COM, [0, 0, MASS * G])
+    moment = turning + np.cross(com - centre, force)
+    in_plate = R.transpose(0, 2, 1)
+    tare = np.array([0, 0, MASS * G])
+    tare_moment = np.cross(COM, [0, 0, MASS * G])
     parts = (
         np.einsum("nij,nj->ni", in_plate, force) - tare,
         np.einsum("nij,nj->ni", in_plate, moment) - tare_moment,
@@ -84,52 +110,67 @@ def plate_motion(about: int, height: float, scale: float) -> tuple[BodyMotion, A
     return BodyMotion(R, w, z, centre, acceleration), np.hstack(parts)
 
 
-def test_recovers_all_ten_parameters_where_all_axes_turn() -> None:
-    pairs = [plate_motion(about, 0.15, 0.04) for about in range(3)]
-    inertia = identify_plate_inertia(
-        [(m, w + k * np.repeat([1.0, -0.3], 3)) for k, (m, w) in enumerate(pairs)]
-    )
-    np.testing.assert_allclose(inertia.parameters, TRUE, rtol=1e-7, atol=1e-9)
-    assert inertia.rms_before[1] > 1
-    assert inertia.rms_after.max() < 1e-8
+Recording = tuple[BodyMotion, Array]
+"""Motion of the plate's centre, and the plate's wrench (n, 6)."""
 
 
-def squares_of(*recordings: list[tuple[BodyMotion, Array]]) -> Array:
-    """Squares (10, 10) of the columns of recordings, less those of others."""
-    columns, *less = (
-        np.concatenate([plate.without_mean(plate.inertial_columns(m)) for m, _ in p])
-        for p in recordings
-    )
-    stacked = plate.stacked_columns(columns - sum(less))
+def test_all_ten_parameters_come_out_where_all_axes_turn() -> None:
+    recordings = []
+    for about in range(3):
+        motion, wrench = plate_motion(about, 0.15, 0.04)
+        zero = about * np.repeat([1.0, -0.3], 3)  # each recording has its own
+        recordings.append((motion, wrench + zero))
+
+    model = identify_plate_inertia(recordings)
+
+    np.testing.assert_allclose(model.parameters, TRUE, rtol=1e-7, atol=1e-9)
+    assert model.rms_before[1] > 1
+    assert model.rms_after.max() < 1e-8
+
+
+def columns_of(recordings: Sequence[Recording]) -> Array:
+    """Columns (n, 6, 10) of recordings, each without its mean."""
+    return np.concatenate([without_mean(inertial_columns(motion)) for motion, _ in recordings])
+
+
+def gram(columns: Array) -> Array:
+    stacked = stacked_columns(columns)
     return np.asarray(stacked.T @ stacked)
 
 
-def turned(pair: tuple[BodyMotion, Array], heading: float) -> tuple[BodyMotion, Array]:
+def headed(recording: Recording, heading: float) -> Recording:
     """The same recording with a laboratory, and a plate's own axes, that stand turned about the
     vertical."""
-    Q, motion = Rotation.from_euler("z", heading).as_matrix(), pair[0]
-    vectors = [v @ Q.T for v in (motion.omega, motion.alpha, motion.point, motion.acceleration)]
-    return BodyMotion(Q @ motion.rotation @ Q.T, *vectors), (
-        pair[1].reshape(-1, 2, 3) @ Q.T
-    ).reshape(-1, 6)
+    motion, wrench = recording
+    Q = Rotation.from_euler("z", heading).as_matrix()
+    turned_motion = BodyMotion(
+        rotation=Q @ motion.rotation @ Q.T,
+        omega=motion.omega @ Q.T,
+        alpha=motion.alpha @ Q.T,
+        point=motion.point @ Q.T,
+        acceleration=motion.acceleration @ Q.T,
+    )
+    return turned_motion, (wrench.reshape(-1, 2, 3) @ Q.T).reshape(-1, 6)
 
 
 @pytest.mark.parametrize("heading", [0.0, 0.08, np.pi / 6, 2.0])
-def test_the_wrench_of_a_motion_like_those_of_the_trials_is_known_about_any_axis(
-    heading: float,
-) -> None:
+def test_the_wrench_of_a_motion_like_those_of_the_trials_is_known(heading: float) -> None:
     """Trials that turn about one axis show no single parameter about the others, whichever way the
     laboratory lies."""
-    trials = [turned(plate_motion(1, size, 0.03), heading) for size in (0.09, 0.05)]
+    trials = [headed(plate_motion(1, size, 0.03), heading) for size in (0.09, 0.05)]
+    motion, wrench = headed(plate_motion(1, -0.07, 0.035), heading)
+
     model = identify_plate_inertia(trials)
-    motion, wrench = turned(plate_motion(1, -0.07, 0.035), heading)
-    left = plate.without_mean(wrench - plate.inertial_columns(motion) @ model.parameters)
-    assert np.abs(left).max() < 1e-3 * np.abs(wrench).max()
-    assert (
-        model.directions.shape[1]
-        == identify_plate_inertia([plate_motion(1, 0.09, 0.03)]).directions.shape[1]
-        < 10
-    )
+
+    unexplained = without_mean(wrench - inertial_columns(motion) @ model.parameters)
+    assert np.abs(unexplained).max() < 1e-3 * np.abs(wrench).max()
+    in_x = identify_plate_inertia([plate_motion(1, 0.09, 0.03)])
+    assert model.directions.shape[1] == in_x.directions.shape[1] < 10
+
+
+def about_two_axes() -> list[Recording]:
+    """Of which the second hardly turns."""
+    return [plate_motion(1, 0.09, 0.03), plate_motion(0, 0.004, 0.04)]
 
 
 def test_the_error_of_the_corners_height_is_that_of_a_mean_over_the_recordings() -> None:
@@ -138,7 +179,7 @@ def test_the_error_of_the_corners_height_is_that_of_a_mean_over_the_recordings()
     heights = np.array([0.020, 0.021, 0.017, 0.024, 0.018])
     parameters = np.array([MASS, 0, 0, 0, *np.diag(I_COM), 0, 0, 0])  # its mass is at the centre
     motions = [plate_motion(about, 0.15, 0.04)[0] for about in range(3)]
-    columns = np.concatenate([plate.inertial_columns(motion) for motion in motions])
+    columns = np.concatenate([inertial_columns(motion) for motion in motions])
     at_corners = columns @ parameters
     recordings = []
     for height in heights:
@@ -147,61 +188,78 @@ def test_the_error_of_the_corners_height_is_that_of_a_mean_over_the_recordings()
         recordings.append((columns, wrench))
     model = PlateModel(parameters, np.eye(10), np.zeros(6), np.zeros(6))
 
-    found = plate.with_height(model, recordings)
+    raised = with_height(model, recordings)
 
-    assert found.height == pytest.approx(heights.mean(), rel=1e-6)
-    assert found.height_se == pytest.approx(heights.std(ddof=1) / np.sqrt(len(heights)), rel=1e-6)
+    assert raised.height == pytest.approx(heights.mean(), rel=1e-6)
+    assert raised.height_se == pytest.approx(heights.std(ddof=1) / np.sqrt(len(heights)), rel=1e-6)
 
 
 def test_what_recordings_do_not_show_stays_as_it_is_known() -> None:
-    """A jackknife without the only trial about x must not call I_xx zero. Noise of an axis that
-    hardly turns."""
-    pairs = [plate_motion(1, 0.09, 0.03), plate_motion(0, 0.004, 0.04)]
-    both = identify_plate_inertia(pairs)
-    alone = identify_plate_inertia(pairs[:1], within=both.directions, known=TRUE)
-    np.testing.assert_allclose(alone.parameters, TRUE, rtol=1e-6, atol=1e-8)
-    assert 0 < alone.directions.shape[1] < both.directions.shape[1]
+    """A jackknife without the only trial about x must not call I_xx zero."""
+    recordings = about_two_axes()
+    whole = identify_plate_inertia(recordings)
+
+    without_x = identify_plate_inertia(recordings[:1], within=whole.directions, known=TRUE)
+
+    np.testing.assert_allclose(without_x.parameters, TRUE, rtol=1e-6, atol=1e-8)
+    assert 0 < without_x.directions.shape[1] < whole.directions.shape[1]
+
+
+def test_a_direction_that_is_mostly_noise_is_not_identified() -> None:
+    recordings = about_two_axes()
+    squares = gram(columns_of(recordings))
     noise = np.zeros((10, 10))
-    noise[4, 4] = 0.9 * squares_of(pairs)[4, 4]
-    assert identify_plate_inertia(pairs, noise=noise).directions.shape[1] < both.directions.shape[1]
+    noise[4, 4] = 0.9 * squares[4, 4]
+
+    quiet = identify_plate_inertia(recordings)
+    noisy = identify_plate_inertia(recordings, noise=noise)
+
+    assert noisy.directions.shape[1] < quiet.directions.shape[1]
     with pytest.raises(
         IdentifiabilityError,
         match="marker noise is 90% of what moves the unloaded plate in the dir",
     ):
-        identify_plate_inertia(pairs, noise=0.9 * squares_of(pairs))
+        identify_plate_inertia(recordings, noise=0.9 * squares)
 
 
 def test_noise_that_is_known_makes_no_plate_lighter() -> None:
     """A fifth of the acceleration: without a correction the mass is a seventh too small."""
-    random, quiet = (
-        np.random.default_rng(3),
-        [plate_motion(about, 0.15, 0.04) for about in range(3)],
-    )
-    drawn = [random.normal(0, 0.2 * m.acceleration.std(), (RATE, 3)) for m, _ in quiet]
-    noisy = [
-        (replace(m, acceleration=m.acceleration + n), w)
-        for (m, w), n in zip(quiet, drawn, strict=True)
-    ]
-    of_noise = squares_of(noisy, quiet)
-    biased, found = (
-        identify_plate_inertia(noisy, noise=squares).parameters for squares in (None, of_noise)
-    )
-    assert biased[0] < 0.9 * MASS
-    np.testing.assert_allclose(found[:4], TRUE[:4], rtol=0.02, atol=0.01)
+    random = np.random.default_rng(3)
+    quiet = [plate_motion(about, 0.15, 0.04) for about in range(3)]
+    noisy = []
+    for motion, wrench in quiet:
+        noise = random.normal(0, 0.2 * motion.acceleration.std(), (RATE, 3))
+        noisy.append((replace(motion, acceleration=motion.acceleration + noise), wrench))
+    noise_squares = gram(columns_of(noisy) - columns_of(quiet))
+
+    biased = identify_plate_inertia(noisy)
+    corrected = identify_plate_inertia(noisy, noise=noise_squares)
+
+    assert biased.parameters[0] < 0.9 * MASS
+    np.testing.assert_allclose(corrected.parameters[:4], TRUE[:4], rtol=0.02, atol=0.01)
 
 
-def test_a_wrench_is_brought_to_the_markers_frames() -> None:
-    """Without delay; a late plate is read later; no aliasing: 290 Hz seen at 300 Hz would be 10 Hz,
-    full size."""
-    fast, slow = np.arange(4500) / PLATE_RATE, np.arange(900) / RATE
-    for frequency, late, seen in ((15, 0.0, 1.0), (8, 0.0021, 1.0), (290, 0.0, 0.0)):
-        tone = np.sin(2 * np.pi * frequency * (fast - late))[:, None] * [1.0, 2.0, 3.0]
-        sampled = plate.wrench_reader(fast, np.hstack([tone, tone]), slow)(late)
-        expected = seen * np.sin(2 * np.pi * frequency * slow)[:, None] * [1.0, 2.0, 3.0]
-        np.testing.assert_allclose(
-            sampled[60:-60, :3], expected[60:-60], atol=1e-4 if seen else 3e-3
-        )
-        np.testing.assert_allclose(sampled[:, 3:], sampled[:, :3])
+@pytest.mark.parametrize(
+    ("frequency", "lag", "gain", "error"),
+    [
+        pytest.param(15, 0.0, 1.0, 1e-4, id="without delay"),
+        pytest.param(8, 0.0021, 1.0, 1e-4, id="a late plate is read later"),
+        pytest.param(290, 0.0, 0.0, 3e-3, id="no aliasing: 290 Hz at 300 Hz would be 10 Hz"),
+    ],
+)
+def test_a_wrench_is_brought_to_the_markers_frames(
+    frequency: float, lag: float, gain: float, error: float
+) -> None:
+    fast = np.arange(4500) / PLATE_RATE
+    slow = np.arange(900) / RATE
+    tone = np.sin(2 * np.pi * frequency * (fast - lag))[:, None] * [1.0, 2.0, 3.0]
+
+    sampled = wrench_reader(fast, np.hstack([tone, tone]), slow)(lag)
+
+    expected = gain * np.sin(2 * np.pi * frequency * slow)[:, None] * [1.0, 2.0, 3.0]
+    inside = slice(60, -60)
+    np.testing.assert_allclose(sampled[inside, :3], expected[inside], atol=error)
+    np.testing.assert_allclose(sampled[:, 3:], sampled[:, :3])
 
 
 def unloaded(name: str, load: float = 0.0, angle: float = 5.0, **changes: float) -> Trial:
@@ -210,273 +268,395 @@ def unloaded(name: str, load: float = 0.0, angle: float = 5.0, **changes: float)
     return changed(trial, pl.col("plate1_force_z") + load)
 
 
+def between(trial: Trial, start: float, end: float) -> Trial:
+    """The part of a recording between two times [s]."""
+    rows = pl.col("time").is_between(start, end)
+    return replace(trial, samples=trial.samples.filter(rows))
+
+
 def model_of(*trials: Trial, **choices: Any) -> PlateModel:
-    return plate.identify_plate_model(
-        [(trial, CALIBRATION) for trial in trials], settings(**choices)
-    )
+    return identify_plate_model([(trial, CALIBRATION) for trial in trials], settings(**choices))
 
 
 def test_the_models_without_a_trial_know_nothing_of_it() -> None:
     trials = [unloaded(f"plate_{k}", lag=0.001 * (1 + k), mass=MASS + k) for k in range(3)]
-    model, (motion, wrench) = model_of(*trials), plate_motion(1, 0.09, 0.03)
-    for k, other in enumerate(model.leave_one_out):
-        assert other.lag == pytest.approx(np.delete(model.lags, k).mean())
-        alone = model_of(*(t for i, t in enumerate(trials) if i != k))
-        shown = plate.inertial_columns(motion) @ (other.parameters - alone.parameters)
-        assert np.abs(shown).max() < 0.02 * np.abs(wrench).max()
+    motion, wrench = plate_motion(1, 0.09, 0.03)
+
+    model = model_of(*trials)
+
+    assert len(model.leave_one_out) == 3
+    for k, without_k in enumerate(model.leave_one_out):
+        from_others = model_of(*(trials[:k] + trials[k + 1 :]))
+        difference = without_k.parameters - from_others.parameters
+        assert np.abs(inertial_columns(motion) @ difference).max() < 0.02 * np.abs(wrench).max()
+        assert without_k.lag == pytest.approx(np.delete(model.lags, k).mean())
     assert model.lag_se == pytest.approx(np.std(model.lags, ddof=1) / np.sqrt(3))
-    assert (len(model.leave_one_out), model_of(trials[0]).leave_one_out) == (3, ())
 
 
-def test_a_lag_that_is_not_found_or_not_asked_for_is_not_corrected() -> None:
-    light, unasked = (
-        "the unloaded plate is too light to show it",
-        "not estimated: correct_plate_lag is false",
-    )
-    for mass, asked, reason in ((0.0, True, light), (1.0, False, unasked)):
-        model = model_of(unloaded("plate_1", lag=0.002, mass=mass), correct_plate_lag=asked)
-        assert (model.lag, model.lag_se, model.lag_reason) == (None, None, reason)
+def test_one_trial_has_no_jackknife() -> None:
+    assert model_of(unloaded("plate_0")).leave_one_out == ()
 
 
-@pytest.mark.parametrize(("changes", "reason"), [
-    pytest.param({"lag": 0.014}, "the unloaded plate's wrench does not follow",
-    id="clocks that are far apart"),
-    pytest.param({"lag": -0.05}, "the unloaded plate's wrench does not follow",
-    id="clocks further apart"),
-    pytest.param({"angle": 0.3}, r"the platform turns by 0\.\d+ deg only", id="a platform at rest"),
-    pytest.param({"load": 300.0}, "the plate carries 300 N", id="a foot on the plate"),
-    pytest.param({"plate": 2}, "no column 'plate2_force_x'", id="an unknown plate"),
-    pytest.param({"blind": 1}, "markers PLAT1, PLAT2, PLAT3, PLAT4 are seen together in 0",
-    id="a hidden platform"),
-])  # fmt: skip
-def test_a_recording_that_cannot_show_the_unloaded_plate_is_refused(
-    changes: dict[str, Any], reason: str
+@pytest.mark.parametrize(
+    ("mass", "is_wanted", "reason"),
+    [
+        (0.0, True, "the unloaded plate is too light to show it"),
+        (1.0, False, "not estimated: correct_plate_lag is false"),
+    ],
+)
+def test_a_lag_that_is_not_found_or_not_asked_for_is_not_corrected(
+    mass: float, is_wanted: bool, reason: str
 ) -> None:
-    of_trial = {name: size for name, size in changes.items() if name not in ("plate", "blind")}
-    trial = hidden(
-        unloaded("plate_1", **of_trial), ["PLAT1", "PLAT2"], 0, 3.0 if "blind" in changes else -1
-    )
+    model = model_of(unloaded("plate_1", lag=0.002, mass=mass), correct_plate_lag=is_wanted)
+
+    assert model.lag is None
+    assert model.lag_se is None
+    assert model.lag_reason == reason
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        pytest.param({"lag": 0.014}, "the unloaded plate's wrench does not follow", id="clocks"),
+        pytest.param({"lag": -0.05}, "the unloaded plate's wrench does not follow", id="far apart"),
+        pytest.param({"angle": 0.3}, r"the platform turns by 0\.\d+ deg only", id="at rest"),
+        pytest.param({"load": 300.0}, "the plate carries 300 N", id="a foot on the plate"),
+    ],
+)
+def test_a_recording_that_cannot_show_the_unloaded_plate_is_refused(
+    changes: dict[str, float], reason: str
+) -> None:
     with pytest.raises(InputError, match=f"trial plate_1: {reason}"):
-        model_of(trial, plate=changes.get("plate", 1))
+        model_of(unloaded("plate_1", **changes))
+
+
+def test_an_unknown_plate_is_refused() -> None:
+    with pytest.raises(InputError, match="trial plate_1: no column 'plate2_force_x'"):
+        model_of(unloaded("plate_1"), plate=2)
+
+
+def test_a_hidden_platform_is_refused() -> None:
+    blind = hidden(unloaded("plate_1"), ["PLAT1", "PLAT2"], 0, 3.0)
+
+    with pytest.raises(
+        InputError, match="trial plate_1: markers PLAT1, PLAT2, PLAT3, PLAT4 are seen together in 0"
+    ):
+        model_of(blind)
+
+
+def test_no_trial_of_the_plate_is_refused() -> None:
     with pytest.raises(InputError, match="experiment 'plate'"):
         model_of()
 
 
-@pytest.mark.parametrize(("start", "duration"), [(1.01, 0.04), (0.8, 1.7)])
-def test_an_unloaded_trial_whose_turn_was_hidden_is_excluded_by_name(
-    start: float, duration: float
-) -> None:
-    """40 ms of the start of the ramp, which a bridge would make the lag of. Or from before the ramp
-    until the platform is back, longer than gaps are bridged: the longest run of frames that was
-    seen does not turn."""
-    seen, blind = (unloaded(f"plate_{k}", lag=0.0015) for k in (1, 2))
-    blind, why = (
-        hidden(blind, ("PLAT1", "PLAT2"), start, start + duration),
-        "the platform turned while its markers",
-    )
-    with pytest.warns(UserWarning, match=f"trial plate_2: excluded from the plate.s model: {why}"):
-        assert len(model_of(seen, blind).lags) == 1
+@pytest.mark.parametrize(
+    ("start", "duration"),
+    [
+        pytest.param(1.01, 0.04, id="the start of the ramp, which a bridge would make the lag of"),
+        # longer than gaps are bridged: the longest run of frames that was seen does not turn
+        pytest.param(0.8, 1.7, id="from before the ramp until the platform is back"),
+    ],
+)
+def test_an_unloaded_trial_whose_turn_was_hidden_is_excluded(start: float, duration: float) -> None:
+    sound = unloaded("plate_1", lag=0.0015)
+    blind = hidden(unloaded("plate_2", lag=0.0015), ("PLAT1", "PLAT2"), start, start + duration)
+    reason = "the platform turned while its markers"
+
+    with pytest.warns(
+        UserWarning, match=f"trial plate_2: excluded from the plate.s model: {reason}"
+    ):
+        model = model_of(sound, blind)
+
+    assert len(model.lags) == 1
     with pytest.raises(
-        InputError, match=f"no unloaded trial .* trial plate_2, as others: {why} were hidden"
+        InputError, match=f"no unloaded trial .* trial plate_2, as others: {reason} were hidden"
     ):
         model_of(blind)
-    for begin, end in ((1.5, 1.545), (1.0, 1.005)):  # hidden at rest, or for two frames
-        assert model_of(hidden(seen, ("PLAT1", "PLAT2"), begin, end)).lag == pytest.approx(
-            0.0015, abs=3e-4
-        )
 
 
-def test_a_motion_that_the_recording_cuts_has_no_part_in_the_plates_model() -> None:
+@pytest.mark.parametrize(
+    ("start", "end"),
+    [pytest.param(1.5, 1.545, id="at rest"), pytest.param(1.0, 1.005, id="for two frames")],
+)
+def test_markers_that_were_hidden_at_rest_or_shortly_cost_nothing(start: float, end: float) -> None:
+    trial = hidden(unloaded("plate_1", lag=0.0015), ("PLAT1", "PLAT2"), start, end)
+
+    assert model_of(trial).lag == pytest.approx(0.0015, abs=3e-4)
+
+
+CUT = "the recording begins or ends while the platform"
+
+
+def test_a_motion_that_the_recording_cuts_has_no_part_in_the_model() -> None:
     """Half a motion made the lag 0.3 to 5 ms wrong and the mass 3 kg too small, with nothing
     said."""
-    whole = unloaded("plate_1", lag=0.0015)
-    early, late = (
-        replace(
-            whole, name=name, samples=whole.samples.filter(pl.col("time").is_between(first, last))
-        )
-        for name, first, last in (("plate_1", 0.0, 2.0), ("plate_2", 2.0, 3.0))
-    )
+    early = between(unloaded("plate_1", lag=0.0015), 0.0, 2.0)
+
     model = model_of(early)
-    assert (model.lag, model.parameters[0]) == (
-        pytest.approx(0.0015, abs=1e-4),
-        pytest.approx(MASS, rel=0.02),
-    )
-    with pytest.warns(
-        UserWarning,
-        match="trial plate_2: excluded .*: the recording begins or ends while the platform",
-    ):
-        assert len(model_of(whole, late).lags) == 1
+
+    assert model.lag == pytest.approx(0.0015, abs=1e-4)
+    assert model.parameters[0] == pytest.approx(MASS, rel=0.02)
+
+
+def test_a_recording_of_half_a_motion_is_excluded() -> None:
+    whole = unloaded("plate_1", lag=0.0015)
+    late = between(unloaded("plate_2", lag=0.0015), 2.0, 3.0)
+
+    with pytest.warns(UserWarning, match=f"trial plate_2: excluded .*: {CUT}"):
+        model = model_of(whole, late)
+
+    assert len(model.lags) == 1
+
+
+def test_recordings_without_a_whole_motion_are_refused() -> None:
+    late = between(unloaded("plate_2", lag=0.0015), 2.0, 3.0)
     slow = walked_over("plate_2", replace(RAMP, rise=1.2, returns=2.5), RIG, 7, loaded=False)
-    never_still = replace(slow, samples=slow.samples.filter(pl.col("time").is_between(1.2, 2.0)))
+    never_still = between(slow, 1.2, 2.0)
+
     for cut in (late, never_still):
-        with pytest.raises(
-            InputError, match="plate_2, as others: the recording begins or ends while the platform"
-        ):
+        with pytest.raises(InputError, match=f"plate_2, as others: {CUT}"):
             model_of(cut)
 
 
 def stepped(offset: float, limit: float = np.inf, noise: float = 0.4) -> Array:
     """A step of 0.7 s and 800 N from 1 s; then the tilted plate reads 5 N more with half the noise.
     Fz has a limit."""
-    load = 800 * np.sin(np.pi * np.clip((TIME - 1) / 0.7, 0, 1)) + 5.0 * (TIME > 1.75)
-    calmer = np.where(TIME > 1.75, 0.5, 1.0)[:, None] * noise
-    force = (
-        np.outer(load, [0.1, 0.0, 1.0])
-        + offset
-        + calmer * np.random.default_rng(2).standard_normal((len(TIME), 3))
-    )
+    is_tilted = TIME > 1.75
+    load = 800 * np.sin(np.pi * np.clip((TIME - 1) / 0.7, 0, 1)) + 5.0 * is_tilted
+    noise_of_time = np.where(is_tilted, 0.5, 1.0)[:, None] * noise
+    random = np.random.default_rng(2).standard_normal((len(TIME), 3))
+    force = np.outer(load, [0.1, 0.0, 1.0]) + offset + noise_of_time * random
     force[:, 2] = np.minimum(force[:, 2], limit)
-    return np.hstack([force, 0.02 * offset + np.outer(load, [0.0, -0.1, 0.0])])
+    moment = 0.02 * offset + np.outer(load, [0.0, -0.1, 0.0])
+    return np.hstack([force, moment])
 
 
 def standing_on(wrench: Array, first: int = 0) -> Trial:
     """A recording of this wrench from a row on."""
-    markers = synthetic.labelled(
-        "PLAT", np.tile(synthetic.PLATFORM, (len(wrench[first:]) // 5, 1, 1))
-    )
+    frames = len(wrench[first:]) // 5
+    markers = synthetic.labelled("PLAT", np.tile(synthetic.PLATFORM, (frames, 1, 1)))
     return synthetic.recording("c", markers, wrench[first:, :3], wrench[first:, 3:])
 
 
-def test_the_zero_is_read_before_the_foot_comes_not_after_the_platform_tilted() -> None:
-    """0.2 s of noise of 0.4 N: the mean's standard deviation is 0.02 N."""
-    for seconds in (0.9, 0.2):  # of 1 s before the foot comes
-        read, removed = plate.zeroed_wrench(
-            standing_on(stepped(-60.0)), TIME[::5], settings(unloaded_s=seconds)
-        )
-        assert removed == pytest.approx(-60.0, abs=0.1)
-    np.testing.assert_allclose(read(0.0)[20:180].mean(axis=0), 0, atol=0.15)
-    for zero in (-713.0, 713.0):
-        with pytest.raises(
-            InputError, match=f"unloaded plate reads {zero:.0f} N, expected less than 100 N"
-        ):
-            plate.zeroed_wrench(standing_on(stepped(zero)), TIME[::5], settings())
+@pytest.mark.parametrize("unloaded_s", [0.9, 0.2])
+def test_the_zero_is_read_before_the_foot_comes(unloaded_s: float) -> None:
+    """Of 1 s before it, and not after the platform tilted. 0.2 s of noise of 0.4 N: the mean's
+    standard deviation is 0.02 N."""
+    trial = standing_on(stepped(-60.0))
+
+    wrench = zeroed_wrench(trial, TIME[::5], settings(unloaded_s=unloaded_s))
+
+    assert wrench.zero == pytest.approx(-60.0, abs=0.1)
+    np.testing.assert_allclose(wrench.read(0.0)[20:180].mean(axis=0), 0, atol=0.15)
+
+
+@pytest.mark.parametrize("zero", [-713.0, 713.0])
+def test_a_plate_that_was_not_zeroed_is_refused(zero: float) -> None:
+    with pytest.raises(
+        InputError, match=f"unloaded plate reads {zero:.0f} N, expected less than 100 N"
+    ):
+        zeroed_wrench(standing_on(stepped(zero)), TIME[::5], settings())
+
+
+def test_a_plate_that_is_loaded_from_the_start_is_refused() -> None:
     with pytest.raises(InputError, match=r"loaded within 0\.2 s of the recording's start"):
-        plate.zeroed_wrench(standing_on(stepped(0.0), 2000), TIME[:-2000:5], settings())
+        zeroed_wrench(standing_on(stepped(0.0), 2000), TIME[:-2000:5], settings())
 
 
-def test_a_plate_at_its_limit_is_refused_also_where_it_stands_askew_and_one_that_peaks_is_not() -> (
-    None
-):
-    """Turned by 20 degrees: Fx of the plate is a mixture in the laboratory, and neither of its
-    parts is flat."""
-    axes, turn = (
-        plate_axes(np.array(synthetic.CORNERS)),
-        Rotation.from_euler("z", 20, degrees=True).as_matrix(),
-    )
-    own = stepped(0.0)[:, :3] @ np.diag([4.0, 1.0, 1.0])
-    own[:, 0] = np.minimum(own[:, 0], 250.0)
-    unloaded = stepped(0.0, noise=0.0)[:1400, :3]  # may well read one value
-    for force in (stepped(0.0)[:, :3], own @ turn.T, unloaded):
-        plate.check_range(TIME, force, axes, 30)
+def askew() -> tuple[Array, Array]:
+    """Force (n, 3) [N] of a plate that stands turned by 20 degrees and whose Fx is at its limit,
+    and the plate's axes: Fx is a mixture in the laboratory, and neither of its parts is flat."""
+    turn = Rotation.from_euler("z", 20, degrees=True).as_matrix()
+    in_plate = stepped(0.0)[:, :3] @ np.diag([4.0, 1.0, 1.0])
+    in_plate[:, 0] = np.minimum(in_plate[:, 0], 250.0)
+    return in_plate @ turn.T, plate_axes(np.array(synthetic.CORNERS) @ turn.T)
+
+
+def test_a_plate_at_its_limit_is_refused() -> None:
+    axes = plate_axes(np.array(synthetic.CORNERS))
+
     with pytest.raises(InputError, match=r"Fz stays at 600 N for \d+ ms .* reached its limit"):
-        plate.check_range(TIME, stepped(0.0, limit=600)[:, :3], axes, 30)
+        check_range(TIME, stepped(0.0, limit=600)[:, :3], axes, 30)
+
+
+def test_a_plate_at_its_limit_is_refused_also_where_it_stands_askew() -> None:
+    force, axes = askew()
+
     with pytest.raises(InputError, match="stays at 250 N"):
-        plate.check_range(TIME, own @ turn.T, plate_axes(np.array(synthetic.CORNERS) @ turn.T), 30)
+        check_range(TIME, force, axes, 30)
+
+
+def test_a_force_that_peaks_or_rests_unloaded_is_within_range() -> None:
+    axes = plate_axes(np.array(synthetic.CORNERS))
+    one_value = stepped(0.0, noise=0.0)[:1400, :3]
+
+    for force in (stepped(0.0)[:, :3], askew()[0], one_value):
+        check_range(TIME, force, axes, 30)
 
 
 def examined(kind: int = 2, **channel: float) -> Trial:
     """A recording of a plate of which ingest found this in a channel."""
     facts = {"label": "A3", "clipped_samples": 0, "stands_samples": 0, **channel}
-    return Trial(
-        "w",
-        pl.DataFrame({"time": [0.0]}),
-        {"plates": [{"plate": 1, "type": kind, "channels": [facts]}]},
-    )
+    plate = {"plate": 1, "type": kind, "channels": [facts]}
+    return Trial("w", pl.DataFrame({"time": [0.0]}), {"plates": [plate]})
 
 
-def test_a_plate_that_fails_in_a_stance_is_refused_and_elsewhere_does_not_matter() -> None:
-    stance, person = Stance(0.2, 0.8), np.array([0.0, 700.0])
-    low = examined(clipped_samples=50, clipped_from_s=0.3, clipped_to_s=0.325, clipped_at=-200.0)
-    dead = examined(stands_samples=50, stands_from_s=0.1, stands_to_s=0.31)
+CLIPPED = examined(clipped_samples=50, clipped_from_s=0.3, clipped_to_s=0.325, clipped_at=-200.0)
+DEAD = examined(stands_samples=50, stands_from_s=0.1, stands_to_s=0.31)
+STANCE = Stance(0.2, 0.8)
+PERSON = np.array([0.0, 700.0])  # [N]
+
+
+def test_a_channel_that_is_clipped_in_stance_is_refused() -> None:
     with pytest.raises(
         InputError, match=r"channel A3 of force plate 1 stays at -200 from 0\.300 s to 0\.325 s"
     ):
-        check_plate(low, 1, stance, person)
+        check_plate(CLIPPED, 1, STANCE, PERSON)
+
+
+def test_a_channel_that_is_dead_in_stance_is_refused() -> None:
     with pytest.raises(
         InputError, match=r"channel A3 of force plate 1 repeats one value from 0\.100 .* it is dead"
     ):
-        check_plate(dead, 1, stance, person)
-    # before, on the other plate, after, for 90 ms; as when somebody else steps there
-    for trial, number, contact in (
-        (low, 1, Stance(0.35, 1.5)), (low, 2, stance), (low, 1, Stance(0.1, 0.28)),
-        (dead, 1, Stance(0.22, 0.8)),
-    ):  # fmt: skip
-        check_plate(trial, number, contact, person)
+        check_plate(DEAD, 1, STANCE, PERSON)
+
+
+@pytest.mark.parametrize(
+    ("trial", "plate", "stance"),
+    [
+        pytest.param(CLIPPED, 1, Stance(0.35, 1.5), id="before stance"),
+        pytest.param(CLIPPED, 2, STANCE, id="on another plate"),
+        pytest.param(CLIPPED, 1, Stance(0.1, 0.28), id="after stance"),
+        pytest.param(DEAD, 1, Stance(0.22, 0.8), id="for 90 ms"),
+    ],
+)
+def test_a_channel_that_fails_elsewhere_does_not_matter(
+    trial: Trial, plate: int, stance: Stance
+) -> None:
+    check_plate(trial, plate, stance, PERSON)
+
+
+def test_a_force_beyond_a_person_s_is_refused() -> None:
     with pytest.raises(
         InputError,
         match=r"plate 1 reads up to 8\.4e\+03 N, expected less than 8000 N under a person",
     ):
-        check_plate(examined(), 1, stance, 12 * person)
-    with pytest.raises(InputError, match=r"of type 1 .* export it as type 2, 3 or 4"):
-        plate.check_type_on_platform(examined(1), 1)
-    (bare := unloaded("plate_1")).provenance["plates"][0]["type"] = 1
-    with pytest.raises(InputError, match=r"of type 1 .* export it as type 2, 3 or 4"):
-        model_of(bare)
-    plate.check_type_on_platform(low, 1)
+        check_plate(examined(), 1, STANCE, 12 * PERSON)
 
 
-def test_the_pressure_beside_the_ankle_is_where_the_force_acts() -> None:
+def test_a_moving_plate_without_moments_is_refused() -> None:
+    trial = unloaded("plate_1")
+    trial.provenance["plates"][0]["type"] = 1
+
+    check_type_on_platform(examined(2), 1)
+    with pytest.raises(InputError, match=r"of type 1 .* export it as type 2, 3 or 4"):
+        check_type_on_platform(examined(1), 1)
+    with pytest.raises(InputError, match=r"of type 1 .* export it as type 2, 3 or 4"):
+        model_of(trial)
+
+
+CENTRE = np.array([[1.0, 2.0, 0.1]])  # of the plate
+
+
+def test_the_pressure_is_where_the_force_acts() -> None:
     """A force through a known point of the surface, the ankle 0.1 m above it; the axis points along
     -x, heading +y."""
-    centre, ankle = np.array([[1.0, 2.0, 0.1]]), np.array([[1.05, 1.9, 0.2]])
-    force, point = np.array([[30.0, -20.0, 700.0]]), np.array([0.93, 2.1, 0.1])
-    moment = np.cross(point - centre, force) + np.array([0, 0, 4.0])  # and a free moment
-    wrench, left = np.hstack([force, moment]), np.array([[-1.0, 0, 0]])
-    pressed, light = (plate.load_on_foot(part * wrench, centre, ankle, left) for part in (1, 0.14))
-    # 98 N have no centre
-    assert (pressed[:, 0], light[1]) == (pytest.approx([700, 1.05 - 0.93, 0.2]), [0.0])
-    for marker, distance in (
-        ([1.29, 2.19, 0.1], 0.0),
-        ([1.35, 2.1, 0.3], 0.05),
-        ([0.66, 1.77, 0.1], 0.05),
-    ):
-        assert furthest_outside(np.array([centre[0], marker]), SURFACE) == pytest.approx(distance)
+    force = np.array([[30.0, -20.0, 700.0]])
+    point = np.array([0.93, 2.1, 0.1])
+    free_moment = np.array([0, 0, 4.0])
+    wrench = np.hstack([force, np.cross(point - CENTRE, force) + free_moment])
+    ankle = Ankle(np.zeros(1), np.array([[1.05, 1.9, 0.2]]), np.array([[-1.0, 0, 0]]))
+
+    load = load_on_foot(wrench, CENTRE, ankle)
+
+    assert load.vertical == pytest.approx([700])
+    assert load.left == pytest.approx([1.05 - 0.93])
+    assert load.forward == pytest.approx([0.2])
+    assert load_on_foot(0.14 * wrench, CENTRE, ankle).left == [0.0], "98 N have no centre"
 
 
-def test_a_load_that_does_not_act_upwards_and_a_plate_on_edge_are_refused_with_the_remedy() -> None:
-    upwards = np.sin(np.pi * PHASE)[:, None]
-    for force, along in (
+@pytest.mark.parametrize(
+    ("marker", "distance"),
+    [([1.29, 2.19, 0.1], 0.0), ([1.35, 2.1, 0.3], 0.05), ([0.66, 1.77, 0.1], 0.05)],
+)
+def test_a_marker_beside_the_plate_is_as_far_outside(marker: list[float], distance: float) -> None:
+    assert furthest_outside(np.array([CENTRE[0], marker]), SURFACE) == pytest.approx(distance)
+
+
+@pytest.mark.parametrize(
+    ("force", "along"),
+    [
         ([20.0, 700, 30], "+y (570"),
         ([20.0, 30, -700], "-z (-570"),
         ([-700.0, 30, 10], "-x (-570"),
+    ],
+)
+def test_a_load_that_does_not_act_upwards_is_refused(force: list[float], along: str) -> None:
+    loads = np.sin(np.pi * PHASE)[:, None] * force
+
+    with pytest.raises(
+        InputError, match=re.escape(f"along {along} N), expected +z: correct `sign`")
     ):
-        with pytest.raises(
-            InputError, match=re.escape(f"along {along} N), expected +z: correct `sign`")
-        ):
-            check_vertical(upwards * force)
-    check_vertical(upwards * [200.0, 100, 700])
+        check_vertical(loads)
+
+
+def test_a_load_that_acts_upwards_and_none_at_all_are_sound() -> None:
+    check_vertical(np.sin(np.pi * PHASE)[:, None] * [200.0, 100, 700])
     check_vertical(np.zeros((5, 3)))
 
-    def with_corners(corners: Array) -> Trial:
-        facts = {"plates": [{"plate": 1, "type": 2, "corners": corners.tolist()}]}
-        return Trial("plate_1", pl.DataFrame({"time": [0.0]}), facts)
 
-    x, y = (with_corners(SURFACE[:, axes]) for axes in ([2, 1, 0], [0, 2, 1]))
-    ramp, steep = (SURFACE @ matrix(0, np.deg2rad([angle]))[0].T for angle in (33.0, 40.0))
-    for trial, number, said in (
-        (x, 1, "across the x"), (y, 1, r"across the y axis.*`axes: \[x, -z, y\]`"),
-        (with_corners(steep), 1, "on edge"),
-        (x, 2, "plate 2; the recording has those of 1"),
-        (replace(x, provenance={}), 1, "has those of none"),
-    ):  # fmt: skip
-        with pytest.raises(InputError, match=said):
-            plate.recorded_corners(trial, number)
-    assert plate.recorded_corners(with_corners(ramp), 1).tolist() == ramp.tolist()
-    for corners in (SURFACE, SURFACE[::-1]):  # in either order, the normal points up
-        normal = plate_axes(plate.recorded_corners(with_corners(corners), 1))[:, 2]
-        np.testing.assert_allclose(normal, [0, 0, 1], atol=1e-12)
+def with_corners(corners: Array) -> Trial:
+    facts = {"plates": [{"plate": 1, "type": 2, "corners": corners.tolist()}]}
+    return Trial("plate_1", pl.DataFrame({"time": [0.0]}), facts)
+
+
+def sloping(angle_deg: float) -> Array:
+    """Corners of a plate on a slope."""
+    return np.asarray(SURFACE @ matrix(0, np.deg2rad([angle_deg]))[0].T)
+
+
+@pytest.mark.parametrize(
+    ("corners", "message"),
+    [
+        pytest.param(SURFACE[:, [2, 1, 0]], "across the x", id="x up"),
+        pytest.param(SURFACE[:, [0, 2, 1]], r"across the y axis.*`axes: \[x, -z, y\]`", id="y up"),
+        pytest.param(sloping(40.0), "on edge", id="steeper than stairs"),
+    ],
+)
+def test_a_plate_on_edge_is_refused_with_the_remedy(corners: Array, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        recorded_corners(with_corners(corners), 1)
+
+
+def test_a_plate_without_corners_is_refused() -> None:
+    trial = with_corners(SURFACE)
+
+    with pytest.raises(InputError, match="plate 2; the recording has those of 1"):
+        recorded_corners(trial, 2)
+    with pytest.raises(InputError, match="has those of none"):
+        recorded_corners(replace(trial, provenance={}), 1)
+
+
+def test_a_ramp_is_no_edge() -> None:
+    corners = sloping(33.0)
+
+    assert recorded_corners(with_corners(corners), 1).tolist() == corners.tolist()
+
+
+@pytest.mark.parametrize("corners", [SURFACE, SURFACE[::-1]])
+def test_the_normal_points_up_in_either_order_of_corners(corners: Array) -> None:
+    normal = plate_axes(recorded_corners(with_corners(corners), 1))[:, 2]
+
+    np.testing.assert_allclose(normal, [0, 0, 1], atol=1e-12)
 
 
 @pytest.mark.parametrize("turn", [0.0, 2.0, np.pi])
-def test_a_shank_against_its_own_heading_and_a_moment_that_lifts_the_toes_are_refused(
-    turn: float,
-) -> None:
-    heading, left = (
-        np.array([np.cos(turn), np.sin(turn), 0]),
-        np.array([-np.sin(turn), np.cos(turn), 0]),
-    )
+def test_a_shank_that_moves_against_its_heading_is_refused(turn: float) -> None:
+    heading = np.array([np.cos(turn), np.sin(turn), 0])
+    left = np.array([-np.sin(turn), np.cos(turn), 0])
     shank = np.outer(-0.1 + 0.25 * PHASE, heading) + np.array([0, 0, 0.3])
     axis = np.tile(left, (PHASE.size, 1))
+
     check_side(PHASE, shank, axis)
     with pytest.raises(
         InputError,
@@ -485,31 +665,49 @@ def test_a_shank_against_its_own_heading_and_a_moment_that_lifts_the_toes_are_re
         check_side(PHASE, shank, -axis)
 
 
-def test_a_load_that_does_not_roll_over_the_foot_is_refused_by_its_cause() -> None:
-    """A turned plate turns braking and push-off with the centre of pressure; a second foot, a load
-    more, that alone."""
-    zero, torque = np.zeros(PHASE.size), -10 + 90 * PHASE
-    forward, push = np.array([zero, 0.2 * PHASE]), np.array([zero, 300 * (PHASE - 0.5)])
-    weight = np.full(PHASE.size, 700.0)
-    sound = np.vstack([weight, forward])
-    check_roll(PHASE, sound, push, torque)
-    check_roll(PHASE, np.vstack([weight, 0.1 * forward[::-1]]), push, None)  # hardly moves
-    quarter = np.vstack([weight, forward[::-1]])
+ZERO = np.zeros(PHASE.size)
+ROLL = 0.2 * PHASE  # of the centre of pressure [m]
+PUSH = np.array([ZERO, 300 * (PHASE - 0.5)])  # braking, then pushing off [N]
+TORQUE = -10 + 90 * PHASE  # [N*m]
+WEIGHT = np.full(PHASE.size, 700.0)  # [N]
+SIDEWAYS = LoadOnFoot(WEIGHT, left=ROLL, forward=ZERO)
+
+
+def test_a_load_that_rolls_forward_or_hardly_moves_is_sound() -> None:
+    check_roll(PHASE, LoadOnFoot(WEIGHT, left=ZERO, forward=ROLL), PUSH, TORQUE)
+    check_roll(PHASE, LoadOnFoot(WEIGHT, left=0.1 * ROLL, forward=ZERO), PUSH, None)
+
+
+def test_a_plate_turned_by_a_quarter_is_refused() -> None:
+    """It turns braking and push-off with the centre of pressure."""
     with pytest.raises(
         InputError, match=r" 9 cm in stance, 90 deg .* turned by 90 deg or exchanged"
     ):
-        check_roll(PHASE, quarter, push[::-1], torque)
+        check_roll(PHASE, SIDEWAYS, PUSH[::-1], TORQUE)
+
+
+def test_a_plate_turned_by_half_is_refused() -> None:
+    backwards = LoadOnFoot(WEIGHT, left=ZERO, forward=-ROLL)
+
     with pytest.raises(
         InputError, match=r"180 deg from forward: the plate's corners are turned by 180 deg"
     ):
-        check_roll(PHASE, np.vstack([weight, -forward]), -push, -torque)
-    said = r"moment in late stance is -53 N\*m.* another foot stands .* is 1\.50 of that"
-    with pytest.raises(InputError, match=said):
-        check_roll(PHASE, np.vstack([weight * (1 + 0.5 * (PHASE > 0.5)), forward]), push, -torque)
+        check_roll(PHASE, backwards, -PUSH, -TORQUE)
+
+
+def test_a_second_foot_is_refused() -> None:
+    """It adds load, and turns the centre of pressure alone."""
+    heavier = LoadOnFoot(WEIGHT * (1 + 0.5 * (PHASE > 0.5)), left=ZERO, forward=ROLL)
+
+    with pytest.raises(
+        InputError,
+        match=r"moment in late stance is -53 N\*m.* another foot stands .* is 1\.50 of that",
+    ):
+        check_roll(PHASE, heavier, PUSH, -TORQUE)
     with pytest.raises(
         InputError, match=r"90 deg from forward, though the foot pushes off forward: another foot"
     ):
-        check_roll(PHASE, quarter, push, None)
+        check_roll(PHASE, SIDEWAYS, PUSH, None)
 
 
 @pytest.mark.parametrize(("pauses", "noise"), [((), 0.02), ((101,), 0.02), ((), 0.0)])
@@ -521,14 +719,21 @@ def test_a_plate_that_rings_after_its_turn_is_named_with_its_frequency(
     time = np.arange(300) / RATE
     moving = (np.arange(300) >= 80) & (np.arange(300) < 110)
     moving[list(pauses)] = False
+    track = SimpleNamespace(moving=moving, rate=RATE, time=time)
     white = noise * np.random.default_rng(1).standard_normal((300, 6))
     since = np.maximum(time - time[100], 0)
     ring = np.where(since > 0, np.exp(-8 * since) * np.sin(2 * np.pi * 40 * since), 0)[:, None]
-    track = SimpleNamespace(moving=moving, rate=RATE, time=time)
-    hz, growth = plate.ringing(time, white + ring, track)
-    assert (hz == pytest.approx(40, abs=1.5) and growth > 100) if noise else (hz, growth) == (0, 0)
     hum = noise * 30 * np.sin(2 * np.pi * 50 * time)[:, None]  # which is there before the turn
-    assert max(plate.ringing(time, white + other, track)[1] for other in (0, hum)) < 20
+
+    hz, growth = ringing(time, white + ring, track)
+
+    if noise:
+        assert hz == pytest.approx(40, abs=1.5)
+        assert growth > 100
+    else:
+        assert (hz, growth) == (0, 0)
+    assert ringing(time, white, track)[1] < 20
+    assert ringing(time, white + hum, track)[1] < 20
 
 
 @pytest.mark.parametrize(
@@ -537,6 +742,7 @@ def test_a_plate_that_rings_after_its_turn_is_named_with_its_frequency(
 def test_a_plate_rings_if_most_of_its_trials_do(
     monkeypatch: pytest.MonkeyPatch, growths: Any, hz: float | None
 ) -> None:
-    seen = iter(zip((40.0, 41.0, 42.0), growths, strict=True))
-    monkeypatch.setattr(plate, "ringing", lambda *_: next(seen))
+    rings = iter(zip((40.0, 41.0, 42.0), growths, strict=True))
+    monkeypatch.setattr(plate_model, "ringing", lambda *_: next(rings))
+
     assert model_of(*(unloaded(f"plate_{k}") for k in range(3))).ringing_hz == hz

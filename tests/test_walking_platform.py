@@ -1,7 +1,8 @@
 """The platform's motion, its onset and a heavy plate; static trials of crossings, exchanged labels,
 shifts."""
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -39,23 +40,34 @@ from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Array, Trial
-from osl_analysis.walking import plate as plates
-from osl_analysis.walking import platform
-from osl_analysis.walking.bodies import StaticCalibration, static_calibration
 from osl_analysis.walking.crossing import Crossing, RefusedCrossing, analyse_crossing
 from osl_analysis.walking.groups import static_of
-from osl_analysis.walking.plate import NO_CORRECTION, PlateModel, identify_plate_model
-from osl_analysis.walking.platform import (
-    PlatformModel,
-    PlatformTrack,
-    identify_platform,
-    platform_table,
-    start_of_rise,
+from osl_analysis.walking.plate_model import (
+    NO_CORRECTION,
+    PlateModel,
+    identify_plate_inertia,
+    identify_plate_model,
+    unloaded_recording,
 )
+from osl_analysis.walking.platform import PlatformTrack, shared_directions
+from osl_analysis.walking.poses import StaticCalibration, static_calibration
+from osl_analysis.walking.shared_motion import (
+    PlatformModel,
+    identify_platform,
+    jackknife_rows,
+    platform_table,
+    platform_template,
+    start_of_rise,
+    trigger_edge,
+)
+from osl_analysis.walking.torque_errors import LABORATORY_ERRORS
 
 CALIBRATION = static_calibration(static_trial(), settings())
-RIG, QUIET, HEAVE, GRID = Rig(), Rig(marker=1e-5), 0.003, np.arange(-0.06, 0.2, 0.002)
-WALK, WAYS = walked_over("walk_1", None, RIG, 1), ("forward", "left", "outside")
+RIG = Rig()
+QUIET = Rig(marker=1e-5)
+HEAVE = 0.003
+GRID = np.arange(-0.06, 0.2, 0.002)
+WALK = walked_over("walk_1", None, RIG, 1)
 PLACES = [(1.75, "outside"), (0.8, "outside"), (1.02, "leave"), (1.53, "leave"), (1.19, "type 1")]
 CROSSINGS = (
     "u1,walking,false,{0} u2,walking,false,{0} u3,walking,false,{0} p1,walking,true,{0}"
@@ -98,7 +110,8 @@ def torque_error(
 ) -> float:
     """RMS error [N*m] of the torque in the windows, against the exact torque through the same
     low-pass."""
-    stamps, errors = np.arange(3 * synthetic.PLATE_RATE) / synthetic.PLATE_RATE, []
+    stamps = np.arange(3 * synthetic.PLATE_RATE) / synthetic.PLATE_RATE
+    errors = []
     for trial, ramp in zip(trials, turned, strict=True):
         crossing = analyse_crossing(trial, CALIBRATION, plate(heave), True, settings(), model)
         exact = LowPass(20.0)(synthetic.ankle_answer(stamps, ramp), synthetic.PLATE_RATE)
@@ -107,26 +120,33 @@ def torque_error(
     return float(np.sqrt(np.mean(np.square(np.concatenate(errors)))))
 
 
-def test_the_mass_of_a_heavy_plate_is_inside_its_interval() -> None:
+@pytest.mark.parametrize("heave", [0.0, HEAVE])
+def test_the_mass_of_a_heavy_plate_is_inside_its_interval(heave: float) -> None:
     """25 kg, 0.3 mm, 2.5 deg: all six coordinates at 8 Hz read 22.9 +- 0.2 kg. Over 12 seeds -0.02
-    +- 0.06 (0.06). And 5 deg in 80 ms, 0.1 mm: noise that is read from columns in which the
-    low-pass of 8 Hz spread the motion made it
-    25.06. Over 8 seeds 25.000 with a scatter of 0.014 (moment 0.0022, I_yy 0.0006); three of the
-       mean of two here."""
-    for heave in (0.0, HEAVE):
-        model = plate(heave)
-        assert abs(model.parameters[0] - RIG.mass) < 0.3
-        assert abs(model.parameters[3] - RIG.mass * RIG.com[2]) < 0.04
-    rig, ramp = replace(RIG, marker=1e-4), Ramp(angle=5, rise=0.08)
-    found = [
+    +- 0.06 (0.06)."""
+    model = plate(heave)
+
+    assert abs(model.parameters[0] - RIG.mass) < 0.3
+    assert abs(model.parameters[3] - RIG.mass * RIG.com[2]) < 0.04
+
+
+def test_noise_that_the_low_pass_spread_into_rest_is_not_subtracted() -> None:
+    """5 deg in 80 ms, 0.1 mm: noise that is read from columns in which the low-pass of 8 Hz spread
+    the motion made the mass 25.06. Over 8 seeds it is 25.000 with a scatter of 0.014 (moment
+    0.0022, I_yy 0.0006); three of the mean of two here."""
+    rig = replace(RIG, marker=1e-4)
+    ramp = Ramp(angle=5, rise=0.08)
+    I_yy = rig.mass * (rig.gyration[1] ** 2 + rig.com[0] ** 2 + rig.com[2] ** 2)
+
+    models = [
         identify_plate_model(calibrated(plate_trials(rig, ramp, seed)), settings())
         for seed in (1, 2)
     ]
-    own = rig.gyration[1] ** 2 + rig.com[0] ** 2 + rig.com[2] ** 2
-    error = np.mean([one.parameters[[0, 3, 5]] for one in found], axis=0) - rig.mass * np.array(
-        [1, rig.com[2], own]
-    )
-    assert (np.abs(error) < [0.03, 0.005, 0.0014]).all()
+
+    mass, moment, inertia = np.mean([model.parameters[[0, 3, 5]] for model in models], axis=0)
+    assert mass == pytest.approx(rig.mass, abs=0.03)
+    assert moment == pytest.approx(rig.mass * rig.com[2], abs=0.005)
+    assert inertia == pytest.approx(I_yy, abs=0.0014)
 
 
 def test_hidden_markers_of_a_resting_platform_are_no_motion() -> None:
@@ -134,8 +154,8 @@ def test_hidden_markers_of_a_resting_platform_are_no_motion() -> None:
     % too light."""
     trials = plate_trials(replace(RIG, marker=1e-4), Ramp(angle=5, rise=0.08), 1, 2)
     trials[0] = hidden(trials[0], ("PLAT1", "PLAT4"), 1.5, 1.58)
-    tracks = [plates.unloaded_recording(trial, CALIBRATION, settings()).track for trial in trials]
-    assert [len(axes) for axes in platform.shared_directions(tracks)] == [1, 1]
+    tracks = [unloaded_recording(trial, CALIBRATION, settings()).track for trial in trials]
+    assert [len(axes) for axes in shared_directions(tracks)] == [1, 1]
     assert [replace(t, low_pass=LowPass(10.0)).spread for t in tracks] == [0.05, 0.05]
     assert [t.noise for t in tracks] == pytest.approx([1e-4, 1e-4], rel=0.1)
     assert identify_plate_model(calibrated(trials), settings()).parameters[0] == pytest.approx(
@@ -146,60 +166,85 @@ def test_hidden_markers_of_a_resting_platform_are_no_motion() -> None:
 def test_a_slow_return_that_noise_hides_is_not_taken_for_rest() -> None:
     """The gate of 0.3 mm on a motion without noise. One that falls after one spread reads 24.93 kg
     for 25."""
-    quiet, pairs = replace(RIG, marker=1e-7, force=1e-3, moment=1e-3), []
+    quiet = replace(RIG, marker=1e-7, force=1e-3, moment=1e-3)
+    pairs = []
     for trial in plate_trials(quiet, Ramp(), 5, 2):
-        recording = plates.unloaded_recording(trial, CALIBRATION, settings())
+        recording = unloaded_recording(trial, CALIBRATION, settings())
         hidden = replace(recording, track=replace(recording.track, noise=3e-4))
         pairs.append(
             (
-                hidden.along(platform.shared_directions([hidden.track])[0])[0],
+                hidden.along(shared_directions([hidden.track])[0]).motion,
                 recording.wrench_at(0.0),
             )
         )
-    mass, *moments = plates.identify_plate_inertia(pairs, recording.smooth).parameters[:4]
+    mass, *moments = identify_plate_inertia(pairs, recording.smooth).parameters[:4]
     assert (mass, moments[2]) == (
         pytest.approx(RIG.mass, abs=0.01),
         pytest.approx(RIG.mass * RIG.com[2], abs=0.002),
     )
 
 
-@pytest.mark.parametrize(("seed", "count", "change", "heave", "limit"), [
-    pytest.param(1, 8, {}, 0.0, 0.3, id="own motions in six coordinates leave 1.6 N*m and 7 ms"),
-    pytest.param(2, 5, {}, HEAVE, 0.8,
-    id="a single axis forced on a hexapod that heaves reads 9.4 N*m"),
-    pytest.param(3, 8, {"rise": 0.12}, 0.0, 0.5,
-    id="slower ramps are the same shape in another time"),
-    pytest.param(5, 6, {"angle": -2.5}, 0.0, 0.4,
-    id="the other direction has a negative amplitude"),
-])  # fmt: skip
-def test_torque_and_onset_are_free_of_each_crossings_own_noise(
-    seed, count, change, heave, limit
-) -> None:
-    turned = [
-        replace(r, **(change if k % 2 else {}))
-        for k, r in enumerate(ramps(count, seed, heave=heave))
-    ]
-    trials, model = shared(turned, seed)
-    assert torque_error(trials, turned, model, heave) < limit
-    assert (len(model.template.axes), model.template.scaled) == (
-        2 if heave else 1,
-        "rise" in change,
-    )
-    table = platform_table(model)
-    late = table["onset_s"].to_numpy() - [ramp.onset for ramp in turned]
-    assert table["follows"].to_list() == [1] * count
-    if seed == 1:
-        assert (np.std(late) < 4e-4, abs(np.mean(late)) < 1e-3) == (True, True)
-    if "rise" in change:
-        assert table["duration"][1::2].mean() / table["duration"][::2].mean() == pytest.approx(
-            1.2, abs=0.02
-        )
-        assert np.std(late) < 1e-3
-    if "angle" in change:
-        assert (
-            np.sign(table["amplitude"][::2].to_numpy())
-            == -np.sign(table["amplitude"][1::2].to_numpy())
-        ).all()
+@dataclass(frozen=True)
+class TurnedCrossings:
+    """Crossings whose platform turned by ramps, and what they share."""
+
+    ramps: list[Ramp]
+    trials: list[Trial]
+    model: PlatformModel
+
+    @property
+    def late_s(self) -> Array:
+        """Errors of the onsets."""
+        onsets = platform_table(self.model)["onset_s"].to_numpy()
+        return np.asarray(onsets - [ramp.onset for ramp in self.ramps])
+
+
+def turned_crossings(
+    seed: int, count: int, heave: float = 0.0, **every_second: float
+) -> TurnedCrossings:
+    ramps_of_trials = ramps(count, seed, heave=heave)
+    for k in range(1, count, 2):
+        ramps_of_trials[k] = replace(ramps_of_trials[k], **every_second)
+    trials, model = shared(ramps_of_trials, seed)
+    return TurnedCrossings(ramps_of_trials, trials, model)
+
+
+def test_torque_and_onset_are_free_of_each_crossings_own_noise() -> None:
+    """Own motions in six coordinates leave 1.6 N*m and 7 ms."""
+    turned = turned_crossings(seed=1, count=8)
+
+    assert torque_error(turned.trials, turned.ramps, turned.model) < 0.3
+    assert np.std(turned.late_s) < 4e-4
+    assert abs(np.mean(turned.late_s)) < 1e-3
+    assert len(turned.model.template.axes) == 1
+    assert not turned.model.template.scaled
+    assert platform_table(turned.model)["follows"].to_list() == [1] * 8
+
+
+def test_a_platform_that_heaves_moves_along_two_directions() -> None:
+    """A single axis forced on a hexapod that heaves reads 9.4 N*m."""
+    turned = turned_crossings(seed=2, count=5, heave=HEAVE)
+
+    assert torque_error(turned.trials, turned.ramps, turned.model, HEAVE) < 0.8
+    assert len(turned.model.template.axes) == 2
+
+
+def test_slower_ramps_are_the_same_shape_in_another_time() -> None:
+    turned = turned_crossings(seed=3, count=8, rise=0.12)
+
+    durations = platform_table(turned.model)["duration"]
+    assert torque_error(turned.trials, turned.ramps, turned.model) < 0.5
+    assert turned.model.template.scaled
+    assert durations[1::2].mean() / durations[::2].mean() == pytest.approx(1.2, abs=0.02)
+    assert np.std(turned.late_s) < 1e-3
+
+
+def test_the_other_direction_has_a_negative_amplitude() -> None:
+    turned = turned_crossings(seed=5, count=6, angle=-2.5)
+
+    signs = np.sign(platform_table(turned.model)["amplitude"].to_numpy())
+    assert torque_error(turned.trials, turned.ramps, turned.model) < 0.4
+    assert (signs[::2] == -signs[1::2]).all()
 
 
 def test_a_laboratory_turned_against_the_walkway_reads_the_same_angle_and_torque() -> None:
@@ -233,12 +278,14 @@ def test_what_was_filled_before_the_export_is_hidden_counted_and_said(tmp_path: 
             trial, CALIBRATION, plate(), True, settings(longest_gap_s=0.2), model
         )
 
-    whole, of_plate, of_shank = read(), read("PLAT2"), read("SHANK1", "SHANK3")
+    whole = read()
+    of_plate = read("PLAT2")
+    of_shank = read("SHANK1", "SHANK3")
     window = (whole.time > onset) & (whole.time < onset + 0.1)
-    assert (whole.quality["filled_share"], whole.quality["filled_fitted"]) == (0, 0)
+    assert (whole.quality.filled_share, whole.quality.filled_fitted) == (0, 0)
     assert np.abs(of_plate.torque - whole.torque)[window].max() < 0.5
-    assert (of_plate.quality["filled_share"] > 0.1, of_plate.quality["filled_fitted"]) == (True, 0)
-    assert of_shank.quality["filled_fitted"] > 0.3
+    assert (of_plate.quality.filled_share > 0.1, of_plate.quality.filled_fitted) == (True, 0)
+    assert of_shank.quality.filled_fitted > 0.3
     with pytest.raises(
         InputError,
         match=r"foot markers are hidden for .*, where they were filled before the export",
@@ -291,79 +338,123 @@ def test_a_crossing_that_moves_in_another_way_keeps_its_own_motion_by_name() -> 
     assert (alone.template, alone.reason[:26]) == (None, "1 motions of the platform,")
 
 
-@pytest.mark.parametrize("scatter", [0.0, 0.004])
-def test_a_trigger_tells_the_onset_only_if_its_latency_is_constant(scatter: float) -> None:
-    random, trials = np.random.default_rng(8), []
+@cache
+def triggered(scatter: float) -> tuple[list[Trial], PlatformModel]:
+    """Six crossings with a trigger 12 ms before the platform; a later one tells nothing."""
+    random = np.random.default_rng(8)
+    trials = []
     for k, ramp in enumerate(ramps(6, 6)):
         trial = walked_over(f"walk_{k:02d}", ramp, replace(RIG, marker=6e-4), 6000 + k)
-        since = trial.samples["time"] - (ramp.onset - 0.012 - float(random.normal(0, scatter)))
-        high = since.is_between(0, 0.02) | (since > 1)  # a later one tells nothing
+        edge = ramp.onset - 0.012 - float(random.normal(0, scatter))
+        since = trial.samples["time"] - edge
+        high = since.is_between(0, 0.02) | (since > 1)
         trials.append(changed(trial, trigger=high.cast(pl.Float64) * 0.6))
-    model = identify_platform(calibrated(trials), settings())
-    assert model.latency["used"] == (scatter == 0.0)
-    if scatter == 0.0:
-        assert (model.latency["mean"], model.onset("walk_99", 1.3)) == (
-            pytest.approx(0.012, abs=1.2e-3),
-            1.3,
-        )
-        # finer than the shape
-        assert model.onset("walk_00", 1.3) == model.triggers["walk_00"] + model.latency["mean"]
-    # only for what has no shape
-    coarse = replace(model, latency=model.latency | {"used": 1.0, "finer": 0.0})
-    begun = (
-        coarse.onset("walk_00", 0.0),
-        replace(coarse, alignments={}).onset("walk_00", 0.0) - model.latency["mean"],
-    )
-    assert begun == pytest.approx((model.alignments["walk_00"].start, model.triggers["walk_00"]))
-    late = [a.start - model.triggers[a.name] for a in model.alignments.values()]
-    facts = {"latency_s": np.mean(late), "trigger_used": int(scatter == 0.0)}
-    facts |= {"onset_s": model.onset("walk_00", 0.0), "onset_shape_s": model.template.start_shape}
-    assert platform_table(model).select(*facts).row(0) == pytest.approx(tuple(facts.values()))
+    return trials, identify_platform(calibrated(trials), settings())
+
+
+def test_a_trigger_of_constant_latency_tells_the_onset() -> None:
+    _, model = triggered(scatter=0.0)
+
+    assert model.latency.used
+    assert model.latency.mean == pytest.approx(0.012, abs=1.2e-3)
+    # it is finer than the shape
+    assert model.onset("walk_00", 1.3) == model.triggers["walk_00"] + model.latency.mean
+    assert model.onset("walk_99", 1.3) == 1.3
+
+
+def test_a_trigger_whose_latency_scatters_does_not() -> None:
+    _, model = triggered(scatter=0.004)
+
+    assert not model.latency.used
+    assert model.onset("walk_00", 1.3) == model.alignments["walk_00"].start
+
+
+def test_a_coarse_trigger_tells_the_onset_of_what_has_no_shape() -> None:
+    _, model = triggered(scatter=0.0)
+    coarse = replace(model, latency=replace(model.latency, used=True, finer=False))
+    shapeless = replace(coarse, alignments={})
+
+    assert coarse.onset("walk_00", 0.0) == model.alignments["walk_00"].start
+    assert shapeless.onset("walk_00", 0.0) == model.triggers["walk_00"] + model.latency.mean
+
+
+@pytest.mark.parametrize("scatter", [0.0, 0.004])
+def test_the_table_of_the_platform_has_trigger_and_latency(scatter: float) -> None:
+    _, model = triggered(scatter)
+
+    row = platform_table(model).row(0, named=True)
+
+    latencies = [a.start - model.triggers[a.name] for a in model.alignments.values()]
+    assert row["latency_s"] == pytest.approx(np.mean(latencies))
+    assert row["trigger_used"] == (scatter == 0.0)
+    assert row["onset_s"] == model.onset("walk_00", 0.0)
+    assert row["onset_shape_s"] == model.template.start_shape
     assert platform_table(model)["trigger_s"].null_count() == 0
-    for weak_or_falling in (pl.col("trigger") * 0.8, (pl.col("time") < 1).cast(float)):
-        assert platform.trigger_edge(changed(trials[0], trigger=weak_or_falling)) is None
-    # of fewer than three crossings
+
+
+@pytest.mark.parametrize(
+    "trigger",
+    [
+        pytest.param(pl.col("trigger") * 0.8, id="weak"),
+        pytest.param((pl.col("time") < 1).cast(float), id="falling"),
+    ],
+)
+def test_a_weak_or_falling_trigger_has_no_edge(trigger: pl.Expr) -> None:
+    trials, _ = triggered(scatter=0.0)
+
+    assert trigger_edge(changed(trials[0], trigger=trigger)) is None
+
+
+def test_two_triggers_tell_no_latency() -> None:
+    trials, _ = triggered(scatter=0.0)
+
     assert identify_platform(calibrated(trials[:2]), settings()).latency is None
 
 
 def test_the_jackknife_of_both_sources_is_the_sum_of_their_variances() -> None:
     random = np.random.default_rng(0)
-    of_plate, groups = random.normal(size=(4, 5)), random.normal(size=(10, 5))
-    joined = platform.jackknife_rows(list(of_plate), list(groups))
-    of_joined, *parts = (
-        (len(rows) - 1) * np.var(rows, axis=0) for rows in (joined, of_plate, groups)
-    )
-    np.testing.assert_allclose(of_joined, np.sum(parts, axis=0))
-    np.testing.assert_array_equal(platform.jackknife_rows(list(of_plate), []), of_plate)
+    by_trials = random.normal(size=(4, 5))
+    by_crossings = random.normal(size=(10, 5))
+
+    joined = jackknife_rows(list(by_trials), list(by_crossings))
+
+    def variance(rows: Array) -> Array:
+        return np.asarray((len(rows) - 1) * np.var(rows, axis=0))
+
+    np.testing.assert_allclose(variance(joined), variance(by_trials) + variance(by_crossings))
+    np.testing.assert_array_equal(jackknife_rows(list(by_trials), []), by_trials)
 
 
 def tracks_of(count: int, seed: int, slower: float = 0.0) -> tuple[list[PlatformTrack], Array]:
     """Motions of 4 cm in 0.1 s, each second one slower by a share, with noise of 0.1 mm in each
     frame; and onsets."""
-    random, time, tracks = np.random.default_rng(seed), np.arange(600) / RATE, []
+    random = np.random.default_rng(seed)
+    time = np.arange(600) / RATE
     onsets = random.uniform(0.98, 1.0, count)
+    tracks = []
     for k, onset in enumerate(onsets):
-        moved = 0.04 * np.outer(
-            synthetic.step(time, onset, 0.1 * (1 + slower * (k % 2)))[0], [0.6, 0, 0.8, 0, 0, 0]
-        )
-        seen = moved + random.normal(0, 1e-4, moved.shape)
-        tracks.append(PlatformTrack(f"w{k}", time, synthetic.PLATFORM, seen, LowPass(20.0), 1e-4))
+        duration = 0.1 * (1 + slower) if k % 2 else 0.1
+        rise_of_track = synthetic.step(time, onset, duration)[0]
+        moved = 0.04 * np.outer(rise_of_track, [0.6, 0, 0.8, 0, 0, 0])
+        measured = moved + random.normal(0, 1e-4, moved.shape)
+        track = PlatformTrack(f"w{k}", time, synthetic.PLATFORM, measured, LowPass(20.0), 1e-4)
+        tracks.append(track)
     return tracks, onsets
 
 
-def test_the_errors_of_the_starts_are_their_scatter() -> None:
+@pytest.mark.parametrize("slower", [0.0, 0.2])
+def test_the_errors_of_the_starts_are_their_scatter(slower: float) -> None:
     """33 free starts scatter by their errors to within 10 %, and where durations differ too."""
-    for slower in (0.0, 0.2):
-        scores = []
-        for seed in range(3):
-            tracks, onsets = tracks_of(12, seed, slower)
-            template, begun = platform.platform_template(tracks, 0.1)
-            error = np.array([a.start for a in begun]) - onsets
-            scores.append((error - error.mean()) / [a.start_se for a in begun])
-        assert (template.scaled, np.sqrt(np.sum(np.square(scores)) / 33)) == (
-            slower > 0,
-            pytest.approx(1, abs=0.2),
-        )
+    scores = []
+    for seed in range(3):
+        tracks, onsets = tracks_of(12, seed, slower)
+        template, alignments = platform_template(tracks, 0.1)
+        errors = np.array([alignment.start for alignment in alignments]) - onsets
+        start_se = [alignment.start_se for alignment in alignments]
+        scores.append((errors - errors.mean()) / start_se)
+
+    assert template.scaled == (slower > 0)
+    assert np.sqrt(np.sum(np.square(scores)) / 33) == pytest.approx(1, abs=0.2)
 
 
 def rise(degree: int, start: float) -> np.ndarray:
@@ -374,24 +465,36 @@ def rise(degree: int, start: float) -> np.ndarray:
     return np.asarray(0.04 * steps[degree][:, None])
 
 
-def test_the_start_of_a_mean_rise_has_no_bias_for_any_smooth_step() -> None:
-    """0.05 % of noise, as in the mean of 20 crossings of 5 deg. Then two directions, 0.3 % of
-    noise: a length in place of a displacement would start early. Then a step of seventh degree, 1 %
-    of noise: minimum jerk starts 7 ms later."""
-    for degree in (1, 3, 5, 7):
-        noise = np.random.default_rng(degree).normal(0, 2e-5, (len(GRID), 1))
-        start, shape = start_of_rise(GRID, rise(degree, 0.0131) + noise, 2e-5)
-        assert (start, shape) == (pytest.approx(0.0131, abs=1e-3), 0.0)
-    random, straight = np.random.default_rng(3), rise(5, 0.0) @ np.array([[0.6, 0.8]])
-    found = [
-        start_of_rise(GRID, straight + random.normal(0, 1.2e-4, (len(GRID), 2)), 1.2e-4)
-        for _ in range(60)
-    ]
-    starts = np.array([start for start, _ in found])
+@pytest.mark.parametrize("degree", [1, 3, 5, 7])
+def test_the_start_of_a_mean_rise_has_no_bias_for_any_smooth_step(degree: int) -> None:
+    """0.05 % of noise, as in the mean of 20 crossings of 5 deg."""
+    noise = np.random.default_rng(degree).normal(0, 2e-5, (len(GRID), 1))
+
+    begun = start_of_rise(GRID, rise(degree, 0.0131) + noise, 2e-5)
+
+    assert begun.start == pytest.approx(0.0131, abs=1e-3)
+    assert begun.change_by_other_steps == 0.0
+
+
+def test_the_start_of_a_rise_in_two_directions_has_no_bias() -> None:
+    """0.3 % of noise: a length in place of a displacement would start early."""
+    random = np.random.default_rng(3)
+    straight = rise(5, 0.0) @ np.array([[0.6, 0.8]])
+    noisy = [straight + random.normal(0, 1.2e-4, (len(GRID), 2)) for _ in range(60)]
+
+    starts = np.array([start_of_rise(GRID, motion, 1.2e-4).start for motion in noisy])
+
     assert abs(starts.mean()) < 0.4 * starts.std()  # 3 / sqrt(60)
+
+
+def test_a_start_that_noise_hides_has_the_change_by_other_steps() -> None:
+    """Of a step of seventh degree, 1 % of noise: minimum jerk starts 7 ms later."""
     noise = np.random.default_rng(5).normal(0, 4e-4, (len(GRID), 1))
-    start, shape = start_of_rise(GRID, rise(7, 0.0) + noise, 4e-4)
-    assert (start, abs(start) < 1.3 * shape) == (pytest.approx(7e-3, abs=1.5e-3), True)
+
+    begun = start_of_rise(GRID, rise(7, 0.0) + noise, 4e-4)
+
+    assert begun.start == pytest.approx(7e-3, abs=1.5e-3)
+    assert abs(begun.start) < 1.3 * begun.change_by_other_steps
 
 
 def campaign(folder: Path, rows: str, **walking: Any) -> Campaign:
@@ -499,24 +602,21 @@ def test_platform_markers_that_were_moved_between_sessions_are_read_with_their_o
 def test_without_a_correction_the_torque_of_a_light_plate_is_that_of_the_wrench_as_recorded(
     tmp_path: Path,
 ) -> None:
-    outputs, chosen = (
-        (tmp_path / "plate.json", tmp_path / "plate.csv"),
-        settings(plate_inertia="none"),
-    )
+    outputs = (tmp_path / "plate.json", tmp_path / "plate.csv")
+    chosen = settings(plate_inertia="none")
     with pytest.warns(
         UserWarning, match="own inertia and lag stay in the torque: walking.plate_inertia is none"
     ):
         identify_plate([], [], {}, chosen, *outputs)
-    table, model = read_table(outputs[1]), read_model(outputs[0], PlateModel)
+    table = read_table(outputs[1])
+    model = read_model(outputs[0], PlateModel)
     assert (table["plate_inertia"].unique().to_list(), table["rms_before"].null_count()) == (
         ["none"],
         len(table),
     )
     assert "NaN" not in outputs[0].read_text()  # which is no JSON
-    weightless, stamps = (
-        replace(QUIET, mass=1e-9),
-        np.arange(3 * synthetic.PLATE_RATE) / synthetic.PLATE_RATE,
-    )
+    weightless = replace(QUIET, mass=1e-9)
+    stamps = np.arange(3 * synthetic.PLATE_RATE) / synthetic.PLATE_RATE
     trials = [walked_over("w", Ramp(), rig, 1) for rig in (weightless, QUIET)]
     light, heavy = (analyse_crossing(trial, CALIBRATION, model, True, chosen) for trial in trials)
     exact = np.interp(
@@ -531,62 +631,96 @@ def test_without_a_correction_the_torque_of_a_light_plate_is_that_of_the_wrench_
     assert np.abs(heavy.torque - light.torque).max() > 5
 
 
-def test_a_resting_plate_adds_nothing_and_a_translation_is_no_crossing() -> None:
-    """The platform, and what stands on it, moves forward within 0.1 s in mid-stance."""
-    both = plate(), replace(plate(), parameters=np.zeros(10))
-    torque, bare = (
-        analyse_crossing(WALK, CALIBRATION, one, False, settings()).torque for one in both
-    )
-    assert np.sqrt(np.mean((torque - bare) ** 2)) < 0.05
-    step = pl.Series(np.clip((WALK.samples["time"].to_numpy() - 1.2) / 0.1, 0, 1))
-    shifted, yielding = (
-        changed(WALK, pl.col("^marker_.*_x$") + size * step) for size in (0.05, 0.005)
-    )
-    for claimed in (False, True):
-        with pytest.raises(
-            InputError, match=r"the platform shifts by (50|51) mm in stance without a turn, expect"
-        ):
-            analyse_crossing(shifted, CALIBRATION, NO_CORRECTION, claimed, settings())
-    corners = np.add(synthetic.CORNERS, [0.2, -0.02, 0]).tolist()
-    beside = replace(WALK, provenance={"plates": [{"plate": 1, "type": 2, "corners": corners}]})
-    for trial, place in ((yielding, [-0.06, 0.0, 0.0]), (beside, [-0.26, 0.02, 0.03])):
-        found = analyse_crossing(trial, CALIBRATION, NO_CORRECTION, False, settings())
-        assert (found.onset, found.quality["foot_outside_m"] == 0) == (None, trial is yielding)
-        assert [found.quality[f"foot_{way}_m"] for way in WAYS] == pytest.approx(place, abs=2e-3)
-    # through the ankle
-    assert found.load[:, len(found.time) // 2] == pytest.approx([680, -0.02, 0.25], rel=0.02)
-    late = analyse_crossing(
-        beside, CALIBRATION, replace(NO_CORRECTION, lags=(0.01,)), False, settings()
-    )
-    assert found.stance.heel_strike - late.stance.heel_strike == pytest.approx(0.01, abs=1e-4)
-    np.testing.assert_allclose(late.torque, found.torque, atol=1)  # 3 frames earlier
-    heaved, chosen = (
-        walked_over("w", Ramp(heave=0.015), replace(RIG, mass=1e-9), 1),
-        settings(largest_shift_mm=5),
-    )
-    assert analyse_crossing(heaved, CALIBRATION, NO_CORRECTION, True, chosen).onset is not None
-    lifted = changed(
-        WALK, plate1_force_z=pl.col("plate1_force_z") * ~pl.col("time").is_between(1.25, 1.3)
-    )
-    for trial, on, said in (
-        (WALK, 1000, "none"),
-        (lifted, 40, r"0\.93\d-1\.25\d s, 1\.29\d-1\.59\d s"),
+def raised(trial: Trial, by: list[float]) -> Trial:
+    """The trial whose recording states the corners elsewhere [m]."""
+    plate = {"plate": 1, "type": 2, "corners": np.add(synthetic.CORNERS, by).tolist()}
+    return replace(trial, provenance={"plates": [plate]})
+
+
+def unperturbed(trial: Trial, model: PlateModel = NO_CORRECTION, **choices: Any) -> Crossing:
+    return analyse_crossing(trial, CALIBRATION, model, False, settings(**choices))
+
+
+def test_a_resting_plate_adds_nothing() -> None:
+    weightless = replace(plate(), parameters=np.zeros(10))
+
+    difference = unperturbed(WALK, plate()).torque - unperturbed(WALK, weightless).torque
+
+    assert np.sqrt(np.mean(difference**2)) < 0.05
+
+
+def shifted(size: float) -> Trial:
+    """The platform, and what stands on it, moves forward [m] within 0.1 s in mid-stance."""
+    share = pl.Series(np.clip((WALK.samples["time"].to_numpy() - 1.2) / 0.1, 0, 1))
+    return changed(WALK, pl.col("^marker_.*_x$") + size * share)
+
+
+@pytest.mark.parametrize("is_perturbed", [False, True])
+def test_a_translation_is_no_crossing(is_perturbed: bool) -> None:
+    with pytest.raises(
+        InputError, match=r"the platform shifts by (50|51) mm in stance without a turn, expect"
     ):
-        with pytest.raises(
-            InputError, match=f"one stance on the plate is expected, found {said}; check"
-        ):
-            analyse_crossing(
-                trial,
-                CALIBRATION,
-                NO_CORRECTION,
-                False,
-                settings(load_on_n=on, shortest_stance_s=0.2),
-            )
-    pulled = changed(
-        WALK, pl.col("plate1_moment_y") + pl.col("time").is_between(1.0, 1.6).cast(pl.Float64) * 120
+        analyse_crossing(shifted(0.05), CALIBRATION, NO_CORRECTION, is_perturbed, settings())
+
+
+def test_a_platform_that_yields_a_little_is_no_perturbation() -> None:
+    crossing = unperturbed(shifted(0.005))
+
+    quality = crossing.quality
+    assert crossing.onset is None
+    assert (quality.foot_forward_m, quality.foot_left_m) == pytest.approx((-0.06, 0), abs=2e-3)
+    assert quality.foot_outside_m == 0
+
+
+BESIDE = raised(WALK, [0.2, -0.02, 0])  # corners further forward and to the right
+
+
+def test_a_foot_beside_the_plate_has_its_place_and_its_load() -> None:
+    crossing = unperturbed(BESIDE)
+
+    quality = crossing.quality
+    assert (quality.foot_forward_m, quality.foot_left_m) == pytest.approx((-0.26, 0.02), abs=2e-3)
+    assert quality.foot_outside_m == pytest.approx(0.03, abs=2e-3)
+    # through the ankle
+    middle = len(crossing.time) // 2
+    assert crossing.load[:, middle] == pytest.approx([680, -0.02, 0.25], rel=0.02)
+
+
+def test_a_late_plate_is_read_later() -> None:
+    crossing = unperturbed(BESIDE)
+
+    late = unperturbed(BESIDE, replace(NO_CORRECTION, lags=(0.01,)))
+
+    assert crossing.stance.heel_strike - late.stance.heel_strike == pytest.approx(0.01, abs=1e-4)
+    np.testing.assert_allclose(late.torque, crossing.torque, atol=1)  # 3 frames earlier
+
+
+def test_a_turn_with_some_shift_is_a_perturbation() -> None:
+    heaved = walked_over("w", Ramp(heave=0.015), replace(RIG, mass=1e-9), 1)
+
+    crossing = analyse_crossing(
+        heaved, CALIBRATION, NO_CORRECTION, True, settings(largest_shift_mm=5)
     )
+
+    assert crossing.onset is not None
+
+
+def test_none_and_several_stances_are_refused() -> None:
+    in_air = pl.col("time").is_between(1.25, 1.3)
+    lifted = changed(WALK, plate1_force_z=pl.col("plate1_force_z") * ~in_air)
+
+    with pytest.raises(InputError, match="one stance on the plate is expected, found none; check"):
+        unperturbed(WALK, load_on_n=1000)
+    with pytest.raises(InputError, match=r"found 0\.93\d-1\.25\d s, 1\.29\d-1\.59\d s; check"):
+        unperturbed(lifted, shortest_stance_s=0.2)
+
+
+def test_a_moment_that_lifts_the_toes_in_late_stance_is_refused() -> None:
+    in_stance = pl.col("time").is_between(1.0, 1.6).cast(pl.Float64)
+    pulled = changed(WALK, pl.col("plate1_moment_y") + in_stance * 120)
+
     with pytest.raises(InputError, match=r"the ankle's moment in late stance is -.*, though"):
-        analyse_crossing(pulled, CALIBRATION, NO_CORRECTION, False, settings())
+        unperturbed(pulled)
 
 
 @pytest.mark.parametrize(("onset", "said"), PLACES)
@@ -630,79 +764,104 @@ def test_too_few_unperturbed_crossings_say_how_many_and_why(tmp_path: Path) -> N
     )
 
 
-def raised(trial: Trial, by: list[float]) -> Trial:
-    """The trial whose recording states the corners elsewhere [m]."""
-    plate = {"plate": 1, "type": 2, "corners": np.add(synthetic.CORNERS, by).tolist()}
-    return replace(trial, provenance={"plates": [plate]})
+SILENT = Rig(mass=1e-9, marker=0, force=0, moment=0)
+FAST = Ramp(angle=5.0, rise=0.08)
 
 
-def test_the_change_of_a_torque_by_each_error_of_the_laboratory_is_that_of_a_faulty_recording() -> (
-    None
-):
-    """By finite differences, of a plate without mass; a late plate also with its mass, of which the
-    model knows."""
-    silent, ramp, chosen = (
-        Rig(mass=1e-9, marker=0, force=0, moment=0),
-        Ramp(angle=5.0, rise=0.08),
-        settings(),
+def leaning_walk() -> Trial:
+    """A crossing over a plate without mass, whose force also acts forward and to the left."""
+    trial = walked_over("w", FAST, SILENT, 1)
+    of_load = 0.1 * pl.col("plate1_force_z")
+    return changed(
+        trial,
+        plate1_force_x=pl.col("plate1_force_x") + of_load,
+        plate1_force_y=pl.col("plate1_force_y") + of_load,
     )
-    leaning = {
-        f"plate1_force_{axis}": pl.col(f"plate1_force_{axis}") + 0.1 * pl.col("plate1_force_z")
-        for axis in "xy"
-    }
-    sound = changed(walked_over("w", ramp, silent, 1), **leaning)
-    scaled = [
-        changed(
-            sound,
-            **{f"plate1_{kind}_{axis}": 1.01 * pl.col(f"plate1_{kind}_{axis}") for axis in "xyz"},
-        )
-        for kind in ("moment", "force")
-    ]
-    turn = np.deg2rad(1.0)
-    c, s = np.cos(turn), np.sin(turn)
 
-    def pitched(trial: Trial) -> Trial:
-        names = [
-            column[:-2]
-            for column in trial.columns
-            if column.endswith("_x") and "plate1" not in column
-        ]
-        turned = {f"{n}_x": c * pl.col(f"{n}_x") + s * pl.col(f"{n}_z") for n in names}
-        return changed(
-            trial, **turned | {f"{n}_z": c * pl.col(f"{n}_z") - s * pl.col(f"{n}_x") for n in names}
-        )
 
-    cases = [(raised(sound, [0, 0, 0.01]), CALIBRATION), (raised(sound, [0.01, 0, 0]), CALIBRATION)]
-    cases += [(one, CALIBRATION) for one in scaled]
-    cases.append((pitched(sound), static_calibration(pitched(static_trial()), settings())))
-    found = analyse_crossing(sound, CALIBRATION, NO_CORRECTION, True, chosen)
-    rows = (found.time > 1.0) & (found.time < 1.5)
-    for (faulty, calibration), expected in zip(cases, found.lab_errors, strict=False):
-        torque = analyse_crossing(faulty, calibration, NO_CORRECTION, True, chosen).torque
-        assert np.ptp(expected[rows]) > 0.01
-        np.testing.assert_allclose(
-            (torque - found.torque)[rows], expected[rows], atol=0.03 * np.ptp(expected[rows])
-        )
-    heavy, late = (
-        walked_over("w", ramp, replace(silent, mass=25.0, lag=lag), 1) for lag in (0.0, 0.001)
-    )
-    one, other = (
-        analyse_crossing(trial, CALIBRATION, plate(), True, settings()) for trial in (heavy, late)
-    )
-    rows = (one.time > 1.0) & (one.time < 1.5)
-    change = (np.interp(one.time, other.time, other.torque) - one.torque)[rows]
-    np.testing.assert_allclose(change, one.lab_errors[5][rows], atol=0.1 * np.ptp(change))
+def scaled(trial: Trial, quantity: str) -> Trial:
+    """The trial with `moment` or `force` channels that are 1 % too large."""
+    columns = [f"plate1_{quantity}_{axis}" for axis in "xyz"]
+    return changed(trial, **{column: 1.01 * pl.col(column) for column in columns})
+
+
+def pitched(trial: Trial) -> Trial:
+    """The trial of cameras that are pitched by 1 deg: all markers turn toes down about the
+    laboratory's origin."""
+    c, s = np.cos(np.deg2rad(1.0)), np.sin(np.deg2rad(1.0))
+    turned = {}
+    for column in trial.columns:
+        if column.endswith("_x") and "plate1" not in column:
+            marker = column.removesuffix("_x")
+            x, z = pl.col(f"{marker}_x"), pl.col(f"{marker}_z")
+            turned[f"{marker}_x"] = c * x + s * z
+            turned[f"{marker}_z"] = c * z - s * x
+    return changed(trial, **turned)
+
+
+def perturbed_torque(
+    trial: Trial,
+    calibration: StaticCalibration = CALIBRATION,
+    model: PlateModel = NO_CORRECTION,
+) -> Crossing:
+    return analyse_crossing(trial, calibration, model, True, settings())
+
+
+@pytest.mark.parametrize(
+    ("error", "faulty", "static"),
+    [
+        ("corners_height", lambda trial: raised(trial, [0, 0, 0.01]), static_trial),
+        ("corners_forward", lambda trial: raised(trial, [0.01, 0, 0]), static_trial),
+        ("moments", lambda trial: scaled(trial, "moment"), static_trial),
+        ("forces", lambda trial: scaled(trial, "force"), static_trial),
+        ("pitch", pitched, lambda: pitched(static_trial())),
+    ],
+)
+def test_the_change_by_an_error_of_the_laboratory_is_that_of_a_faulty_recording(
+    error: str, faulty: Callable[[Trial], Trial], static: Callable[[], Trial]
+) -> None:
+    sound = perturbed_torque(leaning_walk())
+    calibration = static_calibration(static(), settings())
+
+    wrong = perturbed_torque(faulty(leaning_walk()), calibration)
+
+    rows = (sound.time > 1.0) & (sound.time < 1.5)
+    expected = sound.lab_errors[list(LABORATORY_ERRORS).index(error)][rows]
+    assert np.ptp(expected) > 0.01
+    change = (wrong.torque - sound.torque)[rows]
+    np.testing.assert_allclose(change, expected, atol=0.03 * np.ptp(expected))
+
+
+def test_the_change_by_a_late_plate_is_that_of_a_faulty_recording() -> None:
+    """Of a plate with its mass, of which the model knows."""
+    heavy = replace(SILENT, mass=25.0)
+
+    sound = perturbed_torque(walked_over("w", FAST, heavy, 1), model=plate())
+    late = perturbed_torque(walked_over("w", FAST, replace(heavy, lag=0.001), 1), model=plate())
+
+    rows = (sound.time > 1.0) & (sound.time < 1.5)
+    change = (np.interp(sound.time, late.time, late.torque) - sound.torque)[rows]
+    expected = sound.lab_errors[list(LABORATORY_ERRORS).index("plate_lag")][rows]
+    np.testing.assert_allclose(change, expected, atol=0.1 * np.ptp(change))
 
 
 def test_the_unloaded_plate_shows_the_height_of_its_corners_to_2_mm() -> None:
-    trials = plate_trials(RIG, Ramp(), 3)
-    model = plate()
-    assert (model.height, model.ringing_hz) == (pytest.approx(0, abs=2e-3), None)
-    high = identify_plate_model(
-        calibrated([raised(trial, [0, 0, 0.02]) for trial in trials]), settings()
-    )
-    assert (high.height, high.height_se) == (
-        pytest.approx(0.02, abs=2e-3),
-        pytest.approx(0, abs=2e-3),
-    )
-    assert (high.certain_height, replace(high, height_se=0.006).certain_height) == (high.height, 0)
+    trials = [raised(trial, [0, 0, 0.02]) for trial in plate_trials(RIG, Ramp(), 3)]
+
+    high = identify_plate_model(calibrated(trials), settings())
+
+    assert plate().height == pytest.approx(0, abs=2e-3)
+    assert high.height == pytest.approx(0.02, abs=2e-3)
+    assert high.height_se == pytest.approx(0, abs=2e-3)
+
+
+def test_a_height_is_certain_beyond_four_standard_errors() -> None:
+    high = replace(plate(), height=0.02, height_se=0.0049)
+
+    assert high.certain_height == 0.02
+    assert replace(high, height_se=0.0051).certain_height == 0
+    assert replace(high, height=None).certain_height is None
+
+
+def test_a_plate_that_does_not_ring_has_no_frequency() -> None:
+    assert plate().ringing_hz is None

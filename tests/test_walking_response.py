@@ -20,46 +20,63 @@ from osl_analysis.judge.finding import Limits
 from osl_analysis.judge.judging import SEEN, WIDE
 from osl_analysis.signals import Motion
 from osl_analysis.trial import Array
-from osl_analysis.walking import response as fitting
 from osl_analysis.walking.crossing import Crossing
-from osl_analysis.walking.plate import Stance, find_stances
-from osl_analysis.walking.platform import find_onset
-from osl_analysis.walking.response import (
-    PHASES,
+from osl_analysis.walking.ensemble import (
+    Bootstrap,
+    ChosenPredictors,
     Ensemble,
-    PerturbationResponse,
-    UnperturbedGait,
-    fit_response,
+    GroupHeadline,
+    cross_validated,
     group_headline,
-    isolate_response,
+    resampling_weights,
+    shared_errors,
+)
+from osl_analysis.walking.group_checks import (
+    SingleChecks,
+    certain_reactions,
+    check_group,
+    check_reflex,
+    check_single,
+)
+from osl_analysis.walking.impedance_fit import (
+    compare_offset,
+    fit_response,
+    fit_without_offset,
+    gait_torque,
+)
+from osl_analysis.walking.isolated_response import BEHAVIOUR, PerturbationResponse, isolate_response
+from osl_analysis.walking.platform import find_onset
+from osl_analysis.walking.reactions import (
+    REACTIONS,
+    REFLEX,
+    SLOPING,
+    Effect,
+    Reactions,
+    fit_reactions,
+    reflex_column,
+)
+from osl_analysis.walking.result_tables import headline_rows, response_table, walking_page_points
+from osl_analysis.walking.settings import TimingSettings
+from osl_analysis.walking.stance import Stance, find_stances
+from osl_analysis.walking.unperturbed_gait import (
+    PHASES,
+    UnperturbedGait,
     matched_scales,
     unperturbed_gait,
 )
-from osl_analysis.walking.settings import TimingSettings
-from osl_analysis.walking.tables import (
-    group_facts,
-    headline_rows,
-    reflex_facts,
-    response_table,
-    single_facts,
-    walking_page_points,
-)
 
-K, B, I, TIMING, ONSET = (
-    340.0,
-    5.0,
-    0.03,
-    TimingSettings(window_s=0.1, baseline_s=0.06, guard_s=0.04),
-    0.6,
-)
-response_of, EARLY, TIME = (
-    partial(isolate_response, timing=TIMING),
-    PHASES[PHASES <= 0.36],
-    np.arange(900) / 300,
-)
+K = 340.0
+B = 5.0
+I = 0.03
+TIMING = TimingSettings(window_s=0.1, baseline_s=0.06, guard_s=0.04)
+ONSET = 0.6
+response_of = partial(isolate_response, timing=TIMING)
+EARLY = PHASES[PHASES <= 0.36]
+TIME = np.arange(900) / 300
 RISE_OF = np.clip((TIME - 1.2) / 0.075, 0, 1)
 # in 75 ms
-STEEP, SOFT = RISE_OF, RISE_OF**4 * (35 - 84 * RISE_OF + 70 * RISE_OF**2 - 20 * RISE_OF**3)
+STEEP = RISE_OF
+SOFT = RISE_OF**4 * (35 - 84 * RISE_OF + 70 * RISE_OF**2 - 20 * RISE_OF**3)
 
 
 def angle(phase: Array) -> Array:
@@ -73,10 +90,8 @@ def walked(
 ) -> Crossing:  # fmt: skip
     """A crossing at a pace; its name gives slow deviations: angle `slow` [rad] below 4 Hz, torque
     300 N*m/rad of it."""
-    random, plain = (
-        np.random.default_rng(zlib.crc32(name.encode())),
-        crossing(name, onset, 0.72 * scale, impedance),
-    )
+    random = np.random.default_rng(zlib.crc32(name.encode()))
+    plain = crossing(name, onset, 0.72 * scale, impedance)
     waves = random.uniform(0.3, 4.0, 4)[:, None] * plain.time + random.random((4, 1))
     deviation = slow * random.standard_normal(4) @ np.sin(2 * np.pi * waves) / np.sqrt(2)
     turn = plain.theta - crossing(name, stance=0.72 * scale).theta
@@ -92,10 +107,14 @@ def mean_gait(n: int = 4) -> UnperturbedGait:
     return unperturbed_gait([crossing(f"u{k}", stance=0.68 + 0.02 * k) for k in range(n)], 3)
 
 
-def test_a_response_is_zero_on_average_over_the_baseline_that_the_walking_page_shows() -> None:
-    walked = crossing("w", ONSET)
-    walked = replace(walked, theta=walked.theta + 0.02, torque=walked.torque + 3.0)
-    p = pl.DataFrame(
+def shifted(crossing_: Crossing) -> Crossing:
+    """A crossing whose angle and torque have an offset."""
+    return replace(crossing_, theta=crossing_.theta + 0.02, torque=crossing_.torque + 3.0)
+
+
+def page_points(perturbed_crossing: Crossing, gait: UnperturbedGait) -> pl.DataFrame:
+    """Points of the walking page of one crossing, with one point of a response."""
+    response = pl.DataFrame(
         {
             "time": 0.05,
             "theta_deg": 2.0,
@@ -105,31 +124,45 @@ def test_a_response_is_zero_on_average_over_the_baseline_that_the_walking_page_s
             "doubtful": "",
         }
     )
-    ends = walking_page_points([walked], {"all": usual(2e-3)}, p, TIMING)
-    assert ends.filter(curve="each").select("x", "mean").rows() == [(50, 2), (50, 3)]
-    spread = ends.filter(panel="angle", curve="all")["sd"]
-    np.testing.assert_allclose(
-        spread, np.std(np.rad2deg(usual(2e-3).theta[:, ::4]), axis=0, ddof=1)
-    )
-    shown = ends.filter(panel="response angle", curve="baseline")["x"] / 1e3
-    assert shown.to_list() == pytest.approx([-0.1, -0.04])
-    response = response_of(walked, mean_gait())
-    over = (response.time >= shown[0] - 1e-9) & (response.time < shown[1] - 1e-9)
-    assert [
-        np.mean(one[over]) for one in (response.motion.theta, response.torque)
-    ] == pytest.approx([0, 0], abs=1e-9)
-    percent = [100 * (0.3 + after) / 0.72 for after in (0, 0.1, -0.1, -0.04)]
-    assert ends.filter(pl.col("mean").is_null(), panel="angle")["x"].to_list() == pytest.approx(
-        percent
-    )
-    # the window is a tenth of a second from the onset, even between frames
-    for onset in (0.6, 0.6017):
-        response = response_of(crossing("p", onset), mean_gait())
-        window = response.time[response.window]
-        assert (len(window), window[0], window[-1]) == (30, 0.0, pytest.approx(29 / RATE))
-        np.testing.assert_allclose(
-            response.fitted_motion.theta, TURN * bump(window, LEAD, RISE)[0], atol=1e-5
-        )
+    return walking_page_points([perturbed_crossing], {"all": gait}, response, TIMING)
+
+
+def test_a_response_is_zero_on_average_over_the_baseline() -> None:
+    response = response_of(shifted(crossing("w", ONSET)), mean_gait())
+
+    baseline = (response.time >= -0.1 - 1e-9) & (response.time < -0.04 - 1e-9)
+    assert np.mean(response.motion.theta[baseline]) == pytest.approx(0, abs=1e-9)
+    assert np.mean(response.torque[baseline]) == pytest.approx(0, abs=1e-9)
+
+
+def test_the_walking_page_shows_gait_response_baseline_and_window() -> None:
+    gait = usual(2e-3)
+
+    points = page_points(shifted(crossing("w", ONSET)), gait)
+
+    assert points.filter(curve="each").select("x", "mean").rows() == [(50, 2), (50, 3)]
+    sd = np.std(np.rad2deg(gait.theta[:, ::4]), axis=0, ddof=1)
+    np.testing.assert_allclose(points.filter(panel="angle", curve="all")["sd"], sd)
+    baseline_ms = points.filter(panel="response angle", curve="baseline")["x"].to_list()
+    assert baseline_ms == pytest.approx([-100, -40])
+    window = points.filter(panel="angle", curve="window")["x"].to_list()
+    baseline = points.filter(panel="angle", curve="baseline")["x"].to_list()
+    assert window == pytest.approx([100 * 0.3 / 0.72, 100 * 0.4 / 0.72])
+    assert baseline == pytest.approx([100 * 0.2 / 0.72, 100 * 0.26 / 0.72])
+
+
+@pytest.mark.parametrize("onset", [0.6, 0.6017])
+def test_the_window_is_a_tenth_of_a_second_from_the_onset_also_between_frames(
+    onset: float,
+) -> None:
+    response = response_of(crossing("p", onset), mean_gait())
+
+    window = response.time[response.window]
+    assert len(window) == 30
+    assert window[0] == 0.0
+    assert window[-1] == pytest.approx(29 / RATE)
+    turn = TURN * bump(window, LEAD, RISE)[0]
+    np.testing.assert_allclose(response.fitted_motion.theta, turn, atol=1e-5)
 
 
 @pytest.mark.parametrize("stance", [0.66, 0.8])
@@ -150,93 +183,139 @@ def test_recovers_the_impedance_whatever_the_pace(
             truth, rel=1e-3, abs=1e-3 if truth[2] == I else 2e-3
         )
     assert fits[0].vaf > 99.999
-    free = fitting.offset_comparison(
-        isolated[0].fitted_motion, isolated[0].fitted_torque + 3, 2 * truth[0]
-    )
-    assert free == pytest.approx((3, 0.5), rel=2e-3)
+    free = compare_offset(isolated[0].fitted_motion, isolated[0].fitted_torque + 3, 2 * truth[0])
+    assert (free.offset, free.lowers_K) == pytest.approx((3, 0.5), rel=2e-3)
 
 
-def test_what_has_no_response_or_no_ensemble_is_refused_by_name() -> None:
+def test_too_few_unperturbed_crossings_are_refused() -> None:
     with pytest.raises(InputError, match=r"2 unperturbed crossings \(u0, u1\), expected 3 or more"):
         unperturbed_gait([crossing("u0"), crossing("u1")], 3)
+
+
+def test_a_crossing_without_an_onset_has_no_response() -> None:
     with pytest.raises(InputError, match="trial u7: no onset"):
         response_of(crossing("u7"), mean_gait())
-    for onset in (0.35, 0.96):
-        with pytest.raises(InputError, match=r"trial p: baseline and window span .* expected 0-1"):
-            response_of(crossing("p", onset), mean_gait())
-    first, second = (response_of(crossing(f"p{k}", ONSET), mean_gait(3 + k)) for k in (0, 1))
+
+
+@pytest.mark.parametrize("onset", [0.35, 0.96])
+def test_a_response_that_leaves_stance_is_refused(onset: float) -> None:
+    with pytest.raises(InputError, match=r"trial p: baseline and window span .* expected 0-1"):
+        response_of(crossing("p", onset), mean_gait())
+
+
+def test_one_response_is_no_ensemble() -> None:
     with pytest.raises(InputError, match="perturbations in the ensemble: 1, expected 2"):
-        Ensemble([first])
+        Ensemble([response_of(crossing("p0", ONSET), mean_gait())])
+
+
+def test_responses_against_other_gaits_are_no_ensemble() -> None:
+    three = response_of(crossing("p0", ONSET), mean_gait(3))
+    four = response_of(crossing("p1", ONSET), mean_gait(4))
+
     with pytest.raises(
         InputError, match=r"trial p1: \d+ samples from 4 unperturbed .* trial p0 has \d+ from 3"
     ):
-        Ensemble([first, second])
-    # an exponential: angle, velocity and acceleration are one column
-    grown = np.exp(20 * first.time)
+        Ensemble([three, four])
+
+
+def test_a_response_whose_columns_are_one_is_refused_by_name() -> None:
+    """Of an exponential, angle, velocity and acceleration are one column."""
+    response = response_of(crossing("p0", ONSET), mean_gait())
+    exponential = replace(response, thetas=np.exp(20 * response.time)[None])
+
     with pytest.raises(IdentifiabilityError, match=r"trial p0: .* cannot be told apart"):
-        fit_response(replace(first, thetas=grown[None]))
+        fit_response(exponential)
 
 
 def test_the_common_variance_is_what_drawing_the_unperturbed_crossings_anew_gives() -> None:
     """The bootstrap of the unperturbed crossings alone, of equal responses: the ensemble is then
     their mean. Six crossings leave a bootstrap of 2000 a Monte Carlo error of 3 %, and first order
     10 % of what is not."""
-    isolated = [response_of(walked("p", onset=ONSET), usual(2e-3, 6))] * 2
-    (variance, freedom), (plate, _) = fitting.common_errors(isolated)[0]["K"]
-    drawn = Ensemble(isolated).resampled(2000)
-    assert (variance, freedom, plate) == (pytest.approx(np.var(drawn.draws["K"]), rel=0.15), 5, 0)
-    assert fit_response(isolated[0]).se("K") ** 2 == pytest.approx(7 * variance), (
-        "s^2 (1 + 1/6) of a single one"
-    )
-    up, down = isolated_all((1, -1))[:2]  # both directions count alike
-    three, two = (fitting.common_errors(some)[0]["K"][0] for some in ([up, up, down], [up, down]))
+    response = response_of(walked("p", onset=ONSET), usual(2e-3, 6))
+    equal = [response, response]
+
+    of_gait, of_plate = shared_errors(equal).common["K"]
+    drawn = Ensemble(equal).resampled(2000)
+
+    variance, freedom = of_gait
+    assert variance == pytest.approx(np.var(drawn.draws["K"]), rel=0.15)
+    assert freedom == 5
+    assert of_plate[0] == 0
+    # s^2 (1 + 1/6) of a single one
+    assert fit_response(response).se("K") ** 2 == pytest.approx(7 * variance)
+
+
+def test_both_directions_count_alike_in_the_common_variance() -> None:
+    up, down = isolated_all((1, -1))[:2]
+
+    three = shared_errors([up, up, down]).common["K"][0]
+    two = shared_errors([up, down]).common["K"][0]
+
     assert three == pytest.approx(two)
-    # it repeats itself
-    np.testing.assert_array_equal(drawn.draws["B"], Ensemble(isolated).resampled(2000).draws["B"])
+
+
+def test_the_bootstrap_repeats_itself() -> None:
+    ensemble = Ensemble([response_of(walked("p", onset=ONSET), usual(2e-3, 6))] * 2)
+
+    first = ensemble.resampled(200).draws["B"]
+    second = ensemble.resampled(200).draws["B"]
+
+    np.testing.assert_array_equal(first, second)
+
+
+def test_plate_errors_that_a_crossing_shares_with_the_mean_gait_cancel() -> None:
+    def with_errors(plain: Crossing, size: float) -> Crossing:
+        errors = size * np.vander(plain.stance.phase(plain.time), 3).T
+        return replace(plain, plate_errors=errors)
+
+    perturbed_crossing = with_errors(crossing("p", 0.6), 2)
+    gait = unperturbed_gait(
+        [with_errors(crossing(f"u{size}"), size) for size in (1, 2, 3)], fewest=3
+    )
+
+    response = response_of(perturbed_crossing, gait)
+
+    np.testing.assert_allclose(response.plate_errors, 0, atol=1e-9)
 
 
 def test_the_plate_s_share_is_the_same_in_every_interval() -> None:
     """One perturbation, one mean and the bootstrap's spread, without any scatter of gait. The
     errors are smooth."""
-    # no net error
-    alike = (2, crossing("p", 0.6)), (1, crossing("u0")), (2, crossing("u1")), (3, crossing("u2"))
-    one, *usual = [
-        replace(c, plate_errors=size * np.vander(c.stance.phase(c.time), 3).T) for size, c in alike
-    ]
-    np.testing.assert_allclose(
-        response_of(one, unperturbed_gait(usual, 3)).plate_errors, 0, atol=1e-9
-    )
-    random, still = np.random.default_rng(21), response_of(crossing("p", 0.6), mean_gait(6))
-    pitch, phase = random.uniform(2, 8, (4, 1)), random.uniform(0, 6, (4, 1))
-    still = replace(still, plate_errors=np.sin(2 * np.pi * pitch * still.time + phase))
-    single, (plate, freedom) = fit_response(still), fitting.common_errors([still, still])[0]["K"][1]
-    assert (freedom, single.se("K")) == (3, pytest.approx(np.sqrt(plate), rel=0.01))
+    random = np.random.default_rng(21)
+    plain = response_of(crossing("p", 0.6), mean_gait(6))
+    frequency = random.uniform(2, 8, (4, 1))
+    phase = random.uniform(0, 6, (4, 1))
+    errors = np.sin(2 * np.pi * frequency * plain.time + phase)
+    response = replace(plain, plate_errors=errors)
+
+    single = fit_response(response)
+    variance, freedom = shared_errors([response, response]).common["K"][1]
+    drawn = Ensemble([response, response]).resampled(3000)
+
+    assert freedom == 3
+    assert single.se("K") == pytest.approx(np.sqrt(variance), rel=0.01)
     assert single.interval_method == "unperturbed crossings + plate trials"
-    assert np.std(Ensemble([still, still]).resampled(3000).draws["K"]) == pytest.approx(
-        np.sqrt(plate), rel=0.05
-    )
     assert single.degrees_of_freedom == pytest.approx(3, rel=0.05)
+    assert np.std(drawn.draws["K"]) == pytest.approx(np.sqrt(variance), rel=0.05)
 
 
 def test_resampled_means_spread_as_means_do() -> None:
     """Drawing n - 1 of n: the variance of a mean, s^2/n with the unbiased s^2; drawing n would give
     5/6 of it."""
     values = np.array([1.0, 4.0, 2.0, 8.0, 5.0, 7.0])
-    weights = fitting.resampling_weights(np.random.default_rng(1), 200_000, len(values))
+    weights = resampling_weights(np.random.default_rng(1), 200_000, len(values))
     np.testing.assert_allclose(weights.sum(axis=1), 1)
     assert np.var(weights @ values) == pytest.approx(np.var(values, ddof=1) / len(values), rel=0.02)
     draws = norm.ppf((np.arange(20_000) + 0.5) / 20_000, loc=300, scale=2)
-    low, high = fitting.Bootstrap({"K": draws}, degrees_of_freedom=9).interval("K")
+    low, high = Bootstrap({"K": draws}, degrees_of_freedom=9).interval("K")
     assert (low, high) == pytest.approx(tuple(300 + 2 * t.ppf([0.025, 0.975], 9)), abs=0.01)
 
 
 def deviating(seed: int, perturbed: bool = False, lasting: bool = True, sign: int = 1) -> Crossing:
     """Deviations of angle, torque grow from heel strike; if not lasting, others come in the
     baseline's last 10 ms."""
-    random, plain = (
-        np.random.default_rng(seed),
-        crossing(f"c{seed}", ONSET if perturbed else None, turn=sign * TURN),
-    )
+    random = np.random.default_rng(seed)
+    plain = crossing(f"c{seed}", ONSET if perturbed else None, turn=sign * TURN)
     before, after = random.standard_normal((2, 2))
     changed = 0.0 if lasting else 0.5 * (1 + np.tanh((plain.time - ONSET + 0.02) / 0.01))
     angle, torque = ((1 - changed) * before[:, None] + changed * after[:, None]) * (
@@ -258,19 +337,18 @@ def isolated_all(
 
 def left_out(isolated: list[PerturbationResponse], predictors: tuple[str, ...]) -> float:
     """Mean square of what each unperturbed crossing adds to the residual less what the others tell
-    of it."""
+    of it, by one regression for each."""
     fit = Ensemble(isolated).fitted().fit
-    curves = np.mean([fitting.gait_torque(r, fit)[:, r.window] for r in isolated], axis=0)
-    known = np.mean([r.behaviour for r in isolated], axis=0)[
-        [fitting.BEHAVIOUR.index(name) for name in predictors]
-    ]
-    columns, missed = np.column_stack([np.ones(len(curves)), known.T]), []
-    for one in range(len(curves)):
-        others = np.arange(len(curves)) != one
-        missed.append(
-            curves[one] - columns[one] @ np.linalg.lstsq(columns[others], curves[others])[0]
-        )
-    return float(np.mean(np.square(missed)))
+    curves = np.mean([gait_torque(r, fit)[:, r.window] for r in isolated], axis=0)
+    behaviour = np.mean([r.behaviour for r in isolated], axis=0)
+    chosen = behaviour[[BEHAVIOUR.index(name) for name in predictors]]
+    columns = np.column_stack([np.ones(len(curves)), chosen.T])
+    errors = []
+    for k in range(len(curves)):
+        others = np.arange(len(curves)) != k
+        coefficients = np.linalg.lstsq(columns[others], curves[others])[0]
+        errors.append(curves[k] - columns[k] @ coefficients)
+    return float(np.mean(np.square(errors)))
 
 
 @pytest.mark.parametrize("signs", [(1,), (1, 1, -1)])
@@ -280,60 +358,89 @@ def test_lasting_deviations_are_predicted_for_one_direction_and_for_both(
     """They cost the mean baseline 2 % of K or more, noise is left. The interval is narrower and
     holds the truth."""
     isolated = isolated_all(signs)
-    names, share = fitting.cross_validated(isolated, Ensemble(isolated).fitted().fit)
-    assert share > 0.9
-    assert share == pytest.approx(1 - left_out(isolated, names) / left_out(isolated, ()), rel=1e-9)
-    # two crossings predict nothing
-    few, weights = np.eye(10)[0] / 2 + np.eye(10)[1] / 2, np.full(6, 1 / 6)
-    joined = [
-        Ensemble(isolated).joined(weights, few, chosen)[1] for chosen in ((), fitting.BEHAVIOUR)
-    ]
-    np.testing.assert_allclose(*joined, atol=1e-12)
-    nine = [
-        replace(r, thetas=r.thetas[:9], torques=r.torques[:9], behaviour=r.behaviour[:, :9])
-        for r in isolated
-    ]
-    # one that is not drawn predicts nothing
-    drawn = (nine, np.full(9, 1 / 9)), (isolated, np.r_[np.full(9, 1 / 9), 0])
-    np.testing.assert_allclose(
-        *(Ensemble(some).joined(weights, each, names)[1] for some, each in drawn), atol=1e-9
-    )
-    mean, predicted = (Ensemble(isolated).fitted(chosen).fit["K"] for chosen in ((), names))
+    ensemble = Ensemble(isolated)
+
+    chosen = cross_validated(isolated, ensemble.fitted().fit)
+    mean = ensemble.fitted().fit["K"]
+    predicted = ensemble.fitted(chosen.names).fit["K"]
+    mean_draws = ensemble.resampled(300)
+    predicted_draws = ensemble.resampled(300, chosen.names)
+
+    assert chosen.share > 0.9
+    explained = 1 - left_out(isolated, chosen.names) / left_out(isolated, ())
+    assert chosen.share == pytest.approx(explained, rel=1e-9)
     assert predicted == pytest.approx(K, rel=0.01)
     assert abs(mean / K - 1) > 2 * abs(predicted / K - 1)
-    of_mean, of_predicted = (Ensemble(isolated).resampled(300, chosen) for chosen in ((), names))
-    assert of_predicted.interval("K")[0] < K < of_predicted.interval("K")[1]
-    assert of_predicted.se("K") < 0.5 * of_mean.se("K")
-    if len(signs) == 1:
-        assert Ensemble(2 * isolated).resampled(100, names).degrees_of_freedom == 9 - len(names)
+    low, high = predicted_draws.interval("K")
+    assert low < K < high
+    assert predicted_draws.se("K") < 0.5 * mean_draws.se("K")
 
 
-def test_deviations_that_begin_anew_and_too_few_unperturbed_crossings_predict_nothing() -> None:
+def test_predictors_cost_degrees_of_freedom() -> None:
+    ensemble = Ensemble(2 * isolated_all())
+
+    assert ensemble.resampled(100, BEHAVIOUR).degrees_of_freedom == 9 - len(BEHAVIOUR)
+
+
+def test_two_unperturbed_crossings_predict_nothing() -> None:
+    ensemble = Ensemble(isolated_all())
+    two = np.eye(10)[0] / 2 + np.eye(10)[1] / 2
+    weights = np.full(6, 1 / 6)
+
+    _, mean = ensemble.joined(weights, two)
+    _, predicted = ensemble.joined(weights, two, BEHAVIOUR)
+
+    np.testing.assert_allclose(mean, predicted, atol=1e-12)
+
+
+def test_an_unperturbed_crossing_that_is_not_drawn_predicts_nothing() -> None:
+    ten = isolated_all()
+    nine = [
+        replace(r, thetas=r.thetas[:9], torques=r.torques[:9], behaviour=r.behaviour[:, :9])
+        for r in ten
+    ]
+    weights = np.full(6, 1 / 6)
+    predictors = cross_validated(ten, Ensemble(ten).fitted().fit).names
+
+    _, of_nine = Ensemble(nine).joined(weights, np.full(9, 1 / 9), predictors)
+    _, of_ten = Ensemble(ten).joined(weights, np.r_[np.full(9, 1 / 9), 0], predictors)
+
+    np.testing.assert_allclose(of_nine, of_ten, atol=1e-9)
+
+
+def test_deviations_that_begin_anew_predict_little() -> None:
     isolated = isolated_all(lasting=False)
-    assert fitting.cross_validated(isolated, Ensemble(isolated).fitted().fit)[1] < 0.35
-    few = isolated_all(usual=6)
-    assert fitting.cross_validated(few, Ensemble(few).fitted().fit) == ((), 0.0)
+
+    assert cross_validated(isolated, Ensemble(isolated).fitted().fit).share < 0.35
+
+
+def test_six_unperturbed_crossings_predict_nothing() -> None:
+    isolated = isolated_all(usual=6)
+
+    chosen = cross_validated(isolated, Ensemble(isolated).fitted().fit)
+
+    assert chosen == ChosenPredictors((), 0.0)
 
 
 def test_the_settings_choose_the_headline_and_the_table_has_both() -> None:
-    walked = [deviating(100 + k, True) for k in range(6)]
-    usual = unperturbed_gait([deviating(seed) for seed in range(10)], 3)
-    mean, told = (
-        group_headline(walked, usual, settings(baseline=b, window_s=0.1))
-        for b in ("mean", "predicted")
-    )
-    assert (
-        mean.ensemble.fit["K"]
-        == told.other[1].fit["K"]
-        != told.ensemble.fit["K"]
-        == mean.other[1].fit["K"]
-    )
+    perturbed_crossings = [deviating(100 + k, True) for k in range(6)]
+    gait = unperturbed_gait([deviating(seed) for seed in range(10)], 3)
     fits = pl.DataFrame({name: 6 * [1.0] for name in ("K", "B", "I", "VAF")})
-    for result, other in ((mean, "ensemble, predicted gait"), (told, "ensemble, mean gait")):
-        assert other in [row["estimator"] for row in headline_rows(result, fits, {}, {})]
+
+    mean = group_headline(perturbed_crossings, gait, settings(baseline="mean", window_s=0.1))
+    predicted = group_headline(
+        perturbed_crossings, gait, settings(baseline="predicted", window_s=0.1)
+    )
+
+    assert mean.ensemble.fit["K"] == predicted.other_baseline.estimates["K"]
+    assert predicted.ensemble.fit["K"] == mean.other_baseline.estimates["K"]
+    assert mean.ensemble.fit["K"] != predicted.ensemble.fit["K"]
+    for headline, other in ((mean, "ensemble, predicted gait"), (predicted, "ensemble, mean gait")):
+        assert other in [row["estimator"] for row in headline_rows(headline, fits, {}, {})]
 
 
-SETTINGS, USUAL = settings(bootstrap_samples=200, window_s=0.1), usual(2e-3, 8)
+SETTINGS = settings(bootstrap_samples=200, window_s=0.1)
+USUAL = usual(2e-3, 8)
 
 
 def perturbed(n: int = 8, stiffnesses: tuple[float, ...] = (340.0,)) -> list[Crossing]:
@@ -345,11 +452,18 @@ def test_a_slope_of_K_that_is_not_certain_may_be_none() -> None:
     """Between what 95 and what 99.9 % are sure of: said to be unseen, so that B may hold none of
     it."""
     headline = group_headline(perturbed(), USUAL, SETTINGS)
-    for name in (fitting.SLOPING, f"{fitting.SLOPING} and jerk"):
-        headline.resampled.reactions[name] = (300.0, 120.0)
-    found = group_facts(headline)
-    assert found["reaction"] is None
-    assert (found["hidden_slope_low"], found["hidden_slope_high"] > 300) == (0.0, True)
+    slope = {SLOPING: Effect(300.0, 120.0)}
+    reactions = replace(
+        headline.reactions,
+        alone={**headline.reactions.alone, **slope},
+        with_jerk={**headline.reactions.with_jerk, **slope},
+    )
+
+    checks = check_group(replace(headline, reactions=reactions))
+
+    assert checks.reaction.reaction is None
+    assert checks.slope.hidden_slope_low == 0.0
+    assert checks.slope.hidden_slope_high > 300
 
 
 def hurried(c: Crossing) -> Crossing:
@@ -358,7 +472,8 @@ def hurried(c: Crossing) -> Crossing:
 
 
 def facts(crossings: list[Crossing], **choices: object) -> dict[str, float | None]:
-    return group_facts(group_headline(crossings, USUAL, SETTINGS.model_copy(update=choices)))
+    headline = group_headline(crossings, USUAL, SETTINGS.model_copy(update=choices))
+    return check_group(headline).columns()
 
 
 def test_sound_crossings_are_far_from_every_limit_and_faults_are_beyond() -> None:
@@ -393,10 +508,8 @@ def test_sound_crossings_are_far_from_every_limit_and_faults_are_beyond() -> Non
         "Student",
         "bootstrap",
     ]
-    table, window = (
-        response_table("all", headline).filter(trial="ensemble"),
-        headline.responses[0].window,
-    )
+    table = response_table("all", headline).filter(trial="ensemble")
+    window = headline.responses[0].window
     assert (len(table), table["torque_model"].null_count()) == (window.stop, window.start)
     np.testing.assert_allclose(
         table["theta_deg"], np.rad2deg(headline.ensemble.motion.theta[: window.stop])
@@ -429,7 +542,8 @@ def test_each_reaction_comes_out_with_its_size_and_the_joint_without_it(
     """A reflex, late velocity; from half the window on a step of the stiffness and a ramp; a K that
     grows at once."""
     time = np.arange(-40, 51) / RATE
-    half, (theta, omega, alpha) = window_s / 2, bump(time, LEAD, RISE)
+    half = window_s / 2
+    (theta, omega, alpha) = bump(time, LEAD, RISE)
     late = norm.cdf((time - half) / (window_s / 10) - 1.5)
     ramp = np.array(
         [
@@ -438,31 +552,25 @@ def test_each_reaction_comes_out_with_its_size_and_the_joint_without_it(
         ]
     )
     shapes = bump(time - delay, LEAD, RISE)[1], late * theta, ramp, theta * np.maximum(time, 0)
-    window, wander = (
-        slice(40, 40 + round(window_s * RATE)),
-        np.random.default_rng(3).standard_normal((2, 12)),
-    )
+    window = slice(40, 40 + round(window_s * RATE))
+    wander = np.random.default_rng(3).standard_normal((2, 12))
     # of resamples; the mean has none
     gait = np.column_stack([np.zeros_like(time), np.vander(time, 2) @ wander])
-    for name, shape, size in zip(
-        fitting.REACTIONS, shapes, (4.0, 136.0, 120.0, 667.0), strict=True
-    ):
+    for name, shape, size in zip(REACTIONS, shapes, (4.0, 136.0, 120.0, 667.0), strict=True):
         torque = K * theta + B * omega + I * alpha + size * shape
-        found = fitting.reactions(time, window, np.tile(theta[:, None], 13), torque[:, None] + gait)
-        assert found[name][0] == pytest.approx(size, rel=0.02)
-        if name != fitting.REFLEX:  # beside the jerk of a drivetrain too
+        found = fit_reactions(time, window, np.tile(theta[:, None], 13), torque[:, None] + gait)
+        assert found.sizes[name].size == pytest.approx(size, rel=0.02)
+        if name != REFLEX:  # beside the jerk of a drivetrain too
             led = torque + 0.02 * make_interp_spline(time, theta, k=5).derivative(3)(time)
-            beside = fitting.reactions(
-                time, window, np.tile(theta[:, None], 13), led[:, None] + gait
-            )
-            assert beside[f"{name} and jerk"][0] == pytest.approx(size, rel=0.02)
-        assert found[name][1] < 0.005 * size  # a drift before the onset tells the one after it
-        if name == fitting.REFLEX:
-            assert found["delay"] == (pytest.approx(1e3 * delay), 0)
-            assert found[f"K with {name} {1e3 * delay:.0f}"][0] == pytest.approx(K, rel=0.01)
-            assert found[f"{name} {1e3 * delay:.0f}"] == found[name]
+            beside = fit_reactions(time, window, np.tile(theta[:, None], 13), led[:, None] + gait)
+            assert beside.with_jerk[name].size == pytest.approx(size, rel=0.02)
+        # a drift before the onset tells the one after it
+        assert found.sizes[name].se < 0.005 * size
+        if name == REFLEX:
+            assert found.delay_ms == pytest.approx(1e3 * delay)
             # the other delays fit worse
-            assert len([key for key in found if key.startswith("K with")]) == 1
+            assert list(found.K_with_reflex) == [found.delay_ms]
+            assert found.K_with_reflex[found.delay_ms].size == pytest.approx(K, rel=0.01)
 
 
 @pytest.mark.parametrize("way", [1, -1])
@@ -470,11 +578,12 @@ def test_a_muscle_answers_to_what_stretches_it_and_not_to_the_way_back(way: int)
     """A turn to and a third of it fro; below a fifth of the peak the muscle still feels the gait's
     own velocity."""
     time = np.arange(-40, 51) / RATE
-    there, back = bump(time, 0.03, 0.012), bump(time, 0.075, 0.012)
+    there = bump(time, 0.03, 0.012)
+    back = bump(time, 0.075, 0.012)
     motion = Motion(
         *(way * (one - other / 3)[:, None] for one, other in zip(there, back, strict=True))
     )
-    column = way * fitting.reflex_column(time, slice(40, 76), motion, 0.04)[:, 0]
+    column = way * reflex_column(time, slice(40, 76), motion, 0.04)[:, 0]
     peak = there[1].max()
     np.testing.assert_allclose(
         column[time < 0.085], bump(time - 0.04, 0.03, 0.012)[1][time < 0.085], atol=0.01 * peak
@@ -509,10 +618,8 @@ def test_a_reaction_within_the_window_is_certain_and_named_and_a_sound_campaign_
         if c > 0:
             assert found["reaction_share"] > 0.02
             assert found["reflex_delay_ms"] == pytest.approx(1e3 * at)
-            torque, rows = (
-                340 * turn + c * speed,
-                np.searchsorted(walks[0].time, [ONSET, ONSET + 0.1]),
-            )
+            torque = 340 * turn + c * speed
+            rows = np.searchsorted(walks[0].time, [ONSET, ONSET + 0.1])
             share = np.var((c * speed)[slice(*rows)]) / np.var(torque[slice(*rows)])
             assert found["reflex_share"] == pytest.approx(100 * share, rel=0.2)
             assert found["K_with_reflex"] == pytest.approx(340, abs=12)
@@ -538,111 +645,128 @@ def test_a_reaction_within_the_window_is_certain_and_named_and_a_sound_campaign_
                 ]
 
 
-@pytest.mark.parametrize("name", fitting.REACTIONS)
+@pytest.mark.parametrize("name", REACTIONS)
 def test_a_reaction_is_certain_beyond_one_in_a_thousand_as_four_are_tried(name: str) -> None:
     """At 1 in 200, of co-contraction, ramp and slope, 3 of 47 sound campaigns of another generator
     were accused."""
     headline = group_headline(perturbed(), USUAL, SETTINGS)
     freedom = headline.resampled.degrees_of_freedom
-    for chance, said in ((0.003, None), (0.0009, name)):
-        size = (t.ppf(1 - chance, freedom), 1.0)
-        known = dict.fromkeys(headline.resampled.reactions, (0.0, 1.0)) | {
-            name: size,
-            f"{name} and jerk": size,
-        }
-        known |= {"delay": (45.0, 0.0), "K with a reflex 45": (340.0, 1.0)}
-        told = group_facts(
-            replace(headline, resampled=replace(headline.resampled, reactions=known))
+    for chance, said in ((0.003, []), (0.0009, [name])):
+        sizes = dict.fromkeys(REACTIONS, Effect(0.0, 1.0))
+        sizes[name] = Effect(t.ppf(1 - chance, freedom), 1.0)
+        others = {other: sizes[other] for other in REACTIONS if other != REFLEX}
+        reactions = Reactions(
+            reflexes=dict.fromkeys(headline.reactions.reflexes, sizes[REFLEX]),
+            K_with_reflex={45: Effect(340.0, 1.0)},
+            delay_ms=45,
+            alone=others,
+            with_jerk=others,
         )
-        assert told["reaction"] == said
+        assert certain_reactions(replace(headline, reactions=reactions)) == said
 
 
-def test_what_the_window_cannot_tell_of_a_reflex_has_its_size() -> None:
+def with_reflex(headline: GroupHeadline, **changes: Any) -> GroupHeadline:
+    return replace(headline, reactions=replace(headline.reactions, **changes))
+
+
+def test_the_strongest_reflex_that_a_window_hides_has_its_size() -> None:
     headline = group_headline(perturbed(), USUAL, SETTINGS)
+    half = t.ppf(0.975, headline.resampled.degrees_of_freedom)
+    reflexes = headline.reactions.reflexes
+    late = with_reflex(headline, reflexes={**reflexes, 45: Effect(1.0, 1.0)})
 
-    def told(**found: tuple[float, float]) -> dict[str, Any]:
-        known = headline.resampled.reactions | {
-            name.replace("_", " "): pair for name, pair in found.items()
-        }
-        return reflex_facts(
-            replace(headline, resampled=replace(headline.resampled, reactions=known)), certain
-        )
+    usual = check_reflex(headline, is_certain=False)
+    hidden = check_reflex(late, is_certain=False)
 
-    certain, half = False, t.ppf(0.975, headline.resampled.degrees_of_freedom)
-    of, hidden = headline.ensemble, told(a_reflex_45=(1.0, 1.0))
-    assert told()["hidden_reflex_K_widths"] < SEEN < hidden["hidden_reflex_K_widths"]
-    time, rows, most = headline.responses[0].time, headline.responses[0].window, 1 + half
-    reflex = most * np.interp(time - 0.045, time, of.motion.omega)
-    added = (
-        fitting.fit_without_offset(of.motion[rows], (of.torque + reflex)[rows])["K"] - of.fit["K"]
-    )
-    size = [
-        hidden[name]
-        for name in ("hidden_reflex", "hidden_reflex_ms", "hidden_reflex_K", "longer_window_s")
-    ]
-    assert size == pytest.approx([most, 45, added, 0.12], rel=0.02)
+    assert usual.hidden_reflex_K_widths < SEEN < hidden.hidden_reflex_K_widths
+    time = headline.responses[0].time
+    rows = headline.responses[0].window
+    motion = headline.ensemble.motion
+    torque = headline.ensemble.torque
+    largest = 1 + half
+    reflex = largest * np.interp(time - 0.045, time, motion.omega)
+    with_it = fit_without_offset(motion[rows], (torque + reflex)[rows])
+    added = with_it["K"] - headline.ensemble.fit["K"]
+    assert hidden.hidden_reflex == pytest.approx(largest, rel=0.02)
+    assert hidden.hidden_reflex_ms == 45
+    assert hidden.hidden_reflex_K == pytest.approx(added, rel=0.02)
+    assert hidden.longer_window_s == pytest.approx(0.12, rel=0.02)
     low, high = headline.resampled.interval("K")
     for share in (0.9, 1.1):  # of what would add half the interval
-        part = told(a_reflex_45=(share * (high - low) / 2 * most / added, 0.0))
-        assert (part["hidden_reflex_K_widths"] > SEEN) == (share > 1)
-    certain, near = (
-        True,
-        {"delay": (45.0, 0.0), "a_reflex": (2.0, 0.1), "K_with_a_reflex_45": (330.0, 1.0)},
-    )
-    assert told(**near)["reflex_K_widths"] < WIDE
-    # fit as well
-    near |= {
-        f"K_with_a_reflex_{ms}": pair for ms, pair in ((40, (322.0, 30.0)), (50, (350.0, 2.0)))
-    }
-    columns = told(**near)
-    ends = [columns[f"K_with_reflex{end}"] for end in ("", "_low", "_high")]
-    assert ends == pytest.approx([330, 322 - 30 * half, 322 + 30 * half])
-    assert (columns["reflex_gain"], columns["reflex_delay_ms"], columns["hidden_reflex"]) == (
-        2.0,
-        45.0,
-        None,
-    )
-    assert columns["reflex_K_widths"] == pytest.approx(60 * half / (high - low))
+        gain = share * (high - low) / 2 * largest / added
+        part = with_reflex(headline, reflexes={**reflexes, 45: Effect(gain, 0.0)})
+        assert (check_reflex(part, is_certain=False).hidden_reflex_K_widths > SEEN) == (share > 1)
+
+
+def test_a_certain_reflex_has_K_beside_it_for_each_delay_that_fits() -> None:
+    headline = group_headline(perturbed(), USUAL, SETTINGS)
+    half = t.ppf(0.975, headline.resampled.degrees_of_freedom)
+    low, high = headline.resampled.interval("K")
+    reflexes = {**headline.reactions.reflexes, 45: Effect(2.0, 0.1)}
+    K = {40: Effect(322.0, 30.0), 45: Effect(330.0, 1.0), 50: Effect(350.0, 2.0)}
+    alone = with_reflex(headline, reflexes=reflexes, delay_ms=45, K_with_reflex={45: K[45]})
+    three = with_reflex(alone, K_with_reflex=K)
+
+    one_delay = check_reflex(alone, is_certain=True)
+    three_delays = check_reflex(three, is_certain=True)
+
+    assert one_delay.reflex_K_widths < WIDE
+    assert three_delays.K_with_reflex == 330
+    assert three_delays.K_with_reflex_low == pytest.approx(322 - 30 * half)
+    assert three_delays.K_with_reflex_high == pytest.approx(322 + 30 * half)
+    assert three_delays.reflex_gain == 2.0
+    assert three_delays.reflex_delay_ms == 45.0
+    assert three_delays.hidden_reflex is None
+    assert three_delays.reflex_K_widths == pytest.approx(60 * half / (high - low))
 
 
 def test_a_stance_that_the_perturbation_shortens_is_seen_unless_phase_is_matched() -> None:
     short = [hurried(c) for c in perturbed()]
+
     assert facts(short)["uncorrected_stance_change"] == pytest.approx(-0.08, abs=0.025)
     assert facts(short, perturbed_stance="matched")["uncorrected_stance_change"] is None
-    # beyond 3 SD/sqrt(8) = 1.06 SD it is certain
+
+
+@pytest.mark.parametrize(("mean", "is_certain"), [(0.018, True), (0.005, False)])
+def test_a_change_of_stance_is_certain_beyond_three_standard_errors(
+    mean: float, is_certain: bool
+) -> None:
+    """3 SD/sqrt(8) = 1.06 SD, here of 0.01."""
     headline = group_headline(perturbed(), USUAL, SETTINGS)
-    for mean, certain in ((0.018, True), (0.005, False)):
-        off = [
-            replace(r, stance_error=mean + 0.01 * (-1) ** k)
-            for k, r in enumerate(headline.responses)
-        ]
-        assert (
-            group_facts(replace(headline, responses=off))["uncorrected_stance_change"] is not None
-        ) == certain
-    # crossings that are slower throughout do not count as changed
+    responses = [
+        replace(response, stance_error=mean + 0.01 * (-1) ** k)
+        for k, response in enumerate(headline.responses)
+    ]
+
+    checks = check_group(replace(headline, responses=responses))
+
+    assert (checks.fit.uncorrected_stance_change is not None) == is_certain
+
+
+def test_crossings_that_are_slower_throughout_do_not_count_as_changed() -> None:
     slow = [walked(f"p{k}", 1.08, 2e-3, 0.3 + 0.3 * 1.08) for k in range(8)]
-    assert facts(slow)["uncorrected_stance_change"] is None
-    found = facts(slow, perturbed_stance="unperturbed")
-    assert found["uncorrected_stance_change"] == pytest.approx(1 / 1.08 - 1, abs=0.02)
-    assert abs(found["stance_change"]) < 0.02
+
+    by_own = facts(slow)
+    by_unperturbed = facts(slow, perturbed_stance="unperturbed")
+
+    assert by_own["uncorrected_stance_change"] is None
+    assert by_unperturbed["uncorrected_stance_change"] == pytest.approx(1 / 1.08 - 1, abs=0.02)
+    assert abs(by_unperturbed["stance_change"]) < 0.02
 
 
 def test_a_single_fit_is_judged_by_what_ordinary_gait_leaves() -> None:
-    def judged(c: Crossing) -> dict[str, float | None]:
+    def judged(c: Crossing) -> SingleChecks:
         response = isolate_response(c, USUAL, SETTINGS)
-        return single_facts(response, fit_response(response))
+        return check_single(response, fit_response(response))
 
-    one = perturbed(1)[0]
-    found = judged(one)
-    assert abs(found["stance_change"]) < 0.03
-    assert (found["residual_over_gait"], found["offset_over_gait"]) == (None, None)
-    assert (
-        judged(replace(one, torque=one.torque - 20.0 * (one.time > ONSET + 0.05)))[
-            "residual_over_gait"
-        ]
-        > 6
-    )
-    assert judged(hurried(one))["stance_change"] == pytest.approx(-0.08, abs=0.03)
+    sound = perturbed(1)[0]
+    dropped = replace(sound, torque=sound.torque - 20.0 * (sound.time > ONSET + 0.05))
+
+    assert abs(judged(sound).stance_change) < 0.03
+    assert judged(sound).residual_over_gait is None
+    assert judged(sound).offset_over_gait is None
+    assert judged(dropped).residual_over_gait > 6
+    assert judged(hurried(sound)).stance_change == pytest.approx(-0.08, abs=0.03)
 
 
 def trapezoid(start: float, end: float) -> np.ndarray:
@@ -655,26 +779,66 @@ def stances(force: Array, shortest: float = 0.3) -> list[tuple[float, float]]:
     return [(s.heel_strike, s.toe_off) for s in find_stances(TIME, force, 40, 20, shortest)]
 
 
+WHOLE = trapezoid(0.9, 1.6)
+EARLY_STEP = trapezoid(-1.0, 0.6)
+LATE_STEP = trapezoid(2.5, 4.0)
+SHORT_STEP = trapezoid(2.2, 2.3)
+
+
+def with_dips() -> Array:
+    """Below on, above off: the foot stays. Above off, below on: nobody steps there."""
+    force = WHOLE.copy()
+    force[330] = 30.0
+    force[600:610] = 35.0
+    return force
+
+
+def with_gaps() -> Array:
+    """A gap leaves the foot where it was."""
+    force = WHOLE.copy()
+    force[300:330] = np.nan
+    force[600:620] = np.nan
+    return force
+
+
 def test_heel_strike_and_toe_off_lie_between_frames() -> None:
     """A rise of 8 N/ms passes 40 N 5 ms after contact, the fall passes 20 N 2.5 ms before it
     ends."""
-    assert stances(trapezoid(0.9012, 1.6187)) == [
-        (pytest.approx(0.9062, abs=1e-9), pytest.approx(1.6162, abs=1e-9))
-    ]
-    whole, known = trapezoid(0.9, 1.6), [pytest.approx((0.905, 1.5975), abs=1e-6)]
-    dips, unseen = whole.copy(), whole.copy()
-    dips[330] = 30.0  # below on, above off: the foot stays
-    dips[600:610] = 35.0  # above off, below on: nobody steps there
-    unseen[300:330], unseen[600:620] = np.nan, np.nan  # leaves the foot where it was
-    early, late, short = trapezoid(-1.0, 0.6), trapezoid(2.5, 4.0), trapezoid(2.2, 2.3)
-    for force in (dips, unseen, whole + short, early + whole + late):
-        assert stances(force) == known
-    assert len(stances(whole + short, 0.05)) == 2
-    assert stances(np.where(np.arange(len(TIME)) == 271, np.nan, whole)) == [
-        pytest.approx((TIME[272], 1.5975))
-    ]
-    for cut in (early, late, 0 * TIME):
-        assert stances(cut) == []
+    (stance,) = stances(trapezoid(0.9012, 1.6187))
+
+    assert stance == pytest.approx((0.9062, 1.6162), abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    "force",
+    [
+        pytest.param(with_dips(), id="dips"),
+        pytest.param(with_gaps(), id="gaps"),
+        pytest.param(WHOLE + SHORT_STEP, id="a short contact"),
+        pytest.param(EARLY_STEP + WHOLE + LATE_STEP, id="cut stances"),
+    ],
+)
+def test_one_whole_stance_is_found_among_what_is_none(force: Array) -> None:
+    (stance,) = stances(force)
+
+    assert stance == pytest.approx((0.905, 1.5975), abs=1e-6)
+
+
+def test_a_contact_that_is_long_enough_is_a_stance() -> None:
+    assert len(stances(WHOLE + SHORT_STEP, shortest=0.05)) == 2
+
+
+def test_a_heel_strike_beside_a_gap_is_at_its_end() -> None:
+    force = np.where(np.arange(len(TIME)) == 271, np.nan, WHOLE)
+
+    (stance,) = stances(force)
+
+    assert stance == pytest.approx((TIME[272], 1.5975))
+
+
+@pytest.mark.parametrize("force", [EARLY_STEP, LATE_STEP, 0 * TIME])
+def test_a_cut_stance_is_none(force: Array) -> None:
+    assert stances(force) == []
 
 
 @pytest.mark.parametrize(("turn", "noise", "error"), [
@@ -684,21 +848,28 @@ def test_heel_strike_and_toe_off_lie_between_frames() -> None:
     pytest.param(SOFT, 0.0, 0.075 / 30, id="a soft start"),
     pytest.param(SOFT, 0.04, 0.075 / 8, id="that looks like minimum jerk with noise"),
 ])  # fmt: skip
-def test_the_onset_of_one_turn_of_5_degrees_is_found_by_rms_over_draws(turn, noise, error) -> None:
-    draws = [
-        np.random.default_rng(seed).standard_normal(len(TIME)) for seed in range(20 if noise else 1)
-    ]
-    turned = [np.deg2rad(5 * turn + 0.3 + noise * draw) for draw in draws]
-    for one in turned[1::2]:
-        one[350:356] = np.nan
-    onsets = np.array([find_onset(TIME, one, np.deg2rad(1)) for one in turned], dtype=float)
-    assert np.sqrt(np.mean((onsets - 1.2) ** 2)) < error
+def test_the_onset_of_a_turn_of_5_degrees_is_found(turn: Array, noise: float, error: float) -> None:
+    """By RMS over draws, of which every second has a gap."""
+    onsets = []
+    for seed in range(20 if noise else 1):
+        draw = np.random.default_rng(seed).standard_normal(len(TIME))
+        rotation = np.deg2rad(5 * turn + 0.3 + noise * draw)
+        if seed % 2:
+            rotation[350:356] = np.nan
+        onsets.append(find_onset(TIME, rotation, np.deg2rad(1)))
+
+    assert np.sqrt(np.mean((np.array(onsets) - 1.2) ** 2)) < error
 
 
-def test_a_platform_that_hardly_turns_has_no_onset_and_one_that_turns_at_once_is_refused() -> None:
+def test_a_platform_that_hardly_turns_has_no_onset() -> None:
     assert find_onset(TIME, np.deg2rad(0.02 * np.sin(9 * TIME)), np.deg2rad(1)) is None
+
+
+def test_a_platform_that_turns_at_once_is_refused() -> None:
+    recorded = TIME > 1.18
+
     with pytest.raises(InputError, match="start to record earlier"):
-        find_onset(TIME[TIME > 1.18], np.deg2rad(5 * STEEP)[TIME > 1.18], np.deg2rad(1))
+        find_onset(TIME[recorded], np.deg2rad(5 * STEEP)[recorded], np.deg2rad(1))
 
 
 @pytest.mark.parametrize("slower", [0.85, 1.0, 1.15])
@@ -709,29 +880,53 @@ def test_the_matched_stance_is_right_for_any_pace_and_any_end_of_stance(
     """The crossing is slower throughout, its toe-off comes late, or both."""
     late = walked("p", slower, onset=0.3 + 0.42 * 0.72 * slower)
     late = replace(late, stance=Stance(0.3, 0.3 + lingers * 0.72 * slower))
+
     response = isolate_response(late, usual(), TIMING, "matched")
+
     assert response.stance == pytest.approx(0.72 * slower, rel=1e-4)
     assert response.stance_change == pytest.approx(lingers - 1, abs=1e-3)
-    # the filter spreads the response by 30 ms
-    for instant, told in ((-0.012, False), (-0.045, True)):
-        other = replace(
-            late, theta=late.theta + 0.02 * bump(late.time, late.onset + instant, 0.003)[0]
-        )
-        other = isolate_response(other, usual(), TIMING, "matched")
-        assert (abs(other.stance / response.stance - 1) > 1e-4) == told
-        assert (np.abs(other.behaviour - response.behaviour)[0].max() > 1e-5) == told
     assert tuple(fit_response(response).estimates[:2]) == pytest.approx((K, B), rel=2e-3)
 
 
-def test_a_pace_far_from_the_mean_or_that_nothing_tells_has_no_scale_and_is_refused() -> None:
+@pytest.mark.parametrize(("instant", "is_used"), [(-0.012, False), (-0.045, True)])
+def test_the_last_30_ms_before_the_onset_are_not_used(instant: float, is_used: bool) -> None:
+    """The filter spreads the response into them."""
+    plain = walked("p", onset=0.3 + 0.42 * 0.72)
+    bumped = plain.theta + 0.02 * bump(plain.time, plain.onset + instant, 0.003)[0]
+
+    response = isolate_response(plain, usual(), TIMING, "matched")
+    other = isolate_response(replace(plain, theta=bumped), usual(), TIMING, "matched")
+
+    assert (abs(other.stance / response.stance - 1) > 1e-4) == is_used
+    assert (np.abs(other.behaviour - response.behaviour)[0].max() > 1e-5) == is_used
+
+
+def test_a_pace_far_from_the_mean_has_no_scale() -> None:
     assert np.isnan(matched_scales(EARLY, angle(1.6 * EARLY)[None], angle(PHASES))).all()
-    for mean in (0 * PHASES, 0 * PHASES + 0.2, 0.3 - 0.1 * PHASES):  # it stands still, or drifts
-        assert np.isnan(matched_scales(EARLY, np.array([mean[: len(EARLY)]] * 3), mean)).all()
-    gait, far = usual(), replace(walked("p", onset=0.6), stance=Stance(0.3, 0.3 + 0.45))
-    assert np.isnan(isolate_response(far, gait, TIMING, "own").stance_change)
+
+
+@pytest.mark.parametrize(
+    "mean",
+    [
+        pytest.param(0 * PHASES, id="nothing"),
+        pytest.param(0 * PHASES + 0.2, id="it stands still"),
+        pytest.param(0.3 - 0.1 * PHASES, id="it drifts"),
+    ],
+)
+def test_a_gait_that_tells_no_pace_has_no_scale(mean: Array) -> None:
+    curves = np.array([mean[: len(EARLY)]] * 3)
+
+    assert np.isnan(matched_scales(EARLY, curves, mean)).all()
+
+
+def test_a_crossing_without_a_pace_is_refused_where_stance_is_matched() -> None:
+    far = replace(walked("p", onset=0.6), stance=Stance(0.3, 0.3 + 0.45))
+    at_heel_strike = replace(walked("p", onset=0.6), onset=0.33)
+
+    assert np.isnan(isolate_response(far, usual(), TIMING, "own").stance_change)
     with pytest.raises(
         InputError, match=r"trial p: its angle before the onset tells no pace .* own"
     ):
-        isolate_response(far, gait, TIMING, "matched")
-    with pytest.raises(InputError, match="tells no pace"):  # an onset at heel strike
-        isolate_response(replace(walked("p", onset=0.6), onset=0.33), gait, TIMING, "matched")
+        isolate_response(far, usual(), TIMING, "matched")
+    with pytest.raises(InputError, match="tells no pace"):
+        isolate_response(at_heel_strike, usual(), TIMING, "matched")

@@ -16,11 +16,14 @@ from osl_analysis.commands.tables import gather
 from osl_analysis.judge.finding import Limits
 from osl_analysis.table import read_table
 from osl_analysis.walking.crossing import Crossing
-from osl_analysis.walking.groups import selection_rows
-from osl_analysis.walking.plate import Stance
+from osl_analysis.walking.crossing_quality import CrossingQuality
+from osl_analysis.walking.selection import selection_rows
 from osl_analysis.walking.settings import WalkingAnalysis
+from osl_analysis.walking.stance import Stance
 
-LEAD, RISE, TURN = 0.045, 0.018, 0.087
+LEAD = 0.045
+RISE = 0.018
+TURN = 0.087
 """The turn is an error function, at rest to 0.02 % at the onset, `LEAD` [s] before its middle; its
 size is 5 deg."""
 
@@ -51,8 +54,10 @@ def crossing(
     torque = gait * 90 * np.sin(np.pi * phase) ** 2 * (1 + phase)
     if onset is not None:
         d, v, a = (turn * part for part in bump(time, onset + LEAD, rise))
-        theta, torque = theta + d, torque + impedance[0] * d + impedance[1] * v + impedance[2] * a
-    span, no_plate = Stance(0.3, 0.3 + stance), np.zeros((0, len(time)))
+        theta = theta + d
+        torque = torque + impedance[0] * d + impedance[1] * v + impedance[2] * a
+    span = Stance(0.3, 0.3 + stance)
+    no_plate = np.zeros((0, len(time)))
     turned = None if onset is None else turn
     return Crossing(name, time, theta, torque, 0 * time, span, onset, 0.0, no_plate, turn=turned)
 
@@ -66,9 +71,9 @@ def selected(
     )
 
 
-def standing_at(forward: float, left: float) -> dict[str, float | None]:
+def standing_at(forward: float, left: float) -> CrossingQuality:
     """The quality of a crossing whose foot stands there on the plate [m]."""
-    return {"foot_forward_m": forward, "foot_left_m": left}
+    return CrossingQuality(foot_forward_m=forward, foot_left_m=left)
 
 
 def walked(name: str, walk: Walk) -> Crossing:
@@ -128,10 +133,8 @@ def run_jobs(
     jobs.average_unperturbed(
         [files[name] for name in unperturbed], selection, chosen.fewest_unperturbed, gait
     )
-    rows, turned = (
-        [folder / f"fits/{name}.csv" for name in perturbed],
-        [files[name] for name in perturbed],
-    )
+    rows = [folder / f"fits/{name}.csv" for name in perturbed]
+    turned = [files[name] for name in perturbed]
     for file, row in zip(turned, rows, strict=True):
         jobs.fit_perturbation(file, selection, gait, chosen, row)
     gather(rows, table, limits)

@@ -15,10 +15,12 @@ from scipy.interpolate import CubicSpline
 from scipy.special import erf
 
 from osl_analysis.trial import Array, Trial, marker_columns, plate_columns
-from osl_analysis.walking.bodies import Poses
+from osl_analysis.walking.poses import Poses
 from osl_analysis.walking.settings import WalkingAnalysis
 
-RATE, PLATE_RATE, G = 300, 1500, 9.80665
+RATE = 300
+PLATE_RATE = 1500
+G = 9.80665
 FOOT = np.array([[-0.08, 0.01, 0.05], [0.16, 0.02, 0.03], [0.10, -0.05, 0.03], [0.06, 0.01, 0.12]])
 SHANK = np.array(
     [[0.05, -0.02, 0.18], [0.01, -0.07, 0.27], [-0.03, 0.05, 0.33], [0.06, 0.02, 0.41]]
@@ -27,7 +29,8 @@ PLATFORM = np.array(
     [[0.28, 0.23, 0.0], [-0.28, 0.23, 0.0], [-0.28, -0.23, 0.06], [0.28, -0.23, 0.0]]
 )
 CORNERS = [[0.25, 0.25, 0.0], [0.25, -0.25, 0.0], [-0.25, -0.25, 0.0], [-0.25, 0.25, 0.0]]
-ANKLE, LEFT = np.array([-0.06, 0.0, 0.09]), np.array([0.0, 1.0, 0.0])
+ANKLE = np.array([-0.06, 0.0, 0.09])
+LEFT = np.array([0.0, 1.0, 0.0])
 SETTINGS: dict[str, Any] = yaml.safe_load((ROOT / "config/config.yaml").read_text())["walking"] | {
     "load_on_n": 40, "load_off_n": 20, "longest_gap_s": 0.05, "perturbed_stance": "own",
     "bootstrap_samples": 200,
@@ -40,7 +43,10 @@ def settings(**changes: Any) -> WalkingAnalysis:
 
 def about_y(angle: Array) -> Array:
     """Rotations (n, 3, 3) about the axis to the left: +x, the toes, goes down."""
-    c, s, o, i = np.cos(angle), np.sin(angle), np.zeros_like(angle), np.ones_like(angle)
+    c = np.cos(angle)
+    s = np.sin(angle)
+    o = np.zeros_like(angle)
+    i = np.ones_like(angle)
     return np.moveaxis(np.array([[c, o, s], [o, i, o], [-s, o, c]]), 2, 0)
 
 
@@ -93,7 +99,8 @@ def hidden(trial: Trial, markers: Sequence[str], start: float, end: float) -> Tr
 def filled(trial: Trial, markers: Sequence[str], start: float, end: float) -> Trial:
     """The trial with markers filled between two times [s] by a cubic through 20 frames on either
     side."""
-    columns, time = [], trial.samples["time"].to_numpy()
+    columns = []
+    time = trial.samples["time"].to_numpy()
     for column in (column for marker in markers for column in marker_columns(marker)):
         values = trial.samples[column].to_numpy().copy()
         frames = np.flatnonzero(np.isfinite(values))
@@ -107,7 +114,8 @@ def filled(trial: Trial, markers: Sequence[str], start: float, end: float) -> Tr
 
 def headed(trial: Trial, heading: float) -> Trial:
     """The trial in a laboratory whose axes stand turned by a heading [rad] about the vertical."""
-    (c, s), columns = (np.cos(heading), np.sin(heading)), []
+    (c, s) = (np.cos(heading), np.sin(heading))
+    columns = []
     for name in (name.removesuffix("_x") for name in trial.samples.columns if name.endswith("_x")):
         x, y = pl.col(f"{name}_x"), pl.col(f"{name}_y")
         columns += [(c * x - s * y).alias(f"{name}_x"), (s * x + c * y).alias(f"{name}_y")]
@@ -163,7 +171,8 @@ class Rig:
 def step(t: Array, start: float, duration: float) -> Array:
     """A minimum-jerk step from 0 to 1, with its two derivatives (3, n) in time."""
     x = (t - start) / duration
-    y, inside = np.clip(x, 0, 1), (x > 0) & (x < 1)
+    y = np.clip(x, 0, 1)
+    inside = (x > 0) & (x < 1)
     first, second = 30 * y**2 * (1 - y) ** 2 * inside, 60 * y * (1 - y) * (1 - 2 * y) * inside
     return np.array([y**3 * (10 - 15 * y + 6 * y**2), first / duration, second / duration**2])
 
@@ -180,9 +189,12 @@ def plate_wrench(t: Array, ramp: Ramp | None, rig: Rig) -> Array:
     """What the plate's own mass shows (n, 6) [N, N*m], in its axes and about its centre, zeroed at
     rest."""
     (phi, w, z), (_, _, lift) = angle_and_heave(t, ramp)
-    R, com, tare = about_y(-phi), np.array(rig.com), np.array([0, 0, rig.mass * G])
+    R = about_y(-phi)
+    com = np.array(rig.com)
+    tare = np.array([0, 0, rig.mass * G])
     arm = np.einsum("nij,j->ni", R, com - rig.pivot)
-    W, Z = -w[:, None] * LEFT, -z[:, None] * LEFT
+    W = -w[:, None] * LEFT
+    Z = -z[:, None] * LEFT
     a = np.cross(Z, arm) + np.cross(W, np.cross(W, arm)) + lift[:, None] * [0, 0, 1]
     in_plate = R.transpose(0, 2, 1)
     force = np.einsum("nij,nj->ni", in_plate, rig.mass * (a + np.array([0, 0, G])))
@@ -213,19 +225,20 @@ def carried(points: Array, t: Array, ramp: Ramp | None, rig: Rig) -> Array:
 
 def walked_over(name: str, ramp: Ramp | None, rig: Rig, seed: int, loaded: bool = True) -> Trial:
     """A crossing, or a trial of the unloaded platform, with noise from the seed."""
-    random, fast = np.random.default_rng(seed), np.arange(3 * PLATE_RATE) / PLATE_RATE
-    slow, late = fast[::5], fast - rig.lag
-    wrench, tracks = (
-        plate_wrench(late, ramp, rig),
-        labelled("PLAT", carried(PLATFORM, slow, ramp, rig)),
-    )
+    random = np.random.default_rng(seed)
+    fast = np.arange(3 * PLATE_RATE) / PLATE_RATE
+    slow = fast[::5]
+    late = fast - rig.lag
+    wrench = plate_wrench(late, ramp, rig)
+    tracks = labelled("PLAT", carried(PLATFORM, slow, ramp, rig))
     if loaded:  # a force through the ankle, and its torque
         in_plate = about_y(-angle_and_heave(late, ramp)[0][0]).transpose(0, 2, 1)
         force = np.einsum("nij,nj->ni", in_plate, stance_load(late)[:, None] * [0, 0, 800.0])
         wrench += np.hstack(
             [force, np.cross(ANKLE, force) - ankle_answer(late, ramp)[:, None] * LEFT]
         )
-        ankle, lean = carried(ANKLE[None], slow, ramp, rig), -0.1 + 0.35 * step(slow, 0.9, 0.72)[0]
+        ankle = carried(ANKLE[None], slow, ramp, rig)
+        lean = -0.1 + 0.35 * step(slow, 0.9, 0.72)[0]
         for prefix, points, angle in (
             ("FOOT", FOOT, -angle_and_heave(slow, ramp)[0][0]),
             ("SHANK", SHANK, lean),

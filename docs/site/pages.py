@@ -32,7 +32,7 @@ FUNCTIONS = {
         "signals.Motion", "signals.filtered_motion", "signals.differentiate",
     ),
     "Fits": (
-        "walking.response.impedance_columns", "walking.response.fit_without_offset",
+        "walking.impedance_fit.impedance_columns", "walking.impedance_fit.fit_without_offset",
         "stats.regression.linear_fit",
         "stats.regression.LinearFit",
     ),

@@ -42,9 +42,9 @@ from osl_analysis.stats.repeats import DOUBTFUL
 from osl_analysis.table import read_table, with_evidence, write_table
 from osl_analysis.trial import read_trial
 from osl_analysis.walking.crossing import DOWN, UP
-from osl_analysis.walking.response import unperturbed_gait
+from osl_analysis.walking.result_tables import trajectory_points, walking_page_points
 from osl_analysis.walking.settings import TimingSettings
-from osl_analysis.walking.tables import trajectory_points, walking_page_points
+from osl_analysis.walking.unperturbed_gait import unperturbed_gait
 
 # Formats, each with the entries of its metadata for what the data are, and for the time: equal
 # numbers give equal files

@@ -3,7 +3,7 @@
 import json
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -29,27 +29,44 @@ from osl_analysis.trial import (
     read_trial,
     write_trial,
 )
-from osl_analysis.walking import bodies, response, tables
+from osl_analysis.walking import result_tables
 from osl_analysis.walking import settings as choices
-from osl_analysis.walking.bodies import StaticCalibration
 from osl_analysis.walking.crossing import (
     UP,
     Crossing,
     RefusedCrossing,
     analyse_crossing,
-    body_mass,
     crossing_of_log,
 )
-from osl_analysis.walking.groups import ALL, SEPARATOR, cells_said, selection_rows, split_keys
-from osl_analysis.walking.overground import CURVES, overground_rows
-from osl_analysis.walking.plate import (
+from osl_analysis.walking.ensemble import ESTIMATED, group_headline
+from osl_analysis.walking.group_checks import check_group, check_witnesses
+from osl_analysis.walking.group_table import (
+    GroupConditions,
+    GroupOutcome,
+    fitted_time,
+    group_conditions,
+    group_rows,
+)
+from osl_analysis.walking.groups import ALL, SEPARATOR, cell_listing, split_keys
+from osl_analysis.walking.overground import CURVES, overground_contacts
+from osl_analysis.walking.planned_turn import PlannedTurn, half_widths, scatter_of_one
+from osl_analysis.walking.plate_model import (
     NO_CORRECTION,
     NOT_REMOVED,
     PlateModel,
     identify_plate_model,
     plate_table,
 )
-from osl_analysis.walking.platform import ALONE, PlatformModel, identify_platform, platform_table
+from osl_analysis.walking.poses import StaticCalibration, static_calibration
+from osl_analysis.walking.selection import selection_rows
+from osl_analysis.walking.setup_checks import body_mass
+from osl_analysis.walking.shared_motion import (
+    NO_SHARED_MOTION,
+    PlatformModel,
+    identify_platform,
+    platform_table,
+)
+from osl_analysis.walking.unperturbed_gait import PHASES, UnperturbedGait, unperturbed_gait
 
 # The step that writes each model
 WRITTEN_BY = {
@@ -146,7 +163,7 @@ def read_crossing_file(path: Path) -> Crossing | RefusedCrossing:
     return crossing
 
 
-def read_unperturbed_gaits(path: Path) -> dict[str, response.UnperturbedGait]:
+def read_unperturbed_gaits(path: Path) -> dict[str, UnperturbedGait]:
     """Read what `average_unperturbed` wrote: gaits with fewer crossings than the least are not
     among them."""
     check_not_refused(path)
@@ -162,7 +179,7 @@ def read_unperturbed_gaits(path: Path) -> dict[str, response.UnperturbedGait]:
             frame[name].to_numpy().T.reshape(-1, *theta.shape)
             for name in ("plate_errors", "lab_errors")
         )
-        gaits[str(frame["gait"][0])] = response.UnperturbedGait(
+        gaits[str(frame["gait"][0])] = UnperturbedGait(
             tuple(names), theta, torque, stance[:, 0], *errors
         )
     return gaits
@@ -170,7 +187,7 @@ def read_unperturbed_gaits(path: Path) -> dict[str, response.UnperturbedGait]:
 
 def calibrate(trial: Path, settings: choices.CalibrationSettings, output: Path) -> None:
     """Marker clusters, ankle centre and axis of the static trial, to a JSON file."""
-    write_model(bodies.static_calibration(read_trial(trial), settings), output)
+    write_model(static_calibration(read_trial(trial), settings), output)
 
 
 def calibrated_trials(
@@ -239,7 +256,7 @@ def analyse(
     the log is analysed."""
     walked, shared = (
         read_trial(trial),
-        ALONE if platform is None else read_model(platform, PlatformModel),
+        NO_SHARED_MOTION if platform is None else read_model(platform, PlatformModel),
     )
     static = None if calibration is None else read_model(calibration, StaticCalibration)
     model = None if plate is None else read_model(plate, PlateModel)
@@ -276,43 +293,76 @@ def analyse(
         write_crossing(crossing, output)
 
 
+@dataclass(frozen=True)
+class GroupResult:
+    """What a group adds to each table; without a result it has a reason, and no curves."""
+
+    outcome: GroupOutcome
+    summary: list[dict[str, Any]]  # rows of `walking_summary.csv`
+    responses: pl.DataFrame | None = None  # rows of `walking_responses.csv`
+    sensitivity: pl.DataFrame | None = None  # rows of `walking_sensitivity.csv`
+
+
 def group_result(
-    fact: dict[str, Any],
-    own: pl.DataFrame,
+    conditions: GroupConditions,
+    fits: pl.DataFrame,
     files: Mapping[str, Path],
-    gait: response.UnperturbedGait | None,
+    gait: UnperturbedGait | None,
     settings: choices.EnsembleSettings,
-) -> tuple[list[dict[str, Any]], dict[str, Any], tuple[pl.DataFrame, pl.DataFrame] | None]:
-    """Rows of `walking_summary.csv` of a group, its row of `walking_groups.csv`, which begins as
-    `fact`, its responses and its rows of `walking_sensitivity.csv`. Without a result: rows with the
-    reason, None, and a warning. `own` are its rows of `walking.csv`."""
-    known, fact = {"group": fact["group"]}, fact | {"fitted_phase": None, "reason": None}
+) -> GroupResult:
+    """Compute the result of a group from its rows `fits` of `walking.csv`.
+
+    Without a result there is a warning.
+    """
+    group = conditions.group
     try:
         if gait is None:
             raise InputError(NO_GAIT)
-        if len(own) < 2:
-            raise InputError(f"{len(own)} {TOO_FEW} walking_excluded.csv, or record more")
-        turned = [read_crossing(files[trial]) for trial in own["trial"]]
-        headline = response.group_headline(turned, gait, settings)
+        if len(fits) < 2:
+            raise InputError(f"{len(fits)} {TOO_FEW} walking_excluded.csv, or record more")
+        crossings = [read_crossing(files[trial]) for trial in fits["trial"]]
+        headline = group_headline(crossings, gait, settings)
     except OslAnalysisError as error:
-        warnings.warn(f"no result of {fact['group']}: {error}", stacklevel=2)
-        none = {"estimator": tables.ENSEMBLE, "n": len(own), "mean": None, "reason": str(error)}
-        rows = [known | {"quantity": quantity} | none for quantity in tables.GROUP_QUANTITIES]
-        return rows, fact | {"reason": str(error)}, None
-    fact["fitted_phase"] = float(
-        fact["onset_phase"] + tables.fitted_time(headline) / fact["stance_s"]
-    )
-    by_log = turned[0].platform is None
-    sensitivity = tables.sensitivity_table(fact["group"], headline, settings.uncertainty, by_log)
-    share = sensitivity["stated"] / sensitivity["size"]
-    stated = {name: float(np.linalg.norm((share * sensitivity[name]).to_numpy())) for name in "KBI"}
-    rows = [
-        known | row | {"commanded": fact.get(f"{row['quantity']}_d"), "reason": None}
-        for row in tables.headline_rows(headline, own, doubtful_row(own), stated)
+        warnings.warn(f"no result of {group}: {error}", stacklevel=2)
+        reason = str(error)
+        summary: list[dict[str, Any]] = [
+            {
+                "group": group,
+                "quantity": quantity,
+                "estimator": result_tables.ENSEMBLE,
+                "n": len(fits),
+                "mean": None,
+                "reason": reason,
+            }
+            for quantity in result_tables.GROUP_QUANTITIES
+        ]
+        return GroupResult(GroupOutcome(conditions, reason=reason), summary)
+
+    by_log = crossings[0].platform is None
+    sensitivity = result_tables.sensitivity_table(group, headline, settings.uncertainty, by_log)
+    stated_share = sensitivity["stated"] / sensitivity["size"]
+    stated_se = {
+        name: float(np.linalg.norm((stated_share * sensitivity[name]).to_numpy()))
+        for name in ESTIMATED
+    }
+    rows = result_tables.headline_rows(headline, fits, doubtful_row(fits), stated_se)
+    commanded = {name: conditions.cells.get(f"{name}_d") for name in ("K", "B")}
+    summary = [
+        {"group": group, **row, "commanded": commanded.get(str(row["quantity"])), "reason": None}
+        for row in rows
     ]
-    facts = fact | tables.group_facts(headline)
-    facts |= tables.witness_facts(turned, facts, sensitivity)
-    return rows, facts, (tables.response_table(fact["group"], headline), sensitivity)
+    timing = conditions.timing
+    fitted_phase = None
+    if timing.onset_phase is not None and timing.stance_s is not None:
+        fitted_phase = float(timing.onset_phase + fitted_time(headline) / timing.stance_s)
+    outcome = GroupOutcome(
+        conditions,
+        fitted_phase=fitted_phase,
+        checks=check_group(headline),
+        witnesses=check_witnesses(crossings, headline.ensemble.fit["K"], sensitivity),
+    )
+    responses = result_tables.response_table(group, headline)
+    return GroupResult(outcome, summary, responses, sensitivity)
 
 
 def select_crossings(
@@ -330,7 +380,7 @@ def select_crossings(
     rows = selection_rows([c for c in read if isinstance(c, Crossing)], refused, settings, sheet)
     table = pl.DataFrame([rows[path.stem] for path in crossings], infer_schema_length=None)
     said = [
-        f"crossings differ in {key} ({cells_said({cells.get(key) for cells in sheet.values()})}):"
+        f"crossings differ in {key} ({cell_listing({cells.get(key) for cells in sheet.values()})}):"
         f" each value has a result of its own; write {key} under walking.group_by to keep that, or"
         " under walking.pool for one result"
         for key in split_keys(sheet, settings)
@@ -371,7 +421,7 @@ def average_unperturbed(crossings: Paths, selection: Path, fewest: int, output: 
         of_gait = [crossing for crossing in unperturbed if name in served[crossing.name]]
         lost = {trial: why for trial, why in reasons.items() if name in (*served[trial], ALL)}
         try:
-            gaits[name] = response.unperturbed_gait(of_gait, fewest, lost)
+            gaits[name] = unperturbed_gait(of_gait, fewest, lost)
         except InputError as error:
             problems.append(f"{error}" if name == ALL else f"{name}: {error}")
     if not gaits:
@@ -380,14 +430,14 @@ def average_unperturbed(crossings: Paths, selection: Path, fewest: int, output: 
         warnings.warn(problem, stacklevel=2)
     frames = []
     for name, gait in gaits.items():  # a row per crossing and phase of stance
-        trials = np.repeat(gait.names, len(response.PHASES)).tolist()
+        trials = np.repeat(gait.names, len(PHASES)).tolist()
         curves: dict[str, Array] = {"theta": gait.theta.ravel(), "torque": gait.torque.ravel()}
         curves |= {
             each: getattr(gait, each).reshape(-1, len(trials)).T
             for each in ("plate_errors", "lab_errors")
         }
         curves |= {"stance_s": np.repeat(gait.stance, len(trials) // len(gait.names))}
-        curves |= {"phase": np.tile(response.PHASES, len(gait.names))}
+        curves |= {"phase": np.tile(PHASES, len(gait.names))}
         frames.append(pl.DataFrame({"gait": [name] * len(trials), "trial": trials, **curves}))
     with atomic_path(output) as temporary:
         pl.concat(frames).write_parquet(temporary)
@@ -408,10 +458,10 @@ def fit_perturbation(
     gait = gaits.get(place["gait"] or ALL)
     reason = place["reason"] or (NO_GAIT if gait is None else None)
     # a campaign in which no perturbation can be used keeps its other results
-    row: dict[str, object] = dict.fromkeys(tables.GROUP_QUANTITIES)
+    row: dict[str, object] = dict.fromkeys(result_tables.GROUP_QUANTITIES)
     if reason is None and gait is not None:
         try:
-            row = tables.perturbation_row(read_crossing(crossing), gait, settings)
+            row = result_tables.perturbation_row(read_crossing(crossing), gait, settings)
         except OslAnalysisError as error:
             reason = str(error)
             warnings.warn(f"excluded: {reason}", stacklevel=2)
@@ -462,36 +512,46 @@ def summarise_perturbations(
         )
     gaits, files = read_unperturbed_gaits(unperturbed), {path.stem: path for path in crossings}
     sides, results = {}, []
-    for fact in tables.group_rows(chosen, sheet, gaits, settings.window_s):
-        trials = chosen.filter(pl.col("perturbed"), pl.col("group") == fact["group"])[
-            "trial"
-        ].to_list()
-        of = {places.get(trial, {}).get("side") for trial in trials}
-        sides[fact["group"]] = {"joint": JOINT, "side": of.pop() if len(of) == 1 else None}
-        own = fitted.filter(pl.col("trial").is_in(trials))
-        results.append(group_result(fact, own, files, gaits.get(fact["gait"]), settings))
-    facts = tables.with_slopes([fact for _, fact, _ in results])
-    curves = [one for *_, one in results if one is not None]
-    if not curves:
-        why = {fact["group"]: fact["reason"] for fact in facts}
-        said = "; ".join(
-            reason if name == ALL else f"{name}: {reason}" for name, reason in why.items()
+    for conditions in group_conditions(chosen, sheet, gaits, settings.window_s):
+        of_group = chosen.filter(pl.col("perturbed"), pl.col("group") == conditions.group)
+        trials = of_group["trial"].to_list()
+        sides_of_trials = {places.get(trial, {}).get("side") for trial in trials}
+        side = sides_of_trials.pop() if len(sides_of_trials) == 1 else None
+        sides[conditions.group] = {"joint": JOINT, "side": side}
+        group_fits = fitted.filter(pl.col("trial").is_in(trials))
+        gait = gaits.get(conditions.gait)
+        results.append(group_result(conditions, group_fits, files, gait, settings))
+
+    response_tables = [r.responses for r in results if r.responses is not None]
+    sensitivity_tables = [r.sensitivity for r in results if r.sensitivity is not None]
+    if not response_tables:
+        reasons = "; ".join(
+            f"{result.outcome.reason}"
+            if result.outcome.conditions.group == ALL
+            else f"{result.outcome.conditions.group}: {result.outcome.reason}"
+            for result in results
         )
         raise InputError(
-            f"{table}: no result from {len(fits)} perturbations: {said}; see {excluded.name}"
+            f"{table}: no result from {len(fits)} perturbations: {reasons}; see {excluded.name}"
         )
-    of_groups = pl.DataFrame(facts, infer_schema_length=None)
-    of_groups = marked(
-        of_groups, judged(of_groups, limits or Limits(), "walking_groups"), "walking_groups"
+    group_table = pl.DataFrame(
+        group_rows([result.outcome for result in results]), infer_schema_length=None
     )
-    doubts = dict(zip(of_groups["group"], of_groups[DOUBTFUL], strict=True))
-    rows = [row for of_group, _, _ in results for row in of_group]
-    for row in rows:
-        row["doubt"] = doubts[str(row["group"])] if row["estimator"] == tables.ENSEMBLE else None
+    verdicts = judged(group_table, limits or Limits(), "walking_groups")
+    group_table = marked(group_table, verdicts, "walking_groups")
+    doubts = dict(zip(group_table["group"], group_table[DOUBTFUL], strict=True))
+    rows = [
+        {
+            **row,
+            "doubt": doubts[row["group"]] if row["estimator"] == result_tables.ENSEMBLE else None,
+        }
+        for result in results
+        for row in result.summary
+    ]
     write_table(with_places(pl.DataFrame(rows, infer_schema_length=None), sides, "group"), output)
-    write_table(with_places(of_groups.drop("side"), sides, "group"), groups)
-    for each, path in zip(zip(*curves, strict=True), (responses, sensitivity), strict=True):
-        write_table(with_places(pl.concat(each), sides, "group"), path)
+    write_table(with_places(group_table.drop("side"), sides, "group"), groups)
+    write_table(with_places(pl.concat(response_tables), sides, "group"), responses)
+    write_table(with_places(pl.concat(sensitivity_tables), sides, "group"), sensitivity)
 
 
 def selected_crossings(crossings: Paths, selection: Path) -> list[Crossing]:
@@ -528,7 +588,7 @@ def pilot_turn(folder: Path) -> tuple[float, float, float]:
 def planned_crossings(
     folder: Path,
     counts: Sequence[int],
-    planned: response.PlannedTurn,
+    planned: PlannedTurn,
     both: bool,
     settings: choices.WalkingAnalysis,
 ) -> pl.DataFrame:
@@ -548,9 +608,8 @@ def planned_crossings(
             if gait in (row["gait"] or ALL).split(SEPARATOR)
         ]
         walked = [read_crossing(folder / f"crossings/{name}.parquet") for name in names]
-        table = response.half_widths(
-            response.scatter_of_one(walked, planned, settings), counts, len(walked), both
-        )
+        scatter = scatter_of_one(walked, planned, settings)
+        table = half_widths(scatter, counts, len(walked), both)
         frames.append(table.select(pl.lit(gait).alias("gait"), pl.all()))
     if not frames:
         raise InputError(
@@ -566,8 +625,8 @@ def compare_ankle_moment(
 ) -> Mapping[str, pl.DataFrame]:
     """Our ankle moment, and the laboratory's, of each stance, and over it; `condition` may state
     `body_mass_kg`."""
-    rows = overground_rows(trial, settings, (condition or {}).get("body_mass_kg"))
-    table = pl.DataFrame(rows, infer_schema_length=None)
+    contacts = overground_contacts(trial, settings, (condition or {}).get("body_mass_kg"))
+    table = pl.DataFrame([contact.row() for contact in contacts], infer_schema_length=None)
     for row in table.drop_nulls("excluded").iter_rows(named=True):
         where = (
             f"trial {trial.name}: the {row['side']} stance at {row['heel_strike_s']:.2f} s on plate"
@@ -597,11 +656,11 @@ def tabulate_over_stance(
     commanded value, from the file of a `trajectory` over the gait cycle, if there is one; stance is
     the first `stance_share` of it."""
     needed = ("group", "quantity", "estimator", "n", "mean", "se", "low", "high", "commanded")
-    table = tables.impedance_over_stance(
-        read_table(summary, needed), read_table(groups, tables.FACTS)
+    table = result_tables.impedance_over_stance(
+        read_table(summary, needed), read_table(groups, result_tables.OVER_STANCE_COLUMNS)
     )
     for curves in commanded_over_stance(trajectory, data, stance_share):
-        table = tables.with_trajectory(table, *curves)
+        table = result_tables.with_trajectory(table, *curves)
     write_table(table, output)
 
 

@@ -30,10 +30,9 @@ Load = Annotated[float, Field(gt=0, le=10)]  # a share of the weight; what is la
 PoolKey = Literal["group", "subject", "session", "side", "speed", "K_d", "B_d", "timing"]
 UnseenError = Literal[
     "corners_height", "corners_forward", "moments", "forces", "pitch", "plate_lag", "plate_inertia",
-    "skin",
-    "torque_lag", "torque",
+    "skin", "torque_lag", "torque",
 ]  # fmt: skip
-"""Of `LABORATORY_ERRORS` and `LOG_ERRORS` in `crossing.py`."""
+"""Of `LABORATORY_ERRORS` and `LOG_ERRORS` in `torque_errors.py`."""
 
 
 class Markers(Settings):
@@ -65,20 +64,23 @@ class FootSettings(Settings):
 
 
 class OutlierRule(Settings):
-    """Which crossings are excluded: those further from the median crossing than `limit` times the
-    scatter, which is
-    1.4826 times the median absolute deviation, and for each feature at least the smallest scatter
-       given below."""
+    """Which crossings are excluded: those further from the median crossing than `limit` scatters.
+
+    The scatter is 1.4826 times the median absolute deviation, and for each feature at least the
+    smallest scatter given here.
+    """
 
     limit: Positive  # Largest distance from the median, in scatters
     stance_s: Positive  # Smallest scatter [s] of the duration of stance
     placement_m: Positive  # Smallest scatter [m] of the foot's place on the plate
-    # The same [deg] of the angle's RMS deviation from the median gait, to the earliest guard
+    # Smallest scatter [deg] of the angle's RMS deviation from the median gait, before any onset
     angle_deg: Positive
-    torque_nm: Positive  # The same [N*m] of the torque's, over the same time
+    # Smallest scatter [N*m] of the torque's RMS deviation, over the same time
+    torque_nm: Positive
     # Smallest scatter of the vertical force's RMS deviation, as a share of the usual load
     load_share: Positive
-    pressure_m: Positive  # The same [m] of the centre of pressure's, to the left of the ankle
+    # Smallest scatter [m] of the RMS deviation of the centre of pressure, to the left of the ankle
+    pressure_m: Positive
 
 
 class MarkerSettings(Settings):
@@ -240,14 +242,13 @@ class WalkingAnalysis(
     # Fewest unperturbed crossings from which a mean gait is computed
     fewest_unperturbed: Annotated[int, Field(ge=3)]
 
+    @property
+    def is_resting_belt(self) -> bool:
+        """Whether the plate rests below a belt that perturbs."""
+        return self.perturbed_by == "belt" and self.plate_inertia == "none"
+
     _moving_plates_have_markers = refused(
-        lambda s: (
-            not (
-                s.markers.platform
-                or s.by_log
-                or (s.perturbed_by == "belt" and s.plate_inertia == "none")
-            )
-        ),
+        lambda s: not (s.markers.platform or s.by_log or s.is_resting_belt),
         "markers.platform is empty; name the markers of the platform, or state perturbed_by: belt"
         " and plate_inertia: none, of a belt over a plate that rests",
         "markers.platform",
@@ -265,26 +266,11 @@ class OvergroundAnalysis(Settings):
     # Largest downward reading [N] of a plate in most of the recording; more is refused
     largest_zero_n: Newtons = 100
     lateral_malleolus: Names = (
-        "?ANK",
-        "?_FAL",
-        "?.Ankle.Lat",
-        "?LM",
-        "?LMA",
-        "?LMAL",
-        "?AL",
-        "?.Ankle",
-    )
+        "?ANK", "?_FAL", "?.Ankle.Lat", "?LM", "?LMA", "?LMAL", "?AL", "?.Ankle",
+    )  # fmt: skip
     medial_malleolus: Names = (
-        "?MED",
-        "?_TAM",
-        "?.Ankle.Med",
-        "?.Ankle.Medial",
-        "?MM",
-        "?MMA",
-        "?MMAL",
-        "?AM",
-        "?TIO",
-    )
+        "?MED", "?_TAM", "?.Ankle.Med", "?.Ankle.Medial", "?MM", "?MMA", "?MMAL", "?AM", "?TIO",
+    )  # fmt: skip
     heel: Names = ("?HEE", "?_FCC", "?.Heel", "?CA", "?CAL", "?H")
     toe: Names = ("?TOE", "?_FM2", "?.MT2", "?.Toe.Tip", "?.Toe", "?SM", "?FM", "?.MT1")
     # Smallest share of a contact with heel or toe at rest

@@ -1,0 +1,480 @@
+"""Step 7 for a group of crossings: the mean response, its fit, and a bootstrap interval.
+
+Responses to turns in both directions are joined by half their difference, mean up minus mean down
+over 2. A reaction that does not depend on the direction, and the error of the mean unperturbed
+gait, cancel in it.
+
+The draft subtracts the mean unperturbed gait. A crossing that is unlike the mean before the onset
+stays so for a while. The unperturbed crossings tell how: their deviations in the window are
+regressed on level and slope of angle and torque before the onset. Cross-validation over unperturbed
+crossings decides which of these predictors count, or none.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from osl_analysis.errors import InputError
+from osl_analysis.signals import Motion, differentiate
+from osl_analysis.stats.regression import LinearFit, welch_satterthwaite
+from osl_analysis.stats.repeats import CommonError
+from osl_analysis.trial import EXACT_FIT_SHARE, Array
+from osl_analysis.walking.crossing import DOWN, UP, Crossing
+from osl_analysis.walking.impedance_fit import (
+    estimate_changes,
+    fit_without_offset,
+    gait_torque,
+    jackknife_covariance,
+)
+from osl_analysis.walking.isolated_response import (
+    BEHAVIOUR,
+    PerturbationResponse,
+    isolate_response,
+)
+from osl_analysis.walking.reactions import Reactions, fit_reactions
+from osl_analysis.walking.settings import EnsembleSettings
+from osl_analysis.walking.unperturbed_gait import UnperturbedGait
+
+SEED = 20  # the same data give the same interval
+ESTIMATED = ("K", "B", "I")
+UP_MINUS_DOWN = "up minus down"  # estimator of the difference of both directions
+
+Predictors = tuple[str, ...]
+"""Some of `BEHAVIOUR`; if empty, the prediction is the mean unperturbed gait."""
+PREDICTOR_SETS: tuple[Predictors, ...] = ((), ("angle_slope",), ("angle", "torque"), BEHAVIOUR)
+
+Signs = NDArray[np.int_]
+
+
+@dataclass(frozen=True)
+class EnsembleResponse:
+    """Mean over n perturbations, k samples, and Eq. 15 in the window."""
+
+    n: int
+    motion: Motion
+    torque: Array  # (k,) [N*m]
+    fit: LinearFit
+
+    def estimates(self) -> dict[str, float]:
+        return {"K": self.fit["K"], "B": self.fit["B"], "I": self.fit["I"], "VAF": self.fit.vaf}
+
+
+@dataclass(frozen=True)
+class Bootstrap:
+    """Estimates of resampled ensembles."""
+
+    draws: Mapping[str, Array]  # K, B, I and VAF [percent] of each sample
+    # The smaller of those of perturbations and unperturbed crossings
+    degrees_of_freedom: float
+
+    def se(self, quantity: str) -> float:
+        """Standard error of a quantity, in its unit."""
+        return float(np.std(self.draws[quantity], ddof=1))
+
+    def interval(self, quantity: str) -> tuple[float, float]:
+        """Bounds of the 95 % interval: percentiles, widened for Student's t (Hesterberg, 2015)."""
+        t = scipy.special.stdtrit(self.degrees_of_freedom, 0.025)
+        tail = float(scipy.special.ndtr(t))
+        low, high = np.quantile(self.draws[quantity], [tail, 1 - tail])
+        return float(low), float(high)
+
+
+@dataclass(frozen=True)
+class ResampledCurves:
+    """Mean responses of resampled ensembles."""
+
+    theta: Array  # (k, samples) [rad]
+    torque: Array  # (k, samples) [N*m]
+    degrees_of_freedom: float  # as of `Bootstrap`
+
+
+def signs_of(responses: Sequence[PerturbationResponse]) -> Signs:
+    """Directions (n,) of responses: 1 or -1 if there are two, else all 1."""
+    signs = np.array([response.sign for response in responses])
+    return signs if len(np.unique(signs)) > 1 else np.ones_like(signs)
+
+
+def joining_weights(signs: Signs) -> Array:
+    """Weights (n,) of responses in their mean, or in half the difference of two directions."""
+    count = np.where(signs > 0, np.sum(signs > 0), np.sum(signs < 0))
+    return np.asarray(signs / count / len(np.unique(signs)))
+
+
+def resampling_weights(random: np.random.Generator, samples: int, n: int) -> Array:
+    """Draw the weights (samples, n) of n items in the mean of n - 1 draws with replacement.
+
+    The mean of n draws would have a variance too small by (n - 1)/n (Hesterberg, The American
+    Statistician 69, 2015). A single item has weight 1.
+    """
+    if n < 2:
+        return np.ones((samples, n))
+    return random.multinomial(n - 1, np.full(n, 1 / n), size=samples) / (n - 1)
+
+
+class Ensemble:
+    """The n responses of a group against c unperturbed crossings, k samples, stacked.
+
+    Attributes
+    ----------
+    time, window
+        As of each response.
+    signs : Array
+        Directions (n,).
+    theta, torque : Array
+        (n, c, k) [rad], [N*m].
+    behaviour : Array
+        (n, 4, c).
+    influence : Array
+        Of each of m plate trials on the torque (n, m, k) [N*m].
+
+    Raises
+    ------
+    InputError
+        There are fewer than two responses (in each of two directions), or they cannot be stacked.
+    """
+
+    def __init__(self, responses: Sequence[PerturbationResponse]) -> None:
+        check_stackable(responses)
+        self.signs = signs_of(responses)
+        self.time = responses[0].time
+        self.window = responses[0].window
+        self.theta = np.array([response.thetas for response in responses])
+        self.torque = np.array([response.torques for response in responses])
+        self.behaviour = np.array([response.behaviour for response in responses])
+        changes = np.array([response.plate_errors for response in responses])
+        trials = changes.shape[1]
+        self.influence = changes
+        if trials > 1:
+            self.influence = -(trials - 1) * (changes - changes.mean(axis=1, keepdims=True))
+
+    def joined(
+        self, weights: Array, unperturbed: Array, predictors: Predictors = ()
+    ) -> tuple[Array, Array]:
+        """Join responses to one angle (k,) [rad] and torque (k,) [N*m].
+
+        With `weights` (n,) of the responses, and `unperturbed` (c,) of the unperturbed crossings.
+        From predictors, unperturbed gait is predicted for each direction.
+        """
+        if not predictors:
+            theta = np.tensordot(weights, self.theta, 1)
+            torque = np.tensordot(weights, self.torque, 1)
+            return unperturbed @ theta, unperturbed @ torque
+
+        thetas = []
+        torques = []
+        for sign in np.unique(self.signs[weights != 0]):
+            of_direction = np.where(self.signs == sign, weights, 0.0)
+            behaviour = np.tensordot(of_direction, self.behaviour, 1)
+            baseline = predicting_weights(behaviour, unperturbed, predictors)
+            thetas.append(baseline @ np.tensordot(of_direction, self.theta, 1))
+            torques.append(baseline @ np.tensordot(of_direction, self.torque, 1))
+        return np.sum(thetas, axis=0), np.sum(torques, axis=0)
+
+    def fitted(self, predictors: Predictors = (), sign: int = 0) -> EnsembleResponse:
+        """Fit Eq. 15 to the mean response, to half the difference of two directions, or to one.
+
+        `sign` is 1 or -1 for the mean of one direction.
+        """
+        crossings = self.theta.shape[1]
+        of_direction = self.signs == sign
+        n = int(of_direction.sum()) if sign else len(self.signs)
+        weights = of_direction / of_direction.sum() if sign else joining_weights(self.signs)
+        theta, torque = self.joined(weights, np.full(crossings, 1 / crossings), predictors)
+        motion = differentiate(self.time, theta)
+        fit = fit_without_offset(motion[self.window], torque[self.window])
+        return EnsembleResponse(n, motion, torque, fit)
+
+    def resampled_curves(
+        self, samples: int, predictors: Predictors = (), sign: int = 0
+    ) -> ResampledCurves:
+        """Draw perturbations, unperturbed crossings and, to first order, plate trials.
+
+        Perturbations are drawn within their direction. Errors of mean gait and plate are common to
+        all responses: the responses' scatter does not show them. With a `sign`, responses of that
+        direction alone are joined, from the same draws.
+        """
+        signs = self.signs
+        directions = np.unique(self.signs)
+        crossings = self.theta.shape[1]
+        trials = self.influence.shape[1]
+        random = np.random.default_rng(SEED)
+        perturbed = np.empty((samples, len(signs)))
+        for direction in directions[::-1]:
+            of_direction = signs == direction
+            count = int(np.sum(of_direction))
+            perturbed[:, of_direction] = resampling_weights(random, samples, count)
+        of_gait = resampling_weights(random, samples, crossings)
+        of_plate = resampling_weights(random, samples, trials)
+        weights = perturbed * signs / len(directions)
+        if sign:
+            weights = perturbed * (signs == sign)
+
+        thetas = np.empty((len(self.time), samples))
+        torques = np.empty((len(self.time), samples))
+        for i in range(samples):
+            theta, torque = self.joined(weights[i], of_gait[i], predictors)
+            thetas[:, i] = theta
+            torques[:, i] = torque + of_plate[i] @ np.tensordot(weights[i], self.influence, 1)
+
+        # Degrees of freedom of a mean, or of a difference of two means (Welch, equal variances)
+        joined_signs = signs[signs == sign] if sign else signs
+        counts = np.unique(joined_signs, return_counts=True)[1].tolist()
+        of_perturbed = float(welch_satterthwaite([1 / n for n in counts], [n - 1 for n in counts]))
+        return ResampledCurves(thetas, torques, min(of_perturbed, crossings - 1 - len(predictors)))
+
+    def resampled(self, samples: int, predictors: Predictors = (), sign: int = 0) -> Bootstrap:
+        """Fit Eq. 15 to `resampled_curves`."""
+        return self.bootstrap(self.resampled_curves(samples, predictors, sign))
+
+    def bootstrap(self, curves: ResampledCurves) -> Bootstrap:
+        """Fit Eq. 15 to resampled curves."""
+        motion = differentiate(self.time, curves.theta)[self.window]
+        return Bootstrap(
+            fitted_draws(motion, curves.torque[self.window]), curves.degrees_of_freedom
+        )
+
+    def reactions(self, mean: EnsembleResponse, curves: ResampledCurves) -> Reactions:
+        """Fit what the mean response holds beyond Eq. 15."""
+        return fit_reactions(
+            self.time,
+            self.window,
+            np.column_stack([mean.motion.theta, curves.theta]),
+            np.column_stack([mean.torque, curves.torque]),
+        )
+
+
+def check_stackable(responses: Sequence[PerturbationResponse]) -> None:
+    """Refuse responses that cannot be joined."""
+    if len(responses) < 2:
+        raise InputError(
+            f"perturbations in the ensemble: {len(responses)}, expected 2 or more; record more"
+        )
+    signs = signs_of(responses)
+    for sign, word in ((1, UP), (-1, DOWN)):
+        if np.sum(signs == sign) == 1:
+            raise InputError(
+                f"1 perturbation turns the toes {word} and {len(signs) - 1} the other way,"
+                " expected 2 or more of each to join them; record more, or exclude it in the"
+                " sheet"
+            )
+    first = responses[0]
+    for response in responses[1:]:
+        same_shapes = (
+            response.thetas.shape == first.thetas.shape
+            and response.plate_errors.shape == first.plate_errors.shape
+        )
+        if not same_shapes or not np.allclose(response.time, first.time):
+            raise InputError(
+                f"trial {response.name}: {len(response.time)} samples from"
+                f" {len(response.thetas)} unperturbed crossings and {len(response.plate_errors)}"
+                f" plate trials, but trial {first.name} has {len(first.time)} from"
+                f" {len(first.thetas)} and {len(first.plate_errors)}, or other sampling times;"
+                " record all crossings at one marker rate and run the analysis again"
+            )
+
+
+def predicting_weights(behaviour: Array, unperturbed: Array, predictors: Predictors) -> Array:
+    """Weights (c,) of the unperturbed crossings in the gait that behaviour predicts.
+
+    The prediction is the weighted regression of the curves at behaviour 0: `behaviour` (4, c) is
+    the perturbed crossing's minus the unperturbed one's. With too few crossings it is their mean.
+    """
+    if np.sum(unperturbed > 0) < len(predictors) + 2:
+        return unperturbed
+    chosen = behaviour[[BEHAVIOUR.index(name) for name in predictors]]
+    sizes = np.sqrt(np.mean(chosen**2, axis=1, keepdims=True))
+    scaled = chosen / np.where(sizes > 0, sizes, 1.0)
+    X = np.column_stack([np.ones_like(unperturbed), scaled.T])
+    root = np.sqrt(unperturbed)
+    return np.asarray(root * np.linalg.pinv(root[:, None] * X)[0])
+
+
+def fitted_draws(motion: Motion, torque: Array) -> dict[str, Array]:
+    """Fit Eq. 15 to all samples (k, samples) at once, as `fit_without_offset` does to one."""
+    X = np.stack([motion.theta.T, motion.omega.T, motion.alpha.T], axis=-1)  # (samples, k, 3)
+    y = torque.T
+    sizes = np.linalg.norm(X, axis=1, keepdims=True)
+    estimates = np.linalg.pinv(X / sizes) @ y[..., None] / sizes.swapaxes(1, 2)
+
+    # The variance accounted for, as of `variance_accounted_for`
+    unexplained = (y - (X @ estimates)[..., 0]).var(axis=1)
+    variance = y.var(axis=1)
+    rounding = EXACT_FIT_SHARE * np.mean(y**2, axis=1)
+    share = np.divide(
+        unexplained,
+        variance,
+        out=(unexplained > rounding).astype(float),
+        where=variance > rounding,
+    )
+    K, B, I = estimates[:, :, 0].T
+    return {"K": K, "B": B, "I": I, "VAF": 100 * (1 - share)}
+
+
+@dataclass(frozen=True)
+class ChosenPredictors:
+    """What predicts the deviations of unperturbed crossings best, and how much of them."""
+
+    names: Predictors
+    share: float  # of the mean square; 0 for the mean gait
+
+
+def cross_validated(responses: Sequence[PerturbationResponse], fit: LinearFit) -> ChosenPredictors:
+    """Choose the predictors by leaving out each unperturbed crossing.
+
+    Predicted is, from the others, the torque that each of them adds to the residual of the mean's
+    `fit`. A set of q predictors needs 3 q + 4 crossings, for the bootstrap's regressions.
+    """
+    window = responses[0].window
+    curves = np.mean([gait_torque(response, fit)[:, window] for response in responses], axis=0)
+    behaviour = np.mean([response.behaviour for response in responses], axis=0)
+    errors: dict[Predictors, float] = {}
+    for predictors in PREDICTOR_SETS:
+        if predictors and len(curves) < 3 * len(predictors) + 4:
+            continue
+        chosen = behaviour[[BEHAVIOUR.index(name) for name in predictors]]
+        centred = chosen - chosen.mean(axis=1, keepdims=True)
+        X = np.column_stack([np.ones(len(curves)), centred.T])
+        sizes = np.sqrt(np.mean(X**2, axis=0))
+        X = X / np.where(sizes > 0, sizes, 1.0)
+        hat = X @ np.linalg.pinv(X)
+        # 0 for a curve that determines a coefficient alone
+        free_share = np.maximum(1 - np.diag(hat), 1e-9)
+        left_out = (curves - hat @ curves) / free_share[:, None]
+        errors[predictors] = float(np.mean(left_out**2))
+    best = min(errors, key=lambda predictors: errors[predictors])
+    return ChosenPredictors(best, 1 - errors[best] / errors[()] if best else 0.0)
+
+
+@dataclass(frozen=True)
+class SharedErrors:
+    """Errors of K, B and I by gait and plate."""
+
+    # Variances that all perturbations share (mean gait, plate), with their degrees of freedom
+    common: Mapping[str, Sequence[CommonError]]
+    # Variance of one perturbation as unperturbed crossings scatter
+    of_one: Mapping[str, float]
+
+
+def shared_errors(responses: Sequence[PerturbationResponse]) -> SharedErrors:
+    """Compute the errors that all perturbations share, and those of one."""
+    shares = np.abs(joining_weights(signs_of(responses)))
+    changes = [
+        estimate_changes(
+            response, fit_without_offset(response.fitted_motion, response.fitted_torque)
+        )
+        for response in responses
+    ]
+    of_one = np.mean([np.var(change.by_gait, axis=0, ddof=1) for change in changes], axis=0)
+    by_gait = np.average([change.by_gait for change in changes], axis=0, weights=shares)
+    by_plate = np.average([change.by_plate for change in changes], axis=0, weights=shares)
+    of_mean_gait = np.var(by_gait, axis=0, ddof=1) / len(by_gait)
+    of_plate = np.diag(jackknife_covariance(by_plate))
+    freedom = len(by_gait) - 1, max(len(by_plate) - 1, 1)
+    common: dict[str, list[CommonError]] = {
+        name: [(float(of_mean_gait[k]), freedom[0]), (float(of_plate[k]), freedom[1])]
+        for k, name in enumerate(ESTIMATED)
+    }
+    return SharedErrors(common, dict(zip(ESTIMATED, of_one.tolist(), strict=True)))
+
+
+@dataclass(frozen=True)
+class ResampledEstimate:
+    """Estimates by one estimator, with their resamples: rows of `walking_summary.csv`."""
+
+    estimator: str
+    estimates: Mapping[str, float]  # by quantity
+    resampled: Bootstrap
+    n: int  # number of perturbations
+
+
+@dataclass(frozen=True)
+class GroupHeadline:
+    """The result of one group of perturbed crossings."""
+
+    responses: Sequence[PerturbationResponse]
+    errors: SharedErrors
+    # For `up`, `down` and `up minus down`; empty for one direction
+    directions: Mapping[str, ResampledEstimate]
+    # Share of the unperturbed crossings' deviations that their behaviour before the onset predicts
+    predicted_share: float
+    ensemble: EnsembleResponse  # with the baseline that the settings name
+    resampled: Bootstrap
+    reactions: Reactions
+    other_baseline: ResampledEstimate  # that they do not name
+
+
+def group_headline(
+    perturbed: Sequence[Crossing], gait: UnperturbedGait, settings: EnsembleSettings
+) -> GroupHeadline:
+    """Compute the result of the perturbed crossings of one group, whose unperturbed gait is `gait`.
+
+    Raises
+    ------
+    InputError
+        A response cannot be isolated, or there are too few.
+    """
+    responses = [
+        isolate_response(crossing, gait, settings, settings.perturbed_stance)
+        for crossing in perturbed
+    ]
+    stacked = Ensemble(responses)
+    samples = settings.bootstrap_samples
+    mean_gait = stacked.fitted()
+    chosen = cross_validated(responses, mean_gait.fit)
+    predicted_gait = stacked.fitted(chosen.names)
+    mean_curves = stacked.resampled_curves(samples)
+    predicted_curves = mean_curves
+    if chosen.names:
+        predicted_curves = stacked.resampled_curves(samples, chosen.names)
+
+    if settings.baseline == "predicted":
+        ensemble = predicted_gait
+        curves = predicted_curves
+        other = mean_gait
+        other_curves = mean_curves
+        other_name = "ensemble, mean gait"
+    else:
+        ensemble = mean_gait
+        curves = mean_curves
+        other = predicted_gait
+        other_curves = predicted_curves
+        other_name = "ensemble, predicted gait"
+    return GroupHeadline(
+        responses,
+        errors=shared_errors(responses),
+        directions=compared_directions(stacked, samples),
+        predicted_share=chosen.share,
+        ensemble=ensemble,
+        resampled=stacked.bootstrap(curves),
+        reactions=stacked.reactions(ensemble, curves),
+        other_baseline=ResampledEstimate(
+            other_name, other.estimates(), stacked.bootstrap(other_curves), other.n
+        ),
+    )
+
+
+def compared_directions(stacked: Ensemble, samples: int) -> dict[str, ResampledEstimate]:
+    """Estimates of both directions and their difference, by name; empty for one direction."""
+    if len(np.unique(stacked.signs)) < 2:
+        return {}
+    directions = []
+    for name, sign in ((UP, 1), (DOWN, -1)):
+        mean = stacked.fitted(sign=sign)
+        resampled = stacked.resampled(samples, sign=sign)
+        directions.append(ResampledEstimate(name, mean.estimates(), resampled, mean.n))
+
+    # The same draws: the error of mean gait does not cancel in the difference
+    up, down = directions
+    difference = Bootstrap(
+        {name: up.resampled.draws[name] - down.resampled.draws[name] for name in up.estimates},
+        min(up.resampled.degrees_of_freedom, down.resampled.degrees_of_freedom),
+    )
+    estimates = {name: up.estimates[name] - down.estimates[name] for name in up.estimates}
+    return {
+        UP: up,
+        DOWN: down,
+        UP_MINUS_DOWN: ResampledEstimate(UP_MINUS_DOWN, estimates, difference, up.n + down.n),
+    }

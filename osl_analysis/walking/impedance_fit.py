@@ -1,0 +1,137 @@
+"""Step 7, K, B, I: Eq. 15 fitted to one isolated response in the window.
+
+    torque = K theta + B omega + I alpha
+
+The residual has a few correlated samples and shows neither of the two errors that matter. The
+perturbed crossing deviates from the mean gait as an unperturbed one does, and the plate's model
+depends on its trials. Both are taken through the fit to first order.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from osl_analysis.errors import IdentifiabilityError, naming
+from osl_analysis.signals import Motion, differentiate
+from osl_analysis.stats.regression import LinearFit, linear_fit, welch_satterthwaite
+from osl_analysis.trial import Array
+from osl_analysis.walking.isolated_response import PerturbationResponse
+
+
+def impedance_columns(motion: Motion) -> dict[str, Array]:
+    """Columns of Eq. 15, torque = K theta + B omega + I alpha, of a motion (n,).
+
+    Angle and torque must have passed the same filter: if only the angle is filtered at 15 Hz, B is
+    3.43 instead of 3.
+    """
+    return {"K": motion.theta, "B": motion.omega, "I": motion.alpha}
+
+
+def fit_without_offset(motion: Motion, torque: Array) -> LinearFit:
+    """Fit Eq. 15 where the zeros of angle and torque are known.
+
+    Parameters
+    ----------
+    motion : Motion
+        Angle with its derivatives, (n,) each.
+    torque : Array
+        (n,) [N*m].
+
+    Returns
+    -------
+    LinearFit
+        K [N*m/rad], B [N*m*s/rad], I [kg*m^2].
+
+    Notes
+    -----
+    An offset would absorb torque that is not of second order: K = 321 N*m/rad instead of 334 on the
+    exact response of the simulated drivetrain.
+    """
+    return linear_fit(torque, impedance_columns(motion))
+
+
+def fit_response(response: PerturbationResponse) -> LinearFit:
+    """Fit Eq. 15 to a response in its window, with the covariance of gait and plate.
+
+    Notes
+    -----
+    The perturbed crossing deviates like an unperturbed one, and the mean of n unperturbed ones adds
+    1/n of the variance: (1 + 1/n) of the covariance of the changes by each of them. With m plate
+    trials, the jackknife covariance of the changes without each is added.
+    """
+    with naming(f"trial {response.name}"):
+        fit = fit_without_offset(response.fitted_motion, response.fitted_torque)
+    changes = estimate_changes(response, fit)
+    n, m = len(changes.by_gait), len(changes.by_plate)
+    of_gait = (1 + 1 / n) * np.cov(changes.by_gait, rowvar=False)
+    of_plate = jackknife_covariance(changes.by_plate)
+    return replace(
+        fit,
+        covariance=of_gait + of_plate,
+        degrees_of_freedom=welch_satterthwaite(
+            [np.diag(of_gait), np.diag(of_plate)], [n - 1, max(m - 1, 1)]
+        ),
+        interval_method="unperturbed crossings" + (" + plate trials" if m > 1 else ""),
+    )
+
+
+def gait_torque(response: PerturbationResponse, fit: LinearFit) -> Array:
+    """Torque (crossings, k) [N*m] that each unperturbed crossing's deviation from their mean adds.
+
+    It is what the deviation of its torque exceeds that of its angle, by Eq. 15.
+    """
+    deviation = differentiate(response.time, (response.motion.theta - response.thetas).T)
+    K, B, I = fit["K"], fit["B"], fit["I"]
+    explained = K * deviation.theta + B * deviation.omega + I * deviation.alpha
+    return np.asarray(response.torque - response.torques - explained.T)
+
+
+@dataclass(frozen=True)
+class EstimateChanges:
+    """First-order changes of K, B and I."""
+
+    by_gait: Array  # (crossings, 3) by each unperturbed crossing
+    by_plate: Array  # (m, 3) without each plate trial
+
+
+def estimate_changes(response: PerturbationResponse, fit: LinearFit) -> EstimateChanges:
+    """Fit Eq. 15 to the torques of each unperturbed crossing and each plate trial."""
+    columns = response.fitted_motion.columns
+    return EstimateChanges(
+        fitted_changes(columns, gait_torque(response, fit), response.window),
+        fitted_changes(columns, response.plate_errors, response.window),
+    )
+
+
+def fitted_changes(columns: Array, torques: Array, window: slice) -> Array:
+    """Changes (m, 3) by torques (m, k) [N*m]."""
+    return np.asarray(np.linalg.lstsq(columns, torques.T[window])[0].T, float)
+
+
+def jackknife_covariance(changes: Array) -> Array:
+    """Tukey's covariance (p, p) from the changes (m, p) of estimates without each of m trials.
+
+    It is 0 with one trial.
+    """
+    m, p = changes.shape
+    if m < 2:
+        return np.zeros((p, p))
+    return np.asarray((m - 1) ** 2 / m * np.cov(changes, rowvar=False))
+
+
+@dataclass(frozen=True)
+class OffsetComparison:
+    """What changes if Eq. 15 gets an offset; NaN if that cannot be fitted."""
+
+    offset: float  # [N*m]
+    # By how much K is lower, as a share: much if the response is not of second order
+    lowers_K: float
+
+
+def compare_offset(motion: Motion, torque: Array, K: float) -> OffsetComparison:
+    """Fit Eq. 15 with an offset to a motion and torque (n,), and compare with `K` without."""
+    try:
+        fit = linear_fit(torque, {**impedance_columns(motion), "offset": np.ones_like(torque)})
+    except IdentifiabilityError:
+        return OffsetComparison(float("nan"), float("nan"))
+    return OffsetComparison(fit["offset"], 1 - fit["K"] / K if K else float("nan"))

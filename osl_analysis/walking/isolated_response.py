@@ -1,0 +1,169 @@
+"""Step 6, isolated response: a perturbed crossing minus unperturbed gait at the same phase.
+
+The response is zero on average over a baseline that ends before the onset, because the zero-phase
+filter spreads the response to earlier times. A response zeroed at the onset gives K = 321 N*m/rad
+for a true 340.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy
+
+from osl_analysis.errors import InputError
+from osl_analysis.signals import Motion, differentiate, sampling_rate
+from osl_analysis.trial import Array
+from osl_analysis.walking.crossing import Crossing
+from osl_analysis.walking.settings import StanceSource, TimingSettings
+from osl_analysis.walking.unperturbed_gait import (
+    BEFORE_ONSET_S,
+    PHASES,
+    UnperturbedGait,
+    aligned_gait,
+    signal_at,
+)
+
+# Samples at both ends of a response beyond what is used: a spline's derivatives are less accurate
+# at its ends
+MARGIN = 8
+# What a crossing does before the onset, from which its gait is predicted: mean and slope of curves
+BEHAVIOUR = ("angle", "torque", "angle_slope", "torque_slope")
+
+
+@dataclass(frozen=True)
+class PerturbationResponse:
+    """Isolated response to one perturbation, k samples, zero on average over the baseline.
+
+    Row i of `thetas` and `torques` is the crossing minus the i-th unperturbed one. The response is
+    the mean row; the rows scatter by gait.
+    """
+
+    name: str
+    time: Array  # (k,) [s] from the onset
+    thetas: Array  # (crossings, k) [rad]
+    torques: Array  # (crossings, k) [N*m]
+    # Changes (m, k) [N*m] of the torque without each of m plate trials in the plate's model
+    plate_errors: Array
+    lab_errors: Array  # changes (e, k) [N*m] of the torque by each of `LABORATORY_ERRORS`
+    # (4, crossings): `BEHAVIOUR` before the onset minus that of each unperturbed crossing
+    behaviour: Array
+    # Samples of the fitted window, from the onset, without its end: 30 for 0.1 s at 300 Hz
+    window: slice
+    sign: int = 1  # -1 if the platform turned the toes down, else 1
+    stance: float = float("nan")  # duration of stance [s] that converts time to phase
+    stance_change: float = 0.0  # own duration of stance over the expected one, minus 1
+    # `stance` over the expected duration, minus 1; 0 if it is the expected one
+    stance_error: float = 0.0
+
+    @cached_property
+    def motion(self) -> Motion:
+        """Angle [rad] of the ankle with its derivatives, (k,) each."""
+        return differentiate(self.time, self.thetas.mean(axis=0))
+
+    @property
+    def torque(self) -> Array:
+        """(k,) [N*m]."""
+        return np.asarray(self.torques.mean(axis=0))
+
+    @property
+    def fitted_motion(self) -> Motion:
+        return self.motion[self.window]
+
+    @property
+    def fitted_torque(self) -> Array:
+        return self.torque[self.window]
+
+
+def isolate_response(
+    crossing: Crossing,
+    gait: UnperturbedGait,
+    timing: TimingSettings,
+    perturbed_stance: StanceSource = "own",
+) -> PerturbationResponse:
+    """Subtract unperturbed gait from a perturbed crossing.
+
+    Parameters
+    ----------
+    timing : TimingSettings
+        Baseline, guard and window about the onset.
+    perturbed_stance : str
+        Which duration of stance gives the phase, as in `aligned_gait`.
+
+    Raises
+    ------
+    InputError
+        The crossing has no onset, or baseline and window leave stance.
+    """
+    if crossing.onset is None:
+        raise InputError(
+            f"trial {crossing.name}: no onset, expected a perturbed crossing; mark it as"
+            " unperturbed in the sheet"
+        )
+    aligned = aligned_gait(crossing, gait, perturbed_stance)
+
+    # Time from the onset, and phase on the mean gait
+    rate = sampling_rate(crossing.time)
+    before = round((timing.baseline_s + timing.guard_s) * rate) + MARGIN  # samples
+    after = round(timing.window_s * rate) + MARGIN
+    time = np.arange(-before, after + 1) / rate
+    crossing_time = crossing.onset + time
+    phase = (crossing_time - crossing.stance.heel_strike) / aligned.stance
+    first_phase = phase[MARGIN]
+    last_phase = phase[-MARGIN - 1]
+    if first_phase < 0 or last_phase > 1:
+        raise InputError(
+            f"trial {crossing.name}: baseline and window span {first_phase:.2f}-{last_phase:.2f} of"
+            " stance, expected 0-1; shorten window_s, baseline_s or guard_s, or exclude the trial"
+        )
+    phase = np.clip(phase, 0.0, 1.0)
+
+    # The crossing minus each unperturbed one, or for errors minus their mean
+    theta = signal_at(crossing, crossing.theta, crossing_time)
+    torque = signal_at(crossing, crossing.torque, crossing_time)
+    plate_errors = signal_at(crossing, crossing.plate_errors, crossing_time)
+    lab_errors = signal_at(crossing, crossing.lab_errors, crossing_time)
+    thetas = theta - aligned.curves(gait.theta, phase)
+    torques = torque - aligned.curves(gait.torque, phase)
+    plate_errors = plate_errors - mean_at(gait.plate_errors, phase)
+    lab_errors = lab_errors - mean_at(gait.lab_errors, phase)
+
+    samples = round(timing.baseline_s * sampling_rate(time))
+    baseline = slice(MARGIN, MARGIN + samples)
+    window_samples = round(timing.window_s / (time[1] - time[0]))
+    return PerturbationResponse(
+        name=crossing.name,
+        time=time,
+        thetas=zeroed(thetas, baseline),
+        torques=zeroed(torques, baseline),
+        plate_errors=zeroed(plate_errors, baseline),
+        lab_errors=zeroed(lab_errors, baseline),
+        behaviour=behaviour_before(time, thetas, torques),
+        window=slice(before, before + window_samples),
+        sign=crossing.sign,
+        stance=aligned.stance,
+        stance_change=crossing.stance.duration / aligned.expected - 1,
+        stance_error=(
+            0.0 if perturbed_stance == "matched" else aligned.stance / aligned.expected - 1
+        ),
+    )
+
+
+def mean_at(curves: Array, phase: Array) -> Array:
+    """Mean over crossings of curves (e, crossings, `PHASES`), at phases (k,): (e, k)."""
+    spline = scipy.interpolate.make_interp_spline(PHASES, curves.mean(axis=1), k=3, axis=-1)
+    return np.asarray(spline(phase))
+
+
+def zeroed(curves: Array, baseline: slice) -> Array:
+    """Curves (..., k) minus their means over the baseline."""
+    return np.asarray(curves - curves[..., baseline].mean(axis=-1, keepdims=True))
+
+
+def behaviour_before(time: Array, thetas: Array, torques: Array) -> Array:
+    """`BEHAVIOUR` (4, crossings) of curves (crossings, k) until the filter spreads the response."""
+    rows = time <= -BEFORE_ONSET_S
+    centred_time = time[rows] - time[rows].mean()
+    curves = np.array([thetas, torques])[..., rows]
+    square = max(float(centred_time @ centred_time), np.finfo(float).tiny)
+    return np.concatenate([curves.mean(axis=-1), curves @ centred_time / square])

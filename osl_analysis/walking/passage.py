@@ -1,0 +1,248 @@
+"""Steps 1 to 3 of one crossing: its poses, its stance on the plate, and the onset in it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from osl_analysis.errors import InputError
+from osl_analysis.signals import longest_run, runs, sampling_rate
+from osl_analysis.trial import Array, Trial
+from osl_analysis.walking import platform, poses
+from osl_analysis.walking.plate import (
+    ZeroedWrench,
+    check_plate,
+    check_type_on_platform,
+    recorded_corners,
+    zeroed_wrench,
+)
+from osl_analysis.walking.poses import SEGMENTS, Mask, Poses, StaticCalibration
+from osl_analysis.walking.settings import CrossingSettings
+from osl_analysis.walking.setup_checks import check_onset, check_vertical
+from osl_analysis.walking.shared_motion import PlatformModel
+from osl_analysis.walking.stance import Stance, only_stance
+
+SPARE_S = 0.1  # before and after stance, for the low-pass
+COMMAND_LEAD_S = 0.25  # before heel strike, from which a command must rest
+SMALLEST_COMMAND = 0.5  # by which a command leaves its rest, in its own unit
+ONE_CROSSING = (
+    "check the plate's number, zero and load thresholds, cut the recording to one crossing"
+)
+
+
+@dataclass(frozen=True)
+class Passage:
+    """A crossing as markers and plate recorded it, in all k frames and in n `rows`.
+
+    The rows are stance, and up to 0.1 s before and after it for the low-pass.
+    """
+
+    name: str
+    frames: Array  # time (k,) [s] of all frames
+    recorded: dict[str, Poses]  # of foot, shank and platform in all frames, not low-passed
+    wrench: ZeroedWrench  # of the plate, in all frames
+    corners: Array  # of the plate (4, 3) [m] at rest
+    stance: Stance
+    onset: float | None  # of the perturbation [s]
+    rows: slice
+    poses: dict[str, Poses]  # in `rows`, low-passed
+
+    @property
+    def time(self) -> Array:
+        return self.frames[self.rows]
+
+    @property
+    def inside(self) -> Mask:
+        """Which of `rows` are in stance."""
+        return in_stance(self.time, self.stance)
+
+
+def in_stance(time: Array, stance: Stance) -> Mask:
+    return np.asarray((time >= stance.heel_strike) & (time <= stance.toe_off))
+
+
+def recorded_passage(
+    trial: Trial,
+    calibration: StaticCalibration,
+    lag: float,
+    perturbed: bool,
+    settings: CrossingSettings,
+    shared: PlatformModel,
+) -> Passage:
+    """Find poses, stance and onset of a crossing.
+
+    Parameters
+    ----------
+    lag : float
+        Of the plate behind the markers [s].
+    perturbed : bool
+        Whether the sheet says so.
+    shared : PlatformModel
+        What the motions of the platform have in common.
+
+    Raises
+    ------
+    InputError
+        The recording is not one crossing, or its plate or markers cannot be used.
+    """
+    recorded = {}
+    reference = {}
+    for segment, labels in followed_segments(settings).items():
+        frames, recorded[segment] = poses.segment_poses(trial, labels, calibration, settings)
+        reference[segment] = calibration.positions(labels, trial.name)
+
+    wrench = zeroed_wrench(trial, frames, settings)
+    force = wrench.read(lag)[:, :3]
+    check_vertical(force)
+    stance = only_stance(frames, force[:, 2], settings, "on the plate", ONE_CROSSING)
+    check_plate(trial, settings.plate, stance, force[:, 2])
+    corners = recorded_corners(trial, settings.plate)
+    if "platform" not in recorded:  # the plate below a belt rests
+        reference["platform"] = corners
+        recorded["platform"] = poses.cluster_poses(corners, np.tile(corners, (len(frames), 1, 1)))
+
+    onset = onset_of(trial, frames, recorded, stance, perturbed, settings, shared)
+    for segment, pose in recorded.items():
+        check_cluster(segment, frames, pose, stance, settings)
+
+    rows = rows_about_stance(frames, recorded, stance)
+    rate = sampling_rate(frames)
+    low_passed = {}
+    for segment, cluster in reference.items():
+        markers = settings.low_pass(recorded[segment][rows].points(cluster), rate)
+        low_passed[segment] = poses.cluster_poses(cluster, markers)
+    return Passage(trial.name, frames, recorded, wrench, corners, stance, onset, rows, low_passed)
+
+
+def followed_segments(settings: CrossingSettings) -> dict[str, tuple[str, ...]]:
+    """The segments that have markers, with their names."""
+    labels = {segment: getattr(settings.markers, segment) for segment in SEGMENTS}
+    return {segment: names for segment, names in labels.items() if names}
+
+
+def check_cluster(
+    segment: str, frames: Array, pose: Poses, stance: Stance, settings: CrossingSettings
+) -> None:
+    """Refuse a cluster that was put on again since the static trial, or is hidden in stance."""
+    inside = in_stance(frames, stance)
+    in_stance_residual = pose.residual[inside & np.isfinite(pose.residual)]
+    residual_mm = 1e3 * float(np.median(np.r_[0.0, in_stance_residual]))
+    if residual_mm > settings.largest_residual_mm:
+        raise InputError(
+            f"the {segment} markers stand {residual_mm:.0f} mm (RMS) otherwise than in the static"
+            f" trial throughout stance, expected {settings.largest_residual_mm:g} mm or less:"
+            " they were put on again, or carry other labels; record a static trial after the"
+            " change and name it in the column static, correct the labels, or exclude the"
+            " trial"
+        )
+    hidden = np.flatnonzero(inside & ~pose.seen())
+    if len(hidden):
+        raise InputError(
+            f"the {segment} markers cannot be followed at {frames[hidden[0]]:.3f} s, in"
+            f" {len(hidden)} frames of stance{pose.by_filling(hidden)}; correct exchanged labels in"
+            " Nexus, raise longest_gap_s, or exclude the trial"
+        )
+
+
+def rows_about_stance(frames: Array, recorded: Mapping[str, Poses], stance: Stance) -> slice:
+    """Stance and the frames about it in which all clusters were seen."""
+    seen = np.all([pose.seen() for pose in recorded.values()], axis=0)
+    near = seen & (frames >= stance.heel_strike - SPARE_S) & (frames <= stance.toe_off + SPARE_S)
+    first = np.argmax(in_stance(frames, stance))
+    return next(run for run in runs(near) if run.start <= first < run.stop)
+
+
+def onset_of(
+    trial: Trial,
+    time: Array,
+    recorded: Mapping[str, Poses],
+    stance: Stance,
+    perturbed: bool,
+    settings: CrossingSettings,
+    shared: PlatformModel,
+) -> float | None:
+    """Find the onset [s] of the perturbation; None without one.
+
+    Raises
+    ------
+    InputError
+        Sheet, stance, plate or markers forbid it.
+    """
+    platform_poses = recorded["platform"]
+    if settings.markers.platform:
+        displacement = platform.displacement_from_rest(platform_poses, settings)
+        moves = "turns" if settings.perturbed_by == "platform" else "shifts"
+        onset = platform.find_onset(
+            time, displacement.size, displacement.threshold, f"the platform {moves}"
+        )
+    else:
+        onset = find_command(trial, stance).onset
+    if onset is not None:
+        onset = shared.onset(trial.name, onset)
+    elif settings.perturbed_by == "platform":
+        check_shift(time, platform_poses, stance, settings)
+    check_onset(onset, perturbed, stance, settings)
+    if onset is None:
+        return None
+
+    if settings.markers.platform:
+        check_type_on_platform(trial, settings.plate)
+    window = (time >= onset) & (time <= onset + settings.window_s)
+    for segment in ("foot", "platform"):  # the shank carries the body and moves as in any stance
+        pose = recorded[segment]
+        gap = longest_run(pose.bridged & window)
+        if poses.gap_duration(time, gap) > settings.longest_fitted_gap_s:
+            hidden_s = (gap.stop - gap.start) * (time[1] - time[0])
+            raise InputError(
+                f"the {segment} markers are hidden for {1e3 * hidden_s:.0f} ms from"
+                f" {time[gap.start]:.3f} s{pose.by_filling(gap)}, while the perturbation is"
+                f" fitted, expected {1e3 * settings.longest_fitted_gap_s:g} ms or less; raise"
+                " longest_fitted_gap_s, or exclude the trial"
+            )
+    return onset
+
+
+def check_shift(
+    time: Array, platform_poses: Poses, stance: Stance, settings: CrossingSettings
+) -> None:
+    """Refuse a platform that does not turn but shifts in stance."""
+    seen = platform_poses.seen()
+    centre = platform_poses.position
+    inside = seen & in_stance(time, stance)
+    if not inside.any():
+        return
+    before = seen & (time >= stance.heel_strike - SPARE_S) & (time < stance.heel_strike)
+    # from its mean before stance, or if it was hidden then, from its start
+    rest_position = centre[before].mean(axis=0) if before.any() else centre[inside][0]
+    shift_mm = 1e3 * float(np.linalg.norm(centre[inside] - rest_position, axis=1).max())
+    if shift_mm > settings.largest_shift_mm:
+        raise InputError(
+            f"the platform shifts by {shift_mm:.0f} mm in stance without a turn, expected"
+            f" {settings.largest_shift_mm:g} mm or less: a translation is neither an"
+            " unperturbed crossing nor a turn of the ankle; state perturbed_by: belt if shifts"
+            " perturb, give the trial the experiment ingest_only, or correct largest_shift_mm"
+        )
+
+
+@dataclass(frozen=True)
+class Command:
+    """When the column `trigger` leaves its rest in stance [s], None if never; and to which side."""
+
+    onset: float | None
+    sign: int  # 1 or -1
+
+
+def find_command(trial: Trial, stance: Stance) -> Command:
+    """Find the command of a perturbation in the column `trigger`, if there is one."""
+    if "trigger" not in trial.columns:
+        return Command(None, 1)
+    time, level = trial.signals("trigger")
+    rows = (time >= stance.heel_strike - COMMAND_LEAD_S) & (time <= stance.toe_off)
+    if not rows.any():
+        return Command(None, 1)
+    from_rest = level[rows] - level[rows][0]
+    sign = -1 if from_rest[np.argmax(np.abs(from_rest))] < 0 else 1
+    onset = platform.find_onset(
+        time[rows], sign * from_rest, SMALLEST_COMMAND, "the command leaves its rest"
+    )
+    return Command(onset, sign)

@@ -1,0 +1,704 @@
+"""Step 2d, plate: its own inertia and lag, from trials of the unloaded, moving platform.
+
+The plate's own inertia causes a wrench in its sensors, which is linear in its inertial parameters.
+After the zero has removed the weight, in the plate's axes and about its centre,
+
+    F = m a' + z x mc + w x (w x mc),    M = mc x a' + I z + w x I w,    a' = R^T (a - g) + g,
+
+where m is the mass, mc mass times centre of mass, I the inertia about the plate's centre, a the
+acceleration of that centre, w the angular velocity and z the angular acceleration.
+
+A lag d of the torque behind the angle changes the damping by -K d. Walking data do not show it,
+because the VAF does not change. The unloaded plate shows it: its inertial force and its
+acceleration must peak at the same time.
+"""
+
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import polars as pl
+import scipy
+
+from osl_analysis.errors import IdentifiabilityError, InputError, naming
+from osl_analysis.signals import LowPass, longest_run, runs, sampling_rate
+from osl_analysis.trial import Array, Trial
+from osl_analysis.walking import platform
+from osl_analysis.walking import poses as rigid
+from osl_analysis.walking.plate import (
+    WrenchReader,
+    check_type_on_platform,
+    recorded_corners,
+    recorded_wrench,
+    wrench_reader,
+)
+from osl_analysis.walking.poses import (
+    FREE_FALL,
+    BodyMotion,
+    Poses,
+    StaticCalibration,
+    StoredArray,
+    cross_matrix,
+)
+from osl_analysis.walking.settings import PlateModelSettings
+
+PARAMETERS = 10  # m, mc (x, y, z), I (xx, yy, zz, xy, xz, yz)
+# Weights of forces [m] and moments: a force's lever about the ankle is about 0.1 m
+WEIGHT = np.array([0.1] * 3 + [1.0] * 3)
+LIGHT = 0.1  # [N*m], weighted wrench of a plate that is too light to show its lag
+LIGHT_KG = 0.1  # mass below which a centre of mass is not known
+# Scales of the parameters for a plate of 1 kg whose half is 0.3 m long
+TYPICAL_PLATE = np.array([[1.0]] + [[0.3]] * 3 + [[0.3**2]] * 6)
+SMALLEST_WRENCH = 0.01  # of a direction, as a share of the largest, for it to be identified
+LARGEST_NOISE_SHARE = 0.5  # of a direction's power in the columns
+
+LARGEST_LAG_S = 0.012
+LAG_STEP_S = 0.002  # a parabola between the steps is exact to 1 % below 20 Hz
+LARGEST_LAG_MISFIT = 0.5  # of the wrench's mean square, for the wrench to follow the motion
+SPREAD_FRAMES = 30  # by which the low-pass of the identification spreads a motion
+
+LARGEST_HEIGHT_SE_M = 0.005  # of a height that is reported
+CERTAIN_SES = 4.0  # standard errors beyond which a height is certain
+SMALLEST_HEIGHT_COLUMN = 0.02  # share of its column that no other explains
+
+LOWEST_RINGING_HZ = 25.0  # above the motions of a platform
+RINGING_GROWTH = 500.0  # ratio of power beyond which a plate rings
+SHORTEST_REST_S = 0.15  # in which a frequency can be read
+LONGEST_REST_S = 0.4
+
+END_S = 0.05  # at both ends of a track, whose slopes tell a motion that the recording cuts
+FEWEST_END_FRAMES = 5
+HIDDEN_TURN_DEG = 0.2  # at rest noise gives 0.03 deg; 11 frames at 300 Hz change the lag by 2 ms
+HIDDEN_SHIFT_SHARE = 0.2  # of the threshold
+
+
+@dataclass(frozen=True)
+class PlateModel:
+    """The plate's inertial parameters, and its lag behind the markers."""
+
+    # (10,): m, mc (x, y, z), I (xx, yy, zz, xy, xz, yz) [kg, kg*m, kg*m^2]; the least that fit
+    parameters: StoredArray
+    directions: StoredArray  # (10, r) of the parameters that the motion shows
+    rms_before: StoredArray  # RMS wrench (6,) [N, N*m] of the unloaded plate, minus its mean
+    rms_after: StoredArray  # the same without the plate's own wrench
+    # Of the wrench's noise, while the platform rests
+    rms_at_rest: StoredArray = field(default_factory=lambda: np.zeros(6))
+    lags: tuple[float, ...] = ()  # [s] of the trials that show one
+    lag_reason: str | None = None  # why no trial does
+    # The model without each trial, for the jackknife; empty with one
+    leave_one_out: "tuple[PlateModel, ...]" = ()
+    # [m] of the corners' centre above the point of the moments; None where it is not seen
+    height: float | None = None
+    height_se: float | None = None  # its standard error [m]
+    # At which the unloaded plate rings after it was turned; None if it does not
+    ringing_hz: float | None = None
+
+    @property
+    def certain_height(self) -> float | None:
+        """`height` [m] if it is certain, else 0; None where it is not known."""
+        if self.height is None:
+            return None
+        is_certain = abs(self.height) > CERTAIN_SES * (self.height_se or 0.0)
+        return self.height * is_certain
+
+    @property
+    def lag(self) -> float | None:
+        """The mean of the lags [s]; None where it is unknown, and then not corrected."""
+        return float(np.mean(self.lags)) if self.lags else None
+
+    @property
+    def lag_se(self) -> float | None:
+        """Standard error [s] of the lag; None with fewer than two."""
+        if len(self.lags) < 2:
+            return None
+        return float(np.std(self.lags, ddof=1) / np.sqrt(len(self.lags)))
+
+    @property
+    def unexplained(self) -> float | None:
+        """Share of the plate's wrench that the model leaves, beyond noise; None if too light."""
+        before = float(np.linalg.norm(self.rms_before * WEIGHT))
+        after = float(np.linalg.norm(self.rms_after * WEIGHT))
+        noise = float(np.linalg.norm(self.rms_at_rest * WEIGHT))
+        if not before > LIGHT:
+            return None
+        return float(np.sqrt(max(after**2 - noise**2, 0.0))) / before
+
+
+NOT_REMOVED = "walking.plate_inertia is none"
+NO_CORRECTION = PlateModel(
+    parameters=np.zeros(PARAMETERS),
+    directions=np.zeros((PARAMETERS, 0)),
+    rms_before=np.full(6, np.nan),
+    rms_after=np.full(6, np.nan),
+    lag_reason=f"not estimated: {NOT_REMOVED}",
+)
+"""Of a plate that is light or compensates its own inertia: nothing is removed from its wrench."""
+
+
+def identify_plate_model(
+    pairs: Sequence[tuple[Trial, StaticCalibration]], settings: PlateModelSettings
+) -> PlateModel:
+    """Identify the lag of each unloaded trial, then one inertia from all at the mean lag.
+
+    Raises
+    ------
+    InputError
+        No trial shows the plate's inertia, or its wrench does not follow its motion.
+    """
+    if not pairs:
+        raise InputError(
+            "no trials of the unloaded plate; add trials of experiment 'plate' to the sheet"
+        )
+    recordings = [unloaded_recording(trial, calibration, settings) for trial, calibration in pairs]
+    usable = [recording for recording in recordings if not recording.unusable]
+    if not usable:
+        first = recordings[0]
+        raise InputError(
+            f"no unloaded trial shows the plate's inertia; trial {first.track.name}, as others:"
+            f" {first.unusable}"
+        )
+    for recording in recordings:
+        if recording.unusable:
+            warnings.warn(
+                f"trial {recording.track.name}: excluded from the plate's model:"
+                f" {recording.unusable}",
+                stacklevel=2,
+            )
+
+    motions = unloaded_motions(usable)
+    lags = [float("nan")] * len(usable)
+    lag_reason = None
+    if settings.correct_plate_lag:
+        for i, recording in enumerate(usable):
+            with naming(f"trial {recording.track.name}"):
+                lags[i] = plate_lag(motions[i].motion, recording.wrench_at, recording.smooth)
+        if not np.isfinite(lags).any():
+            lag_reason = "the unloaded plate is too light to show it"
+    else:
+        lag_reason = "not estimated: correct_plate_lag is false"
+
+    hz, growth = np.median([recording.rings for recording in usable], axis=0).tolist()
+    model = replace(
+        plate_model(usable, lags),
+        lag_reason=lag_reason,
+        ringing_hz=hz if growth > RINGING_GROWTH else None,
+    )
+    if len(usable) == 1:
+        return model
+
+    if model.parameters[0] > LIGHT_KG:
+        columns_and_wrenches = [
+            (
+                recording.smooth(inertial_columns(moving.motion)),
+                recording.wrench_at(model.lag or 0.0),
+            )
+            for recording, moving in zip(usable, motions, strict=True)
+        ]
+        model = with_height(model, columns_and_wrenches)
+    without_each = [
+        plate_model(usable[:i] + usable[i + 1 :], lags[:i] + lags[i + 1 :], model)
+        for i in range(len(usable))
+    ]
+    return replace(model, leave_one_out=tuple(without_each))
+
+
+@dataclass(frozen=True)
+class UnloadedMotion:
+    """Motion of the plate's centre, and squares (10, 10) of marker noise in its columns."""
+
+    motion: BodyMotion
+    noise_squares: Array
+
+
+@dataclass(frozen=True)
+class UnloadedRecording:
+    """A trial of an unloaded, moving plate."""
+
+    # The longest run of frames in which it was seen, without a motion that the run cuts
+    track: platform.PlatformTrack
+    centre: Array  # the plate's centre (3,) [m] at rest
+    wrench_at: WrenchReader  # in the track's frames, through both low-passes
+    # The further low-pass of the identification, after that of the crossings
+    plate_low_pass: LowPass
+    unusable: str  # why the trial shows nothing of the plate, for a message; empty if it does
+    rings: tuple[float, float]  # frequency [Hz] and growth, as of `ringing`
+
+    def smooth(self, values: Array) -> Array:
+        """Pass values (n, ...) in the track's frames through the low-pass of the identification."""
+        return self.plate_low_pass(values, self.track.rate)
+
+    def along(self, axes: Array) -> UnloadedMotion:
+        """Motion along the directions (r, 6), weighted by the track's gate.
+
+        The noise is that of frames at rest before `smooth`, which spreads the motions into them.
+        """
+        motion, weights = self.track.measured_motion(axes, self.centre)
+        columns = inertial_columns(motion)
+        squares = np.zeros((PARAMETERS, PARAMETERS))
+        count = 0
+        for run in runs(weights == 0):
+            if run.stop - run.start < platform.FEWEST_FRAMES:
+                continue
+            still = stacked_columns(without_mean(columns[run]))
+            squares = squares + still.T @ still
+            count += run.stop - run.start
+        return UnloadedMotion(
+            motion.weighted(weights), squares / max(count, 1) * self.noise_sum(weights)
+        )
+
+    def noise_sum(self, weights: Array) -> float:
+        """The noise's sum of squares after weights and `smooth`, over its mean square before them.
+
+        It is the sum over all lags of A r q, with the autocorrelations r of low-passed noise that
+        is differentiated twice (1 at lag 0), q of the further filter's response and A of the
+        weights.
+        """
+        n = 2 * len(weights)  # padded, so that nothing wraps
+        f: Array = np.fft.rfftfreq(n, 1 / self.track.rate).astype(np.float64)
+        r = np.fft.irfft(self.track.low_pass.gain(f) ** 2 * f**4, n)
+        q = np.fft.irfft(self.plate_low_pass.gain(f) ** 2, n)
+        A = np.fft.irfft(np.abs(np.fft.rfft(weights, n)) ** 2, n)
+        return float(np.sum(A * r / r[0] * q))
+
+
+def unloaded_recording(
+    trial: Trial, calibration: StaticCalibration, settings: PlateModelSettings
+) -> UnloadedRecording:
+    """Read the platform over the longest run of frames in which it was seen, and the wrench."""
+    check_type_on_platform(trial, settings.plate)
+    names = settings.markers.platform
+    frames, poses = rigid.segment_poses(trial, names, calibration, settings)
+    time, wrench = recorded_wrench(trial, settings.plate)
+    load = float(np.median(np.abs(wrench[:, 2])))
+    if load > settings.largest_zero_n:
+        raise InputError(
+            f"trial {trial.name}: the plate carries {load:.0f} N, expected an unloaded plate and at"
+            f" most {settings.largest_zero_n:g} N; zero the plate and record again, or correct the"
+            " experiment of this trial in the sheet, which is 'plate'"
+        )
+    rows = longest_run(poses.seen())
+    if rows.stop - rows.start < platform.FEWEST_FRAMES:
+        raise InputError(
+            f"trial {trial.name}: markers {', '.join(names)} are seen together in"
+            f" {rows.stop - rows.start} frames in a row, expected {platform.FEWEST_FRAMES} or more;"
+            " correct exchanged labels in Nexus, or record again with all of them in sight"
+        )
+
+    displacement = platform.displacement_from_rest(poses, settings)
+    largest = float(np.max(displacement.size[rows]))
+    track = platform.platform_track(trial.name, frames[rows], poses[rows], calibration, settings)
+    whole = whole_motions(track)
+    is_cut = whole.stop - whole.start < rows.stop - rows.start
+    is_long_enough = whole.stop - whole.start >= platform.FEWEST_FRAMES
+    if is_cut and is_long_enough:
+        rows = slice(rows.start + whole.start, rows.start + whole.stop)
+        track = platform.platform_track(
+            trial.name, frames[rows], poses[rows], calibration, settings
+        )
+
+    remaining = np.ptp(platform.displacement_from_rest(poses[rows], settings).size)
+    unusable = ""
+    if is_cut and (not is_long_enough or remaining < displacement.threshold):
+        unusable = "the recording begins or ends while the platform moves; record from rest to rest"
+    elif largest < displacement.threshold and poses.seen().all():
+        raise still_platform(trial.name, largest, settings)
+    elif largest < displacement.threshold or hides_a_motion(frames, poses, displacement, settings):
+        unusable = (
+            "the platform turned while its markers were hidden; record it again with all of them in"
+            " sight"
+        )
+
+    read = wrench_reader(time, wrench, frames)
+
+    def wrench_at(lag: float) -> Array:
+        low_passed = settings.low_pass(read(lag), sampling_rate(frames))
+        return settings.plate_low_pass(low_passed[rows], track.rate)
+
+    return UnloadedRecording(
+        track,
+        centre=recorded_corners(trial, settings.plate).mean(axis=0),
+        wrench_at=wrench_at,
+        plate_low_pass=settings.plate_low_pass,
+        unusable=unusable,
+        rings=ringing(frames, read(0.0), track),
+    )
+
+
+def still_platform(trial: str, largest: float, settings: PlateModelSettings) -> InputError:
+    """The refusal of an unloaded trial whose platform moves too little."""
+    moves = f"turns by {np.rad2deg(largest):.2f} deg"
+    expected = f"{settings.perturbation_deg:g} deg"
+    if settings.perturbed_by == "belt":
+        moves = f"shifts by {1e3 * largest:.1f} mm"
+        expected = f"{settings.largest_shift_mm:g} mm"
+    return InputError(
+        f"trial {trial}: the platform {moves} only, expected {expected} or more; record a"
+        f" perturbation of the unloaded plate, or correct perturbed_by: {settings.perturbed_by}"
+    )
+
+
+def hides_a_motion(
+    frames: Array,
+    poses: Poses,
+    displacement: platform.Displacement,
+    settings: PlateModelSettings,
+) -> bool:
+    """Whether the platform moved during a gap of its markers that is too long to be fitted."""
+    limit = float(np.deg2rad(HIDDEN_TURN_DEG))
+    if settings.perturbed_by == "belt":
+        limit = HIDDEN_SHIFT_SHARE * displacement.threshold
+    for gap in runs(poses.bridged):
+        if rigid.gap_duration(frames, gap) <= settings.longest_fitted_gap_s:
+            continue
+        moved = float(displacement.size[gap.stop] - displacement.size[gap.start - 1])
+        if abs(moved) > limit:
+            return True
+    return False
+
+
+def whole_motions(track: platform.PlatformTrack) -> slice:
+    """The frames without a motion that begins before or ends after the track.
+
+    They are none if it never rests. Half a motion is wrong after a low-pass: the lag is then off by
+    milliseconds, the plate's mass by a tenth.
+    """
+    n = len(track.time)
+    count = max(round(END_S * track.rate), FEWEST_END_FRAMES)
+    moves = track.moving.copy()
+    for end in (slice(0, count), slice(n - count, n)):
+        since = track.time[end] - track.time[end].mean()
+        slopes = since @ track.measured[end] / (since @ since)
+        moved = float(np.abs(slopes).max() * np.sqrt(since @ since))
+        moves[end] |= moved > platform.STILL * track.noise
+    rests = [
+        run
+        for run in runs(track.gate(moves) == 0)
+        if run.stop - run.start >= platform.FEWEST_FRAMES
+    ]
+    if not rests:
+        rests = [slice(0, 0)]
+    return slice(rests[0].start if moves[0] else 0, rests[-1].stop if moves[-1] else n)
+
+
+def ringing(time: Array, wrench: Array, track: platform.PlatformTrack) -> tuple[float, float]:
+    """Find the frequency [Hz] at which the wrench grows most after the first motion, and how much.
+
+    The growth is a ratio of power. Both are 0 where the platform rests too shortly, or without
+    noise.
+    """
+    first_motion = next(iter(runs(track.moving)), slice(0, 0))
+    shortest = round(SHORTEST_REST_S * track.rate)
+    rest_after = slice(0, 0)
+    for run in runs(~track.moving):
+        if run.start >= first_motion.stop and run.stop - run.start >= shortest:
+            rest_after = run
+            break
+    n = min(
+        first_motion.start, rest_after.stop - rest_after.start, round(LONGEST_REST_S * track.rate)
+    )
+    if n < shortest:
+        return 0.0, 0.0
+
+    starts = np.searchsorted(time, track.time[[first_motion.start - n, rest_after.start]])
+    pieces = scipy.signal.detrend([wrench[start : start + n] for start in starts], axis=1)
+    spectra = np.fft.rfft(pieces * np.hanning(n)[:, None], axis=1)
+    power = np.abs(spectra) ** 2  # (before and after, frequencies, 6)
+    noise = power[0].mean(axis=0)
+    if not noise.all():
+        return 0.0, 0.0
+    before, after = np.sum(power / noise, axis=2)
+    hz = np.fft.rfftfreq(n, 1 / track.rate)
+    in_band = (hz > LOWEST_RINGING_HZ) & (hz < track.rate / 3)
+    growth = np.where(in_band, after / (before + before.mean()), 0.0)
+    return float(hz[np.argmax(growth)]), float(growth.max())
+
+
+def unloaded_motions(recordings: Sequence[UnloadedRecording]) -> list[UnloadedMotion]:
+    """The motion of each recording along the directions that they share."""
+    axes_of_each = platform.shared_directions([recording.track for recording in recordings])
+    return [recording.along(axes) for recording, axes in zip(recordings, axes_of_each, strict=True)]
+
+
+def plate_model(
+    recordings: Sequence[UnloadedRecording], lags: Sequence[float], whole: PlateModel | None = None
+) -> PlateModel:
+    """One inertia from all recordings at the mean of their lags [s], NaN where one shows none.
+
+    Only what `whole`, from more recordings, shows is identified, and the rest stays as it is there.
+    """
+    known_lags = tuple(float(lag) for lag in lags if np.isfinite(lag))
+    lag = float(np.mean(known_lags)) if known_lags else 0.0
+    motions = unloaded_motions(recordings)
+    model = identify_plate_inertia(
+        [
+            (moving.motion, recording.wrench_at(lag))
+            for recording, moving in zip(recordings, motions, strict=True)
+        ],
+        recordings[0].smooth,
+        within=None if whole is None else whole.directions,
+        noise=np.sum([moving.noise_squares for moving in motions], axis=0),
+        known=None if whole is None else whole.parameters,
+    )
+    return replace(model, lags=known_lags)
+
+
+def inertial_columns(motion: BodyMotion) -> Array:
+    """Columns of the plate's own wrench, one per inertial parameter.
+
+    Returns
+    -------
+    Array
+        (n, 6, 10), whose product with the parameters is the wrench about the plate's centre, the
+        point of `motion`, in the plate's axes.
+    """
+    R_transposed = motion.rotation.transpose(0, 2, 1)
+    a = np.einsum("nij,nj->ni", R_transposed, motion.acceleration - FREE_FALL) + FREE_FALL
+    w = np.einsum("nij,nj->ni", R_transposed, motion.omega)
+    z = np.einsum("nij,nj->ni", R_transposed, motion.alpha)
+    W = cross_matrix(w)
+
+    columns = np.zeros((len(a), 6, PARAMETERS))
+    columns[:, :3, 0] = a  # F by m
+    columns[:, :3, 1:4] = cross_matrix(z) + W @ W  # F by mc
+    columns[:, 3:, 1:4] = -cross_matrix(a)  # M by mc
+    columns[:, 3:, 4:] = inertia_columns(z) + W @ inertia_columns(w)  # M by I
+    return columns
+
+
+def inertia_columns(v: Array) -> Array:
+    """Matrices (n, 3, 6) that map (I_xx, I_yy, I_zz, I_xy, I_xz, I_yz) to I v, for v (n, 3)."""
+    x, y, z = v.T
+    zero = np.zeros(len(v))
+    rows = [
+        [x, zero, zero, y, z, zero],
+        [zero, y, zero, x, zero, z],
+        [zero, zero, z, zero, x, y],
+    ]
+    return np.moveaxis(np.array(rows), 2, 0)
+
+
+def identify_plate_inertia(
+    recordings: Sequence[tuple[BodyMotion, Array]],
+    smooth: Callable[[Array], Array] = np.asarray,
+    within: Array | None = None,
+    noise: Array | None = None,
+    known: Array | None = None,
+) -> PlateModel:
+    """Identify the inertial parameters by least squares, corrected for marker noise.
+
+    Only directions that the motion shows are identified. So a plate may turn about any axis: its
+    wrench is known for motions in crossings like those here, even if single parameters are not.
+
+    Parameters
+    ----------
+    recordings : sequence of (BodyMotion, Array)
+        Motion of the plate's centre, and wrench (n, 6), each with its own zero.
+    smooth : callable
+        The low-pass that the wrench has passed. It is applied to the columns, which are products of
+        motions; with filtered motions instead, 8 Hz would make the lag 0.05 ms too small.
+    within : Array, optional
+        Directions (10, q) to which the identified ones are confined.
+    noise : Array, optional
+        Gram matrix N (10, 10) of marker noise in the columns. With G that of the columns, estimates
+        are corrected by (G - N)^-1 G.
+    known : Array, optional
+        Parameters (10,) that stay where nothing is identified; 0 by default.
+
+    Raises
+    ------
+    IdentifiabilityError
+        Marker noise exceeds the motion in every direction.
+
+    References
+    ----------
+    Fuller, Measurement Error Models, 1987, section 1.4.
+    """
+    columns = np.concatenate(
+        [without_mean(smooth(inertial_columns(motion))) for motion, _ in recordings]
+    )
+    wrench = np.concatenate([without_mean(recorded) for _, recorded in recordings])
+    start = np.zeros(PARAMETERS) if known is None else known
+    N = np.zeros((PARAMETERS, PARAMETERS)) if noise is None else noise
+
+    X = stacked_columns(columns)
+    G = X.T @ X
+    basis = excited_directions(G, N, np.eye(PARAMETERS) if within is None else within)
+    unexplained = (wrench * WEIGHT).T.ravel() - X @ start
+    right = X.T @ unexplained + N @ start
+    change = np.linalg.solve(basis.T @ (G - N) @ basis, basis.T @ right)
+    parameters = start + basis @ change
+
+    at_rest = [np.zeros((1, 6))]
+    for motion, recorded in recordings:
+        rests = np.linalg.norm(motion.alpha, axis=1) == 0
+        rests = scipy.ndimage.binary_erosion(rests, iterations=SPREAD_FRAMES)
+        if rests.any():
+            at_rest.append(without_mean(recorded[rests]))
+    return PlateModel(
+        parameters,
+        directions=basis,
+        rms_before=column_rms(wrench),
+        rms_after=column_rms(wrench - columns @ parameters),
+        rms_at_rest=column_rms(np.concatenate(at_rest)),
+    )
+
+
+def excited_directions(squares: Array, noise: Array, within: Array) -> Array:
+    """Find the directions of the parameters whose wrench the motion shows.
+
+    Parameters
+    ----------
+    squares, noise : Array
+        Gram matrices (10, 10) of the columns, and of the marker noise in them.
+    within : Array
+        Directions (10, q) whose span is searched.
+
+    Returns
+    -------
+    Array
+        (10, r), in units of a typical plate: eigenvectors above a share of the largest, with at
+        most half of noise.
+    """
+    basis = np.linalg.qr(within / TYPICAL_PLATE)[0] * TYPICAL_PLATE
+    power, vectors = np.linalg.eigh(basis.T @ squares @ basis)
+    basis = basis @ vectors[:, power > SMALLEST_WRENCH**2 * power[-1]]
+
+    share, vectors = scipy.linalg.eigh(basis.T @ noise @ basis, basis.T @ squares @ basis)
+    if share[0] > LARGEST_NOISE_SHARE:
+        raise IdentifiabilityError(
+            f"marker noise is {share[0]:.0%} of what moves the unloaded plate in the direction that"
+            " shows it best, expected 50% or less; record larger or faster motions of the unloaded"
+            " plate"
+        )
+    return np.asarray(basis @ vectors[:, share <= LARGEST_NOISE_SHARE])
+
+
+def stacked_columns(columns: Array) -> Array:
+    """Weighted columns (6 n, p) out of (n, 6, p), component by component."""
+    return np.asarray((columns * WEIGHT[:, None]).transpose(1, 0, 2).reshape(-1, columns.shape[2]))
+
+
+def without_mean(values: Array) -> Array:
+    return np.asarray(values - values.mean(axis=0))
+
+
+def column_rms(values: Array) -> Array:
+    return np.asarray(np.sqrt(np.mean(values**2, axis=0)))
+
+
+def plate_lag(
+    motion: BodyMotion, wrench_at: WrenchReader, smooth: Callable[[Array], Array]
+) -> float:
+    """Find the lag of the plate behind the markers with the least misfit, in one recording.
+
+    Parameters
+    ----------
+    motion : BodyMotion
+        Of the plate's centre, n frames, not passed through `smooth`.
+    wrench_at : callable
+        The wrench (n, 6) a lag [s] later, passed through `smooth`.
+
+    Returns
+    -------
+    float
+        [s]; NaN if the plate is too light.
+
+    Raises
+    ------
+    InputError
+        The wrench does not follow the motion at any lag.
+    """
+    lags = np.arange(-LARGEST_LAG_S, LARGEST_LAG_S + LAG_STEP_S / 2, LAG_STEP_S)
+    wrenches = [wrench_at(float(lag)) for lag in lags]
+    directions = identify_plate_inertia([(motion, wrenches[len(lags) // 2])], smooth).directions
+    columns = stacked_columns(without_mean(smooth(inertial_columns(motion))))
+    basis = np.linalg.qr(columns @ directions)[0]
+    misfit = []  # weighted mean square of what no parameters explain
+    for wrench in wrenches:
+        stacked = (without_mean(wrench) * WEIGHT).T.ravel()
+        misfit.append(float(6 * np.mean((stacked - basis @ (basis.T @ stacked)) ** 2)))
+
+    best = int(np.argmin(misfit))
+    square = float(np.sum((column_rms(without_mean(wrenches[best])) * WEIGHT) ** 2))
+    if square < LIGHT**2:
+        return float("nan")
+    if misfit[best] > LARGEST_LAG_MISFIT * square or best in (0, len(lags) - 1):
+        raise InputError(
+            "the unloaded plate's wrench does not follow its motion within"
+            f" {LARGEST_LAG_S * 1e3:g} ms; synchronise the recorders, check the platform's markers"
+            " and the plate's channels, or set correct_plate_lag to false"
+        )
+    before, smallest, after = misfit[best - 1 : best + 2]
+    return float(lags[best] + 0.5 * LAG_STEP_S * (before - after) / (before - 2 * smallest + after))
+
+
+def with_height(
+    model: PlateModel, columns_and_wrenches: Sequence[tuple[Array, Array]]
+) -> PlateModel:
+    """Add the height of the corners' centre above the point of the moments, where it is seen.
+
+    From columns (n, 6, 10) and wrench (n, 6) of each recording; its standard error is from leaving
+    out each (jackknife).
+    """
+    count = len(columns_and_wrenches)
+    height = moments_below(model.directions, columns_and_wrenches)
+    without_each = [
+        moments_below(model.directions, [*columns_and_wrenches[:i], *columns_and_wrenches[i + 1 :]])
+        for i in range(count)
+    ]
+    se = float(np.sqrt((count - 1) * np.var(without_each)))
+    return replace(
+        model,
+        height=height if se < LARGEST_HEIGHT_SE_M else None,
+        height_se=se if np.isfinite(se) else None,
+    )
+
+
+def moments_below(directions: Array, columns_and_wrenches: Sequence[tuple[Array, Array]]) -> float:
+    """Height [m] from the two centres of mass that the unloaded plate shows.
+
+    Forces show that from the corners' centre, moments that from their own point: mc gets another
+    value in the moments. NaN if only moments show one, as if the plate does not turn, or without a
+    mass.
+    """
+    columns = np.concatenate([without_mean(columns) for columns, _ in columns_and_wrenches])
+    wrench = np.concatenate([without_mean(wrench) for _, wrench in columns_and_wrenches])
+    is_moment = (np.arange(6) > 2)[:, None]
+    mc_of_moments = stacked_columns(columns[:, :, 1:4] * is_moment)
+    X = np.column_stack([stacked_columns(columns) @ directions, mc_of_moments])
+    size = np.maximum(np.linalg.norm(X, axis=0), 1e-12)
+    X = X / size
+    estimates = np.linalg.lstsq(X, (wrench * WEIGHT).T.ravel(), rcond=1e-4)[0] / size
+
+    # The last column is mc_z of the moments: is it told apart from the others?
+    other_columns = X[:, :-1]
+    vertical = X[:, -1]
+    unexplained = vertical - other_columns @ np.linalg.lstsq(other_columns, vertical, rcond=1e-4)[0]
+    mass = float(directions[0] @ estimates[: directions.shape[1]])
+    if mass > LIGHT_KG and np.linalg.norm(unexplained) > SMALLEST_HEIGHT_COLUMN:
+        return float(estimates[-1] / mass)
+    return float("nan")
+
+
+def plate_table(model: PlateModel) -> pl.DataFrame:
+    """Tabulate `plate.csv`: RMS of each component before and after the correction, and the lag."""
+    before, after = model.rms_before.tolist(), model.rms_after.tolist()
+    rows = []
+    for k, component in enumerate(("F_x", "F_y", "F_z", "M_x", "M_y", "M_z")):
+        rows.append(
+            {
+                "component": component,
+                "rms_before": before[k],
+                "rms_after": after[k],
+                "left_percent": 100 * after[k] / before[k] if before[k] > 0 else None,
+                "lag_s": model.lag,
+                "lag_se_s": model.lag_se,
+                "lag_unknown": model.lag_reason,
+                "trials": len(model.lags),
+                "height_m": model.height,
+                "height_se_m": model.height_se,
+                "ringing_hz": model.ringing_hz,
+            }
+        )
+    return pl.DataFrame(rows)

@@ -1,0 +1,452 @@
+"""Step 1, poses: from marker clusters to rigid bodies, and their motion.
+
+The static trial fixes a reference position of every marker. In each frame of another trial a
+segment's markers are then found at
+
+    x = R (x_ref - origin) + position,
+
+with the rotation R and the position of the cluster's centroid that fit best. In the static pose
+every segment's axes are the laboratory's (z up).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from math import lgamma
+from typing import Annotated
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+from pydantic import PlainSerializer, PlainValidator
+
+from osl_analysis.errors import InputError, nearest
+from osl_analysis.signals import differentiate
+from osl_analysis.trial import Array, Trial, marker_columns
+from osl_analysis.walking.settings import CalibrationSettings, MarkerSettings
+
+Mask = NDArray[np.bool_]
+StoredArray = Annotated[
+    Array,
+    PlainValidator(lambda values: np.array(values, dtype=float)),
+    PlainSerializer(lambda values: values.tolist(), when_used="json"),
+]
+"""An array in a result that is stored in a file: a list in JSON, where NaN is null."""
+
+SEGMENTS = ("foot", "shank", "platform")
+FREE_FALL = np.array([0.0, 0.0, -9.80665])  # acceleration [m/s^2] in laboratory axes, z up
+FEWEST_MARKERS = 3  # that determine an orientation
+SMALLEST_WIDTH = 0.1  # of a cluster beside its longest line, as a share of its length
+HIGHEST_FOOT_M = 0.05  # of the foot's markers above the shank's; standing, they are 0.1 m below
+
+# A filled frame has no noise of its own (docs/walking.md, "Gaps stay gaps")
+FEWEST_DIFFERENCES = 40  # that tell the noise of a track
+QUIET_SHARE = 0.2  # of the track, in which the noise is read
+LEAST_NOISE_M = 5e-6  # below which a track counts as smoothed, so that nothing is told
+FILL_LENGTHS = range(2, 13)  # numbers of third differences in a run that is tested
+FALSE_FILL_CHANCE = 1e-8  # with which a run of white noise counts as filled
+LARGEST_FILL_SHARE = 0.15  # of the noise in a fill, however long
+
+# A gap is bridged by a cubic through the frames on either side of it
+SIDE_S = 0.015  # of the frames on either side
+FEWEST_SIDE_FRAMES = 4
+
+
+@dataclass(frozen=True)
+class Poses:
+    """Poses of one cluster in n frames; NaN where it was not seen."""
+
+    rotation: Array  # R (n, 3, 3)
+    position: Array  # of the cluster's centroid (n, 3) [m]
+    # The centroid (3,) [m] in the static pose. An error of R does not move it, but distant points.
+    origin: Array
+    residual: Array  # RMS distance (n,) [m] between the markers and the rigid body
+    bridged: Mask  # frames (n,) that were interpolated
+    # Frames (n,) in which a marker was filled before the export; None if no marker tells
+    filled: Mask | None = None
+
+    def __getitem__(self, rows: slice | Mask) -> "Poses":
+        return Poses(
+            rotation=self.rotation[rows],
+            position=self.position[rows],
+            origin=self.origin,
+            residual=self.residual[rows],
+            bridged=self.bridged[rows],
+            filled=None if self.filled is None else self.filled[rows],
+        )
+
+    def by_filling(self, rows: slice | NDArray[np.intp]) -> str:
+        """Words for a message, empty unless markers were filled in some of the rows."""
+        if self.filled is None or not self.filled[rows].any():
+            return ""
+        return ", where they were filled before the export and so not measured"
+
+    def points(self, reference: Array) -> Array:
+        """Positions (n, m, 3) [m], in each frame, of points at `reference` (m, 3) [m]."""
+        R_transposed = np.swapaxes(self.rotation, 1, 2)
+        return np.asarray((reference - self.origin) @ R_transposed + self.position[:, None])
+
+    def point(self, reference: Array) -> Array:
+        """Positions (n, 3) [m], in each frame, of the point at `reference` (3,) [m]."""
+        return np.asarray(self.points(reference[None])[:, 0])
+
+    def seen(self) -> Mask:
+        """Frames (n,) that have a pose."""
+        return np.asarray(np.isfinite(self.position).all(axis=1))
+
+
+@dataclass(frozen=True)
+class StaticCalibration:
+    """Result of the static trial, in laboratory axes."""
+
+    markers: dict[str, StoredArray]  # position (3,) [m] of each marker of the clusters, by name
+    ankle_centre: StoredArray  # point (3,) [m] that belongs to the foot and to the shank
+    ankle_axis: StoredArray  # unit vector (3,) to the subject's left, the same for foot and shank
+
+    def positions(self, names: Sequence[str], trial: str) -> Array:
+        """Positions (m, 3) [m] of the named markers; `trial` is for messages."""
+        absent = [name for name in names if name not in self.markers]
+        if absent:
+            raise InputError(
+                f"trial {trial}: marker {absent[0]} is not in the static calibration, which has "
+                f"{', '.join(self.markers)}; calibrate with the static trial again"
+            )
+        return np.array([self.markers[name] for name in names])
+
+
+def static_calibration(trial: Trial, settings: CalibrationSettings) -> StaticCalibration:
+    """Find the reference positions of all clusters, and the ankle between the malleoli.
+
+    Raises
+    ------
+    InputError
+        A marker is never seen, a cluster lies on a line, or foot and shank are exchanged.
+    """
+    markers = settings.markers
+    clusters = {}
+    for segment in SEGMENTS:
+        names = getattr(markers, segment)
+        if not names:  # a platform without markers
+            continue
+        clusters[segment] = mean_positions(trial, names)
+        if not spans_a_plane(np.array(list(clusters[segment].values()))):
+            raise InputError(
+                f"trial {trial.name}: the {segment} markers {', '.join(names)} lie on a line or"
+                " are fewer than three, expected three or more that span a plane; name others"
+                " under `markers` in the configuration"
+            )
+
+    foot, shank = clusters["foot"], clusters["shank"]
+    foot_height = np.mean([position[2] for position in foot.values()])
+    shank_height = np.mean([position[2] for position in shank.values()])
+    above = float(foot_height - shank_height)
+    if above > HIGHEST_FOOT_M:
+        raise InputError(
+            f"trial {trial.name}: the foot markers {', '.join(foot)} stand {100 * above:.0f} cm"
+            f" above the shank markers {', '.join(shank)}: exchange them under `markers` or in"
+            " Nexus; or z does not point up, then state `axes` in the source file"
+        )
+
+    malleoli = mean_positions(trial, (markers.ankle_medial, markers.ankle_lateral))
+    medial, lateral = malleoli.values()
+    to_left = medial - lateral if settings.side == "right" else lateral - medial
+    return StaticCalibration(
+        markers={**foot, **shank, **clusters.get("platform", {})},
+        ankle_centre=(medial + lateral) / 2,
+        ankle_axis=to_left / np.linalg.norm(to_left),
+    )
+
+
+def mean_positions(trial: Trial, names: Sequence[str]) -> dict[str, Array]:
+    """Mean position (3,) [m] of each marker in the frames in which it was seen."""
+    _, tracks = marker_tracks(trial, names)
+    means = {}
+    for name, track in zip(names, np.moveaxis(tracks, 1, 0), strict=True):
+        seen = np.isfinite(track).all(axis=1)
+        if not seen.any():
+            raise InputError(
+                f"trial {trial.name}: marker {name} is never seen in the static trial; label"
+                " it, or record the trial again"
+            )
+        means[name] = np.asarray(track[seen].mean(axis=0))
+    return means
+
+
+def marker_tracks(trial: Trial, names: Sequence[str]) -> tuple[Array, Array]:
+    """Time (n,) [s] of the marker frames, and positions (n, m, 3) [m], NaN where hidden."""
+    for name in names:
+        if marker_columns(name)[0] in trial.columns:
+            continue
+        labels = [
+            column.removeprefix("marker_").removesuffix("_x")
+            for column in trial.columns
+            if column.endswith("_x")
+        ]
+        raise InputError(
+            f"trial {trial.name}: no marker '{name}'; correct `walking.markers` in the"
+            f" configuration, or its label{nearest(name, labels)}"
+        )
+
+    columns = [column for name in names for column in marker_columns(name)]
+    rows = trial.sampled(*columns)
+    if rows.is_empty():
+        raise InputError(
+            f"trial {trial.name}: markers {', '.join(names)} have no frames; record the trial again"
+        )
+    return rows["time"].to_numpy(), rows.select(columns).to_numpy().reshape(-1, len(names), 3)
+
+
+def segment_poses(
+    trial: Trial, names: Sequence[str], calibration: StaticCalibration, settings: MarkerSettings
+) -> tuple[Array, Poses]:
+    """Find the poses of one cluster, not low-passed.
+
+    Short gaps are interpolated, long ones stay NaN. What was filled before the export was not
+    measured, and is a gap.
+
+    Returns
+    -------
+    tuple of Array and Poses
+        Time (n,) [s] of the marker frames, and the poses.
+    """
+    time, tracks = marker_tracks(trial, names)
+    measured = tracks.copy()
+    filled_of_markers = []
+    for marker, track in enumerate(np.moveaxis(tracks, 1, 0)):
+        filled = filled_frames(track)
+        if filled is not None:
+            measured[filled, marker] = np.nan
+            filled_of_markers.append(filled)
+
+    reference = calibration.positions(names, trial.name)
+    poses = cluster_poses(reference, measured, settings.largest_residual_mm * 1e-3)
+    if filled_of_markers:
+        poses = replace(poses, filled=np.any(filled_of_markers, axis=0))
+    return time, bridge_gaps(time, poses, settings.longest_gap_s)
+
+
+def filled_frames(track: Array) -> Mask | None:
+    """Find the frames of a marker that a spline, polynomial or line filled before the export.
+
+    Each measured frame has noise of its own. Third differences lose the motion and multiply the
+    variance of white noise by 20. A run of them counts as filled if its RMS is below a small share
+    (`fill_share`) of that in the quiet fifth of the track. What is copied from other markers
+    carries their noise and is not seen.
+
+    Parameters
+    ----------
+    track : Array
+        Positions (n, 3) [m].
+
+    Returns
+    -------
+    Mask or None
+        Filled frames (n,); None where nothing can be told, as of a smoothed or rounded track.
+    """
+    square = np.mean(np.diff(track, 3, axis=0) ** 2, axis=1)
+    finite = square[np.isfinite(square)]
+    if len(finite) < FEWEST_DIFFERENCES:
+        return None
+
+    noise = float(np.quantile(np.convolve(finite, np.full(10, 0.1), "valid"), QUIET_SHARE))
+    steps = np.abs(np.diff(track, axis=0))
+    rounding = float(np.min(steps[steps > 0], initial=np.inf)) / np.sqrt(12)
+    if np.sqrt(noise / 20) < max(LEAST_NOISE_M, 3 * rounding):
+        return None
+
+    filled = np.zeros(len(track), dtype=bool)
+    square = np.where(np.isfinite(square), square, np.inf)
+    for length in FILL_LENGTHS:
+        mean = np.convolve(square, np.full(length, 1 / length), "valid")
+        for start in np.flatnonzero(mean < fill_share(length) ** 2 * noise):
+            filled[start : start + length + 3] = True  # a third difference spans four frames
+    return filled
+
+
+@cache
+def fill_share(length: int) -> float:
+    """Share of white noise's RMS below which a run of third differences hardly ever falls.
+
+    The run has n = 3 `length` correlated normal values (three coordinates). The chance that their
+    RMS is below a share s of their standard deviation is the density at 0 times the volume of an
+    n-ball of radius s sqrt(n). This is solved for s at `FALSE_FILL_CHANCE`.
+    """
+    distance = np.abs(np.subtract.outer(np.arange(length), np.arange(length)))
+    # autocorrelation of third differences of white noise: (20, -15, 6, -1) / 20
+    autocorrelation = np.array([1.0, -0.75, 0.3, -0.05, 0.0])
+    correlation = autocorrelation[np.minimum(distance, 4)]
+    n = 3 * length
+    log_volume = n / 2 * np.log(np.pi) - lgamma(n / 2 + 1) + n / 2 * np.log(n)
+    log_density = -1.5 * np.linalg.slogdet(correlation)[1] - n / 2 * np.log(2 * np.pi)
+    share = np.exp((np.log(FALSE_FILL_CHANCE) - log_density - log_volume) / n)
+    return float(min(share, LARGEST_FILL_SHARE))
+
+
+def cluster_poses(reference: Array, observed: Array, largest_residual: float = np.inf) -> Poses:
+    """Fit the rigid pose of a cluster in each frame by least squares.
+
+    Parameters
+    ----------
+    reference : Array
+        Positions (m, 3) [m] in the static trial.
+    observed : Array
+        Positions (n, m, 3) [m], NaN where hidden.
+    largest_residual : float
+        RMS distance [m] above which a frame has no pose, as with swapped markers.
+
+    Returns
+    -------
+    Poses
+        NaN where fewer than three markers that span a plane were seen.
+
+    References
+    ----------
+    Kabsch, Acta Cryst. A32 (1976) 922.
+    """
+    n = len(observed)
+    origin = reference.mean(axis=0)
+    rotation = np.full((n, 3, 3), np.nan)
+    position = np.full((n, 3), np.nan)
+    residual = np.full(n, np.nan)
+
+    # Frames with the same set of visible markers are fitted together
+    seen = np.asarray(np.isfinite(observed).all(axis=2))
+    set_number = seen @ 2.0 ** np.arange(len(reference))
+    for number in np.unique(set_number):
+        rows = np.flatnonzero(set_number == number)
+        visible = seen[rows[0]]
+        if not spans_a_plane(reference[visible]):
+            continue
+        reference_centroid = reference[visible].mean(axis=0)
+        local = reference[visible] - reference_centroid
+        markers = observed[rows][:, visible]
+        centroid = markers.mean(axis=1)
+        centred = markers - centroid[:, None]
+
+        U, _, Vt = np.linalg.svd(local.T @ centred)
+        U[:, :, 2] *= (np.linalg.det(U) * np.linalg.det(Vt))[:, None]  # no reflection
+        R = np.swapaxes(U @ Vt, 1, 2)
+
+        misfit = local @ (U @ Vt) - centred
+        rotation[rows] = R
+        position[rows] = centroid + R @ (origin - reference_centroid)
+        residual[rows] = np.sqrt(np.mean(np.sum(misfit**2, axis=2), axis=1))
+
+    wrong = residual > largest_residual
+    rotation[wrong] = np.nan
+    position[wrong] = np.nan
+    return Poses(rotation, position, origin, residual, np.zeros(n, dtype=bool))
+
+
+def spans_a_plane(points: Array) -> bool:
+    """Whether points (m, 3) are three or more and do not lie on a line."""
+    if len(points) < FEWEST_MARKERS:
+        return False
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return bool(spread[1] > SMALLEST_WIDTH * spread[0])
+
+
+def bridge_gaps(time: Array, poses: Poses, longest: float) -> Poses:
+    """Interpolate gaps of up to `longest` [s] by a cubic through the frames on either side.
+
+    Over 60 to 190 ms the cubic leaves a motion of stance by 0.1 to 3 deg, a spline by 1 to 10 deg.
+    """
+    steps = np.diff(time)
+    if not (steps > 0).all():
+        row = int(np.argmin(steps > 0))
+        raise InputError(
+            f"frame {row + 1} is stamped {time[row + 1]:.6f} s, not later than the one before;"
+            " record again, or cut the capture there"
+        )
+    seen = np.flatnonzero(poses.seen())
+    if len(seen) < 4:
+        return poses
+
+    step = float(steps[0])
+    hidden_s = (np.diff(seen) - 1) * step
+    count = max(round(SIDE_S / step), FEWEST_SIDE_FRAMES)
+    rotation = poses.rotation.copy()
+    position = poses.position.copy()
+    bridged = poses.bridged.copy()
+    for k in np.flatnonzero((hidden_s > 0) & (hidden_s < longest + step / 2)):
+        gap = np.arange(seen[k] + 1, seen[k + 1])
+        sides = seen[max(k + 1 - count, 0) : k + 1 + count]
+
+        # Rotation vectors from the last frame before the gap are small, so that they interpolate
+        before = scipy.spatial.transform.Rotation.from_matrix(poses.rotation[seen[k]])
+        on_sides = scipy.spatial.transform.Rotation.from_matrix(poses.rotation[sides])
+        turned = (on_sides * before.inv()).as_rotvec()
+
+        middle = time[sides].mean()
+        half_span = np.ptp(time[sides]) / 2
+        design = np.vander((time[sides] - middle) / half_span, 4)
+        in_gap = np.vander((time[gap] - middle) / half_span, 4)
+        coordinates = np.hstack([turned, poses.position[sides]])
+        cubic = in_gap @ np.linalg.lstsq(design, coordinates)[0]
+
+        turn_in_gap = scipy.spatial.transform.Rotation.from_rotvec(cubic[:, :3])
+        rotation[gap] = (turn_in_gap * before).as_matrix()
+        position[gap] = cubic[:, 3:]
+        bridged[gap] = True
+    return replace(poses, rotation=rotation, position=position, bridged=bridged)
+
+
+def gap_duration(time: Array, gap: slice) -> float:
+    """Duration [s] of hidden frames, for comparison with the longest gap that is allowed."""
+    # half a frame less, so that a gap of exactly the limit is not refused by rounding
+    return float((gap.stop - gap.start - 0.5) * (time[1] - time[0]))
+
+
+@dataclass(frozen=True)
+class BodyMotion:
+    """Motion of a body and of one of its points in laboratory axes, n frames."""
+
+    rotation: Array  # (n, 3, 3)
+    omega: Array  # angular velocity (n, 3) [rad/s]
+    alpha: Array  # angular acceleration (n, 3) [rad/s^2]
+    point: Array  # position (n, 3) [m] of the point
+    acceleration: Array  # of the point (n, 3) [m/s^2]
+
+    def __getitem__(self, rows: slice) -> "BodyMotion":
+        return BodyMotion(
+            rotation=self.rotation[rows],
+            omega=self.omega[rows],
+            alpha=self.alpha[rows],
+            point=self.point[rows],
+            acceleration=self.acceleration[rows],
+        )
+
+    def weighted(self, weights: Array) -> "BodyMotion":
+        """Multiply angular velocity and accelerations by weights (n,), 0 where the body rests."""
+        w = weights[:, None]
+        return replace(
+            self, omega=w * self.omega, alpha=w * self.alpha, acceleration=w * self.acceleration
+        )
+
+
+def body_motion(time: Array, poses: Poses, point: Array) -> BodyMotion:
+    """Differentiate low-passed poses of a body, and the path of its point at `point` (3,) [m].
+
+    The angular velocity w is read from the antisymmetric matrix R' R^T, whose product with a
+    vector v is w x v.
+    """
+    R_rate = differentiate(time, poses.rotation.reshape(-1, 9)).omega.reshape(-1, 3, 3)
+    spin = R_rate @ np.swapaxes(poses.rotation, 1, 2)
+    omega = 0.5 * np.stack(
+        [spin[:, k - 1, k - 2] - spin[:, k - 2, k - 1] for k in range(3)], axis=1
+    )
+    path = differentiate(time, poses.point(point))
+    return BodyMotion(
+        rotation=poses.rotation,
+        omega=omega,
+        alpha=differentiate(time, omega).omega,
+        point=path.theta,
+        acceleration=path.alpha,
+    )
+
+
+def cross_matrix(v: Array) -> Array:
+    """Matrices (n, 3, 3) whose product with a vector is the cross product of v (n, 3) with it."""
+    x, y, z = v.T
+    zero = np.zeros(len(v))
+    return np.moveaxis(np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]), 2, 0)

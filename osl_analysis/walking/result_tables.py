@@ -1,0 +1,376 @@
+"""Tables of the results: single perturbations, headlines, sensitivity, responses, figures."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
+
+import numpy as np
+import polars as pl
+import scipy
+
+from osl_analysis.stats.regression import estimates_row
+from osl_analysis.stats.repeats import over_repeats
+from osl_analysis.trial import Array
+from osl_analysis.walking.crossing import DOWN, UP, Crossing
+from osl_analysis.walking.ensemble import (
+    ESTIMATED,
+    UP_MINUS_DOWN,
+    GroupHeadline,
+    ResampledEstimate,
+    joining_weights,
+    signs_of,
+)
+from osl_analysis.walking.group_checks import check_single
+from osl_analysis.walking.group_table import series_of
+from osl_analysis.walking.impedance_fit import fit_response
+from osl_analysis.walking.isolated_response import isolate_response
+from osl_analysis.walking.settings import ResponseSettings, TimingSettings, UnseenError
+from osl_analysis.walking.torque_errors import LABORATORY_ERRORS, LOG_ERRORS, UnseenErrorSize
+from osl_analysis.walking.unperturbed_gait import PHASES, UnperturbedGait
+
+GROUP_QUANTITIES = ("K", "B", "I", "VAF")
+ENSEMBLE = "ensemble"
+COMMANDED = "commanded"  # series of the curve that the controller commands
+OVER_STANCE_COLUMNS = ("group", "onset_phase", "fitted_phase", "end_phase")
+# A bootstrap of fewer crossings does not leave their range, outside of which the mean of all lies
+# with a probability of 2^(1 - n): more than 5 %
+FEWEST_FOR_BOOTSTRAP = 6
+NORMAL_95 = 1.96  # half of a 95 % interval in standard deviations
+DRAWN_STEP = 4  # a hundred points of stance are enough for a curve
+
+
+def perturbation_row(
+    crossing: Crossing, gait: UnperturbedGait, settings: ResponseSettings
+) -> dict[str, object]:
+    """Make the row of `walking.csv` of one crossing: Eq. 15 fitted to its isolated response."""
+    response = isolate_response(crossing, gait, settings, settings.perturbed_stance)
+    fit = fit_response(response)
+    onset = crossing.onset or 0.0
+    return {
+        "trial": crossing.name,
+        "onset_s": onset,
+        "onset_phase": float(crossing.stance.phase(np.array(onset))),
+        "stance_s": crossing.stance.duration,
+        "phase_stance_s": response.stance,
+        "bridged": crossing.bridged,
+        **estimates_row(fit, *ESTIMATED),
+        **asdict(check_single(response, fit)),
+        "encoder_rms_deg": crossing.quality.encoder_rms_deg,
+        "filled_fitted": crossing.quality.filled_fitted,
+        "interval_method": fit.interval_method,
+        "VAF": fit.vaf,
+        "condition_number": fit.condition_number,
+    }
+
+
+def sensitivity_table(
+    group: str, headline: GroupHeadline, stated: Mapping[UnseenError, float], by_log: bool = False
+) -> pl.DataFrame:
+    """Tabulate what errors that nothing shows change in the fit to the mean response.
+
+    To first order. Of what changes the torque: Eq. 15 fitted to the change.
+
+    Parameters
+    ----------
+    stated : mapping
+        Their standard uncertainties, in the units of the table.
+    by_log : bool
+        Whether the torque is from a log, so that the errors are `LOG_ERRORS`.
+    """
+    first = headline.responses[0]
+    fit = headline.ensemble.fit
+    weights = joining_weights(signs_of(headline.responses))
+    torques = np.tensordot(
+        weights, [response.lab_errors[:, first.window] for response in headline.responses], 1
+    )
+    columns = headline.ensemble.motion[first.window].columns
+    by_torque = np.linalg.lstsq(columns, torques.T)[0].T
+    errors = LOG_ERRORS if by_log else LABORATORY_ERRORS
+    # the last of the laboratory change no torque
+    changes = dict(zip(errors, by_torque, strict=False))
+    if not by_log:
+        K, B, I = fit["K"], fit["B"], fit["I"]
+        changes["skin"] = errors["skin"].size / 100 * np.array([K, B, I])
+        changes["shoe"] = change_by_shoe(K, B, I, float(np.rad2deg(errors["shoe"].size)))
+    sizes = {str(name): size for name, size in stated.items()}
+    return pl.DataFrame(
+        [
+            sensitivity_row(group, errors[name], sizes.get(name, 0.0), change)
+            for name, change in changes.items()
+        ]
+    )
+
+
+def sensitivity_row(
+    group: str, error: UnseenErrorSize, stated: float, change: Array
+) -> dict[str, object]:
+    K, B, I = change
+    return {
+        "group": group,
+        "error": error.words,
+        "size": error.size,
+        "unit": error.unit,
+        "stated": stated,
+        "K": K,
+        "B": B,
+        "I": I,
+    }
+
+
+def change_by_shoe(K: float, B: float, I: float, k: float) -> Array:
+    """Change (3,) of K, B, I by a foot that yields in the shoe with stiffness k [N*m/rad].
+
+    The joint's impedance is 1/(1/Z - 1/k) with the fit's Z = K + B s + I s^2, to the second power
+    of s.
+    """
+    left = 1 - K / k
+    return np.array([K - K / left, B - B / left**2, I - I / left**2 - B**2 / (k * left**3)])
+
+
+def headline_rows(
+    headline: GroupHeadline,
+    fits: pl.DataFrame,
+    doubtful: Mapping[str, int],
+    stated: Mapping[str, float],
+) -> list[dict[str, object]]:
+    """Make the rows of `walking_summary.csv` of one group.
+
+    They are the mean over perturbations (of both directions' means) with the errors that all share,
+    the ensemble with either baseline, and the directions.
+
+    Parameters
+    ----------
+    fits : DataFrame
+        The group's rows of `walking.csv`.
+    doubtful : mapping
+        Columns with the number of doubtful ones.
+    stated : mapping
+        Standard errors of K, B and I that the settings state, by which the bootstrap's intervals
+        become wider.
+    """
+    signs = signs_of(headline.responses)
+    common = headline.errors.common
+    rows: list[dict[str, object]] = []
+    for quantity in GROUP_QUANTITIES:
+        mean = over_repeats(fits[quantity].to_numpy(), common.get(quantity, ()), signs)
+        method = f"{mean.interval_method}"
+        if quantity in common:
+            method += " + shared errors"
+        rows.append(
+            {
+                "quantity": quantity,
+                "estimator": "mean of perturbations",
+                **asdict(replace(mean, interval_method=method)),
+                **doubtful,
+            }
+        )
+    ensemble = ResampledEstimate(
+        ENSEMBLE, headline.ensemble.estimates(), headline.resampled, headline.ensemble.n
+    )
+    for estimate in (ensemble, headline.other_baseline):
+        for quantity in GROUP_QUANTITIES:
+            rows.append(bootstrap_row(headline, estimate, quantity, stated))
+    for quantity in ESTIMATED:
+        for estimate in headline.directions.values():
+            rows.append(bootstrap_row(headline, estimate, quantity, stated))
+    return rows
+
+
+def bootstrap_row(
+    headline: GroupHeadline,
+    estimate: ResampledEstimate,
+    quantity: str,
+    stated: Mapping[str, float],
+) -> dict[str, object]:
+    """One row with an interval from resamples.
+
+    Of few crossings it is at least that of the unperturbed ones' scatter.
+    """
+    value = estimate.estimates[quantity]
+    se = estimate.resampled.se(quantity)
+    low, high = estimate.resampled.interval(quantity)
+    method = "bootstrap"
+
+    is_difference = estimate.estimator == UP_MINUS_DOWN
+    signs = signs_of(headline.responses)
+    counts = np.unique(signs, return_counts=True)[1]
+    if estimate.estimator in (UP, DOWN):
+        counts = np.array([estimate.n])
+    common = headline.errors.common
+    if quantity in common and min(counts) < FEWEST_FOR_BOOTSTRAP:
+        variance = headline.errors.of_one[quantity] * np.sum(1 / counts)
+        # half the difference of two means, but the whole one of `up minus down`
+        scatter = float(np.sqrt(variance)) / (1 if is_difference else len(counts))
+        freedom = common["K"][0][1]
+        half = float(-scipy.special.stdtrit(freedom, 0.025)) * scatter
+        low = min(low, value - half)
+        high = max(high, value + half)
+        se = max(se, scatter)
+        method = "bootstrap, scatter of unperturbed crossings"
+
+    error = 0.0 if is_difference else stated.get(quantity, 0.0)  # it cancels in the difference
+    return {
+        "quantity": quantity,
+        "estimator": estimate.estimator,
+        "n": estimate.n,
+        "mean": value,
+        "sd": None,
+        "se": float(np.hypot(se, error)),
+        "low": widened(low, value, error),
+        "high": widened(high, value, error),
+        "interval_method": f"{method} + stated" if error else method,
+    }
+
+
+def widened(bound: float, value: float, error: float) -> float:
+    """A bound of the interval of a value, further away by a standard error."""
+    distance = np.hypot(bound - value, NORMAL_95 * error)
+    return value + float(np.sign(bound - value) * distance)
+
+
+def response_table(group: str, headline: GroupHeadline) -> pl.DataFrame:
+    """Tabulate `walking_responses.csv`: the isolated responses of a group, and their mean."""
+    first = headline.responses[0]
+    time = first.time
+    window = first.window
+    fitted = [
+        (response.name, response.motion, response.torque, fit_response(response))
+        for response in headline.responses
+    ]
+    mean = headline.ensemble
+    frames = []
+    for name, motion, torque, fit in [*fitted, (ENSEMBLE, mean.motion, mean.torque, mean.fit)]:
+        model = np.full(len(time), np.nan)
+        model[window] = motion.columns[window] @ fit.estimates
+        frame = pl.DataFrame(
+            {
+                "trial": [name] * len(time),
+                "time": time,
+                "theta_deg": np.rad2deg(motion.theta),
+                "torque": torque,
+                "torque_model": model,
+            }
+        )
+        frames.append(frame[: window.stop])
+    table = pl.concat(frames).with_columns(pl.col("torque_model").fill_nan(None))
+    return table.with_columns(group=pl.lit(group))
+
+
+def walking_page_points(
+    perturbed: Sequence[Crossing],
+    gaits: Mapping[str, UnperturbedGait],
+    responses: pl.DataFrame,
+    timing: TimingSettings,
+) -> pl.DataFrame:
+    """Points of the walking page.
+
+    Gaits over stance [%] with their SD; responses over time [ms], with the column `doubtful`, and
+    their mean with its fit; window and baseline as mean phases [%] and times from the onset [ms].
+
+    Parameters
+    ----------
+    responses : DataFrame
+        `walking_responses.csv`.
+    """
+    frames = []
+    for name, gait in gaits.items():
+        frames.append(gait_points("angle", name, np.rad2deg(gait.theta)))
+        frames.append(gait_points("torque", name, gait.torque))
+
+    spans = {
+        "window": (0.0, timing.window_s),
+        "baseline": (-timing.guard_s - timing.baseline_s, -timing.guard_s),
+    }
+    for name, bounds in spans.items():
+        phases = [
+            100 * crossing.stance.phase(crossing.onset + np.array(bounds))
+            for crossing in perturbed
+            if crossing.onset is not None
+        ]
+        for panel, x in (
+            ("angle", np.mean(phases, axis=0)),
+            ("response angle", 1e3 * np.array(bounds)),
+        ):
+            frames.append(pl.DataFrame({"panel": panel, "curve": name, "x": x}))
+
+    is_mean = pl.col("trial") == ENSEMBLE
+    curve = pl.when(is_mean).then(pl.lit("mean")).otherwise(pl.lit("each")).alias("curve")
+    time_ms = (1e3 * pl.col("time")).alias("x")
+    angle = pl.lit("response angle")
+    torque = pl.lit("response torque")
+    frames.append(
+        responses.select("trial", "doubtful", time_ms, curve, mean=pl.col("theta_deg"), panel=angle)
+    )
+    frames.append(
+        responses.select("trial", "doubtful", time_ms, curve, mean=pl.col("torque"), panel=torque)
+    )
+    fit = responses.filter(is_mean & pl.col("torque_model").is_not_null())
+    frames.append(
+        fit.select("trial", time_ms, curve=pl.lit("fit"), mean=pl.col("torque_model"), panel=torque)
+    )
+    return pl.concat(frames, how="diagonal")
+
+
+def gait_points(panel: str, name: str, curves: Array) -> pl.DataFrame:
+    """Mean and SD of curves (crossings, `PHASES`) over stance."""
+    drawn = curves[:, ::DRAWN_STEP]
+    sd = drawn.std(axis=0, ddof=1) if len(drawn) > 1 else None
+    points = pl.DataFrame(
+        {"x": 100 * PHASES[::DRAWN_STEP], "mean": drawn.mean(axis=0), "sd": sd},
+        schema_overrides={"sd": pl.Float64},
+    )
+    return points.with_columns(panel=pl.lit(panel), curve=pl.lit(name), n=pl.lit(len(curves)))
+
+
+def impedance_over_stance(summary: pl.DataFrame, groups: pl.DataFrame) -> pl.DataFrame:
+    """Tabulate K, B, I of every group at the phase that its fit reads.
+
+    A series has the groups that differ in their timing only.
+
+    Parameters
+    ----------
+    summary, groups : DataFrame
+        `walking_summary.csv` and `walking_groups.csv`.
+    """
+    wanted = pl.col("quantity").is_in(ESTIMATED) & pl.col("mean").is_not_null()
+    ensemble = summary.filter((pl.col("estimator") == ENSEMBLE) & wanted)
+    rows = ensemble.join(
+        groups.select(OVER_STANCE_COLUMNS), on="group", how="left", maintain_order="left"
+    )
+    series = pl.Series("series", [series_of(name) for name in rows["group"]], dtype=pl.String)
+    order = pl.col("quantity").replace_strict({"K": 0, "B": 1, "I": 2}, return_dtype=pl.Int64)
+    table = rows.with_columns(series).sort(order, "series", "fitted_phase", maintain_order=True)
+    place = [name for name in ("joint", "side") if name in table.columns]
+    return table.select(
+        "group",
+        *place,
+        "series",
+        "quantity",
+        pl.col("fitted_phase").alias("phase"),
+        "onset_phase",
+        "end_phase",
+        "n",
+        pl.col("mean").alias("estimate"),
+        "se",
+        "low",
+        "high",
+        pl.col(COMMANDED).cast(pl.Float64),
+    )
+
+
+def with_trajectory(table: pl.DataFrame, phase: Array, K_d: Array, B_d: Array) -> pl.DataFrame:
+    """Add the commanded K_d and B_d (n,) at phases of stance (n,), where the sheet says nothing."""
+    for quantity, values in (("K", K_d), ("B", B_d)):
+        commanded = np.interp(table["phase"].to_numpy(), phase, values, left=np.nan, right=np.nan)
+        here = (pl.col("quantity") == quantity) & pl.col(COMMANDED).is_null()
+        table = table.with_columns(
+            pl.when(here).then(pl.Series(commanded)).otherwise(COMMANDED).alias(COMMANDED)
+        )
+    return table.with_columns(pl.col(COMMANDED).fill_nan(None))
+
+
+def trajectory_points(phase: Array, K_d: Array, B_d: Array) -> pl.DataFrame:
+    """The commanded trajectory as rows for the figure: series `commanded`, quantities K and B."""
+    curves = pl.DataFrame({"series": COMMANDED, "phase": phase, "K": K_d, "B": B_d})
+    return curves.unpivot(
+        ["K", "B"], index=["series", "phase"], variable_name="quantity", value_name=COMMANDED
+    )

@@ -1,0 +1,343 @@
+"""Which crossings are used: each is compared with the others under the same conditions."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from osl_analysis.trial import Array
+from osl_analysis.walking.crossing import Crossing, RefusedCrossing
+from osl_analysis.walking.groups import Place, Sheet, places, split_keys
+from osl_analysis.walking.poses import FREE_FALL, Mask
+from osl_analysis.walking.settings import OutlierRule, SelectionSettings
+from osl_analysis.walking.stance import SINGLE_SUPPORT
+from osl_analysis.walking.unperturbed_gait import PHASES, signal_at, stance_times
+
+MAD_TO_SD = 1.4826  # from the median absolute deviation to the standard deviation of normal noise
+MUCH_BRIDGED = 0.05  # share of stance, from which hidden markers may be the cause of an outlier
+
+
+@dataclass(frozen=True)
+class Measure:
+    """What is compared: a value (n,) of each crossing, or its curve (n, k)."""
+
+    name: str
+    unit: str
+    values: Array
+    smallest_scatter: float
+
+
+@dataclass(frozen=True)
+class Feature:
+    """One feature of n crossings. That of a curve is its RMS deviation from the median curve."""
+
+    name: str
+    unit: str
+    values: Array  # (n,)
+    median: Array  # (n,), of those with which each crossing is compared
+    scatter: float  # about the medians
+
+    @property
+    def distance(self) -> Array:
+        """Distance (n,) from the median, in scatters."""
+        return np.asarray(np.abs(self.values - self.median) / self.scatter)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A crossing among those under the same conditions."""
+
+    crossing: Crossing
+    features: Sequence[Feature]  # of all of them; empty if they are not compared
+    index: int  # of the crossing in the features
+
+    @property
+    def furthest(self) -> Feature | None:
+        """The feature in which the crossing is furthest from the median."""
+        return max(self.features, key=self.distance, default=None)
+
+    def distance(self, feature: Feature) -> float:
+        """Distance of the crossing from the median, in scatters."""
+        return float(feature.distance[self.index])
+
+
+def selection_rows(
+    crossings: Sequence[Crossing],
+    refused: Sequence[RefusedCrossing],
+    settings: SelectionSettings,
+    sheet: Sheet,
+) -> dict[str, dict[str, object]]:
+    """Make the rows of `walking_crossings.csv`, by crossing.
+
+    Crossings that share all splitting conditions are compared. A crossing is excluded for its load
+    or its foot's place, or as an outlier.
+
+    Parameters
+    ----------
+    crossings, refused
+        What became of every crossing.
+    sheet : mapping
+        Their conditions.
+
+    Returns
+    -------
+    dict
+        Quality, group and, if it is excluded, the reason.
+    """
+    compared = compare_crossings(crossings, settings, sheet)
+    reasons = {
+        comparison.crossing.name: exclusion_reason(comparison, settings) for comparison in compared
+    }
+    used = [crossing for crossing in crossings if reasons[crossing.name] is None]
+    place_of = places(used, sheet, settings)
+
+    rows = {}
+    for comparison in compared:
+        name = comparison.crossing.name
+        rows[name] = crossing_row(comparison, reasons[name], place_of[name])
+    for refusal in refused:
+        rows[refusal.name] = {
+            "trial": refusal.name,
+            "perturbed": refusal.perturbed,
+            "status": "refused",
+            "reason": refusal.reason,
+            **place_of[refusal.name].columns(),
+        }
+    return rows
+
+
+def compare_crossings(
+    crossings: Sequence[Crossing], settings: SelectionSettings, sheet: Sheet
+) -> list[Comparison]:
+    """Compare each crossing with those that share all splitting conditions."""
+    keys = split_keys(sheet, settings)
+    by_condition: dict[tuple[object, ...], list[Crossing]] = {}
+    for crossing in crossings:
+        condition = tuple(sheet[crossing.name].get(key) for key in keys)
+        by_condition.setdefault(condition, []).append(crossing)
+
+    comparisons = []
+    for same_conditions in by_condition.values():
+        features = crossing_features(same_conditions, settings, settings.outliers)
+        for index, crossing in enumerate(same_conditions):
+            comparisons.append(Comparison(crossing, features, index))
+    return comparisons
+
+
+def crossing_features(
+    crossings: Sequence[Crossing], timing: SelectionSettings, rule: OutlierRule | None
+) -> list[Feature]:
+    """Compare crossings: what no perturbation can change, and what it can.
+
+    A crossing beyond a limit does not count for later features: four bad ones of twelve would widen
+    the scatter until none stands out. Loads are shares of the median load.
+
+    Parameters
+    ----------
+    timing : SelectionSettings
+        The guard before an onset.
+    rule : OutlierRule or None
+        Limit and smallest scatters; None: nothing is compared.
+    """
+    if rule is None:
+        return []
+    guards = [
+        crossing.stance.phase(np.array(crossing.onset - timing.guard_s))
+        for crossing in crossings
+        if crossing.onset is not None
+    ]
+    before = PHASES[min(guards, default=1.0) >= PHASES]
+    middle = PHASES[(PHASES >= SINGLE_SUPPORT[0]) & (PHASES <= SINGLE_SUPPORT[1])]
+
+    def curves(signals: Sequence[Array], phases: Array) -> Array:
+        """A signal of each crossing at phases (k,) of stance: (n, k)."""
+        sampled = [
+            signal_at(crossing, signal, stance_times(crossing, phases))
+            for crossing, signal in zip(crossings, signals, strict=True)
+        ]
+        return np.array(sampled)
+
+    forward = np.array([crossing.quality.foot_forward_m or 0.0 for crossing in crossings])
+    left = np.array([crossing.quality.foot_left_m or 0.0 for crossing in crossings])
+    theta = curves([crossing.theta for crossing in crossings], before)
+    torque = curves([crossing.torque for crossing in crossings], before)
+    stance = np.array([crossing.stance.duration for crossing in crossings])
+    unchanged = [
+        Measure("foot forward", "m", forward, rule.placement_m),
+        Measure("foot to the left", "m", left, rule.placement_m),
+        Measure("angle before the onset", "deg", np.rad2deg(theta), rule.angle_deg),
+        Measure("torque before the onset", "N*m", torque, rule.torque_nm),
+    ]
+    changed = [Measure("stance", "s", stance, rule.stance_s)]
+
+    loads = [crossing.load for crossing in crossings if crossing.load is not None]
+    if len(loads) == len(crossings):
+        force = [load[0] for load in loads]
+        pressure = [load[1] for load in loads]  # to the left of the ankle
+        usual = float(np.median(curves(force, middle).mean(axis=1)))
+        share = "of the usual load"
+        load_before = curves(force, before) / usual
+        unchanged.append(Measure("load before the onset", share, load_before, rule.load_share))
+        load_middle = curves(force, middle) / usual
+        changed.append(Measure("load in single support", share, load_middle, rule.load_share))
+        pressure_left = curves(pressure, middle)
+        changed.append(Measure("pressure beside the ankle", "m", pressure_left, rule.pressure_m))
+
+    # What a perturbation changes is compared among those of each direction
+    same_kind = np.zeros(len(crossings), dtype=int)
+    directions = np.array(
+        [0 if crossing.onset is None else crossing.sign for crossing in crossings]
+    )
+    everything = np.ones(len(crossings), dtype=bool)
+    before_onset, within = among_sound(unchanged, same_kind, everything, rule.limit)
+    later, _ = among_sound(changed, directions, within, rule.limit)
+    return before_onset + later
+
+
+def among_sound(
+    measures: Sequence[Measure], kinds: NDArray[np.int_], sound: Mask, limit: float
+) -> tuple[list[Feature], Mask]:
+    """Compare crossings with the sound ones of their kind, until no further one is too far.
+
+    At least half stay, because fewer would be a selection.
+
+    Parameters
+    ----------
+    kinds : Array
+        (n,); a crossing is compared with all of its kind if none of them is sound.
+    sound : Mask
+        (n,), to begin with.
+    limit : float
+        In scatters.
+
+    Returns
+    -------
+    tuple of list of Feature and Mask
+        The features, and which crossings (n,) are within the limit in all of them.
+    """
+    while True:
+        features = [feature_of(measure, kinds, sound) for measure in measures]
+        furthest = np.max([feature.distance for feature in features], axis=0)
+        within = sound & (furthest <= limit)
+        if within.sum() == sound.sum() or 2 * within.sum() < len(within):
+            return features, within
+        sound = within
+
+
+def feature_of(measure: Measure, kinds: NDArray[np.int_], sound: Mask) -> Feature:
+    """Compare one measure."""
+    values = measure.values
+    if values.ndim == 2:
+        deviation = values - kind_medians(values, kinds, sound)
+        values = np.sqrt(np.mean(deviation**2, axis=1))
+    median = kind_medians(values, kinds, sound)
+    scatter = MAD_TO_SD * float(np.median(np.abs(values - median)[sound]))
+    return Feature(
+        measure.name, measure.unit, values, median, max(scatter, measure.smallest_scatter)
+    )
+
+
+def kind_medians(values: Array, kinds: NDArray[np.int_], sound: Mask) -> Array:
+    """For each crossing, the median over the sound ones of its kind, shaped as `values`."""
+    medians = np.empty_like(values)
+    for kind in np.unique(kinds):
+        of_kind = kinds == kind
+        compared = of_kind & sound
+        medians[of_kind] = np.median(values[compared if compared.any() else of_kind], axis=0)
+    return medians
+
+
+def load_of_weight(crossing: Crossing) -> float | None:
+    """Load in single support as a share of the weight; None if either is not known."""
+    if crossing.load is None or crossing.body_mass is None:
+        return None
+    phase = crossing.stance.phase(crossing.time)
+    middle = (phase >= SINGLE_SUPPORT[0]) & (phase <= SINGLE_SUPPORT[1])
+    weight = crossing.body_mass * np.linalg.norm(FREE_FALL)
+    return float(crossing.load[0][middle].mean() / weight)
+
+
+def exclusion_reason(comparison: Comparison, settings: SelectionSettings) -> str | None:
+    """Why a crossing is not used; None if it is."""
+    crossing = comparison.crossing
+    share = load_of_weight(crossing)
+    low, high = settings.load_of_weight
+    if share is not None and not low <= share <= high:
+        return (
+            f"the plate carries {share:.2f} of the weight of {crossing.body_mass:g} kg in single"
+            f" support, expected {low:g} to {high:g}: another foot stands on or beside the plate,"
+            " somebody leans on a rail, or the body mass is wrong"
+        )
+    outside = crossing.quality.foot_outside_m
+    if outside is not None and outside > settings.largest_outside_m:
+        return (
+            f"a foot marker lies {100 * outside:.1f} cm outside the plate while the foot is flat,"
+            f" expected {100 * settings.largest_outside_m:g} cm or less: the foot stands beside the"
+            " plate, or its corners are wrong"
+        )
+    furthest = comparison.furthest
+    if furthest is None or settings.outliers is None:
+        return None
+    distance = comparison.distance(furthest)
+    if not distance > settings.outliers.limit:
+        return None
+    unit = furthest.unit
+    value = furthest.values[comparison.index]
+    median = furthest.median[comparison.index]
+    reason = (
+        f"{furthest.name} {value:.3g} {unit} lies {distance:.1f} scatters of"
+        f" {furthest.scatter:.2g} {unit} from the median {median:.3g} {unit}, more than"
+        f" {settings.outliers.limit:g}"
+    )
+    if crossing.bridged >= MUCH_BRIDGED:
+        reason += (
+            f" (markers were hidden for {crossing.bridged:.0%} of it: see that three markers of"
+            " each cluster stay in sight, or lower longest_gap_s)"
+        )
+    return reason
+
+
+def crossing_row(comparison: Comparison, reason: str | None, place: Place) -> dict[str, object]:
+    """One row of `walking_crossings.csv`."""
+    crossing = comparison.crossing
+    furthest = comparison.furthest
+    quality = crossing.quality
+    value_of = {
+        feature.name: float(feature.values[comparison.index]) for feature in comparison.features
+    }
+    return {
+        "trial": crossing.name,
+        "perturbed": crossing.onset is not None,
+        "status": "used" if reason is None else "outlier",
+        "reason": reason,
+        "stance_s": crossing.stance.duration,
+        "onset_s": crossing.onset,
+        "foot_forward_m": quality.foot_forward_m,
+        "foot_left_m": quality.foot_left_m,
+        "gait_deviation_deg": value_of.get("angle before the onset"),
+        "torque_deviation": value_of.get("torque before the onset"),
+        "load_deviation": value_of.get("load before the onset"),
+        "pressure_deviation_m": value_of.get("pressure beside the ankle"),
+        "load_of_weight": load_of_weight(crossing),
+        "foot_outside_m": quality.foot_outside_m,
+        "furthest_scatters": None if furthest is None else comparison.distance(furthest),
+        "bridged": crossing.bridged,
+        "foot_residual_mm": quality.foot_residual_mm,
+        "platform_residual_mm": quality.platform_residual_mm,
+        "shank_residual_mm": quality.shank_residual_mm,
+        "plate_zero_N": quality.plate_zero_N,
+        "plate_height_m": quality.plate_height_m,
+        "plate_ringing_hz": quality.plate_ringing_hz,
+        "plate_unexplained": quality.plate_unexplained,
+        "pressure_ahead_m": quality.pressure_ahead_m,
+        "pressure_beside_m": quality.pressure_beside_m,
+        "pressure_outside_m": quality.pressure_outside_m,
+        "filled_share": quality.filled_share,
+        "filled_fitted": quality.filled_fitted,
+        "encoder_offset_deg": quality.encoder_offset_deg,
+        "encoder_delay_ms": quality.encoder_delay_ms,
+        "encoder_rms_deg": quality.encoder_rms_deg,
+        "shoe_compliance": quality.shoe_compliance,
+        **place.columns(),
+    }

@@ -1,0 +1,265 @@
+"""Step 5, window: what a perturbed crossing would have done, at the same phase of stance.
+
+A perturbation may change the duration of stance. The duration to be expected comes from the ankle's
+angle before the onset. The size and drift of a motion differ from step to step and look like pace,
+but they cannot imitate the ankle's sharp turn after heel strike. So size and drift are fitted too,
+with the order of drift for which the unperturbed scales scatter least. Torque and load would
+misread a slower crossing: low-pass and heel impact act in time, not in phase.
+"""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from osl_analysis import refusal
+from osl_analysis.errors import InputError
+from osl_analysis.trial import Array, rounding_of
+from osl_analysis.walking.crossing import Crossing
+from osl_analysis.walking.settings import StanceSource
+
+# Phases of stance at which crossings are sampled, finer than the frames
+PHASES = np.linspace(0.0, 1.0, 401)
+BEFORE_ONSET_S = 0.03  # that matching leaves out: the filter spreads the response into it
+FEWEST_PHASES = 20  # between heel strike and onset, 5 % of stance, in which a pace can be read
+MATCHED_STEP = 4  # every fourth phase is enough after a low-pass of 20 Hz
+
+SMALLEST_SCALE, LARGEST_SCALE = 0.75, 1.33
+DRIFT_ORDERS = np.arange(1, 9)
+LARGEST_SCALE_STEP = 0.05
+LAST_SCALE_STEP = 1e-6  # which ends the search
+SCALE_ROUNDS = 15
+MOST_NAMES = 8  # of crossings in a message
+
+
+@dataclass(frozen=True)
+class UnperturbedGait:
+    """Unperturbed crossings at `PHASES`: 0 at heel strike, 1 at toe-off."""
+
+    names: tuple[str, ...]
+    theta: Array  # angle of the ankle (crossings, phases) [rad]
+    torque: Array  # (crossings, phases) [N*m]
+    stance: Array  # duration of stance (crossings,) [s]
+    plate_errors: Array  # (m, crossings, phases) [N*m], as in `Crossing`
+    lab_errors: Array  # (e, crossings, phases) [N*m], as in `Crossing`
+
+
+def unperturbed_gait(
+    crossings: Sequence[Crossing], fewest: int, lost: Mapping[str, str] | None = None
+) -> UnperturbedGait:
+    """Sample crossings on the common grid of stance phase.
+
+    Parameters
+    ----------
+    crossings : sequence of Crossing
+        The unperturbed ones.
+    fewest : int
+        Number that is needed.
+    lost : mapping, optional
+        Why other crossings are not used, by trial, for the message.
+
+    Raises
+    ------
+    InputError
+        There are fewer crossings.
+    """
+    if len(crossings) < fewest:
+        raise InputError(too_few_words([c.name for c in crossings], fewest, lost or {}))
+
+    def on_grid(signals: Sequence[Array]) -> Array:
+        """Signals (..., n) of each crossing as (..., crossings, phases)."""
+        sampled = [
+            signal_at(crossing, signal, stance_times(crossing))
+            for crossing, signal in zip(crossings, signals, strict=True)
+        ]
+        return np.stack(sampled, axis=-2)
+
+    return UnperturbedGait(
+        names=tuple(crossing.name for crossing in crossings),
+        theta=on_grid([crossing.theta for crossing in crossings]),
+        torque=on_grid([crossing.torque for crossing in crossings]),
+        stance=np.array([crossing.stance.duration for crossing in crossings]),
+        plate_errors=on_grid([crossing.plate_errors for crossing in crossings]),
+        lab_errors=on_grid([crossing.lab_errors for crossing in crossings]),
+    )
+
+
+def too_few_words(used: Sequence[str], fewest: int, lost: Mapping[str, str]) -> str:
+    """The message where too few unperturbed crossings are left, with the most frequent reason."""
+    if not lost:
+        return (
+            f"{len(used)} unperturbed crossings ({', '.join(used) or 'none'}), expected"
+            f" {fewest} or more; record more, or exclude fewer in the sheet"
+        )
+    # Reasons that differ only in numbers or trial name are one
+    kinds = {trial: refusal.alike(reason, trial) for trial, reason in lost.items()}
+    frequent_kind, count = Counter(kinds.values()).most_common(1)[0]
+    trials = [trial for trial, kind in kinds.items() if kind == frequent_kind]
+    reason = lost[trials[0]].removeprefix(f"trial {trials[0]}: ")
+    used_words = f" ({', '.join(used)})" if used else ""
+    trial_words = f" ({', '.join(trials)})" if 1 < count <= MOST_NAMES else ""
+    other_words = ""
+    if count < len(lost):
+        other_words = (
+            f" beside {len(lost) - count} for other reasons, which walking_crossings.csv lists"
+        )
+    return (
+        f"{len(used)} of {len(used) + len(lost)} unperturbed crossings can be used{used_words},"
+        f" expected {fewest} or more; {count} times{trial_words}{other_words}, as in {trials[0]}:"
+        f" {reason}"
+    )
+
+
+def stance_times(crossing: Crossing, phases: Array = PHASES) -> Array:
+    """Times [s] of the phases (k,) of a crossing's stance."""
+    return crossing.stance.heel_strike + phases * crossing.stance.duration
+
+
+def signal_at(crossing: Crossing, signal: Array, time: Array) -> Array:
+    """Interpolate signals (..., n) of a crossing at times (k,) [s]; constant beyond its ends."""
+    spline = scipy.interpolate.make_interp_spline(crossing.time, signal, k=3, axis=-1)
+    return np.asarray(spline(np.clip(time, crossing.time[0], crossing.time[-1])))
+
+
+def matched_scales(phase: Array, curves: Array, mean: Array) -> Array:
+    """Fit the pace of curves to a mean curve by Gauss-Newton.
+
+    The model of a curve at phases p is c mean(r p) + drift(p), where the drift is a polynomial. The
+    scale r is wanted; c and the drift's coefficients are not.
+
+    Parameters
+    ----------
+    phase : Array
+        Phases p (k,), from 0.
+    curves : Array
+        (m, k).
+    mean : Array
+        (n,), at equal steps of phase from 0 to 1.
+
+    Returns
+    -------
+    Array
+        Scales r (8, m), for drifts of order 1 to 8; NaN where the search from 1 does not converge
+        within bounds.
+    """
+    mean_curve = scipy.interpolate.make_interp_spline(np.linspace(0.0, 1.0, len(mean)), mean, k=3)
+    mean_slope = mean_curve.derivative()
+    # Orthonormal polynomials, of which each order uses the first
+    powers = np.vander(phase / phase[-1], DRIFT_ORDERS[-1] + 1, increasing=True)
+    drift = np.linalg.qr(powers)[0]
+    of_order = np.arange(drift.shape[1]) <= DRIFT_ORDERS[:, None]
+    of_order = of_order[:, None].astype(float)
+
+    def without_drift(curves: Array) -> Array:
+        """Curves (orders, m, k) without the drift of each order."""
+        return np.asarray(curves - ((curves @ drift) * of_order) @ drift.T)
+
+    negligible = len(phase) * rounding_of(mean)
+    scales = np.ones((len(DRIFT_ORDERS), len(curves)))
+    step = np.full_like(scales, np.inf)
+    for _ in range(SCALE_ROUNDS):
+        scaled_phase = np.clip(scales[..., None] * phase, 0.0, 1.0)
+        expected = mean_curve(scaled_phase)
+        f = without_drift(expected)  # by c
+        s = without_drift(phase * mean_slope(scaled_phase))  # by r
+        unexplained = without_drift(curves - expected)
+
+        # The coefficient of s in the regression of what is unexplained on f and s
+        ff, fs, ss = np.sum(f * f, axis=-1), np.sum(f * s, axis=-1), np.sum(s * s, axis=-1)
+        determinant = ss * ff - fs**2
+        is_determined = (ff > negligible) & (ss > negligible) & (determinant > negligible * ff)
+        numerator = ff * np.sum(s * unexplained, axis=-1) - fs * np.sum(f * unexplained, axis=-1)
+        newton_step = np.where(is_determined, numerator, np.nan) / np.where(
+            is_determined, determinant, 1.0
+        )
+        step = np.clip(newton_step, -LARGEST_SCALE_STEP, LARGEST_SCALE_STEP)
+        scales = np.clip(scales + step, SMALLEST_SCALE, LARGEST_SCALE)
+        if np.all(np.abs(step) < LAST_SCALE_STEP):
+            break
+    within = (scales > SMALLEST_SCALE) & (scales < LARGEST_SCALE)
+    return np.where((np.abs(step) < LAST_SCALE_STEP) & within, scales, np.nan)
+
+
+@dataclass(frozen=True)
+class AlignedGait:
+    """The phases of a perturbed crossing and of the unperturbed ones on the mean gait."""
+
+    stance: float  # duration of stance [s] that converts the perturbed crossing's time to phase
+    # Phase on the mean gait over own phase, of each unperturbed crossing (crossings,)
+    scales: Array
+    # Duration of stance [s] expected from the gait before the onset; NaN: no pace fits
+    expected: float
+
+    def curves(self, unperturbed: Array, phase: Array) -> Array:
+        """Interpolate unperturbed curves (crossings, `PHASES`) at phases (k,) of the mean gait.
+
+        Returns
+        -------
+        Array
+            (crossings, k).
+        """
+        own_phases = np.clip(phase / self.scales[:, None], 0.0, 1.0)
+        spline = scipy.interpolate.make_interp_spline(PHASES, unperturbed.T, 3)
+        # All curves have the same knots, so that they are interpolated together
+        curves = [
+            scipy.interpolate.BSpline.construct_fast(spline.t, spline.c[:, k], 3)(own_phase)
+            for k, own_phase in enumerate(own_phases)
+        ]
+        return np.array(curves)
+
+
+def aligned_gait(crossing: Crossing, gait: UnperturbedGait, source: StanceSource) -> AlignedGait:
+    """Align a perturbed crossing with the mean unperturbed gait.
+
+    Parameters
+    ----------
+    source : str
+        Which duration of stance converts its time to phase: `matched`, `own` or `unperturbed`
+        (docs/walking.md, "Stance and phase").
+
+    Raises
+    ------
+    InputError
+        The duration is to be matched, and no pace fits.
+    """
+    own_stance = crossing.stance.duration
+    scale, gait_scales = matched_pace(crossing, gait)
+    expected = own_stance / scale * float(gait_scales.mean())
+    if source == "own":
+        return AlignedGait(own_stance, np.ones(len(gait.names)), expected)
+    if source == "unperturbed":
+        return AlignedGait(float(np.mean(gait.stance)), np.ones(len(gait.names)), expected)
+    if not np.isfinite(scale):
+        raise InputError(
+            f"trial {crossing.name}: its angle before the onset tells no pace from"
+            f" {SMALLEST_SCALE:g} to {LARGEST_SCALE:g} of the mean unperturbed gait: it has no"
+            " sharp turn after heel strike, or is of another gait; state perturbed_stance: own, or"
+            " give it another group"
+        )
+    return AlignedGait(own_stance / scale, gait_scales, expected)
+
+
+def matched_pace(crossing: Crossing, gait: UnperturbedGait) -> tuple[float, Array]:
+    """Scales of the crossing, and of each unperturbed one (crossings,); NaN if no pace fits."""
+    unknown = np.nan, np.full(len(gait.names), np.nan)
+    onset = crossing.stance.toe_off if crossing.onset is None else crossing.onset
+    known_until = onset - BEFORE_ONSET_S - crossing.stance.heel_strike  # [s] of stance
+    phase = PHASES[known_until / crossing.stance.duration >= PHASES]
+    if len(phase) < FEWEST_PHASES:
+        return unknown
+
+    theta = signal_at(crossing, crossing.theta, stance_times(crossing, phase))
+    curves = np.vstack([theta, gait.theta[:, : len(phase)]])
+    scales = matched_scales(
+        phase[::MATCHED_STEP], curves[:, ::MATCHED_STEP], gait.theta.mean(axis=0)
+    )
+    # The order of drift is the one at which all curves have a scale and the unperturbed scales
+    # scatter least
+    is_whole = np.isfinite(scales).all(axis=1)
+    scatters = np.where(is_whole, np.std(scales[:, 1:], axis=1), np.inf)
+    best = int(np.argmin(scatters))
+    if not np.isfinite(scatters[best]):
+        return unknown
+    return float(scales[best, 0]), scales[best, 1:]

@@ -131,7 +131,7 @@ def test_a_failure_while_writing_leaves_the_old_file_and_nothing_else(tmp_path, 
         monkeypatch.undo()
         monkeypatch.chdir(tmp_path)
     for free in (9, 10):  # MB
-        room = SimpleNamespace(free=free * 10**6)
+        room = SimpleNamespace(total=10**9, free=free * 10**6)
         monkeypatch.setattr("shutil.disk_usage", lambda path, room=room: room)
         with (
             pytest.raises(InputError, match="less than 10 MB free") if free < 10 else nullcontext()

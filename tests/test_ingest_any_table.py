@@ -51,7 +51,8 @@ FORTRAN = [[f"{x:.10E}".replace("E", "D") for x in column] for column in (TIME, 
 THOUSANDS = [*HEAD[:2], "Torque [Nmm]"], [f"{1e3 * x:,.3f}" for x in TORQUE]
 LVM = (
     "LabVIEW"
-    " Measurement\t\nX_Columns\tOne\n***End_of_Header***\t\nChannels\t2\t\t\nDelta_X\t0.002\t0.002\n"
+    " Measurement\t\nX_Columns\tOne\n***End_of_Header***\t\n"
+    "Channels\t2\t\t\nDelta_X\t0.002\t0.002\n"
 )
 TEXTS = {
     "semicolons and commas": text(";", ["Tijd [s]", "Hoek [graden]", "Koppel [Nm]"], decimal=","),

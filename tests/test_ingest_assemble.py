@@ -592,7 +592,8 @@ def test_the_human_ankles_are_objects_and_a_timetable_tells_its_time_and_units(t
 def test_what_cannot_be_a_log_is_refused_by_its_variable(write, tmp_path):
     for torque, message in (
         (TORQUE[1:],
-         "torque has 39 numbers and t has 40, and no one vector of time of its length is beside it; "),
+         "torque has 39 numbers and t has 40, "
+         "and no one vector of time of its length is beside it; "),
         ("broken", "torque is a 1x6 char, not real numbers"), (TORQUE + 1j, "torque is a "),
     ):  # fmt: skip
         assert message in refused_mat(write(tmp_path / "a.mat", **{**LOG, "torque": torque}))

@@ -154,7 +154,8 @@ def test_an_absurd_header_a_pointer_past_a_record_or_other_counts_are_refused(
     for place, value, problem in (
         (16, b"\0\0", "the data begin at byte -512, within the header"),
         (12, b"\0\0\0\0", "the scale of the points is 0"), (8, b"\0\0", "declares 0 frames"),
-        (0, b"\0", "processor of an unknown type"), (0, b"\x89MCAP0\r\n", "is mcap, its source file says c3d"),
+        (0, b"\0", "processor of an unknown type"),
+        (0, b"\x89MCAP0\r\n", "is mcap, its source file says c3d"),
         (at + 4, b"\1\0", "damaged C3D file"), (at + 4,
          (20000).to_bytes(2, "little"), "damaged C3D file"),
         (whole.index(b"WORD", 512) + 4,

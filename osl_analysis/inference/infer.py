@@ -1,0 +1,216 @@
+"""The one inference: from angle and torque of a recording to K, B, I and what may be wrong.
+
+1. `spectra`: signals in the band of the motion.
+2. `whitening`: the noise becomes white.
+3. `hypotheses`: each is fitted, with and without dry friction (`friction_shapes`).
+4. `cross_validation`: each predicts parts of the recording by its fit to the others.
+5. `mixture`: predictions and priors give weights; K, B, I are the mixture.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from osl_analysis.inference.constants import HARM_FLOOR, HARM_SHARE, KNOWN_DELAY, LIKELY
+from osl_analysis.inference.cross_validation import Predicted, held_out_vaf, predict_blocks
+from osl_analysis.inference.estimates import (
+    SYMBOLS,
+    Estimate,
+    Explanation,
+    Impedance,
+    ImpedanceInference,
+    KnownDelay,
+    Parameter,
+)
+from osl_analysis.inference.hypotheses import Search, hypotheses_for
+from osl_analysis.inference.mixture import (
+    Part,
+    Weighed,
+    evidence_of,
+    mixture_quantiles,
+    weigh,
+)
+from osl_analysis.inference.rounding_errors import rounding_torques
+from osl_analysis.inference.spectra import BenchSignals, Spectra
+from osl_analysis.inference.whitening import Whitened
+
+INTERVAL = (0.025, 0.5, 0.975)  # a 95 % interval and its median
+NAMED_PART = 0.05  # share of a hypothesis above which a value of its own parameter counts as harm
+NAMED_FAMILY = 0.1  # the same of all faults, for a hypothesis
+
+
+def infer_impedance(
+    signals: BenchSignals, accuracy: tuple[float, float, float] = HARM_SHARE
+) -> ImpedanceInference:
+    """Infer K, B and I of a joint from a recording, and what may be wrong with it.
+
+    Parameters
+    ----------
+    signals : BenchSignals
+        Angle and torque on one time base.
+    accuracy : tuple of float
+        Relative changes of K, B and I that matter to the user.
+
+    Returns
+    -------
+    ImpedanceInference
+        Estimates in SI units with 95 % intervals, and explanations with their probabilities.
+
+    Raises
+    ------
+    InputError
+        The signals are too short, not finite, or do not move.
+    """
+    spectra = Spectra(signals)
+    data = Whitened(spectra)
+    fits = fit_all(data)
+    weighed, at = weigh(fits, spectra.freedom, is_body=not signals.has_drivetrain)
+    reference = weighed[at]
+    plain = next(each for each in fits if is_plain(each))
+
+    parts = [
+        Part(each.weight * part.weight, part.impedance, part.covariance)
+        for each in weighed
+        for part in each.parts
+    ]
+    faults = [each for each in weighed if each.family != ""]
+    faults.sort(key=lambda each: -each.weight)
+    fault_probability = sum(each.weight for each in faults)
+    explanations = tuple(explained(each) for each in faults)
+    harm = harm_of(faults, reference, accuracy)
+    doubt = None
+    if fault_probability > LIKELY and harm > 1:
+        doubt = most_probable_family(faults, explanations)
+
+    reflex = None
+    for explanation in explanations:
+        if explanation.family == "reflex" and explanation.probability > LIKELY:
+            reflex = explanation
+
+    best = max(weighed, key=lambda each: each.weight)
+    return ImpedanceInference(
+        impedance=impedance_of(parts),
+        sound=impedance_of(reference.parts),
+        without_friction_column=impedance_of(
+            [Part(1.0, plain.impedances[0], plain.covariances[0])]
+        ),
+        fault_probability=fault_probability,
+        friction_probability=sum(each.weight for each in weighed if each.fit.rubs),
+        friction=None,
+        harm=harm,
+        doubt=doubt,
+        explanations=explanations,
+        delay=None if signals.has_drivetrain else known_delay(data, reference.fit),
+        reflex=reflex,
+        VAF_held_out=held_out_vaf(data, best.fit),
+        band_hz=spectra.band_hz,
+        noise_ratio=evidence_of([each.fit for each in weighed], spectra.freedom).noise,
+    )
+
+
+def is_plain(fit: Predicted) -> bool:
+    """Whether a fit is Eq. 15 alone."""
+    return fit.candidate.hypothesis.name == "nothing" and not fit.rubs
+
+
+def fit_all(data: Whitened) -> list[Predicted]:
+    """Fit all hypotheses, with and without friction, and let each predict all blocks."""
+    hypotheses = hypotheses_for(data)
+    searches = {rubs: Search(data, rubs) for rubs in (False, True)}
+    rounding = rounding_torques(data, searches[False].impedance)
+    found = []
+    for rubs, search in searches.items():
+        for hypothesis in hypotheses:
+            for candidate in hypothesis.candidates(search):
+                fit = predict_blocks(data, candidate, rubs, rounding, data.spectra.freedom)
+                found.append(fit)
+    return found
+
+
+def impedance_of(parts: Sequence[Part]) -> Impedance:
+    """Median and 95 % interval of K, B and I."""
+    low, median, high = mixture_quantiles(parts, INTERVAL)
+    estimates = {
+        symbol: Estimate(float(median[k]), float(low[k]), float(high[k]))
+        for k, symbol in enumerate(SYMBOLS)
+    }
+    return Impedance(**estimates)
+
+
+def explained(each: Weighed) -> Explanation:
+    """The public form of a weighed hypothesis."""
+    candidate, fit = each.fit.candidate, each.fit
+    hypothesis = candidate.hypothesis
+    added = fit.coefficients[3:]
+    values = list(zip(added.tolist(), fit.deviations[3:].tolist(), strict=True))
+    if candidate.slope is not None:
+        values.insert(0, (candidate.parameter, fit.parameter_sd))
+    parameters = tuple(
+        Parameter(name, unit, value, error)
+        for (name, unit), (value, error) in zip(hypothesis.parameters, values, strict=True)
+    )
+    return Explanation(
+        family=hypothesis.family,
+        name=hypothesis.name,
+        term=hypothesis.term,
+        probability=each.weight,
+        gain=each.gain,
+        has_friction=fit.rubs,
+        impedance=impedance_of(each.parts),
+        parameters=parameters,
+    )
+
+
+def most_probable_family(
+    faults: Sequence[Weighed], explanations: Sequence[Explanation]
+) -> Explanation:
+    """The most probable hypothesis of the most probable family."""
+    weights: dict[str, float] = {}
+    for each in faults:
+        weights[each.family] = weights.get(each.family, 0.0) + each.weight
+    family = max(weights, key=lambda name: weights[name])
+    return next(each for each in explanations if each.family == family)
+
+
+def harm_of(
+    faults: Sequence[Weighed], reference: Weighed, accuracy: tuple[float, float, float]
+) -> float:
+    """By how much faults move K, B or I, in multiples of what matters to the user.
+
+    What counts is the mean change of all faults, and the largest one of those that are not
+    improbable among them.
+    """
+    total = sum(each.weight for each in faults)
+    if total == 0.0:
+        return 0.0
+    sound = reference.impedance
+    matters = np.array(accuracy) * np.hypot(sound, HARM_FLOOR)
+    mean_change = sum(each.weight * np.abs(each.impedance - sound) for each in faults) / total
+    largest = np.asarray(mean_change)
+    for each in faults:
+        if each.weight < NAMED_FAMILY * total:
+            continue
+        for part in each.parts:
+            if part.weight > NAMED_PART:
+                largest = np.maximum(largest, np.abs(part.impedance - sound))
+    return float(np.max(largest / matters))
+
+
+def known_delay(data: Whitened, sound: Predicted) -> KnownDelay:
+    """Compute B and I if the delay between angle and torque is known to `KNOWN_DELAY`.
+
+    A torque late by d adds -d (K omega + B alpha + I jerk) to Eq. 15, so that B moves by K d, and I
+    by B d. How well the recording tells d itself is the slope's length beside the model.
+    """
+    candidate = sound.candidate
+    impedance = sound.impedances[0]
+    derivatives = data.spectra.derivatives
+    slope = data.column(-np.tensordot(impedance, derivatives[1:4], axes=1))
+    search = Search(data, sound.rubs)
+    left, moved_by_delay = search.fit(candidate.columns, slope)
+    recording = 1 / float(np.sqrt(max(left, np.finfo(float).tiny)))
+    deviation = 1 / float(np.hypot(1 / KNOWN_DELAY, 1 / recording))
+    moved = moved_by_delay[:3]
+    covariance = sound.covariances[0] + deviation**2 * np.outer(moved, moved)
+    found = impedance_of([Part(1.0, impedance, covariance)])
+    return KnownDelay(KNOWN_DELAY, recording, found.B, found.I)

@@ -1,0 +1,274 @@
+"""Weights of the hypotheses by prediction, and K, B, I as their mixture.
+
+The weight of a hypothesis is its prior times the exponential of what it gains in prediction,
+averaged over a Bayesian bootstrap of the blocks (pseudo-BMA+: Yao, Vehtari, Simpson and Gelman,
+Bayesian Analysis 13, 2018). The gain is divided by a *temper*, since two things are not noise:
+
+* rounding, which alone would give some hypothesis a gain;
+* that no mechanism is exactly its formula: it misses `INEXACTNESS` of its own torque.
+
+The interval of K is that of the mixture: it holds all that cannot be told apart.
+"""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from osl_analysis.inference.constants import (
+    BLOCKS,
+    BOOTSTRAP_DRAWS,
+    INEXACTNESS,
+    PRIOR_FRICTION,
+    PRIOR_SOUND,
+)
+from osl_analysis.inference.cross_validation import Predicted
+from osl_analysis.inference.hypotheses import Family
+from osl_analysis.trial import Array
+
+FAMILIES: tuple[Family, ...] = (
+    "path",
+    "time",
+    "speed",
+    "size",
+    "direction",
+    "clipping",
+    "reflex",
+)
+SEED = 1  # of the bootstrap: the same recording gives the same numbers
+NEGLIGIBLE = 1e-7  # weight below which a part does not enter the mixture
+SPREAD = 12.0  # standard deviations about all parts within which quantiles lie
+
+
+@dataclass(frozen=True)
+class Part:
+    """One Gaussian, with Student's tails, of the mixture."""
+
+    weight: float
+    impedance: Array  # K, B, I (3,) [SI]
+    covariance: Array  # (3, 3)
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """A hypothesis with its weight among all.
+
+    Attributes
+    ----------
+    fit : Predicted
+        The hypothesis, with or without friction.
+    weight : float
+        Its probability, given that one of those that compete is right.
+    gain : float
+        By how many nats it predicts the recording better than the best sound joint.
+    parts : tuple of Part
+        Its readings, or its own parameter's values; their weights have the sum 1.
+    """
+
+    fit: Predicted
+    weight: float
+    gain: float
+    parts: tuple[Part, ...]
+
+    @property
+    def family(self) -> Family:
+        """Family of the hypothesis; empty if nothing is at fault."""
+        return self.fit.candidate.hypothesis.family
+
+    @property
+    def impedance(self) -> Array:
+        """Mean K, B, I (3,) of its parts."""
+        return np.asarray(sum(part.weight * part.impedance for part in self.parts))
+
+
+def log_prior(fits: Sequence[Predicted]) -> Array:
+    """Logarithms (h,) of the prior probabilities.
+
+    Families share what is not sound evenly, and so do hypotheses within a family; minima of one
+    hypothesis share its probability.
+    """
+
+    def key(fit: Predicted) -> tuple[str, bool]:
+        return fit.candidate.hypothesis.name, fit.rubs
+
+    minima = Counter(key(fit) for fit in fits)
+    members = {(fit.candidate.hypothesis.family, fit.candidate.hypothesis.name) for fit in fits}
+    of_family = Counter(family for family, _ in members)
+    found = []
+    for fit in fits:
+        family = fit.candidate.hypothesis.family
+        prior = PRIOR_SOUND if family == "" else (1 - PRIOR_SOUND) / len(FAMILIES)
+        prior /= of_family[family] * minima[key(fit)]
+        prior *= PRIOR_FRICTION if fit.rubs else 1 - PRIOR_FRICTION
+        found.append(np.log(prior))
+    return np.array(found)
+
+
+def log_positive(impedance: Array, covariance: Array) -> float:
+    """Logarithm of the probability that B and I are positive, as those of a body are."""
+    deviations = np.sqrt(np.diag(covariance))[1:]
+    return float(np.sum(scipy.special.log_ndtr(impedance[1:] / deviations)))
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What the predictions of all hypotheses say together.
+
+    Attributes
+    ----------
+    gains : Array (h, BLOCKS)
+        By how many nats each hypothesis predicts each block better than the reference.
+    reference : int
+        The sound joint that predicts best.
+    noise : float
+        Variance of what the best hypothesis leaves; 1 unless it is not noise alone.
+    rounding : float
+        1, and what rounding alone would give the best hypothesis, in nats of noise.
+    sound : Array (h,) of bool
+        Which hypotheses are no fault.
+    """
+
+    gains: Array
+    reference: int
+    noise: float
+    rounding: float
+    sound: Array
+
+    def tempers(self, gains: Array) -> Array:
+        """What to divide gains (..., h) by, for each draw of blocks."""
+        best = gains.max(axis=-1)
+        best_sound = gains[..., self.sound].max(axis=-1)
+        to_explain = 2 * np.maximum(best - best_sound, 0.0)
+        return np.asarray(self.rounding + INEXACTNESS**2 * to_explain)
+
+
+def evidence_of(fits: Sequence[Predicted], freedom: float) -> Evidence:
+    """Compare the predictions of all hypotheses with those of the best sound one."""
+    squares = np.array([fit.squares for fit in fits])
+    totals = squares.sum(axis=1)
+    sound = np.array([fit.candidate.hypothesis.family == "" for fit in fits])
+    reference = int(np.argmin(np.where(sound, totals, np.inf)))
+    noise = max(float(totals.min()) / freedom, 1.0)
+    gains = (squares[reference] - squares) / 2 / noise
+
+    # rounding is compared beside the same friction, which takes up rounding, too
+    best = fits[int(np.argmin(totals))]
+    beside = [fit for fit in fits if fit.candidate.hypothesis.family == "" and fit.rubs == best.rubs]
+    of_sound = beside[0] if beside else fits[reference]
+    of_rounding = max(of_sound.rounding_left - best.rounding_left, 0.0)
+    return Evidence(gains, reference, noise, 1 + of_rounding / noise, sound)
+
+
+def weigh(
+    fits: Sequence[Predicted], freedom: float, is_body: bool = True
+) -> tuple[list[Weighed], int]:
+    """Weigh hypotheses by prediction.
+
+    Parameters
+    ----------
+    fits : sequence of Predicted
+        Hypotheses with and without friction.
+    freedom : float
+        Number of independent rows.
+    is_body : bool
+        Whether B and I are those of a body, and positive. A powered leg's may be negative.
+
+    Returns
+    -------
+    weighed : list of Weighed
+        The possible ones among them.
+    reference : int
+        Which of these is the sound joint that predicts best.
+    """
+    possible = [fit for fit in fits if fit.is_possible and np.isfinite(fit.squares).all()]
+    evidence = evidence_of(possible, freedom)
+    prior = log_prior(possible)
+    all_blocks = evidence.gains.sum(axis=1)
+    temper = float(evidence.tempers(all_blocks))
+
+    parts = []
+    for k, fit in enumerate(possible):
+        more, own_parts = parts_of(fit, evidence.noise * temper, is_body)
+        prior[k] += more
+        parts.append(own_parts)
+
+    draws = np.random.default_rng(SEED).dirichlet(np.ones(BLOCKS), BOOTSTRAP_DRAWS) * BLOCKS
+    draws = np.vstack([np.ones(BLOCKS), draws])
+    gains = draws @ evidence.gains.T
+    log_weights = prior + gains / evidence.tempers(gains)[:, None]
+    weights = np.exp(log_weights - log_weights.max(axis=1, keepdims=True))
+    weights = (weights / weights.sum(axis=1, keepdims=True)).mean(axis=0)
+    weighed = [
+        Weighed(fit, float(weights[k]), float(all_blocks[k]), tuple(parts[k]))
+        for k, fit in enumerate(possible)
+    ]
+    return weighed, evidence.reference
+
+
+def parts_of(fit: Predicted, unit: float, is_body: bool) -> tuple[float, list[Part]]:
+    """Parts of a hypothesis, and what they add to the logarithm of its prior.
+
+    Parameters
+    ----------
+    fit : Predicted
+        The hypothesis.
+    unit : float
+        Sum of squares that counts as two nats.
+    is_body : bool
+        Whether B and I are positive.
+    """
+    if not fit.candidate.profile:
+        more = log_positive(fit.impedances[0], fit.covariances[0]) if is_body else 0.0
+        share = 1 / len(fit.impedances)
+        pairs = zip(fit.impedances, fit.covariances, strict=True)
+        return more, [Part(share, impedance, covariance) for impedance, covariance in pairs]
+
+    # over its own parameter, with a flat prior between the ends of the profile
+    profile, covariance = fit.candidate.profile, fit.covariances[0]
+    log_weights = -0.5 * np.array([point.left for point in profile]) / unit
+    if is_body:
+        log_weights += [log_positive(point.impedance, covariance) for point in profile]
+    least = min(point.left for point in profile)
+    relative = np.exp(log_weights + 0.5 * least / unit)
+    more = float(np.log(max(relative.mean(), np.finfo(float).tiny)))
+    shares = np.exp(log_weights - log_weights.max())
+    shares = shares / shares.sum()
+    pairs_of_profile = zip(shares.tolist(), profile, strict=True)
+    return more, [Part(share, point.impedance, covariance) for share, point in pairs_of_profile]
+
+
+def mixture_quantiles(parts: Sequence[Part], levels: Sequence[float]) -> Array:
+    """Compute quantiles of K, B and I.
+
+    Parameters
+    ----------
+    parts : sequence of Part
+        Parts of the mixture; their weights need not have the sum 1.
+    levels : sequence of float
+        Probabilities (q,).
+
+    Returns
+    -------
+    Array (q, 3)
+        Quantiles [SI], of Student's distributions with BLOCKS - 1 degrees of freedom.
+    """
+    used = [part for part in parts if part.weight > NEGLIGIBLE]
+    weights = np.array([part.weight for part in used])
+    weights = weights / weights.sum()
+    at = np.array([part.impedance for part in used])
+    deviations = np.sqrt([np.diag(part.covariance) for part in used])
+
+    found = np.empty((len(levels), 3))
+    for k in range(3):
+        low = float((at[:, k] - SPREAD * deviations[:, k]).min())
+        high = float((at[:, k] + SPREAD * deviations[:, k]).max())
+
+        def excess(x: float, level: float, k: int = k) -> float:
+            scaled = (x - at[:, k]) / deviations[:, k]
+            return float(weights @ scipy.special.stdtr(BLOCKS - 1, scaled)) - level
+
+        for row, level in enumerate(levels):
+            found[row, k] = scipy.optimize.brentq(excess, low, high, args=(level,), xtol=1e-10)
+    return found

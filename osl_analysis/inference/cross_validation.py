@@ -13,7 +13,7 @@ import numpy as np
 from osl_analysis.inference.constants import BLOCKS
 from osl_analysis.inference.hypotheses import Candidate
 from osl_analysis.inference.least_squares import RIDGE, lengths_of
-from osl_analysis.inference.whitening import Whitened
+from osl_analysis.inference.whitening import JointKind, Whitened
 from osl_analysis.trial import Array
 
 
@@ -25,8 +25,8 @@ class Predicted:
     ----------
     candidate : Candidate
         The hypothesis, at a value of its own parameter.
-    rubs : bool
-        Whether dry friction is beside it.
+    kind : JointKind
+        Whether friction and a reflex are beside it.
     squares : Array (BLOCKS,)
         Sum of squares of what the fit to the other blocks leaves of each block, in units of the
         noise's variance.
@@ -42,6 +42,8 @@ class Predicted:
         Standard deviation of its own parameter; NaN if it has none.
     friction_torque : float
         Mean size of sliding friction [N*m]; 0 without friction.
+    reflex_gains, reflex_deviations : Array (2,)
+        Gain of the reflex in either direction, and standard deviations [N*m*s/rad]; empty without.
     left : float
         Sum of squares that the fit to all blocks leaves.
     rounding_left : float
@@ -49,7 +51,7 @@ class Predicted:
     """
 
     candidate: Candidate
-    rubs: bool
+    kind: JointKind
     squares: Array
     impedances: Array
     covariances: Array
@@ -57,6 +59,8 @@ class Predicted:
     deviations: Array
     parameter_sd: float
     friction_torque: float
+    reflex_gains: Array
+    reflex_deviations: Array
     left: float
     rounding_left: float
 
@@ -71,15 +75,12 @@ def block_edges(rows: int) -> Array:
     return np.asarray(-(-np.arange(BLOCKS + 1) * rows // BLOCKS))
 
 
-def all_columns(data: Whitened, candidate: Candidate, rubs: bool) -> Array:
-    """Columns (c, m) of a candidate: its own, its slope, friction, offset and drift."""
+def all_columns(data: Whitened, candidate: Candidate, kind: JointKind) -> Array:
+    """Columns (c, m) of a candidate: its own, its slope, friction, reflex, offset and drift."""
     parts = [candidate.columns]
     if candidate.slope is not None:
         parts.append(candidate.slope[None])
-    if rubs:
-        parts.append(data.friction)
-    parts.append(data.slow)
-    return np.concatenate(parts)
+    return np.concatenate([*parts, data.shared(kind)])
 
 
 def normal_matrices(columns: Array, torque: Array) -> Array:
@@ -90,7 +91,7 @@ def normal_matrices(columns: Array, torque: Array) -> Array:
 
 
 def predict_blocks(
-    data: Whitened, candidate: Candidate, rubs: bool, rounding: Array, freedom: float
+    data: Whitened, candidate: Candidate, kind: JointKind, rounding: Array, freedom: float
 ) -> Predicted:
     """Fit a candidate, and predict each block by the fit to the others.
 
@@ -104,14 +105,14 @@ def predict_blocks(
         The recording.
     candidate : Candidate
         Its columns (k, m) and the torque (m,) that they explain.
-    rubs : bool
-        Whether the shapes of dry friction are beside them.
+    kind : JointKind
+        Whether the shapes of dry friction, and of a reflex, are beside them.
     rounding : Array (draws, m)
         Torques that rounding alone makes.
     freedom : float
         Number of independent rows.
     """
-    columns = all_columns(data, candidate, rubs)
+    columns = all_columns(data, candidate, kind)
     length = lengths_of(columns)
     unit = columns / length[:, None]
     blocks = normal_matrices(unit, candidate.torque)
@@ -155,14 +156,21 @@ def predict_blocks(
     of_own = covariance[:width, :width]
     coefficients = estimates[:width] if candidate.estimates is None else candidate.estimates
     readings = candidate.readings_of(width)
+    place = width + (candidate.slope is not None)
     friction_torque = 0.0
-    if rubs:
-        own = width + (candidate.slope is not None)
-        shapes = estimates[own : own + len(data.friction)]
-        friction_torque = float(shapes @ data.mean_friction)
+    if kind.has_friction:
+        of_friction = slice(place, place + len(data.friction))
+        friction_torque = float(estimates[of_friction] @ data.mean_friction)
+        place = of_friction.stop
+    reflex_gains = reflex_deviations = np.empty(0)
+    if kind.has_reflex:
+        of_reflex = slice(place, place + len(data.reflex.columns))
+        reflex_gains, reflex_deviations = data.reflex.gains(
+            estimates[of_reflex], covariance[of_reflex, of_reflex]
+        )
     return Predicted(
         candidate=candidate,
-        rubs=rubs,
+        kind=kind,
         squares=np.asarray(squares),
         impedances=np.array([reading @ coefficients for reading in readings]),
         covariances=np.array([reading @ of_own @ reading.T for reading in readings]),
@@ -170,22 +178,25 @@ def predict_blocks(
         deviations=np.sqrt(np.maximum(np.diag(of_own), 0.0)),
         parameter_sd=parameter_sd,
         friction_torque=friction_torque,
+        reflex_gains=reflex_gains,
+        reflex_deviations=reflex_deviations,
         left=left,
         rounding_left=rounding_left,
     )
 
 
-def held_out_vaf(data: Whitened, fit: Predicted) -> float:
+def held_out_vaf(data: Whitened, fit: Predicted, from_hz: float = 0.0) -> float:
     """Compute the variance of the torque that fits to other parts account for [%].
 
     Every third block is left out in turn; the worst of the three counts. The torque is that in the
-    motion's band, less its mean in each block.
+    motion's band, less its mean in each block, and less what is slower than `from_hz`: a person
+    pushes as he likes there.
     """
-    columns = all_columns(data, fit.candidate, fit.rubs)
+    columns = all_columns(data, fit.candidate, fit.kind)
     length = lengths_of(columns)
     columns = columns / length[:, None]
     blocks = normal_matrices(columns, fit.candidate.torque)
-    in_time = data.unwhitened(np.vstack([columns, fit.candidate.torque]))
+    in_time = data.unwhitened(np.vstack([columns, fit.candidate.torque]), from_hz)
     moving = len(columns) - len(data.slow)
     edges = block_edges(columns.shape[1])
     found = []

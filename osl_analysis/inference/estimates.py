@@ -67,6 +67,16 @@ class Explanation:
 
 
 @dataclass(frozen=True)
+class ReflexEstimate:
+    """The reflex of a person's joint."""
+
+    probability: float
+    delay_s: float
+    rising: Parameter  # torque over a lasting speed while the angle rises
+    falling: Parameter
+
+
+@dataclass(frozen=True)
 class KnownDelay:
     """What a delay between angle and torque does to B and I, where nobody states it.
 
@@ -96,8 +106,8 @@ class ImpedanceInference:
         Probability of a fault of any size.
     friction_probability : float
         Probability of dry friction.
-    friction : Estimate or None
-        Size of sliding friction [N*m] of the best sound joint with friction.
+    friction_harm : float
+        By how much K, B or I move if friction is left out, in multiples of what matters.
     harm : float
         By how much faults move K, B or I, in multiples of what matters to the user.
     doubt : Explanation or None
@@ -106,8 +116,10 @@ class ImpedanceInference:
         Faults by their probability, the most probable first.
     delay : KnownDelay or None
         What an unstated delay does; None for a drivetrain, whose belt tells it.
-    reflex : Explanation or None
-        The reflex of a person's joint, if it is the likely explanation.
+    reflex : ReflexEstimate or None
+        The reflex of a person's joint, if it probably has one.
+    without_reflex : Impedance or None
+        The best sound joint without a reflex, which such a joint would be taken for.
     VAF_held_out : float
         Variance of the torque accounted for by fits to the other blocks [%], in the motion's band.
     band_hz : float
@@ -121,12 +133,13 @@ class ImpedanceInference:
     without_friction_column: Impedance
     fault_probability: float
     friction_probability: float
-    friction: Estimate | None
+    friction_harm: float
     harm: float
     doubt: Explanation | None
     explanations: tuple[Explanation, ...]
     delay: KnownDelay | None
-    reflex: Explanation | None
+    reflex: ReflexEstimate | None
+    without_reflex: Impedance | None
     VAF_held_out: float
     band_hz: float
     noise_ratio: float
@@ -138,7 +151,7 @@ class ImpedanceInference:
             **self.sound.columns("_sound"),
             "fault_probability": self.fault_probability,
             "friction_probability": self.friction_probability,
-            "friction": self.friction.value if self.friction else None,
+            "friction_harm": self.friction_harm,
             "harm": self.harm,
             "doubt": self.doubt.family if self.doubt else None,
             "explanation": self.explanations[0].name if self.explanations else None,
@@ -162,10 +175,16 @@ class ImpedanceInference:
         }
 
     def _reflex_columns(self) -> dict[str, Cell]:
-        found: dict[str, Cell] = {}
-        names = ("reflex_delay_s", "reflex_gain_rising", "reflex_gain_falling")
-        parameters = self.reflex.parameters if self.reflex else (None, None, None)
-        for name, parameter in zip(names, parameters, strict=True):
-            found[name] = parameter.value if parameter else None
-            found[f"{name}_se"] = parameter.standard_error if parameter else None
-        return found
+        names = ("reflex_probability", "reflex_delay_s", "reflex_gain_rising")
+        more = ("reflex_gain_rising_se", "reflex_gain_falling", "reflex_gain_falling_se")
+        reflex = self.reflex
+        if reflex is None:
+            return dict.fromkeys((*names, *more))
+        return {
+            "reflex_probability": reflex.probability,
+            "reflex_delay_s": reflex.delay_s,
+            "reflex_gain_rising": reflex.rising.value,
+            "reflex_gain_rising_se": reflex.rising.standard_error,
+            "reflex_gain_falling": reflex.falling.value,
+            "reflex_gain_falling_se": reflex.falling.standard_error,
+        }

@@ -3,7 +3,8 @@
 Each hypothesis is a class: its family, its term in the field, its own parameters with their units,
 and how its columns are made. The first three columns multiply K, B and I:
 
-    torque = K x_1 + B x_2 + I x_3 + further columns + offset and drift (+ dry friction) + noise
+    torque = K x_1 + B x_2 + I x_3 + further columns + offset and drift
+             (+ dry friction) (+ reflex) + noise
 
 A path, for example, delays or filters what the load cell sees of the joint's torque: its x_k are
 the delayed angle, velocity and acceleration.
@@ -23,20 +24,20 @@ from osl_analysis.inference.constants import (
     FEWEST_STEPS,
     LAGS,
     MOMENTS,
-    MUSCLE_CORNERS,
     PLAYS,
-    REFLEX_DELAYS,
     RESONANCE_DAMPING,
 )
 from osl_analysis.inference.friction_shapes import slipping_spring
-from osl_analysis.inference.least_squares import Beside
+from osl_analysis.inference.least_squares import BesideShared
 from osl_analysis.inference.spectra import Spectrum
-from osl_analysis.inference.whitening import Whitened
+from osl_analysis.inference.whitening import JointKind, Whitened
 from osl_analysis.trial import Array
 
-Family = Literal["", "path", "time", "speed", "size", "direction", "clipping", "reflex"]
+Family = Literal["", "path", "time", "speed", "size", "direction", "clipping"]
 EQUATION_15 = np.eye(3)  # the first three coefficients are K, B, I
-WORTH_REFINING = 2.0  # nats that a grid must gain: below it a weight stays near its small prior
+# nats that a grid must gain: below it a weight stays near its small prior, unless B or I of Eq. 15
+# alone is negative, which a path may explain although it gains nothing
+WORTH_REFINING = 2.0
 PROFILE = np.linspace(-3.0, 3.0, 9)  # standard deviations at which a likelihood is tabulated
 REFINEMENTS = 12  # evaluations of Brent's method about a minimum of the grid
 OUTERMOST = (0.002, 0.998)  # quantiles of a torque that are its ends, beside noise
@@ -92,22 +93,23 @@ class Candidate:
 
 
 class Search:
-    """Fits of columns to the torque, beside offset, drift and perhaps dry friction.
+    """Fits of columns to the torque of a joint of some kind, beside offset and drift.
 
     Attributes
     ----------
     data : Whitened
         The recording.
+    kind : JointKind
+        Whether the joint has friction, and a reflex.
     left : float
         What Eq. 15 alone leaves of the torque.
     impedance : Array (3,)
         Its K, B, I.
     """
 
-    def __init__(self, data: Whitened, rubs: bool) -> None:
-        self.data = data
-        shared = np.concatenate([data.slow, data.friction]) if rubs else data.slow
-        self._beside = Beside(shared)
+    def __init__(self, data: Whitened, kind: JointKind) -> None:
+        self.data, self.kind = data, kind
+        self._beside = BesideShared(data.shared(kind))
         self.left, self.impedance = self.fit(data.motion)
 
     def fit(self, columns: Array, torque: Array | None = None) -> tuple[float, Array]:
@@ -120,7 +122,8 @@ class Search:
         A delay has a false minimum beside the true one.
         """
         values = np.array([left(x) for x in grid.tolist()])
-        if self.left - values.min() < 2 * WORTH_REFINING:
+        is_body = float(self.impedance[1:].min()) > 0.0
+        if is_body and self.left - values.min() < 2 * WORTH_REFINING:
             return []
         found = []
         for k in np.argsort(values).tolist():
@@ -429,10 +432,20 @@ class LagStep(GrowingLag):
 def best_moment(search: Search, changing: Array) -> float:
     """The moment [share of the recording] after which a torque (p,) best explains what is left."""
     data = search.data
-    after = np.array([data.spectra.share > moment for moment in MOMENTS])
-    columns = data.of_product(after * changing)
-    left = [search.fit(np.vstack([data.motion, column]))[0] for column in columns]
-    return MOMENTS[int(np.argmin(left))]
+
+    def left(moment: float) -> float:
+        column = data.of_product(changing * (data.spectra.share > moment))
+        return search.fit(np.vstack([data.motion, column]))[0]
+
+    on_grid = min(MOMENTS, key=left)
+    step = MOMENTS[1] - MOMENTS[0]
+    refined = scipy.optimize.minimize_scalar(
+        left,
+        bounds=(on_grid - step, on_grid + step),
+        method="bounded",
+        options={"maxiter": REFINEMENTS},
+    )
+    return float(refined.x) if refined.fun < left(on_grid) else on_grid
 
 
 class StiffnessDrift(Hypothesis):
@@ -620,58 +633,6 @@ class Clipping(Hypothesis):
         return [Candidate(self, self.data.motion, torque)]
 
 
-# ---- reflex
-
-
-class Reflex(Hypothesis):
-    """A person's stretch reflex: half-waves of the velocity, delayed, through muscle.
-
-    The parallel pathway of Kearney, Stein and Parameswaran (IEEE Trans. Biomed. Eng. 44, 1997); here
-    for both directions. The muscle is a critically damped low-pass of second order.
-    """
-
-    family = "reflex"
-    name = "reflex"
-    term = "reflex"
-    parameters = (
-        ("delay", "s"),
-        ("gain of rising angle", "N*m*s/rad"),
-        ("gain of falling angle", "N*m*s/rad"),
-    )
-
-    def __init__(self, data: Whitened) -> None:
-        super().__init__(data)
-        omega = data.spectra.omega
-        halves = np.array([np.maximum(omega, 0.0), np.minimum(omega, 0.0)])
-        self._halves = data.spectra.spectrum_of(halves)
-        self._known: dict[tuple[float, float], Array] = {}
-
-    def response(self, delay: float, corner: float) -> Spectrum:
-        """Response (f,) of a muscle of gain 1 with a corner [Hz], behind a delay [s]."""
-        s = self.data.spectra.s
-        return np.exp(-delay * s) / (1 + s / (2 * np.pi * corner)) ** 2
-
-    def answers(self, delay: float, corner: float) -> Array:
-        """Whitened answers (2, m) to the half-waves."""
-        known = (delay, corner)
-        if known not in self._known:
-            self._known[known] = self.data.column(self._halves * self.response(delay, corner))
-        return self._known[known]
-
-    def candidates(self, search: Search) -> list[Candidate]:
-        tried = []
-        for delay in REFLEX_DELAYS:
-            for corner in MUSCLE_CORNERS:
-                columns = np.vstack([self.data.motion, self.answers(delay, corner)])
-                left, estimates = search.fit(columns)
-                tried.append((left, delay, corner, estimates))
-        _, delay, corner, estimates = min(tried, key=lambda fit: fit[0])
-        columns = np.vstack([self.data.motion, self.answers(delay, corner)])
-        later = -self.data.spectra.s * self.response(delay, corner)
-        slope = self.data.column(later * (estimates[3:] @ self._halves))
-        return [Candidate(self, columns, self.data.torque, slope, delay, estimates)]
-
-
 SOUND: tuple[type[Hypothesis], ...] = (Nothing,)
 PATHS: tuple[type[Hypothesis], ...] = (
     Delay,
@@ -695,7 +656,6 @@ OTHER_FAULTS: tuple[type[Hypothesis], ...] = (
     DampingByDirection,
     StiffnessByDirection,
     Clipping,
-    Reflex,
 )
 
 

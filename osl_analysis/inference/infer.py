@@ -2,7 +2,8 @@
 
 1. `spectra`: signals in the band of the motion.
 2. `whitening`: the noise becomes white.
-3. `hypotheses`: each is fitted, with and without dry friction (`friction_shapes`).
+3. `hypotheses`: each is fitted, with and without dry friction (`friction_shapes`), and with a
+   person's reflex (`reflex`) where that may explain something.
 4. `cross_validation`: each predicts parts of the recording by its fit to the others.
 5. `mixture`: predictions and priors give weights; K, B, I are the mixture.
 """
@@ -21,26 +22,26 @@ from osl_analysis.inference.estimates import (
     ImpedanceInference,
     KnownDelay,
     Parameter,
+    ReflexEstimate,
 )
 from osl_analysis.inference.hypotheses import Search, hypotheses_for
-from osl_analysis.inference.mixture import (
-    Part,
-    Weighed,
-    evidence_of,
-    mixture_quantiles,
-    weigh,
-)
+from osl_analysis.inference.least_squares import BesideShared
+from osl_analysis.inference.mixture import Part, Weighed, mixture_quantiles, noise_of, weigh
 from osl_analysis.inference.rounding_errors import rounding_torques
 from osl_analysis.inference.spectra import BenchSignals, Spectra
-from osl_analysis.inference.whitening import Whitened
+from osl_analysis.inference.whitening import JointKind, Whitened
+from osl_analysis.trial import Array
 
 INTERVAL = (0.025, 0.5, 0.975)  # a 95 % interval and its median
 NAMED_PART = 0.05  # share of a hypothesis above which a value of its own parameter counts as harm
 NAMED_FAMILY = 0.1  # the same of all faults, for a hypothesis
+REFLEX_WORTH = 12.0  # nats that a reflex must gain in the fit to compete: its ten columns take five
 
 
 def infer_impedance(
-    signals: BenchSignals, accuracy: tuple[float, float, float] = HARM_SHARE
+    signals: BenchSignals,
+    accuracy: tuple[float, float, float] = HARM_SHARE,
+    vaf_from_hz: float = 0.0,
 ) -> ImpedanceInference:
     """Infer K, B and I of a joint from a recording, and what may be wrong with it.
 
@@ -50,6 +51,8 @@ def infer_impedance(
         Angle and torque on one time base.
     accuracy : tuple of float
         Relative changes of K, B and I that matter to the user.
+    vaf_from_hz : float
+        Frequency below which the held-out VAF does not count [Hz], as a person's will.
 
     Returns
     -------
@@ -66,65 +69,93 @@ def infer_impedance(
     fits = fit_all(data)
     weighed, at = weigh(fits, spectra.freedom, is_body=not signals.has_drivetrain)
     reference = weighed[at]
-    plain = next(each for each in fits if is_plain(each))
+    plain = next(fit for fit in fits if is_plain(fit))
+    matters = np.array(accuracy) * np.hypot(reference.impedance, HARM_FLOOR)
 
-    parts = [
-        Part(each.weight * part.weight, part.impedance, part.covariance)
-        for each in weighed
-        for part in each.parts
-    ]
     faults = [each for each in weighed if each.family != ""]
     faults.sort(key=lambda each: -each.weight)
     fault_probability = sum(each.weight for each in faults)
     explanations = tuple(explained(each) for each in faults)
-    harm = harm_of(faults, reference, accuracy)
+    harm = harm_of(faults, reference, matters)
     doubt = None
     if fault_probability > LIKELY and harm > 1:
         doubt = most_probable_family(faults, explanations)
 
-    reflex = None
-    for explanation in explanations:
-        if explanation.family == "reflex" and explanation.probability > LIKELY:
-            reflex = explanation
+    without_reflex = None
+    if reference.fit.kind.has_reflex:
+        alone = [each for each in weighed if each.family == "" and not each.fit.kind.has_reflex]
+        without_reflex = impedance_of(max(alone, key=lambda each: each.weight).parts)
 
+    moved_by_friction = np.abs(reference.impedance - plain.impedances[0])
     best = max(weighed, key=lambda each: each.weight)
     return ImpedanceInference(
-        impedance=impedance_of(parts),
+        impedance=impedance_of(mixed(weighed)),
         sound=impedance_of(reference.parts),
         without_friction_column=impedance_of(
             [Part(1.0, plain.impedances[0], plain.covariances[0])]
         ),
         fault_probability=fault_probability,
-        friction_probability=sum(each.weight for each in weighed if each.fit.rubs),
-        friction=None,
+        friction_probability=sum(each.weight for each in weighed if each.fit.kind.has_friction),
+        friction_harm=float(np.max(moved_by_friction / matters)),
         harm=harm,
         doubt=doubt,
         explanations=explanations,
         delay=None if signals.has_drivetrain else known_delay(data, reference.fit),
-        reflex=reflex,
-        VAF_held_out=held_out_vaf(data, best.fit),
+        reflex=reflex_of(weighed, data),
+        without_reflex=without_reflex,
+        VAF_held_out=held_out_vaf(data, best.fit, vaf_from_hz),
         band_hz=spectra.band_hz,
-        noise_ratio=evidence_of([each.fit for each in weighed], spectra.freedom).noise,
+        noise_ratio=noise_of(fits, spectra.freedom),
     )
 
 
 def is_plain(fit: Predicted) -> bool:
     """Whether a fit is Eq. 15 alone."""
-    return fit.candidate.hypothesis.name == "nothing" and not fit.rubs
+    return fit.candidate.hypothesis.name == "nothing" and fit.kind == JointKind()
 
 
 def fit_all(data: Whitened) -> list[Predicted]:
-    """Fit all hypotheses, with and without friction, and let each predict all blocks."""
+    """Fit all hypotheses for each kind of joint, and let each predict all blocks."""
+    freedom = data.spectra.freedom
     hypotheses = hypotheses_for(data)
-    searches = {rubs: Search(data, rubs) for rubs in (False, True)}
-    rounding = rounding_torques(data, searches[False].impedance)
-    found = []
-    for rubs, search in searches.items():
-        for hypothesis in hypotheses:
-            for candidate in hypothesis.candidates(search):
-                fit = predict_blocks(data, candidate, rubs, rounding, data.spectra.freedom)
-                found.append(fit)
-    return found
+    searches = [Search(data, JointKind(has_friction)) for has_friction in (False, True)]
+    rounding = rounding_torques(data, searches[0].impedance)
+
+    def predicted(searches: Sequence[Search]) -> list[Predicted]:
+        return [
+            predict_blocks(data, candidate, search.kind, rounding, freedom)
+            for search in searches
+            for hypothesis in hypotheses
+            for candidate in hypothesis.candidates(search)
+        ]
+
+    fits = predicted(searches)
+    if reflex_may_gain(data, fits):
+        kinds = [JointKind(has_friction, has_reflex=True) for has_friction in (False, True)]
+        fits += predicted([Search(data, kind) for kind in kinds])
+    return fits
+
+
+def reflex_may_gain(data: Whitened, fits: Sequence[Predicted]) -> bool:
+    """Whether a reflex explains something that the best hypothesis without one leaves."""
+    if data.spectra.signals.has_drivetrain:
+        return False
+    best = min((fit for fit in fits if fit.is_possible), key=lambda fit: fit.left)
+    beside = BesideShared(data.shared(best.kind))
+    columns, torque = best.candidate.columns, best.candidate.torque
+    left, _ = beside.fit(columns, torque)
+    less, _ = beside.fit(np.concatenate([columns, data.reflex.columns]), torque)
+    noise = noise_of(fits, data.spectra.freedom)
+    return (left - less) / 2 / noise > REFLEX_WORTH
+
+
+def mixed(weighed: Sequence[Weighed]) -> list[Part]:
+    """All parts of all hypotheses, with their weights."""
+    return [
+        Part(each.weight * part.weight, part.impedance, part.covariance)
+        for each in weighed
+        for part in each.parts
+    ]
 
 
 def impedance_of(parts: Sequence[Part]) -> Impedance:
@@ -141,8 +172,7 @@ def explained(each: Weighed) -> Explanation:
     """The public form of a weighed hypothesis."""
     candidate, fit = each.fit.candidate, each.fit
     hypothesis = candidate.hypothesis
-    added = fit.coefficients[3:]
-    values = list(zip(added.tolist(), fit.deviations[3:].tolist(), strict=True))
+    values = list(zip(fit.coefficients[3:].tolist(), fit.deviations[3:].tolist(), strict=True))
     if candidate.slope is not None:
         values.insert(0, (candidate.parameter, fit.parameter_sd))
     parameters = tuple(
@@ -155,10 +185,27 @@ def explained(each: Weighed) -> Explanation:
         term=hypothesis.term,
         probability=each.weight,
         gain=each.gain,
-        has_friction=fit.rubs,
+        has_friction=fit.kind.has_friction,
         impedance=impedance_of(each.parts),
         parameters=parameters,
     )
+
+
+def reflex_of(weighed: Sequence[Weighed], data: Whitened) -> ReflexEstimate | None:
+    """The reflex, by the most probable hypothesis beside it; None if there is probably none."""
+    beside = [each for each in weighed if each.fit.kind.has_reflex]
+    probability = sum(each.weight for each in beside)
+    if probability <= LIKELY:
+        return None
+    best = max(beside, key=lambda each: each.weight).fit
+    ways = zip(
+        ("rising", "falling"),
+        best.reflex_gains.tolist(),
+        best.reflex_deviations.tolist(),
+        strict=True,
+    )
+    parameters = {way: Parameter(way, "N*m*s/rad", gain, error) for way, gain, error in ways}
+    return ReflexEstimate(probability, data.reflex.delay, **parameters)
 
 
 def most_probable_family(
@@ -172,10 +219,8 @@ def most_probable_family(
     return next(each for each in explanations if each.family == family)
 
 
-def harm_of(
-    faults: Sequence[Weighed], reference: Weighed, accuracy: tuple[float, float, float]
-) -> float:
-    """By how much faults move K, B or I, in multiples of what matters to the user.
+def harm_of(faults: Sequence[Weighed], reference: Weighed, matters: Array) -> float:
+    """By how much faults move K, B or I, in multiples (3,) of what matters to the user.
 
     What counts is the mean change of all faults, and the largest one of those that are not
     improbable among them.
@@ -184,7 +229,6 @@ def harm_of(
     if total == 0.0:
         return 0.0
     sound = reference.impedance
-    matters = np.array(accuracy) * np.hypot(sound, HARM_FLOOR)
     mean_change = sum(each.weight * np.abs(each.impedance - sound) for each in faults) / total
     largest = np.asarray(mean_change)
     for each in faults:
@@ -202,12 +246,10 @@ def known_delay(data: Whitened, sound: Predicted) -> KnownDelay:
     A torque late by d adds -d (K omega + B alpha + I jerk) to Eq. 15, so that B moves by K d, and I
     by B d. How well the recording tells d itself is the slope's length beside the model.
     """
-    candidate = sound.candidate
     impedance = sound.impedances[0]
     derivatives = data.spectra.derivatives
     slope = data.column(-np.tensordot(impedance, derivatives[1:4], axes=1))
-    search = Search(data, sound.rubs)
-    left, moved_by_delay = search.fit(candidate.columns, slope)
+    left, moved_by_delay = Search(data, sound.kind).fit(sound.candidate.columns, slope)
     recording = 1 / float(np.sqrt(max(left, np.finfo(float).tiny)))
     deviation = 1 / float(np.hypot(1 / KNOWN_DELAY, 1 / recording))
     moved = moved_by_delay[:3]

@@ -23,7 +23,7 @@ def solve_scaled(columns: Array, torque: Array) -> Array:
     return np.asarray(estimates / length)
 
 
-class Beside:
+class BesideShared:
     """Least squares of further columns beside shared ones (k, m).
 
     The shared columns are projected out of everything once (Frisch-Waugh-Lovell), so that a search

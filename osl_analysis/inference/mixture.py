@@ -21,11 +21,14 @@ from osl_analysis.inference.constants import (
     BLOCKS,
     BOOTSTRAP_DRAWS,
     INEXACTNESS,
+    LIKELY,
     PRIOR_FRICTION,
+    PRIOR_REFLEX,
     PRIOR_SOUND,
 )
 from osl_analysis.inference.cross_validation import Predicted
 from osl_analysis.inference.hypotheses import Family
+from osl_analysis.inference.whitening import JointKind
 from osl_analysis.trial import Array
 
 FAMILIES: tuple[Family, ...] = (
@@ -35,7 +38,6 @@ FAMILIES: tuple[Family, ...] = (
     "size",
     "direction",
     "clipping",
-    "reflex",
 )
 SEED = 1  # of the bootstrap: the same recording gives the same numbers
 NEGLIGIBLE = 1e-7  # weight below which a part does not enter the mixture
@@ -90,8 +92,8 @@ def log_prior(fits: Sequence[Predicted]) -> Array:
     hypothesis share its probability.
     """
 
-    def key(fit: Predicted) -> tuple[str, bool]:
-        return fit.candidate.hypothesis.name, fit.rubs
+    def key(fit: Predicted) -> tuple[str, JointKind]:
+        return fit.candidate.hypothesis.name, fit.kind
 
     minima = Counter(key(fit) for fit in fits)
     members = {(fit.candidate.hypothesis.family, fit.candidate.hypothesis.name) for fit in fits}
@@ -101,7 +103,7 @@ def log_prior(fits: Sequence[Predicted]) -> Array:
         family = fit.candidate.hypothesis.family
         prior = PRIOR_SOUND if family == "" else (1 - PRIOR_SOUND) / len(FAMILIES)
         prior /= of_family[family] * minima[key(fit)]
-        prior *= PRIOR_FRICTION if fit.rubs else 1 - PRIOR_FRICTION
+        prior *= PRIOR_FRICTION if fit.kind.has_friction else 1 - PRIOR_FRICTION
         found.append(np.log(prior))
     return np.array(found)
 
@@ -114,7 +116,7 @@ def log_positive(impedance: Array, covariance: Array) -> float:
 
 @dataclass(frozen=True)
 class Evidence:
-    """What the predictions of all hypotheses say together.
+    """What the predictions of some hypotheses say together.
 
     Attributes
     ----------
@@ -122,8 +124,6 @@ class Evidence:
         By how many nats each hypothesis predicts each block better than the reference.
     reference : int
         The sound joint that predicts best.
-    noise : float
-        Variance of what the best hypothesis leaves; 1 unless it is not noise alone.
     rounding : float
         1, and what rounding alone would give the best hypothesis, in nats of noise.
     sound : Array (h,) of bool
@@ -132,7 +132,6 @@ class Evidence:
 
     gains: Array
     reference: int
-    noise: float
     rounding: float
     sound: Array
 
@@ -140,25 +139,42 @@ class Evidence:
         """What to divide gains (..., h) by, for each draw of blocks."""
         best = gains.max(axis=-1)
         best_sound = gains[..., self.sound].max(axis=-1)
-        to_explain = 2 * np.maximum(best - best_sound, 0.0)
-        return np.asarray(self.rounding + INEXACTNESS**2 * to_explain)
+        return temper(best - best_sound, self.rounding)
 
 
-def evidence_of(fits: Sequence[Predicted], freedom: float) -> Evidence:
-    """Compare the predictions of all hypotheses with those of the best sound one."""
+def temper(gain: Array, rounding: float) -> Array:
+    """What to divide a gain [nat] by, since neither rounding nor a formula that is inexact is noise.
+
+    A mechanism that misses a share e of its own torque leaves e^2 of what it explains, which is
+    twice the gain. So evidence saturates at 1/(2 e^2) nats.
+    """
+    return np.asarray(rounding + INEXACTNESS**2 * 2 * np.maximum(gain, 0.0))
+
+
+def evidence_of(fits: Sequence[Predicted], noise: float) -> Evidence:
+    """Compare the predictions of hypotheses with those of the best sound one among them."""
     squares = np.array([fit.squares for fit in fits])
     totals = squares.sum(axis=1)
     sound = np.array([fit.candidate.hypothesis.family == "" for fit in fits])
     reference = int(np.argmin(np.where(sound, totals, np.inf)))
-    noise = max(float(totals.min()) / freedom, 1.0)
     gains = (squares[reference] - squares) / 2 / noise
 
     # rounding is compared beside the same friction, which takes up rounding, too
     best = fits[int(np.argmin(totals))]
-    beside = [fit for fit in fits if fit.candidate.hypothesis.family == "" and fit.rubs == best.rubs]
-    of_sound = beside[0] if beside else fits[reference]
-    of_rounding = max(of_sound.rounding_left - best.rounding_left, 0.0)
-    return Evidence(gains, reference, noise, 1 + of_rounding / noise, sound)
+    beside = [fit for fit, is_sound in zip(fits, sound, strict=True) if is_sound]
+    same = [fit for fit in beside if fit.kind == best.kind]
+    of_sound = same[0] if same else fits[reference]
+    return Evidence(gains, reference, 1 + rounding_gain(of_sound, best) / noise, sound)
+
+
+def rounding_gain(worse: Predicted, better: Predicted) -> float:
+    """By how much less of rounding alone one hypothesis leaves than another."""
+    return max(worse.rounding_left - better.rounding_left, 0.0)
+
+
+def noise_of(fits: Sequence[Predicted], freedom: float) -> float:
+    """Variance of what the best hypothesis leaves; 1 unless it is not noise alone."""
+    return max(min(float(fit.squares.sum()) for fit in fits) / freedom, 1.0)
 
 
 def weigh(
@@ -166,10 +182,14 @@ def weigh(
 ) -> tuple[list[Weighed], int]:
     """Weigh hypotheses by prediction.
 
+    Whether the joint has a reflex is weighed first, by the best hypothesis with and the best one
+    without it. A joint that has one is not worse explained for it: what else is wrong is weighed
+    among the hypotheses beside a reflex.
+
     Parameters
     ----------
     fits : sequence of Predicted
-        Hypotheses with and without friction.
+        Hypotheses beside friction and reflex, or not.
     freedom : float
         Number of independent rows.
     is_body : bool
@@ -180,29 +200,66 @@ def weigh(
     weighed : list of Weighed
         The possible ones among them.
     reference : int
-        Which of these is the sound joint that predicts best.
+        Which of these is the sound joint that predicts best, of the more probable kind.
     """
     possible = [fit for fit in fits if fit.is_possible and np.isfinite(fit.squares).all()]
-    evidence = evidence_of(possible, freedom)
-    prior = log_prior(possible)
-    all_blocks = evidence.gains.sum(axis=1)
-    temper = float(evidence.tempers(all_blocks))
+    noise = noise_of(possible, freedom)
+    draws = np.random.default_rng(SEED).dirichlet(np.ones(BLOCKS), BOOTSTRAP_DRAWS) * BLOCKS
+    draws = np.vstack([np.ones(BLOCKS), draws])
 
+    without = [fit for fit in possible if not fit.kind.has_reflex]
+    beside = [fit for fit in possible if fit.kind.has_reflex]
+    if not beside:
+        return weigh_alike(without, draws, np.ones(len(draws)), noise, is_body)
+
+    probability = reflex_probability(without, beside, draws, noise)
+    weighed, reference = weigh_alike(without, draws, 1 - probability, noise, is_body)
+    more, reference_beside = weigh_alike(beside, draws, probability, noise, is_body)
+    if probability.mean() > LIKELY:
+        reference = len(weighed) + reference_beside
+    return weighed + more, reference
+
+
+def reflex_probability(
+    without: Sequence[Predicted], beside: Sequence[Predicted], draws: Array, noise: float
+) -> Array:
+    """Probability (d,) that the joint has a reflex, for each draw (d, BLOCKS) of blocks."""
+    squares_without = draws @ np.array([fit.squares for fit in without]).T
+    squares_beside = draws @ np.array([fit.squares for fit in beside]).T
+    gain = (squares_without.min(axis=1) - squares_beside.min(axis=1)) / 2 / noise
+    best_without = min(without, key=lambda fit: float(fit.squares.sum()))
+    best_beside = min(beside, key=lambda fit: float(fit.squares.sum()))
+    rounding = 1 + rounding_gain(best_without, best_beside) / noise
+    log_odds = np.log(PRIOR_REFLEX / (1 - PRIOR_REFLEX)) + gain / temper(gain, rounding)
+
+    # a stretched muscle resists
+    total, deviation = best_beside.reflex_gains.sum(), np.hypot(*best_beside.reflex_deviations)
+    log_odds = log_odds + scipy.special.log_ndtr(total / deviation)
+    return np.asarray(scipy.special.expit(log_odds))
+
+
+def weigh_alike(
+    fits: Sequence[Predicted], draws: Array, shares: Array, noise: float, is_body: bool
+) -> tuple[list[Weighed], int]:
+    """Weigh hypotheses with a reflex, or those without one; of each draw they have a share (d,)."""
+    evidence = evidence_of(fits, noise)
+    prior = log_prior(fits)
+    all_blocks = evidence.gains.sum(axis=1)
+    unit = noise * float(evidence.tempers(all_blocks))
     parts = []
-    for k, fit in enumerate(possible):
-        more, own_parts = parts_of(fit, evidence.noise * temper, is_body)
+    for k, fit in enumerate(fits):
+        more, own_parts = parts_of(fit, unit, is_body)
         prior[k] += more
         parts.append(own_parts)
 
-    draws = np.random.default_rng(SEED).dirichlet(np.ones(BLOCKS), BOOTSTRAP_DRAWS) * BLOCKS
-    draws = np.vstack([np.ones(BLOCKS), draws])
     gains = draws @ evidence.gains.T
     log_weights = prior + gains / evidence.tempers(gains)[:, None]
     weights = np.exp(log_weights - log_weights.max(axis=1, keepdims=True))
-    weights = (weights / weights.sum(axis=1, keepdims=True)).mean(axis=0)
+    weights *= (shares / weights.sum(axis=1))[:, None]
+    weights = weights.mean(axis=0)
     weighed = [
         Weighed(fit, float(weights[k]), float(all_blocks[k]), tuple(parts[k]))
-        for k, fit in enumerate(possible)
+        for k, fit in enumerate(fits)
     ]
     return weighed, evidence.reference
 

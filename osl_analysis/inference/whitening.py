@@ -7,20 +7,35 @@ root, torque and columns have white noise of variance 1, whatever the noise was.
 high-pass has to be chosen.
 """
 
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 import scipy
 
-from osl_analysis.inference.constants import COLOUR_SEGMENT, FRICTION_WINDS, MOMENTS
+from osl_analysis.inference.constants import (
+    COLOUR_SEGMENT,
+    FRICTION_WINDS,
+    MOMENTS,
+    REFLEX_DELAYS,
+)
 from osl_analysis.inference.friction_shapes import friction_torques, sliding_velocity
-from osl_analysis.inference.least_squares import solve_scaled
+from osl_analysis.inference.least_squares import BesideShared, solve_scaled
+from osl_analysis.inference.reflex import Reflex, half_waves, muscle_answers
 from osl_analysis.inference.spectra import Spectra, Spectrum
 from osl_analysis.trial import Array
 
 ROUNDS = 2  # the second one weighs the rich model by the spectrum that the first one found
 LEAST_GAIN = 0.03  # of the roll-off's power, below which the spectrum is not divided by it
 SLOW_POWERS = 4  # offset and drift: powers of time from 0
+
+
+@dataclass(frozen=True)
+class JointKind:
+    """What a joint has beside stiffness, damping and inertia."""
+
+    has_friction: bool = False
+    has_reflex: bool = False
 
 
 class Whitened:
@@ -38,6 +53,8 @@ class Whitened:
         Offset and drift of the torque.
     friction : Array (k, m)
         Shapes of dry friction.
+    reflex : Reflex
+        Answers of a muscle to stretch, at the delay that explains most.
     mean_friction : Array (k,)
         Mean torque of each shape in sliding motion, over its coefficient; 0 for shapes about rest.
     sign : Array (p,)
@@ -48,6 +65,7 @@ class Whitened:
         self.spectra = spectra
         velocity, width = sliding_velocity(spectra)
         self.sign = np.tanh(velocity / width)
+        self._half_waves = spectra.spectrum_of(half_waves(spectra))
         shapes = friction_torques(spectra)
         self._friction = spectra.spectrum_of(shapes)
         self.mean_friction = np.abs(shapes[:, spectra.inside]).mean(axis=1)
@@ -67,6 +85,26 @@ class Whitened:
         """Whitened shapes of dry friction (k, m)."""
         return self.column(self._friction)
 
+    @cached_property
+    def reflex(self) -> "Reflex":
+        """The reflex at that delay which explains most beside Eq. 15 and friction."""
+        beside = BesideShared(np.concatenate([self.motion, self.slow, self.friction]))
+        tried = []
+        for delay in REFLEX_DELAYS:
+            columns = self.column(muscle_answers(self.spectra, self._half_waves, delay))
+            left, _ = beside.fit(columns, self.torque)
+            tried.append((left, Reflex(delay, columns)))
+        return min(tried, key=lambda each: each[0])[1]
+
+    def shared(self, kind: JointKind) -> Array:
+        """Columns (k, m) that all hypotheses share: of friction and reflex, offset and drift."""
+        parts = []
+        if kind.has_friction:
+            parts.append(self.friction)
+        if kind.has_reflex:
+            parts.append(self.reflex.columns)
+        return np.concatenate([*parts, self.slow])
+
     def column(self, spectrum: Spectrum) -> Array:
         """Whiten the signals with these working spectra (..., f); returns rows (..., m)."""
         spectra = self.spectra
@@ -79,13 +117,19 @@ class Whitened:
         """Whiten signals (..., p) at the product rate; returns rows (..., m)."""
         return self.column(self.spectra.spectrum_of(x))
 
-    def unwhitened(self, rows: Array) -> Array:
-        """Take the whitening off rows (..., m); near ends and gaps a part of it stays."""
+    def unwhitened(self, rows: Array, from_hz: float = 0.0) -> Array:
+        """Take the whitening off rows (..., m), and what is slower than `from_hz`.
+
+        Near ends and gaps a part of the whitening stays.
+        """
         assert self._gain is not None
         spectra = self.spectra
         everywhere = np.zeros((*rows.shape[:-1], spectra.working))
         everywhere[..., spectra.rows] = rows
-        x = scipy.fft.irfft(scipy.fft.rfft(everywhere) / self._gain, spectra.working)
+        gain = 1 / self._gain
+        if from_hz > 0:
+            gain = gain * (1 - 1 / (1 + (spectra.frequency / from_hz) ** 4))
+        x = scipy.fft.irfft(scipy.fft.rfft(everywhere) * gain, spectra.working)
         return np.asarray(x[..., spectra.rows])
 
     def _inverse_root_of_noise(self) -> Array:
@@ -132,4 +176,5 @@ class Whitened:
         later = [spectra.share > moment for moment in MOMENTS[::3]]
         stepping = [x * after for x in (spectra.theta, omega) for after in later]
         products = spectra.spectrum_of(np.array([*nonlinear, *drifting, *stepping]))
-        return np.concatenate([spectra.derivatives, self._friction, products])
+        answers = muscle_answers(spectra, self._half_waves, REFLEX_DELAYS[0])
+        return np.concatenate([spectra.derivatives, self._friction, products, answers])

@@ -165,7 +165,7 @@ def by_inference(cause: Cause, size: float, at: str, motion: str, seed: int) -> 
 
 def causes_of(inferred: ImpedanceInference) -> tuple[str, ...]:
     """The judge's causes for what the inference names first; empty if it names nothing."""
-    if inferred.reflex is not None:
+    if inferred.reflex is not None and inferred.reflex_harm > 1:
         return ("reflex",)
     if inferred.doubt is not None:
         doubt = inferred.doubt

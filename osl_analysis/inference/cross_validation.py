@@ -44,6 +44,8 @@ class Predicted:
         Mean size of sliding friction [N*m]; 0 without friction.
     reflex_gains, reflex_deviations : Array (2,)
         Gain of the reflex in either direction, and standard deviations [N*m*s/rad]; empty without.
+    reflex_evidence : float
+        By how many nats its two directions differ, given all errors of its coefficients.
     left : float
         Sum of squares that the fit to all blocks leaves.
     rounding_left : float
@@ -61,6 +63,7 @@ class Predicted:
     friction_torque: float
     reflex_gains: Array
     reflex_deviations: Array
+    reflex_evidence: float
     left: float
     rounding_left: float
 
@@ -163,9 +166,13 @@ def predict_blocks(
         friction_torque = float(estimates[of_friction] @ data.mean_friction)
         place = of_friction.stop
     reflex_gains = reflex_deviations = np.empty(0)
+    reflex_evidence = 0.0
     if kind.has_reflex:
         of_reflex = slice(place, place + len(data.reflex.columns))
         reflex_gains, reflex_deviations = data.reflex.gains(
+            estimates[of_reflex], covariance[of_reflex, of_reflex]
+        )
+        reflex_evidence = data.reflex.rectified_evidence(
             estimates[of_reflex], covariance[of_reflex, of_reflex]
         )
     return Predicted(
@@ -180,6 +187,7 @@ def predict_blocks(
         friction_torque=friction_torque,
         reflex_gains=reflex_gains,
         reflex_deviations=reflex_deviations,
+        reflex_evidence=reflex_evidence,
         left=left,
         rounding_left=rounding_left,
     )
@@ -203,9 +211,7 @@ def held_out_vaf(data: Whitened, fit: Predicted, from_hz: float = 0.0) -> float:
     for third in range(3):
         left_out = np.arange(BLOCKS) % 3 == third
         total = blocks[~left_out].sum(axis=0)
-        estimates = np.linalg.solve(
-            total[:-1, :-1] + RIDGE * np.eye(len(columns)), total[:-1, -1]
-        )
+        estimates = np.linalg.solve(total[:-1, :-1] + RIDGE * np.eye(len(columns)), total[:-1, -1])
         missed, varied = 0.0, 0.0
         for block in np.flatnonzero(left_out):
             rows = slice(edges[block], edges[block + 1])

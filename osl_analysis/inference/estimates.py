@@ -80,8 +80,8 @@ class ReflexEstimate:
 class KnownDelay:
     """What a delay between angle and torque does to B and I, where nobody states it.
 
-    `recording_s` is the standard error to which the recording itself tells a delay. `B` and `I` hold
-    any delay of a standard deviation of `known_s`; K does not depend on it.
+    `recording_s` is the standard error to which the recording itself tells a delay. `B` and `I`
+    hold any delay of a standard deviation of `known_s`; K does not depend on it.
     """
 
     known_s: float
@@ -119,7 +119,9 @@ class ImpedanceInference:
     reflex : ReflexEstimate or None
         The reflex of a person's joint, if it probably has one.
     without_reflex : Impedance or None
-        The best sound joint without a reflex, which such a joint would be taken for.
+        The most probable joint without a reflex, for which such a joint would be taken.
+    reflex_harm : float
+        By how much K, B or I differ between the two, in multiples of what matters to the user.
     VAF_held_out : float
         Variance of the torque accounted for by fits to the other blocks [%], in the motion's band.
     band_hz : float
@@ -140,6 +142,7 @@ class ImpedanceInference:
     delay: KnownDelay | None
     reflex: ReflexEstimate | None
     without_reflex: Impedance | None
+    reflex_harm: float
     VAF_held_out: float
     band_hz: float
     noise_ratio: float

@@ -131,9 +131,11 @@ class Search:
             if values[k] > min(values[before], values[after]):
                 continue
             ends = float(grid[before]), float(grid[after])
-            options = {"maxiter": REFINEMENTS, "xatol": 1e-4 * (ends[1] - ends[0])}
             refined = scipy.optimize.minimize_scalar(
-                left, bounds=ends, method="bounded", options=options
+                left,
+                bounds=ends,
+                method="bounded",
+                options={"maxiter": REFINEMENTS, "xatol": 1e-4 * (ends[1] - ends[0])},
             )
             found.append((float(refined.fun), float(refined.x)))
         return [parameter for _, parameter in sorted(found)[:2]]
@@ -250,9 +252,7 @@ class OneParameter(Hypothesis):
         for near in tried.tolist():
             left, then = search.fit(*self.model(near, search))
             profile.append(ProfilePoint(near, left, then[:3]))
-        return Candidate(
-            self, columns, torque, slope, value, estimates, profile=tuple(profile)
-        )
+        return Candidate(self, columns, torque, slope, value, estimates, profile=tuple(profile))
 
 
 class Path(OneParameter):
@@ -282,7 +282,7 @@ class Delay(Path):
         return np.linspace(*DELAYS, 26)
 
     def response(self, value: float) -> Spectrum:
-        return np.exp(-value * self.data.spectra.s)
+        return np.asarray(np.exp(-value * self.data.spectra.s))
 
 
 class LowPass(Path):
@@ -305,7 +305,7 @@ class SecondOrderLowPass(Path):
 
     def response(self, value: float) -> Spectrum:
         of_corner = value * self.data.spectra.s
-        return 1 / (1 + np.sqrt(2.0) * of_corner + of_corner**2)
+        return np.asarray(1 / (1 + np.sqrt(2.0) * of_corner + of_corner**2))
 
 
 class MovingMean(Path):
@@ -317,7 +317,8 @@ class MovingMean(Path):
 
     def response(self, value: float) -> Spectrum:
         spectra = self.data.spectra
-        return np.exp(-value / 2 * spectra.s) * np.sinc(value * spectra.frequency)
+        held = np.exp(-value / 2 * spectra.s) * np.sinc(value * spectra.frequency)
+        return np.asarray(held)
 
 
 class Resonance(Path):
@@ -426,11 +427,11 @@ class LagStep(GrowingLag):
         spectra = self.data.spectra
         slope = search.impedance @ spectra.angle_derivatives[1:4]
         moment = best_moment(search, slope)
-        return (spectra.share > moment) * 1.0
+        return np.where(spectra.share > moment, 1.0, 0.0)
 
 
 def best_moment(search: Search, changing: Array) -> float:
-    """The moment [share of the recording] after which a torque (p,) best explains what is left."""
+    """The moment [share of the recording] after which torques (..., p) best explain the rest."""
     data = search.data
 
     def left(moment: float) -> float:
@@ -469,13 +470,18 @@ class StiffnessStep(Hypothesis):
     family = "time"
     name = "K steps"
     term = "stiffness that changes"
-    parameters = (("step of K", "N*m/rad"),)
+    parameters = (("step of K", "N*m/rad"), ("step of the torque", "N*m"))
 
     def candidates(self, search: Search) -> list[Candidate]:
         spectra = self.data.spectra
-        moment = best_moment(search, spectra.theta)
-        readings = [np.hstack([EQUATION_15, [[x], [0.0], [0.0]]]) for x in (0.0, 1.0)]
-        return [self.plain(spectra.theta * (spectra.share > moment), readings=tuple(readings))]
+        # about the spring's own zero, which nobody knows, so that the torque steps, too
+        changing = np.array([spectra.theta, np.ones_like(spectra.theta)])
+        after = spectra.share > best_moment(search, changing)
+        readings = []
+        for share in (0.0, 1.0):
+            of_step = np.array([[share, 0.0], [0.0, 0.0], [0.0, 0.0]])
+            readings.append(np.hstack([EQUATION_15, of_step]))
+        return [self.plain(*(changing * after), readings=tuple(readings))]
 
 
 # ---- speed
@@ -508,7 +514,8 @@ class Play(OneParameter):
     def follower(self, width: float) -> Array:
         """Angle (p,) behind a gap of some width [rad]."""
         spectra = self.data.spectra
-        return spectra.theta - width / 2 * slipping_spring(spectra.angle, width / 2)
+        wound = width / 2 * slipping_spring(spectra.angle, width / 2)
+        return np.asarray(spectra.theta - wound)
 
     def columns(self, value: float) -> Array:
         of_spring = self.data.of_product(self.follower(value))
@@ -665,6 +672,7 @@ def hypotheses_for(data: Whitened) -> list[Hypothesis]:
     A drivetrain delays and filters the torque by itself: its path is no fault, and a belt's angle
     judges lateness.
     """
+    kinds: tuple[type[Hypothesis], ...]
     if data.spectra.signals.has_drivetrain:
         kinds = (*SOUND, Drivetrain, *OTHER_FAULTS)
     else:

@@ -24,7 +24,7 @@ from osl_analysis.inference.estimates import (
     Parameter,
     ReflexEstimate,
 )
-from osl_analysis.inference.hypotheses import Search, hypotheses_for
+from osl_analysis.inference.hypotheses import Candidate, Search, hypotheses_for
 from osl_analysis.inference.least_squares import BesideShared
 from osl_analysis.inference.mixture import Part, Weighed, mixture_quantiles, noise_of, weigh
 from osl_analysis.inference.rounding_errors import rounding_torques
@@ -66,8 +66,8 @@ def infer_impedance(
     """
     spectra = Spectra(signals)
     data = Whitened(spectra)
-    fits = fit_all(data)
-    weighed, at = weigh(fits, spectra.freedom, is_body=not signals.has_drivetrain)
+    fits, memory = fit_all(data)
+    weighed, at = weigh(fits, spectra.freedom, memory, is_body=not signals.has_drivetrain)
     reference = weighed[at]
     plain = next(fit for fit in fits if is_plain(fit))
     matters = np.array(accuracy) * np.hypot(reference.impedance, HARM_FLOOR)
@@ -81,10 +81,13 @@ def infer_impedance(
     if fault_probability > LIKELY and harm > 1:
         doubt = most_probable_family(faults, explanations)
 
-    without_reflex = None
+    without_reflex, reflex_harm = None, 0.0
     if reference.fit.kind.has_reflex:
-        alone = [each for each in weighed if each.family == "" and not each.fit.kind.has_reflex]
-        without_reflex = impedance_of(max(alone, key=lambda each: each.weight).parts)
+        others = [each for each in weighed if not each.fit.kind.has_reflex]
+        best_other = max(others, key=lambda each: each.weight)
+        without_reflex = impedance_of(best_other.parts)
+        moved_by_reflex = np.abs(reference.impedance - best_other.impedance)
+        reflex_harm = float(np.max(moved_by_reflex / matters))
 
     moved_by_friction = np.abs(reference.impedance - plain.impedances[0])
     best = max(weighed, key=lambda each: each.weight)
@@ -103,6 +106,7 @@ def infer_impedance(
         delay=None if signals.has_drivetrain else known_delay(data, reference.fit),
         reflex=reflex_of(weighed, data),
         without_reflex=without_reflex,
+        reflex_harm=reflex_harm,
         VAF_held_out=held_out_vaf(data, best.fit, vaf_from_hz),
         band_hz=spectra.band_hz,
         noise_ratio=noise_of(fits, spectra.freedom),
@@ -114,8 +118,16 @@ def is_plain(fit: Predicted) -> bool:
     return fit.candidate.hypothesis.name == "nothing" and fit.kind == JointKind()
 
 
-def fit_all(data: Whitened) -> list[Predicted]:
-    """Fit all hypotheses for each kind of joint, and let each predict all blocks."""
+def fit_all(data: Whitened) -> tuple[list[Predicted], Predicted | None]:
+    """Fit all hypotheses for each kind of joint, and let each predict all blocks.
+
+    Returns
+    -------
+    fits : list of Predicted
+        All of them.
+    memory : Predicted or None
+        The best without a reflex, beside a linear memory; None if no reflex competes.
+    """
     freedom = data.spectra.freedom
     hypotheses = hypotheses_for(data)
     searches = [Search(data, JointKind(has_friction)) for has_friction in (False, True)]
@@ -129,21 +141,35 @@ def fit_all(data: Whitened) -> list[Predicted]:
             for candidate in hypothesis.candidates(search)
         ]
 
-    fits = predicted(searches)
+    fits, memory = predicted(searches), None
     if reflex_may_gain(data, fits):
+        memory = with_linear_memory(data, best_possible(fits), rounding)
         kinds = [JointKind(has_friction, has_reflex=True) for has_friction in (False, True)]
         fits += predicted([Search(data, kind) for kind in kinds])
-    return fits
+    return fits, memory
+
+
+def with_linear_memory(data: Whitened, best: Predicted, rounding: Array) -> Predicted:
+    """The best hypothesis, beside what a muscle would make of the unrectified velocity."""
+    candidate = best.candidate
+    columns = np.concatenate([candidate.columns, data.reflex.unrectified])
+    remembered = Candidate(candidate.hypothesis, columns, candidate.torque)
+    return predict_blocks(data, remembered, best.kind, rounding, data.spectra.freedom)
+
+
+def best_possible(fits: Sequence[Predicted]) -> Predicted:
+    """The hypothesis that predicts best, of those whose friction opposes the motion."""
+    return min((fit for fit in fits if fit.is_possible), key=lambda fit: float(fit.squares.sum()))
 
 
 def reflex_may_gain(data: Whitened, fits: Sequence[Predicted]) -> bool:
-    """Whether a reflex explains something that the best hypothesis without one leaves."""
+    """Whether a reflex explains something that no linear memory of the best hypothesis does."""
     if data.spectra.signals.has_drivetrain:
         return False
-    best = min((fit for fit in fits if fit.is_possible), key=lambda fit: fit.left)
+    best = best_possible(fits)
     beside = BesideShared(data.shared(best.kind))
     columns, torque = best.candidate.columns, best.candidate.torque
-    left, _ = beside.fit(columns, torque)
+    left, _ = beside.fit(np.concatenate([columns, data.reflex.unrectified]), torque)
     less, _ = beside.fit(np.concatenate([columns, data.reflex.columns]), torque)
     noise = noise_of(fits, data.spectra.freedom)
     return (left - less) / 2 / noise > REFLEX_WORTH

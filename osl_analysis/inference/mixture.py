@@ -143,7 +143,7 @@ class Evidence:
 
 
 def temper(gain: Array, rounding: float) -> Array:
-    """What to divide a gain [nat] by, since neither rounding nor a formula that is inexact is noise.
+    """What to divide a gain [nat] by: rounding is no noise, and no formula is exact.
 
     A mechanism that misses a share e of its own torque leaves e^2 of what it explains, which is
     twice the gain. So evidence saturates at 1/(2 e^2) nats.
@@ -178,7 +178,10 @@ def noise_of(fits: Sequence[Predicted], freedom: float) -> float:
 
 
 def weigh(
-    fits: Sequence[Predicted], freedom: float, is_body: bool = True
+    fits: Sequence[Predicted],
+    freedom: float,
+    memory: Predicted | None = None,
+    is_body: bool = True,
 ) -> tuple[list[Weighed], int]:
     """Weigh hypotheses by prediction.
 
@@ -192,6 +195,8 @@ def weigh(
         Hypotheses beside friction and reflex, or not.
     freedom : float
         Number of independent rows.
+    memory : Predicted, optional
+        The best hypothesis without a reflex, beside a linear memory: what a reflex must exceed.
     is_body : bool
         Whether B and I are those of a body, and positive. A powered leg's may be negative.
 
@@ -212,7 +217,8 @@ def weigh(
     if not beside:
         return weigh_alike(without, draws, np.ones(len(draws)), noise, is_body)
 
-    probability = reflex_probability(without, beside, draws, noise)
+    exceeded = without if memory is None else [*without, memory]
+    probability = reflex_probability(exceeded, beside, draws, noise)
     weighed, reference = weigh_alike(without, draws, 1 - probability, noise, is_body)
     more, reference_beside = weigh_alike(beside, draws, probability, noise, is_body)
     if probability.mean() > LIKELY:
@@ -227,9 +233,11 @@ def reflex_probability(
     squares_without = draws @ np.array([fit.squares for fit in without]).T
     squares_beside = draws @ np.array([fit.squares for fit in beside]).T
     gain = (squares_without.min(axis=1) - squares_beside.min(axis=1)) / 2 / noise
-    best_without = min(without, key=lambda fit: float(fit.squares.sum()))
     best_beside = min(beside, key=lambda fit: float(fit.squares.sum()))
-    rounding = 1 + rounding_gain(best_without, best_beside) / noise
+    # what rounding alone would give reflex and friction together
+    most_rounded = max(without, key=lambda fit: fit.rounding_left)
+    rounding = 1 + rounding_gain(most_rounded, best_beside) / noise
+    gain = np.minimum(gain, best_beside.reflex_evidence)
     log_odds = np.log(PRIOR_REFLEX / (1 - PRIOR_REFLEX)) + gain / temper(gain, rounding)
 
     # a stretched muscle resists

@@ -1,8 +1,9 @@
 """A person's stretch reflex: the torque of a muscle that answers half-waves of the velocity.
 
-The parallel pathway of Kearney, Stein and Parameswaran (IEEE Trans. Biomed. Eng. 44, 1997), here for
-both directions. What the muscle makes of a stretch differs from person to person: its response is a
-sum of critically damped low-passes of second order, whose corners cover those that were measured.
+The parallel pathway of Kearney, Stein and Parameswaran (IEEE Trans. Biomed. Eng. 44, 1997), here
+for both directions. What the muscle makes of a stretch differs from person to person: its response
+is a sum of critically damped low-passes of second order, whose corners cover those that were
+measured.
 """
 
 from dataclasses import dataclass
@@ -29,12 +30,36 @@ class Reflex:
     delay: float
     columns: Array
 
+    @property
+    def unrectified(self) -> Array:
+        """What the muscle would answer to the velocity itself (c, m).
+
+        A joint with any linear memory does that, too, as behind a filter: only what differs between
+        the directions tells a reflex.
+        """
+        corners = len(MUSCLE_CORNERS)
+        return np.asarray(self.columns[:corners] + self.columns[corners:])
+
     def gains(self, coefficients: Array, covariance: Array) -> tuple[Array, Array]:
         """Torque over a lasting speed in either direction, and standard errors (2,) [N*m*s/rad]."""
         corners = len(MUSCLE_CORNERS)
         sums = np.kron(np.eye(2), np.ones(corners))
         variances = np.diag(sums @ covariance @ sums.T)
         return sums @ coefficients, np.sqrt(np.maximum(variances, 0.0))
+
+    def rectified_evidence(self, coefficients: Array, covariance: Array) -> float:
+        """By how many nats the two directions differ, given all errors of the coefficients.
+
+        These hold what rounding alone makes, which repeats itself in every step between two levels.
+        """
+        corners = len(MUSCLE_CORNERS)
+        contrast = np.hstack([np.eye(corners), -np.eye(corners)])
+        difference = contrast @ coefficients
+        of_difference = contrast @ covariance @ contrast.T
+        scale = np.sqrt(np.maximum(np.diag(of_difference), 1e-300))
+        of_unit = of_difference / np.outer(scale, scale)
+        scaled = difference / scale
+        return float(scaled @ np.linalg.pinv(of_unit, rcond=1e-9, hermitian=True) @ scaled) / 2
 
 
 def half_waves(spectra: Spectra) -> Array:

@@ -82,7 +82,9 @@ def before_encoder(spectra: Spectra, angle: Array) -> tuple[Array, Array]:
     The first is low-passed, and rings where the joint comes to a level. The second is known halfway
     between two steps, where the encoder goes from one to the next.
     """
-    end = min(round(SMOOTH_BANDS * spectra.band_hz * spectra.padded_seconds), len(spectra.raw_angle))
+    end = min(
+        round(SMOOTH_BANDS * spectra.band_hz * spectra.padded_seconds), len(spectra.raw_angle)
+    )
     gain = 1 / (1 + (np.arange(len(spectra.raw_angle)) / end) ** 8)
     low_passed = scipy.fft.irfft(spectra.raw_angle * gain, spectra.padded) + spectra.line
     smooth = np.asarray(low_passed) / spectra.signals.encoder_step

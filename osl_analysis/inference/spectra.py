@@ -179,15 +179,19 @@ class Spectra:
         self.roll_off = 1 / (1 + (self.frequency / self.band_hz) ** ROLL_OFF_ORDER)
         to_working = self.working / self.padded
         angle = self.raw_angle[: len(self.frequency)] * to_working
-        self.torque: Spectrum = raw_torque[: len(self.frequency)] * to_working
-        self.derivatives: Spectrum = np.array([self.s**k * angle for k in range(DERIVATIVES)])
+        self.torque: Spectrum = np.asarray(
+            raw_torque[: len(self.frequency)] * to_working, np.complex128
+        )
+        self.derivatives = np.array([self.s**k * angle for k in range(DERIVATIVES)], np.complex128)
         self.window = self._window()
         self.rows = self.window > 0
         # independent rows, of which the roll-off leaves a part
         self.freedom = float(np.count_nonzero(self.rows) * np.mean(self.roll_off**2))
 
         # product rate
-        self.products = 2 * int(scipy.fft.next_fast_len(int(PRODUCT_RATE / 2 * self.padded_seconds)))
+        self.products = 2 * int(
+            scipy.fft.next_fast_len(int(PRODUCT_RATE / 2 * self.padded_seconds))
+        )
         rows = np.arange(self.products) * self.padded_seconds / self.products
         self.time = rows - self._padding / rate
         self.inside = (self.time >= 0) & (self.time < self.seconds)
@@ -262,9 +266,7 @@ def noise_and_band(theta: Array, rate_hz: float) -> tuple[float, float]:
     `VISIBLE_ABOVE_NOISE` times the noise.
     """
     length = min(round(2 * rate_hz), len(theta))
-    frequency, power = scipy.signal.welch(
-        theta - theta.mean(), rate_hz, nperseg=length, detrend="linear"
-    )
+    frequency, power = scipy.signal.welch(scipy.signal.detrend(theta), rate_hz, nperseg=length)
     if rate_hz < 300.0:
         highest = frequency > 0.35 * rate_hz
     else:

@@ -175,7 +175,7 @@ class Spectra:
         self.working = 2 * int(half)
         self.rate_hz = self.working / self.padded_seconds
         self.frequency = np.arange(self.working // 2 + 1) / self.padded_seconds
-        self.s: Spectrum = 2j * np.pi * self.frequency
+        self.s = np.asarray(2j * np.pi * self.frequency, np.complex128)
         self.roll_off = 1 / (1 + (self.frequency / self.band_hz) ** ROLL_OFF_ORDER)
         to_working = self.working / self.padded
         angle = self.raw_angle[: len(self.frequency)] * to_working

@@ -1,0 +1,13 @@
+"""One inference for a bench recording: rival torque models, weighed by prediction.
+
+The room is whole in itself: only its tests and `benchmarks/inference.py` import it so far.
+
+Read `infer.py` first; it names the other modules in their order. Equations stand where they are
+computed, and every number that decides in `constants.py`.
+"""
+
+from osl_analysis.inference.estimates import ImpedanceInference
+from osl_analysis.inference.infer import infer_impedance
+from osl_analysis.inference.spectra import BenchSignals
+
+__all__ = ["BenchSignals", "ImpedanceInference", "infer_impedance"]

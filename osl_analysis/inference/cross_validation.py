@@ -1,0 +1,223 @@
+"""Each part of a recording, predicted by a hypothesis that was fitted to the other parts.
+
+A model with more parameters always fits better; it predicts better only if it is closer to what
+happened (Stone, J. R. Stat. Soc. B 36, 1974). All of it is algebra on the normal matrices of the
+blocks, which need one pass over the rows.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from osl_analysis.inference.constants import BLOCKS
+from osl_analysis.inference.hypotheses import Candidate
+from osl_analysis.inference.least_squares import RIDGE, lengths_of
+from osl_analysis.inference.whitening import JointKind, Whitened
+from osl_analysis.trial import Array
+
+
+@dataclass(frozen=True)
+class Predicted:
+    """A candidate with its estimates, and how well it predicts each block.
+
+    Attributes
+    ----------
+    candidate : Candidate
+        The hypothesis, at a value of its own parameter.
+    kind : JointKind
+        Whether friction and a reflex are beside it.
+    squares : Array (BLOCKS,)
+        Sum of squares of what the fit to the other blocks leaves of each block, in units of the
+        noise's variance.
+    impedances : Array (r, 3)
+        K, B, I by each of its readings [SI].
+    covariances : Array (r, 3, 3)
+        Their covariances [SI].
+    coefficients : Array (k,)
+        Coefficients of the candidate's columns.
+    deviations : Array (k,)
+        Their standard deviations.
+    parameter_sd : float
+        Standard deviation of its own parameter; NaN if it has none.
+    friction_torque : float
+        Mean size of sliding friction [N*m]; 0 without friction.
+    reflex_gains, reflex_deviations : Array (2,)
+        Gain of the reflex in either direction, and standard deviations [N*m*s/rad]; empty without.
+    reflex_evidence : float
+        By how many nats its two directions differ, given all errors of its coefficients.
+    left : float
+        Sum of squares that the fit to all blocks leaves.
+    rounding_left : float
+        Sum of squares that it leaves of rounding alone.
+    """
+
+    candidate: Candidate
+    kind: JointKind
+    squares: Array
+    impedances: Array
+    covariances: Array
+    coefficients: Array
+    deviations: Array
+    parameter_sd: float
+    friction_torque: float
+    reflex_gains: Array
+    reflex_deviations: Array
+    reflex_evidence: float
+    left: float
+    rounding_left: float
+
+    @property
+    def is_possible(self) -> bool:
+        """Whether its friction opposes the motion."""
+        return self.friction_torque >= 0.0
+
+
+def block_edges(rows: int) -> Array:
+    """First row of each block, and the number of rows, (BLOCKS + 1,)."""
+    return np.asarray(-(-np.arange(BLOCKS + 1) * rows // BLOCKS))
+
+
+def all_columns(data: Whitened, candidate: Candidate, kind: JointKind) -> Array:
+    """Columns (c, m) of a candidate: its own, its slope, friction, reflex, offset and drift."""
+    parts = [candidate.columns]
+    if candidate.slope is not None:
+        parts.append(candidate.slope[None])
+    return np.concatenate([*parts, data.shared(kind)])
+
+
+def normal_matrices(columns: Array, torque: Array) -> Array:
+    """Normal matrices (BLOCKS, c + 1, c + 1) of columns (c, m); the torque (m,) is the last one."""
+    rows = np.concatenate([columns, torque[None]])
+    edges = block_edges(rows.shape[1]).tolist()
+    return np.array([rows[:, a:b] @ rows[:, a:b].T for a, b in pairwise(edges)])
+
+
+def predict_blocks(
+    data: Whitened, candidate: Candidate, kind: JointKind, rounding: Array, freedom: float
+) -> Predicted:
+    """Fit a candidate, and predict each block by the fit to the others.
+
+    The covariance is the larger of two, for each estimate: the likelihood's, and that from the
+    scatter of the blocks' scores (White, Econometrica 48, 1980), which holds for a noise that
+    changes. What rounding alone does to the estimates is added.
+
+    Parameters
+    ----------
+    data : Whitened
+        The recording.
+    candidate : Candidate
+        Its columns (k, m) and the torque (m,) that they explain.
+    kind : JointKind
+        Whether the shapes of dry friction, and of a reflex, are beside them.
+    rounding : Array (draws, m)
+        Torques that rounding alone makes.
+    freedom : float
+        Number of independent rows.
+    """
+    columns = all_columns(data, candidate, kind)
+    length = lengths_of(columns)
+    unit = columns / length[:, None]
+    blocks = normal_matrices(unit, candidate.torque)
+    total = blocks.sum(axis=0)
+    ridge = RIDGE * np.eye(len(unit))
+    inverse = np.linalg.inv(total[:-1, :-1] + ridge)
+    estimates = inverse @ total[:-1, -1]
+
+    # prediction: each block is taken out of the sums that estimate
+    others = total - blocks
+    by_others = np.linalg.solve(others[:, :-1, :-1] + ridge, others[:, :-1, -1:])[..., 0]
+    misses = np.hstack([by_others, -np.ones((BLOCKS, 1))])
+    squares = np.einsum("bp,bpq,bq->b", misses, blocks, misses)
+
+    # covariance
+    left = float(total[-1, -1] - estimates @ total[:-1, -1])
+    variance = max(left / freedom, 1.0)
+    scores = (blocks[:, :-1, -1] - blocks[:, :-1, :-1] @ estimates) @ inverse
+    by_scatter = np.diag(scores.T @ scores) * BLOCKS / (BLOCKS - 1)
+    by_likelihood = np.diag(inverse) * variance
+    raised = np.sqrt(np.maximum(by_scatter, by_likelihood) / by_likelihood)
+    covariance = inverse * variance * np.outer(raised, raised)
+    rounding_left = 0.0
+    if len(rounding):
+        errors = rounding @ unit.T @ inverse
+        covariance = covariance + errors.T @ errors / len(rounding)
+        rest = rounding - errors @ unit
+        rounding_left = float(np.sum(rounding * rest) / len(rounding))
+
+    estimates = estimates / length
+    covariance = covariance / np.outer(length, length)
+    width = len(candidate.columns)
+    parameter_sd = np.nan
+    if candidate.slope is not None:
+        parameter_sd = float(np.sqrt(covariance[width, width]))
+        if candidate.profile:  # the profile has the parameter's part
+            with_slope = covariance[:width, width]
+            conditional = np.outer(with_slope, with_slope) / covariance[width, width]
+            covariance = covariance.copy()
+            covariance[:width, :width] -= conditional
+    of_own = covariance[:width, :width]
+    coefficients = estimates[:width] if candidate.estimates is None else candidate.estimates
+    readings = candidate.readings_of(width)
+    place = width + (candidate.slope is not None)
+    friction_torque = 0.0
+    if kind.has_friction:
+        of_friction = slice(place, place + len(data.friction))
+        friction_torque = float(estimates[of_friction] @ data.mean_friction)
+        place = of_friction.stop
+    reflex_gains = reflex_deviations = np.empty(0)
+    reflex_evidence = 0.0
+    if kind.has_reflex:
+        of_reflex = slice(place, place + len(data.reflex.columns))
+        reflex_gains, reflex_deviations = data.reflex.gains(
+            estimates[of_reflex], covariance[of_reflex, of_reflex]
+        )
+        reflex_evidence = data.reflex.rectified_evidence(
+            estimates[of_reflex], covariance[of_reflex, of_reflex]
+        )
+    return Predicted(
+        candidate=candidate,
+        kind=kind,
+        squares=np.asarray(squares),
+        impedances=np.array([reading @ coefficients for reading in readings]),
+        covariances=np.array([reading @ of_own @ reading.T for reading in readings]),
+        coefficients=np.asarray(coefficients),
+        deviations=np.sqrt(np.maximum(np.diag(of_own), 0.0)),
+        parameter_sd=parameter_sd,
+        friction_torque=friction_torque,
+        reflex_gains=reflex_gains,
+        reflex_deviations=reflex_deviations,
+        reflex_evidence=reflex_evidence,
+        left=left,
+        rounding_left=rounding_left,
+    )
+
+
+def held_out_vaf(data: Whitened, fit: Predicted, from_hz: float = 0.0) -> float:
+    """Compute the variance of the torque that fits to other parts account for [%].
+
+    Every third block is left out in turn; the worst of the three counts. The torque is that in the
+    motion's band, less its mean in each block, and less what is slower than `from_hz`: a person
+    pushes as he likes there.
+    """
+    columns = all_columns(data, fit.candidate, fit.kind)
+    length = lengths_of(columns)
+    columns = columns / length[:, None]
+    blocks = normal_matrices(columns, fit.candidate.torque)
+    in_time = data.unwhitened(np.vstack([columns, fit.candidate.torque]), from_hz)
+    moving = len(columns) - len(data.slow)
+    edges = block_edges(columns.shape[1])
+    found = []
+    for third in range(3):
+        left_out = np.arange(BLOCKS) % 3 == third
+        total = blocks[~left_out].sum(axis=0)
+        estimates = np.linalg.solve(total[:-1, :-1] + RIDGE * np.eye(len(columns)), total[:-1, -1])
+        missed, varied = 0.0, 0.0
+        for block in np.flatnonzero(left_out):
+            rows = slice(edges[block], edges[block + 1])
+            torque = in_time[-1, rows]
+            residual = torque - estimates[:moving] @ in_time[:moving, rows]
+            missed += float(np.sum((residual - residual.mean()) ** 2))
+            varied += float(np.sum((torque - torque.mean()) ** 2))
+        found.append(100 * (1 - missed / varied))
+    return min(found)

@@ -1,0 +1,680 @@
+"""What may explain a torque: Eq. 15 alone, or with one mechanism more.
+
+Each hypothesis is a class: its family, its term in the field, its own parameters with their units,
+and how its columns are made. The first three columns multiply K, B and I:
+
+    torque = K x_1 + B x_2 + I x_3 + further columns + offset and drift
+             (+ dry friction) (+ reflex) + noise
+
+A path, for example, delays or filters what the load cell sees of the joint's torque: its x_k are
+the delayed angle, velocity and acceleration.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import numpy as np
+import scipy
+
+from osl_analysis.inference.constants import (
+    COMPLIANCES,
+    DELAYS,
+    FEWEST_STEPS,
+    LAGS,
+    MOMENTS,
+    PLAYS,
+    RESONANCE_DAMPING,
+)
+from osl_analysis.inference.friction_shapes import slipping_spring
+from osl_analysis.inference.least_squares import BesideShared
+from osl_analysis.inference.spectra import Spectrum
+from osl_analysis.inference.whitening import JointKind, Whitened
+from osl_analysis.trial import Array
+
+Family = Literal["", "path", "time", "speed", "size", "direction", "clipping"]
+EQUATION_15 = np.eye(3)  # the first three coefficients are K, B, I
+# nats that a grid must gain: below it a weight stays near its small prior, unless B or I of Eq. 15
+# alone is negative, which a path may explain although it gains nothing
+WORTH_REFINING = 2.0
+PROFILE = np.linspace(-3.0, 3.0, 9)  # standard deviations at which a likelihood is tabulated
+REFINEMENTS = 12  # evaluations of Brent's method about a minimum of the grid
+OUTERMOST = (0.002, 0.998)  # quantiles of a torque that are its ends, beside noise
+NEWTON_STEPS = 8  # it doubles the digits of a lag in each
+
+
+@dataclass(frozen=True)
+class ProfilePoint:
+    """The best fit at one value of a hypothesis's own parameter."""
+
+    parameter: float
+    left: float  # residual sum of squares
+    impedance: Array  # K, B, I (3,)
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A hypothesis at a value of its own parameter, ready to be fitted and to predict.
+
+    Attributes
+    ----------
+    hypothesis : Hypothesis
+        What it is of.
+    columns : Array (k, m)
+        Whitened columns; the first three multiply K, B and I.
+    torque : Array (m,)
+        Whitened torque that they explain.
+    slope : Array (m,) or None
+        Derivative of the modelled torque by its own parameter.
+    parameter : float
+        Value of its own parameter; NaN if it has none.
+    estimates : Array (k,) or None
+        Coefficients of the columns at this value; None if there is no own parameter.
+    profile : tuple of ProfilePoint
+        Its likelihood about this value; empty if one Gaussian is enough.
+    readings : tuple of Array (3, k)
+        What K, B, I may mean: at the beginning or at the end, on this or on the other side.
+    """
+
+    hypothesis: "Hypothesis"
+    columns: Array
+    torque: Array
+    slope: Array | None = None
+    parameter: float = np.nan
+    estimates: Array | None = None
+    profile: tuple[ProfilePoint, ...] = ()
+    readings: tuple[Array, ...] = ()
+
+    def readings_of(self, width: int) -> tuple[Array, ...]:
+        """The readings as matrices (3, width)."""
+        plain = np.hstack([EQUATION_15, np.zeros((3, width - 3))])
+        return self.readings or (plain,)
+
+
+class Search:
+    """Fits of columns to the torque of a joint of some kind, beside offset and drift.
+
+    Attributes
+    ----------
+    data : Whitened
+        The recording.
+    kind : JointKind
+        Whether the joint has friction, and a reflex.
+    left : float
+        What Eq. 15 alone leaves of the torque.
+    impedance : Array (3,)
+        Its K, B, I.
+    """
+
+    def __init__(self, data: Whitened, kind: JointKind) -> None:
+        self.data, self.kind = data, kind
+        self._beside = BesideShared(data.shared(kind))
+        self.left, self.impedance = self.fit(data.motion)
+
+    def fit(self, columns: Array, torque: Array | None = None) -> tuple[float, Array]:
+        """Residual sum of squares and coefficients (k,) of columns (k, m)."""
+        return self._beside.fit(columns, self.data.torque if torque is None else torque)
+
+    def minima(self, left: Callable[[float], float], grid: Array) -> list[float]:
+        """Up to two minima of what is left over a parameter, the lower one first.
+
+        A delay has a false minimum beside the true one.
+        """
+        values = np.array([left(x) for x in grid.tolist()])
+        is_body = float(self.impedance[1:].min()) > 0.0
+        if is_body and self.left - values.min() < 2 * WORTH_REFINING:
+            return []
+        found = []
+        for k in np.argsort(values).tolist():
+            before, after = max(k - 1, 0), min(k + 1, len(grid) - 1)
+            if values[k] > min(values[before], values[after]):
+                continue
+            ends = float(grid[before]), float(grid[after])
+            refined = scipy.optimize.minimize_scalar(
+                left,
+                bounds=ends,
+                method="bounded",
+                options={"maxiter": REFINEMENTS, "xatol": 1e-4 * (ends[1] - ends[0])},
+            )
+            found.append((float(refined.fun), float(refined.x)))
+        return [parameter for _, parameter in sorted(found)[:2]]
+
+
+class Hypothesis(ABC):
+    """One explanation of a recording's torque; an instance serves one recording."""
+
+    family: ClassVar[Family]
+    name: ClassVar[str]
+    term: ClassVar[str]
+    parameters: ClassVar[tuple[tuple[str, str], ...]] = ()
+    """Name and unit of its own parameter, if any, and of the coefficients of its own columns."""
+
+    def __init__(self, data: Whitened) -> None:
+        self.data = data
+
+    @abstractmethod
+    def candidates(self, search: Search) -> list[Candidate]:
+        """Find values of its own parameter that may be; none if it gains nothing."""
+
+    def plain(self, *added: Array, readings: tuple[Array, ...] = ()) -> Candidate:
+        """Eq. 15 with columns (p,) of the product rate."""
+        columns = self.data.motion
+        if added:
+            columns = np.concatenate([columns, self.data.of_product(np.array(added))])
+        return Candidate(self, columns, self.data.torque, readings=readings)
+
+
+class Nothing(Hypothesis):
+    """Eq. 15 alone."""
+
+    family = ""
+    name = "nothing"
+    term = "second-order joint"
+
+    def candidates(self, search: Search) -> list[Candidate]:
+        return [self.plain()]
+
+
+class Drivetrain(Hypothesis):
+    """A joint rendered by a drivetrain: Eq. 9 in powers of s, up to the fourth.
+
+    Its K, B and I are those of Eq. 15 fitted to the torque of the linear drivetrain in this motion:
+    what jerk and snap add, projected on angle, velocity and acceleration before any whitening.
+    """
+
+    family = ""
+    name = "drivetrain"
+    term = "drivetrain of higher order"
+    parameters = (("jerk", "N*m*s^3/rad"), ("snap", "N*m*s^4/rad"))
+
+    def candidates(self, search: Search) -> list[Candidate]:
+        spectra = self.data.spectra
+        columns = self.data.column(spectra.derivatives)
+        in_time = scipy.fft.irfft(spectra.derivatives * spectra.roll_off, spectra.working)
+        rows = in_time[:, spectra.rows]
+        rows = rows - rows.mean(axis=1, keepdims=True)
+        projection = np.linalg.lstsq(rows[:3].T, rows[3:].T)[0]
+        reading = np.hstack([EQUATION_15, projection])
+        return [Candidate(self, columns, self.data.torque, readings=(reading,))]
+
+
+# ---- path: what lies between the joint's torque and its number
+
+
+class OneParameter(Hypothesis):
+    """A hypothesis with one parameter of its own, sought on a grid and then refined."""
+
+    def __init__(self, data: Whitened) -> None:
+        super().__init__(data)
+        self._known: dict[float, Array] = {}
+
+    @abstractmethod
+    def grid(self) -> Array:
+        """Values (g,) of the parameter, ascending."""
+
+    def columns_at(self, value: float) -> Array:
+        """Whitened columns (k, m) at a value of the parameter, computed once for each."""
+        if value not in self._known:
+            self._known[value] = self.columns(value)
+        return self._known[value]
+
+    def columns(self, value: float) -> Array:
+        """Whitened columns (k, m) at a value of the parameter."""
+        raise NotImplementedError
+
+    def model(self, value: float, search: Search) -> tuple[Array, Array]:
+        """Columns (k, m) at a value, and the torque (m,) that they explain."""
+        return self.columns_at(value), search.data.torque
+
+    def candidates(self, search: Search) -> list[Candidate]:
+        grid = self.grid()
+
+        def left(value: float) -> float:
+            return search.fit(*self.model(value, search))[0]
+
+        return [self._candidate(value, grid, search) for value in search.minima(left, grid)]
+
+    def _candidate(self, value: float, grid: Array, search: Search) -> Candidate:
+        columns, torque = self.model(value, search)
+        estimates = search.fit(columns, torque)[1]
+
+        # derivative of the modelled torque, from a small step of the parameter
+        step = 1e-3 * abs(value) + 1e-9
+        columns_then, torque_then = self.model(value + step, search)
+        slope = (estimates @ (columns_then - columns) - (torque_then - torque)) / step
+
+        # the likelihood over the parameter: a Gaussian fails where it is flat
+        left, _ = search.fit(columns, slope)
+        sd = 1 / float(np.sqrt(max(left, np.finfo(float).tiny)))
+        tried = np.unique(np.clip(value + sd * PROFILE, grid[0], grid[-1]))
+        profile = []
+        for near in tried.tolist():
+            left, then = search.fit(*self.model(near, search))
+            profile.append(ProfilePoint(near, left, then[:3]))
+        return Candidate(self, columns, torque, slope, value, estimates, profile=tuple(profile))
+
+
+class Path(OneParameter):
+    """A linear filter between the joint's torque and its record."""
+
+    family = "path"
+
+    def grid(self) -> Array:
+        return np.geomspace(*LAGS, 11)
+
+    @abstractmethod
+    def response(self, value: float) -> Spectrum:
+        """Response of the path (f,)."""
+
+    def columns(self, value: float) -> Array:
+        return self.data.column(self.data.spectra.derivatives[:3] * self.response(value))
+
+
+class Delay(Path):
+    """A torque that is late by a constant time, or early if it is negative."""
+
+    name = "delay"
+    term = "late torque"
+    parameters = (("delay", "s"),)
+
+    def grid(self) -> Array:
+        return np.linspace(*DELAYS, 26)
+
+    def response(self, value: float) -> Spectrum:
+        return np.asarray(np.exp(-value * self.data.spectra.s))
+
+
+class LowPass(Path):
+    """A torque behind a low-pass of first order."""
+
+    name = "low-pass"
+    term = "low-pass of the torque"
+    parameters = (("time constant", "s"),)
+
+    def response(self, value: float) -> Spectrum:
+        return 1 / (1 + value * self.data.spectra.s)
+
+
+class SecondOrderLowPass(Path):
+    """A torque behind a Butterworth low-pass of second order."""
+
+    name = "low-pass of second order"
+    term = "low-pass of the torque"
+    parameters = (("time constant", "s"),)
+
+    def response(self, value: float) -> Spectrum:
+        of_corner = value * self.data.spectra.s
+        return np.asarray(1 / (1 + np.sqrt(2.0) * of_corner + of_corner**2))
+
+
+class MovingMean(Path):
+    """A torque that is the mean over the time before, or is held for that time."""
+
+    name = "moving mean"
+    term = "averaged or held torque"
+    parameters = (("duration", "s"),)
+
+    def response(self, value: float) -> Spectrum:
+        spectra = self.data.spectra
+        held = np.exp(-value / 2 * spectra.s) * np.sinc(value * spectra.frequency)
+        return np.asarray(held)
+
+
+class Resonance(Path):
+    """A torque behind a frame that resonates."""
+
+    name = "resonance"
+    term = "resonance of the path"
+    parameters = (("period over 2 pi", "s"),)
+
+    def grid(self) -> Array:
+        return super().grid()[4:]
+
+    def response(self, value: float) -> Spectrum:
+        of_corner = value * self.data.spectra.s
+        return 1 / (1 + RESONANCE_DAMPING * of_corner + of_corner**2)
+
+
+class SeriesSpring(OneParameter):
+    """A spring between the angle's encoder and the joint.
+
+    With Z = K + B s + I s^2 and the compliance c the torque is Z/(1 + c Z) theta, which is not
+    linear in K, B and I: Gauss-Newton steps linearise it.
+    """
+
+    family = "path"
+    name = "spring in series"
+    term = "yielding bench"
+    parameters = (("compliance", "rad/(N*m)"),)
+
+    def grid(self) -> Array:
+        return np.geomspace(*COMPLIANCES, 9)
+
+    def model(self, value: float, search: Search) -> tuple[Array, Array]:
+        spectra = self.data.spectra
+        powers = spectra.s ** np.arange(3)[:, None]
+        impedance = search.impedance
+        columns, torque = self.data.motion, self.data.torque
+        for _ in range(4):
+            of_joint = impedance @ powers
+            gain = 1 / (1 + value * of_joint)
+            columns = self.data.column(spectra.derivatives[:3] * gain**2)
+            modelled = self.data.column(spectra.derivatives[0] * of_joint * gain)
+            torque = self.data.torque - (modelled - impedance @ columns)
+            impedance = search.fit(columns, torque)[1]
+        return columns, torque
+
+
+# ---- time: what changes during the recording
+
+
+class GrowingLag(Hypothesis):
+    """A torque late by a lag times a shape of time.
+
+    The delayed motion is its Taylor series about no lag, of third order: at 6 Hz it misses 1e-5 of
+    the torque for 3 ms, and 1e-3 for 10 ms.
+    """
+
+    family = "time"
+
+    @abstractmethod
+    def shape(self, search: Search) -> Array:
+        """Lag (p,) of each row for a parameter of 1; nowhere above 1."""
+
+    def candidates(self, search: Search) -> list[Candidate]:
+        derivatives = self.data.spectra.angle_derivatives
+        shape = self.shape(search)
+        terms = [self.data.motion]
+        for order, factor in enumerate((1.0, 2.0, 6.0), start=1):
+            added = derivatives[order : order + 3] * (-shape) ** order / factor
+            terms.append(self.data.of_product(added))
+
+        lag, columns, slopes = 0.0, terms[0], terms[1]
+        estimates = search.impedance
+        for _ in range(NEWTON_STEPS):
+            columns = terms[0] + lag * (terms[1] + lag * (terms[2] + lag * terms[3]))
+            slopes = terms[1] + lag * (2 * terms[2] + 3 * lag * terms[3])
+            estimates = search.fit(columns)[1]
+            more = search.fit(np.vstack([columns, estimates @ slopes]))[1][-1]
+            moved = float(np.clip(lag + more, *DELAYS))
+            if abs(moved - lag) < 1e-8:
+                break
+            lag = moved
+        slope = estimates @ slopes
+        return [Candidate(self, columns, self.data.torque, slope, lag, estimates)]
+
+
+class DriftingClocks(GrowingLag):
+    """Clocks of two devices that drift apart, from no lag at the first row."""
+
+    name = "clocks"
+    term = "clocks that drift apart"
+    parameters = (("lag at the end", "s"),)
+
+    def shape(self, search: Search) -> Array:
+        return self.data.spectra.share
+
+
+class LagStep(GrowingLag):
+    """A lag that steps once, as after lost rows."""
+
+    name = "lag that steps"
+    term = "lag that changes at once"
+    parameters = (("step of the lag", "s"),)
+
+    def shape(self, search: Search) -> Array:
+        spectra = self.data.spectra
+        slope = search.impedance @ spectra.angle_derivatives[1:4]
+        moment = best_moment(search, slope)
+        return np.where(spectra.share > moment, 1.0, 0.0)
+
+
+def best_moment(search: Search, changing: Array) -> float:
+    """The moment [share of the recording] after which torques (..., p) best explain the rest."""
+    data = search.data
+
+    def left(moment: float) -> float:
+        column = data.of_product(changing * (data.spectra.share > moment))
+        return search.fit(np.vstack([data.motion, column]))[0]
+
+    on_grid = min(MOMENTS, key=left)
+    step = MOMENTS[1] - MOMENTS[0]
+    refined = scipy.optimize.minimize_scalar(
+        left,
+        bounds=(on_grid - step, on_grid + step),
+        method="bounded",
+        options={"maxiter": REFINEMENTS},
+    )
+    return float(refined.x) if refined.fun < left(on_grid) else on_grid
+
+
+class StiffnessDrift(Hypothesis):
+    """A stiffness that changes evenly, as of a warming spring."""
+
+    family = "time"
+    name = "K drifts"
+    term = "stiffness that changes"
+    parameters = (("change of K", "N*m/rad"),)
+
+    def candidates(self, search: Search) -> list[Candidate]:
+        spectra = self.data.spectra
+        readings = [np.hstack([EQUATION_15, [[x], [0.0], [0.0]]]) for x in (0.0, -0.5, 0.5)]
+        added = spectra.theta * (spectra.share - 0.5)
+        return [self.plain(added, readings=tuple(readings))]
+
+
+class StiffnessStep(Hypothesis):
+    """A stiffness that steps once."""
+
+    family = "time"
+    name = "K steps"
+    term = "stiffness that changes"
+    parameters = (("step of K", "N*m/rad"), ("step of the torque", "N*m"))
+
+    def candidates(self, search: Search) -> list[Candidate]:
+        spectra = self.data.spectra
+        # about the spring's own zero, which nobody knows, so that the torque steps, too
+        changing = np.array([spectra.theta, np.ones_like(spectra.theta)])
+        after = spectra.share > best_moment(search, changing)
+        readings = []
+        for share in (0.0, 1.0):
+            of_step = np.array([[share, 0.0], [0.0, 0.0], [0.0, 0.0]])
+            readings.append(np.hstack([EQUATION_15, of_step]))
+        return [self.plain(*(changing * after), readings=tuple(readings))]
+
+
+# ---- speed
+
+
+class QuadraticDamping(Hypothesis):
+    """A damping that grows with the speed."""
+
+    family = "speed"
+    name = "damping by speed"
+    term = "damping that depends on speed"
+    parameters = (("quadratic damping", "N*m*s^2/rad^2"),)
+
+    def candidates(self, search: Search) -> list[Candidate]:
+        omega = self.data.spectra.omega
+        return [self.plain(omega * np.abs(omega))]
+
+
+class Play(OneParameter):
+    """Play before the spring: the spring follows the angle when a gap is taken up."""
+
+    family = "speed"
+    name = "play"
+    term = "backlash"
+    parameters = (("play", "rad"),)
+
+    def grid(self) -> Array:
+        return gaps(self.data)
+
+    def follower(self, width: float) -> Array:
+        """Angle (p,) behind a gap of some width [rad]."""
+        spectra = self.data.spectra
+        wound = width / 2 * slipping_spring(spectra.angle, width / 2)
+        return np.asarray(spectra.theta - wound)
+
+    def columns(self, value: float) -> Array:
+        of_spring = self.data.of_product(self.follower(value))
+        return np.vstack([of_spring, self.data.motion[1:]])
+
+
+class PlayBeforeDamper(Play):
+    """Play before spring and damper."""
+
+    name = "play before spring and damper"
+
+    def columns(self, value: float) -> Array:
+        spectra = self.data.spectra
+        spectrum = spectra.spectrum_of(self.follower(value))
+        behind = self.data.column(np.array([spectrum, spectra.s * spectrum]))
+        return np.vstack([behind, self.data.motion[2:]])
+
+
+def gaps(data: Whitened) -> Array:
+    """Widths (8,) of a gap [rad], from what rounding cannot be."""
+    least = max(PLAYS[0], FEWEST_STEPS * data.spectra.signals.encoder_step)
+    return np.geomspace(least, max(PLAYS[1], 2 * least), 8)
+
+
+# ---- size
+
+
+class Hardening(Hypothesis):
+    """A spring whose stiffness changes with the angle, about any centre."""
+
+    family = "size"
+    name = "hardening"
+    term = "spring that is not linear"
+    parameters = (("quadratic stiffness", "N*m/rad^2"), ("cubic stiffness", "N*m/rad^3"))
+
+    def candidates(self, search: Search) -> list[Candidate]:
+        angle = self.data.spectra.angle
+        return [self.plain(angle**2, angle**3)]
+
+
+class StiffnessBySide(Hypothesis):
+    """A spring with another stiffness on either side of the middle."""
+
+    family = "size"
+    name = "K by side"
+    term = "asymmetric torque"
+    parameters = (("half the difference of K", "N*m/rad"),)
+
+    def candidates(self, search: Search) -> list[Candidate]:
+        readings = [np.hstack([EQUATION_15, [[x], [0.0], [0.0]]]) for x in (0.0, 1.0, -1.0)]
+        return [self.plain(np.abs(self.data.spectra.angle), readings=tuple(readings))]
+
+
+class DeadZone(OneParameter):
+    """A gap about the middle in which the spring does not act."""
+
+    family = "size"
+    name = "dead zone"
+    term = "backlash"
+    parameters = (("dead zone", "rad"),)
+
+    def grid(self) -> Array:
+        return gaps(self.data)
+
+    def columns(self, value: float) -> Array:
+        spectra = self.data.spectra
+        beyond = spectra.theta - np.clip(spectra.angle, -value / 2, value / 2)
+        return np.vstack([self.data.of_product(beyond), self.data.motion[1:]])
+
+
+# ---- direction
+
+
+class DampingByDirection(Hypothesis):
+    """Another damping in each direction of motion."""
+
+    family = "direction"
+    name = "B by direction"
+    term = "asymmetric torque"
+    parameters = (("half the difference of B", "N*m*s/rad"),)
+
+    def candidates(self, search: Search) -> list[Candidate]:
+        readings = [np.hstack([EQUATION_15, [[0.0], [x], [0.0]]]) for x in (0.0, 1.0, -1.0)]
+        return [self.plain(np.abs(self.data.spectra.omega), readings=tuple(readings))]
+
+
+class StiffnessByDirection(Hypothesis):
+    """Another stiffness in each direction of motion."""
+
+    family = "direction"
+    name = "K by direction"
+    term = "asymmetric torque"
+    parameters = (("half the difference of K", "N*m/rad"),)
+
+    def candidates(self, search: Search) -> list[Candidate]:
+        return [self.plain(self.data.spectra.angle * self.data.sign)]
+
+
+# ---- clipping
+
+
+class Clipping(Hypothesis):
+    """A torque of which both ends are cut; K, B and I predict what is missing."""
+
+    family = "clipping"
+    name = "clipping"
+    term = "clipped signal"
+
+    def candidates(self, search: Search) -> list[Candidate]:
+        spectra = self.data.spectra
+        recorded = spectra.product_torque
+        low, high = np.quantile(recorded[spectra.inside], OUTERMOST)
+        motion = np.array([spectra.theta, spectra.omega, spectra.alpha])
+        impedance, torque = search.impedance, self.data.torque
+        for _ in range(NEWTON_STEPS):
+            modelled = impedance @ motion
+            small = spectra.inside & (np.abs(modelled) < np.abs(modelled).max() / 3)
+            modelled = modelled + np.median((recorded - modelled)[small])
+            missing = modelled - np.clip(modelled, low, high)
+            torque = self.data.torque + self.data.of_product(missing)
+            impedance = search.fit(self.data.motion, torque)[1]
+        return [Candidate(self, self.data.motion, torque)]
+
+
+SOUND: tuple[type[Hypothesis], ...] = (Nothing,)
+PATHS: tuple[type[Hypothesis], ...] = (
+    Delay,
+    LowPass,
+    SecondOrderLowPass,
+    MovingMean,
+    Resonance,
+    SeriesSpring,
+)
+OTHER_FAULTS: tuple[type[Hypothesis], ...] = (
+    DriftingClocks,
+    LagStep,
+    StiffnessDrift,
+    StiffnessStep,
+    QuadraticDamping,
+    Play,
+    PlayBeforeDamper,
+    Hardening,
+    StiffnessBySide,
+    DeadZone,
+    DampingByDirection,
+    StiffnessByDirection,
+    Clipping,
+)
+
+
+def hypotheses_for(data: Whitened) -> list[Hypothesis]:
+    """All hypotheses that compete for a recording.
+
+    A drivetrain delays and filters the torque by itself: its path is no fault, and a belt's angle
+    judges lateness.
+    """
+    kinds: tuple[type[Hypothesis], ...]
+    if data.spectra.signals.has_drivetrain:
+        kinds = (*SOUND, Drivetrain, *OTHER_FAULTS)
+    else:
+        kinds = (*SOUND, *PATHS, *OTHER_FAULTS)
+    return [kind(data) for kind in kinds]

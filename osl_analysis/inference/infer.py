@@ -1,0 +1,284 @@
+"""The one inference: from angle and torque of a recording to K, B, I and what may be wrong.
+
+1. `spectra`: signals in the band of the motion.
+2. `whitening`: the noise becomes white.
+3. `hypotheses`: each is fitted, with and without dry friction (`friction_shapes`), and with a
+   person's reflex (`reflex`) where that may explain something.
+4. `cross_validation`: each predicts parts of the recording by its fit to the others.
+5. `mixture`: predictions and priors give weights; K, B, I are the mixture.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from osl_analysis.inference.constants import HARM_FLOOR, HARM_SHARE, KNOWN_DELAY, LIKELY
+from osl_analysis.inference.cross_validation import Predicted, held_out_vaf, predict_blocks
+from osl_analysis.inference.estimates import (
+    SYMBOLS,
+    Estimate,
+    Explanation,
+    Impedance,
+    ImpedanceInference,
+    KnownDelay,
+    Parameter,
+    ReflexEstimate,
+)
+from osl_analysis.inference.hypotheses import Candidate, Search, hypotheses_for
+from osl_analysis.inference.least_squares import BesideShared
+from osl_analysis.inference.mixture import Part, Weighed, mixture_quantiles, noise_of, weigh
+from osl_analysis.inference.rounding_errors import rounding_torques
+from osl_analysis.inference.spectra import BenchSignals, Spectra
+from osl_analysis.inference.whitening import JointKind, Whitened
+from osl_analysis.trial import Array
+
+INTERVAL = (0.025, 0.5, 0.975)  # a 95 % interval and its median
+NAMED_PART = 0.05  # share of a hypothesis above which a value of its own parameter counts as harm
+NAMED_FAMILY = 0.1  # the same of all faults, for a hypothesis
+REFLEX_WORTH = 12.0  # nats that a reflex must gain in the fit to compete: its ten columns take five
+
+
+def infer_impedance(
+    signals: BenchSignals,
+    accuracy: tuple[float, float, float] = HARM_SHARE,
+    vaf_from_hz: float = 0.0,
+) -> ImpedanceInference:
+    """Infer K, B and I of a joint from a recording, and what may be wrong with it.
+
+    Parameters
+    ----------
+    signals : BenchSignals
+        Angle and torque on one time base.
+    accuracy : tuple of float
+        Relative changes of K, B and I that matter to the user.
+    vaf_from_hz : float
+        Frequency below which the held-out VAF does not count [Hz], as a person's will.
+
+    Returns
+    -------
+    ImpedanceInference
+        Estimates in SI units with 95 % intervals, and explanations with their probabilities.
+
+    Raises
+    ------
+    InputError
+        The signals are too short, not finite, or do not move.
+    """
+    spectra = Spectra(signals)
+    data = Whitened(spectra)
+    fits, memory = fit_all(data)
+    weighed, at = weigh(fits, spectra.freedom, memory, is_body=not signals.has_drivetrain)
+    reference = weighed[at]
+    plain = next(fit for fit in fits if is_plain(fit))
+    matters = np.array(accuracy) * np.hypot(reference.impedance, HARM_FLOOR)
+
+    faults = [each for each in weighed if each.family != ""]
+    faults.sort(key=lambda each: -each.weight)
+    fault_probability = sum(each.weight for each in faults)
+    explanations = tuple(explained(each) for each in faults)
+    harm = harm_of(faults, reference, matters)
+    doubt = None
+    if fault_probability > LIKELY and harm > 1:
+        doubt = most_probable_family(faults, explanations)
+
+    without_reflex, reflex_harm = None, 0.0
+    if reference.fit.kind.has_reflex:
+        others = [each for each in weighed if not each.fit.kind.has_reflex]
+        best_other = max(others, key=lambda each: each.weight)
+        without_reflex = impedance_of(best_other.parts)
+        moved_by_reflex = np.abs(reference.impedance - best_other.impedance)
+        reflex_harm = float(np.max(moved_by_reflex / matters))
+
+    moved_by_friction = np.abs(reference.impedance - plain.impedances[0])
+    best = max(weighed, key=lambda each: each.weight)
+    return ImpedanceInference(
+        impedance=impedance_of(mixed(weighed)),
+        sound=impedance_of(reference.parts),
+        without_friction_column=impedance_of(
+            [Part(1.0, plain.impedances[0], plain.covariances[0])]
+        ),
+        fault_probability=fault_probability,
+        friction_probability=sum(each.weight for each in weighed if each.fit.kind.has_friction),
+        friction_harm=float(np.max(moved_by_friction / matters)),
+        harm=harm,
+        doubt=doubt,
+        explanations=explanations,
+        delay=None if signals.has_drivetrain else known_delay(data, reference.fit),
+        reflex=reflex_of(weighed, data),
+        without_reflex=without_reflex,
+        reflex_harm=reflex_harm,
+        VAF_held_out=held_out_vaf(data, best.fit, vaf_from_hz),
+        band_hz=spectra.band_hz,
+        noise_ratio=noise_of(fits, spectra.freedom),
+    )
+
+
+def is_plain(fit: Predicted) -> bool:
+    """Whether a fit is Eq. 15 alone."""
+    return fit.candidate.hypothesis.name == "nothing" and fit.kind == JointKind()
+
+
+def fit_all(data: Whitened) -> tuple[list[Predicted], Predicted | None]:
+    """Fit all hypotheses for each kind of joint, and let each predict all blocks.
+
+    Returns
+    -------
+    fits : list of Predicted
+        All of them.
+    memory : Predicted or None
+        The best without a reflex, beside a linear memory; None if no reflex competes.
+    """
+    freedom = data.spectra.freedom
+    hypotheses = hypotheses_for(data)
+    searches = [Search(data, JointKind(has_friction)) for has_friction in (False, True)]
+    rounding = rounding_torques(data, searches[0].impedance)
+
+    def predicted(searches: Sequence[Search]) -> list[Predicted]:
+        return [
+            predict_blocks(data, candidate, search.kind, rounding, freedom)
+            for search in searches
+            for hypothesis in hypotheses
+            for candidate in hypothesis.candidates(search)
+        ]
+
+    fits, memory = predicted(searches), None
+    if reflex_may_gain(data, fits):
+        memory = with_linear_memory(data, best_possible(fits), rounding)
+        kinds = [JointKind(has_friction, has_reflex=True) for has_friction in (False, True)]
+        fits += predicted([Search(data, kind) for kind in kinds])
+    return fits, memory
+
+
+def with_linear_memory(data: Whitened, best: Predicted, rounding: Array) -> Predicted:
+    """The best hypothesis, beside what a muscle would make of the unrectified velocity."""
+    candidate = best.candidate
+    columns = np.concatenate([candidate.columns, data.reflex.unrectified])
+    remembered = Candidate(candidate.hypothesis, columns, candidate.torque)
+    return predict_blocks(data, remembered, best.kind, rounding, data.spectra.freedom)
+
+
+def best_possible(fits: Sequence[Predicted]) -> Predicted:
+    """The hypothesis that predicts best, of those whose friction opposes the motion."""
+    return min((fit for fit in fits if fit.is_possible), key=lambda fit: float(fit.squares.sum()))
+
+
+def reflex_may_gain(data: Whitened, fits: Sequence[Predicted]) -> bool:
+    """Whether a reflex explains something that no linear memory of the best hypothesis does."""
+    if data.spectra.signals.has_drivetrain:
+        return False
+    best = best_possible(fits)
+    beside = BesideShared(data.shared(best.kind))
+    columns, torque = best.candidate.columns, best.candidate.torque
+    left, _ = beside.fit(np.concatenate([columns, data.reflex.unrectified]), torque)
+    less, _ = beside.fit(np.concatenate([columns, data.reflex.columns]), torque)
+    noise = noise_of(fits, data.spectra.freedom)
+    return (left - less) / 2 / noise > REFLEX_WORTH
+
+
+def mixed(weighed: Sequence[Weighed]) -> list[Part]:
+    """All parts of all hypotheses, with their weights."""
+    return [
+        Part(each.weight * part.weight, part.impedance, part.covariance)
+        for each in weighed
+        for part in each.parts
+    ]
+
+
+def impedance_of(parts: Sequence[Part]) -> Impedance:
+    """Median and 95 % interval of K, B and I."""
+    low, median, high = mixture_quantiles(parts, INTERVAL)
+    estimates = {
+        symbol: Estimate(float(median[k]), float(low[k]), float(high[k]))
+        for k, symbol in enumerate(SYMBOLS)
+    }
+    return Impedance(**estimates)
+
+
+def explained(each: Weighed) -> Explanation:
+    """The public form of a weighed hypothesis."""
+    candidate, fit = each.fit.candidate, each.fit
+    hypothesis = candidate.hypothesis
+    values = list(zip(fit.coefficients[3:].tolist(), fit.deviations[3:].tolist(), strict=True))
+    if candidate.slope is not None:
+        values.insert(0, (candidate.parameter, fit.parameter_sd))
+    parameters = tuple(
+        Parameter(name, unit, value, error)
+        for (name, unit), (value, error) in zip(hypothesis.parameters, values, strict=True)
+    )
+    return Explanation(
+        family=hypothesis.family,
+        name=hypothesis.name,
+        term=hypothesis.term,
+        probability=each.weight,
+        gain=each.gain,
+        has_friction=fit.kind.has_friction,
+        impedance=impedance_of(each.parts),
+        parameters=parameters,
+    )
+
+
+def reflex_of(weighed: Sequence[Weighed], data: Whitened) -> ReflexEstimate | None:
+    """The reflex, by the most probable hypothesis beside it; None if there is probably none."""
+    beside = [each for each in weighed if each.fit.kind.has_reflex]
+    probability = sum(each.weight for each in beside)
+    if probability <= LIKELY:
+        return None
+    best = max(beside, key=lambda each: each.weight).fit
+    ways = zip(
+        ("rising", "falling"),
+        best.reflex_gains.tolist(),
+        best.reflex_deviations.tolist(),
+        strict=True,
+    )
+    parameters = {way: Parameter(way, "N*m*s/rad", gain, error) for way, gain, error in ways}
+    return ReflexEstimate(probability, data.reflex.delay, **parameters)
+
+
+def most_probable_family(
+    faults: Sequence[Weighed], explanations: Sequence[Explanation]
+) -> Explanation:
+    """The most probable hypothesis of the most probable family."""
+    weights: dict[str, float] = {}
+    for each in faults:
+        weights[each.family] = weights.get(each.family, 0.0) + each.weight
+    family = max(weights, key=lambda name: weights[name])
+    return next(each for each in explanations if each.family == family)
+
+
+def harm_of(faults: Sequence[Weighed], reference: Weighed, matters: Array) -> float:
+    """By how much faults move K, B or I, in multiples (3,) of what matters to the user.
+
+    What counts is the mean change of all faults, and the largest one of those that are not
+    improbable among them.
+    """
+    total = sum(each.weight for each in faults)
+    if total == 0.0:
+        return 0.0
+    sound = reference.impedance
+    mean_change = sum(each.weight * np.abs(each.impedance - sound) for each in faults) / total
+    largest = np.asarray(mean_change)
+    for each in faults:
+        if each.weight < NAMED_FAMILY * total:
+            continue
+        for part in each.parts:
+            if part.weight > NAMED_PART:
+                largest = np.maximum(largest, np.abs(part.impedance - sound))
+    return float(np.max(largest / matters))
+
+
+def known_delay(data: Whitened, sound: Predicted) -> KnownDelay:
+    """Compute B and I if the delay between angle and torque is known to `KNOWN_DELAY`.
+
+    A torque late by d adds -d (K omega + B alpha + I jerk) to Eq. 15, so that B moves by K d, and I
+    by B d. How well the recording tells d itself is the slope's length beside the model.
+    """
+    impedance = sound.impedances[0]
+    derivatives = data.spectra.derivatives
+    slope = data.column(-np.tensordot(impedance, derivatives[1:4], axes=1))
+    left, moved_by_delay = Search(data, sound.kind).fit(sound.candidate.columns, slope)
+    recording = 1 / float(np.sqrt(max(left, np.finfo(float).tiny)))
+    deviation = 1 / float(np.hypot(1 / KNOWN_DELAY, 1 / recording))
+    moved = moved_by_delay[:3]
+    covariance = sound.covariances[0] + deviation**2 * np.outer(moved, moved)
+    found = impedance_of([Part(1.0, impedance, covariance)])
+    return KnownDelay(KNOWN_DELAY, recording, found.B, found.I)

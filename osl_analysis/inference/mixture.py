@@ -1,0 +1,339 @@
+"""Weights of the hypotheses by prediction, and K, B, I as their mixture.
+
+The weight of a hypothesis is its prior times the exponential of what it gains in prediction,
+averaged over a Bayesian bootstrap of the blocks (pseudo-BMA+: Yao, Vehtari, Simpson and Gelman,
+Bayesian Analysis 13, 2018). The gain is divided by a *temper*, since two things are not noise:
+
+* rounding, which alone would give some hypothesis a gain;
+* that no mechanism is exactly its formula: it misses `INEXACTNESS` of its own torque.
+
+The interval of K is that of the mixture: it holds all that cannot be told apart.
+"""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from osl_analysis.inference.constants import (
+    BLOCKS,
+    BOOTSTRAP_DRAWS,
+    INEXACTNESS,
+    LIKELY,
+    PRIOR_FRICTION,
+    PRIOR_REFLEX,
+    PRIOR_SOUND,
+)
+from osl_analysis.inference.cross_validation import Predicted
+from osl_analysis.inference.hypotheses import Family
+from osl_analysis.inference.whitening import JointKind
+from osl_analysis.trial import Array
+
+FAMILIES: tuple[Family, ...] = (
+    "path",
+    "time",
+    "speed",
+    "size",
+    "direction",
+    "clipping",
+)
+SEED = 1  # of the bootstrap: the same recording gives the same numbers
+NEGLIGIBLE = 1e-7  # weight below which a part does not enter the mixture
+SPREAD = 12.0  # standard deviations about all parts within which quantiles lie
+
+
+@dataclass(frozen=True)
+class Part:
+    """One Gaussian, with Student's tails, of the mixture."""
+
+    weight: float
+    impedance: Array  # K, B, I (3,) [SI]
+    covariance: Array  # (3, 3)
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """A hypothesis with its weight among all.
+
+    Attributes
+    ----------
+    fit : Predicted
+        The hypothesis, with or without friction.
+    weight : float
+        Its probability, given that one of those that compete is right.
+    gain : float
+        By how many nats it predicts the recording better than the best sound joint.
+    parts : tuple of Part
+        Its readings, or its own parameter's values; their weights have the sum 1.
+    """
+
+    fit: Predicted
+    weight: float
+    gain: float
+    parts: tuple[Part, ...]
+
+    @property
+    def family(self) -> Family:
+        """Family of the hypothesis; empty if nothing is at fault."""
+        return self.fit.candidate.hypothesis.family
+
+    @property
+    def impedance(self) -> Array:
+        """Mean K, B, I (3,) of its parts."""
+        return np.asarray(sum(part.weight * part.impedance for part in self.parts))
+
+
+def log_prior(fits: Sequence[Predicted]) -> Array:
+    """Logarithms (h,) of the prior probabilities.
+
+    Families share what is not sound evenly, and so do hypotheses within a family; minima of one
+    hypothesis share its probability.
+    """
+
+    def key(fit: Predicted) -> tuple[str, JointKind]:
+        return fit.candidate.hypothesis.name, fit.kind
+
+    minima = Counter(key(fit) for fit in fits)
+    members = {(fit.candidate.hypothesis.family, fit.candidate.hypothesis.name) for fit in fits}
+    of_family = Counter(family for family, _ in members)
+    found = []
+    for fit in fits:
+        family = fit.candidate.hypothesis.family
+        prior = PRIOR_SOUND if family == "" else (1 - PRIOR_SOUND) / len(FAMILIES)
+        prior /= of_family[family] * minima[key(fit)]
+        prior *= PRIOR_FRICTION if fit.kind.has_friction else 1 - PRIOR_FRICTION
+        found.append(np.log(prior))
+    return np.array(found)
+
+
+def log_positive(impedance: Array, covariance: Array) -> float:
+    """Logarithm of the probability that B and I are positive, as those of a body are."""
+    deviations = np.sqrt(np.diag(covariance))[1:]
+    return float(np.sum(scipy.special.log_ndtr(impedance[1:] / deviations)))
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What the predictions of some hypotheses say together.
+
+    Attributes
+    ----------
+    gains : Array (h, BLOCKS)
+        By how many nats each hypothesis predicts each block better than the reference.
+    reference : int
+        The sound joint that predicts best.
+    rounding : float
+        1, and what rounding alone would give the best hypothesis, in nats of noise.
+    sound : Array (h,) of bool
+        Which hypotheses are no fault.
+    """
+
+    gains: Array
+    reference: int
+    rounding: float
+    sound: Array
+
+    def tempers(self, gains: Array) -> Array:
+        """What to divide gains (..., h) by, for each draw of blocks."""
+        best = gains.max(axis=-1)
+        best_sound = gains[..., self.sound].max(axis=-1)
+        return temper(best - best_sound, self.rounding)
+
+
+def temper(gain: Array, rounding: float) -> Array:
+    """What to divide a gain [nat] by: rounding is no noise, and no formula is exact.
+
+    A mechanism that misses a share e of its own torque leaves e^2 of what it explains, which is
+    twice the gain. So evidence saturates at 1/(2 e^2) nats.
+    """
+    return np.asarray(rounding + INEXACTNESS**2 * 2 * np.maximum(gain, 0.0))
+
+
+def evidence_of(fits: Sequence[Predicted], noise: float) -> Evidence:
+    """Compare the predictions of hypotheses with those of the best sound one among them."""
+    squares = np.array([fit.squares for fit in fits])
+    totals = squares.sum(axis=1)
+    sound = np.array([fit.candidate.hypothesis.family == "" for fit in fits])
+    reference = int(np.argmin(np.where(sound, totals, np.inf)))
+    gains = (squares[reference] - squares) / 2 / noise
+
+    # rounding is compared beside the same friction, which takes up rounding, too
+    best = fits[int(np.argmin(totals))]
+    beside = [fit for fit, is_sound in zip(fits, sound, strict=True) if is_sound]
+    same = [fit for fit in beside if fit.kind == best.kind]
+    of_sound = same[0] if same else fits[reference]
+    return Evidence(gains, reference, 1 + rounding_gain(of_sound, best) / noise, sound)
+
+
+def rounding_gain(worse: Predicted, better: Predicted) -> float:
+    """By how much less of rounding alone one hypothesis leaves than another."""
+    return max(worse.rounding_left - better.rounding_left, 0.0)
+
+
+def noise_of(fits: Sequence[Predicted], freedom: float) -> float:
+    """Variance of what the best hypothesis leaves; 1 unless it is not noise alone."""
+    return max(min(float(fit.squares.sum()) for fit in fits) / freedom, 1.0)
+
+
+def weigh(
+    fits: Sequence[Predicted],
+    freedom: float,
+    memory: Predicted | None = None,
+    is_body: bool = True,
+) -> tuple[list[Weighed], int]:
+    """Weigh hypotheses by prediction.
+
+    Whether the joint has a reflex is weighed first, by the best hypothesis with and the best one
+    without it. A joint that has one is not worse explained for it: what else is wrong is weighed
+    among the hypotheses beside a reflex.
+
+    Parameters
+    ----------
+    fits : sequence of Predicted
+        Hypotheses beside friction and reflex, or not.
+    freedom : float
+        Number of independent rows.
+    memory : Predicted, optional
+        The best hypothesis without a reflex, beside a linear memory: what a reflex must exceed.
+    is_body : bool
+        Whether B and I are those of a body, and positive. A powered leg's may be negative.
+
+    Returns
+    -------
+    weighed : list of Weighed
+        The possible ones among them.
+    reference : int
+        Which of these is the sound joint that predicts best, of the more probable kind.
+    """
+    possible = [fit for fit in fits if fit.is_possible and np.isfinite(fit.squares).all()]
+    noise = noise_of(possible, freedom)
+    draws = np.random.default_rng(SEED).dirichlet(np.ones(BLOCKS), BOOTSTRAP_DRAWS) * BLOCKS
+    draws = np.vstack([np.ones(BLOCKS), draws])
+
+    without = [fit for fit in possible if not fit.kind.has_reflex]
+    beside = [fit for fit in possible if fit.kind.has_reflex]
+    if not beside:
+        return weigh_alike(without, draws, np.ones(len(draws)), noise, is_body)
+
+    exceeded = without if memory is None else [*without, memory]
+    probability = reflex_probability(exceeded, beside, draws, noise)
+    weighed, reference = weigh_alike(without, draws, 1 - probability, noise, is_body)
+    more, reference_beside = weigh_alike(beside, draws, probability, noise, is_body)
+    if probability.mean() > LIKELY:
+        reference = len(weighed) + reference_beside
+    return weighed + more, reference
+
+
+def reflex_probability(
+    without: Sequence[Predicted], beside: Sequence[Predicted], draws: Array, noise: float
+) -> Array:
+    """Probability (d,) that the joint has a reflex, for each draw (d, BLOCKS) of blocks."""
+    squares_without = draws @ np.array([fit.squares for fit in without]).T
+    squares_beside = draws @ np.array([fit.squares for fit in beside]).T
+    gain = (squares_without.min(axis=1) - squares_beside.min(axis=1)) / 2 / noise
+    best_beside = min(beside, key=lambda fit: float(fit.squares.sum()))
+    # what rounding alone would give reflex and friction together
+    most_rounded = max(without, key=lambda fit: fit.rounding_left)
+    rounding = 1 + rounding_gain(most_rounded, best_beside) / noise
+    gain = np.minimum(gain, best_beside.reflex_evidence)
+    log_odds = np.log(PRIOR_REFLEX / (1 - PRIOR_REFLEX)) + gain / temper(gain, rounding)
+
+    # a stretched muscle resists
+    total, deviation = best_beside.reflex_gains.sum(), np.hypot(*best_beside.reflex_deviations)
+    log_odds = log_odds + scipy.special.log_ndtr(total / deviation)
+    return np.asarray(scipy.special.expit(log_odds))
+
+
+def weigh_alike(
+    fits: Sequence[Predicted], draws: Array, shares: Array, noise: float, is_body: bool
+) -> tuple[list[Weighed], int]:
+    """Weigh hypotheses with a reflex, or those without one; of each draw they have a share (d,)."""
+    evidence = evidence_of(fits, noise)
+    prior = log_prior(fits)
+    all_blocks = evidence.gains.sum(axis=1)
+    unit = noise * float(evidence.tempers(all_blocks))
+    parts = []
+    for k, fit in enumerate(fits):
+        more, own_parts = parts_of(fit, unit, is_body)
+        prior[k] += more
+        parts.append(own_parts)
+
+    gains = draws @ evidence.gains.T
+    log_weights = prior + gains / evidence.tempers(gains)[:, None]
+    weights = np.exp(log_weights - log_weights.max(axis=1, keepdims=True))
+    weights *= (shares / weights.sum(axis=1))[:, None]
+    weights = weights.mean(axis=0)
+    weighed = [
+        Weighed(fit, float(weights[k]), float(all_blocks[k]), tuple(parts[k]))
+        for k, fit in enumerate(fits)
+    ]
+    return weighed, evidence.reference
+
+
+def parts_of(fit: Predicted, unit: float, is_body: bool) -> tuple[float, list[Part]]:
+    """Parts of a hypothesis, and what they add to the logarithm of its prior.
+
+    Parameters
+    ----------
+    fit : Predicted
+        The hypothesis.
+    unit : float
+        Sum of squares that counts as two nats.
+    is_body : bool
+        Whether B and I are positive.
+    """
+    if not fit.candidate.profile:
+        more = log_positive(fit.impedances[0], fit.covariances[0]) if is_body else 0.0
+        share = 1 / len(fit.impedances)
+        pairs = zip(fit.impedances, fit.covariances, strict=True)
+        return more, [Part(share, impedance, covariance) for impedance, covariance in pairs]
+
+    # over its own parameter, with a flat prior between the ends of the profile
+    profile, covariance = fit.candidate.profile, fit.covariances[0]
+    log_weights = -0.5 * np.array([point.left for point in profile]) / unit
+    if is_body:
+        log_weights += [log_positive(point.impedance, covariance) for point in profile]
+    least = min(point.left for point in profile)
+    relative = np.exp(log_weights + 0.5 * least / unit)
+    more = float(np.log(max(relative.mean(), np.finfo(float).tiny)))
+    shares = np.exp(log_weights - log_weights.max())
+    shares = shares / shares.sum()
+    pairs_of_profile = zip(shares.tolist(), profile, strict=True)
+    return more, [Part(share, point.impedance, covariance) for share, point in pairs_of_profile]
+
+
+def mixture_quantiles(parts: Sequence[Part], levels: Sequence[float]) -> Array:
+    """Compute quantiles of K, B and I.
+
+    Parameters
+    ----------
+    parts : sequence of Part
+        Parts of the mixture; their weights need not have the sum 1.
+    levels : sequence of float
+        Probabilities (q,).
+
+    Returns
+    -------
+    Array (q, 3)
+        Quantiles [SI], of Student's distributions with BLOCKS - 1 degrees of freedom.
+    """
+    used = [part for part in parts if part.weight > NEGLIGIBLE]
+    weights = np.array([part.weight for part in used])
+    weights = weights / weights.sum()
+    at = np.array([part.impedance for part in used])
+    deviations = np.sqrt([np.diag(part.covariance) for part in used])
+
+    found = np.empty((len(levels), 3))
+    for k in range(3):
+        low = float((at[:, k] - SPREAD * deviations[:, k]).min())
+        high = float((at[:, k] + SPREAD * deviations[:, k]).max())
+
+        def excess(x: float, level: float, k: int = k) -> float:
+            scaled = (x - at[:, k]) / deviations[:, k]
+            return float(weights @ scipy.special.stdtr(BLOCKS - 1, scaled)) - level
+
+        for row, level in enumerate(levels):
+            found[row, k] = scipy.optimize.brentq(excess, low, high, args=(level,), xtol=1e-10)
+    return found

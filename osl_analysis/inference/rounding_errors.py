@@ -1,0 +1,113 @@
+"""Torques that rounding of the angle makes, drawn for other zeros of the encoder.
+
+Rounding is no noise where a motion repeats itself: every cycle has the same errors. Drawn with
+other zeros (Widrow and Kollár, Quantization Noise, 2008), they say what rounding alone does to each
+estimate, and how well it alone would be explained by each hypothesis. As random effects in the
+model a dozen draws would be fitted away.
+"""
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from osl_analysis.inference.constants import DWELL_PERIODS, ROUNDING_DRAWS, SMALLEST_SIZE
+from osl_analysis.inference.spectra import Spectra
+from osl_analysis.inference.whitening import Whitened
+from osl_analysis.trial import Array
+
+SMOOTH_BANDS = 4.0  # bands of the low-pass that gives the angle before its rounding
+LEAST_REPEATED = 0.05  # share of the rounding that noise leaves, below which it is noise
+
+
+def rounding_torques(data: Whitened, impedance: Array) -> Array:
+    """Draw the whitened torques that rounding of the angle makes.
+
+    Parameters
+    ----------
+    data : Whitened
+        The recording.
+    impedance : Array (3,)
+        K, B, I of its joint, through which an error of the angle becomes one of the torque.
+
+    Returns
+    -------
+    Array (draws, m)
+        Torques; no row if noise of the angle hides its rounding, or no step is known.
+    """
+    spectra = data.spectra
+    step, rows = spectra.signals.encoder_step, int(np.count_nonzero(spectra.rows))
+    repeated = repeated_share(spectra)
+    if repeated < LEAST_REPEATED:
+        return np.empty((0, rows))
+
+    angle = np.asarray(scipy.fft.irfft(spectra.raw_angle, spectra.padded) + spectra.line) / step
+    smooth, halfway = before_encoder(spectra, angle)
+    levels = share_at_levels(spectra, angle)
+    size = min(max(levels, SMALLEST_SIZE), 1.0)
+    # a level is read as one step; halfway between two of them there would be none
+    drawn_from = [smooth, halfway] if levels > 0.5 else [smooth, smooth]
+
+    centred = [x - x.mean() for x in drawn_from]
+    largest = float(np.abs(halfway - halfway.mean()).max())
+    of_error = impedance @ spectra.s ** np.arange(3)[:, None]
+    to_working = spectra.working / spectra.padded
+    found = []
+    for draw in range(ROUNDING_DRAWS):
+        zero = (draw + 0.5) / ROUNDING_DRAWS
+        # sizes in another order than zeros, so that both are spread evenly
+        growth = ((5 * draw) % ROUNDING_DRAWS + 0.5) / ROUNDING_DRAWS - 0.5
+        which = draw % 2
+        true = drawn_from[which] + centred[which] * (growth * size / largest) + zero
+        error = scipy.fft.rfft(np.rint(true) - true)[: len(spectra.frequency)]
+        found.append(of_error * error * (to_working * step * repeated))
+    return data.column(np.array(found))
+
+
+def repeated_share(spectra: Spectra) -> float:
+    """Share of the rounding error that noise before the encoder leaves to repeat itself.
+
+    Noise of s steps leaves exp(-2 pi^2 s^2) of it (Widrow and Kollár 2008, ch. 5).
+    """
+    step = spectra.signals.encoder_step
+    if step <= 0:
+        return 0.0
+    variance = spectra.angle_noise * spectra.signals.rate_hz / 2 / step**2
+    noise = max(variance - 1 / 12, 0.0)
+    return float(np.exp(-2 * np.pi**2 * noise))
+
+
+def before_encoder(spectra: Spectra, angle: Array) -> tuple[Array, Array]:
+    """Reconstruct an angle in encoder steps (r,) before its rounding, in two ways.
+
+    The first is low-passed, and rings where the joint comes to a level. The second is known halfway
+    between two steps, where the encoder goes from one to the next.
+    """
+    end = min(
+        round(SMOOTH_BANDS * spectra.band_hz * spectra.padded_seconds), len(spectra.raw_angle)
+    )
+    gain = 1 / (1 + (np.arange(len(spectra.raw_angle)) / end) ** 8)
+    low_passed = scipy.fft.irfft(spectra.raw_angle * gain, spectra.padded) + spectra.line
+    smooth = np.asarray(low_passed) / spectra.signals.encoder_step
+
+    read = encoder_reading(angle)
+    at = np.flatnonzero(np.diff(read))
+    if len(at) < 3:
+        return smooth, read
+    halfway = np.interp(np.arange(len(angle)), at + 0.5, (read[at] + read[at + 1]) / 2)
+    return smooth, halfway
+
+
+def encoder_reading(angle: Array) -> Array:
+    """Whole steps (r,) that an encoder shows, for an angle in steps about an unknown zero."""
+    zero = np.angle(np.mean(np.exp(2j * np.pi * angle))) / (2 * np.pi)
+    return np.asarray(np.rint(angle - zero))
+
+
+def share_at_levels(spectra: Spectra, angle: Array) -> float:
+    """Share of the time in which the encoder shows one step for longer than a motion lets it."""
+    changes: NDArray[np.intp] = np.flatnonzero(np.diff(encoder_reading(angle)))
+    starts = np.concatenate([[0], changes + 1])
+    stops = np.concatenate([changes, [len(angle) - 1]])
+    dwells = stops - starts
+    longest_in_motion = DWELL_PERIODS * spectra.signals.rate_hz / spectra.band_hz
+    return float(np.sum(dwells[dwells > longest_in_motion]) / len(angle))

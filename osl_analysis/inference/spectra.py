@@ -1,0 +1,279 @@
+"""Angle and torque of one recording in the band of its motion, as spectra and as signals.
+
+Derivatives and filters are exact in the frequency domain. What a Fourier transform assumes about
+the ends is made harmless by order: derivatives and filters first, then a window in time. A linear
+relation of samples, torque = K theta + B omega + I alpha, survives both.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from osl_analysis.errors import InputError
+from osl_analysis.inference.constants import (
+    BAND_OF_RATE,
+    EDGE,
+    FEWEST_STEPS,
+    HIGHEST_BAND,
+    PADDING,
+    PRODUCT_RATE,
+    SHORTEST,
+    TAPER,
+    VISIBLE_ABOVE_NOISE,
+)
+from osl_analysis.trial import Array, check_finite
+
+Spectrum = NDArray[np.complex128]
+ROLL_OFF_ORDER = 8  # of the gain 1/(1 + (f/band)^8), which ends the band without ringing
+WORKING_RATE = 3.4  # bands; there the roll-off has taken all but 1.4 % of a signal
+REST = 0.02  # SD of the angle that a joint at rest does not leave
+DERIVATIVES = 5  # angle and its derivatives up to the fourth
+
+
+@dataclass(frozen=True)
+class BenchSignals:
+    """Angle and torque of one joint, on one clock and evenly sampled.
+
+    Parameters
+    ----------
+    theta : Array (n,)
+        Angle of the joint [rad].
+    torque : Array (n,)
+        Resisting torque [N*m].
+    rate_hz : float
+        Sampling rate [Hz].
+    encoder_step : float
+        Resolution of the angle [rad]; 0 if it is not known.
+    usable : Array (n,) of bool, optional
+        False at rows of a gap or outside of the stated windows.
+    sliding_angle : Array (n,), optional
+        Angle [rad] whose velocity dry friction opposes, as that of a leg's actuator. By default the
+        joint's.
+    load : Array (n,), optional
+        What friction grows with, as a motor's current [A]. Without it friction has one size.
+    has_drivetrain : bool
+        Whether a drivetrain with a belt and a controller renders the joint. It is of fourth order
+        or higher: its own dynamics are then no fault of the torque's path.
+    """
+
+    theta: Array
+    torque: Array
+    rate_hz: float
+    encoder_step: float = 0.0
+    usable: NDArray[np.bool_] | None = None
+    sliding_angle: Array | None = None
+    load: Array | None = None
+    has_drivetrain: bool = False
+
+    def __post_init__(self) -> None:
+        """Raise InputError: a signal is not finite, too short, or does not move."""
+        check_finite("the angle", self.theta)
+        check_finite("the torque", self.torque)
+        if len(self.theta) < SHORTEST * self.rate_hz:
+            raise InputError(
+                f"the recording lasts {len(self.theta) / self.rate_hz:.3g} s;"
+                f" record {SHORTEST:g} s or more"
+            )
+        if np.ptp(self.theta) == 0.0:
+            raise InputError("the joint does not move; check the channel of theta")
+
+    def moving_part(self) -> "BenchSignals":
+        """Return the part from the first to the last motion, with `EDGE` at both ends.
+
+        A joint at rest shows one error of the encoder for seconds, and nothing else.
+        """
+        least = max(FEWEST_STEPS * self.encoder_step, REST * float(self.theta.std()))
+        away_from_start = np.abs(self.theta - self.theta[0]) > least
+        away_from_end = np.abs(self.theta - self.theta[-1]) > least
+        edge = round(EDGE * self.rate_hz)
+        first = max(int(np.argmax(away_from_start)) - edge, 0)
+        last = len(self.theta) - int(np.argmax(away_from_end[::-1]))
+        stop = min(last + edge, len(self.theta))
+        if stop - first < SHORTEST * self.rate_hz:
+            return self
+        rows = slice(first, stop)
+        return BenchSignals(
+            self.theta[rows],
+            self.torque[rows],
+            self.rate_hz,
+            self.encoder_step,
+            None if self.usable is None else self.usable[rows],
+            None if self.sliding_angle is None else self.sliding_angle[rows],
+            None if self.load is None else self.load[rows],
+            self.has_drivetrain,
+        )
+
+
+class Spectra:
+    """A recording's spectra in the band of its motion, and its signals at two rates.
+
+    The *working* rate is `WORKING_RATE` bands: at it torque and columns are compared. The *product*
+    rate is `PRODUCT_RATE`: at it signals are multiplied, or pass a nonlinearity.
+
+    Attributes
+    ----------
+    signals : BenchSignals
+        The moving part of the recording, of n rows.
+    seconds : float
+        Its duration [s].
+    angle_noise : float
+        Density of the angle's noise, taken as white [rad^2/Hz].
+    band_hz : float
+        Where the angle's power falls to `VISIBLE_ABOVE_NOISE` times its noise [Hz].
+    rate_hz : float
+        The working rate [Hz].
+    frequency : Array (f,)
+        Frequencies of working spectra [Hz].
+    s : Spectrum (f,)
+        2 pi i times them [rad/s].
+    roll_off : Array (f,)
+        Gain that ends the band.
+    derivatives : Spectrum (5, f)
+        Angle and its first four derivatives.
+    torque : Spectrum (f,)
+        The torque.
+    window : Array (w,)
+        Weight of each working row: 0 in padding, edges and gaps.
+    rows : Array (w,) of bool
+        Where the window is not 0; their number is m.
+    time : Array (p,)
+        Times of product rows [s] from the first row of the recording.
+    angle_derivatives : Array (6, p)
+        Angle less the line between its ends, and its first five derivatives [SI].
+    theta, omega, alpha : Array (p,)
+        The first three of them.
+    angle : Array (p,)
+        Angle about its mean, with that line, for products.
+    sliding : Array (p,)
+        Angle whose velocity friction opposes, with its line [rad].
+    inside : Array (p,) of bool
+        Rows of the recording, not of its padding.
+    """
+
+    def __init__(self, signals: BenchSignals) -> None:
+        self.signals = signals.moving_part()
+        rate, n = self.signals.rate_hz, len(self.signals.theta)
+        self.seconds = n / rate
+
+        # odd extension at both ends, less the line between them, so that no end leaps
+        self._padding = min(round(PADDING * rate), n - 2)
+        self.padded = int(scipy.fft.next_fast_len(n + 2 * self._padding, real=True))
+        self.padded_seconds = self.padded / rate
+        extended, self.line = self._extended(self.signals.theta)
+        self.raw_angle = scipy.fft.rfft(extended - self.line)
+        extended, line = self._extended(self.signals.torque)
+        raw_torque = scipy.fft.rfft(extended - line)
+
+        self.angle_noise, self.band_hz = noise_and_band(self.signals.theta, rate)
+
+        # working rate
+        half = scipy.fft.next_fast_len(
+            int(WORKING_RATE / 2 * self.band_hz * self.padded_seconds), real=True
+        )
+        self.working = 2 * int(half)
+        self.rate_hz = self.working / self.padded_seconds
+        self.frequency = np.arange(self.working // 2 + 1) / self.padded_seconds
+        self.s = np.asarray(2j * np.pi * self.frequency, np.complex128)
+        self.roll_off = 1 / (1 + (self.frequency / self.band_hz) ** ROLL_OFF_ORDER)
+        to_working = self.working / self.padded
+        angle = self.raw_angle[: len(self.frequency)] * to_working
+        self.torque: Spectrum = np.asarray(
+            raw_torque[: len(self.frequency)] * to_working, np.complex128
+        )
+        self.derivatives = np.array([self.s**k * angle for k in range(DERIVATIVES)], np.complex128)
+        self.window = self._window()
+        self.rows = self.window > 0
+        # independent rows, of which the roll-off leaves a part
+        self.freedom = float(np.count_nonzero(self.rows) * np.mean(self.roll_off**2))
+
+        # product rate
+        self.products = 2 * int(
+            scipy.fft.next_fast_len(int(PRODUCT_RATE / 2 * self.padded_seconds))
+        )
+        rows = np.arange(self.products) * self.padded_seconds / self.products
+        self.time = rows - self._padding / rate
+        self.inside = (self.time >= 0) & (self.time < self.seconds)
+        self.share = np.clip(self.time / self.seconds, 0.0, 1.0)
+        self.product_band_hz = max(3 * self.band_hz, 20.0)
+        self.angle_derivatives = np.array(self._at_product_rate(self.raw_angle, 6))
+        self.theta, self.omega, self.alpha = self.angle_derivatives[:3]
+        self.product_torque = self._at_product_rate(raw_torque, 1)[0]
+        line_of_products = np.linspace(self.line[0], self.line[-1], self.products)
+        angle_with_line = self.theta + line_of_products
+        self.angle = angle_with_line - angle_with_line[self.inside].mean()
+        self.sliding = self.angle if self.signals.sliding_angle is None else self._sliding_angle()
+
+    def _extended(self, x: Array) -> tuple[Array, Array]:
+        """A signal (n,) with an odd extension at both ends, and the line between its ends."""
+        few = max(round(0.03 * self.signals.rate_hz), 2)
+        first, last = x[:few].mean(), x[-few:].mean()
+        pad = self._padding
+        parts = [2 * first - x[pad:0:-1], x, 2 * last - x[-2 : -pad - 2 : -1]]
+        extended = np.concatenate(parts)
+        filled = np.pad(extended, (0, self.padded - len(extended)), mode="edge")
+        return filled, np.linspace(filled[0], filled[-1], self.padded)
+
+    def _at_product_rate(self, spectrum: Spectrum, number: int) -> list[Array]:
+        """A signal and its derivatives, `number` in all, at the product rate."""
+        kept = min(self.products // 2 + 1, len(spectrum))
+        frequency = np.arange(kept) / self.padded_seconds
+        gain = 1 / (1 + (frequency / self.product_band_hz) ** ROLL_OFF_ORDER)
+        filled = np.zeros(self.products // 2 + 1, dtype=np.complex128)
+        found = []
+        for order in range(number):
+            filled[:kept] = (2j * np.pi * frequency) ** order * spectrum[:kept] * gain
+            found.append(scipy.fft.irfft(filled, self.products) * (self.products / self.padded))
+        return found
+
+    def resampled(self, x: Array) -> Array:
+        """A further signal (n,) of the recording at the product rate (p,)."""
+        extended, line = self._extended(x)
+        smooth = self._at_product_rate(scipy.fft.rfft(extended - line), 1)[0]
+        return np.asarray(smooth + np.linspace(line[0], line[-1], self.products))
+
+    def _sliding_angle(self) -> Array:
+        assert self.signals.sliding_angle is not None
+        return self.resampled(self.signals.sliding_angle)
+
+    def _window(self) -> Array:
+        """The weight (w,) of each working row, which rises over `TAPER` from edges and gaps."""
+        time = np.arange(self.working) / self.rate_hz - self._padding / self.signals.rate_hz
+        to_edge = np.minimum(time, self.seconds - time) - EDGE
+        usable = self.signals.usable
+        if usable is not None and not usable.all():
+            to_gap = scipy.ndimage.distance_transform_edt(usable) / self.signals.rate_hz
+            rows = np.clip(np.rint(time * self.signals.rate_hz), 0, len(usable) - 1).astype(np.intp)
+            to_edge = np.minimum(to_edge, to_gap[rows] - 1 / self.band_hz)
+        risen = np.clip(to_edge / TAPER, 0.0, 1.0)
+        return np.asarray(risen**2 * (3 - 2 * risen))
+
+    def spectrum_of(self, x: Array) -> Spectrum:
+        """The working spectrum (..., f) of signals (..., p) at the product rate."""
+        spectrum = scipy.fft.rfft(x)[..., : len(self.frequency)] * (self.working / self.products)
+        lacking = len(self.frequency) - spectrum.shape[-1]
+        if lacking == 0:
+            return np.asarray(spectrum)
+        return np.pad(spectrum, [(0, 0)] * (x.ndim - 1) + [(0, lacking)])
+
+
+def noise_and_band(theta: Array, rate_hz: float) -> tuple[float, float]:
+    """Find the density of an angle's noise [rad^2/Hz], and the end of its motion's band [Hz].
+
+    The noise is taken as white, and read at the highest frequencies (above 100 Hz where there are
+    such). The band ends at the first frequency above 1 Hz at which the power falls below
+    `VISIBLE_ABOVE_NOISE` times the noise.
+    """
+    length = min(round(2 * rate_hz), len(theta))
+    frequency, power = scipy.signal.welch(scipy.signal.detrend(theta), rate_hz, nperseg=length)
+    if rate_hz < 300.0:
+        highest = frequency > 0.35 * rate_hz
+    else:
+        highest = (frequency > 100.0) & (frequency < 0.45 * rate_hz)
+    noise = float(np.median(power[highest]))
+
+    limit = min(HIGHEST_BAND, BAND_OF_RATE * rate_hz)
+    hidden = frequency[(frequency > 1.0) & (power < VISIBLE_ABOVE_NOISE * noise)]
+    end = float(hidden[0]) if len(hidden) else limit
+    return noise, float(np.clip(end, min(2.0, limit), limit))

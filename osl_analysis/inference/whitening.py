@@ -1,0 +1,180 @@
+"""Whitening by the noise's own spectrum: after it, least squares is maximum likelihood.
+
+Load cells drift, persons lean on benches, and amplifiers hum: the noise of a torque is not white.
+The residual of a model that is richer than any hypothesis has its spectrum (generalised least
+squares with an estimated covariance; Ljung, System Identification, 1999, ch. 7). Divided by its
+root, torque and columns have white noise of variance 1, whatever the noise was. No trend or
+high-pass has to be chosen.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy
+
+from osl_analysis.inference.constants import (
+    COLOUR_SEGMENT,
+    FRICTION_WINDS,
+    MOMENTS,
+    REFLEX_DELAYS,
+)
+from osl_analysis.inference.friction_shapes import friction_torques, sliding_velocity
+from osl_analysis.inference.least_squares import BesideShared, solve_scaled
+from osl_analysis.inference.reflex import Reflex, half_waves, muscle_answers
+from osl_analysis.inference.spectra import Spectra, Spectrum
+from osl_analysis.trial import Array
+
+ROUNDS = 2  # the second one weighs the rich model by the spectrum that the first one found
+LEAST_GAIN = 0.03  # of the roll-off's power, below which the spectrum is not divided by it
+SLOW_POWERS = 4  # offset and drift: powers of time from 0
+
+
+@dataclass(frozen=True)
+class JointKind:
+    """What a joint has beside stiffness, damping and inertia."""
+
+    has_friction: bool = False
+    has_reflex: bool = False
+
+
+class Whitened:
+    """Torque and columns of one recording with white noise of variance 1, in its m fitted rows.
+
+    Attributes
+    ----------
+    spectra : Spectra
+        The recording.
+    torque : Array (m,)
+        Whitened torque.
+    motion : Array (3, m)
+        Whitened angle, velocity, acceleration, whose coefficients are K, B and I.
+    slow : Array (4, m)
+        Offset and drift of the torque.
+    friction : Array (k, m)
+        Shapes of dry friction.
+    reflex : Reflex
+        Answers of a muscle to stretch, at the delay that explains most.
+    mean_friction : Array (k,)
+        Mean torque of each shape in sliding motion, over its coefficient; 0 for shapes about rest.
+    sign : Array (p,)
+        Smoothed sign of the velocity, at the product rate.
+    """
+
+    def __init__(self, spectra: Spectra) -> None:
+        self.spectra = spectra
+        velocity, width = sliding_velocity(spectra)
+        self.sign = np.tanh(velocity / width)
+        self._half_waves = spectra.spectrum_of(half_waves(spectra))
+        shapes = friction_torques(spectra)
+        self._friction = spectra.spectrum_of(shapes)
+        self.mean_friction = np.abs(shapes[:, spectra.inside]).mean(axis=1)
+        self.mean_friction[1 : 2 + len(FRICTION_WINDS)] = 0.0
+        powers = np.array([(spectra.share - 0.5) ** k for k in range(SLOW_POWERS)])
+        self._slow = spectra.spectrum_of(powers)
+
+        self._gain: Array | None = None
+        self._gain = self._inverse_root_of_noise()
+
+        self.torque = self.column(spectra.torque)
+        self.motion = self.column(spectra.derivatives[:3])
+        self.slow = self.column(self._slow)
+
+    @cached_property
+    def friction(self) -> Array:
+        """Whitened shapes of dry friction (k, m)."""
+        return self.column(self._friction)
+
+    @cached_property
+    def reflex(self) -> "Reflex":
+        """The reflex at that delay which explains most beside Eq. 15 and friction."""
+        beside = BesideShared(np.concatenate([self.motion, self.slow, self.friction]))
+        tried = []
+        for delay in REFLEX_DELAYS:
+            columns = self.column(muscle_answers(self.spectra, self._half_waves, delay))
+            left, _ = beside.fit(columns, self.torque)
+            tried.append((left, Reflex(delay, columns)))
+        return min(tried, key=lambda each: each[0])[1]
+
+    def shared(self, kind: JointKind) -> Array:
+        """Columns (k, m) that all hypotheses share: of friction and reflex, offset and drift."""
+        parts = []
+        if kind.has_friction:
+            parts.append(self.friction)
+        if kind.has_reflex:
+            parts.append(self.reflex.columns)
+        return np.concatenate([*parts, self.slow])
+
+    def column(self, spectrum: Spectrum) -> Array:
+        """Whiten the signals with these working spectra (..., f); returns rows (..., m)."""
+        spectra = self.spectra
+        x = scipy.fft.irfft(spectrum * spectra.roll_off, spectra.working) * spectra.window
+        if self._gain is not None:
+            x = scipy.fft.irfft(scipy.fft.rfft(x) * self._gain, spectra.working)
+        return np.asarray(x[..., spectra.rows])
+
+    def of_product(self, x: Array) -> Array:
+        """Whiten signals (..., p) at the product rate; returns rows (..., m)."""
+        return self.column(self.spectra.spectrum_of(x))
+
+    def unwhitened(self, rows: Array, from_hz: float = 0.0) -> Array:
+        """Take the whitening off rows (..., m), and what is slower than `from_hz`.
+
+        Near ends and gaps a part of the whitening stays.
+        """
+        assert self._gain is not None
+        spectra = self.spectra
+        everywhere = np.zeros((*rows.shape[:-1], spectra.working))
+        everywhere[..., spectra.rows] = rows
+        gain = 1 / self._gain
+        if from_hz > 0:
+            gain = gain * (1 - 1 / (1 + (spectra.frequency / from_hz) ** 4))
+        x = scipy.fft.irfft(scipy.fft.rfft(everywhere) * gain, spectra.working)
+        return np.asarray(x[..., spectra.rows])
+
+    def _inverse_root_of_noise(self) -> Array:
+        """Find the whitening gain (f,) from what the rich model leaves of the torque."""
+        spectra = self.spectra
+        rich = np.concatenate([self._rich_columns(), self._slow])
+        plain_columns, plain_torque = self.column(rich), self.column(spectra.torque)
+        segment = min(round(COLOUR_SEGMENT * spectra.rate_hz), plain_torque.shape[-1])
+
+        for round_number in range(ROUNDS):
+            if round_number == 0:
+                estimates = solve_scaled(plain_columns, plain_torque)
+            else:
+                estimates = solve_scaled(self.column(rich), self.column(spectra.torque))
+            residual = plain_torque - estimates @ plain_columns
+            frequency, power = scipy.signal.welch(
+                residual, spectra.rate_hz, nperseg=segment, detrend=False
+            )
+            passed = np.interp(frequency, spectra.frequency, spectra.roll_off) ** 2
+            power = power / np.maximum(passed, LEAST_GAIN)
+            smooth = np.convolve(np.pad(power, 1, mode="edge"), np.ones(3) / 3, "valid")
+            # per row of the working rate; a torque without noise has the rounding of its numbers
+            least = 1e-20 * max(float(np.mean(plain_torque**2)), np.finfo(float).tiny)
+            variance = np.maximum(smooth * spectra.rate_hz / 2, least)
+            of_all = np.interp(spectra.frequency, frequency, np.log(variance))
+            self._gain = np.exp(-0.5 * of_all)
+        assert self._gain is not None
+        return self._gain
+
+    def _rich_columns(self) -> Spectrum:
+        """Spectra (k, f) of what any hypothesis may add to the torque, to first order."""
+        spectra = self.spectra
+        angle, omega, alpha = spectra.angle, spectra.omega, spectra.alpha
+        centred = spectra.share - 0.5
+        nonlinear = [
+            omega * np.abs(omega),
+            angle**2,
+            angle**3,
+            np.abs(angle),
+            np.abs(omega),
+            angle * self.sign,
+        ]
+        drifting = [x * centred for x in (spectra.theta, omega, alpha)]
+        later = [spectra.share > moment for moment in MOMENTS[::3]]
+        stepping = [x * after for x in (spectra.theta, omega) for after in later]
+        products = spectra.spectrum_of(np.array([*nonlinear, *drifting, *stepping]))
+        answers = muscle_answers(spectra, self._half_waves, REFLEX_DELAYS[0])
+        return np.concatenate([spectra.derivatives, self._friction, products, answers])

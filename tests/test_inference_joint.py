@@ -1,0 +1,154 @@
+"""The one inference of joints that are known: exact ones, by scipy's `lsim`, with one fault."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+import scipy
+
+from osl_analysis.inference import BenchSignals, ImpedanceInference, infer_impedance
+
+RATE = 500.0
+K, B, I = 300.0, 5.0, 0.02
+STEP = 2 * np.pi / 2**16
+
+
+@cache
+def driven(seconds: float = 40.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Time, torque and angle of the joint that a random torque moves (scipy.signal.lsim)."""
+    rng = np.random.default_rng(5)
+    fine = 4 * RATE  # lsim joins torques by straight lines, which loses 0.3 % at 15 Hz and 500 Hz
+    time = np.arange(round(seconds * fine)) / fine
+    torque = scipy.ndimage.gaussian_filter1d(rng.normal(size=len(time)), fine / 25)
+    torque = 12.0 * torque / torque.std()
+    _, theta, _ = scipy.signal.lsim(([1.0], [I, B, K]), torque, time)
+    return time[::4], torque[::4], theta[::4]
+
+
+def inferred(torque: np.ndarray, **more: object) -> ImpedanceInference:
+    """The inference beside white noise and an encoder of 16 bits."""
+    theta = driven()[2]
+    noisy = torque + 0.05 * np.random.default_rng(6).normal(size=len(torque))
+    read = np.round(theta / STEP) * STEP
+    return infer_impedance(BenchSignals(read, noisy, RATE, encoder_step=STEP, **more))
+
+
+def velocity() -> np.ndarray:
+    time, _, theta = driven()
+    return np.asarray(scipy.interpolate.make_interp_spline(time, theta, 5)(time, 1))
+
+
+@cache
+def sound() -> ImpedanceInference:
+    return inferred(driven()[1])
+
+
+@cache
+def late() -> ImpedanceInference:
+    time, torque, _ = driven()
+    shifted = scipy.interpolate.make_interp_spline(time, torque, 5)
+    return inferred(shifted(np.clip(time - 0.003, 0, time[-1])))
+
+
+def test_exact_joint_is_held_and_not_doubted():
+    found = sound()
+
+    assert found.doubt is None
+    assert found.reflex is None
+    assert found.impedance.K.holds(K)
+    assert found.impedance.B.holds(B)
+    assert found.impedance.I.holds(I)
+    assert found.impedance.K.half_width < 1e-3 * K
+    assert found.impedance.B.half_width < 1e-2 * B
+    assert found.fault_probability < 0.1
+
+
+def test_late_torque_is_a_path_with_its_sign_and_size():
+    found = late()
+
+    assert found.doubt is not None
+    assert found.doubt.family == "path"
+    delay = next(each for each in found.explanations if each.name == "delay")
+    assert delay.parameters[0].value == pytest.approx(0.003, abs=3e-4)
+    assert delay.parameters[0].unit == "s"
+    assert found.impedance.B.holds(B)
+
+
+def test_late_torque_takes_k_times_delay_off_the_damping_of_equation_15():
+    plain = late().without_friction_column
+
+    assert plain.B.value == pytest.approx(B - K * 0.003, rel=0.02)
+
+
+def test_delay_known_to_100_microseconds_widens_b_by_k_times_it():
+    found = sound()
+
+    assert found.delay is not None
+    told = 1 / np.hypot(1 / 1e-4, 1 / found.delay.recording_s)
+    expected = scipy.stats.t(23).ppf(0.975) * K * told
+    assert found.delay.B.half_width == pytest.approx(expected, rel=0.1)
+
+
+def test_friction_is_part_of_the_joint_and_leaves_its_damping():
+    found = inferred(driven()[1] + 0.4 * np.tanh(velocity() / 2e-3))
+
+    assert found.doubt is None
+    assert found.friction_probability > 0.9
+    assert found.impedance.B.holds(B)
+    assert not found.without_friction_column.B.holds(B)
+
+
+def test_friction_that_drives_is_no_friction():
+    found = inferred(driven()[1] - 0.4 * np.tanh(velocity() / 2e-3))
+
+    assert found.friction_probability < 0.1
+
+
+def test_hardening_spring_is_named_by_size():
+    found = inferred(driven()[1] + 3000.0 * driven()[2] ** 3)
+
+    assert found.doubt is not None
+    assert found.doubt.family == "size"
+
+
+def test_stiffness_that_steps_is_named_by_time():
+    time, torque, theta = driven()
+
+    found = inferred(torque - 30.0 * theta * (time > 24.0))
+
+    assert found.doubt is not None
+    assert found.doubt.family == "time"
+    step = next(each for each in found.explanations if each.name == "K steps")
+    assert step.parameters[0].value == pytest.approx(-30.0, abs=1.0)
+
+
+def test_reflex_is_named_although_nobody_says_that_it_is_a_person():
+    corner = 2 * np.pi * 5.0
+    muscle = scipy.signal.bilinear([1.0], [1 / corner**2, 2 / corner, 1.0], RATE)
+    before = np.interp(driven()[0] - 0.04, driven()[0], np.maximum(velocity(), 0.0))
+
+    found = inferred(driven()[1] + 2.0 * scipy.signal.lfilter(*muscle, before))
+
+    assert found.reflex is not None
+    assert found.reflex.rising.value == pytest.approx(2.0, rel=0.1)
+    assert abs(found.reflex.falling.value) < 0.2
+
+
+def test_gap_is_left_out():
+    time, torque, _ = driven()
+    usable = (time < 15.0) | (time > 16.0)
+    broken = np.where(usable, torque, 50.0)
+
+    found = inferred(broken, usable=usable)
+
+    assert found.doubt is None
+    assert found.impedance.K.value == pytest.approx(K, rel=1e-3)
+
+
+def test_row_has_every_estimate_and_no_surprise():
+    row = sound().to_row()
+
+    assert row["K"] == sound().impedance.K.value
+    assert row["I_known_delay_high"] == sound().delay.I.high
+    assert row["doubt"] is None
+    assert row["reflex_probability"] is None

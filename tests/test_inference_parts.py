@@ -1,0 +1,191 @@
+"""The parts of the one inference, against mathematics and other libraries."""
+
+import numpy as np
+import pytest
+import scipy
+import statsmodels.api as sm
+
+from osl_analysis.errors import InputError
+from osl_analysis.inference import BenchSignals, constants
+from osl_analysis.inference.cross_validation import (
+    all_columns,
+    block_edges,
+    normal_matrices,
+    predict_blocks,
+)
+from osl_analysis.inference.friction_shapes import slipping_spring
+from osl_analysis.inference.hypotheses import Delay, Nothing, Search
+from osl_analysis.inference.least_squares import BesideShared, solve_scaled
+from osl_analysis.inference.mixture import Part, mixture_quantiles
+from osl_analysis.inference.spectra import Spectra
+from osl_analysis.inference.whitening import JointKind, Whitened
+
+RATE = 500.0
+TRUE = np.array([300.0, 5.0, 0.02])
+
+
+def random_motion(seconds: float = 30.0, seed: int = 1) -> np.ndarray:
+    """Angle, velocity and acceleration (3, n) of smooth noise up to 6 Hz, from its spectrum."""
+    rng = np.random.default_rng(seed)
+    n = round(seconds * RATE)
+    hz = np.fft.rfftfreq(n, 1 / RATE)
+    spectrum = np.fft.rfft(rng.normal(size=n)) / (1 + (hz / 5) ** 8) * (hz > 0.3)
+    s = 2j * np.pi * hz
+    motion = np.array([np.fft.irfft(s**k * spectrum, n) for k in range(3)])
+    return motion * 0.04 / motion[0].std()
+
+
+def whitened(torque_noise: np.ndarray, seed: int = 1) -> Whitened:
+    motion = random_motion(seed=seed)
+    rng = np.random.default_rng(seed + 100)
+    theta = motion[0] + 1e-6 * rng.normal(size=motion.shape[1])
+    return Whitened(Spectra(BenchSignals(theta, TRUE @ motion + torque_noise, RATE)))
+
+
+def white(size: float = 0.1, seed: int = 2) -> np.ndarray:
+    return size * np.random.default_rng(seed).normal(size=round(30 * RATE))
+
+
+def coloured(seed: int = 2) -> np.ndarray:
+    """Noise through one lag of 30 ms, with SD 0.5 N*m."""
+    x = scipy.signal.lfilter([1.0], [1.0, -np.exp(-1 / (RATE * 0.03))], white(1.0, seed))
+    return np.asarray(0.5 * x / x.std())
+
+
+def test_whitened_residual_is_white_with_variance_one():
+    data = whitened(coloured())
+
+    estimates = solve_scaled(np.vstack([data.motion, data.slow]), data.torque)
+    residual = data.torque - estimates @ np.vstack([data.motion, data.slow])
+
+    assert np.mean(residual**2) == pytest.approx(np.mean(data.spectra.roll_off**2), rel=0.1)
+    hz, power = scipy.signal.welch(residual, data.spectra.rate_hz, nperseg=64)
+    inside = (hz > 1.0) & (hz < 0.6 * data.spectra.band_hz)
+    assert power[inside].max() / power[inside].min() < 3.0
+
+
+def test_whitened_fit_is_that_of_statsmodels_gls():
+    data = whitened(coloured())
+    motion = random_motion()
+    rows = slice(round(RATE), -round(RATE))
+    time = np.linspace(-1, 1, motion.shape[1])
+    X = np.column_stack([*motion, np.ones_like(time), time])[rows]
+    model = sm.GLSAR(((TRUE @ motion) + coloured())[rows], X, rho=1)
+    gls = model.iterative_fit(4)
+
+    fit = predict_blocks(
+        data, Nothing(data).candidates(None)[0], JointKind(), np.empty((0, 1)), 1000.0
+    )
+
+    # two estimators of one noise: they agree within a part of their common error
+    assert np.all(np.abs(fit.impedances[0] - gls.params[:3]) < gls.bse[:3])
+
+
+def test_delay_in_the_spectrum_is_the_motion_at_an_earlier_time():
+    data = whitened(white(1e-3))
+    late = data.column(data.spectra.derivatives[0] * Delay(data).response(0.01))
+
+    grid = np.arange(data.spectra.working) * data.spectra.padded_seconds / data.spectra.working
+    theta = scipy.fft.irfft(data.spectra.derivatives[0], data.spectra.working)
+    spline = scipy.interpolate.make_interp_spline(grid, theta, 7)
+    shifted = scipy.fft.rfft(spline(np.clip(grid - 0.01, 0, grid[-1])))
+    by_time = data.column(shifted)
+
+    assert np.abs(late - by_time).max() < 1e-3 * np.abs(late).max()
+
+
+def test_columns_beside_shared_ones_are_those_of_one_regression():
+    rng = np.random.default_rng(3)
+    shared, own, y = rng.normal(size=(4, 200)), rng.normal(size=(3, 200)), rng.normal(size=200)
+
+    left, estimates = BesideShared(shared).fit(own, y)
+
+    whole = np.linalg.lstsq(np.vstack([own, shared]).T, y)
+    assert estimates == pytest.approx(whole[0][:3], rel=1e-8)
+    assert left == pytest.approx(whole[1][0], rel=1e-8)
+
+
+def test_each_block_is_predicted_by_a_fit_that_has_not_seen_it():
+    data = whitened(white())
+    candidate = Nothing(data).candidates(None)[0]
+
+    fit = predict_blocks(data, candidate, JointKind(), np.empty((0, 1)), 1000.0)
+
+    columns = all_columns(data, candidate, JointKind())
+    first, stop = block_edges(columns.shape[1])[[5, 6]]
+    seen = np.ones(columns.shape[1], dtype=bool)
+    seen[first:stop] = False
+    scale = np.linalg.norm(columns, axis=1, keepdims=True)
+    by_others = np.linalg.lstsq((columns / scale)[:, seen].T, data.torque[seen])[0]
+    miss = data.torque[~seen] - by_others @ (columns / scale)[:, ~seen]
+    assert fit.squares[5] == pytest.approx(miss @ miss, rel=1e-6)
+    assert fit.squares.sum() > fit.left
+
+
+def test_blocks_hold_every_row_once():
+    edges = block_edges(1001)
+    columns = np.ones((1, 1001))
+
+    blocks = normal_matrices(columns, np.zeros(1001))
+
+    assert edges[0] == 0
+    assert edges[-1] == 1001
+    assert blocks[:, 0, 0].sum() == 1001
+    assert np.ptp(blocks[:, 0, 0]) <= 1
+
+
+def test_slipping_spring_follows_prandtl_step_by_step():
+    angle = np.cumsum(np.random.default_rng(4).normal(size=300))
+    torque = [0.0]
+    for step in np.diff(angle):
+        torque.append(float(np.clip(torque[-1] + step / 2.0, -1, 1)))
+
+    assert slipping_spring(angle, 2.0) == pytest.approx(np.array(torque), abs=1e-12)
+
+
+def test_quantiles_of_one_part_are_students():
+    part = Part(0.3, np.array([1.0, 2.0, 3.0]), np.diag([1.0, 4.0, 9.0]))
+
+    low, median, high = mixture_quantiles([part], (0.025, 0.5, 0.975))
+
+    t = scipy.stats.t(constants.BLOCKS - 1).ppf(0.975)
+    assert median == pytest.approx([1, 2, 3], abs=1e-6)
+    assert high - low == pytest.approx(2 * t * np.array([1, 2, 3]), rel=1e-6)
+
+
+def test_quantiles_of_two_far_parts_hold_both():
+    parts = [Part(0.5, np.full(3, at), np.eye(3)) for at in (0.0, 100.0)]
+
+    low, _, high = mixture_quantiles(parts, (0.025, 0.5, 0.975))
+
+    assert np.all(low < 0)
+    assert np.all(high > 100)
+
+
+def test_search_without_gain_refines_nothing():
+    data = whitened(white())
+
+    assert Delay(data).candidates(Search(data, JointKind())) == []
+
+
+def test_table_of_constants_is_whole():
+    names = [row.name for row in constants.TABLE]
+
+    assert len(names) == len(set(names)) <= 40
+    assert all(getattr(constants, row.name) == row.value for row in constants.TABLE)
+    assert all(row.unit and row.meaning and row.evidence for row in constants.TABLE)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"theta": np.zeros(15000)}, "does not move"),
+        ({"torque": np.full(15000, np.nan)}, "torque"),
+        ({"theta": np.ones(100), "torque": np.ones(100)}, "record 6 s or more"),
+    ],
+)
+def test_signals_that_tell_nothing_are_refused(change, words):
+    signals = {"theta": random_motion()[0], "torque": np.zeros(15000), "rate_hz": RATE}
+
+    with pytest.raises(InputError, match=words):
+        BenchSignals(**{**signals, **change})

@@ -2,7 +2,6 @@
 captions."""
 
 from collections.abc import Mapping, Sequence
-from importlib import import_module
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -55,15 +54,6 @@ METADATA = {
 }
 
 UNDRAWN = "This figure is not drawn."  # how the caption of one begins that has nothing to show
-
-
-def preload() -> None:
-    """For the process from which jobs are forked: what the first drawing of each format imports."""
-    for name in (
-        "fontTools.subset",
-        *(f"matplotlib.backends.backend_{one}" for one in ("pdf", "svg", "agg")),
-    ):
-        import_module(name)
 
 
 def plot_numbers(

@@ -255,7 +255,7 @@ os.kill(first.process.pid, signal.SIGKILL)
 lives = second.pool.submit(os.getpid).result() == second.process.pid
 first.pool.shutdown()
 print([environment, same, session, "llvmlite" in mapped, lives, first.process.exitcode])
-workers.IDLE[False].append(second)
+workers.IDLE["bench"].append(second)
 if sys.argv[1:] == ["killed"]:
     print(second.process.pid, flush=True)
     os.kill(os.getpid(), signal.SIGKILL)

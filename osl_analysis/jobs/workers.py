@@ -50,9 +50,9 @@ class Worker:
         )
 
 
-IDLE: defaultdict[bool, list[Worker]] = defaultdict(list)
-"""Workers without a job, by whether they simulate: those have imported 200 MB that all others do
-without. Threads of Snakemake take one, and put it back."""
+IDLE: defaultdict[str, list[Worker]] = defaultdict(list)
+"""Workers without a job, by the module of the commands that they do: one that simulates has
+imported 200 MB that a fit does without. Threads of Snakemake take one, and put it back."""
 
 
 def end_workers() -> None:
@@ -101,8 +101,7 @@ def job(command: str, input: Any, output: Any, params: Any, log: Any) -> None:
         There is no result, not even a refusal: the worker was killed, or cannot write.
     """
     given = (command, plain_files(input), outputs_of(output), dict(params.items()), Path(log[0]))
-    simulates = command.startswith("simulate.")
-    idle = IDLE[simulates]
+    idle = IDLE[command.partition(".")[0]]
     worker = idle.pop() if idle else Worker()
     try:
         worker.pool.submit(do, *given).result()

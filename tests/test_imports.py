@@ -21,6 +21,7 @@ HOUSE = {
     "config": {"formats", "model"}, "spectral": {"model", "signals", "stats"},
     "ingest": {"config", "formats", "signals", "spectral"}, "walking": {"signals", "stats"},
     "bench": {"model", "signals", "spectral", "stats"}, "simulator": {"config", "model"},
+    "inference": set(),
     "judge": {"config", "dictionary", "model", "stats"}, "figures": {"dictionary", "judge",
     "stats"},
     "outcomes": {"config", "judge"}, "jobs": {"outcomes"},

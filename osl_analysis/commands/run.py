@@ -343,7 +343,8 @@ def end_run(
         refused = [file for file in files if is_refused(file)]
         began = psutil.Process().create_time()
         end_workers()
-        lines = [run_report(results / "logs", began), not_made(unfinished), report(refused)]
+        idle = "" if unfinished or has_worked(results / "logs", began) else NOTHING_DONE
+        lines = [idle, run_report(results / "logs", began), not_made(unfinished), report(refused)]
         print("\n".join(filter(None, lines)), file=sys.stderr, flush=True)
         failed = bool(refused) and not accept
     except Exception:  # by a fault of ours the run must not end as if all were well
@@ -353,6 +354,14 @@ def end_run(
         shutil.rmtree(workflow.snakemake_tmp_dir, ignore_errors=True)
         sys.stdout.flush()
         os._exit(1)  # at the exit of Python there is no other way
+
+
+NOTHING_DONE = "Nothing to be done: every result that was asked for is up to date"
+
+
+def has_worked(logs: Path, began: float) -> bool:
+    """Whether a job has written its log since a run began [s since 1970]."""
+    return any(log.stat().st_mtime >= began for log in logs.rglob("*.log"))
 
 
 def not_made(files: Sequence[str]) -> str:

@@ -2,7 +2,7 @@
 
 `snakemake reproduce-all` runs the campaign of config/config.yaml; `--configfile FILE` overrides
 fields of it, as does the `config` of a workflow that has this one as a module. Read rules/bench.smk
-first.
+first. Names in capitals are made in rules/common.smk; `<results>` and `<logs>` are its `pathvars`.
 """
 
 from snakemake.utils import min_version
@@ -41,5 +41,6 @@ onstart:
 
 
 ACCEPT = CONFIG.failed_trials == "accept"
-# `onsuccess` and `onerror` are not called where nothing is left to do
+# It says what was made and sets the exit code. `onsuccess` and `onerror` are not called where
+# nothing is left to do
 atexit.register(end_run, workflow, CONFIG.results, report_of, ACCEPT)

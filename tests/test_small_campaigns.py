@@ -2,6 +2,7 @@
 fork and file locks."""
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -11,7 +12,9 @@ import polars as pl
 import pytest
 import yaml
 from conftest import ROOT
+from snakemake_runs import run_forked
 
+from osl_analysis.outcomes.job_log import read_log
 from osl_analysis.refusal import is_refused
 
 K = 40.0  # N*m/rad, of the spring
@@ -58,10 +61,19 @@ def write_campaign(folder: Path, experiments: dict[str, str]) -> None:
     (folder / "config/sources/spring.yaml").write_text(yaml.safe_dump(SOURCE))
 
 
-def run(folder: Path, *path: Path) -> subprocess.CompletedProcess[str]:
-    """`osl-analysis run` in a folder, with these folders before all others of Python."""
-    python_path = {"PYTHONPATH": os.pathsep.join(map(str, (*path, ROOT)))}
-    command = [sys.executable, "-c", "from osl_analysis.cli import main; main()", "run"]
+def run(folder: Path) -> subprocess.CompletedProcess[str]:
+    """Run `osl-analysis run` in a folder."""
+    return run_forked(["osl-analysis", "run"], folder)
+
+
+def run_without_fork(folder: Path) -> subprocess.CompletedProcess[str]:
+    """Run `osl-analysis run` in a folder as on a system without fork and file locks."""
+    blocking = folder / "blocking"
+    blocking.mkdir()
+    (blocking / "sitecustomize.py").write_text(WITHOUT_FORK)
+    python_path = {"PYTHONPATH": os.pathsep.join(map(str, (blocking, ROOT)))}
+    program = "from osl_analysis.cli import main; main()"
+    command = [sys.executable, "-c", program, "run", "--cores", "1"]
     return subprocess.run(
         command,
         cwd=folder,
@@ -101,13 +113,31 @@ def test_a_page_is_made_where_every_trial_of_the_campaign_is_refused(tmp_path):
     assert page.lstrip().startswith("<!")
 
 
+def test_a_job_that_is_killed_twice_fails_alone_and_the_page_of_before_does_not_stay(tmp_path):
+    write_campaign(tmp_path, {"spring": "torque_angle"})
+    (tmp_path / "results").mkdir()
+    (tmp_path / "results/report.html").write_text("of before")
+    (tmp_path / "unlucky").mkdir()
+    for time in ("first", "second"):
+        (tmp_path / f"unlucky/spring.csv.{time}.SIGKILL").touch()
+
+    killed = run(tmp_path)
+    page_after_kill = (tmp_path / "results/report.html").exists()
+    outcome = read_log(tmp_path / "results/logs/ingest/spring.log")["outcome"]
+    again = run(tmp_path)
+
+    assert killed.returncode == 1
+    assert re.search(r"^killed: spring: .*SIGKILL.*; run again", killed.stdout, re.MULTILINE)
+    assert outcome == "killed"
+    assert not page_after_kill
+    assert again.returncode == 0
+    assert (tmp_path / "results/report.html").is_file()
+
+
 def test_a_campaign_runs_where_there_is_no_fork_and_no_file_lock(tmp_path):
     write_campaign(tmp_path, {"spring": "torque_angle"})
-    blocking = tmp_path / "blocking"
-    blocking.mkdir()
-    (blocking / "sitecustomize.py").write_text(WITHOUT_FORK)
 
-    ended = run(tmp_path, blocking)
+    ended = run_without_fork(tmp_path)
 
     assert ended.returncode == 0, ended.stdout
     fitted = pl.read_csv(tmp_path / "results/tables/torque_angle.csv")

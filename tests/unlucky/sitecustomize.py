@@ -1,29 +1,32 @@
-"""Beside a file `unlucky` a worker cannot read one recording, and is killed by another one: tests
-may run as root. Each kill takes a line of that file. Python imports this in every process of
-`snakemake_runs.py`."""
+"""What befalls the workers of a campaign in the tests, by two places in its folder.
+
+`unlucky/`: a file `NAME.refused` in it refuses the recording NAME to each worker, since tests may
+run as root; a file `NAME.SIGKILL` kills the first worker that opens it, and so do other signals.
+`note_reads`: each file of the results that a job opens becomes a line of it, with the job's log.
+
+Python imports this module in every process of `snakemake_runs.py`.
+"""
 
 import errno
+import glob
 import os
 import signal
 import sys
 from pathlib import Path
 
 UNLUCKY = Path("unlucky")
-
-
 NOTED = Path("note_reads")
 
 
-def note(file: str, mode: object) -> None:
-    """Note the log of the job that reads a file of the results: a line of `note_reads`."""
-    perform = sys.modules.get("osl_analysis.outcomes.perform")
-    frame = sys._getframe()
-    while frame is not None and (perform is None or frame.f_code is not perform.perform.__code__):
-        frame = frame.f_back  # type: ignore[assignment]
-    if frame is not None and file.startswith("results/") and mode in ("r", "rb", None):
-        descriptor = os.open(NOTED, os.O_WRONLY | os.O_APPEND)
-        os.write(descriptor, f"{frame.f_locals['job'].log}\t{file}\n".encode())
-        os.close(descriptor)
+def on_event(event: str, arguments: tuple[object, ...]) -> None:
+    """Be the hook that Python calls at each event of `sys.audit`."""
+    if event != "open" or not is_worker():
+        return
+    file, mode = str(arguments[0]), arguments[1]
+    if file.startswith("results/") and mode in ("r", "rb", None) and NOTED.exists():
+        note_read(file)
+    if UNLUCKY.is_dir():
+        meet_fate(file)
 
 
 def is_worker() -> bool:
@@ -31,17 +34,26 @@ def is_worker() -> bool:
     return parent is not None and parent() is not None
 
 
-def unlucky(event: str, arguments: tuple[object, ...]) -> None:
-    name = os.path.basename(str(arguments[0])) if event == "open" else ""
-    if event == "open" and NOTED.exists() and is_worker():
-        note(str(arguments[0]), arguments[1])
-    if name == "walking_04.c3d" and UNLUCKY.exists() and is_worker():
-        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(arguments[0]))
-    if name == "walking_05.c3d" and UNLUCKY.exists() and is_worker():
-        kills = UNLUCKY.read_text().splitlines()
-        if kills:
-            UNLUCKY.write_text("\n".join(kills[1:]))
-            os.kill(os.getpid(), getattr(signal, kills[0]))
+def note_read(file: str) -> None:
+    """Note that the job of this process reads a file, if it is in one."""
+    perform = sys.modules.get("osl_analysis.outcomes.perform")
+    frame = sys._getframe()
+    while frame is not None and (perform is None or frame.f_code is not perform.perform.__code__):
+        frame = frame.f_back  # type: ignore[assignment]
+    if frame is None:
+        return
+    descriptor = os.open(NOTED, os.O_WRONLY | os.O_APPEND)
+    os.write(descriptor, f"{frame.f_locals['job'].log}\t{file}\n".encode())
+    os.close(descriptor)
 
 
-sys.addaudithook(unlucky)
+def meet_fate(file: str) -> None:
+    """Refuse a recording that `unlucky` names, or kill this process."""
+    for fate in UNLUCKY.glob(f"{glob.escape(os.path.basename(file))}.*"):
+        if fate.suffix == ".refused":
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), file)
+        fate.unlink()
+        os.kill(os.getpid(), getattr(signal, fate.suffix[1:]))
+
+
+sys.addaudithook(on_event)

@@ -20,6 +20,7 @@ from osl_analysis.bench.analysis import (
     without_row,
 )
 from osl_analysis.bench.effects import IMPEDANCE, late_fit, plain_sums, with_effects
+from osl_analysis.bench.frequency_response import impedance_over_frequency
 from osl_analysis.bench.human_joint import (
     fit_person,
     human_joint_table,
@@ -33,7 +34,6 @@ from osl_analysis.bench.impedance import (
     rendered_impedance,
     repeated_trials_table,
 )
-from osl_analysis.bench.phasors import impedance_over_frequency
 from osl_analysis.bench.record import record_of_trial, stated_windows
 from osl_analysis.bench.settings import (
     BenchStiffness,

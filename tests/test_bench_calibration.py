@@ -23,7 +23,8 @@ from test_dictionary import described
 from osl_analysis.bench.analysis import analysed, friction_rows
 from osl_analysis.bench.components import belt_table, fit_branches
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums, sums_of
-from osl_analysis.bench.phasors import frequency_response_table, phasor_table, phasors_of_record
+from osl_analysis.bench.frequency_response import frequency_response_table
+from osl_analysis.bench.phasors import phasor_table, phasors_of_record
 from osl_analysis.bench.prediction import COMPONENTS, components_of
 from osl_analysis.bench.settings import BeltAnalysis, Calibration
 from osl_analysis.bench.torque_angle import curve_table, torque_angle_table

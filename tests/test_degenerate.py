@@ -123,9 +123,9 @@ def asked(y, x):
 
 
 FITS_OF_SIGNALS = {
-    "linear_fit": lambda t, x, y: asked(y, x), "fit_sinusoid": lambda t, x, y: next(fit_sinusoids(t,
-    2.0, y)),
-    "fit_sinusoid of one cycle": lambda t, x, y: next(fit_sinusoids(t[:50], 2.0, y[:50])),
+    "linear_fit": lambda t, x, y: asked(y, x), "fit_sinusoid": lambda t, x, y: fit_sinusoids(t,
+    2.0, y)[0],
+    "fit_sinusoid of one cycle": lambda t, x, y: fit_sinusoids(t[:50], 2.0, y[:50])[0],
     "fit_impedance": lambda t, x, y: fit_without_offset(Motion(x, np.roll(x, 3), np.roll(x,
     11)), y),
     "over_repeats": lambda t, x, y: repeats.over_repeats(y, [(0.0, np.inf)]),

@@ -22,7 +22,6 @@ from osl_analysis.bench.impedance import (
     rendered_impedance,
     torque_error,
 )
-from osl_analysis.bench.phasors import ComplexEstimate, damping_row
 from osl_analysis.bench.prediction import (
     COMPONENTS,
     LAW_COLUMNS,
@@ -407,17 +406,6 @@ def test_compensation_is_compared_in_pairs_and_its_interval_counts_trials(tmp_pa
     )
     assert claimed({"compensation": read_table(tmp_path / "compensation.csv")})[0].is_empty(), (
         "no pair, no claim"
-    )
-
-
-def test_the_damping_of_a_response_is_the_real_part_of_the_impedance_with_its_scatter():
-    w, Z, rng = 2 * np.pi * 2.0, 300 + 5j * 2 * np.pi * 2.0, np.random.default_rng(1)
-    C = np.array([[4e-10, 1e-10], [1e-10, 2e-10]])
-    row = damping_row(ComplexEstimate(1 / Z, C, np.inf), 2.0)
-    assert row["damping"] == pytest.approx(5.0)
-    drawn = (1 / (1 / Z + rng.multivariate_normal([0, 0], C, 20_000) @ [1, 1j])).imag / w
-    assert (row["damping_high"] - row["damping_low"]) / 2 == pytest.approx(
-        1.96 * drawn.std(), rel=0.03
     )
 
 

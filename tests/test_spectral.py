@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.signal import lsim, lti
 
-from osl_analysis.bench.phasors import RESPONSE_COLUMNS, impedance_over_frequency
+from osl_analysis.bench.frequency_response import RESPONSE_COLUMNS, impedance_over_frequency
 from osl_analysis.bench.record import record_of, stretches_of
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.signals import LowPass
@@ -181,6 +181,8 @@ def test_the_response_of_a_periodic_trial_has_a_row_per_line_beside_the_models_o
         assert magnitude == pytest.approx(np.abs(Z), rel=1e-3 * at_most)
         assert phase == pytest.approx(np.rad2deg(np.angle(Z)), rel=1e-2 * at_most)
     assert table.select("method", "realisations").unique().rows() == [("robust", 2)]
+    below_cut_off = LINES[LINES / PERIOD <= LOW_PASS.cutoff_hz] / PERIOD
+    assert table["frequency_hz"].to_numpy() == pytest.approx(below_cut_off, rel=1e-5)
     K_s, n_T = parameters.K_s, parameters.n_T
     softest = 20.0 * n_T**2 * K_s / (20.0 * n_T**2 + K_s)  # both springs in series, at rest
     assert table["magnitude_eq9"][0] == pytest.approx(softest, rel=0.1)
@@ -202,12 +204,20 @@ def test_a_motion_that_does_not_repeat_itself_has_the_local_polynomial_method():
     assert response["magnitude"].to_numpy() == pytest.approx(
         np.abs(eq15(response["frequency_hz"])), rel=0.05
     )
-    assert impedance_over_frequency(recorded("S", *(x[:250] for x in (theta, omega)))).is_empty(), (
-        "too short"
-    )
-    assert impedance_over_frequency(recorded("N", theta, 50 * noise)).is_empty(), (
-        "a torque that is noise alone"
-    )
+
+
+def test_a_motion_without_a_response_has_no_row_and_the_reason_is_told():
+    t = np.arange(round(30 * RATE)) / RATE
+    theta = 0.05 * np.sin(2 * np.pi * (0.4 * t + 0.1 * t**2))
+    noise = np.random.default_rng(1).standard_normal(len(t))
+
+    with pytest.warns(UserWarning, match=r"^trial S: no frequency response: .* record for longer"):
+        of_short = impedance_over_frequency(recorded("S", theta[:250], theta[:250]))
+    with pytest.warns(UserWarning, match=r"^trial N: no frequency response: .* moves at no"):
+        of_noise_alone = impedance_over_frequency(recorded("N", theta, noise))
+
+    assert of_short.is_empty()
+    assert of_noise_alone.is_empty()
 
 
 COUNT, SAMPLES, SIZE = 60, 1024, 0.01

@@ -15,7 +15,6 @@ from scipy.stats import t as student
 from scipy.stats import ttest_ind
 
 from osl_analysis.bench.gram import noise_of_scores
-from osl_analysis.bench.phasors import complex_mean, complex_quotient, fit_sinusoids, polar_row
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.signals import LowPass
 from osl_analysis.stats import regression, repeats
@@ -164,69 +163,6 @@ def test_a_slow_residual_is_not_white_and_too_short_a_one_is_not_judged():
     assert (autocorrelation > 0.7, per_lag > 100, p < 1e-6) == (True, True, True)
     assert whiteness(white[:300]) == whiteness(np.zeros(5000)) == (None, None, None)
     assert set(regression.whiteness_row(white[:19]).values()) == {None}
-
-
-def test_a_phasor_is_that_of_the_cycles_it_is_given_and_its_distortion_the_share_of_the_harmonics():
-    t = np.arange(0, 6, 1e-3)
-    y = np.cos(2 * np.pi * t + 0.3) + np.where((t > 2) & (t < 3), 5.0, 0.0)
-    first = np.array([0.0, 1000, 3000, 4000, 5000])
-    (phasor,) = fit_sinusoids(t, 1.0, y, cycles=(first, first + 1000))
-    assert (phasor.magnitude, phasor.phase, phasor.interval_method) == (
-        pytest.approx(1),
-        pytest.approx(0.3),
-        "cycles",
-    )
-    y = np.cos(2 * np.pi * t) + 0.03 * np.cos(6 * np.pi * t) + 0.04 * np.sin(10 * np.pi * t)
-    assert next(fit_sinusoids(t, 1.0, y)).distortion == pytest.approx(0.05)
-
-
-def test_intervals_of_a_response_and_of_its_mean_over_amplitudes_cover_with_few_cycles():
-    """95 % of 500 seeded records of six cycles, amplitudes of unequal noise; a normal quantile
-    would reach 90 %."""
-    t, w, rng, true, covered = (
-        np.arange(0, 6, 1e-2),
-        2 * np.pi,
-        np.random.default_rng(6),
-        1 / (200 + 40j),
-        [],
-    )
-    for _ in range(500):
-        pair = []
-        for noise in (0.5, 2.0):
-            theta = 0.05 * np.sin(w * t)
-            torque = 0.05 * np.abs(1 / true) * np.sin(w * t - np.angle(true)) + rng.normal(
-                0, noise, len(t)
-            )
-            pair.append(complex_quotient(*fit_sinusoids(t, 1.0, theta, torque)))
-        rows = [polar_row(found) for found in (pair[1], complex_mean(pair))]
-        covered.append([
-            (row["magnitude_low"] <= abs(true) <= row["magnitude_high"])
-            + 1j * (row["phase_deg_low"] <= np.rad2deg(np.angle(true)) <= row["phase_deg_high"])
-            for row in rows
-        ])  # fmt: skip
-    share = np.mean(covered, axis=0)
-    assert ((share.real > 0.925) & (share.real < 0.975)).all()
-    assert ((share.imag > 0.925) & (share.imag < 0.975)).all()
-
-
-@pytest.mark.parametrize(("rate", "frequency", "message"), [
-    (1e3, 0.5, r"less than one cycle at 0\.5 Hz"),
-    (500.0, 60.0, "too long for harmonic 5 of 60 Hz"),
-])  # fmt: skip
-def test_sinusoid_refuses_too_short_a_record_and_too_slow_a_sampling(rate, frequency, message):
-    t = np.arange(0, 1, 1 / rate)
-    with pytest.raises(InputError, match=message):
-        list(fit_sinusoids(t, frequency, np.sin(t)))
-
-
-def test_amplitudes_that_differ_from_cycle_to_cycle_leave_the_phase_certain():
-    """A phasor at 40 degrees then scatters along itself: errors of its real and imaginary part have
-    the same sign."""
-    rng, t = np.random.default_rng(9), np.arange(0, 40, 1e-2)
-    y = (1 + 0.1 * np.repeat(rng.standard_normal(40), 100)) * np.cos(2 * np.pi * t + np.deg2rad(40))
-    (phasor,) = fit_sinusoids(t, 1.0, y + 1e-3 * rng.standard_normal(len(t)))
-    assert phasor.magnitude_se == pytest.approx(0.1 / np.sqrt(40), rel=0.3)
-    assert phasor.phase_se < 0.02 * phasor.magnitude_se
 
 
 CYCLE, COUNT = 50, 24

@@ -12,7 +12,14 @@ from typing import Any
 
 import polars as pl
 
-from osl_analysis.bench import components, impedance, phasors, prediction, torque_angle
+from osl_analysis.bench import (
+    components,
+    frequency_response,
+    impedance,
+    phasors,
+    prediction,
+    torque_angle,
+)
 from osl_analysis.bench import settings as choices
 from osl_analysis.bench.analysis import QUANTITIES, FitTables, analysed, plausible
 from osl_analysis.bench.components import PLACE
@@ -106,7 +113,9 @@ def fit_impedance_trial(
     def further() -> dict[str, pl.DataFrame]:
         frames = {"phasors": phasors.phasor_table(trial.name, phasors.phasors_of_record(record))}
         expected = joint_admittance(ran.K_1, ran.B_1, p, p.J_j) if p and ran else None
-        frames["response"] = phasors.impedance_over_frequency(record, analysis.whole, expected)
+        frames["response"] = frequency_response.impedance_over_frequency(
+            record, analysis.whole, expected
+        )
         columns = stated.columns() if condition else {}
         of_condition = {name: frame.with_columns(**columns) for name, frame in frames.items()}
         kept = stored_record(record) if ran else pl.DataFrame(schema={"time": pl.Float64})
@@ -127,7 +136,7 @@ def fit_human_joint_trial(
 
     def further() -> dict[str, pl.DataFrame]:
         frames = {
-            "response": phasors.impedance_over_frequency(person.raw),
+            "response": frequency_response.impedance_over_frequency(person.raw),
             "impedance_over": over_table(fit),
         }
         return frames | {"timebase": analysis.time_base(QUANTITIES)}
@@ -199,7 +208,7 @@ def summarise(table: Path, output: Path) -> None:
     derived: Mapping[str, tuple[Sequence[str], Callable[[pl.DataFrame], pl.DataFrame]]] = {
         "impedance": (by_amplitude, impedance.repeated_trials_table),
         "human_joint": (("doubtful",), impedance.repeated_trials_table),
-        "phasors": (by_amplitude, phasors.frequency_response_table),
+        "phasors": (by_amplitude, frequency_response.frequency_response_table),
     }
     needed, computed = derived.get(table.stem, ((), partial(components.part_summary, table.stem)))
     write_table(computed(with_evidence(table, needed)), output)

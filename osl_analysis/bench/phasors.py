@@ -14,11 +14,12 @@ from osl_analysis.bench.effects import Admittance
 from osl_analysis.bench.gram import GroupFit
 from osl_analysis.bench.record import Record
 from osl_analysis.errors import InputError, OslAnalysisError
+from osl_analysis.measured import check_finite, check_measured
 from osl_analysis.spectral.periods import distinct
 from osl_analysis.spectral.response import local_response, periodic_response, record_spectrum
 from osl_analysis.spectral.stepped_sine import whole_rows
 from osl_analysis.stats import regression
-from osl_analysis.trial import Array, check_finite, check_measured
+from osl_analysis.trial import Array
 
 # suffixes of the columns of an estimate
 COMPLEX_PARTS = ("re", "im", "var_re", "cov", "var_im", "degrees_of_freedom")

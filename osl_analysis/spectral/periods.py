@@ -12,8 +12,9 @@ import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
+from osl_analysis.measured import check_measured, varies
 from osl_analysis.signals import runs
-from osl_analysis.trial import Array, check_measured, varies
+from osl_analysis.trial import Array
 
 Spectrum = NDArray[np.complex128]
 COARSE_HZ = 100.0  # rate [Hz], by averaging samples, at which periods are searched

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
+from osl_analysis.measured import check_measured
 from osl_analysis.spectral.periods import (
     Realisation,
     Spectrum,
@@ -30,7 +31,7 @@ from osl_analysis.spectral.periods import (
     scatter,
     smoothed_lines,
 )
-from osl_analysis.trial import Array, check_measured
+from osl_analysis.trial import Array
 
 ResponseColumns = dict[str, Array]  # columns of `response.csv`, (m,) each; NaN if not known
 

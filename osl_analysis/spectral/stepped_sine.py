@@ -17,10 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
+from osl_analysis.measured import usual_size
 from osl_analysis.signals import longest_run, run_edges, runs, sampling_rate
 from osl_analysis.signals.grid import BRIDGE_MORE
 from osl_analysis.stats.regression import FEWEST_CYCLES
-from osl_analysis.trial import Array, usual_size
+from osl_analysis.trial import Array
 
 SAME_FREQUENCY, SAME_AMPLITUDE = 0.05, 0.15
 """Largest relative differences between neighbouring cycles of a run; a bench loses as much

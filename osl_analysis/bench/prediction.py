@@ -35,7 +35,8 @@ from osl_analysis.bench.record import Record
 from osl_analysis.bench.witness import CHUNKS
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.measured import rms
-from osl_analysis.model.compensator import Controller, Gains, belt_responses
+from osl_analysis.model.actuator_in_time import Controller, belt_responses
+from osl_analysis.model.compensator import Gains
 from osl_analysis.model.drivetrain import PARAMETER_UNITS, DrivetrainParameters
 from osl_analysis.stats.regression import (
     Covariance,

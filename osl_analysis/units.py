@@ -1,8 +1,12 @@
-"""Units as laboratories spell them, and their factors to SI. The texts come from files: only names
-joined by `*` and `/` are given to pint, whose parser would evaluate `9**9**9**9` without end."""
+"""Units as laboratories spell them, their factors to SI, and the factors that are often confused.
+
+The texts come from files: only names joined by `*` and `/` are given to pint, whose parser would
+evaluate `9**9**9**9` without end.
+"""
 
 import math
 import re
+from collections.abc import Sequence
 from functools import cache
 from typing import Annotated
 
@@ -222,3 +226,65 @@ TimeUnit = Annotated[str, *measured_in("s")]
 LengthUnit = Annotated[str, *measured_in("m")]
 ForceUnit = Annotated[str, *measured_in("N")]
 MomentUnit = Annotated[str, *measured_in("N*m")]
+
+
+# By signal: factors between units, or between ways to state a current, that are often confused.
+UNIT_FACTORS: dict[str, dict[str, float]] = {
+    "torque": {
+        "between lbf*ft and N*m": 1.3558,
+        "between lbf and N": 4.4482,
+        "between lbf*in and N*m": 8.8507,
+        "between kgf*m and N*m": 9.8067,
+        "between N*m and kgf*cm": 10.1972,
+        "between N*cm and N*m": 100.0,
+        "between N*mm and N*m": 1000.0,
+    },
+    "angle": {
+        "between rpm and rad/s": 9.5493,
+        "between degrees and radians": 57.29577951308232,
+        "between mrad and rad": 1000.0,
+    },
+    "current": {
+        "between q-axis currents of equal power and of equal amplitude": 1.224744871391589,
+        "between peak and RMS current": 1.4142135623730951,
+        "between line and phase": 1.7320508075688772,
+        "between mA and A": 1000.0,
+    },
+}
+
+
+def known_factor(
+    ratio: float, signals: Sequence[str] = ("torque", "angle"), near: float = 0.08
+) -> tuple[str, float]:
+    """Find the confused unit that explains a number which is too large or too small.
+
+    Parameters
+    ----------
+    ratio : float
+        Of the number to what is expected, or its inverse; the sign does not count.
+    signals : Sequence of str
+        Keys of `UNIT_FACTORS` that come into question.
+    near : float
+        Largest relative difference from a factor.
+
+    Returns
+    -------
+    name : str
+        Which units may be confused; empty if no factor is near.
+    factor : float
+        1 if no factor is near.
+    """
+    size = max(abs(ratio), 1 / abs(ratio)) if ratio else math.inf
+    best_name = ""
+    best_factor = 1.0
+    smallest_distance = math.inf
+    for signal in signals:
+        for name, factor in UNIT_FACTORS[signal].items():
+            distance = abs(math.log(size / factor))
+            if distance < smallest_distance:
+                best_name = name
+                best_factor = factor
+                smallest_distance = distance
+    if abs(size / best_factor - 1) >= near:
+        return "", 1.0
+    return best_name, best_factor

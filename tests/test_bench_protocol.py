@@ -12,7 +12,7 @@ from osl_analysis.bench.record import cycles_of, drift_rate, record_of_trial
 from osl_analysis.bench.settings import BenchStiffness
 from osl_analysis.errors import InputError
 from osl_analysis.signals import Motion
-from osl_analysis.spectral import stepped_sine
+from osl_analysis.spectral import sine_runs, stepped_sine
 from osl_analysis.trial import Trial
 
 PROTOCOL = stepped_sine.SteppedSineProtocol(
@@ -143,8 +143,7 @@ def test_a_run_has_three_cycles_of_an_amplitude_within_a_quarter():
     theta = np.pad(0.1 * np.sin(4 * np.pi * np.arange(750) / RATE - 0.5), 500, mode="edge")
     assert len(stepped_sine.Likeness(np.arange(len(theta)) / RATE, theta, PROTOCOL).runs) == 1
     runs = [
-        stepped_sine.Run(0.1, f, 0.1j, 0.0, 0.0, n / f, 0.0)
-        for f, n in ((2.0098, 10), (2.0102, 20))
+        sine_runs.Run(0.1, f, 0.1j, 0.0, 0.0, n / f, 0.0) for f, n in ((2.0098, 10), (2.0102, 20))
     ]
     assert stepped_sine.common_frequencies(runs, PROTOCOL) == [2.01012] * 2
     assert [PROTOCOL.amplitude_near(a) for a in (0.124, 0.126, 0.08, 0.074)] == [
@@ -160,9 +159,9 @@ def test_a_run_is_one_sine_up_to_where_the_next_begins_also_over_two_disturbed_c
     """Crossings lie between samples, noise adds none; a misfit of 0.3 of its RMS is no sine."""
     t, white = np.arange(3000) / RATE, 0.05 * np.random.default_rng(1).standard_normal(3000)
     sine = np.sin(2 * np.pi * 2.3 * t - 0.5)
-    assert np.diff(stepped_sine.upward_crossings(t, sine)) == pytest.approx(1 / 2.3, abs=1e-6)
-    assert len(stepped_sine.upward_crossings(t, sine + white)) == 14
-    found = [stepped_sine.fit_run(t, np.sin(4 * np.pi * t) + k * np.sin(12 * np.pi * t), slice(0,
+    assert np.diff(sine_runs.upward_crossings(t, sine)) == pytest.approx(1 / 2.3, abs=1e-6)
+    assert len(sine_runs.upward_crossings(t, sine + white)) == 14
+    found = [sine_runs.fit_run(t, np.sin(4 * np.pi * t) + k * np.sin(12 * np.pi * t), slice(0,
         3000), 2.04)
              for k in (0, 0.29, 0.31)]  # fmt: skip
     assert (found[0].frequency_hz, [one is None for one in found]) == (
@@ -179,7 +178,7 @@ def test_a_run_is_one_sine_up_to_where_the_next_begins_also_over_two_disturbed_c
         runs = stepped_sine.Likeness(np.arange(4000) / RATE, theta, PROTOCOL).runs
         assert [round(run.cycles) for run in runs] == cycles
     two = np.sin(4 * np.pi * t + np.pi * np.maximum(t - 3.125, 0))  # within a cycle
-    first, second = stepped_sine.find_runs(t, two, stepped_sine.upward_crossings(t, two), 3)
+    first, second = sine_runs.find_runs(t, two, sine_runs.upward_crossings(t, two), 3)
     assert first.stop == second.start == pytest.approx(3.125, abs=0.01)
 
 

@@ -22,9 +22,10 @@ from osl_analysis.bench.record import (
     stretches_of,
 )
 from osl_analysis.bench.settings import BenchStiffness
+from osl_analysis.measured import visible_step
 from osl_analysis.signals import LowPass
 from osl_analysis.spectral.stepped_sine import SteppedSineProtocol
-from osl_analysis.trial import Trial, visible_step
+from osl_analysis.trial import Trial
 
 TRUTH = {"K": 300.0, "B": 5.0, "I": 0.02}
 FIVE, FOURTEEN_BITS, SETTINGS = (

@@ -15,7 +15,9 @@ from scipy.integrate import quad
 from osl_analysis.commands.gains import gain_table
 from osl_analysis.errors import InputError, UnreachableImpedanceError
 from osl_analysis.model import compensator, drivetrain
+from osl_analysis.model.actuator_in_time import Controller, belt_responses
 from osl_analysis.model.drivetrain import joint_admittance, read_parameters
+from osl_analysis.model.rendered_impedance import rendering
 from osl_analysis.simulator.drivetrain import (
     IDEAL,
     belt_path,
@@ -84,17 +86,13 @@ def test_two_integrators_that_share_nothing_agree(parameters, controller, K_s2):
     expected = simulate_drivetrain(
         RATE, theta, omega, commands, IDEAL | {"friction": True} | own, p
     )["belt_torque"]
-    (found,) = compensator.belt_responses(
-        theta, RATE, [(compensator.Controller(gains, p, WIDTH), p)]
-    )
+    (found,) = belt_responses(theta, RATE, [(Controller(gains, p, WIDTH), p)])
     assert np.std(found - expected) < 0.01 * np.std(expected)
 
 
 def test_a_joint_in_equilibrium_resists_with_the_desired_stiffness():
-    law = compensator.Controller(compensator.compensated_gains(300, 5, P), P, WIDTH)
-    np.testing.assert_allclose(
-        compensator.belt_responses(np.full(50, 0.2), RATE, [(law, P)])[0], 60.0
-    )
+    law = Controller(compensator.compensated_gains(300, 5, P), P, WIDTH)
+    np.testing.assert_allclose(belt_responses(np.full(50, 0.2), RATE, [(law, P)])[0], 60.0)
 
 
 def joint_stiffness_at(frequency_hz, gains, effects):
@@ -270,11 +268,11 @@ def test_the_minima_are_those_that_were_proved_in_rational_arithmetic(parameters
     for K_d, B_d, weight, with_inertia, minima in PROVED:
         J_j = p.J_j if with_inertia else 0.0
         found = compensator.optimal_damping([K_d], [B_d], p, weight, J_j)
-        assert (found["minima"][0], found["at_lower_bound"][0]) == (len(minima), not minima)
-        assert found["B_1"][0] + p.B_m > 0
+        assert (found.minima[0], found.at_lower_bound[0]) == (len(minima), not minima)
+        assert found.B_1[0] + p.B_m > 0
         if minima:
             best = min(minima, key=lambda B_1: norm(K_d, B_d, B_1, p, weight, J_j))
-            assert found["B_1"][0] + p.B_m == pytest.approx(best + p.B_m, rel=1e-8)
+            assert found.B_1[0] + p.B_m == pytest.approx(best + p.B_m, rel=1e-8)
 
 
 def test_a_locked_motor_is_refused_by_name_and_leaves_other_rows_as_they_are_alone(parameters):
@@ -316,12 +314,12 @@ def test_every_selected_impedance_is_stable_and_passive(parameters, K_d, B_d):
 @pytest.mark.parametrize(("K_d", "B_d"), [(300.0, 5.0), (100.0, 0.5)])
 def test_fidelity_ends_where_the_stiffness_is_ten_percent_off(parameters, K_d, B_d):
     gains = compensator.compensated_gains(K_d, B_d, parameters)
-    found = compensator.rendering(gains.K_1, gains.B_1, [K_d], [B_d], parameters)
+    found = rendering(gains.K_1, gains.B_1, [K_d], [B_d], parameters)
     f, poles = (
-        float(found["faithful_to_hz"][0]),
+        float(found.faithful_to_hz[0]),
         joint_admittance(gains.K_1, gains.B_1, parameters).poles(),
     )
-    assert found["decay_rate"][0] == pytest.approx(np.min(-poles.real))
+    assert found.decay_rate[0] == pytest.approx(np.min(-poles.real))
     below, at = np.linspace(0, 0.999 * f, 500), np.array([f])
     off = [
         np.abs(stiffness_at(g, gains, parameters) / (K_d + 2j * np.pi * g * B_d) - 1)
@@ -338,16 +336,14 @@ def test_positive_real_is_decided_as_a_dense_grid_does(parameters):
     )
     for k, b in zip(K_d, B_d, strict=True):
         gains = compensator.compensated_gains(k, b, parameters)
-        decided = compensator.rendering(gains.K_1, gains.B_1, [k], [b], parameters)[
-            "positive_real"
-        ][0]
+        decided = rendering(gains.K_1, gains.B_1, [k], [b], parameters).positive_real[0]
         assert decided == (stiffness_at(f, gains, parameters).real >= 0).all()
 
 
 def test_delay_margin_is_where_a_pole_reaches_the_axis(parameters):
     """At the margin 1 + L(jw) exp(-jw delay) = 0 for some w, and for no w at a shorter delay."""
     p, gains = parameters, compensator.compensated_gains(300, 5, parameters)
-    delay = float(compensator.rendering(gains.K_1, gains.B_1, [300.0], [5.0], p)["delay_margin"][0])
+    delay = float(rendering(gains.K_1, gains.B_1, [300.0], [5.0], p).delay_margin[0])
     w = np.linspace(0.1, 500, 500_000)
     loop = (gains.K_1 + 1j * w * gains.B_1) / (p.K_s / p.n_T**2 - p.J_m * w**2 + 1j * w * p.B_m)
     assert np.abs(1 + loop * np.exp(-1j * w * delay)).min() < 1e-3

@@ -15,7 +15,8 @@ from scipy.stats import t
 
 from osl_analysis.bench.prediction import COMPONENTS
 from osl_analysis.cli import main
-from osl_analysis.model.compensator import Controller, belt_responses, select_gains
+from osl_analysis.model.actuator_in_time import Controller, belt_responses
+from osl_analysis.model.compensator import select_gains
 from osl_analysis.spectral.stepped_sine import SteppedSineProtocol
 from osl_analysis.table import write_table
 from osl_analysis.trial import Trial, write_trial

@@ -38,7 +38,8 @@ from osl_analysis.errors import InputError
 from osl_analysis.judge.campaign import campaign_findings
 from osl_analysis.judge.claims import Claims, claims_table, limit_verdict
 from osl_analysis.judge.limits import DoubtfulFits
-from osl_analysis.model.compensator import PAPER_WEIGHT, Controller, belt_responses, select_gains
+from osl_analysis.model.actuator_in_time import Controller, belt_responses
+from osl_analysis.model.compensator import PAPER_WEIGHT, select_gains
 from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.report.headlines import headline_numbers, to_tex
 from osl_analysis.simulator.drivetrain import IDEAL, simulate_drivetrain

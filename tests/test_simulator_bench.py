@@ -17,10 +17,10 @@ from osl_analysis.errors import InputError
 from osl_analysis.model.compensator import (
     Weight,
     compensated_gains,
-    predicted_impedance,
     uncompensated_gains,
 )
 from osl_analysis.model.drivetrain import read_parameters
+from osl_analysis.model.rendered_impedance import predicted_impedance
 from osl_analysis.simulator import joint_motion, settings
 from osl_analysis.simulator.bench import (
     drivetrain_effects,

@@ -35,7 +35,7 @@ from osl_analysis.report.headlines import (
 )
 from osl_analysis.stats.repeats import counted, doubtful_count, summary_of_trials
 from osl_analysis.table import read_table, write_table
-from osl_analysis.trial import known_factor
+from osl_analysis.units import known_factor
 
 NO_CHECKS = pl.DataFrame(schema={"trial": pl.String, "check": pl.String, "verdict": pl.String})
 

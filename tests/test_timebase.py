@@ -14,16 +14,15 @@ from scipy.signal import butter, sosfiltfilt
 
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.clock import Edges, correlate_clocks, find_edges, fit_clock
+from osl_analysis.signals.clock_drift import drift_row
+from osl_analysis.signals.device_clock import DeviceClock, savitzky_golay
 from osl_analysis.signals.grid import GapLimits, UniformSignals, on_one_grid, streams
-from osl_analysis.signals.samples import (
-    DeviceClock,
-    StampEvidence,
-    drift_row,
-    reading_of,
-    savitzky_golay,
-    take,
-)
-from osl_analysis.signals.stream import Stream, count_from_stamps, held_values, missing_by_rhythm
+from osl_analysis.signals.held_values import held_values
+from osl_analysis.signals.sample_count import count_from_stamps, missing_by_rhythm
+from osl_analysis.signals.samples import take
+from osl_analysis.signals.stamp_evidence import StampEvidence
+from osl_analysis.signals.stamp_reading import reading_of
+from osl_analysis.signals.stream import Stream
 from osl_analysis.trial import Trial, check_time, counter_column
 
 

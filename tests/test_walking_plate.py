@@ -27,7 +27,8 @@ from walking_synthetic import (
 )
 
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.trial import Array, Trial, furthest_outside, plate_axes
+from osl_analysis.plates import furthest_outside, plate_axes
+from osl_analysis.trial import Array, Trial
 from osl_analysis.walking import plate_model
 from osl_analysis.walking.ankle import Ankle, LoadOnFoot, load_on_foot
 from osl_analysis.walking.plate import (

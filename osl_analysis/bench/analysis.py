@@ -26,6 +26,7 @@ from osl_analysis.bench.record import SHORTEST_S, Label, Record
 from osl_analysis.bench.settings import NOT_STATED, BenchStiffness, Calibration
 from osl_analysis.bench.witness import harm_of
 from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.measured import check_measured, rms
 from osl_analysis.model.drivetrain import DrivetrainParameters
 from osl_analysis.signals.grid import UniformSignals
 from osl_analysis.spectral.stepped_sine import moving_bins
@@ -39,7 +40,8 @@ from osl_analysis.stats.regression import (
     whiteness_row,
     with_shared_error,
 )
-from osl_analysis.trial import Array, check_measured, known_factor, rms
+from osl_analysis.trial import Array
+from osl_analysis.units import known_factor
 
 
 def check_changes(column: str, values: Array) -> None:

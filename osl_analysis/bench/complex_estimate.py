@@ -6,8 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
+from osl_analysis.measured import check_finite
 from osl_analysis.stats import regression
-from osl_analysis.trial import Array, check_finite
+from osl_analysis.trial import Array
 
 COMPLEX_PARTS = ("re", "im", "var_re", "cov", "var_im", "degrees_of_freedom")
 """Suffixes of the columns of a complex estimate."""

@@ -21,7 +21,7 @@ from osl_analysis.bench.record import QUICK, Label, Record
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection
 from osl_analysis.signals import seven_point_motion
-from osl_analysis.signals.samples import NO_DRIFT, drift_row
+from osl_analysis.signals.clock_drift import NO_DRIFT, drift_row
 from osl_analysis.stats.regression import CONDITION_LIMIT, Row, welch_satterthwaite
 from osl_analysis.trial import Array
 

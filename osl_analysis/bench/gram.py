@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.bench.record import Groups, Label, Record
 from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.measured import check_measured, rounding_of
 from osl_analysis.stats import regression
 from osl_analysis.stats.regression import (
     CONDITION_LIMIT,
@@ -29,7 +30,7 @@ from osl_analysis.stats.regression import (
     products_between,
     welch_satterthwaite,
 )
-from osl_analysis.trial import Array, check_measured, rounding_of
+from osl_analysis.trial import Array
 
 FEWEST_UNITS = 4  # with fewer strata the groups are left out instead
 FEWEST_GROUPS = 8  # fewest groups without repeats whose scores give an interval

@@ -21,9 +21,10 @@ from osl_analysis.bench.complex_estimate import (
 )
 from osl_analysis.bench.record import Record, Stratum
 from osl_analysis.errors import InputError
+from osl_analysis.measured import check_finite, check_measured
 from osl_analysis.spectral.stepped_sine import whole_rows
 from osl_analysis.stats import regression
-from osl_analysis.trial import Array, check_finite, check_measured
+from osl_analysis.trial import Array
 
 SHARED = ("Y_se_bench", "Y_gain_se_bench", "Y_phase_se_bench")
 """Columns of the `BenchError` of Y: compliance, gain, phase."""

@@ -34,7 +34,9 @@ from osl_analysis.bench.gram import solved
 from osl_analysis.bench.record import Record
 from osl_analysis.bench.witness import CHUNKS
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.model.compensator import Controller, Gains, belt_responses
+from osl_analysis.measured import rms
+from osl_analysis.model.actuator_in_time import Controller, belt_responses
+from osl_analysis.model.compensator import Gains
 from osl_analysis.model.drivetrain import PARAMETER_UNITS, DrivetrainParameters
 from osl_analysis.stats.regression import (
     Covariance,
@@ -49,7 +51,7 @@ from osl_analysis.stats.regression import (
 )
 from osl_analysis.stats.repeats import counted
 from osl_analysis.table import finite_or_null
-from osl_analysis.trial import Array, rms
+from osl_analysis.trial import Array
 
 ONE = np.ones((1, 1))
 LAW_GAINS = ("K_1", "B_1", "f_C", "f_G")

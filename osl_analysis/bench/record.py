@@ -25,6 +25,7 @@ from osl_analysis.bench.settings import (
     SteppedSineAnalysis,
 )
 from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.measured import visible_step
 from osl_analysis.refusal import check_not_refused
 from osl_analysis.signals import LowPass, Motion, filtered_motion, runs
 from osl_analysis.signals.grid import (
@@ -40,7 +41,7 @@ from osl_analysis.spectral import stepped_sine
 from osl_analysis.spectral.periods import PeriodicMotion, lines_of, periodic_motion
 from osl_analysis.spectral.stepped_sine import Likeness, whole_rows
 from osl_analysis.stats.regression import FEWEST_CYCLES, products_between
-from osl_analysis.trial import Array, Trial, stretches, visible_step
+from osl_analysis.trial import Array, Trial, stretches
 
 Label = float | str | None
 """What has a fit of its own: an amplitude [deg], a branch of a belt; None: the whole record."""

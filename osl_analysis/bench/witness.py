@@ -28,9 +28,10 @@ from osl_analysis.bench.effects import (
 )
 from osl_analysis.bench.gram import solved
 from osl_analysis.bench.record import Record
+from osl_analysis.measured import rms
 from osl_analysis.signals import seven_point_motion
 from osl_analysis.stats.regression import Row, less
-from osl_analysis.trial import Array, rms
+from osl_analysis.trial import Array
 
 CHUNKS = 24  # parts of a recording; the covariance comes from the scatter of their scores
 # highest end of the witness's band: above it, rounding of the angle raises false alarms

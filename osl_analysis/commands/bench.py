@@ -41,7 +41,8 @@ from osl_analysis.judge.finding import Finding, Grade
 from osl_analysis.judge.judging import judged, marked
 from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.judge.words import finding_said, words_of
-from osl_analysis.model.compensator import Controller, Weight
+from osl_analysis.model.actuator_in_time import Controller
+from osl_analysis.model.compensator import Weight
 from osl_analysis.model.drivetrain import FileOrNone, joint_admittance, known_parameters
 from osl_analysis.table import finite_or_null, read_table, with_evidence, write_table
 from osl_analysis.trial import Trial

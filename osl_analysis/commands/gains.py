@@ -27,7 +27,9 @@ from osl_analysis.errors import InputError, listing, naming, nearest, optional_m
 from osl_analysis.figures import drawing_of
 from osl_analysis.files import write_text
 from osl_analysis.model import compensator, drivetrain, mjcf
-from osl_analysis.model.compensator import Controller, Weight
+from osl_analysis.model.actuator_in_time import Controller
+from osl_analysis.model.compensator import Weight
+from osl_analysis.model.rendered_impedance import predicted_impedance, rendering
 from osl_analysis.stats.regression import variance_accounted_for
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import read_trial
@@ -52,19 +54,21 @@ def gain_table(
     these are null where no finite B_1 is best."""
     compensator.check_request(K_d, B_d, p)
     K_d, B_d = (np.asarray(v, dtype=float) for v in (K_d, B_d))
-    K_1, optimum = (
-        compensator.stiffness_gain(K_d, p),
-        compensator.optimal_damping(K_d, B_d, p, weight),
-    )
-    B_1, finite = optimum["B_1"], np.isfinite(optimum["B_1"])
+    K_1 = compensator.stiffness_gain(K_d, p)
+    optimum = compensator.optimal_damping(K_d, B_d, p, weight)
+    B_1 = optimum.B_1
+    finite = np.isfinite(B_1)
     at_joint = {"K_1_joint": K_1 * p.n_T**2, "B_1_joint": B_1 * p.n_T**2}
-    table = pl.DataFrame({"K_d": K_d, "B_d": B_d, "K_1": K_1, "B_1": B_1} | at_joint | optimum)
+    table = pl.DataFrame(
+        {"K_d": K_d, "B_d": B_d, "K_1": K_1, "B_1": B_1, **at_joint, **optimum._asdict()}
+    )
     gains = [compensator.Gains(k, b, True) for k, b in zip(K_1[finite], B_1[finite], strict=True)]
-    fits = [compensator.predicted_impedance(one, p, frequencies_hz) for one in gains]
+    fits = [predicted_impedance(of_pair, p, frequencies_hz) for of_pair in gains]
+    rendered = rendering(K_1[finite], B_1[finite], K_d[finite], B_d[finite], p)
     columns: dict[str, Any] = {
-        f"{name}_predicted": [fit[k] for fit in fits] for k, name in enumerate("KBI")
+        **{f"{name}_predicted": [fit[k] for fit in fits] for k, name in enumerate("KBI")},
+        **rendered._asdict(),
     }
-    columns |= compensator.rendering(K_1[finite], B_1[finite], K_d[finite], B_d[finite], p)
     behaviour = pl.DataFrame(columns).with_columns(
         row=pl.Series(np.flatnonzero(finite), dtype=pl.UInt32)
     )

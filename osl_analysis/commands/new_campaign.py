@@ -34,7 +34,7 @@ from osl_analysis.ingest.draft_walking import draft_walking
 from osl_analysis.ingest.likely_column import named_joint
 from osl_analysis.ingest.overview import Overview
 from osl_analysis.ingest.placeholders import UNKNOWN
-from osl_analysis.trial import unusual
+from osl_analysis.measured import unusual
 from osl_analysis.yaml_settings import read_mapping
 
 COLUMNS = (

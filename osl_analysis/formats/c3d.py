@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, PositiveInt, model_validator
 
 from osl_analysis.errors import InputError, listing, quoted
+from osl_analysis.plates import own_axes
 from osl_analysis.recording import Channel, Format, Kind, Loss, Plate, Recording, Rows
 from osl_analysis.source_file import (
     Channel as ChannelSettings,
@@ -30,7 +31,6 @@ from osl_analysis.source_file import (
     PlateUnits,
     all_none_or_list,
 )
-from osl_analysis.trial import own_axes
 from osl_analysis.units import LengthUnit
 from osl_analysis.yaml_settings import Settings, misplaced
 

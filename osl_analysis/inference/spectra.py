@@ -23,7 +23,8 @@ from osl_analysis.inference.constants import (
     TAPER,
     VISIBLE_ABOVE_NOISE,
 )
-from osl_analysis.trial import Array, check_finite
+from osl_analysis.measured import check_finite
+from osl_analysis.trial import Array
 
 Spectrum = NDArray[np.complex128]
 ROLL_OFF_ORDER = 8  # of the gain 1/(1 + (f/band)^8), which ends the band without ringing

@@ -17,20 +17,14 @@ from numpy.typing import NDArray
 from osl_analysis.config.experiments import EXPERIMENTS, Experiment
 from osl_analysis.errors import InputError, listing
 from osl_analysis.ingest.guard import leaps_of_trial
+from osl_analysis.measured import factor_of, usual_size
+from osl_analysis.plates import beside, plate_axes
 from osl_analysis.signals import longest_run, run_at_extreme, run_edges, runs
 from osl_analysis.signals.grid import GapLimits, devices_of, origin, streams, uniform_signals
 from osl_analysis.signals.samples import take
-from osl_analysis.spectral.stepped_sine import Likeness, Run, SteppedSineProtocol, stated_protocol
-from osl_analysis.trial import (
-    Array,
-    Trial,
-    beside,
-    factor_of,
-    plate_axes,
-    plate_columns,
-    unit_of,
-    usual_size,
-)
+from osl_analysis.spectral.sine_runs import Run
+from osl_analysis.spectral.stepped_sine import Likeness, SteppedSineProtocol, stated_protocol
+from osl_analysis.trial import Array, Trial, plate_columns, unit_of
 
 
 @dataclass(frozen=True)

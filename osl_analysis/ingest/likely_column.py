@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from osl_analysis.ingest.overview import RecordedChannel
-from osl_analysis.trial import COLUMNS, Array, factor_of, usual_size, varies
+from osl_analysis.measured import factor_of, usual_size, varies
+from osl_analysis.trial import COLUMNS, Array
 from osl_analysis.units import base_units, dimension, name_and_ending, normalised
 
 MOTOR = r"\b(motor|actuator|act|output|gear|mot)\b"

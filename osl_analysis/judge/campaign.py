@@ -34,10 +34,10 @@ from osl_analysis.judge.words import (
     sentence_of,
     words_of,
 )
+from osl_analysis.measured import SHORT, significant, unusual
 from osl_analysis.refusal import is_refused
 from osl_analysis.stats.repeats import DOUBTFUL
 from osl_analysis.table import read_table
-from osl_analysis.trial import SHORT, significant, unusual
 
 # percent of the torque that a prediction may leave along angle, velocity and acceleration
 LARGEST_MISFIT = 1.0

@@ -9,7 +9,7 @@ from typing import Any
 
 from osl_analysis.dictionary import own_yaml
 from osl_analysis.judge.finding import AnyRow, Beyond, Limits, cell_number
-from osl_analysis.trial import known_factor
+from osl_analysis.units import known_factor
 
 TABLE: dict[str, dict[str, Any]] = own_yaml(Path(__file__).with_suffix(".yaml"))
 

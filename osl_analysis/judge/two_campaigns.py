@@ -10,8 +10,8 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.judge.finding import ESTIMATES
+from osl_analysis.measured import rms
 from osl_analysis.stats import repeats
-from osl_analysis.trial import rms
 
 Between = Callable[[repeats.Sample, repeats.Sample], repeats.Difference]
 COMPARED_QUANTITIES = {

@@ -22,8 +22,9 @@ from osl_analysis.judge.finding import (
     cell_number,
 )
 from osl_analysis.judge.judging import MEASURED_BY
+from osl_analysis.measured import significant
 from osl_analysis.model.compensator import CONTROLLERS
-from osl_analysis.trial import UNIT_FACTORS, known_factor, significant
+from osl_analysis.units import UNIT_FACTORS, known_factor
 
 WORDS: dict[str, dict[str, Any]] = own_yaml(Path(__file__).with_suffix(".yaml"))
 

@@ -20,23 +20,30 @@ PARAMETER_UNITS = {
     "k_tau": "N*m/A", "n_m": "1", "B_m": "N*m*s/rad", "J_m": "kg*m^2", "f_C": "N*m", "f_G": "N*m/A",
     "n_T": "1", "K_s": "N*m/rad", "K_s2": "N*m/rad^2", "B_j": "N*m*s/rad", "J_j": "kg*m^2",
 }  # fmt: skip
+NEVER_ZERO = ("k_tau", "n_m", "J_m", "n_T", "K_s")  # each divides or drives
+OPTIONAL = ("K_s2",)
+# a parameter outside, in SI units, has a wrong exponent
+SMALLEST_PARAMETER = 1e-9
+LARGEST_PARAMETER = 1e9
+# K_d/B_d [rad/s] beyond which B_d counts as 0
+FASTEST_DESIRED = 1e9
 
 
 @dataclass(frozen=True)
 class DrivetrainParameters:
-    """Actuator and transmission (Table I) in SI units; J_m and B_m are at the actuator's output."""
+    """Actuator and transmission (Table I); J_m and B_m are at the actuator's output."""
 
-    k_tau: float
-    n_m: float
-    B_m: float
-    J_m: float
-    f_C: float
-    f_G: float
-    n_T: float
-    K_s: float
-    B_j: float
-    J_j: float
-    K_s2: float = 0.0
+    k_tau: float  # torque constant of the motor [N*m/A]
+    n_m: float  # gear ratio of the actuator
+    B_m: float  # viscous damping of the actuator [N*m*s/rad]
+    J_m: float  # inertia of the actuator [kg*m^2]
+    f_C: float  # Coulomb friction [N*m]
+    f_G: float  # gear friction [N*m/A]
+    n_T: float  # ratio of the belt transmission
+    K_s: float  # stiffness of the belt at the joint [N*m/rad]
+    B_j: float  # viscous damping of the joint [N*m*s/rad]
+    J_j: float  # inertia of the joint [kg*m^2]
+    K_s2: float = 0.0  # quadratic stiffness of the belt [N*m/rad^2]
 
     def __post_init__(self) -> None:
         if self.f_G >= self.k_tau * self.n_m:
@@ -46,12 +53,14 @@ class DrivetrainParameters:
                 " correct the parameter file"
             )
         for name, unit in PARAMETER_UNITS.items():
-            value, may_be_0 = getattr(self, name), name not in ("k_tau", "n_m", "J_m", "n_T", "K_s")
-            # a value outside has a wrong exponent
-            if not (1e-9 <= value <= 1e9 or (value == 0 and may_be_0)):
-                bound = f"{'zero or ' * may_be_0}positive, 1e-09 to 1e+09"
+            value = getattr(self, name)
+            if value == 0 and name not in NEVER_ZERO:
+                continue
+            if not SMALLEST_PARAMETER <= value <= LARGEST_PARAMETER:
+                zero = "" if name in NEVER_ZERO else "zero or "
                 raise InputError(
-                    f"parameter {name} = {value} {unit} must be {bound}; correct the parameter file"
+                    f"parameter {name} = {value} {unit} must be {zero}positive, 1e-09 to 1e+09;"
+                    " correct the parameter file"
                 )
 
 
@@ -87,24 +96,29 @@ class ParameterFile(Settings):
     @classmethod
     def _complete(cls, quantities: dict[str, Quantity]) -> dict[str, Quantity]:
         for name, quantity in quantities.items():
-            if name not in PARAMETER_UNITS:
-                like = nearest(name, set(PARAMETER_UNITS) - set(quantities)) or "; remove it"
-                known = f"the known ones are {', '.join(PARAMETER_UNITS)}{like}"
-                raise misplaced(f"unknown parameter {name}; {known}", name)
-            if quantity.unit != (unit := PARAMETER_UNITS[name]):
-                said = f"{name} has unit '{quantity.unit}', expected '{unit}'; convert its value"
-                raise misplaced(said, name, "unit")
-        for name in PARAMETER_UNITS:
-            if name not in quantities and name != "K_s2":
-                raise ValueError(
-                    f"{name} [{PARAMETER_UNITS[name]}] is missing; add it, with value, unit and"
-                    " source"
-                )
+            check_quantity(name, quantity, not_given=set(PARAMETER_UNITS) - set(quantities))
+        for name, unit in PARAMETER_UNITS.items():
+            if name not in quantities and name not in OPTIONAL:
+                raise ValueError(f"{name} [{unit}] is missing; add it, with value, unit and source")
         return quantities
 
 
+def check_quantity(name: str, quantity: Quantity, not_given: set[str]) -> None:
+    """Refuse a quantity that is unknown or in another unit; `not_given` may be meant by its
+    name."""
+    if name not in PARAMETER_UNITS:
+        remedy = nearest(name, not_given) or "; remove it"
+        known = f"the known ones are {', '.join(PARAMETER_UNITS)}{remedy}"
+        raise misplaced(f"unknown parameter {name}; {known}", name)
+    unit = PARAMETER_UNITS[name]
+    if quantity.unit != unit:
+        raise misplaced(
+            f"{name} has unit '{quantity.unit}', expected '{unit}'; convert its value", name, "unit"
+        )
+
+
+# a parameter file as rules pass it on: an input without files is an empty list
 FileOrNone = Annotated[Path | None, BeforeValidator(lambda value: value or None)]
-"""A parameter file as rules pass it on: an input without files is an empty list."""
 
 
 def joint_of(path: Path) -> str:
@@ -119,22 +133,37 @@ def known_parameters(path: Path | None) -> DrivetrainParameters | None:
 
 
 def read_parameters(path: Path) -> DrivetrainParameters:
-    """Parameters of one device, from a file like `config/parameters/default.yaml`, whose warning is
-    given. Raises InputError where it is missing, or a quantity is unknown, is missing, has another
-    unit or is out of range."""
+    """Read the parameters of one device, and give the file's warning.
+
+    Parameters
+    ----------
+    path : Path
+        A file like `config/parameters/default.yaml`.
+
+    Returns
+    -------
+    DrivetrainParameters
+
+    Raises
+    ------
+    InputError
+        The file is missing, or a quantity is unknown, is missing, has another unit or is out of
+        range.
+    """
     file = read_yaml(path, ParameterFile)
     if file.warning:
         warnings.warn(f"{path}: {' '.join(file.warning.split())}", stacklevel=2)
+    values = {name: quantity.value for name, quantity in file.parameters.items()}
     try:
-        return DrivetrainParameters(**{name: q.value for name, q in file.parameters.items()})
+        return DrivetrainParameters(**values)
     except InputError as error:
-        name = str(error).split(maxsplit=2)[1]
+        name = str(error).split(maxsplit=2)[1]  # "parameter NAME = ..."
         raise InputError(f"{path}: {located([path], ('parameters', name))}{error}") from error
 
 
 @dataclass(frozen=True)
 class RationalFunction:
-    """numerator(s) / denominator(s); coefficients with the highest power first."""
+    """numerator(s)/denominator(s); coefficients with the highest power first."""
 
     numerator: Array
     denominator: Array
@@ -142,9 +171,8 @@ class RationalFunction:
     def __call__(self, s: ArrayLike) -> NDArray[np.complex128]:
         """Value at complex frequencies s [rad/s], any shape."""
         s = np.asarray(s, dtype=np.complex128)
-        return np.asarray(
-            np.polyval(self.numerator, s) / np.polyval(self.denominator, s), dtype=np.complex128
-        )
+        value = np.polyval(self.numerator, s) / np.polyval(self.denominator, s)
+        return np.asarray(value, dtype=np.complex128)
 
     def poles(self) -> NDArray[np.complex128]:
         """Roots of the denominator [rad/s]."""
@@ -152,16 +180,40 @@ class RationalFunction:
 
 
 def motor_friction(direction: ArrayLike, current: ArrayLike, p: DrivetrainParameters) -> Array:
-    """Coulomb and gear friction f [N*m] at the actuator's output (Eq. 2) for a current I_q [A].
-    `direction` is the sign of omega_m, or a smooth substitute between -1 and 1."""
+    """Find Coulomb and gear friction at the actuator's output (Eq. 2).
+
+    Parameters
+    ----------
+    direction : ArrayLike
+        Sign of omega_m, or a smooth substitute between -1 and 1.
+    current : ArrayLike
+        I_q [A].
+    p : DrivetrainParameters
+
+    Returns
+    -------
+    Array
+        f = direction (f_C + f_G |I_q|) [N*m].
+    """
     return np.asarray(np.asarray(direction) * (p.f_C + p.f_G * np.abs(current)))
 
 
 def actuator_torque(
     current: ArrayLike, omega_m: ArrayLike, alpha_m: ArrayLike, p: DrivetrainParameters
 ) -> Array:
-    """Torque tau_m [N*m] at the actuator's output from I_q [A], omega_m [rad/s] and alpha_m
-    [rad/s^2] (Eq. 1)."""
+    """Find the torque at the actuator's output (Eq. 1).
+
+    Parameters
+    ----------
+    current, omega_m, alpha_m : ArrayLike
+        I_q [A], omega_m [rad/s] and alpha_m [rad/s^2].
+    p : DrivetrainParameters
+
+    Returns
+    -------
+    Array
+        tau_m = I_q k_tau n_m - f - B_m omega_m - J_m alpha_m [N*m].
+    """
     friction = motor_friction(np.sign(omega_m), current, p)
     driven = np.asarray(current) * p.k_tau * p.n_m
     return np.asarray(driven - friction - p.B_m * np.asarray(omega_m) - p.J_m * np.asarray(alpha_m))
@@ -182,23 +234,40 @@ def belt_torque(theta_s: ArrayLike, p: DrivetrainParameters) -> Array:
 def desired_admittance(K_d: float, B_d: float) -> RationalFunction:
     """Y_d = 1/Q = 1/(B_d s + K_d) [rad/(N*m)] (Eq. 11). If K_d/B_d is above 1e9 rad/s, B_d counts
     as 0."""
-    return RationalFunction(np.array([1.0]), np.array([B_d, K_d] if B_d > 1e-9 * K_d else [K_d]))
+    Q = [B_d, K_d] if B_d > K_d / FASTEST_DESIRED else [K_d]
+    return RationalFunction(np.array([1.0]), np.array(Q))
 
 
 def joint_admittance(
     K_1: float, B_1: float, p: DrivetrainParameters, J_j: float = 0.0
 ) -> RationalFunction:
-    """Closed-loop integral admittance Y = theta_j/tau [rad/(N*m)] for gains K_1 and B_1 (Eqs.
-    9-10).
+    """Find the closed-loop integral admittance of the joint (Eqs. 9-10).
 
+    Parameters
+    ----------
+    K_1, B_1 : float
+        Gains [N*m/rad] and [N*m*s/rad].
+    p : DrivetrainParameters
+    J_j : float
+        Inertia of the joint [kg*m^2]. The paper neglects it; `J_j=p.J_j` includes it, one power
+        more.
+
+    Returns
+    -------
+    RationalFunction
+        Y = theta_j/tau [rad/(N*m)].
+
+    Notes
+    -----
     Y = N/D with
 
-        N = J_m s^2 + x s + kappa      the actuator under control, x = B_m + B_1, kappa = K_1 +
-        K_s/n_T^2 P = J_j s^2 + B_j s + K_s      the joint that the belt holds D = N P - c
-        c = (K_s/n_T)^2
+        N = J_m s^2 + x s + kappa      the actuator under control,
+                                       x = B_m + B_1, kappa = K_1 + K_s/n_T^2
+        P = J_j s^2 + B_j s + K_s      the joint that the belt holds
+        D = N P - c                    c = (K_s/n_T)^2
 
-    The other modules use the same letters. The paper neglects J_j. `J_j=p.J_j` includes it, one
-    power more."""
+    The other modules use the same letters.
+    """
     N = np.array([p.J_m, p.B_m + B_1, K_1 + p.K_s / p.n_T**2])
     P = np.array([J_j, p.B_j, p.K_s])
     D = np.convolve(N, P)

@@ -3,7 +3,8 @@ torque in MuJoCo.
 
 MuJoCo adds the current's torque, damping, inertia and Coulomb friction of the actuator, and the
 belt as a tendon. The gear's friction f_G |I_q| is no element of MJCF: who simulates sets
-`dof_frictionloss` before every step."""
+`dof_frictionloss` before every step.
+"""
 
 import math
 import re
@@ -12,12 +13,14 @@ import numpy as np
 import scipy
 
 from osl_analysis.errors import optional_module
-from osl_analysis.model.compensator import Controller
+from osl_analysis.model.actuator_in_time import Controller
 from osl_analysis.model.drivetrain import DrivetrainParameters
 from osl_analysis.trial import Array
 
-STEP_S = 2.5e-4
-"""Largest time step [s] of the round trip."""
+STEP_S = 2.5e-4  # largest time step [s] of the round trip
+RUNS_AWAY = 100.0  # angle of the output, 16 turns [rad]: beyond it the control loop is unstable
+
+# the model, and the controller, which has the numbers of the parameter file
 EQUATIONS = {
     "actuator (Eqs. 1-2)": (
         "tau_m = k_tau n_m I_q - sign(omega_m) (f_C + f_G |I_q|) - B_m omega_m - J_m alpha_m"
@@ -31,7 +34,7 @@ EQUATIONS = {
         " uncompensated: I_q = u/(k_tau n_m)"
     ),
 }
-"""The model, and the controller, which has the numbers of the parameter file."""
+# what MJCF, or MuJoCo's default, does not say of the leg, and what to do
 CANNOT = (
     (
         "f_G |I_q|, the gear's friction: before every step set dof_frictionloss of theta_m to f_C +"
@@ -45,29 +48,64 @@ CANNOT = (
     "the belt's hysteresis, and a belt that is not linear (K_s2)",
     "the controller: ctrl is the current I_q [A], which a program computes",
 )
-"""What MJCF, or MuJoCo's default, does not say of the leg, and what to do."""
+
+MODEL = """\
+<mujoco model="identified by osl-analysis">
+  <!--
+{comment}
+  -->
+  <option timestep="{step:g}" integrator="implicitfast" gravity="0 0 0"/>
+  <worldbody>
+{actuator}{foot}  </worldbody>
+  <tendon>
+    <fixed name="belt" stiffness="{p.K_s:.9g}" springlength="0">
+      <joint joint="theta_j" coef="1"/>
+      <joint joint="theta_m" coef="{belt_of_actuator:.12g}"/>
+    </fixed>
+  </tendon>
+  <actuator>
+    <motor name="current" joint="theta_m" gear="{torque_constant:.9g}"/>
+  </actuator>
+</mujoco>
+"""
+BODY = """\
+    <body name="{name}">
+      <inertial pos="0 0 0" mass="1" diaginertia="{inertia:.9g} {inertia:.9g} {inertia:.9g}"/>
+      <joint name="{joint}" type="hinge" axis="0 1 0" damping="{damping:.9g}"{friction}/>
+    </body>
+"""
 
 
 def mjcf_text(p: DrivetrainParameters, comment: str = "") -> str:
-    """The leg as MJCF: joints theta_m and theta_j [rad], ctrl the current I_q [A]. `comment`: lines
-    for the reader."""
-    said = re.sub(r"-(?=-)", "- ", comment)  # two hyphens would end a comment of XML
-    body = (
-        '    <body name="{0}">\n      <inertial pos="0 0 0" mass="1" diaginertia="{1:.9g} {1:.9g}'
-        ' {1:.9g}"/>\n      <joint name="{2}" type="hinge" axis="0 1 0" damping="{3:.9g}"{4}/>\n   '
-        " </body>\n"
+    """Write the leg as MJCF.
+
+    Parameters
+    ----------
+    p : DrivetrainParameters
+    comment : str
+        Lines for the reader.
+
+    Returns
+    -------
+    str
+        Joints theta_m and theta_j [rad], ctrl the current I_q [A].
+    """
+    actuator = BODY.format(
+        name="actuator",
+        inertia=p.J_m,
+        joint="theta_m",
+        damping=p.B_m,
+        friction=f' frictionloss="{p.f_C:.9g}" solreffriction="0.001 1"',
     )
-    friction = f' frictionloss="{p.f_C:.9g}" solreffriction="0.001 1"'
-    return (
-        f'<mujoco model="identified by osl-analysis">\n  <!--\n{said}\n  -->\n  <option'
-        f' timestep="{STEP_S:g}" integrator="implicitfast" gravity="0 0 0"/>\n  <worldbody>\n'
-        + body.format("actuator", p.J_m, "theta_m", p.B_m, friction)
-        + body.format("foot", p.J_j, "theta_j", p.B_j, "")
-        + f'  </worldbody>\n  <tendon>\n    <fixed name="belt" stiffness="{p.K_s:.9g}"'
-        ' springlength="0">\n      <joint joint="theta_j" coef="1"/>\n      <joint'
-        f' joint="theta_m" coef="{-1 / p.n_T:.12g}"/>\n    </fixed>\n  </tendon>\n  <actuator>\n '
-        f'   <motor name="current" joint="theta_m" gear="{p.k_tau * p.n_m:.9g}"/>\n '
-        " </actuator>\n</mujoco>\n"
+    foot = BODY.format(name="foot", inertia=p.J_j, joint="theta_j", damping=p.B_j, friction="")
+    return MODEL.format(
+        comment=re.sub(r"-(?=-)", "- ", comment),  # two hyphens would end a comment of XML
+        step=STEP_S,
+        actuator=actuator,
+        foot=foot,
+        p=p,
+        belt_of_actuator=-1 / p.n_T,
+        torque_constant=p.k_tau * p.n_m,
     )
 
 
@@ -79,39 +117,67 @@ def mujoco_torque(
     law: Controller,
     p: DrivetrainParameters,
 ) -> Array:
-    """Resisting torque [N*m] of the leg `p` in MuJoCo, (n,), whose joint is turned and whose
-    actuator is under a controller without delay: theta [rad], omega [rad/s] and alpha [rad/s^2],
-    (n,) each, at `rate_hz`. The actuator starts at rest, in equilibrium with the first angle. All
-    NaN where it runs away. Raises InputError: no MuJoCo."""
+    """Simulate the leg `p` in MuJoCo, whose joint is turned, under a controller without delay.
+
+    Parameters
+    ----------
+    rate_hz : float
+        Sampling rate [Hz].
+    theta, omega, alpha : Array
+        Motion of the joint, (n,) each [rad, rad/s, rad/s^2].
+    law : Controller
+    p : DrivetrainParameters
+
+    Returns
+    -------
+    Array
+        Resisting torque (n,) [N*m]. The actuator starts at rest, in equilibrium with the first
+        angle. All NaN where it runs away.
+
+    Raises
+    ------
+    InputError
+        MuJoCo is not installed.
+    """
     mujoco = optional_module("mujoco", "the round trip")
-    every, gains = math.ceil(1 / (rate_hz * STEP_S) - 1e-6), law.gains  # steps per sample
+    steps_per_sample = math.ceil(1 / (rate_hz * STEP_S) - 1e-6)
     model = mujoco.MjModel.from_xml_string(mjcf_text(p))
-    model.opt.timestep = 1 / (rate_hz * every)
-    data, torque, sample = (
-        mujoco.MjData(model),
-        np.empty(len(theta)),
-        np.arange(len(theta)) / rate_hz,
-    )
-    turned = scipy.interpolate.CubicHermiteSpline(sample, theta, omega)
-    grid = np.arange((len(theta) - 1) * every + 1) * model.opt.timestep
+    model.opt.timestep = 1 / (rate_hz * steps_per_sample)
+    data = mujoco.MjData(model)
+
+    sample_time = np.arange(len(theta)) / rate_hz
+    joint = scipy.interpolate.CubicHermiteSpline(sample_time, theta, omega)
+    grid = np.arange((len(theta) - 1) * steps_per_sample + 1) * model.opt.timestep
+    joint_angles = joint(grid).tolist()
+    joint_velocities = joint(grid, 1).tolist()
+
     # views: slow to ask for
-    angle, velocity, current, passive = data.qpos, data.qvel, data.ctrl, data.qfrc_passive
+    angle = data.qpos
+    velocity = data.qvel
+    current = data.ctrl
+    passive = data.qfrc_passive
     friction = model.dof_frictionloss
+
+    gains = law.gains
+    constant = law.p.k_tau * law.p.n_m
+    f_C = law.p.f_C
+    f_G = law.p.f_G
+    torque = np.empty(len(theta))
     angle[0] = p.K_s / p.n_T * theta[0] / (gains.K_1 + p.K_s / p.n_T**2)
-    constant, f_C, f_G = law.p.k_tau * law.p.n_m, law.p.f_C, law.p.f_G
-    for k, (theta_j, omega_j) in enumerate(
-        zip(turned(grid).tolist(), turned(grid, 1).tolist(), strict=True)
-    ):
-        angle[1], velocity[1] = theta_j, omega_j
-        theta_m, omega_m = float(angle[0]), float(velocity[0])
-        # of the output, 16 turns [rad]: beyond it the control loop is unstable
-        if not abs(theta_m) < 100.0:
+    for k, (theta_j, omega_j) in enumerate(zip(joint_angles, joint_velocities, strict=True)):
+        angle[1] = theta_j
+        velocity[1] = omega_j
+        theta_m = float(angle[0])
+        omega_m = float(velocity[0])
+        if not abs(theta_m) < RUNS_AWAY:
             return np.full(len(theta), np.nan)
         s = math.tanh(omega_m / law.sign_width) if gains.cancels_friction else 0.0
         r = -gains.K_1 * theta_m - gains.B_1 * omega_m + s * f_C
-        current[0] = I_q = r / (constant - (s if r >= 0.0 else -s) * f_G)
+        I_q = r / (constant - (s if r >= 0.0 else -s) * f_G)
+        current[0] = I_q
         friction[0] = p.f_C + p.f_G * abs(I_q)
         mujoco.mj_step(model, data)
-        if k % every == 0:
-            torque[k // every] = -passive[1]  # belt and damping in the state before the step
+        if k % steps_per_sample == 0:
+            # belt and damping in the state before the step
+            torque[k // steps_per_sample] = -passive[1]
     return torque + p.J_j * alpha

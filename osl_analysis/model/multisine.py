@@ -4,7 +4,8 @@ separately.
 Only odd lines (odd multiples of 1/period) are excited. A torque that is an even function of the
 motion appears at even lines only; one that is odd, such as friction, at odd lines only. In every
 group of neighbouring odd lines one, drawn at random, is not excited: it detects odd distortion.
-Pintelon and Schoukens, System Identification, 2012, ch. 4."""
+Pintelon and Schoukens, System Identification, 2012, ch. 4.
+"""
 
 from dataclasses import dataclass
 
@@ -15,16 +16,19 @@ from osl_analysis.errors import InputError
 from osl_analysis.trial import Array
 
 GROUP = 4  # number of neighbouring odd lines with one detection line
+# each line gives two equations for K, B and I, but one alone cannot tell K from I
+FEWEST_LINES = 3
+SAMPLES_PER_CYCLE = 16  # of the fastest line, in the search for the largest deflection
 
 
 @dataclass(frozen=True)
 class Multisine:
     """A periodic angle: the sum of size_k sin(2 pi line_k t/period + phase_k)."""
 
-    period_s: float  # period [s]
-    lines: NDArray[np.intp]  # excited lines, odd multiples of 1/period, shape (n,)
-    size: Array  # amplitudes [rad], shape (n,)
-    phase: Array  # phases [rad], shape (n,)
+    period_s: float
+    lines: NDArray[np.intp]  # (n,) excited lines, odd multiples of 1/period
+    size: Array  # (n,) amplitudes [rad]
+    phase: Array  # (n,) [rad]
     detection: NDArray[np.intp]  # odd lines between the excited ones that are not excited
 
     @property
@@ -32,26 +36,44 @@ class Multisine:
         return np.asarray(self.lines / self.period_s)
 
     def angle(self, time: Array, derivative: int = 0) -> Array:
-        """Angle [rad] at times (m,) [s], or its first or second derivative [rad/s, rad/s^2], shape
-        (m,)."""
+        """Angle [rad] at times (m,) [s], or its first or second derivative [rad/s, rad/s^2]."""
         w = 2 * np.pi * self.frequency_hz
-        turned = np.outer(time, w) + (self.phase + derivative * np.pi / 2)
-        return np.asarray(np.sin(turned) @ (self.size * w**derivative))
+        phase = np.outer(time, w) + (self.phase + derivative * np.pi / 2)
+        return np.asarray(np.sin(phase) @ (self.size * w**derivative))
 
     @property
     def peak(self) -> float:
         """Largest deflection [rad] to either side."""
-        samples = 16 * int(self.lines[-1])
-        return float(np.max(np.abs(self.angle(self.period_s * np.arange(samples) / samples))))
+        samples = SAMPLES_PER_CYCLE * int(self.lines[-1])
+        time = self.period_s * np.arange(samples) / samples
+        return float(np.max(np.abs(self.angle(time))))
 
 
 def odd_multisine(
     period_s: float, band_hz: tuple[float, float], rms: float, seed: int, realisation: int = 0
 ) -> Multisine:
-    """An odd multisine with a flat spectrum of the angle, random phases and one odd line in `GROUP`
-    not excited, for a band from lowest to highest frequency [Hz] and an RMS angle [rad].
-    Realisations of one seed have the same lines and different phases. Raises InputError: period or
-    size is not positive, or odd lines are too few."""
+    """Draw an odd multisine with a flat spectrum of the angle and random phases.
+
+    Parameters
+    ----------
+    period_s : float
+    band_hz : (float, float)
+        Lowest and highest frequency [Hz].
+    rms : float
+        Of the angle [rad].
+    seed, realisation : int
+        Realisations of one seed have the same lines and different phases.
+
+    Returns
+    -------
+    Multisine
+        One odd line in `GROUP` is not excited.
+
+    Raises
+    ------
+    InputError
+        Period or size is not positive, or odd lines are too few.
+    """
     lines, detection = odd_lines(period_s, band_hz, seed)
     if not 0 < rms < np.inf:
         raise InputError(
@@ -65,26 +87,31 @@ def odd_multisine(
 def odd_lines(
     period_s: float, band_hz: tuple[float, float], seed: int
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """The excited odd lines within a band [Hz], and the detection lines: one is drawn in each whole
-    group, except the first and the last line of the band, so that each has a neighbour on either
-    side."""
+    """Draw the excited odd lines within a band [Hz], and the detection lines.
+
+    One detection line is drawn in each whole group, except the first and the last line of the band,
+    so that each has a neighbour on either side. Raises InputError as `odd_multisine`.
+    """
     low, high = band_hz
     if not (0 < period_s < np.inf and 0 < low < high < np.inf):
         raise InputError(
             f"no multisine has a period of {period_s:g} s and a band of {low:g} to {high:g} Hz"
         )
-    first, last = int(np.ceil(low * period_s - 1e-9)), int(np.floor(high * period_s + 1e-9))
+    first = int(np.ceil(low * period_s - 1e-9))
+    last = int(np.floor(high * period_s + 1e-9))
     odd = np.arange(first + 1 - first % 2, last + 1, 2)
-    draw = np.random.default_rng([seed, 0])
-    left_out = [
-        int(odd[start + draw.integers(start == 0, GROUP - (start + GROUP >= len(odd)))])
-        for start in range(0, len(odd) - GROUP + 1, GROUP)
-    ]
-    lines, detection = np.setdiff1d(odd, left_out), np.array(left_out, dtype=np.intp)
-    # each gives two equations for K, B and I, but one alone cannot tell K from I
-    if len(lines) < 3:
+
+    generator = np.random.default_rng([seed, 0])
+    detection = []
+    for start in range(0, len(odd) - GROUP + 1, GROUP):
+        is_first = start == 0
+        is_last = start + GROUP >= len(odd)
+        place = generator.integers(1 if is_first else 0, GROUP - 1 if is_last else GROUP)
+        detection.append(int(odd[start + place]))
+    excited = np.setdiff1d(odd, detection)
+    if len(excited) < FEWEST_LINES:
         raise InputError(
-            f"{len(lines)} odd lines of a period of {period_s:g} s lie within {low:g} to {high:g}"
-            " Hz; take a longer period or a wider band"
+            f"{len(excited)} odd lines of a period of {period_s:g} s lie within {low:g} to"
+            f" {high:g} Hz; take a longer period or a wider band"
         )
-    return lines, detection
+    return excited, np.array(detection, dtype=np.intp)

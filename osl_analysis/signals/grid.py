@@ -1,9 +1,11 @@
 """The only way from a trial to uniform signals: its columns on one grid, corrected for their
-sensors as the source file states, with a report. Filter, differentiate and fit only signals on the
-grid. Short gaps are bridged. Longer gaps are marked, and fits leave their rows out. Too long gaps
-are refused."""
+sensors as the source file states, with a report.
 
-from collections.abc import Collection, Mapping, Sequence
+Filter, differentiate and fit only signals on the grid. Short gaps are bridged. Longer gaps are
+marked, and fits leave their rows out. Too long gaps are refused.
+"""
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
@@ -14,8 +16,9 @@ from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, naming
 from osl_analysis.signals import LowPass, differentiate
+from osl_analysis.signals.sample_count import LONG_STEP
 from osl_analysis.signals.samples import Taken, take
-from osl_analysis.signals.stream import FEWEST_STAMPS, LONG_STEP, SensorLowPass, Stream
+from osl_analysis.signals.stream import FEWEST_STAMPS, SampleCount, SensorLowPass, Stream
 from osl_analysis.trial import Array, Trial, counter_column
 
 BRIDGE_MORE = (  # remedy if gaps leave nothing to fit
@@ -23,9 +26,17 @@ BRIDGE_MORE = (  # remedy if gaps leave nothing to fit
     " 0.1/highest_hz: 50 ms bridged in every cycle change I by about 1 %"
 )
 
-
+# columns whose stamps matter to the fits of a joint or an actuator
 MOVED = ("theta", "theta_m", "torque", "torque_m", "current")
-"""Columns whose stamps matter to the fits of a joint or an actuator."""
+
+ON_GRID = 1e-6  # distance, in steps, up to which a sample lies on the grid
+ROWS_OF_ROUNDING = 1e6  # the rounding of a step, 1e-13 of it, adds up to `ON_GRID` over more rows
+JITTER = 1.1  # steps between samples that are no gap: a tenth of a step is jitter
+# Grid rows per spline, which fit into a processor's cache: one spline for an hour takes 0.7 GB
+SPLINED = 1 << 14
+REACH = 64  # samples beyond a spline's ends, whose effect falls by 0.27 per sample
+# Relative difference of two rates that may be one of the clocks; a larger one is intended
+LARGEST_CLOCK_DIFFERENCE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -49,40 +60,46 @@ class GapLimits:
         return 3 / self.cutoff_hz
 
 
-def fixture_torque(
-    time: Array,
-    theta: Array,
-    cutoff_hz: float,
-    inertia: float = 0.0,
-    weight: float = 0.0,
-    rest_deg: float = 0.0,
-) -> Array:
-    """Resisting torque (n,) [N*m], at angles (n,) [rad], of a fixture that turns with the joint,
-    such as a clamp. It has an inertia [kg*m^2] and a weight m g r [N*m]. Its centre of mass is
-    straight below the axis at `rest_deg`. The angle is low-passed at twice the fit's `cutoff_hz`,
-    so that noise does not grow. An acceleration at a third of this cut-off loses 1e-6."""
-    rate = (len(time) - 1) / float(time[-1] - time[0])
-    smooth = LowPass(min(2 * cutoff_hz, 0.45 * rate))(theta, rate)
-    inertial = inertia * differentiate(time, smooth).alpha if inertia else 0.0
-    return np.asarray(inertial + weight * np.sin(theta - np.deg2rad(rest_deg)))
+@dataclass(frozen=True)
+class Gaps:
+    """Gaps of a stream, as begin and end of each (gaps, 2) [s]."""
+
+    bridged: Array
+    marked: Array
 
 
 @dataclass(frozen=True)
 class UniformSignals:
-    """Signals of all streams of a trial at uniform times."""
+    """Signals of all streams of a trial at uniform times.
 
-    time: Array  # (m,) [s]
+    Attributes
+    ----------
+    time : Array
+        (m,) [s].
+    rate_hz : float
+    signals : Mapping
+        (m,) by name, in the streams' units, without silent ones. Each has passed the low-pass
+        filters of the other signals' sensors that its own sensor lacks. A fixture's torque is taken
+        off the torque.
+    usable : Array
+        (m,) false in and near a marked gap. Filter and differentiate all rows, then drop these.
+    farthest_s : float
+        Largest distance [s] from a usable row to the nearest sample, over all streams.
+    streams : Sequence
+        What was found and done in each stream, by the names of `timebase.csv`; all of it is JSON.
+    taken : tuple of Taken
+        How the samples of each stream were taken.
+    limits : GapLimits
+    trial : str
+        Its name.
+    """
+
+    time: Array
     rate_hz: float
     signals: Mapping[str, Array]
-    """(m,) by name, in the streams' units, without silent ones. Each has passed the low-pass
-    filters of the other signals' sensors that its own sensor lacks. A fixture's torque is taken off
-    the torque."""
     usable: NDArray[np.bool_]
-    """(m,) false in and near a marked gap. Filter and differentiate all rows, then drop these."""
-    # largest distance [s] from a usable row to the nearest sample, over all streams
     farthest_s: float
     streams: Sequence[Mapping[str, Any]]
-    """What was found and done in each stream, by the names of `timebase.csv`; all of it is JSON."""
     taken: tuple[Taken, ...]
     limits: GapLimits
     trial: str = ""
@@ -91,190 +108,24 @@ class UniformSignals:
         return self.signals[column]
 
     def of(self, column: str) -> Taken:
-        return next(one for one in self.taken if column in one.signals)
+        """How the samples of a column were taken."""
+        return next(part for part in self.taken if column in part.signals)
 
     def other(self) -> "UniformSignals | None":
         """The same with the other reading of every undecided stream: true stamps as even, even ones
-        as true. None if no stream is undecided. The difference of the two fits is the cost of the
-        missing decision."""
-        turned = [taken.matters and not taken.firm for taken in self.taken]
-        if not any(turned):
+        as true.
+
+        None if no stream is undecided. The difference of the two fits is the cost of the missing
+        decision.
+        """
+        is_undecided = [part.matters and not part.firm for part in self.taken]
+        if not any(is_undecided):
             return None
-        taken = [one.other() if turn else one for one, turn in zip(self.taken, turned, strict=True)]
+        taken = [
+            part.other() if undecided else part
+            for part, undecided in zip(self.taken, is_undecided, strict=True)
+        ]
         return on_one_grid(taken, self.limits, self.trial)
-
-
-def why_unusable(stamps: Array, time: Array, limits: GapLimits) -> str:
-    """The message if no row of a grid (m,) [s] is usable: why, and what to do."""
-    if np.mean(np.diff(stamps) == 0) > 0.5:
-        shared = (
-            f"its stamps are rounded, {stamps.size / np.unique(stamps).size:.0f} rows share one"
-        )
-        return f"{shared}; state the rate of the rows in place of its time, as `time: {{rate: HZ}}`"
-    span = (
-        f"from {round(time[0], 4) + 0.0:.4f} s to {time[-1]:.4f} s lies within"
-        f" {limits.margin_s:.2f} s"
-    )
-    return f"every row {span} of a gap longer than {limits.bridged_s * 1e3:g} ms; {BRIDGE_MORE}"
-
-
-def on_one_grid(taken: Sequence[Taken], limits: GapLimits, trial: str = "") -> UniformSignals:
-    """All signals of a trial on one uniform grid, at the fastest stream's rate, over the time that
-    all streams cover. A cubic spline passes through the samples, at true stamps or at the times of
-    an even device's clock. Raises InputError: the streams do not overlap, a gap is too long, or no
-    row is usable."""
-    late = max(taken, key=lambda part: part.samples[0][0])
-    early = min(taken, key=lambda part: part.samples[0][-1])
-    first, last, step = (
-        float(late.samples[0][0]),
-        float(early.samples[0][-1]),
-        min(part.step for part in taken),
-    )
-    # keeps a last row that rounding would cut off
-    rows = int(np.floor((last - first) / step + ON_GRID)) + 1
-    if rows < FEWEST_STAMPS:
-        raise InputError(
-            f"{late.stream.name} begins at {first:.4f} s and {early.stream.name} ends at {last:.4f}"
-            f" s: they overlap in {max(rows, 0)} rows, at least {FEWEST_STAMPS} are needed; check"
-            " that both clocks count from the same time"
-        )
-    gaps = [gaps_of(part, first, last, limits) for part in taken]
-    time, rate = step * np.arange(rows, dtype=np.float64), 1 / step
-    time += first
-    usable = np.ones(rows, dtype=bool)
-    for begin, end in np.concatenate([marked for _, marked in gaps]):
-        inner = (
-            np.searchsorted(time, begin - limits.margin_s),
-            np.searchsorted(time, end + limits.margin_s, "right"),
-        )
-        usable[slice(*inner)] = False
-    if not usable.any():
-        raise InputError(
-            f"{taken[0].stream.name}: {why_unusable(taken[0].clock.stamps, time, limits)}"
-        )
-    signals, farthest = dict[str, Array](), 0.0
-    low_passes = {name: one for part in taken for name, one in part.stream.low_passes.items()}
-    for times, values, _ in (part.samples for part in taken):
-        behind = np.searchsorted(times, time + ON_GRID * step, "right").clip(1, len(times) - 1)
-        nearest = np.minimum(np.abs(time - times[behind - 1]), np.abs(times[behind] - time))
-        farthest = max(farthest, float(nearest[usable].max()))
-        for column, signal in resampled(times, values, time, step).items():
-            signals[column] = signal
-            # signals must have equal phase: each passes every sensor's filter, except the one it
-            # has already passed
-            for low_pass in dict.fromkeys(low_passes.values()):
-                if low_pass != low_passes.get(column):
-                    signals[column] = low_pass(signals[column], rate)
-    fixture = next((part.stream.fixture for part in taken if part.stream.fixture), None)
-    if fixture and signals.keys() >= {"theta", "torque"}:
-        load = fixture_torque(time, signals["theta"], limits.cutoff_hz, **fixture)
-        signals["torque"] = signals["torque"] - load
-    streams = [
-        stream_row(part, *found, time, limits) for part, found in zip(taken, gaps, strict=True)
-    ]
-    # copies without cached properties: these take 0.4 GB for an hour
-    kept = tuple(replace(part, clock=replace(part.clock)) for part in taken)
-    return UniformSignals(time, rate, signals, usable, farthest, streams, kept, limits, trial)
-
-
-def gaps_of(part: Taken, first: float, last: float, limits: GapLimits) -> tuple[Array, Array]:
-    """Bridged and marked gaps between two times [s]: begin and end of each, (gaps, 2) [s]. Raises
-    InputError: a gap is too long. A gap may be longer by a tenth of a step, because of jitter."""
-    times = part.samples[0]
-    row = np.flatnonzero(np.diff(times) > LONG_STEP * part.step)
-    ends = np.stack([times[row], times[row + 1]], axis=1)
-    ends = ends[(ends[:, 1] > first) & (ends[:, 0] < last)]
-    length = ends[:, 1] - ends[:, 0] - 1.1 * part.step
-    if (length > limits.longest_s).any():
-        begin, end = ends[np.argmax(length)]
-        raise InputError(
-            f"{part.stream.name}: {', '.join(part.signals)} has no sample from {begin:.4f} s to"
-            f" {end:.4f} s, {end - begin:.3f} s long; gaps up to {limits.longest_s:g} s are"
-            " bridged: cut the log there, or see whether the recorder's clock jumped"
-        )
-    return ends[length <= limits.bridged_s], ends[length > limits.bridged_s]
-
-
-def stream_row(
-    part: Taken, bridged: Array, marked: Array, time: Array, limits: GapLimits
-) -> dict[str, Any]:
-    """The report on one stream resampled to times (m,) [s]. g is from the signal with the smallest
-    standard error."""
-    clock, rate = part.clock, 1 / part.clock.step
-    ratio = rate / ((len(time) - 1) / float(time[-1] - time[0])) - 1
-    best = min(part.evidence.values(), key=lambda said: said.se, default=None)
-    gap = float(np.max(bridged[:, 1] - bridged[:, 0], initial=0.0))
-    # largest error of a cubic through a sine, as a share of its amplitude: sampled at steps, and
-    # across a gap
-    error, bridge_error = ((2 * np.pi * limits.highest_hz * h) ** 4 / 384 for h in (part.step, gap))
-    stated = [(name, one) for name, one in part.stream.low_passes.items() if name in part.signals]
-    return {
-        "signals": ", ".join(part.signals),
-        "rate_hz": rate,
-        # against the fastest stream; a larger difference is intended, not one of the clocks
-        "ppm": 1e6 * ratio if abs(ratio) < 1e-3 else None,
-        "firm": part.firm,
-        "why": part.why,
-        "residual_sd_s": clock.sd,
-        "wander_s": clock.wander,
-        "skew": clock.skew(clock.residual),
-        "missing": clock.missing,
-        "empty": max(
-            round(np.count_nonzero(~part.present) - len(part.present) * (1 - 1 / part.stride)), 0
-        ),
-        "repeated": part.repeated,
-        "merged": part.samples[2],
-        "bridged": len(bridged),
-        "marked": len(marked),
-        "interpolation": (
-            "cubic spline on the device's even clock"
-            if part.even
-            else "cubic spline at true stamps"
-        ),
-        "delay_s": part.delay,
-        "error": error,
-        "bridge_error": bridge_error,
-        "stamps": "even" if part.even else "exact",
-        "g": None if best is None else best.g,
-        "g_se": None if best is None else best.se,
-        "held": part.held,
-        "age": part.age if part.firm and part.evidence and not part.even else None,
-        "low_pass": (
-            "; ".join(f"{name}: {one.cutoff_hz:g} Hz, order {one.order}" for name, one in stated)
-            or None
-        ),
-    }
-
-
-SPLINED, REACH = 1 << 14, 64
-"""Grid rows per spline, which fit into a processor's cache, and samples beyond its ends: the effect
-of an end falls by
-0.27 per sample. One spline for an hour would take 0.7 GB."""
-ON_GRID = 1e-6  # distance, in steps, up to which a sample lies on the grid
-
-
-def resampled(
-    times: Array, values: Mapping[str, Array], grid: Array, step: float
-) -> dict[str, Array]:
-    """Values (m,) of each signal at the grid's times (m,) [s]: the samples if they lie on it, else
-    a cubic spline. Nothing is extrapolated: a last row that lies behind the last sample by rounding
-    has its value."""
-    row = int(np.searchsorted(times, grid[0] - ON_GRID * step))
-    there = times[row : row + len(grid)]
-    # the rounding of a step, 1e-13 of it, adds up over more than 1e6 rows
-    if len(there) == len(grid) and np.max(np.abs(there - grid)) < ON_GRID * step * max(
-        len(grid) / 1e6, 1.0
-    ):
-        return {name: one[row : row + len(grid)] for name, one in values.items()}
-    found = np.empty((len(values), len(grid)))
-    for begin in range(0, len(grid), SPLINED):
-        inside = np.clip(grid[begin : begin + SPLINED], times[0], times[-1])
-        first, last = np.searchsorted(times, (inside[0], inside[-1]))
-        rows = slice(max(first - REACH, 0), last + REACH)
-        samples = np.array([one[rows] for one in values.values()])
-        curves = scipy.interpolate.CubicSpline(times[rows], samples, axis=1)
-        found[:, begin : begin + SPLINED] = curves(inside)
-    return dict(zip(values, found, strict=True))
 
 
 def uniform_signals(
@@ -284,91 +135,424 @@ def uniform_signals(
     computed: Sequence[str] = (),
     wanted: Collection[str] | None = None,
 ) -> UniformSignals:
-    """The columns of a trial on one uniform grid, without stated delays, and with equal low-pass
-    filters of sensors. `computed` columns have no sensor, such as a command, and do not help to
-    decide on the stamps that they share. All `columns` help to decide; those `wanted` (None: all)
-    are made uniform. Raises InputError: a column is missing, or its stamps cannot be brought on a
-    grid; the message names the trial."""
+    """Bring the columns of a trial on one uniform grid.
+
+    Stated delays are taken off, and the low-pass filters of sensors made equal.
+
+    Parameters
+    ----------
+    trial : Trial
+    columns : Sequence of str
+        All help to decide on the stamps.
+    limits : GapLimits
+    computed : Sequence of str
+        Columns without a sensor, such as a command: they do not help to decide on the stamps that
+        they share.
+    wanted : Collection of str or None
+        The columns that are made uniform; None: all.
+
+    Returns
+    -------
+    UniformSignals
+
+    Raises
+    ------
+    InputError
+        A column is missing, or its stamps cannot be brought on a grid; the message names the trial.
+    """
     devices = devices_of(trial, columns, computed)
     with naming(f"trial {trial.name}"):
         taken = take(streams(trial, devices, frozenset(computed)))
-        kept = [
-            tuple(name for name in part.signals if wanted is None or name in wanted)
-            for part in taken
-        ]
-        taken = [
-            replace(part, signals=names or part.signals)
-            for part, names in zip(taken, kept, strict=True)
-        ]
+        if wanted is not None:
+            taken = [only_wanted(part, wanted) for part in taken]
         return on_one_grid(taken, limits, trial.name)
+
+
+def only_wanted(part: Taken, wanted: Collection[str]) -> Taken:
+    """Leave out the signals that are not wanted; all stay if none is, for the clock is needed."""
+    names = tuple(name for name in part.signals if name in wanted)
+    return replace(part, signals=names or part.signals)
+
+
+def on_one_grid(taken: Sequence[Taken], limits: GapLimits, trial: str = "") -> UniformSignals:
+    """Bring all signals on one grid, at the fastest stream's rate, over the time that all cover.
+
+    A cubic spline passes through the samples, at true stamps or at the times of an even device's
+    clock.
+
+    Parameters
+    ----------
+    taken : Sequence of Taken
+        How the samples of each stream were taken.
+    limits : GapLimits
+    trial : str
+        Its name.
+
+    Returns
+    -------
+    UniformSignals
+
+    Raises
+    ------
+    InputError
+        The streams do not overlap, a gap is too long, or no row is usable.
+    """
+    step = min(part.step for part in taken)
+    rate = 1 / step
+    last_to_begin = max(taken, key=lambda part: part.samples[0][0])
+    first_to_end = min(taken, key=lambda part: part.samples[0][-1])
+    time = shared_time(last_to_begin, first_to_end, step)
+    first = float(last_to_begin.samples[0][0])
+    last = float(first_to_end.samples[0][-1])
+    gaps = [gaps_of(part, first, last, limits) for part in taken]
+    usable = usable_rows(time, [stream_gaps.marked for stream_gaps in gaps], limits)
+    if not usable.any():
+        raise InputError(
+            f"{taken[0].stream.name}: {why_unusable(taken[0].clock.stamps, time, limits)}"
+        )
+
+    signals = dict[str, Array]()
+    farthest = 0.0
+    for part in taken:
+        times, values, _ = part.samples
+        farthest = max(farthest, float(distance_to_samples(time, times, step)[usable].max()))
+        for name, signal in resampled(times, values, time, step).items():
+            signals[name] = signal
+    signals = with_equal_sensor_filters(signals, taken, rate)
+
+    fixture = next((part.stream.fixture for part in taken if part.stream.fixture), None)
+    if fixture and "theta" in signals and "torque" in signals:
+        load = fixture_torque(time, signals["theta"], limits.cutoff_hz, **fixture)
+        signals["torque"] = signals["torque"] - load
+
+    return UniformSignals(
+        time=time,
+        rate_hz=rate,
+        signals=signals,
+        usable=usable,
+        farthest_s=farthest,
+        streams=[
+            stream_row(part, stream_gaps, time, limits)
+            for part, stream_gaps in zip(taken, gaps, strict=True)
+        ],
+        # copies without cached properties: these take 0.4 GB for an hour
+        taken=tuple(replace(part, clock=replace(part.clock)) for part in taken),
+        limits=limits,
+        trial=trial,
+    )
+
+
+def shared_time(last_to_begin: Taken, first_to_end: Taken, step: float) -> Array:
+    """Uniform times (m,) [s] that all streams cover. Raises InputError: too few rows."""
+    first = float(last_to_begin.samples[0][0])
+    last = float(first_to_end.samples[0][-1])
+    # keeps a last row that rounding would cut off
+    rows = int(np.floor((last - first) / step + ON_GRID)) + 1
+    if rows < FEWEST_STAMPS:
+        raise InputError(
+            f"{last_to_begin.stream.name} begins at {first:.4f} s and"
+            f" {first_to_end.stream.name} ends at {last:.4f} s: they overlap in {max(rows, 0)}"
+            f" rows, at least {FEWEST_STAMPS} are needed; check that both clocks count from the"
+            " same time"
+        )
+    time = step * np.arange(rows, dtype=np.float64)
+    time += first
+    return time
+
+
+def usable_rows(time: Array, marked: Iterable[Array], limits: GapLimits) -> NDArray[np.bool_]:
+    """Rows (m,) that are not in or near a marked gap."""
+    usable = np.ones(len(time), dtype=bool)
+    for gaps in marked:
+        for begin, end in gaps:
+            first = np.searchsorted(time, begin - limits.margin_s)
+            stop = np.searchsorted(time, end + limits.margin_s, "right")
+            usable[first:stop] = False
+    return usable
+
+
+def why_unusable(stamps: Array, time: Array, limits: GapLimits) -> str:
+    """Say why no row of a grid (m,) [s] is usable, and what to do."""
+    if np.mean(np.diff(stamps) == 0) > 0.5:
+        rows_per_stamp = stamps.size / np.unique(stamps).size
+        return (
+            f"its stamps are rounded, {rows_per_stamp:.0f} rows share one; state the rate of the"
+            " rows in place of its time, as `time: {rate: HZ}`"
+        )
+    # 0.0 is added so that no -0.0000 is printed
+    return (
+        f"every row from {round(time[0], 4) + 0.0:.4f} s to {time[-1]:.4f} s lies within"
+        f" {limits.margin_s:.2f} s of a gap longer than {limits.bridged_s * 1e3:g} ms;"
+        f" {BRIDGE_MORE}"
+    )
+
+
+def distance_to_samples(time: Array, sampled: Array, step: float) -> Array:
+    """Distance (m,) [s] from each row of the grid to the nearest sample of (k,) [s]."""
+    behind = np.searchsorted(sampled, time + ON_GRID * step, "right").clip(1, len(sampled) - 1)
+    before = behind - 1
+    since = np.abs(time - sampled[before])
+    until = np.abs(sampled[behind] - time)
+    return np.asarray(np.minimum(since, until))
+
+
+def with_equal_sensor_filters(
+    signals: Mapping[str, Array], taken: Sequence[Taken], rate_hz: float
+) -> dict[str, Array]:
+    """Pass each signal through the filter of every sensor, except the one it has already passed.
+
+    Signals must have equal phase.
+    """
+    own: dict[str, SensorLowPass] = {}
+    for part in taken:
+        own.update(part.stream.low_passes)
+    filtered = {}
+    for name, signal in signals.items():
+        for low_pass in dict.fromkeys(own.values()):
+            if low_pass != own.get(name):
+                signal = low_pass(signal, rate_hz)
+        filtered[name] = signal
+    return filtered
+
+
+def fixture_torque(
+    time: Array,
+    theta: Array,
+    cutoff_hz: float,
+    inertia: float = 0.0,
+    weight: float = 0.0,
+    rest_deg: float = 0.0,
+) -> Array:
+    """Find the torque of a fixture that turns with the joint, such as a clamp.
+
+    Parameters
+    ----------
+    time, theta : Array
+        Uniform times (n,) [s] and angles (n,) [rad].
+    cutoff_hz : float
+        Of the fit's filter [Hz].
+    inertia : float
+        [kg*m^2].
+    weight : float
+        m g r [N*m].
+    rest_deg : float
+        Angle [deg] at which the centre of mass is straight below the axis.
+
+    Returns
+    -------
+    Array
+        Resisting torque (n,) [N*m], inertia * alpha + weight * sin(theta - rest).
+
+    Notes
+    -----
+    The angle is low-passed at twice the fit's cut-off, so that noise does not grow. An acceleration
+    at a third of this cut-off loses 1e-6.
+    """
+    rate = (len(time) - 1) / float(time[-1] - time[0])
+    smooth = LowPass(min(2 * cutoff_hz, 0.45 * rate))(theta, rate)
+    inertial = inertia * differentiate(time, smooth).alpha if inertia else 0.0
+    return np.asarray(inertial + weight * np.sin(theta - np.deg2rad(rest_deg)))
+
+
+def gaps_of(part: Taken, first: float, last: float, limits: GapLimits) -> Gaps:
+    """Find the gaps of a stream between two times [s]. Raises InputError: a gap is too long."""
+    times = part.samples[0]
+    rows = np.flatnonzero(np.diff(times) > LONG_STEP * part.step)
+    ends = np.stack([times[rows], times[rows + 1]], axis=1)
+    ends = ends[(ends[:, 1] > first) & (ends[:, 0] < last)]
+    length = ends[:, 1] - ends[:, 0] - JITTER * part.step
+    if (length > limits.longest_s).any():
+        begin, end = ends[np.argmax(length)]
+        raise InputError(
+            f"{part.stream.name}: {', '.join(part.signals)} has no sample from {begin:.4f} s to"
+            f" {end:.4f} s, {end - begin:.3f} s long; gaps up to {limits.longest_s:g} s are"
+            " bridged: cut the log there, or see whether the recorder's clock jumped"
+        )
+    is_bridged = length <= limits.bridged_s
+    return Gaps(bridged=ends[is_bridged], marked=ends[~is_bridged])
+
+
+def stream_row(part: Taken, gaps: Gaps, time: Array, limits: GapLimits) -> dict[str, Any]:
+    """Report on one stream resampled to times (m,) [s]: its row of `timebase.csv`.
+
+    g is from the signal with the smallest standard error.
+    """
+    clock = part.clock
+    rate = 1 / clock.step
+    grid_rate = (len(time) - 1) / float(time[-1] - time[0])
+    difference = rate / grid_rate - 1
+    best = part.clearest_evidence
+    longest_bridged = float(np.max(gaps.bridged[:, 1] - gaps.bridged[:, 0], initial=0.0))
+    empty = np.count_nonzero(~part.present) - len(part.present) * (1 - 1 / part.stride)
+    kind = "cubic spline on the device's even clock" if part.even else "cubic spline at true stamps"
+    low_passes = [
+        f"{name}: {low_pass.cutoff_hz:g} Hz, order {low_pass.order}"
+        for name, low_pass in part.stream.low_passes.items()
+        if name in part.signals
+    ]
+    return {
+        "signals": ", ".join(part.signals),
+        "rate_hz": rate,
+        # against the fastest stream
+        "ppm": 1e6 * difference if abs(difference) < LARGEST_CLOCK_DIFFERENCE else None,
+        "firm": part.firm,
+        "why": part.why,
+        "residual_sd_s": clock.sd,
+        "wander_s": clock.wander,
+        "skew": clock.skew(clock.residual),
+        "missing": clock.missing,
+        "empty": max(round(empty), 0),
+        "repeated": part.repeated,
+        "merged": part.samples[2],
+        "bridged": len(gaps.bridged),
+        "marked": len(gaps.marked),
+        "interpolation": kind,
+        "delay_s": part.delay,
+        "error": error_of_cubic(part.step, limits.highest_hz),
+        "bridge_error": error_of_cubic(longest_bridged, limits.highest_hz),
+        "stamps": "even" if part.even else "exact",
+        "g": None if best is None else best.g,
+        "g_se": None if best is None else best.se,
+        "held": part.held,
+        "age": part.age if part.firm and part.evidence and not part.even else None,
+        "low_pass": "; ".join(low_passes) or None,
+    }
+
+
+def error_of_cubic(step: float, frequency_hz: float) -> float:
+    """Largest error of a cubic through a sine sampled at steps [s], as a share of its amplitude."""
+    return float((2 * np.pi * frequency_hz * step) ** 4 / 384)
+
+
+def resampled(
+    times: Array, values: Mapping[str, Array], grid: Array, step: float
+) -> dict[str, Array]:
+    """Take signals at the times of a grid.
+
+    Parameters
+    ----------
+    times : Array
+        Rising times (k,) [s] of the samples.
+    values : Mapping
+        Samples (k,) by signal.
+    grid : Array
+        Uniform times (m,) [s], within the samples'.
+    step : float
+        Of the grid [s].
+
+    Returns
+    -------
+    dict
+        (m,) by signal: the samples if they lie on the grid, else a cubic spline. Nothing is
+        extrapolated: a last row that lies behind the last sample by rounding has its value.
+    """
+    row = int(np.searchsorted(times, grid[0] - ON_GRID * step))
+    nearby = times[row : row + len(grid)]
+    tolerance = ON_GRID * step * max(len(grid) / ROWS_OF_ROUNDING, 1.0)
+    if len(nearby) == len(grid) and np.max(np.abs(nearby - grid)) < tolerance:
+        return {name: signal[row : row + len(grid)] for name, signal in values.items()}
+
+    on_grid = np.empty((len(values), len(grid)))
+    for begin in range(0, len(grid), SPLINED):
+        inside = np.clip(grid[begin : begin + SPLINED], times[0], times[-1])
+        first, last = np.searchsorted(times, (inside[0], inside[-1]))
+        rows = slice(max(first - REACH, 0), last + REACH)
+        samples = np.array([signal[rows] for signal in values.values()])
+        spline = scipy.interpolate.CubicSpline(times[rows], samples, axis=1)
+        on_grid[:, begin : begin + SPLINED] = spline(inside)
+    return dict(zip(values, on_grid, strict=True))
 
 
 def devices_of(
     trial: Trial, columns: Sequence[str], computed: Sequence[str] = ()
 ) -> list[list[str]]:
-    """The columns of each device: those sampled in the same rows. A `computed` column only joins a
+    """Group columns by device: those sampled in the same rows. A `computed` column only joins a
     device of others."""
-    found: dict[bytes, list[str]] = {}
+    devices: dict[bytes, list[str]] = {}
     for column in columns:
-        found.setdefault(trial.present(column).tobytes(), []).append(column)
+        rows = trial.present(column).tobytes()
+        devices.setdefault(rows, []).append(column)
     for column in computed:
-        if column in trial.columns and (rows := trial.present(column).tobytes()) in found:
-            found[rows].append(column)
-    return list(found.values())
+        if column not in trial.columns:
+            continue
+        rows = trial.present(column).tobytes()
+        if rows in devices:
+            devices[rows].append(column)
+    return list(devices.values())
 
 
 def streams(
     trial: Trial, devices: Sequence[Sequence[str]], silent: frozenset[str] = frozenset()
 ) -> list[Stream]:
-    """The streams of a trial, one for the columns of each device (`devices_of`)."""
-    found = []
-    for names in devices:
-        stamps, *values = trial.arrays(*names)
-        of = {name: origin(trial, name) for name in names}
-        choice = (
-            trial.provenance.get(of[names[0]].get("file", ""), {})
-            .get("time", {})
-            .get("stamps", "auto")
-        )
-        counted = next((c for c in map(counter_column, names) if c in trial.columns), None)
-        counter = None if counted is None else np.asarray(trial.arrays(counted)[1], dtype=np.int64)
-        delays = {
-            name: facts["delay"] for name, facts in of.items() if facts.get("delay") is not None
-        }
-        low_passes = {
-            name: SensorLowPass(**low)
-            for name, facts in of.items()
-            if (low := facts.get("low_pass"))
-        }
-        signals = dict(zip(names, values, strict=True))
-        fixture, known = of.get("torque", {}).get("fixture"), trial.provenance.get("stamps", {})
-        measured = {
-            name: known[name] and tuple(map(np.array, known[name]))
-            for name in names
-            if name in known
-        }
-        label = ", ".join(names)
-        facts = (choice, counter, silent, delays, low_passes, measured, fixture, trial.clocks)
-        found.append(Stream(label, stamps, signals, *facts))
-    return found
+    """Make a stream of each device's columns (`devices_of`); `silent` ones decide nothing."""
+    return [stream_of(trial, names, silent) for names in devices]
+
+
+def stream_of(trial: Trial, names: Sequence[str], silent: frozenset[str]) -> Stream:
+    """Make a stream of columns that one device recorded, with what the source file states."""
+    stamps, *values = trial.arrays(*names)
+    origins = {name: origin(trial, name) for name in names}
+    file = origins[names[0]].get("file", "")
+    time_source = trial.provenance.get(file, {}).get("time", {})
+    known_evidence = trial.provenance.get("stamps", {})
+    measured: dict[str, tuple[Array, Array] | None] = {}
+    for name in names:
+        if name not in known_evidence:
+            continue
+        measured[name] = None
+        if known_evidence[name]:
+            response, covariance = known_evidence[name]
+            measured[name] = (np.array(response), np.array(covariance))
+    return Stream(
+        name=", ".join(names),
+        stamps=stamps,
+        signals=dict(zip(names, values, strict=True)),
+        choice=time_source.get("stamps", "auto"),
+        counter=counter_of(trial, names),
+        silent=silent,
+        delays={
+            name: facts["delay"]
+            for name, facts in origins.items()
+            if facts.get("delay") is not None
+        },
+        low_passes={
+            name: SensorLowPass(**facts["low_pass"])
+            for name, facts in origins.items()
+            if facts.get("low_pass")
+        },
+        measured=measured,
+        fixture=origins.get("torque", {}).get("fixture"),
+        clocks=trial.clocks,
+    )
+
+
+def counter_of(trial: Trial, names: Iterable[str]) -> SampleCount | None:
+    """The device's own count (n,) of its samples, if one of its columns has a counter."""
+    for name in names:
+        counter = counter_column(name)
+        if counter in trial.columns:
+            return np.asarray(trial.arrays(counter)[1], dtype=np.int64)
+    return None
 
 
 def with_stamp_evidence(trial: Trial) -> Trial:
-    """The trial with the evidence of its signals on their stamps in its provenance, under `stamps`:
-    response and covariance of `StampEvidence` by column, or null. Later steps read it there instead
-    of computing it again."""
+    """Add the evidence of a trial's signals on their stamps to its provenance.
+
+    It stands under `stamps`: response and covariance of `StampEvidence` by column, or null. Later
+    steps read it there instead of computing it again.
+    """
     columns = [
         column for column in MOVED if column in trial.columns and trial.present(column).any()
     ]
-    found: dict[str, Any] = {}
+    stamps: dict[str, Any] = {}
     with suppress(InputError):  # whoever needs these signals will say so
         for part in take(streams(trial, devices_of(trial, columns))):
-            told = {
-                name: [one.response.tolist(), one.covariance.tolist()]
-                for name, one in part.evidence.items()
-            }
-            found |= {name: told.get(name) for name in part.signals}
-    return replace(trial, provenance={**trial.provenance, "stamps": found})
+            for name in part.signals:
+                stamps[name] = None
+                if name in part.evidence:
+                    evidence = part.evidence[name]
+                    stamps[name] = [evidence.response.tolist(), evidence.covariance.tolist()]
+    return replace(trial, provenance={**trial.provenance, "stamps": stamps})
 
 
 def origin(trial: Trial, column: str) -> dict[str, Any]:

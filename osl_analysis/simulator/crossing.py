@@ -48,7 +48,7 @@ def compensated_damping(path: Path, p: DrivetrainParameters, weight: Weight) -> 
     desired, grid = read_impedance_trajectory(path), np.linspace(0.0, 1.0, 51)
     stiffness, damping = desired.at(desired.K_d, grid[:-1]), desired.at(desired.B_d, grid[:-1])
     check_request(stiffness, damping, p)
-    B_1 = optimal_damping(stiffness, damping, p, weight)["B_1"]
+    B_1 = optimal_damping(stiffness, damping, p, weight).B_1
     return grid, np.array([*B_1, B_1[0]])  # at() is periodic
 
 

@@ -15,8 +15,9 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.measured import LARGEST_VARIANCE, check_finite, check_measured, rounding_of
 from osl_analysis.signals import LowPass
-from osl_analysis.trial import LARGEST_VARIANCE, Array, check_finite, check_measured, rounding_of
+from osl_analysis.trial import Array
 
 
 def products_between(X: Array, Y: Array, first: Array, stop: Array) -> Array:

@@ -12,8 +12,9 @@ import scipy
 from numpy.typing import ArrayLike
 
 from osl_analysis.errors import InputError
+from osl_analysis.measured import check_measured
 from osl_analysis.stats.regression import welch_satterthwaite
-from osl_analysis.trial import Array, check_measured
+from osl_analysis.trial import Array
 
 # column with the causes of doubt: empty if the fit is not doubtful, null in a row without a fit
 DOUBTFUL = "doubtful"

@@ -9,8 +9,9 @@ import numpy as np
 import scipy
 
 from osl_analysis.errors import InputError
+from osl_analysis.measured import check_measured
 from osl_analysis.signals.grid import GapLimits, uniform_signals
-from osl_analysis.trial import Array, Trial, check_measured, plate_columns
+from osl_analysis.trial import Array, Trial, plate_columns
 from osl_analysis.walking import poses as rigid
 from osl_analysis.walking.ankle import Ankle, ankle_between, load_on_foot, moment_of_foot
 from osl_analysis.walking.crossing_quality import (

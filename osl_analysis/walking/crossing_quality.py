@@ -6,9 +6,11 @@ import numpy as np
 import scipy
 
 from osl_analysis.errors import InputError
+from osl_analysis.measured import check_measured
+from osl_analysis.plates import furthest_outside
 from osl_analysis.signals import LowPass, sampling_rate
 from osl_analysis.signals.grid import GapLimits, uniform_signals
-from osl_analysis.trial import Array, Trial, check_measured, furthest_outside
+from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.ankle import Ankle, LoadOnFoot
 from osl_analysis.walking.passage import Passage, followed_segments
 from osl_analysis.walking.plate_model import PlateModel

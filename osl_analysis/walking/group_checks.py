@@ -13,10 +13,11 @@ import numpy as np
 import polars as pl
 import scipy
 
+from osl_analysis.measured import rms
 from osl_analysis.signals import Motion
 from osl_analysis.stats.regression import LinearFit
 from osl_analysis.stats.repeats import over_repeats
-from osl_analysis.trial import REFLEX_DELAYS_MS, Array, rms
+from osl_analysis.trial import REFLEX_DELAYS_MS, Array
 from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.ensemble import (
     ESTIMATED,

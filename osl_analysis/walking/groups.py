@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, listing
-from osl_analysis.trial import Array, check_finite
+from osl_analysis.measured import check_finite
+from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.settings import SelectionSettings
 

@@ -12,8 +12,9 @@ import numpy as np
 import scipy
 
 from osl_analysis.errors import InputError
+from osl_analysis.plates import plate_axes
 from osl_analysis.signals import LowPass, longest_run, sampling_rate
-from osl_analysis.trial import AXES, Array, Trial, plate_axes, plate_columns
+from osl_analysis.trial import AXES, Array, Trial, plate_columns
 from osl_analysis.walking.settings import CrossingSettings
 from osl_analysis.walking.stance import Stance
 

@@ -16,7 +16,8 @@ import scipy
 
 from osl_analysis import refusal
 from osl_analysis.errors import InputError
-from osl_analysis.trial import Array, rounding_of
+from osl_analysis.measured import rounding_of
+from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.settings import StanceSource
 

@@ -1,0 +1,204 @@
+"""Which numbers can be a measurement, and to which step a signal is rounded.
+
+A fit refuses a number that no sensor can give, before it overflows, underflows or becomes NaN.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from osl_analysis.errors import InputError
+from osl_analysis.trial import Array
+
+# No laboratory signal, in SI units, comes near these sizes. Within them no estimate overflows or
+# underflows: the highest power that one needs is the squared variance of a quotient of two signals.
+LARGEST_SIGNAL = 1e30
+SMALLEST_SIGNAL = 1e-30
+LARGEST_VARIANCE = 1e150  # its square is finite
+
+# Mean square of an exact fit's rounding error, as a share of the mean square of y. The processor
+# decides whether an exact fit leaves 0 or 1e-16. No result may depend on it.
+EXACT_FIT_SHARE = 1e-24
+
+
+def check_finite(
+    name: str, values: ArrayLike, limit: float = LARGEST_SIGNAL, least: float = 0.0
+) -> None:
+    """Refuse numbers that are not finite, or too large, or too small.
+
+    Parameters
+    ----------
+    name : str
+        What the numbers are, for the message.
+    values : ArrayLike
+        Numbers of any shape.
+    limit, least : float
+        No number may be larger than `limit` in size; the largest may not be below `least` in size
+        unless all are 0.
+
+    Raises
+    ------
+    InputError
+    """
+    array = np.asarray(values)
+    largest = float(np.abs(array).max(initial=0.0))
+    remedy = (
+        "no sensor gives that; check its channel and unit in the source file, and the bytes of"
+        " the log"
+    )
+    if not np.isfinite(largest):
+        row = int(np.argmin(np.isfinite(array).ravel()))
+        raise InputError(f"{name} is not finite at sample {row}; repair the log, or cut it there")
+    if largest > limit:
+        raise InputError(f"{name} reaches {largest:.3g}, more than {limit:g}: {remedy}")
+    if 0 < largest < least:
+        raise InputError(f"{name} reaches {largest:.3g}, less than {least:g} and not 0: {remedy}")
+
+
+def check_measured(name: str, values: ArrayLike) -> None:
+    """Refuse a signal of any shape, in SI units, that no sensor can give; `name` is for the
+    message."""
+    check_finite(name, values, least=SMALLEST_SIGNAL)
+
+
+def rounding_of(y: Array) -> float:
+    """Mean square of the residual that rounding leaves in an exact fit to y (n,), in y's unit
+    squared; 0 if n is 0."""
+    if not len(y):
+        return 0.0
+    return EXACT_FIT_SHARE * float(y @ y) / len(y)
+
+
+def varies(y: Array) -> bool:
+    """Whether y (n,) varies by more than its rounding. The computed variance of a constant 0.1 is
+    2e-34, not 0."""
+    return bool(len(y)) and float(np.var(y)) > rounding_of(y)
+
+
+def rms(values: Array) -> float:
+    """Root of the mean square of all values."""
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def usual_size(values: Array) -> float:
+    """Median size of values of either sign."""
+    return float(np.median(np.abs(values)))
+
+
+def significant(value: float, digits: int = 2) -> str:
+    """Write a number with `digits` significant digits for a sentence: -720 and 0.00012, never
+    -7.2e+02."""
+    return np.format_float_positional(value, digits, unique=False, fractional=False, trim="-")
+
+
+SHORT = 0.8  # share of the median length, below which a recording is unusually short
+SIMILAR_LENGTH = 0.1  # relative difference from the median of a usual length
+LEAST_SIMILAR_SHARE = 0.6  # of the recordings; if fewer are similar, there is no usual length
+
+
+def unusual(lengths: Array) -> tuple[NDArray[np.bool_], float]:
+    """Find recordings that are much shorter or longer than the others.
+
+    Parameters
+    ----------
+    lengths : Array
+        (n,) of any unit.
+
+    Returns
+    -------
+    mask : Array
+        (n,) true below `SHORT` times the median and above the median / `SHORT`. None is marked if
+        there are only two, or if too few are similar to say what is usual.
+    median : float
+    """
+    median = float(np.median(lengths))
+    similar = np.abs(lengths / median - 1) < SIMILAR_LENGTH
+    has_usual_length = lengths.size > 2 and np.mean(similar) > LEAST_SIMILAR_SHARE
+    is_other = (lengths < SHORT * median) | (SHORT * lengths > median)
+    return is_other & has_usual_length, median
+
+
+FEWEST_SHARED_SAMPLES = 10  # fewer do not show that two signals are the same
+SAME_SIGNAL_SHARE = 1e-3  # residual of y, as a share of its RMS: two sensors differ by more
+LARGEST_ROUNDING_SHARE = 0.01  # of y's RMS that rounding may explain
+
+
+def factor_of(y: Array, x: Array) -> float | None:
+    """Find the factor in y = factor * x + offset, if one signal is computed from the other.
+
+    Parameters
+    ----------
+    y, x : Array
+        (n,) of any unit; rows in which either is not finite are left out.
+
+    Returns
+    -------
+    float or None
+        None if the residual is larger than the rounding of both and than 0.1 % of y. Two sensors
+        differ by more, even if one follows the other closely.
+    """
+    if len(y) != len(x):
+        return None
+    is_finite = np.isfinite(y) & np.isfinite(x)
+    y = y[is_finite]
+    x = x[is_finite]
+    if len(y) < FEWEST_SHARED_SAMPLES or not (np.any(y) and np.any(x)):
+        return None
+
+    # scaled to 1, squares cannot overflow
+    largest_y = float(np.max(np.abs(y)))
+    largest_x = float(np.max(np.abs(x)))
+    y = y / largest_y
+    x = x / largest_x
+    if not (varies(y) and varies(x)):
+        return None
+
+    y = y - y.mean()
+    x = x - x.mean()
+    factor = float(x @ y) / float(x @ x)
+    step_y = float(np.median(np.diff(np.unique(y))))
+    step_x = float(np.median(np.diff(np.unique(x))))
+    # a value rounded to a step has an error of step/sqrt(12); 1.2 for its scatter
+    rounding = 1.2 * math.hypot(step_y, factor * step_x) / math.sqrt(12)
+    allowed = max(SAME_SIGNAL_SHARE * rms(y), min(rounding, LARGEST_ROUNDING_SHARE * rms(y)))
+    if rms(y - factor * x) > allowed:
+        return None
+    return factor * largest_y / largest_x
+
+
+SAME_VALUE_SHARE = 1e-9  # of the range; closer values are one value with different rounding errors
+WHOLE_STEP = 0.02  # distance from a whole number of steps
+WHOLE_STEPS_SHARE = 0.99  # of the differences that must be whole numbers of steps
+
+
+def visible_step(values: Array) -> float | None:
+    """Find the step to which a signal was rounded.
+
+    Parameters
+    ----------
+    values : Array
+        (n,).
+
+    Returns
+    -------
+    float or None
+        In the signal's unit. None if it cannot be seen: more than half of the values are distinct,
+        or less than 99 % of their differences are whole numbers of steps. None also for a signal
+        that is constant, empty or not finite.
+    """
+    if not len(values) or not np.isfinite(values).all():
+        return None
+    distinct = np.unique(values)
+    if not 2 <= len(distinct) <= len(values) // 2:
+        return None
+    differences = np.diff(distinct)
+    differences = differences[differences > SAME_VALUE_SHARE * np.ptp(values)]
+    if len(differences) < 2:
+        return None
+    step = float(np.median(differences[differences < 1.5 * np.min(differences)]))
+    steps = differences / step
+    is_whole = np.abs(steps - np.rint(steps)) < WHOLE_STEP
+    if float(np.mean(is_whole)) < WHOLE_STEPS_SHARE:
+        return None
+    return step

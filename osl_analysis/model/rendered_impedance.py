@@ -1,0 +1,154 @@
+"""What gains render: stability, delay margin, how far the impedance is the desired one.
+
+The joint's dynamic stiffness is Z = 1/Y = P - c/N, in the letters of `drivetrain.joint_admittance`.
+Passivity needs no test: at s = j w the joint takes in energy at the rate of Im Z = w (B_j + c
+x/|N|^2), positive for every x = B_m + B_1 > 0. The rendered impedance is therefore passive with
+every gain that Eq. 14 selects.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from osl_analysis.model.compensator import Gains
+from osl_analysis.model.drivetrain import DrivetrainParameters, RationalFunction, joint_admittance
+from osl_analysis.trial import Array
+
+FAITHFUL = 0.1  # largest |Z - Z_d|, as a share of |Z_d|, of a faithful impedance
+REAL_ROOT = 1e-9  # imaginary part, as a share of the size, that rounding leaves in a real root
+
+
+class Rendering(NamedTuple):
+    """Properties of a rendered impedance, (pairs,) each, without J_j."""
+
+    # of the slowest mode of the free joint [1/s]; negative where the joint is unstable
+    decay_rate: Array
+    # smallest delay [s] in the control loop that makes the held actuator unstable; infinite if it
+    # is stable with any delay
+    delay_margin: Array
+    # whether Re Y >= 0 at every frequency, so that Y itself, and not only s Y, is positive real;
+    # this can only hold where J_j is neglected
+    positive_real: Array
+    # frequency [Hz] up to which |Z - Z_d| <= 0.1 |Z_d|; infinite where Z never leaves this range
+    faithful_to_hz: Array
+
+
+def rendering(
+    K_1: ArrayLike, B_1: ArrayLike, K_d: ArrayLike, B_d: ArrayLike, p: DrivetrainParameters
+) -> Rendering:
+    """Find the properties of the impedance that gains render.
+
+    Parameters
+    ----------
+    K_1, B_1 : ArrayLike
+        Gains (pairs,) [N*m/rad] and [N*m*s/rad].
+    K_d, B_d : ArrayLike
+        Desired impedance (pairs,) [N*m/rad] and [N*m*s/rad].
+    p : DrivetrainParameters
+
+    Returns
+    -------
+    Rendering
+    """
+    K_1, B_1, K_d, B_d = np.broadcast_arrays(
+        *(np.asarray(values, dtype=float) for values in (K_1, B_1, K_d, B_d))
+    )
+    decay_rate = np.empty(K_1.shape)
+    faithful_to_hz = np.empty(K_1.shape)
+    for i in range(len(K_1)):
+        Y = joint_admittance(K_1[i], B_1[i], p)
+        decay_rate[i] = -np.max(Y.poles().real)
+        faithful_to_hz[i] = faithful_frequency(Y, K_d[i], B_d[i])
+    return Rendering(
+        decay_rate=decay_rate,
+        delay_margin=delay_margin(K_1, B_1, p),
+        positive_real=is_positive_real(K_1, B_1, p),
+        faithful_to_hz=faithful_to_hz,
+    )
+
+
+def delay_margin(K_1: Array, B_1: Array, p: DrivetrainParameters) -> Array:
+    """Smallest delay (pairs,) [s] that makes the held actuator, J_m s^2 + B_m s + k under K_1 +
+    B_1 s, unstable; infinite if it is stable with any delay.
+
+    The loop gain is 1 where v = w^2 solves
+
+        J_m^2 v^2 + (B_m^2 - B_1^2 - 2 J_m k) v + k^2 - K_1^2 = 0,   k = K_s/n_T^2.
+    """
+    k = p.K_s / p.n_T**2
+    half = (2 * p.J_m * k + B_1**2 - p.B_m**2) / (2 * p.J_m**2)
+    product = (k**2 - K_1**2) / p.J_m**2
+    root = np.sqrt(np.maximum(half**2 - product, 0.0))
+    has_roots = half**2 >= product
+    margin = np.full(K_1.shape, np.inf)
+    for v in (half + root, half - root):
+        crosses = has_roots & (v > 0)
+        w = np.sqrt(np.where(crosses, v, 1.0))
+        loop = (K_1 + 1j * w * B_1) / (k - p.J_m * w**2 + 1j * w * p.B_m)
+        phase_margin = np.mod(np.pi + np.angle(loop), 2 * np.pi)
+        margin = np.where(crosses, np.minimum(margin, phase_margin / w), margin)
+    return margin
+
+
+def is_positive_real(K_1: Array, B_1: Array, p: DrivetrainParameters) -> Array:
+    """Whether Re Y >= 0 at every frequency, a quadratic in w^2, (pairs,)."""
+    kappa = K_1 + p.K_s / p.n_T**2
+    x = p.B_m + B_1
+    quadratic = p.K_s * p.J_m**2
+    linear = p.K_s * (x**2 - 2 * kappa * p.J_m) + p.J_m * (p.K_s / p.n_T) ** 2
+    constant = kappa * p.K_s * K_1
+    return np.asarray(linear >= -2 * np.sqrt(quadratic * constant))
+
+
+def faithful_frequency(Y: RationalFunction, K_d: float, B_d: float) -> float:
+    """Frequency [Hz] up to which |Z - Z_d| <= 0.1 |Z_d|; infinite where Z never leaves this
+    range."""
+    desired = np.convolve(Y.numerator, [B_d, K_d])
+    size = max(len(desired), len(Y.denominator))
+    desired = np.pad(desired, (size - len(desired), 0))
+    rendered = np.pad(Y.denominator, (size - len(Y.denominator), 0))
+    excess = magnitude_squared(rendered - desired) - FAITHFUL**2 * magnitude_squared(desired)
+    crossings = [
+        v.real for v in np.roots(excess) if v.real > 0 and abs(v.imag) < REAL_ROOT * abs(v)
+    ]
+    if not crossings:
+        return np.inf
+    return float(np.sqrt(min(crossings)) / (2 * np.pi))
+
+
+def magnitude_squared(polynomial: Array) -> Array:
+    """|u(j w)|^2 as a polynomial in w^2, highest power first."""
+    ascending = polynomial[::-1]
+    mirrored = ascending * (-1.0) ** np.arange(len(ascending))
+    even = np.convolve(ascending, mirrored)[::2]
+    return np.asarray((even * (-1.0) ** np.arange(len(even)))[::-1])
+
+
+def predicted_impedance(
+    gains: Gains, p: DrivetrainParameters, frequencies_hz: Sequence[float]
+) -> tuple[float, float, float]:
+    """Predict the fit of Eq. 15 to a stepped sine on the linear drivetrain without friction.
+
+    Parameters
+    ----------
+    gains : Gains
+    p : DrivetrainParameters
+    frequencies_hz : Sequence of float
+        Of the stepped sine [Hz], with the same number of cycles at each: the number of samples goes
+        with 1/f.
+
+    Returns
+    -------
+    K, B, I : float
+        [N*m/rad], [N*m*s/rad], [kg*m^2] by least squares.
+    """
+    w = 2 * np.pi * np.asarray(frequencies_hz, dtype=float)
+    Z = 1 / joint_admittance(gains.K_1, gains.B_1, p, p.J_j)(1j * w)
+    weight = 1 / np.sqrt(w)
+    # Re Z = K - I w^2, Im Z = B w
+    storage = np.column_stack([np.ones_like(w), -(w**2)])
+    (K, I), *_ = np.linalg.lstsq(storage * weight[:, None], Z.real * weight, rcond=None)
+    B = np.sum(weight**2 * w * Z.imag) / np.sum(weight**2 * w**2)
+    return float(K), float(B), float(I)

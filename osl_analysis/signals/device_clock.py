@@ -1,0 +1,328 @@
+"""The clock of a device: its stamps against the straight line on which even samples would lie."""
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+from osl_analysis.signals.sample_count import SlowPart, line_through, slow_part
+from osl_analysis.signals.stream import SampleCount
+from osl_analysis.trial import Array
+
+NORMAL_90 = (
+    3.29  # standard deviations between the 5 % and the 95 % quantile of a normal distribution
+)
+WANDER_SAMPLES = 50  # over which jitter averages out
+SMOOTH_SAMPLES = 25  # window of the curve about which stamps scatter
+SCATTER_BLOCKS = 400  # of a record; those at a change of rate are left out
+SETTLING_S = 2.0  # [s] within which latency comes back to its usual value
+DECIMALS = range(2, 9)  # of a second, to which stamps may be printed: 10 ms to 10 ns
+
+# Batches
+IN_BATCH_STEP = 0.4  # steps within which a sample follows another of its batch
+LARGEST_BATCH_SHARE = 0.6  # of the rows may begin a batch: at least 40 % follow another
+SHARED_STAMP_STEP = 0.1  # steps between samples that share a stamp
+
+# Blocks in which the signals tell how the stamps scatter
+EVIDENCE_BLOCK_S = 0.08
+FEWEST_IN_BLOCK = 9
+MOST_IN_BLOCK = 24
+
+ONE_SIDED_SKEW = 0.5  # skewness of latency: late, never early
+FAR_OFF = 5  # standard deviations beyond which a stamp does not count for the line
+
+
+@dataclass(frozen=True)
+class Batches:
+    """Batches of samples that a host stamps together."""
+
+    begins: SampleCount  # (k,) first row of each batch
+    seconds: float  # [s] usual time from the first to the last sample of a batch
+    # whether the samples of a batch share one stamp; else each has the time at which its row was
+    # written
+    shared: bool
+    # whether a batch waits for its last sample only: its size matches the wait before its stamp
+    prompt: bool
+
+
+@dataclass(frozen=True)
+class DeviceClock:
+    """Stamps of a stream against the least-squares line through them."""
+
+    stamps: Array  # (n,) [s]
+    count: SampleCount  # (n,) place of every sample in the device's count
+    counted: bool = False  # whether the device itself counted them
+
+    @cached_property
+    def step(self) -> float:
+        """Slope [s] of the line."""
+        return line_through(self.count, self.stamps).step
+
+    @cached_property
+    def start(self) -> float:
+        """The line's value [s] at count 0."""
+        return float(np.mean(self.stamps) - self.step * np.mean(self.count))
+
+    @cached_property
+    def residual(self) -> Array:
+        """Stamp minus line (n,) [s]."""
+        return np.asarray(self.stamps - self.step * self.count - self.start)
+
+    @cached_property
+    def sd(self) -> float:
+        """Standard deviation [s] of the residual."""
+        return float(np.std(self.residual))
+
+    @cached_property
+    def usual(self) -> float:
+        """Robust standard deviation [s] of the residual, from quantiles: a few late stamps do not
+        count."""
+        low, high = np.quantile(self.residual, (0.05, 0.95))
+        return float(high - low) / NORMAL_90
+
+    @cached_property
+    def wander(self) -> float:
+        """Standard deviation [s] of the residual averaged over 50 samples. Jitter averages out."""
+        blocks = len(self.stamps) // WANDER_SAMPLES
+        if blocks < 2:
+            return self.sd
+        in_blocks = self.residual[: blocks * WANDER_SAMPLES].reshape(-1, WANDER_SAMPLES)
+        return float(np.std(in_blocks.mean(axis=1)))
+
+    @cached_property
+    def slow(self) -> SlowPart:
+        """The slow part of the stamps."""
+        return slow_part(self.stamps, self.count, self.step)
+
+    @cached_property
+    def scatter_about_slow(self) -> float:
+        """Standard deviation [s] of the stamps about their slow part."""
+        return float(np.std(self.stamps - self.slow.stamps))
+
+    @cached_property
+    def decimal(self) -> float:
+        """Decimal [s] to which the stamps were printed, 10 ms to 10 ns; 0 if none is seen."""
+        since_first = self.stamps - self.stamps[0]
+        for decimal in 10.0 ** -np.array(DECIMALS):
+            # most stamps are refused by their first hundred
+            if is_multiple(since_first[:99], decimal) and is_multiple(since_first, decimal):
+                return float(decimal)
+        return 0.0
+
+    @cached_property
+    def batches(self) -> Batches | None:
+        """The batches in which a host stamps; None if it does not.
+
+        At least 40 % of the rows follow within 0.4 steps. Stamps rounded to decimals, or to ticks
+        of a slow clock, are no batches: these waits are alike, whatever their numbers of samples.
+        """
+        steps = np.diff(self.stamps)
+        begins = np.flatnonzero(np.append(True, steps > IN_BATCH_STEP * self.step))
+        is_number = 3 < len(begins) <= LARGEST_BATCH_SHARE * len(self.stamps)
+        if not is_number or self.decimal > 0.5 * self.step:
+            return None
+        waits = np.diff(self.stamps[begins])
+        sizes = np.diff(begins)
+        if np.std(waits) <= 0.1 * self.step * np.std(sizes):
+            return None
+
+        steps_within = np.delete(steps, begins[1:] - 1)
+        is_shared = bool(np.median(steps_within) < SHARED_STAMP_STEP * self.step)
+        ticks = waits[:-1] / self.step
+        # a batch that waited for its last sample is as large as the wait before its own stamp
+        matches_wait_before = np.std(ticks - sizes[1:])
+        matches_wait_behind = np.std(ticks - sizes[:-1])
+        is_prompt = is_shared and bool(matches_wait_before < 0.6 * matches_wait_behind)
+        seconds = self.step * (float(np.median(sizes)) - 1)
+        return Batches(begins, seconds, is_shared, is_prompt)
+
+    @cached_property
+    def scatter(self) -> float:
+        """RMS [s] of the stamps about a curve that is smooth over 25 samples, without places where
+        the rate changes."""
+        fast = self.stamps - self.slow.stamps
+        smooth = savitzky_golay(fast, np.arange(len(fast)), SMOOTH_SAMPLES, 0)
+        rough = fast - smooth
+        length = max(len(self.stamps) // SCATTER_BLOCKS, SMOOTH_SAMPLES)
+        blocks = (rough[: len(rough) // length * length] ** 2).reshape(-1, length).mean(axis=1)
+        if not len(blocks):
+            return self.sd
+        # a kink may spoil three blocks
+        kept = max(len(blocks) - 3 * self.slow.kinks, 1)
+        return float(np.sqrt(np.mean(np.sort(blocks)[:kept])))
+
+    @cached_property
+    def settles(self) -> bool:
+        """Whether the stamps come back to their line, or to the line of each rate, within 2 s, as
+        with latency."""
+        length = int(np.clip(SETTLING_S / self.step, 51, max(len(self.stamps) // 4, 1)))
+        above = self.stamps - self.slow.stamps if self.slow.kinks else self.residual
+        sums = np.cumsum(np.append(0.0, above))
+        creep = np.abs(sums[length:] - sums[:-length]).max() / length
+        return bool(creep <= max(self.step, 2 * self.scatter))
+
+    @property
+    def block(self) -> int:
+        """Samples per block in `evidence_of`: those of 80 ms, but 9 to 24."""
+        return int(np.clip(round(EVIDENCE_BLOCK_S / self.step), FEWEST_IN_BLOCK, MOST_IN_BLOCK))
+
+    @cached_property
+    def fast(self) -> Array:
+        """The fast part (n,) [s] of the stamps."""
+        return without_smooth(self.stamps - self.slow.stamps, self.count, self.block)
+
+    @property
+    def missing(self) -> int:
+        """Number of missing samples: places that the count leaves free."""
+        return int(self.count[-1] - self.count[0] + 1 - len(self.count))
+
+    def skew(self, residual: Array) -> float:
+        """Skewness of a residual (n,) [s]; 0 if it does not scatter."""
+        sd = float(np.std(residual))
+        if sd <= 1e-6 * self.step:
+            return 0.0
+        deviation = residual - residual.mean()
+        return float(deviation @ (deviation * deviation)) / len(deviation) / sd**3
+
+    def times(self) -> Array:
+        """When the samples were taken, (n,) [s], if the device samples evenly.
+
+        They lie on the least-squares line, without the few stamps that lie far off. If the rest is
+        one-sided or in batches, the line is its lower edge instead, because a host's stamp is late
+        by the message's wait. A device whose rate changes has a line for each rate.
+        """
+        base = self._line_of_each_rate()
+        late = self.stamps - base
+        if self.batches is not None and not self.batches.shared:
+            # rows of a batch were sampled before its first row was written
+            sizes = np.diff(self.batches.begins, append=len(self.count))
+            late -= self.stamps - np.repeat(self.stamps[self.batches.begins], sizes)
+
+        low, middle, high = (float(value) for value in np.quantile(late, (0.05, 0.5, 0.95)))
+        spread = (high - low) / NORMAL_90
+        is_near = np.abs(late - middle) <= FAR_OFF * spread + 1e-6 * self.step
+        place = self.count[is_near]
+        late = late[is_near]
+        if self.batches is not None or self.skew(late) > ONE_SIDED_SKEW:
+            start, step = lower_edge(place, late)
+        else:
+            step = line_through(place, late).step
+            start = float(np.mean(late) - step * np.mean(place))
+        return np.asarray(base + step * self.count + start, dtype=np.float64)
+
+    def _line_of_each_rate(self) -> Array:
+        """The line (n,) [s], or that of each rate where the rate changes for good."""
+        line = self.stamps - self.residual
+        if np.ptp(self.residual) <= self.step or not self.slow.kinks:
+            return line
+        bend = np.abs(self.slow.stamps - line).max()
+        return self.slow.stamps if bend > max(self.step, 2 * self.scatter_about_slow) else line
+
+    def aged(self, age: float) -> Array:
+        """When values `age` loops older than their stamps were taken, (n,) [s].
+
+        The times are interpolated between earlier stamps. Behind a gap or a very long loop these do
+        not tell; there, `age` usual steps are taken off.
+        """
+        if not age:
+            return self.stamps
+        rows = np.arange(len(self.stamps))
+        whole = int(np.floor(age))
+        near = self.stamps[np.clip(rows - whole, 0, len(rows) - 1)]
+        far = self.stamps[np.clip(rows - whole - 1, 0, len(rows) - 1)]
+        times = (1 - (age - whole)) * near + (age - whole) * far
+
+        tells_nothing = np.abs(times - self.stamps) > 3 * abs(age) * self.step
+        tells_nothing[1:] = tells_nothing[1:] | (np.diff(self.count) > 1)
+        tells_nothing[:4] = True
+        tells_nothing[-4:] = True
+        times = np.where(tells_nothing, self.stamps - age * self.step, times)
+        return np.maximum.accumulate(times)
+
+
+def is_multiple(times: Array, decimal: float) -> bool:
+    """Whether all times (n,) are multiples of a decimal [s]."""
+    multiples = times / decimal
+    return bool(np.max(np.abs(multiples - np.rint(multiples))) < 1e-3)
+
+
+def lower_edge(place: SampleCount, late: Array) -> tuple[float, float]:
+    """Start [s] and slope [s] of the highest line below all points (n,).
+
+    The line goes through one point on each side of the mean count. The lowest point below the line
+    replaces the point on its side, until none lies below.
+    """
+    left = 0
+    right = len(place) - 1
+    middle = float(np.mean(place))
+    for _ in range(len(place)):
+        step = float((late[right] - late[left]) / (place[right] - place[left]))
+        above = late - late[left] - step * (place - place[left])
+        lowest = int(np.argmin(above))
+        if above[lowest] >= 0 or lowest in (left, right):
+            break
+        if place[lowest] <= middle:
+            left = lowest
+        else:
+            right = lowest
+    return float(late[left] - step * place[left]), step
+
+
+def without_smooth(late: Array, count: SampleCount, size: int) -> Array:
+    """Lateness (n,) [s] of stamps, minus its curve that is smooth over four blocks of `size`
+    samples."""
+    return late - savitzky_golay(late, count, 4 * size + 1, 0)
+
+
+def savitzky_golay(
+    values: Array, count: SampleCount, window: int, order: int, degree: int = 3
+) -> Array:
+    """Smooth or differentiate samples by polynomials through their neighbours.
+
+    Parameters
+    ----------
+    values : Array
+        (n,).
+    count : SampleCount
+        (n,) places of the samples. Missing samples are bridged linearly. A gap is shortened to two
+        windows: a clock may jump by years.
+    window : int
+        Samples of a polynomial, odd.
+    order : int
+        0 for the value, 1 for the slope per step.
+    degree : int
+        Of the polynomials.
+
+    Returns
+    -------
+    Array
+        (n,).
+    """
+    place: SampleCount | slice = slice(None)
+    if count[-1] - count[0] != len(values) - 1:
+        steps = np.minimum(np.diff(count), 2 * window)
+        place = np.concatenate([[0], np.cumsum(steps)])
+        values = np.interp(np.arange(place[-1] + 1), place, values)
+    window = min(window, (len(values) - 1) // 2 * 2 + 1)
+    half = window // 2
+    rows = polynomial_rows(window, min(degree, window - 1), order)
+
+    smooth = np.empty(len(values))
+    smooth[half : len(values) - half] = np.correlate(values, rows[half], "valid")
+    smooth[:half] = rows[:half] @ values[:window]
+    smooth[len(values) - half :] = rows[half + 1 :] @ values[-window:]
+    return smooth[place]
+
+
+@lru_cache(16)
+def polynomial_rows(window: int, degree: int, order: int) -> Array:
+    """Matrix (window, window) from an odd number of samples to the values (order 0) or slopes per
+    step (order 1) of the polynomial through them."""
+    half = max(window // 2, 1)
+    place = (np.arange(window) - window // 2) / half
+    powers = np.vander(place, degree + 1, increasing=True)
+    fit = np.linalg.pinv(powers)
+    if order == 0:
+        return np.asarray(powers @ fit)
+    slopes = np.roll(powers, 1, axis=1) * np.arange(degree + 1) / half
+    return np.asarray(slopes @ fit)

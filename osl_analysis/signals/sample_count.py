@@ -1,0 +1,460 @@
+"""Which samples of a stream are missing: the place of every sample in the device's count.
+
+Without a counter, the place of a sample in the count comes from its stamp. A late sample and a
+missing one both leave a long step. After a late sample, the level (stamp - count * step) returns to
+its old value. After a missing one, it stays a step higher. Counting by steps fails if a host is
+late and loses samples regularly. Then the spectrum of the stamps, |mean exp(2 pi i f t)|, shows the
+device's rate: it has a line there, and none at the rate of the samples left.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import scipy
+
+from osl_analysis.errors import InputError
+from osl_analysis.signals.stream import SampleCount, Stream
+from osl_analysis.trial import Array
+
+LONG_STEP = 1.5  # a longer step, in usual steps, is a gap
+# a step this long may hide a missing sample: the sample before it may have been late, hence not 2
+SUSPECT_STEP = 1.3
+CLOCK_JUMP_S = 5e-3  # [s] a host's scatter is less
+# samples on either side of a long step whose levels are compared, or three times the step if longer
+BESIDE = 100
+TIDY_STEPS = 0.2  # spread of the steps, in mean steps, below which no sample can be missing
+WHOLE_STEPS = 0.3  # distance from whole numbers of steps, in steps, up to which steps are counted
+SAME_RATE = 0.01  # relative change of a rate that does not matter for the count
+
+
+class Line(NamedTuple):
+    """Least-squares line through stamps over their count."""
+
+    step: float  # slope [s]
+    squares: float  # squared residual [s^2]
+
+
+class SlowPart(NamedTuple):
+    """The slow part of stamps, and at how many places their rate changes for good."""
+
+    stamps: Array  # (n,) [s]
+    kinks: int
+
+
+def line_through(count: SampleCount, stamps: Array) -> Line:
+    """Fit the least-squares line through stamps (n,) [s] over their count."""
+    x = count - count.mean()
+    y = stamps - stamps.mean()
+    xx = float(x @ x)
+    xy = float(x @ y)
+    return Line(xy / xx, float(y @ y) - xy**2 / xx)
+
+
+def places_of_samples(stream: Stream) -> SampleCount:
+    """Find the place of every sample in the device's count.
+
+    Parameters
+    ----------
+    stream : Stream
+        Its counter is taken if there is one, else its stamps.
+
+    Returns
+    -------
+    SampleCount
+        (n,) from 0. Missing samples leave places free.
+
+    Raises
+    ------
+    InputError
+        The counter does not rise, or the clock jumps while it runs on.
+    """
+    counter = stream.counter
+    stamps = stream.stamps
+    if counter is None:
+        return count_from_stamps(stamps)
+    goes_back = np.diff(counter) <= 0
+    if goes_back.any():
+        row = int(np.argmax(goes_back))
+        raise InputError(
+            f"{stream.name}: the sample counter goes from {counter[row]} to {counter[row + 1]} at"
+            f" {stamps[row + 1]:.6f} s; it must rise: cut the log there, or do not map the counter"
+        )
+    count = np.asarray(counter - counter[0], dtype=np.int64)
+    check_clock_runs_with(count, stream)
+    return count
+
+
+def check_clock_runs_with(count: SampleCount, stream: Stream) -> None:
+    """Refuse a stream whose clock jumps while its counter, as count (n,), runs on."""
+    stamps = stream.stamps
+    step = line_through(count, stamps).step
+    level = stamps - stamps[0] - step * count
+    smallest_jump = max(CLOCK_JUMP_S, LONG_STEP * step)
+    for row in (np.flatnonzero(np.abs(np.diff(level)) > smallest_jump) + 1).tolist():
+        before = np.median(level[max(row - BESIDE, 0) : row])
+        after = np.median(level[row : row + BESIDE])
+        jump = after - before
+        if abs(jump) > smallest_jump:
+            raise InputError(
+                f"{stream.name}: the clock jumps by {jump:.2g} s at {stamps[row]:.6f} s, row {row},"
+                " while the sample counter runs on; cut the log there, or take the device's own"
+                " clock as time source"
+            )
+
+
+def count_from_stamps(stamps: Array) -> SampleCount:
+    """Find the place of every sample in the count from the stamps alone.
+
+    Parameters
+    ----------
+    stamps : Array
+        (n,) [s].
+
+    Returns
+    -------
+    SampleCount
+        (n,) from 0.
+
+    Notes
+    -----
+    A sample is missing where the level of the stamps changes by a step for good. This must lower
+    the residual of the line through all stamps, or of the lines of each rate. Missing samples make
+    the first estimate of a changing rate wrong, so it is repeated with those that a median over
+    nine samples shows.
+    """
+    rows = np.arange(len(stamps))
+    steps = np.diff(stamps)
+    if np.ptp(steps) < TIDY_STEPS * float(np.mean(steps)):  # a missing one makes one step of two
+        return rows
+
+    count = rows
+    # stamps as if the rate did not change
+    even_stamps = stamps
+    rate_changes = False
+    for _ in range(2):
+        counted = count_whole_steps(steps)
+        if counted is not None:
+            return counted
+        mean_step = float(stamps[-1] - stamps[0]) / count[-1]
+        slow = slow_part(stamps, count, mean_step)
+        slow_step = np.diff(slow.stamps) / np.diff(count)
+        mean_slow_step = float(np.mean(slow_step))
+        if not slow.kinks or np.ptp(slow_step) < SAME_RATE * mean_slow_step:
+            break
+        rate_changes = True
+        local_step = np.maximum(slow_step, 0.1 * mean_slow_step)
+        steps = np.diff(stamps) / local_step * float(np.min(slow_step))
+        even_stamps = np.concatenate([[0.0], np.cumsum(steps)])
+        with_jumps = rows + np.concatenate([[0], np.cumsum(lasting_jumps(even_stamps, steps))])
+        count = likelier_count(stamps, rows, with_jumps, rate_changes)
+
+    missing = missing_before_samples(even_stamps, steps)
+    if not missing.any():
+        return rows
+    with_missing = rows + np.cumsum(missing)
+    return likelier_count(stamps, rows, with_missing, rate_changes)
+
+
+def count_whole_steps(steps: Array) -> SampleCount | None:
+    """The count from steps (n - 1,) [s] that are all near whole numbers of the usual step; None if
+    one is not."""
+    usual = usual_length(steps)
+    whole = np.maximum(np.rint(steps / usual), 1)
+    if not np.all(np.abs(steps - whole * usual) < WHOLE_STEPS * usual):
+        return None
+    return np.concatenate([[0], np.cumsum(whole.astype(np.int64))])
+
+
+def usual_length(steps: Array) -> float:
+    """Median step [s]; above 0 where most rows share a stamp with the one before."""
+    return max(float(np.median(steps)), 1e-9)
+
+
+def likelier_count(
+    stamps: Array, rows: SampleCount, with_missing: SampleCount, rate_changes: bool
+) -> SampleCount:
+    """Of the count without and with missing samples, the one with the smaller residual."""
+
+    def squares(count: SampleCount) -> float:
+        line = line_through(count, stamps)
+        if not rate_changes:
+            return line.squares
+        return float(np.sum((stamps - slow_part(stamps, count, line.step).stamps) ** 2))
+
+    return rows if squares(rows) <= squares(with_missing) else with_missing
+
+
+def lasting_jumps(stamps: Array, steps: Array) -> SampleCount:
+    """Samples that seem to be missing in each step (n - 1,) by a median over nine samples."""
+    usual = usual_length(steps)
+    level = scipy.ndimage.median_filter(stamps / usual - np.arange(len(stamps)), 9)
+    # entry k + 4 is the level of row k: row k is compared four rows before and five behind a step
+    padded = np.pad(level, (4, 5), mode="edge")
+    rise = np.rint(padded[9:-1] - padded[:-10])
+    return np.where(steps > SUSPECT_STEP * usual, np.maximum(rise, 0), 0).astype(np.int64)
+
+
+FEW = 20  # samples of a block; fewer at an end of the record give a level only if stamps are tidy
+TIDY_LEVEL = 0.1  # steps between the median and the level of such tidy stamps
+LEVELS_DIFFER = 0.3  # steps between two rough levels that call for a closer look
+SMOOTHING_ROUNDS = 4  # a change moves the levels of all later samples
+
+
+def missing_before_samples(stamps: Array, steps: Array) -> SampleCount:
+    """Number of samples missing right before each sample, (n,), by the levels beside long steps.
+
+    `steps` (n - 1,) [s] are those of the stamps (n,) [s].
+    """
+    missing = np.zeros(len(stamps), dtype=np.int64)
+    step = usual_step(stamps)
+    rows = np.flatnonzero(steps > SUSPECT_STEP * step) + 1
+    if not len(rows):
+        return missing
+
+    # The sample before a burst may have been late by 0.8 steps.
+    length = steps[rows - 1] / step
+    most_of_burst = np.floor(length - 0.2)
+    most_of_step = np.rint(length) - 1
+    most = np.maximum(np.where(length > 10, most_of_burst, most_of_step).astype(np.int64), 1)
+    # A burst of delayed samples fills a third of the window at most.
+    windows = np.maximum(BESIDE, 3 * most)
+    # The longest steps first: else a late sample takes the place of one that is missing a few
+    # samples later. Lengths are compared in quarters of a step, up to two steps.
+    order = np.argsort(-np.minimum(np.rint(4 * length), 8), kind="stable")
+
+    level = (stamps - stamps[0]) / step - np.arange(len(stamps))
+    late_only = are_only_late(level)
+    # the level is that of the promptest few samples if stamps are only late, never early; else of
+    # the lowest fifth
+    share = 0.03 if late_only else 0.2
+    smooth = scipy.ndimage.minimum_filter1d if late_only else scipy.ndimage.uniform_filter1d
+
+    half = BESIDE // 2
+    last = len(level) - 1
+    behind = np.minimum(rows + half, last)
+    before = np.maximum(rows - half, 0)
+    always = (3 * most > BESIDE) | (rows < BESIDE) | (rows > last - BESIDE)
+    for _ in range(SMOOTHING_ROUNDS):
+        smooth_level = smooth(level, BESIDE, mode="nearest")
+        look_closer = (np.abs(smooth_level[behind] - smooth_level[before]) > LEVELS_DIFFER) | always
+        has_changed = False
+        for k in order[look_closer[order]].tolist():
+            row = int(rows[k])
+            window = int(windows[k])
+            rise = rise_of_level(
+                level[max(row - window, 0) : row], level[row : row + window], share
+            )
+            if rise is None:
+                continue
+            known = int(missing[row])
+            added = min(max(known + round(rise), 0), int(most[k])) - known
+            level[row:] -= added
+            missing[row] += added
+            has_changed = has_changed or added != 0
+        if not has_changed:
+            break
+    return missing
+
+
+def are_only_late(level: Array) -> bool:
+    """Whether stamps, by their level (n,) in steps, are late but never early."""
+    blocks = level[: len(level) // FEW * FEW].reshape(-1, FEW)
+    middle = np.median(blocks, axis=1)
+    below = np.median(middle - np.min(blocks, axis=1))
+    above = np.median(np.max(blocks, axis=1) - middle)
+    return bool(below < 0.7 * above)
+
+
+def rise_of_level(before: Array, behind: Array, share: float) -> float | None:
+    """Steps by which the level rises from (m,) before to (k,) behind a step; None if that cannot be
+    told. `share` of the samples lie below the level."""
+    level_before = quantile_of(before, share)
+    level_behind = quantile_of(behind, share)
+    if min(len(before), len(behind)) < FEW:
+        longer = before if len(before) > len(behind) else behind
+        level_of_longer = level_before if len(before) > len(behind) else level_behind
+        if float(np.median(longer)) - level_of_longer > TIDY_LEVEL:
+            return None
+    return level_behind - level_before
+
+
+def quantile_of(values: Array, share: float) -> float:
+    """The value (n,) below which a share of the others lie."""
+    rank = int(share * len(values))
+    return float(np.partition(values, rank)[rank])
+
+
+SHORTEST_BETWEEN_KINKS_S = 2.0
+MOST_KINKS = 6
+BLOCKS = 400  # whose medians show the slow part
+HUBER_ROUNDS = 5
+HUBER_LIMIT = 2.96  # median residuals: 2 standard deviations of a normal distribution
+WORTH_A_KINK = 0.7  # share of the residual that is left by a kink that is set
+
+
+def slow_part(stamps: Array, count: SampleCount, step: float) -> SlowPart:
+    """Find the slow part of stamps: a straight line, or lines of several rates that meet at kinks.
+
+    Parameters
+    ----------
+    stamps : Array
+        (n,) [s].
+    count : SampleCount
+        (n,) their places.
+    step : float
+        Of the line through the stamps [s].
+
+    Returns
+    -------
+    SlowPart
+        With up to six kinks. A kink is set only if the stamps do not come back to the line, by the
+        medians of 400 blocks.
+    """
+    size = max(len(stamps) // BLOCKS, 1)
+    rows = len(stamps) // size * size
+    place = count[:rows].reshape(-1, size).mean(axis=1)
+    level = np.median((stamps - step * count)[:rows].reshape(-1, size), axis=1)
+    changes = np.diff(level)
+    # 1.48 median deviations are a standard deviation; a difference has that of two levels
+    noise = 1.48 * float(np.median(np.abs(changes - np.median(changes)))) / np.sqrt(2)
+
+    def residual_with(knot: float) -> float:
+        return float(robust_polyline(place, level, sorted([*knots, knot]))[1].sum())
+
+    knots = [float(place[0]), float(place[-1])]
+    levels, residual = robust_polyline(place, level, knots)
+    while len(knots) < MOST_KINKS + 2 and np.percentile(residual, 95) > max(0.3 * step, 4 * noise):
+        candidates = [
+            candidate
+            for candidate in place[4:-4:4].tolist()
+            if min(abs(candidate - knot) for knot in knots) * step >= SHORTEST_BETWEEN_KINKS_S
+        ]
+        best = min(candidates, key=residual_with, default=None)
+        if best is None or residual_with(best) > WORTH_A_KINK * residual.sum():
+            break
+        bounds = (max(best - 16 * size, place[0] + size), min(best + 16 * size, place[-1] - size))
+        refined = scipy.optimize.minimize_scalar(
+            residual_with, bounds=bounds, method="bounded", options={"xatol": size / 20}
+        )
+        knots = sorted([*knots, float(refined.x)])
+        levels, residual = robust_polyline(place, level, knots)
+
+    slopes = np.diff(levels) / np.diff(knots)
+    before_first = np.minimum(count - knots[0], 0) * slopes[0]
+    behind_last = np.maximum(count - knots[-1], 0) * slopes[-1]
+    outside = before_first + behind_last
+    slow = step * count + np.interp(count, knots, levels) + outside
+    return SlowPart(np.asarray(slow), len(knots) - 2)
+
+
+def robust_polyline(place: Array, level: Array, knots: Sequence[float]) -> tuple[Array, Array]:
+    """Levels at the knots (k,) of the polyline through points (n,), with Huber's weights, and the
+    size of its residual (n,)."""
+    columns = np.stack([np.interp(place, knots, unit) for unit in np.eye(len(knots))], axis=1)
+    weights = np.ones(len(place))
+    for _ in range(HUBER_ROUNDS):
+        levels = np.linalg.lstsq(columns * weights[:, None], level * weights, rcond=None)[0]
+        residual = np.abs(level - columns @ levels)
+        limit = HUBER_LIMIT * float(np.median(residual)) + 1e-12
+        weights = np.sqrt(1 / np.maximum(1, residual / limit))
+    return np.asarray(levels, dtype=np.float64), residual
+
+
+# lengths of blocks for `usual_step`: the first are so short that most miss no sample
+BLOCK_LENGTHS = (25, 25, 25, 100, 100)
+
+
+def usual_step(stamps: Array) -> float:
+    """Find a device's step [s] from its stamps (n,) [s], of which some are late and some missing.
+
+    The promptest sample of each block is hardly late. From block to block its level changes by the
+    error of the step. Blocks with missing samples change by whole steps and are left out.
+    """
+    n = len(stamps)
+    mean = float(stamps[-1] - stamps[0]) / (n - 1)
+    median = float(np.median(np.diff(stamps)))
+    # the shorter of the two: steps are found too long
+    step = min(mean, median) if median > 0.8 * mean else mean
+    for number, length in enumerate(BLOCK_LENGTHS):
+        block = min(length, n // 4)
+        late = (stamps - step * np.arange(n))[: n // block * block]
+        changes = np.diff(late.reshape(-1, block).min(axis=1))
+        usual = float(np.quantile(changes, 0.25)) if number == 0 else 0.0
+        is_complete = np.abs(changes - usual) <= 0.5 * step
+        if np.mean(is_complete) > 0.05:
+            step += float(np.mean(changes[is_complete])) / block
+    # after waits of many steps, stamps come in clusters of far too short steps: a tenth of the
+    # record averages these
+    far = max(n // 10, 1)
+    usual = float(np.median(stamps[far:] - stamps[:-far])) / far
+    return step if step > 0.5 * usual else usual
+
+
+# Rows per block of which only the promptest sample is used; the long one is for waits of many steps
+RHYTHM_BLOCKS = (16, 128)
+FEWEST_PROMPT_SAMPLES = 60
+BINS_PER_STEP = 6  # of the histogram of stamps, whose spectrum is taken
+LEAST_LINE = 6.0  # medians of the spectrum; noise reaches 4 at the highest of 100 000 frequencies
+LARGEST_RATE = 1.1  # of the rate of the samples left: up to one sample in ten is lost
+SMALLEST_RATE = 0.998
+END_SAMPLES = 200  # at either end, of which the promptest counts
+
+
+def missing_by_rhythm(stamps: Array) -> int | None:
+    """Count the missing samples of a record by the spectrum of its stamps.
+
+    Parameters
+    ----------
+    stamps : Array
+        (n,) [s].
+
+    Returns
+    -------
+    int or None
+        The device's steps between the promptest samples at both ends, minus the samples between
+        them. None if no line stands out of the spectrum.
+    """
+    n = len(stamps)
+    duration = float(stamps[-1] - stamps[0])
+    for block in RHYTHM_BLOCKS:
+        prompt = prompt_samples(stamps, block)
+        if len(prompt) < FEWEST_PROMPT_SAMPLES:
+            return None
+        device_hz = rate_by_spectrum(prompt, (n - 1) / duration, duration)
+        if device_hz is None:
+            continue
+        late = stamps * device_hz - np.arange(n)
+        ends = min(END_SAMPLES, n // 4)
+        return max(round(float(late[-ends:].min() - late[:ends].min())), 0)
+    return None
+
+
+def prompt_samples(stamps: Array, block: int) -> Array:
+    """Stamps (k,) [s] from the first of the promptest sample in each block of rows."""
+    blocks = len(stamps) // block
+    rows = np.arange(blocks * block)
+    mean_step = (stamps[-1] - stamps[0]) / (len(stamps) - 1)
+    late = stamps[: blocks * block] - mean_step * rows
+    promptest = np.arange(blocks) * block + late.reshape(blocks, block).argmin(axis=1)
+    return np.asarray(stamps[promptest] - stamps[0])
+
+
+def rate_by_spectrum(prompt: Array, mean_hz: float, duration: float) -> float | None:
+    """A device's rate [Hz] by the line in the spectrum of its prompt stamps (k,) [s]; None if no
+    line stands out. `mean_hz` is the rate of the samples left over the `duration` [s]."""
+    size = scipy.fft.next_fast_len(int(2 * duration * mean_hz * BINS_PER_STEP) + 2)
+    bins = (prompt * mean_hz * BINS_PER_STEP).astype(np.intp)
+    histogram = np.bincount(bins, minlength=size).astype(np.float64)
+    frequency = np.arange(size // 2 + 1) * BINS_PER_STEP * mean_hz / size
+    near = (frequency > SMALLEST_RATE * mean_hz) & (frequency < LARGEST_RATE * mean_hz)
+    height = np.abs(scipy.fft.rfft(histogram))[near]
+    if height.max() < LEAST_LINE * float(np.median(height)):
+        return None
+    line = float(frequency[near][np.argmax(height)])
+    # refined from the stamps themselves, in cycles over the record
+    for cycles in (0.5, 0.1, 0.02):
+        candidates = line + cycles / duration * np.linspace(-1, 1, 11)
+        heights = [abs(np.exp(2j * np.pi * hz * prompt).sum()) for hz in candidates]
+        line = float(candidates[np.argmax(heights)])
+    return line

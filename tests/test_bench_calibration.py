@@ -27,7 +27,7 @@ from osl_analysis.bench.frequency_response import frequency_response_table
 from osl_analysis.bench.phasors import phasor_table, phasors_of_record
 from osl_analysis.bench.prediction import COMPONENTS, components_of
 from osl_analysis.bench.settings import BeltAnalysis, Calibration
-from osl_analysis.bench.torque_angle import curve_table, torque_angle_table
+from osl_analysis.bench.torque_angle_tables import curve_table, torque_angle_table
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands.bench import fit_tables
 from osl_analysis.errors import InputError

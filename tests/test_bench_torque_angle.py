@@ -11,13 +11,13 @@ import pytest
 from c3d_builder import REAL_DATA
 from conftest import ROOT, marked
 
+from osl_analysis.bench.loop_cycles import find_cycles
 from osl_analysis.bench.settings import TorqueAngleAnalysis
-from osl_analysis.bench.torque_angle import (
+from osl_analysis.bench.torque_angle import torque_angle_trial
+from osl_analysis.bench.torque_angle_tables import (
     compared_with_repeats,
     curve_table,
-    find_cycles,
     torque_angle_table,
-    torque_angle_trial,
 )
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands.bench import estimates_text, fit_torque_angle_trial
@@ -216,8 +216,8 @@ SMALLER = (*(x for a in (6, 8, 10, 6, 8, 10) for x in (0, a, -a)), 0)
 ])  # fmt: skip
 def test_cycles_begin_and_end_where_the_angle_comes_back(angles, counts):
     """Whole ones, whole ones of a smaller amplitude, and parts."""
-    used, facts = find_cycles(path(*angles))
-    assert (len(used), facts["smaller_cycles"], facts["partial_cycles"]) == counts
+    cycles = find_cycles(path(*angles))
+    assert (len(cycles.analysed), cycles.smaller, cycles.partial) == counts
 
 
 def test_what_init_prints_of_cycles_is_what_the_fit_keeps_with_those_that_are_left_out_and_why():
@@ -314,6 +314,31 @@ def test_a_torque_that_hysteresis_leaves_at_rest_is_not_taken_for_an_offset_with
 OFFSET = (
     "whether the torque at rest is the load cell's offset or what hysteresis leaves in the device"
 )
+
+
+def test_the_middle_of_the_loop_is_looked_up_at_the_angle_of_the_rest():
+    theta = path(3, -10, 10, -10, 3)
+
+    row = row_of(theta, K * theta, zero="end")
+
+    assert row["torque_zero"] == pytest.approx(K * np.deg2rad(3), rel=1e-6)
+    assert row["zero_off_middle"] == pytest.approx(0, abs=0.05)
+
+
+def test_the_load_cell_s_hysteresis_is_in_the_interval_of_the_curve():
+    theta = path(0, 10, 0, 10, 0)
+    hysteresis = {"calibration": {"hysteresis": 0.02}}
+    torque = K * theta
+
+    plain = curve_table(fitted(theta, torque)).row(10, named=True)
+    stated = curve_table(fitted(theta, torque, **hysteresis)).row(10, named=True)
+
+    half = 1.96 * 0.02 / np.sqrt(12) * np.ptp(torque)
+    of_scatter = plain["torque_high"] - plain["torque"]
+    widened = stated["torque_high"] - stated["torque"]
+    assert widened == pytest.approx(np.hypot(of_scatter, half), rel=0.01)
+
+
 FULL, OPEN = path(0, 10, 0, 10, 0), path(0, 10, 0.7)
 NOISE = np.random.default_rng(3).standard_normal(FULL.size)
 

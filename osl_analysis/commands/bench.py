@@ -19,6 +19,7 @@ from osl_analysis.bench import (
     phasors,
     prediction,
     torque_angle,
+    torque_angle_tables,
 )
 from osl_analysis.bench import settings as choices
 from osl_analysis.bench.analysis import QUANTITIES, FitTables, analysed, plausible
@@ -175,11 +176,11 @@ def fit_torque_angle_trial(
     return FitTables(
         found.series(),
         lambda: {
-            "torque_angle_cycles": torque_angle.cycle_table(found),
+            "torque_angle_cycles": torque_angle_tables.cycle_table(found),
             "timebase": found.time_base(),
         },
-        torque_angle=torque_angle.torque_angle_table(found, desired).with_columns(rails),
-        torque_angle_curves=torque_angle.curve_table(found, desired),
+        torque_angle=torque_angle_tables.torque_angle_table(found, desired).with_columns(rails),
+        torque_angle_curves=torque_angle_tables.curve_table(found, desired),
     )
 
 

@@ -35,7 +35,9 @@ from osl_analysis.config.sheet import read_sheet
 from osl_analysis.errors import InputError
 from osl_analysis.model.compensator import Weight, select_gains
 from osl_analysis.model.drivetrain import read_parameters
-from osl_analysis.simulator.settings import SimulationSettings, WalkingSettings, plan_trials
+from osl_analysis.simulator.laboratory_settings import WalkingSettings
+from osl_analysis.simulator.simulation_settings import SimulationSettings
+from osl_analysis.simulator.trial_plan import plan_trials
 from osl_analysis.yaml_settings import Settings, content_digest, read_mapping, read_yaml, validated
 
 SHIPPED_FILE = ROOT / "config/config.yaml"

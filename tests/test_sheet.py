@@ -22,7 +22,8 @@ from osl_analysis.commands.simulate import (
 from osl_analysis.config.sheet import read_sheet
 from osl_analysis.errors import InputError, UnreachableImpedanceError
 from osl_analysis.model.compensator import CONTROLLERS
-from osl_analysis.simulator.settings import SimulationSettings, plan_trials
+from osl_analysis.simulator.simulation_settings import SimulationSettings
+from osl_analysis.simulator.trial_plan import plan_trials
 from osl_analysis.yaml_settings import read_yaml
 
 HEADER = "trial,experiment,controller,K_d,B_d,perturbed,log,log_source,mocap,mocap_source,exclude\n"

@@ -16,13 +16,15 @@ from conftest import ROOT
 from pydantic import Field
 
 from osl_analysis.bench.settings import DynamometerAnalysis
-from osl_analysis.campaign.campaign import check_files, open_campaign, time_series_example
+from osl_analysis.campaign.campaign_checks import check_files
+from osl_analysis.campaign.campaign_trials import open_campaign
 from osl_analysis.campaign.configuration import (
     campaign_config,
     overriding,
     read_config,
     read_section,
 )
+from osl_analysis.campaign.figure_examples import time_series_example
 from osl_analysis.commands.run import check_start, source_problems
 from osl_analysis.commands.simulate import (
     laboratory_of,

@@ -31,18 +31,24 @@ from osl_analysis.ingest.raw_files import trial_from_files
 from osl_analysis.model.compensator import compensated_gains
 from osl_analysis.model.drivetrain import DrivetrainParameters, read_parameters
 from osl_analysis.signals import runs
-from osl_analysis.simulator import crossing as simulated
-from osl_analysis.simulator.bench import drivetrain_effects, true_signals
+from osl_analysis.simulator.bench_trial import drivetrain_effects, true_signals
+from osl_analysis.simulator.laboratory_files import write_crossing_capture
+from osl_analysis.simulator.laboratory_settings import WalkingSettings
+from osl_analysis.simulator.random_numbers import generator_of
 from osl_analysis.simulator.recorder import TrueSignal, recording_of
-from osl_analysis.simulator.settings import (
+from osl_analysis.simulator.simulated_crossing import (
+    SimulatedCrossing,
+    impedance_of_leg,
+    simulate_crossing,
+)
+from osl_analysis.simulator.simulation_settings import (
     Effect,
     RecorderSettings,
     SecondOrderJoint,
     SimulationSettings,
-    WalkingSettings,
-    stream,
 )
 from osl_analysis.simulator.step import GaitTrial, draw_step
+from osl_analysis.simulator.walking_trial import simulate_walking_trial
 from osl_analysis.stats.regression import LinearFit
 from osl_analysis.stats.repeats import over_repeats
 from osl_analysis.trial import Array, Trial
@@ -176,7 +182,8 @@ class StudyBench:
             )
         else:
             later = (
-                float(stream(SEED, name, "sampling_phase").random()) / settings.dynamometer.rate_hz
+                float(generator_of(SEED, name, "sampling_phase").random())
+                / settings.dynamometer.rate_hz
             )
             nodes = {
                 key: node.model_copy(
@@ -188,7 +195,7 @@ class StudyBench:
             angle = "joint_angle" if "joint_angle" in signals else "actuator_angle"
             step = getattr(settings.effects, angle.replace("angle", "encoder")).value
             signals[angle] = signals[angle] + step * float(
-                stream(SEED, name, "encoder_zero").random()
+                generator_of(SEED, name, "encoder_zero").random()
             )
             settings = settings.model_copy(
                 update={"recorder": settings.recorder.model_copy(update=nodes)}
@@ -353,7 +360,7 @@ class StudyLaboratory:
     gait: WalkingSettings
     p: DrivetrainParameters
     analysis: WalkingAnalysis
-    recorded: Callable[[str, simulated.SimulatedCrossing], Crossing] | None = None
+    recorded: Callable[[str, SimulatedCrossing], Crossing] | None = None
     """How a crossing that was recorded by markers and plate is analysed; None: angle and torque
     themselves are seen."""
 
@@ -374,17 +381,17 @@ class StudyLaboratory:
         return (
             self.seen(name, walked, noisy=True),
             exact,
-            simulated.impedance_of_leg(walked, unperturbed),
+            impedance_of_leg(walked, unperturbed),
         )
 
-    def walk(self, name: str, perturbed: bool) -> simulated.SimulatedCrossing:
+    def walk(self, name: str, perturbed: bool) -> SimulatedCrossing:
         """One crossing. Its name determines its random quantities, which are the same with and
         without the perturbation."""
         step = draw_step(GaitTrial(name, self.settings.seed, self.gait))
         effects = drivetrain_effects(self.settings) | {"cancels_friction": True}
-        return simulated.simulate_crossing(step, perturbed, effects, self.p)
+        return simulate_crossing(step, perturbed, effects, self.p)
 
-    def seen(self, name: str, walked: simulated.SimulatedCrossing, noisy: bool) -> Crossing:
+    def seen(self, name: str, walked: SimulatedCrossing, noisy: bool) -> Crossing:
         """Filtered angle and torque of a crossing at the markers' rate. Noise of markers and forces
         acts on a lever of
         0.1 m: from the middle of a cluster to its markers, and from the plate to the ankle."""
@@ -403,7 +410,7 @@ class StudyLaboratory:
                 walked.torque,
             ),
         ):
-            noise = float(size) * stream(self.settings.seed, name, effect).standard_normal(
+            noise = float(size) * generator_of(self.settings.seed, name, effect).standard_normal(
                 len(signal[::every])
             )
             found.append(self.analysis.low_pass(signal[::every] + noisy * noise, rate))
@@ -436,15 +443,15 @@ def recording(of: StudyLaboratory, folder: Path, perturbed: Sequence[str]) -> St
         row = {"trial": name, "mocap": f"vicon/{name}.c3d", "mocap_source": "vicon"}
         return trial_from_files(row, folder, ROOT / "config/sources")
 
-    def recorded(name: str, walked: simulated.SimulatedCrossing) -> Trial:
+    def recorded(name: str, walked: SimulatedCrossing) -> Trial:
         if not (folder / "vicon" / f"{name}.c3d").exists():
-            simulated.write_crossing_capture(folder, walked)
+            write_crossing_capture(folder, walked)
         return ingested(name)
 
     rows = [{"trial": "static_1", "experiment": "static"}]
     rows += [{"trial": f"plate_{i}", "experiment": "plate"} for i in range(6)]
     for row in rows:
-        simulated.simulate_walking_trial(row, of.settings, of.gait, of.p, folder)
+        simulate_walking_trial(row, of.settings, of.gait, of.p, folder)
     standing, *unloaded = (ingested(row["trial"]) for row in rows)
     calibration, moved = static_calibration(standing, analysis), []
     plate = identify_plate_model([(trial, calibration) for trial in unloaded], analysis)
@@ -453,7 +460,7 @@ def recording(of: StudyLaboratory, folder: Path, perturbed: Sequence[str]) -> St
             moved.append((recorded(name, of.walk(name, True)), calibration))
     platform = identify_platform(moved, analysis)
 
-    def analysed(name: str, walked: simulated.SimulatedCrossing) -> Crossing:
+    def analysed(name: str, walked: SimulatedCrossing) -> Crossing:
         trial, is_perturbed = recorded(name, walked), walked.platform.onset is not None
         return analyse_crossing(trial, calibration, plate, is_perturbed, analysis, platform)
 

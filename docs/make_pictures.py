@@ -15,8 +15,9 @@ from tempfile import TemporaryDirectory
 
 from PIL import Image, PngImagePlugin
 
-from osl_analysis.campaign.campaign import about, open_campaign
+from osl_analysis.campaign.campaign_trials import open_campaign
 from osl_analysis.campaign.configuration import read_config
+from osl_analysis.campaign.origin import about
 from osl_analysis.commands.simulate import planned_sheet, settings_files
 from osl_analysis.figures import FIGURES
 from osl_analysis.files import PACKAGE, default_config

@@ -13,9 +13,10 @@ import sys
 from operator import attrgetter
 from pathlib import Path
 
-from osl_analysis.campaign.campaign import about, matching, open_campaign
-from osl_analysis.campaign.campaign import response_example, sentence, time_series_example
+from osl_analysis.campaign.campaign_trials import open_campaign
 from osl_analysis.campaign.configuration import campaign_config, over_default, states_of
+from osl_analysis.campaign.figure_examples import matching, response_example, time_series_example
+from osl_analysis.campaign.origin import about, sentence
 from osl_analysis.commands.run import begin_run, check_start, end_run, left_behind_report, made_by
 from osl_analysis.commands.run import unnamed_recordings, with_shipped_profile
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL, judged_tables

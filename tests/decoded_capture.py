@@ -8,8 +8,8 @@ from typing import Any
 import ezc3d
 import numpy as np
 
-from osl_analysis.simulator.settings import FOOT, PLATFORM, SHANK
-from osl_analysis.simulator.step import Pose
+from osl_analysis.simulator.laboratory_settings import FOOT, PLATFORM, SHANK
+from osl_analysis.simulator.rigid_body import Pose
 from osl_analysis.trial import Array
 
 PLATE_CENTRE = np.array([0.30, 0.25, 0.0])  # [m] of the shipped plate at rest

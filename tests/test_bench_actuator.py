@@ -22,8 +22,8 @@ from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.judge.judging import unchecked_in
 from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.report.headlines import headline_numbers
-from osl_analysis.simulator.bench import simulate_bench_trial
-from osl_analysis.simulator.settings import RecorderSettings, SimulationSettings
+from osl_analysis.simulator.bench_trial import simulate_bench_trial
+from osl_analysis.simulator.simulation_settings import RecorderSettings, SimulationSettings
 from osl_analysis.trial import Trial, read_trial
 from osl_analysis.yaml_settings import read_yaml
 

@@ -13,7 +13,7 @@ import pytest
 from click.testing import CliRunner
 from snakemake_runs import run_forked
 
-from osl_analysis.campaign.campaign import open_campaign
+from osl_analysis.campaign.campaign_trials import open_campaign
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.cli import main
 from osl_analysis.commands.bundle import copy_inputs, write_bundle

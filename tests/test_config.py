@@ -16,13 +16,15 @@ from conftest import ROOT
 from pydantic import Field
 
 from osl_analysis.bench.settings import DynamometerAnalysis
-from osl_analysis.campaign.campaign import check_files, open_campaign, time_series_example
+from osl_analysis.campaign.campaign_checks import check_files
+from osl_analysis.campaign.campaign_trials import open_campaign
 from osl_analysis.campaign.configuration import (
     campaign_config,
     overriding,
     read_config,
     read_section,
 )
+from osl_analysis.campaign.figure_examples import time_series_example
 from osl_analysis.commands.run import check_start, source_problems
 from osl_analysis.commands.simulate import (
     laboratory_of,
@@ -35,7 +37,9 @@ from osl_analysis.config.sheet import read_sheet
 from osl_analysis.errors import InputError
 from osl_analysis.model.compensator import Weight, select_gains
 from osl_analysis.model.drivetrain import read_parameters
-from osl_analysis.simulator.settings import SimulationSettings, WalkingSettings, plan_trials
+from osl_analysis.simulator.laboratory_settings import WalkingSettings
+from osl_analysis.simulator.simulation_settings import SimulationSettings
+from osl_analysis.simulator.trial_plan import plan_trials
 from osl_analysis.yaml_settings import Settings, content_digest, read_mapping, read_yaml, validated
 
 SHIPPED_FILE = ROOT / "config/config.yaml"

@@ -18,7 +18,7 @@ from osl_analysis.model import compensator, drivetrain
 from osl_analysis.model.actuator_in_time import Controller, belt_responses
 from osl_analysis.model.drivetrain import joint_admittance, read_parameters
 from osl_analysis.model.rendered_impedance import rendering
-from osl_analysis.simulator.drivetrain import (
+from osl_analysis.simulator.two_mass_drivetrain import (
     IDEAL,
     belt_path,
     constants,

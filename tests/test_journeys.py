@@ -16,7 +16,7 @@ from nptdms import ChannelObject, TdmsWriter
 from scipy.interpolate import CubicSpline
 from test_formats_mat import write_mat
 
-from osl_analysis.campaign.campaign import open_campaign
+from osl_analysis.campaign.campaign_trials import open_campaign
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands import new_campaign as drafting
 from osl_analysis.commands import trials as module

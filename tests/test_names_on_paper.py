@@ -11,14 +11,10 @@ import pytest
 from test_figures import stored, texts
 
 from osl_analysis.bench.components import belt_figure_points, check_locked, part_summary
-from osl_analysis.campaign.campaign import (
-    about,
-    open_campaign,
-    response_example,
-    sentence,
-    time_series_example,
-)
+from osl_analysis.campaign.campaign_trials import open_campaign
 from osl_analysis.campaign.configuration import read_config
+from osl_analysis.campaign.figure_examples import response_example, time_series_example
+from osl_analysis.campaign.origin import about, sentence
 from osl_analysis.commands import figure as plotted_numbers
 from osl_analysis.config.sheet import CONDITIONS, read_impedance_trajectory
 from osl_analysis.errors import InputError

@@ -42,7 +42,7 @@ from osl_analysis.model.actuator_in_time import Controller, belt_responses
 from osl_analysis.model.compensator import PAPER_WEIGHT, select_gains
 from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.report.headlines import headline_numbers, to_tex
-from osl_analysis.simulator.drivetrain import IDEAL, simulate_drivetrain
+from osl_analysis.simulator.two_mass_drivetrain import IDEAL, simulate_drivetrain
 from osl_analysis.table import read_table, write_table
 
 P = read_parameters(ROOT / "config/parameters/default.yaml")

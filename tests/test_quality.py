@@ -17,7 +17,8 @@ from c3d_builder import REAL_DATA, write_c3d
 from conftest import ROOT
 from scipy import signal
 
-from osl_analysis.campaign.campaign import check_campaign, open_campaign
+from osl_analysis.campaign.campaign_checks import check_campaign
+from osl_analysis.campaign.campaign_trials import open_campaign
 from osl_analysis.campaign.configuration import campaign_config, read_section
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.config.experiments import EXPERIMENTS

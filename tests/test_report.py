@@ -34,8 +34,8 @@ from osl_analysis.bench.components import (
     transmission_table,
 )
 from osl_analysis.bench.impedance import impedance_table, rendered_impedance, repeated_trials_table
-from osl_analysis.campaign.campaign import ABOUT_MEANING, sentence
 from osl_analysis.campaign.configuration import read_config
+from osl_analysis.campaign.origin import ABOUT_MEANING, sentence
 from osl_analysis.cli import main
 from osl_analysis.commands import report
 from osl_analysis.dictionary import described_tables_by_name

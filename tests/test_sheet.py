@@ -11,7 +11,8 @@ import pytest
 import yaml
 from conftest import ROOT
 
-from osl_analysis.campaign.campaign import Campaign, check_campaign, open_campaign
+from osl_analysis.campaign.campaign_checks import check_campaign
+from osl_analysis.campaign.campaign_trials import Campaign, open_campaign
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands.simulate import (
     planned_sheet,
@@ -22,7 +23,8 @@ from osl_analysis.commands.simulate import (
 from osl_analysis.config.sheet import read_sheet
 from osl_analysis.errors import InputError, UnreachableImpedanceError
 from osl_analysis.model.compensator import CONTROLLERS
-from osl_analysis.simulator.settings import SimulationSettings, plan_trials
+from osl_analysis.simulator.simulation_settings import SimulationSettings
+from osl_analysis.simulator.trial_plan import plan_trials
 from osl_analysis.yaml_settings import read_yaml
 
 HEADER = "trial,experiment,controller,K_d,B_d,perturbed,log,log_source,mocap,mocap_source,exclude\n"

@@ -21,16 +21,18 @@ from osl_analysis.model.compensator import (
 )
 from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.model.rendered_impedance import predicted_impedance
-from osl_analysis.simulator import joint_motion, settings
-from osl_analysis.simulator.bench import (
+from osl_analysis.simulator import joint_motion
+from osl_analysis.simulator import simulation_settings as settings
+from osl_analysis.simulator.bench_trial import (
     drivetrain_effects,
     simulate_bench_trial,
     true_signals,
     write_bench_log,
 )
 from osl_analysis.simulator.joint_motion import JointMotion
-from osl_analysis.simulator.recorder import Bench, joint_states, wrenches, write_topics
-from osl_analysis.simulator.settings import SimulationSettings
+from osl_analysis.simulator.mcap_log import joint_states, wrenches, write_topics
+from osl_analysis.simulator.recorder import Bench
+from osl_analysis.simulator.simulation_settings import SimulationSettings
 from osl_analysis.yaml_settings import read_yaml
 
 DEFAULT, TINY = ROOT / "config/simulation/default.yaml", ROOT / "tests/tiny_simulation.yaml"
@@ -272,7 +274,7 @@ def test_an_exact_joint_answers_by_eq_15_and_true_jitter_within_the_motion_leave
     # A hundred samples that scatter by ten steps: a third would be outside, were there nothing to
     # hold them.
     made = only(node(jitter=on(0.01, "s")))
-    instants, _, _ = Bench("trial", made, {}, 100).sampling("node", made.recorder.node)
+    instants = Bench("trial", made, {}, 100).sampling("node", made.recorder.node).instants
     assert 0 <= instants.min() < 0.01 < 0.09 < instants.max() <= 0.099
     assert len(instants) < 100
     for f, rows in ((2, slice(1000, 2000)), (5, slice(2200, 2600))):

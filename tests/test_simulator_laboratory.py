@@ -18,17 +18,18 @@ from osl_analysis.config.sheet import read_impedance_trajectory
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.raw_files import trial_from_files
 from osl_analysis.model.compensator import Weight, compensated_gains
-from osl_analysis.simulator import settings as laboratory
 from osl_analysis.simulator import step as gait
-from osl_analysis.simulator.crossing import (
+from osl_analysis.simulator.laboratory_files import seen_markers
+from osl_analysis.simulator.laboratory_settings import Rates, WalkingSettings
+from osl_analysis.simulator.simulated_crossing import (
     impedance_of_leg,
     move,
     react,
-    seen_markers,
     walking_commands,
 )
-from osl_analysis.simulator.settings import Condition, Rates, Subject, WalkingSettings
+from osl_analysis.simulator.simulation_settings import Conditions, Subject
 from osl_analysis.simulator.step import GaitTrial, draw_step, unloaded_platform
+from osl_analysis.simulator.trial_plan import Condition, condition_of, plan_trials
 from osl_analysis.yaml_settings import read_yaml
 
 REAL, G = ROOT.parent / "shared/real_data/c3d/btk_PiG_Motion3_FF.c3d", 9.81
@@ -71,7 +72,7 @@ def calm(shipped):
 def with_conditions(setup, numbers=None, **lists):
     numbers = numbers or {"walking": 24}
     experiments = setup.settings.experiments.model_copy(
-        update={"conditions": laboratory.Conditions(**lists)} | numbers
+        update={"conditions": Conditions(**lists)} | numbers
     )
     return Setup(
         setup.settings.model_copy(update={"experiments": experiments}), setup.walking, setup.p
@@ -131,10 +132,8 @@ def test_a_crossing_has_the_commanded_stiffness_and_is_perturbed_at_the_planned_
 
 def crossings_of(settings):
     """The sheet's rows of the crossings, and their conditions."""
-    rows = [
-        row for row in laboratory.plan_trials(settings).values() if row["experiment"] == "walking"
-    ]
-    return rows, [laboratory.condition_of(row, settings) for row in rows]
+    rows = [row for row in plan_trials(settings).values() if row["experiment"] == "walking"]
+    return rows, [condition_of(row, settings) for row in rows]
 
 
 def test_every_direction_is_planned_equally_often_and_what_the_sheet_states_is_simulated(setup):
@@ -151,12 +150,10 @@ def test_every_direction_is_planned_equally_often_and_what_the_sheet_states_is_s
     assert 0 < drawn[::2].count("up") < 12, "in no simple order"
     for row, condition in zip(rows, found, strict=True):
         assert row["direction"] == (condition.direction if row["perturbed"] else None)
-    own = laboratory.condition_of(
-        rows[0] | {"perturbed": True, "direction": "down"}, setup.settings
-    )
+    own = condition_of(rows[0] | {"perturbed": True, "direction": "down"}, setup.settings)
     assert (own.direction, own.perturbed) == ("down", True)
     with pytest.raises(InputError, match="the plan has two trials 'impedance_K300_B"):
-        laboratory.plan_trials(with_conditions(setup, {"K_d": (300.0, 300.0001)}).settings)
+        plan_trials(with_conditions(setup, {"K_d": (300.0, 300.0001)}).settings)
 
 
 def test_persons_follow_each_other_in_equal_blocks(setup, tmp_path):

@@ -14,7 +14,7 @@ from walking_crossings import Walk, run_jobs, several, walked
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.record import record_of_trial
 from osl_analysis.campaign import configuration
-from osl_analysis.campaign.campaign import Campaign
+from osl_analysis.campaign.campaign_trials import Campaign
 from osl_analysis.campaign.configuration import FACTS, JUDGING, overriding, read_config, states_of
 from osl_analysis.commands.bench import fit_settings, fit_trial
 from osl_analysis.commands.run import unnamed_recordings

@@ -12,8 +12,9 @@ import yaml
 from conftest import ROOT, beyond_in, findings_of, marked
 
 import osl_analysis
-from osl_analysis.campaign.campaign import ABOUT_MACROS, Campaign
+from osl_analysis.campaign.campaign_trials import Campaign
 from osl_analysis.campaign.configuration import read_config, read_section
+from osl_analysis.campaign.origin import ABOUT_MACROS
 from osl_analysis.commands import tables
 from osl_analysis.commands.tables import format_results_table, gather, read_summary, write_summary
 from osl_analysis.errors import InputError

@@ -15,7 +15,8 @@ from conftest import ROOT
 from snakemake_runs import run_forked
 from walking_synthetic import changed, settings, static_trial
 
-from osl_analysis.campaign.campaign import check_campaign, open_campaign
+from osl_analysis.campaign.campaign_checks import check_campaign
+from osl_analysis.campaign.campaign_trials import open_campaign
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands import walking as jobs
 from osl_analysis.config.sheet import read_sheet

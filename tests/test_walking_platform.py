@@ -27,7 +27,8 @@ from walking_synthetic import (
     walked_over,
 )
 
-from osl_analysis.campaign.campaign import Campaign, check_walking, open_campaign
+from osl_analysis.campaign.campaign_checks import check_walking
+from osl_analysis.campaign.campaign_trials import Campaign, open_campaign
 from osl_analysis.campaign.configuration import campaign_config
 from osl_analysis.commands.walking import (
     average_unperturbed,

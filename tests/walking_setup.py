@@ -12,14 +12,12 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
 from osl_analysis.model.drivetrain import DrivetrainParameters, read_parameters
-from osl_analysis.simulator.bench import drivetrain_effects
-from osl_analysis.simulator.crossing import (
-    SimulatedCrossing,
-    simulate_crossing,
-    simulate_walking_trial,
-)
-from osl_analysis.simulator.settings import SimulationSettings, WalkingSettings
+from osl_analysis.simulator.bench_trial import drivetrain_effects
+from osl_analysis.simulator.laboratory_settings import WalkingSettings
+from osl_analysis.simulator.simulated_crossing import SimulatedCrossing, simulate_crossing
+from osl_analysis.simulator.simulation_settings import SimulationSettings
 from osl_analysis.simulator.step import GaitTrial, draw_step
+from osl_analysis.simulator.walking_trial import simulate_walking_trial
 from osl_analysis.trial import Array
 from osl_analysis.yaml_settings import read_yaml
 

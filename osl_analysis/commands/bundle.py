@@ -17,7 +17,7 @@ from zipfile import ZIP_DEFLATED, ZipFile
 import polars as pl
 from ruamel.yaml import YAML
 
-from osl_analysis.campaign.campaign import Campaign, open_campaign
+from osl_analysis.campaign.campaign_trials import Campaign, open_campaign
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands.simulate import TRUTH
 from osl_analysis.commands.tables import read_summary

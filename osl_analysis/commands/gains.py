@@ -19,8 +19,8 @@ from osl_analysis.bench.components import PLACE
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.prediction import COMPONENTS, PARTS, components_of
 from osl_analysis.bench.record import record_of_trial
-from osl_analysis.campaign.campaign import sentence
 from osl_analysis.campaign.configuration import Config
+from osl_analysis.campaign.origin import sentence
 from osl_analysis.commands.tables import read_summary
 from osl_analysis.config.sheet import read_impedance_trajectory
 from osl_analysis.errors import InputError, listing, naming, nearest, optional_module

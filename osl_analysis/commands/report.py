@@ -10,7 +10,7 @@ from typing import Any
 
 import polars as pl
 
-from osl_analysis.campaign.campaign import sentence
+from osl_analysis.campaign.origin import sentence
 from osl_analysis.commands.figure import UNDRAWN, draw_figure
 from osl_analysis.commands.tables import read_summary
 from osl_analysis.config.experiments import EXPERIMENTS

@@ -19,7 +19,8 @@ from typing import Any, NamedTuple
 
 import psutil
 
-from osl_analysis.campaign.campaign import Campaign, check_campaign, open_campaign
+from osl_analysis.campaign.campaign_checks import check_campaign
+from osl_analysis.campaign.campaign_trials import Campaign, open_campaign
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.errors import (
     EXTRAS,

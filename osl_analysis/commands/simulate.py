@@ -18,7 +18,9 @@ from osl_analysis.files import atomic_path, check_output
 from osl_analysis.model.compensator import check_request
 from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.refusal import is_refused
-from osl_analysis.simulator.settings import SimulationSettings, WalkingSettings, plan_trials
+from osl_analysis.simulator.laboratory_settings import WalkingSettings
+from osl_analysis.simulator.simulation_settings import SimulationSettings
+from osl_analysis.simulator.trial_plan import plan_trials
 from osl_analysis.yaml_settings import located, read_yaml, validated
 
 TRUTH = "truth"
@@ -168,15 +170,15 @@ def record_trial(
     require_compiler()
     p = read_parameters(settings.parameters)
     if row["experiment"] == "actuator" or EXPERIMENTS[row["experiment"]].log == "dynamometer":
-        from osl_analysis.simulator import bench, recorder
+        from osl_analysis.simulator import bench_trial, recorder
 
-        log, truth = bench.simulate_bench_trial(row, settings, p)
+        log, truth = bench_trial.simulate_bench_trial(row, settings, p)
         recorder.write_truth(campaign_folder, row["trial"], truth)
-        bench.write_bench_log(
+        bench_trial.write_bench_log(
             campaign_folder / row["log"], log, settings.recorder.torque_node is not None
         )
         return
-    from osl_analysis.simulator.crossing import simulate_walking_trial
+    from osl_analysis.simulator.walking_trial import simulate_walking_trial
 
     laboratory = laboratory_of(settings, followed)
     if laboratory is None:

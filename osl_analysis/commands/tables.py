@@ -9,8 +9,8 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.bench.torque_angle_tables import compared_with_repeats
-from osl_analysis.campaign.campaign import sentence
 from osl_analysis.campaign.configuration import FOUND
+from osl_analysis.campaign.origin import sentence
 from osl_analysis.config.experiments import judged_tables
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path

@@ -16,7 +16,7 @@ import polars as pl
 import scipy
 
 from osl_analysis.bench.impedance import DesiredImpedance
-from osl_analysis.campaign.campaign import Campaign, open_campaign
+from osl_analysis.campaign.campaign_trials import Campaign, open_campaign
 from osl_analysis.campaign.configuration import Config, read_config
 from osl_analysis.commands import bench as fits
 from osl_analysis.commands.trials import checked_trial, inspect_file

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from osl_analysis.campaign.campaign import ABOUT_MACROS, ABOUT_MEANING, sentence
+from osl_analysis.campaign.origin import ABOUT_MACROS, ABOUT_MEANING, sentence
 from osl_analysis.errors import InputError
 from osl_analysis.judge.causes import doubts_of_result
 from osl_analysis.judge.exclusions import exclusion_said

@@ -1,10 +1,10 @@
 """One step on the platform: the nominal curves of gait, their random variations, and the motion of
-the platform; with poses, wrenches and Newton-Euler for the bodies of a crossing, on a regular time
-grid, in laboratory axes.
+the platform.
 
 The nominal curves resemble published ones of level walking with a prosthetic ankle, and have three
 or more continuous derivatives. Cycle phase c: 0 at heel strike, 1 at the next one; stance phase p:
-0 at heel strike, 1 at toe-off."""
+0 at heel strike, 1 at toe-off.
+"""
 
 import re
 from dataclasses import dataclass, field, replace
@@ -12,110 +12,39 @@ from functools import cached_property
 
 import numpy as np
 
-from osl_analysis.simulator.settings import Condition, WalkingSettings, stream
+from osl_analysis.simulator.laboratory_settings import WalkingSettings
+from osl_analysis.simulator.random_numbers import generator_of
+from osl_analysis.simulator.rigid_body import Pose, rotation_about
+from osl_analysis.simulator.trial_plan import Condition
 from osl_analysis.trial import Array
 
-Point = Array | tuple[float, float, float]  # [m]
-
-GRAVITY = np.array([0.0, 0.0, -9.81])
-
-
-@dataclass(frozen=True)
-class Pose:
-    """Pose of a body: rotation (n, 3, 3) from its own axes to the laboratory's, and its origin [m],
-    shape (n, 3)."""
-
-    rotation: Array
-    origin: Array
-
-    def point(self, local: Point) -> Array:
-        """Laboratory position [m], shape (n, 3), of a point of the body, shape (3,)."""
-        return self.origin + np.asarray(self.rotation.reshape(-1, 3) @ local).reshape(
-            self.origin.shape
-        )
-
-    def after(self, inner: "Pose") -> "Pose":
-        """The pose of a body that is held at `inner` in this body's axes."""
-        origin = self.origin + np.einsum("nij,nj->ni", self.rotation, inner.origin)
-        return Pose(self.rotation @ inner.rotation, origin)
-
-
-@dataclass(frozen=True)
-class TrueWrench:
-    """A force [N] that acts at a point [m], with a moment [N*m] about that point; shape (n, 3)
-    each."""
-
-    force: Array
-    moment: Array
-    point: Array
-
-    def moment_about(self, point: Array) -> Array:
-        """Moment [N*m], shape (n, 3), of the same wrench about another point."""
-        return self.moment + np.cross(self.point - point, self.force)
-
-
-def support(
-    pose: Pose, rate_hz: float, mass: float, centre_of_mass: Point, gyration: Point
-) -> TrueWrench:
-    """The wrench that must act on a body, besides its weight, for its motion: force m (a - g) and
-    moment dH/dt = I alpha + omega x I omega about the centre of mass. This and the radii of
-    gyration [m] are in the body's axes."""
-    centre = pose.point(centre_of_mass)
-    acceleration = time_derivative(time_derivative(centre, rate_hz), rate_hz)
-    inertia = (pose.rotation * (mass * np.array(gyration) ** 2)) @ pose.rotation.transpose(0, 2, 1)
-    W = time_derivative(pose.rotation, rate_hz) @ pose.rotation.transpose(0, 2, 1)  # dR/dt R^T
-    omega = 0.5 * np.stack(
-        [W[:, 2, 1] - W[:, 1, 2], W[:, 0, 2] - W[:, 2, 0], W[:, 1, 0] - W[:, 0, 1]], axis=-1
-    )
-    momentum = np.einsum("nij,nj->ni", inertia, omega)
-    return TrueWrench(mass * (acceleration - GRAVITY), time_derivative(momentum, rate_hz), centre)
-
-
-def time_derivative(values: Array, rate_hz: float) -> Array:
-    """Time derivative along the first axis by fourth-order central differences, of smooth simulated
-    curves, never of data: over tens of milliseconds the error at 3 kHz is below 1e-6. The two
-    samples at either end are worse."""
-    slope = np.gradient(values, axis=0, edge_order=2)
-    inner, outer = values[3:-1] - values[1:-3], values[4:] - values[:-4]
-    slope[2:-2] = (8.0 * inner - outer) / 12.0
-    return np.asarray(slope * rate_hz)
-
-
-def rotation_about(axis: int, angle: Array) -> Array:
-    """Right-handed rotation, shape (n, 3, 3), by angles [rad] about laboratory axis 0 (x), 1 (y) or
-    2 (z)."""
-    i, j = (axis + 1) % 3, (axis + 2) % 3
-    turned = np.zeros((len(angle), 3, 3))
-    turned[:, axis, axis] = 1.0
-    turned[:, i, i] = turned[:, j, j] = np.cos(angle)
-    turned[:, j, i] = np.sin(angle)
-    turned[:, i, j] = -turned[:, j, i]
-    return turned
-
-
-def interpolated_at(values: Array, rate_hz: float, times: Array) -> Array:
-    """Values on a regular grid, (n, ...), at other times [s], held inside it, by cubic Lagrange
-    interpolation."""
-    place = np.clip(times * rate_hz, 1.0, len(values) - 3.0)
-    first = np.floor(place).astype(int)
-    f = (place - first).reshape(-1, *[1] * (values.ndim - 1))
-    return np.asarray(
-        -f * (f - 1) * (f - 2) / 6 * values[first - 1]
-        + (f + 1) * (f - 1) * (f - 2) / 2 * values[first]
-        - (f + 1) * f * (f - 2) / 2 * values[first + 1]
-        + (f + 1) * f * (f - 1) / 6 * values[first + 2]
-    )
-
-
-STANCE_FRACTION = 0.62
+STANCE_FRACTION = 0.62  # of the gait cycle
+# the foot's pivots from the ankle's centre [m]
 ANKLE_HEIGHT = 0.08
 HEEL = np.array([-0.06, 0.0, -ANKLE_HEIGHT])
 BALL = np.array([0.13, 0.0, -ANKLE_HEIGHT])
+PITCH_AT_STRIKE = np.radians(18.0)  # toes up
+PITCH_AT_TOE_OFF = np.radians(-58.0)
+FOOT_FLAT = (0.12, 0.60)  # phases of stance between which the foot lies flat
+CLEARANCE = 0.04  # [m] by which the ankle is lifted in mid-swing
+
+# ankle angle against cycle phase: size [deg], phase of the peak, sharpness
+ANKLE_ANGLE = ((-7.0, 0.06, 20.0), (12.0, 0.40, 3.5), (-18.0, 0.63, 11.0))
+
+RENDERED_S = 0.1  # time [s] after the onset in which the rendered impedance is fitted
+
+# The perturbation of an unloaded platform
+UNLOADED_COMMAND_S = 0.5
+UNLOADED_HOLD_S = 0.5
+UNLOADED_TILT = np.radians(2.0)
+UNLOADED_SHIFT = np.array([0.012, 0.008, 0.006])  # [m] along each axis
 
 
 def smooth_step(x: Array) -> Array:
-    """0 for x <= 0, 1 for x >= 1; 35 x^4 - 84 x^5 + 70 x^6 - 20 x^7 between: three derivatives
-    vanish at both ends."""
+    """0 for x <= 0, 1 for x >= 1; 35 x^4 - 84 x^5 + 70 x^6 - 20 x^7 between.
+
+    Three derivatives vanish at both ends.
+    """
     x = np.clip(x, 0.0, 1.0)
     return np.asarray(x**4 * (35.0 + x * (-84.0 + x * (70.0 - 20.0 * x))))
 
@@ -123,7 +52,9 @@ def smooth_step(x: Array) -> Array:
 def pulse(time: Array, start: float, rise: float, back: float, fall: float) -> Array:
     """0, smoothly to 1 from `start` within `rise` [s], and to 0 again from `back` within `fall`
     [s]."""
-    return np.asarray(smooth_step((time - start) / rise) - smooth_step((time - back) / fall))
+    rising = smooth_step((time - start) / rise)
+    falling = smooth_step((time - back) / fall)
+    return np.asarray(rising - falling)
 
 
 def periodic_bumps(c: Array, bumps: tuple[tuple[float, float, float], ...]) -> Array:
@@ -134,9 +65,7 @@ def periodic_bumps(c: Array, bumps: tuple[tuple[float, float, float], ...]) -> A
 
 def nominal_ankle_angle(c: Array) -> Array:
     """Ankle angle [rad], dorsiflexion positive, against cycle phase."""
-    return np.radians(
-        periodic_bumps(c, ((-7.0, 0.06, 20.0), (12.0, 0.40, 3.5), (-18.0, 0.63, 11.0)))
-    )
+    return np.radians(periodic_bumps(c, ANKLE_ANGLE))
 
 
 def stance_window(p: Array) -> Array:
@@ -157,27 +86,52 @@ def ground_reaction(p: Array) -> Array:
     return np.asarray(np.stack([forward, inward, upward], axis=-1) * stance_window(p)[:, None])
 
 
-def foot_path(c: Array, stride: float) -> tuple[Array, Array]:
-    """Ankle centre [m], shape (n, 3), relative to its place with the foot flat in cycle 0, where
-    `stride` [m] is along x; and the foot's pitch [rad] against the floor, toes up positive. In
-    stance the foot rolls over its heel, lies flat from 12 % to 60 %, where both pivots give one
-    path, and rolls over its ball."""
-    inside, at_strike, at_toe_off = np.mod(c, 1.0), np.radians(18.0), np.radians(-58.0)
-    heel_rocker = at_strike * (1.0 - smooth_step(inside / (0.12 * STANCE_FRACTION)))
-    heel_off = at_toe_off * smooth_step((inside - 0.60 * STANCE_FRACTION) / 0.29)
-    pitch = heel_rocker + heel_off + (at_strike - at_toe_off) * smooth_step((inside - 0.67) / 0.33)
-    cos, sin, flat = np.cos(pitch), np.sin(pitch), np.zeros_like(pitch)
-    # about a pivot that stays where it is when flat; seen from the ankle it turns by -pitch about y
-    rolled = [
-        np.stack([x - (cos * x - sin * z), flat, z - (sin * x + cos * z)], -1)
-        for x, _, z in (HEEL, BALL)
-    ]
-    on_ball = smooth_step((inside - 0.15) / 0.20) - smooth_step((inside - 0.72) / 0.22)
-    path = (1.0 - on_ball)[:, None] * rolled[0] + on_ball[:, None] * rolled[1]
-    swung = np.clip((inside - STANCE_FRACTION) / (1.0 - STANCE_FRACTION), 0.0, 1.0)
-    path[:, 0] += stride * (np.floor(c) + smooth_step(swung))
-    path[:, 2] += 0.04 * 256.0 * (swung * (1.0 - swung)) ** 4
-    return path, pitch
+@dataclass(frozen=True)
+class FootPath:
+    """The nominal path of a foot."""
+
+    ankle: Array  # (n, 3) [m] from the ankle's place with the foot flat in cycle 0
+    pitch: Array  # (n,) [rad] against the floor, toes up positive
+
+
+def foot_path(c: Array, stride: float) -> FootPath:
+    """Find the nominal path of a foot.
+
+    In stance the foot rolls over its heel, lies flat from 12 % to 60 %, where both pivots give one
+    path, and rolls over its ball.
+
+    Parameters
+    ----------
+    c : Array
+        Cycle phases (n,).
+    stride : float
+        Along x [m].
+    """
+    phase = np.mod(c, 1.0)
+    flat_from, flat_to = FOOT_FLAT
+    heel_rocker = PITCH_AT_STRIKE * (1.0 - smooth_step(phase / (flat_from * STANCE_FRACTION)))
+    heel_off = PITCH_AT_TOE_OFF * smooth_step((phase - flat_to * STANCE_FRACTION) / 0.29)
+    return_in_swing = (PITCH_AT_STRIKE - PITCH_AT_TOE_OFF) * smooth_step((phase - 0.67) / 0.33)
+    pitch = heel_rocker + heel_off + return_in_swing
+
+    on_ball = smooth_step((phase - 0.15) / 0.20) - smooth_step((phase - 0.72) / 0.22)
+    over_heel = rolled_over(HEEL, pitch)
+    over_ball = rolled_over(BALL, pitch)
+    ankle = (1.0 - on_ball)[:, None] * over_heel + on_ball[:, None] * over_ball
+
+    swing_phase = np.clip((phase - STANCE_FRACTION) / (1.0 - STANCE_FRACTION), 0.0, 1.0)
+    ankle[:, 0] += stride * (np.floor(c) + smooth_step(swing_phase))
+    ankle[:, 2] += CLEARANCE * 256.0 * (swing_phase * (1.0 - swing_phase)) ** 4
+    return FootPath(ankle, pitch)
+
+
+def rolled_over(pivot: Array, pitch: Array) -> Array:
+    """Place of the ankle (n, 3) [m] of a foot that rolls over a pivot, which stays where it is when
+    the foot is flat; seen from the ankle it turns by -pitch about y."""
+    x, _, z = pivot
+    cos = np.cos(pitch)
+    sin = np.sin(pitch)
+    return np.stack([x - (cos * x - sin * z), np.zeros_like(pitch), z - (sin * x + cos * z)], -1)
 
 
 @dataclass(frozen=True)
@@ -198,29 +152,37 @@ class GaitTrial:
 
     @property
     def body_mass(self) -> float:
-        return (
-            self.condition.subject and self.condition.subject.body_mass_kg
-        ) or self.walking.gait.body_mass_kg
+        """Mass [kg] of the person, or the usual one."""
+        subject = self.condition.subject
+        if subject is not None and subject.body_mass_kg:
+            return subject.body_mass_kg
+        return self.walking.gait.body_mass_kg
+
+    @property
+    def usual_stance_s(self) -> float:
+        """Duration [s] of the person's stance, or the usual one."""
+        subject = self.condition.subject
+        if subject is not None and subject.stance_s:
+            return subject.stance_s
+        return self.walking.gait.stance_s
 
     def random(self, effect: str) -> np.random.Generator:
-        return stream(self.seed, self.name, effect)
+        """The random numbers of an effect."""
+        return generator_of(self.seed, self.name, effect)
 
     def normal(self, effect: str, unit: float = 1.0) -> float:
         """A normal deviate with an effect's standard deviation, in SI units."""
-        return unit * float(
-            getattr(self.walking.effects, effect).value * self.random(effect).standard_normal()
-        )
+        sd = getattr(self.walking.effects, effect).value
+        return unit * float(sd * self.random(effect).standard_normal())
 
     def wandering(self, effect: str) -> Array:
         """A smooth deviation of unit standard deviation, (n,): six waves of random size, frequency
         [Hz] and phase."""
         random = self.random(effect)
         sizes = random.standard_normal(6) * np.sqrt(2 / 6)
-        pitches, phases = random.uniform(0.3, 4.0, 6), random.uniform(0, 2 * np.pi, 6)
-        return np.asarray(np.cos(2 * np.pi * np.outer(self.time, pitches) + phases) @ sizes)
-
-
-RENDERED_S = 0.1  # time [s] after the onset in which the rendered impedance is fitted
+        frequencies = random.uniform(0.3, 4.0, 6)
+        phases = random.uniform(0, 2 * np.pi, 6)
+        return np.asarray(np.cos(2 * np.pi * np.outer(self.time, frequencies) + phases) @ sizes)
 
 
 @dataclass(frozen=True)
@@ -228,11 +190,11 @@ class Step:
     """One crossing's step on the platform, the same with and without the perturbation."""
 
     trial: GaitTrial
-    heel_strike: float  # Time [s] of heel strike
-    stance: float  # Duration [s] of stance
-    onset: float  # Time [s] at which the platform starts to move
-    command: float  # Time [s] at which the perturbation is commanded
-    placement: Array  # Deviation [m] of the foot's place forward, to the left and up, shape (3,)
+    heel_strike: float  # time [s]
+    stance: float  # duration [s]
+    onset: float  # time [s] at which the platform starts to move
+    command: float  # time [s] at which the perturbation is commanded
+    placement: Array  # (3,) deviation [m] of the foot's place forward, to the left and up
 
     @property
     def toe_off(self) -> float:
@@ -250,18 +212,21 @@ class Step:
 
 
 def draw_step(trial: GaitTrial) -> Step:
-    """Draw a crossing. Each effect has its own random stream."""
-    walking, condition, normal = trial.walking, trial.condition, trial.normal
-    usual = (condition.subject and condition.subject.stance_s) or walking.gait.stance_s
-    stance = usual * (1 + normal("stance_scatter", 0.01))
-    heel_strike = walking.gait.heel_strike_s + normal("heel_strike_scatter")
+    """Draw a crossing. Each effect has its own random numbers."""
+    walking = trial.walking
+    stance = trial.usual_stance_s * (1 + trial.normal("stance_scatter", unit=0.01))
+    heel_strike = walking.gait.heel_strike_s + trial.normal("heel_strike_scatter")
     phase = float(trial.random("perturbation_phase").uniform(*walking.perturbation.stance_phase))
     command = heel_strike + phase * stance
-    placement = np.array(
-        [normal("placement_forward", 1e-3), normal("placement_sideways", 1e-3), 0.0]
-    )
+    forward = trial.normal("placement_forward", unit=1e-3)
+    sideways = trial.normal("placement_sideways", unit=1e-3)
     return Step(
-        trial, heel_strike, stance, command + walking.perturbation.latency_s, command, placement
+        trial=trial,
+        heel_strike=heel_strike,
+        stance=stance,
+        onset=command + walking.perturbation.latency_s,
+        command=command,
+        placement=np.array([forward, sideways, 0.0]),
     )
 
 
@@ -269,19 +234,18 @@ def draw_step(trial: GaitTrial) -> Step:
 class PlatformMotion:
     """True motion of the platform."""
 
-    angle: Array  # Dorsiflexion (toes-up) angle [rad], shape (n,)
-    shift: Array  # Displacement [m] of the axis of rotation, laboratory axes, shape (n, 3)
-    pose: Pose  # Displacement of the platform from where it is at rest
-    # Time [s] at which the trigger fires. None if the platform stays at rest
-    command: float | None = None
-    # Time [s] at which the platform starts to move. None if it stays at rest
-    onset: float | None = None
+    angle: Array  # (n,) [rad], dorsiflexion (toes up) positive
+    shift: Array  # (n, 3) [m] of the axis of rotation, laboratory axes
+    pose: Pose  # displacement of the platform from where it is at rest
+    command: float | None = None  # time [s] at which the trigger fires; None: it stays at rest
+    onset: float | None = None  # time [s] at which the platform starts to move; None: at rest
 
 
 def displaced(angle: Array, shift: Array, walking: WalkingSettings) -> Pose:
     """The platform turned [rad, toes up] about its mediolateral axis through the nominal ankle, and
     shifted [m]."""
-    rotation, pivot = rotation_about(1, -angle), nominal_ankle(walking)
+    rotation = rotation_about(1, -angle)
+    pivot = nominal_ankle(walking)
     return Pose(rotation, pivot - rotation @ pivot + shift)
 
 
@@ -291,8 +255,10 @@ def nominal_ankle(walking: WalkingSettings) -> Array:
 
 
 def resting_platform(trial: GaitTrial) -> PlatformMotion:
-    still, unmoved = np.zeros_like(trial.time), np.zeros((len(trial.time), 3))
-    return PlatformMotion(still, unmoved, displaced(still, unmoved, trial.walking))
+    """A platform that does not move."""
+    angle = np.zeros_like(trial.time)
+    shift = np.zeros((len(trial.time), 3))
+    return PlatformMotion(angle, shift, displaced(angle, shift, trial.walking))
 
 
 def ramped_platform(
@@ -303,13 +269,14 @@ def ramped_platform(
     size: float = 1.0,
     slowness: float = 1.0,
 ) -> PlatformMotion:
-    """The commanded ramp, `size` times as far and `slowness` times as long, held until the platform
-    returns at `back` [s]. One that shifts the ankle backward dorsiflexes it."""
-    ramp, angle, shift = (
-        trial.walking.perturbation,
-        np.zeros_like(trial.time),
-        np.zeros((len(trial.time), 3)),
-    )
+    """Move the platform by the commanded ramp, `size` times as far and `slowness` times as long,
+    held until it returns at `back` [s].
+
+    One that shifts the ankle backward dorsiflexes it.
+    """
+    ramp = trial.walking.perturbation
+    angle = np.zeros_like(trial.time)
+    shift = np.zeros((len(trial.time), 3))
     held = pulse(trial.time, onset, slowness * ramp.rise_s, back, ramp.return_s)
     if ramp.shift_mm is not None:
         shift[:, 0] = size * (-trial.condition.sign * 1e-3 * ramp.shift_mm * held)
@@ -319,26 +286,38 @@ def ramped_platform(
 
 
 def unloaded_platform(trial: GaitTrial) -> PlatformMotion:
-    """The perturbation of an unloaded platform, with small random variations. Every
-    `full_motion_every`-th trial, by its number, then also shifts along all axes and tilts, so that
-    all inertial parameters can be estimated."""
-    ramp, time, command = trial.walking.perturbation, trial.time, 0.5
+    """Move an unloaded platform by the perturbation, with small random variations.
+
+    Every `full_motion_every`-th trial, by its number, then also shifts along all axes and tilts, so
+    that all inertial parameters can be estimated.
+    """
+    ramp = trial.walking.perturbation
+    command = UNLOADED_COMMAND_S
     onset = command + ramp.latency_s
     size, slowness = trial.random("unloaded_ramp").uniform([0.85, 0.9], [1.15, 1.3])
-    back = onset + 0.5
+    back = onset + UNLOADED_HOLD_S
     motion = ramped_platform(trial, command, onset, back, size, slowness)
-    number, every = re.search(r"\d+$", trial.name), trial.walking.plate.full_motion_every
-    if not (number and every and int(number.group()) % every == 0):
+    if not has_full_motion(trial):
         return motion
+
     # a shift along each axis in turn, as fast as the ramp, and a tilt about x that is three times
     # slower
-    start, fast = back + ramp.return_s, ramp.rise_s
+    time = trial.time
+    start = back + ramp.return_s
+    fast = ramp.rise_s
     shifts = [
         pulse(time, start + k * 3 * fast, 1.5 * fast, start + (k * 3 + 2) * fast, 1.5 * fast)
         for k in range(3)
     ]
-    tilt = np.radians(2.0) * pulse(time, start + 9 * fast, 3 * fast, start + 13 * fast, 3 * fast)
-    tilted = Pose(
-        rotation_about(0, tilt), np.stack(shifts, axis=-1) * np.array([0.012, 0.008, 0.006])
-    )
+    tilt = UNLOADED_TILT * pulse(time, start + 9 * fast, 3 * fast, start + 13 * fast, 3 * fast)
+    tilted = Pose(rotation_about(0, tilt), np.stack(shifts, axis=-1) * UNLOADED_SHIFT)
     return replace(motion, pose=tilted.after(motion.pose))
+
+
+def has_full_motion(trial: GaitTrial) -> bool:
+    """Whether a trial of the unloaded plate also shifts and tilts, by its number."""
+    number = re.search(r"\d+$", trial.name)
+    period = trial.walking.plate.full_motion_every
+    if number is None or not period:
+        return False
+    return int(number.group()) % period == 0

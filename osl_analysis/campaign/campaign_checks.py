@@ -1,0 +1,248 @@
+"""What a campaign must fulfil before anything runs: its files, its sheet, its walking trials."""
+
+import filecmp
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, NamedTuple
+from warnings import catch_warnings
+
+from osl_analysis.campaign.campaign_trials import Campaign
+from osl_analysis.campaign.configuration import Config
+from osl_analysis.config.sheet import read_impedance_trajectory
+from osl_analysis.errors import InputError, listing, naming, nearest
+from osl_analysis.ingest.examine import UNITS
+from osl_analysis.judge.limits import CHECKS, unknown_check, validate_rules
+from osl_analysis.model.drivetrain import known_parameters
+from osl_analysis.trial import stretches
+from osl_analysis.walking.groups import split_keys
+
+# cells of a row that name a recording
+RECORDING = ("experiment", "log", "log_source", "log_part", "mocap")
+WHOLE_RECORDING = "0-1000000"  # [s] as windows
+COMPARED_BYTES = 4096  # in the middle of two files; they differ for most files of equal size
+FEWEST_PERTURBED = 2
+
+
+class UsedPart(NamedTuple):
+    """A part of a recording that a trial uses."""
+
+    start: float  # [s]
+    stop: float  # [s]
+    trial: str
+
+
+class NeededTrials(NamedTuple):
+    """Trials that the analysis of walking needs."""
+
+    trials: Sequence[str]  # those in the sheet
+    name: str
+    fewest: int
+    remedy: str
+
+
+def check_campaign(campaign: Campaign) -> None:
+    """Refuse a campaign that cannot be analysed.
+
+    Raises
+    ------
+    InputError
+        The configuration names a missing file; quality rules, or names under `accept`, match no
+        check; two trials use one recording; or the analysis of walking trials lacks other trials.
+    """
+    check_files(campaign.config)
+    validate_rules(campaign.config.quality, UNITS)
+    used_parts = dict[tuple[Any, ...], list[UsedPart]]()
+    for trial in campaign.rows:
+        check_accepted(campaign, trial)
+        recording = tuple(campaign.row(trial)[cell] for cell in RECORDING)
+        check_not_used_twice(campaign, trial, used_parts.setdefault(recording, []))
+        check_desired_curve(campaign, trial)
+    if campaign.config.simulation is None:
+        check_no_copies(campaign)
+    if campaign.trials("walking"):
+        check_walking(campaign)
+
+
+def check_accepted(campaign: Campaign, trial: str) -> None:
+    """Refuse a name under `accept` that is no check."""
+    for name in campaign.accepted(trial):
+        if name not in CHECKS:
+            raise InputError(
+                f"{campaign.config.sheet}: trial '{trial}', accept: {unknown_check(name)}"
+            )
+
+
+def check_not_used_twice(campaign: Campaign, trial: str, used: list[UsedPart]) -> None:
+    """Refuse a log of which another trial uses the same part; adds the parts of this trial to the
+    `used` ones."""
+    row = campaign.row(trial)
+    if not row["log"]:
+        return
+    for start, stop in stretches(row["windows"] or WHOLE_RECORDING):
+        for other in used:
+            if start < other.stop and other.start < stop:
+                raise InputError(
+                    f"{campaign.config.sheet}: trial '{trial}': log '{row['log']}' is that of trial"
+                    f" '{other.trial}'; correct one, or give each its own `windows`"
+                )
+        used.append(UsedPart(start, stop, trial))
+
+
+def check_desired_curve(campaign: Campaign, trial: str) -> None:
+    """Refuse the name of a desired curve that the configuration does not have."""
+    curve = campaign.row(trial)["desired"]
+    curves = campaign.config.torque_angle.desired
+    if curve and curve not in curves:
+        raise InputError(
+            f"{campaign.config.sheet}: trial '{trial}', desired '{curve}' is no curve;"
+            f" torque_angle.desired in the configuration has {listing([*curves])}"
+            f"{nearest(curve, curves)}"
+        )
+
+
+def check_no_copies(campaign: Campaign) -> None:
+    """Refuse a recording that another trial of the experiment has under another name: it would
+    count twice."""
+    similar: dict[tuple[object, ...], list[tuple[str, Path]]] = {}
+    for trial in campaign.rows:
+        row = campaign.row(trial)
+        for file in campaign.logs(trial):
+            # two bags may have equal descriptions
+            if not file.is_file() or file.suffix == ".yaml" or not file.stat().st_size:
+                continue
+            with suppress(OSError):
+                key = (row["experiment"], row["log_part"], row["windows"], *middle_of(file))
+                known = similar.setdefault(key, [])
+                check_is_no_copy(campaign, trial, file, known)
+                known.append((trial, file))
+
+
+def middle_of(file: Path) -> tuple[int, bytes]:
+    """Size of a file and the bytes in its middle."""
+    size = file.stat().st_size
+    with file.open("rb") as content:
+        content.seek(size // 2)
+        return size, content.read(COMPARED_BYTES)
+
+
+def check_is_no_copy(
+    campaign: Campaign, trial: str, file: Path, known: Sequence[tuple[str, Path]]
+) -> None:
+    """Refuse a file that equals one of the known ones."""
+    for other, known_file in known:
+        if known_file != file and filecmp.cmp(known_file, file, shallow=False):
+            raise InputError(
+                f"{campaign.config.sheet}: trial '{trial}': {file} is a copy of {known_file}, the"
+                f" recording of trial '{other}', and would count twice; exclude one, or name its"
+                " own"
+            )
+
+
+def check_files(config: Config) -> None:
+    """Refuse a missing file, and a results' folder that is a file. Ingest checks raw files."""
+    check_folders(config)
+    named = {"parameters": config.parameters, "impedance_trajectory": config.impedance_trajectory}
+    for field, path in named.items():
+        if path is not None and not path.is_file():
+            raise InputError(
+                f"{path}: no such file; correct {field} in the configuration, or write null for"
+                " none"
+            )
+    # the jobs that use the parameters give their warnings
+    with naming("parameters"), catch_warnings(action="ignore"):
+        known_parameters(config.parameters)
+    if config.impedance_trajectory is not None:
+        with naming("impedance_trajectory"):
+            read_impedance_trajectory(config.impedance_trajectory)
+
+
+def check_folders(config: Config) -> None:
+    """Refuse folders that are files, and a results' folder that holds what is analysed."""
+    if config.results == Path():
+        raise InputError(
+            "configuration: results is empty, or this very folder; name a folder, as `results:"
+            " results`"
+        )
+    for field in ("results", "raw_data", "sources", "sheet"):
+        path: Path = getattr(config, field)
+        folders = path.parents if field == "sheet" else (path, *path.parents)
+        for folder in folders:
+            if folder.is_file():
+                raise InputError(
+                    f"{folder}: is a file; name a folder under `{field}` in the configuration"
+                )
+        if field != "results" and path.resolve().is_relative_to(config.results.resolve()):
+            raise InputError(
+                f"configuration: results = {config.results} is or holds {field} = {path}; name"
+                " another"
+            )
+
+
+def check_walking(campaign: Campaign) -> None:
+    """Refuse walking trials whose analysis lacks files, or static, plate or other trials."""
+    for trial in campaign.trials("walking"):
+        check_files_of_crossing(campaign, trial)
+    for needed in trials_for_walking(campaign):
+        if len(needed.trials) < needed.fewest:
+            raise InputError(
+                f"{campaign.config.sheet}: {len(needed.trials)} {needed.name}, walking needs"
+                f" {needed.fewest} or more; {needed.remedy}"
+            )
+    for static in campaign.statics:
+        campaign.calibration_settings(static)
+    with naming(campaign.config.sheet):
+        split_keys(campaign.conditions(), campaign.config.walking)
+
+
+def check_files_of_crossing(campaign: Campaign, trial: str) -> None:
+    """Refuse a crossing without the file that its analysis needs, or with windows that cut
+    nothing."""
+    walking = campaign.config.walking
+    row = campaign.row(trial)
+    where = f"{campaign.config.sheet}: trial '{trial}'"
+    file = "log" if walking.by_log else "mocap"
+    if row[file] is None:
+        raise InputError(
+            f"{where}: {file} is empty; a trial of experiment 'walking' needs it (perturbed_by:"
+            f" {walking.perturbed_by})"
+        )
+    if row["windows"] and not walking.by_command:
+        raise InputError(
+            f"{where}: windows cut no capture with a moving platform; export each crossing alone"
+        )
+
+
+def trials_for_walking(campaign: Campaign) -> list[NeededTrials]:
+    """The trials that the analysis of walking needs, in the order in which they are asked for."""
+    walking = campaign.config.walking
+    add = "add them, or exclude the walking trials"
+    if campaign.config.simulation is not None:
+        add += ", or correct experiments.walking or perturbed_share of the simulation"
+    needed = []
+    if not walking.by_log:
+        statics = campaign.trials("static")
+        needed.append(NeededTrials(statics, "trial of experiment 'static'", 1, add))
+    needed.append(
+        NeededTrials(
+            trials=campaign.crossings(perturbed=False),
+            name="unperturbed crossings",
+            fewest=walking.fewest_unperturbed,
+            remedy=f"{add}, or lower walking.fewest_unperturbed, to 3 at least",
+        )
+    )
+    perturbed = campaign.crossings(perturbed=True)
+    needed.append(NeededTrials(perturbed, "perturbed crossings", FEWEST_PERTURBED, add))
+    if walking.plate_inertia == "identified" and not walking.by_log:
+        needed.append(
+            NeededTrials(
+                trials=campaign.trials("plate"),
+                name="trial of experiment 'plate' (unloaded platform, moved)",
+                fewest=1,
+                remedy=(
+                    "add them, to remove the plate's own inertia, or state `plate_inertia: none`"
+                    " under `walking` if the plate is light or compensates its inertia itself"
+                ),
+            )
+        )
+    return needed

@@ -1,0 +1,265 @@
+"""A campaign: the trials of its sample sheet, and what the rules ask about each of them."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from osl_analysis.campaign.configuration import Config
+from osl_analysis.config.experiments import EXPERIMENTS, ResultTable
+from osl_analysis.config.sheet import FIXTURE, SheetRows, read_sheet
+from osl_analysis.errors import InputError, naming
+from osl_analysis.files import shipped
+from osl_analysis.ingest.raw_files import recorded_files
+from osl_analysis.model.compensator import CONTROLLERS
+from osl_analysis.model.drivetrain import joint_of
+from osl_analysis.table import MEASURED, SIMULATED
+from osl_analysis.walking.groups import STATED, side_of, static_of
+
+# Cells of a row that ingest uses. A change of other cells does not cause a new ingest.
+INGESTED = ("trial", "experiment", "log", "log_source", "log_part", "mocap", "mocap_source")
+# Tables of a moving force plate, which a campaign of the leg's logs alone does not have
+OF_THE_PLATE = ("plate", "platform")
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """The trials of a configuration."""
+
+    config: Config
+    rows: SheetRows  # rows of the sample sheet that are not excluded
+    unused: SheetRows  # excluded rows, with the reasons in the column `exclude`
+
+    @property
+    def excluded(self) -> dict[str, str]:
+        """Reasons of the trials that the sheet excludes, by trial."""
+        return {trial: row["exclude"] for trial, row in self.unused.items()}
+
+    def trials(self, *experiments: str) -> list[str]:
+        """Names of the trials of these experiments, or of all, in the order of the sheet."""
+        return [
+            trial
+            for trial, row in self.rows.items()
+            if not experiments or row["experiment"] in experiments
+        ]
+
+    def row(self, trial: str) -> Mapping[str, Any]:
+        """One trial's row of the sheet, empty cells as None."""
+        if trial not in self.rows:
+            raise InputError(
+                f"{self.config.sheet}: no trial '{trial}'; it has"
+                f" {', '.join([*self.rows][:5])}, ..."
+            )
+        return self.rows[trial]
+
+    def pattern(self, experiment: str) -> str:
+        """A regular expression that matches the trials of an experiment, and no trial of
+        another."""
+        return "|".join(map(re.escape, self.trials(experiment))) or "(?!)"
+
+    # ---- Crossings of the walkway
+
+    def crossings(self, perturbed: bool) -> list[str]:
+        """Names of the walking trials that are perturbed, or of those that are not."""
+        return [
+            trial
+            for trial in self.trials("walking")
+            if bool(self.row(trial)["perturbed"]) == perturbed
+        ]
+
+    def conditions(self) -> dict[str, dict[str, Any]]:
+        """Conditions of every walking trial in the sheet, by trial and column; None where empty."""
+        columns = (*STATED, "perturbed")
+        return {
+            trial: {column: self.row(trial)[column] for column in columns}
+            for trial in self.trials("walking")
+        }
+
+    def static(self, trial: str) -> str:
+        """The static trial that calibrates a crossing or plate trial."""
+        statics = {name: self.row(name) for name in self.trials("static")}
+        with naming(self.config.sheet):
+            return static_of(trial, self.row(trial), statics)
+
+    def plate_trials(self) -> list[str]:
+        """Names of the plate trials from which the plate's inertia is identified; none if it is
+        not."""
+        walking = self.config.walking
+        if walking.plate_inertia != "identified" or walking.by_log:
+            return []
+        return self.trials("plate")
+
+    @cached_property
+    def statics(self) -> dict[str, list[str]]:
+        """The crossings that each static trial in use calibrates, by static trial, in the order of
+        the sheet."""
+        if self.config.walking.by_log:
+            return {}
+        static_of_crossing = {trial: self.static(trial) for trial in self.trials("walking")}
+        used = {*static_of_crossing.values(), *map(self.static, self.plate_trials())}
+        return {
+            static: [trial for trial, own in static_of_crossing.items() if own == static]
+            for static in self.trials("static")
+            if static in used
+        }
+
+    def calibration_settings(self, static: str) -> dict[str, Any]:
+        """Settings for the calibration by a static trial: those of the configuration, with the side
+        of the sheet."""
+        crossings = {trial: self.row(trial) for trial in self.statics.get(static, [])}
+        with naming(self.config.sheet):
+            side = side_of(static, self.row(static), crossings, self.config.walking.side)
+        return {**self.config.walking.part("CalibrationSettings"), "side": side}
+
+    # ---- What belongs to a trial
+
+    @cached_property
+    def places(self) -> dict[str, dict[str, Any]]:
+        """Joint and side of every trial in the sheet, by trial. On the walkway, the side that is
+        analysed."""
+        analysed_sides = self._analysed_sides() if self.trials("walking") else {}
+        return {
+            trial: {"joint": row["joint"], "side": analysed_sides.get(trial) or row["side"]}
+            for trial, row in self.rows.items()
+        }
+
+    def _analysed_sides(self) -> dict[str, str]:
+        """The side of every static trial in use, its crossings and its plate trials."""
+        sides: dict[str, str] = {}
+        for static, crossings in self.statics.items():
+            side = self.calibration_settings(static)["side"]
+            sides.update(dict.fromkeys((static, *crossings), side))
+        for trial in self.plate_trials():
+            sides[trial] = sides[self.static(trial)]
+        return sides
+
+    def device(self, trial: str) -> Path | None:
+        """The parameter file of a trial's device; None if there is none for its joint."""
+        parameters = self.config.parameters
+        if parameters is None or joint_of(parameters) != self.row(trial)["joint"]:
+            return None
+        return parameters
+
+    def predicted(self) -> list[str]:
+        """The impedance trials with known gains: with a parameter file, a controller of the draft,
+        K_d and B_d."""
+        return [trial for trial in self.trials("impedance") if self._has_known_gains(trial)]
+
+    def _has_known_gains(self, trial: str) -> bool:
+        row = self.row(trial)
+        is_stated = row["K_d"] is not None and row["B_d"] is not None
+        return is_stated and row["controller"] in CONTROLLERS and self.device(trial) is not None
+
+    def needed_columns(self, trial: str) -> tuple[str, ...]:
+        """The columns that a trial must have."""
+        experiment = self.row(trial)["experiment"]
+        if experiment == "walking" and self.config.walking.by_log:
+            return ("theta", "torque")
+        return EXPERIMENTS[experiment].needed_columns
+
+    def recording(self, trial: str) -> Mapping[str, Any]:
+        """The cells of a trial's row that ingest uses."""
+        row = self.row(trial)
+        fixture = [column for column in FIXTURE if row[column] is not None]
+        return {column: row[column] for column in (*INGESTED, *fixture)}
+
+    def accepted(self, trial: str) -> list[str]:
+        """The quality checks whose failure the sheet accepts for a trial."""
+        return str(self.row(trial)["accept"] or "").split()
+
+    def logs(self, trial: str) -> list[Path]:
+        """The recorded files of a trial."""
+        row = self.row(trial)
+        named = [row[column] for column in ("log", "mocap") if row[column]]
+        return [file for name in named for file in recorded_files(self.config.raw_data / name)]
+
+    def sources(self, trial: str) -> list[Path]:
+        """The source files of a trial."""
+        row = self.row(trial)
+        named = [row[column] for column in ("log_source", "mocap_source") if row[column]]
+        return [self.config.sources / f"{name}.yaml" for name in named]
+
+    # ---- Tables and figures
+
+    def rows_of(self, experiment: str, table: ResultTable) -> list[str]:
+        """Names of the trials of an experiment that have rows in one of its tables."""
+        human = self.config.dynamometer.human
+        if table.scheduled_only and (human is None or human.over is None):
+            return []
+        if table.perturbed_only:
+            return self.crossings(perturbed=True)
+        return self.trials(experiment)
+
+    def further_tables(self) -> list[str]:
+        """The result tables that rules compute from all trials of an experiment together."""
+        tables = list[str]()
+        for experiment, facts in EXPERIMENTS.items():
+            if self.trials(experiment):
+                tables.extend(facts.further_tables)
+        if self.config.walking.by_log:
+            return [table for table in tables if table not in OF_THE_PLATE]
+        return tables
+
+    @property
+    def data(self) -> str:
+        """`simulated` or `measured`: as the configuration says, else simulated if the simulator's
+        truth is beside."""
+        if self.config.data:
+            return self.config.data
+        has_truth = (self.config.raw_data / "truth").is_dir()
+        is_simulated = self.config.simulation is not None or has_truth
+        return SIMULATED if is_simulated else MEASURED
+
+    @property
+    def beside_draft(self) -> bool:
+        """Whether results are compared with the paper's draft, as `report` of the configuration
+        says. By default, only if the draft's device is simulated."""
+        stated = self.config.report.beside_draft
+        if stated is not None:
+            return stated
+        is_drafts_device = self.config.parameters == shipped("config/parameters/default.yaml")
+        return self.config.simulation is not None and is_drafts_device
+
+
+def open_campaign(config: Config, planned: SheetRows | None) -> Campaign:
+    """Open the campaign of a configuration.
+
+    Parameters
+    ----------
+    config : Config
+    planned : SheetRows or None
+        The sheet of a simulation that is not written yet; None: the sheet is read.
+
+    Returns
+    -------
+    Campaign
+
+    Raises
+    ------
+    InputError
+        As `read_sheet`, or every trial is excluded.
+    """
+    sheet = read_sheet(config.sheet) if planned is None else planned
+    # a trial without a joint has the device's
+    if config.parameters is not None and config.parameters.is_file():
+        with naming("parameters"):
+            joint = joint_of(config.parameters)
+        sheet = {trial: {**row, "joint": row["joint"] or joint} for trial, row in sheet.items()}
+    if config.dynamometer.human is not None:
+        sheet = {trial: with_person(row) for trial, row in sheet.items()}
+    used = {trial: row for trial, row in sheet.items() if row["exclude"] is None}
+    unused = {trial: row for trial, row in sheet.items() if row["exclude"] is not None}
+    if not used:
+        raise InputError(
+            f"{config.sheet}: every trial is excluded; clear `exclude` of those to analyse"
+        )
+    return Campaign(config, used, unused)
+
+
+def with_person(row: dict[str, Any]) -> dict[str, Any]:
+    """A row whose impedance trial is of a person's joint."""
+    if row["experiment"] != "impedance":
+        return row
+    return {**row, "experiment": "human_joint"}

@@ -1,0 +1,121 @@
+"""The trials that figures show as examples."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from osl_analysis.campaign.campaign_trials import Campaign
+from osl_analysis.campaign.configuration import FrequencyResponseFigure
+from osl_analysis.errors import InputError, nearest
+from osl_analysis.files import default_config
+from osl_analysis.model.compensator import CONTROLLERS
+from osl_analysis.yaml_settings import read_mapping
+
+USUAL_DURATION_S = 10.0  # of the part that Fig. 4 shows
+NEAR_AMPLITUDE = 0.1  # relative difference of a shown amplitude from an analysed one
+
+
+def time_series_example(campaign: Campaign) -> dict[str, Any] | None:
+    """Choose the trial that Fig. 4 shows.
+
+    Returns
+    -------
+    dict or None
+        `trial`, its `joint` and `side`; the `amplitude_deg` [deg] that is drawn (None: the
+        largest); `duration_s` [s]; and `chosen`, why this trial, if the configuration does not name
+        it. None without impedance trials.
+
+    Raises
+    ------
+    InputError
+        As `matching`, or the amplitude is not analysed.
+    """
+    stated = campaign.config.figures.time_series
+    trials = campaign.trials("impedance")
+    if not trials:
+        return None
+    example = {
+        "trial": trials[0],
+        **campaign.places[trials[0]],
+        "amplitude_deg": None,
+        "duration_s": USUAL_DURATION_S,
+        "chosen": "the first impedance trial of the sheet",
+    }
+    if stated is None:
+        return example
+    example["duration_s"] = stated.duration_s
+    cells = {"controller": stated.controller, "K_d": stated.K_d, "B_d": stated.B_d}
+    named = matching(campaign, cells, "time_series")
+    if not named:
+        example["chosen"] += "; the example of the configuration is not in this campaign"
+        return example
+    check_amplitude_is_analysed(campaign, stated.amplitude_deg)
+    return {
+        "trial": named[0],
+        **campaign.places[named[0]],
+        "amplitude_deg": stated.amplitude_deg,
+        "duration_s": stated.duration_s,
+        "chosen": "",
+    }
+
+
+def check_amplitude_is_analysed(campaign: Campaign, amplitude_deg: float | None) -> None:
+    """Refuse an amplitude of Fig. 4 that is none of the stepped sine's."""
+    dynamometer = campaign.config.dynamometer
+    analysed = dynamometer.amplitudes_deg or ()
+    if amplitude_deg is None or not analysed or dynamometer.excitation == "any":
+        return
+    if not any(abs(one / amplitude_deg - 1) < NEAR_AMPLITUDE for one in analysed):
+        raise InputError(
+            f"configuration: figures.time_series.amplitude_deg = {amplitude_deg:g} is none of"
+            f" dynamometer.amplitudes_deg ({', '.join(f'{one:g}' for one in analysed)}); choose one"
+            " of them, or null"
+        )
+
+
+def response_example(campaign: Campaign) -> FrequencyResponseFigure | None:
+    """The desired impedance of Fig. 7; None: the one with the most trials. Raises as
+    `time_series_example`."""
+    stated = campaign.config.figures.frequency_response
+    if stated is None or not campaign.trials("impedance"):
+        return None
+    cells = {"K_d": stated.K_d, "B_d": stated.B_d}
+    return stated if matching(campaign, cells, "frequency_response") else None
+
+
+def matching(campaign: Campaign, cells: Mapping[str, Any], figure: str = "") -> list[str]:
+    """Find the impedance trials with these cells of the sheet.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    cells : Mapping
+        By column; None matches an empty cell.
+    figure : str
+        Section of `figures` in the configuration that asks for them; empty: none.
+
+    Raises
+    ------
+    InputError
+        The figure asks for an example that the campaign does not have, unless the default
+        configuration does.
+    """
+    trials = [
+        trial
+        for trial in campaign.trials("impedance")
+        if all(campaign.row(trial)[column] == value for column, value in cells.items())
+    ]
+    if trials or not figure:
+        return trials
+    default = read_mapping(default_config())["figures"].get(figure) or {}
+    if all(default.get(column) == value for column, value in cells.items()):
+        return trials
+    stated = [f"{name} = {shown(value)}" for name, value in cells.items() if value is not None]
+    raise InputError(
+        f"{campaign.config.sheet}: no impedance trial with"
+        f" {', '.join(stated) or 'these empty cells'}; choose another one under figures.{figure},"
+        f" or null to have one chosen{nearest(cells.get('controller') or '', CONTROLLERS)}"
+    )
+
+
+def shown(value: str | float) -> str:
+    return value if isinstance(value, str) else f"{value:g}"

@@ -1,0 +1,95 @@
+"""The origin of a campaign's results: what figures, tables and summary say of it."""
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+
+from osl_analysis.campaign.campaign_trials import Campaign
+from osl_analysis.yaml_settings import content_digest, read_mapping
+
+# facts on the origin of results
+ABOUT_MEANING = {
+    "campaign": "name of the campaign",
+    "data": "simulated or measured",
+    "version": "version of osl-analysis",
+    "configuration": (
+        "first digits of the SHA-256 of the configuration and of the files that it names"
+    ),
+    "recorded": "date of the data, or what is known in its place",
+}
+# the LaTeX macros, without prefix
+ABOUT_MACROS = {name: name.capitalize() for name in ABOUT_MEANING}
+# settings that do not change results, or stand beside the hash
+NOT_HASHED = {"raw_data", "sheet", "results", "sources", "failed_trials", "data", "recorded"}
+HASH_DIGITS = 8
+
+
+def about(campaign: Campaign, simulation: Sequence[Path]) -> dict[str, str]:
+    """Tell the origin of a campaign's results.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    simulation : Sequence of Path
+        The files of its simulation's settings.
+
+    Returns
+    -------
+    dict
+        By `ABOUT_MEANING`. The data are dated by the configuration, else by the seed of the
+        simulation, else by the recordings (UTC).
+    """
+    return {
+        "campaign": campaign.config.campaign,
+        "data": campaign.data,
+        "version": version("osl-analysis"),
+        "configuration": hash_of_settings(campaign, simulation),
+        "recorded": date_of_data(campaign),
+    }
+
+
+def hash_of_settings(campaign: Campaign, simulation: Sequence[Path]) -> str:
+    """First digits of the SHA-256 of the settings that results depend on, with the defaults, and of
+    the files that they name."""
+    config = campaign.config
+    files = {config.parameters, config.impedance_trajectory, *simulation} - {None}
+    settings = config.model_dump(mode="json", exclude=NOT_HASHED)
+    digests = sorted(str(content_digest(path)) for path in files if path is not None)
+    text = json.dumps([settings, digests], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:HASH_DIGITS]
+
+
+def date_of_data(campaign: Campaign) -> str:
+    """When the data were recorded, in words."""
+    config = campaign.config
+    if config.recorded is not None:
+        return f"recorded {config.recorded}"
+    if config.simulation is not None:
+        return f"made with seed {read_mapping(config.simulation).get('seed')}"
+    logs = {path for trial in campaign.trials() for path in campaign.logs(trial) if path.is_file()}
+    days = sorted({day_of_change(path) for path in logs})
+    if not days:
+        return "date not known"
+    if days[0] == days[-1]:
+        return f"files of {days[0]}"
+    return f"files of {days[0]} to {days[-1]}"
+
+
+def day_of_change(path: Path) -> str:
+    """Day (UTC) on which a file was changed last."""
+    return datetime.fromtimestamp(path.stat().st_mtime, UTC).date().isoformat()
+
+
+def sentence(about: Mapping[str, str], below_figure: bool = False) -> str:
+    """Say the origin of results (`about`) in a sentence. Below a figure, without the hash of
+    settings that it may not even use."""
+    facts = {name: about.get(name, "") for name in ABOUT_MEANING}
+    configuration = "" if below_figure else f", configuration {facts['configuration']}"
+    made_by = f"osl-analysis {facts['version']}{configuration}"
+    return (
+        f"{facts['data'].capitalize()} data: campaign {facts['campaign']}, {made_by},"
+        f" {facts['recorded']}"
+    )

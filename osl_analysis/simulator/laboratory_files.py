@@ -1,0 +1,327 @@
+"""What the recorders of the gait laboratory write: the capture of Vicon (C3D) and the leg's log
+(MCAP)."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from osl_analysis.errors import optional_module
+from osl_analysis.files import atomic_path
+from osl_analysis.simulator import laboratory_settings as laboratory
+from osl_analysis.simulator.mcap_log import SAMPLES, sample_topic, write_topics
+from osl_analysis.simulator.recorder import rounded_to
+from osl_analysis.simulator.rigid_body import (
+    GRAVITY,
+    Point,
+    Pose,
+    TrueWrench,
+    interpolated_at,
+    support,
+)
+from osl_analysis.simulator.simulated_crossing import SimulatedCrossing
+from osl_analysis.simulator.simulation_settings import SimulationSettings
+from osl_analysis.simulator.step import GaitTrial, PlatformMotion
+from osl_analysis.trial import Array
+
+MM = 1e3  # mm in a metre
+HIGH = 5.0  # [V] of the synchronisation line and the trigger
+TRIGGER_S = 0.02  # [s] for which the trigger is high
+SYNC_INTERVAL_S = (0.06, 0.25)  # shortest and longest between two changes of the line
+# Gaps in which a marker is hidden [s]; a quarter of them are long
+SHORT_GAP_S = (0.007, 0.04)
+LONG_GAP_S = (0.05, 0.2)
+LONG_GAP_SHARE = 0.25
+# a period of the leg's clock that rounding put before the first sample or after the last
+CLOCK_MARGIN = 1e-6
+
+# axes of C3D force plates: x along laboratory +y, y along +x, z down, turning with the platform
+PLATE_AXES = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+# corners in C3D's order, in the axes of the plate
+QUADRANTS = np.array([[1.0, 1.0, 0.0], [-1.0, 1.0, 0.0], [-1.0, -1.0, 0.0], [1.0, -1.0, 0.0]])
+
+TEXT_TYPE = -1  # C3D's types are bytes per element, -1 for characters
+WHOLE_NUMBER_TYPE = 2
+REAL_TYPE = 4
+
+
+def write_leg_log(
+    folder: Path,
+    crossing: SimulatedCrossing,
+    clock: tuple[float, float],
+    settings: SimulationSettings,
+) -> None:
+    """Write the leg's log `leg/<trial>.mcap`, sampled at whole periods of its own clock.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the campaign's raw data.
+    crossing : SimulatedCrossing
+    clock : (float, float)
+        Offset [s] and drift: the leg's time is offset + (1 + drift) times Vicon's.
+    settings : SimulationSettings
+        Effects of encoder and current. Gains and current are held from one update of the controller
+        to the next.
+    """
+    trial = crossing.step.trial
+    effects = settings.effects
+    rates = trial.walking.rates
+    drivetrain = crossing.drivetrain
+    offset, drift = clock
+    first, last = (offset + (1 + drift) * crossing.time[[0, -1]]) * rates.leg_hz
+    periods = np.arange(np.ceil(first + CLOCK_MARGIN), np.floor(last - CLOCK_MARGIN) + 1)
+    leg_time = periods / rates.leg_hz
+    time = (leg_time - offset) / (1 + drift)
+
+    update = np.floor(time * rates.controller_hz).astype(int)
+    noise = trial.random("current_noise").standard_normal(len(time))
+    current = drivetrain["current"][update] + effects.current_noise.value * noise
+    theta = interpolated_at(crossing.motion.theta, rates.motion_hz, time)
+    theta_m = interpolated_at(drivetrain["theta_m"], rates.controller_hz, time)
+    columns = {
+        "joint_angle": rounded_to(theta, trial.walking.effects.leg_joint_encoder.value),
+        "actuator_angle": rounded_to(theta_m, effects.actuator_encoder.value),
+        "motor_current": rounded_to(current, effects.current_quantisation.value),
+        "stiffness_gain": crossing.commands[0, update],
+        "damping_gain": crossing.commands[1, update],
+        "sync": sync_level(trial, time),
+    }
+    topic = sample_topic("/leg", "leg", SAMPLES["/leg"], leg_time, columns)
+    write_topics(folder / "leg" / f"{trial.name}.mcap", [topic])
+
+
+def sync_level(trial: GaitTrial, time: Array) -> Array:
+    """Level, 0 or 1, of the synchronisation line at times [s]: an irregular pulse train over the
+    duration of a recording, whose pattern does not repeat. It is low before the first pulse."""
+    shortest, longest = SYNC_INTERVAL_S
+    duration = trial.walking.gait.recording_s
+    intervals = trial.random("sync").uniform(shortest, longest, int(duration / shortest) + 1)
+    edges = np.cumsum(intervals)
+    changes = np.searchsorted(edges[edges < duration], time, side="right")
+    return np.asarray(changes % 2, dtype=float)
+
+
+def write_crossing_capture(folder: Path, walked: SimulatedCrossing) -> None:
+    """Write the capture of a crossing."""
+    markers = leg_markers(walked.foot, walked.shank)
+    write_capture(folder, walked.step.trial, markers, walked.platform, walked.reaction)
+
+
+def write_capture(
+    folder: Path,
+    trial: GaitTrial,
+    leg: Mapping[str, Array],
+    platform: PlatformMotion,
+    load: TrueWrench,
+) -> None:
+    """Write the capture `vicon/<trial>.c3d`.
+
+    It has the paths of the leg's markers and those of the platform, with noise and gaps; the plate
+    under its load, synchronisation, and the trigger, high for 20 ms.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the campaign's raw data.
+    trial : GaitTrial
+    leg : Mapping
+        Exact paths (n, 3) [m] of the leg's markers; without any there is no person.
+    platform : PlatformMotion
+    load : TrueWrench
+        On the plate.
+    """
+    rates = trial.walking.rates
+    centre = trial.walking.plate.centre_m
+    places = {label: np.add(centre, place) for label, place in laboratory.PLATFORM.items()}
+    markers = {**leg, **on_body(platform.pose, places)}
+    stride = rates.motion_hz // rates.points_hz
+    exact = np.stack(list(markers.values()), axis=1)[::stride]
+    samples = len(exact) * (rates.analogs_hz // rates.points_hz)
+    time = np.arange(samples) / rates.analogs_hz
+
+    command = np.inf if platform.command is None else platform.command
+    trigger = np.asarray((time >= command) & (time < command + TRIGGER_S), dtype=float)
+    plate = plate_channels(trial, platform, load, time)
+    analogs = np.column_stack([plate, HIGH * sync_level(trial, time), HIGH * trigger])
+    person = trial.condition.person if leg else None
+    write_c3d(
+        folder / "vicon" / f"{trial.name}.c3d",
+        seen_markers(trial, exact),
+        analogs,
+        capture_parameters(trial, list(markers), person),
+    )
+
+
+class PlateReading(NamedTuple):
+    """What ideal sensors of the plate read, zeroed at rest."""
+
+    force: Array  # (n, 3) [N]
+    moment: Array  # (n, 3) [N*m] about the sensor's origin
+
+
+def plate_reading(trial: GaitTrial, platform: PlatformMotion, load: TrueWrench) -> PlateReading:
+    """Find what ideal sensors of the plate read under a load.
+
+    The plate's signs are as Vicon Nexus stores them: a standing person reads Fz < 0 along z down.
+    Its sensors carry the foot and the plate's own mass above them: force F + m (a - g), moment M +
+    dH/dt + r x m (a - g).
+    """
+    plate = trial.walking.plate
+    mass = trial.walking.effects.plate_inertia.value
+    rate = trial.walking.rates.motion_hz
+    axes = platform.pose.rotation @ PLATE_AXES
+    sensor = np.array(plate.centre_m) + np.array([*plate.sensor_offset_m, -plate.sensor_depth_m])
+    origin = platform.pose.point(sensor)
+    centre_of_mass = np.add(plate.centre_m, plate.centre_of_mass_m)
+    inertial = support(platform.pose, rate, mass, centre_of_mass, plate.gyration_m)
+
+    force = np.einsum("nji,nj->ni", axes, load.force + inertial.force)
+    moment_in_laboratory = load.moment_about(origin) + inertial.moment_about(origin)
+    moment = np.einsum("nji,nj->ni", axes, moment_in_laboratory)
+    force_at_rest = -mass * GRAVITY
+    moment_at_rest = np.cross(centre_of_mass - sensor, force_at_rest)
+    return PlateReading(
+        force=force - force_at_rest @ PLATE_AXES, moment=moment - moment_at_rest @ PLATE_AXES
+    )
+
+
+def plate_channels(
+    trial: GaitTrial, platform: PlatformMotion, load: TrueWrench, time: Array
+) -> Array:
+    """The plate's channels (m, 6) at times (m,) [s]: force [N], and moment [N*mm] about the
+    sensor's origin, with lag, noise and offset."""
+    effects = trial.walking.effects
+    reading = plate_reading(trial, platform, load)
+
+    def recorded(name: str, values: Array, noise_sd: float, offset_sd: float) -> Array:
+        noise = trial.random(f"{name}_noise").standard_normal((len(time), 3))
+        offset = trial.random(f"{name}_offset").standard_normal(3)
+        lag = 1e-3 * effects.plate_lag.value
+        late = interpolated_at(values, trial.walking.rates.motion_hz, time - lag)
+        return late + noise_sd * noise + offset_sd * offset
+
+    force = recorded("force", reading.force, effects.force_noise.value, effects.force_offset.value)
+    moment = recorded(
+        "moment", reading.moment, effects.moment_noise.value, effects.moment_offset.value
+    )
+    return np.column_stack([force, MM * moment])
+
+
+def capture_parameters(
+    trial: GaitTrial, markers: list[str], person: str | None
+) -> dict[str, dict[str, Any]]:
+    """Groups of parameters of a capture, as Vicon Nexus writes them."""
+    plate = trial.walking.plate
+    rates = trial.walking.rates
+    channels = [*laboratory.PLATE_CHANNELS, "Sync", "Trigger"]
+    half_size = 0.5 * np.array([*plate.size_m, 0.0])
+    corners = np.array(plate.centre_m) + QUADRANTS @ PLATE_AXES.T * half_size
+    # of the sensor below the surface, z > 0: the sign of Vicon Nexus; that of the C3D manual is the
+    # opposite
+    sensor = np.array([*plate.sensor_offset_m, -plate.sensor_depth_m])
+    origin = np.asarray(PLATE_AXES.T @ sensor)
+    return {
+        "POINT": {
+            "LABELS": markers,
+            "DESCRIPTIONS": ["" for _ in markers],
+            "UNITS": ["mm"],
+            "RATE": np.array([float(rates.points_hz)]),
+            "X_SCREEN": ["+X"],
+            "Y_SCREEN": ["+Z"],
+            "FORCE_UNITS": ["N"],
+            "MOMENT_UNITS": ["Nmm"],
+        },
+        "ANALOG": {
+            "LABELS": channels,
+            "DESCRIPTIONS": ["" for _ in channels],
+            "UNITS": [*laboratory.PLATE_CHANNELS.values(), "V", "V"],
+            "RATE": np.array([float(rates.analogs_hz)]),
+            "FORMAT": ["SIGNED"],
+        },
+        "FORCE_PLATFORM": {
+            "USED": np.array([1]),
+            "TYPE": np.array([2]),
+            "ZERO": np.array([1, 0]),
+            "CORNERS": corners.T[:, :, None] * MM,
+            "ORIGIN": origin[:, None] * MM,
+            "CHANNEL": np.arange(1, len(laboratory.PLATE_CHANNELS) + 1)[:, None],
+            "CAL_MATRIX": np.zeros(0),
+        },
+        "TRIAL": {"CAMERA_RATE": np.array([float(rates.points_hz)])},
+        "SUBJECTS": {} if person is None else {"NAMES": [person]},
+        "MANUFACTURER": {"COMPANY": ["osl-analysis"], "SOFTWARE": ["simulator"]},
+    }
+
+
+def write_c3d(
+    path: Path, points: Array, analogs: Array, groups: Mapping[str, Mapping[str, Any]]
+) -> None:
+    """Write a C3D file; it appears whole or not at all.
+
+    Parameters
+    ----------
+    path : Path
+    points : Array
+        Markers (frames, labels, 3) [m], NaN where hidden. A hidden marker is stored as Nexus does
+        it: coordinates 0 and residual -1. That of a seen one is 0, because readers disagree about
+        the byte of a positive residual.
+    analogs : Array
+        (samples, channels).
+    groups : Mapping
+        Parameters by group and name.
+    """
+    file: Any = optional_module("ezc3d", "the simulator of walking").c3d()
+    is_seen = np.isfinite(points).all(axis=2).T
+    homogeneous = np.ones((4, *is_seen.shape))
+    homogeneous[:3] = np.where(is_seen, points.transpose(2, 1, 0) * MM, 0.0)
+    file["data"]["points"] = homogeneous
+    file["data"]["analogs"] = analogs.T[None]
+    file["data"]["meta_points"] = {
+        "residuals": np.where(is_seen, 0.0, -1.0)[None],
+        "camera_masks": np.zeros((7, *is_seen.shape), dtype=bool),
+    }
+    parameters = file["parameters"]
+    for group, values in groups.items():
+        if values:
+            parameters.create_group_if_needed(group)
+        for name, value in values.items():
+            # ezc3d's own `add_parameter` makes floats of whole numbers, which other readers refuse
+            # in CHANNEL and TYPE
+            parameter = parameters[group].get(name, {"description": "", "is_locked": False})
+            parameters[group][name] = {**parameter, "type": c3d_type(value), "value": value}
+    with atomic_path(path) as temporary:
+        file.write(str(temporary))
+
+
+def c3d_type(value: Any) -> int:
+    """C3D's type of a parameter: a list of texts, or an array of numbers."""
+    if isinstance(value, list):
+        return TEXT_TYPE
+    return WHOLE_NUMBER_TYPE if value.dtype.kind == "i" else REAL_TYPE
+
+
+def leg_markers(foot: Pose, shank: Pose) -> dict[str, Array]:
+    """Exact paths (n, 3) [m] of the markers that foot and shank always carry."""
+    return {**on_body(foot, laboratory.FOOT), **on_body(shank, laboratory.SHANK)}
+
+
+def on_body(body: Pose, places: Mapping[str, Point]) -> dict[str, Array]:
+    """Exact paths (n, 3) [m] of points given by their places [m] on a body."""
+    return {label: body.point(place) for label, place in places.items()}
+
+
+def seen_markers(trial: GaitTrial, exact: Array) -> Array:
+    """Marker positions (frames, labels, 3) [m] with noise, NaN where hidden."""
+    effects = trial.walking.effects
+    noise = trial.random("marker_noise").standard_normal(exact.shape)
+    seen = exact + 1e-3 * effects.marker_noise.value * noise
+    random = trial.random("marker_gaps")
+    for _ in range(random.poisson(effects.marker_gaps.value)):
+        shortest, longest = LONG_GAP_S if random.random() < LONG_GAP_SHARE else SHORT_GAP_S
+        frames = int(np.ceil(random.uniform(shortest, longest) * trial.walking.rates.points_hz))
+        first = random.integers(len(exact))
+        label = random.integers(exact.shape[1])
+        seen[first : first + frames, label] = np.nan
+    return seen

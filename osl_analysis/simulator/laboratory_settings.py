@@ -1,0 +1,205 @@
+"""The simulated gait laboratory as a validated file, such as `config/simulation/walking.yaml`:
+choices only; and where its markers are.
+
+Effects of the leg's controller are the campaign's.
+"""
+
+import math
+from typing import Annotated
+
+from pydantic import Field
+
+from osl_analysis.model.compensator import PAPER_WEIGHT, Weight
+from osl_analysis.simulator.simulation_settings import Count, Effect, Switches, effect
+from osl_analysis.yaml_settings import (
+    Metres,
+    NotNegative,
+    Positive,
+    Seconds,
+    Settings,
+    ShippedPath,
+    below,
+    refused,
+)
+
+# from the ankle's centre, in the axes of foot and shank when standing [m]; the right leg's outer
+# side is -y
+FOOT = {
+    "FOOT1": (-0.075, 0.012, -0.030),
+    "FOOT2": (0.160, 0.020, -0.050),
+    "FOOT3": (0.105, -0.050, -0.045),
+    "FOOT4": (0.060, 0.008, 0.035),
+}
+SHANK = {
+    "SHANK1": (0.055, -0.020, 0.100),
+    "SHANK2": (0.010, -0.065, 0.190),
+    "SHANK3": (-0.035, 0.050, 0.255),
+    "SHANK4": (0.060, 0.025, 0.330),
+}
+# from the centre of the plate's surface [m]; one is on a post, so that the four do not lie in a
+# plane
+PLATFORM = {
+    "PLAT1": (0.285, 0.235, 0.004),
+    "PLAT2": (-0.285, 0.230, 0.004),
+    "PLAT3": (-0.280, -0.235, 0.060),
+    "PLAT4": (0.285, -0.230, 0.004),
+}
+ANKLE_AXIS = {"ANKLE_MED": (0.0, 0.042, 0.0), "ANKLE_LAT": (0.0, -0.042, 0.0)}
+# labels and units of the plate's channels, force and moment: type 2 of the C3D manual
+PLATE_CHANNELS = {"Fx1": "N", "Fy1": "N", "Fz1": "N", "Mx1": "Nmm", "My1": "Nmm", "Mz1": "Nmm"}
+
+FASTEST_MOTION_HZ = 100_000  # rate [Hz] at which a crossing can still be computed
+
+
+class WalkingEffects(Switches):
+    """Every imperfection of gait and gait laboratory. The size of a scatter, an offset or a noise
+    is its standard deviation. The actuator's encoder and current have the imperfections of the
+    campaign."""
+
+    heel_strike_scatter: Effect = effect("s")  # of the time of heel strike on the platform
+    stance_scatter: Effect = effect("%")  # of the duration of stance on the platform
+    angle_scale: Effect = effect("%")  # of a factor of the ankle's angle
+    angle_wander: Effect = effect("deg")  # smooth deviation of the ankle's angle, below 4 Hz
+    force_scale: Effect = effect("%")  # of a factor of each component of the ground reaction
+    placement_forward: Effect = effect("mm")  # of the foot's place on the platform
+    placement_sideways: Effect = effect("mm")
+    # of the foot's direction on the platform; the ankle's axis turns with it
+    foot_yaw: Effect = effect("deg")
+    # share of the platform's rotation by which the shank rotates within 0.2 s
+    shank_yield: Effect = effect("%")
+    foot_inertia: Effect = effect("kg")  # of foot and shoe below the ankle
+    # of the plate above its sensors; off: the reading is the ground reaction
+    plate_inertia: Effect = effect("kg")
+    marker_noise: Effect = effect("mm")  # white, each axis
+    marker_gaps: Effect = effect("1/trial")  # mean number of gaps in which a marker is hidden
+    force_noise: Effect = effect("N")  # white, each axis
+    moment_noise: Effect = effect("N*m")
+    force_offset: Effect = effect("N")  # constant over a trial
+    moment_offset: Effect = effect("N*m")
+    plate_lag: Effect = effect("ms")  # of the plate's channels behind markers, trigger and sync
+    # mean offset of the leg's clock from that of the recording
+    leg_clock_offset: Effect = effect("s")
+    leg_clock_drift: Effect = effect("ppm")  # scatter of the rate of the leg's clock
+    leg_joint_encoder: Effect = effect("bit")
+
+
+Rate = Annotated[int, Field(ge=1, le=1_000_000)]
+
+
+class Rates(Settings):
+    """Motion is computed at the least common multiple of three rates, so that markers, analogs and
+    controller sample it exactly. The leg's log runs on its own clock and is interpolated."""
+
+    points_hz: Rate  # of the markers
+    analogs_hz: Rate
+    leg_hz: Rate  # of the leg's log
+    controller_hz: Rate  # of the leg's controller
+
+    _c3d_can_hold_them = refused(
+        lambda s: s.analogs_hz % s.points_hz,
+        "analogs_hz must be a multiple of points_hz ({s.points_hz}), not {s.analogs_hz}: C3D needs"
+        " that",
+        "analogs_hz",
+    )
+    _are_computable = refused(
+        lambda s: s.motion_hz > FASTEST_MOTION_HZ,
+        "controller_hz has with the others the least common multiple {s.motion_hz}; choose 100000"
+        " or less, as of 1000",
+        "controller_hz",
+    )
+
+    @property
+    def motion_hz(self) -> int:
+        """Rate [Hz] at which the motion is computed."""
+        return math.lcm(self.points_hz, self.analogs_hz, self.controller_hz)
+
+
+class Gait(Settings):
+    """The nominal crossing."""
+
+    body_mass_kg: Positive
+    recording_s: Positive  # duration
+    heel_strike_s: Annotated[float, Field(ge=0.1)]  # time of the heel strike on the platform
+    stance_s: Seconds  # duration of stance on the platform
+    stride_m: Metres
+
+    _step_is_recorded = below(
+        "heel_strike_s + stance_s", "recording_s", "and the step would not be recorded"
+    )
+
+
+class Perturbation(Settings):
+    """Ramp of the platform about a mediolateral axis; toes up, if the conditions of the campaign do
+    not say more."""
+
+    angle_deg: Annotated[float, Field(gt=0, le=60)]
+    rise_s: Seconds
+    latency_s: NotNegative  # from the command to the start of the ramp
+    stance_phase: tuple[Annotated[float, Field(ge=0, le=1)], Annotated[float, Field(ge=0, le=1)]]
+    """First and last share of stance at which the ramp is commanded, drawn evenly."""
+    # after toe-off, when the platform starts to return
+    hold_s: Annotated[float, Field(ge=0, le=10)]
+    return_s: Seconds
+    shift_mm: Positive | None = None
+    """Distance by which the platform shifts in place of a turn: backward for `up`, which
+    dorsiflexes the ankle, as the hip stays where it is. Null: it turns."""
+    _in_order = refused(
+        lambda s: s.stance_phase[0] > s.stance_phase[1],
+        "stance_phase falls; write the lower first",
+        "stance_phase",
+    )
+
+
+class Body(Settings):
+    """The inertia of a body. Its mass is the size of an effect (`foot_inertia` or
+    `plate_inertia`)."""
+
+    centre_of_mass_m: tuple[float, float, float]  # in the body's axes
+    gyration_m: tuple[Metres, Metres, Metres]  # principal radii about the centre of mass
+
+
+class MovingPlate(Body):
+    """The force plate. Its centre of mass is given from the centre of its surface."""
+
+    centre_m: tuple[float, float, float]  # of the surface at rest, in laboratory axes
+    size_m: tuple[Metres, Metres]  # of the surface along the plate's x and y
+    sensor_depth_m: Metres  # of the sensor origin below the surface
+    # sensor origin from the surface's centre, along laboratory x and y
+    sensor_offset_m: tuple[float, float]
+    # point of the surface above which participants put the ankle
+    nominal_ankle_m: tuple[float, float]
+    # plate trial also shifts and tilts, to identify all inertial parameters; 0: none
+    full_motion_every: Count
+
+    _lie_on_it = refused(
+        lambda s: any(
+            2 * abs(x) > s.size_m[k % 2]
+            for k, x in enumerate(s.nominal_ankle_m + s.sensor_offset_m)
+        ),
+        "nominal_ankle_m or sensor_offset_m is beyond half of size_m = {s.size_m}; correct it, in m"
+        " from the centre",
+        "nominal_ankle_m",
+    )
+
+
+class WalkingSettings(Settings):
+    """A simulated gait laboratory."""
+
+    impedance: ShippedPath  # file of the desired impedance over the gait cycle
+    rates: Rates
+    gait: Gait
+    perturbation: Perturbation
+    foot: Body
+    plate: MovingPlate
+    effects: WalkingEffects
+    gain_weight: Weight = PAPER_WEIGHT  # that of the simulated campaign replaces it
+
+    _ramps_end_in_stance = refused(
+        lambda s: (
+            s.perturbation.latency_s + s.perturbation.rise_s
+            > (1 - s.perturbation.stance_phase[1]) * s.gait.stance_s
+        ),
+        "perturbation.rise_s ends a ramp, after stance_phase and latency_s, behind toe-off; lower"
+        " one of the three",
+        "perturbation.rise_s",
+    )

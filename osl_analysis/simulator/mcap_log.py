@@ -1,0 +1,425 @@
+"""Logs of the simulated laboratories as MCAP like those of real ones: ROS 2 messages in CDR, zstd
+chunks with CRCs.
+
+All messages are known beforehand, so the file is made chunk by chunk. It equals the file that
+`mcap.writer.Writer` writes.
+"""
+
+import struct
+import zlib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO, NamedTuple
+
+import numpy as np
+import zstandard
+from mcap import records as mcap_records
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+from mcap.writer import MCAP0_MAGIC
+from numpy.typing import ArrayLike, NDArray
+
+from osl_analysis.files import atomic_path
+from osl_analysis.trial import Array
+
+McapRecord = mcap_records.McapRecord
+
+RULE = "=" * 80 + "\n"  # between the definitions of a ROS 2 schema
+ARRIVES_NS = 150_000  # [ns] in which a sample arrives at the recorder
+CHUNK_BYTES = 1 << 20  # a chunk ends with the message that takes it beyond this size
+LITTLE_ENDIAN_CDR = b"\x00\x01\x00\x00"
+RECORD_HEAD_BYTES = 9  # opcode and length of a record, which its length does not count
+
+HEADER_DEFINITIONS = (
+    f"{RULE}MSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n"
+    f"{RULE}MSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
+)
+JOINT_STATE_FIELDS = "string[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort\n"
+WRENCH_FIELDS = (
+    f"geometry_msgs/Wrench wrench\n{RULE}MSG: geometry_msgs/Wrench\ngeometry_msgs/Vector3"
+    f" force\ngeometry_msgs/Vector3 torque\n{RULE}MSG: geometry_msgs/Vector3\nfloat64"
+    " x\nfloat64 y\nfloat64 z\n"
+)
+# fields of the messages of each topic of our own types
+SAMPLES = {
+    "/dynamometer": (
+        """\
+float32 joint_angle       # rad, joint encoder of the dynamometer
+float32 load_cell_torque  # N*m, exerted by the joint on the dynamometer
+float32 actuator_angle    # rad, at the actuator's output
+float32 motor_current     # A, q-axis
+float32 commanded_angle   # rad, in counts of the joint encoder
+"""
+    ),
+    "/actuator": (
+        """\
+float32 actuator_angle  # rad, at the actuator's output
+float32 motor_current   # A, q-axis
+float32 output_torque   # N*m, exerted by the actuator's output on the bench
+"""
+    ),
+    "/leg": (
+        """\
+float32 joint_angle     # rad
+float32 actuator_angle  # rad, at the actuator's output
+float32 motor_current   # A, q-axis
+float32 stiffness_gain  # N*m/rad, K_1 at the actuator's output
+float32 damping_gain    # N*m*s/rad, B_1 at the actuator's output
+bool sync               # level of the synchronisation line
+"""
+    ),
+}
+CDR_TYPES = {"bool": "u1", "float32": "<f4"}
+
+# one for all chunks: to make it clears a megabyte
+COMPRESSOR = zstandard.ZstdCompressor()
+
+
+class LogTopic(NamedTuple):
+    """A topic of equally long messages."""
+
+    name: str
+    schema_name: str
+    schema_text: str
+    stamps: NDArray[np.int64]  # (n,) [ns]
+    template: NDArray[np.void]  # (1,) the record that all have
+    columns: Mapping[str, NDArray[Any]]  # (n,) members of the record that differ
+
+    def records(self, rows: NDArray[np.intp]) -> NDArray[np.void]:
+        """The records (m,) of messages in these rows: those of a chunk stay in the processor's
+        cache."""
+        as_bytes = self.template.view(f"V{self.template.itemsize}")
+        records = np.repeat(as_bytes, rows.size).view(self.template.dtype)
+        stamps = self.stamps[rows]
+        records["sequence"] = rows
+        records["publish"] = stamps
+        records["log"] = stamps + ARRIVES_NS
+        for member, values in self.columns.items():
+            records["data"][member] = values[rows]
+        return records
+
+
+def log_topic(
+    name: str,
+    schema_name: str,
+    fields: str,
+    frame_id: str,
+    time: Array,
+    members: Mapping[str, tuple[str, Any]],
+) -> LogTopic:
+    """Make a topic with a message per time stamp.
+
+    Parameters
+    ----------
+    name, schema_name : str
+    fields : str
+        Definition of the message after its header.
+    frame_id : str
+        Of the header.
+    time : Array
+        (n,) [s].
+    members : Mapping
+        In order: numpy type, and a value for all messages or a column (n,).
+    """
+    stamps = np.rint(np.asarray(time) * 1e9).astype(np.int64)
+    seconds, nanoseconds = np.divmod(stamps, 10**9)
+    frame = frame_id.encode() + b"\0"
+    message: dict[str, tuple[str, Any]] = {
+        "encapsulation": ("V4", LITTLE_ENDIAN_CDR),
+        "sec": ("<i4", seconds),
+        "nanosec": ("<u4", nanoseconds),
+        "frame_id_length": ("<u4", len(frame)),
+        "frame_id": (f"S{len(frame)}", frame),
+        **members,
+    }
+    record = [
+        ("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"),
+        ("log", "<u8"), ("publish", "<u8"), ("data", cdr_layout(message)),
+    ]  # fmt: skip
+    template = np.zeros(1, np.dtype(record))
+    template["opcode"] = Opcode.MESSAGE
+    template["length"] = template.itemsize - RECORD_HEAD_BYTES
+    columns = {}
+    for member, (_, value) in message.items():
+        if np.ndim(value):
+            columns[member] = np.asarray(value)
+        else:
+            template["data"][member] = value
+    schema = f"std_msgs/Header header\n{fields}{HEADER_DEFINITIONS}"
+    return LogTopic(name, schema_name, schema, stamps, template, columns)
+
+
+def cdr_layout(members: Mapping[str, tuple[str, Any]]) -> np.dtype[np.void]:
+    """Layout of a message in CDR: each member is aligned to its own size, counted from after the
+    encapsulation of four bytes; text is not aligned."""
+    kinds = [np.dtype(kind) for kind, _ in members.values()]
+    offsets = []
+    end = 0
+    for kind in kinds:
+        alignment = 1 if kind.kind in "SV" else kind.itemsize
+        offset = 0 if end == 0 else 4 + -(-(end - 4) // alignment) * alignment
+        offsets.append(offset)
+        end = offset + kind.itemsize
+    return np.dtype({"names": list(members), "formats": kinds, "offsets": offsets, "itemsize": end})
+
+
+def sample_topic(
+    topic: str, frame_id: str, fields: str, time: Array, columns: Mapping[str, ArrayLike]
+) -> LogTopic:
+    """Make a topic of scalar fields, a message for each time stamp.
+
+    Parameters
+    ----------
+    topic, frame_id : str
+    fields : str
+        Declares one field in each line, to whose type its column is cast.
+    time : Array
+        (n,) [s], from 0 to 2^31 s in whole nanoseconds.
+    columns : Mapping
+        (n,) by field.
+    """
+    members = {}
+    for line in fields.splitlines():
+        kind, name, *_ = line.split()
+        members[f"field.{name}"] = (CDR_TYPES[kind], np.asarray(columns[name]))
+    schema_name = f"osl_interfaces/msg/{topic[1:].title()}Sample"
+    return log_topic(topic, schema_name, fields, frame_id, time, members)
+
+
+def joint_states(
+    topic: str,
+    frame_id: str,
+    time: Array,
+    position: Mapping[str, Array],
+    effort: Mapping[str, Array],
+) -> LogTopic:
+    """Make a topic of JointState messages: positions [rad] by joint, (n,) each, and the effort of
+    some joints; other efforts are 0."""
+    names: dict[str, tuple[str, Any]] = {}
+    for joint in position:
+        text = joint.encode() + b"\0"
+        names[f"name_length.{joint}"] = ("<u4", len(text))
+        names[f"name.{joint}"] = (f"S{len(text)}", text)
+    members: dict[str, tuple[str, Any]] = {
+        "names": ("<u4", len(position)),
+        **names,
+        "positions": ("<u4", len(position)),
+        **{f"position.{joint}": ("<f8", values) for joint, values in position.items()},
+        "velocities": ("<u4", 0),
+        "efforts": ("<u4", len(position)),
+        **{f"effort.{joint}": ("<f8", effort.get(joint, 0.0)) for joint in position},
+    }
+    schema_name = "sensor_msgs/msg/JointState"
+    return log_topic(topic, schema_name, JOINT_STATE_FIELDS, frame_id, time, members)
+
+
+def wrenches(topic: str, frame_id: str, time: Array, torque: Array) -> LogTopic:
+    """Make a topic of WrenchStamped messages with a torque (n,) [N*m] about z; all other components
+    are 0."""
+    members: dict[str, tuple[str, Any]] = {}
+    for vector in ("force", "torque"):
+        for axis in "xyz":
+            members[f"{vector}.{axis}"] = ("<f8", 0.0)
+    members["torque.z"] = ("<f8", torque)
+    schema_name = "geometry_msgs/msg/WrenchStamped"
+    return log_topic(topic, schema_name, WRENCH_FIELDS, frame_id, time, members)
+
+
+@dataclass(frozen=True)
+class MessageOrder:
+    """The messages of all topics in the order of their stamps."""
+
+    row: NDArray[np.intp]  # (n,) of the message, counted over the topics one after another
+    channel: NDArray[np.intp]  # (n,) of its topic, from 1
+    log: NDArray[np.int64]  # (n,) [ns] when it arrived
+    length: NDArray[np.intp]  # (n,) [bytes] of its record
+
+
+def order_of_messages(topics: Sequence[LogTopic]) -> MessageOrder:
+    """Order the messages of all topics by their stamps."""
+    counts = [topic.stamps.size for topic in topics]
+    stamps = np.concatenate([topic.stamps for topic in topics])
+    row = np.argsort(stamps, kind="stable")
+    return MessageOrder(
+        row=row,
+        channel=np.repeat(np.arange(len(topics)) + 1, counts)[row],
+        log=stamps[row] + ARRIVES_NS,
+        length=np.repeat([topic.template.itemsize for topic in topics], counts)[row],
+    )
+
+
+def write_topics(path: Path, topics: Sequence[LogTopic]) -> None:
+    """Write the messages of all topics, in the order of their stamps, as MCAP.
+
+    A metadata record comes first; last the summary, its offsets, and the footer with the CRC of
+    both. The file appears whole or not at all.
+    """
+    schemas = list[McapRecord]()
+    channels = list[McapRecord]()
+    for number, topic in enumerate(topics, 1):
+        text = topic.schema_text.encode()
+        schemas.append(mcap_records.Schema(number, text, "ros2msg", topic.schema_name))
+        channels.append(mcap_records.Channel(number, topic.name, "cdr", {}, number))
+        topic.template["channel"] = number
+    names = ", ".join(topic.name for topic in topics)
+    facts = {"origin": "simulated", "topic": names, "time": "header stamp"}
+
+    with atomic_path(path) as temporary, temporary.open("wb") as file:
+        file.write(MCAP0_MAGIC + encoded([mcap_records.Header("ros2", "osl-analysis")]))
+        metadata = encoded([mcap_records.Metadata("recording", facts)])
+        metadata_index = mcap_records.MetadataIndex(file.tell(), len(metadata), "recording")
+        file.write(metadata)
+        indexes = write_chunks(file, topics, schemas, channels)
+        file.write(encoded([mcap_records.DataEnd(0)]))
+        groups: dict[Opcode, Sequence[McapRecord]] = {
+            Opcode.SCHEMA: schemas,
+            Opcode.CHANNEL: channels,
+            Opcode.STATISTICS: [statistics_of(topics, indexes)],
+            Opcode.CHUNK_INDEX: indexes,
+            Opcode.ATTACHMENT_INDEX: [],
+            Opcode.METADATA_INDEX: [metadata_index],
+        }
+        write_summary(file, groups)
+
+
+def write_chunks(
+    file: BinaryIO,
+    topics: Sequence[LogTopic],
+    schemas: Sequence[McapRecord],
+    channels: Sequence[McapRecord],
+) -> list[mcap_records.ChunkIndex]:
+    """Write the messages in chunks; the first begins with schemas and channels."""
+    messages = order_of_messages(topics)
+    head = encoded(record for pair in zip(schemas, channels, strict=True) for record in pair)
+    # bytes up to the end of each message, as if all were one chunk
+    ends = np.cumsum(messages.length) + len(head)
+    indexes = list[mcap_records.ChunkIndex]()
+    first = 0
+    begin = 0
+    while first < len(messages.row):
+        stop = int(np.searchsorted(ends[:-1], begin + CHUNK_BYTES, side="right")) + 1
+        rows = slice(first, stop)
+        starts = ends[rows] - messages.length[rows] - begin
+        content = np.empty(int(ends[stop - 1]) - begin, np.uint8)
+        content[: len(head)] = np.frombuffer(head, np.uint8)
+        messages_of = place_messages(content, topics, messages, rows, starts)
+        index = np.stack([messages.log[rows], starts], axis=1)
+        indexes.append(write_chunk(file, content.data, index, messages_of))
+        first = stop
+        begin = int(ends[stop - 1])
+        head = b""
+    return indexes
+
+
+def place_messages(
+    content: NDArray[np.uint8],
+    topics: Sequence[LogTopic],
+    messages: MessageOrder,
+    rows: slice,
+    starts: NDArray[np.intp],
+) -> dict[int, NDArray[np.intp]]:
+    """Put the messages of some rows to their starts in a chunk's content, those of each topic at
+    once; returns their places in the rows, by channel."""
+    messages_of = dict[int, NDArray[np.intp]]()
+    rows_before = 0
+    for number, topic in enumerate(topics, 1):
+        of_topic = np.flatnonzero(messages.channel[rows] == number)
+        if of_topic.size:
+            # a message is one value that may begin at any byte, so that values overlap
+            size = topic.template.itemsize
+            places = np.ndarray((len(content) - size + 1,), f"V{size}", content, 0, (1,))
+            records = topic.records(messages.row[rows][of_topic] - rows_before)
+            places[starts[of_topic]] = records.view(f"V{size}")
+            messages_of[number] = of_topic
+        rows_before += topic.stamps.size
+    return messages_of
+
+
+def write_chunk(
+    file: BinaryIO,
+    content: memoryview,
+    index: NDArray[np.int64],
+    messages_of: Mapping[int, NDArray[np.intp]],
+) -> mcap_records.ChunkIndex:
+    """Write a chunk of messages, and the index of each channel, as each comes first.
+
+    `index` (n, 2) has log times [ns] and where messages begin [bytes], `messages_of` the messages
+    of each channel.
+    """
+    compressed = COMPRESSOR.compress(content)
+    begin = file.tell()
+    log = index[:, 0]
+    shared = {
+        "message_start_time": int(log.min()),
+        "message_end_time": int(log.max()),
+        "uncompressed_size": len(content),
+    }
+    chunk = mcap_records.Chunk(
+        compression="zstd", data=compressed, uncompressed_crc=zlib.crc32(content), **shared
+    )
+    file.write(encoded([chunk]))
+    end = file.tell()
+
+    offsets = dict[int, int]()
+    for number in sorted(messages_of, key=lambda channel: messages_of[channel][0]):
+        offsets[number] = file.tell()
+        entries = index[messages_of[number]]
+        length = 6 + entries.nbytes  # of channel and size of the entries, and these
+        head = struct.pack("<BQHI", Opcode.MESSAGE_INDEX, length, number, entries.nbytes)
+        file.write(head + entries.tobytes())
+    return mcap_records.ChunkIndex(
+        chunk_start_offset=begin,
+        chunk_length=end - begin,
+        compression="zstd",
+        compressed_size=len(compressed),
+        message_index_offsets=offsets,
+        message_index_length=file.tell() - end,
+        **shared,
+    )
+
+
+def statistics_of(
+    topics: Sequence[LogTopic], indexes: Sequence[mcap_records.ChunkIndex]
+) -> mcap_records.Statistics:
+    """The statistics record of a file."""
+    # channels in the order in which they first come
+    used = dict.fromkeys(number for index in indexes for number in index.message_index_offsets)
+    counts = [topic.stamps.size for topic in topics]
+    return mcap_records.Statistics(
+        attachment_count=0,
+        channel_count=len(topics),
+        channel_message_counts={number: counts[number - 1] for number in used},
+        chunk_count=len(indexes),
+        message_count=sum(counts),
+        message_end_time=max((index.message_end_time for index in indexes), default=0),
+        message_start_time=min((index.message_start_time for index in indexes), default=0),
+        metadata_count=1,
+        schema_count=len(topics),
+    )
+
+
+def write_summary(file: BinaryIO, groups: Mapping[Opcode, Sequence[McapRecord]]) -> None:
+    """Write the summary, its offsets, and the footer with the CRC of both."""
+    start = file.tell()
+    summary = b""
+    offsets = list[McapRecord]()
+    for opcode, records in groups.items():
+        group = encoded(records)
+        offsets.append(mcap_records.SummaryOffset(opcode, start + len(summary), len(group)))
+        summary += group
+    offsets_start = start + len(summary)
+    summary += encoded(offsets)
+    # the footer's CRC counts its own head
+    footer_head = struct.pack("<BQQQ", Opcode.FOOTER, 20, start, offsets_start)
+    crc = zlib.crc32(summary + footer_head)
+    footer = encoded([mcap_records.Footer(start, offsets_start, crc)])
+    file.write(summary + footer + MCAP0_MAGIC)
+
+
+def encoded(records: Iterable[McapRecord]) -> bytes:
+    """Records as bytes."""
+    builder = RecordBuilder()
+    for record in records:
+        record.write(builder)
+    return bytes(builder.end())  # type: ignore[no-untyped-call]

@@ -1,0 +1,489 @@
+"""The simulated campaign as a validated file, such as `config/simulation/default.yaml`: choices
+only.
+
+The device's physical parameters are in the file that `parameters` names. An imperfection is an
+`Effect`: a switch, a size and the unit of the size. All effects of recorders and sensors are off
+unless they are switched on.
+"""
+
+import math
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
+
+from osl_analysis.model.compensator import PAPER_WEIGHT, Weight
+from osl_analysis.model.multisine import odd_lines
+from osl_analysis.yaml_settings import (
+    Degrees,
+    JointDegrees,
+    NotNegative,
+    Positive,
+    Settings,
+    ShippedPath,
+    Stiffness,
+    below,
+    distinct,
+    misplaced,
+    refused,
+    rising,
+)
+
+LARGEST_SIZE = {"bit": 32, "rad": math.pi}  # of an effect, by its unit
+FEWEST_SAMPLES_PER_CYCLE = 10  # of the log at the fastest motion
+EARLIEST_NYQUIST = 2  # samples of a node per cycle of the fastest motion that do not show it
+
+
+class Effect(Settings):
+    """One imperfection. (The key is not `on`, which is a truth value in YAML.)"""
+
+    enabled: bool
+    size: NotNegative  # in `unit`, which must be one that the settings expect
+    unit: str
+
+    @property
+    def value(self) -> float:
+        """The size, or 0 where the effect is off; that of bits per turn is the step [rad] of an
+        encoder."""
+        if not self.enabled:
+            return 0.0
+        return 2 * math.pi / 2**self.size if self.unit == "bit" else self.size
+
+
+class SignedEffect(Effect):
+    """An imperfection whose size may be negative."""
+
+    size: float
+
+
+class Scatter(Effect):
+    """A random imperfection of each sample: the standard deviation of a `normal`, the mean of an
+    `exponential` one."""
+
+    distribution: Literal["normal", "exponential"] = "normal"
+
+
+def effect(*units: str, off: float | None = None, **rules: bool) -> Any:
+    """Declare an effect in one of these units, whose size has to be `whole`, `above_0` or
+    `below_1`.
+
+    Where it is not given it is switched off, with the size `off`; it has to be given if that is
+    None.
+    """
+    default: Any = ...
+    if off is not None:
+        default = {"enabled": False, "size": off, "unit": units[0]}
+    return Field(default, validate_default=True, json_schema_extra={"units": list(units), **rules})
+
+
+class Switches(Settings):
+    """Settings with effects.
+
+    Only `enabled: false` switches an effect off whose size has to be above 0.
+    """
+
+    @field_validator("*")
+    @classmethod
+    def _has_its_unit(cls, value: Any, info: ValidationInfo) -> Any:
+        rules: Any = cls.model_fields[info.field_name or ""].json_schema_extra
+        if not isinstance(value, Effect):
+            return value
+        if value.unit not in rules["units"]:
+            units = " or ".join(map(repr, rules["units"]))
+            raise ValueError(f"its unit must be {units}, not '{value.unit}'")
+        largest = LARGEST_SIZE.get(value.unit, math.inf)
+        if value.size > largest:
+            raise ValueError(f"its size is {value.size:g} {value.unit}; give at most {largest:.3g}")
+        if "whole" in rules and value.size != int(value.size):
+            raise ValueError(f"its size is {value.size:g}; give a whole number")
+        if "above_0" in rules and value.size == 0:
+            raise ValueError("its size must be positive; set enabled: false to switch it off")
+        if "below_1" in rules and value.size >= 1:
+            raise ValueError("its size is a share and must be less than 1")
+        return value
+
+    def without(self, *names: str) -> Self:
+        """These effects with the named ones off, or with all off if none is named."""
+        switched_off = {}
+        for name in names or tuple(type(self).model_fields):
+            switched_off[name] = getattr(self, name).model_copy(update={"enabled": False})
+        return self.model_copy(update=switched_off)
+
+
+class Subject(Settings):
+    """A person, by the name in sample sheet and capture. What is left out is that of the gait
+    laboratory's settings."""
+
+    name: str
+    body_mass_kg: Positive | None = None
+    stance_s: Positive | None = None
+
+
+class Conditions(Settings):
+    """Lists of which each crossing gets one entry. In n successive crossings each of n directions
+    occurs once, in a random order; subjects follow each other in equal blocks. The sheet says
+    which, where several are."""
+
+    # up: toes up, dorsiflexion
+    directions: Annotated[tuple[Literal["up", "down"], ...], Field(min_length=1)] = ("up",)
+    subjects: Annotated[tuple[Subject, ...], AfterValidator(distinct)] = ()
+
+
+class Effects(Switches):
+    """Every imperfection of bench, drivetrain and controller. Noise is white at the rate of the
+    log, sizes are SDs."""
+
+    # true over the parameter file's, which the controller cancels; off: none at all
+    friction: Effect = effect("1")
+    # to the current; 0: held for one update; off: continuous
+    control_delay: Effect = effect("update", whole=True)
+    # over the differentiated encoder; off: the true velocity
+    velocity_filter: Effect = effect("Hz", above_0=True)
+    actuator_encoder: Effect = effect("rad", "bit")  # resolution, at the actuator's output
+    joint_encoder: Effect = effect("rad", "bit")  # resolution
+    load_cell_noise: Effect = effect("N*m")
+    load_cell_offset: Effect = effect("N*m")  # constant over a trial
+    load_cell_drift: Effect = effect("N*m/min")  # constant over a trial
+    load_cell_quantisation: Effect = effect("N*m")  # resolution
+    current_noise: Effect = effect("A")
+    current_quantisation: Effect = effect("A")  # resolution
+    # largest torque by which loading and unloading differ from the belt's
+    belt_hysteresis: Effect = effect("N*m")
+    belt_scatter: Effect = effect("1")  # of K_s from trial to trial in the belt experiment
+    # of the position loop; off: it follows exactly
+    dynamometer_bandwidth: Effect = effect("Hz", above_0=True)
+    mount_stiffness: Effect = effect("N*m/rad", off=1, above_0=True)  # of the bench's frame
+    # how old its value is at the instant at which it is sampled
+    load_cell_delay: Effect = effect("s", off=0)
+    encoder_zero: Effect = effect("step", off=0)  # largest distance of the joint's, drawn per trial
+
+
+class SecondOrderJoint(Switches):
+    """A joint with the torque of Eq. 15, in place of the drivetrain."""
+
+    K: Positive
+    B: NotNegative
+    I: NotNegative
+    coulomb: Effect = effect("N*m", off=0)  # Coulomb friction of the joint
+
+
+CyclesOfSine = Annotated[int, Field(ge=1, le=10_000)]
+
+
+class SteppedSineSchedule(Settings):
+    """`lead_s` of rest, then a block per amplitude: each frequency in the given order, then
+    `rest_s` of rest."""
+
+    frequencies_hz: Annotated[tuple[Positive, ...], Field(min_length=1)]
+    # at each frequency: one number, or one for each
+    cycles: CyclesOfSine | tuple[CyclesOfSine, ...] | None = None
+    seconds: Positive | None = None  # duration of each frequency in place of `cycles`
+    amplitudes_deg: Annotated[tuple[Degrees, ...], Field(min_length=1)]
+    rest_s: NotNegative  # after each amplitude
+    lead_s: NotNegative  # rest before the first amplitude
+    # in which each frequency grows from 0, and falls to 0, in addition to its cycles
+    ramp_s: NotNegative = 0.0
+
+    @model_validator(mode="after")
+    def _duration_is_stated_once(self) -> Self:
+        if (self.cycles is None) == (self.seconds is None):
+            raise ValueError("state either cycles or seconds at each frequency")
+        n = len(self.frequencies_hz)
+        if isinstance(self.cycles, tuple) and len(self.cycles) != n:
+            raise ValueError(
+                f"{len(self.cycles)} numbers of cycles for {n} frequencies; give one for each"
+            )
+        return self
+
+    @property
+    def durations(self) -> list[float]:
+        """Time [s] at full amplitude of each frequency."""
+        if self.seconds is not None:
+            return [self.seconds for _ in self.frequencies_hz]
+        if isinstance(self.cycles, tuple):
+            return [n / f for n, f in zip(self.cycles, self.frequencies_hz, strict=True)]
+        return [(self.cycles or 0) / f for f in self.frequencies_hz]
+
+
+class BeltMotion(Settings):
+    """The motion of the belt experiment: a rest, a turn and back, and a rest."""
+
+    amplitude_deg: JointDegrees
+    ramp_s: Positive  # of the turn, and of the return
+    rest_s: NotNegative
+
+
+class Tone(Settings):
+    """One sine of a schedule, in the unit of the schedule. It starts at phase 0."""
+
+    frequency_hz: Positive
+    size: Positive
+
+
+class ActuatorBench(Settings):
+    """The schedule of the actuator's own bench. Velocity and current have different frequencies, so
+    that the current both drives and brakes: else gear friction and torque constant cannot be told
+    apart."""
+
+    duration_s: Positive
+    fade_s: Positive  # in which velocity and current fade in and out
+    velocity: Annotated[tuple[Tone, ...], Field(min_length=1)]  # of the output [rad/s]
+    current: Annotated[tuple[Tone, ...], Field(min_length=1)]  # q-axis [A]
+
+    _fits = refused(
+        lambda s: s.duration_s < 4 * s.fade_s,
+        "duration_s must be at least four times fade_s",
+        "duration_s",
+    )
+
+
+class NodeSettings(Switches):
+    """How one node samples its channels, and what stamps it writes."""
+
+    rate: Effect = effect("Hz", off=1, above_0=True)  # off: dynamometer.rate_hz
+    # how much later than the other node it takes each sample; the stamps say so
+    phase: Effect = effect("s", off=0)
+    # true: samples are taken off the even instants, and stamped so
+    jitter: Scatter = effect("s", off=0)
+    # false: samples are even, and the host stamps each so much later
+    latency: Scatter = effect("s", off=0)
+    # what the node's clock shows when the bench's shows 0
+    clock_offset: SignedEffect = effect("s", off=0)
+    clock_drift: SignedEffect = effect("ppm", off=0)  # how much faster than the bench's it runs
+    decimals: Effect = effect("decimal", off=0, whole=True)  # of stamps in s
+    # share of samples that are missing, at drawn places
+    dropped: Effect = effect("1", off=0, below_1=True)
+
+    _is_never_early = refused(
+        lambda s: s.latency.enabled and s.latency.distribution == "normal",
+        "latency is never negative; choose distribution: exponential",
+        "latency",
+    )
+
+
+class RecorderSettings(Settings):
+    """Who writes the log of a bench: one node, or two, of which the second has the torque alone."""
+
+    node: NodeSettings = NodeSettings()
+    torque_node: NodeSettings | None = None
+
+
+class Excitation(Settings):
+    """One motion of the joint, and how many trials of each impedance have it. A multisine has odd
+    lines of a period with random phases, one in four left out; a chirp sweeps linearly; noise is
+    Gaussian; a prbs is binary; ramps have constant velocities between random angles; a hand is slow
+    noise that wanders in size."""
+
+    # a part of the names of its trials
+    name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9]{0,30}$")]
+    kind: Literal["multisine", "chirp", "noise", "prbs", "ramps", "hand"]
+    rms_deg: JointDegrees  # of a binary sequence half its step, of ramps a third of their range
+    band_hz: Annotated[tuple[Positive, Positive], AfterValidator(rising)] = (
+        0.5,
+        6.0,
+    )  # a binary sequence and ramps have none
+    duration_s: Positive = 60.0  # at full size; of a multisine see `periods`
+    period_s: Positive = 8.0  # of a multisine
+    periods: Annotated[int, Field(ge=1, le=1000)] = 5  # of each realisation of a multisine
+    # motions in one recording, each of other random numbers
+    realisations: Annotated[int, Field(ge=1, le=100)] = 1
+    trials: Annotated[int, Field(ge=1, le=1000)] = 1
+    clock_s: Positive = 0.1  # between two changes of a binary sequence, or of the velocity of ramps
+    # cut-off of the low-pass over a binary sequence; null: it jumps
+    smoothing_hz: Positive | None = None
+    # in which the motion grows, and goes back to rest, in addition to its duration
+    fade_s: Positive = 1.0
+    rest_s: NotNegative = 1.5  # before and after each motion
+
+    _fades = below("fade_s + clock_s", "full_s", "and the motion would never be at full size")
+    _has_lines = refused(
+        lambda s: s.kind == "multisine" and not odd_lines(s.period_s, s.band_hz, 0), "no lines"
+    )
+
+    @property
+    def full_s(self) -> float:
+        """Duration [s] of one realisation at full size."""
+        return self.period_s * self.periods if self.kind == "multisine" else self.duration_s
+
+
+class SlippingSpring(Settings):
+    """A spring in series with dry friction. Cycles of amplitude A lose 4 limit (A -
+    limit/stiffness)."""
+
+    stiffness: Positive  # [N*m/rad], until it slips
+    limit: Positive  # torque [N*m] at which it slips
+
+
+class SlowCycles(Settings):
+    """Ramps at one speed from rest at 0 to the lowest angle, to the highest, and so on, and back to
+    rest at 0."""
+
+    lowest_deg: Annotated[float, Field(ge=-60, le=0)]
+    highest_deg: Annotated[float, Field(gt=0, le=60)]
+    speed_deg_s: Annotated[tuple[Positive, ...], Field(min_length=1)]  # of each cycle
+    turn_s: Positive  # in which the motion turns at the end of a ramp
+    rest_s: Positive  # before and after
+
+
+class PassiveFoot(Settings):
+    """The foot of torque-angle trials, a spring K theta (1 + stiffening theta^2), and how it is
+    moved."""
+
+    K: Positive
+    stiffening: NotNegative = 0.0  # [1/rad^2]
+    B: NotNegative = 0.0
+    slipping: tuple[SlippingSpring, ...] = ()  # parallel to it
+    cycles: SlowCycles
+
+    @model_validator(mode="after")
+    def _slips_on_the_way(self) -> Self:
+        half = np.deg2rad(self.cycles.highest_deg - self.cycles.lowest_deg) / 2
+        for spring in self.slipping:
+            if spring.limit / spring.stiffness >= half:
+                raise ValueError(
+                    f"a spring of {spring.stiffness:g} N*m/rad does not reach its limit of"
+                    f" {spring.limit:g} N*m on the way from the lowest to the highest angle; lower"
+                    " the limit, or leave it out"
+                )
+        return self
+
+
+Count = Annotated[int, Field(ge=0, le=100_000)]
+
+
+class Experiments(Settings):
+    """How many trials of each experiment are simulated; of impedance one for each stiffness,
+    damping and controller."""
+
+    belt: Count
+    transmission: Count
+    actuator: Count = 0
+    torque_angle: Count = 0  # of a passive foot
+    K_d: Annotated[tuple[Stiffness, ...], AfterValidator(distinct)]  # [N*m/rad]
+    B_d: Annotated[tuple[NotNegative, ...], AfterValidator(distinct)]  # [N*m*s/rad]
+    controllers: tuple[Literal["compensated", "uncompensated"], ...]
+    static: Count = 0
+    plate: Count = 0  # a perturbation of the unloaded platform
+    walking: Count = 0  # crossings
+    # probability that a crossing is perturbed
+    perturbed_share: Annotated[float, Field(ge=0, le=1)] = 0.5
+    conditions: Conditions = Conditions()
+
+    _some = refused(
+        lambda s: (
+            not any(
+                (s.belt, s.transmission, s.actuator, s.torque_angle, s.static, s.plate, s.walking)
+            )
+            and not (s.K_d and s.B_d and s.controllers)
+        ),
+        "no trials are planned; ask for at least one",
+    )
+
+
+class Dynamometer(Settings):
+    """The dynamometer, and the log of every bench."""
+
+    rate_hz: Positive
+    damping_ratio: Positive  # of the position loop
+
+
+class DrivetrainSettings(Settings):
+    """How the drivetrain is integrated and controlled."""
+
+    substeps: Annotated[int, Field(ge=1, le=1000)]  # integration steps per sample of the log
+    control_updates: Annotated[int, Field(ge=1)]  # updates of the controller per sample of the log
+    # velocity [rad/s] of the actuator over which the controller smooths its sign
+    sign_width: Positive
+    # deflection [rad] over which the belt's hysteresis changes sign after a reversal
+    hysteresis_width: Positive
+
+    _even = refused(
+        lambda s: s.substeps % s.control_updates,
+        "control_updates must divide substeps",
+        "control_updates",
+    )
+
+
+class SimulationSettings(Settings):
+    """A simulated campaign. Files are relative to the working directory. A campaign's configuration
+    replaces `parameters`, `gain_weight`, the gait laboratory's `impedance_trajectory`, and the
+    frequencies, amplitudes and cycles of `protocol`."""
+
+    seed: Annotated[int, Field(ge=0)]
+    parameters: ShippedPath  # of the simulated device
+    experiments: Experiments
+    protocol: SteppedSineSchedule  # of transmission and impedance trials
+    belt: BeltMotion
+    dynamometer: Dynamometer
+    drivetrain: DrivetrainSettings
+    effects: Effects
+    recorder: RecorderSettings = RecorderSettings()
+    joint: SecondOrderJoint | None = None  # replaces the drivetrain in every impedance trial
+    # motions in place of `protocol`
+    excitations: Annotated[tuple[Excitation, ...], AfterValidator(distinct)] = ()
+    actuator: ActuatorBench | None = None
+    foot: PassiveFoot | None = None  # of torque-angle trials, and its motion
+    walking: ShippedPath | None = None  # settings file of the gait laboratory
+    gain_weight: Weight = PAPER_WEIGHT  # W of Eq. 14, with which the leg's gains are selected
+
+    @model_validator(mode="after")
+    def _what_is_planned_is_described(self) -> Self:
+        planned = self.experiments
+        in_laboratory = planned.static + planned.plate + planned.walking
+        for number, kind, description, lacks in (
+            (planned.actuator, "actuator", self.actuator, "'actuator' has no schedule"),
+            (planned.torque_angle, "torque-angle", self.foot, "there is no 'foot'"),
+            (in_laboratory, "gait-laboratory", self.walking, "'walking' names no settings file"),
+        ):
+            if number and description is None:
+                raise ValueError(f"{number} {kind} trials are planned but {lacks}")
+        return self
+
+    def _fastest_motion(self) -> tuple[float, str]:
+        """The highest frequency [Hz] of any motion, and the setting that asks for it."""
+        motions = [(hz, "protocol.frequencies_hz") for hz in self.protocol.frequencies_hz]
+        for excitation in self.excitations:
+            is_clocked = excitation.kind in ("prbs", "ramps")
+            hz = 0.5 / excitation.clock_s if is_clocked else excitation.band_hz[1]
+            motions.append((hz, "excitations"))
+        if self.actuator is not None:
+            motions.extend((t.frequency_hz, "actuator.velocity") for t in self.actuator.velocity)
+            motions.extend((t.frequency_hz, "actuator.current") for t in self.actuator.current)
+        return max(motions)
+
+    @model_validator(mode="after")
+    def _is_sampled_fast_enough(self) -> Self:
+        rate = self.dynamometer.rate_hz
+        fastest, where = self._fastest_motion()
+        if rate < FEWEST_SAMPLES_PER_CYCLE * fastest:
+            raise misplaced(
+                f"dynamometer.rate_hz = {rate:g} Hz takes {rate / fastest:g} samples of a cycle at"
+                f" {fastest:g} Hz; take {FEWEST_SAMPLES_PER_CYCLE * fastest:g} Hz or more, or"
+                f" correct {where}",
+                "dynamometer",
+                "rate_hz",
+            )
+        nodes = {"node": self.recorder.node, "torque_node": self.recorder.torque_node}
+        for name, node in nodes.items():
+            if node is None or not 0 < node.rate.value <= EARLIEST_NYQUIST * fastest:
+                continue
+            raise misplaced(
+                f"{node.rate.value:g} Hz do not show a motion of {fastest:g} Hz; raise it, or"
+                f" correct {where}",
+                "recorder",
+                name,
+                "rate",
+                "size",
+            )
+        bandwidth = self.effects.dynamometer_bandwidth
+        least = max(self.protocol.frequencies_hz)
+        if bandwidth.enabled and not least <= bandwidth.value < rate / 2:
+            raise misplaced(
+                f"{bandwidth.value:g} Hz do not show in a log of {rate:g} Hz, or do not follow"
+                f" {least:g} Hz; choose {least:g} to {rate / 2:g} Hz, or enabled: false for a bench"
+                " that follows exactly",
+                "effects",
+                "dynamometer_bandwidth",
+                "size",
+            )
+        return self

@@ -1,0 +1,173 @@
+"""The plan of a simulated campaign: the rows of its sample sheet, and the condition of each trial
+of the gait laboratory."""
+
+import itertools
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from osl_analysis.config.experiments import EXPERIMENTS
+from osl_analysis.config.sheet import JOINT, SHEET_COLUMNS, SheetRows
+from osl_analysis.errors import InputError
+from osl_analysis.simulator.random_numbers import generator_of
+from osl_analysis.simulator.simulation_settings import SimulationSettings, Subject
+
+# experiments with the number of digits in the names of their trials
+ON_THE_BENCH = {"belt": 2, "transmission": 1, "actuator": 1, "torque_angle": 1}
+IN_THE_LABORATORY = {"static": 1, "plate": 2, "walking": 2}
+
+
+@dataclass(frozen=True)
+class Condition:
+    """What a trial of the gait laboratory is by plan. None: as the settings of the gait laboratory
+    have it."""
+
+    perturbed: bool = False
+    direction: str = "up"
+    subject: Subject | None = None
+
+    @property
+    def person(self) -> str | None:
+        """Name of the person, if the campaign names persons."""
+        return self.subject.name if self.subject else None
+
+    @property
+    def sign(self) -> float:
+        """1 toes up, -1 toes down."""
+        return 1.0 if self.direction == "up" else -1.0
+
+
+@dataclass(frozen=True)
+class PlannedTrial:
+    """A trial of the plan, with the cells of its condition."""
+
+    experiment: str
+    name: str
+    cells: Mapping[str, Any] = field(default_factory=dict)
+
+
+def condition_of(row: Mapping[str, Any], settings: SimulationSettings) -> Condition:
+    """Find the condition of a row of the sample sheet.
+
+    The direction is the one that the row states, else by the trial's name, which has a place in a
+    random order of all directions. Subjects share the trials of an experiment.
+    """
+    trial = str(row["trial"])
+    conditions = settings.experiments.conditions
+    digits = re.search(r"\d+$", trial)
+    number = int(digits.group()) - 1 if digits else 0
+
+    directions = conditions.directions
+    block, place = divmod(number, len(directions))
+    block_name = f"{trial.rstrip('0123456789')}{block}"
+    order = generator_of(settings.seed, block_name, "condition").permutation(len(directions))
+
+    subject = None
+    if conditions.subjects:
+        trials = max(getattr(settings.experiments, row["experiment"]), 1)
+        number_of_subject = number % trials * len(conditions.subjects) // trials
+        subject = conditions.subjects[number_of_subject]
+    return Condition(
+        perturbed=bool(row.get("perturbed")),
+        direction=row.get("direction") or directions[order[place]],
+        subject=subject,
+    )
+
+
+def plan_trials(settings: SimulationSettings, only: str | None = None) -> SheetRows:
+    """Plan the trials of a simulated campaign.
+
+    Parameters
+    ----------
+    settings : SimulationSettings
+    only : str or None
+        The one trial that is wanted; None: all.
+
+    Returns
+    -------
+    SheetRows
+        A row per trial, in the columns of `sheet.py`. The same settings give the same plan. Whether
+        a crossing is perturbed depends on the seed and its name, not on the number of crossings.
+
+    Raises
+    ------
+    InputError
+        Two trials have the same name.
+    """
+    rows: dict[str, dict[str, Any]] = {}
+    for trial in planned_trials(settings):
+        if only is not None and trial.name != only:
+            continue
+        if trial.name in rows:
+            raise InputError(
+                f"the plan has two trials '{trial.name}': K_d and B_d of experiments are too close"
+                " for names of their own; remove one of them"
+            )
+        rows[trial.name] = row_of(trial, settings)
+    return rows
+
+
+def planned_trials(settings: SimulationSettings) -> list[PlannedTrial]:
+    """All trials in the order of the sheet."""
+    return [
+        *(trial for e, digits in ON_THE_BENCH.items() for trial in numbered(settings, e, digits)),
+        *impedance_trials(settings),
+        *(
+            trial
+            for e, digits in IN_THE_LABORATORY.items()
+            for trial in numbered(settings, e, digits)
+        ),
+    ]
+
+
+def numbered(settings: SimulationSettings, experiment: str, digits: int) -> list[PlannedTrial]:
+    """The trials of an experiment without conditions, by their numbers from 1."""
+    count = getattr(settings.experiments, experiment)
+    return [
+        PlannedTrial(experiment, f"{experiment}_{number:0{digits}d}")
+        for number in range(1, count + 1)
+    ]
+
+
+def impedance_trials(settings: SimulationSettings) -> list[PlannedTrial]:
+    """A trial for each controller, stiffness and damping; several where excitations are stated."""
+    wanted = settings.experiments
+    trials = []
+    for controller, K_d, B_d in itertools.product(wanted.controllers, wanted.K_d, wanted.B_d):
+        cells = {"controller": controller, "K_d": K_d, "B_d": B_d}
+        name = f"impedance_K{K_d:g}_B{B_d:.1f}_{controller}"
+        if not settings.excitations:
+            trials.append(PlannedTrial("impedance", name, cells))
+        for excitation in settings.excitations:
+            for number in range(1, excitation.trials + 1):
+                name_of_motion = f"{name}_{excitation.name}_{number}"
+                trials.append(PlannedTrial("impedance", name_of_motion, cells))
+    return trials
+
+
+def row_of(trial: PlannedTrial, settings: SimulationSettings) -> dict[str, Any]:
+    """The sheet's row of a planned trial."""
+    facts = EXPERIMENTS[trial.experiment]
+    files = facts.simulated_files(trial.name)  # crossings also have the leg's log
+    sources = {f"{role}_source": getattr(facts, role) for role in files}
+    if settings.recorder.torque_node is not None and facts.place == "bench":
+        sources["log_source"] = f"{facts.log}_nodes"
+    row = {
+        **dict.fromkeys(SHEET_COLUMNS),
+        "trial": trial.name,
+        "experiment": trial.experiment,
+        "joint": JOINT,
+        **files,
+        **sources,
+        **trial.cells,
+    }
+    if trial.experiment == "walking":
+        draw = generator_of(settings.seed, trial.name, "perturbed").random()
+        row["perturbed"] = bool(draw < settings.experiments.perturbed_share)
+    if facts.place != "bench":
+        condition = condition_of(row, settings)
+        row["subject"] = condition.person
+        has_directions = len(settings.experiments.conditions.directions) > 1
+        row["direction"] = condition.direction if has_directions and condition.perturbed else None
+    return row

@@ -1,0 +1,175 @@
+"""One trial of the gait laboratory, from the row of the sample sheet to its files."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from osl_analysis.config.sheet import read_impedance_trajectory
+from osl_analysis.model.drivetrain import DrivetrainParameters
+from osl_analysis.simulator import laboratory_settings as laboratory
+from osl_analysis.simulator import step as gait
+from osl_analysis.simulator.bench_trial import drivetrain_effects
+from osl_analysis.simulator.laboratory_files import (
+    leg_markers,
+    on_body,
+    write_capture,
+    write_crossing_capture,
+    write_leg_log,
+)
+from osl_analysis.simulator.laboratory_settings import WalkingSettings
+from osl_analysis.simulator.recorder import write_truth
+from osl_analysis.simulator.rigid_body import GRAVITY, Pose, TrueWrench
+from osl_analysis.simulator.simulated_crossing import (
+    SimulatedCrossing,
+    impedance_of_leg,
+    leg_clock,
+    simulate_crossing,
+)
+from osl_analysis.simulator.simulation_settings import SimulationSettings
+from osl_analysis.simulator.trial_plan import condition_of
+from osl_analysis.trial import Array
+
+WEIGHT_SHARE = 0.5  # of the body that the foot on the plate carries in quiet standing
+
+
+def simulate_walking_trial(
+    row: Mapping[str, Any],
+    campaign: SimulationSettings,
+    walking: WalkingSettings,
+    p: DrivetrainParameters,
+    raw: Path,
+) -> None:
+    """Simulate one row of the sample sheet into a campaign's folder.
+
+    Parameters
+    ----------
+    row : Mapping
+        Of a walking, plate or static trial.
+    campaign : SimulationSettings
+    walking : WalkingSettings
+    p : DrivetrainParameters
+    raw : Path
+        First the truth is written, so that every log has one, then `vicon/<trial>.c3d` and, of a
+        walking trial, `leg/<trial>.mcap`.
+    """
+    trial = gait.GaitTrial(
+        name=str(row["trial"]),
+        seed=campaign.seed,
+        walking=walking,
+        condition=condition_of(row, campaign),
+    )
+    if row["experiment"] == "walking":
+        simulate_walking(trial, row, campaign, p, raw)
+    elif row["experiment"] == "plate":
+        platform = gait.unloaded_platform(trial)
+        zero = np.zeros((len(trial.time), 3))
+        write_truth_of_platform(trial, platform, campaign, raw)
+        write_capture(raw, trial, {}, platform, TrueWrench(zero, zero, zero))
+    else:
+        platform = gait.resting_platform(trial)
+        write_truth_of_platform(trial, platform, campaign, raw)
+        write_standing_capture(trial, platform, raw)
+
+
+def simulate_walking(
+    trial: gait.GaitTrial,
+    row: Mapping[str, Any],
+    campaign: SimulationSettings,
+    p: DrivetrainParameters,
+    raw: Path,
+) -> None:
+    """Simulate a crossing and write its files."""
+    step = gait.draw_step(trial)
+    effects = drivetrain_effects(campaign)
+    # the controller compensates
+    effects["cancels_friction"] = row.get("controller") != "uncompensated"
+    unperturbed = simulate_crossing(step, False, effects, p)
+    walked = unperturbed
+    if row.get("perturbed"):
+        walked = simulate_crossing(step, True, effects, p)
+    clock = leg_clock(trial.walking, trial)
+    facts = {
+        **facts_of_crossing(walked, clock),
+        **impedance_of_leg(walked, unperturbed),
+    }
+    write_truth_of(trial, facts, curves_of(walked), campaign, raw)
+    write_leg_log(raw, walked, clock, campaign)
+    write_crossing_capture(raw, walked)
+
+
+def facts_of_crossing(walked: SimulatedCrossing, clock: tuple[float, float]) -> dict[str, object]:
+    """What is true of a crossing, for its truth file."""
+    step = walked.step
+    trial = step.trial
+    offset, drift = clock
+    return {
+        "perturbed": walked.platform.onset is not None,
+        "command_s": walked.platform.command,
+        "onset_s": walked.platform.onset,
+        "heel_strike_s": step.heel_strike,
+        "toe_off_s": step.toe_off,
+        "foot_yaw_rad": trial.normal("foot_yaw", np.pi / 180),
+        "placement_m": step.placement.tolist(),
+        "condition": {"direction": trial.condition.direction, "subject": trial.condition.person},
+        "leg_clock": {"offset_s": offset, "drift": drift},
+    }
+
+
+def curves_of(walked: SimulatedCrossing) -> dict[str, Array]:
+    """Exact curves of a crossing, (n,) each at the rate of the motion."""
+    phase = walked.step.cycle_phase(walked.time)
+    desired = read_impedance_trajectory(walked.step.trial.walking.impedance)
+    return {
+        "time": walked.time,
+        "phase": phase,
+        "theta": walked.motion.theta,
+        "omega": walked.motion.omega,
+        "alpha": walked.motion.alpha,
+        "torque": walked.torque,
+        "K_d": desired.at(desired.K_d, phase),
+        "B_d": desired.at(desired.B_d, phase),
+        "platform_angle": walked.platform.angle,
+    }
+
+
+def write_truth_of_platform(
+    trial: gait.GaitTrial, platform: gait.PlatformMotion, campaign: SimulationSettings, raw: Path
+) -> None:
+    """Write the truth of a trial without a step."""
+    facts = {"command_s": platform.command, "onset_s": platform.onset}
+    curves = {"time": trial.time, "platform_angle": platform.angle}
+    write_truth_of(trial, facts, curves, campaign, raw)
+
+
+def write_truth_of(
+    trial: gait.GaitTrial,
+    facts: Mapping[str, object],
+    curves: Mapping[str, Array],
+    campaign: SimulationSettings,
+    raw: Path,
+) -> None:
+    """Write facts, settings, and curves at the rate of the analogs."""
+    rates = trial.walking.rates
+    stride = rates.motion_hz // rates.analogs_hz
+    truth = {
+        "trial": trial.name,
+        "seed": campaign.seed,
+        **facts,
+        "effects": campaign.effects.model_dump(),
+        "gait_laboratory": trial.walking.model_dump(mode="json"),
+    }
+    at_analogs = {name: curve[::stride] for name, curve in curves.items()}
+    write_truth(raw, trial.name, truth, at_analogs)
+
+
+def write_standing_capture(trial: gait.GaitTrial, platform: gait.PlatformMotion, raw: Path) -> None:
+    """Write quiet standing: foot flat, shank upright, half the body weight vertically above the
+    ankle."""
+    rows = len(trial.time)
+    leg = Pose(platform.pose.rotation, np.tile(gait.nominal_ankle(trial.walking), (rows, 1)))
+    force = np.tile(-WEIGHT_SHARE * trial.body_mass * GRAVITY, (rows, 1))
+    weight = TrueWrench(force, np.zeros((rows, 3)), leg.origin)
+    markers = {**leg_markers(leg, leg), **on_body(leg, laboratory.ANKLE_AXIS)}
+    write_capture(raw, trial, markers, platform, weight)

@@ -24,7 +24,6 @@ from osl_analysis.ingest.clock_choice import (
 from osl_analysis.ingest.conversion import share_above
 from osl_analysis.ingest.force_plates import convert_plate
 from osl_analysis.ingest.likely_clock import (
-    is_clock,
     is_like_clock,
     likely_unit,
     rate_of,
@@ -34,6 +33,7 @@ from osl_analysis.ingest.placeholders import NAME_OF_TIME, UNKNOWN
 from osl_analysis.recording import Channel, End, Kind, Plate, Recording
 from osl_analysis.source_file import MarkerSource, Source
 from osl_analysis.trial import Array, plate_columns
+from osl_analysis.units import is_clock
 
 SECOND_NS = 1_000_000_000
 MOST_COLUMNS = 6  # of a matrix that are listed one by one

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
+from mcap.writer import Writer as McapWriter
 from mcap_builder import HEADER, stamped, write_log
 from recognised_files import read_recognised, refusal_of
 
@@ -110,6 +111,62 @@ def test_a_second_publisher_of_the_same_values_is_read(tmp_path: Path) -> None:
     recording = read_recognised(write_states(tmp_path / "a.mcap", np.nan), **JOINTS)
 
     assert len(recording.samples) == 5000
+
+
+@pytest.mark.parametrize(("number", "count", "angle"), [(1, 4000, None), (2, 1000, 0.25)])
+def test_a_source_file_chooses_one_of_several_publishers(
+    tmp_path: Path, number: int, count: int, angle: float | None
+) -> None:
+    path = write_states(tmp_path / "a.mcap", other_angle=0.25)
+
+    recording = read_recognised(path, **JOINTS, publishers={"/joints": number})
+
+    expected = np.radians(ANGLE) if angle is None else np.full(count, angle)
+    assert recording.samples["theta"].to_numpy() == pytest.approx(expected)
+    left_out = f"{5000 - count} messages of other publishers are left out"
+    assert any(left_out in text for text in recording.warnings)
+
+
+@pytest.mark.parametrize(("number", "count"), [(1, 300), (2, 100)])
+def test_two_channels_of_the_recorder_are_two_publishers(
+    tmp_path: Path, number: int, count: int
+) -> None:
+    """Both write the same fields, the less frequent one first."""
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as file:
+        writer = McapWriter(file)
+        writer.start()
+        schema = writer.register_schema("Sample", "jsonschema", b"{}")
+        rare, frequent = (writer.register_channel("/joints", "json", schema) for _ in range(2))
+        for k in range(300):
+            if k % 3 == 0:
+                writer.add_message(rare, k * 10**7 + 5, b'{"angle": -1}', k * 10**7)
+            writer.add_message(frequent, k * 10**7, b'{"angle": %d}' % k, k * 10**7)
+        writer.finish()
+    stated = {
+        "time": {"source": "log"},
+        "channels": {"theta": {"topic": "/joints", "field": "angle", "unit": "rad"}},
+    }
+
+    refused = refusal_of(path, **stated)
+    recording = read_recognised(path, **stated, publishers={"/joints": number})
+
+    assert "write `publishers: {/joints: 1}`" in refused
+    assert "2 channels, of 100, 300 messages" in refused
+    assert len(recording.samples) == count
+
+
+@pytest.mark.parametrize(
+    ("publishers", "reason"),
+    [({"/joints": 3}, "no publisher 3; it has 2"), ({"/joint": 1}, "no channel is of topic")],
+)
+def test_a_publisher_that_is_not_there_is_refused(
+    tmp_path: Path, publishers: dict[str, int], reason: str
+) -> None:
+    path = write_states(tmp_path / "a.mcap", other_angle=0.0)
+
+    with pytest.raises(ValueError, match=reason):
+        read_recognised(path, **JOINTS, publishers=publishers)
 
 
 # A gate in place of pulses.

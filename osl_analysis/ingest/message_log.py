@@ -157,9 +157,15 @@ def convert_topic(
         raise InputError("no message can be used; check that its sensor was running")
     from_header = source.time.source == "header"
     stamps = header_stamps(recording, source, rows) if from_header else logged_stamps(rows)
-    order = recording_order(rows)
+    chosen = rows_of_publisher(rows, source)
+    order = recording_order(rows if chosen is None else at_rows(rows, chosen))
+    if chosen is not None:
+        order = chosen if order is None else chosen[order]
     stale = find_stale_rows(stamps if order is None else stamps[order], least=SET_BACK_NS)
     remarks = list(remarks_on_stale_messages(rows, stamps, order, stale))
+    if chosen is not None:
+        others = rows.count - chosen.size
+        remarks.append(f"{others} messages of other publishers are left out, as `publishers` says")
     if stale.size:
         order = np.delete(np.arange(rows.count) if order is None else order, stale)
     used = rows if order is None else at_rows(rows, order)
@@ -180,7 +186,7 @@ def convert_topic(
             )
     samples = pl.DataFrame(columns)
     writers = np.zeros(used.count, np.int64) if used.writers is None else used.writers
-    check_one_publisher(samples, writers, settings, recording.loss)
+    check_one_publisher(samples, used, settings, recording.loss)
     table, ordering = sorted_by_stamp(samples, writers, source, advice_on_clock(used, from_header))
     counts_of = {
         "came late and were put in the order of their stamps": ordering.late,
@@ -189,6 +195,36 @@ def convert_topic(
     }
     remarks += [f"{count} messages {what}" for what, count in counts_of.items() if count]
     return Topic(table, ordering, remarks)
+
+
+def publishers_of(rows: Rows) -> NDArray[np.int64]:
+    """The writers of a topic, (publishers,), in the order of their numbers: that with most messages
+    is number 1."""
+    writers = np.zeros(1, np.int64) if rows.writers is None else rows.writers
+    numbers, counts = np.unique(writers, return_counts=True)
+    return numbers[np.argsort(-counts, kind="stable")]
+
+
+def rows_of_publisher(rows: Rows, source: MessageSource) -> NDArray[np.int64] | None:
+    """The rows of the publisher that the source file chooses for a topic; None for all rows.
+
+    Raises
+    ------
+    InputError
+        The topic has fewer publishers.
+    """
+    number = source.publishers.get(rows.name)
+    if number is None:
+        return None
+    publishers = publishers_of(rows)
+    if number > publishers.size:
+        raise InputError(
+            f"no publisher {number}; it has {publishers.size}, counted from 1: correct"
+            f" {source.place('publishers', rows.name)}"
+        )
+    if rows.writers is None:
+        return None
+    return np.flatnonzero(rows.writers == publishers[number - 1])
 
 
 def recording_order(rows: Rows) -> NDArray[np.int64] | None:
@@ -222,6 +258,7 @@ def at_rows(rows: Rows, order: NDArray[np.int64]) -> Rows:
         count=order.size,
         stamps_ns=None if rows.stamps_ns is None else rows.stamps_ns[order],
         writers=None if rows.writers is None else rows.writers[order],
+        sequence=None if rows.sequence is None else rows.sequence[order],
         lines=lines[order],
     )
 
@@ -286,27 +323,24 @@ def advice_on_clock(rows: Rows, from_header: bool) -> str:
 
 
 def check_one_publisher(
-    samples: pl.DataFrame,
-    writers: NDArray[np.int64],
-    settings: Mapping[str, MessageChannel],
-    loss: Loss,
+    samples: pl.DataFrame, rows: Rows, settings: Mapping[str, MessageChannel], loss: Loss
 ) -> None:
     """Refuse a topic into which several publishers write different values at the same time."""
-    names, counts = np.unique(writers, return_counts=True)
-    if names.size < 2:
+    main, *others = publishers_of(rows)
+    if not others:
         return
-    main = names[np.argmax(counts)]
+    assert rows.writers is not None
     stamp = samples["stamp"].to_numpy()
-    is_main = writers == main
+    is_main = rows.writers == main
     for column, setting in settings.items():
         values = samples[column].to_numpy()
         known = np.isfinite(values)
         curve_at = np.flatnonzero(is_main & known)
-        for other in names[names != main]:
-            own = np.flatnonzero((writers == other) & known)
-            inside = own[
-                (stamp[own] >= stamp[is_main].min()) & (stamp[own] <= stamp[is_main].max())
-            ]
+        for number, other in enumerate(others, start=2):
+            of_other = np.flatnonzero((rows.writers == other) & known)
+            is_beside = stamp[of_other] >= stamp[is_main].min()
+            is_beside &= stamp[of_other] <= stamp[is_main].max()
+            inside = of_other[is_beside]
             if not inside.size or not curve_at.size:
                 continue
             order = curve_at[np.argsort(stamp[curve_at], kind="stable")]
@@ -315,12 +349,12 @@ def check_one_publisher(
             span = float(np.ptp(values[curve_at]))
             if off <= OTHER_WRITER_SHARE * span:
                 continue
-            told_by = [text for text in loss.remarks if "publisher" in text or "writers" in text]
+            told_by = [text for text in loss.remarks if "publisher" in text or "channels" in text]
             raise InputError(
-                f"{own.size} of {writers.size} messages are of another publisher, whose"
+                f"{of_other.size} of {rows.count} messages are of another publisher, whose"
                 f" {setting.field} is off by {off:.3g} of a range of {span:.3g}"
-                f" ({'; '.join(told_by)}); let one node alone publish to the topic, or take the"
-                " messages of the other out of the recording"
+                f" ({'; '.join(told_by)}); write `publishers: {{{setting.topic}: 1}}` in the source"
+                f" file to read the one with most messages, or {number} for this one"
             )
 
 

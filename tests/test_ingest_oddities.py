@@ -156,6 +156,63 @@ def test_two_channels_of_the_recorder_are_two_publishers(
     assert len(recording.samples) == count
 
 
+WRENCH = "std_msgs/Header header\nfloat64 force\n" + HEADER
+FORCE = {
+    "time": {"source": "header"},
+    "channels": {"torque": {"topic": "/cell", "field": "force", "unit": "N*m"}},
+}
+
+
+def write_cells(path: Path, later_ns: int, gain: float, frame: str = "cell") -> Path:
+    """A load cell at 250 Hz, and one of another gain that writes behind each of its messages."""
+    noise = np.random.default_rng(4)
+    messages = []
+    for k in range(1000):
+        torque = 13 * np.sin(0.03 * k) + 0.15 * noise.standard_normal()
+        ns = k * 4_000_000
+        messages.append((ns, {"header": header(ns, "cell"), "force": torque}))
+        second = gain * torque + 0.02 * noise.standard_normal()
+        ns += later_ns
+        messages.append((ns, {"header": header(ns, frame), "force": second}))
+    return write_log(path, messages, WRENCH, "lab_msgs/msg/Force", "/cell")
+
+
+def header(ns: int, frame: str) -> dict[str, Any]:
+    return {"stamp": {"sec": ns // 10**9, "nanosec": ns % 10**9}, "frame_id": frame}
+
+
+@pytest.mark.parametrize(
+    ("later_ns", "frame"), [(2_000_000, "raw"), (1_000_000, "cell"), (0, "cell"), (20_000, "raw")]
+)
+def test_publishers_without_names_are_told_by_frames_or_stamps_and_values(
+    tmp_path: Path, later_ns: int, frame: str
+) -> None:
+    path = write_cells(tmp_path / "a.mcap", later_ns, gain=0.9, frame=frame)
+
+    message = refusal_of(path, **FORCE)
+    recording = read_recognised(path, **FORCE, publishers={"/cell": 1})
+
+    assert "1000 of 2000 messages are of another publisher" in message
+    torque = recording.samples["torque"].to_numpy()
+    assert torque == pytest.approx(13 * np.sin(0.03 * np.arange(1000)), abs=0.7)
+
+
+@pytest.mark.parametrize("later_ns", [0, 1_000_000])
+def test_one_series_whose_stamps_go_in_pairs_is_of_one_publisher(
+    tmp_path: Path, later_ns: int
+) -> None:
+    """A cell at 500 Hz whose stamps are rounded to 4 ms, or late every second time."""
+    noise = np.random.default_rng(5)
+    messages = []
+    for k in range(2000):
+        ns = k // 2 * 4_000_000 + (k % 2) * later_ns
+        torque = 13 * np.sin(0.015 * k) + 0.15 * noise.standard_normal()
+        messages.append((ns, {"header": header(ns, "cell"), "force": torque}))
+    path = write_log(tmp_path / "a.mcap", messages, WRENCH, "lab_msgs/msg/Force", "/cell")
+
+    assert len(read_recognised(path, **FORCE).samples) == 2000
+
+
 @pytest.mark.parametrize(
     ("publishers", "reason"),
     [({"/joints": 3}, "no publisher 3; it has 2"), ({"/joint": 1}, "no channel is of topic")],

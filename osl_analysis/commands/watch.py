@@ -86,7 +86,7 @@ def first_look(folder: Path, is_new: bool = False) -> Iterator[FirstLook]:
                 doubts = [
                     finding_said(finding, estimates)
                     for estimates, of_row in zip(
-                        fitted.table.to_dicts(), fitted.findings, strict=True
+                        fitted.table.to_dicts(), fitted.findings, strict=False
                     )
                     for finding in of_row
                     if finding.grade is Grade.DOUBTS

@@ -76,6 +76,30 @@ def test_few_rows_are_stale_and_many_are_a_clock_that_goes_back() -> None:
     assert find_stale_rows(clock).size == 0
 
 
+def test_early_and_late_rows_of_one_recording_are_stale_each() -> None:
+    clock = np.arange(20_000) * 0.002
+    clock[4000] = 0.2  # waited since the beginning
+    clock[9000:9002] = 15.2
+    clock[15_000] = 32.0  # of a later time
+
+    assert find_stale_rows(clock).tolist() == [4000, 9000, 9001, 15_000]
+
+
+@pytest.mark.parametrize("gap_s", [0.7, 96.8])
+def test_a_first_row_long_before_the_others_is_stale(gap_s: float) -> None:
+    clock = 100 + np.arange(2000) * 0.002
+    clock[0] -= gap_s
+
+    assert find_stale_rows(clock).tolist() == [0]
+
+
+def test_a_gap_in_a_recording_makes_no_row_stale() -> None:
+    clock = np.arange(2000) * 0.002
+    clock[10:] += 5
+
+    assert find_stale_rows(clock).size == 0
+
+
 # Several publishers of one topic.
 
 STATE = "std_msgs/Header header\nstring[] name\nfloat64[] position\n" + HEADER

@@ -521,6 +521,14 @@ def test_captures_whose_markers_tell_no_segment_say_once_what_a_walking_analysis
     assert "of Base1, Ft_a, Sh_a (a.c3d, b.c3d)" in said
 
 
+@pytest.mark.parametrize("name", ["k150_b2.5", "k150_b2.5.mcap", "k150_b2.5.csv"])
+def test_a_dot_in_the_name_of_a_folder_is_no_ending(name):
+    ((cells, _),) = draft_trials([(Path(name), "mcap", False)])
+
+    assert cells["trial"] == "k150_b2.5"
+    assert (cells["K_d"], cells["B_d"]) == ("150", "2.5")
+
+
 # The end of `init`.
 
 

@@ -368,7 +368,8 @@ def _joined_heads(above: Sequence[Row]) -> list[Row]:
     overlap = any(
         upper_cell and last_cell for upper_cell, last_cell in zip(upper, last, strict=False)
     )
-    if len(upper) != len(last) or overlap or not any(last):
+    ends_header = upper[0].startswith("***")  # LabVIEW's mark is no name
+    if len(upper) != len(last) or overlap or not any(last) or ends_header:
         return list(above)
     cells = [upper_cell or last_cell for upper_cell, last_cell in zip(upper, last, strict=True)]
     return [*above[:-2], Row(above[-2].number, cells)]
@@ -446,16 +447,14 @@ def _names_of_header(heads: Sequence[Sequence[str]], width: int, delimiter: str)
 def _labview_units(rows: Sequence[Row], names: Sequence[str]) -> list[str]:
     """Units in LabVIEW's line `Y_Unit_Label`, which has one for each signal, and none for time."""
     labels = next((row.cells[1:] for row in rows if row.cells[0] == "Y_Unit_Label"), [])
-    are_clocks = [is_clock(name_and_unit(name)[0]) for name in names]
-    signals = [
-        name
-        for name, is_time in zip(names, are_clocks, strict=True)
-        if not is_time and name != "Comment"
+    # a column without a name is that of time where LabVIEW wrote none (`X_Columns No`)
+    are_signals = [
+        name not in ("", "Comment") and not is_clock(name_and_unit(name)[0]) for name in names
     ]
     filled = [label for label in labels if label]
     # if each signal has a time of its own, every second cell is empty
-    remaining = iter(filled if len(filled) == len(signals) else labels)
-    return ["" if is_time else next(remaining, "") for is_time in are_clocks]
+    remaining = iter(filled if len(filled) == sum(are_signals) else labels)
+    return [next(remaining, "") if is_signal else "" for is_signal in are_signals]
 
 
 def _without_footer(

@@ -597,3 +597,15 @@ def test_a_log_and_a_capture_whose_clocks_are_not_aligned_are_a_question(tmp_pat
 
     assert any("does not align the log with motion capture" in line for line in lines)
     assert "osl-analysis run" not in lines[-1]
+
+
+def test_a_calibration_matrix_is_no_recording_and_one_line(tmp_path):
+    (tmp_path / "rec").mkdir()
+    write_bench(tmp_path / "rec/impedance_K150_B3.csv")
+    np.savetxt(tmp_path / "rec/matrix.txt", np.arange(36.0).reshape(6, 6) + 0.5)
+    np.save(tmp_path / "rec/matrix.npy", np.arange(36.0).reshape(6, 6))
+
+    lines = said_by_init(tmp_path)
+
+    assert sum("and no recording (and 1 more files)" in line for line in lines) == 1
+    assert not list((tmp_path / "mine/sources").glob("table*.yaml"))

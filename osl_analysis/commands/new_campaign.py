@@ -33,7 +33,7 @@ from osl_analysis.ingest.draft import (
 from osl_analysis.ingest.draft_sheet import UNNAMED, DraftedTrial, draft_trials
 from osl_analysis.ingest.draft_walking import draft_walking
 from osl_analysis.ingest.likely_column import named_joint
-from osl_analysis.ingest.overview import Overview
+from osl_analysis.ingest.overview import FEWEST_READINGS, Overview
 from osl_analysis.ingest.placeholders import UNKNOWN
 from osl_analysis.trial import unusual
 from osl_analysis.yaml_settings import read_mapping
@@ -245,6 +245,11 @@ def describe_recordings(folder: Path, draft: Draft) -> list[Described]:
             overview = inspect_file(path)
         except InputError as error:
             draft.refused.append(str(error))
+            continue
+        most = max((channel.count for channel in overview.channels), default=0)
+        if most < FEWEST_READINGS:
+            why = f" ({'; '.join(overview.remarks)})" if overview.remarks else ""
+            draft.refused.append(f"{path}: at most {most} rows of numbers, and no recording{why}")
             continue
         log = None
         recorder = ""

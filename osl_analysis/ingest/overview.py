@@ -331,7 +331,7 @@ def overview_of_messages(recording: Recording) -> Overview:
 def overview_of_table(recording: Recording) -> Overview:
     """List the columns of a table, with the likely clock among those that a draft has, and what is
     guessed."""
-    what = next((next(iter(one.address)) for one in recording.channels), "column")
+    what = address_key(recording)
     remarks = [*recording.loss.remarks]
     shown: dict[int, RecordedChannel] = {}
     for channel in recording.channels:
@@ -382,6 +382,12 @@ def overview_of_table(recording: Recording) -> Overview:
         drafted if part or len(drafted) < len(shown) else None,
         questions,
     )
+
+
+def address_key(recording: Recording) -> str:
+    """The key by which a source file of the format names a channel, as `column`."""
+    time = source_model(recording).model_fields["time"].annotation
+    return str(getattr(time, "ADDRESS", "")) or "column"
 
 
 def with_tick(channel: Channel, recording: Recording) -> Channel:

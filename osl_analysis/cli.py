@@ -504,9 +504,6 @@ def init(
         if checksums:
             say(command.sums_text(recordings))
         say(command.campaign_text(folder, draft))
-        if command.can_run(folder, draft):
-            print_first_look(folder, is_new=True)
-        say(command.next_command(folder, draft))
         return
     place = shlex.quote(str(folder))
     kind = "simulation.yaml" if example else "trials.csv"
@@ -558,7 +555,7 @@ def doctor(look: bool) -> None:
         remedy = f": {thing.remedy}" if thing.remedy else ""
         say(f"{mark} {thing.what:<{width}}  {thing.found}{remedy}")
     if look:
-        print_first_look(Path())
+        print_first_look()
     sys.exit(int(any(thing.remedy for thing in seen)))
 
 
@@ -595,12 +592,12 @@ def watch(folder: Path, source: Path | None, output: Path, config_path: Path) ->
             say(line)
 
 
-def print_first_look(folder: Path, is_new: bool = False) -> None:
+def print_first_look() -> None:
     from osl_analysis.commands.watch import first_look
 
     try:
-        for said in first_look(folder, is_new):
-            say(said)
+        for look in first_look(Path()):
+            say(look.text)
     except OslAnalysisError as error:
         say(f"no first look: {error}")
 

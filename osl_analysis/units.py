@@ -288,3 +288,17 @@ def known_factor(
     if abs(size / best_factor - 1) >= near:
         return "", 1.0
     return best_name, best_factor
+
+
+CLOCK_NAMES = (
+    "time|t|timestamp|stamp|(state|loop|pi|sys|ros|elapsed)_time|elapsed|clock|seconds?"
+    "|time_since_start|x_value|millis|micros|[mu]s|(date_?)?time|datetime|date_and_time"
+    "|time_of_day|(uhr)?zeit|tijd|temps|tiempo|tempo"
+)
+
+
+def is_clock(name: str) -> bool:
+    """Tell whether a column is named like a clock: `time`, `t_s`, `loop_time`."""
+    last = name.rpartition("/")[2].rpartition(":")[2]  # without groups of HDF5
+    words = re.sub(r"\s+", "_", last.strip())
+    return re.fullmatch(f"_*({CLOCK_NAMES})(_(s|sec|ms|us|ns))?", words, re.IGNORECASE) is not None

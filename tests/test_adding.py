@@ -148,7 +148,7 @@ command = ["fit", trial, "--model", "holding", "--config", "config.yaml"]
 fit = [CliRunner().invoke(main, [*command, *more]).output for more in ([], ["--json"])]
 watched = recording_line(Path("holding_2.csv"), Path(), bench)[0]
 fitted = fit_trial(*asked("holding", trial, ours, None))
-print(json.dumps([*first_look(Path()), *fit, watched, repr(fitted)]))
+print(json.dumps([*[look.text for look in first_look(Path())], *fit, watched, repr(fitted)]))
 """
 
 

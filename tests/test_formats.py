@@ -9,9 +9,21 @@ import pytest
 
 from osl_analysis import formats
 from osl_analysis.errors import InputError
-from osl_analysis.formats import GROUP, known_formats, recognise
+from osl_analysis.formats import GROUP, _cells, _text, known_formats, recognise
 from osl_analysis.recording import Channel, Format, Recording, Rows
 from osl_analysis.source_file import LogSource, Source
+
+TRC_WITHOUT_LAST_BREAK = "\n".join(
+    (
+        "PathFileType\t4\t(X/Y/Z)\ta.trc",
+        "DataRate\tNumFrames\tNumMarkers\tUnits",
+        "100\t2\t1\tmm",
+        "Frame#\tTime\tHEEL",
+        "\t\tX1\tY1\tZ1",
+        "1\t0.00\t1.5\t2.5\t3.5",
+        "2\t0.01\t1.5\t2.5\t3.5",
+    )
+)
 
 
 def test_every_module_is_a_format_with_a_model_of_its_source_files() -> None:
@@ -34,13 +46,12 @@ def test_no_module_of_formats_is_named_in_another_room() -> None:
     """What is special of a format stands in its module."""
     package = Path(formats.__file__).parents[1]
     names = [f"formats.{path.stem}" for path in Path(formats.__file__).parent.glob("[!_]*.py")]
-    allowed = {"formats.csv_table"}  # whether a text without an ending is a table
 
     for path in package.rglob("*.py"):
         if path.parent.name == "formats":
             continue
         named = {name for name in names if name in path.read_text()}
-        assert named <= allowed, path
+        assert not named, path
 
 
 class ToySource(LogSource):
@@ -87,6 +98,35 @@ def test_another_package_adds_a_format_by_an_entry_point(tmp_path: Path) -> None
 
     assert recognise(tmp_path / "a.dat") is TOY
     assert recording.find({"column": "a"}).values.tolist() == [1, 2, 3]
+
+
+@pytest.mark.parametrize("error", [TypeError, AssertionError, KeyError, AttributeError, IndexError])
+def test_a_fault_of_a_reader_of_this_package_is_no_damage_of_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: type[Exception]
+) -> None:
+    faulty = "def is_last_whole(cells):\n    raise error('a fault of ours')\n"
+    names = {"error": error}
+    exec(compile(faulty, _cells.__file__, "exec"), names)  # as if it stood in that module
+    monkeypatch.setattr(_text, "is_last_whole", names["is_last_whole"])
+    path = tmp_path / "a.trc"
+    path.write_text(TRC_WITHOUT_LAST_BREAK)
+
+    with pytest.raises(error, match="a fault of ours"):
+        formats.read(path)
+
+
+def test_a_library_that_meets_what_it_did_not_expect_tells_of_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*_: object) -> None:
+        raise TypeError("no len() of None")
+
+    monkeypatch.setattr(_text, "is_last_whole", fails)  # a frame outside of the package
+    path = tmp_path / "a.trc"
+    path.write_text(TRC_WITHOUT_LAST_BREAK)
+
+    with pytest.raises(InputError, match="its parts contradict each other"):
+        formats.read(path)
 
 
 @pytest.mark.usefixtures("with_toy")

@@ -256,6 +256,21 @@ def segments(count: int = 4, names: str = "X_Value\tAngle\tTorque\tComment") -> 
     return text
 
 
+@pytest.mark.parametrize("first", ["X_Value", "seconds", ""])
+def test_the_units_of_labview_are_those_of_its_signals(tmp_path: Path, first: str) -> None:
+    """Without `X_Columns` the first column has no name and no number."""
+    above = "LabVIEW Measurement\t\n***End_of_Header***\t\n\t\nChannels\t2\t\t\n"
+    above += "Y_Unit_Label\tDeg\tN.m\t\n***End_of_Header***\t\t\t\n"
+    rows = [f"{k / 500 if first else ''}\t{k % 7}.5\t{k % 5}.25\t" for k in range(50)]
+
+    recording = read(
+        tmp_path, above + f"{first}\tEncoder\tTorque\tComment\n" + "\n".join([*rows, ""]), "a.lvm"
+    )
+
+    units = {channel.name: channel.unit for channel in recording.channels}
+    assert (units["Encoder"], units["Torque"]) == ("Deg", "N.m")
+
+
 def test_the_segments_of_a_labview_file_are_one_table(tmp_path: Path) -> None:
     recording = read(tmp_path, segments(), "a.lvm")
 

@@ -26,12 +26,13 @@ from osl_analysis.errors import InputError
 from osl_analysis.files import config_here, default_config
 from osl_analysis.ingest.clock_choice import ClockChoice, gaps_text, likely_clock, span_of
 from osl_analysis.ingest.draft import draft_source
-from osl_analysis.ingest.likely_clock import is_clock, likely_unit, rate_of
+from osl_analysis.ingest.likely_clock import likely_unit, rate_of
 from osl_analysis.ingest.likely_column import likely_column
 from osl_analysis.ingest.overview import Overview, RecordedChannel
 from osl_analysis.ingest.placeholders import open_places
 from osl_analysis.ingest.raw_files import read_converted, read_source
 from osl_analysis.trial import Trial
+from osl_analysis.units import is_clock
 
 NASTY = 'a\x1b[2J": {x\n# y\u202eb'
 LATIN = NASTY.replace("\u202e", "\x9b")
@@ -434,7 +435,7 @@ def test_a_stiffness_far_from_the_desired_one_is_pointed_at(tmp_path, bench):
     drafted_campaign(tmp_path / "c", recordings=tmp_path / "in")
     (look,) = watching.first_look(tmp_path / "c")
     assert re.search(
-        f"(?s)first trial of experiment impedance, [^\n]*: LOOK AT IT\n.*{doubt}", look
+        f"(?s)first trial of experiment impedance, [^\n]*: LOOK AT IT\n.*{doubt}", look.text
     )
 
 

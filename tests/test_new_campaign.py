@@ -519,3 +519,93 @@ def test_captures_whose_markers_tell_no_segment_say_once_what_a_walking_analysis
     )
     (said,) = [line for line in told if "`walking.markers`" in line]
     assert "of Base1, Ft_a, Sh_a (a.c3d, b.c3d)" in said
+
+
+@pytest.mark.parametrize("name", ["k150_b2.5", "k150_b2.5.mcap", "k150_b2.5.csv"])
+def test_a_dot_in_the_name_of_a_folder_is_no_ending(name):
+    ((cells, _),) = draft_trials([(Path(name), "mcap", False)])
+
+    assert cells["trial"] == "k150_b2.5"
+    assert (cells["K_d"], cells["B_d"]) == ("150", "2.5")
+
+
+# The end of `init`.
+
+
+def write_bench(path, amplitude_deg=4.0, frequencies_hz=(0.5, 1.0, 2.0, 4.0), torque="torque"):
+    """A joint of K 150, B 3, I 0.05, moved by sines one after the other."""
+    pieces = []
+    for frequency in frequencies_hz:
+        time = np.arange(0, 8 / frequency, 0.002)
+        w = 2 * np.pi * frequency
+        theta = np.radians(amplitude_deg) * np.sin(w * time)
+        velocity = np.radians(amplitude_deg) * w * np.cos(w * time)
+        pieces.append(np.stack([theta, 150 * theta + 3 * velocity - 0.05 * w**2 * theta]))
+    theta, effort = np.hstack(pieces)
+    rows = [
+        f"{k / 500:.3f},{angle:.9f},{moment:.9f}"
+        for k, (angle, moment) in enumerate(zip(theta, effort, strict=True))
+    ]
+    path.write_text("\n".join([f"time_s,ankle_angle_rad,{torque}_Nm", *rows, ""]))
+
+
+def said_by_init(folder):
+    result = call("init", folder / "mine", "--from", folder / "rec")
+    assert result.exit_code == 0, result.output
+    return result.output.splitlines()
+
+
+@pytest.mark.usefixtures("without_witness")
+def test_init_ends_with_run_where_the_first_trial_can_be_fitted(tmp_path):
+    (tmp_path / "rec").mkdir()
+    write_bench(tmp_path / "rec/impedance_K150_B3.csv")
+
+    lines = said_by_init(tmp_path)
+
+    assert lines[-1] == f"then: cd {tmp_path}/mine && osl-analysis run"
+
+
+def test_init_does_not_end_with_run_where_the_first_trial_is_refused(tmp_path):
+    (tmp_path / "rec").mkdir()
+    write_bench(tmp_path / "rec/impedance_K150_B3.csv", frequencies_hz=[0.1])
+
+    lines = said_by_init(tmp_path)
+
+    assert any("K and I cannot be told apart" in line for line in lines)
+    assert lines[-1].endswith("osl-analysis doctor --look")
+
+
+def test_five_files_of_five_kinds_are_told_in_fifteen_lines_questions_first(tmp_path):
+    (tmp_path / "rec").mkdir()
+    for number in range(5):
+        path = tmp_path / f"rec/file_{number}.csv"
+        write_bench(path, torque=f"load{number} moment")
+
+    lines = said_by_init(tmp_path)
+
+    assert lines[0] == "to be decided:"
+    assert len(lines) <= 15
+    assert lines[-1].startswith("then: ")
+
+
+def test_a_log_and_a_capture_whose_clocks_are_not_aligned_are_a_question(tmp_path):
+    (tmp_path / "rec").mkdir()
+    capture(tmp_path / "rec/walk_pert_1.c3d", {**LEG, **MALLEOLI}, force=800)
+    write_bench(tmp_path / "rec/walk_pert_1.csv")
+
+    lines = said_by_init(tmp_path)
+
+    assert any("does not align the log with motion capture" in line for line in lines)
+    assert "osl-analysis run" not in lines[-1]
+
+
+def test_a_calibration_matrix_is_no_recording_and_one_line(tmp_path):
+    (tmp_path / "rec").mkdir()
+    write_bench(tmp_path / "rec/impedance_K150_B3.csv")
+    np.savetxt(tmp_path / "rec/matrix.txt", np.arange(36.0).reshape(6, 6) + 0.5)
+    np.save(tmp_path / "rec/matrix.npy", np.arange(36.0).reshape(6, 6))
+
+    lines = said_by_init(tmp_path)
+
+    assert sum("and no recording (and 1 more files)" in line for line in lines) == 1
+    assert not list((tmp_path / "mine/sources").glob("table*.yaml"))

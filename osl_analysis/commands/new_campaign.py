@@ -16,7 +16,8 @@ import numpy as np
 import yaml
 
 from osl_analysis.commands.trials import inspect_file
-from osl_analysis.errors import InputError, listing, nearest, printable
+from osl_analysis.commands.watch import FirstLook, first_look
+from osl_analysis.errors import InputError, OslAnalysisError, listing, nearest, printable
 from osl_analysis.files import CAMPAIGN, shipped
 from osl_analysis.formats import known_formats
 from osl_analysis.ingest import raw_files
@@ -32,7 +33,7 @@ from osl_analysis.ingest.draft import (
 from osl_analysis.ingest.draft_sheet import UNNAMED, DraftedTrial, draft_trials
 from osl_analysis.ingest.draft_walking import draft_walking
 from osl_analysis.ingest.likely_column import named_joint
-from osl_analysis.ingest.overview import Overview
+from osl_analysis.ingest.overview import FEWEST_READINGS, Overview
 from osl_analysis.ingest.placeholders import UNKNOWN
 from osl_analysis.measured import unusual
 from osl_analysis.yaml_settings import read_mapping
@@ -43,8 +44,11 @@ COLUMNS = (
 )
 CHANNEL_KEYS = {"topic", "field", "column", "variable"}  # that name a channel of a log
 FEWEST_CHANNELS = 3  # of a shipped source file, by which its recorder is known
-MOST_SHOWN = 4  # files, trials or lines of one kind in the text of `init`
-MOST_QUESTIONS = 6  # in the text of `init`; the files have all of them
+MOST_SHOWN = 4  # files or trials of one kind in the text of `init`
+MOST_LINES = 15  # of the text of `init`
+MOST_QUESTIONS = 4  # in the text of `init`; the files have all of them
+MOST_OF_SOURCES = 4  # lines on source files in the text of `init`
+MOST_OF_LOOK = 4  # lines that it shows of a trial's estimates; `doctor --look` tells the rest
 
 
 @dataclass
@@ -242,6 +246,11 @@ def describe_recordings(folder: Path, draft: Draft) -> list[Described]:
         except InputError as error:
             draft.refused.append(str(error))
             continue
+        most = max((channel.count for channel in overview.channels), default=0)
+        if most < FEWEST_READINGS:
+            why = f" ({'; '.join(overview.remarks)})" if overview.remarks else ""
+            draft.refused.append(f"{path}: at most {most} rows of numbers, and no recording{why}")
+            continue
         log = None
         recorder = ""
         layout: tuple[object, ...] = (overview.format, *pulse_channels(overview))
@@ -391,35 +400,83 @@ def left_to_decide(folder: Path, draft: Draft) -> list[str]:
         if places:
             are = "place is" if len(places) == 1 else "places are"
             lines.append(f"{path}: {len(places)} {are} to be edited: {', '.join(places[:6])}")
+    lines += unaligned_clocks(folder, draft)
     asked: dict[str, list[str]] = {}
+    for file, text in draft.open:
+        asked.setdefault(text, []).append(str(file))
     for trial in draft.trials:
         for text in trial.questions:
             question = f"{folder / 'trials.csv'}: {text}"
             asked.setdefault(question, []).append(trial.cells["trial"])
-    for file, text in draft.open:
-        asked.setdefault(text, []).append(str(file))
     return lines + [f"{text} ({listing(which, MOST_SHOWN)})" for text, which in asked.items()]
 
 
-def can_run(folder: Path, draft: Draft) -> bool:
-    """Whether no place of a draft is to be edited, and some trial is analysed."""
+def is_complete(folder: Path, draft: Draft) -> bool:
+    """Whether no place of a draft is to be edited, its clocks are aligned, and some trial is
+    analysed."""
     if UNKNOWN in draft.walking:
         return False
     if any(to_be_edited(folder / f"sources/{name}.yaml") for name in draft.sources):
         return False
+    if list(unaligned_clocks(folder, draft)):
+        return False
     return any(trial.cells["experiment"] != UNNAMED for trial in draft.trials)
 
 
+def unaligned_clocks(folder: Path, draft: Draft) -> Iterator[str]:
+    """Why the source files of a log and a capture of one trial do not align their clocks."""
+    pairs = {
+        (trial.cells["log_source"], trial.cells["mocap_source"])
+        for trial in draft.trials
+        if trial.cells.keys() >= {"log_source", "mocap_source"}
+    }
+    for pair in sorted(pairs):
+        paths = [folder / f"sources/{name}.yaml" for name in pair]
+        if any(to_be_edited(path) for path in paths):
+            continue  # asked already
+        try:
+            raw_files.check_clocks(*[raw_files.read_source(path) for path in paths])
+        except InputError as error:
+            yield str(error)
+
+
 def campaign_text(folder: Path, draft: Draft) -> str:
-    """What is to be decided first, what the recordings were taken for, and the next command that
-    can succeed."""
-    lines: list[str] = []
+    """What is to be decided first, what the recordings were taken for, what the first trials give,
+    and the next command that can succeed."""
     questions = left_to_decide(folder, draft)
+    lines: list[str] = []
     if questions:
         lines.append("to be decided:")
         lines += [f"  {text}" for text in questions[:MOST_QUESTIONS]]
         if len(questions) > MOST_QUESTIONS:
             lines.append(f"  and {len(questions) - MOST_QUESTIONS} more, which `doctor` tells")
+    lines += source_lines(draft)
+    by_experiment: dict[str, list[str]] = {}
+    for trial in draft.trials:
+        by_experiment.setdefault(trial.cells["experiment"], []).append(trial.cells["trial"])
+    texts = [f"{name}: {listing(trials, MOST_SHOWN)}" for name, trials in by_experiment.items()]
+    lines.append(f"trials.csv: {'; '.join(texts)}")
+    if draft.refused:
+        more = f" (and {len(draft.refused) - 1} more files)" if len(draft.refused) > 1 else ""
+        lines.append(f"not read: {printable(draft.refused[0])}{more}")
+    is_ready = is_complete(folder, draft)
+    is_refused = False
+    if is_ready:
+        try:
+            looks = list(first_look(folder, is_new=True))
+        except OslAnalysisError as error:
+            is_refused = True
+            lines.append(f"no first look: {error}")
+        else:
+            is_refused = any(look.is_refused for look in looks)
+            lines += look_lines(looks, MOST_LINES - len(lines) - 1)
+    lines.append(next_command(folder, is_ready, is_refused))
+    return "\n".join(lines)
+
+
+def source_lines(draft: Draft) -> list[str]:
+    """The recordings of each source file, and what of it was guessed."""
+    lines: list[str] = []
     for name, text in draft.sources.items():
         files = [
             trial.cells[role]
@@ -431,16 +488,19 @@ def campaign_text(folder: Path, draft: Draft) -> str:
         guessed = guesses_text(text)
         if guessed:
             lines.append(f"  guessed, to be checked: {guessed}")
-    by_experiment: dict[str, list[str]] = {}
-    for trial in draft.trials:
-        by_experiment.setdefault(trial.cells["experiment"], []).append(trial.cells["trial"])
-    for experiment, names in by_experiment.items():
-        lines.append(f"trials.csv: {experiment}: {listing(names, MOST_SHOWN)}")
-    for text in draft.refused[:MOST_SHOWN]:
-        lines.append(f"not read: {printable(text)}")
-    if len(draft.refused) > MOST_SHOWN:
-        lines.append(f"not read: {len(draft.refused) - MOST_SHOWN} more")
-    return "\n".join(lines)
+    if len(lines) > MOST_OF_SOURCES:
+        shown = lines[: MOST_OF_SOURCES - 1]
+        return [*shown, f"sources/: {len(draft.sources)} source files in all, with what is guessed"]
+    return lines
+
+
+def look_lines(looks: Sequence[FirstLook], most: int) -> list[str]:
+    """What the first trials give in at most so many lines; those that are refused come first."""
+    lines: list[str] = []
+    for look in sorted(looks, key=lambda one: not one.is_refused):
+        shown = [*look.doubts[:1], *look.lines[:MOST_OF_LOOK]]
+        lines += [look.title, *[f"  {line}" for line in shown]]
+    return lines[:most]
 
 
 def guesses_text(source: str) -> str:
@@ -450,19 +510,24 @@ def guesses_text(source: str) -> str:
     for line in guessed_lines(source):
         column = line.partition(":")[0]
         channel = channels.get(column, {})
-        text = f"{column} in {channel.get('unit')}"
+        text = column
+        if channel.get("unit"):  # else the file states it
+            text += f" in {channel['unit']}"
         if channel.get("sign") == -1:
             text += ", sign -1: it falls as the angle rises"
         texts.append(text)
     return "; ".join(texts)
 
 
-def next_command(folder: Path, draft: Draft) -> str:
-    """The next command that can succeed."""
+def next_command(folder: Path, is_ready: bool, is_refused: bool) -> str:
+    """The next command that can succeed, by whether the draft is complete and whether a first trial
+    is refused."""
     place = f"cd {shlex.quote(str(folder))}"
-    if can_run(folder, draft):
-        return f"then: {place} && osl-analysis run"
-    return f"then: edit what is named above; {place} && osl-analysis doctor says what is left"
+    if not is_ready:
+        return f"then: edit what is named above; {place} && osl-analysis doctor says what is left"
+    if is_refused:
+        return f"then: mend what is refused above; {place} && osl-analysis doctor --look"
+    return f"then: {place} && osl-analysis run"
 
 
 def sums_text(recordings: Path) -> str:

@@ -36,44 +36,62 @@ from osl_analysis.signals.grid import uniform_signals
 from osl_analysis.spectral.stepped_sine import Likeness, find_segments, stated_protocol
 from osl_analysis.trial import Trial
 
-MOST_OF_NEW = 3  # lines that a new campaign shows of a trial's estimates
+
+@dataclass(frozen=True)
+class FirstLook:
+    """What the first trial of an experiment and source file gives."""
+
+    trial: str
+    experiment: str
+    lines: Sequence[str]  # its estimates and findings, or why it is refused
+    doubts: Sequence[str] = ()
+    is_refused: bool = False
+
+    @property
+    def title(self) -> str:
+        """The trial, and whether it is to be looked at."""
+        result = "LOOK AT IT" if self.is_refused or self.doubts else "ok"
+        return f"first trial of experiment {self.experiment}, {self.trial}: {result}"
+
+    @property
+    def text(self) -> str:
+        """All of it."""
+        return "\n  ".join([self.title, *self.lines])
 
 
-def first_look(folder: Path, is_new: bool = False) -> Iterator[str]:
+def first_look(folder: Path, is_new: bool = False) -> Iterator[FirstLook]:
     """What the first trial of each experiment and source file of a folder's campaign gives.
 
-    Of a new campaign it is told in short, and the stepped sine of the first trial that has one goes
-    into the configuration as a comment. Nothing else is left behind.
+    Of a new campaign, the stepped sine of the first trial that has one goes into the configuration
+    as a comment. Nothing else is left behind.
     """
-    is_new_campaign = is_new
     with chdir(folder):
         config = read_config(CAMPAIGN)
         campaign = open_campaign(config, None)
         for trial, experiment in first_trials(campaign):
-            row, is_sound = campaign.row(trial), False
             try:
                 recorded = checked_trial(campaign.recording(trial), config.raw_data, config.sources)
                 if is_new and EXPERIMENTS[experiment].stepped_sine:
                     with suppress(OslAnalysisError):  # the fit says why
                         is_new = not note_protocol(recorded, config)
+                row = campaign.row(trial)
                 fitted = fit_of_row(recorded, row, campaign.device(trial), CAMPAIGN)
-                is_sound = not any(
-                    one.grade is Grade.DOUBTS for of_row in fitted.findings for one in of_row
-                )
-                said = fits.estimates_text(fitted.table, fitted.findings)
             except OslAnalysisError as error:
-                said = str(error)
+                yield FirstLook(trial, experiment, [str(error)], is_refused=True)
             # a fault of the program in one recording must not hide the others
             except Exception as fault:
-                said = unexpected(fault)
-            title = (
-                f"first trial of experiment {experiment}, {trial}:"
-                f" {'ok' if is_sound else 'LOOK AT IT'}"
-            )
-            lines = said.splitlines()
-            if is_new_campaign:  # `doctor --look` tells the rest
-                lines = lines[:MOST_OF_NEW]
-            yield "\n  ".join([title, *lines])
+                yield FirstLook(trial, experiment, [unexpected(fault)], is_refused=True)
+            else:
+                text = fits.estimates_text(fitted.table, fitted.findings)
+                doubts = [
+                    finding_said(finding, estimates)
+                    for estimates, of_row in zip(
+                        fitted.table.to_dicts(), fitted.findings, strict=False
+                    )
+                    for finding in of_row
+                    if finding.grade is Grade.DOUBTS
+                ]
+                yield FirstLook(trial, experiment, text.splitlines(), doubts)
 
 
 def first_trials(campaign: Campaign) -> list[tuple[str, str]]:

@@ -18,6 +18,13 @@ entry point group `osl_analysis.formats`. Modules whose names begin with `_` are
 import errno
 import pkgutil
 import re
+import sqlite3
+import struct
+import sys
+import sysconfig
+import traceback
+import zipfile
+import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache
@@ -36,6 +43,17 @@ GROUP = "osl_analysis.formats"  # entry points of other packages
 TEXT_PRIORITY = 9  # of tables of text: any text may be one
 OFTEN_TEXT = ("table",)  # formats whose ending text often has: `.xls`
 COPY_AGAIN = "copy the file again, or export it anew"
+PACKAGE = Path(__file__).parents[1]
+STANDARD_LIBRARY = sysconfig.get_path("stdlib")
+DECODING_ERRORS = (
+    ValueError,
+    OSError,
+    EOFError,
+    struct.error,
+    zlib.error,
+    zipfile.BadZipFile,
+    sqlite3.Error,
+)
 
 
 @cache
@@ -141,13 +159,36 @@ def read(path: Path, source: Any = None) -> Recording:
 
 @contextmanager
 def in_one_sentence() -> Iterator[None]:
-    """Turn any error of a library about a damaged file into one sentence."""
+    """Turn an error about a damaged file into one sentence; a fault of this program stays one."""
     try:
         yield
     except (InputError, MemoryError, KeyboardInterrupt, SystemExit):
         raise
     except BaseException as error:  # also a panic of Rust
+        if not is_of_file(error):
+            raise
         raise InputError(f"cannot be read ({_reason_of(error)}); {COPY_AGAIN}") from error
+
+
+def is_of_file(error: BaseException) -> bool:
+    """Tell whether an error is of decoding, or of a library that met a damaged file.
+
+    Others, as a TypeError in a module of this package, are faults of the program: the traceback
+    tells where, and no copy of the file mends them.
+    """
+    if isinstance(error, DECODING_ERRORS):
+        return True
+    package_of_error = type(error).__module__.partition(".")[0]
+    if package_of_error not in sys.stdlib_module_names:
+        return True
+    places = [frame.filename for frame in traceback.extract_tb(error.__traceback__)]
+    outside_python = [place for place in places if not is_of_python(place)]
+    return not outside_python or not Path(outside_python[-1]).is_relative_to(PACKAGE)
+
+
+def is_of_python(place: str) -> bool:
+    """Tell whether a file of source code is one of Python's standard library."""
+    return place.startswith(STANDARD_LIBRARY) and "site-packages" not in place
 
 
 def _reason_of(error: BaseException) -> str:

@@ -92,7 +92,7 @@ def value_of(raw: Any) -> Value:
         return Value("struct")
     if hasattr(raw, "properties"):
         # of no known release
-        with suppress(AttributeError, IndexError, LookupError, TypeError, ValueError):
+        with suppress(AttributeError, LookupError, ValueError):
             return _object_of(raw.classname, raw.properties)
         return Value(raw.classname or "object")
     if type(raw).__name__ == "MatlabFunction":

@@ -578,8 +578,14 @@ def _remarks_on(writers: Sequence[Topic], tables: Sequence[Table]) -> list[str]:
             )
         if table.writers is not None:
             counts = Counter(table.writers.tolist())
+            kinds = topic.names_by_writer
+            alike = {
+                path
+                for path, texts in kinds[0].items()
+                if all(other.get(path) == texts for other in kinds)
+            }
             shown = [
-                f"{count} with {_names_text(topic.names_by_writer[writer])}"
+                f"{count} with {_names_text(kinds[writer], without=alike)}"
                 for writer, count in counts.most_common(3)
             ]
             remarks.append(
@@ -594,10 +600,12 @@ def _remarks_on(writers: Sequence[Topic], tables: Sequence[Table]) -> list[str]:
     return remarks
 
 
-def _names_text(names: Mapping[str, Sequence[str]]) -> str:
-    if not names:
+def _names_text(names: Mapping[str, Sequence[str]], without: Collection[str]) -> str:
+    """The names in the messages of a publisher, without those that all have."""
+    texts_by_path = {path: texts for path, texts in names.items() if path not in without}
+    if not texts_by_path:
         return "no names"
-    return " and ".join(f"{path} [{listing(texts, 6)}]" for path, texts in names.items())
+    return " and ".join(f"{path} [{listing(texts, 6)}]" for path, texts in texts_by_path.items())
 
 
 def _channels_of(

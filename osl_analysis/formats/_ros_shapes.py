@@ -34,6 +34,7 @@ ROS1_TYPES = {
 DEFINITION_LINE = re.compile(
     r"(?P<type>[A-Za-z][\w/]*)(<=\d+)?(?P<array>\[(?P<bound><=)?(?P<size>\d*)\])?\s+(?P<name>\w+)"
 )
+FRAME = "header.frame_id"  # publishers of one topic often write other frames
 TOLD_BY_MESSAGE = -1  # length of an array whose length stands in each message
 ENCAPSULATION = 4  # bytes before a CDR message; the second one tells the byte order
 MOST_PADDING = 7  # DDS fills up to 4 bytes of any content (RTPS 2.5, 9.4.1), some to 8 zeros
@@ -161,6 +162,7 @@ class Shape:
     # texts of arrays of strings, by the array's path
     texts: dict[str, list[str]] = field(default_factory=dict)
     guards: list[tuple[int, bytes]] = field(default_factory=list)  # place and bytes
+    frame: str = ""  # name of the frame in its header
 
     def fits(self, rows: NDArray[np.void]) -> NDArray[np.bool_]:
         """Tell which messages of this length, shape (messages,), have this shape."""
@@ -173,8 +175,11 @@ class Shape:
         return same
 
     def names(self) -> dict[str, list[str]]:
-        """Arrays of names by their path, where they name the elements of an array of numbers."""
+        """Arrays of names by their path, where they name the elements of an array of numbers; and
+        the frame of the header."""
         names: dict[str, list[str]] = {}
+        if self.frame:
+            names[FRAME] = [self.frame]
         for path, leaf in self.leaves.items():
             if leaf.count:
                 name, texts = self.labels_of(path)
@@ -349,6 +354,9 @@ class _Walk:
         if member.length is not None:
             self.shape.texts[path] = texts
             self.text_guards[path] = guards
+        elif path == FRAME:
+            self.shape.frame = texts[0]
+            self.shape.guards += guards
 
     def align(self, size: int) -> None:
         if not self.kind.is_ros1:

@@ -31,7 +31,7 @@ from osl_analysis.formats._cells import (
 from osl_analysis.formats._text import Line, Row, split_rows, unpadded
 from osl_analysis.recording import Channel, End, Kind, Loss, Recording, Rows
 from osl_analysis.source_file import ColumnChannel, ColumnTime, TableSource
-from osl_analysis.units import is_unit, name_and_ending
+from osl_analysis.units import is_clock, is_unit, name_and_ending
 
 MOST_COLUMNS = 10_000  # a table with more columns is transposed, or no recording
 SAMPLE_ROWS = 600  # rows by which the width of a table and its first numbers are found
@@ -368,7 +368,8 @@ def _joined_heads(above: Sequence[Row]) -> list[Row]:
     overlap = any(
         upper_cell and last_cell for upper_cell, last_cell in zip(upper, last, strict=False)
     )
-    if len(upper) != len(last) or overlap or not any(last):
+    ends_header = upper[0].startswith("***")  # LabVIEW's mark is no name
+    if len(upper) != len(last) or overlap or not any(last) or ends_header:
         return list(above)
     cells = [upper_cell or last_cell for upper_cell, last_cell in zip(upper, last, strict=True)]
     return [*above[:-2], Row(above[-2].number, cells)]
@@ -446,23 +447,14 @@ def _names_of_header(heads: Sequence[Sequence[str]], width: int, delimiter: str)
 def _labview_units(rows: Sequence[Row], names: Sequence[str]) -> list[str]:
     """Units in LabVIEW's line `Y_Unit_Label`, which has one for each signal, and none for time."""
     labels = next((row.cells[1:] for row in rows if row.cells[0] == "Y_Unit_Label"), [])
-    signals = [name for name in names if not is_clock(name) and name != "Comment"]
+    # a column without a name is that of time where LabVIEW wrote none (`X_Columns No`)
+    are_signals = [
+        name not in ("", "Comment") and not is_clock(name_and_unit(name)[0]) for name in names
+    ]
     filled = [label for label in labels if label]
     # if each signal has a time of its own, every second cell is empty
-    remaining = iter(filled if len(filled) == len(signals) else labels)
-    return ["" if is_clock(name) else next(remaining, "") for name in names]
-
-
-def is_clock(title: str) -> bool:
-    """Tell whether a column is named like a clock: `time`, `t_s`, `loop_time [ms]`."""
-    name = name_and_unit(title)[0].rpartition("/")[2]  # without groups of HDF5
-    name = re.sub(r"\s+", "_", name.strip())
-    words = (
-        "time|t|timestamp|stamp|(state|loop|pi|sys|ros|elapsed)_time|elapsed|clock|seconds"
-        "|time_since_start|x_value|millis|micros|[mu]s|(date_?)?time|datetime|date_and_time"
-        "|time_of_day|(uhr)?zeit|tijd|temps|tiempo|tempo"
-    )
-    return re.fullmatch(f"_*({words})(_(s|sec|ms|us|ns))?", name, re.IGNORECASE) is not None
+    remaining = iter(filled if len(filled) == sum(are_signals) else labels)
+    return [next(remaining, "") if is_signal else "" for is_signal in are_signals]
 
 
 def _without_footer(

@@ -31,6 +31,7 @@ BETWEEN_THOUSANDS = "'\u2019\u202f\u2009\u00a0"  # signs that only separate thou
 MINUS = "\u2212"  # a minus sign that is no hyphen
 LONGEST_CELL = 131_072  # characters
 SAMPLE_LINES = 300  # lines by which the sign between cells is found
+FEWEST_ROWS = 8  # lines of numbers that make a text without an ending a table
 
 
 class Line(NamedTuple):
@@ -149,6 +150,18 @@ def _score(sample: Sequence[str], sign: str) -> float:
     filled = [cell for cell in cells if cell]
     values = sum(map(is_value, filled))
     return len(typical) / len(rows) * values / max(1, len(filled))
+
+
+def begins_with_rows(begin: bytes) -> bool:
+    """Tell whether most of the last lines in the beginning of a text are rows of two or more
+    numbers or times."""
+    if not is_text(begin):
+        return False
+    lines = numbered(decoded(begin).encode().rpartition(b"\n")[0])[-20:]
+    sign = delimiter_of(lines)
+    rows = [line.text.strip(' "').split(None if sign == " " else sign) for line in lines]
+    of_values = sum(len(cells) > 1 and all(map(is_value, cells)) for cells in rows)
+    return of_values > 0.8 * len(rows) > FEWEST_ROWS
 
 
 def split_rows(lines: Sequence[Line], delimiter: str) -> list[Row]:

@@ -16,7 +16,6 @@ import polars as pl
 
 from osl_analysis.errors import InputError
 from osl_analysis.formats import TEXT_PRIORITY
-from osl_analysis.formats._cells import is_value
 from osl_analysis.formats._table import (
     Layout,
     SheetSource,
@@ -28,7 +27,6 @@ from osl_analysis.formats._table import (
 )
 from osl_analysis.formats._text import (
     Line,
-    decoded,
     delimiter_of,
     is_text,
     numbered,
@@ -40,7 +38,6 @@ from osl_analysis.recording import Format, Recording
 FIRST_LINES = 300  # of a long text, from which its header is found
 LAST_LINES = 60  # of a long text, among which its footer is
 MOST_LISTED = 200_000  # rows of a long text that are read to list what it holds
-FEWEST_ROWS = 8  # lines of numbers that make a text without an ending a table
 LABVIEW = b"LabVIEW Measurement"
 END_OF_HEADER = "***End_of_Header***"
 
@@ -54,18 +51,6 @@ class CsvSource(SheetSource):
     numbers."""
     # Decimal sign; `auto` takes the one that the numbers have.
     decimal: Literal["auto", ".", ","] = "auto"
-
-
-def begins_with_rows(begin: bytes) -> bool:
-    """Tell whether most of the last lines in the beginning of a text are rows of two or more
-    numbers or times."""
-    if not is_text(begin):
-        return False
-    lines = numbered(decoded(begin).encode().rpartition(b"\n")[0])[-20:]
-    sign = delimiter_of(lines)
-    rows = [line.text.strip(' "').split(None if sign == " " else sign) for line in lines]
-    of_values = sum(len(cells) > 1 and all(map(is_value, cells)) for cells in rows)
-    return of_values > 0.8 * len(rows) > FEWEST_ROWS
 
 
 def table_of_text(

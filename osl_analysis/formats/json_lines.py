@@ -16,11 +16,10 @@ from osl_analysis.errors import InputError, listing, nearest
 from osl_analysis.formats._messages import joined_columns, stamp_fields, whole_stamps
 from osl_analysis.formats._objects import fields_in, last_name, masked_numbers, number_at
 from osl_analysis.formats._ros_shapes import NoNumberError
-from osl_analysis.formats._table import is_clock
 from osl_analysis.formats._text import in_utf8
 from osl_analysis.recording import Channel, End, Format, Kind, Loss, Recording, Rows
 from osl_analysis.source_file import FieldChannel, RowTime, TableSource
-from osl_analysis.units import name_and_ending
+from osl_analysis.units import is_clock, name_and_ending
 
 MOST_ELEMENTS = 64  # of an array that are listed: longer ones are images, and no signals
 LINES_AT_ONCE = 1 << 16  # that are held as objects, which take more memory than their numbers

@@ -8,26 +8,20 @@ the columns, and each line holds one frame: maybe its number and time, then x, y
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-
 from osl_analysis.errors import InputError
 from osl_analysis.formats._cells import is_number_cell
-from osl_analysis.formats._text import (
-    Row,
-    check_last_line,
-    column_of,
-    decoded,
-    is_text,
-    numbered,
-    read_text,
-    unpadded,
+from osl_analysis.formats._markers import (
+    EXPORT_AGAIN,
+    begins_with_key,
+    positions_in,
+    recording_of_markers,
 )
-from osl_analysis.recording import Channel, Format, Kind, Loss, Recording, Rows
+from osl_analysis.formats._text import Row, check_last_line, numbered, read_text, unpadded
+from osl_analysis.recording import Format, Recording
 from osl_analysis.source_file import MarkerSource
 
+FIRST_KEY = "NO_OF_FRAMES"
 UNIT = "mm"  # the export has no other one
-UNSEEN = ("", "NaN", "null")  # cells of a marker that was not seen
-EXPORT_AGAIN = "export it again"
 
 
 class QualisysSource(MarkerSource):
@@ -45,7 +39,7 @@ def read(path: Path, source: QualisysSource | None) -> Recording:
     ]
     frames = [row for row in rows if is_number_cell(row.cells[0])]
     keys = {row.cells[0]: row.cells[1:] for row in rows if not is_number_cell(row.cells[0])}
-    count = int(_number(keys, "NO_OF_FRAMES"))
+    count = int(_number(keys, FIRST_KEY))
     rate_hz = _number(keys, "FREQUENCY")
     labels = unpadded(keys.get("MARKER_NAMES", []))
     if not labels or rate_hz <= 0:
@@ -58,32 +52,8 @@ def read(path: Path, source: QualisysSource | None) -> Recording:
         )
     check_last_line(text.is_ended, frames)
     first = _first_coordinate(frames[0], 3 * len(labels))
-    coordinates = [
-        column_of(frames, first + place, UNSEEN, labels[place // 3], EXPORT_AGAIN)
-        for place in range(3 * len(labels))
-    ]
-    positions = np.column_stack(coordinates).reshape(count, len(labels), 3)
-    positions[(positions == 0).all(axis=2)] = np.nan  # not seen
-    of_frames = Rows(count, "points", rate_hz, noun="frame")
-    channels = [
-        Channel(
-            address={"label": label},
-            rows=of_frames,
-            read=partial(np.asanyarray, positions[:, place]),
-            name=label,
-            unit=UNIT,
-            kind=Kind.MARKER,
-        )
-        for place, label in enumerate(labels)
-    ]
-    facts = {
-        "frames": count,
-        "first_frame": 1,
-        "frame_rate_hz": rate_hz,
-        "samples_per_frame": 1,
-        "length_unit": UNIT,
-    }
-    return Recording("qualisys", channels, Loss(count, count), facts=facts)
+    positions = positions_in(frames, first, len(labels))
+    return recording_of_markers("qualisys", labels, positions, UNIT, rate_hz)
 
 
 def _number(keys: dict[str, list[str]], key: str) -> float:
@@ -104,10 +74,11 @@ def _first_coordinate(frame: Row, coordinates: int) -> int:
     return before
 
 
-def _begins(begin: bytes) -> bool:
-    return is_text(begin) and decoded(begin[:200]).lstrip().startswith("NO_OF_FRAMES")
-
-
 FORMAT = Format(
-    name="qualisys", suffixes=(), begins=_begins, source=QualisysSource, read=read, priority=1
+    name="qualisys",
+    suffixes=(),
+    begins=partial(begins_with_key, key=FIRST_KEY),
+    source=QualisysSource,
+    read=read,
+    priority=1,
 )

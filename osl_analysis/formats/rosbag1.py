@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from osl_analysis.errors import InputError, optional_module, quoted
-from osl_analysis.formats import _messages
+from osl_analysis.formats import _messages, is_of_file
 from osl_analysis.formats._messages import Messages, Schema, Topic
 from osl_analysis.formats._ros_shapes import rows_at, short_name
 from osl_analysis.recording import Format, Loss, Recording
@@ -39,6 +39,8 @@ def read(path: Path, source: MessageSource | None) -> Recording:
     except (MemoryError, InputError):
         raise
     except Exception as error:  # whatever the library meets in a damaged bag
+        if not is_of_file(error):
+            raise
         remedy = "run `rosbag reindex` on a copy"
         if "encryption" in str(error):
             remedy = "run `rosbag decrypt` first"

@@ -175,6 +175,8 @@ def _topics_in(connection: sqlite3.Connection, bag: Bag) -> dict[int, Topic]:
     topics: dict[int, Topic] = {}
     query = "SELECT id, name, type, serialization_format FROM topics ORDER BY id"
     for number, name, kind, encoding in connection.execute(query):
+        if not isinstance(number, int):
+            raise InputError(f"topic '{name}' has no number: the database is damaged; {RECOVER}")
         topic = Topic(str(name), str(encoding))
         bag.names.add(topic.name)
         if bag.wanted is not None:
@@ -186,7 +188,7 @@ def _topics_in(connection: sqlite3.Connection, bag: Bag) -> dict[int, Topic]:
             except InputError as error:
                 topic.undefined = str(error)
             topic = bag.topic(topic)
-        topics[int(number)] = topic
+        topics[number] = topic
     return topics
 
 
@@ -265,10 +267,8 @@ def _opened(path: Path) -> Iterator[sqlite3.Connection]:
     try:
         with closing(sqlite3.connect(address, uri=True)) as connection:
             yield connection
-    except (sqlite3.Error, OverflowError, TypeError, UnicodeDecodeError) as error:
+    except (sqlite3.Error, OverflowError, UnicodeDecodeError) as error:
         reason = " ".join(str(error).split())[:120]
-        if isinstance(error, TypeError):
-            reason = "a number is missing"
         if "no such" in reason:
             raise InputError(
                 f"a database of something else ({reason}): no bag of ROS 2; name the bag itself"

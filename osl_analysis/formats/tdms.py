@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from osl_analysis.errors import InputError, optional_module, quoted
+from osl_analysis.formats import in_one_sentence
 from osl_analysis.formats._text import CONTROL
 from osl_analysis.recording import Channel, End, Format, Kind, Loss, Recording, Rows
 from osl_analysis.source_file import LogChannel, Name, RowTime, TableSource
@@ -82,7 +83,8 @@ class Timed:
 
     def values(self, count: int) -> NDArray[Any]:
         """Its first numbers as the file scales them, or stamps [ns]."""
-        values = self.channel.read_data(length=count)
+        with _warnings_of_library(), in_one_sentence():  # values are read when they are asked for
+            values = self.channel.read_data(length=count)
         if self.holds_times:
             return np.asarray(values.as_datetime64("ns").astype(np.int64))
         return np.asarray(values)
@@ -290,7 +292,8 @@ def _check_one_recording(nptdms: Any, data: bytes, channels_of_file: Sequence[Ti
     first_end = _end_of_segment(data, 0)
     if first_end >= len(data):
         return
-    first = nptdms.TdmsFile.read_metadata(BytesIO(data[:first_end]), raw_timestamps=True)
+    with _warnings_of_library():
+        first = nptdms.TdmsFile.read_metadata(BytesIO(data[:first_end]), raw_timestamps=True)
     began = {
         channel.path: channel.properties.get("wf_start_time")
         for group in first.groups()

@@ -13,24 +13,28 @@ from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
 from osl_analysis.formats._cells import is_number_cell
+from osl_analysis.formats._markers import (
+    EXPORT_AGAIN,
+    begins_with_key,
+    positions_in,
+    recording_of_markers,
+)
 from osl_analysis.formats._text import (
     Row,
     check_last_line,
     column_of,
-    decoded,
-    is_text,
     numbered,
     read_text,
     unpadded,
 )
-from osl_analysis.recording import Channel, Format, Kind, Loss, Recording, Rows
+from osl_analysis.recording import Format, Recording
 from osl_analysis.source_file import MarkerSource
 from osl_analysis.units import LengthUnit
 
+FIRST_KEY = "PathFileType"
 HEADER_LINES = 5
-UNSEEN = ("", "nan", "NaN", "NAN")  # cells of a marker that was not seen
 MOST_FRAMES = 10**8
-EXPORT_AGAIN = "export it again, or correct the header"
+CORRECT = f"{EXPORT_AGAIN}, or correct the header"
 
 
 class TrcSource(MarkerSource):
@@ -44,7 +48,7 @@ def read(path: Path, source: TrcSource | None) -> Recording:
     """Read the markers; refused if the header is not that of TRC, or contradicts the rows."""
     text = read_text(path)
     lines = numbered(text.data)
-    if not lines or not lines[0].text.lstrip().casefold().startswith("pathfiletype"):
+    if not lines or not lines[0].text.lstrip().casefold().startswith(FIRST_KEY.casefold()):
         raise InputError(
             "no TRC file: its first line does not begin with PathFileType; check the source's"
             " format"
@@ -63,55 +67,35 @@ def read(path: Path, source: TrcSource | None) -> Recording:
     labels = [cell for cell in rows[3].cells[2:] if cell]
     if len(labels) < markers:
         raise InputError(
-            f"NumMarkers is {markers}, line {rows[3].number} names {len(labels)}; {EXPORT_AGAIN}"
+            f"NumMarkers is {markers}, line {rows[3].number} names {len(labels)}; {CORRECT}"
         )
     body = rows[HEADER_LINES:]
     if len(body) != frames:
         cut = ": the end is missing" if len(body) < frames else ""
-        raise InputError(
-            f"NumFrames is {frames}, the file holds {len(body)} rows{cut}; {EXPORT_AGAIN}"
-        )
+        raise InputError(f"NumFrames is {frames}, the file holds {len(body)} rows{cut}; {CORRECT}")
     check_last_line(text.is_ended, body)
     _check_widths(body, markers)
-    frame = column_of(body, 0, (), "frame", "export it again")
-    time = column_of(body, 1, (), "time", "export it again")
-    coordinates = [
-        column_of(body, place, UNSEEN, f"column {place + 1}", "export it again")
-        for place in range(2, 2 + 3 * markers)
-    ]
+    frame = column_of(body, 0, (), "frame", EXPORT_AGAIN)
+    time = column_of(body, 1, (), "time", EXPORT_AGAIN)
     rate_hz = _rate(header, line_of_values)
     _check_frames(body, frame)
     _check_times(body, time, rate_hz)
-    positions = np.column_stack(coordinates).reshape(frames, markers, 3)
-    positions[(positions == 0).all(axis=2)] = np.nan  # not seen
     remarks: list[str] = []
     if len(labels) > markers:  # Cortex names its virtual markers and leaves them out
         remarks.append(
             f"{len(labels) - markers} names after the {markers} markers have no positions, such as"
             f" {labels[-1][:40]}"
         )
-    unit = header.get("units", "")
-    of_frames = Rows(frames, "points", rate_hz, start_s=float(time[0]), noun="frame")
-    channels = [
-        Channel(
-            address={"label": label},
-            rows=of_frames,
-            read=partial(np.asanyarray, positions[:, place]),
-            name=label,
-            unit=unit,
-            kind=Kind.MARKER,
-        )
-        for place, label in enumerate(labels[:markers])
-    ]
-    facts = {
-        "frames": frames,
-        "first_frame": int(frame[0]),
-        "frame_rate_hz": rate_hz,
-        "samples_per_frame": 1,
-        "length_unit": unit,
-        "start_s": float(time[0]),
-    }
-    return Recording("trc", channels, Loss(frames, frames, remarks=remarks), facts=facts)
+    return recording_of_markers(
+        "trc",
+        labels[:markers],
+        positions_in(body, first=2, markers=markers),
+        unit=header.get("units", ""),
+        rate_hz=rate_hz,
+        first_frame=int(frame[0]),
+        start_s=float(time[0]),
+        remarks=remarks,
+    )
 
 
 def _cells_of(text: str) -> list[str]:
@@ -123,9 +107,7 @@ def _count(header: dict[str, str], key: str, line: int) -> int:
     text = header.get(key.casefold(), "")
     is_whole = text.isascii() and text.isdigit()
     if not is_whole or not 0 < int(text) < MOST_FRAMES:
-        raise InputError(
-            f"line {line}: {key} is {text[:40]!r} and no count above zero; {EXPORT_AGAIN}"
-        )
+        raise InputError(f"line {line}: {key} is {text[:40]!r} and no count above zero; {CORRECT}")
     return int(text)
 
 
@@ -133,9 +115,7 @@ def _rate(header: dict[str, str], line: int) -> float:
     text = header.get("datarate", "")
     rate_hz = float(text) if is_number_cell(text) else 0.0
     if rate_hz <= 0:
-        raise InputError(
-            f"line {line}: DataRate is {text[:40]!r} and no rate in Hz; {EXPORT_AGAIN}"
-        )
+        raise InputError(f"line {line}: DataRate is {text[:40]!r} and no rate in Hz; {CORRECT}")
     return rate_hz
 
 
@@ -145,7 +125,7 @@ def _check_widths(rows: Sequence[Row], markers: int) -> None:
         if count > 3 * markers or count % 3:
             raise InputError(
                 f"line {row.number} has {count} coordinates, its header names {markers} markers;"
-                f" {EXPORT_AGAIN}"
+                f" {CORRECT}"
             )
 
 
@@ -181,10 +161,11 @@ def _check_times(rows: Sequence[Row], time: NDArray[np.float64], rate_hz: float)
         )
 
 
-def _begins(begin: bytes) -> bool:
-    return is_text(begin) and decoded(begin[:200]).lstrip().casefold().startswith("pathfiletype")
-
-
 FORMAT = Format(
-    name="trc", suffixes=(".trc",), begins=_begins, source=TrcSource, read=read, priority=1
+    name="trc",
+    suffixes=(".trc",),
+    begins=partial(begins_with_key, key=FIRST_KEY),
+    source=TrcSource,
+    read=read,
+    priority=1,
 )

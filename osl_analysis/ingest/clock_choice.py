@@ -12,7 +12,6 @@ from osl_analysis.errors import listing, printable
 from osl_analysis.ingest.likely_clock import (
     NOT_OF_ROWS,
     OF_ROWS,
-    is_clock,
     is_like_clock,
     likely_unit,
     span_ratio,
@@ -22,6 +21,7 @@ from osl_analysis.ingest.likely_clock import (
     time_unit,
 )
 from osl_analysis.trial import Array
+from osl_analysis.units import is_clock
 
 ALIKE = 0.005  # by which the spans of two clocks may differ: I is then 1 % wrong
 MOST_BACK = 0.1  # share of the steps of a clock that may go back

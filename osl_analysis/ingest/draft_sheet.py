@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from osl_analysis.ingest.likely_column import parted_name
+from osl_analysis.ingest.raw_files import ENDINGS_OF_ANY, suffixes
 
 WORDS_OF_EXPERIMENTS = {
     "torque_angle": r"\b(torque angle|quasi ?static)\b",
@@ -42,11 +43,17 @@ class DraftedTrial(NamedTuple):
     questions: list[str]
 
 
+def stem_of(path: Path) -> str:
+    """The name of a file or folder without the ending of a format; `.5` of the folder `k150_b2.5`
+    is none."""
+    endings = (*suffixes(), *ENDINGS_OF_ANY)
+    return path.stem if path.suffix.lower() in endings else path.name
+
+
 def trial_name(path: Path) -> str:
     """A name for the trial of a file: that of the file without its ending, with `_` for what a name
     may not have."""
-    stem = path.stem if path.suffix else path.name
-    name = re.sub(r"[^A-Za-z0-9_.-]+", "_", stem).lstrip("_.-")
+    name = re.sub(r"[^A-Za-z0-9_.-]+", "_", stem_of(path)).lstrip("_.-")
     return name[:LONGEST_NAME] or "trial"
 
 
@@ -88,7 +95,7 @@ def draft_trials(
 def draft_trial(name: str, files: Recordings, moved: Mapping[Path, str]) -> DraftedTrial:
     """Draft one trial."""
     path = next(iter(files.values()))[0]
-    stem = path.stem if path.suffix else path.name
+    stem = stem_of(path)
     words = parted_name(stem.replace("_", " "))
     stated = stated_impedance(stem)
     cells = {"trial": name, "experiment": UNNAMED}

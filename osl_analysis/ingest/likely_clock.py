@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.trial import Array
-from osl_analysis.units import base_units, dimension, name_and_ending, normalised
+from osl_analysis.units import base_units, dimension, is_clock, name_and_ending, normalised
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}  # [s], of clocks
 LONG_UNITS = (60.0, 3600.0, 86_400.0)  # [s], of clocks of programs of tables
@@ -21,19 +21,6 @@ RECORDED_HZ = (50.0, 5000.0)  # rates of recorders of joints: less than a factor
 FEWEST_TICKS = 20  # readings that show whether a column rises like a clock
 EVEN_STEP = 0.2  # a step differs from the median by less than this share of it
 EVEN_SHARE = 0.8  # of the steps of a clock are even
-
-CLOCK_NAMES = (
-    "time|t|timestamp|stamp|(state|loop|pi|sys|ros|elapsed)_time|elapsed|clock|seconds?"
-    "|time_since_start|x_value|millis|micros|[mu]s|(date_?)?time|datetime|date_and_time"
-    "|time_of_day|(uhr)?zeit|tijd|temps|tiempo|tempo"
-)
-
-
-def is_clock(name: str) -> bool:
-    """Whether a column is named like a clock: `time`, `t_s`, `loop_time`."""
-    last = name.rpartition("/")[2].rpartition(":")[2]  # without groups of HDF5
-    words = re.sub(r"\s+", "_", last.strip())
-    return re.fullmatch(f"_*({CLOCK_NAMES})(_(s|sec|ms|us|ns))?", words, re.IGNORECASE) is not None
 
 
 def is_like_clock(name: str) -> bool:

@@ -26,13 +26,17 @@ from osl_analysis.ingest.stale_rows import find_stale_rows
 from osl_analysis.recording import Channel, Loss, Recording, Rows
 from osl_analysis.signals import runs
 from osl_analysis.source_file import MessageChannel, MessageSource
-from osl_analysis.trial import counter_column
+from osl_analysis.trial import Array, counter_column
 
 SECOND_NS = 1_000_000_000
 SET_BACK_NS = SECOND_NS  # a message that is later than others by more was not only late
 MOST_RESTARTS = 10  # of a publisher, which begins its numbers anew
 FEWEST_OVERLAPPING = 10  # messages in a row behind others: the clock was set, they are not late
-OTHER_WRITER_SHARE = 0.1  # of a channel's range, by which another publisher's values are others
+OTHER_WRITER_SHARE = 0.01  # of a channel's range, by which another publisher's values are others
+OTHER_WRITER_NOISE = 3.0  # times the scatter of a publisher about its own curve, for the same
+STEPS_APART = 0.2  # of the mean step, by which steps of two publishers in turn differ
+STEPS_ALIKE = 0.9  # share of the steps of each that are as the usual one
+FEWEST_IN_TURN = 50  # messages by which publishers that write in turn are told
 
 
 @dataclass(frozen=True)
@@ -157,12 +161,21 @@ def convert_topic(
         raise InputError("no message can be used; check that its sensor was running")
     from_header = source.time.source == "header"
     stamps = header_stamps(recording, source, rows) if from_header else logged_stamps(rows)
-    order = recording_order(rows)
+    in_turn = are_in_turn(stamps) and rows.writers is None
+    told = replace(rows, writers=np.arange(rows.count) % 2) if in_turn else rows
+    chosen = rows_of_publisher(told, source)
+    order = recording_order(rows if chosen is None else at_rows(rows, chosen))
+    if chosen is not None:
+        order = chosen if order is None else chosen[order]
     stale = find_stale_rows(stamps if order is None else stamps[order], least=SET_BACK_NS)
     remarks = list(remarks_on_stale_messages(rows, stamps, order, stale))
+    if chosen is not None:
+        others = rows.count - chosen.size
+        remarks.append(f"{others} messages of other publishers are left out, as `publishers` says")
     if stale.size:
         order = np.delete(np.arange(rows.count) if order is None else order, stale)
     used = rows if order is None else at_rows(rows, order)
+    told = told if order is None else at_rows(told, order)
     if order is not None:
         stamps = stamps[order]
     time = (stamps - stamps[0]) / SECOND_NS
@@ -180,7 +193,7 @@ def convert_topic(
             )
     samples = pl.DataFrame(columns)
     writers = np.zeros(used.count, np.int64) if used.writers is None else used.writers
-    check_one_publisher(samples, writers, settings, recording.loss)
+    check_one_publisher(samples, told, settings, recording.loss)
     table, ordering = sorted_by_stamp(samples, writers, source, advice_on_clock(used, from_header))
     counts_of = {
         "came late and were put in the order of their stamps": ordering.late,
@@ -189,6 +202,36 @@ def convert_topic(
     }
     remarks += [f"{count} messages {what}" for what, count in counts_of.items() if count]
     return Topic(table, ordering, remarks)
+
+
+def publishers_of(rows: Rows) -> NDArray[np.int64]:
+    """The writers of a topic, (publishers,), in the order of their numbers: that with most messages
+    is number 1."""
+    writers = np.zeros(1, np.int64) if rows.writers is None else rows.writers
+    numbers, counts = np.unique(writers, return_counts=True)
+    return numbers[np.argsort(-counts, kind="stable")]
+
+
+def rows_of_publisher(rows: Rows, source: MessageSource) -> NDArray[np.int64] | None:
+    """The rows of the publisher that the source file chooses for a topic; None for all rows.
+
+    Raises
+    ------
+    InputError
+        The topic has fewer publishers.
+    """
+    number = source.publishers.get(rows.name)
+    if number is None:
+        return None
+    publishers = publishers_of(rows)
+    if number > publishers.size:
+        raise InputError(
+            f"no publisher {number}; it has {publishers.size}, counted from 1: correct"
+            f" {source.place('publishers', rows.name)}"
+        )
+    if rows.writers is None:
+        return None
+    return np.flatnonzero(rows.writers == publishers[number - 1])
 
 
 def recording_order(rows: Rows) -> NDArray[np.int64] | None:
@@ -222,6 +265,7 @@ def at_rows(rows: Rows, order: NDArray[np.int64]) -> Rows:
         count=order.size,
         stamps_ns=None if rows.stamps_ns is None else rows.stamps_ns[order],
         writers=None if rows.writers is None else rows.writers[order],
+        sequence=None if rows.sequence is None else rows.sequence[order],
         lines=lines[order],
     )
 
@@ -286,42 +330,69 @@ def advice_on_clock(rows: Rows, from_header: bool) -> str:
 
 
 def check_one_publisher(
-    samples: pl.DataFrame,
-    writers: NDArray[np.int64],
-    settings: Mapping[str, MessageChannel],
-    loss: Loss,
+    samples: pl.DataFrame, rows: Rows, settings: Mapping[str, MessageChannel], loss: Loss
 ) -> None:
     """Refuse a topic into which several publishers write different values at the same time."""
-    names, counts = np.unique(writers, return_counts=True)
-    if names.size < 2:
+    main, *others = publishers_of(rows)
+    if not others:
         return
-    main = names[np.argmax(counts)]
+    assert rows.writers is not None
     stamp = samples["stamp"].to_numpy()
-    is_main = writers == main
+    is_main = rows.writers == main
     for column, setting in settings.items():
         values = samples[column].to_numpy()
         known = np.isfinite(values)
         curve_at = np.flatnonzero(is_main & known)
-        for other in names[names != main]:
-            own = np.flatnonzero((writers == other) & known)
-            inside = own[
-                (stamp[own] >= stamp[is_main].min()) & (stamp[own] <= stamp[is_main].max())
-            ]
+        for number, other in enumerate(others, start=2):
+            of_other = np.flatnonzero((rows.writers == other) & known)
+            is_beside = stamp[of_other] >= stamp[is_main].min()
+            is_beside &= stamp[of_other] <= stamp[is_main].max()
+            inside = of_other[is_beside]
             if not inside.size or not curve_at.size:
                 continue
             order = curve_at[np.argsort(stamp[curve_at], kind="stable")]
             expected = np.interp(stamp[inside], stamp[order], values[order])
             off = float(np.median(np.abs(values[inside] - expected)))
             span = float(np.ptp(values[curve_at]))
-            if off <= OTHER_WRITER_SHARE * span:
+            scatter = scatter_of(stamp[order], values[order])
+            if off <= max(OTHER_WRITER_SHARE * span, OTHER_WRITER_NOISE * scatter):
                 continue
-            told_by = [text for text in loss.remarks if "publisher" in text or "writers" in text]
+            told_by = [text for text in loss.remarks if "publisher" in text or "channels" in text]
+            told_by = told_by or ["every second message, by stamps and values"]
             raise InputError(
-                f"{own.size} of {writers.size} messages are of another publisher, whose"
+                f"{of_other.size} of {rows.count} messages are of another publisher, whose"
                 f" {setting.field} is off by {off:.3g} of a range of {span:.3g}"
-                f" ({'; '.join(told_by)}); let one node alone publish to the topic, or take the"
-                " messages of the other out of the recording"
+                f" ({'; '.join(told_by)}); write `publishers: {{{setting.topic}: 1}}` in the source"
+                f" file to read the one with most messages, or {number} for this one"
             )
+
+
+def scatter_of(stamp: NDArray[np.int64], values: Array) -> float:
+    """The usual distance of values (n,) from the line between their neighbours, which is that of a
+    second publisher of the same values."""
+    if values.size < 3:
+        return 0.0
+    share = (stamp[1:-1] - stamp[:-2]) / np.maximum(stamp[2:] - stamp[:-2], 1)
+    between = values[:-2] + share * (values[2:] - values[:-2])
+    return float(np.median(np.abs(values[1:-1] - between)))
+
+
+def are_in_turn(stamps: NDArray[np.int64]) -> bool:
+    """Tell whether two publishers may write in turn: the steps of the stamps (n,) are by turns of
+    two lengths, or every stamp stands twice. Their values decide, as rounded stamps do so too."""
+    if stamps.size < FEWEST_IN_TURN:
+        return False
+    steps = np.diff(stamps).astype(np.float64)
+    mean = float(steps.mean())
+    usual = [float(np.median(part)) for part in (steps[::2], steps[1::2])]
+    if not mean > 0 or abs(usual[0] - usual[1]) <= STEPS_APART * mean:
+        return False
+    allowed = abs(usual[0] - usual[1]) / 2
+    shares = [
+        float(np.mean(np.abs(part - own) < allowed))
+        for part, own in zip((steps[::2], steps[1::2]), usual, strict=True)
+    ]
+    return min(shares) > STEPS_ALIKE
 
 
 def sorted_by_stamp(

@@ -24,7 +24,6 @@ from osl_analysis.ingest.clock_choice import (
 from osl_analysis.ingest.conversion import share_above
 from osl_analysis.ingest.force_plates import convert_plate
 from osl_analysis.ingest.likely_clock import (
-    is_clock,
     is_like_clock,
     likely_unit,
     rate_of,
@@ -34,6 +33,7 @@ from osl_analysis.ingest.placeholders import NAME_OF_TIME, UNKNOWN
 from osl_analysis.recording import Channel, End, Kind, Plate, Recording
 from osl_analysis.source_file import MarkerSource, Source
 from osl_analysis.trial import Array, plate_columns
+from osl_analysis.units import is_clock
 
 SECOND_NS = 1_000_000_000
 MOST_COLUMNS = 6  # of a matrix that are listed one by one
@@ -331,7 +331,7 @@ def overview_of_messages(recording: Recording) -> Overview:
 def overview_of_table(recording: Recording) -> Overview:
     """List the columns of a table, with the likely clock among those that a draft has, and what is
     guessed."""
-    what = next((next(iter(one.address)) for one in recording.channels), "column")
+    what = address_key(recording)
     remarks = [*recording.loss.remarks]
     shown: dict[int, RecordedChannel] = {}
     for channel in recording.channels:
@@ -382,6 +382,12 @@ def overview_of_table(recording: Recording) -> Overview:
         drafted if part or len(drafted) < len(shown) else None,
         questions,
     )
+
+
+def address_key(recording: Recording) -> str:
+    """The key by which a source file of the format names a channel, as `column`."""
+    time = source_model(recording).model_fields["time"].annotation
+    return str(getattr(time, "ADDRESS", "")) or "column"
 
 
 def with_tick(channel: Channel, recording: Recording) -> Channel:

@@ -14,7 +14,7 @@ import numpy as np
 from osl_analysis import formats
 from osl_analysis.errors import InputError, listing, naming, nearest, printable
 from osl_analysis.formats import known_formats
-from osl_analysis.formats.csv_table import begins_with_rows
+from osl_analysis.formats._text import begins_with_rows
 from osl_analysis.ingest.assemble import assemble
 from osl_analysis.ingest.capture import convert_capture
 from osl_analysis.ingest.checksums import SUMS, check_sums

@@ -8,10 +8,12 @@ from numpy.typing import NDArray
 
 LARGEST_STALE_SHARE = 0.001  # of the rows; more of them, and the clock itself goes back
 LONGEST_STALE_RUN = 3  # rows; a clock that was set back stays back for longer
+FAR_STEPS = 50.0  # usual steps between the first row and the others, if it waited since before
+FEWEST_ROWS = 100  # that tell the usual step
 
 
 def find_stale_rows(readings: NDArray[Any], least: float = 0.0) -> NDArray[np.int64]:
-    """Find few rows without which a clock never goes back.
+    """Find few rows without which a clock never goes back, and begins with the recording.
 
     Parameters
     ----------
@@ -28,24 +30,51 @@ def find_stale_rows(readings: NDArray[Any], least: float = 0.0) -> NDArray[np.in
         it.
     """
     none = np.zeros(0, np.int64)
-    if readings.size < 2 or (readings[1:] >= readings[:-1]).all():
+    if readings.size < 2:
         return none
-    latest_before = np.maximum.accumulate(readings)
-    earliest_after = np.minimum.accumulate(readings[::-1])[::-1]
-    too_early = latest_before - readings > least
-    too_late = readings - earliest_after > least
     allowed = max(1, int(LARGEST_STALE_SHARE * readings.size))
-    for is_stale in (too_early, too_late):
-        places = np.flatnonzero(is_stale)
-        if not 0 < places.size <= allowed or longest_run(places) > LONGEST_STALE_RUN:
+    if (readings[1:] >= readings[:-1]).all():
+        return _before_the_recording(readings, least)
+    goes_back = np.flatnonzero(readings[:-1] - readings[1:] > least) + 1
+    if not 0 < goes_back.size <= 2 * allowed:
+        return none
+    is_stale = np.zeros(readings.size, bool)
+    for place in goes_back.tolist():
+        if is_stale[place]:
             continue
-        others = readings[~is_stale]
-        if (others[1:] >= others[:-1] - least).all():
-            return places
-    return none
+        run = _stale_run(readings, place, least)
+        if run is None:
+            return none
+        is_stale[run] = True
+    others = readings[~is_stale]
+    if is_stale.sum() > allowed or (others[:-1] - others[1:] > least).any():
+        return none
+    places = np.flatnonzero(is_stale)
+    before = _before_the_recording(others, least)
+    return np.union1d(np.flatnonzero(~is_stale)[before], places)
 
 
-def longest_run(places: NDArray[np.int64]) -> int:
-    """Largest number of places (n,), n > 0, that follow one another."""
-    runs = np.split(places, np.flatnonzero(np.diff(places) > 1) + 1)
-    return max(run.size for run in runs)
+def _stale_run(readings: NDArray[Any], place: int, least: float) -> slice | None:
+    """The shortest run of rows about a place where a clock goes back, without which it does not:
+    those from there on are too early, or those before it are too late; None if it is too long."""
+    last = readings[place - 1]
+    for length in range(1, LONGEST_STALE_RUN + 1):
+        following = place + length
+        if following >= readings.size or last - readings[following] <= least:
+            return slice(place, following)
+        preceding = place - 1 - length
+        if preceding < 0 or readings[preceding] - readings[place] <= least:
+            return slice(preceding + 1, place)
+    return None
+
+
+def _before_the_recording(readings: NDArray[Any], least: float) -> NDArray[np.int64]:
+    """The first rows of a clock that goes on (n,), where they are far from the others."""
+    if readings.size < FEWEST_ROWS:
+        return np.zeros(0, np.int64)
+    steps = np.diff(readings)
+    far = max(least, FAR_STEPS * float(np.median(steps)))
+    is_far = steps[:LONGEST_STALE_RUN] > far
+    if not far > 0 or not is_far.any():
+        return np.zeros(0, np.int64)
+    return np.arange(int(np.flatnonzero(is_far)[-1]) + 1)

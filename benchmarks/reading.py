@@ -12,10 +12,15 @@ Each task runs in a process of its own, on one thread as in the workflow's jobs.
   bytes twice;
 * what a CSV of a million rows holds;
 * an hour at 1 kHz in MCAP and in CSV.
+
+With an earlier release, the numbers of every recording of the campaign are compared too, column by
+column and bit by bit, and with `--files FOLDER` those of every file of other laboratories: as many
+channels as both list under one name, by the numbers that `inspect` shows.
 """
 
 import argparse
 import csv
+import hashlib
 import json
 import math
 import os
@@ -174,13 +179,7 @@ def read_file(path: Path, source: Path, repeats: int) -> float:
 
 def read_campaign(raw: Path, sources: Path) -> float:
     read = reader()
-    files: list[tuple[Path, Path]] = []
-    with (raw / "trials.csv").open() as table:
-        for row in csv.DictReader(table):
-            for role in ("log", "mocap"):
-                if row.get(role):
-                    source = sources / f"{row[f'{role}_source']}.yaml"
-                    files.append((raw / row[role], source))
+    files = files_of_campaign(raw, sources)
     read(*files[0])  # imports
     return seconds_of(lambda: [read(*file) for file in files], repeats=2)
 
@@ -192,8 +191,67 @@ def inspect(path: Path, small: Path) -> float:
     return seconds_of(lambda: inspect_file(path), REPEATS)
 
 
+def files_of_campaign(raw: Path, sources: Path) -> list[tuple[Path, Path]]:
+    """Each recording of a campaign with its source file."""
+    files: list[tuple[Path, Path]] = []
+    with (raw / "trials.csv").open() as table:
+        for row in csv.DictReader(table):
+            for role in ("log", "mocap"):
+                if row.get(role):
+                    source = sources / f"{row[f'{role}_source']}.yaml"
+                    files.append((raw / row[role], source))
+    return files
+
+
+def digest(values: Any) -> str:
+    """What tells numbers apart bit by bit."""
+    import numpy as np
+
+    return hashlib.sha256(np.asarray(values, np.float64).tobytes()).hexdigest()
+
+
+def digests_of_campaign(raw: Path, sources: Path) -> dict[str, str]:
+    """By recording and column a digest of its samples; null is told from NaN."""
+    read = reader()
+    digests: dict[str, str] = {}
+    for path, source in files_of_campaign(raw, sources):
+        samples = read(path, source).samples
+        for column in samples.columns:
+            missing = samples[column].is_null().to_numpy()
+            values = samples[column].fill_null(0).to_numpy()
+            name = f"{path.relative_to(raw)} {source.stem} {column}"
+            digests[name] = digest(values) + digest(missing)
+    return digests
+
+
+def digests_of_files(folder: Path) -> dict[str, str]:
+    """By file and channel a digest of the numbers that `inspect` shows."""
+    from osl_analysis.commands.trials import inspect_file
+
+    digests: dict[str, str] = {}
+    for path in sorted(folder.rglob("*")):
+        try:
+            channels = inspect_file(path).channels
+        except (ValueError, OSError):  # no recording
+            continue
+        for number, channel in enumerate(channels):
+            if channel.numbers is not None and channel.kind != "plate":
+                name = f"{path.relative_to(folder)} {number} {' '.join(channel.address.values())}"
+                digests[name] = digest(channel.numbers)
+    return digests
+
+
 def run_task(name: str, *given: str) -> None:
-    """Run a task in this process, and print its seconds and the largest memory [MB]."""
+    """Run a task in this process, and print its seconds and the largest memory [MB], or the digests
+    of what it reads."""
+    if name == "equal":
+        folder = Path(given[0])
+        of_campaign = len(given) > 1
+        digests = (
+            digests_of_campaign(folder, Path(given[1])) if of_campaign else digests_of_files(folder)
+        )
+        print(json.dumps(digests))
+        return
     if name == "campaign":
         seconds = read_campaign(Path(given[0]), Path(given[1]))
     elif name == "inspect":
@@ -204,15 +262,35 @@ def run_task(name: str, *given: str) -> None:
     print(json.dumps([seconds, memory_mb]))
 
 
-def measured(folder: Path | None, *task: object) -> tuple[float, float]:
-    """Seconds and memory [MB] of a task by the package in a folder, or else by this one."""
+def printed_by(folder: Path | None, *task: object) -> Any:
+    """What a task prints by the package in a folder, or else by this one."""
     environment = dict(os.environ)
     if folder is not None:
         environment["PYTHONPATH"] = str(folder.resolve())
     code = [sys.executable, __file__, "--task", *map(str, task)]
     process = subprocess.run(code, env=environment, capture_output=True, text=True, check=True)
-    seconds, memory_mb = json.loads(process.stdout)
+    return json.loads(process.stdout.splitlines()[-1])
+
+
+def measured(folder: Path | None, *task: object) -> tuple[float, float]:
+    """Seconds and memory [MB] of a task by the package in a folder, or else by this one."""
+    seconds, memory_mb = printed_by(folder, *task)
     return seconds, memory_mb
+
+
+def show_equality(title: str, against: Path, *task: object) -> None:
+    """Print how many columns both releases read to the same bits, and name those that differ."""
+    ours = printed_by(None, "equal", *task)
+    theirs = printed_by(against, "equal", *task)
+    shared = ours.keys() & theirs.keys()
+    differing = sorted(name for name in shared if ours[name] != theirs[name])
+    print(
+        f"{title}: {len(shared) - len(differing)} of {len(shared)} equal bit by bit;"
+        f" {len(ours) - len(shared)} listed by this release alone,"
+        f" {len(theirs) - len(shared)} by the earlier one",
+        *(f"\n    differs: {name}" for name in differing[:20]),
+        flush=True,
+    )
 
 
 def show(title: str, against: Path | None, *task: object, limits: str = "") -> float:
@@ -295,6 +373,7 @@ def main() -> None:
     parser.add_argument("--campaign", type=Path, metavar="FOLDER")
     parser.add_argument("--sources", type=Path, metavar="FOLDER", default=Path("config/sources"))
     parser.add_argument("--against", type=Path, metavar="FOLDER")
+    parser.add_argument("--files", type=Path, metavar="FOLDER")
     parser.add_argument("--task", nargs="+", help=argparse.SUPPRESS)
     asked = parser.parse_args()
     if asked.task:
@@ -303,6 +382,10 @@ def main() -> None:
     if asked.campaign is not None:
         sources = asked.sources.resolve()
         show("all recordings of the campaign", asked.against, "campaign", asked.campaign, sources)
+        if asked.against is not None:
+            show_equality("columns of the campaign", asked.against, asked.campaign, sources)
+    if asked.files is not None and asked.against is not None:
+        show_equality("channels of other files", asked.against, asked.files)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         show_messages(folder, asked.against)

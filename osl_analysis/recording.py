@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, listing, nearest
 
+EXPORTED = 0  # type of a plate whose force and moment were exported in the laboratory's axes
+
 
 class Kind(StrEnum):
     """What a channel is."""
@@ -177,7 +179,7 @@ class Plate:
     Attributes
     ----------
     type
-        1 to 4 of the C3D manual (FORCE_PLATFORM). 0: force and moment were exported in the
+        1 to 4 of the C3D manual (FORCE_PLATFORM). `EXPORTED`: force and moment were exported in the
         laboratory's axes; its channels are Fx, Fy, Fz, Mx, My, Mz and, where the moment is about a
         point that moves, the coordinates of that point.
     corners

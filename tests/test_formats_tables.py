@@ -17,6 +17,7 @@ from nptdms import ChannelObject, TdmsWriter
 from osl_analysis import formats
 from osl_analysis.errors import InputError
 from osl_analysis.formats.tdms import TdmsSource
+from osl_analysis.ingest.raw_files import read_converted
 from osl_analysis.recording import End, Kind, Recording
 
 TIME = np.arange(50) / 500  # s
@@ -265,7 +266,7 @@ def test_channels_of_one_timing_and_unequal_counts_are_refused(tmp_path: Path) -
     path = write_tdms(tmp_path / "a.tdms", [timed("Torque", TORQUE), timed("Angle", ANGLE[:49])])
 
     with pytest.raises(InputError, match="has 49 values and 'Data/Torque' has 50 for one time"):
-        formats.read(path, tdms_source("Torque", "Angle"))
+        read_converted(path, tdms_source("Torque", "Angle"))
 
 
 def test_a_channel_that_cannot_be_a_signal_is_refused_with_what_it_holds(tmp_path: Path) -> None:
@@ -280,9 +281,9 @@ def test_a_channel_that_cannot_be_a_signal_is_refused_with_what_it_holds(tmp_pat
         recording.find({"channel": "Note"})
     with pytest.raises(InputError, match=r"no channel 'Torqe'; .* did you mean"):
         recording.find({"channel": "Torqe"})
-    with pytest.raises(InputError, match="'Data/Bare' has no timing"):
-        formats.read(path, tdms_source("Bare"))
-    formats.read(path, tdms_source("Bare", rate=500))
+    with pytest.raises(InputError, match="channel 'Bare' has no timing"):
+        read_converted(path, tdms_source("Bare"))
+    read_converted(path, tdms_source("Bare", rate=500))
 
 
 def test_an_index_is_not_taken_for_the_file_beside_it(tmp_path: Path) -> None:

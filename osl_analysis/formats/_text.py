@@ -5,7 +5,7 @@ import re
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 import polars as pl
@@ -21,6 +21,8 @@ from osl_analysis.formats._cells import (
 )
 
 DELIMITERS = {"tab": "\t", "space": " "}  # as source files call them
+Delimiter = Literal["auto", ",", ";", "tab", "space", "|"]  # in source files
+Decimal = Literal["auto", ".", ","]
 # bytes that no text has; byte 26 is allowed, it ends files of DOS
 CONTROL = re.compile(rb"[\x00-\x08\x0e-\x19]")
 # its mark, or ASCII in either order

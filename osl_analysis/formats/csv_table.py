@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import polars as pl
@@ -26,6 +25,8 @@ from osl_analysis.formats._table import (
     with_stated_end,
 )
 from osl_analysis.formats._text import (
+    Decimal,
+    Delimiter,
     Line,
     delimiter_of,
     is_text,
@@ -46,11 +47,11 @@ class CsvSource(SheetSource):
     """The source file of a table of text."""
 
     OF = " of format csv"
-    delimiter: Literal["auto", ",", ";", "tab", "space", "|"] = "auto"
+    delimiter: Delimiter = "auto"
     """Sign between cells; `auto` takes that of tab, `;`, `|`, `,` and blank by which most cells are
     numbers."""
     # Decimal sign; `auto` takes the one that the numbers have.
-    decimal: Literal["auto", ".", ","] = "auto"
+    decimal: Decimal = "auto"
 
 
 def table_of_text(

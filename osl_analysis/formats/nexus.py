@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +16,8 @@ from pydantic import Field, PositiveInt
 from osl_analysis.errors import InputError, listing
 from osl_analysis.formats._cells import decimal_of, is_number_cell
 from osl_analysis.formats._text import (
+    Decimal,
+    Delimiter,
     Row,
     check_last_line,
     column_of,
@@ -28,14 +29,23 @@ from osl_analysis.formats._text import (
     split_rows,
     unpadded,
 )
-from osl_analysis.recording import Channel, End, Format, Kind, Loss, Plate, Recording, Rows
+from osl_analysis.recording import (
+    EXPORTED,
+    Channel,
+    End,
+    Format,
+    Kind,
+    Loss,
+    Plate,
+    Recording,
+    Rows,
+)
 from osl_analysis.source_file import Channel as ChannelSettings
 from osl_analysis.source_file import Corner, ExportedPlate, LaboratorySource, Name
 
 HEAD_ROWS = 5  # title, rate, names, header, units
 TRAJECTORIES = "Trajectories"
 MODEL_OUTPUTS = "Model Outputs"
-EXPORTED = 0  # type of a plate whose force and moment stand in the laboratory's axes
 AXES = ("x", "y", "z")
 
 
@@ -63,9 +73,9 @@ class NexusSource(LaboratorySource):
     OF = " of format nexus_csv"
     analogs: Mapping[str, DeviceChannel] = Field(default={})
     plates: Mapping[PositiveInt, NexusPlate] = Field(default={})  # Force plates by number, from 1.
-    delimiter: Literal["auto", ",", ";", "tab", "space", "|"] = "auto"  # Sign between cells.
+    delimiter: Delimiter = "auto"  # Sign between cells.
     # Decimal sign; `auto` takes the one that the numbers have.
-    decimal: Literal["auto", ".", ","] = "auto"
+    decimal: Decimal = "auto"
 
 
 @dataclass(frozen=True)

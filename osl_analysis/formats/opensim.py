@@ -14,7 +14,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.formats._table import SheetSource, layout_of, recording_of_table
 from osl_analysis.formats._text import decoded, is_text, read_text
 from osl_analysis.formats.csv_table import table_of_text
-from osl_analysis.recording import End, Format, Plate, Recording
+from osl_analysis.recording import EXPORTED, End, Format, Plate, Recording
 from osl_analysis.source_file import (
     Axes,
     ColumnChannel,
@@ -37,7 +37,6 @@ FORCES = {
 }
 # units of angles and speeds, by what the header says of `inDegrees`
 ANGLES = {"yes": {"rad": "deg", "rad/s": "deg/s"}, "no": {"rad": "rad", "rad/s": "rad/s"}}
-EXPORTED = 0  # type of a plate whose force and moment stand in the laboratory's axes
 END_OF_HEADER = re.compile(rb"(?im)^[ \t]*endheader[ \t]*\n")
 
 

@@ -153,16 +153,13 @@ def read(path: Path, source: TdmsSource | None) -> Recording:
     channels = _channels_of(signals, to_shortest=by_rows and end == End.MISSING)
     read_count = max((channel.rows.count for channel in channels), default=0)
     properties = {str(key): str(value)[:200] for key, value in list(file.properties.items())[:20]}
-    recording = Recording(
+    return Recording(
         format="tdms",
         channels=channels,
         loss=Loss(read_count, None, end, remarks=remarks),
         facts={"channels": str(len(channels_of_file)), **properties},
         find_unlisted=partial(_find_unlisted, channels_of_file),
     )
-    if source is not None:
-        _check_counts(recording, source)
-    return recording
 
 
 @contextmanager
@@ -231,36 +228,6 @@ def _find_unlisted(channels_of_file: Sequence[Timed], address: Mapping[str, str]
         if wanted in (channel.address, channel.channel.name):
             raise channel.no_numbers()
     return None
-
-
-def _check_counts(recording: Recording, source: TdmsSource) -> None:
-    """Refuse channels with one timing but unequal counts.
-
-    Some have lost values, nothing tells where, and all later values would be early against the
-    other channels.
-    """
-    asked = [recording.find(channel.address) for channel in source.channels.values()]
-    is_by_properties = _is_by_properties(source)
-    if source.time.name:
-        asked.append(recording.find({"channel": source.time.name}))
-    first_by_timing: dict[Any, Channel] = {}
-    for channel in asked:
-        rows = channel.rows
-        if is_by_properties and rows.rate_hz is None:
-            raise InputError(
-                f"channel '{channel.key}' has no timing (`wf_increment` among its properties); name"
-                " the channel of time, as `time: {channel: GROUP/NAME, unit: s}`, or state the"
-                " rate of the rows in Hz, as `time: {rate: HZ}`"
-            )
-        timing = (rows.start_s, rows.rate_hz) if is_by_properties else None
-        first = first_by_timing.setdefault(timing, channel)
-        if first.rows.count != rows.count and recording.loss.end != End.MISSING:
-            raise InputError(
-                f"channel '{channel.key}' has {rows.count} values and '{first.key}' has"
-                f" {first.rows.count} for one time: a segment has lost some, nothing tells where,"
-                " or they are of two recordings; copy the file again, or name channels of one"
-                " length"
-            )
 
 
 def _is_by_properties(source: TdmsSource) -> bool:

@@ -90,8 +90,8 @@ def read_table(
         counts = {min(counts)}
     if own_timing:
         check_own_timing(channels, source)
-        if not is_cut:
-            check_equal_counts(asked)
+    if clock is None and not is_cut:
+        check_equal_counts(asked, own_timing)
     timings = {(one.rows.rate_hz, one.rows.start_s) for one in asked}
     if len(counts) > 1 or (own_timing and len(timings) > 1):
         return at_instants_of_all(recording, source, channels, counters, clock)
@@ -124,12 +124,16 @@ def check_own_timing(channels: Mapping[str, Channel], source: TableSource) -> No
             )
 
 
-def check_equal_counts(channels: Sequence[Channel]) -> None:
-    """Refuse channels of one timing with unequal counts. Some have lost values, nothing tells
-    where, and all later ones would be early against the other channels."""
-    first: dict[tuple[float | None, float], Channel] = {}
+def check_equal_counts(channels: Sequence[Channel], own_timing: bool) -> None:
+    """Refuse channels of one timing, their own or a stated rate, with unequal counts.
+
+    Some have lost values, nothing tells where, and all later ones would be early against the other
+    channels.
+    """
+    first: dict[tuple[float | None, float] | None, Channel] = {}
     for channel in channels:
-        other = first.setdefault((channel.rows.rate_hz, channel.rows.start_s), channel)
+        timing = (channel.rows.rate_hz, channel.rows.start_s) if own_timing else None
+        other = first.setdefault(timing, channel)
         if other.rows.count != channel.rows.count:
             raise InputError(
                 f"channel '{channel.key}' has {channel.rows.count} values and '{other.key}' has"

@@ -11,7 +11,7 @@ import numpy as np
 
 from osl_analysis.errors import InputError, naming, printable
 from osl_analysis.plates import own_axes
-from osl_analysis.recording import Plate
+from osl_analysis.recording import EXPORTED, Plate
 from osl_analysis.signals import run_at_extreme, runs
 from osl_analysis.source_file import PlateUnits, Source
 from osl_analysis.trial import Array, plate_columns, unit_of
@@ -26,7 +26,6 @@ MEASURED_BY_TYPE = {
 }
 """By type of plate, what its channels measure in SI units; those of type 4 in the units of its
 calibration."""
-EXPORTED = 0  # type of a plate whose force and moment stand in the laboratory's axes
 USED_N = 50.0  # a force that changes by less is of no foot
 USED_SHARE = 0.2  # of its range: where a force changes by this, every channel should
 

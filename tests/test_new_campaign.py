@@ -609,3 +609,32 @@ def test_a_calibration_matrix_is_no_recording_and_one_line(tmp_path):
 
     assert sum("and no recording (and 1 more files)" in line for line in lines) == 1
     assert not list((tmp_path / "mine/sources").glob("table*.yaml"))
+
+
+@pytest.mark.usefixtures("without_witness")
+def test_init_tells_of_rows_that_were_left_out(tmp_path):
+    (tmp_path / "rec").mkdir()
+    write_bench(path := tmp_path / "rec/impedance_K150_B3.csv")
+    lines = path.read_text().splitlines()
+    lines[900] = "0.2,0,0"  # of a packet that waited
+    path.write_text("\n".join([*lines, ""]))
+
+    said = said_by_init(tmp_path)
+
+    assert any("line 901 is left out" in line for line in said)
+
+
+def test_the_output_of_an_actuator_beside_its_motor_is_the_joint(tmp_path):
+    write_bench(path := tmp_path / "a.csv")
+    rows = path.read_text().splitlines()[1:]
+    head = "time_s,motor_position_rad,output_position_rad,reaction_torque_Nm"
+    twice = [
+        ",".join([row.split(",")[0], str(9 * float(row.split(",")[1])), *row.split(",")[1:]])
+        for row in rows
+    ]
+    path.write_text("\n".join([head, *twice, ""]))
+
+    channels = yaml.safe_load(draft_campaign(tmp_path).sources["csv"])["channels"]
+
+    assert channels["theta"]["column"] == "output_position_rad"
+    assert channels["torque"]["column"] == "reaction_torque_Nm"

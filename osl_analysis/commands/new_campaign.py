@@ -48,6 +48,7 @@ MOST_SHOWN = 4  # files or trials of one kind in the text of `init`
 MOST_LINES = 15  # of the text of `init`
 MOST_QUESTIONS = 4  # in the text of `init`; the files have all of them
 MOST_OF_SOURCES = 4  # lines on source files in the text of `init`
+MOST_WARNINGS = 2  # of the recordings of a trial
 MOST_OF_LOOK = 4  # lines that it shows of a trial's estimates; `doctor --look` tells the rest
 
 
@@ -498,7 +499,7 @@ def look_lines(looks: Sequence[FirstLook], most: int) -> list[str]:
     """What the first trials give in at most so many lines; those that are refused come first."""
     lines: list[str] = []
     for look in sorted(looks, key=lambda one: not one.is_refused):
-        shown = [*look.doubts[:1], *look.lines[:MOST_OF_LOOK]]
+        shown = [*look.doubts[:1], *look.lines[:MOST_OF_LOOK], *look.warnings[:MOST_WARNINGS]]
         lines += [look.title, *[f"  {line}" for line in shown]]
     return lines[:most]
 

@@ -45,6 +45,7 @@ class FirstLook:
     experiment: str
     lines: Sequence[str]  # its estimates and findings, or why it is refused
     doubts: Sequence[str] = ()
+    warnings: Sequence[str] = ()  # of its recordings, as rows that were left out
     is_refused: bool = False
 
     @property
@@ -56,7 +57,7 @@ class FirstLook:
     @property
     def text(self) -> str:
         """All of it."""
-        return "\n  ".join([self.title, *self.lines])
+        return "\n  ".join([self.title, *self.lines, *self.warnings])
 
 
 def first_look(folder: Path, is_new: bool = False) -> Iterator[FirstLook]:
@@ -91,7 +92,8 @@ def first_look(folder: Path, is_new: bool = False) -> Iterator[FirstLook]:
                     for finding in of_row
                     if finding.grade is Grade.DOUBTS
                 ]
-                yield FirstLook(trial, experiment, text.splitlines(), doubts)
+                warnings = [f"warning: {text}" for text in recorded.provenance["warnings"]]
+                yield FirstLook(trial, experiment, text.splitlines(), doubts, warnings)
 
 
 def first_trials(campaign: Campaign) -> list[tuple[str, str]]:

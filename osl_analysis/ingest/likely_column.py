@@ -279,7 +279,7 @@ def guessed_columns(channels: Sequence[RecordedChannel]) -> list[Guess]:
 
     What does not move, is noise, or a torque computed from a current is no signal.
     """
-    columns = [likely_column(channel) for channel in channels]
+    columns = with_output_as_joint(channels, [likely_column(channel) for channel in channels])
     wraps = [wrapping_range(channel) for channel in channels]
     channels = [gone_on(channel, at) for channel, at in zip(channels, wraps, strict=True)]
     currents = [one for one, column in zip(channels, columns, strict=True) if column == "current"]
@@ -314,6 +314,16 @@ def guessed_columns(channels: Sequence[RecordedChannel]) -> list[Guess]:
     if any(guess.column == "theta" for guess in guesses):
         return with_spring(channels, guesses)
     return guesses
+
+
+def with_output_as_joint(channels: Sequence[RecordedChannel], columns: list[str]) -> list[str]:
+    """The columns, with the angle of an actuator's output as that of the joint where the motor's
+    own angle is beside it."""
+    angles = [place for place, column in enumerate(columns) if column == "theta_m"]
+    outputs = [place for place in angles if "output" in words_of(channels[place]).split()]
+    if "theta" in columns or len(outputs) != 1 or len(angles) < 2:
+        return columns
+    return ["theta" if place in outputs else column for place, column in enumerate(columns)]
 
 
 def as_actuator(channels: Sequence[RecordedChannel], guesses: list[Guess]) -> list[Guess]:

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import polars as pl
 import pytest
 
 from osl_analysis import formats
@@ -112,6 +113,21 @@ def test_a_fault_of_a_reader_of_this_package_is_no_damage_of_the_file(
     path.write_text(TRC_WITHOUT_LAST_BREAK)
 
     with pytest.raises(error, match="a fault of ours"):
+        formats.read(path)
+
+
+def test_an_error_of_a_compiled_library_tells_of_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Compiled code has no frame of its own: its error seems to be raised where it was called."""
+    faulty = "def is_last_whole(cells):\n    raise error('corrupt statistics')\n"
+    names = {"error": pl.exceptions.ComputeError}
+    exec(compile(faulty, _cells.__file__, "exec"), names)
+    monkeypatch.setattr(_text, "is_last_whole", names["is_last_whole"])
+    path = tmp_path / "a.trc"
+    path.write_text(TRC_WITHOUT_LAST_BREAK)
+
+    with pytest.raises(InputError, match="corrupt statistics"):
         formats.read(path)
 
 

@@ -11,6 +11,8 @@ from c3d_builder import REAL_DATA
 from osl_analysis import formats
 from osl_analysis.errors import InputError
 from osl_analysis.formats import known_formats
+from osl_analysis.formats._markers import positions_in
+from osl_analysis.formats._text import Row
 from osl_analysis.recording import End, Kind, Recording
 
 TIME = np.arange(900) / 500  # s; long enough that polars splits the middle of the text
@@ -457,6 +459,17 @@ def test_markers_of_trc_have_a_rate_a_start_and_frames_where_they_were_not_seen(
     assert (marker.unit, marker.rows.rate_hz, marker.rows.start_s) == ("mm", 100.0, 1.0)
     np.testing.assert_array_equal(marker.values, [[0.5, 2.5, 3.5], [np.nan] * 3, [2.5, 2.5, 3.5]])
     assert recording.facts["first_frame"] == 5
+
+
+def test_only_the_exact_origin_and_empty_cells_are_a_marker_that_was_not_seen() -> None:
+    cells = [["0", "2", "3"], ["0", "0", "0"], ["", "", ""], ["1", "0", "0"]]
+    rows = [Row(number, row) for number, row in enumerate(cells, start=1)]
+
+    positions = positions_in(rows, first=0, markers=1)[:, 0]
+
+    seen = np.isfinite(positions)
+    assert seen.all(axis=1).tolist() == [True, False, False, True]
+    assert positions[0].tolist() == [0, 2, 3]
 
 
 @pytest.mark.parametrize(

@@ -85,6 +85,18 @@ def test_early_and_late_rows_of_one_recording_are_stale_each() -> None:
     assert find_stale_rows(clock).tolist() == [4000, 9000, 9001, 15_000]
 
 
+@pytest.mark.parametrize("off_s", [-3.0, 40.0])
+def test_three_stale_rows_in_a_row_are_found_and_four_are_not(off_s: float) -> None:
+    clock = 10 + np.arange(20_000) * 0.002
+    three = clock.copy()
+    three[9000:9003] += off_s
+    four = clock.copy()
+    four[9000:9004] += off_s
+
+    assert find_stale_rows(three).tolist() == [9000, 9001, 9002]
+    assert find_stale_rows(four).size == 0
+
+
 @pytest.mark.parametrize("gap_s", [0.7, 96.8])
 def test_a_first_row_long_before_the_others_is_stale(gap_s: float) -> None:
     clock = 100 + np.arange(2000) * 0.002
@@ -221,16 +233,16 @@ def test_publishers_without_names_are_told_by_frames_or_stamps_and_values(
     assert torque == pytest.approx(13 * np.sin(0.03 * np.arange(1000)), abs=0.7)
 
 
-@pytest.mark.parametrize("later_ns", [0, 1_000_000])
+@pytest.mark.parametrize(("later_ns", "noise_Nm"), [(0, 0.15), (1_000_000, 0.15), (0, 1.5)])
 def test_one_series_whose_stamps_go_in_pairs_is_of_one_publisher(
-    tmp_path: Path, later_ns: int
+    tmp_path: Path, later_ns: int, noise_Nm: float
 ) -> None:
     """A cell at 500 Hz whose stamps are rounded to 4 ms, or late every second time."""
     noise = np.random.default_rng(5)
     messages = []
     for k in range(2000):
         ns = k // 2 * 4_000_000 + (k % 2) * later_ns
-        torque = 13 * np.sin(0.015 * k) + 0.15 * noise.standard_normal()
+        torque = 13 * np.sin(0.015 * k) + noise_Nm * noise.standard_normal()
         messages.append((ns, {"header": header(ns, "cell"), "force": torque}))
     path = write_log(tmp_path / "a.mcap", messages, WRENCH, "lab_msgs/msg/Force", "/cell")
 

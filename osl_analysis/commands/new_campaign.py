@@ -19,7 +19,7 @@ from osl_analysis.commands.trials import inspect_file
 from osl_analysis.commands.watch import FirstLook, first_look
 from osl_analysis.errors import InputError, OslAnalysisError, listing, nearest, printable
 from osl_analysis.files import CAMPAIGN, shipped
-from osl_analysis.formats import known_formats
+from osl_analysis.formats import TEXT_PRIORITY, formats_of, known_formats
 from osl_analysis.ingest import raw_files
 from osl_analysis.ingest.checksums import SUMS, write_sums
 from osl_analysis.ingest.draft import (
@@ -245,7 +245,9 @@ def describe_recordings(folder: Path, draft: Draft) -> list[Described]:
         try:
             overview = inspect_file(path)
         except InputError as error:
-            draft.refused.append(str(error))
+            # a note in a text file tells less than a recording that cannot be read
+            is_text = all(known.priority >= TEXT_PRIORITY for known in formats_of(path))
+            draft.refused.insert(len(draft.refused) if is_text else 0, str(error))
             continue
         most = max((channel.count for channel in overview.channels), default=0)
         if most < FEWEST_READINGS:

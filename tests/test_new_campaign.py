@@ -642,7 +642,7 @@ def test_the_output_of_an_actuator_beside_its_motor_is_the_joint(tmp_path):
 
 def test_a_recording_that_cannot_be_read_is_told_before_a_note(tmp_path):
     (tmp_path / "rec").mkdir()
-    (tmp_path / "rec/a_note.txt").write_text("he said: \"nothing")
+    (tmp_path / "rec/a_note.txt").write_text('he said: "nothing')
     capture(tmp_path / "rec/walk.c3d", LEG)
     whole = (tmp_path / "rec/walk.c3d").read_bytes()
     (tmp_path / "rec/walk.c3d").write_bytes(whole[: len(whole) // 2])

@@ -3,7 +3,7 @@
 
 import json
 import re
-from dataclasses import replace
+from dataclasses import astuple, replace
 
 import numpy as np
 import polars as pl
@@ -11,16 +11,16 @@ import pytest
 from click.testing import CliRunner
 from scipy.stats import t as student
 
-from osl_analysis.bench import precision as planning
-from osl_analysis.bench.precision import (
+from osl_analysis.bench.planned_errors import Distortion, Sensors
+from osl_analysis.bench.planned_motion import (
     Continuous,
-    Distortion,
     PeriodicMultisine,
-    Sensors,
     SteppedSine,
-    precision,
+    long_enough,
 )
+from osl_analysis.bench.precision import precision
 from osl_analysis.cli import main
+from osl_analysis.commands import design
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
 from osl_analysis.spectral.periods import periodic_motion
@@ -33,7 +33,7 @@ MULTISINE = PeriodicMultisine(8.0, (0.5, 6.0), float(np.deg2rad(2)), 4, 4)
 
 
 def se(sensors, joint=JOINT, plan=DRAFT, stated=None):
-    return precision(plan, joint, sensors, OPEN, stated).columns["se"]
+    return precision(plan, joint, sensors, OPEN, stated).se
 
 
 def test_two_sines_have_the_errors_that_one_computes_by_hand():
@@ -46,20 +46,18 @@ def test_two_sines_have_the_errors_that_one_computes_by_hand():
     apart = e**2 * (w1**2 - w2**2) ** 2
     by_hand = [e * (w1**4 + w2**4) / apart, 1 / (e * (w1**2 + w2**2)), 2 * e / apart]
     found = precision(plan, JOINT, Sensors(rate, sigma), OPEN)
-    np.testing.assert_allclose(found.columns["se"], sigma * np.sqrt(by_hand), rtol=1e-9)
+    np.testing.assert_allclose(found.se, sigma * np.sqrt(by_hand), rtol=1e-9)
     assert found.fit.correlation == pytest.approx((w1**2 + w2**2) / np.sqrt(2 * (w1**4 + w2**4)))
     assert found.method == "repeats"  # of two frequencies
     alone = precision(plan, JOINT, Sensors(rate, 1e-6), OPEN, Distortion(coulomb=1.0))
-    assert alone.columns["degrees_of_freedom"][1] == pytest.approx(29), (
-        "of 30 cycles, which are the units"
-    )
+    assert alone.degrees_of_freedom[1] == pytest.approx(29), "of 30 cycles, which are the units"
     # Welch and Satterthwaite: of B both frequencies weigh a^2 w^2 T; each has 9 of 10 cycles'
     # freedom
     found = precision(
         replace(plan, amplitudes=(a, a), cycles=(11.0, 11.0)), JOINT, Sensors(rate, sigma), OPEN
     )
     share = np.array([10 * 1.0, 5 * 4.0]) / 2
-    assert found.columns["degrees_of_freedom"][1] == pytest.approx(
+    assert found.degrees_of_freedom[1] == pytest.approx(
         9 * (2 * share.sum()) ** 2 / (2 * np.sum(share**2))
     )
 
@@ -76,7 +74,7 @@ def test_a_narrow_filter_costs_what_weighted_least_squares_cost():
     inverse = np.linalg.inv(X.T @ (W[:, None] * X))
     by_hand = inverse @ (X.T @ ((W**2)[:, None] * X)) @ inverse * 2 * 0.3**2 / (1000 * 10)
     found = precision(plan, JOINT, Sensors(1000.0, 0.3), low_pass)
-    np.testing.assert_allclose(found.columns["se"], np.sqrt(np.diag(by_hand)), rtol=1e-9)
+    np.testing.assert_allclose(found.se, np.sqrt(np.diag(by_hand)), rtol=1e-9)
 
 
 def test_realisations_scatter_by_friction_as_predicted_and_shift_b_by_its_equivalent_damping():
@@ -94,14 +92,14 @@ def test_realisations_scatter_by_friction_as_predicted_and_shift_b_by_its_equiva
         np.array(found),
         precision(MULTISINE, JOINT, Sensors(1000.0, 0.0), OPEN, friction),
     )
-    np.testing.assert_allclose(found.std(axis=0, ddof=1) / 2 / predicted.columns["se"], 1, atol=0.2)
+    np.testing.assert_allclose(found.std(axis=0, ddof=1) / 2 / predicted.se, 1, atol=0.2)
     error = found[:, 1].std(ddof=1) / np.sqrt(200)
     assert found[:, 1].mean() == pytest.approx(
         friction.added_damping(MULTISINE)["in all"], abs=4 * error + 0.005
     )
     assert predicted.method == "realisations"
     # Student's t
-    np.testing.assert_allclose(predicted.columns["half_width"], 3.1824463 * predicted.columns["se"])
+    np.testing.assert_allclose(predicted.half_width, 3.1824463 * predicted.se)
 
 
 def test_longer_records_do_not_average_friction_out_but_realisations_do():
@@ -122,12 +120,12 @@ def test_one_realisation_has_the_interval_of_its_detection_lines():
     plan, stated = replace(MULTISINE, realisations=1), Distortion(coulomb=0.5)
     by_level = precision(plan, JOINT, Sensors(1000.0, 0.0), OPEN, stated)
     assert by_level.method == "detection lines"
-    lines, freedom = len(plan.motion(0).detection), by_level.columns["degrees_of_freedom"]
+    lines, freedom = len(plan.motion(0).detection), by_level.degrees_of_freedom
     # of the two at each line; the stiffness is told by most of them
     assert lines < freedom[0] <= 2 * lines
     two = precision(replace(plan, realisations=2), JOINT, Sensors(1000.0, 0.0), OPEN, stated)
-    np.testing.assert_allclose(two.columns["degrees_of_freedom"], 2 * freedom)
-    np.testing.assert_allclose(two.columns["se"], by_level.columns["se"] / np.sqrt(2))
+    np.testing.assert_allclose(two.degrees_of_freedom, 2 * freedom)
+    np.testing.assert_allclose(two.se, by_level.se / np.sqrt(2))
 
 
 @pytest.mark.parametrize("rate", [50.0, 2000.0])
@@ -144,7 +142,7 @@ def test_rounding_of_a_multisine_has_the_predicted_power_whatever_the_samples_pe
         theta = motion.angle(time + rng.random() / rate)
         error = q * np.rint((theta + zero) / q) - zero - theta
         found.append(np.mean(np.abs(2 / len(time) * np.fft.rfft(error)[motion.lines]) ** 2) / 2)
-    each = Sensors(rate, 0.0, encoder_step=q).rounding(plan.sines)[0]
+    each = Sensors(rate, 0.0, encoder_step=q).rounding(plan.sines).variance
     assert np.mean(found) == pytest.approx(np.mean(each), rel=0.25)
 
 
@@ -153,7 +151,7 @@ def test_rounding_changes_k_at_all_frequencies_alike_and_cycles_repeat_it():
     for all."""
     # many samples per step: a third is in phase
     sensors, w = Sensors(1e5, 0.0, encoder_step=1e-2), DRAFT.sines.w
-    of_angle = sensors.rounding(DRAFT.sines)[0]
+    of_angle = sensors.rounding(DRAFT.sines).variance
     np.testing.assert_allclose(of_angle[1], 2 * of_angle[0])
     # a damper turns it by a quarter
     of_torque = sensors.variances(DRAFT.sines, 5j * w, 100.0)["encoder rounding"]
@@ -173,7 +171,7 @@ def test_rounding_changes_k_at_all_frequencies_alike_and_cycles_repeat_it():
             predicted = precision(
                 plan, np.array([300.0, 0.0, 0.02]), Sensors(rate, 0.0, encoder_step=q), OPEN
             )
-            ratios.append((found[0].std() / predicted.columns["se"][0]) ** 2)
+            ratios.append((found[0].std() / predicted.se[0]) ** 2)
     assert np.sqrt(np.mean(ratios)) == pytest.approx(1, rel=0.16)
 
 
@@ -218,7 +216,7 @@ def test_noise_of_the_torque_counts_in_its_own_band_alone():
         X = np.array([x.ravel() for x in (theta, omega, -(w**2) * theta)])
         noise.append(np.linalg.lstsq(X.T, 0.5 / torque.std() * torque.ravel(), rcond=None)[0])
     found = precision(plan, JOINT, Sensors(rate, 0.5, noise_band_hz=2.5), OPEN)
-    np.testing.assert_allclose(found.columns["se"], np.std(noise, axis=0), rtol=0.12)
+    np.testing.assert_allclose(found.se, np.std(noise, axis=0), rtol=0.12)
 
 
 def test_drift_that_is_not_seen_changes_a_sine_by_two_slopes_over_its_frequency():
@@ -248,7 +246,7 @@ def test_friction_shifts_the_damping_of_a_stepped_sine_and_leaves_a_misfit_that_
         assert np.sqrt(found.variance["distortion"][1]) == pytest.approx(by_hand, rel=1e-9)
         np.testing.assert_allclose(found.variance["distortion"][[0, 2]], 0, atol=1e-15)
         # of 15 units, whose scatter it is
-        assert found.columns["degrees_of_freedom"][1] == pytest.approx(14, rel=0.01)
+        assert found.degrees_of_freedom[1] == pytest.approx(14, rel=0.01)
     added = friction.added_damping(DRAFT)
     assert list(added) == ["2 deg", "4 deg", "6 deg"]
     w, a = 2 * np.pi * np.array(DRAFT.frequencies_hz), DRAFT.amplitudes[1]
@@ -263,13 +261,13 @@ def test_a_record_that_is_long_enough_is_the_shortest_one():
         return precision(plan, JOINT, sensors, LowPass(15.0, 4)).reaches(within)
 
     stepped, multisine = (
-        planning.long_enough(plan, enough)[0] for plan in (DRAFT, replace(MULTISINE, rms=0.01))
+        long_enough(plan, enough)[0] for plan in (DRAFT, replace(MULTISINE, rms=0.01))
     )
     assert [enough(stepped), enough(multisine)] == [True, True]
     # of which five are fitted
-    assert planning.long_enough(DRAFT, lambda _: True)[0].cycles == (8.0,) * 5
+    assert long_enough(DRAFT, lambda _: True)[0].cycles == (8.0,) * 5
     for fewest, any_length in ((2, lambda _: True), (3, lambda plan: plan.periods > 2)):
-        assert planning.long_enough(MULTISINE, any_length)[0] == replace(MULTISINE, periods=fewest)
+        assert long_enough(MULTISINE, any_length)[0] == replace(MULTISINE, periods=fewest)
     assert not enough(replace(stepped, cycles=tuple(n - 1 for n in stepped.cycles)))
     assert (
         not enough(replace(multisine, realisations=multisine.realisations - 1))
@@ -294,13 +292,13 @@ def test_a_chirp_and_noise_carry_what_their_bands_carry():
             Continuous((f1, f2), rms, seconds, chirp),
             np.sqrt(2) * (2 * np.pi * f2) ** np.arange(3),
         )
-        assert plan.peak == pytest.approx(
+        assert astuple(plan.peak) == pytest.approx(
             rms * (largest if chirp else 4 * np.sqrt([1, m2, m4])), rel=0.01
         )
         found = precision(plan, JOINT, Sensors(1000.0, 0.05), OPEN)
-        np.testing.assert_allclose(found.columns["se"], by_hand, rtol=1e-3)
+        np.testing.assert_allclose(found.se, by_hand, rtol=1e-3)
         assert found.method == "units"
-        freedom = found.columns["degrees_of_freedom"]
+        freedom = found.degrees_of_freedom
         np.testing.assert_allclose(freedom, 60 / 1.5 - 2.5)  # stretches of a second, five columns
     plans, stated = (replace(plan, record_s=T) for T in (60.0, 120.0)), Distortion(coulomb=1.0)
     once, twice = (
@@ -308,7 +306,7 @@ def test_a_chirp_and_noise_carry_what_their_bands_carry():
         for plan in plans
     )
     np.testing.assert_allclose(once / twice, 2, rtol=0.01)
-    assert DRAFT.peak == pytest.approx(np.deg2rad(6) * (10 * np.pi) ** np.arange(3))
+    assert astuple(DRAFT.peak) == pytest.approx(np.deg2rad(6) * (10 * np.pi) ** np.arange(3))
     for band, rms, seconds in (
         ((0, 2), 1, 1),
         ((2, 2), 1, 1),
@@ -364,8 +362,8 @@ def test_the_configuration_that_is_named_has_cycles_for_its_own_frequencies(
 
 
 def test_every_error_that_is_stated_is_handed_on_in_si_units(monkeypatch):
-    seen, of = [], planning.precision
-    monkeypatch.setattr(planning, "precision", lambda *given: seen.append(given) or of(*given))
+    seen, of = [], design.precision
+    monkeypatch.setattr(design, "precision", lambda *given: seen.append(given) or of(*given))
     options = {
         "torque-noise": 0.2,
         "noise-band": 50,

@@ -11,18 +11,20 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from osl_analysis.bench import precision as planning
 from osl_analysis.bench.analysis import check_told
 from osl_analysis.bench.gram import BY_REPEATS, BY_UNITS
-from osl_analysis.bench.precision import (
-    KBI,
+from osl_analysis.bench.planned_errors import KBI, Distortion, Sensors, eq15, planned_fit
+from osl_analysis.bench.planned_motion import (
+    ENOUGH_REALISATIONS,
+    MOST_DRAWN,
+    TRANSIENTS,
     Continuous,
-    Distortion,
     PeriodicMultisine,
     Plan,
-    Precision,
     SteppedSine,
+    long_enough,
 )
+from osl_analysis.bench.precision import Precision, precision
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.campaign.configuration import Config
 from osl_analysis.errors import IdentifiabilityError, InputError
@@ -39,7 +41,7 @@ class Design:
 
     plan: Plan
     joint: Array  # K, B and I that are expected, (3,)
-    sensors: planning.Sensors
+    sensors: Sensors
     low_pass: LowPass
     distortion: Distortion
     lag_s: float  # lag [s] of the torque whose effect is stated
@@ -90,9 +92,9 @@ def designed(chosen: Mapping[str, Any], config: Config) -> Design:
         )
 
     def judged(plan: Plan) -> Precision:
-        return planning.precision(plan, joint, sensors, low_pass, distortion)
+        return precision(plan, joint, sensors, low_pass, distortion)
 
-    found, Z, alone = judged(plan), joint @ planning.eq15(sines.w), sines.spacing_hz is None
+    found, Z, alone = judged(plan), joint @ eq15(sines.w), sines.spacing_hz is None
     torque = np.abs(Z) * sines.size
     if not isinstance(plan, SteppedSine):  # which the analysis does not judge so
         # by samples of the filtered motion, where the two rows of each sine have the same products
@@ -105,11 +107,11 @@ def designed(chosen: Mapping[str, Any], config: Config) -> Design:
             (float(sines.frequency_hz.min()), high),
             np.concatenate([columns.real, columns.imag], axis=1) * np.tile(share, 2),
             float(np.sqrt(np.sum((torque * share) ** 2) / (2 * n))),
-            (float(joint[0]), float(found.columns["se"][0])),
+            (float(joint[0]), float(found.se[0])),
             bench.largest_inertia_error,
         )
     # of one sine at a time the largest; of many the same multiple of the RMS as the angle
-    crest = plan.peak[0] / float(np.sqrt(np.sum(sines.size**2) / 2))
+    crest = plan.peak.angle / float(np.sqrt(np.sum(sines.size**2) / 2))
     peak_torque = (
         float(torque.max() if alone else crest * np.sqrt(np.sum(torque**2) / 2))
         + distortion.coulomb
@@ -117,9 +119,9 @@ def designed(chosen: Mapping[str, Any], config: Config) -> Design:
     lag_s, recommended = 1e-3 * chosen["lag"], None
     lag = found.fit.fitted(Z * np.exp(-1j * sines.w * lag_s)) - found.fit.fitted(Z)
     said = list(warnings(plan, found, sensors, low_pass, distortion))
-    if plan.peak[0] > bench.largest_angle:
+    if plan.peak.angle > bench.largest_angle:
         said.append(
-            f"the largest angle of {plan.peak[0]:.3g} rad is above dynamometer.largest_angle = "
+            f"the largest angle of {plan.peak.angle:.3g} rad is above dynamometer.largest_angle = "
             f"{bench.largest_angle:g} rad: the recording would be refused"
         )
     if bench.load_cell_range is not None and peak_torque > bench.load_cell_range:
@@ -128,7 +130,7 @@ def designed(chosen: Mapping[str, Any], config: Config) -> Design:
             f"{bench.load_cell_range:g} N·m: the recording would be refused"
         )
     if within:
-        best, longest = planning.long_enough(plan, lambda plan: judged(plan).reaches(within))
+        best, longest = long_enough(plan, lambda plan: judged(plan).reaches(within))
         if best is not None:
             recommended = best, judged(best)
         else:
@@ -146,11 +148,11 @@ def check_finite_options(chosen: Mapping[str, Any]) -> None:
             raise InputError(f"--{name.replace('_', '-')} is {value}; give a finite number")
 
 
-def sensors_of(chosen: Mapping[str, Any], bench: DynamometerAnalysis) -> planning.Sensors:
+def sensors_of(chosen: Mapping[str, Any], bench: DynamometerAnalysis) -> Sensors:
     """What the options say of load cell and encoder, in SI units; else the drift of the
     configuration."""
     step, drift = chosen["encoder_step"], chosen["drift"]
-    return planning.Sensors(
+    return Sensors(
         rate_hz=chosen["rate"],
         torque_noise=chosen["torque_noise"],
         noise_band_hz=chosen["noise_band"],
@@ -168,8 +170,8 @@ def beyond_reach(longest: Plan, most: Precision, joint: Array, within: Mapping[s
     reached = []
     for k, name in ((k, name) for k, name in enumerate(KBI) if name in within):
         cause = max(most.variance, key=lambda one: most.variance[one][k])
-        percent = 100 * most.columns["half_width"][k] / max(abs(joint[k]), TINY)
-        share_of = 100 * most.variance[cause][k] / max(most.columns["se"][k] ** 2, TINY)
+        percent = 100 * most.half_width[k] / max(abs(joint[k]), TINY)
+        share_of = 100 * most.variance[cause][k] / max(most.se[k] ** 2, TINY)
         reached.append(f"{name} ± {percent:.2g} % (variance by {cause} {share_of:.0f} %)")
     return (
         "what is asked for is beyond the longest record that is searched,"
@@ -181,18 +183,18 @@ def beyond_reach(longest: Plan, most: Precision, joint: Array, within: Mapping[s
 def warnings(
     plan: Plan,
     found: Precision,
-    sensors: planning.Sensors,
+    sensors: Sensors,
     low_pass: LowPass,
     distortion: Distortion,
 ) -> Iterator[str]:
     """What a user must know of a plan: its band, encoder and load cell, and the distortion."""
     I, correlation, f = (
-        found.columns["expected"][2],
+        found.expected[2],
         found.fit.correlation,
         found.fit.sines.frequency_hz,
     )
     low, high = float(f.min()), float(f.max())
-    wide = I != 0 and found.columns["half_width"][2] > 0.5 * abs(I)
+    wide = I != 0 and found.half_width[2] > 0.5 * abs(I)
     # from there on the intervals of K and I are 2.3 times as wide as alone
     if correlation > 0.9 or wide:
         tried = {}  # an octave below or above
@@ -208,7 +210,7 @@ def warnings(
             else:
                 wider = replace(plan, band_hz=band)
             with suppress(IdentifiabilityError):
-                tried[words] = planning.planned_fit(wider, low_pass).correlation
+                tried[words] = planned_fit(wider, low_pass).correlation
         best = min(tried, key=lambda words: tried[words], default="")
         missing = (
             f"the band {best} (correlation {tried[best]:.2f})"
@@ -227,7 +229,7 @@ def warnings(
             f"the smallest amplitude has {smallest / sensors.encoder_step:.2g} steps of the"
             " encoder; take 10 or more"
         )
-    total = np.maximum(found.columns["se"] ** 2, TINY)
+    total = np.maximum(found.se**2, TINY)
     if (share := np.max(found.variance["encoder rounding"] / total)) > 0.25:
         noise = isinstance(plan, Continuous) and not plan.chirp
         stays = "" if noise else "; it repeats, so that longer records do not average it out"
@@ -241,11 +243,11 @@ def warnings(
             " with friction the estimates of a multisine scatter up to 50 times as much, and those"
             " of a stepped sine are shifted; state --friction, or a pilot by --from"
         )
-    if isinstance(plan, PeriodicMultisine) and plan.realisations < planning.ENOUGH_REALISATIONS:
+    if isinstance(plan, PeriodicMultisine) and plan.realisations < ENOUGH_REALISATIONS:
         yield (
             f"{plan.realisations} realisation{'s' if plan.realisations > 1 else ''} of a distortion"
             " whose level at detection lines is all that is known of it: take"
-            f" {planning.ENOUGH_REALISATIONS} or more, and 8 to know the level within 0.5 dB"
+            f" {ENOUGH_REALISATIONS} or more, and 8 to know the level within 0.5 dB"
         )
 
 
@@ -255,7 +257,7 @@ def write_command(plan: Plan, rate_hz: float, output: Path) -> None:
     rest for 1 s in between."""
     if not isinstance(plan, PeriodicMultisine):
         raise InputError(f"{output}: only a multisine is written; give --excitation multisine")
-    length = (plan.periods + planning.TRANSIENTS) * plan.period_s + 1.0
+    length = (plan.periods + TRANSIENTS) * plan.period_s + 1.0
     time, pause = np.arange(round(length * rate_hz)) / rate_hz, np.zeros(round(rate_hz))
     envelope = 0.5 * (1 - np.cos(np.pi * np.clip(np.minimum(time, length - time), 0, 1)))
     parts = [
@@ -276,7 +278,7 @@ def other_plan(chosen: Mapping[str, Any], longer: bool) -> Plan:
     peak = None if chosen["peak"] is None else float(np.deg2rad(chosen["peak"]))
     if chosen["excitation"] != "multisine":
         other = Continuous(band, rms, chosen["duration"], chosen["excitation"] == "chirp")
-        return other if peak is None else replace(other, rms=rms * peak / other.peak[0])
+        return other if peak is None else replace(other, rms=rms * peak / other.peak.angle)
     plan = PeriodicMultisine(
         chosen["period"], band, rms, chosen["periods"], chosen["realisations"], chosen["seed"]
     )
@@ -284,7 +286,7 @@ def other_plan(chosen: Mapping[str, Any], longer: bool) -> Plan:
         return plan
     one, drawn = (
         replace(plan, rms=1.0),
-        max(plan.realisations, planning.MOST_DRAWN if longer else 1),
+        max(plan.realisations, MOST_DRAWN if longer else 1),
     )
     # none may go beyond the peak
     return replace(plan, rms=peak / max(one.motion(r).peak for r in range(drawn)))
@@ -343,7 +345,7 @@ def pilot_distortion(results: Path, trial: str | None) -> Distortion:
 
 def design_text(made: Design) -> str:
     plan, sensors, low_pass = made.plan, made.sensors, made.low_pass
-    angle, velocity, acceleration = plan.peak
+    peak = plan.peak
     band = f"up to {sensors.noise_band_hz:g} Hz" if sensors.noise_band_hz else "white"
     step = (
         f"encoder step {np.rad2deg(sensors.encoder_step):.3g} deg"
@@ -357,9 +359,9 @@ def design_text(made: Design) -> str:
     lines = [
         plan.words,
         (
-            f"  record {seconds(plan.record_s)}; largest angle {np.rad2deg(angle):.3g} deg,"
-            f" velocity {velocity:.3g} rad/s, acceleration {acceleration:.3g} rad/s², torque about"
-            f" {made.peak_torque:.3g} N·m"
+            f"  record {seconds(plan.record_s)}; largest angle {np.rad2deg(peak.angle):.3g} deg,"
+            f" velocity {peak.velocity:.3g} rad/s, acceleration {peak.acceleration:.3g} rad/s²,"
+            f" torque about {made.peak_torque:.3g} N·m"
         ),
         (
             f"  torque noise {sensors.torque_noise:.3g} N·m SD ({band}) at {sensors.rate_hz:g} Hz,"
@@ -401,7 +403,8 @@ def interval_lines(found: Precision) -> Iterator[str]:
         " variance by"
     )
     for k, (name, unit) in enumerate(zip(KBI, ("N·m/rad", "N·m·s/rad", "kg·m²"), strict=True)):
-        value, half_width, of_noise, se, _ = (column[k] for column in found.columns.values())
+        value, half_width, se = found.expected[k], found.half_width[k], found.se[k]
+        of_noise = found.half_width_of_noise[k]
         percent = f"{100 * half_width / abs(value):.3g}" if value else "-"
         shares = {cause: 100 * of[k] / max(se**2, TINY) for cause, of in found.variance.items()}
         made_of = ", ".join(
@@ -411,14 +414,23 @@ def interval_lines(found: Precision) -> Iterator[str]:
             f"{name:4}{value:>10.4g}{half_width:>18.3g}{percent:>10}{of_noise:>18.3g}   {made_of}"
             f" [{unit}]"
         )
-    freedom = ", ".join(
-        "∞" if np.isinf(d) else f"{d:.0f}" for d in found.columns["degrees_of_freedom"]
-    )
+    freedom = ", ".join("∞" if np.isinf(d) else f"{d:.0f}" for d in found.degrees_of_freedom)
     named = ", as impedance.csv will name it" * (found.method in (BY_UNITS, BY_REPEATS))
     yield (
         f"interval from {found.method}{named}, {freedom} degrees of freedom; correlation of K and I"
         f" {found.fit.correlation:.2f}, condition number {found.fit.condition_number:.3g}"
     )
+
+
+def estimated(found: Precision) -> dict[str, Array]:
+    """The numbers of K, B and I, (3,) each, by their names in JSON."""
+    return {
+        "expected": found.expected,
+        "half_width": found.half_width,
+        "half_width_of_noise": found.half_width_of_noise,
+        "se": found.se,
+        "degrees_of_freedom": found.degrees_of_freedom,
+    }
 
 
 def design_json(made: Design) -> str:
@@ -431,10 +443,10 @@ def design_json(made: Design) -> str:
         return {
             "protocol": plan.words,
             "record_s": plan.record_s,
-            "peak_angle": plan.peak[0],
+            "peak_angle": plan.peak.angle,
             "estimates": {
-                n: of(found.columns, k) | {"variance": of(found.variance, k)}
-                for k, n in enumerate(KBI)
+                name: {**of(estimated(found), k), "variance": of(found.variance, k)}
+                for k, name in enumerate(KBI)
             },
             "interval_method": found.method,
             "correlation_K_I": found.fit.correlation,

@@ -15,7 +15,7 @@ from osl_analysis.bench.settings import (
     TorqueAngleAnalysis,
 )
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.config.sheet import SharedChoices
+from osl_analysis.config.shared_choices import SharedChoices
 from osl_analysis.errors import InputError
 from osl_analysis.files import default_config, root
 from osl_analysis.judge.claims import Claims

@@ -117,7 +117,7 @@ def test_irregular_stamps_have_no_rate(time, step):
 
 
 def test_a_cut_off_beyond_half_the_rate_is_refused():
-    with pytest.raises(InputError, match="60 Hz must lie between 0 and half .* rate of 100 Hz"):
+    with pytest.raises(InputError, match=r"60 Hz must lie between 0 and half .* rate of 100 Hz"):
         LowPass(60.0)(TIME, 100.0)
 
 

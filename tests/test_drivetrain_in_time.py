@@ -201,3 +201,18 @@ def test_a_cycle_loses_the_energy_of_its_hysteresis_whatever_its_steps(way_up):
     second = slice(len(cycle) - 1, None)
     lost = np.trapezoid(torque[second], path[second])
     assert lost == pytest.approx(2.0 * (4 * 0.05 - 4 * 0.002), rel=2e-3)
+
+
+def test_the_belt_of_a_leg_whose_actuator_stands_has_the_torque_of_its_path():
+    """An actuator that is too heavy to move, so that all of the joint's angle deflects the belt."""
+    heavy = replace(P, J_m=1e9)
+    effects = {**IDEAL, "hysteresis_torque": 2.0, "hysteresis_width": 0.002}
+    w = 2 * np.pi * 1.0
+    time = np.arange(2000) / RATE
+    theta = 0.05 * (1 - np.cos(w * time))
+    omega = 0.05 * w * np.sin(w * time)
+
+    leg = simulate_drivetrain(RATE, theta, omega, np.ones((3, 1)) * 1e-9, effects, heavy)
+
+    of_path = belt_path(theta, constants(effects, heavy))
+    assert leg["belt_torque"] == pytest.approx(of_path, abs=2e-3)

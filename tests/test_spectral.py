@@ -354,6 +354,16 @@ def test_the_total_holds_noise_and_distortion(noisy_response):
     assert noisy_response["total_sd"] * np.sqrt(48) == pytest.approx(total)
 
 
+def test_the_total_of_two_realisations_is_not_too_small_because_Z_was_fitted_to_them():
+    """Two that share a mean scatter half as much: their level must be twice that."""
+    totals = []
+    for first in range(0, 200, 2):
+        pair = [realisation_of(seed, Levels(odd=0.05)) for seed in (first, first + 1)]
+        totals.append(periodic_response(pair)["total_level"])
+
+    assert in_torque(totals) == pytest.approx(0.05, rel=0.05)
+
+
 @pytest.mark.parametrize(("power", "seen", "absent"), [(3, "odd", "even"), (2, "even", "odd")])
 def test_levels_of_a_cube_are_odd_and_those_of_a_square_are_even(power, seen, absent):
     realisations = [realisation_of(seed, extra=lambda x: 1e4 * x**power) for seed in range(8)]

@@ -13,13 +13,26 @@ from pathlib import Path
 
 from osl_analysis.errors import InputError, WriteError
 
+SMALLEST_DISK = 10e6  # bytes free on the disk of the results, with which a run may begin
+
 
 @contextmanager
 def atomic_path(path: Path) -> Iterator[Path]:
-    """Yield a temporary path beside `path`, with the same suffix. When the block succeeds, it is
-    renamed to `path`; the block must have closed it. When the block raises, it is deleted and an
-    older `path` stays. Raises as `check_target`, and WriteError: the folder cannot be made, or the
-    disk is full or fails."""
+    """Yield a temporary path beside `path`, with the same suffix, and rename it if all goes well.
+
+    Parameters
+    ----------
+    path : Path
+        When the block succeeds, the temporary file is renamed to it; the block must have closed it.
+        When the block raises, it is deleted and an older `path` stays.
+
+    Raises
+    ------
+    InputError
+        As `check_target`.
+    WriteError
+        The folder cannot be made, or the disk is full or fails.
+    """
     check_target(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -32,23 +45,32 @@ def atomic_path(path: Path) -> Iterator[Path]:
         yield temporary
         temporary.replace(path)
     except Exception as error:
-        # The system's error may be the cause of a library's own. Polars only quotes its number in
-        # the text.
-        cause: BaseException | None = error
-        while cause is not None:
-            reason, number = None, re.search(r"\(os error (\d+)\)", str(cause))
-            if isinstance(cause, OSError) and cause.filename in (None, str(temporary)):
-                reason = cause.strerror or " ".join(str(cause).split())
-            elif number:
-                reason = os.strerror(int(number[1]))
-            if reason is not None:
-                said = f"{path}: cannot be written ({reason}); make room, or choose another place"
-                raise WriteError(said) from error
-            cause = cause.__cause__ or cause.__context__
-        raise
+        reason = reason_of_disk(error, temporary)
+        if reason is None:
+            raise
+        raise WriteError(
+            f"{path}: cannot be written ({reason}); make room, or choose another place"
+        ) from error
     finally:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
+
+
+def reason_of_disk(error: BaseException, temporary: Path) -> str | None:
+    """The system's reason why a file could not be written; None if an error has another cause.
+
+    The system's error may be the cause of a library's own. Polars only quotes its number in the
+    text.
+    """
+    cause: BaseException | None = error
+    while cause is not None:
+        if isinstance(cause, OSError) and cause.filename in (None, str(temporary)):
+            return cause.strerror or " ".join(str(cause).split())
+        number = re.search(r"\(os error (\d+)\)", str(cause))
+        if number:
+            return os.strerror(int(number[1]))
+        cause = cause.__cause__ or cause.__context__
+    return None
 
 
 def write_text(path: Path, text: str) -> None:
@@ -60,16 +82,16 @@ def write_text(path: Path, text: str) -> None:
 def check_working_folder(results: Path = Path(".snakemake")) -> None:
     """Refuse a folder in which the run or Snakemake cannot write: the run would end with a
     traceback."""
-    for folder in (
-        Path(),
-        *(one for top in {Path(".snakemake"), results} for one in (top, *top.glob("*/"))),
-    ):
+    folders = [Path()]
+    for top in {Path(".snakemake"), results}:
+        folders.extend((top, *top.glob("*/")))
+    for folder in folders:
         if folder.is_dir() and not os.access(folder, os.W_OK):
             raise InputError(
                 f"{folder.absolute()}: cannot be written to; make it writable, or copy the campaign"
             )
     disk = shutil.disk_usage(results if results.is_dir() else Path())
-    if disk.total and disk.free < 10e6:
+    if disk.total and disk.free < SMALLEST_DISK:
         raise InputError(
             f"{results.absolute()}: less than 10 MB free on its disk; make room, or work on"
             " another one"
@@ -118,8 +140,8 @@ def file_state(path: Path) -> list[int] | None:
     """Size [bytes], time of the last change [ns] and whether it is readable (0 or 1); None if there
     is no such file."""
     with suppress(OSError):
-        found = path.stat()
-        return [found.st_size, found.st_mtime_ns, int(os.access(path, os.R_OK))]
+        status = path.stat()
+        return [status.st_size, status.st_mtime_ns, int(os.access(path, os.R_OK))]
     return None
 
 
@@ -134,19 +156,25 @@ PACKAGE = Path(__file__).parent
 
 
 def root() -> Path:
-    """The folder of the shipped files."""
-    return PACKAGE / "shipped" if (PACKAGE / "shipped").is_dir() else PACKAGE.parent
+    """The folder of the shipped files: in an installed package, else in the repository."""
+    in_package = PACKAGE / "shipped"
+    return in_package if in_package.is_dir() else PACKAGE.parent
 
 
 def shipped(path: Path | str) -> Path:
     """The path itself if it exists, seen from the working folder; else the shipped file or folder
-    of this name. If neither exists, the path itself: the message about the missing file then names
-    it."""
-    own, theirs = Path(path), root() / path
-    return theirs if not own.exists() and theirs.exists() else own
+    of this name.
+
+    If neither exists, the path itself: the message about the missing file then names it.
+    """
+    own = Path(path)
+    shipped_path = root() / path
+    if not own.exists() and shipped_path.exists():
+        return shipped_path
+    return own
 
 
-# The configuration in the folder of a campaign, as `osl-analysis init` writes it.
+# the configuration in the folder of a campaign, as `osl-analysis init` writes it
 CAMPAIGN = Path("config.yaml")
 
 

@@ -10,56 +10,90 @@ from pathlib import Path
 from osl_analysis.errors import InputError, MemoryLimitError
 
 VARIABLE = "OSL_MEMORY_MB"  # memory that one job, or one call of the command line, may have [MB]
+SHARE_OF_MACHINE = 0.8  # of its memory, that a process may have if nothing is stated
+NAMED_FILES = 3  # in the message
+# Matrix libraries get one thread: products are small, two threads take three times as long on a
+# busy machine, and Snakemake counts one core per job. A search for plugins would take 15 ms per
+# process.
 SET_TO_ONE = (
     "OMP_NUM_THREADS",
     "OPENBLAS_NUM_THREADS",
     "MKL_NUM_THREADS",
     "PYDANTIC_DISABLE_PLUGINS",
 )
-"""Matrix libraries get one thread: products are small, two threads take three times as long on a
-busy machine, and Snakemake counts one core per job. A search for plugins would take 15 ms per
-process."""
 
 
 @contextmanager
 def limited_memory(files: Sequence[Path | str]) -> Iterator[None]:
-    """Within the block, this process gets no more memory than `OSL_MEMORY_MB`, else 0.8 of that of
-    the machine or batch job. Beyond it, raises MemoryLimitError, which names `files`, those that
-    are read. A lower limit set before stays. Linux only."""
+    """Limit the memory of this process within the block. Linux only.
+
+    Parameters
+    ----------
+    files : Sequence of Path or str
+        Those that are read, for the message.
+
+    Raises
+    ------
+    MemoryLimitError
+        More than `OSL_MEMORY_MB` is needed, else than 0.8 of the memory of the machine or batch
+        job. A lower limit set before stays.
+    InputError
+        The variable is no number of megabytes.
+    """
     if sys.platform != "linux":
         yield
         return
     import resource
 
-    # of the machine; a container may have less
-    found = [os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")]
-    with suppress(OSError, ValueError):
-        for line in Path("/proc/self/cgroup").read_text(encoding="utf-8").splitlines():
-            own = Path("/sys/fs/cgroup", line.split(":", 2)[2].lstrip("/"))
-            limits = [one / "memory.max" for one in (own, *own.parents)]
-            texts = [one.read_text(encoding="ascii").strip() for one in limits if one.is_file()]
-            found += [int(text) for text in texts if text.isdigit()]
-    allowed = 0.8 * min(found)
-    if text := os.environ.get(VARIABLE, ""):
-        allowed = 0.0
-        with suppress(ValueError):
-            allowed = 1e6 * float(text)
-        if not 0 < allowed < sys.maxsize:
-            raise InputError(f"{VARIABLE}={text}: write a number of megabytes above 0, or unset it")
     soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
-    limit = min(
-        int(allowed), *(one for one in (soft, hard) if one != resource.RLIM_INFINITY), sys.maxsize
-    )
+    limits = [int(allowed_memory()), sys.maxsize]
+    limits.extend(known for known in (soft, hard) if known != resource.RLIM_INFINITY)
+    limit = min(limits)
     resource.setrlimit(resource.RLIMIT_DATA, (limit, hard))
     try:
         yield
     except MemoryError as error:
         resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))  # the message needs some, too
-        named = ", ".join(map(str, files[:3])) + " ..." * (len(files) > 3) + ": " * bool(files)
         raise MemoryLimitError(
-            f"{named}not enough memory, a job may have {limit / 1e6:.0f} MB here; cut the"
-            f" recording, or ask for fewer samples, or allow more by {VARIABLE} or on a larger"
+            f"{named_files(files)}not enough memory, a job may have {limit / 1e6:.0f} MB here; cut"
+            f" the recording, or ask for fewer samples, or allow more by {VARIABLE} or on a larger"
             " machine"
         ) from error
     finally:
         resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
+
+
+def allowed_memory() -> float:
+    """Memory [bytes] that a process may have."""
+    text = os.environ.get(VARIABLE, "")
+    if not text:
+        return SHARE_OF_MACHINE * min(memory_limits())
+    allowed = 0.0
+    with suppress(ValueError):
+        allowed = 1e6 * float(text)
+    if not 0 < allowed < sys.maxsize:
+        raise InputError(f"{VARIABLE}={text}: write a number of megabytes above 0, or unset it")
+    return allowed
+
+
+def memory_limits() -> list[int]:
+    """Memory [bytes] of the machine, and of the control groups of a container or batch job."""
+    limits = [os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")]
+    with suppress(OSError, ValueError):
+        for line in Path("/proc/self/cgroup").read_text(encoding="utf-8").splitlines():
+            group = Path("/sys/fs/cgroup", line.split(":", 2)[2].lstrip("/"))
+            for folder in (group, *group.parents):
+                file = folder / "memory.max"
+                text = file.read_text(encoding="ascii").strip() if file.is_file() else ""
+                if text.isdigit():
+                    limits.append(int(text))
+    return limits
+
+
+def named_files(files: Sequence[Path | str]) -> str:
+    """The beginning of a message about some files; empty if there are none."""
+    if not files:
+        return ""
+    names = ", ".join(map(str, files[:NAMED_FILES]))
+    more = " ..." if len(files) > NAMED_FILES else ""
+    return f"{names}{more}: "

@@ -16,7 +16,8 @@ from osl_analysis.campaign.configuration import read_config
 from osl_analysis.campaign.figure_examples import response_example, time_series_example
 from osl_analysis.campaign.origin import about, sentence
 from osl_analysis.commands import figure as plotted_numbers
-from osl_analysis.config.sheet import CONDITIONS, read_impedance_trajectory
+from osl_analysis.config.impedance_trajectory import read_impedance_trajectory
+from osl_analysis.config.sheet import CONDITIONS
 from osl_analysis.errors import InputError
 from osl_analysis.figures import drawing_of
 from osl_analysis.figures.names import looks_in

@@ -5,103 +5,57 @@ import pytest
 
 from osl_analysis.errors import InputError
 from osl_analysis.model.multisine import odd_lines, odd_multisine
-from osl_analysis.signals import LowPass, differentiate, filtered_motion, sampling_rate
+from osl_analysis.signals import (
+    LowPass,
+    differentiate,
+    filtered_motion,
+    longest_run,
+    run_at_extreme,
+    runs,
+    sampling_rate,
+)
+
+BAND = (0.5, 6.0)  # [Hz]
+
+
+def response_to_an_impulse(low_pass: LowPass, rate: float) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies [Hz], and the spectrum of the filter's answer to an impulse at time 0."""
+    n = 2**15
+    impulse = np.zeros(n)
+    impulse[n // 2] = 1.0
+    answer = np.roll(low_pass(impulse, rate), -n // 2)
+    return np.fft.rfftfreq(n, 1 / rate), np.fft.rfft(answer)
 
 
 @pytest.mark.parametrize("order", [2, 4])
-def test_a_filter_has_no_phase_and_the_gain_and_noise_bandwidth_that_its_impulse_shows(order):
-    """What the analysis knows of the filter, whatever its design: 4 kHz are far above the cut-off
-    of 15 Hz."""
-    n, rate, low_pass = 2**15, 4000.0, LowPass(15.0, order)
-    impulse = np.where(np.arange(n) == n // 2, 1.0, 0.0)
-    f, seen = np.fft.rfftfreq(n, 1 / rate), np.fft.rfft(np.roll(low_pass(impulse, rate), -n // 2))
-    assert seen.imag == pytest.approx(0, abs=1e-9)
-    assert low_pass.gain(f[f < 60]) == pytest.approx(seen.real[f < 60], abs=2e-3)
-    assert (low_pass.gain(np.array([15.0]))[0], low_pass.independent_samples(rate)) == (
-        pytest.approx(0.5),
-        133,
-    )
-    assert low_pass.noise_bandwidth_hz == pytest.approx(np.trapezoid(seen.real**2, f), rel=2e-3)
+def test_a_filter_has_no_phase(order):
+    _, spectrum = response_to_an_impulse(LowPass(15.0, order), rate=4000.0)
+
+    assert spectrum.imag == pytest.approx(0, abs=1e-9)
 
 
-@pytest.mark.parametrize("rate", [100.0, 500.0, 890.0, 900.0, 1000.0, 4000.0])
-def test_derivatives_of_a_filtered_angle_are_those_of_its_sine_at_any_rate(rate):
-    """5 Hz behind a filter of 15 Hz: the spline below 890 Hz loses (w/rate)^4/720, 1.4e-5 at 100
-    Hz; above, nothing."""
-    time, w = np.arange(round(6 * rate)) / rate, 2 * np.pi * 5
-    theta = 0.1 * np.sin(w * time)
-    motion, torque = filtered_motion(time, theta, 2 * theta, LowPass(15))
-    settled = slice(round(2 * rate), round(4 * rate))
-    gain = motion.theta[settled] @ theta[settled] / (theta[settled] @ theta[settled])
-    bound, velocity = (
-        1e-9 if rate > 890 else 1.2 * (w / rate) ** 4 / 720,
-        gain * 0.1 * w * np.cos(w * time[settled]),
-    )
-    assert motion.omega[settled] == pytest.approx(velocity, abs=0.1 * w * (bound + 1e-9))
-    assert motion.alpha[settled] == pytest.approx(
-        -(w**2) * gain * theta[settled], abs=0.1 * w**2 * (bound + 1e-9)
-    )
-    assert np.array_equal(torque, 2 * motion.theta)
+@pytest.mark.parametrize("order", [2, 4])
+def test_gain_and_noise_bandwidth_are_those_of_the_impulse_s_answer(order):
+    """What the analysis knows of the filter, whatever its design: 4 kHz are far above 15 Hz."""
+    low_pass = LowPass(15.0, order)
+    frequency, spectrum = response_to_an_impulse(low_pass, rate=4000.0)
+    low = frequency < 60
+
+    gain = low_pass.gain(frequency)
+    bandwidth = low_pass.noise_bandwidth_hz
+
+    assert gain[low] == pytest.approx(spectrum.real[low], abs=2e-3)
+    assert bandwidth == pytest.approx(np.trapezoid(spectrum.real**2, frequency), rel=2e-3)
 
 
-@pytest.mark.parametrize(("make", "message"), [
-    (lambda t: sampling_rate(np.where(t < 0.5, t, t + 0.02)),
-     r"the step at 0\.4900 s is 30\.000 ms"),
-    (lambda t: LowPass(60.0)(t, 100.0),
-     "60 Hz must lie between 0 and half the sampling rate of 100 Hz"),
-    (lambda t: LowPass(5.0)(t[:60], 100.0),
-     "60 samples cannot be filtered at 5 Hz; record over 0.6 s"),
-    (lambda t: sampling_rate(np.where(t < 0.5, t, t - 0.003)),
-     r"the step at 0\.4900 s is 7\.000 ms"),
-    (lambda t: differentiate(t[[0, 1, 2, 3, 4, 4, 5]], t[:7]), "each later than the one before"),
-])  # fmt: skip
-def test_refuses_irregular_stamps_a_cut_off_beyond_half_the_rate_and_a_record_shorter_than_its_edge(
-    make, message
-):
-    t = np.arange(100) / 100
-    assert sampling_rate(t) == pytest.approx(100)
-    with pytest.raises(InputError, match=message):
-        make(t)
+def test_the_gain_at_the_cut_off_is_one_half_after_both_runs():
+    gain = LowPass(15.0).gain(np.array([15.0]))
+
+    assert gain[0] == pytest.approx(0.5)
 
 
-DEFAULT = odd_multisine(8.0, (0.5, 6.0), np.deg2rad(2), seed=3)
-
-
-def test_only_odd_lines_move_all_alike_with_the_stated_size_and_derivatives():
-    n = 4096
-    size = 2 * np.abs(np.fft.rfft(DEFAULT.angle(DEFAULT.period_s * np.arange(n) / n))) / n
-    moved = np.flatnonzero(size > 1e-12)
-    np.testing.assert_array_equal(moved, DEFAULT.lines)
-    assert (moved % 2 == 1).all()
-    np.testing.assert_allclose(size[moved], size[moved[0]])
-    assert np.rad2deg(
-        np.sqrt(np.mean(DEFAULT.angle(DEFAULT.period_s * np.arange(n) / n) ** 2))
-    ) == pytest.approx(2)
-    time, h = np.linspace(0, 8, 50), 1e-4
-    for k in (0, 1):
-        slope = (DEFAULT.angle(time + h, k) - DEFAULT.angle(time - h, k)) / (2 * h)
-        np.testing.assert_allclose(
-            DEFAULT.angle(time, k + 1), slope, atol=1e-4 * np.abs(slope).max()
-        )
-
-
-def test_one_odd_line_in_four_is_left_out_and_none_at_the_ends():
-    for seed in range(40):
-        lines, left_out = odd_lines(8.0, (0.5, 6.0), seed)
-        np.testing.assert_array_equal(np.union1d(lines, left_out), np.arange(5, 48, 2))
-        np.testing.assert_array_equal((left_out - 5) // 8, np.arange(5))  # of each group of four
-        assert lines[[0, -1]].tolist() == [5, 47]
-        # 20 lines: the last group is a whole one
-        assert odd_lines(8.0, (0.5, 5.5), seed)[0][-1] == 43
-
-
-@pytest.mark.parametrize(
-    ("period", "band", "rms"),
-    [(8, (6, 0.5), 0.1), (0.5, (0.5, 6), 0.1), (0, (1, 2), 0.1), (8, (0.5, 6), 0)],
-)
-def test_what_moves_nothing_or_has_too_few_lines_is_refused(period, band, rms):
-    with pytest.raises(InputError):
-        odd_multisine(period, band, rms, seed=1)
+def test_samples_are_independent_after_half_a_period_of_the_cut_off():
+    assert LowPass(15.0).independent_samples(4000.0) == 133
 
 
 def test_a_straight_line_passes_the_low_pass_unchanged_up_to_both_ends():
@@ -113,3 +67,152 @@ def test_a_straight_line_passes_the_low_pass_unchanged_up_to_both_ends():
     filtered = LowPass(15.0)(line, rate_hz=1000.0)
 
     np.testing.assert_allclose(filtered, line, rtol=0, atol=0.01 * rise)
+
+
+@pytest.mark.parametrize("rate", [100.0, 500.0, 890.0, 900.0, 1000.0, 4000.0])
+def test_derivatives_of_a_filtered_angle_are_those_of_its_sine_at_any_rate(rate):
+    """5 Hz behind a filter of 15 Hz: the spline below 890 Hz loses (w/rate)^4/720, 1.4e-5 at 100
+    Hz; above, nothing."""
+    w = 2 * np.pi * 5
+    time = np.arange(round(6 * rate)) / rate
+    theta = 0.1 * np.sin(w * time)
+
+    motion, _ = filtered_motion(time, theta, theta, LowPass(15))
+
+    settled = slice(round(2 * rate), round(4 * rate))
+    sine = theta[settled]
+    gain = motion.theta[settled] @ sine / (sine @ sine)
+    velocity = gain * 0.1 * w * np.cos(w * time[settled])
+    acceleration = -(w**2) * gain * sine
+    lost = 1e-9 if rate > 890 else 1.2 * (w / rate) ** 4 / 720
+    assert motion.omega[settled] == pytest.approx(velocity, abs=0.1 * w * (lost + 1e-9))
+    assert motion.alpha[settled] == pytest.approx(acceleration, abs=0.1 * w**2 * (lost + 1e-9))
+
+
+def test_angle_and_torque_pass_the_same_filter():
+    time = np.arange(2000) / 1000
+    theta = np.random.default_rng(1).standard_normal(2000)
+
+    motion, torque = filtered_motion(time, theta, 2 * theta, LowPass(15))
+
+    assert np.array_equal(torque, 2 * motion.theta)
+
+
+def test_the_rate_is_that_of_uniform_stamps():
+    assert sampling_rate(np.arange(100) / 100) == pytest.approx(100)
+
+
+TIME = np.arange(100) / 100
+WITH_A_GAP = np.where(TIME < 0.5, TIME, TIME + 0.02)
+WITH_A_SHORT_STEP = np.where(TIME < 0.5, TIME, TIME - 0.003)
+WITH_A_REPEATED_STAMP = TIME[[0, 1, 2, 3, 4, 4, 5]]
+
+
+@pytest.mark.parametrize(
+    ("time", "step"), [(WITH_A_GAP, r"30\.000 ms"), (WITH_A_SHORT_STEP, r"7\.000 ms")]
+)
+def test_irregular_stamps_have_no_rate(time, step):
+    with pytest.raises(InputError, match=rf"the step at 0\.4900 s is {step}"):
+        sampling_rate(time)
+
+
+def test_a_cut_off_beyond_half_the_rate_is_refused():
+    with pytest.raises(InputError, match=r"60 Hz must lie between 0 and half .* rate of 100 Hz"):
+        LowPass(60.0)(TIME, 100.0)
+
+
+def test_a_record_shorter_than_the_filter_s_reach_is_refused():
+    with pytest.raises(InputError, match=r"60 samples cannot be filtered at 5 Hz; .* over 0\.6 s"):
+        LowPass(5.0)(TIME[:60], 100.0)
+
+
+def test_samples_at_one_stamp_are_not_differentiated():
+    with pytest.raises(InputError, match="each later than the one before"):
+        differentiate(WITH_A_REPEATED_STAMP, TIME[:7])
+
+
+def test_runs_are_the_stretches_of_true_samples_and_the_longest_of_them():
+    mask = np.array([1, 1, 0, 0, 1, 1, 1, 0, 1], dtype=bool)
+
+    assert runs(mask) == [slice(0, 2), slice(4, 7), slice(8, 9)]
+    assert longest_run(mask) == slice(4, 7)
+    assert longest_run(~mask[:2]) == slice(0, 0)
+
+
+def test_a_clipped_channel_has_a_run_at_its_extreme_and_a_slow_peak_has_none():
+    time = np.arange(2000) / 1000
+    noise = 1e-3 * np.random.default_rng(1).standard_normal(2000)
+    fast = np.sin(2 * np.pi * 3 * time) + noise
+    slow = np.round(np.sin(2 * np.pi * 0.5 * time), 2)
+
+    clipped = run_at_extreme(np.minimum(fast, 0.9))
+    peak = run_at_extreme(slow)
+
+    assert clipped.stop - clipped.start > 20
+    assert peak.stop - peak.start <= 1
+
+
+# ---- The odd random-phase multisine
+
+
+DEFAULT = odd_multisine(8.0, BAND, np.deg2rad(2), seed=3)
+
+
+def test_only_odd_lines_move_all_by_the_same_size():
+    n = 4096
+    angle = DEFAULT.angle(DEFAULT.period_s * np.arange(n) / n)
+
+    size = 2 * np.abs(np.fft.rfft(angle)) / n
+
+    moved = np.flatnonzero(size > 1e-12)
+    np.testing.assert_array_equal(moved, DEFAULT.lines)
+    assert (moved % 2 == 1).all()
+    np.testing.assert_allclose(size[moved], size[moved[0]])
+
+
+def test_a_multisine_has_the_stated_rms():
+    time = DEFAULT.period_s * np.arange(4096) / 4096
+
+    rms = np.sqrt(np.mean(DEFAULT.angle(time) ** 2))
+
+    assert np.rad2deg(rms) == pytest.approx(2)
+
+
+@pytest.mark.parametrize("derivative", [1, 2])
+def test_derivatives_of_a_multisine_are_its_slopes(derivative):
+    time = np.linspace(0, 8, 50)
+    h = 1e-4
+    before = DEFAULT.angle(time - h, derivative - 1)
+    after = DEFAULT.angle(time + h, derivative - 1)
+    slope = (after - before) / (2 * h)
+
+    np.testing.assert_allclose(
+        DEFAULT.angle(time, derivative), slope, atol=1e-4 * np.abs(slope).max()
+    )
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_one_odd_line_in_four_is_left_out_and_none_at_the_ends(seed):
+    excited, left_out = odd_lines(8.0, BAND, seed)
+
+    np.testing.assert_array_equal(np.union1d(excited, left_out), np.arange(5, 48, 2))
+    group = (left_out - 5) // 8
+    np.testing.assert_array_equal(group, np.arange(5))
+    assert excited[0] == 5
+    assert excited[-1] == 47
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_the_last_line_is_excited_where_the_last_group_is_a_whole_one(seed):
+    excited, _ = odd_lines(8.0, (0.5, 5.5), seed)  # 20 lines
+
+    assert excited[-1] == 43
+
+
+@pytest.mark.parametrize(
+    ("period", "band", "rms"),
+    [(8, (6, 0.5), 0.1), (0.5, BAND, 0.1), (0, (1, 2), 0.1), (8, BAND, 0)],
+)
+def test_what_moves_nothing_or_has_too_few_lines_is_refused(period, band, rms):
+    with pytest.raises(InputError):
+        odd_multisine(period, band, rms, seed=1)

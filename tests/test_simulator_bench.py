@@ -123,6 +123,8 @@ PLAIN = {"frequencies_hz": (1,), "rest_s": 0, "lead_s": 0}
      RATE)).values())), 1e-12),
     (joint_motion.actuator_command(read_yaml(DEFAULT, SimulationSettings).actuator, RATE)[0], 1e-5),
     *((excited(kind), 1e-5) for kind in SMOOTH),
+    # a sweep so fast that its own part of the acceleration shows
+    (excited("chirp", duration_s=3.0, band_hz=(0.1, 4.0)), 1e-5),
 ])  # fmt: skip
 def test_every_motion_comes_with_its_true_derivatives(motion, largest):
     """Simpson's rule is exact to h^5/90 of the fourth derivative, and to 4 h of the kink that a

@@ -14,7 +14,7 @@ from decoded_capture import decoded_crossing
 from scipy.signal import StateSpace, lsim
 from walking_setup import PERTURBED, STATIC, UNPERTURBED, Setup, leg_log, load_setup
 
-from osl_analysis.config.sheet import read_impedance_trajectory
+from osl_analysis.config.impedance_trajectory import read_impedance_trajectory
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.raw_files import trial_from_files
 from osl_analysis.model.compensator import Weight, compensated_gains

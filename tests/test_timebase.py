@@ -355,6 +355,21 @@ def test_a_held_value_of_an_uneven_source_is_half_a_row_older_than_the_first_row
     assert_recovers_the_joint(grid)
 
 
+def test_held_values_have_one_entry_for_each_value_of_the_source_at_its_first_row():
+    """A source at a quarter of the rate. The log begins within its first value, which does not
+    count; two of its values equal the ones before."""
+    own = np.random.default_rng(1).standard_normal(200)
+    own[2] = own[1]
+    own[50] = own[49]
+    log_of_source = np.repeat(own, 4)[2:]
+
+    held = held_values(log_of_source, 1e-3)
+
+    assert held.period == pytest.approx(4)
+    np.testing.assert_array_equal(held.values, own[1:])
+    np.testing.assert_allclose(held.rows, np.arange(2, 798, 4), atol=1e-9)
+
+
 @pytest.mark.parametrize("bits", [10, 14])
 def test_a_coarse_slow_or_resting_signal_is_not_held(bits):
     t = clock(RATE)
@@ -474,6 +489,16 @@ def test_stamps_that_no_clock_tells_or_that_go_back_are_refused_and_equal_ones_a
 ):
     with pytest.raises(InputError, match="log: time ") if refused else nullcontext():
         check_time("log", np.array(time, float))
+
+
+@pytest.mark.parametrize(("time", "remedy"), [
+    ([0.0, 0.1, 0.2, 0.1, 0.2, 0.3], "its stamps stand there already: delete rows"),
+    ([0.0, 0.1, 0.3, 0.2, 0.4, 0.5], "rows changed places: sort them by time"),
+    ([0.0, 0.1, 0.2, 0.11, 0.21, 0.31], "the recorder's clock was set back: cut the log there"),
+])  # fmt: skip
+def test_stamps_that_go_back_are_told_by_what_happened_to_the_rows(time, remedy):
+    with pytest.raises(InputError, match=remedy):
+        check_time("log", np.array(time))
 
 
 def test_a_row_that_was_written_twice_counts_once_and_stamps_within_half_a_step_are_one():

@@ -9,7 +9,7 @@ from warnings import catch_warnings
 
 from osl_analysis.campaign.campaign_trials import Campaign
 from osl_analysis.campaign.configuration import Config
-from osl_analysis.config.sheet import read_impedance_trajectory
+from osl_analysis.config.impedance_trajectory import read_impedance_trajectory
 from osl_analysis.errors import InputError, listing, naming, nearest
 from osl_analysis.ingest.examine import UNITS
 from osl_analysis.judge.limits import CHECKS, unknown_check, validate_rules

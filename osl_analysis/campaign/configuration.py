@@ -3,7 +3,6 @@
 import json
 from collections.abc import Collection, Mapping, Sequence
 from datetime import date, timedelta
-from functools import reduce
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -16,7 +15,7 @@ from osl_analysis.bench.settings import (
     TorqueAngleAnalysis,
 )
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.config.sheet import SharedChoices
+from osl_analysis.config.shared_choices import SharedChoices
 from osl_analysis.errors import InputError
 from osl_analysis.files import default_config, root
 from osl_analysis.judge.claims import Claims
@@ -35,18 +34,16 @@ from osl_analysis.yaml_settings import (
     validated,
 )
 
+EARLIEST_DATE = date(1990, 1, 1)
+
 
 def dates(value: date | str) -> date | str:
-    """One date, or the first and the last, as `2026-03-14 to 2026-03-16`."""
+    """Check one date, or the first and the last, as `2026-03-14 to 2026-03-16`."""
     try:
-        said = value if isinstance(value, str) else value.isoformat()
-        rising(
-            (
-                date(1989, 12, 31),
-                *map(date.fromisoformat, said.split(" to ")),
-                date.today() + timedelta(2),
-            )
-        )
+        text = value if isinstance(value, str) else value.isoformat()
+        days = [date.fromisoformat(day) for day in text.split(" to ")]
+        # tomorrow it is already today elsewhere
+        rising((EARLIEST_DATE - timedelta(1), *days, date.today() + timedelta(2)))
     except (ValueError, AttributeError) as error:
         raise ValueError(
             "write a date, 1990 to today, as 2026-03-14, or two, as 2026-03-14 to 2026-03-16"
@@ -155,124 +152,179 @@ class Config(Settings):
     def shared(self, experiment: str | None = None) -> SharedChoices:
         """The choices that the simulator follows in the trials of one experiment, or in all
         (None)."""
-        bench, seconds = self.dynamometer, self.dynamometer.seconds_per_frequency
-        sines = {
-            "amplitudes_deg": bench.amplitudes_deg,
-            "frequencies_hz": bench.frequencies_hz,
-            "cycles": bench.cycles if seconds is None else None,
-            "seconds": seconds,
-        }
-        every = {
+        dynamometer = self.dynamometer
+        protocol = None
+        if dynamometer.amplitudes_deg and dynamometer.frequencies_hz:
+            seconds = dynamometer.seconds_per_frequency
+            protocol = {
+                "amplitudes_deg": dynamometer.amplitudes_deg,
+                "frequencies_hz": dynamometer.frequencies_hz,
+                "cycles": dynamometer.cycles if seconds is None else None,
+                "seconds": seconds,
+            }
+        choices = {
             "parameters": self.parameters,
             "gain_weight": self.gain_weight,
-            "protocol": sines if bench.amplitudes_deg and bench.frequencies_hz else None,
+            "protocol": protocol,
             "impedance_trajectory": self.impedance_trajectory,
         }
-        used = every if experiment is None else EXPERIMENTS[experiment].follows
-        return SharedChoices.model_validate({name: every[name] for name in used})
+        used = choices if experiment is None else EXPERIMENTS[experiment].follows
+        return SharedChoices.model_validate({name: choices[name] for name in used})
 
 
 def overriding(base: Any, override: Any) -> Any:
-    """A nested mapping with its fields replaced by those of another, as `snakemake --configfile`
-    merges them."""
+    """Replace fields of a nested mapping by those of another, as `snakemake --configfile` merges
+    them."""
     if not isinstance(base, dict) or not isinstance(override, dict):
         return override
-    return base | {name: overriding(base.get(name), value) for name, value in override.items()}
+    replaced = {name: overriding(base.get(name), value) for name, value in override.items()}
+    return {**base, **replaced}
 
 
+# Settings in which the default configuration states facts on its own bench, device and text, and on
+# no other.
 FACTS = (
     "parameters", "impedance_trajectory", "dynamometer.amplitudes_deg",
-    "dynamometer.frequencies_hz",
-    "dynamometer.cycles", "figures.time_series.amplitude_deg", "figures.midstance_stiffness",
-    "claims.K_percent", "torque_angle.zero",
+    "dynamometer.frequencies_hz", "dynamometer.cycles", "figures.time_series.amplitude_deg",
+    "figures.midstance_stiffness", "claims.K_percent", "torque_angle.zero",
 )  # fmt: skip
-"""Settings in which the default configuration states facts on its own bench, device and text, and
-on no other."""
-
-
-OF_BENCH = ("belt", "transmission", "impedance", "human_joint", "calibration")
+# Settings of the stepped sine, and the columns of `phasors.csv` with the recorded values, used if
+# none is stated.
 FOUND = {
     "dynamometer.amplitudes_deg": "amplitude_deg",
     "dynamometer.frequencies_hz": "frequency_hz",
 }
-"""Settings of the stepped sine, and the columns of `phasors.csv` with the recorded values, used if
-none is stated."""
-JUDGING = {
-    "dynamometer.cutoff_hz": OF_BENCH, "actuator.cutoff_hz": ("actuator",),
+OF_BENCH = ("belt", "transmission", "impedance", "human_joint", "calibration")
+# Settings that are facts on a bench, device, laboratory or text, and filters and windows; each with
+# the experiments that it judges, labels or enters. All others are choices of the analysis.
+JUDGING: dict[str, tuple[str, ...]] = {
+    "dynamometer.cutoff_hz": OF_BENCH,
+    "actuator.cutoff_hz": ("actuator",),
     "torque_angle.cutoff_hz": ("torque_angle",),
-    "parameters": ("belt", "transmission", "actuator", "impedance"), "gain_weight": ("impedance",),
-    "model_comparison.sign_width": ("impedance",), **dict.fromkeys(FOUND, ("transmission",
-    "impedance")),
-    "dynamometer.cycles": ("transmission", "impedance"), "dynamometer.load_cell_drift": ("belt",),
-    "dynamometer.calibration": OF_BENCH, "dynamometer.bench_stiffness": OF_BENCH,
-    "dynamometer.windows": ("impedance", "human_joint"), "actuator.calibration": ("actuator",),
-    **dict.fromkeys([f"torque_angle.{one}" for one in ("zero", "calibration", "bench_stiffness")],
-    ("torque_angle",)),
-    "claims.K_percent": ("impedance", "walking"), "impedance_trajectory": ("walking",),
-    "figures.midstance_stiffness": ("walking",), "figures.stance_share": ("walking",),
-    "walking.perturbed_by": ("walking",), "walking.side": ("walking",), "walking.plate": ("walking",
-    ),
-    "walking.markers": ("walking",), "walking.cutoff_hz": ("walking",),
+    "parameters": ("belt", "transmission", "actuator", "impedance"),
+    "gain_weight": ("impedance",),
+    "model_comparison.sign_width": ("impedance",),
+    "dynamometer.amplitudes_deg": ("transmission", "impedance"),
+    "dynamometer.frequencies_hz": ("transmission", "impedance"),
+    "dynamometer.cycles": ("transmission", "impedance"),
+    "dynamometer.load_cell_drift": ("belt",),
+    "dynamometer.calibration": OF_BENCH,
+    "dynamometer.bench_stiffness": OF_BENCH,
+    "dynamometer.windows": ("impedance", "human_joint"),
+    "actuator.calibration": ("actuator",),
+    "torque_angle.zero": ("torque_angle",),
+    "torque_angle.calibration": ("torque_angle",),
+    "torque_angle.bench_stiffness": ("torque_angle",),
+    "claims.K_percent": ("impedance", "walking"),
+    "impedance_trajectory": ("walking",),
+    "figures.midstance_stiffness": ("walking",),
+    "figures.stance_share": ("walking",),
+    "walking.perturbed_by": ("walking",),
+    "walking.side": ("walking",),
+    "walking.plate": ("walking",),
+    "walking.markers": ("walking",),
+    "walking.cutoff_hz": ("walking",),
     "walking.window_s": ("walking",),
-    "walking.baseline_s": ("walking",), "walking.guard_s": ("walking",),
-}  # fmt: skip
-"""Settings that are facts on a bench, device, laboratory or text, and filters and windows; each
-with the experiments that it judges, labels or enters. All others are choices of the analysis."""
+    "walking.baseline_s": ("walking",),
+    "walking.guard_s": ("walking",),
+}
 ASSUMED = {"torque_angle.zero": "end"}  # values used for null
-RESTS_ON = dict.fromkeys(("gain_weight", "model_comparison.sign_width"), "parameters")
 # settings that are not used without these files
-RESTS_ON |= {"figures.stance_share": "impedance_trajectory"}
+RESTS_ON = {
+    "gain_weight": "parameters",
+    "model_comparison.sign_width": "parameters",
+    "figures.stance_share": "impedance_trajectory",
+}
 
 
 def named_in(settings: Any, name: str) -> Any:
     """A setting of nested mappings by its dotted name; None if there is none."""
-    return reduce(lambda at, one: (at or {}).get(one), name.split("."), settings)
+    value = settings
+    for key in name.split("."):
+        value = (value or {}).get(key)
+    return value
 
 
 def states_of(
     config: Config, own: Mapping[str, Any], experiments: Collection[str]
 ) -> list[dict[str, Any]]:
-    """Value and state of every setting that judges or labels these experiments. States: stated (by
-    the configuration or its simulation), measured (each recording has its own), assumed (the
-    default), or none."""
-    rows, settings = list[dict[str, Any]](), config.model_dump(mode="json")
-    for name in (name for name, of in JUDGING.items() if {*of} & {*experiments}):
-        value, said = named_in(settings, name), named_in(own, name)
-        none = not any(value.values()) if isinstance(value, dict) else value is None
-        state = "stated" if config.simulation is not None or said is not None else "assumed"
-        if state == "assumed" and (
-            none or (name in RESTS_ON and getattr(config, RESTS_ON[name]) is None)
-        ):
-            state = "measured" if name in FOUND else "assumed" if name in ASSUMED else "none"
-        value = ASSUMED.get(name, value) if none else value
-        shown = (
-            None
-            if value is None or state == "none" or (none and name not in ASSUMED)
-            else json.dumps(value)
-        )
-        # a shipped file, without its folder
-        shown = shown and shown.strip('"').removeprefix(f"{root()}/")
-        rows.append({"setting": name, "value": shown, "state": state})
+    """Find value and state of every setting that judges or labels some experiments.
+
+    Parameters
+    ----------
+    config : Config
+    own : Mapping
+        The fields that the campaign's file states.
+    experiments : Collection of str
+
+    Returns
+    -------
+    list of dict
+        `setting`, `value` as JSON, and `state`: stated (by the configuration or its simulation),
+        measured (each recording has its own), assumed (the default), or none.
+    """
+    settings = config.model_dump(mode="json")
+    rows = []
+    for name, judged in JUDGING.items():
+        if not set(judged) & set(experiments):
+            continue
+        value = named_in(settings, name)
+        state = state_of(name, value, config, own)
+        rows.append({"setting": name, "value": shown_value(name, value, state), "state": state})
     return rows
 
 
+def is_empty(value: Any) -> bool:
+    """Whether a setting is null, or a mapping of nothing but that."""
+    return not any(value.values()) if isinstance(value, dict) else value is None
+
+
+def state_of(name: str, value: Any, config: Config, own: Mapping[str, Any]) -> str:
+    """State of a setting, as `states_of` names it."""
+    if config.simulation is not None or named_in(own, name) is not None:
+        return "stated"
+    is_unused = name in RESTS_ON and getattr(config, RESTS_ON[name]) is None
+    if not is_empty(value) and not is_unused:
+        return "assumed"
+    if name in FOUND:
+        return "measured"
+    return "assumed" if name in ASSUMED else "none"
+
+
+def shown_value(name: str, value: Any, state: str) -> str | None:
+    """A setting as text; a shipped file is shown without its folder."""
+    if is_empty(value):
+        value = ASSUMED.get(name)
+    if value is None or state == "none":
+        return None
+    return json.dumps(value).strip('"').removeprefix(f"{root()}/")
+
+
 def over_default(own: Mapping[str, Any]) -> Any:
-    """The default configuration with its fields replaced by those of another. Real recordings are
-    not from the bench of the default campaign: for them, `FACTS` that are not stated are null."""
+    """Replace fields of the default configuration by those of another.
+
+    Real recordings are not from the bench of the default campaign: for them, `FACTS` that are not
+    stated are null.
+    """
     default = read_mapping(default_config())
     # the default is for no real joint
     is_unstated = own == default or named_in(own, "dynamometer.cutoff_hz") is None
     default = overriding(default, {"dynamometer": {"own_cutoff": is_unstated}})
-    if default["simulation"] is None or own.get("simulation", default["simulation"]) is not None:
+    is_simulated = own.get("simulation", default["simulation"]) is not None
+    if default["simulation"] is None or is_simulated:
         return overriding(default, own)
     for name in FACTS:
-        fact: Any = None
-        for key in reversed(name.split(".")):
-            fact = {key: fact}
-        default = overriding(default, fact)
+        default = overriding(default, nested(name, None))
     if own.get("gain_weight") is None:  # the damping that gains should give depends on it
-        default = overriding(default, {"doubtful": {"impedance": {"above": {"B_gap_s": None}}}})
+        default = overriding(default, nested("doubtful.impedance.above.B_gap_s", None))
     return overriding(default, own)
+
+
+def nested(name: str, value: Any) -> Any:
+    """A setting by its dotted name, as nested mappings."""
+    for key in reversed(name.split(".")):
+        value = {key: value}
+    return value
 
 
 def own_fields(path: Path) -> Mapping[str, Any]:
@@ -283,7 +335,7 @@ def own_fields(path: Path) -> Mapping[str, Any]:
 
 
 def read_section(path: Path, section: str, model: type[AnySettings]) -> AnySettings:
-    """One section of a campaign's configuration. Its file overrides fields of the default
+    """Read one section of a campaign's configuration, whose file overrides fields of the default
     configuration."""
     content = over_default(own_fields(path))
     unknown = [name for name in content if name not in Config.model_fields]
@@ -296,8 +348,10 @@ def read_section(path: Path, section: str, model: type[AnySettings]) -> AnySetti
 
 
 def read_config(path: Path, of_any: bool = False) -> Config:
-    """A whole configuration, from a file that overrides some fields of the default. Recordings
-    `of_any` bench are not compared with what the shipped default states."""
+    """Read a whole configuration, from a file that overrides some fields of the default.
+
+    Recordings `of_any` bench are not compared with what the shipped default states.
+    """
     own = own_fields(path) if of_any else read_mapping(path, by_snakemake=True)
     return validated(over_default(own), Config, path)
 

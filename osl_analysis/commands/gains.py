@@ -22,7 +22,7 @@ from osl_analysis.bench.record import record_of_trial
 from osl_analysis.campaign.configuration import Config
 from osl_analysis.campaign.origin import sentence
 from osl_analysis.commands.tables import read_summary
-from osl_analysis.config.sheet import read_impedance_trajectory
+from osl_analysis.config.impedance_trajectory import read_impedance_trajectory
 from osl_analysis.errors import InputError, listing, naming, nearest, optional_module
 from osl_analysis.figures import drawing_of
 from osl_analysis.files import write_text

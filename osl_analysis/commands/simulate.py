@@ -7,12 +7,9 @@ from typing import Any
 from warnings import catch_warnings
 
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.config.sheet import (
-    SHEET_COLUMNS,
-    SharedChoices,
-    SheetRows,
-    read_impedance_trajectory,
-)
+from osl_analysis.config.impedance_trajectory import read_impedance_trajectory
+from osl_analysis.config.shared_choices import SharedChoices
+from osl_analysis.config.sheet import SHEET_COLUMNS, SheetRows
 from osl_analysis.errors import InputError, naming
 from osl_analysis.files import atomic_path, check_output
 from osl_analysis.model.compensator import check_request

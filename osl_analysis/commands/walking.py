@@ -11,7 +11,8 @@ import numpy as np
 import polars as pl
 from pydantic import TypeAdapter
 
-from osl_analysis.config.sheet import JOINT, SYNTHETIC, read_impedance_trajectory
+from osl_analysis.config.impedance_trajectory import SYNTHETIC, read_impedance_trajectory
+from osl_analysis.config.sheet import JOINT
 from osl_analysis.errors import InputError, OslAnalysisError
 from osl_analysis.files import atomic_path, write_text
 from osl_analysis.ingest.examine import check_own_torque

@@ -2,16 +2,17 @@
 line read.
 
 A new experiment is an entry here, its fit (`bench/` or `walking/`), the call of it (`commands/`),
-its limits (`config/config.yaml`) and its test. There is no other list of experiments."""
+its limits (`config/config.yaml`) and its test. There is no other list of experiments.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Literal
 
+# fields of `dynamometer` in the configuration that describe the expected stepped sine, and whether
+# one is expected
 PROTOCOL = ("amplitudes_deg", "frequencies_hz", "cycles", "seconds_per_frequency", "excitation")
-"""Fields of `dynamometer` in the configuration that describe the expected stepped sine, and whether
-one is expected."""
 
 
 @dataclass(frozen=True)
@@ -30,34 +31,41 @@ class ResultTable:
     published: bool = True
 
 
+# of every bench experiment: what the time base did to a trial; its measured and modelled signals,
+# for the report
 OF_ALL = (
     ResultTable("timebase", judged=False),
     ResultTable("series", judged=False, published=False),
 )
-"""Of every bench experiment: what the time base did to a trial; its measured and modelled signals,
-for the report."""
 
 
 @dataclass(frozen=True)
 class FitJob:
-    """The fit of one trial, the same for all doors.
+    """The fit of one trial, the same for rules, command line and notebook.
 
-    job: `module.function` of `commands`. It takes `trial` and the arguments below, and returns its
-    rows of each table
-        of the experiment, by name; under `torque`, where it has them, time [s], measured and
-        modelled torque [N*m].
-    settings: per argument of the job, the section of the configuration and the settings model with
-    the fields that the
-        job uses (the section's own, or one of its base classes). A change of other fields does not
-        run the job again.
+    Attributes
+    ----------
+    job : str
+        `module.function` of `commands`. It takes `trial` and the arguments below, and returns its
+        rows of each table of the experiment, by name; under `torque`, where it has them, time [s],
+        measured and modelled torque [N*m].
+    settings : Mapping
+        Per argument of the job, the section of the configuration and the settings model with the
+        fields that the job uses (the section's own, or one of its base classes). A change of other
+        fields does not run the job again.
+    parameters : bool
+        Whether the job takes the parameter file of the device, as `parameters`.
+    sheet : tuple of str
+        Columns of the trial's row in the sample sheet that the job takes, as `condition`.
+    windows : bool
+        Whether the job fits the windows that the sheet states, as `windows`.
     """
 
     job: str
     settings: Mapping[str, tuple[str, str]]
-    parameters: bool = False  # the job takes the parameter file of the device, as `parameters`
-    # columns of the trial's row in the sample sheet that the job takes, as `condition`
+    parameters: bool = False
     sheet: tuple[str, ...] = ()
-    windows: bool = False  # the job fits the windows that the sheet states, as `windows`
+    windows: bool = False
 
 
 @dataclass(frozen=True)
@@ -97,147 +105,224 @@ class Experiment:
     @property
     def needed_columns(self) -> tuple[str, ...]:
         """The columns that every trial must have."""
-        named = (None if self.may_stand else self.motion, self.torque, *self.signals)
-        return tuple(column for column in named if column)
+        motion = None if self.may_stand else self.motion
+        return tuple(column for column in (motion, self.torque, *self.signals) if column)
 
     def uses(self, column: str) -> bool:
         """Whether the analysis uses a column; all, of what is ingested only and of a walkway."""
-        return self.place != "bench" or column in {
-            self.motion,
-            self.torque,
-            *self.signals,
-            *self.beside,
-        }
+        if self.place != "bench":
+            return True
+        return column in (self.motion, self.torque, *self.signals, *self.beside)
 
     def simulated_files(self, trial: str) -> dict[str, str]:
         """Files that the simulator records for a trial, by column of the sheet (`log`, `mocap`)."""
-        files = {"log": f"{self.log}/{trial}.mcap", "mocap": f"{self.mocap}/{trial}.c3d"}
-        return {role: file for role, file in files.items() if getattr(self, role) is not None}
+        files = {}
+        if self.log is not None:
+            files["log"] = f"{self.log}/{trial}.mcap"
+        if self.mocap is not None:
+            files["mocap"] = f"{self.mocap}/{trial}.c3d"
+        return files
 
 
 on_dynamometer = partial(
     Experiment, place="bench", motion="theta", torque="torque", log="dynamometer"
 )
 
-# fmt: off
 EXPERIMENTS: dict[str, Experiment] = {
     "belt": on_dynamometer(
-        "input shaft locked, joint moved and back: belt stiffness", signals=("theta_m",),
+        "input shaft locked, joint moved and back: belt stiffness",
+        signals=("theta_m",),
         follows=("parameters",),
-        tables=(ResultTable("belt", derived={"belt_summary": "bench.summarise"}),
-            ResultTable("belt_curves", judged=False, published=False), *OF_ALL),
-        fit=FitJob("bench.fit_belt_trial", {"settings": ("dynamometer", "BeltAnalysis")},
-        parameters=True),
+        tables=(
+            ResultTable("belt", derived={"belt_summary": "bench.summarise"}),
+            ResultTable("belt_curves", judged=False, published=False),
+            *OF_ALL,
+        ),
+        fit=FitJob(
+            job="bench.fit_belt_trial",
+            settings={"settings": ("dynamometer", "BeltAnalysis")},
+            parameters=True,
+        ),
         impedance=("K_s", "", ""),
     ),
     "transmission": on_dynamometer(
-        "motor detached, stepped sine: B_j and J_j", stepped_sine=True, follows=("parameters",
-        "protocol"),
-        tables=(ResultTable("transmission", derived={"transmission_summary": "bench.summarise"}),
-        *OF_ALL),
-        fit=FitJob("bench.fit_transmission_trial", {"settings": ("dynamometer",
-        "SteppedSineAnalysis")},
-            parameters=True),
+        "motor detached, stepped sine: B_j and J_j",
+        stepped_sine=True,
+        follows=("parameters", "protocol"),
+        tables=(
+            ResultTable("transmission", derived={"transmission_summary": "bench.summarise"}),
+            *OF_ALL,
+        ),
+        fit=FitJob(
+            job="bench.fit_transmission_trial",
+            settings={"settings": ("dynamometer", "SteppedSineAnalysis")},
+            parameters=True,
+        ),
         impedance=("", "B_j", "J_j"),
     ),
     "actuator": Experiment(
         "actuator alone, driven at a velocity and a current: k_tau n_m, f_C, f_G, B_m and J_m;"
         " standing: k_tau n_m",
-        place="bench", motion="theta_m", may_stand=True, torque="torque_m", signals=("current",),
+        place="bench",
+        motion="theta_m",
+        may_stand=True,
+        torque="torque_m",
+        signals=("current",),
         log="actuator",
         follows=("parameters",),
         tables=(ResultTable("actuator", derived={"actuator_summary": "bench.summarise"}), *OF_ALL),
-        fit=FitJob("bench.fit_actuator_trial", {"settings": ("actuator", "ActuatorAnalysis")},
-        parameters=True),
+        fit=FitJob(
+            job="bench.fit_actuator_trial",
+            settings={"settings": ("actuator", "ActuatorAnalysis")},
+            parameters=True,
+        ),
         impedance=("", "B_m", "J_m"),
     ),
     "impedance": on_dynamometer(
         "stepped sine or any other motion against the controller: K, B, I and the frequency"
         " response",
-        beside=("theta_m", "current"), stepped_sine=True, any_motion=True,
+        beside=("theta_m", "current"),
+        stepped_sine=True,
+        any_motion=True,
         follows=("parameters", "protocol", "gain_weight"),
-        tables=(ResultTable("impedance",
-                derived={"impedance_repeats": "bench.summarise",
-                "compensation": "bench.compare_controllers"}),
-            ResultTable("phasors", doubts_of="impedance",
-            derived={"frequency_response": "bench.summarise"}),
-            ResultTable("response", doubts_of="impedance"), ResultTable("law"),
-            ResultTable("record", judged=False, published=False), *OF_ALL),
-        fit=FitJob("bench.fit_impedance_trial",
-            {"settings": ("dynamometer", "ImpedanceAnalysis"), "weight": ("gain_weight", "Weight"),
-                "models": ("model_comparison", "ModelComparison")},
-            parameters=True, windows=True, sheet=("controller", "K_d", "B_d")),
+        tables=(
+            ResultTable(
+                "impedance",
+                derived={
+                    "impedance_repeats": "bench.summarise",
+                    "compensation": "bench.compare_controllers",
+                },
+            ),
+            ResultTable(
+                "phasors",
+                doubts_of="impedance",
+                derived={"frequency_response": "bench.summarise"},
+            ),
+            ResultTable("response", doubts_of="impedance"),
+            ResultTable("law"),
+            ResultTable("record", judged=False, published=False),
+            *OF_ALL,
+        ),
+        fit=FitJob(
+            job="bench.fit_impedance_trial",
+            settings={
+                "settings": ("dynamometer", "ImpedanceAnalysis"),
+                "weight": ("gain_weight", "Weight"),
+                "models": ("model_comparison", "ModelComparison"),
+            },
+            parameters=True,
+            windows=True,
+            sheet=("controller", "K_d", "B_d"),
+        ),
     ),
     "human_joint": on_dynamometer(
-        "a person's joint moved at random: K, B, I and the stretch reflex", any_motion=True,
-        tables=(ResultTable("human_joint", derived={"human_joint_repeats": "bench.summarise"}),
+        "a person's joint moved at random: K, B, I and the stretch reflex",
+        any_motion=True,
+        tables=(
+            ResultTable("human_joint", derived={"human_joint_repeats": "bench.summarise"}),
             ResultTable("response", doubts_of="human_joint"),
-            ResultTable("impedance_over", doubts_of="human_joint", scheduled_only=True), *OF_ALL),
-        fit=FitJob("bench.fit_human_joint_trial", {"settings": ("dynamometer",
-        "HumanJointAnalysis")}, windows=True),
+            ResultTable("impedance_over", doubts_of="human_joint", scheduled_only=True),
+            *OF_ALL,
+        ),
+        fit=FitJob(
+            job="bench.fit_human_joint_trial",
+            settings={"settings": ("dynamometer", "HumanJointAnalysis")},
+            windows=True,
+        ),
     ),
     "torque_angle": on_dynamometer(
         "slow cycles of a passive foot, spring or elastic element: stiffness over angle, energy,"
         " hysteresis",
-        tables=(ResultTable("torque_angle"), ResultTable("torque_angle_curves", judged=False),
-            ResultTable("torque_angle_cycles", judged=False), *OF_ALL),
-        fit=FitJob("bench.fit_torque_angle_trial", {"settings": ("torque_angle",
-        "TorqueAngleAnalysis")},
-            sheet=("desired",)),
+        tables=(
+            ResultTable("torque_angle"),
+            ResultTable("torque_angle_curves", judged=False),
+            ResultTable("torque_angle_cycles", judged=False),
+            *OF_ALL,
+        ),
+        fit=FitJob(
+            job="bench.fit_torque_angle_trial",
+            settings={"settings": ("torque_angle", "TorqueAngleAnalysis")},
+            sheet=("desired",),
+        ),
     ),
     "calibration": on_dynamometer(
         "a known spring or inertia in place of the joint: how late the torque is, and what the"
         " gains are",
-        stepped_sine=True, any_motion=True, tables=(ResultTable("calibration"), *OF_ALL),
-        fit=FitJob("bench.fit_calibration_trial", {"settings": ("dynamometer",
-        "ImpedanceAnalysis")},
-            sheet=("known_K", "known_I", "known_percent")),
+        stepped_sine=True,
+        any_motion=True,
+        tables=(ResultTable("calibration"), *OF_ALL),
+        fit=FitJob(
+            job="bench.fit_calibration_trial",
+            settings={"settings": ("dynamometer", "ImpedanceAnalysis")},
+            sheet=("known_K", "known_I", "known_percent"),
+        ),
         impedance=("", "", ""),
     ),
     "static": Experiment(
-        "standing still: rest pose of the marker clusters and the ankle axis", place="walkway",
+        "standing still: rest pose of the marker clusters and the ankle axis",
+        place="walkway",
         walker=True,
-        mocap="vicon"),
+        mocap="vicon",
+    ),
     "plate": Experiment(
-        "platform moved without a foot on it: the force plate's own inertia", place="walkway",
+        "platform moved without a foot on it: the force plate's own inertia",
+        place="walkway",
         bare_plate=True,
-        mocap="vicon"),
+        mocap="vicon",
+    ),
     "walking": Experiment(
-        "one crossing of the walkway, perturbed or not", place="walkway", sheet=("perturbed",),
-        bare_plate=True, walker=True, log="leg", mocap="vicon",
+        "one crossing of the walkway, perturbed or not",
+        place="walkway",
+        sheet=("perturbed",),
+        bare_plate=True,
+        walker=True,
+        log="leg",
+        mocap="vicon",
         follows=("parameters", "gain_weight", "impedance_trajectory"),
         tables=(ResultTable("walking", perturbed_only=True),),
-        further_tables=("walking_summary", "walking_groups", "impedance_over_stance",
-        "walking_crossings",
+        further_tables=(
+            "walking_summary",
+            "walking_groups",
+            "impedance_over_stance",
+            "walking_crossings",
             "walking_sensitivity",
-            "walking_excluded", "plate", "platform"),
+            "walking_excluded",
+            "plate",
+            "platform",
+        ),
         judged_further=("walking_groups",),
     ),
     "overground": Experiment(
-        "overground gait: ankle moment, beside the laboratory's own", place="walkway",
-        bare_plate=True, walker=True,
+        "overground gait: ankle moment, beside the laboratory's own",
+        place="walkway",
+        bare_plate=True,
+        walker=True,
         tables=(ResultTable("ankle_moment"), ResultTable("ankle_moment_curves", judged=False)),
-        fit=FitJob("walking.compare_ankle_moment", {"settings": ("overground",
-        "OvergroundAnalysis")},
-            sheet=("body_mass_kg",)),
+        fit=FitJob(
+            job="walking.compare_ankle_moment",
+            settings={"settings": ("overground", "OvergroundAnalysis")},
+            sheet=("body_mass_kg",),
+        ),
     ),
     "ingest_only": Experiment("any recording: ingested and checked, not analysed", place=None),
 }
-# fmt: on
 
 
 def judged_tables() -> tuple[str, ...]:
     """The tables whose fits have limits under `doubtful` in the configuration."""
-    fitted = [
-        table.name for facts in EXPERIMENTS.values() for table in facts.tables if table.judged
-    ]
-    return (
-        *dict.fromkeys(fitted),
-        *(name for facts in EXPERIMENTS.values() for name in facts.judged_further),
-    )
+    tables = dict[str, None]()  # in their order, each once
+    for experiment in EXPERIMENTS.values():
+        tables.update(dict.fromkeys(table.name for table in experiment.tables if table.judged))
+    further = [name for experiment in EXPERIMENTS.values() for name in experiment.judged_further]
+    return (*tables, *further)
 
 
 def doubts_of() -> dict[str, str]:
-    """By table, the table of the same trials whose doubts its rows share."""
-    sharing = [one for facts in EXPERIMENTS.values() for one in facts.tables if one.doubts_of]
-    return {one.name: one.doubts_of for one in reversed(sharing)}
+    """By table, the table of the same trials whose doubts its rows share; that of the first
+    experiment that has it."""
+    shared: dict[str, str] = {}
+    for experiment in EXPERIMENTS.values():
+        for table in experiment.tables:
+            if table.doubts_of:
+                shared.setdefault(table.name, table.doubts_of)
+    return shared

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from osl_analysis.config.sheet import read_impedance_trajectory
+from osl_analysis.config.impedance_trajectory import read_impedance_trajectory
 from osl_analysis.model.compensator import Weight, check_request, optimal_damping, stiffness_gain
 from osl_analysis.model.drivetrain import DrivetrainParameters
 from osl_analysis.simulator import step as gait

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from osl_analysis.config.sheet import read_impedance_trajectory
+from osl_analysis.config.impedance_trajectory import read_impedance_trajectory
 from osl_analysis.model.drivetrain import DrivetrainParameters
 from osl_analysis.simulator import laboratory_settings as laboratory
 from osl_analysis.simulator import step as gait

@@ -1,0 +1,114 @@
+"""Files that are written completely or not at all; limits of memory."""
+
+import errno
+import re
+
+import polars as pl
+import pytest
+
+from osl_analysis.errors import InputError, WriteError
+from osl_analysis.files import atomic_path
+from osl_analysis.memory import VARIABLE, allowed_memory, named_files
+from osl_analysis.table import read_table
+
+
+def files_in(folder):
+    return [path.name for path in folder.iterdir()]
+
+
+def test_a_file_that_was_written_completely_replaces_the_older_one(tmp_path):
+    target = tmp_path / "table.csv"
+    target.write_text("old")
+
+    with atomic_path(target) as temporary:
+        temporary.write_text("new")
+
+    assert target.read_text() == "new"
+    assert files_in(tmp_path) == ["table.csv"]
+
+
+def test_a_file_that_was_not_written_completely_leaves_the_older_one(tmp_path):
+    target = tmp_path / "table.csv"
+    target.write_text("old")
+
+    def write_half():
+        with atomic_path(target) as temporary:
+            temporary.write_text("new")
+            raise KeyError
+
+    with pytest.raises(KeyError):
+        write_half()
+
+    assert target.read_text() == "old"
+    assert files_in(tmp_path) == ["table.csv"]
+
+
+def fail_as_the_system():
+    raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def fail_as_polars():
+    raise pl.exceptions.ComputeError("IO error: no space (os error 28)")
+
+
+def fail_as_a_library_that_has_the_system_s_error_as_its_cause():
+    try:
+        fail_as_the_system()
+    except OSError as error:
+        raise RuntimeError("the library's own words") from error
+
+
+@pytest.mark.parametrize(
+    "fail",
+    [
+        fail_as_the_system,
+        fail_as_polars,
+        fail_as_a_library_that_has_the_system_s_error_as_its_cause,
+    ],
+)
+def test_a_full_disk_is_told_with_the_file_that_was_to_be_written(tmp_path, fail):
+    target = tmp_path / "table.csv"
+
+    with (
+        pytest.raises(
+            WriteError, match=rf"{re.escape(str(target))}: .* \(No space left on device\)"
+        ),
+        atomic_path(target),
+    ):
+        fail()
+
+
+def test_an_error_of_another_file_within_the_block_stays_as_it_is(tmp_path):
+    with pytest.raises(FileNotFoundError), atomic_path(tmp_path / "table.csv"):
+        (tmp_path / "recording.csv").read_text()
+
+
+@pytest.mark.parametrize("empty_cells", [10, 1000])
+def test_numbers_behind_empty_cells_are_numbers(tmp_path, empty_cells):
+    path = tmp_path / "table.csv"
+    path.write_text("trial,slope\n" + "a,\n" * empty_cells + "a,1.5\n")
+
+    slope = read_table(path, required=("slope",))["slope"]
+
+    assert slope.dtype == pl.Float64
+    assert slope[-1] == 1.5
+
+
+def test_the_memory_that_is_stated_is_in_megabytes(monkeypatch):
+    monkeypatch.setenv(VARIABLE, "250")
+
+    assert allowed_memory() == 250e6
+
+
+@pytest.mark.parametrize("text", ["much", "0", "-3", "1e300"])
+def test_memory_that_is_no_number_of_megabytes_is_refused(monkeypatch, text):
+    monkeypatch.setenv(VARIABLE, text)
+
+    with pytest.raises(InputError, match="write a number of megabytes above 0"):
+        allowed_memory()
+
+
+def test_a_message_names_three_files_at_most():
+    assert named_files([]) == ""
+    assert named_files(["a", "b"]) == "a, b: "
+    assert named_files(["a", "b", "c", "d"]) == "a, b, c ...: "

@@ -1,0 +1,147 @@
+"""What can be a measurement, what is computed from another signal, and to which step it is
+rounded."""
+
+import numpy as np
+import pytest
+
+from osl_analysis.errors import InputError
+from osl_analysis.measured import (
+    check_measured,
+    factor_of,
+    significant,
+    unusual,
+    varies,
+    visible_step,
+)
+from osl_analysis.plates import beside, furthest_outside, own_axes, plate_axes
+from osl_analysis.trial import stretches, unit_of
+from osl_analysis.units import known_factor
+
+
+@pytest.fixture
+def noise():
+    return np.random.default_rng(1).standard_normal((2, 2000))
+
+
+def test_a_signal_that_is_computed_from_another_shows_its_factor(noise):
+    current = 3 * noise[0]
+
+    assert factor_of(1.7 * current + 0.4, current) == pytest.approx(1.7)
+    assert factor_of(-0.2 * current, current) == pytest.approx(-0.2)
+
+
+def test_a_factor_is_seen_through_the_rounding_of_both_signals(noise):
+    current = np.round(3 * noise[0], 2)
+    torque = np.round(1.7 * current, 1)
+
+    assert factor_of(torque, current) == pytest.approx(1.7, rel=1e-3)
+
+
+def test_two_sensors_of_one_quantity_have_no_factor(noise):
+    """1 % of noise is that of a second sensor."""
+    assert factor_of(1.7 * noise[0] + 0.017 * noise[1], noise[0]) is None
+
+
+@pytest.mark.parametrize("step", [1e-3, 2 * np.pi / 2**14, 5.0])
+def test_the_step_of_a_rounded_signal_is_seen(noise, step):
+    rounded = np.round(noise[0] * 20) * step
+
+    assert visible_step(rounded) == pytest.approx(step)
+
+
+def test_a_signal_without_rounding_has_no_step(noise):
+    assert visible_step(noise[0]) is None
+
+
+def test_a_constant_does_not_vary_by_its_rounding():
+    assert not varies(np.full(1000, 0.1))
+    assert varies(np.array([0.1, 0.1001]))
+
+
+@pytest.mark.parametrize("value", [1e31, 1e-31, np.nan, np.inf])
+def test_what_no_sensor_gives_is_refused(value):
+    with pytest.raises(InputError, match="torque"):
+        check_measured("torque", [0.0, value])
+
+
+def test_recordings_much_shorter_or_longer_than_the_usual_one_are_marked():
+    mask, median = unusual(np.array([10.0, 10.1, 9.9, 7.9, 12.6, 10.0]))
+
+    assert median == 10
+    assert mask.tolist() == [False, False, False, True, True, False]
+
+
+def test_no_recording_is_unusual_where_no_length_is_usual():
+    mask, _ = unusual(np.array([1.0, 2.0, 3.0, 8.0]))
+
+    assert not mask.any()
+
+
+def test_numbers_of_sentences_have_two_digits_and_no_exponent():
+    assert [significant(x) for x in (-721.3, 0.0001234, 3.0)] == ["-720", "0.00012", "3"]
+
+
+@pytest.mark.parametrize("ratio", [1.3558, 1 / 1.3558, -1.36])
+def test_a_ratio_near_a_unit_factor_names_it(ratio):
+    assert known_factor(ratio) == ("between lbf*ft and N*m", 1.3558)
+
+
+@pytest.mark.parametrize("ratio", [1.0, 1.2, 2.0, 0.0])
+def test_a_ratio_near_no_unit_factor_names_none(ratio):
+    assert known_factor(ratio) == ("", 1.0)
+
+
+# ---- Plates and windows
+
+
+FACE_DOWN = np.array([[0.3, 0.2, 0], [0.3, -0.2, 0], [-0.3, -0.2, 0], [-0.3, 0.2, 0]])
+
+
+def test_the_axes_of_a_plate_are_right_handed_with_x_from_its_second_corner_to_its_first():
+    axes = own_axes(FACE_DOWN)
+
+    np.testing.assert_allclose(axes[:, 0], [0, 1, 0], atol=1e-12)
+    np.testing.assert_allclose(axes[:, 2], [0, 0, -1], atol=1e-12)
+    assert np.linalg.det(axes) == pytest.approx(1)
+
+
+def test_the_axes_along_a_plate_s_edges_point_up_and_stay_right_handed():
+    axes = plate_axes(FACE_DOWN)
+
+    np.testing.assert_allclose(axes[:, 2], [0, 0, 1], atol=1e-12)
+    assert np.linalg.det(axes) == pytest.approx(1)
+
+
+def test_points_beside_a_plate_are_as_far_as_from_its_nearest_edge_or_corner():
+    points = np.array([[0.0, 0.0], [0.25, 0.0], [0.24, 0.33]])  # 0.4 m along x, 0.6 m along y
+
+    np.testing.assert_allclose(beside(points, FACE_DOWN), [0, 0.05, 0.05], atol=1e-12)
+
+
+def test_the_furthest_point_outside_counts_in_laboratory_axes_and_at_any_height():
+    points = np.array([[0.31, 0.0, 0.5], [0.0, 0.25, -0.1]])
+
+    assert furthest_outside(points, FACE_DOWN) == pytest.approx(0.05)
+    assert furthest_outside(points[:0], FACE_DOWN) == 0
+
+
+def test_windows_are_from_to_pairs():
+    assert stretches("2-30  40.5-62") == [(2.0, 30.0), (40.5, 62.0)]
+
+
+@pytest.mark.parametrize("text", ["", "2", "30-2", "2-30 x", "2-30,40-62"])
+def test_windows_of_another_form_are_refused(text):
+    with pytest.raises(InputError, match="are not from-to in s"):
+        stretches(text)
+
+
+@pytest.mark.parametrize("text", ["2-30 20-40", "40-62 2-30"])
+def test_windows_that_overlap_or_go_back_are_refused(text):
+    with pytest.raises(InputError, match="overlap, or are not in the order of time"):
+        stretches(text)
+
+
+def test_a_column_of_a_family_has_the_family_s_unit():
+    assert unit_of("plate2_moment_z") == "N*m"
+    assert unit_of("marker_left heel_x") == "m"
+    assert unit_of("torque") == "N*m"

@@ -9,14 +9,12 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
-from conftest import findings_of
 from scipy.interpolate import make_interp_spline
 from scipy.stats import norm, t
 from walking_crossings import LEAD, RISE, TURN, crossing
 from walking_synthetic import RATE, bump, settings, step
 
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.judge.finding import Limits
 from osl_analysis.judge.judging import SEEN, WIDE
 from osl_analysis.signals import Motion
 from osl_analysis.trial import Array
@@ -112,21 +110,6 @@ def shifted(crossing_: Crossing) -> Crossing:
     return replace(crossing_, theta=crossing_.theta + 0.02, torque=crossing_.torque + 3.0)
 
 
-def page_points(perturbed_crossing: Crossing, gait: UnperturbedGait) -> pl.DataFrame:
-    """Points of the walking page of one crossing, with one point of a response."""
-    response = pl.DataFrame(
-        {
-            "time": 0.05,
-            "theta_deg": 2.0,
-            "torque": 3.0,
-            "torque_model": 4.0,
-            "trial": "p",
-            "doubtful": "",
-        }
-    )
-    return walking_page_points([perturbed_crossing], {"all": gait}, response, TIMING)
-
-
 def test_a_response_is_zero_on_average_over_the_baseline() -> None:
     response = response_of(shifted(crossing("w", ONSET)), mean_gait())
 
@@ -135,20 +118,21 @@ def test_a_response_is_zero_on_average_over_the_baseline() -> None:
     assert np.mean(response.torque[baseline]) == pytest.approx(0, abs=1e-9)
 
 
-def test_the_walking_page_shows_gait_response_baseline_and_window() -> None:
+def test_the_walking_page_shows_gait_baseline_and_window() -> None:
     gait = usual(2e-3)
+    nothing = dict.fromkeys(("theta_deg", "torque", "torque_model", "time"), 0.0)
+    no_responses = pl.DataFrame([{**nothing, "trial": "p", "doubtful": ""}])
 
-    points = page_points(shifted(crossing("w", ONSET)), gait)
+    points = walking_page_points([crossing("w", ONSET)], {"all": gait}, no_responses, TIMING)
 
-    assert points.filter(curve="each").select("x", "mean").rows() == [(50, 2), (50, 3)]
+    def x_of(panel: str, curve: str) -> list[float]:
+        return points.filter(panel=panel, curve=curve)["x"].to_list()
+
     sd = np.std(np.rad2deg(gait.theta[:, ::4]), axis=0, ddof=1)
     np.testing.assert_allclose(points.filter(panel="angle", curve="all")["sd"], sd)
-    baseline_ms = points.filter(panel="response angle", curve="baseline")["x"].to_list()
-    assert baseline_ms == pytest.approx([-100, -40])
-    window = points.filter(panel="angle", curve="window")["x"].to_list()
-    baseline = points.filter(panel="angle", curve="baseline")["x"].to_list()
-    assert window == pytest.approx([100 * 0.3 / 0.72, 100 * 0.4 / 0.72])
-    assert baseline == pytest.approx([100 * 0.2 / 0.72, 100 * 0.26 / 0.72])
+    assert x_of("response angle", "baseline") == pytest.approx([-100, -40])
+    assert x_of("angle", "window") == pytest.approx([100 * 0.3 / 0.72, 100 * 0.4 / 0.72])
+    assert x_of("angle", "baseline") == pytest.approx([100 * 0.2 / 0.72, 100 * 0.26 / 0.72])
 
 
 @pytest.mark.parametrize("onset", [0.6, 0.6017])
@@ -165,26 +149,39 @@ def test_the_window_is_a_tenth_of_a_second_from_the_onset_also_between_frames(
     np.testing.assert_allclose(response.fitted_motion.theta, turn, atol=1e-5)
 
 
-@pytest.mark.parametrize("stance", [0.66, 0.8])
 @pytest.mark.parametrize(
-    "truth", [(K, B, I), (100.0, 0.5, 0.0), (340.0, 5.0, -0.03), (600.0, 12.0, 0.2)]
+    ("stance", "truth"),
+    [
+        (0.66, (K, B, I)),
+        (0.8, (100.0, 0.5, 0.0)),
+        (0.66, (340.0, 5.0, -0.03)),
+        (0.8, (600.0, 12.0, 0.2)),
+    ],
 )
-def test_recovers_the_impedance_whatever_the_pace(
+def test_the_impedance_comes_out_whatever_the_pace(
     stance: float, truth: tuple[float, float, float]
 ) -> None:
-    walked = [
+    perturbed_crossings = [
         crossing(f"p{k}", 0.3 + 0.4 * (stance + k / 100), stance + k / 100, impedance=truth)
         for k in range(3)
     ]
-    isolated = [response_of(c, mean_gait()) for c in walked]
-    fits = [fit_response(isolated[0]), Ensemble(isolated).fitted().fit]
-    for fit in fits:
-        assert tuple(fit.estimates) == pytest.approx(
-            truth, rel=1e-3, abs=1e-3 if truth[2] == I else 2e-3
-        )
-    assert fits[0].vaf > 99.999
-    free = compare_offset(isolated[0].fitted_motion, isolated[0].fitted_torque + 3, 2 * truth[0])
-    assert (free.offset, free.lowers_K) == pytest.approx((3, 0.5), rel=2e-3)
+    responses = [response_of(c, mean_gait()) for c in perturbed_crossings]
+
+    single = fit_response(responses[0])
+    ensemble = Ensemble(responses).fitted().fit
+
+    assert tuple(single.estimates) == pytest.approx(truth, rel=1e-3, abs=2e-3)
+    assert tuple(ensemble.estimates) == pytest.approx(truth, rel=1e-3, abs=2e-3)
+    assert single.vaf > 99.999
+
+
+def test_an_offset_of_the_torque_is_its_size_and_lowers_K_by_its_share() -> None:
+    response = response_of(crossing("p", ONSET), mean_gait())
+
+    free = compare_offset(response.fitted_motion, response.fitted_torque + 3, 2 * K)
+
+    assert free.offset == pytest.approx(3, rel=2e-3)
+    assert free.lowers_K == pytest.approx(0.5, rel=2e-3)
 
 
 def test_too_few_unperturbed_crossings_are_refused() -> None:
@@ -254,15 +251,6 @@ def test_both_directions_count_alike_in_the_common_variance() -> None:
     assert three == pytest.approx(two)
 
 
-def test_the_bootstrap_repeats_itself() -> None:
-    ensemble = Ensemble([response_of(walked("p", onset=ONSET), usual(2e-3, 6))] * 2)
-
-    first = ensemble.resampled(200).draws["B"]
-    second = ensemble.resampled(200).draws["B"]
-
-    np.testing.assert_array_equal(first, second)
-
-
 def test_plate_errors_that_a_crossing_shares_with_the_mean_gait_cancel() -> None:
     def with_errors(plain: Crossing, size: float) -> Crossing:
         errors = size * np.vander(plain.stance.phase(plain.time), 3).T
@@ -303,12 +291,19 @@ def test_resampled_means_spread_as_means_do() -> None:
     """Drawing n - 1 of n: the variance of a mean, s^2/n with the unbiased s^2; drawing n would give
     5/6 of it."""
     values = np.array([1.0, 4.0, 2.0, 8.0, 5.0, 7.0])
-    weights = resampling_weights(np.random.default_rng(1), 200_000, len(values))
+
+    weights = resampling_weights(np.random.default_rng(1), 50_000, len(values))
+
     np.testing.assert_allclose(weights.sum(axis=1), 1)
-    assert np.var(weights @ values) == pytest.approx(np.var(values, ddof=1) / len(values), rel=0.02)
+    assert np.var(weights @ values) == pytest.approx(np.var(values, ddof=1) / len(values), rel=0.04)
+
+
+def test_the_interval_of_normal_draws_is_student_s() -> None:
     draws = norm.ppf((np.arange(20_000) + 0.5) / 20_000, loc=300, scale=2)
-    low, high = Bootstrap({"K": draws}, degrees_of_freedom=9).interval("K")
-    assert (low, high) == pytest.approx(tuple(300 + 2 * t.ppf([0.025, 0.975], 9)), abs=0.01)
+
+    interval = Bootstrap({"K": draws}, degrees_of_freedom=9).interval("K")
+
+    assert interval == pytest.approx(tuple(300 + 2 * t.ppf([0.025, 0.975], 9)), abs=0.01)
 
 
 def deviating(seed: int, perturbed: bool = False, lasting: bool = True, sign: int = 1) -> Crossing:
@@ -393,21 +388,6 @@ def test_two_unperturbed_crossings_predict_nothing() -> None:
     np.testing.assert_allclose(mean, predicted, atol=1e-12)
 
 
-def test_an_unperturbed_crossing_that_is_not_drawn_predicts_nothing() -> None:
-    ten = isolated_all()
-    nine = [
-        replace(r, thetas=r.thetas[:9], torques=r.torques[:9], behaviour=r.behaviour[:, :9])
-        for r in ten
-    ]
-    weights = np.full(6, 1 / 6)
-    predictors = cross_validated(ten, Ensemble(ten).fitted().fit).names
-
-    _, of_nine = Ensemble(nine).joined(weights, np.full(9, 1 / 9), predictors)
-    _, of_ten = Ensemble(ten).joined(weights, np.r_[np.full(9, 1 / 9), 0], predictors)
-
-    np.testing.assert_allclose(of_nine, of_ten, atol=1e-9)
-
-
 def test_deviations_that_begin_anew_predict_little() -> None:
     isolated = isolated_all(lasting=False)
 
@@ -422,21 +402,19 @@ def test_six_unperturbed_crossings_predict_nothing() -> None:
     assert chosen == ChosenPredictors((), 0.0)
 
 
-def test_the_settings_choose_the_headline_and_the_table_has_both() -> None:
+def test_the_settings_choose_the_baseline_of_the_headline() -> None:
     perturbed_crossings = [deviating(100 + k, True) for k in range(6)]
     gait = unperturbed_gait([deviating(seed) for seed in range(10)], 3)
-    fits = pl.DataFrame({name: 6 * [1.0] for name in ("K", "B", "I", "VAF")})
+    chosen = settings(window_s=0.1, bootstrap_samples=100)
 
-    mean = group_headline(perturbed_crossings, gait, settings(baseline="mean", window_s=0.1))
-    predicted = group_headline(
-        perturbed_crossings, gait, settings(baseline="predicted", window_s=0.1)
+    mean, predicted = (
+        group_headline(perturbed_crossings, gait, chosen.model_copy(update={"baseline": baseline}))
+        for baseline in ("mean", "predicted")
     )
 
     assert mean.ensemble.fit["K"] == predicted.other_baseline.estimates["K"]
     assert predicted.ensemble.fit["K"] == mean.other_baseline.estimates["K"]
     assert mean.ensemble.fit["K"] != predicted.ensemble.fit["K"]
-    for headline, other in ((mean, "ensemble, predicted gait"), (predicted, "ensemble, mean gait")):
-        assert other in [row["estimator"] for row in headline_rows(headline, fits, {}, {})]
 
 
 SETTINGS = settings(bootstrap_samples=200, window_s=0.1)
@@ -448,10 +426,20 @@ def perturbed(n: int = 8, stiffnesses: tuple[float, ...] = (340.0,)) -> list[Cro
     return [walked(f"p{k}", 1.0, 2e-3, ONSET, (K[k], 3.0, 0.02)) for k in range(n)]
 
 
-def test_a_slope_of_K_that_is_not_certain_may_be_none() -> None:
+@pytest.fixture(scope="module")
+def headline() -> GroupHeadline:
+    """Of eight sound crossings."""
+    return group_headline(perturbed(), USUAL, SETTINGS)
+
+
+@pytest.fixture(scope="module")
+def sound(headline: GroupHeadline) -> dict[str, Any]:
+    return check_group(headline).columns()
+
+
+def test_a_slope_of_K_that_is_not_certain_may_be_none(headline: GroupHeadline) -> None:
     """Between what 95 and what 99.9 % are sure of: said to be unseen, so that B may hold none of
     it."""
-    headline = group_headline(perturbed(), USUAL, SETTINGS)
     slope = {SLOPING: Effect(300.0, 120.0)}
     reactions = replace(
         headline.reactions,
@@ -476,239 +464,288 @@ def facts(crossings: list[Crossing], **choices: object) -> dict[str, float | Non
     return check_group(headline).columns()
 
 
-def test_sound_crossings_are_far_from_every_limit_and_faults_are_beyond() -> None:
-    found = facts(perturbed())
-    assert (found["residual_over_gait"], found["uncorrected_stance_change"]) == (None, None)
-    limits = {
-        "offset_share": 0.1,
-        "estimator_difference": 0.5,
-        "heterogeneity": 3,
-        "K_se_share": 0.1,
-    }
-    limits |= {"stance_change": 0.015}
-    assert [name for name, limit in limits.items() if abs(found[name]) >= limit] == []
-    assert [
-        name
-        for name, limit in (("coherence", 0.95), ("VAF", 99), ("B_high", 2))
-        if found[name] <= limit
-    ] == []
-    # the difference, over the sum of the halves of intervals
-    headline = group_headline(perturbed(), USUAL, SETTINGS)
-    fits = pl.DataFrame(
-        [{q: fit_response(r)[q] for q in "KBI"} | {"VAF": 0.0} for r in headline.responses]
-    )
+def test_sound_crossings_are_far_from_every_limit(sound: dict[str, Any]) -> None:
+    assert sound["residual_over_gait"] is None
+    assert sound["uncorrected_stance_change"] is None
+    assert abs(sound["offset_share"]) < 0.1
+    assert sound["estimator_difference"] < 0.5
+    assert sound["heterogeneity"] < 3
+    assert sound["K_se_share"] < 0.1
+    assert abs(sound["stance_change"]) < 0.015
+    assert sound["coherence"] > 0.95
+    assert sound["VAF"] > 99
+    assert sound["B_high"] > 2
+
+
+def test_the_difference_of_estimators_is_in_halves_of_their_intervals(
+    headline: GroupHeadline, sound: dict[str, Any]
+) -> None:
+    singles = [fit_response(response) for response in headline.responses]
+    fits = pl.DataFrame([{q: fit[q] for q in "KBI"} | {"VAF": 0.0} for fit in singles])
+
     rows = headline_rows(headline, fits, {}, {})
-    pairs = [(rows[k], rows[k + 4]) for k in range(3)]
-    apart = [
-        2 * abs(m["mean"] - e["mean"]) / sum(r["high"] - r["low"] for r in (m, e)) for m, e in pairs
-    ]
-    assert found["estimator_difference"] == pytest.approx(max(apart))
-    assert [row["interval_method"] for row in rows[:5]] == [
-        *3 * ["Student + shared errors"],
-        "Student",
-        "bootstrap",
-    ]
-    table = response_table("all", headline).filter(trial="ensemble")
+
+    distances = []
+    for mean, ensemble in zip(rows[:3], rows[4:7], strict=True):
+        halves = (mean["high"] - mean["low"] + ensemble["high"] - ensemble["low"]) / 2
+        distances.append(abs(mean["mean"] - ensemble["mean"]) / halves)
+    assert sound["estimator_difference"] == pytest.approx(max(distances))
+    assert sound["K_se_share"] == rows[4]["se"] / rows[4]["mean"]
+    assert sound["B_high"] == rows[5]["high"]
+    assert sound["I_high"] == rows[6]["high"]
+
+
+def test_heterogeneity_is_the_weighted_variance_of_single_stiffnesses(
+    headline: GroupHeadline, sound: dict[str, Any]
+) -> None:
+    """Of single fits no more certain than 3 %: Cochran's Q over its degrees of freedom."""
+    fits = [fit_response(response) for response in headline.responses]
+    K = np.array([fit["K"] for fit in fits])
+    se = np.array([fit.se("K") for fit in fits])
+
+    weights = 1 / (se**2 + (0.03 * K.mean()) ** 2)
+
+    expected = np.cov(K, aweights=weights, ddof=0) * weights.sum() / 7
+    assert sound["heterogeneity"] == pytest.approx(expected)
+
+
+def test_the_table_of_responses_has_the_fit_from_the_onset_on(headline: GroupHeadline) -> None:
     window = headline.responses[0].window
-    assert (len(table), table["torque_model"].null_count()) == (window.stop, window.start)
-    np.testing.assert_allclose(
-        table["theta_deg"], np.rad2deg(headline.ensemble.motion.theta[: window.stop])
-    )
-    share = rows[4]["se"] / rows[4]["mean"]
-    assert [found[f] for f in ("B_high", "I_high", "K_se_share")] == [
-        rows[5]["high"],
-        rows[6]["high"],
-        share,
-    ]
-    singles, se = np.array(
-        [(fit["K"], fit.se("K")) for fit in map(fit_response, headline.responses)]
-    ).T
-    trust = 1 / (se**2 + (0.03 * singles.mean()) ** 2)
-    assert found["heterogeneity"] == pytest.approx(
-        np.cov(singles, aweights=trust, ddof=0) * trust.sum() / 7
-    )
-    # turns of both directions that nobody told apart cancel; three stiffnesses; a torque that drops
-    half = [replace(c, theta=2 * walked("g").theta - c.theta) for c in perturbed()[::2]]
-    assert facts([*half, *perturbed()[1::2]])["coherence"] < 0.3
+
+    table = response_table("all", headline).filter(trial="ensemble")
+
+    assert len(table) == window.stop
+    assert table["torque_model"].null_count() == window.start
+    theta_deg = np.rad2deg(headline.ensemble.motion.theta[: window.stop])
+    np.testing.assert_allclose(table["theta_deg"], theta_deg)
+
+
+def test_turns_of_both_directions_that_nobody_told_apart_cancel() -> None:
+    mixed = perturbed()
+    mixed[::2] = [replace(c, theta=2 * walked("g").theta - c.theta) for c in mixed[::2]]
+
+    assert facts(mixed)["coherence"] < 0.3
+
+
+def test_several_stiffnesses_are_heterogeneous() -> None:
     assert facts(perturbed(9, (200.0, 340.0, 480.0)))["heterogeneity"] > 8
+
+
+def test_a_torque_that_drops_leaves_more_than_ordinary_gait() -> None:
     dropped = [replace(c, torque=c.torque - 20.0 * (c.time > ONSET + 0.05)) for c in perturbed()]
+
     assert facts(dropped)["residual_over_gait"] > 6
 
 
-@pytest.mark.parametrize(("window_s", "delay"), [(0.1, 0.045), (0.14, 0.055)])
-def test_each_reaction_comes_out_with_its_size_and_the_joint_without_it(
-    window_s: float, delay: float
-) -> None:
-    """A reflex, late velocity; from half the window on a step of the stiffness and a ramp; a K that
-    grows at once."""
-    time = np.arange(-40, 51) / RATE
+def reaction_shapes(time: Array, window_s: float, delay: float) -> dict[str, Array]:
+    """Torque of each reaction of size 1: a late velocity; from half the window on a step of the
+    stiffness, and a ramp; a stiffness that grows at once."""
+    theta = bump(time, LEAD, RISE)[0]
     half = window_s / 2
-    (theta, omega, alpha) = bump(time, LEAD, RISE)
-    late = norm.cdf((time - half) / (window_s / 10) - 1.5)
-    ramp = np.array(
-        [
-            np.trapezoid(norm.cdf((x := np.linspace(-1, t, 9999)) - half, 0, window_s / 10), x)
-            for t in time
-        ]
+    width = window_s / 10
+    fine = np.linspace(-1, 1, 20001)
+    ramp = np.cumsum(norm.cdf(fine - half, 0, width)) * (fine[1] - fine[0])
+    shapes = (
+        bump(time - delay, LEAD, RISE)[1],
+        norm.cdf((time - half) / width - 1.5) * theta,
+        np.interp(time, fine, ramp),
+        theta * np.maximum(time, 0),
     )
-    shapes = bump(time - delay, LEAD, RISE)[1], late * theta, ramp, theta * np.maximum(time, 0)
-    window = slice(40, 40 + round(window_s * RATE))
+    return dict(zip(REACTIONS, shapes, strict=True))
+
+
+REACTION_SIZES = dict(zip(REACTIONS, (4.0, 136.0, 120.0, 667.0), strict=True))
+REACTION_TIME = np.arange(-40, 51) / RATE
+
+
+def reactions_of(torque: Array, window_s: float) -> Reactions:
+    """Of a turn with this torque, and twelve resamples whose gait drifts before the onset too."""
     wander = np.random.default_rng(3).standard_normal((2, 12))
-    # of resamples; the mean has none
-    gait = np.column_stack([np.zeros_like(time), np.vander(time, 2) @ wander])
-    for name, shape, size in zip(REACTIONS, shapes, (4.0, 136.0, 120.0, 667.0), strict=True):
+    drift = np.column_stack([np.zeros_like(REACTION_TIME), np.vander(REACTION_TIME, 2) @ wander])
+    window = slice(40, 40 + round(window_s * RATE))
+    theta = np.tile(bump(REACTION_TIME, LEAD, RISE)[0][:, None], 13)
+    return fit_reactions(REACTION_TIME, window, theta, torque[:, None] + drift)
+
+
+@pytest.mark.parametrize(("window_s", "delay"), [(0.1, 0.045), (0.14, 0.055)])
+def test_each_reaction_comes_out_with_its_size(window_s: float, delay: float) -> None:
+    theta, omega, alpha = bump(REACTION_TIME, LEAD, RISE)
+    jerk = make_interp_spline(REACTION_TIME, theta, k=5).derivative(3)(REACTION_TIME)
+    for name, shape in reaction_shapes(REACTION_TIME, window_s, delay).items():
+        size = REACTION_SIZES[name]
         torque = K * theta + B * omega + I * alpha + size * shape
-        found = fit_reactions(time, window, np.tile(theta[:, None], 13), torque[:, None] + gait)
-        assert found.sizes[name].size == pytest.approx(size, rel=0.02)
-        if name != REFLEX:  # beside the jerk of a drivetrain too
-            led = torque + 0.02 * make_interp_spline(time, theta, k=5).derivative(3)(time)
-            beside = fit_reactions(time, window, np.tile(theta[:, None], 13), led[:, None] + gait)
-            assert beside.with_jerk[name].size == pytest.approx(size, rel=0.02)
-        # a drift before the onset tells the one after it
-        assert found.sizes[name].se < 0.005 * size
-        if name == REFLEX:
-            assert found.delay_ms == pytest.approx(1e3 * delay)
-            # the other delays fit worse
-            assert list(found.K_with_reflex) == [found.delay_ms]
-            assert found.K_with_reflex[found.delay_ms].size == pytest.approx(K, rel=0.01)
+
+        plain = reactions_of(torque, window_s)
+        of_drivetrain = reactions_of(torque + 0.02 * jerk, window_s)
+
+        assert plain.sizes[name].size == pytest.approx(size, rel=0.02)
+        assert plain.sizes[name].se < 0.005 * size
+        if name != REFLEX:
+            assert of_drivetrain.with_jerk[name].size == pytest.approx(size, rel=0.02)
 
 
-@pytest.mark.parametrize("way", [1, -1])
-def test_a_muscle_answers_to_what_stretches_it_and_not_to_the_way_back(way: int) -> None:
+@pytest.mark.parametrize(("window_s", "delay_ms"), [(0.1, 45), (0.14, 55)])
+def test_beside_a_reflex_stand_its_delay_and_the_stiffness_without_it(
+    window_s: float, delay_ms: int
+) -> None:
+    """Other delays fit worse."""
+    theta, omega, alpha = bump(REACTION_TIME, LEAD, RISE)
+    reflex = 4.0 * reaction_shapes(REACTION_TIME, window_s, 1e-3 * delay_ms)[REFLEX]
+
+    reactions = reactions_of(K * theta + B * omega + I * alpha + reflex, window_s)
+
+    assert reactions.delay_ms == delay_ms
+    assert list(reactions.K_with_reflex) == [delay_ms]
+    assert reactions.K_with_reflex[delay_ms].size == pytest.approx(K, rel=0.01)
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+def test_a_muscle_answers_to_what_stretches_it_and_not_to_the_way_back(direction: int) -> None:
     """A turn to and a third of it fro; below a fifth of the peak the muscle still feels the gait's
     own velocity."""
     time = np.arange(-40, 51) / RATE
-    there = bump(time, 0.03, 0.012)
-    back = bump(time, 0.075, 0.012)
-    motion = Motion(
-        *(way * (one - other / 3)[:, None] for one, other in zip(there, back, strict=True))
-    )
-    column = way * reflex_column(time, slice(40, 76), motion, 0.04)[:, 0]
+    there = np.array(bump(time, 0.03, 0.012))
+    to_and_fro = direction * (there - np.array(bump(time, 0.075, 0.012)) / 3)
+
+    column = reflex_column(time, slice(40, 76), Motion(*to_and_fro[..., None]), 0.04)[:, 0]
+
+    stretch = direction * column
     peak = there[1].max()
-    np.testing.assert_allclose(
-        column[time < 0.085], bump(time - 0.04, 0.03, 0.012)[1][time < 0.085], atol=0.01 * peak
-    )
-    assert column.min() == pytest.approx(-0.2 * peak, rel=0.02)
+    early = time < 0.085
+    late_velocity = bump(time - 0.04, 0.03, 0.012)[1]
+    np.testing.assert_allclose(stretch[early], late_velocity[early], atol=0.01 * peak)
+    assert stretch.min() == pytest.approx(-0.2 * peak, rel=0.02)
 
 
-def test_a_reaction_within_the_window_is_certain_and_named_and_a_sound_campaign_has_none() -> None:
-    sound = facts(perturbed())
-    none = ("reaction", "reaction_share", "K_with_reflex", "reflex_delay_ms", "reflex_share")
-    assert [sound[name] for name in none] == [None] * 5
+def test_sound_crossings_have_no_reaction(sound: dict[str, Any]) -> None:
+    assert sound["reaction"] is None
+    assert sound["reaction_share"] is None
+    assert sound["K_with_reflex"] is None
     assert sound["hidden_slope_low"] < 0 < sound["hidden_slope_high"]
     assert sound["common_K"] is None, "all perturbations go one way"
-    still = walked("g").theta, walked("g").torque
-    turn = (
-        walked("g", 1.0, 0.0, ONSET, (1.0, 0.0, 0.0)).torque
-        - walked("g", 1.0, 0.0, ONSET, (0.0, 0.0, 0.0)).torque
-    )
-    # a reflex resists a turn in either direction: that of the other sign is none
-    for c, at, way in ((4.0, 0.05, 1), (4.0, 0.035, -1), (-4.0, 0.05, 1)):
-        speed = np.interp(
-            perturbed()[0].time - at, perturbed()[0].time, np.gradient(turn, 1 / RATE)
-        )
-        walks = [replace(one, torque=one.torque + c * speed) for one in perturbed()]
-        if way < 0:
-            walks = [
-                replace(one, theta=2 * still[0] - one.theta, torque=2 * still[1] - one.torque)
-                for one in walks
-            ]
-        found = facts(walks)
-        assert ("a reflex" in (found["reaction"] or "")) == (c > 0)
-        if c > 0:
-            assert found["reaction_share"] > 0.02
-            assert found["reflex_delay_ms"] == pytest.approx(1e3 * at)
-            torque = 340 * turn + c * speed
-            rows = np.searchsorted(walks[0].time, [ONSET, ONSET + 0.1])
-            share = np.var((c * speed)[slice(*rows)]) / np.var(torque[slice(*rows)])
-            assert found["reflex_share"] == pytest.approx(100 * share, rel=0.2)
-            assert found["K_with_reflex"] == pytest.approx(340, abs=12)
-            assert (
-                found["K_with_reflex_low"]
-                < found["K_with_reflex"]
-                < found["K_with_reflex_high"]
-                < found["K"] - 20
-            )
-            assert found["reflex_gain"] == pytest.approx(c, rel=0.1)
-            of_person = {"reaction": found["reaction"], "reflex_delay_ms": found["reflex_delay_ms"]}
-            for limits, value, cause in (
-                (
-                    Limits(above={"reaction_share": 0.02}),
-                    {"reaction_share": found["reaction_share"]},
-                    "person reacts",
-                ),
-                # on the bench it is no doubt
-                (Limits(below={"VAF": 101}), {"VAF": 95.0}, "model that does not fit"),
-            ):
-                assert [one.cause for one in findings_of(of_person | value, limits, "walking")] == [
-                    cause
-                ]
+
+
+TURN_OF = walked("g", onset=ONSET, impedance=(1.0, 0.0, 0.0)).torque - walked("g").torque
+"""The turn [rad] of every crossing: the torque of a stiffness of 1."""
+
+
+def late_velocity(delay_s: float) -> Array:
+    """Velocity [rad/s] of the turn, late."""
+    time = walked("g").time
+    return np.interp(time - delay_s, time, np.gradient(TURN_OF, 1 / RATE))
+
+
+def downwards(crossings: list[Crossing]) -> list[Crossing]:
+    """The crossings mirrored about the gait, so that the toes turn down."""
+    gait = walked("g")
+    return [
+        replace(c, theta=2 * gait.theta - c.theta, torque=2 * gait.torque - c.torque)
+        for c in crossings
+    ]
+
+
+@pytest.mark.parametrize(("delay_s", "direction"), [(0.05, "up"), (0.035, "down")])
+def test_a_reflex_within_the_window_is_certain_and_has_its_size(
+    delay_s: float, direction: str
+) -> None:
+    reflex = 4.0 * late_velocity(delay_s)
+    walks = [replace(c, torque=c.torque + reflex) for c in perturbed()]
+
+    checks = facts(walks if direction == "up" else downwards(walks))
+
+    assert "a reflex" in checks["reaction"]
+    assert checks["reaction_share"] > 0.02
+    assert checks["reflex_delay_ms"] == pytest.approx(1e3 * delay_s)
+    assert checks["reflex_gain"] == pytest.approx(4.0, rel=0.1)
+    rows = slice(*np.searchsorted(walks[0].time, [ONSET, ONSET + 0.1]))
+    share = np.var(reflex[rows]) / np.var((340 * TURN_OF + reflex)[rows])
+    assert checks["reflex_share"] == pytest.approx(100 * share, rel=0.2)
+    assert checks["K_with_reflex"] == pytest.approx(340, abs=12)
+    assert checks["K_with_reflex_low"] < checks["K_with_reflex"] < checks["K_with_reflex_high"]
+    assert checks["K_with_reflex_high"] < checks["K"] - 20
+
+
+def test_what_yields_late_is_no_reflex() -> None:
+    """A reflex resists a turn in either direction: that of the other sign is none."""
+    walks = [replace(c, torque=c.torque - 4.0 * late_velocity(0.05)) for c in perturbed()]
+
+    assert "a reflex" not in (facts(walks)["reaction"] or "")
 
 
 @pytest.mark.parametrize("name", REACTIONS)
-def test_a_reaction_is_certain_beyond_one_in_a_thousand_as_four_are_tried(name: str) -> None:
+def test_a_reaction_is_certain_beyond_one_in_a_thousand_as_four_are_tried(
+    headline: GroupHeadline, name: str
+) -> None:
     """At 1 in 200, of co-contraction, ramp and slope, 3 of 47 sound campaigns of another generator
     were accused."""
-    headline = group_headline(perturbed(), USUAL, SETTINGS)
     freedom = headline.resampled.degrees_of_freedom
-    for chance, said in ((0.003, []), (0.0009, [name])):
+
+    def certain_at(chance: float) -> list[str]:
         sizes = dict.fromkeys(REACTIONS, Effect(0.0, 1.0))
         sizes[name] = Effect(t.ppf(1 - chance, freedom), 1.0)
-        others = {other: sizes[other] for other in REACTIONS if other != REFLEX}
-        reactions = Reactions(
-            reflexes=dict.fromkeys(headline.reactions.reflexes, sizes[REFLEX]),
-            K_with_reflex={45: Effect(340.0, 1.0)},
-            delay_ms=45,
-            alone=others,
-            with_jerk=others,
-        )
-        assert certain_reactions(replace(headline, reactions=reactions)) == said
+        reflexes = dict.fromkeys(headline.reactions.reflexes, sizes.pop(REFLEX))
+        K_with_reflex = {45: Effect(340.0, 1.0)}
+        reactions = Reactions(reflexes, K_with_reflex, 45, alone=sizes, with_jerk=sizes)
+        return certain_reactions(replace(headline, reactions=reactions))
+
+    assert certain_at(0.003) == []
+    assert certain_at(0.0009) == [name]
 
 
 def with_reflex(headline: GroupHeadline, **changes: Any) -> GroupHeadline:
     return replace(headline, reactions=replace(headline.reactions, **changes))
 
 
-def test_the_strongest_reflex_that_a_window_hides_has_its_size() -> None:
-    headline = group_headline(perturbed(), USUAL, SETTINGS)
-    half = t.ppf(0.975, headline.resampled.degrees_of_freedom)
-    reflexes = headline.reactions.reflexes
-    late = with_reflex(headline, reflexes={**reflexes, 45: Effect(1.0, 1.0)})
-
-    usual = check_reflex(headline, is_certain=False)
-    hidden = check_reflex(late, is_certain=False)
-
-    assert usual.hidden_reflex_K_widths < SEEN < hidden.hidden_reflex_K_widths
+def added_K_per_gain(headline: GroupHeadline) -> float:
+    """What a reflex of gain 1 and 45 ms adds to K, if the fit has no column of it."""
     time = headline.responses[0].time
     rows = headline.responses[0].window
     motion = headline.ensemble.motion
-    torque = headline.ensemble.torque
-    largest = 1 + half
-    reflex = largest * np.interp(time - 0.045, time, motion.omega)
-    with_it = fit_without_offset(motion[rows], (torque + reflex)[rows])
-    added = with_it["K"] - headline.ensemble.fit["K"]
-    assert hidden.hidden_reflex == pytest.approx(largest, rel=0.02)
+    reflex = np.interp(time - 0.045, time, motion.omega)
+    with_it = fit_without_offset(motion[rows], (headline.ensemble.torque + reflex)[rows])
+    return float(with_it["K"] - headline.ensemble.fit["K"])
+
+
+def test_the_strongest_reflex_that_a_window_hides_has_its_size(headline: GroupHeadline) -> None:
+    half = t.ppf(0.975, headline.resampled.degrees_of_freedom)
+    late = {**headline.reactions.reflexes, 45: Effect(1.0, 1.0)}
+
+    hidden = check_reflex(with_reflex(headline, reflexes=late), is_certain=False)
+
+    added = (1 + half) * added_K_per_gain(headline)
+    low, high = headline.resampled.interval("K")
+    assert hidden.hidden_reflex == pytest.approx(1 + half, rel=0.02)
     assert hidden.hidden_reflex_ms == 45
     assert hidden.hidden_reflex_K == pytest.approx(added, rel=0.02)
+    assert hidden.hidden_reflex_K_widths == pytest.approx(added / (high - low), rel=0.02)
     assert hidden.longer_window_s == pytest.approx(0.12, rel=0.02)
+
+
+def test_a_reflex_of_half_the_interval_of_K_is_seen(headline: GroupHeadline) -> None:
+    strongest = check_reflex(headline, is_certain=False)
     low, high = headline.resampled.interval("K")
-    for share in (0.9, 1.1):  # of what would add half the interval
-        gain = share * (high - low) / 2 * largest / added
-        part = with_reflex(headline, reflexes={**reflexes, 45: Effect(gain, 0.0)})
-        assert (check_reflex(part, is_certain=False).hidden_reflex_K_widths > SEEN) == (share > 1)
+    per_gain = added_K_per_gain(headline)
+
+    def widths(share: float) -> float:
+        gain = share * (high - low) / 2 / per_gain
+        reflexes = {**headline.reactions.reflexes, 45: Effect(gain, 0.0)}
+        part = with_reflex(headline, reflexes=reflexes)
+        return check_reflex(part, is_certain=False).hidden_reflex_K_widths
+
+    assert strongest.hidden_reflex_K_widths < SEEN
+    assert widths(0.9) < SEEN < widths(1.1)
 
 
-def test_a_certain_reflex_has_K_beside_it_for_each_delay_that_fits() -> None:
-    headline = group_headline(perturbed(), USUAL, SETTINGS)
+def test_a_certain_reflex_has_K_beside_it_for_each_delay_that_fits(headline: GroupHeadline) -> None:
     half = t.ppf(0.975, headline.resampled.degrees_of_freedom)
     low, high = headline.resampled.interval("K")
     reflexes = {**headline.reactions.reflexes, 45: Effect(2.0, 0.1)}
     K = {40: Effect(322.0, 30.0), 45: Effect(330.0, 1.0), 50: Effect(350.0, 2.0)}
-    alone = with_reflex(headline, reflexes=reflexes, delay_ms=45, K_with_reflex={45: K[45]})
-    three = with_reflex(alone, K_with_reflex=K)
+    three = with_reflex(headline, reflexes=reflexes, delay_ms=45, K_with_reflex=K)
+    alone = with_reflex(three, K_with_reflex={45: K[45]})
 
-    one_delay = check_reflex(alone, is_certain=True)
     three_delays = check_reflex(three, is_certain=True)
+    one_delay = check_reflex(alone, is_certain=True)
 
     assert one_delay.reflex_K_widths < WIDE
     assert three_delays.K_with_reflex == 330
@@ -721,7 +758,7 @@ def test_a_certain_reflex_has_K_beside_it_for_each_delay_that_fits() -> None:
 
 
 def test_a_stance_that_the_perturbation_shortens_is_seen_unless_phase_is_matched() -> None:
-    short = [hurried(c) for c in perturbed()]
+    short = [hurried(c) for c in perturbed(4)]
 
     assert facts(short)["uncorrected_stance_change"] == pytest.approx(-0.08, abs=0.025)
     assert facts(short, perturbed_stance="matched")["uncorrected_stance_change"] is None
@@ -729,10 +766,9 @@ def test_a_stance_that_the_perturbation_shortens_is_seen_unless_phase_is_matched
 
 @pytest.mark.parametrize(("mean", "is_certain"), [(0.018, True), (0.005, False)])
 def test_a_change_of_stance_is_certain_beyond_three_standard_errors(
-    mean: float, is_certain: bool
+    headline: GroupHeadline, mean: float, is_certain: bool
 ) -> None:
     """3 SD/sqrt(8) = 1.06 SD, here of 0.01."""
-    headline = group_headline(perturbed(), USUAL, SETTINGS)
     responses = [
         replace(response, stance_error=mean + 0.01 * (-1) ** k)
         for k, response in enumerate(headline.responses)
@@ -744,7 +780,7 @@ def test_a_change_of_stance_is_certain_beyond_three_standard_errors(
 
 
 def test_crossings_that_are_slower_throughout_do_not_count_as_changed() -> None:
-    slow = [walked(f"p{k}", 1.08, 2e-3, 0.3 + 0.3 * 1.08) for k in range(8)]
+    slow = [walked(f"p{k}", 1.08, 2e-3, 0.3 + 0.3 * 1.08) for k in range(4)]
 
     by_own = facts(slow)
     by_unperturbed = facts(slow, perturbed_stance="unperturbed")
@@ -785,20 +821,7 @@ LATE_STEP = trapezoid(2.5, 4.0)
 SHORT_STEP = trapezoid(2.2, 2.3)
 
 
-def with_dips() -> Array:
-    """Below on, above off: the foot stays. Above off, below on: nobody steps there."""
-    force = WHOLE.copy()
-    force[330] = 30.0
-    force[600:610] = 35.0
-    return force
-
-
-def with_gaps() -> Array:
-    """A gap leaves the foot where it was."""
-    force = WHOLE.copy()
-    force[300:330] = np.nan
-    force[600:620] = np.nan
-    return force
+# Below `on` and above `off` the foot stays; above `off` and below `on` nobody steps there
 
 
 def test_heel_strike_and_toe_off_lie_between_frames() -> None:
@@ -809,11 +832,16 @@ def test_heel_strike_and_toe_off_lie_between_frames() -> None:
     assert stance == pytest.approx((0.9062, 1.6162), abs=1e-9)
 
 
+# Below `on` and above `off` the foot stays; above `off` and below `on` nobody steps there
+DIPS = np.select([TIME == TIME[330], (TIME >= 2.0) & (TIME < 2.03)], [30.0, 35.0], WHOLE)
+GAPS = np.where(((TIME >= 1.0) & (TIME < 1.1)) | ((TIME >= 2.0) & (TIME < 2.06)), np.nan, WHOLE)
+
+
 @pytest.mark.parametrize(
     "force",
     [
-        pytest.param(with_dips(), id="dips"),
-        pytest.param(with_gaps(), id="gaps"),
+        pytest.param(DIPS, id="dips"),
+        pytest.param(GAPS, id="a gap leaves the foot where it was"),
         pytest.param(WHOLE + SHORT_STEP, id="a short contact"),
         pytest.param(EARLY_STEP + WHOLE + LATE_STEP, id="cut stances"),
     ],
@@ -872,8 +900,7 @@ def test_a_platform_that_turns_at_once_is_refused() -> None:
         find_onset(TIME[recorded], np.deg2rad(5 * STEEP)[recorded], np.deg2rad(1))
 
 
-@pytest.mark.parametrize("slower", [0.85, 1.0, 1.15])
-@pytest.mark.parametrize("lingers", [0.92, 1.0, 1.08])
+@pytest.mark.parametrize(("slower", "lingers"), [(0.85, 1.08), (1.0, 0.92), (1.15, 1.0)])
 def test_the_matched_stance_is_right_for_any_pace_and_any_end_of_stance(
     slower: float, lingers: float
 ) -> None:

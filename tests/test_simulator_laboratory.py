@@ -341,13 +341,6 @@ def test_the_leg_s_log_has_the_true_angle_in_steps_of_its_sensors(recorded, ship
         np.testing.assert_allclose(counts, np.rint(counts), atol=5e-3)
 
 
-def test_the_truth_has_the_instants_of_the_step(recorded, shipped):
-    step = draw_step(GaitTrial("walking_01", shipped.settings.seed, shipped.walking))
-
-    for name in ("command", "onset", "heel_strike", "toe_off"):
-        assert recorded.facts[f"{name}_s"] == getattr(step, name)
-
-
 def test_the_belt_carries_the_torque_at_the_onset(recorded, shipped):
     deflection = recorded.true_at_log("theta") - recorded.log["actuator_angle"] / shipped.p.n_T
 

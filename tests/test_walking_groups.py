@@ -815,10 +815,10 @@ PLANNED = PlannedTurn(TURN, 0.08, 0.4, (340.0, 5.0, 0.03))
 
 
 def test_unperturbed_crossings_tell_the_intervals_that_perturbed_ones_will_have() -> None:
-    """Three pilots: half-widths of K, B and I are those of the ensemble's bootstrap, by median to
+    """Six pilots: half-widths of K, B and I are those of the ensemble's bootstrap, by median to
     30 %, as a scatter of eight is known."""
     ratios = []
-    for k in range(3):
+    for k in range(6):
         unperturbed = [walked(f"f{k}_{n}", Walk()) for n in range(16)]
         pilot = unperturbed[8:]
         turned = [PLANNED.added_to(crossing, OWN_STANCE) for crossing in unperturbed[:8]]

@@ -14,11 +14,7 @@ from scipy.interpolate import CubicSpline
 
 from osl_analysis.commands.simulate import row_of_trial, simulate_campaign, simulate_trial
 from osl_analysis.errors import InputError
-from osl_analysis.model.compensator import (
-    Weight,
-    compensated_gains,
-    uncompensated_gains,
-)
+from osl_analysis.model.compensator import Weight, compensated_gains, uncompensated_gains
 from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.model.rendered_impedance import predicted_impedance
 from osl_analysis.simulator import joint_motion
@@ -35,10 +31,14 @@ from osl_analysis.simulator.recorder import Bench
 from osl_analysis.simulator.simulation_settings import SimulationSettings
 from osl_analysis.yaml_settings import read_yaml
 
-DEFAULT, TINY = ROOT / "config/simulation/default.yaml", ROOT / "tests/tiny_simulation.yaml"
-P, RATE = read_parameters(ROOT / "config/parameters/default.yaml"), 1000.0
-TRIAL, JOINT = "impedance_K300_B5.0_compensated", {"K": 300, "B": 5, "I": 0.02}  # exactly Eq. 15
-TORQUE, ANGLE = "load_cell_torque", "joint_angle"
+DEFAULT = ROOT / "config/simulation/default.yaml"
+TINY = ROOT / "tests/tiny_simulation.yaml"
+P = read_parameters(ROOT / "config/parameters/default.yaml")
+RATE = 1000.0  # [Hz]
+TRIAL = "impedance_K300_B5.0_compensated"
+JOINT = {"K": 300, "B": 5, "I": 0.02}  # exactly Eq. 15
+TORQUE = "load_cell_torque"
+ANGLE = "joint_angle"
 
 
 def on(size, unit, **more):
@@ -52,21 +52,20 @@ def node(**changes):
 def only(changes, file=TINY):
     """Settings of a campaign with an exact joint and no imperfection but some."""
     content = yaml.safe_load(file.read_text())
-    for name, entry in content["effects"].items():
-        entry["enabled"] = name == "dynamometer_bandwidth"
-    for section, values in ({"recorder": {}, "joint": JOINT} | changes).items():
-        content[section] = (
-            content[section] | values
-            if section in ("effects", "protocol", "dynamometer")
-            else values
-        )
+    for name, effect in content["effects"].items():
+        effect["enabled"] = name == "dynamometer_bandwidth"
+    content["recorder"] = {}
+    content["joint"] = JOINT
+    for section, values in changes.items():
+        is_part = section in ("effects", "protocol", "dynamometer")
+        content[section] = {**content[section], **values} if is_part else values
     return SimulationSettings.model_validate(content)
 
 
 def simulated(changes, trial=TRIAL):
     """Log and truth of a trial."""
-    made = only(changes)
-    return simulate_bench_trial(row_of_trial(made, Path("settings.yaml"), trial), made, P)
+    chosen = only(changes)
+    return simulate_bench_trial(row_of_trial(chosen, Path("settings.yaml"), trial), chosen, P)
 
 
 def log_of(changes):
@@ -83,306 +82,392 @@ def settled(time):
     return (time - time[0] > 1.0) & (time < time[-1] - 1.2)
 
 
+PROTOCOL = {
+    "frequencies_hz": (1, 3),
+    "cycles": 4,
+    "amplitudes_deg": (2,),
+    "rest_s": 0.5,
+    "lead_s": 1.0,
+}
+
+
 def stepped(**changes):
-    plain = {
-        "frequencies_hz": (1, 3),
-        "cycles": 4,
-        "amplitudes_deg": (2,),
-        "rest_s": 0.5,
-        "lead_s": 1.0,
-    }
-    return joint_motion.sine_command(
-        settings.SteppedSineSchedule.model_validate(plain | changes), RATE
-    )
+    schedule = settings.SteppedSineSchedule.model_validate({**PROTOCOL, **changes})
+    return joint_motion.sine_command(schedule, RATE)
 
 
-def excited(kind, seed=3, **fields):
-    plain = {
-        "name": "x",
-        "kind": kind,
-        "rms_deg": 2.0,
-        "duration_s": 20.0,
-        "period_s": 4.0,
-        "periods": 3,
-    }
-    return joint_motion.excitation_motion(
-        settings.Excitation.model_validate(plain | fields), "trial_x_1", seed, RATE
-    )
+EXCITATION = {"name": "x", "rms_deg": 2.0, "duration_s": 20.0, "period_s": 4.0, "periods": 3}
 
 
-SMOOTH, BELT = (
-    ("multisine", "chirp", "noise", "hand"),
-    settings.BeltMotion(amplitude_deg=5, ramp_s=2.0, rest_s=0.5),
+def excited(kind, seed=3, **changes):
+    """Angle [rad] of an excitation."""
+    excitation = settings.Excitation.model_validate({**EXCITATION, "kind": kind, **changes})
+    return joint_motion.excitation_motion(excitation, "trial_x_1", seed, RATE)
+
+
+SMOOTH = ("multisine", "chirp", "noise", "hand")
+BELT = settings.BeltMotion(amplitude_deg=5, ramp_s=2.0, rest_s=0.5)
+ACTUATOR = read_yaml(DEFAULT, SimulationSettings).actuator
+ONE_SINE = stepped(frequencies_hz=(1,), rest_s=0, lead_s=0, ramp_s=0.4)
+THERE_AND_BACK = [
+    signal[501:4499] for signal in vars(joint_motion.there_and_back(BELT, RATE)).values()
+]
+
+
+@pytest.mark.parametrize(
+    ("motion", "largest"),
+    [
+        (ONE_SINE, 2e-4),
+        (JointMotion(*THERE_AND_BACK), 1e-12),
+        (joint_motion.actuator_command(ACTUATOR, RATE)[0], 1e-5),
+        *((excited(kind), 1e-5) for kind in SMOOTH),
+        # a sweep so fast that its own part of the acceleration shows
+        (excited("chirp", duration_s=3.0, band_hz=(0.1, 4.0)), 1e-5),
+    ],
 )
-PLAIN = {"frequencies_hz": (1,), "rest_s": 0, "lead_s": 0}
-
-
-@pytest.mark.parametrize(("motion", "largest"), [
-    (stepped(**PLAIN, ramp_s=0.4), 2e-4),
-    (JointMotion(*(one[501:4499] for one in vars(joint_motion.there_and_back(BELT,
-     RATE)).values())), 1e-12),
-    (joint_motion.actuator_command(read_yaml(DEFAULT, SimulationSettings).actuator, RATE)[0], 1e-5),
-    *((excited(kind), 1e-5) for kind in SMOOTH),
-    # a sweep so fast that its own part of the acceleration shows
-    (excited("chirp", duration_s=3.0, band_hz=(0.1, 4.0)), 1e-5),
-])  # fmt: skip
 def test_every_motion_comes_with_its_true_derivatives(motion, largest):
     """Simpson's rule is exact to h^5/90 of the fourth derivative, and to 4 h of the kink that a
     ramp's end has."""
     for signal, slope in ((motion.theta, motion.omega), (motion.omega, motion.alpha)):
         integral = (slope[2:-4] + 4 * slope[3:-3] + slope[4:-2]) / (3 * RATE)
-        assert np.max(np.abs(signal[4:-2] - signal[2:-4] - integral)) < largest * np.ptp(slope)
+
+        error = signal[4:-2] - signal[2:-4] - integral
+        assert np.abs(error).max() < largest * np.ptp(slope)
 
 
-@pytest.mark.parametrize(("changes", "duration"), [
-    ({"ramp_s": 0.5}, 1 + 4 + 4 / 3 + 2 + 0.5), ({"cycles": None, "seconds": 2.0}, 1 + 4 + 0.5),
-    ({"cycles": (2, 6)}, 1 + 2 + 2 + 0.5),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("changes", "duration"),
+    [
+        ({"ramp_s": 0.5}, 1 + 4 + 4 / 3 + 2 + 0.5),
+        ({"cycles": None, "seconds": 2.0}, 1 + 4 + 0.5),
+        ({"cycles": (2, 6)}, 1 + 2 + 2 + 0.5),
+    ],
+)
 def test_a_schedule_lasts_as_long_as_it_says(changes, duration):
     assert len(stepped(**changes).theta) == pytest.approx(RATE * duration, abs=1)
 
 
 @pytest.mark.parametrize("kind", [*SMOOTH, "prbs", "ramps"])
-def test_an_excitation_has_its_length_its_size_its_band_and_rests_at_both_ends(kind):
-    theta, other = (excited(kind, seed, band_hz=(1.0, 4.0), clock_s=0.125).theta for seed in (3, 4))
-    assert np.abs(theta - other).max() > 0.01
-    assert (
-        kind != "prbs"
-        or np.gcd.reduce(np.diff(np.flatnonzero(np.diff(np.sign(theta[3000:-3000]))))) == 125
-    )
-    # 5 s of rests and fades
-    assert len(theta) == pytest.approx((17 if kind == "multisine" else 25) * RATE, abs=4)
-    assert not np.append(theta[:1500], theta[-1500:]).any()
+def test_an_excitation_has_its_length_and_size_and_rests_at_both_ends(kind):
+    """5 s of rests and fades beside 20 s, or three periods of 4 s."""
+    theta = excited(kind, band_hz=(1.0, 4.0), clock_s=0.125).theta
+
+    duration_s = 17 if kind == "multisine" else 25
+    assert len(theta) == pytest.approx(duration_s * RATE, abs=4)
+    assert not theta[:1500].any()
+    assert not theta[-1500:].any()
     assert np.rad2deg(np.std(theta[3000:-3000])) == pytest.approx(2.0, rel=0.25)
-    power, f = np.abs(np.fft.rfft(theta)) ** 2, np.fft.rfftfreq(len(theta), 1 / RATE)
-    assert (
-        kind in ("hand", "prbs", "ramps") or power[(f > 0.8) & (f < 4.3)].sum() > 0.98 * power.sum()
-    )
-    assert kind != "hand" or power[f < 2].sum() > 0.6 * power.sum(), "slow motions are the larger"
-    assert kind != "hand" or power[f < 0.85].sum() > 5e-3 * power.sum(), "its size wanders"
-    turns = [
-        np.count_nonzero(np.diff(np.sign(half)))
-        for half in (theta[: len(theta) // 2], theta[len(theta) // 2 :])
-    ]
-    assert kind != "chirp" or turns[0] < 0.7 * turns[1], "it sweeps upwards"
 
 
-def test_a_multisine_repeats_itself_and_its_realisations_have_the_same_odd_lines_and_other_phases():
+@pytest.mark.parametrize("kind", [*SMOOTH, "prbs", "ramps"])
+def test_another_seed_draws_another_excitation(kind):
+    first, second = (excited(kind, seed).theta for seed in (3, 4))
+
+    assert np.abs(first - second).max() > 0.01
+
+
+def power_between(theta, low_hz, high_hz):
+    """Share of the power in a band."""
+    power = np.abs(np.fft.rfft(theta)) ** 2
+    f = np.fft.rfftfreq(len(theta), 1 / RATE)
+    return power[(f >= low_hz) & (f < high_hz)].sum() / power.sum()
+
+
+@pytest.mark.parametrize("kind", ["multisine", "chirp", "noise"])
+def test_an_excitation_has_its_band(kind):
+    assert power_between(excited(kind, band_hz=(1.0, 4.0)).theta, 0.8, 4.3) > 0.98
+
+
+def test_a_hand_moves_slowly_and_its_size_wanders():
+    theta = excited("hand", band_hz=(1.0, 4.0)).theta
+
+    assert power_between(theta, 0, 2) > 0.6
+    assert power_between(theta, 0, 0.85) > 5e-3
+
+
+def sign_changes(theta):
+    return np.flatnonzero(np.diff(np.sign(theta)))
+
+
+def test_a_random_binary_sequence_changes_at_its_clock():
+    theta = excited("prbs", clock_s=0.125).theta[3000:-3000]
+
+    assert np.gcd.reduce(np.diff(sign_changes(theta))) == 125
+
+
+def test_a_smoothed_binary_sequence_has_no_power_above_its_cutoff():
+    assert power_between(excited("prbs", smoothing_hz=4.0).theta, 12, 500) < 1e-3
+
+
+def test_a_chirp_sweeps_upwards():
+    theta = excited("chirp", band_hz=(1.0, 4.0)).theta
+    early, late = np.array_split(theta, 2)
+
+    assert len(sign_changes(early)) < 0.7 * len(sign_changes(late))
+
+
+def test_realisations_of_a_multisine_share_its_odd_lines_and_differ_in_phase():
     theta = excited("multisine", realisations=2).theta
-    one, again, other = (
+    first, repeated, other = (
         theta[start : start + 4000] for start in (2500, 6500, 2500 + 12000 + 2000 + 1500)
     )
-    np.testing.assert_allclose(one, again, atol=1e-9)
-    sizes = [np.abs(np.fft.rfft(x))[:40] / 4000 for x in (one, other)]
-    np.testing.assert_allclose(*sizes, atol=1e-6)
-    # 25 s: 12 Hz is line 300
-    smooth = np.abs(np.fft.rfft(excited("prbs", smoothing_hz=4.0).theta)) ** 2
-    assert smooth[300:].sum() < 1e-3 * smooth.sum()
-    assert (np.abs(one - other).max() > 0.02, (sizes[0][::2] > 1e-6).any()) == (True, False)
+    lines, other_lines = (np.abs(np.fft.rfft(period))[:40] / 4000 for period in (first, other))
+
+    np.testing.assert_allclose(first, repeated, atol=1e-9)
+    np.testing.assert_allclose(lines, other_lines, atol=1e-6)
+    assert np.abs(first - other).max() > 0.02
+    assert lines[::2].max() < 1e-6
+    assert lines.max() > 1e-6
+
+
+def fitted(experiment, gains):
+    """K, B and I of the true signals in the settled 2 Hz and 5 Hz: of three cycles each the last
+    two."""
+    motion, signals = true_signals(
+        {"trial": TRIAL, "experiment": experiment}, only({"joint": None}), P, gains
+    )
+    time = np.arange(len(motion.theta)) / RATE
+    rows = ((time > 1.0) & (time < 1.99)) | ((time > 2.2) & (time < 2.59))
+    columns = np.column_stack([motion.theta, motion.omega, motion.alpha])
+    return np.linalg.lstsq(columns[rows], -signals[TORQUE][rows])[0]
 
 
 @pytest.mark.parametrize("controller", [compensated_gains, uncompensated_gains])
-def test_without_effects_the_leg_renders_what_linear_theory_says_and_the_transmission_its_losses(
-    controller,
-):
-    """Least squares on the true motion of the settled 2 Hz and 5 Hz, three cycles each, of which
-    the last two count."""
+def test_without_effects_the_leg_renders_what_linear_theory_says(controller):
+    gains = controller(300, 5, P)
+
+    impedance = fitted("impedance", gains)
+
+    expected = predicted_impedance(gains, P, (2.0, 5.0))
+    np.testing.assert_allclose(impedance, expected, rtol=5e-3, atol=2e-3)
+
+
+def test_the_transmission_alone_has_its_losses():
+    impedance = fitted("transmission", None)
+
+    np.testing.assert_allclose(impedance, (0.0, P.B_j, P.J_j), rtol=5e-3, atol=2e-3)
+
+
+def test_a_weight_of_the_gains_is_used():
+    weight = {"cutoff_hz": 1, "order": 1}
+
+    truth = simulated({"joint": None, "gain_weight": weight})[1]
+
+    B_1 = truth["gains"]["B_1"]
+    assert B_1 == compensated_gains(300, 5, P, Weight(**weight)).B_1
+    assert B_1 != compensated_gains(300, 5, P).B_1
+
+
+def test_each_effect_of_the_drivetrain_has_its_size():
     sizes = {
         "actuator_encoder": on(1e-3, "rad"),
         "belt_hysteresis": on(2, "N*m"),
         "control_delay": on(3, "update"),
+        "velocity_filter": on(40, "Hz"),
+        "friction": on(1.5, "1"),
     }
-    sizes |= {"velocity_filter": on(40, "Hz"), "friction": on(1.5, "1")}
     integrated = {"substeps": 40, "control_updates": 4, "sign_width": 0.2, "hysteresis_width": 2e-3}
-    found = drivetrain_effects(only({"drivetrain": integrated, "effects": sizes}))
-    expected = {
-        "encoder_resolution": 1e-3,
-        "hysteresis_torque": 2,
-        "control_delay": 3,
-        "velocity_cutoff_hz": 40,
-    }
-    assert found | expected | integrated | {"friction_scale": 1.5, "friction": True} == found
-    assert drivetrain_effects(only({"drivetrain": integrated}))["control_updates"] == 40, (
-        "continuous"
-    )
-    made, gains = only({"joint": None}), controller(300, 5, P)
-    weighed = simulated({"joint": None, "gain_weight": (weight := {"cutoff_hz": 1, "order": 1})})[
-        1
-    ]["gains"]["B_1"]
-    assert (
-        weighed
-        == compensated_gains(300, 5, P, Weight(**weight)).B_1
-        != compensated_gains(300, 5, P).B_1
-    )
-    t = np.arange(round((0.5 + 1.5 + 0.6 + 0.5) * RATE)) / RATE
-    rows = ((t > 1.0) & (t < 1.99)) | ((t > 2.2) & (t < 2.59))
-    for experiment, own, expected in (
-        ("impedance", gains, predicted_impedance(gains, P, (2.0, 5.0))), ("transmission", None,
-         (0.0, P.B_j, P.J_j)),
-    ):  # fmt: skip
-        motion, signals = true_signals({"trial": TRIAL, "experiment": experiment}, made, P, own)
-        columns = np.column_stack([motion.theta, motion.omega, motion.alpha])[rows]
-        np.testing.assert_allclose(
-            np.linalg.lstsq(columns, -signals[TORQUE][rows])[0], expected, rtol=5e-3, atol=2e-3
-        )
+
+    sampled = drivetrain_effects(only({"drivetrain": integrated, "effects": sizes}))
+    continuous = drivetrain_effects(only({"drivetrain": integrated}))
+
+    assert sampled["encoder_resolution"] == 1e-3
+    assert sampled["hysteresis_torque"] == 2
+    assert sampled["control_delay"] == 3
+    assert sampled["velocity_cutoff_hz"] == 40
+    assert sampled["friction_scale"] == 1.5
+    assert sampled["control_updates"] == 4
+    assert continuous["control_updates"] == 40
 
 
 def test_the_belt_is_loaded_by_its_own_stiffness():
-    stiffness, loading = [], slice(600, 1400)
+    """Which scatters by 1 % between trials."""
+    stiffnesses = []
     for trial in ("belt_01", "belt_02"):
         log, truth = simulated({"effects": {"belt_scatter": on(0.01, "1")}}, trial)
-        theta, omega = log[ANGLE][loading], np.gradient(log[ANGLE], 1e-3)[loading]
-        stiffness.append(np.polyfit(theta, -log[TORQUE][loading] - P.B_j * omega, 1)[0])
-        assert stiffness[-1] == pytest.approx(truth["parameters"]["K_s"], rel=1e-4)
-        assert not np.any(log["actuator_angle"])
-    assert 1e-4 < abs(stiffness[0] / stiffness[1] - 1) < 0.06
-    made = only({"effects": {"friction": on(1.5, "1")}}, DEFAULT)
-    found = simulate_bench_trial({"trial": "a_1", "experiment": "actuator"}, made, P)[1][
-        "parameters"
-    ]
-    assert (found["f_C"], found["f_G"]) == (1.5 * P.f_C, 1.5 * P.f_G)
+        omega = np.gradient(log[ANGLE], 1e-3)
+        belt_torque = -log[TORQUE] - P.B_j * omega
+        loading = slice(600, 1400)
+        stiffness = np.polyfit(log[ANGLE][loading], belt_torque[loading], 1)[0]
+        stiffnesses.append(stiffness)
+
+        assert stiffness == pytest.approx(truth["parameters"]["K_s"], rel=1e-4)
+        assert not log["actuator_angle"].any()
+    assert 1e-4 < abs(stiffnesses[0] / stiffnesses[1] - 1) < 0.06
 
 
-def test_each_sensor_effect_adds_what_the_truth_says_and_leaves_the_other_draws_alone():
-    sizes = {"load_cell_offset": on(0.5, "N*m"), "load_cell_drift": on(0.05, "N*m/min")}
-    sizes["load_cell_noise"] = on(0.05, "N*m")
-    chosen = {"clean": {}, "all": sizes} | {name: {name: size} for name, size in sizes.items()}
-    logs, truths = zip(
-        *(simulated({"effects": one}, "belt_01") for one in chosen.values()), strict=True
+def test_the_actuator_s_own_friction_is_the_true_one():
+    chosen = only({"effects": {"friction": on(1.5, "1")}}, DEFAULT)
+
+    truth = simulate_bench_trial({"trial": "a_1", "experiment": "actuator"}, chosen, P)[1]
+
+    assert truth["parameters"]["f_C"] == 1.5 * P.f_C
+    assert truth["parameters"]["f_G"] == 1.5 * P.f_G
+
+
+def test_each_effect_of_the_load_cell_adds_what_the_truth_says_and_leaves_the_others_alone():
+    sizes = {
+        "load_cell_offset": on(0.5, "N*m"),
+        "load_cell_drift": on(0.05, "N*m/min"),
+        "load_cell_noise": on(0.05, "N*m"),
+    }
+    clean = simulated({}, "belt_01")[0]
+    log, truth = simulated({"effects": sizes}, "belt_01")
+    drawn = truth["drawn"]
+    elapsed = log["time"] - log["time"][0]
+
+    offset, drift, noise = (
+        simulated({"effects": {name: size}}, "belt_01")[0][TORQUE] - clean[TORQUE]
+        for name, size in sizes.items()
     )
-    drawn, elapsed = truths[1]["drawn"], logs[1]["time"] - logs[1]["time"][0]
-    added = {n: log[TORQUE] - logs[0][TORQUE] for n, log in zip(chosen, logs, strict=True)}
-    assert added["all"] == pytest.approx(sum(added[name] for name in sizes), abs=1e-10)
-    assert added["load_cell_offset"] == pytest.approx(drawn["load_cell_offset"], abs=1e-10)
-    assert added["load_cell_drift"] == pytest.approx(
-        drawn["load_cell_drift"] * elapsed / 60, abs=1e-10
-    )
-    assert drawn["load_cell_offset"] / 0.5 != pytest.approx(drawn["load_cell_drift"] / 0.05), (
-        "streams of their own"
-    )
-    assert np.std(added["load_cell_noise"]) == pytest.approx(0.05, rel=4 / np.sqrt(2 * 3000))
+
+    assert offset == pytest.approx(drawn["load_cell_offset"], abs=1e-10)
+    assert drift == pytest.approx(drawn["load_cell_drift"] * elapsed / 60, abs=1e-10)
+    assert np.std(noise) == pytest.approx(0.05, rel=4 / np.sqrt(2 * 3000))
+    assert log[TORQUE] - clean[TORQUE] == pytest.approx(offset + drift + noise, abs=1e-10)
+    same_draw = pytest.approx(drawn["load_cell_drift"] / 0.05)
+    assert drawn["load_cell_offset"] / 0.5 != same_draw, "streams of their own"
 
 
-def test_an_exact_joint_answers_by_eq_15_and_true_jitter_within_the_motion_leaves_its_samples_true(
-    clean,
-):
+def test_true_jitter_leaves_each_sample_true(clean):
     log = log_of(node(jitter=on(20e-6, "s", distribution="normal")))
+
     count = np.arange(len(log["time"]))
-    residual = log["time"] - np.polynomial.Polynomial.fit(count, log["time"], 1)(count)
-    assert np.std(residual) == pytest.approx(20e-6, rel=4 / np.sqrt(2 * len(residual)))
-    assert log[ANGLE] == pytest.approx(
-        CubicSpline(clean["time"], clean[ANGLE])(log["time"]), abs=1e-8
-    )
-    # A hundred samples that scatter by ten steps: a third would be outside, were there nothing to
-    # hold them.
-    made = only(node(jitter=on(0.01, "s")))
-    instants = Bench("trial", made, {}, 100).sampling("node", made.recorder.node).instants
-    assert 0 <= instants.min() < 0.01 < 0.09 < instants.max() <= 0.099
+    jitter = log["time"] - np.polynomial.Polynomial.fit(count, log["time"], 1)(count)
+    expected = CubicSpline(clean["time"], clean[ANGLE])(log["time"])
+    assert np.std(jitter) == pytest.approx(20e-6, rel=4 / np.sqrt(2 * len(jitter)))
+    assert log[ANGLE] == pytest.approx(expected, abs=1e-8)
+
+
+def test_no_sample_is_outside_the_motion():
+    """A hundred samples that scatter by ten steps: a third would be, were there nothing to hold
+    them."""
+    chosen = only(node(jitter=on(0.01, "s")))
+
+    instants = Bench("trial", chosen, {}, 100).sampling("node", chosen.recorder.node).instants
+
+    assert 0 <= instants.min() < 0.01
+    assert 0.09 < instants.max() <= 0.099
     assert len(instants) < 100
-    for f, rows in ((2, slice(1000, 2000)), (5, slice(2200, 2600))):
-        kernel = np.exp(-2j * np.pi * f * clean["time"][rows])
-        assert 2 * np.abs(clean["commanded_angle"][rows] @ kernel) / len(kernel) == pytest.approx(
-            np.deg2rad(4)
-        )
-        w, ratio = 2 * np.pi * f, -(clean[TORQUE][rows] @ kernel) / (clean[ANGLE][rows] @ kernel)
-        # 30 Hz, damping 0.9
-        followed = (clean[ANGLE][rows] @ kernel) / (clean["commanded_angle"][rows] @ kernel)
-        assert followed == pytest.approx(1 / (1 - (f / 30) ** 2 + 1.8j * f / 30), rel=1e-3)
-        # the servo's transient is left
-        assert ratio == pytest.approx(300 - 0.02 * w**2 + 5j * w, rel=1e-4)
 
 
-def test_two_nodes_have_stamps_rates_and_clocks_of_their_own(clean):
-    log = log_of({"recorder": {"torque_node": {"phase": on(3e-4, "s"), "rate": on(333, "Hz")}}})
+@pytest.mark.parametrize(("f", "rows"), [(2, slice(1000, 2000)), (5, slice(2200, 2600))])
+def test_an_exact_joint_answers_by_eq_15_and_the_bench_follows_its_command(clean, f, rows):
+    """The bench has 30 Hz and a damping of 0.9; its transient is left."""
+    w = 2 * np.pi * f
+    kernel = np.exp(-1j * w * clean["time"][rows])
+    commanded, theta, torque = (
+        clean[name][rows] @ kernel for name in ("commanded_angle", ANGLE, TORQUE)
+    )
+
+    assert 2 * np.abs(commanded) / len(kernel) == pytest.approx(np.deg2rad(4))
+    followed = 1 / (1 - (f / 30) ** 2 + 2j * 0.9 * f / 30)
+    assert theta / commanded == pytest.approx(followed, rel=1e-3)
+    assert -torque / theta == pytest.approx(300 - 0.02 * w**2 + 5j * w, rel=1e-4)
+
+
+def test_two_nodes_sample_at_their_own_rate_and_phase(clean):
+    torque_node = {"phase": on(3e-4, "s"), "rate": on(333, "Hz")}
+
+    log = log_of({"recorder": {"torque_node": torque_node}})
+
+    time = log["torque_time"]
+    rows = settled(time)
+    expected = CubicSpline(clean["time"], clean[TORQUE])(time)
     np.testing.assert_allclose(log["time"], clean["time"], rtol=0, atol=1e-9)
-    assert log["torque_time"][0] - log["time"][0] == pytest.approx(3e-4, abs=1e-9)
-    assert np.diff(log["torque_time"]).mean() == pytest.approx(1 / 333, rel=1e-6)
-    rows, expected = (
-        settled(log["torque_time"]),
-        CubicSpline(clean["time"], clean[TORQUE])(log["torque_time"]),
-    )
+    assert time[0] - log["time"][0] == pytest.approx(3e-4, abs=1e-9)
+    assert np.diff(time).mean() == pytest.approx(1 / 333, rel=1e-6)
     assert log[TORQUE][rows] == pytest.approx(expected[rows], abs=1e-4)
-    log, truth = simulated(
-        {"recorder": {"torque_node": {"clock_offset": on(0.2, "s"), "clock_drift": on(-50, "ppm")}}}
-    )
-    own, elapsed = (
-        log["torque_time"] - truth["drawn"]["clock_start_s"],
-        log["time"] - log["time"][0],
-    )
-    assert own == pytest.approx(0.2 + (1 - 50e-6) * elapsed, abs=2e-9)
 
 
-def test_samples_are_dropped_singly(clean):
-    def missing(**changes):
-        return np.rint(np.diff(log_of(node(**changes))["time"]) * 1000).astype(int) - 1
+def test_a_node_s_clock_has_an_offset_and_a_drift():
+    torque_node = {"clock_offset": on(0.2, "s"), "clock_drift": on(-50, "ppm")}
 
-    n = len(clean["time"])
-    assert [missing(dropped=on(share, "1")).sum() for share in (1e-3, 1e-6)] == [round(1e-3 * n), 1]
+    log, truth = simulated({"recorder": {"torque_node": torque_node}})
+
+    elapsed = log["time"] - log["time"][0]
+    since_start = log["torque_time"] - truth["drawn"]["clock_start_s"]
+    assert since_start == pytest.approx(0.2 + (1 - 50e-6) * elapsed, abs=2e-9)
+
+
+def missing(**changes):
+    """Samples that are missing after each sample."""
+    time = log_of(node(**changes))["time"]
+    return np.rint(np.diff(time) * RATE).astype(int) - 1
+
+
+@pytest.mark.parametrize("share", [1e-3, 1e-6])
+def test_a_share_of_the_samples_is_dropped_at_least_one(clean, share):
+    expected = max(round(share * len(clean["time"])), 1)
+
+    assert missing(dropped=on(share, "1")).sum() == expected
+
+
+def test_samples_are_dropped_singly_and_none_at_the_ends(clean):
     assert set(missing(dropped=on(0.2, "1"))) == {0, 1}
-    assert (
-        log_of(node(dropped=on(0.4, "1")))["time"][[0, -1]].tolist()
-        == clean["time"][[0, -1]].tolist()
-    )
+    ends = log_of(node(dropped=on(0.4, "1")))["time"][[0, -1]]
+    assert ends.tolist() == clean["time"][[0, -1]].tolist()
 
 
-@pytest.mark.parametrize(("changes", "channel", "expected", "within"), [
-    # rests
-    ({"effects": {"load_cell_delay": on(2e-3, "s")}}, TORQUE, lambda log: np.roll(log[TORQUE], 2),
-     1e-5),
-    ({"effects": {"mount_stiffness": on(3e3, "N*m/rad")}}, ANGLE,
-     lambda log: log[ANGLE] - log[TORQUE] / 3e3, 1e-9),
-])  # fmt: skip
-def test_a_late_load_cell_and_a_yielding_frame_change_one_channel(
-    clean, changes, channel, expected, within
-):
-    log, other = log_of(changes), ({TORQUE, ANGLE} - {channel}).pop()
-    assert log[channel] == pytest.approx(expected(clean), abs=within)
-    np.testing.assert_array_equal(log[other], clean[other])
+def test_a_late_load_cell_reads_the_torque_of_two_samples_ago(clean):
+    """It rests at both ends."""
+    log = log_of({"effects": {"load_cell_delay": on(2e-3, "s")}})
+
+    assert log[TORQUE] == pytest.approx(np.roll(clean[TORQUE], 2), abs=1e-5)
+    np.testing.assert_array_equal(log[ANGLE], clean[ANGLE])
+
+
+def test_a_yielding_frame_turns_with_the_torque(clean):
+    log = log_of({"effects": {"mount_stiffness": on(3e3, "N*m/rad")}})
+
+    assert log[ANGLE] == pytest.approx(clean[ANGLE] - clean[TORQUE] / 3e3, abs=1e-9)
+    np.testing.assert_array_equal(log[TORQUE], clean[TORQUE])
 
 
 def test_coulomb_friction_turns_with_the_velocity(clean):
-    log, omega = (
-        log_of({"joint": JOINT | {"coulomb": on(3, "N*m")}}),
-        np.gradient(clean[ANGLE], 1e-3),
-    )
+    omega = np.gradient(clean[ANGLE], 1e-3)
     moving = settled(clean["time"]) & (np.abs(omega) > 0.02)
-    assert (clean[TORQUE] - log[TORQUE])[moving] == pytest.approx(
-        3 * np.sign(omega[moving]), abs=1e-4
-    )
+
+    log = log_of({"joint": {**JOINT, "coulomb": on(3, "N*m")}})
+
+    friction = (clean[TORQUE] - log[TORQUE])[moving]
+    assert friction == pytest.approx(3 * np.sign(omega[moving]), abs=1e-4)
 
 
 CYCLES = {"lowest_deg": -10, "highest_deg": 10, "speed_deg_s": [4], "turn_s": 0.2, "rest_s": 1}
 TONES = [{"frequency_hz": 1, "size": 1}]
 SLIPS = {"K": 100, "slipping": [{"stiffness": 500, "limit": 90}], "cycles": CYCLES}
+FALLING_BAND = {"name": "x", "kind": "noise", "rms_deg": 1, "band_hz": [6, 2]}
+SHORT_ACTUATOR = {"duration_s": 3, "fade_s": 1, "velocity": TONES, "current": TONES}
 
 
-@pytest.mark.parametrize(("section", "value", "match"), [
-    ("recorder", {"node": {"jitter": on(20, "us")}}, "unit must be 's'"),
-    ("recorder",
-     {"node": {"latency": on(1e-4, "s", distribution="normal")}}, "latency is never negative"),
-    ("recorder", {"node": {"dropped": on(1.5, "1")}}, "less than 1"),
-    ("recorder", {"node": {"rate": on(0, "Hz")}}, "must be positive; set enabled: false"),
-    ("protocol", {"seconds": 2.0}, "cycles or seconds"),
-    ("protocol", {"cycles": [1, 2, 3]}, "3 numbers of cycles for 2 frequencies"),
-    ("excitations",
-     [{"name": "x", "kind": "noise", "rms_deg": 1, "band_hz": [6, 2]}],
-     "2.0 stands behind 6.0; write"),
-    ("actuator",
-     {"duration_s": 3, "fade_s": 1, "velocity": TONES, "current": TONES},
-     "at least four times fade_s"),
-    ("experiments", {"belt": 0, "transmission": 0, "K_d": []}, "no trials are planned"),
-    ("experiments",
-     {"actuator": 2}, "2 actuator trials are planned but 'actuator' has no schedule"),
-    ("foot", SLIPS, "does not reach its limit of 90 N"),
-    ("experiments",
-     {"torque_angle": 3}, "3 torque-angle trials are planned but there is no 'foot'"),
-])  # fmt: skip
-def test_a_wrong_imperfection_or_motion_is_refused(tmp_path, section, value, match):
+@pytest.mark.parametrize(
+    ("section", "value", "message"),
+    [
+        ("recorder", {"node": {"jitter": on(20, "us")}}, "unit must be 's'"),
+        ("recorder", {"node": {"latency": on(1e-4, "s", distribution="normal")}},
+         "latency is never negative"),
+        ("recorder", {"node": {"dropped": on(1.5, "1")}}, "less than 1"),
+        ("recorder", {"node": {"rate": on(0, "Hz")}}, "must be positive; set enabled: false"),
+        ("protocol", {"seconds": 2.0}, "cycles or seconds"),
+        ("protocol", {"cycles": [1, 2, 3]}, "3 numbers of cycles for 2 frequencies"),
+        ("excitations", [FALLING_BAND], "2.0 stands behind 6.0; write"),
+        ("actuator", SHORT_ACTUATOR, "at least four times fade_s"),
+        ("experiments", {"belt": 0, "transmission": 0, "K_d": []}, "no trials are planned"),
+        ("experiments", {"actuator": 2},
+         "2 actuator trials are planned but 'actuator' has no schedule"),
+        ("foot", SLIPS, "does not reach its limit of 90 N"),
+        ("experiments", {"torque_angle": 3},
+         "3 torque-angle trials are planned but there is no 'foot'"),
+    ],
+)  # fmt: skip
+def test_a_wrong_imperfection_or_motion_is_refused(tmp_path, section, value, message):
     content = yaml.safe_load(TINY.read_text())
     known = content.get(section)
-    content[section] = known | value if isinstance(known, dict) else value
+    content[section] = {**known, **value} if isinstance(known, dict) else value
     (tmp_path / "settings.yaml").write_text(yaml.safe_dump(content))
-    with pytest.raises(InputError, match=match):
+
+    with pytest.raises(InputError, match=message):
         read_yaml(tmp_path / "settings.yaml", SimulationSettings)
 
 
@@ -390,80 +475,94 @@ def test_without_a_compiler_nothing_is_simulated_and_one_line_says_what_to_insta
     monkeypatch, tmp_path, in_root
 ):
     monkeypatch.setattr("osl_analysis.model.compiled.HAS_COMPILER", False)
-    said = r"needs numba, which is not installed; pip install 'osl-analysis\[simulator\]'"
-    with pytest.raises(InputError, match=said):
+    message = r"needs numba, which is not installed; pip install 'osl-analysis\[simulator\]'"
+
+    with pytest.raises(InputError, match=message):
         simulate_trial(TINY, tmp_path, "belt_01")
+
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_trial_simulated_alone_is_the_campaigns(tmp_path, in_root):
-    simulate_campaign(TINY, tmp_path / "all")
-    simulate_trial(TINY, tmp_path / "one", TRIAL)
-    written = sorted(str(f.relative_to(tmp_path / "one")) for f in (tmp_path / "one").rglob("*.*"))
+def test_a_trial_simulated_alone_is_the_campaign_s(tmp_path, in_root):
+    campaign = tmp_path / "all"
+    alone = tmp_path / "alone"
+
+    simulate_campaign(TINY, campaign)
+    simulate_trial(TINY, alone, TRIAL)
+
+    written = sorted(str(file.relative_to(alone)) for file in alone.rglob("*.*"))
     assert written == [f"dynamometer/{TRIAL}.mcap", f"truth/{TRIAL}.json"]
     for path in written:
-        assert (tmp_path / "one" / path).read_bytes() == (tmp_path / "all" / path).read_bytes()
-    assert (
-        len([*(tmp_path / "all/dynamometer").iterdir()]),
-        (tmp_path / "all/trials.csv").is_file(),
-    ) == (5, True)
+        assert (alone / path).read_bytes() == (campaign / path).read_bytes()
+    assert len(list((campaign / "dynamometer").iterdir())) == 5
+    assert (campaign / "trials.csv").is_file()
+
+
+def messages_of(path):
+    """Messages by topic, with their arrival [ns], by an independent reader."""
+    messages = {}
+    with path.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
+        for _, channel, record, message in reader.iter_decoded_messages():
+            messages.setdefault(channel.topic, []).append((record.log_time, message))
+    return messages
 
 
 def test_two_nodes_write_standard_messages_of_their_stamps_and_values(tmp_path):
-    log = log_of(
-        {
-            "joint": None,
-            "recorder": {"torque_node": {"phase": on(3e-4, "s"), "rate": on(333, "Hz")}},
-        }
-    )
+    """Which arrive 0.15 ms after their stamps."""
+    torque_node = {"phase": on(3e-4, "s"), "rate": on(333, "Hz")}
+    log = log_of({"joint": None, "recorder": {"torque_node": torque_node}})
+
     write_bench_log(tmp_path / "log.mcap", log, two_nodes=True)
-    found = {}  # messages by topic, with their arrival [ns], by an independent reader
-    with (tmp_path / "log.mcap").open("rb") as file:
-        reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
-        for _, channel, record, message in reader.iter_decoded_messages():
-            found.setdefault(channel.topic, []).append((record.log_time, message))
+
+    messages = messages_of(tmp_path / "log.mcap")
     for topic, time in (("/joint_states", "time"), ("/wrench", "torque_time")):
-        stamps = [m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for _, m in found[topic]]
-        assert stamps == np.rint(log[time] * 1e9).astype(int).tolist()
-        assert [arrived for arrived, _ in found[topic]] == [stamp + 150_000 for stamp in stamps]
-    assert [m.wrench.torque.z for _, m in found["/wrench"]] == log[TORQUE].tolist()
-    assert {tuple(m.name) for _, m in found["/joint_states"]} == {("joint", "actuator", "command")}
-    angles = [log[name].tolist() for name in (ANGLE, "actuator_angle", "commanded_angle")]
-    assert [list(m.position) for _, m in found["/joint_states"]] == [
-        list(row) for row in zip(*angles, strict=True)
-    ]
-    assert [list(m.effort) for _, m in found["/joint_states"]] == [
-        [0, own, 0] for own in log["motor_current"].tolist()
-    ]
+        stamps = np.rint(log[time] * 1e9).astype(int)
+        headers = [message.header.stamp for _, message in messages[topic]]
+        assert [stamp.sec * 10**9 + stamp.nanosec for stamp in headers] == stamps.tolist()
+        assert [arrival for arrival, _ in messages[topic]] == (stamps + 150_000).tolist()
+    joints = [message for _, message in messages["/joint_states"]]
+    angles = np.column_stack([log[name] for name in (ANGLE, "actuator_angle", "commanded_angle")])
+    torques = [message.wrench.torque.z for _, message in messages["/wrench"]]
+    assert torques == log[TORQUE].tolist()
+    assert {tuple(message.name) for message in joints} == {("joint", "actuator", "command")}
+    assert [list(message.position) for message in joints] == angles.tolist()
+    assert [message.effort[1] for message in joints] == log["motor_current"].tolist()
+
+
+def write_by_mcap_package(path, topics):
+    """Write messages of topics, in turn by when they were published."""
+    writer = Writer(str(path))
+    writer.start(profile="ros2", library="osl-analysis")
+    metadata = {"origin": "simulated", "topic": "/joint, /f", "time": "header stamp"}
+    writer.add_metadata("recording", metadata)
+    messages = []
+    for topic in topics:
+        schema = writer.register_schema(topic.schema_name, "ros2msg", topic.schema_text.encode())
+        channel = writer.register_channel(topic.name, "cdr", schema)
+        for row, record in enumerate(topic.records(np.arange(topic.stamps.size))):
+            messages.append((int(record["publish"]), channel, row, record["data"].tobytes()))
+    messages.sort(key=lambda message: message[0])
+    for stamp, channel, row, data in messages:
+        writer.add_message(channel, stamp + 150_000, data, stamp, row)
+    writer.finish()
 
 
 @pytest.mark.parametrize("counts", [(9000, 4000), (5, 0), (0, 0)])
 def test_a_log_is_the_file_that_the_mcap_package_writes_of_the_same_messages(tmp_path, counts):
     """Two topics of messages of different size, in turn, over two chunks; stamps that repeat and
     are not in order."""
-    rng, messages = np.random.default_rng(4), []
-    times = [
-        np.round(end * rng.random(count), 1) for end, count in zip((100, 33), counts, strict=True)
-    ]
-    angle, torque = (rng.normal(size=count) for count in counts)
+    random = np.random.default_rng(4)
+    joint_time = np.round(100 * random.random(counts[0]), 1)
+    force_time = np.round(33 * random.random(counts[1]), 1)
+    angle = random.normal(size=counts[0])
+    torque = random.normal(size=counts[1])
     topics = (
-        joint_states("/joint", "a", times[0], {"a": angle, "bc": angle}, {}),
-        wrenches("/f", "f", times[1], torque),
+        joint_states("/joint", "a", joint_time, {"a": angle, "bc": angle}, {}),
+        wrenches("/f", "f", force_time, torque),
     )
+
     write_topics(tmp_path / "ours.mcap", topics)
-    writer = Writer(str(tmp_path / "theirs.mcap"))
-    writer.start(profile="ros2", library="osl-analysis")
-    writer.add_metadata(
-        "recording", {"origin": "simulated", "topic": "/joint, /f", "time": "header stamp"}
-    )
-    for topic in topics:
-        schema = writer.register_schema(topic.schema_name, "ros2msg", topic.schema_text.encode())
-        channel = writer.register_channel(topic.name, "cdr", schema)
-        records = topic.records(np.arange(topic.stamps.size))
-        messages += [
-            (int(m["publish"]), channel, row, m["data"].tobytes()) for row, m in enumerate(records)
-        ]
-    for stamp, channel, row, data in sorted(messages, key=lambda message: message[0]):
-        writer.add_message(channel, stamp + 150_000, data, stamp, row)
-    writer.finish()
+    write_by_mcap_package(tmp_path / "theirs.mcap", topics)
+
     assert (tmp_path / "ours.mcap").read_bytes() == (tmp_path / "theirs.mcap").read_bytes()

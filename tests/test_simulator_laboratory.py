@@ -2,8 +2,8 @@
 from written files."""
 
 import json
-from collections import defaultdict
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import ezc3d
 import numpy as np
@@ -32,7 +32,8 @@ from osl_analysis.simulator.step import GaitTrial, draw_step, unloaded_platform
 from osl_analysis.simulator.trial_plan import Condition, condition_of, plan_trials
 from osl_analysis.yaml_settings import read_yaml
 
-REAL, G = ROOT.parent / "shared/real_data/c3d/btk_PiG_Motion3_FF.c3d", 9.81
+REAL = ROOT.parent / "shared/real_data/c3d/btk_PiG_Motion3_FF.c3d"
+G = 9.81  # [m/s^2]
 SENSORS = (
     "marker_noise",
     "marker_gaps",
@@ -55,11 +56,6 @@ def setup(shipped):
 
 
 @pytest.fixture(scope="module")
-def usual(setup, tmp_path_factory):
-    return decoded(setup, tmp_path_factory.mktemp("usual"))
-
-
-@pytest.fixture(scope="module")
 def walked(shipped):
     return shipped.crossing(perturbed=True)
 
@@ -72,11 +68,10 @@ def calm(shipped):
 def with_conditions(setup, numbers=None, **lists):
     numbers = numbers or {"walking": 24}
     experiments = setup.settings.experiments.model_copy(
-        update={"conditions": Conditions(**lists)} | numbers
+        update={"conditions": Conditions(**lists), **numbers}
     )
-    return Setup(
-        setup.settings.model_copy(update={"experiments": experiments}), setup.walking, setup.p
-    )
+    chosen = setup.settings.model_copy(update={"experiments": experiments})
+    return Setup(chosen, setup.walking, setup.p)
 
 
 def altered(setup, **fields):
@@ -88,7 +83,8 @@ def ramped(setup, **ramp):
 
 
 def decoded(setup, folder, perturbed=False, trial="walking_01"):
-    setup.record(folder, (PERTURBED if perturbed else UNPERTURBED) | {"trial": trial})
+    row = PERTURBED if perturbed else UNPERTURBED
+    setup.record(folder, {**row, "trial": trial})
     return decoded_crossing(folder / f"vicon/{trial}.c3d")
 
 
@@ -102,32 +98,43 @@ def plate_of(folder, trial):
     """Force [N] and moment [N*m] of the plate, (n, 6), as ingest reads them, whose formulas have
     tests of their own."""
     row = {"trial": trial, "mocap": f"vicon/{trial}.c3d", "mocap_source": "vicon"}
-    return (
-        trial_from_files(row, folder, ROOT / "config/sources")
-        .samples.select("^plate1_.*$")
-        .to_numpy()
-    )
+    samples = trial_from_files(row, folder, ROOT / "config/sources").samples
+    return samples.select("^plate1_.*$").to_numpy()
+
+
+def write_trajectory(folder, header, *values):
+    """A trajectory of the impedance that is the same at every phase."""
+    path = folder / "impedance.csv"
+    cells = ",".join(map(str, values))
+    path.write_text(f"phase,{header}\n0,{cells}\n1,{cells}\n")
+    return path
 
 
 @pytest.mark.parametrize("compensated", [True, False])
-def test_a_crossing_has_the_commanded_stiffness_and_is_perturbed_at_the_planned_phase(
-    setup, tmp_path, compensated
-):
-    """K_1 = K_d K_s / (K_s - K_d) / n_T^2: actuator and belt in series. The phase scatters by 0.01;
-    stance: 0.72 s."""
-    path = tmp_path / "impedance.csv"
-    path.write_text("phase,K_d,B_d\n0,200,4\n1,200,4\n")
-    own = altered(ramped(setup, stance_phase=(0.19, 0.21)), impedance=path)
+def test_a_crossing_has_the_commanded_stiffness(setup, tmp_path, compensated):
+    """K_1 = K_d K_s / (K_s - K_d) / n_T^2: actuator and belt in series."""
+    own = altered(setup, impedance=write_trajectory(tmp_path, "K_d,B_d", 200, 4))
     controller = "compensated" if compensated else "uncompensated"
-    own.record(tmp_path, PERTURBED | {"controller": controller})
-    seen, log = decoded_crossing(tmp_path / "vicon/walking_01.c3d"), leg_log(tmp_path)
-    high = np.flatnonzero(seen.analogs[7] > 2.5) / 1500
-    assert np.ptp(high) == pytest.approx(0.02, abs=1.1 / 1500)
+
+    own.record(tmp_path, {**PERTURBED, "controller": controller})
+
+    log = leg_log(tmp_path)
     in_series = 685.6 / (685.6 - 200) if compensated else 1
     assert log["stiffness_gain"].max() == pytest.approx(200 * in_series / (83 / 18) ** 2, rel=1e-6)
-    assert compensated or log["damping_gain"].max() == pytest.approx(4 / (83 / 18) ** 2, rel=1e-6)
+    if not compensated:
+        assert log["damping_gain"].max() == pytest.approx(4 / (83 / 18) ** 2, rel=1e-6)
+
+
+def test_a_crossing_is_perturbed_at_the_planned_phase(setup, tmp_path):
+    """The phase scatters by 0.01; stance lasts 0.72 s from 0.9 s on. The platform moves after the
+    trigger, which is high for 20 ms."""
+    seen = decoded(ramped(setup, stance_phase=(0.19, 0.21)), tmp_path, True)
+
+    high = np.flatnonzero(seen.analogs[7] > 2.5) / 1500
+    moves = seen.time[np.abs(seen.platform_angle) > 1e-4]
+    assert np.ptp(high) == pytest.approx(0.02, abs=1.1 / 1500)
     assert (high[0] - 0.9) / 0.72 == pytest.approx(0.2, abs=0.011)
-    assert seen.time[np.abs(seen.platform_angle) > 1e-4][0] > high[0] + 0.004
+    assert moves[0] > high[0] + 0.004
 
 
 def crossings_of(settings):
@@ -136,327 +143,466 @@ def crossings_of(settings):
     return rows, [condition_of(row, settings) for row in rows]
 
 
-def test_every_direction_is_planned_equally_often_and_what_the_sheet_states_is_simulated(setup):
-    rows, _ = crossings_of(
-        with_conditions(setup, {"walking": 100, "perturbed_share": 0.1}).settings
-    )
+def test_the_planned_share_of_crossings_is_perturbed(setup):
+    numbers = {"walking": 100, "perturbed_share": 0.1}
+
+    rows, _ = crossings_of(with_conditions(setup, numbers).settings)
+
     assert 1 < sum(row["perturbed"] for row in rows) < 25
     assert {row["direction"] for row in rows} == {None}, "there is one"
-    rows, found = crossings_of(with_conditions(setup, directions=("up", "down")).settings)
-    drawn = [one.direction for one in found]
-    assert [sorted(pair) for pair in zip(drawn[::2], drawn[1::2], strict=True)] == 12 * [
-        ["down", "up"]
+
+
+def test_every_direction_is_planned_equally_often_in_no_simple_order(setup):
+    rows, conditions = crossings_of(with_conditions(setup, directions=("up", "down")).settings)
+
+    directions = [condition.direction for condition in conditions]
+    pairs = zip(directions[::2], directions[1::2], strict=True)
+    assert [sorted(pair) for pair in pairs] == 12 * [["down", "up"]]
+    assert 0 < directions[::2].count("up") < 12
+    stated = [row["direction"] for row in rows]
+    expected = [
+        condition.direction if row["perturbed"] else None
+        for row, condition in zip(rows, conditions, strict=True)
     ]
-    assert 0 < drawn[::2].count("up") < 12, "in no simple order"
-    for row, condition in zip(rows, found, strict=True):
-        assert row["direction"] == (condition.direction if row["perturbed"] else None)
-    own = condition_of(rows[0] | {"perturbed": True, "direction": "down"}, setup.settings)
-    assert (own.direction, own.perturbed) == ("down", True)
+    assert stated == expected
+
+
+def test_what_the_sheet_states_is_simulated(setup):
+    rows, _ = crossings_of(setup.settings)
+
+    condition = condition_of({**rows[0], "perturbed": True, "direction": "down"}, setup.settings)
+
+    assert condition.direction == "down"
+    assert condition.perturbed
+
+
+def test_two_trials_of_one_name_are_refused(setup):
     with pytest.raises(InputError, match="the plan has two trials 'impedance_K300_B"):
         plan_trials(with_conditions(setup, {"K_d": (300.0, 300.0001)}).settings)
 
 
-def test_persons_follow_each_other_in_equal_blocks(setup, tmp_path):
+@pytest.fixture(scope="module")
+def two_persons(setup):
     people = [
         Subject(name="A", body_mass_kg=60, stance_s=0.6),
         Subject(name="B", body_mass_kg=90, stance_s=0.8),
     ]
-    mixed = with_conditions(setup, subjects=people)
-    rows, found = crossings_of(mixed.settings)
-    assert [c.subject.name for c in found] == 12 * ["A"] + 12 * ["B"]
-    assert [rows[k]["subject"] for k in (0, -1)] == ["A", "B"]
-    light, heavy = (
-        decoded(mixed, tmp_path, False, trial) for trial in ("walking_01", "walking_24")
-    )
-    stated, plain = (parameters_of(lab, tmp_path, STATIC) for lab in (mixed, setup))
+    return with_conditions(setup, subjects=people)
+
+
+def test_persons_follow_each_other_in_equal_blocks(two_persons):
+    rows, conditions = crossings_of(two_persons.settings)
+
+    assert [condition.subject.name for condition in conditions] == 12 * ["A"] + 12 * ["B"]
+    assert [row["subject"] for row in rows] == 12 * ["A"] + 12 * ["B"]
+
+
+def test_a_person_has_the_stated_mass_and_stance(two_persons, tmp_path):
+    """Stance to one frame of 0.6 s."""
+    light = decoded(two_persons, tmp_path, trial="walking_01")
+    heavy = decoded(two_persons, tmp_path, trial="walking_24")
+
+    load_ratio = light.force[:, 2].max() / heavy.force[:, 2].max()
+    stance_ratio = np.ptp(light.stance) / np.ptp(heavy.stance)
+    assert load_ratio == pytest.approx(60 / 90, rel=1e-3)
+    assert stance_ratio == pytest.approx(0.6 / 0.8, abs=0.01)
+
+
+def test_a_file_names_the_person_who_stands_on_the_plate(two_persons, setup, tmp_path):
+    stated = parameters_of(two_persons, tmp_path, STATIC)
+    unnamed = parameters_of(setup, tmp_path, STATIC)
+    unloaded = {"trial": "plate_01", "experiment": "plate"}
+
     assert stated["SUBJECTS"]["NAMES"]["value"] == ["A"]
-    alone = parameters_of(mixed, tmp_path, {"trial": "plate_01", "experiment": "plate"})
-    assert "SUBJECTS" not in {*plain, *alone}, "nobody stands on the plate"
-    # half of 80 kg above the ankle, 60 mm behind the middle of the plate
-    stood = plate_of(tmp_path, "static_1")
-    np.testing.assert_allclose(
-        stood, np.outer(np.ones(4500), 40 * G * np.array([0, 0, 1, 0, 0.06, 0])), atol=1e-3
-    )
-    assert light.force[:, 2].max() / heavy.force[:, 2].max() == pytest.approx(60 / 90, rel=1e-3)
-    # one frame of 0.6 s
-    assert np.ptp(light.stance) / np.ptp(heavy.stance) == pytest.approx(0.6 / 0.8, abs=0.01)
+    assert "SUBJECTS" not in unnamed
+    assert "SUBJECTS" not in parameters_of(two_persons, tmp_path, unloaded)
 
 
-def test_a_platform_turns_about_the_ankle_and_a_shift_turns_the_leg_over_it(setup, tmp_path):
+def test_half_a_person_stands_on_the_plate_in_the_static_trial(setup, tmp_path):
+    """40 kg of 80 kg above the ankle, 60 mm behind the middle of the plate."""
+    setup.record(tmp_path, STATIC)
+
+    wrench = plate_of(tmp_path, "static_1")
+
+    weight = 40 * G
+    expected = np.tile([0, 0, weight, 0, 0.06 * weight, 0], (len(wrench), 1))
+    np.testing.assert_allclose(wrench, expected, atol=1e-3)
+
+
+def test_a_platform_turns_about_the_ankle(setup, tmp_path):
     """The point 0.08 m above the surface, x = 0.24 m, stays; one 0.2 m below it does not."""
     platform = decoded(setup, tmp_path, True).platform
-    ankle, below = (platform.point(np.array([0.24, 0.25, z])) for z in (0.08, -0.12))
+
+    ankle = platform.point(np.array([0.24, 0.25, 0.08]))
+    below = platform.point(np.array([0.24, 0.25, -0.12]))
+
     np.testing.assert_allclose(ankle, np.tile(ankle[0], (len(ankle), 1)), atol=1e-5)
     assert np.ptp(below[:, 0]) == pytest.approx(0.20 * np.sin(np.radians(5)), rel=1e-3)
+
+
+def test_a_shift_turns_the_leg_over_the_platform(setup, tmp_path):
+    """By its size over the leg's length of 0.9 m."""
     shifted = ramped(setup, shift_mm=50.0)
-    moved, still = decoded(shifted, tmp_path, True), decoded(shifted, tmp_path)
-    travel, turned = (
-        moved.platform.point(np.array([0.3, 0.25, 0.0]))[:, 0],
-        moved.theta - still.theta,
-    )
-    np.testing.assert_allclose(moved.platform_angle, 0, atol=1e-6)
-    assert travel.min() - travel[0] == pytest.approx(-0.05, abs=1e-5)
+    moved = decoded(shifted, tmp_path, True)
+    still = decoded(shifted, tmp_path)
+
+    x = moved.platform.point(np.array([0.3, 0.25, 0.0]))[:, 0]
     ramp = (moved.time > 1.15) & (moved.time < 1.35)
-    np.testing.assert_allclose(turned[ramp], (travel[0] - travel[ramp]) / 0.9, atol=1e-5)
-    down = unloaded_platform(GaitTrial("plate_01", 1, shifted.walking, Condition(direction="down")))
-    assert (down.shift[:, 0].min(), down.shift[:, 0].max() > 0.04) == (0, True), "forward"
+    turned = (moved.theta - still.theta)[ramp]
+    np.testing.assert_allclose(moved.platform_angle, 0, atol=1e-6)
+    assert x.min() - x[0] == pytest.approx(-0.05, abs=1e-5)
+    np.testing.assert_allclose(turned, (x[0] - x[ramp]) / 0.9, atol=1e-5)
+
+
+def test_a_shift_that_turns_the_toes_down_goes_forward(setup):
+    walking = ramped(setup, shift_mm=50.0).walking
+
+    motion = unloaded_platform(GaitTrial("plate_01", 1, walking, Condition(direction="down")))
+
+    assert motion.shift[:, 0].min() == 0
+    assert motion.shift[:, 0].max() > 0.04
 
 
 def test_an_exact_analysis_of_the_recording_gives_back_angle_and_torque(shipped, tmp_path):
     """Gait varies, sensors are perfect and nothing but the foot has mass: what remains is rounding
     to float32."""
-    seen = decoded(
-        shipped.lacking("plate_inertia", "plate_lag", "foot_inertia", *SENSORS), tmp_path, True
-    )
-    truth, inside = (
-        pl.read_parquet(tmp_path / "truth/walking_01.parquet")[::5],
-        seen.force[:, 2] > 400,
-    )
+    exact = shipped.lacking("plate_inertia", "plate_lag", "foot_inertia", *SENSORS)
+
+    seen = decoded(exact, tmp_path, True)
+
+    truth = pl.read_parquet(tmp_path / "truth/walking_01.parquet")[::5]
+    inside = seen.force[:, 2] > 400
     np.testing.assert_allclose(seen.theta, truth["theta"], atol=1e-6)
-    np.testing.assert_allclose(seen.torque[inside], truth["torque"].to_numpy()[inside], atol=2e-3)
+    torque_error = (seen.torque - truth["torque"].to_numpy())[inside]
+    assert np.abs(torque_error).max() < 2e-3
     assert 90 < seen.torque.max() < 150
 
 
-def test_recorders_see_the_same_edges_and_joint_through_the_leg_s_clock_and_a_late_plate_lags(
-    shipped, tmp_path
-):
-    analogs, count = shipped.record(tmp_path, PERTURBED)["analogs"][0], 2 * np.pi / 2**14
-    log, facts = leg_log(tmp_path), json.loads((tmp_path / "truth/walking_01.json").read_text())
-    truth = pl.read_parquet(tmp_path / "truth/walking_01.parquet")
-    offset, drift = facts["leg_clock"].values()
-    assert (2.5 < offset < 7.5, 0 < abs(drift) < 2e-4) == (True, True)
-    np.testing.assert_allclose(np.diff(log["time"]), 1 / 500, atol=1e-6)
-    time = (log["time"] - offset) / (1 + drift)
-    vicon, leg = (
-        np.flatnonzero(np.diff(analogs[6] > 2.5)) / 1500,
-        time[np.flatnonzero(np.diff(log["sync"]))],
-    )
+@dataclass(frozen=True)
+class Recorded:
+    """A crossing as shipped: what each recorder saw, and the truth."""
+
+    analogs: np.ndarray
+    points: np.ndarray
+    log: dict[str, np.ndarray]
+    facts: dict[str, Any]
+    truth: pl.DataFrame
+
+    @property
+    def log_time(self):
+        """Times [s] of the leg's log in the laboratory's clock."""
+        offset, drift = self.facts["leg_clock"].values()
+        return (self.log["time"] - offset) / (1 + drift)
+
+    def true_at_log(self, name):
+        return np.interp(self.log_time, self.truth["time"], self.truth[name])
+
+
+@pytest.fixture(scope="module")
+def recorded(shipped, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("recorded")
+    data = shipped.record(folder, PERTURBED)
+    facts = json.loads((folder / "truth/walking_01.json").read_text())
+    truth = pl.read_parquet(folder / "truth/walking_01.parquet")
+    return Recorded(data["analogs"][0], data["points"], leg_log(folder), facts, truth)
+
+
+def test_the_leg_s_clock_has_an_offset_and_a_drift(recorded):
+    offset, drift = recorded.facts["leg_clock"].values()
+
+    assert 2.5 < offset < 7.5
+    assert 0 < abs(drift) < 2e-4
+    np.testing.assert_allclose(np.diff(recorded.log["time"]), 1 / 500, atol=1e-6)
+
+
+def test_both_recorders_see_the_same_irregular_edges(recorded):
+    """Irregular, so that a shift by a period shows."""
+    laboratory = np.flatnonzero(np.diff(recorded.analogs[6] > 2.5)) / 1500
+    leg = recorded.log_time[np.flatnonzero(np.diff(recorded.log["sync"]))]
+
     assert len(leg) > 12
-    np.testing.assert_allclose(leg, vicon, rtol=0, atol=1 / 500)
-    assert np.ptp(np.diff(vicon)) > 0.05, "irregular, so that a shift by a period shows"
-    theta, torque = (np.interp(time, truth["time"], truth[name]) for name in ("theta", "torque"))
-    np.testing.assert_allclose(log["joint_angle"], theta, atol=0.51 * count + 1e-5)
-    effects, step = (
-        shipped.settings.effects,
-        draw_step(GaitTrial("walking_01", shipped.settings.seed, shipped.walking)),
-    )
+    np.testing.assert_allclose(leg, laboratory, rtol=0, atol=1 / 500)
+    assert np.ptp(np.diff(laboratory)) > 0.05
+
+
+def test_the_leg_s_log_has_the_true_angle_in_steps_of_its_sensors(recorded, shipped):
+    effects = shipped.settings.effects
     steps = {
+        "joint_angle": 2 * np.pi / 2**14,
         "actuator_angle": effects.actuator_encoder.value,
         "motor_current": effects.current_quantisation.value,
     }
-    for name, size in (steps | {"joint_angle": count}).items():
-        np.testing.assert_allclose(log[name] / size, np.rint(log[name] / size), atol=5e-3)
-    assert all(
-        facts[f"{name}_s"] == getattr(step, name)
-        for name in ("command", "onset", "heel_strike", "toe_off")
-    )
-    belt = shipped.p.K_s * (theta - log["actuator_angle"] / shipped.p.n_T)
-    assert np.interp(facts["onset_s"], time, belt - torque) == pytest.approx(0, abs=3)
-    labs = (shipped.lacking(*SENSORS[2:], *lag) for lag in ((), ("plate_lag",)))
-    late, prompt = (lab.record(tmp_path, PERTURBED)["analogs"][0, :6] for lab in labs)
-    assert np.abs(prompt[:, :600]).max() < 1e-3, "of 12 kg, and its moment"
+
+    error = recorded.log["joint_angle"] - recorded.true_at_log("theta")
+
+    assert np.abs(error).max() < 0.51 * steps["joint_angle"] + 1e-5
+    for name, size in steps.items():
+        counts = recorded.log[name] / size
+        np.testing.assert_allclose(counts, np.rint(counts), atol=5e-3)
+
+
+def test_the_belt_carries_the_torque_at_the_onset(recorded, shipped):
+    deflection = recorded.true_at_log("theta") - recorded.log["actuator_angle"] / shipped.p.n_T
+
+    without_belt = shipped.p.K_s * deflection - recorded.true_at_log("torque")
+
+    at_onset = np.interp(recorded.facts["onset_s"], recorded.log_time, without_belt)
+    assert at_onset == pytest.approx(0, abs=3)
+
+
+def test_a_plate_is_late_by_its_lag(shipped, tmp_path):
+    """Regression of the difference on the slope of the vertical force."""
+    lab = shipped.lacking(*SENSORS[2:])
+    late = lab.record(tmp_path, PERTURBED)["analogs"][0, :6]
+    prompt = lab.lacking("plate_lag").record(tmp_path, PERTURBED)["analogs"][0, :6]
+
     slope = np.gradient(prompt[2], 1 / 1500)
-    assert slope @ (prompt - late)[2] / (slope @ slope) == pytest.approx(0.5e-3, rel=0.01)
+    lag_s = slope @ (prompt - late)[2] / (slope @ slope)
+    assert lag_s == pytest.approx(0.5e-3, rel=0.01)
+    assert np.abs(prompt[:, :600]).max() < 1e-3, "of 12 kg, and its moment"
 
 
-def test_switching_one_effect_off_leaves_the_draws_of_the_others_and_gaps_are_few_and_mostly_short(
-    shipped, tmp_path
-):
-    labs = shipped, shipped.lacking("marker_noise"), shipped.lacking(*SENSORS[2:])
-    noisy, clean, quiet = (lab.record(tmp_path, PERTURBED) for lab in labs)
-    np.testing.assert_array_equal(noisy["analogs"], clean["analogs"])
-    hidden = np.isnan(noisy["points"][0])
-    np.testing.assert_array_equal(hidden, np.isnan(clean["points"][0]))
-    assert 0 < hidden.mean() < 0.01, "gaps are few and short"
-    assert np.nanstd((noisy["points"] - clean["points"])[:3]) == pytest.approx(0.15, rel=0.02)
-    noise = (noisy["analogs"] - quiet["analogs"])[0]
-    assert (np.abs(noise.mean(axis=1))[[0, 3]] > [1, 100]).all(), "offsets of 2 N and 300 N*mm"
-    noise -= noise.mean(axis=1, keepdims=True)
-    assert (np.std(noise[:3]), np.std(noise[3:6])) == (
-        pytest.approx(0.4, rel=0.03),
-        pytest.approx(80, rel=0.03),
-    )
-    # 4500 independent samples: standard error of a correlation 0.015
-    assert np.abs(np.corrcoef(noise[:6]) - np.eye(6)).max() < 0.06
-    trials = [GaitTrial(f"walking_{i:02d}", 1, shipped.walking) for i in range(1, 13)]
-    hidden = np.array(
-        [np.isnan(seen_markers(one, np.zeros((900, 12, 3)))[..., 0]).T for one in trials]
-    )
-    lengths = np.diff(np.flatnonzero(np.diff(hidden, axis=-1, prepend=0, append=0)))[::2]
-    assert (20 < len(lengths) < 80, lengths.max() <= 61, np.median(lengths) < 15) == (
-        True,
-        True,
-        True,
-    )
+def test_switching_one_effect_off_leaves_the_draws_of_the_others(recorded, shipped, tmp_path):
+    clean = shipped.lacking("marker_noise").record(tmp_path, PERTURBED)
+
+    np.testing.assert_array_equal(recorded.analogs, clean["analogs"][0])
+    np.testing.assert_array_equal(np.isnan(recorded.points), np.isnan(clean["points"]))
+    noise_mm = (recorded.points - clean["points"])[:3]
+    assert np.nanstd(noise_mm) == pytest.approx(0.15, rel=0.02)
+
+
+def test_the_plate_has_noise_and_offsets_of_the_set_sizes(recorded, shipped, tmp_path):
+    """0.4 N and 80 N*mm, offsets of 2 N and 300 N*mm. 4500 independent samples: standard error of
+    a correlation 0.015."""
+    quiet = shipped.lacking(*SENSORS[2:]).record(tmp_path, PERTURBED)["analogs"][0]
+
+    error = (recorded.analogs - quiet)[:6]
+
+    offset = np.abs(error.mean(axis=1))
+    noise = error - error.mean(axis=1, keepdims=True)
+    assert offset[0] > 1
+    assert offset[3] > 100
+    assert np.std(noise[:3]) == pytest.approx(0.4, rel=0.03)
+    assert np.std(noise[3:]) == pytest.approx(80, rel=0.03)
+    assert np.abs(np.corrcoef(noise) - np.eye(6)).max() < 0.06
+
+
+def test_gaps_are_few_and_mostly_short(shipped):
+    hidden = []
+    for number in range(1, 13):
+        trial = GaitTrial(f"walking_{number:02d}", 1, shipped.walking)
+        hidden.append(np.isnan(seen_markers(trial, np.zeros((900, 12, 3)))[..., 0]).T)
+
+    edges = np.flatnonzero(np.diff(np.array(hidden), axis=-1, prepend=0, append=0))
+    lengths = np.diff(edges)[::2]
+    assert 20 < len(lengths) < 80
+    assert lengths.max() <= 61
+    assert np.median(lengths) < 15
+    assert 0 < np.mean(hidden) < 0.01
 
 
 def test_a_trial_depends_on_the_seed_and_its_name_only(shipped, tmp_path):
-    row, other = (
-        PERTURBED | {"trial": "walking_02"},
-        shipped.settings.model_copy(update={"seed": 7}),
-    )
+    row = {**PERTURBED, "trial": "walking_02"}
+    other_seed = shipped.settings.model_copy(update={"seed": 7})
     shipped.record(tmp_path / "again", PERTURBED)
-    for folder, seed in (
-        ("first", shipped.settings),
-        ("again", shipped.settings),
-        ("other", other),
-    ):
-        Setup(seed, shipped.walking, shipped.p).record(tmp_path / folder, row)
-    for name in (
-        "vicon/walking_02.c3d",
-        "leg/walking_02.mcap",
-        "truth/walking_02.parquet",
-        "truth/walking_02.json",
-    ):
-        first, again, seeded = (
-            (tmp_path / folder / name).read_bytes() for folder in ("first", "again", "other")
+
+    shipped.record(tmp_path / "first", row)
+    shipped.record(tmp_path / "again", row)
+    Setup(other_seed, shipped.walking, shipped.p).record(tmp_path / "other", row)
+
+    for file in ("vicon/{}.c3d", "leg/{}.mcap", "truth/{}.parquet", "truth/{}.json"):
+        first, again, other = (
+            (tmp_path / folder / file.format("walking_02")).read_bytes()
+            for folder in ("first", "again", "other")
         )
-        assert first == again != seeded, name
+        assert first == again
+        assert first != other
 
 
-def test_a_bad_impedance_trajectory_and_a_wrong_duration_or_rate_are_refused(tmp_path):
-    for text, said in (
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
         ("phase,K_d\n0,100\n1,100\n", "no column 'B_d'"),
         ("phase,K_d,B_d\n0,1,1\n", "fewer than two rows"),
         ("phase,K_d,B_d\n0,100,1\n0.9,100,1\n", "from 0 to 0.9; it must rise from 0 to 1"),
-        ("phase,K_d,B_d\n0,100,1\n0.5,100,1\n0.5,200,1\n1,100,1\n", "it must rise from 0 to 1"),
+        ("phase,K_d,B_d\n0,1,1\n0.5,1,1\n0.5,2,1\n1,1,1\n", "it must rise from 0 to 1"),
         ("phase,K_d,B_d\n0.1,1,1\n1,1,1\n", "from 0.1 to 1; it must"),
         ("phase,K_d,B_d\n0,1,1\n1,1,nan\n", "B_d holds"),
         ("phase,K_d,B_d\n0,1,1\n1,a,1\n", "not a table of numbers"),
         ("phase,K_d,B_d,K_d\n0,1,1,1\n", "'K_d' stands twice"),
-    ):  # fmt: skip
-        (tmp_path / "impedance.csv").write_text(text)
-        with pytest.raises(InputError, match=said):
-            read_impedance_trajectory(tmp_path / "impedance.csv")
-    with pytest.raises(
-        InputError,
-        match=r"none.csv: no such impedance trajectory; correct its path in the configurat",
-    ):
+    ],
+)
+def test_a_bad_impedance_trajectory_is_refused(tmp_path, text, message):
+    (tmp_path / "impedance.csv").write_text(text)
+
+    with pytest.raises(InputError, match=message):
+        read_impedance_trajectory(tmp_path / "impedance.csv")
+
+
+def test_a_missing_impedance_trajectory_is_refused(tmp_path):
+    with pytest.raises(InputError, match="no such impedance trajectory; correct its path"):
         read_impedance_trajectory(tmp_path / "none.csv")
+
+
+def walking_settings(folder, right, wrong):
+    """The shipped settings of the gait laboratory with another text."""
     text = (ROOT / "config/simulation/walking.yaml").read_text()
-    for right, wrong, said in (
-        (
-            "recording_s: 3.0",
-            "recording_s: 1.5",
-            r"gait.*stance_s = .* is not below recording_s = 1.5",
-        ),
-        (
-            "analogs_hz: 1500",
-            "analogs_hz: 1000",
-            r"analogs_hz must be a multiple of points_hz \(300\)",
-        ),
+    (folder / "walking.yaml").write_text(text.replace(right, wrong))
+    return read_yaml(folder / "walking.yaml", WalkingSettings)
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "message"),
+    [
+        ("recording_s: 3.0", "recording_s: 1.5",
+         r"gait.*stance_s = .* is not below recording_s = 1.5"),
+        ("analogs_hz: 1500", "analogs_hz: 1000",
+         r"analogs_hz must be a multiple of points_hz \(300\)"),
         ("[0.38, 0.40]", "[0.41, 0.40]", "stance_phase falls; write the lower first"),
-    ):
-        (tmp_path / "walking.yaml").write_text(text.replace(right, wrong))
-        with pytest.raises(InputError, match=said):
-            read_yaml(tmp_path / "walking.yaml", WalkingSettings)
-    # every time the same
-    (tmp_path / "walking.yaml").write_text(text.replace("[0.38, 0.40]", "[0.40, 0.40]"))
-    read_yaml(tmp_path / "walking.yaml", WalkingSettings)
+    ],
+)  # fmt: skip
+def test_a_wrong_duration_rate_or_phase_is_refused(tmp_path, right, wrong, message):
+    with pytest.raises(InputError, match=message):
+        walking_settings(tmp_path, right, wrong)
+
+
+def test_every_perturbation_may_be_at_the_same_phase(tmp_path):
+    walking = walking_settings(tmp_path, "[0.38, 0.40]", "[0.40, 0.40]")
+
+    assert walking.perturbation.stance_phase == (0.4, 0.4)
 
 
 def test_a_given_equilibrium_and_a_weight_of_the_gains_are_used(shipped, tmp_path):
-    path = tmp_path / "impedance.csv"
-    path.write_text("phase,K_d,B_d,theta_eq_rad\n0,300,5,0.05\n1,300,5,0.05\n")
-    own = altered(shipped, impedance=path, gain_weight=(weight := Weight(cutoff_hz=1, order=1)))
+    path = write_trajectory(tmp_path, "K_d,B_d,theta_eq_rad", 300, 5, 0.05)
+    weight = Weight(cutoff_hz=1, order=1)
     gains = compensated_gains(300, 5, shipped.p, weight)
-    usual = walking_commands(draw_step(GaitTrial("walking_01", 1, own.walking)), True, shipped.p)
+    walking = altered(shipped, impedance=path, gain_weight=weight).walking
+
+    commands = walking_commands(draw_step(GaitTrial("walking_01", 1, walking)), True, shipped.p)
+
     expected = np.array([[gains.K_1], [gains.B_1], [0.05 * shipped.p.n_T]])
-    np.testing.assert_allclose(usual, np.broadcast_to(expected, usual.shape))
+    np.testing.assert_allclose(commands, np.broadcast_to(expected, commands.shape))
 
 
-def test_the_torque_peaks_as_in_level_walking_and_the_foot_stays_above_the_floor(calm, shipped):
-    assert calm.torque.max() / shipped.walking.gait.body_mass_kg == pytest.approx(1.4, abs=0.15)
-    upward, phase = calm.reaction.force[:, 2] / (80 * G), calm.step.stance_phase(calm.time)
+def test_torque_and_load_are_those_of_level_walking(calm, shipped):
+    """Peaks per body mass and weight; the load dips at mid-stance and is none in swing."""
+    upward = calm.reaction.force[:, 2] / (80 * G)
+    phase = calm.step.stance_phase(calm.time)
+
+    torque_per_kg = calm.torque.max() / shipped.walking.gait.body_mass_kg
+    assert torque_per_kg == pytest.approx(1.4, abs=0.15)
     assert 1.0 < upward[phase < 0.4].max() < 1.25
-    assert upward[(phase > 0.4) & (phase < 0.6)].min() < 0.85, "it dips at mid-stance"
-    assert not calm.reaction.force[(phase < 0) | (phase > 1)].any(), "nor is there any in swing"
-    for point in (gait.HEEL, gait.BALL):
-        assert calm.foot.point(point)[:, 2].min() > shipped.walking.plate.centre_m[2] - 1e-3
+    assert upward[(phase > 0.4) & (phase < 0.6)].min() < 0.85
+    assert not calm.reaction.force[(phase < 0) | (phase > 1)].any()
+
+
+@pytest.mark.parametrize("point", [gait.HEEL, gait.BALL])
+def test_the_foot_stays_above_the_floor(calm, shipped, point):
+    floor = shipped.walking.plate.centre_m[2]
+
+    assert calm.foot.point(point)[:, 2].min() > floor - 1e-3
+
+
+def drawn_features(step, walking):
+    """What the random effects of a step change, in the units of their settings."""
+    motion, foot, *_ = move(step, False)
+    time = step.trial.time
+    middle = np.searchsorted(time, step.heel_strike + step.stance / 2)
+    force = react(step, foot, 0 * time)[1].force[middle] / (80 * G)
+    usual_force = gait.ground_reaction(step.stance_phase(time[[middle]]))[0]
+    usual_angle = gait.nominal_ankle_angle(step.cycle_phase(time))[middle]
+    wandering = replace(step, trial=replace(step.trial, walking=walking))
+    heading = foot.rotation[0]
+    return {
+        "stance_scatter": 100 * step.stance / 0.72,
+        "heel_strike_scatter": step.heel_strike,
+        "angle_scale": 100 * motion.theta[middle] / usual_angle,
+        "angle_wander": np.degrees(move(wandering, False)[0].theta - motion.theta),
+        "force_scale": 100 * force / usual_force,
+        "placement_forward": 1e3 * step.placement[0],
+        "placement_sideways": 1e3 * step.placement[1],
+        "foot_yaw": np.degrees(np.arctan2(heading[1, 0], heading[0, 0])),
+    }
 
 
 def test_step_to_step_variability_has_the_sizes_that_are_set(shipped):
     """Standard deviations over 400 steps are within 15 % (4 sigma) of the sizes."""
     coarse = Rates(points_hz=50, analogs_hz=50, leg_hz=50, controller_hz=50)
     shipped = altered(shipped, rates=coarse)
-    found = defaultdict(list)
-    for i in range(400):
-        step = draw_step(GaitTrial(f"walking_{i}", 1, shipped.lacking("angle_wander").walking))
-        motion, foot, *_ = move(step, False)
-        time = step.trial.time
-        middle, straight = (
-            np.searchsorted(time, step.heel_strike + step.stance / 2),
-            foot.rotation[0],
-        )
-        force = react(step, foot, 0 * time)[1].force[middle] / (80 * G)
-        usual = gait.nominal_ankle_angle(step.cycle_phase(time))[middle]
-        wandering = replace(step, trial=replace(step.trial, walking=shipped.walking))
-        found["stance_scatter"].append(100 * step.stance / 0.72)
-        found["heel_strike_scatter"].append(step.heel_strike)
-        found["angle_scale"].append(100 * motion.theta[middle] / usual)
-        found["angle_wander"].append(np.degrees(move(wandering, False)[0].theta - motion.theta))
-        found["force_scale"].append(
-            100 * force / gait.ground_reaction(step.stance_phase(time[[middle]]))[0]
-        )
-        found["placement_forward"].append(1e3 * step.placement[0])
-        found["placement_sideways"].append(1e3 * step.placement[1])
-        found["foot_yaw"].append(np.degrees(np.arctan2(straight[1, 0], straight[0, 0])))
-    for name, values in found.items():
-        assert np.std(values) == pytest.approx(
-            getattr(shipped.walking.effects, name).size, rel=0.15
-        ), name
+    steady = shipped.lacking("angle_wander").walking
+
+    steps = [draw_step(GaitTrial(f"walking_{k}", 1, steady)) for k in range(400)]
+    features = [drawn_features(step, shipped.walking) for step in steps]
+
+    for name in features[0]:
+        size = getattr(shipped.walking.effects, name).size
+        assert np.std([drawn[name] for drawn in features]) == pytest.approx(size, rel=0.15), name
 
 
 def test_a_perturbation_changes_nothing_before_its_onset(walked, calm):
-    """4 % of 5 deg, 0.2 s after the onset."""
-    onset, added = walked.platform.onset, np.degrees(walked.motion.theta - calm.motion.theta)
+    """Central differences look two samples ahead, twice; the torque between two updates of the
+    controller is interpolated."""
+    onset = walked.platform.onset
+    still = walked.time < onset - 5 / 3000
+    unchanged = walked.time < onset - 3e-3
+
     for name in ("theta", "omega", "alpha"):
-        # the central differences look two samples ahead, twice
-        early = walked.time < onset - 5 / 3000
-        np.testing.assert_array_equal(
-            getattr(walked.motion, name)[early], getattr(calm.motion, name)[early]
-        )
-    # and the torque between two updates of the controller is interpolated
-    early = walked.time < onset - 3e-3
-    np.testing.assert_array_equal(walked.torque[early], calm.torque[early])
-    assert added[np.searchsorted(walked.time, onset + 0.25)] == pytest.approx(0.96 * 5, abs=1e-6)
-    ramp, down = (
-        walked.step.trial.walking.perturbation,
-        replace(walked.step.trial, condition=Condition(True, "down")),
-    )
+        perturbed, unperturbed = (getattr(c.motion, name) for c in (walked, calm))
+        np.testing.assert_array_equal(perturbed[still], unperturbed[still])
+    np.testing.assert_array_equal(walked.torque[unchanged], calm.torque[unchanged])
+
+
+def added_turn_deg(step, after_s):
+    """What the perturbation adds to the ankle's angle at a time after its onset."""
+    added = move(step, True)[0].theta - move(step, False)[0].theta
+    return np.degrees(added[np.searchsorted(step.trial.time, step.onset + after_s)])
+
+
+def test_a_perturbation_turns_the_ankle_by_its_size_in_its_direction(walked):
+    """A foot that yields takes 4 % of 5 deg."""
+    down = draw_step(replace(walked.step.trial, condition=Condition(True, "down")))
+
+    assert added_turn_deg(walked.step, 0.25) == pytest.approx(0.96 * 5, abs=1e-6)
+    assert added_turn_deg(down, 0.25) == pytest.approx(-0.96 * 5, abs=1e-6)
+
+
+def test_the_platform_returns_after_toe_off(walked):
+    ramp = walked.step.trial.walking.perturbation
     half_way = walked.step.toe_off + ramp.hold_s + ramp.return_s / 2
-    assert np.interp(half_way, walked.time, np.degrees(walked.platform.angle)) == pytest.approx(
-        2.5, abs=1e-3
-    )
-    down = draw_step(down)
-    turned = np.degrees(move(down, True)[0].theta - move(down, False)[0].theta)
-    assert turned[np.searchsorted(walked.time, onset + 0.25)] == pytest.approx(-0.96 * 5, abs=1e-6)
+
+    angle_deg = np.interp(half_way, walked.time, np.degrees(walked.platform.angle))
+
+    assert angle_deg == pytest.approx(2.5, abs=1e-3)
 
 
-def test_the_leg_renders_what_linear_theory_says_and_340_within_a_few_percent_with_imperfections(
-    setup, walked, calm
-):
+def test_the_leg_renders_what_linear_theory_says(setup):
     """The linear drivetrain (Eqs. 7-8) under the perturbation's rotation, integrated apart by
     scipy."""
-    p, gains, crossing, still = (
-        setup.p,
-        compensated_gains(340, 5, setup.p),
-        setup.crossing(True),
-        setup.crossing(False),
-    )
-    moved = np.array(list(vars(crossing.motion).values())) - np.array(
-        list(vars(still.motion).values())
+    p = setup.p
+    gains = compensated_gains(340, 5, p)
+    crossing = setup.crossing(True)
+    still = setup.crossing(False)
+    theta, omega, alpha = (
+        getattr(crossing.motion, name) - getattr(still.motion, name)
+        for name in ("theta", "omega", "alpha")
     )
     A = [[0, 1], [-(gains.K_1 + p.K_s / p.n_T**2) / p.J_m, -(p.B_m + gains.B_1) / p.J_m]]
-    theta_m = lsim(
-        StateSpace(A, [[0], [p.K_s / p.n_T / p.J_m]], [[1, 0]], [[0]]), moved[0], crossing.time
-    )[1]
-    theory = p.K_s * (moved[0] - theta_m / p.n_T) + p.B_j * moved[1] + p.J_j * moved[2]
+    drivetrain = StateSpace(A, [[0], [p.K_s / p.n_T / p.J_m]], [[1, 0]], [[0]])
+    theta_m = lsim(drivetrain, theta, crossing.time)[1]
+    torque = p.K_s * (theta - theta_m / p.n_T) + p.B_j * omega + p.J_j * alpha
     since = crossing.time - crossing.platform.onset
     window = (since >= 0) & (since <= 0.1)
-    K, B, inertia = np.linalg.lstsq(moved.T[window], theory[window])[0]
-    found = np.array(list(impedance_of_leg(crossing, still).values()))
-    assert np.all(np.abs(found - [K, B, inertia]) < [2e-3 * K, 1e-2 * B, 1e-3])
+    columns = np.column_stack([theta, omega, alpha])[window]
+    K, B, I = np.linalg.lstsq(columns, torque[window])[0]
+
+    rendered = impedance_of_leg(crossing, still)
+
+    assert rendered["K_rendered"] == pytest.approx(K, rel=2e-3)
+    assert rendered["B_rendered"] == pytest.approx(B, rel=1e-2)
+    assert rendered["I_rendered"] == pytest.approx(I, abs=1e-3)
+
+
+def test_with_imperfections_the_leg_renders_340_within_a_few_percent(walked, calm):
     assert impedance_of_leg(walked, calm)["K_rendered"] == pytest.approx(340, rel=0.04)
 
 
@@ -466,6 +612,8 @@ def test_every_force_plate_parameter_of_a_nexus_file_is_there_with_its_type_and_
 ):
     ours = parameters_of(setup, tmp_path, STATIC)["FORCE_PLATFORM"]
     nexus = ezc3d.c3d(str(REAL))["parameters"]["FORCE_PLATFORM"]
+
     for name in set(nexus) - {"__METADATA__"}:
         assert ours[name]["type"] == nexus[name]["type"], name
-    assert np.sign(ours["ORIGIN"]["value"][2, 0]) == np.sign(nexus["ORIGIN"]["value"][2, 0])
+    heights = [parameters["ORIGIN"]["value"][2, 0] for parameters in (ours, nexus)]
+    assert np.sign(heights[0]) == np.sign(heights[1])

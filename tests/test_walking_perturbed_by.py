@@ -23,16 +23,18 @@ from osl_analysis.config.sheet import read_sheet
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.raw_files import read_source
 from osl_analysis.table import read_table
-from osl_analysis.trial import Trial, write_trial
+from osl_analysis.trial import Array, Trial, write_trial
 from osl_analysis.walking.crossing import Crossing, analyse_crossing, crossing_of_log
-from osl_analysis.walking.plate_model import NO_CORRECTION, identify_plate_model
+from osl_analysis.walking.plate_model import NO_CORRECTION, PlateModel, identify_plate_model
 from osl_analysis.walking.poses import static_calibration
 from osl_analysis.walking.shared_motion import identify_platform
 
 K = 210.0
 B = 2.5
 INERTIA = 0.04
-RATE, STRIDE, STANCE = 1000, 1.6, 0.72  # Hz, s, s
+RATE = 1000  # [Hz]
+STRIDE = 1.6  # [s]
+STANCE = 0.72  # [s]
 
 SOURCE = """
 format: csv
@@ -46,36 +48,34 @@ channels:
 """
 
 
-def log(turns: tuple[int, ...], seed: int = 0, onset: float = 0.3) -> pl.DataFrame:
+def stride_samples(turn: int, onset: float, random: np.random.Generator) -> pl.DataFrame:
+    """One stride; heel strike is 0.5 s after its first sample."""
+    since = np.arange(round(RATE * STRIDE)) / RATE - 0.5
+    phase = np.clip(since / STANCE, 0, 1)
+    held = 1 - np.clip((since - 0.8) / 0.2, 0, 1)
+    d, v, a = np.deg2rad(3) * turn * synthetic.step(since, onset, 0.06) * held
+    size = 1 + 0.002 * random.standard_normal()
+    wave = np.sin(2 * np.pi * (1.5 * since + random.random()))
+    gait = size * 60 * np.sin(np.pi * phase) ** 2 * (1 + phase)
+    angle = size * 0.15 * np.sin(5 * phase) * np.sin(np.pi * phase) + d
+    torque = gait + 0.1 * random.standard_normal() * wave + K * d + B * v + INERTIA * a
+    return pl.DataFrame(
+        {
+            "angle": np.rad2deg(angle) + 0.003 * random.standard_normal(len(since)),
+            "torque": torque + 0.02 * random.standard_normal(len(since)),
+            "force": 750 * np.clip(20 * np.sin(np.pi * phase), 0, 1),
+            "command": turn * ((since >= onset) & (since < onset + 0.1)).astype(float),
+        }
+    )
+
+
+def log(turns: tuple[int, ...], onset: float = 0.3) -> pl.DataFrame:
     """Strides, one after the other: 0 is unperturbed, 1 and -1 turn the toes up and down by 3 deg
     in 60 ms, from `onset` [s] after heel strike on. The command is the sign while the device
     pushes."""
-    random = np.random.default_rng(seed)
-    time = np.arange(round(RATE * STRIDE * len(turns))) / RATE
-    columns = {name: np.zeros(len(time)) for name in ("angle", "torque", "force", "command")}
-    for k, turn in enumerate(turns):
-        since = time - k * STRIDE - 0.5
-        part = (since >= -0.5) & (since < STRIDE - 0.5)
-        s = np.clip(since / STANCE, 0, 1)
-        size = 1 + 0.002 * random.standard_normal()
-        y = np.clip((since - onset) / 0.06, 0, 1)
-        moving = (since > onset) & (since < onset + 0.06)
-        step = np.deg2rad(3) * turn
-        held = 1 - np.clip((since - 0.8) / 0.2, 0, 1)
-        d = step * y**3 * (10 - 15 * y + 6 * y**2) * held
-        v = step / 0.06 * 30 * y**2 * (1 - y) ** 2 * moving
-        a = step / 0.06**2 * 60 * y * (1 - y) * (1 - 2 * y) * moving
-        wander = (
-            0.1 * random.standard_normal() * np.sin(2 * np.pi * (1.5 * since + random.random()))
-        )
-        columns["angle"] += part * np.rad2deg(size * 0.15 * np.sin(5 * s) * np.sin(np.pi * s) + d)
-        gait = size * 60 * np.sin(np.pi * s) ** 2 * (1 + s) + wander
-        columns["torque"] += part * (gait + K * d + B * v + INERTIA * a)
-        columns["force"] += part * 750 * np.clip(20 * np.sin(np.pi * s), 0, 1) * ((s > 0) & (s < 1))
-        columns["command"] += part * turn * ((since >= onset) & (since < onset + 0.1))
-    columns["torque"] += 0.02 * random.standard_normal(len(time))
-    columns["angle"] += 0.003 * random.standard_normal(len(time))
-    return pl.DataFrame({"t": time, **columns})
+    random = np.random.default_rng(0)
+    samples = pl.concat([stride_samples(turn, onset, random) for turn in turns])
+    return samples.insert_column(0, pl.Series("t", np.arange(len(samples)) / RATE))
 
 
 def as_trial(table: pl.DataFrame, name: str = "w") -> Trial:
@@ -109,62 +109,77 @@ def campaign(folder: Path, kind: str, turns: tuple[int, ...], **walking: Any) ->
     return folder / "config.yaml"
 
 
-def test_a_boot_s_log_of_many_strides_becomes_fig_9_without_platform_plate_static_trial_or_capture(
-    tmp_path,
-) -> None:
+def test_a_boot_s_log_of_many_strides_becomes_fig_9(tmp_path: Path) -> None:
+    """Without platform, plate, static trial or capture."""
     config = campaign(tmp_path, "boot", (1, 0, -1, 0, 1, 0, -1))
     files = ["--snakefile", str(ROOT / "Snakefile"), "--configfile", str(config)]
-    # and every table
+
     done = run_forked(["snakemake", "--cores", "1", "results/summary.json", *files], tmp_path)
+
     assert done.returncode == 0, done.stdout
     tables = tmp_path / "results/tables"
     summary = read_table(tables / "walking_summary.csv").filter(estimator="ensemble")
-    for name, truth in {"K": K, "B": B, "I": INERTIA}.items():
-        row = summary.filter(quantity=name).row(0, named=True)
-        # 1 % by the filter's spread into the baseline
-        assert row["mean"] == pytest.approx(truth, rel=0.025)
-        assert row["side"] is None
+    mean = dict(summary.select("quantity", "mean").iter_rows())
+    # 1 % by the filter's spread into the baseline
+    assert [mean[name] for name in "KBI"] == pytest.approx([K, B, INERTIA], rel=0.025)
     crossings = read_table(tables / "walking_crossings.csv")
     assert crossings["status"].to_list() == ["used"] * 7
     assert crossings["direction"].to_list() == ["up", None, "down", None, "up", None, "down"]
-    unknown = (
-        "foot_outside_m",
-        "foot_forward_m",
-        "load_of_weight",
-        "plate_zero_N",
-        "platform_residual_mm",
-    )
-    assert crossings.select(unknown).null_count().row(0) == (7,) * 5
-    assert not [name for name in ("plate", "platform") if (tables / f"{name}.csv").exists()]
+    assert crossings["load_of_weight"].is_null().all()
+    assert not (tables / "plate.csv").exists()
+    assert not (tables / "platform.csv").exists()
 
 
-def stride(turn: int, name: str = "w", **changes: float) -> Trial:
-    return as_trial(log((turn,), **changes), name)
+def stride(turn: int, onset: float = 0.3) -> Trial:
+    return as_trial(log((turn,), onset))
 
 
-def test_a_crossing_of_a_log_has_its_signals_through_the_one_low_pass() -> None:
-    up, down = stride(1), stride(-1)
-    for trial, turned in ((up, "up"), (down, "down")):
-        found = crossing_of_log(trial, True, BOOT)
-        assert found.onset == pytest.approx(0.8, abs=1.5e-3)  # a sample of 1 ms, and a half
-        assert (found.direction, found.platform, found.load) == (turned, None, None)
-        assert found.stance.heel_strike == pytest.approx(0.5, abs=2e-3)
-        assert found.stance.duration == pytest.approx(STANCE, abs=4e-3)
-        inside = (found.time > 0.5) & (found.time < 1.2)
-        for name in ("theta", "torque"):
-            exact = BOOT.low_pass(trial.samples[name].to_numpy(), RATE)
-            wanted = np.interp(found.time[inside], trial.samples["time"].to_numpy(), exact)
-            np.testing.assert_allclose(
-                getattr(found, name)[inside], wanted, atol=2e-3 * np.ptp(wanted)
-            )
-        # of a torque that is 1 ms late
-        later = np.interp(found.time - 1e-3, found.time, found.torque) - found.torque
-        assert np.corrcoef(found.lab_errors[0, 1:], later[1:])[0, 1] > 0.99
-        assert np.ptp(found.lab_errors[0]) == pytest.approx(np.ptp(later), rel=0.05)
-        np.testing.assert_allclose(found.lab_errors[1], 0.01 * found.torque)
-    plate = changed(up, pl.col("load").alias("plate1_force_z")).samples.drop("load")
-    by_plate = crossing_of_log(replace(up, samples=plate), True, BOOT)
-    assert by_plate.stance == crossing_of_log(up, True, BOOT).stance
+@pytest.mark.parametrize(("turn", "direction"), [(1, "up"), (-1, "down")])
+def test_a_crossing_of_a_log_has_its_stance_onset_and_direction(turn: int, direction: str) -> None:
+    """A sample of 1 ms, and a half."""
+    crossing = crossing_of_log(stride(turn), True, BOOT)
+
+    assert crossing.onset == pytest.approx(0.8, abs=1.5e-3)
+    assert crossing.direction == direction
+    assert crossing.stance.heel_strike == pytest.approx(0.5, abs=2e-3)
+    assert crossing.stance.duration == pytest.approx(STANCE, abs=4e-3)
+    assert crossing.platform is None
+    assert crossing.load is None
+
+
+@pytest.mark.parametrize("name", ["theta", "torque"])
+def test_a_crossing_of_a_log_has_its_signals_through_the_one_low_pass(name: str) -> None:
+    trial = stride(1)
+
+    crossing = crossing_of_log(trial, True, BOOT)
+
+    inside = (crossing.time > 0.5) & (crossing.time < 1.2)
+    low_passed = BOOT.low_pass(trial.samples[name].to_numpy(), RATE)
+    expected = np.interp(crossing.time[inside], trial.samples["time"].to_numpy(), low_passed)
+    signal = getattr(crossing, name)[inside]
+    np.testing.assert_allclose(signal, expected, atol=2e-3 * np.ptp(expected))
+
+
+def test_the_errors_of_a_log_are_a_late_and_a_large_torque() -> None:
+    """By 1 ms and by 1 %."""
+    crossing = crossing_of_log(stride(1), True, BOOT)
+
+    late, large = crossing.lab_errors
+
+    later = np.interp(crossing.time - 1e-3, crossing.time, crossing.torque) - crossing.torque
+    assert np.corrcoef(late[1:], later[1:])[0, 1] > 0.99
+    assert np.ptp(late) == pytest.approx(np.ptp(later), rel=0.05)
+    np.testing.assert_allclose(large, 0.01 * crossing.torque)
+
+
+def test_a_plate_tells_stance_where_the_log_has_no_load() -> None:
+    trial = stride(1)
+    with_plate = changed(trial, pl.col("load").alias("plate1_force_z"))
+
+    by_load = crossing_of_log(trial, True, BOOT)
+    by_plate = crossing_of_log(without(with_plate, "load"), True, BOOT)
+
+    assert by_plate.stance == by_load.stance
 
 
 def without(trial: Trial, column: str) -> Trial:
@@ -201,133 +216,158 @@ def test_what_a_log_lacks_is_refused_with_the_remedy(
         crossing_of_log(trial, perturbed, BOOT)
 
 
-def test_the_sheet_names_the_direction_of_a_trigger_that_only_rises_and_cuts_a_log_to_one_stride(
-    tmp_path,
+@pytest.mark.parametrize(("stated", "sign"), [(None, 1), ("up", 1), ("down", -1)])
+def test_the_sheet_names_the_direction_and_cuts_a_log_to_one_stride(
+    tmp_path: Path, stated: str | None, sign: int
 ) -> None:
-    write_trial(as_trial(log((0, 1)), "w"), tmp_path / "w.parquet")
-    for direction in (None, "up", "down"):
-        files = tmp_path / "w.parquet", None, None, True, BOOT, tmp_path / "crossing.parquet"
-        jobs.analyse(*files, direction=direction, windows=f"{STRIDE}-{2 * STRIDE}")
-        found = jobs.read_crossing(tmp_path / "crossing.parquet")
-        assert (found.direction, found.sign) == (
-            direction or "up",
-            -1 if direction == "down" else 1,
-        )
-        assert found.onset == pytest.approx(STRIDE + 0.8, abs=1.5e-3)
-        assert found.platform is None
+    """Of a trigger that only rises."""
+    write_trial(as_trial(log((0, 1))), tmp_path / "w.parquet")
+    output = tmp_path / "crossing.parquet"
+    files = (tmp_path / "w.parquet", None, None, True, BOOT, output)
+
+    jobs.analyse(*files, direction=stated, windows=f"{STRIDE}-{2 * STRIDE}")
+
+    crossing = jobs.read_crossing(output)
+    assert crossing.direction == (stated or "up")
+    assert crossing.sign == sign
+    assert crossing.onset == pytest.approx(STRIDE + 0.8, abs=1.5e-3)
 
 
 LEG_M = 0.9
 BACK_M = 0.05
+ONSET = 1.19  # of the shift [s]
+STAMPS = np.arange(3 * synthetic.PLATE_RATE) / synthetic.PLATE_RATE
 
 
-def on_a_belt(name: str, onset: float | None, seed: int, mass: float, loaded: bool = True) -> Trial:
-    """A crossing on a platform that shifts back by 50 mm in 100 ms from `onset` [s] on; the hip
-    stays behind, so that the shank leans by the shift over the leg's length, and the ankle answers
-    with the K, B and I of `ankle_answer`."""
+def shift(time: Array, onset: float) -> Array:
+    """The platform's shift back [m] of 50 mm in 100 ms, with two derivatives (3, n)."""
+    return BACK_M * synthetic.step(time, onset, 0.1)
+
+
+def belt_torque(time: Array, onset: float) -> Array:
+    """The ankle's torque (n,) [N*m]; the hip stays behind, so that the shank leans by the shift
+    over the leg's length."""
+    phi, w, z = shift(time, onset) / LEG_M
+    return 40.0 * synthetic.stance_load(time) + 340.0 * phi + 3.0 * w + 0.02 * z
+
+
+def on_a_belt(
+    name: str, seed: int, mass: float, onset: float = ONSET, loaded: bool = True
+) -> Trial:
+    """A crossing on a platform that shifts back; the centre of mass of its plate is 45 mm below
+    the surface. The wrench is about the plate's centre, which moves with the foot."""
     random = np.random.default_rng(seed)
-    fast = np.arange(3 * synthetic.PLATE_RATE) / synthetic.PLATE_RATE
+    fast = STAMPS
     slow = fast[::5]
-
-    def at(t: np.ndarray) -> np.ndarray:
-        return BACK_M * synthetic.step(t, 9.0 if onset is None else onset, 0.1)
-
-    def place(t: np.ndarray) -> np.ndarray:
-        return np.column_stack([-at(t)[0], np.zeros((len(t), 2))])
-
-    wrench = np.zeros((len(fast), 6))
-    acceleration = -at(fast)[2]
-    wrench[:, 0] = mass * acceleration
-    wrench[:, 4] = -0.045 * mass * acceleration  # its centre of mass is 45 mm below the surface
-    tracks = synthetic.labelled("PLAT", synthetic.PLATFORM + place(slow)[:, None])
+    place = np.outer(-shift(slow, onset)[0], [1.0, 0.0, 0.0])
+    of_plate = -mass * shift(fast, onset)[2]
+    wrench = np.outer(of_plate, [1.0, 0.0, 0.0, 0.0, -0.045, 0.0])
+    tracks = synthetic.labelled("PLAT", synthetic.PLATFORM + place[:, None])
     if loaded:
-        phi, w, z = at(fast) / LEG_M
-        torque = 40.0 * synthetic.stance_load(fast) + 340.0 * phi + 3.0 * w + 0.02 * z
-        force = synthetic.stance_load(fast)[:, None] * [0, 0, 800.0]
-        ankle = synthetic.ANKLE + place(fast)
-        # in the plate's axes about its centre, which moves with the foot
-        wrench += np.hstack(
-            [force, np.cross(ankle - place(fast), force) - torque[:, None] * synthetic.LEFT]
-        )
-        lean = -0.1 + 0.35 * synthetic.step(slow, 0.9, 0.72)[0] + at(slow)[0] / LEG_M
+        force = np.outer(synthetic.stance_load(fast), [0, 0, 800.0])
+        moment = np.cross(synthetic.ANKLE, force)
+        moment -= np.outer(belt_torque(fast, onset), synthetic.LEFT)
+        wrench += np.hstack([force, moment])
+        lean = -0.1 + 0.35 * synthetic.step(slow, 0.9, 0.72)[0] + shift(slow, onset)[0] / LEG_M
         for prefix, points, angle in (
             ("FOOT", synthetic.FOOT, 0 * slow),
             ("SHANK", synthetic.SHANK, lean),
         ):
-            turned = np.einsum("nij,mj->nmi", synthetic.about_y(angle), points - synthetic.ANKLE)
-            tracks |= synthetic.labelled(prefix, turned + (synthetic.ANKLE + place(slow))[:, None])
-    tracks = {
+            turned = (points - synthetic.ANKLE) @ np.swapaxes(synthetic.about_y(angle), 1, 2)
+            tracks |= synthetic.labelled(prefix, turned + (synthetic.ANKLE + place)[:, None])
+    noisy = {
         label: track + 1e-4 * random.standard_normal(track.shape) for label, track in tracks.items()
     }
-    wrench += 0.4 * random.standard_normal(wrench.shape) * np.repeat([1.0, 0.2], 3)
-    return synthetic.recording(name, tracks, wrench[:, :3], wrench[:, 3:])
+    wrench += random.normal(0, [0.4] * 3 + [0.08] * 3, wrench.shape)
+    return synthetic.recording(name, noisy, wrench[:, :3], wrench[:, 3:])
 
 
 BELT = settings(perturbed_by="belt", correct_plate_lag=False)
 CALIBRATION = static_calibration(static_trial(), BELT)
 
 
-def answer(found: Crossing) -> tuple[np.ndarray, np.ndarray]:
-    """The torque of the ankle beside the one that it should have, through one low-pass."""
-    t = np.arange(3 * synthetic.PLATE_RATE) / synthetic.PLATE_RATE
-    phi, w, z = BACK_M * synthetic.step(t, 1.19, 0.1) / LEG_M
-    exact = BELT.low_pass(
-        40.0 * synthetic.stance_load(t) + 340.0 * phi + 3.0 * w + 0.02 * z, synthetic.PLATE_RATE
-    )
-    window = (found.time > 1.1) & (found.time < 1.3)
-    return found.torque[window], np.interp(found.time[window], t, exact)
+def torque_error(crossing: Crossing) -> float:
+    """Largest error [N*m] of the torque about the shift, through one low-pass."""
+    exact = BELT.low_pass(belt_torque(STAMPS, ONSET), synthetic.PLATE_RATE)
+    window = (crossing.time > 1.1) & (crossing.time < 1.3)
+    error = crossing.torque - np.interp(crossing.time, STAMPS, exact)
+    return float(np.abs(error[window]).max())
 
 
-def test_a_platform_that_shifts_back_turns_the_ankle_up() -> None:
-    unloaded = [
-        (on_a_belt(f"plate_{k}", 1.1 + 0.1 * k, k, 25.0, loaded=False), CALIBRATION)
-        for k in range(3)
-    ]
-    model = identify_plate_model(unloaded, BELT)
-    mass, *_, depth = model.parameters[:4]
-    assert (mass, depth) == pytest.approx((25.0, -25 * 0.045), rel=0.02)
-    walks = [on_a_belt(f"w{k}", 1.19, 10 + k, 25.0) for k in range(3)]
+@pytest.fixture(scope="module")
+def unloaded_plate() -> PlateModel:
+    """Of 25 kg."""
+    trials = [on_a_belt(f"plate_{k}", k, 25.0, 1.1 + 0.1 * k, loaded=False) for k in range(3)]
+    return identify_plate_model([(trial, CALIBRATION) for trial in trials], BELT)
+
+
+def test_the_plate_of_a_belt_has_its_mass_and_centre(unloaded_plate: PlateModel) -> None:
+    mass, _, _, moment = unloaded_plate.parameters[:4]
+
+    assert mass == pytest.approx(25.0, rel=0.02)
+    assert moment == pytest.approx(-25 * 0.045, rel=0.02)
+
+
+def test_a_platform_that_shifts_back_turns_the_ankle_up(unloaded_plate: PlateModel) -> None:
+    """Of 20 N*m; the plate's own is 7 N*m."""
+    walks = [on_a_belt(f"w{k}", 10 + k, 25.0) for k in range(2)]
     shared = identify_platform([(walk, CALIBRATION) for walk in walks], BELT)
     assert shared.template is not None
+
     for walk in walks:
-        found = analyse_crossing(walk, CALIBRATION, model, True, BELT, shared)
-        assert found.onset == pytest.approx(1.19, abs=3e-3)
-        assert found.direction == "up"
-        np.testing.assert_allclose(*answer(found), atol=1.0)  # of 20 N*m; the plate's own is 7 N*m
-        with pytest.raises(
-            InputError, match=r"the platform shifts at 1.*but the sheet says perturbed = false"
-        ):
-            analyse_crossing(walk, CALIBRATION, model, False, BELT, shared)
-    with pytest.raises(
-        InputError, match=r"does not shift but .*largest_shift_mm or the platform markers"
-    ):
-        analyse_crossing(on_a_belt("w", None, 1, 25.0), CALIBRATION, model, True, BELT)
+        crossing = analyse_crossing(walk, CALIBRATION, unloaded_plate, True, BELT, shared)
+
+        assert crossing.onset == pytest.approx(ONSET, abs=3e-3)
+        assert crossing.direction == "up"
+        assert torque_error(crossing) < 1.0
 
 
-def test_a_belt_without_markers_over_a_plate_that_rests_has_its_onset_from_the_trigger() -> None:
-    chosen = settings(
-        perturbed_by="belt",
-        plate_inertia="none",
-        markers={**BELT.markers.model_dump(), "platform": []},
-    )
+@pytest.mark.parametrize(
+    ("onset", "perturbed", "message"),
+    [
+        (ONSET, False, r"the platform shifts at 1.*but the sheet says perturbed = false"),
+        (9.0, True, r"does not shift but .*largest_shift_mm or the platform markers"),
+    ],
+)
+def test_a_shift_that_the_sheet_contradicts_is_refused(
+    unloaded_plate: PlateModel, onset: float, perturbed: bool, message: str
+) -> None:
+    walk = on_a_belt("w", 1, 25.0, onset)
+
+    with pytest.raises(InputError, match=message):
+        analyse_crossing(walk, CALIBRATION, unloaded_plate, perturbed, BELT)
+
+
+NO_PLATFORM_MARKERS = {**BELT.markers.model_dump(), "platform": []}
+
+
+def test_a_belt_without_markers_has_its_onset_from_the_trigger() -> None:
+    """The plate rests, so that the moment about its centre is larger by the load times the foot's
+    shift."""
+    chosen = settings(perturbed_by="belt", plate_inertia="none", markers=NO_PLATFORM_MARKERS)
     static = static_calibration(static_trial(), chosen)
-    walk = on_a_belt("w", 1.19, 1, 0.0)
-    moved = changed(walk, pl.when(pl.col("time") > 1.19).then(-4.0).otherwise(0.0).alias("trigger"))
-    # the plate rests, so that the moment about its centre is larger by the load times the foot's
-    # shift
-    arm = BACK_M * synthetic.step(walk.samples["time"].to_numpy(), 1.19, 0.1)[0]
-    still = changed(moved, pl.col("plate1_moment_y") + pl.Series(arm) * pl.col("plate1_force_z"))
-    still = replace(
-        still, samples=still.samples.drop([c for c in still.columns if c.startswith("marker_PLAT")])
+    walk = on_a_belt("w", 1, 0.0)
+    arm = pl.Series(shift(walk.samples["time"].to_numpy(), ONSET)[0])
+    walk = changed(
+        walk,
+        pl.col("plate1_moment_y") + arm * pl.col("plate1_force_z"),
+        trigger=pl.when(pl.col("time") > ONSET).then(-4.0).otherwise(0.0),
     )
-    shared = identify_platform([(still, static)], chosen)
-    found = analyse_crossing(still, static, NO_CORRECTION, True, chosen, shared)
-    assert found.onset == pytest.approx(1.19, abs=1e-3)
-    assert (found.direction, found.quality.platform_residual_mm) == ("down", None)
-    np.testing.assert_allclose(*answer(found), atol=1.0)
-    for named in ({}, {"perturbed_by": "belt"}, {"plate_inertia": "none"}):
-        with pytest.raises(ValueError, match=r"markers\.platform is empty"):
-            settings(markers=chosen.markers.model_dump(), **named)
+    walk = replace(walk, samples=walk.samples.select(pl.exclude("^marker_PLAT.*$")))
+    shared = identify_platform([(walk, static)], chosen)
+
+    crossing = analyse_crossing(walk, static, NO_CORRECTION, True, chosen, shared)
+
+    assert crossing.onset == pytest.approx(ONSET, abs=1e-3)
+    assert crossing.direction == "down"
+    assert crossing.quality.platform_residual_mm is None
+    assert torque_error(crossing) < 1.0
+
+
+@pytest.mark.parametrize("choices", [{}, {"perturbed_by": "belt"}, {"plate_inertia": "none"}])
+def test_a_platform_without_markers_is_refused_elsewhere(choices: dict[str, str]) -> None:
+    with pytest.raises(ValueError, match=r"markers\.platform is empty"):
+        settings(markers=NO_PLATFORM_MARKERS, **choices)
 
 
 DEFAULT = read_config(ROOT / "config/config.yaml")
@@ -340,61 +380,77 @@ def checked(folder: Path, rows: str, **walking: Any) -> None:
     check_campaign(open_campaign(DEFAULT.model_copy(update=changes), None))
 
 
-def test_a_campaign_asks_for_what_its_perturbation_needs_and_for_nothing_else(
-    tmp_path: Path,
-) -> None:
-    head = "trial,experiment,perturbed,log,log_source,mocap,mocap_source,windows\n"
-    walks = [f"w{k},walking,{str(k < 3).lower()}" for k in range(6)]
-    logs = "".join(f"{walk},a,b,,,{k}-{k + 1}\n" for k, walk in enumerate(walks))
-    captures = "".join(f"{walk},,,a,b,\n" for walk in walks)
-    static = "s,static,,,,a,b,\n"
-    for kind in ("boot", "leg"):
-        checked(tmp_path, head + logs, perturbed_by=kind)
-        with pytest.raises(
-            InputError, match=r"trial 'w0': log is empty; a trial of .*perturbed_by: (boot|leg)"
-        ):
-            checked(tmp_path, head + captures, perturbed_by=kind)
-    checked(tmp_path, head + static + captures, perturbed_by="belt", plate_inertia="none")
-    for kind in ("platform", "belt"):
-        with pytest.raises(
-            InputError, match="trial 'w0': mocap is empty; a trial of experiment 'walking' needs it"
-        ):
-            checked(tmp_path, head + static + logs, perturbed_by=kind)
-        with pytest.raises(InputError, match="0 trial of experiment 'static'"):
-            checked(tmp_path, head + captures, perturbed_by=kind, plate_inertia="none")
-        with pytest.raises(
-            InputError, match=r"0 trial of experiment 'plate'.*state `plate_inertia: none` under"
-        ):
-            checked(tmp_path, head + static + captures, perturbed_by=kind)
-        with pytest.raises(InputError, match="windows cut no capture"):
-            checked(
-                tmp_path, head + static + captures.replace("a,b,", "a,b,1-2"), perturbed_by=kind
-            )
-    with pytest.raises(InputError, match="windows '1-2 3-4' of a crossing; write one"):
-        checked(tmp_path, head + logs.replace(",1-2\n", ",1-2 3-4\n"), perturbed_by="boot")
+HEAD = "trial,experiment,perturbed,log,log_source,mocap,mocap_source,windows\n"
+WALKS = [f"w{k},walking,{str(k < 3).lower()}" for k in range(6)]
+LOGS = HEAD + "".join(f"{walk},a,b,,,{k}-{k + 1}\n" for k, walk in enumerate(WALKS))
+CAPTURES = HEAD + "".join(f"{walk},,,a,b,\n" for walk in WALKS)
+STATIC = "s,static,,,,a,b,\n"
 
 
-def test_every_worked_example_of_the_page_is_read_by_the_models_of_sheet_source_and_settings(
-    tmp_path: Path,
+@pytest.mark.parametrize(
+    ("rows", "choices"),
+    [
+        (LOGS, {"perturbed_by": "boot"}),
+        (LOGS, {"perturbed_by": "leg"}),
+        (CAPTURES + STATIC, {"perturbed_by": "belt", "plate_inertia": "none"}),
+    ],
+)
+def test_a_campaign_needs_no_more_than_its_perturbation(
+    tmp_path: Path, rows: str, choices: dict[str, str]
 ) -> None:
-    """`(kind, text)` of the blocks of "Who perturbs", and of the sheet of "Setting up"."""
-    page = (ROOT / "docs/walking.md").read_text()
-    chapter = page[page.index("## Who perturbs") : page.index("## Stance and phase")]
-    blocks = re.findall(r"```(text|yaml)\n(.*?)```", chapter, re.DOTALL)
-    seen = []
-    for kind, text in blocks:
-        (tmp_path / "block").write_text(text)
-        if kind == "text":
-            rows = read_sheet(tmp_path / "block")
-            assert {
-                bool(row["perturbed"]) for row in rows.values() if row["experiment"] == "walking"
-            } == {True, False}
-        elif text.startswith("# config.yaml"):
-            seen.append(settings(**yaml.safe_load(text)["walking"]).perturbed_by)
-        else:
-            read_source(tmp_path / "block")
-    assert seen == ["belt", "boot", "leg"]
-    assert len(blocks) == 9
-    sheet = re.search(r"### The sheet\n\n```\n(.*?)```", page, re.DOTALL)
-    (tmp_path / "block").write_text(sheet[1])
-    assert len(read_sheet(tmp_path / "block")) == 4
+    checked(tmp_path, rows, **choices)
+
+
+@pytest.mark.parametrize(
+    ("rows", "choices", "message"),
+    [
+        (CAPTURES, {"perturbed_by": "boot"},
+         r"trial 'w0': log is empty; a trial of .*perturbed_by: boot"),
+        (CAPTURES, {"perturbed_by": "leg"},
+         r"trial 'w0': log is empty; a trial of .*perturbed_by: leg"),
+        (LOGS.replace(",1-2\n", ",1-2 3-4\n"), {"perturbed_by": "boot"},
+         "windows '1-2 3-4' of a crossing; write one"),
+        (LOGS + STATIC, {"perturbed_by": "belt"},
+         "trial 'w0': mocap is empty; a trial of experiment 'walking' needs it"),
+        (CAPTURES, {"perturbed_by": "belt", "plate_inertia": "none"},
+         "0 trial of experiment 'static'"),
+        (CAPTURES + STATIC, {"perturbed_by": "platform"},
+         r"0 trial of experiment 'plate'.*state `plate_inertia: none` under"),
+        (CAPTURES.replace("a,b,", "a,b,1-2") + STATIC, {"perturbed_by": "platform"},
+         "windows cut no capture"),
+    ],
+)  # fmt: skip
+def test_a_campaign_asks_for_what_its_perturbation_needs(
+    tmp_path: Path, rows: str, choices: dict[str, str], message: str
+) -> None:
+    with pytest.raises(InputError, match=message):
+        checked(tmp_path, rows, **choices)
+
+
+PAGE = (ROOT / "docs/walking.md").read_text()
+CHAPTER = PAGE[PAGE.index("## Who perturbs") : PAGE.index("## Stance and phase")]
+EXAMPLES = re.findall(r"```(text|yaml)\n(.*?)```", CHAPTER, re.DOTALL)
+SHEET = re.findall(r"### The sheet\n\n```\n(.*?)```", PAGE, re.DOTALL)
+
+
+@pytest.mark.parametrize("text", SHEET + [text for kind, text in EXAMPLES if kind == "text"])
+def test_every_sheet_of_the_page_has_perturbed_and_unperturbed_crossings(
+    tmp_path: Path, text: str
+) -> None:
+    (tmp_path / "trials.csv").write_text(text)
+
+    rows = read_sheet(tmp_path / "trials.csv").values()
+
+    walking = [row["perturbed"] for row in rows if row["experiment"] == "walking"]
+    assert set(walking) == {True, False}
+
+
+@pytest.mark.parametrize("text", [text for kind, text in EXAMPLES if kind == "yaml"])
+def test_every_source_and_setting_of_the_page_is_read(tmp_path: Path, text: str) -> None:
+    (tmp_path / "source.yaml").write_text(text)
+
+    if text.startswith("# config.yaml"):
+        assert settings(**yaml.safe_load(text)["walking"]).perturbed_by in ("belt", "boot", "leg")
+    else:
+        source = read_source(tmp_path / "source.yaml")
+        assert source.format == yaml.safe_load(text)["format"]

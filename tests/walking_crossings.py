@@ -80,20 +80,15 @@ def walked(name: str, walk: Walk) -> Crossing:
     """A crossing with its own slow deviations, which its name determines."""
     random = np.random.default_rng(zlib.crc32(name.encode()))
     stance = walk.stance * (1 + 0.01 * random.standard_normal())
-    onset = (
-        None
-        if walk.phase is None
-        else 0.3 + walk.phase * walk.stance + 0.003 * random.standard_normal()
-    )
+    onset = None
+    if walk.phase is not None:
+        onset = 0.3 + walk.phase * walk.stance + 0.003 * random.standard_normal()
     plain = crossing(name, onset, stance, walk.impedance, turn=walk.sign * TURN, gait=walk.gait)
     torque = plain.torque.copy()
     if onset is not None:
         torque += walk.common * bump(plain.time, onset + LEAD, RISE)[0]
-    torque += (
-        walk.noise
-        * random.standard_normal()
-        * np.sin(2 * np.pi * (2 * plain.time + random.random()))
-    )
+    size = walk.noise * random.standard_normal()
+    torque += size * np.sin(2 * np.pi * (2 * plain.time + random.random()))
     return replace(plain, torque=torque, quality=standing_at(*(0.003 * random.standard_normal(2))))
 
 
@@ -124,38 +119,36 @@ def run_jobs(
 ) -> Tables:  # fmt: skip
     """Every job from the crossings in a folder to the summary. `sheet` has their conditions, in its
     order."""
-    files = {name: folder / f"crossings/{name}.parquet" for name in (*perturbed, *unperturbed)}
-    sheet = sheet or {name: {"perturbed": name in perturbed} for name in files}
-    selection, gait, table = (
-        folder / name for name in ("selection.csv", "gait.parquet", "walking.csv")
+    names = [*perturbed, *unperturbed]
+    sheet = sheet or {name: {"perturbed": name in perturbed} for name in names}
+    file_of = {name: folder / f"crossings/{name}.parquet" for name in names}
+    turned = [file_of[name] for name in perturbed]
+    at_rest = [file_of[name] for name in unperturbed]
+    selection = folder / "selection.csv"
+    gait = folder / "gait.parquet"
+    table = folder / "walking.csv"
+
+    jobs.select_crossings([file_of[name] for name in sheet], chosen, selection, sheet)
+    jobs.average_unperturbed(at_rest, selection, chosen.fewest_unperturbed, gait)
+    fits = [folder / f"fits/{name}.csv" for name in perturbed]
+    for file, fit in zip(turned, fits, strict=True):
+        jobs.fit_perturbation(file, selection, gait, chosen, fit)
+    gather(fits, table, limits)
+    jobs.summarise_perturbations(
+        crossings=turned,
+        settings=chosen,
+        sheet=sheet,
+        places={name: {"joint": "ankle", "side": row.get("side")} for name, row in sheet.items()},
+        limits=of_groups,
+        table=table,
+        selection=selection,
+        unperturbed=gait,
+        output=folder / "summary.csv",
+        responses=folder / "responses.csv",
+        excluded=folder / "excluded.csv",
+        groups=folder / "groups.csv",
+        sensitivity=folder / "sensitivity.csv",
     )
-    jobs.select_crossings([files[name] for name in sheet], chosen, selection, sheet)
-    jobs.average_unperturbed(
-        [files[name] for name in unperturbed], selection, chosen.fewest_unperturbed, gait
-    )
-    rows = [folder / f"fits/{name}.csv" for name in perturbed]
-    turned = [files[name] for name in perturbed]
-    for file, row in zip(turned, rows, strict=True):
-        jobs.fit_perturbation(file, selection, gait, chosen, row)
-    gather(rows, table, limits)
-    paths = {
-        name: folder / f"{name}.csv" for name in ("responses", "excluded", "groups", "sensitivity")
-    }
-    places = {name: {"joint": "ankle", "side": row.get("side")} for name, row in sheet.items()}
-    paths |= {
-        "table": table,
-        "output": folder / "summary.csv",
-        "selection": selection,
-        "unperturbed": gait,
-    }
-    given = {
-        "crossings": turned,
-        "settings": chosen,
-        "sheet": sheet,
-        "places": places,
-        "limits": of_groups,
-    }
-    jobs.summarise_perturbations(**given, **paths)
     return Tables(folder)
 
 
@@ -166,18 +159,14 @@ def campaign(
     **choices: Any,
 ) -> Tables:
     """Write crossings and run every job on them. `cells` are conditions in the sheet, by trial."""
-    (folder / "crossings").mkdir(parents=True)
+    sheet = {}
     for name, walk in walks.items():
         jobs.write_crossing(walked(name, walk), folder / f"crossings/{name}.parquet")
-    sheet = {
-        name: {"perturbed": w.phase is not None, **(cells or {}).get(name, {})}
-        for name, w in walks.items()
-    }
-    kinds = (
-        [name for name, row in sheet.items() if row["perturbed"] == turned]
-        for turned in (True, False)
-    )
-    return run_jobs(folder, *kinds, settings(**choices), sheet)
+        conditions = (cells or {}).get(name, {})
+        sheet[name] = {"perturbed": walk.phase is not None, **conditions}
+    perturbed = [name for name, walk in walks.items() if walk.phase is not None]
+    unperturbed = [name for name, walk in walks.items() if walk.phase is None]
+    return run_jobs(folder, perturbed, unperturbed, settings(**choices), sheet)
 
 
 def several(prefix: str, count: int, walk: Walk, **changes: Any) -> dict[str, Walk]:

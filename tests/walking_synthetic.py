@@ -59,20 +59,16 @@ def recording(name: str, tracks: dict[str, Array], force: Array, moment: Array) 
     """A trial: marker tracks (n, 3) at 300 Hz, wrench (5 n, 3) at 1500 Hz in the plate's axes about
     its centre."""
     n = len(force)
-    frame = {"time": np.arange(n) / PLATE_RATE}
-    for quantity, values in (("force", force), ("moment", moment)):
-        frame |= dict(zip(plate_columns(1, quantity), values.T, strict=True))
-    fast = pl.DataFrame(frame).with_row_index("row")
-    slow = {
-        c: v
-        for label, track in tracks.items()
-        for c, v in zip(marker_columns(label), track.T, strict=True)
-    }
-    markers = pl.DataFrame(slow).with_columns(
-        row=pl.arange(0, n, n // len(next(iter(slow.values()))), dtype=pl.UInt32)
-    )
-    samples = fast.join(markers, on="row", how="left", maintain_order="left").drop("row")
-    return Trial(name, samples, {"plates": [{"plate": 1, "type": 2, "corners": CORNERS}]})
+    columns = [*plate_columns(1, "force"), *plate_columns(1, "moment")]
+    wrench = pl.DataFrame(np.hstack([force, moment]), columns)
+    labels = [column for label in tracks for column in marker_columns(label)]
+    markers = pl.DataFrame(np.hstack(list(tracks.values())), labels)
+    frames = np.arange(0, n, n // len(markers), dtype=np.uint32)
+    fast = wrench.insert_column(0, pl.Series("time", np.arange(n) / PLATE_RATE))
+    slow = markers.with_columns(row=pl.Series(frames))
+    samples = fast.with_row_index("row").join(slow, on="row", how="left", maintain_order="left")
+    plate = {"plate": 1, "type": 2, "corners": CORNERS}
+    return Trial(name, samples.drop("row"), {"plates": [plate]})
 
 
 def labelled(prefix: str, tracks: Array) -> dict[str, Array]:
@@ -87,12 +83,12 @@ def changed(trial: Trial, *columns: pl.Expr, **named: Any) -> Trial:
 
 def hidden(trial: Trial, markers: Sequence[str], start: float, end: float) -> Trial:
     """The trial with markers hidden between two times [s]."""
-    gone = pl.col("time").is_between(start, end)
-    columns = [column for marker in markers for column in marker_columns(marker)]
-    unseen = (
-        pl.when(gone & pl.col(c).is_not_null()).then(float("nan")).otherwise(c).alias(c)
-        for c in columns
-    )
+    is_hidden = pl.col("time").is_between(start, end)
+    columns = [pl.col(column) for marker in markers for column in marker_columns(marker)]
+    unseen = [
+        pl.when(is_hidden & column.is_not_null()).then(float("nan")).otherwise(column).name.keep()
+        for column in columns
+    ]
     return changed(trial, *unseen)
 
 
@@ -114,14 +110,16 @@ def filled(trial: Trial, markers: Sequence[str], start: float, end: float) -> Tr
 
 def headed(trial: Trial, heading: float) -> Trial:
     """The trial in a laboratory whose axes stand turned by a heading [rad] about the vertical."""
-    (c, s) = (np.cos(heading), np.sin(heading))
+    c = np.cos(heading)
+    s = np.sin(heading)
     columns = []
     for name in (name.removesuffix("_x") for name in trial.samples.columns if name.endswith("_x")):
-        x, y = pl.col(f"{name}_x"), pl.col(f"{name}_y")
+        x = pl.col(f"{name}_x")
+        y = pl.col(f"{name}_y")
         columns += [(c * x - s * y).alias(f"{name}_x"), (s * x + c * y).alias(f"{name}_y")]
     corners = np.array(CORNERS) @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
-    plates = [facts | {"corners": corners.tolist()} for facts in trial.provenance["plates"]]
-    return replace(changed(trial, *columns), provenance=trial.provenance | {"plates": plates})
+    plates = [{**plate, "corners": corners.tolist()} for plate in trial.provenance["plates"]]
+    return replace(changed(trial, *columns), provenance={**trial.provenance, "plates": plates})
 
 
 def static_trial(ankle: Array = ANKLE) -> Trial:
@@ -170,11 +168,11 @@ class Rig:
 
 def step(t: Array, start: float, duration: float) -> Array:
     """A minimum-jerk step from 0 to 1, with its two derivatives (3, n) in time."""
-    x = (t - start) / duration
-    y = np.clip(x, 0, 1)
-    inside = (x > 0) & (x < 1)
-    first, second = 30 * y**2 * (1 - y) ** 2 * inside, 60 * y * (1 - y) * (1 - 2 * y) * inside
-    return np.array([y**3 * (10 - 15 * y + 6 * y**2), first / duration, second / duration**2])
+    x = np.clip((t - start) / duration, 0, 1)
+    value = x**3 * (10 - 15 * x + 6 * x**2)
+    first = 30 * x**2 * (1 - x) ** 2 / duration
+    second = 60 * x * (1 - x) * (1 - 2 * x) / duration**2
+    return np.array([value, first, second])
 
 
 def angle_and_heave(t: Array, ramp: Ramp | None) -> tuple[Array, Array]:
@@ -231,26 +229,27 @@ def walked_over(name: str, ramp: Ramp | None, rig: Rig, seed: int, loaded: bool 
     late = fast - rig.lag
     wrench = plate_wrench(late, ramp, rig)
     tracks = labelled("PLAT", carried(PLATFORM, slow, ramp, rig))
-    if loaded:  # a force through the ankle, and its torque
-        in_plate = about_y(-angle_and_heave(late, ramp)[0][0]).transpose(0, 2, 1)
-        force = np.einsum("nij,nj->ni", in_plate, stance_load(late)[:, None] * [0, 0, 800.0])
-        wrench += np.hstack(
-            [force, np.cross(ANKLE, force) - ankle_answer(late, ramp)[:, None] * LEFT]
-        )
+    if loaded:
+        wrench += wrench_of_foot(late, ramp)
         ankle = carried(ANKLE[None], slow, ramp, rig)
+        pitch = -angle_and_heave(slow, ramp)[0][0]
         lean = -0.1 + 0.35 * step(slow, 0.9, 0.72)[0]
-        for prefix, points, angle in (
-            ("FOOT", FOOT, -angle_and_heave(slow, ramp)[0][0]),
-            ("SHANK", SHANK, lean),
-        ):
-            tracks |= labelled(
-                prefix, np.einsum("nij,mj->nmi", about_y(angle), points - ANKLE) + ankle
-            )
+        for prefix, points, angle in (("FOOT", FOOT, pitch), ("SHANK", SHANK, lean)):
+            turned = np.einsum("nij,mj->nmi", about_y(angle), points - ANKLE)
+            tracks.update(labelled(prefix, turned + ankle))
     wrench += random.normal(0, [rig.force] * 3 + [rig.moment] * 3, wrench.shape)
-    tracks = {
+    noisy = {
         label: track + random.normal(0, rig.marker, track.shape) for label, track in tracks.items()
     }
-    return recording(name, tracks, wrench[:, :3], wrench[:, 3:])
+    return recording(name, noisy, wrench[:, :3], wrench[:, 3:])
+
+
+def wrench_of_foot(t: Array, ramp: Ramp | None) -> Array:
+    """A force through the ankle, and the ankle's torque (n, 6) [N, N*m], in the plate's axes."""
+    in_plate = about_y(-angle_and_heave(t, ramp)[0][0]).transpose(0, 2, 1)
+    force = np.einsum("nij,nj->ni", in_plate, np.outer(stance_load(t), [0, 0, 800.0]))
+    moment = np.cross(ANKLE, force) - np.outer(ankle_answer(t, ramp), LEFT)
+    return np.hstack([force, moment])
 
 
 def plate_trials(rig: Rig, ramp: Ramp, seed: int, count: int = 4) -> list[Trial]:

@@ -29,7 +29,7 @@ TEXT_COLUMNS = (
     "motion", "group", "gait", "direction", "subject", "session", "side", "speed", "pooled",
     "series", "group_stated", "not_checked", "excitation", "desired", "loading", "method", "joint",
     "data", "chosen", "trajectory", "axis_from", "over", "missing_components", "table", "grade",
-    "cause", "inherited", "evidence", "side", "says", "size", "remedy", "reaction", "rivals",
+    "cause", "inherited", "evidence", "says", "size", "remedy", "reaction", "rivals",
     "heard", "law",
 )  # fmt: skip
 # columns that identify a row of a table and of its evidence

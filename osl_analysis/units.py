@@ -51,103 +51,155 @@ GON = ("grad", "grads", "grade")  # degrees in German, and a 400th of a turn
 TICKS = re.compile(r"(\d+)\*?([mun]?s|[mu]?secs?)")
 # names whose case has no meaning, since they have no prefix that it could distinguish
 ANY_CASE = re.compile(
-    r"(milli)?met(er|re)s?|volts?|deg(ree)?s?|rad(ian)?s?|newtons?|amp(ere)?s?|(milli|micro|nano)?seconds?|m?secs?|revolutions?|rpm",
+    r"(milli)?met(er|re)s?|volts?|deg(ree)?s?|rad(ian)?s?|newtons?|amp(ere)?s?"
+    r"|(milli|micro|nano)?seconds?|m?secs?|revolutions?|rpm",
     re.IGNORECASE,
 )
 
 
+SMALLEST_FACTOR = 1e-9  # to the SI unit, of ns
+LARGEST_FACTOR = 1e5  # of N*m/mdeg; others are misspellings such as `Mm` and `MN`
+SHOWN_LETTERS = 40  # of a text, in a message
+MOST_PARTS = 15  # names and signs of a unit; a longer text is none
+
+
 def si_factor(unit: str, expected: str) -> float:
-    """Factor from `unit` to the SI unit `expected`, a key of `EXAMPLES`. A middle dot, a full stop
-    or a blank is read as the multiplication sign, both micro signs as `u`. An angle is a dimension:
-    N*m/rad is not N*m."""
-    advice, spelling = ", ".join(EXAMPLES[expected]), normalised(unit)
+    """Find the factor from a unit to an SI unit.
+
+    Parameters
+    ----------
+    unit : str
+        As a laboratory spells it. A middle dot, a full stop or a blank is read as the
+        multiplication sign, both micro signs as `u`. An angle is a dimension: N*m/rad is not N*m.
+    expected : str
+        The SI unit, a key of `EXAMPLES`.
+
+    Raises
+    ------
+    InputError
+        The unit is empty, ambiguous, unknown, of another dimension, or of an implausible size.
+    """
+    examples = ", ".join(EXAMPLES[expected])
+    spelling = normalised(unit)
     # no siemens: `TIME(S)`
-    if known := EXAMPLES[expected].get(spelling.lower() if expected == "s" else spelling):
+    known = EXAMPLES[expected].get(spelling.lower() if expected == "s" else spelling)
+    if known:
         return known
-    quoted = f"unit '{unit[:40]}{'...' * (len(unit) > 40)}'"
+    quoted = f"unit '{shortened(unit)}'"
     if not spelling:
-        raise InputError(f"the unit is empty; write one of {advice}")
+        raise InputError(f"the unit is empty; write one of {examples}")
     for name in re.split(r"[*/]", spelling):
         if name.lower() in GON:
-            said = f"{quoted}: '{name}' is gon (a 400th of a turn) to some and degree to others"
-            raise InputError(f"{said}: write `deg`, or `gon`")
-    found = base_units(spelling)
-    if found is None:
-        raise InputError(f"{quoted} is unknown; write one of {advice}")
-    factor, base = found
+            raise InputError(
+                f"{quoted}: '{name}' is gon (a 400th of a turn) to some and degree to others: write"
+                " `deg`, or `gon`"
+            )
+    in_base_units = base_units(spelling)
+    if in_base_units is None:
+        raise InputError(f"{quoted} is unknown; write one of {examples}")
+    factor, base = in_base_units
     if base != dimension(expected):
-        measured = next((one for one in EXAMPLES if dimension(one) == base), base.replace(" ", ""))
-        raise InputError(f"{quoted} measures [{measured}], expected one of {advice}")
-    # from ns to N*m/mdeg; others are misspellings such as `Mm` and `MN`
-    if not 1e-9 <= factor <= 1e5:
+        raise InputError(f"{quoted} measures [{quantity_of(base)}], expected one of {examples}")
+    if not SMALLEST_FACTOR <= factor <= LARGEST_FACTOR:
         raise InputError(
-            f"{quoted} is {factor:g} {expected}, an implausible size; write one of {advice}"
+            f"{quoted} is {factor:g} {expected}, an implausible size; write one of {examples}"
         )
     return factor
 
 
+def shortened(text: str) -> str:
+    """The beginning of a text, for a message."""
+    return f"{text[:SHOWN_LETTERS]}..." if len(text) > SHOWN_LETTERS else text
+
+
+def quantity_of(base: str) -> str:
+    """The SI unit that has these base units, or else these."""
+    for canonical in EXAMPLES:
+        if dimension(canonical) == base:
+            return canonical
+    return base.replace(" ", "")
+
+
 def quantity(text: str, expected: str) -> float:
-    """A number with its unit, as `2 ms`, in the SI unit `expected`, a key of `EXAMPLES`."""
+    """Read a number with its unit, as `2 ms`, in the SI unit `expected`, a key of `EXAMPLES`.
+    Raises InputError as `si_factor`, or if there is no number."""
     number, _, unit = text.strip().partition(" ")
     try:
         value = float(number)
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        said = f"'{text[:40]}{'...' * (len(text) > 40)}' is not a number with a unit"
-        raise InputError(f"{said}; write it as in `2 {next(iter(EXAMPLES[expected]))}`")
+        example = next(iter(EXAMPLES[expected]))
+        raise InputError(
+            f"'{shortened(text)}' is not a number with a unit; write it as in `2 {example}`"
+        )
     return value * si_factor(unit, expected)
 
 
 def normalised(unit: str) -> str:
     """One spelling for a unit: `N·mm`, `N.mm` and `N mm` become `N*mm`."""
-    text = re.sub("[·⋅∙・.×]", "*", "*".join(unit.strip().strip(".").replace(" x ", " ").split()))
+    words = unit.strip().strip(".").replace(" x ", " ").split()
+    text = re.sub("[·⋅∙・.×]", "*", "*".join(words))
     text = re.sub(r"(?<=[A-Za-z])-(?=[A-Za-z])", "*", text)  # `N-m`, `ft-lb`
     text = re.sub(r"\bN\*M\b", "N*m", text)  # in capitals, as a Biodex writes it
     text = TORQUE.sub(torque_spelled, text)
     return text.replace("µ", "u").replace("μ", "u").replace("º", "°").replace("°/sec", "°/s")
 
 
-def torque_spelled(found: re.Match[str]) -> str:
+def torque_spelled(match: re.Match[str]) -> str:
     """A match of `TORQUE` as a product."""
-    newtons, metres, first, own, force, second = found.groups()
-    return (
-        f"{newtons}*{metres}"
-        if newtons
-        else f"{(own or force).lower()}f*{(first or second).lower()}"
-    )
+    newtons, metres, length_first, force_second, force_first, length_second = match.groups()
+    if newtons:
+        return f"{newtons}*{metres}"
+    force = (force_second or force_first).lower()
+    length = (length_first or length_second).lower()
+    return f"{force}f*{length}"
 
+
+# ---- Names that end with a unit, such as `ankle_deg`
 
 # what a name may end with; no `m`, since `theta_m` is the motor's
-SPELLED = [*ALIASES, *(one for units in EXAMPLES.values() for one in units)]
-AT_END = {one: one for one in SPELLED if one.isalpha() and one != "m"}
-AT_END |= {
+SPELLED = [*ALIASES, *(spelling for units in EXAMPLES.values() for spelling in units)]
+AT_END = {
+    **{spelling: spelling for spelling in SPELLED if spelling.isalpha() and spelling != "m"},
     "°": "°",
-    "sec": "s",
-    "secs": "s",
-    "second": "s",
-    "seconds": "s",
-    "msec": "ms",
-    "usec": "us",
+    "sec": "s", "secs": "s", "second": "s", "seconds": "s",
+    "msec": "ms", "millis": "ms", "usec": "us", "micros": "us",
+    "degree": "degree", "degrees": "degrees", "radian": "radian", "radians": "radians",
+}  # fmt: skip
+AT_END_IN_ANY_CASE = {
+    spelling.casefold(): unit for spelling, unit in AT_END.items() if len(spelling) > 1
 }
-AT_END |= {"millis": "ms", "micros": "us"} | {
-    one: one for one in ("degree", "degrees", "radian", "radians")
-}
-AT_END_IN_ANY_CASE = {one.casefold(): unit for one, unit in AT_END.items() if len(one) > 1}
+DIVISORS = ("s", "rad", "deg")  # that a name may spell behind its unit
+# where a unit may begin: behind a sign, or at a capital in camel case
+UNIT_BEGINS = re.compile(r"[\s_.,:-]|(?<=[a-z0-9])(?=[A-Z])")
 
 
 def name_and_ending(name: str) -> tuple[str, str]:
-    """A column's name without the unit that its end spells, and that unit, as of `ankle_deg`,
-    `torque_N_cm` and `MomentLbfFt`; empty if none. A prefix is never apart from its unit:
-    `torque_m_Nm` is the motor's."""
+    """Part a column's name from the unit that its end spells.
+
+    Parameters
+    ----------
+    name : str
+        As `ankle_deg`, `torque_N_cm` and `MomentLbfFt`.
+
+    Returns
+    -------
+    name, unit : str
+        The unit is empty if the end spells none. A prefix is never apart from its unit:
+        `torque_m_Nm` is the motor's.
+    """
     pair = re.fullmatch(r"([^\W\d_]\w*)/(\S+)", name)  # `M/Nm`, but not `deg/s`
     if pair and ending_spelled(pair[2]) and not ending_spelled(pair[1]):
         return pair[1], ending_spelled(pair[2])
-    for start in (found.end() for found in re.finditer(r"[\s_.,:-]|(?<=[a-z0-9])(?=[A-Z])", name)):
-        unit, in_camel_case = ending_spelled(name[start:]), name[start - 1].isalnum()
-        if unit and not (
-            in_camel_case and (len(name) - start == 1 or ending_spelled(name[start - 1 :]))
-        ):
+    for match in UNIT_BEGINS.finditer(name):
+        start = match.end()
+        unit = ending_spelled(name[start:])
+        in_camel_case = name[start - 1].isalnum()
+        is_one_letter = len(name) - start == 1
+        if in_camel_case and (is_one_letter or ending_spelled(name[start - 1 :])):
+            continue
+        if unit:
             return name[:start], unit
     return name, ""
 
@@ -157,51 +209,69 @@ def ending_spelled(text: str) -> str:
     `/s`."""
     if text in AT_END or TICKS.fullmatch(text):
         return AT_END.get(text, text)
-    parts, known = (
-        re.split(r"[\s_./-]+(?:per[\s_]+)?", TORQUE.sub(torque_spelled, text)),
-        list[str](),
-    )
-    for part in parts:
-        # `mSec`
-        of_one_case = part.islower() or part.isupper() or part.istitle() or part[1:].istitle()
-        in_any_case = AT_END_IN_ANY_CASE.get(part.casefold(), "") if of_one_case else ""
-        known.append(part if re.fullmatch(r"\w+\*\w+", part) else AT_END.get(part, in_any_case))
-    return "/".join(known) if all(known) and known[1:] in ([], ["s"], ["rad"], ["deg"]) else ""
+    parts = re.split(r"[\s_./-]+(?:per[\s_]+)?", TORQUE.sub(torque_spelled, text))
+    units = [part_spelled(part) for part in parts]
+    is_quotient = len(units) == 2 and units[1] in DIVISORS
+    if not all(units) or not (len(units) == 1 or is_quotient):
+        return ""
+    return "/".join(units)
 
 
+def part_spelled(part: str) -> str:
+    """A part of a name's end as a unit; empty if it is none."""
+    if re.fullmatch(r"\w+\*\w+", part):
+        return part
+    if part in AT_END:
+        return AT_END[part]
+    # `mSec`
+    is_of_one_case = part.islower() or part.isupper() or part.istitle() or part[1:].istitle()
+    return AT_END_IN_ANY_CASE.get(part.casefold(), "") if is_of_one_case else ""
+
+
+# ---- Dimensions
+
+
+# all units of pint, which take 0.2 s, are read once
 @cache
 def base_units(spelling: str) -> tuple[float, str] | None:
     """Factor to base units, and their product as text; None if the text is not a unit. `10*us` are
     ticks of 10 us."""
-    if ticks := TICKS.fullmatch(spelling):
-        found = base_units(ticks[2])
-        return found and (float(ticks[1]) * found[0], found[1])
+    ticks = TICKS.fullmatch(spelling)
+    if ticks:
+        of_tick = base_units(ticks[2])
+        return of_tick and (float(ticks[1]) * of_tick[0], of_tick[1])
     parts = re.split(r"([*/])", spelling)
-    if len(parts) > 15 or not all(
-        re.fullmatch(r"[^\W\d_]\w{0,30}|°|%|1", name) for name in parts[::2]
-    ):
+    names = parts[::2]
+    are_names = all(re.fullmatch(r"[^\W\d_]\w{0,30}|°|%|1", name) for name in names)
+    if len(parts) > MOST_PARTS or not are_names:
         return None
-    spelled = [name.lower() if ANY_CASE.fullmatch(name) else name for name in parts]
-    # all its units, which take 0.2 s, are read once
     from pint import PintError, application_registry
 
-    tidy = [ALIASES.get(name, name) for name in spelled]
-    grouped = [f"({name})" if len(name) > 1 and "*" in name else name for name in tidy]
+    text = "".join(name_for_pint(part) for part in parts)
     try:
-        one = application_registry.Quantity(
-            1.0, application_registry.parse_units("".join(grouped))
-        ).to_base_units()
+        unit = application_registry.parse_units(text)
+        in_base_units = application_registry.Quantity(1.0, unit).to_base_units()
     except (PintError, ValueError, AssertionError, TypeError):
         return None
-    return float(one.magnitude), str(one.units)
+    return float(in_base_units.magnitude), str(in_base_units.units)
+
+
+def name_for_pint(part: str) -> str:
+    """A name of a unit, or a sign between two, as pint reads it."""
+    name = part.lower() if ANY_CASE.fullmatch(part) else part
+    alias = ALIASES.get(name, name)
+    return f"({alias})" if len(alias) > 1 and "*" in alias else alias
 
 
 def is_unit(text: str) -> bool:
+    """Whether a text is a unit."""
     return base_units(normalised(text)) is not None
 
 
 def dimension(canonical: str) -> str:
-    return (base_units(canonical) or (1.0, ""))[1]
+    """Base units of an SI unit, as text."""
+    in_base_units = base_units(canonical)
+    return in_base_units[1] if in_base_units else ""
 
 
 def measured_in(expected: str = "") -> tuple[AfterValidator, WithJsonSchema]:
@@ -213,12 +283,13 @@ def measured_in(expected: str = "") -> tuple[AfterValidator, WithJsonSchema]:
             si_factor(unit, expected)
         return unit
 
-    proposed = list(
-        dict.fromkeys(
-            unit for key in [expected] * bool(expected) or EXAMPLES for unit in EXAMPLES[key]
-        )
+    canonical = [expected] if expected else list(EXAMPLES)
+    # in their order, each once
+    proposed = dict.fromkeys(spelling for key in canonical for spelling in EXAMPLES[key])
+    return (
+        AfterValidator(checked),
+        WithJsonSchema({"type": "string", "examples": list(proposed)}),
     )
-    return AfterValidator(checked), WithJsonSchema({"type": "string", "examples": proposed})
 
 
 Unit = Annotated[str, *measured_in()]

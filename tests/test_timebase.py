@@ -1,7 +1,6 @@
 """One time base: stamps of real recorders, the truth written by hand, the joint's K, B, I at the
-end; two clocks."""
+end."""
 
-from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import replace
 from itertools import product
@@ -9,14 +8,35 @@ from itertools import product
 import numpy as np
 import polars as pl
 import pytest
-from scipy.interpolate import make_interp_spline
-from scipy.signal import butter, sosfiltfilt
+from stamp_recorders import (
+    DURATION,
+    JOINT,
+    RATE,
+    SIZE,
+    angle_at,
+    assert_recovers_the_joint,
+    binary_steps,
+    cell,
+    clock,
+    held_log,
+    jittered,
+    joint,
+    log,
+    noisy,
+    one_time_base,
+    recorded,
+    rounded_to_bits,
+    sines,
+    stepped_sine,
+    torque_at,
+    two_nodes,
+    waits,
+)  # fmt: skip
 
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.clock import Edges, correlate_clocks, find_edges, fit_clock
 from osl_analysis.signals.clock_drift import drift_row
 from osl_analysis.signals.device_clock import DeviceClock, savitzky_golay
-from osl_analysis.signals.grid import GapLimits, UniformSignals, on_one_grid, streams
+from osl_analysis.signals.grid import GapLimits, on_one_grid, streams
 from osl_analysis.signals.held_values import held_values
 from osl_analysis.signals.sample_count import count_from_stamps, missing_by_rhythm
 from osl_analysis.signals.samples import take
@@ -26,189 +46,119 @@ from osl_analysis.signals.stream import Stream
 from osl_analysis.trial import Trial, check_time, counter_column
 
 
-def one_time_base(streams: list[Stream]) -> UniformSignals:
-    return on_one_grid(take(streams), GapLimits())
-
-
-JOINT, SIZE = np.array([300.0, 5.0, 0.02]), np.deg2rad(4.0)
-DURATION, RATE = 24.0, 1000.0
-
-# ---- The laboratory: motions with derivatives written by hand, recorders, a plain fit. It shares
-# no code with ours.
-
-
-def sines(t, frequencies=(0.5, 0.9, 1.3, 1.9, 2.3, 3.1), size=SIZE / 3):
-    w = 2 * np.pi * np.asarray(frequencies)[:, None]
-    p = w * t + np.arange(len(frequencies))[:, None] ** 2
-    return tuple(size * x.sum(axis=0) for x in (np.sin(p), w * np.cos(p), -(w**2) * np.sin(p)))
-
-
-def stepped_sine(t):
-    step = np.minimum(t // 6, 4).astype(int)
-    w = 2 * np.pi * np.array([0.5, 1.0, 2.0, 3.0, 1.0])[step]
-    return SIZE * np.array([1.0, 0.5, 1.0, 0.7, 1.0])[step] * np.sin(w * (t - 6 * step))
-
-
-def rounded_to_bits(x, bits):
-    lsb = 2 * np.pi / 2**bits
-    return np.round(x / lsb) * lsb
-
-
-def clock(rate, duration=DURATION, first=0.0):
-    return first + np.arange(int(duration * rate)) / rate
-
-
-def joint(stamps, taken, **choice):
-    return Stream("encoder", stamps, {"theta": rounded_to_bits(sines(taken)[0], 18)}, **choice)
-
-
-def cell(stamps, taken, random, **choice):
-    return Stream(
-        "load cell", stamps, {"torque": noisy(JOINT @ np.stack(sines(taken)), random)}, **choice
-    )
-
-
-def log(stamps, taken, random):
-    return Stream("log", stamps, joint(stamps, taken).signals | cell(stamps, taken, random).signals)
-
-
-def noisy(x, random, sd=0.05):
-    return x + sd * random.standard_normal(len(x))
-
-
-def jittered(t, sd, random):
-    return np.sort(t + sd * random.standard_normal(len(t)))
-
-
-def waits(t, mean, random):
-    """A host that is late by an exponential wait and hands messages on in order, none twice."""
-    return (
-        np.maximum.accumulate(t + random.exponential(mean, len(t))) if mean else t
-    ) + 1e-9 * np.arange(len(t))
-
-
-def assert_recovers_the_joint(grid):
-    """K, B, I of least squares behind a 15 Hz filter, on the usable rows, as close as a laboratory
-    wants them."""
-    sections = butter(4, min(15.0, 0.4 * grid.rate_hz), fs=grid.rate_hz, output="sos")
-    theta, torque = (
-        sosfiltfilt(sections, grid.signals[n], padlen=int(grid.rate_hz / 5))
-        for n in ("theta", "torque")
-    )
-    spline = make_interp_spline(grid.time, theta, k=5)
-    rows = grid.usable & (grid.time > grid.time[0] + 0.2) & (grid.time < grid.time[-1] - 0.2)
-    columns = np.stack(
-        [theta, spline(grid.time, 1), spline(grid.time, 2), np.ones_like(theta)], axis=1
-    )
-    errors = 100 * (np.linalg.lstsq(columns[rows], torque[rows], rcond=None)[0][:3] / JOINT - 1)
-    assert (np.abs(errors) < [0.1, 0.5, 3.0]).all(), errors
-
-
 @pytest.mark.parametrize(("rate", "largest"), [(100.0, 2.6e-5), (300.0, 3.2e-7), (1000.0, 2.6e-9)])
 def test_a_5_hz_sine_comes_to_the_grid_with_the_error_that_the_report_states(rate, largest):
     t = clock(rate, 10.0)
     wave = Stream("wave", t, {"wave": np.sin(10 * np.pi * t)})
-    grid = one_time_base([wave, Stream("other", t + 0.5 / rate, {"other": t})])
-    error = np.max(np.abs(grid.signals["wave"] - np.sin(10 * np.pi * grid.time))[20:-20])
-    assert (error, grid.streams[0]["error"]) == (
-        pytest.approx(largest, rel=0.05),
-        pytest.approx(largest, rel=0.06),
-    )
+    half_a_step_later = Stream("other", t + 0.5 / rate, {"other": t})
+
+    grid = one_time_base([wave, half_a_step_later])
+
+    errors = np.abs(grid.signals["wave"] - np.sin(10 * np.pi * grid.time))[20:-20]
+    assert np.max(errors) == pytest.approx(largest, rel=0.05)
+    assert grid.streams[0]["error"] == pytest.approx(largest, rel=0.06)
     assert grid.farthest_s == pytest.approx(0.5 / rate)
 
 
 # ---- Are the stamps true?
 
 
-MOTIONS: dict[str, Callable] = {
-    "multisine": lambda t: sines(t)[0], "sine": lambda t: sines(t, (1.3,), SIZE)[0],
+MOTIONS = {
+    "multisine": lambda t: sines(t)[0],
+    "sine": lambda t: sines(t, (1.3,), SIZE)[0],
     "stepped": stepped_sine,
     "ramp": lambda t: 0.05 * t,
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("motion", MOTIONS)
 def test_no_case_is_decided_wrongly_over_bits_jitter_and_lateness(motion):
-    random, firm = np.random.default_rng(len(motion)), 0
-    for bits, jitter, late, even in product(
+    random = np.random.default_rng(len(motion))
+    t = clock(1000.0, 12.0)
+    firm = 0
+    for bits, jitter, is_late, is_even in product(
         (12, 18), (1e-5, 1e-4, 3e-4), (False, True), (False, True)
     ):
-        t = clock(1000.0, 12.0)
-        stamps = (waits if late else jittered)(t, jitter, random)
-        (part,) = take(
-            [
-                Stream(
-                    "x",
-                    stamps,
-                    {"x": rounded_to_bits(MOTIONS[motion](t if even else stamps), bits)},
-                )
-            ]
-        )
+        stamps = waits(t, jitter, random) if is_late else jittered(t, jitter, random)
+        values = rounded_to_bits(MOTIONS[motion](t if is_even else stamps), bits)
+
+        (part,) = take([Stream("x", stamps, {"x": values})])
+
         if part.firm:
             firm += 1
-            assert (part.even, abs(part.age) < 0.15) == (even, True), (bits, jitter, late, part.why)
+            assert part.even == is_even, (bits, jitter, is_late, part.why)
+            assert abs(part.age) < 0.15
     assert firm >= 8
 
 
 def test_a_python_loop_with_absolute_targets_is_late_and_never_early_and_yet_its_stamps_are_true():
     """Late by 0.1 ms or so, sometimes by 4 ms; then it catches up."""
-    random, t = np.random.default_rng(4), clock(500.0)
+    random = np.random.default_rng(4)
+    t = clock(500.0)
     late = 1.5e-4 * np.abs(random.standard_normal(len(t)))
     late[random.integers(100, len(t), 15)] += random.uniform(1e-3, 4e-3, 15)
     stamps = np.maximum.accumulate(t + late) + 1e-9 * np.arange(len(t))
+
     grid = one_time_base([log(stamps, stamps, random)])
-    (said,) = grid.streams
-    assert (said["stamps"], said["firm"], said["skew"] > 3, said["merged"] > 5) == (
-        "exact",
-        True,
-        True,
-        True,
-    )
-    assert said["g"] == pytest.approx(1.0, abs=4 * said["g_se"])
+
+    (row,) = grid.streams
+    assert row["stamps"] == "exact"
+    assert row["firm"]
+    assert row["skew"] > 3
+    assert row["merged"] > 5
+    assert row["g"] == pytest.approx(1.0, abs=4 * row["g_se"])
     assert_recovers_the_joint(grid)
 
 
 def test_channels_firmly_true_and_firmly_even_are_taken_apart():
-    t, random = clock(1000.0), np.random.default_rng(6)
+    random = np.random.default_rng(6)
+    t = clock(1000.0)
     stamps = jittered(t, 2e-4, random)
-    grid = one_time_base(
-        [Stream("log", stamps, joint(t, t).signals | cell(stamps, stamps, random).signals)]
-    )
-    assert {s["signals"]: s["stamps"] for s in grid.streams} == {"torque": "exact", "theta": "even"}
+    signals = {"theta": angle_at(t), "torque": torque_at(stamps, random)}
+
+    grid = one_time_base([Stream("log", stamps, signals)])
+
+    stamps_of = {row["signals"]: row["stamps"] for row in grid.streams}
+    assert stamps_of == {"torque": "exact", "theta": "even"}
     assert [part.stream.name for part in grid.taken] == ["log [torque]", "log [theta]"]
     assert_recovers_the_joint(grid)
 
 
-def test_a_resting_or_slow_signal_decides_nothing_jitter_is_then_not_believed():
-    t, random = clock(500.0, 60.0), np.random.default_rng(7)
-    stamps, rest = jittered(t, 2e-4, random), noisy(0 * t, random)
-    slow = rounded_to_bits(0.05 * np.sin(0.2 * np.pi * t), 14)
+MINUTE = clock(500.0, 60.0)
+
+
+def test_jitter_is_not_believed_where_a_resting_or_slow_signal_decides_nothing():
+    random = np.random.default_rng(7)
+    stamps = jittered(MINUTE, 2e-4, random)
+    slow = rounded_to_bits(0.05 * np.sin(0.2 * np.pi * MINUTE), 14)
+    rest = noisy(0 * MINUTE, random)
+
     grid = one_time_base([Stream("belt", stamps, {"angle": slow, "rest": rest})])
-    (said,) = grid.streams
-    assert (said["stamps"], said["firm"], said["missing"]) == ("even", False, 0)
-    assert said["why"].startswith("undecided, even: the residual wanders by 0.0")
+
+    (row,) = grid.streams
+    assert row["stamps"] == "even"
+    assert not row["firm"]
+    assert row["missing"] == 0
+    assert row["why"].startswith("undecided, even: the residual wanders by 0.0")
     assert grid.signals["angle"] == pytest.approx(slow, abs=1e-12)
     assert "rest" not in grid.taken[0].evidence  # its slope is noise
-    (dead,) = one_time_base([Stream("dead", stamps, {"zero": 0 * t})]).streams
-    assert (dead["g"], dead["g_se"], dead["firm"]) == (None, None, False)
-    (wander,) = one_time_base(
-        [Stream("rest", t + 0.02 * np.sin(2 * np.pi * t / 30), {"x": rest})]
-    ).streams
-    assert (wander["stamps"], wander["firm"]) == ("exact", False)
 
 
-def recorded(seed, kind, age=0.0, *, rate=1000.0, jitter=1e-4, changes=0.0, decimals=9, lost=0.0):
-    """A log of 24 s of the joint: host latency on an even device, or stamps of loops, of which the
-    values are `age` loops older; from the middle on the loops are faster by `changes`. And when its
-    rows were sampled."""
-    random, n = np.random.default_rng(seed), int(24 * rate)
-    loops = np.arange(n + 1, dtype=float)
-    even = np.where(loops < n / 2, loops, n / 2 + (loops - n / 2) / (1 + changes)) / rate
-    stamps = waits(even, jitter, random) if kind == "even" else jittered(even, jitter, random)
-    taken = even if kind == "even" else np.interp(loops - age, loops, stamps)
-    kept = (random.random(n + 1) >= lost) | (loops < 30) | (loops > n - 30)
-    one = log(np.round(stamps, decimals)[kept], taken[kept], random)
-    return one, taken[kept]
+def test_a_signal_that_stands_is_no_evidence():
+    stamps = jittered(MINUTE, 2e-4, np.random.default_rng(7))
+
+    (row,) = one_time_base([Stream("dead", stamps, {"zero": 0 * MINUTE})]).streams
+
+    assert (row["g"], row["g_se"], row["firm"]) == (None, None, False)
+
+
+def test_stamps_that_wander_slowly_are_kept_where_nothing_decides():
+    rest = noisy(0 * MINUTE, np.random.default_rng(7))
+    wandering = MINUTE + 0.02 * np.sin(2 * np.pi * MINUTE / 30)
+
+    (row,) = one_time_base([Stream("rest", wandering, {"x": rest})]).streams
+
+    assert (row["stamps"], row["firm"]) == ("exact", False)
 
 
 @pytest.mark.parametrize(
@@ -223,38 +173,29 @@ def recorded(seed, kind, age=0.0, *, rate=1000.0, jitter=1e-4, changes=0.0, deci
 def test_even_devices_true_stamps_and_values_of_an_age_are_told_apart_also_where_the_rate_changes(
     kind, age, case
 ):
-    one, taken = recorded(**{"seed": len(str(case)), "kind": kind, "age": age} | case)
-    (part,) = take([one])
+    recording, taken = recorded(**{"seed": len(str(case)), "kind": kind, "age": age, **case})
+
+    (part,) = take([recording])
+
     assert part.firm, part.why
-    assert (part.even, part.age) == (kind == "even", pytest.approx(age, abs=0.11))
-    late = (part.times - taken) * case.get("rate", RATE)
-    assert np.std(late[50:-50]) < 0.06 + 1.5 * age * case.get("changes", 0.0)
+    assert part.even == (kind == "even")
+    assert part.age == pytest.approx(age, abs=0.11)
+    late_in_loops = (part.times - taken) * case.get("rate", RATE)
+    assert np.std(late_in_loops[50:-50]) < 0.06 + 1.5 * age * case.get("changes", 0.0)
     assert_recovers_the_joint(on_one_grid([part], GapLimits()))
 
 
 def test_stamps_that_fit_no_hypothesis_are_kept_and_not_firm():
     """Half of the host's scatter is in the samples: no device does that."""
-    random, t = np.random.default_rng(5), clock(1000.0)
+    random = np.random.default_rng(5)
+    t = clock(1000.0)
     stamps = jittered(t, 1e-4, random)
+
     (part,) = take([log(stamps, (t + stamps) / 2, random)])
-    assert (part.firm, part.even, part.why.startswith("undecided, true: neither")) == (
-        False,
-        False,
-        True,
-    )
 
-
-def binary_steps(t, seed):
-    """Angle, velocity, acceleration of steps of minimum jerk between two angles, 30 ms long, 0.1 to
-    0.5 s apart."""
-    starts = np.cumsum(np.random.default_rng(seed).uniform(0.1, 0.5, int(t[-1] / 0.3) - 5))
-    last = np.maximum(np.searchsorted(starts, t) - 1, 0)
-    x, way = np.clip((t - starts[last]) / 0.03, 0, 1), np.where(last % 2, -SIZE, SIZE)
-    angle = 10 * x**3 - 15 * x**4 + 6 * x**5 - 0.5
-    return np.stack([
-        way * angle, way * 30 * (x * (1 - x)) ** 2 / 0.03,
-        way * 60 * x * (1 - x) * (1 - 2 * x) / 0.03**2,
-    ])  # fmt: skip
+    assert not part.firm
+    assert not part.even
+    assert part.why.startswith("undecided, true: neither")
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -263,7 +204,9 @@ def test_an_encoder_that_stands_between_steps_is_no_evidence_of_an_even_device(s
     stamps = jittered(clock(1000.0), 5e-5, random)
     motion = binary_steps(stamps, seed)
     signals = {"theta": rounded_to_bits(motion[0], 18), "torque": noisy(JOINT @ motion, random)}
+
     (part,) = take([Stream("log", stamps, signals)])
+
     assert (part.even, part.age, part.firm) == (False, 0.0, True), part.why
     # steps of 30 ms are no polynomials
     assert part.evidence["theta"].g == pytest.approx(1.0, abs=0.25)
@@ -294,21 +237,6 @@ def test_a_host_of_long_waits_is_counted_in_seconds(mean_wait):
 # ---- Channels whose source is slower than the log
 
 
-def held_log(rate, late=0.0, of="torque", bits=14):
-    """A log at 1 kHz in which one signal stands for several rows: its newest value, `late` rows
-    after it was taken."""
-    t, random = clock(RATE), np.random.default_rng(int(rate))
-    newest = np.floor((t - late / RATE) * rate + 1e-6).astype(int)
-    own = np.arange(newest[0], newest[-1] + 1) / rate
-    one, there = log(t, t, random), newest - newest[0]
-    values = {
-        "theta": rounded_to_bits(sines(own)[0], bits),
-        "torque": noisy(JOINT @ np.stack(sines(own)), random),
-    }
-    one.signals[of][:] = values[of][there]
-    return one
-
-
 @pytest.mark.parametrize("of", ["theta", "torque"])
 @pytest.mark.parametrize(
     ("rate", "sure"),
@@ -318,40 +246,66 @@ def test_a_held_channel_is_read_at_its_own_rate_and_doubtful_where_the_rates_do_
     of, rate, sure
 ):
     grid = one_time_base([held_log(rate, of=of)])
-    said = {stream["signals"]: stream for stream in grid.streams}
-    assert said[of]["held"] == pytest.approx(RATE / rate, rel=1e-3)
-    assert (said[of]["rate_hz"], said[of]["firm"]) == (pytest.approx(rate, rel=1e-4), sure)
-    assert said[of]["delay_s"] == pytest.approx(5e-4 * sure, abs=2e-5)
-    assert [one["held"] for name, one in said.items() if name != of] == [None]
+
+    rows = {row["signals"]: row for row in grid.streams}
+    held = rows.pop(of)
+    assert held["held"] == pytest.approx(RATE / rate, rel=1e-3)
+    assert held["rate_hz"] == pytest.approx(rate, rel=1e-4)
+    assert held["firm"] == sure
+    assert held["delay_s"] == pytest.approx(5e-4 if sure else 0.0, abs=2e-5)
+    assert [row["held"] for row in rows.values()] == [None]
     assert_recovers_the_joint(grid)
+
+
+def test_a_sure_held_channel_has_no_other_reading():
+    assert one_time_base([held_log(333.0)]).other() is None
+
+
+def test_the_other_reading_of_a_doubtful_held_channel_is_a_row_older():
+    grid = one_time_base([held_log(50.0)])
+
     other = grid.other()
-    if sure:
-        assert other is None
-    else:  # all values one row older
-        assert other.of(of).delay == pytest.approx(1e-3, abs=2e-5)
-        assert other.other().of(of).delay == pytest.approx(0, abs=2e-5)
+
+    assert other.of("torque").delay == pytest.approx(1e-3, abs=2e-5)
+    assert other.other().of("torque").delay == pytest.approx(0, abs=2e-5)
+
+
+TAKEN_BEFORE = held_log(50.0, late=0.9)  # within the row before the first that has a value
 
 
 def test_a_held_value_that_was_taken_within_the_row_before_lies_where_its_doubt_says():
-    grid = one_time_base([held_log(50.0, late=0.9)])
+    grid = one_time_base([TAKEN_BEFORE])
+
     with pytest.raises(AssertionError):
         assert_recovers_the_joint(grid)
     assert_recovers_the_joint(grid.other())
-    stated = one_time_base([replace(held_log(50.0, late=0.9), delays={"torque": 1e-3})])
-    assert_recovers_the_joint(stated)
-    assert stated.other() is None
-    assert_recovers_the_joint(one_time_base([held_log(970.0)]))  # of ten values nine are new
+
+
+def test_a_stated_delay_leaves_no_doubt_about_held_values():
+    grid = one_time_base([replace(TAKEN_BEFORE, delays={"torque": 1e-3})])
+
+    assert grid.other() is None
+    assert_recovers_the_joint(grid)
+
+
+def test_a_source_that_is_hardly_slower_than_the_log_is_read_at_its_own_rate():
+    """Of ten values nine are new."""
+    assert_recovers_the_joint(one_time_base([held_log(970.0)]))
 
 
 def test_a_held_value_of_an_uneven_source_is_half_a_row_older_than_the_first_row_that_has_it():
-    random, one = np.random.default_rng(2), held_log(97.0)
-    t, own = clock(RATE), clock(97.0, DURATION + 0.1)
-    own += np.clip(np.cumsum(random.normal(0, 3e-4, own.size)), -4e-3, 4e-3)
-    newest = np.maximum(np.searchsorted(own, t, "right") - 1, 0)
-    one.signals["torque"][:] = noisy(JOINT @ np.stack(sines(own)), random)[newest]
-    grid = one_time_base([one])
-    (said,) = (stream for stream in grid.streams if stream["signals"] == "torque")
-    assert (said["firm"], said["delay_s"]) == (False, pytest.approx(5e-4, abs=2e-6))
+    random = np.random.default_rng(2)
+    recording = held_log(97.0)
+    taken = clock(97.0, DURATION + 0.1)
+    taken += np.clip(np.cumsum(random.normal(0, 3e-4, taken.size)), -4e-3, 4e-3)
+    newest = np.maximum(np.searchsorted(taken, clock(RATE), "right") - 1, 0)
+    recording.signals["torque"][:] = torque_at(taken, random)[newest]
+
+    grid = one_time_base([recording])
+
+    (row,) = [row for row in grid.streams if row["signals"] == "torque"]
+    assert not row["firm"]
+    assert row["delay_s"] == pytest.approx(5e-4, abs=2e-6)
     assert_recovers_the_joint(grid)
 
 
@@ -370,24 +324,30 @@ def test_held_values_have_one_entry_for_each_value_of_the_source_at_its_first_ro
     np.testing.assert_allclose(held.rows, np.arange(2, 798, 4), atol=1e-9)
 
 
+SLOW_SIGNALS = {
+    "slow": lambda t: sines(t, (0.2,))[0],
+    "rests": lambda t: stepped_sine(t) * (t > 6),
+    "ramp": lambda t: 0.001 * t,
+    "steps": lambda t: 0.1 * np.tanh(100 * np.sin(t)),
+}
+
+
 @pytest.mark.parametrize("bits", [10, 14])
-def test_a_coarse_slow_or_resting_signal_is_not_held(bits):
-    t = clock(RATE)
-    for signal in (
-        sines(t, (0.2,))[0],
-        stepped_sine(t) * (t > 6),
-        0.001 * t,
-        0.1 * np.tanh(100 * np.sin(t)),
-    ):
-        for noise in (0.0, 0.3, 1.0):
-            lsb = 2 * np.pi / 2**bits
-            values = rounded_to_bits(noisy(signal, np.random.default_rng(bits), noise * lsb), bits)
-            assert held_values(values, 1e-3) is None
+@pytest.mark.parametrize("noise_steps", [0.0, 0.3, 1.0])
+@pytest.mark.parametrize("signal", SLOW_SIGNALS.values(), ids=SLOW_SIGNALS)
+def test_a_coarse_slow_or_resting_signal_is_not_held(signal, noise_steps, bits):
+    noise = noise_steps * 2 * np.pi / 2**bits
+    values = noisy(signal(clock(RATE)), np.random.default_rng(bits), noise)
+
+    assert held_values(rounded_to_bits(values, bits), step=1e-3) is None
 
 
+# ---- Missing samples
+
+
+# By lateness and by a loss of 5 %: where the sample before a missing one waited, the gap is no long
+# step.
 SHARE_MISPLACED = {(False, False): 0, (False, True): 5e-5, (True, False): 5e-3, (True, True): 1e-2}
-"""By lateness and by a loss of 5 %: where the sample before a missing one waited, the gap is no
-long step."""
 
 
 @pytest.mark.parametrize(("jitter", "late"), [(0.0, 0.0), (2e-5, 0.0), (1e-4, 0.0), (0.0, 1e-4)])
@@ -552,23 +512,6 @@ def test_drift_is_refused_beyond_what_damping_and_inertia_bear_if_it_is_certain(
         drift_row(-2.1, 0.1, np.inf, 2.0)
 
 
-def two_nodes(random, wait=(0.0, 0.0), one_in=(0, 0), rates=(RATE, RATE)):
-    """Angle and torque, 0.3 ms apart: per node the mean wait [s], the rate, and one in how many (+-
-    3) is lost."""
-    made = []
-    for node, first in ((0, 0.0), (1, 3e-4)):
-        t, often = clock(rates[node], first=first), one_in[node]
-        places = (
-            np.cumsum(random.integers(often - 3, often + 4, len(t) // often + 1))
-            if often
-            else np.empty(0, int)
-        )
-        kept = np.setdiff1d(np.arange(len(t)), places[places < len(t) - 1])
-        stamps = waits(t, wait[node], random)[kept]
-        made.append(joint(stamps, t[kept]) if node == 0 else cell(stamps, t[kept], random))
-    return made
-
-
 @pytest.mark.parametrize(
     ("wait", "one_in"), [(2e-4, (0, 50)), (5e-4, (100, 0)), (2e-3, (300, 300)), (5e-4, (0, 5000))]
 )
@@ -685,173 +628,7 @@ def test_values_that_are_missing_cost_nothing_and_split_no_device(kind, lower):
     assert_recovers_the_joint(grid)
 
 
-OFFSET, DRIFT, SLAVE_RATE, MASTER_RATE = -3.2, 50e-6, 500.0, 1500.0
-
-
-def irregular(duration: float, seed: int = 0) -> np.ndarray:
-    """Times [s] of level changes, 0.06 to 0.25 s apart."""
-    return np.cumsum(np.random.default_rng(seed).uniform(0.06, 0.25, int(duration / 0.155)))
-
-
-def level(changes: np.ndarray, time: np.ndarray) -> np.ndarray:
-    return (np.searchsorted(changes, time, side="right") % 2).astype(float)
-
-
-def slave_edges(changes: np.ndarray, duration: float, offset: float = OFFSET) -> Edges:
-    """As a logger on its own clock sees them: a logic level, sampled."""
-    time = np.arange(0, duration - OFFSET + 1, 1 / SLAVE_RATE) + OFFSET
-    at, rising, step = find_edges(time, level(changes, (1 + DRIFT) * time))
-    return at - offset, rising, step
-
-
-def master_edges(changes: np.ndarray, duration: float) -> Edges:
-    """As motion capture sees them: a noisy voltage."""
-    time = np.arange(0, duration, 1 / MASTER_RATE)
-    return find_edges(
-        time,
-        5.0 * level(changes, time) + 0.02 * np.random.default_rng(1).standard_normal(time.size),
-    )
-
-
-def spoilt(edges: Edges, rng: np.random.Generator) -> Edges:
-    """Edges of which 2 % are missing and 1.5 % are late by up to 50 ms, with 1.5 % false edges
-    added."""
-    (time, rising, step), draw = edges, rng.random(edges[0].size)
-    late = time + np.where(draw > 0.985, rng.uniform(0.005, 0.05, draw.size), 0)
-    extra = rng.uniform(time[0], time[-1], round(0.015 * draw.size))
-    every = np.concatenate([late[draw > 0.02], extra])
-    order = np.argsort(every)
-    return (
-        every[order],
-        np.concatenate([rising[draw > 0.02], rng.random(extra.size) > 0.5])[order],
-        step,
-    )
-
-
-@pytest.mark.parametrize("duration", [3.0, 30.0, 300.0])
-def test_recovers_offset_and_drift_within_what_sampling_allows(duration: float) -> None:
-    changes = irregular(duration)
-    fit = fit_clock(slave_edges(changes, duration), master_edges(changes, duration))
-    sampling, time = (
-        np.hypot(1 / SLAVE_RATE, 1 / MASTER_RATE) / np.sqrt(12),
-        np.array([0.0, duration / 2, duration]),
-    )
-    error = fit.to_master(time - OFFSET) - (1 + DRIFT) * time
-    # at its ends a line is twice as uncertain
-    assert abs(error).max() < 4 * 2 * sampling / np.sqrt(fit.edges)
-    assert abs(fit.drift - DRIFT) < 4 * fit.drift_error
-    assert (fit.drift_error > 50e-6) == (duration == 3.0)  # a short recording cannot tell the drift
-    assert fit.drift_error == pytest.approx(
-        1 / np.hypot(duration * np.sqrt(fit.edges / 12) / sampling, 1e4), rel=0.15
-    )
-    assert (fit.residual, fit.excluded_edges) == (pytest.approx(sampling, rel=0.4), 0)
-
-
-@pytest.mark.parametrize("offset", [-812.3456, 0.00071, 4321.0])
-def test_any_offset_and_drift_come_back_to_a_tenth_of_a_sample_with_a_twentieth_of_the_edges_bad(
-    offset: float,
-) -> None:
-    changes, rng = irregular(300.0), np.random.default_rng(7)
-    slave, master = slave_edges(changes, 300.0, offset), master_edges(changes, 300.0)
-    fit, time = fit_clock(spoilt(slave, rng), spoilt(master, rng)), np.array([0.0, 150.0, 300.0])
-    assert abs(fit.to_master(time - offset) - (1 + DRIFT) * time).max() < 0.1 / SLAVE_RATE
-    assert (fit.drift, 0.02 < fit.excluded_edges / fit.edges < 0.15) == (
-        pytest.approx(DRIFT, abs=1e-6),
-        True,
-    )
-    assert (
-        fit_clock((slave[0] + rng.normal(0, 1e-3, slave[0].size), *slave[1:]), master).residual
-        < 1 / SLAVE_RATE
-    )
-
-
-def test_edges_that_are_a_few_standard_deviations_late_take_no_part_in_the_clock() -> None:
-    """One edge in ten by two samples, seven standard deviations: with them the offset is wrong by
-    0.4 ms."""
-    changes = irregular(30.0)
-    (time, *levels), master = slave_edges(changes, 30.0), master_edges(changes, 30.0)
-    late = time + np.where(np.arange(time.size) % 10 == 5, 2.1 / SLAVE_RATE, 0.0)
-    fit, sound = fit_clock((late, *levels), master), fit_clock((time, *levels), master)
-    assert fit.excluded_edges == pytest.approx(time.size / 10, abs=2)  # but those at its ends
-    assert fit.to_master(15.0) == pytest.approx(sound.to_master(15.0), abs=2e-4)
-
-
-def test_edges_are_found_between_samples_and_noise_at_the_mid_level_makes_none() -> None:
-    time = np.arange(0, 1, 1e-3)
-    at, rising, _ = find_edges(time, np.clip((time - 0.4003) / 0.02 + 0.5, 0, 1) * 5)
-    np.testing.assert_allclose(at, [0.4003], atol=1e-9)
-    assert rising.tolist() == [True]
-    logic = find_edges(np.array([0.0, 2.0, 4.0, 6.0]), np.array([0.0, 0.0, 1.0, 0.0]))
-    assert (logic[0].tolist(), logic[1].tolist()) == ([3.0, 5.0], [True, False])
-    assert find_edges(np.arange(5.0), np.full(5, 3.3))[0].size == 0
-    noisy = find_edges(np.arange(9.0), np.array([0, 0, 3.4, 1.6, 2.4, 2.7, 5, 5, 5]))
-    assert (noisy[0].tolist(), noisy[1].tolist()) == ([pytest.approx(4 + 1 / 3)], [True])
-
-
-PERIODIC, SHORT, LONG = np.arange(0.5, 10, 0.25), irregular(3.0), irregular(30.0)
-TIMES, *LEVELS = slave_edges(LONG, 30.0)
-# by more than a sample
-SCATTERED = TIMES + np.random.default_rng(3).normal(0, 0.004, TIMES.size), *LEVELS
-
-
-@pytest.mark.parametrize(("in_log", "in_capture", "message"), [
-    (slave_edges(PERIODIC, 10.0), master_edges(PERIODIC, 10.0), "let the pulses vary in length"),
-    (slave_edges(irregular(3.0, 4), 3.0), master_edges(irregular(3.0, 5), 3.0),
-     "sync edges agree on one offset"),
-    (slave_edges(SHORT, 3.0), master_edges(SHORT[:4], 3.0),
-     "4 sync edges in motion capture, at least 6"),
-    (slave_edges(SHORT[:0], 3.0), master_edges(SHORT, 3.0), "0 sync edges in the log"),
-    (SCATTERED, master_edges(LONG, 30.0), "the sync edges fit with a residual of"),
-])  # fmt: skip
-def test_pulses_that_tell_no_one_clock_are_refused(
-    in_log: Edges, in_capture: Edges, message: str
-) -> None:
-    with pytest.raises(InputError, match=message):
-        fit_clock(in_log, in_capture)
-
-
-CAMERA_RATE, KNOTS = 300.0, np.arange(-120.0, 450.0, 0.15)
-# never repeats itself
-MOVEMENT = make_interp_spline(KNOTS, np.random.default_rng(9).standard_normal(KNOTS.size))
-
-
-@pytest.mark.parametrize("offset", [-100.0, 0.1234])
-def test_an_encoder_and_markers_give_offset_and_drift_to_a_tenth_of_a_sample(offset: float) -> None:
-    """The encoder's clock is behind by the offset [s]; its sign, scale and zero are others, and
-    both have noise."""
-    rng, slave = np.random.default_rng(0), np.arange(0, 300.0 - min(offset, 0), 1 / SLAVE_RATE)
-    encoder = (
-        3.0 - 2 * MOVEMENT(offset + (1 + DRIFT) * slave) + 0.02 * rng.standard_normal(slave.size)
-    )
-    master = np.arange(0, 300.0, 1 / CAMERA_RATE)
-    fit = correlate_clocks(
-        (slave, encoder), (master, MOVEMENT(master) + 0.01 * rng.standard_normal(master.size))
-    )
-    time = np.array([10.0, 150.0, 290.0]) - offset
-    assert abs(fit.to_master(time) - (offset + (1 + DRIFT) * time)).max() < 0.1 / SLAVE_RATE
-    assert abs(fit.drift - DRIFT) < 4 * fit.drift_error < 4e-6
-    assert fit.residual < 0.1 / SLAVE_RATE
-    assert (fit.method, fit.edges + fit.excluded_edges) == ("correlation", 12)
-
-
-WITHIN = np.arange(0, 30, 1 / CAMERA_RATE)
-ONCE = np.exp(-(((WITHIN - 10) / 1) ** 2)) * MOVEMENT(WITHIN)
-
-
-@pytest.mark.parametrize(("strange", "seen", "message"), [
-    (np.random.default_rng(3).standard_normal(9000), MOVEMENT(WITHIN),
-     "correlates by 0.0. at best, 0.5 is needed"),
-    (np.zeros(9000), MOVEMENT(WITHIN), "is constant"),
-    (np.zeros(40), MOVEMENT(WITHIN), "fewer than 48 samples"),
-    (np.sin(2 * np.pi * WITHIN), np.sin(2 * np.pi * WITHIN + 1),
-     r"fits in two places \(correlation 1.00 and 1.00"),
-    (ONCE, ONCE, r"moves in . of 12 sections of the recording, at least 6 are needed"),
-    (MOVEMENT(WITHIN + 0.02 * np.sin(WITHIN / 2)), MOVEMENT(WITHIN),
-     "the lags of the shared signal scatter by"),
-])  # fmt: skip
-def test_signals_that_do_not_show_the_same_movement_throughout_are_refused(strange, seen, message):
-    with pytest.raises(InputError, match=message):
-        correlate_clocks((np.arange(strange.size) / CAMERA_RATE, strange), (WITHIN, seen))
+# ---- The cache of a trial
 
 
 def test_each_device_of_a_trial_keeps_its_own_clock_and_one_with_a_counter_that_of_the_counter():

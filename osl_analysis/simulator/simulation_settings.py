@@ -31,7 +31,7 @@ from osl_analysis.yaml_settings import (
 
 LARGEST_SIZE = {"bit": 32, "rad": math.pi}  # of an effect, by its unit
 FEWEST_SAMPLES_PER_CYCLE = 10  # of the log at the fastest motion
-EARLIEST_NYQUIST = 2  # samples of a node per cycle of the fastest motion that do not show it
+HIDING_SAMPLES_PER_CYCLE = 2  # of a node; so few do not show the fastest motion
 
 
 class Effect(Settings):
@@ -465,7 +465,7 @@ class SimulationSettings(Settings):
             )
         nodes = {"node": self.recorder.node, "torque_node": self.recorder.torque_node}
         for name, node in nodes.items():
-            if node is None or not 0 < node.rate.value <= EARLIEST_NYQUIST * fastest:
+            if node is None or not 0 < node.rate.value <= HIDING_SAMPLES_PER_CYCLE * fastest:
                 continue
             raise misplaced(
                 f"{node.rate.value:g} Hz do not show a motion of {fastest:g} Hz; raise it, or"

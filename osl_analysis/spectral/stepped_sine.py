@@ -20,6 +20,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.signals import longest_run, runs, sampling_rate
 from osl_analysis.signals.grid import BRIDGE_MORE
 from osl_analysis.spectral.sine_runs import (
+    MISSING_CYCLE,
     SAME_AMPLITUDE,
     Run,
     find_runs,
@@ -36,7 +37,6 @@ SAME_RATE = 1e-3  # of two frequencies; runs that agree so well share one
 LARGEST_SLIP = 2e-3  # cycles by which a run may slip against the commanded frequency
 OTHER_UNIT = 10  # an amplitude so many times larger or smaller is in another unit
 
-MISSING_CYCLE = 0.25  # cycles that may be missing at the ends of a run
 LONGEST_REST = 0.3  # cycles between two runs of one amplitude that follow each other
 # A run of whole cycles that begins at its centre and rises
 WHOLE_CYCLES = 0.15  # cycles that it may differ from a whole number

@@ -197,8 +197,8 @@ def rows(table, trials=None):
         if other.name == table:
             first = EXPERIMENTS[experiment].tables[0].name
             suffix = {first: "csv", "record": "parquet"}.get(table, "zip")
-            named = CAMPAIGN.rows_of(experiment, other)
-            used = [trial for trial in named if trials is None or trial in trials]
+            fitted = CAMPAIGN.rows_of(experiment, other)
+            used = [trial for trial in fitted if trials is None or trial in trials]
             files += expand(f"<results>/fits/{first}/{{trial}}.{suffix}", trial=used)
     return files
 
@@ -272,8 +272,8 @@ RESULTS_OF_TRIALS = [
 
 def tables(*names):
     """Those of these tables that the campaign has."""
-    known = [name for name in TABLE_NAMES if name in names]
-    return expand("<results>/tables/{table}.csv", table=known)
+    of_campaign = [name for name in TABLE_NAMES if name in names]
+    return expand("<results>/tables/{table}.csv", table=of_campaign)
 
 
 def evidence_of(*names):

@@ -25,9 +25,9 @@ from osl_analysis.dictionary import described_tables
 from osl_analysis.figures import FIGURES
 from osl_analysis.outcomes.perform import (
     OF_EVERY_JOB,
+    ONLY_CHECKED,
     ONLY_COMPARED,
     ONLY_MADE,
-    ONLY_TOLD,
     ONLY_WAITED_FOR,
     TABLES_OF_FIT,
 )
@@ -246,7 +246,7 @@ def test_what_a_rule_names_are_the_arguments_of_its_function_and_none_is_left_ou
         outputs = set() if command in TABLES_OF_FIT else {*job["output"]} - {*ONLY_MADE}
         if not job["output"]:
             outputs = {"output"} if len(job["files"]) == 1 else {"outputs"}
-        inputs = {*job["input"]} - {*ONLY_WAITED_FOR, *ONLY_TOLD}
+        inputs = {*job["input"]} - {*ONLY_WAITED_FOR, *ONLY_CHECKED}
         params = {*job["params"]} - {*ONLY_COMPARED, *OF_EVERY_JOB}
         given = inputs | params | outputs
         arguments = {*inspect.signature(function).parameters} - {"refused"}

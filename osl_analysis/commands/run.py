@@ -344,7 +344,7 @@ def end_run(
         refused = [file for file in files if is_refused(file)]
         began = psutil.Process().create_time()
         end_workers()
-        idle = "" if unfinished or has_worked(results / "logs", began) else NOTHING_DONE
+        idle = "" if unfinished or workflow.scheduler.finished_jobs else NOTHING_DONE
         lines = [idle, run_report(results / "logs", began), not_made(unfinished), report(refused)]
         print("\n".join(filter(None, lines)), file=sys.stderr, flush=True)
         failed = bool(refused) and not accept
@@ -358,11 +358,6 @@ def end_run(
 
 
 NOTHING_DONE = "Nothing to be done: every result that was asked for is up to date"
-
-
-def has_worked(logs: Path, began: float) -> bool:
-    """Whether a job has written its log since a run began [s since 1970]."""
-    return any(log.stat().st_mtime >= began for log in logs.rglob("*.log"))
 
 
 def not_made(files: Sequence[str]) -> str:

@@ -46,15 +46,15 @@ STAGES = {
         "captions",
     ),
 }
-"""Begin of the rules' names by stage. All others make tables and the page."""
+"""How the names of rules begin, by stage. All other rules make tables and the page."""
 TABLES_AND_PAGE = "tables and page"
-TOLD_IN_OUR_WORDS = {
+MESSAGE_BY_EXCEPTION = {
     "LockException": (
         "error: another run is at work in this folder: wait for it; or one that was killed left its"
         " lock: `osl-analysis run` takes it over on the same machine, else `--unlock` removes it"
     ),
 }
-"""By exception with which Snakemake ends: what is said in its place."""
+"""What is printed in place of the exception with which Snakemake ends, by its name."""
 SHORTEST_WAIT_S = 10.0  # between two lines on the same stage
 
 
@@ -83,11 +83,12 @@ class LogHandler(LogHandlerBase):
 
     def __post_init__(self) -> None:
         self.is_quiet = not (self.common_settings.verbose or self.common_settings.dryrun)
-        self.total, self.done = Counter[str](), Counter[str]()  # jobs by stage
-        self.started: dict[str, float] = {}  # when the first job of a stage began [s]
+        self.total = Counter[str]()  # jobs by stage
+        self.done = Counter[str]()
+        self.started_s: dict[str, float] = {}  # when the first job of a stage began
         self.jobs: dict[int, RunningJob] = {}  # by their numbers
-        self.told = set[tuple[str, str]]()  # causes that stand above
-        self.last = time.monotonic()  # when something was written last [s]
+        self.printed_causes = set[tuple[str, str]]()  # outcome and text
+        self.last_line_s = time.monotonic()  # when something was printed last
 
     @property
     def writes_to_stream(self) -> bool:
@@ -100,58 +101,61 @@ class LogHandler(LogHandlerBase):
         if not self.is_quiet:
             return
         try:
-            self.take(record)
+            self.handle_event(record)
         except Exception:
             self.handleError(record)
 
-    def take(self, record: LogRecord) -> None:
-        event, known = getattr(record, "event", None), record.__dict__
+    def handle_event(self, record: LogRecord) -> None:
+        event = getattr(record, "event", None)
+        fields = record.__dict__  # of the event, as Snakemake's `LogEvent` describes them
         if event == LogEvent.RUN_INFO:
-            for rule, count in known["stats"].items():
+            for rule, count in fields["stats"].items():
                 if rule != "total" and not rule.endswith("reproduce-all"):  # which has no stage
                     self.total[stage_of(rule)] += count
         elif event == LogEvent.JOB_INFO:
-            stage = stage_of(known["rule_name"])
-            self.jobs[known["jobid"]] = RunningJob(stage, list(known["log"] or ()))
-            self.started.setdefault(stage, time.monotonic())
-        elif event == LogEvent.JOB_FINISHED and known["job_id"] in self.jobs:
-            self.finish(self.jobs.pop(known["job_id"]))
+            stage = stage_of(fields["rule_name"])
+            self.jobs[fields["jobid"]] = RunningJob(stage, list(fields["log"] or ()))
+            self.started_s.setdefault(stage, time.monotonic())
+        elif event == LogEvent.JOB_FINISHED and fields["job_id"] in self.jobs:
+            self.finish(self.jobs.pop(fields["job_id"]))
         elif event == LogEvent.JOB_ERROR:
-            self.tell_outcome(list(known["log"] or ()))
-        elif event == LogEvent.ERROR and known.get("exception") == "RuleException" and self.jobs:
+            self.print_outcome(list(fields["log"] or ()))
+        elif event == LogEvent.ERROR and fields.get("exception") == "RuleException" and self.jobs:
             pass  # a job has told its error
-        elif event == LogEvent.ERROR and known.get("exception") in TOLD_IN_OUR_WORDS:
-            self.line(TOLD_IN_OUR_WORDS[known["exception"]])
+        elif event == LogEvent.ERROR and fields.get("exception") in MESSAGE_BY_EXCEPTION:
+            self.print_line(MESSAGE_BY_EXCEPTION[fields["exception"]])
         elif record.levelno >= WARNING:
-            self.line(self.format(record))
+            self.print_line(self.format(record))
 
     def finish(self, job: RunningJob) -> None:
         """Report an ended job: at once what it refused; from time to time, and at its end, the
         state of its stage."""
-        self.tell_outcome(job.logs)
+        self.print_outcome(job.logs)
         stage = job.stage
         self.done[stage] += 1
-        done, total, now = self.done[stage], self.total[stage], time.monotonic()
-        spent = max(now - self.started[stage], 1e-3)
+        done = self.done[stage]
+        total = self.total[stage]
+        now = time.monotonic()
+        spent_s = max(now - self.started_s[stage], 1e-3)
         if done == total:
-            self.line(f"{stage} {done}/{total} in {spent:.0f} s")
-        elif now - self.last > SHORTEST_WAIT_S and done < total:
-            left = (total - done) * spent / done
-            self.line(f"{stage} {done}/{total}, {done / spent:.3g}/s, {left:.0f} s left")
+            self.print_line(f"{stage} {done}/{total} in {spent_s:.0f} s")
+        elif now - self.last_line_s > SHORTEST_WAIT_S and done < total:
+            left_s = (total - done) * spent_s / done
+            self.print_line(f"{stage} {done}/{total}, {done / spent_s:.3g}/s, {left_s:.0f} s left")
 
-    def tell_outcome(self, logs: Sequence[str]) -> None:
+    def print_outcome(self, logs: Sequence[str]) -> None:
         """A line on a job that was refused, has failed or was killed, once for each cause: the list
         at the end of the run names the others."""
         for log in map(Path, logs):
-            ended = read_log(log)
-            if ended is None or ended["outcome"] not in ("refused", "failed", "killed"):
+            job_log = read_log(log)
+            if job_log is None or job_log["outcome"] not in ("refused", "failed", "killed"):
                 continue
-            text = "; ".join(filter(None, (ended["error"], ended.get("remedy"))))
-            cause = (ended["outcome"], alike(text, log.stem))
-            if cause not in self.told:
-                self.told.add(cause)
-                self.line(f"{ended['outcome']}: {log.stem}: {printable(text)}")
+            text = "; ".join(filter(None, (job_log["error"], job_log.get("remedy"))))
+            cause = (job_log["outcome"], alike(text, log.stem))
+            if cause not in self.printed_causes:
+                self.printed_causes.add(cause)
+                self.print_line(f"{job_log['outcome']}: {log.stem}: {printable(text)}")
 
-    def line(self, text: str) -> None:
+    def print_line(self, text: str) -> None:
         print(text, file=sys.stderr, flush=True)
-        self.last = time.monotonic()
+        self.last_line_s = time.monotonic()

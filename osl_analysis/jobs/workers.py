@@ -56,11 +56,12 @@ imported 200 MB that a fit does without. Threads of Snakemake take one, and put 
 
 
 def end_workers() -> None:
-    """End the workers, and free what they shared with this process."""
+    """End the workers, if there are any, and free what they shared with this process."""
     for workers in IDLE.values():
         while workers:
             workers.pop().pool.shutdown()
-    gc.collect()
+    if IDLE:
+        gc.collect()
 
 
 def begin() -> None:
@@ -124,8 +125,9 @@ def plain_files(input: Any) -> dict[str, str | list[str]]:
 
 
 def outputs_of(output: Any) -> dict[str, str | list[str]]:
-    if named := plain_files(output):
-        return named
+    by_name = plain_files(output)
+    if by_name:
+        return by_name
     files = list(map(str, output))
     return {"output": files[0]} if len(files) == 1 else {"outputs": files}
 

@@ -23,11 +23,16 @@ def write_log(path: Path, ended: Mapping[str, Any], given: Mapping[str, Any]) ->
     done; refused, for an input that the user can correct; failed, by an error of the program or of
     the system; killed, ended from outside; skipped, because an input is missing."""
     entries = {**ended, **{name: given.get(name) for name in GIVEN}}
-    said = plain(
-        {name: value for name, value in entries.items() if value not in ("", (), [], {}, None)}
-    )
+    filled = {name: value for name, value in entries.items() if value not in ("", (), [], {}, None)}
     with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8") as file:
-        yaml.dump(said, file, yaml.CSafeDumper, sort_keys=False, width=10**9, allow_unicode=True)
+        yaml.dump(
+            plain(filled),
+            file,
+            yaml.CSafeDumper,
+            sort_keys=False,
+            width=10**9,
+            allow_unicode=True,
+        )
 
 
 def read_log(path: Path) -> dict[str, Any] | None:
@@ -36,18 +41,20 @@ def read_log(path: Path) -> dict[str, Any] | None:
         head = path.read_text(encoding="utf-8")
         for name in GIVEN:
             head = head.split(f"\n{name}:", 1)[0]
-        said = yaml.load(head, yaml.CSafeLoader)
+        log = yaml.load(head, yaml.CSafeLoader)
     except (OSError, ValueError, yaml.YAMLError):
         return None
-    return said if isinstance(said, dict) and {"job", "outcome"} <= said.keys() else None
+    return log if isinstance(log, dict) and {"job", "outcome"} <= log.keys() else None
 
 
 def plain(value: Any) -> Any:
     """A value of mappings, lists, numbers, truth values and text only. Paths become text, numpy's
     numbers Python's."""
-    return json.loads(
-        json.dumps(value, default=lambda one: one.item() if hasattr(one, "item") else str(one))
-    )
+    return json.loads(json.dumps(value, default=plain_scalar))
+
+
+def plain_scalar(value: Any) -> Any:
+    return value.item() if hasattr(value, "item") else str(value)
 
 
 def run_report(folder: Path, since: float) -> str:

@@ -6,7 +6,7 @@ import time
 import traceback
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -31,8 +31,8 @@ from osl_analysis.trial import read_trial
 
 ONLY_WAITED_FOR = ("recordings", "sources", "made_of", "evidence", "numbers", "quality")
 """Inputs that are no arguments of a command: it finds these files itself, or by others."""
-ONLY_TOLD = ("fitted",)
-"""Inputs of which a command is only told which are refused, as `refused`."""
+ONLY_CHECKED = ("fitted",)
+"""Inputs that no command reads: it gets the refusals among them, as `refused`."""
 ONLY_MADE = ("log", "mocap")
 """Outputs that are no arguments of a command: it finds their places itself."""
 ONLY_COMPARED = ("sizes",)
@@ -77,7 +77,7 @@ class Job:
     @property
     def files(self) -> list[Path]:
         """All outputs."""
-        listed = [[one] if isinstance(one, str) else one for one in self.outputs.values()]
+        listed = [[files] if isinstance(files, str) else files for files in self.outputs.values()]
         return [Path(file) for files in listed for file in files]
 
     @property
@@ -102,6 +102,16 @@ class Job:
         return str(stated or (Path(read).stem if isinstance(read, str) else ""))
 
 
+@dataclass(frozen=True)
+class Ending:
+    """How a job ended, as its log says (`job_log.write_log`)."""
+
+    outcome: str = "done"
+    error: str = ""
+    remedy: str = ""
+    traceback: str = ""
+
+
 def perform(job: Job) -> None:
     """Do a job, and write its log. An error of its input leaves refusals in place of the outputs.
 
@@ -111,7 +121,7 @@ def perform(job: Job) -> None:
         A result cannot be written, as on a full disk. The next run tries again.
     """
     start = time.perf_counter()
-    ended: dict[str, Any] = {"job": job.command, "outcome": "done"}
+    ending = Ending()
     causes: Sequence[Refusal] = ()
     cannot_write: WriteError | None = None
     with warnings.catch_warnings(record=True) as caught:
@@ -119,28 +129,32 @@ def perform(job: Job) -> None:
         try:
             causes = call(job)
             if causes:
-                told = [f"{cause.trial or cause.file}: {cause.reason}" for cause in causes]
-                ended |= {"outcome": "skipped", "error": "; ".join(told)}
+                reasons = [f"{cause.trial or cause.file}: {cause.reason}" for cause in causes]
+                ending = Ending("skipped", "; ".join(reasons))
         except OslAnalysisError as error:
             if isinstance(error, WriteError) and not isinstance(error, MemoryLimitError):
                 cannot_write = error
             outcome = "failed" if isinstance(error, WriteError) else "refused"
-            ended |= {"outcome": outcome, "error": error.reason, "remedy": error.remedy}
+            ending = Ending(outcome, error.reason, error.remedy)
         except OSError as error:
             reason = printable(f"{error.filename or 'a file'}: {error.strerror or error}")
-            remedy = WHAT_TO_DO["failed, of the system"]
-            ended |= {"outcome": "failed", "error": reason, "remedy": remedy}
+            ending = Ending("failed", reason, WHAT_TO_DO["failed, of the system"])
         except Exception as error:
-            ended |= {"outcome": "failed", "error": unexpected(error)}
-            ended["traceback"] = traceback.format_exc()
-    ended["seconds"] = round(time.perf_counter() - start, 3)
-    ended["warnings"] = list(dict.fromkeys(printable(str(one.message)) for one in caught))
+            ending = Ending("failed", unexpected(error), traceback=traceback.format_exc())
+    seconds = round(time.perf_counter() - start, 3)
+    texts = [printable(str(warning.message)) for warning in caught]
 
-    if cannot_write is None and ended["outcome"] != "done":
-        refuse(job, causes or [refusal(job, ended)])
-    write_log(job.log, ended, {"input": job.inputs, "output": job.outputs, "params": job.params})
+    if cannot_write is None and ending.outcome != "done":
+        refuse(job, causes or [refusal(job, ending)])
+    log_end(job, ending, seconds=seconds, warnings=list(dict.fromkeys(texts)))
     if cannot_write is not None:
         raise cannot_write
+
+
+def log_end(job: Job, ending: Ending, **further: Any) -> None:
+    """Write the log of a job, with further entries."""
+    entries = {"job": job.command, **asdict(ending), **further}
+    write_log(job.log, entries, {"input": job.inputs, "output": job.outputs, "params": job.params})
 
 
 def call(job: Job) -> Sequence[Refusal]:
@@ -154,11 +168,11 @@ def call(job: Job) -> Sequence[Refusal]:
     """
     function = command_of(job)
     arguments = inspect.signature(function).parameters
-    is_told = "refused" in arguments
+    takes_refusals = "refused" in arguments
     inputs = {
         name: files
         for name, files in job.inputs.items()
-        if name not in ONLY_WAITED_FOR and (is_told or name not in ONLY_TOLD)
+        if name not in ONLY_WAITED_FOR and (takes_refusals or name not in ONLY_CHECKED)
     }
     for name, files in inputs.items():
         if name in arguments and arguments[name].annotation == Mapping[str, Path]:
@@ -170,12 +184,14 @@ def call(job: Job) -> Sequence[Refusal]:
         for name, value in job.params.items()
         if name not in ONLY_COMPARED and name not in OF_EVERY_JOB
     }
-    if is_told:
+    if takes_refusals:
         params["refused"] = usable.refused
     elif usable.missing:
         return usable.missing
     used = without_excluded(usable.inputs, job.params.get("excluded", ()))
-    given: dict[str, Any] = {name: files for name, files in used.items() if name not in ONLY_TOLD}
+    given: dict[str, Any] = {
+        name: files for name, files in used.items() if name not in ONLY_CHECKED
+    }
     for name, files in given.items():
         if isinstance(files, list) and not takes_many(arguments, name):
             given[name] = files[0] if files else None
@@ -216,15 +232,16 @@ def refuse(job: Job, causes: Sequence[Refusal]) -> None:
         write_refusals(causes, file)
 
 
-def refusal(job: Job, ended: Mapping[str, Any]) -> Refusal:
+def refusal(job: Job, ending: Ending) -> Refusal:
     """The cause that a job is that refused its input or failed."""
-    outcome, reason = ended["outcome"], ended["error"]
-    kind = outcome if job.trial or outcome != "refused" else "refused, of several"
-    remedy = ended.get("remedy") or WHAT_TO_DO[kind].format(log=job.log)
+    kind = ending.outcome
+    if kind == "refused" and not job.trial:
+        kind = "refused, of several"
+    remedy = ending.remedy or WHAT_TO_DO[kind].format(log=job.log)
     files = [*job.recordings, *map(str, job.files)]
     # the first is the cause, unless the reason names another
-    file = next((file for file in files if file in reason), files[0])
-    return Refusal(job.trial, file, job.command, outcome, reason, remedy)
+    file = next((file for file in files if file in ending.error), files[0])
+    return Refusal(job.trial, file, job.command, ending.outcome, ending.error, remedy)
 
 
 def end_killed(job: Job, signal_name: str, is_crash: bool) -> None:
@@ -239,12 +256,12 @@ def end_killed(job: Job, signal_name: str, is_crash: bool) -> None:
     if is_crash and job.recordings:
         reason = f"{' or '.join(job.recordings)}: a library that reads it crashed ({signal_name})"
         remedy = "the file may be damaged: copy, export or record it again"
-        ended = {"job": job.command, "outcome": "refused", "error": reason, "remedy": remedy}
-        refuse(job, [refusal(job, ended)])
+        ending = Ending("refused", reason, remedy)
+        refuse(job, [refusal(job, ending)])
     else:
         reason = f"the process of this job was killed ({signal_name})"
         remedy = "run again; if memory was short, with fewer jobs at once (`--cores 1`)"
-        ended = {"job": job.command, "outcome": "killed", "error": reason, "remedy": remedy}
-    write_log(job.log, ended, {"input": job.inputs, "output": job.outputs, "params": job.params})
-    if ended["outcome"] == "killed":
+        ending = Ending("killed", reason, remedy)
+    log_end(job, ending)
+    if ending.outcome == "killed":
         raise WriteError(f"{job.files[0]}: {reason}; {remedy}")

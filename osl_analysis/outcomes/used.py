@@ -42,9 +42,9 @@ def without_refused(inputs: Mapping[str, Files]) -> Usable:
 
     usable = dict(inputs)
     for name, files in lists.items():
-        left = [file for file in files if Path(file).stem not in refused_by_stem]
-        usable[name] = left
-        if not left and "trial" not in inputs:
+        not_refused = [file for file in files if Path(file).stem not in refused_by_stem]
+        usable[name] = not_refused
+        if not not_refused and "trial" not in inputs:
             missing += chain(*(refused_by_stem[Path(file).stem] for file in files))
     for name, named_files in by_name.items():
         usable[name] = {key: file for key, file in named_files.items() if not is_refused(file)}
@@ -61,18 +61,18 @@ def without_excluded(inputs: Mapping[str, Files], excluded: Sequence[str]) -> di
         The input `trial` is excluded, or a list loses everything.
     """
     lists = {name: files for name, files in inputs.items() if isinstance(files, list)}
-    left = {
+    not_excluded = {
         name: [file for file in files if Path(file).stem not in excluded]
         for name, files in lists.items()
     }
     trial = inputs.get("trial")
     lost = {Path(trial).stem} & set(excluded) if isinstance(trial, str) else set()
     for name, files in lists.items():
-        if files and not left[name] and trial is None:
+        if files and not not_excluded[name] and trial is None:
             lost |= {Path(file).stem for file in files}
     if lost:
         raise InputError(
             f"quality control excludes every trial that is needed here: {', '.join(sorted(lost))};"
             f" {HOW_TO_USE}; the reasons stand in tables/excluded.csv"
         )
-    return {**inputs, **left}
+    return {**inputs, **not_excluded}

@@ -843,7 +843,7 @@ def test_headline_means_say_how_many_doubtful_trials_they_leave_out_or_contain()
         "it is the only trial of its condition"
     )
     assert counts["K_bias_compensated"] == counts["B_error_compensated"] == (3, 1, 0)
-    repeated = far.with_columns(K_d=whole["K_d"][0], trial=pl.lit("repeats the first"))
+    repeated = far.with_columns(K_d=whole["K_d"][0])
     found = by_name({"impedance": pl.concat([made, repeated])})
     assert found["K_bias_compensated"].value == pytest.approx(-1.0), "a sound trial repeats it"
     without_friction = found["B_error_compensated"].value  # of 5.2, and of 0.1 that has none

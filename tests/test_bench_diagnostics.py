@@ -46,7 +46,7 @@ def rows(torque_of, noise=0.03, protocol=FIVE, seed=1):
     table = table_of(stepped_sine(torque_of, noise, protocol, seed))
     limits = {
         end: {k: v for k, v in getattr(LIMITS, end).items() if k in table.columns}
-        for end in ("above", "below")
+        for end in ("above", "below", "ratio")
     }
     return marked(table, LIMITS.model_copy(update=limits), "phasors").to_dicts()
 

@@ -1,4 +1,4 @@
-"""A doubt is what may move an estimate by more than the accuracy that it needs; less is a remark."""
+"""A doubt may move an estimate by more than the accuracy that it needs; less is a remark."""
 
 import polars as pl
 import pytest

@@ -368,9 +368,10 @@ def test_the_limit_of_every_finding_reaches_table_and_summary_also_of_what_is_on
 
 def test_a_mean_over_trials_leaves_out_doubtful_ones_while_half_are_sound_and_says_how_many():
     two = fits(K_s=[700.0, 690.0], doubtful=["", "clipped"])
+    third = two.tail(1).with_columns(trial=pl.lit("third"))
     for table, said in (
         (two, (700.0, 1, 1, 1)),
-        (pl.concat([two, two.tail(1).with_columns(trial=pl.lit("third"))]), (pytest.approx(2080 / 3), 3, 2, 0)),
+        (pl.concat([two, third]), (pytest.approx(2080 / 3), 3, 2, 0)),
     ):
         (summary,) = (
             summary_of_trials(table, ["K_s"]).select("mean", "n", "n_doubtful", "n_left_out").rows()

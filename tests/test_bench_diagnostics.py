@@ -124,7 +124,7 @@ def test_coulomb_friction_is_named_and_has_its_size():
     expected = [np.hypot(smooth.se(smooth.names[k]), width[k]) for k in range(2)]
     assert [of_leg["B_viscous_se"], of_leg["f_C_se"]] == pytest.approx(expected, rel=1e-3)
     assert whole["B_change"] < -0.03
-    assert (whole["rivals"], whole["doubtful"]) == (None, "")
+    assert (whole["rivals"], whole["doubtful"]) == (None, "friction")  # above 5 % of B
 
 
 @pytest.mark.parametrize("cubic", [4e3, -4e3])

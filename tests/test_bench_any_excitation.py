@@ -319,8 +319,7 @@ def test_clocks_of_one_file_that_drift_apart_are_the_only_cause():
         return make_interp_spline(time, torque, 5)(time * (1 - 2e-4))
 
     row = table_of(stepped_sine(late, noise=0.02)).row(-1, named=True)
-    columns = ("time_shift", "path_shift", "K_change", "B_change", "K_drift")
-    limits = Limits(above={one: LIMITS.above[one] for one in columns}, below={"I_bound": 0.0})
+    limits = Limits(above={"K_drift": LIMITS.above["K_drift"]})
     doubts = {
         one.cause for one in findings_of(row, limits, "impedance") if one.grade is Grade.DOUBTS
     }
@@ -454,8 +453,9 @@ def test_binary_steps_give_k_and_a_doubt_about_b_and_i():
     assert plain["I_without"] == pytest.approx(0.02, rel=0.05)
     assert [row["B"] for row in (behind, told)] == pytest.approx([5, 5], rel=0.007)
     assert [row["I"] for row in (behind, told)] == pytest.approx([0.02, 0.02], rel=0.02)
-    limit = Limits(above={"path_shift": LIMITS.above["path_shift"]})
-    doubts = [set(beyond_in(findings_of(row, limit, "impedance"))) for row in (plain, behind, told)]
+    doubts = [
+        set(beyond_in(findings_of(row, Limits(), "impedance"))) for row in (plain, behind, told)
+    ]
     assert doubts == [{"path_shift"}, set(), set()]
 
 

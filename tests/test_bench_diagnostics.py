@@ -46,7 +46,7 @@ def rows(torque_of, noise=0.03, protocol=FIVE, seed=1):
     table = table_of(stepped_sine(torque_of, noise, protocol, seed))
     limits = {
         end: {k: v for k, v in getattr(LIMITS, end).items() if k in table.columns}
-        for end in ("above", "below")
+        for end in ("above", "below", "ratio")
     }
     return marked(table, LIMITS.model_copy(update=limits), "phasors").to_dicts()
 
@@ -104,9 +104,8 @@ def test_coulomb_friction_is_named_and_has_its_size():
     assert whole["K_without_friction_low"] < 200 < whole["K_without_friction_high"]
     assert whole["I_without_friction_low"] < 0.05 < whole["I_without_friction_high"]
     (finding,) = findings_of(whole, Limits(above={"coulomb_share": 0.01}), "impedance")[:1]
-    assert (finding.cause, [*finding.without]) == (
-        "friction",
-        [f"{x}{end}" for x in "KBI" for end in ENDS],
+    assert (finding.cause, [*finding.without]) == ("friction", ["B", "B_low", "B_high"]), (
+        "K and I beside friction are as recorded"
     )
     assert finding.without["B_high"] == whole["B_viscous_high"]
     rubbing = stepped_sine(lambda m: second_order(m) + 0.8 * np.sign(m.omega), 0.03, FIVE)
@@ -125,7 +124,7 @@ def test_coulomb_friction_is_named_and_has_its_size():
     expected = [np.hypot(smooth.se(smooth.names[k]), width[k]) for k in range(2)]
     assert [of_leg["B_viscous_se"], of_leg["f_C_se"]] == pytest.approx(expected, rel=1e-3)
     assert whole["B_change"] < -0.03
-    assert (whole["rivals"], whole["doubtful"]) == (None, "")
+    assert (whole["rivals"], whole["doubtful"]) == (None, "friction")  # above 5 % of B
 
 
 @pytest.mark.parametrize("cubic", [4e3, -4e3])

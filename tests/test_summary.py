@@ -91,7 +91,9 @@ def test_a_misfit_that_a_cause_explains_is_no_doubt_of_its_own_and_where_the_rem
     )
     assert (friction.sizes, friction.without) == ({"B": pytest.approx(0.6 * 2.264)}, {"B": 1.0465})
     assert friction.remedy == Remedy.ALONE, "there are no rows of single amplitudes"
-    assert [one.cause for one in doubts(row, {}, {"VAF": 90})] == ["model that does not fit"]
+    assert [one.cause for one in doubts({"VAF": 80.0}, {}, {"VAF": 90})] == [
+        "model that does not fit"
+    ]
     rows = pl.DataFrame(
         {
             "trial": "a",
@@ -267,7 +269,7 @@ def test_causes_and_trials_are_counted_and_not_the_rows_that_inherit_them():
     its own beside."""
     fit = {"trial": ["a", "a", "b", "c"], "amplitude_deg": [2.0, None, None, None]}
     fit |= {"coulomb_share": [0.7, 0.6, 0.7, 0.1]}
-    fit |= {"VAF": [80.0, 80.0, 80.0, 95.0], "path_shift": [0.0, 0.0, 0.1, 0.0]}
+    fit |= {"VAF": [80.0, 80.0, 80.0, 95.0], "path_shift": [0.0, 0.0, 2.0, 0.0]}
     tables = {"impedance": pl.DataFrame(fit).with_columns(K_over_K_s=0.5, K_drift=0.0)}
     shared = {
         "trial": ["a", "a", "c"],
@@ -275,9 +277,7 @@ def test_causes_and_trials_are_counted_and_not_the_rows_that_inherit_them():
         "theta_distortion": [0.0, 0.0, 0.1],
     }
     tables["phasors"] = pl.DataFrame(shared)
-    limits = {
-        "impedance": {"above": {"coulomb_share": 0.5, "path_shift": 0.02}, "below": {"VAF": 90}}
-    }
+    limits = {"accuracy": {"B": 0.5}, "impedance": {"below": {"VAF": 90}}}
     found = known(tables, limits | {"phasors": {"above": {"theta_distortion": 0.02}}})
     counts = [(one["cause"], one["trials"], one["n"], one["of"]) for one in found]
     assert counts == [
@@ -368,9 +368,10 @@ def test_the_limit_of_every_finding_reaches_table_and_summary_also_of_what_is_on
 
 def test_a_mean_over_trials_leaves_out_doubtful_ones_while_half_are_sound_and_says_how_many():
     two = fits(K_s=[700.0, 690.0], doubtful=["", "clipped"])
+    third = two.tail(1).with_columns(trial=pl.lit("third"))
     for table, said in (
         (two, (700.0, 1, 1, 1)),
-        (pl.concat([two, two.tail(1)]), (pytest.approx(2080 / 3), 3, 2, 0)),
+        (pl.concat([two, third]), (pytest.approx(2080 / 3), 3, 2, 0)),
     ):
         (summary,) = (
             summary_of_trials(table, ["K_s"]).select("mean", "n", "n_doubtful", "n_left_out").rows()
@@ -839,10 +840,16 @@ def test_headline_means_say_how_many_doubtful_trials_they_leave_out_or_contain()
         ].n_doubtful
         == 1
     )
-    assert found["K_bias_compensated"].value == pytest.approx(-1.0)
+    assert found["K_bias_compensated"].value == pytest.approx((-1.0 - 1.0 + 200.0) / 3), (
+        "it is the only trial of its condition"
+    )
+    assert counts["K_bias_compensated"] == counts["B_error_compensated"] == (3, 1, 0)
+    repeated = far.with_columns(K_d=whole["K_d"][0])
+    found = by_name({"impedance": pl.concat([made, repeated])})
+    assert found["K_bias_compensated"].value == pytest.approx(-1.0), "a sound trial repeats it"
     without_friction = found["B_error_compensated"].value  # of 5.2, and of 0.1 that has none
     assert without_friction == pytest.approx(0.15)
-    assert counts["K_bias_compensated"] == counts["B_error_compensated"] == (2, 1, 1)
+    assert (found["K_bias_compensated"].n, found["K_bias_compensated"].n_left_out) == (2, 1)
     assert counts["K_bias_uncompensated"] == (1, 1, 0), "its only trial is doubtful"
     assert counts["VAF_mean_compensated"] == (3, 1, 0)
     # of another motion, or of one amplitude

@@ -29,6 +29,7 @@ HEARD = {
     "K_without_high": 300.01,
 }
 HEARD |= {"K_without": 300.0, "B_without": 4.95, "B_without_low": 4.9, "B_without_high": 5.1}
+HEARD |= {"I_without": None}
 RUBS = {"trial": "a", "coulomb_share": 0.6, "B": 2.264, "B_viscous": 1.0465, "f_C": 1.4}
 
 
@@ -48,9 +49,9 @@ def test_every_cause_and_check_says_what_is_wrong_and_what_to_do_and_no_word_is_
 
 
 @pytest.mark.parametrize(("row", "limits", "parts"), [
-    (LATE, {"lag_share": 0.05},
+    (LATE, {},
      ["late torque: ", "the torque is late by 2 ms, which moves B by 10 % and I by 90 %"]),
-    (LATE | {"lag_s": -2e-3}, {"lag_share": 0.05}, ["the angle is late by 2 ms"]),
+    (LATE | {"lag_s": -2e-3}, {}, ["the angle is late by 2 ms"]),
     (HEARD, {"path_shift": 1},
      ["torque path: ", "explained by delay, mean", "B 4.9 to 5.1, nothing of I is"]),
     (HEARD | {"B_viscous": 4.9}, {"path_shift": 1}, ["B without friction 4.9 to 5.1"]),
@@ -95,16 +96,16 @@ def test_a_range_is_written_upwards_whatever_the_sign_of_what_it_makes():
 
 
 def test_a_changed_word_changes_no_cause(monkeypatch):
-    before = findings_of(LATE, Limits(above={"lag_share": 0.05}), "phasors")
+    before = findings_of(LATE, Limits(), "phasors")
     monkeypatch.setitem(
         WORDS["causes"], "late torque", {"says": "something else", "remedy": "nothing"}
     )
-    after = findings_of(LATE, Limits(above={"lag_share": 0.05}), "phasors")
+    after = findings_of(LATE, Limits(), "phasors")
     assert before == after
     assert finding_said(after[0], LATE).startswith("late torque: something else: ")
     assert (
         finding_said(replace(after[0], cause="no such cause"), LATE)
-        == "lag_share 0.1 is above 0.05"
+        == "lag_share 0.1 is above 0.05, lag_inertia_share 0.9 is above 0.2"
     )
 
 

@@ -259,6 +259,7 @@ def format_results_table(summary: Mapping[str, Any], markdown: bool = True) -> s
         *filter(None, [summary.get("intervals")]),
         *(one["line"] for one in summary.get("findings", ())),
     ]
+    lines += filter(None, [headlines.rule_of_means(summary["numbers"].values())])
     lines += headlines.missing_lines(summary, reasons=True)
     table = headlines.to_table(summary["numbers"], markdown)
     return "\n".join([f"{sentence(summary)}\n\n{table}", *(f"{line}\n" for line in lines)])

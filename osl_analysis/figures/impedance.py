@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 
 from osl_analysis.errors import InputError
 from osl_analysis.figures import columns_of, names, style
+from osl_analysis.stats.repeats import counted, doubts_of_trials
 from osl_analysis.table import held_against_desired
 
 OF_FITS = ("trial", "controller", "K_d", "B_d", "amplitude_deg")
@@ -285,12 +286,16 @@ LEAST_LEFT = 1e-4  # smaller unexplained shares [percent] are drawn here
 
 
 def fig6_points(impedance: pl.DataFrame) -> pl.DataFrame:
-    """One row per trial and amplitude. A trial that no stepped sine moved has one row, a fit
-    without a VAF (a constant torque) none."""
+    """One row per trial and amplitude, doubtful where the fit to all of the trial is. A trial that
+    no stepped sine moved has one row, a fit without a VAF (a constant torque) none."""
     single = (pl.col("amplitude_deg").is_not_null() | (pl.len().over("trial") == 1)) & pl.col(
         "VAF"
     ).is_finite()
-    table = impedance.filter(single)
+    in_mean = counted(impedance)["trial"].unique()
+    marked = doubts_of_trials(impedance).with_columns(
+        in_mean=pl.col("trial").is_in(in_mean.to_list()).cast(pl.Int64)
+    )
+    table = marked.filter(single)
     if table.is_empty():
         raise InputError(
             "the impedance table has no VAF of one amplitude, which Fig. 6 draws; fit the trials"
@@ -334,7 +339,7 @@ def draw_fig6(table: pl.DataFrame) -> Figure:
         # the marker and a small gap
         x = place + style.swarm_offsets(heights, 4.9 / 72, across, 0.45)
         style.draw_fits(ax, rows, x, rows["left"], look, linewidths=0.8)
-        median = float(np.median(rows["VAF"]))
+        median = float(np.median(rows.filter(in_mean=1)["VAF"]))
         ends = place - 0.3, place + 0.3
         ax.hlines(
             max(100 - median, LEAST_LEFT), *ends, color=style.BLACK, linewidth=1.2, zorder=0.5

@@ -5,10 +5,10 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from osl_analysis.dictionary import own_yaml
-from osl_analysis.judge.finding import AnyRow, Beyond, Limits, cell_number
+from osl_analysis.judge.finding import AnyRow, Beyond, Limit, Limits, cell_number
 from osl_analysis.units import known_factor
 
 TABLE: dict[str, dict[str, Any]] = own_yaml(Path(__file__).with_suffix(".yaml"))
@@ -43,7 +43,12 @@ class Evidence:
     size: str = ""  # estimate (K, B, I) of which the number is a share
     of: Sequence[str] = ("torque", "angle")  # signals whose units scale this ratio to a known value
     # column of another ratio that tells a unit from another device; its own name: none is needed
-    witness: str = ""
+    second_ratio: str = ""
+    decided_by: Literal["configuration", "accuracy", "effect", "sign"] = "configuration"
+    """What decides whether it is a doubt: a limit of the configuration; the accuracy that the
+    estimate `size` needs; by how much the estimates with the cause in the fit differ; or that it is
+    certainly below zero."""
+    tables: Sequence[str] = ()  # in which it counts; empty: in all
 
 
 BETWEEN = "; "  # names of causes in a cell
@@ -60,40 +65,63 @@ def doubts_of_result(names: str, result: str) -> str:
     )
 
 
-def beyond(row: AnyRow, limits: Limits) -> dict[str, Beyond]:
+# `_shift` columns are multiples of what is worth telling; `certain_lag_damping` is in N*m*s/rad:
+# one sample at 300 Hz and K = 300 N*m/rad; an estimate of an `untold_share` of 1 may be 0
+LEAST_EFFECT = 1.0
+
+
+def limits_in(table: str, row: AnyRow, limits: Limits) -> list[Limit]:
+    """The limits of a row of a table: those that follow from the accuracy of its estimates, those
+    of the configuration, and that nothing is below zero that cannot be."""
+    configured = limits.stated()
+    stated = {limit.column for limit in configured}
+    by_accuracy, by_sign = list[Limit](), list[Limit]()
+    for name, evidence in EVIDENCE.items():
+        if name not in row or name in stated or (evidence.tables and table not in evidence.tables):
+            continue
+        if evidence.decided_by == "effect":
+            by_accuracy.append(Limit(name, "above", LEAST_EFFECT))
+        elif evidence.decided_by == "accuracy":
+            by_accuracy.append(Limit(name, "above", limits.accuracy.of(evidence.size)))
+        elif evidence.decided_by == "sign":
+            by_sign.append(Limit(name, "below", 0.0))
+    return [*by_accuracy, *configured, *by_sign]
+
+
+def numbers_beyond(table: str, row: AnyRow, limits: Limits) -> dict[str, Beyond]:
     """The numbers of a row that are beyond their limits or NaN, by column; a null is not
     checked."""
-    found: dict[str, Beyond] = {}
-    for side, name, limit in limits.stated():
-        value = cell_number(row, name)
-        if limit is None or value is None:
+    numbers: dict[str, Beyond] = {}
+    for limit in limits_in(table, row, limits):
+        name, value = limit.column, cell_number(row, limit.column)
+        if limit.value is None or value is None:
             continue
         if math.isnan(value):
-            found[name] = Beyond(name, value, limit, "nan")
-        elif side == "above" and value < -limit:
-            found[name] = Beyond(name, value, -limit, "below")
-        elif value > limit if side == "above" else value < limit:
-            found[name] = Beyond(name, value, limit, side)
-        elif name not in found and suspected_unit(name, value, row):
-            found[name] = Beyond(name, value, limit, "near")
-    return found
+            numbers[name] = Beyond(name, value, limit.value, "nan")
+        elif limit.side == "above" and value > limit.value:
+            numbers[name] = Beyond(name, value, limit.value, "above")
+        elif limit.side == "above" and value < -limit.value:
+            numbers[name] = Beyond(name, value, -limit.value, "below")
+        elif limit.side == "below" and value < limit.value:
+            numbers[name] = Beyond(name, value, limit.value, "below")
+        elif name not in numbers and suspected_unit(name, value, row):
+            numbers[name] = Beyond(name, value, limit.value, "near")
+    return numbers
 
 
 def suspected_unit(name: str, ratio: float, row: AnyRow) -> str:
     """The factor between units (`known_factor`) near a ratio that a device may have as well: within
     4 %, as components differ from their file by 2 % (SD); of a desired curve within 1.5 %. The
-    witness decides: a wrong torque scales both ratios alike, a wrong current only this one, each
-    within 10 %."""
+    second ratio decides: a wrong torque scales both ratios alike, a wrong current only this one,
+    each within 10 %."""
     evidence, symbol = EVIDENCE.get(name), name.removesuffix("_ratio")
-    witness = cell_number(row, evidence.witness) if evidence and evidence.witness else None
+    second = cell_number(row, evidence.second_ratio) if evidence and evidence.second_ratio else None
     value, high = cell_number(row, symbol), cell_number(row, f"{symbol}_high")
-    if evidence is None or not witness or (value and high and high > 1.05 * value):
+    if evidence is None or not second or (value and high and high > 1.05 * value):
         return ""
-    of_current = [
-        signal for signal in evidence.of if signal == "current" and abs(witness - 1) < 0.1
-    ]
+    of_current = [signal for signal in evidence.of if signal == "current" and abs(second - 1) < 0.1]
     others = [
-        signal for signal in evidence.of if signal != "current" and abs(witness / ratio - 1) < 0.1
+        signal for signal in evidence.of if signal != "current" and abs(second / ratio - 1) < 0.1
     ]
     return known_factor(ratio, of_current + others, 0.015 if symbol == "desired" else 0.04)[0]
 

@@ -1,10 +1,11 @@
 """A judgement on a trial or a fit as a value. Tables, summary, page and tests are views of it."""
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import polars as pl
 from pydantic import Field
@@ -14,6 +15,8 @@ from osl_analysis.table import read_table
 from osl_analysis.yaml_settings import NotNegative, Settings
 
 AnyRow = Mapping[str, object]  # a row of a result table
+Share = Annotated[float, Field(gt=0, lt=1)]  # A part of a whole; a larger number is in percent.
+Factor = Annotated[float, Field(gt=1)]  # How many times a number may be another one.
 
 
 class Grade(StrEnum):
@@ -36,20 +39,57 @@ class Remedy(StrEnum):
     DOUBTED = "doubted"  # for what was not checked, or is noted, in a doubtful row
 
 
-class Limits(Settings):
+class Accuracy(Settings):
+    """How well K, B and I have to be known, each as a share of itself.
+
+    A finding that may move an estimate by more makes it doubtful; one that moves every estimate by
+    less is a remark."""
+
+    K: Share = 0.02  # Of stiffnesses; benches that agree on one spring differ by 1 to 2 %.
+    B: Share = 0.05  # Of dampings; loads and temperatures change a joint's damping by as much.
+    I: Share = 0.2  # Of inertias, which are hardly seen below 5 Hz.
+
+    def of(self, estimate: str) -> float:
+        """Share of K, B or I that a finding may move it by."""
+        return {"K": self.K, "B": self.B, "I": self.I}[estimate]
+
+
+@dataclass(frozen=True)
+class Limit:
+    """The limit of one column."""
+
+    column: str
+    side: Literal["above", "below"]  # on which a number is beyond it
+    value: float | None  # in the unit of the column; None: no limit
+
+
+class ColumnLimits(Settings):
     """Limits of one table, by column. Null: no limit."""
 
     above: dict[str, NotNegative | None] = Field(default_factory=dict)
     """Upper limits, by column. A fit is doubtful if the absolute value is above its limit."""
     below: dict[str, float | None] = Field(default_factory=dict)
     """Lower limits, by column. A fit is doubtful if the value is below its limit."""
+    ratio: dict[str, Factor | None] = Field(default_factory=dict)
+    """Limits of ratios to a known value, by column. A fit is doubtful if the ratio is above its
+    limit, or below 1 over it."""
 
-    def stated(self) -> list[tuple[Literal["above", "below"], str, float | None]]:
-        """Side, column and limit of each."""
-        return [
-            *(("above", *one) for one in self.above.items()),
-            *(("below", *one) for one in self.below.items()),
-        ]
+    def stated(self) -> list[Limit]:
+        """Each limit: those above, of ratios, and below."""
+        limits = [Limit(column, "above", value) for column, value in self.above.items()]
+        for column, factor in self.ratio.items():
+            limits.append(Limit(column, "above", factor))
+        for column, factor in self.ratio.items():
+            limits.append(Limit(column, "below", None if factor is None else 1 / factor))
+        for column, value in self.below.items():
+            limits.append(Limit(column, "below", value))
+        return limits
+
+
+class Limits(ColumnLimits):
+    """Limits of one table, and the accuracy that its estimates need."""
+
+    accuracy: Accuracy = Accuracy()
 
 
 @dataclass(frozen=True)
@@ -63,9 +103,15 @@ class Beyond:
 
     @property
     def excess(self) -> float:
-        """Factor by which the number exceeds its limit."""
-        product = self.value * self.limit
-        return max(abs(self.value / self.limit), abs(self.limit / self.value)) if product else 0.0
+        """Factor by which the number exceeds its limit: infinite beyond 0, and of NaN."""
+        if math.isnan(self.value):
+            return math.inf
+        if self.value == self.limit:
+            return 1.0
+        if self.value == 0 or self.limit == 0:
+            return math.inf
+        factor = abs(self.value / self.limit)
+        return max(factor, 1 / factor)
 
 
 @dataclass(frozen=True)
@@ -84,8 +130,26 @@ class Finding:
     sizes: Mapping[str, float] = field(default_factory=dict)
     """Its effect on K [N*m/rad], B [N*m*s/rad] and I [kg*m^2], as far as the evidence gives it."""
     without: Mapping[str, float] = field(default_factory=dict)
-    """The estimates with this cause as a column of the regression: K, B, I, with `_low` and
-    `_high`."""
+    """The estimates with this cause as a column of the regression, where they are better than the
+    recorded ones: K, B, I, with `_low` and `_high`."""
+    untold: tuple[str, ...] = ()  # those of K, B and I of which nothing is told beside this cause
+
+    def to_row(self) -> dict[str, object]:
+        """Its columns of `findings.csv` without number, words and evidence."""
+        row: dict[str, object] = {
+            "table": self.table,
+            "trial": self.subject,
+            "amplitude_deg": self.amplitude_deg,
+            "frequency_hz": self.frequency_hz,
+            "grade": self.grade.value,
+            "cause": self.cause,
+            "inherited": self.inherited or None,
+        }
+        for name in ESTIMATES:
+            row[f"{name}_size"] = self.sizes.get(name)
+            for end in ("", "_low", "_high"):
+                row[f"{name}_without{end}"] = self.without.get(f"{name}{end}")
+        return row
 
 
 ESTIMATES = ("K", "B", "I")
@@ -111,46 +175,40 @@ ORDER = (
     "evidence", "value",
     "limit", "side", *FINDING_NUMBERS, "says", "size", "remedy",
 )  # fmt: skip
-FINDING_COLUMNS: dict[str, type[pl.DataType]] = {
-    name: pl.Int64 if name == "finding" else pl.String if name in TEXTS else pl.Float64
-    for name in ORDER
-}
+
+
+def type_of(column: str) -> type[pl.DataType]:
+    """Type of a column of `findings.csv`."""
+    if column == "finding":
+        return pl.Int64
+    return pl.String if column in TEXTS else pl.Float64
+
+
+FINDING_COLUMNS: dict[str, type[pl.DataType]] = {name: type_of(name) for name in ORDER}
 """Columns of `findings.csv`: a row per number of evidence; rows of one finding share the number
 `finding`."""
 
 
-def findings_frame(found: Iterable[tuple[Finding, tuple[str, str, str]]] = ()) -> pl.DataFrame:
+def findings_frame(
+    findings: Iterable[tuple[Finding, tuple[str, str, str]]] = (),
+) -> pl.DataFrame:
     """`findings.csv` from findings with their words: what is wrong, how large, and what to do."""
     rows = list[dict[str, object]]()
-    for number, (one, words) in enumerate(found, start=1):
-        row: dict[str, object] = {
-            "finding": number,
-            "table": one.table,
-            "trial": one.subject,
-            "cause": one.cause,
-        }
-        row |= {
-            "amplitude_deg": one.amplitude_deg,
-            "frequency_hz": one.frequency_hz,
-            "grade": one.grade.value,
-        }
-        row |= {"inherited": one.inherited or None} | {
-            f"{name}_size": size for name, size in one.sizes.items()
-        }
-        for name in ESTIMATES:
-            row |= {
-                f"{name}_without{end}": one.without.get(f"{name}{end}")
-                for end in ("", "_low", "_high")
+    for number, (finding, (says, size, remedy)) in enumerate(findings, start=1):
+        words = {"says": says or None, "size": size or None, "remedy": remedy or None}
+        shared = {"finding": number, **finding.to_row(), **words}
+        if not finding.evidence:
+            rows.append(shared)
+        for number_beyond in finding.evidence:
+            evidence = {
+                "evidence": number_beyond.column,
+                "value": number_beyond.value,
+                "limit": number_beyond.limit,
+                "side": number_beyond.side,
             }
-        row |= dict(zip(("says", "size", "remedy"), (text or None for text in words), strict=True))
-        numbers = [
-            {"evidence": n.column, "value": n.value, "limit": n.limit, "side": n.side}
-            for n in one.evidence
-        ]
-        rows += [row | each for each in numbers or [{}]]
-    return pl.DataFrame(
-        [{name: row.get(name) for name in FINDING_COLUMNS} for row in rows], schema=FINDING_COLUMNS
-    )
+            rows.append({**shared, **evidence})
+    ordered = [{name: row.get(name) for name in FINDING_COLUMNS} for row in rows]
+    return pl.DataFrame(ordered, schema=FINDING_COLUMNS)
 
 
 def read_findings(path: Path) -> pl.DataFrame:
@@ -163,10 +221,14 @@ def read_findings(path: Path) -> pl.DataFrame:
 
 
 def cell_number(row: AnyRow, name: str) -> float | None:
+    """The number in a column of a row; None for a text, a null, or a column that is not there."""
     value = row.get(name)
     return float(value) if isinstance(value, int | float) else None
 
 
 def subject_of(row: AnyRow) -> str:
     """The trial, or the group, of a row."""
-    return next((str(row[key]) for key in ("trial", "group") if row.get(key) is not None), "")
+    for key in ("trial", "group"):
+        if row.get(key) is not None:
+            return str(row[key])
+    return ""

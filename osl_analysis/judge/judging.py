@@ -6,7 +6,7 @@ columns also tell what could not be checked, and what was checked and is worth k
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import polars as pl
 
@@ -16,12 +16,19 @@ from osl_analysis.judge.causes import (
     CAUSES,
     EVIDENCE,
     Cause,
-    beyond,
     causes_in,
     explaining,
+    numbers_beyond,
     suspected_unit,
 )
+from osl_analysis.judge.effects import (
+    corrections,
+    estimate_column,
+    is_told,
+    is_within_accuracy,
+)
 from osl_analysis.judge.finding import (
+    Accuracy,
     AnyRow,
     Beyond,
     Finding,
@@ -189,102 +196,161 @@ def check_limits(table: pl.DataFrame, limits: Limits, name: str) -> None:
     numeric = {
         column for column, dtype in table.schema.items() if dtype.is_numeric() or dtype == pl.Null
     }
-    for _, column, limit in limits.stated():
-        if limit is not None and column not in numeric:
+    for limit in limits.stated():
+        if limit.value is not None and limit.column not in numeric:
             known = ", ".join(other for other in table.columns if table[other].dtype.is_numeric())
             raise InputError(
-                f"configuration, doubtful.{name}: the table has no column '{column}' of numbers;"
-                f" put the limit on one of {known}, or write null for no limit"
+                f"configuration, doubtful.{name}: the table has no column '{limit.column}' of"
+                f" numbers; put the limit on one of {known}, or write null for no limit"
             )
 
 
+@dataclass(frozen=True)
+class JudgedRow:
+    """A row of a result table with its numbers beyond their limits."""
+
+    row: AnyRow
+    numbers: dict[str, Beyond]  # by column
+    is_fit: bool
+
+    @property
+    def trial(self) -> object:
+        return self.row.get("trial")
+
+
+def is_of_recording(column: str) -> bool:
+    """Whether a column is evidence of a fault of the recording, which the fit to all of a trial
+    must show, too."""
+    return column in EVIDENCE and CAUSES[EVIDENCE[column].cause].of_recording
+
+
+def remedy_of(judged_row: JudgedRow, has_amplitudes: bool, is_whole_sound: bool) -> Remedy:
+    """Which remedy helps for a row."""
+    if judged_row.row.get("frequency_hz") is not None:
+        return Remedy.FREQUENCY
+    if judged_row.row.get("amplitude_deg") is not None and is_whole_sound:
+        return Remedy.AMPLITUDE
+    return Remedy.WHOLE if has_amplitudes else Remedy.ALONE
+
+
 def judged(table: pl.DataFrame, limits: Limits, name: str) -> RowFindings:
-    """The findings about each row of the table `name`: doubts in the order of their limits, then
-    what could not be checked. Rows without a fit have none. Raises InputError: as
-    `check_limits`."""
-    fitted = (
-        table[EXCLUDED].is_null().to_list() if EXCLUDED in table.columns else [True] * len(table)
-    )
-    if any(fitted):
+    """The findings about each row of the table `name`: doubts in the order of their limits, remarks
+    on what moves the estimates by less than their accuracy, then what could not be checked. Rows
+    without a fit have none. Raises InputError: as `check_limits`."""
+    is_fit = [True] * len(table)
+    if EXCLUDED in table.columns:
+        is_fit = table[EXCLUDED].is_null().to_list()
+    if any(is_fit):
         check_limits(table, limits, name)
-    rows = [(row.get("trial"), row, beyond(row, limits)) for row in table.to_dicts()]
-    whole = {trial: found for trial, row, found in rows if of_whole_trial(row)}
-    single = {trial for trial, row, _ in rows if row.get("amplitude_deg") is not None}
-    of_trial: dict[object, Cause | None] = {}
-    for trial, row, found in sorted(rows, key=lambda each: not of_whole_trial(each[1])):
-        for column in [
-            one for one in found if one in EVIDENCE and CAUSES[EVIDENCE[one].cause].of_recording
-        ]:
-            if column not in whole.get(trial, found):
-                del found[column]  # at one amplitude friction looks the same
-        of_trial[trial] = of_trial.get(trial) or explaining(row, found)
-    every: RowFindings = []
-    for (trial, row, found), is_fit in zip(rows, fitted, strict=True):
-        alone = row.get("amplitude_deg") is not None and not whole.get(trial, True)
-        remedy = Remedy.AMPLITUDE if alone else Remedy.WHOLE if trial in single else Remedy.ALONE
-        remedy = Remedy.FREQUENCY if row.get("frequency_hz") is not None else remedy
-        doubts = [
-            doubt(name, row, cause, numbers, remedy)
-            for cause, numbers in causes_in(row, found, explaining(row, found) or of_trial[trial])
-        ]
-        remedy = Remedy.DOUBTED if doubts else Remedy.WHOLE
-        said = {one.cause for one in doubts}
-        others = [
-            replace(one, remedy=remedy)
-            for one in unchecked_in(name, row)
-            if DOUBTED.get(one.cause) not in said
-        ]
-        every.append([*doubts, *others] if is_fit else [])
-    return every
+    rows = [
+        JudgedRow(row, numbers_beyond(name, row, limits), has_fit)
+        for row, has_fit in zip(table.to_dicts(), is_fit, strict=True)
+    ]
+    of_whole = {row.trial: row.numbers for row in rows if of_whole_trial(row.row)}
+    with_amplitudes = {row.trial for row in rows if row.row.get("amplitude_deg") is not None}
+    explained_by = dict[object, Cause | None]()  # by trial
+    # the fits to whole trials first
+    for row in sorted(rows, key=lambda row: not of_whole_trial(row.row)):
+        for column in [column for column in row.numbers if is_of_recording(column)]:
+            if column not in of_whole.get(row.trial, row.numbers):
+                del row.numbers[column]  # at one amplitude friction looks the same
+        explained_by[row.trial] = explained_by.get(row.trial) or explaining(row.row, row.numbers)
+    findings: RowFindings = []
+    for row in rows:
+        if not row.is_fit:
+            findings.append([])
+            continue
+        is_whole_sound = not of_whole.get(row.trial, True)
+        remedy = remedy_of(row, row.trial in with_amplitudes, is_whole_sound)
+        misfit_by = explaining(row.row, row.numbers) or explained_by[row.trial]
+        causes = causes_in(row.row, row.numbers, misfit_by)
+        findings.append(findings_of_row(name, row.row, causes, remedy, limits.accuracy))
+    return findings
 
 
-def doubt(
+def findings_of_row(
+    table: str,
+    row: AnyRow,
+    causes: Sequence[tuple[Cause, list[Beyond]]],
+    remedy: Remedy,
+    accuracy: Accuracy,
+) -> list[Finding]:
+    """The doubts about a row by their causes, remarks on causes without much effect, and what could
+    not be checked."""
+    doubts, remarks = list[Finding](), list[Finding]()
+    for cause, numbers in causes:
+        finding = finding_of_cause(table, row, cause, numbers, remedy)
+        if is_within_accuracy(table, row, cause, numbers, accuracy):
+            remarks.append(replace(finding, grade=Grade.NOTES, remedy=Remedy.WHOLE))
+        else:
+            doubts.append(finding)
+    doubted = {finding.cause for finding in doubts}
+    unchecked = list[Finding]()
+    for finding in unchecked_in(table, row):
+        if DOUBTED.get(finding.cause) not in doubted:
+            remedy = Remedy.DOUBTED if doubts else Remedy.WHOLE
+            unchecked.append(replace(finding, remedy=remedy))
+    return [*doubts, *remarks, *unchecked]
+
+
+def finding_of_cause(
     table: str, row: AnyRow, cause: Cause, evidence: Sequence[Beyond], remedy: Remedy
 ) -> Finding:
-    """A cause of doubt about a row, with its effect on the estimates as far as the row has it."""
+    """A cause of doubt about a row, with its effect on the estimates as far as the row has it.
+    Estimates without it are offered where they are better than the recorded ones."""
     sizes: dict[str, float] = {}
-    for one in evidence:
-        symbol = EVIDENCE[one.column].size if one.column in EVIDENCE else ""
-        estimate = cell_number(row, symbol) if symbol else None
+    for number in evidence:
+        symbol = EVIDENCE[number.column].size if number.column in EVIDENCE else ""
+        estimate = cell_number(row, estimate_column(table, symbol)) if symbol else None
         if estimate is not None:
-            sizes[symbol] = max(sizes.get(symbol, 0.0), abs(one.value * estimate))
-    without = {
-        f"{symbol}{end}": value
-        for symbol, own in cause.without.items()
-        # a person's friction is like other causes
-        for column in [own if own in row else f"{symbol}_without"]
-        for end in ("", "_low", "_high")
-        if (value := cell_number(row, f"{column}{end}")) is not None
-    }
-    what = table, subject_of(row), cause.name, Grade.DOUBTS, tuple(evidence)
-    where = cell_number(row, "amplitude_deg"), cell_number(row, "frequency_hz")
-    return Finding(*what, *where, remedy, sizes=sizes, without=without)
+            sizes[symbol] = max(sizes.get(symbol, 0.0), abs(number.value * estimate))
+    without: dict[str, float] = {}
+    told = corrections(cause, row)
+    for correction in told:
+        recorded = cell_number(row, estimate_column(table, correction.symbol))
+        if not correction.is_better_than(recorded):
+            continue
+        ends = {"": correction.value, "_low": correction.low, "_high": correction.high}
+        for end, value in ends.items():
+            if value is not None:
+                without[f"{correction.symbol}{end}"] = value
+    untold = [correction.symbol for correction in told if not is_told(correction)]
+    if len(untold) == len(told):  # the cause was no column of any regression
+        untold = []
+    return Finding(
+        table,
+        subject_of(row),
+        cause.name,
+        Grade.DOUBTS,
+        tuple(evidence),
+        amplitude_deg=cell_number(row, "amplitude_deg"),
+        frequency_hz=cell_number(row, "frequency_hz"),
+        remedy=remedy,
+        sizes=sizes,
+        without=without,
+        untold=tuple(untold),
+    )
+
+
+def cell_of_causes(findings: Sequence[Finding], are_doubts: bool) -> str:
+    """The causes of doubt about a row in one cell, or those of its other findings."""
+    causes = [
+        finding.cause for finding in findings if (finding.grade is Grade.DOUBTS) == are_doubts
+    ]
+    return BETWEEN.join(dict.fromkeys(causes))
 
 
 def marked(table: pl.DataFrame, findings: RowFindings, name: str) -> pl.DataFrame:
     """The table `name` with the column `DOUBTFUL`, the causes of doubt about each row (empty: none;
-    null: no fit), and with `not_checked`, what could not be checked, if the table has it."""
-    fitted = pl.col(EXCLUDED).is_null() if EXCLUDED in table.columns else pl.lit(True)
-    doubts, others = (
-        pl.Series(
-            [
-                BETWEEN.join(
-                    dict.fromkeys(
-                        one.cause for one in row if (one.grade is Grade.DOUBTS) is is_doubt
-                    )
-                )
-                for row in findings
-            ],
-            dtype=pl.String,
-        )
-        for is_doubt in (True, False)
-    )
-    table = table.with_columns(pl.when(fitted).then(doubts).alias(DOUBTFUL))
-    return (
-        table.with_columns(not_checked=others.replace("", None))
-        if name in HAVE_UNCHECKED
-        else table
-    )
+    null: no fit), and with `not_checked`, remarks and what could not be checked, if the table has
+    it."""
+    is_fit = pl.col(EXCLUDED).is_null() if EXCLUDED in table.columns else pl.lit(True)
+    doubts = pl.Series([cell_of_causes(row, True) for row in findings], dtype=pl.String)
+    others = pl.Series([cell_of_causes(row, False) for row in findings], dtype=pl.String)
+    table = table.with_columns(pl.when(is_fit).then(doubts).alias(DOUBTFUL))
+    if name not in HAVE_UNCHECKED:
+        return table
+    return table.with_columns(not_checked=others.replace("", None))
 
 
 def with_inherited(

@@ -9,15 +9,14 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, Self
 
-import numpy as np
 import polars as pl
 from pydantic import ConfigDict, Field, model_validator
 
 from osl_analysis.config.experiments import judged_tables
 from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.errors import InputError, nearest
-from osl_analysis.judge.causes import TABLE
-from osl_analysis.judge.finding import Limits
+from osl_analysis.judge.causes import EVIDENCE, TABLE
+from osl_analysis.judge.finding import Accuracy, ColumnLimits, Limit, Limits
 from osl_analysis.yaml_settings import Settings, misplaced
 
 
@@ -54,59 +53,116 @@ class QualityRules(Settings):
         return self.__pydantic_extra__
 
 
+LARGEST_VALUES = {"VAF": 100, "R2": 1, "correlation": 1, "coherence": 1}
+"""Largest values of columns whose names contain these: a percentage, or shares."""
+
+
 class DoubtfulFits(Settings):
-    """Limits by table. The tables of `judged_tables` can have limits on every numeric column."""
+    """The accuracy that estimates need, and limits by table. The tables of `judged_tables` can have
+    limits on every numeric column that no accuracy decides."""
 
     model_config = ConfigDict(extra="allow")
-    __pydantic_extra__: dict[str, Limits] = Field(init=False)
+    __pydantic_extra__: dict[str, ColumnLimits] = Field(init=False)
+
+    accuracy: Accuracy = Accuracy()  # The accuracy that K, B and I need, in all tables.
+    every_table: ColumnLimits = ColumnLimits()  # Limits of all tables that have the column.
 
     @model_validator(mode="after")
-    def _tables_are_judged(self) -> Self:
-        tables, largest = (
-            described_tables_by_name(),
-            {"VAF": 100, "R2": 1, "correlation": 1, "coherence": 1},
-        )
+    def _limits_are_of_tables(self) -> Self:
+        columns = list[str]()
+        for name in judged_tables():
+            columns += numeric_columns(name)
+        for limit in self.every_table.stated():
+            check_limit(limit, self.every_table, columns, "every_table", "any judged table")
         for name, limits in self.__pydantic_extra__.items():
             if name not in judged_tables():
                 known = f"limits may stand on {', '.join(judged_tables())}"
                 raise misplaced(f"unknown table; {known}{nearest(name, judged_tables())}", name)
-            numbers = [
-                column.name for column in tables[name].columns.values() if column.unit != "text"
-            ]
-            for end, column, limit in limits.stated():
-                if column not in numbers:
-                    said = (
-                        f"tables/{name}.csv has no number of this name; correct"
-                        f" it{nearest(column, numbers)}"
-                    )
-                    raise misplaced(said, name, end, column)
-                most = next((n for one, n in largest.items() if one in column), 0)
-                if (
-                    end == "below"
-                    and limit is not None
-                    and limit > (high := limits.above.get(column) or np.inf)
-                ):
-                    said = (
-                        f"{limit:g} is above the upper limit {high:g}, and every fit would be"
-                        " doubtful; correct one"
-                    )
-                    raise misplaced(said, name, end, column)
-                if (
-                    limit
-                    and most
-                    and (abs(limit) > most or (end == "below" and 0 < limit < most / 100))
-                ):
-                    of = f"a {'percentage' if most == 100 else 'share'}, which is at most {most}"
-                    raise misplaced(
-                        f"{limit:g} is no limit of {of}; write one as {0.9 * most:g}",
-                        name,
-                        end,
-                        column,
-                    )
+            for limit in limits.stated():
+                check_limit(limit, limits, numeric_columns(name), name, f"tables/{name}.csv")
         return self
 
     def of(self, table: str) -> Limits:
-        return self.__pydantic_extra__.get(table, Limits())
+        """The limits of one table: its own, and those of every table on columns that it has."""
+        own = self.__pydantic_extra__.get(table, ColumnLimits())
+        columns = {*numeric_columns(table)}
+        shared = self.every_table
+        return Limits(
+            above={**with_columns_of(shared.above, columns), **own.above},
+            below={**with_columns_of(shared.below, columns), **own.below},
+            ratio={**with_columns_of(shared.ratio, columns), **own.ratio},
+            accuracy=self.accuracy,
+        )
+
+
+def numeric_columns(table: str) -> list[str]:
+    """The columns of a table that hold numbers."""
+    described = described_tables_by_name()[table].columns.values()
+    return [column.name for column in described if column.unit != "text"]
+
+
+def with_columns_of(
+    limits: Mapping[str, float | None], columns: Collection[str]
+) -> dict[str, float | None]:
+    """Those of some limits that stand on these columns."""
+    return {name: limit for name, limit in limits.items() if name in columns}
+
+
+def check_limit(
+    limit: Limit, limits: ColumnLimits, columns: Collection[str], section: str, table: str
+) -> None:
+    """Raises an error at its place in the configuration: a limit stands on a column that the table
+    does not have or that something else decides, contradicts another limit, or is none of such a
+    column."""
+    name, value = limit.column, limit.value
+    side = "ratio" if name in limits.ratio else limit.side
+    instead = decided_elsewhere(name)
+    if instead:
+        raise misplaced(f"this limit is gone: {instead}; remove the line", section, side, name)
+    if name not in columns:
+        message = f"{table} has no number of this name; correct it{nearest(name, columns)}"
+        raise misplaced(message, section, side, name)
+    if value is None:
+        return
+    upper = limits.above.get(name)
+    if limit.side == "below" and upper is not None and value > upper:
+        message = (
+            f"{value:g} is above the upper limit {upper:g}, and every fit would be doubtful;"
+            " correct one"
+        )
+        raise misplaced(message, section, side, name)
+    for part, largest in LARGEST_VALUES.items():
+        if part not in name or not value:
+            continue
+        is_too_low = limit.side == "below" and 0 < value < largest / 100
+        if abs(value) > largest or is_too_low:
+            kind = "percentage" if largest == 100 else "share"
+            message = (
+                f"{value:g} is no limit of a {kind}, which is at most {largest}; write one as"
+                f" {0.9 * largest:g}"
+            )
+            raise misplaced(message, section, side, name)
+
+
+def decided_elsewhere(column: str) -> str:
+    """What decides about a column in place of a limit of its own; empty for a column that may have
+    one."""
+    if column not in EVIDENCE:
+        return ""
+    evidence = EVIDENCE[column]
+    if evidence.decided_by == "accuracy":
+        return f"state the accuracy that you need as doubtful.accuracy.{evidence.size}"
+    if evidence.decided_by == "effect" and column != "reflex_p":
+        return (
+            "its effect on the estimates decides; state the accuracy that you need as"
+            " doubtful.accuracy"
+        )
+    if evidence.decided_by == "sign":
+        return "what cannot be negative and certainly is, is doubtful anyway"
+    return ""
+
+
+TOLERANCE = 1e-3  # of a threshold: clocks of 100 Hz that nobody set run at 99.99 Hz
 
 
 @dataclass(frozen=True)
@@ -118,12 +174,14 @@ class Check:
     fails: Literal["above", "below"] = "above"  # the side of its threshold on which it fails
 
     def failed(self, value: float | None, limit: float) -> bool:
-        """Whether a value is beyond its threshold by more than rounding; NaN fails, None (not
+        """Whether a value is beyond its threshold by more than `TOLERANCE`; NaN fails, None (not
         applicable) does not."""
         if value is None:
             return False
-        slack = 1e-9 * limit  # 100 Hz from stamps is 99.999 999 999 97 Hz
-        return not (value >= limit - slack if self.fails == "below" else value <= limit + slack)
+        tolerance = TOLERANCE * limit
+        if self.fails == "below":
+            return not value >= limit - tolerance
+        return not value <= limit + tolerance
 
 
 NOT_APPLICABLE = "not applicable"  # a verdict

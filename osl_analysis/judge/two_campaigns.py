@@ -115,9 +115,8 @@ def by_place(table: pl.DataFrame, name: str) -> dict[tuple[Any, ...], pl.DataFra
 
 
 def estimates(rows: pl.DataFrame | None, quantity: str) -> tuple[dict[str, Any], repeats.Sample]:
-    """Counts of one campaign, and its fits by condition. A rendered impedance counts doubtful fits,
-    too: leaving them out in one campaign would change its conditions. A component has the fits that
-    count in every mean. An ensemble is one condition, the command, with estimate, low and high."""
+    """Counts of one campaign, and its fits that count in a mean (`repeats.counted`) by condition.
+    An ensemble is one condition, the command, with estimate, low and high."""
     if rows is None:
         return {"n": 0}, {}
     if "estimator" in rows.columns:
@@ -126,7 +125,7 @@ def estimates(rows: pl.DataFrame | None, quantity: str) -> tuple[dict[str, Any],
             one[0]: one[1:] for one in rows.select("commanded", "mean", "low", "high").iter_rows()
         }
         return {"n": rows["n"].sum(), "n_doubtful": repeats.doubtful_count(rows)[0]}, ensemble
-    used = rows if rows["amplitudes"].is_not_null().any() else repeats.counted(rows)
+    used = repeats.counted(rows)
     finite, doubts = (
         used.filter(pl.col(quantity).is_finite()),
         {"n_doubtful": repeats.doubtful_count(rows)[0]},
@@ -316,4 +315,6 @@ def verdicts_said(table: pl.DataFrame) -> str:
         named = [label_of(row) + of.get(row["margin_percent"], "") for row in own]
         said += [f"{verdict}: {', '.join(named)}"] if named else []
     none = f"without a verdict: {whole['verdict'].null_count()} of {len(whole)} quantities"
-    return f"{'; '.join([*said, none])}, {alone} of them in one campaign alone."
+    doubtful = table.select("n_doubtful_A", "n_doubtful_B").sum().row(0)
+    rule = f" {repeats.RULE_OF_MEANS}" if any(doubtful) else ""
+    return f"{'; '.join([*said, none])}, {alone} of them in one campaign alone.{rule}"

@@ -39,7 +39,7 @@ class Words(NamedTuple):
 
 def words_of(finding: Finding, row: AnyRow) -> Words:
     """The words on a finding about a row of its table."""
-    if finding.grade in (Grade.UNCHECKED, Grade.NOTES):
+    if finding.cause in WORDS["unchecked"] and finding.grade is not Grade.DOUBTS:
         entry = WORDS["unchecked"][finding.cause]
         entry = entry.get(finding.table, entry)
         facts = Facts(row)
@@ -57,6 +57,8 @@ def words_of(finding: Finding, row: AnyRow) -> Words:
     details += [filled(WORDS["columns"].get(one.column, ""), Facts(row, one)) for one in own]
     details += [without_said(finding, row)] * (not by_friction)  # friction says it in its own words
     remedy = known.get(finding.remedy.value) or known[Remedy.WHOLE.value]
+    if finding.grade is Grade.NOTES:
+        remedy = WORDS["remarks"]["within_accuracy"]
     first, *others = dict.fromkeys(filter(None, details)) or [""]
     return Words(known["says"], ". ".join([first, *map(capital, others)]), capital(remedy))
 
@@ -89,25 +91,21 @@ def without_names(cause: str, row: AnyRow) -> dict[str, str]:
 
 
 def without_said(finding: Finding, row: AnyRow) -> str:
-    """The estimates of the same fit with this cause as a column of the regression."""
-    said = list[str]()
+    """The estimates of the same fit with this cause as a column of the regression, where they are
+    better than the recorded ones."""
+    texts = list[str]()
     for name, symbol in without_names(finding.cause, row).items():
         value, low, high = (finding.without.get(f"{name}{end}") for end in ("", "_low", "_high"))
-        if low is None or high is None:
-            told = (
-                value is not None
-                or not finding.without
-                or name not in CAUSES[finding.cause].without
-            )
-            said += [f"nothing of {symbol} is told"] * (not told)
+        if name in finding.untold:
+            texts.append(f"nothing of {symbol} is told")
+        elif low is None or high is None:
             continue
-        if value is not None and abs(high + low - 2 * value) <= 1e-3 * (high - low):
-            said.append(f"{symbol} {value:.4g} ± {significant(high - value)}")
+        elif value is not None and abs(high + low - 2 * value) <= 1e-3 * (high - low):
+            texts.append(f"{symbol} {value:.4g} ± {significant(high - value)}")
         else:  # the range of rivals that cannot be told apart
-            said.append(
-                f"{symbol} {' to '.join(dict.fromkeys(significant(end, 3) for end in (low, high)))}"
-            )
-    return f"with it in the fit {', '.join(said)}" if said else ""
+            ends = dict.fromkeys([significant(low, 3), significant(high, 3)])
+            texts.append(f"{symbol} {' to '.join(ends)}")
+    return f"with it in the fit {', '.join(texts)}" if texts else ""
 
 
 def capital(text: str) -> str:

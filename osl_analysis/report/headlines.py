@@ -5,7 +5,7 @@ import json
 import math
 import re
 import unicodedata
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import chain, count, product
 from pathlib import Path
@@ -20,7 +20,14 @@ from osl_analysis.judge.causes import doubts_of_result
 from osl_analysis.judge.exclusions import exclusion_said
 from osl_analysis.judge.words import printed
 from osl_analysis.model.compensator import CONTROLLERS
-from osl_analysis.stats.repeats import DOUBTFUL, counted, doubtful_count, repeating_trials
+from osl_analysis.stats.repeats import (
+    DOUBTFUL,
+    RULE_OF_MEANS,
+    counted,
+    doubtful_count,
+    doubts_of_trials,
+    repeating_trials,
+)
 from osl_analysis.table import held_against_desired
 from osl_analysis.trial import Array
 from osl_analysis.yaml_settings import read_mapping
@@ -164,6 +171,12 @@ def headline(
     return replace(number, low=low, high=high, interval=kind) if known else number
 
 
+def rule_of_means(numbers: Iterable[Mapping[str, Any]]) -> str:
+    """The sentence on which doubtful trials a mean counts; empty where none is doubtful."""
+    is_doubtful = any(int(number.get("n_doubtful") or 0) for number in numbers)
+    return RULE_OF_MEANS if is_doubtful else ""
+
+
 def over_fits(
     label: Headline,
     values: pl.Series,
@@ -172,8 +185,7 @@ def over_fits(
     used: pl.DataFrame | None = None,
 ) -> list[Headline]:
     """Mean or median of the finite values, with their range if there are several. Doubtful rows are
-    counted among the `candidates`, and those not in `used`. A VAF uses all rows: it would rise if
-    fits that are doubtful for a low VAF were left out. Empty without finite values."""
+    counted among the `candidates`, and those not in `used`. Empty without finite values."""
     finite = values.drop_nulls().filter(values.drop_nulls().is_finite()).to_numpy()
     if not len(finite):
         return []
@@ -221,10 +233,12 @@ def impedance_headlines(impedance: pl.DataFrame, example: Example) -> Iterator[H
         }
         trials = fits.filter(pl.col("amplitude_deg").is_null())
         alone = pl.len().over("trial") == 1 if "trial" in fits.columns else pl.lit(False)
-        single = fits.filter(pl.col("amplitude_deg").is_not_null() | alone)
-        used = counted(trials)
-        yield from over_fits(labels["VAF_median"], single["VAF"], np.median, single)
-        yield from over_fits(labels["VAF_mean"], single["VAF"], np.mean, single)
+        is_single = pl.col("amplitude_deg").is_not_null() | alone
+        single = doubts_of_trials(fits).filter(is_single)
+        used, used_single = counted(trials), counted(fits).filter(is_single)
+        VAF = used_single["VAF"]
+        yield from over_fits(labels["VAF_median"], VAF, np.median, single, used_single)
+        yield from over_fits(labels["VAF_mean"], VAF, np.mean, single, used_single)
         yield from over_fits(
             labels["K_bias"], 100 * (used["K"] / used["K_d"] - 1), np.mean, trials, used
         )
@@ -236,7 +250,9 @@ def impedance_headlines(impedance: pl.DataFrame, example: Example) -> Iterator[H
         )
         yield from over_fits(of_B, (B - used["B_d"]).abs(), np.mean, trials, used)
         if "torque_error" in used.columns:
-            yield from over_fits(labels["torque_error"], trials["torque_error"], np.mean, trials)
+            yield from over_fits(
+                labels["torque_error"], used["torque_error"], np.mean, trials, used
+            )
         pairs = trials.drop_nulls("K_d").select("K_d", "B_d").unique().sort("K_d", "B_d").rows()
         others = [Example(*pair) for pair in pairs if pair != (example.K_d, example.B_d)]
         # more are only in a table

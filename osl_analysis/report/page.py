@@ -30,7 +30,14 @@ from osl_analysis.judge.words import WORDS, printed, without_names
 from osl_analysis.report import TEMPLATES
 from osl_analysis.report.headlines import first_said, hold_bench_errors, said_number
 from osl_analysis.report.trial_page import STATES, ReportedTrial, response_said, value_and_interval
-from osl_analysis.stats.repeats import DOUBTFUL, counted, repeating_trials, summary_row
+from osl_analysis.stats.repeats import (
+    DOUBTFUL,
+    RULE_OF_MEANS,
+    counted,
+    doubtful_count,
+    repeating_trials,
+    summary_row,
+)
 
 FIRST_FIGURES = ("fig5", "walking_page", "torque_angle", "response", "fig3")
 """The first of these figures that the campaign has is on the first screen; Fig. 5 only if an
@@ -282,8 +289,12 @@ def method_said(settings: Mapping[str, Any], tables: Mapping[str, pl.DataFrame])
     shared = " Errors that all trials of the bench share are not in them." * (
         hold_bench_errors(tables) is False
     )
+    has_doubtful = any(
+        doubtful_count(table)[0] for table in tables.values() if DOUBTFUL in table.columns
+    )
+    rule = f" {RULE_OF_MEANS}" if has_doubtful else ""
     return (
-        f"{' '.join(said)} τ resists the motion. Brackets are intervals of 95 %.{shared}"
+        f"{' '.join(said)} τ resists the motion. Brackets are intervals of 95 %.{shared}{rule}"
         if said
         else ""
     )

@@ -168,13 +168,44 @@ def doubtful_count(table: pl.DataFrame) -> tuple[int, int]:
     return len(table.filter(IS_DOUBTFUL)), table[DOUBTFUL].count()
 
 
-def counted(table: pl.DataFrame) -> pl.DataFrame:
-    """Rows, one per trial, that a mean counts: the sound ones if they are half or more, else
-    all."""
-    if DOUBTFUL not in table.columns:
+RULE_OF_MEANS = (
+    "A doubtful trial leaves a mean where half of the trials of its condition, or more, are sound."
+)
+CONDITION = ("joint", "side", "controller", "K_d", "B_d", "excitation")
+"""Columns in which trials of one condition agree, as far as a table has them."""
+
+
+def doubts_of_trials(table: pl.DataFrame) -> pl.DataFrame:
+    """The table with the doubts about each trial in all of its rows: those about the fit to all of
+    it, also in the rows of its single amplitudes."""
+    if not {"trial", "amplitude_deg", DOUBTFUL} <= {*table.columns}:
         return table
-    doubtful, n = doubtful_count(table)
-    return table.filter(~IS_DOUBTFUL) if doubtful and n - doubtful >= 0.5 * n else table
+    of_whole = pl.col(DOUBTFUL).filter(pl.col("amplitude_deg").is_null()).first().over("trial")
+    return table.with_columns(pl.coalesce(of_whole, DOUBTFUL).alias(DOUBTFUL))
+
+
+def counted(table: pl.DataFrame) -> pl.DataFrame:
+    """Rows of the trials that a mean counts, by the `RULE_OF_MEANS`: no condition is left without a
+    trial, and the only trial of a condition counts, doubtful or not.
+
+    Trials without a stated K_d are of one condition if they repeat each other
+    (`repeating_trials`)."""
+    if DOUBTFUL not in table.columns or table.is_empty():
+        return table
+    judged = doubts_of_trials(table).with_columns(is_doubtful=IS_DOUBTFUL)
+    if "trial" not in judged.columns:
+        judged = judged.with_row_index("trial")
+    trials = judged.unique("trial", keep="first", maintain_order=True)
+    if "K_d" in table.columns and "amplitude_deg" in table.columns:
+        whole = judged.filter(pl.col("amplitude_deg").is_null())
+        trials = whole if len(whole) else trials
+    condition = [name for name in CONDITION if name in trials.columns]
+    repeats = pl.lit("")
+    if "K_d" in trials.columns:
+        repeats = pl.when(pl.col("K_d").is_null()).then(repeating_trials(trials))
+    share = pl.col("is_doubtful").mean().over([*condition, "repeats"])
+    leaves = trials.with_columns(repeats=repeats).filter(pl.col("is_doubtful") & (share <= 0.5))
+    return table.filter(~judged["trial"].is_in(leaves["trial"].to_list()))
 
 
 def doubtful_row(table: pl.DataFrame) -> dict[str, int]:

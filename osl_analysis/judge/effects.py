@@ -1,0 +1,115 @@
+"""How far a cause may move K, B and I of a row, which tells a doubt from a remark."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from osl_analysis.judge.causes import EVIDENCE, Cause
+from osl_analysis.judge.finding import ESTIMATES, Accuracy, AnyRow, Beyond, cell_number
+
+NAMES_IN_TABLE: Mapping[str, Mapping[str, str]] = {
+    "belt": {"K": "K_s"},
+    "transmission": {"B": "B_j", "I": "J_j"},
+}
+"""Columns of the stiffness, damping and inertia of tables that do not call them K, B and I."""
+
+
+@dataclass(frozen=True)
+class Correction:
+    """An estimate with a cause as a column of the regression, in the unit of the estimate."""
+
+    symbol: str  # K, B or I
+    value: float | None  # None: rivals that cannot be told apart give a range alone
+    low: float | None  # lower end of its 95 % interval or range; None: nothing is told
+    high: float | None  # upper end
+
+    def is_better_than(self, recorded: float | None) -> bool:
+        """Whether the recorded estimate lies outside of this interval. One that lies in it is not
+        told to be wrong, and nothing better is known."""
+        if recorded is None or self.low is None or self.high is None:
+            return is_told(self)
+        return not self.low <= recorded <= self.high
+
+
+def estimate_column(table: str, symbol: str) -> str:
+    """The column of K, B or I in a table."""
+    return NAMES_IN_TABLE.get(table, {}).get(symbol, symbol)
+
+
+def corrections(cause: Cause, row: AnyRow) -> list[Correction]:
+    """The estimates beside a cause, as far as the row has their columns."""
+    known = list[Correction]()
+    for symbol, column in cause.without.items():
+        # a person's friction is like other causes
+        name = column if column in row else f"{symbol}_without"
+        if name not in row:
+            continue
+        value, low, high = (cell_number(row, f"{name}{end}") for end in ("", "_low", "_high"))
+        known.append(Correction(symbol, value, low, high))
+    return known
+
+
+def is_told(correction: Correction) -> bool:
+    """Whether anything is known of an estimate beside its cause."""
+    return correction.value is not None or None not in (correction.low, correction.high)
+
+
+def largest_move(correction: Correction, row: AnyRow, column: str) -> float:
+    """By how much [unit of the estimate] a cause moves the estimate in this column, or an end of
+    its interval; infinite where nothing of it is told."""
+    if not is_told(correction):
+        return math.inf
+    recorded = {end: cell_number(row, f"{column}{end}") for end in ("", "_low", "_high")}
+    corrected = {"": correction.value, "_low": correction.low, "_high": correction.high}
+    moves = [0.0]
+    for end, value in corrected.items():
+        before = recorded[end] if recorded[end] is not None else recorded[""]
+        if value is not None and before is not None:
+            moves.append(abs(value - before))
+    return max(moves)
+
+
+def size_of(row: AnyRow, column: str) -> float:
+    """What shares of an estimate are shares of: itself or, where it is not told from 0, the
+    half-width of its 95 % interval."""
+    estimate = abs(cell_number(row, column) or 0.0)
+    low, high = cell_number(row, f"{column}_low"), cell_number(row, f"{column}_high")
+    if low is None or high is None:
+        return estimate
+    return max(estimate, (high - low) / 2)
+
+
+def shares_moved(
+    table: str, row: AnyRow, cause: Cause, evidence: Sequence[Beyond]
+) -> dict[str, float]:
+    """By which share of itself a cause may move each of K, B and I that the row has; empty where
+    the row does not tell."""
+    moved = dict[str, float]()
+    told = corrections(cause, row)
+    if any(is_told(correction) for correction in told):
+        for correction in told:
+            column = estimate_column(table, correction.symbol)
+            size = size_of(row, column)
+            if size:
+                moved[correction.symbol] = largest_move(correction, row, column) / size
+    for number in evidence:
+        if number.column == "time_base_shift":  # in half-widths of the interval
+            for symbol in ESTIMATES:
+                column = estimate_column(table, symbol)
+                low, high = cell_number(row, f"{column}_low"), cell_number(row, f"{column}_high")
+                if low is not None and high is not None and high > low:
+                    half_width = (high - low) / 2
+                    moved[symbol] = number.value * half_width / size_of(row, column)
+    return moved
+
+
+def is_within_accuracy(
+    table: str, row: AnyRow, cause: Cause, evidence: Sequence[Beyond], accuracy: Accuracy
+) -> bool:
+    """Whether a cause certainly moves K, B and I by less than their accuracy: the row tells by how
+    much, and no other number of its evidence is beyond a limit of its own."""
+    for number in evidence:
+        if number.column not in EVIDENCE or EVIDENCE[number.column].decided_by != "effect":
+            return False
+    moved = shares_moved(table, row, cause, evidence)
+    return bool(moved) and all(share < accuracy.of(symbol) for symbol, share in moved.items())

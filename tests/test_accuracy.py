@@ -1,0 +1,168 @@
+"""A doubt may move an estimate by more than the accuracy that it needs; less is a remark."""
+
+import polars as pl
+import pytest
+
+from osl_analysis.judge.campaign import campaign_findings
+from osl_analysis.judge.causes import CAUSES, numbers_beyond
+from osl_analysis.judge.effects import Correction, shares_moved
+from osl_analysis.judge.finding import Accuracy, Beyond, Grade, Limits
+from osl_analysis.judge.judging import judged, marked
+from osl_analysis.judge.limits import CHECKS, DoubtfulFits
+from osl_analysis.judge.words import finding_said
+from osl_analysis.stats.repeats import counted, doubts_of_trials
+
+KNEE = {
+    "trial": "knee", "path_shift": 1.5,
+    "K": 150.0, "K_low": 149.85, "K_high": 150.15,
+    "B": 3.0, "B_low": 2.97, "B_high": 3.03,
+    "I": 0.03, "I_low": 0.0299, "I_high": 0.0301,
+    "K_without": 150.09, "K_without_low": 149.94, "K_without_high": 150.24,
+    "B_without": 2.97, "B_without_low": 2.94, "B_without_high": 3.0,
+    "I_without": 0.0301, "I_without_low": 0.03, "I_without_high": 0.0302,
+}  # fmt: skip
+"""A sound knee: K is known to 0.1 %, and a torque path would move it by 0.06 %."""
+
+
+def grades(row, **accuracy):
+    limits = Limits(accuracy=Accuracy(**accuracy))
+    return [
+        (finding.cause, finding.grade) for finding in judged(pl.DataFrame([row]), limits, "law")[0]
+    ]
+
+
+def test_a_path_that_moves_k_by_a_thousandth_is_a_remark_and_no_doubt():
+    limits = Limits()
+
+    (finding,) = judged(pl.DataFrame([KNEE]), limits, "law")[0]
+
+    assert finding.grade is Grade.NOTES
+    assert marked(pl.DataFrame([KNEE]), [[finding]], "law")["doubtful"][0] == ""
+    assert "less than the accuracy" in finding_said(finding, KNEE)
+
+
+@pytest.mark.parametrize(
+    ("symbol", "value", "just_below"), [("K", 153.5, 152.5), ("B", 2.8, 2.9), ("I", 0.037, 0.035)]
+)
+def test_a_move_beyond_the_accuracy_of_any_one_estimate_is_a_doubt(symbol, value, just_below):
+    def moved(to):
+        by = to - KNEE[symbol]
+        ends = {
+            f"{symbol}_without{end}": KNEE[f"{symbol}{end}"] + by for end in ("", "_low", "_high")
+        }
+        return {**KNEE, **ends}
+
+    assert grades(moved(value)) == [("torque path", Grade.DOUBTS)]
+    assert grades(moved(just_below)) == [("torque path", Grade.NOTES)]
+    assert grades(moved(value), K=0.1, B=0.2, I=0.5) == [("torque path", Grade.NOTES)]
+
+
+def test_an_estimate_of_which_nothing_is_told_beside_a_cause_is_doubted():
+    row = {**KNEE, "I_without": None, "I_without_low": None, "I_without_high": None}
+
+    assert grades(row) == [("torque path", Grade.DOUBTS)]
+
+
+def test_a_wider_interval_beside_a_cause_may_move_an_estimate_by_its_end():
+    row = {**KNEE, "K_without_low": 146.0}
+
+    assert grades(row) == [("torque path", Grade.DOUBTS)]
+
+
+def test_shares_of_an_estimate_that_is_not_told_from_zero_are_of_its_half_width():
+    row = {**KNEE, "I": 0.0, "I_low": -0.01, "I_high": 0.01, "I_without": 0.001}
+    row = {**row, "I_without_low": -0.009, "I_without_high": 0.011}
+
+    shares = shares_moved("impedance", row, CAUSES["torque path"], ())
+
+    assert shares["I"] == pytest.approx(0.1)
+
+
+def test_friction_is_doubted_from_the_accuracy_of_the_damping_on():
+    assert not numbers_beyond("impedance", {"coulomb_share": 0.049}, Limits())
+    assert "coulomb_share" in numbers_beyond("impedance", {"coulomb_share": 0.051}, Limits())
+    wide = Limits(accuracy=Accuracy(B=0.2))
+    assert not numbers_beyond("impedance", {"coulomb_share": 0.19}, wide)
+
+
+@pytest.mark.parametrize(("low", "high", "is_better"), [(99, 103, False), (101, 103, True)])
+def test_a_correction_is_offered_only_where_the_recorded_number_lies_outside_it(
+    low, high, is_better
+):
+    assert Correction("K", 102, low, high).is_better_than(100) is is_better
+
+
+def test_a_number_beyond_a_limit_of_zero_exceeds_it_without_bound():
+    assert Beyond("K", -5.0, 0.0, "below").excess == float("inf")
+    assert Beyond("x", 3.0, 2.0, "above").excess == Beyond("x", 2.0, 3.0, "below").excess == 1.5
+
+
+def test_an_impossible_estimate_comes_before_what_it_may_have_caused():
+    row = {"group": "all", "heterogeneity": 9.0, "K": -5.0, "B": 1.0, "I": 0.1}
+    limits = Limits(above={"heterogeneity": 8}, below={"K": 0})
+
+    findings = judged(pl.DataFrame([row]), limits, "walking")[0]
+
+    assert [finding.cause for finding in findings][:2] == [
+        "impossible estimate",
+        "several stiffnesses",
+    ]
+
+
+def test_a_clock_of_99_99_hz_passes_a_limit_of_100_hz_and_99_does_not():
+    rate = CHECKS["rate"]
+
+    assert not rate.failed(99.99, 100)
+    assert rate.failed(99.0, 100)
+    assert not CHECKS["gap"].failed(0.05004, 0.05)
+    assert CHECKS["gap"].failed(0.051, 0.05)
+
+
+def test_a_ratio_has_one_limit_for_both_sides():
+    limits = Limits(ratio={"some_ratio": 2})
+
+    assert "some_ratio" in numbers_beyond("belt", {"some_ratio": 2.1}, limits)
+    assert "some_ratio" in numbers_beyond("belt", {"some_ratio": 0.49}, limits)
+    assert not numbers_beyond("belt", {"some_ratio": 0.51}, limits)
+
+
+def test_limits_of_every_table_stand_on_the_columns_that_a_table_has():
+    limits = DoubtfulFits.model_validate({
+        "every_table": {"above": {"condition_number": 100}}, "belt": {"above": {"energy_lost": 1}},
+    })  # fmt: skip
+
+    assert limits.of("belt").above == {"condition_number": 100, "energy_lost": 1}
+    assert limits.of("torque_angle").above == {}
+
+
+def trials(*rows):
+    columns = ("trial", "K_d", "K", "doubtful")
+    return pl.DataFrame(rows, schema=columns, orient="row", strict=False)
+
+
+def test_a_doubtful_trial_leaves_where_half_of_its_condition_is_sound_and_no_condition_is_lost():
+    table = trials(
+        ("a", 100.0, 99.0, ""), ("b", 100.0, 80.0, "friction"),
+        ("c", 200.0, 190.0, "friction"), ("d", 200.0, 180.0, "friction"), ("e", 200.0, 199.0, ""),
+        ("f", 300.0, 250.0, "friction"),
+    )  # fmt: skip
+
+    assert counted(table)["trial"].to_list() == ["a", "c", "d", "e", "f"]
+
+
+def test_rows_of_single_amplitudes_share_the_doubt_of_their_trial():
+    table = pl.DataFrame({
+        "trial": ["a", "a", "b", "b"], "amplitude_deg": [2.0, None, 2.0, None],
+        "doubtful": ["", "friction", "friction", ""],
+    })  # fmt: skip
+
+    assert doubts_of_trials(table)["doubtful"].to_list() == ["friction", "friction", "", ""]
+
+
+def test_a_remark_on_a_cause_is_in_the_table_of_findings():
+    quality = pl.DataFrame(schema=["trial", "check", "verdict"])
+    table = pl.DataFrame([{**KNEE, "amplitude_deg": None}])
+
+    findings = campaign_findings({"impedance": table}, quality, DoubtfulFits())
+
+    assert ("torque path", "notes") in findings.select("cause", "grade").rows()

@@ -92,7 +92,7 @@ def signals_of(record: Record) -> BenchSignals:
     """What the inference is given of a record; the actuator turns with a leg."""
     assert record.uniform is not None
     torque = record.uniform["torque"]
-    theta_m = record.actuator.get("theta_m")
+    theta_m = record.actuator.get("quick")
     is_leg = theta_m is not None and float(np.std(theta_m)) > 0.05 * float(np.std(record.theta))
     current = record.actuator.get("current")
     return BenchSignals(

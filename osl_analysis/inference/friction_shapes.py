@@ -68,6 +68,6 @@ def friction_torques(spectra: Spectra) -> Array:
     wider = np.tanh(velocity / (WIDER * width))
     rests = [slipping_spring(spectra.sliding, wind) for wind in FRICTION_WINDS]
     columns = [slides, *(shape - slides for shape in (wider, *rests))]
-    if spectra.signals.load is not None:
+    if spectra.signals.load is not None and spectra.actuator_spectrum is None:
         columns.append(slides * np.abs(spectra.resampled(spectra.signals.load)))
     return np.array(columns)

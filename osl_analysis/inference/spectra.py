@@ -50,8 +50,8 @@ class BenchSignals:
     usable : Array (n,) of bool, optional
         False at rows of a gap or outside of the stated windows.
     sliding_angle : Array (n,), optional
-        Angle [rad] whose velocity dry friction opposes, as that of a leg's actuator. By default the
-        joint's.
+        Angle [rad] whose velocity dry friction opposes. By default the joint's. Of a drivetrain it is
+        the angle of the actuator, on the other side of its belt.
     load : Array (n,), optional
         What friction grows with, as a motor's current [A]. Without it friction has one size.
     has_drivetrain : bool
@@ -148,7 +148,12 @@ class Spectra:
     angle : Array (p,)
         Angle about its mean, with that line, for products.
     sliding : Array (p,)
-        Angle whose velocity friction opposes, with its line [rad].
+        Angle whose velocity friction opposes, with its line [rad]; the deflection of a
+        drivetrain's belt, whose hysteresis it is.
+    actuator_spectrum : Spectrum (f,) or None
+        Angle of a drivetrain's actuator, less the line between its ends.
+    actuator_derivatives : Array (6, p) or None
+        That angle and its derivatives up to the fifth, for products.
     inside : Array (p,) of bool
         Rows of the recording, not of its padding.
     """
@@ -204,7 +209,21 @@ class Spectra:
         line_of_products = np.linspace(self.line[0], self.line[-1], self.products)
         angle_with_line = self.theta + line_of_products
         self.angle = angle_with_line - angle_with_line[self.inside].mean()
-        self.sliding = self.angle if self.signals.sliding_angle is None else self._sliding_angle()
+
+        # the other side of a drivetrain's belt
+        self.actuator_spectrum: Spectrum | None = None
+        self.actuator_derivatives: Array | None = None
+        self.sliding = self.angle
+        if self.signals.sliding_angle is None:
+            return
+        if not self.signals.has_drivetrain:
+            self.sliding = self.resampled(self.signals.sliding_angle)
+            return
+        extended, line = self._extended(self.signals.sliding_angle)
+        raw_actuator = scipy.fft.rfft(extended - line)
+        self.actuator_spectrum = raw_actuator[: len(self.frequency)] * to_working
+        self.actuator_derivatives = np.array(self._at_product_rate(raw_actuator, 6))
+        self.sliding = self._belt_deflection()
 
     def _extended(self, x: Array) -> tuple[Array, Array]:
         """A signal (n,) with an odd extension at both ends, and the line between its ends."""
@@ -234,9 +253,15 @@ class Spectra:
         smooth = self._at_product_rate(scipy.fft.rfft(extended - line), 1)[0]
         return np.asarray(smooth + np.linspace(line[0], line[-1], self.products))
 
-    def _sliding_angle(self) -> Array:
-        assert self.signals.sliding_angle is not None
-        return self.resampled(self.signals.sliding_angle)
+    def _belt_deflection(self) -> Array:
+        """What turns a belt [rad] (p,): theta - theta_m/n_T, by the torque that it transmits."""
+        assert self.actuator_derivatives is not None
+        others = [self.omega, self.alpha, np.ones_like(self.theta), self.share]
+        columns = np.array([self.theta, self.actuator_derivatives[0], *others])
+        of_torque = np.linalg.lstsq(
+            columns[:, self.inside].T, self.product_torque[self.inside], rcond=None
+        )[0]
+        return np.asarray(self.theta + of_torque[1] / of_torque[0] * self.actuator_derivatives[0])
 
     def _window(self) -> Array:
         """The weight (w,) of each working row, which rises over `TAPER` from edges and gaps."""

@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 import scipy
 
+from osl_analysis.inference.actuator import frictionless_actuator
 from osl_analysis.inference.constants import (
     COLOUR_SEGMENT,
     FRICTION_WINDS,
@@ -47,8 +48,13 @@ class Whitened:
         The recording.
     torque : Array (m,)
         Whitened torque.
-    motion : Array (3, m)
-        Whitened angle, velocity, acceleration, whose coefficients are K, B and I.
+    motion : Array (3, m) or (4, m)
+        Whitened angle, velocity, acceleration, whose coefficients are K, B and I. The angle of a
+        drivetrain's actuator is the fourth.
+    actuator : FrictionlessActuator or None
+        What that actuator would do without its friction.
+    reading : Array (3, 3) or (3, 4)
+        K, B, I by the coefficients of `motion`.
     slow : Array (4, m)
         Offset and drift of the torque.
     friction : Array (k, m)
@@ -77,7 +83,12 @@ class Whitened:
         self._gain = self._inverse_root_of_noise()
 
         self.torque = self.column(spectra.torque)
-        self.motion = self.column(spectra.derivatives[:3])
+        self.motion = self.column(self._motion_spectra())
+        self.actuator = None
+        self.reading = np.eye(3)
+        if spectra.actuator_spectrum is not None:
+            self.actuator = frictionless_actuator(spectra)
+            self.reading = np.column_stack([self.reading, self.actuator.reading])
         self.slow = self.column(self._slow)
 
     @cached_property
@@ -95,6 +106,20 @@ class Whitened:
             left, _ = beside.fit(columns, self.torque)
             tried.append((left, Reflex(delay, columns)))
         return min(tried, key=lambda each: each[0])[1]
+
+    def motion_at_product_rate(self, order: int = 0) -> Array:
+        """The columns of `motion` before whitening (3, p) or (4, p), `order` times derived."""
+        spectra = self.spectra
+        of_joint = spectra.angle_derivatives[order : order + 3]
+        if spectra.actuator_derivatives is None:
+            return of_joint
+        return np.vstack([of_joint, spectra.actuator_derivatives[order]])
+
+    def _motion_spectra(self) -> Spectrum:
+        spectra = self.spectra
+        if spectra.actuator_spectrum is None:
+            return spectra.derivatives[:3]
+        return np.vstack([spectra.derivatives[:3], spectra.actuator_spectrum])
 
     def shared(self, kind: JointKind) -> Array:
         """Columns (k, m) that all hypotheses share: of friction and reflex, offset and drift."""
@@ -177,4 +202,7 @@ class Whitened:
         stepping = [x * after for x in (spectra.theta, omega) for after in later]
         products = spectra.spectrum_of(np.array([*nonlinear, *drifting, *stepping]))
         answers = muscle_answers(spectra, self._half_waves, REFLEX_DELAYS[0])
-        return np.concatenate([spectra.derivatives, self._friction, products, answers])
+        parts = [spectra.derivatives, self._friction, products, answers]
+        if spectra.actuator_spectrum is not None:
+            parts.append(spectra.actuator_spectrum[None])
+        return np.concatenate(parts)

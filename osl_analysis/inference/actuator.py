@@ -52,25 +52,24 @@ def frictionless_actuator(spectra: Spectra) -> FrictionlessActuator:
     """Estimate the motion of an actuator without friction from its sliding motion.
 
     The error has two parts: the scatter of estimates that leave out one block each (jackknife), and
-    what changes if slower motion counts as sliding, too.
+    what changes if other speeds part sliding from sticking.
     """
-    fast, slower = max(SLIDING), min(SLIDING)
     columns = equation_of_sliding(spectra)
-    estimates, without_a_block = sliding_fits(spectra, columns, fast)
-    of_slower, _ = sliding_fits(spectra, columns, slower)
-    readings = projected(spectra, np.vstack([estimates, of_slower, without_a_block])[:, :3])
+    estimates, without_a_block = sliding_fits(spectra, columns, SLIDING[0])
+    of_other_speeds = [sliding_fits(spectra, columns, share)[0] for share in SLIDING[1:]]
+    fits = np.vstack([estimates, *of_other_speeds, without_a_block])
 
-    by_block = readings[2:] - readings[2:].mean(axis=0)
-    covariance = by_block.T @ by_block * (BLOCKS - 1) / BLOCKS
-    by_speed = readings[1] - readings[0]
-    covariance = covariance + np.outer(by_speed, by_speed)
+    # what is told: K, B, I per angle of the actuator, and friction at the mean load
+    readings = projected(spectra, fits[:, :3])
+    friction = fits[:, FRICTION] @ [1.0, mean_load(spectra)]
+    told = np.column_stack([readings, friction])
 
-    # friction at the mean load
-    load = np.array([1.0, mean_load(spectra)])
-    sizes = np.vstack([estimates, of_slower, without_a_block])[:, FRICTION] @ load
-    variance = float(np.var(sizes[2:])) * (BLOCKS - 1) + float(sizes[1] - sizes[0]) ** 2
-    probability = float(scipy.special.ndtr(sizes[0] / np.sqrt(variance + 1e-300)))
-    return FrictionlessActuator(readings[0], covariance, probability)
+    by_speed = told[1 : len(SLIDING)] - told[0]
+    by_block = told[len(SLIDING) :] - told[len(SLIDING) :].mean(axis=0)
+    covariance = by_speed.T @ by_speed + by_block.T @ by_block * (BLOCKS - 1) / BLOCKS
+    deviation = float(np.sqrt(covariance[3, 3] + np.finfo(float).tiny))
+    probability = float(scipy.special.ndtr(friction[0] / deviation))
+    return FrictionlessActuator(readings[0], covariance[:3, :3], probability)
 
 
 def mean_load(spectra: Spectra) -> float:

@@ -205,9 +205,9 @@ FEWEST_STEPS = constant(
 
 SLIDING = constant(
     "SLIDING",
-    (0.1, 0.2),
+    (0.2, 0.1, 0.3),
     "SD of the actuator's velocity",
-    "speed above which an actuator slides; what differs between the two is an error",
+    "speed above which an actuator slides; what the further two would change is an error",
     "16 uncompensated legs: B is off by 0.037, 0.016, 0.012 N*m*s/rad (RMS) at 0.05, 0.1, 0.2",
 )
 SETTLING = constant(

@@ -41,6 +41,7 @@ WORTH_REFINING = 2.0
 PROFILE = np.linspace(-3.0, 3.0, 9)  # standard deviations at which a likelihood is tabulated
 REFINEMENTS = 12  # evaluations of Brent's method about a minimum of the grid
 OUTERMOST = (0.002, 0.998)  # quantiles of a torque that are its ends, beside noise
+UNCLIPPED = 0.5  # share of the rows, about the median torque, in which nothing is cut
 NEWTON_STEPS = 8  # it doubles the digits of a lag in each
 
 
@@ -163,7 +164,9 @@ class Hypothesis(ABC):
     def candidates(self, search: Search) -> list[Candidate]:
         """Find values of its own parameter that may be; none if it gains nothing."""
 
-    def readings(self, of_added: Sequence[Sequence[float]], shares: Sequence[float]) -> tuple[Array, ...]:
+    def readings(
+        self, of_added: Sequence[Sequence[float]], shares: Sequence[float]
+    ) -> tuple[Array, ...]:
         """What K, B, I may mean: those of Eq. 15, and shares of what added columns give them."""
         of_motion = self.data.reading
         return tuple(np.hstack([of_motion, share * np.array(of_added)]) for share in shares)
@@ -640,7 +643,8 @@ class Clipping(Hypothesis):
         coefficients, torque = search.coefficients, self.data.torque
         for _ in range(NEWTON_STEPS):
             modelled = coefficients @ motion
-            small = spectra.inside & (np.abs(modelled) < np.abs(modelled).max() / 3)
+            size = np.abs(modelled - np.median(modelled[spectra.inside]))
+            small = spectra.inside & (size <= np.quantile(size[spectra.inside], UNCLIPPED))
             modelled = modelled + np.median((recorded - modelled)[small])
             missing = modelled - np.clip(modelled, low, high)
             torque = self.data.torque + self.data.of_product(missing)

@@ -223,7 +223,8 @@ class Spectra:
         raw_actuator = scipy.fft.rfft(extended - line)
         self.actuator_spectrum = raw_actuator[: len(self.frequency)] * to_working
         self.actuator_derivatives = np.array(self._at_product_rate(raw_actuator, 6))
-        self.sliding = self._belt_deflection()
+        with_line = self.actuator_derivatives[0] + np.linspace(line[0], line[-1], self.products)
+        self.sliding = self._belt_deflection(with_line)
 
     def _extended(self, x: Array) -> tuple[Array, Array]:
         """A signal (n,) with an odd extension at both ends, and the line between its ends."""
@@ -253,15 +254,14 @@ class Spectra:
         smooth = self._at_product_rate(scipy.fft.rfft(extended - line), 1)[0]
         return np.asarray(smooth + np.linspace(line[0], line[-1], self.products))
 
-    def _belt_deflection(self) -> Array:
+    def _belt_deflection(self, actuator: Array) -> Array:
         """What turns a belt [rad] (p,): theta - theta_m/n_T, by the torque that it transmits."""
-        assert self.actuator_derivatives is not None
         others = [self.omega, self.alpha, np.ones_like(self.theta), self.share]
-        columns = np.array([self.theta, self.actuator_derivatives[0], *others])
+        columns = np.array([self.angle, actuator, *others])
         of_torque = np.linalg.lstsq(
             columns[:, self.inside].T, self.product_torque[self.inside], rcond=None
         )[0]
-        return np.asarray(self.theta + of_torque[1] / of_torque[0] * self.actuator_derivatives[0])
+        return np.asarray(self.angle + of_torque[1] / of_torque[0] * actuator)
 
     def _window(self) -> Array:
         """The weight (w,) of each working row, which rises over `TAPER` from edges and gaps."""

@@ -12,16 +12,16 @@ from functools import cached_property
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from osl_analysis.inference.actuator import frictionless_actuator
 from osl_analysis.inference.constants import (
     COLOUR_SEGMENT,
-    FRICTION_WINDS,
     MOMENTS,
     REFLEX_DELAYS,
 )
 from osl_analysis.inference.friction_shapes import friction_torques, sliding_velocity
-from osl_analysis.inference.least_squares import BesideShared, solve_scaled
+from osl_analysis.inference.least_squares import BesideShared, lengths_of, solve_scaled
 from osl_analysis.inference.reflex import Reflex, half_waves, muscle_answers
 from osl_analysis.inference.spectra import Spectra, Spectrum
 from osl_analysis.trial import Array
@@ -58,11 +58,11 @@ class Whitened:
     slow : Array (4, m)
         Offset and drift of the torque.
     friction : Array (k, m)
-        Shapes of dry friction.
+        Shapes of dry friction that oppose the motion; none if none does.
     reflex : Reflex
         Answers of a muscle to stretch, at the delay that explains most.
     mean_friction : Array (k,)
-        Mean torque of each shape in sliding motion, over its coefficient; 0 for shapes about rest.
+        Mean torque of each shape over its coefficient.
     sign : Array (p,)
         Smoothed sign of the velocity, at the product rate.
     """
@@ -74,8 +74,6 @@ class Whitened:
         self._half_waves = spectra.spectrum_of(half_waves(spectra))
         shapes = friction_torques(spectra)
         self._friction = spectra.spectrum_of(shapes)
-        self.mean_friction = np.abs(shapes[:, spectra.inside]).mean(axis=1)
-        self.mean_friction[1 : 2 + len(FRICTION_WINDS)] = 0.0
         powers = np.array([(spectra.share - 0.5) ** k for k in range(SLOW_POWERS)])
         self._slow = spectra.spectrum_of(powers)
 
@@ -90,11 +88,10 @@ class Whitened:
             self.actuator = frictionless_actuator(spectra)
             self.reading = np.column_stack([self.reading, self.actuator.reading])
         self.slow = self.column(self._slow)
-
-    @cached_property
-    def friction(self) -> Array:
-        """Whitened shapes of dry friction (k, m)."""
-        return self.column(self._friction)
+        all_friction = self.column(self._friction)
+        opposes = self._which_oppose(all_friction)
+        self.friction = all_friction[opposes]
+        self.mean_friction = np.abs(shapes[opposes][:, spectra.inside]).mean(axis=1)
 
     @cached_property
     def reflex(self) -> "Reflex":
@@ -106,6 +103,19 @@ class Whitened:
             left, _ = beside.fit(columns, self.torque)
             tried.append((left, Reflex(delay, columns)))
         return min(tried, key=lambda each: each[0])[1]
+
+    def _which_oppose(self, friction: Array) -> NDArray[np.intp]:
+        """Which shapes of friction (k, m) have a positive size where none may be negative.
+
+        They are fitted beside the derivatives up to the fourth: with these a torque that is late,
+        or filtered, has no friction that drives.
+        """
+        higher = self.column(self.spectra.derivatives[3:])
+        beside = BesideShared(np.concatenate([self.motion, higher, self.slow]))
+        rest = beside.rest(friction)
+        length = lengths_of(rest)
+        sizes, _ = scipy.optimize.nnls((rest / length[:, None]).T, beside.rest(self.torque))
+        return np.flatnonzero(sizes > 0.0)
 
     def motion_at_product_rate(self, order: int = 0) -> Array:
         """The columns of `motion` before whitening (3, p) or (4, p), `order` times derived."""

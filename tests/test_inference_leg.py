@@ -28,7 +28,7 @@ def joint_motion(time: np.ndarray) -> np.ndarray:
 
 @cache
 def leg(seconds: float = 40.0) -> dict[str, np.ndarray]:
-    """Signals of the leg, at ten steps of integration per sample; friction stops and never drives."""
+    """Signals of the leg, at ten steps of integration per sample; friction never drives."""
     steps, step = 10, 0.1 / RATE
     time = np.arange(round(seconds * RATE * steps)) * step
     theta, omega, alpha = joint_motion(time)

@@ -22,7 +22,7 @@ import scipy
 from osl_analysis.inference.constants import BLOCKS, EDGE, FRICTION_WINDS, SETTLING, SLIDING
 from osl_analysis.inference.friction_shapes import slipping_spring
 from osl_analysis.inference.least_squares import RIDGE, lengths_of
-from osl_analysis.inference.spectra import Spectra
+from osl_analysis.inference.spectra import Spectra, Spectrum
 from osl_analysis.trial import Array
 
 FRICTION = slice(3, 5)  # coefficients f_0 and f_1
@@ -133,7 +133,7 @@ def projected(spectra: Spectra, coefficients: Array) -> Array:
     return np.asarray(np.linalg.lstsq(motion.T, rows_of(spectra, moved).T)[0].T)
 
 
-def rows_of(spectra: Spectra, spectrum: Array) -> Array:
+def rows_of(spectra: Spectra, spectrum: Spectrum) -> Array:
     """Signals (k, m) of working spectra (k, f) in the fitted rows, less their means."""
     in_time = scipy.fft.irfft(spectrum * spectra.roll_off, spectra.working)[:, spectra.rows]
     return np.asarray(in_time - in_time.mean(axis=1, keepdims=True))

@@ -395,14 +395,14 @@ class GrowingLag(Hypothesis):
 
     @abstractmethod
     def shape(self, search: Search) -> Array:
-        """Lag (p,) of each row for a parameter of 1; nowhere above 1."""
+        """Lag (w,) of each working row for a parameter of 1; nowhere above 1."""
 
     def candidates(self, search: Search) -> list[Candidate]:
         shape = self.shape(search)
         terms = [self.data.motion]
         for order, factor in enumerate((1.0, 2.0, 6.0), start=1):
-            added = self.data.motion_at_product_rate(order) * (-shape) ** order / factor
-            terms.append(self.data.of_product(added))
+            added = self.data.motion_at_working_rate(order) * (-shape) ** order / factor
+            terms.append(self.data.windowed(added))
 
         lag, columns, slopes = 0.0, terms[0], terms[1]
         estimates = search.coefficients
@@ -427,7 +427,7 @@ class DriftingClocks(GrowingLag):
     parameters = (("lag at the end", "s"),)
 
     def shape(self, search: Search) -> Array:
-        return self.data.spectra.share
+        return np.clip(self.data.spectra.share_at_working_rate, 0.0, 1.0)
 
 
 class LagStep(GrowingLag):
@@ -438,18 +438,18 @@ class LagStep(GrowingLag):
     parameters = (("step of the lag", "s"),)
 
     def shape(self, search: Search) -> Array:
-        spectra = self.data.spectra
-        slope = search.coefficients @ self.data.motion_at_product_rate(1)
+        slope = search.coefficients @ self.data.motion_at_working_rate(1)
         moment = best_moment(search, slope)
-        return np.where(spectra.share > moment, 1.0, 0.0)
+        return np.where(self.data.spectra.share_at_working_rate > moment, 1.0, 0.0)
 
 
 def best_moment(search: Search, changing: Array) -> float:
-    """The moment [share of the recording] after which torques (..., p) best explain the rest."""
+    """The moment [share of the recording] after which torques (..., w) best explain the rest."""
     data = search.data
+    share = data.spectra.share_at_working_rate
 
     def left(moment: float) -> float:
-        column = data.of_product(changing * (data.spectra.share > moment))
+        column = data.windowed(changing * (share > moment))
         return search.fit(np.vstack([data.motion, column]))[0]
 
     on_grid = min(MOMENTS, key=left)
@@ -490,7 +490,9 @@ class StiffnessStep(Hypothesis):
         spectra = self.data.spectra
         # about the spring's own zero, which nobody knows, so that the torque steps, too
         changing = np.array([spectra.theta, np.ones_like(spectra.theta)])
-        after = spectra.share > best_moment(search, changing)
+        at_working_rate = self.data.motion_at_working_rate()[0]
+        both = np.array([at_working_rate, np.ones_like(at_working_rate)])
+        after = spectra.share > best_moment(search, both)
         readings = self.readings([[1.0, 0.0], [0.0, 0.0], [0.0, 0.0]], (0.0, 1.0))
         return [self.plain(*(changing * after), readings=readings)]
 

@@ -50,8 +50,8 @@ class BenchSignals:
     usable : Array (n,) of bool, optional
         False at rows of a gap or outside of the stated windows.
     sliding_angle : Array (n,), optional
-        Angle [rad] whose velocity dry friction opposes. By default the joint's. Of a drivetrain it is
-        the angle of the actuator, on the other side of its belt.
+        Angle [rad] whose velocity dry friction opposes. By default the joint's. Of a drivetrain
+        it is the angle of the actuator, on the other side of its belt.
     load : Array (n,), optional
         What friction grows with, as a motor's current [A]. Without it friction has one size.
     has_drivetrain : bool
@@ -152,8 +152,10 @@ class Spectra:
         drivetrain's belt, whose hysteresis it is.
     actuator_spectrum : Spectrum (f,) or None
         Angle of a drivetrain's actuator, less the line between its ends.
-    actuator_derivatives : Array (6, p) or None
-        That angle and its derivatives up to the fifth, for products.
+    actuator_derivatives : Array (3, p) or None
+        That angle, its velocity and acceleration, for products.
+    share_at_working_rate : Array (w,)
+        Time of each working row over the recording's duration.
     inside : Array (p,) of bool
         Rows of the recording, not of its padding.
     """
@@ -189,6 +191,8 @@ class Spectra:
             raw_torque[: len(self.frequency)] * to_working, np.complex128
         )
         self.derivatives = np.array([self.s**k * angle for k in range(DERIVATIVES)], np.complex128)
+        rows = np.arange(self.working) * self.padded_seconds / self.working
+        self.share_at_working_rate = (rows - self._padding / rate) / self.seconds
         self.window = self._window()
         self.rows = self.window > 0
         # independent rows, of which the roll-off leaves a part
@@ -203,8 +207,7 @@ class Spectra:
         self.inside = (self.time >= 0) & (self.time < self.seconds)
         self.share = np.clip(self.time / self.seconds, 0.0, 1.0)
         self.product_band_hz = max(3 * self.band_hz, 20.0)
-        self.angle_derivatives = np.array(self._at_product_rate(self.raw_angle, 6))
-        self.theta, self.omega, self.alpha = self.angle_derivatives[:3]
+        self.theta, self.omega, self.alpha = self._at_product_rate(self.raw_angle, 3)
         self.product_torque = self._at_product_rate(raw_torque, 1)[0]
         line_of_products = np.linspace(self.line[0], self.line[-1], self.products)
         angle_with_line = self.theta + line_of_products
@@ -222,7 +225,7 @@ class Spectra:
         extended, line = self._extended(self.signals.sliding_angle)
         raw_actuator = scipy.fft.rfft(extended - line)
         self.actuator_spectrum = raw_actuator[: len(self.frequency)] * to_working
-        self.actuator_derivatives = np.array(self._at_product_rate(raw_actuator, 6))
+        self.actuator_derivatives = np.array(self._at_product_rate(raw_actuator, 3))
         with_line = self.actuator_derivatives[0] + np.linspace(line[0], line[-1], self.products)
         self.sliding = self._belt_deflection(with_line)
 

@@ -117,13 +117,19 @@ class Whitened:
         sizes, _ = scipy.optimize.nnls((rest / length[:, None]).T, beside.rest(self.torque))
         return np.flatnonzero(sizes > 0.0)
 
-    def motion_at_product_rate(self, order: int = 0) -> Array:
-        """The columns of `motion` before whitening (3, p) or (4, p), `order` times derived."""
+    def motion_at_product_rate(self) -> Array:
+        """The columns of `motion` before whitening, (3, p) or (4, p)."""
         spectra = self.spectra
-        of_joint = spectra.angle_derivatives[order : order + 3]
+        of_joint = np.array([spectra.theta, spectra.omega, spectra.alpha])
         if spectra.actuator_derivatives is None:
             return of_joint
-        return np.vstack([of_joint, spectra.actuator_derivatives[order]])
+        return np.vstack([of_joint, spectra.actuator_derivatives[0]])
+
+    def motion_at_working_rate(self, order: int = 0) -> Array:
+        """The columns of `motion` before whitening (3, w) or (4, w), `order` times derived."""
+        spectra = self.spectra
+        spectrum = self._motion_spectra() * spectra.s**order * spectra.roll_off
+        return np.asarray(scipy.fft.irfft(spectrum, spectra.working))
 
     def _motion_spectra(self) -> Spectrum:
         spectra = self.spectra
@@ -143,7 +149,12 @@ class Whitened:
     def column(self, spectrum: Spectrum) -> Array:
         """Whiten the signals with these working spectra (..., f); returns rows (..., m)."""
         spectra = self.spectra
-        x = scipy.fft.irfft(spectrum * spectra.roll_off, spectra.working) * spectra.window
+        return self.windowed(scipy.fft.irfft(spectrum * spectra.roll_off, spectra.working))
+
+    def windowed(self, x: Array) -> Array:
+        """Whiten signals (..., w) at the working rate; returns rows (..., m)."""
+        spectra = self.spectra
+        x = x * spectra.window
         if self._gain is not None:
             x = scipy.fft.irfft(scipy.fft.rfft(x) * self._gain, spectra.working)
         return np.asarray(x[..., spectra.rows])

@@ -19,7 +19,14 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from osl_analysis.inference.constants import BLOCKS, EDGE, FRICTION_WINDS, SETTLING, SLIDING
+from osl_analysis.inference.constants import (
+    BLOCKS,
+    EDGE,
+    FRICTION_INEXACTNESS,
+    FRICTION_WINDS,
+    SETTLING,
+    SLIDING,
+)
 from osl_analysis.inference.friction_shapes import slipping_spring
 from osl_analysis.inference.least_squares import RIDGE, lengths_of
 from osl_analysis.inference.spectra import Spectra, Spectrum
@@ -51,8 +58,8 @@ class FrictionlessActuator:
 def frictionless_actuator(spectra: Spectra) -> FrictionlessActuator:
     """Estimate the motion of an actuator without friction from its sliding motion.
 
-    The error has two parts: the scatter of estimates that leave out one block each (jackknife), and
-    what changes if other speeds part sliding from sticking.
+    The error has three parts: the scatter of estimates that leave out one block each (jackknife),
+    what changes if other speeds part sliding from sticking, and a share of what friction does.
     """
     columns = equation_of_sliding(spectra)
     estimates, without_a_block = sliding_fits(spectra, columns, SLIDING[0])
@@ -67,6 +74,10 @@ def frictionless_actuator(spectra: Spectra) -> FrictionlessActuator:
     by_speed = told[1 : len(SLIDING)] - told[0]
     by_block = told[len(SLIDING) :] - told[len(SLIDING) :].mean(axis=0)
     covariance = by_speed.T @ by_speed + by_block.T @ by_block * (BLOCKS - 1) / BLOCKS
+    recorded = rows_of(spectra, np.vstack([spectra.derivatives[:3], spectra.actuator_spectrum]))
+    of_recorded = np.linalg.lstsq(recorded[:3].T, recorded[3], rcond=None)[0]
+    by_friction = FRICTION_INEXACTNESS * np.append(readings[0] - of_recorded, 0.0)
+    covariance = covariance + np.outer(by_friction, by_friction)
     deviation = float(np.sqrt(covariance[3, 3] + np.finfo(float).tiny))
     probability = float(scipy.special.ndtr(friction[0] / deviation))
     return FrictionlessActuator(readings[0], covariance[:3, :3], probability)

@@ -217,6 +217,13 @@ SETTLING = constant(
     "time about a standstill that is left out, since filters spread it",
     "0.01 and 0.04 s change B of 16 legs by less than a third of its half-width",
 )
+FRICTION_INEXACTNESS = constant(
+    "FRICTION_INEXACTNESS",
+    0.005,
+    "1",
+    "share of what an actuator's friction does to K, B, I that its formula misses",
+    "16 legs: 0.8 % of its part of B (RMS), of which scatter and choice of the speed tell a half",
+)
 
 # Ranges of the hypotheses' own parameters
 

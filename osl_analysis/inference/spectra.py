@@ -141,10 +141,8 @@ class Spectra:
         Where the window is not 0; their number is m.
     time : Array (p,)
         Times of product rows [s] from the first row of the recording.
-    angle_derivatives : Array (6, p)
-        Angle less the line between its ends, and its first five derivatives [SI].
     theta, omega, alpha : Array (p,)
-        The first three of them.
+        Angle less the line between its ends, its velocity and acceleration [SI].
     angle : Array (p,)
         Angle about its mean, with that line, for products.
     sliding : Array (p,)

@@ -74,6 +74,7 @@ def frictionless_actuator(spectra: Spectra) -> FrictionlessActuator:
     by_speed = told[1 : len(SLIDING)] - told[0]
     by_block = told[len(SLIDING) :] - told[len(SLIDING) :].mean(axis=0)
     covariance = by_speed.T @ by_speed + by_block.T @ by_block * (BLOCKS - 1) / BLOCKS
+    assert spectra.actuator_spectrum is not None
     recorded = rows_of(spectra, np.vstack([spectra.derivatives[:3], spectra.actuator_spectrum]))
     of_recorded = np.linalg.lstsq(recorded[:3].T, recorded[3], rcond=None)[0]
     by_friction = FRICTION_INEXACTNESS * np.append(readings[0] - of_recorded, 0.0)

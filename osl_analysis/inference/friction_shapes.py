@@ -2,8 +2,8 @@
 
 Friction either changes sign with the velocity, or builds up over an angle before it slides, like a
 bristle (Dahl, Aerospace Corp. TOR-158(3107-18)-1, 1968; Canudas de Wit et al., IEEE Trans. Autom.
-Control 40, 1995). Which of these a joint has nobody knows beforehand: all may be columns, and those
-that would drive are left out.
+Control 40, 1995). Which of these a joint has nobody knows beforehand: all are columns, and
+what they are together must oppose the motion.
 """
 
 import numpy as np
@@ -62,8 +62,7 @@ def friction_torques(spectra: Spectra) -> Array:
     """Compute the columns (k, p) of dry friction, at the product rate.
 
     Two slide, with a sign that changes over a narrow and a wide velocity. Springs slip behind each
-    of `FRICTION_WINDS`. Where the load is known, the last one grows with it. Friction is a sum of
-    these in which none drives.
+    of `FRICTION_WINDS`. Where the load is known, the last one grows with it.
     """
     velocity, width = sliding_velocity(spectra)
     slides = np.tanh(velocity / width)

@@ -136,8 +136,7 @@ def fit_all(data: Whitened) -> tuple[list[Predicted], Predicted | None]:
     """
     freedom = data.spectra.freedom
     hypotheses = hypotheses_for(data)
-    with_friction_too = (False, True) if len(data.friction) else (False,)
-    searches = [Search(data, JointKind(has_friction)) for has_friction in with_friction_too]
+    searches = [Search(data, JointKind(has_friction)) for has_friction in (False, True)]
     rounding = rounding_torques(data, searches[0].coefficients[:3])
 
     def predicted(searches: Sequence[Search]) -> list[Predicted]:
@@ -151,7 +150,7 @@ def fit_all(data: Whitened) -> tuple[list[Predicted], Predicted | None]:
     fits, memory = predicted(searches), None
     if reflex_may_gain(data, fits):
         memory = with_linear_memory(data, best_possible(fits), rounding)
-        kinds = [JointKind(has_friction, has_reflex=True) for has_friction in with_friction_too]
+        kinds = [JointKind(has_friction, has_reflex=True) for has_friction in (False, True)]
         fits += predicted([Search(data, kind) for kind in kinds])
     return fits, memory
 

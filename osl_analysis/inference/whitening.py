@@ -12,7 +12,6 @@ from functools import cached_property
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from osl_analysis.inference.actuator import frictionless_actuator
 from osl_analysis.inference.constants import (
@@ -21,7 +20,7 @@ from osl_analysis.inference.constants import (
     REFLEX_DELAYS,
 )
 from osl_analysis.inference.friction_shapes import friction_torques, sliding_velocity
-from osl_analysis.inference.least_squares import BesideShared, lengths_of, solve_scaled
+from osl_analysis.inference.least_squares import BesideShared, solve_scaled
 from osl_analysis.inference.reflex import Reflex, half_waves, muscle_answers
 from osl_analysis.inference.spectra import Spectra, Spectrum
 from osl_analysis.trial import Array
@@ -58,7 +57,7 @@ class Whitened:
     slow : Array (4, m)
         Offset and drift of the torque.
     friction : Array (k, m)
-        Shapes of dry friction that oppose the motion; none if none does.
+        Shapes of dry friction.
     reflex : Reflex
         Answers of a muscle to stretch, at the delay that explains most.
     mean_friction : Array (k,)
@@ -88,10 +87,8 @@ class Whitened:
             self.actuator = frictionless_actuator(spectra)
             self.reading = np.column_stack([self.reading, self.actuator.reading])
         self.slow = self.column(self._slow)
-        all_friction = self.column(self._friction)
-        opposes = self._which_oppose(all_friction)
-        self.friction = all_friction[opposes]
-        self.mean_friction = np.abs(shapes[opposes][:, spectra.inside]).mean(axis=1)
+        self.friction = self.column(self._friction)
+        self.mean_friction = np.abs(shapes[:, spectra.inside]).mean(axis=1)
 
     @cached_property
     def reflex(self) -> "Reflex":
@@ -103,19 +100,6 @@ class Whitened:
             left, _ = beside.fit(columns, self.torque)
             tried.append((left, Reflex(delay, columns)))
         return min(tried, key=lambda each: each[0])[1]
-
-    def _which_oppose(self, friction: Array) -> NDArray[np.intp]:
-        """Which shapes of friction (k, m) have a positive size where none may be negative.
-
-        They are fitted beside the derivatives up to the fourth: with these a torque that is late,
-        or filtered, has no friction that drives.
-        """
-        higher = self.column(self.spectra.derivatives[3:])
-        beside = BesideShared(np.concatenate([self.motion, higher, self.slow]))
-        rest = beside.rest(friction)
-        length = lengths_of(rest)
-        sizes, _ = scipy.optimize.nnls((rest / length[:, None]).T, beside.rest(self.torque))
-        return np.flatnonzero(sizes > 0.0)
 
     def motion_at_product_rate(self) -> Array:
         """The columns of `motion` before whitening, (3, p) or (4, p)."""

@@ -27,16 +27,16 @@ import polars as pl
 from planted import CAUSES, SOUND, Cause, recording
 
 import osl_analysis as osl
-from osl_analysis.bench.impedance import WITHOUT_FRICTION
-from osl_analysis.bench.record import Record, record_of_trial, with_actuator
+from osl_analysis.bench.record import actuator_turns, record_of_trial, signals_of, with_actuator
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.campaign.configuration import read_section
-from osl_analysis.inference import BenchSignals, ImpedanceInference, infer_impedance
+from osl_analysis.inference import ImpedanceInference, infer_impedance
 from osl_analysis.judge.finding import Grade
 from osl_analysis.trial import Trial, read_trial
 
 ROOT = Path(__file__).resolve().parents[1]
 SYMBOLS = ("K", "B", "I")
+WITHOUT_FRICTION = {"K": "K_without_friction", "B": "B_viscous", "I": "I_without_friction"}
 OFF = causes.OFF  # half-widths beyond which an estimate is off
 FAR_OFF = 3.0  # half-widths beyond which it is silently wrong
 CERTAIN_FRICTION = 0.9  # probability above which the row says that friction is in the model
@@ -88,26 +88,6 @@ def settings() -> DynamometerAnalysis:
     return read_section(ROOT / "config/config.yaml", "dynamometer", DynamometerAnalysis)
 
 
-def signals_of(record: Record) -> BenchSignals:
-    """What the inference is given of a record; the actuator turns with a leg."""
-    assert record.uniform is not None
-    torque = record.uniform["torque"]
-    # behind a low-pass far above the band: the filtered theta_m would lag behind theta and torque
-    theta_m = record.actuator.get("quick")
-    is_leg = theta_m is not None and float(np.std(theta_m)) > 0.05 * float(np.std(record.theta))
-    current = record.actuator.get("current")
-    return BenchSignals(
-        theta=record.theta,
-        torque=torque,
-        rate_hz=record.rate_hz,
-        encoder_step=record.steps[0] or 0.0,
-        usable=record.usable,
-        sliding_angle=theta_m if is_leg else None,
-        load=current if is_leg else None,
-        has_drivetrain=is_leg,
-    )
-
-
 # ---- planted causes
 
 
@@ -137,7 +117,7 @@ def by_witness(cause: Cause, size: float, at: str, motion: str, seed: int) -> Ro
     values, halves = [], []
     for symbol in SYMBOLS:
         # friction that is certain, or may be what is heard, is not in the damping
-        beside = row["friction_shift"] or (symbol == "B" and row["B_viscous"] is not None)
+        beside = symbol == "B" and row["B_viscous"] is not None
         column = WITHOUT_FRICTION[symbol] if beside else symbol
         low, high = row[f"{column}_low"], row[f"{column}_high"]
         values.append((low + high) / 2 if row[column] is None else row[column])
@@ -386,7 +366,7 @@ def run_legs(options: argparse.Namespace) -> None:
         trial = read_trial(path)
         record = with_actuator(record_of_trial(trial, settings()), trial)
         began = time.process_time()
-        inferred = infer_impedance(signals_of(record))
+        inferred = infer_impedance(signals_of(record, actuator_turns(record)))
         cpu = time.process_time() - began
         row = pl.read_csv(fits / f"{path.stem}.csv").row(-1, named=True)
         cells = [path.stem.removeprefix("impedance_")]
@@ -426,7 +406,7 @@ def run_ankles(options: argparse.Namespace) -> None:
     lines = []
     with tempfile.TemporaryDirectory() as folder:
         config = Path(folder, "person.yaml")
-        config.write_text("parameters: null\ndynamometer: {cutoff_hz: 40, human: true}\n")
+        config.write_text("parameters: null\ndynamometer: {cutoff_hz: 40}\n")
         for name in names:
             theta, torque = arrays[name].astype(float).T
             clock = np.arange(len(theta)) / 1000.0

@@ -252,7 +252,7 @@ def test_a_drift_is_found_under_a_sine_of_any_phase(
     assert drift_of(torque, SEGMENTS[:1] + larger) == pytest.approx(drift, abs=1e-12)
 
 
-@pytest.mark.usefixtures("without_witness")
+@pytest.mark.usefixtures("without_inference")
 def test_a_trial_is_read_without_its_drift_which_the_table_gives_per_minute():
     """A joint of 100 N*m/rad and 2 N*m*s/rad under a load cell that drifts by 0.6 N*m/min."""
     theta = sines(np.deg2rad(4), phase=0.0)

@@ -1,6 +1,5 @@
 """The inference of a leg: two masses with friction that grows with the current, integrated here."""
 
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -8,15 +7,8 @@ import pytest
 import scipy
 
 from osl_analysis.inference import BenchSignals, ImpedanceInference, infer_impedance
-from osl_analysis.inference.actuator import (
-    equation_of_sliding,
-    frictionless_actuator,
-    sliding_fits,
-)
-from osl_analysis.inference.cross_validation import Predicted, predict_blocks
-from osl_analysis.inference.hypotheses import Nothing
+from osl_analysis.inference.actuator import equation_of_sliding, sliding_fits
 from osl_analysis.inference.spectra import Spectra
-from osl_analysis.inference.whitening import JointKind, Whitened
 
 RATE = 500.0
 K_S, B_J, J_J, N_T = 700.0, 0.5, 0.005, 4.6  # belt, joint, ratio
@@ -151,33 +143,3 @@ def test_belt_deflection_follows_the_ratio_of_the_transmission():
 
     rows = slice(500, -500)
     assert np.corrcoef(read[rows], expected[rows])[0, 1] > 0.999
-
-
-def test_friction_that_drives_the_actuator_does_not_oppose_it():
-    time = np.arange(0, 40.0, 1 / RATE)
-    theta_m, omega_m, alpha_m = N_T * joint_motion(time)
-    theta = 0.3 * theta_m + 1e-3 * omega_m + 5e-5 * alpha_m - 1e-3 * np.sign(omega_m)
-    torque = K_S * (theta - theta_m / N_T) + 0.01 * np.random.default_rng(3).normal(size=len(time))
-    recorded = BenchSignals(theta, torque, RATE, sliding_angle=theta_m, has_drivetrain=True)
-
-    assert frictionless_actuator(Spectra(recorded)).friction_probability < 0.01
-
-
-def test_error_of_the_frictionless_motion_is_an_error_of_the_impedance():
-    data = Whitened(Spectra(signals()))
-    candidate = Nothing(data).candidates(None)[0]
-    no_rounding = np.empty((0, len(data.torque)))
-    certain = predict_blocks(data, candidate, JointKind(), no_rounding, 1000.0)
-    more = np.diag([1.0, 1e-4, 1e-8])
-
-    data.actuator = replace(data.actuator, covariance=data.actuator.covariance + more)
-    less_certain = predict_blocks(data, candidate, JointKind(), no_rounding, 1000.0)
-
-    added = less_certain.covariances[0] - certain.covariances[0]
-    assert added == pytest.approx(coefficient_of_belt(certain) ** 2 * more, rel=1e-6, abs=1e-9)
-
-
-def coefficient_of_belt(fit: Predicted) -> float:
-    """What the actuator's angle is multiplied by [N*m/rad]: about -K_s/n_T."""
-    assert fit.coefficients[3] == pytest.approx(-K_S / N_T, rel=0.1)
-    return float(fit.coefficients[3])

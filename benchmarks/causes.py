@@ -27,7 +27,6 @@ from planted import CAUSES, MOTIONS, SOUND, Cause, recording, size_that_moves
 
 import osl_analysis as osl
 from osl_analysis import notebook
-from osl_analysis.bench.impedance import WITHOUT_FRICTION
 from osl_analysis.judge.finding import Grade
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -57,6 +56,7 @@ KEY = ("cause", "at", "motion", "gains", "seed")
 LARGEST = 3.0  # times the size that was met; larger ones are no recording of a laboratory
 # half-widths of a 95 % interval; one of K, B, I is off by more in 1 of 110 sound recordings
 OFF = 1.5
+WITHOUT_FRICTION = {"K": "K_without_friction", "B": "B_viscous", "I": "I_without_friction"}
 BAD = ("silent", "not checked", "refused")
 
 
@@ -71,11 +71,7 @@ def worst_miss(row: dict[str, Any], joint: planted.Joint) -> tuple[str, float]:
     is B_viscous; where it may be what is heard, a range is told."""
     misses = {}
     for name, beside in WITHOUT_FRICTION.items():
-        own = (
-            beside
-            if row["friction_shift"] or (name == "B" and row["B_viscous"] is not None)
-            else name
-        )
+        own = beside if name == "B" and row["B_viscous"] is not None else name
         low, high = row[f"{own}_low"], row[f"{own}_high"]
         value = (low + high) / 2 if row[own] is None else row[own]
         misses[name] = (value - getattr(joint, name)) / ((high - low) / 2)

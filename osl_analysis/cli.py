@@ -359,7 +359,6 @@ def fit(
             raise click.UsageError(said)
     device = parameters or command.campaign_parameters(config_path)
     device = None if device == Path("none") else device
-    model = command.experiment_of(model, config_path)
     fitted = command.fit_trial(
         model, read_trial(trial), device, *command.fit_settings(model, config_path), desired
     )

@@ -17,7 +17,6 @@ from osl_analysis.commands import tables as tables_of_campaign
 from osl_analysis.commands.bench import (
     Fit,
     campaign_parameters,
-    experiment_of,
     fit_settings,
     fit_tables,
     fit_trial,
@@ -72,7 +71,6 @@ def asked(
         None if parameters is None else shipped(parameters),
     )
     device = campaign_parameters(file) if parameters == OF_CONFIG else device
-    experiment = experiment_of(experiment, file)
     return experiment, as_trial(trial), device, *fit_settings(experiment, file)
 
 

@@ -77,23 +77,6 @@ rule fit_impedance:
         job("bench.fit_impedance_trial", input, output, params, log)
 
 
-rule fit_human_joint:
-    """K, B, I of a person's joint, and its stretch reflex."""
-    input:
-        trial="<results>/trials/{trial}.parquet",
-    output:
-        human_joint="<results>/fits/human_joint/{trial}.csv",
-        others="<results>/fits/human_joint/{trial}.zip",
-    log:
-        "<logs>/human_joint/{trial}.log",
-    params:
-        settings=CONFIG.dynamometer.part("HumanJointAnalysis"),
-        windows=cell("windows"),
-        made_by=MADE_BY,
-    run:
-        job("bench.fit_human_joint_trial", input, output, params, log)
-
-
 rule fit_torque_angle:
     """Stiffness over angle, energy and hysteresis of slow cycles."""
     input:

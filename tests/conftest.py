@@ -24,7 +24,6 @@ from kernels import is_numerical
 from xdist.remote import Producer
 from xdist.scheduler import LoadScopeScheduling
 
-from osl_analysis.bench.witness import no_witness
 from osl_analysis.judge import judging
 from osl_analysis.judge.finding import Finding, Limits
 from osl_analysis.model.drivetrain import DrivetrainParameters, read_parameters
@@ -38,7 +37,7 @@ RUNNING = ("test_workflow", "test_bundle", "test_report", "test_walking_perturbe
 """Modules that run campaigns: on one core, for `snakemake_runs.py` has a process with all imports
 for each."""
 LONGEST = (
-    *RUNNING, "test_bench_any_excitation", "test_bench_witness", "test_study", "test_figures",
+    *RUNNING, "test_bench_any_excitation", "test_bench_joint_fit", "test_study", "test_figures",
     "test_walking_commands",
     "test_timebase", "test_walking_platform", "test_bench_rounding", "test_walking_groups",
     "test_damage", "test_cli",
@@ -95,11 +94,9 @@ def parameters() -> DrivetrainParameters:
 
 
 @pytest.fixture
-def without_witness(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of a test that asks for estimates alone: hearing what a model lacks takes nine tenths of a
-    fit."""
-    unheard = no_witness() | {"VAF_in_band": None}
-    monkeypatch.setattr("osl_analysis.bench.impedance.witness_row", lambda *_, **__: unheard)
+def without_inference(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a test of least squares alone: the inference takes nine tenths of a fit."""
+    monkeypatch.setattr("osl_analysis.bench.joint_inference.inferred_from", lambda *_: None)
 
 
 def multisine(

@@ -446,7 +446,7 @@ def drifting():
     return pl.DataFrame({"time": TIME, "theta": THETA, "torque": TORQUE + drift})
 
 
-@pytest.mark.usefixtures("without_witness")
+@pytest.mark.usefixtures("without_inference")
 def test_a_trial_is_read_without_its_drift_which_the_table_gives_per_minute(drifting):
     record = record_of_trial(Trial("a", drifting), sine_settings([4], [2, 4]))
 

@@ -51,10 +51,13 @@ def test_our_own_files_say_the_same_in_yaml_1_1_and_1_2_and_no_key_stands_twice(
 
 
 def test_endings_covariances_and_shared_columns_are_written_out():
-    columns = described("tables/human_joint")
-    assert (columns["K_se"].unit, columns["K_se"].meaning) == ("N*m/rad", "standard error of K")
-    assert columns["cov_K_B"].unit == "(N*m/rad) * (N*m*s/rad)"
-    assert {"cov_K_I", "cov_B_I", "VAF", "R2", "samples", "trial"} <= set(columns)
+    columns = described("tables/transmission")
+    assert (columns["J_j_se"].unit, columns["J_j_se"].meaning) == (
+        "kg*m^2",
+        "standard error of J_j",
+    )
+    assert columns["cov_B_j_J_j"].unit == "(N*m*s/rad) * (kg*m^2)"
+    assert {"VAF", "R2", "samples", "trial"} <= set(columns)
 
 
 def test_a_table_and_its_evidence_share_what_a_row_is_alone():

@@ -72,23 +72,6 @@ def torque_angle_table():
     )
 
 
-def over_angle():
-    """Two ankles whose stiffness rises with the angle, the second is doubtful."""
-    at = np.linspace(-15, 10, 19)
-    rows = [
-        {"K": 60 + 2 * at + 10 * k, "B": 1 + 0 * at, "at": at, "trial": f"walker_{k}"}
-        for k in range(2)
-    ]
-    table = pl.concat([pl.DataFrame(row) for row in rows]).with_columns(
-        over=pl.lit("angle"), share=0.5
-    )
-    ends = {
-        f"{q}_{end}": pl.col(q) + sign for q in "KB" for end, sign in (("low", -0.5), ("high", 0.5))
-    }
-    doubtful = pl.when(trial="walker_1").then(pl.lit("reflex: it has one")).otherwise(pl.lit(""))
-    return drawing_of("impedance_over").points(table.with_columns(**ends, doubtful=doubtful))
-
-
 PLACE, CAMS = (None, None), [f"both_cams_{5 * number:02d}mm" for number in range(11)]
 PLOTTED = {
     "fig4": time_series, "torque": time_series, "fig7": response_table,
@@ -98,7 +81,7 @@ PLOTTED = {
     "fig8": lambda: fig8.points(stored("gains")), "fig9": lambda: fig9_points(340.0,
     commanded_B=4.5),
     "gain_grid": lambda: stored("impedance").select("K_d", "B_d", B_1_joint=pl.col("K") / 9),
-    "impedance_over": over_angle, "response": lambda: response.points(stored("response")),
+    "response": lambda: response.points(stored("response")),
 }  # fmt: skip
 
 
@@ -254,8 +237,6 @@ SHOWN = [
        q in enumerate("KBI")),
     *(("impedance_over_stance", None, 0, pl.col("quantity") == "K",
        100 * pl.col(end), ("estimate",)) for end in ("onset_phase", "end_phase")),
-    *(("impedance_over", None, k, True, "at", (q, f"{q}_low", f"{q}_high")) for k,
-    q in enumerate("KB")),
     ("torque_angle", torque_angle_table, 0, True, "angle_deg", ("torque", "desired_torque")),
     ("torque_angle", torque_angle_table, 1, pl.col("branch") == "loading", "angle_deg",
      ("stiffness", "stiffness_low", "stiffness_high")),

@@ -1,5 +1,7 @@
 """The parts of the one inference, against mathematics and other libraries."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import scipy
@@ -16,7 +18,7 @@ from osl_analysis.inference.cross_validation import (
 from osl_analysis.inference.friction_shapes import slipping_spring
 from osl_analysis.inference.hypotheses import Delay, Nothing, Search
 from osl_analysis.inference.least_squares import BesideShared, solve_scaled
-from osl_analysis.inference.mixture import Part, mixture_quantiles
+from osl_analysis.inference.mixture import Part, evidence_of, mixture_quantiles
 from osl_analysis.inference.spectra import Spectra
 from osl_analysis.inference.whitening import JointKind, Whitened
 
@@ -160,6 +162,22 @@ def test_quantiles_of_two_far_parts_hold_both():
 
     assert np.all(low < 0)
     assert np.all(high > 100)
+
+
+def test_friction_does_not_count_what_it_gains_by_rounding_alone():
+    def fit(has_friction: bool, rounding_left: float) -> SimpleNamespace:
+        hypothesis = SimpleNamespace(name="nothing", family="")
+        return SimpleNamespace(
+            candidate=SimpleNamespace(hypothesis=hypothesis),
+            kind=JointKind(has_friction),
+            squares=np.ones(constants.BLOCKS),
+            rounding_left=rounding_left,
+        )
+
+    evidence = evidence_of([fit(False, 50.0), fit(True, 10.0)], 2.0)
+
+    assert evidence.reference == 0
+    assert evidence.gains[1].sum() == pytest.approx(-40.0 / 2 / 2.0)
 
 
 def test_search_without_gain_refines_nothing():

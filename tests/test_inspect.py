@@ -426,7 +426,7 @@ def test_a_fault_in_one_recording_does_not_end_the_watch(tmp_path, bench, monkey
     )
 
 
-@pytest.mark.usefixtures("without_witness")
+@pytest.mark.usefixtures("without_inference")
 def test_a_stiffness_far_from_the_desired_one_is_pointed_at(tmp_path, bench):
     write_joint(path := tmp_path / "in/impedance_k300_b2.csv")
     doubt = "K is far from the K_d .*: K is 0.4 times K_d. Check the units"
@@ -458,7 +458,7 @@ def test_a_capture_is_skipped_in_a_line_that_says_what_it_is(tmp_path, bench):
     assert is_analysed
 
 
-@pytest.mark.usefixtures("without_witness")
+@pytest.mark.usefixtures("without_inference")
 def test_a_recording_of_an_unknown_recorder_gives_its_joint(tmp_path, bench):
     write_joint(tmp_path / "in/k120_b2.csv")
     write_joint(tmp_path / "in/rec7.csv", sign=-1.0)
@@ -482,7 +482,7 @@ def test_a_recording_of_an_unknown_recorder_gives_its_joint(tmp_path, bench):
     assert {*paths, *written} == {path for path in tmp_path.rglob("*") if path.is_file()}
 
 
-@pytest.mark.usefixtures("without_witness")
+@pytest.mark.usefixtures("without_inference")
 def test_outside_of_a_campaign_nobody_stated_a_protocol_or_a_device(tmp_path, monkeypatch):
     write_joint(tmp_path / "in/k120_b2.csv")
     monkeypatch.chdir(tmp_path)

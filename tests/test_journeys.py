@@ -30,7 +30,7 @@ from osl_analysis.walking.poses import static_calibration
 from osl_analysis.walking.shared_motion import identify_platform
 from osl_analysis.walking.unperturbed_gait import unperturbed_gait
 
-pytestmark = pytest.mark.usefixtures("without_witness")
+pytestmark = pytest.mark.usefixtures("without_inference")
 TRUE = {"K": 80.0, "B": 1.5, "I": 0.03}  # N*m/rad, N*m*s/rad, kg*m^2
 NOISE = np.random.default_rng(5).standard_normal((6, 20_000))
 

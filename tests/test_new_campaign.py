@@ -555,7 +555,7 @@ def said_by_init(folder):
     return result.output.splitlines()
 
 
-@pytest.mark.usefixtures("without_witness")
+@pytest.mark.usefixtures("without_inference")
 def test_init_ends_with_run_where_the_first_trial_can_be_fitted(tmp_path):
     (tmp_path / "rec").mkdir()
     write_bench(tmp_path / "rec/impedance_K150_B3.csv")
@@ -611,7 +611,7 @@ def test_a_calibration_matrix_is_no_recording_and_one_line(tmp_path):
     assert not list((tmp_path / "mine/sources").glob("table*.yaml"))
 
 
-@pytest.mark.usefixtures("without_witness")
+@pytest.mark.usefixtures("without_inference")
 def test_init_tells_of_rows_that_were_left_out(tmp_path):
     (tmp_path / "rec").mkdir()
     write_bench(path := tmp_path / "rec/impedance_K150_B3.csv")

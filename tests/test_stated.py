@@ -161,7 +161,7 @@ def test_a_weight_that_is_assumed_does_not_judge_the_damping_of_the_gains(weight
 CHOICES = (
     "campaign", "raw_data", "sheet", "results", "simulation", "data", "recorded", "sources",
     "dynamometer.order", "dynamometer.seconds_per_frequency", "dynamometer.excitation",
-    "dynamometer.rated_torque", "dynamometer.human", "dynamometer.largest_",
+    "dynamometer.rated_torque", "dynamometer.largest_",
     "dynamometer.settle_cycles",
     "dynamometer.load_cell_range", "dynamometer.time_base", "actuator.order",
     "actuator.sign_width", "actuator.slowest", "actuator.time_base",

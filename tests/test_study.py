@@ -60,7 +60,7 @@ def test_estimates_are_as_precise_as_they_say_and_can_be(
     )
 
 
-@pytest.mark.usefixtures("without_witness")
+@pytest.mark.usefixtures("without_inference")
 def test_intervals_hold_the_truth_of_an_exact_joint_recorded_by_two_nodes(study):
     """60 seeded estimates: three Monte Carlo errors of a coverage are 8.4 %."""
     table = table_of(study.rows_of("second order, 333 Hz and 1 kHz", range(20)))

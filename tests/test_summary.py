@@ -133,10 +133,8 @@ def test_a_unit_or_a_sign_far_beyond_its_limit_is_named_before_what_it_may_have_
 
 
 def test_beside_a_clipped_signal_nothing_that_makes_a_fit_worse_is_named():
-    row = {"torque_at_peaks": 0.3, "coulomb_share": 0.6, "heterogeneity": 5.0}
-    limits = Limits(
-        above={"coulomb_share": 0.5, "heterogeneity": 1}, below={"torque_at_peaks": 0.5}
-    )
+    row = {"saturated_samples": 9, "coulomb_share": 0.6, "heterogeneity": 5.0}
+    limits = Limits(above={"saturated_samples": 5, "coulomb_share": 0.5, "heterogeneity": 1})
 
     names = [one.cause for one in findings_of(row, limits, "phasors")]
 
@@ -176,7 +174,7 @@ def test_a_fault_of_the_recording_that_one_amplitude_alone_shows_accuses_nobody(
 
 def test_a_certainly_negative_inertia_is_noted():
     for table, name in (("impedance", "I"), ("transmission", "J_j")):
-        row = {"K_over_K_s": 0.4, "B_j_ratio": 1.0, "path_shift": 0.0, "K_drift": 0.0}
+        row = {"K_over_K_s": 0.4, "B_j_ratio": 1.0, "fault_probability": 0.0, "K_drift": 0.0}
         for high, noted in ((-0.01, True), (0.01, False)):
             notes = [
                 (one.cause, one.grade) for one in unchecked_in(table, row | {f"{name}_high": high})
@@ -269,8 +267,9 @@ def test_causes_and_trials_are_counted_and_not_the_rows_that_inherit_them():
     its own beside."""
     fit = {"trial": ["a", "a", "b", "c"], "amplitude_deg": [2.0, None, None, None]}
     fit |= {"coulomb_share": [0.7, 0.6, 0.7, 0.1]}
-    fit |= {"VAF": [80.0, 80.0, 80.0, 95.0], "path_shift": [0.0, 0.0, 2.0, 0.0]}
-    tables = {"impedance": pl.DataFrame(fit).with_columns(K_over_K_s=0.5, K_drift=0.0)}
+    fit |= {"VAF": [80.0, 80.0, 80.0, 95.0], "fault_harm": [0.0, 0.0, 9.0, 0.0]}
+    of_path = {"fault": pl.lit("delay"), "fault_family": pl.lit("path")}
+    tables = {"impedance": pl.DataFrame(fit).with_columns(K_over_K_s=0.5, K_drift=0.0, **of_path)}
     shared = {
         "trial": ["a", "a", "c"],
         "amplitude_deg": [2.0, None, None],
@@ -320,9 +319,12 @@ def test_a_finding_names_three_trials_or_those_that_it_spares():
         (2, 2, ""),
     ):
         table = pl.DataFrame(
-            {"trial": [f"t{k}" for k in range(of)], "path_shift": [None] * n + [0.0] * (of - n)}
+            {
+                "trial": [f"t{k}" for k in range(of)],
+                "fault_probability": [None] * n + [0.0] * (of - n),
+            }
         )
-        (found,) = known({"transmission": table.cast({"path_shift": pl.Float64})}, {})
+        (found,) = known({"transmission": table.cast({"fault_probability": pl.Float64})}, {})
         assert found["line"].endswith(f"of this bench{said}")
         assert (found["trials"], found["n"], found["verdict"]) == (
             [f"t{k}" for k in range(n)],
@@ -382,7 +384,7 @@ def test_a_mean_over_trials_leaves_out_doubtful_ones_while_half_are_sound_and_sa
 
 def test_phasors_share_the_doubts_of_the_fit_of_their_trial_and_amplitude(tmp_path):
     fit = {"amplitude_deg": [2.0, 4.0, None], "vaf": [80.0, 95.0, 85.0]}
-    fit |= {"K_over_K_s": 0.5, "path_shift": 0.0, "K_drift": 0.0}
+    fit |= {"K_over_K_s": 0.5, "fault_probability": 0.0, "K_drift": 0.0}
     phasors = {"amplitude_deg": [2.0, 2.0, 4.0], "distortion": [0.0, 9.0, 0.0]}
     for name, columns in (("impedance", fit), ("phasors", phasors)):
         write_table(pl.DataFrame({"trial": ["a"] * 3, **columns}), tmp_path / name / "a.csv")
@@ -675,11 +677,6 @@ def test_torque_against_angle_has_numbers_of_every_trial():
     )
     assert (slow.macro, fast.macro) == ("TorqueAngleStiffnessSlowOne", "EnergyLostFast")
     assert ", n = 4, DOUBTFUL: loop that does not close\n" in to_tex(MADE, [fast])
-    person = {f"{name}{end}": [1.0, 2.0] for name in "KBI" for end in ("", "_low", "_high")}
-    found = by_name(
-        {"human_joint": pl.DataFrame({"trial": ["a", "b"], "doubtful": ["", ""], **person})}
-    )
-    assert [found[f"human_joint_{one}"].value for one in ("K (b)", "I (a)")] == [2.0, 1.0]
 
 
 def test_every_line_of_the_macros_is_a_comment_or_one_definition_that_latex_accepts():
@@ -922,9 +919,17 @@ def test_a_finding_in_the_table_is_the_finding_that_was_made():
 
 def test_what_a_doubt_condemns_is_not_recommended_by_a_note_on_the_same_row():
     row = pl.DataFrame(
-        {"trial": ["a"], "I_high": [-0.01], "path_shift": [20.0], "K_over_K_s": 0.4, "K_drift": 0.0}
+        {
+            "trial": ["a"],
+            "I_high": [-0.01],
+            "fault_harm": [20.0],
+            "fault": ["delay"],
+            "fault_family": ["path"],
+            "K_over_K_s": 0.4,
+            "K_drift": 0.0,
+        }
     )
     for limit, remedy in ((1.0, Remedy.DOUBTED), (30.0, Remedy.WHOLE)):
-        (found,) = judged(row, Limits(above={"path_shift": limit}), "impedance")
+        (found,) = judged(row, Limits(above={"fault_harm": limit}), "impedance")
         notes = [one.remedy for one in found if one.cause == "I is certainly negative"]
         assert notes == [remedy]

@@ -23,8 +23,10 @@ LATE = {
 }
 HEARD = {
     "trial": "a",
-    "path_shift": 20.0,
-    "rivals": "delay, mean",
+    "fault_harm": 20.0,
+    "fault": "delay",
+    "fault_family": "path",
+    "explanations": "delay, moving mean",
     "K_without_low": 300.0,
     "K_without_high": 300.01,
 }
@@ -52,9 +54,9 @@ def test_every_cause_and_check_says_what_is_wrong_and_what_to_do_and_no_word_is_
     (LATE, {},
      ["late torque: ", "the torque is late by 2 ms, which moves B by 10 % and I by 90 %"]),
     (LATE | {"lag_s": -2e-3}, {}, ["the angle is late by 2 ms"]),
-    (HEARD, {"path_shift": 1},
-     ["torque path: ", "explained by delay, mean", "B 4.9 to 5.1, nothing of I is"]),
-    (HEARD | {"B_viscous": 4.9}, {"path_shift": 1}, ["B without friction 4.9 to 5.1"]),
+    (HEARD, {"fault_harm": 1},
+     ["torque path: ", "explained by delay, moving mean", "B 4.9 to 5.1, nothing of I is"]),
+    (HEARD | {"B_viscous": 4.9}, {"fault_harm": 1}, ["B without friction 4.9 to 5.1"]),
     (RUBS, {"coulomb_share": 0.5},
      ["B is 1.05 N*m*s/rad without friction and 2.26 with it, friction is 1.4 N*m"]),
     (RUBS | {"B_viscous": None}, {"coulomb_share": 0.5},

@@ -15,7 +15,6 @@ import numpy as np
 import polars as pl
 import pytest
 import yaml
-from any_motion import noise
 from conftest import ROOT
 from reference import changed
 from snakemake_runs import OVERRIDES, run_forked, write_small
@@ -115,7 +114,7 @@ def workspace(tmp_path_factory):
 def test_every_figure_table_and_headline_number_is_there_and_nothing_is_left_to_do(workspace):
     results, drawn = (
         workspace.folder / "results",
-        FIGURES.keys() - {"torque_angle", "impedance_over"},
+        FIGURES.keys() - {"torque_angle"},
     )
     files = {f"{name}.{suffix}" for name in drawn for suffix in ("csv", "pdf", "svg", "png")}
     assert {path.name for path in (results / "figures").iterdir()} == files | {"captions.md"}
@@ -181,11 +180,10 @@ def test_every_column_and_number_is_in_the_data_dictionary_and_the_dictionary_ha
         for table in tables:
             written[table.place] = written.get(table.place, set()) | header & set(table.columns)
     described = {t.place: set(t.columns) for t in described_tables()}
-    absent = ("torque_angle", "ankle_moment", "human_joint", "impedance_over")
+    absent = ("torque_angle", "ankle_moment")
     not_made = {
         p for p in described if p.startswith("comparison") or any(part in p for part in absent)
     }
-    not_made -= {"figures/impedance_over_stance", "tables/impedance_over_stance"}
     not_made.add("tables/calibration")
     assert described.keys() - written.keys() == not_made
     # which none states
@@ -625,53 +623,3 @@ def test_a_recording_on_which_a_library_crashes_is_refused_and_the_others_are_an
     (cause,) = read_refusals(trial)
     assert cause.outcome == "refused"
     assert cause.reason.endswith("walking_05.c3d: a library that reads it crashed (SIGSEGV)")
-
-
-def test_a_persons_stiffness_over_a_recorded_angle_is_a_table_and_a_figure(tmp_path):
-    """K rises by 4 N*m/rad per degree."""
-    time, (theta, omega, alpha) = noise(rng := np.random.default_rng(1), (0.5, 12.0), 1.2, 20.0)
-    slow = np.deg2rad(8) * np.sin(2 * np.pi * 0.11 * time)
-    torque = (
-        (70 + 4 * np.rad2deg(slow)) * theta
-        + 1.0 * omega
-        + 0.016 * alpha
-        + 0.05 * rng.standard_normal(len(time))
-    )
-    signals = {"theta": theta, "theta_slow": slow, "torque": torque}
-    (tmp_path / "config/sources").mkdir(parents=True)
-    pl.DataFrame({"time": time, **signals, "emg": 100 * slow}).write_csv(tmp_path / "w.csv")
-    channels = {
-        name: {"column": name, "unit": "N*m" if name == "torque" else "rad"} for name in signals
-    }
-    channels["signal_emg"] = {"column": "emg", "unit": "%"}
-    source = {
-        "format": "csv",
-        "clock": "master",
-        "time": {"column": "time", "unit": "s"},
-        "channels": channels,
-    }
-    (tmp_path / "config/sources/w.yaml").write_text(yaml.safe_dump(source))
-    (tmp_path / "sheet.csv").write_text("trial,experiment,log,log_source\nw,impedance,w.csv,w\n")
-    of_person = {
-        "raw_data": ".",
-        "sheet": "sheet.csv",
-        "dynamometer": {"human": {"over": "theta_slow"}},
-    }
-    absent = dict.fromkeys(("simulation", "parameters", "impedance_trajectory"))
-    (tmp_path / "config/small.yaml").write_text(
-        yaml.safe_dump({"campaign": "small", **of_person, **absent})
-    )
-    made = [
-        tmp_path / f"results/{name}"
-        for name in ("tables/impedance_over.csv", "figures/impedance_over.png")
-    ]
-    ran = run_forked(
-        ["snakemake", *FILES, "--", *(str(path.relative_to(tmp_path)) for path in made)], tmp_path
-    )
-    assert ran.returncode == 0, ran.stdout
-    table = pl.read_csv(made[0])
-    assert np.ptp(table["at"].to_numpy()) == pytest.approx(16, abs=0.4)
-    assert table["K"].to_numpy() == pytest.approx(70 + 4 * table["at"].to_numpy(), abs=2.5)
-    made_trial = pl.read_parquet(tmp_path / "results/trials/w.parquet")
-    assert made_trial["signal_emg"].to_numpy() == pytest.approx(slow, abs=1e-9)
-    assert made[1].stat().st_size > 20_000

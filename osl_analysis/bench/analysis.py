@@ -2,7 +2,6 @@
 report, the time base, and limits of what an estimate can be."""
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import reduce
 
@@ -11,20 +10,15 @@ import polars as pl
 from numpy.typing import NDArray
 
 from osl_analysis.bench.effects import (
-    FALSE_ALARM,
-    HIGHER,
-    SHAPES,
     Fault,
     Model,
-    friction_sums,
     noise_of_angle,
     plain_sums,
     with_effects,
 )
-from osl_analysis.bench.gram import GroupFit, Sums, estimates_of, fit_groups, held_out_vaf
+from osl_analysis.bench.gram import GroupFit, Sums, held_out_vaf
 from osl_analysis.bench.record import SHORTEST_S, Label, Record
 from osl_analysis.bench.settings import NOT_STATED, BenchStiffness, Calibration
-from osl_analysis.bench.witness import harm_of
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.measured import check_measured, rms
 from osl_analysis.model.drivetrain import DrivetrainParameters
@@ -110,9 +104,6 @@ def plausible_impedance(
     of its belt."""
     last = table.row(-1, named=True)
     K = last["K"]
-    # with the right sign a joint may drive the motion by K alone
-    if last["B_low"] < 0 or last["I_high"] < 0:
-        check_resists(last["trial"], "K", K, last["K_high"])
     # the belt is in series with a motor; 10 % for its tolerance
     if p is not None and is_this_leg and K > 1.1 * p.K_s:
         ratio, reference = (
@@ -233,12 +224,26 @@ class Analysis:
         """The first columns of every amplitude's rows: estimates, covariances, repeatability (null:
         no repeats), diagnostics."""
         fit = self.calibrated(self.fits[label], label)
-        commanded = {one.label: one.commanded_deg for one in self.record.groups.strata}
+        return {
+            **self.place(label),
+            **estimates_row(fit, *names),
+            **self.beside_estimates(label, *names),
+        }
+
+    def place(self, label: Label) -> Row:
+        """Trial and amplitude of a row."""
+        commanded = {each.label: each.commanded_deg for each in self.record.groups.strata}
         return {
             "trial": self.record.name,
             "amplitude_deg": label if isinstance(label, float) else None,
             "commanded_deg": commanded.get(label),
-            **estimates_row(fit, *names, "offset"),
+        }
+
+    def beside_estimates(self, label: Label, *names: str) -> Row:
+        """The columns of a row beside its place and its estimates."""
+        fit = self.calibrated(self.fits[label], label)
+        return {
+            **estimates_row(fit, "offset"),
             **covariance_row(fit, *names),
             **{f"{name}_se_bench": fit.se_bench(name) for name in names},
             **{f"{name}_repeat_se": fit.repeat_se(name) for name in names},
@@ -521,175 +526,6 @@ def at_zero(fit: GroupFit, centre: float) -> GroupFit:
     )
 
 
-def friction_rows(s: Sums, analysis: Analysis, is_leg: bool = False) -> dict[Label, Row]:
-    """Coulomb friction [N*m] by label, and the share of the damping due to it, which is 0 if the
-    whole trial has no certain friction. If a label has it, also viscous damping, K, I and friction
-    with intervals.
-
-    A leg's friction, or that of another joint of higher order, acts behind a spring: its only
-    column is a sign. Any other joint has friction of all shapes, and the row's K and I are beside
-    it. If friction is not certain but may move K, B or I out of their intervals by more than
-    `HARM`, only the intervals beside it are given."""
-    model, fits = analysis.model, analysis.fits
-    shapes = None if is_leg else sums_of_friction(analysis)
-    damping = next(name for name, column in model.items() if column == "omega")
-    moved = [damping, *(name for name in ("K", "I") if name in model)]
-    own = [
-        f"{damping}_viscous",
-        *(f"{name}_without_friction" for name in moved[1:]),
-        "f_C" if "K" in model else "T_C",
-    ]
-    names = [f"{name}{end}" for name in own for end in ("", "_se", "_low", "_high")]
-    rows, whole_has = dict[Label, Row](), False
-    # the whole trial first
-    for label, fit in sorted(fits.items(), key=lambda item: item[0] is not None):
-        rows[label] = dict.fromkeys(("coulomb_torque", "coulomb_damping", "coulomb_share", *names))
-        try:
-            beside, alone = with_friction(s, model, label), with_effects(s, model, ("T_C",), label)
-        except IdentifiabilityError:
-            continue
-        torque = beside["T_C"]
-        # damping due to this friction
-        made = (fit[damping] - alone[damping]) / alone["T_C"] * torque
-        rows[label] |= {"coulomb_torque": torque, "coulomb_damping": made, "coulomb_share": 0.0}
-        certain = torque > 0 and beside.certain("T_C", FALSE_ALARM)
-        whole_has = certain if label is None else whole_has
-        if whole_has:
-            # a controller may compensate friction that is not Coulomb's: the smaller of two answers
-            # counts as evidence
-            rows[label]["coulomb_share"] = (
-                max(min(made, fit[damping] - alone[damping]), 0.0) / fit[damping]
-            )
-        rows[label] |= without_friction_row(s, shapes, analysis, label, certain, moved, own)
-    return rows
-
-
-def without_friction_row(
-    s: Sums,
-    shapes: Sums | None,
-    analysis: Analysis,
-    label: Label,
-    certain: bool,
-    moved: Sequence[str],
-    own: list[str],
-) -> Row:
-    """Estimates of `moved` and of friction under their `own` names; with all `shapes` of friction K
-    and I beside it, too."""
-    model, fit = analysis.model, analysis.fits[label]
-    if shapes is None and not certain:
-        return {}
-    if shapes is None:
-        told = analysis.calibrated(without_sign(s, model, fit, moved, label), label)
-    else:
-        told = analysis.calibrated(without_any_friction(shapes, analysis, moved, label), label)
-    found: Row = {**estimates_row(replace(told, names=tuple(own)), *own)}
-    main = [x for x in QUANTITIES if x in moved]
-    if certain:
-        return found | (
-            {**estimates_row(told, *moved[1:]), **covariance_row(told, *main)} if shapes else {}
-        )
-    ends = np.reshape([[one.interval(x) for x in main] for one in (told, fit)], (2, -1, 2))
-    beyond = (ends[0] - ends[1]) * (-1, 1)  # excess over the fit's interval
-    if main and harm_of(np.maximum(beyond, 0).max(axis=1), fit.estimates[:3]).max() > 1:
-        return {name: x for name, x in found.items() if name.endswith(("_low", "_high"))}
-    return {}
-
-
-def sums_of_friction(analysis: Analysis) -> Sums | None:
-    """The sums with friction of any shape; None if the joint is of higher order beside it."""
-    s = friction_sums(analysis.record, analysis.model)
-    with suppress(IdentifiabilityError):
-        every = with_effects(s, analysis.model, (*SHAPES, "jerk", "snap"))
-        return (
-            None
-            if any(abs(every[name]) > HIGHER * every.se(name) for name in ("jerk", "snap"))
-            else s
-        )
-    return s
-
-
-def without_sign(
-    s: Sums, model: Model, fit: GroupFit, names: Sequence[str], label: Label
-) -> GroupFit:
-    """Some estimates for the torque less a friction that has the velocity's sign, and this
-    friction. No recording shows over which velocity the sign changes: the effect of a tenth of the
-    width is the half-width of a rectangular distribution (JCGM 100:2008, 4.3.7)."""
-    smooth, sharp = (
-        without_friction(
-            fit, with_effects(s, model, (T,), label), with_friction(s, model, label, T), names, T
-        )
-        for T in ("T_C", "T_C_sharp")
-    )
-    return widened(smooth, (sharp.estimates - smooth.estimates) / np.sqrt(3))
-
-
-def without_any_friction(
-    s: Sums, analysis: Analysis, names: Sequence[str], label: Label
-) -> GroupFit:
-    """Some estimates beside friction of all `SHAPES`, and the sliding friction [N*m]. No single
-    shape is the true one: the change by leaving one out is the half-width of a rectangular
-    distribution (JCGM 100:2008, 4.3.7). Errors of type B of the fit without friction are added. If
-    the motion cannot tell shapes from damping the intervals are wide."""
-    model, columns = (
-        {**analysis.model, **{x: x for x in SHAPES}},
-        [*analysis.model.values(), *SHAPES],
-    )
-    fit, bare = (
-        fit_groups(s, model, label, limit=np.inf),
-        with_effects(analysis.sums, analysis.model, (), label),
-    )
-    at = [fit.names.index(name) for name in (*names, SHAPES[0])]
-    told = replace(
-        fit,
-        names=(*names, "T_C"),
-        estimates=fit.estimates[at],
-        covariance=fit.covariance[np.ix_(at, at)],
-        degrees_of_freedom=fit.degrees_of_freedom[at],
-        repeat=None,
-    )
-    for shape in SHAPES[1:]:  # the model and sliding keep their places
-        rest = [column for column in columns if column != shape]
-        left = estimates_of(s.over(label), s.index(rest), s.torque)[at] - told.estimates
-        told = widened(told, left / np.sqrt(3))
-    known = [max(analysis.fits[label].se(x) ** 2 - bare.se(x) ** 2, 0.0) ** 0.5 for x in names]
-    return widened(told, np.array([*known, 0.0]))
-
-
-def with_friction(s: Sums, model: Model, label: Label, friction: str = "T_C") -> GroupFit:
-    """Fit with friction and the higher derivatives of the angle that the motion determines: without
-    these a linear drivetrain's deviation from Eq. 15 passes for friction of 0.4 N*m. Raises
-    IdentifiabilityError as `fit_groups`."""
-    for higher in (("jerk", "snap"), ("jerk",)):
-        with suppress(IdentifiabilityError):
-            return with_effects(s, model, (friction, *higher), label)
-    return with_effects(s, model, (friction,), label)
-
-
-def without_friction(
-    fit: LinearFit, alone: GroupFit, beside: GroupFit, names: Sequence[str], friction: str
-) -> GroupFit:
-    """Some estimates for the torque less its friction, and this friction [N*m]. The fit `beside`
-    higher derivatives gives the friction; the fit `alone`, without these, gives its effect on the
-    estimates."""
-    values = np.array([fit[name] for name in names])
-    # change of the estimates per N*m of friction
-    each = (values - [alone[name] for name in names]) / alone[friction]
-    at, own = [alone.names.index(name) for name in names], alone.names.index(friction)
-    shared, variance = alone.covariance[at, own], beside.se(friction) ** 2
-    known = alone.covariance[np.ix_(at, at)] - np.outer(shared, shared) / alone.covariance[own, own]
-    turn = np.append(-each, 1.0)
-    covariance = variance * np.outer(turn, turn)
-    covariance[:-1, :-1] += known
-    return replace(
-        beside,
-        names=(*names, friction),
-        estimates=np.append(values - each * beside[friction], beside[friction]),
-        covariance=covariance,
-        degrees_of_freedom=np.full(len(turn), beside.freedom(friction)),
-        repeat=None,
-    )
-
-
 def without_lag(analysis: Analysis, lag: Fault | None, label: Label) -> Row:
     """K, B and I of a label after removal of a lag that was found, its error in the intervals; null
     without one."""
@@ -842,27 +678,3 @@ def angle_noise_bias(record: Record, s: Sums, fit: GroupFit, label: Label = None
     at, one = s.index(["theta", "omega", "alpha"]), s.names.index("one")
     X = A[np.ix_(at, at)] / A[one, one] - np.outer(A[at, one], A[at, one]) / A[one, one] ** 2
     return float(-np.linalg.solve(X, S @ [fit["K"], fit["B"], fit["I"]])[2])
-
-
-def torque_at_peaks(analysis: Analysis, raw: Record) -> float | None:
-    """Smallest ratio of the SDs of measured and modelled torque, in rows at the peaks of the
-    modelled one.
-
-    Both are filtered alike. The peaks are the highest and the lowest rows of the modelled torque,
-    in shares for sharp peaks of noise up to sines. The ratio is 1 for a joint of Eq. 15; noise and
-    distortion raise it, friction lowers it to 0.7. It is near 0 if the torque is clipped, however
-    noisy the plateau is. None if no peak has enough range: the top of a sine is flat and noisy. For
-    a person's joint the `raw` record has the slow part."""
-    record = analysis.record
-    # nothing is faster
-    rows = record.rows()[:: max(int(record.rate_hz / (8.0 * record.low_pass.cutoff_hz)), 1)]
-    measured = raw.filtered_torque[rows]
-    modelled = analysis.modelled(None, rows) + measured - record.filtered_torque[rows]
-    middle, found = float(np.median(modelled)), list[float]()
-    for top, highest in ((float(modelled.max()), True), (float(modelled.min()), False)):
-        for share in (0.005, 0.01, 0.02, 0.05, 0.1, 0.2):
-            level = float(np.quantile(modelled, 1 - share if highest else share))
-            if abs(top - level) > 0.03 * abs(top - middle):
-                peak = modelled >= level if highest else modelled <= level
-                found.append(float(np.std(measured[peak]) / np.std(modelled[peak])))
-    return min(found, default=None)

@@ -18,15 +18,21 @@ from osl_analysis.bench.analysis import (
     analysed,
     check_changes,
     check_stiffer,
-    friction_rows,
     torque_errors,
     widened,
 )
+from osl_analysis.bench.coulomb import CoulombFit, coulomb_fits
 from osl_analysis.bench.effects import TRANSMISSION, Model
 from osl_analysis.bench.gram import GroupFit, estimates_of, fit_groups, gram_sums
+from osl_analysis.bench.joint_fit import (
+    LOSSES_SYMBOLS,
+    Estimate,
+    estimate_columns,
+    misfit_columns,
+)
+from osl_analysis.bench.joint_inference import misfit_of_losses
 from osl_analysis.bench.record import Groups, Label, Record, Stratum, joint_angle, stretches_of
 from osl_analysis.bench.settings import ActuatorAnalysis, BeltAnalysis
-from osl_analysis.bench.witness import witness_row
 from osl_analysis.errors import InputError, naming
 from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection
 from osl_analysis.signals import Motion, differentiate, filtered_motion, runs
@@ -336,47 +342,54 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
     A late torque reduces J_j by B_j times the lag, and leaves a third derivative of the angle,
     which shows it."""
     record, s = analysis.record, effects.sums_of(analysis.record, TRANSMISSION)
-    facts = {
-        name: x
-        for name, x in effects.repeats_row(record, s, TRANSMISSION).items()
-        if name != "K_drift"
-    }
-    # its T_C allows for friction's shape near rest
-    rows, certain = list[Row](), friction_rows(s, analysis)
-    facts |= witness_row(record, LOSSES, rubs=certain[analysis.label]["T_C"] is not None)
+    repeats = effects.repeats_row(record, s, TRANSMISSION)
+    del repeats["K_drift"]  # losses have no stiffness
+    friction = coulomb_fits(s, analysis)
+    misfit = misfit_of_losses(record)
+    rows = list[Row]()
     for label, fit in analysis.fits.items():
-        friction = analysis.calibrated(
-            effects.with_effects(s, TRANSMISSION, ("T_C",), label), label
-        )
+        beside_friction = effects.with_effects(s, TRANSMISSION, ("T_C",), label)
         weight = effects.with_effects(s, TRANSMISSION, ("weight",), label)
-        taken = (
-            1 - fit["J_j"] / weight["J_j"] if weight.certain("weight", effects.FALSE_ALARM) else 0.0
-        )
+        taken = 0.0
+        if weight.certain("weight", effects.FALSE_ALARM):
+            taken = 1 - fit["J_j"] / weight["J_j"]
         rows.append(
             {
                 **analysis.row(label, *LOSSES),
-                **estimates_row(friction, "T_C"),
-                "T_C_se_bench": friction.se_bench("T_C"),
+                **losses_friction_columns(
+                    friction.get(label), analysis.calibrated(beside_friction, label)
+                ),
                 **estimates_row(analysis.calibrated(weight, label), "weight"),
                 "J_j_weightless": weight["J_j"],
                 "weight_share": taken,
-                "B_j_coulomb": friction["B_j"],
-                "VAF_coulomb": friction.vaf,
+                "B_j_coulomb": beside_friction["B_j"],
+                "VAF_coulomb": beside_friction.vaf,
                 **analysis.shared(label, *LOSSES),
-                **{
-                    name: x
-                    for name, x in certain[label].items()
-                    if x is not None or not name.startswith("T_C")
-                },
-                **facts,
+                **repeats,
+                **misfit_columns(misfit, LOSSES_SYMBOLS),
+                "VAF_in_band": misfit.VAF_held_out if misfit else None,
+                "delay_told_s": misfit.delay_told_s if misfit else None,
             }
         )
-    table = pl.DataFrame(
-        rows,
-        infer_schema_length=None,
-        schema_overrides=dict.fromkeys(("heard", "rivals"), pl.String),
-    )
+    texts = dict.fromkeys(("fault", "fault_family", "explanations"), pl.String)
+    table = pl.DataFrame(rows, infer_schema_length=None, schema_overrides=texts)
     return table.with_columns(pl.col(pl.Null).cast(pl.Float64))
+
+
+def losses_friction_columns(coulomb: CoulombFit | None, beside: GroupFit) -> Row:
+    """The columns of friction beside losses; `beside` is the model with friction, certain or
+    not."""
+    certain = coulomb.certain if coulomb else None
+    viscous = Estimate.of_fit(certain, "B_j") if certain is not None else None
+    size = Estimate.of_fit(beside if certain is None else certain, "T_C")
+    return {
+        **size.columns("T_C"),
+        "T_C_se_bench": beside.se_bench("T_C"),
+        "coulomb_torque": coulomb.torque if coulomb else None,
+        "coulomb_damping": coulomb.damping if coulomb else None,
+        "coulomb_share": coulomb.share if coulomb else None,
+        **estimate_columns("B_j_viscous", viscous),
+    }
 
 
 ACTUATOR_ALONE: Model = {

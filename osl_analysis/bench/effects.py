@@ -5,7 +5,7 @@ A model (Eq. 15, Eq. 4) names its columns; an effect is one more. All of it is a
 matrices of groups (gram.py).
 
 Friction that is left out passes for a lag and for a changing stiffness. Faults of a recording are
-found by the general witness (witness.py), or by the belt of a leg."""
+found by the inference (joint_inference.py), or by the belt of a leg."""
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from osl_analysis.bench import gram
 from osl_analysis.bench.gram import GroupFit, Sums
-from osl_analysis.bench.record import QUICK, Label, Record
+from osl_analysis.bench.record import Label, Record
 from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.inference.friction_shapes import slipping_spring
 from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection
 from osl_analysis.signals import seven_point_motion
 from osl_analysis.signals.clock_drift import NO_DRIFT, drift_row
@@ -47,12 +48,6 @@ OTHER_B_J = 3.0  # factor by which losses vary from joint to joint about the par
 CANNOT_TELL = (IdentifiabilityError, InputError, np.linalg.LinAlgError)
 # rad/s over which friction changes sign; the larger is ten times the velocity noise of 14 bits
 TURNS = (1e-3, 1e-2)
-# rad over which friction builds up to half, near those of bristles
-WINDS = (5e-5, 1.5e-4, 5e-4, 1.5e-3)
-SHAPES = ("slides", *(f"rests_{k}" for k in range(1, len(TURNS) + len(WINDS))))
-"""Columns of sliding friction of 1 N*m, and of its deviations near rest, whose sum is close to any
-joint's friction."""
-HIGHER = 10.0  # standard errors of a jerk or snap beside friction: a drivetrain has 100, rounding 6
 
 
 def plain_sums(record: Record, model: Model) -> Sums:
@@ -96,49 +91,6 @@ def effect_columns(
     if expected is not None:
         columns["linear"] = linear_torque(few, expected)
     return columns, centre
-
-
-def shapes_of_friction(record: Record) -> dict[str, Array]:
-    """The columns `SHAPES` (n,) of a coarse record. Friction either changes sign with the velocity
-    and is 0 at rest, or builds up before sliding and persists at rest, like a bristle (Dahl 1968;
-    Canudas de Wit et al. 1995)."""
-    few, rate = record.coarse, record.rate_hz
-    quick = replace(record.low_pass, cutoff_hz=min(QUICK * record.low_pass.cutoff_hz, 0.2 * rate))(
-        record.theta, rate
-    )
-    omega = np.gradient(quick, 1 / rate)
-    shapes = np.array(
-        [np.tanh(omega / turn) for turn in TURNS]
-        + [spring_that_slips(quick, wind) for wind in WINDS]
-    )
-    shapes[1:] -= shapes[0]
-    return dict(
-        zip(
-            SHAPES, few.low_pass(shapes.T[:: round(rate / few.rate_hz)], few.rate_hz).T, strict=True
-        )
-    )
-
-
-def friction_sums(record: Record, model: Model) -> Sums:
-    """The sums of a coarse record with the columns `SHAPES`, and higher derivatives of the
-    angle."""
-    few, (columns, centre) = record.coarse, columns_of(record.coarse)
-    higher = seven_point_motion(few.time, columns["alpha"], few.rate_hz)
-    columns |= {"jerk": higher.omega, "snap": higher.alpha, **shapes_of_friction(record)}
-    return gram.gram_sums(few, columns, [*model.values(), *SHAPES], centre, rounded=record.rounded)
-
-
-def spring_that_slips(x: Array, width: float) -> Array:
-    """Torque (n,) of a spring that slips at +-1 (Prandtl's stop operator), which x winds up from
-    slack to its limit over a `width`: friction that winds something up before it slides."""
-    rising = np.diff(x) >= 0
-    turns = np.concatenate([[0], np.flatnonzero(rising[1:] != rising[:-1]) + 1, [len(x) - 1]])
-    wound = [0.0]  # at the turning points
-    for way in (np.diff(x[turns]) / width).tolist():
-        wound.append(min(max(wound[-1] + way, -1.0), 1.0))
-    last = np.repeat(np.arange(len(turns) - 1), np.diff(turns))  # turning point before each row
-    found = np.clip(np.array(wound)[last] + (x[:-1] - x[turns][last]) / width, -1.0, 1.0)
-    return np.append(found, wound[-1])
 
 
 def linear_torque(record: Record, expected: Admittance) -> Array:
@@ -268,7 +220,7 @@ def belt_of_leg(record: Record, p: DrivetrainParameters | None) -> Belt | None:
     if min(both) < 0.05 * turned:
         return None
     slips = few.low_pass(
-        np.array([spring_that_slips(wound, width) for width in WOUND_UP]).T, few.rate_hz
+        np.array([slipping_spring(wound, width) for width in WOUND_UP]).T, few.rate_hz
     ).T
     columns |= {
         "wound": wound - wound.mean(),

@@ -19,24 +19,22 @@ from osl_analysis.bench.analysis import (
     angle_noise_share,
     check_resists,
     fitted_motion,
-    friction_rows,
     plausible_impedance,
     share_of_inertia,
-    torque_at_peaks,
     turn_deg,
     widened,
     without_lag,
-    without_row,
 )
-from osl_analysis.bench.components import INTERVAL_ENDS, PLACE
+from osl_analysis.bench.components import PLACE
 from osl_analysis.bench.effects import IMPEDANCE, Fault
 from osl_analysis.bench.gram import FEWEST_UNITS, GroupFit, Sums, combined, estimates_of, solved
-from osl_analysis.bench.human_joint import unstated_reflex_row
-from osl_analysis.bench.record import Label, Record
-from osl_analysis.bench.witness import FAMILIES, HARM, witness_row
+from osl_analysis.bench.joint_inference import impedance_fits, misfit_of_losses
+from osl_analysis.bench.record import Label, Record, actuator_turns
 from osl_analysis.errors import InputError, nearest
+from osl_analysis.inference.constants import BLOCKS
 from osl_analysis.model.compensator import CONTROLLERS, Gains, Weight, select_gains
 from osl_analysis.model.drivetrain import DrivetrainParameters, joint_admittance
+from osl_analysis.signals.clock_drift import NO_DRIFT
 from osl_analysis.spectral.periods import distinct
 from osl_analysis.stats.regression import Row, estimates_row, lag_damping_row
 from osl_analysis.stats.repeats import (
@@ -117,144 +115,54 @@ def impedance_table(
     where it does not fit the drivetrain. Without parameters a joint whose actuator turns is taken
     for a leg, since its drivetrain is no fault of the recording."""
     record = analysis.record
-    belt, repeats = effects.belt_of_leg(record, p), effects.repeats_row(record, s, IMPEDANCE)
-    turned = float(np.std(record.actuator.get("theta_m", 0.0)))
-    is_leg = belt is not None or (p is None and turned > 0.05 * float(np.std(record.theta)))
-    friction, rows = friction_rows(s, analysis, is_leg), list[Row]()
+    belt = effects.belt_of_leg(record, p)
+    is_leg = belt is not None or (p is None and actuator_turns(record))
+    check_drives_nothing(analysis)
+    fits = impedance_fits(analysis, s, is_leg)
     lag, late = (belt.torque, belt.theta_m) if belt else (None, None)
-    facts = motion_row(record) | {
+    repeats, drift = effects.repeats_row(record, s, IMPEDANCE), fits[None].clock_drift
+    clocks: Row = {name: repeats[name] for name in NO_DRIFT}
+    if drift is not None and clocks["clock_drift_ppm"] is None:
+        clocks = effects.clocks_row(record, drift.ppm, drift.standard_error, BLOCKS - 1)
+    of_trial: Row = {
+        **motion_row(record),
         "K_s_ratio": belt.K_s / p.K_s if belt and p else None,
         "theta_m_lag_s": late.size if late else None,
         "theta_m_lag_se_s": late.se if late else None,
         "certain_theta_m_lag_s": late.size * late.found if late else None,
+        "K_drift": repeats["K_drift"],
+        **clocks,
     }
-    facts |= repeats | unstated_reflex_row(record, is_device=belt is not None)
-    rubs = friction[None]["f_C"] is not None
-    facts |= witness_row(
-        record, is_leg=is_leg, answers=facts["reflex_p"] != 1, rubs=rubs and not is_leg
-    )
-    facts |= believed_reflex(analysis.whole, facts, is_leg)
-    friction[None] |= (untold := untold_row(analysis.whole, friction[None] | facts))
-    friction[None] |= either_reading(analysis, friction[None])
-    facts |= {name: value for name, value in untold.items() if name in facts}
-    # a sticking joint stands still at the peaks of a slow sine
-    if not (record.is_stepped_sine and (is_leg or rubs)):
-        facts["torque_at_peaks"] = torque_at_peaks(analysis, record)
+    of_whole = over_amplitudes(analysis)
+    rows = list[Row]()
     for label, fit in analysis.fits.items():
         rows.append(
             {
-                **analysis.row(label, *QUANTITIES),
+                **analysis.place(label),
+                **fits[label].to_row(),
+                **analysis.beside_estimates(label, *QUANTITIES),
                 **lag_row(lag, fit),
-                **friction[label],
                 **analysis.shared(label, *QUANTITIES),
-                "I_bound": (
-                    None
-                    if is_leg or facts["rivals"]
-                    else friction[label].get("I_high", fit.interval("I")[1])
-                ),
                 "theta_rms_deg": turn_deg(s, label),
                 "fitted_s": len(record.rows(label)) / record.rate_hz,
                 "recorded_s": float(np.ptp(record.time)),
                 "angle_noise_share": angle_noise_share(record, s, fit, label),
                 **without_lag(analysis, lag, label),
-                **facts,
+                **of_trial,
+                **(of_whole if label is None else dict.fromkeys(of_whole)),
             }
         )
-    over = over_amplitudes(analysis)
-    rows = [{**row, **dict.fromkeys(over)} for row in rows[:-1]] + [{**rows[-1], **over}]
-    texts = dict.fromkeys(("heard", "rivals"), pl.String)
+    texts = dict.fromkeys(("fault", "fault_family", "explanations", "widened_because"), pl.String)
     table = pl.DataFrame(rows, infer_schema_length=None, schema_overrides=texts)
     return table.with_columns(pl.col(pl.Null).cast(pl.Float64))
 
 
-WITHOUT_FRICTION = {"K": "K_without_friction", "B": "B_viscous", "I": "I_without_friction"}
-"""Columns of the estimates beside friction."""
-
-
-# a reflex that explains less than this share of what the best rival does is not what is heard
-LITTLE_OF_IT = 0.3
-
-
-def believed_reflex(whole: GroupFit, facts: Row, is_leg: bool) -> Row:
-    """The columns that withdraw the reflex in `facts`, where the witness does not support it; empty
-    where it does. The reflex is withdrawn if nothing is heard, if a path, friction, or any rival by
-    far explains more, or if it moves no estimate by more than the interval, or by more than does
-    harm."""
-    shifts, moved = [facts[f"{family}_shift"] for family in FAMILIES], False
-    alone = not any(isinstance(shift, float) and shift > 1 for shift in shifts)
-    for name, (share, size) in HARM.items():
-        value, low_high = facts[f"{name}_with_reflex"], whole.interval(name)
-        least = max(low_high[1] - whole[name], alone * share * float(np.hypot(whole[name], size)))
-        moved |= isinstance(value, float) and abs(value - whole[name]) > least
-    # nor may a delay hide behind it
-    harmless = not moved and bool(facts["rivals"] or facts["path_shift"] == 0)
-    explains = facts["reflex_explains"]
-    # null where nothing is heard
-    little = not isinstance(explains, float) or explains < LITTLE_OF_IT
-    known = little or facts["path_shift"] or facts["friction_shift"] or harmless
-    if facts["reflex_p"] is None or is_leg or not known:
-        return {}
-    return {**without_row(None, "with_reflex"), "reflex_p": 1.0}
-
-
-def beside_friction(row: Row, name: str) -> list[float]:
-    """Ends of the ranges of K, B or I beside friction, and beside rivals that cannot be told from
-    it; may be empty."""
-    ends = [
-        row[f"{one}_{end}"]
-        for one in (WITHOUT_FRICTION[name], f"{name}_without")
-        for end in ("low", "high")
-    ]
-    return [float(end) for end in ends if end is not None]
-
-
-def untold_row(whole: GroupFit, row: Row) -> Row:
-    """Ranges of K, B and I where friction is uncertain. If the witness may hear friction, they
-    replace estimates and intervals, and hold the fit's intervals, those beside friction of any
-    shape, and those of its rivals. If it hears something else, the ranges of those rivals hold the
-    ones beside friction, which has none of its own; nor has it for B and I if no test hears paths.
-    If nothing is heard and K's range excludes its interval, the intervals hold them."""
-    untold, heard = row["friction_shift"], row["heard"] is not None
-    if not untold and (row["B_viscous"] is not None or row["B_viscous_low"] is None):
-        return {}
-    found, K, of_K = Row(), whole.interval("K"), beside_friction(row, "K")
-    apart = not heard and max(min(of_K, default=K[0]), K[0]) > min(max(of_K, default=K[1]), K[1])
-    for name, own in WITHOUT_FRICTION.items():
-        fit, beside = whole.interval(name), beside_friction(row, name)
-        if untold or apart:
-            ends = [*fit, *beside]
-            found |= {f"{name}_low": min(ends), f"{name}_high": max(ends)}
-        if untold:
-            found |= {
-                own: None,
-                f"{own}_se": None,
-                f"{own}_low": min(ends),
-                f"{own}_high": max(ends),
-            }
-            continue
-        if (
-            row["rivals"]
-            and row[f"{name}_without"] is None
-            and row[f"{name}_without_low"] is not None
-        ):
-            found |= {f"{name}_without_low": min(beside), f"{name}_without_high": max(beside)}
-        if heard or (row["path_shift"] is None and name != "K"):
-            found |= {f"{own}_low": None, f"{own}_high": None}
-    return found | dict.fromkeys((f"f_C{end}" for end in INTERVAL_ENDS) if untold else ())
-
-
-def either_reading(analysis: Analysis, row: Row) -> Row:
-    """Intervals of K, B and I that hold both readings of undecided stamps; empty if all are
-    decided."""
-    fit, other, found = analysis.calibrated(analysis.whole), analysis.others.get(None), Row()
-    if other is None:
-        return found
-    for name in QUANTITIES:
-        moved = other[name] - fit[name]
-        for end, at, farther in zip(("low", "high"), fit.interval(name), (min, max), strict=True):
-            told = row.get(f"{name}_{end}")
-            found[f"{name}_{end}"] = (told if isinstance(told, float) else at) + farther(moved, 0.0)
-    return found
+def check_drives_nothing(analysis: Analysis) -> None:
+    """Refuse a torque that drives the motion. With the right sign a joint may do so by K alone.
+    Raises InputError."""
+    fit = analysis.whole
+    if fit.interval("B")[0] < 0 or fit.interval("I")[1] < 0:
+        check_resists(analysis.record.name, "K", fit["K"], fit.interval("K")[1])
 
 
 def motion_row(record: Record) -> Row:
@@ -266,7 +174,7 @@ def motion_row(record: Record) -> Row:
         "band_low_hz": low,
         "band_high_hz": high,
         "cutoff_hz": float(record.low_pass.cutoff_hz),
-        **dict.fromkeys(("torque_at_peaks", "period_s", "periods", "realisations")),
+        **dict.fromkeys(("period_s", "periods", "realisations")),
     }
     if periodic is not None:
         row |= {
@@ -511,7 +419,8 @@ def calibration_table(analysis: Analysis, known: Known) -> pl.DataFrame:
     }
     stated = {"known_K": known.stiffness, "known_I": known.inertia, "known_share": known.share}
     row = {"trial": record.name, **stated, **row, **analysis.time_base_row(None, QUANTITIES)}
-    row |= {"rivals": witness_row(record, answers=False)["rivals"] if certain["lag_s"] else None}
+    misfit = misfit_of_losses(record) if certain["lag_s"] else None
+    row |= {"explanations": misfit.explanations if misfit else None}
     return pl.DataFrame([row], infer_schema_length=None).with_columns(
         pl.col(pl.Null).cast(pl.Float64)
     )

@@ -32,7 +32,6 @@ from osl_analysis.bench.analysis import LITTLE
 from osl_analysis.bench.components import ACTUATOR_PARAMETERS, LOSSES, PLACE
 from osl_analysis.bench.gram import solved
 from osl_analysis.bench.record import Record
-from osl_analysis.bench.witness import CHUNKS
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.measured import rms
 from osl_analysis.model.actuator_in_time import Controller, belt_responses
@@ -54,6 +53,7 @@ from osl_analysis.table import finite_or_null
 from osl_analysis.trial import Array
 
 ONE = np.ones((1, 1))
+CHUNKS = 24  # parts of a recording; the covariance comes from the scatter of their scores
 LAW_GAINS = ("K_1", "B_1", "f_C", "f_G")
 CONSTANT = "k_tau_n_m"
 GAIN_COLUMNS = tuple(

@@ -25,6 +25,7 @@ from osl_analysis.bench.settings import (
     SteppedSineAnalysis,
 )
 from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.inference import BenchSignals
 from osl_analysis.measured import visible_step
 from osl_analysis.refusal import check_not_refused
 from osl_analysis.signals import LowPass, Motion, filtered_motion, runs
@@ -62,6 +63,7 @@ OF_SINE = 0.5
 DRAWS = (np.arange(17) + 0.5) / 17 - 0.5  # shifts of an encoder's zero and of sizes, in steps
 ALIKE_S = 0.25  # time [s] over which a model's misfit is correlated
 SHORTEST_S = 1.0  # shortest stretch [s] that is fitted
+IDLE = 0.05  # share of the joint's angle (SD): backlash and errors of encoders reach that
 NOT_MOVED = "the joint does not move; check the channel of theta in the source file"
 
 
@@ -417,6 +419,41 @@ class Record:
                 f"({', '.join(f'{size:g}' for size in of.values())} deg); choose one of these"
             )
         return near
+
+
+def actuator_turns(record: Record) -> bool:
+    """Whether an actuator turns with the joint, as that of a leg does: an idle motor beside a joint
+    turns less."""
+    theta_m = record.actuator.get("theta_m")
+    return theta_m is not None and float(np.std(theta_m)) > IDLE * float(np.std(record.theta))
+
+
+def signals_of(record: Record, has_drivetrain: bool = False) -> BenchSignals:
+    """What the inference is given of a record: the raw signals, since it finds their band itself.
+
+    Parameters
+    ----------
+    record : Record
+        Angle and torque of a trial.
+    has_drivetrain : bool
+        Whether a belt and an actuator render the joint. Its friction then opposes the actuator's
+        velocity and grows with the current.
+    """
+    # the ends of fitted stretches are left out for the sake of the fit's own filter
+    edge = round(2 * record.rate_hz / record.low_pass.cutoff_hz)
+    inside = np.zeros(len(record.time), dtype=np.bool_)
+    for rows in record.pieces:
+        inside[max(rows.start - edge, 0) : rows.stop + edge] = True
+    return BenchSignals(
+        theta=record.theta,
+        torque=record.torque if record.uniform is None else record.uniform["torque"],
+        rate_hz=record.rate_hz,
+        encoder_step=record.steps[0] or 0.0,
+        usable=record.usable & inside,
+        sliding_angle=record.actuator.get("quick") if has_drivetrain else None,
+        load=record.actuator.get("current") if has_drivetrain else None,
+        has_drivetrain=has_drivetrain,
+    )
 
 
 def stored_record(record: Record) -> pl.DataFrame:

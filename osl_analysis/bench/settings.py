@@ -3,12 +3,12 @@
 from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from osl_analysis.signals import LowPass
 from osl_analysis.signals.grid import GapLimits
 from osl_analysis.spectral.stepped_sine import SteppedSineProtocol, stated_protocol
-from osl_analysis.trial import REFLEX_DELAYS_MS, Array, stretches
+from osl_analysis.trial import Array, stretches
 from osl_analysis.yaml_settings import (
     Degrees,
     NotNegative,
@@ -213,38 +213,6 @@ class SteppedSineAnalysis(BenchAnalysis):
         )
 
 
-class HumanJoint(Settings):
-    """How a person's joint is fitted: its reflexes are columns beside Eq. 15
-    (docs/human_joint.md)."""
-
-    # below which [Hz] torque and columns are not fitted: there the person pushes as he likes
-    slow_hz: Positive = 1.0
-    # shortest to longest delay [ms]
-    delays_ms: Annotated[tuple[Positive, ...], Field(min_length=1)] = REFLEX_DELAYS_MS
-    # for how long [s] the reflex answers a movement
-    memory_s: Annotated[float, Field(ge=0.1, le=2)] = 0.5
-    over: str | None = None
-    """What K and B change with: `angle` (its slow part), `time`, or a column of the trials; null:
-    they do not."""
-    _changes = refused(
-        lambda s: s.over in ("theta", "torque"),
-        "over = {s.over} is what K is of; write angle for the slow part of theta, time or another"
-        " column of trials",
-        "over",
-    )
-    _are_milliseconds = refused(
-        lambda s: min(s.delays_ms) < 1 or max(s.delays_ms) >= 1e3 * s.memory_s,
-        "delays_ms must be from 1 ms to below memory_s = {s.memory_s:g} s; write them in ms, as 30,"
-        " or raise memory_s",
-        "delays_ms",
-    )
-
-
-def human_or_none(stated: object) -> object:
-    """`true` is a person's joint with the default choices, `false` none."""
-    return {"true": {}, "false": None}.get(stated, stated) if isinstance(stated, str) else stated
-
-
 class ImpedanceAnalysis(SteppedSineAnalysis):
     """Choices for an impedance trial, whose motion may be another one than the stepped sine."""
 
@@ -275,31 +243,13 @@ class ImpedanceAnalysis(SteppedSineAnalysis):
     )
 
 
-class HumanJointAnalysis(ImpedanceAnalysis):
-    """Choices for a trial of a person's joint, which is no stepped sine."""
-
-    human: Annotated[
-        HumanJoint | None,
-        BeforeValidator(human_or_none, json_schema_input_type=HumanJoint | bool | None),
-    ] = None
-    """How a person's joint is fitted; impedance trials are then those of a person. Null: of a
-    device."""
-    own_cutoff: bool = False
-    """Whether the motion of a person's joint may raise `cutoff_hz`; so where a configuration states
-    none."""
-    _will_is_slow = refused(
-        lambda s: s.human is not None and 4 * s.human.slow_hz > s.cutoff_hz,
-        "human.slow_hz = {s.human.slow_hz:g} is above a quarter of cutoff_hz = {s.cutoff_hz:g};"
-        " lower it or raise that",
-        "human.slow_hz",
-    )
-
-
-class DynamometerAnalysis(HumanJointAnalysis, BeltAnalysis):
+class DynamometerAnalysis(ImpedanceAnalysis, BeltAnalysis):
     """Choices for all trials of the dynamometer."""
 
     REMOVED: ClassVar = {
-        "compare_estimators": "so are the estimators that it compared; remove the line"
+        "compare_estimators": "so are the estimators that it compared; remove the line",
+        "human": "a reflex is weighed in every trial of experiment `impedance`, which a person's"
+        " joint has, too; remove the line",
     }
 
 

@@ -185,9 +185,6 @@ class Campaign:
 
     def rows_of(self, experiment: str, table: ResultTable) -> list[str]:
         """Names of the trials of an experiment that have rows in one of its tables."""
-        human = self.config.dynamometer.human
-        if table.scheduled_only and (human is None or human.over is None):
-            return []
         if table.perturbed_only:
             return self.crossings(perturbed=True)
         return self.trials(experiment)
@@ -247,8 +244,6 @@ def open_campaign(config: Config, planned: SheetRows | None) -> Campaign:
         with naming("parameters"):
             joint = joint_of(config.parameters)
         sheet = {trial: {**row, "joint": row["joint"] or joint} for trial, row in sheet.items()}
-    if config.dynamometer.human is not None:
-        sheet = {trial: with_person(row) for trial, row in sheet.items()}
     used = {trial: row for trial, row in sheet.items() if row["exclude"] is None}
     unused = {trial: row for trial, row in sheet.items() if row["exclude"] is not None}
     if not used:
@@ -256,10 +251,3 @@ def open_campaign(config: Config, planned: SheetRows | None) -> Campaign:
             f"{config.sheet}: every trial is excluded; clear `exclude` of those to analyse"
         )
     return Campaign(config, used, unused)
-
-
-def with_person(row: dict[str, Any]) -> dict[str, Any]:
-    """A row whose impedance trial is of a person's joint."""
-    if row["experiment"] != "impedance":
-        return row
-    return {**row, "experiment": "human_joint"}

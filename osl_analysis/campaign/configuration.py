@@ -194,7 +194,7 @@ FOUND = {
     "dynamometer.amplitudes_deg": "amplitude_deg",
     "dynamometer.frequencies_hz": "frequency_hz",
 }
-OF_BENCH = ("belt", "transmission", "impedance", "human_joint", "calibration")
+OF_BENCH = ("belt", "transmission", "impedance", "calibration")
 # Settings that are facts on a bench, device, laboratory or text, and filters and windows; each with
 # the experiments that it judges, labels or enters. All others are choices of the analysis.
 JUDGING: dict[str, tuple[str, ...]] = {
@@ -210,7 +210,7 @@ JUDGING: dict[str, tuple[str, ...]] = {
     "dynamometer.load_cell_drift": ("belt",),
     "dynamometer.calibration": OF_BENCH,
     "dynamometer.bench_stiffness": OF_BENCH,
-    "dynamometer.windows": ("impedance", "human_joint"),
+    "dynamometer.windows": ("impedance",),
     "actuator.calibration": ("actuator",),
     "torque_angle.zero": ("torque_angle",),
     "torque_angle.calibration": ("torque_angle",),
@@ -307,9 +307,6 @@ def over_default(own: Mapping[str, Any]) -> Any:
     stated are null.
     """
     default = read_mapping(default_config())
-    # the default is for no real joint
-    is_unstated = own == default or named_in(own, "dynamometer.cutoff_hz") is None
-    default = overriding(default, {"dynamometer": {"own_cutoff": is_unstated}})
     is_simulated = own.get("simulation", default["simulation"]) is not None
     if default["simulation"] is None or is_simulated:
         return overriding(default, own)

@@ -25,7 +25,6 @@ from osl_analysis.bench import settings as choices
 from osl_analysis.bench.analysis import QUANTITIES, FitTables, analysed, plausible
 from osl_analysis.bench.components import PLACE
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums
-from osl_analysis.bench.human_joint import fit_person, human_joint_table, over_table
 from osl_analysis.bench.record import (
     read_record,
     record_of_trial,
@@ -101,15 +100,11 @@ def fit_impedance_trial(
     record = with_actuator(record_of_trial(trial, settings, windows), trial)
     stated = condition or impedance.DesiredImpedance(None, None, None)
     ran = stated.gains(p, weight)
-    trial.clocks.clear()  # 0.4 GB of an hour; who asks for them again finds them again
     law = pl.DataFrame(schema=prediction.LAW_COLUMNS)
     if p is not None and ran is not None:
         law = prediction.law_table(record, p, ran, models.sign_width)
         ran, programmed_as = prediction.law_that_ran(law, ran, p)
         ran = replace(ran, cancels_friction=ran.cancels_friction and programmed_as == p)
-    record = replace(
-        record, actuator={name: x for name, x in record.actuator.items() if name == "theta_m"}
-    )
     analysis, table = impedance.judged_impedance(record, rails, p, condition, ran)
 
     def further() -> dict[str, pl.DataFrame]:
@@ -125,27 +120,6 @@ def fit_impedance_trial(
         return of_condition | {"timebase": analysis.time_base(QUANTITIES), "record": kept}
 
     return FitTables(analysis.series(), further, impedance=table)
-
-
-def fit_human_joint_trial(
-    trial: Trial, settings: choices.HumanJointAnalysis, windows: str | None = None
-) -> Mapping[str, pl.DataFrame]:
-    """The row of a person's joint, Eq. 15 beside a reflex; `windows` as in
-    `fit_impedance_trial`."""
-    check_recording(trial, settings)
-    rails = saturated(trial, "torque", "theta")
-    fit = person, analysis = fit_person(trial, settings, windows)
-
-    def further() -> dict[str, pl.DataFrame]:
-        frames = {
-            "response": frequency_response.impedance_over_frequency(person.raw),
-            "impedance_over": over_table(fit),
-        }
-        return frames | {"timebase": analysis.time_base(QUANTITIES)}
-
-    return FitTables(
-        analysis.series(), further, human_joint=human_joint_table(fit).with_columns(rails)
-    )
 
 
 def fit_actuator_trial(
@@ -209,7 +183,6 @@ def summarise(table: Path, output: Path) -> None:
     by_amplitude = ("amplitude_deg", "doubtful")
     derived: Mapping[str, tuple[Sequence[str], Callable[[pl.DataFrame], pl.DataFrame]]] = {
         "impedance": (by_amplitude, impedance.repeated_trials_table),
-        "human_joint": (("doubtful",), impedance.repeated_trials_table),
         "phasors": (by_amplitude, frequency_response.frequency_response_table),
     }
     needed, computed = derived.get(table.stem, ((), partial(components.part_summary, table.stem)))
@@ -373,17 +346,6 @@ def job_of(experiment: str) -> FitJob:
             f"a trial of '{experiment}' is not fitted alone; choose another experiment for it"
         )
     return fit
-
-
-def experiment_of(experiment: str, config: Path) -> str:
-    """The experiment that a trial is fitted by: in a configuration of persons an impedance trial is
-    of a person."""
-    if (
-        experiment == "impedance"
-        and read_section(config, "dynamometer", choices.DynamometerAnalysis).human is not None
-    ):
-        return "human_joint"
-    return experiment
 
 
 def fit_settings(experiment: str, config: Path) -> tuple[dict[str, Any], DoubtfulFits]:

@@ -132,7 +132,7 @@ def note_protocol(trial: Trial, config: Config) -> bool:
 def fit_of_row(trial: Trial, row: Mapping[str, Any], device: Path | None, config: Path) -> fits.Fit:
     """The fit of a trial in memory, by its row of a sheet, as in the workflow. `device` is its
     parameter file."""
-    experiment = fits.experiment_of(str(row["experiment"]), config)
+    experiment = str(row["experiment"])
     condition: Any = {column: row.get(column) for column in fits.job_of(experiment).sheet}
     if experiment == "impedance":
         K_d, B_d = (None if row[name] is None else float(row[name]) for name in ("K_d", "B_d"))

@@ -25,8 +25,6 @@ class ResultTable:
     derived: Mapping[str, str] = field(default_factory=dict)
     doubts_of: str = ""  # the table of the same trials whose doubts its rows share; empty for none
     perturbed_only: bool = False  # only the perturbed crossings have rows
-    # trials have rows only where dynamometer.human states what K changes with
-    scheduled_only: bool = False
     # False if only the files of the single trials are used and no common table is written
     published: bool = True
 
@@ -213,21 +211,6 @@ EXPERIMENTS: dict[str, Experiment] = {
             parameters=True,
             windows=True,
             sheet=("controller", "K_d", "B_d"),
-        ),
-    ),
-    "human_joint": on_dynamometer(
-        "a person's joint moved at random: K, B, I and the stretch reflex",
-        any_motion=True,
-        tables=(
-            ResultTable("human_joint", derived={"human_joint_repeats": "bench.summarise"}),
-            ResultTable("response", doubts_of="human_joint"),
-            ResultTable("impedance_over", doubts_of="human_joint", scheduled_only=True),
-            *OF_ALL,
-        ),
-        fit=FitJob(
-            job="bench.fit_human_joint_trial",
-            settings={"settings": ("dynamometer", "HumanJointAnalysis")},
-            windows=True,
         ),
     ),
     "torque_angle": on_dynamometer(

@@ -41,7 +41,7 @@ LARGEST_K_D = 1e4  # [N*m/rad]
 LARGEST_B_D = 1e3  # [N*m*s/rad]
 # By column: the experiments whose trials have it
 USERS = {
-    "windows": ("impedance", "human_joint", "walking"),
+    "windows": ("impedance", "walking"),
     "desired": ("torque_angle",),
     "static": tuple(name for name, facts in EXPERIMENTS.items() if facts.place != "bench"),
     **dict.fromkeys(KNOWN_COLUMNS, ("calibration",)),

@@ -3,10 +3,9 @@ impedance trials; beside them what models say: the prediction of the components,
 command to torque."""
 
 import textwrap
-from itertools import cycle, pairwise
+from itertools import pairwise
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 import polars as pl
 from matplotlib.axes import Axes
@@ -371,51 +370,6 @@ def draw_fig6(table: pl.DataFrame) -> Figure:
     ax.set_xticks(range(len(swarms)), written)
     ax.tick_params(axis="x", length=0)
     ax.set_ylabel("VAF (%), log scale of 100 − VAF")
-    return figure
-
-
-@style.drawing(
-    columns_of("impedance_over"),
-    lambda table: names.completed(table, columns_of("impedance_over"), True),
-)
-def draw_impedance_over(table: pl.DataFrame) -> Figure:
-    """(a) Stiffness, (b) damping over the slow signal that they change with, each trial with its 95
-    % interval."""
-    parts, signal = names.placed_rows(table), table["over"][0]
-    titles = names.panel_titles(parts, ("Stiffness", "Damping"))
-    figure, axes = style.panels(
-        style.DOUBLE_COLUMN, 2.5 * len(parts) + 0.3, rows=len(parts), columns=2, names=titles
-    )
-    over = {
-        "angle": "Slow part of the joint angle (deg)",
-        "theta_slow": "Slow angle (deg)",
-        "time": "Time (s)",
-    }
-    ten = cycle(mpl.color_sequences["petroff10"])
-    colours = dict(zip(table["trial"].unique(maintain_order=True), ten, strict=False))
-    for number, ax in enumerate(axes):
-        name, label = (("K", "Stiffness (N·m/rad)"), ("B", "Damping (N·m·s/rad)"))[number % 2]
-        for trial in parts[number // 2][1].partition_by("trial", maintain_order=True):
-            (own,) = trial["trial"].unique()
-            line = style.DOTTED if style.has_doubtful(trial) else "-"
-            ax.fill_between(
-                trial["at"],
-                trial[f"{name}_low"],
-                trial[f"{name}_high"],
-                color=colours[own],
-                alpha=0.25,
-                lw=0,
-            )
-            ax.plot(
-                trial["at"],
-                trial[name],
-                color=colours[own],
-                linestyle=line,
-                label=names.drawn_name(own),
-            )
-        ax.set_xlabel(over.get(signal, names.drawn_name(signal)))
-        ax.set_ylabel(label)
-    style.legend_above(figure, style.legend_entries(axes[::2]), 4)
     return figure
 
 

@@ -175,12 +175,15 @@ def predict_blocks(
         reflex_evidence = data.reflex.rectified_evidence(
             estimates[of_reflex], covariance[of_reflex, of_reflex]
         )
+    covariances = np.array([reading @ of_own @ reading.T for reading in readings])
+    if data.actuator is not None and width > 3:
+        covariances = covariances + coefficients[3] ** 2 * data.actuator.covariance
     return Predicted(
         candidate=candidate,
         kind=kind,
         squares=np.asarray(squares),
         impedances=np.array([reading @ coefficients for reading in readings]),
-        covariances=np.array([reading @ of_own @ reading.T for reading in readings]),
+        covariances=covariances,
         coefficients=np.asarray(coefficients),
         deviations=np.sqrt(np.maximum(np.diag(of_own), 0.0)),
         parameter_sd=parameter_sd,

@@ -2,7 +2,8 @@
 
 Friction either changes sign with the velocity, or builds up over an angle before it slides, like a
 bristle (Dahl, Aerospace Corp. TOR-158(3107-18)-1, 1968; Canudas de Wit et al., IEEE Trans. Autom.
-Control 40, 1995). Which of these a joint has nobody knows beforehand: all are columns.
+Control 40, 1995). Which of these a joint has nobody knows beforehand: all are columns, and
+what they are together must oppose the motion.
 """
 
 import numpy as np
@@ -60,14 +61,14 @@ def sliding_velocity(spectra: Spectra) -> tuple[Array, float]:
 def friction_torques(spectra: Spectra) -> Array:
     """Compute the columns (k, p) of dry friction, at the product rate.
 
-    The first one slides. The others are deviations from it: a wider sign, and springs that slip
-    behind each of `FRICTION_WINDS`. Where the load is known, the last one grows with it.
+    Two slide, with a sign that changes over a narrow and a wide velocity. Springs slip behind each
+    of `FRICTION_WINDS`. Where the load is known, the last one grows with it.
     """
     velocity, width = sliding_velocity(spectra)
     slides = np.tanh(velocity / width)
     wider = np.tanh(velocity / (WIDER * width))
     rests = [slipping_spring(spectra.sliding, wind) for wind in FRICTION_WINDS]
-    columns = [slides, *(shape - slides for shape in (wider, *rests))]
-    if spectra.signals.load is not None:
+    columns = [slides, wider, *rests]
+    if spectra.signals.load is not None and spectra.actuator_spectrum is None:
         columns.append(slides * np.abs(spectra.resampled(spectra.signals.load)))
     return np.array(columns)

@@ -11,7 +11,7 @@ the delayed angle, velocity and acceleration.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
@@ -41,6 +41,7 @@ WORTH_REFINING = 2.0
 PROFILE = np.linspace(-3.0, 3.0, 9)  # standard deviations at which a likelihood is tabulated
 REFINEMENTS = 12  # evaluations of Brent's method about a minimum of the grid
 OUTERMOST = (0.002, 0.998)  # quantiles of a torque that are its ends, beside noise
+UNCLIPPED = 0.5  # share of the rows, about the median torque, in which nothing is cut
 NEWTON_STEPS = 8  # it doubles the digits of a lag in each
 
 
@@ -88,8 +89,11 @@ class Candidate:
 
     def readings_of(self, width: int) -> tuple[Array, ...]:
         """The readings as matrices (3, width)."""
-        plain = np.hstack([EQUATION_15, np.zeros((3, width - 3))])
-        return self.readings or (plain,)
+        if self.readings:
+            return self.readings
+        of_motion = self.hypothesis.data.reading
+        others = np.zeros((3, width - of_motion.shape[1]))
+        return (np.hstack([of_motion, others]),)
 
 
 class Search:
@@ -103,6 +107,8 @@ class Search:
         Whether the joint has friction, and a reflex.
     left : float
         What Eq. 15 alone leaves of the torque.
+    coefficients : Array (3,) or (4,)
+        Those of its motion's columns.
     impedance : Array (3,)
         Its K, B, I.
     """
@@ -110,7 +116,8 @@ class Search:
     def __init__(self, data: Whitened, kind: JointKind) -> None:
         self.data, self.kind = data, kind
         self._beside = BesideShared(data.shared(kind))
-        self.left, self.impedance = self.fit(data.motion)
+        self.left, self.coefficients = self.fit(data.motion)
+        self.impedance = data.reading @ self.coefficients
 
     def fit(self, columns: Array, torque: Array | None = None) -> tuple[float, Array]:
         """Residual sum of squares and coefficients (k,) of columns (k, m)."""
@@ -157,6 +164,13 @@ class Hypothesis(ABC):
     def candidates(self, search: Search) -> list[Candidate]:
         """Find values of its own parameter that may be; none if it gains nothing."""
 
+    def readings(
+        self, of_added: Sequence[Sequence[float]], shares: Sequence[float]
+    ) -> tuple[Array, ...]:
+        """What K, B, I may mean: those of Eq. 15, and shares of what added columns give them."""
+        of_motion = self.data.reading
+        return tuple(np.hstack([of_motion, share * np.array(of_added)]) for share in shares)
+
     def plain(self, *added: Array, readings: tuple[Array, ...] = ()) -> Candidate:
         """Eq. 15 with columns (p,) of the product rate."""
         columns = self.data.motion
@@ -177,7 +191,7 @@ class Nothing(Hypothesis):
 
 
 class Drivetrain(Hypothesis):
-    """A joint rendered by a drivetrain: Eq. 9 in powers of s, up to the fourth.
+    """A joint rendered by a drivetrain whose actuator is not recorded: Eq. 9 in powers of s.
 
     Its K, B and I are those of Eq. 15 fitted to the torque of the linear drivetrain in this motion:
     what jerk and snap add, projected on angle, velocity and acceleration before any whitening.
@@ -251,7 +265,8 @@ class OneParameter(Hypothesis):
         profile = []
         for near in tried.tolist():
             left, then = search.fit(*self.model(near, search))
-            profile.append(ProfilePoint(near, left, then[:3]))
+            impedance = self.data.reading @ then[: self.data.reading.shape[1]]
+            profile.append(ProfilePoint(near, left, impedance))
         return Candidate(self, columns, torque, slope, value, estimates, profile=tuple(profile))
 
 
@@ -380,18 +395,17 @@ class GrowingLag(Hypothesis):
 
     @abstractmethod
     def shape(self, search: Search) -> Array:
-        """Lag (p,) of each row for a parameter of 1; nowhere above 1."""
+        """Lag (w,) of each working row for a parameter of 1; nowhere above 1."""
 
     def candidates(self, search: Search) -> list[Candidate]:
-        derivatives = self.data.spectra.angle_derivatives
         shape = self.shape(search)
         terms = [self.data.motion]
         for order, factor in enumerate((1.0, 2.0, 6.0), start=1):
-            added = derivatives[order : order + 3] * (-shape) ** order / factor
-            terms.append(self.data.of_product(added))
+            added = self.data.motion_at_working_rate(order) * (-shape) ** order / factor
+            terms.append(self.data.windowed(added))
 
         lag, columns, slopes = 0.0, terms[0], terms[1]
-        estimates = search.impedance
+        estimates = search.coefficients
         for _ in range(NEWTON_STEPS):
             columns = terms[0] + lag * (terms[1] + lag * (terms[2] + lag * terms[3]))
             slopes = terms[1] + lag * (2 * terms[2] + 3 * lag * terms[3])
@@ -413,7 +427,7 @@ class DriftingClocks(GrowingLag):
     parameters = (("lag at the end", "s"),)
 
     def shape(self, search: Search) -> Array:
-        return self.data.spectra.share
+        return np.clip(self.data.spectra.share_at_working_rate, 0.0, 1.0)
 
 
 class LagStep(GrowingLag):
@@ -424,18 +438,18 @@ class LagStep(GrowingLag):
     parameters = (("step of the lag", "s"),)
 
     def shape(self, search: Search) -> Array:
-        spectra = self.data.spectra
-        slope = search.impedance @ spectra.angle_derivatives[1:4]
+        slope = search.coefficients @ self.data.motion_at_working_rate(1)
         moment = best_moment(search, slope)
-        return np.where(spectra.share > moment, 1.0, 0.0)
+        return np.where(self.data.spectra.share_at_working_rate > moment, 1.0, 0.0)
 
 
 def best_moment(search: Search, changing: Array) -> float:
-    """The moment [share of the recording] after which torques (..., p) best explain the rest."""
+    """The moment [share of the recording] after which torques (..., w) best explain the rest."""
     data = search.data
+    share = data.spectra.share_at_working_rate
 
     def left(moment: float) -> float:
-        column = data.of_product(changing * (data.spectra.share > moment))
+        column = data.windowed(changing * (share > moment))
         return search.fit(np.vstack([data.motion, column]))[0]
 
     on_grid = min(MOMENTS, key=left)
@@ -459,9 +473,9 @@ class StiffnessDrift(Hypothesis):
 
     def candidates(self, search: Search) -> list[Candidate]:
         spectra = self.data.spectra
-        readings = [np.hstack([EQUATION_15, [[x], [0.0], [0.0]]]) for x in (0.0, -0.5, 0.5)]
+        readings = self.readings([[1.0], [0.0], [0.0]], (0.0, -0.5, 0.5))
         added = spectra.theta * (spectra.share - 0.5)
-        return [self.plain(added, readings=tuple(readings))]
+        return [self.plain(added, readings=readings)]
 
 
 class StiffnessStep(Hypothesis):
@@ -476,12 +490,11 @@ class StiffnessStep(Hypothesis):
         spectra = self.data.spectra
         # about the spring's own zero, which nobody knows, so that the torque steps, too
         changing = np.array([spectra.theta, np.ones_like(spectra.theta)])
-        after = spectra.share > best_moment(search, changing)
-        readings = []
-        for share in (0.0, 1.0):
-            of_step = np.array([[share, 0.0], [0.0, 0.0], [0.0, 0.0]])
-            readings.append(np.hstack([EQUATION_15, of_step]))
-        return [self.plain(*(changing * after), readings=tuple(readings))]
+        at_working_rate = self.data.motion_at_working_rate()[0]
+        both = np.array([at_working_rate, np.ones_like(at_working_rate)])
+        after = spectra.share > best_moment(search, both)
+        readings = self.readings([[1.0, 0.0], [0.0, 0.0], [0.0, 0.0]], (0.0, 1.0))
+        return [self.plain(*(changing * after), readings=readings)]
 
 
 # ---- speed
@@ -565,8 +578,8 @@ class StiffnessBySide(Hypothesis):
     parameters = (("half the difference of K", "N*m/rad"),)
 
     def candidates(self, search: Search) -> list[Candidate]:
-        readings = [np.hstack([EQUATION_15, [[x], [0.0], [0.0]]]) for x in (0.0, 1.0, -1.0)]
-        return [self.plain(np.abs(self.data.spectra.angle), readings=tuple(readings))]
+        readings = self.readings([[1.0], [0.0], [0.0]], (0.0, 1.0, -1.0))
+        return [self.plain(np.abs(self.data.spectra.angle), readings=readings)]
 
 
 class DeadZone(OneParameter):
@@ -598,8 +611,8 @@ class DampingByDirection(Hypothesis):
     parameters = (("half the difference of B", "N*m*s/rad"),)
 
     def candidates(self, search: Search) -> list[Candidate]:
-        readings = [np.hstack([EQUATION_15, [[0.0], [x], [0.0]]]) for x in (0.0, 1.0, -1.0)]
-        return [self.plain(np.abs(self.data.spectra.omega), readings=tuple(readings))]
+        readings = self.readings([[0.0], [1.0], [0.0]], (0.0, 1.0, -1.0))
+        return [self.plain(np.abs(self.data.spectra.omega), readings=readings)]
 
 
 class StiffnessByDirection(Hypothesis):
@@ -628,15 +641,16 @@ class Clipping(Hypothesis):
         spectra = self.data.spectra
         recorded = spectra.product_torque
         low, high = np.quantile(recorded[spectra.inside], OUTERMOST)
-        motion = np.array([spectra.theta, spectra.omega, spectra.alpha])
-        impedance, torque = search.impedance, self.data.torque
+        motion = self.data.motion_at_product_rate()
+        coefficients, torque = search.coefficients, self.data.torque
         for _ in range(NEWTON_STEPS):
-            modelled = impedance @ motion
-            small = spectra.inside & (np.abs(modelled) < np.abs(modelled).max() / 3)
+            modelled = coefficients @ motion
+            size = np.abs(modelled - np.median(modelled[spectra.inside]))
+            small = spectra.inside & (size <= np.quantile(size[spectra.inside], UNCLIPPED))
             modelled = modelled + np.median((recorded - modelled)[small])
             missing = modelled - np.clip(modelled, low, high)
             torque = self.data.torque + self.data.of_product(missing)
-            impedance = search.fit(self.data.motion, torque)[1]
+            coefficients = search.fit(self.data.motion, torque)[1]
         return [Candidate(self, self.data.motion, torque)]
 
 
@@ -673,7 +687,9 @@ def hypotheses_for(data: Whitened) -> list[Hypothesis]:
     judges lateness.
     """
     kinds: tuple[type[Hypothesis], ...]
-    if data.spectra.signals.has_drivetrain:
+    if data.spectra.actuator_spectrum is not None:
+        kinds = (*SOUND, *OTHER_FAULTS)
+    elif data.spectra.signals.has_drivetrain:
         kinds = (*SOUND, Drivetrain, *OTHER_FAULTS)
     else:
         kinds = (*SOUND, *PATHS, *OTHER_FAULTS)

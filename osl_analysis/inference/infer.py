@@ -24,7 +24,7 @@ from osl_analysis.inference.estimates import (
     Parameter,
     ReflexEstimate,
 )
-from osl_analysis.inference.hypotheses import Candidate, Search, hypotheses_for
+from osl_analysis.inference.hypotheses import Candidate, Nothing, Search, hypotheses_for
 from osl_analysis.inference.least_squares import BesideShared
 from osl_analysis.inference.mixture import Part, Weighed, mixture_quantiles, noise_of, weigh
 from osl_analysis.inference.rounding_errors import rounding_torques
@@ -69,7 +69,7 @@ def infer_impedance(
     fits, memory = fit_all(data)
     weighed, at = weigh(fits, spectra.freedom, memory, is_body=not signals.has_drivetrain)
     reference = weighed[at]
-    plain = next(fit for fit in fits if is_plain(fit))
+    plain = equation_15(data, fits)
     matters = np.array(accuracy) * np.hypot(reference.impedance, HARM_FLOOR)
 
     faults = [each for each in weighed if each.family != ""]
@@ -98,7 +98,7 @@ def infer_impedance(
             [Part(1.0, plain.impedances[0], plain.covariances[0])]
         ),
         fault_probability=fault_probability,
-        friction_probability=sum(each.weight for each in weighed if each.fit.kind.has_friction),
+        friction_probability=friction_probability(data, weighed),
         friction_harm=float(np.max(moved_by_friction / matters)),
         harm=harm,
         doubt=doubt,
@@ -113,9 +113,15 @@ def infer_impedance(
     )
 
 
-def is_plain(fit: Predicted) -> bool:
-    """Whether a fit is Eq. 15 alone."""
-    return fit.candidate.hypothesis.name == "nothing" and fit.kind == JointKind()
+def equation_15(data: Whitened, fits: Sequence[Predicted]) -> Predicted:
+    """Eq. 15 alone: of a leg, too, whose hypotheses know its actuator."""
+    if data.actuator is None:
+        named = (fit for fit in fits if fit.candidate.hypothesis.name == "nothing")
+        return next(fit for fit in named if fit.kind == JointKind())
+    reading = np.eye(3)
+    candidate = Candidate(Nothing(data), data.motion[:3], data.torque, readings=(reading,))
+    no_rounding = np.empty((0, len(data.torque)))
+    return predict_blocks(data, candidate, JointKind(), no_rounding, data.spectra.freedom)
 
 
 def fit_all(data: Whitened) -> tuple[list[Predicted], Predicted | None]:
@@ -131,7 +137,7 @@ def fit_all(data: Whitened) -> tuple[list[Predicted], Predicted | None]:
     freedom = data.spectra.freedom
     hypotheses = hypotheses_for(data)
     searches = [Search(data, JointKind(has_friction)) for has_friction in (False, True)]
-    rounding = rounding_torques(data, searches[0].impedance)
+    rounding = rounding_torques(data, searches[0].coefficients[:3])
 
     def predicted(searches: Sequence[Search]) -> list[Predicted]:
         return [
@@ -175,6 +181,13 @@ def reflex_may_gain(data: Whitened, fits: Sequence[Predicted]) -> bool:
     return (left - less) / 2 / noise > REFLEX_WORTH
 
 
+def friction_probability(data: Whitened, weighed: Sequence[Weighed]) -> float:
+    """Probability of dry friction; of a leg, in its actuator."""
+    if data.actuator is not None:
+        return data.actuator.friction_probability
+    return sum(each.weight for each in weighed if each.fit.kind.has_friction)
+
+
 def mixed(weighed: Sequence[Weighed]) -> list[Part]:
     """All parts of all hypotheses, with their weights."""
     return [
@@ -198,7 +211,8 @@ def explained(each: Weighed) -> Explanation:
     """The public form of a weighed hypothesis."""
     candidate, fit = each.fit.candidate, each.fit
     hypothesis = candidate.hypothesis
-    values = list(zip(fit.coefficients[3:].tolist(), fit.deviations[3:].tolist(), strict=True))
+    own = slice(hypothesis.data.reading.shape[1], None)
+    values = list(zip(fit.coefficients[own].tolist(), fit.deviations[own].tolist(), strict=True))
     if candidate.slope is not None:
         values.insert(0, (candidate.parameter, fit.parameter_sd))
     parameters = tuple(

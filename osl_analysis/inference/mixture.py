@@ -39,6 +39,7 @@ FAMILIES: tuple[Family, ...] = (
     "direction",
     "clipping",
 )
+PLAIN = "nothing"  # the hypothesis that is Eq. 15 alone
 SEED = 1  # of the bootstrap: the same recording gives the same numbers
 NEGLIGIBLE = 1e-7  # weight below which a part does not enter the mixture
 SPREAD = 12.0  # standard deviations about all parts within which quantiles lie
@@ -152,8 +153,12 @@ def temper(gain: Array, rounding: float) -> Array:
 
 
 def evidence_of(fits: Sequence[Predicted], noise: float) -> Evidence:
-    """Compare the predictions of hypotheses with those of the best sound one among them."""
+    """Compare the predictions of hypotheses with those of the best sound one among them.
+
+    What friction would gain by rounding alone does not count.
+    """
     squares = np.array([fit.squares for fit in fits])
+    squares += friction_rounding(fits)[:, None] / BLOCKS
     totals = squares.sum(axis=1)
     sound = np.array([fit.candidate.hypothesis.family == "" for fit in fits])
     reference = int(np.argmin(np.where(sound, totals, np.inf)))
@@ -165,6 +170,15 @@ def evidence_of(fits: Sequence[Predicted], noise: float) -> Evidence:
     same = [fit for fit in beside if fit.kind == best.kind]
     of_sound = same[0] if same else fits[reference]
     return Evidence(gains, reference, 1 + rounding_gain(of_sound, best) / noise, sound)
+
+
+def friction_rounding(fits: Sequence[Predicted]) -> Array:
+    """How much less (h,) of rounding alone friction leaves beside Eq. 15; 0 without friction."""
+    plain = {fit.kind.has_friction: fit for fit in fits if fit.candidate.hypothesis.name == PLAIN}
+    if len(plain) < 2:
+        return np.zeros(len(fits))
+    gain = rounding_gain(plain[False], plain[True])
+    return np.array([gain if fit.kind.has_friction else 0.0 for fit in fits])
 
 
 def rounding_gain(worse: Predicted, better: Predicted) -> float:

@@ -50,8 +50,8 @@ class BenchSignals:
     usable : Array (n,) of bool, optional
         False at rows of a gap or outside of the stated windows.
     sliding_angle : Array (n,), optional
-        Angle [rad] whose velocity dry friction opposes, as that of a leg's actuator. By default the
-        joint's.
+        Angle [rad] whose velocity dry friction opposes. By default the joint's. Of a drivetrain
+        it is the angle of the actuator, on the other side of its belt.
     load : Array (n,), optional
         What friction grows with, as a motor's current [A]. Without it friction has one size.
     has_drivetrain : bool
@@ -141,14 +141,19 @@ class Spectra:
         Where the window is not 0; their number is m.
     time : Array (p,)
         Times of product rows [s] from the first row of the recording.
-    angle_derivatives : Array (6, p)
-        Angle less the line between its ends, and its first five derivatives [SI].
     theta, omega, alpha : Array (p,)
-        The first three of them.
+        Angle less the line between its ends, its velocity and acceleration [SI].
     angle : Array (p,)
         Angle about its mean, with that line, for products.
     sliding : Array (p,)
-        Angle whose velocity friction opposes, with its line [rad].
+        Angle whose velocity friction opposes, with its line [rad]; the deflection of a
+        drivetrain's belt, whose hysteresis it is.
+    actuator_spectrum : Spectrum (f,) or None
+        Angle of a drivetrain's actuator, less the line between its ends.
+    actuator_derivatives : Array (3, p) or None
+        That angle, its velocity and acceleration, for products.
+    share_at_working_rate : Array (w,)
+        Time of each working row over the recording's duration.
     inside : Array (p,) of bool
         Rows of the recording, not of its padding.
     """
@@ -184,6 +189,8 @@ class Spectra:
             raw_torque[: len(self.frequency)] * to_working, np.complex128
         )
         self.derivatives = np.array([self.s**k * angle for k in range(DERIVATIVES)], np.complex128)
+        rows = np.arange(self.working) * self.padded_seconds / self.working
+        self.share_at_working_rate = (rows - self._padding / rate) / self.seconds
         self.window = self._window()
         self.rows = self.window > 0
         # independent rows, of which the roll-off leaves a part
@@ -198,13 +205,27 @@ class Spectra:
         self.inside = (self.time >= 0) & (self.time < self.seconds)
         self.share = np.clip(self.time / self.seconds, 0.0, 1.0)
         self.product_band_hz = max(3 * self.band_hz, 20.0)
-        self.angle_derivatives = np.array(self._at_product_rate(self.raw_angle, 6))
-        self.theta, self.omega, self.alpha = self.angle_derivatives[:3]
+        self.theta, self.omega, self.alpha = self._at_product_rate(self.raw_angle, 3)
         self.product_torque = self._at_product_rate(raw_torque, 1)[0]
         line_of_products = np.linspace(self.line[0], self.line[-1], self.products)
         angle_with_line = self.theta + line_of_products
         self.angle = angle_with_line - angle_with_line[self.inside].mean()
-        self.sliding = self.angle if self.signals.sliding_angle is None else self._sliding_angle()
+
+        # the other side of a drivetrain's belt
+        self.actuator_spectrum: Spectrum | None = None
+        self.actuator_derivatives: Array | None = None
+        self.sliding = self.angle
+        if self.signals.sliding_angle is None:
+            return
+        if not self.signals.has_drivetrain:
+            self.sliding = self.resampled(self.signals.sliding_angle)
+            return
+        extended, line = self._extended(self.signals.sliding_angle)
+        raw_actuator = scipy.fft.rfft(extended - line)
+        self.actuator_spectrum = raw_actuator[: len(self.frequency)] * to_working
+        self.actuator_derivatives = np.array(self._at_product_rate(raw_actuator, 3))
+        with_line = self.actuator_derivatives[0] + np.linspace(line[0], line[-1], self.products)
+        self.sliding = self._belt_deflection(with_line)
 
     def _extended(self, x: Array) -> tuple[Array, Array]:
         """A signal (n,) with an odd extension at both ends, and the line between its ends."""
@@ -234,9 +255,14 @@ class Spectra:
         smooth = self._at_product_rate(scipy.fft.rfft(extended - line), 1)[0]
         return np.asarray(smooth + np.linspace(line[0], line[-1], self.products))
 
-    def _sliding_angle(self) -> Array:
-        assert self.signals.sliding_angle is not None
-        return self.resampled(self.signals.sliding_angle)
+    def _belt_deflection(self, actuator: Array) -> Array:
+        """What turns a belt [rad] (p,): theta - theta_m/n_T, by the torque that it transmits."""
+        others = [self.omega, self.alpha, np.ones_like(self.theta), self.share]
+        columns = np.array([self.angle, actuator, *others])
+        of_torque = np.linalg.lstsq(
+            columns[:, self.inside].T, self.product_torque[self.inside], rcond=None
+        )[0]
+        return np.asarray(self.angle + of_torque[1] / of_torque[0] * actuator)
 
     def _window(self) -> Array:
         """The weight (w,) of each working row, which rises over `TAPER` from edges and gaps."""

@@ -13,9 +13,9 @@ from functools import cached_property
 import numpy as np
 import scipy
 
+from osl_analysis.inference.actuator import frictionless_actuator
 from osl_analysis.inference.constants import (
     COLOUR_SEGMENT,
-    FRICTION_WINDS,
     MOMENTS,
     REFLEX_DELAYS,
 )
@@ -47,8 +47,13 @@ class Whitened:
         The recording.
     torque : Array (m,)
         Whitened torque.
-    motion : Array (3, m)
-        Whitened angle, velocity, acceleration, whose coefficients are K, B and I.
+    motion : Array (3, m) or (4, m)
+        Whitened angle, velocity, acceleration, whose coefficients are K, B and I. The angle of a
+        drivetrain's actuator is the fourth.
+    actuator : FrictionlessActuator or None
+        What that actuator would do without its friction.
+    reading : Array (3, 3) or (3, 4)
+        K, B, I by the coefficients of `motion`.
     slow : Array (4, m)
         Offset and drift of the torque.
     friction : Array (k, m)
@@ -56,7 +61,7 @@ class Whitened:
     reflex : Reflex
         Answers of a muscle to stretch, at the delay that explains most.
     mean_friction : Array (k,)
-        Mean torque of each shape in sliding motion, over its coefficient; 0 for shapes about rest.
+        Mean torque of each shape over its coefficient.
     sign : Array (p,)
         Smoothed sign of the velocity, at the product rate.
     """
@@ -68,8 +73,6 @@ class Whitened:
         self._half_waves = spectra.spectrum_of(half_waves(spectra))
         shapes = friction_torques(spectra)
         self._friction = spectra.spectrum_of(shapes)
-        self.mean_friction = np.abs(shapes[:, spectra.inside]).mean(axis=1)
-        self.mean_friction[1 : 2 + len(FRICTION_WINDS)] = 0.0
         powers = np.array([(spectra.share - 0.5) ** k for k in range(SLOW_POWERS)])
         self._slow = spectra.spectrum_of(powers)
 
@@ -77,13 +80,15 @@ class Whitened:
         self._gain = self._inverse_root_of_noise()
 
         self.torque = self.column(spectra.torque)
-        self.motion = self.column(spectra.derivatives[:3])
+        self.motion = self.column(self._motion_spectra())
+        self.actuator = None
+        self.reading = np.eye(3)
+        if spectra.actuator_spectrum is not None:
+            self.actuator = frictionless_actuator(spectra)
+            self.reading = np.column_stack([self.reading, self.actuator.reading])
         self.slow = self.column(self._slow)
-
-    @cached_property
-    def friction(self) -> Array:
-        """Whitened shapes of dry friction (k, m)."""
-        return self.column(self._friction)
+        self.friction = self.column(self._friction)
+        self.mean_friction = np.abs(shapes[:, spectra.inside]).mean(axis=1)
 
     @cached_property
     def reflex(self) -> "Reflex":
@@ -95,6 +100,26 @@ class Whitened:
             left, _ = beside.fit(columns, self.torque)
             tried.append((left, Reflex(delay, columns)))
         return min(tried, key=lambda each: each[0])[1]
+
+    def motion_at_product_rate(self) -> Array:
+        """The columns of `motion` before whitening, (3, p) or (4, p)."""
+        spectra = self.spectra
+        of_joint = np.array([spectra.theta, spectra.omega, spectra.alpha])
+        if spectra.actuator_derivatives is None:
+            return of_joint
+        return np.vstack([of_joint, spectra.actuator_derivatives[0]])
+
+    def motion_at_working_rate(self, order: int = 0) -> Array:
+        """The columns of `motion` before whitening (3, w) or (4, w), `order` times derived."""
+        spectra = self.spectra
+        spectrum = self._motion_spectra() * spectra.s**order * spectra.roll_off
+        return np.asarray(scipy.fft.irfft(spectrum, spectra.working))
+
+    def _motion_spectra(self) -> Spectrum:
+        spectra = self.spectra
+        if spectra.actuator_spectrum is None:
+            return spectra.derivatives[:3]
+        return np.vstack([spectra.derivatives[:3], spectra.actuator_spectrum])
 
     def shared(self, kind: JointKind) -> Array:
         """Columns (k, m) that all hypotheses share: of friction and reflex, offset and drift."""
@@ -108,7 +133,12 @@ class Whitened:
     def column(self, spectrum: Spectrum) -> Array:
         """Whiten the signals with these working spectra (..., f); returns rows (..., m)."""
         spectra = self.spectra
-        x = scipy.fft.irfft(spectrum * spectra.roll_off, spectra.working) * spectra.window
+        return self.windowed(scipy.fft.irfft(spectrum * spectra.roll_off, spectra.working))
+
+    def windowed(self, x: Array) -> Array:
+        """Whiten signals (..., w) at the working rate; returns rows (..., m)."""
+        spectra = self.spectra
+        x = x * spectra.window
         if self._gain is not None:
             x = scipy.fft.irfft(scipy.fft.rfft(x) * self._gain, spectra.working)
         return np.asarray(x[..., spectra.rows])
@@ -177,4 +207,7 @@ class Whitened:
         stepping = [x * after for x in (spectra.theta, omega) for after in later]
         products = spectra.spectrum_of(np.array([*nonlinear, *drifting, *stepping]))
         answers = muscle_answers(spectra, self._half_waves, REFLEX_DELAYS[0])
-        return np.concatenate([spectra.derivatives, self._friction, products, answers])
+        parts = [spectra.derivatives, self._friction, products, answers]
+        if spectra.actuator_spectrum is not None:
+            parts.append(spectra.actuator_spectrum[None])
+        return np.concatenate(parts)

@@ -53,6 +53,8 @@ class Evidence:
 
 BETWEEN = "; "  # names of causes in a cell
 CAUSES = {name: Cause(name, **facts) for name, facts in TABLE["causes"].items()}
+HYPOTHESES: dict[str, str] = TABLE["hypotheses"]
+"""Causes by hypothesis of the inference, or by its family."""
 EVIDENCE = {name: Evidence(name, **facts) for name, facts in TABLE["columns"].items()}
 """The evidence by column. Any other column may have a limit, too: its cause is then its name."""
 
@@ -136,7 +138,10 @@ def cause_of(name: str, value: float, row: AnyRow) -> Cause:
         return CAUSES["plate that rings"]
     if name == "rate_change" and value < 0:
         return CAUSES["loss that falls with speed"]
-    if name == "K_change" and (value > 0 or cell_number(row, "size_shift")):
+    if name == "fault_harm":
+        hypothesis, family = str(row.get("fault")), str(row.get("fault_family"))
+        return CAUSES[HYPOTHESES.get(hypothesis) or HYPOTHESES[family]]
+    if name == "K_change" and (value > 0 or row.get("fault_family") == "size"):
         return CAUSES["spring that is not linear"]
     return CAUSES[EVIDENCE[name].cause]
 

@@ -41,6 +41,7 @@ from osl_analysis.judge.finding import (
 from osl_analysis.stats.repeats import DOUBTFUL
 
 LATENESS = "whether the torque is late"
+UNSTATED_DELAY = "how well the delay between angle and torque is known"
 ZERO = (
     "whether the torque at rest is the load cell's offset or what hysteresis leaves in the device"
 )
@@ -51,13 +52,13 @@ HAVE_UNCHECKED = (
     "transmission",
     "actuator",
     "impedance",
-    "human_joint",
     "torque_angle",
     "walking_groups",
 )
 """Judged tables in which something may be unchecked."""
 MEASURED_BY = {"belt": "K_s", "transmission": "B_j", "actuator": "k_tau_n_m"}
 """What a component trial measures. `NAME_ratio` is its ratio to the parameter file's value."""
+HIDDEN_SHARE = 0.1  # of J_j, by which a delay of two standard errors may change it
 WIDE, SEEN = 3.0, 0.5  # effect of a seen, and of a hidden, reflex on K, in widths of K's interval
 
 
@@ -68,10 +69,9 @@ def unchecked_in(table: str, row: AnyRow) -> Iterator[Finding]:
     names = {"impedance": of_impedance, "walking_groups": of_walking}.get(table)
     for what in [*(names(row) if names else ()), *of_others(table, row)]:
         yield Finding(table, subject, what, Grade.UNCHECKED, amplitude_deg=amplitude)
-    if row.get("K_without_friction_low") is not None and row["K_without_friction"] is None:
-        yield Finding(
-            table, subject, "how much of B is friction", Grade.UNCHECKED, amplitude_deg=amplitude
-        )
+    if row.get("reflex_probability") is not None:
+        what = "K, B and I are beside a reflex"
+        yield Finding(table, subject, what, Grade.NOTES, amplitude_deg=amplitude)
     quantity = MEASURED_BY.get(table, "")
     times = cell_number(row, f"{quantity}_ratio") or 1.0
     # components differ by less
@@ -79,9 +79,7 @@ def unchecked_in(table: str, row: AnyRow) -> Iterator[Finding]:
         what = f"{quantity} is not that of the parameter file"
         yield Finding(table, subject, what, Grade.NOTES, amplitude_deg=amplitude)
     for name in ("I", "J_j") if table in ("impedance", "transmission", "walking_groups") else ():
-        # then the whole fit is doubtful
-        doubted = cell_number(row, "I_bound") is not None or bool(row.get("heard"))
-        if (cell_number(row, f"{name}_high") or 0.0) < 0 and not doubted:
+        if (cell_number(row, f"{name}_high") or 0.0) < 0:
             yield Finding(
                 table,
                 subject,
@@ -103,11 +101,13 @@ def of_impedance(row: AnyRow) -> Iterator[str]:
     if asked and lacks(row, "K_predicted") and not lacks(row, "K_over_K_s"):  # the device is known
         yield "whether K is what the gains should give"
         yield "whether the bench's frame yields"
-    if asked and lacks(row, "path_shift") and lacks(row, "lag_s"):
+    if asked and lacks(row, "fault_probability") and lacks(row, "lag_s"):
         yield LATENESS
+    if row.get("delay_told_s") is not None:
+        yield UNSTATED_DELAY
     if row.get("certain_theta_m_lag_s"):
         yield "whether theta_m or B_j is wrong"
-    if lacks(row, "K_drift") and lacks(row, "time_shift"):
+    if lacks(row, "K_drift") and lacks(row, "fault_probability"):
         yield "whether K changes while it is recorded"
     if (cell_number(row, "clocks") or 1) > 1 and lacks(row, "clock_drift_ppm"):
         yield "whether the clocks of angle and torque drift apart"
@@ -117,22 +117,17 @@ def of_impedance(row: AnyRow) -> Iterator[str]:
         yield "whether a fixture's weight is in K"
 
 
-def of_person(row: AnyRow) -> Iterator[str]:
-    if lacks(row, "lag_s"):
-        yield LATENESS
-    K = [x for end in ("low", "sooner", "high") if (x := cell_number(row, f"K_{end}")) is not None]
-    if len(K) == 3 and K != sorted(K):
-        yield "whether the reflex is sooner than the delays tried"
-    if lacks(row, "friction_shift") and lacks(row, "speed_shift"):
-        yield "whether the fixture rubs, or has play"
-    yield "whether a linear response is one of K, B and I"
+def delay_may_hide(row: AnyRow) -> bool:
+    """Whether a delay that the recording does not show may change J_j by a tenth."""
+    told, B_j, J_j = (cell_number(row, name) for name in ("delay_told_s", "B_j", "J_j"))
+    if told is None or B_j is None or J_j is None:
+        return lacks(row, "fault_probability")
+    return abs(B_j) * 2 * told > HIDDEN_SHARE * abs(J_j)
 
 
 def of_others(table: str, row: AnyRow) -> Iterator[str]:
-    if table == "transmission" and lacks(row, "path_shift"):
+    if table == "transmission" and delay_may_hide(row):
         yield LATENESS
-    if table == "human_joint":
-        yield from of_person(row)
     if table == "torque_angle":
         if row.get("smaller_cycles"):
             yield "cycles that are smaller than the largest"

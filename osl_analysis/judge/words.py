@@ -274,7 +274,7 @@ def calibration_said(facts: Facts) -> str:
         what = f"write `delay: {1e3 * lag:.3g} ms` more for it and `{state}`"
         if half > 0.2 * lag:  # or early, which no load cell is
             what = "which a spring that loses energy shows too, so measure it with a known inertia"
-        elif (rivals := facts.get("rivals") or "delay") != "delay":
+        elif (rivals := facts.get("explanations") or "delay") != "delay":
             what = (
                 f"or what else would make it so ({rivals}), by which I is another one: write the"
                 " `low_pass` that its"
@@ -327,9 +327,6 @@ COMPUTED: Mapping[str, Callable[[Facts], str]] = {
     "gap": damping_gap_said,
     "like": reaction_said,
     "unknown_gains": unknown_gains,
-    "beside_friction": lambda facts: filled(
-        WORDS["unchecked"]["how much of B is friction"]["beside"], facts
-    ),
     "late_or_early": lambda facts: "late" if facts["certain_theta_m_lag_s"] > 0 else "early",
     "theta_m_ms": lambda facts: f"{1e3 * abs(facts['certain_theta_m_lag_s']):.2g}",
     "of_file": lambda facts: significant(

@@ -316,7 +316,7 @@ def numbers_of(name: str, table: pl.DataFrame, example: Example) -> Iterator[Hea
     labels = LABELS[name]
     if name == "impedance":
         yield from impedance_headlines(table, example)
-    elif name in ("torque_angle", "human_joint"):  # trial by trial
+    elif name == "torque_angle":  # trial by trial
         kind = "95 % of the mean of cycles (Student)" if name == "torque_angle" else FOR_MOTION
         for row in table.drop_nulls([*labels]).iter_rows(named=True):
             for quantity, label in labels.items():

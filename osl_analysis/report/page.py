@@ -150,7 +150,7 @@ def conditions(
     trials and doubts. It is the mean of several trials (`summary_row`). Trials without a stated K_d
     are grouped by repetition (`repeating_trials`). `findings` are those on each trial."""
     found = of_groups(tables, findings)
-    for name in ("impedance", "human_joint"):
+    for name in ("impedance",):
         table = tables.get(name, pl.DataFrame(schema=["trial", "amplitude_deg"]))
         whole = (
             table.filter(pl.col("amplitude_deg").is_null())
@@ -273,7 +273,7 @@ def method_said(settings: Mapping[str, Any], tables: Mapping[str, pl.DataFrame])
     """Two sentences and the equation, beside the first figure; empty where no impedance was
     estimated."""
     said, law = [], "τ = Kθ + Bθ̇ + Iθ̈"
-    if "impedance" in tables or "human_joint" in tables:
+    if "impedance" in tables:
         cutoff = settings["dynamometer"]["cutoff_hz"]
         said.append(
             f"{law} + τ₀ is fitted to angle and torque behind a zero-phase low-pass of"

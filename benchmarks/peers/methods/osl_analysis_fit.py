@@ -1,5 +1,4 @@
-"""osl-analysis: `osl.fit_impedance` (docs/notebook.md); a person's joint with `human: true`
-(docs/human_joint.md)."""
+"""osl-analysis: `osl.fit_impedance` (docs/notebook.md)."""
 
 import tempfile
 from pathlib import Path
@@ -17,7 +16,7 @@ def fitted(t, theta, torque, person):
         config = Path(folder, "config.yaml")
         config.write_text(
             "parameters: null\ndynamometer: {"
-            + ("cutoff_hz: 40, human: true" if person else "")
+            + ("cutoff_hz: 40" if person else "")
             + "}\n"
         )
         fit = osl.fit_impedance(trial, config=config)

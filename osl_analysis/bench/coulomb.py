@@ -1,0 +1,140 @@
+"""Coulomb friction beside a model, by least squares: a torque that has the velocity's sign.
+
+It serves what the inference does not weigh: single amplitudes, a leg, and losses without K. A leg's
+friction acts behind a spring, so that the sign is its only column.
+"""
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from osl_analysis.bench.analysis import Analysis, widened
+from osl_analysis.bench.effects import FALSE_ALARM, Model, with_effects
+from osl_analysis.bench.gram import GroupFit, Sums
+from osl_analysis.bench.record import Label
+from osl_analysis.errors import IdentifiabilityError
+from osl_analysis.stats.regression import LinearFit
+
+
+@dataclass(frozen=True)
+class CoulombFit:
+    """Coulomb friction in the rows of a label.
+
+    Attributes
+    ----------
+    torque : float
+        Its size [N*m]; negative where friction is overcompensated.
+    damping : float
+        Damping that it adds to the fit without it [N*m*s/rad].
+    share : float
+        The part of the damping that it makes, the smaller of two answers; 0 where none is certain
+        over all of the trial.
+    certain : LinearFit or None
+        The model's estimates for the torque less its friction, and the friction `T_C`; None where
+        it is not certain.
+    """
+
+    torque: float
+    damping: float
+    share: float
+    certain: LinearFit | None
+
+
+def coulomb_fits(
+    s: Sums, analysis: Analysis, whole_is_certain: bool | None = None
+) -> dict[Label, CoulombFit]:
+    """Coulomb friction by label; labels whose motion does not tell it from damping are absent.
+
+    Parameters
+    ----------
+    s : Sums
+        The sums of the record with all effects.
+    analysis : Analysis
+        The model's fits, one of whose columns is the velocity.
+    whole_is_certain : bool, optional
+        Whether the whole trial has friction, where that is known; by default this fit decides.
+    """
+    model = analysis.model
+    damping = next(name for name, column in model.items() if column == "omega")
+    names = [name for name, column in model.items() if column in ("theta", "omega", "alpha")]
+    decides = whole_is_certain is None
+    found: dict[Label, CoulombFit] = {}
+    for label in sorted(analysis.fits, key=lambda each: each is not None):  # the whole trial first
+        fit = analysis.fits[label]
+        try:
+            beside = with_friction(s, model, label)
+            alone = with_effects(s, model, ("T_C",), label)
+        except IdentifiabilityError:
+            continue
+        torque = beside["T_C"]
+        added = fit[damping] - alone[damping]
+        made = added / alone["T_C"] * torque
+        is_certain = torque > 0 and beside.certain("T_C", FALSE_ALARM)
+        if label is None and decides:
+            whole_is_certain = is_certain
+        share = 0.0
+        if whole_is_certain:
+            # a controller may compensate friction that is not Coulomb's: the smaller of two answers
+            # counts as evidence
+            share = max(min(made, added), 0.0) / fit[damping]
+        certain = None
+        if is_certain and (decides or whole_is_certain):
+            certain = analysis.calibrated(without_sign(s, model, fit, names, label), label)
+        found[label] = CoulombFit(torque, made, share, certain)
+    return found
+
+
+def without_sign(
+    s: Sums, model: Model, fit: GroupFit, names: Sequence[str], label: Label
+) -> GroupFit:
+    """Some estimates for the torque less a friction that has the velocity's sign, and this
+    friction. No recording shows over which velocity the sign changes: the effect of a tenth of the
+    width is the half-width of a rectangular distribution (JCGM 100:2008, 4.3.7)."""
+    smooth, sharp = (
+        without_friction(
+            fit,
+            with_effects(s, model, (name,), label),
+            with_friction(s, model, label, name),
+            names,
+            name,
+        )
+        for name in ("T_C", "T_C_sharp")
+    )
+    return widened(smooth, (sharp.estimates - smooth.estimates) / np.sqrt(3))
+
+
+def with_friction(s: Sums, model: Model, label: Label, friction: str = "T_C") -> GroupFit:
+    """Fit with friction and the higher derivatives of the angle that the motion determines: without
+    these a linear drivetrain's deviation from Eq. 15 passes for friction of 0.4 N*m. Raises
+    IdentifiabilityError as `fit_groups`."""
+    for higher in (("jerk", "snap"), ("jerk",)):
+        with suppress(IdentifiabilityError):
+            return with_effects(s, model, (friction, *higher), label)
+    return with_effects(s, model, (friction,), label)
+
+
+def without_friction(
+    fit: LinearFit, alone: GroupFit, beside: GroupFit, names: Sequence[str], friction: str
+) -> GroupFit:
+    """Some estimates for the torque less its friction, and this friction [N*m]. The fit `beside`
+    higher derivatives gives the friction; the fit `alone`, without these, gives its effect on the
+    estimates."""
+    values = np.array([fit[name] for name in names])
+    # change of the estimates per N*m of friction
+    each = (values - [alone[name] for name in names]) / alone[friction]
+    at, own = [alone.names.index(name) for name in names], alone.names.index(friction)
+    shared, variance = alone.covariance[at, own], beside.se(friction) ** 2
+    known = alone.covariance[np.ix_(at, at)] - np.outer(shared, shared) / alone.covariance[own, own]
+    turn = np.append(-each, 1.0)
+    covariance = variance * np.outer(turn, turn)
+    covariance[:-1, :-1] += known
+    return replace(
+        beside,
+        names=(*names, friction),
+        estimates=np.append(values - each * beside[friction], beside[friction]),
+        covariance=covariance,
+        degrees_of_freedom=np.full(len(turn), beside.freedom(friction)),
+        repeat=None,
+    )

@@ -1,0 +1,370 @@
+"""Results of an impedance recording as values with named fields.
+
+A value is never overwritten: one that is widened is a new value with its reason.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from osl_analysis.inference import estimates as inferred
+from osl_analysis.stats.regression import LinearFit, Row
+
+HALF_WIDTH = 2.0687  # standard errors: Student's 97.5 % for the 24 blocks of the inference
+NORMAL_HALF_WIDTH = 1.95996  # standard errors: the same of an error whose size is known exactly
+ENDS = ("", "_se", "_low", "_high")  # of the columns of an estimate
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A number with its 95 % interval, in the SI unit of what it estimates."""
+
+    value: float
+    standard_error: float
+    low: float
+    high: float
+
+    @classmethod
+    def of_fit(cls, fit: LinearFit, name: str) -> "Estimate":
+        """The estimate of a least-squares fit."""
+        low, high = fit.interval(name)
+        return cls(fit[name], fit.se(name), low, high)
+
+    @classmethod
+    def inferred(cls, estimate: inferred.Estimate) -> "Estimate":
+        """The estimate of an inference, which is the median of a mixture."""
+        error = estimate.half_width / HALF_WIDTH
+        return cls(estimate.value, error, estimate.low, estimate.high)
+
+    @classmethod
+    def with_error(cls, value: float, standard_error: float) -> "Estimate":
+        """A number with its standard error, from the scatter of blocks."""
+        half = HALF_WIDTH * standard_error
+        return cls(value, standard_error, value - half, value + half)
+
+    def widened_by(self, known_error: float) -> "Estimate":
+        """The estimate with another, independent standard error in its interval."""
+        more = NORMAL_HALF_WIDTH * known_error
+        below = float(np.hypot(self.value - self.low, more))
+        above = float(np.hypot(self.high - self.value, more))
+        error = float(np.hypot(self.standard_error, known_error))
+        return Estimate(self.value, error, self.value - below, self.value + above)
+
+    def widened_to_include(self, other: "Estimate") -> "Estimate":
+        """The estimate with an interval that holds another one's, too."""
+        return replace(self, low=min(self.low, other.low), high=max(self.high, other.high))
+
+    def columns(self, name: str) -> Row:
+        """`name`, and its standard error and interval."""
+        values = (self.value, self.standard_error, self.low, self.high)
+        return {f"{name}{end}": x for end, x in zip(ENDS, values, strict=True)}
+
+
+def estimate_columns(name: str, estimate: Estimate | None) -> Row:
+    """The columns of an estimate, null where there is none."""
+    if estimate is None:
+        return dict.fromkeys(f"{name}{end}" for end in ENDS)
+    return estimate.columns(name)
+
+
+def range_columns(name: str, estimate: Estimate | None) -> Row:
+    """Value and interval of an estimate without its standard error, null where there is none."""
+    if estimate is None:
+        return {name: None, f"{name}_low": None, f"{name}_high": None}
+    return {name: estimate.value, f"{name}_low": estimate.low, f"{name}_high": estimate.high}
+
+
+@dataclass(frozen=True)
+class Impedance:
+    """Stiffness [N*m/rad], damping [N*m*s/rad] and inertia [kg*m^2] of a joint (Eq. 15)."""
+
+    K: Estimate
+    B: Estimate
+    I: Estimate
+
+    @classmethod
+    def of_fit(cls, fit: LinearFit) -> "Impedance":
+        """K, B and I of a least-squares fit."""
+        return cls(*(Estimate.of_fit(fit, name) for name in ("K", "B", "I")))
+
+    @classmethod
+    def inferred(cls, impedance: inferred.Impedance) -> "Impedance":
+        """K, B and I of an inference."""
+        return cls(*(Estimate.inferred(x) for x in (impedance.K, impedance.B, impedance.I)))
+
+    def widened_by(self, known_errors: Mapping[str, float]) -> "Impedance":
+        """K, B and I with further standard errors, by symbol, in their intervals."""
+        return Impedance(
+            K=self.K.widened_by(known_errors["K"]),
+            B=self.B.widened_by(known_errors["B"]),
+            I=self.I.widened_by(known_errors["I"]),
+        )
+
+    def widened_to_include(self, other: "Impedance") -> "Impedance":
+        """K, B and I with intervals that hold those of another impedance, too."""
+        return Impedance(
+            K=self.K.widened_to_include(other.K),
+            B=self.B.widened_to_include(other.B),
+            I=self.I.widened_to_include(other.I),
+        )
+
+
+@dataclass(frozen=True)
+class FrictionFit:
+    """Dry friction beside Eq. 15, and the estimates without it where it is certain.
+
+    Attributes
+    ----------
+    torque : float
+        Coulomb friction of a least-squares fit [N*m]; negative where it is overcompensated.
+    damping : float
+        Damping that it adds to a fit without it [N*m*s/rad].
+    share : float
+        The part of the damping that is certainly friction's; 0 where none is certain.
+    size : Estimate or None
+        Coulomb friction [N*m]; None where it is not certain.
+    without : Impedance or None
+        K, B and I of the torque less its friction; None where friction is not certain.
+    """
+
+    torque: float
+    damping: float
+    share: float
+    size: Estimate | None = None
+    without: Impedance | None = None
+
+
+def friction_columns(friction: FrictionFit | None) -> Row:
+    """The columns of friction, null where the motion does not tell it from damping."""
+    if friction is None:
+        shares: Row = dict.fromkeys(("coulomb_torque", "coulomb_damping", "coulomb_share"))
+        without, size = None, None
+    else:
+        shares = {
+            "coulomb_torque": friction.torque,
+            "coulomb_damping": friction.damping,
+            "coulomb_share": friction.share,
+        }
+        without, size = friction.without, friction.size
+    return {
+        **shares,
+        **estimate_columns("B_viscous", without.B if without else None),
+        **estimate_columns("K_without_friction", without.K if without else None),
+        **estimate_columns("I_without_friction", without.I if without else None),
+        **estimate_columns("f_C", size),
+    }
+
+
+@dataclass(frozen=True)
+class ReflexFit:
+    """A person's stretch reflex beside K, B and I.
+
+    Attributes
+    ----------
+    probability : float
+        Probability that the joint has one.
+    delay_s : float
+        The delay that explains most, of those tried [s].
+    rising, falling : Estimate
+        Torque per lasting speed while the angle rises, or falls [N*m*s/rad].
+    without : Impedance or None
+        What the joint would be taken for without a reflex.
+    """
+
+    probability: float
+    delay_s: float
+    rising: Estimate
+    falling: Estimate
+    without: Impedance | None
+
+
+def reflex_columns(reflex: ReflexFit | None) -> Row:
+    """The columns of the reflex, null where the joint has probably none."""
+    without = reflex.without if reflex else None
+    return {
+        "reflex_probability": reflex.probability if reflex else None,
+        "reflex_delay_ms": 1e3 * reflex.delay_s if reflex else None,
+        **estimate_columns("reflex_gain_rising", reflex.rising if reflex else None),
+        **estimate_columns("reflex_gain_falling", reflex.falling if reflex else None),
+        **range_columns("K_without_reflex", without.K if without else None),
+        **range_columns("B_without_reflex", without.B if without else None),
+        **range_columns("I_without_reflex", without.I if without else None),
+    }
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """What else than Eq. 15, friction and a reflex the torque may hold.
+
+    Attributes
+    ----------
+    fault_probability : float
+        Probability that a fault is in the recording.
+    friction_probability : float
+        Probability of dry friction.
+    harm : float
+        By how much a probable fault moves K, B or I, in multiples of what matters; 0 where no fault
+        is probable.
+    hypothesis : str or None
+        The most probable one of the most probable family; None where no fault is probable.
+    family : str or None
+        Its family, as path, time, speed, size, direction or clipping.
+    explanations : str or None
+        All that are not improbable among the faults, the most probable first.
+    offered : Impedance or None
+        K, B and I beside the fault. None where no fault is probable and does harm, or where parts
+        of the recording that no fit has seen do not prefer it.
+    VAF_held_out : float
+        Variance of the torque that is accounted for in unseen parts, in the motion's band [%].
+    delay_told_s : float or None
+        Standard error to which the recording tells a delay [s].
+    """
+
+    fault_probability: float
+    friction_probability: float
+    harm: float
+    hypothesis: str | None
+    family: str | None
+    explanations: str | None
+    offered: Impedance | None
+    VAF_held_out: float
+    delay_told_s: float | None = None
+
+
+IMPEDANCE_SYMBOLS = {"K": "K", "B": "B", "I": "I"}
+LOSSES_SYMBOLS = {"B": "B_j", "I": "J_j"}
+
+
+def misfit_columns(misfit: Misfit | None, symbols: Mapping[str, str] = IMPEDANCE_SYMBOLS) -> Row:
+    """The columns of the misfit, null where no hypotheses were weighed. `symbols` has the names of
+    the offered estimates in the table."""
+    if misfit is None:
+        numbers = ("fault_probability", "friction_probability", "fault_harm")
+        facts: Row = dict.fromkeys((*numbers, "fault", "fault_family", "explanations"))
+    else:
+        facts = {
+            "fault_probability": misfit.fault_probability,
+            "friction_probability": misfit.friction_probability,
+            "fault_harm": misfit.harm,
+            "fault": misfit.hypothesis,
+            "fault_family": misfit.family,
+            "explanations": misfit.explanations,
+        }
+    offered = misfit.offered if misfit else None
+    beside_fault: Row = {}
+    for symbol, column in symbols.items():
+        estimate = getattr(offered, symbol) if offered else None
+        beside_fault.update(range_columns(f"{column}_without", estimate))
+    return {**facts, **beside_fault}
+
+
+@dataclass(frozen=True)
+class UnstatedDelay:
+    """What a delay between angle and torque costs, where nobody states it and none is found.
+
+    Attributes
+    ----------
+    told_s : float
+        Standard error to which the recording itself tells a delay [s].
+    B_half, I_half : float
+        Half-widths of the 95 % intervals of B and I if the delay is known to 0.1 ms
+        [N*m*s/rad, kg*m^2].
+    """
+
+    told_s: float
+    B_half: float
+    I_half: float
+
+
+def delay_columns(delay: UnstatedDelay | None) -> Row:
+    """The columns of the delay, null where it is stated or found."""
+    return {
+        "delay_told_s": delay.told_s if delay else None,
+        "B_half_known_delay": delay.B_half if delay else None,
+        "I_half_known_delay": delay.I_half if delay else None,
+    }
+
+
+@dataclass(frozen=True)
+class ClockDrift:
+    """Drift of the torque's clock against the angle's [ppm], with its standard error."""
+
+    ppm: float
+    standard_error: float
+
+
+@dataclass(frozen=True)
+class ImpedanceFit:
+    """K, B and I of a recording or of one of its amplitudes, and what else it tells.
+
+    Attributes
+    ----------
+    impedance : Impedance
+        K, B and I. Where friction is certain B holds it, as Eq. 15 does.
+    friction : FrictionFit or None
+        Dry friction; None where the motion does not tell it from damping.
+    reflex : ReflexFit or None
+        The reflex of a person's joint, if it probably has one.
+    misfit : Misfit or None
+        What may be wrong; None of a leg, whose drivetrain is no fault of the recording.
+    delay : UnstatedDelay or None
+        What an unstated delay costs.
+    VAF_in_band : float or None
+        Variance of the torque that is accounted for in unseen parts, in the motion's band [%]; of a
+        leg, and of a recording that is too short to leave parts out, by Eq. 15.
+    clock_drift : ClockDrift or None
+        How the clocks of two devices drift apart, where nothing else is wrong; the table tells it
+        where no repeats do.
+    widened_because : tuple of str
+        Why the intervals are wider than the fit alone has them.
+    """
+
+    impedance: Impedance
+    friction: FrictionFit | None = None
+    reflex: ReflexFit | None = None
+    misfit: Misfit | None = None
+    delay: UnstatedDelay | None = None
+    VAF_in_band: float | None = None
+    clock_drift: ClockDrift | None = None
+    widened_because: tuple[str, ...] = ()
+
+    def widened_to_include(self, other: "ImpedanceFit", because: str) -> "ImpedanceFit":
+        """The fit with intervals that hold those of another fit of the same recording.
+
+        Parameters
+        ----------
+        other : ImpedanceFit
+            The same recording, read in another way.
+        because : str
+            Why neither can be excluded.
+
+        Returns
+        -------
+        ImpedanceFit
+            Estimates of this fit; its intervals, and those beside friction, hold both.
+        """
+        friction = self.friction
+        if friction and friction.without and other.friction and other.friction.without:
+            without = friction.without.widened_to_include(other.friction.without)
+            friction = replace(friction, without=without)
+        return replace(
+            self,
+            impedance=self.impedance.widened_to_include(other.impedance),
+            friction=friction,
+            widened_because=(*self.widened_because, because),
+        )
+
+    def to_row(self) -> Row:
+        """The cells of one row of `impedance.csv`, in SI units."""
+        return {
+            **self.impedance.K.columns("K"),
+            **self.impedance.B.columns("B"),
+            **self.impedance.I.columns("I"),
+            **friction_columns(self.friction),
+            **reflex_columns(self.reflex),
+            **misfit_columns(self.misfit),
+            **delay_columns(self.delay),
+            "VAF_in_band": self.VAF_in_band,
+            "widened_because": "; ".join(self.widened_because) or None,
+        }

@@ -1,0 +1,284 @@
+"""K, B and I of an impedance recording, by the one inference (`osl_analysis/inference`).
+
+A person's joint or a device's is the mixture of the hypotheses. A leg is of higher order, so that
+its K, B and I are Eq. 15's by least squares, as the paper's are; the inference reads them without
+the friction of the actuator, and its drivetrain is no fault of the recording. Single amplitudes are
+Eq. 15's, too.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from osl_analysis.bench.analysis import QUANTITIES, Analysis
+from osl_analysis.bench.coulomb import CoulombFit, coulomb_fits
+from osl_analysis.bench.effects import with_effects
+from osl_analysis.bench.gram import Sums
+from osl_analysis.bench.joint_fit import (
+    ClockDrift,
+    Estimate,
+    FrictionFit,
+    Impedance,
+    ImpedanceFit,
+    Misfit,
+    ReflexFit,
+    UnstatedDelay,
+)
+from osl_analysis.bench.record import Label, Record, signals_of
+from osl_analysis.errors import InputError
+from osl_analysis.inference import ImpedanceInference, infer_impedance
+from osl_analysis.inference.constants import HARM_SHARE, LIKELY
+from osl_analysis.inference.estimates import Explanation
+from osl_analysis.stats.regression import LinearFit
+
+CERTAIN_FRICTION = 0.9  # probability from which friction is taken off B: nine in ten are right
+NAMED_SHARE = 0.05  # of all faults' probability, below which an explanation is not named
+CLOCKS = "clocks"  # the hypothesis of a lag that grows
+UNDECIDED_STAMPS = "the time stamps can be read in two ways"
+
+
+def impedance_fits(analysis: Analysis, s: Sums, is_leg: bool) -> dict[Label, ImpedanceFit]:
+    """Fit K, B and I to all of a recording (None) and to each amplitude [deg].
+
+    Parameters
+    ----------
+    analysis : Analysis
+        Eq. 15 by least squares.
+    s : Sums
+        The sums of the record with all effects.
+    is_leg : bool
+        Whether a belt and an actuator render the joint.
+    """
+    record = analysis.record
+    inferred = inferred_from(record, is_leg)
+    friction_is_certain = None
+    if inferred is not None:
+        friction_is_certain = inferred.friction_probability > CERTAIN_FRICTION
+    coulomb = coulomb_fits(s, analysis, friction_is_certain)
+
+    errors = known_errors(analysis)
+    least_squares = analysis.calibrated(analysis.whole)
+    whole = fit_of(inferred, least_squares, coulomb.get(None), errors, is_leg, record)
+    if record.other is not None:
+        again = None if is_leg else inferred_from(read_otherwise(record), is_leg)
+        other = fit_of(again, analysis.others[None], coulomb.get(None), errors, is_leg, record)
+        whole = whole.widened_to_include(other, because=UNDECIDED_STAMPS)
+
+    fits: dict[Label, ImpedanceFit] = {}
+    for label, fit in analysis.fits.items():
+        fits[label] = ImpedanceFit(
+            impedance=Impedance.of_fit(analysis.calibrated(fit, label)),
+            friction=by_coulomb(coulomb.get(label)),
+            reflex=whole.reflex,
+            misfit=whole.misfit,
+            delay=whole.delay,
+            VAF_in_band=whole.VAF_in_band,
+        )
+    fits[None] = whole
+    return fits
+
+
+def inferred_from(record: Record, is_leg: bool) -> ImpedanceInference | None:
+    """The inference from a record; None where it is too short for one."""
+    try:
+        return infer_impedance(signals_of(record, is_leg))
+    except InputError:
+        return None
+
+
+def read_otherwise(record: Record) -> Record:
+    """The record with the other reading of undecided stamps, and the resolution of its sensors."""
+    assert record.other is not None
+    return replace(record.other, steps=record.steps)
+
+
+def fit_of(
+    inferred: ImpedanceInference | None,
+    least_squares: LinearFit,
+    coulomb: CoulombFit | None,
+    known_errors: Mapping[str, float],
+    is_leg: bool,
+    record: Record,
+) -> ImpedanceFit:
+    """Fit all of a recording.
+
+    Parameters
+    ----------
+    inferred : ImpedanceInference or None
+        The inference; None where the recording is too short for one.
+    least_squares : LinearFit
+        Eq. 15, with what is stated of the bench in its intervals.
+    coulomb : CoulombFit or None
+        Coulomb friction beside it.
+    known_errors : Mapping
+        Standard errors that all samples share, by symbol.
+    is_leg : bool
+        Whether a belt and an actuator render the joint.
+    record : Record
+        The recording, for what is stated of its delay.
+    """
+    of_equation_15 = Impedance.of_fit(least_squares)
+    if inferred is None:
+        return ImpedanceFit(of_equation_15, by_coulomb(coulomb), VAF_in_band=least_squares.vaf)
+
+    has_friction = inferred.friction_probability > CERTAIN_FRICTION
+    if is_leg:
+        without = Impedance.inferred(inferred.sound).widened_by(known_errors)
+        friction = by_inference(coulomb, of_equation_15.B, without if has_friction else None)
+        return ImpedanceFit(of_equation_15, friction, VAF_in_band=least_squares.vaf)
+
+    told = inferred.impedance if inferred.doubt is None else inferred.sound
+    impedance = Impedance.inferred(told).widened_by(known_errors)
+    friction = by_inference(coulomb, of_equation_15.B, impedance if has_friction else None)
+    if has_friction:
+        impedance = Impedance(impedance.K, of_equation_15.B, impedance.I)
+    misfit = misfit_of(inferred, known_errors)
+    fault = probable_fault(inferred)
+    is_found = fault is not None and fault.family == "path"
+    delay = None if is_found or is_delay_stated(record) else unstated_delay(inferred)
+    return ImpedanceFit(
+        impedance=impedance,
+        friction=friction,
+        reflex=reflex_fit(inferred),
+        misfit=misfit,
+        delay=delay,
+        VAF_in_band=inferred.VAF_held_out,
+        clock_drift=clock_drift(inferred, fault, record) if record.two_clocks else None,
+    )
+
+
+def clock_drift(
+    inferred: ImpedanceInference, fault: Explanation | None, record: Record
+) -> ClockDrift | None:
+    """How the clocks of angle and torque drift apart; None where something else is wrong, which may
+    look like it."""
+    drifting = [each for each in inferred.explanations if each.name == CLOCKS]
+    if not drifting or (fault is not None and fault.name != CLOCKS):
+        return None
+    moving = signals_of(record).moving_part()
+    seconds = len(moving.theta) / record.rate_hz
+    lag = drifting[0].parameters[0]  # at the end [s]
+    share = lag.value / seconds
+    return ClockDrift(1e6 * share / (1 - share), 1e6 * lag.standard_error / seconds)
+
+
+def misfit_of(inferred: ImpedanceInference, known_errors: Mapping[str, float]) -> Misfit:
+    """What may be wrong, and K, B and I beside it where unseen parts of the recording prefer it."""
+    fault, doubt = probable_fault(inferred), inferred.doubt
+    offered = None
+    if doubt is not None and doubt.gain > 0:
+        offered = Impedance.inferred(inferred.impedance).widened_by(known_errors)
+    return Misfit(
+        # sums over no hypotheses are whole numbers
+        fault_probability=float(inferred.fault_probability),
+        friction_probability=float(inferred.friction_probability),
+        harm=float(inferred.harm) if fault else 0.0,
+        hypothesis=fault.name if fault else None,
+        family=fault.family if fault else None,
+        explanations=named_explanations(inferred) if fault else None,
+        offered=offered,
+        VAF_held_out=inferred.VAF_held_out,
+        delay_told_s=inferred.delay.recording_s if inferred.delay else None,
+    )
+
+
+def misfit_of_losses(record: Record) -> Misfit | None:
+    """What may be wrong with a recording of losses, whose stiffness nobody asks for; None where it
+    is too short to tell."""
+    of_B, of_I = HARM_SHARE[1:]
+    try:
+        inferred = infer_impedance(signals_of(record), accuracy=(np.inf, of_B, of_I))
+    except InputError:
+        return None
+    return misfit_of(inferred, dict.fromkeys(QUANTITIES, 0.0))
+
+
+def known_errors(analysis: Analysis) -> dict[str, float]:
+    """Standard errors of K, B and I that all samples share, and no scatter shows: what is stated of
+    the bench, and a band that hardly tells I."""
+    told = analysis.calibrated(analysis.whole)
+    bare = with_effects(analysis.sums, analysis.model)
+    variances = {name: told.se(name) ** 2 - bare.se(name) ** 2 for name in QUANTITIES}
+    return {name: float(np.sqrt(max(variance, 0.0))) for name, variance in variances.items()}
+
+
+def by_coulomb(coulomb: CoulombFit | None) -> FrictionFit | None:
+    """Friction by least squares."""
+    if coulomb is None:
+        return None
+    certain = coulomb.certain
+    if certain is None:
+        return FrictionFit(coulomb.torque, coulomb.damping, coulomb.share)
+    size = Estimate.of_fit(certain, "T_C")
+    without = Impedance.of_fit(certain)
+    return FrictionFit(coulomb.torque, coulomb.damping, coulomb.share, size, without)
+
+
+def by_inference(
+    coulomb: CoulombFit | None, B: Estimate, without: Impedance | None
+) -> FrictionFit | None:
+    """Friction of which the inference tells the effect, and least squares the size.
+
+    Parameters
+    ----------
+    coulomb : CoulombFit or None
+        Coulomb friction by least squares.
+    B : Estimate
+        Damping with friction [N*m*s/rad].
+    without : Impedance or None
+        K, B and I without friction; None where friction is not certain.
+    """
+    torque = coulomb.torque if coulomb else 0.0
+    if without is None:
+        damping = coulomb.damping if coulomb else 0.0
+        return FrictionFit(torque, damping, share=0.0)
+    damping = B.value - without.B.value
+    certain = coulomb.certain if coulomb else None
+    size = Estimate.of_fit(certain, "T_C") if certain is not None else None
+    return FrictionFit(torque, damping, max(damping, 0.0) / B.value, size, without)
+
+
+def probable_fault(inferred: ImpedanceInference) -> Explanation | None:
+    """The most probable fault; None where the recording is probably sound."""
+    if inferred.doubt is not None:
+        return inferred.doubt
+    if inferred.fault_probability > LIKELY and inferred.explanations:
+        return inferred.explanations[0]
+    return None
+
+
+def named_explanations(inferred: ImpedanceInference) -> str:
+    """Names of the faults that are not improbable, the most probable first."""
+    least = NAMED_SHARE * inferred.fault_probability
+    names = [each.name for each in inferred.explanations if each.probability > least]
+    return ", ".join(dict.fromkeys(names))
+
+
+def reflex_fit(inferred: ImpedanceInference) -> ReflexFit | None:
+    """The reflex, if the joint probably has one."""
+    reflex, without = inferred.reflex, inferred.without_reflex
+    if reflex is None:
+        return None
+    return ReflexFit(
+        probability=reflex.probability,
+        delay_s=reflex.delay_s,
+        rising=Estimate.with_error(reflex.rising.value, reflex.rising.standard_error),
+        falling=Estimate.with_error(reflex.falling.value, reflex.falling.standard_error),
+        without=Impedance.inferred(without) if without else None,
+    )
+
+
+def is_delay_stated(record: Record) -> bool:
+    """Whether somebody stated the delay between angle and torque, or how well it is known."""
+    streams = record.uniform.streams if record.uniform else ()
+    stated = [stream["delay_s"] for stream in streams]
+    return record.calibration.delay > 0 or any(stated)
+
+
+def unstated_delay(inferred: ImpedanceInference) -> UnstatedDelay | None:
+    """What a delay that nobody states costs."""
+    delay = inferred.delay
+    if delay is None:
+        return None
+    return UnstatedDelay(delay.recording_s, delay.B.half_width, delay.I.half_width)

@@ -1,0 +1,151 @@
+"""What a leg's actuator would do without its friction.
+
+A belt of stiffness K_s joins joint and actuator, whose angle theta_m is recorded. Whatever friction
+does in the actuator, it does to theta_m, so that the torque (Eqs. 3-4, 8)
+
+    torque = K_s theta + B_j omega + J_j alpha - (K_s/n_T) theta_m + hysteresis of the belt
+
+needs no friction of the actuator. K, B and I of the leg without that friction need the theta_m that
+there would be without it. While the actuator slides, Eqs. 1, 2 and 7 are linear in
+
+    theta = c_0 theta_m + c_1 omega_m + c_2 alpha_m + sign(omega_m) (f_0 + f_1 |current|) + offset,
+
+so that theta/(c_0 + c_1 s + c_2 s^2) is the motion without friction. While it sticks, friction is
+whatever holds it: those rows tell nothing and are left out.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from osl_analysis.inference.constants import (
+    BLOCKS,
+    EDGE,
+    FRICTION_INEXACTNESS,
+    FRICTION_WINDS,
+    SETTLING,
+    SLIDING,
+)
+from osl_analysis.inference.friction_shapes import slipping_spring
+from osl_analysis.inference.least_squares import RIDGE, lengths_of
+from osl_analysis.inference.spectra import Spectra, Spectrum
+from osl_analysis.trial import Array
+
+FRICTION = slice(3, 5)  # coefficients f_0 and f_1
+
+
+@dataclass(frozen=True)
+class FrictionlessActuator:
+    """The motion of an actuator without friction, as that of its joint.
+
+    Attributes
+    ----------
+    reading : Array (3,)
+        Its angle without friction, projected on angle, velocity and acceleration of the joint.
+    covariance : Array (3, 3)
+        Covariance of `reading`.
+    friction_probability : float
+        Probability that the actuator's friction, as far as no controller cancels it, opposes its
+        motion.
+    """
+
+    reading: Array
+    covariance: Array
+    friction_probability: float
+
+
+def frictionless_actuator(spectra: Spectra) -> FrictionlessActuator:
+    """Estimate the motion of an actuator without friction from its sliding motion.
+
+    The error has three parts: the scatter of estimates that leave out one block each (jackknife),
+    what changes if other speeds part sliding from sticking, and a share of what friction does.
+    """
+    columns = equation_of_sliding(spectra)
+    estimates, without_a_block = sliding_fits(spectra, columns, SLIDING[0])
+    of_other_speeds = [sliding_fits(spectra, columns, share)[0] for share in SLIDING[1:]]
+    fits = np.vstack([estimates, *of_other_speeds, without_a_block])
+
+    # what is told: K, B, I per angle of the actuator, and friction at the mean load
+    readings = projected(spectra, fits[:, :3])
+    friction = fits[:, FRICTION] @ [1.0, mean_load(spectra)]
+    told = np.column_stack([readings, friction])
+
+    by_speed = told[1 : len(SLIDING)] - told[0]
+    by_block = told[len(SLIDING) :] - told[len(SLIDING) :].mean(axis=0)
+    covariance = by_speed.T @ by_speed + by_block.T @ by_block * (BLOCKS - 1) / BLOCKS
+    assert spectra.actuator_spectrum is not None
+    recorded = rows_of(spectra, np.vstack([spectra.derivatives[:3], spectra.actuator_spectrum]))
+    of_recorded = np.linalg.lstsq(recorded[:3].T, recorded[3], rcond=None)[0]
+    by_friction = FRICTION_INEXACTNESS * np.append(readings[0] - of_recorded, 0.0)
+    covariance = covariance + np.outer(by_friction, by_friction)
+    deviation = float(np.sqrt(covariance[3, 3] + np.finfo(float).tiny))
+    probability = float(scipy.special.ndtr(friction[0] / deviation))
+    return FrictionlessActuator(readings[0], covariance[:3, :3], probability)
+
+
+def mean_load(spectra: Spectra) -> float:
+    """Mean size of what friction grows with; 0 if it is not recorded."""
+    if spectra.signals.load is None:
+        return 0.0
+    return float(np.mean(np.abs(spectra.signals.load)))
+
+
+def equation_of_sliding(spectra: Spectra) -> Array:
+    """Columns (8, p) of the joint's angle while the actuator slides, and the angle itself (p,)."""
+    assert spectra.actuator_derivatives is not None
+    angle, velocity, acceleration = spectra.actuator_derivatives[:3]
+    sign = np.sign(velocity)
+    load = np.zeros_like(sign)
+    if spectra.signals.load is not None:
+        load = np.abs(spectra.resampled(spectra.signals.load))
+    hysteresis = slipping_spring(spectra.sliding, FRICTION_WINDS[-1])
+    offset, drift = np.ones_like(sign), spectra.share - 0.5
+    motion = [angle, velocity, acceleration]
+    return np.array([*motion, sign, sign * load, hysteresis, offset, drift, spectra.angle])
+
+
+def sliding_fits(spectra: Spectra, columns: Array, share: float) -> tuple[Array, Array]:
+    """Fit the equation of sliding where the speed is above a share of its standard deviation.
+
+    Returns
+    -------
+    estimates : Array (8,)
+        Coefficients of the columns.
+    without_a_block : Array (BLOCKS, 8)
+        The same, each without one block.
+    """
+    speed = np.abs(columns[1])
+    slow = speed < share * speed[spectra.inside].std()
+    rate = spectra.products / spectra.padded_seconds
+    near = scipy.ndimage.binary_dilation(slow, iterations=max(round(SETTLING * rate), 1))
+    away_from_ends = (spectra.time > EDGE) & (spectra.time < spectra.seconds - EDGE)
+    slides = spectra.inside & away_from_ends & ~near
+
+    length = lengths_of(columns)
+    unit = columns / length[:, None]
+    of_block = np.minimum((spectra.share * BLOCKS).astype(np.intp), BLOCKS - 1)
+    blocks = []
+    for k in range(BLOCKS):
+        rows = unit[:, slides & (of_block == k)]
+        blocks.append(rows @ rows.T)
+    total = np.sum(blocks, axis=0)
+    normal = np.concatenate([total[None], total - np.array(blocks)])
+    ridge = RIDGE * np.eye(len(unit) - 1)
+    solved = np.linalg.solve(normal[:, :-1, :-1] + ridge, normal[:, :-1, -1:])[..., 0]
+    estimates = solved * length[-1] / length[:-1]
+    return estimates[0], estimates[1:]
+
+
+def projected(spectra: Spectra, coefficients: Array) -> Array:
+    """Project theta/(c_0 + c_1 s + c_2 s^2) on angle, velocity, acceleration, for c (n, 3)."""
+    powers = spectra.s ** np.arange(3)[:, None]
+    moved = spectra.derivatives[0] / (coefficients @ powers)
+    motion = rows_of(spectra, spectra.derivatives[:3])
+    return np.asarray(np.linalg.lstsq(motion.T, rows_of(spectra, moved).T)[0].T)
+
+
+def rows_of(spectra: Spectra, spectrum: Spectrum) -> Array:
+    """Signals (k, m) of working spectra (k, f) in the fitted rows, less their means."""
+    in_time = scipy.fft.irfft(spectrum * spectra.roll_off, spectra.working)[:, spectra.rows]
+    return np.asarray(in_time - in_time.mean(axis=1, keepdims=True))

@@ -1,0 +1,145 @@
+"""The inference of a leg: two masses with friction that grows with the current, integrated here."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+import scipy
+
+from osl_analysis.inference import BenchSignals, ImpedanceInference, infer_impedance
+from osl_analysis.inference.actuator import equation_of_sliding, sliding_fits
+from osl_analysis.inference.spectra import Spectra
+
+RATE = 500.0
+K_S, B_J, J_J, N_T = 700.0, 0.5, 0.005, 4.6  # belt, joint, ratio
+J_M, B_M, K_1, B_1 = 0.009, 0.006, 14.0, 0.2  # actuator and its controller
+CONSTANT, OF_LOAD = 0.4, 0.09  # friction [N*m], and its growth with the current [N*m/A]
+TORQUE_CONSTANT = 1.0  # N*m/A
+HYSTERESIS = 0.25  # N*m
+
+
+def joint_motion(time: np.ndarray) -> np.ndarray:
+    """Angle, velocity and acceleration (3, n) of sines up to 5 Hz."""
+    phases = np.random.default_rng(1).uniform(0, 6, 12)
+    s = 2j * np.pi * np.linspace(0.5, 5.0, 12)
+    waves = 0.02 * np.exp(np.outer(s, time) + 1j * phases[:, None])
+    return np.array([(s**k @ waves).imag for k in range(3)])
+
+
+@cache
+def leg(seconds: float = 40.0) -> dict[str, np.ndarray]:
+    """Signals of the leg, at ten steps of integration per sample; friction never drives."""
+    steps, step = 10, 0.1 / RATE
+    time = np.arange(round(seconds * RATE * steps)) * step
+    theta, omega, alpha = joint_motion(time)
+    theta_m, omega_m, current, belt = np.zeros((4, len(time)))
+    angle, speed, wound = N_T * theta[0] * 0.7, 0.0, 0.0
+    deflection = theta[0] - angle / N_T
+    for k in range(len(time)):
+        before, deflection = deflection, theta[k] - angle / N_T
+        wound = min(max(wound + (deflection - before) / 1e-3, -1.0), 1.0)
+        belt[k] = K_S * deflection + HYSTERESIS * wound
+        current[k] = -(K_1 * angle + B_1 * speed) / TORQUE_CONSTANT
+        theta_m[k], omega_m[k] = angle, speed
+        push = TORQUE_CONSTANT * current[k] + belt[k] / N_T - B_M * speed
+        free = speed + step / J_M * push
+        lost = step / J_M * (CONSTANT + OF_LOAD * abs(current[k]))
+        speed = np.sign(free) * max(abs(free) - lost, 0.0)
+        angle += step * speed
+    sampled = slice(None, None, steps)
+    torque = belt + B_J * omega + J_J * alpha
+    signals = {"theta": theta, "torque": torque, "theta_m": theta_m, "current": current}
+    return {name: x[sampled] for name, x in signals.items()}
+
+
+def true_impedance() -> np.ndarray:
+    """K, B, I (3,) of Eq. 15 fitted to the torque of the leg without any friction."""
+    time = np.arange(0, 40.0, 1 / RATE)
+    phases = np.random.default_rng(1).uniform(0, 6, 12)
+    s = 2j * np.pi * np.linspace(0.5, 5.0, 12)
+    of_actuator = J_M * s**2 + (B_M + B_1) * s + K_1 + K_S / N_T**2
+    Z = K_S + B_J * s + J_J * s**2 - (K_S / N_T) ** 2 / of_actuator
+    waves = 0.02 * np.exp(np.outer(s, time) + 1j * phases[:, None])
+    return np.linalg.lstsq(joint_motion(time).T, (Z @ waves).imag)[0]
+
+
+def signals(**changes: object) -> BenchSignals:
+    recorded = leg()
+    rng = np.random.default_rng(2)
+    noisy = recorded["torque"] + 0.05 * rng.normal(size=len(recorded["torque"]))
+    step, step_m = 2.4e-5, 4.3e-5
+    of_leg = {
+        "theta": np.round(recorded["theta"] / step) * step,
+        "torque": noisy,
+        "rate_hz": RATE,
+        "encoder_step": step,
+        "sliding_angle": np.round(recorded["theta_m"] / step_m) * step_m,
+        "load": recorded["current"],
+        "has_drivetrain": True,
+    }
+    return BenchSignals(**{**of_leg, **changes})
+
+
+@cache
+def inferred() -> ImpedanceInference:
+    return infer_impedance(signals())
+
+
+def test_damping_of_a_leg_is_that_without_the_friction_of_its_actuator():
+    found = inferred()
+
+    K, B, I = true_impedance()
+    assert found.impedance.B.holds(B)
+    assert found.impedance.B.value == pytest.approx(B, rel=0.02)
+    assert found.impedance.K.value == pytest.approx(K, rel=0.01)
+    assert found.impedance.I.value == pytest.approx(I, abs=0.005)
+    assert found.impedance.B.half_width < 0.05 * B
+
+
+def test_equation_15_alone_reads_friction_as_damping():
+    B = true_impedance()[1]
+
+    assert inferred().without_friction_column.B.value > 1.2 * B
+    assert inferred().friction_probability > 0.99
+    assert inferred().friction_harm > 1
+
+
+def test_sound_leg_is_not_doubted_and_predicted():
+    assert inferred().doubt is None
+    assert inferred().VAF_held_out > 99.9
+
+
+def test_sliding_tells_friction_and_gains_of_the_controller():
+    spectra = Spectra(signals())
+
+    found, without_a_block = sliding_fits(spectra, equation_of_sliding(spectra), 0.2)
+
+    of_belt = K_S / N_T
+    stiffness = (K_1 + K_S / N_T**2) / of_belt
+    assert found[0] == pytest.approx(stiffness, rel=0.01)
+    assert found[1] == pytest.approx((B_M + B_1) / of_belt, rel=0.05)
+    assert found[2] == pytest.approx(J_M / of_belt, rel=0.05)
+    assert found[3] == pytest.approx(CONSTANT / of_belt, rel=0.15)
+    assert found[4] == pytest.approx(OF_LOAD / of_belt, rel=0.15)
+    assert scipy.stats.zscore(without_a_block[:, 1]).max() < 5
+
+
+def test_stiffness_that_steps_in_a_leg_is_still_told():
+    recorded = leg()
+    time = np.arange(len(recorded["torque"])) / RATE
+    changed = signals().torque - 20.0 * recorded["theta"] * (time > 24.0)
+
+    found = infer_impedance(signals(torque=changed))
+
+    assert found.doubt is not None
+    assert found.doubt.family == "time"
+
+
+def test_belt_deflection_follows_the_ratio_of_the_transmission():
+    spectra = Spectra(signals())
+    expected = spectra.signals.theta - spectra.signals.sliding_angle / N_T
+
+    read = np.interp(np.arange(len(expected)) / RATE, spectra.time, spectra.sliding)
+
+    rows = slice(500, -500)
+    assert np.corrcoef(read[rows], expected[rows])[0, 1] > 0.999

@@ -25,7 +25,7 @@ from snakemake_interface_logger_plugins.common import LogEvent
 
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands import run, trials
-from osl_analysis.commands.run import left_behind_report
+from osl_analysis.commands.run import end_run, left_behind_report
 from osl_analysis.commands.tables import gather, judge, list_excluded, read_summary
 from osl_analysis.commands.walking import read_crossing_file, read_model, read_unperturbed_gaits
 from osl_analysis.errors import InputError, MemoryLimitError, WriteError
@@ -528,3 +528,16 @@ def test_a_lock_is_one_line_and_what_a_job_has_told_is_not_said_again(tmp_path, 
     lock, failed = capsys.readouterr().err.splitlines()
     assert lock.startswith("error: another run is at work in this folder")
     assert failed == "failed: b_1: a.csv: cannot be written"
+
+
+@pytest.mark.parametrize(("finished_jobs", "is_idle"), [(0, True), (1, False)])
+def test_a_run_is_idle_where_no_job_has_finished_whether_or_not_a_log_is_ours(
+    tmp_path, capsys, finished_jobs, is_idle
+):
+    dag = SimpleNamespace(needrun_jobs=list, jobs=[])
+    scheduler = SimpleNamespace(finished_jobs=finished_jobs)
+    workflow = SimpleNamespace(dryrun=False, is_main_process=True, scheduler=scheduler, dag=dag)
+
+    end_run(workflow, tmp_path, lambda refused: "", accept=False)
+
+    assert ("Nothing to be done" in capsys.readouterr().err) is is_idle

@@ -25,7 +25,7 @@ from snakemake_interface_logger_plugins.common import LogEvent
 
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands import run, trials
-from osl_analysis.commands.run import left_behind_report
+from osl_analysis.commands.run import end_run, left_behind_report
 from osl_analysis.commands.tables import gather, judge, list_excluded, read_summary
 from osl_analysis.commands.walking import read_crossing_file, read_model, read_unperturbed_gaits
 from osl_analysis.errors import InputError, MemoryLimitError, WriteError
@@ -36,7 +36,7 @@ from osl_analysis.judge.campaign import campaign_findings, exclusion_report
 from osl_analysis.judge.exclusions import Judge, exclusions
 from osl_analysis.judge.limits import DoubtfulFits, QualityRules
 from osl_analysis.outcomes.job_log import read_log, write_log
-from osl_analysis.outcomes.perform import Job, perform
+from osl_analysis.outcomes.perform import Ending, Job, perform, refusal
 from osl_analysis.outcomes.used import without_excluded, without_refused
 from osl_analysis.refusal import (
     Refusal,
@@ -505,7 +505,7 @@ def test_a_run_has_a_line_now_and_then_one_per_stage_and_what_is_refused_at_once
             LogEvent.JOB_INFO,
             jobid=job,
             rule_name="osl_ingest",
-            log=logs if job == 39 else None,
+            log=logs if job >= 38 else None,  # the same causes twice,
         )
         clock.now += 0.5
         tell(lines, LogEvent.JOB_FINISHED, job_id=job)
@@ -528,3 +528,33 @@ def test_a_lock_is_one_line_and_what_a_job_has_told_is_not_said_again(tmp_path, 
     lock, failed = capsys.readouterr().err.splitlines()
     assert lock.startswith("error: another run is at work in this folder")
     assert failed == "failed: b_1: a.csv: cannot be written"
+
+
+@pytest.mark.parametrize(("finished_jobs", "is_idle"), [(0, True), (1, False)])
+def test_a_run_is_idle_where_no_job_has_finished_whether_or_not_a_log_is_ours(
+    tmp_path, capsys, finished_jobs, is_idle
+):
+    dag = SimpleNamespace(needrun_jobs=list, jobs=[])
+    scheduler = SimpleNamespace(finished_jobs=finished_jobs)
+    workflow = SimpleNamespace(dryrun=False, is_main_process=True, scheduler=scheduler, dag=dag)
+
+    end_run(workflow, tmp_path, lambda refused: "", accept=False)
+
+    assert ("Nothing to be done" in capsys.readouterr().err) is is_idle
+
+
+@pytest.mark.parametrize(
+    ("inputs", "remedy"),
+    [
+        ({"trial": "trials/b_1.parquet"}, "correct or replace the file"),
+        ({"rows": ["fits/b_1.csv", "fits/b_2.csv"]}, "correct or exclude the trials behind it"),
+    ],
+)
+def test_a_refusal_without_a_remedy_names_the_file_of_one_trial_or_the_trials_of_several(
+    inputs, remedy
+):
+    refused = Job("tables.gather", inputs, {"output": "belt.csv"}, {}, Path("belt.log"))
+
+    cause = refusal(refused, Ending("refused", "no fit"))
+
+    assert cause.remedy.startswith(remedy)

@@ -13,7 +13,7 @@ from osl_analysis.judge.words import finding_said
 from osl_analysis.stats.repeats import counted, doubts_of_trials
 
 KNEE = {
-    "trial": "knee", "path_shift": 1.5,
+    "trial": "knee", "fault_harm": 1.5, "fault": "delay", "fault_family": "path",
     "K": 150.0, "K_low": 149.85, "K_high": 150.15,
     "B": 3.0, "B_low": 2.97, "B_high": 3.03,
     "I": 0.03, "I_low": 0.0299, "I_high": 0.0301,

@@ -72,7 +72,7 @@ def summarise_holding(table: Path, output: Path) -> None:
 
 """,
     ),
-    "config/config.yaml": ("  belt:\n    above:", "  holding: {above: {mean_torque: 5}}\n"),
+    "config/config.yaml": ("  belt:    ", "  holding: {above: {mean_torque: 5}}\n"),
     "osl_analysis/dictionary/bench.yaml": (
         "tables/belt:",
         """tables/holding:

@@ -532,6 +532,8 @@ def test_repeats_of_one_motion_are_averaged_and_other_motions_kept_apart():
         row_of(made_trial(rng := np.random.default_rng(9), multisine(rng, band=(0.5, 9.0))))
     )
     rows.append(rows[0] | {"K": 1.0})
+    for number, row in enumerate(rows):
+        row["trial"] = f"trial_{number}"
     doubtful = pl.when(pl.col("K") < 2).then(pl.lit("soft")).otherwise(pl.lit(""))
     asked = {
         "controller": pl.lit("x"),

@@ -19,7 +19,7 @@ from osl_analysis.judge.limits import DoubtfulFits, Limits
 CONFIG = ROOT / "config/config.yaml"
 SETTINGS = read_section(CONFIG, "dynamometer", DynamometerAnalysis)
 LIMITS = read_section(CONFIG, "doubtful", DoubtfulFits).of("impedance")
-OF_FAULTS = Limits(above={"fault_harm": LIMITS.above["fault_harm"]})
+OF_FAULTS = Limits()
 
 
 def record_with(made="noise", seed=5, more=lambda *_: 0.0, **changes):

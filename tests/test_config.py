@@ -217,7 +217,7 @@ def test_a_configuration_that_cannot_be_run_is_one_line_before_any_job(
      {}, "did you mean 'belt'"),
     ("doubtful.belt.above",
      {"coulomb_share": 0.5}, "gone: state the accuracy that you need as doubtful.accuracy.B"),
-    ("doubtful.human_joint.above", {"path_shift": 1}, "its effect on the estimates decides"),
+    ("doubtful.impedance.above", {"fault_harm": 1}, "its effect on the estimates decides"),
     ("doubtful.torque_angle.above",
      {"K_secant": 0.5}, "below.K_secant: 1 is above the upper limit 0.5, and every fit"),
     ("doubtful.belt.above", {"VAF": -1}, "above.VAF: -1 is not allowed"),

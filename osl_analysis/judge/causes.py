@@ -67,8 +67,8 @@ def doubts_of_result(names: str, result: str) -> str:
     )
 
 
-# `_shift` columns are multiples of what is worth telling; `certain_lag_damping` is in N*m*s/rad:
-# one sample at 300 Hz and K = 300 N*m/rad; an estimate of an `untold_share` of 1 may be 0
+# `fault_harm` is a multiple of what is worth telling; `certain_lag_damping` is in N*m*s/rad:
+# one sample at 300 Hz and K = 300 N*m/rad
 LEAST_EFFECT = 1.0
 
 

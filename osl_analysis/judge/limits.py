@@ -152,7 +152,7 @@ def decided_elsewhere(column: str) -> str:
     evidence = EVIDENCE[column]
     if evidence.decided_by == "accuracy":
         return f"state the accuracy that you need as doubtful.accuracy.{evidence.size}"
-    if evidence.decided_by == "effect" and column != "reflex_p":
+    if evidence.decided_by == "effect":
         return (
             "its effect on the estimates decides; state the accuracy that you need as"
             " doubtful.accuracy"

@@ -15,9 +15,7 @@ def fitted(t, theta, torque, person):
     with tempfile.TemporaryDirectory() as folder:
         config = Path(folder, "config.yaml")
         config.write_text(
-            "parameters: null\ndynamometer: {"
-            + ("cutoff_hz: 40" if person else "")
-            + "}\n"
+            "parameters: null\ndynamometer: {" + ("cutoff_hz: 40" if person else "") + "}\n"
         )
         fit = osl.fit_impedance(trial, config=config)
     found = dict(fit.row)

@@ -193,7 +193,7 @@ def motor_friction(direction: ArrayLike, current: ArrayLike, p: DrivetrainParame
     Returns
     -------
     Array
-        f = direction (f_C + f_G |I_q|) [N*m].
+        f = direction (f_C + f_G abs(I_q)) [N*m].
     """
     return np.asarray(np.asarray(direction) * (p.f_C + p.f_G * np.abs(current)))
 
@@ -259,14 +259,12 @@ def joint_admittance(
 
     Notes
     -----
-    Y = N/D with
+    Y = N/D, with letters that the other modules use, too::
 
         N = J_m s^2 + x s + kappa      the actuator under control,
                                        x = B_m + B_1, kappa = K_1 + K_s/n_T^2
         P = J_j s^2 + B_j s + K_s      the joint that the belt holds
         D = N P - c                    c = (K_s/n_T)^2
-
-    The other modules use the same letters.
     """
     N = np.array([p.J_m, p.B_m + B_1, K_1 + p.K_s / p.n_T**2])
     P = np.array([J_j, p.B_j, p.K_s])

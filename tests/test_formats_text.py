@@ -410,6 +410,21 @@ def test_an_export_of_nexus_is_read_with_any_sign_and_encoding(
     assert (marker.key, marker.unit, marker.rows.rate_hz) == ("Ann:LTOE", "mm", 100.0)
 
 
+def test_a_plate_that_nobody_stands_on_at_both_ends_has_the_decimal_sign_of_its_file(
+    tmp_path: Path,
+) -> None:
+    force = ["0"] * 500
+    force[400] = "2,5e-13"
+    lines = ["Devices", "200", ";;Plate - Force", "Frame;Sub Frame;Fz", ";;N"]
+    lines += [f"{1 + k // 2};{k % 2};{cell}" for k, cell in enumerate(force)]
+    lines += ["", "Trajectories", "100", ";;LTOE;;", "Frame;Sub Frame;X;Y;Z", ";;mm;mm;mm"]
+    lines += [f"{1 + k};0;1,5;2,5;3,5" for k in range(250)]
+
+    recording = read(tmp_path, "\n".join(lines) + "\n", "a.csv")
+
+    assert recording.find({"device": "Plate - Force", "component": "Fz"}).values[400] == 2.5e-13
+
+
 def nexus_source(**stated: Any) -> dict[str, Any]:
     return {"format": "nexus_csv", "markers": ["LTOE"], **stated}
 

@@ -16,7 +16,12 @@ from conftest import ROOT
 from jsonschema import Draft202012Validator
 
 from osl_analysis.cli import main
-from osl_analysis.commands.new_campaign import draft_campaign, left_to_decide, new_campaign
+from osl_analysis.commands.new_campaign import (
+    draft_campaign,
+    left_to_decide,
+    new_campaign,
+    with_known,
+)
 from osl_analysis.commands.reference import schemas
 from osl_analysis.commands.run import Look, library, looked_at, snakemake_arguments
 from osl_analysis.errors import InputError
@@ -650,3 +655,15 @@ def test_a_recording_that_cannot_be_read_is_told_before_a_note(tmp_path):
     result = call("init", tmp_path / "mine", "--from", tmp_path / "rec")
 
     assert "walk.c3d: truncated" in result.output
+
+
+@pytest.mark.parametrize("name", ["vicon", "nexus_csv", "bench_csv"])
+def test_a_signal_that_a_shipped_file_does_not_name_is_added_in_its_section(name):
+    known = shipped(f"config/sources/{name}.yaml").read_text(encoding="utf-8")
+    section = "channels" if name == "bench_csv" else "analogs"
+    drafted = f'{section}:\n  emg: {{channel: "EMG 1", unit: "V"}}\n'
+
+    source = yaml.safe_load(with_known(known, drafted))
+
+    assert source[section]["emg"] == {"channel": "EMG 1", "unit": "V"}
+    assert source["format"] == yaml.safe_load(known)["format"]

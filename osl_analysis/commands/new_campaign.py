@@ -350,12 +350,20 @@ def align_by_pulses(sources: dict[str, str], trials: Sequence[DraftedTrial]) -> 
 
 
 def with_known(known: str, drafted: str) -> str:
-    """The shipped source file of a recorder, with what else it has recorded."""
-    lines = [known]
-    for line, column in re.findall(r"^(  ([a-z]\w*): .*\n)", drafted, re.MULTILINE):
-        if f"\n  {column}: " not in known:
-            lines.append(line)
-    return "".join(lines)
+    """The shipped source file of a recorder, with what else it has recorded.
+
+    The section of the recorded signals is the last one of a shipped file, or stands there as a
+    comment only.
+    """
+    section = "analogs" if re.search("^analogs:$", drafted, re.MULTILINE) else "channels"
+    further = [
+        line
+        for line, column in re.findall(r"^(  ([a-z]\w*): .*\n)", drafted, re.MULTILINE)
+        if f"\n  {column}: " not in known
+    ]
+    if further and not re.search(f"^{section}:$", known, re.MULTILINE):
+        further.insert(0, f"{section}:\n")
+    return "".join([known, *further])
 
 
 def unknown_segments(captures: Sequence[Described]) -> Iterator[tuple[Path, str]]:

@@ -160,6 +160,9 @@ def read_sections(path: Path, source: NexusSource | None) -> dict[str, Section]:
                 " each"
             )
         sections[section.title] = section
+    if decimal == "auto" and any(section.decimal == "," for section in sections.values()):
+        # a file has one sign, which a section at rest at both ends does not show
+        sections = {title: replace(each, decimal=",") for title, each in sections.items()}
     return sections
 
 

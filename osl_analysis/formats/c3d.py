@@ -604,6 +604,9 @@ def read(path: Path, source: C3dSource | None) -> Recording:
             " export the trial again, or leave them out with `markers: none`, as"
             f" {source.place('markers')}"
         )
+    lacks_last_sample = len(analogs) > 1 and not analogs[-1].any() and bool(analogs[-2].any())
+    if lacks_last_sample:
+        analogs[-1] = np.nan
     length_unit = (header.texts("POINT:UNITS") or [""])[0]
     fast_rate_hz = header.rate_hz * header.samples_per_frame
     fast = Rows(len(analogs), "analogs", fast_rate_hz, noun="sample")
@@ -612,8 +615,10 @@ def read(path: Path, source: C3dSource | None) -> Recording:
     bytes_behind = len(data) - header.data_start - header.frames * header.frame_bytes
     if bytes_behind > 2 * BLOCK:
         remarks.append(f"{bytes_behind} bytes stand behind its last frame, and are not read")
-    if len(analogs) > 1 and not analogs[-1].any() and analogs[-2].any():
-        remarks.append("the last sample of all analog channels is 0: it was not recorded")
+    if lacks_last_sample:
+        remarks.append(
+            "the last sample of all analog channels is 0: it was not recorded, and is missing here"
+        )
     frames = _frames_with_forces(plates, analog_channels, analogs, header)
     if frames < header.frames:
         remarks.append(

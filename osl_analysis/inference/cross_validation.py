@@ -88,9 +88,11 @@ def all_columns(data: Whitened, candidate: Candidate, kind: JointKind) -> Array:
 
 def normal_matrices(columns: Array, torque: Array) -> Array:
     """Normal matrices (BLOCKS, c + 1, c + 1) of columns (c, m); the torque (m,) is the last one."""
-    rows = np.concatenate([columns, torque[None]])
-    edges = block_edges(rows.shape[1]).tolist()
-    return np.array([rows[:, a:b] @ rows[:, a:b].T for a, b in pairwise(edges)])
+    matrices = []
+    for first, stop in pairwise(block_edges(len(torque)).tolist()):
+        rows = np.concatenate([columns[:, first:stop], torque[None, first:stop]])
+        matrices.append(rows @ rows.T)
+    return np.array(matrices)
 
 
 def predict_blocks(
@@ -117,10 +119,11 @@ def predict_blocks(
     """
     columns = all_columns(data, candidate, kind)
     length = lengths_of(columns)
-    unit = columns / length[:, None]
-    blocks = normal_matrices(unit, candidate.torque)
+    # the matrices are scaled and not the columns, of which an hour has hundreds of megabytes
+    scale = np.append(length, 1.0)
+    blocks = normal_matrices(columns, candidate.torque) / np.outer(scale, scale)
     total = blocks.sum(axis=0)
-    ridge = RIDGE * np.eye(len(unit))
+    ridge = RIDGE * np.eye(len(columns))
     inverse = np.linalg.inv(total[:-1, :-1] + ridge)
     estimates = inverse @ total[:-1, -1]
 
@@ -140,10 +143,12 @@ def predict_blocks(
     covariance = inverse * variance * np.outer(raised, raised)
     rounding_left = 0.0
     if len(rounding):
-        errors = rounding @ unit.T @ inverse
+        projections = rounding @ columns.T / length
+        errors = projections @ inverse
         covariance = covariance + errors.T @ errors / len(rounding)
-        rest = rounding - errors @ unit
-        rounding_left = float(np.sum(rounding * rest) / len(rounding))
+        # sum(rounding (rounding - errors @ columns/length))
+        unexplained = np.vdot(rounding, rounding) - np.sum(errors * projections)
+        rounding_left = float(unexplained / len(rounding))
 
     estimates = estimates / length
     covariance = covariance / np.outer(length, length)

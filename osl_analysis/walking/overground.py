@@ -144,7 +144,10 @@ def overground_contacts(
     markers = {side: foot_markers(trial, side, settings) for side in SIDES}
     feet = {side: foot for side, foot in markers.items() if foot is not None}
     if not plates:
-        raise InputError(f"trial {trial.name}: no force plate; map it in the source file")
+        raise InputError(
+            f"trial {trial.name}: no force plate; state it in the source file, of a C3D under"
+            " `plate_geometry`, of an export under `plates`"
+        )
     if not feet:
         raise InputError(
             f"trial {trial.name}: no marker of an ankle; name one under"

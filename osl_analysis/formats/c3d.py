@@ -305,7 +305,7 @@ def check_size(data: bytes, header: Header) -> None:
     if header.frame_bytes == 0 and rotations.size and rotations[0] > 0:
         raise InputError(
             f"holds {rotations[0]:g} rotations of segments at {header.rate_hz:g} Hz and no marker:"
-            " poses are not read; record markers too, or export virtual markers"
+            " rotations are not read; export positions of joints or virtual markers too"
         )
     frames = header.frames
     is_rate = LEAST_RATE_HZ < header.rate_hz < MOST_RATE_HZ
@@ -548,6 +548,17 @@ def _questions_on_plates(header: Header, analogs: Sequence[Channel]) -> list[str
     ]
 
 
+def _questions_on_rotations(header: Header) -> list[str]:
+    """Tell of a file that has rotations of segments alone, as of a system without markers."""
+    rotations = header.numbers("ROTATION:USED")
+    if header.points or not rotations.size or rotations[0] <= 0:
+        return []
+    return [
+        f"the file holds {rotations[0]:g} rotations of segments and no marker: rotations are not"
+        " read; export positions of joints or virtual markers too"
+    ]
+
+
 def _like_plates(analogs: Sequence[Channel]) -> list[str]:
     """Channels that are called like the six of a force plate; empty if there are fewer."""
     alike = [analog.name for analog in analogs if PLATE_LABEL.search(analog.name)]
@@ -664,7 +675,10 @@ def read(path: Path, source: C3dSource | None) -> Recording:
         format="c3d",
         channels=[*point_channels, *analog_channels],
         loss=Loss(frames, header.frames, remarks=remarks),
-        questions=_questions_on_plates(header, analog_channels),
+        questions=[
+            *_questions_on_rotations(header),
+            *_questions_on_plates(header, analog_channels),
+        ],
         plates=plates,
         facts=facts,
     )

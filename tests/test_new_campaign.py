@@ -750,3 +750,29 @@ def test_a_trc_that_tells_which_axis_points_up_drafts_the_axes_of_all(tmp_path):
     source = (tmp_path / "mine/sources/trc.yaml").read_text(encoding="utf-8")
     assert 'axes: ["x", "-z", "y"]' in source
     assert questions == []
+
+
+def test_markers_of_one_name_are_a_question_before_a_run(tmp_path):
+    (tmp_path / "rec").mkdir()
+    points = np.ones((80, 2, 4))
+    write_c3d(tmp_path / "rec/overground_1.c3d", points, POINT__LABELS=["RANK", "RANK"])
+
+    questions, is_ready = drafted_of(tmp_path)
+
+    assert "several markers are called RANK" in questions[0]
+    assert not is_ready
+
+
+def test_a_pulse_on_one_of_two_channels_of_one_name_is_drafted_by_its_number(tmp_path):
+    (tmp_path / "rec").mkdir()
+    analogs = np.zeros((400, 2))
+    analogs[(np.arange(400) // 20) % 2 == 1, 1] = 5.0
+    write_c3d(
+        tmp_path / "rec/static_1.c3d", np.ones((400, 2, 4)), analogs,
+        ANALOG__LABELS=["Sync", "Sync"],
+    )  # fmt: skip
+
+    new_campaign(tmp_path / "mine", recordings=tmp_path / "rec")
+
+    source = read_source(tmp_path / "mine/sources/c3d.yaml")
+    assert source.analogs["sync"].channel == "2"

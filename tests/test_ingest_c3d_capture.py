@@ -121,6 +121,25 @@ def test_a_name_that_the_file_lacks_has_twice_or_a_unit_that_cannot_be_is_refuse
     assert "POINT:LABELS is missing: none of its 3 points has a name" in refused(path)
 
 
+@pytest.mark.parametrize(
+    ("labels", "names"),
+    [
+        (["P07:RANK", "P07:LANK", "*3"], ["RANK", "LANK"]),
+        (["P07:RANK", "P08:RANK", "P08:LANK"], ["P07:RANK", "P08:RANK", "P08:LANK"]),
+        (["P07:RANK", "P08:LANK", "M3"], ["P07:RANK", "P08:LANK", "M3"]),
+        (["P07:RANK", "RANK", "M3"], ["P07:RANK", "RANK", "M3"]),
+    ],
+)
+def test_the_subject_of_markers_is_left_out_where_there_is_one(
+    tmp_path: Path, labels: list[str], names: list[str]
+) -> None:
+    path = write_c3d(tmp_path / "a.c3d", points(), POINT__LABELS=labels)
+
+    columns = read(path).samples.columns
+
+    assert [name for name in columns if name.endswith("_x")] == [f"marker_{n}_x" for n in names]
+
+
 def test_one_of_two_markers_of_one_name_is_read_by_the_number_that_the_refusal_tells(
     tmp_path: Path,
 ) -> None:

@@ -776,3 +776,16 @@ def test_a_pulse_on_one_of_two_channels_of_one_name_is_drafted_by_its_number(tmp
 
     source = read_source(tmp_path / "mine/sources/c3d.yaml")
     assert source.analogs["sync"].channel == "2"
+
+
+def test_a_walking_laboratory_is_drafted_without_the_subject_of_its_markers(tmp_path):
+    (tmp_path / "rec").mkdir()
+    of_anna = {f"Anna:{name}": place for name, place in {**LEG, **MALLEOLI}.items()}
+    platform = ("Anna:PLAT1", "Anna:PLAT2", "Anna:PLAT3")
+    capture(tmp_path / "rec/walk_pert_3.c3d", of_anna, force=800, platform=platform)
+
+    new_campaign(tmp_path / "mine", recordings=tmp_path / "rec")
+
+    written = yaml.safe_load((tmp_path / "mine/config.yaml").read_text())["walking"]
+    assert written["markers"]["ankle_medial"] == "R_TAM"
+    assert written["markers"]["platform"] == ["PLAT1", "PLAT2", "PLAT3"]

@@ -601,6 +601,17 @@ def _analog_labels(header: Header) -> list[str]:
     return [label or f"analog {number}" for number, label in enumerate(labels, start=1)]
 
 
+def _names_of(labels: Sequence[str]) -> list[str]:
+    """Names of points: behind `P07:`, where all that have a subject have the same one.
+
+    Of several subjects, or rigid bodies, `P07:RANK` and `P08:RANK` stay as they are.
+    """
+    subjects = {label.rpartition(":")[0] for label in labels if ":" in label}
+    names = [label.rpartition(":")[2] for label in labels]
+    clash = len(set(names)) < len(set(labels))
+    return list(labels) if len(subjects) != 1 or clash else names
+
+
 def read(path: Path, source: C3dSource | None) -> Recording:
     """Read a C3D file. Frame 0 and analog sample 0 are at 0 s."""
     data = path.read_bytes()
@@ -647,12 +658,13 @@ def read(path: Path, source: C3dSource | None) -> Recording:
         for group in header.texts("POINT:TYPE_GROUPS")[::2]
         for label in header.texts(f"POINT:{group.upper()}")
     }
+    names = _names_of(labels)
     point_channels = [
         Channel(
             address={"label": label},
             rows=slow,
             read=partial(np.asanyarray, points[:, place]),
-            name=label,
+            name=names[place],
             unit="" if label in outputs else length_unit,
             kind=Kind.MODEL_OUTPUT if label in outputs else Kind.MARKER,
         )

@@ -253,8 +253,8 @@ class Recording:
         ----------
         address
             Keys and values, the most general first. The last value is a full name, a name without
-            place or unit (`Channel.name`), a pattern with `*` that fits one channel, or of a
-            column its number, counted from 1.
+            place or unit (`Channel.name`), a pattern with `*` that fits one channel, or its number
+            of a column, label or channel (`NUMBERED`), counted from 1.
         noun
             What the channel is called in messages; the last key if empty.
 
@@ -289,6 +289,9 @@ class Recording:
         return unlisted
 
 
+NUMBERED = ("column", "label", "channel")  # keys whose channel may be given by its number
+
+
 def _named(wanted: str, channels: Sequence[Channel], key: str) -> list[Channel]:
     """List the channels with a name: in full, without place or unit, by pattern, or by number."""
     full = [channel for channel in channels if channel.address[key] == wanted]
@@ -304,7 +307,7 @@ def _named(wanted: str, channels: Sequence[Channel], key: str) -> list[Channel]:
             for channel in channels
             if pattern.fullmatch(channel.address[key]) or pattern.fullmatch(channel.name)
         ]
-    is_number = key == "column" and re.fullmatch(r"[1-9]\d{0,4}", wanted, re.ASCII)
+    is_number = key in NUMBERED and re.fullmatch(r"[1-9]\d{0,4}", wanted, re.ASCII)
     if is_number and int(wanted) <= len(channels):
         return [channels[int(wanted) - 1]]
     return []
@@ -320,9 +323,12 @@ def _ambiguous(
             " these in the source file"
         )
     numbers = [str(n) for n, channel in enumerate(channels, start=1) if channel in matches]
+    remedy = "rename them, or name others in the source file"
+    if list(channels[0].address)[-1] in NUMBERED:
+        remedy = f"write the number in the source file, '{numbers[0]}' in place of the name"
     return InputError(
-        f"{noun} '{wanted[:80]}' occurs {len(matches)} times, as number {listing(numbers)}; rename"
-        " them, or name others in the source file"
+        f"{noun} '{wanted[:80]}' occurs {len(matches)} times, as number {listing(numbers)};"
+        f" {remedy}"
     )
 
 

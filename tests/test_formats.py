@@ -162,6 +162,7 @@ def test_any_error_of_a_reader_is_one_sentence_with_file_and_remedy(tmp_path: Pa
     [
         (OSError(28, "No space left on device"), "No space left on device"),
         (ValueError("buffer is truncated"), "it is cut off, or its end is lost"),
+        (OSError("calamine error: Cannot detect file format"), "it is cut off, or its end is lost"),
         (RuntimeError("zstd: bad frame"), "a packed part of it is damaged"),
     ],
 )

@@ -307,7 +307,7 @@ def test_rotations_without_markers_are_named(tmp_path: Path) -> None:
         tmp_path / "a.c3d", np.zeros((8, 0, 4)), rate=85.0, ROTATION__USED=np.array([3])
     )
 
-    assert "holds 3 rotations of segments at 85 Hz and no marker: poses are not read" in (
+    assert "holds 3 rotations of segments at 85 Hz and no marker: rotations are not read" in (
         refusal(path)
     )
 

@@ -121,6 +121,47 @@ def test_a_name_that_the_file_lacks_has_twice_or_a_unit_that_cannot_be_is_refuse
     assert "POINT:LABELS is missing: none of its 3 points has a name" in refused(path)
 
 
+@pytest.mark.parametrize(
+    ("labels", "names"),
+    [
+        (["P07:RANK", "P07:LANK", "*3"], ["RANK", "LANK"]),
+        (["P07:RANK", "P08:RANK", "P08:LANK"], ["P07:RANK", "P08:RANK", "P08:LANK"]),
+        (["P07:RANK", "P08:LANK", "M3"], ["P07:RANK", "P08:LANK", "M3"]),
+        (["P07:RANK", "RANK", "M3"], ["P07:RANK", "RANK", "M3"]),
+    ],
+)
+def test_the_subject_of_markers_is_left_out_where_there_is_one(
+    tmp_path: Path, labels: list[str], names: list[str]
+) -> None:
+    path = write_c3d(tmp_path / "a.c3d", points(), POINT__LABELS=labels)
+
+    columns = read(path).samples.columns
+
+    assert [name for name in columns if name.endswith("_x")] == [f"marker_{n}_x" for n in names]
+
+
+def test_one_of_two_markers_of_one_name_is_read_by_the_number_that_the_refusal_tells(
+    tmp_path: Path,
+) -> None:
+    path = write_c3d(tmp_path / "a.c3d", points(), POINT__LABELS=["TOE", "HEEL", "TOE"])
+
+    for fields in ({}, {"markers": ["HEEL", "TOE"]}):
+        assert "as number 1, 3;" in refused(path, **fields)
+    samples = read(path, markers=["HEEL", "3"]).samples
+
+    np.testing.assert_allclose(samples["marker_TOE_x"], points()[:, 2, 0] / 1000)
+
+
+def test_one_of_two_analog_channels_of_one_name_is_read_by_its_number(tmp_path: Path) -> None:
+    path = write_c3d(tmp_path / "a.c3d", points(), analogs(), ANALOG__LABELS=["Sync", "Sync"])
+
+    told = refused(path, analogs={"sync": {"channel": "Sync"}})
+    samples = read(path, analogs={"sync": {"channel": "2"}}).samples
+
+    assert "as number 1, 2; write the number in the source file, '1'" in told
+    np.testing.assert_allclose(samples["sync"], analogs()[:, 1])
+
+
 def test_model_outputs_take_unit_and_sign_from_the_source_file(tmp_path: Path) -> None:
     groups = {
         "POINT__TYPE_GROUPS": ["POWERS", "POWER", "Moments", "MOMENT"],

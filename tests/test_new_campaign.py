@@ -18,6 +18,7 @@ from jsonschema import Draft202012Validator
 from osl_analysis.cli import main
 from osl_analysis.commands.new_campaign import (
     draft_campaign,
+    is_complete,
     left_to_decide,
     new_campaign,
     with_known,
@@ -667,3 +668,124 @@ def test_a_signal_that_a_shipped_file_does_not_name_is_added_in_its_section(name
 
     assert source[section]["emg"] == {"channel": "EMG 1", "unit": "V"}
     assert source["format"] == yaml.safe_load(known)["format"]
+
+
+def drafted_of(tmp_path):
+    """The draft of the recordings in `rec`, its questions, and whether it ends with `run`."""
+    folder = tmp_path / "mine"
+    draft = new_campaign(folder, recordings=tmp_path / "rec")
+    return left_to_decide(folder, draft), is_complete(folder, draft)
+
+
+def test_captures_of_standing_and_overground_are_not_asked_for_segments(tmp_path):
+    (tmp_path / "rec").mkdir()
+    for name in ("overground_1", "static_1"):
+        capture(tmp_path / f"rec/{name}.c3d", {"Ft_a": (0, 0, 0)}, force=800, platform=())
+
+    questions, is_ready = drafted_of(tmp_path)
+
+    assert questions == []
+    assert is_ready
+
+
+def test_rotations_without_markers_are_a_question_before_a_run(tmp_path):
+    (tmp_path / "rec").mkdir()
+    analogs = np.ones((80, 6))
+    write_c3d(
+        tmp_path / "rec/overground_1.c3d", np.zeros((80, 0, 4)), analogs,
+        ROTATION__USED=np.array([3]),
+    )  # fmt: skip
+
+    questions, is_ready = drafted_of(tmp_path)
+
+    assert "holds 3 rotations of segments and no marker: rotations are not read" in questions[0]
+    assert not is_ready
+
+
+def write_trc(path, points):
+    """Markers (frames, markers, 3) [mm] as TRC."""
+    frames, markers, _ = points.shape
+    names = [f"M{number}" for number in range(markers)]
+    lines = [
+        f"PathFileType\t4\t(X/Y/Z)\t{path.name}",
+        "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits",
+        f"100\t100\t{frames}\t{markers}\tmm",
+        "Frame#\tTime\t" + "\t\t\t".join(names),
+        "\t\t" + "\t".join(f"{axis}{n + 1}" for n in range(markers) for axis in "XYZ"),
+    ]
+    for frame, row in enumerate(points.reshape(frames, -1)):
+        cells = "\t".join(f"{value:.3f}" for value in row)
+        lines.append(f"{frame + 1}\t{frame / 100:.2f}\t{cells}")
+    path.write_text("\n".join([*lines, ""]), encoding="utf-8")
+
+
+HEIGHTS = np.array([40.0, 80.0, 300.0, 450.0])  # of markers on a leg [mm]
+
+
+def standing_with_y_up():
+    points = np.full((50, 4, 3), 10.0)
+    points[:, :, 1] = HEIGHTS
+    return points
+
+
+def test_a_trc_that_does_not_tell_which_axis_points_up_is_asked_for_it(tmp_path):
+    (tmp_path / "rec").mkdir()
+    write_trc(tmp_path / "rec/static_1.trc", standing_with_y_up())
+
+    questions, is_ready = drafted_of(tmp_path)
+
+    assert "which axis points up: state `axes`" in questions[0]
+    assert not is_ready
+
+
+def test_a_trc_that_tells_which_axis_points_up_drafts_the_axes_of_all(tmp_path):
+    (tmp_path / "rec").mkdir()
+    points = standing_with_y_up()
+    write_trc(tmp_path / "rec/overground_1.trc", points)
+    points[:, :, 0] += np.linspace(0, 2000, 50)[:, None]  # walks along x
+    write_trc(tmp_path / "rec/overground_2.trc", points)
+
+    questions, _ = drafted_of(tmp_path)
+
+    source = (tmp_path / "mine/sources/trc.yaml").read_text(encoding="utf-8")
+    assert 'axes: ["x", "-z", "y"]' in source
+    assert questions == []
+
+
+def test_markers_of_one_name_are_a_question_before_a_run(tmp_path):
+    (tmp_path / "rec").mkdir()
+    points = np.ones((80, 2, 4))
+    write_c3d(tmp_path / "rec/overground_1.c3d", points, POINT__LABELS=["RANK", "RANK"])
+
+    questions, is_ready = drafted_of(tmp_path)
+
+    assert "several markers are called RANK" in questions[0]
+    assert not is_ready
+
+
+def test_a_pulse_on_one_of_two_channels_of_one_name_is_drafted_by_its_number(tmp_path):
+    (tmp_path / "rec").mkdir()
+    analogs = np.zeros((400, 2))
+    analogs[(np.arange(400) // 20) % 2 == 1, 1] = 5.0
+    write_c3d(
+        tmp_path / "rec/static_1.c3d", np.ones((400, 2, 4)), analogs,
+        ANALOG__LABELS=["Sync", "Sync"],
+    )  # fmt: skip
+
+    new_campaign(tmp_path / "mine", recordings=tmp_path / "rec")
+
+    source = read_source(tmp_path / "mine/sources/c3d.yaml")
+    assert source.analogs["sync"].channel == "2"
+
+
+def test_a_walking_laboratory_is_drafted_without_the_subject_of_its_markers(tmp_path):
+    (tmp_path / "rec").mkdir()
+    of_anna = {f"Anna:{name}": place for name, place in {**LEG, **MALLEOLI}.items()}
+    platform = ("Anna:PLAT1", "Anna:PLAT2", "Anna:PLAT3")
+    capture(tmp_path / "rec/walk_pert_3.c3d", of_anna, force=800, platform=platform)
+
+    new_campaign(tmp_path / "mine", recordings=tmp_path / "rec")
+
+    written = yaml.safe_load((tmp_path / "mine/config.yaml").read_text())["walking"]
+    assert written["markers"]["ankle_medial"] == "R_TAM"
+    assert written["markers"]["platform"] == ["PLAT1", "PLAT2", "PLAT3"]

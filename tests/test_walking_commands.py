@@ -676,6 +676,15 @@ def test_the_moment_is_per_kilogram_of_the_sheet() -> None:
     assert moment == pytest.approx(PEAK * MASS / 60, rel=2e-3)
 
 
+def with_subject(trial: Trial, subject: str) -> Trial:
+    names = {
+        name: name.replace("marker_", f"marker_{subject}:")
+        for name in trial.samples.columns
+        if name.startswith("marker_")
+    }
+    return replace(trial, samples=trial.samples.rename(names))
+
+
 def without_columns(trial: Trial, pattern: str) -> Trial:
     return replace(trial, samples=trial.samples.select(pl.exclude(pattern)))
 
@@ -684,9 +693,11 @@ def without_columns(trial: Trial, pattern: str) -> Trial:
     ("trial", "known", "message"),
     [
         (gait_trial(over=0.3), KNOWN, "gait_1: no foot stands on a plate"),
-        (replace(gait_trial(), provenance={}), KNOWN, "gait_1: no force plate; map it"),
+        (replace(gait_trial(), provenance={}), KNOWN, "of a C3D under `plate_geometry`"),
         (without_columns(gait_trial(), "^marker_LTI.*$"), KNOWN,
          r"gait_1: no marker of an ankle; name one under overground\.lateral_malleolus"),
+        (with_subject(gait_trial(), "P07"), KNOWN,
+         r"with its prefix \(there are P07\), as 'P07:\?ANK', and likewise medial_malleolus"),
         (gait_trial(), OvergroundAnalysis(load_on_n=50),
          r"states no body mass; state body_mass_kg in the sheet, or overground\.body"),
         (changed(gait_trial(), pl.col("plate1_force_z") - 110.0), KNOWN,

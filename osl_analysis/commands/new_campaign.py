@@ -62,6 +62,8 @@ class Draft:
         Texts of the source files, by name.
     open
         File and question, as which of two clocks counts.
+    has_open_captures
+        Whether a capture asks something, as where its plate lies: its trials may be refused.
     refused
         Files that are no recordings, or cannot be read, with the reason.
     walking
@@ -70,6 +72,7 @@ class Draft:
 
     sources: dict[str, str] = field(default_factory=dict)
     open: list[tuple[Path, str]] = field(default_factory=list)
+    has_open_captures: bool = False
     refused: list[str] = field(default_factory=list)
     trials: list[DraftedTrial] = field(default_factory=list)
     walking: str = ""
@@ -86,9 +89,10 @@ class Described:
 
     @property
     def tells(self) -> tuple[int, int]:
-        """How much it tells: channels, and those that may be signals."""
+        """How much it tells: channels, and those that may be signals, or whether its markers tell
+        which axis points up."""
         if self.log is None:
-            return len(self.overview.channels), 0
+            return len(self.overview.channels), int("axes" in self.overview.settings)
         moving = sum(not guess.is_no_signal for guess in self.log.guesses)
         return len(self.overview.channels), moving
 
@@ -228,8 +232,12 @@ def draft_campaign(folder: Path) -> Draft:
     section = draft_walking([one.overview for one in captures]) if may_walk else []
     if section:
         draft.walking = "\n".join([*section, ""])
-    else:
+    elif may_walk:
         draft.open += unknown_segments(captures)
+    axes_questions = list(unknown_axes(captures, draft.sources))
+    draft.open += axes_questions
+    is_asked = any(capture.overview.open for capture in captures)
+    draft.has_open_captures = is_asked or bool(axes_questions)
     return draft
 
 
@@ -381,6 +389,19 @@ def unknown_segments(captures: Sequence[Described]) -> Iterator[tuple[Path, str]
         )
 
 
+def unknown_axes(
+    captures: Sequence[Described], sources: Mapping[str, str]
+) -> Iterator[tuple[Path, str]]:
+    """Ask which axis of a TRC points up: the file does not say, and no plate lies beside it."""
+    for capture in captures:
+        if capture.overview.format == "trc" and "\naxes: " not in sources[capture.source]:
+            yield (
+                capture.file,
+                "nothing tells which axis points up: state `axes` in the source file, [x, -z, y]"
+                " where it is y, as in OpenSim",
+            )
+
+
 def known_recorder(overview: Overview) -> str:
     """The shipped source file of which a log has every channel, three or more; empty if there is
     none."""
@@ -423,9 +444,9 @@ def left_to_decide(folder: Path, draft: Draft) -> list[str]:
 
 
 def is_complete(folder: Path, draft: Draft) -> bool:
-    """Whether no place of a draft is to be edited, its clocks are aligned, and some trial is
-    analysed."""
-    if UNKNOWN in draft.walking:
+    """Whether no place of a draft is to be edited, no capture asks anything, its clocks are
+    aligned, and some trial is analysed."""
+    if UNKNOWN in draft.walking or draft.has_open_captures:
         return False
     if any(to_be_edited(folder / f"sources/{name}.yaml") for name in draft.sources):
         return False

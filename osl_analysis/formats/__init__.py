@@ -197,7 +197,8 @@ def _reason_of(error: BaseException) -> str:
         return error.strerror  # of the system, such as a full disk; EINVAL is a wrong offset
     text = str(error)
     if re.search(
-        r"(?i)truncated|past end|must end|whole buffer|not enough bytes|could not read|EOCD|no end",
+        r"(?i)truncated|past end|must end|whole buffer|not enough bytes|could not read|EOCD|no end"
+        r"|cannot detect file format",  # of a workbook, whose table of contents stands at its end
         text,
     ):
         return "it is cut off, or its end is lost"

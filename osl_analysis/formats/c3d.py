@@ -305,7 +305,7 @@ def check_size(data: bytes, header: Header) -> None:
     if header.frame_bytes == 0 and rotations.size and rotations[0] > 0:
         raise InputError(
             f"holds {rotations[0]:g} rotations of segments at {header.rate_hz:g} Hz and no marker:"
-            " poses are not read; record markers too, or export virtual markers"
+            " rotations are not read; export positions of joints or virtual markers too"
         )
     frames = header.frames
     is_rate = LEAST_RATE_HZ < header.rate_hz < MOST_RATE_HZ
@@ -548,6 +548,17 @@ def _questions_on_plates(header: Header, analogs: Sequence[Channel]) -> list[str
     ]
 
 
+def _questions_on_rotations(header: Header) -> list[str]:
+    """Tell of a file that has rotations of segments alone, as of a system without markers."""
+    rotations = header.numbers("ROTATION:USED")
+    if header.points or not rotations.size or rotations[0] <= 0:
+        return []
+    return [
+        f"the file holds {rotations[0]:g} rotations of segments and no marker: rotations are not"
+        " read; export positions of joints or virtual markers too"
+    ]
+
+
 def _like_plates(analogs: Sequence[Channel]) -> list[str]:
     """Channels that are called like the six of a force plate; empty if there are fewer."""
     alike = [analog.name for analog in analogs if PLATE_LABEL.search(analog.name)]
@@ -588,6 +599,17 @@ def _analog_labels(header: Header) -> list[str]:
     labels = header.texts("ANALOG:LABELS")[: header.channels]
     labels += [""] * (header.channels - len(labels))
     return [label or f"analog {number}" for number, label in enumerate(labels, start=1)]
+
+
+def _names_of(labels: Sequence[str]) -> list[str]:
+    """Names of points: behind `P07:`, where all that have a subject have the same one.
+
+    Of several subjects, or rigid bodies, `P07:RANK` and `P08:RANK` stay as they are.
+    """
+    subjects = {label.rpartition(":")[0] for label in labels if ":" in label}
+    names = [label.rpartition(":")[2] for label in labels]
+    clash = len(set(names)) < len(set(labels))
+    return list(labels) if len(subjects) != 1 or clash else names
 
 
 def read(path: Path, source: C3dSource | None) -> Recording:
@@ -636,12 +658,13 @@ def read(path: Path, source: C3dSource | None) -> Recording:
         for group in header.texts("POINT:TYPE_GROUPS")[::2]
         for label in header.texts(f"POINT:{group.upper()}")
     }
+    names = _names_of(labels)
     point_channels = [
         Channel(
             address={"label": label},
             rows=slow,
             read=partial(np.asanyarray, points[:, place]),
-            name=label,
+            name=names[place],
             unit="" if label in outputs else length_unit,
             kind=Kind.MODEL_OUTPUT if label in outputs else Kind.MARKER,
         )
@@ -664,7 +687,10 @@ def read(path: Path, source: C3dSource | None) -> Recording:
         format="c3d",
         channels=[*point_channels, *analog_channels],
         loss=Loss(frames, header.frames, remarks=remarks),
-        questions=_questions_on_plates(header, analog_channels),
+        questions=[
+            *_questions_on_rotations(header),
+            *_questions_on_plates(header, analog_channels),
+        ],
         plates=plates,
         facts=facts,
     )

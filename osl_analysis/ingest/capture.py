@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from osl_analysis.errors import InputError, naming, printable
+from osl_analysis.errors import InputError, listing, naming, printable
 from osl_analysis.ingest.conversion import (
     Converted,
     check_finite_values,
@@ -57,7 +57,7 @@ def convert_capture(recording: Recording, source: MarkerSource) -> Converted:
     """
     columns = _Columns()
     markers = asked_markers(recording, source)
-    add_markers(columns, markers, source)
+    add_markers(columns, recording, markers, source)
     loads: list[PlateLoad] = []
     used_rows = [channel.rows for channel in markers]
     if isinstance(source, LaboratorySource):
@@ -104,7 +104,9 @@ def asked_markers(recording: Recording, source: MarkerSource) -> list[Channel]:
     return [one for one in markers if is_labelled(one.key)]
 
 
-def add_markers(columns: _Columns, markers: Sequence[Channel], source: MarkerSource) -> None:
+def add_markers(
+    columns: _Columns, recording: Recording, markers: Sequence[Channel], source: MarkerSource
+) -> None:
     """Add the positions of markers [m] in our axes."""
     stated = getattr(source, "point_unit", None)
     for marker in markers:
@@ -113,8 +115,8 @@ def add_markers(columns: _Columns, markers: Sequence[Channel], source: MarkerSou
         for axis, column in enumerate(marker_columns(printable(marker.name or marker.key))):
             if column in columns.of_frames:
                 raise InputError(
-                    f"marker '{marker.name or marker.key}' occurs twice; list those to read under"
-                    " `markers`"
+                    f"marker '{marker.name or marker.key}' occurs twice,"
+                    f" {ways_to_name(recording, marker)}"
                 )
             columns.of_frames[column] = positions @ source.rotation[axis]
             columns.origins[column] = {
@@ -124,6 +126,21 @@ def add_markers(columns: _Columns, markers: Sequence[Channel], source: MarkerSou
                 "factor": si_factor(unit, "m"),
                 "si_unit": unit_of(column),
             }
+
+
+def ways_to_name(recording: Recording, marker: Channel) -> str:
+    """Say how one of several markers of the same name is asked for: by its full label, or where
+    these are equal too by its number."""
+    labelled = [channel for channel in recording.channels if "label" in channel.address]
+    alike = [channel for channel in labelled if channel.name == marker.name]
+    labels = [channel.key for channel in alike]
+    if len(set(labels)) == len(labels):
+        return f"as {listing(labels)}; list those to read under `markers`"
+    numbers = [str(n) for n, channel in enumerate(labelled, start=1) if channel in alike]
+    return (
+        f"as number {listing(numbers)}; list those to read under `markers`, and in place of this"
+        f" name one of the numbers, as '{numbers[0]}'"
+    )
 
 
 def add_outputs(columns: _Columns, recording: Recording, source: LaboratorySource) -> list[Rows]:

@@ -5,7 +5,7 @@ import json
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -125,10 +125,21 @@ def capture_lines(overview: Overview) -> Iterator[str]:
         for column, channel in named.items():
             by_name = likely_column(channel) == column
             why = "guessed from its name" if by_name else "a guess: it is a train of pulses"
-            yield channel_line(0, channel, Guess(column, is_sure=True, why=why))
+            yield channel_line(
+                0, with_number(channel, channels), Guess(column, is_sure=True, why=why)
+            )
         for number, channel in enumerate(channels, start=1):
             if not any(channel is pulse for pulse in named.values()):
                 yield f"# {channel_line(number, channel, Guess())}"
+
+
+def with_number(channel: RecordedChannel, channels: Sequence[RecordedChannel]) -> RecordedChannel:
+    """Give an analog channel its number, from 1, for a label that others have too."""
+    alike = [other for other in channels if other.address == channel.address]
+    if "channel" not in channel.address or len(alike) == 1:
+        return channel
+    number = next(n for n, other in enumerate(channels, start=1) if other is channel)
+    return replace(channel, address={**channel.address, "channel": str(number)})
 
 
 def pulse_channels(overview: Overview) -> dict[str, RecordedChannel]:

@@ -68,7 +68,8 @@ def draft_walking(overviews: Sequence[Overview]) -> list[str]:
     """Lines of YAML: the section `walking` by the captures of one laboratory. None unless markers
     are named as a foot's or shank's."""
     markers = [channel for one in overviews for channel in one.channels if channel.kind == "marker"]
-    labels = list(dict.fromkeys(marker.key for marker in markers))
+    # a column of a trial, and so the configuration, has the name without its subject
+    labels = list(dict.fromkeys(marker.name or marker.key for marker in markers))
     segments = {label: segment_of(label) for label in labels}
     of_legs = [side for side, segment in segments.values() if segment in ("foot", "shank")]
     side = max(of_legs, default="")  # R before L
@@ -112,7 +113,8 @@ def plate_below(channels: Sequence[RecordedChannel], platform: Sequence[str]) ->
     from them than half of its length; empty if there is none."""
     places: list[Array] = []
     for channel in channels:
-        if channel.kind == "marker" and channel.key in platform and channel.numbers is not None:
+        is_of_platform = (channel.name or channel.key) in platform
+        if channel.kind == "marker" and is_of_platform and channel.numbers is not None:
             seen = channel.numbers[np.isfinite(channel.numbers).all(axis=1)]
             if len(seen):
                 places.append(np.median(seen, axis=0))

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from osl_analysis import formats
-from osl_analysis.errors import InputError, naming, printable
+from osl_analysis.errors import InputError, listing, naming, printable
 from osl_analysis.formats import known_formats
 from osl_analysis.ingest.asked_table import is_clock_beside
-from osl_analysis.ingest.capture import vertical_axis
+from osl_analysis.ingest.capture import is_labelled, vertical_axis
 from osl_analysis.ingest.clock_choice import (
     choose_clock,
     clock_unit,
@@ -276,8 +276,19 @@ def overview_of_capture(recording: Recording) -> Overview:
         channels=channels,
         remarks=recording.loss.remarks,
         settings=settings,
-        open=recording.questions,
+        open=[*recording.questions, *repeated_markers(markers)],
     )
+
+
+def repeated_markers(markers: Sequence[Channel]) -> Iterator[str]:
+    """Ask which of the markers with one name is read."""
+    counts = Counter(marker.name for marker in markers if is_labelled(marker.key))
+    repeated = [name for name, count in counts.items() if count > 1]
+    if repeated:
+        yield (
+            f"several markers are called {listing(repeated)}: list those to read under `markers` in"
+            " the source file, and these by full label or number"
+        )
 
 
 def describe_plate(plate: Plate) -> RecordedChannel:

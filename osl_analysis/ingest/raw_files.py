@@ -333,7 +333,8 @@ def check_markers(trial: Trial, experiment: str | None) -> None:
         what = f"none of its {len(markers) // 3} markers was ever seen"
     raise InputError(
         f"trial {trial.name}: {what}, and a trial of experiment '{experiment}' needs them; label"
-        " them in the capture and export it again, or exclude the trial in the sheet"
+        " them in the capture (of a system without markers, export positions: rotations of segments"
+        " are not read), or exclude the trial in the sheet"
     )
 
 

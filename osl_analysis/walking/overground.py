@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, listing
 from osl_analysis.trial import Array, Trial, marker_columns
 from osl_analysis.walking.ankle import VERTICAL, ankle_torque
 from osl_analysis.walking.plate import (
@@ -144,12 +144,25 @@ def overground_contacts(
     markers = {side: foot_markers(trial, side, settings) for side in SIDES}
     feet = {side: foot for side, foot in markers.items() if foot is not None}
     if not plates:
-        raise InputError(f"trial {trial.name}: no force plate; map it in the source file")
-    if not feet:
         raise InputError(
-            f"trial {trial.name}: no marker of an ankle; name one under"
-            " overground.lateral_malleolus in the configuration"
+            f"trial {trial.name}: no force plate; state it in the source file, of a C3D under"
+            " `plate_geometry`, of an export under `plates`"
         )
+    if not feet:
+        prefixes = sorted(
+            {
+                column.removeprefix("marker_").partition(":")[0]
+                for column in trial.columns
+                if column.startswith("marker_") and ":" in column
+            }
+        )
+        remedy = "name one under overground.lateral_malleolus in the configuration"
+        if prefixes:
+            remedy += (
+                f", with its prefix (there are {listing(prefixes)}), as '{prefixes[0]}:?ANK', and"
+                " likewise medial_malleolus, heel and toe"
+            )
+        raise InputError(f"trial {trial.name}: no marker of an ankle; {remedy}")
 
     time = next(iter(feet.values())).time
     contacts: list[Contact] = []

@@ -625,9 +625,9 @@ def test_a_damaged_parquet_file_is_one_refusal_and_no_trace_of_rust(tmp_path, ca
     assert capfd.readouterr().err == ""
 
 
-@pytest.mark.parametrize("first_zero", [47, 96, 99])
+@pytest.mark.parametrize("first_zero", [47, 96])
 def test_a_c3d_file_that_ends_in_zeros_is_whole(tmp_path, first_zero):
-    """A joint at rest, or a recorder that had not sampled the last sub-frame."""
+    """A joint at rest; a single sub-frame of zeros is one that was not recorded."""
     analogs = np.random.default_rng(2).normal(0, 1, (100, 4))
     analogs[first_zero:] = 0.0
 

@@ -152,6 +152,19 @@ def test_one_of_two_markers_of_one_name_is_read_by_the_number_that_the_refusal_t
     np.testing.assert_allclose(samples["marker_TOE_x"], points()[:, 2, 0] / 1000)
 
 
+def test_a_pulse_whose_last_sample_was_not_recorded_is_read_without_its_last_frame(
+    tmp_path: Path,
+) -> None:
+    recorded = analogs() + 1.0
+    recorded[-1] = 0.0
+    path = write_c3d(tmp_path / "a.c3d", points(), recorded)
+
+    converted = read(path, analogs={"sync": {"channel": "A1"}})
+
+    np.testing.assert_allclose(converted.samples["sync"], recorded[:-4, 0], rtol=1e-6)
+    assert "was not recorded" in converted.warnings[0]
+
+
 def test_one_of_two_analog_channels_of_one_name_is_read_by_its_number(tmp_path: Path) -> None:
     path = write_c3d(tmp_path / "a.c3d", points(), analogs(), ANALOG__LABELS=["Sync", "Sync"])
 

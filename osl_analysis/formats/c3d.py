@@ -626,7 +626,8 @@ def read(path: Path, source: C3dSource | None) -> Recording:
             " export the trial again, or leave them out with `markers: none`, as"
             f" {source.place('markers')}"
         )
-    lacks_last_sample = len(analogs) > 1 and not analogs[-1].any() and bool(analogs[-2].any())
+    ends_in_zeros = len(analogs) > 1 and not analogs[-1].any() and bool(analogs[-2].any())
+    lacks_last_sample = ends_in_zeros and header.frames > 1
     if lacks_last_sample:
         analogs[-1] = np.nan
     length_unit = (header.texts("POINT:UNITS") or [""])[0]
@@ -642,10 +643,13 @@ def read(path: Path, source: C3dSource | None) -> Recording:
             "the last sample of all analog channels is 0: it was not recorded, and is missing here"
         )
     frames = _frames_with_forces(plates, analog_channels, analogs, header)
+    if lacks_last_sample and not plates and source is not None:
+        # a pulse that a source file names may have no NaN either
+        frames = header.frames - 1
     if frames < header.frames:
         remarks.append(
-            f"the plates' samples are no numbers in the last {header.frames - frames} frames, which"
-            " are left out"
+            f"samples are no numbers in the last {header.frames - frames} frames, which are left"
+            " out"
         )
         points = points[:frames]
         analogs = analogs[: frames * header.samples_per_frame]

@@ -27,7 +27,7 @@ NOT_COMPARED = re.compile(
 letter by letter."""
 UNDETERMINED = re.compile("lag_|noise_share|I_without|B_viscous_se")
 """Columns of what a recording does not determine, where other matrix kernels give other numbers: in
-the fifth digit for an inertia beside friction, whose interval is a thousand times as wide."""
+the fifth digit for an inertia beside friction, which is known to the first."""
 HEADLINE, SUMS = ("value", "low", "high", "n"), ("size", "mean", "trend")
 NEAR = 2e-6
 """How far a number may be off, as a part of it, and a sum over columns as it is: other matrix

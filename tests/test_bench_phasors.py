@@ -15,7 +15,7 @@ from osl_analysis.bench.complex_estimate import (
 )
 from osl_analysis.bench.frequency_response import damping_row, frequency_response_table
 from osl_analysis.bench.phasors import (
-    Cycles,
+    FittedCycles,
     SegmentPhasors,
     fit_sinusoids,
     phasor_table,
@@ -33,7 +33,7 @@ def test_a_phasor_is_of_the_given_cycles_alone():
     signal = np.cos(W * time + 0.3) + np.where(in_third_second, 5.0, 0.0)
     first = np.array([0.0, 1000, 3000, 4000, 5000])
 
-    (phasor,) = fit_sinusoids(time, FREQUENCY_HZ, signal, cycles=Cycles(first, first + 1000))
+    (phasor,) = fit_sinusoids(time, FREQUENCY_HZ, signal, cycles=FittedCycles(first, first + 1000))
 
     assert phasor.magnitude == pytest.approx(1)
     assert phasor.phase == pytest.approx(0.3)
@@ -113,7 +113,7 @@ def test_rounding_that_every_cycle_repeats_is_the_mean_square_of_its_draws():
     exact = replace(exact, covariance=np.zeros((2, 2)), degrees_of_freedom=np.inf)
 
     recording = recording_with_roundings(time, draws)
-    phasor = with_rounding(exact, recording, 0, FREQUENCY_HZ, Cycles(first, first + 100))
+    phasor = with_rounding(exact, recording, 0, FREQUENCY_HZ, FittedCycles(first, first + 100))
 
     assert phasor.covariance[0, 0] == pytest.approx(np.mean(sizes**2))
     assert phasor.covariance[1, 1] == pytest.approx(0, abs=1e-12)

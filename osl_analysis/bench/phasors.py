@@ -74,7 +74,7 @@ class Phasor(ComplexEstimate):
 
 
 @dataclass(frozen=True)
-class Cycles:
+class FittedCycles:
     """Where the fitted cycles of a segment begin and end, as rows, which may be fractional."""
 
     first: Array  # (m,)
@@ -90,13 +90,13 @@ class Cycles:
         """Number of samples in all cycles."""
         return float(np.sum(self.stop - self.first))
 
-    def counted_from(self, row: int) -> "Cycles":
+    def counted_from(self, row: int) -> "FittedCycles":
         """The same cycles in a signal that begins at a row."""
-        return Cycles(self.first - row, self.stop - row)
+        return FittedCycles(self.first - row, self.stop - row)
 
 
 def fit_sinusoids(
-    time: Array, frequency_hz: float, *signals: Array, cycles: Cycles | None = None
+    time: Array, frequency_hz: float, *signals: Array, cycles: FittedCycles | None = None
 ) -> list[Phasor]:
     """Fit the phasor of each signal, with an offset and harmonics 2 to 5.
 
@@ -108,7 +108,7 @@ def fit_sinusoids(
         Frequency of the sine [Hz].
     *signals : Array
         Settled signals (n,), each in its unit.
-    cycles : Cycles, optional
+    cycles : FittedCycles, optional
         The fitted cycles. Without them all rows are, divided into cycles from the first one on.
 
     Returns
@@ -207,13 +207,13 @@ def harmonic_columns(time: Array, frequency_hz: float) -> Array:
     return np.vstack(columns).T
 
 
-def cycles_from_first_row(n: int, step_s: float, frequency_hz: float) -> Cycles:
+def cycles_from_first_row(n: int, step_s: float, frequency_hz: float) -> FittedCycles:
     """The whole cycles of n rows, one after the other from the first row on."""
     edges = np.arange(round(n * step_s * frequency_hz) + 1) / (step_s * frequency_hz)
-    return Cycles(edges[:-1], np.minimum(edges[1:], n))
+    return FittedCycles(edges[:-1], np.minimum(edges[1:], n))
 
 
-def rows_of_cycles(n: int, cycles: Cycles) -> NDArray[np.bool_]:
+def rows_of_cycles(n: int, cycles: FittedCycles) -> NDArray[np.bool_]:
     """Which of n rows lie in a cycle, (n,)."""
     inside = np.zeros(n, dtype=np.bool_)
     for first, stop in zip(cycles.first, cycles.stop, strict=True):
@@ -227,7 +227,7 @@ def of_one_stratum(scores: Array) -> NDArray[np.intp]:
 
 
 def with_rounding(
-    phasor: Phasor, record: Record, channel: int, frequency_hz: float, cycles: Cycles
+    phasor: Phasor, record: Record, channel: int, frequency_hz: float, cycles: FittedCycles
 ) -> Phasor:
     """Add the error by the sensor's rounding that all cycles share to a phasor.
 
@@ -339,7 +339,7 @@ def segment_phasors(record: Record, index: int) -> SegmentPhasors:
     segment: Stratum = record.groups.strata[index]
     assert isinstance(segment.label, float)
     of_segment = record.groups.stratum == index
-    cycles = Cycles(record.groups.first[of_segment], record.groups.stop[of_segment])
+    cycles = FittedCycles(record.groups.first[of_segment], record.groups.stop[of_segment])
     rows = cycles.rows
     theta, torque = fit_sinusoids(
         record.time[rows],

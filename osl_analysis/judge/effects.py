@@ -40,11 +40,9 @@ def corrections(cause: Cause, row: AnyRow) -> list[Correction]:
     """The estimates beside a cause, as far as the row has their columns."""
     known = list[Correction]()
     for symbol, column in cause.without.items():
-        # a person's friction is like other causes
-        name = column if column in row else f"{symbol}_without"
-        if name not in row:
+        if column not in row:
             continue
-        value, low, high = (cell_number(row, f"{name}{end}") for end in ("", "_low", "_high"))
+        value, low, high = (cell_number(row, f"{column}{end}") for end in ("", "_low", "_high"))
         known.append(Correction(symbol, value, low, high))
     return known
 

@@ -23,7 +23,12 @@ FLAGS = (
     "headless=new",
     "no-sandbox",
     "disable-gpu",
+    # a container's /dev/shm may be too small for a renderer, which then hangs
+    "disable-dev-shm-usage",
     "disable-background-networking",
+    "disable-component-update",
+    "disable-sync",
+    "no-first-run",
     "window-size=1300,1000",
 )
 KINDS = ("belt", "transmission", "actuator", "impedance", "static", "plate", "walking")
@@ -70,6 +75,8 @@ def chromium():
     options = webdriver.ChromeOptions()
     for flag in FLAGS:
         options.add_argument(f"--{flag}")
+    # the driver's own wait for a load hung on a busy machine: the tests wait for what they look at
+    options.page_load_strategy = "none"
     options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
     driver = webdriver.Chrome(options=options, service=Service(DRIVER))
     yield driver
@@ -80,16 +87,12 @@ def chromium():
 def page(chromium, results):
     """The page as it opens, and nothing in its console or on the network when a test is done with
     it."""
-    chromium.get("about:blank")
+    open_page(chromium, "about:blank")
     chromium.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
     chromium.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
     for log in ("browser", "performance"):
         chromium.get_log(log)
-    address = (results / "report.html").as_uri()
-    chromium.get(address)
-    # a busy machine may still show the blank page
-    state = "return [location.href.split('#')[0], document.readyState]"
-    wait(chromium, lambda: chromium.execute_script(state) == [address, "complete"])
+    open_page(chromium, (results / "report.html").as_uri())
     yield chromium
     said, sent = (chromium.get_log(log) for log in ("browser", "performance"))
     errors = [entry["message"] for entry in said if entry["level"] in ("SEVERE", "WARNING")]
@@ -97,6 +100,13 @@ def page(chromium, results):
         entry["message"] for entry in sent if '"Network.requestWillBeSent"' in entry["message"]
     ]
     assert (errors, [text for text in requests if "report.html" not in text]) == ([], [])
+
+
+def open_page(page, address):
+    """Go to an address, and wait until its document is there in place of the one before."""
+    state = "return [location.href, document.readyState]"
+    page.get(address)
+    wait(page, lambda: page.execute_script(state) == [address, "complete"])
 
 
 def wait(page, condition):
@@ -298,8 +308,8 @@ def test_the_numbers_and_signals_of_a_trial_are_those_of_the_results(page, resul
 
 
 def test_a_deep_link_opens_its_trial_and_an_unknown_one_says_so(page, results):
-    page.get("about:blank")
-    page.get(f"{(results / 'report.html').as_uri()}#trial=walking_01")
+    open_page(page, "about:blank")
+    open_page(page, f"{(results / 'report.html').as_uri()}#trial=walking_01")
     wait(
         page, lambda: page.find_element(By.ID, "trial").get_attribute("data-drawn") == "walking_01"
     )

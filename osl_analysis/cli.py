@@ -528,7 +528,8 @@ def run_campaign(arguments: tuple[str, ...]) -> None:
     The same as `snakemake --snakefile ... --configfile config.yaml`. Write files before options."""
     from snakemake.cli import main as snakemake
 
-    from osl_analysis.commands.run import snakemake_arguments, take_over_lock
+    from osl_analysis.commands.killed_runs import take_over_lock
+    from osl_analysis.commands.run import snakemake_arguments
 
     given = snakemake_arguments(arguments)
     if take_over_lock():
@@ -543,7 +544,7 @@ def run_campaign(arguments: tuple[str, ...]) -> None:
 def doctor(look: bool) -> None:
     """Say whether this machine, and the campaign in this folder, can run, and what is missing."""
     try:
-        from osl_analysis.commands.run import looked_at
+        from osl_analysis.commands.doctor import looked_at
     except ImportError as error:  # a package of the workflow
         say(f"!! {error.name}: not installed; install osl-analysis again, with what it needs")
         sys.exit(1)

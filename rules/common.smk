@@ -3,8 +3,8 @@
 Rules have one line of code, as `job("bench.fit_belt_trial", input, output, params, log)`. It calls
 the function `fit_belt_trial` of `osl_analysis/commands/bench.py` in a warm process
 (`osl_analysis/jobs/workers.py`). The names of inputs, outputs and params are those of its
-arguments; `osl_analysis/outcomes/perform.py` lists the few that are not. A recording that it
-refuses leaves a table of reasons in place of each output.
+arguments; `osl_analysis/outcomes/perform.py` lists the few that are not. Every rule has the param
+`made_by=MADE_BY`. A recording that it refuses leaves a table of reasons in place of each output.
 """
 
 import atexit
@@ -17,8 +17,9 @@ from osl_analysis.campaign.campaign_trials import open_campaign
 from osl_analysis.campaign.configuration import campaign_config, over_default, states_of
 from osl_analysis.campaign.figure_examples import matching, response_example, time_series_example
 from osl_analysis.campaign.origin import about, sentence
-from osl_analysis.commands.run import begin_run, check_start, end_run, left_behind_report, made_by
-from osl_analysis.commands.run import unnamed_recordings, with_shipped_profile
+from osl_analysis.commands.campaign_start import check_start, unnamed_recordings
+from osl_analysis.commands.killed_runs import begin_run
+from osl_analysis.commands.run import end_run, left_behind_report, made_by, with_shipped_profile
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL, judged_tables
 from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.errors import OslAnalysisError
@@ -325,14 +326,12 @@ def shown(figure):
 
 def report_of(refused):
     """What a user must know at the end of a run, from the refused files of it."""
-    page = place("<results>/report.html")
     recordings_of = {trial: list(map(str, CAMPAIGN.logs(trial))) for trial in TRIALS}
     tables = [Path(place(table)) for table in TABLES]
     findings = Path(place("<results>/tables/findings.csv"))
     verdicts = JUDGE.verdicts(Path(place(file)) for file in checks(TRIALS))
     stored = (CONFIG.results / "trials").glob("*.parquet")
     lines = [
-        f"open {page} in a browser: every number, figure and trial" if Path(page).is_file() else "",
         findings_report(findings, tables, verdicts),
         exclusion_report(verdicts, CAMPAIGN.excluded),
         UNNAMED,

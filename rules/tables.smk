@@ -25,6 +25,7 @@ rule table:
     log:
         "<logs>/tables/{table}.log",
     wildcard_constraints:
+        # "(?!)" matches nothing: a campaign of walking alone may have no such table
         table="|".join(table for table in GATHERED if table != "impedance") or "(?!)",
     params:
         limits=lambda wildcards: limits(wildcards.table),

@@ -29,6 +29,7 @@ FORKING = """
 import gc, json, os, sys
 import snakemake.cli, snakemake.api, snakemake.workflow, snakemake.dag
 import osl_analysis.judge.campaign, osl_analysis.refusal, osl_analysis.commands.run
+import osl_analysis.commands.campaign_start
 import osl_analysis.commands.simulate, osl_analysis.campaign.campaign_trials, osl_analysis.figures
 import osl_analysis.cli, osl_analysis.jobs.workers
 from osl_analysis.files import default_config

@@ -25,7 +25,7 @@ from osl_analysis.campaign.configuration import (
     read_section,
 )
 from osl_analysis.campaign.figure_examples import time_series_example
-from osl_analysis.commands.run import check_start, source_problems
+from osl_analysis.commands.campaign_start import check_start, source_problems
 from osl_analysis.commands.simulate import (
     laboratory_of,
     read_simulation,

@@ -16,6 +16,7 @@ from conftest import ROOT
 from jsonschema import Draft202012Validator
 
 from osl_analysis.cli import main
+from osl_analysis.commands.doctor import Look, library, looked_at
 from osl_analysis.commands.new_campaign import (
     draft_campaign,
     is_complete,
@@ -24,7 +25,7 @@ from osl_analysis.commands.new_campaign import (
     with_known,
 )
 from osl_analysis.commands.reference import schemas
-from osl_analysis.commands.run import Look, library, looked_at, snakemake_arguments
+from osl_analysis.commands.run import snakemake_arguments
 from osl_analysis.errors import InputError
 from osl_analysis.files import shipped
 from osl_analysis.ingest.draft_sheet import draft_trials
@@ -204,7 +205,7 @@ def test_doctor_calls_nothing_ok_that_is_not_installed(monkeypatch):
             raise PackageNotFoundError
         return "1.0"
 
-    monkeypatch.setattr("osl_analysis.commands.run.version", version_without_numba)
+    monkeypatch.setattr("osl_analysis.commands.doctor.version", version_without_numba)
 
     assert library("numpy") == Look("numpy", "1.0")
     assert re.search(r"(?m)^-- numba +not installed, optional", call("doctor").stdout)

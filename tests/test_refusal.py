@@ -24,13 +24,13 @@ from snakemake.exceptions import LockException, format_exception_to_string
 from snakemake_interface_logger_plugins.common import LogEvent
 
 from osl_analysis.campaign.configuration import read_section
-from osl_analysis.commands import run, trials
+from osl_analysis.commands import killed_runs, trials
 from osl_analysis.commands.run import end_run, left_behind_report
 from osl_analysis.commands.tables import gather, judge, list_excluded, read_summary
 from osl_analysis.commands.walking import read_crossing_file, read_model, read_unperturbed_gaits
 from osl_analysis.errors import InputError, MemoryLimitError, WriteError
 from osl_analysis.ingest.examine import Commanded, examine, measured_table
-from osl_analysis.jobs import progress
+from osl_analysis.jobs import progress, workers
 from osl_analysis.jobs.progress import LogHandler
 from osl_analysis.judge.campaign import campaign_findings, exclusion_report
 from osl_analysis.judge.exclusions import Judge, exclusions
@@ -216,28 +216,50 @@ def test_the_next_start_cleans_what_a_killed_run_on_this_machine_left_and_takes_
     for file in (*kept, *left, lock):
         file.parent.mkdir(parents=True, exist_ok=True)
         file.touch()
-    run.RUNS.mkdir()
+    killed_runs.NOTES.mkdir()
     note = {"host": host, "pid": ended.pid, "began": 1.0, "temporary": "snakemakeab"}
-    (run.RUNS / "killed.json").write_text(json.dumps(note))
+    (killed_runs.NOTES / "killed.json").write_text(json.dumps(note))
     began = psutil.Process().create_time()
     at_work = {"host": platform.node(), "pid": os.getpid(), "began": began, "temporary": "x"}
-    (run.RUNS / "at_work.json").write_text(json.dumps(at_work))
+    (killed_runs.NOTES / "at_work.json").write_text(json.dumps(at_work))
 
-    assert not run.take_over_lock(), "another run holds it"
-    (run.RUNS / "at_work.json").unlink()
-    assert run.take_over_lock() == is_here
+    assert not killed_runs.take_over_lock(), "another run holds it"
+    (killed_runs.NOTES / "at_work.json").unlink()
+    assert killed_runs.take_over_lock() == is_here
     assert lock.exists() == (not is_here)
-    run.begin_run(tmp_path / "own", [Path("results")])
+    killed_runs.begin_run(tmp_path / "own", [Path("results")])
 
     assert [one.exists() for one in (*kept, *left)] == [True] * 3 + [not is_here] * 2
-    notes = [json.loads(file.read_text())["pid"] for file in run.RUNS.glob("*.json")]
+    notes = [json.loads(file.read_text())["pid"] for file in killed_runs.NOTES.glob("*.json")]
     assert sorted(notes) == sorted({os.getpid(), *([] if is_here else [ended.pid])})
-    assert not run.take_over_lock(), "this run is at work"
+    assert not killed_runs.take_over_lock(), "this run is at work"
 
 
 def test_a_number_of_a_process_that_another_one_has_now_is_no_run_at_work():
-    assert run.is_at_work(os.getpid(), psutil.Process().create_time())
-    assert not run.is_at_work(os.getpid(), psutil.Process().create_time() - 1000)
+    now = psutil.Process().create_time()
+    this = killed_runs.Run(platform.node(), os.getpid(), now, "tmp")
+    assert this.is_at_work
+    assert not replace(this, began=now - 1000).is_at_work
+
+
+def test_a_run_names_the_page_only_where_it_was_among_what_was_asked_for(tmp_path, capsys):
+    page = tmp_path / "report.html"
+    page.write_text("")
+    scheduler = SimpleNamespace(finished_jobs=1)
+    for files, is_named in (([page], True), ([tmp_path / "a.csv"], False)):
+        dag = SimpleNamespace(needrun_jobs=list, jobs=[SimpleNamespace(output=files)])
+        workflow = SimpleNamespace(dryrun=False, is_main_process=True, scheduler=scheduler, dag=dag)
+
+        end_run(workflow, tmp_path, lambda refused: "", accept=False)
+
+        assert (f"open {page} in a browser" in capsys.readouterr().err) is is_named
+
+
+def test_a_rule_without_the_param_of_every_job_is_told_so(tmp_path):
+    rule = SimpleNamespace(items={"output": "a.csv"}.items)
+    params = SimpleNamespace(items={"trial": "a"}.items)
+    with pytest.raises(InputError, match="has no param `made_by`.*made_by=MADE_BY"):
+        workers.job("trials.export", rule, rule, params, [str(tmp_path / "log.txt")])
 
 
 WORKERS = """

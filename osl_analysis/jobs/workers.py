@@ -16,6 +16,7 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
+from osl_analysis.errors import InputError
 from osl_analysis.files import temporary_path
 from osl_analysis.memory import SET_TO_ONE
 
@@ -98,10 +99,18 @@ def job(command: str, input: Any, output: Any, params: Any, log: Any) -> None:
 
     Raises
     ------
+    InputError
+        The rule lacks the param `made_by`.
     WriteError
         There is no result, not even a refusal: the worker was killed, or cannot write.
     """
-    given = (command, plain_files(input), outputs_of(output), dict(params.items()), Path(log[0]))
+    named = dict(params.items())
+    if "made_by" not in named:
+        raise InputError(
+            f"the rule of '{command}' has no param `made_by`, which makes its results anew when the"
+            " package changes: add `made_by=MADE_BY` to its params"
+        )
+    given = (command, plain_files(input), outputs_of(output), named, Path(log[0]))
     idle = IDLE[command.partition(".")[0]]
     worker = idle.pop() if idle else Worker()
     try:

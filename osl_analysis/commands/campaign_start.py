@@ -1,0 +1,159 @@
+"""What is refused, or said, of a campaign before its first job."""
+
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from importlib.util import find_spec
+from pathlib import Path
+
+from osl_analysis.campaign.campaign_checks import check_campaign
+from osl_analysis.campaign.campaign_trials import Campaign
+from osl_analysis.errors import (
+    EXTRAS,
+    InputError,
+    OslAnalysisError,
+    listing,
+    naming,
+    not_installed,
+)
+from osl_analysis.ingest.overview import inspect_recording
+from osl_analysis.ingest.raw_files import (
+    check_clocks,
+    check_plates,
+    read_source,
+    recorded_files,
+    recordings_in,
+)
+
+LONG_TO_READ = 50_000_000
+"""Bytes of a recording that takes more than a second to look at."""
+MOST_LISTED = 5
+"""Recordings that are named in one message."""
+COMPARED_CAPTURES = 3
+"""Captures of one session whose plates are compared with its source file: they have the same."""
+
+
+def check_start(campaign: Campaign) -> None:
+    """Refuse a campaign none of whose trials could be analysed. Ingest refuses single trials.
+
+    Raises
+    ------
+    InputError
+        What `check_campaign` refuses; a folder that is missing; a source file that is wrong for
+        every trial; a force plate that no crossing has; a simulation without its libraries.
+    """
+    check_campaign(campaign)
+    config = campaign.config
+    if config.simulation and has_to_simulate(campaign):
+        check_simulator()
+    check_folder("sources", config.sources)
+    if config.simulation is None:
+        check_folder("raw_data", config.raw_data)
+
+    problems = source_problems(campaign)
+    is_wrong_for_all = len(problems) == len(campaign.trials()) and len(set(problems.values())) == 1
+    if is_wrong_for_all:
+        raise InputError(next(iter(problems.values())))
+    if not config.walking.by_log:
+        on_plate = campaign.trials("walking", "plate")
+        sound = [trial for trial in on_plate if trial not in problems]
+        if sound:
+            source = read_source(campaign.sources(sound[0])[-1])
+            check_plates(source, captures(campaign, on_plate), config.walking.plate)
+
+
+def has_to_simulate(campaign: Campaign) -> bool:
+    """Whether a recording is missing."""
+    return not all(log.exists() for trial in campaign.trials() for log in campaign.logs(trial))
+
+
+def check_simulator() -> None:
+    for library, extra in EXTRAS.items():
+        if extra == "simulator" and find_spec(library) is None:
+            raise not_installed("the simulator", library)
+
+
+def check_folder(setting: str, folder: Path) -> None:
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder; correct `{setting}` in the configuration")
+
+
+def source_problems(campaign: Campaign) -> dict[str, str]:
+    """What is wrong with the source files of trials, or does not fit their captures, by trial.
+
+    Trials with the same source files are looked at once.
+    """
+    groups = defaultdict[tuple[tuple[Path, ...], str], list[str]](list)
+    for trial in campaign.trials():
+        part = campaign.row(trial)["log_part"] or ""
+        groups[tuple(campaign.sources(trial)), part].append(trial)
+
+    problems = dict[str, str]()
+    for (paths, part), trials in groups.items():
+        try:
+            check_sources(campaign, paths, part, trials)
+        except OslAnalysisError as error:
+            problems.update(dict.fromkeys(trials, str(error)))
+    return problems
+
+
+def check_sources(
+    campaign: Campaign, paths: Sequence[Path], part: str, trials: Sequence[str]
+) -> None:
+    """Refuse source files that are wrong, or do not fit the first captures of their trials."""
+    first = trials[0]
+    row = campaign.row(first)
+    sources = [read_source(path) for path in paths]
+    with naming(f"{campaign.config.sheet}: trial '{first}'"):
+        sources[0].of_part(part)
+    if row["log"] and row["mocap"]:
+        check_clocks(sources[0], sources[1])
+    check_plates(sources[-1], captures(campaign, trials), 0)
+
+
+def captures(campaign: Campaign, trials: Sequence[str]) -> list[Path]:
+    """The captures of the first of these trials."""
+    names = [campaign.row(trial)["mocap"] for trial in trials[:COMPARED_CAPTURES]]
+    return [campaign.config.raw_data / name for name in names if name]
+
+
+def unnamed_recordings(campaign: Campaign) -> str:
+    """A sentence on the recordings in the campaign's folder that no row of the sheet names, and why
+    some cannot be read; empty without one. `init --from` gives a recording that cannot be read no
+    row."""
+    config = campaign.config
+    if config.simulation is not None:
+        return ""
+    unnamed = list(unnamed_files(campaign))
+    if not unnamed:
+        return ""
+    names = [str(path.relative_to(config.raw_data)) for path in unnamed]
+    count = "1 recording" if len(names) == 1 else f"{len(names)} recordings"
+    texts = [
+        f"named by no row of {config.sheet}, and left out: {count} in {config.raw_data}:"
+        f" {listing(names, MOST_LISTED)}; add a row for each"
+    ]
+    for path in unnamed[:MOST_LISTED]:
+        if path.is_file() and path.stat().st_size >= LONG_TO_READ:
+            continue
+        try:
+            inspect_recording(path)
+        except InputError as error:
+            texts.append(f"not readable: {error}")
+    return "; ".join(texts)
+
+
+def unnamed_files(campaign: Campaign) -> Iterator[Path]:
+    """The recordings in the campaign's folder that no row of the sheet names."""
+    config = campaign.config
+    known = {config.sheet.resolve()}
+    for row in [*campaign.rows.values(), *campaign.unused.values()]:
+        for column in ("log", "mocap"):
+            if row[column]:
+                path = config.raw_data / row[column]
+                known.update(file.resolve() for file in (path, *recorded_files(path)))
+    # the simulator keeps the true values in `truth`
+    of_this_program = (config.results.resolve(), (config.raw_data / "truth").resolve())
+    for path in recordings_in(config.raw_data):
+        file = path.resolve()
+        if file not in known and not any(file.is_relative_to(folder) for folder in of_this_program):
+            yield path

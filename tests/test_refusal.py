@@ -258,7 +258,7 @@ def test_a_run_names_the_page_only_where_it_was_among_what_was_asked_for(tmp_pat
 def test_a_rule_without_the_param_of_every_job_is_told_so(tmp_path):
     rule = SimpleNamespace(items={"output": "a.csv"}.items)
     params = SimpleNamespace(items={"trial": "a"}.items)
-    with pytest.raises(InputError, match="has no param `made_by`.*made_by=MADE_BY"):
+    with pytest.raises(InputError, match=r"has no param `made_by`.*made_by=MADE_BY"):
         workers.job("trials.export", rule, rule, params, [str(tmp_path / "log.txt")])
 
 

@@ -40,6 +40,14 @@ onstart:
     begin_run(workflow.snakemake_tmp_dir, [CONFIG.results, CONFIG.raw_data])
 
 
+onsuccess:
+    cancel_timers()
+
+
+onerror:
+    cancel_timers()
+
+
 ACCEPT = CONFIG.failed_trials == "accept"
 # It says what was made and sets the exit code. `onsuccess` and `onerror` are not called where
 # nothing is left to do

@@ -19,7 +19,8 @@ from osl_analysis.campaign.figure_examples import matching, response_example, ti
 from osl_analysis.campaign.origin import about, sentence
 from osl_analysis.commands.campaign_start import check_start, unnamed_recordings
 from osl_analysis.commands.killed_runs import begin_run
-from osl_analysis.commands.run import end_run, left_behind_report, made_by, with_shipped_profile
+from osl_analysis.commands.run import cancel_timers, end_run, left_behind_report, made_by
+from osl_analysis.commands.run import with_shipped_profile
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL, judged_tables
 from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.errors import OslAnalysisError

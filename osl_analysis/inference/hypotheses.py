@@ -27,7 +27,6 @@ from osl_analysis.inference.constants import (
     PLAYS,
     RESONANCE_DAMPING,
 )
-from osl_analysis.inference.friction_shapes import slipping_spring
 from osl_analysis.inference.least_squares import BesideShared
 from osl_analysis.inference.spectra import Spectrum
 from osl_analysis.inference.whitening import JointKind, Whitened
@@ -116,12 +115,15 @@ class Search:
     def __init__(self, data: Whitened, kind: JointKind) -> None:
         self.data, self.kind = data, kind
         self._beside = BesideShared(data.shared(kind))
+        self._rest = self._beside.rest(data.torque)
         self.left, self.coefficients = self.fit(data.motion)
         self.impedance = data.reading @ self.coefficients
 
     def fit(self, columns: Array, torque: Array | None = None) -> tuple[float, Array]:
         """Residual sum of squares and coefficients (k,) of columns (k, m)."""
-        return self._beside.fit(columns, self.data.torque if torque is None else torque)
+        if torque is None:
+            return self._beside.fit_rest(columns, self._rest)
+        return self._beside.fit(columns, torque)
 
     def minima(self, left: Callable[[float], float], grid: Array) -> list[float]:
         """Up to two minima of what is left over a parameter, the lower one first.
@@ -221,6 +223,7 @@ class OneParameter(Hypothesis):
 
     def __init__(self, data: Whitened) -> None:
         super().__init__(data)
+        self._grid = frozenset(self.grid().tolist())
         self._known: dict[float, Array] = {}
 
     @abstractmethod
@@ -228,10 +231,14 @@ class OneParameter(Hypothesis):
         """Values (g,) of the parameter, ascending."""
 
     def columns_at(self, value: float) -> Array:
-        """Whitened columns (k, m) at a value of the parameter, computed once for each."""
-        if value not in self._known:
-            self._known[value] = self.columns(value)
-        return self._known[value]
+        """Whitened columns (k, m) at a value of the parameter: of the grid, whose values serve
+        every kind of joint, computed once."""
+        if value in self._known:
+            return self._known[value]
+        columns = self.columns(value)
+        if value in self._grid:
+            self._known[value] = columns
+        return columns
 
     def columns(self, value: float) -> Array:
         """Whitened columns (k, m) at a value of the parameter."""
@@ -524,15 +531,11 @@ class Play(OneParameter):
     def grid(self) -> Array:
         return gaps(self.data)
 
-    def follower(self, width: float) -> Array:
-        """Angle (p,) behind a gap of some width [rad]."""
-        spectra = self.data.spectra
-        wound = width / 2 * slipping_spring(spectra.angle, width / 2)
-        return np.asarray(spectra.theta - wound)
+    def columns_at(self, value: float) -> Array:
+        return self.columns(value)  # `Whitened` keeps what is behind a gap
 
     def columns(self, value: float) -> Array:
-        of_spring = self.data.of_product(self.follower(value))
-        return np.vstack([of_spring, self.data.motion[1:]])
+        return np.vstack([self.data.behind_gap(value)[:1], self.data.motion[1:]])
 
 
 class PlayBeforeDamper(Play):
@@ -541,10 +544,7 @@ class PlayBeforeDamper(Play):
     name = "play before spring and damper"
 
     def columns(self, value: float) -> Array:
-        spectra = self.data.spectra
-        spectrum = spectra.spectrum_of(self.follower(value))
-        behind = self.data.column(np.array([spectrum, spectra.s * spectrum]))
-        return np.vstack([behind, self.data.motion[2:]])
+        return np.vstack([self.data.behind_gap(value), self.data.motion[2:]])
 
 
 def gaps(data: Whitened) -> Array:

@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from osl_analysis.inference.actuator import frictionless_actuator
 from osl_analysis.inference.constants import (
@@ -19,7 +20,11 @@ from osl_analysis.inference.constants import (
     MOMENTS,
     REFLEX_DELAYS,
 )
-from osl_analysis.inference.friction_shapes import friction_torques, sliding_velocity
+from osl_analysis.inference.friction_shapes import (
+    friction_torques,
+    sliding_velocity,
+    slipping_spring,
+)
 from osl_analysis.inference.least_squares import BesideShared, solve_scaled
 from osl_analysis.inference.reflex import Reflex, half_waves, muscle_answers
 from osl_analysis.inference.spectra import Spectra, Spectrum
@@ -28,6 +33,14 @@ from osl_analysis.trial import Array
 ROUNDS = 2  # the second one weighs the rich model by the spectrum that the first one found
 LEAST_GAIN = 0.03  # of the roll-off's power, below which the spectrum is not divided by it
 SLOW_POWERS = 4  # offset and drift: powers of time from 0
+
+
+def contiguous(rows: NDArray[np.bool_]) -> slice | NDArray[np.bool_]:
+    """Rows (w,) of a recording without gaps as a slice, which copies nothing."""
+    at = np.flatnonzero(rows)
+    if len(at) and at[-1] - at[0] + 1 == len(at):
+        return slice(int(at[0]), int(at[-1]) + 1)
+    return rows
 
 
 @dataclass(frozen=True)
@@ -68,6 +81,8 @@ class Whitened:
 
     def __init__(self, spectra: Spectra) -> None:
         self.spectra = spectra
+        self._kept = contiguous(spectra.rows)
+        self._behind_gaps: dict[float, Array] = {}
         velocity, width = sliding_velocity(spectra)
         self.sign = np.tanh(velocity / width)
         self._half_waves = spectra.spectrum_of(half_waves(spectra))
@@ -141,7 +156,18 @@ class Whitened:
         x = x * spectra.window
         if self._gain is not None:
             x = scipy.fft.irfft(scipy.fft.rfft(x) * self._gain, spectra.working)
-        return np.asarray(x[..., spectra.rows])
+        return np.asarray(x[..., self._kept])
+
+    def behind_gap(self, width: float) -> Array:
+        """Whitened angle and velocity (2, m) behind a gap of some width [rad], which follow the
+        joint's when the gap is taken up."""
+        if width not in self._behind_gaps:
+            spectra = self.spectra
+            wound = width / 2 * slipping_spring(spectra.angle, width / 2)
+            spectrum = spectra.spectrum_of(spectra.theta - wound)
+            columns = self.column(np.array([spectrum, spectra.s * spectrum]))
+            self._behind_gaps[width] = columns
+        return self._behind_gaps[width]
 
     def of_product(self, x: Array) -> Array:
         """Whiten signals (..., p) at the product rate; returns rows (..., m)."""

@@ -3,6 +3,7 @@ whole campaigns."""
 
 import errno
 import io
+import json
 import math
 import os
 import shlex
@@ -384,17 +385,23 @@ def fit(
 
 @main.command(epilog="Example: osl-analysis results results/mine --markdown")
 @argument("folder", type=FILE, default=Path("results"))
-@option("--markdown", is_flag=True, help="A Markdown table in place of aligned columns.")
+@option("--all", "everything", is_flag=True, help="Every headline number, and findings in full.")
+@option("--markdown", is_flag=True, help="The same as a Markdown table.")
+@option("--json", "as_json", is_flag=True, help="summary.json, for other programs.")
 @option("--methods", is_flag=True, help="The text of a methods section in place of the numbers.")
 @option(
     "--columns",
     is_flag=True,
     help="Unit and meaning of every column of every table in place of the numbers.",
 )
-def results(folder: Path, markdown: bool, methods: bool, columns: bool) -> None:
-    """Print the headline numbers of the results in FOLDER, with units, intervals and the draft's
-    values."""
+def results(
+    folder: Path, everything: bool, markdown: bool, as_json: bool, methods: bool, columns: bool
+) -> None:
+    """Print what the results in FOLDER are: trials that are clear, doubtful and left out, K and B
+    with intervals, and each doubt with what to do; with --all every number, and the draft's."""
+    from osl_analysis.campaign.origin import sentence
     from osl_analysis.commands.tables import format_results_table, later_failures, read_summary
+    from osl_analysis.report.brief import brief_lines
 
     if columns:
         from osl_analysis.commands.reference import columns_text
@@ -406,7 +413,15 @@ def results(folder: Path, markdown: bool, methods: bool, columns: bool) -> None:
             raise InputError(f"{path}: no such file; run the campaign to its end")
         say(path.read_text(encoding="utf-8"))
         return
-    say(format_results_table(read_summary(folder / "summary.json"), markdown))
+    summary = read_summary(folder / "summary.json")
+    if as_json:
+        say(json.dumps(summary, indent=2, ensure_ascii=False))
+    elif everything or markdown:
+        say(format_results_table(summary, markdown))
+    else:
+        say(f"{sentence(summary)}\n")
+        say("\n".join(brief_lines(summary)))
+        say("\nevery number, and findings in full: osl-analysis results --all")
     if failed := later_failures(folder / "summary.json"):
         say(failed, err=True)
 

@@ -8,6 +8,7 @@ arguments; `osl_analysis/outcomes/perform.py` lists the few that are not. Every 
 """
 
 import atexit
+import json
 import os
 import sys
 from operator import attrgetter
@@ -27,10 +28,11 @@ from osl_analysis.errors import OslAnalysisError
 from osl_analysis.figures import FIGURES
 from osl_analysis.files import check_working_folder, default_config
 from osl_analysis.jobs.workers import job
-from osl_analysis.judge.campaign import JUDGED_FURTHER, exclusion_report, findings_report
+from osl_analysis.judge.campaign import JUDGED_FURTHER, exclusion_report
 from osl_analysis.judge.claims import CLAIMED
 from osl_analysis.judge.exclusions import Judge
 from osl_analysis.refusal import refusal_report
+from osl_analysis.report.brief import brief_lines
 
 try:  # what is wrong in a file of the campaign is one line, without a traceback
     list(with_shipped_profile(sys.argv))
@@ -325,18 +327,19 @@ def shown(figure):
     return rows_behind(FIGURES[figure].table)
 
 
-def report_of(refused):
-    """What a user must know at the end of a run, from the refused files of it."""
+def report_of(files, refused):
+    """What a user must know at the end of a run, from the files of it and those that are
+    refused."""
     recordings_of = {trial: list(map(str, CAMPAIGN.logs(trial))) for trial in TRIALS}
-    tables = [Path(place(table)) for table in TABLES]
-    findings = Path(place("<results>/tables/findings.csv"))
     verdicts = JUDGE.verdicts(Path(place(file)) for file in checks(TRIALS))
     stored = (CONFIG.results / "trials").glob("*.parquet")
     lines = [
-        findings_report(findings, tables, verdicts),
         exclusion_report(verdicts, CAMPAIGN.excluded),
         UNNAMED,
         left_behind_report(stored, [*TRIALS, *CAMPAIGN.excluded]),
         refusal_report(refused, recordings_of, ACCEPT),
     ]
+    summary = place("<results>/summary.json")
+    if summary in files and summary not in refused:
+        lines = [*brief_lines(json.loads(Path(summary).read_text())), *lines]
     return "\n".join(line for line in lines if line)

@@ -59,7 +59,7 @@ def check_campaigns(commands: Path, folder: Path) -> None:
     call(osl, "run", folder=made)
     for file in ("report.html", "summary.json", "figures/fig5.pdf", "tables/impedance.csv"):
         assert (made / "results" / file).stat().st_size > 100, file
-    assert "stiffness" in call(osl, "results", folder=made)
+    assert "stiffness" in call(osl, "results", "--all", folder=made)
     assert "Nothing to be done" in call(osl, "run", folder=made)
     code = "from osl_analysis.files import shipped; print(shipped('Snakefile'))"
     snakefile = call(commands / "python", "-c", code, folder=folder)

@@ -250,7 +250,7 @@ def test_a_run_names_the_page_only_where_it_was_among_what_was_asked_for(tmp_pat
         dag = SimpleNamespace(needrun_jobs=list, jobs=[SimpleNamespace(output=files)])
         workflow = SimpleNamespace(dryrun=False, is_main_process=True, scheduler=scheduler, dag=dag)
 
-        end_run(workflow, tmp_path, lambda refused: "", accept=False)
+        end_run(workflow, tmp_path, lambda files, refused: "", accept=False)
 
         assert (f"open {page} in a browser" in capsys.readouterr().err) is is_named
 
@@ -560,7 +560,7 @@ def test_a_run_is_idle_where_no_job_has_finished_whether_or_not_a_log_is_ours(
     scheduler = SimpleNamespace(finished_jobs=finished_jobs)
     workflow = SimpleNamespace(dryrun=False, is_main_process=True, scheduler=scheduler, dag=dag)
 
-    end_run(workflow, tmp_path, lambda refused: "", accept=False)
+    end_run(workflow, tmp_path, lambda files, refused: "", accept=False)
 
     assert ("Nothing to be done" in capsys.readouterr().err) is is_idle
 

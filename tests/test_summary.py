@@ -18,9 +18,17 @@ from osl_analysis.campaign.origin import ABOUT_MACROS
 from osl_analysis.commands import tables
 from osl_analysis.commands.tables import format_results_table, gather, read_summary, write_summary
 from osl_analysis.errors import InputError
-from osl_analysis.judge.campaign import campaign_findings, findings_report, known_of
+from osl_analysis.judge.campaign import campaign_findings, known_of
 from osl_analysis.judge.causes import CAUSES, EVIDENCE
-from osl_analysis.judge.finding import Beyond, Finding, Grade, Limits, Remedy, findings_frame
+from osl_analysis.judge.finding import (
+    Beyond,
+    Finding,
+    Grade,
+    Limits,
+    Remedy,
+    findings_frame,
+    read_findings,
+)
 from osl_analysis.judge.judging import judged, unchecked_in
 from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.outcomes.job_log import write_log
@@ -256,10 +264,10 @@ def test_gathered_tables_carry_the_mark_and_the_end_of_the_run_says_so(tmp_path)
         limits,
         tmp_path / "findings.csv",
     )
-    there = [tmp_path / "belt.csv", tmp_path / "no.csv"]
-    (line,) = findings_report(tmp_path / "findings.csv", there, NO_CHECKS).split("\n")
-    assert line.startswith(f"doubtful, 2 of 3 belt trials: {misfit}: ")
-    assert line.endswith(" [belt_1, belt_3]")
+    belt = {"belt": read_table(tmp_path / "belt.csv")}
+    (finding,) = known_of(read_findings(tmp_path / "findings.csv"), belt, NO_CHECKS)
+    assert finding["line"].startswith(f"doubtful, 2 of 3 belt trials: {misfit}: ")
+    assert finding["line"].endswith(" [belt_1, belt_3]")
 
 
 def test_causes_and_trials_are_counted_and_not_the_rows_that_inherit_them():

@@ -112,7 +112,10 @@ def cancel_timers() -> None:
 
 
 def end_run(
-    workflow: Any, results: Path, report: Callable[[Sequence[str]], str], accept: bool
+    workflow: Any,
+    results: Path,
+    report: Callable[[Sequence[str], Sequence[str]], str],
+    accept: bool,
 ) -> None:
     """Say what a run has made, at the exit of Snakemake, and end it with exit code 1 if a result
     that was asked for is refused, unless refusals are to `accept`.
@@ -126,7 +129,7 @@ def end_run(
     results
         Folder of the results.
     report
-        Writes the report of a run, from the refused files of it.
+        Writes the report of a run, from all its files and those of them that are refused.
     accept
         Whether a run with refusals ends as one without.
     """
@@ -146,11 +149,10 @@ def end_run(
             "" if has_worked else NOTHING_DONE,
             run_report(results / "logs", began),
             not_made(unfinished),
-            f"open {page} in a browser: every number, figure and trial"
-            if str(page) in files and page.is_file()
-            else "",
-            report(refused),
+            report(files, refused),
         ]
+        if str(page) in files and page.is_file():
+            lines.append(f"open {page} in a browser: every number, figure and trial")
         print("\n".join(filter(None, lines)), file=sys.stderr, flush=True)
         failed = bool(refused) and not accept
     except Exception:  # by a fault of ours the run must not end as if all were well

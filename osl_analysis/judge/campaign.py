@@ -3,9 +3,8 @@ know of them: causes with their trials, in the same words at the end of a run, b
 the page."""
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,13 +20,13 @@ from osl_analysis.judge.finding import (
     Finding,
     Grade,
     findings_frame,
-    read_findings,
 )
 from osl_analysis.judge.judging import judged, unchecked_in, with_inherited
 from osl_analysis.judge.limits import CHECKS, DoubtfulFits
 from osl_analysis.judge.words import (
     Words,
     as_if_said,
+    brief_remedy,
     capital,
     check_words,
     misfit_words,
@@ -35,9 +34,7 @@ from osl_analysis.judge.words import (
     words_of,
 )
 from osl_analysis.measured import SHORT, significant, unusual
-from osl_analysis.refusal import is_refused
 from osl_analysis.stats.repeats import DOUBTFUL
-from osl_analysis.table import read_table
 
 # percent of the torque that a prediction may leave along angle, velocity and acceleration
 LARGEST_MISFIT = 1.0
@@ -314,16 +311,8 @@ def known_line(
     words = Words(entry["says"] or "", size, entry["remedy"] or "")
     line = f"{verdict}, {len(trials)} of {len(judged)} {of}: {sentence_of(words, cause)}{named}"
     told = {"verdict": verdict, "of": of, "cause": cause, **words._asdict(), "n": len(judged)}
+    told["brief"] = brief_remedy(cause)
     return told | {"trials": list(trials), "line": line}
-
-
-def findings_report(findings: Path, tables: Iterable[Path], verdicts: pl.DataFrame) -> str:
-    """The findings of a campaign for the end of a run, a line each; tables may be refusals
-    or not be there."""
-    written = {
-        path.stem: read_table(path) for path in tables if path.is_file() and not is_refused(path)
-    }
-    return "\n".join(one["line"] for one in known_of(read_findings(findings), written, verdicts))
 
 
 def exclusion_report(verdicts: pl.DataFrame, by_sheet: Mapping[str, str]) -> str:

@@ -63,6 +63,12 @@ def words_of(finding: Finding, row: AnyRow) -> Words:
     return Words(known["says"], ". ".join([first, *map(capital, others)]), capital(remedy))
 
 
+def brief_remedy(cause: str) -> str:
+    """What to do about a cause, in a few words; `component K_s` has those of every component."""
+    phrases: Mapping[str, str] = WORDS["brief"]
+    return phrases.get(cause) or phrases.get(cause.partition(" ")[0], "")
+
+
 def sentence_of(words: Words, cause: str = "") -> str:
     """`cause: what is wrong: how large. What to do`."""
     said = ": ".join(filter(None, [cause, words.says, words.size]))

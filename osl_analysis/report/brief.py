@@ -1,0 +1,141 @@
+"""What a run found, in ten lines for a terminal. The page and `findings.csv` have all of it."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from osl_analysis.report.headlines import numbers_said
+
+WIDTH = 100
+"""Signs of a line."""
+MOST_FINDINGS = 5
+"""Lines on findings; with the others a run tells itself in ten."""
+OF_BENCH = (("K/K_d - 1", "K_bias"), ("|B - B_d|", "B_error"))
+"""Errors of the bench, and how the names of their headline numbers begin; `_` and the controller
+follow where the sheet states one."""
+OF_EXAMPLE = (("K", "K_example"), ("B", "B_example"))
+"""The same of one condition, where no K_d is stated."""
+WALKING = (("K", "walking_K"), ("B", "walking_B"))
+UNCHECKED = "not checked"
+IN_PART = "doubtful in part"
+GRADES = {"doubtful": "⚠", IN_PART: "⚠", "flagged": "⚠", "remark": "·"}
+"""Marks of findings by verdict. What could not be checked has one line in all."""
+SIZES = (("K", "N*m/rad"), ("B", "N*m*s/rad"), ("I", "kg*m^2"))
+
+
+def brief_lines(summary: Mapping[str, Any]) -> list[str]:
+    """Say what a run found.
+
+    Parameters
+    ----------
+    summary
+        The content of `summary.json`.
+
+    Returns
+    -------
+    list of str
+        At most ten lines of at most 100 signs: trials that are clear, doubtful and left out; K and
+        B with intervals; each finding with its size in the worst trial and what to do.
+    """
+    findings = summary.get("findings", ())
+    told = [finding for finding in findings if finding["verdict"] in GRADES]
+    unchecked = [finding for finding in findings if finding["verdict"] == UNCHECKED]
+    lines = [trials_line(summary), *numbers_lines(summary["numbers"])]
+    lines += [finding_line(finding) for finding in told[:MOST_FINDINGS]]
+    if len(told) > MOST_FINDINGS:
+        lines.append(f"⚠ and {len(told) - MOST_FINDINGS} more, which the page lists")
+    if unchecked:
+        lines.append(unchecked_line(unchecked))
+    return [shortened(line) for line in lines]
+
+
+def trials_line(summary: Mapping[str, Any]) -> str:
+    """How many trials are clear, doubtful, doubtful in part, flagged, and left out."""
+    by_verdict: dict[str, set[str]] = {"doubtful": set(), IN_PART: set(), "flagged": set()}
+    for finding in summary.get("findings", ()):
+        if finding["verdict"] in by_verdict and finding["of"] != "walking groups":
+            by_verdict[finding["verdict"]].update(finding["trials"])
+    counted = set[str]()
+    parts = []
+    for verdict, trials in by_verdict.items():
+        new = trials - counted
+        counted |= trials
+        if new:
+            parts.append(f"{len(new)} {verdict}")
+    experiments = summary.get("trials", {}).values()
+    number = sum(counts["of"] for counts in experiments)
+    left_out = sum(len(counts["missing"]) for counts in experiments)
+    if left_out:
+        parts.append(f"{left_out} refused or excluded")
+    clear = number - left_out - len(counted)
+    return f"{number} trials: {', '.join([f'{clear} clear', *parts])}"
+
+
+def numbers_lines(numbers: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
+    """Errors of K and B by controller, and K and B of walking, with their intervals."""
+    has_errors = any(name.startswith(OF_BENCH[0][1]) for name in numbers)
+    symbols = OF_BENCH if has_errors else OF_EXAMPLE
+    first = symbols[0][1]
+    for name in numbers:
+        if name.startswith(first):
+            ending = name.removeprefix(first)
+            of_controller = [(symbol, begin + ending) for symbol, begin in symbols]
+            what = "bench" if ending in ("", "_no_controller") else ending.removeprefix("_")
+            yield numbers_line(what, of_controller, numbers)
+    if "walking_K" in numbers:
+        yield numbers_line("walking", WALKING, numbers)
+
+
+def numbers_line(
+    what: str, symbols: Sequence[tuple[str, str]], numbers: Mapping[str, Mapping[str, Any]]
+) -> str:
+    parts = []
+    for symbol, name in symbols:
+        if name not in numbers:
+            continue
+        value, interval, _ = numbers_said(numbers[name])
+        part = f"{symbol} = {value} {numbers[name]['unit']}"
+        if interval:
+            part += f" ({interval})"
+        parts.append(part)
+    return f"{what}: {', '.join(parts)}"
+
+
+def finding_line(finding: Mapping[str, Any]) -> str:
+    """`⚠ friction: 16 of 32 impedance trials, B by 1.7 N*m*s/rad → use B without friction`; without
+    the size where the line would be too long."""
+    of = finding["of"].partition(",")[0]
+    begin = f"{GRADES[finding['verdict']]} {finding['cause']}: {len(finding['trials'])}"
+    begin += f" of {finding['n']} {of}"
+    remedy = finding.get("brief", "")
+    if finding["verdict"] == IN_PART:
+        remedy = "leave out the rows that are marked"
+    end = f" → {remedy}" if remedy else ""
+    size = size_said(finding)
+    line = f"{begin}, {size}{end}"
+    return line if size and len(line) <= WIDTH else f"{begin}{end}"
+
+
+def size_said(finding: Mapping[str, Any]) -> str:
+    """By how much the finding moves that estimate of the worst trial which it moves most, as a
+    share of the estimate without it; K where no such estimate is known."""
+    largest, text = -1.0, ""
+    for symbol, unit in SIZES:
+        size = finding.get(f"{symbol}_size")
+        if size is None:
+            continue
+        without = finding.get(f"{symbol}_without")
+        share = size / abs(without) if without else 0.0
+        if share > largest:
+            largest, text = share, f"{symbol} by {size:.2g} {unit}"
+    return text
+
+
+def unchecked_line(findings: Sequence[Mapping[str, Any]]) -> str:
+    causes = list(dict.fromkeys(finding["cause"] for finding in findings))
+    if len(causes) == 1:
+        return f"not checked: {causes[0]}"
+    return f"not checked: {causes[0]}; and {len(causes) - 1} more, which the page lists"
+
+
+def shortened(line: str) -> str:
+    return line if len(line) <= WIDTH else f"{line[: WIDTH - 1]}…"

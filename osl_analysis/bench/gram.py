@@ -35,6 +35,7 @@ from osl_analysis.trial import Array
 FEWEST_UNITS = 4  # with fewer strata the groups are left out instead
 FEWEST_GROUPS = 8  # fewest groups without repeats whose scores give an interval
 NEXT = {"theta": "omega", "omega": "alpha", "alpha": "jerk"}  # derivative of each column
+SMALLEST_DIRECTION = 1e-13  # eigenvalue over the largest one, below which it is rounding
 # largest scaled condition number with effects, whose columns may be nearly collinear
 EFFECTS_LIMIT = 1e5
 BY_UNITS, BY_REPEATS = "units", "repeats"
@@ -44,23 +45,44 @@ units."""
 
 @dataclass(frozen=True)
 class Sums:
-    """Products of the columns and of the filtered and raw torque in each group, (m, q + 2, q +
-    2)."""
+    """Products of q columns, of the filtered and of the raw torque, in each of m groups.
 
-    names: tuple[str, ...]  # names of the q columns; `one` is among them
+    Attributes
+    ----------
+    names : tuple of str
+        Names of the columns; `one` is among them.
+    gram : Array (m, q + 2, q + 2)
+        The products.
+    groups : Groups
+        Rows, labels and strata of the groups.
+    rich : tuple of str
+        Columns of the richest model, whose residual is noise if nothing repeats.
+    rate_hz : float
+        Sampling rate [Hz].
+    seconds : float
+        Time from the first to the last row that is fitted [s].
+    centre : float
+        Angle [rad] at which the column `theta` is 0: verdicts do not depend on the encoder's zero.
+    columns : Mapping of Array (n,)
+        The columns themselves.
+    independent : float
+        Rows after which filtered noise is independent.
+    rounded : Array (m, q, k) or None
+        Products of the columns with the torques of `Record.rounded`.
+    no_estimates : frozenset of str
+        Nearly collinear columns whose estimates nobody uses.
+    """
+
+    names: tuple[str, ...]
     gram: Array
     groups: Groups
-    # columns of the richest model, whose residual is noise if nothing repeats
     rich: tuple[str, ...]
-    rate_hz: float  # sampling rate [Hz]
-    seconds: float  # time [s] from the first to the last row that is fitted
-    # angle [rad] at which the column `theta` is 0: verdicts do not depend on the encoder's zero
+    rate_hz: float
+    seconds: float
     centre: float
-    columns: Mapping[str, Array]  # the columns (n,) themselves
-    independent: float = 1.0  # rows after which filtered noise is independent
-    # products (m, q, k) of the columns with the torques of `Record.rounded`
+    columns: Mapping[str, Array]
+    independent: float = 1.0
     rounded: Array | None = None
-    # nearly collinear columns whose estimates nobody uses
     no_estimates: frozenset[str] = frozenset()
 
     def index(self, names: Sequence[str]) -> list[int]:
@@ -73,6 +95,7 @@ class Sums:
 
     @property
     def torque(self) -> int:
+        """Where the filtered torque stands in the sums."""
         return len(self.names)
 
     def over(self, keep: "Label | NDArray[np.bool_]") -> Array:
@@ -85,33 +108,46 @@ class Sums:
 
 @dataclass(frozen=True)
 class GroupFit(LinearFit):
-    """A fit whose interval holds for another motion of the same kind."""
+    """A fit whose interval holds for another motion of the same kind.
 
-    # covariance (p, p) of the repeatability; None where nothing repeats
+    Attributes
+    ----------
+    repeat : Array (p, p) or None
+        Covariance of the repeatability; None where nothing repeats.
+    left : float
+        Residual sum of squares.
+    units : int
+        Number of units that were left out.
+    shared : Array (p,) or float
+        Part of the variances that all trials on a bench share.
+    """
+
     repeat: Array | None = None
-    left: float = 0.0  # residual sum of squares
-    units: int = 0  # number of units that were left out
-    shared: Array | float = 0.0  # part (p,) of the variances that all trials on a bench share
+    left: float = 0.0
+    units: int = 0
+    shared: Array | float = 0.0
 
     def repeat_se(self, name: str) -> float | None:
         """Standard error of an estimate by repeats of the same motion alone; None if nothing
         repeats."""
+        if self.repeat is None:
+            return None
         k = self.names.index(name)
-        return None if self.repeat is None else float(np.sqrt(self.repeat[k, k]))
+        return float(np.sqrt(self.repeat[k, k]))
 
     def se_bench(self, name: str) -> float:
         """Part of the standard error that all trials on a bench share: its calibration and
         stiffness."""
-        return float(np.sqrt(np.broadcast_to(self.shared, len(self.names))[self.names.index(name)]))
+        shared = np.broadcast_to(self.shared, len(self.names))
+        return float(np.sqrt(shared[self.names.index(name)]))
 
     def freedom(self, name: str) -> float:
         return float(self.degrees_of_freedom[self.names.index(name)])
 
     def certain(self, name: str, once_in: float) -> bool:
         """Whether an estimate differs from 0 by a two-sided test at the level `once_in`."""
-        return abs(self[name]) > float(
-            scipy.special.stdtrit(self.freedom(name), 1 - once_in / 2)
-        ) * self.se(name)
+        quantile = float(scipy.special.stdtrit(self.freedom(name), 1 - once_in / 2))
+        return abs(self[name]) > quantile * self.se(name)
 
 
 def gram_sums(
@@ -122,46 +158,63 @@ def gram_sums(
     no_estimates: frozenset[str] = frozenset(),
     rounded: Array | None = None,
 ) -> Sums:
-    """The sums of columns (n,) and of the record's torque; the noise is read from the raw torque,
-    before the filter. `rounded` (k, n) may be thinned. Raises InputError: a column cannot be
-    measured."""
-    Y = [record.filtered_torque, record.torque]
-    Z = np.array([*columns.values(), *Y])
-    for name, row in zip(
-        [*(f"column '{name}'" for name in columns), "column 'y'", "the torque"], Z, strict=True
-    ):
+    """Sum the products of columns (n,) and of the record's torque, in each group.
+
+    The noise is read from the raw torque, before the filter. `rounded` (k, n) may be thinned.
+
+    Raises
+    ------
+    InputError
+        A column cannot be measured.
+    """
+    names = [*(f"column '{name}'" for name in columns), "column 'y'", "the torque"]
+    rows = np.array([*columns.values(), record.filtered_torque, record.torque])
+    for name, row in zip(names, rows, strict=True):
         check_measured(name, row)
+
     groups = record.groups
-    gram = products_between(Z.T, Z.T, groups.first, groups.stop)
-    seconds = float(groups.stop.max() - groups.first.min()) / record.rate_hz
+    products_with_rounded = None
     if rounded is not None:
         every = -(-len(record.time) // rounded.shape[1])
+        thinned = rows[: len(columns), ::every].T
         edges = groups.first / every, groups.stop / every
-        rounded = every * products_between(Z[: len(columns), ::every].T, rounded.T, *edges)
+        products_with_rounded = every * products_between(thinned, rounded.T, *edges)
     return Sums(
-        tuple(columns),
-        gram,
-        groups,
-        tuple(rich),
-        record.rate_hz,
-        seconds,
-        centre,
-        columns,
+        names=tuple(columns),
+        gram=products_between(rows.T, rows.T, groups.first, groups.stop),
+        groups=groups,
+        rich=tuple(rich),
+        rate_hz=record.rate_hz,
+        seconds=float(groups.stop.max() - groups.first.min()) / record.rate_hz,
+        centre=centre,
+        columns=columns,
         independent=max(record.rate_hz / (2 * record.low_pass.noise_bandwidth_hz), 1.0),
-        rounded=rounded,
+        rounded=products_with_rounded,
         no_estimates=no_estimates,
     )
 
 
 def solved(A: Array, b: Array) -> tuple[Array, Array]:
-    """Estimates (..., p) and the inverse (..., p, p) of normal equations."""
+    """Solve normal equations A x = b, (..., p, p) and (..., p).
+
+    Directions of A that rounding alone fills are left out.
+
+    Returns
+    -------
+    estimates : Array (..., p)
+    inverse : Array (..., p, p)
+    """
     scale = np.sqrt(np.maximum(np.diagonal(A, axis1=-2, axis2=-1), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(A / (scale[..., :, None] * scale[..., None, :]))
-    parts, known = vectors / scale[..., :, None], values > 1e-13 * values[..., -1:]
-    weights = np.divide(1, values, out=np.zeros_like(values), where=known)
-    inverse, column = parts * weights[..., None, :] @ np.swapaxes(parts, -1, -2), b[..., None]
+    parts = vectors / scale[..., :, None]
+    is_known = values > SMALLEST_DIRECTION * values[..., -1:]
+    weights = np.divide(1, values, out=np.zeros_like(values), where=is_known)
+    inverse = parts * weights[..., None, :] @ np.swapaxes(parts, -1, -2)
+    column = b[..., None]
     estimates = inverse @ column
-    return (estimates + inverse @ (column - A @ estimates))[..., 0], inverse
+    # one step of refinement takes off what rounding of the inverse has added
+    estimates = estimates + inverse @ (column - A @ estimates)
+    return estimates[..., 0], inverse
 
 
 def least_left(total: Array) -> Array:
@@ -176,96 +229,244 @@ def estimates_of(total: Array, at: Sequence[int], q: int) -> Array:
     return solved(total[np.ix_(at, at)], total[at, q])[0]
 
 
+@dataclass(frozen=True)
+class NormalEquations:
+    """The normal equations of a model of p columns, in each of m groups and in all.
+
+    Attributes
+    ----------
+    groups : Array (m,)
+        Numbers of the groups among those of the sums.
+    stratum : Array (m,)
+        Number of the stratum of each, from 0 without gaps.
+    used : Array (p + 2,)
+        Where the columns, the filtered and the raw torque stand in the sums.
+    centring : Array (p + 2, p + 2)
+        What centres the column `ramp`, so that drift and offset are orthogonal.
+    left_sides : Array (m, p, p)
+        Products of the columns with each other.
+    right_sides, of_raw : Array (m, p)
+        Products of the columns with the filtered and with the raw torque.
+    total : Array (p + 2, p + 2)
+        The sums of all groups.
+    offset : int
+        Place of the column `one`.
+    """
+
+    groups: NDArray[np.intp]
+    stratum: NDArray[np.intp]
+    used: NDArray[np.intp]
+    centring: Array
+    left_sides: Array
+    right_sides: Array
+    of_raw: Array
+    total: Array
+    offset: int
+
+    @property
+    def size(self) -> int:
+        """Number p of columns."""
+        return len(self.used) - 2
+
+    @property
+    def left_side(self) -> Array:
+        return np.asarray(self.total[: self.size, : self.size])
+
+    @property
+    def right_side(self) -> Array:
+        return np.asarray(self.total[: self.size, self.size])
+
+    @property
+    def square(self) -> float:
+        """Sum of the squares of the filtered torque."""
+        return float(self.total[self.size, self.size])
+
+    @property
+    def sum_of_torque(self) -> float:
+        return float(self.total[self.offset, self.size])
+
+    @property
+    def samples(self) -> float:
+        return float(self.total[self.offset, self.offset])
+
+
+def normal_equations(
+    s: Sums, columns: Sequence[str], keep: "NDArray[np.bool_] | Label"
+) -> NormalEquations:
+    """The normal equations of some columns, over a label's groups or those to keep (m,)."""
+    kept = keep if isinstance(keep, np.ndarray) else s.groups.of(keep)
+    groups = np.flatnonzero(kept)
+    used = np.array([*s.index(columns), s.torque, s.torque + 1])
+    p, offset = len(columns), columns.index("one")
+    centring = np.eye(p + 2)
+    products = s.gram[:, used[:, None], used][groups]
+    if "ramp" in columns:
+        along, ramp = products[:, offset].sum(axis=0), columns.index("ramp")
+        centring[offset, ramp] = -along[ramp] / along[offset]
+        products = centring.T @ products @ centring
+
+    stratum = s.groups.stratum[groups]
+    numbers = np.cumsum(np.bincount(stratum) > 0) - 1
+    # before the filter noise is independent from row to row; if nothing repeats, the filtered
+    # torque is used, since else the part of the signal that the filter removes would count as noise
+    raw = p + 1 if s.groups.repeat else p
+    return NormalEquations(
+        groups=groups,
+        stratum=numbers[stratum],
+        used=used,
+        centring=centring,
+        left_sides=products[:, :p, :p],
+        right_sides=products[:, :p, p],
+        of_raw=products[:, :p, raw],
+        total=products.sum(axis=0),
+        offset=offset,
+    )
+
+
 def fit_groups(
     s: Sums,
     model: Mapping[str, str],
     keep: "NDArray[np.bool_] | Label" = None,
     limit: float = CONDITION_LIMIT,
 ) -> GroupFit:
-    """Least squares of the torque on a model (Eq. 15), estimate -> column, over a label's groups or
-    those to keep (m,).
+    """Fit the torque by least squares (Eq. 15), with an interval for another motion of this kind.
 
-    Raises IdentifiabilityError: a column is 0 throughout, or the scaled condition number is above
-    the `limit`."""
-    names, p, columns = tuple(model), len(model), list(model.values())
-    groups = np.flatnonzero(keep if isinstance(keep, np.ndarray) else s.groups.of(keep))
-    used, turn, one = (
-        np.array([*s.index(columns), s.torque, s.torque + 1]),
-        np.eye(p + 2),
-        columns.index("one"),
-    )
-    own = s.gram[:, used[:, None], used][groups]
-    if "ramp" in columns:  # centred, so that drift and offset are orthogonal
-        along, ramp = own[:, one].sum(axis=0), columns.index("ramp")
-        turn[one, ramp] = -along[ramp] / along[one]
-        own = turn.T @ own @ turn
-    total = own.sum(axis=0)
-    n = float(total[one, one])
-    # before the filter noise is independent from row to row; if nothing repeats, the filtered
-    # torque is used, since else the part of the signal that the filter removes would count as noise
-    A_g, b_g, raw_g = own[:, :p, :p], own[:, :p, p], own[:, :p, p + 1 if s.groups.repeat else p]
-    A, b, square = total[:p, :p], total[:p, p], float(total[p, p])
-    estimates, inverse, about_means, condition = identified(model, A, b, limit, s.no_estimates)
+    Parameters
+    ----------
+    s
+        Sums of the recording.
+    model
+        Column of each of p estimates, by the estimate's name, as `K: theta`.
+    keep
+        A label, or which groups (m,) to fit; None: all.
+    limit
+        Largest scaled condition number.
+
+    Raises
+    ------
+    IdentifiabilityError
+        A column is 0 throughout, or the condition number is above the limit.
+    InputError
+        There are not more samples than estimates.
+    """
+    names, columns = tuple(model), list(model.values())
+    equations = normal_equations(s, columns, keep)
+    A, b = equations.left_side, equations.right_side
+    square, n = equations.square, equations.samples
+    solution = identified(model, A, b, limit, s.no_estimates)
+    estimates, inverse = solution.estimates, solution.inverse
     if n <= len(names):
         raise InputError(
             f"{n:.0f} samples cannot determine {len(names)} parameters; record for longer"
         )
     left = max(float(square - 2 * estimates @ b + estimates @ A @ estimates), 0.0)
-    level = float(total[one, p] - total[one, :p] @ estimates) / n
-    stratum = s.groups.stratum[groups]
-    stratum = (np.cumsum(np.bincount(stratum) > 0) - 1)[stratum]  # numbered without gaps
-    scores = (raw_g - A_g @ estimates) @ inverse
+    mean_left = (
+        float(equations.sum_of_torque - equations.total[equations.offset, : len(names)] @ estimates)
+        / n
+    )
+
+    stratum = equations.stratum
+    number = len(stratum)
     repeats = s.groups.repeat and int(np.bincount(stratum).min()) > 1
+    has_many_groups = number >= FEWEST_GROUPS
+    rich = list(dict.fromkeys([*s.rich, *columns]))
     if repeats:
+        scores = (equations.of_raw - equations.left_sides @ estimates) @ inverse
         noise, freedom = between_cycles(scores, stratum)
-    # too few scores: takes slow columns in noise that is white after the filter
-    elif len(stratum) < FEWEST_GROUPS:
+    elif has_many_groups:
+        scores = scores_beside(s, equations, rich, keep, inverse)
+        noise, freedom = noise_of_scores(scores, len(rich))
+    else:  # too few scores: takes slow columns in noise that is white after the filter
         left_free = max(n / s.independent - len(names), 1.0)
         noise, freedom = inverse * left / left_free, np.full(len(names), left_free)
-    else:
-        rich = np.array(s.index(list(dict.fromkeys([*s.rich, *columns]))))
-        # its columns with the model's and both torques
-        across = s.gram[np.ix_(groups, rich, used)] @ turn
-        of_rich = solved(s.over(keep)[np.ix_(rich, rich)], across[:, :, -2].sum(axis=0))[0]
-        modelled = np.einsum("mrp,r->mp", across[:, :, :-2], of_rich)
-        noise, freedom = noise_of_scores(np.asarray((raw_g - modelled) @ inverse), len(rich))
-    unit = stratum if stratum.max() + 1 >= FEWEST_UNITS else np.arange(len(stratum))
+
+    by_strata = int(stratum.max()) + 1 >= FEWEST_UNITS
+    unit = stratum if by_strata else np.arange(number)
     units = int(unit.max()) + 1
-    told = repeats or unit is stratum or len(stratum) >= FEWEST_GROUPS
-    misfit = jackknife(A_g, b_g, A, b, unit) if told else np.zeros_like(inverse)
-    known, draws = np.zeros_like(inverse), 0
+    tells_misfit = repeats or by_strata or has_many_groups
+    misfit = np.zeros_like(inverse)
+    if tells_misfit:
+        misfit = jackknife(equations.left_sides, equations.right_sides, A, b, unit)
+
+    of_rounding, draws = np.zeros_like(inverse), 0
     if s.rounded is not None:
-        made = turn[:p, :p].T @ s.rounded[np.ix_(groups, used[:p])]
-        draws, change, seen = made.shape[2], inverse @ made.sum(axis=0), np.zeros(p)
-        if repeats or len(stratum) >= FEWEST_GROUPS:
-            each = np.moveaxis(inverse @ made, 2, 0)
-            by_groups = [
-                between_cycles(x, stratum) if repeats else noise_of_scores(x, len(rich))
-                for x in each
-            ]
-            seen = np.mean([np.diag(own) for own, _ in by_groups], axis=0)
-        known = less(change @ change.T / draws, seen)
-        if told:
-            shown = jackknife(A_g, made, A, made.sum(axis=0), unit).mean(axis=0)
-            misfit = less(misfit, np.diag(shown) - seen)
-    covariance, freedom = combined(noise, freedom, misfit, units, known, draws)
+        p = len(names)
+        centred = equations.centring[:p, :p].T
+        made = centred @ s.rounded[np.ix_(equations.groups, equations.used[:p])]
+        draws, change = made.shape[2], inverse @ made.sum(axis=0)
+        in_noise = np.zeros(p)
+        if repeats or has_many_groups:
+            of_draws = np.moveaxis(inverse @ made, 2, 0)
+            variances = []
+            for draw in of_draws:
+                if repeats:
+                    found, _ = between_cycles(draw, stratum)
+                else:
+                    found, _ = noise_of_scores(draw, len(rich))
+                variances.append(np.diag(found))
+            in_noise = np.mean(variances, axis=0)
+        of_rounding = less(change @ change.T / draws, in_noise)
+        if tells_misfit:
+            shown = jackknife(equations.left_sides, made, A, made.sum(axis=0), unit).mean(axis=0)
+            misfit = less(misfit, np.diag(shown) - in_noise)
+
+    covariance, freedom = combined(noise, freedom, misfit, units, of_rounding, draws)
+    mean_torque = equations.sum_of_torque / n
+    rows_of_group = float(np.median(s.groups.stop - s.groups.first))
     return GroupFit(
-        names,
-        estimates,
-        covariance,
-        accounted_for(left / n - level**2, square / n - (total[one, p] / n) ** 2, square / n),
-        1 - left / max(float(square), np.finfo(float).tiny),
-        condition,
-        max(round(float(np.median(s.groups.stop - s.groups.first))), 1),
-        round(float(n)),
-        BY_UNITS if unit is stratum or not s.groups.repeat else BY_REPEATS,
-        freedom,
-        np.empty(0),
-        regression.largest_correlation(about_means),
-        noise if repeats else None,
-        left,
-        units,
+        names=names,
+        estimates=estimates,
+        covariance=covariance,
+        vaf=accounted_for(left / n - mean_left**2, square / n - mean_torque**2, square / n),
+        r_squared=1 - left / max(square, np.finfo(float).tiny),
+        condition_number=solution.condition,
+        correlation_samples=max(round(rows_of_group), 1),
+        samples=round(n),
+        interval_method=BY_UNITS if by_strata or not s.groups.repeat else BY_REPEATS,
+        degrees_of_freedom=freedom,
+        residual=np.empty(0),
+        largest_correlation=regression.largest_correlation(solution.about_means),
+        repeat=noise if repeats else None,
+        left=left,
+        units=units,
     )
+
+
+def scores_beside(
+    s: Sums,
+    equations: NormalEquations,
+    rich: Sequence[str],
+    keep: "NDArray[np.bool_] | Label",
+    inverse: Array,
+) -> Array:
+    """What each group (m, p) adds to the estimates by what the richest model leaves of its
+    torque."""
+    at = np.array(s.index(rich))
+    across = s.gram[np.ix_(equations.groups, at, equations.used)] @ equations.centring
+    of_rich = solved(s.over(keep)[np.ix_(at, at)], across[:, :, -2].sum(axis=0))[0]
+    modelled = np.einsum("mrp,r->mp", across[:, :, :-2], of_rich)
+    return np.asarray((equations.of_raw - modelled) @ inverse)
+
+
+@dataclass(frozen=True)
+class Identified:
+    """What the normal equations of a model of p columns tell.
+
+    Attributes
+    ----------
+    estimates : Array (p,)
+    inverse : Array (p, p)
+        Of the normal equations.
+    about_means : Array (r, r)
+        The part of the inverse for columns about their means, without the offset.
+    condition : float
+        Scaled condition number.
+    """
+
+    estimates: Array
+    inverse: Array
+    about_means: Array
+    condition: float
 
 
 def identified(
@@ -274,16 +475,17 @@ def identified(
     b: Array,
     limit: float,
     no_estimates: frozenset[str] = frozenset(),
-) -> tuple[Array, Array, Array, float]:
-    """Estimates (p,) of a model, the inverse (p, p) of its normal equations, the part of the
-    inverse for columns about their means (without the offset), and the scaled condition number.
-    Raises IdentifiabilityError: this is above the limit, or a column is 0."""
+) -> Identified:
+    """Solve the normal equations of a model, A (p, p) and b (p,).
+
+    Raises
+    ------
+    IdentifiabilityError
+        The condition number is above the limit, or a column is 0.
+    """
     estimates, inverse = solved(A, b)
-    varies = [
-        k
-        for k, column in enumerate(model.values())
-        if column != "one" and column not in no_estimates
-    ]
+    left_out = {"one", *no_estimates}
+    varies = [k for k, column in enumerate(model.values()) if column not in left_out]
     about_means = inverse[np.ix_(varies, varies)]
     scale = np.sqrt(regression.check_not_zero(tuple(model), np.diag(A)))
     values, vectors = np.linalg.eigh(A / np.outer(scale, scale))
@@ -292,7 +494,7 @@ def identified(
         condition = regression.scaled_condition(about_means)
     if condition > limit:
         regression.refuse_unidentifiable(tuple(model), vectors[:, 0], condition)
-    return estimates, inverse, about_means, condition
+    return Identified(estimates, inverse, about_means, condition)
 
 
 def accounted_for(left: float, varied: float, square: float) -> float:
@@ -305,17 +507,35 @@ def accounted_for(left: float, varied: float, square: float) -> float:
 
 
 def jackknife(A_g: Array, b_g: Array, A: Array, b: Array, unit: NDArray[np.intp]) -> Array:
-    """Covariance (p, p) of the estimates by leaving out one unit at a time: noise and misfit, with
-    leverage. For k torques, b (p, k), it is (k, p, p)."""
-    m, p = int(unit.max()) + 1, len(b)
-    own = np.asarray(unit == np.arange(m)[:, None], dtype=np.float64)
-    A_u = A - (own @ A_g.reshape(len(unit), -1)).reshape(m, p, p)
-    b_u = (b - (own @ b_g.reshape(len(unit), -1)).reshape(m, *b.shape)).reshape(m, p, -1)
+    """Covariance of the estimates by leaving out one unit at a time: noise, misfit and leverage.
+
+    Parameters
+    ----------
+    A_g, b_g : Array (m, p, p), (m, p) or (m, p, k)
+        Normal equations of each group; those of k torques at once have k right sides.
+    A, b : Array (p, p), (p,) or (p, k)
+        Their sums.
+    unit : Array (m,)
+        Number of the unit of each group.
+
+    Returns
+    -------
+    Array (p, p) or (k, p, p)
+
+    References
+    ----------
+    Miller, Biometrika 61, 1974.
+    """
+    units, p = int(unit.max()) + 1, len(b)
+    belongs = np.asarray(unit == np.arange(units)[:, None], dtype=np.float64)
+    of_units = (belongs @ A_g.reshape(len(unit), -1)).reshape(units, p, p)
+    right_sides = (belongs @ b_g.reshape(len(unit), -1)).reshape(units, *b.shape)
+    A_without, b_without = A - of_units, (b - right_sides).reshape(units, p, -1)
     scale = np.sqrt(np.diag(A))
-    A_u = A_u / np.outer(scale, scale) + 1e-13 * np.eye(p)
-    found = np.linalg.solve(A_u, b_u / scale[:, None]) / scale[:, None]
-    apart = np.moveaxis(found - found.mean(axis=0), 2, 0)
-    covariance = np.swapaxes(apart, 1, 2) @ apart * (m - 1) / m
+    scaled = A_without / np.outer(scale, scale) + SMALLEST_DIRECTION * np.eye(p)
+    estimates = np.linalg.solve(scaled, b_without / scale[:, None]) / scale[:, None]
+    scatter = np.moveaxis(estimates - estimates.mean(axis=0), 2, 0)
+    covariance = np.swapaxes(scatter, 1, 2) @ scatter * (units - 1) / units
     return np.asarray(covariance if b.ndim > 1 else covariance[0])
 
 
@@ -327,22 +547,37 @@ def combined(
     known: Array | float = 0.0,
     draws: int = 0,
 ) -> tuple[Array, Array]:
-    """Covariance (p, p) of noise and misfit together, and its degrees of freedom (p,). The misfit
-    is the scatter of units in excess of the noise. Correlations are those of the sum of both. A
-    `known` covariance (p, p), from a number of `draws`, is added as type B."""
+    """Combine what noise, misfit and rounding do to p estimates.
+
+    The misfit is the scatter of units in excess of the noise. Correlations are those of the sum of
+    both.
+
+    Parameters
+    ----------
+    noise : Array (p, p)
+        Covariance by noise, with `freedom` (p,) degrees of freedom.
+    misfit : Array (p, p)
+        Covariance by the scatter of `units`.
+    known : Array (p, p)
+        A covariance that is added as it is (type B of the GUM), from a number of `draws`.
+
+    Returns
+    -------
+    covariance : Array (p, p)
+    freedom : Array (p,)
+        Degrees of freedom, at least 1.
+    """
     random = np.maximum(np.diag(noise), 0.0)
     excess = np.maximum(np.diag(misfit) - random, 0.0)
     both = noise + misfit
     size = np.sqrt(np.maximum(np.diag(both), np.finfo(float).tiny))
     error = np.sqrt(random + excess)
     covariance = both / np.outer(size, size) * np.outer(error, error) + known
-    parts = [random, excess, np.diag(covariance) - random - excess]
-    of_each = [
-        freedom,
-        np.full_like(random, max(units - 1.0, 1.0)),
-        np.full_like(random, max(draws - 1.0, 1.0)),
-    ]
-    degrees = welch_satterthwaite(parts, of_each)
+
+    added = np.diag(covariance) - random - excess
+    of_misfit = np.full_like(random, max(units - 1.0, 1.0))
+    of_draws = np.full_like(random, max(draws - 1.0, 1.0))
+    degrees = welch_satterthwaite([random, excess, added], [freedom, of_misfit, of_draws])
     return covariance, np.maximum(degrees, 1.0)
 
 
@@ -364,42 +599,60 @@ def noise_of_scores(scores: Array, columns: int) -> tuple[Array, Array]:
 def held_out_vaf(
     s: Sums, model: Mapping[str, str], label: Label = None, interleaved: bool = False
 ) -> float | None:
-    """Lowest VAF [percent] of groups that a fit did not use, each with its own offset; None without
-    such groups or fit.
+    """Lowest VAF [percent] of groups that a fit did not use, each with its own offset.
 
-    Of a label: of the other labels, by its fit. Of all: of each label by the fit to the others.
-    With one label: of each third of the groups by the fit to the rest; thirds are interleaved if
-    something may change over the record."""
-    labels, at, q, one = (
-        s.groups.labels,
-        s.index(list(model.values())),
-        s.torque,
-        s.index(["one"])[0],
-    )
-    if label is not None:
-        pairs = [(s.groups.of(label), [s.groups.of(other) for other in labels if other != label])]
-    elif len(labels) > 1:
-        pairs = [(~s.groups.of(x), [s.groups.of(x)]) for x in labels]
-    else:
-        place = np.argsort(np.argsort(s.groups.first, kind="stable"), kind="stable")
-        part = place % 3 if interleaved else 3 * place // len(place)
-        pairs = [(part != k, [part == k]) for k in np.unique(part)] if len(place) > 1 else []
+    Returns
+    -------
+    float or None
+        None without such groups, or where a fit to the others tells nothing.
+    """
+    columns = s.index(list(model.values()))
+    one = s.index(["one"])[0]
     found = []
-    for fitted, held in pairs:
+    for fitted, held_out in held_out_groups(s.groups, label, interleaved):
         total = s.over(fitted)
         if total[one, one] <= len(model):
             return None
+        A, b = total[np.ix_(columns, columns)], total[columns, s.torque]
         try:
-            x, *_ = identified(
-                model, total[np.ix_(at, at)], total[at, q], CONDITION_LIMIT, s.no_estimates
-            )
+            estimates = identified(model, A, b, CONDITION_LIMIT, s.no_estimates).estimates
         except IdentifiabilityError:
             return None
-        for own in map(s.over, held):
-            n, square = own[one, one], own[q, q]
-            level = (own[one, q] - own[one, at] @ x) / n
-            left = square - 2 * x @ own[at, q] + x @ own[np.ix_(at, at)] @ x
-            found.append(
-                accounted_for(left / n - level**2, square / n - (own[one, q] / n) ** 2, square / n)
-            )
+        for groups in held_out:
+            sums = s.over(groups)
+            found.append(vaf_of_groups(sums, columns, one, s.torque, estimates))
     return min(found, default=None)
+
+
+def held_out_groups(
+    groups: Groups, label: Label, interleaved: bool
+) -> list[tuple[NDArray[np.bool_], list[NDArray[np.bool_]]]]:
+    """Groups (m,) that are fitted, and the parts that this fit predicts.
+
+    Of a label: itself, and each other label. Of all: the other labels, and each label. With one
+    label: the rest, and each third of the groups; thirds are interleaved if something may change
+    over the record.
+    """
+    labels = groups.labels
+    if label is not None:
+        return [(groups.of(label), [groups.of(other) for other in labels if other != label])]
+    if len(labels) > 1:
+        return [(~groups.of(each), [groups.of(each)]) for each in labels]
+    place = np.argsort(np.argsort(groups.first, kind="stable"), kind="stable")
+    if len(place) < 2:
+        return []
+    part = place % 3 if interleaved else 3 * place // len(place)
+    return [(part != k, [part == k]) for k in np.unique(part)]
+
+
+def vaf_of_groups(
+    sums: Array, columns: Sequence[int], one: int, torque: int, estimates: Array
+) -> float:
+    """VAF [percent] of the torque of some groups by estimates that did not see it."""
+    n, square = sums[one, one], sums[torque, torque]
+    with_torque = sums[columns, torque]
+    mean_left = (sums[one, torque] - sums[one, columns] @ estimates) / n
+    modelled_square = estimates @ sums[np.ix_(columns, columns)] @ estimates
+    left = square - 2 * estimates @ with_torque + modelled_square
+    mean = sums[one, torque] / n
+    return accounted_for(left / n - mean_left**2, square / n - mean**2, square / n)

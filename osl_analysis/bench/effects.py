@@ -8,7 +8,6 @@ Friction that is left out passes for a lag and for a changing stiffness. Faults 
 found by the inference (joint_inference.py), or by the belt of a leg."""
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -35,19 +34,27 @@ Keep = NDArray[np.bool_] | Label
 IMPEDANCE: Model = {"K": "theta", "B": "omega", "I": "alpha", "offset": "one", "drift": "ramp"}
 # Eq. 4 without a belt
 TRANSMISSION: Model = {"B_j": "omega", "J_j": "alpha", "offset": "one", "drift": "ramp"}
+FEWEST_REPEATS = 3  # of one motion, by which a change with time differs from noise
 FALSE_ALARM = 1e-3  # probability of a false alarm for one effect
-# largest lag [s] that is sought; last step [s] of a search that has converged
-LONGEST_LAG, LAG_FOUND = 0.02, 1e-6
+LONGEST_LAG = 0.02  # s; the largest lag that is sought
+LAG_FOUND = 1e-6  # s; last step of a search that has come to its end
+LAG_CONVERGED = 1e-9  # s; the step after it would be a thousand times smaller
+MOST_STEPS = 6  # of a search for a lag
 POSSIBLE = 2.0  # standard errors by which an effect may exceed its estimate
 # half-widths [rad] of the slipping springs that model a belt's hysteresis
 WOUND_UP = (0.5e-3, 1.5e-3, 4e-3)
 # SD [s] of a lag due to hysteresis that these do not model; simulated legs: 10 to 150
 BELT_ERROR = 80e-6
+# of the joint's angle: errors of encoders reach that, and a joint beside an idle motor is no leg
+LEAST_DEFLECTION = 0.05
+# of the file's K_s, beyond which the belt is another one
+LEAST_K_S, LARGEST_K_S = 0.7, 1.4
 OTHER_B_J = 3.0  # factor by which losses vary from joint to joint about the parameter file's
 # the motion cannot tell effects apart
 CANNOT_TELL = (IdentifiabilityError, InputError, np.linalg.LinAlgError)
-# rad/s over which friction changes sign; the larger is ten times the velocity noise of 14 bits
-TURNS = (1e-3, 1e-2)
+SIGN_WIDTHS = {"T_C_sharp": 1e-3, "T_C": 1e-2}
+"""Columns of Coulomb friction, by the velocity [rad/s] over which it changes sign; the larger is
+ten times the velocity noise of 14 bits."""
 
 
 def plain_sums(record: Record, model: Model) -> Sums:
@@ -59,9 +66,12 @@ def plain_sums(record: Record, model: Model) -> Sums:
 def columns_of(record: Record) -> tuple[dict[str, Array], float]:
     """The columns (n,) of the models by name, and the angle [rad] about which `theta` is
     centred."""
-    motion, centre = record.motion, float(record.part(record.motion.theta).mean())
-    columns = {"theta": motion.theta - centre, "omega": motion.omega, "alpha": motion.alpha}
-    columns |= {
+    motion = record.motion
+    centre = float(record.part(motion.theta).mean())
+    columns = {
+        "theta": motion.theta - centre,
+        "omega": motion.omega,
+        "alpha": motion.alpha,
         "one": np.broadcast_to(1.0, motion.theta.shape),
         "ramp": record.time - record.time.mean(),
     }
@@ -85,9 +95,11 @@ def effect_columns(
     few = record.coarse
     columns, centre = columns_of(few)
     higher = seven_point_motion(few.time, columns["alpha"], few.rate_hz)
-    columns |= {"jerk": higher.omega, "snap": higher.alpha}
-    signs = np.array([np.tanh(record.swift_omega / turn) for turn in TURNS])
-    columns |= dict(zip(("T_C_sharp", "T_C"), few.low_pass(signs.T, few.rate_hz).T, strict=True))
+    columns["jerk"] = higher.omega
+    columns["snap"] = higher.alpha
+    for name, width in SIGN_WIDTHS.items():
+        sign = np.tanh(record.swift_omega / width)
+        columns[name] = few.low_pass(sign, few.rate_hz)
     if expected is not None:
         columns["linear"] = linear_torque(few, expected)
     return columns, centre
@@ -116,8 +128,11 @@ def noise_of_angle(record: Record) -> tuple[float, float, float]:
 
 def with_effects(s: Sums, model: Model, effects: Sequence[str] = (), keep: Keep = None) -> GroupFit:
     """Fit of a model with effects, over some groups. Raises as `fit_groups`."""
-    both = {**model, **{effect: {"weight": "theta"}.get(effect, effect) for effect in effects}}
-    return gram.fit_groups(s, both, keep, limit=gram.EFFECTS_LIMIT if effects else CONDITION_LIMIT)
+    columns = dict(model)
+    for effect in effects:
+        columns[effect] = "theta" if effect == "weight" else effect
+    limit = gram.EFFECTS_LIMIT if effects else CONDITION_LIMIT
+    return gram.fit_groups(s, columns, keep, limit=limit)
 
 
 def late_fit(
@@ -131,39 +146,69 @@ def late_fit(
     lag: float = 0.0,
     low_pass: bool = False,
 ) -> tuple[GroupFit, float]:
-    """Fit of a model to a torque with a lag `lag_s`, and the last step of the search, which starts
-    at `lag` (Gauss-Newton). A `rest` of the torque is not late and is subtracted. In each step the
-    torque is advanced by the lag, or the `low_pass` of first order with this time constant is
-    inverted; the slope of the torque is a column that gives the remaining lag. The slope is the
-    model's, as far as its derivatives are columns: that of a noisy torque would pull the lag to 0.
-    A model without derivatives uses the torque's own slope. Raises as `fit_groups`."""
-    torque, first, last = (
-        scipy.interpolate.make_interp_spline(few.time, few.filtered_torque, 5),
-        *few.time[[0, -1]],
-    )
-    slopes = {
-        name: columns[gram.NEXT[c]] for name, c in model.items() if gram.NEXT.get(c) in columns
+    """Fit a model to a torque that is late (Gauss-Newton).
+
+    In each step the torque is advanced by the lag, or the low-pass of first order with this time
+    constant is inverted. The slope of the torque is a column that gives the lag that remains. The
+    slope is the model's, as far as its derivatives are columns: that of a noisy torque would pull
+    the lag to 0. A model without derivatives uses the torque's own slope.
+
+    Parameters
+    ----------
+    few
+        A coarse record of n rows.
+    columns
+        Columns (n,) by name.
+    model
+        Column of each estimate.
+    centre, no_estimates, rounded
+        As `gram_sums` takes them.
+    rest
+        Part (n,) of the torque that is not late, and is subtracted [N*m].
+    lag
+        Where the search starts [s].
+    low_pass
+        Whether a low-pass is sought in place of a delay.
+
+    Returns
+    -------
+    fit
+        Its last estimate is the lag, `lag_s`.
+    more
+        Last step of the search [s].
+
+    Raises
+    ------
+    InputError, IdentifiabilityError
+        As `fit_groups`.
+    """
+    torque = scipy.interpolate.make_interp_spline(few.time, few.filtered_torque, 5)
+    derivatives = {
+        name: columns[gram.NEXT[column]]
+        for name, column in model.items()
+        if gram.NEXT.get(column) in columns
     }
-    fit, slope = None, np.zeros_like(few.time)
-    for _ in range(6):
-        then = np.clip(few.time + lag * (not low_pass), first, last)
+    fit, more, slope = None, 0.0, np.zeros_like(few.time)
+    for _ in range(MOST_STEPS):
+        advance = 0.0 if low_pass else lag
+        then = np.clip(few.time + advance, few.time[0], few.time[-1])
         earlier = (torque(then) if lag else few.filtered_torque) - rest
         if low_pass:
             earlier = earlier + lag * torque(few.time, 1)
-        made = replace(few, filtered_torque=earlier, torque=earlier)
-        if not slopes:
+        if not derivatives:
             slope = torque(then, 1)
         elif fit is not None:
-            slope = np.sum([fit[name] * column for name, column in slopes.items()], axis=0)
-        both, with_lag = (
-            {**columns, "late": -slope},
-            {**model, "lag_s": "late"} if slope.any() else model,
-        )
-        sums = gram.gram_sums(made, both, list(columns), centre, no_estimates, rounded)
+            slope = np.sum([fit[name] * column for name, column in derivatives.items()], axis=0)
+
+        is_late = bool(slope.any())  # not in the first step of a model with derivatives
+        with_late = {**columns, "late": -slope}
+        with_lag = {**model, "lag_s": "late"} if is_late else model
+        made = replace(few, filtered_torque=earlier, torque=earlier)
+        sums = gram.gram_sums(made, with_late, list(columns), centre, no_estimates, rounded)
         fit = gram.fit_groups(sums, with_lag, limit=gram.EFFECTS_LIMIT)
-        more = fit["lag_s"] if slope.any() else 0.0
+        more = fit["lag_s"] if is_late else 0.0
         lag = float(np.clip(lag + more, -LONGEST_LAG, LONGEST_LAG))
-        if slope.any() and abs(more) < 1e-9:  # s; the next step would be a thousand times smaller
+        if is_late and abs(more) < LAG_CONVERGED:
             break
     assert fit is not None
     return replace(fit, estimates=np.append(fit.estimates[:-1], lag)), more
@@ -195,107 +240,149 @@ class Belt:
 
 
 def belt_of_leg(record: Record, p: DrivetrainParameters | None) -> Belt | None:
-    """The belt of a leg. None without a parameter file or theta_m, or if the belt's deflection or
-    theta_m is below 5 % of the joint's angle: errors of encoders reach that, and a joint beside an
-    idle motor is no leg.
+    """The belt of a leg, and what it tells of lags.
 
     Whatever controller and friction do, torque - J_j alpha - B_j omega is the belt's torque (Eq.
     4): a spring with slipping springs over theta - theta_m/n_T. A late theta_m looks like a smaller
     B_j, so that B_j is free while it agrees with the file's; a wrong B_j then makes no lag.
     Otherwise either theta_m is late and B_j the file's, or B_j differs and theta_m is on time. If
-    the joint may have that B_j, a lag that depends on this choice is not found."""
+    the joint may have that B_j, a lag that depends on this choice is not found.
+
+    Returns
+    -------
+    Belt or None
+        None without a parameter file or theta_m, where the motor is idle, or where the motion
+        cannot tell.
+    """
     if p is None or "theta_m" not in record.actuator:
         return None
     few = record.coarse
     theta_m = few.actuator["theta_m"]
-    columns = {
-        name: column
-        for name, column in columns_of(few)[0].items()
-        if name not in ("theta", "alpha")
-    }
     wound = belt_deflection(few.motion.theta, theta_m, p)
-    turned, *both = (
-        float(np.std(few.part(angle))) for angle in (few.motion.theta, theta_m / p.n_T, wound)
-    )
-    if min(both) < 0.05 * turned:
+    turned = float(np.std(few.part(few.motion.theta)))
+    at_motor, at_belt = (float(np.std(few.part(x))) for x in (theta_m / p.n_T, wound))
+    if min(at_motor, at_belt) < LEAST_DEFLECTION * turned:
         return None
-    slips = few.low_pass(
-        np.array([slipping_spring(wound, width) for width in WOUND_UP]).T, few.rate_hz
-    ).T
-    columns |= {
-        "wound": wound - wound.mean(),
-        **{f"slips_{k}": column for k, column in enumerate(slips)},
-    }
-
-    def fitted(known: float) -> GroupFit:
-        """`omega` is the torque per velocity beside a known B_j, or per velocity of theta_m."""
-        rest = p.J_j * few.motion.alpha + known * few.motion.omega
-        return late_fit(few, columns, {name: name for name in columns}, rest=rest)[0]
-
-    def fault(size: float, se: float, freedom: float) -> Fault:
-        se = float(np.hypot(se, BELT_ERROR))
-        return Fault(size, se, is_certain(size, se, freedom), abs(size) + POSSIBLE * se)
-
+    columns = belt_columns(few, wound)
     try:
-        fit = fitted(0.0)
-        K_s = fit["wound"]
-        if not 0.7 < K_s / p.K_s < 1.4:
-            return Belt(K_s)
-        own = fault((p.B_j - fit["omega"]) / K_s, fit.se("omega") / K_s, fit.freedom("omega"))
-        torque_late = fault(fit["lag_s"], fit.se("lag_s"), fit.freedom("lag_s"))
-        is_possible = p.B_j / OTHER_B_J < fit["omega"] < p.B_j * OTHER_B_J
-        if own.found:
-            columns["omega"] = np.gradient(theta_m, 1 / few.rate_hz) / p.n_T
-            fit = fitted(p.B_j)
-            own = fault(-fit["omega"] / fit["wound"], fit.se("omega") / K_s, fit.freedom("omega"))
-            otherwise = torque_late
-            torque_late = fault(fit["lag_s"], fit.se("lag_s"), fit.freedom("lag_s"))
-            agree = otherwise.found and otherwise.size * torque_late.size > 0
-            torque_late = replace(
-                torque_late, found=torque_late.found and (agree or not is_possible)
-            )
-        return Belt(K_s, torque_late, own)
+        return belt_from(few, columns, theta_m, p)
     except CANNOT_TELL:
         return None
+
+
+def belt_columns(few: Record, wound: Array) -> dict[str, Array]:
+    """Columns (n,) of the belt's torque for its deflection (n,) [rad]."""
+    columns, _ = columns_of(few)
+    del columns["theta"], columns["alpha"]
+    columns["wound"] = wound - wound.mean()
+    slips = np.array([slipping_spring(wound, width) for width in WOUND_UP])
+    for k, column in enumerate(few.low_pass(slips.T, few.rate_hz).T):
+        columns[f"slips_{k}"] = column
+    return columns
+
+
+def belt_from(
+    few: Record, columns: Mapping[str, Array], theta_m: Array, p: DrivetrainParameters
+) -> Belt:
+    """The belt by fits to columns (n,). Raises as `fit_groups`."""
+    # the torque per velocity of the joint is B_j
+    fit = belt_fit(few, columns, p, known_B_j=0.0)
+    K_s, B_j = fit["wound"], fit["omega"]
+    if not LEAST_K_S < K_s / p.K_s < LARGEST_K_S:
+        return Belt(K_s)
+    torque_late = lag_of(fit)
+    motor_late = fault((p.B_j - B_j) / K_s, fit.se("omega") / K_s, fit.freedom("omega"))
+    if not motor_late.found:
+        return Belt(K_s, torque_late, motor_late)
+
+    # B_j is the file's, and the torque per velocity of the motor is its lag
+    of_motor = {**columns, "omega": np.gradient(theta_m, 1 / few.rate_hz) / p.n_T}
+    fit = belt_fit(few, of_motor, p, known_B_j=p.B_j)
+    lag = -fit["omega"] / fit["wound"]
+    motor_late = fault(lag, fit.se("omega") / K_s, fit.freedom("omega"))
+    otherwise, torque_late = torque_late, lag_of(fit)
+    agree = otherwise.found and otherwise.size * torque_late.size > 0
+    joint_may_have_B_j = p.B_j / OTHER_B_J < B_j < p.B_j * OTHER_B_J
+    is_found = torque_late.found and (agree or not joint_may_have_B_j)
+    return Belt(K_s, replace(torque_late, found=is_found), motor_late)
+
+
+def belt_fit(
+    few: Record, columns: Mapping[str, Array], p: DrivetrainParameters, known_B_j: float
+) -> GroupFit:
+    """Fit the belt's columns to what joint inertia and a known damping leave of the torque."""
+    rest = p.J_j * few.motion.alpha + known_B_j * few.motion.omega
+    return late_fit(few, columns, {name: name for name in columns}, rest=rest)[0]
+
+
+def lag_of(fit: GroupFit) -> Fault:
+    return fault(fit["lag_s"], fit.se("lag_s"), fit.freedom("lag_s"))
+
+
+def fault(size: float, se: float, freedom: float) -> Fault:
+    """A lag [s] with its standard error, to which that by the belt's hysteresis is added."""
+    se = float(np.hypot(se, BELT_ERROR))
+    return Fault(size, se, is_certain(size, se, freedom), abs(size) + POSSIBLE * se)
 
 
 def changes_of_repeats(
     s: Sums, model: Model, effects: Mapping[str, Mapping[str, float]]
 ) -> GroupFit | None:
-    """Sizes of effects that grow with time [1/s], from differences between repeats of one motion:
-    each stratum has its own misfit, whatever the joint is. An effect is a combination of columns.
-    None if no stratum has three repeats.
+    """Sizes of effects that grow with time, from differences between repeats of one motion.
 
-    Time is the group's. A score is the product of column and residual in a group, less the mean of
-    its stratum."""
-    middle, kind = (s.groups.first + s.groups.stop) / 2 / s.rate_hz, s.groups.stratum
-    members = np.bincount(kind)
-    if members.max() < 3:
+    Each stratum has its own misfit, whatever the joint is. Time is the group's. A score is the
+    product of column and residual in a group, less the mean of its stratum.
+
+    Parameters
+    ----------
+    s
+        Sums of m groups.
+    model
+        Column of each estimate.
+    effects
+        Each as a combination of columns, by its name.
+
+    Returns
+    -------
+    GroupFit or None
+        Its estimates are sizes per time [1/s]. None if no stratum has three repeats.
+    """
+    stratum = s.groups.stratum
+    members = np.bincount(stratum)
+    if members.max() < FEWEST_REPEATS:
         return None
-    base, q, one = with_effects(s, model), s.torque, s.names.index("one")
-    at = s.index(list(model.values()))
-    C = np.array([[part.get(name, 0.0) for part in effects.values()] for name in s.names])
-    mean = s.gram[:, one] / s.gram[:, one, one][:, None]
-    # a slow disturbance is an offset of a group
-    about_mean = s.gram - mean[:, :, None] * s.gram[:, one][:, None]
-    products = C.T @ about_mean[:, :q, :q] @ C
-    scores = (about_mean[:, :q, q + 1] - about_mean[:, :q][:, :, at] @ base.estimates) @ C
+    base = with_effects(s, model)
+    q, one = s.torque, s.names.index("one")
+    of_model = s.index(list(model.values()))
+    combination = np.array([[part.get(name, 0.0) for part in effects.values()] for name in s.names])
 
-    def added(values: Array) -> Array:
+    # a slow disturbance is an offset of a group
+    mean = s.gram[:, one] / s.gram[:, one, one][:, None]
+    about_mean = s.gram - mean[:, :, None] * s.gram[:, one][:, None]
+    products = combination.T @ about_mean[:, :q, :q] @ combination
+    modelled = about_mean[:, :q][:, :, of_model] @ base.estimates
+    scores = (about_mean[:, :q, q + 1] - modelled) @ combination
+
+    def by_stratum(values: Array) -> Array:
+        """Sums (strata, ...) of values (m, ...)."""
         total = np.zeros((len(members), *values.shape[1:]))
-        np.add.at(total, kind, values)
+        np.add.at(total, stratum, values)
         return total
 
-    scores = scores - (added(scores).T / members).T[kind]
-    v = middle - (added(middle) / members)[kind]
-    weighted = products * (v**2)[:, None, None]
-    estimates, inverse = gram.solved(weighted.sum(axis=0), v @ scores)
-    rest = v[:, None] * (scores - np.einsum("mpq,q,m->mp", products, estimates, v)) @ inverse
-    taken = np.einsum("spq,qp->s", added(weighted), inverse)  # degrees of freedom of the slopes
+    scores = scores - (by_stratum(scores).T / members).T[stratum]
+    middle = (s.groups.first + s.groups.stop) / 2 / s.rate_hz
+    since_mean = middle - (by_stratum(middle) / members)[stratum]
+    weighted = products * (since_mean**2)[:, None, None]
+    estimates, inverse = gram.solved(weighted.sum(axis=0), since_mean @ scores)
+
+    grown = np.einsum("mpq,q,m->mp", products, estimates, since_mean)
+    rest = since_mean[:, None] * (scores - grown) @ inverse
+    taken = np.einsum("spq,qp->s", by_stratum(weighted), inverse)  # freedom of the slopes
     free = members - 1 - taken
-    rest *= np.sqrt(members / np.maximum(free, 0.5))[kind, None]
-    noise, sums = rest.T @ rest, added(rest)
-    freedom = welch_satterthwaite(added(rest**2), np.maximum(free, 0.5))
+    rest *= np.sqrt(members / np.maximum(free, 0.5))[stratum, None]
+    noise = rest.T @ rest
+    freedom = welch_satterthwaite(by_stratum(rest**2), np.maximum(free, 0.5))
+    sums = by_stratum(rest)
     misfit = sums.T @ sums * len(members) / max(len(members) - 1, 1)
     covariance, degrees = gram.combined(noise, freedom, misfit, len(members))
     return replace(
@@ -308,37 +395,60 @@ def changes_of_repeats(
 
 
 def repeats_row(record: Record, s: Sums, model: Model) -> Row:
-    """What repeats of one motion show for any joint: `K_drift`, the relative change of K from the
-    first to the last fitted row beyond noise, and the drift of the torque's clock against the
-    angle's [ppm]. Null if nothing repeats; the drift also if one device recorded both.
+    """What repeats of one motion show for any joint.
 
     If the torque's clock gains, its torque gets later and later: at time t it is that of t - ppm (t
     - mean t), which to first order adds -ppm (t - mean t) dtorque/dt. A constant offset between
     clocks is not seen.
 
-    Raises InputError: the drift is certain and larger than the settings allow; the message names
-    the trial."""
+    Returns
+    -------
+    dict
+        `K_drift`, the relative change of K from the first to the last fitted row beyond noise, and
+        the drift of the torque's clock against the angle's [ppm]. Null if nothing repeats; the
+        drift also if one device recorded both.
+
+    Raises
+    ------
+    InputError
+        The drift is certain and larger than the settings allow; the message names the trial.
+    """
     row: Row = {"K_drift": None, **NO_DRIFT}
     fit = with_effects(s, model)
-    slope = {gram.NEXT[c]: -1e-6 * fit[name] for name, c in model.items() if c in gram.NEXT}
-    growing = {"K_within": {"theta": 1.0}, "ppm": slope}
-    with suppress(IdentifiabilityError):
-        seen = changes_of_repeats(s, model, growing) if s.groups.repeat else None
-        if seen and "K" in model:
-            change, se = s.seconds * seen["K_within"], s.seconds * seen.se("K_within")
-            # one-sided
-            noise = float(scipy.special.stdtrit(seen.freedom("K_within"), 1 - FALSE_ALARM)) * se
-            row["K_drift"] = float(np.sign(change)) * max(abs(change) - noise, 0.0) / fit["K"]
-        if seen and record.two_clocks:
-            row |= clocks_row(record, seen["ppm"], seen.se("ppm"), seen.freedom("ppm"))
+    if not s.groups.repeat:
+        return row
+    slope = {
+        gram.NEXT[column]: -1e-6 * fit[name]
+        for name, column in model.items()
+        if column in gram.NEXT
+    }
+    try:
+        growing = changes_of_repeats(s, model, {"K_within": {"theta": 1.0}, "ppm": slope})
+    except IdentifiabilityError:
+        return row
+    if growing is None:
+        return row
+    if "K" in model:
+        change, se = s.seconds * growing["K_within"], s.seconds * growing.se("K_within")
+        one_sided = float(scipy.special.stdtrit(growing.freedom("K_within"), 1 - FALSE_ALARM))
+        beyond_noise = max(abs(change) - one_sided * se, 0.0)
+        row["K_drift"] = float(np.sign(change)) * beyond_noise / fit["K"]
+    if record.two_clocks:
+        drift = clocks_row(record, growing["ppm"], growing.se("ppm"), growing.freedom("ppm"))
+        row.update(drift)
     return row
 
 
 def clocks_row(record: Record, ppm: float, error: float, freedom: float) -> Row:
-    """The drift between the clocks of two devices. Raises InputError: it certainly exceeds the
-    settings' limit."""
+    """The drift between the clocks of two devices [ppm].
+
+    Raises
+    ------
+    InputError
+        It certainly exceeds the settings' limit.
+    """
     largest = record.settings.time_base.largest_drift_ppm if record.settings else np.inf
     try:
-        return {**drift_row(ppm, error, freedom, largest)}
+        return dict(drift_row(ppm, error, freedom, largest))
     except InputError as problem:
         raise InputError(f"trial {record.name}: {problem}") from problem

@@ -20,7 +20,7 @@ from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.complex_estimate import polar_row
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums
 from osl_analysis.bench.phasors import phasors_of_record
-from osl_analysis.bench.record import record_of_trial
+from osl_analysis.bench.recorded_motion import record_of_trial
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.trial import Trial

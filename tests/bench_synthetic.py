@@ -9,9 +9,10 @@ from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, sosfiltfilt
 
 from osl_analysis.bench.components import branches_of
+from osl_analysis.bench.groups import cycles_of
 from osl_analysis.bench.impedance import impedance_table, rendered_impedance
 from osl_analysis.bench.prediction import COMPONENTS, PARTS
-from osl_analysis.bench.record import Record, cycles_of, record_of
+from osl_analysis.bench.record import Record, record_of
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.signals import LowPass, Motion
 from osl_analysis.spectral.stepped_sine import (

@@ -25,7 +25,7 @@ from osl_analysis.bench.impedance import (
     rendered_impedance,
     repeated_trials_table,
 )
-from osl_analysis.bench.record import record_of_trial, stated_windows
+from osl_analysis.bench.recorded_motion import record_of_trial, stated_windows
 from osl_analysis.bench.settings import (
     BenchStiffness,
     DynamometerAnalysis,

@@ -20,7 +20,8 @@ from osl_analysis.bench.impedance import (
     judged_impedance,
     rendered_impedance,
 )
-from osl_analysis.bench.record import record_of_trial, with_actuator
+from osl_analysis.bench.record import with_actuator
+from osl_analysis.bench.recorded_motion import record_of_trial
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.ingest.examine import saturated

@@ -15,7 +15,7 @@ from osl_analysis.bench.effects import IMPEDANCE, Fault, plain_sums
 from osl_analysis.bench.frequency_response import frequency_response_table
 from osl_analysis.bench.impedance import DesiredImpedance, judged_impedance, lag_row
 from osl_analysis.bench.phasors import phasor_table, phasors_of_record
-from osl_analysis.bench.record import record_of_trial
+from osl_analysis.bench.recorded_motion import record_of_trial
 from osl_analysis.bench.settings import BenchStiffness
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands import figure as plotted_numbers

@@ -16,6 +16,7 @@ from scipy import stats
 from scipy.signal import butter, sosfiltfilt
 
 from osl_analysis.bench import prediction
+from osl_analysis.bench.groups import stretches_of
 from osl_analysis.bench.impedance import (
     DesiredImpedance,
     compensation_table,
@@ -31,7 +32,7 @@ from osl_analysis.bench.prediction import (
     prediction_table,
     prediction_terms,
 )
-from osl_analysis.bench.record import read_record, record_of, stored_record, stretches_of
+from osl_analysis.bench.record import read_record, record_of, stored_record
 from osl_analysis.bench.settings import FilterSettings
 from osl_analysis.commands.bench import gather_predictions
 from osl_analysis.errors import InputError

@@ -12,7 +12,7 @@ from test_compare import tables
 from walking_crossings import Walk, run_jobs, several, walked
 
 from osl_analysis.bench.impedance import DesiredImpedance
-from osl_analysis.bench.record import record_of_trial
+from osl_analysis.bench.recorded_motion import record_of_trial
 from osl_analysis.campaign import configuration
 from osl_analysis.campaign.campaign_trials import Campaign
 from osl_analysis.campaign.configuration import FACTS, JUDGING, overriding, read_config, states_of

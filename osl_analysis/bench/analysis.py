@@ -17,7 +17,9 @@ from osl_analysis.bench.effects import (
     with_effects,
 )
 from osl_analysis.bench.gram import GroupFit, Sums, held_out_vaf
-from osl_analysis.bench.record import SHORTEST_S, Label, Record
+from osl_analysis.bench.groups import Label
+from osl_analysis.bench.record import Record
+from osl_analysis.bench.recorded_motion import SHORTEST_S
 from osl_analysis.bench.settings import NOT_STATED, BenchStiffness, Calibration
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.measured import check_measured, rms

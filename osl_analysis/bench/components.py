@@ -24,6 +24,7 @@ from osl_analysis.bench.analysis import (
 from osl_analysis.bench.coulomb import CoulombFit, coulomb_fits
 from osl_analysis.bench.effects import TRANSMISSION, Model
 from osl_analysis.bench.gram import GroupFit, estimates_of, fit_groups, gram_sums
+from osl_analysis.bench.groups import Groups, Label, Stratum, stretches_of
 from osl_analysis.bench.joint_fit import (
     LOSSES_SYMBOLS,
     Estimate,
@@ -31,7 +32,7 @@ from osl_analysis.bench.joint_fit import (
     misfit_columns,
 )
 from osl_analysis.bench.joint_inference import misfit_of_losses
-from osl_analysis.bench.record import Groups, Label, Record, Stratum, joint_angle, stretches_of
+from osl_analysis.bench.record import Record, joint_angle
 from osl_analysis.bench.settings import ActuatorAnalysis, BeltAnalysis
 from osl_analysis.errors import InputError, naming
 from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection

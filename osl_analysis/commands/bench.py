@@ -25,14 +25,8 @@ from osl_analysis.bench import settings as choices
 from osl_analysis.bench.analysis import QUANTITIES, FitTables, analysed, plausible
 from osl_analysis.bench.components import PLACE
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums
-from osl_analysis.bench.record import (
-    Record,
-    read_record,
-    record_of_trial,
-    sine_record,
-    stored_record,
-    with_actuator,
-)
+from osl_analysis.bench.record import Record, read_record, stored_record, with_actuator
+from osl_analysis.bench.recorded_motion import record_of_trial, sine_record
 from osl_analysis.campaign.configuration import Config, over_default, own_fields, read_section
 from osl_analysis.config.experiments import EXPERIMENTS, FitJob
 from osl_analysis.errors import IdentifiabilityError, InputError, nearest, printable_lines

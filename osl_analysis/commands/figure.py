@@ -13,7 +13,7 @@ from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.components import PLACE, belt_figure_points
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums
 from osl_analysis.bench.impedance import DesiredImpedance
-from osl_analysis.bench.record import record_of_trial
+from osl_analysis.bench.recorded_motion import record_of_trial
 from osl_analysis.bench.settings import ImpedanceAnalysis
 from osl_analysis.campaign.configuration import FrequencyResponseFigure
 from osl_analysis.commands.walking import (

@@ -18,7 +18,7 @@ from osl_analysis.bench.analysis import motion_in
 from osl_analysis.bench.components import PLACE
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.prediction import COMPONENTS, PARTS, components_of
-from osl_analysis.bench.record import record_of_trial
+from osl_analysis.bench.recorded_motion import record_of_trial
 from osl_analysis.campaign.configuration import Config
 from osl_analysis.campaign.origin import sentence
 from osl_analysis.commands.tables import read_summary

@@ -8,7 +8,7 @@ import polars as pl
 from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, sosfiltfilt
 
-from osl_analysis.bench.components import branches_of
+from osl_analysis.bench.belt import branches_of
 from osl_analysis.bench.groups import cycles_of
 from osl_analysis.bench.impedance import impedance_table, rendered_impedance
 from osl_analysis.bench.prediction import COMPONENTS, PARTS

@@ -12,8 +12,9 @@ from click.testing import CliRunner
 from conftest import ROOT
 from scipy.signal import lfilter
 
-from osl_analysis.bench.components import ACTUATOR_PARAMETERS as NAMES
-from osl_analysis.bench.components import actuator_table, actuator_trial, part_summary
+from osl_analysis.bench.actuator_alone import ACTUATOR_PARAMETERS as NAMES
+from osl_analysis.bench.actuator_alone import actuator_table, actuator_trial
+from osl_analysis.bench.component_summary import part_summary
 from osl_analysis.bench.prediction import component_rows
 from osl_analysis.bench.settings import ActuatorAnalysis
 from osl_analysis.cli import main

@@ -8,7 +8,8 @@ from conftest import filtered_noise
 from hypothesis import given
 from hypothesis import strategies as st
 
-from osl_analysis.bench import components
+from osl_analysis.bench import belt as belt_fits
+from osl_analysis.bench import transmission
 from osl_analysis.bench.settings import BeltAnalysis
 from osl_analysis.errors import InputError
 from osl_analysis.judge.judging import LATENESS, unchecked_in
@@ -23,14 +24,14 @@ def belt_cycle(K_s=685.6, K_s2=0.0, coulomb=0.0, peak=0.0873):
 
 
 def fitted(theta_s, torque, drift=0.0, rate=RATE):
-    return components.fit_branches(belt_record(theta_s, torque, rate), drift)
+    return belt_fits.fit_branches(belt_record(theta_s, torque, rate), drift)
 
 
 @given(st.floats(100, 2000), st.sampled_from([-1, 1]))
 def test_recovers_the_stiffness_of_the_belt_in_both_directions_without_the_rows_of_gaps(K_s, sign):
     theta_s, torque = belt_cycle(K_s)
     torque[700:760] += 40.0
-    belt = components.fit_branches(
+    belt = belt_fits.fit_branches(
         belt_record(sign * theta_s, sign * torque, unusable=range(690, 770))
     )
     assert belt.whole["K_s"] == pytest.approx(K_s, rel=1e-8)
@@ -61,7 +62,7 @@ def test_a_locked_belt_on_a_bench_that_yields_has_its_stiffness_and_the_error_of
         samples = pl.DataFrame(
             {"time": time, "theta": angle, "theta_m": turned * angle, "torque": torque}
         )
-        return components.belt_trial(
+        return belt_fits.belt_trial(
             Trial("b", samples), None, BeltAnalysis(cutoff_hz=15, order=4, bench_stiffness=frame)
         ).whole
 
@@ -93,7 +94,7 @@ def test_a_belt_tells_what_a_straight_line_leaves_out():
     """Energy lost to friction of 0.5 N*m over the elastic one; slope of 876 theta + 14913 theta
     |theta| at the peak."""
     belts = [fitted(*belt) for belt in (belt_cycle(685, coulomb=0.5), belt_cycle(876, K_s2=14913))]
-    rubbing, stiffening = (components.belt_table(belt).row(0, named=True) for belt in belts)
+    rubbing, stiffening = (belt_fits.belt_table(belt).row(0, named=True) for belt in belts)
     back = belts[0].fits["unloading"]
     assert (rubbing["unloading"], rubbing["unloading_se"]) == (back["K_s"], back.se("K_s"))
     assert belts[1].whole.vaf == stiffening["VAF"] < 99.99 < stiffening["quadratic_VAF"]
@@ -147,7 +148,7 @@ def test_the_figure_of_belts_has_what_torque_differs_by_from_the_mean_slope():
     summary = pl.DataFrame({"quantity": ["K_s", "hysteresis_area"], **means}).join(
         pl.DataFrame(place), how="cross"
     )
-    points = components.belt_figure_points(curves, table, summary)
+    points = belt_fits.belt_figure_points(curves, table, summary)
     np.testing.assert_allclose(points["deviation"].drop_nulls(), [0.5, 0.5, 0.5, 0.0], atol=1e-12)
     mean = points.filter(pl.col("trial") == "mean slope")
     np.testing.assert_allclose(mean.select("theta_s_deg", "torque").to_numpy(), [[0, 0], [-2, -8]])
@@ -159,8 +160,8 @@ def test_the_figure_of_belts_has_what_torque_differs_by_from_the_mean_slope():
 
 def losses(torque_of):
     """The rows of the transmission table of a torque."""
-    return components.transmission_table(
-        components.transmission_of(stepped_sine(torque_of))
+    return transmission.transmission_table(
+        transmission.transmission_of(stepped_sine(torque_of))
     ).to_dicts()
 
 
@@ -175,7 +176,7 @@ def test_a_late_torque_of_a_transmission_is_found_and_where_it_hides_it_is_not_c
         record = stepped_sine(
             lambda m: 0.45 * (m.omega - d * m.alpha) + 0.005 * (m.alpha - d * jerk(m)), noise
         )
-        return components.transmission_table(components.transmission_of(record)).to_dicts()[-1]
+        return transmission.transmission_table(transmission.transmission_of(record)).to_dicts()[-1]
 
     def jerk(m):
         return np.gradient(m.alpha, 1 / RATE)

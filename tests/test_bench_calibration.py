@@ -21,7 +21,7 @@ from test_bench_torque_angle import PERIOD, A, W, clock, fitted
 from test_dictionary import described
 
 from osl_analysis.bench.analysis import analysed
-from osl_analysis.bench.components import belt_table, fit_branches
+from osl_analysis.bench.belt import belt_table, fit_branches
 from osl_analysis.bench.coulomb import coulomb_fits
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums, sums_of
 from osl_analysis.bench.frequency_response import frequency_response_table

@@ -228,7 +228,7 @@ RUBBED = {"torque": lambda x: x + 0.3558 * 0.452 * np.gradient(driven(losses)["t
 def test_what_is_not_likely_is_doubtful_with_its_cause(
     experiment, changes, cause, column, side, monkeypatch
 ):
-    monkeypatch.setattr("osl_analysis.bench.components.FEWEST_MOVING_S", 0.1)
+    monkeypatch.setattr("osl_analysis.bench.actuator_alone.FEWEST_MOVING_S", 0.1)
     row = judged(
         experiment,
         changed(experiment, **changes),

@@ -10,7 +10,8 @@ import polars as pl
 import pytest
 from test_figures import stored, texts
 
-from osl_analysis.bench.components import belt_figure_points, check_locked, part_summary
+from osl_analysis.bench.belt import belt_figure_points, check_locked
+from osl_analysis.bench.component_summary import part_summary
 from osl_analysis.campaign.campaign_trials import open_campaign
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.campaign.figure_examples import response_example, time_series_example

@@ -25,7 +25,7 @@ from osl_analysis.bench.analysis import (
     widened,
     without_lag,
 )
-from osl_analysis.bench.components import PLACE
+from osl_analysis.bench.component_summary import PLACE
 from osl_analysis.bench.effects import IMPEDANCE, Fault
 from osl_analysis.bench.gram import FEWEST_UNITS, GroupFit, Sums, combined, estimates_of, solved
 from osl_analysis.bench.groups import Label

@@ -1,8 +1,9 @@
 """The torque of an impedance trial as the leg's components predict it, beside the recorded one:
 nothing is fitted.
 
-Each component was measured alone (components.py). With the controller's law they give the torque
-for the recorded angle (Eqs. 1-7). The components' uncertainty carries over to the prediction. What
+Each component was measured alone (belt.py, transmission.py, actuator_alone.py). With the
+controller's law they give the torque for the recorded angle (Eqs. 1-7). The components' uncertainty
+carries over to the prediction. What
 the equations lack shows in the other trials of the campaign. A misfit that all trials share names a
 component that differs from its measurement, or a late controller.
 
@@ -28,10 +29,12 @@ import polars as pl
 import scipy
 from numpy.typing import NDArray
 
+from osl_analysis.bench.actuator_alone import ACTUATOR_PARAMETERS
 from osl_analysis.bench.analysis import LITTLE
-from osl_analysis.bench.components import ACTUATOR_PARAMETERS, LOSSES, PLACE
+from osl_analysis.bench.component_summary import PLACE
 from osl_analysis.bench.gram import solved
 from osl_analysis.bench.record import Record
+from osl_analysis.bench.transmission import LOSSES
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.measured import rms
 from osl_analysis.model.actuator_in_time import Controller, belt_responses

@@ -13,7 +13,6 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.bench import (
-    components,
     frequency_response,
     impedance,
     phasors,
@@ -22,11 +21,14 @@ from osl_analysis.bench import (
     torque_angle_tables,
 )
 from osl_analysis.bench import settings as choices
+from osl_analysis.bench.actuator_alone import ACTUATOR_PARAMETERS, actuator_table, actuator_trial
 from osl_analysis.bench.analysis import QUANTITIES, FitTables, analysed, plausible
-from osl_analysis.bench.components import PLACE
+from osl_analysis.bench.belt import belt_curve, belt_table, belt_trial
+from osl_analysis.bench.component_summary import PLACE, part_summary
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums
 from osl_analysis.bench.record import Record, read_record, stored_record, with_actuator
 from osl_analysis.bench.recorded_motion import record_of_trial, sine_record
+from osl_analysis.bench.transmission import LOSSES, transmission_of, transmission_table
 from osl_analysis.campaign.configuration import Config, over_default, own_fields, read_section
 from osl_analysis.config.experiments import EXPERIMENTS, FitJob
 from osl_analysis.errors import IdentifiabilityError, InputError, nearest, printable_lines
@@ -51,12 +53,12 @@ def fit_belt_trial(
     p = known_parameters(parameters)
     check_recording(trial, settings)
     rails = saturated(trial, "torque", "theta")
-    belt = components.belt_trial(trial, p, settings)
+    belt = belt_trial(trial, p, settings)
     return FitTables(
         replace(belt.series(), motion=belt.sums.columns["theta"]),  # against the deflection
         lambda: {"timebase": belt.time_base(["K_s"])},
-        belt=plausible(components.belt_table(belt), rails, p, "K_s"),
-        belt_curves=components.belt_curve(belt),
+        belt=plausible(belt_table(belt), rails, p, "K_s"),
+        belt_curves=belt_curve(belt),
     )
 
 
@@ -67,11 +69,11 @@ def fit_transmission_trial(
     p = known_parameters(parameters)
     check_recording(trial, settings)
     rails = saturated(trial, "torque", "theta")
-    analysis = components.transmission_of(sine_record(trial, settings))
-    table = plausible(components.transmission_table(analysis), rails, p, "B_j", "J_j")
+    analysis = transmission_of(sine_record(trial, settings))
+    table = plausible(transmission_table(analysis), rails, p, "B_j", "J_j")
     return FitTables(
         analysis.series(),
-        lambda: {"timebase": analysis.time_base(components.LOSSES)},
+        lambda: {"timebase": analysis.time_base(LOSSES)},
         transmission=table,
     )
 
@@ -132,13 +134,11 @@ def fit_actuator_trial(
     p = known_parameters(parameters)
     check_recording(trial, settings, "torque_m", angle=None)
     rails = saturated(trial, "torque_m", "current")
-    actuator = components.actuator_trial(trial, settings)
-    table = plausible(
-        components.actuator_table(actuator), rails, p, "k_tau_n_m", "f_C", "f_G", "B_m", "J_m"
-    )
+    actuator = actuator_trial(trial, settings)
+    table = plausible(actuator_table(actuator), rails, p, "k_tau_n_m", "f_C", "f_G", "B_m", "J_m")
     is_velocity = table["motion"][0] == "omega_m"
     series = replace(actuator.series(), motion=actuator.record.theta, is_velocity=is_velocity)
-    told = [name for name in components.ACTUATOR_PARAMETERS if name in actuator.whole.names]
+    told = [name for name in ACTUATOR_PARAMETERS if name in actuator.whole.names]
     return FitTables(series, lambda: {"timebase": actuator.time_base(told)}, actuator=table)
 
 
@@ -189,7 +189,7 @@ def summarise(table: Path, output: Path) -> None:
         "impedance": (by_amplitude, impedance.repeated_trials_table),
         "phasors": (by_amplitude, frequency_response.frequency_response_table),
     }
-    needed, computed = derived.get(table.stem, ((), partial(components.part_summary, table.stem)))
+    needed, computed = derived.get(table.stem, ((), partial(part_summary, table.stem)))
     write_table(computed(with_evidence(table, needed)), output)
 
 

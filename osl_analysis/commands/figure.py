@@ -10,7 +10,8 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.bench.analysis import analysed
-from osl_analysis.bench.components import PLACE, belt_figure_points
+from osl_analysis.bench.belt import belt_figure_points
+from osl_analysis.bench.component_summary import PLACE
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.recorded_motion import record_of_trial

@@ -15,7 +15,7 @@ import polars as pl
 from numpy.typing import ArrayLike
 
 from osl_analysis.bench.analysis import motion_in
-from osl_analysis.bench.components import PLACE
+from osl_analysis.bench.component_summary import PLACE
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.prediction import COMPONENTS, PARTS, components_of
 from osl_analysis.bench.recorded_motion import record_of_trial

@@ -1,0 +1,352 @@
+"""The belt alone on its bench: a line through torque over deflection while loading and unloading
+(Fig. 3)."""
+
+from dataclasses import replace
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from osl_analysis.bench.analysis import (
+    Analysis,
+    check_changes,
+    check_stiffer,
+    torque_errors,
+    widened,
+)
+from osl_analysis.bench.component_summary import PLACE
+from osl_analysis.bench.effects import Model
+from osl_analysis.bench.gram import GroupFit, Sums, estimates_of, fit_groups, gram_sums
+from osl_analysis.bench.groups import Groups, Label, stretches_of
+from osl_analysis.bench.record import Record, joint_angle
+from osl_analysis.bench.settings import BeltAnalysis
+from osl_analysis.errors import InputError, naming
+from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection
+from osl_analysis.signals import filtered_motion, runs
+from osl_analysis.signals.grid import BRIDGE_MORE, UniformSignals, uniform_signals
+from osl_analysis.stats.regression import Row, covariance_row, estimates_row
+from osl_analysis.trial import Array, Trial
+
+STRAIGHT: Model = {"K_s": "theta", "offset": "one"}
+STRAIGHT_AND_DAMPED: Model = {**STRAIGHT, "B_j": "omega"}
+QUADRATIC: Model = {"K_s": "theta", "K_s2": "square", "offset": "one"}
+"""On a raised cosine damping and curvature are collinear, so that it has no damping."""
+CONSTANT_VELOCITY = 0.05  # SD of a velocity over its mean, below which it makes a constant torque
+STRETCHES = 16  # of each branch, whose scatter gives its interval
+LEAST_DEFLECTION_DEG = 0.5
+LOADED = 0.05  # share of the peak where loading begins: the belt's hysteresis reverses below
+LARGEST_FALL = 0.2  # share of the peak by which a single loading may fall back
+LARGEST_TURN = 0.01  # of the joint's turn, below which a shaft rests: K_s is off by 1 % at most
+FEWEST_UNLOADING = 10  # rows of the way back
+POINTS_PER_SECOND = 50.0  # of the curves of Fig. 3
+
+
+def belt_trial(trial: Trial, p: DrivetrainParameters | None, settings: BeltAnalysis) -> Analysis:
+    """Filter and fit one canonical trial.
+
+    Parameters
+    ----------
+    trial
+        With `theta`, `theta_m` and `torque`.
+    p
+        Parameters of the device. None: the ratio n_T is not known, and the shaft must rest.
+    settings
+        How it is analysed.
+
+    Raises
+    ------
+    InputError, IdentifiabilityError
+        As `branches_of` and `fit_groups`, or the bench is softer than the belt.
+    """
+    signals = uniform_signals(trial, ("theta", "theta_m", "torque"), settings.gap_limits)
+    other, bench = signals.other(), settings.bench_stiffness
+    with naming(f"trial {trial.name}"):
+        belt = belt_of(signals, p, settings)
+        if bench is not None:  # the error of its stiffness enters the intervals as type B
+            softer = belt_of(signals, p, settings, bench.compliance_error).fits
+            fits = {
+                label: widened(fit, softer[label].estimates - fit.estimates, shared=True)
+                for label, fit in belt.fits.items()
+            }
+            belt = replace(belt, fits=fits)
+        if other is not None:
+            belt = replace(belt, others=belt_of(other, p, settings).fits)
+    return belt
+
+
+def belt_of(
+    signals: UniformSignals,
+    p: DrivetrainParameters | None,
+    settings: BeltAnalysis,
+    more_compliance: float = 0.0,
+) -> Analysis:
+    """The fits to uniform signals; the bench is softer than its settings by `more_compliance`
+    [rad/(N*m)]."""
+    low_pass, rate, bench = settings.low_pass, signals.rate_hz, settings.bench_stiffness
+    raw_torque = signals["torque"]
+    check_changes("torque", raw_torque)
+    compliance = bench.compliance if bench else 0.0
+    theta = joint_angle(signals["theta"], raw_torque, compliance + more_compliance)
+    if p is None:
+        check_locked(low_pass(theta, rate), low_pass(signals["theta_m"], rate))
+        deflection = theta
+    else:
+        deflection = belt_deflection(theta, signals["theta_m"], p)
+    motion, torque = filtered_motion(signals.time, deflection, raw_torque, low_pass)
+    record = Record(
+        name=signals.trial,
+        time=signals.time,
+        theta=deflection,
+        torque=raw_torque,
+        motion=motion,
+        filtered_torque=torque,
+        low_pass=low_pass,
+        usable=signals.usable,
+        groups=branches_of(motion.theta, rate, signals.usable, low_pass.cutoff_hz),
+        uniform=signals,
+        settings=settings,
+    )
+    belt = fit_branches(record, settings.load_cell_drift / 60)
+    check_stiffer(signals.trial, "K_s", belt.whole["K_s"], bench)
+    return belt
+
+
+def fit_branches(record: Record, drift: float = 0.0) -> Analysis:
+    """Fit one load-unload cycle, whose groups are those of `branches_of` and whose angle is the
+    belt's deflection.
+
+    `loading` stands for the trial: a straight line `K_s` and `offset`, with the joint's damping
+    `B_j` if the velocity varies. `unloading` is the same; `quadratic` adds `K_s2` [N*m/rad^2] times
+    theta_s |theta_s| while loading.
+
+    The load cell's drift has the standard deviation `drift` [N*m/s]. A line cannot tell drift from
+    stiffness, and no scatter shows it: it enters the intervals as type B (JCGM 100:2008, 4.3).
+    """
+    motion = record.motion
+    deflection = motion.theta - motion.theta[0]
+    columns = {
+        "theta": deflection,
+        "omega": motion.omega,
+        "one": np.ones_like(deflection),
+        "square": deflection * np.abs(deflection),
+        "ramp": record.time - record.time.mean(),
+    }
+    s = gram_sums(record, columns, ["theta", "omega", "one", "square"])
+    loading = straight_model(motion.omega[record.rows("loading")])
+    unloading = straight_model(motion.omega[record.rows("unloading")])
+    fits: dict[Label, GroupFit] = {
+        "quadratic": fit_beside_drift(s, QUADRATIC, "loading", drift),
+        "loading": fit_beside_drift(s, loading, "loading", drift),
+        "unloading": fit_beside_drift(s, unloading, "unloading", drift),
+    }
+    return Analysis(record, s, loading, fits, {}, "loading")
+
+
+def straight_model(velocity: Array) -> Model:
+    """A line, with damping where the velocity (n,) varies.
+
+    Without its column B_j omega shifts K_s by 0.12 N*m/rad on a raised cosine, because loading
+    begins at a velocity and ends at rest. A constant velocity makes a constant torque, which the
+    offset contains.
+    """
+    is_constant = float(np.std(velocity)) <= CONSTANT_VELOCITY * abs(float(np.mean(velocity)))
+    return STRAIGHT if is_constant else STRAIGHT_AND_DAMPED
+
+
+def fit_beside_drift(s: Sums, model: Model, label: Label, drift: float) -> GroupFit:
+    """Fit of a branch, whose interval has the load cell's drift [N*m/s]."""
+    of_ramp = estimates_of(s.over(label), s.index(list(model.values())), s.names.index("ramp"))
+    fit = widened(fit_groups(s, model, label), drift * of_ramp)
+    if drift:
+        fit = replace(fit, interval_method=f"{fit.interval_method} + drift")
+    return fit
+
+
+def branches_of(
+    theta_s: Array, rate_hz: float, usable: NDArray[np.bool_], cutoff_hz: float
+) -> Groups:
+    """Stretches of loading and unloading of a deflection theta_s (n,) [rad] in usable rows.
+
+    Raises
+    ------
+    InputError
+        As `loaded_rows`, or a branch is empty.
+    """
+    onset, peak, release = loaded_rows(theta_s - theta_s[0])
+    branches = []
+    for label, rows in (("loading", slice(onset, peak + 1)), ("unloading", slice(peak, release))):
+        inside = np.zeros(len(theta_s), dtype=np.bool_)
+        inside[rows] = usable[rows]
+        if not inside.any():
+            raise InputError(
+                f"no row while {label} is free of gaps that are too long to be bridged;"
+                f" {BRIDGE_MORE}"
+            )
+        # no shorter than half a period of the cut-off
+        seconds = max((rows.stop - rows.start) / rate_hz / STRETCHES, 0.5 / cutoff_hz)
+        branches.append(stretches_of(runs(inside), rate_hz, seconds, label))
+    return Groups(
+        "stretches",
+        np.concatenate([branch.first for branch in branches]),
+        np.concatenate([branch.stop for branch in branches]),
+        np.repeat([0, 1], [len(branch.first) for branch in branches]),
+        tuple(branch.strata[0] for branch in branches),
+    )
+
+
+def loaded_rows(deflection: Array) -> tuple[int, int, int]:
+    """Rows of one load-unload cycle: onset of loading, peak, and the row after unloading.
+
+    Raises
+    ------
+    InputError
+        The belt hardly deflects, is not unloaded again, or is loaded more than once.
+    """
+    peak = int(np.argmax(np.abs(deflection)))
+    if abs(deflection[peak]) < np.deg2rad(LEAST_DEFLECTION_DEG):
+        raise InputError(
+            f"the belt deflects by {np.rad2deg(abs(deflection[peak])):.3f} deg at most, expected"
+            f" {LEAST_DEFLECTION_DEG:g} deg or more; check the angle channels and their units in"
+            " the source file"
+        )
+    loaded = np.abs(deflection) >= LOADED * abs(deflection[peak])
+    onset = int(np.argmax(loaded))
+    release = len(loaded) - int(np.argmax(loaded[::-1]))
+    if release - peak < FEWEST_UNLOADING or release == len(loaded):
+        raise InputError("the trial ends while the belt is still loaded; record the way back too")
+    way = deflection[onset : peak + 1] * np.sign(deflection[peak])
+    fall = float(np.max(np.maximum.accumulate(way) - way))
+    if fall > LARGEST_FALL * abs(float(way[-1])):
+        raise InputError(
+            f"the belt falls back by {np.rad2deg(fall):.2f} deg before its peak of"
+            f" {np.rad2deg(abs(way[-1])):.2f} deg: this is no single loading; check that the trial"
+            " is of experiment 'belt'"
+        )
+    return onset, peak, release
+
+
+def check_locked(theta: Array, theta_m: Array) -> None:
+    """Refuse a shaft that turns if n_T is not known: its share of the deflection is unknown. Angles
+    are (n,) [rad]."""
+    turned, whole = float(np.ptp(theta_m)), float(np.ptp(theta))
+    if turned > LARGEST_TURN * whole:
+        raise InputError(
+            f"theta_m turns by {turned:.3g} rad while theta turns by {whole:.3g} rad, and without a"
+            " parameter file its ratio n_T to the joint is not known; lock the shaft, or name a"
+            " parameter file under `parameters` in the configuration"
+        )
+
+
+def belt_table(belt: Analysis) -> pl.DataFrame:
+    """The trial's row of `belt.csv`: slopes of loading and unloading, loop area [J], quadratic
+    belt. `energy_lost` is the loop's area over the energy K_s theta_s^2/2 at the peak. `stiffening`
+    is the relative increase of the quadratic belt's slope from rest to the peak."""
+    loading = belt.calibrated(belt.fits["loading"], "loading")
+    unloading = belt.calibrated(belt.fits["unloading"], "unloading")
+    quadratic = belt.calibrated(belt.fits["quadratic"], "loading")
+    record = belt.record
+    theta, torque = record.motion.theta, record.filtered_torque
+    peak = float(np.max(np.abs(belt.sums.columns["theta"])))
+
+    area = float(np.trapezoid(torque, theta))
+    errors = torque_errors(torque, record.rate_hz, record.rows(), record.calibration)
+    by_torque = np.linalg.norm(np.trapezoid(errors, theta))
+    by_gain = area * record.calibration.polar(0.0)[0]
+
+    damping: Row = dict.fromkeys(("B_j", "B_j_se", "B_j_low", "B_j_high"))
+    if "B_j" in loading.names:
+        damping = dict(estimates_row(loading, "B_j"))
+    row: Row = {
+        "trial": record.name,
+        **estimates_row(loading, "K_s", "offset"),
+        **covariance_row(loading, "K_s", "offset"),
+        "K_s_se_bench": loading.se_bench("K_s"),
+        **damping,
+        **belt.judged("loading"),
+        "unloading": unloading["K_s"],
+        "unloading_se": unloading.se("K_s"),
+        "unloading_se_bench": unloading.se_bench("K_s"),
+        "hysteresis_area": area,
+        "hysteresis_area_se_bench": float(np.hypot(by_gain, by_torque)),
+        "quadratic_K_s": quadratic["K_s"],
+        "quadratic_K_s2": quadratic["K_s2"],
+        "quadratic_K_s2_se": quadratic.se("K_s2"),
+        "quadratic_K_s2_se_bench": quadratic.se_bench("K_s2"),
+        "quadratic_VAF": quadratic.vaf,
+        "energy_lost": area / (loading["K_s"] * peak**2 / 2),
+        "shaft_turn": shaft_turn(record),
+        "stiffening": 2 * quadratic["K_s2"] * peak / quadratic["K_s"],
+        **belt.time_base_row("loading", ["K_s"]),
+    }
+    return pl.DataFrame([row])
+
+
+def shaft_turn(record: Record) -> float | None:
+    """Turn of the actuator's shaft per turn of the joint, while the belt is loaded; None without a
+    file."""
+    if record.uniform is None:
+        return None
+    rows = record.rows("loading")
+    return float(np.polyfit(record.uniform["theta"][rows], record.uniform["theta_m"][rows], 1)[0])
+
+
+def belt_curve(belt: Analysis) -> pl.DataFrame:
+    """Deflection [deg] and torque [N*m] from rest, by branch, for Fig. 3."""
+    record = belt.record
+    step = slice(None, None, max(round(record.rate_hz / POINTS_PER_SECOND), 1))
+    theta_s, torque = record.motion.theta[step], record.filtered_torque[step]
+    deflection = np.rad2deg(theta_s - theta_s[0])
+    is_loading = np.arange(len(theta_s)) <= np.argmax(np.abs(deflection))
+    return pl.DataFrame(
+        {
+            "trial": record.name,
+            "branch": np.where(is_loading, "loading", "unloading"),
+            "theta_s_deg": deflection,
+            "torque": torque - torque[0],
+        }
+    )
+
+
+def belt_figure_points(
+    curves: pl.DataFrame, table: pl.DataFrame, summary: pl.DataFrame
+) -> pl.DataFrame:
+    """The numbers of Fig. 3 for each joint and side.
+
+    Parameters
+    ----------
+    curves
+        `belt_curve` of each trial.
+    table
+        `belt.csv`.
+    summary
+        Its summary.
+
+    Returns
+    -------
+    DataFrame
+        The curves with their `deviation` of torque [N*m] from the mean slope, and why a fit is
+        doubtful; the mean slope as two points, from 0 to the largest deflection, with the loops'
+        mean area [J].
+    """
+    doubts = table.select("trial", *PLACE, "doubtful")
+    marked_curves = curves.join(doubts, "trial", how="left", maintain_order="left")
+    found = []
+    for of_place in marked_curves.partition_by(PLACE, maintain_order=True):
+        place = of_place.select(PLACE).head(1)
+        rows = summary.join(place, PLACE, nulls_equal=True).to_dicts()
+        means = {row["quantity"]: row for row in rows}
+        slope = means["K_s"]["mean"] * np.pi / 180
+        deviation = pl.col("torque") - slope * pl.col("theta_s_deg")
+        found.append(of_place.with_columns(deviation=deviation))
+
+        deflection = of_place["theta_s_deg"]
+        largest = deflection[int(np.argmax(deflection.abs().to_numpy()))]
+        ends = np.array([0.0, largest])
+        line = pl.DataFrame({"trial": "mean slope", "branch": "loading", "theta_s_deg": ends})
+        line = line.with_columns(torque=slope * pl.col("theta_s_deg"))
+        numbers = {}
+        for quantity in ("K_s", "hysteresis_area"):
+            for ending, bound in (("", "mean"), ("_low", "low"), ("_high", "high")):
+                numbers[f"{quantity}{ending}"] = pl.lit(means[quantity][bound], pl.Float64)
+        found.append(line.join(place, how="cross").with_columns(**numbers))
+    return pl.concat(found, how="diagonal")

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 from osl_analysis.dictionary import own_yaml
 from osl_analysis.errors import nearest
 from osl_analysis.judge.causes import CAUSES, EVIDENCE, cause_of, suspected_unit
+from osl_analysis.judge.effects import estimate_column
 from osl_analysis.judge.finding import (
     ESTIMATES,
     AnyRow,
@@ -88,19 +89,21 @@ def beyond_said(one: Beyond) -> str:
     return f"{one.column} {how.get(one.side, f'{one.value:.3g} is {one.side} {one.limit:g}')}"
 
 
-def without_names(cause: str, row: AnyRow) -> dict[str, str]:
-    """Names of the estimates without a cause: certain friction is a column beside it, and no part
-    of B."""
-    column = CAUSES[cause].without.get("B") if cause in CAUSES else None
-    beside = column == "B_without" and row.get("B_viscous") is not None
-    return {name: "B without friction" if name == "B" and beside else name for name in ESTIMATES}
+def without_names(cause: str, row: AnyRow, table: str) -> dict[str, str]:
+    """What a reader calls K, B and I without a cause in a table. Certain friction is a column of
+    the regression beside the cause, and no part of the damping."""
+    names = {symbol: estimate_column(table, symbol) for symbol in ESTIMATES}
+    has_fault = cause in CAUSES and CAUSES[cause].without.get("B") == "B_without"
+    if has_fault and row.get(f"{names['B']}_viscous") is not None:
+        names["B"] += " without friction"
+    return names
 
 
 def without_said(finding: Finding, row: AnyRow) -> str:
     """The estimates of the same fit with this cause as a column of the regression, where they are
     better than the recorded ones."""
     texts = list[str]()
-    for name, symbol in without_names(finding.cause, row).items():
+    for name, symbol in without_names(finding.cause, row, finding.table).items():
         value, low, high = (finding.without.get(f"{name}{end}") for end in ("", "_low", "_high"))
         if name in finding.untold:
             texts.append(f"nothing of {symbol} is told")

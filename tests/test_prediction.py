@@ -354,6 +354,25 @@ def test_the_torque_error_is_what_an_offset_and_a_drift_leave_of_the_difference_
     assert torque_error(s, None, DesiredImpedance("x", None, 4)) is None
 
 
+def test_a_doubtful_trial_leaves_the_comparison_where_the_others_of_its_condition_are_sound():
+    rows = []
+    for controller, K_d, repeat in product(PAIR, (100.0, 200.0), (1, 2, 3)):
+        asked = {"controller": controller, "K_d": K_d, "B_d": 5.0, "amplitude_deg": None}
+        fit = {"K": 1.1 * K_d, "B": 5.5, "VAF": 99.0, "torque_error": 1.0, "doubtful": ""}
+        rows.append({**HERE, "trial": f"{controller}_{K_d}_{repeat}", "commanded_deg": None,
+                     **asked, **fit})  # fmt: skip
+    sound = pl.DataFrame(rows, schema_overrides={"amplitude_deg": float, "side": pl.String})
+    is_spoilt = pl.col("trial") == f"{PAIR[0]}_100.0_2"
+    spoilt = sound.with_columns(
+        K=pl.when(is_spoilt).then(900.0).otherwise("K"),
+        doubtful=pl.when(is_spoilt).then(pl.lit("torque path")).otherwise("doubtful"),
+    )
+
+    compared = compensation_table(spoilt)
+
+    assert compared.equals(compensation_table(sound))
+
+
 def test_compensation_is_compared_in_pairs_and_its_interval_counts_trials(tmp_path):
     rng, rows = np.random.default_rng(3), []
     for K, B, name, deg in product((100.0, 200.0), (0.0, 5.0), PAIR, (2.0, 4.0, None)):

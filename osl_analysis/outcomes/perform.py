@@ -199,7 +199,7 @@ def call(job: Job) -> Sequence[Refusal]:
     with tables_of(job.params["made_by"]["data"]), limited_memory(job.recordings):
         if job.command in TABLES_OF_FIT:
             trial = read_trial(Path(str(given.pop("trial"))))
-            fitted = CONVERTING(function)(trial=trial, **given, **params)
+            fitted = CONVERTING(function)(trial=trial, **given, **params).everything()
             tables = TABLES_OF_FIT[job.command]
             write_tables({place_of(table, job): fitted[table] for table in tables})
         else:

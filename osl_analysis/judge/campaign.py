@@ -4,6 +4,7 @@ the page."""
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import chain
 from typing import Any
 
@@ -47,38 +48,52 @@ JUDGED_FURTHER = (PREDICTION_TABLE, "prediction_causes")
 def campaign_findings(
     tables: Mapping[str, pl.DataFrame], verdicts: pl.DataFrame, limits: DoubtfulFits
 ) -> pl.DataFrame:
-    """`findings.csv` from the result tables by name and from `quality.csv`. Findings that rows
-    inherit from another table are listed once per trial and amplitude, without words: the original
-    finding has these."""
-    found = list(failed_checks(verdicts))
-    fits, seen = (
-        {name: table for name, table in tables.items() if name in judged_tables()},
-        set[object](),
-    )
-    own = {name: judged(table, limits.of(name), name) for name, table in fits.items()}
+    """Judge all trials of a campaign.
+
+    Parameters
+    ----------
+    tables : Mapping of str to polars.DataFrame
+        Result tables by name, with their evidence.
+    verdicts : polars.DataFrame
+        `quality.csv`.
+    limits : DoubtfulFits
+        Accuracy and limits of the configuration.
+
+    Returns
+    -------
+    polars.DataFrame
+        `findings.csv`. Findings that rows inherit from another table are listed once per trial and
+        amplitude, without words: the original finding has these.
+
+    Raises
+    ------
+    InputError
+        A limit stands on a column that its table does not have.
+    """
+    findings = list(failed_checks(verdicts))
+    fits = {name: table for name, table in tables.items() if name in judged_tables()}
+    own_findings = {name: judged(table, limits.of(name), name) for name, table in fits.items()}
+    listed = set[object]()  # the inherited findings
     for name, table in fits.items():
-        of = doubts_of().get(name, "")
-        findings = (
-            with_inherited(name, table, own[name], fits[of], own[of]) if of in fits else own[name]
-        )
-        for row, of_row in zip(table.iter_rows(named=True), findings, strict=True):
-            found += [
-                (finding, words_of(finding, row)) for finding in of_row if not finding.inherited
-            ]
-            for finding in (one for one in of_row if one.inherited):
+        by_row = own_findings[name]
+        origin = doubts_of().get(name, "")  # the table of the fits to the same trials
+        if origin in fits:
+            by_row = with_inherited(name, table, by_row, fits[origin], own_findings[origin])
+        for row, of_row in zip(table.iter_rows(named=True), by_row, strict=True):
+            # those of the row itself first
+            for finding in sorted(of_row, key=lambda finding: bool(finding.inherited)):
                 key = finding.table, finding.subject, finding.amplitude_deg, finding.cause
-                if key not in seen:
-                    seen.add(key)
-                    found.append((finding, Words("", "", "")))
+                if not finding.inherited:
+                    findings.append((finding, words_of(finding, row)))
+                elif key not in listed:
+                    listed.add(key)
+                    findings.append((finding, Words("", "", "")))
     for row in tables.get(PREDICTION_TABLE, pl.DataFrame()).iter_rows(named=True):
-        found += [
-            (finding, words_of(finding, row)) for finding in unchecked_in(PREDICTION_TABLE, row)
-        ]
-    found += [
-        *causes_of_misfit(tables),
-        *recordings_of_another_length(fits.get("impedance", pl.DataFrame())),
-    ]
-    return findings_frame(found)
+        for finding in unchecked_in(PREDICTION_TABLE, row):
+            findings.append((finding, words_of(finding, row)))
+    findings.extend(causes_of_misfit(tables))
+    findings.extend(recordings_of_another_length(fits.get("impedance", pl.DataFrame())))
+    return findings_frame(findings)
 
 
 def failed_checks(verdicts: pl.DataFrame) -> Iterator[tuple[Finding, Words]]:
@@ -87,12 +102,22 @@ def failed_checks(verdicts: pl.DataFrame) -> Iterator[tuple[Finding, Words]]:
     for row in verdicts.filter(pl.col("verdict").is_in(list(grades))).to_dicts():
         check = CHECKS[row["check"]]
         evidence = Beyond(check.name, row["value"], row.get("threshold") or 0.0, check.fails)
-        size = f"{significant(row['value'], 3)} {row['unit']}" + (
-            f" ({row['remark']})" if row["remark"] else ""
-        )
+        grade = grades[row["verdict"]]
+        size = f"{significant(row['value'], 3)} {row['unit']}"
+        if row["remark"]:
+            size = f"{size} ({row['remark']})"
         words = check_words(check.cause)
-        finding = Finding(QUALITY, row["trial"], check.cause, grades[row["verdict"]], (evidence,))
+        finding = Finding(QUALITY, row["trial"], check.cause, grade, (evidence,))
         yield finding, words._replace(size=size, remedy=capital(words.remedy))
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """What explains that the components of a joint do not predict the torque of its trials."""
+
+    cause: str
+    evidence: tuple[Beyond, ...]
+    words: Words
 
 
 def causes_of_misfit(tables: Mapping[str, pl.DataFrame]) -> Iterator[tuple[Finding, Words]]:
@@ -101,42 +126,52 @@ def causes_of_misfit(tables: Mapping[str, pl.DataFrame]) -> Iterator[tuple[Findi
     finding for each predicted trial."""
     causes = tables.get("prediction_causes", pl.DataFrame(schema=["joint", "side"]))
     for rows in causes.partition_by("joint", "side", maintain_order=True):
-        at = [pl.col(key).eq_missing(pl.lit(rows[key][0], pl.String)) for key in ("joint", "side")]
-        own = tables[PREDICTION_TABLE].filter(*at, pl.col("VAF").is_not_null())
-        is_late, found = (
-            pl.col("component").str.ends_with("_delay"),
-            list[tuple[str, tuple[Beyond, ...], Words]](),
+        same_joint = pl.col("joint").eq_missing(pl.lit(rows["joint"][0], pl.String))
+        same_side = pl.col("side").eq_missing(pl.lit(rows["side"][0], pl.String))
+        predicted = tables[PREDICTION_TABLE].filter(same_joint, same_side)
+        predicted = predicted.filter(pl.col("VAF").is_not_null())
+        for misfit in misfits_of_joint(rows, predicted):
+            for trial in predicted["trial"]:
+                finding = Finding(PREDICTION_TABLE, trial, misfit.cause, evidence=misfit.evidence)
+                yield finding, misfit.words
+
+
+def misfits_of_joint(rows: pl.DataFrame, predicted: pl.DataFrame) -> list[Misfit]:
+    """The causes of one joint and side, from its rows of `prediction_causes.csv` and its predicted
+    trials."""
+    is_delay = pl.col("component").str.ends_with("_delay")
+    components = rows.filter("named", ~is_delay).to_dicts()
+    delays = rows.filter(is_delay).to_dicts()  # named or not
+    misfits = list[Misfit]()
+    if components:
+        cause = f"component {' or '.join(row['component'] for row in components)}"
+        words = misfit_words("component", as_if=as_if_said(components))
+        misfits.append(Misfit(cause, changes_beyond_zero(components), words))
+    if any(row["named"] for row in delays):
+        angle_ms, velocity_ms = (1e3 * row["change"] for row in delays)
+        words = misfit_words("late controller", angle=angle_ms, velocity=velocity_ms)
+        misfits.append(Misfit("late controller", changes_beyond_zero(delays), words))
+    left = max((row["left"] or 0.0 for row in delays), default=0.0)  # percent of the torque
+    if not misfits and left > LARGEST_MISFIT:
+        cause = "components that do not predict"
+        words = misfit_words(
+            cause,
+            K=measured_over_predicted(predicted, "K"),
+            B=measured_over_predicted(predicted, "B"),
         )
-        late = rows.filter(is_late).to_dicts()
-        if parts := rows.filter("named", ~is_late).to_dicts():
-            evidence = tuple(
-                Beyond(part["component"], part["change"], 0.0, "above") for part in parts
-            )
-            cause = f"component {' or '.join(part['component'] for part in parts)}"
-            found.append((cause, evidence, misfit_words("component", as_if=as_if_said(parts))))
-        if any(row["named"] for row in late):
-            evidence = tuple(Beyond(row["component"], row["change"], 0.0, "above") for row in late)
-            angle, velocity = (1e3 * row["change"] for row in late)
-            found.append(
-                (
-                    "late controller",
-                    evidence,
-                    misfit_words("late controller", angle=angle, velocity=velocity),
-                )
-            )
-        # beside the delays, named or not
-        left = max((row["left"] or 0.0 for row in late), default=0.0)
-        if not found and left > LARGEST_MISFIT:
-            K, B = (
-                100 * float(np.median((own[f"{x}_measured"] / own[x]).to_numpy())) - 100
-                for x in "KB"
-            )
-            evidence = (Beyond("left", left, LARGEST_MISFIT, "above"),)
-            cause = "components that do not predict"
-            found.append((cause, evidence, misfit_words(cause, K=K, B=B)))
-        for cause, numbers, words in found:
-            for trial in own["trial"]:
-                yield Finding(PREDICTION_TABLE, trial, cause, evidence=numbers), words
+        misfits.append(Misfit(cause, (Beyond("left", left, LARGEST_MISFIT, "above"),), words))
+    return misfits
+
+
+def changes_beyond_zero(rows: Sequence[Mapping[str, Any]]) -> tuple[Beyond, ...]:
+    """The changes of components, or of delays, that would explain the torque, as evidence."""
+    return tuple(Beyond(row["component"], row["change"], 0.0, "above") for row in rows)
+
+
+def measured_over_predicted(predicted: pl.DataFrame, symbol: str) -> float:
+    """By how many percent K or B is measured above its prediction, the median of trials."""
+    ratio = (predicted[f"{symbol}_measured"] / predicted[symbol]).to_numpy()
+    return 100 * float(np.median(ratio)) - 100
 
 
 def recordings_of_another_length(impedance: pl.DataFrame) -> Iterator[tuple[Finding, Words]]:
@@ -145,19 +180,16 @@ def recordings_of_another_length(impedance: pl.DataFrame) -> Iterator[tuple[Find
     cause = "recording of another length"
     if not {"recorded_s", "excitation"} <= {*impedance.columns}:
         return
-    for rows in impedance.filter(
-        pl.col("amplitude_deg").is_null(), pl.col("recorded_s") > 0
-    ).partition_by("excitation"):
+    whole = impedance.filter(pl.col("amplitude_deg").is_null(), pl.col("recorded_s") > 0)
+    for rows in whole.partition_by("excitation"):
         is_unusual, usual = unusual(rows["recorded_s"].to_numpy())
         for trial, seconds in rows.filter(is_unusual).select("trial", "recorded_s").iter_rows():
-            limit = (SHORT * usual, "below") if seconds < usual else (usual / SHORT, "above")
-            words = misfit_words(cause, seconds=seconds, usual=usual)
-            yield (
-                Finding(
-                    "impedance", trial, cause, Grade.NOTES, (Beyond("recorded_s", seconds, *limit),)
-                ),
-                words,
-            )
+            if seconds < usual:
+                evidence = Beyond("recorded_s", seconds, SHORT * usual, "below")
+            else:
+                evidence = Beyond("recorded_s", seconds, usual / SHORT, "above")
+            finding = Finding("impedance", trial, cause, Grade.NOTES, (evidence,))
+            yield finding, misfit_words(cause, seconds=seconds, usual=usual)
 
 
 Entry = dict[str, Any]
@@ -166,16 +198,17 @@ Entry = dict[str, Any]
 def entries(findings: pl.DataFrame) -> list[Entry]:
     """The findings of `findings.csv`, each with its numbers under `evidence`: column, value, limit
     and side."""
-    found: dict[int, Entry] = {}
+    by_number: dict[int, Entry] = {}
     for row in findings.iter_rows(named=True):
-        in_part = any(row[name] is not None for name in ("amplitude_deg", "frequency_hz"))
-        in_part |= row["cause"] in CAUSES and bool(CAUSES[row["cause"]].of)
-        entry = found.setdefault(row["finding"], row | {"evidence": [], "in_part": in_part})
+        is_of_part = row["amplitude_deg"] is not None or row["frequency_hz"] is not None
+        concerns_some_results = row["cause"] in CAUSES and bool(CAUSES[row["cause"]].of)
+        if row["finding"] not in by_number:
+            in_part = is_of_part or concerns_some_results
+            by_number[row["finding"]] = {**row, "evidence": [], "in_part": in_part}
         if row["evidence"] is not None:
-            entry["evidence"].append(
-                Beyond(row["evidence"], row["value"], row["limit"], row["side"])
-            )
-    return list(found.values())
+            number = Beyond(row["evidence"], row["value"], row["limit"], row["side"])
+            by_number[row["finding"]]["evidence"].append(number)
+    return list(by_number.values())
 
 
 def known_of(

@@ -217,131 +217,147 @@ def known_of(
     """What a reader must know, as `summary.json` has it: each cause by experiment with its trials.
     Doubts come first, then failed checks of trials that are used, then what could not be checked;
     in each, the most frequent cause first. `tables` give the numbers of trials."""
-    there = {*subjects(verdicts), *chain(*map(subjects, tables.values()))}
-    of = defaultdict[tuple[str, str], list[Entry]](list)  # by table and grade
+    present = {*subjects(verdicts), *chain(*map(subjects, tables.values()))}
+    by_table = defaultdict[tuple[str, str], list[Entry]](list)  # by table and grade
     for entry in entries(findings):
-        if not entry["inherited"] and entry["trial"] in there:
-            of[entry["table"], entry["grade"]].append(entry)
+        if not entry["inherited"] and entry["trial"] in present:
+            by_table[entry["table"], entry["grade"]].append(entry)
     doubts, flags, unchecked = list[Entry](), list[Entry](), list[Entry]()
     for experiment, facts in EXPERIMENTS.items():
+        origins = dict.fromkeys(facts.judged_further, "")
         fitted = {table.name: table.doubts_of for table in facts.tables if table.judged}
-        for table, other in (fitted | dict.fromkeys(facts.judged_further, "")).items():
-            if DOUBTFUL not in (rows := tables.get(table, pl.DataFrame())).columns:
+        for table, origin in [*fitted.items(), *origins.items()]:
+            rows = tables.get(table, pl.DataFrame())
+            if DOUBTFUL not in rows.columns:
                 continue
-            judged, named = (
-                subjects(rows.filter(pl.col(DOUBTFUL).is_not_null())),
-                table.replace("_", " "),
-            )
-            trials = f"{experiment.replace('_', ' ')} trials", f"{named} trials"
-            where, what = trials if table in fitted else (named, "walking groups")
-            doubts += doubts_by_cause(
-                of[table, Grade.DOUBTS], of[other, Grade.DOUBTS], other, where, named, judged
-            )
+            judged_trials = subjects(rows.filter(pl.col(DOUBTFUL).is_not_null()))
+            title = table.replace("_", " ")
+            where, what = title, "walking groups"
+            if table in fitted:
+                where, what = f"{experiment.replace('_', ' ')} trials", f"{title} trials"
+            of_table = by_table[table, Grade.DOUBTS]
+            if origin:
+                of_origin = by_table[origin, Grade.DOUBTS]
+                doubts += doubts_beside_origin(of_table, of_origin, where, title, judged_trials)
+            else:
+                doubts += doubts_by_cause(of_table, where, judged_trials)
             for grade, verdict in ((Grade.UNCHECKED, "not checked"), (Grade.NOTES, "remark")):
-                unchecked += by_cause(
-                    [one for one in of[table, grade] if not one["in_part"]], verdict, what, judged
-                )
-    predicted = of[PREDICTION_TABLE, Grade.DOUBTS]
-    doubts += by_cause(
-        predicted,
-        "doubtful",
-        "predicted trials",
-        list(dict.fromkeys(one["trial"] for one in predicted)),
-    )
-    of_table = subjects(tables.get(PREDICTION_TABLE, pl.DataFrame()))
-    unchecked += by_cause(
-        of[PREDICTION_TABLE, Grade.UNCHECKED], "not checked", "prediction trials", of_table
-    )
+                of_whole = [entry for entry in by_table[table, grade] if not entry["in_part"]]
+                unchecked += by_cause(of_whole, verdict, what, judged_trials)
+    predicted = by_table[PREDICTION_TABLE, Grade.DOUBTS]
+    trials = list(dict.fromkeys(entry["trial"] for entry in predicted))
+    doubts += by_cause(predicted, "doubtful", "predicted trials", trials)
+    of_prediction = subjects(tables.get(PREDICTION_TABLE, pl.DataFrame()))
+    not_predicted = by_table[PREDICTION_TABLE, Grade.UNCHECKED]
+    unchecked += by_cause(not_predicted, "not checked", "prediction trials", of_prediction)
     for check in CHECKS.values():
-        own = [
-            one
-            for one in of[QUALITY, Grade.DOUBTS]
-            if [x.column for x in one["evidence"]] == [check.name]
-        ]
-        flags += by_cause(
-            own, "flagged", "trials", subjects(verdicts.filter(pl.col("check") == check.name))
-        )
+        failed = []
+        for entry in by_table[QUALITY, Grade.DOUBTS]:
+            if [number.column for number in entry["evidence"]] == [check.name]:
+                failed.append(entry)
+        checked = subjects(verdicts.filter(pl.col("check") == check.name))
+        flags += by_cause(failed, "flagged", "trials", checked)
     return [
-        one
-        for part in (doubts, flags, unchecked)
-        for one in sorted(part, key=lambda one: -len(one["trials"]))
+        *most_frequent_first(doubts),
+        *most_frequent_first(flags),
+        *most_frequent_first(unchecked),
     ]
 
 
+def most_frequent_first(causes: Sequence[Entry]) -> list[Entry]:
+    """Causes by how many trials have them; in their order where these are as many."""
+    return sorted(causes, key=lambda cause: -len(cause["trials"]))
+
+
 def doubts_by_cause(
-    own: Sequence[Entry],
-    of_other: Sequence[Entry],
-    other: str,
-    where: str,
-    table: str,
-    judged: Sequence[str],
+    doubts: Sequence[Entry], where: str, judged_trials: Sequence[str]
 ) -> Iterator[Entry]:
-    """Doubts about the rows of a table. Doubts that an `other` table has about the same trials, if
-    it is named, are left out. Doubts at single amplitudes alone come last."""
-    known = {(one["trial"], one["cause"]) for one in of_other} if other else set()
-    left = [one for one in own if (one["trial"], one["cause"]) not in known]
-    whole = {(one["trial"], one["cause"]) for one in left if not one["in_part"]}
-    where += f", in {table} alone" if other else ""
-    for in_part in (False, True):
-        some = [
-            one
-            for one in left
-            if (bool(other) or (one["trial"], one["cause"]) not in whole) is in_part
-        ]
-        single = in_part and not other and all(one["amplitude_deg"] is not None for one in some)
-        place = where + ", at single amplitudes alone" * single
-        yield from by_cause(some, "doubtful" + " in part" * in_part, place, judged)
+    """Doubts about the rows of a table: those about whole trials, then those about single
+    amplitudes, or about single results, of trials that are sound as a whole."""
+    whole = {(entry["trial"], entry["cause"]) for entry in doubts if not entry["in_part"]}
+    of_whole, of_part = list[Entry](), list[Entry]()
+    for entry in doubts:
+        if (entry["trial"], entry["cause"]) in whole:
+            of_whole.append(entry)
+        else:
+            of_part.append(entry)
+    yield from by_cause(of_whole, "doubtful", where, judged_trials)
+    if all(entry["amplitude_deg"] is not None for entry in of_part):
+        where = f"{where}, at single amplitudes alone"
+    yield from by_cause(of_part, "doubtful in part", where, judged_trials)
+
+
+def doubts_beside_origin(
+    doubts: Sequence[Entry],
+    of_origin: Sequence[Entry],
+    where: str,
+    title: str,
+    judged_trials: Sequence[str],
+) -> Iterator[Entry]:
+    """Doubts about the rows of a table of single results, such as frequencies, that the table of
+    the fits to the same trials does not have."""
+    known = {(entry["trial"], entry["cause"]) for entry in of_origin}
+    alone = [entry for entry in doubts if (entry["trial"], entry["cause"]) not in known]
+    yield from by_cause(alone, "doubtful in part", f"{where}, in {title} alone", judged_trials)
 
 
 def subjects(rows: pl.DataFrame) -> list[str]:
     """The trials, or groups, of a table."""
-    key = next((name for name in ("trial", "group") if name in rows.columns), None)
-    return rows[key].unique(maintain_order=True).to_list() if key else []
+    for key in ("trial", "group"):
+        if key in rows.columns:
+            return rows[key].unique(maintain_order=True).to_list()
+    return []
+
+
+def largest_excess(entry: Entry) -> float:
+    """How far the evidence of a finding is beyond its limits, as a factor; 0 without evidence."""
+    return max((number.excess for number in entry["evidence"]), default=0.0)
 
 
 def by_cause(
-    some: Sequence[Entry], verdict: str, of: str, judged: Sequence[str]
-) -> Iterator[dict[str, Any]]:
+    findings: Sequence[Entry], verdict: str, of: str, judged_trials: Sequence[str]
+) -> Iterator[Entry]:
     """What a reader must know of each cause, or of each thing that could not be checked, with its
     size in the worst trial. The last row of a trial counts, which is its fit to all."""
     causes: dict[str, dict[str, Entry]] = {}
-    for one in some:
-        causes.setdefault(one["cause"], {})[one["trial"]] = one
-    for cause, trials in causes.items():
-        name = max(
-            trials,
-            key=lambda trial: max((one.excess for one in trials[trial]["evidence"]), default=0.0),
-        )
-        worst = trials[name]
-        size = worst["size"] or ""
-        size += f", most in {name}" if size and len(trials) > 1 else ""
-        if len({one["says"] for one in trials.values()}) > 1:
-            worst = worst | {"says": f"{worst['says']} (in {name})"}
-        limits = {number.column: number for one in trials.values() for number in one["evidence"]}
-        told = known_line(verdict, of, cause, worst, [*trials], judged, size)
-        sides = ", ".join(f"{number.side} {number.limit:g}" for number in limits.values())
-        told |= {"measure": ", ".join(limits), "limit": sides, "worst": name}
-        yield told | {name: worst[name] for name in FINDING_NUMBERS if worst[name] is not None}
+    for entry in findings:
+        causes.setdefault(entry["cause"], {})[entry["trial"]] = entry
+    for cause, by_trial in causes.items():
+        worst = max(by_trial, key=lambda trial: largest_excess(by_trial[trial]))
+        entry = by_trial[worst]
+        size = entry["size"] or ""
+        if size and len(by_trial) > 1:
+            size = f"{size}, most in {worst}"
+        says = entry["says"]
+        if len({other["says"] for other in by_trial.values()}) > 1:
+            says = f"{says} (in {worst})"
+        words = Words(says or "", size, entry["remedy"] or "")
+        limits = dict[str, str]()  # by column
+        for other in by_trial.values():
+            for number in other["evidence"]:
+                limits[number.column] = f"{number.side} {number.limit:g}"
+        line = known_line(verdict, of, cause, words, [*by_trial], judged_trials)
+        evidence = {"measure": ", ".join(limits), "limit": ", ".join(limits.values())}
+        numbers = {name: entry[name] for name in FINDING_NUMBERS if entry[name] is not None}
+        yield {**line, **evidence, "worst": worst, **numbers}
 
 
 def known_line(
     verdict: str,
     of: str,
     cause: str,
-    entry: Entry,
+    words: Words,
     trials: Sequence[str],
     judged: Sequence[str],
-    size: str,
 ) -> dict[str, Any]:
     """One cause as `summary.json` has it: what was judged, such as `impedance trials`; its trials,
-    and the number of all that were `judged`; its `size` in the worst of them; and a `line` that
+    and the number of all that were `judged`; its `words` for the worst of them; and a `line` that
     says it."""
     others = [trial for trial in judged if trial not in trials]
     few = len(others) <= MOST_NAMED < len(trials)
     names = others if few else trials
     more = ", ..." if len(names) > MOST_NAMED else ""
     named = f" [{'all but ' if few else ''}{', '.join(names[:MOST_NAMED])}{more}]" if others else ""
-    words = Words(entry["says"] or "", size, entry["remedy"] or "")
     line = f"{verdict}, {len(trials)} of {len(judged)} {of}: {sentence_of(words, cause)}{named}"
     told = {"verdict": verdict, "of": of, "cause": cause, **words._asdict(), "n": len(judged)}
     told["brief"] = brief_remedy(cause)

@@ -194,7 +194,7 @@ def fit_calibration_trial(
     )
 
 
-def summarise(table: Path, output: Path) -> None:
+def summarise(table: Path, output: Path, data: str = "") -> None:
     """What a table of the campaign tells of its trials together: K, B and I of conditions with
     several trials, the frequency response averaged over the amplitudes, the summary of a part."""
     by_amplitude = ("amplitude_deg", "doubtful")
@@ -203,10 +203,10 @@ def summarise(table: Path, output: Path) -> None:
         "phasors": (by_amplitude, frequency_response.frequency_response_table),
     }
     needed, computed = derived.get(table.stem, ((), partial(components.part_summary, table.stem)))
-    write_table(computed(with_evidence(table, needed)), output)
+    write_table(computed(with_evidence(table, needed)), output, data)
 
 
-def compare_controllers(table: Path, output: Path) -> None:
+def compare_controllers(table: Path, output: Path, data: str = "") -> None:
     """Compensated beside uncompensated trials of the same desired impedance."""
     needed = (
         "commanded_deg",
@@ -219,7 +219,7 @@ def compare_controllers(table: Path, output: Path) -> None:
         "VAF",
         "torque_error",
     )
-    write_table(impedance.compensation_table(read_table(table, needed)), output)
+    write_table(impedance.compensation_table(read_table(table, needed)), output, data)
 
 
 def gather_predictions(
@@ -235,6 +235,7 @@ def gather_predictions(
     causes: Path,
     frequencies: Path,
     parameters: FileOrNone = None,
+    data: str = "",
 ) -> None:
     """The predictions of all trials with their intervals, what would explain what they leave, and
     how much that is at each frequency. `records` are those of their fits, `table` is
@@ -285,11 +286,17 @@ def gather_predictions(
     others = pl.concat([others, numbers], how="diagonal_relaxed").with_columns(
         doubtful=pl.lit(None, pl.String)
     )
-    write_table(pl.concat([others, *(rows for rows, _ in found)], how="diagonal_relaxed"), output)
+    write_table(
+        pl.concat([others, *(rows for rows, _ in found)], how="diagonal_relaxed"), output, data
+    )
     none = pl.DataFrame(schema=[*PLACE, "component"])
-    write_table(pl.concat([none, *(rows for _, rows in found)], how="diagonal_relaxed"), causes)
+    write_table(
+        pl.concat([none, *(rows for _, rows in found)], how="diagonal_relaxed"), causes, data
+    )
     condition = fits.select("trial", *PLACE, "controller", "K_d", "B_d", "doubtful")
-    write_table(condition.join(pl.concat(missed), on="trial", maintain_order="left"), frequencies)
+    write_table(
+        condition.join(pl.concat(missed), on="trial", maintain_order="left"), frequencies, data
+    )
 
 
 @dataclass(frozen=True, eq=False, repr=False)

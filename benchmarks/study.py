@@ -251,6 +251,7 @@ class StudyBench:
                 effects.load_cell_noise.value, effects.load_cell_quantisation.value / np.sqrt(12)
             )
         )
+        assert ideal.series is not None
         fitted, bounds = ideal.series.fitted, {}
         if self.response:
             segments = ideal.compute_others()["phasors"].iter_rows(named=True)

@@ -639,12 +639,13 @@ class FitTables:
     estimates: Mapping[str, pl.DataFrame]
     """Estimates and curves; and `torque`, the fitted samples: time [s] from the first, measured and
     modelled torque [N*m]."""
-    series: Series
-    compute_others: Callable[[], Mapping[str, pl.DataFrame]]
+    series: Series | None = None  # of a fit that is drawn over time
+    compute_others: Callable[[], Mapping[str, pl.DataFrame]] = dict
 
     def everything(self) -> dict[str, pl.DataFrame]:
         """All tables: `estimates`, the thinned `series`, and the others, which are computed now."""
-        return {**self.estimates, "series": self.series.table(), **self.compute_others()}
+        of_series = {"series": self.series.table()} if self.series else {}
+        return {**self.estimates, **of_series, **self.compute_others()}
 
 
 def tables_of_fit(

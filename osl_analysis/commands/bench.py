@@ -410,10 +410,11 @@ def fitted_trial(
     given |= {"condition": condition} if fit.sheet else {}
     given |= {"windows": windows} if fit.windows else {}
     module, _, name = fit.job.partition(".")
-    fitted: Callable[..., FitTables] = getattr(
+    fitted: Callable[..., FitTables | Mapping[str, pl.DataFrame]] = getattr(
         import_module(f"osl_analysis.commands.{module}"), name
     )
-    return fitted(trial, **given)
+    tables = fitted(trial, **given)
+    return tables if isinstance(tables, FitTables) else FitTables(tables)
 
 
 def fit_trial(

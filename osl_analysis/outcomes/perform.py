@@ -203,7 +203,9 @@ def call(job: Job) -> Sequence[Refusal]:
     with limited_memory(job.recordings):
         if job.command in TABLES_OF_FIT:
             trial = read_trial(Path(str(given.pop("trial"))))
-            fitted = CONVERTING(function)(trial=trial, **given, **params).everything()
+            fitted = CONVERTING(function)(trial=trial, **given, **params)
+            if not isinstance(fitted, Mapping):  # FitTables, of which some are not computed yet
+                fitted = fitted.everything()
             tables = TABLES_OF_FIT[job.command]
             write_tables({place_of(table, job): fitted[table] for table in tables}, data)
         else:

@@ -35,8 +35,9 @@ from osl_analysis.bench.record import read_record, record_of, stored_record, str
 from osl_analysis.bench.settings import FilterSettings
 from osl_analysis.commands.bench import gather_predictions
 from osl_analysis.errors import InputError
-from osl_analysis.judge.campaign import campaign_findings
+from osl_analysis.judge.campaign import campaign_findings, measured_over_predicted, misfits_of_joint
 from osl_analysis.judge.claims import Claims, claims_table, limit_verdict
+from osl_analysis.judge.finding import Beyond
 from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.model.actuator_in_time import Controller, belt_responses
 from osl_analysis.model.compensator import PAPER_WEIGHT, select_gains
@@ -352,6 +353,22 @@ def test_the_torque_error_is_what_an_offset_and_a_drift_leave_of_the_difference_
         np.sqrt(np.mean(left**2)), rel=2e-3
     )
     assert torque_error(s, None, DesiredImpedance("x", None, 4)) is None
+
+
+def test_components_that_do_not_predict_are_told_with_how_far_k_and_b_are_off():
+    predicted = pl.DataFrame(
+        {"K": [100.0, 200.0], "K_measured": [110.0, 220.0],
+         "B": [4.0, 5.0], "B_measured": [3.0, 3.75]}
+    )  # fmt: skip
+    delays = {"component": ["angle_delay", "velocity_delay"], "named": [False, False],
+              "change": [0.001, 0.002], "left": [3.0, 3.0]}  # fmt: skip
+
+    (misfit,) = misfits_of_joint(pl.DataFrame(delays), predicted)
+
+    assert misfit.cause == "components that do not predict"
+    assert misfit.evidence == (Beyond("left", 3.0, 1.0, "above"),)
+    assert measured_over_predicted(predicted, "K") == pytest.approx(10)
+    assert measured_over_predicted(predicted, "B") == pytest.approx(-25)
 
 
 def test_a_doubtful_trial_leaves_the_comparison_where_the_others_of_its_condition_are_sound():

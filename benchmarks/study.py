@@ -25,7 +25,7 @@ from causes import ROOT, markdown, write_between
 from osl_analysis.bench.analysis import FitTables
 from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis, ModelComparison
 from osl_analysis.campaign.configuration import read_section
-from osl_analysis.commands.bench import fit_tables, job_of
+from osl_analysis.commands.bench import fitted_trial, job_of
 from osl_analysis.errors import OslAnalysisError
 from osl_analysis.ingest.raw_files import trial_from_files
 from osl_analysis.model.compensator import compensated_gains
@@ -214,11 +214,9 @@ class StudyBench:
             name: sections[section]
             for name, (section, _) in job_of(self.experiment).settings.items()
         }
-        found = fit_tables(
+        return fitted_trial(
             self.experiment, self.trial(name, ideal), self.simulation.parameters, settings
         )
-        assert isinstance(found, FitTables)
-        return found
 
     def estimated(
         self, found: FitTables
@@ -227,14 +225,14 @@ class StudyBench:
         fit, from the table of a campaign: each frequency of a response is like an estimator."""
         ends = ("", "_se", "_low", "_high")
         if not self.response:
-            row = found[self.experiment].row(-1, named=True)
+            row = found.estimates[self.experiment].row(-1, named=True)
             yield (
                 "filtered",
                 row["interval_method"],
                 {n: [row[f"{n}{end}"] for end in ends] for n in self.quantities},
             )
             return
-        for row in found["phasors"].iter_rows(named=True):
+        for row in found.compute_others()["phasors"].iter_rows(named=True):
             hertz, units = f"{row['frequency_hz']:g} Hz", {"magnitude": "", "phase": "_deg"}
             quantities = {
                 f"{n}, {hertz}": [row[f"Y_{n}{unit}{end}"] for end in ends]
@@ -253,9 +251,10 @@ class StudyBench:
                 effects.load_cell_noise.value, effects.load_cell_quantisation.value / np.sqrt(12)
             )
         )
-        fitted, bounds = ideal.measured.fitted, {}
+        assert ideal.series is not None
+        fitted, bounds = ideal.series.fitted, {}
         if self.response:
-            segments = ideal["phasors"].iter_rows(named=True)
+            segments = ideal.compute_others()["phasors"].iter_rows(named=True)
             for run, row in zip(runs(fitted), segments, strict=True):
                 torque = abs(complex(row["torque_re"], row["torque_im"]))
                 relative = white * float(np.sqrt(2 / (run.stop - run.start))) / torque

@@ -18,8 +18,8 @@ from osl_analysis.commands.bench import (
     Fit,
     campaign_parameters,
     fit_settings,
-    fit_tables,
     fit_trial,
+    fitted_trial,
 )
 from osl_analysis.commands.trials import checked_trial
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
@@ -200,7 +200,8 @@ def frequency_response(
     from osl_analysis.figures.names import JOINT_SIDE, completed
 
     experiment, read, device, settings, limits = asked("impedance", trial, config, parameters)
-    tables, found = fit_tables(experiment, read, device, settings, known(desired), windows), {}
+    fitted = fitted_trial(experiment, read, device, settings, known(desired), windows)
+    tables, found = fitted.everything(), {}
     fits = tables[experiment]
     of_fits = judged(fits, limits.of(experiment), experiment)
     for name in {table.name for table in EXPERIMENTS[experiment].tables} & {"phasors", "response"}:

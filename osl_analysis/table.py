@@ -2,9 +2,8 @@
 
 import math
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
-from contextvars import ContextVar
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -41,27 +40,14 @@ Places = Mapping[str, Mapping[str, str | None]]
 
 SIMULATED = "simulated"
 MEASURED = "measured"
-OF_DATA: ContextVar[str] = ContextVar("of_data", default="")
 
 
-@contextmanager
-def tables_of(data: str) -> Iterator[None]:
-    """Within the block, every table gets a last column `data`: `SIMULATED` or `MEASURED`; none if
-    `data` is empty."""
-    token = OF_DATA.set(data)
-    try:
-        yield
-    finally:
-        OF_DATA.reset(token)
-
-
-def marked_data(frame: pl.DataFrame) -> pl.DataFrame:
-    """A table as it is written: with `data`, without a `side` that is all null, and safe from
-    spreadsheet formulas."""
+def marked_data(frame: pl.DataFrame, data: str = "") -> pl.DataFrame:
+    """A table as it is written: with a last column `data` (`SIMULATED` or `MEASURED`; none if
+    empty), without a `side` that is all null, and safe from spreadsheet formulas."""
     has_place = "joint" in frame.columns and "side" in frame.columns
     if has_place and frame["side"].null_count() == len(frame):
         frame = frame.drop("side")
-    data = OF_DATA.get()
     if data:
         frame = frame.drop("data", strict=False)
         frame = frame.with_columns(pl.lit(data, pl.String).alias("data"))
@@ -69,24 +55,25 @@ def marked_data(frame: pl.DataFrame) -> pl.DataFrame:
     return frame.with_columns(pl.col(pl.String).str.replace(FORMULA, "'$1"))
 
 
-def write_table(frame: pl.DataFrame, path: Path) -> None:
-    """Write a table as CSV that reads back to the same numbers. null becomes an empty field, NaN is
-    `NaN`. A path that ends in `.parquet` is written as Parquet."""
+def write_table(frame: pl.DataFrame, path: Path, data: str = "") -> None:
+    """Write a table as CSV that reads back to the same numbers, with `data` in its last column.
+    null becomes an empty field, NaN is `NaN`. A path that ends in `.parquet` is written as Parquet,
+    without that column."""
     with atomic_path(path) as temporary:
         if path.suffix == ".parquet":
             frame.write_parquet(temporary, compression="lz4")
         else:
-            marked_data(frame).write_csv(temporary)
+            marked_data(frame, data).write_csv(temporary)
 
 
-def write_tables(tables: Mapping[Path, pl.DataFrame]) -> None:
-    """Write tables. A path below an archive is a part of it."""
+def write_tables(tables: Mapping[Path, pl.DataFrame], data: str = "") -> None:
+    """Write tables, with `data` in their last column. A path below an archive is a part of it."""
     archives: dict[Path, dict[str, str]] = {}
     for path, frame in tables.items():
         if path.parent.suffix == SUFFIX:
-            archives.setdefault(path.parent, {})[path.name] = marked_data(frame).write_csv()
+            archives.setdefault(path.parent, {})[path.name] = marked_data(frame, data).write_csv()
         else:
-            write_table(frame, path)
+            write_table(frame, path, data)
     for path, parts in archives.items():
         # without compression
         with atomic_path(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:

@@ -63,6 +63,30 @@ def test_an_estimate_of_which_nothing_is_told_beside_a_cause_is_doubted():
     assert grades(row) == [("torque path", Grade.DOUBTS)]
 
 
+TRANSMISSION = {
+    "trial": "shaft", "fault_harm": 1.5, "fault": "delay", "fault_family": "path",
+    "B_j": 3.0, "B_j_low": 2.97, "B_j_high": 3.03,
+    "J_j": 0.03, "J_j_low": 0.0299, "J_j_high": 0.0301,
+    "B_j_without": 2.97, "B_j_without_low": 2.96, "B_j_without_high": 2.98,
+    "J_j_without": 0.0301, "J_j_without_low": 0.03, "J_j_without_high": 0.0302,
+    "T_C": None, "delay_told_s": 1e-6,
+}  # fmt: skip
+"""A sound transmission: a torque path would move B_j by 1 % and J_j by 0.3 %."""
+
+
+def test_a_transmission_is_doubted_by_how_far_its_damping_moves():
+    ends = {"B_j_without": 2.6, "B_j_without_low": 2.55, "B_j_without_high": 2.65}
+    moved = {**TRANSMISSION, **ends}
+
+    (remark,) = judged(pl.DataFrame([TRANSMISSION]), Limits(), "transmission")[0]
+    (doubt,) = judged(pl.DataFrame([moved]), Limits(), "transmission")[0]
+
+    assert remark.grade is Grade.NOTES
+    assert (doubt.cause, doubt.grade) == ("torque path", Grade.DOUBTS)
+    assert doubt.without == {"B": 2.6, "B_low": 2.55, "B_high": 2.65}
+    assert "B_j 2.6 ± 0.05" in finding_said(doubt, moved)
+
+
 def test_a_wider_interval_beside_a_cause_may_move_an_estimate_by_its_end():
     row = {**KNEE, "K_without_low": 146.0}
 

@@ -162,7 +162,7 @@ def test_a_bench_of_ones_own_gives_the_parameters_of_its_log_by_the_documented_c
     )
     found = fit_trial("actuator", trial, DEVICE, *asked).table
     assert found["motion"][0] == "omega_m"
-    assert "omega" in fit_actuator_trial(trial, DEVICE, ANALYSIS)["series"].columns
+    assert "omega" in fit_actuator_trial(trial, DEVICE, ANALYSIS).everything()["series"].columns
     assert found.select(NAMES).row(0) == pytest.approx([expected[name] for name in NAMES], rel=1e-3)
     assert found["J_m_se"][0] == pytest.approx(expected.se("J_m"), rel=0.02)
 
@@ -179,7 +179,9 @@ def test_of_angle_and_velocity_the_angle_is_used_and_a_bench_without_either_is_r
     assert row["correlation_k_f_G"] * row["k_tau_n_m_se"] * row["f_G_se"] == pytest.approx(
         row["cov_k_tau_n_m_f_G"]
     )
-    shown = fit_actuator_trial(Trial("a", both), DEVICE, ANALYSIS)["series"]["theta_deg"]
+    shown = fit_actuator_trial(Trial("a", both), DEVICE, ANALYSIS).everything()["series"][
+        "theta_deg"
+    ]
     assert shown[2501] == pytest.approx(np.rad2deg(theta[5002]))
     # 3/15 s at both ends
     assert (rows[0], rows[-1], np.abs(omega[rows]).min() > 0.45) == (200, len(t) - 201, True)
@@ -229,7 +231,7 @@ def test_current_in_steps_at_standstill_gives_the_torque_per_current_alone_and_c
     still = actuator_trial(staircase(0, between=0.0), ANALYSIS).whole
     assert still["hysteresis"] == pytest.approx(0.15, abs=0.01)
     for trial in (staircase(1), staircase(1, theta_m=np.full(250 * len(UP_AND_DOWN), 0.3))):
-        row = fit_actuator_trial(trial, DEVICE, ANALYSIS)["actuator"].to_dicts()[0]
+        row = fit_actuator_trial(trial, DEVICE, ANALYSIS).estimates["actuator"].to_dicts()[0]
         assert row["k_tau_n_m_low"] < 0.648 < row["k_tau_n_m_high"]
         assert [row[name] for name in ("motion", *NAMES[1:])] == [None] * 5
         assert "f_C, f_G, B_m and J_m" in [one.cause for one in unchecked_in("actuator", row)]
@@ -252,7 +254,10 @@ def test_a_shaft_that_twitches_between_the_steps_is_read_where_it_stands():
 
 
 def test_a_campaign_of_clamped_actuators_has_the_headlines_of_what_its_trials_have():
-    rows = [fit_actuator_trial(staircase(seed), DEVICE, ANALYSIS)["actuator"] for seed in range(3)]
+    rows = [
+        fit_actuator_trial(staircase(seed), DEVICE, ANALYSIS).estimates["actuator"]
+        for seed in range(3)
+    ]
     table = pl.concat(rows).with_columns(joint=pl.lit("ankle"), side=pl.lit(None, pl.String))
     numbers = headline_numbers({"actuator_summary": part_summary("actuator", table)})
     assert [(one.name, one.n) for one in numbers] == [("k_tau_n_m", 3)]

@@ -145,7 +145,7 @@ def test_windows_are_fitted_and_nothing_else(tmp_path):
     assert seconds == pytest.approx([14.5 - 4 / 15, 12.5 - 4 / 15], abs=0.02)
     device, asked = ROOT / "config/parameters/default.yaml", DesiredImpedance("compensated", 300, 5)
     chosen = PAPER_WEIGHT, ModelComparison(sign_width=0.05), SETTINGS
-    fitted = fit_impedance_trial(trial, device, asked, *chosen, "2-14.5 25.5-40")
+    fitted = fit_impedance_trial(trial, device, asked, *chosen, "2-14.5 25.5-40").everything()
     assert fitted["impedance"]["fitted_s"].item() == pytest.approx(
         sum(seconds[1:]) + 14.5 - 4 / 15, abs=0.05
     )

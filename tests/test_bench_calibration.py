@@ -30,7 +30,7 @@ from osl_analysis.bench.prediction import COMPONENTS, components_of
 from osl_analysis.bench.settings import BeltAnalysis, Calibration
 from osl_analysis.bench.torque_angle_tables import curve_table, torque_angle_table
 from osl_analysis.campaign.configuration import read_config
-from osl_analysis.commands.bench import fit_tables
+from osl_analysis.commands.bench import fitted_trial
 from osl_analysis.errors import InputError
 from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.report.headlines import decimals
@@ -274,7 +274,7 @@ def spring(late_s=0.0, gain=1.0, K=300.0, damping=0.0, weight=0.0, I=0.004, seed
 
 def calibrated(trial, **known):
     settings = {"settings": CONFIG.dynamometer}
-    table = fit_tables("calibration", trial, None, settings, known)["calibration"]
+    table = fitted_trial("calibration", trial, None, settings, known).estimates["calibration"]
     return marked(table, CONFIG.doubtful.of("calibration"), "calibration").row(0, named=True)
 
 

@@ -24,7 +24,7 @@ from osl_analysis.figures import drawing_of
 from osl_analysis.figures.names import looks_in
 from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.report.headlines import ENDINGS, Example, headline_numbers
-from osl_analysis.table import read_table, tables_of, with_places, write_table
+from osl_analysis.table import read_table, with_places, write_table
 
 fig5, fig6, fig8 = map(drawing_of, ("fig5", "fig6", "fig8"))
 HOSTILE = (
@@ -288,8 +288,7 @@ def test_a_belt_without_parameters_needs_a_shaft_that_rests_and_a_table_says_las
         InputError, match=r"theta_m turns by 0\.02 rad while theta turns by 0\.1 rad, and without"
     ):
         check_locked(theta, 0.2 * theta)
-    with tables_of("measured"):
-        write_table(pl.DataFrame({"data": ["x"], "a": [1.5]}), tmp_path / "t.csv")
+    write_table(pl.DataFrame({"data": ["x"], "a": [1.5]}), tmp_path / "t.csv", "measured")
     assert (tmp_path / "t.csv").read_text() == "a,data\n1.5,measured\n"
     write_table(
         pl.DataFrame({name: ["01"] for name in ("trial", "joint", *CONDITIONS)}), tmp_path / "t.csv"

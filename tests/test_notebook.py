@@ -81,7 +81,7 @@ def of_campaign(experiment, folder, config_path):
         given |= {"condition": {"desired": "line"}}
     found = getattr(bench, fit.job.removeprefix("bench."))(
         osl.read_trial(folder / "made.parquet"), **given
-    )
+    ).everything()
     files = {
         table.name: folder / f"fits/{table.name}/made.csv" for table in EXPERIMENTS[name].tables
     }

@@ -36,8 +36,9 @@ from osl_analysis.bench.record import read_record, record_of, stored_record
 from osl_analysis.bench.settings import FilterSettings
 from osl_analysis.commands.bench import gather_predictions
 from osl_analysis.errors import InputError
-from osl_analysis.judge.campaign import campaign_findings
+from osl_analysis.judge.campaign import campaign_findings, measured_over_predicted, misfits_of_joint
 from osl_analysis.judge.claims import Claims, claims_table, limit_verdict
+from osl_analysis.judge.finding import Beyond
 from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.model.actuator_in_time import Controller, belt_responses
 from osl_analysis.model.compensator import PAPER_WEIGHT, select_gains
@@ -353,6 +354,41 @@ def test_the_torque_error_is_what_an_offset_and_a_drift_leave_of_the_difference_
         np.sqrt(np.mean(left**2)), rel=2e-3
     )
     assert torque_error(s, None, DesiredImpedance("x", None, 4)) is None
+
+
+def test_components_that_do_not_predict_are_told_with_how_far_k_and_b_are_off():
+    predicted = pl.DataFrame(
+        {"K": [100.0, 200.0], "K_measured": [110.0, 220.0],
+         "B": [4.0, 5.0], "B_measured": [3.0, 3.75]}
+    )  # fmt: skip
+    delays = {"component": ["angle_delay", "velocity_delay"], "named": [False, False],
+              "change": [0.001, 0.002], "left": [3.0, 3.0]}  # fmt: skip
+
+    (misfit,) = misfits_of_joint(pl.DataFrame(delays), predicted)
+
+    assert misfit.cause == "components that do not predict"
+    assert misfit.evidence == (Beyond("left", 3.0, 1.0, "above"),)
+    assert measured_over_predicted(predicted, "K") == pytest.approx(10)
+    assert measured_over_predicted(predicted, "B") == pytest.approx(-25)
+
+
+def test_a_doubtful_trial_leaves_the_comparison_where_the_others_of_its_condition_are_sound():
+    rows = []
+    for controller, K_d, repeat in product(PAIR, (100.0, 200.0), (1, 2, 3)):
+        asked = {"controller": controller, "K_d": K_d, "B_d": 5.0, "amplitude_deg": None}
+        fit = {"K": 1.1 * K_d, "B": 5.5, "VAF": 99.0, "torque_error": 1.0, "doubtful": ""}
+        rows.append({**HERE, "trial": f"{controller}_{K_d}_{repeat}", "commanded_deg": None,
+                     **asked, **fit})  # fmt: skip
+    sound = pl.DataFrame(rows, schema_overrides={"amplitude_deg": float, "side": pl.String})
+    is_spoilt = pl.col("trial") == f"{PAIR[0]}_100.0_2"
+    spoilt = sound.with_columns(
+        K=pl.when(is_spoilt).then(900.0).otherwise("K"),
+        doubtful=pl.when(is_spoilt).then(pl.lit("torque path")).otherwise("doubtful"),
+    )
+
+    compared = compensation_table(spoilt)
+
+    assert compared.equals(compensation_table(sound))
 
 
 def test_compensation_is_compared_in_pairs_and_its_interval_counts_trials(tmp_path):

@@ -633,26 +633,34 @@ class Series:
         return pl.DataFrame(rounded).fill_nan(None)
 
 
-class FitTables(dict[str, pl.DataFrame]):
-    """The tables of a fit by name; `torque` holds the fitted samples: time [s] from the start,
-    measured and modelled torque [N*m]. `further` computes the other tables when one of them is
-    first read."""
+@dataclass(frozen=True)
+class FitTables:
+    """The tables of one fit by name. A user who asks for the estimates alone does not wait for the
+    others."""
 
-    def __init__(
-        self, series: Series, further: Callable[[], dict[str, pl.DataFrame]], **tables: pl.DataFrame
-    ) -> None:
-        model = series.torque_model
-        torque = pl.DataFrame({"time": series.time, "torque": series.torque, "torque_model": model})
-        torque = torque.filter(np.isfinite(model)).with_columns(
-            pl.col("time") - pl.col("time").first()
-        )
-        super().__init__(tables, torque=torque)
-        self.measured, self.further = series, further
+    estimates: Mapping[str, pl.DataFrame]
+    """Estimates and curves; and `torque`, the fitted samples: time [s] from the first, measured and
+    modelled torque [N*m]."""
+    series: Series | None = None  # of a fit that is drawn over time
+    compute_others: Callable[[], Mapping[str, pl.DataFrame]] = dict
 
-    def __missing__(self, name: str) -> pl.DataFrame:
-        found = {"series": self.measured.table()} | self.further()
-        self.update(found)
-        return found[name]
+    def everything(self) -> dict[str, pl.DataFrame]:
+        """All tables: `estimates`, the thinned `series`, and the others, which are computed now."""
+        of_series = {"series": self.series.table()} if self.series else {}
+        return {**self.estimates, **of_series, **self.compute_others()}
+
+
+def tables_of_fit(
+    series: Series,
+    compute_others: Callable[[], Mapping[str, pl.DataFrame]],
+    **estimates: pl.DataFrame,
+) -> FitTables:
+    """`FitTables` of the series of a fit, its other tables, and its estimates by name."""
+    modelled = series.torque_model
+    samples = pl.DataFrame({"time": series.time, "torque": series.torque, "torque_model": modelled})
+    fitted = samples.filter(np.isfinite(modelled))
+    fitted = fitted.with_columns(pl.col("time") - pl.col("time").first())
+    return FitTables({**estimates, "torque": fitted}, series, compute_others)
 
 
 def share_of_inertia(fit: GroupFit) -> float:

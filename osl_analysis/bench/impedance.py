@@ -507,14 +507,16 @@ ASKED = (*PLACE, "K_d", "B_d")
 
 
 def compensation_table(impedance: pl.DataFrame) -> pl.DataFrame:
-    """`compensation.csv` from the rows of `impedance.csv`. Repeats of a condition count as their
-    mean. The interval of a difference is Student's over pairs of trials: amplitudes of one trial
-    are no independent pairs. Amplitudes are the commanded ones; where none is stated, the measured
-    ones that are alike."""
+    """`compensation.csv` from the rows of `impedance.csv`, of the trials that a mean counts
+    (`counted`).
+
+    Repeats of a condition count as their mean. The interval of a difference is Student's over pairs
+    of trials: amplitudes of one trial are no independent pairs. Amplitudes are the commanded ones;
+    where none is stated, the measured ones that are alike."""
     size = "commanded_deg" if impedance["commanded_deg"].is_not_null().any() else "amplitude_deg"
-    known = held_against_desired(impedance).with_columns(
-        alike_sizes(impedance[size].cast(pl.Float64))
-    )
+    used = counted(impedance)
+    sizes = alike_sizes(used[size].cast(pl.Float64))
+    known = held_against_desired(used).with_columns(sizes)
     known = known.drop_nulls(["K_d", "B_d"]).filter(pl.col("K_d") != 0)
     values = {name: value.mean() for name, (_, value) in COMPARED.items()}
     means = known.group_by(*ASKED, size, "controller").agg(**values)

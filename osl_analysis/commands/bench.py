@@ -22,7 +22,13 @@ from osl_analysis.bench import (
 )
 from osl_analysis.bench import settings as choices
 from osl_analysis.bench.actuator_alone import ACTUATOR_PARAMETERS, actuator_table, actuator_trial
-from osl_analysis.bench.analysis import QUANTITIES, FitTables, analysed, plausible
+from osl_analysis.bench.analysis import (
+    QUANTITIES,
+    FitTables,
+    analysed,
+    plausible,
+    tables_of_fit,
+)
 from osl_analysis.bench.belt import belt_curve, belt_table, belt_trial
 from osl_analysis.bench.component_summary import PLACE, part_summary
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums
@@ -47,14 +53,14 @@ from osl_analysis.trial import Trial
 
 def fit_belt_trial(
     trial: Trial, parameters: FileOrNone, settings: choices.BeltAnalysis
-) -> Mapping[str, pl.DataFrame]:
+) -> FitTables:
     """The belt's row, and torque against deflection. `parameters` is the device's file, None for
     one without."""
     p = known_parameters(parameters)
     check_recording(trial, settings)
     rails = saturated(trial, "torque", "theta")
     belt = belt_trial(trial, p, settings)
-    return FitTables(
+    return tables_of_fit(
         replace(belt.series(), motion=belt.sums.columns["theta"]),  # against the deflection
         lambda: {"timebase": belt.time_base(["K_s"])},
         belt=plausible(belt_table(belt), rails, p, "K_s"),
@@ -64,14 +70,14 @@ def fit_belt_trial(
 
 def fit_transmission_trial(
     trial: Trial, parameters: FileOrNone, settings: choices.SteppedSineAnalysis
-) -> Mapping[str, pl.DataFrame]:
+) -> FitTables:
     """The transmission's rows, and the series of the fit to all amplitudes."""
     p = known_parameters(parameters)
     check_recording(trial, settings)
     rails = saturated(trial, "torque", "theta")
     analysis = transmission_of(sine_record(trial, settings))
     table = plausible(transmission_table(analysis), rails, p, "B_j", "J_j")
-    return FitTables(
+    return tables_of_fit(
         analysis.series(),
         lambda: {"timebase": analysis.time_base(LOSSES)},
         transmission=table,
@@ -86,7 +92,7 @@ def fit_impedance_trial(
     models: choices.ModelComparison,
     settings: choices.ImpedanceAnalysis,
     windows: str | None = None,
-) -> Mapping[str, pl.DataFrame]:
+) -> FitTables:
     """The rows of Eq. 15, and what else one record of the trial tells. `condition` is what the leg
     was asked to render, as far as it is known, `weight` W of Eq. 14; `windows` [s] are those of the
     sheet, which are fitted where the motion is no stepped sine. Where the gains are known, the
@@ -104,19 +110,20 @@ def fit_impedance_trial(
         ran = replace(ran, cancels_friction=ran.cancels_friction and programmed_as == p)
     analysis, table = impedance.judged_impedance(record, rails, p, condition, ran)
 
-    def further() -> dict[str, pl.DataFrame]:
-        frames = {"phasors": phasors.phasor_table(trial.name, phasors.phasors_of_record(record))}
-        expected = joint_admittance(ran.K_1, ran.B_1, p, p.J_j) if p and ran else None
-        frames["response"] = frequency_response.impedance_over_frequency(
-            record, analysis.whole, expected
-        )
+    def others() -> dict[str, pl.DataFrame]:
         columns = stated.columns() if condition else {}
-        of_condition = {name: frame.with_columns(**columns) for name, frame in frames.items()}
-        kept = stored_record(record) if ran else pl.DataFrame(schema={"time": pl.Float64})
-        of_condition["law"] = law.with_columns(**columns)
-        return of_condition | {"timebase": analysis.time_base(QUANTITIES), "record": kept}
+        expected = joint_admittance(ran.K_1, ran.B_1, p, p.J_j) if p and ran else None
+        by_frequency = phasors.phasor_table(trial.name, phasors.phasors_of_record(record))
+        response = frequency_response.impedance_over_frequency(record, analysis.whole, expected)
+        return {
+            "phasors": by_frequency.with_columns(**columns),
+            "response": response.with_columns(**columns),
+            "law": law.with_columns(**columns),
+            "timebase": analysis.time_base(QUANTITIES),
+            "record": stored_record(record) if ran else pl.DataFrame(schema={"time": pl.Float64}),
+        }
 
-    return FitTables(analysis.series(), further, impedance=table)
+    return tables_of_fit(analysis.series(), others, impedance=table)
 
 
 def record_with_actuator(
@@ -130,7 +137,7 @@ def record_with_actuator(
 
 def fit_actuator_trial(
     trial: Trial, parameters: FileOrNone, settings: choices.ActuatorAnalysis
-) -> Mapping[str, pl.DataFrame]:
+) -> FitTables:
     p = known_parameters(parameters)
     check_recording(trial, settings, "torque_m", angle=None)
     rails = saturated(trial, "torque_m", "current")
@@ -139,19 +146,19 @@ def fit_actuator_trial(
     is_velocity = table["motion"][0] == "omega_m"
     series = replace(actuator.series(), motion=actuator.record.theta, is_velocity=is_velocity)
     told = [name for name in ACTUATOR_PARAMETERS if name in actuator.whole.names]
-    return FitTables(series, lambda: {"timebase": actuator.time_base(told)}, actuator=table)
+    return tables_of_fit(series, lambda: {"timebase": actuator.time_base(told)}, actuator=table)
 
 
 def fit_torque_angle_trial(
     trial: Trial, settings: choices.TorqueAngleAnalysis, condition: Mapping[str, Any] | None = None
-) -> Mapping[str, pl.DataFrame]:
+) -> FitTables:
     """The row of torque against angle, and its curves; `condition` may name the curve that it
     should follow."""
     desired = (condition or {}).get("desired")
     check_recording(trial, settings)
     rails = saturated(trial, "torque", "theta")
     found = torque_angle.torque_angle_trial(trial, settings)
-    return FitTables(
+    return tables_of_fit(
         found.series(),
         lambda: {
             "torque_angle_cycles": torque_angle_tables.cycle_table(found),
@@ -164,7 +171,7 @@ def fit_torque_angle_trial(
 
 def fit_calibration_trial(
     trial: Trial, settings: choices.ImpedanceAnalysis, condition: Mapping[str, Any] | None = None
-) -> Mapping[str, pl.DataFrame]:
+) -> FitTables:
     """What a bench reads of a spring or an inertia that is known; `condition` has the columns
     `known_...`."""
     stated = condition or {}
@@ -176,12 +183,12 @@ def fit_calibration_trial(
     record = record_of_trial(trial, settings)
     analysis = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE)
     table = impedance.calibration_table(analysis, known).with_columns(rails)
-    return FitTables(
+    return tables_of_fit(
         analysis.series(), lambda: {"timebase": analysis.time_base(QUANTITIES)}, calibration=table
     )
 
 
-def summarise(table: Path, output: Path) -> None:
+def summarise(table: Path, output: Path, data: str = "") -> None:
     """What a table of the campaign tells of its trials together: K, B and I of conditions with
     several trials, the frequency response averaged over the amplitudes, the summary of a part."""
     by_amplitude = ("amplitude_deg", "doubtful")
@@ -190,10 +197,10 @@ def summarise(table: Path, output: Path) -> None:
         "phasors": (by_amplitude, frequency_response.frequency_response_table),
     }
     needed, computed = derived.get(table.stem, ((), partial(part_summary, table.stem)))
-    write_table(computed(with_evidence(table, needed)), output)
+    write_table(computed(with_evidence(table, needed)), output, data)
 
 
-def compare_controllers(table: Path, output: Path) -> None:
+def compare_controllers(table: Path, output: Path, data: str = "") -> None:
     """Compensated beside uncompensated trials of the same desired impedance."""
     needed = (
         "commanded_deg",
@@ -206,7 +213,7 @@ def compare_controllers(table: Path, output: Path) -> None:
         "VAF",
         "torque_error",
     )
-    write_table(impedance.compensation_table(read_table(table, needed)), output)
+    write_table(impedance.compensation_table(read_table(table, needed)), output, data)
 
 
 def gather_predictions(
@@ -222,6 +229,7 @@ def gather_predictions(
     causes: Path,
     frequencies: Path,
     parameters: FileOrNone = None,
+    data: str = "",
 ) -> None:
     """The predictions of all trials with their intervals, what would explain what they leave, and
     how much that is at each frequency. `records` are those of their fits, `table` is
@@ -272,11 +280,17 @@ def gather_predictions(
     others = pl.concat([others, numbers], how="diagonal_relaxed").with_columns(
         doubtful=pl.lit(None, pl.String)
     )
-    write_table(pl.concat([others, *(rows for rows, _ in found)], how="diagonal_relaxed"), output)
+    write_table(
+        pl.concat([others, *(rows for rows, _ in found)], how="diagonal_relaxed"), output, data
+    )
     none = pl.DataFrame(schema=[*PLACE, "component"])
-    write_table(pl.concat([none, *(rows for _, rows in found)], how="diagonal_relaxed"), causes)
+    write_table(
+        pl.concat([none, *(rows for _, rows in found)], how="diagonal_relaxed"), causes, data
+    )
     condition = fits.select("trial", *PLACE, "controller", "K_d", "B_d", "doubtful")
-    write_table(condition.join(pl.concat(missed), on="trial", maintain_order="left"), frequencies)
+    write_table(
+        condition.join(pl.concat(missed), on="trial", maintain_order="left"), frequencies, data
+    )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -372,14 +386,14 @@ def campaign_parameters(config: Path) -> Path | None:
     return None if named is None else shipped(str(named))
 
 
-def fit_tables(
+def fitted_trial(
     experiment: str,
     trial: Trial,
     parameters: Path | None,
     settings: Mapping[str, Any],
     condition: Any = None,
     windows: str | None = None,
-) -> Mapping[str, pl.DataFrame]:
+) -> FitTables:
     """The tables of a trial's fit, as the job of a campaign gives them. `parameters` is the
     device's file, None for a device without one. `condition` and `windows` [s] are what the sheet
     states: `DesiredImpedance`, or cells by column.
@@ -390,10 +404,11 @@ def fit_tables(
     given |= {"condition": condition} if fit.sheet else {}
     given |= {"windows": windows} if fit.windows else {}
     module, _, name = fit.job.partition(".")
-    fitted: Callable[..., Mapping[str, pl.DataFrame]] = getattr(
+    fitted: Callable[..., FitTables | Mapping[str, pl.DataFrame]] = getattr(
         import_module(f"osl_analysis.commands.{module}"), name
     )
-    return fitted(trial, **given)
+    tables = fitted(trial, **given)
+    return tables if isinstance(tables, FitTables) else FitTables(tables)
 
 
 def fit_trial(
@@ -405,8 +420,8 @@ def fit_trial(
     *stated: Any,
 ) -> Fit:
     """Fit a trial and judge it; `fit_settings` gives `settings` and `limits`, the rest and errors
-    as `fit_tables`."""
-    found = fit_tables(experiment, trial, device, settings, *stated)
+    as `fitted_trial`."""
+    found = fitted_trial(experiment, trial, device, settings, *stated).estimates
     own = EXPERIMENTS[experiment].tables[0].name
     curves = next((frame for name, frame in found.items() if name.endswith("_curves")), None)
     no_torque = pl.DataFrame(schema=dict.fromkeys(("time", "torque", "torque_model"), pl.Float64))

@@ -64,6 +64,7 @@ def plot_numbers(
     option: Any = None,
     second: Path | None = None,
     third: Path | None = None,
+    data: str = "",
 ) -> None:
     """Write what figure `name` plots, from the one result table that it shows, or up to three.
     `option` is the value of the setting that the list of figures names; None: not set."""
@@ -72,7 +73,9 @@ def plot_numbers(
         with_evidence(table, figure.needs),
         *(read_table(path) for path in (second, third) if path),
     ]
-    write_table(figure.points(*read) if option is None else figure.points(*read, option), output)
+    write_table(
+        figure.points(*read) if option is None else figure.points(*read, option), output, data
+    )
 
 
 def draw_figure(
@@ -194,11 +197,11 @@ def caption_of(name: str, table_csv: Path, missing: Sequence[str] = ()) -> str:
     return f"{said}{f'{lacks}{names.listed_text(missing)}.' if missing else ''}"
 
 
-def fig3(curves: Sequence[Path], table: Path, summary: Path, output: Path) -> None:
+def fig3(curves: Sequence[Path], table: Path, summary: Path, output: Path, data: str = "") -> None:
     """The numbers of Fig. 3, from the trials' curves, `belt.csv` and `belt_summary.csv`."""
     drawn = pl.concat([read_table(path, of="belt_curves") for path in curves])
     judged = read_table(table, ["trial", *PLACE, "doubtful"])
-    write_table(belt_figure_points(drawn, judged, read_table(summary)), output)
+    write_table(belt_figure_points(drawn, judged, read_table(summary)), output, data)
 
 
 def fig4(
@@ -209,6 +212,7 @@ def fig4(
     limits: Limits,
     output: Path,
     windows: str | None = None,
+    data: str = "",
 ) -> None:
     """The numbers of Fig. 4: the last seconds of one amplitude, or of a motion that is no stepped
     sine, measured and by the best second-order fit. `choice` is that of `time_series_example`,
@@ -230,7 +234,7 @@ def fig4(
     said = {name: choice[name] or None for name in ("trial", "joint", "side", "chosen")}
     said |= {"doubtful": doubtful, "model": "second-order system"}
     constant = (pl.lit(value, pl.String).alias(name) for name, value in said.items())
-    write_table(series.with_columns(constant), output)
+    write_table(series.with_columns(constant), output, data)
 
 
 def fig7(
@@ -239,6 +243,7 @@ def fig7(
     choice: FrequencyResponseFigure | None,
     weight: Weight,
     output: Path,
+    data: str = "",
 ) -> None:
     """The numbers of Fig. 7: measured responses of one K_d, B_d, without a `choice` of those that
     most trials have; the desired one (Eq. 11), if both are known; and the linear model (Eq. 9), if
@@ -267,6 +272,7 @@ def fig7(
     write_table(
         beside_theory(shown, parameters, weight).with_columns(chosen=pl.lit(chosen, pl.String)),
         output,
+        data,
     )
 
 
@@ -302,6 +308,7 @@ def plot_walking_page(
     table: Path,
     settings: TimingSettings,
     output: Path,
+    data: str = "",
 ) -> None:
     """Write the numbers that the walking page plots. `crossings` are the perturbed ones,
     `selection` is `walking_crossings.csv`, `responses` `walking_responses.csv`, `table`
@@ -330,15 +337,19 @@ def plot_walking_page(
             perturbed, {"unperturbed": gait, **shown}, of_group.drop("group"), settings
         )
         frames.append(points.with_columns(group=pl.lit(group)))
-    write_table(pl.concat(frames, how="diagonal"), output)
+    write_table(pl.concat(frames, how="diagonal"), output, data)
 
 
 def plot_over_stance(
-    table: Path, output: Path, stance_share: float, trajectory: Sequence[Path] = (), data: str = ""
+    table: Path,
+    output: Path,
+    stance_share: float,
+    trajectory: Sequence[Path] = (),
+    data: str = "",
 ) -> None:
     """Rows of the table, and points of the commanded trajectory, of quantities that have more than
     one point."""
     rows = read_table(table, ("series", "quantity", "phase", "estimate", "low", "high"))
     for curves in commanded_over_stance(trajectory, data, stance_share):
         rows = pl.concat([rows, trajectory_points(*curves)], how="diagonal_relaxed")
-    write_table(rows.filter(pl.col("phase").n_unique().over("quantity") > 1), output)
+    write_table(rows.filter(pl.col("phase").n_unique().over("quantity") > 1), output, data)

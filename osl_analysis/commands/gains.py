@@ -113,11 +113,15 @@ def trajectory_table(
 
 
 def select_trajectory(
-    trajectory: Path, weight: Weight, output: Path, parameters: drivetrain.FileOrNone = None
+    trajectory: Path,
+    weight: Weight,
+    output: Path,
+    parameters: drivetrain.FileOrNone = None,
+    data: str = "",
 ) -> None:
     """Write the gains for every row of a trajectory (Fig. 8)."""
     write_table(
-        trajectory_table(trajectory, drivetrain.known_parameters(parameters), weight), output
+        trajectory_table(trajectory, drivetrain.known_parameters(parameters), weight), output, data
     )
 
 

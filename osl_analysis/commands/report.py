@@ -26,7 +26,7 @@ from osl_analysis.report import page, trial_page
 from osl_analysis.report.headlines import aligned, digits_of, fixed, missing_lines
 from osl_analysis.report.page import captions_by_title, inline_svg, written_page
 from osl_analysis.report.trial_page import ReportedTrial, left_out_trials, trial_content
-from osl_analysis.table import read_table, tables_of, with_evidence, write_table
+from osl_analysis.table import read_table, with_evidence, write_table
 from osl_analysis.trial import metadata_of, read_trial, unit_of
 
 
@@ -273,12 +273,10 @@ def compare_campaigns(folders: Sequence[Path], output: Path, margin: float | Non
     ]
     table.insert_column(2, pl.Series("unit", of_rows))
     paths = {kind: output / f"comparison.{kind}" for kind in ("csv", "pdf", "svg", "png")}
-    with (
-        ExitStack() as stack,
-        tables_of(" and ".join(dict.fromkeys(one.get("data", "") for one in (a, b)))),
-    ):
+    origins = dict.fromkeys(summary.get("data", "") for summary in (a, b))
+    with ExitStack() as stack:
         new = {kind: stack.enter_context(atomic_path(path)) for kind, path in paths.items()}
-        write_table(table, new["csv"])
+        write_table(table, new["csv"], " and ".join(origins))
         footer = f"A: {sentence(a)}; B: {sentence(b)}"
         draw_figure(
             "comparison", new["csv"], [new[kind] for kind in ("pdf", "svg", "png")], footer=footer

@@ -37,6 +37,7 @@ def gather(
     places: Places | None = None,
     evidence: Path | None = None,
     evidence_columns: Collection[str] = (),
+    data: str = "",
 ) -> None:
     """One table from the tables of single trials, in the order given; with `limits`, doubtful fits
     are marked. `rows` are their files, or the archives with a table of the same name as `output`,
@@ -59,12 +60,12 @@ def gather(
     table = with_places(table, places or {})
     if evidence is not None:
         write_table(
-            table.select(name for name in table.columns if name in evidence_columns), evidence
+            table.select(name for name in table.columns if name in evidence_columns), evidence, data
         )
         table = table.select(
             name for name in table.columns if name in OF_ROW or name not in evidence_columns
         )
-    write_table(table, output)
+    write_table(table, output, data)
 
 
 def write_settings(
@@ -72,6 +73,7 @@ def write_settings(
     output: Path,
     phasors: Path | None = None,
     refused: Sequence[Refusal] = (),
+    data: str = "",
 ) -> None:
     """Write the settings that judge or label with their states. What was measured is that of
     `phasors.csv`, or none, also where that is `refused`."""
@@ -88,7 +90,7 @@ def write_settings(
         pl.when(state="measured").then(measured).otherwise("value").alias("value")
     )
     none = pl.when(pl.col("value").is_null()).then(pl.lit("none")).otherwise("state")
-    write_table(table.with_columns(state=none), output)
+    write_table(table.with_columns(state=none), output, data)
 
 
 def check_claims(
@@ -98,12 +100,13 @@ def check_claims(
     midstance: float | None,
     output: Path,
     parameters: FileOrNone = None,
+    data: str = "",
 ) -> None:
     """Hold the paper's claims against the result `tables`. `midstance` is the commanded stiffness
     [N*m/rad]."""
     read = {name: read_table(path) for name, path in tables.items()}
     ratios = {joint_of(parameters): read_parameters(parameters).n_T} if parameters else {}
-    write_table(claims_table(read, settings, frequencies_hz, midstance, ratios), output)
+    write_table(claims_table(read, settings, frequencies_hz, midstance, ratios), output, data)
 
 
 def judge(
@@ -113,12 +116,13 @@ def judge(
     output: Path,
     refused: Sequence[Refusal] = (),
     places: Places | None = None,
+    data: str = "",
 ) -> None:
     """The verdict on every trial from what was measured, with a row for each that could not be
     measured, and why."""
     lost = refused_rows(refused).with_columns(verdict=pl.lit("refused"))
     table = pl.concat([Judge(rules, accept).verdicts(rows), lost], how="diagonal_relaxed")
-    write_table(with_places(table, places or {}), output)
+    write_table(with_places(table, places or {}), output, data)
 
 
 def write_findings(
@@ -127,12 +131,15 @@ def write_findings(
     limits: DoubtfulFits,
     output: Path,
     places: Places | None = None,
+    data: str = "",
 ) -> None:
     """Write the findings on all trials, from the result `tables` by name and the verdicts on
     recordings."""
     read = {name: with_evidence(path) for name, path in tables.items()}
     write_table(
-        with_places(campaign_findings(read, read_table(verdicts), limits), places or {}), output
+        with_places(campaign_findings(read, read_table(verdicts), limits), places or {}),
+        output,
+        data,
     )
 
 
@@ -155,6 +162,7 @@ def list_excluded(
     output: Path,
     refused: Sequence[Refusal] = (),
     places: Places | None = None,
+    data: str = "",
 ) -> None:
     """List every trial that is not used: why it was refused, the checks that exclude it, or what
     the sheet says."""
@@ -168,7 +176,7 @@ def list_excluded(
         rows, schema=dict.fromkeys(("trial", "check", "remark"), pl.String), orient="row"
     )
     table = pl.concat([refused_rows(refused), failed, stated], how="diagonal_relaxed")
-    write_table(with_places(table, places or {}), output)
+    write_table(with_places(table, places or {}), output, data)
 
 
 def write_summary(

@@ -65,12 +65,15 @@ def ingest_and_check(
     commanded: Commanded,
     trial: Path,
     quality: Path,
+    data: str = "",
 ) -> None:
     """Write the trial of one row of the sheet, and to `quality` a row for each check, without
     limits and verdicts."""
     record = ingest_trial(row, raw_folder, sources_folder, trial, needed_columns)
     write_table(
-        measured_table(record.name, examine(record, str(row["experiment"]), commanded)), quality
+        measured_table(record.name, examine(record, str(row["experiment"]), commanded)),
+        quality,
+        data,
     )
 
 

@@ -206,6 +206,7 @@ def identify_plate(
     settings: choices.PlateModelSettings,
     output: Path,
     comparison: Path,
+    data: str = "",
 ) -> None:
     """The plate's inertia and lag from trials of the unloaded plate, to a JSON file. The table
     `comparison` shows the unloaded plate's wrench before and after both are removed. A warning says
@@ -219,7 +220,7 @@ def identify_plate(
         model = identify_plate_model(calibrated_trials(trials, calibrations, statics), settings)
     write_model(model, output)
     table = plate_table(model).fill_nan(None)
-    write_table(table.with_columns(plate_inertia=pl.lit(settings.plate_inertia)), comparison)
+    write_table(table.with_columns(plate_inertia=pl.lit(settings.plate_inertia)), comparison, data)
 
 
 def measure_platform(
@@ -230,13 +231,14 @@ def measure_platform(
     output: Path,
     comparison: Path,
     places: Places | None = None,
+    data: str = "",
 ) -> None:
     """The motion that the platform's perturbations share, to a JSON file. The table `comparison`
     shows when each crossing's perturbation starts, and whether it follows the shared motion;
     `places` has joint and side of each."""
     model = identify_platform(calibrated_trials(trials, calibrations, statics), settings)
     write_model(model, output)
-    write_table(with_places(platform_table(model), places or {}), comparison)
+    write_table(with_places(platform_table(model), places or {}), comparison, data)
 
 
 def analyse(
@@ -372,6 +374,7 @@ def select_crossings(
     output: Path,
     sheet: SheetCells,
     places: Places | None = None,
+    data: str = "",
 ) -> None:
     """One row per crossing, in the order of the files: quality, group and, if it is excluded, the
     reason. A warning names the conditions of the `sheet` that split results although nobody asked
@@ -400,7 +403,7 @@ def select_crossings(
         )
     for sentence in said:
         warnings.warn(sentence, stacklevel=2)
-    write_table(with_places(table, places or {}), output)
+    write_table(with_places(table, places or {}), output, data)
 
 
 def average_unperturbed(crossings: Paths, selection: Path, fewest: int, output: Path) -> None:
@@ -450,6 +453,7 @@ def fit_perturbation(
     unperturbed: Path,
     settings: choices.ResponseSettings,
     output: Path,
+    data: str = "",
 ) -> None:
     """The row of `walking.csv` of one perturbed crossing: Eq. 15, or the reason why it is excluded
     or has no fit."""
@@ -467,7 +471,7 @@ def fit_perturbation(
             reason = str(error)
             warnings.warn(f"excluded: {reason}", stacklevel=2)
     known = {"trial": crossing.stem, "group": place["group"], "direction": place["direction"]}
-    write_table(pl.DataFrame([known | row | {EXCLUDED: reason}]), output)
+    write_table(pl.DataFrame([known | row | {EXCLUDED: reason}]), output, data)
 
 
 def summarise_perturbations(
@@ -485,6 +489,7 @@ def summarise_perturbations(
     sheet: SheetCells,
     limits: Limits | None = None,
     places: Places | None = None,
+    data: str = "",
 ) -> None:
     """Per group the mean over perturbations and the ensemble fit to `output`, its conditions to
     `groups`, responses in their window to `responses`, what errors of the laboratory would change
@@ -503,7 +508,7 @@ def summarise_perturbations(
     chosen = chosen.with_columns(reason=pl.coalesce("reason", EXCLUDED))
     chosen = chosen.with_columns(group=pl.when(pl.col("reason").is_null()).then("group"))
     left = chosen.select("trial", "perturbed", "reason").drop_nulls("reason")
-    write_table(with_places(left, places), excluded)
+    write_table(with_places(left, places), excluded, data)
     fitted = fits.filter(pl.col(EXCLUDED).is_null())
     if len(fitted) < 2:
         why = next(iter(fits[EXCLUDED].drop_nulls()), "")
@@ -549,10 +554,12 @@ def summarise_perturbations(
         for result in results
         for row in result.summary
     ]
-    write_table(with_places(pl.DataFrame(rows, infer_schema_length=None), sides, "group"), output)
-    write_table(with_places(group_table.drop("side"), sides, "group"), groups)
-    write_table(with_places(pl.concat(response_tables), sides, "group"), responses)
-    write_table(with_places(pl.concat(sensitivity_tables), sides, "group"), sensitivity)
+    write_table(
+        with_places(pl.DataFrame(rows, infer_schema_length=None), sides, "group"), output, data
+    )
+    write_table(with_places(group_table.drop("side"), sides, "group"), groups, data)
+    write_table(with_places(pl.concat(response_tables), sides, "group"), responses, data)
+    write_table(with_places(pl.concat(sensitivity_tables), sides, "group"), sensitivity, data)
 
 
 def selected_crossings(crossings: Paths, selection: Path) -> list[Crossing]:
@@ -662,7 +669,7 @@ def tabulate_over_stance(
     )
     for curves in commanded_over_stance(trajectory, data, stance_share):
         table = result_tables.with_trajectory(table, *curves)
-    write_table(table, output)
+    write_table(table, output, data)
 
 
 def commanded_over_stance(

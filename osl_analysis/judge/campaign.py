@@ -4,6 +4,7 @@ the page."""
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import chain
 from typing import Any
 
@@ -47,38 +48,52 @@ JUDGED_FURTHER = (PREDICTION_TABLE, "prediction_causes")
 def campaign_findings(
     tables: Mapping[str, pl.DataFrame], verdicts: pl.DataFrame, limits: DoubtfulFits
 ) -> pl.DataFrame:
-    """`findings.csv` from the result tables by name and from `quality.csv`. Findings that rows
-    inherit from another table are listed once per trial and amplitude, without words: the original
-    finding has these."""
-    found = list(failed_checks(verdicts))
-    fits, seen = (
-        {name: table for name, table in tables.items() if name in judged_tables()},
-        set[object](),
-    )
-    own = {name: judged(table, limits.of(name), name) for name, table in fits.items()}
+    """Judge all trials of a campaign.
+
+    Parameters
+    ----------
+    tables : Mapping of str to polars.DataFrame
+        Result tables by name, with their evidence.
+    verdicts : polars.DataFrame
+        `quality.csv`.
+    limits : DoubtfulFits
+        Accuracy and limits of the configuration.
+
+    Returns
+    -------
+    polars.DataFrame
+        `findings.csv`. Findings that rows inherit from another table are listed once per trial and
+        amplitude, without words: the original finding has these.
+
+    Raises
+    ------
+    InputError
+        A limit stands on a column that its table does not have.
+    """
+    findings = list(failed_checks(verdicts))
+    fits = {name: table for name, table in tables.items() if name in judged_tables()}
+    own_findings = {name: judged(table, limits.of(name), name) for name, table in fits.items()}
+    listed = set[object]()  # the inherited findings
     for name, table in fits.items():
-        of = doubts_of().get(name, "")
-        findings = (
-            with_inherited(name, table, own[name], fits[of], own[of]) if of in fits else own[name]
-        )
-        for row, of_row in zip(table.iter_rows(named=True), findings, strict=True):
-            found += [
-                (finding, words_of(finding, row)) for finding in of_row if not finding.inherited
-            ]
-            for finding in (one for one in of_row if one.inherited):
+        by_row = own_findings[name]
+        origin = doubts_of().get(name, "")  # the table of the fits to the same trials
+        if origin in fits:
+            by_row = with_inherited(name, table, by_row, fits[origin], own_findings[origin])
+        for row, of_row in zip(table.iter_rows(named=True), by_row, strict=True):
+            # those of the row itself first
+            for finding in sorted(of_row, key=lambda finding: bool(finding.inherited)):
                 key = finding.table, finding.subject, finding.amplitude_deg, finding.cause
-                if key not in seen:
-                    seen.add(key)
-                    found.append((finding, Words("", "", "")))
+                if not finding.inherited:
+                    findings.append((finding, words_of(finding, row)))
+                elif key not in listed:
+                    listed.add(key)
+                    findings.append((finding, Words("", "", "")))
     for row in tables.get(PREDICTION_TABLE, pl.DataFrame()).iter_rows(named=True):
-        found += [
-            (finding, words_of(finding, row)) for finding in unchecked_in(PREDICTION_TABLE, row)
-        ]
-    found += [
-        *causes_of_misfit(tables),
-        *recordings_of_another_length(fits.get("impedance", pl.DataFrame())),
-    ]
-    return findings_frame(found)
+        for finding in unchecked_in(PREDICTION_TABLE, row):
+            findings.append((finding, words_of(finding, row)))
+    findings.extend(causes_of_misfit(tables))
+    findings.extend(recordings_of_another_length(fits.get("impedance", pl.DataFrame())))
+    return findings_frame(findings)
 
 
 def failed_checks(verdicts: pl.DataFrame) -> Iterator[tuple[Finding, Words]]:
@@ -87,12 +102,22 @@ def failed_checks(verdicts: pl.DataFrame) -> Iterator[tuple[Finding, Words]]:
     for row in verdicts.filter(pl.col("verdict").is_in(list(grades))).to_dicts():
         check = CHECKS[row["check"]]
         evidence = Beyond(check.name, row["value"], row.get("threshold") or 0.0, check.fails)
-        size = f"{significant(row['value'], 3)} {row['unit']}" + (
-            f" ({row['remark']})" if row["remark"] else ""
-        )
+        grade = grades[row["verdict"]]
+        size = f"{significant(row['value'], 3)} {row['unit']}"
+        if row["remark"]:
+            size = f"{size} ({row['remark']})"
         words = check_words(check.cause)
-        finding = Finding(QUALITY, row["trial"], check.cause, grades[row["verdict"]], (evidence,))
+        finding = Finding(QUALITY, row["trial"], check.cause, grade, (evidence,))
         yield finding, words._replace(size=size, remedy=capital(words.remedy))
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """What explains that the components of a joint do not predict the torque of its trials."""
+
+    cause: str
+    evidence: tuple[Beyond, ...]
+    words: Words
 
 
 def causes_of_misfit(tables: Mapping[str, pl.DataFrame]) -> Iterator[tuple[Finding, Words]]:
@@ -101,42 +126,52 @@ def causes_of_misfit(tables: Mapping[str, pl.DataFrame]) -> Iterator[tuple[Findi
     finding for each predicted trial."""
     causes = tables.get("prediction_causes", pl.DataFrame(schema=["joint", "side"]))
     for rows in causes.partition_by("joint", "side", maintain_order=True):
-        at = [pl.col(key).eq_missing(pl.lit(rows[key][0], pl.String)) for key in ("joint", "side")]
-        own = tables[PREDICTION_TABLE].filter(*at, pl.col("VAF").is_not_null())
-        is_late, found = (
-            pl.col("component").str.ends_with("_delay"),
-            list[tuple[str, tuple[Beyond, ...], Words]](),
+        same_joint = pl.col("joint").eq_missing(pl.lit(rows["joint"][0], pl.String))
+        same_side = pl.col("side").eq_missing(pl.lit(rows["side"][0], pl.String))
+        predicted = tables[PREDICTION_TABLE].filter(same_joint, same_side)
+        predicted = predicted.filter(pl.col("VAF").is_not_null())
+        for misfit in misfits_of_joint(rows, predicted):
+            for trial in predicted["trial"]:
+                finding = Finding(PREDICTION_TABLE, trial, misfit.cause, evidence=misfit.evidence)
+                yield finding, misfit.words
+
+
+def misfits_of_joint(rows: pl.DataFrame, predicted: pl.DataFrame) -> list[Misfit]:
+    """The causes of one joint and side, from its rows of `prediction_causes.csv` and its predicted
+    trials."""
+    is_delay = pl.col("component").str.ends_with("_delay")
+    components = rows.filter("named", ~is_delay).to_dicts()
+    delays = rows.filter(is_delay).to_dicts()  # named or not
+    misfits = list[Misfit]()
+    if components:
+        cause = f"component {' or '.join(row['component'] for row in components)}"
+        words = misfit_words("component", as_if=as_if_said(components))
+        misfits.append(Misfit(cause, changes_beyond_zero(components), words))
+    if any(row["named"] for row in delays):
+        angle_ms, velocity_ms = (1e3 * row["change"] for row in delays)
+        words = misfit_words("late controller", angle=angle_ms, velocity=velocity_ms)
+        misfits.append(Misfit("late controller", changes_beyond_zero(delays), words))
+    left = max((row["left"] or 0.0 for row in delays), default=0.0)  # percent of the torque
+    if not misfits and left > LARGEST_MISFIT:
+        cause = "components that do not predict"
+        words = misfit_words(
+            cause,
+            K=measured_over_predicted(predicted, "K"),
+            B=measured_over_predicted(predicted, "B"),
         )
-        late = rows.filter(is_late).to_dicts()
-        if parts := rows.filter("named", ~is_late).to_dicts():
-            evidence = tuple(
-                Beyond(part["component"], part["change"], 0.0, "above") for part in parts
-            )
-            cause = f"component {' or '.join(part['component'] for part in parts)}"
-            found.append((cause, evidence, misfit_words("component", as_if=as_if_said(parts))))
-        if any(row["named"] for row in late):
-            evidence = tuple(Beyond(row["component"], row["change"], 0.0, "above") for row in late)
-            angle, velocity = (1e3 * row["change"] for row in late)
-            found.append(
-                (
-                    "late controller",
-                    evidence,
-                    misfit_words("late controller", angle=angle, velocity=velocity),
-                )
-            )
-        # beside the delays, named or not
-        left = max((row["left"] or 0.0 for row in late), default=0.0)
-        if not found and left > LARGEST_MISFIT:
-            K, B = (
-                100 * float(np.median((own[f"{x}_measured"] / own[x]).to_numpy())) - 100
-                for x in "KB"
-            )
-            evidence = (Beyond("left", left, LARGEST_MISFIT, "above"),)
-            cause = "components that do not predict"
-            found.append((cause, evidence, misfit_words(cause, K=K, B=B)))
-        for cause, numbers, words in found:
-            for trial in own["trial"]:
-                yield Finding(PREDICTION_TABLE, trial, cause, evidence=numbers), words
+        misfits.append(Misfit(cause, (Beyond("left", left, LARGEST_MISFIT, "above"),), words))
+    return misfits
+
+
+def changes_beyond_zero(rows: Sequence[Mapping[str, Any]]) -> tuple[Beyond, ...]:
+    """The changes of components, or of delays, that would explain the torque, as evidence."""
+    return tuple(Beyond(row["component"], row["change"], 0.0, "above") for row in rows)
+
+
+def measured_over_predicted(predicted: pl.DataFrame, symbol: str) -> float:
+    """By how many percent K or B is measured above its prediction, the median of trials."""
+    ratio = (predicted[f"{symbol}_measured"] / predicted[symbol]).to_numpy()
+    return 100 * float(np.median(ratio)) - 100
 
 
 def recordings_of_another_length(impedance: pl.DataFrame) -> Iterator[tuple[Finding, Words]]:
@@ -145,19 +180,16 @@ def recordings_of_another_length(impedance: pl.DataFrame) -> Iterator[tuple[Find
     cause = "recording of another length"
     if not {"recorded_s", "excitation"} <= {*impedance.columns}:
         return
-    for rows in impedance.filter(
-        pl.col("amplitude_deg").is_null(), pl.col("recorded_s") > 0
-    ).partition_by("excitation"):
+    whole = impedance.filter(pl.col("amplitude_deg").is_null(), pl.col("recorded_s") > 0)
+    for rows in whole.partition_by("excitation"):
         is_unusual, usual = unusual(rows["recorded_s"].to_numpy())
         for trial, seconds in rows.filter(is_unusual).select("trial", "recorded_s").iter_rows():
-            limit = (SHORT * usual, "below") if seconds < usual else (usual / SHORT, "above")
-            words = misfit_words(cause, seconds=seconds, usual=usual)
-            yield (
-                Finding(
-                    "impedance", trial, cause, Grade.NOTES, (Beyond("recorded_s", seconds, *limit),)
-                ),
-                words,
-            )
+            if seconds < usual:
+                evidence = Beyond("recorded_s", seconds, SHORT * usual, "below")
+            else:
+                evidence = Beyond("recorded_s", seconds, usual / SHORT, "above")
+            finding = Finding("impedance", trial, cause, Grade.NOTES, (evidence,))
+            yield finding, misfit_words(cause, seconds=seconds, usual=usual)
 
 
 Entry = dict[str, Any]
@@ -166,16 +198,17 @@ Entry = dict[str, Any]
 def entries(findings: pl.DataFrame) -> list[Entry]:
     """The findings of `findings.csv`, each with its numbers under `evidence`: column, value, limit
     and side."""
-    found: dict[int, Entry] = {}
+    by_number: dict[int, Entry] = {}
     for row in findings.iter_rows(named=True):
-        in_part = any(row[name] is not None for name in ("amplitude_deg", "frequency_hz"))
-        in_part |= row["cause"] in CAUSES and bool(CAUSES[row["cause"]].of)
-        entry = found.setdefault(row["finding"], row | {"evidence": [], "in_part": in_part})
+        is_of_part = row["amplitude_deg"] is not None or row["frequency_hz"] is not None
+        concerns_some_results = row["cause"] in CAUSES and bool(CAUSES[row["cause"]].of)
+        if row["finding"] not in by_number:
+            in_part = is_of_part or concerns_some_results
+            by_number[row["finding"]] = {**row, "evidence": [], "in_part": in_part}
         if row["evidence"] is not None:
-            entry["evidence"].append(
-                Beyond(row["evidence"], row["value"], row["limit"], row["side"])
-            )
-    return list(found.values())
+            number = Beyond(row["evidence"], row["value"], row["limit"], row["side"])
+            by_number[row["finding"]]["evidence"].append(number)
+    return list(by_number.values())
 
 
 def known_of(
@@ -184,131 +217,147 @@ def known_of(
     """What a reader must know, as `summary.json` has it: each cause by experiment with its trials.
     Doubts come first, then failed checks of trials that are used, then what could not be checked;
     in each, the most frequent cause first. `tables` give the numbers of trials."""
-    there = {*subjects(verdicts), *chain(*map(subjects, tables.values()))}
-    of = defaultdict[tuple[str, str], list[Entry]](list)  # by table and grade
+    present = {*subjects(verdicts), *chain(*map(subjects, tables.values()))}
+    by_table = defaultdict[tuple[str, str], list[Entry]](list)  # by table and grade
     for entry in entries(findings):
-        if not entry["inherited"] and entry["trial"] in there:
-            of[entry["table"], entry["grade"]].append(entry)
+        if not entry["inherited"] and entry["trial"] in present:
+            by_table[entry["table"], entry["grade"]].append(entry)
     doubts, flags, unchecked = list[Entry](), list[Entry](), list[Entry]()
     for experiment, facts in EXPERIMENTS.items():
+        origins = dict.fromkeys(facts.judged_further, "")
         fitted = {table.name: table.doubts_of for table in facts.tables if table.judged}
-        for table, other in (fitted | dict.fromkeys(facts.judged_further, "")).items():
-            if DOUBTFUL not in (rows := tables.get(table, pl.DataFrame())).columns:
+        for table, origin in [*fitted.items(), *origins.items()]:
+            rows = tables.get(table, pl.DataFrame())
+            if DOUBTFUL not in rows.columns:
                 continue
-            judged, named = (
-                subjects(rows.filter(pl.col(DOUBTFUL).is_not_null())),
-                table.replace("_", " "),
-            )
-            trials = f"{experiment.replace('_', ' ')} trials", f"{named} trials"
-            where, what = trials if table in fitted else (named, "walking groups")
-            doubts += doubts_by_cause(
-                of[table, Grade.DOUBTS], of[other, Grade.DOUBTS], other, where, named, judged
-            )
+            judged_trials = subjects(rows.filter(pl.col(DOUBTFUL).is_not_null()))
+            title = table.replace("_", " ")
+            where, what = title, "walking groups"
+            if table in fitted:
+                where, what = f"{experiment.replace('_', ' ')} trials", f"{title} trials"
+            of_table = by_table[table, Grade.DOUBTS]
+            if origin:
+                of_origin = by_table[origin, Grade.DOUBTS]
+                doubts += doubts_beside_origin(of_table, of_origin, where, title, judged_trials)
+            else:
+                doubts += doubts_by_cause(of_table, where, judged_trials)
             for grade, verdict in ((Grade.UNCHECKED, "not checked"), (Grade.NOTES, "remark")):
-                unchecked += by_cause(
-                    [one for one in of[table, grade] if not one["in_part"]], verdict, what, judged
-                )
-    predicted = of[PREDICTION_TABLE, Grade.DOUBTS]
-    doubts += by_cause(
-        predicted,
-        "doubtful",
-        "predicted trials",
-        list(dict.fromkeys(one["trial"] for one in predicted)),
-    )
-    of_table = subjects(tables.get(PREDICTION_TABLE, pl.DataFrame()))
-    unchecked += by_cause(
-        of[PREDICTION_TABLE, Grade.UNCHECKED], "not checked", "prediction trials", of_table
-    )
+                of_whole = [entry for entry in by_table[table, grade] if not entry["in_part"]]
+                unchecked += by_cause(of_whole, verdict, what, judged_trials)
+    predicted = by_table[PREDICTION_TABLE, Grade.DOUBTS]
+    trials = list(dict.fromkeys(entry["trial"] for entry in predicted))
+    doubts += by_cause(predicted, "doubtful", "predicted trials", trials)
+    of_prediction = subjects(tables.get(PREDICTION_TABLE, pl.DataFrame()))
+    not_predicted = by_table[PREDICTION_TABLE, Grade.UNCHECKED]
+    unchecked += by_cause(not_predicted, "not checked", "prediction trials", of_prediction)
     for check in CHECKS.values():
-        own = [
-            one
-            for one in of[QUALITY, Grade.DOUBTS]
-            if [x.column for x in one["evidence"]] == [check.name]
-        ]
-        flags += by_cause(
-            own, "flagged", "trials", subjects(verdicts.filter(pl.col("check") == check.name))
-        )
+        failed = []
+        for entry in by_table[QUALITY, Grade.DOUBTS]:
+            if [number.column for number in entry["evidence"]] == [check.name]:
+                failed.append(entry)
+        checked = subjects(verdicts.filter(pl.col("check") == check.name))
+        flags += by_cause(failed, "flagged", "trials", checked)
     return [
-        one
-        for part in (doubts, flags, unchecked)
-        for one in sorted(part, key=lambda one: -len(one["trials"]))
+        *most_frequent_first(doubts),
+        *most_frequent_first(flags),
+        *most_frequent_first(unchecked),
     ]
 
 
+def most_frequent_first(causes: Sequence[Entry]) -> list[Entry]:
+    """Causes by how many trials have them; in their order where these are as many."""
+    return sorted(causes, key=lambda cause: -len(cause["trials"]))
+
+
 def doubts_by_cause(
-    own: Sequence[Entry],
-    of_other: Sequence[Entry],
-    other: str,
-    where: str,
-    table: str,
-    judged: Sequence[str],
+    doubts: Sequence[Entry], where: str, judged_trials: Sequence[str]
 ) -> Iterator[Entry]:
-    """Doubts about the rows of a table. Doubts that an `other` table has about the same trials, if
-    it is named, are left out. Doubts at single amplitudes alone come last."""
-    known = {(one["trial"], one["cause"]) for one in of_other} if other else set()
-    left = [one for one in own if (one["trial"], one["cause"]) not in known]
-    whole = {(one["trial"], one["cause"]) for one in left if not one["in_part"]}
-    where += f", in {table} alone" if other else ""
-    for in_part in (False, True):
-        some = [
-            one
-            for one in left
-            if (bool(other) or (one["trial"], one["cause"]) not in whole) is in_part
-        ]
-        single = in_part and not other and all(one["amplitude_deg"] is not None for one in some)
-        place = where + ", at single amplitudes alone" * single
-        yield from by_cause(some, "doubtful" + " in part" * in_part, place, judged)
+    """Doubts about the rows of a table: those about whole trials, then those about single
+    amplitudes, or about single results, of trials that are sound as a whole."""
+    whole = {(entry["trial"], entry["cause"]) for entry in doubts if not entry["in_part"]}
+    of_whole, of_part = list[Entry](), list[Entry]()
+    for entry in doubts:
+        if (entry["trial"], entry["cause"]) in whole:
+            of_whole.append(entry)
+        else:
+            of_part.append(entry)
+    yield from by_cause(of_whole, "doubtful", where, judged_trials)
+    if all(entry["amplitude_deg"] is not None for entry in of_part):
+        where = f"{where}, at single amplitudes alone"
+    yield from by_cause(of_part, "doubtful in part", where, judged_trials)
+
+
+def doubts_beside_origin(
+    doubts: Sequence[Entry],
+    of_origin: Sequence[Entry],
+    where: str,
+    title: str,
+    judged_trials: Sequence[str],
+) -> Iterator[Entry]:
+    """Doubts about the rows of a table of single results, such as frequencies, that the table of
+    the fits to the same trials does not have."""
+    known = {(entry["trial"], entry["cause"]) for entry in of_origin}
+    alone = [entry for entry in doubts if (entry["trial"], entry["cause"]) not in known]
+    yield from by_cause(alone, "doubtful in part", f"{where}, in {title} alone", judged_trials)
 
 
 def subjects(rows: pl.DataFrame) -> list[str]:
     """The trials, or groups, of a table."""
-    key = next((name for name in ("trial", "group") if name in rows.columns), None)
-    return rows[key].unique(maintain_order=True).to_list() if key else []
+    for key in ("trial", "group"):
+        if key in rows.columns:
+            return rows[key].unique(maintain_order=True).to_list()
+    return []
+
+
+def largest_excess(entry: Entry) -> float:
+    """How far the evidence of a finding is beyond its limits, as a factor; 0 without evidence."""
+    return max((number.excess for number in entry["evidence"]), default=0.0)
 
 
 def by_cause(
-    some: Sequence[Entry], verdict: str, of: str, judged: Sequence[str]
-) -> Iterator[dict[str, Any]]:
+    findings: Sequence[Entry], verdict: str, of: str, judged_trials: Sequence[str]
+) -> Iterator[Entry]:
     """What a reader must know of each cause, or of each thing that could not be checked, with its
     size in the worst trial. The last row of a trial counts, which is its fit to all."""
     causes: dict[str, dict[str, Entry]] = {}
-    for one in some:
-        causes.setdefault(one["cause"], {})[one["trial"]] = one
-    for cause, trials in causes.items():
-        name = max(
-            trials,
-            key=lambda trial: max((one.excess for one in trials[trial]["evidence"]), default=0.0),
-        )
-        worst = trials[name]
-        size = worst["size"] or ""
-        size += f", most in {name}" if size and len(trials) > 1 else ""
-        if len({one["says"] for one in trials.values()}) > 1:
-            worst = worst | {"says": f"{worst['says']} (in {name})"}
-        limits = {number.column: number for one in trials.values() for number in one["evidence"]}
-        told = known_line(verdict, of, cause, worst, [*trials], judged, size)
-        sides = ", ".join(f"{number.side} {number.limit:g}" for number in limits.values())
-        told |= {"measure": ", ".join(limits), "limit": sides, "worst": name}
-        yield told | {name: worst[name] for name in FINDING_NUMBERS if worst[name] is not None}
+    for entry in findings:
+        causes.setdefault(entry["cause"], {})[entry["trial"]] = entry
+    for cause, by_trial in causes.items():
+        worst = max(by_trial, key=lambda trial: largest_excess(by_trial[trial]))
+        entry = by_trial[worst]
+        size = entry["size"] or ""
+        if size and len(by_trial) > 1:
+            size = f"{size}, most in {worst}"
+        says = entry["says"]
+        if len({other["says"] for other in by_trial.values()}) > 1:
+            says = f"{says} (in {worst})"
+        words = Words(says or "", size, entry["remedy"] or "")
+        limits = dict[str, str]()  # by column
+        for other in by_trial.values():
+            for number in other["evidence"]:
+                limits[number.column] = f"{number.side} {number.limit:g}"
+        line = known_line(verdict, of, cause, words, [*by_trial], judged_trials)
+        evidence = {"measure": ", ".join(limits), "limit": ", ".join(limits.values())}
+        numbers = {name: entry[name] for name in FINDING_NUMBERS if entry[name] is not None}
+        yield {**line, **evidence, "worst": worst, **numbers}
 
 
 def known_line(
     verdict: str,
     of: str,
     cause: str,
-    entry: Entry,
+    words: Words,
     trials: Sequence[str],
     judged: Sequence[str],
-    size: str,
 ) -> dict[str, Any]:
     """One cause as `summary.json` has it: what was judged, such as `impedance trials`; its trials,
-    and the number of all that were `judged`; its `size` in the worst of them; and a `line` that
+    and the number of all that were `judged`; its `words` for the worst of them; and a `line` that
     says it."""
     others = [trial for trial in judged if trial not in trials]
     few = len(others) <= MOST_NAMED < len(trials)
     names = others if few else trials
     more = ", ..." if len(names) > MOST_NAMED else ""
     named = f" [{'all but ' if few else ''}{', '.join(names[:MOST_NAMED])}{more}]" if others else ""
-    words = Words(entry["says"] or "", size, entry["remedy"] or "")
     line = f"{verdict}, {len(trials)} of {len(judged)} {of}: {sentence_of(words, cause)}{named}"
     told = {"verdict": verdict, "of": of, "cause": cause, **words._asdict(), "n": len(judged)}
     told["brief"] = brief_remedy(cause)

@@ -36,10 +36,17 @@ def estimate_column(table: str, symbol: str) -> str:
     return NAMES_IN_TABLE.get(table, {}).get(symbol, symbol)
 
 
-def corrections(cause: Cause, row: AnyRow) -> list[Correction]:
+def corrected_column(table: str, symbol: str, column: str) -> str:
+    """The column of an estimate beside a cause in a table: `B_without` is `B_j_without` of a
+    transmission."""
+    return f"{estimate_column(table, symbol)}{column.removeprefix(symbol)}"
+
+
+def corrections(table: str, cause: Cause, row: AnyRow) -> list[Correction]:
     """The estimates beside a cause, as far as the row has their columns."""
     known = list[Correction]()
-    for symbol, column in cause.without.items():
+    for symbol, column_of_impedance in cause.without.items():
+        column = corrected_column(table, symbol, column_of_impedance)
         if column not in row:
             continue
         value, low, high = (cell_number(row, f"{column}{end}") for end in ("", "_low", "_high"))
@@ -83,7 +90,7 @@ def shares_moved(
     """By which share of itself a cause may move each of K, B and I that the row has; empty where
     the row does not tell."""
     moved = dict[str, float]()
-    told = corrections(cause, row)
+    told = corrections(table, cause, row)
     if any(is_told(correction) for correction in told):
         for correction in told:
             column = estimate_column(table, correction.symbol)

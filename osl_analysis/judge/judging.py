@@ -300,7 +300,7 @@ def finding_of_cause(
         if estimate is not None:
             sizes[symbol] = max(sizes.get(symbol, 0.0), abs(number.value * estimate))
     without: dict[str, float] = {}
-    told = corrections(cause, row)
+    told = corrections(table, cause, row)
     for correction in told:
         recorded = cell_number(row, estimate_column(table, correction.symbol))
         if not correction.is_better_than(recorded):

@@ -7,11 +7,13 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
+from string import Formatter
 from typing import Any, NamedTuple
 
 from osl_analysis.dictionary import own_yaml
 from osl_analysis.errors import nearest
 from osl_analysis.judge.causes import CAUSES, EVIDENCE, cause_of, suspected_unit
+from osl_analysis.judge.effects import estimate_column
 from osl_analysis.judge.finding import (
     ESTIMATES,
     AnyRow,
@@ -48,19 +50,28 @@ def words_of(finding: Finding, row: AnyRow) -> Words:
     known = WORDS["causes"].get(finding.cause)
     if known is None:  # a limit on a column that is not in EVIDENCE
         return Words(", ".join(map(beyond_said, finding.evidence)), "", "")
-    own = [
-        one
-        for one in finding.evidence
-        if cause_of(one.column, one.value, row).name == finding.cause
-    ]
-    details = [by_friction := friction_said(row) if finding.cause == "friction" else ""]
-    details += [filled(WORDS["columns"].get(one.column, ""), Facts(row, one)) for one in own]
-    details += [without_said(finding, row)] * (not by_friction)  # friction says it in its own words
     remedy = known.get(finding.remedy.value) or known[Remedy.WHOLE.value]
     if finding.grade is Grade.NOTES:
         remedy = WORDS["remarks"]["within_accuracy"]
-    first, *others = dict.fromkeys(filter(None, details)) or [""]
-    return Words(known["says"], ". ".join([first, *map(capital, others)]), capital(remedy))
+    return Words(known["says"], size_in_words(finding, row), capital(remedy))
+
+
+def size_in_words(finding: Finding, row: AnyRow) -> str:
+    """How large a cause is in this row: its numbers, and the estimates without it."""
+    details = list[str]()
+    by_friction = friction_said(row) if finding.cause == "friction" else ""
+    details.append(by_friction)
+    for number in finding.evidence:
+        # a misfit that another cause explains is told by that cause
+        if cause_of(number.column, number.value, row).name == finding.cause:
+            template = WORDS["columns"].get(number.column, "")
+            details.append(filled(template, Facts(row, number)))
+    if not by_friction:  # which tells the estimates without it already
+        details.append(without_said(finding, row))
+    known = [detail for detail in dict.fromkeys(details) if detail]
+    if not known:
+        return ""
+    return ". ".join([known[0], *map(capital, known[1:])])
 
 
 def brief_remedy(cause: str) -> str:
@@ -88,19 +99,21 @@ def beyond_said(one: Beyond) -> str:
     return f"{one.column} {how.get(one.side, f'{one.value:.3g} is {one.side} {one.limit:g}')}"
 
 
-def without_names(cause: str, row: AnyRow) -> dict[str, str]:
-    """Names of the estimates without a cause: certain friction is a column beside it, and no part
-    of B."""
-    column = CAUSES[cause].without.get("B") if cause in CAUSES else None
-    beside = column == "B_without" and row.get("B_viscous") is not None
-    return {name: "B without friction" if name == "B" and beside else name for name in ESTIMATES}
+def without_names(cause: str, row: AnyRow, table: str) -> dict[str, str]:
+    """What a reader calls K, B and I without a cause in a table. Certain friction is a column of
+    the regression beside the cause, and no part of the damping."""
+    names = {symbol: estimate_column(table, symbol) for symbol in ESTIMATES}
+    has_fault = cause in CAUSES and CAUSES[cause].without.get("B") == "B_without"
+    if has_fault and row.get(f"{names['B']}_viscous") is not None:
+        names["B"] += " without friction"
+    return names
 
 
 def without_said(finding: Finding, row: AnyRow) -> str:
     """The estimates of the same fit with this cause as a column of the regression, where they are
     better than the recorded ones."""
     texts = list[str]()
-    for name, symbol in without_names(finding.cause, row).items():
+    for name, symbol in without_names(finding.cause, row, finding.table).items():
         value, low, high = (finding.without.get(f"{name}{end}") for end in ("", "_low", "_high"))
         if name in finding.untold:
             texts.append(f"nothing of {symbol} is told")
@@ -167,28 +180,46 @@ class Number(float):
 
 
 class Facts(dict[str, Any]):
-    """The numbers of a row, and by the names of `COMPUTED` what is computed from them for a
-    reader."""
+    """The cells of a row that are filled, by column, and the number that a finding is about."""
 
     def __init__(self, row: AnyRow, evidence: Beyond | None = None) -> None:
-        known = ((name, cell) for name, cell in row.items() if cell is not None)
-        super().__init__(
-            {name: Number(cell) if isinstance(cell, int | float) else cell for name, cell in known}
-        )
-        self.row, self.evidence = row, evidence
+        super().__init__()
+        self.row = row
+        self.evidence = evidence
+        for name, cell in row.items():
+            if isinstance(cell, int | float):
+                self[name] = Number(cell)
+            elif cell is not None:
+                self[name] = cell
 
-    def __missing__(self, name: str) -> str:
-        if name in OF_EVIDENCE and self.evidence is not None:
-            return OF_EVIDENCE[name](self.evidence, self.row)
-        return COMPUTED[name](self)  # raises KeyError, also if the row lacks a number that it needs
+
+def value_in_text(name: str, facts: Facts) -> Any:
+    """What stands for a name in braces: a cell of the row, something about the evidence
+    (`OF_EVIDENCE`), or what is computed from the row (`COMPUTED`).
+
+    Raises
+    ------
+    KeyError
+        The row lacks a number that it needs.
+    """
+    if name in facts:
+        return facts[name]
+    if name in OF_EVIDENCE and facts.evidence is not None:
+        return OF_EVIDENCE[name](facts.evidence, facts.row)
+    return COMPUTED[name](facts)
 
 
 def filled(template: str, facts: Facts) -> str:
     """A text with its numbers; empty where one is not known."""
-    try:
-        return template.format_map(facts)
-    except KeyError:
-        return ""
+    values: dict[str, Any] = {}
+    for _, name, _, _ in Formatter().parse(template):
+        if not name:  # a part of the text without braces
+            continue
+        try:
+            values[name] = value_in_text(name, facts)
+        except KeyError:
+            return ""
+    return template.format(**values)
 
 
 def percent(value: float) -> str:

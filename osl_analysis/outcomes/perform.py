@@ -26,7 +26,7 @@ from osl_analysis.memory import limited_memory
 from osl_analysis.outcomes.job_log import write_log
 from osl_analysis.outcomes.used import Files, without_excluded, without_refused
 from osl_analysis.refusal import Refusal, write_refusals
-from osl_analysis.table import tables_of, write_tables
+from osl_analysis.table import write_tables
 from osl_analysis.trial import read_trial
 
 ONLY_WAITED_FOR = ("recordings", "sources", "made_of", "evidence", "numbers", "quality")
@@ -164,7 +164,8 @@ def call(job: Job) -> Sequence[Refusal]:
     the type that the command declares. A mapping of files gets them by their stems. A command with
     an argument `refused` is told the causes of what is missing. Any other is not called if it needs
     something that is missing: these causes are returned. The fit of an experiment takes a trial and
-    returns tables, which are written here.
+    returns tables, which are written here. A command that writes tables has an argument `data`,
+    which their last column says.
     """
     function = command_of(job)
     arguments = inspect.signature(function).parameters
@@ -196,12 +197,17 @@ def call(job: Job) -> Sequence[Refusal]:
         if isinstance(files, list) and not takes_many(arguments, name):
             given[name] = files[0] if files else None
 
-    with tables_of(job.params["made_by"]["data"]), limited_memory(job.recordings):
+    data = job.params["made_by"]["data"]
+    if "data" in arguments:
+        params["data"] = data
+    with limited_memory(job.recordings):
         if job.command in TABLES_OF_FIT:
             trial = read_trial(Path(str(given.pop("trial"))))
             fitted = CONVERTING(function)(trial=trial, **given, **params)
+            if not isinstance(fitted, Mapping):  # FitTables, of which some are not computed yet
+                fitted = fitted.everything()
             tables = TABLES_OF_FIT[job.command]
-            write_tables({place_of(table, job): fitted[table] for table in tables})
+            write_tables({place_of(table, job): fitted[table] for table in tables}, data)
         else:
             outputs = {name: at for name, at in job.outputs.items() if name not in ONLY_MADE}
             CONVERTING(function)(**given, **outputs, **params)

@@ -260,7 +260,7 @@ def doubts_said(
 def doubted(entry: Entry, row: Mapping[str, Any]) -> str:
     """A cause of doubt about a row, with the estimates of its fit and their units."""
     left = []
-    for name, symbol in without_names(entry["cause"], row).items():
+    for name, symbol in without_names(entry["cause"], row, entry["table"]).items():
         value, *ends = (entry.get(f"{name}_without{end}") for end in ("", "_low", "_high"))
         said = dict.fromkeys(
             f"{end:.3g}" for end in (ends if None not in ends else [value]) if end is not None

@@ -26,12 +26,14 @@ OVERRIDES = {
 little to match to."""
 
 FORKING = """
-import gc, json, os, sys
+import gc, json, multiprocessing, os, sys
+from multiprocessing import forkserver
 import snakemake.cli, snakemake.api, snakemake.workflow, snakemake.dag
 import osl_analysis.judge.campaign, osl_analysis.refusal, osl_analysis.commands.run
 import osl_analysis.commands.campaign_start
 import osl_analysis.commands.simulate, osl_analysis.campaign.campaign_trials, osl_analysis.figures
-import osl_analysis.cli, osl_analysis.jobs.workers
+import osl_analysis.cli
+from osl_analysis.jobs import workers
 from osl_analysis.files import default_config
 from osl_analysis.yaml_settings import read_mapping
 import planned_jobs
@@ -44,6 +46,15 @@ programs = {
     "planned": planned_jobs.main,
 }
 gc.freeze()
+
+# All campaigns fork their workers from one process, which imports once what any job needs. Only
+# this process may ask whether that one lives, for only this one is its parent.
+os.environ.update(workers.ENVIRONMENT)
+commands = ("simulate", "walking", "figure", "report", "gains")
+workers.PRELOADED += [f"osl_analysis.commands.{name}" for name in commands]
+multiprocessing.get_context("forkserver").set_forkserver_preload(workers.PRELOADED)
+forkserver.ensure_running()
+forkserver._forkserver.ensure_running = lambda: None
 
 for line in sys.stdin:
     arguments, folder, said = json.loads(line)

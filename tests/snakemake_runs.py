@@ -8,6 +8,7 @@ import subprocess
 import sys
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import yaml
 from conftest import ROOT
@@ -80,16 +81,13 @@ SMALL = {
 """What its simulation changes in the shipped settings."""
 
 
-def write_small(folder: Path, changes: dict) -> None:
-    """Write the shipped configuration to a folder, with a small simulation, and these changes to it
-    or its gait."""
+def write_small(folder: Path, simulation: dict[str, Any] | None = None) -> None:
+    """Write the shipped configuration to a folder, with a small simulation or one further
+    changed."""
     shutil.copytree(ROOT / "config", folder / "config")
-    for part, name, to in (("simulation", "default", "small"), ("gait", "walking", "walking")):
-        settings = yaml.safe_load((ROOT / f"config/simulation/{name}.yaml").read_text())
-        settings = overriding(
-            overriding(settings, SMALL if to == "small" else {}), changes.get(part, {})
-        )
-        (folder / f"config/simulation/{to}.yaml").write_text(yaml.safe_dump(settings))
+    shipped = yaml.safe_load((ROOT / "config/simulation/default.yaml").read_text())
+    small = overriding(overriding(shipped, SMALL), simulation or {})
+    (folder / "config/simulation/small.yaml").write_text(yaml.safe_dump(small))
 
 
 @cache

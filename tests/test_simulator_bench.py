@@ -29,6 +29,7 @@ from osl_analysis.simulator.joint_motion import JointMotion
 from osl_analysis.simulator.mcap_log import joint_states, wrenches, write_topics
 from osl_analysis.simulator.recorder import Bench, draw_errors
 from osl_analysis.simulator.simulation_settings import SimulationSettings
+from osl_analysis.simulator.two_mass_drivetrain import passive_torque, slipping_torque
 from osl_analysis.yaml_settings import read_yaml
 
 DEFAULT = ROOT / "config/simulation/default.yaml"
@@ -475,6 +476,34 @@ def test_a_yielding_frame_turns_with_the_torque(clean):
 
     assert log[ANGLE] == pytest.approx(clean[ANGLE] - clean[TORQUE] / 3e3, abs=1e-9)
     np.testing.assert_array_equal(log[TORQUE], clean[TORQUE])
+
+
+def test_a_passive_foot_is_a_spring_that_stiffens_with_a_damper():
+    cycles = settings.SlowCycles(
+        lowest_deg=-10, highest_deg=12, speed_deg_s=(8,), turn_s=0.2, rest_s=1
+    )
+    foot = settings.PassiveFoot(K=200, B=2, stiffening=15, cycles=cycles)
+    motion = joint_motion.slow_cycles(cycles, RATE)
+
+    torque = passive_torque(foot, motion)
+
+    expected = 200 * motion.theta + 3000 * motion.theta**3 + 2 * motion.omega
+    assert torque == pytest.approx(expected, abs=1e-9)
+
+
+def test_a_slipping_spring_loses_its_limit_over_the_way_that_it_slips():
+    stiffness, limit, amplitude = 400.0, 4.0, 0.1
+    corners = amplitude * np.array([0, 1, -1, 1, -1, 1])
+    # steps of 0.005 rad, so that turns and the begin of slipping are samples
+    theta = np.interp(np.arange(181) / 20, [0, 1, 3, 5, 7, 9], corners)
+
+    torque = slipping_torque(theta, stiffness, limit)
+
+    last_cycle = slice(100, 181)
+    lost = np.trapezoid(torque[last_cycle], theta[last_cycle])
+    # on each of two ways it slips over all but the turn's elastic 2 limit / stiffness
+    assert lost == pytest.approx(2 * limit * (2 * amplitude - 2 * limit / stiffness), rel=1e-9)
+    assert np.abs(torque).max() == limit
 
 
 def test_coulomb_friction_turns_with_the_velocity(clean):

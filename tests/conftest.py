@@ -33,9 +33,11 @@ from osl_analysis.trial import Array
 sys.dont_write_bytecode = False
 gc.disable()  # until all is imported
 ROOT = Path(__file__).parents[1]
-RUNNING = ("test_workflow", "test_bundle", "test_report", "test_walking_perturbed_by")
-"""Modules that run campaigns: on one core, for `snakemake_runs.py` has a process with all imports
-for each."""
+RUNNING = (
+    "test_workflow", "test_small_campaigns", "test_bundle", "test_report",
+    "test_walking_perturbed_by",
+)  # fmt: skip
+"""Modules that run campaigns: in one worker, for which `snakemake_runs.py` imports once."""
 LONGEST = (
     *RUNNING, "test_bench_any_excitation", "test_bench_joint_fit", "test_study", "test_figures",
     "test_walking_commands",

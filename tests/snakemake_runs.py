@@ -8,6 +8,7 @@ import subprocess
 import sys
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import yaml
 from conftest import ROOT
@@ -26,12 +27,14 @@ OVERRIDES = {
 little to match to."""
 
 FORKING = """
-import gc, json, os, sys
+import gc, json, multiprocessing, os, sys
+from multiprocessing import forkserver
 import snakemake.cli, snakemake.api, snakemake.workflow, snakemake.dag
 import osl_analysis.judge.campaign, osl_analysis.refusal, osl_analysis.commands.run
 import osl_analysis.commands.campaign_start
 import osl_analysis.commands.simulate, osl_analysis.campaign.campaign_trials, osl_analysis.figures
-import osl_analysis.cli, osl_analysis.jobs.workers
+import osl_analysis.cli
+from osl_analysis.jobs import workers
 from osl_analysis.files import default_config
 from osl_analysis.yaml_settings import read_mapping
 import planned_jobs
@@ -44,6 +47,15 @@ programs = {
     "planned": planned_jobs.main,
 }
 gc.freeze()
+
+# All campaigns fork their workers from one process, which imports once what any job needs. Only
+# this process may ask whether that one lives, for only this one is its parent.
+os.environ.update(workers.ENVIRONMENT)
+commands = ("simulate", "walking", "figure", "report", "gains")
+workers.PRELOADED += [f"osl_analysis.commands.{name}" for name in commands]
+multiprocessing.get_context("forkserver").set_forkserver_preload(workers.PRELOADED)
+forkserver.ensure_running()
+forkserver._forkserver.ensure_running = lambda: None
 
 for line in sys.stdin:
     arguments, folder, said = json.loads(line)
@@ -69,16 +81,13 @@ SMALL = {
 """What its simulation changes in the shipped settings."""
 
 
-def write_small(folder: Path, changes: dict) -> None:
-    """Write the shipped configuration to a folder, with a small simulation, and these changes to it
-    or its gait."""
+def write_small(folder: Path, simulation: dict[str, Any] | None = None) -> None:
+    """Write the shipped configuration to a folder, with a small simulation or one further
+    changed."""
     shutil.copytree(ROOT / "config", folder / "config")
-    for part, name, to in (("simulation", "default", "small"), ("gait", "walking", "walking")):
-        settings = yaml.safe_load((ROOT / f"config/simulation/{name}.yaml").read_text())
-        settings = overriding(
-            overriding(settings, SMALL if to == "small" else {}), changes.get(part, {})
-        )
-        (folder / f"config/simulation/{to}.yaml").write_text(yaml.safe_dump(settings))
+    shipped = yaml.safe_load((ROOT / "config/simulation/default.yaml").read_text())
+    small = overriding(overriding(shipped, SMALL), simulation or {})
+    (folder / "config/simulation/small.yaml").write_text(yaml.safe_dump(small))
 
 
 @cache

@@ -582,6 +582,7 @@ def test_init_does_not_end_with_run_where_the_first_trial_is_refused(tmp_path):
     assert lines[-1].endswith("osl-analysis doctor --look")
 
 
+@pytest.mark.usefixtures("without_inference")
 def test_five_files_of_five_kinds_are_told_in_fifteen_lines_questions_first(tmp_path):
     (tmp_path / "rec").mkdir()
     for number in range(5):

@@ -27,8 +27,9 @@ from osl_analysis.simulator.bench_trial import (
 )
 from osl_analysis.simulator.joint_motion import JointMotion
 from osl_analysis.simulator.mcap_log import joint_states, wrenches, write_topics
-from osl_analysis.simulator.recorder import Bench
+from osl_analysis.simulator.recorder import Bench, draw_errors
 from osl_analysis.simulator.simulation_settings import SimulationSettings
+from osl_analysis.simulator.two_mass_drivetrain import passive_torque, slipping_torque
 from osl_analysis.yaml_settings import read_yaml
 
 DEFAULT = ROOT / "config/simulation/default.yaml"
@@ -197,6 +198,30 @@ def test_a_random_binary_sequence_changes_at_its_clock():
 
 def test_a_smoothed_binary_sequence_has_no_power_above_its_cutoff():
     assert power_between(excited("prbs", smoothing_hz=4.0).theta, 12, 500) < 1e-3
+
+
+def test_a_smoothed_binary_sequence_has_the_velocity_of_its_angle():
+    motion = excited("prbs", smoothing_hz=4.0)
+
+    velocity = np.gradient(motion.theta) * RATE
+    acceleration = np.gradient(motion.omega) * RATE
+
+    # differences of samples that are 1 ms apart are off by less than 1 % of the largest
+    assert motion.omega == pytest.approx(velocity, abs=0.01 * np.abs(velocity).max())
+    assert motion.alpha == pytest.approx(acceleration, abs=0.01 * np.abs(acceleration).max())
+
+
+def test_slow_cycles_go_first_to_the_lowest_and_then_to_the_highest_angle():
+    cycles = settings.SlowCycles(
+        lowest_deg=-10, highest_deg=12, speed_deg_s=(8,), turn_s=0.02, rest_s=1
+    )
+
+    theta_deg = np.rad2deg(joint_motion.slow_cycles(cycles, RATE).theta)
+
+    # a turn takes speed * turn_s / 4 = 0.04 degrees off the ends
+    assert (theta_deg.min(), theta_deg.max()) == pytest.approx((-10, 12), abs=0.05)
+    assert theta_deg.argmin() < theta_deg.argmax()
+    assert (theta_deg[0], theta_deg[-1]) == pytest.approx((0, 0), abs=0.01)
 
 
 def test_a_chirp_sweeps_upwards():
@@ -390,6 +415,35 @@ def test_a_node_s_clock_has_an_offset_and_a_drift():
     assert since_start == pytest.approx(0.2 + (1 - 50e-6) * elapsed, abs=2e-9)
 
 
+def test_a_late_message_is_stamped_after_its_sample():
+    # far less than the 10 ms between two samples, so that no message waits for another
+    latency = on(0.5e-3, "s", distribution="exponential")
+
+    log, truth = simulated(node(rate=on(100, "Hz"), latency=latency))
+
+    sampled = np.arange(len(log["time"])) / 100
+    late = log["time"] - truth["drawn"]["clock_start_s"] - sampled
+    assert late.min() > -1e-9
+    assert late.mean() == pytest.approx(0.5e-3, rel=0.2)
+    assert late.std() == pytest.approx(0.5e-3, rel=0.3), "an exponential has its mean as its spread"
+
+
+def test_stamps_have_as_many_decimals_as_the_recorder_writes(clean):
+    time = log_of(node(decimals=on(2, "decimal")))["time"]
+
+    assert time == pytest.approx(np.round(clean["time"], 2), abs=1e-9)
+
+
+def test_the_zero_of_an_encoder_is_off_by_at_most_its_size():
+    effects = {"encoder_zero": on(3, "step"), "joint_encoder": on(1e-3, "rad")}
+    chosen = only({"effects": effects})
+
+    zeros = [draw_errors(f"trial_{k}", chosen)["encoder_zero"] for k in range(300)]
+
+    in_steps = np.abs(zeros) / chosen.effects.joint_encoder.value
+    assert 2.9 < in_steps.max() < 3
+
+
 def missing(**changes):
     """Samples that are missing after each sample."""
     time = log_of(node(**changes))["time"]
@@ -422,6 +476,34 @@ def test_a_yielding_frame_turns_with_the_torque(clean):
 
     assert log[ANGLE] == pytest.approx(clean[ANGLE] - clean[TORQUE] / 3e3, abs=1e-9)
     np.testing.assert_array_equal(log[TORQUE], clean[TORQUE])
+
+
+def test_a_passive_foot_is_a_spring_that_stiffens_with_a_damper():
+    cycles = settings.SlowCycles(
+        lowest_deg=-10, highest_deg=12, speed_deg_s=(8,), turn_s=0.2, rest_s=1
+    )
+    foot = settings.PassiveFoot(K=200, B=2, stiffening=15, cycles=cycles)
+    motion = joint_motion.slow_cycles(cycles, RATE)
+
+    torque = passive_torque(foot, motion)
+
+    expected = 200 * motion.theta + 3000 * motion.theta**3 + 2 * motion.omega
+    assert torque == pytest.approx(expected, abs=1e-9)
+
+
+def test_a_slipping_spring_loses_its_limit_over_the_way_that_it_slips():
+    stiffness, limit, amplitude = 400.0, 4.0, 0.1
+    corners = amplitude * np.array([0, 1, -1, 1, -1, 1])
+    # steps of 0.005 rad, so that turns and the begin of slipping are samples
+    theta = np.interp(np.arange(181) / 20, [0, 1, 3, 5, 7, 9], corners)
+
+    torque = slipping_torque(theta, stiffness, limit)
+
+    last_cycle = slice(100, 181)
+    lost = np.trapezoid(torque[last_cycle], theta[last_cycle])
+    # on each of two ways it slips over all but the turn's elastic 2 limit / stiffness
+    assert lost == pytest.approx(2 * limit * (2 * amplitude - 2 * limit / stiffness), rel=1e-9)
+    assert np.abs(torque).max() == limit
 
 
 def test_coulomb_friction_turns_with_the_velocity(clean):

@@ -52,7 +52,7 @@ def test_several_submissions_give_the_same_bytes_and_a_cancelled_one_is_made_by_
     """Four trials of the bench, two in each submission; one recording is broken."""
     assert shutil.which("sbatch"), "SLURM is started by `make test-slurm`"
     local, folder = tmp_path / "local", tmp_path / "slurm"
-    write_small(local, {"simulation": {"experiments": COUNTS}})
+    write_small(local, {"experiments": COUNTS})
     (local / CONFIG).write_text(yaml.safe_dump(OVERRIDES))
     assert run(local).endswith("exit code 0")
     for part in ("config", "raw_data"):

@@ -31,6 +31,7 @@ from osl_analysis.outcomes.perform import (
     TABLES_OF_FIT,
 )
 from osl_analysis.refusal import is_refused, read_refusals
+from osl_analysis.report.brief import brief_lines
 from osl_analysis.report.headlines import all_labels
 
 TRIAL = "impedance_K300_B5.0_compensated"

@@ -29,6 +29,7 @@ from osl_analysis.trial import Array
 Spectrum = NDArray[np.complex128]
 ROLL_OFF_ORDER = 8  # of the gain 1/(1 + (f/band)^8), which ends the band without ringing
 WORKING_RATE = 3.4  # bands; there the roll-off has taken all but 1.4 % of a signal
+VISIBLE_BENEATH = 2.0  # power over noise at which motion and noise are equal
 REST = 0.02  # SD of the angle that a joint at rest does not leave
 DERIVATIVES = 5  # angle and its derivatives up to the fourth
 
@@ -123,6 +124,8 @@ class Spectra:
         Density of the angle's noise, taken as white [rad^2/Hz].
     band_hz : float
         Where the angle's power falls to `VISIBLE_ABOVE_NOISE` times its noise [Hz].
+    visible_hz : float
+        Where the motion's power falls to that of the noise [Hz].
     rate_hz : float
         The working rate [Hz].
     frequency : Array (f,)
@@ -172,7 +175,7 @@ class Spectra:
         extended, line = self._extended(self.signals.torque)
         raw_torque = scipy.fft.rfft(extended - line)
 
-        self.angle_noise, self.band_hz = noise_and_band(self.signals.theta, rate)
+        self.angle_noise, self.band_hz, self.visible_hz = noise_and_band(self.signals.theta, rate)
 
         # working rate
         half = scipy.fft.next_fast_len(
@@ -285,8 +288,10 @@ class Spectra:
         return np.pad(spectrum, [(0, 0)] * (x.ndim - 1) + [(0, lacking)])
 
 
-def noise_and_band(theta: Array, rate_hz: float) -> tuple[float, float]:
+def noise_and_band(theta: Array, rate_hz: float) -> tuple[float, float, float]:
     """Find the density of an angle's noise [rad^2/Hz], and the end of its motion's band [Hz].
+
+    The third number is where the motion is no larger than its noise [Hz].
 
     The noise is taken as white, and read at the highest frequencies (above 100 Hz where there are
     such). The band ends at the first frequency above 1 Hz at which the power falls below
@@ -303,4 +308,7 @@ def noise_and_band(theta: Array, rate_hz: float) -> tuple[float, float]:
     limit = min(HIGHEST_BAND, BAND_OF_RATE * rate_hz)
     hidden = frequency[(frequency > 1.0) & (power < VISIBLE_ABOVE_NOISE * noise)]
     end = float(hidden[0]) if len(hidden) else limit
-    return noise, float(np.clip(end, min(2.0, limit), limit))
+    end = float(np.clip(end, min(2.0, limit), limit))
+    beneath = frequency[(frequency > end) & (power < VISIBLE_BENEATH * noise)]
+    visible = float(beneath[0]) if len(beneath) else rate_hz / 2
+    return noise, end, visible

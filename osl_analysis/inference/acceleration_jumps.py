@@ -1,0 +1,116 @@
+"""What sampling does to a torque whose acceleration jumps, as under a command of binary steps.
+
+A torque that jumps by I d between two samples has no band: without an anti-aliasing filter its
+samples say that it jumped at one of them. In the band of the motion the error is an impulse of
+I d (1/2 - x)/rate where the jump is a share x of a sample late (Euler and Maclaurin's first term),
+and its derivative by the next one. The angle, which falls by the third power of the frequency, has
+no such error. Where command and sampling share a clock x is one number, and the impulses are
+columns beside all hypotheses. Else x is drawn, and the errors enter as those of rounding do.
+"""
+
+import numpy as np
+import scipy
+
+from osl_analysis.inference.constants import JUMP_ABOVE_NOISE, ROUNDING_DRAWS
+from osl_analysis.inference.spectra import Spectra, Spectrum
+from osl_analysis.trial import Array
+
+SEED = 2  # of the draws: the same recording gives the same numbers
+WIDEST = 0.35  # of the sampling rate; above it the angle is folded by 16 % and more
+LEAST_WIDTH = 1.7  # ends of that band over each other: a narrower one rings
+JUMP_FLATNESS = 0.4  # relative difference of a jump's sizes by the halves of that band
+
+
+def acceleration_jumps(spectra: Spectra) -> tuple[Array, Array]:
+    """Find jumps of the acceleration in the angle above the band of the motion.
+
+    The third derivative is an impulse at a jump, and above the band little else. It is looked for
+    up to the frequency at which the angle's noise, which grows by the sixth power there, would
+    hide it.
+
+    Returns
+    -------
+    at : Array (j,)
+        Rows, and parts of rows, of the padded recording.
+    sizes : Array (j,)
+        Jumps [rad/s^2].
+    """
+    nothing = np.empty(0), np.empty(0)
+    signals = spectra.signals
+    if signals.has_drivetrain:
+        return nothing
+    frequency = np.arange(len(spectra.raw_angle)) / spectra.padded_seconds
+    low, high = spectra.band_hz, min(spectra.visible_hz, WIDEST * signals.rate_hz)
+    if high < LEAST_WIDTH * low:
+        return nothing
+
+    def in_band(first: float, last: float) -> tuple[Array, Array]:
+        """The third derivative between two frequencies, and the gain that it has been given."""
+        gain = 1 / (1 + (frequency / last) ** 16) - 1 / (1 + (frequency / first) ** 16)
+        gain = (2j * np.pi * frequency) ** 3 * np.maximum(gain, 0.0)
+        return scipy.fft.irfft(gain * spectra.raw_angle, spectra.padded), gain
+
+    def of_unit_jump(gain: Array) -> float:
+        """The peak of a jump of 1 rad/s^2."""
+        impulse = gain[1:] / (2j * np.pi * frequency[1:]) ** 3
+        return 2 * float(impulse.real.sum()) / spectra.padded_seconds
+
+    jerk, gain = in_band(low, high)
+    rounding = signals.encoder_step**2 / 6 / signals.rate_hz
+    density = max(spectra.angle_noise, rounding)
+    noise = np.sqrt(density * np.sum(np.abs(gain) ** 2) / spectra.padded_seconds)
+
+    size = np.abs(jerk)
+    # no two within a period of the band's end: one has lobes there
+    apart = 2 * round(signals.rate_hz / low) + 1
+    is_largest = size == scipy.ndimage.maximum_filter1d(size, apart)
+    is_largest[[0, -1]] = False
+    at = np.flatnonzero(is_largest & (size > JUMP_ABOVE_NOISE * noise))
+
+    # a smooth motion is smaller in the upper half of the band; a jump has one size in both
+    middle = float(np.sqrt(low * high))
+    of_halves = []
+    for half in ((low, middle), (middle, high)):
+        jerk_of_half, gain_of_half = in_band(*half)
+        of_halves.append(jerk_of_half[at] / of_unit_jump(gain_of_half))
+    is_jump = np.abs(of_halves[1] - of_halves[0]) < JUMP_FLATNESS * np.abs(of_halves[0])
+    at = at[is_jump]
+
+    # the vertex of a parabola through three rows
+    before, peak, after = jerk[at - 1], jerk[at], jerk[at + 1]
+    vertex = 0.5 * (before - after) / (before - 2 * peak + after)
+    return at + np.clip(vertex, -0.5, 0.5), np.asarray(peak / of_unit_jump(gain))
+
+
+def impulses(spectra: Spectra, at: Array, areas: Array) -> Spectrum:
+    """The working spectra (..., f) of impulses of some areas (..., j) at rows and parts of rows."""
+    signal = np.zeros((*areas.shape[:-1], spectra.padded))
+    row = np.floor(at).astype(np.intp)
+    later = at - row
+    signal[..., row] = areas * (1 - later) * spectra.signals.rate_hz
+    signal[..., row + 1] += areas * later * spectra.signals.rate_hz
+    to_working = spectra.working / spectra.padded
+    return np.asarray(scipy.fft.rfft(signal)[..., : len(spectra.frequency)] * to_working)
+
+
+def jump_columns(spectra: Spectra, at: Array, sizes: Array) -> Spectrum:
+    """The spectra (4, f) of what sampling may make of jumps; (0, f) without jumps.
+
+    A jump is seen at the next sample. One that is nearest to it may be at it, or just after it,
+    which the angle cannot tell: command and sampling on one clock decide for all jumps alike.
+    """
+    if len(at) == 0:
+        return np.empty((0, len(spectra.frequency)), np.complex128)
+    areas = sizes / spectra.signals.rate_hz
+    from_sample = at - np.rint(at)
+    anywhere = np.sign(from_sample) * (0.5 - np.abs(from_sample))
+    shares = np.array([np.ones(len(at)), np.abs(from_sample), anywhere])
+    of_jumps = impulses(spectra, at, areas * shares)
+    derived = of_jumps[:1] * spectra.s / spectra.signals.rate_hz
+    return np.concatenate([of_jumps, derived])
+
+
+def jump_errors(spectra: Spectra, at: Array, sizes: Array, inertia: float) -> Spectrum:
+    """Draw the errors (draws, f) of a torque that jumps anywhere between two samples."""
+    shares = np.random.default_rng(SEED).uniform(-0.5, 0.5, (ROUNDING_DRAWS, len(at)))
+    return impulses(spectra, at, inertia * sizes * shares / spectra.signals.rate_hz)

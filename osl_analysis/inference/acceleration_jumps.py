@@ -8,41 +8,71 @@ no such error. Where command and sampling share a clock x is one number, and the
 columns beside all hypotheses. Else x is drawn, and the errors enter as those of rounding do.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 import scipy
 
-from osl_analysis.inference.constants import JUMP_ABOVE_NOISE, ROUNDING_DRAWS
+from osl_analysis.inference.constants import BLOCKS, JUMP_ABOVE_NOISE, ROUNDING_DRAWS
 from osl_analysis.inference.spectra import Spectra, Spectrum
 from osl_analysis.trial import Array
 
 SEED = 2  # of the draws: the same recording gives the same numbers
 WIDEST = 0.35  # of the sampling rate; above it the angle is folded by 16 % and more
 LEAST_WIDTH = 1.7  # ends of that band over each other: a narrower one rings
-JUMP_FLATNESS = 0.4  # relative difference of a jump's sizes by the halves of that band
+LEAST_SHARE = 0.4  # of a jump by the lower half of that band, which the upper half shows, too
+STEEPEST = -0.75  # power of the frequency: 0 of jumps; -1 of ramps, which are sampled well
 
 
-def acceleration_jumps(spectra: Spectra) -> tuple[Array, Array]:
+FEWEST_JUMPS = BLOCKS  # one in a block; fewer do not move what hundreds of motions tell
+KNOWN_SIZE = 12.0  # jump over noise, from which its size is exact enough to be a column
+KNOWN_ROW = 0.07  # rows of standard deviation, to which a jump is placed between two samples
+
+
+@dataclass(frozen=True)
+class Jumps:
+    """Jumps of the acceleration.
+
+    Attributes
+    ----------
+    at : Array (j,)
+        Rows, and parts of rows, of the padded recording.
+    sizes : Array (j,)
+        Jumps [rad/s^2].
+    above_noise : float
+        The median jump over its standard deviation; 0 without jumps.
+    placed_to : float
+        Standard deviation of a jump's place [rows].
+    """
+
+    at: Array
+    sizes: Array
+    above_noise: float = 0.0
+    placed_to: float = np.inf
+
+    @property
+    def are_columns(self) -> bool:
+        """Whether their sizes are known well enough to be columns."""
+        return self.above_noise > KNOWN_SIZE
+
+
+NO_JUMPS = Jumps(np.empty(0), np.empty(0))
+
+
+def acceleration_jumps(spectra: Spectra) -> Jumps:
     """Find jumps of the acceleration in the angle above the band of the motion.
 
     The third derivative is an impulse at a jump, and above the band little else. It is looked for
     up to the frequency at which the angle's noise, which grows by the sixth power there, would
     hide it.
-
-    Returns
-    -------
-    at : Array (j,)
-        Rows, and parts of rows, of the padded recording.
-    sizes : Array (j,)
-        Jumps [rad/s^2].
     """
-    nothing = np.empty(0), np.empty(0)
     signals = spectra.signals
     if signals.has_drivetrain:
-        return nothing
+        return NO_JUMPS
     frequency = np.arange(len(spectra.raw_angle)) / spectra.padded_seconds
     low, high = spectra.band_hz, min(spectra.visible_hz, WIDEST * signals.rate_hz)
     if high < LEAST_WIDTH * low:
-        return nothing
+        return NO_JUMPS
 
     def in_band(first: float, last: float) -> tuple[Array, Array]:
         """The third derivative between two frequencies, and the gain that it has been given."""
@@ -73,13 +103,23 @@ def acceleration_jumps(spectra: Spectra) -> tuple[Array, Array]:
     for half in ((low, middle), (middle, high)):
         jerk_of_half, gain_of_half = in_band(*half)
         of_halves.append(jerk_of_half[at] / of_unit_jump(gain_of_half))
-    is_jump = np.abs(of_halves[1] - of_halves[0]) < JUMP_FLATNESS * np.abs(of_halves[0])
-    at = at[is_jump]
+    in_lower, in_upper = of_halves
+    is_jump = in_upper * np.sign(in_lower) > LEAST_SHARE * np.abs(in_lower)
+    at, in_lower, in_upper = at[is_jump], in_lower[is_jump], in_upper[is_jump]
+    kept = float(np.sum(np.abs(in_upper))) / max(float(np.sum(np.abs(in_lower))), 1e-300)
+    if len(at) < FEWEST_JUMPS or kept < (middle / low) ** STEEPEST:
+        return NO_JUMPS
 
     # the vertex of a parabola through three rows
     before, peak, after = jerk[at - 1], jerk[at], jerk[at + 1]
     vertex = 0.5 * (before - after) / (before - 2 * peak + after)
-    return at + np.clip(vertex, -0.5, 0.5), np.asarray(peak / of_unit_jump(gain))
+    above_noise = float(np.median(size[at]) / noise)
+    return Jumps(
+        at=at + np.clip(vertex, -0.5, 0.5),
+        sizes=peak / of_unit_jump(gain),
+        above_noise=above_noise,
+        placed_to=signals.rate_hz / (np.pi * (low + high)) / above_noise,
+    )
 
 
 def impulses(spectra: Spectra, at: Array, areas: Array) -> Spectrum:
@@ -93,24 +133,33 @@ def impulses(spectra: Spectra, at: Array, areas: Array) -> Spectrum:
     return np.asarray(scipy.fft.rfft(signal)[..., : len(spectra.frequency)] * to_working)
 
 
-def jump_columns(spectra: Spectra, at: Array, sizes: Array) -> Spectrum:
-    """The spectra (4, f) of what sampling may make of jumps; (0, f) without jumps.
+def jump_columns(spectra: Spectra, jumps: Jumps) -> Spectrum:
+    """The spectra (k, f) of what sampling may make of jumps; none where they are not known.
 
     A jump is seen at the next sample. One that is nearest to it may be at it, or just after it,
     which the angle cannot tell: command and sampling on one clock decide for all jumps alike.
     """
-    if len(at) == 0:
+    if not jumps.are_columns:
         return np.empty((0, len(spectra.frequency)), np.complex128)
-    areas = sizes / spectra.signals.rate_hz
-    from_sample = at - np.rint(at)
+    areas = jumps.sizes / spectra.signals.rate_hz
+    of_jumps = impulses(spectra, jumps.at, areas[None])
+    derived = of_jumps * spectra.s / spectra.signals.rate_hz
+    if jumps.placed_to > KNOWN_ROW:
+        return np.concatenate([of_jumps, derived])
+    from_sample = jumps.at - np.rint(jumps.at)
     anywhere = np.sign(from_sample) * (0.5 - np.abs(from_sample))
-    shares = np.array([np.ones(len(at)), np.abs(from_sample), anywhere])
-    of_jumps = impulses(spectra, at, areas * shares)
-    derived = of_jumps[:1] * spectra.s / spectra.signals.rate_hz
-    return np.concatenate([of_jumps, derived])
+    by_place = impulses(spectra, jumps.at, areas * np.array([np.abs(from_sample), anywhere]))
+    return np.concatenate([of_jumps, derived, by_place])
 
 
-def jump_errors(spectra: Spectra, at: Array, sizes: Array, inertia: float) -> Spectrum:
-    """Draw the errors (draws, f) of a torque that jumps anywhere between two samples."""
-    shares = np.random.default_rng(SEED).uniform(-0.5, 0.5, (ROUNDING_DRAWS, len(at)))
-    return impulses(spectra, at, inertia * sizes * shares / spectra.signals.rate_hz)
+def jump_errors(spectra: Spectra, jumps: Jumps, inertia: float) -> Spectrum:
+    """Draw the errors (draws, f) of a torque that jumps anywhere between two samples.
+
+    Where they are no columns, half of the draws have one place between samples for all jumps.
+    """
+    rng = np.random.default_rng(SEED)
+    shares = rng.uniform(-0.5, 0.5, (ROUNDING_DRAWS, len(jumps.at)))
+    if not jumps.are_columns:
+        shares[::2] = np.linspace(-0.5, 0.5, len(shares[::2]))[:, None]
+    areas = inertia * jumps.sizes / spectra.signals.rate_hz
+    return impulses(spectra, jumps.at, areas * shares)

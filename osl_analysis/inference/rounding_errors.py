@@ -38,11 +38,11 @@ def rounding_torques(data: Whitened, impedance: Array) -> Array:
     """
     spectra = data.spectra
     step, rows = spectra.signals.encoder_step, int(np.count_nonzero(spectra.rows))
-    at, sizes = data.acceleration_jumps
-    of_jumps = jump_errors(spectra, at, sizes, impedance[2])
+    jumps = data.acceleration_jumps
+    of_jumps = jump_errors(spectra, jumps, impedance[2])
     repeated = repeated_share(spectra)
     if repeated < LEAST_REPEATED:
-        return data.column(of_jumps) if len(at) else np.empty((0, rows))
+        return data.column(of_jumps) if len(jumps.at) else np.empty((0, rows))
 
     angle = np.asarray(scipy.fft.irfft(spectra.raw_angle, spectra.padded) + spectra.line) / step
     smooth, halfway = before_encoder(spectra, angle)

@@ -70,9 +70,9 @@ class Whitened:
         K, B, I by the coefficients of `motion`.
     slow : Array (4, m)
         Offset and drift of the torque.
-    acceleration_jumps : tuple of Array (j,)
-        Rows and sizes [rad/s^2] of jumps of the acceleration.
-    jumps : Array (4, m) or (0, m)
+    acceleration_jumps : Jumps
+        Jumps of the acceleration.
+    jumps : Array (k, m)
         What sampling makes of a torque that jumps with them.
     friction : Array (k, m)
         Shapes of dry friction.
@@ -96,7 +96,7 @@ class Whitened:
         powers = np.array([(spectra.share - 0.5) ** k for k in range(SLOW_POWERS)])
         self._slow = spectra.spectrum_of(powers)
         self.acceleration_jumps = acceleration_jumps(spectra)
-        self._jumps = jump_columns(spectra, *self.acceleration_jumps)
+        self._jumps = jump_columns(spectra, self.acceleration_jumps)
 
         self._gain: Array | None = None
         self._gain = self._inverse_root_of_noise()

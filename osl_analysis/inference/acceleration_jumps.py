@@ -143,7 +143,8 @@ def jump_columns(spectra: Spectra, jumps: Jumps) -> Spectrum:
         return np.empty((0, len(spectra.frequency)), np.complex128)
     areas = jumps.sizes / spectra.signals.rate_hz
     of_jumps = impulses(spectra, jumps.at, areas[None])
-    derived = of_jumps * spectra.s / spectra.signals.rate_hz
+    per_sample = spectra.s / spectra.signals.rate_hz
+    derived = of_jumps * np.array([per_sample, per_sample**2, per_sample**3])
     if jumps.placed_to > KNOWN_ROW:
         return np.concatenate([of_jumps, derived])
     from_sample = jumps.at - np.rint(jumps.at)

@@ -27,7 +27,7 @@ from osl_analysis.inference.constants import (
     PLAYS,
     RESONANCE_DAMPING,
 )
-from osl_analysis.inference.least_squares import BesideShared
+from osl_analysis.inference.least_squares import BesideShared, solve_scaled
 from osl_analysis.inference.spectra import Spectrum
 from osl_analysis.inference.whitening import JointKind, Whitened
 from osl_analysis.trial import Array
@@ -41,6 +41,8 @@ PROFILE = np.linspace(-3.0, 3.0, 9)  # standard deviations at which a likelihood
 REFINEMENTS = 12  # evaluations of Brent's method about a minimum of the grid
 OUTERMOST = (0.002, 0.998)  # quantiles of a torque that are its ends, beside noise
 UNCLIPPED = 0.5  # share of the rows, about the median torque, in which nothing is cut
+STOPS = np.linspace(0.05, 0.95, 10)  # quantiles of the angle at which a stop may be
+CLIPPING_STEPS = 16  # the end and what is beyond it are found in turn
 NEWTON_STEPS = 8  # it doubles the digits of a lag in each
 
 
@@ -582,6 +584,23 @@ class StiffnessBySide(Hypothesis):
         return [self.plain(np.abs(self.data.spectra.angle), readings=readings)]
 
 
+class EndStop(OneParameter):
+    """A spring that is stiffer or softer beyond an angle, as behind a stop of one side."""
+
+    family = "size"
+    name = "end stop"
+    term = "spring that is not linear"
+    parameters = (("angle of the stop from the mean", "rad"), ("change of K", "N*m/rad"))
+
+    def grid(self) -> Array:
+        spectra = self.data.spectra
+        return np.quantile(spectra.angle[spectra.inside], STOPS)
+
+    def columns(self, value: float) -> Array:
+        beyond = self.data.of_product(np.maximum(self.data.spectra.angle - value, 0.0))
+        return np.vstack([self.data.motion, beyond])
+
+
 class DeadZone(OneParameter):
     """A gap about the middle in which the spring does not act."""
 
@@ -631,7 +650,11 @@ class StiffnessByDirection(Hypothesis):
 
 
 class Clipping(Hypothesis):
-    """A torque of which both ends are cut; K, B and I predict what is missing."""
+    """A torque of which one or both ends are cut; K, B and I predict what is missing.
+
+    An end is the median of what is recorded where more is predicted: noise is added after an
+    amplifier has cut, so that the largest samples are beyond it.
+    """
 
     family = "clipping"
     name = "clipping"
@@ -639,15 +662,27 @@ class Clipping(Hypothesis):
 
     def candidates(self, search: Search) -> list[Candidate]:
         spectra = self.data.spectra
-        recorded = spectra.product_torque
+        recorded = spectra.recorded_torque
         low, high = np.quantile(recorded[spectra.inside], OUTERMOST)
-        motion = self.data.motion_at_product_rate()
-        coefficients, torque = search.coefficients, self.data.torque
-        for _ in range(NEWTON_STEPS):
+        motion = self.data.motion_at_product_rate().copy()
+        motion[0] = spectra.angle
+        # Eq. 15 of a cut torque hardly passes its ends: begin with the rows that are surely not cut
+        ends = np.quantile(recorded[spectra.inside], [(1 - UNCLIPPED) / 2, (1 + UNCLIPPED) / 2])
+        small = spectra.inside & (recorded > ends[0]) & (recorded < ends[1])
+        beside = np.vstack([motion, np.ones_like(recorded), spectra.share])
+        coefficients = solve_scaled(beside[:, small], recorded[small])[: len(motion)]
+        torque = self.data.torque
+        for _ in range(CLIPPING_STEPS):
             modelled = coefficients @ motion
             size = np.abs(modelled - np.median(modelled[spectra.inside]))
             small = spectra.inside & (size <= np.quantile(size[spectra.inside], UNCLIPPED))
             modelled = modelled + np.median((recorded - modelled)[small])
+            above = spectra.inside & (modelled > high)
+            below = spectra.inside & (modelled < low)
+            if above.any():
+                high = float(np.median(recorded[above]))
+            if below.any():
+                low = float(np.median(recorded[below]))
             missing = modelled - np.clip(modelled, low, high)
             torque = self.data.torque + self.data.of_product(missing)
             coefficients = search.fit(self.data.motion, torque)[1]
@@ -673,6 +708,7 @@ OTHER_FAULTS: tuple[type[Hypothesis], ...] = (
     PlayBeforeDamper,
     Hardening,
     StiffnessBySide,
+    EndStop,
     DeadZone,
     DampingByDirection,
     StiffnessByDirection,

@@ -148,6 +148,8 @@ class Spectra:
         Angle less the line between its ends, its velocity and acceleration [SI].
     angle : Array (p,)
         Angle about its mean, with that line, for products.
+    product_torque, recorded_torque : Array (p,)
+        Torque less the line between its ends, and with it, in which a rail is a constant.
     sliding : Array (p,)
         Angle whose velocity friction opposes, with its line [rad]; the deflection of a
         drivetrain's belt, whose hysteresis it is.
@@ -210,6 +212,7 @@ class Spectra:
         self.product_band_hz = max(3 * self.band_hz, 20.0)
         self.theta, self.omega, self.alpha = self._at_product_rate(self.raw_angle, 3)
         self.product_torque = self._at_product_rate(raw_torque, 1)[0]
+        self.recorded_torque = self.product_torque + np.linspace(line[0], line[-1], self.products)
         line_of_products = np.linspace(self.line[0], self.line[-1], self.products)
         angle_with_line = self.theta + line_of_products
         self.angle = angle_with_line - angle_with_line[self.inside].mean()

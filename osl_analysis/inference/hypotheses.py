@@ -42,6 +42,8 @@ REFINEMENTS = 12  # evaluations of Brent's method about a minimum of the grid
 OUTERMOST = (0.002, 0.998)  # quantiles of a torque that are its ends, beside noise
 UNCLIPPED = 0.5  # share of the rows, about the median torque, in which nothing is cut
 STOPS = np.linspace(0.05, 0.95, 10)  # quantiles of the angle at which a stop may be
+# steps of a lag that are tried first [s]: none is further than a tenth of 10 Hz from the next
+LOST = (5e-4, 1e-3, 2e-3, 4e-3, 7e-3, *np.arange(0.01, 0.155, 0.01).tolist())
 CLIPPING_STEPS = 16  # the end and what is beyond it are found in turn
 NEWTON_STEPS = 8  # it doubles the digits of a lag in each
 
@@ -439,17 +441,36 @@ class DriftingClocks(GrowingLag):
         return np.clip(self.data.spectra.share_at_working_rate, 0.0, 1.0)
 
 
-class LagStep(GrowingLag):
-    """A lag that steps once, as after lost rows."""
+class LagStep(OneParameter):
+    """A lag that steps once, as after lost rows: a tenth of a second and more."""
 
+    family = "time"
     name = "lag that steps"
     term = "lag that changes at once"
     parameters = (("step of the lag", "s"),)
 
-    def shape(self, search: Search) -> Array:
+    def grid(self) -> Array:
+        later = np.array(LOST)
+        return np.concatenate([-later[::-1], [0.0], later])
+
+    def candidates(self, search: Search) -> list[Candidate]:
+        # after a small lag the torque differs by its slope; after a large one it is another
         slope = search.coefficients @ self.data.motion_at_working_rate(1)
-        moment = best_moment(search, slope)
-        return np.where(self.data.spectra.share_at_working_rate > moment, 1.0, 0.0)
+        best: tuple[float, list[Candidate]] = (np.inf, [])
+        for changing in (slope, self.data.motion_at_working_rate()):
+            moment = best_moment(search, changing)
+            self._is_after = self.data.spectra.share_at_working_rate > moment
+            self._known = {}
+            tried = super().candidates(search)
+            for candidate in tried[:1]:
+                left, _ = search.fit(candidate.columns)
+                best = min(best, (left, tried), key=lambda each: each[0])
+        return best[1]
+
+    def columns(self, value: float) -> Array:
+        early = self.data.motion_at_working_rate()
+        late = self.data.motion_at_working_rate(delay=value)
+        return self.data.windowed(np.where(self._is_after, late, early))
 
 
 def best_moment(search: Search, changing: Array) -> float:

@@ -132,10 +132,12 @@ class Whitened:
             return of_joint
         return np.vstack([of_joint, spectra.actuator_derivatives[0]])
 
-    def motion_at_working_rate(self, order: int = 0) -> Array:
-        """The columns of `motion` before whitening (3, w) or (4, w), `order` times derived."""
+    def motion_at_working_rate(self, order: int = 0, delay: float = 0.0) -> Array:
+        """The columns of `motion` before whitening (3, w) or (4, w), `order` times derived, and
+        delayed [s]."""
         spectra = self.spectra
-        spectrum = self._motion_spectra() * spectra.s**order * spectra.roll_off
+        changed = spectra.s**order * np.exp(-delay * spectra.s) * spectra.roll_off
+        spectrum = self._motion_spectra() * changed
         return np.asarray(scipy.fft.irfft(spectrum, spectra.working))
 
     def _motion_spectra(self) -> Spectrum:

@@ -74,13 +74,13 @@ def acceleration_jumps(spectra: Spectra) -> Jumps:
     if high < LEAST_WIDTH * low:
         return NO_JUMPS
 
-    def in_band(first: float, last: float) -> tuple[Array, Array]:
+    def in_band(first: float, last: float) -> tuple[Array, Spectrum]:
         """The third derivative between two frequencies, and the gain that it has been given."""
-        gain = 1 / (1 + (frequency / last) ** 16) - 1 / (1 + (frequency / first) ** 16)
-        gain = (2j * np.pi * frequency) ** 3 * np.maximum(gain, 0.0)
+        share = 1 / (1 + (frequency / last) ** 16) - 1 / (1 + (frequency / first) ** 16)
+        gain = (2j * np.pi * frequency) ** 3 * np.maximum(share, 0.0)
         return scipy.fft.irfft(gain * spectra.raw_angle, spectra.padded), gain
 
-    def of_unit_jump(gain: Array) -> float:
+    def of_unit_jump(gain: Spectrum) -> float:
         """The peak of a jump of 1 rad/s^2."""
         impulse = gain[1:] / (2j * np.pi * frequency[1:]) ** 3
         return 2 * float(impulse.real.sum()) / spectra.padded_seconds
@@ -115,7 +115,7 @@ def acceleration_jumps(spectra: Spectra) -> Jumps:
     vertex = 0.5 * (before - after) / (before - 2 * peak + after)
     above_noise = float(np.median(size[at]) / noise)
     return Jumps(
-        at=at + np.clip(vertex, -0.5, 0.5),
+        at=np.asarray(at + np.clip(vertex, -0.5, 0.5)),
         sizes=peak / of_unit_jump(gain),
         above_noise=above_noise,
         placed_to=signals.rate_hz / (np.pi * (low + high)) / above_noise,

@@ -615,7 +615,7 @@ class EndStop(OneParameter):
 
     def grid(self) -> Array:
         spectra = self.data.spectra
-        return np.quantile(spectra.angle[spectra.inside], STOPS)
+        return np.asarray(np.quantile(spectra.angle[spectra.inside], STOPS))
 
     def columns(self, value: float) -> Array:
         beyond = self.data.of_product(np.maximum(self.data.spectra.angle - value, 0.0))

@@ -77,7 +77,7 @@ def acceleration_jumps(spectra: Spectra) -> Jumps:
     def in_band(first: float, last: float) -> tuple[Array, Spectrum]:
         """The third derivative between two frequencies, and the gain that it has been given."""
         share = 1 / (1 + (frequency / last) ** 16) - 1 / (1 + (frequency / first) ** 16)
-        gain = (2j * np.pi * frequency) ** 3 * np.maximum(share, 0.0)
+        gain = np.asarray((2j * np.pi * frequency) ** 3 * np.maximum(share, 0.0), np.complex128)
         return scipy.fft.irfft(gain * spectra.raw_angle, spectra.padded), gain
 
     def of_unit_jump(gain: Spectrum) -> float:

@@ -94,7 +94,10 @@ def acceleration_jumps(spectra: Spectra) -> Jumps:
     # no two within a period of the band's end: one has lobes there
     apart = 2 * round(signals.rate_hz / low) + 1
     is_largest = size == scipy.ndimage.maximum_filter1d(size, apart)
-    is_largest[[0, -1]] = False
+    # an extension beyond an end may jump there
+    first, rows = spectra.first_row + apart, len(signals.theta)
+    is_largest[:first] = False
+    is_largest[spectra.first_row + rows - apart :] = False
     at = np.flatnonzero(is_largest & (size > JUMP_ABOVE_NOISE * noise))
 
     # a smooth motion is smaller in the upper half of the band; a jump has one size in both

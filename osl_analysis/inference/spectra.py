@@ -233,6 +233,11 @@ class Spectra:
         with_line = self.actuator_derivatives[0] + np.linspace(line[0], line[-1], self.products)
         self.sliding = self._belt_deflection(with_line)
 
+    @property
+    def first_row(self) -> int:
+        """The first row of the recording in its padded signals."""
+        return self._padding
+
     def _extended(self, x: Array) -> tuple[Array, Array]:
         """A signal (n,) with an odd extension at both ends, and the line between its ends."""
         few = max(round(0.03 * self.signals.rate_hz), 2)

@@ -364,20 +364,18 @@ def test_a_sweep_that_is_recorded_at_a_low_rate_is_fitted(rate, band):
         assert abs(row[name] - true) < 3 * row[f"{name}_se"]
 
 
-def test_binary_steps_give_k_and_a_doubt_about_b_and_i():
-    """Nothing tells when between two samples the acceleration jumps: the torque is late by half of
-    one, or early."""
+def test_binary_steps_whose_acceleration_jumps_give_k_b_and_i_without_a_doubt():
+    """Without a low-pass the area of the torque's jumps is known to half a sample: by Eq. 15 alone
+    I was off by a tenth, and a late torque was accused."""
     low_pass = {"low_pass": {"cutoff_hz": 200.0, "order": 2}}
     told = Trial("made", binary_steps(200.0), {"columns": {"theta": low_pass, "torque": low_pass}})
     trials = Trial("made", binary_steps(every=1)), Trial("made", binary_steps(200.0)), told
     plain, behind, told = map(row_of, trials)
     for row in (plain, behind, told):
-        assert row["K"] == pytest.approx(300, rel=2e-4)
-    assert abs(plain["I"] / 0.02 - 1) > 0.1
-    assert abs(plain["I_without"] - 0.02) < 4e-3
-    assert [row["B"] for row in (behind, told)] == pytest.approx([5, 5], rel=0.007)
-    assert [row["I"] for row in (behind, told)] == pytest.approx([0.02, 0.02], rel=0.02)
-    assert plain["fault_family"] == "path"
+        assert row["K"] == pytest.approx(300, rel=3e-4)
+        assert row["B"] == pytest.approx(5, rel=2e-3)
+        assert row["I"] == pytest.approx(0.02, rel=5e-3)
+        assert row["fault"] is None
 
 
 def test_a_multisine_that_stops_in_the_middle_of_a_period_tells_its_lag_by_whole_periods():
@@ -443,7 +441,7 @@ def reflexive(
 def test_what_differs_between_the_directions_at_once_is_no_reflex(move, even):
     motion = move(rng := np.random.default_rng(3))
     row = row_of(made_trial(rng, motion, more=even(motion[0], motion[1])))
-    assert (row["reflex_probability"] or 0.0) < 0.9
+    assert (row["reflex_probability"] or 0.0) < 0.05
 
 
 @pytest.mark.parametrize(("move", "seconds", "made", "seeds", "low", "high"), [
@@ -522,7 +520,25 @@ def test_samples_that_one_channel_lost_are_heard():
     lost = len(torque) // 3
     shifted = np.concatenate([torque[:lost], torque[lost + 60 :], torque[-60:]])
     row = row_of(Trial("made", trial.samples.with_columns(torque=pl.Series(shifted))))
-    assert (row["fault_family"], row["fault_harm"] > 1) == ("time", True)
+    assert (row["fault"], row["fault_harm"] > 1) == ("lag that steps", True)
+
+
+@pytest.mark.parametrize(("name", "clip", "sides"), [
+    ("noise", 10.0, "both"), ("noise", 12.0, "one"), ("multisine", 12.0, "both"),
+    ("chirp", 8.0, "one"), ("chirp", 10.0, "both"),
+])  # fmt: skip
+def test_a_torque_that_an_amplifier_clips_before_the_noise_is_named_and_its_b_and_i_are_held(
+    name, clip, sides
+):
+    trial = made_trial(rng := np.random.default_rng(2), MOTIONS[name](rng), torque_noise=0.0)
+    clipped = trial.samples["torque"].clip(-clip, clip if sides == "both" else None)
+    noisy = clipped + pl.Series(0.05 * rng.standard_normal(len(clipped)))
+
+    row = row_of(Trial("made", trial.samples.with_columns(torque=noisy)), excitation="any")
+
+    assert row["fault"] == "clipping"
+    assert row["B_without_low"] < 5 < row["B_without_high"]
+    assert row["I_without_low"] < 0.02 < row["I_without_high"]
 
 
 def test_repeats_of_one_motion_are_averaged_and_other_motions_kept_apart():

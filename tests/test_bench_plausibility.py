@@ -187,13 +187,8 @@ def test_inertia_and_weight_of_a_fixture_are_taken_off_the_torque_before_the_fit
     }
     for name, least in adds[experiment].items():
         assert added[name] - sound[name] > least
-        # the weights of the hypotheses behind K differ by the rounding of the torque
-        nearly = 0.1 if experiment == "impedance" else 1e-3
-        assert found[name] == pytest.approx(sound[name], abs=nearly * (added[name] - sound[name]))
-    # what the filter leaves of the fixture's torque is accused, although it moves nothing by more
-    # than 5 %
-    if experiment == "belt":
-        assert found["doubtful"] == ""
+        assert found[name] == pytest.approx(sound[name], abs=1e-3 * (added[name] - sound[name]))
+    assert found["doubtful"] == ""
 
 
 LATE = {"torque": lambda torque: np.roll(torque, 2)}

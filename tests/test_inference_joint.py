@@ -122,6 +122,32 @@ def test_stiffness_that_steps_is_named_by_time():
     assert step.parameters[0].value == pytest.approx(-30.0, abs=1.0)
 
 
+def test_rows_that_the_torque_lost_are_a_lag_that_steps_with_its_sign_and_size():
+    torque = driven()[1]
+    lost = 60  # rows after a third, from which the torque is early
+    first = len(torque) // 3
+    shifted = np.concatenate([torque[:first], torque[first + lost :], torque[-lost:]])
+
+    found = inferred(shifted)
+
+    assert found.doubt is not None
+    assert found.doubt.name == "lag that steps"
+    assert found.doubt.parameters[0].value == pytest.approx(-lost / RATE, abs=4e-3)
+
+
+def test_stop_of_one_side_is_named_with_its_angle_and_stiffness():
+    theta = driven()[2]
+    stop = float(np.quantile(theta, 0.8))
+
+    found = inferred(driven()[1] + 200.0 * np.maximum(theta - stop, 0.0))
+
+    assert found.doubt is not None
+    assert found.doubt.name == "end stop"
+    angle, change = found.doubt.parameters
+    assert angle.value == pytest.approx(stop - theta.mean(), abs=2e-3)
+    assert change.value == pytest.approx(200.0, rel=0.1)
+
+
 def test_reflex_is_named_although_nobody_says_that_it_is_a_person():
     corner = 2 * np.pi * 5.0
     muscle = scipy.signal.bilinear([1.0], [1 / corner**2, 2 / corner, 1.0], RATE)

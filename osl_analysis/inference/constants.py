@@ -201,6 +201,16 @@ FEWEST_STEPS = constant(
     "at 1.5 steps a joint at rest explains its own rounding as a dead zone, with 143 nats",
 )
 
+# Sampling of a torque that jumps
+
+JUMP_ABOVE_NOISE = constant(
+    "JUMP_ABOVE_NOISE",
+    6.0,
+    "SD of the third derivative's noise",
+    "least jump of the acceleration that is no noise",
+    "noise passes it once in 5e8 rows",
+)
+
 # A leg's actuator
 
 SLIDING = constant(

@@ -27,7 +27,7 @@ from osl_analysis.inference.constants import (
     PLAYS,
     RESONANCE_DAMPING,
 )
-from osl_analysis.inference.least_squares import BesideShared
+from osl_analysis.inference.least_squares import BesideShared, solve_scaled
 from osl_analysis.inference.spectra import Spectrum
 from osl_analysis.inference.whitening import JointKind, Whitened
 from osl_analysis.trial import Array
@@ -41,6 +41,10 @@ PROFILE = np.linspace(-3.0, 3.0, 9)  # standard deviations at which a likelihood
 REFINEMENTS = 12  # evaluations of Brent's method about a minimum of the grid
 OUTERMOST = (0.002, 0.998)  # quantiles of a torque that are its ends, beside noise
 UNCLIPPED = 0.5  # share of the rows, about the median torque, in which nothing is cut
+STOPS = np.linspace(0.05, 0.95, 10)  # quantiles of the angle at which a stop may be
+# steps of a lag that are tried first [s]: none is further than a tenth of 10 Hz from the next
+LOST = (5e-4, 1e-3, 2e-3, 4e-3, 7e-3, *np.arange(0.01, 0.155, 0.01).tolist())
+CLIPPING_STEPS = 16  # the end and what is beyond it are found in turn
 NEWTON_STEPS = 8  # it doubles the digits of a lag in each
 
 
@@ -437,17 +441,36 @@ class DriftingClocks(GrowingLag):
         return np.clip(self.data.spectra.share_at_working_rate, 0.0, 1.0)
 
 
-class LagStep(GrowingLag):
-    """A lag that steps once, as after lost rows."""
+class LagStep(OneParameter):
+    """A lag that steps once, as after lost rows: a tenth of a second and more."""
 
+    family = "time"
     name = "lag that steps"
     term = "lag that changes at once"
     parameters = (("step of the lag", "s"),)
 
-    def shape(self, search: Search) -> Array:
+    def grid(self) -> Array:
+        later = np.array(LOST)
+        return np.concatenate([-later[::-1], [0.0], later])
+
+    def candidates(self, search: Search) -> list[Candidate]:
+        # after a small lag the torque differs by its slope; after a large one it is another
         slope = search.coefficients @ self.data.motion_at_working_rate(1)
-        moment = best_moment(search, slope)
-        return np.where(self.data.spectra.share_at_working_rate > moment, 1.0, 0.0)
+        best: tuple[float, list[Candidate]] = (np.inf, [])
+        for changing in (slope, self.data.motion_at_working_rate()):
+            moment = best_moment(search, changing)
+            self._is_after = self.data.spectra.share_at_working_rate > moment
+            self._known = {}
+            tried = super().candidates(search)
+            for candidate in tried[:1]:
+                left, _ = search.fit(candidate.columns)
+                best = min(best, (left, tried), key=lambda each: each[0])
+        return best[1]
+
+    def columns(self, value: float) -> Array:
+        early = self.data.motion_at_working_rate()
+        late = self.data.motion_at_working_rate(delay=value)
+        return self.data.windowed(np.where(self._is_after, late, early))
 
 
 def best_moment(search: Search, changing: Array) -> float:
@@ -582,6 +605,23 @@ class StiffnessBySide(Hypothesis):
         return [self.plain(np.abs(self.data.spectra.angle), readings=readings)]
 
 
+class EndStop(OneParameter):
+    """A spring that is stiffer or softer beyond an angle, as behind a stop of one side."""
+
+    family = "size"
+    name = "end stop"
+    term = "spring that is not linear"
+    parameters = (("angle of the stop from the mean", "rad"), ("change of K", "N*m/rad"))
+
+    def grid(self) -> Array:
+        spectra = self.data.spectra
+        return np.asarray(np.quantile(spectra.angle[spectra.inside], STOPS))
+
+    def columns(self, value: float) -> Array:
+        beyond = self.data.of_product(np.maximum(self.data.spectra.angle - value, 0.0))
+        return np.vstack([self.data.motion, beyond])
+
+
 class DeadZone(OneParameter):
     """A gap about the middle in which the spring does not act."""
 
@@ -631,7 +671,11 @@ class StiffnessByDirection(Hypothesis):
 
 
 class Clipping(Hypothesis):
-    """A torque of which both ends are cut; K, B and I predict what is missing."""
+    """A torque of which one or both ends are cut; K, B and I predict what is missing.
+
+    An end is the median of what is recorded where more is predicted: noise is added after an
+    amplifier has cut, so that the largest samples are beyond it.
+    """
 
     family = "clipping"
     name = "clipping"
@@ -639,15 +683,27 @@ class Clipping(Hypothesis):
 
     def candidates(self, search: Search) -> list[Candidate]:
         spectra = self.data.spectra
-        recorded = spectra.product_torque
+        recorded = spectra.recorded_torque
         low, high = np.quantile(recorded[spectra.inside], OUTERMOST)
-        motion = self.data.motion_at_product_rate()
-        coefficients, torque = search.coefficients, self.data.torque
-        for _ in range(NEWTON_STEPS):
+        motion = self.data.motion_at_product_rate().copy()
+        motion[0] = spectra.angle
+        # Eq. 15 of a cut torque hardly passes its ends: begin with the rows that are surely not cut
+        ends = np.quantile(recorded[spectra.inside], [(1 - UNCLIPPED) / 2, (1 + UNCLIPPED) / 2])
+        small = spectra.inside & (recorded > ends[0]) & (recorded < ends[1])
+        beside = np.vstack([motion, np.ones_like(recorded), spectra.share])
+        coefficients = solve_scaled(beside[:, small], recorded[small])[: len(motion)]
+        torque = self.data.torque
+        for _ in range(CLIPPING_STEPS):
             modelled = coefficients @ motion
             size = np.abs(modelled - np.median(modelled[spectra.inside]))
             small = spectra.inside & (size <= np.quantile(size[spectra.inside], UNCLIPPED))
             modelled = modelled + np.median((recorded - modelled)[small])
+            above = spectra.inside & (modelled > high)
+            below = spectra.inside & (modelled < low)
+            if above.any():
+                high = float(np.median(recorded[above]))
+            if below.any():
+                low = float(np.median(recorded[below]))
             missing = modelled - np.clip(modelled, low, high)
             torque = self.data.torque + self.data.of_product(missing)
             coefficients = search.fit(self.data.motion, torque)[1]
@@ -673,6 +729,7 @@ OTHER_FAULTS: tuple[type[Hypothesis], ...] = (
     PlayBeforeDamper,
     Hardening,
     StiffnessBySide,
+    EndStop,
     DeadZone,
     DampingByDirection,
     StiffnessByDirection,

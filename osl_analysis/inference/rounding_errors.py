@@ -10,6 +10,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from osl_analysis.inference.acceleration_jumps import jump_errors
 from osl_analysis.inference.constants import DWELL_PERIODS, ROUNDING_DRAWS, SMALLEST_SIZE
 from osl_analysis.inference.spectra import Spectra
 from osl_analysis.inference.whitening import Whitened
@@ -32,13 +33,16 @@ def rounding_torques(data: Whitened, impedance: Array) -> Array:
     Returns
     -------
     Array (draws, m)
-        Torques; no row if noise of the angle hides its rounding, or no step is known.
+        Torques, with errors of sampling where the acceleration jumps; no row if it does not, and
+        noise of the angle hides its rounding, or no step is known.
     """
     spectra = data.spectra
     step, rows = spectra.signals.encoder_step, int(np.count_nonzero(spectra.rows))
+    jumps = data.acceleration_jumps
+    of_jumps = jump_errors(spectra, jumps, impedance[2])
     repeated = repeated_share(spectra)
     if repeated < LEAST_REPEATED:
-        return np.empty((0, rows))
+        return data.column(of_jumps) if len(jumps.at) else np.empty((0, rows))
 
     angle = np.asarray(scipy.fft.irfft(spectra.raw_angle, spectra.padded) + spectra.line) / step
     smooth, halfway = before_encoder(spectra, angle)
@@ -60,7 +64,7 @@ def rounding_torques(data: Whitened, impedance: Array) -> Array:
         true = drawn_from[which] + centred[which] * (growth * size / largest) + zero
         error = scipy.fft.rfft(np.rint(true) - true)[: len(spectra.frequency)]
         found.append(of_error * error * (to_working * step * repeated))
-    return data.column(np.array(found))
+    return data.column(np.array(found) + of_jumps)
 
 
 def repeated_share(spectra: Spectra) -> float:

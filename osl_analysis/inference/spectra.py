@@ -29,6 +29,7 @@ from osl_analysis.trial import Array
 Spectrum = NDArray[np.complex128]
 ROLL_OFF_ORDER = 8  # of the gain 1/(1 + (f/band)^8), which ends the band without ringing
 WORKING_RATE = 3.4  # bands; there the roll-off has taken all but 1.4 % of a signal
+VISIBLE_BENEATH = 2.0  # power over noise at which motion and noise are equal
 REST = 0.02  # SD of the angle that a joint at rest does not leave
 DERIVATIVES = 5  # angle and its derivatives up to the fourth
 
@@ -123,6 +124,8 @@ class Spectra:
         Density of the angle's noise, taken as white [rad^2/Hz].
     band_hz : float
         Where the angle's power falls to `VISIBLE_ABOVE_NOISE` times its noise [Hz].
+    visible_hz : float
+        Where the motion's power falls to that of the noise [Hz].
     rate_hz : float
         The working rate [Hz].
     frequency : Array (f,)
@@ -145,6 +148,8 @@ class Spectra:
         Angle less the line between its ends, its velocity and acceleration [SI].
     angle : Array (p,)
         Angle about its mean, with that line, for products.
+    product_torque, recorded_torque : Array (p,)
+        Torque less the line between its ends, and with it, in which a rail is a constant.
     sliding : Array (p,)
         Angle whose velocity friction opposes, with its line [rad]; the deflection of a
         drivetrain's belt, whose hysteresis it is.
@@ -172,7 +177,7 @@ class Spectra:
         extended, line = self._extended(self.signals.torque)
         raw_torque = scipy.fft.rfft(extended - line)
 
-        self.angle_noise, self.band_hz = noise_and_band(self.signals.theta, rate)
+        self.angle_noise, self.band_hz, self.visible_hz = noise_and_band(self.signals.theta, rate)
 
         # working rate
         half = scipy.fft.next_fast_len(
@@ -207,6 +212,7 @@ class Spectra:
         self.product_band_hz = max(3 * self.band_hz, 20.0)
         self.theta, self.omega, self.alpha = self._at_product_rate(self.raw_angle, 3)
         self.product_torque = self._at_product_rate(raw_torque, 1)[0]
+        self.recorded_torque = self.product_torque + np.linspace(line[0], line[-1], self.products)
         line_of_products = np.linspace(self.line[0], self.line[-1], self.products)
         angle_with_line = self.theta + line_of_products
         self.angle = angle_with_line - angle_with_line[self.inside].mean()
@@ -226,6 +232,11 @@ class Spectra:
         self.actuator_derivatives = np.array(self._at_product_rate(raw_actuator, 3))
         with_line = self.actuator_derivatives[0] + np.linspace(line[0], line[-1], self.products)
         self.sliding = self._belt_deflection(with_line)
+
+    @property
+    def first_row(self) -> int:
+        """The first row of the recording in its padded signals."""
+        return self._padding
 
     def _extended(self, x: Array) -> tuple[Array, Array]:
         """A signal (n,) with an odd extension at both ends, and the line between its ends."""
@@ -285,8 +296,10 @@ class Spectra:
         return np.pad(spectrum, [(0, 0)] * (x.ndim - 1) + [(0, lacking)])
 
 
-def noise_and_band(theta: Array, rate_hz: float) -> tuple[float, float]:
+def noise_and_band(theta: Array, rate_hz: float) -> tuple[float, float, float]:
     """Find the density of an angle's noise [rad^2/Hz], and the end of its motion's band [Hz].
+
+    The third number is where the motion is no larger than its noise [Hz].
 
     The noise is taken as white, and read at the highest frequencies (above 100 Hz where there are
     such). The band ends at the first frequency above 1 Hz at which the power falls below
@@ -303,4 +316,7 @@ def noise_and_band(theta: Array, rate_hz: float) -> tuple[float, float]:
     limit = min(HIGHEST_BAND, BAND_OF_RATE * rate_hz)
     hidden = frequency[(frequency > 1.0) & (power < VISIBLE_ABOVE_NOISE * noise)]
     end = float(hidden[0]) if len(hidden) else limit
-    return noise, float(np.clip(end, min(2.0, limit), limit))
+    end = float(np.clip(end, min(2.0, limit), limit))
+    beneath = frequency[(frequency > end) & (power < VISIBLE_BENEATH * noise)]
+    visible = float(beneath[0]) if len(beneath) else rate_hz / 2
+    return noise, end, visible

@@ -14,6 +14,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from osl_analysis.inference.acceleration_jumps import acceleration_jumps, jump_columns
 from osl_analysis.inference.actuator import frictionless_actuator
 from osl_analysis.inference.constants import (
     COLOUR_SEGMENT,
@@ -69,6 +70,10 @@ class Whitened:
         K, B, I by the coefficients of `motion`.
     slow : Array (4, m)
         Offset and drift of the torque.
+    acceleration_jumps : Jumps
+        Jumps of the acceleration.
+    jumps : Array (k, m)
+        What sampling makes of a torque that jumps with them.
     friction : Array (k, m)
         Shapes of dry friction.
     reflex : Reflex
@@ -90,6 +95,8 @@ class Whitened:
         self._friction = spectra.spectrum_of(shapes)
         powers = np.array([(spectra.share - 0.5) ** k for k in range(SLOW_POWERS)])
         self._slow = spectra.spectrum_of(powers)
+        self.acceleration_jumps = acceleration_jumps(spectra)
+        self._jumps = jump_columns(spectra, self.acceleration_jumps)
 
         self._gain: Array | None = None
         self._gain = self._inverse_root_of_noise()
@@ -102,6 +109,7 @@ class Whitened:
             self.actuator = frictionless_actuator(spectra)
             self.reading = np.column_stack([self.reading, self.actuator.reading])
         self.slow = self.column(self._slow)
+        self.jumps = self.column(self._jumps)
         self.friction = self.column(self._friction)
         self.mean_friction = np.abs(shapes[:, spectra.inside]).mean(axis=1)
 
@@ -124,10 +132,12 @@ class Whitened:
             return of_joint
         return np.vstack([of_joint, spectra.actuator_derivatives[0]])
 
-    def motion_at_working_rate(self, order: int = 0) -> Array:
-        """The columns of `motion` before whitening (3, w) or (4, w), `order` times derived."""
+    def motion_at_working_rate(self, order: int = 0, delay: float = 0.0) -> Array:
+        """The columns of `motion` before whitening (3, w) or (4, w), `order` times derived, and
+        delayed [s]."""
         spectra = self.spectra
-        spectrum = self._motion_spectra() * spectra.s**order * spectra.roll_off
+        changed = spectra.s**order * np.exp(-delay * spectra.s) * spectra.roll_off
+        spectrum = self._motion_spectra() * changed
         return np.asarray(scipy.fft.irfft(spectrum, spectra.working))
 
     def _motion_spectra(self) -> Spectrum:
@@ -143,7 +153,7 @@ class Whitened:
             parts.append(self.friction)
         if kind.has_reflex:
             parts.append(self.reflex.columns)
-        return np.concatenate([*parts, self.slow])
+        return np.concatenate([*parts, self.slow, self.jumps])
 
     def column(self, spectrum: Spectrum) -> Array:
         """Whiten the signals with these working spectra (..., f); returns rows (..., m)."""
@@ -191,7 +201,7 @@ class Whitened:
     def _inverse_root_of_noise(self) -> Array:
         """Find the whitening gain (f,) from what the rich model leaves of the torque."""
         spectra = self.spectra
-        rich = np.concatenate([self._rich_columns(), self._slow])
+        rich = np.concatenate([self._rich_columns(), self._slow, self._jumps])
         plain_columns, plain_torque = self.column(rich), self.column(spectra.torque)
         segment = min(round(COLOUR_SEGMENT * spectra.rate_hz), plain_torque.shape[-1])
 

@@ -1,0 +1,169 @@
+"""What sampling does to a torque whose acceleration jumps, as under a command of binary steps.
+
+A torque that jumps by I d between two samples has no band: without an anti-aliasing filter its
+samples say that it jumped at one of them. In the band of the motion the error is an impulse of
+I d (1/2 - x)/rate where the jump is a share x of a sample late (Euler and Maclaurin's first term),
+and its derivative by the next one. The angle, which falls by the third power of the frequency, has
+no such error. Where command and sampling share a clock x is one number, and the impulses are
+columns beside all hypotheses. Else x is drawn, and the errors enter as those of rounding do.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from osl_analysis.inference.constants import BLOCKS, JUMP_ABOVE_NOISE, ROUNDING_DRAWS
+from osl_analysis.inference.spectra import Spectra, Spectrum
+from osl_analysis.trial import Array
+
+SEED = 2  # of the draws: the same recording gives the same numbers
+WIDEST = 0.35  # of the sampling rate; above it the angle is folded by 16 % and more
+LEAST_WIDTH = 1.7  # ends of that band over each other: a narrower one rings
+LEAST_SHARE = 0.4  # of a jump by the lower half of that band, which the upper half shows, too
+STEEPEST = -0.75  # power of the frequency: 0 of jumps; -1 of ramps, which are sampled well
+
+
+FEWEST_JUMPS = BLOCKS  # one in a block; fewer do not move what hundreds of motions tell
+KNOWN_SIZE = 12.0  # jump over noise, from which its size is exact enough to be a column
+KNOWN_ROW = 0.07  # rows of standard deviation, to which a jump is placed between two samples
+
+
+@dataclass(frozen=True)
+class Jumps:
+    """Jumps of the acceleration.
+
+    Attributes
+    ----------
+    at : Array (j,)
+        Rows, and parts of rows, of the padded recording.
+    sizes : Array (j,)
+        Jumps [rad/s^2].
+    above_noise : float
+        The median jump over its standard deviation; 0 without jumps.
+    placed_to : float
+        Standard deviation of a jump's place [rows].
+    """
+
+    at: Array
+    sizes: Array
+    above_noise: float = 0.0
+    placed_to: float = np.inf
+
+    @property
+    def are_columns(self) -> bool:
+        """Whether their sizes are known well enough to be columns."""
+        return self.above_noise > KNOWN_SIZE
+
+
+NO_JUMPS = Jumps(np.empty(0), np.empty(0))
+
+
+def acceleration_jumps(spectra: Spectra) -> Jumps:
+    """Find jumps of the acceleration in the angle above the band of the motion.
+
+    The third derivative is an impulse at a jump, and above the band little else. It is looked for
+    up to the frequency at which the angle's noise, which grows by the sixth power there, would
+    hide it.
+    """
+    signals = spectra.signals
+    if signals.has_drivetrain:
+        return NO_JUMPS
+    frequency = np.arange(len(spectra.raw_angle)) / spectra.padded_seconds
+    low, high = spectra.band_hz, min(spectra.visible_hz, WIDEST * signals.rate_hz)
+    if high < LEAST_WIDTH * low:
+        return NO_JUMPS
+
+    def in_band(first: float, last: float) -> tuple[Array, Spectrum]:
+        """The third derivative between two frequencies, and the gain that it has been given."""
+        share = 1 / (1 + (frequency / last) ** 16) - 1 / (1 + (frequency / first) ** 16)
+        gain = np.asarray((2j * np.pi * frequency) ** 3 * np.maximum(share, 0.0), np.complex128)
+        return scipy.fft.irfft(gain * spectra.raw_angle, spectra.padded), gain
+
+    def of_unit_jump(gain: Spectrum) -> float:
+        """The peak of a jump of 1 rad/s^2."""
+        impulse = gain[1:] / (2j * np.pi * frequency[1:]) ** 3
+        return 2 * float(impulse.real.sum()) / spectra.padded_seconds
+
+    jerk, gain = in_band(low, high)
+    rounding = signals.encoder_step**2 / 6 / signals.rate_hz
+    density = max(spectra.angle_noise, rounding)
+    noise = np.sqrt(density * np.sum(np.abs(gain) ** 2) / spectra.padded_seconds)
+
+    size = np.abs(jerk)
+    # no two within a period of the band's end: one has lobes there
+    apart = 2 * round(signals.rate_hz / low) + 1
+    is_largest = size == scipy.ndimage.maximum_filter1d(size, apart)
+    # an extension beyond an end may jump there
+    first, rows = spectra.first_row + apart, len(signals.theta)
+    is_largest[:first] = False
+    is_largest[spectra.first_row + rows - apart :] = False
+    at = np.flatnonzero(is_largest & (size > JUMP_ABOVE_NOISE * noise))
+
+    # a smooth motion is smaller in the upper half of the band; a jump has one size in both
+    middle = float(np.sqrt(low * high))
+    of_halves = []
+    for half in ((low, middle), (middle, high)):
+        jerk_of_half, gain_of_half = in_band(*half)
+        of_halves.append(jerk_of_half[at] / of_unit_jump(gain_of_half))
+    in_lower, in_upper = of_halves
+    is_jump = in_upper * np.sign(in_lower) > LEAST_SHARE * np.abs(in_lower)
+    at, in_lower, in_upper = at[is_jump], in_lower[is_jump], in_upper[is_jump]
+    kept = float(np.sum(np.abs(in_upper))) / max(float(np.sum(np.abs(in_lower))), 1e-300)
+    if len(at) < FEWEST_JUMPS or kept < (middle / low) ** STEEPEST:
+        return NO_JUMPS
+
+    # the vertex of a parabola through three rows
+    before, peak, after = jerk[at - 1], jerk[at], jerk[at + 1]
+    vertex = 0.5 * (before - after) / (before - 2 * peak + after)
+    above_noise = float(np.median(size[at]) / noise)
+    return Jumps(
+        at=np.asarray(at + np.clip(vertex, -0.5, 0.5)),
+        sizes=peak / of_unit_jump(gain),
+        above_noise=above_noise,
+        placed_to=signals.rate_hz / (np.pi * (low + high)) / above_noise,
+    )
+
+
+def impulses(spectra: Spectra, at: Array, areas: Array) -> Spectrum:
+    """The working spectra (..., f) of impulses of some areas (..., j) at rows and parts of rows."""
+    signal = np.zeros((*areas.shape[:-1], spectra.padded))
+    row = np.floor(at).astype(np.intp)
+    later = at - row
+    signal[..., row] = areas * (1 - later) * spectra.signals.rate_hz
+    signal[..., row + 1] += areas * later * spectra.signals.rate_hz
+    to_working = spectra.working / spectra.padded
+    return np.asarray(scipy.fft.rfft(signal)[..., : len(spectra.frequency)] * to_working)
+
+
+def jump_columns(spectra: Spectra, jumps: Jumps) -> Spectrum:
+    """The spectra (k, f) of what sampling may make of jumps; none where they are not known.
+
+    A jump is seen at the next sample. One that is nearest to it may be at it, or just after it,
+    which the angle cannot tell: command and sampling on one clock decide for all jumps alike.
+    """
+    if not jumps.are_columns:
+        return np.empty((0, len(spectra.frequency)), np.complex128)
+    areas = jumps.sizes / spectra.signals.rate_hz
+    of_jumps = impulses(spectra, jumps.at, areas[None])
+    per_sample = spectra.s / spectra.signals.rate_hz
+    derived = of_jumps * np.array([per_sample, per_sample**2, per_sample**3])
+    if jumps.placed_to > KNOWN_ROW:
+        return np.concatenate([of_jumps, derived])
+    from_sample = jumps.at - np.rint(jumps.at)
+    anywhere = np.sign(from_sample) * (0.5 - np.abs(from_sample))
+    by_place = impulses(spectra, jumps.at, areas * np.array([np.abs(from_sample), anywhere]))
+    return np.concatenate([of_jumps, derived, by_place])
+
+
+def jump_errors(spectra: Spectra, jumps: Jumps, inertia: float) -> Spectrum:
+    """Draw the errors (draws, f) of a torque that jumps anywhere between two samples.
+
+    Where they are no columns, half of the draws have one place between samples for all jumps.
+    """
+    rng = np.random.default_rng(SEED)
+    shares = rng.uniform(-0.5, 0.5, (ROUNDING_DRAWS, len(jumps.at)))
+    if not jumps.are_columns:
+        shares[::2] = np.linspace(-0.5, 0.5, len(shares[::2]))[:, None]
+    areas = inertia * jumps.sizes / spectra.signals.rate_hz
+    return impulses(spectra, jumps.at, areas * shares)

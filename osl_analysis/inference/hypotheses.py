@@ -446,18 +446,20 @@ class LagStep(GrowingLag):
 
     def shape(self, search: Search) -> Array:
         slope = search.coefficients @ self.data.motion_at_working_rate(1)
-        moment = best_moment(search, slope)
+        moment = best_moment(search, slope[None])
         return np.where(self.data.spectra.share_at_working_rate > moment, 1.0, 0.0)
 
 
 def best_moment(search: Search, changing: Array) -> float:
-    """The moment [share of the recording] after which torques (..., w) best explain the rest."""
+    """The moment [share of the recording] after which torques (k, w) best explain the rest."""
     data = search.data
     share = data.spectra.share_at_working_rate
+    # the motion's columns are the same at every moment: they are shared, too
+    beside = BesideShared(np.concatenate([data.shared(search.kind), data.motion]))
+    rest = beside.rest(data.torque)
 
     def left(moment: float) -> float:
-        column = data.windowed(changing * (share > moment))
-        return search.fit(np.vstack([data.motion, column]))[0]
+        return beside.fit_rest(data.windowed(changing * (share > moment)), rest)[0]
 
     on_grid = min(MOMENTS, key=left)
     step = MOMENTS[1] - MOMENTS[0]

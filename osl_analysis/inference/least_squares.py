@@ -12,7 +12,7 @@ TINY = 1e-150  # length of a column of zeros, whose square is a number, too
 
 def lengths_of(columns: Array) -> Array:
     """Lengths (k,) of columns (k, m); none is 0."""
-    return np.asarray(np.linalg.norm(columns, axis=-1) + TINY)
+    return np.asarray(np.sqrt(np.einsum("...m,...m->...", columns, columns)) + TINY)
 
 
 def solve_scaled(columns: Array, torque: Array) -> Array:

@@ -27,7 +27,7 @@ from osl_analysis.inference.constants import (
     PLAYS,
     RESONANCE_DAMPING,
 )
-from osl_analysis.inference.least_squares import BesideShared
+from osl_analysis.inference.least_squares import BesideShared, Products
 from osl_analysis.inference.spectra import Spectrum
 from osl_analysis.inference.whitening import JointKind, Whitened
 from osl_analysis.trial import Array
@@ -124,6 +124,14 @@ class Search:
         if torque is None:
             return self._beside.fit_rest(columns, self._rest)
         return self._beside.fit(columns, torque)
+
+    def products(self, columns: Array) -> Products:
+        """Products of columns (k, m), whose sums `fit_products` fits."""
+        return self._beside.products(columns, self._rest)
+
+    def fit_products(self, products: Products) -> tuple[float, Array]:
+        """Residual sum of squares and coefficients (k,) of columns with these products."""
+        return self._beside.fit_products(products)
 
     def minima(self, left: Callable[[float], float], grid: Array) -> list[float]:
         """Up to two minima of what is left over a parameter, the lower one first.
@@ -410,20 +418,33 @@ class GrowingLag(Hypothesis):
         for order, factor in enumerate((1.0, 2.0, 6.0), start=1):
             added = self.data.motion_at_working_rate(order) * (-shape) ** order / factor
             terms.append(self.data.windowed(added))
+        of_all_terms = np.concatenate(terms)
 
-        lag, columns, slopes = 0.0, terms[0], terms[1]
-        estimates = search.coefficients
+        # columns and slope are sums of the terms' columns, whose products are enough to fit them
+        products = search.products(of_all_terms)
+        each_column = np.eye(len(self.data.motion))
+        lag = 0.0
         for _ in range(NEWTON_STEPS):
-            columns = terms[0] + lag * (terms[1] + lag * (terms[2] + lag * terms[3]))
-            slopes = terms[1] + lag * (2 * terms[2] + 3 * lag * terms[3])
-            estimates = search.fit(columns)[1]
-            more = search.fit(np.vstack([columns, estimates @ slopes]))[1][-1]
+            columns = np.kron([1.0, lag, lag**2, lag**3], each_column)
+            slopes = np.kron([0.0, 1.0, 2 * lag, 3 * lag**2], each_column)
+            estimates = search.fit_products(products.of_sums(columns))[1]
+            slope = estimates @ slopes
+            with_slope = products.of_sums(np.vstack([columns, slope]))
+            more = search.fit_products(with_slope)[1][-1]
             moved = float(np.clip(lag + more, *DELAYS))
             if abs(moved - lag) < 1e-8:
                 break
             lag = moved
-        slope = estimates @ slopes
-        return [Candidate(self, columns, self.data.torque, slope, lag, estimates)]
+        return [
+            Candidate(
+                self,
+                columns=columns @ of_all_terms,
+                torque=self.data.torque,
+                slope=slope @ of_all_terms,
+                parameter=lag,
+                estimates=estimates,
+            )
+        ]
 
 
 class DriftingClocks(GrowingLag):
@@ -461,7 +482,13 @@ def best_moment(search: Search, changing: Array) -> float:
     def left(moment: float) -> float:
         return beside.fit_rest(data.windowed(changing * (share > moment)), rest)[0]
 
-    on_grid = min(MOMENTS, key=left)
+    # all moments of the grid at once: transforms of many rows cost less than one by one
+    after = share > np.array(MOMENTS)[:, None, None]
+    on_grid_left = [
+        beside.fit_rest(columns, rest)[0] for columns in data.windowed(changing * after)
+    ]
+    best = int(np.argmin(on_grid_left))
+    on_grid = MOMENTS[best]
     step = MOMENTS[1] - MOMENTS[0]
     refined = scipy.optimize.minimize_scalar(
         left,
@@ -469,7 +496,7 @@ def best_moment(search: Search, changing: Array) -> float:
         method="bounded",
         options={"maxiter": REFINEMENTS},
     )
-    return float(refined.x) if refined.fun < left(on_grid) else on_grid
+    return float(refined.x) if refined.fun < on_grid_left[best] else on_grid
 
 
 class StiffnessDrift(Hypothesis):

@@ -42,6 +42,7 @@ REFINEMENTS = 12  # evaluations of Brent's method about a minimum of the grid
 OUTERMOST = (0.002, 0.998)  # quantiles of a torque that are its ends, beside noise
 UNCLIPPED = 0.5  # share of the rows, about the median torque, in which nothing is cut
 NEWTON_STEPS = 8  # it doubles the digits of a lag in each
+MOMENTS_AT_ONCE = 2  # two rows fill a processor's vector; more take memory only
 
 
 @dataclass(frozen=True)
@@ -425,8 +426,8 @@ class GrowingLag(Hypothesis):
         each_column = np.eye(len(self.data.motion))
         lag = 0.0
         for _ in range(NEWTON_STEPS):
-            columns = np.kron([1.0, lag, lag**2, lag**3], each_column)
-            slopes = np.kron([0.0, 1.0, 2 * lag, 3 * lag**2], each_column)
+            columns = np.kron(np.array([1.0, lag, lag**2, lag**3]), each_column)
+            slopes = np.kron(np.array([0.0, 1.0, 2 * lag, 3 * lag**2]), each_column)
             estimates = search.fit_products(products.of_sums(columns))[1]
             slope = estimates @ slopes
             with_slope = products.of_sums(np.vstack([columns, slope]))
@@ -482,11 +483,14 @@ def best_moment(search: Search, changing: Array) -> float:
     def left(moment: float) -> float:
         return beside.fit_rest(data.windowed(changing * (share > moment)), rest)[0]
 
-    # all moments of the grid at once: transforms of many rows cost less than one by one
-    after = share > np.array(MOMENTS)[:, None, None]
-    on_grid_left = [
-        beside.fit_rest(columns, rest)[0] for columns in data.windowed(changing * after)
-    ]
+    # a few moments at once: transforms of many rows cost less than one by one, and more memory
+    on_grid_left = []
+    for first in range(0, len(MOMENTS), MOMENTS_AT_ONCE):
+        moments = np.array(MOMENTS[first : first + MOMENTS_AT_ONCE])
+        after = share > moments[:, None, None]
+        on_grid_left += [
+            beside.fit_rest(columns, rest)[0] for columns in data.windowed(changing * after)
+        ]
     best = int(np.argmin(on_grid_left))
     on_grid = MOMENTS[best]
     step = MOMENTS[1] - MOMENTS[0]

@@ -207,7 +207,10 @@ class Whitened:
             columns, torque = plain_columns, plain_torque
             if round_number > 0:
                 assert self._gain is not None
-                columns = self._filtered(self._everywhere(plain_columns), self._gain)
+                # one by one: of twenty minutes all together would be the peak of memory
+                columns = np.empty_like(plain_columns)
+                for k, row in enumerate(plain_columns):
+                    columns[k] = self._filtered(self._everywhere(row), self._gain)
                 torque = self._filtered(self._everywhere(plain_torque), self._gain)
             estimates = solve_scaled(columns, torque)
             residual = plain_torque - estimates @ plain_columns

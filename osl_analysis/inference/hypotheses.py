@@ -27,7 +27,7 @@ from osl_analysis.inference.constants import (
     PLAYS,
     RESONANCE_DAMPING,
 )
-from osl_analysis.inference.least_squares import BesideShared, solve_scaled
+from osl_analysis.inference.least_squares import BesideShared, Products, solve_scaled
 from osl_analysis.inference.spectra import Spectrum
 from osl_analysis.inference.whitening import JointKind, Whitened
 from osl_analysis.trial import Array
@@ -42,10 +42,15 @@ REFINEMENTS = 12  # evaluations of Brent's method about a minimum of the grid
 OUTERMOST = (0.002, 0.998)  # quantiles of a torque that are its ends, beside noise
 UNCLIPPED = 0.5  # share of the rows, about the median torque, in which nothing is cut
 STOPS = np.linspace(0.05, 0.95, 10)  # quantiles of the angle at which a stop may be
-# steps of a lag that are tried first [s]: none is further than a tenth of 10 Hz from the next
-LOST = (5e-4, 1e-3, 2e-3, 4e-3, 7e-3, *np.arange(0.01, 0.155, 0.01).tolist())
+SMALL_LAGS = (1e-3, 4e-3)  # s; steps of a lag that are tried first
+LONGEST_LAG_STEP = 0.15  # s
+LAGS_IN_A_PERIOD = 10  # steps of a lag that are tried in a period of the motion
 CLIPPING_STEPS = 16  # the end and what is beyond it are found in turn
 NEWTON_STEPS = 8  # it doubles the digits of a lag in each
+# nats that a change of the whole motion must gain beside a small lag before large ones are tried:
+# four columns at the best of thirteen moments gain five of noise alone
+WORTH_A_STEP = 8.0
+MOMENTS_AT_ONCE = 2  # two rows fill a processor's vector; more take memory only
 
 
 @dataclass(frozen=True)
@@ -128,6 +133,14 @@ class Search:
         if torque is None:
             return self._beside.fit_rest(columns, self._rest)
         return self._beside.fit(columns, torque)
+
+    def products(self, columns: Array) -> Products:
+        """Products of columns (k, m), whose sums `fit_products` fits."""
+        return self._beside.products(columns, self._rest)
+
+    def fit_products(self, products: Products) -> tuple[float, Array]:
+        """Residual sum of squares and coefficients (k,) of columns with these products."""
+        return self._beside.fit_products(products)
 
     def minima(self, left: Callable[[float], float], grid: Array) -> list[float]:
         """Up to two minima of what is left over a parameter, the lower one first.
@@ -414,20 +427,33 @@ class GrowingLag(Hypothesis):
         for order, factor in enumerate((1.0, 2.0, 6.0), start=1):
             added = self.data.motion_at_working_rate(order) * (-shape) ** order / factor
             terms.append(self.data.windowed(added))
+        of_all_terms = np.concatenate(terms)
 
-        lag, columns, slopes = 0.0, terms[0], terms[1]
-        estimates = search.coefficients
+        # columns and slope are sums of the terms' columns, whose products are enough to fit them
+        products = search.products(of_all_terms)
+        each_column = np.eye(len(self.data.motion))
+        lag = 0.0
         for _ in range(NEWTON_STEPS):
-            columns = terms[0] + lag * (terms[1] + lag * (terms[2] + lag * terms[3]))
-            slopes = terms[1] + lag * (2 * terms[2] + 3 * lag * terms[3])
-            estimates = search.fit(columns)[1]
-            more = search.fit(np.vstack([columns, estimates @ slopes]))[1][-1]
+            columns = np.kron(np.array([1.0, lag, lag**2, lag**3]), each_column)
+            slopes = np.kron(np.array([0.0, 1.0, 2 * lag, 3 * lag**2]), each_column)
+            estimates = search.fit_products(products.of_sums(columns))[1]
+            slope = estimates @ slopes
+            with_slope = products.of_sums(np.vstack([columns, slope]))
+            more = search.fit_products(with_slope)[1][-1]
             moved = float(np.clip(lag + more, *DELAYS))
             if abs(moved - lag) < 1e-8:
                 break
             lag = moved
-        slope = estimates @ slopes
-        return [Candidate(self, columns, self.data.torque, slope, lag, estimates)]
+        return [
+            Candidate(
+                self,
+                columns=columns @ of_all_terms,
+                torque=self.data.torque,
+                slope=slope @ of_all_terms,
+                parameter=lag,
+                estimates=estimates,
+            )
+        ]
 
 
 class DriftingClocks(GrowingLag):
@@ -448,24 +474,50 @@ class LagStep(OneParameter):
     name = "lag that steps"
     term = "lag that changes at once"
     parameters = (("step of the lag", "s"),)
+    _may_be_large = False
 
     def grid(self) -> Array:
-        later = np.array(LOST)
+        """Steps that are tried: small ones alone, or up to `LONGEST_LAG_STEP`, in parts of the
+        motion's typical period."""
+        larger = np.array([2 * SMALL_LAGS[-1]])
+        if self._may_be_large:
+            spectra = self.data.spectra
+            alpha, omega = spectra.alpha[spectra.inside], spectra.omega[spectra.inside]
+            period = 2 * np.pi * float(np.sqrt(np.mean(omega**2) / np.mean(alpha**2)))
+            step = period / LAGS_IN_A_PERIOD
+            larger = np.arange(max(step, larger[0]), LONGEST_LAG_STEP + step, step)
+        later = np.concatenate([SMALL_LAGS, larger])
         return np.concatenate([-later[::-1], [0.0], later])
 
     def candidates(self, search: Search) -> list[Candidate]:
-        # after a small lag the torque differs by its slope; after a large one it is another
+        # after a small lag the torque differs by its slope
         slope = search.coefficients @ self.data.motion_at_working_rate(1)
-        best: tuple[float, list[Candidate]] = (np.inf, [])
-        for changing in (slope, self.data.motion_at_working_rate()):
-            moment = best_moment(search, changing)
-            self._is_after = self.data.spectra.share_at_working_rate > moment
-            self._known = {}
-            tried = super().candidates(search)
-            for candidate in tried[:1]:
-                left, _ = search.fit(candidate.columns)
-                best = min(best, (left, tried), key=lambda each: each[0])
-        return best[1]
+        moment, left = best_moment(search, slope[None])
+        found = self.candidates_at(moment, search, may_be_large=False)
+        if self.data.spectra.signals.has_drivetrain:
+            return found  # its friction changes as much as a large lag would
+        # after a large one it is another; where no hypothesis explains the torque, what is left
+        # counts as noise
+        noise = max(search.left / self.data.spectra.freedom, 1.0)
+        moment, left_by_motion = best_moment(search, self.data.motion_at_working_rate())
+        if left - left_by_motion > 2 * WORTH_A_STEP * noise:
+            large = self.candidates_at(moment, search, may_be_large=True)
+            if large and (not found or self.left_of(large, search) < self.left_of(found, search)):
+                return large
+        return found
+
+    def candidates_at(self, moment: float, search: Search, may_be_large: bool) -> list[Candidate]:
+        """Candidates of a lag that steps at a moment [share of the recording]."""
+        self._may_be_large = may_be_large
+        self._is_after = self.data.spectra.share_at_working_rate > moment
+        return super().candidates(search)
+
+    def left_of(self, candidates: Sequence[Candidate], search: Search) -> float:
+        """What the first candidate leaves of the torque."""
+        return search.fit(candidates[0].columns)[0]
+
+    def columns_at(self, value: float) -> Array:
+        return self.columns(value)  # those of another moment serve nobody
 
     def columns(self, value: float) -> Array:
         early = self.data.motion_at_working_rate()
@@ -473,16 +525,28 @@ class LagStep(OneParameter):
         return self.data.windowed(np.where(self._is_after, late, early))
 
 
-def best_moment(search: Search, changing: Array) -> float:
-    """The moment [share of the recording] after which torques (..., w) best explain the rest."""
+def best_moment(search: Search, changing: Array) -> tuple[float, float]:
+    """The moment [share of the recording] after which torques (k, w) best explain the rest, and the
+    sum of squares that they leave."""
     data = search.data
     share = data.spectra.share_at_working_rate
+    # the motion's columns are the same at every moment: they are shared, too
+    beside = BesideShared(np.concatenate([data.shared(search.kind), data.motion]))
+    rest = beside.rest(data.torque)
 
     def left(moment: float) -> float:
-        column = data.windowed(changing * (share > moment))
-        return search.fit(np.vstack([data.motion, column]))[0]
+        return beside.fit_rest(data.windowed(changing * (share > moment)), rest)[0]
 
-    on_grid = min(MOMENTS, key=left)
+    # a few moments at once: transforms of many rows cost less than one by one, and more memory
+    on_grid_left = []
+    for first in range(0, len(MOMENTS), MOMENTS_AT_ONCE):
+        moments = np.array(MOMENTS[first : first + MOMENTS_AT_ONCE])
+        after = share > moments[:, None, None]
+        on_grid_left += [
+            beside.fit_rest(columns, rest)[0] for columns in data.windowed(changing * after)
+        ]
+    best = int(np.argmin(on_grid_left))
+    on_grid = MOMENTS[best]
     step = MOMENTS[1] - MOMENTS[0]
     refined = scipy.optimize.minimize_scalar(
         left,
@@ -490,7 +554,9 @@ def best_moment(search: Search, changing: Array) -> float:
         method="bounded",
         options={"maxiter": REFINEMENTS},
     )
-    return float(refined.x) if refined.fun < left(on_grid) else on_grid
+    if refined.fun < on_grid_left[best]:
+        return float(refined.x), float(refined.fun)
+    return on_grid, on_grid_left[best]
 
 
 class StiffnessDrift(Hypothesis):
@@ -522,7 +588,8 @@ class StiffnessStep(Hypothesis):
         changing = np.array([spectra.theta, np.ones_like(spectra.theta)])
         at_working_rate = self.data.motion_at_working_rate()[0]
         both = np.array([at_working_rate, np.ones_like(at_working_rate)])
-        after = spectra.share > best_moment(search, both)
+        moment, _ = best_moment(search, both)
+        after = spectra.share > moment
         readings = self.readings([[1.0, 0.0], [0.0, 0.0], [0.0, 0.0]], (0.0, 1.0))
         return [self.plain(*(changing * after), readings=readings)]
 

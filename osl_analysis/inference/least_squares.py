@@ -1,5 +1,7 @@
 """Least squares of whitened rows, alone and beside columns that all hypotheses share."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from osl_analysis.trial import Array
@@ -12,7 +14,7 @@ TINY = 1e-150  # length of a column of zeros, whose square is a number, too
 
 def lengths_of(columns: Array) -> Array:
     """Lengths (k,) of columns (k, m); none is 0."""
-    return np.asarray(np.linalg.norm(columns, axis=-1) + TINY)
+    return np.asarray(np.sqrt(np.einsum("...m,...m->...", columns, columns)) + TINY)
 
 
 def solve_scaled(columns: Array, torque: Array) -> Array:
@@ -24,6 +26,37 @@ def solve_scaled(columns: Array, torque: Array) -> Array:
     # one step of refinement takes off what rounding of the normal matrix has added
     estimates += np.linalg.solve(normal, unit @ (torque - estimates @ unit))
     return np.asarray(estimates / length)
+
+
+@dataclass(frozen=True)
+class Products:
+    """All that least squares beside shared columns needs of k columns.
+
+    Attributes
+    ----------
+    columns : Array (k, k)
+        Products of the columns with each other.
+    shared : Array (k, s)
+        Their products with the shared ones, which have length 1.
+    rest : Array (k,)
+        Their products with what the shared ones leave of the torque.
+    square : float
+        Square of that rest.
+    """
+
+    columns: Array
+    shared: Array
+    rest: Array
+    square: float
+
+    def of_sums(self, factors: Array) -> "Products":
+        """Products of the sums `factors @ columns`, with factors (j, k)."""
+        return Products(
+            columns=factors @ self.columns @ factors.T,
+            shared=factors @ self.shared,
+            rest=factors @ self.rest,
+            square=self.square,
+        )
 
 
 class BesideShared:
@@ -50,7 +83,20 @@ class BesideShared:
         return self.fit_rest(columns, self.rest(torque))
 
     def fit_rest(self, columns: Array, rest: Array) -> tuple[float, Array]:
-        """Fit columns (k, m) to what the shared ones leave of a torque, `rest` (m,).
+        """Fit columns (k, m) to what the shared ones leave of a torque, `rest` (m,)."""
+        return self.fit_products(self.products(columns, rest))
+
+    def products(self, columns: Array, rest: Array) -> Products:
+        """Multiply columns (k, m) by each other, by the shared ones, and by a `rest` (m,)."""
+        return Products(
+            columns=columns @ columns.T,
+            shared=columns @ self._shared.T,
+            rest=columns @ rest,
+            square=float(rest @ rest),
+        )
+
+    def fit_products(self, products: Products) -> tuple[float, Array]:
+        """Fit the columns that have these products.
 
         Returns
         -------
@@ -59,17 +105,16 @@ class BesideShared:
         estimates : Array (k,)
             Coefficients of the columns.
         """
-        products = columns @ columns.T
-        scale = np.sqrt(np.diag(products)) + TINY
-        of_shared = (columns @ self._shared.T) / scale[:, None]
-        normal = products / np.outer(scale, scale)
+        scale = np.sqrt(np.diag(products.columns)) + TINY
+        of_shared = products.shared / scale[:, None]
+        normal = products.columns / np.outer(scale, scale)
         normal -= of_shared @ self._inverse @ of_shared.T
         # a column that the shared ones make up has nothing left but the rounding of its products
         left_of_columns = np.maximum(np.diag(normal), np.finfo(float).eps)
         unit = np.sqrt(left_of_columns)
-        normal = normal / np.outer(unit, unit) + RIDGE * np.eye(len(columns))
+        normal = normal / np.outer(unit, unit) + RIDGE * np.eye(len(scale))
         length = scale * unit
-        product = columns @ rest / length
+        product = products.rest / length
         estimates = np.linalg.solve(normal, product)
-        left = float(rest @ rest - estimates @ product)
+        left = float(products.square - estimates @ product)
         return left, np.asarray(estimates / length)

@@ -45,8 +45,9 @@ def rounding_torques(data: Whitened, impedance: Array) -> Array:
         return data.column(of_jumps) if len(jumps.at) else np.empty((0, rows))
 
     angle = np.asarray(scipy.fft.irfft(spectra.raw_angle, spectra.padded) + spectra.line) / step
-    smooth, halfway = before_encoder(spectra, angle)
-    levels = share_at_levels(spectra, angle)
+    read = encoder_reading(angle)
+    smooth, halfway = before_encoder(spectra, read)
+    levels = share_at_levels(spectra, read)
     size = min(max(levels, SMALLEST_SIZE), 1.0)
     # a level is read as one step; halfway between two of them there would be none
     drawn_from = [smooth, halfway] if levels > 0.5 else [smooth, smooth]
@@ -80,8 +81,8 @@ def repeated_share(spectra: Spectra) -> float:
     return float(np.exp(-2 * np.pi**2 * noise))
 
 
-def before_encoder(spectra: Spectra, angle: Array) -> tuple[Array, Array]:
-    """Reconstruct an angle in encoder steps (r,) before its rounding, in two ways.
+def before_encoder(spectra: Spectra, read: Array) -> tuple[Array, Array]:
+    """Reconstruct an angle in encoder steps (r,) before it was read in whole ones, in two ways.
 
     The first is low-passed, and rings where the joint comes to a level. The second is known halfway
     between two steps, where the encoder goes from one to the next.
@@ -93,11 +94,10 @@ def before_encoder(spectra: Spectra, angle: Array) -> tuple[Array, Array]:
     low_passed = scipy.fft.irfft(spectra.raw_angle * gain, spectra.padded) + spectra.line
     smooth = np.asarray(low_passed) / spectra.signals.encoder_step
 
-    read = encoder_reading(angle)
     at = np.flatnonzero(np.diff(read))
     if len(at) < 3:
         return smooth, read
-    halfway = np.interp(np.arange(len(angle)), at + 0.5, (read[at] + read[at + 1]) / 2)
+    halfway = np.interp(np.arange(len(read)), at + 0.5, (read[at] + read[at + 1]) / 2)
     return smooth, halfway
 
 
@@ -107,11 +107,11 @@ def encoder_reading(angle: Array) -> Array:
     return np.asarray(np.rint(angle - zero))
 
 
-def share_at_levels(spectra: Spectra, angle: Array) -> float:
+def share_at_levels(spectra: Spectra, read: Array) -> float:
     """Share of the time in which the encoder shows one step for longer than a motion lets it."""
-    changes: NDArray[np.intp] = np.flatnonzero(np.diff(encoder_reading(angle)))
+    changes: NDArray[np.intp] = np.flatnonzero(np.diff(read))
     starts = np.concatenate([[0], changes + 1])
-    stops = np.concatenate([changes, [len(angle) - 1]])
+    stops = np.concatenate([changes, [len(read) - 1]])
     dwells = stops - starts
     longest_in_motion = DWELL_PERIODS * spectra.signals.rate_hz / spectra.band_hz
-    return float(np.sum(dwells[dwells > longest_in_motion]) / len(angle))
+    return float(np.sum(dwells[dwells > longest_in_motion]) / len(read))

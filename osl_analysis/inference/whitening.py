@@ -164,9 +164,20 @@ class Whitened:
         """Whiten signals (..., w) at the working rate; returns rows (..., m)."""
         spectra = self.spectra
         x = x * spectra.window
-        if self._gain is not None:
-            x = scipy.fft.irfft(scipy.fft.rfft(x) * self._gain, spectra.working)
-        return np.asarray(x[..., self._kept])
+        if self._gain is None:
+            return np.asarray(x[..., self._kept])
+        return self._filtered(x, self._gain)
+
+    def _filtered(self, x: Array, gain: Array) -> Array:
+        """Kept rows (..., m) of signals (..., w) behind a filter of this gain (f,)."""
+        filtered = scipy.fft.irfft(scipy.fft.rfft(x) * gain, self.spectra.working)
+        return np.asarray(filtered[..., self._kept])
+
+    def _everywhere(self, rows: Array) -> Array:
+        """Rows (..., m) among all working rows (..., w), with zeros where the window is 0."""
+        everywhere = np.zeros((*rows.shape[:-1], self.spectra.working))
+        everywhere[..., self._kept] = rows
+        return everywhere
 
     def behind_gap(self, width: float) -> Array:
         """Whitened angle and velocity (2, m) behind a gap of some width [rad], which follow the
@@ -190,13 +201,10 @@ class Whitened:
         """
         assert self._gain is not None
         spectra = self.spectra
-        everywhere = np.zeros((*rows.shape[:-1], spectra.working))
-        everywhere[..., spectra.rows] = rows
         gain = 1 / self._gain
         if from_hz > 0:
             gain = gain * (1 - 1 / (1 + (spectra.frequency / from_hz) ** 4))
-        x = scipy.fft.irfft(scipy.fft.rfft(everywhere) * gain, spectra.working)
-        return np.asarray(x[..., spectra.rows])
+        return self._filtered(self._everywhere(rows), gain)
 
     def _inverse_root_of_noise(self) -> Array:
         """Find the whitening gain (f,) from what the rich model leaves of the torque."""
@@ -206,10 +214,15 @@ class Whitened:
         segment = min(round(COLOUR_SEGMENT * spectra.rate_hz), plain_torque.shape[-1])
 
         for round_number in range(ROUNDS):
-            if round_number == 0:
-                estimates = solve_scaled(plain_columns, plain_torque)
-            else:
-                estimates = solve_scaled(self.column(rich), self.column(spectra.torque))
+            columns, torque = plain_columns, plain_torque
+            if round_number > 0:
+                assert self._gain is not None
+                # one by one: of twenty minutes all together would be the peak of memory
+                columns = np.empty_like(plain_columns)
+                for k, row in enumerate(plain_columns):
+                    columns[k] = self._filtered(self._everywhere(row), self._gain)
+                torque = self._filtered(self._everywhere(plain_torque), self._gain)
+            estimates = solve_scaled(columns, torque)
             residual = plain_torque - estimates @ plain_columns
             frequency, power = scipy.signal.welch(
                 residual, spectra.rate_hz, nperseg=segment, detrend=False

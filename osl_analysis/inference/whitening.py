@@ -173,6 +173,13 @@ class Whitened:
         filtered = scipy.fft.irfft(scipy.fft.rfft(x) * gain, self.spectra.working)
         return np.asarray(filtered[..., self._kept])
 
+    def _filtered_one_by_one(self, columns: Array, gain: Array) -> Array:
+        """Columns (k, m) behind a filter: all at once would be the peak of memory."""
+        filtered = np.empty_like(columns)
+        for k, column in enumerate(columns):
+            filtered[k] = self._filtered(self._everywhere(column), gain)
+        return filtered
+
     def _everywhere(self, rows: Array) -> Array:
         """Rows (..., m) among all working rows (..., w), with zeros where the window is 0."""
         everywhere = np.zeros((*rows.shape[:-1], self.spectra.working))
@@ -195,7 +202,7 @@ class Whitened:
         return self.column(self.spectra.spectrum_of(x))
 
     def unwhitened(self, rows: Array, from_hz: float = 0.0) -> Array:
-        """Take the whitening off rows (..., m), and what is slower than `from_hz`.
+        """Take the whitening off rows (k, m), and what is slower than `from_hz`.
 
         Near ends and gaps a part of the whitening stays.
         """
@@ -204,7 +211,7 @@ class Whitened:
         gain = 1 / self._gain
         if from_hz > 0:
             gain = gain * (1 - 1 / (1 + (spectra.frequency / from_hz) ** 4))
-        return self._filtered(self._everywhere(rows), gain)
+        return self._filtered_one_by_one(rows, gain)
 
     def _inverse_root_of_noise(self) -> Array:
         """Find the whitening gain (f,) from what the rich model leaves of the torque."""
@@ -217,10 +224,7 @@ class Whitened:
             columns, torque = plain_columns, plain_torque
             if round_number > 0:
                 assert self._gain is not None
-                # one by one: of twenty minutes all together would be the peak of memory
-                columns = np.empty_like(plain_columns)
-                for k, row in enumerate(plain_columns):
-                    columns[k] = self._filtered(self._everywhere(row), self._gain)
+                columns = self._filtered_one_by_one(plain_columns, self._gain)
                 torque = self._filtered(self._everywhere(plain_torque), self._gain)
             estimates = solve_scaled(columns, torque)
             residual = plain_torque - estimates @ plain_columns

@@ -248,18 +248,22 @@ class OneParameter(Hypothesis):
         """Values (g,) of the parameter, ascending."""
 
     def columns_at(self, value: float) -> Array:
-        """Whitened columns (k, m) at a value of the parameter: of the grid, whose values serve
-        every kind of joint, computed once."""
+        """Whitened columns (k, m) at a value of the parameter. What depends on it is kept for the
+        values of the grid, which serve every kind of joint."""
         if value in self._known:
-            return self._known[value]
+            return self.with_others(self._known[value])
         columns = self.columns(value)
         if value in self._grid:
             self._known[value] = columns
-        return columns
+        return self.with_others(columns)
 
     def columns(self, value: float) -> Array:
-        """Whitened columns (k, m) at a value of the parameter."""
+        """Those whitened columns that depend on the parameter."""
         raise NotImplementedError
+
+    def with_others(self, columns: Array) -> Array:
+        """All columns (k, m), from those that depend on the parameter."""
+        return columns
 
     def model(self, value: float, search: Search) -> tuple[Array, Array]:
         """Columns (k, m) at a value, and the torque (m,) that they explain."""
@@ -685,8 +689,11 @@ class EndStop(OneParameter):
         return np.asarray(np.quantile(spectra.angle[spectra.inside], STOPS))
 
     def columns(self, value: float) -> Array:
-        beyond = self.data.of_product(np.maximum(self.data.spectra.angle - value, 0.0))
-        return np.vstack([self.data.motion, beyond])
+        beyond = np.maximum(self.data.spectra.angle - value, 0.0)
+        return self.data.of_product(beyond[None])
+
+    def with_others(self, columns: Array) -> Array:
+        return np.vstack([self.data.motion, columns])
 
 
 class DeadZone(OneParameter):
@@ -703,7 +710,10 @@ class DeadZone(OneParameter):
     def columns(self, value: float) -> Array:
         spectra = self.data.spectra
         beyond = spectra.theta - np.clip(spectra.angle, -value / 2, value / 2)
-        return np.vstack([self.data.of_product(beyond), self.data.motion[1:]])
+        return self.data.of_product(beyond[None])
+
+    def with_others(self, columns: Array) -> Array:
+        return np.vstack([columns, self.data.motion[1:]])
 
 
 # ---- direction

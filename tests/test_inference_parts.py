@@ -16,7 +16,7 @@ from osl_analysis.inference.cross_validation import (
     predict_blocks,
 )
 from osl_analysis.inference.friction_shapes import slipping_spring
-from osl_analysis.inference.hypotheses import Delay, Nothing, Search
+from osl_analysis.inference.hypotheses import Delay, DriftingClocks, Nothing, Search
 from osl_analysis.inference.least_squares import BesideShared, solve_scaled
 from osl_analysis.inference.mixture import Part, evidence_of, mixture_quantiles
 from osl_analysis.inference.spectra import Spectra
@@ -207,3 +207,32 @@ def test_signals_that_tell_nothing_are_refused(change, words):
 
     with pytest.raises(InputError, match=words):
         BenchSignals(**{**signals, **change})
+
+
+def test_products_of_sums_of_columns_fit_as_the_sums_themselves():
+    rng = np.random.default_rng(7)
+    shared, columns = rng.normal(size=(3, 400)), rng.normal(size=(4, 400))
+    torque, factors = rng.normal(size=400), rng.normal(size=(2, 4))
+    beside = BesideShared(shared)
+    products = beside.products(columns, beside.rest(torque))
+
+    left, estimates = beside.fit_products(products.of_sums(factors))
+
+    every = np.vstack([factors @ columns, shared])
+    expected, residual, *_ = np.linalg.lstsq(every.T, torque)
+    assert estimates == pytest.approx(expected[:2], rel=1e-9)
+    assert left == pytest.approx(residual[0], rel=1e-9)
+
+
+@pytest.mark.parametrize("at_the_end", [0.004, -0.004])
+def test_clocks_that_drift_apart_have_their_lag_at_the_end(at_the_end):
+    motion = random_motion()
+    time = np.arange(motion.shape[1]) / RATE
+    then = time - at_the_end * time / time[-1]
+    torque = TRUE @ np.array([np.interp(then, time, signal) for signal in motion])
+    data = Whitened(Spectra(BenchSignals(motion[0], torque + white(0.02), RATE)))
+
+    (candidate,) = DriftingClocks(data).candidates(Search(data, JointKind()))
+
+    assert candidate.parameter == pytest.approx(at_the_end, abs=1e-4)
+    assert candidate.estimates == pytest.approx(TRUE, rel=0.01)

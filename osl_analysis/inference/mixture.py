@@ -42,6 +42,9 @@ FAMILIES: tuple[Family, ...] = (
 PLAIN = "nothing"  # the hypothesis that is Eq. 15 alone
 SEED = 1  # of the bootstrap: the same recording gives the same numbers
 NEGLIGIBLE = 1e-7  # weight below which a part does not enter the mixture
+# of Brent's method, which halves the interval at worst: widths of parts may differ by 1e15, and
+# the sum of narrow ones is a stair
+QUANTILE_STEPS = 1000
 SPREAD = 12.0  # standard deviations about all parts within which quantiles lie
 
 
@@ -349,5 +352,7 @@ def mixture_quantiles(parts: Sequence[Part], levels: Sequence[float]) -> Array:
             return float(weights @ scipy.special.stdtr(BLOCKS - 1, scaled)) - level
 
         for row, level in enumerate(levels):
-            found[row, k] = scipy.optimize.brentq(excess, low, high, args=(level,), xtol=1e-10)
+            found[row, k] = scipy.optimize.brentq(
+                excess, low, high, args=(level,), xtol=1e-10, maxiter=QUANTILE_STEPS
+            )
     return found

@@ -27,9 +27,9 @@ import polars as pl
 from planted import CAUSES, SOUND, Cause, recording
 
 import osl_analysis as osl
+from osl_analysis.bench.bench_settings import DynamometerAnalysis
 from osl_analysis.bench.record import actuator_turns, signals_of, with_actuator
 from osl_analysis.bench.recorded_motion import record_of_trial
-from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.inference import ImpedanceInference, infer_impedance
 from osl_analysis.judge.finding import Grade

@@ -17,11 +17,11 @@ from causes import ROOT, markdown, write_between
 from planted import MOTIONS, NOTHING, Cause, recording
 
 from osl_analysis.bench.analysis import analysed
+from osl_analysis.bench.bench_settings import DynamometerAnalysis
 from osl_analysis.bench.complex_estimate import polar_row
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums
 from osl_analysis.bench.phasors import phasors_of_record
 from osl_analysis.bench.recorded_motion import record_of_trial
-from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.trial import Trial
 

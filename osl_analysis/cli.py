@@ -856,7 +856,7 @@ def design_walking(config_path: Path, as_json: bool, **chosen: Any) -> None:
     from osl_analysis.campaign.configuration import read_config
     from osl_analysis.commands.bench import rows_json
     from osl_analysis.commands.walking import pilot_turn, planned_crossings
-    from osl_analysis.figures.walking import draw_half_widths
+    from osl_analysis.figures.walking_figures import draw_half_widths
     from osl_analysis.walking.planned_turn import PlannedTurn
 
     config, counts = (

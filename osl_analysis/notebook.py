@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any, cast
 
 import polars as pl
 
+from osl_analysis.bench.bench_settings import DynamometerAnalysis
 from osl_analysis.bench.frequency_response import frequency_response_table
 from osl_analysis.bench.impedance import DesiredImpedance
-from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands import tables as tables_of_campaign
 from osl_analysis.commands.bench import (

@@ -18,7 +18,7 @@ FIT = '''"""A joint that holds still under load: the mean torque."""
 
 import polars as pl
 
-from osl_analysis.bench.settings import FilterSettings
+from osl_analysis.bench.bench_settings import FilterSettings
 from osl_analysis.trial import Trial
 
 
@@ -41,7 +41,7 @@ ADDITIONS = {
     "osl_analysis/commands/bench.py": (
         "def fit_belt_trial(",
         """from osl_analysis.bench.holding import holding_table
-from osl_analysis.bench.settings import FilterSettings
+from osl_analysis.bench.bench_settings import FilterSettings
 
 
 def fit_holding_trial(trial: Trial, settings: FilterSettings) -> Mapping[str, pl.DataFrame]:

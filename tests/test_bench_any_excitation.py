@@ -16,6 +16,12 @@ from osl_analysis.bench.analysis import (
     angle_noise_share,
     timebase_table,
 )
+from osl_analysis.bench.bench_settings import (
+    BenchStiffness,
+    DynamometerAnalysis,
+    ModelComparison,
+    TimeBase,
+)
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums, with_effects
 from osl_analysis.bench.frequency_response import impedance_over_frequency
 from osl_analysis.bench.impedance import (
@@ -26,12 +32,6 @@ from osl_analysis.bench.impedance import (
     repeated_trials_table,
 )
 from osl_analysis.bench.recorded_motion import record_of_trial, stated_windows
-from osl_analysis.bench.settings import (
-    BenchStiffness,
-    DynamometerAnalysis,
-    ModelComparison,
-    TimeBase,
-)
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands.bench import fit_impedance_trial
 from osl_analysis.config.experiments import EXPERIMENTS

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from osl_analysis.bench import belt as belt_fits
 from osl_analysis.bench import transmission
-from osl_analysis.bench.settings import BeltAnalysis
+from osl_analysis.bench.bench_settings import BeltAnalysis
 from osl_analysis.errors import InputError
 from osl_analysis.judge.judging import LATENESS, unchecked_in
 from osl_analysis.trial import Trial

@@ -22,12 +22,12 @@ from test_dictionary import described
 
 from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.belt import belt_table, fit_branches
+from osl_analysis.bench.bench_settings import BeltAnalysis, Calibration
 from osl_analysis.bench.coulomb import coulomb_fits
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums, sums_of
 from osl_analysis.bench.frequency_response import frequency_response_table
 from osl_analysis.bench.phasors import phasor_table, phasors_of_record
 from osl_analysis.bench.prediction import COMPONENTS, components_of
-from osl_analysis.bench.settings import BeltAnalysis, Calibration
 from osl_analysis.bench.torque_angle_tables import curve_table, torque_angle_table
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands.bench import fitted_trial

@@ -12,6 +12,7 @@ from conftest import ROOT, findings_of, marked
 from scipy.interpolate import CubicSpline
 
 from osl_analysis.bench.analysis import fitted_motion
+from osl_analysis.bench.bench_settings import DynamometerAnalysis
 from osl_analysis.bench.coulomb import coulomb_fits, with_friction, without_friction
 from osl_analysis.bench.effects import IMPEDANCE, belt_of_leg, plain_sums, with_effects
 from osl_analysis.bench.impedance import (
@@ -22,7 +23,6 @@ from osl_analysis.bench.impedance import (
 )
 from osl_analysis.bench.record import with_actuator
 from osl_analysis.bench.recorded_motion import record_of_trial
-from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.ingest.examine import saturated
 from osl_analysis.judge.judging import LATENESS

@@ -11,17 +11,17 @@ from conftest import ROOT, marked
 from scipy.ndimage import shift
 
 from osl_analysis.bench.analysis import analysed
+from osl_analysis.bench.bench_settings import BenchStiffness
 from osl_analysis.bench.effects import IMPEDANCE, Fault, plain_sums
 from osl_analysis.bench.frequency_response import frequency_response_table
 from osl_analysis.bench.impedance import DesiredImpedance, judged_impedance, lag_row
 from osl_analysis.bench.phasors import phasor_table, phasors_of_record
 from osl_analysis.bench.recorded_motion import record_of_trial
-from osl_analysis.bench.settings import BenchStiffness
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands import figure as plotted_numbers
 from osl_analysis.commands.bench import estimates_text, summarise
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.figures.impedance import draw_fig4
+from osl_analysis.figures.impedance_figures import draw_fig4
 from osl_analysis.judge.judging import LATENESS, unchecked_in
 from osl_analysis.judge.limits import DoubtfulFits, Limits
 from osl_analysis.model.drivetrain import read_parameters

@@ -8,11 +8,11 @@ from any_motion import MOTIONS_60, TRUE, made_trial, noise
 from conftest import ROOT, findings_of
 from scipy.signal import butter, lfilter
 
+from osl_analysis.bench.bench_settings import Calibration, DynamometerAnalysis
 from osl_analysis.bench.impedance import impedance_table, rendered_impedance
 from osl_analysis.bench.joint_fit import Estimate, FrictionFit, Impedance, ImpedanceFit
 from osl_analysis.bench.record import signals_of
 from osl_analysis.bench.recorded_motion import record_of_trial
-from osl_analysis.bench.settings import Calibration, DynamometerAnalysis
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.limits import DoubtfulFits, Limits

@@ -9,10 +9,10 @@ import pytest
 from conftest import ROOT
 from scipy.signal import lfilter
 
+from osl_analysis.bench.bench_settings import DynamometerAnalysis
 from osl_analysis.bench.prediction import OTHER_LAW, law_table, law_that_ran
 from osl_analysis.bench.record import with_actuator
 from osl_analysis.bench.recorded_motion import record_of_trial
-from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.model.compensator import Gains, motor_current
 from osl_analysis.model.drivetrain import read_parameters

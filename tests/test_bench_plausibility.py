@@ -10,13 +10,13 @@ from bench_synthetic import PROTOCOL, second_order, stepped_sine, true_motion
 from conftest import ROOT, beyond_in
 
 from osl_analysis.bench.analysis import plausible_impedance
-from osl_analysis.bench.impedance import DesiredImpedance
-from osl_analysis.bench.settings import (
+from osl_analysis.bench.bench_settings import (
     ActuatorAnalysis,
     BenchStiffness,
     DynamometerAnalysis,
     ModelComparison,
 )
+from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands.bench import fit_trial
 from osl_analysis.errors import InputError

@@ -11,13 +11,13 @@ from bench_synthetic import second_order, sine_settings, stepped_sine
 from conftest import multisine
 
 from osl_analysis.bench.analysis import analysed
+from osl_analysis.bench.bench_settings import BenchStiffness
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums, sums_of, with_effects
 from osl_analysis.bench.gram import combined, jackknife
-from osl_analysis.bench.groups import stretches_of
 from osl_analysis.bench.record import Record, record_of
 from osl_analysis.bench.recorded_motion import record_of_trial, sine_record
 from osl_analysis.bench.rounded_signals import before_rounding
-from osl_analysis.bench.settings import BenchStiffness
+from osl_analysis.bench.row_groups import stretches_of
 from osl_analysis.measured import visible_step
 from osl_analysis.signals import LowPass
 from osl_analysis.spectral.stepped_sine import SteppedSineProtocol

@@ -11,8 +11,8 @@ import pytest
 from c3d_builder import REAL_DATA
 from conftest import ROOT, marked
 
+from osl_analysis.bench.bench_settings import TorqueAngleAnalysis
 from osl_analysis.bench.loop_cycles import find_cycles
-from osl_analysis.bench.settings import TorqueAngleAnalysis
 from osl_analysis.bench.torque_angle import torque_angle_trial
 from osl_analysis.bench.torque_angle_tables import (
     compared_with_repeats,

@@ -25,7 +25,7 @@ from osl_analysis.table import (
     with_places,
     write_table,
 )
-from osl_analysis.walking.settings import OvergroundAnalysis
+from osl_analysis.walking.walking_settings import OvergroundAnalysis
 from osl_analysis.yaml_settings import read_mapping
 
 

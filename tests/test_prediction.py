@@ -16,7 +16,7 @@ from scipy import stats
 from scipy.signal import butter, sosfiltfilt
 
 from osl_analysis.bench import prediction
-from osl_analysis.bench.groups import stretches_of
+from osl_analysis.bench.bench_settings import FilterSettings
 from osl_analysis.bench.impedance import (
     DesiredImpedance,
     compensation_table,
@@ -33,7 +33,7 @@ from osl_analysis.bench.prediction import (
     prediction_terms,
 )
 from osl_analysis.bench.record import read_record, record_of, stored_record
-from osl_analysis.bench.settings import FilterSettings
+from osl_analysis.bench.row_groups import stretches_of
 from osl_analysis.commands.bench import gather_predictions
 from osl_analysis.errors import InputError
 from osl_analysis.judge.campaign import campaign_findings, measured_over_predicted, misfits_of_joint

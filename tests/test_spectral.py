@@ -9,8 +9,8 @@ import pytest
 from scipy.signal import lsim, lti
 
 from osl_analysis.bench.frequency_response import RESPONSE_COLUMNS, impedance_over_frequency
-from osl_analysis.bench.groups import stretches_of
 from osl_analysis.bench.record import record_of
+from osl_analysis.bench.row_groups import stretches_of
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.signals import LowPass
 from osl_analysis.spectral.periods import (

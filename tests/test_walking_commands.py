@@ -43,9 +43,9 @@ from osl_analysis.walking.impedance_fit import fit_response
 from osl_analysis.walking.isolated_response import isolate_response
 from osl_analysis.walking.overground import CURVES, overground_contacts
 from osl_analysis.walking.plate_model import PlateModel
-from osl_analysis.walking.settings import OvergroundAnalysis, WalkingAnalysis
 from osl_analysis.walking.setup_checks import body_mass
 from osl_analysis.walking.unperturbed_gait import unperturbed_gait
+from osl_analysis.walking.walking_settings import OvergroundAnalysis, WalkingAnalysis
 
 FOOT = {"mass_kg": 1.0, "centre_of_mass_m": [0.045, 0.0, -0.045], "inertia_kg_m2": 0.085**2}
 

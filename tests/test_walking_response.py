@@ -54,7 +54,6 @@ from osl_analysis.walking.reactions import (
     reflex_column,
 )
 from osl_analysis.walking.result_tables import headline_rows, response_table, walking_page_points
-from osl_analysis.walking.settings import TimingSettings
 from osl_analysis.walking.stance import Stance, find_stances
 from osl_analysis.walking.unperturbed_gait import (
     PHASES,
@@ -62,6 +61,7 @@ from osl_analysis.walking.unperturbed_gait import (
     matched_scales,
     unperturbed_gait,
 )
+from osl_analysis.walking.walking_settings import TimingSettings
 
 K = 340.0
 B = 5.0

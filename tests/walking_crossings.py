@@ -18,8 +18,8 @@ from osl_analysis.table import read_table
 from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.crossing_quality import CrossingQuality
 from osl_analysis.walking.selection import selection_rows
-from osl_analysis.walking.settings import WalkingAnalysis
 from osl_analysis.walking.stance import Stance
+from osl_analysis.walking.walking_settings import WalkingAnalysis
 
 LEAD = 0.045
 RISE = 0.018

@@ -16,7 +16,7 @@ from scipy.special import erf
 
 from osl_analysis.trial import Array, Trial, marker_columns, plate_columns
 from osl_analysis.walking.poses import Poses
-from osl_analysis.walking.settings import WalkingAnalysis
+from osl_analysis.walking.walking_settings import WalkingAnalysis
 
 RATE = 300
 PLATE_RATE = 1500

@@ -9,6 +9,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from osl_analysis.bench.bench_settings import NOT_STATED, BenchStiffness, Calibration
 from osl_analysis.bench.effects import (
     Fault,
     Model,
@@ -17,10 +18,9 @@ from osl_analysis.bench.effects import (
     with_effects,
 )
 from osl_analysis.bench.gram import GroupFit, Sums, held_out_vaf
-from osl_analysis.bench.groups import Label
 from osl_analysis.bench.record import Record
 from osl_analysis.bench.recorded_motion import SHORTEST_S
-from osl_analysis.bench.settings import NOT_STATED, BenchStiffness, Calibration
+from osl_analysis.bench.row_groups import Label
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.measured import check_measured, rms
 from osl_analysis.model.drivetrain import DrivetrainParameters

@@ -14,12 +14,12 @@ from osl_analysis.bench.analysis import (
     torque_errors,
     widened,
 )
+from osl_analysis.bench.bench_settings import BeltAnalysis
 from osl_analysis.bench.component_summary import PLACE
 from osl_analysis.bench.effects import Model
 from osl_analysis.bench.gram import GroupFit, Sums, estimates_of, fit_groups, gram_sums
-from osl_analysis.bench.groups import Groups, Label, stretches_of
 from osl_analysis.bench.record import Record, joint_angle
-from osl_analysis.bench.settings import BeltAnalysis
+from osl_analysis.bench.row_groups import Groups, Label, stretches_of
 from osl_analysis.errors import InputError, naming
 from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection
 from osl_analysis.signals import filtered_motion, runs

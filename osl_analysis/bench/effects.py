@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from osl_analysis.bench import gram
 from osl_analysis.bench.gram import GroupFit, Sums
-from osl_analysis.bench.groups import Label
 from osl_analysis.bench.record import Record
+from osl_analysis.bench.row_groups import Label
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.inference.friction_shapes import slipping_spring
 from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection

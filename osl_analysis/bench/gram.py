@@ -18,8 +18,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from osl_analysis.bench.groups import Groups, Label
 from osl_analysis.bench.record import Record
+from osl_analysis.bench.row_groups import Groups, Label
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.measured import check_measured, rounding_of
 from osl_analysis.stats import regression

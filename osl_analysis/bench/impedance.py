@@ -28,9 +28,9 @@ from osl_analysis.bench.analysis import (
 from osl_analysis.bench.component_summary import PLACE
 from osl_analysis.bench.effects import IMPEDANCE, Fault
 from osl_analysis.bench.gram import FEWEST_UNITS, GroupFit, Sums, combined, estimates_of, solved
-from osl_analysis.bench.groups import Label
 from osl_analysis.bench.joint_inference import impedance_fits, misfit_of_losses
 from osl_analysis.bench.record import Record, actuator_turns
+from osl_analysis.bench.row_groups import Label
 from osl_analysis.errors import InputError, nearest
 from osl_analysis.inference.constants import BLOCKS
 from osl_analysis.model.compensator import CONTROLLERS, Gains, Weight, select_gains

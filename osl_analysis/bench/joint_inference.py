@@ -15,7 +15,6 @@ from osl_analysis.bench.analysis import QUANTITIES, Analysis
 from osl_analysis.bench.coulomb import CoulombFit, coulomb_fits
 from osl_analysis.bench.effects import with_effects
 from osl_analysis.bench.gram import Sums
-from osl_analysis.bench.groups import Label
 from osl_analysis.bench.joint_fit import (
     ClockDrift,
     Estimate,
@@ -27,6 +26,7 @@ from osl_analysis.bench.joint_fit import (
     UnstatedDelay,
 )
 from osl_analysis.bench.record import Record, signals_of
+from osl_analysis.bench.row_groups import Label
 from osl_analysis.errors import InputError
 from osl_analysis.inference import ImpedanceInference, infer_impedance
 from osl_analysis.inference.constants import HARM_SHARE, LIKELY

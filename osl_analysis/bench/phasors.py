@@ -19,8 +19,8 @@ from osl_analysis.bench.complex_estimate import (
     polar_row,
     with_errors,
 )
-from osl_analysis.bench.groups import Stratum
 from osl_analysis.bench.record import Record
+from osl_analysis.bench.row_groups import Stratum
 from osl_analysis.errors import InputError
 from osl_analysis.measured import check_finite, check_measured
 from osl_analysis.spectral.stepped_sine import whole_rows

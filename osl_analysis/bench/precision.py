@@ -9,7 +9,6 @@ import scipy
 
 from osl_analysis.bench.effects import IMPEDANCE
 from osl_analysis.bench.gram import BY_REPEATS, BY_UNITS, FEWEST_UNITS
-from osl_analysis.bench.groups import STRETCH_S
 from osl_analysis.bench.planned_errors import (
     KBI,
     Distortion,
@@ -26,6 +25,7 @@ from osl_analysis.bench.planned_motion import (
     Plan,
     SteppedSine,
 )
+from osl_analysis.bench.row_groups import STRETCH_S
 from osl_analysis.signals import LowPass
 from osl_analysis.stats.regression import welch_satterthwaite
 from osl_analysis.trial import Array

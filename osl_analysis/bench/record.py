@@ -12,15 +12,15 @@ import polars as pl
 import scipy
 from numpy.typing import NDArray
 
-from osl_analysis.bench.groups import Groups, Label, Stratum, joined
-from osl_analysis.bench.rounded_signals import drawn_roundings, repeated_share
-from osl_analysis.bench.settings import (
+from osl_analysis.bench.bench_settings import (
     NOT_STATED,
     BenchAnalysis,
     BenchStiffness,
     Calibration,
     SteppedSineAnalysis,
 )
+from osl_analysis.bench.rounded_signals import drawn_roundings, repeated_share
+from osl_analysis.bench.row_groups import Groups, Label, Stratum, joined
 from osl_analysis.errors import InputError
 from osl_analysis.inference import BenchSignals
 from osl_analysis.refusal import check_not_refused

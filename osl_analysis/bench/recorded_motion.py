@@ -8,9 +8,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from osl_analysis.bench.groups import Groups, cycles_of, periods_of, stretches_of
+from osl_analysis.bench.bench_settings import ImpedanceAnalysis, SteppedSineAnalysis
 from osl_analysis.bench.record import Record, conditioned, joint_angle
-from osl_analysis.bench.settings import ImpedanceAnalysis, SteppedSineAnalysis
+from osl_analysis.bench.row_groups import Groups, cycles_of, periods_of, stretches_of
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.measured import visible_step
 from osl_analysis.signals import LowPass, Motion, filtered_motion, runs

@@ -8,9 +8,9 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.bench.analysis import torque_errors
+from osl_analysis.bench.bench_settings import NOT_STATED
 from osl_analysis.bench.branch_curve import NORMAL_QUANTILE, straight_line
 from osl_analysis.bench.loop_cycles import Cycle, between_rests
-from osl_analysis.bench.settings import NOT_STATED
 from osl_analysis.bench.torque_angle import (
     TorqueAngleTrial,
     duration_s,

@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BeforeValidator, Field
 
-from osl_analysis.bench.settings import (
+from osl_analysis.bench.bench_settings import (
     ActuatorAnalysis,
     DynamometerAnalysis,
     ModelComparison,
@@ -21,7 +21,7 @@ from osl_analysis.files import default_config, root
 from osl_analysis.judge.claims import Claims
 from osl_analysis.judge.limits import DoubtfulFits, QualityRules
 from osl_analysis.model.compensator import Weight
-from osl_analysis.walking.settings import OvergroundAnalysis, WalkingAnalysis
+from osl_analysis.walking.walking_settings import OvergroundAnalysis, WalkingAnalysis
 from osl_analysis.yaml_settings import (
     AnySettings,
     Degrees,

@@ -12,6 +12,7 @@ from typing import Any
 
 import polars as pl
 
+from osl_analysis.bench import bench_settings as choices
 from osl_analysis.bench import (
     frequency_response,
     impedance,
@@ -20,7 +21,6 @@ from osl_analysis.bench import (
     torque_angle,
     torque_angle_tables,
 )
-from osl_analysis.bench import settings as choices
 from osl_analysis.bench.actuator_alone import ACTUATOR_PARAMETERS, actuator_table, actuator_trial
 from osl_analysis.bench.analysis import (
     QUANTITIES,

@@ -12,6 +12,7 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.bench.analysis import check_told
+from osl_analysis.bench.bench_settings import DynamometerAnalysis
 from osl_analysis.bench.gram import BY_REPEATS, BY_UNITS
 from osl_analysis.bench.planned_errors import KBI, Distortion, Sensors, eq15, planned_fit
 from osl_analysis.bench.planned_motion import (
@@ -25,7 +26,6 @@ from osl_analysis.bench.planned_motion import (
     long_enough,
 )
 from osl_analysis.bench.precision import Precision, precision
-from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.campaign.configuration import Config
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.signals import LowPass

@@ -11,11 +11,11 @@ import polars as pl
 
 from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.belt import belt_figure_points
+from osl_analysis.bench.bench_settings import ImpedanceAnalysis
 from osl_analysis.bench.component_summary import PLACE
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.recorded_motion import record_of_trial
-from osl_analysis.bench.settings import ImpedanceAnalysis
 from osl_analysis.campaign.configuration import FrequencyResponseFigure
 from osl_analysis.commands.walking import (
     commanded_over_stance,
@@ -43,8 +43,8 @@ from osl_analysis.table import read_table, with_evidence, write_table
 from osl_analysis.trial import read_trial
 from osl_analysis.walking.crossing import DOWN, UP
 from osl_analysis.walking.result_tables import trajectory_points, walking_page_points
-from osl_analysis.walking.settings import TimingSettings
 from osl_analysis.walking.unperturbed_gait import unperturbed_gait
+from osl_analysis.walking.walking_settings import TimingSettings
 
 # Formats, each with the entries of its metadata for what the data are, and for the time: equal
 # numbers give equal files

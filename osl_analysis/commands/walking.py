@@ -31,7 +31,7 @@ from osl_analysis.trial import (
     write_trial,
 )
 from osl_analysis.walking import result_tables
-from osl_analysis.walking import settings as choices
+from osl_analysis.walking import walking_settings as choices
 from osl_analysis.walking.crossing import (
     UP,
     Crossing,

@@ -21,12 +21,6 @@ from osl_analysis.judge.causes import (
     numbers_beyond,
     suspected_unit,
 )
-from osl_analysis.judge.effects import (
-    corrections,
-    estimate_column,
-    is_told,
-    is_within_accuracy,
-)
 from osl_analysis.judge.finding import (
     Accuracy,
     AnyRow,
@@ -37,6 +31,12 @@ from osl_analysis.judge.finding import (
     Remedy,
     cell_number,
     subject_of,
+)
+from osl_analysis.judge.moved_estimates import (
+    corrections,
+    estimate_column,
+    is_told,
+    is_within_accuracy,
 )
 from osl_analysis.stats.repeats import DOUBTFUL
 

@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 from osl_analysis.dictionary import own_yaml
 from osl_analysis.errors import nearest
 from osl_analysis.judge.causes import CAUSES, EVIDENCE, cause_of, suspected_unit
-from osl_analysis.judge.effects import estimate_column
 from osl_analysis.judge.finding import (
     ESTIMATES,
     AnyRow,
@@ -24,6 +23,7 @@ from osl_analysis.judge.finding import (
     cell_number,
 )
 from osl_analysis.judge.judging import MEASURED_BY
+from osl_analysis.judge.moved_estimates import estimate_column
 from osl_analysis.measured import significant
 from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.units import UNIT_FACTORS, known_factor

@@ -23,11 +23,11 @@ from osl_analysis.walking.passage import Passage, find_command, in_stance, recor
 from osl_analysis.walking.plate_model import PlateModel
 from osl_analysis.walking.platform import rotation_from_rest
 from osl_analysis.walking.poses import Poses, StaticCalibration, StoredArray
-from osl_analysis.walking.settings import CrossingSettings, FootSettings
 from osl_analysis.walking.setup_checks import check_onset, check_roll, check_side
 from osl_analysis.walking.shared_motion import NO_SHARED_MOTION, PlatformModel
 from osl_analysis.walking.stance import Stance, only_stance
 from osl_analysis.walking.torque_errors import LOG_ERRORS, ankle_torques, moving_plate
+from osl_analysis.walking.walking_settings import CrossingSettings, FootSettings
 
 # Directions of a perturbation in sheet and tables: toes up (dorsiflexion), and toes down
 UP, DOWN = "up", "down"

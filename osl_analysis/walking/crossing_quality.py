@@ -15,8 +15,8 @@ from osl_analysis.walking.ankle import Ankle, LoadOnFoot
 from osl_analysis.walking.passage import Passage, followed_segments
 from osl_analysis.walking.plate_model import PlateModel
 from osl_analysis.walking.poses import StaticCalibration
-from osl_analysis.walking.settings import CrossingSettings
 from osl_analysis.walking.setup_checks import FLAT, phases_between
+from osl_analysis.walking.walking_settings import CrossingSettings
 
 FEWEST_ENCODER_SAMPLES = 30  # that overlap with the markers
 LARGEST_DELAY_S = 0.05  # of the encoder, beyond which the clocks are not aligned

@@ -36,8 +36,8 @@ from osl_analysis.walking.isolated_response import (
     isolate_response,
 )
 from osl_analysis.walking.reactions import Reactions, fit_reactions
-from osl_analysis.walking.settings import EnsembleSettings
 from osl_analysis.walking.unperturbed_gait import UnperturbedGait
+from osl_analysis.walking.walking_settings import EnsembleSettings
 
 SEED = 20  # the same data give the same interval
 ESTIMATED = ("K", "B", "I")

@@ -14,7 +14,7 @@ from osl_analysis.errors import InputError, listing
 from osl_analysis.measured import check_finite
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing
-from osl_analysis.walking.settings import SelectionSettings
+from osl_analysis.walking.walking_settings import SelectionSettings
 
 # Columns of the sheet that can split results. Each value has a mean unperturbed gait of its own.
 STATED = ("group", "subject", "session", "side", "speed", "K_d", "B_d")

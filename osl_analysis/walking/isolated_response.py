@@ -15,7 +15,6 @@ from osl_analysis.errors import InputError
 from osl_analysis.signals import Motion, differentiate, sampling_rate
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing
-from osl_analysis.walking.settings import StanceSource, TimingSettings
 from osl_analysis.walking.unperturbed_gait import (
     BEFORE_ONSET_S,
     PHASES,
@@ -23,6 +22,7 @@ from osl_analysis.walking.unperturbed_gait import (
     aligned_gait,
     signal_at,
 )
+from osl_analysis.walking.walking_settings import StanceSource, TimingSettings
 
 # Samples at both ends of a response beyond what is used: a spline's derivatives are less accurate
 # at its ends

@@ -23,9 +23,9 @@ from osl_analysis.walking.plate import (
     wrench_reader,
 )
 from osl_analysis.walking.poses import Mask, marker_tracks
-from osl_analysis.walking.settings import OvergroundAnalysis
 from osl_analysis.walking.setup_checks import body_mass
 from osl_analysis.walking.stance import Stance, find_stances
+from osl_analysis.walking.walking_settings import OvergroundAnalysis
 
 SIDES = ("left", "right")
 CURVES = ("time_s", "phase", "moment", "reference_moment")  # (n,) each, of a row

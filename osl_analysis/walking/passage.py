@@ -17,10 +17,10 @@ from osl_analysis.walking.plate import (
     zeroed_wrench,
 )
 from osl_analysis.walking.poses import SEGMENTS, Mask, Poses, StaticCalibration
-from osl_analysis.walking.settings import CrossingSettings
 from osl_analysis.walking.setup_checks import check_onset, check_vertical
 from osl_analysis.walking.shared_motion import PlatformModel
 from osl_analysis.walking.stance import Stance, only_stance
+from osl_analysis.walking.walking_settings import CrossingSettings
 
 SPARE_S = 0.1  # before and after stance, for the low-pass
 COMMAND_LEAD_S = 0.25  # before heel strike, from which a command must rest

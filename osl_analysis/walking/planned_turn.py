@@ -18,8 +18,8 @@ from osl_analysis.signals import differentiate, sampling_rate
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.isolated_response import isolate_response
-from osl_analysis.walking.settings import ResponseSettings
 from osl_analysis.walking.unperturbed_gait import unperturbed_gait
+from osl_analysis.walking.walking_settings import ResponseSettings
 
 FEWEST_CROSSINGS = 4  # whose scatter tells something
 

@@ -15,8 +15,8 @@ from osl_analysis.errors import InputError
 from osl_analysis.plates import plate_axes
 from osl_analysis.signals import LowPass, longest_run, sampling_rate
 from osl_analysis.trial import AXES, Array, Trial, plate_columns
-from osl_analysis.walking.settings import CrossingSettings
 from osl_analysis.walking.stance import Stance
+from osl_analysis.walking.walking_settings import CrossingSettings
 
 # At its largest value for this time a force is at the plate's limit; gait is never so constant
 CLIPPED_S = 0.02

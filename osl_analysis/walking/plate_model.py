@@ -41,7 +41,7 @@ from osl_analysis.walking.poses import (
     StoredArray,
     cross_matrix,
 )
-from osl_analysis.walking.settings import PlateModelSettings
+from osl_analysis.walking.walking_settings import PlateModelSettings
 
 PARAMETERS = 10  # m, mc (x, y, z), I (xx, yy, zz, xy, xz, yz)
 # Weights of forces [m] and moments: a force's lever about the ankle is about 0.1 m

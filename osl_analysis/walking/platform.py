@@ -18,7 +18,7 @@ from osl_analysis.signals import LowPass, runs, sampling_rate
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking import poses as rigid
 from osl_analysis.walking.poses import BodyMotion, Mask, Poses, StaticCalibration
-from osl_analysis.walking.settings import CrossingSettings, PlatformSettings
+from osl_analysis.walking.walking_settings import CrossingSettings, PlatformSettings
 
 FEWEST_FRAMES = 10  # for a position at rest
 STILL = 7.0  # speed over its noise above which a platform moves; at rest, 1 frame in 10^7 is above

@@ -23,7 +23,7 @@ from pydantic import PlainSerializer, PlainValidator
 from osl_analysis.errors import InputError, nearest
 from osl_analysis.signals import differentiate
 from osl_analysis.trial import Array, Trial, marker_columns
-from osl_analysis.walking.settings import CalibrationSettings, MarkerSettings
+from osl_analysis.walking.walking_settings import CalibrationSettings, MarkerSettings
 
 Mask = NDArray[np.bool_]
 StoredArray = Annotated[

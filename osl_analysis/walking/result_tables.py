@@ -23,9 +23,9 @@ from osl_analysis.walking.group_checks import check_single
 from osl_analysis.walking.group_table import series_of
 from osl_analysis.walking.impedance_fit import fit_response
 from osl_analysis.walking.isolated_response import isolate_response
-from osl_analysis.walking.settings import ResponseSettings, TimingSettings, UnseenError
 from osl_analysis.walking.torque_errors import LABORATORY_ERRORS, LOG_ERRORS, UnseenErrorSize
 from osl_analysis.walking.unperturbed_gait import PHASES, UnperturbedGait
+from osl_analysis.walking.walking_settings import ResponseSettings, TimingSettings, UnseenError
 
 GROUP_QUANTITIES = ("K", "B", "I", "VAF")
 ENSEMBLE = "ensemble"

@@ -10,9 +10,9 @@ from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing, RefusedCrossing
 from osl_analysis.walking.groups import Place, Sheet, places, split_keys
 from osl_analysis.walking.poses import FREE_FALL, Mask
-from osl_analysis.walking.settings import OutlierRule, SelectionSettings
 from osl_analysis.walking.stance import SINGLE_SUPPORT
 from osl_analysis.walking.unperturbed_gait import PHASES, signal_at, stance_times
+from osl_analysis.walking.walking_settings import OutlierRule, SelectionSettings
 
 MAD_TO_SD = 1.4826  # from the median absolute deviation to the standard deviation of normal noise
 MUCH_BRIDGED = 0.05  # share of stance, from which hidden markers may be the cause of an outlier

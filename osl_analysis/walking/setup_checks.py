@@ -6,8 +6,8 @@ from osl_analysis.errors import InputError
 from osl_analysis.trial import AXES, Array, Trial
 from osl_analysis.walking.ankle import VERTICAL, LoadOnFoot
 from osl_analysis.walking.poses import Mask
-from osl_analysis.walking.settings import CrossingSettings
 from osl_analysis.walking.stance import Stance
+from osl_analysis.walking.walking_settings import CrossingSettings
 
 FLAT = (0.15, 0.35)  # phases of stance in which the foot is flat, before a perturbation
 LATE = (0.6, 0.85)  # phases of stance in which a walker pushes off

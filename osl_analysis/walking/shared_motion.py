@@ -25,7 +25,7 @@ from osl_analysis.walking.platform import (
     shared_directions,
 )
 from osl_analysis.walking.poses import BodyMotion, Mask, StaticCalibration, StoredArray
-from osl_analysis.walking.settings import CrossingSettings
+from osl_analysis.walking.walking_settings import CrossingSettings
 
 LEAD_S = 0.15  # from the begin of the shape to the middle of its rise
 TAIL_S = 0.05  # from the end of the window after the middle of the rise to the end of the shape

@@ -6,7 +6,7 @@ import numpy as np
 
 from osl_analysis.errors import InputError
 from osl_analysis.trial import Array
-from osl_analysis.walking.settings import CrossingSettings
+from osl_analysis.walking.walking_settings import CrossingSettings
 
 SINGLE_SUPPORT = (0.2, 0.8)  # phases of stance between which one foot carries the body
 

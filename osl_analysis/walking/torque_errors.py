@@ -18,7 +18,6 @@ from osl_analysis.walking.passage import Passage
 from osl_analysis.walking.plate import WrenchReader
 from osl_analysis.walking.plate_model import PlateModel, inertial_columns
 from osl_analysis.walking.poses import BodyMotion, StaticCalibration
-from osl_analysis.walking.settings import CrossingSettings
 from osl_analysis.walking.shared_motion import (
     Alignment,
     PlatformModel,
@@ -26,6 +25,7 @@ from osl_analysis.walking.shared_motion import (
     inertial_motion,
     jackknife_rows,
 )
+from osl_analysis.walking.walking_settings import CrossingSettings
 
 
 @dataclass(frozen=True)

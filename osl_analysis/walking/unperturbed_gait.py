@@ -19,7 +19,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.measured import rounding_of
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing
-from osl_analysis.walking.settings import StanceSource
+from osl_analysis.walking.walking_settings import StanceSource
 
 # Phases of stance at which crossings are sampled, finer than the frames
 PHASES = np.linspace(0.0, 1.0, 401)

@@ -22,6 +22,7 @@ from osl_analysis.bench.bench_settings import (
     ModelComparison,
     TimeBase,
 )
+from osl_analysis.bench.condition_tables import repeated_trials_table
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums, with_effects
 from osl_analysis.bench.frequency_response import impedance_over_frequency
 from osl_analysis.bench.impedance import (
@@ -29,7 +30,6 @@ from osl_analysis.bench.impedance import (
     impedance_table,
     judged_impedance,
     rendered_impedance,
-    repeated_trials_table,
 )
 from osl_analysis.bench.recorded_motion import record_of_trial, stated_windows
 from osl_analysis.campaign.configuration import read_section

@@ -17,12 +17,8 @@ from scipy.signal import butter, sosfiltfilt
 
 from osl_analysis.bench import prediction
 from osl_analysis.bench.bench_settings import FilterSettings
-from osl_analysis.bench.impedance import (
-    DesiredImpedance,
-    compensation_table,
-    rendered_impedance,
-    torque_error,
-)
+from osl_analysis.bench.condition_tables import compensation_table
+from osl_analysis.bench.impedance import DesiredImpedance, rendered_impedance, torque_error
 from osl_analysis.bench.prediction import (
     COMPONENTS,
     LAW_COLUMNS,

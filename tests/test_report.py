@@ -28,7 +28,8 @@ from tutorial_page import DOCS, FIGURE, LEFT_OUT, said_by_page
 
 from osl_analysis.bench.analysis import Series
 from osl_analysis.bench.belt import belt_table, fit_branches
-from osl_analysis.bench.impedance import impedance_table, rendered_impedance, repeated_trials_table
+from osl_analysis.bench.condition_tables import repeated_trials_table
+from osl_analysis.bench.impedance import impedance_table, rendered_impedance
 from osl_analysis.bench.transmission import transmission_of, transmission_table
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.campaign.origin import ABOUT_MEANING, sentence

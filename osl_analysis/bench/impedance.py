@@ -2,10 +2,7 @@
 over all, the impedance that the gains should render, and the evidence on which the estimates are
 judged."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from functools import partial
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 import polars as pl
@@ -22,31 +19,20 @@ from osl_analysis.bench.analysis import (
     plausible_impedance,
     share_of_inertia,
     turn_deg,
-    widened,
     without_lag,
 )
-from osl_analysis.bench.component_summary import PLACE
 from osl_analysis.bench.effects import IMPEDANCE, Fault
 from osl_analysis.bench.gram import FEWEST_UNITS, GroupFit, Sums, combined, estimates_of, solved
-from osl_analysis.bench.joint_inference import impedance_fits, misfit_of_losses
+from osl_analysis.bench.joint_inference import impedance_fits
 from osl_analysis.bench.record import Record, actuator_turns
 from osl_analysis.bench.row_groups import Label
-from osl_analysis.errors import InputError, nearest
+from osl_analysis.errors import nearest
 from osl_analysis.inference.constants import BLOCKS
 from osl_analysis.model.compensator import CONTROLLERS, Gains, Weight, select_gains
 from osl_analysis.model.drivetrain import DrivetrainParameters, joint_admittance
 from osl_analysis.signals.clock_drift import NO_DRIFT
 from osl_analysis.spectral.periods import distinct
-from osl_analysis.stats.regression import Row, estimates_row, lag_damping_row
-from osl_analysis.stats.repeats import (
-    alike_sizes,
-    counted,
-    doubtful_row,
-    over_repeats,
-    repeating_trials,
-    summary_row,
-)
-from osl_analysis.table import held_against_desired
+from osl_analysis.stats.regression import Row, lag_damping_row
 from osl_analysis.trial import Array
 
 
@@ -324,235 +310,3 @@ def torque_error(s: Sums, label: Label, desired: DesiredImpedance) -> float | No
     across = (total @ w)[[one, ramp]]
     left = float(w @ total @ w - across @ solved(total[own], across)[0])
     return float(np.sqrt(max(left, 0.0) / total[one, one]))
-
-
-@dataclass(frozen=True)
-class Known:
-    """A spring, an inertia, or both, that calibrate a bench."""
-
-    stiffness: float | None  # [N*m/rad]
-    inertia: float | None  # [kg*m^2]
-    share: float = 0.0  # their relative standard uncertainty
-
-
-SPRING_LOSS = 1e-3
-"""Half-width of the loss factor of a spring, tan(phase), about 0: steel and clamps have 1e-4 to
-1e-3."""
-
-
-def late_fits(record: Record, is_spring: bool) -> tuple[GroupFit, GroupFit]:
-    """Eq. 15 with friction and a late torque, as two fits. For a spring the second allows damping,
-    and the first is the same if this damping is certain, else without."""
-    few, model = record.coarse, {**IMPEDANCE, "T_C": "T_C"}
-    columns, centre = effects.effect_columns(record)
-    seek = partial(effects.late_fit, few, columns, centre=centre, rounded=record.rounded)
-    if not is_spring:
-        return (seek(model=model)[0],) * 2
-    bare, _ = seek(model={name: column for name, column in model.items() if name != "B"})
-    each = [seek(model=model, lag=lag) for lag in (0.0, bare["lag_s"])]
-    # beside a damping the search may end in the false minimum of a delay, or find none
-    both, _ = min(
-        each, key=lambda one: abs(one[1]) > effects.LAG_FOUND or one[0].interval("B")[1] < 0
-    )
-    return both if both["B"] > 0 and both.certain("B", effects.FALSE_ALARM) else bare, both
-
-
-def calibration_table(analysis: Analysis, known: Known) -> pl.DataFrame:
-    """The trial's row of `calibration.csv`: Eq. 15 of a known spring or inertia, with friction and
-    a late torque, and what else than a delay may make the torque late.
-
-    A spring has no damping beyond `SPRING_LOSS`, unless the fit that allows one, whose `B` is
-    given, is certain of it: torque in phase with the velocity, beside friction, is a delay. For an
-    inertia, higher derivatives tell a delay from the damping of its bearing. `gain` is the measured
-    K or I over the known one; the rest is the fixture's.
-
-    Raises InputError: nothing is known; IdentifiabilityError: as `fit_groups`."""
-    record, of = analysis.record, known.stiffness or known.inertia
-    if not of or of < 0:
-        raise InputError(
-            f"trial {record.name}: a calibration needs what is known; fill in known_K [N*m/rad] of"
-            " its spring, or known_I [kg*m^2] of its inertia, in the sample sheet"
-        )
-    main, beside = ("K", "I") if known.stiffness else ("I", "K")
-    fit, both = late_fits(record, known.stiffness is not None)
-    gain = fit[main] / of
-    check_resists(record.name, main, gain)
-    other = fit[beside] / gain
-    turn = np.zeros((3, len(fit.names)))
-    at, to = fit.names.index(main), fit.names.index(beside)
-    turn[0, fit.names.index("lag_s")], turn[1, at], turn[2, at], turn[2, to] = (
-        1.0,
-        1 / of,
-        -other / fit[main],
-        1 / gain,
-    )
-    name, taken = ("inertia", known.inertia or 0.0) if known.stiffness else ("weight", 0.0)
-    found = replace(
-        fit,
-        names=("lag_s", "gain", name),
-        estimates=np.array([fit["lag_s"], gain, other - taken]),
-        covariance=turn @ fit.covariance @ turn.T,
-        degrees_of_freedom=np.array([fit.freedom(one) for one in ("lag_s", main, beside)]),
-    )
-    found = widened(found, known.share * np.array([0.0, gain, other - taken]))
-    if fit is not both:
-        found = widened(
-            found,
-            np.array([SPRING_LOSS / (2 * np.pi * np.sqrt(np.prod(record.band_hz) * 3)), 0.0, 0.0]),
-        )
-    row = dict.fromkeys(
-        f"{one}{end}" for one in ("inertia", "weight") for end in ("", "_se", "_low", "_high")
-    )
-    row |= estimates_row(found, *found.names)
-    certain = {}
-    for one, off in (("lag_s", found["lag_s"]), ("gain", gain - 1)):
-        certain[one] = float(np.sign(off)) * max(
-            abs(off) - (found.interval(one)[1] - found[one]), 0.0
-        )
-    to_state = (
-        f"calibration: {{torque_gain: {found.se('gain'):.2g}, delay: {found.se('lag_s'):.2g}}}"
-    )
-    row |= {**estimates_row(both, "B"), **estimates_row(fit, "T_C"), **analysis.judged()}
-    row |= {
-        "certain_lag_s": certain["lag_s"],
-        "certain_gain_error": certain["gain"],
-        "to_state": to_state,
-    }
-    stated = {"known_K": known.stiffness, "known_I": known.inertia, "known_share": known.share}
-    row = {"trial": record.name, **stated, **row, **analysis.time_base_row(None, QUANTITIES)}
-    misfit = misfit_of_losses(record) if certain["lag_s"] else None
-    row |= {"explanations": misfit.explanations if misfit else None}
-    return pl.DataFrame([row], infer_schema_length=None).with_columns(
-        pl.col(pl.Null).cast(pl.Float64)
-    )
-
-
-def repeated_trials_table(impedance: pl.DataFrame) -> pl.DataFrame:
-    """A row per quantity and condition with two trials or more of like motion, with Student's
-    interval over the trials. Motions are alike in band, period and size (`alike_sizes`).
-
-    Each trial counts with its fit to all of its motion. The interval contains all that differs from
-    trial to trial, such as the distortion by friction of another realisation of a random motion,
-    which the interval of a single trial may not. Doubtful fits are left out if half of the trials
-    or more are sound. Trials without a stated K_d may each have been asked for another, so that
-    only `repeating_trials` of them are repeats."""
-    whole = (
-        impedance.filter(pl.col("amplitude_deg").is_null())
-        if "amplitude_deg" in impedance.columns
-        else impedance
-    )
-    same = ("joint", "side", "controller", "K_d", "B_d", "group", "excitation")
-    keys, rows = [name for name in same if name in whole.columns], list[dict[str, object]]()
-    sizes = [
-        name for name in ("band_high_hz", "period_s", "theta_rms_deg") if name in whole.columns
-    ]
-    told = whole.select("^(K|B|I|B_viscous|f_C)$").columns
-    own = (
-        pl.when(pl.col("K_d").is_null()).then(repeating_trials(whole))
-        if "K_d" in whole.columns
-        else pl.lit("")
-    )
-    for (*key, _), condition in whole.with_columns(own=own).group_by(
-        [*keys, "own"], maintain_order=True
-    ):
-        alike = [
-            alike_sizes(condition[name].cast(pl.Float64)).alias(f"{name}_alike") for name in sizes
-        ]
-        groups = condition.with_columns(alike).group_by(
-            [one.name for one in alike] or keys, maintain_order=True
-        )
-        for trials in (of_motion for _, of_motion in groups if len(of_motion) > 1):
-            used = counted(trials.with_columns(pl.col("^B_se_bench$").alias("B_viscous_se_bench")))
-            band = {
-                "band_low_hz": trials["band_low_hz"].min(),
-                "band_high_hz": trials["band_high_hz"].max(),
-            }
-            left_out = {**doubtful_row(trials), "n_left_out": len(trials) - len(used)}
-            said = {**dict(zip(keys, key, strict=True)), **band}
-            rows += [
-                {**said, "quantity": name, **summary_row(used, name), **left_out} for name in told
-            ]
-    if rows:
-        return pl.DataFrame(rows, infer_schema_length=None).filter(pl.col("n") > 0)
-    numbers = (
-        "band_low_hz",
-        "band_high_hz",
-        "n",
-        "mean",
-        "sd",
-        "se",
-        "low",
-        "high",
-        "n_doubtful",
-        "n_left_out",
-    )
-    texts = {
-        name: pl.String()
-        for name in (*keys, "quantity", "interval_method")
-        if name not in ("K_d", "B_d")
-    }
-    return pl.DataFrame(
-        schema={name: pl.Float64() for name in keys} | texts | dict.fromkeys(numbers, pl.Float64())
-    )
-
-
-COMPARED: Mapping[str, tuple[str, pl.Expr]] = {
-    "torque_error": ("N*m", pl.col("torque_error")),
-    "K_error": ("%", 100 * (pl.col("K") / pl.col("K_d") - 1).abs()),
-    "B_error": ("N*m*s/rad", (pl.col("B") - pl.col("B_d")).abs()),
-    "VAF": ("%", pl.col("VAF")),
-}
-"""Unit and value of each compared quantity; less is better, except for the VAF."""
-ASKED = (*PLACE, "K_d", "B_d")
-
-
-def compensation_table(impedance: pl.DataFrame) -> pl.DataFrame:
-    """`compensation.csv` from the rows of `impedance.csv`, of the trials that a mean counts
-    (`counted`).
-
-    Repeats of a condition count as their mean. The interval of a difference is Student's over pairs
-    of trials: amplitudes of one trial are no independent pairs. Amplitudes are the commanded ones;
-    where none is stated, the measured ones that are alike."""
-    size = "commanded_deg" if impedance["commanded_deg"].is_not_null().any() else "amplitude_deg"
-    used = counted(impedance)
-    sizes = alike_sizes(used[size].cast(pl.Float64))
-    known = held_against_desired(used).with_columns(sizes)
-    known = known.drop_nulls(["K_d", "B_d"]).filter(pl.col("K_d") != 0)
-    values = {name: value.mean() for name, (_, value) in COMPARED.items()}
-    means = known.group_by(*ASKED, size, "controller").agg(**values)
-    sides = [means.filter(pl.col("controller") == name).drop("controller") for name in CONTROLLERS]
-    both = sides[0].join(sides[1], on=[*ASKED, size], nulls_equal=True).sort(*ASKED, size)
-    whole, single = (both.filter(pl.col(size).is_null() == of_whole) for of_whole in (True, False))
-    sets = [("trials", None, whole), ("amplitudes", None, single)]
-    for by, rows in (("K_d", whole), ("B_d", whole), (size, single)):
-        sets += [(by, at, rows.filter(pl.col(by) == at)) for at in rows[by].unique().sort()]
-    found = []
-    for by, at, rows in sets:
-        for of_place in rows.partition_by(PLACE, maintain_order=True):
-            place = of_place.select(PLACE).row(0, named=True)
-            found += [{**place, **paired(of_place, name), "by": by, "at": at} for name in COMPARED]
-    types: dict[str, Any] = dict.fromkeys((*PLACE, "quantity", "unit", "by"), pl.String) | {
-        "at": pl.Float64
-    }
-    types |= {"pairs": pl.Int64, "better": pl.Int64} | dict.fromkeys(
-        ("compensated", "uncompensated"), pl.Float64
-    )
-    types |= dict.fromkeys(("difference", "difference_low", "difference_high"), pl.Float64)
-    return pl.DataFrame(found, schema=types)
-
-
-def paired(pairs: pl.DataFrame, name: str) -> dict[str, Any]:
-    """The comparison of one quantity over pairs."""
-    difference = pairs[name] - pairs[f"{name}_right"]
-    by_trial = (
-        pairs.select("K_d", "B_d", difference=difference)
-        .group_by("K_d", "B_d")
-        .agg(pl.col("difference").mean())
-    )
-    better = int((difference > 0 if name == "VAF" else difference < 0).sum())
-    row = {"quantity": name, "unit": COMPARED[name][0], "pairs": len(pairs), "better": better}
-    row |= {"compensated": pairs[name].mean(), "uncompensated": pairs[f"{name}_right"].mean()}
-    values = np.sort(by_trial["difference"].to_numpy())
-    found = over_repeats(values) if len(values) > 1 else None
-    row |= {"difference": values.mean() if len(values) else None}
-    return row | {f"difference_{end}": found and getattr(found, end) for end in ("low", "high")}

@@ -14,8 +14,10 @@ import polars as pl
 
 from osl_analysis.bench import bench_settings as choices
 from osl_analysis.bench import (
+    condition_tables,
     frequency_response,
     impedance,
+    known_spring,
     phasors,
     prediction,
     torque_angle,
@@ -175,14 +177,14 @@ def fit_calibration_trial(
     """What a bench reads of a spring or an inertia that is known; `condition` has the columns
     `known_...`."""
     stated = condition or {}
-    known = impedance.Known(
+    known = known_spring.Known(
         stated.get("known_K"), stated.get("known_I"), (stated.get("known_percent") or 0.0) / 100
     )
     check_recording(trial, settings)
     rails = saturated(trial, "torque", "theta")
     record = record_of_trial(trial, settings)
     analysis = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE)
-    table = impedance.calibration_table(analysis, known).with_columns(rails)
+    table = known_spring.calibration_table(analysis, known).with_columns(rails)
     return tables_of_fit(
         analysis.series(), lambda: {"timebase": analysis.time_base(QUANTITIES)}, calibration=table
     )
@@ -193,7 +195,7 @@ def summarise(table: Path, output: Path, data: str = "") -> None:
     several trials, the frequency response averaged over the amplitudes, the summary of a part."""
     by_amplitude = ("amplitude_deg", "doubtful")
     derived: Mapping[str, tuple[Sequence[str], Callable[[pl.DataFrame], pl.DataFrame]]] = {
-        "impedance": (by_amplitude, impedance.repeated_trials_table),
+        "impedance": (by_amplitude, condition_tables.repeated_trials_table),
         "phasors": (by_amplitude, frequency_response.frequency_response_table),
     }
     needed, computed = derived.get(table.stem, ((), partial(part_summary, table.stem)))
@@ -213,7 +215,7 @@ def compare_controllers(table: Path, output: Path, data: str = "") -> None:
         "VAF",
         "torque_error",
     )
-    write_table(impedance.compensation_table(read_table(table, needed)), output, data)
+    write_table(condition_tables.compensation_table(read_table(table, needed)), output, data)
 
 
 def gather_predictions(

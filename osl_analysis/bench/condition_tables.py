@@ -1,0 +1,167 @@
+"""Tables over trials of one condition: repeats, and controllers beside each other."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from osl_analysis.bench.component_summary import PLACE
+from osl_analysis.model.compensator import CONTROLLERS
+from osl_analysis.stats.repeats import (
+    alike_sizes,
+    counted,
+    doubtful_row,
+    over_repeats,
+    repeating_trials,
+    summary_row,
+)
+from osl_analysis.table import held_against_desired
+
+OF_CONDITION = ("joint", "side", "controller", "K_d", "B_d", "group", "excitation")
+"""Columns in which trials of one condition agree."""
+OF_MOTION = ("band_high_hz", "period_s", "theta_rms_deg")
+"""Columns in which motions that are alike are near each other."""
+NUMBERS_OF_REPEATS = (
+    "band_low_hz",
+    "band_high_hz",
+    "n",
+    "mean",
+    "sd",
+    "se",
+    "low",
+    "high",
+    "n_doubtful",
+    "n_left_out",
+)
+
+
+def repeated_trials_table(impedance: pl.DataFrame) -> pl.DataFrame:
+    """A row per quantity and condition with two trials or more of like motion, with Student's
+    interval over the trials. Motions are alike in band, period and size (`alike_sizes`).
+
+    Each trial counts with its fit to all of its motion. The interval contains all that differs from
+    trial to trial, such as the distortion by friction of another realisation of a random motion,
+    which the interval of a single trial may not. Doubtful fits are left out if half of the trials
+    or more are sound. Trials without a stated K_d may each have been asked for another, so that
+    only `repeating_trials` of them are repeats.
+    """
+    whole = impedance
+    if "amplitude_deg" in impedance.columns:
+        whole = impedance.filter(pl.col("amplitude_deg").is_null())
+    keys = [name for name in OF_CONDITION if name in whole.columns]
+    sizes = [name for name in OF_MOTION if name in whole.columns]
+    quantities = whole.select("^(K|B|I|B_viscous|f_C)$").columns
+    repeats_of = pl.lit("")
+    if "K_d" in whole.columns:
+        repeats_of = pl.when(pl.col("K_d").is_null()).then(repeating_trials(whole))
+
+    rows = list[dict[str, object]]()
+    conditions = whole.with_columns(own=repeats_of).group_by([*keys, "own"], maintain_order=True)
+    for (*key, _), condition in conditions:
+        alike = [
+            alike_sizes(condition[name].cast(pl.Float64)).alias(f"{name}_alike") for name in sizes
+        ]
+        names = [column.name for column in alike] or keys
+        motions = condition.with_columns(alike).group_by(names, maintain_order=True)
+        for _, trials in motions:
+            if len(trials) < 2:
+                continue
+            se_bench = pl.col("^B_se_bench$").alias("B_viscous_se_bench")
+            used = counted(trials.with_columns(se_bench))
+            for quantity in quantities:
+                rows.append(
+                    {
+                        **dict(zip(keys, key, strict=True)),
+                        "band_low_hz": trials["band_low_hz"].min(),
+                        "band_high_hz": trials["band_high_hz"].max(),
+                        "quantity": quantity,
+                        **summary_row(used, quantity),
+                        **doubtful_row(trials),
+                        "n_left_out": len(trials) - len(used),
+                    }
+                )
+    if rows:
+        return pl.DataFrame(rows, infer_schema_length=None).filter(pl.col("n") > 0)
+    schema: dict[str, pl.DataType] = {}
+    for name in (*keys, "quantity", "interval_method"):
+        schema[name] = pl.Float64() if name in ("K_d", "B_d") else pl.String()
+    for name in NUMBERS_OF_REPEATS:
+        schema[name] = pl.Float64()
+    return pl.DataFrame(schema=schema)
+
+
+COMPARED: Mapping[str, tuple[str, pl.Expr]] = {
+    "torque_error": ("N*m", pl.col("torque_error")),
+    "K_error": ("%", 100 * (pl.col("K") / pl.col("K_d") - 1).abs()),
+    "B_error": ("N*m*s/rad", (pl.col("B") - pl.col("B_d")).abs()),
+    "VAF": ("%", pl.col("VAF")),
+}
+"""Unit and value of each compared quantity; less is better, except for the VAF."""
+ASKED = (*PLACE, "K_d", "B_d")
+COMPENSATION_TYPES: Mapping[str, type[pl.DataType]] = {
+    **dict.fromkeys((*PLACE, "quantity", "unit", "by"), pl.String),
+    "at": pl.Float64,
+    "pairs": pl.Int64,
+    "better": pl.Int64,
+    **dict.fromkeys(("compensated", "uncompensated"), pl.Float64),
+    **dict.fromkeys(("difference", "difference_low", "difference_high"), pl.Float64),
+}
+"""Columns of `compensation.csv`."""
+
+
+def compensation_table(impedance: pl.DataFrame) -> pl.DataFrame:
+    """`compensation.csv` from the rows of `impedance.csv`, of the trials that a mean counts
+    (`counted`).
+
+    Repeats of a condition count as their mean. The interval of a difference is Student's over pairs
+    of trials: amplitudes of one trial are no independent pairs. Amplitudes are the commanded ones;
+    where none is stated, the measured ones that are alike."""
+    size = "commanded_deg" if impedance["commanded_deg"].is_not_null().any() else "amplitude_deg"
+    used = counted(impedance)
+    sizes = alike_sizes(used[size].cast(pl.Float64))
+    known = held_against_desired(used).with_columns(sizes)
+    known = known.drop_nulls(["K_d", "B_d"]).filter(pl.col("K_d") != 0)
+    values = {name: value.mean() for name, (_, value) in COMPARED.items()}
+    means = known.group_by(*ASKED, size, "controller").agg(**values)
+    sides = [means.filter(pl.col("controller") == name).drop("controller") for name in CONTROLLERS]
+    both = sides[0].join(sides[1], on=[*ASKED, size], nulls_equal=True).sort(*ASKED, size)
+    whole, single = (both.filter(pl.col(size).is_null() == of_whole) for of_whole in (True, False))
+    sets = [("trials", None, whole), ("amplitudes", None, single)]
+    for by, rows in (("K_d", whole), ("B_d", whole), (size, single)):
+        sets += [(by, at, rows.filter(pl.col(by) == at)) for at in rows[by].unique().sort()]
+    found = []
+    for by, at, rows in sets:
+        for of_place in rows.partition_by(PLACE, maintain_order=True):
+            place = of_place.select(PLACE).row(0, named=True)
+            found += [{**place, **paired(of_place, name), "by": by, "at": at} for name in COMPARED]
+    return pl.DataFrame(found, schema=dict(COMPENSATION_TYPES))
+
+
+def paired(pairs: pl.DataFrame, name: str) -> dict[str, Any]:
+    """The comparison of one quantity over pairs."""
+    difference = pairs[name] - pairs[f"{name}_right"]
+    is_better = difference > 0 if name == "VAF" else difference < 0
+    by_trial = (
+        pairs.select("K_d", "B_d", difference=difference)
+        .group_by("K_d", "B_d")
+        .agg(pl.col("difference").mean())
+    )
+    values = np.sort(by_trial["difference"].to_numpy())
+    row: dict[str, Any] = {
+        "quantity": name,
+        "unit": COMPARED[name][0],
+        "pairs": len(pairs),
+        "better": int(is_better.sum()),
+        "compensated": pairs[name].mean(),
+        "uncompensated": pairs[f"{name}_right"].mean(),
+        "difference": values.mean() if len(values) else None,
+        "difference_low": None,
+        "difference_high": None,
+    }
+    if len(values) > 1:
+        over_trials = over_repeats(values)
+        if over_trials is not None:
+            row["difference_low"] = over_trials.low
+            row["difference_high"] = over_trials.high
+    return row

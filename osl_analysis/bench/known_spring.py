@@ -1,0 +1,175 @@
+"""A known spring or inertia on the bench, which gives its lag and gain."""
+
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+import polars as pl
+
+from osl_analysis.bench import effects
+from osl_analysis.bench.analysis import QUANTITIES, Analysis, check_resists, widened
+from osl_analysis.bench.effects import IMPEDANCE
+from osl_analysis.bench.gram import GroupFit
+from osl_analysis.bench.joint_inference import misfit_of_losses
+from osl_analysis.bench.record import Record
+from osl_analysis.errors import InputError
+from osl_analysis.stats.regression import Row, estimates_row
+from osl_analysis.trial import Array
+
+SPRING_LOSS = 1e-3
+"""Half-width of the loss factor of a spring, tan(phase), about 0: steel and clamps have 1e-4 to
+1e-3."""
+ENDINGS = ("", "_se", "_low", "_high")
+
+
+@dataclass(frozen=True)
+class Known:
+    """A spring, an inertia, or both, that calibrate a bench."""
+
+    stiffness: float | None  # [N*m/rad]
+    inertia: float | None  # [kg*m^2]
+    share: float = 0.0  # their relative standard uncertainty
+
+
+@dataclass(frozen=True)
+class LateFits:
+    """Eq. 15 with friction and a late torque.
+
+    Attributes
+    ----------
+    counted : GroupFit
+        The fit that counts: of a spring without damping, unless this is certain.
+    damped : GroupFit
+        The fit that allows damping.
+    """
+
+    counted: GroupFit
+    damped: GroupFit
+
+
+def late_fits(record: Record, is_spring: bool) -> LateFits:
+    """Fit Eq. 15 with friction and a late torque."""
+    few = record.coarse
+    model = {**IMPEDANCE, "T_C": "T_C"}
+    columns, centre = effects.effect_columns(record)
+    late_fit = partial(effects.late_fit, few, columns, centre=centre, rounded=record.rounded)
+    if not is_spring:
+        fit, _ = late_fit(model=model)
+        return LateFits(fit, fit)
+
+    undamped_model = {name: column for name, column in model.items() if name != "B"}
+    undamped, _ = late_fit(model=undamped_model)
+
+    def is_unlikely(found: tuple[GroupFit, float]) -> bool:
+        """Whether the search has not ended, or ended in the false minimum of a delay, beside a
+        negative damping."""
+        fit, last_step = found
+        return abs(last_step) > effects.LAG_FOUND or fit.interval("B")[1] < 0
+
+    tried = [late_fit(model=model, lag=lag) for lag in (0.0, undamped["lag_s"])]
+    damped, _ = min(tried, key=is_unlikely)
+    is_damped = damped["B"] > 0 and damped.certain("B", effects.FALSE_ALARM)
+    return LateFits(damped if is_damped else undamped, damped)
+
+
+def calibration_table(analysis: Analysis, known: Known) -> pl.DataFrame:
+    """The trial's row of `calibration.csv`: Eq. 15 of a known spring or inertia, with friction and
+    a late torque, and what else than a delay may make the torque late.
+
+    A spring has no damping beyond `SPRING_LOSS`, unless the fit that allows one, whose `B` is
+    given, is certain of it: torque in phase with the velocity, beside friction, is a delay. For an
+    inertia, higher derivatives tell a delay from the damping of its bearing. `gain` is the measured
+    K or I over the known one; the rest is the fixture's.
+
+    Raises
+    ------
+    InputError
+        Nothing is known.
+    IdentifiabilityError
+        As `fit_groups`.
+    """
+    record = analysis.record
+    of = known.stiffness or known.inertia
+    if not of or of < 0:
+        raise InputError(
+            f"trial {record.name}: a calibration needs what is known; fill in known_K [N*m/rad] of"
+            " its spring, or known_I [kg*m^2] of its inertia, in the sample sheet"
+        )
+    fits = late_fits(record, known.stiffness is not None)
+    fit = bench_estimates(record, fits, known, of)
+    lag_s, gain = fit["lag_s"], fit["gain"]
+    certain_lag = beyond_interval(fit, "lag_s", lag_s)
+    explanations = None
+    if certain_lag:
+        misfit = misfit_of_losses(record)
+        explanations = misfit.explanations if misfit else None
+
+    fixture: Row = {}
+    for name in ("inertia", "weight"):
+        for ending in ENDINGS:
+            fixture[f"{name}{ending}"] = None
+    row: Row = {
+        "trial": record.name,
+        "known_K": known.stiffness,
+        "known_I": known.inertia,
+        "known_share": known.share,
+        **fixture,
+        **estimates_row(fit, *fit.names),
+        **estimates_row(fits.damped, "B"),
+        **estimates_row(fits.counted, "T_C"),
+        **analysis.judged(),
+        "certain_lag_s": certain_lag,
+        "certain_gain_error": beyond_interval(fit, "gain", gain - 1),
+        "to_state": (
+            f"calibration: {{torque_gain: {fit.se('gain'):.2g}, delay: {fit.se('lag_s'):.2g}}}"
+        ),
+        **analysis.time_base_row(None, QUANTITIES),
+        "explanations": explanations,
+    }
+    table = pl.DataFrame([row], infer_schema_length=None)
+    return table.with_columns(pl.col(pl.Null).cast(pl.Float64))
+
+
+def bench_estimates(record: Record, fits: LateFits, known: Known, of: float) -> GroupFit:
+    """Lag, gain, and the fixture's inertia or weight, from a fit of what is known to be `of`."""
+    fit = fits.counted
+    if known.stiffness:
+        main, beside, name, taken = "K", "I", "inertia", known.inertia or 0.0
+    else:
+        main, beside, name, taken = "I", "K", "weight", 0.0
+    gain = fit[main] / of
+    check_resists(record.name, main, gain)
+    other = fit[beside] / gain
+
+    # derivatives of lag, gain and the other one by the estimates
+    change = np.zeros((3, len(fit.names)))
+    at_main, at_beside = fit.names.index(main), fit.names.index(beside)
+    change[0, fit.names.index("lag_s")] = 1.0
+    change[1, at_main] = 1 / of
+    change[2, at_main] = -other / fit[main]
+    change[2, at_beside] = 1 / gain
+    found = replace(
+        fit,
+        names=("lag_s", "gain", name),
+        estimates=np.array([fit["lag_s"], gain, other - taken]),
+        covariance=change @ fit.covariance @ change.T,
+        degrees_of_freedom=np.array([fit.freedom(each) for each in ("lag_s", main, beside)]),
+    )
+    found = widened(found, known.share * np.array([0.0, gain, other - taken]))
+    if fit is not fits.damped:
+        found = widened(found, lag_of_loss(record.band_hz))
+    return found
+
+
+def lag_of_loss(band_hz: tuple[float, float]) -> Array:
+    """Standard deviation (3,) of the lag [s] that a spring's own loss makes, in the middle of a
+    band."""
+    lowest, highest = band_hz
+    sd = SPRING_LOSS / (2 * np.pi * np.sqrt(np.prod([lowest, highest]) * 3))
+    return np.array([sd, 0.0, 0.0])
+
+
+def beyond_interval(fit: GroupFit, name: str, difference: float) -> float:
+    """A difference of an estimate from what it should be, less the half-width of its interval."""
+    half_width = fit.interval(name)[1] - fit[name]
+    return float(np.sign(difference)) * max(abs(difference) - half_width, 0.0)

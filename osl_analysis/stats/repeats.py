@@ -35,6 +35,7 @@ class Repeats:
     interval_method: str | None = None  # which of the two; None without an interval
 
 
+NORMAL_97_5 = 1.96  # quantile of the normal distribution, for the 95 % interval
 REPEATS_WITHIN = {
     "band_high_hz": 1.15,
     "period_s": 1.15,
@@ -50,16 +51,17 @@ def repeating_trials(table: pl.DataFrame) -> pl.Series:
     """The name of the first trial that each trial of a table (n,) repeats, by all measured values;
     most repeat only themselves. A trial with certain friction (`B_viscous`) repeats none
     without."""
-    known = {name: ratio for name, ratio in REPEATS_WITHIN.items() if name in table.columns}
-    same = [
-        alike_sizes(table[name].cast(pl.Float64), ratio).alias(name)
-        for name, ratio in known.items()
-    ]
-    same += [table[name].is_null() for name in ("B_viscous",) if name in table.columns]
-    motion = [name for name in ("excitation",) if name in table.columns]
-    return table.with_columns(*same).select(
-        pl.col("trial").first().over(*motion, *(one.name for one in same))
-    )["trial"]
+    labels = []
+    for name, ratio in REPEATS_WITHIN.items():
+        if name in table.columns:
+            labels.append(alike_sizes(table[name].cast(pl.Float64), ratio).alias(name))
+    if "B_viscous" in table.columns:
+        labels.append(table["B_viscous"].is_null())
+    names = [label.name for label in labels]
+    if "excitation" in table.columns:
+        names.insert(0, "excitation")
+    first = pl.col("trial").first().over(*names)
+    return table.with_columns(*labels).select(first)["trial"]
 
 
 def alike_sizes(sizes: pl.Series, ratio: float = 1.15) -> pl.Series:
@@ -78,14 +80,12 @@ def alike_sizes(sizes: pl.Series, ratio: float = 1.15) -> pl.Series:
 def sizes_said(sizes: pl.Series) -> list[str]:
     """The measured amplitudes [deg] or frequencies [Hz] (n,) of each of `alike_sizes`, upwards: to
     three digits, and from the lowest to the highest where these are more than a hundredth apart."""
-    of = pl.DataFrame({"size": sizes, "label": alike_sizes(sizes)}).drop_nulls()
-    ends = (
-        of.group_by("label").agg(low=pl.col("size").min(), high=pl.col("size").max()).sort("label")
-    )
-    return [
-        f"{low:.3g} to {high:.3g}" if high > 1.01 * low else f"{of:.3g}"
-        for of, low, high in ends.iter_rows()
-    ]
+    labelled = pl.DataFrame({"size": sizes, "label": alike_sizes(sizes)}).drop_nulls()
+    ends = labelled.group_by("label").agg(low=pl.col("size").min(), high=pl.col("size").max())
+    texts = []
+    for label, low, high in ends.sort("label").iter_rows():
+        texts.append(f"{low:.3g} to {high:.3g}" if high > 1.01 * low else f"{label:.3g}")
+    return texts
 
 
 CommonError = tuple[float, float]
@@ -99,38 +99,62 @@ def over_repeats(
     kinds: ArrayLike | None = None,
     halves: ArrayLike = (),
 ) -> Repeats:
-    """Summary of one estimate per trial, shape (n,). Standard error and interval include the
-    `common` errors. Trials of different `kinds` (n,) count as one mean per kind, so that
-    differences between kinds are no scatter; `sd` is the scatter within kinds. `halves` are the
-    half-widths (n,) of the trials' own 95 % intervals: trials that agree by luck do not know their
-    mean better than these allow. Raises InputError: fewer than two trials of a kind, or a value
-    cannot be measured."""
+    """Summarise one estimate per trial.
+
+    Parameters
+    ----------
+    values : (n,)
+        The estimates, in one unit.
+    common
+        Errors that all trials share, which standard error and interval include.
+    kinds : (n,)
+        Trials of different kinds count as one mean per kind, so that differences between kinds are
+        no scatter; `sd` is the scatter within kinds.
+    halves : (n,)
+        Half-widths of the trials' own 95 % intervals: trials that agree by luck do not know their
+        mean better than these allow.
+
+    Raises
+    ------
+    InputError
+        There are fewer than two trials of a kind, or a value cannot be measured.
+    """
     values = np.asarray(values, dtype=float)
     check_measured("the estimate of a trial", values)
     labels = np.zeros(len(values)) if kinds is None else np.asarray(kinds)
     parts = [values[labels == kind] for kind in np.unique(labels)] or [values]
-    least = min(len(part) for part in parts)
-    if least < 2:
+    fewest = min(len(part) for part in parts)
+    if fewest < 2:
         raise InputError(
-            f"{least} trial cannot give a scatter; repeat the experiment at least twice"
+            f"{fewest} trial cannot give a scatter; repeat the experiment at least twice"
         )
+    mean = float(np.mean([np.mean(part) for part in parts]))
     scatter = [float(np.var(part, ddof=1)) for part in parts]
     freedom = [len(part) - 1 for part in parts]
-    mean = float(np.mean([np.mean(part) for part in parts]))
-    sd = float(np.sqrt(np.average(scatter, weights=freedom)))
-    of_means = [s / len(part) / len(parts) ** 2 for s, part in zip(scatter, parts, strict=True)]
-    variances = [*of_means, *(variance for variance, _ in common)]
+    of_means = [
+        variance / len(part) / len(parts) ** 2
+        for variance, part in zip(scatter, parts, strict=True)
+    ]
+    of_common = [variance for variance, _ in common]
+    freedom_of_common = [degrees for _, degrees in common]
+
+    variances = [*of_means, *of_common]
     se = float(np.sqrt(sum(variances)))
-    each = [*freedom, *(of_common for _, of_common in common)]
-    half = float(scipy.special.stdtrit(welch_satterthwaite(variances, each), 0.975)) * se
-    own = float(
-        np.hypot(
-            np.linalg.norm(halves) / len(values), 1.96 * np.sqrt(sum(one for one, _ in common))
-        )
+    degrees = welch_satterthwaite(variances, [*freedom, *freedom_of_common])
+    by_scatter = float(scipy.special.stdtrit(degrees, 0.975)) * se
+    by_trials = np.linalg.norm(halves) / len(values)
+    by_own = float(np.hypot(by_trials, NORMAL_97_5 * np.sqrt(sum(of_common))))
+    method = "errors of the trials" if by_own > by_scatter and np.any(halves) else "Student"
+    half = max(by_scatter, by_own)
+    return Repeats(
+        n=len(values),
+        mean=mean,
+        sd=float(np.sqrt(np.average(scatter, weights=freedom))),
+        se=max(se, by_own / NORMAL_97_5),
+        low=mean - half,
+        high=mean + half,
+        interval_method=method,
     )
-    method = "errors of the trials" if own > half and np.any(halves) else "Student"
-    half, se = max(half, own), max(se, own / 1.96)
-    return Repeats(len(values), mean, sd, se, mean - half, mean + half, method)
 
 
 def summary_row(table: pl.DataFrame, name: str) -> dict[str, float | str | None]:
@@ -139,28 +163,26 @@ def summary_row(table: pl.DataFrame, name: str) -> dict[str, float | str | None]
     trial gives n and mean."""
     used = table.filter(pl.col(name).cast(pl.Float64).is_not_nan())
     numbers = used[name].cast(pl.Float64)
-    if len(numbers) >= 2:
-        known = (
-            used[f"{name}_se_bench"].fill_null(0.0).to_numpy()
-            if f"{name}_se_bench" in table.columns
-            else 0.0
-        )
-        shared = float(np.mean(np.square(known)))
-        bounds = [
-            used[end].to_numpy() for end in (f"{name}_high", f"{name}_low") if end in table.columns
-        ]
-        halves = np.nan_to_num(np.subtract(*bounds) / 2) if len(bounds) == 2 else ()
-        common = [(shared, np.inf)] if shared else []
-        found = over_repeats(numbers.to_numpy(), common, halves=halves)
-        return asdict(found) | (
-            {"interval_method": f"{found.interval_method} + bench"} if shared else {}
-        )
-    mean = float(numbers[0]) if len(numbers) else None
-    return {
-        "n": len(numbers),
-        "mean": mean,
-        **dict.fromkeys(("sd", "se", "low", "high", "interval_method")),
-    }
+    if len(numbers) < 2:
+        row: dict[str, float | str | None] = {"n": len(numbers), "mean": None}
+        if len(numbers) == 1:
+            row["mean"] = float(numbers[0])
+        row.update(dict.fromkeys(("sd", "se", "low", "high", "interval_method")))
+        return row
+
+    shared = 0.0
+    if f"{name}_se_bench" in table.columns:
+        of_bench = used[f"{name}_se_bench"].fill_null(0.0).to_numpy()
+        shared = float(np.mean(np.square(of_bench)))
+    halves: ArrayLike = ()
+    if {f"{name}_low", f"{name}_high"} <= set(table.columns):
+        widths = used[f"{name}_high"].to_numpy() - used[f"{name}_low"].to_numpy()
+        halves = np.nan_to_num(widths / 2)
+    common = [(shared, np.inf)] if shared else []
+    row = asdict(over_repeats(numbers.to_numpy(), common, halves=halves))
+    if shared:
+        row["interval_method"] = f"{row['interval_method']} + bench"
+    return row
 
 
 def doubtful_count(table: pl.DataFrame) -> tuple[int, int]:
@@ -271,21 +293,23 @@ def welch(a: Sequence[float] | Array, b: Sequence[float] | Array, method: str) -
 def with_bench(found: Difference, se: float) -> Difference:
     """A difference with the benches' calibration error, of standard error `se`, which no scatter of
     trials shows."""
-    estimate, low, high, method = found
+    estimate, low, high = found.estimate, found.low, found.high
     if estimate is None or low is None or high is None or not se:
         return found
     half = float(scipy.special.ndtri(0.975)) * se
     below, above = (math.hypot(end - estimate, half) for end in (low, high))
-    return Difference(estimate, estimate - below, estimate + above, f"{method} + bench")
+    return Difference(estimate, estimate - below, estimate + above, f"{found.method} + bench")
 
 
 def of_intervals(a: Sample, b: Sample) -> Difference:
     """B - A of two independent numbers, each a sample of one condition with estimate, low and high
     of its own interval, which may be asymmetric: each end combines the ends that it depends on (Zou
     and Donner, Stat. Med. 27, 2008)."""
-    ((x, x_low, x_high),), ((y, y_low, y_high),) = a.values(), b.values()
-    low, high = y - x - math.hypot(y - y_low, x_high - x), y - x + math.hypot(y_high - y, x - x_low)
-    return Difference(y - x, low, high, "intervals of both")
+    ((x, x_low, x_high),) = a.values()
+    ((y, y_low, y_high),) = b.values()
+    below = math.hypot(y - y_low, x_high - x)
+    above = math.hypot(y_high - y, x - x_low)
+    return Difference(y - x, y - x - below, y - x + above, "intervals of both")
 
 
 def equivalence(

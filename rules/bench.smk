@@ -1,6 +1,8 @@
 """Trial -> rows of its fit, by experiment.
 
-The first file has the estimates, `others` is an archive of the other tables of the trial.
+The first file has the estimates, `others` is an archive of the other tables of the trial. The line
+`job("bench.fit_belt_trial", ...)` calls `fit_belt_trial` of osl_analysis/commands/bench.py with the
+inputs and params by their names, and writes the tables that it returns.
 """
 
 

@@ -27,8 +27,8 @@ from osl_analysis.bench.effects import IMPEDANCE, plain_sums, with_effects
 from osl_analysis.bench.frequency_response import impedance_over_frequency
 from osl_analysis.bench.impedance import (
     DesiredImpedance,
+    fit_and_judge_impedance,
     impedance_table,
-    judged_impedance,
     rendered_impedance,
 )
 from osl_analysis.bench.recorded_motion import record_of_trial, stated_windows
@@ -228,7 +228,7 @@ def test_what_the_gains_should_give_is_what_the_torque_of_the_linear_model_gives
         np.fft.irfft(spectrum / expected(s) * np.exp(-s * d), len(theta)) for d in (0.0, 3e-4)
     )
     record = moving_record(trial := made_trial(rng, motion, K=0.0, B=0.0, I=0.0, more=late))
-    table = judged_impedance(
+    table = fit_and_judge_impedance(
         record, examine.saturated(trial), p, asked, asked.gains(p, PAPER_WEIGHT)
     )[1]
     on_time = row_of(made_trial(rng, motion, K=0.0, B=0.0, I=0.0, more=torque))
@@ -261,7 +261,7 @@ def test_the_b_of_a_compensated_leg_is_held_against_that_of_its_gains(late):
     record = moving_record(
         trial := made_trial(np.random.default_rng(3), motion, K=0.0, B=0.0, I=0.0, more=torque)
     )
-    table = judged_impedance(
+    table = fit_and_judge_impedance(
         record, examine.saturated(trial), p, asked, asked.gains(p, PAPER_WEIGHT)
     )[1]
     size = np.std(torque) / np.std(theta)

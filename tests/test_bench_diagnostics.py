@@ -17,8 +17,8 @@ from osl_analysis.bench.coulomb import coulomb_fits, with_friction, without_fric
 from osl_analysis.bench.effects import IMPEDANCE, belt_of_leg, plain_sums, with_effects
 from osl_analysis.bench.impedance import (
     DesiredImpedance,
+    fit_and_judge_impedance,
     impedance_table,
-    judged_impedance,
     rendered_impedance,
 )
 from osl_analysis.bench.record import with_actuator
@@ -204,7 +204,7 @@ def test_the_belt_shows_which_channel_of_a_leg_is_late(fault, lag, of_theta_m):
     """Eq. 15 misses so much of a leg that it passes for a delay of 10 ms; a belt stays a spring."""
     trial = leg(**fault)
     record = with_actuator(record_of_trial(trial, SETTINGS), trial)
-    row = judged_impedance(record, saturated(trial, "torque", "theta"), P, UNKNOWN)[1].row(
+    row = fit_and_judge_impedance(record, saturated(trial, "torque", "theta"), P, UNKNOWN)[1].row(
         0, named=True
     )
     in_time = record_of_trial(

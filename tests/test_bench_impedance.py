@@ -14,7 +14,7 @@ from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.bench_settings import BenchStiffness
 from osl_analysis.bench.effects import IMPEDANCE, Fault, plain_sums
 from osl_analysis.bench.frequency_response import frequency_response_table
-from osl_analysis.bench.impedance import DesiredImpedance, judged_impedance, lag_row
+from osl_analysis.bench.impedance import DesiredImpedance, fit_and_judge_impedance, lag_row
 from osl_analysis.bench.phasors import phasor_table, phasors_of_record
 from osl_analysis.bench.recorded_motion import record_of_trial
 from osl_analysis.campaign.configuration import read_section
@@ -107,9 +107,9 @@ def test_an_amplitude_of_one_frequency_has_no_row_and_refuses_no_trial_that_tell
             IdentifiabilityError,
             match=r"sines of 8\.02, 5\.16 deg are of 2 Hz alone.*below 1 Hz or",
         ):
-            judged_impedance(record, UNSATURATED, None, None)
+            fit_and_judge_impedance(record, UNSATURATED, None, None)
         return
-    table = judged_impedance(record, UNSATURATED, None, None)[1]
+    table = fit_and_judge_impedance(record, UNSATURATED, None, None)[1]
     assert table["amplitude_deg"].to_list() == [*sizes, None]
     assert table.row(-1, named=True)["K"] == pytest.approx(200, rel=1e-3)
     write_trial(trial, path := tmp_path / "made.parquet")
@@ -155,7 +155,10 @@ def test_where_amplitudes_nest_inside_frequencies_fig4_uses_one_amplitude_only(t
     record = record_of_trial(
         trial, settings := bench_synthetic.sine_settings(degrees, (1, 3, 5), 9)
     )
-    table, limits = judged_impedance(record, UNSATURATED, None, None)[1], Limits(below={"K": 150})
+    table, limits = (
+        fit_and_judge_impedance(record, UNSATURATED, None, None)[1],
+        Limits(below={"K": 150}),
+    )
     assert table["K"].to_list()[:2] == pytest.approx([100, 200], rel=1e-3)
     write_table(table, tmp_path / "fit.csv")
     for amplitude, cause in zip(degrees, ("impossible estimate", ""), strict=True):
@@ -229,7 +232,9 @@ UNSATURATED, UNKNOWN = pl.lit(0).alias("saturated_samples"), DesiredImpedance("o
 
 def judged(torque_of, protocol=FIVE, noise=0.01, seed=1):
     record = stepped_sine(torque_of, noise, protocol, seed)
-    return marked(judged_impedance(record, UNSATURATED, None, UNKNOWN)[1], LIMITS, "impedance")
+    return marked(
+        fit_and_judge_impedance(record, UNSATURATED, None, UNKNOWN)[1], LIMITS, "impedance"
+    )
 
 
 def late(torque, by):

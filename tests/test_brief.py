@@ -40,6 +40,7 @@ def test_errors_of_a_controller_have_their_intervals():
     line = brief_lines(summary())[1]
     assert line == (
         "compensated: K/K_d - 1 = -0.88 % (-4.5 to 1.3), |B - B_d| = 0.763 N*m*s/rad (0.07 to 1.32)"
+        " by trial"
     )
 
 
@@ -47,29 +48,29 @@ def test_a_bench_without_controllers_or_without_K_d_has_its_line():
     of_bench = {"K_bias_no_controller": number(-7.02, -7.04, -6.98)}
     of_spring = {"K_example": number(92.96, 92.83, 93.27, "N*m/rad")}
     assert brief_lines(summary() | {"numbers": of_bench})[1:] == [
-        "bench: K/K_d - 1 = -7.02 % (-7.04 to -6.98)"
+        "bench: K/K_d - 1 = -7.02 % (-7.04 to -6.98) by trial"
     ]
     assert brief_lines(summary() | {"numbers": of_spring})[1:] == [
-        "bench: K = 93.0 N*m/rad (92.8 to 93.3)"
+        "bench: K = 93.0 N*m/rad (92.8 to 93.3) by trial"
     ]
 
 
 def test_a_finding_has_its_size_and_what_to_do():
     line = finding_line(finding(B_size=1.676))
     assert line == (
-        "⚠ friction: 2 of 3 impedance trials, B by 1.7 N*m*s/rad → use B without friction"
+        "⚠ friction: 2 of 3 impedance trials, B by up to 1.7 N*m*s/rad → use B without friction"
     )
 
 
 def test_rows_that_are_doubtful_in_part_are_to_be_left_out():
     line = finding_line(finding("doubtful in part", B_size=1.7))
-    assert line.endswith(" → leave out the rows that are marked")
+    assert line.endswith(" → leave out rows marked doubtful")
 
 
 def test_the_size_is_of_the_estimate_that_is_moved_most():
     sizes = {"K_size": 9.4, "K_without": 157.5, "B_size": 1.68, "B_without": 0.503}
-    assert size_said(sizes) == "B by 1.7 N*m*s/rad"
-    assert size_said({"K_size": 9.4}) == "K by 9.4 N*m/rad"
+    assert size_said(sizes) == "B by up to 1.7 N*m*s/rad"
+    assert size_said({"K_size": 9.4}) == "K by up to 9.4 N*m/rad"
     assert size_said({}) == ""
 
 
@@ -90,4 +91,4 @@ def test_many_findings_end_in_a_count_and_all_lines_are_ten_at_most():
 
     assert len(lines) <= 9, "the page's line is the tenth"
     assert lines[-2] == "⚠ and 15 more, which the page lists"
-    assert lines[-1] == "not checked: whether a is true; and 1 more, which the page lists"
+    assert lines[-1] == "not checked: whether a is true; and 1 more, which the page explains"

@@ -4,6 +4,10 @@ One pass over the samples sums the products of all columns, of the model and of 
 each group. All else is small algebra on these sums: the fit to a label or to all, its interval, the
 VAF of held-out data, and each effect (effects.py).
 
+A group is a few rows, such as the third cycle of 2 Hz at 5 deg. A stratum is a set of groups that
+repeat one another: all cycles of 2 Hz at 5 deg. A label is what has a fit of its own: 5 deg. A unit
+is what is left out at a time to see the scatter: a stratum, or a group where strata are few.
+
 The interval of a fit covers the estimate from another motion of this kind on this joint
 (docs/method.md). It comes from leaving out one unit at a time: a stratum (a frequency at an
 amplitude, a part of the period), or a stretch. Their scatter contains the model's misfit, and

@@ -87,7 +87,12 @@ def rendered_impedance(
     record: Record, expected: effects.Admittance | None = None
 ) -> tuple[Analysis, Sums]:
     """Eq. 15 of a record, and the sums with the columns of all effects. `expected` is the
-    admittance of the linear model, where the gains are known. Raises as `fitted_motion`."""
+    admittance of the linear model, where the gains are known. Raises as `fitted_motion`.
+
+    Eq. 15, torque = K theta + B omega + I alpha + offset + drift, is `IMPEDANCE`. `fitted_motion`
+    solves it for each amplitude and for all, by `gram.fit_groups`. The sums with all effects tell
+    what else the torque may hold.
+    """
     analysis = fitted_motion(record, effects.plain_sums(record, IMPEDANCE), IMPEDANCE)
     return analysis, effects.sums_of(record, IMPEDANCE, expected)
 
@@ -105,6 +110,7 @@ def impedance_table(
     belt = effects.belt_of_leg(record, p)
     is_leg = belt is not None or (p is None and actuator_turns(record))
     check_drives_nothing(analysis)
+    # of a joint that is no leg, K, B and I of the whole trial are those of the inference
     fits = impedance_fits(analysis, s, is_leg)
     lag, late = (belt.torque, belt.theta_m) if belt else (None, None)
     repeats, drift = effects.repeats_row(record, s, IMPEDANCE), fits[None].clock_drift
@@ -246,7 +252,7 @@ def difference_halves(analysis: Analysis, *ends_of: Label) -> Array:
     return np.asarray(halves)
 
 
-def judged_impedance(
+def fit_and_judge_impedance(
     record: Record,
     rails: pl.Expr,
     p: DrivetrainParameters | None,

@@ -215,6 +215,7 @@ class Record:
         motion = np.array([few.part(signal) for signal in signals])
         motion -= motion.mean(axis=1, keepdims=True)
         torque = few.part(few.filtered_torque)
+        # a rough K, B, I, good enough for the size of what rounding does
         K, B, I = np.linalg.lstsq(motion @ motion.T, motion @ torque, rcond=1e-13)[0]
         left = np.var(torque - np.array([K, B, I]) @ motion)
         independent = 2 * self.low_pass.noise_bandwidth_hz * self.seconds  # samples

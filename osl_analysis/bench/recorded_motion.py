@@ -101,11 +101,11 @@ def record_of_trial(
     try:
         found = found_in(signals)
         record = conditioned(found.signals, settings, found.groups, found.band_hz)
-        other_stamps = found.signals.other()
-        if other_stamps is not None:
-            other = found_in(other_stamps)
-            of_other = conditioned(other.signals, settings, other.groups, other.band_hz)
-            record = replace(record, other=of_other)
+        with_other_stamps = found.signals.other()  # None where all stamps are decided
+        if with_other_stamps is not None:
+            again = found_in(with_other_stamps)
+            second = conditioned(again.signals, settings, again.groups, again.band_hz)
+            record = replace(record, other=second)
     except (InputError, IdentifiabilityError) as error:
         words = str(error)
         if is_auto and not is_other:

@@ -104,13 +104,15 @@ def fit_impedance_trial(
     rails = saturated(trial, "torque", "theta")
     record = record_with_actuator(trial, settings, windows)
     stated = condition or impedance.DesiredImpedance(None, None, None)
-    ran = stated.gains(p, weight)
+    programmed = stated.gains(p, weight)
     law = pl.DataFrame(schema=prediction.LAW_COLUMNS)
-    if p is not None and ran is not None:
-        law = prediction.law_table(record, p, ran, models.sign_width)
-        ran, programmed_as = prediction.law_that_ran(law, ran, p)
-        ran = replace(ran, cancels_friction=ran.cancels_friction and programmed_as == p)
-    analysis, table = impedance.judged_impedance(record, rails, p, condition, ran)
+    ran = programmed  # the gains that ran: by the log of the controller others than programmed
+    if p is not None and programmed is not None:
+        law = prediction.law_table(record, p, programmed, models.sign_width)
+        measured, friction_as = prediction.law_that_ran(law, programmed, p)
+        cancels_friction = measured.cancels_friction and friction_as == p
+        ran = replace(measured, cancels_friction=cancels_friction)
+    analysis, table = impedance.fit_and_judge_impedance(record, rails, p, condition, ran)
 
     def others() -> dict[str, pl.DataFrame]:
         columns = stated.columns() if condition else {}
@@ -301,11 +303,21 @@ class Fit:
     data: `fit.K`, `fit.K_se`, `fit.VAF`; `fit.K_interval` is (low, high), the 95 % interval.
     Meaning and unit of each are told by `osl-analysis results --columns`.
 
-    experiment: it names the table that the fit has rows of in a campaign table: those rows: one per
-    amplitude, if there are several, and last the fit to all data series: `time` [s] from the start,
-    `torque` and `torque_model` [N*m] of all samples that the fit explains curves: torque over
-    angle, rows of `belt_curves` or `torque_angle_curves`; None for another experiment findings:
-    what was judged of each row: doubts, what could not be checked, notes"""
+    Attributes
+    ----------
+    experiment : str
+        It names the table that the fit has rows of in a campaign.
+    table : DataFrame
+        Those rows: one per amplitude, if there are several, and last the fit to all data.
+    series : DataFrame
+        `time` [s] from the start, `torque` and `torque_model` [N*m] of all samples that the fit
+        explains.
+    curves : DataFrame or None
+        Torque over angle, rows of `belt_curves` or `torque_angle_curves`; None for another
+        experiment.
+    findings : list
+        What was judged of each row: doubts, what could not be checked, notes.
+    """
 
     experiment: str
     table: pl.DataFrame

@@ -107,7 +107,7 @@ def check_sources(
         sources[0].of_part(part)
     if row["log"] and row["mocap"]:
         check_clocks(sources[0], sources[1])
-    check_plates(sources[-1], captures(campaign, trials), 0)
+    check_plates(sources[-1], captures(campaign, trials), of_walking=0)
 
 
 def captures(campaign: Campaign, trials: Sequence[str]) -> list[Path]:

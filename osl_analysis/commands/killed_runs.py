@@ -74,7 +74,8 @@ def notes() -> list[Path]:
 
 
 def remove_half_written(folders: Iterable[Path]) -> None:
-    """Remove the temporary files (`files.temporary_path`) of processes that have ended."""
+    """Remove the temporary files (`files.temporary_path`) of processes that have ended, such as
+    `.belt_01.4711.csv` of process 4711."""
     for folder in folders:
         for path in folder.rglob(".*"):
             name = re.fullmatch(r"\..+\.(\d+)(\.\w+)?", path.name)

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from osl_analysis.report.headlines import numbers_said
+from osl_analysis.report.headlines import RANGE, numbers_said
 
 WIDTH = 100
 """Signs of a line."""
@@ -88,7 +88,7 @@ def numbers_lines(numbers: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
 def numbers_line(
     what: str, symbols: Sequence[tuple[str, str]], numbers: Mapping[str, Mapping[str, Any]]
 ) -> str:
-    parts = []
+    parts, kinds = [], set[str]()
     for symbol, name in symbols:
         if name not in numbers:
             continue
@@ -96,19 +96,25 @@ def numbers_line(
         part = f"{symbol} = {value} {numbers[name]['unit']}"
         if interval:
             part += f" ({interval})"
+            kinds.add("by trial" if numbers[name]["interval"] == RANGE else "95 %")
         parts.append(part)
-    return f"{what}: {', '.join(parts)}"
+    return f"{what}: {', '.join(parts)} {' and '.join(sorted(kinds))}".rstrip()
 
 
 def finding_line(finding: Mapping[str, Any]) -> str:
-    """`⚠ friction: 16 of 32 impedance trials, B by 1.7 N*m*s/rad → use B without friction`; without
-    the size where the line would be too long."""
+    """`⚠ friction: 16 of 32 impedance trials, B by up to 1.7 N*m*s/rad → use B without friction`.
+
+    Without the size where the line would be too long.
+    """
     of = finding["of"].partition(",")[0]
-    begin = f"{GRADES[finding['verdict']]} {finding['cause']}: {len(finding['trials'])}"
+    begin = f"{GRADES[finding['verdict']]} {finding['cause']}"
+    if finding["verdict"] == IN_PART:
+        begin += ", in some rows"
+    begin += f": {len(finding['trials'])}"
     begin += f" of {finding['n']} {of}"
     remedy = finding.get("brief", "")
     if finding["verdict"] == IN_PART:
-        remedy = "leave out the rows that are marked"
+        remedy = "leave out rows marked doubtful"
     end = f" → {remedy}" if remedy else ""
     size = size_said(finding)
     line = f"{begin}, {size}{end}"
@@ -126,7 +132,7 @@ def size_said(finding: Mapping[str, Any]) -> str:
         without = finding.get(f"{symbol}_without")
         share = size / abs(without) if without else 0.0
         if share > largest:
-            largest, text = share, f"{symbol} by {size:.2g} {unit}"
+            largest, text = share, f"{symbol} by up to {size:.2g} {unit}"
     return text
 
 
@@ -134,7 +140,7 @@ def unchecked_line(findings: Sequence[Mapping[str, Any]]) -> str:
     causes = list(dict.fromkeys(finding["cause"] for finding in findings))
     if len(causes) == 1:
         return f"not checked: {causes[0]}"
-    return f"not checked: {causes[0]}; and {len(causes) - 1} more, which the page lists"
+    return f"not checked: {causes[0]}; and {len(causes) - 1} more, which the page explains"
 
 
 def shortened(line: str) -> str:

@@ -91,4 +91,4 @@ def test_many_findings_end_in_a_count_and_all_lines_are_ten_at_most():
 
     assert len(lines) <= 9, "the page's line is the tenth"
     assert lines[-2] == "⚠ and 15 more, which the page lists"
-    assert lines[-1] == "not checked: whether a is true; and 1 more, which the page explains"
+    assert lines[-1] == "not checked: whether a is true; and 1 more on the page"

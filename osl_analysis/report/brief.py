@@ -140,7 +140,7 @@ def unchecked_line(findings: Sequence[Mapping[str, Any]]) -> str:
     causes = list(dict.fromkeys(finding["cause"] for finding in findings))
     if len(causes) == 1:
         return f"not checked: {causes[0]}"
-    return f"not checked: {causes[0]}; and {len(causes) - 1} more, which the page explains"
+    return f"not checked: {causes[0]}; and {len(causes) - 1} more on the page"
 
 
 def shortened(line: str) -> str:
